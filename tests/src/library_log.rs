@@ -1,6 +1,6 @@
 //! A logger that captures the library's log lines for tests.
 
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Mutex, Once, PoisonError};
 
 use log::{Level, LevelFilter, Log, Metadata, Record};
 
@@ -21,13 +21,16 @@ impl Log for CapturedLines {
     fn flush(&self) {}
 }
 
-/// Captures the library's log lines of this level and above from now on.
+/// Captures the library's log lines of this level and above from now on, and forgets those of before. A process has
+/// one log: tests that look at it run one after the other.
 ///
 /// # Panics
-/// When the process has a logger already.
+/// When the process has another logger already.
 pub fn capture(level: LevelFilter) {
-    log::set_logger(&CAPTURED).expect("the process has no logger yet");
+    static INSTALLED: Once = Once::new();
+    INSTALLED.call_once(|| log::set_logger(&CAPTURED).expect("the process has no other logger"));
     log::set_max_level(level);
+    take_captured();
 }
 
 /// Takes the lines that were captured since the last call.

@@ -2,6 +2,8 @@
 //!
 //! Each class of Python holds an object of the library behind a lock, and calls it without the interpreter's
 //! lock. Names, answers and texts of errors are the library's. What differs is said in the package's README.
+// Python's objects come to methods by value, and methods of classes take `self` by convention.
+#![allow(clippy::needless_pass_by_value, clippy::unused_self)]
 
 mod arrays;
 mod engines;

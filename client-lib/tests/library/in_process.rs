@@ -1,0 +1,224 @@
+//! Sessions in process, in every build: with a transport and without.
+
+use std::time::Duration;
+
+use pairmask::filters::{Owner, Rules, Tag, World};
+use pairmask::info::BoxForm;
+use pairmask::{
+    Aabb, AvailableIsa, Backend, Bounds, ConnectError, Encoding, EncodingChoice, FrameError, Isa,
+    Margin, Margined, Precision, ServedBy, Session, SessionBuilder, Sphere,
+};
+use pairmask_core::oracle;
+
+/// Boxes a scene, on both sides of the sizes at which engines change.
+const SIZES: [usize; 4] = [0, 3, 345, 1234];
+
+/// A row of boxes of which each overlaps a few of the next ones; every tenth is switched off.
+fn scene(n: usize) -> Vec<Aabb> {
+    let at = |i: usize| [0.3 * i as f32, (i % 7) as f32 * 0.1, (i % 3) as f32 * 0.2];
+    (0..n)
+        .map(|i| if i % 10 == 9 { Aabb::EMPTY } else { Aabb::from_center_half(at(i), [0.5; 3]) })
+        .collect()
+}
+
+fn sorted(mut pairs: Vec<(u32, u32)>) -> Vec<(u32, u32)> {
+    pairs.sort_unstable();
+    pairs
+}
+
+fn pairs_of(session: &mut Session, boxes: &[Aabb]) -> Vec<(u32, u32)> {
+    let mut frame = session.frame(boxes.len()).unwrap();
+    assert!(!frame.is_shared());
+    frame.boxes_mut().copy_from_slice(boxes);
+    let mask = frame.submit().unwrap().wait().unwrap();
+    assert_eq!(mask.info().served_by, ServedBy::InProcess);
+    sorted(mask.to_vec())
+}
+
+fn in_process() -> SessionBuilder {
+    Session::builder().backend(Backend::InProcess)
+}
+
+#[test]
+fn frames_have_the_pairs_of_the_oracle() {
+    let mut session = in_process().connect().unwrap();
+    for n in SIZES {
+        let boxes = scene(n);
+        assert_eq!(pairs_of(&mut session, &boxes), oracle::truth(&boxes).pairs, "{n} boxes");
+    }
+    assert_eq!(session.served_by(), ServedBy::InProcess);
+}
+
+#[test]
+fn whoever_waits_without_end_gets_the_pairs() {
+    let mut session = in_process().deadline(Duration::MAX).spin(Duration::MAX).connect().unwrap();
+    let boxes = scene(345);
+    let expected = oracle::truth(&boxes).pairs;
+    assert_eq!(pairs_of(&mut session, &boxes), expected);
+    let mut frame = session.frame(boxes.len()).unwrap();
+    frame.boxes_mut().copy_from_slice(&boxes);
+    let mask = frame.submit().unwrap().wait_timeout(Duration::MAX).unwrap();
+    assert_eq!(sorted(mask.to_vec()), expected);
+}
+
+#[test]
+fn narrow_frames_lack_no_pair_and_are_those_of_their_form() {
+    let mut session = in_process().connect().unwrap();
+    let boxes = scene(345);
+    let exact = oracle::truth(&boxes).pairs;
+    for precision in [Precision::Q16(Bounds::around(&boxes)), Precision::F16, Precision::Exact] {
+        let mut frame = session.narrow_frame(boxes.len(), precision).unwrap();
+        frame.fill(&boxes);
+        let mask = frame.submit().unwrap().wait().unwrap();
+        let found = sorted(mask.to_vec());
+        let form = precision.form();
+        assert!(exact.iter().all(|pair| found.binary_search(pair).is_ok()), "{form}");
+        assert!(form != BoxForm::F32 || found == exact);
+        assert_eq!(mask.info().form, form.into());
+    }
+}
+
+#[test]
+fn frames_of_spheres_have_all_pairs_that_touch() {
+    let mut session = in_process().connect().unwrap();
+    for n in SIZES {
+        let spheres: Vec<_> =
+            (0..n).map(|i| Sphere::new([2.0 * i as f32, 0.0, 0.0], 1.0)).collect();
+        let mut frame = session.sphere_frame(n).unwrap();
+        frame.spheres_mut().copy_from_slice(&spheres);
+        let found = sorted(frame.submit().unwrap().wait().unwrap().to_vec());
+        let touching: Vec<_> = (1..n as u32).map(|i| (i - 1, i)).collect();
+        assert_eq!(found, touching, "{n} spheres");
+    }
+}
+
+#[test]
+fn margins_keep_an_answer() {
+    let boxes = scene(345);
+    let exact = oracle::truth(&boxes).pairs;
+    let mut margined = Margined::new(in_process().connect().unwrap(), Margin::new(0.05).unwrap());
+    for _ in 0..2 {
+        let kept = margined.cull(&boxes).unwrap();
+        assert_eq!(sorted(kept.exact_pairs().collect()), exact);
+    }
+    assert_eq!((margined.stats().requests, margined.stats().skipped), (1, 1));
+}
+
+#[test]
+fn names_of_instances_are_checked_in_every_build() {
+    let error = in_process().instance("no name").connect().unwrap_err();
+    assert!(matches!(error, ConnectError::Instance(_)), "{error}");
+}
+
+#[test]
+#[cfg(not(feature = "daemon"))]
+fn without_a_transport_auto_is_in_process() {
+    use pairmask::StatusError;
+
+    let mut session = Session::builder().connect().unwrap();
+    assert_eq!(session.served_by(), ServedBy::InProcess);
+    let boxes = scene(345);
+    assert_eq!(pairs_of(&mut session, &boxes), oracle::truth(&boxes).pairs);
+    let status = session.daemon_status().unwrap_err();
+    assert!(matches!(&status, StatusError::Connect(ConnectError::NotBuiltIn)), "{status}");
+}
+
+#[test]
+#[cfg(not(feature = "daemon"))]
+fn without_a_transport_a_daemon_is_a_typed_error() {
+    let error = Session::builder().backend(Backend::Daemon).connect().unwrap_err();
+    assert!(matches!(error, ConnectError::NotBuiltIn), "{error}");
+    let text = error.to_string();
+    assert!(text.contains("feature `daemon`") && text.contains("Backend::InProcess"), "{text}");
+}
+
+#[test]
+#[cfg(not(feature = "calibration-file"))]
+fn without_files_plans_compute_with_the_built_in_constants() {
+    use pairmask_core::plan::{CalibrationChoice, CalibrationOrigin};
+    for choice in [CalibrationChoice::Auto, CalibrationChoice::File("some/where".into())] {
+        let origin = choice.resolve(AvailableIsa::best()).1;
+        assert_eq!(origin, CalibrationOrigin::BuiltIn(Isa::best()));
+    }
+}
+
+#[test]
+fn every_instruction_set_gives_the_same_pairs_in_the_same_order() {
+    for n in SIZES {
+        let boxes = scene(n);
+        for encoding in Encoding::ALL {
+            let mut found = Isa::ALL.into_iter().filter_map(AvailableIsa::new).map(|isa| {
+                let encoding = EncodingChoice::Only(encoding);
+                let builder = Session::builder().backend(Backend::InProcess).encoding(encoding);
+                let mut session = builder.isa(isa).connect().unwrap();
+                let mut frame = session.frame(n).unwrap();
+                frame.boxes_mut().copy_from_slice(&boxes);
+                let mask = frame.submit().unwrap().wait().unwrap();
+                assert_eq!(mask.pairs().collect::<Vec<_>>(), mask.to_vec());
+                let mut slices = Vec::new();
+                mask.for_each_slice(|pairs| slices.extend(pairs.iter().map(|&[a, b]| (a, b))));
+                assert_eq!(slices, mask.to_vec());
+                mask.to_vec()
+            });
+            let first = found.next().unwrap();
+            assert!(found.all(|pairs| pairs == first), "{n} boxes, {encoding}");
+        }
+    }
+}
+
+#[test]
+fn frames_with_rules_have_the_pairs_that_these_let_meet() {
+    for n in SIZES {
+        let boxes = scene(n);
+        let mut rules = Rules::default();
+        rules.tags = (0..n as u32)
+            .map(|at| Tag::default().with_world(World([4, 2, -1, 2][at as usize % 4])))
+            .map(|tag| tag.with_owner(Owner(tag.world.0 as u32 % 3)))
+            .collect();
+        let mut expected = oracle::truth(&boxes).pairs;
+        expected.retain(|(a, b)| rules.meet(*a, *b));
+        for encoding in [EncodingChoice::Auto, EncodingChoice::Only(Encoding::Sparse)] {
+            let mut session = in_process().encoding(encoding).connect().unwrap();
+            let mut frame = session.frame(n).unwrap();
+            frame.boxes_mut().copy_from_slice(&boxes);
+            let mask = frame.submit_with(&rules).unwrap().wait().unwrap();
+            assert_eq!(sorted(mask.to_vec()), expected, "{n} boxes, {encoding}");
+            if encoding == EncodingChoice::Auto && n > 3 {
+                assert_eq!(mask.worlds().len(), 3);
+                let of_world = |world: i32| mask.pairs_of_world(World(world)).unwrap();
+                assert_eq!(
+                    of_world(-1).len() + of_world(2).len() + of_world(4).len(),
+                    expected.len()
+                );
+                let is_of = |index: u32, world: i32| {
+                    [World(world), World::ALL].contains(&rules.tag(index).world)
+                };
+                assert!(of_world(2).iter().flatten().all(|index| is_of(*index, 2)));
+                assert_eq!(mask.pairs_of_world(World(3)), None);
+            }
+            // The next frame has none of it.
+            let plain = pairs_of(&mut session, &boxes);
+            assert_eq!(plain, oracle::truth(&boxes).pairs);
+        }
+    }
+}
+
+#[test]
+#[cfg(target_os = "linux")]
+fn a_frame_beyond_memory_is_an_error_and_the_session_goes_on() {
+    // 96 GiB. Linux refuses what exceeds memory and swap together, unless it was told not to.
+    let n = u32::MAX as usize;
+    let memory = std::fs::read_to_string("/proc/meminfo").expect("the size of memory");
+    let kib: u64 = memory
+        .lines()
+        .filter(|line| line.starts_with("MemTotal") || line.starts_with("SwapTotal"))
+        .map(|line| line.split_whitespace().nth(1).expect("a size").parse::<u64>().expect("KiB"))
+        .sum();
+    let overcommit = std::fs::read_to_string("/proc/sys/vm/overcommit_memory").expect("a mode");
+    let mut session = Session::builder().backend(Backend::InProcess).connect().expect("a session");
+    if kib * 1024 < n as u64 * 24 && overcommit.trim() != "1" {
+        let error = session.frame(n).expect_err("more than memory");
+        assert!(matches!(error, FrameError::NoMemory { n: u32::MAX }), "{error}");
+    }
+    assert!(session.frame(3).is_ok());
+}

@@ -1,0 +1,273 @@
+//! Queries, culls between two sets, and shared scenes on the wire: golden bytes of what goes out and what
+//! comes back, as WIRE.md has them.
+
+use std::time::Duration;
+
+use pairmask_core::Aabb;
+use pairmask_core::dispatch::StageTimes;
+use pairmask_core::engine::{EngineChoice, EngineName};
+use pairmask_core::filters::{FilterId, Owner, Tag, World};
+use pairmask_core::mask::Encoding;
+use pairmask_core::precision::BoxForm;
+use pairmask_core::scene::shared::{AtEnd, Hears};
+use pairmask_core::scene::{Edit, QueryMask, QueryTags, Scene, SceneOptions, Sets, Step, Want};
+use pairmask_core::units::BoxCount;
+use pairmask_wire::{
+    AgreedTerms, CullRequest, EditLayout, JoinRequest, LeaseAction, LeaseRequest, Page,
+    QueryRequest, ReplyFields, Request, RequestHeader, ResponseHeader, SceneAnswerLayout, SceneId,
+    SceneName, ScenePlace, SceneRequest, SharedTerms, TickMarks, page_count, parse_joined,
+    parse_leased, response_joined, response_leased, response_scene,
+};
+
+const TOKEN: u64 = 0x1122_3344_5566_7788;
+const FRAME: u64 = 9;
+const ASKED: ReplyFields =
+    ReplyFields { client_token: TOKEN, frame: FRAME, box_count: BoxCount::new(0) };
+
+/// The kind of a section of late ranges; it is required, which the upper half says.
+const LATE_RANGES: u64 = 25;
+
+/// The fields of a request that follow the magic, the version, the token and the frame.
+#[derive(Default)]
+struct Fields {
+    operation: u32,
+    boxes: u32,
+    engine: u32,
+    encoding: u32,
+    threads: u32,
+    sections: Vec<(u32, u64, u64)>,
+    scene: u32,
+    base: u64,
+    revision: u64,
+    most_boxes: u32,
+    scene_flags: u32,
+}
+
+impl Fields {
+    fn bytes(&self) -> Vec<u8> {
+        let mut bytes: Vec<u8> = b"PMRQ\x01\x00\x0a\x00".to_vec();
+        let u32s = |bytes: &mut Vec<u8>, values: &[u32]| {
+            bytes.extend(values.iter().flat_map(|v| v.to_le_bytes()));
+        };
+        let u64s = |bytes: &mut Vec<u8>, values: &[u64]| {
+            bytes.extend(values.iter().flat_map(|v| v.to_le_bytes()));
+        };
+        u32s(&mut bytes, &[self.operation, 0]);
+        u64s(&mut bytes, &[TOKEN, FRAME]);
+        u32s(&mut bytes, &[self.boxes, self.engine, self.encoding, self.threads]);
+        for (kind, offset, long) in &self.sections {
+            u32s(&mut bytes, &[*kind, 1]);
+            u64s(&mut bytes, &[*offset, *long]);
+        }
+        bytes.resize(240, 0);
+        u32s(&mut bytes, &[0, self.scene]);
+        u64s(&mut bytes, &[self.base, self.revision]);
+        u32s(&mut bytes, &[self.most_boxes, self.scene_flags]);
+        bytes
+    }
+}
+
+fn pages(bytes: u64) -> Vec<Page> {
+    vec![bytemuck::Zeroable::zeroed(); page_count(bytes) as usize]
+}
+
+fn at(x: f32) -> Aabb {
+    Aabb::new([x, 0.0, 0.0], [x + 1.0, 1.0, 1.0])
+}
+
+#[test]
+fn golden_query() {
+    let queries = [at(0.0), at(2.0), at(4.0)];
+    let tag = Tag::new(World(-1), Owner(9), FilterId(1)).with_static(true);
+    let tags = [tag, Tag::default(), tag];
+    let mask = QueryMask::new(3, 100).unwrap();
+    // One tag for all of the queries begins on a cache line, and so do tags for each.
+    for (tags, section) in [
+        (QueryTags::None, None),
+        (QueryTags::One(tag), Some((23, 128, 12))),
+        (QueryTags::Each(&tags), Some((23, 128, 36))),
+    ] {
+        let request = QueryRequest::new(SceneId(5), 7, mask, Encoding::List, &tags);
+        let header = RequestHeader::query_scene(TOKEN, FRAME, &request);
+        let sections = [(1, 0, 72)].into_iter().chain(section).collect();
+        let fields = Fields {
+            operation: 5,
+            boxes: 103,
+            encoding: 3,
+            sections,
+            scene: 5,
+            base: 7,
+            ..Fields::default()
+        };
+        assert_eq!(bytemuck::bytes_of(&header), fields.bytes(), "{tags:?}");
+        let mut payload = pages(request.payload_bytes());
+        assert!(request.write(&queries, &tags, &mut payload));
+        let words: &[u32] = bytemuck::cast_slice(&payload);
+        assert_eq!(words[..18], *bytemuck::cast_slice::<Aabb, u32>(&queries));
+        if section.is_some() {
+            assert_eq!(words[32..35], [u32::MAX, 9, 1 | 1 << 16], "world, owner, filter and flags");
+        }
+        let parsed = Request::parse(&header, size_of_val(&payload[..]) as u64);
+        assert_eq!(parsed, Ok(Request::QueryScene(request)));
+        assert_eq!(request.read(&payload), Some((&queries[..], tags)));
+    }
+}
+
+#[test]
+fn golden_cull_between() {
+    let place = ScenePlace::first(BoxForm::F32, BoxCount::new(100));
+    let request = CullRequest { first_set: Some(BoxCount::new(40)), ..CullRequest::of(place) };
+    let header = RequestHeader::cull(TOKEN, FRAME, &request);
+    let fields = Fields {
+        operation: 6,
+        boxes: 100,
+        sections: vec![(1, 0, 2400)],
+        most_boxes: 40,
+        ..Fields::default()
+    };
+    assert_eq!(bytemuck::bytes_of(&header), fields.bytes());
+    assert_eq!(Request::parse(&header, 4096), Ok(Request::Cull(request)));
+}
+
+#[test]
+fn golden_join() {
+    let name: SceneName = "level:3".parse().unwrap();
+    let terms = |most_boxes, deadline, at_end| SharedTerms { most_boxes, deadline, at_end };
+    let all = terms(Some(1_000), Some(Duration::from_millis(20)), Some(AtEnd::Keep));
+    for (terms, hears, engine, expected) in [
+        (
+            all,
+            Hears::All,
+            EngineChoice::Only(EngineName::GpuGrid),
+            Fields {
+                engine: 5,
+                base: 20_000_000,
+                most_boxes: 1_000,
+                scene_flags: 2 | 4,
+                ..Fields::default()
+            },
+        ),
+        (
+            terms(None, None, Some(AtEnd::Remove)),
+            Hears::Own,
+            EngineChoice::Auto,
+            Fields { scene_flags: 1, ..Fields::default() },
+        ),
+        (terms(None, None, None), Hears::Own, EngineChoice::Auto, Fields::default()),
+    ] {
+        let request = JoinRequest { scene: SceneId(5), name: name.section(), terms, hears, engine };
+        let header = RequestHeader::join_shared(TOKEN, FRAME, &request);
+        let fields = Fields { operation: 7, sections: vec![(24, 0, 7)], scene: 5, ..expected };
+        assert_eq!(bytemuck::bytes_of(&header), fields.bytes(), "{terms:?}");
+        let mut payload = pages(7);
+        assert!(name.write(&mut payload));
+        assert!(bytemuck::cast_slice::<Page, u8>(&payload).starts_with(b"level:3\0"));
+        assert_eq!(Request::parse(&header, 4096), Ok(Request::JoinShared(request)));
+        assert_eq!(SceneName::read(&request, &payload), Some(name.clone()));
+    }
+}
+
+#[test]
+fn golden_lease() {
+    for (action, encoding, base, revision) in [
+        (LeaseAction::Take { first: 30, count: 4 }, 1, 30, 4),
+        (LeaseAction::TakeAny { count: 4 }, 2, 0, 4),
+        (LeaseAction::GiveBack { first: 30 }, 3, 30, 0),
+    ] {
+        let request = LeaseRequest { scene: SceneId(5), action };
+        let header = RequestHeader::lease_shared(TOKEN, FRAME, &request);
+        let fields =
+            Fields { operation: 8, encoding, scene: 5, base, revision, ..Fields::default() };
+        assert_eq!(bytemuck::bytes_of(&header), fields.bytes(), "{action:?}");
+        assert_eq!(Request::parse(&header, 0), Ok(Request::LeaseShared(request)));
+    }
+}
+
+#[test]
+fn golden_commit_and_leave() {
+    let boxes = [at(0.0), at(0.5)];
+    let steps = [Step::Set(Sets { indices: (&[9, 4]).into(), boxes: &boxes })];
+    let layout = EditLayout::of(Edit { steps: &steps }).unwrap();
+    let [boxes, steps, indices] = layout.sections();
+    let request = SceneRequest {
+        scene: SceneId(5),
+        base: 6,
+        revision: 7,
+        is_taken: true,
+        is_lost: false,
+        want: Want::Changes,
+        most_boxes: 0,
+        engine: EngineChoice::Auto,
+        threads: None,
+        boxes,
+        steps,
+        indices,
+    };
+    let header = RequestHeader::commit_shared(TOKEN, FRAME, &request);
+    let fields = Fields {
+        operation: 9,
+        boxes: 2,
+        encoding: 1,
+        sections: vec![(1, 0, 48), (13, 128, 24), (14, 64, 8)],
+        scene: 5,
+        base: 6,
+        revision: 7,
+        scene_flags: 1,
+        ..Fields::default()
+    };
+    assert_eq!(bytemuck::bytes_of(&header), fields.bytes());
+    let parsed = Request::parse(&header, layout.payload_bytes().next_multiple_of(64));
+    assert_eq!(parsed, Ok(Request::CommitShared(request)));
+
+    let header = RequestHeader::leave_shared(TOKEN, FRAME, SceneId(5));
+    let fields = Fields { operation: 10, scene: 5, ..Fields::default() };
+    assert_eq!(bytemuck::bytes_of(&header), fields.bytes());
+    assert_eq!(Request::parse(&header, 0), Ok(Request::LeaveShared(SceneId(5))));
+}
+
+/// Compares the start of a response, its detail, and sections of late ranges by their places.
+fn compare(header: &ResponseHeader, flags: u64, detail: [u64; 4], sections: &[(usize, [u64; 2])]) {
+    let bytes: &[u8] = bytemuck::bytes_of(header);
+    assert_eq!(bytes[..8], *b"PMRS\x01\x00\x0a\x00");
+    assert_eq!(
+        bytes[8..32],
+        *bytemuck::bytes_of(&[flags << 32, TOKEN, FRAME]),
+        "status, flags and the echo"
+    );
+    assert_eq!(bytes[208..240], *bytemuck::bytes_of(&detail));
+    for (at, [offset, long]) in sections {
+        let expected = [LATE_RANGES + (1 << 32), *offset, *long];
+        assert_eq!(bytes[240 + 24 * at..][..24], *bytemuck::bytes_of(&expected));
+    }
+}
+
+#[test]
+fn golden_answers_of_shared_scenes() {
+    let deadline = Duration::from_millis(20);
+    let terms = AgreedTerms { most_boxes: 1_000, deadline, at_end: AtEnd::Keep };
+    let joined = response_joined(&ASKED, &terms);
+    compare(&joined, 0, [1_000, 20_000_000, 2, 0], &[]);
+    assert_eq!(parse_joined(&joined, &ASKED), Ok(terms));
+
+    let leased = response_leased(&ASKED, &(30..34));
+    compare(&leased, 0, [30, 34, 0, 0], &[]);
+    assert_eq!(parse_leased(&leased, &ASKED), Ok(30..34));
+
+    // Two boxes that touch: one pair begins, two words, and then the late ranges.
+    let mut scene = Scene::new(SceneOptions::default());
+    let boxes = [at(0.0), at(0.5)];
+    let steps = [Step::Set(Sets { indices: (0..2).into(), boxes: &boxes })];
+    let told = scene.edit(Edit { steps: &steps }, Want::Changes).unwrap();
+    let layout = SceneAnswerLayout::of(told);
+    let late = [10..20, 40..41];
+    let marks = TickMarks::after(&layout, 77, &late);
+    let (engine, times) = (EngineName::CpuGrid, StageTimes::default());
+    let header = marks.mark(response_scene(&ASKED, engine, 1, told, 4_096, &times));
+    // Its pair count is that of the whole scene.
+    compare(&header, 2, [4_096, 77, 0, 0], &[(4, [4 * layout.words(), 16])]);
+    let mut words = vec![0; marks.words() as usize];
+    marks.write(&late, &mut words);
+    assert_eq!(words[layout.words() as usize..], [10, 20, 40, 41]);
+    assert_eq!(TickMarks::parse(&header, 4 * marks.words()), Ok(marks));
+    assert_eq!(marks.late_in(&words), late);
+}

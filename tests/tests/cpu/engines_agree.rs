@@ -1,0 +1,189 @@
+//! The CPU engines against each other, pair by pair: every scene, every thread count.
+//!
+//! The oracle compares all boxes with all and is too slow for large scenes. There the engines, which
+//! share hardly any code, are compared with each other. The small sizes run with every `cargo test`,
+//! the large ones, in minutes, by
+//!
+//! ```text
+//! cargo test --release -p pairmask-tests --test cpu -- --ignored engines_agree
+//! ```
+
+use std::thread;
+use std::time::{Duration, Instant};
+
+use pairmask_core::engine::{
+    CullInput, Engine, EngineName, Grid, HeapReply, Isa, SweepAndPrune, cpu_engine,
+};
+use pairmask_core::mask::MaskView;
+use pairmask_core::{Aabb, AwakePool, BoxCount};
+use pairmask_tests::conformance::check_pairs;
+use pairmask_tests::golden::{self, GOLDEN};
+use pairmask_tests::oracle::{Pair, pair_set_hash};
+use pairmaskd::scene::{Scene, SceneName};
+use rayon::{ThreadPool, ThreadPoolBuilder};
+
+const THREADS: [usize; 3] = [1, 2, 4];
+
+fn pools() -> Vec<ThreadPool> {
+    let pool = |threads| ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
+    THREADS.map(pool).into()
+}
+
+/// All pairs, sorted.
+fn pairs(engine: &mut dyn Engine, boxes: &[Aabb], pool: &ThreadPool) -> Vec<Pair> {
+    pool.install(|| pairs_here(engine, boxes))
+}
+
+/// The same, by the pool that the calling thread is in.
+fn pairs_here(engine: &mut dyn Engine, boxes: &[Aabb]) -> Vec<Pair> {
+    let mut reply = HeapReply::new();
+    let report = engine
+        .cull(&CullInput::boxes(boxes).threads(rayon::current_num_threads()), &mut reply)
+        .expect("memory");
+    let n = BoxCount::of_len(boxes.len()).expect("indices are u32");
+    let mask = MaskView::new(n, &report.shape, reply.words()).expect("a good mask");
+    mask.verify().expect("a good mask");
+    let mut pairs = mask.to_vec();
+    assert_eq!(report.pair_count, pairs.len() as u64);
+    pairs.sort_unstable();
+    pairs
+}
+
+/// Asserts that all engines find one set of pairs on all thread counts; returns it.
+fn agreed(
+    name: SceneName,
+    boxes: &[Aabb],
+    engines: &mut [Box<dyn Engine>],
+    pools: &[ThreadPool],
+) -> Vec<Pair> {
+    let mut expected: Option<Vec<Pair>> = None;
+    for engine in engines {
+        for pool in pools {
+            let got = pairs(engine.as_mut(), boxes, pool);
+            let expected = expected.get_or_insert_with(|| got.clone());
+            check_pairs(&got, expected).unwrap_or_else(|e| {
+                let (threads, n) = (pool.current_num_threads(), boxes.len());
+                panic!("{name}, {n} boxes, {}, {threads} threads: {e}", engine.name())
+            });
+        }
+    }
+    expected.expect("an engine and a thread count")
+}
+
+fn all_engines() -> Vec<Box<dyn Engine>> {
+    EngineName::CPU
+        .into_iter()
+        .map(|name| cpu_engine(name, Isa::best()).expect("of the CPU"))
+        .collect()
+}
+
+#[test]
+fn pair_sets_have_their_golden_hashes_on_every_engine_and_thread_count() {
+    let (mut engines, pools) = (all_engines(), pools());
+    let hashes = GOLDEN.map(|(name, _)| {
+        let scene = golden::scene(name);
+        let hash = pair_set_hash(&agreed(name, scene.boxes(), &mut engines, &pools));
+        (name, hash)
+    });
+    assert_eq!(hashes, GOLDEN);
+}
+
+/// Scenes and their pairs that the clients of other languages are held to as well: name, boxes, seed, hash.
+const GOLDEN_SCENES: &str = include_str!("../../golden-scenes.txt");
+
+#[test]
+fn the_golden_scenes_of_all_clients_have_their_pairs() {
+    let (mut engines, pools) = (all_engines(), pools());
+    let lines = GOLDEN_SCENES.lines().filter(|line| !line.starts_with('#'));
+    let mut scenes = 0;
+    for line in lines {
+        let [name, n, seed, golden] = line.split(' ').collect::<Vec<_>>()[..] else {
+            panic!("no golden scene: {line}");
+        };
+        let name: SceneName = name.parse().expect("a scene");
+        let scene = Scene::new(name, n.parse().expect("boxes"), seed.parse().expect("a seed"));
+        let found = pair_set_hash(&agreed(name, scene.boxes(), &mut engines, &pools));
+        assert_eq!(format!("{found:#018x}"), golden, "{name}");
+        scenes += 1;
+    }
+    assert_eq!(scenes, GOLDEN.len());
+}
+
+/// As in a daemon with enough cores: frame after frame, with threads awake in between for longer or
+/// shorter than the pause.
+#[test]
+fn threads_that_are_kept_awake_find_the_golden_pairs() {
+    let golden = GOLDEN.map(|(name, hash)| (name, hash, golden::scene(name)));
+    let work = move || {
+        let _pool =
+            ThreadPoolBuilder::new().num_threads(4).use_current_thread().build().expect("a pool");
+        let mut awake = AwakePool::default();
+        let mut engines = all_engines();
+        for frame in 0..golden.len() * engines.len() {
+            let (name, hash, scene) = &golden[frame / engines.len()];
+            let place = frame % engines.len();
+            let engine = engines[place].as_mut();
+            let found = awake.work(|| pair_set_hash(&pairs_here(engine, scene.boxes())));
+            assert_eq!(found, *hash, "{name}, frame {frame}");
+            let kept_awake = 4 - frame / 10 % 2;
+            awake.keep_until(kept_awake, Instant::now() + Duration::from_micros(place as u64 * 60));
+            thread::sleep(Duration::from_micros(frame as u64 % 2 * 100));
+        }
+    };
+    thread::spawn(work).join().expect("the golden pairs");
+}
+
+#[test]
+fn engines_agree_on_ten_thousand_boxes() {
+    let (mut engines, pools) = (all_engines(), pools());
+    for name in SceneName::ALL {
+        let n = if name.is_quadratic() { 1_000 } else { 10_000 };
+        agreed(name, Scene::new(name, n, 5).boxes(), &mut engines, &pools);
+    }
+}
+
+#[test]
+#[ignore = "minutes: run in release, see the head of this file"]
+fn engines_agree_on_a_hundred_thousand_boxes() {
+    let (mut engines, pools) = (all_engines(), pools());
+    for name in SceneName::ALL.into_iter().filter(|name| !name.is_quadratic()) {
+        let mut scene = Scene::new(name, 100_000, 5);
+        for _ in 0..2 {
+            agreed(name, scene.boxes(), &mut engines, &pools);
+            scene.step();
+        }
+    }
+}
+
+#[test]
+#[ignore = "minutes: run in release, see the head of this file"]
+fn engines_agree_on_a_million_boxes() {
+    // A million boxes have 5·10^11 pairs: `cpu-brute` runs only up to a hundred thousand boxes.
+    let mut engines: Vec<Box<dyn Engine>> =
+        vec![Box::new(Grid::new()), Box::new(SweepAndPrune::new())];
+    for name in SceneName::ALL.into_iter().filter(|name| !name.is_quadratic()) {
+        agreed(name, Scene::new(name, 1_000_000, 5).boxes(), &mut engines, &pools());
+    }
+}
+
+/// Bytes a box that an engine may keep beside the boxes and the reply.
+const SCRATCH_BYTES_A_BOX: usize = 100;
+
+#[test]
+fn the_grid_keeps_at_most_100_bytes_a_box() {
+    let n = 100_000;
+    // More threads have more tasks, each with some KiB that do not grow with the boxes.
+    let pools = &pools()[..2];
+    for name in SceneName::ALL.into_iter().filter(|name| !name.is_quadratic()) {
+        let mut grid = Grid::new();
+        let mut scene = Scene::new(name, n, 5);
+        for pool in pools.iter().flat_map(|pool| [pool; 3]) {
+            pairs(&mut grid, scene.boxes(), pool);
+            scene.step();
+        }
+        let bytes = grid.scratch_bytes();
+        println!("{name}: {:.1} bytes a box", bytes as f64 / n as f64);
+        assert!(bytes >= 60 * n, "{name}: keys, records and order alone are more than {bytes}");
+        assert!(bytes <= SCRATCH_BYTES_A_BOX * n, "{name}: {bytes} bytes for {n} boxes");
+    }
+}

@@ -1,0 +1,413 @@
+//! Precision modes: never a missed pair, and exactly the extra pairs of the mode's definition.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use glam::DVec3;
+use pairmask::{Backend, Margined, ServedBy, Session, WaitError};
+use pairmask_core::engine::EngineName;
+use pairmask_core::precision::{Margin, Widening};
+use pairmask_core::{Aabb, Bounds, BoxForm, Encoding, EncodingChoice, EngineChoice, Precision};
+use pairmask_tests::conformance::{Mismatch, check_pairs};
+use pairmask_tests::daemon::{TestDaemon, eventually};
+use pairmask_tests::naive_modes::{self, missed};
+use pairmask_tests::refuser::refuse_all;
+use pairmask_tests::stress_scenes::Rng;
+use pairmask_tests::{oracle, stress_scenes};
+use pairmask_transport::{RuntimeDir, clean_if_abandoned};
+use pairmask_wire::{InstanceName, ReplyError, Version};
+use pairmaskd::scene::{Scene, SceneName};
+
+const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
+
+/// Bounds that contain the scenes, cut them, and lie apart from them.
+fn all_bounds(boxes: &[Aabb]) -> Vec<Bounds> {
+    let corners = |low: f32, high: f32| Bounds::new([low; 3], [high; 3]).unwrap();
+    vec![
+        Bounds::around(boxes),
+        corners(0.0, 50.0),
+        corners(-1e-44, 1e-44),
+        corners(f32::MIN, f32::MAX),
+        corners(7.0, 7.0),
+        corners(1e6, 1e6 + 1.0),
+    ]
+}
+
+fn all_modes(boxes: &[Aabb]) -> Vec<Precision> {
+    let mut modes = vec![Precision::Exact, Precision::F16];
+    modes.extend(all_bounds(boxes).into_iter().flat_map(|b| [Precision::Q16(b), Precision::Q8(b)]));
+    modes
+}
+
+/// Culls in a mode and checks the answer against both oracles.
+fn check(
+    session: &mut Session,
+    boxes: &[Aabb],
+    precision: Precision,
+    one_by_one: bool,
+    what: &str,
+) {
+    let mut frame = session.narrow_frame(boxes.len(), precision).unwrap();
+    if one_by_one {
+        boxes.iter().enumerate().for_each(|(i, b)| frame.set(i, b));
+    } else {
+        frame.fill(boxes);
+    }
+    let mask = frame.submit().unwrap().wait().unwrap();
+    let info = mask.info();
+    assert_eq!((info.form, info.widening), (precision.form().into(), precision.widening()));
+    assert_eq!(info.box_bytes, precision.form().box_bytes() as u64 * boxes.len() as u64);
+    let mut pairs = mask.to_vec();
+    pairs.sort_unstable();
+    let (exact, expected) = (oracle::truth(boxes), naive_modes::truth(boxes, &precision));
+    let what = format!("{what}, {} boxes, {precision:?}, {}", boxes.len(), info.engine);
+    assert_eq!(missed(&pairs, &exact.pairs), [], "{what}");
+    assert_eq!(check_pairs(&pairs, &expected.pairs), Ok(()), "{what}");
+    assert_eq!(info.census, exact.census, "{what}");
+}
+
+fn sessions() -> (TestDaemon, Vec<Session>) {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    let backends = [Backend::Daemon, Backend::InProcess];
+    let sessions = backends.map(|b| daemon.session().backend(b).connect().unwrap());
+    (daemon, sessions.into())
+}
+
+#[test]
+fn every_mode_answers_as_it_is_defined_on_every_stress_scene() {
+    let (_daemon, mut sessions) = sessions();
+    for scene in stress_scenes::ALL {
+        for n in (0..=70).step_by(7).chain([1, 2, 33, 64, 65, 345]) {
+            let boxes = scene.boxes(n, 5);
+            for precision in all_modes(&boxes) {
+                for session in &mut sessions {
+                    check(session, &boxes, precision, n % 2 == 0, scene.name());
+                }
+            }
+        }
+    }
+}
+
+/// A GPU reads narrow boxes as they lie; small bounds have most boxes outside.
+#[test]
+fn every_mode_answers_as_it_is_defined_on_the_gpu() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "software"]);
+    for engine in [EngineName::GpuBrute, EngineName::GpuGrid] {
+        let sparse = EncodingChoice::Only(Encoding::Sparse);
+        let builder = daemon.session().engine(EngineChoice::Only(engine)).encoding(sparse);
+        let mut session = builder.connect().unwrap();
+        for scene in stress_scenes::ALL {
+            for n in [0, 1, 2, 33, 345] {
+                let boxes = scene.boxes(n, 5);
+                for precision in all_modes(&boxes) {
+                    check(&mut session, &boxes, precision, n % 2 == 0, scene.name());
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn every_size_up_to_seventy() {
+    let (_daemon, mut sessions) = sessions();
+    for n in 0..=70 {
+        let boxes = stress_scenes::named("empty mixed in").boxes(n, 3);
+        let bounds = Bounds::new([0.0; 3], [60.0; 3]).unwrap();
+        for precision in [Precision::Q16(bounds), Precision::Q8(bounds), Precision::F16] {
+            for session in &mut sessions {
+                check(session, &boxes, precision, false, "empty mixed in");
+            }
+        }
+    }
+}
+
+#[test]
+fn every_scene_in_motion_by_every_engine() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    for engine in EngineName::CPU {
+        let mut session = daemon.session().engine(EngineChoice::Only(engine)).connect().unwrap();
+        for name in SceneName::ALL {
+            let n = if name.is_quadratic() { 300 } else { 1234 };
+            let mut scene = Scene::new(name, n, 2);
+            let bounds = Bounds::around(scene.boxes());
+            for precision in [Precision::Q16(bounds), Precision::Q8(bounds), Precision::F16] {
+                check(&mut session, scene.boxes(), precision, false, name.as_str());
+                scene.step();
+            }
+        }
+    }
+}
+
+/// Large enough for every conversion to go through the pool.
+#[test]
+fn large_scenes_miss_nothing_and_add_little() {
+    let (_daemon, mut sessions) = sessions();
+    for name in [SceneName::Uniform, SceneName::Pile] {
+        let scene = Scene::new(name, 100_000, 1);
+        let bounds = Bounds::around(scene.boxes());
+        let pairs = |session: &mut Session, precision| {
+            let mut frame = session.narrow_frame(100_000, precision).unwrap();
+            frame.fill(scene.boxes());
+            let mut pairs = frame.submit().unwrap().wait().unwrap().to_vec();
+            pairs.sort_unstable();
+            pairs
+        };
+        let exact = pairs(&mut sessions[0], Precision::Exact);
+        let answers = [0, 1].map(|i| pairs(&mut sessions[i], Precision::Q16(bounds)));
+        assert_eq!(answers[0], answers[1], "both backends");
+        assert_eq!(missed(&answers[0], &exact), []);
+        let extra = answers[0].len() - exact.len();
+        assert!(100 * extra <= exact.len(), "{name}: {extra} extra of {}", exact.len());
+        println!("{name}: {extra} extra pairs of {} by q16", exact.len());
+    }
+}
+
+#[test]
+fn the_comparator_catches_rounding_inward() {
+    let boxes = stress_scenes::named("lattice").boxes(345, 1);
+    let bounds = Bounds::new([-2.0; 3], [6.3; 3]).unwrap();
+    let (exact, expected) =
+        (oracle::truth(&boxes), naive_modes::truth(&boxes, &Precision::Q8(bounds)));
+    assert_eq!(missed(&expected.pairs, &exact.pairs), []);
+    // Min to the next cell border and max to the one before: touching boxes are separated.
+    let inward = naive_modes::truth_by(&boxes, |x, axis, up| {
+        let (low, high) = (f64::from(bounds.low()[axis]), f64::from(bounds.high()[axis]));
+        let position = (f64::from(x) - low) * 256.0 / (high - low);
+        if up { position.floor() } else { position.ceil() }
+    });
+    assert!(!missed(&inward.pairs, &exact.pairs).is_empty());
+    assert!(matches!(check_pairs(&inward.pairs, &expected.pairs), Err(Mismatch::Missing(_))));
+    // One border farther outward than the mode rounds: no pair is missed, and more pairs are extra.
+    let outward = naive_modes::truth_by(&boxes, |x, axis, up| {
+        let (low, high) = (f64::from(bounds.low()[axis]), f64::from(bounds.high()[axis]));
+        let position = (f64::from(x) - low) * 256.0 / (high - low);
+        if up { position.floor() + 40.0 } else { position.floor() }
+    });
+    assert_eq!(missed(&outward.pairs, &exact.pairs), []);
+    assert!(matches!(check_pairs(&outward.pairs, &expected.pairs), Err(Mismatch::Extra(_))));
+}
+
+#[test]
+fn extra_pairs_are_no_farther_apart_than_said() {
+    let boxes = Scene::new(SceneName::Uniform, 3000, 4).boxes().to_vec();
+    let precision = Precision::Q8(Bounds::around(&boxes));
+    let Widening::Cells { size: cell, .. } = precision.widening() else {
+        panic!("{precision:?} has cells")
+    };
+    let exact = oracle::truth(&boxes).pairs;
+    let mut extra = 0;
+    for (a, b) in naive_modes::truth(&boxes, &precision).pairs {
+        let (p, q) = (boxes[a as usize], boxes[b as usize]);
+        for axis in 0..3 {
+            let gap = |p: &Aabb, q: &Aabb| f64::from(p.min[axis]) - f64::from(q.max[axis]);
+            assert!(gap(&p, &q).max(gap(&q, &p)) < cell[axis], "({a}, {b})");
+        }
+        extra += u32::from(exact.binary_search(&(a, b)).is_err());
+    }
+    assert!(extra > 0, "the check looks at something");
+}
+
+#[test]
+fn an_older_daemon_gets_exact_boxes() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    let mut record = daemon.record().unwrap();
+    record.version = Version { minor: 0, ..record.version };
+    daemon.dir().write_record(&InstanceName::default(), &record).unwrap();
+    let mut session = daemon.session().connect().unwrap();
+    let boxes = stress_scenes::named("uniform").boxes(345, 1);
+    for _ in 0..3 {
+        let bounds = Bounds::around(&boxes);
+        let mut frame = session.narrow_frame(boxes.len(), Precision::Q8(bounds)).unwrap();
+        assert_eq!((frame.form(), frame.is_shared()), (BoxForm::F32, true));
+        frame.fill(&boxes);
+        let mask = frame.submit().unwrap().wait().unwrap();
+        let info = mask.info();
+        assert_eq!((info.form, info.widening), (BoxForm::F32.into(), Widening::None));
+        assert_eq!(info.served_by, ServedBy::Daemon);
+        let mut pairs = mask.to_vec();
+        pairs.sort_unstable();
+        assert_eq!(pairs, oracle::truth(&boxes).pairs);
+    }
+}
+
+#[test]
+fn a_daemon_that_refuses_a_form_is_not_asked_again() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = RuntimeDir::at(dir.path());
+    let stop = AtomicBool::new(false);
+    let boxes = stress_scenes::named("uniform").boxes(345, 6);
+    let precision = Precision::Q8(Bounds::around(&boxes));
+    std::thread::scope(|scope| {
+        scope.spawn(|| refuse_all(&dir, &stop));
+        eventually("it serves", || dir.read_record(&InstanceName::default()));
+        let builder = Session::builder().runtime_dir(dir.clone());
+        for backend in [Backend::Auto, Backend::Daemon] {
+            let mut session = builder.clone().backend(backend).connect().unwrap();
+            let mut frame = session.narrow_frame(boxes.len(), precision).unwrap();
+            assert_eq!((frame.form(), frame.is_shared()), (BoxForm::Q8, true));
+            frame.fill(&boxes);
+            let answer = frame.submit().unwrap().wait();
+            if backend == Backend::Auto {
+                let mut pairs = answer.unwrap().to_vec();
+                pairs.sort_unstable();
+                assert_eq!(pairs, naive_modes::truth(&boxes, &precision).pairs);
+            } else {
+                assert!(matches!(answer, Err(WaitError::Reply(ReplyError::Status { .. }))));
+            }
+            let next = session.narrow_frame(boxes.len(), precision).unwrap();
+            assert_eq!(next.form(), BoxForm::F32, "{backend}");
+        }
+        stop.store(true, Ordering::Relaxed);
+    });
+    clean_if_abandoned(&dir, &InstanceName::default()).unwrap();
+}
+
+#[test]
+fn a_daemon_that_dies_under_a_narrow_frame_costs_no_pair() {
+    let mut daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    let mut session = daemon.session().backend(Backend::Auto).connect().unwrap();
+    let boxes = stress_scenes::named("uniform").boxes(345, 6);
+    let precision = Precision::Q8(Bounds::around(&boxes));
+    let expected = naive_modes::truth(&boxes, &precision).pairs;
+    let mut frame = session.narrow_frame(boxes.len(), precision).unwrap();
+    assert!(frame.is_shared());
+    frame.fill(&boxes);
+    daemon.kill();
+    let mask = frame.submit().unwrap().wait().unwrap();
+    assert_eq!(mask.info().served_by, ServedBy::InProcess);
+    assert_eq!(mask.info().form, BoxForm::Q8.into());
+    let mut pairs = mask.to_vec();
+    pairs.sort_unstable();
+    assert_eq!(pairs, expected);
+}
+
+/// Pairs of f64 boxes, compared as f64.
+fn naive_f64(boxes: &[(DVec3, DVec3)]) -> Vec<(u32, u32)> {
+    let mut pairs = Vec::new();
+    for (a, p) in boxes.iter().enumerate() {
+        for (b, q) in boxes.iter().enumerate().skip(a + 1) {
+            if p.0.cmple(q.1).all() && q.0.cmple(p.1).all() {
+                pairs.push((a as u32, b as u32));
+            }
+        }
+    }
+    pairs
+}
+
+#[test]
+fn a_world_far_out_in_f64_misses_nothing() {
+    let n = 2000;
+    for offset in [0.0, 1e3, 1e6, 1e9, 1e12] {
+        let mut rng = Rng::new(9);
+        let mut unit = || (rng.bits() >> 11) as f64 / (1u64 << 53) as f64;
+        // 16 m across at about 2 pairs a box, with many faces that touch exactly.
+        let mut boxes = Vec::new();
+        for i in 0..n {
+            let corner = DVec3::new(unit(), unit(), unit()) * 16.0;
+            let corner = if i % 3 == 0 { corner.floor() } else { corner };
+            let min = corner + DVec3::splat(offset);
+            boxes.push((min, min + 1.0));
+        }
+        let exact = naive_f64(&boxes);
+        let origin = DVec3::splat(offset + 8.0);
+        let relative: Vec<Aabb> =
+            boxes.iter().map(|(min, max)| Aabb::outward_from_f64(*min, *max, origin)).collect();
+        let found = oracle::truth(&relative).pairs;
+        assert_eq!(missed(&found, &exact), [], "{offset:e}");
+        let plain: Vec<Aabb> =
+            boxes.iter().map(|(min, max)| Aabb::new(min.as_vec3(), max.as_vec3())).collect();
+        let plain = oracle::truth(&plain).pairs;
+        let (extra, plain_extra) =
+            (found.len() - exact.len(), plain.len() - exact.len().min(plain.len()));
+        println!(
+            "{offset:e}: {} pairs, {extra} extra by origin, plain f32 {plain_extra} extra and {} missed",
+            exact.len(),
+            missed(&plain, &exact).len(),
+        );
+        assert!(extra * 1000 <= exact.len(), "{offset:e}: {extra}");
+        assert!(
+            offset < 1e9 || plain_extra > 100 * exact.len(),
+            "f32 alone cannot tell boxes apart"
+        );
+    }
+}
+
+#[test]
+fn a_margin_keeps_its_answer_while_it_holds_and_no_longer() {
+    let (_daemon, sessions) = sessions();
+    for session in sessions {
+        let mut scene = Scene::new(SceneName::Uniform, 1234, 3);
+        // 2 % of an edge of about 1 a frame: a margin of 0.1 lasts five frames.
+        let mut margined = Margined::new(session, Margin::new(0.1).unwrap());
+        for _ in 0..60 {
+            let exact = oracle::truth(scene.boxes()).pairs;
+            let kept = margined.cull(scene.boxes()).unwrap();
+            let mut pairs = kept.mask().to_vec();
+            pairs.sort_unstable();
+            assert_eq!(missed(&pairs, &exact), []);
+            let mut filtered: Vec<_> = kept.exact_pairs().collect();
+            filtered.sort_unstable();
+            assert_eq!(filtered, exact);
+            scene.step();
+        }
+        let stats = margined.stats();
+        assert_eq!(stats.requests + stats.skipped, 60);
+        assert!((10..=15).contains(&stats.requests), "{stats:?}");
+    }
+}
+
+#[test]
+fn a_margin_holds_for_as_much_as_it_says() {
+    let boxes = [[0.0, 0.0, 0.0, 1.0, 1.0, 1.0], [5.0, 0.0, 0.0, 6.0, 1.0, 1.0]].map(Aabb::from);
+    let session = Session::builder().backend(Backend::InProcess).connect().unwrap();
+    let mut margined = Margined::new(session, Margin::new(0.5).unwrap());
+    let mut asks = |boxes: &[Aabb]| {
+        let before = margined.stats().requests;
+        margined.cull(boxes).unwrap();
+        margined.stats().requests > before
+    };
+    assert!(asks(&boxes));
+    assert!(!asks(&boxes), "nothing moved");
+    let moved = |index: usize, change: fn(&mut Aabb)| {
+        let mut moved = boxes;
+        change(&mut moved[index]);
+        moved
+    };
+    for (change, asked) in [
+        ((|b: &mut Aabb| b.max[0] = 1.5) as fn(&mut Aabb), false),
+        (|b| b.min[2] = -0.5, false),
+        (|b| (b.min[0], b.max[0]) = (0.4, 0.6), false),
+        (|b| *b = Aabb::EMPTY, false),
+        (|b| b.min[1] = f32::NAN, false),
+        (|b| b.min[2] = -0.500_001, true),
+    ] {
+        assert_eq!(asks(&moved(0, change)), asked);
+    }
+    let switched_off = [boxes[0], Aabb::EMPTY];
+    assert!(!asks(&boxes));
+    assert!(!asks(&switched_off), "a slot that is switched off has no pair");
+    let mut other = switched_off;
+    other[1].min[0] = f32::NAN;
+    assert!(!asks(&other));
+    assert!(asks(&boxes[..1]), "another number of boxes");
+    assert!(asks(&switched_off));
+    assert!(asks(&boxes), "a slot that is switched on may have pairs");
+}
+
+#[test]
+fn margins_and_narrow_forms_go_together() {
+    let (_daemon, mut sessions) = sessions();
+    let mut scene = Scene::new(SceneName::Pile, 1234, 3);
+    let bounds = Bounds::around(scene.boxes());
+    let mut margined = Margined::new(sessions.swap_remove(0), Margin::new(0.1).unwrap())
+        .with_precision(Precision::Q8(bounds));
+    for _ in 0..20 {
+        let exact = oracle::truth(scene.boxes()).pairs;
+        let kept = margined.cull(scene.boxes()).unwrap();
+        assert_eq!(kept.mask().info().form, BoxForm::Q8.into());
+        let mut filtered: Vec<_> = kept.exact_pairs().collect();
+        filtered.sort_unstable();
+        assert_eq!(filtered, exact);
+        scene.step();
+    }
+    assert!(margined.stats().skipped > 0);
+}

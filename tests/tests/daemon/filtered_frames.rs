@@ -1,0 +1,493 @@
+//! Whole frames with rules, by every engine, encoding and backend, against the oracle and the seven rules.
+// Rules are filled as users fill them.
+#![allow(clippy::field_reassign_with_default)]
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use pairmask::error::ReplyError;
+use pairmask::filters::{Owner, Rules, Tag, World};
+use pairmask::{
+    Aabb, Backend, BoxCount, Encoding, EncodingChoice, EngineChoice, EngineName, FrameError,
+    PairMask, PendingFrame, Precision, ServedBy, Session, SessionBuilder, WaitError,
+};
+use pairmask_tests::daemon::{TestDaemon, eventually, outlive_kills};
+use pairmask_tests::filtered_frames::{FilteredFrame, KINDS};
+use pairmask_tests::refuser::refuse_all;
+use pairmask_transport::{RuntimeDir, clean_if_abandoned};
+use pairmask_wire::{InstanceName, Version};
+use rustix::process::Signal;
+
+const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
+
+fn submit(session: &mut Session, frame: &FilteredFrame) -> PendingFrame {
+    let mut shared = session.frame(frame.boxes.len()).unwrap();
+    shared.write(&frame.boxes);
+    shared.submit_with(&frame.rules).unwrap()
+}
+
+/// Each pair stands in the range of its world, and ranges stand side by side.
+fn check_worlds(mask: &PairMask, frame: &FilteredFrame) {
+    let (rules, n) = (&frame.rules, frame.boxes.len());
+    let mut worlds: Vec<World> = (0..n as u32).map(|index| rules.tag(index).world).collect();
+    worlds.sort_unstable();
+    worlds.dedup();
+    let several = worlds.iter().filter(|world| **world != World::ALL).count() > 1;
+    if !several || mask.encoding() != Encoding::List {
+        assert!(mask.worlds().is_empty());
+        return;
+    }
+    assert_eq!(mask.worlds().iter().map(|range| range.world).collect::<Vec<_>>(), worlds);
+    let mut seen = 0;
+    for world in worlds {
+        for [a, b] in mask.pairs_of_world(world).unwrap() {
+            let of = [*a, *b].map(|index| rules.tag(index).world);
+            assert_eq!(if of[0] == World::ALL { of[1] } else { of[0] }, world);
+            seen += 1;
+        }
+    }
+    assert_eq!(seen, mask.count());
+    assert_eq!(mask.pairs_of_world(World(123_456)), None);
+}
+
+fn check_mask(mask: &PairMask, frame: &FilteredFrame) {
+    let mut pairs = mask.to_vec();
+    pairs.sort_unstable();
+    assert_eq!(pairs, frame.pairs);
+    mask.view().verify().unwrap();
+    let (info, n) = (mask.info(), BoxCount::new(frame.boxes.len() as u32));
+    assert_eq!(mask.count(), pairs.len() as u64);
+    let compared = n.pair_count() - info.skipped.pairs;
+    assert!(info.skipped.is_repeat() || mask.count() <= compared);
+    assert_eq!(info.skipped.why.total(), info.skipped.pairs);
+}
+
+fn sessions(builder: &SessionBuilder) -> Vec<Session> {
+    let encodings = Encoding::ALL.map(EncodingChoice::Only).into_iter();
+    let encodings = encodings.chain([EncodingChoice::Auto]);
+    encodings.map(|encoding| builder.clone().encoding(encoding).connect().unwrap()).collect()
+}
+
+#[test]
+fn small_frames_through_the_daemon() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    let mut sessions = sessions(&daemon.session());
+    for n in 0..=70 {
+        for (seed, kind) in KINDS.into_iter().enumerate() {
+            let frame = FilteredFrame::drawn(n, kind, (100 * n + seed) as u64);
+            for session in &mut sessions {
+                let mask = submit(session, &frame).wait().unwrap();
+                assert_eq!(mask.info().served_by, ServedBy::Daemon);
+                check_mask(&mask, &frame);
+                check_worlds(&mask, &frame);
+            }
+        }
+    }
+}
+
+#[test]
+fn large_frames_through_the_daemon_by_every_engine() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    let engines = EngineName::CPU.map(EngineChoice::Only).into_iter().chain([EngineChoice::Auto]);
+    for engine in engines {
+        let mut sessions = sessions(&daemon.session().engine(engine));
+        for (n, kind) in [345, 2_051].into_iter().flat_map(|n| KINDS.map(|k| (n, k))) {
+            let frame = FilteredFrame::drawn(n, kind, n as u64);
+            for session in &mut sessions {
+                let mask = submit(session, &frame).wait().unwrap();
+                assert_eq!(mask.info().served_by, ServedBy::Daemon);
+                check_mask(&mask, &frame);
+                check_worlds(&mask, &frame);
+            }
+        }
+    }
+}
+
+#[test]
+fn frames_through_the_daemon_by_the_gpu() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "software"]);
+    let mut with_worlds = 0;
+    for engine in [EngineName::GpuGrid, EngineName::GpuBrute] {
+        let mut sessions = sessions(&daemon.session().engine(EngineChoice::Only(engine)));
+        for n in (0..70).step_by(9).chain([345, 1_235]) {
+            for kind in KINDS {
+                let frame = FilteredFrame::drawn(n, kind, n as u64);
+                for session in &mut sessions {
+                    let mask = submit(session, &frame).wait().unwrap();
+                    assert!(format!("{}", mask.info().engine).starts_with("gpu-"));
+                    check_mask(&mask, &frame);
+                    if !mask.worlds().is_empty() {
+                        assert_eq!(engine, EngineName::GpuGrid, "all pairs know no worlds");
+                        check_worlds(&mask, &frame);
+                        with_worlds += 1;
+                    }
+                }
+            }
+        }
+    }
+    assert!(with_worlds > 4, "{with_worlds} lists ordered by world");
+}
+
+/// Rules that stay are taken into account by the GPU itself from their second frame on.
+#[test]
+fn rules_that_stay_go_to_the_gpu_and_change_in_time() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "software"]);
+    let builder = daemon.session().engine(EngineChoice::Only(EngineName::GpuGrid));
+    let mut session = builder.answer_repeats(false).connect().unwrap();
+    for kind in KINDS {
+        let mut frame = FilteredFrame::drawn(700, kind, 21);
+        for turn in 0..3 {
+            check_mask(&submit(&mut session, &frame).wait().unwrap(), &frame);
+            if let Some((a, _)) = frame.pairs.get(turn).copied() {
+                frame.rules.tags.resize(700, Tag::default());
+                frame.rules.tags[a as usize].world = World(4);
+                let rules = frame.rules.clone();
+                frame.pairs = pairmask_tests::oracle::truth(&frame.boxes).pairs;
+                frame.pairs.retain(|(a, b)| rules.meet(*a, *b));
+                frame.pairs.sort_unstable();
+            }
+            for _ in 0..2 {
+                check_mask(&submit(&mut session, &frame).wait().unwrap(), &frame);
+            }
+        }
+    }
+}
+
+/// Frames that are left under way, two at a time, whose rules differ.
+#[test]
+fn frames_under_way_on_the_gpu_keep_their_rules() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "software"]);
+    let frames = [0, 1, 2].map(|seed| FilteredFrame::drawn(9_001, KINDS[seed], seed as u64));
+    for encoding in [Encoding::Sparse, Encoding::List] {
+        let builder = daemon.session().engine(EngineChoice::Only(EngineName::GpuGrid));
+        let mut session = builder.encoding(EncodingChoice::Only(encoding)).connect().unwrap();
+        for _ in 0..2 {
+            let pending = frames.each_ref().map(|frame| submit(&mut session, frame));
+            for (pending, frame) in pending.into_iter().zip(&frames) {
+                check_mask(&pending.wait().unwrap(), frame);
+            }
+        }
+    }
+}
+
+#[test]
+fn a_mask_of_all_pairs_that_has_no_room_becomes_one_of_those_that_meet() {
+    let arguments = ["--gpu", "software", "--max-reply-mib", "1"];
+    let daemon = TestDaemon::start(DAEMON, &arguments);
+    let mut frame = FilteredFrame::drawn(4_201, KINDS[0], 3);
+    frame.boxes.fill(Aabb::new([0.0; 3], [1.0; 3]));
+    frame.rules = Rules::default();
+    frame.rules.tags =
+        (0..4_201).map(|at| Tag::default().with_owner(Owner(at / 4_200 + 1))).collect();
+    frame.pairs = (0..4_200).map(|a| (a, 4_200)).collect();
+    let builder = daemon.session().engine(EngineChoice::Only(EngineName::GpuGrid));
+    let mut session = builder.connect().unwrap();
+    for _ in 0..3 {
+        check_mask(&submit(&mut session, &frame).wait().unwrap(), &frame);
+    }
+}
+
+#[test]
+fn narrow_frames_have_rules_too() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    let drawn = FilteredFrame::drawn(500, KINDS[5], 9);
+    let mut answers = Vec::new();
+    for backend in [Backend::Daemon, Backend::InProcess] {
+        let mut session = daemon.session().backend(backend).connect().unwrap();
+        for _ in 0..3 {
+            let mut frame = session.narrow_frame(500, Precision::F16).unwrap();
+            frame.fill(&drawn.boxes);
+            let mask = frame.submit_with(&drawn.rules).unwrap().wait().unwrap();
+            let mut pairs = mask.to_vec();
+            pairs.sort_unstable();
+            assert!(drawn.pairs.iter().all(|pair| pairs.binary_search(pair).is_ok()));
+            assert!(pairs.iter().all(|(a, b)| drawn.rules.meet(*a, *b)));
+            answers.push(pairs);
+        }
+    }
+    assert!(answers.windows(2).all(|two| two[0] == two[1]));
+}
+
+#[test]
+fn equal_boxes_with_other_rules_are_no_repeat() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    for kind in [KINDS[1], KINDS[2], KINDS[4]] {
+        let mut session = daemon.session().connect().unwrap();
+        let mut frame = FilteredFrame::drawn(900, kind, 5);
+        let mut repeats = Vec::new();
+        let mut check = |session: &mut Session, frame: &FilteredFrame| {
+            let mask = submit(session, frame).wait().unwrap();
+            check_mask(&mask, frame);
+            check_worlds(&mask, frame);
+            repeats.push(mask.info().skipped.is_repeat());
+        };
+        for _ in 0..5 {
+            check(&mut session, &frame);
+        }
+        // One tag, and then one pair of a list, and then the filters.
+        let (a, b) = frame.pairs[frame.pairs.len() / 2];
+        frame.rules.lists.exclude([a, b], true);
+        frame.rules.lists.include([a, b], false);
+        frame.pairs.retain(|pair| *pair != (a, b));
+        for _ in 0..5 {
+            check(&mut session, &frame);
+        }
+        frame.rules.tags.resize(900, Tag::default());
+        let (a, b) = frame.pairs[0];
+        frame.rules.tags[a as usize].world = World(77);
+        frame.rules.tags[b as usize].world = World(78);
+        let rules = frame.rules.clone();
+        frame.pairs.retain(|(a, b)| rules.meet(*a, *b));
+        for _ in 0..5 {
+            check(&mut session, &frame);
+        }
+        let expected = [false, false, true, true, true];
+        assert_eq!(repeats, [expected; 3].concat(), "{kind:?}");
+        // Without rules, and with those that let all meet.
+        let mut open = frame.clone();
+        open.rules = Rules::default();
+        open.pairs = pairmask_tests::oracle::truth(&open.boxes).pairs;
+        for _ in 0..3 {
+            check_mask(&submit(&mut session, &open).wait().unwrap(), &open);
+            check_mask(&submit(&mut session, &frame).wait().unwrap(), &frame);
+        }
+    }
+}
+
+#[test]
+fn frames_grow_and_their_rules_come_and_go() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    let mut session = daemon.session().capacity(BoxCount::new(64)).connect().unwrap();
+    let mut pending = Vec::new();
+    for (turn, n) in [5, 900, 60, 4_000, 61, 2_500, 9_000, 3].into_iter().enumerate() {
+        let frame = FilteredFrame::drawn(n, KINDS[turn % KINDS.len()], turn as u64);
+        // All memory of the port is lent when the first one with rules has no room.
+        let frames: Vec<_> = (0..3).map(|_| session.frame(n).unwrap()).collect();
+        for mut shared in frames {
+            assert!(shared.is_shared());
+            shared.write(&frame.boxes);
+            pending.push((shared.submit_with(&frame.rules).unwrap(), frame.clone()));
+        }
+        for (pending, frame) in pending.drain(..) {
+            let mask = pending.wait().unwrap();
+            assert_eq!(mask.info().served_by, ServedBy::Daemon);
+            check_mask(&mask, &frame);
+        }
+        let mut shared = session.frame(n).unwrap();
+        shared.write(&frame.boxes);
+        let mask = shared.submit().unwrap().wait().unwrap();
+        assert_eq!(mask.count(), pairmask_tests::oracle::truth(&frame.boxes).pairs.len() as u64);
+    }
+}
+
+#[test]
+fn lists_of_any_length_are_sent_or_answered_here() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    // More pairs than a request of so few boxes may name.
+    let n = 400;
+    let mut frame = FilteredFrame::drawn(n as usize, KINDS[7], 2);
+    for b in 1..n {
+        for a in 0..b {
+            // Beyond the boxes too: that is left out.
+            frame.rules.lists.exclude([a, b], true);
+            frame.rules.lists.exclude([a, b + n], true);
+        }
+    }
+    let rules = frame.rules.clone();
+    frame.pairs = pairmask_tests::oracle::truth(&frame.boxes).pairs;
+    frame.pairs.retain(|(a, b)| rules.meet(*a, *b));
+    let mut session = daemon.session().backend(Backend::Auto).connect().unwrap();
+    let mask = submit(&mut session, &frame).wait().unwrap();
+    assert_eq!(mask.info().served_by, ServedBy::InProcess);
+    check_mask(&mask, &frame);
+    let mut session = daemon.session().backend(Backend::Daemon).connect().unwrap();
+    let refused = session.frame(n as usize).unwrap().submit_with(&frame.rules);
+    assert!(matches!(refused, Err(FrameError::TooManyListedPairs(_))));
+    let fewer = FilteredFrame::drawn(300, KINDS[7], 2);
+    let mut fewer = FilteredFrame { rules: frame.rules, ..fewer };
+    fewer.pairs = pairmask_tests::oracle::truth(&fewer.boxes).pairs;
+    fewer.pairs.retain(|(a, b)| fewer.rules.meet(*a, *b));
+    let mask = submit(&mut session, &fewer).wait().unwrap();
+    assert_eq!(mask.info().served_by, ServedBy::Daemon);
+    check_mask(&mask, &fewer);
+}
+
+#[test]
+fn a_daemon_that_is_killed_costs_no_rule() {
+    let mut daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    let mut session = daemon.session().backend(Backend::Auto).connect().unwrap();
+    let frames: Vec<FilteredFrame> = (0..6)
+        .map(|seed| FilteredFrame::drawn(60 * (1 + seed % 3), KINDS[seed], seed as u64))
+        .collect();
+    outlive_kills(&mut daemon, |i| {
+        let frame = &frames[i % frames.len()];
+        let mask = submit(&mut session, frame).wait().unwrap();
+        check_mask(&mask, frame);
+        check_worlds(&mask, frame);
+        mask.info().served_by
+    });
+    daemon.signal_worker(Signal::STOP);
+    let pending = [5, 2].map(|at| (submit(&mut session, &frames[at]), &frames[at]));
+    daemon.kill();
+    for (pending, frame) in pending {
+        let mask = pending.wait().unwrap();
+        assert_eq!(mask.info().served_by, ServedBy::InProcess);
+        check_mask(&mask, frame);
+        check_worlds(&mask, frame);
+    }
+}
+
+#[test]
+fn an_older_daemon_gets_no_rules() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    let current = daemon.record().unwrap();
+    let older = Version { minor: 5, ..current.version };
+    let record = pairmask_transport::DaemonRecord { version: older, ..current };
+    daemon.dir().write_record(&InstanceName::default(), &record).unwrap();
+    let frame = FilteredFrame::drawn(300, KINDS[2], 4);
+    let mut session = daemon.session().connect().unwrap();
+    let refused = session.frame(300).unwrap().submit_with(&frame.rules).unwrap_err();
+    assert!(matches!(refused, FrameError::DaemonTooOld { what: "rules of frames" }));
+    let all_meet = session.frame(0).unwrap().submit_with(&Rules::default());
+    assert_eq!(all_meet.unwrap().wait().unwrap().info().served_by, ServedBy::Daemon);
+    let mut session = daemon.session().backend(Backend::Auto).connect().unwrap();
+    for _ in 0..2 {
+        let mask = submit(&mut session, &frame).wait().unwrap();
+        assert_eq!(mask.info().served_by, ServedBy::InProcess);
+        check_mask(&mask, &frame);
+        assert!(session.frame(1).unwrap().is_shared(), "frames without rules still go there");
+    }
+    let status = daemon.session().connect().unwrap().daemon_status().unwrap();
+    assert_eq!((status.frames, status.errors), (1, 0), "it was never asked");
+}
+
+#[test]
+fn a_daemon_that_refuses_rules_is_not_asked_again() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = RuntimeDir::at(dir.path());
+    let stop = AtomicBool::new(false);
+    let frame = FilteredFrame::drawn(300, KINDS[5], 4);
+    std::thread::scope(|scope| {
+        scope.spawn(|| refuse_all(&dir, &stop));
+        eventually("it serves", || dir.read_record(&InstanceName::default()));
+        for backend in [Backend::Auto, Backend::Daemon] {
+            let builder = Session::builder().runtime_dir(dir.clone()).backend(backend);
+            let mut session = builder.connect().unwrap();
+            let answer = submit(&mut session, &frame).wait();
+            let next = session.frame(300).unwrap();
+            assert!(next.is_shared());
+            let mut next = next;
+            next.write(&frame.boxes);
+            let next = next.submit_with(&frame.rules);
+            if backend == Backend::Auto {
+                check_mask(&answer.unwrap(), &frame);
+                check_mask(&next.unwrap().wait().unwrap(), &frame);
+            } else {
+                assert!(matches!(answer, Err(WaitError::Reply(ReplyError::Status { .. }))));
+                assert!(matches!(next, Err(FrameError::DaemonTooOld { .. })));
+            }
+        }
+        stop.store(true, Ordering::Relaxed);
+    });
+    clean_if_abandoned(&dir, &InstanceName::default()).unwrap();
+}
+
+#[test]
+fn audited_frames_are_held_to_their_rules() {
+    for gpu in ["none", "software"] {
+        let daemon = TestDaemon::start(DAEMON, &["--gpu", gpu, "--audit", "1/1"]);
+        let engine = if gpu == "none" {
+            EngineChoice::Auto
+        } else {
+            EngineChoice::Only(EngineName::GpuGrid)
+        };
+        let mut sessions = sessions(&daemon.session().engine(engine));
+        let mut sent = 0;
+        for (seed, kind) in KINDS.into_iter().enumerate() {
+            let frame = FilteredFrame::drawn(300, kind, seed as u64);
+            for session in &mut sessions {
+                submit(session, &frame).wait().unwrap();
+                sent += 1;
+            }
+        }
+        let audit = eventually("all frames are checked", || {
+            let audit = sessions[0].daemon_status().unwrap().audit;
+            (audit.frames + audit.skipped == sent).then_some(audit)
+        });
+        assert!(audit.frames > 3 && audit.pairs > 3 * 300, "{audit:?}");
+        assert_eq!((audit.missed, audit.extra), (0, 0));
+    }
+}
+
+fn submit_kept(session: &mut Session, boxes: &[Aabb], rules: &Arc<Rules>) -> PendingFrame {
+    let mut shared = session.frame(boxes.len()).unwrap();
+    shared.write(boxes);
+    shared.submit_with_kept(rules).unwrap()
+}
+
+#[test]
+fn kept_rules_are_those_of_their_frame() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    let mut session = daemon.session().answer_repeats(false).connect().unwrap();
+    let frames: Vec<_> = (0..4)
+        .map(|seed| FilteredFrame::drawn([300, 300, 41, 1_200][seed], KINDS[seed * 2], 40))
+        .map(|frame| (Arc::new(frame.rules.clone()), frame))
+        .collect();
+    // Each alone, in turns with another, with rules that are not kept between, and with none.
+    for order in [[0, 0, 0, 0], [0, 1, 0, 1], [3, 3, 2, 2], [1, 1, 3, 1]] {
+        for at in order {
+            let (rules, frame) = &frames[at];
+            check_mask(&submit_kept(&mut session, &frame.boxes, rules).wait().unwrap(), frame);
+        }
+        let (_, other) = &frames[2];
+        check_mask(&submit(&mut session, other).wait().unwrap(), other);
+        let mut plain = session.frame(other.boxes.len()).unwrap();
+        plain.write(&other.boxes);
+        plain.submit().unwrap().wait().unwrap();
+    }
+    // Two under way: the second names what the first one brings.
+    let (rules, frame) = &frames[1];
+    let pending = [(); 2].map(|()| submit_kept(&mut session, &frame.boxes, rules));
+    for pending in pending {
+        let mask = pending.wait().unwrap();
+        assert_eq!(mask.info().served_by, ServedBy::Daemon);
+        check_mask(&mask, frame);
+    }
+}
+
+#[test]
+fn a_daemon_that_has_forgotten_rules_is_sent_them_again() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    let frame = FilteredFrame::drawn(700, KINDS[6], 8);
+    let rules = Arc::new(frame.rules.clone());
+    let mut sessions = [Backend::Daemon, Backend::Auto]
+        .map(|backend| daemon.session().backend(backend).connect().unwrap());
+    for session in &mut sessions {
+        check_mask(&submit_kept(session, &frame.boxes, &rules).wait().unwrap(), &frame);
+    }
+    // Longer than a daemon keeps what no frame asks for.
+    std::thread::sleep(std::time::Duration::from_secs(13));
+    for session in &mut sessions {
+        for _ in 0..2 {
+            let mask = submit_kept(session, &frame.boxes, &rules).wait().unwrap();
+            assert_eq!(mask.info().served_by, ServedBy::Daemon);
+            check_mask(&mask, &frame);
+        }
+    }
+    let status = daemon.session().connect().unwrap().daemon_status().unwrap();
+    assert_eq!(status.errors, 2, "each was told once");
+}
+
+#[test]
+fn a_daemon_that_is_killed_costs_no_kept_rule() {
+    let mut daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    let mut session = daemon.session().backend(Backend::Auto).connect().unwrap();
+    let frame = FilteredFrame::drawn(200, KINDS[3], 4);
+    let rules = Arc::new(frame.rules.clone());
+    outlive_kills(&mut daemon, |_| {
+        let mask = submit_kept(&mut session, &frame.boxes, &rules).wait().unwrap();
+        check_mask(&mask, &frame);
+        check_worlds(&mask, &frame);
+        mask.info().served_by
+    });
+}

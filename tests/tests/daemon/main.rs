@@ -1,0 +1,21 @@
+//! Sessions and scenes of daemons that each test starts for itself.
+#![allow(clippy::unwrap_used)]
+
+mod attacks;
+mod c_clients;
+mod faults;
+mod filtered_frames;
+mod full_shm;
+mod margined_scenes;
+mod placement;
+mod queries;
+mod repeats;
+mod reply_limits;
+mod scene_model;
+mod scene_places;
+mod scene_sessions;
+mod sessions;
+mod shared_scenes;
+mod side_by_side;
+mod spheres;
+mod strangers;

@@ -1,0 +1,553 @@
+//! Scenes whose boxes have margins: few boxes are sent, and the pairs are those of a scene of all boxes. One
+//! file, because most tests share the lockstep with that scene, or the check of near pairs.
+
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+use pairmask::scene::{Edit, EditError, SceneOptions, Want};
+use pairmask::{
+    Aabb, Backend, CommitError, Margin, MarginedAnswer, MarginedPairs, MarginedScene, ServedBy,
+    Session,
+};
+use pairmask_core::precision::Widening;
+use pairmask_core::scene as core_scene;
+use pairmask_core::{BoxClass, oracle};
+use pairmask_lab::stress::{FloatFlags, Rounding};
+use pairmask_tests::KnownPairs;
+use pairmask_tests::daemon::{TestDaemon, eventually};
+use pairmask_tests::scene_edits::{EditMaker, OwnedEdit, SKIPPED};
+use pairmaskd::scene::{Random, Scene as World, SceneName};
+use rustix::process::Signal;
+
+const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
+
+const WANTS: [Want; 6] =
+    [Want::Changes, Want::Changes, Want::Changes, Want::Moved, Want::All, Want::Nothing];
+
+fn at(x: f32) -> Aabb {
+    Aabb::new([x, 0.0, 0.0], [x + 1.0, 1.0, 1.0])
+}
+
+fn margin(units: f32) -> Margin {
+    Margin::new(units).unwrap()
+}
+
+fn in_process() -> Session {
+    Session::builder().backend(Backend::InProcess).connect().unwrap()
+}
+
+/// Whether an answer is what a scene of the boxes of now tells.
+fn compare(answer: &MarginedAnswer<'_>, told: &core_scene::Told) -> Result<(), String> {
+    let same = [
+        ("want", answer.want() == told.want()),
+        ("resync", answer.is_resync() == told.is_resync()),
+        ("begun", answer.begun().to_vec() == told.begun()),
+        ("ended", answer.ended().to_vec() == told.ended()),
+        ("pairs", answer.pairs().to_vec() == told.pairs()),
+        ("pair count", answer.pair_count() == told.pair_count()),
+    ];
+    let wrong: Vec<&str> = same.iter().filter(|(_, same)| !same).map(|(what, _)| *what).collect();
+    let begun = (answer.begun().to_vec(), told.begun());
+    if wrong.is_empty() { Ok(()) } else { Err(format!("{wrong:?} differ; begun {begun:?}")) }
+}
+
+/// An edit with margins of chance.
+struct WithMargins {
+    edit: OwnedEdit,
+    indices: Vec<u32>,
+    boxes: Vec<Aabb>,
+    margins: Vec<Margin>,
+    /// One for all, in place of the others.
+    same: Option<Margin>,
+}
+
+impl WithMargins {
+    fn new(edit: OwnedEdit, random: &mut Random, scene_len: usize) -> Self {
+        let indices: Vec<u32> = edit.set.keys().copied().collect();
+        let boxes: Vec<Aabb> = edit.set.values().copied().collect();
+        // Few huge ones in large scenes: each box of these is near all others.
+        let mut some = || match random.below(12 + scene_len as u64) {
+            0..3 => 0.0,
+            3 => 1e-45,
+            4 => 1e30,
+            5 => 20.0,
+            6 => f32::MAX,
+            at => [0.05, 0.3, 0.3, 1.0][at as usize % 4],
+        };
+        let margins: Vec<Margin> = indices.iter().map(|_| margin(some())).collect();
+        let same =
+            (random.below(3) == 0).then(|| margin([0.0, 0.1, 0.5][random.below(3) as usize]));
+        Self { edit, indices, boxes, margins, same }
+    }
+
+    fn margin_of(&self, at: usize) -> Margin {
+        self.same.unwrap_or(self.margins[at])
+    }
+
+    /// Submits it, its sets in one of two ways to name them.
+    fn write<'s, 'a: 's>(
+        &'a self,
+        scene: &'s mut MarginedScene,
+        one_by_one: bool,
+    ) -> pairmask::MarginedEdit<'s, 'a> {
+        let Self { edit, indices, boxes, margins, same } = self;
+        let mut written = scene.edit().remove_all(&edit.removed);
+        written = match same {
+            _ if one_by_one => indices.iter().enumerate().fold(written, |written, (i, index)| {
+                written.set(*index, boxes[i], self.margin_of(i))
+            }),
+            Some(same) => written.set_all(indices, boxes, *same),
+            None => written.set_all(indices, boxes, margins),
+        };
+        let switched = |written: pairmask::MarginedEdit<'s, 'a>, (index, on): &(u32, bool)| {
+            written.switch(*index, *on)
+        };
+        written = edit.switched.iter().fold(written, switched);
+        edit.flagged.iter().fold(written, |written, (index, on)| written.make_static(*index, *on))
+    }
+}
+
+/// Exact pairs of a scene with margins, and a scene of all boxes, edit by edit.
+fn lockstep(session: &mut Session, (seed, most_boxes): (u64, u32), edits: usize) -> MarginedScene {
+    let options = SceneOptions::default().with_most_boxes(most_boxes + SKIPPED).with_threads(1);
+    let mut scene = session.margined_scene(options, MarginedPairs::Exact);
+    let mut truth = core_scene::Scene::new(options);
+    let mut source = EditMaker::new(seed, most_boxes as usize);
+    let mut random = Random::new(seed ^ 1);
+    for step in 0..edits {
+        let owned = WithMargins::new(source.next_edit(), &mut random, source.boxes().len());
+        let want = WANTS[random.below(6) as usize];
+        if random.below(40) == 0 {
+            scene.lose();
+            truth.lose();
+        }
+        if random.below(10) == 0 {
+            let wrong = scene.edit().set(0, at(0.0), margin(0.1)).set(0, at(9.0), margin(0.1));
+            let twice = wrong.commit(want).map(drop).unwrap_err();
+            assert!(matches!(twice, CommitError::Edit(EditError::SetTwice { index: 0 })));
+        }
+        let told =
+            owned.edit.with(0, |edit| truth.edit(edit, want).map(drop)).map(|()| truth.told());
+        let pending = owned.write(&mut scene, random.below(2) == 0).submit(want).unwrap();
+        if random.below(20) == 0 {
+            // Never waited for.
+            drop(pending);
+            continue;
+        }
+        let answer = pending.wait().unwrap();
+        compare(&answer, told.unwrap())
+            .unwrap_or_else(|wrong| panic!("seed {seed}, {step}: {wrong}"));
+        if random.below(3) > 0 {
+            drop(answer.take());
+            truth.take();
+        }
+    }
+    assert_eq!(scene.len(), truth.len());
+    for index in 0..most_boxes + SKIPPED {
+        let bits = |b: Option<Aabb>| b.map(|b| <[f32; 6]>::from(b).map(f32::to_bits));
+        assert_eq!(bits(scene.get(index)), bits(truth.get(index)), "as it was set");
+    }
+    scene
+}
+
+#[test]
+fn exact_pairs_are_those_of_a_scene_of_all_boxes() {
+    for of in [(1, 70), (2, 70), (3, 600), (4, 3_000)] {
+        let scene = lockstep(&mut in_process(), of, 1_500);
+        let stats = scene.stats();
+        assert!(stats.sent < stats.set && stats.requests < stats.edits, "{stats:?}");
+    }
+}
+
+#[test]
+#[ignore = "minutes: the nightly tier runs it"]
+fn exact_pairs_are_those_of_a_scene_of_all_boxes_over_many_edits() {
+    for seed in 0..20 {
+        drop(lockstep(&mut in_process(), (seed, [70, 400, 2_000][seed as usize % 3]), 20_000));
+    }
+}
+
+#[test]
+fn a_daemon_is_sent_few_boxes_and_the_pairs_are_the_same() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none", "--audit", "1/1"]);
+    let mut session = daemon.session().connect().unwrap();
+    for of in [(5, 70), (6, 600), (7, 3_000)] {
+        drop(lockstep(&mut session, of, 400));
+    }
+    let audit = eventually("scenes are audited", || {
+        // The auditor gives up a scene that is edited faster than it follows: then there is another one.
+        drop(lockstep(&mut session, (6, 600), 100));
+        let audit = session.daemon_status().unwrap().audit;
+        (audit.frames > 50).then_some(audit)
+    });
+    assert_eq!((audit.missed, audit.extra), (0, 0), "{audit:?}");
+}
+
+#[test]
+fn a_gpu_is_sent_few_boxes_and_the_pairs_are_the_same() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "software"]);
+    let engine = pairmask::EngineChoice::Only(pairmask::EngineName::GpuGrid);
+    let mut session = daemon.session().engine(engine).connect().unwrap();
+    for of in [(8, 70), (9, 600)] {
+        drop(lockstep(&mut session, of, 60));
+    }
+}
+
+/// The largest gap of two boxes on an axis, and where.
+fn gaps(a: &Aabb, b: &Aabb) -> [(f64, f64, f64); 3] {
+    std::array::from_fn(|axis| {
+        let [a, b] = [a, b].map(|b| (f64::from(b.min[axis]), f64::from(b.max[axis])));
+        let (ends, starts) = if a.1 < b.0 { (a.1, b.0) } else { (b.1, a.0) };
+        (starts - ends, ends, starts)
+    })
+}
+
+/// Whether what is known are the near pairs, by the boxes of now.
+fn check_near(
+    known: &KnownPairs,
+    exact: &[[u32; 2]],
+    scene: &MarginedScene,
+    margins: &BTreeMap<u32, Margin>,
+) {
+    let near: std::collections::BTreeSet<[u32; 2]> = known.iter().collect();
+    assert!(exact.iter().all(|pair| near.contains(pair)), "a pair that overlaps is near");
+    for pair in &near {
+        let [a, b] = pair.map(|index| scene.get(index).unwrap());
+        assert!([a, b].iter().all(|b| b.class() == BoxClass::Solid), "{pair:?}");
+        let reach = pair.map(|index| 4.0 * f64::from(margins[&index].get())).iter().sum::<f64>();
+        for (axis, (gap, ends, starts)) in gaps(&a, &b).into_iter().enumerate() {
+            // Four margins each; steps of f32 as one margin has them, at the faces that were sent.
+            let (ends, starts) = (ends.abs() + reach, starts.abs() + reach);
+            let steps = margin(0.0).gap_limit(&Widening::None, axis, ends, starts);
+            assert!(
+                gap <= reach + steps,
+                "{pair:?} have a gap of {gap} on axis {axis}, beyond {reach}"
+            );
+        }
+    }
+}
+
+fn tell(known: &mut KnownPairs, answer: &MarginedAnswer<'_>) {
+    if answer.is_resync() {
+        known.resync(answer.pairs());
+    } else {
+        known.change(answer.begun(), answer.ended()).unwrap();
+    }
+}
+
+/// Near pairs, accumulated from changes, beside all pairs of a scene of all boxes.
+fn near(session: &mut Session, (seed, most_boxes): (u64, u32), edits: usize) {
+    let mut scene = session.margined_scene(SceneOptions::default(), MarginedPairs::Near);
+    let mut truth = core_scene::Scene::new(SceneOptions::default());
+    let mut source = EditMaker::new(seed, most_boxes as usize);
+    let (mut random, mut known) = (Random::new(seed), KnownPairs::default());
+    let mut margins = BTreeMap::new();
+    for _ in 0..edits {
+        let owned = WithMargins::new(source.next_edit(), &mut random, source.boxes().len());
+        margins.extend(
+            owned.indices.iter().enumerate().map(|(i, index)| (*index, owned.margin_of(i))),
+        );
+        let exact =
+            owned.edit.with(0, |edit| truth.edit(edit, Want::All).unwrap().pairs().to_vec());
+        let want = WANTS[random.below(6) as usize];
+        let answer = owned.write(&mut scene, random.below(2) == 0).commit(want).unwrap();
+        match want {
+            Want::Moved => {
+                let of_moved = truth.edit(Edit::NONE, Want::All).unwrap().pairs().iter().copied();
+                let is_named = |index: &u32| {
+                    let flagged = owned.edit.flagged.iter().chain(&owned.edit.switched);
+                    owned.edit.set.contains_key(index)
+                        || flagged.map(|(i, _)| i).any(|i| i == index)
+                };
+                let mut of_moved = of_moved.filter(|pair| pair.iter().any(is_named));
+                let told: std::collections::BTreeSet<_> = answer.pairs().iter().collect();
+                assert!(of_moved.all(|pair| told.contains(&pair)), "all boxes that the edit names");
+                continue;
+            }
+            Want::Changes if random.below(4) == 0 => continue,
+            Want::Changes => tell(&mut known, &answer.take()),
+            Want::All => known.resync(answer.take().pairs()),
+            _ => continue,
+        }
+        check_near(&known, &exact, &scene, &margins);
+    }
+}
+
+#[test]
+fn near_pairs_are_told_once_and_hold_all_that_overlap() {
+    for of in [(1, 70), (2, 600), (3, 2_000)] {
+        near(&mut in_process(), of, 800);
+    }
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    near(&mut daemon.session().connect().unwrap(), (4, 600), 400);
+}
+
+/// All exact pairs after an edit that sets everything.
+fn pairs_of(scene: &mut MarginedScene, boxes: &[Aabb], margin: Margin) -> Vec<(u32, u32)> {
+    let answer =
+        scene.edit().set_all(0..boxes.len() as u32, boxes, margin).commit(Want::All).unwrap();
+    answer.pairs().iter().map(|[a, b]| (a, b)).collect()
+}
+
+#[test]
+fn scenes_of_every_small_size_and_odd_large_ones_have_the_oracles_pairs() {
+    for n in (0..=70).chain([345, 1_234, 40_003]) {
+        let mut random = Random::new(n as u64);
+        let mut scene = in_process().margined_scene(SceneOptions::default(), MarginedPairs::Exact);
+        let mut boxes = World::new(SceneName::Uniform, n, 1).boxes().to_vec();
+        for _ in 0..4 {
+            assert_eq!(pairs_of(&mut scene, &boxes, margin(0.02)), oracle_pairs(&boxes));
+            for b in &mut boxes {
+                let by = 0.02 * (random.unit() - 0.5);
+                (b.min[0], b.max[0]) = (b.min[0] + by, b.max[0] + by);
+            }
+        }
+        let stats = scene.stats();
+        assert!(stats.sent <= stats.set / 2 + 1, "{n}: {stats:?}");
+    }
+}
+
+/// The oracle's pairs; in a large scene those of an engine, which the oracle was held to.
+fn oracle_pairs(boxes: &[Aabb]) -> Vec<(u32, u32)> {
+    if boxes.len() < 5_000 {
+        return oracle::truth(boxes).pairs;
+    }
+    let mut frame = in_process().frame(boxes.len()).unwrap();
+    frame.write(boxes);
+    let mut pairs = frame.submit().unwrap().wait().unwrap().to_vec();
+    pairs.sort_unstable();
+    pairs
+}
+
+#[test]
+fn one_that_teleports_among_thousands_that_drift_is_sent_alone() {
+    let (n, frames) = (5_000u32, 100u32);
+    for kind in [MarginedPairs::Near, MarginedPairs::Exact] {
+        let mut random = Random::new(5);
+        let mut scene = in_process().margined_scene(SceneOptions::default(), kind);
+        let mut boxes = World::new(SceneName::Uniform, n as usize, 1).boxes().to_vec();
+        let (half, step) = (margin(0.5), 0.5 / 101.0);
+        drop(scene.edit().set_all(0..n, &boxes, half).commit(Want::Changes).unwrap().take());
+        for frame in 0..frames {
+            for b in &mut boxes {
+                (b.min[1], b.max[1]) = (b.min[1] + step, b.max[1] + step);
+            }
+            let by = 50.0 + 10.0 * random.unit();
+            let far = &mut boxes[(frame * 31 % n) as usize];
+            (far.min[0], far.max[0]) = (far.min[0] + by, far.max[0] + by);
+            let answer = scene.edit().set_all(0..n, &boxes, half).commit(Want::Changes).unwrap();
+            assert!(!answer.take().is_resync());
+        }
+        let stats = scene.stats();
+        assert_eq!(stats.set, u64::from(n * (frames + 1)));
+        // Of 505,000 boxes set: all at first, and one a frame.
+        assert_eq!(stats.sent, u64::from(n + frames));
+        assert_eq!(stats.requests, u64::from(frames + 1));
+    }
+}
+
+#[test]
+fn an_edit_within_margins_needs_no_daemon() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    for kind in [MarginedPairs::Near, MarginedPairs::Exact] {
+        let mut session = daemon.session().connect().unwrap();
+        let mut scene = session.margined_scene(SceneOptions::default(), kind);
+        let edit = scene.edit().set(1, at(0.0), margin(0.5)).set(2, at(1.2), margin(0.5));
+        let answer = edit.commit(Want::Changes).unwrap().take();
+        assert_eq!(answer.served_by(), Some(ServedBy::Daemon));
+        let is_near = kind == MarginedPairs::Near;
+        assert_eq!(answer.begun().len(), usize::from(is_near));
+        drop(answer);
+
+        daemon.signal_worker(Signal::STOP);
+        let answer =
+            scene.edit().set(2, at(0.9), margin(0.5)).commit(Want::Changes).unwrap().take();
+        assert_eq!((answer.served_by(), answer.pair_count()), (None, Some(1)));
+        assert_eq!(answer.begun().len(), usize::from(!is_near));
+        drop(answer);
+        let answer = scene.edit().commit(Want::Changes).unwrap().take();
+        assert!(
+            answer.begun().is_empty() && answer.ended().is_empty() && answer.served_by().is_none()
+        );
+        drop(answer);
+        if !is_near {
+            let answer = scene.edit().set(1, at(-0.4), margin(0.5)).commit(Want::All).unwrap();
+            assert_eq!((answer.pairs().len(), answer.served_by()), (0, None));
+        }
+        daemon.signal_worker(Signal::CONT);
+        assert_eq!((scene.stats().requests, scene.stats().sent), (1, 2));
+    }
+}
+
+#[test]
+fn what_is_wrong_with_an_edit_is_told_and_changes_nothing() {
+    let options = SceneOptions::default().with_most_boxes(9);
+    let mut scene = in_process().margined_scene(options, MarginedPairs::Exact);
+    let boxes = [at(0.0), at(0.5), at(3.0)];
+    drop(scene.edit().set_all(0..3, &boxes, margin(1.0)).commit(Want::Changes).unwrap().take());
+    let far = [at(7.0), at(8.0)];
+    let edits: [fn(pairmask::MarginedEdit<'_, 'static>) -> Result<(), CommitError>; 5] = [
+        |edit| edit.set(9, at(0.0), margin(0.0)).commit(Want::All).map(drop),
+        |edit| edit.set(1, at(9.0), margin(0.0)).remove(5).commit(Want::All).map(drop),
+        // Neither of them has left its margin.
+        |edit| {
+            edit.set(1, at(0.6), margin(1.0))
+                .set(1, at(0.7), margin(1.0))
+                .commit(Want::All)
+                .map(drop)
+        },
+        |edit| edit.set(1, at(0.6), margin(1.0)).switch(4, true).commit(Want::All).map(drop),
+        |edit| edit.set_all(0..3, &[Aabb::EMPTY; 2], Margin::default()).commit(Want::All).map(drop),
+    ];
+    for wrong in edits {
+        assert!(matches!(wrong(scene.edit()), Err(CommitError::Edit(_))));
+    }
+    let lengths = scene.edit().set_all(0..2, &far, &[margin(0.0); 3]).commit(Want::All).map(drop);
+    let margins = EditError::Margins { boxes: 2, margins: 3 };
+    assert!(matches!(lengths, Err(CommitError::Edit(error)) if error == margins));
+    for (index, b) in (0..).zip(boxes) {
+        assert_eq!(scene.get(index), Some(b));
+    }
+    let answer = scene.edit().commit(Want::All).unwrap();
+    assert_eq!(answer.pairs(), [[0, 1]]);
+}
+
+#[test]
+fn a_request_that_could_not_be_sent_changes_nothing() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    let mut session = daemon.session().connect().unwrap();
+    let mut scene = session.margined_scene(SceneOptions::default(), MarginedPairs::Exact);
+    let edit = scene.edit().set(0, at(0.0), margin(0.1)).set(1, at(0.5), margin(0.1));
+    assert_eq!(edit.commit(Want::Changes).unwrap().take().begun(), [[0, 1]]);
+    let frames: Vec<_> = (0..3).map(|_| session.frame(4).unwrap()).collect();
+    let full = scene.edit().set(0, at(5.0), margin(0.1)).commit(Want::All).map(drop).unwrap_err();
+    assert!(matches!(full, CommitError::Frame(pairmask::FrameError::TooManyFrames)), "{full}");
+    assert_eq!(scene.get(0), Some(at(0.0)));
+    // What needs no request is answered.
+    assert_eq!(
+        scene.edit().set(0, at(0.05), margin(0.1)).commit(Want::All).unwrap().pairs(),
+        [[0, 1]]
+    );
+    drop(frames);
+    let answer = scene.edit().set(0, at(5.0), margin(0.1)).commit(Want::Changes).unwrap().take();
+    assert_eq!(answer.ended().to_vec()[0].pair, [0, 1]);
+}
+
+#[test]
+fn exact_changes_go_on_while_worker_and_daemon_are_killed() {
+    let mut daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    let mut session = daemon.session().backend(Backend::Auto).connect().unwrap();
+    let mut scene = session.margined_scene(SceneOptions::default(), MarginedPairs::Exact);
+    let mut truth = core_scene::Scene::new(SceneOptions::default());
+    let (mut source, mut random) = (EditMaker::new(11, 400), Random::new(11));
+    let mut served = [0, 0];
+    for step in 0..240 {
+        let owned = WithMargins::new(source.next_edit(), &mut random, source.boxes().len());
+        owned.edit.with(0, |edit| truth.edit(edit, Want::Changes).map(drop)).unwrap();
+        let pending = owned.write(&mut scene, false).submit(Want::Changes).unwrap();
+        if step % 12 == 5 {
+            std::thread::sleep(Duration::from_micros(random.below(300)));
+            if step % 24 == 5 { daemon.signal_worker(Signal::KILL) } else { daemon.kill() }
+        }
+        let answer = pending.wait().unwrap().take();
+        compare(&answer, truth.told()).unwrap_or_else(|wrong| panic!("{step}: {wrong}"));
+        truth.take();
+        if let Some(by) = answer.served_by() {
+            served[usize::from(by == ServedBy::Daemon)] += 1;
+        }
+        if step % 24 == 17 {
+            daemon.restart();
+            std::thread::sleep(Duration::from_millis(120));
+        }
+    }
+    assert!(served[0] > 0 && served[1] > 0, "{served:?}");
+}
+
+#[test]
+fn a_daemon_that_died_costs_a_typed_error_and_no_change() {
+    let mut daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    let mut session = daemon.session().connect().unwrap();
+    let mut scene = session.margined_scene(SceneOptions::default(), MarginedPairs::Exact);
+    let edit = scene.edit().set(1, at(0.0), margin(0.1)).set(2, at(0.5), margin(0.1));
+    assert_eq!(edit.commit(Want::Changes).unwrap().take().begun(), [[1, 2]]);
+    daemon.signal_worker(Signal::STOP);
+    let pending =
+        scene.edit().set(3, at(1.2), margin(0.1)).remove(1).submit(Want::Changes).unwrap();
+    daemon.kill();
+    let error = pending.wait().map(drop).unwrap_err();
+    assert!(matches!(error, CommitError::Wait(pairmask::WaitError::DaemonDied)), "{error}");
+    assert_eq!(scene.len(), 2, "the edit was applied");
+    daemon.restart();
+    eventually("the scene is sent again", || {
+        let answer = scene.edit().commit(Want::Changes).ok()?.take();
+        assert!(!answer.is_resync(), "this process knows what was told");
+        assert_eq!((answer.begun().to_vec(), answer.ended().len()), (vec![[2, 3]], 1));
+        Some(())
+    });
+}
+
+#[test]
+fn flags_of_the_calling_thread_change_neither_pairs_nor_what_is_sent() {
+    let all = Rounding::ALL.map(FloatFlags::rounding);
+    let flags = all.into_iter().chain([FloatFlags::FLUSHING]);
+    for extent in [1e-42f32, 3e-38, 6e-37, 100.0] {
+        let mut random = Random::new(3);
+        let n = 600;
+        let mut frames = Vec::new();
+        let mut boxes: Vec<Aabb> = (0..n)
+            .map(|_| {
+                let min: [f32; 3] = std::array::from_fn(|_| extent * random.unit());
+                Aabb { min, max: min.map(|x| x + 0.1 * extent * random.unit()) }
+            })
+            .collect();
+        for _ in 0..6 {
+            frames.push((boxes.clone(), oracle::truth(&boxes).pairs));
+            for b in &mut boxes {
+                let by = 0.01 * extent * random.unit();
+                (b.min[0], b.max[0]) = (b.min[0] + by, b.max[0] + by);
+            }
+        }
+        let run = || {
+            let mut scene =
+                in_process().margined_scene(SceneOptions::default(), MarginedPairs::Exact);
+            for (boxes, pairs) in &frames {
+                assert_eq!(pairs_of(&mut scene, boxes, margin(0.02 * extent)), *pairs, "{extent}");
+            }
+            scene.stats()
+        };
+        let plain = run();
+        assert!(plain.sent < plain.set, "{extent}: {plain:?}");
+        // The margin is the same number whatever the flags.
+        for flags in flags.clone() {
+            let margin = margin(0.02 * extent);
+            let stats = flags.run(|| {
+                let mut scene =
+                    in_process().margined_scene(SceneOptions::default(), MarginedPairs::Exact);
+                for (boxes, pairs) in &frames {
+                    assert_eq!(pairs_of(&mut scene, boxes, margin), *pairs, "{extent}, {flags}");
+                }
+                scene.stats()
+            });
+            assert_eq!(stats, plain, "{extent}, {flags}");
+        }
+    }
+}
+
+#[test]
+fn a_wrong_answer_is_noticed() {
+    let mut scene = in_process().margined_scene(SceneOptions::default(), MarginedPairs::Exact);
+    let mut truth = core_scene::Scene::new(SceneOptions::default());
+    let boxes = [at(0.0), at(0.5), at(3.0)];
+    let other = [at(0.0), at(1.5), at(3.0)];
+    let answer = scene.edit().set_all(0..3, &boxes, margin(1.0)).commit(Want::Changes).unwrap();
+    let sets = |boxes| core_scene::Sets { indices: (0..3).into(), boxes };
+    let wrong = [core_scene::Step::Set(sets(&other))];
+    let told = truth.edit(Edit { steps: &wrong }, Want::Changes).unwrap();
+    let error = compare(&answer, told).unwrap_err();
+    assert!(error.contains("begun") && error.contains("pair count"), "{error}");
+    let right = [core_scene::Step::Set(sets(&boxes))];
+    compare(&answer, truth.edit(Edit { steps: &right }, Want::Changes).unwrap()).unwrap();
+    let mut spoilt = KnownPairs::default();
+    spoilt.resync([[0, 2]]);
+    assert!(spoilt.compare(&answer.begun().to_vec()).is_err());
+}

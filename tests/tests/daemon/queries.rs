@@ -1,0 +1,491 @@
+//! Queries of scenes and frames of two sets: in process, by a daemon, and when the daemon is killed. Every
+//! answer is what comparing each with each gives.
+
+use pairmask::{
+    Backend, BoxCount, Encoding, EncodingChoice, EngineChoice, EngineName, FindError, FrameError,
+    QueryAnswer, SceneEdit, ServedBy, Session,
+};
+use pairmask_core::engine::{CullError, ReserveError};
+use pairmask_core::filters::Tag;
+use pairmask_core::scene::{
+    Edit, QueryError, QueryTags, Scene, SceneOptions, Sets, Step, Want, between,
+};
+use pairmask_core::{Aabb, BoxClass};
+use pairmask_tests::daemon::{TestDaemon, eventually};
+use pairmask_tests::queried::{QueriedScene, Queries, a_query, overlap};
+use pairmask_tests::scene_edits::{EditMaker, SKIPPED, same_told};
+use pairmask_tests::stress_scenes::Rng;
+use rustix::process::Signal;
+
+const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
+
+fn options(largest: usize) -> SceneOptions {
+    SceneOptions::default().with_most_boxes(largest.max(70) as u32 + SKIPPED)
+}
+
+/// Edits and queries a scene for a while. Returns how many pairs were found.
+fn check(scene: &mut impl QueriedScene, seed: u64, largest: usize, rounds: usize) -> usize {
+    let mut queries = Queries::new(seed, largest);
+    let mut found = 0;
+    for round in 0..rounds {
+        queries.edit(scene);
+        if seed % 2 == 1 && round % 5 == 0 {
+            queries.edit_rules(scene);
+        }
+        let count = [0, 1, 2, 7, 8, 9, 40, 70][round % 8];
+        found += queries.check(scene, count);
+    }
+    found
+}
+
+/// A scene of a session.
+struct Remote<'a> {
+    scene: pairmask::Scene,
+    /// What is done before each request.
+    before: Box<dyn FnMut() + 'a>,
+    served: Vec<ServedBy>,
+}
+
+impl<'a> Remote<'a> {
+    fn new(scene: pairmask::Scene, before: impl FnMut() + 'a) -> Self {
+        Self { scene, before: Box::new(before), served: Vec::new() }
+    }
+}
+
+/// All ways to read an answer give the same.
+fn read(answer: &QueryAnswer, queries: u32) -> Vec<[u32; 2]> {
+    let pairs = answer.to_vec();
+    assert!(answer.iter().eq(pairs.iter().copied()));
+    assert_eq!((answer.count(), answer.is_empty()), (pairs.len() as u64, pairs.is_empty()));
+    let by_query = (0..queries).flat_map(|q| answer.of_query(q).map(move |index| [q, index]));
+    assert!(by_query.eq(pairs.iter().copied()));
+    assert_eq!(answer.of_query(queries).count(), 0);
+    let mask = answer.mask();
+    assert_eq!(mask.n().get(), queries + answer.index_end());
+    assert_eq!(mask.view().verify(), Ok(()));
+    let of_mask = mask.pairs().map(|(a, b)| [a, b - queries]);
+    assert!(of_mask.eq(pairs.iter().copied()));
+    for [query, index] in pairs.iter().take(5) {
+        assert!(mask.contains(*query, queries + index));
+    }
+    pairs
+}
+
+impl QueriedScene for Remote<'_> {
+    fn edit(&mut self, edit: Edit<'_>) {
+        (self.before)();
+        let edit = edit.steps.iter().copied().fold(self.scene.edit(), SceneEdit::step);
+        drop(edit.commit(Want::Changes).unwrap().take());
+    }
+
+    fn query(
+        &mut self,
+        queries: &[Aabb],
+        tags: QueryTags<'_>,
+        encoding: Encoding,
+    ) -> Vec<[u32; 2]> {
+        (self.before)();
+        let asked = self.scene.query(queries).encoding(encoding);
+        let asked = match tags {
+            QueryTags::None => asked,
+            QueryTags::One(tag) => asked.tag(tag),
+            QueryTags::Each(tags) => asked.tags(tags),
+        };
+        let answer = asked.find().unwrap();
+        assert_eq!(answer.mask().encoding(), encoding);
+        self.served.push(answer.served_by());
+        read(&answer, queries.len() as u32)
+    }
+}
+
+#[test]
+fn scenes_of_all_small_sizes_are_queried() {
+    let mut found = 0;
+    for largest in 0..70 {
+        let mut scene = Scene::new(options(largest).with_threads(1));
+        found += check(&mut scene, largest as u64, largest, 40);
+    }
+    assert!(found > 10_000, "{found}");
+}
+
+#[test]
+fn larger_scenes_are_queried_by_few_and_by_many() {
+    for (seed, largest, threads) in [(1, 700, 2), (2, 3_001, 3), (3, 6_007, 2)] {
+        let mut scene = Scene::new(options(largest).with_threads(threads));
+        let mut queries = Queries::new(seed, largest);
+        queries.aim(largest);
+        let mut found = 0;
+        for (round, count) in
+            [1, 5, 63, 64, 65, 700, 129, 1, 300].into_iter().cycle().take(40).enumerate()
+        {
+            while round == 0 && queries.len() < largest / 2 {
+                queries.edit(&mut scene);
+            }
+            queries.edit(&mut scene);
+            if seed == 1 && round % 4 == 0 {
+                queries.edit_rules(&mut scene);
+            }
+            found += queries.check(&mut scene, count);
+        }
+        assert!(found > 1_000, "{found}");
+    }
+}
+
+#[test]
+fn a_query_changes_nothing_that_edits_tell() {
+    for (seed, largest, rounds) in [(1, 40, 400), (2, 300, 400), (3, 6_000, 60)] {
+        let mut maker = EditMaker::new(seed, largest);
+        let mut rng = Rng::new(seed);
+        let [mut asked, mut silent] = [1, 2].map(|n| Scene::new(options(largest).with_threads(n)));
+        if largest > 1_000 {
+            maker.aim(largest, largest);
+        }
+        for _ in 0..rounds {
+            let edit = maker.next_edit();
+            let want = [Want::Changes, Want::Moved, Want::All, Want::Nothing][maker.below(4)];
+            edit.with(0, |edit| {
+                let told = asked.edit(edit, want).unwrap();
+                same_told(told, silent.edit(edit, want).unwrap()).unwrap();
+            });
+            let ask = |scene: &mut Scene, rng: &mut Rng| {
+                let count = [1, 3, 70, 200][rng.below(4) as usize];
+                let queries: Vec<Aabb> = (0..count).map(|_| a_query(rng, 20.0)).collect();
+                scene.query(&queries, QueryTags::None, &mut Vec::new()).unwrap();
+            };
+            // Before an answer is taken, and after.
+            if rng.below(2) == 0 {
+                ask(&mut asked, &mut rng);
+            }
+            if rng.below(3) > 0 {
+                asked.take();
+                silent.take();
+            } else if rng.below(20) == 0 {
+                asked.lose();
+                silent.lose();
+            }
+            if rng.below(2) == 0 {
+                ask(&mut asked, &mut rng);
+            }
+        }
+    }
+}
+
+fn uniform(seed: u64, count: usize, extent: f32) -> Vec<Aabb> {
+    let mut rng = Rng::new(seed);
+    let a_box = |_| {
+        let min = rng.point().map(|x| x * extent);
+        Aabb::new(min, min.map(|x| x + 1.0))
+    };
+    (0..count).map(a_box).collect()
+}
+
+fn scene_of(boxes: &[Aabb], threads: usize) -> Scene {
+    let mut scene = Scene::new(SceneOptions::default().with_threads(threads));
+    let set = Step::Set(Sets { indices: (0..boxes.len() as u32).into(), boxes });
+    scene.edit(Edit { steps: &[set] }, Want::Nothing).unwrap();
+    scene
+}
+
+#[test]
+fn answers_are_the_same_on_any_number_of_threads() {
+    let boxes = uniform(1, 20_000, 60.0);
+    let queries = uniform(2, 3_000, 60.0);
+    let mut expected = Vec::new();
+    scene_of(&boxes, 1).query(&queries, QueryTags::None, &mut expected).unwrap();
+    assert!(expected.is_sorted() && expected.len() > 1_000);
+    for threads in [2, 3, 7] {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        let mut found = Vec::new();
+        pool.install(|| scene_of(&boxes, threads).query(&queries, QueryTags::None, &mut found))
+            .unwrap();
+        assert_eq!(found, expected);
+    }
+}
+
+#[test]
+fn a_query_that_finds_too_much_is_refused_and_the_scene_stays() {
+    let boxes = [Aabb::new([0.0; 3], [1.0; 3]); 500];
+    let mut scene = scene_of(&boxes, 2);
+    let (few, many) = ([boxes[0]; 3], [boxes[0]; 400]);
+    let mut found = Vec::new();
+    scene.limit_query_pairs(1_500);
+    for queries in [&few[..], &many, &few] {
+        let asked = scene.query(queries, QueryTags::None, &mut found);
+        if queries.len() == 3 {
+            assert_eq!((asked.is_ok(), found.len()), (true, 1_500));
+        } else {
+            let too_large = ReserveError::TooLarge { at_least_bytes: 12_008, limit_bytes: 12_000 };
+            assert!(
+                matches!(asked, Err(QueryError::Cull(CullError::Reserve(error))) if error == too_large)
+            );
+        }
+    }
+    scene.limit_query_pairs(1_499);
+    assert!(scene.query(&few, QueryTags::None, &mut found).is_err());
+}
+
+#[test]
+fn each_query_needs_its_tag() {
+    let mut scene = Scene::new(SceneOptions::default());
+    let (queries, tags) = ([Aabb::EMPTY; 3], [Tag::default(); 2]);
+    let asked = scene.query(&queries, QueryTags::Each(&tags), &mut Vec::new());
+    assert!(matches!(asked, Err(QueryError::Tags { queries: 3, tags: 2 })));
+}
+
+#[test]
+fn a_daemon_is_queried() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none", "--audit", "1/1"]);
+    let mut session = daemon.session().backend(Backend::Daemon).connect().unwrap();
+    for (seed, largest, rounds) in [(1, 30, 80), (2, 70, 80), (3, 700, 60)] {
+        let mut scene = Remote::new(session.scene(options(largest)), || ());
+        assert!(check(&mut scene, seed, largest, rounds) > 100);
+        assert!(scene.served.contains(&ServedBy::Daemon));
+    }
+    let mut scene = Remote::new(session.scene(options(6_000)), || ());
+    let mut queries = Queries::new(5, 6_000);
+    queries.aim(6_000);
+    while queries.len() < 3_000 {
+        queries.edit(&mut scene);
+    }
+    let mut found = 0;
+    for count in [300, 5, 1_000] {
+        queries.edit(&mut scene);
+        found += queries.check(&mut scene, count);
+    }
+    assert!(found > 0);
+    drop(scene);
+    audit_is_clean(&mut session);
+}
+
+/// Something was audited, and was right.
+fn audit_is_clean(session: &mut pairmask::Session) {
+    let audit = eventually("answers are checked", || {
+        let audit = session.daemon_status().unwrap().audit;
+        (audit.pairs > 0).then_some(audit)
+    });
+    assert_eq!((audit.missed, audit.extra), (0, 0), "{audit:?}");
+}
+
+#[test]
+fn a_daemon_with_a_gpu_is_queried() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "software", "--audit", "1/1"]);
+    let engine = EngineChoice::Only(EngineName::GpuGrid);
+    let mut session = daemon.session().backend(Backend::Daemon).engine(engine).connect().unwrap();
+    for (seed, largest, rounds) in [(21, 20, 30), (22, 300, 30), (23, 3_001, 10)] {
+        let mut scene = Remote::new(session.scene(options(largest)), || ());
+        let found = check(&mut scene, seed, largest, rounds);
+        assert!(found > 20, "{found}");
+        assert!(scene.served.contains(&ServedBy::Daemon));
+    }
+    audit_is_clean(&mut session);
+}
+
+#[test]
+fn queries_outlive_a_daemon_that_is_killed() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    let mut session = daemon.session().backend(Backend::Auto).connect().unwrap();
+    let mut requests = 0;
+    let mut scene = Remote::new(session.scene(options(70)), || {
+        requests += 1;
+        if requests % 23 == 0 {
+            daemon.signal_worker(Signal::KILL);
+        }
+    });
+    check(&mut scene, 7, 70, 120);
+    assert!(scene.served.contains(&ServedBy::Daemon));
+}
+
+#[test]
+fn a_reply_that_is_too_small_refuses_a_query_and_the_scene_stays() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none", "--max-reply-mib", "1"]);
+    let boxes = vec![Aabb::new([0.0; 3], [1.0; 3]); 2_000];
+    for (backend, is_answered) in [(Backend::Daemon, false), (Backend::Auto, true)] {
+        let mut session = daemon.session().backend(backend).connect().unwrap();
+        let mut scene = session.scene(SceneOptions::default());
+        let set = scene.edit().set_all(0..2_000, &boxes);
+        drop(set.commit(Want::Nothing).unwrap());
+        for (queries, fits) in [(2, true), (1_000, false), (3, true)] {
+            let found = scene.query(&boxes[..queries]).find();
+            match found {
+                Ok(found) => {
+                    assert!(fits || is_answered);
+                    assert_eq!(found.count(), 2_000 * queries as u64);
+                    let by = if fits { ServedBy::Daemon } else { ServedBy::InProcess };
+                    assert_eq!(found.served_by(), by);
+                }
+                Err(error) => {
+                    assert!(!fits && !is_answered, "{error}");
+                    assert!(matches!(error, FindError::Wait(_)));
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn the_model_notices_a_pair_that_is_missing() {
+    struct Forgetful(Scene);
+    impl QueriedScene for Forgetful {
+        fn edit(&mut self, edit: Edit<'_>) {
+            QueriedScene::edit(&mut self.0, edit);
+        }
+        fn query(&mut self, boxes: &[Aabb], tags: QueryTags<'_>, e: Encoding) -> Vec<[u32; 2]> {
+            let mut found = QueriedScene::query(&mut self.0, boxes, tags, e);
+            found.pop();
+            found
+        }
+    }
+    let mut scene = Forgetful(Scene::new(options(40)));
+    let checked =
+        std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| check(&mut scene, 4, 40, 80)));
+    assert!(checked.is_err());
+}
+
+fn naive(first: &[Aabb], second: &[Aabb]) -> Vec<[u32; 2]> {
+    let pairs = (0..).zip(first).flat_map(|(a, x)| {
+        let met = (0..).zip(second).filter(|(_, y)| overlap(x, y));
+        met.map(move |(b, _)| [a, b])
+    });
+    pairs.collect()
+}
+
+#[test]
+fn two_sets_meet_each_other_alone() {
+    let mut rng = Rng::new(9);
+    let sizes = (0..70).map(|i| (i, (i * 37) % 71)).chain([
+        (1, 5_000),
+        (5_000, 3),
+        (301, 1_999),
+        (2_500, 2_500),
+        (4_001, 170),
+    ]);
+    for (a, b) in sizes {
+        let extent = if a * b < 5_000 { 8.0 } else { 30.0 };
+        let mut some =
+            |count: usize| -> Vec<Aabb> { (0..count).map(|_| a_query(&mut rng, extent)).collect() };
+        let (first, second) = (some(a), some(b));
+        let expected = naive(&first, &second);
+        for threads in [1, 2] {
+            let mut found = Vec::new();
+            between(&first, &second, Some(threads), u64::MAX, &mut found).unwrap();
+            assert!(found == expected, "{a} against {b}");
+        }
+    }
+    let boxes = [Aabb::new([0.0; 3], [1.0; 3]); 100];
+    assert!(between(&boxes, &boxes, None, 9_999, &mut Vec::new()).is_err());
+    assert!(between(&boxes, &boxes, None, 10_000, &mut Vec::new()).is_ok());
+}
+
+/// Culls frames of two sets of a session, in each encoding, and some whole ones between.
+fn check_sets(session: impl Fn(Encoding) -> pairmask::Session, by: &[ServedBy]) {
+    let mut rng = Rng::new(17);
+    for encoding in [Encoding::List, Encoding::Sparse, Encoding::Dense] {
+        let mut session = session(encoding);
+        for (a, b) in [(0, 0), (0, 5), (5, 0), (1, 69), (33, 31), (64, 65), (3, 2_000), (901, 700)]
+        {
+            let boxes: Vec<Aabb> = (0..a + b).map(|_| a_query(&mut rng, 12.0)).collect();
+            let mut frame = session.frame(a + b).unwrap();
+            frame.write(&boxes);
+            let mask = frame.submit_between(BoxCount::new(a as u32)).unwrap().wait().unwrap();
+            assert!(by.contains(&mask.info().served_by));
+            assert_eq!((mask.encoding(), mask.n().len()), (encoding, a + b));
+            assert_eq!(mask.view().verify(), Ok(()));
+            let (first, second) = boxes.split_at(a);
+            let expected: Vec<(u32, u32)> =
+                naive(first, second).iter().map(|[x, y]| (*x, a as u32 + y)).collect();
+            assert_eq!(mask.to_vec(), expected, "{a} against {b}, {encoding}");
+            assert_eq!(mask.count(), expected.len() as u64);
+            let invalid = boxes.iter().filter(|b| b.class() == BoxClass::Invalid).count();
+            assert_eq!(mask.info().census.invalid as usize, invalid);
+            drop(mask);
+            // The same boxes as one set.
+            let mut frame = session.frame(a + b).unwrap();
+            frame.write(&boxes);
+            let mask = frame.submit().unwrap().wait().unwrap();
+            let all: Vec<(u32, u32)> = naive(&boxes, &boxes)
+                .iter()
+                .filter(|[x, y]| x < y)
+                .map(|[x, y]| (*x, *y))
+                .collect();
+            let mut found = mask.to_vec();
+            found.sort_unstable();
+            assert_eq!(found, all);
+        }
+        let frame = session.frame(3).unwrap();
+        let refused = frame.submit_between(BoxCount::new(4));
+        assert!(matches!(refused, Err(FrameError::FirstSet { first: 4, n: 3 })));
+    }
+}
+
+#[test]
+fn frames_of_two_sets_are_culled_in_process() {
+    let session = |encoding| {
+        let builder = Session::builder().backend(Backend::InProcess);
+        builder.encoding(EncodingChoice::Only(encoding)).connect().unwrap()
+    };
+    check_sets(session, &[ServedBy::InProcess]);
+}
+
+#[test]
+fn frames_of_two_sets_are_culled_by_a_daemon() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none", "--audit", "1/1"]);
+    let builder = || daemon.session().backend(Backend::Daemon);
+    let in_form = |encoding| builder().encoding(EncodingChoice::Only(encoding));
+    check_sets(|encoding| in_form(encoding).connect().unwrap(), &[ServedBy::Daemon]);
+    audit_is_clean(&mut builder().connect().unwrap());
+    // An engine of a GPU is none of the cores'.
+    let engine = EngineChoice::Only(EngineName::GpuGrid);
+    let mut session = builder().engine(engine).connect().unwrap();
+    let pending = session.frame(4).unwrap().submit_between(BoxCount::new(2)).unwrap();
+    assert!(pending.wait().is_err());
+}
+
+#[test]
+fn frames_of_two_sets_are_culled_by_a_gpu() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "software", "--audit", "1/1"]);
+    let mut rng = Rng::new(23);
+    for (engine, encoding) in [
+        (EngineName::GpuGrid, Encoding::List),
+        (EngineName::GpuGrid, Encoding::Sparse),
+        (EngineName::GpuBrute, Encoding::Dense),
+        (EngineName::GpuBrute, Encoding::List),
+    ] {
+        let builder = daemon.session().backend(Backend::Daemon).engine(EngineChoice::Only(engine));
+        let mut session = builder.encoding(EncodingChoice::Only(encoding)).connect().unwrap();
+        for (a, b) in [(1, 69), (33, 31), (5, 2_000), (901, 1_700)] {
+            let boxes: Vec<Aabb> = (0..a + b).map(|_| a_query(&mut rng, 14.0)).collect();
+            let mut frame = session.frame(a + b).unwrap();
+            frame.write(&boxes);
+            let mask = frame.submit_between(BoxCount::new(a as u32)).unwrap().wait().unwrap();
+            assert_eq!(mask.info().engine, engine, "{a} against {b}");
+            assert_eq!(mask.view().verify(), Ok(()));
+            let (first, second) = boxes.split_at(a);
+            let expected: Vec<(u32, u32)> =
+                naive(first, second).iter().map(|[x, y]| (*x, a as u32 + y)).collect();
+            let mut found = mask.to_vec();
+            found.sort_unstable();
+            assert_eq!(found, expected, "{a} against {b}, {engine} {encoding}");
+            assert_eq!(mask.count(), expected.len() as u64);
+        }
+    }
+    audit_is_clean(&mut daemon.session().backend(Backend::Daemon).connect().unwrap());
+}
+
+#[test]
+fn frames_of_two_sets_outlive_a_daemon_that_is_killed() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    let mut session = daemon.session().backend(Backend::Auto).connect().unwrap();
+    let boxes = uniform(3, 500, 10.0);
+    let (first, second) = boxes.split_at(100);
+    let expected: Vec<(u32, u32)> =
+        naive(first, second).iter().map(|[a, b]| (*a, 100 + b)).collect();
+    for round in 0..30 {
+        let mut frame = session.frame(500).unwrap();
+        frame.write(&boxes);
+        let pending = frame.submit_between(BoxCount::new(100)).unwrap();
+        if round % 7 == 3 {
+            daemon.signal_worker(Signal::KILL);
+        }
+        assert_eq!(pending.wait().unwrap().to_vec(), expected);
+    }
+}

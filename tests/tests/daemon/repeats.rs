@@ -1,0 +1,175 @@
+//! Whole frames that are equal to the last one: answered without an engine, and no other frame is.
+
+use pairmask::{Aabb, Backend, Bounds, PairMask, Precision, ServedBy, Session, Sphere};
+use pairmask_core::{EngineChoice, EngineName};
+use pairmask_tests::daemon::{TestDaemon, eventually};
+use pairmask_tests::spheres::whole_scene;
+use pairmask_tests::{oracle, stress_scenes};
+
+const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
+
+fn cull(session: &mut Session, boxes: &[Aabb]) -> PairMask {
+    let mut frame = session.frame(boxes.len()).unwrap();
+    frame.write(boxes);
+    frame.submit().unwrap().wait().unwrap()
+}
+
+/// Whether a mask was another frame's; its meter says so, and its pairs are those of the boxes.
+fn is_repeat(mask: &PairMask, boxes: &[Aabb]) -> bool {
+    let truth = oracle::truth(boxes);
+    let mut pairs = mask.to_vec();
+    pairs.sort_unstable();
+    assert_eq!(pairs, truth.pairs);
+    let info = mask.info();
+    assert_eq!(info.census, truth.census);
+    let (meter, n) = (&info.skipped, boxes.len() as u64);
+    assert_eq!(meter.why.total(), meter.pairs);
+    if meter.is_repeat() {
+        assert_eq!((meter.boxes, meter.why.unmoved), (n, n * (n - 1) / 2));
+        assert_eq!(info.times.execute_ns, 0, "no engine worked");
+    }
+    meter.is_repeat()
+}
+
+fn backends(daemon: &TestDaemon) -> [(ServedBy, pairmask::SessionBuilder); 2] {
+    let builder = daemon.session();
+    [
+        (ServedBy::Daemon, builder.clone()),
+        (ServedBy::InProcess, builder.backend(Backend::InProcess)),
+    ]
+}
+
+#[test]
+fn equal_frames_are_not_culled_and_one_changed_box_is_found_at_once() {
+    let daemon = TestDaemon::start(DAEMON, &[]);
+    for (served_by, builder) in backends(&daemon) {
+        for n in [40_usize, 300, 5_000] {
+            let mut session = builder.clone().connect().unwrap();
+            let mut boxes = stress_scenes::named("uniform").boxes(n as u32, 3);
+            boxes[n / 2] = Aabb::EMPTY;
+            let mut repeats = Vec::new();
+            for _ in 0..5 {
+                let mask = cull(&mut session, &boxes);
+                assert_eq!(mask.info().served_by, served_by);
+                repeats.push(is_repeat(&mask, &boxes));
+            }
+            assert_eq!(repeats, [false, false, true, true, true], "{served_by:?} {n}");
+            // Every box in turn: most are in no sample.
+            for i in (0..n).step_by(n / 20) {
+                boxes[i] = boxes[(i + 1) % n];
+                let mask = cull(&mut session, &boxes);
+                assert!(!is_repeat(&mask, &boxes), "{served_by:?} {n} {i}");
+                for _ in 0..4 {
+                    is_repeat(&cull(&mut session, &boxes), &boxes);
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn a_named_engine_and_a_session_that_asks_for_it_cull_every_frame() {
+    let daemon = TestDaemon::start(DAEMON, &[]);
+    let boxes = stress_scenes::named("uniform").boxes(300, 4);
+    for (served_by, builder) in backends(&daemon) {
+        let named = builder.clone().engine(EngineChoice::Only(EngineName::CpuGrid));
+        for builder in [named, builder.answer_repeats(false)] {
+            let mut session = builder.connect().unwrap();
+            for _ in 0..6 {
+                assert!(!is_repeat(&cull(&mut session, &boxes), &boxes), "{served_by:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn narrow_boxes_and_spheres_are_answered_again_too() {
+    let daemon = TestDaemon::start(DAEMON, &[]);
+    let boxes = stress_scenes::named("uniform").boxes(300, 5);
+    let spheres: Vec<Sphere> = whole_scene(300, 25, 6).0;
+    let bounds = Bounds::new([0.0; 3], [100.0; 3]).unwrap();
+    for (served_by, builder) in backends(&daemon) {
+        let mut session = builder.connect().unwrap();
+        for precision in [Precision::Q16(bounds), Precision::Q8(bounds), Precision::F16] {
+            let masks = [(); 4].map(|()| {
+                let mut frame = session.narrow_frame(boxes.len(), precision).unwrap();
+                frame.fill(&boxes);
+                let mask = frame.submit().unwrap().wait().unwrap();
+                // The second frame may be another engine's, in another order.
+                let mut pairs = mask.to_vec();
+                pairs.sort_unstable();
+                (mask.info().skipped.is_repeat(), pairs)
+            });
+            let repeats = masks.each_ref().map(|(repeat, _)| *repeat);
+            assert_eq!(repeats, [false, false, true, true], "{served_by:?} {precision:?}");
+            assert!(masks.iter().all(|(_, pairs)| *pairs == masks[0].1));
+        }
+        let masks = [(); 4].map(|()| {
+            let mut frame = session.sphere_frame(spheres.len()).unwrap();
+            frame.spheres_mut().copy_from_slice(&spheres);
+            let mask = frame.submit().unwrap().wait().unwrap();
+            (mask.info().skipped.is_repeat(), mask.to_vec())
+        });
+        assert_eq!(masks.each_ref().map(|m| m.0), [false, false, true, true], "{served_by:?}");
+        assert!(masks.iter().all(|(_, pairs)| *pairs == masks[0].1));
+    }
+}
+
+#[test]
+fn another_sessions_frame_is_never_answered_again() {
+    let daemon = TestDaemon::start(DAEMON, &[]);
+    let scenes = [7, 8].map(|seed| stress_scenes::named("uniform").boxes(200, seed));
+    let mut sessions = [(); 2].map(|()| daemon.session().connect().unwrap());
+    for round in 0..5 {
+        for (session, boxes) in sessions.iter_mut().zip(&scenes) {
+            assert_eq!(is_repeat(&cull(session, boxes), boxes), round >= 2);
+        }
+    }
+    // A session that comes later begins anew, also with boxes that were seen.
+    let mut third = daemon.session().connect().unwrap();
+    assert!(!is_repeat(&cull(&mut third, &scenes[0]), &scenes[0]));
+}
+
+#[test]
+fn frames_under_way_together_are_answered_each_with_its_own_pairs() {
+    let daemon = TestDaemon::start(DAEMON, &[]);
+    let scenes = [9, 10].map(|seed| stress_scenes::named("uniform").boxes(3_000, seed));
+    let mut session = daemon.session().connect().unwrap();
+    for round in 0..40 {
+        // Runs of equal frames of two scenes, two frames at a time.
+        let pending = [0, 1].map(|i| {
+            let boxes = &scenes[(round + i) / 7 % 2];
+            let mut frame = session.frame(boxes.len()).unwrap();
+            frame.write(boxes);
+            (frame.submit().unwrap(), boxes)
+        });
+        for (pending, boxes) in pending {
+            is_repeat(&pending.wait().unwrap(), boxes);
+        }
+    }
+}
+
+/// Answers that are given again are audited as others are.
+#[test]
+fn the_auditor_checks_them() {
+    let daemon = TestDaemon::start(DAEMON, &["--audit", "1/1"]);
+    let boxes = stress_scenes::named("uniform").boxes(500, 11);
+    let mut session = daemon.session().connect().unwrap();
+    let mut repeats = 0;
+    for _ in 0..10 {
+        repeats += u64::from(is_repeat(&cull(&mut session, &boxes), &boxes));
+        std::thread::sleep(std::time::Duration::from_millis(20));
+    }
+    assert_eq!(repeats, 8);
+    eventually("all are drawn", || {
+        let audit = session.daemon_status().unwrap().audit;
+        (audit.frames + audit.skipped == 10).then_some(())
+    });
+    // Two windows are in circulation: the third frame that is checked is a repeat.
+    let audit = eventually("repeats are checked", || {
+        is_repeat(&cull(&mut session, &boxes), &boxes);
+        let audit = session.daemon_status().unwrap().audit;
+        (audit.frames > 2).then_some(audit)
+    });
+    assert_eq!((audit.missed, audit.extra), (0, 0));
+}

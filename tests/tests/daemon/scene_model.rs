@@ -1,0 +1,445 @@
+//! Scenes against a naive model: random edits over all verbs, in process, by a daemon with cores and with a GPU, when
+//! the daemon is killed, and by several members of one scene. Where one differs, the smallest script is printed.
+//!
+//! A tier of seconds runs with every `cargo test`; the ignored tests run millions of edits with the nightly tier.
+//! `PAIRMASK_MODEL_SEED` and `PAIRMASK_MODEL_EDITS` say from which seed on, and how many.
+
+use std::cell::Cell;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::time::Duration;
+
+use pairmask::{Backend, EngineChoice, EngineName, ServedBy, Session};
+use pairmask_core::Aabb;
+use pairmask_core::filters::{FilterId, Owner, Tag, World};
+use pairmask_core::scene::{
+    Edit, EditError, Scene, SceneError, SceneOptions, Sets, Step, Tags, Want,
+};
+use pairmask_tests::daemon::{PATIENCE, TestDaemon, eventually};
+use pairmask_tests::gpu;
+use pairmask_tests::oracle;
+use pairmask_tests::scene_model::{
+    AtEnd, CoreScene, EndReason, Event, Fate, Heard, Hears, Kind, Mode, Model, Op, Script, Seen,
+    SessionScene, Sessions, SharedMembers, Subject, Turn, at, check, hold, one, script_of, turn,
+};
+use rustix::process::Signal;
+
+const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
+
+/// A number that the environment may give.
+fn given(variable: &str, usual: usize) -> usize {
+    std::env::var(variable).map_or(usual, |text| text.parse().unwrap())
+}
+
+/// Edits of each kind: most of small scripts.
+fn of_kinds(edits: usize) -> [(Kind, usize); 3] {
+    let (crowds, large) = (edits / 20, edits / 100);
+    [(Kind::Small, edits - crowds - large), (Kind::Crowd, crowds), (Kind::Large, large)]
+}
+
+/// Holds scenes to scripts of each kind.
+fn hold_all<S: Subject>(
+    seed: u64,
+    kinds: [(Kind, usize); 3],
+    mut subject: impl FnMut(&Script) -> S,
+) -> Seen {
+    let mut seen = Seen::default();
+    for (kind, edits) in kinds {
+        seen.add(hold(kind, seed, edits, &mut subject));
+    }
+    assert!(seen.ended.iter().all(|count| *count > 0), "each reason is told: {seen:?}");
+    assert!(seen.resyncs > 0, "{seen:?}");
+    println!("{seen:?}");
+    seen
+}
+
+/// A script for the nightly tier: a seed that no quick test has, and so many edits.
+fn nightly(edits: usize) -> (u64, [(Kind, usize); 3]) {
+    let seed = given("PAIRMASK_MODEL_SEED", 1_000_000) as u64;
+    (seed, of_kinds(given("PAIRMASK_MODEL_EDITS", edits)))
+}
+
+fn in_pool<R: Send>(work: impl FnOnce() -> R + Send) -> R {
+    rayon::ThreadPoolBuilder::new().num_threads(3).build().unwrap().install(work)
+}
+
+fn in_process() -> Session {
+    Session::builder().backend(Backend::InProcess).connect().unwrap()
+}
+
+#[test]
+fn scenes_of_one_thread_are_those_of_the_model() {
+    let kinds = [(Kind::Small, 8_000), (Kind::Crowd, 100), (Kind::Large, 60)];
+    hold_all(0, kinds, |script| CoreScene::new(script, 1));
+}
+
+#[test]
+fn scenes_of_several_threads_are_those_of_the_model() {
+    let kinds = [(Kind::Small, 1_000), (Kind::Crowd, 100), (Kind::Large, 60)];
+    in_pool(|| hold_all(10_000, kinds, |script| CoreScene::new(script, 3)));
+}
+
+#[test]
+fn scenes_of_sessions_in_process_are_those_of_the_model() {
+    let mut session = in_process();
+    let kinds = [(Kind::Small, 2_000), (Kind::Crowd, 30), (Kind::Large, 30)];
+    hold_all(20_000, kinds, |script| {
+        SessionScene::of(&mut session, script, ServedBy::InProcess, EngineName::CpuGrid)
+    });
+}
+
+#[test]
+fn scenes_of_a_daemon_are_those_of_the_model() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none", "--audit", "1/1"]);
+    let mut session = daemon.session().connect().unwrap();
+    let mut scene = |script: &Script| {
+        SessionScene::of(&mut session, script, ServedBy::Daemon, EngineName::CpuGrid)
+    };
+    let kinds = [(Kind::Small, 2_000), (Kind::Crowd, 30), (Kind::Large, 30)];
+    hold_all(30_000, kinds, &mut scene);
+    let mut seed = 31_000;
+    let audit = eventually("scenes are audited", || {
+        // The auditor gives up a scene that is edited faster than it follows: then there are others.
+        seed += 100;
+        hold(Kind::Small, seed, 200, |script| {
+            SessionScene::of(&mut session, script, ServedBy::Daemon, EngineName::CpuGrid)
+        });
+        let audit = session.daemon_status().unwrap().audit;
+        (audit.frames > 100 && audit.pairs > 1_000).then_some(audit)
+    });
+    assert_eq!((audit.missed, audit.extra), (0, 0), "{audit:?}");
+}
+
+/// Scenes in video memory.
+fn hold_gpu(seed: u64, kinds: [(Kind, usize); 3]) {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", &gpu::name()]);
+    let engine = EngineName::GpuGrid;
+    let session = daemon.session().engine(EngineChoice::Only(engine)).deadline(PATIENCE);
+    let mut session = session.connect().unwrap();
+    hold_all(seed, kinds, |script| {
+        SessionScene::of(&mut session, script, ServedBy::Daemon, engine)
+    });
+}
+
+#[test]
+fn scenes_of_a_gpu_are_those_of_the_model() {
+    hold_gpu(40_000, [(Kind::Small, 400), (Kind::Crowd, 20), (Kind::Large, 20)]);
+}
+
+#[test]
+fn scenes_outlive_a_daemon_that_is_killed() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    let mut session = daemon.session().backend(Backend::Auto).connect().unwrap();
+    let (served, kills) = (Cell::new(0), Cell::new(0));
+    let kinds = [(Kind::Small, 300), (Kind::Crowd, 30), (Kind::Large, 30)];
+    hold_all(50_000, kinds, |script| {
+        SessionScene::disturbed(&mut session, script, |by| match by {
+            // Time to come back.
+            ServedBy::InProcess => std::thread::sleep(Duration::from_millis(20)),
+            ServedBy::Daemon => {
+                served.set(served.get() + 1);
+                if served.get() % 25 == 0 {
+                    daemon.signal_worker(Signal::KILL);
+                    kills.set(kills.get() + 1);
+                }
+            }
+        })
+    });
+    assert!(kills.get() > 1, "{} edits by the daemon", served.get());
+}
+
+#[test]
+fn shared_scenes_are_those_of_the_model() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    let sessions = Sessions::new(&daemon.session());
+    let seen = hold(Kind::Shared, 60_000, 2_000, |script| SharedMembers::new(&sessions, script));
+    assert!(seen.ended.iter().all(|count| *count > 0) && seen.resyncs > 0, "{seen:?}");
+}
+
+#[test]
+fn shared_scenes_of_a_gpu_are_those_of_the_model() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", &gpu::name()]);
+    let engine = EngineChoice::Only(EngineName::GpuGrid);
+    let sessions = Sessions::new(&daemon.session().engine(engine).deadline(PATIENCE));
+    hold(Kind::Shared, 70_000, 200, |script| SharedMembers::new(&sessions, script));
+}
+
+#[test]
+#[ignore = "minutes: the nightly tier runs it"]
+fn a_million_edits_are_those_of_the_model() {
+    let (seed, kinds) = nightly(1_000_000);
+    in_pool(|| {
+        let threads = Cell::new(0);
+        hold_all(seed, kinds, |script| {
+            threads.set(threads.get() % 3 + 1);
+            CoreScene::new(script, threads.get())
+        });
+    });
+}
+
+#[test]
+#[ignore = "minutes: the nightly tier runs it"]
+fn a_hundred_thousand_edits_of_a_daemon_are_those_of_the_model() {
+    let (seed, kinds) = nightly(100_000);
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    let mut session = daemon.session().deadline(PATIENCE).connect().unwrap();
+    hold_all(seed, kinds, |script| {
+        SessionScene::of(&mut session, script, ServedBy::Daemon, EngineName::CpuGrid)
+    });
+    let sessions = Sessions::new(&daemon.session());
+    let edits = kinds[0].1;
+    hold(Kind::Shared, seed, edits, |script| SharedMembers::new(&sessions, script));
+}
+
+#[test]
+#[ignore = "an hour on a software driver: the nightly tier runs it"]
+fn a_hundred_thousand_edits_of_a_gpu_are_those_of_the_model() {
+    let (seed, kinds) = nightly(100_000);
+    hold_gpu(seed, kinds);
+}
+
+/// A scene whose answers somebody falsifies.
+struct Liar<F>(CoreScene, F);
+
+impl<F: FnMut(&mut Heard)> Subject for Liar<F> {
+    fn tick(&mut self, turns: &[Turn]) -> Result<Vec<(u64, Option<Heard>)>, String> {
+        let mut told = self.0.tick(turns)?;
+        told.iter_mut().filter_map(|(_, heard)| heard.as_mut()).for_each(&mut self.1);
+        Ok(told)
+    }
+
+    fn invalidate(&mut self) {
+        self.0.invalidate();
+    }
+}
+
+/// Three boxes that overlap, one of which moves away.
+fn three() -> Script {
+    let boxes = [0, 1, 2].map(|index| Op::Set(index, unit()));
+    let away = Op::Set(2, at([9.0, 0.0, 0.0, 10.0, 1.0, 1.0]));
+    let events = vec![
+        one(&boxes, Mode::Changes, Fate::Acknowledged),
+        one(&[away], Mode::Changes, Fate::Acknowledged),
+        one(&[Op::Switch(0, true)], Mode::Moved, Fate::Acknowledged),
+        one(&[], Mode::All, Fate::Acknowledged),
+        Event::Invalidate,
+        one(&[], Mode::Changes, Fate::Acknowledged),
+    ];
+    Script { limit: 3, shared: None, events }
+}
+
+const fn unit() -> Aabb {
+    at([0.0, 0.0, 0.0, 1.0, 1.0, 1.0])
+}
+
+#[test]
+fn the_model_finds_the_pairs_of_the_oracle() {
+    for (kind, seeds) in [(Kind::Small, 0..200), (Kind::Large, 0..4)] {
+        for script in seeds.map(|seed| script_of(kind, seed)) {
+            let (mut model, mut boxes) =
+                (Model::default(), vec![Aabb::EMPTY; script.limit as usize]);
+            for op in script.turns().flat_map(|turn| &turn.ops) {
+                if let Op::Set(index, b) = op {
+                    model.apply(0, std::slice::from_ref(op));
+                    boxes[*index as usize] = *b;
+                }
+            }
+            let truth = oracle::truth(&boxes).pairs.into_iter().map(|(a, b)| [a, b]);
+            assert!(model.pairs().into_keys().eq(truth), "{script}");
+        }
+    }
+}
+
+/// What falsifies an answer.
+type Lie = fn(&mut Heard);
+
+#[test]
+fn the_model_notices_each_falsified_answer() {
+    let told = check(&three(), &mut CoreScene::new(&three(), 1)).unwrap();
+    assert_eq!((told.edits, told.ended, told.resyncs), (5, [0, 0, 2], 1));
+    let lies: [(&str, Lie); 9] = [
+        ("begun", |heard| heard.begun.truncate(heard.begun.len().saturating_sub(1))),
+        ("begun", |heard| heard.begun.extend(heard.begun.first().copied())),
+        ("begun", |heard| heard.begun.reverse()),
+        ("ended", |heard| heard.ended.truncate(heard.ended.len().saturating_sub(1))),
+        ("ended", |heard| heard.ended.iter_mut().for_each(|e| e.reason = EndReason::Removed)),
+        ("pairs", |heard| heard.pairs.truncate(heard.pairs.len().saturating_sub(1))),
+        ("pairs", |heard| heard.pairs.push([1, 2])),
+        ("resync", |heard| heard.is_resync = false),
+        ("count", |heard| heard.pair_count = heard.pair_count.map(|count| count + 1)),
+    ];
+    for (number, (kind, lie)) in lies.into_iter().enumerate() {
+        let failure = check(&three(), &mut Liar(CoreScene::new(&three(), 1), lie)).unwrap_err();
+        assert_eq!(failure.kind, kind, "lie {number}: {failure:?}");
+    }
+}
+
+#[test]
+fn a_script_that_fails_is_printed_as_small_as_it_can_be() {
+    // Ends by a static flag are never told.
+    let lie = |heard: &mut Heard| heard.ended.retain(|e| e.reason != EndReason::Filtered);
+    let held = catch_unwind(AssertUnwindSafe(|| {
+        hold(Kind::Small, 0, 10_000, |script| Liar(CoreScene::new(script, 1), lie))
+    }));
+    let text = held.unwrap_err().downcast::<String>().unwrap();
+    assert!(text.contains("ended: None for Some(Ended"), "{text}");
+    let ops = ["Set(", "Switch(", "Static(", "Tag(", "Filters(", "Include(", "Exclude(", "Remove("];
+    let count: usize = ops.iter().map(|op| text.matches(op).count()).sum();
+    assert!(count <= 6, "two boxes, and what keeps them apart: {text}");
+}
+
+/// Plays a script that was found once, as the shrinker printed it.
+fn plays(limit: u32, events: Vec<Event>) {
+    let script = Script { limit, shared: None, events };
+    let told = check(&script, &mut CoreScene::new(&script, 1));
+    assert!(told.is_ok(), "{}", told.unwrap_err().text);
+}
+
+fn takes(ops: &[Op]) -> Event {
+    one(ops, Mode::Changes, Fate::Acknowledged)
+}
+
+#[test]
+fn a_pair_ends_that_becomes_static_in_the_first_edit_that_lists_pairs() {
+    let boxes = [Op::Set(0, unit()), Op::Set(1, unit()), Op::Set(2, unit()), Op::Static(0, true)];
+    for list in [Op::Exclude([1, 2], true), Op::Include([2, 1], false)] {
+        plays(3, vec![takes(&boxes), takes(&[list, Op::Static(2, true)])]);
+    }
+}
+
+#[test]
+fn a_removal_is_told_that_no_answer_told_before_the_first_rules() {
+    let boxes = [Op::Set(0, unit()), Op::Set(1, unit())];
+    let tag = Op::Tag(0, Tag::new(World(0), Owner(1), FilterId(0)));
+    let renewed = [Op::Remove(1), Op::Set(1, unit())];
+    for removed in [&renewed[..], &renewed[..1]] {
+        for (mode, fate) in [(Mode::Changes, Fate::Dropped), (Mode::Nothing, Fate::Acknowledged)] {
+            let rules = takes(std::slice::from_ref(&tag));
+            plays(2, vec![takes(&boxes), one(removed, mode, fate), rules]);
+        }
+    }
+}
+
+#[test]
+fn a_listed_pair_ends_with_either_of_its_boxes() {
+    let boxes = [Op::Set(0, unit()), Op::Set(1, unit())];
+    for list in [Op::Exclude([0, 1], true), Op::Include([0, 1], true)] {
+        let kept_apart = Op::Filters(vec![pairmask::filters::Filter::NONE]);
+        let is_included = matches!(list, Op::Include(..));
+        let first = if is_included { vec![list, kept_apart] } else { vec![list] };
+        // It waits for boxes that are not there yet.
+        let renewed = [Op::Remove(1), Op::Set(1, unit())];
+        plays(2, vec![takes(&first), takes(&boxes), takes(&renewed), takes(&[])]);
+    }
+}
+
+/// Plays scripts of two members, as the shrinker printed them.
+fn plays_shared(at_end: AtEnd, scripts: Vec<Vec<Event>>) {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    let sessions = Sessions::new(&daemon.session());
+    for events in scripts {
+        let script = Script { limit: 2, shared: Some(at_end), events };
+        let told = check(&script, &mut SharedMembers::new(&sessions, &script));
+        assert!(told.is_ok(), "{}\n{script}", told.unwrap_err().text);
+    }
+}
+
+#[test]
+fn steps_say_which_boxes_are_static_and_not_their_tags() {
+    fn tags(tags: &[Tag]) -> Step<'_> {
+        Step::Tag(Tags { indices: (0..2).into(), tags })
+    }
+    let boxes = [Aabb::new([0.0; 3], [1.0; 3]); 2];
+    let set = Step::Set(Sets { indices: (0..2).into(), boxes: &boxes });
+    let (plain, of_static) = ([Tag::default(); 2], [Tag::default().with_static(true); 2]);
+    let mut scene = Scene::new(SceneOptions::default().with_most_boxes(10));
+    let mut count = |steps: &[Step<'_>]| {
+        scene.edit(Edit { steps }, Want::All).expect("an answer").pairs().len()
+    };
+    assert_eq!(count(&[set, tags(&of_static)]), 1);
+    assert_eq!(count(&[Step::Static((0..2).into(), true)]), 0);
+    assert_eq!(count(&[tags(&plain)]), 0, "as the step has said");
+    assert_eq!(count(&[tags(&of_static), Step::Static((1..2).into(), false)]), 1);
+}
+
+#[test]
+fn a_wrong_edit_of_rules_changes_nothing() {
+    let mut scene = Scene::new(SceneOptions::default().with_most_boxes(10));
+    let boxes = [Aabb::new([0.0; 3], [1.0; 3]); 3];
+    let set = Step::Set(Sets { indices: (0..3).into(), boxes: &boxes });
+    scene.edit(Edit { steps: &[set] }, Want::Changes).expect("an answer");
+    scene.take();
+    let tags = [Tag::default().with_world(World(1)); 3];
+    let tag = |indices, count: usize| Step::Tag(Tags { indices, tags: &tags[..count] });
+    let wrong: [(&[Step<'_>], EditError); 6] = [
+        (&[tag((0..3).into(), 2)], EditError::Lengths { indices: 3, boxes: 2 }),
+        (&[tag((2..4).into(), 2)], EditError::Absent { index: 3 }),
+        (&[tag((9..12).into(), 3)], EditError::BeyondLimit { index: 11, limit: 10 }),
+        (&[Step::Include(&[[1, 10]], true)], EditError::BeyondLimit { index: 10, limit: 10 }),
+        (&[Step::Remove((1..2).into()), tag((1..2).into(), 1)], EditError::Absent { index: 1 }),
+        (&[tag((0..1).into(), 1), Step::Remove((5..6).into())], EditError::Absent { index: 5 }),
+    ];
+    for (steps, expected) in wrong {
+        let refused = scene.edit(Edit { steps }, Want::Changes).map(drop);
+        assert_eq!(refused, Err(SceneError::Edit(expected)), "{steps:?}");
+        let told = scene.edit(Edit::NONE, Want::Changes).expect("an answer");
+        assert!(told.begun().is_empty() && told.ended().is_empty(), "{steps:?}");
+    }
+}
+
+/// A tick of the host and of another member, who may be late.
+fn tick(host: &[Op], other: Option<(&[Op], Fate)>) -> Event {
+    let host = turn(0, host, Mode::Changes, Fate::Acknowledged);
+    let other = other.map(|(ops, fate)| turn(1, ops, Mode::Changes, fate));
+    Event::Tick(std::iter::once(host).chain(other).collect())
+}
+
+/// Boxes 0 and 1 are the host's, 3 and 4 the other member's.
+fn joined(host: &[Op], other: &[Op]) -> Vec<Event> {
+    let joins = [Event::Join(0, Hears::All), Event::Join(1, Hears::All)];
+    let first = tick(host, Some((other, Fate::Acknowledged)));
+    joins.into_iter().chain([first]).collect()
+}
+
+#[test]
+fn a_member_is_told_of_a_removal_that_it_has_missed() {
+    let away = Op::Set(0, at([9.0, 0.0, 0.0, 10.0, 1.0, 1.0]));
+    let scripts = [&[Op::Set(0, unit())][..], &[]].map(|last| {
+        let mut events = joined(&[Op::Set(0, unit())], &[Op::Set(3, unit())]);
+        events.push(tick(std::slice::from_ref(&away), Some((&[], Fate::Dropped))));
+        events.push(tick(&[Op::Remove(0), away.clone()], None));
+        events.push(tick(&[], None));
+        events.push(tick(last, Some((&[], Fate::Acknowledged))));
+        events
+    });
+    plays_shared(AtEnd::Remove, scripts.into());
+}
+
+#[test]
+fn kept_boxes_are_what_their_next_member_says() {
+    // An owner keeps two static boxes apart as well: the host has what the flag needs.
+    let host = |flag: &Op| match flag {
+        Op::Tag(..) => [Op::Set(0, unit()), Op::Tag(0, owned())],
+        _ => [Op::Set(0, unit()), Op::Static(0, true)],
+    };
+    let flags = [Op::Static(3, true), Op::Switch(3, false), Op::Tag(3, owned())];
+    let plain = [Op::Static(3, false), Op::Switch(3, true), Op::Tag(3, Tag::default())];
+    let mut scripts = Vec::new();
+    for (flag, plain) in flags.into_iter().zip(plain) {
+        for (says, is_first) in [(true, true), (false, true), (false, false)] {
+            let mut events = joined(&host(&flag), &[Op::Set(3, unit()), flag.clone()]);
+            events.extend([Event::Leave(1), Event::Join(1, Hears::All)]);
+            if !is_first {
+                events.push(tick(&[], Some((&[], Fate::Acknowledged))));
+            }
+            let set = Op::Set(3, unit());
+            let ops = if says { vec![set, plain.clone()] } else { vec![set] };
+            events.push(tick(&[], Some((&ops, Fate::Acknowledged))));
+            scripts.push(events);
+        }
+    }
+    plays_shared(AtEnd::Keep, scripts);
+}
+
+fn owned() -> Tag {
+    Tag::new(World(0), Owner(1), FilterId(0))
+}

@@ -1,0 +1,166 @@
+//! The three places of a session, which frames share with edits, answers and ends of scenes.
+
+use std::time::Duration;
+
+use pairmask::scene::{SceneOptions, Want};
+use pairmask::{Aabb, Backend, CommitError, ConnectError, FrameError, Scene, ServedBy, Session};
+use pairmask_tests::daemon::{PATIENCE, TestDaemon, eventually};
+use rustix::process::Signal;
+
+const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
+
+fn at(x: f32) -> Aabb {
+    Aabb::new([x, 0.0, 0.0], [x + 1.0, 1.0, 1.0])
+}
+
+#[test]
+fn answers_and_frames_share_the_places_of_a_session() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    let mut session = daemon.session().connect().unwrap();
+    let mut scene = session.scene(SceneOptions::default());
+    let frames: Vec<_> = (0..3).map(|_| session.frame(4).unwrap()).collect();
+    let full = scene.edit().set(0, at(0.0)).commit(Want::All).map(drop).unwrap_err();
+    assert!(matches!(full, CommitError::Frame(FrameError::TooManyFrames)), "{full}");
+    assert!(scene.is_empty());
+    drop(frames);
+    let answer = scene.edit().set(0, at(0.0)).commit(Want::All).unwrap();
+    assert_eq!(answer.pair_count(), Some(0));
+}
+
+/// Scenes of two boxes each, whose one pair was told.
+fn told_scenes<const N: usize>(session: &mut Session) -> [Scene; N] {
+    std::array::from_fn(|_| {
+        let mut scene = session.scene(SceneOptions::default());
+        let edit = scene.edit().set(0, at(0.0)).set(1, at(0.5));
+        assert_eq!(edit.commit(Want::Changes).unwrap().take().begun(), [[0, 1]]);
+        scene
+    })
+}
+
+/// Adds a box that touches box 1 alone, and waits for nothing.
+fn leave_an_edit(scene: &mut Scene) {
+    drop(scene.edit().set(2, at(1.2)).submit(Want::Changes).unwrap());
+}
+
+/// The answer after [`leave_an_edit`] tells what that would have told, and what is new.
+fn make_up(scene: &mut Scene) {
+    let answer = scene.edit().remove(0).commit(Want::Changes).unwrap().take();
+    assert_eq!((answer.served_by(), answer.is_resync()), (ServedBy::Daemon, false));
+    assert_eq!(answer.begun(), [[1, 2]]);
+    assert_eq!(answer.ended().to_vec()[0].pair, [0, 1]);
+    assert_eq!(answer.pair_count(), Some(1));
+}
+
+fn is_full<T>(result: &Result<T, FrameError>) -> bool {
+    matches!(result, Err(FrameError::TooManyFrames))
+}
+
+#[test]
+fn an_edit_that_nobody_waits_for_holds_no_place() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    let mut session = daemon.session().connect().unwrap();
+    let mut scenes: [Scene; 5] = told_scenes(&mut session);
+    // The fourth and fifth edit want places too.
+    scenes.iter_mut().for_each(leave_an_edit);
+    assert_eq!(session.daemon_status().unwrap().scenes, 5);
+    let mut frame = session.frame(2).unwrap();
+    frame.boxes_mut().copy_from_slice(&[at(0.0), at(0.5)]);
+    assert_eq!(frame.submit().unwrap().wait().unwrap().to_vec(), [(0, 1)]);
+
+    let frames: Vec<_> = (0..3).map(|_| session.frame(4).unwrap()).collect();
+    assert!(is_full(&session.frame(4)), "three frames hold the three places");
+    drop(frames);
+    scenes.iter_mut().for_each(make_up);
+
+    // An edit that somebody waits for keeps its place, and so does an answer.
+    let [a, b, c, ..] = &mut scenes;
+    let pending = a.edit().set(0, at(0.0)).submit(Want::All).unwrap();
+    let answer = b.edit().commit(Want::All).unwrap();
+    leave_an_edit(c);
+    let frame = session.frame(4).unwrap();
+    assert!(is_full(&session.frame(4)));
+    assert_eq!(pending.wait().unwrap().pair_count(), Some(2));
+    assert_eq!(answer.pair_count(), Some(1));
+    drop(frame);
+
+    // A scene that ends by its client ends in the daemon too.
+    scenes.iter_mut().for_each(leave_an_edit);
+    drop(scenes);
+    assert_eq!(session.daemon_status().unwrap().scenes, 0);
+}
+
+#[test]
+fn a_scene_that_ends_while_there_is_no_place_ends_in_the_daemon_too() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    let mut session = daemon.session().deadline(PATIENCE).connect().unwrap();
+    let scenes: [Scene; 5] = told_scenes(&mut session);
+    let frames: Vec<_> = (0..3).map(|_| session.frame(4).unwrap()).collect();
+    drop(scenes);
+    drop(frames);
+    assert_eq!(session.daemon_status().unwrap().scenes, 0);
+
+    // Nor is it lost where the daemon does nothing for longer than the end waits.
+    let mut scenes: [Scene; 5] = told_scenes(&mut session);
+    daemon.signal_worker(Signal::STOP);
+    scenes[..2].iter_mut().for_each(leave_an_edit);
+    drop(scenes);
+    daemon.signal_worker(Signal::CONT);
+    assert_eq!(session.daemon_status().unwrap().scenes, 0);
+}
+
+#[test]
+fn a_place_is_waited_for_while_an_answer_is_under_way() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    let mut session = daemon.session().deadline(PATIENCE).connect().unwrap();
+    let mut scenes: [Scene; 3] = told_scenes(&mut session);
+    daemon.signal_worker(Signal::STOP);
+    scenes.iter_mut().for_each(leave_an_edit);
+    std::thread::scope(|threads| {
+        threads.spawn(|| {
+            std::thread::sleep(Duration::from_millis(50));
+            daemon.signal_worker(Signal::CONT);
+        });
+        // Two scenes on threads of their own, beside frames: the three share the places with the third
+        // scene's edit, which nobody waits for.
+        for scene in &mut scenes[..2] {
+            threads.spawn(|| make_up(scene));
+        }
+        for _ in 0..20 {
+            let mut frame = session.frame(2).unwrap();
+            frame.boxes_mut().copy_from_slice(&[at(0.0), at(0.5)]);
+            assert_eq!(frame.submit().unwrap().wait().unwrap().to_vec(), [(0, 1)]);
+        }
+    });
+    make_up(&mut scenes[2]);
+}
+
+#[test]
+fn a_daemon_that_answers_no_edit_is_given_up_by_the_frame_that_wants_its_place() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    let deadline = Duration::from_millis(100);
+    let mut strict = daemon.session().deadline(deadline).connect().unwrap();
+    let mut session = daemon.session().deadline(deadline).backend(Backend::Auto).connect().unwrap();
+    let mut strict_scenes: [Scene; 3] = told_scenes(&mut strict);
+    let mut scenes: [Scene; 3] = told_scenes(&mut session);
+    daemon.signal_worker(Signal::STOP);
+    strict_scenes.iter_mut().chain(&mut scenes).for_each(leave_an_edit);
+    let silent = strict.frame(2).unwrap_err();
+    assert!(matches!(silent, FrameError::Connect(ConnectError::Silent { .. })), "{silent}");
+    let mut frame = session.frame(2).unwrap();
+    frame.boxes_mut().copy_from_slice(&[at(0.0), at(0.5)]);
+    let mask = frame.submit().unwrap().wait().unwrap();
+    assert_eq!((mask.info().served_by, mask.to_vec()), (ServedBy::InProcess, vec![(0, 1)]));
+    for scene in &mut scenes {
+        let answer = scene.edit().remove(0).commit(Want::Changes).unwrap().take();
+        assert_eq!((answer.served_by(), answer.is_resync()), (ServedBy::InProcess, true));
+        assert_eq!(answer.pairs(), [[1, 2]]);
+    }
+    daemon.signal_worker(Signal::CONT);
+    for scene in &mut strict_scenes {
+        eventually("the scene is sent again", || {
+            let answer = scene.edit().commit(Want::Changes).ok()?.take();
+            assert_eq!(answer.pairs(), [[0, 1], [1, 2]]);
+            Some(())
+        });
+    }
+}

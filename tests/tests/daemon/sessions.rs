@@ -1,0 +1,185 @@
+//! Every session backend has the oracle's answers: every engine, encoding and scene.
+
+use std::time::Duration;
+
+use pairmask::write::CenterHalf;
+use pairmask::{
+    Aabb, Backend, Bounds, Frame, NarrowFrame, Precision, ServedBy, Session, SessionBuilder,
+    WaitError,
+};
+use pairmask_core::engine::EngineName;
+use pairmask_tests::conformance::{Suite, check_engine};
+use pairmask_tests::daemon::{PATIENCE, TestDaemon, eventually};
+use pairmask_tests::session_engine::SessionEngine;
+use pairmask_tests::{oracle, stress_scenes};
+use rayon::iter::ParallelIterator;
+
+const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
+
+fn check(builder: &SessionBuilder, engine: EngineName, expected: ServedBy) {
+    let mut sessions = SessionEngine::new(builder, engine, expected);
+    check_engine(&mut sessions, &Suite::default()).unwrap();
+    let large =
+        Suite { sizes: vec![1000, 4096, 10_000], quadratic_limit: 1000, ..Suite::default() };
+    check_engine(&mut sessions, &large).unwrap();
+}
+
+#[test]
+fn through_the_daemon() {
+    let daemon = TestDaemon::start(DAEMON, &[]);
+    for engine in EngineName::CPU {
+        check(&daemon.session(), engine, ServedBy::Daemon);
+    }
+}
+
+#[test]
+fn through_the_daemon_by_choice() {
+    let daemon = TestDaemon::start(DAEMON, &[]);
+    let builder = daemon.session().backend(Backend::Auto);
+    check(&builder, EngineName::CpuBrute, ServedBy::Daemon);
+}
+
+#[test]
+fn in_process() {
+    for engine in EngineName::CPU {
+        check(&Session::builder().backend(Backend::InProcess), engine, ServedBy::InProcess);
+    }
+}
+
+#[test]
+fn a_daemon_is_waited_for_without_end() {
+    let daemon = TestDaemon::start(DAEMON, &[]);
+    let builder = daemon.session().backend(Backend::Daemon);
+    let mut session = builder.deadline(Duration::MAX).spin(Duration::MAX).connect().unwrap();
+    let boxes = stress_scenes::named("uniform").boxes(300, 2);
+    let expected = oracle::truth(&boxes).pairs.len() as u64;
+    for has_timeout in [false, true] {
+        let mut frame = session.frame(boxes.len()).unwrap();
+        frame.boxes_mut().copy_from_slice(&boxes);
+        let mut pending = frame.submit().unwrap();
+        let mask = if has_timeout { pending.wait_timeout(Duration::MAX) } else { pending.wait() };
+        assert_eq!(mask.unwrap().count(), expected);
+    }
+}
+
+#[test]
+fn a_frame_is_taken_once_in_whichever_way() {
+    let daemon = TestDaemon::start(DAEMON, &[]);
+    let boxes = stress_scenes::named("uniform").boxes(300, 2);
+    let expected = oracle::truth(&boxes).pairs;
+    for backend in [Backend::Daemon, Backend::InProcess] {
+        let mut session = daemon.session().backend(backend).connect().unwrap();
+        let mut submit = || {
+            let mut frame = session.frame(boxes.len()).unwrap();
+            for (slot, b) in frame.raw_mut().iter_mut().zip(&boxes) {
+                *slot = (*b).into();
+            }
+            frame.submit().unwrap()
+        };
+        let (mut first, mut second) = (submit(), submit());
+        // The second is under way before the first is taken, and may be taken before it.
+        let waited = second.wait_timeout(PATIENCE).unwrap();
+        let tried = eventually("the first frame is there", || first.try_take().unwrap());
+        for mask in [&waited, &tried] {
+            let mut pairs = mask.to_vec();
+            pairs.sort_unstable();
+            assert_eq!(pairs, expected);
+            assert_eq!(mask.count(), expected.len() as u64);
+            let bits: u64 = mask.words().map(|word| u64::from(word.bits.count())).sum();
+            assert_eq!(bits, mask.count());
+            let (a, b) = expected[0];
+            assert!(mask.contains(a, b) && mask.contains(b, a) && !mask.contains(a, a));
+            assert_eq!(mask.par_pairs().count() as u64, mask.count());
+        }
+        assert!(matches!(first.try_take(), Err(WaitError::Taken)));
+        assert!(matches!(second.wait(), Err(WaitError::Taken)));
+    }
+}
+
+#[test]
+fn a_frame_from_arrays_of_any_layout_holds_their_boxes() {
+    let daemon = TestDaemon::start(DAEMON, &[]);
+    // The last is written past the caches.
+    for n in [0, 1, 33, 1235, 400_001] {
+        let center: Vec<_> =
+            (0..n).map(|i| [1, 3, 7].map(|k| (i * k % 1009) as f32 * 0.71)).collect();
+        let half: Vec<_> = (0..n).map(|i| [(i % 5) as f32 * 0.17, 0.5, 0.3]).collect();
+        let boxes: Vec<_> =
+            center.iter().zip(&half).map(|(c, h)| Aabb::from_center_half(*c, *h)).collect();
+        let columns = |points: &[[f32; 3]]| {
+            [0, 1, 2].map(|axis| points.iter().map(|p| p[axis]).collect::<Vec<_>>())
+        };
+        let (center_columns, half_columns) = (columns(&center), columns(&half));
+        for backend in [Backend::Daemon, Backend::InProcess] {
+            let mut session = daemon.session().backend(backend).connect().unwrap();
+            let mut written = |write: &dyn Fn(&mut Frame)| {
+                let mut frame = session.frame(n).unwrap();
+                assert_eq!(frame.is_shared(), backend == Backend::Daemon);
+                frame.boxes_mut().fill(Aabb::EMPTY);
+                write(&mut frame);
+                assert!(frame.boxes() == boxes, "{n} boxes, {backend:?}");
+                if n < 2000 {
+                    let mut pairs = frame.submit().unwrap().wait().unwrap().to_vec();
+                    pairs.sort_unstable();
+                    assert_eq!(pairs, oracle::truth(&boxes).pairs);
+                }
+            };
+            written(&|frame| frame.write(&boxes));
+            written(&|frame| frame.write(boxes.as_slice()));
+            written(&|frame| frame.write(&CenterHalf::points(&center, &half)));
+            written(&|frame| {
+                let [center, half] = [&center_columns, &half_columns]
+                    .map(|columns| columns.each_ref().map(Vec::as_slice));
+                frame.write(&CenterHalf::columns(center, half));
+            });
+        }
+    }
+}
+
+#[test]
+fn narrow_frames_take_what_exact_ones_take() {
+    let mut session = Session::builder().backend(Backend::InProcess).connect().unwrap();
+    let center: Vec<_> = (0..345).map(|i| [i as f32, (i % 9) as f32, 0.0]).collect();
+    let half = vec![[0.6f32, 0.8, 1.0]; 345];
+    let boxes: Vec<_> = center.iter().map(|c| Aabb::from_center_half(*c, half[0])).collect();
+    for precision in [Precision::Exact, Precision::F16, Precision::Q8(Bounds::around(&boxes))] {
+        let mut pairs = |fill: &dyn Fn(&mut NarrowFrame)| {
+            let mut frame = session.narrow_frame(345, precision).unwrap();
+            fill(&mut frame);
+            frame.submit().unwrap().wait().unwrap().to_vec()
+        };
+        let expected = pairs(&|frame| frame.fill(&boxes));
+        assert!(expected.len() > 300, "most neighbours overlap");
+        assert_eq!(pairs(&|frame| frame.fill(&CenterHalf::points(&center, &half))), expected);
+    }
+}
+
+#[test]
+fn too_few_boxes_are_a_panic() {
+    let mut session = Session::builder().backend(Backend::InProcess).connect().unwrap();
+    let mut frame = session.frame(3).unwrap();
+    let write = std::panic::AssertUnwindSafe(|| frame.write(&[Aabb::EMPTY; 2]));
+    assert!(std::panic::catch_unwind(write).is_err());
+}
+
+#[test]
+fn whatever_the_plan_chooses_the_pairs_are_the_same() {
+    let daemon = TestDaemon::start(DAEMON, &[]);
+    let mut sessions = [
+        daemon.session().connect().unwrap(),
+        Session::builder().backend(Backend::InProcess).connect().unwrap(),
+    ];
+    for scene in stress_scenes::ALL {
+        for n in [0, 1, 2, 33, 1234, 3000] {
+            let boxes = scene.boxes(n, 9);
+            let expected = oracle::truth(&boxes).pairs;
+            for session in &mut sessions {
+                let mut frame = session.frame(boxes.len()).unwrap();
+                frame.boxes_mut().copy_from_slice(&boxes);
+                let mut pairs = frame.submit().unwrap().wait().unwrap().to_vec();
+                pairs.sort_unstable();
+                assert_eq!(pairs, expected, "{scene:?}, {n} boxes");
+            }
+        }
+    }
+}

@@ -1,0 +1,360 @@
+//! Frames of spheres: every session backend has the answers of exact arithmetic, also when the
+//! daemon dies.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use pairmask::{Backend, FrameError, FrameInfo, ServedBy, Session, WaitError};
+use pairmask_core::engine::{CullError, EngineName};
+use pairmask_core::precision::Widening;
+use pairmask_core::{Aabb, BoxForm, Encoding, EncodingChoice, EngineChoice, ObjectForm, Sphere};
+use pairmask_lab::stress::SphereCase;
+use pairmask_tests::conformance::Mismatch;
+use pairmask_tests::daemon::{TestDaemon, eventually, outlive_kills};
+use pairmask_tests::refuser::refuse_all;
+use pairmask_tests::spheres::{check_mask, cull, hard_scene, truth, whole_scene};
+use pairmask_tests::{oracle, stress_scenes};
+use pairmask_transport::{RuntimeDir, clean_if_abandoned};
+use pairmask_wire::{InstanceName, ReplyError, StatusCode, Version};
+use rustix::process::Signal;
+
+const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
+
+fn engines() -> impl Iterator<Item = EngineChoice> {
+    [EngineChoice::Auto].into_iter().chain(EngineName::CPU.map(EngineChoice::Only))
+}
+
+/// A session of a backend, and the side that must serve it.
+struct Lane {
+    session: Session,
+    encoding: Encoding,
+    expected: ServedBy,
+    what: String,
+}
+
+impl Lane {
+    fn check(&mut self, spheres: &[Sphere], truth: &oracle::Truth) {
+        let mask = cull(&mut self.session, spheres);
+        let info: FrameInfo = *mask.info();
+        let what = format!("{}, {} spheres, {}", self.what, spheres.len(), info.engine);
+        assert_eq!(info.served_by, self.expected, "{what}");
+        assert_eq!((info.form, info.widening), (ObjectForm::Spheres, Widening::None), "{what}");
+        assert_eq!(info.box_bytes, 16 * spheres.len() as u64, "{what}");
+        mask.view().verify().unwrap();
+        assert_eq!(check_mask(&mask, self.encoding, truth), Ok(()), "{what}");
+    }
+}
+
+/// Every backend with every engine and encoding.
+fn lanes(daemon: &TestDaemon) -> Vec<Lane> {
+    let mut lanes = Vec::new();
+    for (backend, expected) in [
+        (Backend::Daemon, ServedBy::Daemon),
+        (Backend::Auto, ServedBy::Daemon),
+        (Backend::InProcess, ServedBy::InProcess),
+    ] {
+        for engine in engines() {
+            // One session of Backend::Auto is enough to see that it takes the daemon.
+            if backend == Backend::Auto && engine != EngineChoice::Auto {
+                continue;
+            }
+            for encoding in [Encoding::Dense, Encoding::Sparse] {
+                let builder = daemon.session().backend(backend).engine(engine);
+                let builder = builder.encoding(EncodingChoice::Only(encoding));
+                lanes.push(Lane {
+                    session: builder.connect().unwrap(),
+                    encoding,
+                    expected,
+                    what: format!("{backend}, {engine}, {encoding}"),
+                });
+            }
+        }
+    }
+    lanes
+}
+
+fn daemon() -> TestDaemon {
+    TestDaemon::start(DAEMON, &["--gpu", "none", "--max-clients", "32"])
+}
+
+#[test]
+fn every_size_by_every_backend_engine_and_encoding() {
+    let daemon = daemon();
+    let mut lanes = lanes(&daemon);
+    for n in (0..=70).chain([130, 255, 256, 257, 345]) {
+        let spheres = hard_scene(n, 1);
+        let truth = truth(&spheres);
+        for lane in &mut lanes {
+            lane.check(&spheres, &truth);
+        }
+    }
+}
+
+#[test]
+fn scenes_that_aim_at_borders() {
+    let daemon = daemon();
+    let mut lanes = lanes(&daemon);
+    for seed in 0..100 {
+        let SphereCase { spheres, .. } = SphereCase::new(seed);
+        let truth = truth(&spheres);
+        for lane in &mut lanes {
+            lane.check(&spheres, &truth);
+        }
+    }
+}
+
+#[test]
+fn large_scenes_that_touch() {
+    let daemon = daemon();
+    let mut lanes = lanes(&daemon);
+    for (n, side) in [(1234, 40), (5000, 60)] {
+        let (spheres, truth) = whole_scene(n, side, 3);
+        assert!(truth.pairs.len() > n / 2, "{} pairs", truth.pairs.len());
+        for lane in &mut lanes {
+            lane.check(&spheres, &truth);
+        }
+    }
+    // More bytes than the session's first segment holds, and words for several tasks.
+    let many: Vec<Sphere> =
+        (0..150_000).map(|i| Sphere::new([(i % 400) as f32, (i / 400) as f32, 0.0], 0.5)).collect();
+    for lane in &mut lanes {
+        if lane.encoding == Encoding::Dense || lane.what.contains("cpu-brute") {
+            continue;
+        }
+        // Each touches the next in its row and in its column.
+        let mask = cull(&mut lane.session, &many);
+        assert_eq!(mask.count(), 399 * 375 + 400 * 374, "{}", lane.what);
+        assert!(mask.contains(0, 1) && mask.contains(0, 400) && !mask.contains(0, 401));
+        assert!(!mask.contains(399, 400), "the next row begins elsewhere");
+    }
+}
+
+#[test]
+fn the_comparator_notices_an_ulp_and_a_class() {
+    let mut session = Session::builder().backend(Backend::InProcess).connect().unwrap();
+    let row = |radius| {
+        let [a, b] = [0.0, 4.0].map(|x| Sphere::new([x, 0.0, 0.0], 1.0));
+        vec![a, Sphere::new([2.0, 0.0, 0.0], radius), b]
+    };
+    let (touching, less) = (row(1.0), row(1.0f32.next_down()));
+    let mut verdict = |answered: &[Sphere], other: &[Sphere]| {
+        check_mask(&cull(&mut session, answered), Encoding::Dense, &truth(other))
+    };
+    assert_eq!(verdict(&touching, &touching), Ok(()));
+    assert_eq!(verdict(&less, &less), Ok(()));
+    assert_eq!(verdict(&touching, &less), Err(Mismatch::Extra((0, 1))));
+    assert_eq!(verdict(&less, &touching), Err(Mismatch::Missing((0, 1))));
+    // Only the census tells spheres that touch no other from empty and invalid ones.
+    let apart = |radius| vec![Sphere::new([0.0; 3], 1.0), Sphere::new([9.0, 0.0, 0.0], radius)];
+    for wrong in [-1.0, f32::NAN] {
+        let verdict = verdict(&apart(1.0), &apart(wrong));
+        assert!(matches!(verdict, Err(Mismatch::Census { .. })), "{verdict:?}");
+    }
+}
+
+#[test]
+fn boxes_and_spheres_may_be_under_way_at_once() {
+    let daemon = daemon();
+    let boxes = stress_scenes::named("uniform").boxes(345, 1);
+    let expected = oracle::truth(&boxes);
+    let (spheres, truth) = whole_scene(345, 12, 5);
+    for backend in [Backend::Daemon, Backend::InProcess] {
+        let sparse = EncodingChoice::Only(Encoding::Sparse);
+        let mut session = daemon.session().backend(backend).encoding(sparse).connect().unwrap();
+        for _ in 0..5 {
+            let mut first = session.frame(boxes.len()).unwrap();
+            let mut second = session.sphere_frame(spheres.len()).unwrap();
+            assert_eq!(second.is_shared(), backend == Backend::Daemon);
+            first.boxes_mut().copy_from_slice(&boxes);
+            for (slot, s) in second.raw_mut().iter_mut().zip(&spheres) {
+                *slot = [s.center[0], s.center[1], s.center[2], s.radius];
+            }
+            assert_eq!(second.spheres(), &spheres[..]);
+            let (first, second) = (first.submit().unwrap(), second.submit().unwrap());
+            let (second, first) = (second.wait().unwrap(), first.wait().unwrap());
+            assert_eq!(first.info().form, BoxForm::F32.into());
+            let mut pairs = first.to_vec();
+            pairs.sort_unstable();
+            assert_eq!(pairs, expected.pairs);
+            assert_eq!(check_mask(&second, Encoding::Sparse, &truth), Ok(()));
+        }
+    }
+}
+
+#[test]
+fn an_older_daemon_gets_no_spheres() {
+    let daemon = daemon();
+    let boxes = [Aabb::from([0.0, 0.0, 0.0, 1.0, 1.0, 1.0]); 2];
+    let (spheres, truth) = whole_scene(300, 12, 5);
+    let current = daemon.record().unwrap();
+    for minor in [0, 1] {
+        let older = Version { minor, ..current.version };
+        let record = pairmask_transport::DaemonRecord { version: older, ..current };
+        daemon.dir().write_record(&InstanceName::default(), &record).unwrap();
+        let mut session = daemon.session().connect().unwrap();
+        assert!(matches!(
+            session.sphere_frame(3).unwrap_err(),
+            FrameError::DaemonTooOld { what: "spheres" }
+        ));
+        let sparse = EncodingChoice::Only(Encoding::Sparse);
+        let builder = daemon.session().backend(Backend::Auto).encoding(sparse);
+        let mut session = builder.connect().unwrap();
+        for _ in 0..3 {
+            let mask = cull(&mut session, &spheres);
+            assert_eq!(mask.info().served_by, ServedBy::InProcess);
+            assert_eq!(check_mask(&mask, Encoding::Sparse, &truth), Ok(()));
+            let mut frame = session.frame(2).unwrap();
+            frame.boxes_mut().copy_from_slice(&boxes);
+            let mask = frame.submit().unwrap().wait().unwrap();
+            assert_eq!(mask.info().served_by, ServedBy::Daemon, "boxes still go there");
+        }
+    }
+    let status = daemon.session().connect().unwrap().daemon_status().unwrap();
+    assert_eq!((status.spheres, status.errors), (0, 0), "it was never asked");
+}
+
+#[test]
+fn a_daemon_that_refuses_spheres_is_not_asked_again() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = RuntimeDir::at(dir.path());
+    let stop = AtomicBool::new(false);
+    let (spheres, truth) = whole_scene(300, 12, 5);
+    std::thread::scope(|scope| {
+        scope.spawn(|| refuse_all(&dir, &stop));
+        eventually("it serves", || dir.read_record(&InstanceName::default()));
+        let sparse = EncodingChoice::Only(Encoding::Sparse);
+        let builder = Session::builder().runtime_dir(dir.clone()).encoding(sparse);
+        for backend in [Backend::Auto, Backend::Daemon] {
+            let mut session = builder.clone().backend(backend).connect().unwrap();
+            let mut frame = session.sphere_frame(spheres.len()).unwrap();
+            assert!(frame.is_shared());
+            frame.spheres_mut().copy_from_slice(&spheres);
+            let answer = frame.submit().unwrap().wait();
+            let next = session.sphere_frame(spheres.len());
+            if backend == Backend::Auto {
+                assert_eq!(check_mask(&answer.unwrap(), Encoding::Sparse, &truth), Ok(()));
+                assert!(!next.unwrap().is_shared());
+            } else {
+                assert!(matches!(answer, Err(WaitError::Reply(ReplyError::Status { .. }))));
+                assert!(matches!(next, Err(FrameError::DaemonTooOld { what: "spheres" })));
+            }
+            assert!(session.frame(1).unwrap().is_shared(), "boxes are asked for all the same");
+        }
+        stop.store(true, Ordering::Relaxed);
+    });
+    clean_if_abandoned(&dir, &InstanceName::default()).unwrap();
+}
+
+#[test]
+fn engines_of_a_gpu_that_is_not_there_take_no_spheres() {
+    let daemon = daemon();
+    for engine in [EngineName::GpuBrute, EngineName::GpuGrid] {
+        let builder = daemon.session().engine(EngineChoice::Only(engine));
+        let mut session = builder.clone().connect().unwrap();
+        let mut frame = session.sphere_frame(2).unwrap();
+        frame.spheres_mut().fill(Sphere::EMPTY);
+        let answer = frame.submit().unwrap().wait().unwrap_err();
+        let WaitError::Reply(ReplyError::Status { status, .. }) = answer else {
+            panic!("{answer}")
+        };
+        assert_eq!(status, StatusCode::EngineUnavailable);
+        let mut session = builder.backend(Backend::InProcess).connect().unwrap();
+        let mut frame = session.sphere_frame(2).unwrap();
+        frame.spheres_mut().fill(Sphere::EMPTY);
+        let answer = frame.submit().unwrap_err();
+        assert!(matches!(answer, FrameError::Cull(CullError::Unavailable { .. })), "{answer}");
+    }
+}
+
+/// Spheres are answered between frames of boxes that a GPU works on.
+#[test]
+fn spheres_pass_boxes_that_a_gpu_works_on() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "software"]);
+    let grid = EngineChoice::Only(EngineName::GpuGrid);
+    let mut busy = daemon.session().engine(grid).connect().unwrap();
+    let boxes = stress_scenes::named("uniform").boxes(33_000, 1);
+    let submit = |session: &mut Session| {
+        let mut frame = session.frame(boxes.len()).unwrap();
+        frame.boxes_mut().copy_from_slice(&boxes);
+        frame.submit().unwrap()
+    };
+    let mut here = Session::builder().backend(Backend::InProcess).connect().unwrap();
+    let mut expected = submit(&mut here).wait().unwrap().to_vec();
+    expected.sort_unstable();
+    let mut session = daemon.session().connect().unwrap();
+    let scene = whole_scene(700, 15, 2);
+    for _ in 0..3 {
+        let pending = [submit(&mut busy), submit(&mut busy)];
+        assert_eq!(check_frame(&mut session, &scene), ServedBy::Daemon);
+        for frame in pending {
+            let mask = frame.wait().unwrap();
+            assert_eq!(mask.info().engine, EngineName::GpuGrid);
+            let mut pairs = mask.to_vec();
+            pairs.sort_unstable();
+            assert_eq!(pairs, expected);
+        }
+    }
+}
+
+#[test]
+fn the_daemon_counts_spheres_apart() {
+    let daemon = daemon();
+    let mut session = daemon.session().connect().unwrap();
+    cull(&mut session, &[Sphere::new([0.0; 3], 1.0); 5]);
+    let mut frame = session.frame(3).unwrap();
+    frame.boxes_mut().fill(Aabb::EMPTY);
+    frame.submit().unwrap().wait().unwrap();
+    let status = session.daemon_status().unwrap();
+    assert_eq!((status.frames, status.boxes, status.spheres, status.pairs), (2, 3, 5, 10));
+}
+
+/// Submits spheres and checks the answer. Returns what served it.
+fn check_frame(session: &mut Session, scene: &(Vec<Sphere>, oracle::Truth)) -> ServedBy {
+    let mask = cull(session, &scene.0);
+    assert_eq!(check_mask(&mask, mask.encoding(), &scene.1), Ok(()));
+    mask.info().served_by
+}
+
+#[test]
+fn a_thousand_frames_are_right_while_the_daemon_is_killed_again_and_again() {
+    let mut daemon = daemon();
+    let mut session = daemon.session().backend(Backend::Auto).connect().unwrap();
+    let scenes: Vec<_> = (0..8).map(|seed| whole_scene(300, 12, seed)).collect();
+    outlive_kills(&mut daemon, |i| check_frame(&mut session, &scenes[i % scenes.len()]));
+}
+
+#[test]
+fn a_daemon_killed_with_spheres_under_way_costs_no_answer() {
+    let mut daemon = daemon();
+    let mut session = daemon.session().backend(Backend::Auto).connect().unwrap();
+    let scene = whole_scene(400, 12, 1);
+    check_frame(&mut session, &scene);
+    let fill = |session: &mut Session| {
+        let mut frame = session.sphere_frame(scene.0.len()).unwrap();
+        assert!(frame.is_shared());
+        frame.spheres_mut().copy_from_slice(&scene.0);
+        frame
+    };
+    daemon.signal_worker(Signal::STOP);
+    let mut pending: Vec<_> = (0..2).map(|_| fill(&mut session).submit().unwrap()).collect();
+    // One more that is filled and not yet sent.
+    let filled = fill(&mut session);
+    daemon.kill();
+    pending.push(filled.submit().unwrap());
+    for frame in pending {
+        let mask = frame.wait().unwrap();
+        assert_eq!(mask.info().served_by, ServedBy::InProcess);
+        assert_eq!(mask.info().form, ObjectForm::Spheres);
+        assert_eq!(check_mask(&mask, mask.encoding(), &scene.1), Ok(()));
+    }
+    let mut strict = None;
+    daemon.restart();
+    eventually("a session without a stand-in", || {
+        strict = daemon.session().connect().ok();
+        strict.as_ref().map(|_| ())
+    });
+    let mut strict = strict.unwrap();
+    daemon.signal_worker(Signal::STOP);
+    let pending = fill(&mut strict).submit().unwrap();
+    daemon.kill();
+    assert!(matches!(pending.wait(), Err(WaitError::DaemonDied)));
+}

@@ -1,0 +1,145 @@
+//! Small frames of several clients in one submission to the GPU: each has its own pairs, also where the
+//! device is lost between.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use pairmask_core::dispatch::CullOptions;
+use pairmask_core::engine::{EngineChoice, EngineName};
+use pairmask_core::mask::{EncodingChoice, MaskView};
+use pairmask_core::{Aabb, BoxCount, Encoding, Precision};
+use pairmask_tests::daemon::{TestDaemon, eventually};
+use pairmask_tests::frame_memory::TestFrame;
+use pairmask_tests::{gpu, oracle, stress_scenes};
+use pairmaskd::execute::{BUNDLE_FRAMES, Executor, GpuService, Owner};
+
+const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
+const GRID: EngineChoice = EngineChoice::Only(EngineName::GpuGrid);
+
+/// Scenes of the clients, of which each begins at another one.
+const SIZES: [u32; 7] = [2, 63, 70, 257, 1_000, 3, 1_025];
+/// Times that a client sends its scenes.
+const ROUNDS: usize = 3;
+
+fn scene(n: u32, seed: u64) -> (Vec<Aabb>, Vec<(u32, u32)>) {
+    let boxes = stress_scenes::named("uniform").boxes(n, seed);
+    let pairs = oracle::truth(&boxes).pairs;
+    (boxes, pairs)
+}
+
+#[test]
+fn small_frames_of_several_clients_do_not_mix() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "software", "--audit", "1/1"]);
+    let clients = BUNDLE_FRAMES + 2;
+    std::thread::scope(|scope| {
+        for client in 0..clients {
+            let encoding = [Encoding::Sparse, Encoding::List][client % 2];
+            let encoding = EncodingChoice::Only(encoding);
+            let mut session = daemon.session().engine(GRID).encoding(encoding).connect().unwrap();
+            scope.spawn(move || {
+                for turn in 0..ROUNDS * SIZES.len() {
+                    let (boxes, expected) =
+                        scene(SIZES[(turn + client) % SIZES.len()], turn as u64);
+                    let mut frame = session.frame(boxes.len()).unwrap();
+                    frame.boxes_mut().copy_from_slice(&boxes);
+                    let mask = frame.submit().unwrap().wait().unwrap();
+                    assert_eq!(mask.info().engine, EngineName::GpuGrid);
+                    let mut pairs = mask.to_vec();
+                    pairs.sort_unstable();
+                    assert!(pairs == expected, "client {client}: wrong pairs of {}", boxes.len());
+                }
+            });
+        }
+    });
+    let frames = (clients * ROUNDS * SIZES.len()) as u64;
+    let mut session = daemon.session().connect().unwrap();
+    let status = session.daemon_status().unwrap();
+    assert_eq!((status.frames, status.errors), (frames, 0));
+    let audit = eventually("the auditor has seen them", || {
+        let audit = session.daemon_status().unwrap().audit;
+        (audit.frames + audit.skipped == frames).then_some(audit)
+    });
+    assert_eq!((audit.missed, audit.extra), (0, 0), "{audit:?}");
+}
+
+fn gpu_executor() -> Executor {
+    let gpu = GpuService::open(&gpu::choice(), Duration::ZERO);
+    Executor::new(Some(gpu.expect("a software adapter (lavapipe)")))
+}
+
+fn options() -> CullOptions {
+    let encoding = EncodingChoice::Only(Encoding::Sparse);
+    CullOptions { engine: GRID, encoding, ..CullOptions::default() }
+}
+
+/// The pairs of a bundle of frames whose device is destroyed between, or not, and by whom they were found.
+fn bundle(executor: &mut Executor, is_lost: bool, sizes: &[u32]) -> Vec<EngineName> {
+    let options = options();
+    let scenes: Vec<_> = sizes.iter().zip(7..).map(|(n, seed)| scene(*n, seed)).collect();
+    let mut tokens = Vec::new();
+    let joining = scenes.iter().zip(0..).map(|((boxes, _), owner)| {
+        let memory = TestFrame::on_heap(&Precision::Exact, boxes);
+        tokens.push(Arc::clone(&memory.token));
+        let planned = executor.plan(memory.boxes.boxes(), &options, u64::MAX);
+        Executor::join(planned, Owner::Client(owner), memory)
+    });
+    let joining = joining.collect();
+    let begun = executor.gpus().shares().next().expect("a GPU").begin_bundle(joining);
+    if is_lost {
+        executor.gpu().unwrap().device().expect("the device is there").destroy();
+    }
+    let mut engines = Vec::new();
+    for (frame, (boxes, expected)) in begun.into_iter().zip(&scenes) {
+        let (answer, memory) = match frame {
+            Ok(frame) => executor.end(frame),
+            Err(unserved) => executor.answer(unserved),
+        };
+        let (answer, memory) = (answer.unwrap(), memory.unwrap());
+        let n = BoxCount::new(boxes.len() as u32);
+        let mask = MaskView::new(n, &answer.report.shape, memory.reply.words()).unwrap();
+        let mut pairs = mask.to_vec();
+        pairs.sort_unstable();
+        assert!(pairs == *expected, "{} boxes by {}", boxes.len(), answer.engine);
+        engines.push(answer.engine);
+    }
+    assert!(tokens.iter().all(|token| Arc::strong_count(token) == 1));
+    engines
+}
+
+#[test]
+fn a_device_that_is_lost_under_a_bundle_costs_no_answer() {
+    let mut executor = gpu_executor();
+    let sizes = &SIZES[..BUNDLE_FRAMES];
+    let (boxes, _) = scene(sizes[0], 1);
+    let planned = executor.plan((&boxes).into(), &options(), u64::MAX);
+    assert!(executor.can_join(&planned));
+    assert_eq!(bundle(&mut executor, false, sizes), [EngineName::GpuGrid; BUNDLE_FRAMES]);
+    bundle(&mut executor, true, sizes);
+    // Now the CPU serves, or the device that was opened again.
+    eventually("the device is opened again", || {
+        let engines = bundle(&mut executor, false, sizes);
+        (engines == [EngineName::GpuGrid; BUNDLE_FRAMES]).then_some(())
+    });
+}
+
+#[test]
+fn frames_without_a_gpu_are_answered_by_a_cpu_engine() {
+    let mut executor = gpu_executor();
+    let options = options();
+    let (boxes, expected) = scene(345, 1);
+    let memory = TestFrame::on_heap(&Precision::Exact, &boxes);
+    let planned = executor.plan(memory.boxes.boxes(), &options, u64::MAX);
+    let joining = vec![Executor::join(planned, Owner::Client(0), memory)];
+    executor.gpu().and_then(|mut gpu| gpu.device()).expect("a device").destroy();
+    let mut unserved = executor.gpus().shares().next().expect("a GPU").begin_bundle(joining);
+    let Some(Err(unserved)) = unserved.pop() else { panic!("its device is lost") };
+    let mut other = Executor::new(None);
+    let (answer, memory) = other.answer(unserved);
+    let (answer, memory) = (answer.unwrap(), memory.unwrap());
+    assert!(!answer.engine.is_gpu());
+    let n = BoxCount::new(345);
+    let mask = MaskView::new(n, &answer.report.shape, memory.reply.words()).unwrap();
+    let mut pairs = mask.to_vec();
+    pairs.sort_unstable();
+    assert!(pairs == expected);
+}

@@ -1,0 +1,340 @@
+//! The GPU behind the daemon, on a software adapter. Without an adapter the tests fail, and are
+//! never skipped.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use pairmask::{ServedBy, Session};
+use pairmask_core::dispatch::{CpuEngines, CullAnswer, CullOptions};
+use pairmask_core::engine::{EngineChoice, EngineName, HeapReply};
+use pairmask_core::mask::{EncodingChoice, MaskShape, MaskView};
+use pairmask_core::precision::BoxSlice;
+use pairmask_core::{Aabb, Bounds, BoxCount, Encoding, Precision};
+use pairmask_tests::conformance::{Suite, check_engine};
+use pairmask_tests::daemon::{PATIENCE, TestDaemon, eventually};
+use pairmask_tests::frame_memory::TestFrame;
+use pairmask_tests::narrow::NarrowMemory;
+use pairmask_tests::session_engine::SessionEngine;
+use pairmask_tests::{gpu, naive_modes, oracle, stress_scenes};
+use pairmaskd::execute::{CullUnderWay, Executor, GpuService, Owner};
+use pairmaskd::precision::as_sent;
+
+const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
+const GPU: EngineChoice = EngineChoice::Only(EngineName::GpuBrute);
+
+#[test]
+fn sessions_get_what_the_oracle_says() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "software"]);
+    let mut sessions =
+        SessionEngine::new(&daemon.session(), EngineName::GpuBrute, ServedBy::Daemon);
+    check_engine(&mut sessions, &Suite::default()).unwrap();
+}
+
+#[test]
+fn sessions_get_what_the_oracle_says_from_the_grid() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "software"]);
+    let mut sessions = SessionEngine::new(&daemon.session(), EngineName::GpuGrid, ServedBy::Daemon);
+    let sizes = (0..70).step_by(7).chain([345, 1234]).collect();
+    let encodings = EngineName::GpuGrid.descriptor().encodings.to_vec();
+    assert_eq!(encodings, [Encoding::Sparse, Encoding::List]);
+    let suite = Suite { sizes, encodings, ..Suite::default() };
+    check_engine(&mut sessions, &suite).unwrap();
+}
+
+#[test]
+fn a_dense_mask_of_the_grid_comes_from_all_pairs() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "software"]);
+    let grid = EngineChoice::Only(EngineName::GpuGrid);
+    let dense = EncodingChoice::Only(Encoding::Dense);
+    let mut session = daemon.session().engine(grid).encoding(dense).connect().unwrap();
+    let boxes = stress_scenes::named("uniform").boxes(700, 3);
+    let mut shared = session.frame(boxes.len()).unwrap();
+    shared.boxes_mut().copy_from_slice(&boxes);
+    let mask = shared.submit().unwrap().wait().unwrap();
+    assert_eq!(mask.info().engine, EngineName::GpuBrute);
+    assert_eq!(mask.count(), oracle::truth(&boxes).pairs.len() as u64);
+}
+
+/// Frames large enough to be left under way: two clients with two each, in any order and form, of which
+/// one asks for lists.
+#[test]
+fn frames_under_way_at_a_time_do_not_mix() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "software"]);
+    let grid = EngineChoice::Only(EngineName::GpuGrid);
+    let n = 33_001;
+    let encodings = [Encoding::Sparse, Encoding::List];
+    let mut sessions: [Session; 2] = encodings.map(|encoding| {
+        let encoding = EncodingChoice::Only(encoding);
+        daemon.session().engine(grid).encoding(encoding).connect().unwrap()
+    });
+    let scenes: Vec<_> =
+        (0..4).map(|seed| stress_scenes::named("uniform").boxes(n, seed)).collect();
+    let [q16, q8, f16] = narrow_precisions(&scenes[0]);
+    for precisions in [[Precision::Exact; 4], [q8, Precision::Exact, f16, q16]] {
+        let mut pending = Vec::new();
+        for ((boxes, precision), turn) in scenes.iter().zip(precisions).zip([0, 0, 1, 1]) {
+            let mut shared = sessions[turn].narrow_frame(boxes.len(), precision).unwrap();
+            assert!(shared.is_shared());
+            shared.fill(boxes);
+            pending.push(shared.submit().unwrap());
+        }
+        for ((boxes, precision), frame) in scenes.iter().zip(precisions).zip(pending) {
+            let mask = frame.wait().unwrap();
+            let info = mask.info();
+            assert_eq!(
+                (info.engine, info.form),
+                (EngineName::GpuGrid.into(), precision.form().into())
+            );
+            let mut pairs = mask.to_vec();
+            pairs.sort_unstable();
+            let expected = pairs_by_cpu(boxes, &precision);
+            assert!(pairs == expected, "{} and {} pairs", pairs.len(), expected.len());
+        }
+    }
+}
+
+#[test]
+fn clients_come_and_go_and_grow() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "software"]);
+    let scene = stress_scenes::named("uniform");
+    // A client's segment is often mapped at the address of the last client's: an import must not
+    // outlive its segment.
+    for client in 0..6u64 {
+        let capacity = BoxCount::new(64);
+        let mut session = daemon.session().engine(GPU).capacity(capacity).connect().unwrap();
+        for (frame, n) in [50, 60, 700, 1500, 30, 1500].into_iter().enumerate() {
+            let boxes = scene.boxes(n, 10 * client + frame as u64);
+            let mut shared = session.frame(boxes.len()).unwrap();
+            shared.boxes_mut().copy_from_slice(&boxes);
+            let mask = shared.submit().unwrap().wait().unwrap();
+            assert_eq!(mask.info().engine, EngineName::GpuBrute);
+            let mut pairs = mask.to_vec();
+            pairs.sort_unstable();
+            assert_eq!(pairs, oracle::truth(&boxes).pairs, "client {client}, {n} boxes");
+        }
+    }
+}
+
+/// The GPU writes masks where their clients read them: it lets go of that memory before it is given back.
+#[test]
+fn memory_that_a_gpu_wrote_masks_to_is_given_back() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "software"]);
+    let dense = EncodingChoice::Only(Encoding::Dense);
+    let boxes = stress_scenes::named("uniform").boxes(5000, 3);
+    let expected = oracle::truth(&boxes).pairs;
+    let before = daemon.shared_bytes();
+    for _ in 0..3 {
+        let mut session = daemon.session().engine(GPU).encoding(dense).connect().unwrap();
+        // From the second frame on the mask is written where it lies.
+        for _ in 0..4 {
+            let mut shared = session.frame(boxes.len()).unwrap();
+            shared.boxes_mut().copy_from_slice(&boxes);
+            let mask = shared.submit().unwrap().wait().unwrap();
+            assert_eq!(mask.info().engine, EngineName::GpuBrute);
+            assert_eq!(mask.to_vec(), expected);
+        }
+        assert!(daemon.shared_bytes() > before + 1_500_000);
+        drop(session);
+        eventually("the memory of masks comes back", || {
+            (daemon.shared_bytes() < before + (256 << 10)).then_some(())
+        });
+    }
+}
+
+#[test]
+fn a_daemon_without_a_gpu_says_so() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    let mut session: Session = daemon.session().engine(GPU).connect().unwrap();
+    let error = session.frame(3).unwrap().submit().unwrap().wait().unwrap_err();
+    assert!(error.to_string().contains("engine-unavailable"), "{error}");
+}
+
+fn gpu_executor() -> Executor {
+    let gpu =
+        GpuService::open(&gpu::choice(), Duration::ZERO).expect("a software adapter (lavapipe)");
+    Executor::new(Some(gpu))
+}
+
+/// The sorted pairs of an answer.
+fn pairs_of(n: u32, answer: &CullAnswer, reply: &HeapReply) -> Vec<(u32, u32)> {
+    let shape = &answer.report.shape;
+    let mut pairs = MaskView::new(BoxCount::new(n), shape, reply.words()).unwrap().to_vec();
+    pairs.sort_unstable();
+    pairs
+}
+
+fn narrow_precisions(boxes: &[Aabb]) -> [Precision; 3] {
+    let bounds = Bounds::around(boxes);
+    [Precision::Q16(bounds), Precision::Q8(bounds), Precision::F16]
+}
+
+#[test]
+fn narrow_boxes_are_culled_on_the_gpu() {
+    let mut executor = gpu_executor();
+    let mut reply = HeapReply::new();
+    for n in [70, 1234, 345, 3001, 2] {
+        let boxes = stress_scenes::named("uniform").boxes(n, 3);
+        for precision in narrow_precisions(&boxes) {
+            let memory = NarrowMemory::write(&precision, &boxes);
+            for engine in [EngineName::GpuBrute, EngineName::GpuGrid] {
+                let options = CullOptions {
+                    engine: EngineChoice::Only(engine),
+                    encoding: EncodingChoice::Only(Encoding::Sparse),
+                    ..CullOptions::default()
+                };
+                let owner = Owner::Client(1);
+                let answer = executor.cull(memory.boxes(), owner, &options, &mut reply).unwrap();
+                assert_eq!(answer.engine, engine);
+                let expected = naive_modes::truth(&boxes, &precision).pairs;
+                assert_eq!(pairs_of(n, &answer, &reply), expected, "{n} boxes, {precision:?}");
+            }
+        }
+    }
+}
+
+/// A list of more bytes than one binding of the device shows.
+#[test]
+fn a_list_beyond_the_device_comes_from_the_cpu() {
+    let mut executor = gpu_executor();
+    let boxes = vec![Aabb::from([0.0, 0.0, 0.0, 1.0, 1.0, 1.0]); 6_000];
+    let pairs = 6_000 * 5_999 / 2;
+    let device = executor.gpu().unwrap().device().unwrap();
+    assert!(device.limits().storage_binding_bytes < 8 * pairs, "or the test shows nothing");
+    let mut reply = HeapReply::new();
+    for engine in [EngineName::GpuBrute, EngineName::GpuGrid] {
+        let options = CullOptions {
+            engine: EngineChoice::Only(engine),
+            encoding: EncodingChoice::Only(Encoding::List),
+            ..CullOptions::default()
+        };
+        let boxes = BoxSlice::from(&boxes);
+        let answer = executor.cull(boxes, Owner::Daemon, &options, &mut reply).unwrap();
+        assert!(!answer.engine.is_gpu(), "{}", answer.engine);
+        assert_eq!(answer.report.pair_count, pairs);
+        assert_eq!(answer.report.shape, MaskShape::list(pairs));
+    }
+}
+
+/// The pairs of boxes as they were sent, by `cpu-grid`, which is fast enough and is tested against the
+/// oracle.
+fn pairs_by_cpu(boxes: &[Aabb], precision: &Precision) -> Vec<(u32, u32)> {
+    let mut reply = HeapReply::new();
+    let options =
+        CullOptions { engine: EngineChoice::Only(EngineName::CpuGrid), ..CullOptions::default() };
+    let sent = as_sent(precision, boxes);
+    let answer = CpuEngines::new().cull(&sent, &options, &mut reply).unwrap();
+    pairs_of(boxes.len() as u32, &answer, &reply)
+}
+
+fn begin(
+    executor: &mut Executor,
+    owner: Owner,
+    options: &CullOptions,
+    memory: TestFrame<HeapReply>,
+) -> CullUnderWay<TestFrame<HeapReply>> {
+    let planned = executor.plan(memory.boxes.boxes(), options, u64::MAX);
+    assert!(executor.can_begin(&planned));
+    executor.begin(planned, owner, memory).unwrap_or_else(|_| panic!("answered at once"))
+}
+
+#[test]
+fn a_frame_outlives_its_executor() {
+    let mut executor = gpu_executor();
+    let boxes = stress_scenes::named("uniform").boxes(33_001, 3);
+    let options =
+        CullOptions { engine: EngineChoice::Only(EngineName::GpuGrid), ..CullOptions::default() };
+    let [first, second] = [0, 1].map(|owner| {
+        let memory = TestFrame::on_heap(&Precision::Exact, &boxes);
+        let token = Arc::clone(&memory.token);
+        (begin(&mut executor, Owner::Client(owner), &options, memory), token)
+    });
+    drop(executor);
+    drop(first.0);
+    assert_eq!((Arc::strong_count(&first.1), Arc::strong_count(&second.1)), (1, 2));
+    // It has kept the GPU, which no other engines of this process know.
+    let (answer, memory) = Executor::new(None).end(second.0);
+    let answer = answer.unwrap();
+    assert_eq!(answer.engine, EngineName::GpuGrid);
+    let found = pairs_of(33_001, &answer, &memory.unwrap().reply);
+    assert!(found == pairs_by_cpu(&boxes, &Precision::Exact));
+    assert_eq!(Arc::strong_count(&second.1), 1);
+}
+
+#[test]
+fn narrow_frames_are_left_under_way_and_outlive_their_device() {
+    let mut executor = gpu_executor();
+    let n = 33_001;
+    let boxes = stress_scenes::named("uniform").boxes(n, 3);
+    let options =
+        CullOptions { engine: EngineChoice::Only(EngineName::GpuGrid), ..CullOptions::default() };
+    let [q16, q8, f16] = narrow_precisions(&boxes);
+    for (pair, is_lost) in [([q16, q8], false), ([q8, f16], false), ([f16, q16], true)] {
+        let begun = [0, 1].map(|turn| {
+            let memory = TestFrame::on_heap(&pair[turn], &boxes);
+            begin(&mut executor, Owner::Client(turn as u128), &options, memory)
+        });
+        if is_lost {
+            executor.gpu().unwrap().device().expect("the device is there").destroy();
+        }
+        for (turn, cull) in begun.into_iter().enumerate() {
+            let (answer, memory) = executor.end(cull);
+            let (answer, memory) = (answer.unwrap(), memory.unwrap());
+            assert!(is_lost || answer.engine == EngineName::GpuGrid, "{}", answer.engine);
+            let (ours, expected) =
+                (pairs_of(n, &answer, &memory.reply), pairs_by_cpu(&boxes, &pair[turn]));
+            // Not `assert_eq`, which would print thousands of pairs.
+            assert!(ours == expected, "{:?}, by {}", pair[turn], answer.engine);
+        }
+    }
+    // Now the CPU serves, or the device that was opened again.
+    let memory = NarrowMemory::write(&q8, &boxes);
+    let mut reply = HeapReply::new();
+    let answer = executor.cull(memory.boxes(), Owner::Client(0), &options, &mut reply).unwrap();
+    assert!(pairs_of(n, &answer, &reply) == pairs_by_cpu(&boxes, &q8), "by {}", answer.engine);
+}
+
+#[test]
+fn a_device_destroyed_under_load_costs_no_answer_and_comes_back() {
+    let mut executor = gpu_executor();
+    let boxes = stress_scenes::named("uniform").boxes(1234, 3);
+    let expected = oracle::truth(&boxes).pairs;
+    let mut reply = HeapReply::new();
+    let mut cull = |executor: &mut Executor, encoding| {
+        let options = CullOptions {
+            engine: GPU,
+            encoding: EncodingChoice::Only(encoding),
+            ..CullOptions::default()
+        };
+        let answer =
+            executor.cull(BoxSlice::from(&boxes), Owner::Client(1), &options, &mut reply).unwrap();
+        let n = BoxCount::new(boxes.len() as u32);
+        let mut pairs = MaskView::new(n, &answer.report.shape, reply.words()).unwrap().to_vec();
+        pairs.sort_unstable();
+        assert_eq!(pairs, expected, "by {}", answer.engine);
+        answer.engine
+    };
+    assert_eq!(cull(&mut executor, Encoding::Dense), EngineName::GpuBrute);
+    for round in 0..3 {
+        let device = executor.gpu().unwrap().device().expect("the device is there");
+        let stop = Arc::new(AtomicBool::new(false));
+        let killer = std::thread::spawn({
+            let stop = Arc::clone(&stop);
+            move || {
+                std::thread::sleep(Duration::from_millis(20 + 7 * round));
+                device.destroy();
+                stop.store(true, Ordering::Relaxed);
+            }
+        });
+        while !stop.load(Ordering::Relaxed) {
+            cull(&mut executor, Encoding::Sparse);
+        }
+        killer.join().unwrap();
+        let lost_at = Instant::now();
+        let mut engines = Vec::new();
+        while engines.last() != Some(&EngineName::GpuBrute) || engines.len() < 2 {
+            engines.push(cull(&mut executor, Encoding::Sparse));
+            assert!(lost_at.elapsed() < PATIENCE, "the GPU comes back");
+        }
+    }
+}

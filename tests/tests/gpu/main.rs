@@ -1,0 +1,21 @@
+//! Whatever a GPU computes, on lavapipe or on the GPUs that `PAIRMASK_TEST_GPU` names; fails without an adapter.
+#![allow(clippy::unwrap_used)]
+
+mod bundles;
+mod crowds;
+mod daemon;
+mod forms;
+mod grid;
+mod import;
+mod loss;
+mod masks;
+mod rules;
+mod scene_loss;
+mod scene_queries;
+mod scene_stages;
+mod scenes;
+mod several_gpus;
+mod shares;
+mod spheres;
+mod sweep;
+mod under_way;

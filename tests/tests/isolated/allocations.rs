@@ -1,0 +1,228 @@
+//! Steady frames allocate nothing on the heap: client, daemon and in process.
+//!
+//! The transport makes three small objects for each request (two in the server, one in the client).
+//! So frames through the daemon are compared with bare requests over the same services: they may
+//! have no allocation more.
+#![allow(unsafe_code, clippy::unwrap_used)]
+
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::cell::Cell;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::time::Duration;
+
+use iceoryx2::service::ipc_threadsafe;
+use pairmask::{Backend, Session};
+use pairmask_core::engine::AvailableIsa;
+use pairmask_core::mask::{Encoding, EncodingChoice};
+use pairmask_core::plan::CalibrationChoice;
+use pairmask_core::{Bounds, EngineChoice, EngineName, Precision, Sphere};
+use pairmask_tests::daemon::eventually;
+use pairmask_tests::spheres::whole_scene;
+use pairmask_tests::stress_scenes;
+use pairmask_transport::{
+    Limits, RuntimeDir, Services, assume_pages, assume_response_pages, clean_if_abandoned,
+};
+use pairmask_wire::InstanceName;
+use pairmaskd::audit::AuditRate;
+use pairmaskd::execute::gpu::GpuChoice;
+use pairmaskd::serve::{ServeSettings, work};
+use rustix::process::{Signal, getpid, kill_process};
+
+/// Counts allocations of marked threads while counting is on.
+struct Counting;
+
+static ON: AtomicBool = AtomicBool::new(false);
+static COUNT: AtomicU64 = AtomicU64::new(0);
+thread_local! {
+    static MARKED: Cell<bool> = const { Cell::new(false) };
+}
+
+fn note() {
+    if ON.load(Ordering::Relaxed) && MARKED.try_with(Cell::get).unwrap_or(false) {
+        COUNT.fetch_add(1, Ordering::Relaxed);
+    }
+}
+
+// SAFETY: every call goes to the system allocator unchanged; counting touches no memory of it.
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        note();
+        // SAFETY: the caller's promises are passed on.
+        unsafe { System.alloc(layout) }
+    }
+    unsafe fn dealloc(&self, memory: *mut u8, layout: Layout) {
+        // SAFETY: the caller's promises are passed on.
+        unsafe { System.dealloc(memory, layout) }
+    }
+    unsafe fn realloc(&self, memory: *mut u8, layout: Layout, new_size: usize) -> *mut u8 {
+        note();
+        // SAFETY: the caller's promises are passed on.
+        unsafe { System.realloc(memory, layout, new_size) }
+    }
+}
+
+#[global_allocator]
+static ALLOCATOR: Counting = Counting;
+
+/// Frames that are counted in a run: few, so that on a busy machine too some runs are over before the daemon does what
+/// it does now and then, which allocates.
+const FRAMES: usize = 50;
+
+fn counted(work: impl FnOnce()) -> u64 {
+    let before = COUNT.load(Ordering::Relaxed);
+    ON.store(true, Ordering::Relaxed);
+    work();
+    ON.store(false, Ordering::Relaxed);
+    COUNT.load(Ordering::Relaxed) - before
+}
+
+/// Runs of which the least counts. On a busy machine the pool's queues grow in several of them.
+const RUNS: usize = 32;
+
+/// The least number of allocations of some runs of `work`. An allocation in every frame shows in all
+/// of them; growth of the pool's queues, which happens when work is stolen, in some.
+fn steady(mut work: impl FnMut()) -> u64 {
+    (0..RUNS).map(|_| counted(&mut work)).min().unwrap_or_default()
+}
+
+/// Whether so many allocations are as expected. A frame in a thousand falls to another lane than the
+/// daemon's first, and is not counted.
+fn holds(expected: u64, allocations: u64) -> bool {
+    (expected - expected / 10..=expected).contains(&allocations)
+}
+
+fn frames(session: &mut Session, scenes: &[Vec<pairmask_core::Aabb>], count: usize) -> u64 {
+    let mut pairs = 0;
+    for i in 0..count {
+        let boxes = &scenes[i % scenes.len()];
+        let mut frame = session.frame(boxes.len()).unwrap();
+        frame.boxes_mut().copy_from_slice(boxes);
+        let mask = frame.submit().unwrap().wait().unwrap();
+        mask.pairs().for_each(|(a, b)| pairs += u64::from(a < b));
+    }
+    pairs
+}
+
+fn narrow_frames(session: &mut Session, scenes: &[Vec<pairmask_core::Aabb>], count: usize) -> u64 {
+    let bounds = Bounds::new([0.0; 3], [100.0; 3]).unwrap();
+    let mut pairs = 0;
+    for i in 0..count {
+        let boxes = &scenes[i % scenes.len()];
+        let precision = [Precision::Q16(bounds), Precision::Q8(bounds), Precision::F16][i % 3];
+        let mut frame = session.narrow_frame(boxes.len(), precision).unwrap();
+        frame.fill(boxes);
+        pairs += frame.submit().unwrap().wait().unwrap().count();
+    }
+    pairs
+}
+
+fn sphere_frames(session: &mut Session, scenes: &[Vec<Sphere>], count: usize) -> u64 {
+    let mut pairs = 0;
+    for i in 0..count {
+        let spheres = &scenes[i % scenes.len()];
+        let mut frame = session.sphere_frame(spheres.len()).unwrap();
+        frame.spheres_mut().copy_from_slice(spheres);
+        pairs += frame.submit().unwrap().wait().unwrap().count();
+    }
+    pairs
+}
+
+/// What `count` bare requests and responses over the transport allocate on both sides.
+fn bare_transport(count: usize) -> u64 {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = RuntimeDir::at(dir.path());
+    let (name, limits) = ("bare".parse().unwrap(), Limits::default());
+    let services = Services::<ipc_threadsafe::Service>::serve(&dir, &name, &limits).unwrap();
+    let server = services.server(&limits).unwrap();
+    let client_side = Services::<ipc_threadsafe::Service>::connect(&dir, &name).unwrap();
+    let client = client_side.client(1, 8).unwrap();
+    let round_trips = |count| {
+        for _ in 0..count {
+            let pending = assume_pages(client.port.loan_slice_uninit(8).unwrap()).send().unwrap();
+            let request = server.receive().unwrap().unwrap();
+            assume_response_pages(request.loan_slice_uninit(8).unwrap()).send().unwrap();
+            assert!(pending.receive().unwrap().is_some());
+        }
+    };
+    round_trips(20);
+    let allocations = counted(|| round_trips(count));
+    drop((client, client_side, server, services));
+    clean_if_abandoned(&dir, &name).unwrap();
+    allocations
+}
+
+/// One test: counter and signal handlers are one for the process.
+#[test]
+fn steady_frames_allocate_nothing() {
+    let _alone = crate::alone();
+    MARKED.set(true);
+    assert!(counted(|| drop(std::hint::black_box(vec![1u8; 100]))) > 0, "the counter counts");
+
+    let bare = bare_transport(FRAMES);
+    assert!(bare <= 3 * FRAMES as u64, "{bare} by the transport alone");
+
+    let dir = tempfile::tempdir().unwrap();
+    let settings = ServeSettings {
+        audit: AuditRate::Off,
+        alter_answers: None,
+        watch_devices: None,
+        restarted: false,
+        instance: InstanceName::default(),
+        dir: RuntimeDir::at(dir.path()),
+        limits: Limits::default(),
+        // Longer than any pause: engines' threads that are kept awake are not woken again, which would
+        // make small objects.
+        spin: Duration::from_secs(1),
+        gpu: GpuChoice::None.into(),
+        gpu_awake: Duration::ZERO,
+        calibration: CalibrationChoice::BuiltIn,
+        isa: AvailableIsa::best(),
+    };
+    let runtime_dir = settings.dir.clone();
+    let daemon = std::thread::spawn(move || {
+        MARKED.set(true);
+        let parent = rustix::process::getppid().expect("a parent").as_raw_nonzero().get();
+        work(&settings, parent as u32)
+    });
+    eventually("the daemon serves", || runtime_dir.read_record(&InstanceName::default()));
+
+    let scenes: Vec<_> =
+        (0..4).map(|seed| stress_scenes::named("uniform").boxes(1000, seed)).collect();
+    let spheres: Vec<_> = (0..4).map(|seed| whole_scene(1000, 25, seed).0).collect();
+    for backend in [Backend::InProcess, Backend::Daemon] {
+        for encoding in Encoding::ALL {
+            // In process, one thread: a pool takes work from outside through a queue of rayon's
+            // that allocates a block every 63 frames. The daemon's frames start within its pool.
+            let threads = if backend == Backend::Daemon { 2 } else { 1 };
+            let builder = Session::builder()
+                .runtime_dir(runtime_dir.clone())
+                .backend(backend)
+                .threads(threads)
+                .encoding(EncodingChoice::Only(encoding));
+            let mut session = builder.clone().connect().unwrap();
+            frames(&mut session, &scenes, 20);
+            let mut pairs = 0;
+            let allocations = steady(|| pairs = frames(&mut session, &scenes, FRAMES));
+            assert!(pairs > 0);
+            let expected = if backend == Backend::Daemon { bare } else { 0 };
+            assert!(holds(expected, allocations), "{allocations}: {backend}, {encoding}");
+            narrow_frames(&mut session, &scenes, 20);
+            let allocations = steady(|| pairs = narrow_frames(&mut session, &scenes, FRAMES));
+            assert!(pairs > 0);
+            assert!(holds(expected, allocations), "{allocations}: {backend}, {encoding}, narrow");
+            drop(session);
+            for engine in [EngineName::CpuBrute, EngineName::CpuGrid] {
+                let mut session =
+                    builder.clone().engine(EngineChoice::Only(engine)).connect().unwrap();
+                sphere_frames(&mut session, &spheres, 20);
+                let allocations = steady(|| pairs = sphere_frames(&mut session, &spheres, FRAMES));
+                assert!(pairs > 0);
+                let what = format!("{backend}, {encoding}, {engine}, spheres");
+                assert!(holds(expected, allocations), "{allocations}: {what}");
+            }
+        }
+    }
+    kill_process(getpid(), Signal::TERM).unwrap();
+    daemon.join().unwrap().unwrap();
+    clean_if_abandoned(&runtime_dir, &InstanceName::default()).unwrap();
+}

@@ -1,0 +1,80 @@
+//! The log and errors name the cause for which frames are answered in process.
+
+use std::time::Duration;
+
+use log::LevelFilter;
+use pairmask::{Backend, ConnectError, ServedBy, Session, SessionBuilder, StatusError};
+use pairmask_core::Aabb;
+use pairmask_tests::daemon::TestDaemon;
+use pairmask_tests::library_log;
+use pairmask_transport::{DaemonRecord, RuntimeDir};
+use pairmask_wire::{InstanceName, Version};
+use rustix::process::Signal;
+
+const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
+
+fn said() -> Vec<String> {
+    library_log::take_captured().into_iter().map(|(_, text)| text).collect()
+}
+
+fn frame(session: &mut Session) -> ServedBy {
+    let mut frame = session.frame(2).unwrap();
+    frame.boxes_mut().fill(Aabb::EMPTY);
+    frame.submit().unwrap().wait().unwrap().info().served_by
+}
+
+/// Checks that a session that falls back logs the cause once, and that errors name it, between two
+/// attempts too.
+fn check(builder: SessionBuilder, cause: fn(&ConnectError) -> bool, text: &str) {
+    said();
+    let mut session = builder.backend(Backend::Auto).connect().unwrap();
+    for _ in 0..20 {
+        assert_eq!(frame(&mut session), ServedBy::InProcess, "{text}");
+        let error = session.daemon_status().unwrap_err();
+        let StatusError::Connect(error) = error else { panic!("{text}: {error:?}") };
+        assert!(cause(&error), "{text}: {error:?}");
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    let said = said();
+    assert!(said.len() == 1 && said[0].contains(text), "{text}: {said:?}");
+    assert!(!said[0].contains("Backend::Auto"), "it is used already: {said:?}");
+}
+
+// One test: a process has only one log.
+#[test]
+fn the_cause_is_named() {
+    let _alone = crate::alone();
+    library_log::capture(LevelFilter::Info);
+    let dir = tempfile::tempdir().unwrap();
+    let at = |dir: &RuntimeDir| Session::builder().runtime_dir(dir.clone());
+    let empty = RuntimeDir::at(dir.path());
+    check(at(&empty), |e| matches!(e, ConnectError::NoDaemon { .. }), "no daemon serves");
+
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none", "--max-clients", "1"]);
+    let mut first = daemon.session().deadline(Duration::from_millis(200)).connect().unwrap();
+    assert_eq!(frame(&mut first), ServedBy::Daemon);
+    let is_full = |e: &ConnectError| matches!(e, ConnectError::TooManyClients { .. });
+    check(daemon.session(), is_full, "all the clients that it may have");
+    drop(first);
+
+    // A daemon that hangs still counts as serving.
+    said();
+    let deadline = Duration::from_millis(100);
+    let mut session = daemon.session().backend(Backend::Auto).deadline(deadline).connect().unwrap();
+    assert_eq!(frame(&mut session), ServedBy::Daemon);
+    daemon.signal_worker(Signal::STOP);
+    assert_eq!(frame(&mut session), ServedBy::InProcess);
+    let error = session.daemon_status().unwrap_err();
+    daemon.signal_worker(Signal::CONT);
+    assert!(matches!(error, StatusError::Connect(ConnectError::Silent { .. })), "{error:?}");
+    let hung = said();
+    assert!(hung.len() == 1 && hung[0].contains("did not answer in time"), "{hung:?}");
+
+    let name = InstanceName::default();
+    let pid = std::process::id();
+    let version = Version { major: 9, minor: 0 };
+    let record = DaemonRecord { worker_pid: pid, supervisor_pid: pid, version };
+    empty.write_record(&name, &record).unwrap();
+    let is_other = |e: &ConnectError| matches!(e, ConnectError::VersionMismatch { .. });
+    check(at(&empty), is_other, "wire version 9.0");
+}
