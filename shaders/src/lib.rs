@@ -16,6 +16,8 @@ pub mod layouts;
 pub mod mirror;
 mod object_parts;
 mod share_parts;
+#[cfg(test)]
+mod wgsl_tests;
 
 pub use compose::{
     ComposeError, ComposedStage, Found, GridStage, PairsVariant, RowsPerThread, SceneStage, Share,

@@ -11,6 +11,7 @@ use rayon::{ThreadPool, ThreadPoolBuilder};
 
 use crate::oracle;
 use crate::stress_scenes::{self, Overlaps};
+use crate::tier;
 
 /// The frames on which an engine is tested.
 #[derive(Clone, Debug)]
@@ -40,6 +41,16 @@ impl Default for Suite {
             threads: vec![1],
             seed: 1,
             flags: mixed_flags(),
+        }
+    }
+}
+
+impl Suite {
+    /// As by default, but for engines that take long: of the sizes up to 70 those of the [tier](tier::small_sizes).
+    pub fn of_tier() -> Self {
+        Self {
+            sizes: tier::small_sizes().into_iter().chain([345, 1234]).collect(),
+            ..Self::default()
         }
     }
 }

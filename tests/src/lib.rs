@@ -24,6 +24,7 @@ pub mod scene_model;
 pub mod session_engine;
 pub mod skip;
 pub mod spheres;
+pub mod tier;
 pub mod watchdog;
 
 pub use attack::attack_time;

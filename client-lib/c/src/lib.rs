@@ -17,6 +17,8 @@ mod failure;
 mod filters;
 mod frame;
 mod handles;
+#[cfg(test)]
+mod header;
 mod log_to;
 mod margined;
 mod mask;

@@ -75,6 +75,7 @@ fn a_program_in_cpp_finds_the_pairs_of_the_suite() {
 }
 
 #[test]
+#[ignore = "slow: the nightly tier runs it"]
 fn valgrind_finds_nothing_in_frames() {
     let folder = folder();
     for (source, flags) in [("conformance.c", C), ("conformance.cpp", CPP)] {
@@ -85,8 +86,7 @@ fn valgrind_finds_nothing_in_frames() {
     }
 }
 
-#[test]
-fn every_call_and_every_error() {
+fn every_call_and_every_error(watch: Watch, backends: &[&str]) {
     let folder = folder();
     let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
     let dir = daemon.path().to_str().expect("a path in UTF-8");
@@ -97,18 +97,25 @@ fn every_call_and_every_error() {
         ("calls.cpp", &["-std=c++20"]),
     ];
     for (source, flags) in standards {
-        // valgrind up to 3.19 does not know pidfd_open, by which a client watches its daemon.
-        let watches: [(Watch, &[&str]); 2] =
-            [(Watch::Sanitizers, &["in-process", "daemon"]), (Watch::Valgrind, &["in-process"])];
-        for (watch, backends) in watches {
-            let program = Program::build(source, flags, watch, folder.path());
-            for backend in backends {
-                for encoding in ["auto", "sparse"] {
-                    assert_eq!(program.run(&[backend, dir, encoding]), "all calls\n");
-                }
+        let program = Program::build(source, flags, watch, folder.path());
+        for backend in backends {
+            for encoding in ["auto", "sparse"] {
+                assert_eq!(program.run(&[backend, dir, encoding]), "all calls\n");
             }
         }
     }
+}
+
+#[test]
+fn sanitizers_find_nothing_in_every_call_and_every_error() {
+    every_call_and_every_error(Watch::Sanitizers, &["in-process", "daemon"]);
+}
+
+#[test]
+#[ignore = "slow: the nightly tier runs it"]
+fn valgrind_finds_nothing_in_every_call_and_every_error() {
+    // valgrind up to 3.19 does not know pidfd_open, by which a client watches its daemon.
+    every_call_and_every_error(Watch::Valgrind, &["in-process"]);
 }
 
 #[test]

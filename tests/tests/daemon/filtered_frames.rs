@@ -402,19 +402,17 @@ fn audited_frames_are_held_to_their_rules() {
             EngineChoice::Only(EngineName::GpuGrid)
         };
         let mut sessions = sessions(&daemon.session().engine(engine));
-        let mut sent = 0;
-        for (seed, kind) in KINDS.into_iter().enumerate() {
-            let frame = FilteredFrame::drawn(300, kind, seed as u64);
-            for session in &mut sessions {
-                submit(session, &frame).wait().unwrap();
-                sent += 1;
+        // The auditor takes a small part of the daemon's time: on a busy machine it skips most frames.
+        let audit = eventually("several frames are checked", || {
+            for (seed, kind) in KINDS.into_iter().enumerate() {
+                let frame = FilteredFrame::drawn(300, kind, seed as u64);
+                for session in &mut sessions {
+                    submit(session, &frame).wait().unwrap();
+                }
             }
-        }
-        let audit = eventually("all frames are checked", || {
             let audit = sessions[0].daemon_status().unwrap().audit;
-            (audit.frames + audit.skipped == sent).then_some(audit)
+            (audit.frames > 3 && audit.pairs > 3 * 300).then_some(audit)
         });
-        assert!(audit.frames > 3 && audit.pairs > 3 * 300, "{audit:?}");
         assert_eq!((audit.missed, audit.extra), (0, 0));
     }
 }

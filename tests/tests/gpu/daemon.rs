@@ -28,7 +28,7 @@ fn sessions_get_what_the_oracle_says() {
     let daemon = TestDaemon::start(DAEMON, &["--gpu", "software"]);
     let mut sessions =
         SessionEngine::new(&daemon.session(), EngineName::GpuBrute, ServedBy::Daemon);
-    check_engine(&mut sessions, &Suite::default()).unwrap();
+    check_engine(&mut sessions, &Suite::of_tier()).unwrap();
 }
 
 #[test]

@@ -16,7 +16,7 @@ use pairmask_tests::conformance::{Mismatch, check_frame, check_reply};
 use pairmask_tests::gpu::open;
 use pairmask_tests::narrow::{CullNarrow, NarrowMemory, Narrowed};
 use pairmask_tests::stress_scenes::{Rng, StressScene};
-use pairmask_tests::{naive_modes, stress_scenes};
+use pairmask_tests::{naive_modes, stress_scenes, tier};
 use pairmaskd::execute::gpu::{
     AllPairs, AllPairsOptions, Block, Capacity, Checks, Command, Frame, Gpu, Grid, GridOptions,
     Home, HostImport, Part, Pipelines, Sizes, Upload, Wait,
@@ -346,7 +346,7 @@ fn grid(options: &GridOptions) -> Narrowed<Grid> {
 
 #[test]
 fn both_engines_answer_every_form_as_it_is_defined_at_every_small_size() {
-    let sizes: Vec<u32> = (0..=70).collect();
+    let sizes = tier::small_sizes();
     let found =
         check_forms(&mut all_pairs(AllPairsOptions::default()), &Encoding::ALL, &FEW, &sizes);
     assert_eq!(found, 4 * 71 * 5 * 3);
@@ -363,6 +363,7 @@ fn both_engines_answer_every_form_of_every_scene() {
 }
 
 #[test]
+#[ignore = "slow: the nightly tier runs it"]
 fn both_engines_answer_every_form_of_odd_large_scenes() {
     let sizes = [511, 513, 1233, 4097];
     check_forms(&mut all_pairs(AllPairsOptions::default()), &Encoding::ALL, &FEW, &sizes);
@@ -372,6 +373,7 @@ fn both_engines_answer_every_form_of_odd_large_scenes() {
 }
 
 #[test]
+#[ignore = "slow: the nightly tier runs it"]
 fn checked_stages_and_every_way_up_answer_the_same() {
     let sizes = [33, 345, 701];
     for upload in [Upload::KernelReads, Upload::DmaCopy, Upload::MappedVideo] {

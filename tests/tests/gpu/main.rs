@@ -12,7 +12,6 @@ mod masks;
 mod rules;
 mod scene_loss;
 mod scene_queries;
-mod scene_stages;
 mod scenes;
 mod several_gpus;
 mod shares;

@@ -182,6 +182,7 @@ fn a_shared_scene_ends_with_the_last_of_its_devices() {
 
 /// Large scenes are on all GPUs of a daemon, small ones on one.
 #[test]
+#[ignore = "slow: the nightly tier runs it"]
 fn a_keeper_shares_large_scenes() {
     let open = |place| {
         GpuService::open(&gpu::choice_at(place), Duration::ZERO).expect("an adapter (lavapipe)")

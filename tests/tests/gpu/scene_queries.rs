@@ -11,6 +11,7 @@ use pairmask_core::scene::{
 use pairmask_tests::gpu::open;
 use pairmask_tests::scene_edits::{EditMaker, same_told};
 use pairmask_tests::stress_scenes::{self, Rng};
+use pairmask_tests::tier;
 use pairmaskd::execute::gpu::{Checks, GpuScene, GridOptions, HostImport, SceneTools};
 
 fn tools(options: &GridOptions) -> Arc<SceneTools> {
@@ -183,7 +184,7 @@ fn every_small_size_and_every_hard_scene_is_queried() {
     let mut found = Vec::new();
     let mut random = Rng::new(5);
     let uniform = stress_scenes::named("uniform");
-    for n in 0..=70u32 {
+    for n in tier::small_sizes() {
         let boxes = uniform.boxes(n, u64::from(n));
         let mut scene = scene_of(&tools, &boxes);
         for count in [0, 1, n as usize, 70 - n as usize] {

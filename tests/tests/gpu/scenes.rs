@@ -9,7 +9,7 @@ use pairmask_core::scene::{
 };
 use pairmask_tests::gpu::open_at;
 use pairmask_tests::scene_edits::{EditMaker, EditedScenes, a_seed_of_edits, same_told};
-use pairmask_tests::stress_scenes;
+use pairmask_tests::{stress_scenes, tier};
 use pairmaskd::execute::gpu::{Checks, GpuScene, GridOptions, HostImport, SceneTools};
 
 fn tools(options: &GridOptions) -> Arc<SceneTools> {
@@ -168,6 +168,7 @@ fn every_hard_scene_is_told_as_the_core_tells_it() {
 /// Boxes on borders of shares, across them, that end there, giants and empty ones: cells go to GPUs in stretches,
 /// so most scenes have some of each.
 #[test]
+#[ignore = "slow: the nightly tier runs it"]
 fn every_hard_scene_is_told_by_several_gpus_as_by_the_core() {
     check_hard_scenes(&shared_tools(3), &[2, 70, 1_234]);
 }
@@ -316,7 +317,7 @@ fn a_scene_is_on_each_gpu_once() {
 #[test]
 fn scenes_of_every_small_size_are_told_and_ended() {
     let tools = tools(&GridOptions::default());
-    for n in 0..=70u32 {
+    for n in tier::small_sizes() {
         let boxes: Vec<Aabb> = (0..n)
             .map(|i| {
                 let [x, y] = [i % 7, i / 7].map(|x| 0.9 * x as f32);

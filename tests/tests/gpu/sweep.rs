@@ -42,7 +42,7 @@ fn check(sweep: &mut GpuSweep, boxes: &[Aabb], what: &str) {
 
 #[test]
 fn conforms_at_every_small_and_at_odd_sizes() {
-    run(&mut sweep(Checks::Off), Suite::default());
+    run(&mut sweep(Checks::Off), Suite::of_tier());
 }
 
 #[test]

@@ -20,7 +20,7 @@ fn generated(root: &Path) -> String {
 #[test]
 fn the_header_is_generated() {
     let there = std::fs::read_to_string(here().join("include/pairmask.h")).expect("the header");
-    let differs = "include/pairmask.h is not what the sources make: cargo test -p pairmask-c --test header -- --ignored";
+    let differs = "include/pairmask.h is not what the sources make: cargo test -p pairmask-c --lib -- --ignored";
     assert!(there == generated(&here()), "{differs}");
     for name in ["pm_session_connect", "PM_ERR_HANDLE", "pm_scene_lease", "} pm_answer;"] {
         assert!(there.contains(name), "{name}");
@@ -29,7 +29,7 @@ fn the_header_is_generated() {
 
 /// Writes the header: for who changes the sources.
 #[test]
-#[ignore = "writes include/pairmask.h: cargo test -p pairmask-c --test header -- --ignored"]
+#[ignore = "writes include/pairmask.h: cargo test -p pairmask-c --lib -- --ignored"]
 fn write_the_header() {
     let path = here().join("include/pairmask.h");
     std::fs::write(path, generated(&here())).expect("written");

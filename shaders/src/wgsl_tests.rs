@@ -4,15 +4,15 @@ use std::collections::BTreeSet;
 use std::mem::offset_of;
 use std::path::Path;
 
-use naga::valid::{Capabilities, ValidationFlags, Validator};
-use pairmask_core::BoxForm;
-use pairmask_shaders::constants::{BATCH_BOXES, MAX_STRIP_BLOCKS, PAIRS_WORKGROUP};
-use pairmask_shaders::layouts::{
+use crate::constants::{BATCH_BOXES, MAX_STRIP_BLOCKS, PAIRS_WORKGROUP};
+use crate::layouts::{
     AwakeParams, BatchReport, BatchTotals, GridLayout, GridLevel, GridParams, GridShare,
     GridSummary, GridTotals, GridWorlds, KeysParams, PackParams, PairsParams, SceneParams,
     SceneSummary, WriteParams,
 };
-use pairmask_shaders::{Found, GridStage, PairsVariant, RowsPerThread, SceneStage, Share, Stage};
+use crate::{Found, GridStage, PairsVariant, RowsPerThread, SceneStage, Share, Stage};
+use naga::valid::{Capabilities, ValidationFlags, Validator};
+use pairmask_core::BoxForm;
 
 const KEYS: Stage = Stage::Keys(BoxForm::F32);
 
