@@ -342,6 +342,27 @@ fn accumulated_pairs_are_right_over_three_hundred_kills() {
     }
 }
 
+/// The first daemon learns of it with an edit that wants no changes, and dies with it.
+#[test]
+fn a_resync_that_was_asked_for_outlives_the_daemon() {
+    for backend in [Backend::Daemon, Backend::Auto] {
+        let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+        let mut session = daemon.session().backend(backend).connect().unwrap();
+        let mut scene = session.scene(SceneOptions::default());
+        scene.lose();
+        let edit = scene.edit().set(1, at(0.0)).set(2, at(0.5));
+        assert_eq!(edit.commit(Want::Moved).unwrap().take().pairs(), [[1, 2]]);
+        let died = daemon.worker();
+        daemon.signal_worker(Signal::KILL);
+        eventually("another worker serves", || (daemon.worker() != died).then_some(()));
+        let told = eventually("the scene is answered", || {
+            let told = scene.edit().commit(Want::Changes).ok()?.take();
+            Some((told.is_resync(), told.pairs().to_vec()))
+        });
+        assert_eq!(told, (true, vec![[1, 2]]), "{backend:?}");
+    }
+}
+
 #[test]
 fn a_daemon_that_died_costs_a_typed_error_and_no_edit() {
     let mut daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);

@@ -62,7 +62,9 @@ fn a_device_destroyed_under_load_is_a_typed_error_and_comes_back() {
         destroyer.join().expect("it only destroys");
         let again = engine.cull(&CullInput::boxes(&boxes), &mut HeapReply::new());
         assert!(matches!(again, Err(CullError::DeviceLost { .. })), "lost stays lost");
-        assert!(slot.ready().is_none(), "a lost device is not handed out");
+        // By now it may have been opened again.
+        let handed_out = slot.ready().is_some_and(|next| Arc::ptr_eq(&next, &gpu));
+        assert!(!handed_out, "a lost device is not handed out");
     }
 }
 

@@ -63,9 +63,10 @@ pub(super) struct RemoteScene {
     keeper: Keeper,
     /// The connection whose daemon was sent the scene: it may keep it, whoever answers now.
     sent_to: Option<Arc<Link>>,
-    /// Whether the client knows pairs by answers that it took.
-    knows_pairs: bool,
-    /// Whether the keeper is to forget what was told.
+    /// Whether who begins from the copy reports all pairs as a resync: the client acknowledged an answer, or asked for a
+    /// resync.
+    resyncs_anew: bool,
+    /// Whether the next request asks its daemon for a resync.
     forgets: bool,
     revisions: u64,
     estimate: Estimate,
@@ -98,7 +99,7 @@ impl RemoteScene {
             options,
             keeper: Keeper::Nobody,
             sent_to: None,
-            knows_pairs: false,
+            resyncs_anew: false,
             forgets: false,
             revisions: 0,
             estimate: Estimate::default(),
@@ -137,7 +138,7 @@ impl RemoteScene {
         if !matches!(want, Want::Changes | Want::All) {
             return;
         }
-        self.knows_pairs = true;
+        self.resyncs_anew = true;
         match &mut self.keeper {
             Keeper::Daemon(there) => there.is_taken = true,
             Keeper::Here(scene) => scene.take(),
@@ -146,6 +147,8 @@ impl RemoteScene {
     }
 
     pub fn lose(&mut self) {
+        // A daemon that is asked may die before it reports pairs.
+        self.resyncs_anew = true;
         match &mut self.keeper {
             Keeper::Here(scene) => scene.lose(),
             _ => self.forgets = true,
@@ -383,7 +386,7 @@ impl RemoteScene {
     }
 
     fn send_whole(&mut self, link: &Arc<Link>) -> Result<(), CommitError> {
-        self.forgets |= self.knows_pairs;
+        self.forgets |= self.resyncs_anew;
         if self.copy.is_empty() {
             return Ok(());
         }
@@ -452,7 +455,7 @@ impl RemoteScene {
                 Ok(SentEdit { exchange, asked, want, expected })
             }
             Err(error) => {
-                self.forgets |= self.knows_pairs;
+                self.forgets |= self.resyncs_anew;
                 self.note_failure(&error);
                 Err(error.into())
             }
@@ -490,7 +493,8 @@ impl RemoteScene {
         self.sent_to = self.sent_to.take().filter(|link| link.is_alive());
         if !matches!(self.keeper, Keeper::Here(_)) {
             let mut scene = self.copied()?;
-            if self.knows_pairs || std::mem::take(&mut self.forgets) {
+            self.forgets = false;
+            if self.resyncs_anew {
                 scene.lose();
             }
             self.keeper = Keeper::Here(scene);
