@@ -18,6 +18,6 @@ mod object_parts;
 mod share_parts;
 
 pub use compose::{
-    ComposeError, ComposedStage, Found, GridStage, PairsVariant, RowsPerThread, SceneStage, Share,
+    ComposeError, ComposedStage, Found, GridStage, PairsVariant, RowsPerThread, Rules, SceneStage,
     Stage, compose, shared_part,
 };

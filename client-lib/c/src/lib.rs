@@ -18,7 +18,6 @@ mod filters;
 mod frame;
 mod handles;
 mod log_to;
-mod margined;
 mod mask;
 mod memory;
 mod query;

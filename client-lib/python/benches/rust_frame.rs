@@ -9,7 +9,7 @@ use std::hint::black_box;
 use std::io::{BufRead, Write, stdin, stdout};
 use std::time::Instant;
 
-use pairmask::{Aabb, CalibrationChoice, Session};
+use pairmask::{Aabb, Session};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     // Cargo adds `--bench`.
@@ -24,8 +24,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut builder = Session::builder()
         .backend(backend.parse()?)
         .threads(1)
-        .answer_repeats(false)
-        .calibration(CalibrationChoice::BuiltIn);
+        .answer_repeats(false);
     if dir != "-" {
         builder = builder.runtime_dir(std::path::PathBuf::from(dir));
     }

@@ -12,7 +12,6 @@ mod scene;
 mod shared;
 mod status;
 
-use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -113,11 +112,6 @@ impl Responder {
         self.culls.gpus().counts()
     }
 
-    /// PCI addresses of the GPUs that serve.
-    pub fn gpu_addresses(&self) -> Vec<String> {
-        self.culls.gpus().pci_addresses()
-    }
-
     /// Changes every answer from now on, or none. For tests of the auditor.
     pub fn alter_answers(&mut self, alter: Option<AlterAnswer>) {
         // The thread of deadlines shares it from the first shared scene on: answers are altered before.
@@ -211,11 +205,6 @@ impl Responder {
         self.outbox.tidy();
         self.shared.tidy(&self.outbox);
         self.lender.tidy(&self.outbox.sessions(), |range| self.culls.release_reply(range));
-    }
-
-    /// The processes of clients.
-    pub fn client_processes(&self) -> BTreeSet<u32> {
-        self.outbox.client_processes()
     }
 
     /// What the daemon has done so far.

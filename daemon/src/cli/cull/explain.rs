@@ -7,7 +7,7 @@ use pairmask::{PairMask, ServedBy};
 use pairmask_core::Aabb;
 use pairmask_core::dispatch::{CpuEngines, CullOptions};
 use pairmask_core::engine::AvailableIsa;
-use pairmask_core::plan::{CalibrationChoice, Plan, SceneStats};
+use pairmask_core::plan::{Calibration, Plan, SceneStats};
 use serde::Serialize;
 
 use crate::cli::output::time_text;
@@ -20,15 +20,10 @@ pub struct Planned {
 
 impl Planned {
     /// Plans a frame as an in-process session does, and a daemon without a GPU.
-    pub fn new(
-        boxes: &[Aabb],
-        options: &CullOptions,
-        calibration: &CalibrationChoice,
-        isa: AvailableIsa,
-    ) -> Self {
-        let (calibration, origin) = calibration.resolve(isa);
+    pub fn new(boxes: &[Aabb], options: &CullOptions, isa: AvailableIsa) -> Self {
+        let calibration = Calibration::built_in(isa.get());
         let plan = CpuEngines::on(isa, calibration).plan(boxes, options, None);
-        Self { plan, calibration: origin.to_string() }
+        Self { plan, calibration: format!("built in for {}", isa.get()) }
     }
 }
 
