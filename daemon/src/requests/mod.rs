@@ -20,8 +20,8 @@ use pairmask_transport::{FreeChunks, GpuCounts, Limits, PortTurn, Services, Wake
 use pairmask_wire::{CullRequest, Request, SkipTotals, StatusBody};
 
 use self::cull::Culls;
-use self::scene::SceneEdits;
-use self::shared::{SharedScenes, Tools};
+use self::scene::{SceneEdits, SceneTools};
+use self::shared::SharedScenes;
 use crate::audit::Auditor;
 pub use crate::clients::GpuNeed;
 use crate::clients::{Clients, SceneMemory};
@@ -78,7 +78,7 @@ impl Responder {
         let memory = SceneMemory::new(limits.max_scene_bytes);
         let auditor = Arc::new(auditor);
         let (isa, calibration) = executor.cpu_settings();
-        let tools = Tools {
+        let tools = SceneTools {
             isa,
             calibration,
             gpus: executor.gpus().clone(),
@@ -88,14 +88,8 @@ impl Responder {
         };
         Self {
             gpus: executor.gpus().len(),
-            shared: SharedScenes::new(tools),
-            scenes: SceneEdits::new(
-                isa,
-                &calibration,
-                executor.gpus().clone(),
-                memory.clone(),
-                Arc::clone(&pool),
-            ),
+            shared: SharedScenes::new(tools.clone()),
+            scenes: SceneEdits(tools),
             culls: Culls::new(executor, pool),
             outbox: Arc::new(Outbox::new(services, clients, auditor, memory)),
             lender: Arc::new(ReplyLender::new(turn, free, limits.max_reply_bytes)),
