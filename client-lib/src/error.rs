@@ -8,5 +8,4 @@ pub use pairmask_wire::{
     InstanceError, ReplyError, StatusCode, TooManyPairs, Version as WireVersion,
 };
 
-pub use crate::session::MarginedError;
 pub use crate::transport::LimitError;

@@ -61,7 +61,6 @@
 //! | [`Session::scene`] | what changes | scenes that persist: edits in, pairs that began and ended out; few boxes move, or changes are what you need |
 //! | [`Session::margined_scene`] | what leaves its margin | the same, where many boxes move a little |
 //! | [`Session::join_scene`] | what changes | one scene that several processes write, each its own boxes |
-//! | [`Margined`] | as above | scenes that move little: a request only when a box has moved by more than a margin |
 //!
 //! Frames of boxes may have rules ([`filters`], [`Frame::submit_with`]): worlds side by side, owners,
 //! categories and masks, groups, and lists of pairs.
@@ -79,7 +78,6 @@
 //! | feature | default | what it adds |
 //! |---|---|---|
 //! | `daemon` | yes | the transport: sessions with a daemon. Linux only |
-//! | `calibration-file` | yes | in-process plans compute with what `pairmaskd calibrate` measured on this machine |
 //! | `glam` | no | glam's transforms for [`update`], and pairs of its vectors from boxes. Any version from 0.29 to 0.34: Cargo takes the newest unless told otherwise (`cargo update -p glam@NEWEST --precise YOURS`) |
 //! | `mint` | no | the same for mint 0.5 |
 //!
@@ -113,16 +111,15 @@ pub use pairmask_core::aabb::Aabb;
 pub use pairmask_core::dispatch::WorldRange;
 pub use pairmask_core::engine::{AvailableIsa, EngineChoice, EngineId, EngineName, Isa, IsaError};
 pub use pairmask_core::mask::{Encoding, EncodingChoice};
-pub use pairmask_core::plan::CalibrationChoice;
 pub use pairmask_core::precision::{Bounds, Margin, Precision};
 pub use pairmask_core::sphere::Sphere;
 pub use pairmask_core::units::BoxCount;
 pub use pairmask_wire::{InstanceName, StatusBody as DaemonStatus};
 pub use session::{
     Backend, CommitError, ConnectError, EndedIter, EndedList, FindError, Frame, FrameError,
-    FrameInfo, JoinOptions, Margined, MarginedAnswer, MarginedEdit, MarginedMask, MarginedPairs,
-    MarginedScene, NarrowFrame, PairList, PairListIter, PairMask, PendingAnswer, PendingFrame,
-    PendingMargined, PendingShared, QueryAnswer, Scene, SceneAnswer, SceneEdit, SceneQuery,
-    ServedBy, Session, SessionBuilder, SharedAnswer, SharedEdit, SharedError, SharedScene,
-    SphereFrame, StatusError, WaitError,
+    FrameInfo, JoinOptions, MarginedAnswer, MarginedEdit, MarginedPairs, MarginedScene,
+    NarrowFrame, PairList, PairListIter, PairMask, PendingAnswer, PendingFrame, PendingMargined,
+    PendingShared, QueryAnswer, Scene, SceneAnswer, SceneEdit, SceneQuery, ServedBy, Session,
+    SessionBuilder, SharedAnswer, SharedEdit, SharedError, SharedScene, SphereFrame, StatusError,
+    WaitError,
 };

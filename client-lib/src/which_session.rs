@@ -7,9 +7,8 @@
 //! | most of them move | [`Session::frame`] | all, 24 bytes a box | all pairs |
 //! | most move, the bytes are the bottleneck, extra pairs do no harm | [`Session::narrow_frame`] | all, 12 or 6 bytes | all pairs, and some that are near |
 //! | bounding spheres, or circles in a plane | [`Session::sphere_frame`] | all, 16 bytes | all pairs, exact |
-//! | all move, none moves far | [`Margined`] | all, but only when one has left its margin | all pairs, and some that are near |
 //! | few of many move, or you need what began and ended | [`Session::scene`] | those that changed | as you [want](Want) |
-//! | many move a little, some far | [`Session::margined_scene`] | those that left their [margin](#margins-a-box) | as you want, of near or of exact pairs |
+//! | many or all move a little, some far | [`Session::margined_scene`] | those that left their [margin](#margins-a-box) | as you want, of near or of exact pairs |
 //! | several processes write one world | [`Session::join_scene`]: each leases indices and commits its own boxes, tick by tick | those that changed | changes of its own pairs, or of all |
 //!
 //! * A frame looks at every box. Its time does not depend on how many of them moved, unless none did: a
@@ -18,8 +17,7 @@
 //!   compares besides ([How](crate::scene#how)). Ask a frame if most boxes move in most frames and you
 //!   need all pairs anyway.
 //! * A scene holds exact boxes. It has no narrow forms and no spheres.
-//! * A single box that leaves its margin makes [`Margined`] send all. Where a few boxes move far and
-//!   others jitter, take a scene whose boxes have [margins](#margins-a-box).
+//! * Where a few boxes move far and others jitter, take a scene whose boxes have [margins](#margins-a-box).
 //! * Narrow forms save time where boxes cross the link to a GPU. CPU engines expand them first: there they
 //!   save bytes and no time. Spheres are culled by cores and by a GPU.
 //! * `cargo bench --bench skip` of the repository times scenes beside frames on your machine, by the share
@@ -389,6 +387,5 @@
 use crate::scene::{SceneOptions, Want};
 #[cfg(doc)]
 use crate::{
-    Aabb, Backend, CommitError, FrameError, Margined, MarginedPairs, Scene, SceneAnswer, SceneEdit,
-    Session,
+    Aabb, Backend, CommitError, FrameError, MarginedPairs, Scene, SceneAnswer, SceneEdit, Session,
 };

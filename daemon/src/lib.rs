@@ -4,7 +4,6 @@
 #![recursion_limit = "256"]
 
 pub mod audit;
-pub mod calibrate;
 pub mod cli;
 mod clients;
 pub mod execute;

@@ -11,7 +11,6 @@ use std::time::{Duration, Instant};
 
 use pairmask::{Backend, ConnectError, Session, SessionBuilder};
 use pairmask_core::engine::AvailableIsa;
-use pairmask_core::plan::CalibrationChoice;
 use pairmask_transport::{DaemonRecord, GpuCounts, Limits, RuntimeDir};
 use pairmask_wire::InstanceName;
 use rustix::process::{Pid, Signal, getppid, kill_process, set_parent_process_death_signal};
@@ -41,8 +40,6 @@ pub struct PrivateSettings {
     pub spin: Duration,
     /// The GPUs to use.
     pub gpu: GpuChoices,
-    /// The constants that plans compute with.
-    pub calibration: CalibrationChoice,
     /// The instruction set of the CPU's engines.
     pub isa: AvailableIsa,
     /// The share of the frames that are checked again.
@@ -57,7 +54,6 @@ impl Default for PrivateSettings {
             limits: Limits { max_scene_bytes, ..limits },
             spin: DEFAULT_SPIN,
             gpu: GpuChoices::default(),
-            calibration: CalibrationChoice::default(),
             isa: AvailableIsa::best(),
             audit: AuditRate::Off,
         }
@@ -139,7 +135,6 @@ impl PrivateDaemon {
             .args(["--max-reply-mib", &(limits.max_reply_bytes >> 20).to_string()])
             .args(["--max-scene-mib", &(limits.max_scene_bytes >> 20).to_string()])
             .args(["--gpu", &settings.gpu.to_string()])
-            .args(["--calibration", &settings.calibration.to_string()])
             .args(["--isa", &settings.isa.to_string()])
             .args(["--audit", &settings.audit.to_string()])
             .arg("--runtime-dir")

@@ -5,13 +5,13 @@ use std::num::NonZeroUsize;
 use std::thread;
 use std::time::{Duration, Instant};
 
-use pairmask::error::MarginedError;
-use pairmask::{FrameError, FrameInfo, Margined, PairMask, Session, WaitError};
+use pairmask::{FrameError, FrameInfo, Margin, PairMask, Session, WaitError};
+use pairmask_core::aabb::KeyBox;
 use pairmask_core::engine::CullError;
 use pairmask_core::mask::MaskError;
 use pairmask_core::write::{par_write_boxes, write_boxes};
 use pairmask_core::{Aabb, AwakePool, Precision};
-use rayon::iter::ParallelIterator;
+use rayon::prelude::*;
 use rayon::{ThreadPool, ThreadPoolBuildError, ThreadPoolBuilder};
 
 use crate::precision::PrecisionChoice;
@@ -25,6 +25,51 @@ pub enum TimedClient {
     Narrow(Session, Precision),
     /// Makes a request only when a box has moved by more than the margin.
     Margined(Box<Margined>),
+}
+
+/// A session that sends inflated boxes, and keeps the answer as long as every box lies within its inflated self: two
+/// boxes that overlap do so within theirs.
+#[derive(Debug)]
+pub struct Margined {
+    session: Session,
+    margin: Margin,
+    /// The boxes that were sent last.
+    inflated: Vec<Aabb>,
+    /// Its answer.
+    answer: Option<PairMask>,
+}
+
+/// Boxes that one task compares: fewer take less time than a task costs.
+const TASK_BOXES: usize = 16_384;
+
+impl Margined {
+    /// The mask, and whether it was asked for.
+    fn cull(&mut self, boxes: &[Aabb]) -> Result<(&PairMask, bool), TimedError> {
+        let kept = self.answer.take().filter(|_| self.covers(boxes));
+        let was_asked = kept.is_none();
+        let mask = kept.map_or_else(|| self.ask(boxes), Ok)?;
+        Ok((self.answer.insert(mask), was_asked))
+    }
+
+    fn ask(&mut self, boxes: &[Aabb]) -> Result<PairMask, TimedError> {
+        self.inflated.resize(boxes.len(), Aabb::EMPTY);
+        let tasks = boxes.par_chunks(TASK_BOXES).zip(self.inflated.par_chunks_mut(TASK_BOXES));
+        tasks.for_each(|(boxes, out)| self.margin.inflate_all(boxes, out));
+        let mut frame = self.session.narrow_frame(boxes.len(), Precision::Exact)?;
+        frame.fill(&self.inflated);
+        Ok(frame.submit()?.wait()?)
+    }
+
+    /// Compares keys, in which boxes that overlap nothing lie within every box.
+    fn covers(&self, boxes: &[Aabb]) -> bool {
+        let within = |(sent, now): (&Aabb, &Aabb)| {
+            let (sent, now) = (KeyBox::from(sent), KeyBox::from(now));
+            (0..3).all(|axis| sent.min[axis] <= now.min[axis] && now.max[axis] <= sent.max[axis])
+        };
+        let tasks = self.inflated.par_chunks(TASK_BOXES).zip(boxes.par_chunks(TASK_BOXES));
+        self.inflated.len() == boxes.len()
+            && tasks.all(|(sent, now)| sent.iter().zip(now).all(within))
+    }
 }
 
 /// The threads of the client, which write exact boxes and decode masks.
@@ -150,9 +195,6 @@ pub enum TimedError {
     /// The frame was not answered.
     #[error(transparent)]
     Wait(#[from] WaitError),
-    /// Either of these, with a margin.
-    #[error(transparent)]
-    Margined(#[from] MarginedError),
     /// An engine without a session could not answer.
     #[error(transparent)]
     Cull(#[from] CullError),
@@ -175,7 +217,8 @@ impl TimedClient {
         match precision {
             PrecisionChoice::Exact => Self::Exact(session),
             PrecisionChoice::Margin(margin) => {
-                Self::Margined(Box::new(Margined::new(session, margin)))
+                let (inflated, answer) = (Vec::new(), None);
+                Self::Margined(Box::new(Margined { session, margin, inflated, answer }))
             }
             narrow => Self::Narrow(session, narrow.precision(boxes)),
         }
@@ -251,10 +294,9 @@ impl TimedClient {
                 (frame.submit()?, filled)
             }
             Self::Margined(margined) => {
-                let kept = margined.cull(boxes)?;
-                let times = [start, start, Instant::now()];
-                let timed = decode(kept.mask(), decoding, !kept.is_earlier(), times)?;
-                look(kept.mask());
+                let (mask, was_asked) = margined.cull(boxes)?;
+                let timed = decode(mask, decoding, was_asked, [start, start, Instant::now()])?;
+                look(mask);
                 return Ok(timed);
             }
         };

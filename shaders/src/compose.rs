@@ -91,28 +91,26 @@ impl Found {
     }
 }
 
-/// How much of a frame a GPU does, and whether the frame has rules.
+/// Whether a frame has rules.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-pub enum Share {
-    /// All of it.
+pub enum Rules {
+    /// All overlapping pairs are found.
     #[default]
-    Whole,
-    /// Some of its rows: other GPUs do the rest.
-    Part,
-    /// All of it, and of the pairs those whose boxes rules let meet.
-    Ruled,
+    Without,
+    /// Of the pairs those are found whose boxes rules let meet.
+    With,
 }
 
-impl Share {
-    /// All of them.
-    pub const ALL: [Self; 3] = [Self::Whole, Self::Part, Self::Ruled];
+impl Rules {
+    /// Both.
+    pub const ALL: [Self; 2] = [Self::Without, Self::With];
 }
 
 /// The stages of the grid, in the order of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum GridStage {
     /// Boxes of a form to keys, cells and census.
-    Cells(BoxForm, Share),
+    Cells(BoxForm, Rules),
     /// Spheres to what is kept of them, the cells of the boxes around them, and census.
     SphereCells,
     /// Boxes of each cell to first positions.
@@ -122,24 +120,24 @@ pub enum GridStage {
     /// Boxes to their positions.
     Place,
     /// Rows against the cells around them.
-    Pairs(Found, Share),
+    Pairs(Found, Rules),
     /// Spheres against those of the cells around them.
     SpherePairs(Found),
     /// What was found to the reply.
-    Write(Found, Share),
+    Write(Found, Rules),
 }
 
 impl GridStage {
     /// Stages of a frame.
     pub const COUNT: usize = 6;
 
-    /// All of a frame of objects of one form, in order. A share is of boxes.
-    pub const fn of_frame(form: ObjectForm, found: Found, share: Share) -> [Self; Self::COUNT] {
+    /// All of a frame of objects of one form, in order. Spheres have no rules.
+    pub const fn of_frame(form: ObjectForm, found: Found, rules: Rules) -> [Self; Self::COUNT] {
         let (cells, pairs) = match form {
-            ObjectForm::Boxes(form) => (Self::Cells(form, share), Self::Pairs(found, share)),
+            ObjectForm::Boxes(form) => (Self::Cells(form, rules), Self::Pairs(found, rules)),
             ObjectForm::Spheres => (Self::SphereCells, Self::SpherePairs(found)),
         };
-        [cells, Self::Scan, Self::Scatter, Self::Place, pairs, Self::Write(found, share)]
+        [cells, Self::Scan, Self::Scatter, Self::Place, pairs, Self::Write(found, rules)]
     }
 
     const fn label(self) -> &'static str {
@@ -156,9 +154,9 @@ impl GridStage {
     /// The same stage of a whole frame without rules.
     pub(crate) const fn without_rules(self) -> Self {
         match self {
-            Self::Cells(form, Share::Ruled) => Self::Cells(form, Share::Whole),
-            Self::Pairs(found, Share::Ruled) => Self::Pairs(found, Share::Whole),
-            Self::Write(found, Share::Ruled) => Self::Write(found, Share::Whole),
+            Self::Cells(form, Rules::With) => Self::Cells(form, Rules::Without),
+            Self::Pairs(found, Rules::With) => Self::Pairs(found, Rules::Without),
+            Self::Write(found, Rules::With) => Self::Write(found, Rules::Without),
             stage => stage,
         }
     }
@@ -168,8 +166,8 @@ impl GridStage {
             Self::Scan | Self::Scatter => 3,
             Self::Place => 5,
             // The rules, or the rules and where worlds begin, come behind all else.
-            Self::Cells(_, Share::Ruled) => self.without_rules().binding_count() + 1,
-            Self::Pairs(_, Share::Ruled) | Self::Write(_, Share::Ruled) => {
+            Self::Cells(_, Rules::With) => self.without_rules().binding_count() + 1,
+            Self::Pairs(_, Rules::With) | Self::Write(_, Rules::With) => {
                 self.without_rules().binding_count() + 2
             }
             // It has no order to write.
@@ -382,12 +380,12 @@ impl Stage {
         Self::PackDense,
         Self::WriteSparse,
         Self::WriteList,
-        Self::Grid(GridStage::Cells(BoxForm::F32, Share::Whole)),
+        Self::Grid(GridStage::Cells(BoxForm::F32, Rules::Without)),
         Self::Grid(GridStage::Scan),
         Self::Grid(GridStage::Scatter),
         Self::Grid(GridStage::Place),
-        Self::Grid(GridStage::Pairs(Found::Words, Share::Whole)),
-        Self::Grid(GridStage::Write(Found::Words, Share::Whole)),
+        Self::Grid(GridStage::Pairs(Found::Words, Rules::Without)),
+        Self::Grid(GridStage::Write(Found::Words, Rules::Without)),
         Self::Scene(SceneStage::Apply),
         Self::Scene(SceneStage::Mark),
         Self::Scene(SceneStage::Cells),
@@ -526,7 +524,7 @@ mod tests {
             (Stage::Keys(BoxForm::F16), "keys", "rows"),
             (Stage::PackDense, "pack_dense", "box_form"),
             (Stage::WriteList, "write_list", "found"),
-            (Stage::Grid(GridStage::Pairs(Found::Pairs, Share::Part)), "grid_pairs", "written"),
+            (Stage::Grid(GridStage::Pairs(Found::Pairs, Rules::With)), "grid_pairs", "written"),
         ] {
             let found = compose(&format!("#import {import}\n"), &|name| stage.shared(name));
             let unknown = ComposeError::UnknownImport { stage: label, import: import.into() };

@@ -42,9 +42,6 @@ pub const GRID_LEVELS: u32 = 16;
 /// index a matter of one short list.
 pub const PARKED: u32 = 32;
 
-/// What stands for the cell of a box in its record where another GPU places it: no cell.
-pub const AWAY: u32 = u32::MAX;
-
 /// Cells of a workgroup of the scan: eight a thread, two loads of 16 bytes.
 pub const SCAN_CELLS: u32 = 8 * BATCH_BOXES;
 
@@ -123,7 +120,6 @@ pub(crate) fn as_wgsl() -> String {
         ("LEVEL_SHIFT", LEVEL_SHIFT),
         ("SLOT_MASK", (1 << LEVEL_SHIFT) - 1),
         ("NO_LEVEL", NO_LEVEL),
-        ("AWAY", AWAY),
         ("MARKED_KINDS", MARKED_KINDS as u32),
         ("RANK_SHIFT", RANK_SHIFT),
         ("WIDE_LINES", WIDE_LINES),

@@ -165,22 +165,6 @@ pub struct GridLevel {
     pub wraps: u32,
 }
 
-/// What one of several GPUs does of a frame.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
-#[repr(C)]
-pub struct GridShare {
-    /// Its rows are the boxes whose home cells are this one and later ones.
-    pub first_cell: u32,
-    /// One past the last of those cells.
-    pub end_cell: u32,
-    /// The place of its first item among those of all rows.
-    pub first_item: u32,
-    /// Items of all rows.
-    pub all_items: u32,
-    /// Cells of each level that its rows look at, as two ranges: from, up to before; from, up to before.
-    pub looked_at: [[u32; 4]; GRID_LEVELS as usize],
-}
-
 /// Where worlds have cells of their own, one world behind the other.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
@@ -209,8 +193,6 @@ pub struct GridLayout {
     pub cell_end: u32,
     /// The levels.
     pub levels: [GridLevel; GRID_LEVELS as usize],
-    /// What is done of it, where several GPUs share the frame.
-    pub share: GridShare,
     /// Where its boxes are of several worlds.
     pub worlds: GridWorlds,
 }

@@ -20,6 +20,6 @@ mod share_parts;
 mod wgsl_tests;
 
 pub use compose::{
-    ComposeError, ComposedStage, Found, GridStage, PairsVariant, RowsPerThread, SceneStage, Share,
+    ComposeError, ComposedStage, Found, GridStage, PairsVariant, RowsPerThread, Rules, SceneStage,
     Stage, compose, shared_part,
 };

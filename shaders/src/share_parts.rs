@@ -1,37 +1,14 @@
-//! The parts of stages that differ by how much of a frame a GPU does, and by whether it has rules.
+//! The parts of stages that differ by how much of a search a GPU does, and by whether a frame has rules.
 
-use crate::compose::{GridStage, SceneStage, Share, Stage};
+use crate::compose::{GridStage, Rules, SceneStage, Stage};
 
-/// The part of that name of a stage, if what it says depends on the share. Frames of spheres are not
-/// shared, and have no rules.
+/// The part of that name of a stage, if what it says depends on the share or on rules. Frames of spheres have no rules.
 pub(crate) fn share_part(stage: Stage, name: &str) -> Option<String> {
-    let stage = match stage {
-        Stage::Grid(stage) => stage,
-        Stage::Scene(stage) => return scene_part(stage, name),
-        _ => return None,
-    };
-    let share = match stage {
-        GridStage::Cells(_, share) | GridStage::Pairs(_, share) | GridStage::Write(_, share) => {
-            share
-        }
-        _ => Share::Whole,
-    };
-    let (whole, part) = match name {
-        "share_boxes" => (
-            include_str!("../wgsl/shared/share_boxes_whole.wgsl"),
-            include_str!("../wgsl/shared/share_boxes_part.wgsl"),
-        ),
-        "share_rows" => (
-            include_str!("../wgsl/shared/share_rows_whole.wgsl"),
-            include_str!("../wgsl/shared/share_rows_part.wgsl"),
-        ),
-        "share_noted" => (
-            include_str!("../wgsl/shared/share_noted_whole.wgsl"),
-            include_str!("../wgsl/shared/share_noted_part.wgsl"),
-        ),
-        _ => return rules_part(stage, share, name),
-    };
-    Some(if share == Share::Part { part } else { whole }.to_owned())
+    match stage {
+        Stage::Grid(stage) => rules_part(stage, name),
+        Stage::Scene(stage) => scene_part(stage, name),
+        _ => None,
+    }
 }
 
 /// The part of that name of a scene's stage, if what it says depends on the share.
@@ -47,7 +24,7 @@ fn scene_part(stage: SceneStage, name: &str) -> Option<String> {
 }
 
 /// The part of that name of a stage, if what it says depends on whether the frame has rules.
-fn rules_part(stage: GridStage, share: Share, name: &str) -> Option<String> {
+fn rules_part(stage: GridStage, name: &str) -> Option<String> {
     let (none, ruled) = match name {
         "box_worlds" => (
             include_str!("../wgsl/shared/box_worlds_none.wgsl"),
@@ -63,9 +40,12 @@ fn rules_part(stage: GridStage, share: Share, name: &str) -> Option<String> {
         ),
         _ => return None,
     };
-    if share != Share::Ruled {
+    let (GridStage::Cells(_, Rules::With)
+    | GridStage::Pairs(_, Rules::With)
+    | GridStage::Write(_, Rules::With)) = stage
+    else {
         return Some(none.to_owned());
-    }
+    };
     let behind = stage.without_rules().binding_count();
     let numbered = ruled.replace("@binding(BEHIND)", &format!("@binding({behind})"));
     Some(numbered.replace("@binding(BEHIND_THAT)", &format!("@binding({})", behind + 1)))

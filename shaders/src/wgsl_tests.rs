@@ -6,28 +6,28 @@ use std::path::Path;
 
 use crate::constants::{BATCH_BOXES, MAX_STRIP_BLOCKS, PAIRS_WORKGROUP};
 use crate::layouts::{
-    AwakeParams, BatchReport, BatchTotals, GridLayout, GridLevel, GridParams, GridShare,
-    GridSummary, GridTotals, GridWorlds, KeysParams, PackParams, PairsParams, SceneParams,
-    SceneSummary, WriteParams,
+    AwakeParams, BatchReport, BatchTotals, GridLayout, GridLevel, GridParams, GridSummary,
+    GridTotals, GridWorlds, KeysParams, PackParams, PairsParams, SceneParams, SceneSummary,
+    WriteParams,
 };
-use crate::{Found, GridStage, PairsVariant, RowsPerThread, SceneStage, Share, Stage};
+use crate::{Found, GridStage, PairsVariant, RowsPerThread, Rules, SceneStage, Stage};
 use naga::valid::{Capabilities, ValidationFlags, Validator};
 use pairmask_core::BoxForm;
 
 const KEYS: Stage = Stage::Keys(BoxForm::F32);
 
-fn grid_stages(found: Found, share: Share) -> [Stage; 6] {
-    GridStage::of_frame(BoxForm::F32.into(), found, share).map(Stage::Grid)
+fn grid_stages(found: Found, rules: Rules) -> [Stage; 6] {
+    GridStage::of_frame(BoxForm::F32.into(), found, rules).map(Stage::Grid)
 }
 
 /// Every form that a stage is compiled in.
 fn all_forms() -> Vec<Stage> {
     let mut forms = vec![Stage::PackDense, Stage::WriteSparse, Stage::WriteList, Stage::Awake];
     forms.extend(BoxForm::ALL.map(Stage::Keys));
-    for share in Share::ALL {
-        forms.extend(BoxForm::ALL.map(|form| Stage::Grid(GridStage::Cells(form, share))));
-        forms.extend(grid_stages(Found::Words, share).into_iter().skip(4));
-        forms.extend(grid_stages(Found::Pairs, share).into_iter().skip(4));
+    for rules in Rules::ALL {
+        forms.extend(BoxForm::ALL.map(|form| Stage::Grid(GridStage::Cells(form, rules))));
+        forms.extend(grid_stages(Found::Words, rules).into_iter().skip(4));
+        forms.extend(grid_stages(Found::Pairs, rules).into_iter().skip(4));
     }
     forms.extend([GridStage::Scan, GridStage::Scatter, GridStage::Place].map(Stage::Grid));
     forms.extend(SceneStage::ALL.map(Stage::Scene));
@@ -54,7 +54,7 @@ fn module(stage: Stage) -> naga::Module {
 #[test]
 fn every_form_of_every_stage_validates() {
     let forms = all_forms();
-    assert_eq!(forms.len(), 4 + 4 + 3 * (4 + 2 + 2) + 3 + 11 + 4 + 2 * 3 * 2 * 5);
+    assert_eq!(forms.len(), 4 + 4 + 2 * (4 + 2 + 2) + 3 + 11 + 4 + 2 * 3 * 2 * 5);
     for stage in forms {
         let module = module(stage);
         let capabilities = Capabilities::IMMEDIATES;
@@ -210,26 +210,23 @@ fn structs_lie_in_memory_as_in_rust() {
 #[test]
 fn structs_of_the_grid_lie_in_memory_as_in_rust() {
     let stages =
-        Found::ALL.into_iter().flat_map(|found| Share::ALL.map(|share| grid_stages(found, share)));
+        Found::ALL.into_iter().flat_map(|found| Rules::ALL.map(|rules| grid_stages(found, rules)));
     for stage in stages.flatten() {
         same_layout!(stage, GridParams, "GridParams" {
             n, plane, batch_count, super_count, sum_count, capacity, order_words, budget,
             row_tests
         });
     }
-    let [cells, _, _, _, pairs, write] = grid_stages(Found::Words, Share::Whole);
-    let [_, _, _, _, listed_pairs, listed_write] = grid_stages(Found::Pairs, Share::Part);
+    let [cells, _, _, _, pairs, write] = grid_stages(Found::Words, Rules::Without);
+    let [_, _, _, _, listed_pairs, listed_write] = grid_stages(Found::Pairs, Rules::With);
     for stage in [cells, pairs, write, listed_pairs, listed_write] {
         same_layout!(stage, GridTotals, "GridTotals" {
             items, pairs, compared, base, empty, invalid, padding
         });
         same_layout!(stage, GridLayout, "GridLayout" {
-            level_count, first_giant, first_nothing, cell_end, levels, share, worlds
+            level_count, first_giant, first_nothing, cell_end, levels, worlds
         });
         same_layout!(stage, GridWorlds, "GridWorlds" { cells, parking, count, padding });
-        same_layout!(stage, GridShare, "GridShare" {
-            first_cell, end_cell, first_item, all_items, looked_at
-        });
         same_layout!(stage, GridLevel, "GridLevel" {
             origin, first_cell, scale, cell_count, low, padding_low, high, padding_high, fold,
             padding_fold, count, wraps

@@ -4,15 +4,13 @@
 // cells on each axis; what spans more on all of them is a giant. Giants, and boxes that overlap
 // nothing, get cells by their index: PARKED consecutive boxes share one. Counting a box in its cell
 // gives it a slot there, in whatever order threads come; `grid_place` makes an order of it that does
-// not depend on that. A box that another GPU places is counted only. Where boxes are of several worlds,
-// each world has cells of its own.
+// not depend on that. Where boxes are of several worlds, each world has cells of its own.
 // Mirror: `mirror/grid_cells.rs`.
 
 #import constants
 #import box_batch
 #import grid_params
 #import grid_layout
-#import share_boxes
 #import box_worlds
 
 // Binding 0: the boxes, of `box_batch`.
@@ -59,9 +57,6 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
         cell += world_of(index);
         let slot = atomicAdd(&table[cell], 1u);
         atomicAdd(&control[SUMS + cell / SCAN_CELLS], 1u);
-        if (!is_placed(cell, level)) {
-            cell = AWAY;
-        }
 #import record
     }
 

@@ -15,8 +15,6 @@
 #import grid_params
 #import grid_layout
 #import scan
-#import share_rows
-#import share_noted
 #import pair_rules
 #import found
 
@@ -160,9 +158,6 @@ fn test_row(own_level: u32) {
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     let batch = group.x;
     if (lane == 0u) {
-        if (batch == 0u) {
-            note_rows();
-        }
         atomicStore(&used_levels, 0u);
         atomicStore(&words_seen, 0u);
         atomicStore(&pair_sum, 0u);
@@ -181,13 +176,13 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
     let giant_count = table[grid.first_nothing] - table[grid.first_giant];
     let giant_work = (giant_count >> 10u) * (params.n >> 10u);
     let within_budget = atomicLoad(&control[WORK]) <= params.budget && giant_work <= params.budget;
-    let batch_row = first_row() + batch * BATCH_BOXES;
+    let batch_row = batch * BATCH_BOXES;
     row = batch_row + lane;
     row_lane = lane;
     again = false;
     item_count = 0u;
     var own_level = NO_LEVEL;
-    if (row < end_row() && within_budget) {
+    if (row < params.n && within_budget) {
         let a = sorted[2u * row];
         let b = sorted[2u * row + 1u];
 #import take_row

@@ -23,9 +23,6 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
     }
     let second = records[params.plane + index];
     let home = bitcast<vec2<u32>>(second.zw);
-    if (home.x == AWAY) {
-        return;
-    }
     let start = table[home.x];
     let end = min(table[home.x + 1u], params.n);
     var position = start;

@@ -13,8 +13,6 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
     let index = group.x * BATCH_BOXES + lane;
     if (index < params.n) {
         let home = bitcast<vec4<u32>>(records[params.plane + index]);
-        if (home.z != AWAY) {
-            ids[table[home.z] + (home.w & SLOT_MASK)] = index;
-        }
+        ids[table[home.z] + (home.w & SLOT_MASK)] = index;
     }
 }

@@ -10,7 +10,6 @@
 #import order_keys
 #import grid_params
 #import grid_layout
-#import share_rows
 #import written_worlds
 #import written
 
@@ -80,7 +79,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
     // may look small here, but then some batch did not fit, and the host has the true one.)
     let all_items = atomicLoad(&total_sum);
     if (all_items <= params.capacity && base <= all_items && items <= all_items - base) {
-        write_items(lane, base, first_item() + first, items, items_of_all(all_items));
+        write_items(lane, base, first, items, all_items);
     }
     let thread = batch * BATCH_BOXES + lane;
     tell_worlds(thread, first);

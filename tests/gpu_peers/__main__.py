@@ -43,11 +43,6 @@ def parse():
         default=sizes("1,8"),
         help="threads of Pairmask's client, each number a row; peers' lists are visited by one",
     )
-    parser.add_argument(
-        "--calibrate",
-        action="store_true",
-        help="measure Pairmask a second time, after `pairmaskd calibrate` (kept apart from the user's)",
-    )
     parser.add_argument("--commit", help="of this script, where it is run outside its repository")
     return parser.parse_args()
 
@@ -88,12 +83,12 @@ def peer_rows(contender, files, options):
     return rows
 
 
-def our_rows(pairmask, suffix, files, options):
+def our_rows(pairmask, files, options):
     """All rows of ours, and the machine as `pairmaskd` names it; None where it answered none."""
     rows, found_machine = [], None
     for (scene, n), boxes in files.items():
         for ours in itertools.product(("daemon", "in-process"), options.decode_threads):
-            name = report.our_name(*ours, suffix)
+            name = report.our_name(*ours)
             found, row = our_row(pairmask, name, ours, scene, n, boxes, options)
             found_machine = found or found_machine
             rows.append(row)
@@ -124,13 +119,9 @@ def main():
                 files[scene, n] = Path(folder) / f"{scene}-{n}.f32"
                 pairmask.write_scene(scene, n, files[scene, n])
         order = {setting: place for place, setting in enumerate(files)}
-        rows, found_machine = our_rows(pairmask, "", files, options)
+        rows, found_machine = our_rows(pairmask, files, options)
         if found_machine is None:
             sys.exit("gpu_peers: Pairmask answered no frame: " + rows[0]["error"])
-        if options.calibrate:
-            calibrated = Pairmask(options.pairmaskd, cache=folder)
-            calibrated.calibrate()
-            rows += our_rows(calibrated, "-calibrated", files, options)[0]
         save(options, pairmask, rows, found_machine, order)
         for contender in options.contenders:
             for row in peer_rows(contender, files, options):

@@ -1,18 +1,16 @@
 """Pairmask by its command line: scenes, exact pairs, and its own rows of the table."""
 
 import json
-import os
 import subprocess
 
 import pair_sets
 
 
 class Pairmask:
-    """A `pairmaskd` binary; with `cache`, its calibration is kept in that folder."""
+    """A `pairmaskd` binary."""
 
-    def __init__(self, binary, cache=None):
+    def __init__(self, binary):
         self.binary = binary
-        self.environment = os.environ | ({"XDG_CACHE_HOME": cache} if cache else {})
 
     def _run(self, *arguments):
         done = subprocess.run(
@@ -20,7 +18,6 @@ class Pairmask:
             check=False,
             capture_output=True,
             text=True,
-            env=self.environment,
         )
         if done.returncode != 0:
             raise RuntimeError(f"pairmaskd {arguments[0]}: {done.stderr.strip()}")
@@ -37,10 +34,6 @@ class Pairmask:
 
     def version(self):
         return self._run("--version").strip()
-
-    def calibrate(self):
-        """Measures this machine for the plan. Returns what it says."""
-        return json.loads(self._run("calibrate", "--json"))
 
     def latency(self, boxes, backend, frames, warm_up, threads):
         """`bench latency` of a file of boxes, for a client of `threads` threads: its machine and its row."""

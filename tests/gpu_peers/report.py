@@ -5,10 +5,10 @@
 OURS = "pairmask-"
 
 
-def our_name(backend, threads, suffix):
-    """The name of a contender of ours: `pairmask-daemon`, `pairmask-daemon-8-threads-calibrated`."""
+def our_name(backend, threads):
+    """The name of a contender of ours: `pairmask-daemon`, `pairmask-daemon-8-threads`."""
     of_threads = "" if threads == 1 else f"-{threads}-threads"
-    return f"{OURS}{backend}{of_threads}{suffix}"
+    return f"{OURS}{backend}{of_threads}"
 
 
 def our_times(timed):
@@ -164,7 +164,7 @@ def markdown(report):
         "",
         "## Our time over the best peer's",
         "",
-        "`calibrated`: after `pairmaskd calibrate`. In brackets our time.",
+        "In brackets our time.",
         "",
         *ratio_table(
             report["ratios"],

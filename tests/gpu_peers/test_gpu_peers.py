@@ -104,11 +104,9 @@ class Report(unittest.TestCase):
         self.assertEqual((times["total_ms"], times["with_write_ms"], times["write_ms"]), (3.1, 3.7, 0.5))
         self.assertEqual((times["device_ms"], times["visit_ms"], times["copy_ms"]), (1.0, 2.0, None))
 
-    def test_rows_of_ours_are_named_by_backend_threads_and_calibration(self):
-        self.assertEqual(report.our_name("daemon", 1, ""), "pairmask-daemon")
-        self.assertEqual(
-            report.our_name("in-process", 8, "-calibrated"), "pairmask-in-process-8-threads-calibrated"
-        )
+    def test_rows_of_ours_are_named_by_backend_and_threads(self):
+        self.assertEqual(report.our_name("daemon", 1), "pairmask-daemon")
+        self.assertEqual(report.our_name("in-process", 8), "pairmask-in-process-8-threads")
         names = report.contenders([row("warp-refit", 1.0), row("pairmask-daemon", 1.0)])
         self.assertEqual(names, ["pairmask-daemon", "warp-refit"])
 

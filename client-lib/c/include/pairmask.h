@@ -151,12 +151,6 @@ typedef void (*pm_log)(void *user,
                        pm_log_level level,
                        const char *text);
 
-// A session that asks only when a box has moved by more than a margin.
-typedef struct {
-  // Zero for none.
-  uint64_t id;
-} pm_margined;
-
 // Two indices, the smaller one first.
 typedef struct {
   // The smaller index.
@@ -843,31 +837,6 @@ pm_code pm_session_cull(pm_session session,
 // Hands the library's log to the program. It can be set once: `PM_ERR_STATE` after that.
 pm_code pm_set_log(pm_log log,
                    void *user);
-
-// Makes one of a session, whose handle names nothing any more. `precision` may be null, for exact boxes.
-pm_code pm_margined_create(pm_session session,
-                           float margin,
-                           const pm_precision *precision,
-                           pm_margined *margined);
-
-// The pairs that overlap among some boxes, as an array that lives until the next call with this handle. Where
-// `near` is set, pairs that are near are among them, and none of them is tested again.
-pm_code pm_margined_cull(pm_margined margined,
-                         const pm_box *boxes,
-                         size_t n,
-                         bool near,
-                         const pm_pair **pairs,
-                         size_t *count);
-
-// Requests made and saved so far. Set `stats->struct_size` first.
-pm_code pm_margined_stats(pm_margined margined,
-                          pm_margin_stats *stats);
-
-// Discards the kept answer, so that the next frame makes a request.
-pm_code pm_margined_forget(pm_margined margined);
-
-// Drops it, and its session.
-pm_code pm_margined_drop(pm_margined margined);
 
 // Waits for the pairs, as long as the session's deadline allows. The handle names nothing any more, whatever
 // is returned. With `PM_BACKEND_AUTO` no failure of the daemon is an error: this process answers then.

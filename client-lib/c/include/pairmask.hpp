@@ -746,46 +746,6 @@ private:
   detail::Handle<pm_session, pm_session_drop> handle_;
 };
 
-// A session that asks only when a box has moved by more than a margin.
-class Margined {
-public:
-  Margined() = default;
-
-  // The session is empty then.
-  static Result<Margined> create(Session &&session, float margin,
-                                 const Precision *precision = nullptr) {
-    pm_margined handle{};
-    const pm_code code = pm_margined_create(session.get(), margin, precision, &handle);
-    if (code != PM_OK) {
-      return Error::last(code);
-    }
-    session.release();
-    Margined margined;
-    margined.handle_ = detail::Handle<pm_margined, pm_margined_drop>(handle);
-    return margined;
-  }
-  // The pairs that overlap, until the next call; near ones too where `near` is set.
-  Result<Span<const Pair>> cull(Span<const Box> boxes, bool near = false) {
-    const Pair *pairs = nullptr;
-    std::size_t count = 0;
-    const pm_code code =
-        pm_margined_cull(handle_.get(), boxes.data(), boxes.size(), near, &pairs, &count);
-    if (code != PM_OK) {
-      return Error::last(code);
-    }
-    return Span<const Pair>(pairs, count);
-  }
-  pm_margin_stats stats() const noexcept {
-    auto stats = detail::sized<pm_margin_stats>();
-    pm_margined_stats(handle_.get(), &stats);
-    return stats;
-  }
-  Result<void> forget() { return detail::done(pm_margined_forget(handle_.get())); }
-
-private:
-  detail::Handle<pm_margined, pm_margined_drop> handle_;
-};
-
 } // namespace pairmask
 
 #endif

@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 use std::fmt::Display;
 
-use pairmask::error::{BoundsError, CullError, MarginError, MarginedError};
+use pairmask::error::{BoundsError, CullError, MarginError};
 use pairmask::filters::TooManyFilters;
 use pairmask::scene::{EditError, QueryError, SceneError};
 use pairmask::{
@@ -57,7 +57,6 @@ failure_by! {
     FindError => of_find,
     SharedError => of_shared,
     StatusError => of_status,
-    MarginedError => of_margined,
     EditError => of_edit,
 }
 
@@ -194,14 +193,6 @@ const fn of_status(error: &StatusError) -> pm_code {
         StatusError::Connect(error) => of_connect(error),
         StatusError::Frame(error) => of_frame(error),
         StatusError::Wait(error) => of_wait(error),
-        _ => PM_ERR_OTHER,
-    }
-}
-
-const fn of_margined(error: &MarginedError) -> pm_code {
-    match error {
-        MarginedError::Frame(error) => of_frame(error),
-        MarginedError::Wait(error) => of_wait(error),
         _ => PM_ERR_OTHER,
     }
 }

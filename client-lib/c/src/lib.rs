@@ -20,7 +20,6 @@ mod handles;
 #[cfg(test)]
 mod header;
 mod log_to;
-mod margined;
 mod mask;
 mod memory;
 mod query;

@@ -70,7 +70,7 @@ def main() -> None:
     boxes = boxes_of(given.n)
     backend: Any = "daemon" if given.runtime_dir else "in-process"
     options: dict[str, Any] = {"runtime_dir": given.runtime_dir} if given.runtime_dir else {}
-    session = pairmask.Session(backend, threads=1, answer_repeats=False, calibration="built-in", **options)
+    session = pairmask.Session(backend, threads=1, answer_repeats=False, **options)
 
     def cull() -> object:
         return session.cull(boxes)

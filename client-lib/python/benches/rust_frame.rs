@@ -9,7 +9,7 @@ use std::hint::black_box;
 use std::io::{BufRead, Write, stdin, stdout};
 use std::time::Instant;
 
-use pairmask::{Aabb, CalibrationChoice, Session};
+use pairmask::{Aabb, Session};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     // Cargo adds `--bench`.
@@ -21,11 +21,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let boxes: Vec<Aabb> =
         bytes.chunks_exact(size_of::<Aabb>()).map(bytemuck::pod_read_unaligned).collect();
     let frames: usize = frames.parse()?;
-    let mut builder = Session::builder()
-        .backend(backend.parse()?)
-        .threads(1)
-        .answer_repeats(false)
-        .calibration(CalibrationChoice::BuiltIn);
+    let mut builder = Session::builder().backend(backend.parse()?).threads(1).answer_repeats(false);
     if dir != "-" {
         builder = builder.runtime_dir(std::path::PathBuf::from(dir));
     }

@@ -3,7 +3,7 @@
 use std::error::Error;
 use std::fmt::Debug;
 
-use pairmask::error::{BoundsError, MarginError, MarginedError, UnknownName};
+use pairmask::error::{BoundsError, MarginError, UnknownName};
 use pairmask::{
     CommitError, ConnectError, FindError, FrameError, SharedError, StatusError, WaitError,
 };
@@ -64,16 +64,6 @@ impl Raise for WaitError {
         match self {
             Self::Timeout { .. } => classes::WaitTimeout::new_err(told(&self)),
             _ => classes::WaitError::new_err(told(&self)),
-        }
-    }
-}
-
-impl Raise for MarginedError {
-    fn raise(self) -> PyErr {
-        match self {
-            Self::Frame(error) => error.raise(),
-            Self::Wait(error) => error.raise(),
-            _ => classes::PairmaskError::new_err(told(&self)),
         }
     }
 }

@@ -10,7 +10,6 @@ mod engines;
 mod errors;
 mod frame;
 mod guarded;
-mod margined;
 mod memory;
 mod pairs;
 mod precision;
@@ -32,8 +31,6 @@ mod _pairmask {
     };
     #[pymodule_export]
     use crate::frame::{PyFrame, PyNarrowFrame, PyPendingFrame, PySphereFrame};
-    #[pymodule_export]
-    use crate::margined::{PyMarginStats, PyMargined};
     #[pymodule_export]
     use crate::pairs::{PyFrameInfo, PyPairMask};
     #[pymodule_export]

@@ -4,9 +4,7 @@ use std::path::PathBuf;
 
 use pairmask::error::UnknownName;
 use pairmask::scene::SceneOptions;
-use pairmask::{
-    Backend, BoxCount, CalibrationChoice, FrameError, PendingFrame, Precision, Session,
-};
+use pairmask::{Backend, BoxCount, FrameError, PendingFrame, Precision, Session};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
@@ -38,8 +36,7 @@ impl PySession {
     #[new]
     #[pyo3(signature = (
         backend="auto", *, instance=None, runtime_dir=None, engine="auto", encoding="auto", threads=None,
-        visit_threads=None, answer_repeats=true, isa=None, calibration=None, spin=None, deadline=None,
-        capacity=None,
+        visit_threads=None, answer_repeats=true, isa=None, spin=None, deadline=None, capacity=None,
     ))]
     #[allow(clippy::too_many_arguments)] // Python has them by name.
     fn new(
@@ -53,7 +50,6 @@ impl PySession {
         visit_threads: Option<usize>,
         answer_repeats: bool,
         isa: Option<&str>,
-        calibration: Option<&str>,
         spin: Option<f64>,
         deadline: Option<f64>,
         capacity: Option<u32>,
@@ -81,10 +77,6 @@ impl PySession {
             let refused = |error: pairmask::IsaError| PyValueError::new_err(error.to_string());
             builder = builder.isa(isa.map_err(refused)?);
         }
-        if let Some(calibration) = calibration {
-            let Ok(choice) = calibration.parse::<CalibrationChoice>();
-            builder = builder.calibration(choice);
-        }
         if let Some(spin) = spin {
             builder = builder.spin(seconds(spin)?);
         }
@@ -95,9 +87,7 @@ impl PySession {
             builder = builder.capacity(BoxCount::new(capacity));
         }
         let session = py.detach(|| builder.connect()).map_err(Raise::raise)?;
-        Ok(Self {
-            session: Guarded::new(session, "the session was closed, or given to a Margined"),
-        })
+        Ok(Self { session: Guarded::new(session, "the session was closed") })
     }
 
     /// Memory for the boxes of a frame of `n` boxes.
@@ -240,11 +230,6 @@ impl PySession {
 }
 
 impl PySession {
-    /// The session itself, for one that goes on with it.
-    pub fn take(&self, py: Python<'_>) -> PyResult<Session> {
-        self.session.take(py)
-    }
-
     fn with<R: Send>(
         &self,
         py: Python<'_>,

@@ -58,7 +58,7 @@ class Daemon:
         self.process: subprocess.Popen[bytes] | None = None
 
     def start(self) -> Daemon:
-        command = [pairmaskd(), "serve", "--gpu", "none", "--calibration", "built-in"]
+        command = [pairmaskd(), "serve", "--gpu", "none"]
         command += ["--runtime-dir", str(self.folder)]
         # A group of its own: the supervisor and its worker are killed together.
         self.process = subprocess.Popen(

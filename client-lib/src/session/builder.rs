@@ -8,7 +8,6 @@ use std::time::Duration;
 
 use pairmask_core::engine::{AvailableIsa, EngineChoice, IsaError, UnknownName};
 use pairmask_core::mask::EncodingChoice;
-use pairmask_core::plan::CalibrationChoice;
 use pairmask_core::units::BoxCount;
 use pairmask_wire::{InstanceError, InstanceName};
 
@@ -80,7 +79,6 @@ pub(super) struct Settings {
     pub visit_threads: Option<usize>,
     pub answer_repeats: bool,
     pub isa: AvailableIsa,
-    pub calibration: CalibrationChoice,
     pub spin: Duration,
     pub deadline: Duration,
     /// Boxes of the frames that memory is made present for before the first one; `None` for none.
@@ -120,7 +118,6 @@ impl Default for SessionBuilder {
                 visit_threads: None,
                 answer_repeats: true,
                 isa: AvailableIsa::best(),
-                calibration: CalibrationChoice::Auto,
                 spin: DEFAULT_SPIN,
                 deadline: DEFAULT_DEADLINE,
                 capacity: None,
@@ -192,13 +189,6 @@ impl SessionBuilder {
     /// depend on it. A daemon has a setting of its own.
     pub fn isa(mut self, isa: AvailableIsa) -> Self {
         self.isa = Ok(isa);
-        self
-    }
-
-    /// The constants that plans of the in-process backend compute with; those that
-    /// `pairmaskd calibrate` kept for this machine, else the built-in ones, unless set.
-    pub fn calibration(mut self, choice: CalibrationChoice) -> Self {
-        self.settings.calibration = choice;
         self
     }
 

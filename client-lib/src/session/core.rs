@@ -159,7 +159,7 @@ pub(super) struct Core {
 impl Core {
     pub(super) fn new(mut settings: Settings) -> Result<Self, ConnectError> {
         settings.backend = Link::backend(settings.backend)?;
-        let local = Arc::new(Local::new(settings.isa, &settings.calibration));
+        let local = Arc::new(Local::new(settings.isa));
         let core = Self {
             settings,
             local,

@@ -7,7 +7,7 @@ use pairmask_core::dispatch::{CpuEngines, CullAnswer, CullOptions, SphereWays, W
 use pairmask_core::engine::{AvailableIsa, CullError, HeapReply, ReserveError};
 use pairmask_core::filters::Rules;
 use pairmask_core::objects::Objects;
-use pairmask_core::plan::CalibrationChoice;
+use pairmask_core::plan::Calibration;
 use pairmask_core::precision::{ExpandScratch, Precision};
 use pairmask_core::repeat::{Repeats, Seen};
 use pairmask_core::scene::{QueryError, Scene, cull_between};
@@ -127,9 +127,8 @@ pub(super) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 }
 
 impl Local {
-    pub(super) fn new(isa: AvailableIsa, calibration: &CalibrationChoice) -> Self {
-        let (calibration, _) = calibration.resolve(isa);
-        let boxes = CpuEngines::on(isa, calibration);
+    pub(super) fn new(isa: AvailableIsa) -> Self {
+        let boxes = CpuEngines::on(isa, Calibration::built_in(isa.get()));
         Self {
             engines: Mutex::new(Engines {
                 boxes,

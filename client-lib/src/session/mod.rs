@@ -38,7 +38,6 @@ mod link;
 #[allow(dead_code)] // It has no value, so that nothing reads or makes one.
 mod link;
 mod local;
-mod margined;
 mod narrow;
 mod pace;
 mod pairs;
@@ -51,7 +50,6 @@ mod unread;
 pub use builder::{Backend, SessionBuilder};
 pub use error::{CommitError, ConnectError, FindError, FrameError, StatusError, WaitError};
 pub use frame::Frame;
-pub use margined::{MarginStats, Margined, MarginedError, MarginedMask};
 pub use narrow::NarrowFrame;
 pub use pairs::{FrameInfo, PairMask, ServedBy};
 pub use pending::PendingFrame;

@@ -289,9 +289,9 @@ fn texts_are_read_as_they_are_shown() {
             "two \
              lines"
         )]
-        log::warn!("calibration {} is not used: {error}", path.display());
+        log::warn!("folder {} is not used: {error}", path.display());
     "#;
     let texts: Vec<String> = texts_of(source).collect();
-    let expected = ["no … for …: give \"{}\"", "two lines", "calibration … is not used: …"];
+    let expected = ["no … for …: give \"{}\"", "two lines", "folder … is not used: …"];
     assert_eq!(texts, expected);
 }

@@ -6,7 +6,7 @@ use pairmask::filters::{Owner, Rules, Tag, World};
 use pairmask::info::BoxForm;
 use pairmask::{
     Aabb, AvailableIsa, Backend, Bounds, ConnectError, Encoding, EncodingChoice, FrameError, Isa,
-    Margin, Margined, Precision, ServedBy, Session, SessionBuilder, Sphere,
+    Precision, ServedBy, Session, SessionBuilder, Sphere,
 };
 use pairmask_core::oracle;
 
@@ -93,18 +93,6 @@ fn frames_of_spheres_have_all_pairs_that_touch() {
 }
 
 #[test]
-fn margins_keep_an_answer() {
-    let boxes = scene(345);
-    let exact = oracle::truth(&boxes).pairs;
-    let mut margined = Margined::new(in_process().connect().unwrap(), Margin::new(0.05).unwrap());
-    for _ in 0..2 {
-        let kept = margined.cull(&boxes).unwrap();
-        assert_eq!(sorted(kept.exact_pairs().collect()), exact);
-    }
-    assert_eq!((margined.stats().requests, margined.stats().skipped), (1, 1));
-}
-
-#[test]
 fn names_of_instances_are_checked_in_every_build() {
     let error = in_process().instance("no name").connect().unwrap_err();
     assert!(matches!(error, ConnectError::Instance(_)), "{error}");
@@ -130,16 +118,6 @@ fn without_a_transport_a_daemon_is_a_typed_error() {
     assert!(matches!(error, ConnectError::NotBuiltIn), "{error}");
     let text = error.to_string();
     assert!(text.contains("feature `daemon`") && text.contains("Backend::InProcess"), "{text}");
-}
-
-#[test]
-#[cfg(not(feature = "calibration-file"))]
-fn without_files_plans_compute_with_the_built_in_constants() {
-    use pairmask_core::plan::{CalibrationChoice, CalibrationOrigin};
-    for choice in [CalibrationChoice::Auto, CalibrationChoice::File("some/where".into())] {
-        let origin = choice.resolve(AvailableIsa::best()).1;
-        assert_eq!(origin, CalibrationOrigin::BuiltIn(Isa::best()));
-    }
 }
 
 #[test]

@@ -217,11 +217,6 @@ impl RuntimeDir {
         replace_own(&new, &self.record_file(name), record.to_string().as_bytes())
     }
 
-    /// The file in which a worker of an instance leaves the constants that it measured to the next one.
-    pub fn constants_file(&self, name: &InstanceName) -> PathBuf {
-        self.file(name, ".constants")
-    }
-
     /// Removes the record, the heartbeat and the status file of an instance that stops.
     pub fn remove_record(&self, name: &InstanceName) {
         // Files that cannot be removed do no harm: readers find that the lock is free. The record goes

@@ -69,47 +69,95 @@ mod tests {
     // Rules are filled as users fill them.
     #![allow(clippy::field_reassign_with_default)]
 
-    use std::collections::BTreeSet;
     use std::sync::Arc;
 
     use bytemuck::Zeroable;
     use pairmask_core::dispatch::{CpuEngines, CullOptions, SphereEngines};
-    use pairmask_core::engine::{BruteForce, CullInput, CullReport, Engine, Grid, HeapReply};
+    use pairmask_core::engine::{CullReport, EngineChoice, EngineName, HeapReply};
     use pairmask_core::filters::{Owner, Rules, Tag};
-    use pairmask_core::mask::{MaskShape, MaskView};
     use pairmask_core::objects::Objects;
-    use pairmask_core::oracle::truth;
-    use pairmask_core::{Aabb, BoxCount, BoxForm, Encoding, EncodingChoice};
+    use pairmask_core::{BoxCount, BoxForm, Encoding, EncodingChoice};
     use pairmask_tests::{SphereCase, lose_a_pair, stress_scenes as scenes};
-    use pairmask_wire::{Page, RulesLayout, RulesReader, ScenePlace, page_count};
+    use pairmask_wire::{Page, RulesLayout, RulesReader, ScenePlace, SentRules, page_count};
 
     use super::super::window::{Reach, Span2};
     use super::*;
     use crate::scene::Random;
 
-    fn frame(
-        engine: &mut dyn Engine,
-        boxes: &[Aabb],
-        encoding: Encoding,
-    ) -> (HeapReply, pairmask_core::engine::CullReport) {
-        let mut reply = HeapReply::new();
-        let report =
-            engine.cull(&CullInput::boxes(boxes).encoding(encoding), &mut reply).expect("memory");
-        (reply, report)
-    }
+    type Sent = Option<Arc<SentRules>>;
 
-    fn audit(boxes: &[Aabb], span: Span2, shape: &MaskShape, reply: &[u32]) -> Outcome {
+    fn audit(
+        objects: Objects<'_>,
+        rules: Sent,
+        span: Span2,
+        report: &CullReport,
+        reply: &[u32],
+    ) -> Outcome {
         let mut window = Window::default();
-        window.take_mask(boxes.len() as u32, span, shape, reply);
-        window.take_objects(Objects::Boxes(boxes.into()));
+        window.take_mask(objects.len() as u32, span, &report.shape, reply);
+        window.take_objects(objects);
+        window.take_rules(rules);
         check(&window)
     }
 
-    fn engines() -> [Box<dyn Engine>; 2] {
-        [Box::new(BruteForce::new()), Box::new(Grid::new())]
+    /// A mask passes, and does not with a pair less. Whether one was lost within the window.
+    fn hold(
+        objects: Objects<'_>,
+        rules: &Sent,
+        mut report: CullReport,
+        reply: &[u32],
+        random: &mut Random,
+    ) -> bool {
+        let n = objects.len() as u32;
+        let reach = match objects {
+            Objects::Boxes(_) => Reach::BOXES,
+            Objects::Spheres(_) => Reach::SPHERES,
+        };
+        let span = Span2::draw(n, reach, random);
+        let is_whole = span.rows.len() == n as usize;
+        let right = audit(objects, rules.clone(), span.clone(), &report, reply);
+        assert_eq!((right.missed, right.extra), (0, 0), "{n}, {span:?}");
+        assert!(!is_whole || right.pairs == BoxCount::new(n).pair_count());
+        let (before, mut words) = (report.pair_count, reply.to_vec());
+        lose_a_pair(&mut words, &mut report);
+        let spoilt = audit(objects, rules.clone(), span, &report, &words);
+        assert!(!is_whole || spoilt.missed == before - report.pair_count, "{n}");
+        assert_eq!(spoilt.extra, 0);
+        spoilt.missed > 0
     }
 
-    /// A mask of pairs that rules part is right without them alone, and wrong with a pair less.
+    fn options(engine: EngineName, encoding: Encoding) -> CullOptions {
+        CullOptions {
+            engine: EngineChoice::Only(engine),
+            encoding: EncodingChoice::Only(encoding),
+            ..CullOptions::default()
+        }
+    }
+
+    #[test]
+    fn masks_of_boxes_pass_and_lost_pairs_are_found() {
+        let (mut random, mut engines) = (Random::new(1), CpuEngines::new());
+        let mut reply = HeapReply::new();
+        let mut lost = 0;
+        for n in [0u32, 1, 2, 31, 32, 33, 70, 345, 5_000] {
+            for scene in scenes::ALL.iter().filter(|scene| n < 5_000 || scene.name() == "uniform") {
+                let boxes = scene.boxes(n, 3);
+                for engine in [EngineName::CpuBrute, EngineName::CpuGrid] {
+                    for encoding in Encoding::ALL {
+                        let options = options(engine, encoding);
+                        let report =
+                            engines.cull(&boxes, &options, &mut reply).expect("memory").report;
+                        let objects = Objects::Boxes((&boxes).into());
+                        let words = reply.words();
+                        lost += usize::from(hold(objects, &None, report, words, &mut random));
+                    }
+                }
+            }
+        }
+        assert!(lost > 50, "{lost} lost pairs were found");
+    }
+
+    /// A mask of pairs that rules part is right with them alone.
     #[test]
     fn masks_are_held_to_the_rules_of_their_frame() {
         let boxes = scenes::named("uniform").boxes(300, 3);
@@ -122,198 +170,72 @@ mod tests {
         assert!(layout.write(&rules, &mut pages));
         let mut reader = RulesReader::default();
         let sent = reader.read(&layout.place(), n, &pages).expect("as it was written");
+        let (mut engines, mut reply, mut random) =
+            (CpuEngines::new(), HeapReply::new(), Random::new(2));
+        let span = Span2 { rows: 0..300, columns: 0..300 };
         for encoding in Encoding::ALL {
-            let options =
-                CullOptions { encoding: EncodingChoice::Only(encoding), ..CullOptions::default() };
-            let (mut engines, mut reply) = (CpuEngines::new(), HeapReply::new());
+            let options = options(EngineName::CpuGrid, encoding);
             let all = engines.cull(&boxes, &options, &mut reply).expect("memory").report;
-            let audit = |rules: bool, report: &CullReport, reply: &[u32]| {
-                let mut window = Window::default();
-                window.take_mask(
-                    300,
-                    Span2::draw(300, Reach::BOXES, &mut Random::new(1)),
-                    &report.shape,
-                    reply,
-                );
-                window.take_objects(Objects::Boxes((&boxes).into()));
-                window.take_rules(rules.then(|| Arc::clone(sent)));
-                check(&window)
-            };
-            let outcome = audit(true, &all, reply.words());
+            let objects = Objects::Boxes((&boxes).into());
+            let sent = Some(Arc::clone(sent));
+            let outcome = audit(objects, sent.clone(), span.clone(), &all, reply.words());
             assert_eq!((outcome.missed, outcome.extra > 0), (0, true), "{encoding}");
             let done = engines.cull_filtered(&boxes, &rules, &options, &mut reply);
-            let mut report = done.expect("memory").answer.report;
-            let outcome = audit(true, &report, reply.words());
-            assert_eq!((outcome.missed, outcome.extra), (0, 0), "{encoding}");
-            let outcome = audit(false, &report, reply.words());
+            let report = done.expect("memory").answer.report;
+            assert!(hold(objects, &sent, report, reply.words(), &mut random), "{encoding}");
+            let outcome = audit(objects, None, span.clone(), &report, reply.words());
             assert_eq!((outcome.missed > 0, outcome.extra), (true, 0), "{encoding}");
-            let mut words = reply.words().to_vec();
-            lose_a_pair(&mut words, &mut report);
-            let outcome = audit(true, &report, &words);
-            assert_eq!((outcome.missed, outcome.extra), (1, 0), "{encoding}");
         }
-    }
-
-    #[test]
-    fn right_masks_pass_in_every_window() {
-        let mut random = Random::new(1);
-        for n in [0u32, 1, 2, 31, 32, 33, 70, 345] {
-            for scene in scenes::ALL {
-                let boxes = scene.boxes(n, 3);
-                for mut engine in engines() {
-                    for encoding in Encoding::ALL {
-                        let (reply, report) = frame(engine.as_mut(), &boxes, encoding);
-                        let below = |bound: u32, random: &mut Random| {
-                            random.below(u64::from(bound) + 1) as u32
-                        };
-                        let (row, column) =
-                            (below(n, &mut random), below(n, &mut random) / 32 * 32);
-                        let part = Span2 { rows: row..n, columns: column..n };
-                        for span in [Span2 { rows: 0..n, columns: 0..n }, part] {
-                            let outcome = audit(&boxes, span, &report.shape, reply.words());
-                            assert_eq!((outcome.missed, outcome.extra), (0, 0), "{scene:?}, {n}");
-                        }
-                        let whole = Span2::draw(n, Reach::BOXES, &mut random);
-                        let outcome = audit(&boxes, whole, &report.shape, reply.words());
-                        assert_eq!(outcome.pairs, BoxCount::new(n).pair_count());
-                    }
-                }
-            }
-        }
-    }
-
-    #[test]
-    fn a_pair_that_is_lost_or_made_up_is_found() {
-        let boxes = scenes::named("clustered").boxes(345, 1);
-        let all = truth(&boxes).pairs;
-        for mut engine in engines() {
-            for encoding in Encoding::ALL {
-                let (mut reply, mut report) = frame(engine.as_mut(), &boxes, encoding);
-                let mut words = reply.words().to_vec();
-                lose_a_pair(&mut words, &mut report);
-                let n = BoxCount::new(345);
-                let view = MaskView::new(n, &report.shape, &words).expect("a mask");
-                let left: BTreeSet<_> = view.pairs().collect();
-                let lost: Vec<_> = all.iter().filter(|pair| !left.contains(pair)).collect();
-                assert_eq!(lost.len(), 1);
-                let span = Span2 { rows: 0..345, columns: 0..345 };
-                let outcome = audit(&boxes, span.clone(), &report.shape, &words);
-                assert_eq!((outcome.missed, outcome.extra), (1, 0));
-                assert_eq!(outcome.first.as_ref(), Some(lost[0]));
-
-                // The same mask, with one box moved away.
-                let mut moved = boxes.clone();
-                moved[lost[0].0 as usize] = Aabb::EMPTY;
-                let (_, right) = frame(engine.as_mut(), &boxes, encoding);
-                let reserved = reply.words().len();
-                reply.fill(0);
-                assert!(reserved > 0 && right.pair_count > 0);
-                let outcome = audit(&moved, span, &report.shape, &words);
-                assert!(outcome.extra > 0 && outcome.missed == 0, "{outcome:?}");
-            }
-        }
-    }
-
-    #[test]
-    fn windows_of_large_frames_are_bounded_and_reach_everywhere() {
-        let mut random = Random::new(4);
-        for reach in [Reach::BOXES, Reach::SPHERES] {
-            for n in [2_049, 5_000, 40_000, 1_000_000, u32::MAX] {
-                let (mut low, mut high) = (u32::MAX, 0);
-                for _ in 0..2_000 {
-                    let span = Span2::draw(n, reach, &mut random);
-                    assert!(span.rows.end <= n && span.columns.end <= n && !span.rows.is_empty());
-                    assert_eq!(span.columns.start % 32, 0);
-                    let tests = span.rows.len() as u64 * span.columns.len() as u64;
-                    assert!(tests <= reach.tests, "{span:?}");
-                    low = low.min(span.rows.start);
-                    high = high.max(span.columns.end);
-                }
-                assert!(low < n / 10 && high > n - n / 10, "{n}: {low} to {high}");
-            }
-        }
-    }
-
-    #[test]
-    fn windows_of_two_large_sets_hold_rows_of_the_first_and_columns_of_the_second() {
-        let mut random = Random::new(6);
-        for (first, n) in [(1, 2_049), (3_000, 3_001), (10_000, 1_010_000), (40_000, 90_000)] {
-            let (mut low, mut high) = (u32::MAX, 0);
-            for _ in 0..2_000 {
-                let first_set = BoxCount::new(first);
-                let span = Span2::draw_between(first_set, n, Reach::BOXES, &mut random);
-                assert!(!span.rows.is_empty() && span.rows.end <= first, "{span:?}");
-                assert!(span.columns.end > first && span.columns.end <= n, "{span:?}");
-                assert_eq!(span.columns.start % 32, 0);
-                let tests = span.rows.len() as u64 * span.columns.len() as u64;
-                assert!(tests <= Reach::BOXES.tests, "{span:?}");
-                low = low.min(span.columns.start);
-                high = high.max(span.columns.end);
-            }
-            assert!(low <= first + n / 10 && high > n - n / 10, "{n}: {low} to {high}");
-        }
-        // A set may be empty.
-        for (first, n) in [(0, 5_000), (5_000, 5_000)] {
-            let first_set = BoxCount::new(first);
-            let span = Span2::draw_between(first_set, n, Reach::BOXES, &mut random);
-            assert!(span.rows.end <= n && span.columns.end <= n, "{span:?}");
-        }
-    }
-
-    #[test]
-    fn large_frames_pass_in_windows_drawn_at_random() {
-        let boxes = scenes::named("uniform").boxes(5_000, 1);
-        let mut random = Random::new(5);
-        let mut pairs = 0;
-        for mut engine in engines() {
-            for encoding in Encoding::ALL {
-                let (reply, report) = frame(engine.as_mut(), &boxes, encoding);
-                for _ in 0..3 {
-                    let span = Span2::draw(5_000, Reach::BOXES, &mut random);
-                    let outcome = audit(&boxes, span, &report.shape, reply.words());
-                    assert_eq!((outcome.missed, outcome.extra), (0, 0));
-                    pairs += outcome.pairs;
-                }
-            }
-        }
-        assert!(pairs > 1_000_000, "{pairs} pairs were compared");
     }
 
     #[test]
     fn spheres_are_held_to_their_own_oracle() {
-        let mut random = Random::new(6);
-        let mut engines = SphereEngines::new();
+        let (mut random, mut engines) = (Random::new(6), SphereEngines::new());
         let mut lost = 0;
         for seed in 0..60 {
             let SphereCase { spheres, .. } = SphereCase::new(seed);
-            let n = spheres.len() as u32;
             for encoding in Encoding::ALL {
-                let options = CullOptions {
-                    encoding: EncodingChoice::Only(encoding),
-                    ..CullOptions::default()
-                };
+                let encoding = EncodingChoice::Only(encoding);
+                let options = CullOptions { encoding, ..CullOptions::default() };
                 let mut reply = HeapReply::new();
-                let mut report =
-                    engines.cull(&spheres, &options, &mut reply).expect("memory").report;
-                let mut words = reply.words().to_vec();
-                let span = Span2::draw(n, Reach::SPHERES, &mut random);
-                let whole = u64::from(n) <= 256;
-                let audit = |shape: &MaskShape, words: &[u32]| {
-                    let mut window = Window::default();
-                    window.take_mask(n, span.clone(), shape, words);
-                    window.take_objects(Objects::Spheres(&spheres));
-                    check(&window)
-                };
-                let outcome = audit(&report.shape, &words);
-                assert_eq!((outcome.missed, outcome.extra), (0, 0), "case {seed}");
-                assert!(!whole || outcome.pairs == BoxCount::new(n).pair_count());
-                let before = report.pair_count;
-                lose_a_pair(&mut words, &mut report);
-                let missed = audit(&report.shape, &words).missed;
-                assert!(!whole || missed == before - report.pair_count, "case {seed}");
-                lost += missed;
+                let report = engines.cull(&spheres, &options, &mut reply).expect("memory").report;
+                let objects = Objects::Spheres(&spheres);
+                lost += usize::from(hold(objects, &None, report, reply.words(), &mut random));
             }
         }
         assert!(lost > 50, "{lost} lost pairs were found");
+    }
+
+    /// Of one set, and of two: rows of the first, columns of the second.
+    #[test]
+    fn windows_of_large_frames_are_bounded_and_reach_everywhere() {
+        let mut random = Random::new(4);
+        for reach in [Reach::BOXES, Reach::SPHERES] {
+            for (first, n) in [
+                (None, 2_049),
+                (None, 40_000),
+                (None, u32::MAX),
+                (Some(3_000), 3_001),
+                (Some(10_000), 1_010_000),
+                (Some(0), 5_000),
+                (Some(5_000), 5_000),
+            ] {
+                let (mut low, mut high) = (u32::MAX, 0);
+                for _ in 0..2_000 {
+                    let span = match first.map(BoxCount::new) {
+                        None => Span2::draw(n, reach, &mut random),
+                        Some(first) => Span2::draw_between(first, n, reach, &mut random),
+                    };
+                    assert!(span.rows.end <= first.unwrap_or(n) && span.columns.end <= n);
+                    assert!(span.rows.is_empty() == (first == Some(0)));
+                    assert_eq!(span.columns.start % 32, 0);
+                    let tests = span.rows.len() as u64 * span.columns.len() as u64;
+                    assert!(tests <= reach.tests, "{span:?}");
+                    low = low.min(span.columns.start);
+                    high = high.max(span.columns.end);
+                }
+                assert!(low <= first.unwrap_or(0) + n / 10 && high > n - n / 10, "{low} to {high}");
+            }
+        }
     }
 }

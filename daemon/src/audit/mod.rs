@@ -24,14 +24,12 @@
 //! window         which rows and columns, and their bits           (pure)
 //! check          bits against the oracle                          (pure)
 //! sphere_oracle  two spheres, in exact rational arithmetic        (pure)
-//! edit           an edit, copied                                  (pure)
 //! name           what the log calls what was checked              (pure)
 //! scene          what a scene told, added up, against the oracle  (pure)
 //! thread         hands windows over and keeps the counts
 //! ```
 
 mod check;
-mod edit;
 mod name;
 mod rate;
 mod scene;

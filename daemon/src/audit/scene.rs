@@ -6,15 +6,16 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use bytemuck::Zeroable;
 use pairmask_core::aabb::Aabb;
+use pairmask_core::engine::EngineChoice;
 use pairmask_core::filters::Tag;
 use pairmask_core::objects::Objects;
 use pairmask_core::oracle::Corners;
 use pairmask_core::scene::{Edit, QueryTags, SceneCopy, Told, Want};
-use pairmask_wire::{EditScratch, Page, SceneRequest};
+use pairmask_wire::{EditLayout, EditScratch, Page, SceneId, SceneRequest, page_count};
 
 use super::check::{Outcome, check_by_rules};
-use super::edit::OwnedEdit;
 use super::name::NotedName;
 use super::window::Window;
 use crate::scene::Random;
@@ -26,22 +27,13 @@ const TESTS: usize = 1 << 21;
 #[derive(Debug)]
 pub struct SceneNote {
     pub(super) name: NotedName,
-    edit: NotedEdit,
+    request: SceneRequest,
+    payload: Vec<Page>,
     want: Want,
-    /// Whether the answer before was taken.
-    is_taken: bool,
     is_resync: bool,
     begun: Vec<[u32; 2]>,
     ended: Vec<[u32; 2]>,
     pairs: Vec<[u32; 2]>,
-}
-
-#[derive(Debug)]
-enum NotedEdit {
-    /// As a client sent it.
-    Sent(SceneRequest, Vec<Page>),
-    /// Those of a tick together.
-    Merged(OwnedEdit),
 }
 
 impl SceneNote {
@@ -53,23 +45,41 @@ impl SceneNote {
         told: &Told,
     ) -> Self {
         let name = NotedName::Request { client_token, frame };
-        let edit = NotedEdit::Sent(*request, payload.to_vec());
-        Self::of(name, edit, request.is_taken, told)
+        Self::of(name, *request, payload.to_vec(), told)
     }
 
     /// Copies an edit of a scene that several sessions write, and what it changed. Each is taken before the next.
     /// `None` where it has a step of a later core.
     pub fn of_tick(number: u64, edit: Edit<'_>, told: &Told) -> Option<Self> {
-        let edit = NotedEdit::Merged(OwnedEdit::of(edit)?);
-        Some(Self::of(NotedName::Tick(number), edit, true, told))
+        let layout = EditLayout::of(edit)?;
+        let mut payload = vec![Page::zeroed(); page_count(layout.payload_bytes()) as usize];
+        if !layout.write(edit, &mut payload) {
+            return None;
+        }
+        let [boxes, steps, indices] = layout.sections();
+        let request = SceneRequest {
+            scene: SceneId(0),
+            base: number,
+            revision: number + 1,
+            is_taken: true,
+            is_lost: false,
+            want: told.want(),
+            most_boxes: u32::MAX,
+            engine: EngineChoice::Auto,
+            threads: None,
+            boxes,
+            steps,
+            indices,
+        };
+        Some(Self::of(NotedName::Tick(number), request, payload, told))
     }
 
-    fn of(name: NotedName, edit: NotedEdit, is_taken: bool, told: &Told) -> Self {
+    fn of(name: NotedName, request: SceneRequest, payload: Vec<Page>, told: &Told) -> Self {
         Self {
             name,
-            edit,
+            request,
+            payload,
             want: told.want(),
-            is_taken,
             is_resync: told.is_resync(),
             begun: told.begun().to_vec(),
             ended: told.ended().iter().map(|ended| ended.pair).collect(),
@@ -171,13 +181,10 @@ impl SceneAudit {
     /// `None` where the edit cannot be followed: its client changed it after it was answered.
     pub fn follow(&mut self, note: SceneNote) -> Option<Outcome> {
         let outcome = match self.open.take() {
-            Some(told) if note.is_taken => self.take(&told),
+            Some(told) if note.request.is_taken => self.take(&told),
             _ => Outcome::default(),
         };
-        let steps = match &note.edit {
-            NotedEdit::Sent(request, payload) => self.scratch.read(request, payload).ok()?,
-            NotedEdit::Merged(edit) => edit.steps(),
-        };
+        let steps = self.scratch.read(&note.request, &note.payload).ok()?;
         let edit = Edit { steps: &steps };
         self.copy.check(edit).ok()?;
         self.copy.apply(edit);
@@ -251,11 +258,8 @@ impl SceneAudit {
 
 #[cfg(test)]
 mod tests {
-    use bytemuck::Zeroable;
-    use pairmask_core::engine::EngineChoice;
     use pairmask_core::scene::{Scene, SceneOptions};
     use pairmask_tests::scene_edits::{EditMaker, SKIPPED};
-    use pairmask_wire::{EditLayout, SceneId, page_count};
 
     use super::*;
 
@@ -263,29 +267,13 @@ mod tests {
     const MOST_BOXES: u32 = BOXES as u32 + SKIPPED;
 
     fn note(edit: Edit<'_>, told: &Told, is_taken: bool) -> SceneNote {
-        let layout = EditLayout::of(edit).expect("a small edit");
-        let mut payload = vec![Page::zeroed(); page_count(layout.payload_bytes()) as usize];
-        assert!(layout.write(edit, &mut payload));
-        let [boxes, steps, indices] = layout.sections();
-        let request = SceneRequest {
-            scene: SceneId(0),
-            base: 1,
-            revision: 2,
-            is_taken,
-            is_lost: false,
-            want: told.want(),
-            most_boxes: MOST_BOXES,
-            engine: EngineChoice::Auto,
-            threads: None,
-            boxes,
-            steps,
-            indices,
-        };
-        SceneNote::new((1, 2), &request, &payload, told)
+        let mut note = SceneNote::of_tick(1, edit, told).expect("steps of this core");
+        note.request.is_taken = is_taken;
+        note
     }
 
     /// Follows a scene whose notes are spoilt; what was found, summed up.
-    fn follow(mut spoil: impl FnMut(usize, &mut SceneNote)) -> Outcome {
+    fn follow(mut spoil: impl FnMut(&mut SceneNote)) -> Outcome {
         let mut edits = EditMaker::new(11, BOXES);
         let mut scene = Scene::new(SceneOptions::default().with_most_boxes(MOST_BOXES));
         let mut audit = SceneAudit::new(MOST_BOXES, 1);
@@ -294,19 +282,15 @@ mod tests {
         for i in 0..300 {
             let owned = edits.next_edit();
             let arrays = owned.arrays(i % 3);
-            let steps = arrays.steps();
-            let edit = Edit { steps: &steps };
+            let edit = Edit { steps: &arrays.steps() };
             let want = [Want::Changes, Want::Changes, Want::All, Want::Moved, Want::Nothing];
             let want = want[random.below(5) as usize];
-            let told = scene.edit(edit, want).expect("a right edit");
-            let mut note = note(edit, told, was_taken);
-            spoil(i, &mut note);
-            let Outcome { pairs, missed, extra, first } =
-                audit.follow(note).expect("an edit that can be followed");
-            sum.pairs += pairs;
-            sum.missed += missed;
-            sum.extra += extra;
-            sum.first = sum.first.or(first);
+            let mut note = note(edit, scene.edit(edit, want).expect("a right edit"), was_taken);
+            spoil(&mut note);
+            let found = audit.follow(note).expect("an edit that can be followed");
+            sum.pairs += found.pairs;
+            sum.missed += found.missed;
+            sum.extra += found.extra;
             was_taken = random.below(3) > 0;
             if was_taken {
                 scene.take();
@@ -316,67 +300,15 @@ mod tests {
     }
 
     #[test]
-    fn a_scene_that_tells_right_passes() {
-        let Outcome { pairs, missed, extra, first } = follow(|_, _| ());
-        assert!(pairs > 10_000);
-        assert_eq!((missed, extra, first), (0, 0, None));
-    }
-
-    #[test]
     fn changes_that_are_lost_or_made_up_are_found() {
-        let lost = follow(|_, note| {
-            if note.begun.len() > 3 {
-                note.begun.pop();
-            }
-        });
-        assert!(lost.missed > 0 && lost.first.is_some(), "{lost:?}");
-        let kept = follow(|_, note| {
-            if note.ended.len() > 3 {
-                note.ended.pop();
-            }
-        });
-        assert!(kept.extra > 0, "{kept:?}");
-        let twice = follow(|_, note| {
-            let first = note.begun.first().copied();
-            note.begun.extend(first);
-        });
-        assert!(twice.extra > 0, "{twice:?}");
-    }
-
-    /// Follows a shared scene whose notes are spoilt; what was found, summed up.
-    fn follow_ticks(mut spoil: impl FnMut(&mut SceneNote)) -> Outcome {
-        let mut edits = EditMaker::new(12, BOXES);
-        let mut scene = Scene::new(SceneOptions::default().with_most_boxes(MOST_BOXES));
-        let mut audit = SceneAudit::new(MOST_BOXES, 1);
-        let mut sum = Outcome::default();
-        for i in 0..300 {
-            let owned = edits.next_edit();
-            let arrays = owned.arrays(i as usize % 3);
-            let edit = Edit { steps: &arrays.steps() };
-            let want = if i % 7 == 6 { Want::All } else { Want::Changes };
-            let told = scene.edit(edit, want).expect("a right edit");
-            let mut note = SceneNote::of_tick(i, edit, told).expect("steps of this core");
-            spoil(&mut note);
-            let outcome = audit.follow(note).expect("an edit that can be followed");
-            sum.pairs += outcome.pairs;
-            sum.missed += outcome.missed;
-            sum.extra += outcome.extra;
-            scene.take();
-        }
-        sum
-    }
-
-    #[test]
-    fn ticks_of_a_shared_scene_are_followed() {
-        let Outcome { pairs, missed, extra, .. } = follow_ticks(|_| ());
-        assert!(pairs > 10_000);
-        assert_eq!((missed, extra), (0, 0));
-        let lost = follow_ticks(|note| {
-            if note.begun.len() > 3 {
-                note.begun.pop();
-            }
-        });
-        assert!(lost.missed > 0, "{lost:?}");
+        let right = follow(|_| ());
+        assert!(right.pairs > 10_000);
+        assert_eq!((right.missed, right.extra), (0, 0));
+        let lose = |pairs: &mut Vec<[u32; 2]>| pairs.truncate(pairs.len().max(4) - 1);
+        assert!(follow(|note| lose(&mut note.begun)).missed > 0);
+        assert!(follow(|note| lose(&mut note.ended)).extra > 0);
+        let twice = |note: &mut SceneNote| note.begun.extend_from_within(..note.begun.len().min(1));
+        assert!(follow(twice).extra > 0);
     }
 
     #[test]
@@ -385,12 +317,10 @@ mod tests {
         let mut scene = Scene::new(SceneOptions::default());
         let owned = EditMaker::new(1, BOXES).next_edit();
         let arrays = owned.arrays(0);
-        let steps = arrays.steps();
-        let edit = Edit { steps: &steps };
+        let edit = Edit { steps: &arrays.steps() };
         let told = scene.edit(edit, Want::All).expect("a right edit");
         let mut wrong = note(edit, told, false);
-        let NotedEdit::Sent(_, payload) = &mut wrong.edit else { panic!("sent") };
-        bytemuck::cast_slice_mut::<Page, u32>(payload).fill(u32::MAX);
+        bytemuck::cast_slice_mut::<Page, u32>(&mut wrong.payload).fill(u32::MAX);
         assert!(audit.follow(wrong).is_none());
         assert_eq!(audit.copy.get(0), None::<Aabb>);
     }

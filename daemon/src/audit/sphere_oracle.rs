@@ -6,10 +6,9 @@
 //! beyond the layout of a sphere.
 //!
 //! Where the eight numbers of a pair are of like magnitude, a coarser common denominator makes them
-//! whole within 64 bits and their squares within 128; that is most pairs. All others take integers of
-//! any size; the tests compare both ways.
+//! whole within 64 bits and their squares within 128; that is most pairs. All others take arrays of
+//! digits; the tests compare both ways.
 
-use num_bigint::{BigInt, BigUint};
 use pairmask_core::sphere::Sphere;
 
 /// Whether two spheres share a point, by the rules of [`pairmask_core::sphere`].
@@ -62,23 +61,39 @@ fn parts(x: f32) -> (i64, u32) {
     (if x < 0.0 { -magnitude } else { magnitude }, exponent)
 }
 
-/// Whether two solid, finite spheres share a point, whatever their magnitudes.
+/// Digits to the base 2^32 of a number in units of 2^−149, the lowest first: numbers are below 2^278. Digits have
+/// signs and may be as large as a sum of two of them.
+type Digits = [i64; 9];
+
+/// Whether two solid, finite spheres share a point, whatever their magnitudes: whether (r₁ + r₂)² − d² is 0 or more.
 fn overlap_of_any(a: &Sphere, b: &Sphere) -> bool {
-    let square = |x: BigInt| &x * &x;
-    let distance: BigInt =
-        (0..3).map(|axis| square(whole(a.center[axis]) - whole(b.center[axis]))).sum();
-    distance <= square(whole(a.radius) + whole(b.radius))
+    // A digit is a sum of at most 4 · 9 products below 2^68.
+    let mut difference = [0i128; 18];
+    let mut add_square = |x: Digits, sign: i128| {
+        for (i, p) in x.iter().enumerate() {
+            for (j, q) in x.iter().enumerate() {
+                difference[i + j] += sign * i128::from(*p) * i128::from(*q);
+            }
+        }
+    };
+    add_square(sum(a.radius, b.radius), 1);
+    for axis in 0..3 {
+        add_square(sum(a.center[axis], -b.center[axis]), -1);
+    }
+    // What is left of a digit after its carry is not negative, so the last carry has the sign of all.
+    difference.iter().fold(0, |carry, digit| (digit + carry) >> 32) >= 0
 }
 
-/// A finite f32 in units of 2^−149.
-fn whole(x: f32) -> BigInt {
-    let bits = x.abs().to_bits();
-    let (exponent, fraction) = (bits / (1 << 23), bits % (1 << 23));
-    let magnitude = match exponent {
-        0 => BigUint::from(fraction),
-        _ => BigUint::from(fraction + (1 << 23)) << (exponent - 1),
-    };
-    if x < 0.0 { -BigInt::from(magnitude) } else { BigInt::from(magnitude) }
+/// The sum of two finite f32.
+fn sum(x: f32, y: f32) -> Digits {
+    let mut digits = [0; 9];
+    for (magnitude, exponent) in [parts(x), parts(y)] {
+        let (at, shifted) = ((exponent / 32) as usize, magnitude << (exponent % 32));
+        // Below 2^56; rounded down, so that the low digit is not negative.
+        digits[at] += shifted & 0xffff_ffff;
+        digits[at + 1] += shifted >> 32;
+    }
+    digits
 }
 
 #[cfg(test)]
@@ -103,7 +118,7 @@ mod tests {
     }
 
     #[test]
-    fn the_widest_range_of_magnitudes_does_not_overflow() {
+    fn the_widest_magnitudes_do_not_overflow() {
         let (large, small) = (f32::from_bits((37 << 23) | 0x7f_ffff), f32::from_bits(1 << 23));
         let spread = |x: f32, radius: f32| Sphere::new([x; 3], radius);
         for (a, b) in [
@@ -115,15 +130,12 @@ mod tests {
         }
         let wider = f32::from_bits((38 << 23) | 1);
         assert_eq!(overlap_of_like(&spread(wider, small), &spread(small, small)), None);
-    }
-
-    #[test]
-    fn whole_numbers_are_those_of_the_format() {
-        assert_eq!(whole(0.0), BigInt::from(0));
-        assert_eq!(whole(-1e-45), BigInt::from(-1));
-        assert_eq!(whole(f32::MIN_POSITIVE), BigInt::from(1 << 23));
-        assert_eq!(whole(1.0), BigInt::from(1) << 149);
-        let largest: BigInt = (BigInt::from(1) << 277) - (BigInt::from(1) << 253);
-        assert_eq!(whole(-f32::MAX), -largest);
+        // 2 √3 radii apart, and 2 along one axis.
+        let most = f32::MAX;
+        assert!(!overlap_of_any(&spread(-most, most), &spread(most, most)));
+        let along = |x: f32, radius: f32| Sphere::new([x, 0.0, 0.0], radius);
+        assert!(overlap_of_any(&along(-most, most), &along(most, most)));
+        assert!(!overlap_of_any(&along(-most, most), &along(most, most.next_down())));
+        assert!(!overlap_of_any(&along(-most, 0.0), &along(1e-45, most)));
     }
 }

@@ -5,7 +5,6 @@ use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use pairmask::{AvailableIsa, Backend};
-use pairmask_core::plan::CalibrationChoice;
 use pairmask_core::{EncodingChoice, EngineChoice};
 use pairmask_wire::InstanceName;
 use serde::{Deserialize, Deserializer};
@@ -43,8 +42,6 @@ pub struct Config {
     pub(super) gpu: Option<GpuChoices>,
     #[serde(deserialize_with = "number")]
     pub(super) gpu_awake_ms: Option<u32>,
-    #[serde(deserialize_with = "parsed")]
-    pub(super) calibration: Option<CalibrationChoice>,
     #[serde(deserialize_with = "parsed")]
     pub(super) isa: Option<AvailableIsa>,
     #[serde(deserialize_with = "parsed")]
@@ -190,7 +187,7 @@ mod tests {
         let config: Config = toml::from_str(
             "instance = 'world'\nbackend = 'in-process'\nencoding = 'sparse'\n\
              threads = 2\nspin-us = 0\nmax-clients = 3\nmax-reply-mib = 64\nmax-scene-mib = 9\nruntime-dir = '/run/x'\n\
-             gpu = 'none'\ngpu-awake-ms = 0\ncalibration = 'built-in'\nisa = 'portable'",
+             gpu = 'none'\ngpu-awake-ms = 0\nisa = 'portable'",
         )
         .expect("every key is known");
         assert_eq!(config.instance.as_ref().map(InstanceName::as_str), Some("world"));
@@ -198,28 +195,7 @@ mod tests {
         assert_eq!(config.encoding, Some(EncodingChoice::Only(Encoding::Sparse)));
         assert_eq!(config.spin_us, Some(0));
         assert_eq!(config.gpu_awake_ms, Some(0));
-        assert_eq!(config.calibration, Some(CalibrationChoice::BuiltIn));
         assert_eq!(config.isa, AvailableIsa::new(pairmask::Isa::Portable));
         assert_eq!(config.engine, None);
-    }
-
-    #[test]
-    fn unknown_keys_and_values_are_named() {
-        for (text, named) in [
-            ("motor = 'auto'", "motor"),
-            ("engine = 'fast'", "fast"),
-            ("threads = 0", "line 1 (threads = 0): must be at least 1"),
-            ("\n\nthreads = 'x'", "line 3 (threads = 'x'): must be a whole number"),
-            ("max-clients = 70000", "must be at most 65535"),
-            ("spin-us = -1", "must be at least 0"),
-            ("gpu = true", "must be text in quotes"),
-            ("runtime-dir = 3", "must be text in quotes"),
-            ("threads = 1\n[[[", "line 2 ("),
-            ("instance = 'A B'", "A B"),
-        ] {
-            let error = toml::from_str::<Config>(text).expect_err(text);
-            let line = one_line(text, &error);
-            assert!(line.contains(named) && !line.contains('\n'), "{line}");
-        }
     }
 }

@@ -1,7 +1,6 @@
 //! Errors of the commands, and their exit status.
 
 use super::bench::BenchError;
-use super::calibrate::CalibrateError;
 use super::config::ConfigError;
 use super::cull::CullCommandError;
 use super::demo::DemoError;
@@ -31,8 +30,6 @@ pub enum CliError {
     Demo(#[from] DemoError),
     #[error(transparent)]
     Bench(#[from] BenchError),
-    #[error(transparent)]
-    Calibrate(#[from] CalibrateError),
     #[error(transparent)]
     Scene(#[from] SceneCommandError),
     #[error(transparent)]

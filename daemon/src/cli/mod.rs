@@ -5,7 +5,6 @@
 
 mod bench;
 pub mod build;
-mod calibrate;
 pub mod config;
 mod cull;
 pub mod daemon_cpu;
@@ -55,7 +54,6 @@ Examples:
   pairmaskd status                            who serves, and what it did so far
   pairmaskd cull boxes.f32 --spawn --json     pairs of a file of boxes, by a daemon of its own
   pairmaskd bench latency --n 1000,10000      what a frame costs, by stage
-  pairmaskd calibrate                         measure this machine, for the plan
   pairmaskd explain boxes.f32 3 17            why two boxes are a pair or not
 
 Exit status: 0 done; 1 it failed, a check failed, or no daemon serves; 2 the command line or configuration is wrong.";
@@ -70,7 +68,6 @@ enum Command {
     Bench(bench::Bench),
     #[command(hide = true)]
     BenchClient(bench::BenchClient),
-    Calibrate(calibrate::Calibrate),
     Scene(scene::Scene),
     Status(status::Status),
     Explain(explain::Explain),
@@ -107,7 +104,6 @@ fn run(cli: &Cli, alter_answers: Option<AlterAnswer>) -> Result<(), CliError> {
         Command::DemoClient(client) => Ok(client.run(place, &config)?),
         Command::Bench(bench) => Ok(bench.run(place, &config)?),
         Command::BenchClient(client) => Ok(client.run(place, &config)?),
-        Command::Calibrate(calibrate) => Ok(calibrate.run(place.isa(&config))?),
         Command::Scene(scene) => Ok(scene.run()?),
         Command::Status(status) => Ok(status.run(place, &config)?),
         Command::Explain(explain) => Ok(explain.run()?),
@@ -118,7 +114,7 @@ impl Command {
     /// Whether the command uses a setting of the configuration file. A command that uses none does
     /// not fail by a wrong file.
     const fn reads_config(&self) -> bool {
-        !matches!(self, Self::Calibrate(_) | Self::Scene(_) | Self::Explain(_))
+        !matches!(self, Self::Scene(_) | Self::Explain(_))
     }
 
     /// The log level where `PAIRMASK_LOG` is not set.

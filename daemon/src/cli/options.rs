@@ -7,7 +7,6 @@ use clap::Args;
 use pairmask::{Backend, Session, SessionBuilder};
 use pairmask_core::dispatch::CullOptions;
 use pairmask_core::engine::AvailableIsa;
-use pairmask_core::plan::CalibrationChoice;
 use pairmask_core::{EncodingChoice, EngineChoice, EngineName};
 use pairmask_transport::RuntimeDir;
 use pairmask_wire::InstanceName;
@@ -17,7 +16,7 @@ use super::whole_number::whole_number;
 use crate::execute::gpu::{GpuChoice, GpuChoices};
 use crate::spawn::PrivateSettings;
 
-/// Instance, runtime directory, configuration file, calibration and instruction set.
+/// Instance, runtime directory, configuration file and instruction set.
 #[derive(Clone, Debug, Args)]
 pub struct Place {
     /// Name of the instance [default: default]
@@ -29,9 +28,6 @@ pub struct Place {
     /// Configuration file [default: `$XDG_CONFIG_HOME/pairmask/config.toml`]
     #[arg(long, global = true, env = "PAIRMASK_CONFIG", value_name = "FILE")]
     config: Option<PathBuf>,
-    /// Constants of the plan's cost model: auto, built-in or a file [default: auto]
-    #[arg(long, global = true, env = "PAIRMASK_CALIBRATION", value_name = "FILE")]
-    calibration: Option<CalibrationChoice>,
     /// Instruction set of engines and decoders: avx512, avx2, neon, portable [default: the widest]
     #[arg(long, global = true, env = "PAIRMASK_ISA", value_name = "NAME")]
     isa: Option<AvailableIsa>,
@@ -54,11 +50,6 @@ impl Place {
         named
             .filter(|path| !path.as_os_str().is_empty())
             .map_or_else(RuntimeDir::from_env, RuntimeDir::at)
-    }
-
-    /// The constants that plans compute with.
-    pub fn calibration(&self, config: &Config) -> CalibrationChoice {
-        self.calibration.clone().or_else(|| config.calibration.clone()).unwrap_or_default()
     }
 
     /// The instruction set that engines and decoders use.
@@ -96,7 +87,6 @@ impl DaemonOptions {
     pub fn private(&self, place: &Place, config: &Config) -> PrivateSettings {
         PrivateSettings {
             gpu: self.gpus(config),
-            calibration: place.calibration(config),
             isa: place.isa(config),
             ..PrivateSettings::default()
         }
@@ -150,7 +140,6 @@ impl CullFlags {
     pub fn session(&self, place: &Place, config: &Config) -> SessionBuilder {
         let cull_options = self.cull_options(config);
         let builder = Session::builder()
-            .calibration(place.calibration(config))
             .isa(place.isa(config))
             .engine(cull_options.engine)
             .encoding(cull_options.encoding)

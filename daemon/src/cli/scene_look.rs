@@ -120,24 +120,4 @@ mod tests {
         boxes[..250].fill(Aabb::EMPTY);
         assert_eq!(of_boxes(&boxes), None);
     }
-
-    #[test]
-    fn nothing_but_empty_and_invalid_boxes_is_none() {
-        let mut boxes = vec![Aabb::EMPTY; 5];
-        boxes[3].min[0] = f32::NAN;
-        let warning = of_boxes(&boxes).expect("a warning");
-        assert!(warning.contains("min above max: 4") && warning.contains("NaN: 1"), "{warning}");
-    }
-
-    #[test]
-    fn spheres_are_no_boxes_and_boxes_no_spheres() {
-        let spheres = spheres();
-        let boxes: &[Aabb] = bytemuck::cast_slice(&spheres);
-        let warning = of_boxes(boxes).expect("a warning");
-        assert!(warning.contains("try --shape spheres"), "{warning}");
-        let scene = Scene::new(SceneName::Uniform, 300, 1);
-        let none = Useless { empty: 0, invalid: 0 };
-        let warning = Look::at(scene.boxes()).warning_of_spheres(450, none).expect("a warning");
-        assert!(warning.contains("without --shape"), "{warning}");
-    }
 }

@@ -110,7 +110,6 @@ impl Serve {
             gpu: self.options.gpus(config),
             restarted: self.restarted,
             gpu_awake: gpu_awake_ms.map_or(DEFAULT_HOLD, |ms| Duration::from_millis(ms.into())),
-            calibration: place.calibration(config),
             isa: place.isa(config),
             audit: self.audit.or(config.audit).unwrap_or_default(),
             alter_answers: None,

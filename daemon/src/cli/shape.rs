@@ -19,7 +19,7 @@ pub struct Shape {
 }
 
 /// All settings that every command accepts.
-pub const ALL: &[&str] = &["instance", "runtime_dir", "config", "calibration", "isa"];
+pub const ALL: &[&str] = &["instance", "runtime_dir", "config", "isa"];
 
 const MEASURED_BACKEND: &str = "Who finds the pairs: daemon (one of its own unless an instance is \
                                 named), in-process, or auto (the daemon that serves, else this \
@@ -28,10 +28,9 @@ const MEASURED_BACKEND: &str = "Who finds the pairs: daemon (one of its own unle
 const PAIRMASKD: Shape = Shape {
     without_use: &[
         ("demo", &["instance", "runtime_dir"]),
-        ("calibrate", &["instance", "runtime_dir", "config", "calibration"]),
         ("scene", ALL),
         ("explain", ALL),
-        ("status", &["calibration", "isa"]),
+        ("status", &["isa"]),
     ],
     measuring: &["bench latency"],
 };
@@ -105,16 +104,14 @@ mod tests {
             |path: &str| found.iter().find(|(name, _)| name == path).map(|(_, c)| c.clone());
         for (path, flag, is_listed) in [
             ("cull", "--instance", true),
-            ("serve", "--calibration", true),
+            ("serve", "--isa", true),
             ("status", "--instance", true),
-            ("status", "--calibration", false),
+            ("status", "--isa", false),
             ("scene", "--config", false),
             ("explain", "--instance", false),
             ("bench latency", "--runtime-dir", true),
             ("demo", "--config", true),
             ("demo", "--instance", false),
-            ("calibrate", "--runtime-dir", false),
-            ("calibrate", "--isa", true),
             ("cull", "--isa", true),
             ("status", "--isa", false),
         ] {

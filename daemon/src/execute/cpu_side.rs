@@ -42,7 +42,7 @@ impl CpuSide {
                 self.engines.plan(boxes, &CullOptions { threads: Some(1), ..*options }, None);
             engine_ns(&one_core)
         });
-        Planned { plan, options: *options, start, plan_ns, one_core_ns, gpu: None, gpus: 1 }
+        Planned { plan, options: *options, start, plan_ns, one_core_ns, gpu: None }
     }
 
     /// Runs a plan for a CPU engine. Boxes in a narrow form are expanded first, which counts as

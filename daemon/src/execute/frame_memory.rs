@@ -22,7 +22,7 @@ use pairmask_core::precision::BoxSlice;
 /// Shared memory that a reply lends is mapped to the same pages as long as the engines live that the
 /// value is given to, longer than the value itself: GPUs import it for the frames to come. Who gives its
 /// pages back to the system has every GPU let go of them first
-/// ([`GpuShare::release_reply`](super::GpuShare::release_reply)), while no reply lends them.
+/// ([`SharedGpu::release_reply`](super::SharedGpu::release_reply)), while no reply lends them.
 pub unsafe trait FrameMemory {
     /// Gives objects and reply to `work`.
     fn with<R>(&mut self, work: impl FnOnce(Objects<'_>, &mut dyn ReplyBuffer) -> R) -> R;
@@ -84,11 +84,11 @@ impl ReplyBuffer for NotedReply<'_> {
     }
 }
 
-/// The boxes of a frame that was planned as one of boxes.
-pub(super) fn boxes_of(objects: Objects<'_>) -> BoxSlice<'_> {
+/// The boxes of a frame of boxes.
+pub(crate) fn boxes_of(objects: Objects<'_>) -> BoxSlice<'_> {
     match objects {
         Objects::Boxes(boxes) => boxes,
-        // Frames of spheres are run at once, and never come here.
+        // Frames of spheres are run apart, and those with rules or of two sets are refused with the header.
         Objects::Spheres(_) => BoxSlice::default(),
     }
 }

@@ -9,7 +9,7 @@ use pairmask_core::engine::{
     CullError, CullInput, CullReport, Engine, EngineName, HeapReply, ReplyBuffer,
 };
 use pairmask_core::objects::Objects;
-use pairmask_core::plan::{GpuCost, Plan, user_cache_folder};
+use pairmask_core::plan::{GpuCost, Plan};
 use pairmask_core::precision::BoxSlice;
 use pairmask_core::{Aabb, Encoding};
 
@@ -17,7 +17,7 @@ use super::frame_memory::{FrameMemory, LentReply, with_lent};
 use super::gpu::{
     AllPairs, AllPairsOptions, Awake, Begun, Block, Gpu, GpuChoice, GpuError, GpuSlot, Grid,
     GridOptions, GridUnderWay, HostImport, IfMissing, OpenError, Opener, SceneTools, SharedImports,
-    SlotState,
+    SlotState, user_cache_folder,
 };
 use super::offers::{Offers, Owner};
 use super::spheres::takes_spheres;
@@ -188,7 +188,7 @@ impl GpuService {
     }
 
     /// As [`Self::open_watched`], without waiting for the device: another thread opens it. Whoever asks now and then
-    /// ([`GpuShare::take_back`](super::GpuShare::take_back)) makes its engines.
+    /// ([`SharedGpu::take_back`](super::SharedGpu::take_back)) makes its engines.
     pub fn opening(
         choice: &GpuChoice,
         hold: Duration,

@@ -3,17 +3,17 @@
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Weak};
 
-use pairmask_core::engine::{CullError, CullReport, EngineName, ReplyBuffer};
-use pairmask_core::plan::{GpuCost, Plan};
-use pairmask_core::precision::BoxSlice;
+use pairmask_core::engine::{CullError, EngineName};
+use pairmask_core::plan::GpuCost;
 use pairmask_transport::GpuCounts;
 
-use super::frame_memory::LentReply;
-use super::gpu::{Borders, Gpu, SceneTools, cull_shared};
-use super::shared_gpu::{Queued, SharedGpu};
-use super::sharing::{gpus_for, is_scene_shared};
-use super::under_way::GpuShare;
-use super::{GpuService, GpuTurn, Owner};
+use super::gpu::{Gpu, SceneTools};
+use super::shared_gpu::SharedGpu;
+use super::{GpuService, GpuTurn};
+
+/// Fewest boxes of a scene that all GPUs keep: each edit is brought to all of them, and a search of fewer boxes ends
+/// too soon to make up for that.
+const SHARED_SCENE_BOXES: usize = 1_000_000;
 
 /// The GPUs that the executors of all sessions share. There may be none.
 #[derive(Clone, Default)]
@@ -35,7 +35,7 @@ impl Gpus {
         Self { all: shared.collect(), next_home: Arc::default() }
     }
 
-    /// Whether they compute the same bits, so that they may share frames: each looks for the pairs of the cells that
+    /// Whether they compute the same bits, so that they may share scenes: each looks for the pairs of the cells that
     /// are its, and computes them all.
     fn are_alike(&self) -> bool {
         let devices: Vec<Arc<Gpu>> = self.all.iter().filter_map(|gpu| gpu.device()).collect();
@@ -52,12 +52,6 @@ impl Gpus {
         }
     }
 
-    /// PCI addresses of those that are there.
-    pub fn pci_addresses(&self) -> Vec<String> {
-        let devices = self.all.iter().filter_map(|gpu| gpu.device());
-        devices.map(|device| device.info().pci_address.clone()).collect()
-    }
-
     /// GPUs, those that are lost too.
     pub fn len(&self) -> usize {
         self.all.len()
@@ -69,8 +63,8 @@ impl Gpus {
     }
 
     /// Each of them.
-    pub fn shares(&self) -> impl Iterator<Item = GpuShare> {
-        self.all.iter().map(|gpu| GpuShare(Arc::clone(gpu)))
+    pub fn iter(&self) -> impl Iterator<Item = &Arc<SharedGpu>> {
+        self.all.iter()
     }
 
     /// The one that is at this place, as soon as no other thread uses it.
@@ -96,52 +90,6 @@ impl Gpus {
     /// others are no better. One without a device only where none has one.
     pub(super) fn for_frame(&self, home: usize) -> Option<&Arc<SharedGpu>> {
         self.from(home).min_by_key(|gpu| (!gpu.is_there(), gpu.queued_steps()))
-    }
-
-    /// How many of them would share a frame of this plan: those that are idle, if all are.
-    pub(super) fn shares_for(&self, plan: &Plan, cost: Option<&GpuCost>) -> usize {
-        let is_idle = |gpu: &Arc<SharedGpu>| gpu.is_there() && gpu.queued_steps() == 0;
-        match cost {
-            Some(cost)
-                if self.all.len() > 1 && self.all.iter().all(is_idle) && self.are_alike() =>
-            {
-                gpus_for(plan, cost, self.all.len())
-            }
-            _ => 1,
-        }
-    }
-
-    /// Finds the pairs of a frame with the first so many of them, each with a share of it.
-    pub(super) fn cull_shared(
-        &self,
-        gpus: usize,
-        boxes: BoxSlice<'_>,
-        owner: Owner,
-        plan: &Plan,
-        borders: &mut Borders,
-        reply: &mut dyn ReplyBuffer,
-    ) -> Result<CullReport, CullError> {
-        let team = &self.all[..gpus.min(self.all.len())];
-        let _queued: Vec<Queued> = team.iter().map(|gpu| gpu.queue(plan, 1)).collect();
-        // Whoever takes several takes them in this order.
-        let mut turns: Vec<GpuTurn<'_>> = team.iter().map(|gpu| gpu.lock()).collect();
-        let lost = CullError::DeviceLost { engine: plan.engine };
-        let grids = turns.iter_mut().map(|turn| turn.grid_for(boxes, owner));
-        let done = match grids.collect::<Option<Vec<_>>>() {
-            Some(mut grids) => cull_shared(&mut grids, &plan.input(boxes), borders, reply),
-            None => Err(lost),
-        };
-        for (gpu, turn) in team.iter().zip(&turns) {
-            gpu.note_device(turn);
-        }
-        done
-    }
-
-    /// Has the reply of a frame that they shared imported by the first so many, for the frames to come.
-    pub(super) fn offer_reply(&self, gpus: usize, lent: LentReply) {
-        for gpu in self.all.iter().take(gpus) {
-            gpu.lock().offer_reply(lent);
-        }
     }
 
     /// Another GPU for a frame that this one has lost.
@@ -193,7 +141,7 @@ impl SceneGpus {
     /// home is: a search is shared out by the cells that each GPU computes, and they must be the same ones. The scene
     /// is theirs too from now on.
     pub(super) fn others(&mut self, boxes: usize) -> Vec<Arc<SceneTools>> {
-        if !is_scene_shared(boxes) {
+        if boxes < SHARED_SCENE_BOXES {
             return Vec::new();
         }
         let Some(home) = self.home() else { return Vec::new() };
@@ -214,7 +162,7 @@ impl SceneGpus {
 
     /// Most that may keep a scene of so many boxes.
     pub(super) fn most_for(&self, boxes: usize) -> usize {
-        if !(is_scene_shared(boxes) && self.all.are_alike()) {
+        if boxes < SHARED_SCENE_BOXES || !self.all.are_alike() {
             return 1;
         }
         self.all.all.iter().filter(|gpu| gpu.is_there()).count().max(1)

@@ -53,6 +53,16 @@ enum Place {
     Gpu(GpuScene),
 }
 
+/// The same of a scene, wherever it is kept.
+macro_rules! at_place {
+    ($place:expr, $scene:ident => $what:expr) => {
+        match $place {
+            Place::Cores($scene) => $what,
+            Place::Gpu($scene) => $what,
+        }
+    };
+}
+
 /// What an edit or a query is expected to take in video memory, ns.
 fn gpu_ns(cost: &GpuCost, boxes: usize, searched: usize) -> Option<f64> {
     let grid_boxes = UNCHANGED_SHARE * boxes as f64 + CHANGED_SHARE * searched as f64;
@@ -93,10 +103,7 @@ impl SceneKeeper {
 
     /// Boxes, those that are switched off too.
     pub const fn len(&self) -> usize {
-        match &self.place {
-            Place::Cores(scene) => scene.len(),
-            Place::Gpu(scene) => scene.len(),
-        }
+        at_place!(&self.place, scene => scene.len())
     }
 
     /// Whether there are none.
@@ -106,10 +113,7 @@ impl SceneKeeper {
 
     /// Indices with a box are below this.
     pub fn index_end(&self) -> u32 {
-        match &self.place {
-            Place::Cores(scene) => scene.index_end(),
-            Place::Gpu(scene) => scene.index_end(),
-        }
+        at_place!(&self.place, scene => scene.index_end())
     }
 
     /// The engine that answers.
@@ -153,10 +157,7 @@ impl SceneKeeper {
     /// Threads that later edits may use.
     pub fn set_threads(&mut self, threads: usize) {
         self.threads = threads;
-        match &mut self.place {
-            Place::Cores(scene) => scene.set_threads(Some(threads)),
-            Place::Gpu(scene) => scene.set_threads(Some(threads)),
-        }
+        at_place!(&mut self.place, scene => scene.set_threads(Some(threads)))
     }
 
     /// Most pairs that later edits may find where they look for all. In video memory a list is as long as the device
@@ -170,10 +171,7 @@ impl SceneKeeper {
     /// Most pairs that later queries may find.
     pub fn limit_query_pairs(&mut self, most: u64) {
         self.most_query_pairs = most;
-        match &mut self.place {
-            Place::Cores(scene) => scene.limit_query_pairs(most),
-            Place::Gpu(scene) => scene.limit_query_pairs(most),
-        }
+        at_place!(&mut self.place, scene => scene.limit_query_pairs(most))
     }
 
     /// Notes an edit that the cores have made, or a query, of so many boxes.
@@ -215,10 +213,7 @@ impl SceneKeeper {
 
     /// The collision filters.
     pub const fn filters(&self) -> &FilterHistory {
-        match &self.place {
-            Place::Cores(scene) => scene.filters(),
-            Place::Gpu(scene) => scene.filters(),
-        }
+        at_place!(&self.place, scene => scene.filters())
     }
 
     /// Applies an edit and answers, as [`Scene::edit`] does.
@@ -249,26 +244,17 @@ impl SceneKeeper {
 
     /// The last answer.
     pub const fn told(&self) -> &Told {
-        match &self.place {
-            Place::Cores(scene) => scene.told(),
-            Place::Gpu(scene) => scene.told(),
-        }
+        at_place!(&self.place, scene => scene.told())
     }
 
     /// Takes the last answer.
     pub fn take(&mut self) {
-        match &mut self.place {
-            Place::Cores(scene) => scene.take(),
-            Place::Gpu(scene) => scene.take(),
-        }
+        at_place!(&mut self.place, scene => scene.take())
     }
 
     /// Forgets what was told.
     pub fn lose(&mut self) {
-        match &mut self.place {
-            Place::Cores(scene) => scene.lose(),
-            Place::Gpu(scene) => scene.lose(),
-        }
+        at_place!(&mut self.place, scene => scene.lose())
     }
 
     /// Finds the boxes that some other boxes overlap, as [`Scene::query`] does.

@@ -13,13 +13,13 @@ mod offers;
 mod planned;
 mod ruled;
 mod shared_gpu;
-mod sharing;
 mod spheres;
 mod under_way;
 
 pub use cpu_time::CpuTimer;
 pub use engine_pool::EnginePool;
 pub use frame_memory::FrameMemory;
+pub(crate) use frame_memory::boxes_of;
 pub use gpu_service::{GpuService, WatchDevice};
 pub use gpus::{Gpus, SceneGpus};
 pub use kept_scene::SceneKeeper;
@@ -41,13 +41,11 @@ use pairmask_core::repeat::Repeats;
 use pairmask_wire::RulesReader;
 
 use self::cpu_side::CpuSide;
-use self::frame_memory::{LentReply, boxes_of, with_lent};
-use self::gpu::Borders;
+use self::frame_memory::{LentReply, with_lent};
 use self::ruled::KeptMarks;
-pub use self::shared_gpu::GpuTurn;
-use self::shared_gpu::SharedGpu;
+pub use self::shared_gpu::{GpuTurn, SharedGpu};
 pub use self::under_way::{
-    BUNDLE_FRAMES, CullUnderWay, Ended, GpuShare, Joining, SUBMISSIONS_UNDER_WAY, Unserved,
+    BUNDLE_FRAMES, CullUnderWay, Ended, Joining, SUBMISSIONS_UNDER_WAY, Unserved,
 };
 
 /// The engines of a session: CPU engines with the state that they keep from frame to frame, and the GPU,
@@ -62,8 +60,6 @@ pub struct Executor {
     gpus: Gpus,
     /// The place of the GPU that its frames go to while others are no better.
     home: usize,
-    /// Where GPUs that share a frame of this session part it.
-    borders: Borders,
     isa: AvailableIsa,
     calibration: Option<Calibration>,
     /// When the last frame began, until its scratch is given back.
@@ -94,7 +90,6 @@ impl Executor {
             rules: RulesReader::default(),
             marks: KeptMarks::default(),
             home: gpus.next_home(),
-            borders: Borders::new(gpus.len()),
             gpus,
             isa: AvailableIsa::best(),
             calibration: None,
@@ -183,8 +178,7 @@ impl Executor {
         options: &CullOptions,
         limit_words: u64,
     ) -> Planned {
-        // The other GPUs are left to the others.
-        let planned = Planned { gpus: 1, ..self.plan(boxes, options, limit_words) };
+        let planned = self.plan(boxes, options, limit_words);
         if !planned.plan.engine.is_gpu()
             || planned.needs_gpu()
             || options.engine != EngineChoice::Auto
@@ -207,8 +201,7 @@ impl Executor {
     /// ([`Self::run`]).
     pub fn can_begin(&self, planned: &Planned) -> bool {
         let can_begin = |gpu: &Arc<SharedGpu>| gpu.outlook().can_begin(&planned.plan);
-        // Who shares a frame among GPUs waits for all of them.
-        planned.gpus == 1 && planned.gpu.as_ref().is_some_and(can_begin)
+        planned.gpu.as_ref().is_some_and(can_begin)
     }
 
     /// Whether a frame may share a submission to the GPU with others ([`Self::join`]): one so small that
@@ -221,7 +214,7 @@ impl Executor {
     }
 
     /// Has a frame of memory whose boxes belong to `owner` wait for others, to be submitted with them
-    /// ([`GpuShare::begin_bundle`]). The grid serves all of them.
+    /// ([`SharedGpu::begin_bundle`]). The grid serves all of them.
     pub fn join<M: FrameMemory>(mut planned: Planned, owner: Owner, memory: M) -> Joining<M> {
         planned.plan.engine = EngineName::GpuGrid;
         Joining { planned, owner, memory }
@@ -239,14 +232,12 @@ impl Executor {
         memory: &mut M,
     ) -> Result<CullAnswer, CullError> {
         let mut lent = LentReply::default();
-        let (gpu, gpus) = (planned.gpu.clone(), planned.gpus);
+        let gpu = planned.gpu.clone();
         let answer = with_lent(memory, &mut lent, |objects, reply| {
             self.run_or_other(planned, boxes_of(objects), owner, reply)
         })?;
-        match gpu.filter(|_| answer.engine.is_gpu()) {
-            Some(_) if gpus > 1 => self.gpus.offer_reply(gpus, lent),
-            Some(gpu) => gpu.lock().offer_reply(lent),
-            None => {}
+        if let Some(gpu) = gpu.filter(|_| answer.engine.is_gpu()) {
+            gpu.lock().offer_reply(lent);
         }
         Ok(answer)
     }
@@ -337,12 +328,7 @@ impl Executor {
     fn plan_within(&mut self, boxes: BoxSlice<'_>, options: &CullOptions) -> Planned {
         let gpu = self.gpus.for_frame(self.home).cloned();
         let cost = gpu.as_ref().and_then(|gpu| gpu.cost());
-        let planned = self.cpu.plan(boxes, options, cost);
-        let gpus = self.gpus.shares_for(&planned.plan, cost.as_ref());
-        let planned = Planned { gpu, gpus, ..planned };
-        if gpus > 1 {
-            log::debug!("{gpus} GPUs share it");
-        }
+        let planned = Planned { gpu, ..self.cpu.plan(boxes, options, cost) };
         self.last_frame = Some(planned.start);
         if self.spheres_need.note(0, || self.spheres.scratch_bytes()) {
             self.spheres = SphereWays::default();
@@ -390,17 +376,6 @@ impl Executor {
         let engine = planned.plan.engine;
         if !engine.is_gpu() {
             return self.cpu.run(planned, boxes, reply);
-        }
-        if planned.gpus > 1 {
-            let (plan, borders) = (&planned.plan, &mut self.borders);
-            let shared = self.gpus.cull_shared(planned.gpus, boxes, owner, plan, borders, reply);
-            match shared {
-                Ok(report) => return Ok(planned.answer(report, EngineName::GpuGrid)),
-                // What they cannot do together, one of them does, or says why not.
-                Err(error) => {
-                    log::debug!("one GPU takes a frame that several would share: {error}");
-                }
-            }
         }
         let done = match &planned.gpu {
             Some(gpu) => cull_on(gpu, &planned, boxes, owner, reply)

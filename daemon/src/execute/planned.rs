@@ -21,16 +21,9 @@ pub struct Planned {
     pub(super) one_core_ns: Option<u64>,
     /// The GPU that the plan counts on, and that takes the frame where the plan is a GPU's.
     pub(super) gpu: Option<Arc<SharedGpu>>,
-    /// How many GPUs share it.
-    pub(super) gpus: usize,
 }
 
 impl Planned {
-    /// GPUs that share the frame, where the plan is a GPU's.
-    pub const fn gpus(&self) -> usize {
-        self.gpus
-    }
-
     /// The place of the GPU that takes the frame, among those of the daemon.
     pub fn gpu_place(&self) -> usize {
         self.gpu.as_ref().map_or(0, |gpu| gpu.number())

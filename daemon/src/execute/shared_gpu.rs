@@ -67,7 +67,7 @@ impl Outlook {
 }
 
 /// A GPU with a lock. One thread uses it at a time; frames that it works on by itself need none.
-pub(super) struct SharedGpu {
+pub struct SharedGpu {
     /// Its place among those of the daemon.
     number: usize,
     /// Taken by the thread whose turn it is.
@@ -133,7 +133,7 @@ impl SharedGpu {
     }
 
     /// Whether it has no device, and will have none.
-    pub(super) fn is_missing(&self) -> bool {
+    pub fn is_missing(&self) -> bool {
         self.outlook().is_missing
     }
 
@@ -148,7 +148,7 @@ impl SharedGpu {
 
     /// Gives the core away for a moment where the GPU needs it: a software adapter's frames run on
     /// the same cores as this.
-    pub(super) fn rest(&self) {
+    pub fn rest(&self) {
         if self.is_software() {
             std::thread::sleep(SOFTWARE_REST);
         } else {
@@ -172,7 +172,7 @@ impl SharedGpu {
     }
 
     /// Whether a device was there when it was used last.
-    pub(super) fn is_there(&self) -> bool {
+    pub fn is_there(&self) -> bool {
         self.outlook().cost.is_some()
     }
 

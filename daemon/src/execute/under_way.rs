@@ -56,17 +56,13 @@ pub const SUBMISSIONS_UNDER_WAY: usize = gpu::SUBMISSIONS;
 pub const BUNDLE_FRAMES: usize = gpu::BUNDLE_FRAMES;
 
 /// A frame that is to share a submission with others: made by [`Executor::join`](super::Executor::join),
-/// submitted by [`GpuShare::begin_bundle`].
+/// submitted by [`SharedGpu::begin_bundle`].
 #[derive(Debug)]
 pub struct Joining<M> {
     pub(super) planned: Planned,
     pub(super) owner: Owner,
     pub(super) memory: M,
 }
-
-/// A GPU that executors share.
-#[derive(Clone, Debug)]
-pub struct GpuShare(pub(super) Arc<SharedGpu>);
 
 impl<M> Joining<M> {
     /// The place of the GPU that it is planned for, among those of the daemon.
@@ -75,37 +71,22 @@ impl<M> Joining<M> {
     }
 }
 
-impl GpuShare {
-    /// Lets the GPU work for a moment.
-    pub fn rest(&self) {
-        self.0.rest();
-    }
-
+impl SharedGpu {
     /// Gives up what the GPU keeps of clients that are gone; to be called now and then.
     pub fn tidy(&self) {
-        self.0.lock().tidy();
+        self.lock().tidy();
     }
 
     /// Has the GPU let go of the memory of replies in a range of addresses, none of which is lent. Whether it did:
     /// nothing of it reads or writes there any more.
     pub fn release_reply(&self, range: &Range<usize>) -> bool {
         // One that is being opened has imported nothing, and imports no memory that is not lent.
-        self.0.is_opening() || self.0.lock().release_reply(range)
-    }
-
-    /// Whether plans count on it: its device was there when it was used last.
-    pub fn is_there(&self) -> bool {
-        self.0.is_there()
-    }
-
-    /// Whether it has no device, and will have none.
-    pub fn is_missing(&self) -> bool {
-        self.0.is_missing()
+        self.is_opening() || self.lock().release_reply(range)
     }
 
     /// Takes a device in that was opened, or was lost and is back. Its engines may take a second to make.
     pub fn take_back(&self) {
-        self.0.with(super::GpuService::take_back);
+        self.with(super::GpuService::take_back);
     }
 
     /// Leaves frames to the GPU in one submission.
@@ -117,19 +98,18 @@ impl GpuShare {
     /// With more than [`BUNDLE_FRAMES`].
     #[allow(clippy::result_large_err)] // A box would be an allocation.
     pub fn begin_bundle<M: FrameMemory>(
-        &self,
+        self: &Arc<Self>,
         frames: Vec<Joining<M>>,
     ) -> Vec<Result<CullUnderWay<M>, Unserved<M>>> {
-        let gpu = &self.0;
         let count = frames.len();
         let mut waiting = Vec::with_capacity(count);
         let mut memories = Vec::with_capacity(count);
         for Joining { planned, owner, memory } in frames {
             memories.push((memory, owner, planned.plan.encoding));
-            let planned = Planned { gpu: Some(Arc::clone(gpu)), ..planned };
-            waiting.push((gpu.queue(&planned.plan, count), planned, owner));
+            let planned = Planned { gpu: Some(Arc::clone(self)), ..planned };
+            waiting.push((self.queue(&planned.plan, count), planned, owner));
         }
-        let begun = gpu.with(|gpu| gpu.begin_bundle(memories));
+        let begun = self.with(|gpu| gpu.begin_bundle(memories));
         waiting
             .into_iter()
             .zip(begun)

@@ -64,13 +64,6 @@ fn an_explanation_agrees_with_the_box_type_on_every_pair() {
 }
 
 #[test]
-fn a_number_that_names_no_box_is_an_error() {
-    let boxes = [Aabb::EMPTY; 2];
-    let error = Explanation::of(&boxes, 0, 2).map_err(|e| e.to_string());
-    assert_eq!(error.err().as_deref(), Some("there is no box 2: the scene has 2, numbered from 0"));
-}
-
-#[test]
 fn a_mode_says_what_it_makes_of_the_two() {
     let boxes = [UNIT, [1.001, 0.0, 0.0, 2.0, 1.0, 1.0], [9.0, 0.0, 0.0, 9.5, 1.0, 1.0]];
     let boxes = boxes.map(Aabb::from);

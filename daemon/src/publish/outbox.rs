@@ -1,6 +1,5 @@
 //! Where answers go out: counted, sent, their client woken, some of them checked again.
 
-use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use iceoryx2::service::ipc_threadsafe;
@@ -69,15 +68,6 @@ impl Outbox {
         let mut sessions = Vec::new();
         self.services.for_each_sender(|sender| sessions.push(sender.session));
         sessions
-    }
-
-    /// The processes of clients.
-    pub(crate) fn client_processes(&self) -> BTreeSet<u32> {
-        let mut processes = BTreeSet::new();
-        self.services.for_each_sender(|sender| {
-            processes.insert(sender.process);
-        });
-        processes
     }
 
     /// What the daemon has done so far.

@@ -2,15 +2,13 @@
 
 use pairmask_core::dispatch::{CullAnswer, CullOptions};
 use pairmask_core::engine::{CullError, EngineChoice};
-use pairmask_core::objects::Objects;
-use pairmask_core::precision::BoxSlice;
 use pairmask_core::scene::is_small_set;
 use pairmask_core::units::BoxCount;
 
 use super::Served;
-use super::filtered::MaskFilters;
+use super::filtered::{MaskFilters, without_gpu};
 use crate::clients::GpuNeed;
-use crate::execute::{Executor, Owner, Planned};
+use crate::execute::{Executor, Owner, Planned, boxes_of};
 use crate::publish::{OpenRequest, Outbox};
 
 /// A frame of two sets.
@@ -94,20 +92,8 @@ impl Sets<'_> {
         open: &mut OpenRequest,
         engines: &mut Executor,
     ) -> Result<CullAnswer, CullError> {
-        let engine = match self.options.engine {
-            EngineChoice::Only(engine) if engine.is_gpu() => EngineChoice::Auto,
-            engine => engine,
-        };
-        let options = CullOptions { engine, ..*self.options };
         let (objects, mut reply) = open.parts();
+        let options = without_gpu(self.options);
         engines.cull_between(boxes_of(objects), self.first, &options, &mut reply)
-    }
-}
-
-/// The boxes of a frame; spheres are refused with the header.
-fn boxes_of(objects: Objects<'_>) -> BoxSlice<'_> {
-    match objects {
-        Objects::Boxes(boxes) => boxes,
-        Objects::Spheres(_) => BoxSlice::default(),
     }
 }

@@ -34,7 +34,7 @@ impl Culls {
     /// No frame yet. Sessions get engines like `model`.
     pub(super) fn new(model: Executor, pool: Arc<EnginePool>) -> Self {
         Self {
-            lines: model.gpus().shares().map(GpuLine::new).collect(),
+            lines: model.gpus().iter().cloned().map(GpuLine::new).collect(),
             model: Mutex::new(model),
             filters: MaskFilters::default(),
             pool,

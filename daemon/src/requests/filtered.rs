@@ -6,12 +6,10 @@ use std::time::{Duration, Instant};
 
 use pairmask_core::dispatch::{CullAnswer, CullOptions, MaskFilter, nanoseconds_since};
 use pairmask_core::engine::{CullError, EngineChoice, ReserveError};
-use pairmask_core::objects::Objects;
-use pairmask_core::precision::BoxSlice;
 use pairmask_wire::SentRules;
 
 use super::between::Sets;
-use crate::execute::{Executor, Owner, RuledFrame};
+use crate::execute::{Executor, Owner, RuledFrame, boxes_of};
 use crate::publish::OpenRequest;
 
 /// Words of a mask from which several threads filter it: a thread takes some 0.1 ms for them.
@@ -84,9 +82,7 @@ impl MaskFilters {
         if done.is_err() {
             return Filtered::CullHere(sent, options);
         }
-        let filter_ns = nanoseconds_since(start);
-        answer.times.publish_ns += filter_ns;
-        answer.times.total_ns += filter_ns;
+        note_filter_time(&mut answer, start);
         Filtered::Done(Ok(answer))
     }
 
@@ -104,9 +100,7 @@ impl MaskFilters {
         let mut filter = std::mem::take(&mut self.kept().filter);
         let done = filter.filter_sets(sets.first, n, words, &mut answer.report, threads);
         *self.kept() = Kept { filter, last_frame: Some(start) };
-        let filter_ns = nanoseconds_since(start);
-        answer.times.publish_ns += filter_ns;
-        answer.times.total_ns += filter_ns;
+        note_filter_time(&mut answer, start);
         done.is_ok().then_some(answer)
     }
 
@@ -123,6 +117,21 @@ impl MaskFilters {
     }
 }
 
+fn note_filter_time(answer: &mut CullAnswer, start: Instant) {
+    let filter_ns = nanoseconds_since(start);
+    answer.times.publish_ns += filter_ns;
+    answer.times.total_ns += filter_ns;
+}
+
+/// The options of a frame that cores cull, though an engine of a GPU may have been asked for.
+pub(super) fn without_gpu(options: &CullOptions) -> CullOptions {
+    let engine = match options.engine {
+        EngineChoice::Only(engine) if engine.is_gpu() => EngineChoice::Auto,
+        engine => engine,
+    };
+    CullOptions { engine, ..*options }
+}
+
 /// Culls a frame with rules on the engines of the CPU.
 pub(super) fn cull_here(
     open: &mut OpenRequest,
@@ -133,19 +142,9 @@ pub(super) fn cull_here(
     if let Some(rules) = open.rules_mut() {
         rules.is_done = true;
     }
-    let options = match options.engine {
-        EngineChoice::Only(engine) if engine.is_gpu() => {
-            CullOptions { engine: EngineChoice::Auto, ..*options }
-        }
-        _ => *options,
-    };
     let (objects, mut reply) = open.parts();
-    let boxes = match objects {
-        Objects::Boxes(boxes) => boxes,
-        // A request of spheres with rules is refused.
-        Objects::Spheres(_) => BoxSlice::default(),
-    };
-    let done = engines.cull_filtered(boxes, sent, &options, &mut reply)?;
+    let options = without_gpu(options);
+    let done = engines.cull_filtered(boxes_of(objects), sent, &options, &mut reply)?;
     open.put_world_ranges(&done.answer.report.shape, done.worlds);
     Ok(done.answer)
 }

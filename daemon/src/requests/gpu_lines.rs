@@ -2,10 +2,10 @@
 
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use crate::execute::gpu::{DriverThread, Progress};
-use crate::execute::{CullUnderWay, GpuShare, SUBMISSIONS_UNDER_WAY};
+use crate::execute::{CullUnderWay, SUBMISSIONS_UNDER_WAY, SharedGpu};
 use crate::publish::OpenRequest;
 
 /// A frame, or several, that end together.
@@ -16,7 +16,7 @@ pub(super) struct Submission {
 
 /// What is under way on a GPU.
 pub(super) struct GpuLine {
-    gpu: GpuShare,
+    gpu: Arc<SharedGpu>,
     /// Oldest first.
     under_way: Mutex<VecDeque<Submission>>,
     /// Places that are claimed, for those who only look.
@@ -26,12 +26,12 @@ pub(super) struct GpuLine {
 }
 
 impl GpuLine {
-    pub(super) fn new(gpu: GpuShare) -> Self {
+    pub(super) fn new(gpu: Arc<SharedGpu>) -> Self {
         let under_way = Mutex::new(VecDeque::with_capacity(SUBMISSIONS_UNDER_WAY));
         Self { gpu, under_way, claimed: AtomicUsize::new(0), returning: Mutex::default() }
     }
 
-    pub(super) const fn gpu(&self) -> &GpuShare {
+    pub(super) const fn gpu(&self) -> &Arc<SharedGpu> {
         &self.gpu
     }
 
@@ -51,7 +51,7 @@ impl GpuLine {
         {
             return;
         }
-        let gpu = self.gpu.clone();
+        let gpu = Arc::clone(&self.gpu);
         match DriverThread::start("gpu-back", move || gpu.take_back()) {
             Ok(thread) => *returning = Some(thread),
             Err(error) => log::error!("no thread to take the GPU back on: {error}"),

@@ -12,7 +12,6 @@ mod scene;
 mod shared;
 mod status;
 
-use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -21,8 +20,8 @@ use pairmask_transport::{FreeChunks, GpuCounts, Limits, PortTurn, Services, Wake
 use pairmask_wire::{CullRequest, Request, SkipTotals, StatusBody};
 
 use self::cull::Culls;
-use self::scene::SceneEdits;
-use self::shared::{SharedScenes, Tools};
+use self::scene::{SceneEdits, SceneTools};
+use self::shared::SharedScenes;
 use crate::audit::Auditor;
 pub use crate::clients::GpuNeed;
 use crate::clients::{Clients, SceneMemory};
@@ -79,7 +78,7 @@ impl Responder {
         let memory = SceneMemory::new(limits.max_scene_bytes);
         let auditor = Arc::new(auditor);
         let (isa, calibration) = executor.cpu_settings();
-        let tools = Tools {
+        let tools = SceneTools {
             isa,
             calibration,
             gpus: executor.gpus().clone(),
@@ -89,14 +88,8 @@ impl Responder {
         };
         Self {
             gpus: executor.gpus().len(),
-            shared: SharedScenes::new(tools),
-            scenes: SceneEdits::new(
-                isa,
-                &calibration,
-                executor.gpus().clone(),
-                memory.clone(),
-                Arc::clone(&pool),
-            ),
+            shared: SharedScenes::new(tools.clone()),
+            scenes: SceneEdits(tools),
             culls: Culls::new(executor, pool),
             outbox: Arc::new(Outbox::new(services, clients, auditor, memory)),
             lender: Arc::new(ReplyLender::new(turn, free, limits.max_reply_bytes)),
@@ -111,11 +104,6 @@ impl Responder {
     /// How many GPUs are being opened, and how many serve.
     pub fn gpu_counts(&self) -> GpuCounts {
         self.culls.gpus().counts()
-    }
-
-    /// PCI addresses of the GPUs that serve.
-    pub fn gpu_addresses(&self) -> Vec<String> {
-        self.culls.gpus().pci_addresses()
     }
 
     /// Changes every answer from now on, or none. For tests of the auditor.
@@ -211,11 +199,6 @@ impl Responder {
         self.outbox.tidy();
         self.shared.tidy(&self.outbox);
         self.lender.tidy(&self.outbox.sessions(), |range| self.culls.release_reply(range));
-    }
-
-    /// The processes of clients.
-    pub fn client_processes(&self) -> BTreeSet<u32> {
-        self.outbox.client_processes()
     }
 
     /// What the daemon has done so far.

@@ -39,7 +39,7 @@ impl SceneEdits {
                     if threads == 1 || (is_there && request.mask.queries() <= FEW_QUERIES) {
                         answer()
                     } else {
-                        self.pool.work(answer)
+                        self.0.pool.work(answer)
                     };
                 if is_there {
                     gpu = GpuNeed::Alone;

@@ -4,37 +4,46 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use pairmask_core::dispatch::{CpuEngines, StageTimes};
-use pairmask_core::engine::{AvailableIsa, CullError, ReplyBuffer};
+use pairmask_core::engine::{AvailableIsa, CullError, EngineChoice, ReplyBuffer};
 use pairmask_core::plan::Calibration;
 use pairmask_core::scene::{Edit, SceneError, SceneOptions};
 use pairmask_wire::{EditScratch, SceneAnswerLayout, SceneId, SceneRequest, response_scene};
 
 use super::Served;
+use crate::audit::Auditor;
 use crate::clients::{GpuNeed, KeptScene, PendingBoxes, SceneMemory};
 use crate::execute::{EnginePool, Gpus, SceneKeeper};
 use crate::publish::{OpenRequest, Outbox, Refusal};
 
 /// What scenes are made and changed with.
-pub(super) struct SceneEdits {
-    isa: AvailableIsa,
-    calibration: Calibration,
-    gpus: Gpus,
-    memory: SceneMemory,
+#[derive(Clone)]
+pub(super) struct SceneTools {
+    pub(super) isa: AvailableIsa,
+    pub(super) calibration: Calibration,
+    pub(super) gpus: Gpus,
+    /// What all scenes together may take.
+    pub(super) memory: SceneMemory,
     pub(super) pool: Arc<EnginePool>,
+    pub(super) auditor: Arc<Auditor>,
 }
 
-impl SceneEdits {
-    /// Scenes that take no more memory than that, all together.
-    pub(super) const fn new(
-        isa: AvailableIsa,
-        calibration: &Calibration,
-        gpus: Gpus,
-        memory: SceneMemory,
-        pool: Arc<EnginePool>,
-    ) -> Self {
-        Self { isa, calibration: *calibration, gpus, memory, pool }
+impl SceneTools {
+    /// A scene without boxes.
+    pub(super) fn new_scene(
+        &self,
+        most_boxes: u32,
+        engine: EngineChoice,
+    ) -> Result<SceneKeeper, CullError> {
+        let options = SceneOptions::default().with_most_boxes(most_boxes);
+        let engines = CpuEngines::on(self.isa, self.calibration);
+        SceneKeeper::new(options, engines, self.gpus.for_scene(), engine)
     }
+}
 
+/// Scenes of one session.
+pub(super) struct SceneEdits(pub(super) SceneTools);
+
+impl SceneEdits {
     /// Answers an edit.
     pub(super) fn take(
         &self,
@@ -49,12 +58,13 @@ impl SceneEdits {
         let edited = match self.find(session, request, outbox) {
             Ok(mut kept) => {
                 // More would be found in memory that nobody has counted.
-                let most_pairs = self.memory.most_pairs(open.limit_pairs());
+                let most_pairs = self.0.memory.most_pairs(open.limit_pairs());
                 kept.scene.limit_pairs(most_pairs);
                 let edited = if threads == 1 {
                     edit_and_answer(&mut kept, &mut open, request, 1, outbox)
                 } else {
-                    self.pool
+                    self.0
+                        .pool
                         .work(|| edit_and_answer(&mut kept, &mut open, request, threads, outbox))
                 };
                 if kept.scene.engine().is_gpu() {
@@ -98,12 +108,9 @@ impl SceneEdits {
     ) -> Result<KeptScene, Refusal> {
         if request.base == 0 {
             drop(outbox.clients().take_scene(session, request.scene));
-            let options = SceneOptions::default().with_most_boxes(request.most_boxes);
-            let engines = CpuEngines::on(self.isa, self.calibration);
-            let gpu = self.gpus.for_scene();
-            let scene = SceneKeeper::new(options, engines, gpu, request.engine)?;
+            let scene = self.0.new_scene(request.most_boxes, request.engine)?;
             let audited = outbox.draw_scene(request.most_boxes);
-            return Ok(KeptScene::begin(request.scene, scene, audited, &self.memory)?);
+            return Ok(KeptScene::begin(request.scene, scene, audited, &self.0.memory)?);
         }
         Self::find_at(session, request.scene, request.base, outbox)
     }

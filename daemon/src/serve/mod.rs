@@ -4,11 +4,11 @@
 //! segment, a forged length). The supervisor starts another, also where the worker is stopped or ends
 //! itself because it hangs; clients answer their frames in process meanwhile and come back by themselves.
 
+mod glance;
 mod heartbeat;
 mod janitor;
 mod lanes;
 mod memory;
-mod placement;
 mod restart_delay;
 mod supervisor;
 mod worker;
@@ -20,7 +20,6 @@ pub use worker::work;
 use std::time::Duration;
 
 use pairmask_core::engine::AvailableIsa;
-use pairmask_core::plan::CalibrationChoice;
 use pairmask_transport::{LimitError, Limits, RuntimeDir, TransportError};
 use pairmask_wire::{InstanceError, InstanceName};
 
@@ -48,8 +47,6 @@ pub struct ServeSettings {
     pub restarted: bool,
     /// How long their clocks are kept up after a frame.
     pub gpu_awake: Duration,
-    /// The constants that plans compute with.
-    pub calibration: CalibrationChoice,
     /// The instruction set of the CPU's engines.
     pub isa: AvailableIsa,
     /// Which frames are audited.

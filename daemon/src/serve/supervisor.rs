@@ -52,8 +52,6 @@ pub fn supervise(settings: &ServeSettings) -> Result<(), ServeError> {
     let _lock = acquire(settings)?;
     let result = keep_working(settings);
     settings.dir.remove_record(&settings.instance);
-    // Where there is none, none was measured.
-    let _ = std::fs::remove_file(settings.dir.constants_file(&settings.instance));
     clean_if_abandoned(&settings.dir, &settings.instance)?;
     result
 }
@@ -164,7 +162,6 @@ fn spawn_worker(settings: &ServeSettings, restarted: bool) -> Result<Child, Serv
         .args(["--max-scene-mib", &(settings.limits.max_scene_bytes >> 20).to_string()])
         .args(["--gpu", &settings.gpu.to_string()])
         .args(["--gpu-awake-ms", &settings.gpu_awake.as_millis().to_string()])
-        .args(["--calibration", &settings.calibration.to_string()])
         .args(["--isa", &settings.isa.to_string()])
         .args(["--audit", &settings.audit.to_string()])
         .args(restarted.then_some("--restarted"))

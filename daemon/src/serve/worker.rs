@@ -7,9 +7,7 @@ use std::time::{Duration, Instant};
 
 use iceoryx2::service::ipc_threadsafe;
 use pairmask_core::engine::AvailableIsa;
-use pairmask_core::plan::{
-    Calibration, CalibrationChoice, CalibrationOrigin, MachineKey, load, store,
-};
+use pairmask_core::plan::Calibration;
 use pairmask_transport::{
     DaemonRecord, FreeChunks, GpuCounts, LimitError, Limits, PortTurn, SegmentFiles, Server,
     Services, StatusFile, address_space_left, clean_if_abandoned, process_name,
@@ -19,12 +17,12 @@ use pairmask_wire::{SkipTotals, StatusBody, Version};
 use rustix::process::Signal;
 use signal_hook::consts::{SIGINT, SIGTERM};
 
+use super::glance::glance;
 use super::heartbeat::{Beating, Rounds};
 use super::janitor::{Janitor, clean_up};
 use super::lanes::Lanes;
 use super::{ServeError, ServeSettings};
 use crate::audit::Auditor;
-use crate::calibrate::glance;
 use crate::execute::gpu::{GpuChoices, IfMissing, OpenError};
 use crate::execute::{EnginePool, Executor, GpuService};
 use crate::ingest::{Gate, Intake};
@@ -57,12 +55,10 @@ pub fn work(settings: &ServeSettings, supervisor: u32) -> Result<(), ServeError>
     let pool = Arc::new(EnginePool::with_this_thread(threads)?);
 
     // Beside what follows.
-    let (choice, isa) = (settings.calibration.clone(), settings.isa);
-    let has_gpu = may_have_gpu(&settings.gpu);
-    let (kept, restarted) = (settings.dir.constants_file(&settings.instance), settings.restarted);
+    let (isa, has_gpu) = (settings.isa, may_have_gpu(&settings.gpu));
     let constants = std::thread::Builder::new()
         .name("constants".into())
-        .spawn(move || constants(&choice, isa, has_gpu, &kept, restarted))
+        .spawn(move || constants(isa, has_gpu))
         .map_err(ServeError::system("starting a thread"))?;
     let missing = Arc::new(Mutex::new(None));
     let gpus = open_gpus(settings, &missing, &stop);
@@ -218,37 +214,16 @@ fn may_have_gpu(wanted: &GpuChoices) -> bool {
 /// The constants that plans compute with.
 ///
 /// Beside a GPU, whose times are measured, built-in times of the CPU's engines are those of another
-/// machine: they are scaled by a short look at this one. A worker that takes the place of another has what that one
-/// found, in the file `kept`.
-fn constants(
-    choice: &CalibrationChoice,
-    isa: AvailableIsa,
-    has_gpu: bool,
-    kept: &Path,
-    restarted: bool,
-) -> Calibration {
-    let (calibration, origin) = choice.resolve(isa);
-    log::info!("planning with constants: {origin}");
-    let is_built_in = matches!(origin, CalibrationOrigin::BuiltIn(_));
-    if !has_gpu || !is_built_in || *choice == CalibrationChoice::BuiltIn {
-        return calibration;
+/// machine: they are scaled by a short look at this one.
+fn constants(isa: AvailableIsa, has_gpu: bool) -> Calibration {
+    let built_in = Calibration::built_in(isa.get());
+    if !has_gpu {
+        return built_in;
     }
-    let machine = MachineKey::with_isa(isa.get());
-    if restarted && let Ok(kept) = load(kept, &machine) {
-        return kept;
-    }
-    match glance(&calibration, isa) {
-        Ok(measured) => {
-            if let Err(error) = store(kept, &measured, &machine) {
-                log::debug!("the next worker will measure again: {error}");
-            }
-            measured
-        }
-        Err(error) => {
-            log::warn!("planning with built-in constants as they are: {error}");
-            calibration
-        }
-    }
+    glance(&built_in, isa).unwrap_or_else(|error| {
+        log::warn!("planning with built-in constants as they are: {error}");
+        built_in
+    })
 }
 
 /// The GPUs that are wanted, each being opened by a thread of its own: cores serve until it joins. `auto` and `all` do

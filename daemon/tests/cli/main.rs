@@ -4,7 +4,6 @@
 
 mod audit;
 mod bench;
-mod calibrate;
 mod cull;
 mod demo;
 mod explain;

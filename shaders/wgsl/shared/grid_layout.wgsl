@@ -23,19 +23,6 @@ struct GridLevel {
     wraps: u32,
 }
 
-// What one of several GPUs does of a frame.
-struct GridShare {
-    // Its rows are the boxes with these home cells.
-    first_cell: u32,
-    end_cell: u32,
-    // The place of its first item among those of all rows, and how many all have. Known when all have
-    // counted theirs.
-    first_item: u32,
-    all_items: u32,
-    // Cells of each level that its rows look at, as two ranges: from, up to before; from, up to before.
-    looked_at: array<vec4<u32>, GRID_LEVELS>,
-}
-
 // Where worlds have cells of their own, one world behind the other.
 struct GridWorlds {
     // Cells of a world: its levels, and its boxes that lie there by their index.
@@ -58,7 +45,6 @@ struct GridLayout {
     // One past the last cell of all worlds.
     cell_end: u32,
     levels: array<GridLevel, GRID_LEVELS>,
-    share: GridShare,
     worlds: GridWorlds,
 }
 

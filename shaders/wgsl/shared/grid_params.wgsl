@@ -27,9 +27,6 @@ var<immediate> params: GridParams;
 // others are zeroed by `grid_cells`.
 const CURSOR: u32 = 0u;
 const WORK: u32 = 1u;
-// Where several GPUs share a frame: the rows of this one.
-const FIRST_ROW: u32 = 2u;
-const END_ROW: u32 = 3u;
 const SUPERS: u32 = CONTROL_HEADER_WORDS;
 const SUMS: u32 = SUPERS + SUPERS_MOST;
 

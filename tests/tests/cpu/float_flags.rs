@@ -6,7 +6,7 @@
 use std::collections::BTreeSet;
 
 use glam::{Affine3A, DVec3, Mat4, Quat, Vec3};
-use pairmask::{Backend, Margined, Session};
+use pairmask::{Backend, Session};
 use pairmask_core::dispatch::{CpuEngines, CullOptions, SphereEngines};
 use pairmask_core::engine::{CullInput, Engine, EngineChoice, HeapReply, Isa, cpu_engine};
 use pairmask_core::oracle::check::check_frame;
@@ -465,29 +465,6 @@ fn threads_of_all_flags_write_one_frame() {
                 got.sort_unstable();
                 assert!(modes::missed(&got, &must).is_empty(), "{precision:?}, {flags}");
                 assert!(got == may, "{precision:?}, {flags}");
-            }
-        }
-    }
-}
-
-#[test]
-fn margins_hold_the_boxes_of_flagged_callers() {
-    let pool = pool(2);
-    for extent in [1e-42, 3e-38, 100.0] {
-        let boxes = boxes_within(extent, 900, 13);
-        let truth = oracle::truth(&boxes).pairs;
-        for flags in mixed_flags() {
-            for margin in [0.0, 1e-45, 1e-40] {
-                let session = Session::builder()
-                    .backend(Backend::InProcess)
-                    .answer_repeats(false)
-                    .connect()
-                    .unwrap();
-                let mut margined = Margined::new(session, Margin::new(margin).unwrap());
-                let mut pairs: Vec<(u32, u32)> =
-                    flags.install(&pool, || margined.cull(&boxes).unwrap().exact_pairs().collect());
-                pairs.sort_unstable();
-                assert!(pairs == truth, "{extent:e} by {margin:e}, {flags}");
             }
         }
     }

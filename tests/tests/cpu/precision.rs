@@ -3,7 +3,7 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use glam::DVec3;
-use pairmask::{Backend, Margined, ServedBy, Session, WaitError};
+use pairmask::{Backend, ServedBy, Session, WaitError};
 use pairmask_core::engine::EngineName;
 use pairmask_core::precision::{Margin, Widening};
 use pairmask_core::{Aabb, Bounds, BoxForm, Encoding, EncodingChoice, EngineChoice, Precision};
@@ -329,85 +329,4 @@ fn a_world_far_out_in_f64_misses_nothing() {
             "f32 alone cannot tell boxes apart"
         );
     }
-}
-
-#[test]
-fn a_margin_keeps_its_answer_while_it_holds_and_no_longer() {
-    let (_daemon, sessions) = sessions();
-    for session in sessions {
-        let mut scene = Scene::new(SceneName::Uniform, 1234, 3);
-        // 2 % of an edge of about 1 a frame: a margin of 0.1 lasts five frames.
-        let mut margined = Margined::new(session, Margin::new(0.1).unwrap());
-        for _ in 0..60 {
-            let exact = oracle::truth(scene.boxes()).pairs;
-            let kept = margined.cull(scene.boxes()).unwrap();
-            let mut pairs = kept.mask().to_vec();
-            pairs.sort_unstable();
-            assert_eq!(missed(&pairs, &exact), []);
-            let mut filtered: Vec<_> = kept.exact_pairs().collect();
-            filtered.sort_unstable();
-            assert_eq!(filtered, exact);
-            scene.step();
-        }
-        let stats = margined.stats();
-        assert_eq!(stats.requests + stats.skipped, 60);
-        assert!((10..=15).contains(&stats.requests), "{stats:?}");
-    }
-}
-
-#[test]
-fn a_margin_holds_for_as_much_as_it_says() {
-    let boxes = [[0.0, 0.0, 0.0, 1.0, 1.0, 1.0], [5.0, 0.0, 0.0, 6.0, 1.0, 1.0]].map(Aabb::from);
-    let session = Session::builder().backend(Backend::InProcess).connect().unwrap();
-    let mut margined = Margined::new(session, Margin::new(0.5).unwrap());
-    let mut asks = |boxes: &[Aabb]| {
-        let before = margined.stats().requests;
-        margined.cull(boxes).unwrap();
-        margined.stats().requests > before
-    };
-    assert!(asks(&boxes));
-    assert!(!asks(&boxes), "nothing moved");
-    let moved = |index: usize, change: fn(&mut Aabb)| {
-        let mut moved = boxes;
-        change(&mut moved[index]);
-        moved
-    };
-    for (change, asked) in [
-        ((|b: &mut Aabb| b.max[0] = 1.5) as fn(&mut Aabb), false),
-        (|b| b.min[2] = -0.5, false),
-        (|b| (b.min[0], b.max[0]) = (0.4, 0.6), false),
-        (|b| *b = Aabb::EMPTY, false),
-        (|b| b.min[1] = f32::NAN, false),
-        (|b| b.min[2] = -0.500_001, true),
-    ] {
-        assert_eq!(asks(&moved(0, change)), asked);
-    }
-    let switched_off = [boxes[0], Aabb::EMPTY];
-    assert!(!asks(&boxes));
-    assert!(!asks(&switched_off), "a slot that is switched off has no pair");
-    let mut other = switched_off;
-    other[1].min[0] = f32::NAN;
-    assert!(!asks(&other));
-    assert!(asks(&boxes[..1]), "another number of boxes");
-    assert!(asks(&switched_off));
-    assert!(asks(&boxes), "a slot that is switched on may have pairs");
-}
-
-#[test]
-fn margins_and_narrow_forms_go_together() {
-    let (_daemon, mut sessions) = sessions();
-    let mut scene = Scene::new(SceneName::Pile, 1234, 3);
-    let bounds = Bounds::around(scene.boxes());
-    let mut margined = Margined::new(sessions.swap_remove(0), Margin::new(0.1).unwrap())
-        .with_precision(Precision::Q8(bounds));
-    for _ in 0..20 {
-        let exact = oracle::truth(scene.boxes()).pairs;
-        let kept = margined.cull(scene.boxes()).unwrap();
-        assert_eq!(kept.mask().info().form, BoxForm::Q8.into());
-        let mut filtered: Vec<_> = kept.exact_pairs().collect();
-        filtered.sort_unstable();
-        assert_eq!(filtered, exact);
-        scene.step();
-    }
-    assert!(margined.stats().skipped > 0);
 }

@@ -7,7 +7,6 @@ mod faults;
 mod filtered_frames;
 mod full_shm;
 mod margined_scenes;
-mod placement;
 mod queries;
 mod repeats;
 mod reply_limits;

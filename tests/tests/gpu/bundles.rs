@@ -84,7 +84,7 @@ fn bundle(executor: &mut Executor, is_lost: bool, sizes: &[u32]) -> Vec<EngineNa
         Executor::join(planned, Owner::Client(owner), memory)
     });
     let joining = joining.collect();
-    let begun = executor.gpus().shares().next().expect("a GPU").begin_bundle(joining);
+    let begun = executor.gpus().iter().next().expect("a GPU").begin_bundle(joining);
     if is_lost {
         executor.gpu().unwrap().device().expect("the device is there").destroy();
     }
@@ -131,7 +131,7 @@ fn frames_without_a_gpu_are_answered_by_a_cpu_engine() {
     let planned = executor.plan(memory.boxes.boxes(), &options, u64::MAX);
     let joining = vec![Executor::join(planned, Owner::Client(0), memory)];
     executor.gpu().and_then(|mut gpu| gpu.device()).expect("a device").destroy();
-    let mut unserved = executor.gpus().shares().next().expect("a GPU").begin_bundle(joining);
+    let mut unserved = executor.gpus().iter().next().expect("a GPU").begin_bundle(joining);
     let Some(Err(unserved)) = unserved.pop() else { panic!("its device is lost") };
     let mut other = Executor::new(None);
     let (answer, memory) = other.answer(unserved);

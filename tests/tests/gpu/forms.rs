@@ -11,7 +11,7 @@ use pairmask_core::precision::BoxSlice;
 use pairmask_core::{Aabb, Bounds, BoxClass, BoxCount, BoxForm, Encoding, Precision};
 use pairmask_shaders::constants::{BATCH_BOXES, NO_LEVEL, PADDING, PARKED};
 use pairmask_shaders::layouts::{BatchReport, BatchTotals, GridLayout, GridTotals, KeysParams};
-use pairmask_shaders::{Found, GridStage, Share, Stage};
+use pairmask_shaders::{Found, GridStage, Rules, Stage};
 use pairmask_tests::conformance::{Mismatch, check_frame, check_reply};
 use pairmask_tests::gpu::open;
 use pairmask_tests::narrow::{CullNarrow, NarrowMemory, Narrowed};
@@ -147,7 +147,7 @@ impl Bench {
         let parts = std::iter::once(self.boxes(boxes))
             .chain([&layout, &table, &control, &records, &totals, &invalid].map(Part::whole))
             .collect();
-        let stage = Stage::Grid(GridStage::Cells(boxes.form(), Share::Whole));
+        let stage = Stage::Grid(GridStage::Cells(boxes.form(), Rules::Without));
         let capacity = Capacity { found: Found::Words, items: 1 };
         self.run(stage, parts, &sizes.params(capacity, u32::MAX), sizes.batches);
         let records: Vec<[i32; 4]> = read(&records, 2 * sizes.plane() as usize);

@@ -14,7 +14,6 @@ mod scene_loss;
 mod scene_queries;
 mod scenes;
 mod several_gpus;
-mod shares;
 mod spheres;
 mod sweep;
 mod under_way;

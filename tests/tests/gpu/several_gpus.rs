@@ -153,7 +153,7 @@ fn devices_are_lost_under_load(rounds: usize) {
             let device = loop {
                 let devices =
                     [0, 1].map(|at| model.gpus().turn(at).and_then(|mut gpu| gpu.device()));
-                let all_there = model.gpus().shares().all(|gpu| gpu.is_there());
+                let all_there = model.gpus().iter().all(|gpu| gpu.is_there());
                 if let ([Some(first), Some(second)], true) = (devices, all_there) {
                     break if place == 0 { first } else { second };
                 }
@@ -161,7 +161,7 @@ fn devices_are_lost_under_load(rounds: usize) {
                     stop.store(true, Ordering::Relaxed);
                     panic!("the device does not come back, or a client has ended");
                 }
-                model.gpus().shares().for_each(|gpu| gpu.take_back());
+                model.gpus().iter().for_each(|gpu| gpu.take_back());
                 std::thread::sleep(Duration::from_millis(1));
             };
             let before = answered.load(Ordering::Relaxed);
@@ -215,32 +215,4 @@ fn a_daemon_of_two_gpus_serves_several_clients() {
     for client in clients {
         client.join().expect("right answers");
     }
-}
-
-/// Of a software adapter a frame of this size is predicted to gain, if nothing else is known of it.
-#[test]
-fn an_executor_shares_large_frames_and_answers_when_one_of_the_gpus_is_lost() {
-    let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
-    let mut executor = executor(2);
-    let boxes = stress_scenes::named("uniform").boxes(60_001, 3);
-    let expected = pairs_by_cpu(&boxes);
-    let options = CullOptions { engine: GRID, ..CullOptions::default() };
-    let cull = |executor: &mut Executor| {
-        let mut memory = TestFrame::on_heap(&Precision::Exact, &boxes);
-        let planned = executor.plan(memory.boxes.boxes(), &options, u64::MAX);
-        let gpus = planned.gpus();
-        assert_eq!(executor.can_begin(&planned), gpus == 1);
-        let answer = executor.run(planned, Owner::Client(1), &mut memory).expect("an answer");
-        assert!(pairs_of(boxes.len(), &answer, memory.reply.words()) == expected, "{gpus} GPUs");
-        (gpus, answer.engine)
-    };
-    for _ in 0..3 {
-        assert_eq!(cull(&mut executor), (2, EngineName::GpuGrid));
-    }
-    let lost = executor.gpus().turn(1).and_then(|mut gpu| gpu.device());
-    lost.expect("its device").destroy();
-    let (_, engine) = cull(&mut executor);
-    assert!(engine.is_gpu(), "the other one answers");
-    let (gpus, _) = cull(&mut executor);
-    assert_eq!(gpus, 1, "until the lost one is back");
 }

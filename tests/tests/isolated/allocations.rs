@@ -14,7 +14,6 @@ use iceoryx2::service::ipc_threadsafe;
 use pairmask::{Backend, Session};
 use pairmask_core::engine::AvailableIsa;
 use pairmask_core::mask::{Encoding, EncodingChoice};
-use pairmask_core::plan::CalibrationChoice;
 use pairmask_core::{Bounds, EngineChoice, EngineName, Precision, Sphere};
 use pairmask_tests::daemon::eventually;
 use pairmask_tests::spheres::whole_scene;
@@ -175,7 +174,6 @@ fn steady_frames_allocate_nothing() {
         spin: Duration::from_secs(1),
         gpu: GpuChoice::None.into(),
         gpu_awake: Duration::ZERO,
-        calibration: CalibrationChoice::BuiltIn,
         isa: AvailableIsa::best(),
     };
     let runtime_dir = settings.dir.clone();

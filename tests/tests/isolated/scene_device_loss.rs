@@ -12,7 +12,6 @@ use pairmask::{
     WaitError,
 };
 use pairmask_core::engine::AvailableIsa;
-use pairmask_core::plan::CalibrationChoice;
 use pairmask_core::scene as core_scene;
 use pairmask_tests::daemon::eventually;
 use pairmask_tests::scene_edits::EditMaker;
@@ -81,7 +80,6 @@ impl Worker {
             spin: Duration::from_micros(50),
             gpu: gpu::choice().into(),
             gpu_awake: Duration::ZERO,
-            calibration: CalibrationChoice::BuiltIn,
             isa: AvailableIsa::best(),
         };
         let thread = std::thread::spawn(move || {

@@ -5,7 +5,6 @@ use std::sync::Arc;
 use pairmask::filters::Rules;
 
 use crate::frame::Frame;
-use crate::margined::Margined;
 use crate::mask::{Mask, Pending};
 use crate::query::Found;
 use crate::scene::Scene;
@@ -65,6 +64,4 @@ objects! {
     Scene(Box<Scene>),
     /// `pm_found`.
     Found(Found),
-    /// `pm_margined`.
-    Margined(Box<Margined>),
 }

@@ -521,12 +521,7 @@ static void margins(const pm_session_options *options, pm_session session) {
   pm_box boxes[] = {at(0), at(1.25f)};
   const float margin[] = {0.5f, 0.5f};
   pm_scene_info info = {.struct_size = sizeof info};
-  pm_margin_stats stats = {.struct_size = sizeof stats};
-  const pm_pair *pairs;
-  size_t count;
   pm_scene scene;
-  pm_session own;
-  pm_margined margined;
   int step;
 
   EXPECT(PM_OK, pm_scene_create_margined(session, NULL, true, &scene));
@@ -546,23 +541,6 @@ static void margins(const pm_session_options *options, pm_session session) {
   EXPECT(PM_OK, pm_scene_include(scene, expected, 1, true));
   EXPECT(PM_ERR_NO_RULES, pm_scene_commit(scene, PM_WANT_CHANGES));
   EXPECT(PM_OK, pm_scene_drop(scene));
-
-  EXPECT(PM_OK, pm_session_connect(options, &own));
-  EXPECT(PM_ERR_MARGINS, pm_margined_create(own, NAN, NULL, &margined));
-  EXPECT(PM_OK, pm_margined_create(own, 0.5f, NULL, &margined));
-  EXPECT(PM_ERR_HANDLE, pm_session_drop(own)); /* it is the margin's now */
-  boxes[1] = at(1.25f);
-  EXPECT(PM_OK, pm_margined_cull(margined, boxes, 2, true, &pairs, &count));
-  check_pairs(pairs, count, expected, 1);
-  EXPECT(PM_OK, pm_margined_cull(margined, boxes, 2, false, &pairs, &count));
-  CHECK(count == 0);
-  boxes[1] = at(1);
-  EXPECT(PM_OK, pm_margined_cull(margined, boxes, 2, false, &pairs, &count));
-  check_pairs(pairs, count, expected, 1);
-  EXPECT(PM_OK, pm_margined_stats(margined, &stats));
-  CHECK(stats.requests == 1 && stats.skipped == 2);
-  EXPECT(PM_OK, pm_margined_forget(margined));
-  EXPECT(PM_OK, pm_margined_drop(margined));
 }
 
 static void shared(pm_session session, bool is_daemon) {

@@ -161,14 +161,6 @@ int main(int argc, char **argv) {
   frames(session);
   scenes(session);
   shared(session, is_daemon);
-
-  auto margined = pm::Margined::create(std::move(session), 0.5f).value();
-  CHECK(session.get().id == 0);
-  std::vector<pm::Box> boxes = {at(0), at(1.25f)};
-  CHECK(margined.cull(boxes, true).value().size() == 1);
-  CHECK(margined.cull(boxes).value().empty());
-  CHECK(margined.stats().requests == 1);
-  margined.forget().value();
   std::puts("all calls");
   return 0;
 }

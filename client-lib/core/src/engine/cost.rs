@@ -6,7 +6,7 @@ use crate::isa::Isa;
 /// A kind of work with a constant of its own.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CostTerm {
-    /// The name in calibration files. It begins with that of the engine, or of what else has it.
+    /// The name. It begins with that of the engine, or of what else has it.
     pub name: &'static str,
     /// Built-in ns a unit on one thread, for each of [`Isa::ALL`].
     ns: [f64; Isa::ALL.len()],
@@ -16,8 +16,8 @@ pub struct CostTerm {
 /// each of [`Isa::ALL`].
 const BY_LANES: [f64; Isa::ALL.len()] = [1.0, 1.6, 3.0, 6.0];
 
-// Built-in figures are those of one core of an AMD EPYC 9004 (Zen 4, AVX-512) at 2.6 GHz, as
-// `pairmaskd calibrate --dry-run` prints them.
+// Built-in figures are those of one core of an AMD EPYC 9004 (Zen 4, AVX-512) at 2.6 GHz, fitted to the times of
+// many scenes.
 impl CostTerm {
     /// Work that takes `ns` a unit with every instruction set.
     pub const fn new(name: &'static str, ns: f64) -> Self {

@@ -22,8 +22,7 @@ impl ThreadCost {
     }
 }
 
-/// What this machine takes for what. Built-in figures are the default; `pairmaskd calibrate`
-/// measures.
+/// What this machine takes for what. Built-in figures are the default; a daemon beside a GPU scales them at its start.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Calibration {
     /// ns a unit of every [`Term`], in the order of [`Term::ALL`].
@@ -35,7 +34,7 @@ pub struct Calibration {
 }
 
 /// What threads give an engine on one core of an AMD EPYC 9004: a guess, held to be fair for two idle
-/// cores, until a calibration measures.
+/// cores.
 const BUILT_IN_THREADS: ThreadCost = ThreadCost { serial_share: 0.1, fan_out_ns: 8_000.0 };
 
 impl Calibration {

@@ -25,11 +25,7 @@
 //! ```
 
 mod calibration;
-mod calibration_choice;
-#[cfg(feature = "calibration-file")]
-mod calibration_file;
 mod explain;
-mod machine;
 mod memory;
 mod model;
 mod options;
@@ -39,13 +35,6 @@ mod work;
 pub use crate::engine::GpuCost;
 pub use crate::stats::SceneStats;
 pub use calibration::{Calibration, ThreadCost};
-pub use calibration_choice::{CalibrationChoice, CalibrationOrigin};
-#[cfg(feature = "calibration-file")]
-pub use calibration_file::{
-    CALIBRATION_VERSION, CalibrationError, decode, default_path, encode, load, store,
-    user_cache_folder,
-};
-pub use machine::MachineKey;
 pub use memory::PlanMemory;
 pub use options::CullOptions;
 pub use term::Term;

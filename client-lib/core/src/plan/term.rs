@@ -133,7 +133,7 @@ impl Term {
         self.0
     }
 
-    /// The name in calibration files.
+    /// Its name.
     pub const fn as_str(self) -> &'static str {
         DECLARED[self.0].term.name
     }

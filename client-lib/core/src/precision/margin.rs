@@ -94,7 +94,7 @@ impl Margin {
     /// rounded, and the widening of the form; infinite where a face is.
     ///
     /// While the answer is kept, boxes may move apart, each face by as much again. A box that shrinks stays in the
-    /// answer however small it becomes. `MarginedMask::exact_pairs` of a session tests the boxes of now.
+    /// answer however small it becomes.
     ///
     /// ```
     /// use pairmask_core::precision::{Margin, Widening};

@@ -24,8 +24,6 @@ __all__ = [
     "NarrowFrame",
     "PendingFrame",
     "SphereFrame",
-    "Margined",
-    "MarginStats",
     "FrameInfo",
     "PairMask",
     "Precision",
@@ -84,7 +82,6 @@ class Session:
         visit_threads: int | None = None,
         answer_repeats: bool = True,
         isa: str | None = None,
-        calibration: str | None = None,
         spin: float | None = None,
         deadline: float | None = None,
         capacity: int | None = None,
@@ -398,32 +395,6 @@ class SharedScene(_AnyScene):
     def most_boxes(self) -> int: ...
     @property
     def tick_deadline(self) -> float: ...
-
-@final
-class MarginStats:
-    @property
-    def requests(self) -> int: ...
-    @property
-    def skipped(self) -> int: ...
-
-@final
-class Margined:
-    def __new__(cls, session: Session, margin: float, *, precision: Precision | None = None) -> Self: ...
-    def cull(self, boxes: _Boxes, pairs: _MarginedPairs = "exact") -> _Pairs: ...
-    def forget(self) -> None: ...
-    @property
-    def stats(self) -> MarginStats: ...
-    @property
-    def margin(self) -> float: ...
-    def served_by(self) -> _ServedBy: ...
-    def close(self) -> None: ...
-    def __enter__(self) -> Self: ...
-    def __exit__(
-        self,
-        kind: type[BaseException] | None = None,
-        error: BaseException | None = None,
-        traceback: TracebackType | None = None,
-    ) -> None: ...
 
 @final
 class BoxSource:

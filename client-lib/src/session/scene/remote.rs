@@ -13,6 +13,7 @@ use std::time::{Duration, Instant};
 use pairmask_core::dispatch::CpuEngines;
 use pairmask_core::filters::Tag;
 use pairmask_core::mask::MaskView;
+use pairmask_core::plan::Calibration;
 use pairmask_core::precision::Precision;
 use pairmask_core::scene::{
     Edit, Scene, SceneCopy, SceneError, SceneOptions, Step, Tags, Told, Want,
@@ -533,10 +534,12 @@ const fn is_stale(error: &WaitError) -> bool {
 /// A scene of this process, with the settings of a session.
 pub(super) fn new_scene(options: SceneOptions, core: &Core) -> Scene {
     let settings = core.settings();
-    let (calibration, _) = settings.calibration.resolve(settings.isa);
     let threads = options.threads.or(settings.threads);
     let options = threads.map_or(options, |threads| options.with_threads(threads));
-    Scene::with_engines(options, CpuEngines::on(settings.isa, calibration))
+    Scene::with_engines(
+        options,
+        CpuEngines::on(settings.isa, Calibration::built_in(settings.isa.get())),
+    )
 }
 
 /// An error of a scene of this process.

@@ -323,7 +323,6 @@ impl Latency {
             .args(["--instance", target.instance.as_str()])
             .arg("--runtime-dir")
             .arg(target.dir.path())
-            .args(["--calibration", &place.calibration(config).to_string()])
             .args(["--isa", &place.isa(config).to_string()])
             .args(["--backend", &self.options.backend(config, Backend::Daemon).to_string()])
             .args(["--engine", &options.engine.to_string()])

@@ -7,8 +7,9 @@ use pairmask::{PairMask, ServedBy};
 use pairmask_core::Aabb;
 use pairmask_core::dispatch::{CpuEngines, CullOptions};
 use pairmask_core::engine::AvailableIsa;
-use pairmask_core::plan::{CalibrationChoice, Plan, SceneStats};
+use pairmask_core::plan::{Calibration, Candidate, Plan};
 use serde::Serialize;
+use serde_json::{Value, json};
 
 use crate::cli::output::time_text;
 
@@ -20,72 +21,35 @@ pub struct Planned {
 
 impl Planned {
     /// Plans a frame as an in-process session does, and a daemon without a GPU.
-    pub fn new(
-        boxes: &[Aabb],
-        options: &CullOptions,
-        calibration: &CalibrationChoice,
-        isa: AvailableIsa,
-    ) -> Self {
-        let (calibration, origin) = calibration.resolve(isa);
+    pub fn new(boxes: &[Aabb], options: &CullOptions, isa: AvailableIsa) -> Self {
+        let calibration = Calibration::built_in(isa.get());
         let plan = CpuEngines::on(isa, calibration).plan(boxes, options, None);
-        Self { plan, calibration: origin.to_string() }
+        Self { plan, calibration: format!("built in for {}", isa.get()) }
     }
 }
 
-/// The object `explain` of `cull --json --explain`. Fields may be added, never changed or taken
-/// away.
+/// The object `explain` of `cull --json --explain`, whose fields CLI.md has, and the same as text. Fields may be added,
+/// never changed or taken away.
 #[derive(Clone, Debug, Serialize)]
+#[serde(transparent)]
 pub struct Explanation {
-    /// The plan's statistics of the boxes.
-    stats: Stats,
-    /// Origin of the cost model's constants.
-    calibration: String,
-    /// Every engine that was considered, with its best encoding and number of threads.
-    candidates: Vec<Candidate>,
-    /// The engine that was chosen.
-    engine: &'static str,
-    encoding: &'static str,
-    threads: usize,
-    why: &'static str,
-    /// Predicted time of the chosen engine, ns; null where this process does not have the engine.
-    predicted_ns: Option<u64>,
-    /// Measured time of engine and decode, without planning, ns.
-    measured_ns: u64,
-    /// What this process cannot know about the answer, if anything.
-    note: Option<String>,
+    fields: Value,
     #[serde(skip)]
     text: String,
-}
-
-#[derive(Clone, Debug, Serialize)]
-struct Stats {
-    boxes: u32,
-    /// False for so few boxes that measuring them costs more than it gains: the other figures are
-    /// then assumed.
-    looked_at: bool,
-    solid_share: f32,
-    median_size: f32,
-    large_size: f32,
-    window_share: f32,
-    elongation: f32,
-    expected_pairs: u64,
-}
-
-#[derive(Clone, Debug, Serialize)]
-struct Candidate {
-    engine: &'static str,
-    encoding: &'static str,
-    threads: usize,
-    predicted_ns: u64,
 }
 
 impl Explanation {
     /// The explanation of an answered frame.
     pub fn new(planned: &Planned, mask: &PairMask, decode: Duration) -> Self {
         let Planned { plan, calibration } = planned;
-        let info = mask.info();
+        let (info, stats) = (mask.info(), &plan.stats);
         let candidates: Vec<_> = plan.candidates.iter().flatten().collect();
         let chosen = candidates.iter().find(|c| c.engine == plan.engine);
+        let predicted_ns = chosen.map(|c| c.predicted_ns as u64);
+        // Of engine and decode, without planning.
+        let measured_ns =
+            info.times.total_ns.saturating_sub(info.times.plan_ns) + decode.as_nanos() as u64;
+        // What this process cannot know about the answer.
         let note = (info.served_by == ServedBy::Daemon).then(|| {
             format!(
                 "the daemon took {}; planned here, with this process's constants and without a GPU: \
@@ -93,61 +57,50 @@ impl Explanation {
                 info.engine
             )
         });
-        Self {
-            stats: Stats::new(&plan.stats),
-            calibration: calibration.clone(),
-            candidates: candidates
-                .iter()
-                .map(|c| Candidate {
-                    engine: c.engine.as_str(),
-                    encoding: c.encoding.as_str(),
-                    threads: c.threads,
-                    predicted_ns: c.predicted_ns as u64,
-                })
-                .collect(),
-            engine: plan.engine.as_str(),
-            encoding: plan.encoding.as_str(),
-            threads: plan.threads,
-            why: plan.why(),
-            predicted_ns: chosen.map(|c| c.predicted_ns as u64),
-            measured_ns: info.times.total_ns.saturating_sub(info.times.plan_ns)
-                + decode.as_nanos() as u64,
-            note,
-            text: plan.explain().to_string(),
+        let candidate = |c: &&Candidate| {
+            json!({
+                "engine": c.engine.as_str(),
+                "encoding": c.encoding.as_str(),
+                "threads": c.threads,
+                "predicted_ns": c.predicted_ns as u64,
+            })
+        };
+        let fields = json!({
+            "stats": {
+                "boxes": stats.n.get(),
+                "looked_at": stats.is_looked_at,
+                "solid_share": stats.solid_share,
+                "median_size": stats.median_size,
+                "large_size": stats.large_size,
+                "window_share": stats.window_share,
+                "elongation": stats.elongation,
+                "expected_pairs": stats.expected_pairs() as u64,
+            },
+            "calibration": calibration,
+            "candidates": candidates.iter().map(candidate).collect::<Vec<_>>(),
+            "engine": plan.engine.as_str(),
+            "encoding": plan.encoding.as_str(),
+            "threads": plan.threads,
+            "why": plan.why(),
+            "predicted_ns": predicted_ns,
+            "measured_ns": measured_ns,
+            "note": note,
+        });
+        let mut text = format!("{}\nconstants  {calibration}\n", plan.explain());
+        if let Some(ns) = predicted_ns {
+            text += &format!("predicted  {}\n", time_text(ns));
         }
-    }
-}
-
-impl Stats {
-    fn new(stats: &SceneStats) -> Self {
-        Self {
-            boxes: stats.n.get(),
-            looked_at: stats.is_looked_at,
-            solid_share: stats.solid_share,
-            median_size: stats.median_size,
-            large_size: stats.large_size,
-            window_share: stats.window_share,
-            elongation: stats.elongation,
-            expected_pairs: stats.expected_pairs() as u64,
+        let measured = time_text(measured_ns);
+        text += &format!("measured   {measured} (engine and decode; a first frame is cold)");
+        if let Some(note) = note {
+            text += &format!("\nnote       {note}");
         }
+        Self { fields, text }
     }
 }
 
 impl fmt::Display for Explanation {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        writeln!(f, "{}", self.text)?;
-        writeln!(f, "constants  {}", self.calibration)?;
-        if let Some(ns) = self.predicted_ns {
-            writeln!(f, "predicted  {}", time_text(ns))?;
-        }
-        write!(
-            f,
-            "measured   {} (engine and decode; a first frame is cold)",
-            time_text(self.measured_ns)
-        )?;
-        if let Some(note) = &self.note {
-            write!(f, "\nnote       {note}")?;
-        }
-        Ok(())
+        f.write_str(&self.text)
     }
 }

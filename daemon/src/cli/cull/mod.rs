@@ -136,10 +136,8 @@ impl Cull {
         let asked = match scene {
             RawScene::Boxes(boxes) => {
                 let planner = self.explain.then(|| {
-                    let (cull_options, calibration) =
-                        (self.options.cull_options(config), place.calibration(config));
-                    let isa = place.isa(config);
-                    move |boxes: &[Aabb]| Planned::new(boxes, &cull_options, &calibration, isa)
+                    let (options, isa) = (self.options.cull_options(config), place.isa(config));
+                    move |boxes: &[Aabb]| Planned::new(boxes, &options, isa)
                 });
                 ask_boxes(&mut session, boxes, self.precision, planner)
             }

@@ -46,12 +46,12 @@ pub(super) struct FrameKey {
 const KEPT_FRAMES: usize = 16;
 
 /// The last frames used, the most recent last.
-pub(super) struct FrameCache {
+pub(super) struct FrameCache<K = FrameKey> {
     role: QueueRole,
-    frames: Vec<(FrameKey, Frame)>,
+    frames: Vec<(K, Frame)>,
 }
 
-impl FrameCache {
+impl<K: PartialEq> FrameCache<K> {
     /// Of frames for the queue of a role.
     pub(super) const fn new(role: QueueRole) -> Self {
         Self { role, frames: Vec::new() }
@@ -61,7 +61,7 @@ impl FrameCache {
     pub(super) fn frame(
         &mut self,
         gpu: &Arc<Gpu>,
-        key: FrameKey,
+        key: K,
         profiled: bool,
         steps: impl FnOnce() -> Result<Vec<Command>, GpuError>,
     ) -> Result<&mut Frame, GpuError> {
@@ -100,7 +100,9 @@ impl FrameCache {
     pub(super) fn clear(&mut self) {
         self.frames.clear();
     }
+}
 
+impl FrameCache {
     /// Drops the frames that use a block, but for one under way, which keeps the block alive.
     pub(super) fn forget(&mut self, block: &Arc<Block>) {
         self.frames.retain(|(key, frame)| {

@@ -44,13 +44,12 @@ pub use error::{GpuError, OpenError, StageFault};
 pub use frame::{Command, Frame, MAX_STEPS, StepTime, Wait};
 pub use grid::plan::{Capacity, Sizes};
 pub use grid::{
-    BUNDLE_FRAMES, Begun, Borders, Grid, GridOptions, GridUnderWay, ShareWork, cell_count,
-    cull_shared, grid_layout, takes_worlds,
+    BUNDLE_FRAMES, Begun, Grid, GridOptions, GridUnderWay, cell_count, grid_layout, takes_worlds,
 };
 pub use health::DeviceHealth;
 pub use import::{ImportError, ImportId, Imports, ReadWriteMapping, SegmentError};
 pub use memory::{Block, Home, Part};
-pub use pipeline::{Pipeline, Pipelines};
+pub use pipeline::{Pipeline, Pipelines, user_cache_folder};
 pub use scene::{EditTimes, GpuScene, SceneTools};
 pub use shader::Checks;
 pub use slot::{GpuSlot, IfMissing, Opener, SlotState};

@@ -18,6 +18,14 @@ use super::shader::{self, Checks};
 /// Bytes of immediates that every Vulkan device has.
 pub const IMMEDIATE_BYTES: u32 = 128;
 
+/// What pairmask keeps for a user: `$XDG_CACHE_HOME/pairmask`, else `~/.cache/pairmask`. `None`
+/// where neither is known.
+pub fn user_cache_folder() -> Option<PathBuf> {
+    let set = |name| std::env::var_os(name).filter(|v| !v.is_empty()).map(PathBuf::from);
+    let base = set("XDG_CACHE_HOME").or_else(|| Some(set("HOME")?.join(".cache")))?;
+    Some(base.join("pairmask"))
+}
+
 /// A compiled stage.
 pub struct Pipeline {
     gpu: Arc<Gpu>,

@@ -3,14 +3,13 @@
 use std::ops::Range;
 use std::sync::Arc;
 
-use pairmask_core::dispatch::CpuEngines;
-use pairmask_core::engine::{CullError, EngineChoice};
+use pairmask_core::engine::EngineChoice;
 use pairmask_core::scene::shared::{
     Incarnations, KeptBoxes, NamedPair, Ranges, Remains, TickChanges,
 };
-use pairmask_core::scene::{Edit, EndReason, SceneCopy, SceneError, SceneOptions, Told, Want};
+use pairmask_core::scene::{Edit, EndReason, SceneCopy, SceneError, Told, Want};
 
-use super::Tools;
+use super::SceneTools;
 use crate::audit::{AuditedScene, Auditor, SceneNote};
 use crate::clients::{PendingBoxes, SceneRoom};
 use crate::execute::SceneKeeper;
@@ -24,7 +23,7 @@ pub(super) struct Boxes {
     engine: EngineChoice,
     /// Indices are below this.
     limit: u32,
-    tools: Tools,
+    tools: SceneTools,
     scene: SceneKeeper,
     /// All boxes: edits are checked against it, and the scene is made again from it where a device is lost.
     /// What the open tick's edits mark in it stays marked until they are applied.
@@ -101,16 +100,6 @@ pub(super) enum Changed {
     Lost,
 }
 
-fn new_scene(
-    tools: &Tools,
-    most_boxes: u32,
-    engine: EngineChoice,
-) -> Result<SceneKeeper, CullError> {
-    let options = SceneOptions::default().with_most_boxes(most_boxes);
-    let engines = CpuEngines::on(tools.isa, tools.calibration);
-    SceneKeeper::new(options, engines, tools.gpus.for_scene(), engine)
-}
-
 /// Has an edit, and what the scene told of it, audited.
 fn audit_edit(auditor: &Auditor, audit: &mut Option<TickAudit>, edit: Edit<'_>, told: &Told) {
     if let Some(TickAudit { scene, edits }) = audit {
@@ -121,13 +110,13 @@ fn audit_edit(auditor: &Auditor, audit: &mut Option<TickAudit>, edit: Edit<'_>, 
 
 impl Boxes {
     /// No boxes, whose indices are below a limit.
-    pub fn begin(limit: u32, engine: EngineChoice, tools: Tools) -> Result<Self, Refusal> {
+    pub fn begin(limit: u32, engine: EngineChoice, tools: SceneTools) -> Result<Self, Refusal> {
         let audit = tools.auditor.draw_scene(limit);
         Ok(Self {
             audit: audit.map(|scene| TickAudit { scene, edits: 0 }),
             engine,
             limit,
-            scene: new_scene(&tools, limit, engine)?,
+            scene: tools.new_scene(limit, engine)?,
             copy: SceneCopy::new(limit),
             incarnations: Incarnations::default(),
             kept: KeptBoxes::default(),
@@ -226,7 +215,7 @@ impl Boxes {
         if !self.is_broken {
             return Ok(false);
         }
-        self.scene = new_scene(&self.tools, self.limit, self.engine)?;
+        self.scene = self.tools.new_scene(self.limit, self.engine)?;
         self.scene.set_threads(threads);
         self.scene.limit_pairs(self.most_pairs);
         let whole = self.copy.whole();

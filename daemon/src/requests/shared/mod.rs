@@ -22,8 +22,6 @@ mod tick;
 use std::collections::{BTreeMap, HashMap};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use pairmask_core::engine::AvailableIsa;
-use pairmask_core::plan::Calibration;
 use pairmask_core::scene::shared::{AtEnd, MemberId};
 use pairmask_wire::{
     AgreedTerms, JoinRequest, LeaseRequest, Reject, SceneId, SceneName, SceneRequest,
@@ -33,21 +31,9 @@ use pairmask_wire::{
 use self::alarm::Alarm;
 use self::scene::SharedScene;
 use super::Served;
-use crate::audit::Auditor;
-use crate::clients::SceneMemory;
-use crate::execute::{CpuTimer, EnginePool, Gpus};
+use super::scene::SceneTools;
+use crate::execute::CpuTimer;
 use crate::publish::{OpenRequest, Outbox, Refusal};
-
-/// What scenes are made with.
-#[derive(Clone)]
-pub(super) struct Tools {
-    pub(super) isa: AvailableIsa,
-    pub(super) calibration: Calibration,
-    pub(super) gpus: Gpus,
-    pub(super) memory: SceneMemory,
-    pub(super) pool: Arc<EnginePool>,
-    pub(super) auditor: Arc<Auditor>,
-}
 
 /// Why a membership ends.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -65,7 +51,7 @@ type MemberKey = (u128, SceneId);
 
 /// All shared scenes.
 pub(super) struct SharedScenes {
-    tools: Tools,
+    tools: SceneTools,
     by_name: Mutex<BTreeMap<SceneName, Arc<SharedScene>>>,
     joined: Mutex<HashMap<MemberKey, (Arc<SharedScene>, MemberId)>>,
     alarm: Alarm,
@@ -76,7 +62,7 @@ fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 }
 
 impl SharedScenes {
-    pub(super) fn new(tools: Tools) -> Self {
+    pub(super) fn new(tools: SceneTools) -> Self {
         let alarm = Alarm::new(Arc::clone(&tools.pool));
         Self { tools, by_name: Mutex::default(), joined: Mutex::default(), alarm }
     }

@@ -14,7 +14,7 @@ use pairmask_wire::{AgreedTerms, EditScratch, JoinRequest, LeaseAction, SceneNam
 use super::boxes::Boxes;
 use super::member::{Commit, Hearer};
 use super::seats::{Begun, Seats};
-use super::{Tools, locked, tick};
+use super::{SceneTools, locked, tick};
 use crate::execute::EnginePool;
 use crate::publish::{OpenRequest, Outbox, Refusal};
 
@@ -36,7 +36,11 @@ pub(super) type RefusedCommit = Box<(OpenRequest, Refusal)>;
 
 impl SharedScene {
     /// A scene without members, as the first one asks for it.
-    pub fn begin(name: SceneName, request: &JoinRequest, tools: Tools) -> Result<Self, Refusal> {
+    pub fn begin(
+        name: SceneName,
+        request: &JoinRequest,
+        tools: SceneTools,
+    ) -> Result<Self, Refusal> {
         let asked = request.terms;
         let options = SceneOptions::default();
         let most_boxes = options.with_most_boxes(asked.most_boxes.unwrap_or(MOST_BOXES));

@@ -39,7 +39,6 @@ use self::scheduler::{Arrived, Scheduler, Task};
 use self::workers::Workers;
 
 use super::janitor::Janitor;
-use super::placement::{Placement, Seat};
 use super::{ServeError, ServeSettings};
 use crate::clients::{FrameWork, GpuNeed, RequestKind};
 use crate::execute::{CpuTimer, EnginePool};
@@ -76,7 +75,6 @@ pub(super) struct Lanes<'a> {
     is_asleep: AtomicBool,
     scheduler: Mutex<Scheduler>,
     threads: Vec<OnceLock<Thread>>,
-    placement: Placement,
     pool: Arc<EnginePool>,
     janitor: &'a Janitor,
     stop: &'a AtomicBool,
@@ -144,7 +142,6 @@ impl<'a> Lanes<'a> {
             is_asleep: AtomicBool::new(false),
             scheduler: Mutex::new(scheduler),
             threads: (0..lanes).map(|_| OnceLock::new()).collect(),
-            placement: Placement::of_this_process(),
             pool,
             janitor,
             stop,
@@ -183,25 +180,17 @@ impl<'a> Lanes<'a> {
         })
     }
 
-    /// Gives up what belonged to clients that are gone, now and then, and leaves those that are there their cores. On a
-    /// thread of its own: to free a large scene, or to take the boxes of a dead writer out of one, takes a while.
+    /// Gives up what belonged to clients that are gone, now and then. On a thread of its own: to free a large scene, or
+    /// to take the boxes of a dead writer out of one, takes a while.
     fn tidy_until_stopped(&self) {
         let _end = EndWithPanic;
-        let mut looked_at = 0;
         let mut gpus = GpuCounts::default();
         while !self.stop.load(Ordering::Relaxed) {
             self.responder.tidy();
             let now = self.responder.gpu_counts();
             if now != gpus {
                 gpus = now;
-                self.placement.put_beside(&self.responder.gpu_addresses());
                 self.janitor.post(&self.status());
-            }
-            // Idle clients are in nobody's way, and a look at many takes a while.
-            let frames = self.responder.status().frames;
-            if frames != looked_at {
-                looked_at = frames;
-                self.placement.look(&self.responder.client_processes());
             }
             let pause = if gpus.opening > 0 { OPENING_LOOK } else { JANITOR_INTERVAL };
             std::thread::park_timeout(pause);
@@ -218,9 +207,7 @@ impl<'a> Lanes<'a> {
         let _end = EndWithPanic;
         // Nothing else sets it.
         let _ = self.threads[lane].set(std::thread::current());
-        let mut seat = Seat::of_this_thread();
         while !self.stop.load(Ordering::Relaxed) {
-            self.placement.take(&mut seat);
             if !self.takes_lead(lane) {
                 match self.next_task(lane) {
                     Some(task) => self.serve(lane, task),

@@ -1,6 +1,6 @@
 //! Errors of measurements, and their exit status.
 
-use pairmaskd::calibrate::MeasureError;
+use crate::study::ways::MeasureError;
 use pairmaskd::cli::config::ConfigError;
 use pairmaskd::cli::output::OutputError;
 use pairmaskd::cli::program::{FAILED, Failure, USAGE, WrongUsage, says_why};

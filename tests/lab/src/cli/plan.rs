@@ -4,10 +4,10 @@ use std::fmt;
 use std::num::NonZeroUsize;
 use std::time::Duration;
 
+use crate::study::ways::{Case, Effort, Pools, WaySet, core_count, measure, thread_counts};
 use clap::Args;
 use pairmask_core::engine::AvailableIsa;
 use pairmask_core::plan::Calibration;
-use pairmaskd::calibrate::{Case, Effort, Pools, WaySet, core_count, measure, thread_counts};
 use pairmaskd::cli::config::Config;
 use pairmaskd::cli::machine::Machine;
 use pairmaskd::cli::options::Place;
@@ -38,7 +38,7 @@ is marked. Without arguments it takes minutes.
 
 Examples:
   pairmask-lab plan --scene uniform,rods --n 64,1000,4096
-  pairmask-lab plan --calibration built-in --json")]
+  pairmask-lab plan --json")]
 pub struct PlanBench {
     #[command(flatten)]
     what: SceneSizes,
@@ -107,7 +107,7 @@ impl PlanRow {
 impl PlanBench {
     pub fn run(&self, place: &Place, config: &Config) -> Result<(), LabError> {
         let (machine, isa) = (Machine::this(), place.isa(config));
-        let (calibration, origin) = place.calibration(config).resolve(isa);
+        let calibration = Calibration::built_in(isa.get());
         let mut allowed: Vec<usize> = self.threads.iter().map(|n| n.get()).collect();
         if allowed.is_empty() {
             allowed = vec![1, core_count()];
@@ -116,7 +116,8 @@ impl PlanBench {
         let not_quadratic = SceneName::ALL.into_iter().filter(|scene| !scene.is_quadratic());
         let cases = self.what.cases(&not_quadratic.collect::<Vec<_>>(), &SIZES);
         let rows = rows(&cases, &allowed, &calibration, isa)?;
-        let report = PlanReport { machine, calibration: origin.to_string(), rows };
+        let calibration = format!("built in for {}", isa.get());
+        let report = PlanReport { machine, calibration, rows };
         if self.json { print_json(&report) } else { print_text(&report.to_string()) }?;
         Ok(())
     }

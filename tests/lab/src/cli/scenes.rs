@@ -1,7 +1,7 @@
 //! Scenes and sizes of the benches that run engines in this process.
 
+use crate::study::ways::Case;
 use clap::Args;
-use pairmaskd::calibrate::Case;
 use pairmaskd::cli::whole_number::whole_number;
 use pairmaskd::scene::SceneName;
 

@@ -7,10 +7,10 @@ use super::Cli;
 
 const PAIRMASK_LAB: Shape = Shape {
     without_use: &[
-        ("mapping", &["instance", "runtime_dir", "calibration", "isa"]),
-        ("grid", &["instance", "runtime_dir", "calibration", "isa"]),
-        ("sweep", &["instance", "runtime_dir", "calibration", "isa"]),
-        ("gpu-scene", &["instance", "runtime_dir", "calibration", "isa"]),
+        ("mapping", &["instance", "runtime_dir", "isa"]),
+        ("grid", &["instance", "runtime_dir", "isa"]),
+        ("sweep", &["instance", "runtime_dir", "isa"]),
+        ("gpu-scene", &["instance", "runtime_dir", "isa"]),
         ("plan", &["instance", "runtime_dir"]),
         ("threads", ALL),
         ("spheres", ALL),
@@ -53,8 +53,8 @@ mod tests {
             ("accuracy", "--runtime-dir", true),
             ("grid", "--config", true),
             ("grid", "--instance", false),
-            ("plan", "--calibration", true),
-            ("spheres", "--calibration", false),
+            ("plan", "--isa", true),
+            ("spheres", "--isa", false),
         ] {
             assert_eq!(help(name).contains(flag), is_listed, "{name}: {}", help(name));
             let words = ["pairmask-lab", flag, "x", name, "--help"];

@@ -3,8 +3,8 @@
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
 
+use crate::study::ways::Case;
 use clap::Args;
-use pairmaskd::calibrate::Case;
 use pairmaskd::cli::output::{make_folder, print_json, print_text, progress_bar};
 use pairmaskd::cli::whole_number::whole_number;
 

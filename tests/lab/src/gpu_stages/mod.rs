@@ -16,10 +16,10 @@ use std::time::{Duration, Instant};
 
 use pairmask_core::engine::{BruteForce, CullError, CullInput, CullReport, Engine, HeapReply};
 use pairmask_core::mask::MaskShape;
-use pairmask_core::plan::user_cache_folder;
 use pairmask_core::scene::{QueryError, SceneError};
 use pairmask_core::{Aabb, BoxCount, Encoding};
 use pairmask_shaders::RowsPerThread;
+use pairmaskd::execute::gpu::user_cache_folder;
 use pairmaskd::execute::gpu::{
     AllPairs, AllPairsOptions, Counted, Gpu, GpuChoice, GpuError, HostImport, OpenError, Tuning,
     Upload,

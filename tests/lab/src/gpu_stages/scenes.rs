@@ -7,8 +7,8 @@ use std::time::{Duration, Instant};
 
 use pairmask_core::Aabb;
 use pairmask_core::aabb::KeyBox;
-use pairmask_core::plan::user_cache_folder;
 use pairmask_core::scene::{Edit, Indices, QueryTags, Scene, SceneOptions, Sets, Step, Told, Want};
+use pairmaskd::execute::gpu::user_cache_folder;
 use pairmaskd::execute::gpu::{
     Awake, EditTimes, Gpu, GpuScene, GridOptions, SceneTools, SharedImports,
 };

@@ -1,8 +1,8 @@
 //! Judges the plan's choice: the planned way beside the fastest measured one.
 
+use crate::study::ways::{Case, CaseTimes, Way};
 use pairmask_core::dispatch::CullOptions;
 use pairmask_core::plan::{Calibration, Capabilities, Plan, plan};
-use pairmaskd::calibrate::{Case, CaseTimes, Way};
 
 /// A judged plan.
 #[derive(Clone, Debug)]

@@ -13,3 +13,4 @@ pub mod sweep;
 pub mod threads;
 pub mod updates;
 pub mod verdict;
+pub mod ways;

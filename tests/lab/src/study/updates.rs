@@ -3,11 +3,11 @@
 use std::hint::black_box;
 use std::time::Instant;
 
+use crate::study::ways::{Effort, Pools};
 use glam::{Quat, Vec3};
 use pairmask_core::Aabb;
 use pairmask_core::dispatch::nanoseconds_since;
 use pairmask_core::update::{Placement, UpdateError, par_update_boxes, update_boxes};
-use pairmaskd::calibrate::{Effort, Pools};
 use pairmaskd::scene::{Random, Scene, SceneName};
 
 /// Times of `update_boxes` and `par_update_boxes`, ns a frame, for each number of threads.

@@ -39,8 +39,8 @@ fn help_lists_what_works() {
             &["--gpu", "--config", "--instance", "--clients"][..],
             &["stress-client"][..],
         ),
-        ("grid --help", &["--gpu"], &["--instance", "--calibration"]),
-        ("sweep --help", &["--gpu"], &["--instance", "--calibration"]),
+        ("grid --help", &["--gpu"], &["--instance", "--isa"]),
+        ("sweep --help", &["--gpu"], &["--instance", "--isa"]),
         ("--help", &["stress", "accuracy"], &["serve", "stress-client"]),
     ] {
         let words: Vec<&str> = line.split_whitespace().collect();

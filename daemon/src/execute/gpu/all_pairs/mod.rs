@@ -220,67 +220,52 @@ impl AllPairs {
         Ok(Outcome::of(&self.reports))
     }
 
-    fn cull_dense(
+    /// Finds the pairs of two objects or more. A mask whose size is known when it was found is tried with room for
+    /// those of most scenes first.
+    fn cull_two(
         &mut self,
         n: BoxCount,
         objects: Objects<'_>,
+        counted: Option<Counted>,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullReport, CullError> {
-        let shape = MaskShape::dense(n);
-        let words = n.dense_words();
-        if words > reply.limit_words() {
-            return Err(plan::refusal(words, reply.limit_words()).into());
-        }
+        let limit = reply.limit_words();
+        let room = match counted {
+            Some(counted) => counted.room(n, limit)?,
+            None if n.dense_words() > limit => {
+                return Err(plan::refusal(n.dense_words(), limit).into());
+            }
+            None => 0,
+        };
         let start = Instant::now();
         let mut replaced = false;
         let boxes =
             self.transfers.place(objects, &mut replaced).map_err(|e| self.cull_error(&e))?;
         let ingested = start.elapsed();
-        let reserved = exactly(reply.reserve(words)?, words);
-        let done = (|| {
-            let mask = self.transfers.place_mask(reserved, &mut replaced)?;
-            let outcome = self.run(n, &boxes, &mask, shape, 0, replaced)?;
-            Ok((outcome, mask))
-        })();
-        let (outcome, mask) = done.map_err(|e: GpuError| self.cull_error(&e))?;
-        let executed = start.elapsed();
-        if !mask.is_reply {
-            mask.part.block.read(mask.part.offset, reserved);
-        }
-        Ok(report(n, shape, &outcome, [ingested, executed, start.elapsed()]))
-    }
-
-    fn cull_counted(
-        &mut self,
-        n: BoxCount,
-        objects: Objects<'_>,
-        counted: Counted,
-        reply: &mut dyn ReplyBuffer,
-    ) -> Result<CullReport, CullError> {
-        let room = counted.room(n, reply.limit_words())?;
-        let start = Instant::now();
-        let mut replaced = false;
-        let boxes =
-            self.transfers.place(objects, &mut replaced).map_err(|e| self.cull_error(&e))?;
-        let ingested = start.elapsed();
-        let mut capacity = counted.first_capacity(n).min(room);
+        let mut capacity = counted.map_or(0, |counted| counted.first_capacity(n).min(room));
         loop {
-            let whole = counted.shape(n, capacity, capacity);
-            if counted.section_bytes(capacity) > self.limits.binding_bytes {
+            let shape = |items| match counted {
+                Some(counted) => counted.shape(n, capacity, items),
+                None => MaskShape::dense(n),
+            };
+            let whole = shape(capacity);
+            let section_bytes = counted.map_or(0, |counted| counted.section_bytes(capacity));
+            if section_bytes > self.limits.binding_bytes {
                 // More than this device writes at a time; a CPU engine may.
                 let needed_bytes = whole.mask_bytes();
                 return Err(CullError::DeviceMemory { engine: ENGINE, needed_bytes });
             }
-            let reserved = exactly(reply.reserve(whole.extent_words())?, whole.extent_words());
+            let words = whole.extent_words();
+            let reserved = &mut reply.reserve(words)?[..words as usize];
             let done = (|| {
                 let mask = self.transfers.place_mask(reserved, &mut replaced)?;
                 let outcome = self.run(n, &boxes, &mask, whole, capacity, replaced)?;
                 Ok((outcome, mask))
             })();
             let (outcome, mask) = done.map_err(|e: GpuError| self.cull_error(&e))?;
-            let items = outcome.items(counted);
-            if items > room {
-                return Err(plan::refusal(counted.words(n, items), reply.limit_words()).into());
+            let items = counted.map_or(0, |counted| outcome.items(counted));
+            if let Some(counted) = counted.filter(|_| items > room) {
+                return Err(plan::refusal(counted.words(n, items), limit).into());
             }
             if items > capacity {
                 // Counted, not written: come back with room for exactly that many.
@@ -288,8 +273,7 @@ impl AllPairs {
                 replaced = false;
                 continue;
             }
-            let executed = start.elapsed();
-            let shape = counted.shape(n, capacity, items);
+            let (executed, shape) = (start.elapsed(), shape(items));
             if !mask.is_reply {
                 for section in shape.spans() {
                     let to = &mut reserved[span(section)];
@@ -327,9 +311,9 @@ impl AllPairs {
         self.gpu.health().check().map_err(|e| self.cull_error(&e))?;
         match encoding {
             _ if n.get() < 2 => no_pairs(n, objects, encoding, reply),
-            Encoding::Dense => self.cull_dense(n, objects, reply),
-            Encoding::List => self.cull_counted(n, objects, Counted::List, reply),
-            _ => self.cull_counted(n, objects, Counted::Sparse, reply),
+            Encoding::Dense => self.cull_two(n, objects, None, reply),
+            Encoding::List => self.cull_two(n, objects, Some(Counted::List), reply),
+            _ => self.cull_two(n, objects, Some(Counted::Sparse), reply),
         }
     }
 
@@ -367,11 +351,6 @@ impl Engine for AllPairs {
     ) -> Result<CullReport, CullError> {
         self.cull_objects(input.boxes_alone(ENGINE)?.into(), input.encoding, reply)
     }
-}
-
-/// The first `words` of a reservation, which may be larger.
-fn exactly(reserved: &mut [u32], words: u64) -> &mut [u32] {
-    &mut reserved[..words as usize]
 }
 
 fn span(section: Span) -> std::ops::Range<usize> {

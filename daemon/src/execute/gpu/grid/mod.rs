@@ -26,9 +26,7 @@ pub mod plan;
 mod ruled;
 mod sample;
 mod scratch;
-mod share;
 mod steps;
-mod team;
 mod under_way;
 mod workspace;
 
@@ -41,7 +39,7 @@ use pairmask_core::objects::Objects;
 use pairmask_core::precision::BoxSlice;
 use pairmask_core::{Aabb, BoxCount, BoxForm, Encoding, EngineName, Sphere};
 use pairmask_shaders::layouts::GridLayout;
-use pairmask_shaders::{Found, GridStage, Share, Stage};
+use pairmask_shaders::{Found, GridStage, Rules, Stage};
 
 use self::bundle::Bundle;
 use self::layout::Chooser;
@@ -61,8 +59,6 @@ use crate::execute::FrameMemory;
 use crate::execute::frame_memory::Borrowed;
 
 pub use self::ruled::takes_worlds;
-pub use self::share::{Borders, ShareWork};
-pub use self::team::cull_shared;
 pub use self::under_way::GridUnderWay;
 
 /// The levels that a scene gets. For measurements, and for the stages' mirror.
@@ -122,7 +118,7 @@ pub struct Grid {
 }
 
 impl Grid {
-    /// An engine on `gpu`, with the stages of whole frames of boxes compiled. Those of shares and of spheres are
+    /// An engine on `gpu`, with the stages of whole frames of boxes compiled. Those of spheres are
     /// compiled when the first of them comes.
     ///
     /// # Errors
@@ -130,7 +126,7 @@ impl Grid {
     pub fn new(gpu: &Arc<Gpu>, options: &GridOptions) -> Result<Self, GpuError> {
         let mut pipelines = Pipelines::new(gpu, options.checks, options.cache_folder.as_deref())?;
         for found in Found::ALL {
-            let of_form = |form: BoxForm| GridStage::of_frame(form.into(), found, Share::Whole);
+            let of_form = |form: BoxForm| GridStage::of_frame(form.into(), found, Rules::Without);
             for stage in BoxForm::ALL.into_iter().flat_map(of_form) {
                 pipelines.get(Stage::Grid(stage))?;
             }

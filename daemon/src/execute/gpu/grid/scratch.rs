@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use pairmask_shaders::constants::{BATCH_BOXES, CONTROL_HEADER_WORDS};
+use pairmask_shaders::constants::BATCH_BOXES;
 use pairmask_shaders::layouts::{GridLayout, GridSummary, GridTotals};
 
 use super::plan::{Capacity, Sizes};
@@ -26,7 +26,6 @@ pub(super) struct Scratch {
     invalid: Growing,
     found: Growing,
     summary: Growing,
-    counted: Growing,
 }
 
 /// The blocks of one frame.
@@ -43,16 +42,14 @@ pub(super) struct Blocks {
     pub(super) invalid: Arc<Block>,
     pub(super) found: Arc<Block>,
     pub(super) summary: Arc<Block>,
-    /// The header of the control block, as far as a share has come.
-    pub(super) counted: Arc<Block>,
 }
 
 impl Blocks {
     /// All of them.
-    pub(super) fn all(&self) -> [&Arc<Block>; 11] {
+    pub(super) fn all(&self) -> [&Arc<Block>; 10] {
         let Self { layout, table, control, records, ids, sorted, .. } = self;
-        let Self { totals, invalid, found, summary, counted, .. } = self;
-        [layout, table, control, records, ids, sorted, totals, invalid, found, summary, counted]
+        let Self { totals, invalid, found, summary, .. } = self;
+        [layout, table, control, records, ids, sorted, totals, invalid, found, summary]
     }
 }
 
@@ -71,7 +68,6 @@ impl Scratch {
             invalid: Growing::new(Home::Host),
             found: Growing::new(Home::Video),
             summary: Growing::new(Home::Host),
-            counted: Growing::new(Home::Host),
         }
     }
 
@@ -104,7 +100,6 @@ impl Scratch {
             invalid: block(&mut self.invalid, batches * u64::from(BATCH_BOXES) / 8)?,
             found: block(&mut self.found, capacity.found_bytes())?,
             summary: block(&mut self.summary, size_of::<GridSummary>() as u64)?,
-            counted: block(&mut self.counted, 4 * u64::from(CONTROL_HEADER_WORDS))?,
         })
     }
 }

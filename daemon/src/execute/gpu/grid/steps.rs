@@ -2,8 +2,7 @@
 
 use std::sync::Arc;
 
-use pairmask_shaders::constants::CONTROL_HEADER_WORDS;
-use pairmask_shaders::{Found, GridStage, Share, Stage};
+use pairmask_shaders::{Found, GridStage, Rules, Stage};
 
 use super::plan::{Capacity, Sizes};
 use super::ruled::RuleBlocks;
@@ -32,39 +31,9 @@ pub(super) struct Recording<'a> {
 impl Recording<'_> {
     /// All steps, in order.
     pub(super) fn steps(&self, pipelines: &mut Pipelines) -> Result<Vec<Command>, GpuError> {
-        let share = if self.rules.is_some() { Share::Ruled } else { Share::Whole };
-        self.stages(share).into_iter().map(|stage| self.step(pipelines, stage)).collect()
-    }
-
-    /// The steps of a share, as far as its items are counted: how many there are is copied to the host.
-    pub(super) fn counting_steps(
-        &self,
-        pipelines: &mut Pipelines,
-    ) -> Result<Vec<Command>, GpuError> {
-        let [stages @ .., _] = self.stages(Share::Part);
-        let mut steps = stages
-            .map(|stage| self.step(pipelines, stage))
-            .into_iter()
-            .collect::<Result<Vec<_>, _>>()?;
-        let header = 4 * u64::from(CONTROL_HEADER_WORDS);
-        steps.push(Command::Copy {
-            from: Part::of(&self.blocks.control, 0, header),
-            to: Part::of(&self.blocks.counted, 0, header),
-        });
-        Ok(steps)
-    }
-
-    /// The step of a share that writes them, when those of all shares are counted.
-    pub(super) fn writing_steps(
-        &self,
-        pipelines: &mut Pipelines,
-    ) -> Result<Vec<Command>, GpuError> {
-        let [.., write] = self.stages(Share::Part);
-        Ok(vec![self.step(pipelines, write)?])
-    }
-
-    fn stages(&self, share: Share) -> [GridStage; GridStage::COUNT] {
-        GridStage::of_frame(self.boxes.form, self.capacity.found, share)
+        let rules = if self.rules.is_some() { Rules::With } else { Rules::Without };
+        let stages = GridStage::of_frame(self.boxes.form, self.capacity.found, rules);
+        stages.into_iter().map(|stage| self.step(pipelines, stage)).collect()
     }
 
     fn step(&self, pipelines: &mut Pipelines, stage: GridStage) -> Result<Command, GpuError> {

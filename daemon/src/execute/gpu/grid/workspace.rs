@@ -10,7 +10,7 @@ use pairmask_core::engine::{
 use pairmask_core::objects::Objects;
 use pairmask_core::{BoxCount, MaskWord};
 use pairmask_shaders::Found;
-use pairmask_shaders::layouts::{GridLayout, GridSummary};
+use pairmask_shaders::layouts::GridSummary;
 
 use super::bundle::Bundle;
 use super::layout::Chooser;
@@ -63,7 +63,7 @@ pub(super) enum Ended {
 }
 
 /// A frame that is to be placed.
-pub(super) struct Wanted<'a> {
+struct Wanted<'a> {
     pub(super) n: BoxCount,
     pub(super) objects: Objects<'a>,
     /// Where the mask goes: as many words as [`reserve`] gives.
@@ -71,14 +71,12 @@ pub(super) struct Wanted<'a> {
     pub(super) capacity: Capacity,
     /// Whether another frame is under way.
     pub(super) is_behind: bool,
-    /// The layout of a frame that several GPUs share; else it is chosen by a look at the boxes.
-    pub(super) layout: Option<GridLayout>,
     /// What rules say of the boxes, if they have any.
     pub(super) marks: Option<&'a Arc<Marks>>,
 }
 
 /// Memory of a reply with room for `capacity`.
-pub(super) fn reserve<'a>(
+fn reserve<'a>(
     tools: &Tools,
     n: BoxCount,
     capacity: Capacity,
@@ -93,7 +91,7 @@ pub(super) fn reserve<'a>(
 }
 
 /// A frame, and all that its stages use.
-pub(super) struct Placed {
+struct Placed {
     pub(super) n: BoxCount,
     pub(super) capacity: Capacity,
     /// Where the boxes lie.
@@ -109,7 +107,7 @@ pub(super) struct Placed {
 }
 
 impl Placed {
-    pub(super) fn recording(&self, gpu: &Gpu) -> Recording<'_> {
+    fn recording(&self, gpu: &Gpu) -> Recording<'_> {
         Recording {
             sizes: Sizes::of(self.n),
             capacity: self.capacity,
@@ -130,9 +128,9 @@ pub(super) struct Workspace {
     ruled: Ruled,
     frames: FrameCache,
     /// Whether the blocks that must be zero between frames may not be.
-    pub(super) unclean: bool,
+    unclean: bool,
     /// The frame under way. There until its end was seen.
-    pub(super) under_way: Option<Placed>,
+    under_way: Option<Placed>,
     /// Its submission, where it shares one with others; else it is the last one of `frames`.
     bundle: Option<Bundle>,
     /// The pairs before those of each world, of the last frame whose list was ordered by world.
@@ -185,7 +183,7 @@ impl Workspace {
         is_behind: bool,
     ) -> Result<(), CullError> {
         let mask = reserve(tools, n, capacity, reply)?;
-        let wanted = Wanted { n, objects, mask, capacity, is_behind, layout: None, marks };
+        let wanted = Wanted { n, objects, mask, capacity, is_behind, marks };
         let placed = self.place(tools, &wanted)?;
         self.submit(tools, &placed).map_err(|e| tools.gpu.cull_error(ENGINE, &e))?;
         self.under_way = Some(placed);
@@ -204,8 +202,7 @@ impl Workspace {
         bundle: &Bundle,
     ) -> Result<Vec<Command>, CullError> {
         let mask = reserve(tools, n, capacity, reply)?;
-        let (is_behind, layout, marks) = (false, None, None);
-        let wanted = Wanted { n, objects, mask, capacity, is_behind, layout, marks };
+        let wanted = Wanted { n, objects, mask, capacity, is_behind: false, marks: None };
         let placed = self.place(tools, &wanted)?;
         let steps = placed.recording(&tools.gpu).steps(&mut tools.pipelines);
         let steps = steps.map_err(|e| tools.gpu.cull_error(ENGINE, &e))?;
@@ -217,19 +214,14 @@ impl Workspace {
     }
 
     /// Brings all that a frame's stages use to where they see it.
-    pub(super) fn place(
-        &mut self,
-        tools: &mut Tools,
-        wanted: &Wanted<'_>,
-    ) -> Result<Placed, CullError> {
+    fn place(&mut self, tools: &mut Tools, wanted: &Wanted<'_>) -> Result<Placed, CullError> {
         assert!(self.under_way.is_none(), "one frame a workspace");
-        let Wanted { n, objects, mask, capacity, is_behind, layout, marks } = *wanted;
+        let Wanted { n, objects, mask, capacity, is_behind, marks } = *wanted;
         let start = Instant::now();
         let sizes = Sizes::of(n);
-        let layout = match (layout, marks) {
-            (Some(layout), _) => layout,
-            (None, None) => tools.chooser.choose(objects),
-            (None, Some(marks)) => {
+        let layout = match marks {
+            None => tools.chooser.choose(objects),
+            Some(marks) => {
                 let layout = tools.chooser.choose_worlds(objects, marks.worlds().len() as u32);
                 layout.ok_or(CullError::TooCrowded { engine: ENGINE })?
             }
@@ -251,7 +243,7 @@ impl Workspace {
         placed.map_err(|e: GpuError| tools.gpu.cull_error(ENGINE, &e))
     }
 
-    pub(super) fn wait(&mut self, tools: &mut Tools) -> Result<(), GpuError> {
+    fn wait(&mut self, tools: &mut Tools) -> Result<(), GpuError> {
         let began = self.under_way.as_ref().ok_or(GpuError::Lost)?;
         let patience = patience(&tools.gpu, began.n);
         if let Some(bundle) = &self.bundle {
@@ -313,7 +305,7 @@ impl Workspace {
 
     fn submit(&mut self, tools: &mut Tools, placed: &Placed) -> Result<(), GpuError> {
         let n = placed.n.get();
-        let frame = recorded(&mut self.frames, tools, placed, Phase::All)?;
+        let frame = recorded(&mut self.frames, tools, placed)?;
         // A frame that does not end leaves its blocks as they are.
         self.unclean = true;
         let order = match (&mut self.ahead, &placed.ahead) {
@@ -321,19 +313,6 @@ impl Workspace {
             _ => Order::Alone,
         };
         frame.submit_in(order)
-    }
-
-    /// Submits some of the steps of a frame whose boxes are read where they lie.
-    pub(super) fn submit_phase(
-        &mut self,
-        tools: &mut Tools,
-        placed: &Placed,
-        phase: Phase,
-    ) -> Result<(), GpuError> {
-        recorded(&mut self.frames, tools, placed, phase)?.submit_in(Order::Alone)?;
-        // A frame that does not end leaves its blocks as they are.
-        self.unclean = true;
-        Ok(())
     }
 
     /// Waits for the frame under way. After an error the device may still work on it
@@ -405,23 +384,11 @@ impl Drop for Workspace {
     }
 }
 
-/// Steps of a frame that are submitted together.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Phase {
-    /// All of them.
-    All,
-    /// Those of a share up to the count of its items.
-    Count,
-    /// The rest of those.
-    Write,
-}
-
 /// Steps of a frame, recorded if they are not yet.
 fn recorded<'a>(
     frames: &'a mut FrameCache,
     tools: &mut Tools,
     placed: &Placed,
-    phase: Phase,
 ) -> Result<&'a mut Frame, GpuError> {
     let recording = placed.recording(&tools.gpu);
     let read = recording.boxes;
@@ -430,17 +397,13 @@ fn recorded<'a>(
         form: read.form,
         encoding: recording.capacity.found.encoding(),
         capacity: recording.capacity.items,
-        chunk: phase as usize,
+        chunk: 0,
         input: Place::of(&read.part),
         output: Place::of(recording.reply),
         rules: recording.rules.map(|rules| Place::of(rules.marks())),
     };
     let pipelines = &mut tools.pipelines;
-    frames.frame(&tools.gpu, key, tools.profiled, || match phase {
-        Phase::All => recording.steps(pipelines),
-        Phase::Count => recording.counting_steps(pipelines),
-        Phase::Write => recording.writing_steps(pipelines),
-    })
+    frames.frame(&tools.gpu, key, tools.profiled, || recording.steps(pipelines))
 }
 
 /// How long filling blocks may take before the device counts as hung.
@@ -456,12 +419,12 @@ fn patience(gpu: &Gpu, n: BoxCount) -> Duration {
 }
 
 /// A number of 64 bits, the low word first.
-pub(super) fn wide([low, high]: [u32; 2]) -> u64 {
+fn wide([low, high]: [u32; 2]) -> u64 {
     u64::from(low) | u64::from(high) << 32
 }
 
 /// The census of a frame; the bits of invalid boxes are looked at only where there are some.
-pub(super) fn census(summary: &GridSummary, invalid: &Block, plane: u32) -> Census {
+fn census(summary: &GridSummary, invalid: &Block, plane: u32) -> Census {
     let mut census = Census { invalid: summary.invalid, empty: summary.empty, ..Census::default() };
     let mut named = 0;
     let wanted = (summary.invalid as usize).min(NAMED_INVALID);

@@ -14,15 +14,13 @@ use super::upload::{SetIndices, Uploaded};
 use crate::execute::gpu::device::{Order, QueueRole};
 use crate::execute::gpu::error::GpuError;
 use crate::execute::gpu::frame::{Command, Frame, StepTime};
-use crate::execute::gpu::frame_cache::Place;
+use crate::execute::gpu::frame_cache::{FrameCache, Place};
 use crate::execute::gpu::memory::{Block, Part};
 use crate::execute::gpu::pipeline::{Pipeline, Pipelines};
 
 /// Most tests of a search, in 2^32: 17 thousand million take an H200 tens of milliseconds. A scene that
 /// crowds more in one place is another engine's.
 pub(super) const BUDGET: u32 = 4;
-/// Recorded frames that are kept: an edit alternates among few kinds, and few loans of a client.
-const KEPT_FRAMES: usize = 16;
 /// Threads that look for the boxes of a query, as in `scene_query`.
 const QUERY_LANES: u32 = 32;
 /// What a search counts in the control block, from `FOUND` to `DONE` of the stages: zero before a search of a grid
@@ -171,10 +169,13 @@ enum WayShape {
     },
 }
 
-/// Recorded frames, the most recent last.
-#[derive(Default)]
-pub(super) struct Frames {
-    kept: Vec<(Shape, Frame)>,
+/// Recorded frames.
+pub(super) struct Frames(FrameCache<Shape>);
+
+impl Default for Frames {
+    fn default() -> Self {
+        Self(FrameCache::new(QueueRole::Frames))
+    }
 }
 
 /// Rows that a thread looks at a time: one where it may not take many rounds.
@@ -415,7 +416,7 @@ fn stage(pipeline: &Arc<Pipeline>, groups: u32, parts: Vec<Part>) -> Command {
 impl Frames {
     /// Forgets all recordings: a block that they use was replaced.
     pub fn clear(&mut self) {
-        self.kept.clear();
+        self.0.clear();
     }
 
     /// Runs a task and waits for it. What the search found lies in its blocks then.
@@ -436,33 +437,18 @@ impl Frames {
             task.blocks.layout.write(0, &[task.layout]);
         }
         let shape = task.shape(tools);
-        let recorded = self.kept.iter().position(|(kept, _)| *kept == shape);
-        let mut kept = if let Some(place) = recorded {
-            self.kept.remove(place)
-        } else {
-            let frame = if self.kept.len() < KEPT_FRAMES {
-                Frame::of_role(&tools.gpu, QueueRole::Frames, tools.profiled)?
-            } else {
-                self.kept.remove(0).1
-            };
-            let mut made = (shape, frame);
-            made.1.record(task.steps(tools, &shape)?)?;
-            made
-        };
-        let submitted = kept.1.submit_in(Order::Alone);
-        // Also after an error: the frame keeps its blocks until the device is done with them.
-        self.kept.push(kept);
-        submitted
+        let steps = || task.steps(tools, &shape);
+        self.0.frame(&tools.gpu, shape, tools.profiled, steps)?.submit_in(Order::Alone)
     }
 
     /// Waits for the task that was begun last.
     pub fn wait(&mut self, tools: &SceneTools) -> Result<(), GpuError> {
         let patience = PATIENCE[usize::from(tools.gpu.info().is_software())];
-        self.kept.last_mut().map_or(Ok(()), |(_, frame)| frame.end(tools.wait, patience))
+        self.0.last_mut().map_or(Ok(()), |frame| frame.end(tools.wait, patience))
     }
 
     /// Times of the last task's steps, if frames are profiled.
     pub fn step_times(&self) -> Result<Vec<StepTime>, GpuError> {
-        self.kept.last().map_or(Ok(Vec::new()), |(_, frame)| frame.step_times())
+        self.0.last().map_or(Ok(Vec::new()), Frame::step_times)
     }
 }

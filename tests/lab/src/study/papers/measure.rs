@@ -1,6 +1,6 @@
 //! The figures of this run.
 
-use pairmaskd::calibrate::Case;
+use crate::study::ways::Case;
 use pairmaskd::execute::gpu::GpuChoice;
 use pairmaskd::scene::SceneName;
 

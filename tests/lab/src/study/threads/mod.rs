@@ -8,13 +8,13 @@ mod report;
 
 use std::time::Duration;
 
-use pairmask_core::EngineName;
-use pairmask_core::engine::AvailableIsa;
-use pairmask_core::update::UpdateError;
-use pairmaskd::calibrate::{
+use crate::study::ways::{
     Case, CaseTimes, Effort, MeasureError, Pools, WaySet, core_count, measure as measure_ways,
     thread_counts,
 };
+use pairmask_core::EngineName;
+use pairmask_core::engine::AvailableIsa;
+use pairmask_core::update::UpdateError;
 use pairmaskd::cli::machine::Machine;
 use pairmaskd::cli::output::OutputError;
 use pairmaskd::file_error::FileError;

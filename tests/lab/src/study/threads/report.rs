@@ -4,8 +4,8 @@ use std::fmt::{self, Write as _};
 use std::fs;
 use std::path::Path;
 
+use crate::study::ways::Case;
 use pairmask_core::EngineName;
-use pairmaskd::calibrate::Case;
 use pairmaskd::cli::machine::Machine;
 use pairmaskd::cli::output::OutputError;
 use pairmaskd::file_error::{Access, FileError};

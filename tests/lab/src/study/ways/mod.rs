@@ -1,25 +1,17 @@
-//! The constants of the plan's cost model, measured on this machine.
-//!
-//! [`measure`] culls cases (a scene of some size each) in several ways; [`fit`] gives the constants
-//! from the times. `pairmaskd calibrate` does both. A daemon that starts takes a short measurement
-//! ([`glance`]).
+//! Cases, a scene of some size each, that are culled in several ways, interleaved.
 
 mod case;
-mod fit;
-mod glance;
 mod threads;
 mod timed_way;
 
 pub use case::{Case, CaseTimes, Effort, WaySet, measure};
-pub use fit::{FitRow, FramePart, fit, rows, scale};
-pub use glance::glance;
 pub use threads::{Pools, core_count, thread_counts};
 pub use timed_way::{Way, WayTimes};
 
 use pairmask_core::engine::{CullError, EngineName};
 use pairmask_core::mask::MaskError;
 
-use crate::scene::SceneName;
+use pairmaskd::scene::SceneName;
 
 /// Why a measurement failed.
 #[derive(Debug, thiserror::Error)]

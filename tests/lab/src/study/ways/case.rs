@@ -13,7 +13,7 @@ use pairmask_core::plan::{Calibration, Capabilities, PlanMemory, SceneStats, Wor
 use super::MeasureError;
 use super::threads::Pools;
 use super::timed_way::{TimedWay, Way, WayTimes};
-use crate::scene::{Scene, SceneName};
+use pairmaskd::scene::{Scene, SceneName};
 
 /// Seed of the scenes: every run has the same boxes and motions.
 const SEED: u64 = 1;
@@ -66,10 +66,7 @@ pub struct CaseTimes {
 pub enum WaySet {
     /// Engines and threads, sparse.
     Sparse,
-    /// As `Sparse`, lists likewise, and dense masks on one thread for few boxes: the rows that a fit
-    /// needs.
-    Fit,
-    /// As `Fit`, with every number of threads: all ways that a plan may choose.
+    /// As `Sparse`, and lists and, for few boxes, dense masks: all ways that a plan may choose.
     All,
 }
 
@@ -96,9 +93,7 @@ fn ways(stats: &SceneStats, threads: &[usize], set: WaySet, isa: AvailableIsa) -
     };
     let least = EngineName::CPU.into_iter().map(predicted_ns).fold(f64::INFINITY, f64::min);
     let hopeless_ns = (HOPELESS * least).max(HOPELESS_NS);
-    let is_wanted =
-        |way: &Way| way.encoding != Encoding::Dense || way.threads == 1 || set == WaySet::All;
-    ways.filter(|way| is_wanted(way) && predicted_ns(way.engine) <= hopeless_ns).collect()
+    ways.filter(|way| predicted_ns(way.engine) <= hopeless_ns).collect()
 }
 
 /// Measures a case with engines and decoders that use `isa`.
