@@ -32,7 +32,7 @@ pub struct Place {
     /// Constants of the plan's cost model: auto, built-in or a file [default: auto]
     #[arg(long, global = true, env = "PAIRMASK_CALIBRATION", value_name = "FILE")]
     calibration: Option<CalibrationChoice>,
-    /// Instruction set of engines and decoders: avx512, avx2, neon, portable [default: the widest]
+    /// Instruction set of engines and decoders: avx512, avx2, portable [default: the widest]
     #[arg(long, global = true, env = "PAIRMASK_ISA", value_name = "NAME")]
     isa: Option<AvailableIsa>,
 }

@@ -67,8 +67,8 @@ impl<'a> SparseMask<'a> {
 
     /// The same mask, decoded by the kernel of a name that this machine can run.
     pub(super) fn with_kernel(self, name: &str) -> Option<Self> {
-        let all = Kernel::all(self.order.is_some());
-        let (_, kernel) = all.into_iter().find(|(known, _)| *known == name)?;
+        let (_, kernel) =
+            Kernel::all(self.order.is_some()).into_iter().find(|(known, _)| *known == name)?;
         Some(Self { kernel, ..self })
     }
 

@@ -44,23 +44,24 @@ impl Vbmi2 {
     }
 }
 
-/// [`by_word::run`](super::by_word::run) of a mask with an order. `order` has a box for each position.
+/// [`by_word::write`](super::by_word::write) of a mask with an order. `order` has a box for each position.
 #[inline]
-pub(super) fn write<'a>(
-    pairs: &SparsePairs<'a>,
+pub(super) fn write(
+    pairs: &mut SparsePairs<'_>,
     order: &[u32],
     writer: &mut PairWriter,
     _: Vbmi2,
-) -> Option<SparseWords<'a>> {
+) -> bool {
     assert!(order.len() >= pairs.n.len(), "the view has seen a box for each position");
     // SAFETY: the proof is only made where the machine has these features.
-    unsafe {
+    let rest = unsafe {
         if order.len() >= LARGE_ORDER {
             run::<true>(pairs, order, writer)
         } else {
             run::<false>(pairs, order, writer)
         }
-    }
+    };
+    rest.map(|rest| pairs.words = rest).is_some()
 }
 
 #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,avx512vbmi2,popcnt,bmi1,bmi2")]
