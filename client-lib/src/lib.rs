@@ -87,7 +87,7 @@
 //! # Platforms
 //!
 //! With `daemon`: Linux, 64 bits, little-endian. Without it: wherever the standard library has
-//! threads and a clock. The engines use AVX2, AVX-512 or NEON where the processor has them.
+//! threads and a clock. The engines use AVX2 or AVX-512 where the processor has them.
 
 #[cfg(doctest)]
 mod book;

@@ -20,6 +20,7 @@ pub mod precision;
 pub mod repeat;
 pub mod rhythm;
 pub mod scene;
+mod simd;
 pub mod sphere;
 pub mod spinner;
 mod stats;

@@ -30,6 +30,8 @@
 
 use crate::aabb::{Aabb, BoxClass};
 use crate::floats;
+use crate::isa::AvailableIsa;
+use crate::simd::per_isa;
 use crate::write::{BoxSource, par_write_boxes, write_boxes};
 
 /// 8u: the distance by which a face moves outward, as a share of the sum of its terms' magnitudes.
@@ -352,7 +354,7 @@ impl<T: ToWorld> BoxSource for Transformed<'_, T> {
     fn write_range(&self, first: usize, out: &mut [Aabb]) {
         let (locals, transforms) =
             (&self.locals[first..][..out.len()], &self.transforms[first..][..out.len()]);
-        floats::with_default(|| update_run(locals, transforms, out));
+        floats::with_default(|| update_run(locals, transforms, out, AvailableIsa::best()));
     }
 }
 
@@ -364,28 +366,14 @@ fn check_lengths<T>(locals: &[Aabb], transforms: &[T], out: &[Aabb]) -> Result<(
     Err(UpdateError::LengthMismatch { locals, transforms, out })
 }
 
-/// The loop, also compiled for AVX2. The boxes are the same: no instruction set fuses or reorders
-/// these operations.
-fn update_run<T: ToWorld>(locals: &[Aabb], transforms: &[T], out: &mut [Aabb]) {
-    #[inline(always)]
-    fn run<T: ToWorld>(locals: &[Aabb], transforms: &[T], out: &mut [Aabb]) {
+per_isa! {
+    /// The loop. The boxes are the same: no instruction set fuses or reorders these operations.
+    fn update_run<simd: S, T: ToWorld>(locals: &[Aabb], transforms: &[T], out: &mut [Aabb]) {
+        let _ = simd;
         for ((local, transform), out) in locals.iter().zip(transforms).zip(out) {
             *out = world_box_with_default_flags(local, transform);
         }
     }
-    #[cfg(target_arch = "x86_64")]
-    {
-        #[target_feature(enable = "avx2")]
-        fn run_avx2<T: ToWorld>(locals: &[Aabb], transforms: &[T], out: &mut [Aabb]) {
-            run(locals, transforms, out);
-        }
-        if is_x86_feature_detected!("avx2") {
-            // SAFETY: the processor reports AVX2.
-            #[allow(unsafe_code)]
-            return unsafe { run_avx2(locals, transforms, out) };
-        }
-    }
-    run(locals, transforms, out);
 }
 
 #[cfg(test)]

@@ -54,7 +54,10 @@ impl Engines {
         may_repeat: bool,
         reply: &mut HeapReply,
     ) -> Result<CullAnswer, CullError> {
-        let seen = if may_repeat { self.repeats.look(objects, options, reply) } else { Seen::New };
+        let mut seen = Seen::New;
+        if may_repeat {
+            seen = self.repeats.look(objects, options, 0, reply);
+        }
         if let Seen::Answered(answer) = seen {
             return Ok(answer);
         }
@@ -68,7 +71,7 @@ impl Engines {
         if seen == Seen::Alike
             && let Some(ticket) = self.repeats.ticket()
         {
-            ticket.keep(objects, reply.words(), &answer);
+            ticket.keep(objects, reply.words(), &answer, 0);
         }
         Ok(answer)
     }

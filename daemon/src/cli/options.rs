@@ -28,7 +28,7 @@ pub struct Place {
     /// Configuration file [default: `$XDG_CONFIG_HOME/pairmask/config.toml`]
     #[arg(long, global = true, env = "PAIRMASK_CONFIG", value_name = "FILE")]
     config: Option<PathBuf>,
-    /// Instruction set of engines and decoders: avx512, avx2, neon, portable [default: the widest]
+    /// Instruction set of engines and decoders: avx512, avx2, portable [default: the widest]
     #[arg(long, global = true, env = "PAIRMASK_ISA", value_name = "NAME")]
     isa: Option<AvailableIsa>,
 }

@@ -182,7 +182,7 @@ impl OpenRequest {
     pub(crate) fn keep(&mut self, answer: &CullAnswer) {
         if let Some(ticket) = self.keep.take() {
             let behind = self.world_ranges.map_or(0, |span| span.len);
-            ticket.keep_with(self.objects(), self.words(), answer, behind);
+            ticket.keep(self.objects(), self.words(), answer, behind);
         }
     }
 

@@ -172,7 +172,7 @@ impl Culls {
         if request.may_repeat {
             let (objects, mut reply) = open.parts();
             let number = rules.as_ref().map_or(0, |rules| rules.number());
-            seen = engines.repeats().look_with_rules(objects, options, number, &mut reply);
+            seen = engines.repeats().look(objects, options, number, &mut reply);
         }
         if let Seen::Answered(answer) = seen {
             open.note_world_ranges(&answer.report.shape, engines.repeats().words_behind());

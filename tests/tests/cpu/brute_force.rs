@@ -55,19 +55,13 @@ fn instruction_sets_rule_out_the_same_pairs() {
             })
             .collect();
         assert!(skipped.windows(2).all(|two| two[0] == two[1]), "{scene:?}: {skipped:?}");
-        if scene.name() == "uniform" {
-            let share = skipped[0].pairs as f64 / (1234.0 * 1233.0 / 2.0);
-            assert!(share > 0.99, "the bitmaps ruled out {share} of all pairs");
-        }
     }
 }
 
 #[test]
 fn an_instruction_set_that_is_missing_is_a_typed_error() {
-    let missing: Vec<_> = Isa::ALL.into_iter().filter(|isa| !isa.is_available()).collect();
-    assert!(!missing.is_empty(), "no machine has both AVX2 and NEON");
-    for isa in missing {
-        assert!(BruteForce::with_isa(isa).is_err());
+    for isa in Isa::ALL {
+        assert_eq!(BruteForce::with_isa(isa).is_ok(), isa.is_available());
     }
 }
 
@@ -98,8 +92,7 @@ fn pairs(
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 
-    /// Coordinates from few numbers often touch and coincide. The sizes, up to 300 boxes, lie on
-    /// both sides of the number from which on bitmaps are built.
+    /// Coordinates from few numbers often touch and coincide.
     #[test]
     fn any_boxes_give_the_pairs_of_the_oracle(
         boxes in prop::collection::vec(prop::array::uniform6(-4i8..5), 0..300),

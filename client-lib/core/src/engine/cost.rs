@@ -14,7 +14,7 @@ pub struct CostTerm {
 
 /// How much longer than AVX-512 an instruction set takes for what it does a register at a time, for
 /// each of [`Isa::ALL`].
-const BY_LANES: [f64; Isa::ALL.len()] = [1.0, 1.6, 3.0, 6.0];
+const BY_LANES: [f64; Isa::ALL.len()] = [1.0, 1.6, 6.0];
 
 // Built-in figures are those of one core of an AMD EPYC 9004 (Zen 4, AVX-512) at 2.6 GHz, fitted to the times of
 // many scenes.
@@ -26,13 +26,13 @@ impl CostTerm {
 
     /// Work that takes `ns` a unit with AVX-512, and longer with fewer lanes.
     pub const fn by_lanes(name: &'static str, ns: f64) -> Self {
-        let [avx512, avx2, neon, portable] = BY_LANES;
-        Self { name, ns: [avx512 * ns, avx2 * ns, neon * ns, portable * ns] }
+        let [avx512, avx2, portable] = BY_LANES;
+        Self { name, ns: [avx512 * ns, avx2 * ns, portable * ns] }
     }
 
     /// Work that takes `ns` a unit with AVX-512, and `narrow_ns` with all others.
     pub const fn avx512_or(name: &'static str, ns: f64, narrow_ns: f64) -> Self {
-        Self { name, ns: [ns, narrow_ns, narrow_ns, narrow_ns] }
+        Self { name, ns: [ns, narrow_ns, narrow_ns] }
     }
 
     /// Built-in ns a unit on one thread.

@@ -5,7 +5,7 @@
 //! in 0.34 ns a pair in place of 0.48 (a Xeon, a million boxes).
 #![allow(unsafe_code)]
 
-use crate::isa::{AvailableIsa, Isa};
+use crate::simd::per_isa;
 
 /// Pairs of a cache line.
 const LINE: usize = 8;
@@ -14,30 +14,20 @@ const LINE: usize = 8;
 #[cfg(target_arch = "x86_64")]
 const AHEAD_BYTES: usize = 8192;
 
-/// Copies as many pairs as both have.
-#[inline]
-pub(super) fn copy(from: &[[u32; 2]], to: &mut [[u32; 2]], isa: AvailableIsa) {
-    match isa.get() {
-        // SAFETY: an `AvailableIsa` of AVX-512 exists only where the CPU reported these features.
-        #[cfg(target_arch = "x86_64")]
-        Isa::Avx512 => unsafe { avx512(from, to) },
-        // SAFETY: an `AvailableIsa` of AVX2 exists only where the CPU reported it.
-        #[cfg(target_arch = "x86_64")]
-        Isa::Avx2 => unsafe { avx2(from, to) },
-        _ => plain(from, to),
-    }
-}
-
-#[inline(always)]
-fn plain(from: &[[u32; 2]], to: &mut [[u32; 2]]) {
-    let ((from, from_rest), (to, to_rest)) = (from.as_chunks::<LINE>(), to.as_chunks_mut::<LINE>());
-    // Line by line: the processor is asked for as many as it reads, never for many at once.
-    for (to, from) in to.iter_mut().zip(from) {
-        fetch(from);
-        *to = *from;
-    }
-    for (to, from) in to_rest.iter_mut().zip(from_rest) {
-        *to = *from;
+per_isa! {
+    /// Copies as many pairs as both have.
+    pub(super) fn copy<simd: S>(from: &[[u32; 2]], to: &mut [[u32; 2]]) {
+        let _ = simd;
+        let (from, from_rest) = from.as_chunks::<LINE>();
+        let (to, to_rest) = to.as_chunks_mut::<LINE>();
+        // Line by line: the processor is asked for as many as it reads, never for many at once.
+        for (to, from) in to.iter_mut().zip(from) {
+            fetch(from);
+            *to = *from;
+        }
+        for (to, from) in to_rest.iter_mut().zip(from_rest) {
+            *to = *from;
+        }
     }
 }
 
@@ -55,21 +45,10 @@ fn fetch(line: &[[u32; 2]; LINE]) {
     let _ = line;
 }
 
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,avx2")]
-fn avx512(from: &[[u32; 2]], to: &mut [[u32; 2]]) {
-    plain(from, to);
-}
-
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2")]
-fn avx2(from: &[[u32; 2]], to: &mut [[u32; 2]]) {
-    plain(from, to);
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::isa::{AvailableIsa, Isa};
 
     #[test]
     fn every_instruction_set_copies_every_pair() {

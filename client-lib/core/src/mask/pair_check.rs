@@ -1,22 +1,15 @@
 //! Whether some pairs are pairs of the boxes there are, as fast as the first-level cache is read.
-#![allow(unsafe_code)]
 // `&` instead of `&&`: a branch on each pair costs more than the second operand.
 #![allow(clippy::needless_bitwise_bool)]
 
-use crate::isa::{AvailableIsa, Isa};
+use crate::simd::per_isa;
 use crate::units::BoxCount;
 
-/// Whether all of `pairs` are pairs of `n` boxes, smaller index first.
-#[inline]
-pub(super) fn are_pairs(pairs: &[[u32; 2]], n: BoxCount, isa: AvailableIsa) -> bool {
-    match isa.get() {
-        // SAFETY: an `AvailableIsa` of AVX-512 exists only where the CPU reported these features.
-        #[cfg(target_arch = "x86_64")]
-        Isa::Avx512 => unsafe { avx512(pairs, n) },
-        // SAFETY: an `AvailableIsa` of AVX2 exists only where the CPU reported it.
-        #[cfg(target_arch = "x86_64")]
-        Isa::Avx2 => unsafe { avx2(pairs, n) },
-        _ => plain(pairs, n),
+per_isa! {
+    /// Whether all of `pairs` are pairs of `n` boxes, smaller index first.
+    pub(super) fn are_pairs<simd: S>(pairs: &[[u32; 2]], n: BoxCount) -> bool {
+        let _ = simd;
+        plain(pairs, n)
     }
 }
 
@@ -26,21 +19,10 @@ pub(super) fn plain(pairs: &[[u32; 2]], n: BoxCount) -> bool {
     pairs.iter().fold(true, |all, [a, b]| all & (a < b) & (*b < n.get()))
 }
 
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,avx2")]
-fn avx512(pairs: &[[u32; 2]], n: BoxCount) -> bool {
-    plain(pairs, n)
-}
-
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2")]
-fn avx2(pairs: &[[u32; 2]], n: BoxCount) -> bool {
-    plain(pairs, n)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::isa::{AvailableIsa, Isa};
 
     #[test]
     fn every_instruction_set_sees_each_stray() {

@@ -1,6 +1,8 @@
 //! Which words of a chunk are not zero, as the bits of a u64.
 #![allow(unsafe_code)]
 
+use crate::simd::Simd;
+
 /// Words looked at in one step: 256 bytes, four cache lines. Their flags fill one u64, and getting
 /// them is straight vector code without a branch. Smaller chunks branch more often.
 pub(super) const CHUNK_WORDS: usize = 64;
@@ -8,9 +10,39 @@ pub(super) const CHUNK_WORDS: usize = 64;
 /// The words of one step.
 pub(super) type Chunk = [u32; CHUNK_WORDS];
 
+/// A way to find the non-zero words of a chunk.
+pub(super) trait FindWords: Copy {
+    /// Bit i is set where word i is not zero.
+    fn flags_of(self, chunk: &Chunk) -> u64;
+}
+
+/// What every machine of the architecture can do.
+#[derive(Clone, Copy)]
+pub(super) struct Plain;
+
+impl FindWords for Plain {
+    #[inline]
+    fn flags_of(self, chunk: &Chunk) -> u64 {
+        flags_of(chunk)
+    }
+}
+
+impl<S: Simd> FindWords for S {
+    #[inline(always)]
+    fn flags_of(self, chunk: &Chunk) -> u64 {
+        let words: &[i32; CHUNK_WORDS] = bytemuck::cast_ref(chunk);
+        let mut zero = 0;
+        for first in (0..CHUNK_WORDS).step_by(S::LANES) {
+            let lanes = self.equal(self.load(&words[first..]), self.splat(0));
+            zero |= u64::from(self.bits(lanes)) << first;
+        }
+        !zero
+    }
+}
+
 /// Bit i is set where word i is not zero.
 #[inline]
-pub(super) fn flags_of(chunk: &Chunk) -> u64 {
+fn flags_of(chunk: &Chunk) -> u64 {
     #[cfg(target_arch = "x86_64")]
     {
         // SAFETY: every x86-64 processor has SSE2.

@@ -55,7 +55,7 @@ impl<'a> Stream<'a> {
             Isa::Avx512 => unsafe { x86::copy_avx512(from, to) },
             // SAFETY: as above, for AVX2, which includes AVX.
             Isa::Avx2 => unsafe { x86::copy_avx(from, to) },
-            Isa::Neon | Isa::Portable => x86::copy_sse(from, to),
+            Isa::Portable => x86::copy_sse(from, to),
         }
     }
 

@@ -210,21 +210,10 @@ mod tests {
     // Rules are filled as users fill them.
     #![allow(clippy::field_reassign_with_default)]
 
+    use super::super::tests::Random;
     use super::*;
     use crate::engine::Isa;
     use crate::filters::{Filter, FilterId, FilterTable};
-
-    /// A small generator: xorshift.
-    struct Random(u64);
-
-    impl Random {
-        fn below(&mut self, n: u64) -> u64 {
-            self.0 ^= self.0 << 13;
-            self.0 ^= self.0 >> 7;
-            self.0 ^= self.0 << 17;
-            (self.0 >> 11) % n
-        }
-    }
 
     fn rules(random: &mut Random, n: usize, filters: u64) -> Rules {
         let mut rules = Rules::default();

@@ -292,73 +292,11 @@ fn close_gaps<T: Copy>(items: &mut [T], step: usize, kept: &[usize]) {
 
 #[cfg(test)]
 mod tests {
-    use super::super::tests::{KINDS, Random, in_pool, rules, truth};
+    use super::super::tests::{KINDS, Random, rules};
     use super::*;
-    use crate::aabb::Aabb;
     use crate::dispatch::{CpuEngines, CullOptions};
-    use crate::engine::{EngineChoice, EngineName, HeapReply};
-    use crate::mask::{Encoding, EncodingChoice, MaskView};
-
-    /// The pairs of a mask of all that was filtered, sorted.
-    fn filtered(
-        filter: &mut MaskFilter,
-        boxes: &[Aabb],
-        rules: &Rules,
-        (engine, encoding, threads): (EngineName, Encoding, usize),
-    ) -> Vec<(u32, u32)> {
-        let options = CullOptions {
-            engine: EngineChoice::Only(engine),
-            encoding: EncodingChoice::Only(encoding),
-            ..CullOptions::default()
-        };
-        let mut reply = HeapReply::new();
-        let answer = CpuEngines::new().cull(boxes, &options, &mut reply).expect("an answer");
-        let (mut report, n) = (answer.report, BoxCount::new(boxes.len() as u32));
-        let mut words = reply.words().to_vec();
-        filter.filter(rules, n, &mut words, &mut report, threads).expect("as it was written");
-        let mask = MaskView::new(n, &report.shape, &words).expect("a mask");
-        mask.verify().expect("in order");
-        let mut pairs = mask.to_vec();
-        assert_eq!(pairs.len() as u64, report.pair_count);
-        assert_eq!(report.skipped.zero_words, report.shape.zero_words(n));
-        pairs.sort_unstable();
-        pairs
-    }
-
-    fn check(random: &mut Random, n: usize, threads: usize) {
-        let mut filter = MaskFilter::default();
-        for kind in KINDS {
-            let boxes = random.boxes(n);
-            let rules = rules(random, n, kind);
-            let expected = truth(&boxes, &rules).pairs;
-            for engine in EngineName::CPU {
-                for encoding in Encoding::ALL {
-                    let found = filtered(&mut filter, &boxes, &rules, (engine, encoding, threads));
-                    assert_eq!(found, expected, "{n} boxes, {kind:?}, {engine} {encoding}");
-                }
-            }
-        }
-    }
-
-    #[test]
-    fn filtered_masks_have_the_pairs_that_rules_let_meet() {
-        let mut random = Random(71);
-        for n in 0..=70 {
-            check(&mut random, n, 1);
-        }
-    }
-
-    #[test]
-    fn large_masks_are_filtered_by_several_threads() {
-        for threads in 1..=3 {
-            in_pool(threads, || {
-                let mut random = Random(73);
-                for n in [345, 1_235, 4_097] {
-                    check(&mut random, n, threads);
-                }
-            });
-        }
-    }
+    use crate::engine::HeapReply;
+    use crate::mask::MaskView;
 
     #[test]
     fn a_mask_of_any_words_is_filtered_or_refused() {

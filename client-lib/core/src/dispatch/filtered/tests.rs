@@ -101,7 +101,7 @@ pub(super) fn rules(random: &mut Random, n: usize, kind: Kind) -> Rules {
     rules
 }
 
-pub(super) fn truth(boxes: &[Aabb], rules: &Rules) -> Truth {
+fn truth(boxes: &[Aabb], rules: &Rules) -> Truth {
     let mut truth = oracle::truth(boxes);
     truth.pairs.retain(|(a, b)| rules.meet(*a, *b));
     truth
@@ -167,7 +167,34 @@ fn options(engine: EngineChoice, encoding: EncodingChoice, threads: usize) -> Cu
     CullOptions { engine, encoding, threads: Some(threads), ..CullOptions::default() }
 }
 
+/// The pairs of a mask of all that was filtered, sorted.
+fn filtered(
+    filter: &mut MaskFilter,
+    boxes: &[Aabb],
+    rules: &Rules,
+    (engine, encoding, threads): (EngineName, Encoding, usize),
+) -> Vec<(u32, u32)> {
+    let options = CullOptions {
+        engine: EngineChoice::Only(engine),
+        encoding: EncodingChoice::Only(encoding),
+        ..CullOptions::default()
+    };
+    let mut reply = HeapReply::new();
+    let answer = CpuEngines::new().cull(boxes, &options, &mut reply).expect("an answer");
+    let (mut report, n) = (answer.report, BoxCount::new(boxes.len() as u32));
+    let mut words = reply.words().to_vec();
+    filter.filter(rules, n, &mut words, &mut report, threads).expect("as it was written");
+    let mask = MaskView::new(n, &report.shape, &words).expect("a mask");
+    mask.verify().expect("in order");
+    let mut pairs = mask.to_vec();
+    assert_eq!(pairs.len() as u64, report.pair_count);
+    assert_eq!(report.skipped.zero_words, report.shape.zero_words(n));
+    pairs.sort_unstable();
+    pairs
+}
+
 fn check(random: &mut Random, engines: &mut CpuEngines, n: usize, threads: usize) {
+    let mut filter = MaskFilter::default();
     for kind in KINDS {
         let boxes = random.boxes(n);
         let rules = rules(random, n, kind);
@@ -180,6 +207,12 @@ fn check(random: &mut Random, engines: &mut CpuEngines, n: usize, threads: usize
                 let options = options(engine, encoding, threads);
                 let answer = answered(engines, &boxes, &rules, &options);
                 assert_eq!(answer, expected, "{n} boxes, {kind:?}, {options:?}");
+            }
+        }
+        for engine in EngineName::CPU {
+            for encoding in Encoding::ALL {
+                let found = filtered(&mut filter, &boxes, &rules, (engine, encoding, threads));
+                assert_eq!(found, expected.pairs, "{n} boxes, {kind:?}, {engine} {encoding}");
             }
         }
     }

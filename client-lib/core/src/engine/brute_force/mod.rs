@@ -4,45 +4,25 @@
 //! each with its own storage, and no shared writes. The stages of a frame:
 //!
 //! ```text
-//! ingest      boxes → keys, one array a coordinate            (engine::ingest)
-//! build       keys → buckets → bit strings; corners           (quantiles, bitmaps, corners)
-//! find        row's strings under AND → candidates → words    (search, candidates, words)
+//! ingest      boxes → keys, one array a coordinate             (engine::ingest)
+//! find        every row against the columns after it → words   (search, words)
 //! publish     words → a mask, as they are found or at the end  (engine::encode)
 //! ```
 //!
-//! Below `BITMAP_BOXES` there are no bitmaps: every row is compared with every column at once. A
-//! kernel (avx512, avx2, neon, portable) is what an instruction set does in its own way; the loops
-//! around it are the same for all.
-//!
-//! Bytes do not depend on threads or kernels: sparse words are the non-zero words of the matrix in
-//! its order, and a dense word has one writer. The skip meter counts a pair as left out when its
-//! keys were never compared, which is what the bitmaps are for.
+//! Bytes do not depend on threads or instruction sets: sparse words are the non-zero words of the matrix
+//! in its order, and a dense word has one writer. The skip meter counts a pair as left out when its keys
+//! were never compared: those of rows without a point.
 
-#[cfg(target_arch = "x86_64")]
-mod avx2;
-#[cfg(target_arch = "x86_64")]
-mod avx512;
-mod bitmaps;
-mod candidates;
-mod corners;
 mod cost;
-mod dispatch;
-mod fan_out;
-mod kernel;
-#[cfg(target_arch = "aarch64")]
-mod neon;
-mod portable;
-mod quantiles;
 mod search;
 pub(crate) mod split;
 mod task;
 mod words;
 
-use self::bitmaps::Bitmaps;
-use self::search::Scene;
-use self::task::Task;
-use crate::engine::encode::{self, DenseRows};
+use self::task::{Scene, Task};
+use crate::engine::encode::{self, DenseRows, DenseWindow};
 use crate::engine::gather::Gather;
+use crate::engine::strips::{Split, in_parts};
 use crate::engine::word_budget::WordBudget;
 use crate::engine::{
     AvailableIsa, CpuEngine, CullError, CullInput, CullReport, Engine, EngineDescriptor,
@@ -50,9 +30,6 @@ use crate::engine::{
 };
 use crate::mask::{Encoding, MaskShape};
 use crate::precision::BoxForm;
-
-/// Fewest boxes for which bitmaps take less time to build than they save.
-const BITMAP_BOXES: usize = 192;
 
 /// `cpu-brute` in the list of engines.
 pub(super) const DESCRIPTOR: EngineDescriptor = EngineDescriptor {
@@ -93,7 +70,6 @@ pub(super) const DESCRIPTOR: EngineDescriptor = EngineDescriptor {
 pub struct BruteForce {
     isa: AvailableIsa,
     columns: KeyColumns,
-    bitmaps: Bitmaps,
     tasks: Vec<Task>,
 }
 
@@ -111,7 +87,7 @@ impl BruteForce {
 
     /// The engine with one instruction set that this machine has.
     fn on(isa: AvailableIsa) -> Self {
-        Self { isa, columns: KeyColumns::default(), bitmaps: Bitmaps::default(), tasks: Vec::new() }
+        Self { isa, columns: KeyColumns::default(), tasks: Vec::new() }
     }
 
     /// The engine with one instruction set, for tests and measurements.
@@ -159,8 +135,12 @@ impl BruteForce {
         clock: &mut StageClock,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<MaskShape, CullError> {
-        let (scene, isa) = (scene(&self.columns, &self.bitmaps), self.isa);
-        fan_out::for_each(&mut self.tasks, &|task| task.run(&scene, gather, isa));
+        let (scene, isa) = (scene(&self.columns), self.isa);
+        let parts = self.tasks.len();
+        let run = |tasks: &mut [Task]| {
+            tasks.iter_mut().for_each(|task| task.run(&scene, gather, isa));
+        };
+        in_parts(self.tasks.as_mut_slice(), parts, &run, &|(), ()| ());
         clock.executed();
         encode::write(self.tasks.iter().map(Task::found), gather, encoding, false, reply)
     }
@@ -172,10 +152,15 @@ impl BruteForce {
         gather: &Gather<'_>,
         clock: &mut StageClock,
     ) -> MaskShape {
-        let (scene, isa) = (scene(&self.columns, &self.bitmaps), self.isa);
-        fan_out::for_each_window(&mut self.tasks, mask.window(), &|task, window| {
-            task.run_into(&scene, gather, isa, window);
-        });
+        let (scene, isa) = (scene(&self.columns), self.isa);
+        let parts = self.tasks.len();
+        let work = InWindow { tasks: &mut self.tasks, window: mask.window() };
+        let run = |InWindow { tasks, window }: InWindow<'_>| {
+            if let [task] = tasks {
+                task.run_into(&scene, gather, isa, window);
+            }
+        };
+        in_parts(work, parts, &run, &|(), ()| ());
         clock.executed();
         for task in &self.tasks {
             mask.add_carry(task.rows().end, task.carry);
@@ -184,11 +169,27 @@ impl BruteForce {
     }
 }
 
+/// Tasks, and the part of the reply that holds their rows.
+struct InWindow<'a> {
+    tasks: &'a mut [Task],
+    window: DenseWindow<'a>,
+}
+
+impl Split for InWindow<'_> {
+    fn len(&self) -> usize {
+        self.tasks.len()
+    }
+
+    fn split_at(self, at: usize) -> (Self, Self) {
+        let (tasks, rest) = self.tasks.split_at_mut(at);
+        let (window, rest_window) = self.window.split_at_row(rest[0].rows().start);
+        (Self { tasks, window }, Self { tasks: rest, window: rest_window })
+    }
+}
+
 /// What the tasks search in.
-fn scene<'a>(columns: &'a KeyColumns, bitmaps: &'a Bitmaps) -> Scene<'a> {
-    let n = columns.len();
-    let bitmaps = (n >= BITMAP_BOXES).then_some(bitmaps);
-    Scene { columns: columns.words(), n, bitmaps }
+fn scene(columns: &KeyColumns) -> Scene<'_> {
+    Scene { columns: columns.words(), n: columns.len() }
 }
 
 impl Engine for BruteForce {
@@ -206,9 +207,6 @@ impl Engine for BruteForce {
         let gather = &Gather { budget, rules: input.rules, order: &[], isa: self.isa };
         let mut clock = StageClock::start();
         let census = self.columns.ingest(boxes, self.isa);
-        if boxes.len() >= BITMAP_BOXES {
-            dispatch::build(&mut self.bitmaps, &self.columns.words(), boxes.len(), self.isa);
-        }
         self.assign(input.threads);
         input.rules.prepare(boxes.len(), &[], input.threads);
         clock.ingested();
@@ -221,9 +219,7 @@ impl Engine for BruteForce {
     }
 
     fn scratch_bytes(&self) -> usize {
-        self.columns.allocated_bytes()
-            + self.bitmaps.allocated_bytes()
-            + self.tasks.iter().map(Task::allocated_bytes).sum::<usize>()
+        self.columns.allocated_bytes() + self.tasks.iter().map(Task::allocated_bytes).sum::<usize>()
     }
 
     fn give_back(&mut self) {

@@ -1,140 +1,61 @@
-//! The loops around a kernel: rows of a range against all columns after them.
-//!
-//! Written once, generic over the kernel and always inlined, so that each instruction set gets a
-//! copy that is compiled for it.
+//! Rows of a range against all columns after them, the columns of a 64-bit mask word at a time.
 
 use std::ops::Range;
 
-use super::bitmaps::{Bitmaps, LINE_WORDS};
-use super::candidates::Candidates;
-use super::kernel::{Kernel, after_row, columns_of, key_box};
 use super::words::WordList;
 use crate::aabb::KeyBox;
 use crate::engine::ingest::{ColumnWords, WORD_COLUMNS};
+use crate::simd::per_isa;
 
-/// Candidates of a word from which on it is cheaper to compare all of its columns at once.
-const CROWDED: u32 = 6;
-
-/// What the rows are searched in.
-#[derive(Clone, Copy)]
-pub(super) struct Scene<'a> {
-    /// Keys of all boxes.
-    pub columns: ColumnWords<'a>,
-    /// Number of boxes.
-    pub n: usize,
-    /// Bitmaps of all boxes, where there are enough boxes for them to pay.
-    pub bitmaps: Option<&'a Bitmaps>,
-}
-
-/// Finds the words of a range of rows. Returns the number of pairs whose keys were compared.
-///
-/// # Safety
-/// The CPU must have the kernel's instruction set.
-#[allow(unsafe_code)]
-#[inline(always)]
-pub(super) unsafe fn find<K: Kernel>(
-    scene: &Scene<'_>,
-    rows: Range<usize>,
-    candidates: &mut Candidates,
-    found: &mut WordList,
-) -> u64 {
-    // SAFETY: the caller vouches for the instruction set.
-    unsafe {
-        match scene.bitmaps {
-            None => compare_all::<K>(scene, rows, found),
-            Some(bitmaps) => {
-                rule_out::<K>(scene, bitmaps, rows, candidates);
-                compare_candidates::<K>(scene, bitmaps, candidates, found)
+per_isa! {
+    /// Finds the words of a range of rows of `n` boxes. Returns the number of pairs whose keys were
+    /// compared.
+    pub(super) fn find<simd: S>(
+        columns: &ColumnWords<'_>,
+        n: usize,
+        rows: Range<usize>,
+        found: &mut WordList,
+    ) -> u64 {
+        let words = columns[0].len();
+        let mut compared = 0;
+        for row in rows {
+            let key = key_box(columns, row);
+            if key == KeyBox::NOTHING {
+                continue;
+            }
+            compared += (n - 1 - row) as u64;
+            let first = row / WORD_COLUMNS;
+            found.make_room(words - first);
+            let [min, max] = [key.min, key.max];
+            let mut of_row = [[simd.splat(0); 2]; 3];
+            for axis in 0..3 {
+                of_row[axis] = [simd.splat(min[axis]), simd.splat(max[axis])];
+            }
+            // Bits of the columns after the row.
+            let mut wanted = (u64::MAX << (row % WORD_COLUMNS)) << 1;
+            for word in first..words {
+                let mut bits = 0;
+                for at in (0..WORD_COLUMNS).step_by(S::LANES) {
+                    let mut met = simd.all_meet();
+                    for axis in 0..3 {
+                        let min = simd.load(&columns[axis][word][at..]);
+                        let max = simd.load(&columns[3 + axis][word][at..]);
+                        met = simd.meet(met, [min, max], of_row[axis]);
+                    }
+                    bits |= u64::from(simd.met_bits(met)) << at;
+                }
+                found.push(row as u32, word as u32, bits & wanted);
+                wanted = u64::MAX;
             }
         }
+        compared
     }
 }
 
-/// Compares every row with every column after it.
-///
-/// # Safety
-/// As for [`find`].
-#[allow(unsafe_code)]
+/// The six keys of a box.
 #[inline(always)]
-unsafe fn compare_all<K: Kernel>(
-    scene: &Scene<'_>,
-    rows: Range<usize>,
-    found: &mut WordList,
-) -> u64 {
-    let words = scene.columns[0].len();
-    let mut compared = 0;
-    for row in rows {
-        let key = key_box(&scene.columns, row);
-        if key == KeyBox::NOTHING {
-            continue;
-        }
-        compared += (scene.n - 1 - row) as u64;
-        let first = row / WORD_COLUMNS;
-        found.make_room(words - first);
-        // SAFETY: the caller vouches for the instruction set.
-        let lanes = unsafe { K::row(&key) };
-        let mut wanted = after_row(row);
-        for word in first..words {
-            // SAFETY: as above.
-            let bits = unsafe { K::word(&lanes, &columns_of(&scene.columns, word)) };
-            found.push(row as u32, word as u32, bits & wanted);
-            wanted = u64::MAX;
-        }
-    }
-    compared
-}
-
-/// ANDs the strings of every row.
-///
-/// # Safety
-/// As for [`find`].
-#[allow(unsafe_code)]
-#[inline(always)]
-unsafe fn rule_out<K: Kernel>(
-    scene: &Scene<'_>,
-    bitmaps: &Bitmaps,
-    rows: Range<usize>,
-    candidates: &mut Candidates,
-) {
-    candidates.clear();
-    for row in rows {
-        if scene.columns[0][row / WORD_COLUMNS][row % WORD_COLUMNS] == KeyBox::NOTHING.min[0] {
-            continue;
-        }
-        let strings = bitmaps.row(row);
-        candidates.make_room(strings[0].len() * LINE_WORDS);
-        // SAFETY: the caller vouches for the instruction set.
-        unsafe { K::and_row(&strings, row, candidates) };
-    }
-}
-
-/// Compares the keys of what is left.
-///
-/// # Safety
-/// As for [`find`].
-#[allow(unsafe_code)]
-#[inline(always)]
-unsafe fn compare_candidates<K: Kernel>(
-    scene: &Scene<'_>,
-    bitmaps: &Bitmaps,
-    candidates: &Candidates,
-    found: &mut WordList,
-) -> u64 {
-    let (rows, columns) = (bitmaps.corners(), bitmaps.corners().as_chunks().0);
-    let mut compared = 0;
-    found.make_room(candidates.len());
-    for (row, word, bits) in candidates.iter() {
-        compared += u64::from(bits.count_ones());
-        let hits = if bits.count_ones() >= CROWDED {
-            let key = key_box(&scene.columns, row as usize);
-            let columns = columns_of(&scene.columns, word as usize);
-            // SAFETY: the caller vouches for the instruction set.
-            bits & unsafe { K::word(&K::row(&key), &columns) }
-        } else {
-            // SAFETY: as above.
-            unsafe { K::hits(&rows[row as usize], &columns[word as usize], bits) }
-        };
-        found.push(row, word, hits);
-    }
-    compared
+fn key_box(columns: &ColumnWords<'_>, index: usize) -> KeyBox {
+    let (word, lane) = (index / WORD_COLUMNS, index % WORD_COLUMNS);
+    let key = |component: usize| columns[component][word][lane];
+    KeyBox { min: [key(0), key(1), key(2)], max: [key(3), key(4), key(5)] }
 }

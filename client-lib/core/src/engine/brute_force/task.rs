@@ -2,23 +2,30 @@
 
 use std::ops::Range;
 
-use super::candidates::Candidates;
-use super::dispatch;
-use super::search::Scene;
+use super::search;
 use super::words::WordList;
 use crate::engine::AvailableIsa;
 use crate::engine::encode::DenseWindow;
 use crate::engine::gather::Gather;
+use crate::engine::ingest::ColumnWords;
+
+/// What the rows are searched in.
+#[derive(Clone, Copy)]
+pub(super) struct Scene<'a> {
+    /// Keys of all boxes.
+    pub columns: ColumnWords<'a>,
+    /// Number of boxes.
+    pub n: usize,
+}
 
 /// Rows that go through all stages together: few enough that what one stage leaves is still in the
-/// cache for the next, and enough that each stage keeps its rhythm.
+/// cache for the next.
 const BATCH_ROWS: usize = 64;
 
 /// A range of rows, what was found in them, and the scratch for it.
 #[derive(Default)]
 pub(super) struct Task {
     rows: Range<usize>,
-    candidates: Candidates,
     found: WordList,
     /// Pairs compared.
     pub compared: u64,
@@ -38,7 +45,7 @@ impl Task {
 
     /// Bytes that are allocated.
     pub fn allocated_bytes(&self) -> usize {
-        self.candidates.allocated_bytes() + self.found.allocated_bytes()
+        self.found.allocated_bytes()
     }
 
     /// The rows of this task.
@@ -55,8 +62,7 @@ impl Task {
     pub fn run(&mut self, scene: &Scene<'_>, gather: &Gather<'_>, isa: AvailableIsa) {
         for rows in batches(self.rows.clone()) {
             let before = self.found.len();
-            self.compared +=
-                dispatch::find(scene, rows, &mut self.candidates, &mut self.found, isa);
+            self.compared += search::find(&scene.columns, scene.n, rows, &mut self.found, isa);
             self.found.sift(before, gather);
             if !gather.budget.take(&self.found.arrays()[2][before..]) {
                 return;
@@ -81,8 +87,7 @@ impl Task {
         window.clear();
         for rows in batches(self.rows.clone()) {
             self.found.clear();
-            self.compared +=
-                dispatch::find(scene, rows, &mut self.candidates, &mut self.found, isa);
+            self.compared += search::find(&scene.columns, scene.n, rows, &mut self.found, isa);
             self.found.sift(0, gather);
             self.pair_count += self.found.pair_count();
             window.write(self.found.arrays());

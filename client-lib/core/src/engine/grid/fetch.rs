@@ -1,70 +1,52 @@
 //! Boxes out of their records, into the order of their cells.
 
-#[cfg(target_arch = "x86_64")]
-mod avx2;
-#[cfg(target_arch = "x86_64")]
-mod avx512;
-
 use super::homes::REACH_SHIFT;
 use super::level::Reach;
 use super::tile::Record;
-use crate::aabb::{Aabb, order_key};
-use crate::engine::AvailableIsa;
-#[cfg(target_arch = "x86_64")]
-use crate::engine::Isa;
+use crate::aabb::order_key;
 use crate::engine::strips::KeyArraysMut;
+use crate::simd::{MOST_LANES, per_isa};
 
-/// Each position's box out of its record, whose number `order` holds. All are of one length.
-pub(super) fn fetch(
-    records: &[Record],
-    keys: &mut KeyArraysMut<'_>,
-    order: &mut [u32],
-    reach: &mut [Reach],
-    isa: AvailableIsa,
-) {
-    let done = match isa.get() {
-        #[cfg(target_arch = "x86_64")]
-        Isa::Avx512 => avx512::fetch(records, keys, order, reach, isa),
-        #[cfg(target_arch = "x86_64")]
-        Isa::Avx2 => avx2::fetch(records, keys, order, reach, isa),
-        _ => 0,
-    };
-    let mut rest = keys.each_mut().map(|array| &mut array[done..]);
-    fetch_portable(records, &mut rest, &mut order[done..], &mut reach[done..]);
-}
-
-fn fetch_portable(
-    records: &[Record],
-    keys: &mut KeyArraysMut<'_>,
-    order: &mut [u32],
-    reach: &mut [Reach],
-) {
-    let [min_x, min_y, min_z, max_x, max_y, max_z] = keys;
-    let mins = min_x.iter_mut().zip(min_y.iter_mut()).zip(min_z.iter_mut());
-    let maxs = max_x.iter_mut().zip(max_y.iter_mut()).zip(max_z.iter_mut());
-    let rest = order.iter_mut().zip(reach);
-    for ((((x0, y0), z0), ((x1, y1), z1)), (order, reach)) in mins.zip(maxs).zip(rest) {
-        let record = &records[*order as usize];
-        let Aabb { min, max } = &record.aabb;
-        (*x0, *y0, *z0) = (bits(min[0]), bits(min[1]), bits(min[2]));
-        (*x1, *y1, *z1) = (bits(max[0]), bits(max[1]), bits(max[2]));
-        *order = record.index;
-        *reach = (record.home >> REACH_SHIFT) as Reach;
-    }
-    for array in keys {
-        for key in array.iter_mut() {
-            *key = order_key(*key as u32);
+per_isa! {
+    /// Each position's box out of its record, whose number `order` holds. All are of one length.
+    pub(super) fn fetch<simd: S>(
+        records: &[Record],
+        keys: &mut KeyArraysMut<'_>,
+        order: &mut [u32],
+        reach: &mut [Reach],
+    ) {
+        let mut homes = [0; MOST_LANES];
+        let whole = order.len() / S::LANES * S::LANES;
+        for first in (0..whole).step_by(S::LANES) {
+            let order: &mut [i32] = bytemuck::cast_slice_mut(&mut order[first..first + S::LANES]);
+            let [coordinates @ .., index, home] =
+                simd.words_of(|i| bytemuck::cast_ref(&records[order[i] as u32 as usize]));
+            for (array, bits) in keys.iter_mut().zip::<[S::Keys; 6]>(coordinates) {
+                simd.store(simd.order_keys(bits), &mut array[first..first + S::LANES]);
+            }
+            simd.store(index, order);
+            simd.store(home, &mut homes);
+            for (reach, home) in reach[first..first + S::LANES].iter_mut().zip(homes) {
+                *reach = (home as u32 >> REACH_SHIFT) as Reach;
+            }
+        }
+        for at in whole..order.len() {
+            let record = &records[order[at] as usize];
+            let [coordinates @ .., _, _]: &[u32; 8] = bytemuck::cast_ref(record);
+            for (array, bits) in keys.iter_mut().zip::<&[u32; 6]>(coordinates) {
+                array[at] = order_key(*bits);
+            }
+            order[at] = record.index;
+            reach[at] = (record.home >> REACH_SHIFT) as Reach;
         }
     }
-}
-
-fn bits(x: f32) -> i32 {
-    x.to_bits() as i32
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::aabb::Aabb;
+    use crate::engine::{AvailableIsa, Isa};
     use bytemuck::Zeroable;
 
     #[test]

@@ -7,6 +7,7 @@ use super::level::Level;
 use crate::aabb::{Aabb, KeyBox, coordinate};
 use crate::engine::ingest;
 use crate::engine::{AvailableIsa, Census};
+use crate::simd::per_isa;
 
 /// Low bits of a home: the cell in the table of all levels. The reach is in the three bits above.
 pub(super) const CELL_MASK: u32 = (1 << REACH_SHIFT) - 1;
@@ -52,7 +53,7 @@ pub(super) fn find(
             if homeless <= FEW {
                 break;
             }
-            settle_with(level, &keys, &mut block_homes, isa);
+            settle(level, &keys, &mut block_homes, isa);
             homeless = block_homes[..boxes.len()].iter().filter(|h| **h == HOMELESS).count();
         }
         if homeless > 0 {
@@ -77,40 +78,16 @@ fn home_of(keys: &BlockKeys, i: usize, levels: &[Level]) -> u32 {
     cell | u32::from(reach) << REACH_SHIFT
 }
 
-/// Gives a home to every box that has none and that the level takes.
-#[inline(always)]
-fn settle(level: &Level, keys: &BlockKeys, homes: &mut [u32; BLOCK]) {
-    let level = *level;
-    for i in 0..BLOCK {
-        let min = [coordinate(keys[0][i]), coordinate(keys[1][i]), coordinate(keys[2][i])];
-        let max = [coordinate(keys[3][i]), coordinate(keys[4][i]), coordinate(keys[5][i])];
-        let (cell, reach, fits) = level.place(min, max);
-        let home = cell | u32::from(reach) << REACH_SHIFT;
-        homes[i] = if fits & (homes[i] == HOMELESS) { home } else { homes[i] };
-    }
-}
-
-/// [`settle`], compiled for the instruction set.
-#[allow(unsafe_code)]
-fn settle_with(level: &Level, keys: &BlockKeys, homes: &mut [u32; BLOCK], isa: AvailableIsa) {
-    #[cfg(target_arch = "x86_64")]
-    {
-        #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl")]
-        fn avx512(level: &Level, keys: &BlockKeys, homes: &mut [u32; BLOCK]) {
-            settle(level, keys, homes);
-        }
-        #[target_feature(enable = "avx2")]
-        fn avx2(level: &Level, keys: &BlockKeys, homes: &mut [u32; BLOCK]) {
-            settle(level, keys, homes);
-        }
-        match isa.get() {
-            // SAFETY: an `AvailableIsa` exists only where the CPU reported these features.
-            crate::engine::Isa::Avx512 => return unsafe { avx512(level, keys, homes) },
-            // SAFETY: as above.
-            crate::engine::Isa::Avx2 => return unsafe { avx2(level, keys, homes) },
-            _ => {}
+per_isa! {
+    /// Gives a home to every box that has none and that the level takes.
+    fn settle<simd: S>(level: &Level, keys: &BlockKeys, homes: &mut [u32; BLOCK]) {
+        let (_, level) = (simd, *level);
+        for i in 0..BLOCK {
+            let min = [coordinate(keys[0][i]), coordinate(keys[1][i]), coordinate(keys[2][i])];
+            let max = [coordinate(keys[3][i]), coordinate(keys[4][i]), coordinate(keys[5][i])];
+            let (cell, reach, fits) = level.place(min, max);
+            let home = cell | u32::from(reach) << REACH_SHIFT;
+            homes[i] = if fits & (homes[i] == HOMELESS) { home } else { homes[i] };
         }
     }
-    let _ = isa;
-    settle(level, keys, homes);
 }

@@ -3,22 +3,10 @@
 //! Each box is read once. After that an engine looks only at its own copy, so a client that writes
 //! while its frame is being culled can spoil its own answer and nothing else.
 
-#[cfg(target_arch = "x86_64")]
-mod avx2;
-#[cfg(target_arch = "x86_64")]
-mod avx512;
-mod portable;
-
-#[cfg(target_arch = "x86_64")]
-pub(crate) use avx2::order_keys as order_keys_avx2;
-#[cfg(target_arch = "x86_64")]
-pub(crate) use avx512::order_keys;
-
 use crate::aabb::{Aabb, KeyBox};
 use crate::aligned::AlignedBuffer;
-use crate::engine::{AvailableIsa, Census};
-#[cfg(target_arch = "x86_64")]
-use crate::engine::{Isa, NAMED_INVALID};
+use crate::engine::{AvailableIsa, Census, NAMED_INVALID};
+use crate::simd::{Simd, per_isa};
 
 /// Columns that one 64-bit mask word covers: the granule that key arrays are padded to.
 pub const WORD_COLUMNS: usize = 64;
@@ -144,26 +132,55 @@ fn split_columns(keys: &mut [i32], padded_len: usize) -> ColumnsMut<'_> {
     })
 }
 
-/// Keys of all boxes by the kernel of an instruction set; the last few boxes, fewer than a
-/// register holds, by the portable one.
-pub(crate) fn fill(
-    boxes: &[Aabb],
-    columns: &mut ColumnsMut<'_>,
-    census: &mut Census,
-    isa: AvailableIsa,
-) {
-    let done = match isa.get() {
-        #[cfg(target_arch = "x86_64")]
-        Isa::Avx512 => avx512::fill(boxes, columns, census, isa),
-        #[cfg(target_arch = "x86_64")]
-        Isa::Avx2 => avx2::fill(boxes, columns, census, isa),
-        _ => 0,
-    };
-    portable::fill(boxes, done, columns, census);
+per_isa! {
+    /// Keys of all boxes: a register of boxes a step, and the last few, fewer than that, one by one.
+    pub(crate) fn fill<simd: S>(boxes: &[Aabb], columns: &mut ColumnsMut<'_>, census: &mut Census) {
+        let steps = boxes.chunks_exact(S::LANES);
+        let rest = boxes.len() - steps.remainder().len();
+        for (step, boxes) in steps.enumerate() {
+            let first = step * S::LANES;
+            let (keys, nan, empty) = keys_of(simd, simd.coordinates(boxes));
+            for (column, key) in columns.iter_mut().zip(keys) {
+                simd.store(key, &mut column[first..first + S::LANES]);
+            }
+            if (nan | empty) != 0 {
+                note_group(census, first, nan, empty);
+            }
+        }
+        for (i, b) in boxes.iter().enumerate().skip(rest) {
+            let (key, class) = KeyBox::classify(b);
+            for axis in 0..3 {
+                columns[axis][i] = key.min[axis];
+                columns[3 + axis][i] = key.max[axis];
+            }
+            census.note(i as u32, class);
+        }
+    }
+}
+
+/// Keys, and the lanes of boxes with a NaN and of boxes with `min > max`.
+#[inline(always)]
+fn keys_of<S: Simd>(simd: S, bits: [S::Keys; 6]) -> ([S::Keys; 6], u32, u32) {
+    let mut keys = bits;
+    for key in &mut keys {
+        *key = simd.order_keys(*key);
+    }
+    let mut nan = simd.unordered(bits[0], bits[3]);
+    let mut empty = simd.above(keys[0], keys[3]);
+    for axis in 1..3 {
+        nan = simd.either(nan, simd.unordered(bits[axis], bits[3 + axis]));
+        empty = simd.either(empty, simd.above(keys[axis], keys[3 + axis]));
+    }
+    let nothing = simd.either(nan, empty);
+    for axis in 0..3 {
+        let (min, max) = (KeyBox::NOTHING.min[axis], KeyBox::NOTHING.max[axis]);
+        keys[axis] = simd.select(nothing, simd.splat(min), keys[axis]);
+        keys[3 + axis] = simd.select(nothing, simd.splat(max), keys[3 + axis]);
+    }
+    (keys, simd.bits(nan), simd.bits(empty))
 }
 
 /// Counts a group of boxes from two masks: bit t is box `first + t`. NaN wins over empty.
-#[cfg(target_arch = "x86_64")]
 #[inline]
 fn note_group(census: &mut Census, first: usize, nan: u32, empty: u32) {
     census.empty += (empty & !nan).count_ones();

@@ -1,12 +1,8 @@
 //! A batch of strips and the kernels that test it.
 
-#[cfg(target_arch = "aarch64")]
-use super::neon;
 use super::ordered::{KeyArrays, OrderedBoxes};
-use super::portable;
-#[cfg(target_arch = "x86_64")]
-use super::{avx2, avx512};
-use crate::engine::{AvailableIsa, Isa};
+use crate::engine::AvailableIsa;
+use crate::simd::per_isa;
 
 /// Columns of a strip: the lanes of an AVX-512 register.
 pub(crate) const STRIP_COLUMNS: usize = 16;
@@ -159,15 +155,7 @@ impl StripBatch {
         let (rows, starts, lanes) =
             (&self.rows[..self.len], &self.starts[..self.len], &mut self.lanes[..self.len]);
         let keys = boxes.keys();
-        self.compared += match isa.get() {
-            #[cfg(target_arch = "x86_64")]
-            Isa::Avx512 => avx512::test(&keys, rows, starts, lanes, isa),
-            #[cfg(target_arch = "x86_64")]
-            Isa::Avx2 => avx2::test(&keys, rows, starts, lanes, isa),
-            #[cfg(target_arch = "aarch64")]
-            Isa::Neon => neon::test(&keys, rows, starts, lanes),
-            _ => portable::test(&keys, rows, starts, lanes),
-        };
+        self.compared += test(&keys, rows, starts, lanes, isa);
     }
 
     /// Rows, starts and lanes of all strips.
@@ -212,6 +200,41 @@ impl StripBatch {
 /// Strips of a batch, 16 at a time.
 #[cfg(target_arch = "x86_64")]
 pub(super) type By16<'a, T> = &'a [[T; STRIP_COLUMNS]];
+
+per_isa! {
+    /// Of the `lanes` of each strip, those whose columns overlap its row. Returns the columns compared.
+    pub(super) fn test<simd: S>(
+        keys: &KeyArrays<'_>,
+        rows: &[u32],
+        starts: &[u32],
+        lanes: &mut [u16],
+    ) -> u64 {
+        check_bounds(keys, rows, starts, lanes);
+        let compared = count_columns(lanes);
+        let keys = keys.map(<[i32]>::as_ptr);
+        for ((&row, &start), lanes) in rows.iter().zip(starts).zip(lanes) {
+            let (row, start) = (row as usize, start as usize);
+            for first in (0..STRIP_COLUMNS).step_by(S::LANES) {
+                let mut met = simd.all_meet();
+                for axis in 0..3 {
+                    // SAFETY: `check_bounds` has seen that every row and 16 columns from every start are
+                    // in the arrays.
+                    let (columns, of_row) = unsafe {
+                        let at = start + first;
+                        let (min, max) = (keys[axis].add(at), keys[3 + axis].add(at));
+                        let columns = [simd.load_from(min), simd.load_from(max)];
+                        let (min, max) = (keys[axis].add(row), keys[3 + axis].add(row));
+                        (columns, [simd.splat(*min), simd.splat(*max)])
+                    };
+                    met = simd.meet(met, columns, of_row);
+                }
+                let others = !(((1u32 << S::LANES) - 1) << first);
+                *lanes &= (simd.met_bits(met) << first | others) as u16;
+            }
+        }
+        compared
+    }
+}
 
 /// Whether a kernel may read the keys of all rows and 16 columns from all starts.
 ///

@@ -11,7 +11,7 @@ use std::ops::Range;
 use super::block_avx512;
 use super::ordered::{KeyArrays, OrderedBoxes};
 use super::sink::WordChunk;
-use super::{STRIP_COLUMNS, portable};
+use super::{STRIP_COLUMNS, batch};
 use crate::engine::{AvailableIsa, Isa};
 
 /// Most rows of a block, and most strips: the lanes of a register, and columns of a strip.
@@ -117,11 +117,11 @@ impl RowBlock {
         match isa.get() {
             #[cfg(target_arch = "x86_64")]
             Isa::Avx512 => block_avx512::test(&keys, self, isa),
-            _ => self.test_portable(&keys),
+            _ => self.test_strips(&keys, isa),
         }
     }
 
-    fn test_portable(&mut self, keys: &KeyArrays<'_>) -> u64 {
+    fn test_strips(&mut self, keys: &KeyArrays<'_>, isa: AvailableIsa) -> u64 {
         self.overlaps = Default::default();
         let mut compared = 0;
         for i in 0..self.row_count {
@@ -129,7 +129,7 @@ impl RowBlock {
                 let lanes = self.lanes[strip] & self.columns_after(i, strip);
                 let row = [self.first_row + i as u32];
                 let mut overlaps = [lanes];
-                compared += portable::test(keys, &row, &[self.starts[strip]], &mut overlaps);
+                compared += batch::test(keys, &row, &[self.starts[strip]], &mut overlaps, isa);
                 self.overlaps[i][strip] = overlaps[0];
             }
         }

@@ -13,20 +13,13 @@
 // `&` instead of `&&`: see above, a branch costs more than the second operand.
 #![allow(clippy::needless_bitwise_bool)]
 
-#[cfg(target_arch = "x86_64")]
-mod avx2;
-#[cfg(target_arch = "x86_64")]
-mod avx512;
 mod batch;
 mod block;
 #[cfg(target_arch = "x86_64")]
 mod block_avx512;
 mod fan_out;
 mod hits;
-#[cfg(target_arch = "aarch64")]
-mod neon;
 mod ordered;
-mod portable;
 mod sink;
 #[cfg(target_arch = "x86_64")]
 mod squeeze_avx2;

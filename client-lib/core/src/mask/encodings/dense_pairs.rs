@@ -1,17 +1,10 @@
 //! Pairs of a dense mask: one inverse of the pair index a word, then stepping.
 
-#[cfg(target_arch = "x86_64")]
-mod avx2;
-#[cfg(target_arch = "x86_64")]
-mod avx512;
-
 use super::dense_words::DenseWords;
 use crate::isa::AvailableIsa;
-#[cfg(target_arch = "x86_64")]
-use crate::isa::Isa;
 use crate::mask::pair_buffer::{PairWriter, WORD_PAIRS};
-use crate::mask::word_flags::{Chunk, flags_of};
 use crate::pair_index::PairWalker;
+use crate::simd::per_isa;
 use crate::units::{BoxCount, PairIndex};
 
 /// The pairs of the words of a dense mask, in index order.
@@ -30,23 +23,17 @@ impl<'a> DensePairs<'a> {
     /// Puts the pairs of words until there is no more room. False at the end of the mask.
     #[inline]
     pub fn write(&mut self, writer: &mut PairWriter) -> bool {
-        match self.isa.get() {
-            #[cfg(target_arch = "x86_64")]
-            Isa::Avx512 => avx512::write(self, writer, self.isa),
-            #[cfg(target_arch = "x86_64")]
-            Isa::Avx2 => avx2::write(self, writer, self.isa),
-            _ => self.write_with(writer, flags_of),
-        }
+        write(self, writer, self.isa)
     }
+}
 
-    /// The same with a way to find the non-zero words of a chunk.
-    #[inline(always)]
-    fn write_with(&mut self, writer: &mut PairWriter, flags: impl Fn(&Chunk) -> u64) -> bool {
+per_isa! {
+    fn write<simd: S>(pairs: &mut DensePairs<'_>, writer: &mut PairWriter) -> bool {
         let mut more = false;
         while writer.has_room_for(WORD_PAIRS) {
-            let Some((number, bits)) = self.words.next_with(&flags) else { break };
+            let Some((number, bits)) = pairs.words.next_with(simd) else { break };
             more = true;
-            put_word(self.n, number, bits, writer);
+            put_word(pairs.n, number, bits, writer);
         }
         more
     }
@@ -86,6 +73,7 @@ mod tests {
 
     use super::super::PairSource;
     use super::*;
+    use crate::isa::Isa;
     use crate::mask::Pairs;
 
     /// The pairs by definition: counting.

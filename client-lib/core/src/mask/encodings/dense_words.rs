@@ -3,7 +3,7 @@
 use std::iter::FusedIterator;
 use std::ops::Range;
 
-use crate::mask::word_flags::{CHUNK_WORDS, Chunk, flags_of};
+use crate::mask::word_flags::{CHUNK_WORDS, FindWords, Plain};
 
 /// The non-zero words of a range of a dense mask, each with its number in the mask.
 #[derive(Clone)]
@@ -33,11 +33,11 @@ impl<'a> DenseWords<'a> {
 
     /// Takes the next chunk with a non-zero word in hand. False at the end.
     #[inline(always)]
-    fn next_chunk(&mut self, flags_of: impl Fn(&Chunk) -> u64) -> bool {
+    fn next_chunk(&mut self, finder: impl FindWords) -> bool {
         let mut passed = self.chunk.len();
         while let Some((chunk, rest)) = self.rest.split_first_chunk::<CHUNK_WORDS>() {
             self.rest = rest;
-            let flags = flags_of(chunk);
+            let flags = finder.flags_of(chunk);
             if flags != 0 {
                 self.chunk = chunk;
                 self.chunk_start += passed;
@@ -56,7 +56,7 @@ impl<'a> DenseWords<'a> {
 
     /// The next non-zero word, with a way to find those of a chunk.
     #[inline(always)]
-    pub fn next_with(&mut self, flags_of: impl Fn(&Chunk) -> u64) -> Option<(usize, u32)> {
+    pub fn next_with(&mut self, finder: impl FindWords) -> Option<(usize, u32)> {
         loop {
             while self.flags != 0 {
                 let (number, bits) = self.take();
@@ -64,7 +64,7 @@ impl<'a> DenseWords<'a> {
                     return Some((number, bits));
                 }
             }
-            if !self.next_chunk(&flags_of) {
+            if !self.next_chunk(finder) {
                 return None;
             }
         }
@@ -86,7 +86,7 @@ impl Iterator for DenseWords<'_> {
 
     #[inline]
     fn next(&mut self) -> Option<(usize, u32)> {
-        self.next_with(flags_of)
+        self.next_with(Plain)
     }
 }
 

@@ -1,19 +1,11 @@
 //! Pairs of a sparse mask, with and without an order.
 
 #[cfg(target_arch = "x86_64")]
-mod avx2;
-#[cfg(target_arch = "x86_64")]
 mod avx512;
 mod by_word;
-#[cfg(target_arch = "x86_64")]
-mod vbmi2;
 
-#[cfg(target_arch = "x86_64")]
-use self::vbmi2::Vbmi2;
 use super::sparse_words::SparseWords;
-use crate::isa::AvailableIsa;
-#[cfg(target_arch = "x86_64")]
-use crate::isa::Isa;
+use crate::isa::{AvailableIsa, Isa};
 use crate::mask::pair_buffer::PairWriter;
 use crate::units::BoxCount;
 
@@ -30,55 +22,31 @@ pub(in crate::mask) struct SparsePairs<'a> {
 /// How words become pairs.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::mask::encodings) enum Kernel {
-    /// [`by_word`], compiled for every machine of its architecture: all that NEON needs is in it.
-    Plain,
-    /// The same, compiled for AVX2.
-    #[cfg(target_arch = "x86_64")]
-    Avx2(AvailableIsa),
+    /// [`by_word`].
+    ByWord(AvailableIsa),
     /// Sixteen words at a time, then a look-up of each position.
     #[cfg(target_arch = "x86_64")]
     Avx512(AvailableIsa),
-    /// Word by word; of masks with an order only.
-    #[cfg(target_arch = "x86_64")]
-    Vbmi2(Vbmi2),
 }
 
 impl Kernel {
-    /// The fastest one of an instruction set and a mask.
-    pub fn of(isa: AvailableIsa, has_order: bool) -> Self {
+    /// The fastest one of an instruction set.
+    pub const fn of(isa: AvailableIsa) -> Self {
         match isa.get() {
             #[cfg(target_arch = "x86_64")]
-            Isa::Avx512 => match Vbmi2::new(isa).filter(|_| has_order) {
-                Some(proof) => Self::Vbmi2(proof),
-                None => Self::Avx512(isa),
-            },
-            #[cfg(target_arch = "x86_64")]
-            Isa::Avx2 => Self::Avx2(isa),
-            _ => {
-                let _ = has_order;
-                Self::Plain
-            }
+            Isa::Avx512 => Self::Avx512(isa),
+            _ => Self::ByWord(isa),
         }
     }
 
-    /// Each one that this machine can run on a mask, and its name.
-    pub fn all(has_order: bool) -> Vec<(&'static str, Self)> {
-        let plain = ("plain", Self::Plain);
+    /// Each one that this machine can run, and its name.
+    pub fn all() -> Vec<(&'static str, Self)> {
+        let available = Isa::ALL.into_iter().filter_map(AvailableIsa::new);
+        let mut all: Vec<_> =
+            available.map(|isa| (isa.get().as_str(), Self::ByWord(isa))).collect();
         #[cfg(target_arch = "x86_64")]
-        {
-            let mut all = vec![plain];
-            let avx512 = AvailableIsa::new(Isa::Avx512);
-            all.extend(AvailableIsa::new(Isa::Avx2).map(|isa| ("avx2", Self::Avx2(isa))));
-            all.extend(avx512.map(|isa| ("avx512", Self::Avx512(isa))));
-            let vbmi2 = avx512.filter(|_| has_order).and_then(Vbmi2::new);
-            all.extend(vbmi2.map(|proof| ("vbmi2", Self::Vbmi2(proof))));
-            all
-        }
-        #[cfg(not(target_arch = "x86_64"))]
-        {
-            let _ = has_order;
-            vec![plain]
-        }
+        all.extend(AvailableIsa::new(Isa::Avx512).map(|isa| ("avx512-steps", Self::Avx512(isa))));
+        all
     }
 }
 
@@ -96,16 +64,11 @@ impl<'a> SparsePairs<'a> {
     /// may be put before it, where the mask is malformed.
     #[inline]
     pub fn write(&mut self, writer: &mut PairWriter) -> bool {
-        let rest = match (self.kernel, self.order) {
+        match self.kernel {
             #[cfg(target_arch = "x86_64")]
-            (Kernel::Vbmi2(proof), Some(order)) => vbmi2::write(self, order, writer, proof),
-            #[cfg(target_arch = "x86_64")]
-            (Kernel::Avx512(isa), _) => avx512::write(self, writer, isa),
-            #[cfg(target_arch = "x86_64")]
-            (Kernel::Avx2(isa), _) => avx2::write(self, writer, isa),
-            _ => by_word::write(self, writer),
-        };
-        rest.map(|rest| self.words = rest).is_some()
+            Kernel::Avx512(isa) => avx512::write(self, writer, isa),
+            Kernel::ByWord(isa) => by_word::write(self, writer, isa),
+        }
     }
 
     /// Turns positions into boxes.
@@ -190,7 +153,7 @@ mod tests {
             let column = |i: fn(&(u32, u32, u32)) -> u32| words.iter().map(i).collect::<Vec<_>>();
             let (rows, blocks, bits) = (column(|w| w.0), column(|w| w.1), column(|w| w.2));
             let expected = naive(n, &words, order.as_deref());
-            for (name, kernel) in Kernel::all(order.is_some()) {
+            for (name, kernel) in Kernel::all() {
                 let words = SparseWords::new(&rows, &blocks, &bits);
                 let pairs = SparsePairs { n, order: order.as_deref(), words, kernel };
                 let pairs = Pairs::of(PairSource::Sparse(pairs));

@@ -22,16 +22,17 @@ const STEP: usize = 16;
 /// Room of a step whose words are spread over lanes. Those with more bits see to it themselves.
 const STEP_ROOM: usize = STEP * 8;
 
-/// [`by_word::run`](super::by_word::run) with AVX-512.
+/// [`by_word::write`](super::by_word::write) with AVX-512.
 #[inline]
-pub(super) fn write<'a>(
-    pairs: &SparsePairs<'a>,
+pub(super) fn write(
+    pairs: &mut SparsePairs<'_>,
     writer: &mut PairWriter,
     isa: AvailableIsa,
-) -> Option<SparseWords<'a>> {
+) -> bool {
     assert_eq!(isa.get(), Isa::Avx512, "kernel and instruction set belong together");
     // SAFETY: `isa` is only made where the machine has these features.
-    unsafe { run(pairs, writer) }
+    let rest = unsafe { run(pairs, writer) };
+    rest.map(|rest| pairs.words = rest).is_some()
 }
 
 #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,popcnt,bmi1,bmi2")]

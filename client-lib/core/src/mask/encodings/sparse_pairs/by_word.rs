@@ -5,9 +5,10 @@
 //! names the boxes, the row is looked up once a word, and the columns of a word are 32 positions in
 //! sequence. The two of each pair are brought into order at the end, all together.
 
-use super::super::sparse_words::{SparseWord, SparseWords};
+use super::super::sparse_words::SparseWord;
 use super::SparsePairs;
 use crate::mask::pair_buffer::{CAPACITY, PairWriter, WORD_PAIRS};
+use crate::simd::per_isa;
 use crate::units::BoxCount;
 
 /// Words whose stray bits are taken away together.
@@ -142,33 +143,23 @@ const fn has_room(len: usize) -> bool {
     len + WORD_PAIRS <= CAPACITY
 }
 
-/// [`run`], compiled for every machine of the architecture. A function of its own: its arrays would be on
-/// the stack of the other kernels too.
-#[inline(never)]
-pub(super) fn write<'a>(
-    pairs: &SparsePairs<'a>,
-    writer: &mut PairWriter,
-) -> Option<SparseWords<'a>> {
-    run(pairs, writer)
-}
-
-/// Puts the pairs of words until there is no more room. The words left over, or `None` at the end.
-#[inline(always)]
-pub(super) fn run<'a>(pairs: &SparsePairs<'a>, writer: &mut PairWriter) -> Option<SparseWords<'a>> {
-    match pairs.order {
-        None => run_named(pairs, &Same, writer),
-        Some(order) => run_named(pairs, &Ordered::new(order), writer),
+per_isa! {
+    /// Puts the pairs of words until there is no more room. False at the end.
+    pub(super) fn write<simd: S>(pairs: &mut SparsePairs<'_>, writer: &mut PairWriter) -> bool {
+        let _ = simd;
+        match pairs.order {
+            None => write_named(pairs, &Same, writer),
+            Some(order) => write_named(pairs, &Ordered::new(order), writer),
+        }
     }
 }
 
 #[inline(always)]
-fn run_named<'a>(
-    pairs: &SparsePairs<'a>,
-    names: &impl Names,
-    writer: &mut PairWriter,
-) -> Option<SparseWords<'a>> {
-    pairs.words.split_first()?;
-    let mut words = pairs.words.clone();
+fn write_named(pairs: &mut SparsePairs<'_>, names: &impl Names, writer: &mut PairWriter) -> bool {
+    let words = &mut pairs.words;
+    if words.split_first().is_none() {
+        return false;
+    }
     let mut found = Found { rows: [0; CAPACITY], columns: [0; CAPACITY] };
     let mut len = 0;
     while has_room(len)
@@ -181,18 +172,18 @@ fn run_named<'a>(
             len = found.put_word(len, word, names);
             done += 1;
         }
-        words = if done == STEP { rest } else { words.without_first(done) };
+        *words = if done == STEP { rest } else { words.without_first(done) };
     }
     // Fewer than a step at the end of the mask; after a full buffer there is no room for any.
     while has_room(len)
         && let Some((word, rest)) = words.split_first()
     {
         len = found.put_word(len, word.without_strays(pairs.n), names);
-        words = rest;
+        *words = rest;
     }
     writer.put_all(&found.rows, &found.columns, len);
     writer.drop_strays(pairs.n);
-    Some(words)
+    true
 }
 
 /// [`SparseWord::without_strays`] of 16 words: rows, blocks and bits. Copies, since the mask lies in
