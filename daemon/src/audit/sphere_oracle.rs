@@ -7,9 +7,8 @@
 //!
 //! Where the eight numbers of a pair are of like magnitude, a coarser common denominator makes them
 //! whole within 64 bits and their squares within 128; that is most pairs. All others take integers of
-//! any size; the tests compare both ways.
+//! 608 bits, which hold every sum of squares; the tests compare both ways.
 
-use num_bigint::{BigInt, BigUint};
 use pairmask_core::sphere::Sphere;
 
 /// Whether two spheres share a point, by the rules of [`pairmask_core::sphere`].
@@ -64,21 +63,75 @@ fn parts(x: f32) -> (i64, u32) {
 
 /// Whether two solid, finite spheres share a point, whatever their magnitudes.
 fn overlap_of_any(a: &Sphere, b: &Sphere) -> bool {
-    let square = |x: BigInt| &x * &x;
-    let distance: BigInt =
-        (0..3).map(|axis| square(whole(a.center[axis]) - whole(b.center[axis]))).sum();
-    distance <= square(whole(a.radius) + whole(b.radius))
+    let along = |axis: usize| {
+        let [x, y] = [a.center[axis], b.center[axis]];
+        let (p, q) = (Whole::of(x), Whole::of(y));
+        if (x < 0.0) == (y < 0.0) { p.distance(&q) } else { p.plus(&q) }
+    };
+    let squares = [0, 1, 2].map(|axis| along(axis).square());
+    let reach = Whole::of(a.radius).plus(&Whole::of(b.radius));
+    squares[0].plus(&squares[1]).plus(&squares[2]) <= reach.square()
 }
 
-/// A finite f32 in units of 2^−149.
-fn whole(x: f32) -> BigInt {
-    let bits = x.abs().to_bits();
-    let (exponent, fraction) = (bits / (1 << 23), bits % (1 << 23));
-    let magnitude = match exponent {
-        0 => BigUint::from(fraction),
-        _ => BigUint::from(fraction + (1 << 23)) << (exponent - 1),
-    };
-    if x < 0.0 { -BigInt::from(magnitude) } else { BigInt::from(magnitude) }
+/// Digits of a [`Whole`], 32 bits each. A finite f32 is below 2^277, a distance below 2^278, and the sum of
+/// three squares below 2^558: within 608 bits.
+const DIGITS: usize = 19;
+
+/// A whole number that is not negative, the highest digit first, so that they compare as they are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+struct Whole([u32; DIGITS]);
+
+impl Whole {
+    /// The magnitude of a finite f32 in units of 2^−149.
+    fn of(x: f32) -> Self {
+        let (magnitude, exponent) = parts(x.abs());
+        let (digit, shift) = (exponent as usize / 32, exponent % 32);
+        // Below 2^24 · 2^31.
+        let shifted = (magnitude as u64) << shift;
+        let mut whole = Self([0; DIGITS]);
+        whole.0[DIGITS - 1 - digit] = shifted as u32;
+        whole.0[DIGITS - 2 - digit] = (shifted >> 32) as u32;
+        whole
+    }
+
+    fn plus(&self, other: &Self) -> Self {
+        let mut sum = Self([0; DIGITS]);
+        let mut carry = 0;
+        for at in (0..DIGITS).rev() {
+            carry += u64::from(self.0[at]) + u64::from(other.0[at]);
+            sum.0[at] = carry as u32;
+            carry >>= 32;
+        }
+        sum
+    }
+
+    /// The larger less the smaller.
+    fn distance(&self, other: &Self) -> Self {
+        let (large, small) = if self > other { (self, other) } else { (other, self) };
+        let mut distance = Self([0; DIGITS]);
+        let mut borrow = 0;
+        for at in (0..DIGITS).rev() {
+            let digit = i64::from(large.0[at]) - i64::from(small.0[at]) + borrow;
+            distance.0[at] = digit as u32;
+            borrow = digit >> 32;
+        }
+        distance
+    }
+
+    /// Of a number below 2^304.
+    fn square(&self) -> Self {
+        let digit = |place: usize| u64::from(self.0[DIGITS - 1 - place]);
+        let mut square = Self([0; DIGITS]);
+        // The digits of a place, products of 64 bits, and what the place before leaves.
+        let mut carry: u128 = 0;
+        for place in 0..DIGITS {
+            let products = (0..=place).map(|i| u128::from(digit(i) * digit(place - i)));
+            carry += products.sum::<u128>();
+            square.0[DIGITS - 1 - place] = carry as u32;
+            carry >>= 32;
+        }
+        square
+    }
 }
 
 #[cfg(test)]
@@ -117,13 +170,42 @@ mod tests {
         assert_eq!(overlap_of_like(&spread(wider, small), &spread(small, small)), None);
     }
 
+    /// Pairs whose magnitudes are as far apart as can be: the smallest number decides.
     #[test]
-    fn whole_numbers_are_those_of_the_format() {
-        assert_eq!(whole(0.0), BigInt::from(0));
-        assert_eq!(whole(-1e-45), BigInt::from(-1));
-        assert_eq!(whole(f32::MIN_POSITIVE), BigInt::from(1 << 23));
-        assert_eq!(whole(1.0), BigInt::from(1) << 149);
-        let largest: BigInt = (BigInt::from(1) << 277) - (BigInt::from(1) << 253);
-        assert_eq!(whole(-f32::MAX), -largest);
+    fn a_least_number_decides_beside_the_largest() {
+        let least = f32::from_bits(1);
+        for large in [1.0, 1e30, f32::MAX / 4.0] {
+            let on = |y: f32, radius: f32| Sphere::new([large, y, 0.0], radius);
+            let origin = Sphere::new([0.0; 3], large);
+            assert!(overlap_of_any(&origin, &on(0.0, 0.0)), "they touch");
+            assert!(!overlap_of_any(&origin, &on(least, 0.0)), "they miss by the least number");
+            assert!(overlap_of_any(&origin, &on(least, least)));
+            let opposite = Sphere::new([-large, 0.0, 0.0], large);
+            assert!(overlap_of_any(&opposite, &on(0.0, large)), "they touch");
+            assert!(!overlap_of_any(&opposite, &on(0.0, large.next_down())));
+        }
+    }
+
+    #[test]
+    fn whole_numbers_are_those_of_the_format_and_their_squares_are_right() {
+        let digits = |x: f32| Whole::of(x).0.to_vec();
+        let with = |place: usize, digit: u32| {
+            let mut digits = vec![0; DIGITS];
+            digits[DIGITS - 1 - place] = digit;
+            digits
+        };
+        assert_eq!(digits(0.0), with(0, 0));
+        assert_eq!(digits(-1e-45), with(0, 1));
+        assert_eq!(digits(f32::MIN_POSITIVE), with(0, 1 << 23));
+        assert_eq!(digits(1.0), with(149 / 32, 1 << (149 % 32)));
+        // 2^277 − 2^253.
+        assert_eq!(digits(f32::MAX)[DIGITS - 9..DIGITS - 6], [(1 << 21) - 1, 7 << 29, 0]);
+        for x in [3.0f32, 1e-20, 65_537.0] {
+            let (root, whole) = (f64::from(x), Whole::of(x));
+            let limbs = whole.square().0.iter().rev().enumerate();
+            let square: f64 =
+                limbs.map(|(i, d)| f64::from(*d) * 2f64.powi(32 * i as i32 - 298)).sum();
+            assert!((square / (root * root) - 1.0).abs() < 1e-12, "{x}: {square}");
+        }
     }
 }
