@@ -85,12 +85,12 @@ impl Chart {
                 }
             }
         }
-        let line =
-            |(colour, ((name, _), mut points)): (usize, ((String, usize), Vec<(f64, f64)>))| {
-                points.sort_by(|a, b| a.0.total_cmp(&b.0));
-                Series::line(name.trim(), colour, Look::Line, &points)
-            };
-        lines.into_iter().enumerate().map(line).collect()
+        let mut series = Vec::new();
+        for (colour, ((name, _), mut points)) in lines.into_iter().enumerate() {
+            points.sort_by(|a, b| a.0.total_cmp(&b.0));
+            series.push(Series::line(name.trim(), colour, Look::Line, &points));
+        }
+        series
     }
 }
 

@@ -261,7 +261,7 @@ fn choices(rows: &[AccuracyRow]) -> Table {
             USES.iter().find(|(of_it, _)| *of_it == kind).map_or("", |use_| use_.1).to_owned();
         if kind != "exact" && of > 0 {
             let scenes = if of == 1 { "scene" } else { "scenes and sizes" };
-            when += &format!(" Here it is faster than exact in {faster} of {of} {scenes}.");
+            when = format!("{when} Here it is faster than exact in {faster} of {of} {scenes}.");
         }
         ratios.sort_by(f64::total_cmp);
         let text = |ratio: &f64| Unit::Ratio.text(*ratio);

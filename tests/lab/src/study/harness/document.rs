@@ -53,7 +53,8 @@ pub fn markdown(parts: &[Part]) -> String {
     let text = |part: &Part| match part {
         Part::Heading(level, text) => format!("{} {text}\n", "#".repeat(usize::from(*level))),
         Part::Text(text) => format!("{text}\n"),
-        Part::List(lines) => lines.iter().map(|line| format!("- {line}\n")).collect(),
+        Part::List(lines) if lines.is_empty() => String::new(),
+        Part::List(lines) => format!("- {}\n", lines.join("\n- ")),
         Part::Table(table) => table.markdown(),
         Part::Plots(_) => String::new(),
     };

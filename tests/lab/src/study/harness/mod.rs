@@ -134,7 +134,10 @@ pub trait Report: Serialize {
     fn csv(&self) -> String {
         match &self.tables()[..] {
             [(_, one)] => one.csv(),
-            all => all.iter().map(|(name, table)| format!("# {name}\n{}", table.csv())).collect(),
+            all => {
+                let text = |(name, table): &(_, Table)| format!("# {name}\n{}", table.csv());
+                all.iter().map(text).collect::<Vec<_>>().concat()
+            }
         }
     }
 

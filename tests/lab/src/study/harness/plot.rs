@@ -395,7 +395,7 @@ mod tests {
 
     #[test]
     fn round_numbers_are_marked_and_zero_has_a_lane_of_its_own() {
-        let labels = |values: &[f64], unit| {
+        let labels = |values: &[f64], unit: Unit| {
             let scale = Scale::of(values.iter().copied());
             let marks = scale.marks();
             let places = marks.iter().map(|mark| scale.place(*mark));

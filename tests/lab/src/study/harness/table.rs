@@ -112,6 +112,7 @@ impl Table {
     }
 
     /// The columns of these names alone, in this order.
+    #[must_use]
     pub fn only(&self, names: &[&str]) -> Self {
         let at: Vec<usize> =
             names.iter().filter_map(|name| self.head.iter().position(|h| h == name)).collect();

@@ -182,7 +182,7 @@ pub fn around_rows(variant: Variant, n: BoxCount) -> Tally {
     let rows = u64::from(n.get().saturating_sub(1));
     let id = |i: u64| {
         let row = (i / 2) as u32;
-        let k = if i % 2 == 0 { row_start(n, row) } else { row_start(n, row + 1) - 1 };
+        let k = if i.is_multiple_of(2) { row_start(n, row) } else { row_start(n, row + 1) - 1 };
         own_id(variant, n, k)
     };
     tally_of(variant, n, 2 * rows, id, |k| map(variant, n, k), |_| ())

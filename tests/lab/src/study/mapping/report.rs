@@ -68,7 +68,7 @@ impl MappingReport {
         (title, note): (&str, &str),
         rows: &[R],
         key: impl Fn(&R) -> (Processor, L, u64),
-        lines: impl Iterator<Item = L> + Clone,
+        lines: &(impl Iterator<Item = L> + Clone),
         cell: impl Fn(&R) -> Option<String>,
     ) -> Vec<Part> {
         let mut sizes: Vec<u64> = rows.iter().map(|row| key(row).2).collect();
@@ -112,7 +112,7 @@ impl Report for MappingReport {
             ),
             &self.root_errors,
             |row| (row.processor, row.root, row.tally.count),
-            Root::all(),
+            &Root::all(),
             |row| {
                 let RootTally { count, other, inexact } = row.tally;
                 let wrong = if row.root == Root::BuiltIn { inexact } else { other };
@@ -131,7 +131,7 @@ impl Report for MappingReport {
             ),
             &self.pair_errors,
             of_pairs,
-            Variant::all(),
+            &Variant::all(),
             |row| Some(wrong(row)),
         ));
         parts.extend(Self::by_processor(
@@ -141,7 +141,7 @@ impl Report for MappingReport {
             ),
             &self.pair_errors,
             of_pairs,
-            Variant::all(),
+            &Variant::all(),
             |row| Some(coverage(row)),
         ));
         parts.extend(Self::by_processor(
@@ -154,7 +154,7 @@ impl Report for MappingReport {
             ),
             &self.map_times,
             |row| (row.processor, row.variant, u64::from(row.n)),
-            Variant::all(),
+            &Variant::all(),
             |row| {
                 let ps = row.ps_per_pair().map_or_else(String::new, |ps| format!(", {ps:.1} ps/pair"));
                 Some(with_paper(row.ms?, row.paper_ms) + &ps)
@@ -168,7 +168,7 @@ impl Report for MappingReport {
             ),
             &self.root_times,
             |row| (row.processor, row.root, row.count),
-            Root::all(),
+            &Root::all(),
             |row| Some(with_paper(row.ms?, row.paper_ms)),
         ));
         parts.extend(Part::section(

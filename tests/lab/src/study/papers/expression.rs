@@ -34,10 +34,10 @@ impl Scope<'_> {
     /// [`BadExpression`].
     pub fn value(&self, text: &str) -> Result<Option<f64>, BadExpression> {
         let mut parser = Parser { scope: self, rest: text };
-        parser
-            .sum()
-            .filter(|_| parser.rest.trim().is_empty())
-            .ok_or_else(|| BadExpression(text.to_owned()))
+        match parser.sum() {
+            Ok(value) if parser.rest.trim().is_empty() => Ok(value),
+            _ => Err(BadExpression(text.to_owned())),
+        }
     }
 }
 
@@ -75,30 +75,32 @@ pub fn field<'v>(root: &'v Value, path: &str) -> Option<&'v Value> {
     path.split('.').filter(|key| !key.is_empty()).try_fold(root, |value, key| value.get(key))
 }
 
-/// Recursive descent. Each function is `None` where the text is no expression, `Some(None)` where a figure is
-/// missing.
+/// The value of a part; `None` where a figure is missing.
+type Parsed = Result<Option<f64>, BadExpression>;
+
+/// Recursive descent.
 struct Parser<'a> {
     scope: &'a Scope<'a>,
     rest: &'a str,
 }
 
 impl<'a> Parser<'a> {
-    fn sum(&mut self) -> Option<Option<f64>> {
+    fn sum(&mut self) -> Parsed {
         let mut sum = self.product()?;
         while let Some(operator) = self.operator(["+ ", "- "]) {
             let other = self.product()?;
             sum = sum.zip(other).map(|(a, b)| if operator == "+ " { a + b } else { a - b });
         }
-        Some(sum)
+        Ok(sum)
     }
 
-    fn product(&mut self) -> Option<Option<f64>> {
+    fn product(&mut self) -> Parsed {
         let mut product = self.factor()?;
         while let Some(operator) = self.operator(["* ", "/ "]) {
             let other = self.factor()?;
             product = product.zip(other).map(|(a, b)| if operator == "* " { a * b } else { a / b });
         }
-        Some(product)
+        Ok(product)
     }
 
     fn operator(&mut self, operators: [&'static str; 2]) -> Option<&'static str> {
@@ -108,18 +110,18 @@ impl<'a> Parser<'a> {
         Some(found)
     }
 
-    fn factor(&mut self) -> Option<Option<f64>> {
+    fn factor(&mut self) -> Parsed {
         self.rest = self.rest.trim_start();
         if let Some(inner) = self.within('(', ')') {
-            return self.scope.value(inner).ok();
+            return self.scope.value(inner);
         }
         let is_name = |c: char| c.is_alphanumeric() || ['_', '-', '.'].contains(&c);
         let name = self.taken_while(is_name);
         if name.starts_with(|c: char| c.is_ascii_digit()) {
-            return name.parse().ok().map(Some);
+            return name.parse().map(Some).map_err(|_| self.bad());
         }
         if name.is_empty() {
-            return None;
+            return Err(self.bad());
         }
         if let Some(arguments) = self.within('(', ')') {
             return self.call(name, arguments);
@@ -130,22 +132,26 @@ impl<'a> Parser<'a> {
         } else {
             field(self.scope.root, name)
         };
-        Some(found.and_then(Value::as_f64))
+        Ok(found.and_then(Value::as_f64))
     }
 
-    fn call(&self, name: &str, arguments: &str) -> Option<Option<f64>> {
+    fn call(&self, name: &str, arguments: &str) -> Parsed {
         let arguments: Vec<&str> = arguments.split(',').map(str::trim).collect();
         if name == "pair_number" {
-            let [a, b] = arguments[..] else { return None };
-            let n = BoxCount::new(PAIR_NUMBER_BOXES);
-            let k = PairIndex::of(n, a.parse::<u32>().ok()? - 1, b.parse::<u32>().ok()? - 1);
-            return Some(k.map(|k| k.get() as f64));
+            let numbers: Vec<u32> = arguments.iter().filter_map(|a| a.parse().ok()).collect();
+            let [a, b] = numbers[..] else { return Err(self.bad()) };
+            let k = PairIndex::of(BoxCount::new(PAIR_NUMBER_BOXES), a - 1, b - 1);
+            return Ok(k.map(|k| k.get() as f64));
         }
-        let mut text = self.scope.defined.get(name)?.clone();
+        let mut text = self.scope.defined.get(name).ok_or_else(|| self.bad())?.clone();
         for (i, argument) in arguments.iter().enumerate() {
             text = text.replace(&format!("@{}", i + 1), argument);
         }
-        self.scope.value(&text).ok()
+        self.scope.value(&text)
+    }
+
+    fn bad(&self) -> BadExpression {
+        BadExpression(self.rest.to_owned())
     }
 
     fn taken_while(&mut self, is_its: impl Fn(char) -> bool) -> &'a str {

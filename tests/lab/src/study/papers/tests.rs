@@ -151,7 +151,9 @@ fn every_rule_can_hold_and_can_break() {
 fn the_evidence_is_what_decided_and_a_missing_figure_hides_no_break() {
     let evidence = |rule: Rule, rows: &[Row]| rule.evidence(rows, &rule.judge(rows).1);
     let mut rows = rows(&[(1.0, 1.0), (1.0, 2.0), (1.0, 2.0), (1.0, 1.0)]);
-    rows.iter_mut().for_each(|row| row.paper = None);
+    for row in &mut rows {
+        row.paper = None;
+    }
     assert_eq!(evidence(Rule::Rises, &rows), "r1: ours 2 s; r2: ours 2 s; and 1 more");
     assert_eq!(evidence(Rule::Rises, &rows[..2]), "r0: ours 1 s; r1: ours 2 s");
     assert_eq!(evidence(Rule::AtMost(1.0), &rows[..2]), "r1: ours 2 s");
