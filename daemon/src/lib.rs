@@ -10,7 +10,6 @@ pub mod execute;
 pub mod explain;
 pub mod file_error;
 pub mod ingest;
-pub mod plot;
 pub mod precision;
 pub mod publish;
 pub mod requests;

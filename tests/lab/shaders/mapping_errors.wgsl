@@ -1,6 +1,6 @@
 // mapping_errors: counts the ids that a variant maps wrongly, and the pairs that it names. One
 // thread a word of 32 ids.
-// Mirror: `pairmaskd::study::mapping::errors`.
+// Mirror: `pairmask_lab::study::mapping::errors`.
 
 #import constants
 #import pair_ids

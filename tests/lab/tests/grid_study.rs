@@ -1,17 +1,15 @@
 //! The grid study, on a software adapter: every figure is there, and the files are written.
 #![allow(clippy::unwrap_used)]
 
-use pairmask_lab::study::grid::{GridOptions, run_and_print};
+use pairmask_lab::study::grid::measure;
+use pairmask_lab::study::harness::write_files;
 use pairmaskd::execute::gpu::GpuChoice;
 
 #[test]
 fn a_quick_study_fills_every_table_and_compares_every_mask() {
     let folder = tempfile::tempdir().unwrap();
-    let out = Some(folder.path().join("records"));
-    let gpu = GpuChoice::Software;
-    let options = GridOptions { gpu, counts: vec![700], quick: true, out, json: true };
-    let mut printed = Vec::new();
-    let report = run_and_print(&options, &mut printed).unwrap();
+    let report = measure(&GpuChoice::Software, &[700], true).unwrap();
+    write_files(&report, &folder.path().join("records")).unwrap();
     assert_eq!(report.scenes.len(), 4);
     assert!(report.scenes.iter().all(|row| row.checked && row.pairs > 0 && row.frame_us > 0.0));
     assert_eq!(report.stages.len(), 6);
@@ -19,9 +17,11 @@ fn a_quick_study_fills_every_table_and_compares_every_mask() {
     assert_eq!((report.parts.len(), report.engines.len(), report.under_way.len()), (1, 1, 1));
     assert!(report.with_and_without.iter().any(|row| row.paper_ms.is_some()));
     assert_eq!(report.moving.len(), 6);
-    let json: serde_json::Value = serde_json::from_slice(&printed).unwrap();
+    let read =
+        |name: &str| std::fs::read_to_string(folder.path().join("records").join(name)).unwrap();
+    let json: serde_json::Value = serde_json::from_str(&read("grid.json")).unwrap();
     assert_eq!(json["parts"][0]["n"], 700);
-    let text = std::fs::read_to_string(folder.path().join("records/grid.md")).unwrap();
+    let text = read("grid.md");
     for heading in ["Table 6", "Table 7", "Figure 5", "Figure 6", "Stages", "Frames under way"] {
         assert!(text.contains(heading), "{heading}");
     }

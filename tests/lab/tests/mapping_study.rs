@@ -2,15 +2,11 @@
 
 use pairmask_core::pair_index::row_start;
 use pairmask_core::{Aabb, BoxCount, PairIndex};
-use pairmask_lab::study::mapping::gpu::errors::{Ids, count, count_roots};
-use pairmask_lab::study::mapping::gpu::masks::{self, Writer};
-use pairmask_lab::study::mapping::gpu::{Bench, pairs};
-use pairmask_lab::study::mapping::mirror::{self, Mapped};
-use pairmask_lab::study::mapping::plan::Plan;
-use pairmask_lab::study::mapping::stage::{IdWidth, PairOutput, Root, Variant};
-use pairmask_lab::study::mapping::{
-    MappingError, MappingOptions, errors, measure, report, root_errors, rows,
-};
+use pairmask_lab::study::harness::{StudyError, write_files};
+use pairmask_lab::study::mapping::gpu::{self, Bench, Ids, Writer, count, count_roots};
+use pairmask_lab::study::mapping::stage::{IdWidth, PAPERS_OWN, PairOutput, Root, Variant};
+use pairmask_lab::study::mapping::variants::{Mapped, far_end, map};
+use pairmask_lab::study::mapping::{Plan, Processor, errors, measure};
 use pairmask_tests::gpu::{choice, open};
 use pairmaskd::execute::gpu::{Checks, GpuChoice, HostImport};
 
@@ -75,10 +71,10 @@ fn wgsl_variants_answer_as_their_mirrors() {
                 continue;
             }
             let ids = telling_ids(variant, n);
-            let gpu = pairs::map(&mut bench, variant, width, n, &ids)
+            let gpu = gpu::map(&mut bench, variant, width, n, &ids)
                 .unwrap_or_else(|error| panic!("{variant}, {n} boxes: {error}"));
             let boxes = BoxCount::new(n);
-            let mirror: Vec<_> = ids.iter().map(|k| mirror::map(variant, boxes, *k)).collect();
+            let mirror: Vec<_> = ids.iter().map(|k| map(variant, boxes, *k)).collect();
             let rows = rows_apart(&bench, variant, n);
             let difference = first_difference(&ids, &gpu, &mirror, rows);
             assert_eq!(difference, None, "{variant}, {n} boxes, {width:?}: id, GPU, mirror");
@@ -92,7 +88,7 @@ fn wgsl_variants_answer_as_their_mirrors() {
 fn the_comparison_notices_one_wrong_pair() {
     let n = BoxCount::new(70);
     let ids: Vec<u64> = (0..n.pair_count()).collect();
-    let right: Vec<_> = ids.iter().map(|k| mirror::far_end(n, *k)).collect();
+    let right: Vec<_> = ids.iter().map(|k| far_end(n, *k)).collect();
     let mut wrong = right.clone();
     assert_eq!(first_difference(&ids, &right, &wrong, 0), None);
     wrong[77].b += 1;
@@ -120,7 +116,7 @@ fn the_gpu_counts_the_errors_that_the_cpu_counts() {
             }
         }
     }
-    let around = count(&mut bench, rows::PAPERS_OWN, 4_113, Ids::AroundRows);
+    let around = count(&mut bench, PAPERS_OWN, 4_113, Ids::AroundRows);
     assert!(around.is_ok_and(|found| found.is_some_and(|(tally, _)| tally.wrong > 0)));
 }
 
@@ -130,7 +126,7 @@ fn the_gpu_counts_wrong_roots_as_the_cpu_does() {
     let software = bench.gpu().info().is_software();
     for root in Root::all() {
         let gpu = count_roots(&mut bench, root, 12_345).expect("runs").expect("it fits");
-        let cpu = root_errors::count(root, 12_345);
+        let cpu = errors::count_roots(root, 12_345);
         if software {
             assert_eq!(gpu, cpu, "{root}");
         } else {
@@ -149,7 +145,7 @@ fn every_output_form_has_the_bits_of_the_overlaps() {
     let mut forms = 0;
     for writer in [Writer::ThreadAWord, Writer::ThreadAPair] {
         for output in [PairOutput::Byte, PairOutput::Bit] {
-            let run = masks::run(&mut bench, output, writer, &boxes, &budget);
+            let run = gpu::mask(&mut bench, output, writer, &boxes, &budget);
             let run = run.expect("runs").expect("it fits");
             let per_word = u64::from(output.pairs_per_word());
             let mut hits = 0;
@@ -172,52 +168,46 @@ fn every_output_form_has_the_bits_of_the_overlaps() {
 #[test]
 fn a_report_has_a_row_for_every_variant_and_its_files_agree() {
     let folder = tempfile::tempdir().expect("a folder");
-    let gpu = choice();
-    let options = MappingOptions { gpu, quick: true, ..MappingOptions::default() };
-    let made = measure(&options).unwrap_or_else(|error| panic!("{error}"));
+    let made = measure(&choice(), true).unwrap_or_else(|error| panic!("{error}"));
     let out = folder.path().join("deep").join("er");
-    report::write_files(&made, &out).unwrap_or_else(|error| panic!("{error}"));
+    write_files(&made, &out).unwrap_or_else(|error| panic!("{error}"));
     let read = |name| std::fs::read_to_string(out.join(name)).expect("it was written");
     let (csv, json, markdown) = (read("mapping.csv"), read("mapping.json"), read("mapping.md"));
+    let table = |name: &str| {
+        let start = csv.find(&format!("# {name}\n")).unwrap_or_else(|| panic!("{name}: {csv}"));
+        csv[start..].lines().skip(2).take_while(|line| !line.starts_with('#')).collect::<Vec<_>>()
+    };
     for variant in Variant::all() {
         let name = variant.to_string();
-        assert!(markdown.contains(&format!("| {name} |")), "{name}");
-        for processor in ["cpu", "gpu"] {
-            for table in ["errors", "table_2"] {
-                let start = format!("{table},\"{processor}\",{name},");
-                assert!(csv.lines().any(|line| line.starts_with(&start)), "{start}");
-            }
+        assert!(markdown.contains(&format!("| {name} ")), "{name}");
+        for (processor, of) in
+            [("cpu", "errors"), ("gpu", "errors"), ("cpu", "table 2"), ("gpu", "table 2")]
+        {
+            let start = format!("{processor},{name},");
+            assert!(table(of).iter().any(|line| line.starts_with(&start)), "{of}: {start}");
         }
     }
     for root in Root::all() {
-        for table in ["table_3", "table_4"] {
-            assert!(csv.contains(&format!("{table},\"gpu\",{root},")), "{table}, {root}");
+        for of in ["table 3", "table 4"] {
+            let start = format!("gpu,{root},");
+            assert!(table(of).iter().any(|line| line.starts_with(&start)), "{of}: {start}");
         }
     }
-    for (table, least) in [("table_5", 24), ("figure_4", 15)] {
-        let lines = csv.lines().filter(|line| line.starts_with(table)).count();
-        assert!(lines >= least, "{table}: {lines}");
-    }
+    // Two sizes, two forms, two ways to write them; three sizes.
+    assert_eq!((table("table 5").len(), table("figure 4").len()), (8, 3));
     let json: serde_json::Value = serde_json::from_str(&json).expect("it is JSON");
     assert_eq!(json["claims"].as_array().map(Vec::len), Some(9));
     let machine = &json["machine"];
     for name in ["cpu", "gpu", "driver", "rustc", "commit", "command"] {
         assert!(machine[name].as_str().is_some_and(|text| !text.is_empty()), "{name}: {machine}");
     }
-    assert!(csv.lines().filter(|line| !line.starts_with('#')).all(|line| {
-        // A quoted processor may hold the one comma more.
-        let commas = line.replace("cpu, one thread", "").matches(',').count();
-        commas == 6
-    }));
 }
 
 #[test]
 fn without_a_gpu_the_cpu_alone_is_measured_and_a_missing_one_is_an_error() {
-    let options = MappingOptions { gpu: GpuChoice::None, quick: true, ..MappingOptions::default() };
-    let made = measure(&options).unwrap_or_else(|error| panic!("{error}"));
+    let made = measure(&GpuChoice::None, true).unwrap_or_else(|error| panic!("{error}"));
     assert_eq!((made.machine.gpu, made.outputs.len()), (None, 0));
-    assert!(made.pair_errors.iter().all(|row| row.processor == rows::Processor::Cpu));
-    let gpu = GpuChoice::Name("no such adapter".into());
-    let missing = measure(&MappingOptions { gpu, quick: true, ..MappingOptions::default() });
-    assert!(matches!(missing, Err(MappingError::Open(_))));
+    assert!(made.pair_errors.iter().all(|row| row.processor == Processor::Cpu));
+    let missing = measure(&GpuChoice::Name("no such adapter".into()), true);
+    assert!(matches!(missing, Err(StudyError::Open(_))));
 }

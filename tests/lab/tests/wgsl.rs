@@ -5,12 +5,12 @@ use std::mem::offset_of;
 use std::path::Path;
 
 use naga::valid::{Capabilities, ValidationFlags, Validator};
+use pairmask_lab::study::harness::stage_bench::StudyStage;
 use pairmask_lab::study::mapping::layouts::{
     MappingErrorsParams, MappingPairsParams, MappingTally, MappingTimeParams, MaskParams,
     RootParams, RootTally,
 };
 use pairmask_lab::study::mapping::stage::MappingStage;
-use pairmask_lab::study::stage_bench::StudyStage;
 use pairmask_lab::study::sweep::layouts::SweepParams;
 use pairmask_lab::study::sweep::stage::SweepStage;
 use pairmask_shaders::constants::BATCH_BOXES;

@@ -3,7 +3,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use pairmaskd::plot::{Line, Lines, Plot, Unit, standalone};
+use pairmask_lab::study::harness::plot::{Axis, Look, Plot, Series, Unit, standalone};
 
 use super::line::{Comparison, PeerRow};
 
@@ -22,19 +22,17 @@ pub fn plot(comparisons: &[Comparison]) -> String {
             for row in here {
                 scenes.entry(row.scene.as_str()).or_default().push((row.n as f64, row.ratio));
             }
-            let scenes = scenes.into_iter().map(|(scene, mut points)| {
+            let scenes = scenes.into_iter().enumerate().map(|(colour, (scene, mut points))| {
                 points.sort_by(|a, b| a.0.total_cmp(&b.0));
-                Line { name: scene.to_owned(), points }
+                Series::line(scene, colour, Look::Line, &points)
             });
-            Lines {
+            Plot {
                 title: format!("{}, {}, {most_threads} threads", way(backend), chooser(engine)),
-                x_label: "boxes in the scene".to_owned(),
-                y_label: "frame time over the fastest peer's".to_owned(),
-                x_unit: Unit::Count,
-                y_unit: Unit::Ratio,
-                lines: scenes.collect(),
+                x: Axis::new("boxes in the scene", Unit::Count),
+                y: Axis::new("frame time over the fastest peer's", Unit::Ratio),
+                series: scenes.collect(),
+                level: Some((1.0, "as fast as the fastest peer".to_owned())),
             }
-            .draw_around(1.0, "as fast as the fastest peer")
         })
         .collect();
     let peers: BTreeSet<&str> =

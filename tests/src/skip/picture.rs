@@ -5,7 +5,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use pairmask_lab::study::grid::paper_frame_ms;
-use pairmaskd::plot::{Line, Lines, Plot, Unit, standalone};
+use pairmask_lab::study::harness::plot::{Axis, Look, Plot, Series, Unit, standalone};
 
 use super::row::Row;
 
@@ -17,15 +17,15 @@ pub fn picture(rows: &[Row], pace: &str) -> String {
         .map(|of| {
             let here: Vec<&Row> = rows.iter().filter(|row| panel(row) == of).collect();
             let (backend, scene, n) = of;
-            Lines {
+            let mut series = own_lines(&here);
+            series.extend([paper_line(n, &here), best_peer(&here)]);
+            Plot {
                 title: format!("{scene}, {} boxes, {backend}", Unit::Count.text(n as f64)),
-                x_label: "boxes that move in a frame, %".to_owned(),
-                y_label: "edit written to every change visited".to_owned(),
-                x_unit: Unit::Ratio,
-                y_unit: Unit::Nanoseconds,
-                lines: own_lines(&here),
+                x: Axis::new("boxes that move in a frame, %", Unit::Ratio),
+                y: Axis::new("edit written to every change visited", Unit::Nanoseconds),
+                series,
+                level: None,
             }
-            .draw_beside(&[paper_line(n, &here), best_peer(&here)])
         })
         .collect();
     let peers: BTreeSet<&str> = rows.iter().map(|row| row.peer).collect();
@@ -49,36 +49,37 @@ fn percent(row: &Row) -> f64 {
 }
 
 /// A line a motion, in the order of the rows. Rows of several peers share a measurement.
-fn own_lines(rows: &[&Row]) -> Vec<Line> {
-    let mut lines: Vec<Line> = Vec::new();
+fn own_lines(rows: &[&Row]) -> Vec<Series> {
+    let mut lines: Vec<(&str, Vec<(f64, f64)>)> = Vec::new();
     for row in rows {
         let name = row.motion.name();
-        let at = lines.iter().position(|line| line.name == name).unwrap_or_else(|| {
-            lines.push(Line { name: name.to_owned(), points: Vec::new() });
+        let at = lines.iter().position(|line| line.0 == name).unwrap_or_else(|| {
+            lines.push((name, Vec::new()));
             lines.len() - 1
         });
-        let points = &mut lines[at].points;
+        let points = &mut lines[at].1;
         if points.iter().all(|(x, _)| *x != percent(row)) {
             points.push((percent(row), row.total_ns as f64));
         }
     }
-    for line in &mut lines {
-        line.points.sort_by(|a, b| a.0.total_cmp(&b.0));
-    }
-    lines
+    let line = |(colour, (name, mut points)): (usize, (&str, Vec<(f64, f64)>))| {
+        points.sort_by(|a, b| a.0.total_cmp(&b.0));
+        Series::line(name, colour, Look::Line, &points)
+    };
+    lines.into_iter().enumerate().map(line).collect()
 }
 
 /// The paper's time, over the shares of these rows; without points where it has no such size.
-fn paper_line(n: usize, rows: &[&Row]) -> Line {
+fn paper_line(n: usize, rows: &[&Row]) -> Series {
     let ns = u32::try_from(n).ok().and_then(paper_frame_ms).map(|ms| ms * 1e6);
     let shares = rows.iter().map(|row| percent(row));
     let (least, most) = shares.fold((f64::MAX, 0.0f64), |(a, b), x| (a.min(x), b.max(x)));
     let points = ns.map(|ns| vec![(least, ns), (most, ns)]).unwrap_or_default();
-    Line { name: "Avril et al. 2012, Figure 6".to_owned(), points }
+    Series::line("Avril et al. 2012, Figure 6", 0, Look::Others, &points)
 }
 
 /// The least time of any peer, by share.
-fn best_peer(rows: &[&Row]) -> Line {
+fn best_peer(rows: &[&Row]) -> Series {
     // Keys are bits of floats that are not negative, which sort like the floats.
     let mut best: BTreeMap<u64, u64> = BTreeMap::new();
     for row in rows {
@@ -86,7 +87,7 @@ fn best_peer(rows: &[&Row]) -> Line {
         *here = row.peer_ns.min(*here);
     }
     let points = best.into_iter().map(|(x, ns)| (f64::from_bits(x), ns as f64));
-    Line { name: "best peer".to_owned(), points: points.collect() }
+    Series::line("best peer", 0, Look::Others, &points.collect::<Vec<_>>())
 }
 
 #[cfg(test)]
@@ -108,15 +109,21 @@ mod tests {
             row(12_345, 0.01, Motion::Drift, 400_000),
         ];
         let svg = picture(&rows, "At 60 Hz.");
-        assert_eq!(svg.matches("class=\"title\"").count(), 3, "a title, and one a plot");
         assert!(svg.contains("pile, 10K boxes, in-process") && svg.contains("pile, 12.3K boxes"));
-        assert_eq!(svg.matches("<path class=\"line s0\"").count(), 2);
-        assert_eq!(svg.matches("<path class=\"line s1\"").count(), 1);
-        assert_eq!(svg.matches("<title>drift: ").count(), 3, "no point is drawn twice");
-        // The paper has no 12,345 boxes.
-        assert_eq!(svg.matches("<title>Avril et al. 2012, Figure 6: ").count(), 2);
-        assert!(svg.contains("Figure 6: 0, 2.35 ms") && svg.contains("Figure 6: 1, 2.35 ms"));
-        assert!(svg.contains("best peer: 1, 120 µs") && svg.contains("At 60 Hz."));
+        for (name, count) in
+            [("drift", 2), ("teleport", 1), ("Avril et al. 2012, Figure 6", 2), ("best peer", 2)]
+        {
+            assert_eq!(svg.matches(&format!("\n{name}\n")).count(), count, "{name}: {svg}");
+        }
+        let points = |line: &Series| line.points.iter().map(|p| (p.x, p.y)).collect::<Vec<_>>();
+        let here: Vec<&Row> = rows[..4].iter().collect();
+        let own: Vec<_> = own_lines(&here).iter().map(points).collect();
+        let total = example().total_ns as f64;
+        assert_eq!(own, [vec![(0.0, total), (1.0, total)], vec![(1.0, total)]], "none twice");
+        assert_eq!(points(&paper_line(10_000, &here)), [(0.0, 2.35e6), (1.0, 2.35e6)]);
+        assert_eq!(points(&paper_line(12_345, &here)), [], "the paper has no 12,345 boxes");
+        assert_eq!(points(&best_peer(&here)), [(0.0, 4e5), (1.0, 1.2e5)]);
+        assert!(svg.contains("At 60 Hz."));
         assert!(!svg.contains("NaN") && !svg.contains("inf"));
     }
 }

@@ -2,7 +2,6 @@
 //! itself.
 
 use std::fmt;
-use std::fs;
 use std::num::{NonZeroU32, NonZeroU64, NonZeroUsize};
 use std::path::PathBuf;
 use std::process::Command;
@@ -14,7 +13,6 @@ use pairmask::{Backend, ConnectError, SessionBuilder};
 use pairmask_core::BoxCount;
 use pairmask_core::engine::UnknownName;
 
-use super::chart;
 use super::closed_loop::{self, Lengths};
 use super::load::{AskedError, Case, LoadFlags};
 use super::pin::{Cores, PinError};
@@ -28,7 +26,6 @@ use crate::cli::raw_objects::{RawBoxes, RawObjectsError};
 use crate::cli::scene_look;
 use crate::cli::target::Target;
 use crate::cli::whole_number::whole_number;
-use crate::file_error::{Access, FileError};
 use crate::precision::PrecisionChoice;
 use crate::scene::{Scene, SceneName};
 use crate::serve::DEFAULT_SPIN;
@@ -67,7 +64,7 @@ Examples:
   pairmaskd bench latency --n 1000,4096,10000 --pin
   pairmaskd bench latency --scene boxes.f32 --wait spin,event --json
   pairmaskd bench latency --backend in-process --engine cpu-brute --threads 1
-  pairmaskd bench latency --rate closed,60,240,1000 --n 1000,10000 --svg pace.svg
+  pairmaskd bench latency --rate closed,60,240,1000 --n 1000,10000
   pairmaskd bench latency --clients 1,2,4,8 --n 1000 --instance world
   pairmaskd bench latency --mix 1000x7,1000000x1 --seconds 10")]
 pub struct Latency {
@@ -105,9 +102,6 @@ pub struct Latency {
     /// Print one JSON object
     #[arg(long)]
     json: bool,
-    /// Write plots of the rows as SVG
-    #[arg(long, value_name = "FILE")]
-    svg: Option<PathBuf>,
 }
 
 /// How the two sides wait for each other.
@@ -189,9 +183,6 @@ pub enum BenchError {
     /// Client processes cannot be started, or talked to.
     #[error("the client processes: {source}")]
     Clients { source: std::io::Error },
-    /// The plots cannot be written.
-    #[error(transparent)]
-    Svg(#[from] FileError),
     /// The system started no decoding threads.
     #[error("the decoding threads cannot be started: {0}")]
     Threads(#[from] rayon::ThreadPoolBuildError),
@@ -210,19 +201,12 @@ impl Latency {
     /// Measures a row for every wait, scene and precision, and prints them.
     pub fn run(&self, place: &Place, config: &Config) -> Result<(), BenchError> {
         self.check(config)?;
-        if let Some(path) = &self.svg {
-            // A name that cannot be written to is told before the measurement.
-            fs::write(path, "").map_err(FileError::of(path, Access::Write))?;
-        }
         let machine = Machine::this();
         let mut report = LatencyReport { machine, rows: Vec::new(), idle: Vec::new() };
         if self.load.is_asked() {
             self.run_load(place, config, &mut report)?;
         } else {
             report.rows = self.run_alone(place, config)?;
-        }
-        if let Some(path) = &self.svg {
-            fs::write(path, chart::svg(&report)).map_err(FileError::of(path, Access::Write))?;
         }
         if self.json { print_json(&report) } else { print_text(&report.to_string()) }?;
         Ok(())

@@ -1,6 +1,5 @@
 //! `bench`: what frames cost on this machine.
 
-mod chart;
 mod closed_loop;
 mod latency;
 mod load;

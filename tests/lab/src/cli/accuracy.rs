@@ -7,31 +7,24 @@ use std::time::Duration;
 
 use clap::Args;
 use indicatif::ProgressBar;
-use pairmask::ConnectError;
 use pairmask_core::dispatch::CullOptions;
 use pairmask_core::{BoxCount, EngineChoice};
 use pairmaskd::cli::config::Config;
 use pairmaskd::cli::options::{CullFlags, DaemonOptions, Place};
-use pairmaskd::cli::output::{
-    OutputError, make_folder, print_json, print_text, progress_bar, spinner,
-};
+use pairmaskd::cli::output::{OutputError, make_folder, print_text, progress_bar, spinner};
 use pairmaskd::cli::target::Target;
 use pairmaskd::cli::whole_number::whole_number;
 use pairmaskd::execute::gpu::{GpuChoice, choose, list_adapters};
 use pairmaskd::file_error::{Access, FileError};
 use pairmaskd::scene::SceneName;
-use pairmaskd::spawn::SpawnError;
-use pairmaskd::timed_client::TimedError;
 
-use crate::study::accuracy::assertion::Assertion;
-use crate::study::accuracy::comparison::{common_rows, regressions};
+use crate::study::accuracy::judge::{Assertion, regressions};
 use crate::study::accuracy::measure::{self, Lengths, Subject};
 use crate::study::accuracy::mode::StudyMode;
 use crate::study::accuracy::rows::AccuracyReport;
 use crate::study::accuracy::variants::{self, VariantChoice};
-use crate::study::accuracy::{report, table};
-use crate::study::machine::Machine;
-use crate::study::mapping::MappingError;
+use crate::study::harness::machine::Machine;
+use crate::study::harness::{Print, StudyError, deliver};
 
 /// Spin time of both sides. Longer than any pause between two frames, so that no thread sleeps.
 const SPIN: Duration = Duration::from_secs(1);
@@ -119,73 +112,41 @@ fn default_modes() -> Vec<StudyMode> {
     names.iter().filter_map(|name| name.parse().ok()).collect()
 }
 
-/// Why nothing was measured, or what the measurement found wrong.
-#[derive(Debug, thiserror::Error)]
-pub enum AccuracyError {
-    #[error(transparent)]
-    Spawn(#[from] SpawnError),
-    #[error(transparent)]
-    Connect(#[from] ConnectError),
-    #[error(transparent)]
-    Timed(#[from] TimedError),
-    #[error(transparent)]
-    Mapping(#[from] MappingError),
-    #[error(transparent)]
-    File(#[from] FileError),
-    #[error("{} is no report of `accuracy --json`: {source}", path.display())]
-    NoReport { path: PathBuf, source: serde_json::Error },
-    #[error("{} and this report have no row in common: compare like with like", path.display())]
-    NothingInCommon { path: PathBuf },
-    #[error("no row: every engine asked for would take too long on every scene")]
-    NoRow,
-    #[error("{failures} limits are not kept, the first: {first}")]
-    Assertion { failures: usize, first: String },
-    #[error(transparent)]
-    Output(#[from] OutputError),
-}
-
 impl Accuracy {
     /// Measures every row, writes the report, and checks it against limits and the old report.
-    pub fn run(&self, place: &Place, config: &Config) -> Result<(), AccuracyError> {
+    pub fn run(&self, place: &Place, config: &Config) -> Result<(), StudyError> {
         // Read before the measurement, so that a wrong file fails at once.
         let old = self.compare.as_deref().map(read_report).transpose()?;
         make_folder(self.out.as_deref())?;
         let report = self.measure(place, config)?;
-        if let Some(dir) = &self.out {
-            write_report(dir, &report)?;
-        }
-        if self.json {
-            print_json(&report)?;
-        } else if self.csv {
-            print_text(table::csv(&report).trim_end())?;
-        } else {
-            print_text(&table::text(&report))?;
-        }
+        let print = match (self.json, self.csv) {
+            (true, _) => Print::Json,
+            (false, true) => Print::Csv,
+            (false, false) => Print::Text,
+        };
+        deliver(&report, self.out.as_deref(), print)?;
         if let (Some(old), Some(path)) = (&old, &self.compare) {
-            if common_rows(&report, old) == 0 {
-                return Err(AccuracyError::NothingInCommon { path: path.clone() });
-            }
-            let lines: Vec<_> =
-                regressions(&report, old).iter().map(|r| format!("worse: {r}")).collect();
-            self.say(&lines)?;
+            let lines = regressions(&report, old)
+                .ok_or_else(|| StudyError::NothingInCommon { path: path.clone() })?;
+            self.say("worse", &lines)?;
         }
         let failures = self.assert.as_ref().map(|a| a.failures(&report.rows)).unwrap_or_default();
-        self.say(
-            &failures.iter().map(|failure| format!("not kept: {failure}")).collect::<Vec<_>>(),
-        )?;
-        match failures.into_iter().enumerate().next_back() {
-            None => Ok(()),
-            Some((last, first)) => Err(AccuracyError::Assertion { failures: last + 1, first }),
+        self.say("not kept", &failures)?;
+        match &failures[..] {
+            [] => Ok(()),
+            [first, ..] => {
+                Err(StudyError::Assertion { failures: failures.len(), first: first.clone() })
+            }
         }
     }
 
     /// Prints lines beside the report: below the table, or on stderr where stdout is for programs.
-    fn say(&self, lines: &[String]) -> Result<(), OutputError> {
+    fn say(&self, what: &str, lines: &[String]) -> Result<(), OutputError> {
         for line in lines {
             if self.json || self.csv {
-                log::warn!("{line}");
+                log::warn!("{what}: {line}");
             } else {
-                print_text(line)?;
+                print_text(&format!("{what}: {line}"))?;
             }
         }
         Ok(())
@@ -211,10 +172,10 @@ impl Accuracy {
         subjects
     }
 
-    fn measure(&self, place: &Place, config: &Config) -> Result<AccuracyReport, AccuracyError> {
+    fn measure(&self, place: &Place, config: &Config) -> Result<AccuracyReport, StudyError> {
         let subjects = self.subjects(config);
         if subjects.is_empty() {
-            return Err(AccuracyError::NoRow);
+            return Err(StudyError::NoRow);
         }
         let machine = machine(&self.daemon.gpu(config));
         let target = Target::new(&self.options, &self.daemon, SPIN, place, config)?;
@@ -245,20 +206,8 @@ fn machine(choice: &GpuChoice) -> Machine {
     Machine::here(choose(choice, &adapters).and_then(|at| adapters.get(at)))
 }
 
-fn read_report(path: &Path) -> Result<AccuracyReport, AccuracyError> {
+fn read_report(path: &Path) -> Result<AccuracyReport, StudyError> {
     let text = fs::read_to_string(path).map_err(FileError::of(path, Access::Read))?;
-    let no_report = |source| AccuracyError::NoReport { path: path.to_owned(), source };
+    let no_report = |source| StudyError::NoReport { path: path.to_owned(), source };
     serde_json::from_str(&text).map_err(no_report)
-}
-
-fn write_report(dir: &Path, report: &AccuracyReport) -> Result<(), AccuracyError> {
-    let write = |name: &str, text: String| {
-        let path = dir.join(name);
-        fs::write(&path, text).map_err(FileError::of(path, Access::Write))
-    };
-    let no_report = |source| AccuracyError::NoReport { path: dir.to_owned(), source };
-    write("accuracy.json", serde_json::to_string_pretty(report).map_err(no_report)?)?;
-    write("accuracy.csv", table::csv(report))?;
-    write("mapping.csv", table::variants_csv(&report.variants))?;
-    Ok(write("report.html", report::html(report))?)
 }

@@ -4,17 +4,11 @@ use crate::study::ways::MeasureError;
 use pairmaskd::cli::config::ConfigError;
 use pairmaskd::cli::output::OutputError;
 use pairmaskd::cli::program::{FAILED, Failure, USAGE, WrongUsage, says_why};
-use pairmaskd::file_error::FileError;
 use pairmaskd::serve::ServeError;
 
-use super::accuracy::AccuracyError;
 use super::stress::StressCommandError;
 use crate::gpu_stages::BenchError;
-use crate::study::grid::GridError;
-use crate::study::mapping::MappingError;
-use crate::study::papers::PapersError;
-use crate::study::sweep::SweepStudyError;
-use crate::study::threads::ThreadsError;
+use crate::study::harness::StudyError;
 
 /// Why a measurement failed.
 #[derive(Debug, thiserror::Error)]
@@ -30,27 +24,11 @@ pub enum LabError {
     #[error(transparent)]
     Stress(#[from] StressCommandError),
     #[error(transparent)]
-    Accuracy(#[from] AccuracyError),
-    #[error(transparent)]
-    Mapping(#[from] MappingError),
-    #[error(transparent)]
-    Grid(#[from] GridError),
-    #[error(transparent)]
-    Sweep(#[from] SweepStudyError),
+    Study(#[from] StudyError),
     #[error(transparent)]
     Stages(#[from] BenchError),
     #[error(transparent)]
     Measure(#[from] MeasureError),
-    #[error(transparent)]
-    Papers(#[from] PapersError),
-    #[error(transparent)]
-    Threads(#[from] ThreadsError),
-    /// The report names the family.
-    #[error("pairs of spheres were decided wrongly: please report this")]
-    InexactSpheres,
-    /// The folder of the results could not be created.
-    #[error(transparent)]
-    Write(#[from] FileError),
     /// The daemon of a measurement did not start.
     #[error(transparent)]
     Serve(#[from] ServeError),
@@ -67,7 +45,7 @@ impl Failure for LabError {
     fn was_said(&self) -> bool {
         says_why(match self {
             Self::Serve(ServeError::Worker { code }) => Some(*code),
-            Self::Accuracy(AccuracyError::Spawn(error))
+            Self::Study(StudyError::Spawn(error))
             | Self::Stress(StressCommandError::Spawn(error)) => error.exit_code(),
             _ => None,
         })

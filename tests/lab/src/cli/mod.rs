@@ -4,10 +4,10 @@
 //! configuration file, default. Results go to stdout; progress, logs and errors to stderr.
 
 mod accuracy;
+mod chart;
 mod error;
 mod gpu_scene;
-mod grid;
-mod mapping;
+mod gpu_studies;
 mod papers;
 mod plan;
 mod scenes;
@@ -15,7 +15,6 @@ mod shape;
 mod spheres;
 mod stress;
 mod stress_client;
-mod sweep;
 mod threads;
 
 use std::process::ExitCode;
@@ -50,6 +49,7 @@ Examples:
   pairmask-lab gpu-scene --moving 1 --stages   scenes that persist in video memory
   pairmask-lab spheres --errors                what plain f32 gets wrong
   pairmask-lab papers --only-records           the papers' tables and figures, theirs beside ours
+  pairmask-lab chart r.json --x n --y p50      rows of a report as lines of an SVG file
 
 Exit status: 0 done; 1 it failed or a check failed; 2 the command line or configuration is wrong.";
 
@@ -59,14 +59,15 @@ enum Command {
     #[command(hide = true)]
     StressClient(stress_client::StressClient),
     Accuracy(accuracy::Accuracy),
-    Mapping(mapping::Mapping),
-    Grid(grid::Grid),
-    Sweep(sweep::Sweep),
+    Mapping(gpu_studies::Mapping),
+    Grid(gpu_studies::Grid),
+    Sweep(gpu_studies::Sweep),
     GpuScene(gpu_scene::GpuSceneBench),
     Plan(plan::PlanBench),
     Threads(threads::ThreadsBench),
     Spheres(spheres::Spheres),
     Papers(papers::Papers),
+    Chart(chart::Chart),
     /// The daemon of a measurement: that of `pairmaskd`.
     #[command(hide = true)]
     Serve(serve::Serve),
@@ -88,14 +89,15 @@ fn run(cli: &Cli) -> Result<(), LabError> {
         Command::Stress(stress) => Ok(stress.run(place, &config)?),
         Command::StressClient(client) => Ok(client.run(place)?),
         Command::Accuracy(accuracy) => Ok(accuracy.run(place, &config)?),
-        Command::Mapping(mapping) => mapping.run(&config),
-        Command::Grid(grid) => grid.run(&config),
-        Command::Sweep(sweep) => sweep.run(&config),
+        Command::Mapping(mapping) => Ok(mapping.run(&config)?),
+        Command::Grid(grid) => Ok(grid.run(&config)?),
+        Command::Sweep(sweep) => Ok(sweep.run(&config)?),
         Command::GpuScene(scene) => scene.run(&config),
         Command::Plan(plan) => plan.run(place, &config),
-        Command::Threads(threads) => threads.run(),
-        Command::Spheres(spheres) => spheres.run(),
-        Command::Papers(papers) => papers.run(),
+        Command::Threads(threads) => Ok(threads.run()?),
+        Command::Spheres(spheres) => Ok(spheres.run()?),
+        Command::Papers(papers) => Ok(papers.run()?),
+        Command::Chart(chart) => Ok(chart.run()?),
         Command::Serve(serve) => Ok(serve.run(place, &config, None)?),
     }
 }
@@ -110,6 +112,7 @@ impl Command {
             Self::Threads(_)
                 | Self::Spheres(_)
                 | Self::Papers(_)
+                | Self::Chart(_)
                 | Self::StressClient(_)
                 | Self::Serve(_)
         )

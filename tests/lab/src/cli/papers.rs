@@ -3,10 +3,10 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use pairmaskd::cli::output::{make_folder, print_json, print_text, progress_bar};
+use pairmaskd::cli::output::{make_folder, progress_bar};
 use pairmaskd::execute::gpu::GpuChoice;
 
-use super::error::LabError;
+use crate::study::harness::{Print, StudyError, deliver};
 use crate::study::papers::{PapersOptions, STEPS, make};
 
 /// Where a checkout has its records.
@@ -48,7 +48,7 @@ pub struct Papers {
 }
 
 impl Papers {
-    pub fn run(&self) -> Result<(), LabError> {
+    pub fn run(&self) -> Result<(), StudyError> {
         make_folder(self.out.as_deref())?;
         let options = PapersOptions {
             // `none` is no GPU to measure on.
@@ -60,11 +60,8 @@ impl Papers {
         let progress = progress_bar(STEPS, "studies");
         let report = make(&options, || progress.inc(1))?;
         progress.finish_and_clear();
-        if let Some(folder) = &self.out {
-            report.write_files(folder)?;
-        }
-        if self.json { print_json(&report) } else { print_text(report.markdown().trim_end()) }?;
-        Ok(())
+        let print = if self.json { Print::Json } else { Print::Text };
+        deliver(&report, self.out.as_deref(), print)
     }
 }
 

@@ -1,6 +1,5 @@
 //! `plan`: the planned engine beside the best one, scene by scene.
 
-use std::fmt;
 use std::num::NonZeroUsize;
 use std::time::Duration;
 
@@ -11,13 +10,16 @@ use pairmask_core::plan::Calibration;
 use pairmaskd::cli::config::Config;
 use pairmaskd::cli::machine::Machine;
 use pairmaskd::cli::options::Place;
-use pairmaskd::cli::output::{print_json, print_text, progress_bar};
+use pairmaskd::cli::output::progress_bar;
 use pairmaskd::cli::whole_number::whole_number;
 use pairmaskd::scene::SceneName;
 use serde::Serialize;
 
 use super::error::LabError;
 use super::scenes::SceneSizes;
+use crate::study::harness::document::Part;
+use crate::study::harness::table::Table;
+use crate::study::harness::{Print, Report, deliver};
 use crate::study::judge::{Judgement, judge};
 
 /// Default sizes: dense where the fastest engine changes.
@@ -33,8 +35,8 @@ const EFFORT: Effort =
 #[command(after_help = "\
 All CPU engines cull the same moving boxes, interleaved, in process. The ratio is the time of the
 planned engine and of planning, over that of the fastest engine, encoding and number of threads.
-Frames count from boxes in place to the last pair decoded; the shortest one counts. Above 1.3 a row
-is marked. Without arguments it takes minutes.
+Frames count from boxes in place to the last pair decoded; the shortest one counts. Rows above 1.3
+are counted. Without arguments it takes minutes.
 
 Examples:
   pairmask-lab plan --scene uniform,rods --n 64,1000,4096
@@ -118,8 +120,8 @@ impl PlanBench {
         let rows = rows(&cases, &allowed, &calibration, isa)?;
         let calibration = format!("built in for {}", isa.get());
         let report = PlanReport { machine, calibration, rows };
-        if self.json { print_json(&report) } else { print_text(&report.to_string()) }?;
-        Ok(())
+        let print = if self.json { Print::Json } else { Print::Text };
+        Ok(deliver(&report, None, print)?)
     }
 }
 
@@ -149,52 +151,18 @@ fn rows(
     Ok(rows)
 }
 
-impl fmt::Display for PlanReport {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        writeln!(
-            f,
-            "{}, {} cores; constants: {}",
-            self.machine.cpu, self.machine.cores, self.calibration
-        )?;
-        writeln!(
-            f,
-            "{:>5} {:>9} {:>9} {:>2}  {:<22} {:>10} {:>10}  {:<22} {:>10} {:>9}",
-            "ratio", "scene", "n", "t", "planned", "µs", "predicted", "best", "µs", "plan µs"
-        )?;
-        for row in &self.rows {
-            writeln!(f, "{row}")?;
-        }
+impl Report for PlanReport {
+    const NAME: &'static str = "plan";
+
+    fn parts(&self) -> Vec<Part> {
+        let Machine { cpu, cores, .. } = &self.machine;
         let misses = self.rows.iter().filter(|row| row.is_miss()).count();
         let worst = self.rows.iter().filter_map(|row| row.ratio).fold(0.0, f64::max);
-        write!(f, "{misses} of {} above {LIMIT}; worst {worst:.2}", self.rows.len())
-    }
-}
-
-impl fmt::Display for PlanRow {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let us = |ns: Option<u64>| ns.unwrap_or(0) as f64 / 1e3;
-        let way = |engine: Option<&str>, encoding: Option<&str>, threads: Option<usize>| {
-            format!(
-                "{} {} {}",
-                engine.unwrap_or("?"),
-                encoding.unwrap_or("?"),
-                threads.unwrap_or(0)
-            )
-        };
-        write!(
-            f,
-            "{:>5.2} {:>9} {:>9} {:>2}  {:<22} {:>10.1} {:>10.1}  {:<22} {:>10.1} {:>9.1}{}",
-            self.ratio.unwrap_or(f64::INFINITY),
-            self.scene,
-            self.n,
-            self.threads,
-            way(self.engine, self.encoding, self.engine_threads),
-            us(self.planned_ns),
-            us(self.predicted_ns),
-            way(self.best_engine, self.best_encoding, self.best_threads),
-            us(self.best_ns),
-            self.plan_ns as f64 / 1e3,
-            if self.is_miss() { "  <" } else { "" },
-        )
+        let rows = self.rows.len();
+        vec![
+            Part::text(format!("{cpu}, {cores} cores; constants: {}", self.calibration)),
+            Part::Table(Table::of(&self.rows)),
+            Part::text(format!("{misses} of {rows} above {LIMIT}; worst {worst:.2}")),
+        ]
     }
 }

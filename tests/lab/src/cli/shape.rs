@@ -15,6 +15,7 @@ const PAIRMASK_LAB: Shape = Shape {
         ("threads", ALL),
         ("spheres", ALL),
         ("papers", ALL),
+        ("chart", ALL),
     ],
     measuring: &["accuracy"],
 };

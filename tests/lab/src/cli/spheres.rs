@@ -1,11 +1,11 @@
 //! `spheres`: all pairs of spheres, and what plain f32 gets wrong.
 
 use clap::Args;
-use pairmaskd::cli::output::{print_json, print_text, progress_bar, spinner};
+use pairmaskd::cli::output::{progress_bar, spinner};
 use pairmaskd::cli::whole_number::whole_number;
 use pairmaskd::execute::gpu::GpuChoice;
 
-use super::error::LabError;
+use crate::study::harness::{Print, StudyError, deliver};
 use crate::study::spheres::errors::pairs_decided;
 use crate::study::spheres::{SphereOptions, measure, measure_on_gpu};
 
@@ -45,7 +45,7 @@ pub struct Spheres {
 }
 
 impl Spheres {
-    pub fn run(&self) -> Result<(), LabError> {
+    pub fn run(&self) -> Result<(), StudyError> {
         let options = SphereOptions {
             speed: self.errors.is_none(),
             pairs: self.errors.unwrap_or(0),
@@ -62,7 +62,8 @@ impl Spheres {
             None => measure(&options, watch),
         };
         progress.finish_and_clear();
-        if self.json { print_json(&report) } else { print_text(report.to_string().trim_end()) }?;
-        if report.is_exact() { Ok(()) } else { Err(LabError::InexactSpheres) }
+        let print = if self.json { Print::Json } else { Print::Text };
+        deliver(&report, None, print)?;
+        if report.is_exact() { Ok(()) } else { Err(StudyError::InexactSpheres) }
     }
 }

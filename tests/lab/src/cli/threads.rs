@@ -5,11 +5,11 @@ use std::path::PathBuf;
 
 use crate::study::ways::Case;
 use clap::Args;
-use pairmaskd::cli::output::{make_folder, print_json, print_text, progress_bar};
+use pairmaskd::cli::output::{make_folder, progress_bar};
 use pairmaskd::cli::whole_number::whole_number;
 
-use super::error::LabError;
 use super::scenes::SceneSizes;
+use crate::study::harness::{Print, StudyError, deliver};
 use crate::study::threads::{SCENES, SIZES, STEPS_A_CASE, measure, papers_cases};
 
 /// Speed-up by threads: updating boxes, and finding pairs with each CPU engine
@@ -45,24 +45,19 @@ pub struct ThreadsBench {
 }
 
 impl ThreadsBench {
-    pub fn run(&self) -> Result<(), LabError> {
+    pub fn run(&self) -> Result<(), StudyError> {
         make_folder(self.out.as_deref())?;
         let threads: Vec<usize> = self.threads.iter().map(|n| n.get()).collect();
         let cases = self.cases();
         let progress = progress_bar(STEPS_A_CASE * cases.len() as u64, "measuring");
         let report = measure(&cases, &threads, || progress.inc(1))?;
         progress.finish_and_clear();
-        if let Some(folder) = &self.out {
-            report.write_files(folder)?;
-        }
-        if self.json {
-            print_json(&report)
-        } else if self.csv {
-            print_text(report.csv().trim_end())
-        } else {
-            print_text(&report.to_string())
-        }?;
-        Ok(())
+        let print = match (self.json, self.csv) {
+            (true, _) => Print::Json,
+            (false, true) => Print::Csv,
+            (false, false) => Print::Text,
+        };
+        deliver(&report, self.out.as_deref(), print)
     }
 
     fn cases(&self) -> Vec<Case> {

@@ -2,15 +2,12 @@
 
 pub mod accuracy;
 pub mod grid;
+pub mod harness;
 pub mod judge;
-pub mod machine;
 pub mod mapping;
 pub mod moving;
 pub mod papers;
 pub mod spheres;
-pub mod stage_bench;
 pub mod sweep;
 pub mod threads;
-pub mod updates;
-pub mod verdict;
 pub mod ways;

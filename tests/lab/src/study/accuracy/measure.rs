@@ -9,9 +9,9 @@ use pairmaskd::precision::PrecisionChoice;
 use pairmaskd::scene::{Scene, SceneName};
 use pairmaskd::timed_client::TimedError;
 
-use super::contender::{FrameFigures, contender};
+use super::clients::{FrameFigures, client};
 use super::mode::{Rounding, StudyMode, World};
-use super::rows::{AccuracyRow, AgainstBoxes, Percentiles, StageTimes};
+use super::rows::{AccuracyRow, AgainstBoxes, Percentiles, STAGES};
 use super::truth::{self, Difference};
 
 /// The subject of a row.
@@ -58,22 +58,27 @@ pub fn row(
     memory_bytes: impl FnOnce() -> u64,
 ) -> Result<AccuracyRow, TimedError> {
     let mut scene = Scene::new(subject.scene, subject.n as usize, subject.seed);
-    let mut contender = contender(subject.mode, &subject.options, session, scene.boxes());
-    let mut last = contender.frame(scene.boxes(), false)?.figures;
+    let mut client = client(subject.mode, &subject.options, session, scene.boxes());
+    let mut last = client.frame(scene.boxes(), false)?.figures;
     for _ in 0..lengths.warm_up {
         scene.step();
-        last = contender.frame(scene.boxes(), false)?.figures;
+        last = client.frame(scene.boxes(), false)?.figures;
     }
-    let mut record = Record::default();
+    let mut times: [Vec<u64>; STAGES.len()] = Default::default();
+    let (mut requests, mut mask_bytes) = (0, 0);
     let (mut found, mut checked_frames) = (Difference::default(), 0);
-    let mut of_boxes = contender.stands_for_boxes().then(Difference::default);
+    let mut of_boxes = client.stands_for_boxes().then(Difference::default);
     for frame in 0..lengths.frames {
         scene.step();
-        let answer = contender.frame(scene.boxes(), lengths.is_checked(frame))?;
+        let answer = client.frame(scene.boxes(), lengths.is_checked(frame))?;
         last = answer.figures;
-        record.add(&last);
+        for (times, ns) in times.iter_mut().zip(stages(&last)) {
+            times.push(ns);
+        }
+        requests += u64::from(last.was_asked);
+        mask_bytes += u64::from(last.was_asked) * last.mask_bytes;
         if let Some(reported) = answer.pairs {
-            let truth = contender.truth(scene.boxes(), last.engine)?;
+            let truth = client.truth(scene.boxes(), last.engine)?;
             found.add(&Difference::between(&reported, &truth));
             if let Some(of_boxes) = &mut of_boxes {
                 let truth = truth::pairs(scene.boxes(), last.engine)?;
@@ -91,6 +96,8 @@ pub fn row(
         StudyMode::World(world) => (None, Some(world.offset), None),
         StudyMode::Spheres(fit) => (None, None, Some(fit.as_str().to_owned())),
     };
+    let AgainstBoxes { true_pairs, missed, extra, extra_ratio } = found.into();
+    let percentiles = |(stage, times): (&str, _)| (stage.to_owned(), Percentiles::of(times));
     Ok(AccuracyRow {
         scene: subject.scene.to_string(),
         n: subject.n,
@@ -102,24 +109,42 @@ pub fn row(
         engine: subject.options.engine.to_string(),
         served_by_engine: last.engine.to_string(),
         frames: u64::from(lengths.frames),
-        requests: record.requests,
-        times: record.times(),
+        requests,
+        times: STAGES.into_iter().zip(times).map(percentiles).collect(),
         bytes_up: last.box_bytes,
-        bytes_down: record.mask_bytes.checked_div(record.requests).unwrap_or(last.mask_bytes),
+        bytes_down: mask_bytes.checked_div(requests).unwrap_or(last.mask_bytes),
         checked_frames,
-        true_pairs: found.true_pairs,
-        missed: found.missed,
-        extra: found.extra,
-        extra_ratio: AccuracyRow::ratio(found.extra, found.true_pairs),
-        against_boxes: of_boxes.map(|found| AgainstBoxes {
-            true_pairs: found.true_pairs,
-            missed: found.missed,
-            extra: found.extra,
-            extra_ratio: AccuracyRow::ratio(found.extra, found.true_pairs),
-        }),
+        true_pairs,
+        missed,
+        extra,
+        extra_ratio,
+        against_boxes: of_boxes.map(AgainstBoxes::from),
         memory_bytes: memory_bytes(),
     })
 }
+
+/// Times of a frame, ns, in the order of [`STAGES`].
+fn stages(frame: &FrameFigures) -> [u64; STAGES.len()] {
+    let ns = |time: Duration| time.as_nanos() as u64;
+    [
+        ns(frame.fill),
+        frame.stages.ingest_ns,
+        frame.stages.plan_ns,
+        frame.stages.execute_ns,
+        frame.stages.publish_ns,
+        frame.stages.total_ns,
+        ns(frame.round_trip),
+        ns(frame.decode),
+        ns(frame.fill + frame.round_trip + frame.decode),
+    ]
+}
+
+/// Most boxes that are compared each with each on a CPU: 5·10⁸ tests, some 0.1 s a frame.
+const BRUTE_LIMIT: u32 = 32_768;
+
+/// Most boxes of a world that are rounded to the nearest f32: far from the origin nearly all of them
+/// overlap, and 5·10⁷ pairs of a checked frame take 400 MB.
+const PLAIN_LIMIT: u32 = 10_000;
 
 /// Whether an engine can take a subject at all, and in reasonable time.
 pub fn is_reasonable(subject: &Subject) -> bool {
@@ -138,84 +163,11 @@ pub fn is_reasonable(subject: &Subject) -> bool {
     is_able && subject.n <= limit
 }
 
-/// Most boxes that are compared each with each on a CPU: 5·10⁸ tests, some 0.1 s a frame.
-const BRUTE_LIMIT: u32 = 32_768;
-
-/// Most boxes of a world that are rounded to the nearest f32: far from the origin nearly all of them
-/// overlap, and 5·10⁷ pairs of a checked frame take 400 MB.
-const PLAIN_LIMIT: u32 = 10_000;
-
-/// Times of all frames, stage by stage.
-#[derive(Default)]
-struct Record {
-    fill: Vec<u64>,
-    ingest: Vec<u64>,
-    plan: Vec<u64>,
-    execute: Vec<u64>,
-    publish: Vec<u64>,
-    engine: Vec<u64>,
-    round_trip: Vec<u64>,
-    decode: Vec<u64>,
-    total: Vec<u64>,
-    requests: u64,
-    mask_bytes: u64,
-}
-
-impl Record {
-    fn add(&mut self, frame: &FrameFigures) {
-        let ns = |time: Duration| time.as_nanos() as u64;
-        let asked = u64::from(frame.was_asked);
-        self.requests += asked;
-        self.mask_bytes += asked * frame.mask_bytes;
-        self.fill.push(ns(frame.fill));
-        self.ingest.push(frame.stages.ingest_ns);
-        self.plan.push(frame.stages.plan_ns);
-        self.execute.push(frame.stages.execute_ns);
-        self.publish.push(frame.stages.publish_ns);
-        self.engine.push(frame.stages.total_ns);
-        self.round_trip.push(ns(frame.round_trip));
-        self.decode.push(ns(frame.decode));
-        self.total.push(ns(frame.fill + frame.round_trip + frame.decode));
-    }
-
-    fn times(&mut self) -> StageTimes {
-        StageTimes {
-            fill_ns: percentiles(&mut self.fill),
-            ingest_ns: percentiles(&mut self.ingest),
-            plan_ns: percentiles(&mut self.plan),
-            execute_ns: percentiles(&mut self.execute),
-            publish_ns: percentiles(&mut self.publish),
-            engine_ns: percentiles(&mut self.engine),
-            round_trip_ns: percentiles(&mut self.round_trip),
-            decode_ns: percentiles(&mut self.decode),
-            total_ns: percentiles(&mut self.total),
-        }
-    }
-}
-
-/// Percentiles by nearest rank: each is a measured time.
-fn percentiles(times: &mut [u64]) -> Percentiles {
-    times.sort_unstable();
-    let at = |percent: usize| {
-        let rank = (times.len() * percent).div_ceil(100);
-        times.get(rank.saturating_sub(1)).copied().unwrap_or_default()
-    };
-    Percentiles { p50: at(50), p99: at(99) }
-}
-
 #[cfg(test)]
 mod tests {
     use pairmask::Backend;
 
     use super::*;
-
-    #[test]
-    fn percentiles_are_measured_times() {
-        assert_eq!(percentiles(&mut []), Percentiles::default());
-        assert_eq!(percentiles(&mut [7]), Percentiles { p50: 7, p99: 7 });
-        let mut hundred: Vec<u64> = (1..=100).rev().collect();
-        assert_eq!(percentiles(&mut hundred), Percentiles { p50: 50, p99: 99 });
-    }
 
     fn subject(n: u32, mode: &str) -> Subject {
         let mode = mode.parse().unwrap_or_else(|e| panic!("{e}"));
@@ -224,26 +176,20 @@ mod tests {
 
     #[test]
     fn what_takes_too_long_or_cannot_be_is_left_out() {
-        let is_in = |n, mode, engine: &str| {
-            let engine = engine.parse().unwrap_or_else(|e| panic!("{e}"));
-            let options = CullOptions { engine, ..CullOptions::default() };
-            is_reasonable(&Subject { options, ..subject(n, mode) })
-        };
-        for (n, mode, engine) in [
-            (1_000_000, "exact", "cpu-grid"),
-            (1_000_000, "f64", "gpu-grid"),
-            (1_000_000, "spheres", "auto"),
-            (10_000, "plain-f32", "auto"),
-            (32_768, "exact", "cpu-brute"),
+        for (n, mode, engine, is_in) in [
+            (1_000_000, "exact", "cpu-grid", true),
+            (1_000_000, "f64", "gpu-grid", true),
+            (1_000_000, "spheres", "auto", true),
+            (10_000, "plain-f32", "auto", true),
+            (32_768, "exact", "cpu-brute", true),
+            (32_769, "exact", "cpu-brute", false),
+            (10_001, "plain-f32", "auto", false),
+            (10, "spheres", "gpu-grid", false),
         ] {
-            assert!(is_in(n, mode, engine), "{n} {mode} {engine}");
-        }
-        for (n, mode, engine) in [
-            (32_769, "exact", "cpu-brute"),
-            (10_001, "plain-f32", "auto"),
-            (10, "spheres", "gpu-grid"),
-        ] {
-            assert!(!is_in(n, mode, engine), "{n} {mode} {engine}");
+            let choice = engine.parse().unwrap_or_else(|e| panic!("{e}"));
+            let options = CullOptions { engine: choice, ..CullOptions::default() };
+            let found = is_reasonable(&Subject { options, ..subject(n, mode) });
+            assert_eq!(found, is_in, "{n} {mode} {engine}");
         }
     }
 
@@ -265,7 +211,7 @@ mod tests {
                 assert!(boxes.missed == 0 && boxes.extra > 0, "{row:?}");
             }
             assert_eq!(row.requests < 10, row.margin.is_some(), "{row:?}");
-            assert!(row.times.total_ns.p50 > 0 && row.bytes_up > 0 && row.bytes_down > 0);
+            assert!(row.p50() > 0 && row.bytes_up > 0 && row.bytes_down > 0);
         }
     }
 }

@@ -2,11 +2,14 @@
 //!
 //! Fields may be added, never changed or taken away. Times are integers, nanoseconds.
 
+use std::collections::BTreeMap;
+
 use serde::{Deserialize, Serialize};
 
-use super::pareto::Pareto;
+use super::judge::Pareto;
+use super::truth::Difference;
 use super::variants::VariantRow;
-use crate::study::machine::Machine;
+use crate::study::harness::machine::Machine;
 
 /// The results of one run of the study.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -48,48 +51,32 @@ pub struct Percentiles {
     pub p99: u64,
 }
 
-/// Times of a frame by stage.
-///
-/// `round_trip` holds `engine`, which holds `ingest`, `plan`, `execute` and `publish`. `total` is
-/// `fill`, `round_trip` and `decode`. Percentiles do not add up; stages of one frame do.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub struct StageTimes {
-    /// Time to borrow memory and write the boxes into it, in the form of the mode.
-    pub fill_ns: Percentiles,
-    /// Boxes turned into the engine's form.
-    pub ingest_ns: Percentiles,
-    /// Plan made.
-    pub plan_ns: Percentiles,
-    /// Pairs tested.
-    pub execute_ns: Percentiles,
-    /// Mask written.
-    pub publish_ns: Percentiles,
-    /// All of the engine's time.
-    pub engine_ns: Percentiles,
-    /// From submission to the mask.
-    pub round_trip_ns: Percentiles,
-    /// Time to visit every pair of the mask once.
-    pub decode_ns: Percentiles,
-    /// The whole frame.
-    pub total_ns: Percentiles,
-}
-
-impl StageTimes {
-    /// The stages with the names that tables have for them.
-    pub const fn by_name(&self) -> [(&'static str, Percentiles); 9] {
-        [
-            ("fill", self.fill_ns),
-            ("ingest", self.ingest_ns),
-            ("plan", self.plan_ns),
-            ("execute", self.execute_ns),
-            ("publish", self.publish_ns),
-            ("engine_time", self.engine_ns),
-            ("round_trip", self.round_trip_ns),
-            ("decode", self.decode_ns),
-            ("total", self.total_ns),
-        ]
+impl Percentiles {
+    /// By nearest rank: each is a measured time.
+    pub fn of(mut times: Vec<u64>) -> Self {
+        times.sort_unstable();
+        let at = |percent: usize| {
+            let rank = (times.len() * percent).div_ceil(100);
+            times.get(rank.saturating_sub(1)).copied().unwrap_or_default()
+        };
+        Self { p50: at(50), p99: at(99) }
     }
 }
+
+/// Stages of a frame. `round_trip` holds `engine`, which holds `ingest`, `plan`, `execute` and `publish`; `total` is
+/// `fill` (memory borrowed, boxes written), `round_trip` and `decode` (every pair of the mask visited once).
+/// Percentiles do not add up; stages of one frame do.
+pub const STAGES: [&str; 9] = [
+    "fill_ns",
+    "ingest_ns",
+    "plan_ns",
+    "execute_ns",
+    "publish_ns",
+    "engine_ns",
+    "round_trip_ns",
+    "decode_ns",
+    "total_ns",
+];
 
 /// One scene of n boxes in motion, culled in one mode by one engine.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -117,8 +104,8 @@ pub struct AccuracyRow {
     pub frames: u64,
     /// Frames for which a request was made; the others were answered by a kept mask.
     pub requests: u64,
-    /// Times over all timed frames, those without a request included.
-    pub times: StageTimes,
+    /// Times of [`STAGES`] over all timed frames, those without a request included.
+    pub times: BTreeMap<String, Percentiles>,
     /// Bytes of the boxes of one request.
     pub bytes_up: u64,
     /// Bytes of the mask of one request, the mean over all of them.
@@ -153,7 +140,23 @@ pub struct AgainstBoxes {
     pub extra_ratio: Option<f64>,
 }
 
+impl From<Difference> for AgainstBoxes {
+    fn from(Difference { true_pairs, missed, extra }: Difference) -> Self {
+        Self { true_pairs, missed, extra, extra_ratio: AccuracyRow::ratio(extra, true_pairs) }
+    }
+}
+
 impl AccuracyRow {
+    /// Times of a stage; zeros where a report of another version has none.
+    pub fn time(&self, stage: &str) -> Percentiles {
+        self.times.get(stage).copied().unwrap_or_default()
+    }
+
+    /// Median of the whole frame, ns.
+    pub fn p50(&self) -> u64 {
+        self.time("total_ns").p50
+    }
+
     /// The key by which rows of two reports are matched.
     pub fn key(&self) -> (&str, u32, String, &str, &str) {
         (&self.scene, self.n, self.mode_text(), &self.backend, &self.engine)
@@ -174,9 +177,13 @@ impl AccuracyRow {
     /// compared with the boxes' pairs. `None` where a pair was missed, no frame was checked, or
     /// there is no true pair.
     pub fn error(&self) -> Option<f64> {
-        let missed = self.missed + self.against_boxes.map_or(0, |boxes| boxes.missed);
         let ratio = self.against_boxes.map_or(self.extra_ratio, |boxes| boxes.extra_ratio);
-        ratio.filter(|_| missed == 0 && self.checked_frames > 0)
+        ratio.filter(|_| self.missed_of_boxes() == 0 && self.checked_frames > 0)
+    }
+
+    /// Pairs missed, those of the boxes that spheres stand for included.
+    pub fn missed_of_boxes(&self) -> u64 {
+        self.missed + self.against_boxes.map_or(0, |boxes| boxes.missed)
     }
 
     /// Name of the row, for messages.
@@ -201,7 +208,6 @@ pub(super) mod tests {
 
     /// A row with a number everywhere.
     pub fn row() -> AccuracyRow {
-        let total_ns = Percentiles { p50: 500_000, p99: 1_500_000 };
         AccuracyRow {
             scene: "uniform".to_owned(),
             n: 1000,
@@ -214,7 +220,7 @@ pub(super) mod tests {
             served_by_engine: "cpu-grid".to_owned(),
             frames: 200,
             requests: 40,
-            times: StageTimes { total_ns, ..StageTimes::default() },
+            times: totals(500_000, 1_500_000),
             bytes_up: 24_000,
             bytes_down: 12_000,
             checked_frames: 4,
@@ -227,21 +233,45 @@ pub(super) mod tests {
         }
     }
 
+    /// A row of a mode without a number, of 1,000 true pairs.
+    pub fn of_mode(mode: &str, p50: u64, extra: u64, missed: u64) -> AccuracyRow {
+        AccuracyRow {
+            mode: mode.to_owned(),
+            margin: None,
+            times: totals(p50, 2 * p50),
+            true_pairs: 1000,
+            missed,
+            extra,
+            extra_ratio: AccuracyRow::ratio(extra, 1000),
+            ..row()
+        }
+    }
+
+    pub fn totals(p50: u64, p99: u64) -> BTreeMap<String, Percentiles> {
+        let stage = |stage: &str| {
+            let times = Percentiles { p50, p99 };
+            (stage.to_owned(), if stage == "total_ns" { times } else { Percentiles::default() })
+        };
+        STAGES.map(stage).into()
+    }
+
     pub fn report(rows: Vec<AccuracyRow>) -> AccuracyReport {
         AccuracyReport::new(Machine::here(None), 1, rows, Vec::new())
     }
 
     #[test]
-    fn a_report_of_an_earlier_version_is_read() -> Result<(), serde_json::Error> {
-        let mut report = serde_json::to_value(report(vec![row()]))?;
+    fn a_report_survives_json_and_one_of_an_earlier_version_is_read()
+    -> Result<(), serde_json::Error> {
+        let report = report(vec![row()]);
+        let mut json = serde_json::to_value(&report)?;
+        assert_eq!(serde_json::from_value::<AccuracyReport>(json.clone())?, report);
         for field in ["pareto", "variants"] {
-            report.as_object_mut().map(|report| report.remove(field));
+            json.as_object_mut().map(|report| report.remove(field));
         }
         for field in ["offset", "spheres", "against_boxes"] {
-            report["rows"][0].as_object_mut().map(|row| row.remove(field));
+            json["rows"][0].as_object_mut().map(|row| row.remove(field));
         }
-        let read: AccuracyReport = serde_json::from_value(report)?;
-        assert_eq!(read.rows, [row()]);
+        assert_eq!(serde_json::from_value::<AccuracyReport>(json)?.rows, [row()]);
         Ok(())
     }
 
@@ -254,20 +284,17 @@ pub(super) mod tests {
         assert_eq!(with(Some(AgainstBoxes { missed: 1, ..boxes })), None);
         assert_eq!(AccuracyRow { missed: 1, ..row() }.error(), None);
         assert_eq!(AccuracyRow { checked_frames: 0, ..row() }.error(), None);
+        assert_eq!(
+            [(0, 0), (1, 0), (1, 4)].map(|(extra, of)| AccuracyRow::ratio(extra, of)),
+            [Some(0.0), None, Some(0.25)]
+        );
     }
 
     #[test]
-    fn a_report_survives_json() -> Result<(), serde_json::Error> {
-        let report = report(vec![row()]);
-        let text = serde_json::to_string(&report)?;
-        assert_eq!(serde_json::from_str::<AccuracyReport>(&text)?, report);
-        Ok(())
-    }
-
-    #[test]
-    fn ratios_exist_where_there_is_something_to_divide_by() {
-        assert_eq!(AccuracyRow::ratio(0, 0), Some(0.0));
-        assert_eq!(AccuracyRow::ratio(1, 0), None);
-        assert_eq!(AccuracyRow::ratio(1, 4), Some(0.25));
+    fn percentiles_are_measured_times() {
+        assert_eq!(Percentiles::of(vec![]), Percentiles::default());
+        assert_eq!(Percentiles::of(vec![7]), Percentiles { p50: 7, p99: 7 });
+        let hundred: Vec<u64> = (1..=100).rev().collect();
+        assert_eq!(Percentiles::of(hundred), Percentiles { p50: 50, p99: 99 });
     }
 }

@@ -11,14 +11,13 @@ use pairmask_core::BoxCount;
 use pairmaskd::execute::gpu::{Checks, GpuChoice};
 use serde::{Deserialize, Serialize};
 
+use crate::study::harness::{StudyError, open_if_any};
 use crate::study::mapping::errors::Coverage;
 use crate::study::mapping::gpu::Bench;
-use crate::study::mapping::plan::Plan;
-use crate::study::mapping::rows::{
-    MapTimeRow, PairErrorRow, Processor, Scope, map_times, pair_errors,
-};
 use crate::study::mapping::stage::Variant;
-use crate::study::mapping::{self, MappingError};
+use crate::study::mapping::{
+    MapTimeRow, PairErrorRow, Plan, Processor, Scope, map_times, pair_errors,
+};
 
 /// A value of `--mapping`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -98,12 +97,12 @@ pub struct VariantRow {
 /// choice, if there is one.
 ///
 /// # Errors
-/// [`MappingError`].
+/// [`StudyError`].
 pub fn measure(
     choices: &[VariantChoice],
     sizes: &[u32],
     gpu: &GpuChoice,
-) -> Result<Vec<VariantRow>, MappingError> {
+) -> Result<Vec<VariantRow>, StudyError> {
     let variants: Vec<Variant> = Variant::all()
         .filter(|variant| choices.iter().any(|choice| choice.has(*variant)))
         .collect();
@@ -111,7 +110,7 @@ pub fn measure(
     if variants.is_empty() || sizes.is_empty() {
         return Ok(Vec::new());
     }
-    let gpu = mapping::open(gpu)?;
+    let gpu = open_if_any(gpu)?;
     let is_software = gpu.as_ref().is_some_and(|gpu| gpu.info().is_software());
     let mut bench = gpu.as_ref().map(|gpu| Bench::new(gpu, Checks::Off)).transpose()?;
     let plan = Plan {
@@ -127,7 +126,7 @@ pub fn measure(
 
 /// A row of the report from one of errors and the times.
 fn row(error: &PairErrorRow, times: &[MapTimeRow]) -> VariantRow {
-    let PairErrorRow { processor, variant, n, scope, tally, coverage, row_ends } = *error;
+    let PairErrorRow { processor, variant, n, scope, tally, coverage, row_ends, .. } = *error;
     // Errors are the same on all threads; the time on one thread is the cost of the arithmetic.
     let timed_on = if processor == Processor::Gpu { Processor::Gpu } else { Processor::CpuThread };
     let is_its = |t: &&MapTimeRow| (t.processor, t.variant, t.n) == (timed_on, variant, n);
@@ -150,7 +149,7 @@ fn row(error: &PairErrorRow, times: &[MapTimeRow]) -> VariantRow {
         wrong: tally.wrong,
         wrong_share: tally.wrong_share().max(at_row_ends),
         missed_share,
-        largest_row_error: error.largest_row_error(),
+        largest_row_error: error.row_error,
     }
 }
 
@@ -175,7 +174,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn the_ways_that_are_chosen_are_measured() -> Result<(), MappingError> {
+    fn the_ways_that_are_chosen_are_measured() -> Result<(), StudyError> {
         let choices = ["far-end", "closed carmack-1"].map(str::parse);
         let choices: Vec<VariantChoice> = choices.into_iter().filter_map(Result::ok).collect();
         let rows = measure(&choices, &[1, 3_000], &GpuChoice::None)?;
@@ -196,7 +195,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn errors_that_a_sample_passes_over_show_at_the_ends_of_rows() -> Result<(), MappingError> {
+    fn errors_that_a_sample_passes_over_show_at_the_ends_of_rows() -> Result<(), StudyError> {
         let choice =
             VariantChoice::from_str("closed sqrt corrected").unwrap_or(VariantChoice::None);
         let rows = measure(&[choice], &[100_000], &GpuChoice::None)?;

@@ -6,66 +6,28 @@
 //! daemon is between.
 
 mod floor;
-mod measure;
-mod report;
 
-use std::io;
-use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
 
+use glam::{Quat, Vec3};
+use pairmask_core::engine::{CullInput, Engine, Grid as CpuGrid, HeapReply, SweepAndPrune};
+use pairmask_core::update::{Placement, par_update_boxes};
+use pairmask_core::{Aabb, Encoding};
+use pairmaskd::execute::gpu::{Gpu, GpuChoice, HostImport};
+use pairmaskd::scene::{Scene, SceneName};
 use serde::Serialize;
 
 pub use self::floor::{Bandwidth, StageRow};
-pub use self::measure::{PAPER_PARTS, PAPER_WITHOUT, paper_frame_ms};
-pub use self::report::markdown;
-use pairmaskd::execute::gpu::{Gpu, GpuChoice, GpuError, HostImport, OpenError};
-use pairmaskd::file_error::{Access, advice};
-
-use super::machine::Machine;
+use super::harness::document::Part;
+use super::harness::machine::Machine;
+use super::harness::table::Table;
+use super::harness::{Report, StudyError, median, median_ms};
+use super::papers::figure;
 use crate::gpu_stages::BenchError;
-use crate::gpu_stages::grid::GridRow;
-
-/// Options of the study.
-#[derive(Clone, Debug, Default)]
-pub struct GridOptions {
-    /// The GPU.
-    pub gpu: GpuChoice,
-    /// Numbers of boxes of table 6, figure 5 and the stages.
-    pub counts: Vec<u32>,
-    /// Short runs of small scenes, in seconds. Times mean little.
-    pub quick: bool,
-    /// Folder for `grid.json` and `grid.md`; made if it is not there.
-    pub out: Option<PathBuf>,
-    /// Print JSON in place of Markdown.
-    pub json: bool,
-}
-
-/// Why the study failed.
-#[derive(Debug, thiserror::Error)]
-pub enum GridError {
-    /// The GPU that was asked for does not exist.
-    #[error(transparent)]
-    Open(#[from] OpenError),
-    /// The GPU failed on the way.
-    #[error(transparent)]
-    Gpu(#[from] GpuError),
-    /// A frame failed, or had other pairs than the CPU's.
-    #[error(transparent)]
-    Bench(#[from] BenchError),
-    /// The report could not be written.
-    #[error("{}: {}", folder.display(), advice(Access::WriteInto, error))]
-    Write {
-        /// The folder.
-        folder: PathBuf,
-        /// The system's error.
-        error: io::Error,
-    },
-    /// The report could not be printed.
-    #[error("the report was not printed: {0}")]
-    Print(#[from] io::Error),
-    /// The report has no JSON form.
-    #[error("the report has no JSON form: {0}")]
-    Json(#[from] serde_json::Error),
-}
+use crate::gpu_stages::grid::{
+    FrameTimer, GridRow, SCENES, frames_a_second, measure as measure_scene,
+};
 
 /// All figures of a study. Fields that begin with `paper_` are the paper's.
 #[derive(Clone, Debug, Serialize)]
@@ -160,40 +122,242 @@ pub struct UnderWayRow {
     pub two_fps: f64,
 }
 
-/// Measures, writes the files that the options ask for, and prints the report to `print`.
+/// The paper's scene: a column of objects of one size falls on a plane.
+const PAPER_SCENE: SceneName = SceneName::Cubes;
+/// Seed of all scenes.
+const SEED: u64 = 1;
+
+/// Boxes of table 7, and between them to find the crossing.
+const CROSSING_COUNTS: [u32; 10] =
+    [100, 500, 1_000, 2_000, 4_000, 6_000, 8_000, 10_000, 16_000, 32_000];
+/// Boxes beyond which the sweep takes seconds.
+const SWEEP_MOST: u32 = 1_000_000;
+
+/// What a frame of so many boxes took the authors in all, ms (table 6), whatever share of them moved.
+pub fn paper_frame_ms(n: u32) -> Option<f64> {
+    figure(&format!("table_6[n={n}].total"))
+}
+
+/// Figures of a row of a table of the paper, if it has all of them.
+fn paper<const N: usize>(table: &str, n: u32, columns: [&str; N]) -> Option<[f64; N]> {
+    let found = columns.map(|column| figure(&format!("{table}[n={n}].{column}")));
+    found.iter().all(Option::is_some).then(|| found.map(Option::unwrap_or_default))
+}
+
+/// Measures everything; `counts` are the numbers of boxes of table 6, figure 5 and the stages. With `quick` short runs
+/// of small scenes, in seconds; times mean little.
 ///
 /// # Errors
-/// [`GridError`].
-pub fn run_and_print(
-    options: &GridOptions,
-    print: &mut dyn io::Write,
-) -> Result<GridReport, GridError> {
-    let report = measure(options)?;
-    let json = serde_json::to_string_pretty(&report)?;
-    let text = markdown(&report);
-    if let Some(folder) = &options.out {
-        let written = std::fs::create_dir_all(folder)
-            .and_then(|()| std::fs::write(folder.join("grid.json"), format!("{json}\n")))
-            .and_then(|()| std::fs::write(folder.join("grid.md"), &text));
-        written.map_err(|error| GridError::Write { folder: folder.clone(), error })?;
+/// [`StudyError`].
+pub fn measure(choice: &GpuChoice, counts: &[u32], quick: bool) -> Result<GridReport, StudyError> {
+    let gpu = &Gpu::open(choice, HostImport::IfPossible)?;
+    let budget = Duration::from_millis(if quick { 50 } else { 500 });
+    let bandwidth = Bandwidth::measure(gpu)?;
+    let mut scenes = Vec::new();
+    let mut stages = Vec::new();
+    let mut parts = Vec::new();
+    let mut engines = Vec::new();
+    let mut under_way = Vec::new();
+    for &n in counts {
+        for name in SCENES {
+            let row = measure_scene(gpu, name, n, Encoding::Sparse, budget, true)?;
+            if name == SceneName::Uniform {
+                stages.extend(floor::stages(&row, &bandwidth));
+            }
+            scenes.push(row);
+        }
+        let row = measure_scene(gpu, PAPER_SCENE, n, Encoding::Sparse, budget, true)?;
+        parts.push(parts_row(&row, budget));
+        engines.push(engines_row(&row, budget));
+        under_way.push(under_way_row(gpu, n, budget)?);
     }
-    if options.json { writeln!(print, "{json}") } else { write!(print, "{text}") }?;
-    Ok(report)
+    let most = if quick { 2_000 } else { u32::MAX };
+    let with_and_without = CROSSING_COUNTS
+        .into_iter()
+        .filter(|n| *n <= most)
+        .map(|n| without_row(gpu, n, budget))
+        .collect::<Result<Vec<_>, _>>()?;
+    let moving_n = if quick { 2_000 } else { 100_000 };
+    let moving = [0, 10, 25, 50, 75, 100]
+        .into_iter()
+        .map(|percent| moving_row(gpu, moving_n, percent, budget))
+        .collect::<Result<Vec<_>, _>>()?;
+    Ok(GridReport {
+        machine: Machine::here(Some(gpu.info())),
+        bandwidth,
+        scenes,
+        stages,
+        parts,
+        crossing: crossing(&with_and_without),
+        with_and_without,
+        engines,
+        moving,
+        under_way,
+    })
 }
 
-/// Measures and writes nothing.
-///
-/// # Errors
-/// [`GridError`].
-pub fn measure(options: &GridOptions) -> Result<GridReport, GridError> {
-    let gpu = Gpu::open(&options.gpu, HostImport::IfPossible)?;
-    measure::measure(&gpu, options)
+/// The fewest boxes from which on the grid is faster.
+fn crossing(rows: &[WithoutRow]) -> Option<u32> {
+    let slower = rows.iter().rposition(|row| row.with_ms >= row.without_ms);
+    rows.get(slower.map_or(0, |place| place + 1)).map(|row| row.n)
 }
 
-/// As [`run_and_print`], to the standard output.
-///
-/// # Errors
-/// [`GridError`].
-pub fn run(options: &GridOptions) -> Result<GridReport, GridError> {
-    run_and_print(options, &mut io::stdout().lock())
+fn parts_row(row: &GridRow, budget: Duration) -> PartsRow {
+    let ms = |stages: &[&str]| -> f64 {
+        let of = row.stage_us.iter().filter(|(label, _)| stages.contains(&label.as_str()));
+        of.map(|(_, us)| us / 1e3).sum()
+    };
+    let update_boxes_ms = update_ms(row.n, budget);
+    PartsRow {
+        n: row.n,
+        update_boxes_ms,
+        update_grid_ms: ms(&["grid_cells", "grid_scan", "grid_scatter", "grid_place"]),
+        cull_ms: ms(&["grid_pairs", "grid_write"]),
+        total_ms: update_boxes_ms + row.frame_us / 1e3,
+        paper_ms: paper("table_6", row.n, ["alpha", "beta", "delta", "total"]),
+    }
+}
+
+/// Time to make the world boxes of rigid bodies, as a client does before it submits.
+fn update_ms(n: u32, budget: Duration) -> f64 {
+    let at = |i: u32| Vec3::new(i as f32, 0.5 * i as f32, 0.25 * i as f32);
+    let placements: Vec<Placement> =
+        (0..n).map(|i| Placement::rigid(at(i), Quat::from_rotation_y(i as f32))).collect();
+    let locals = vec![Aabb::new(Vec3::splat(-0.5), Vec3::splat(0.5)); n as usize];
+    let mut out = vec![Aabb::EMPTY; n as usize];
+    median_ms(budget, || {
+        // The slices have equal lengths, so that this cannot fail.
+        let _ = par_update_boxes(&locals, &placements, &mut out);
+    })
+}
+
+fn engines_row(row: &GridRow, budget: Duration) -> EnginesRow {
+    let boxes = Scene::new(PAPER_SCENE, row.n as usize, SEED).boxes().to_vec();
+    let mut reply = HeapReply::new();
+    let mut time = |engine: &mut dyn Engine| {
+        median_ms(budget, || {
+            // A heap reply is refused only without memory; then the time means nothing.
+            let _ = engine
+                .cull(&CullInput::boxes(&boxes).threads(rayon::current_num_threads()), &mut reply);
+        })
+    };
+    EnginesRow {
+        n: row.n,
+        gpu_grid_ms: row.frame_us / 1e3,
+        cpu_grid_ms: time(&mut CpuGrid::new()),
+        cpu_sap_ms: (row.n <= SWEEP_MOST).then(|| time(&mut SweepAndPrune::new())),
+        paper_ms: paper_frame_ms(row.n),
+    }
+}
+
+fn without_row(gpu: &Arc<Gpu>, n: u32, budget: Duration) -> Result<WithoutRow, BenchError> {
+    let boxes = Scene::new(PAPER_SCENE, n as usize, SEED).boxes().to_vec();
+    let without_ms = FrameTimer::all_pairs(gpu, &boxes)?.median_us(budget)? / 1e3;
+    let with_ms = FrameTimer::grid(gpu, &boxes)?.median_us(budget)? / 1e3;
+    Ok(WithoutRow { n, without_ms, with_ms, paper_ms: paper("table_7", n, ["without", "with"]) })
+}
+
+fn under_way_row(gpu: &Arc<Gpu>, n: u32, budget: Duration) -> Result<UnderWayRow, BenchError> {
+    let scene = Scene::new(SceneName::Uniform, n as usize, SEED);
+    let fps = |under_way| frames_a_second(gpu, scene.boxes(), under_way, budget);
+    Ok(UnderWayRow { n, one_fps: fps(1)?, two_fps: fps(2)? })
+}
+
+fn moving_row(
+    gpu: &Arc<Gpu>,
+    n: u32,
+    moving_percent: u32,
+    budget: Duration,
+) -> Result<MovingRow, BenchError> {
+    let mut scene = Scene::new(PAPER_SCENE, n as usize, SEED);
+    let mut boxes = scene.boxes().to_vec();
+    let mut timer = FrameTimer::grid(gpu, &boxes)?;
+    let moving = (u64::from(n) * u64::from(moving_percent) / 100) as usize;
+    let mut times = Vec::new();
+    let started = Instant::now();
+    while times.is_empty() || started.elapsed() < budget {
+        scene.step();
+        boxes[..moving].copy_from_slice(&scene.boxes()[..moving]);
+        timer.write(&boxes);
+        times.push(timer.median_us(Duration::ZERO)?);
+    }
+    Ok(MovingRow { n, moving_percent, frame_ms: median(times) / 1e3 })
+}
+
+impl Report for GridReport {
+    const NAME: &'static str = "grid";
+
+    fn parts(&self) -> Vec<Part> {
+        let crossing = match self.crossing {
+            Some(n) => format!("The grid is faster from {n} boxes on (paper: beyond 1,000)."),
+            None => "The grid is not faster at any of these (paper: beyond 1,000).".to_owned(),
+        };
+        let Bandwidth { up_gbs, down_gbs, memory_gbs } = self.bandwidth;
+        let link = format!(
+            "Link {up_gbs:.1} GB/s up, {down_gbs:.1} down; video memory {memory_gbs:.0} GB/s (copies by the device)."
+        );
+        let parts = [
+            Part::section(
+                "Table 6: update of boxes (α), update of the grid (β), pairs (δ), the whole",
+                "α on the CPU, β and δ by the GPU's clock with the transfers, the whole by the host's. \
+                 `paper_ms` are α, β, δ and the whole.",
+                &self.parts,
+            ),
+            Part::section(
+                "Table 7: without and with the grid, ms a frame",
+                &format!("{crossing} `paper_ms` are without and with."),
+                &self.with_and_without,
+            ),
+            Part::section("Figure 5: engines by number of boxes, ms a frame", "", &self.engines),
+            Part::section(
+                "Figure 6: share of boxes that move",
+                "The paper's time does not depend on it either.",
+                &self.moving,
+            ),
+            Part::section(
+                "Stages of a uniform scene against their memory traffic, µs",
+                &link,
+                &self.stages,
+            ),
+            Part::section("Frames under way, uniform scene, frames a second", "", &self.under_way),
+            Part::section(
+                "Scenes: boxes in shared memory → mask in shared memory",
+                "A list of pairs has 8 bytes a pair.",
+                &self.scenes,
+            ),
+        ];
+        let mut all = vec![
+            Part::heading(1, "The grid, stage by stage"),
+            Part::text("Papers' figures: Avril et al. 2012, on an NVIDIA Quadro FX 3600M."),
+        ];
+        all.extend(self.machine.parts());
+        all.extend(parts.concat());
+        all
+    }
+
+    fn tables(&self) -> Vec<(&'static str, Table)> {
+        vec![
+            ("scenes", Table::of(&self.scenes)),
+            ("stages", Table::of(&self.stages)),
+            ("parts", Table::of(&self.parts)),
+            ("with_and_without", Table::of(&self.with_and_without)),
+            ("engines", Table::of(&self.engines)),
+            ("moving", Table::of(&self.moving)),
+            ("under_way", Table::of(&self.under_way)),
+        ]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_crossing_is_behind_the_last_row_that_all_pairs_win() {
+        let row = |n, without_ms, with_ms| WithoutRow { n, without_ms, with_ms, paper_ms: None };
+        let rows = [row(1, 1.0, 2.0), row(2, 2.0, 1.0), row(3, 1.0, 2.0), row(4, 2.0, 1.0)];
+        assert_eq!(crossing(&rows), Some(4));
+        assert_eq!(crossing(&rows[..3]), None);
+        assert_eq!(crossing(&rows[1..2]), Some(2));
+    }
 }

@@ -1,5 +1,5 @@
 //! Errors of the variants: ids mapped to another pair or to none, pairs missed, pairs tested more
-//! than once, and the distance of wrong rows.
+//! than once, the distance of wrong rows; and wrong integer parts of roots.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -8,8 +8,8 @@ use pairmask_core::{BoxCount, PairIndex};
 use rayon::prelude::*;
 use serde::Serialize;
 
-use super::mirror::{MapVisitor, Mapped, next_pair, truth, with_map};
-use crate::study::mapping::stage::Variant;
+use super::stage::{Root, Variant};
+use super::variants::{Mapped, RootVisitor, map, next_pair, truth, with_root};
 
 /// Counts over some ids.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
@@ -94,61 +94,67 @@ impl Coverage {
 /// Ids of one parallel task.
 const CHUNK: u64 = 1 << 15;
 
-/// Every id of a variant.
-struct Exhaustive<'a> {
+/// Checks `count` ids, chunk by chunk: `id` gives them, `map` answers, `see` is called with each right id's answer.
+fn tally_of(
     variant: Variant,
     n: BoxCount,
-    /// A bit for each pair, in row order; set when it is named.
-    named: Option<&'a [AtomicU64]>,
-}
-
-impl MapVisitor for Exhaustive<'_> {
-    type Out = Tally;
-
-    fn visit(self, map: impl Fn(BoxCount, u64) -> Mapped + Copy + Sync) -> Tally {
-        let Self { variant, n, named } = self;
-        let total = variant.id_count(n.get());
+    count: u64,
+    id: impl Fn(u64) -> u64 + Sync,
+    map: impl Fn(u64) -> Mapped + Sync,
+    see: impl Fn(Mapped) + Sync,
+) -> Tally {
+    let chunk = |chunk: u64| {
+        let mut tally = Tally::default();
+        // The id that was last, and its pair: the next id's is found by a step.
+        let mut last: Option<(u64, (u32, u32))> = None;
         let in_row_order = !matches!(variant, Variant::Fold | Variant::Lazy);
-        let chunk = |chunk: u64| {
-            let ids = chunk * CHUNK..total.min((chunk + 1) * CHUNK);
-            let mut tally = Tally { ids: ids.end - ids.start, ..Tally::default() };
-            let mut expected = truth(variant, n, ids.start);
-            for k in ids {
-                let mapped = map(n, k);
-                match expected {
-                    Some(pair) => tally.note(k, n, mapped, pair),
-                    None => tally.skipped += 1,
+        for i in chunk * CHUNK..count.min((chunk + 1) * CHUNK) {
+            let k = id(i);
+            tally.ids += 1;
+            let expected = match last {
+                Some((before, pair)) if in_row_order && before + 1 == k => Some(next_pair(n, pair)),
+                _ => truth(variant, n, k),
+            };
+            match expected {
+                Some(pair) => {
+                    let mapped = map(k);
+                    tally.note(k, n, mapped, pair);
+                    see(mapped);
                 }
-                if let (Some(bits), Some(_), Some((a, b))) = (named, expected, mapped.named(n)) {
-                    let index = row_start(n, a) + u64::from(b - a - 1);
-                    bits[(index / 64) as usize].fetch_or(1 << (index % 64), Ordering::Relaxed);
-                }
-                expected = match expected {
-                    Some(pair) if in_row_order => Some(next_pair(n, pair)),
-                    _ if k + 1 < total => truth(variant, n, k + 1),
-                    _ => None,
-                };
+                None => tally.skipped += 1,
             }
-            tally
-        };
-        let chunks = total.div_ceil(CHUNK);
-        (0..chunks).into_par_iter().map(chunk).reduce(Tally::default, Tally::plus)
-    }
+            last = expected.map(|pair| (k, pair));
+        }
+        tally
+    };
+    (0..count.div_ceil(CHUNK)).into_par_iter().map(chunk).reduce(Tally::default, Tally::plus)
 }
 
 /// Checks every id of a variant, and counts the coverage of the pairs.
 pub fn exhaustive(variant: Variant, n: BoxCount) -> (Tally, Coverage) {
-    let pairs = n.pair_count();
-    if pairs == 0 {
-        return (Tally::default(), Coverage::Counted { missed: 0.0, repeated: 0.0 });
-    }
-    let tally = with_map(variant, Exhaustive { variant, n, named: None });
+    exhaustive_by(variant, n, |k| map(variant, n, k))
+}
+
+fn exhaustive_by(
+    variant: Variant,
+    n: BoxCount,
+    map: impl Fn(u64) -> Mapped + Sync,
+) -> (Tally, Coverage) {
+    let (pairs, total) = (n.pair_count(), variant.id_count(n.get()));
+    let tally = tally_of(variant, n, total, |k| k, &map, |_| ());
     if tally.wrong == 0 {
         // Each id names its own pair.
         return (tally, Coverage::Counted { missed: 0.0, repeated: 0.0 });
     }
+    // A bit for each pair, in row order; set when it is named.
     let named: Vec<AtomicU64> = (0..pairs.div_ceil(64)).map(|_| AtomicU64::new(0)).collect();
-    with_map(variant, Exhaustive { variant, n, named: Some(&named) });
+    let mark = |mapped: Mapped| {
+        if let Some((a, b)) = mapped.named(n) {
+            let index = row_start(n, a) + u64::from(b - a - 1);
+            named[(index / 64) as usize].fetch_or(1 << (index % 64), Ordering::Relaxed);
+        }
+    };
+    tally_of(variant, n, total, |k| k, &map, mark);
     let distinct: u64 =
         named.par_iter().map(|word| u64::from(word.load(Ordering::Relaxed).count_ones())).sum();
     (tally, counted(&tally, pairs, distinct))
@@ -163,57 +169,23 @@ pub fn counted(tally: &Tally, pairs: u64, distinct: u64) -> Coverage {
     }
 }
 
-/// Ids from an iterator of indices.
-struct Listed<F> {
-    variant: Variant,
-    n: BoxCount,
-    count: u64,
-    id: F,
-}
-
-impl<F: Fn(u64) -> u64 + Sync> MapVisitor for Listed<F> {
-    type Out = Tally;
-
-    fn visit(self, map: impl Fn(BoxCount, u64) -> Mapped + Copy + Sync) -> Tally {
-        let Self { variant, n, count, id } = self;
-        let chunk = |chunk: u64| {
-            let mut tally = Tally::default();
-            for i in chunk * CHUNK..count.min((chunk + 1) * CHUNK) {
-                let k = id(i);
-                tally.ids += 1;
-                match truth(variant, n, k) {
-                    Some(pair) => tally.note(k, n, map(n, k), pair),
-                    None => tally.skipped += 1,
-                }
-            }
-            tally
-        };
-        let chunks = count.div_ceil(CHUNK);
-        (0..chunks).into_par_iter().map(chunk).reduce(Tally::default, Tally::plus)
-    }
-}
-
 /// Checks `count` ids chosen evenly at random, the same ones in each run.
 pub fn sampled(variant: Variant, n: BoxCount, count: u64) -> Tally {
     let total = variant.id_count(n.get());
-    if total == 0 {
-        return Tally::default();
-    }
     // The top bits of a product spread a 64-bit random number over the ids without bias.
-    let id = move |i: u64| ((u128::from(split_mix(i)) * u128::from(total)) >> 64) as u64;
-    with_map(variant, Listed { variant, n, count, id })
+    let id = |i: u64| ((u128::from(split_mix(i)) * u128::from(total)) >> 64) as u64;
+    tally_of(variant, n, if total == 0 { 0 } else { count }, id, |k| map(variant, n, k), |_| ())
 }
 
 /// Checks the first and the last id of every row, where wrong rounding of a root shows first.
 pub fn around_rows(variant: Variant, n: BoxCount) -> Tally {
-    let Some(last_row) = n.get().checked_sub(2) else { return Tally::default() };
-    let id = move |i: u64| {
+    let rows = u64::from(n.get().saturating_sub(1));
+    let id = |i: u64| {
         let row = (i / 2) as u32;
-        let (first, last) = (row_start(n, row), row_start(n, row + 1) - 1);
-        let k = if i.is_multiple_of(2) { first } else { last };
+        let k = if i.is_multiple_of(2) { row_start(n, row) } else { row_start(n, row + 1) - 1 };
         own_id(variant, n, k)
     };
-    with_map(variant, Listed { variant, n, count: 2 * (u64::from(last_row) + 1), id })
+    tally_of(variant, n, 2 * rows, id, |k| map(variant, n, k), |_| ())
 }
 
 /// The id that a variant gives to the pair of index k.
@@ -227,31 +199,17 @@ fn own_id(variant: Variant, n: BoxCount, k: u64) -> u64 {
 
 /// Fewest boxes, up to `limit`, for which some row starts or ends wrongly.
 pub fn first_wrong_count(variant: Variant, limit: u32) -> Option<u32> {
-    (2..=limit)
-        .into_par_iter()
-        .find_first(|n| with_map(variant, RowsOf { variant, n: BoxCount::new(*n) }))
-}
-
-/// Whether a row starts or ends wrongly.
-struct RowsOf {
-    variant: Variant,
-    n: BoxCount,
-}
-
-impl MapVisitor for RowsOf {
-    type Out = bool;
-
-    fn visit(self, map: impl Fn(BoxCount, u64) -> Mapped + Copy + Sync) -> bool {
-        let Self { variant, n } = self;
-        let wrong = |k: u64, pair: (u32, u32)| {
-            let k = own_id(variant, n, k);
-            map(n, k) != Mapped { a: i64::from(pair.0), b: i64::from(pair.1) }
+    (2..=limit).into_par_iter().find_first(|n| {
+        let n = BoxCount::new(*n);
+        let wrong = |k: u64, (a, b): (u32, u32)| {
+            let right = Mapped { a: i64::from(a), b: i64::from(b) };
+            map(variant, n, own_id(variant, n, k)) != right
         };
         (0..n.get() - 1).rev().any(|a| {
             let (first, end) = (row_start(n, a), row_start(n, a + 1));
             wrong(first, (a, a + 1)) || wrong(end - 1, (a, n.get() - 1))
         })
-    }
+    })
 }
 
 /// `SplitMix64` (Steele, Lea and Flood 2014).
@@ -262,17 +220,56 @@ fn split_mix(i: u64) -> u64 {
     z ^ (z >> 31)
 }
 
+/// Wrong integer parts among the roots of 1 to `count` (Avril et al. 2012, table 3).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct RootTally {
+    /// Numbers that were checked.
+    pub count: u64,
+    /// Integer parts other than the built-in root's, which is what the paper counts.
+    pub other: u64,
+    /// Integer parts other than the exact one of the integer.
+    pub inexact: u64,
+}
+
+struct CountRoots(u64);
+
+impl RootVisitor for CountRoots {
+    type Out = RootTally;
+
+    fn visit(self, root: impl Fn(f32) -> f32 + Copy + Sync) -> RootTally {
+        let count = self.0;
+        let chunk = |chunk: u64| {
+            let (mut other, mut inexact) = (0, 0);
+            for x in chunk * CHUNK + 1..=count.min((chunk + 1) * CHUNK) {
+                let part = root(x as f32) as u64;
+                other += u64::from(part != (x as f32).sqrt() as u64);
+                inexact += u64::from(part * part > x || (part + 1) * (part + 1) <= x);
+            }
+            (other, inexact)
+        };
+        let (other, inexact) = (0..count.div_ceil(CHUNK))
+            .into_par_iter()
+            .map(chunk)
+            .reduce(|| (0, 0), |a, b| (a.0 + b.0, a.1 + b.1));
+        RootTally { count, other, inexact }
+    }
+}
+
+/// Counts the wrong integer parts of the roots of 1 to `count`.
+pub fn count_roots(root: Root, count: u64) -> RootTally {
+    with_root(root, CountRoots(count))
+}
+
 #[cfg(test)]
 mod tests {
-    use crate::study::mapping::stage::{Discriminant, Magic, Root, Steps};
-
     use super::*;
+    use crate::study::mapping::stage::{Discriminant, Magic, PAPERS_OWN, Steps};
+    use crate::study::mapping::variants::row_search;
 
     const fn closed(root: Root, corrected: bool) -> Variant {
         Variant::Closed { root, discriminant: Discriminant::Float, corrected }
     }
 
-    const SQRT: Variant = closed(Root::BuiltIn, false);
     const EXACT: Coverage = Coverage::Counted { missed: 0.0, repeated: 0.0 };
 
     const fn boxes(n: u32) -> BoxCount {
@@ -281,10 +278,10 @@ mod tests {
 
     #[test]
     fn the_closed_form_is_exact_to_4097_boxes_and_not_beyond() {
-        assert_eq!(first_wrong_count(SQRT, 4097), None);
-        assert_eq!(exhaustive(SQRT, boxes(4096)).0.wrong, 0);
+        assert_eq!(first_wrong_count(PAPERS_OWN, 4097), None);
+        assert_eq!(exhaustive(PAPERS_OWN, boxes(4096)).0.wrong, 0);
         for (n, first_wrong) in [(4098, 4096), (4113, 4111)] {
-            let (tally, coverage) = exhaustive(SQRT, boxes(n));
+            let (tally, coverage) = exhaustive(PAPERS_OWN, boxes(n));
             assert_eq!((tally.first_wrong, tally.largest_row_error), (Some(first_wrong), 1));
             assert_ne!(coverage, EXACT);
         }
@@ -340,14 +337,10 @@ mod tests {
     #[test]
     fn a_repeated_pair_is_a_missed_pair_and_both_are_counted() {
         let n = boxes(10);
-        let named: Vec<AtomicU64> = vec![AtomicU64::new(0)];
-        let visitor = Exhaustive { variant: Variant::RowSearch, n, named: Some(&named) };
-        let broken = |n, k| super::super::mirror::row_search(n, if k == 7 { 6 } else { k });
-        let tally = visitor.visit(broken);
+        let broken = |k| row_search(n, if k == 7 { 6 } else { k });
+        let (tally, coverage) = exhaustive_by(Variant::RowSearch, n, broken);
         assert_eq!((tally.wrong, tally.wrong_named, tally.first_wrong), (1, 1, Some(7)));
-        let distinct = u64::from(named[0].load(Ordering::Relaxed).count_ones());
         let one = 1.0 / 45.0;
-        let coverage = counted(&tally, 45, distinct);
         assert_eq!(coverage, Coverage::Counted { missed: one, repeated: one });
     }
 
@@ -357,5 +350,24 @@ mod tests {
         let whole = exhaustive(variant, boxes(3000)).0.wrong_share();
         let part = sampled(variant, boxes(3000), 100_000).wrong_share();
         assert!((whole - part).abs() < 0.01, "{whole} and {part}");
+    }
+
+    /// Known figures, so that a change of arithmetic is noticed.
+    #[test]
+    fn shares_of_wrong_roots_are_near_those_of_the_paper() {
+        for (magic, steps, numbers, other) in [
+            (Magic::Carmack, Steps::Two, 1000, 30),
+            (Magic::Lomont, Steps::Two, 1000, 29),
+            (Magic::Carmack, Steps::Two, 100_000, 279),
+            (Magic::Carmack, Steps::Two, 1_000_000, 1813),
+            (Magic::Lomont, Steps::Two, 1_000_000, 1819),
+            (Magic::Carmack, Steps::Three, 100_000, 70),
+            (Magic::Carmack, Steps::Four, 100_000, 84),
+        ] {
+            let tally = count_roots(Root::Newton(magic, steps), numbers);
+            assert_eq!((tally.other, tally.inexact), (other, other), "{magic:?} {steps:?}");
+        }
+        assert_eq!(count_roots(Root::BuiltIn, 1_000_000).inexact, 0);
+        assert_eq!(CountRoots(100).visit(|x| x.sqrt() + 1.0).inexact, 100, "it is noticed");
     }
 }

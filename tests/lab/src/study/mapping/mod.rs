@@ -6,79 +6,36 @@
 //! from 1, this crate from 0; k is the same number in both. Ways that the paper does not have
 //! (from the far end, integer searches, folding) are measured beside its own.
 //!
-//! The parts: [`mirror`] and [`roots`] are the variants, pure; [`errors`] and [`root_errors`] count
-//! their errors on the CPU; [`gpu`] counts and times on a device; [`cpu_times`] times on the CPU;
-//! [`plan`] lists the measurements, [`rows`] holds the figures with the paper's ([`paper`]),
-//! [`claims`] judges the paper's sentences by them, [`report`] writes them down.
+//! The parts: [`stage`] names the variants, [`variants`] computes them, pure; [`errors`] counts
+//! their errors on the CPU; [`gpu`] counts and times on a device; [`times`] times on the CPU;
+//! [`Plan`] lists the measurements, [`report`] writes them down. The claims are those of [`super::papers`].
 //!
 //! No variant here serves a client. Production uses `pairmask_core::pair_index` on the host, which is
 //! proven exact for every n, and integer searches within a band on the GPU (`pack_dense`).
 
-pub mod claims;
-pub mod cpu_times;
 pub mod errors;
 pub mod gpu;
 pub mod layouts;
-pub mod mirror;
-pub mod paper;
-pub mod plan;
 pub mod report;
-pub mod root_errors;
-pub mod roots;
-pub mod rows;
 pub mod stage;
+pub mod times;
+pub mod variants;
 
-use std::io;
-use std::path::PathBuf;
-use std::sync::Arc;
+use std::fmt;
 use std::time::Duration;
 
-use pairmaskd::execute::gpu::{Checks, Gpu, GpuChoice, GpuError, HostImport, OpenError};
-use pairmaskd::file_error::{Access, advice};
+use pairmask_core::BoxCount;
+use pairmaskd::execute::gpu::{Checks, GpuChoice, GpuError};
+use serde::Serialize;
 
-use self::gpu::Bench;
-use self::plan::Plan;
+use self::errors::{Coverage, RootTally, Tally};
+use self::gpu::{Bench, Ids, Writer};
 pub use self::report::MappingReport;
-use super::machine::Machine;
-
-/// Options of the study.
-#[derive(Clone, Debug, Default)]
-pub struct MappingOptions {
-    /// The GPU. With [`GpuChoice::None`], and with [`GpuChoice::Auto`] on a machine without one,
-    /// the CPU alone is measured.
-    pub gpu: GpuChoice,
-    /// Small sizes and few runs, in seconds, for tests. Times mean little.
-    pub quick: bool,
-    /// Folder for `mapping.csv`, `mapping.json` and `mapping.md`; made if it is not there.
-    pub out: Option<PathBuf>,
-    /// Print JSON in place of Markdown.
-    pub json: bool,
-}
-
-/// Why the study failed.
-#[derive(Debug, thiserror::Error)]
-pub enum MappingError {
-    /// The GPU that was asked for does not exist.
-    #[error(transparent)]
-    Open(#[from] OpenError),
-    /// The GPU failed on the way.
-    #[error(transparent)]
-    Gpu(#[from] GpuError),
-    /// The report could not be written.
-    #[error("{}: {}", folder.display(), advice(Access::WriteInto, error))]
-    Write {
-        /// The folder.
-        folder: PathBuf,
-        /// The system's error.
-        error: io::Error,
-    },
-    /// The report could not be printed.
-    #[error("the report was not printed: {0}")]
-    Print(#[from] io::Error),
-    /// The report has no JSON form.
-    #[error("the report has no JSON form: {0}")]
-    Json(#[from] serde_json::Error),
-}
+use self::stage::{PAPERS_OWN, PairOutput, Root, Variant};
+use super::harness::machine::Machine;
+use super::harness::{StudyError, open_if_any};
+use super::papers::{self, figure};
+use crate::gpu_stages::uniform;
 
 /// Limits of a measurement's time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -91,67 +48,479 @@ pub struct Budget {
     pub most_cpu_ids: u64,
 }
 
-/// Measures, writes the files that the options ask for, and prints the report to `print`.
+/// Sizes and budgets of a study: a pure function of the machine's kind.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Plan {
+    /// Ways to turn an id into a pair whose errors and times are measured.
+    pub variants: Vec<Variant>,
+    /// Numbers whose roots are compared (table 3).
+    pub root_counts: Vec<u64>,
+    /// Numbers of boxes of the error study.
+    pub error_counts: Vec<u32>,
+    /// Largest of them that is counted id by id on the CPU, and on the GPU.
+    pub exhaustive: [u32; 2],
+    /// Ids of a sample on the CPU.
+    pub sample_ids: u64,
+    /// Words of 32 ids of a sample on the GPU.
+    pub sample_words: u32,
+    /// Most boxes in the search for the first wrong number of boxes.
+    pub first_wrong_limit: u32,
+    /// Numbers of boxes whose ids are mapped by every variant, for time (the paper's table 2
+    /// among them).
+    pub time_counts: Vec<u32>,
+    /// Numbers whose roots are timed (table 4).
+    pub root_time_counts: Vec<u64>,
+    /// Numbers of boxes of the output study (table 5).
+    pub output_counts: Vec<u32>,
+    /// Numbers of boxes of figure 4.
+    pub growth_counts: Vec<u32>,
+    /// Budget of each measurement on the CPU.
+    pub cpu: Budget,
+    /// Budget of each measurement on the GPU.
+    pub gpu: Budget,
+}
+
+/// Fewest threads of a machine that counts as large.
+const MANY_THREADS: usize = 8;
+
+impl Plan {
+    /// The plan for a machine. `software` means that the adapter is a software one.
+    pub fn new(quick: bool, software: bool, threads: usize) -> Self {
+        let tens = |from: u32, to: u32| (from..=to).map(|e| 10u64.pow(e)).collect();
+        let budget = |time_ms, longest_ms, most_cpu_ids| Budget {
+            time: Duration::from_millis(time_ms),
+            longest_run: Duration::from_millis(longest_ms),
+            most_cpu_ids,
+        };
+        if quick {
+            return Self {
+                variants: Variant::all().collect(),
+                root_counts: tens(3, 5),
+                error_counts: vec![1_000, 4_113, 16_384, 100_000],
+                exhaustive: [1_000; 2],
+                sample_ids: 1 << 14,
+                sample_words: 1 << 9,
+                first_wrong_limit: 4_200,
+                time_counts: vec![1_000],
+                root_time_counts: tens(6, 6),
+                output_counts: vec![100, 1_000],
+                growth_counts: vec![100, 500, 1_000],
+                cpu: budget(1, 50, 1 << 18),
+                gpu: budget(1, 50, 0),
+            };
+        }
+        let large = threads >= MANY_THREADS;
+        Self {
+            variants: Variant::all().collect(),
+            root_counts: tens(3, 8),
+            // k leaves 2^24 at 5,794 boxes, 2^31 at 65,537 and 2^32 at 92,683.
+            error_counts: vec![
+                1_000, 3_000, 4_096, 4_113, 10_000, 16_384, 32_768, 65_536, 92_682, 100_000,
+                300_000, 1_000_000,
+            ],
+            exhaustive: [
+                if large { 32_768 } else { 10_000 },
+                if software { 1_000 } else { 92_682 },
+            ],
+            sample_ids: if large { 1 << 22 } else { 1 << 20 },
+            sample_words: if software { 1 << 12 } else { 1 << 18 },
+            first_wrong_limit: if large { 20_000 } else { 13_000 },
+            time_counts: vec![1_000, 10_000, 100_000],
+            root_time_counts: tens(6, 9),
+            output_counts: vec![100, 1_000, 5_000, 7_500],
+            growth_counts: (0..=10).map(|i| if i == 0 { 100 } else { i * 500 }).collect(),
+            cpu: budget(20, 2_000, 1 << 24),
+            gpu: if software { budget(20, 300, 0) } else { budget(20, 2_000, 0) },
+        }
+    }
+}
+
+/// The processor that computed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Processor {
+    /// One thread of the CPU.
+    CpuThread,
+    /// All threads of the CPU.
+    Cpu,
+    /// The GPU.
+    Gpu,
+}
+
+impl fmt::Display for Processor {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::CpuThread => "cpu, one thread",
+            Self::Cpu => "cpu",
+            Self::Gpu => "gpu",
+        })
+    }
+}
+
+/// Table 3: wrong integer parts of a root.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct RootErrorRow {
+    /// Who.
+    pub processor: Processor,
+    /// The root.
+    pub root: Root,
+    /// The counts.
+    pub tally: RootTally,
+    /// The paper's percentage.
+    pub paper_percent: Option<f64>,
+}
+
+/// The ids that an error row checked.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Scope {
+    /// Every id.
+    All,
+    /// A sample, spread evenly.
+    Sample,
+}
+
+/// The errors of a variant for n boxes.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct PairErrorRow {
+    /// Who.
+    pub processor: Processor,
+    /// The variant.
+    pub variant: Variant,
+    /// Boxes.
+    pub n: u32,
+    /// The ids of `tally`.
+    pub scope: Scope,
+    /// The counts.
+    pub tally: Tally,
+    /// Pairs missed and repeated.
+    pub coverage: Coverage,
+    /// The counts at the start and end of every row, where errors begin.
+    pub row_ends: Option<Tally>,
+    /// Wrong ids, those at the ends of rows included.
+    pub wrong: u64,
+    /// Largest distance of a wrong id's row from its own.
+    pub row_error: u64,
+}
+
+/// Fewest boxes for which a closed form is wrong, by the mirror.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub struct FirstWrongRow {
+    /// The variant.
+    pub variant: Variant,
+    /// Fewest boxes; `None` if there are none up to `limit`.
+    pub n: Option<u32>,
+    /// Largest number of boxes that was checked.
+    pub limit: u32,
+}
+
+/// Table 2 and beyond: the time to map all ids of n boxes.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct MapTimeRow {
+    /// Who.
+    pub processor: Processor,
+    /// The variant.
+    pub variant: Variant,
+    /// Boxes.
+    pub n: u32,
+    /// Time in ms; `None` where it was beyond the budget or the device.
+    pub ms: Option<f64>,
+    /// The paper's.
+    pub paper_ms: Option<f64>,
+}
+
+impl MapTimeRow {
+    /// Picoseconds for each pair, so that ways with a different number of ids compare.
+    pub fn ps_per_pair(&self) -> Option<f64> {
+        Some(self.ms? * 1e9 / BoxCount::new(self.n).pair_count() as f64)
+    }
+}
+
+/// Table 4: the time to take roots.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct RootTimeRow {
+    /// Who.
+    pub processor: Processor,
+    /// The root.
+    pub root: Root,
+    /// Roots.
+    pub count: u64,
+    /// Time in ms; `None` where it was beyond the budget.
+    pub ms: Option<f64>,
+    /// The paper's.
+    pub paper_ms: Option<f64>,
+}
+
+/// Table 5: one byte or one bit a pair.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct OutputRow {
+    /// Boxes.
+    pub n: u32,
+    /// Bits of a pair: 8 or 1.
+    pub bits_per_pair: u32,
+    /// Whether each thread computes one pair and ORs it in, as in the paper.
+    pub thread_a_pair: bool,
+    /// Kernel in ms.
+    pub kernel_ms: f64,
+    /// Transfer to the host in µs.
+    pub transfer_us: f64,
+    /// Bytes transferred.
+    pub output_bytes: u64,
+    /// The paper's kernel in ms.
+    pub paper_kernel_ms: Option<f64>,
+    /// The paper's transfer in µs.
+    pub paper_transfer_us: Option<f64>,
+}
+
+/// Figure 4: kernel time, input and output by n, one bit a pair.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct GrowthRow {
+    /// Boxes.
+    pub n: u32,
+    /// Kernel in ms.
+    pub kernel_ms: f64,
+    /// Upload of the boxes in µs.
+    pub upload_us: f64,
+    /// Download of the mask in µs.
+    pub transfer_us: f64,
+    /// 24 bytes a box, as in the paper.
+    pub input_bytes: u64,
+    /// One bit a pair, in whole words.
+    pub output_bytes: u64,
+    /// The paper's kernel in ms, where table 5 gives it: the figure has no numbers.
+    pub paper_kernel_ms: Option<f64>,
+}
+
+/// Measures, on the GPU too if the choice has one. With `quick` small sizes and few runs, in seconds; times mean
+/// little.
 ///
 /// # Errors
-/// [`MappingError`].
-pub fn run_and_print(
-    options: &MappingOptions,
-    print: &mut dyn io::Write,
-) -> Result<MappingReport, MappingError> {
-    let report = measure(options)?;
-    if let Some(folder) = &options.out {
-        report::write_files(&report, folder)?;
+/// [`StudyError`].
+pub fn measure(choice: &GpuChoice, quick: bool) -> Result<MappingReport, StudyError> {
+    let gpu = open_if_any(choice)?;
+    let software = gpu.as_ref().is_some_and(|gpu| gpu.info().is_software());
+    let plan = Plan::new(quick, software, rayon::current_num_threads());
+    let mut bench = gpu.as_ref().map(|gpu| Bench::new(gpu, Checks::Off)).transpose()?;
+    let mut report = MappingReport {
+        machine: Machine::here(gpu.as_ref().map(|gpu| gpu.info())),
+        claims: Vec::new(),
+        root_errors: root_errors(&plan, bench.as_mut())?,
+        pair_errors: pair_errors(&plan, bench.as_mut())?,
+        first_wrong: first_wrong(plan.first_wrong_limit),
+        map_times: map_times(&plan, bench.as_mut())?,
+        root_times: root_times(&plan, bench.as_mut())?,
+        outputs: Vec::new(),
+        growth: Vec::new(),
+    };
+    if let Some(bench) = &mut bench {
+        report.outputs = outputs(&plan, bench)?;
+        report.growth = growth(&plan, bench)?;
     }
-    if options.json {
-        writeln!(print, "{}", report::json(&report)?)?;
-    } else {
-        write!(print, "{}", report::markdown(&report))?;
-    }
+    report.judge(papers::mapping_claims(&serde_json::to_value(&report)?)?);
     Ok(report)
 }
 
-/// As [`run_and_print`], to the standard output.
-///
-/// # Errors
-/// [`MappingError`].
-///
-/// ```no_run
-/// use pairmask_lab::study::mapping::{MappingOptions, run};
-/// let report = run(&MappingOptions { quick: true, ..Default::default() })?;
-/// assert!(!report.pair_errors.is_empty());
-/// # Ok::<(), pairmask_lab::study::mapping::MappingError>(())
-/// ```
-pub fn run(options: &MappingOptions) -> Result<MappingReport, MappingError> {
-    run_and_print(options, &mut io::stdout().lock())
-}
-
-/// Measures and writes nothing.
-///
-/// # Errors
-/// [`MappingError`].
-pub fn measure(options: &MappingOptions) -> Result<MappingReport, MappingError> {
-    let gpu = open(&options.gpu)?;
-    let software = gpu.as_ref().is_some_and(|gpu| gpu.info().is_software());
-    let plan = Plan::new(options.quick, software, rayon::current_num_threads());
-    let machine = Machine::here(gpu.as_ref().map(|gpu| gpu.info()));
-    let bench = gpu.as_ref().map(|gpu| Bench::new(gpu, Checks::Off)).transpose()?;
-    rows::measure(machine, &plan, bench)
-}
-
-/// The GPU of a study; `None` with [`GpuChoice::None`], and with [`GpuChoice::Auto`] on a machine
-/// without one.
-pub(in crate::study) fn open(choice: &GpuChoice) -> Result<Option<Arc<Gpu>>, OpenError> {
-    if *choice == GpuChoice::None {
-        // Adapters are not even listed: that loads every driver, and some print on stderr.
-        return Ok(None);
-    }
-    match Gpu::open(choice, HostImport::Never) {
-        Ok(gpu) => Ok(Some(gpu)),
-        Err(OpenError::NoAdapter { .. }) if *choice == GpuChoice::Auto => {
-            log::info!("no GPU: the CPU alone is measured");
-            Ok(None)
+fn root_errors(plan: &Plan, mut bench: Option<&mut Bench>) -> Result<Vec<RootErrorRow>, GpuError> {
+    let mut rows = Vec::new();
+    for root in Root::all() {
+        for &count in &plan.root_counts {
+            let paper_percent = figure(&format!("table_3[count={count}].{root}"));
+            let mut push = |processor, tally| {
+                rows.push(RootErrorRow { processor, root, tally, paper_percent });
+            };
+            push(Processor::Cpu, errors::count_roots(root, count));
+            let Some(bench) = bench.as_deref_mut() else { continue };
+            if let Some(tally) = gpu::count_roots(bench, root, count as u32)? {
+                push(Processor::Gpu, tally);
+            }
         }
-        Err(error) => Err(error),
+    }
+    Ok(rows)
+}
+
+/// The errors of the plan's variants.
+///
+/// # Errors
+/// [`GpuError`].
+pub fn pair_errors(
+    plan: &Plan,
+    mut bench: Option<&mut Bench>,
+) -> Result<Vec<PairErrorRow>, GpuError> {
+    let mut rows = Vec::new();
+    let mut push = |processor, variant, n, scope, (tally, coverage): (Tally, _), ends| {
+        let row_ends: Option<Tally> = ends;
+        let both = row_ends.map_or(tally, |ends| tally.plus(ends));
+        let (wrong, row_error) = (both.wrong, both.largest_row_error);
+        rows.push(PairErrorRow {
+            processor,
+            variant,
+            n,
+            scope,
+            tally,
+            coverage,
+            row_ends,
+            wrong,
+            row_error,
+        });
+    };
+    let [on_cpu, on_gpu] = plan.exhaustive;
+    for &n in &plan.error_counts {
+        log::info!("mapping study: errors, {n} boxes");
+        for &variant in &plan.variants {
+            let boxes = BoxCount::new(n);
+            if n <= on_cpu {
+                let found = errors::exhaustive(variant, boxes);
+                push(Processor::Cpu, variant, n, Scope::All, found, None);
+            } else {
+                let tally = errors::sampled(variant, boxes, plan.sample_ids);
+                let ends = errors::around_rows(variant, boxes);
+                let found = (tally, Coverage::bounded(&tally));
+                push(Processor::Cpu, variant, n, Scope::Sample, found, Some(ends));
+            }
+            let Some(bench) = bench.as_deref_mut() else { continue };
+            // The GPU counts in 32 bits.
+            let countable = u32::try_from(variant.id_count(n)).is_ok();
+            let (scope, ids) = if n <= on_gpu && countable {
+                (Scope::All, Ids::All)
+            } else {
+                (Scope::Sample, Ids::Words(plan.sample_words))
+            };
+            let Some(found) = gpu::count(bench, variant, n, ids)? else { continue };
+            let ends = match scope {
+                Scope::All => None,
+                Scope::Sample => gpu::count(bench, variant, n, Ids::AroundRows)?,
+            };
+            push(Processor::Gpu, variant, n, scope, found, ends.map(|(tally, _)| tally));
+        }
+    }
+    Ok(rows)
+}
+
+fn first_wrong(limit: u32) -> Vec<FirstWrongRow> {
+    let closed = Variant::all().filter(|variant| matches!(variant, Variant::Closed { .. }));
+    let row =
+        |variant| FirstWrongRow { variant, n: errors::first_wrong_count(variant, limit), limit };
+    closed.map(row).collect()
+}
+
+/// The times of the plan's variants.
+///
+/// # Errors
+/// [`GpuError`].
+pub fn map_times(plan: &Plan, mut bench: Option<&mut Bench>) -> Result<Vec<MapTimeRow>, GpuError> {
+    let mut rows = Vec::new();
+    for &n in &plan.time_counts {
+        log::info!("mapping study: times, {n} boxes");
+        for &variant in &plan.variants {
+            let mut push = |processor, ms, paper_ms| {
+                rows.push(MapTimeRow { processor, variant, n, ms, paper_ms });
+            };
+            for processor in [Processor::CpuThread, Processor::Cpu] {
+                let ms = times::map_all(variant, BoxCount::new(n), processor, &plan.cpu);
+                push(processor, ms, None);
+            }
+            let Some(bench) = bench.as_deref_mut() else { continue };
+            let paper_ms = match variant {
+                PAPERS_OWN => figure(&format!("table_2[n={n}].own")),
+                Variant::Lazy => figure(&format!("table_2[n={n}].lazy")),
+                _ => None,
+            };
+            push(Processor::Gpu, gpu::map_ms(bench, variant, n, &plan.gpu)?, paper_ms);
+        }
+    }
+    Ok(rows)
+}
+
+fn root_times(plan: &Plan, mut bench: Option<&mut Bench>) -> Result<Vec<RootTimeRow>, GpuError> {
+    let mut rows = Vec::new();
+    for &count in &plan.root_time_counts {
+        for root in Root::all() {
+            let mut push = |processor, ms, paper_ms| {
+                rows.push(RootTimeRow { processor, root, count, ms, paper_ms });
+            };
+            for processor in [Processor::CpuThread, Processor::Cpu] {
+                push(processor, Some(times::roots(root, count, processor, &plan.cpu)), None);
+            }
+            let Some(bench) = bench.as_deref_mut() else { continue };
+            // The paper does not say how many steps; its code has one.
+            let column = if root == Root::BuiltIn { "sqrt" } else { "newton" };
+            let paper_ms = figure(&format!("table_4[count={count}].{column}"));
+            push(Processor::Gpu, gpu::root_ms(bench, root, count as u32, &plan.gpu)?, paper_ms);
+        }
+    }
+    Ok(rows)
+}
+
+fn outputs(plan: &Plan, bench: &mut Bench) -> Result<Vec<OutputRow>, GpuError> {
+    let mut rows = Vec::new();
+    for &n in &plan.output_counts {
+        let boxes = uniform(n);
+        for writer in [Writer::ThreadAPair, Writer::ThreadAWord] {
+            for output in [PairOutput::Byte, PairOutput::Bit] {
+                let Some(run) = gpu::mask(bench, output, writer, &boxes, &plan.gpu)? else {
+                    continue;
+                };
+                let bits_per_pair = 32 / output.pairs_per_word();
+                let paper =
+                    |column| figure(&format!("table_5[bits={bits_per_pair},n={n}].{column}"));
+                let [_, kernel_ms, transfer_ms] = run.ms;
+                rows.push(OutputRow {
+                    n,
+                    bits_per_pair,
+                    thread_a_pair: writer == Writer::ThreadAPair,
+                    kernel_ms,
+                    transfer_us: transfer_ms * 1e3,
+                    output_bytes: run.output_bytes,
+                    paper_kernel_ms: paper("kernel_ms"),
+                    paper_transfer_us: paper("transfer_us"),
+                });
+            }
+        }
+    }
+    Ok(rows)
+}
+
+fn growth(plan: &Plan, bench: &mut Bench) -> Result<Vec<GrowthRow>, GpuError> {
+    let mut rows = Vec::new();
+    for &n in &plan.growth_counts {
+        let (output, writer) = (PairOutput::Bit, Writer::ThreadAWord);
+        let Some(run) = gpu::mask(bench, output, writer, &uniform(n), &plan.gpu)? else {
+            continue;
+        };
+        let [upload_ms, kernel_ms, transfer_ms] = run.ms;
+        rows.push(GrowthRow {
+            n,
+            kernel_ms,
+            upload_us: upload_ms * 1e3,
+            transfer_us: transfer_ms * 1e3,
+            input_bytes: run.input_bytes,
+            output_bytes: run.output_bytes,
+            paper_kernel_ms: figure(&format!("table_5[bits=1,n={n}].kernel_ms")),
+        });
+    }
+    Ok(rows)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_plan_measures_something_of_everything_and_a_full_one_the_papers_sizes() {
+        for (quick, software, threads) in
+            [(true, true, 2), (false, true, 2), (false, false, 16), (true, false, 64)]
+        {
+            let plan = Plan::new(quick, software, threads);
+            let counts = [plan.root_counts.len(), plan.error_counts.len(), plan.time_counts.len()];
+            let more =
+                [plan.root_time_counts.len(), plan.output_counts.len(), plan.growth_counts.len()];
+            assert!(!counts.contains(&0) && !more.contains(&0), "{plan:?}");
+            assert!(plan.error_counts.is_sorted() && plan.error_counts[0] <= plan.exhaustive[1]);
+        }
+        let plan = Plan::new(false, false, 16);
+        assert_eq!(plan.output_counts, [100, 1_000, 5_000, 7_500]);
+        assert_eq!(plan.time_counts, [1_000, 10_000, 100_000]);
+        assert_eq!((plan.growth_counts[0], plan.growth_counts[10]), (100, 5_000));
+        assert_eq!(plan.root_counts[5], 100_000_000);
     }
 }

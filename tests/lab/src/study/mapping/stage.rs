@@ -9,6 +9,9 @@
 use std::fmt::{self, Write};
 
 use pairmask_shaders::{ComposeError, ComposedStage, compose, shared_part};
+use serde::{Serialize, Serializer};
+
+use crate::study::harness::stage_bench::StudyStage;
 
 /// First guesses of an inverse square root, subtracted from half the bits of the number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -50,7 +53,7 @@ pub enum Root {
 
 impl Root {
     /// All roots: the built-in one first.
-    pub fn all() -> impl Iterator<Item = Self> {
+    pub fn all() -> impl Iterator<Item = Self> + Clone {
         let newton = [Magic::Carmack, Magic::Lomont]
             .into_iter()
             .flat_map(|magic| Steps::ALL.map(|steps| Self::Newton(magic, steps)));
@@ -65,6 +68,12 @@ impl fmt::Display for Root {
             Self::Newton(Magic::Carmack, steps) => write!(f, "carmack-{}", *steps as u32),
             Self::Newton(Magic::Lomont, steps) => write!(f, "lomont-{}", *steps as u32),
         }
+    }
+}
+
+impl Serialize for Root {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_str(self)
     }
 }
 
@@ -111,7 +120,7 @@ impl Variant {
     /// assert_eq!(names.len(), 25);
     /// assert_eq!(names[3], "closed carmack-1 corrected");
     /// ```
-    pub fn all() -> impl Iterator<Item = Self> {
+    pub fn all() -> impl Iterator<Item = Self> + Clone {
         let closed = |root, discriminant| {
             [false, true].map(|corrected| Self::Closed { root, discriminant, corrected })
         };
@@ -148,6 +157,16 @@ impl fmt::Display for Variant {
         }
     }
 }
+
+impl Serialize for Variant {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_str(self)
+    }
+}
+
+/// The paper's way with a square root: its closed form with the built-in one.
+pub const PAPERS_OWN: Variant =
+    Variant::Closed { root: Root::BuiltIn, discriminant: Discriminant::Float, corrected: false };
 
 /// Bits of an id on the GPU.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -239,57 +258,22 @@ impl MappingStage {
         forms
     }
 
-    /// The name of the file, of the pipeline and of the timing row.
-    pub const fn label(self) -> &'static str {
-        match self {
-            Self::Pairs(..) => "mapping_pairs",
-            Self::Errors(..) => "mapping_errors",
-            Self::Time(..) => "mapping_time",
-            Self::RootErrors(_) => "mapping_root_errors",
-            Self::RootTime(_) => "mapping_root_time",
-            Self::Mask(_) => "mapping_mask",
-            Self::MaskOr(_) => "mapping_mask_or",
+    /// Name, file, and storage buffers, numbered from 0.
+    const fn parts(self) -> (&'static str, &'static str, u32) {
+        macro_rules! stage {
+            ($name:literal, $bindings:literal) => {
+                ($name, include_str!(concat!("../../../shaders/", $name, ".wgsl")), $bindings)
+            };
         }
-    }
-
-    /// Storage buffers that the stage binds, numbered from 0.
-    pub const fn binding_count(self) -> u32 {
         match self {
-            Self::Pairs(..) | Self::Errors(..) | Self::Mask(_) | Self::MaskOr(_) => 2,
-            Self::Time(..) | Self::RootErrors(_) | Self::RootTime(_) => 1,
+            Self::Pairs(..) => stage!("mapping_pairs", 2),
+            Self::Errors(..) => stage!("mapping_errors", 2),
+            Self::Time(..) => stage!("mapping_time", 1),
+            Self::RootErrors(_) => stage!("mapping_root_errors", 1),
+            Self::RootTime(_) => stage!("mapping_root_time", 1),
+            Self::Mask(_) => stage!("mapping_mask", 2),
+            Self::MaskOr(_) => stage!("mapping_mask_or", 2),
         }
-    }
-
-    /// The file as it is.
-    const fn file(self) -> &'static str {
-        match self {
-            Self::Pairs(..) => include_str!("../../../shaders/mapping_pairs.wgsl"),
-            Self::Errors(..) => include_str!("../../../shaders/mapping_errors.wgsl"),
-            Self::Time(..) => include_str!("../../../shaders/mapping_time.wgsl"),
-            Self::RootErrors(_) => include_str!("../../../shaders/mapping_root_errors.wgsl"),
-            Self::RootTime(_) => include_str!("../../../shaders/mapping_root_time.wgsl"),
-            Self::Mask(_) => include_str!("../../../shaders/mapping_mask.wgsl"),
-            Self::MaskOr(_) => include_str!("../../../shaders/mapping_mask_or.wgsl"),
-        }
-    }
-
-    /// The stage as one WGSL module, with its name and bindings.
-    ///
-    /// # Errors
-    /// [`ComposeError`].
-    pub fn composed(self) -> Result<ComposedStage, ComposeError> {
-        let unknown = |name: &str| ComposeError::UnknownImport {
-            stage: self.label(),
-            import: name.to_owned(),
-        };
-        let part = |name: &str| {
-            self.shared(name).or_else(|| shared_part(name)).ok_or_else(|| unknown(name))
-        };
-        Ok(ComposedStage {
-            label: self.label(),
-            binding_count: self.binding_count(),
-            wgsl: compose(self.file(), &part)?,
-        })
     }
 
     fn map(self) -> Option<(Variant, IdWidth)> {
@@ -356,6 +340,22 @@ impl MappingStage {
             Variant::Lazy => include_str!("../../../shaders/shared/map_lazy.wgsl"),
         };
         Some(text)
+    }
+}
+
+impl StudyStage for MappingStage {
+    fn label(self) -> &'static str {
+        self.parts().0
+    }
+
+    fn composed(self) -> Result<ComposedStage, ComposeError> {
+        let (label, file, binding_count) = self.parts();
+        let unknown =
+            |name: &str| ComposeError::UnknownImport { stage: label, import: name.to_owned() };
+        let part = |name: &str| {
+            self.shared(name).or_else(|| shared_part(name)).ok_or_else(|| unknown(name))
+        };
+        Ok(ComposedStage { label, binding_count, wgsl: compose(file, &part)? })
     }
 }
 

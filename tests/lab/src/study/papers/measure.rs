@@ -4,18 +4,17 @@ use crate::study::ways::Case;
 use pairmaskd::execute::gpu::GpuChoice;
 use pairmaskd::scene::SceneName;
 
-use super::records::{Figures, of_this_run};
-use super::{PapersError, PapersOptions};
-use crate::study::grid::{self, GridOptions};
-use crate::study::mapping::{self, MappingOptions};
+use super::PapersOptions;
+use super::claims::Kind;
+use super::records::Figures;
+use crate::study::harness::StudyError;
 use crate::study::spheres::{self, SphereOptions};
-use crate::study::threads;
+use crate::study::{grid, mapping, threads};
 
 /// Calls of the watcher: one a study.
 pub const STEPS: u64 = 4;
 /// Boxes of the grid study: the papers' sizes.
 const GRID_COUNTS: [u32; 5] = [1_000, 10_000, 20_000, 100_000, 1_000_000];
-const QUICK_GRID_COUNTS: [u32; 1] = [1_000];
 /// Boxes of the 2009 paper, in place of its cubes.
 const CASE_2009: Case = Case { scene: SceneName::Uniform, n: 100_000 };
 /// Pairs of spheres that are decided: seconds on two cores.
@@ -28,23 +27,26 @@ pub fn into(
     figures: &mut Figures,
     options: &PapersOptions,
     watch: impl Fn(),
-) -> Result<(), PapersError> {
+) -> Result<(), StudyError> {
     let PapersOptions { gpu, quick, .. } = options;
-    let mapping_options = MappingOptions {
-        gpu: gpu.clone().unwrap_or(GpuChoice::None),
-        quick: *quick,
-        ..MappingOptions::default()
-    };
-    figures.mapping.insert(0, of_this_run(&mapping::measure(&mapping_options)?)?);
+    let none = GpuChoice::None;
+    figures.add_run(Kind::Mapping, &mapping::measure(gpu.as_ref().unwrap_or(&none), *quick)?)?;
     watch();
     if let Some(gpu) = gpu {
-        let counts = if *quick { QUICK_GRID_COUNTS.to_vec() } else { GRID_COUNTS.to_vec() };
-        let options =
-            GridOptions { gpu: gpu.clone(), counts, quick: *quick, ..GridOptions::default() };
-        figures.grid.insert(0, of_this_run(&grid::measure(&options)?)?);
+        let counts = if *quick { &GRID_COUNTS[..1] } else { &GRID_COUNTS };
+        figures.add_run(Kind::Grid, &grid::measure(gpu, counts, *quick)?)?;
     }
     watch();
-    measure_spheres(figures, gpu.as_ref(), *quick)?;
+    let pairs = if *quick { QUICK_SPHERE_PAIRS } else { SPHERE_PAIRS };
+    let errors = SphereOptions { speed: false, pairs, quick: *quick, seed: SEED };
+    let mut report = spheres::measure(&errors, |_| ());
+    if let Some(gpu) = gpu {
+        let speed = SphereOptions { speed: true, pairs: 0, ..errors };
+        let on_gpu = spheres::measure_on_gpu(&speed, gpu, |_| ())?;
+        report.machine = on_gpu.machine;
+        report.gpu_speed = on_gpu.gpu_speed;
+    }
+    figures.add_run(Kind::Spheres, &report)?;
     watch();
     let mut cases: Vec<Case> = threads::papers_cases().collect();
     if *quick {
@@ -53,25 +55,7 @@ pub fn into(
     } else {
         cases.push(CASE_2009);
     }
-    figures.threads.insert(0, of_this_run(&threads::measure(&cases, &[], || ())?)?);
+    figures.add_run(Kind::Threads, &threads::measure(&cases, &[], || ())?)?;
     watch();
-    Ok(())
-}
-
-fn measure_spheres(
-    figures: &mut Figures,
-    gpu: Option<&GpuChoice>,
-    quick: bool,
-) -> Result<(), PapersError> {
-    let pairs = if quick { QUICK_SPHERE_PAIRS } else { SPHERE_PAIRS };
-    let errors = SphereOptions { speed: false, pairs, quick, seed: SEED };
-    let mut report = spheres::measure(&errors, |_| ());
-    if let Some(gpu) = gpu {
-        let speed = SphereOptions { speed: true, pairs: 0, ..errors };
-        let on_gpu = spheres::measure_on_gpu(&speed, gpu, |_| ())?;
-        report.machine = on_gpu.machine;
-        report.gpu_speed = on_gpu.gpu_speed;
-    }
-    figures.spheres.insert(0, of_this_run(&report)?);
     Ok(())
 }

@@ -1,121 +1,198 @@
 //! Records of earlier measurements, found by file name below a folder, the newest folder first.
 
+use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
 use pairmaskd::file_error::{Access, FileError};
 use serde::Serialize;
-use serde::de::DeserializeOwned;
+use serde_json::{Map, Value, json};
 
-use super::PapersError;
-use super::shapes::{Grid, Mapping, RecordMachine, Spheres, Threads, TwoGpus};
-use super::text::{gpu_spheres, machine_line, two_gpus};
+use super::claims::{ClaimSource, Kind, MissingCores};
+use super::several_gpus::{self, TwoGpus};
+use crate::study::harness::StudyError;
 
 /// Figures and where they come from.
 #[derive(Clone, Debug)]
-pub struct Sourced<T> {
+struct Sourced {
     /// The record's path below the folder, or "this run".
-    pub from: String,
+    from: String,
     /// The machine.
-    pub machine: String,
-    /// Whether the GPU is a software adapter, whose times say nothing of GPUs.
-    pub gpu_is_software: bool,
-    /// The figures.
-    pub data: T,
+    machine: String,
+    data: Value,
 }
 
-impl<T> Sourced<T> {
-    fn new(from: &str, machine: &RecordMachine, data: T) -> Self {
-        let gpu = machine.gpu.as_ref().map(|gpu| format!(", {gpu}")).unwrap_or_default();
-        let RecordMachine { cpu, threads, commit, command, .. } = machine;
-        Self {
-            from: from.to_owned(),
-            machine: format!("{cpu}, {threads} threads{gpu}; commit {commit}; {command}"),
-            gpu_is_software: machine.gpu_is_software,
-            data,
-        }
-    }
-}
+/// Records that are JSON: their kind, file, and the lists that they must have.
+const JSON: [(Kind, &str, &[&str]); 5] = [
+    (
+        Kind::Mapping,
+        "mapping.json",
+        &["root_errors", "pair_errors", "map_times", "root_times", "outputs", "growth"],
+    ),
+    (Kind::Grid, "grid.json", &["parts", "with_and_without", "engines", "moving"]),
+    (Kind::Threads, "threads.json", &["rows"]),
+    (Kind::Spheres, "spheres.json", &[]),
+    (Kind::Spheres, "spheres-errors.json", &[]),
+];
 
-/// A report with a machine.
-pub trait Measured: DeserializeOwned {
-    /// The machine that was measured.
-    fn machine(&self) -> &RecordMachine;
-}
-
-macro_rules! measured {
-    ($($report:ty),*) => {$(
-        impl Measured for $report {
-            fn machine(&self) -> &RecordMachine {
-                &self.machine
-            }
-        }
-    )*};
-}
-measured!(Mapping, Grid, Threads, Spheres);
+/// Reads a record that is text; an error says what is missing.
+type ReadText = fn(&str) -> Result<Value, &'static str>;
+/// Records that are text.
+const TEXT: [(Kind, &str, ReadText); 2] =
+    [(Kind::Spheres, "spheres.txt", gpu_spheres), (Kind::TwoGpus, "several-gpus.txt", two_gpus)];
 
 /// All that the claims are judged by: this run first, then records, the newest folder first.
 #[derive(Clone, Debug, Default)]
-pub struct Figures {
-    /// The mapping study.
-    pub mapping: Vec<Sourced<Mapping>>,
-    /// The grid study.
-    pub grid: Vec<Sourced<Grid>>,
-    /// Speed-up by threads.
-    pub threads: Vec<Sourced<Threads>>,
-    /// Spheres, on cores and on GPUs.
-    pub spheres: Vec<Sourced<Spheres>>,
-    /// One GPU and two.
-    pub two_gpus: Vec<Sourced<Vec<TwoGpus>>>,
-}
+pub struct Figures(BTreeMap<Kind, Vec<Sourced>>);
 
 impl Figures {
     /// All records in the folders of a folder; none without one.
     ///
     /// # Errors
-    /// [`PapersError`] where a folder cannot be listed, or a record is not read or is another thing.
-    pub fn read(records: Option<&Path>) -> Result<Self, PapersError> {
+    /// [`StudyError`] where a folder cannot be listed, or a record is not read or is another thing.
+    pub fn read(records: Option<&Path>) -> Result<Self, StudyError> {
         let mut figures = Self::default();
-        let folders = records.map_or(Ok(Vec::new()), newest_first)?;
-        for folder in &folders {
-            figures.mapping.extend(json(folder, "mapping.json")?);
-            figures.grid.extend(json(folder, "grid.json")?);
-            figures.threads.extend(json(folder, "threads.json")?);
-            figures.spheres.extend(json(folder, "spheres.json")?);
-            figures.spheres.extend(json(folder, "spheres-errors.json")?);
-            figures.spheres.extend(text(folder, "spheres.txt", gpu_spheres)?);
-            figures.two_gpus.extend(text(folder, "several-gpus.txt", two_gpus)?);
+        for folder in records.map_or(Ok(Vec::new()), newest_first)? {
+            for (kind, name, lists) in JSON {
+                let Some((path, from, text)) = load(&folder, name)? else { continue };
+                let read = serde_json::from_str(&text).map_err(|error| error.to_string());
+                let data = read.and_then(|data| checked(kind, data, lists));
+                let data = data.map_err(|why| StudyError::Record { path, why })?;
+                figures.of(kind).push(Sourced { from, machine: machine_text(&data), data });
+            }
+            for (kind, name, read) in TEXT {
+                let Some((path, from, text)) = load(&folder, name)? else { continue };
+                let data =
+                    read(&text).map_err(|why| StudyError::Record { path, why: why.to_owned() })?;
+                let machine = text.lines().next().unwrap_or_default().trim_end_matches('.');
+                figures.of(kind).push(Sourced { from, machine: machine.to_owned(), data });
+            }
         }
         Ok(figures)
     }
 
-    /// Every source and its machine, once.
-    pub fn sources(&self) -> Vec<(String, String)> {
-        fn names<T>(sources: &[Sourced<T>]) -> impl Iterator<Item = (String, String)> {
-            sources.iter().map(|source| (source.from.clone(), source.machine.clone()))
+    fn of(&mut self, kind: Kind) -> &mut Vec<Sourced> {
+        self.0.entry(kind).or_default()
+    }
+
+    fn all(&self, kind: Kind) -> &[Sourced] {
+        self.0.get(&kind).map_or(&[], Vec::as_slice)
+    }
+
+    /// Puts a report of this run before the records, read as its record would be.
+    ///
+    /// # Errors
+    /// [`StudyError::Output`], [`StudyError::Record`].
+    pub fn add_run(&mut self, kind: Kind, report: &impl Serialize) -> Result<(), StudyError> {
+        let data = checked(kind, serde_json::to_value(report)?, &[])
+            .map_err(|why| StudyError::Record { path: "this run".into(), why })?;
+        let source = Sourced { from: "this run".to_owned(), machine: machine_text(&data), data };
+        self.of(kind).insert(0, source);
+        Ok(())
+    }
+
+    /// Brings together grids and threads of the same machine.
+    pub fn join(&mut self) {
+        let mut joined = Vec::new();
+        for grid in self.all(Kind::Grid).iter().filter(|grid| is_on_gpu(&grid.data)) {
+            for threads in self.all(Kind::Threads) {
+                if grid.data["machine"]["cpu"] == threads.data["machine"]["cpu"] {
+                    let mut data = threads.data.clone();
+                    data["grid"] = grid.data.clone();
+                    let from = format!("{}, {}", grid.from, threads.from);
+                    joined.push(Sourced { from, machine: grid.machine.clone(), data });
+                }
+            }
         }
-        let all = names(&self.mapping).chain(names(&self.grid)).chain(names(&self.threads));
-        all.chain(names(&self.spheres)).chain(names(&self.two_gpus)).collect()
+        self.0.insert(Kind::GridAndThreads, joined);
+    }
+
+    /// The sources of a kind; with `on_gpu` those whose GPU is none of software, whose times say nothing of GPUs.
+    pub fn sources(&self, kind: Option<Kind>, on_gpu: bool) -> Vec<ClaimSource<'_>> {
+        match kind {
+            None => Vec::new(),
+            Some(Kind::Build) => {
+                vec![ClaimSource { from: "this build".to_owned(), data: &Value::Null }]
+            }
+            Some(kind) => {
+                let sources = self.all(kind).iter().filter(|s| !on_gpu || is_on_gpu(&s.data));
+                sources.map(|s| ClaimSource { from: s.from.clone(), data: &s.data }).collect()
+            }
+        }
+    }
+
+    /// Every record and this run with its machine.
+    pub fn machines(&self) -> impl Iterator<Item = (&str, &str)> {
+        let kinds =
+            [Kind::Mapping, Kind::Grid, Kind::Threads, Kind::Spheres, Kind::TwoGpus].into_iter();
+        kinds.flat_map(|kind| self.all(kind)).map(|s| (s.from.as_str(), s.machine.as_str()))
+    }
+
+    /// Why there is no figure on so many cores.
+    pub fn without_cores(&self, wanted: &MissingCores) -> String {
+        let MissingCores { scene, n, cores } = wanted;
+        let measures = |source: &&Sourced| {
+            source.data["rows"].as_array().into_iter().flatten().any(|row| {
+                row["stage"] == "update-aabbs"
+                    && row["scene"] == scene.as_str()
+                    && row["n"] == *n
+                    && row["threads"] == 1
+            })
+        };
+        let measured = self.all(Kind::Threads).iter().filter(measures);
+        match measured.map(|source| core_count(&source.data)).max() {
+            Some(most) if most < *cores => format!(
+                "no machine of {cores} cores was measured with {n} boxes of {scene}: the largest has {most}"
+            ),
+            Some(_) => format!("`threads` has no row of {cores} threads for {n} boxes of {scene}"),
+            None => format!("no record and no run has {n} boxes of {scene}"),
+        }
     }
 }
 
-/// The sources whose GPU is none of software.
-pub fn on_gpus<T>(sources: &[Sourced<T>]) -> impl Iterator<Item = &Sourced<T>> {
-    sources.iter().filter(|source| !source.gpu_is_software)
+fn is_on_gpu(data: &Value) -> bool {
+    data["machine"]["gpu_is_software"] != true
 }
 
-/// A report of this run, read as its record would be.
-///
-/// # Errors
-/// [`PapersError::Json`].
-pub fn of_this_run<T: Measured>(report: &impl Serialize) -> Result<Sourced<T>, PapersError> {
-    let data: T = serde_json::from_value(serde_json::to_value(report)?)?;
-    let machine = data.machine().clone();
-    Ok(Sourced::new("this run", &machine, data))
+/// Cores of a record; `threads.json` calls them so, others threads.
+fn core_count(data: &Value) -> u64 {
+    let machine = &data["machine"];
+    machine["threads"].as_u64().or(machine["cores"].as_u64()).unwrap_or(0)
+}
+
+fn machine_text(data: &Value) -> String {
+    let text = |name: &str| data["machine"][name].as_str().unwrap_or_default();
+    let gpu = match text("gpu") {
+        "" => String::new(),
+        gpu => format!(", {gpu}"),
+    };
+    let (cpu, threads) = (text("cpu"), core_count(data));
+    format!("{cpu}, {threads} threads{gpu}; commit {}; {}", text("commit"), text("command"))
+}
+
+/// A record that has the lists of its kind. Rows of `threads` get their least time in ms; those of more threads than
+/// cores are left out: threads that take turns on one core say nothing of a core more.
+fn checked(kind: Kind, mut data: Value, lists: &[&str]) -> Result<Value, String> {
+    if !data.is_object() {
+        return Err("it is no object".to_owned());
+    }
+    if let Some(absent) = lists.iter().find(|name| !data[**name].is_array()) {
+        return Err(format!("it has no list `{absent}`"));
+    }
+    if kind == Kind::Threads {
+        let cores = core_count(&data);
+        if let Some(rows) = data["rows"].as_array_mut() {
+            rows.retain(|row| row["threads"].as_u64().is_some_and(|threads| threads <= cores));
+            for row in rows {
+                row["ms"] = row["least_ns"].as_f64().map(|ns| ns / 1e6).into();
+            }
+        }
+    }
+    Ok(data)
 }
 
 /// The folders of a folder, by name: names begin with the day.
-fn newest_first(records: &Path) -> Result<Vec<PathBuf>, PapersError> {
+fn newest_first(records: &Path) -> Result<Vec<PathBuf>, StudyError> {
     let entries = fs::read_dir(records).map_err(FileError::of(records, Access::Read))?;
     let mut folders = Vec::new();
     for entry in entries {
@@ -129,7 +206,7 @@ fn newest_first(records: &Path) -> Result<Vec<PathBuf>, PapersError> {
 }
 
 /// The text of a record and its name below the folder of all records; `None` where there is none.
-fn load(folder: &Path, name: &str) -> Result<Option<(PathBuf, String, String)>, PapersError> {
+fn load(folder: &Path, name: &str) -> Result<Option<(PathBuf, String, String)>, StudyError> {
     let path = folder.join(name);
     if !path.is_file() {
         return Ok(None);
@@ -140,46 +217,61 @@ fn load(folder: &Path, name: &str) -> Result<Option<(PathBuf, String, String)>, 
     Ok(Some((path, from, text)))
 }
 
-fn json<T: Measured>(folder: &Path, name: &str) -> Result<Option<Sourced<T>>, PapersError> {
-    let Some((path, from, text)) = load(folder, name)? else { return Ok(None) };
-    let data: T = serde_json::from_str(&text)
-        .map_err(|error| PapersError::Record { path, why: error.to_string() })?;
-    let machine = data.machine().clone();
-    Ok(Some(Sourced::new(&from, &machine, data)))
-}
-
-fn text<T>(
-    folder: &Path,
-    name: &str,
-    read: fn(&str) -> Result<T, &'static str>,
-) -> Result<Option<Sourced<T>>, PapersError> {
-    let Some((path, from, text)) = load(folder, name)? else { return Ok(None) };
-    let data = read(&text).map_err(|why| PapersError::Record { path, why: why.to_owned() })?;
-    let machine = machine_line(&text).to_owned();
-    Ok(Some(Sourced { from, machine, gpu_is_software: false, data }))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    const THREADS: &str = r#"{"machine":{"cpu":"C","cores":4},"rows":[]}"#;
-
-    #[test]
-    fn the_newest_folder_comes_first_and_a_broken_record_is_an_error() {
-        let place = tempfile::tempdir().expect("a folder");
-        for day in ["2026-01-01-a", "2026-02-01-b"] {
-            fs::create_dir(place.path().join(day)).expect("a folder");
-            fs::write(place.path().join(day).join("threads.json"), THREADS).expect("a file");
+/// The table that `pairmask-lab spheres --gpu` prints. Columns stand between bars: spheres and pairs; one by one, all
+/// pairs, tests a second, speed-up; others.
+pub(super) fn gpu_spheres(text: &str) -> Result<Value, &'static str> {
+    let row = |line: &str| {
+        let mut groups = line.split('|');
+        let n: u64 = groups.next()?.split_whitespace().next()?.parse().ok()?;
+        let figures: Vec<f64> =
+            groups.next()?.split_whitespace().filter_map(|word| word.parse().ok()).collect();
+        let mut row = Map::from_iter([("n".to_owned(), json!(n))]);
+        // Large numbers of spheres have no frame of one by one: what is left cannot be told apart.
+        if let [plain, all_pairs, _tests, _speed_up] = figures[..] {
+            row.insert("plain_fps".to_owned(), json!(plain));
+            row.insert("all_pairs_fps".to_owned(), json!(all_pairs));
         }
-        let figures = Figures::read(Some(place.path())).expect("records");
-        let from: Vec<_> = figures.threads.iter().map(|source| source.from.as_str()).collect();
-        assert_eq!(from, ["2026-02-01-b/threads.json", "2026-01-01-a/threads.json"]);
-        assert_eq!(figures.threads[0].data.machine.threads, 4);
-        fs::write(place.path().join("2026-01-01-a/grid.json"), "{}").expect("a file");
-        let error = Figures::read(Some(place.path())).expect_err("no grid");
-        assert!(matches!(error, PapersError::Record { .. }), "{error}");
-        assert!(error.to_string().contains("grid.json"), "{error}");
-        assert!(Figures::read(None).expect("nothing").sources().is_empty());
+        Some(Value::Object(row))
+    };
+    let mut lines = text.lines().skip_while(|line| !line.contains("one by one"));
+    lines.next().ok_or("no table of spheres on the GPU")?;
+    match lines.map_while(row).collect::<Vec<_>>() {
+        rows if rows.is_empty() => Err("the table of spheres on the GPU has no row"),
+        rows => Ok(json!({ "gpu_speed": rows })),
     }
+}
+
+/// The tables of one GPU beside two, as the claims ask for them.
+fn two_gpus(text: &str) -> Result<Value, &'static str> {
+    Ok(several_gpus::figures(&scenes_of_two_gpus(text)?))
+}
+
+/// The tables of one GPU beside two: a scene's name, the runs of each, ratios. Columns are apart by two spaces at
+/// least, the runs of a column by one.
+pub(super) fn scenes_of_two_gpus(text: &str) -> Result<Vec<TwoGpus>, &'static str> {
+    let scene = |line: &str| {
+        let mut columns = line.split("  ").map(str::trim).filter(|column| !column.is_empty());
+        let scene = columns.next()?.to_owned();
+        Some(TwoGpus { scene, one_ms: middle(columns.next()?)?, two_ms: middle(columns.next()?)? })
+    };
+    let mut scenes = Vec::new();
+    let mut in_table = false;
+    for line in text.lines() {
+        if line.contains("one GPU") && line.contains("two GPUs") && line.contains("ratio") {
+            in_table = true;
+        } else if line.trim().is_empty() {
+            in_table = false;
+        } else if in_table {
+            scenes.push(scene(line).ok_or("a row of one GPU beside two has no runs")?);
+        }
+    }
+    if scenes.is_empty() { Err("no table of one GPU beside two") } else { Ok(scenes) }
+}
+
+/// The middle run, of an even number the mean of both.
+fn middle(runs: &str) -> Option<f64> {
+    let mut runs: Vec<f64> = runs.split(' ').filter_map(|run| run.parse().ok()).collect();
+    runs.sort_by(f64::total_cmp);
+    let (low, high) = (runs.len().checked_sub(1)? / 2, runs.len() / 2);
+    Some(0.5 * (runs[low] + runs[high]))
 }

@@ -2,16 +2,41 @@
 
 use std::fmt;
 
-use super::model::{Row, figure};
-use crate::study::verdict::Verdict;
+use serde::{Deserialize, Serialize};
+
+use super::claims::Row;
+use super::page::figure_text;
 
 /// Part of the paper's figure by which ours may fall short: medians of two runs differ by as much.
 const SLACK: f64 = 0.1;
 /// Part by which a next figure must be lower to count as lower: timing noise is below it.
 const NOISE: f64 = 0.05;
 
+/// Whether a claim holds here.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Verdict {
+    /// All its figures are there, and it holds in all of them.
+    Holds,
+    /// It fails in some figure.
+    Breaks,
+    /// A figure is missing, and it fails in none of the others.
+    NotMeasured,
+}
+
+impl fmt::Display for Verdict {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Holds => "holds",
+            Self::Breaks => "breaks",
+            Self::NotMeasured => "not measured",
+        })
+    }
+}
+
 /// What our figures must be, given the paper's. A figure here is a row of the claim.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Rule {
     /// Ours is at most the paper's.
     NoMore,
@@ -71,16 +96,19 @@ impl fmt::Display for Rule {
 impl Rule {
     /// The verdict over the rows, and the rows that break the rule.
     pub fn judge(self, rows: &[Row]) -> (Verdict, Vec<&Row>) {
+        let smallest = rows.iter().filter_map(|row| row.ours).fold(f64::INFINITY, f64::min);
         let breaking: Vec<&Row> = match self {
             Self::Rises => next_ones(rows, |before, ours| ours > before),
             Self::Falls => next_ones(rows, |before, ours| ours < before * (1.0 - NOISE)),
-            Self::IsConstant => beyond(rows),
+            Self::IsConstant => {
+                let is_beyond = |ours| ours > smallest * (1.0 + SLACK);
+                rows.iter().filter(|row| row.ours.is_some_and(is_beyond)).collect()
+            }
             _ => rows.iter().filter(|row| self.keeps(row) == Some(false)).collect(),
         };
-        let is_missing = |row: &Row| row.ours.is_none();
         let verdict = if !breaking.is_empty() {
             Verdict::Breaks
-        } else if rows.is_empty() || rows.iter().any(is_missing) {
+        } else if rows.is_empty() || rows.iter().any(|row| row.ours.is_none()) {
             Verdict::NotMeasured
         } else {
             Verdict::Holds
@@ -96,9 +124,8 @@ impl Rule {
             // Of a broken rule the row before, else the first.
             let before = rows.iter().position(|other| other == row).unwrap_or(0);
             let other = if breaking.is_empty() { 0 } else { before.saturating_sub(1) };
-            let other = (other < before).then(|| &rows[other]);
-            if let Some(other) = other {
-                text = format!("{}; {text}", in_words(other));
+            if other < before {
+                text = format!("{}; {text}", in_words(&rows[other]));
             }
         }
         match breaking.len() {
@@ -110,7 +137,7 @@ impl Rule {
     /// Whether one row keeps the rule; `None` where a figure is missing.
     fn keeps(self, row: &Row) -> Option<bool> {
         let ours = row.ours?;
-        let kept = match self {
+        Some(match self {
             Self::NoMore => ours <= row.paper?,
             Self::Reaches => ours >= row.paper? * (1.0 - SLACK),
             Self::Within => ours <= row.paper? * (1.0 + SLACK),
@@ -123,8 +150,7 @@ impl Rule {
             Self::AtLeast(x) => ours >= x,
             Self::Between(low, high) => low < ours && ours < high,
             Self::Rises | Self::Falls | Self::IsConstant => true,
-        };
-        Some(kept)
+        })
     }
 }
 
@@ -136,81 +162,11 @@ fn next_ones(rows: &[Row], follows: impl Fn(f64, f64) -> bool) -> Vec<&Row> {
     measured.windows(2).filter(breaks).map(|pair| pair[1].0).collect()
 }
 
-/// Rows too far above the smallest.
-fn beyond(rows: &[Row]) -> Vec<&Row> {
-    let smallest = rows.iter().filter_map(|row| row.ours).fold(f64::INFINITY, f64::min);
-    let most = smallest * (1.0 + SLACK);
-    rows.iter().filter(|row| row.ours.is_some_and(|ours| ours > most)).collect()
-}
-
 /// A row's figures in words.
 fn in_words(row: &Row) -> String {
     let unit = if row.unit.is_empty() { String::new() } else { format!(" {}", row.unit) };
-    let ours = row.ours.map_or_else(|| "no figure".to_owned(), figure);
-    match row.paper {
-        Some(paper) => format!("{}: ours {ours}{unit}, the paper's {}", row.what, figure(paper)),
-        None => format!("{}: ours {ours}{unit}", row.what),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// The paper's figure and ours, of two rows.
-    type Two = [(f64, f64); 2];
-
-    fn rows(figures: &[(f64, f64)]) -> Vec<Row> {
-        figures.iter().map(|(paper, ours)| Row::new("x", "ms", *paper, Some(*ours))).collect()
-    }
-
-    #[test]
-    fn every_rule_can_hold_and_can_break() {
-        let cases: [(Rule, Two, Two); 13] = [
-            (Rule::NoMore, [(2.0, 1.0), (2.0, 2.0)], [(2.0, 1.0), (2.0, 2.1)]),
-            (Rule::Reaches, [(2.0, 1.8), (2.0, 9.0)], [(2.0, 9.0), (2.0, 1.7)]),
-            (Rule::Within, [(50.0, 54.0), (50.0, 1.0)], [(50.0, 1.0), (50.0, 56.0)]),
-            (Rule::RoundsTo, [(2.0, 1.5), (3.0, 2.6)], [(2.0, 1.5), (3.0, 2.4)]),
-            (Rule::Equals, [(7.0, 7.0), (8.0, 8.0)], [(7.0, 7.0), (8.0, 7.0)]),
-            (Rule::SameShare, [(1.0, 1.09), (1.0, 0.91)], [(1.0, 1.0), (1.0, 0.8)]),
-            (Rule::SameSide(1.0), [(0.6, 0.1), (1.2, 2.0)], [(0.6, 0.1), (1.2, 0.9)]),
-            (Rule::AtMost(0.0), [(0.0, 0.0), (0.0, 0.0)], [(0.0, 0.0), (0.0, 1.0)]),
-            (Rule::AtLeast(5.0), [(8.0, 5.0), (8.0, 6.0)], [(8.0, 5.0), (8.0, 4.9)]),
-            (Rule::Between(1.0, 2.0), [(1.0, 1.1), (1.0, 1.9)], [(1.0, 1.1), (1.0, 2.0)]),
-            (Rule::Rises, [(1.0, 1.0), (1.0, 1.1)], [(1.0, 1.0), (1.0, 1.0)]),
-            (Rule::Falls, [(1.0, 1.0), (1.0, 0.9)], [(1.0, 1.0), (1.0, 0.99)]),
-            (Rule::IsConstant, [(1.0, 1.0), (1.0, 1.09)], [(1.0, 1.0), (1.0, 1.2)]),
-        ];
-        for (rule, kept, broken) in cases {
-            let (kept, broken) = (rows(&kept), rows(&broken));
-            assert_eq!(rule.judge(&kept), (Verdict::Holds, Vec::new()), "{rule}");
-            assert_eq!(rule.judge(&broken), (Verdict::Breaks, vec![&broken[1]]), "{rule}");
-        }
-    }
-
-    #[test]
-    fn the_evidence_is_what_decided() {
-        let named = |figures: &[f64]| -> Vec<Row> {
-            let row = |(i, ours): (usize, &f64)| Row::new(format!("r{i}"), "s", None, Some(*ours));
-            figures.iter().enumerate().map(row).collect()
-        };
-        let evidence = |rule: Rule, rows: &[Row]| rule.evidence(rows, &rule.judge(rows).1);
-        let rows = named(&[1.0, 2.0, 2.0, 1.0]);
-        assert_eq!(evidence(Rule::Rises, &rows), "r1: ours 2 s; r2: ours 2 s; and 1 more");
-        assert_eq!(evidence(Rule::Rises, &rows[..2]), "r0: ours 1 s; r1: ours 2 s");
-        assert_eq!(evidence(Rule::AtMost(1.0), &rows[..2]), "r1: ours 2 s");
-        assert_eq!(evidence(Rule::AtMost(1.0), &[]), "");
-    }
-
-    #[test]
-    fn a_missing_figure_hides_no_break_and_never_holds() {
-        let mut some = rows(&[(2.0, 1.0)]);
-        some.push(Row::new("y", "ms", 2.0, None));
-        assert_eq!(Rule::NoMore.judge(&some).0, Verdict::NotMeasured);
-        some.extend(rows(&[(2.0, 3.0)]));
-        assert_eq!(Rule::NoMore.judge(&some).0, Verdict::Breaks);
-        assert_eq!(Rule::Rises.judge(&[]).0, Verdict::NotMeasured);
-        let theirs_missing = [Row::new("z", "ms", None, Some(1.0))];
-        assert_eq!(Rule::Reaches.judge(&theirs_missing).0, Verdict::Holds);
-    }
+    let ours = row.ours.map_or_else(|| "no figure".to_owned(), figure_text);
+    let paper =
+        row.paper.map_or_else(String::new, |paper| format!(", the paper's {}", figure_text(paper)));
+    format!("{}: ours {ours}{unit}{paper}", row.what)
 }

@@ -8,16 +8,14 @@ use pairmask_core::dispatch::{CullOptions, SphereEngines};
 use pairmask_core::engine::{CullError, CullInput, CullReport, HeapReply};
 use pairmask_core::sphere::{SPHERE_BYTES, Sphere, SphereAllPairs};
 use pairmask_core::{BoxCount, Encoding, EncodingChoice, EngineName, PairIndex};
-use pairmaskd::execute::gpu::{
-    AllPairs, AllPairsOptions, Gpu, GpuChoice, Grid, GridOptions, HostImport, SharedImports,
-};
+use pairmaskd::execute::gpu::{AllPairs, AllPairsOptions, Gpu, Grid, GridOptions, SharedImports};
 use pairmaskd::scene::Random;
 use rayon::prelude::*;
 use serde::Serialize;
 
 use super::families::{ALL, Family};
 use super::oracle::overlap;
-use super::paper::TABLE_1;
+use super::papers_row;
 use super::speed::{frames_a_second, plain, scene};
 use crate::gpu_stages::BenchError;
 use crate::gpu_stages::shared::Segment;
@@ -86,14 +84,6 @@ pub struct GpuErrorRow {
 const NOT_RUN: Result<CullReport, CullError> =
     Err(CullError::DeviceLost { engine: EngineName::GpuGrid });
 
-/// Opens the GPU of a choice.
-///
-/// # Errors
-/// [`BenchError`].
-pub fn open(choice: &GpuChoice) -> Result<Arc<Gpu>, BenchError> {
-    Ok(Gpu::open(choice, HostImport::IfPossible)?)
-}
-
 /// Times all sizes.
 ///
 /// # Errors
@@ -158,7 +148,7 @@ fn row(gpu: &Arc<Gpu>, n: usize, budget: Duration, seed: u64) -> Result<GpuSpeed
             plain(black_box(&objects), &mut found);
         })
     });
-    let paper = TABLE_1.iter().find(|row| row.n as usize == n);
+    let [paper_sequential_fps, paper_parallel_fps, paper_speed_up] = papers_row(n);
     Ok(GpuSpeedRow {
         n: n as u64,
         pairs,
@@ -171,9 +161,9 @@ fn row(gpu: &Arc<Gpu>, n: usize, budget: Duration, seed: u64) -> Result<GpuSpeed
         cpu_fps,
         plain_fps,
         speed_up: all_pairs_fps.zip(plain_fps).map(|(gpu, plain)| gpu / plain),
-        paper_sequential_fps: paper.map(|row| row.sequential),
-        paper_parallel_fps: paper.map(|row| row.parallel),
-        paper_speed_up: paper.map(|row| row.speed_up),
+        paper_sequential_fps,
+        paper_parallel_fps,
+        paper_speed_up,
     })
 }
 

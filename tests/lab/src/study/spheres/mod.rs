@@ -5,24 +5,25 @@
 //! parallel version ran on a GPU; here it is the CPU's threads, and a GPU where one is asked for.
 //!
 //! The parts: [`oracle`] decides pairs in integers of any size; [`families`] makes pairs that are
-//! hard to decide; [`gpu`] has a GPU decide and cull; [`errors`] counts the errors of ways to decide them; [`speed`] times frames;
-//! [`paper`] holds the paper's table; [`report`] writes all of it down.
+//! hard to decide; [`gpu`] has a GPU decide and cull; [`errors`] counts the errors of ways to decide them; [`speed`]
+//! times frames.
 
 pub mod errors;
 pub mod families;
 pub mod gpu;
 pub mod oracle;
-pub mod paper;
-pub mod report;
 pub mod speed;
 
-pub use errors::{ErrorRow, count_errors};
-pub use report::SphereReport;
+use errors::ErrorRow;
+use gpu::{GpuErrorRow, GpuSpeedRow};
+use pairmaskd::execute::gpu::{Gpu, GpuChoice, HostImport};
+use serde::Serialize;
+use speed::SpeedRow;
 
-use pairmaskd::execute::gpu::GpuChoice;
-
-use super::machine::Machine;
-use crate::gpu_stages::BenchError;
+use super::harness::document::Part;
+use super::harness::machine::Machine;
+use super::harness::{Report, StudyError};
+use super::papers::figure;
 
 /// Options of the study.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -40,20 +41,14 @@ pub struct SphereOptions {
 /// The same on a GPU. `watch` as in [`measure`].
 ///
 /// # Errors
-/// [`BenchError`].
+/// [`StudyError`].
 pub fn measure_on_gpu(
     options: &SphereOptions,
     choice: &GpuChoice,
     watch: impl Fn(u64) + Sync,
-) -> Result<SphereReport, BenchError> {
-    let device = gpu::open(choice)?;
-    let mut report = SphereReport {
-        machine: Machine::here(Some(device.info())),
-        speed: Vec::new(),
-        errors: Vec::new(),
-        gpu_speed: Vec::new(),
-        gpu_errors: Vec::new(),
-    };
+) -> Result<SphereReport, StudyError> {
+    let device = Gpu::open(choice, HostImport::IfPossible)?;
+    let mut report = SphereReport::of(Machine::here(Some(device.info())));
     if options.speed {
         report.gpu_speed = gpu::measure(&device, options.quick, options.seed)?;
     }
@@ -66,18 +61,64 @@ pub fn measure_on_gpu(
 /// Runs the study. `watch` is called with the number of further decided pairs, of
 /// [`errors::pairs_decided`] in all.
 pub fn measure(options: &SphereOptions, watch: impl Fn(u64) + Sync) -> SphereReport {
-    let speed =
-        if options.speed { speed::measure(options.quick, options.seed) } else { Vec::new() };
-    let errors = if options.pairs > 0 {
-        errors::measure(options.pairs, options.seed, watch)
-    } else {
-        Vec::new()
-    };
-    SphereReport {
-        machine: Machine::here(None),
-        speed,
-        errors,
-        gpu_speed: Vec::new(),
-        gpu_errors: Vec::new(),
+    let mut report = SphereReport::of(Machine::here(None));
+    if options.speed {
+        report.speed = speed::measure(options.quick, options.seed);
+    }
+    if options.pairs > 0 {
+        report.errors = errors::measure(options.pairs, options.seed, watch);
+    }
+    report
+}
+
+/// The paper's row for so many spheres: frames a second of the sequential and the parallel approach, speed-up.
+fn papers_row(n: usize) -> [Option<f64>; 3] {
+    ["sequential", "parallel", "speed_up"].map(|column| figure(&format!("spheres[n={n}].{column}")))
+}
+
+/// The JSON object of `spheres --json`. Fields may be added, never changed or taken away.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct SphereReport {
+    /// The machine of the measurement.
+    pub machine: Machine,
+    /// Frames a second by number of spheres.
+    pub speed: Vec<SpeedRow>,
+    /// Errors by family of pairs.
+    pub errors: Vec<ErrorRow>,
+    /// Frames a second on a GPU, where one was asked for.
+    pub gpu_speed: Vec<GpuSpeedRow>,
+    /// Pairs that a GPU decided, where one was asked for.
+    pub gpu_errors: Vec<GpuErrorRow>,
+}
+
+impl SphereReport {
+    fn of(machine: Machine) -> Self {
+        let (speed, errors, gpu_speed, gpu_errors) = Default::default();
+        Self { machine, speed, errors, gpu_speed, gpu_errors }
+    }
+
+    /// Whether every pair was decided rightly, by the client library and on the GPU.
+    pub fn is_exact(&self) -> bool {
+        self.errors.iter().all(|row| row.exact_wrong == 0)
+            && self.gpu_speed.iter().all(|row| row.is_right)
+            && self.gpu_errors.iter().all(|row| row.wrong + row.beside_wrong == 0)
+    }
+}
+
+impl Report for SphereReport {
+    const NAME: &'static str = "spheres";
+
+    fn parts(&self) -> Vec<Part> {
+        let mut parts = vec![Part::heading(1, "Spheres")];
+        parts.extend(self.machine.parts());
+        let table_1 = "frames a second (Suaib et al. 2015, table 1)";
+        let on_cpu = format!("All pairs of spheres, {table_1}");
+        parts.extend(Part::section(&on_cpu, "", &self.speed));
+        parts.extend(Part::section("Wrong decisions, against exact arithmetic", "", &self.errors));
+        let on_gpu = format!("Spheres on the GPU, {table_1}");
+        parts.extend(Part::section(&on_gpu, "", &self.gpu_speed));
+        let decided = "Decided by the GPU, against exact arithmetic and the CPU";
+        parts.extend(Part::section(decided, "", &self.gpu_errors));
+        parts
     }
 }

@@ -11,7 +11,7 @@ use pairmaskd::scene::{Scene, SceneName};
 use serde::Serialize;
 
 use super::errors::squared_f32;
-use super::paper::TABLE_1;
+use super::papers_row;
 
 /// Numbers of spheres: the paper's, and larger ones.
 const SIZES: [usize; 10] = [64, 128, 192, 256, 320, 1_000, 3_200, 10_000, 32_000, 100_000];
@@ -88,7 +88,7 @@ fn row(n: usize, budget: Duration, seed: u64) -> SpeedRow {
     let engines_fps = frames_a_second(budget, || {
         let _ = black_box(engines.cull(&spheres, &options, &mut reply));
     });
-    let paper = TABLE_1.iter().find(|row| row.n as usize == n);
+    let [paper_sequential_fps, paper_parallel_fps, paper_speed_up] = papers_row(n);
     SpeedRow {
         n: n as u64,
         pairs,
@@ -97,9 +97,9 @@ fn row(n: usize, budget: Duration, seed: u64) -> SpeedRow {
         parallel_fps,
         speed_up: parallel_fps / sequential_fps,
         engines_fps,
-        paper_sequential_fps: paper.map(|row| row.sequential),
-        paper_parallel_fps: paper.map(|row| row.parallel),
-        paper_speed_up: paper.map(|row| row.speed_up),
+        paper_sequential_fps,
+        paper_parallel_fps,
+        paper_speed_up,
     }
 }
 

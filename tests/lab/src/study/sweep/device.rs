@@ -10,7 +10,7 @@ use pairmaskd::execute::gpu::{Block, Checks, Command, Frame, Gpu, GpuError, Part
 use super::layouts::{CONTROL_WORDS, DIGIT_BITS, DIGITS, SweepParams, TILE};
 use super::plan::SweepPlan;
 use super::stage::SweepStage;
-use crate::study::stage_bench::StageBench;
+use crate::study::harness::stage_bench::StageBench;
 
 /// Why a scene was not swept.
 #[derive(Debug, thiserror::Error)]

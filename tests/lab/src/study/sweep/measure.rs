@@ -1,7 +1,7 @@
 //! The sweep beside the grid and all pairs, scene by scene, by the GPU's clock.
 
 use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use pairmask_core::engine::{CullError, CullReport, Engine};
 use pairmask_core::engine::{CullInput, Grid as CpuGrid, HeapReply};
@@ -10,10 +10,11 @@ use pairmaskd::execute::gpu::{Checks, Gpu};
 
 use super::device::{GpuSweep, SweepError};
 use super::scenes::SweepScene;
-use super::{Other, Part, SweepReport, SweepRow, SweepStudyError, SweepTimes};
+use super::{Other, Part, SweepReport, SweepRow, SweepTimes};
 use crate::gpu_stages::BenchError;
 use crate::gpu_stages::grid::{all_pairs_time, grid_time};
-use crate::study::machine::Machine;
+use crate::study::harness::machine::Machine;
+use crate::study::harness::{StudyError, median, repeated};
 
 /// Runs of a scene, at least; the first half warms up.
 const RUNS: usize = 16;
@@ -25,7 +26,7 @@ pub(super) fn measure(
     gpu: &Arc<Gpu>,
     counts: &[u32],
     budget: Duration,
-) -> Result<SweepReport, SweepStudyError> {
+) -> Result<SweepReport, StudyError> {
     let mut sweep = GpuSweep::new(gpu, Checks::Off)?;
     let mut rows = Vec::new();
     for &n in counts {
@@ -41,10 +42,10 @@ fn row(
     scene: SweepScene,
     n: u32,
     budget: Duration,
-) -> Result<SweepRow, SweepStudyError> {
+) -> Result<SweepRow, StudyError> {
     let boxes = scene.boxes(n);
     let truth = truth(&boxes)?;
-    let wrong = |engine| SweepStudyError::Wrong { engine, scene: scene.to_string(), n };
+    let wrong = |engine| StudyError::Wrong { engine, scene: scene.to_string(), n };
     let ours = match sweep.recorded(&boxes) {
         Ok((mut recorded, swept)) => {
             let mut pairs = swept.pairs;
@@ -52,15 +53,13 @@ fn row(
             if pairs != truth {
                 return Err(wrong("the sweep"));
             }
-            let mut runs: Vec<[f64; Part::ALL.len()]> = Vec::new();
-            let started = Instant::now();
-            while runs.len() < RUNS || started.elapsed() < budget {
+            let runs = repeated(budget, RUNS, || {
                 let mut parts = [0.0; Part::ALL.len()];
                 for step in sweep.run(&mut recorded)? {
                     parts[Part::of(step.label) as usize] += step.ns / 1e3;
                 }
-                runs.push(parts);
-            }
+                Ok::<_, StudyError>(parts)
+            })?;
             let warm = &runs[runs.len() / 2..];
             let part = |part: usize| median(warm.iter().map(|run| run[part]).collect());
             let passes = recorded.passes();
@@ -103,7 +102,7 @@ fn row(
 }
 
 /// The pairs by the cores' grid, in order.
-fn truth(boxes: &[Aabb]) -> Result<Vec<[u32; 2]>, SweepStudyError> {
+fn truth(boxes: &[Aabb]) -> Result<Vec<[u32; 2]>, StudyError> {
     let threads = rayon::current_num_threads();
     let input = CullInput::boxes(boxes).encoding(Encoding::List).threads(threads);
     let mut reply = HeapReply::new();
@@ -113,9 +112,4 @@ fn truth(boxes: &[Aabb]) -> Result<Vec<[u32; 2]>, SweepStudyError> {
         words.as_chunks().0.iter().map(|[a, b]| [*a.min(b), *a.max(b)]).collect();
     pairs.sort_unstable();
     Ok(pairs)
-}
-
-fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
 }

@@ -13,77 +13,21 @@ mod engine;
 pub mod layouts;
 mod measure;
 mod plan;
-mod report;
 mod scenes;
 pub mod stage;
 
-use std::io;
-use std::path::PathBuf;
 use std::time::Duration;
 
-use pairmaskd::execute::gpu::{Gpu, GpuChoice, GpuError, HostImport, OpenError};
-use pairmaskd::file_error::{Access, advice};
+use pairmaskd::execute::gpu::{Gpu, GpuChoice, HostImport};
 use serde::Serialize;
 
 pub use self::device::{GpuSweep, SweepError, Swept};
 pub use self::plan::SweepPlan;
-pub use self::report::markdown;
 pub use self::scenes::SweepScene;
-use super::machine::Machine;
-use crate::gpu_stages::BenchError;
-
-/// Options of the study.
-#[derive(Clone, Debug, Default)]
-pub struct SweepOptions {
-    /// The GPU.
-    pub gpu: GpuChoice,
-    /// Numbers of boxes.
-    pub counts: Vec<u32>,
-    /// Short runs, for a look.
-    pub quick: bool,
-    /// Folder for `sweep.json` and `sweep.md`; made if it is not there.
-    pub out: Option<PathBuf>,
-    /// Print JSON in place of Markdown.
-    pub json: bool,
-}
-
-/// Why the study failed.
-#[derive(Debug, thiserror::Error)]
-pub enum SweepStudyError {
-    /// The GPU that was asked for does not exist.
-    #[error(transparent)]
-    Open(#[from] OpenError),
-    /// The GPU failed on the way.
-    #[error(transparent)]
-    Gpu(#[from] GpuError),
-    /// Another engine failed.
-    #[error(transparent)]
-    Bench(#[from] BenchError),
-    /// An engine found other pairs than the cores' grid.
-    #[error("{n} boxes of {scene}: the pairs of {engine} are not those of the cores")]
-    Wrong {
-        /// The engine.
-        engine: &'static str,
-        /// The scene.
-        scene: String,
-        /// Boxes.
-        n: u32,
-    },
-    /// The report could not be written.
-    #[error("{}: {}", folder.display(), advice(Access::WriteInto, error))]
-    Write {
-        /// The folder.
-        folder: PathBuf,
-        /// The system's error.
-        error: io::Error,
-    },
-    /// The report could not be printed.
-    #[error("the report was not printed: {0}")]
-    Print(#[from] io::Error),
-    /// The report has no JSON form.
-    #[error("the report has no JSON form: {0}")]
-    Json(#[from] serde_json::Error),
-}
+use super::harness::document;
+use super::harness::machine::Machine;
+use super::harness::table::Table;
+use super::harness::{Report, StudyError};
 
 /// Parts of a sweep.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -178,27 +122,45 @@ pub struct SweepReport {
     pub rows: Vec<SweepRow>,
 }
 
-/// Measures, writes the files that the options ask for, and prints the report to `print`.
+/// Measures all scenes of these numbers of boxes; with `quick` short runs, for a look.
 ///
 /// # Errors
-/// [`SweepStudyError`].
-pub fn run_and_print(
-    options: &SweepOptions,
-    print: &mut dyn io::Write,
-) -> Result<SweepReport, SweepStudyError> {
-    let gpu = Gpu::open(&options.gpu, HostImport::IfPossible)?;
-    let budget = Duration::from_millis(if options.quick { 10 } else { 300 });
-    let report = measure::measure(&gpu, &options.counts, budget)?;
-    let json = serde_json::to_string_pretty(&report)?;
-    let text = markdown(&report);
-    if let Some(folder) = &options.out {
-        let written = std::fs::create_dir_all(folder)
-            .and_then(|()| std::fs::write(folder.join("sweep.json"), format!("{json}\n")))
-            .and_then(|()| std::fs::write(folder.join("sweep.md"), &text));
-        written.map_err(|error| SweepStudyError::Write { folder: folder.clone(), error })?;
+/// [`StudyError`].
+pub fn measure(choice: &GpuChoice, counts: &[u32], quick: bool) -> Result<SweepReport, StudyError> {
+    let gpu = Gpu::open(choice, HostImport::IfPossible)?;
+    let budget = Duration::from_millis(if quick { 10 } else { 300 });
+    measure::measure(&gpu, counts, budget)
+}
+
+impl Report for SweepReport {
+    const NAME: &'static str = "sweep";
+
+    fn parts(&self) -> Vec<document::Part> {
+        let mut table = Table::of(&self.rows);
+        table.head.push("ratio".to_owned());
+        for (line, row) in table.rows.iter_mut().zip(&self.rows) {
+            line.push(row.ratio().into());
+        }
+        let won = self.rows.iter().filter(|row| row.is_won());
+        let won: Vec<String> = won.map(|row| format!("{} {}", row.scene, row.n)).collect();
+        let won =
+            if won.is_empty() { "nowhere".to_owned() } else { format!("in: {}", won.join(", ")) };
+        let mut parts = vec![document::Part::heading(1, "Sweep and prune on the GPU")];
+        parts.extend(self.machine.parts());
+        parts.push(document::Part::text(
+            "GPU's clock, medians, µs, transfers included: boxes in host memory, a list of pairs in host \
+             memory. Every engine's pairs are those of the cores' grid; empty where it refused or took no \
+             part. `parts_us` are transfers, keys, sort and pairs. Ratio: the sweep's time by that of the \
+             faster engine.",
+        ));
+        parts.push(document::Part::Table(table));
+        parts.push(document::Part::text(format!("The sweep is the fastest {won}.")));
+        parts
     }
-    if options.json { writeln!(print, "{json}") } else { write!(print, "{text}") }?;
-    Ok(report)
+
+    fn tables(&self) -> Vec<(&'static str, Table)> {
+        vec![("rows", Table::of(&self.rows))]
+    }
 }
 
 #[cfg(test)]

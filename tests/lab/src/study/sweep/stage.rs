@@ -2,7 +2,7 @@
 
 use pairmask_shaders::{ComposeError, ComposedStage, compose, shared_part};
 
-use crate::study::stage_bench::StudyStage;
+use crate::study::harness::stage_bench::StudyStage;
 
 /// A stage of the sweep.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -26,39 +26,27 @@ impl SweepStage {
     pub const ALL: [Self; 6] =
         [Self::Keys, Self::Count, Self::Scan, Self::Scatter, Self::Gather, Self::Pairs];
 
-    /// Storage buffers that the stage binds, numbered from 0.
-    pub const fn binding_count(self) -> u32 {
-        match self {
-            Self::Keys | Self::Pairs => 5,
-            Self::Count => 3,
-            Self::Scan => 2,
-            Self::Scatter => 6,
-            Self::Gather => 4,
+    /// Name, file, and storage buffers, numbered from 0.
+    const fn parts(self) -> (&'static str, &'static str, u32) {
+        macro_rules! stage {
+            ($name:literal, $bindings:literal) => {
+                ($name, include_str!(concat!("../../../shaders/", $name, ".wgsl")), $bindings)
+            };
         }
-    }
-
-    const fn file(self) -> &'static str {
         match self {
-            Self::Keys => include_str!("../../../shaders/sweep_keys.wgsl"),
-            Self::Count => include_str!("../../../shaders/sweep_count.wgsl"),
-            Self::Scan => include_str!("../../../shaders/sweep_scan.wgsl"),
-            Self::Scatter => include_str!("../../../shaders/sweep_scatter.wgsl"),
-            Self::Gather => include_str!("../../../shaders/sweep_gather.wgsl"),
-            Self::Pairs => include_str!("../../../shaders/sweep_pairs.wgsl"),
+            Self::Keys => stage!("sweep_keys", 5),
+            Self::Count => stage!("sweep_count", 3),
+            Self::Scan => stage!("sweep_scan", 2),
+            Self::Scatter => stage!("sweep_scatter", 6),
+            Self::Gather => stage!("sweep_gather", 4),
+            Self::Pairs => stage!("sweep_pairs", 5),
         }
     }
 }
 
 impl StudyStage for SweepStage {
     fn label(self) -> &'static str {
-        match self {
-            Self::Keys => "sweep_keys",
-            Self::Count => "sweep_count",
-            Self::Scan => "sweep_scan",
-            Self::Scatter => "sweep_scatter",
-            Self::Gather => "sweep_gather",
-            Self::Pairs => "sweep_pairs",
-        }
+        self.parts().0
     }
 
     fn composed(self) -> Result<ComposedStage, ComposeError> {
@@ -72,10 +60,7 @@ impl StudyStage for SweepStage {
                 ComposeError::UnknownImport { stage: self.label(), import: name.to_owned() }
             })
         };
-        Ok(ComposedStage {
-            label: self.label(),
-            binding_count: self.binding_count(),
-            wgsl: compose(self.file(), &part)?,
-        })
+        let (label, file, binding_count) = self.parts();
+        Ok(ComposedStage { label, binding_count, wgsl: compose(file, &part)? })
     }
 }

@@ -1,0 +1,443 @@
+//! Who answers the frames of a row: boxes through a session, a world in f64 through a session, or spheres in this
+//! process.
+
+use std::hint::black_box;
+use std::time::{Duration, Instant};
+
+use glam::{DVec3, Vec3};
+use pairmask::{PairMask, ServedBy, Session};
+use pairmask_core::dispatch::{CullOptions, SphereEngines, StageTimes};
+use pairmask_core::engine::{EngineId, HeapReply};
+use pairmask_core::mask::MaskView;
+use pairmask_core::oracle::{Faces, truth_of_faces};
+use pairmask_core::sphere::{SPHERE_BYTES, Sphere};
+use pairmask_core::{Aabb, Bounds, BoxClass, BoxCount};
+use pairmaskd::timed_client::{Decoding, TimedClient, TimedError, TimedFrame};
+use rayon::prelude::*;
+
+use super::mode::{Fit, Rounding, StudyMode, World};
+use super::truth::{self, Pair, outward};
+use crate::study::spheres::oracle;
+
+/// A way to answer the frames of a scene, and its right answers.
+pub trait Client {
+    /// Answers a frame of boxes. The answer has `pairs` if `wants_pairs`.
+    ///
+    /// # Errors
+    /// [`TimedError`].
+    fn frame(&mut self, boxes: &[Aabb], wants_pairs: bool) -> Result<Answer, TimedError>;
+
+    /// The right pairs of the last frame, sorted, found in another way than by `engine`.
+    ///
+    /// # Errors
+    /// [`TimedError`] where that way cannot answer.
+    fn truth(&self, boxes: &[Aabb], engine: EngineId) -> Result<Vec<Pair>, TimedError>;
+
+    /// Whether other objects stand for the boxes, so that the answers are also compared with the
+    /// boxes' own pairs.
+    fn stands_for_boxes(&self) -> bool {
+        false
+    }
+}
+
+/// An answered frame.
+#[derive(Clone, Debug)]
+pub struct Answer {
+    /// Times and sizes.
+    pub figures: FrameFigures,
+    /// The pairs, sorted, if they were wanted.
+    pub pairs: Option<Vec<Pair>>,
+}
+
+/// Times and sizes of a frame.
+#[derive(Clone, Copy, Debug)]
+pub struct FrameFigures {
+    /// What answered: `daemon` or `in-process`.
+    pub backend: &'static str,
+    /// The engine.
+    pub engine: EngineId,
+    /// Whether a request was made; else an earlier answer held.
+    pub was_asked: bool,
+    /// Time to write the objects in the form in which they are culled.
+    pub fill: Duration,
+    /// From submission to the mask.
+    pub round_trip: Duration,
+    /// Time to visit every pair of the mask once.
+    pub decode: Duration,
+    /// The engine's time by stage; zeros where no request was made.
+    pub stages: StageTimes,
+    /// Bytes of the objects that were culled.
+    pub box_bytes: u64,
+    /// Bytes of the mask.
+    pub mask_bytes: u64,
+}
+
+impl From<&TimedFrame> for FrameFigures {
+    fn from(frame: &TimedFrame) -> Self {
+        let TimedFrame { info, was_asked, fill, round_trip, decode } = *frame;
+        Self {
+            backend: info.served_by.as_str(),
+            engine: info.engine,
+            was_asked,
+            fill,
+            round_trip,
+            decode,
+            stages: if was_asked { info.times } else { StageTimes::default() },
+            box_bytes: info.box_bytes,
+            mask_bytes: info.mask_bytes,
+        }
+    }
+}
+
+/// The client of a mode. Spheres are culled in this process, by the engine of `options`; all others
+/// in the session, which has its own choice of engine.
+pub fn client(
+    mode: StudyMode,
+    options: &CullOptions,
+    session: Session,
+    boxes: &[Aabb],
+) -> Box<dyn Client> {
+    match mode {
+        StudyMode::Sent(precision) => {
+            Box::new(BoxClient(TimedClient::new(session, precision, boxes)))
+        }
+        StudyMode::World(world) => Box::new(WorldClient::new(session, world, boxes)),
+        StudyMode::Spheres(fit) => Box::new(SphereClient::new(fit, *options)),
+    }
+}
+
+/// The scene's boxes in a precision.
+struct BoxClient(TimedClient);
+
+impl Client for BoxClient {
+    fn frame(&mut self, boxes: &[Aabb], wants_pairs: bool) -> Result<Answer, TimedError> {
+        let mut pairs = None;
+        let frame = self.0.frame(boxes, |mask| pairs = wants_pairs.then(|| sorted(mask)))?;
+        Ok(Answer { figures: FrameFigures::from(&frame), pairs })
+    }
+
+    fn truth(&self, boxes: &[Aabb], engine: EngineId) -> Result<Vec<Pair>, TimedError> {
+        truth::pairs(boxes, engine)
+    }
+}
+
+/// The pairs of a mask.
+fn sorted(mask: &PairMask) -> Vec<Pair> {
+    let mut pairs = mask.to_vec();
+    pairs.sort_unstable();
+    pairs
+}
+
+/// Factor of the scene's coordinates in the world. It moves them between f32 numbers: otherwise
+/// they would be exact f32 again relative to the origin.
+const STRETCH: f64 = 1.0 + 1e-7;
+
+/// A client of such a world.
+struct WorldClient {
+    session: Session,
+    world: World,
+    /// The origin of the f32 boxes: the middle of the first frame's scene.
+    origin: DVec3,
+    boxes: Vec<Faces>,
+}
+
+impl WorldClient {
+    fn new(session: Session, world: World, boxes: &[Aabb]) -> Self {
+        let around = Bounds::around(boxes);
+        let corner = |corner| Vec3::from_array(corner).as_dvec3();
+        let middle = corner(around.low()).midpoint(corner(around.high()));
+        Self { session, world, origin: middle + world.offset, boxes: Vec::new() }
+    }
+
+    fn place(&mut self, boxes: &[Aabb]) {
+        let place = |x: f32| self.world.offset + STRETCH * f64::from(x);
+        self.boxes.clear();
+        self.boxes.extend(boxes.iter().map(|b| [b.min, b.max].map(|corner| corner.map(place))));
+    }
+}
+
+impl Client for WorldClient {
+    /// The world's boxes exist before the clock starts; their conversion to f32 is timed.
+    fn frame(&mut self, boxes: &[Aabb], wants_pairs: bool) -> Result<Answer, TimedError> {
+        self.place(boxes);
+        let Self { session, world, origin, boxes } = self;
+        let write = |to: &mut [Aabb]| match world.rounding {
+            Rounding::ByOrigin => {
+                for (to, [min, max]) in to.iter_mut().zip(&*boxes) {
+                    *to = Aabb::outward_from_f64(*min, *max, *origin);
+                }
+            }
+            Rounding::Plain => {
+                for (to, [min, max]) in to.iter_mut().zip(&*boxes) {
+                    *to = Aabb { min: min.map(|x| x as f32), max: max.map(|x| x as f32) };
+                }
+            }
+        };
+        let mut pairs = None;
+        let look = |mask: &_| pairs = wants_pairs.then(|| sorted(mask));
+        let frame =
+            TimedClient::written_frame(session, boxes.len(), write, &mut Decoding::Serial, look)?;
+        Ok(Answer { figures: FrameFigures::from(&frame), pairs })
+    }
+
+    fn truth(&self, _: &[Aabb], engine: EngineId) -> Result<Vec<Pair>, TimedError> {
+        world_pairs(&self.boxes, self.origin, engine)
+    }
+}
+
+/// The pairs of a world in f64: each box compared with each; in a large world, candidates are the
+/// pairs of f32 boxes that are wider by a step on each side.
+fn world_pairs(boxes: &[Faces], origin: DVec3, engine: EngineId) -> Result<Vec<Pair>, TimedError> {
+    if boxes.len() <= truth::NAIVE_LIMIT {
+        return Ok(truth_of_faces(boxes).pairs);
+    }
+    let origin = origin.to_array();
+    let wide = |[min, max]: &Faces| Aabb {
+        min: std::array::from_fn(|axis| outward(min[axis] - origin[axis], false)),
+        max: std::array::from_fn(|axis| outward(max[axis] - origin[axis], true)),
+    };
+    let mut pairs = truth::pairs(&boxes.iter().map(wide).collect::<Vec<_>>(), engine)?;
+    pairs.retain(|&(a, b)| {
+        let ([p_min, p_max], [q_min, q_max]) = (&boxes[a as usize], &boxes[b as usize]);
+        (0..3).all(|axis| {
+            let solid = p_min[axis] <= p_max[axis] && q_min[axis] <= q_max[axis];
+            solid && p_min[axis] <= q_max[axis] && q_min[axis] <= p_max[axis]
+        })
+    });
+    Ok(pairs)
+}
+
+/// Spheres of the boxes, culled in this process.
+struct SphereClient {
+    fit: Fit,
+    options: CullOptions,
+    engines: SphereEngines,
+    spheres: Vec<Sphere>,
+    reply: HeapReply,
+}
+
+impl SphereClient {
+    fn new(fit: Fit, options: CullOptions) -> Self {
+        let (engines, spheres, reply) = Default::default();
+        Self { fit, options, engines, spheres, reply }
+    }
+}
+
+impl Client for SphereClient {
+    /// The fill is the time to make spheres of the boxes.
+    fn frame(&mut self, boxes: &[Aabb], wants_pairs: bool) -> Result<Answer, TimedError> {
+        let start = Instant::now();
+        self.spheres.clear();
+        self.spheres.extend(boxes.iter().map(|b| sphere(b, self.fit)));
+        let filled = Instant::now();
+        let answer = self.engines.cull(&self.spheres, &self.options, &mut self.reply)?;
+        let answered = Instant::now();
+        self.options.last_pairs = Some(answer.report.pair_count);
+        let n = BoxCount::new(boxes.len() as u32);
+        let mask = MaskView::new(n, &answer.report.shape, self.reply.words())?;
+        let (mut decoded, mut indices) = (0, 0);
+        mask.for_each(|a, b| {
+            decoded += 1;
+            indices ^= a ^ b;
+        });
+        black_box(indices);
+        let decode = answered.elapsed();
+        let counted = answer.report.pair_count;
+        if counted != decoded {
+            return Err(TimedError::Miscounted { counted, decoded });
+        }
+        let pairs = wants_pairs.then(|| {
+            let mut pairs: Vec<Pair> = mask.pairs().collect();
+            pairs.sort_unstable();
+            pairs
+        });
+        let figures = FrameFigures {
+            backend: ServedBy::InProcess.as_str(),
+            engine: answer.engine.into(),
+            was_asked: true,
+            fill: filled - start,
+            round_trip: answered - filled,
+            decode,
+            stages: answer.times,
+            box_bytes: (self.spheres.len() * SPHERE_BYTES) as u64,
+            mask_bytes: answer.report.shape.mask_bytes(),
+        };
+        Ok(Answer { figures, pairs })
+    }
+
+    fn truth(&self, _: &[Aabb], engine: EngineId) -> Result<Vec<Pair>, TimedError> {
+        sphere_pairs(&self.spheres, engine)
+    }
+
+    fn stands_for_boxes(&self) -> bool {
+        true
+    }
+}
+
+/// The sphere of a box. Around: it holds the box. Within: the box holds it. Empty and invalid boxes
+/// become spheres of the same class. The sphere around a box with an infinite face is all of space.
+fn sphere(b: &Aabb, fit: Fit) -> Sphere {
+    match b.class() {
+        BoxClass::Empty => return Sphere::EMPTY,
+        BoxClass::Invalid => return Sphere::new([f32::NAN; 3], 0.0),
+        BoxClass::Solid => {}
+    }
+    let center: [f32; 3] = std::array::from_fn(|axis| {
+        let (min, max) = (b.min[axis], b.max[axis]);
+        let middle = min.midpoint(max);
+        // A finite point within the box, also if faces are infinite.
+        if middle.is_finite() { middle } else { 0f32.clamp(min, max).clamp(f32::MIN, f32::MAX) }
+    });
+    // f64 holds the difference of two f32 to 2^−53 of it, far below a step of f32.
+    let reaches = (0..3).map(|axis| {
+        let [min, max, middle] = [b.min[axis], b.max[axis], center[axis]].map(f64::from);
+        [middle - min, max - middle]
+    });
+    let radius = match fit {
+        Fit::Circumscribed => {
+            let corner = reaches.map(|[low, high]| low.max(high).powi(2)).sum::<f64>();
+            outward(corner.sqrt(), true)
+        }
+        Fit::Inscribed => {
+            let nearest = reaches.map(|[low, high]| low.min(high)).fold(f64::INFINITY, f64::min);
+            outward(nearest, false).max(0.0)
+        }
+    };
+    Sphere::new(center, radius)
+}
+
+/// The exact pairs of spheres: each compared with each; in a large scene, candidates are the pairs of
+/// boxes that are wider by a step on each side.
+fn sphere_pairs(spheres: &[Sphere], engine: EngineId) -> Result<Vec<Pair>, TimedError> {
+    if spheres.len() <= truth::NAIVE_LIMIT {
+        return Ok(oracle::pairs(spheres));
+    }
+    let wide = |s: &Sphere| match s.class() {
+        BoxClass::Solid => Aabb {
+            min: s.center.map(|x| outward(f64::from(x) - f64::from(s.radius), false)),
+            max: s.center.map(|x| outward(f64::from(x) + f64::from(s.radius), true)),
+        },
+        BoxClass::Empty | BoxClass::Invalid => Aabb::EMPTY,
+    };
+    let candidates = truth::pairs(&spheres.iter().map(wide).collect::<Vec<_>>(), engine)?;
+    let overlap = |&(a, b): &Pair| oracle::overlap(&spheres[a as usize], &spheres[b as usize]);
+    Ok(candidates.into_par_iter().filter(overlap).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use pairmask::Backend;
+    use pairmask_core::EngineName;
+    use pairmaskd::scene::{Random, Scene, SceneName};
+
+    use super::*;
+
+    fn world_client(offset: f64, rounding: Rounding, boxes: &[Aabb]) -> WorldClient {
+        let session = Session::builder().backend(Backend::InProcess).connect();
+        let session = session.unwrap_or_else(|e| panic!("{e}"));
+        WorldClient::new(session, World { offset, rounding }, boxes)
+    }
+
+    fn missed_and_extra(offset: f64, rounding: Rounding, n: usize) -> Result<[u64; 3], TimedError> {
+        let scene = Scene::new(SceneName::Pile, n, 1);
+        let mut client = world_client(offset, rounding, scene.boxes());
+        let answer = client.frame(scene.boxes(), true)?;
+        let truth = client.truth(scene.boxes(), answer.figures.engine)?;
+        let found = truth::Difference::between(&answer.pairs.unwrap_or_default(), &truth);
+        Ok([found.true_pairs, found.missed, found.extra])
+    }
+
+    #[test]
+    fn an_origin_keeps_pairs_apart_and_plain_f32_does_not() -> Result<(), TimedError> {
+        for offset in [0.0, 1e6, 1e9] {
+            let [pairs, missed, extra] = missed_and_extra(offset, Rounding::ByOrigin, 1_000)?;
+            assert!(pairs > 1_000 && missed == 0 && extra < 10, "{offset}: {pairs} {extra}");
+            let [same, missed, extra] = missed_and_extra(offset, Rounding::Plain, 1_000)?;
+            assert_eq!((same, missed), (pairs, 0));
+            assert!(extra < 10 || offset >= 1e6, "{offset}: {extra}");
+            assert!(extra > 100_000 || offset < 1e9, "{offset}: {extra}");
+        }
+        Ok(())
+    }
+
+    #[test]
+    fn large_worlds_have_the_pairs_that_two_loops_find() -> Result<(), TimedError> {
+        let scene = Scene::new(SceneName::Mixed, truth::NAIVE_LIMIT + 1, 1);
+        let mut client = world_client(1e9, Rounding::ByOrigin, scene.boxes());
+        client.place(scene.boxes());
+        let by_engine = client.truth(scene.boxes(), EngineName::CpuGrid.into())?;
+        assert_eq!(by_engine, truth_of_faces(&client.boxes).pairs);
+        Ok(())
+    }
+
+    #[test]
+    fn the_world_is_not_made_of_f32() {
+        let scene = Scene::new(SceneName::Uniform, 1_000, 1);
+        let mut client = world_client(1e6, Rounding::ByOrigin, scene.boxes());
+        client.place(scene.boxes());
+        let is_f32 = |x: &f64| f64::from((x - 1e6) as f32) == x - 1e6;
+        let count = client.boxes.as_flattened().as_flattened().iter().filter(|x| is_f32(x)).count();
+        assert!(count < 3_000, "{count} of 6,000 coordinates are f32 numbers");
+    }
+
+    #[test]
+    fn spheres_around_hold_the_box_and_spheres_within_are_held() {
+        let scene = Scene::new(SceneName::Mixed, 2_000, 3);
+        for b in scene.boxes() {
+            let (around, within) = (sphere(b, Fit::Circumscribed), sphere(b, Fit::Inscribed));
+            for corner in 0..8 {
+                let corner: [f32; 3] = std::array::from_fn(|axis| {
+                    if corner >> axis & 1 == 0 { b.min[axis] } else { b.max[axis] }
+                });
+                assert!(oracle::overlap(&around, &Sphere::new(corner, 0.0)), "{b:?} {around:?}");
+            }
+            for axis in 0..3 {
+                let [c, r] = [within.center[axis], within.radius].map(f64::from);
+                let inside = f64::from(b.min[axis]) <= c - r && c + r <= f64::from(b.max[axis]);
+                assert!(inside && r > 0.0, "{b:?} {within:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn boxes_that_are_no_solid_finite_ones_have_spheres_of_their_kind() {
+        for fit in [Fit::Circumscribed, Fit::Inscribed] {
+            assert_eq!(sphere(&Aabb::EMPTY, fit).class(), BoxClass::Empty);
+            let nan = Aabb { min: [f32::NAN; 3], max: [1.0; 3] };
+            assert_eq!(sphere(&nan, fit).class(), BoxClass::Invalid);
+            let half = Aabb { min: [f32::NEG_INFINITY, 1.0, 1.0], max: [-3.0, 2.0, f32::INFINITY] };
+            let s = sphere(&half, fit);
+            assert_eq!(s.class(), BoxClass::Solid, "{s:?}");
+            assert_eq!(s.radius == f32::INFINITY, fit == Fit::Circumscribed, "{s:?}");
+        }
+    }
+
+    #[test]
+    fn large_scenes_have_the_pairs_that_two_loops_find() -> Result<(), TimedError> {
+        let mut random = Random::new(7);
+        let n = truth::NAIVE_LIMIT + 1;
+        let mut one = || Sphere::new([(); 3].map(|()| 16.0 * random.unit()), random.unit());
+        let mut spheres: Vec<Sphere> = (0..n).map(|_| one()).collect();
+        spheres[7] = Sphere::EMPTY;
+        spheres[8].radius = f32::INFINITY;
+        spheres[9].center[1] = f32::NAN;
+        assert_eq!(sphere_pairs(&spheres, EngineName::CpuSap.into())?, oracle::pairs(&spheres));
+        Ok(())
+    }
+
+    #[test]
+    fn masks_have_the_spheres_pairs() -> Result<(), TimedError> {
+        let scene = Scene::new(SceneName::Pile, 700, 1);
+        for fit in [Fit::Circumscribed, Fit::Inscribed] {
+            let mut client = SphereClient::new(fit, CullOptions::default());
+            let answer = client.frame(scene.boxes(), true)?;
+            let truth = client.truth(scene.boxes(), answer.figures.engine)?;
+            assert_eq!(answer.pairs.as_ref(), Some(&truth));
+            let of_boxes = truth::pairs(scene.boxes(), answer.figures.engine)?;
+            let found = truth::Difference::between(&truth, &of_boxes);
+            assert_eq!(found.missed == 0, fit == Fit::Circumscribed, "{found:?}");
+            assert_eq!(found.extra == 0, fit == Fit::Inscribed, "{found:?}");
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,372 @@
+//! What rows are worth: settings, the Pareto front, limits (`--assert`), comparison with an old report
+//! (`--compare`).
+
+use std::fmt;
+use std::str::FromStr;
+
+use serde::{Deserialize, Serialize};
+
+use super::mode::PLAIN_F32;
+use super::rows::{AccuracyReport, AccuracyRow};
+use crate::study::harness::plot::{Unit, pareto_front};
+
+/// Rows that answer the same question: of one scene, one size and one distance from the origin.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Setting<'a> {
+    /// The scene.
+    pub scene: &'a str,
+    /// Boxes.
+    pub n: u32,
+    /// Distance from the origin of a world in f64, if any. Rows of f32 boxes do not belong to such
+    /// a setting.
+    pub offset: Option<f64>,
+    /// Its rows, in the order in which they were measured.
+    pub rows: Vec<&'a AccuracyRow>,
+}
+
+impl Setting<'_> {
+    /// Title for reports.
+    pub fn title(&self) -> String {
+        let far =
+            self.offset.map_or_else(String::new, |offset| format!(", {offset:e} from the origin"));
+        format!("{}, {} boxes{far}", self.scene, Unit::Count.text(f64::from(self.n)))
+    }
+}
+
+/// Rows by setting: scenes in the order in which they were measured, then sizes, then distances.
+pub fn settings(rows: &[AccuracyRow]) -> Vec<Setting<'_>> {
+    let scenes = in_order(rows.iter().map(|row| row.scene.as_str()));
+    let mut settings: Vec<Setting<'_>> = Vec::new();
+    for row in rows {
+        let (scene, n, offset) = (row.scene.as_str(), row.n, row.offset);
+        match settings.iter_mut().find(|s| (s.scene, s.n, s.offset) == (scene, n, offset)) {
+            Some(setting) => setting.rows.push(row),
+            None => settings.push(Setting { scene, n, offset, rows: vec![row] }),
+        }
+    }
+    let place = |s: &Setting<'_>| scenes.iter().position(|scene| *scene == s.scene);
+    settings.sort_by(|a, b| {
+        let distance = |s: &Setting<'_>| s.offset.unwrap_or(-1.0);
+        (place(a), a.n).cmp(&(place(b), b.n)).then(distance(a).total_cmp(&distance(b)))
+    });
+    settings
+}
+
+/// Each value once, in the order of first occurrence.
+pub fn in_order<T: PartialEq>(values: impl Iterator<Item = T>) -> Vec<T> {
+    let mut seen = Vec::new();
+    for value in values {
+        if !seen.contains(&value) {
+            seen.push(value);
+        }
+    }
+    seen
+}
+
+/// Modes in the order in which they were measured.
+pub fn modes(rows: &[AccuracyRow]) -> Vec<String> {
+    in_order(rows.iter().map(AccuracyRow::mode_text))
+}
+
+/// The axes of the front: smaller is better.
+const AXES: [&str; 3] = ["p50", "extra_ratio", "bytes_up"];
+
+/// The Pareto front of time, extra pairs and bytes. A mode that is nowhere on it is beaten in every
+/// setting that was measured.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Pareto {
+    /// The axes: median of a whole frame, extra pairs a true pair, bytes up.
+    pub axes: Vec<String>,
+    /// One for every mode.
+    pub modes: Vec<ModeVerdict>,
+    /// Modes that are nowhere on the front.
+    pub nowhere: Vec<String>,
+}
+
+/// The results of a mode over all settings.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ModeVerdict {
+    /// The mode as the command line has it.
+    pub mode: String,
+    /// Settings (scene, size, distance from the origin) in which it was measured.
+    pub settings: u64,
+    /// Settings in which it missed a pair or was not checked, and cannot be on the front.
+    pub disqualified: u64,
+    /// Settings in which one of its rows is on the front.
+    pub on_front: u64,
+    /// The names of the settings in `on_front`.
+    pub at: Vec<String>,
+}
+
+/// Time, extra pairs and bytes up of a row that may be compared.
+pub fn costs(row: &AccuracyRow) -> Option<[f64; AXES.len()]> {
+    Some([row.p50() as f64, row.error()?, row.bytes_up as f64])
+}
+
+impl Pareto {
+    /// Where each mode of the rows is on the front.
+    pub fn of(rows: &[AccuracyRow]) -> Self {
+        let settings = settings(rows);
+        let modes: Vec<ModeVerdict> =
+            modes(rows).into_iter().map(|mode| verdict(mode, &settings)).collect();
+        let nowhere = modes.iter().filter(|v| v.on_front == 0).map(|v| v.mode.clone()).collect();
+        Self { axes: AXES.map(str::to_owned).to_vec(), modes, nowhere }
+    }
+}
+
+fn verdict(mode: String, settings: &[Setting<'_>]) -> ModeVerdict {
+    let mut verdict =
+        ModeVerdict { mode, settings: 0, disqualified: 0, on_front: 0, at: Vec::new() };
+    for setting in settings {
+        let is_its = |row: &AccuracyRow| row.mode_text() == verdict.mode;
+        if !setting.rows.iter().any(|row| is_its(row)) {
+            continue;
+        }
+        let (runners, costs): (Vec<_>, Vec<_>) =
+            setting.rows.iter().filter_map(|row| Some((*row, costs(row)?))).unzip();
+        let wins = runners.iter().zip(pareto_front(&costs)).any(|(row, wins)| wins && is_its(row));
+        verdict.settings += 1;
+        verdict.disqualified += u64::from(!runners.iter().any(|row| is_its(row)));
+        verdict.on_front += u64::from(wins);
+        verdict.at.extend(wins.then(|| setting.title()));
+    }
+    verdict
+}
+
+impl fmt::Display for Pareto {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let modes = self.modes.iter().map(|v| format!("{} {}/{}", v.mode, v.on_front, v.settings));
+        let modes = modes.collect::<Vec<_>>().join(", ");
+        writeln!(f, "On the Pareto front of median frame, extra pairs and bytes up: {modes}")?;
+        let nowhere =
+            if self.nowhere.is_empty() { "none".to_owned() } else { self.nowhere.join(", ") };
+        write!(f, "Nowhere on it: {nowhere}")
+    }
+}
+
+/// A figure of a row that can be limited: its name, its value, whether it is about pairs.
+type Figure = (&'static str, fn(&AccuracyRow) -> f64, bool);
+
+const FIGURES: [Figure; 8] = [
+    ("missed", |row| row.missed as f64, true),
+    ("extra", |row| row.extra as f64, true),
+    // Infinite where there is no exact pair to compare with.
+    ("extra_ratio", |row| row.extra_ratio.unwrap_or(f64::INFINITY), true),
+    ("p50", |row| row.p50() as f64, false),
+    ("p99", |row| row.time("total_ns").p99 as f64, false),
+    ("bytes_up", |row| row.bytes_up as f64, false),
+    ("bytes_down", |row| row.bytes_down as f64, false),
+    ("memory", |row| row.memory_bytes as f64, false),
+];
+
+/// How a figure is limited.
+type Relation = (&'static str, fn(&f64, &f64) -> bool);
+const RELATIONS: [Relation; 3] = [("<=", f64::le), ("<", f64::lt), ("=", f64::eq)];
+
+/// Limits, all of which every row has to keep.
+#[derive(Clone, Debug)]
+pub struct Assertion(Vec<Limit>);
+
+#[derive(Clone, Debug)]
+struct Limit {
+    figure: Figure,
+    relation: Relation,
+    value: f64,
+    text: String,
+}
+
+/// Why a limit is refused.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "'{0}' is no limit: write FIGURE=X, FIGURE<X or FIGURE<=X; figures are missed, extra, extra_ratio, p50, p99, bytes_up, bytes_down, memory; X may end in ns, us, ms, s, %, KiB, MiB or GiB"
+)]
+pub struct BadLimit(String);
+
+/// Suffixes of a value, and their factors.
+const UNITS: [(&str, f64); 8] = [
+    ("ns", 1.0),
+    ("us", 1e3),
+    ("ms", 1e6),
+    ("KiB", 1024.0),
+    ("MiB", 1_048_576.0),
+    ("GiB", 1_073_741_824.0),
+    ("%", 0.01),
+    ("s", 1e9),
+];
+
+fn value(text: &str) -> Option<f64> {
+    let with_unit =
+        UNITS.iter().find_map(|(unit, factor)| Some((text.strip_suffix(unit)?, factor)));
+    let (number, factor) = with_unit.unwrap_or((text, &1.0));
+    let value = number.trim().parse::<f64>().ok()? * factor;
+    (!value.is_nan()).then_some(value)
+}
+
+impl FromStr for Assertion {
+    type Err = BadLimit;
+
+    fn from_str(s: &str) -> Result<Self, BadLimit> {
+        let limit = |text: &str| {
+            let split = |relation: Relation| Some((text.split_once(relation.0)?, relation));
+            let ((name, number), relation) = RELATIONS.into_iter().find_map(split)?;
+            let figure = FIGURES.into_iter().find(|(known, ..)| *known == name.trim())?;
+            let text = text.trim().to_owned();
+            Some(Limit { figure, relation, value: value(number.trim())?, text })
+        };
+        let limits = s.split(',').map(|text| limit(text).ok_or_else(|| BadLimit(text.to_owned())));
+        limits.collect::<Result<_, _>>().map(Self)
+    }
+}
+
+impl Assertion {
+    /// One line for each limit that a row does not keep. Rows of which no frame was checked keep no
+    /// limit on pairs. Rows of plain rounding to f32, which stand there as a warning, are not
+    /// limited.
+    pub fn failures(&self, rows: &[AccuracyRow]) -> Vec<String> {
+        let mut failures = Vec::new();
+        for row in rows.iter().filter(|row| row.mode != PLAIN_F32) {
+            for Limit { figure: (_, of, about_pairs), relation: (_, keeps), value, text } in &self.0
+            {
+                let found = of(row);
+                if *about_pairs && row.checked_frames == 0 {
+                    failures.push(format!("{}: {text} was not checked", row.name()));
+                } else if !keeps(&found, value) {
+                    failures.push(format!("{}: {text} is {found}", row.name()));
+                }
+            }
+        }
+        failures
+    }
+}
+
+/// A row counts as slower from this ratio of medians on: less is noise on most machines.
+const SLOWER: f64 = 1.15;
+
+/// What is worse in `new` than in `old`, a line each; `None` where they have no row in common.
+pub fn regressions(new: &AccuracyReport, old: &AccuracyReport) -> Option<Vec<String>> {
+    let mut lines = Vec::new();
+    let mut in_common = 0;
+    for new in &new.rows {
+        let Some(old) = old.rows.iter().find(|old| old.key() == new.key()) else { continue };
+        in_common += 1;
+        let mut worse = |text: String| lines.push(format!("{}: {text}", new.name()));
+        if new.missed > old.missed {
+            worse(format!("{} missed pairs, were {}", new.missed, old.missed));
+        }
+        // Infinite where there is no exact pair.
+        let percent = |row: &AccuracyRow| 100.0 * row.extra_ratio.unwrap_or(f64::INFINITY);
+        let (then, now) = (percent(old), percent(new));
+        if now > then {
+            worse(format!("{now:.3} % extra pairs, were {then:.3} %"));
+        }
+        let (then, now) = (old.p50() as f64, new.p50() as f64);
+        if now > SLOWER * then {
+            worse(format!("p50 {:.3} ms, was {:.3} ms", now / 1e6, then / 1e6));
+        }
+    }
+    (in_common > 0).then_some(lines)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::rows::tests::{report, row, totals};
+    use super::*;
+
+    #[test]
+    fn rows_stand_with_those_of_their_question() {
+        let of =
+            |scene: &str, n, offset| AccuracyRow { scene: scene.to_owned(), n, offset, ..row() };
+        let rows = [
+            of("pile", 10_000, None),
+            of("pile", 1000, Some(1e9)),
+            of("cubes", 1000, None),
+            of("pile", 1000, None),
+            of("pile", 1000, None),
+        ];
+        let settings = settings(&rows);
+        let titles: Vec<String> = settings.iter().map(Setting::title).collect();
+        let far = "pile, 1K boxes, 1e9 from the origin";
+        assert_eq!(titles, ["pile, 1K boxes", far, "pile, 10K boxes", "cubes, 1K boxes"]);
+        assert_eq!(settings[0].rows.len(), 2);
+    }
+
+    #[test]
+    fn modes_that_are_nowhere_on_the_front_are_named() {
+        let of = |mode: &str, n, p50, extra, bytes_up| AccuracyRow {
+            n,
+            mode: mode.to_owned(),
+            margin: None,
+            times: totals(p50, p50),
+            bytes_up,
+            extra,
+            extra_ratio: Some(extra as f64 / 1000.0),
+            ..row()
+        };
+        let rows = [
+            of("exact", 10, 100, 0, 24),
+            of("q16", 10, 120, 3, 12),
+            of("q8", 10, 130, 9, 12),
+            AccuracyRow { missed: 1, ..of("f16", 10, 1, 0, 12) },
+            AccuracyRow { offset: Some(1e9), ..of("f64", 10, 900, 9, 24) },
+            of("exact", 20, 100, 0, 24),
+            of("q16", 20, 90, 0, 12),
+        ];
+        let pareto = Pareto::of(&rows);
+        let verdict = |v: &ModeVerdict| (v.mode.clone(), v.settings, v.disqualified, v.on_front);
+        let expected = [
+            ("exact", 2, 0, 1),
+            ("q16", 2, 0, 2),
+            ("q8", 1, 0, 0),
+            ("f16", 1, 1, 0),
+            ("f64=1e9", 1, 0, 1),
+        ];
+        let expected = expected.map(|(mode, a, b, c)| (mode.to_owned(), a, b, c));
+        assert_eq!(pareto.modes.iter().map(verdict).collect::<Vec<_>>(), expected);
+        assert_eq!(pareto.modes[0].at, ["uniform, 10 boxes"]);
+        let text = pareto.to_string();
+        assert!(text.contains("exact 1/2, q16 2/2") && text.contains("Nowhere on it: q8, f16"));
+        assert!(Pareto::of(&[]).to_string().ends_with("none"));
+    }
+
+    #[test]
+    fn limits_hold_or_do_not() {
+        let count = |limits: &str, row: AccuracyRow| {
+            let assertion: Assertion = limits.parse().unwrap_or_else(|e| panic!("{e}"));
+            assertion.failures(&[row]).len()
+        };
+        for (limits, failures) in [
+            ("missed=0,p99<2ms", 0),
+            ("missed=0,p99<1ms,extra_ratio<=2.5%", 1),
+            ("extra_ratio<2.5%", 1),
+            ("extra=0", 1),
+            ("memory<=1GiB,bytes_up<24001,p50<0.6ms", 0),
+        ] {
+            assert_eq!(count(limits, row()), failures, "{limits}");
+        }
+        let missing = |mode: &str| AccuracyRow { mode: mode.to_owned(), missed: 1, ..row() };
+        assert_eq!(count("missed=0", missing(PLAIN_F32)), 0, "a warning has no limits");
+        assert_eq!(count("missed=0", missing("f64")), 1);
+        let unchecked = AccuracyRow { checked_frames: 0, ..row() };
+        assert_eq!(count("missed=0", unchecked), 1, "nothing looked at proves nothing");
+        for wrong in ["", "missed", "missed=", "speed<1", "p99<2 hours", "p99>1", "p99<nan"] {
+            assert!(wrong.parse::<Assertion>().is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn only_what_is_worse_than_in_the_old_report_is_said() {
+        let old = report(vec![row()]);
+        let changed = |change: fn(&mut AccuracyRow)| {
+            let mut new = row();
+            change(&mut new);
+            regressions(&report(vec![new]), &old)
+        };
+        assert_eq!(changed(|_| ()), Some(vec![]));
+        assert_eq!(changed(|r| r.times = totals(250_000, 1)), Some(vec![]));
+        assert_eq!(changed(|r| r.times = totals(1_000_000, 1)).map(|lines| lines.len()), Some(1));
+        let said = |lines: Option<Vec<String>>| lines.unwrap_or_default().join("\n");
+        assert!(said(changed(|r| r.missed = 3)).contains("3 missed pairs, were 0"));
+        assert!(said(changed(|r| r.extra_ratio = Some(0.5))).contains("50.000 % extra"));
+        assert_eq!(changed(|r| (r.n, r.missed) = (7, 3)), None, "another row");
+    }
+}

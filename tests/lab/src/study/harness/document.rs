@@ -1,0 +1,176 @@
+//! Documents: the parts of a report, written once, as Markdown and as an HTML page that loads nothing.
+
+use std::fmt::Write as _;
+
+use serde::Serialize;
+
+use super::table::Table;
+
+/// A part of a document. Texts may have `code` and **words that stand out**.
+#[derive(Clone, Debug)]
+pub enum Part {
+    /// A heading: its level, from 1 on, and its text.
+    Heading(u8, String),
+    /// A paragraph.
+    Text(String),
+    /// Lines with a point before each.
+    List(Vec<String>),
+    /// A table.
+    Table(Table),
+    /// Plots side by side, in HTML alone.
+    Plots(Vec<String>),
+}
+
+impl Part {
+    /// A heading.
+    pub fn heading(level: u8, text: impl Into<String>) -> Self {
+        Self::Heading(level, text.into())
+    }
+
+    /// A paragraph.
+    pub fn text(text: impl Into<String>) -> Self {
+        Self::Text(text.into())
+    }
+
+    /// A heading, a note, and a table with a column for each field of the rows; nothing without rows.
+    pub fn section<R: Serialize>(title: &str, note: &str, rows: &[R]) -> Vec<Self> {
+        Self::section_of(title, note, Table::of(rows))
+    }
+
+    /// The same of a table.
+    pub fn section_of(title: &str, note: &str, table: Table) -> Vec<Self> {
+        let is_there = |part: &Self| !matches!(part, Self::Text(text) if text.is_empty());
+        if table.rows.is_empty() {
+            return Vec::new();
+        }
+        let parts = [Self::heading(2, title), Self::text(note), Self::Table(table)];
+        parts.into_iter().filter(is_there).collect()
+    }
+}
+
+/// The parts as Markdown.
+pub fn markdown(parts: &[Part]) -> String {
+    let text = |part: &Part| match part {
+        Part::Heading(level, text) => format!("{} {text}\n", "#".repeat(usize::from(*level))),
+        Part::Text(text) => format!("{text}\n"),
+        Part::List(lines) if lines.is_empty() => String::new(),
+        Part::List(lines) => format!("- {}\n", lines.join("\n- ")),
+        Part::Table(table) => table.markdown(),
+        Part::Plots(_) => String::new(),
+    };
+    let parts: Vec<String> = parts.iter().map(text).filter(|text| !text.is_empty()).collect();
+    parts.join("\n")
+}
+
+/// The style of all pages.
+const STYLE: &str = "\
+:root{color-scheme:light dark}\
+body{font:15px/1.5 system-ui,sans-serif;max-width:1320px;margin:2rem auto;padding:0 1rem}\
+h1{margin-bottom:.2rem}h2{margin-top:2.5rem}h3{margin:1.6rem 0 .3rem}code{font-size:.92em}\
+p{max-width:60em;margin:.4rem 0}li{margin:.2rem 0}.note{opacity:.75}\
+.plots{display:grid;grid-template-columns:repeat(auto-fit,minmax(min(540px,100%),1fr));gap:1.5rem}\
+.plots svg{width:100%;height:auto}.scroll{overflow-x:auto}\
+table{border-collapse:collapse;font-variant-numeric:tabular-nums;margin:.4rem 0 1rem;font-size:13px}\
+td,th{padding:.15rem .6rem;text-align:right;border-bottom:1px solid #8884;vertical-align:top}\
+td.name,th.name{text-align:left}tr:hover{background:#8882}\
+@media(max-width:600px){body{margin:1rem auto;padding:0 .6rem}h1{font-size:1.5rem}td,th{padding:.15rem .3rem}}";
+
+/// Colours of words that stand out, by how they begin; others are bold.
+const COLOURS: [(&str, &str); 5] = [
+    ("holds", "#009e73"),
+    ("No pair was missed", "#009e73"),
+    ("breaks", "#d55e00"),
+    ("not measured", "#8a8a8a"),
+    ("", "#d55e00"),
+];
+
+/// The parts as a page, whose title is that of its first heading.
+pub fn html(parts: &[Part]) -> String {
+    let title = parts.iter().find_map(|part| match part {
+        Part::Heading(_, text) => Some(escaped(text)),
+        _ => None,
+    });
+    let mut page = format!(
+        "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\
+         <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\
+         <title>Pairmask: {}</title><style>{STYLE}</style></head><body>\n",
+        title.unwrap_or_default()
+    );
+    // Writing to a String cannot fail.
+    for part in parts {
+        let _ = match part {
+            Part::Heading(level, text) => writeln!(page, "<h{level}>{}</h{level}>", escaped(text)),
+            Part::Text(text) => writeln!(page, "<p>{}</p>", marked(text)),
+            Part::List(lines) => {
+                let lines = lines.iter().map(|line| format!("<li>{}</li>\n", marked(line)));
+                writeln!(page, "<ul>\n{}</ul>", lines.collect::<String>())
+            }
+            Part::Table(table) => writeln!(page, "{}", table_html(table)),
+            Part::Plots(plots) => writeln!(page, "<div class=\"plots\">{}</div>", plots.concat()),
+        };
+    }
+    page + "</body></html>\n"
+}
+
+fn table_html(table: &Table) -> String {
+    let line = |cells: Vec<(String, String)>| {
+        let cell = |(tag, text): (String, String)| {
+            let name = tag.split(' ').next().unwrap_or_default();
+            format!("<{tag}>{}</{name}>", marked(&text))
+        };
+        format!("<tr>{}</tr>\n", cells.into_iter().map(cell).collect::<String>())
+    };
+    let lines: String = table.cells().into_iter().map(line).collect();
+    format!("<div class=\"scroll\"><table>\n{lines}</table></div>")
+}
+
+fn escaped(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+}
+
+/// A text with its code and what stands out.
+fn marked(text: &str) -> String {
+    let mut out = String::new();
+    for (i, part) in escaped(text).split("**").enumerate() {
+        if i % 2 == 1 {
+            let colour =
+                COLOURS.iter().find(|(start, _)| part.starts_with(start)).map_or("", |c| c.1);
+            let _ = write!(out, "<strong style=\"color:{colour}\">{part}</strong>");
+            continue;
+        }
+        for (j, part) in part.split('`').enumerate() {
+            let _ =
+                if j % 2 == 1 { write!(out, "<code>{part}</code>") } else { write!(out, "{part}") };
+        }
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn both_forms_have_all_parts_and_html_is_escaped() {
+        let parts = [
+            Part::heading(1, "a < b"),
+            Part::text("**breaks**: see `x & y`"),
+            Part::List(vec!["one".to_owned()]),
+            Part::Table(Table::of_texts(["head"], [["cell".to_owned()]])),
+            Part::Plots(vec!["<svg></svg>".to_owned()]),
+        ];
+        let text = "# a < b\n\n**breaks**: see `x & y`\n\n- one\n\n| head |\n|------|\n| cell |\n";
+        assert_eq!(markdown(&parts), text);
+        let page = html(&parts);
+        for part in [
+            "<h1>a &lt; b</h1>",
+            "<strong style=\"color:#d55e00\">breaks</strong>: see <code>x &amp; y</code>",
+            "<li>one</li>",
+            "<td class=\"name\">cell</td>",
+            "<svg></svg>",
+        ] {
+            assert!(page.contains(part), "{part}: {page}");
+        }
+        assert!(Part::section::<String>("none", "", &[]).is_empty());
+    }
+}

@@ -1,0 +1,78 @@
+//! The machine and build of a study.
+
+use std::fs;
+
+use pairmaskd::cli::build;
+use pairmaskd::cli::machine::command_line;
+use pairmaskd::execute::gpu::AdapterInfo;
+use serde::{Deserialize, Serialize};
+
+use super::document::Part;
+
+/// Machine, build and command of a record.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Machine {
+    /// Model of the CPU.
+    pub cpu: String,
+    /// Threads that the CPU figures with "all threads" use.
+    pub threads: usize,
+    /// Name of the GPU, if one took part.
+    pub gpu: Option<String>,
+    /// Its driver.
+    pub driver: Option<String>,
+    /// Whether it is a software adapter: its times are then those of the CPU.
+    pub gpu_is_software: bool,
+    /// Compiler of this build.
+    pub rustc: String,
+    /// Whether the build is optimised; figures of a debug build mean nothing.
+    pub optimised: bool,
+    /// Commit of this build, with `-dirty` if the tree had changes.
+    pub commit: String,
+    /// Command line.
+    pub command: String,
+}
+
+impl Machine {
+    /// This machine, with the adapter in use.
+    pub fn here(adapter: Option<&AdapterInfo>) -> Self {
+        Self {
+            cpu: cpu_model(),
+            threads: rayon::current_num_threads(),
+            gpu: adapter.map(|a| a.name.clone()),
+            driver: adapter.map(|a| a.driver.clone()),
+            gpu_is_software: adapter.is_some_and(AdapterInfo::is_software),
+            rustc: build::TOOLCHAIN.to_owned(),
+            optimised: !cfg!(debug_assertions),
+            commit: build::COMMIT.to_owned(),
+            command: command_line(),
+        }
+    }
+}
+
+impl Machine {
+    /// What a report says of it.
+    pub fn parts(&self) -> [Part; 2] {
+        let Self { cpu, threads, gpu, driver, rustc, commit, command, .. } = self;
+        let gpu = match (gpu, driver) {
+            (Some(gpu), driver) => format!("; {gpu} ({})", driver.as_deref().unwrap_or("-")),
+            (None, _) => String::new(),
+        };
+        let software = if self.gpu_is_software {
+            " The GPU is software: its times are the CPU's."
+        } else {
+            ""
+        };
+        let debug = if self.optimised { "" } else { " **Not optimised: times mean nothing.**" };
+        let build = format!("{rustc}; commit {commit}.{software}{debug}");
+        [
+            Part::text(format!("{cpu}, {threads} threads{gpu}; {build}")),
+            Part::text(format!("`{command}`")),
+        ]
+    }
+}
+
+fn cpu_model() -> String {
+    let info = fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
+    let model = info.lines().find_map(|line| line.strip_prefix("model name")?.split_once(": "));
+    model.map_or_else(|| std::env::consts::ARCH.to_owned(), |(_, name)| name.trim().to_owned())
+}

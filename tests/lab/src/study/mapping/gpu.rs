@@ -1,0 +1,329 @@
+//! The variants on a GPU: their answers, their errors by the device's own arithmetic, their times by its clock, and
+//! all pairs by the paper's mapping.
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use bytemuck::{Pod, Zeroable, cast_slice};
+use pairmask_core::aabb::KeyBox;
+use pairmask_core::{Aabb, BoxCount};
+use pairmaskd::execute::gpu::{Block, Command, GpuError, Part};
+
+use super::Budget;
+use super::errors::{self, Coverage, Tally, counted};
+use super::layouts::{
+    MappingErrorsParams, MappingPairsParams, MappingTally, MappingTimeParams, MaskParams,
+    RootParams, RootTally,
+};
+use super::stage::{IdWidth, MappingStage, PairOutput, Root, Variant};
+use super::variants::Mapped;
+use crate::study::harness::stage_bench::StageBench;
+use crate::study::harness::{median, repeated};
+
+/// Ids and numbers of a word.
+const WORD_IDS: u64 = 32;
+
+/// A device and the stages of the study compiled on it.
+pub type Bench = StageBench<MappingStage>;
+
+impl Bench {
+    /// Whether the ids of a variant for `n` boxes fit this device's integers.
+    fn fits(&self, variant: Variant, n: u32) -> bool {
+        IdWidth::of(variant, n) == IdWidth::Bits32 || self.gpu().limits().int64
+    }
+
+    /// Runs one stage once.
+    fn run_stage(
+        &mut self,
+        stage: MappingStage,
+        blocks: &[&Arc<Block>],
+        params: &impl Pod,
+        groups: [u32; 2],
+    ) -> Result<(), GpuError> {
+        let step = self.command(stage, blocks, params, groups)?;
+        let mut frame = self.frame(vec![step])?;
+        self.run(&mut frame).map(drop)
+    }
+}
+
+fn zeroed<T: Zeroable + Clone>(count: usize) -> Vec<T> {
+    vec![T::zeroed(); count]
+}
+
+/// Maps `ids` on the device, for comparison with the mirrors. Ids past the variant's last one have no meaning.
+///
+/// # Errors
+/// [`GpuError`]; a device without 64-bit integers refuses [`IdWidth::Bits64`].
+pub fn map(
+    bench: &mut Bench,
+    variant: Variant,
+    width: IdWidth,
+    n: u32,
+    ids: &[u64],
+) -> Result<Vec<Mapped>, GpuError> {
+    let bytes = size_of_val(ids) as u64;
+    let (from, to) = (bench.host(bytes)?, bench.host(bytes)?);
+    from.write(0, ids);
+    let params = MappingPairsParams { n, id_count: ids.len() as u32 };
+    // A few thousand ids: one row of workgroups.
+    let groups = bench.groups(ids.len() as u64).map_or([1, 1], |groups| [groups[0], 1]);
+    bench.run_stage(MappingStage::Pairs(variant, width), &[&from, &to], &params, groups)?;
+    let mut pairs: Vec<[i32; 2]> = zeroed(ids.len());
+    to.read(0, &mut pairs);
+    Ok(pairs.iter().map(|[a, b]| Mapped { a: i64::from(*a), b: i64::from(*b) }).collect())
+}
+
+/// The ids of a variant that are checked.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Ids {
+    /// All of them.
+    All,
+    /// Words of 32 ids, as many as given, evenly apart.
+    Words(u32),
+    /// Sixteen ids on either side of the start of each row.
+    AroundRows,
+}
+
+/// Counts the wrong ids. `None` where the ids do not fit the device's integers, counters or
+/// dispatches.
+///
+/// # Errors
+/// [`GpuError`].
+pub fn count(
+    bench: &mut Bench,
+    variant: Variant,
+    n: u32,
+    ids: Ids,
+) -> Result<Option<(Tally, Coverage)>, GpuError> {
+    let total = variant.id_count(n);
+    // The device counts in 32 bits.
+    let too_many = ids == Ids::All && u32::try_from(total).is_err();
+    if total == 0 || too_many || !bench.fits(variant, n) {
+        return Ok(None);
+    }
+    let (words, stride, around_rows) = match ids {
+        Ids::All => (total.div_ceil(WORD_IDS), WORD_IDS, 0),
+        Ids::Words(words) => {
+            let words = u64::from(words).min(total.div_ceil(WORD_IDS)).max(1);
+            (words, (total / words).max(WORD_IDS), 0)
+        }
+        Ids::AroundRows => (u64::from(n) - 1, 0, 1),
+    };
+    let pairs = BoxCount::new(n).pair_count();
+    let map_bytes = pairs.div_ceil(32) * 4;
+    let mark = ids == Ids::All
+        && u32::try_from(pairs).is_ok()
+        && map_bytes <= bench.gpu().limits().storage_binding_bytes;
+    let Some(groups) = bench.groups(words) else { return Ok(None) };
+    let params = MappingErrorsParams {
+        n,
+        word_count: words as u32,
+        groups_x: groups[0],
+        around_rows,
+        stride_low: stride as u32,
+        stride_high: (stride >> 32) as u32,
+        mark: u32::from(mark),
+        ..MappingErrorsParams::default()
+    };
+    let tally = bench.host(size_of::<MappingTally>() as u64)?;
+    tally.write(0, &[MappingTally::default()]);
+    let named = bench.video(if mark { map_bytes } else { 4 })?;
+    let stage = MappingStage::Errors(variant, IdWidth::of(variant, n));
+    let count = bench.command(stage, &[&tally, &named], &params, groups)?;
+    let clear = Command::Fill { part: Part::whole(&named), word: 0 };
+    let mut frame = bench.frame(vec![clear, count])?;
+    bench.run(&mut frame)?;
+    let mut counts = [MappingTally::default()];
+    tally.read(0, &mut counts);
+    let [MappingTally { ids, skipped, wrong, wrong_named, row_error, distinct }] = counts;
+    let tally = Tally {
+        ids: u64::from(ids),
+        skipped: u64::from(skipped),
+        wrong: u64::from(wrong),
+        wrong_named: u64::from(wrong_named),
+        largest_row_error: u64::from(row_error),
+        first_wrong: None,
+    };
+    let coverage =
+        if mark { counted(&tally, pairs, u64::from(distinct)) } else { Coverage::bounded(&tally) };
+    Ok(Some((tally, coverage)))
+}
+
+/// Counts wrong integer parts of the roots of 1 to `count`.
+///
+/// # Errors
+/// [`GpuError`].
+pub fn count_roots(
+    bench: &mut Bench,
+    root: Root,
+    count: u32,
+) -> Result<Option<errors::RootTally>, GpuError> {
+    let words = u64::from(count).div_ceil(WORD_IDS);
+    let Some(groups) = bench.groups(words) else { return Ok(None) };
+    let params = RootParams { count, word_count: words as u32, groups_x: groups[0], never: 0 };
+    let tally = bench.host(size_of::<RootTally>() as u64)?;
+    tally.write(0, &[RootTally::default()]);
+    bench.run_stage(MappingStage::RootErrors(root), &[&tally], &params, groups)?;
+    let mut counts = [RootTally::default()];
+    tally.read(0, &mut counts);
+    let [RootTally { other, inexact }] = counts;
+    let (other, inexact) = (u64::from(other), u64::from(inexact));
+    Ok(Some(errors::RootTally { count: u64::from(count), other, inexact }))
+}
+
+/// A sum that no thread is expected to have.
+const NEVER: u32 = 0xdead_beef;
+
+/// Time to map every id of `n` boxes, in ms. `None` where they do not fit the device or the budget.
+///
+/// # Errors
+/// [`GpuError`].
+pub fn map_ms(
+    bench: &mut Bench,
+    variant: Variant,
+    n: u32,
+    budget: &Budget,
+) -> Result<Option<f64>, GpuError> {
+    if !bench.fits(variant, n) {
+        return Ok(None);
+    }
+    let params = |groups_x, word_count| MappingTimeParams { n, word_count, groups_x, never: NEVER };
+    let stage = MappingStage::Time(variant, IdWidth::of(variant, n));
+    timed(bench, stage, variant.id_count(n).div_ceil(WORD_IDS), budget, params)
+}
+
+/// Time to take the roots of 1 to `count`, in ms. `None` where that does not fit the device or the budget.
+///
+/// # Errors
+/// [`GpuError`].
+pub fn root_ms(
+    bench: &mut Bench,
+    root: Root,
+    count: u32,
+    budget: &Budget,
+) -> Result<Option<f64>, GpuError> {
+    let params = |groups_x, word_count| RootParams { count, word_count, groups_x, never: NEVER };
+    let words = u64::from(count).div_ceil(WORD_IDS);
+    timed(bench, MappingStage::RootTime(root), words, budget, params)
+}
+
+/// Words of a trial run, from which it is estimated whether the whole run fits the budget.
+const TRIAL_WORDS: u64 = 1 << 15;
+
+/// Median time of a stage; `None` when it would take longer than the budget allows.
+fn timed<P: Pod>(
+    bench: &mut Bench,
+    stage: MappingStage,
+    words: u64,
+    budget: &Budget,
+    params: impl Fn(u32, u32) -> P,
+) -> Result<Option<f64>, GpuError> {
+    let sink = bench.video(4)?;
+    let frame_of = |bench: &mut Bench, words: u64| {
+        let Some(groups) = bench.groups(words).filter(|_| words > 0) else { return Ok(None) };
+        let step = bench.command(stage, &[&sink], &params(groups[0], words as u32), groups)?;
+        bench.frame(vec![step]).map(Some)
+    };
+    if words > TRIAL_WORDS
+        && let Some(mut trial) = frame_of(bench, TRIAL_WORDS)?
+    {
+        // The first run compiles and wakes the device.
+        bench.run(&mut trial)?;
+        let ns: f64 = bench.run(&mut trial)?.iter().map(|step| step.ns).sum();
+        let expected_s = ns * 1e-9 * (words as f64 / TRIAL_WORDS as f64);
+        if expected_s > budget.longest_run.as_secs_f64() {
+            return Ok(None);
+        }
+    }
+    let Some(mut frame) = frame_of(bench, words)? else { return Ok(None) };
+    let ms = || Ok(bench.run(&mut frame)?.iter().map(|step| step.ns).sum::<f64>() * 1e-6);
+    Ok(Some(median(within(budget, ms)?)))
+}
+
+/// As many runs as the budget has time for, after one that is not counted; at least three, fewer only if one run is
+/// longer than the budget.
+fn within<T>(
+    budget: &Budget,
+    mut run: impl FnMut() -> Result<T, GpuError>,
+) -> Result<Vec<T>, GpuError> {
+    let started = Instant::now();
+    let first = run()?;
+    if started.elapsed() >= budget.time {
+        return Ok(vec![first]);
+    }
+    repeated(budget.time, 3, run)
+}
+
+/// The threads that write a word of the output.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Writer {
+    /// One thread computes all pairs of the word.
+    ThreadAWord,
+    /// One thread a pair; each ORs its result in, as in the paper.
+    ThreadAPair,
+}
+
+/// All pairs by the paper's mapping, one byte or one bit a pair (Avril et al. 2012, table 5, figures 3 and 4).
+#[derive(Clone, Debug, PartialEq)]
+pub struct MaskRun {
+    /// Median times of the upload of the boxes, of the kernel, and of the transfer back, in ms.
+    pub ms: [f64; 3],
+    /// Bytes that went up.
+    pub input_bytes: u64,
+    /// Bytes that came back.
+    pub output_bytes: u64,
+    /// The output.
+    pub words: Vec<u32>,
+}
+
+/// All pairs of `boxes`, measured; `None` where they do not fit the device.
+///
+/// # Errors
+/// [`GpuError`].
+pub fn mask(
+    bench: &mut Bench,
+    output: PairOutput,
+    writer: Writer,
+    boxes: &[Aabb],
+    budget: &Budget,
+) -> Result<Option<MaskRun>, GpuError> {
+    let n = BoxCount::of_len(boxes.len()).unwrap_or_default();
+    let pairs = n.pair_count();
+    let words = pairs.div_ceil(u64::from(output.pairs_per_word()));
+    let (stage, threads) = match writer {
+        Writer::ThreadAWord => (MappingStage::Mask(output), words),
+        Writer::ThreadAPair => (MappingStage::MaskOr(output), pairs),
+    };
+    let (Some(groups), Ok(pair_count)) = (bench.groups(threads), u32::try_from(pairs)) else {
+        return Ok(None);
+    };
+    let keys: Vec<[i32; 6]> = boxes
+        .iter()
+        .map(|b| {
+            let KeyBox { min, max } = KeyBox::from(b);
+            [min[0], min[1], min[2], max[0], max[1], max[2]]
+        })
+        .collect();
+    let (input_bytes, output_bytes) = (size_of_val(keys.as_slice()) as u64, words * 4);
+    let (staged, video_keys) = (bench.host(input_bytes)?, bench.video(input_bytes)?);
+    staged.write(0, cast_slice::<_, i32>(&keys));
+    let (video_out, back) = (bench.video(output_bytes)?, bench.host(output_bytes)?);
+    let params =
+        MaskParams { n: n.get(), pair_count, thread_count: threads as u32, groups_x: groups[0] };
+    let copy = |from: &Arc<Block>, to| Command::Copy {
+        from: Part::of(from, 0, from.bytes()),
+        to: Part::of(to, 0, from.bytes()),
+    };
+    let kernel = bench.command(stage, &[&video_keys, &video_out], &params, groups)?;
+    let clear = Command::Fill { part: Part::whole(&video_out), word: 0 };
+    let steps = vec![clear, copy(&staged, &video_keys), kernel, copy(&video_out, &back)];
+    let mut frame = bench.frame(steps)?;
+    let runs = within(budget, || {
+        let steps = bench.run(&mut frame)?;
+        Ok([1, 2, 3].map(|step: usize| steps.get(step).map_or(f64::NAN, |step| step.ns * 1e-6)))
+    })?;
+    let ms = std::array::from_fn(|part| median(runs.iter().map(|run| run[part]).collect()));
+    let mut words: Vec<u32> = zeroed(words as usize);
+    back.read(0, &mut words);
+    Ok(Some(MaskRun { ms, input_bytes, output_bytes, words }))
+}

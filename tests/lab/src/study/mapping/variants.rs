@@ -1,0 +1,323 @@
+//! The variants and their square roots in Rust, stage-faithful to the WGSL of the same name: same f32 operations in the
+//! same order, integers of 64 bits.
+//!
+//! A variant answers with two box numbers, counted from 0, that need not be a pair: the study
+//! counts those that are none. The paper counts boxes from 1, and so does the inside of [`closed`].
+
+use pairmask_core::pair_index::row_start;
+use pairmask_core::{BoxCount, PairIndex};
+
+use super::stage::{Discriminant, Magic, Root, Steps, Variant};
+
+/// √x as x · 1/√x: a first guess from the bits of x, then `STEPS` steps of Newton.
+///
+/// Source: Avril et al. 2012, §3.3, after Quake III (`Q_rsqrt`).
+#[inline(always)]
+pub fn newton<const MAGIC: u32, const STEPS: u32>(x: f32) -> f32 {
+    let half = 0.5 * x;
+    let mut y = f32::from_bits(MAGIC.wrapping_sub(x.to_bits() >> 1));
+    for _ in 0..STEPS {
+        y *= 1.5 - half * y * y;
+    }
+    x * y
+}
+
+/// Work on a root, compiled separately for each root with the root inlined, so that times are those
+/// of the root.
+pub trait RootVisitor {
+    /// The result.
+    type Out;
+
+    /// Does the work.
+    fn visit(self, root: impl Fn(f32) -> f32 + Copy + Sync) -> Self::Out;
+}
+
+/// Calls the visitor with the root of that name.
+pub fn with_root<V: RootVisitor>(root: Root, visitor: V) -> V::Out {
+    const CARMACK: u32 = Magic::Carmack as u32;
+    const LOMONT: u32 = Magic::Lomont as u32;
+    match root {
+        Root::BuiltIn => visitor.visit(f32::sqrt),
+        Root::Newton(Magic::Carmack, Steps::One) => visitor.visit(newton::<CARMACK, 1>),
+        Root::Newton(Magic::Carmack, Steps::Two) => visitor.visit(newton::<CARMACK, 2>),
+        Root::Newton(Magic::Carmack, Steps::Three) => visitor.visit(newton::<CARMACK, 3>),
+        Root::Newton(Magic::Carmack, Steps::Four) => visitor.visit(newton::<CARMACK, 4>),
+        Root::Newton(Magic::Lomont, Steps::One) => visitor.visit(newton::<LOMONT, 1>),
+        Root::Newton(Magic::Lomont, Steps::Two) => visitor.visit(newton::<LOMONT, 2>),
+        Root::Newton(Magic::Lomont, Steps::Three) => visitor.visit(newton::<LOMONT, 3>),
+        Root::Newton(Magic::Lomont, Steps::Four) => visitor.visit(newton::<LOMONT, 4>),
+    }
+}
+
+/// A variant's answer to an id: a pair if 0 ≤ a < b < n.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Mapped {
+    /// Row.
+    pub a: i64,
+    /// Column.
+    pub b: i64,
+}
+
+impl Mapped {
+    fn of(a: u32, b: u32) -> Self {
+        Self { a: i64::from(a), b: i64::from(b) }
+    }
+
+    /// The two boxes in ascending order, if they are two different ones: a kernel that tests (b, a)
+    /// has tested (a, b).
+    pub fn named(self, n: BoxCount) -> Option<(u32, u32)> {
+        let (a, b) = (self.a.min(self.b), self.a.max(self.b));
+        (a >= 0 && a < b && b < i64::from(n.get())).then_some((a as u32, b as u32))
+    }
+}
+
+/// The closed form of Avril et al. 2012, formulas 1 and 2, with the corrections of §3.3 if
+/// `CORRECTED`.
+#[inline(always)]
+pub fn closed<const INTEGER: bool, const CORRECTED: bool>(
+    n: BoxCount,
+    k: u64,
+    root: impl Fn(f32) -> f32,
+) -> Mapped {
+    let discriminant = if INTEGER {
+        8.0 * (n.pair_count() - k) as f32 + 1.0
+    } else {
+        let m = n.get() as f32;
+        // Rounding can make it negative near the last pair; it then counts as 0 on every device.
+        (4.0 * m * m - 4.0 * m - 8.0 * k as f32 + 1.0).max(0.0)
+    };
+    let last = i64::from(n.get());
+    let mut a = (((2 * last + 1) as f32 - root(discriminant)) * 0.5) as i64;
+    // S(a) = (a − 1)(2n − a)/2 is the first id of row a.
+    let mut b = a + 1 + k as i64 - (a - 1) * (2 * last - a) / 2;
+    if CORRECTED {
+        if b > last {
+            a += 1;
+            b = a + (b - last);
+        } else if a >= b {
+            b = last - (a - b);
+            a -= 1;
+        }
+    }
+    Mapped { a: a - 1, b: b - 1 }
+}
+
+/// Closed form from the far end, and one integer fix-up.
+///
+/// With m pairs after k, the row is the j-th from the end for the largest j with j(j − 1)/2 ≤ m,
+/// so j = ⌊(1 + √(8m + 1))/2⌋. No large terms cancel: the f32 value is off by less than one row
+/// as long as √(8m) < 2^22, and one step up or down makes it exact.
+#[inline(always)]
+pub fn far_end(n: BoxCount, k: u64) -> Mapped {
+    let triangle = |j: u64| j * j.saturating_sub(1) / 2;
+    let after = n.pair_count() - 1 - k;
+    let mut j = ((1.0 + (8.0 * after as f32 + 1.0).sqrt()) * 0.5) as u64;
+    if triangle(j) > after {
+        j -= 1;
+    } else if after - triangle(j) >= j {
+        j += 1;
+    }
+    let last = u64::from(n.get()) - 1;
+    Mapped { a: last as i64 - j as i64, b: last as i64 - (after - triangle(j)) as i64 }
+}
+
+/// Binary search for the last row that starts at or before k.
+#[inline(always)]
+pub fn row_search(n: BoxCount, k: u64) -> Mapped {
+    let (mut low, mut high) = (0, n.get() - 1);
+    while high - low > 1 {
+        let middle = low + (high - low) / 2;
+        if row_start(n, middle) <= k {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    Mapped::of(low, low + 1 + (k - row_start(n, low)) as u32)
+}
+
+/// Columns of the rectangle that the triangle folds into: n rounded down to an odd number.
+fn fold_width(n: BoxCount) -> u64 {
+    u64::from(n.get()) - 1 + u64::from(n.get()) % 2
+}
+
+/// A row of the rectangle is a row of the triangle and the one that mirrors it (Navarro et al.).
+#[inline(always)]
+pub fn fold(n: BoxCount, k: u64) -> Mapped {
+    let (width, n) = (fold_width(n), u64::from(n.get()));
+    let (y, x) = (k / width, k % width);
+    let own = n - 1 - y;
+    if x < own {
+        return Mapped::of(y as u32, (y + 1 + x) as u32);
+    }
+    let row = width - y - 2 * (n % 2);
+    Mapped::of(row as u32, (row + 1 + x - own) as u32)
+}
+
+/// One exact inverse a word of 32 ids, then steps.
+#[inline(always)]
+pub fn word_step(n: BoxCount, k: u64) -> Mapped {
+    let first = row_search(n, k - k % 32);
+    let mut pair = (first.a as u32, first.b as u32);
+    for _ in 0..k % 32 {
+        pair = next_pair(n, pair);
+    }
+    Mapped::of(pair.0, pair.1)
+}
+
+/// The pair after `pair` in row order.
+#[inline(always)]
+pub fn next_pair(n: BoxCount, (a, b): (u32, u32)) -> (u32, u32) {
+    if b + 1 < n.get() { (a, b + 1) } else { (a + 1, a + 2) }
+}
+
+/// (k / n, k % n): no pair unless a < b (§3.2.2).
+#[inline(always)]
+pub fn lazy(n: BoxCount, k: u64) -> Mapped {
+    let n = u64::from(n.get());
+    Mapped { a: (k / n) as i64, b: (k % n) as i64 }
+}
+
+/// The pair that an id stands for in the variant's own numbering; `None` for ids that the lazy
+/// way leaves out.
+///
+/// # Panics
+/// Never for ids below [`Variant::id_count`].
+pub fn truth(variant: Variant, n: BoxCount, k: u64) -> Option<(u32, u32)> {
+    match variant {
+        Variant::Fold => fold(n, k).named(n),
+        Variant::Lazy => {
+            let Mapped { a, b } = lazy(n, k);
+            (a < b).then_some((a as u32, b as u32))
+        }
+        _ => PairIndex::new(k).pair(n),
+    }
+}
+
+/// Work on a variant, compiled separately for each variant.
+pub trait MapVisitor {
+    /// The result.
+    type Out;
+
+    /// Does the work. `n` must be at least 2 wherever the map is called.
+    fn visit(self, map: impl Fn(BoxCount, u64) -> Mapped + Copy + Sync) -> Self::Out;
+}
+
+struct Closed<V, const INTEGER: bool, const CORRECTED: bool>(V);
+
+impl<V: MapVisitor, const INTEGER: bool, const CORRECTED: bool> RootVisitor
+    for Closed<V, INTEGER, CORRECTED>
+{
+    type Out = V::Out;
+
+    fn visit(self, root: impl Fn(f32) -> f32 + Copy + Sync) -> V::Out {
+        self.0.visit(move |n, k| closed::<INTEGER, CORRECTED>(n, k, root))
+    }
+}
+
+/// Calls the visitor with the variant of that name.
+pub fn with_map<V: MapVisitor>(variant: Variant, visitor: V) -> V::Out {
+    match variant {
+        Variant::Closed { root, discriminant, corrected } => match (discriminant, corrected) {
+            (Discriminant::Float, false) => with_root(root, Closed::<V, false, false>(visitor)),
+            (Discriminant::Float, true) => with_root(root, Closed::<V, false, true>(visitor)),
+            (Discriminant::Integer, false) => with_root(root, Closed::<V, true, false>(visitor)),
+            (Discriminant::Integer, true) => with_root(root, Closed::<V, true, true>(visitor)),
+        },
+        Variant::FarEnd => visitor.visit(far_end),
+        Variant::RowSearch => visitor.visit(row_search),
+        Variant::Fold => visitor.visit(fold),
+        Variant::WordStep => visitor.visit(word_step),
+        Variant::Lazy => visitor.visit(lazy),
+    }
+}
+
+struct One(BoxCount, u64);
+
+impl MapVisitor for One {
+    type Out = Mapped;
+
+    fn visit(self, map: impl Fn(BoxCount, u64) -> Mapped) -> Mapped {
+        map(self.0, self.1)
+    }
+}
+
+/// One id by one variant.
+///
+/// # Panics
+/// With fewer than two boxes, or an id past the last one.
+///
+/// ```
+/// use pairmask_core::BoxCount;
+/// use pairmask_lab::study::mapping::variants::{Mapped, map};
+/// use pairmask_lab::study::mapping::stage::Variant;
+/// let n = BoxCount::new(5);
+/// for variant in Variant::all().filter(|v| *v != Variant::Lazy) {
+///     assert_eq!(map(variant, n, 2), Mapped { a: 0, b: 3 }, "{variant}");
+/// }
+/// ```
+pub fn map(variant: Variant, n: BoxCount, k: u64) -> Mapped {
+    assert!(n.get() > 1 && k < variant.id_count(n.get()), "id {k} of {} boxes", n.get());
+    with_map(variant, One(n, k))
+}
+
+#[cfg(test)]
+mod tests {
+    use pairmask_core::pair_index::PairWalker;
+
+    use super::*;
+
+    #[test]
+    fn exact_variants_are_the_pair_index() {
+        let sizes = (2..70).chain([345, 1234]);
+        for n in sizes.map(BoxCount::new) {
+            for variant in [Variant::FarEnd, Variant::RowSearch, Variant::WordStep] {
+                for k in 0..n.pair_count() {
+                    let pair = map(variant, n, k).named(n);
+                    assert_eq!(pair, PairIndex::new(k).pair(n), "{variant}, {n:?}, {k}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn exact_variants_hold_around_every_row_of_a_million_boxes() {
+        let n = BoxCount::new(1_000_000);
+        for a in (0..n.get() - 1).step_by(7) {
+            let start = row_start(n, a);
+            for k in [start.saturating_sub(1), start] {
+                let pair = PairIndex::new(k).pair(n);
+                for variant in [Variant::FarEnd, Variant::RowSearch, Variant::WordStep] {
+                    assert_eq!(map(variant, n, k).named(n), pair, "{variant}, {k}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn fold_and_lazy_name_every_pair_once() {
+        for n in (2..70).chain([345]).map(BoxCount::new) {
+            for variant in [Variant::Fold, Variant::Lazy] {
+                let mut named: Vec<_> = (0..variant.id_count(n.get()))
+                    .filter_map(|k| truth(variant, n, k))
+                    .filter_map(|(a, b)| PairIndex::of(n, a, b))
+                    .collect();
+                named.sort_unstable();
+                let all: Vec<_> = (0..n.pair_count()).map(PairIndex::new).collect();
+                assert_eq!(named, all, "{variant}, {n:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_step_is_the_walkers() {
+        let n = BoxCount::new(9);
+        let mut walker = PairWalker::start(n, PairIndex::new(0));
+        let mut pair = (0, 1);
+        while let Some(at) = walker {
+            assert_eq!(at.pair(), pair);
+            pair = next_pair(n, pair);
+            walker = at.advance(1);
+        }
+    }
+}

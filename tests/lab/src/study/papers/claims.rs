@@ -1,0 +1,336 @@
+//! The table of claims as it is written, and its evaluation.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value};
+
+use super::expression::{BadExpression, Scope, select};
+use super::rule::{Rule, Verdict};
+
+/// `data/papers.toml`.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Data {
+    figures: Value,
+    pub line: Vec<Line>,
+    text: BTreeMap<String, String>,
+    define: BTreeMap<String, String>,
+    lists: BTreeMap<String, Vec<Value>>,
+    pub paper: Vec<PaperData>,
+    pub mapping: Vec<ItemData>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Line {
+    pub name: String,
+    pub points: Vec<(f64, f64)>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct PaperData {
+    pub name: String,
+    pub title: String,
+    pub machine: String,
+    pub items: Vec<ItemData>,
+}
+
+#[derive(Debug, Deserialize)]
+pub(super) struct ItemData {
+    pub place: String,
+    #[serde(default)]
+    shows: String,
+    nothing_to_measure: Option<String>,
+    #[serde(default)]
+    claims: Vec<Map<String, Value>>,
+    /// What holds for all claims that do not say otherwise.
+    #[serde(flatten)]
+    defaults: Map<String, Value>,
+}
+
+/// The kind of a record.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub(super) enum Kind {
+    /// `mapping.json`.
+    Mapping,
+    /// `grid.json`.
+    Grid,
+    /// `threads.json`.
+    Threads,
+    /// `spheres.json`, `spheres-errors.json` and `spheres.txt`.
+    Spheres,
+    /// `several-gpus.txt`.
+    TwoGpus,
+    /// `threads.json` with a `grid` of the same machine.
+    GridAndThreads,
+    /// The code that makes the page, on any machine.
+    Build,
+}
+
+/// Rows that stay.
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(rename_all = "snake_case")]
+enum Measured {
+    /// Those with a figure of ours.
+    Some,
+    /// The last of these.
+    Last,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(untagged)]
+enum Figure {
+    Number(f64),
+    Expression(String),
+}
+
+/// The rows of a claim are times of this scene on so many cores, where none says what is missing.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct MissingCores {
+    pub scene: String,
+    pub n: u64,
+    pub cores: u64,
+}
+
+/// A claim as it is written. The module documentation of `papers` says what the fields mean.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ClaimData {
+    says: String,
+    rule: Rule,
+    of: Option<Kind>,
+    #[serde(default)]
+    on_gpu: bool,
+    #[serde(default)]
+    missing: String,
+    missing_cores: Option<MissingCores>,
+    #[serde(default)]
+    note: String,
+    each: Option<Value>,
+    all: Option<String>,
+    measured: Option<Measured>,
+    #[serde(default)]
+    what: String,
+    #[serde(default)]
+    what_else: String,
+    #[serde(default)]
+    unit: String,
+    #[serde(default)]
+    counts_other_things: bool,
+    paper: Option<Figure>,
+    #[serde(default)]
+    ours: String,
+}
+
+/// One figure of a paper beside ours.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Row {
+    /// What is measured: number of objects, cores, the way.
+    pub what: String,
+    /// The unit of both figures; empty for numbers without one.
+    pub unit: String,
+    /// The paper's; null where it gives none.
+    pub paper: Option<f64>,
+    /// Ours; null where it was not measured.
+    pub ours: Option<f64>,
+    /// Ours over the paper's; null where they count other things.
+    pub ratio: Option<f64>,
+    /// Where ours comes from: a record, this run, or this build, which computes it.
+    pub from: Option<String>,
+}
+
+/// A claim of a table or figure with its figures and its verdict.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Claim {
+    /// The claim, paraphrased.
+    pub says: String,
+    /// What our figures must be for it to hold.
+    pub rule: String,
+    /// Whether it holds.
+    pub verdict: Verdict,
+    /// The figure that decided, or why there is none.
+    pub why: String,
+    /// How ours differs from the paper's: the machine, the scene, what is timed.
+    pub note: String,
+    /// The figures.
+    pub rows: Vec<Row>,
+}
+
+/// A table or a figure.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Item {
+    /// Its number in the paper.
+    pub place: String,
+    /// What it shows.
+    pub shows: String,
+    /// Why there is nothing to measure; null where there is.
+    pub nothing_to_measure: Option<String>,
+    /// What it claims.
+    pub claims: Vec<Claim>,
+}
+
+/// Figures of ours that a claim may take.
+#[derive(Clone, Debug)]
+pub(super) struct ClaimSource<'a> {
+    pub from: String,
+    pub data: &'a Value,
+}
+
+impl Data {
+    /// The value of an expression over the papers' figures.
+    pub fn paper_figure(&self, expression: &str) -> Result<Option<f64>, BadExpression> {
+        Scope { root: &self.figures, defined: &self.define }.value(expression)
+    }
+
+    /// Judges the claims of an item. `sources` gives the sources of a kind, on GPUs alone if so asked;
+    /// `without_cores` says why there is no figure on so many cores.
+    pub fn judge<'s>(
+        &self,
+        item: &ItemData,
+        sources: impl Fn(Option<Kind>, bool) -> Vec<ClaimSource<'s>>,
+        without_cores: impl Fn(&MissingCores) -> String,
+    ) -> Result<Item, BadExpression> {
+        let claim = |fields: &Map<String, Value>| {
+            let mut fields = fields.clone();
+            for (name, value) in &item.defaults {
+                fields.entry(name).or_insert_with(|| value.clone());
+            }
+            let data: ClaimData = serde_json::from_value(Value::Object(fields))
+                .map_err(|error| BadExpression(format!("{}: {error}", item.place)))?;
+            self.claim(&data, &sources(data.of, data.on_gpu), &without_cores)
+        };
+        Ok(Item {
+            place: item.place.clone(),
+            shows: item.shows.clone(),
+            nothing_to_measure: item.nothing_to_measure.clone(),
+            claims: item.claims.iter().map(claim).collect::<Result<_, _>>()?,
+        })
+    }
+
+    /// Takes the figures from the source that has most of the rows, of several the first: figures of
+    /// two machines never meet in one claim.
+    fn claim(
+        &self,
+        data: &ClaimData,
+        sources: &[ClaimSource<'_>],
+        without_cores: impl Fn(&MissingCores) -> String,
+    ) -> Result<Claim, BadExpression> {
+        let measured = |rows: &[Row]| rows.iter().filter(|row| row.ours.is_some()).count();
+        let mut best = self.rows(data, None)?;
+        for source in sources {
+            let found = self.rows(data, Some(source))?;
+            if measured(&found) > measured(&best) {
+                best = found;
+            }
+        }
+        let (verdict, breaking) = data.rule.judge(&best);
+        let why = match verdict {
+            Verdict::NotMeasured => {
+                data.missing_cores.as_ref().map_or_else(|| self.text(&data.missing), without_cores)
+            }
+            Verdict::Breaks | Verdict::Holds => data.rule.evidence(&best, &breaking),
+        };
+        let (says, rule) = (data.says.clone(), data.rule.to_string());
+        Ok(Claim { says, rule, verdict, why, note: self.text(&data.note), rows: best })
+    }
+
+    /// A text, or that of `[text]` which it names.
+    fn text(&self, text: &str) -> String {
+        let named = text.strip_prefix('$').and_then(|name| self.text.get(name));
+        named.map_or(text, String::as_str).to_owned()
+    }
+
+    /// The rows of a claim with the figures of a source, or without any of ours.
+    fn rows(
+        &self,
+        data: &ClaimData,
+        source: Option<&ClaimSource<'_>>,
+    ) -> Result<Vec<Row>, BadExpression> {
+        let root = source.map_or(&Value::Null, |source| source.data);
+        let mut rows = Vec::new();
+        if let Some(all) = &data.all {
+            for selected in select(root, all) {
+                rows.push(self.row(data, source, selected, selected)?);
+            }
+            if rows.is_empty() {
+                rows.push(self.row(data, None, &Value::Null, root)?);
+            }
+        } else {
+            let each = match &data.each {
+                Some(Value::String(name)) => {
+                    self.lists.get(name).ok_or_else(|| BadExpression(name.clone()))?.as_slice()
+                }
+                Some(Value::Array(each)) => each,
+                _ if data.what.is_empty() => &[],
+                _ => &[Value::Null],
+            };
+            for element in each {
+                rows.push(self.row(data, source, element, root)?);
+            }
+        }
+        match data.measured {
+            None => {}
+            Some(Measured::Some) => rows.retain(|row| row.ours.is_some()),
+            Some(Measured::Last) => {
+                let last = rows.iter().rposition(|row| row.ours.is_some());
+                rows = rows.split_off(last.unwrap_or(rows.len().saturating_sub(1)));
+                rows.truncate(1);
+            }
+        }
+        Ok(rows)
+    }
+
+    fn row(
+        &self,
+        data: &ClaimData,
+        source: Option<&ClaimSource<'_>>,
+        element: &Value,
+        root: &Value,
+    ) -> Result<Row, BadExpression> {
+        let whole = source.map_or(&Value::Null, |source| source.data);
+        let fill = |text: &str| filled(text, element, whole);
+        let paper = match &data.paper {
+            None => None,
+            Some(Figure::Number(number)) => Some(*number),
+            Some(Figure::Expression(text)) => self.paper_figure(&fill(text))?,
+        };
+        let ours = match source {
+            Some(_) if !data.ours.is_empty() => {
+                Scope { root, defined: &self.define }.value(&fill(&data.ours))?
+            }
+            _ => None,
+        };
+        let ratio = match (paper, ours) {
+            (Some(paper), Some(ours)) if paper != 0.0 && !data.counts_other_things => {
+                Some(ours / paper)
+            }
+            _ => None,
+        };
+        let is_else = source.is_none() && data.all.is_some();
+        let what = if is_else { data.what_else.clone() } else { fill(&data.what) };
+        let from = ours.and(source).map(|source| source.from.clone());
+        Ok(Row { what, unit: data.unit.clone(), paper, ours, ratio, from })
+    }
+}
+
+/// A text with `{x}` and `{name}` replaced; nothing stands for a name that nobody has.
+fn filled(text: &str, element: &Value, whole: &Value) -> String {
+    let plain = |value: &Value| match value {
+        Value::String(text) => Some(text.clone()),
+        Value::Number(number) => Some(number.to_string()),
+        _ => None,
+    };
+    let mut parts = text.split('{');
+    let mut out = parts.next().unwrap_or_default().to_owned();
+    for part in parts {
+        let Some((name, rest)) = part.split_once('}') else { continue };
+        let found = if name == "x" { Some(element) } else { element.get(name) };
+        out.push_str(&found.or_else(|| whole.get(name)).and_then(plain).unwrap_or_default());
+        out.push_str(rest);
+    }
+    out
+}

@@ -1,0 +1,290 @@
+//! The claims, judged without records and by made-up ones.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs;
+
+use serde_json::json;
+
+use super::expression::Scope;
+use super::page::{Paper, figure_text};
+use super::records::{gpu_spheres, scenes_of_two_gpus};
+use super::rule::Rule;
+use super::several_gpus::TwoGpus;
+use super::*;
+use crate::study::harness::Report;
+
+/// A report of no record: what the code alone decides.
+fn empty() -> PapersReport {
+    PapersReport::of(Machine::here(None), true, &Figures::default()).expect("claims")
+}
+
+#[test]
+fn every_table_and_figure_is_listed_once_and_has_claims_or_a_reason() {
+    let report = empty();
+    // Figures 1 to 15; tables 1 to 7 and figures 1 to 6; figures 1 to 15; table 1, figures 1 to 8.
+    let counts: Vec<_> = report.summary.iter().map(|row| row.tables_and_figures).collect();
+    assert_eq!(counts, [15, 13, 15, 9]);
+    for paper in &report.papers {
+        let places: BTreeSet<_> = paper.items.iter().map(|item| &item.place).collect();
+        assert_eq!(places.len(), paper.items.len(), "{}", paper.name);
+        for item in &paper.items {
+            let says = item.claims.is_empty() == item.nothing_to_measure.is_some();
+            assert!(says, "{} {}", paper.name, item.place);
+        }
+    }
+}
+
+#[test]
+fn without_records_nothing_is_invented() {
+    let report = empty();
+    assert!(report.sources.is_empty());
+    let mut table_1 = Vec::new();
+    for (item, claim) in report.papers.iter().flat_map(Paper::claims) {
+        let is_code = item.place == "Table 1" && claim.says.contains("pair");
+        assert_eq!(claim.verdict == Verdict::NotMeasured, !is_code, "{claim:?}");
+        assert!(is_code || !claim.why.is_empty(), "{claim:?}");
+        table_1.extend(is_code.then_some((claim.verdict, claim.rows.last().and_then(|r| r.ours))));
+    }
+    // The paper's examples are right, and its last number is not.
+    let expected = [(Verdict::Holds, Some(46_108.0)), (Verdict::Breaks, Some(499_499.0))];
+    assert_eq!(table_1, expected);
+    let claims: usize = report.papers.iter().map(|paper| paper.claims().count()).sum();
+    assert_eq!(report.breaks.len() + report.holds.len() + report.not_measured.len(), claims);
+}
+
+#[test]
+fn the_pages_show_every_table_and_figure_and_load_nothing() {
+    let report = empty();
+    let files = report.files();
+    let [(_, text), (_, html)] = &files[..] else { panic!("{files:?}") };
+    for loading in ["http://", "https://", "src=", "<link", "<script", "@import", "url("] {
+        assert!(!html.contains(loading), "{loading}");
+    }
+    let items = report.summary.iter().map(|row| row.tables_and_figures).sum::<usize>();
+    assert_eq!((html.matches("<h3>").count(), text.matches("\n### ").count()), (items, items));
+    let place = |part: &str| text.find(part).unwrap_or_else(|| panic!("no {part}:\n{text}"));
+    let parts = ["| paper ", "## What breaks", "## What holds", "## Avril 2009", "## Suaib 2015"];
+    assert!(parts.map(place).is_sorted(), "{text}");
+    assert!(text.contains("ours 499499, the paper's 499500"), "{text}");
+}
+
+/// The page of the records is the recorded page, but for its own record, commit and command.
+#[test]
+fn the_recorded_page_comes_out_again() {
+    let records = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../records");
+    let options = PapersOptions {
+        only_records: true,
+        records: Some(records.clone()),
+        ..PapersOptions::default()
+    };
+    let report = make(&options, || ()).expect("a page");
+    let recorded = fs::read_to_string(records.join("2026-11-25-papers/papers.json")).expect("it");
+    let mut recorded: Value = serde_json::from_str(&recorded).expect("JSON");
+    recorded["machine"] = Value::Null;
+    let mut ours = serde_json::to_value(&report).expect("JSON");
+    ours["machine"] = Value::Null;
+    assert!(
+        ours == recorded,
+        "the papers' page differs from its record: compare `papers --only-records`"
+    );
+}
+
+#[test]
+fn every_expression_is_one_and_names_what_there_is() {
+    let defined = BTreeMap::from([("half".to_owned(), "list[name=@1].x / 2".to_owned())]);
+    let root = json!({"list": [
+        {"name": "a", "x": 3, "deep": {"y": 7}}, {"name": "b c", "x": 8, "is": true}, {"x": null},
+    ]});
+    let scope = Scope { root: &root, defined: &defined };
+    for (text, value) in [
+        ("1 + 2 * 3 - 4 / 2", Some(5.0)),
+        ("(1 + 2) * 3", Some(9.0)),
+        ("half(b c) + list[name=a].deep.y", Some(11.0)),
+        ("list[name=a|b c,x<=8,is=true].x", Some(8.0)),
+        ("list[name=d].x + 1", None),
+        ("pair_number(75, 303)", Some(71_452.0)),
+    ] {
+        assert_eq!(scope.value(text), Ok(value), "{text}");
+    }
+    for text in ["", "1 +", "(1", "nobody(1)", "1 2", "list[name=a"] {
+        assert!(scope.value(text).is_err(), "{text}");
+    }
+}
+
+fn rows(figures: &[(f64, f64)]) -> Vec<Row> {
+    let row = |(i, (paper, ours)): (usize, &(f64, f64))| Row {
+        what: format!("r{i}"),
+        unit: "s".to_owned(),
+        paper: Some(*paper),
+        ours: Some(*ours),
+        ..Row::default()
+    };
+    figures.iter().enumerate().map(row).collect()
+}
+
+#[test]
+fn every_rule_can_hold_and_can_break() {
+    type Two = [(f64, f64); 2];
+    let cases: [(Rule, Two, Two); 13] = [
+        (Rule::NoMore, [(2.0, 1.0), (2.0, 2.0)], [(2.0, 1.0), (2.0, 2.1)]),
+        (Rule::Reaches, [(2.0, 1.8), (2.0, 9.0)], [(2.0, 9.0), (2.0, 1.7)]),
+        (Rule::Within, [(50.0, 54.0), (50.0, 1.0)], [(50.0, 1.0), (50.0, 56.0)]),
+        (Rule::RoundsTo, [(2.0, 1.5), (3.0, 2.6)], [(2.0, 1.5), (3.0, 2.4)]),
+        (Rule::Equals, [(7.0, 7.0), (8.0, 8.0)], [(7.0, 7.0), (8.0, 7.0)]),
+        (Rule::SameShare, [(1.0, 1.09), (1.0, 0.91)], [(1.0, 1.0), (1.0, 0.8)]),
+        (Rule::SameSide(1.0), [(0.6, 0.1), (1.2, 2.0)], [(0.6, 0.1), (1.2, 0.9)]),
+        (Rule::AtMost(0.0), [(0.0, 0.0), (0.0, 0.0)], [(0.0, 0.0), (0.0, 1.0)]),
+        (Rule::AtLeast(5.0), [(8.0, 5.0), (8.0, 6.0)], [(8.0, 5.0), (8.0, 4.9)]),
+        (Rule::Between(1.0, 2.0), [(1.0, 1.1), (1.0, 1.9)], [(1.0, 1.1), (1.0, 2.0)]),
+        (Rule::Rises, [(1.0, 1.0), (1.0, 1.1)], [(1.0, 1.0), (1.0, 1.0)]),
+        (Rule::Falls, [(1.0, 1.0), (1.0, 0.9)], [(1.0, 1.0), (1.0, 0.99)]),
+        (Rule::IsConstant, [(1.0, 1.0), (1.0, 1.09)], [(1.0, 1.0), (1.0, 1.2)]),
+    ];
+    for (rule, kept, broken) in cases {
+        let (kept, broken) = (rows(&kept), rows(&broken));
+        assert_eq!(rule.judge(&kept), (Verdict::Holds, Vec::new()), "{rule}");
+        assert_eq!(rule.judge(&broken), (Verdict::Breaks, vec![&broken[1]]), "{rule}");
+    }
+}
+
+#[test]
+fn the_evidence_is_what_decided_and_a_missing_figure_hides_no_break() {
+    let evidence = |rule: Rule, rows: &[Row]| rule.evidence(rows, &rule.judge(rows).1);
+    let mut rows = rows(&[(1.0, 1.0), (1.0, 2.0), (1.0, 2.0), (1.0, 1.0)]);
+    for row in &mut rows {
+        row.paper = None;
+    }
+    assert_eq!(evidence(Rule::Rises, &rows), "r1: ours 2 s; r2: ours 2 s; and 1 more");
+    assert_eq!(evidence(Rule::Rises, &rows[..2]), "r0: ours 1 s; r1: ours 2 s");
+    assert_eq!(evidence(Rule::AtMost(1.0), &rows[..2]), "r1: ours 2 s");
+    assert_eq!(evidence(Rule::AtMost(1.0), &[]), "");
+    assert_eq!(Rule::Reaches.judge(&rows).0, Verdict::Holds, "theirs is missing");
+    rows[0].ours = None;
+    assert_eq!(Rule::AtMost(2.0).judge(&rows).0, Verdict::NotMeasured);
+    assert_eq!(Rule::AtMost(1.0).judge(&rows).0, Verdict::Breaks);
+    assert_eq!(Rule::Rises.judge(&[]).0, Verdict::NotMeasured);
+}
+
+#[test]
+fn figures_are_short() {
+    let text = [0.0, 0.27, 29.66, 1.0, 71_452.0, 0.000_031, 1234.5].map(figure_text);
+    assert_eq!(text, ["0", "0.27", "29.66", "1", "71452", "0.000031", "1234"]);
+}
+
+fn claim<'a>(report: &'a PapersReport, paper: usize, place: &str, index: usize) -> &'a Claim {
+    let item = report.papers[paper].items.iter().find(|item| item.place == place);
+    &item.expect("an item").claims[index]
+}
+
+/// Of each claim all figures are those of one record, the newest that has most; threads beyond the cores are none.
+#[test]
+fn records_are_read_newest_first_and_a_broken_one_is_an_error() {
+    let threads = |times: &str| {
+        let row = |time: &str| {
+            let (threads, ns) = time.split_once(':').expect("threads:ns");
+            format!(
+                r#"{{"stage":"update-aabbs","scene":"uniform","n":100000,"threads":{threads},"least_ns":{ns}}}"#
+            )
+        };
+        let rows: Vec<String> = times.split(' ').map(row).collect();
+        format!(r#"{{"machine":{{"cpu":"C","cores":4}},"rows":[{}]}}"#, rows.join(","))
+    };
+    let place = tempfile::tempdir().expect("a folder");
+    for (day, times) in [
+        ("2026-03-01-c", "1:9000000"),
+        ("2026-02-01-b", "1:8000000 2:4000000 4:3000000 8:1000000"),
+        ("2026-01-01-a", "1:8000000 2:5000000 4:4000000"),
+    ] {
+        fs::create_dir(place.path().join(day)).expect("a folder");
+        fs::write(place.path().join(day).join("threads.json"), threads(times)).expect("a file");
+    }
+    let options = PapersOptions {
+        only_records: true,
+        records: Some(place.path().to_owned()),
+        ..PapersOptions::default()
+    };
+    let report = make(&options, || ()).expect("a page");
+    let halved = claim(&report, 0, "Figure 12", 0);
+    assert_eq!((halved.verdict, halved.rows[0].ours), (Verdict::Holds, Some(2.0)));
+    let more = claim(&report, 0, "Figure 12", 1);
+    let ours: Vec<_> = more.rows.iter().map(|row| row.ours).collect();
+    assert_eq!(ours, [Some(4.0 / 3.0), None]);
+    assert_eq!(more.rows[0].from.as_deref(), Some("2026-02-01-b/threads.json"));
+    assert!(more.why.ends_with("the largest has 4"), "{}", more.why);
+    assert_eq!(report.sources.len(), 1);
+    fs::write(place.path().join("2026-01-01-a/grid.json"), "{}").expect("a file");
+    let error = make(&options, || ()).expect_err("no grid");
+    assert!(matches!(error, StudyError::Record { .. }), "{error}");
+    assert!(error.to_string().contains("grid.json"), "{error}");
+}
+
+#[test]
+fn the_scene_that_gains_most_from_a_second_gpu_decides() {
+    let place = tempfile::tempdir().expect("a folder");
+    fs::create_dir(place.path().join("r")).expect("a folder");
+    let verdicts = |two_ms: &str| {
+        let text =
+            format!("M\n  scene  one GPU  two GPUs  ratio\n  a  1.0  0.98\n  b  1.0  {two_ms}\n");
+        fs::write(place.path().join("r/several-gpus.txt"), text).expect("a file");
+        let records = Some(place.path().to_owned());
+        let options = PapersOptions { only_records: true, records, ..PapersOptions::default() };
+        let report = make(&options, || ()).expect("a page");
+        let large = claim(&report, 2, "Figure 14", 2);
+        assert_eq!(large.rows[0].what, "b, 2 GPUs over 1");
+        for index in 3..6 {
+            let simulated = claim(&report, 2, "Figure 14", index);
+            assert!(simulated.note.starts_with("Simulated, not measured"), "{simulated:?}");
+            assert!(simulated.rows.iter().any(|row| row.what.contains("simulated")));
+        }
+        [2, 3, 4, 5].map(|index| claim(&report, 2, "Figure 14", index).verdict)
+    };
+    // Each further GPU costs 35 µs: eight are no faster than four.
+    let [holds, breaks] = [Verdict::Holds, Verdict::Breaks];
+    assert_eq!(verdicts("0.75"), [breaks, holds, breaks, holds]);
+    assert_eq!(verdicts("0.5")[0], holds);
+    assert_eq!(verdicts("1.5")[1], breaks);
+}
+
+#[test]
+fn one_gpu_and_two_take_what_was_measured_and_no_more_is_shared_than_there_is() {
+    let scene = |one_ms, two_ms| TwoGpus { scene: "s".into(), one_ms, two_ms };
+    let near = |a: f64, b: f64| assert!((a - b).abs() < 1e-9, "{a} for {b}");
+    let measured = scene(1.659, 1.2);
+    near(measured.ms(1, false), 1.659);
+    near(measured.ms(2, false), 1.2);
+    near(measured.ms(1, true), 1.659);
+    // 24 MB at 54 GB/s.
+    near(measured.ms(2, false) - measured.ms(2, true), 0.5 * 24.0 / 54.0);
+    near(scene(1.0, 1.5).ms(8, false), 1.0 + 7.0 * 0.035);
+    assert!(scene(1.0, 0.1).ms(4, false) > 24.0 / 54.0);
+    // Reading alone takes longer than the frame: then that is all there is.
+    near(scene(0.1, 0.1).ms(1, false), 0.1);
+}
+
+#[test]
+fn records_that_are_text_are_read() {
+    let spheres = "\
+NVIDIA X, driver 1; commit abc.
+
+ spheres    pairs | one by one  all pairs    tests/s speed-up |       grid | right
+      64       36 |     272554      21368     1.08e8     0.08 |      18575 | yes
+   32768    17061 |                  1704    1.04e12          |      11312 | yes
+
+The end.";
+    let rows = &gpu_spheres(spheres).expect("a table")["gpu_speed"];
+    let row = json!({"n": 64, "plain_fps": 272_554.0, "all_pairs_fps": 21_368.0});
+    assert_eq!(*rows, json!([row, {"n": 32_768}]));
+    assert!(gpu_spheres("nothing").is_err() && gpu_spheres("one by one |\n\n").is_err());
+
+    let text = "\
+    scene         one GPU              two GPUs             ratio   bound
+    uniform       0.961 0.929 0.923    0.808 0.809 0.799     0.87    0.74   missed
+    ten million   9.331 9.298          7.258 7.254           0.78    0.74   missed
+
+others";
+    let scenes = scenes_of_two_gpus(text).expect("a table");
+    assert_eq!(scenes[0], TwoGpus { scene: "uniform".into(), one_ms: 0.929, two_ms: 0.808 });
+    assert!(scenes[1].scene == "ten million" && (scenes[1].one_ms - 9.3145).abs() < 1e-9);
+    assert!(scenes_of_two_gpus("others").is_err());
+    assert!(scenes_of_two_gpus("one GPU  two GPUs  ratio\n  x").is_err());
+}

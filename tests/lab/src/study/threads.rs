@@ -1,0 +1,289 @@
+//! Speed-up by threads of the papers' two stages: boxes from transforms, and pairs from boxes.
+//!
+//! Source: Q. Avril, V. Gouranton, B. Arnaldi, "Collision detection: broad phase adaptation from
+//! multi-core to multi-GPU architecture", 2014, §4, and their paper of 2009.
+
+use std::hint::black_box;
+use std::time::{Duration, Instant};
+
+use crate::study::ways::{
+    Case, CaseTimes, Effort, Pools, WaySet, core_count, measure as measure_ways, thread_counts,
+};
+use glam::{Quat, Vec3};
+use pairmask_core::dispatch::nanoseconds_since;
+use pairmask_core::engine::AvailableIsa;
+use pairmask_core::update::{Placement, UpdateError, par_update_boxes, update_boxes};
+use pairmask_core::{Aabb, EngineName};
+use pairmaskd::cli::machine::Machine;
+use pairmaskd::scene::{Random, Scene, SceneName};
+use serde::Serialize;
+
+use super::harness::document::Part;
+use super::harness::table::Table;
+use super::harness::{Report, StudyError};
+use super::papers::figure;
+
+/// Default sizes beside the paper's own.
+pub const SIZES: [u32; 2] = [10_000, 100_000];
+/// Scenes of those sizes.
+pub const SCENES: [SceneName; 3] = [SceneName::Uniform, SceneName::Torus, SceneName::Letters];
+/// Calls of the watcher for each case: one a stage.
+pub const STEPS_A_CASE: u64 = 2;
+const EFFORT: Effort =
+    Effort { least_frames: 7, most_frames: 200, time: Duration::from_millis(400) };
+
+/// The scenes of the 2014 paper in its own sizes.
+pub fn papers_cases() -> impl Iterator<Item = Case> {
+    let cases =
+        [(SceneName::Cubes, 20_000), (SceneName::Balls, 10_000), (SceneName::Skittles, 3_500)];
+    cases.into_iter().map(|(scene, n)| Case { scene, n })
+}
+
+/// The paper's time, ns, and speed-up over one core for a stage of a scene (Figures 5 and 7), at the paper's size.
+fn papers_figures(stage: Stage, scene: SceneName, threads: usize) -> Option<(u64, f64)> {
+    let table = match stage {
+        Stage::UpdateAabbs => "update",
+        Stage::OverlappingPairs => "pairs",
+    };
+    let ms = |threads: usize| figure(&format!("{table}[scene={scene}].{threads}"));
+    let here = ms(threads)?;
+    Some(((here * 1e6) as u64, ms(1)? / here))
+}
+
+/// Measures both stages of every case; `threads` empty means 1, 2, 4 … all cores. `watch` is called
+/// [`STEPS_A_CASE`] times for each case.
+///
+/// # Errors
+/// [`StudyError`].
+pub fn measure(
+    cases: &[Case],
+    threads: &[usize],
+    watch: impl Fn(),
+) -> Result<ThreadsReport, StudyError> {
+    let machine = Machine::this();
+    let mut threads = threads.to_vec();
+    if threads.is_empty() {
+        threads = thread_counts(core_count());
+    }
+    // Speed-ups are over one thread.
+    threads.push(1);
+    threads.sort_unstable();
+    threads.dedup();
+    let pools = Pools::new(&threads)?;
+    let (mut rows, isa) = (Vec::new(), AvailableIsa::best());
+    for case in cases {
+        let updates = update_times(case.scene, case.n, &threads, &pools, &EFFORT)?;
+        rows.extend(ThreadsRow::series(Stage::UpdateAabbs, *case, None, updates));
+        watch();
+        let measured = measure_ways(*case, WaySet::Sparse, &threads, &pools, &EFFORT, isa)?;
+        rows.extend(pair_rows(&measured));
+        watch();
+    }
+    Ok(ThreadsReport { machine, rows })
+}
+
+/// Rows of the second stage: one for every engine and number of threads.
+fn pair_rows(measured: &CaseTimes) -> Vec<ThreadsRow> {
+    let mut rows = Vec::new();
+    for engine in EngineName::ALL {
+        let ways = measured.ways.iter().filter(|(way, _)| way.engine == engine);
+        let series: Vec<_> =
+            ways.map(|(way, times)| (way.threads, times.engine_ns.clone())).collect();
+        rows.extend(ThreadsRow::series(
+            Stage::OverlappingPairs,
+            measured.case,
+            Some(engine),
+            series,
+        ));
+    }
+    rows
+}
+
+/// Times of `update_boxes` and `par_update_boxes`, ns a frame, for each number of threads.
+///
+/// The objects have the sizes of a scene's boxes and turn about their centres.
+fn update_times(
+    scene: SceneName,
+    n: usize,
+    threads: &[usize],
+    pools: &Pools,
+    effort: &Effort,
+) -> Result<Vec<(usize, Vec<u64>)>, UpdateError> {
+    let scene = Scene::new(scene, n, 1);
+    let mut random = Random::new(2);
+    let (locals, placements): (Vec<Aabb>, Vec<Placement>) =
+        scene.boxes().iter().map(|world| object(world, &mut random)).unzip();
+    let mut out = vec![Aabb::EMPTY; n];
+    let mut times: Vec<(usize, Vec<u64>)> = threads.iter().map(|t| (*t, Vec::new())).collect();
+    let start = Instant::now();
+    for frame in 0..effort.most_frames {
+        if frame >= effort.least_frames && start.elapsed() > effort.time {
+            break;
+        }
+        for (threads, times) in &mut times {
+            let (locals, placements) = (black_box(&locals), black_box(&placements));
+            let out = &mut out;
+            let ns = match pools.of(*threads) {
+                None => {
+                    let start = Instant::now();
+                    update_boxes(locals, placements, out)?;
+                    nanoseconds_since(start)
+                }
+                Some(pool) => pool.install(|| {
+                    let start = Instant::now();
+                    par_update_boxes(locals, placements, out)?;
+                    Ok::<_, UpdateError>(nanoseconds_since(start))
+                })?,
+            };
+            times.push(ns);
+        }
+    }
+    black_box(&out);
+    Ok(times)
+}
+
+/// An object whose world box is about `world`, and its placement.
+fn object(world: &Aabb, random: &mut Random) -> (Aabb, Placement) {
+    let (min, max) = (Vec3::from_array(world.min), Vec3::from_array(world.max));
+    let half = (max - min) * 0.5;
+    let axis = Vec3::from_array(random.direction());
+    let turn = Quat::from_axis_angle(axis.normalize_or(Vec3::X), random.range(0.0, 6.0));
+    (Aabb::new(-half, half), Placement::rigid(min + half, turn))
+}
+
+/// The papers' two stages.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Stage {
+    /// World boxes from transforms.
+    UpdateAabbs,
+    /// Pairs from boxes.
+    OverlappingPairs,
+}
+
+impl Stage {
+    /// The stage in reports.
+    pub const fn as_str(self) -> &'static str {
+        match self {
+            Self::UpdateAabbs => "update-aabbs",
+            Self::OverlappingPairs => "overlapping-pairs",
+        }
+    }
+}
+
+/// The JSON object of `threads --json`. Fields may be added, never changed or taken away.
+#[derive(Debug, Serialize)]
+pub struct ThreadsReport {
+    /// The machine of the measurement.
+    pub machine: Machine,
+    /// One for every stage, scene, size, engine and number of threads.
+    pub rows: Vec<ThreadsRow>,
+}
+
+/// One number of threads.
+#[derive(Debug, Serialize)]
+pub struct ThreadsRow {
+    stage: Stage,
+    scene: &'static str,
+    n: usize,
+    /// Null for the first stage.
+    engine: Option<&'static str>,
+    threads: usize,
+    frames: usize,
+    least_ns: u64,
+    median_ns: u64,
+    /// Least time of one thread over least time of these.
+    speed_up: f64,
+    /// The 2014 paper's time of this stage and scene on as many cores, of its own n.
+    paper_ns: Option<u64>,
+    paper_speed_up: Option<f64>,
+}
+
+impl ThreadsRow {
+    /// The rows of one stage of a case: (threads, times), of which one has one thread.
+    fn series(
+        stage: Stage,
+        case: Case,
+        engine: Option<EngineName>,
+        series: Vec<(usize, Vec<u64>)>,
+    ) -> Vec<Self> {
+        let least = |times: &[u64]| times.iter().min().copied().unwrap_or(0);
+        let one = series.iter().find(|(threads, _)| *threads == 1);
+        let one_ns = one.map_or(0, |(_, times)| least(times));
+        let row = |(threads, mut times): (usize, Vec<u64>)| {
+            times.sort_unstable();
+            let least_ns = least(&times);
+            let paper = papers_figures(stage, case.scene, threads);
+            Self {
+                stage,
+                scene: case.scene.as_str(),
+                n: case.n,
+                engine: engine.map(EngineName::as_str),
+                threads,
+                frames: times.len(),
+                least_ns,
+                median_ns: times.get(times.len() / 2).copied().unwrap_or(0),
+                speed_up: one_ns as f64 / least_ns.max(1) as f64,
+                paper_ns: paper.map(|(ns, _)| ns),
+                paper_speed_up: paper.map(|(_, speed_up)| speed_up),
+            }
+        };
+        series.into_iter().map(row).collect()
+    }
+}
+
+impl Report for ThreadsReport {
+    const NAME: &'static str = "threads";
+
+    fn parts(&self) -> Vec<Part> {
+        let Machine { cpu, cores, commit, command, .. } = &self.machine;
+        vec![
+            Part::heading(1, "Speed-up by threads"),
+            Part::text(format!("{cpu}, {cores} cores; commit {commit}.")),
+            Part::text(format!("`{command}`")),
+            Part::text("The paper's machine: two Xeon X5482."),
+            Part::Table(Table::of(&self.rows)),
+        ]
+    }
+
+    fn tables(&self) -> Vec<(&'static str, Table)> {
+        vec![("rows", Table::of(&self.rows))]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn speed_ups_are_over_one_thread() {
+        let case = Case { scene: SceneName::Cubes, n: 10 };
+        let series = vec![(1, vec![500, 400, 900]), (2, vec![200, 300, 250])];
+        let rows =
+            ThreadsRow::series(Stage::OverlappingPairs, case, Some(EngineName::CpuSap), series);
+        assert_eq!((rows[0].speed_up, rows[1].speed_up), (1.0, 2.0));
+        assert_eq!((rows[1].least_ns, rows[1].median_ns), (200, 250));
+        assert_eq!(rows[1].paper_ns, Some(31_650_000));
+    }
+
+    #[test]
+    fn the_papers_figures_are_those_of_its_scenes_and_cores() {
+        let both = |threads| {
+            let ns =
+                |stage| papers_figures(stage, SceneName::Cubes, threads).map_or(0, |(ns, _)| ns);
+            (ns(Stage::UpdateAabbs) + ns(Stage::OverlappingPairs)) as f64
+        };
+        // Figure 9 says 5.1.
+        assert!((4.5..5.2).contains(&(both(1) / both(8))));
+        let update = |threads| papers_figures(Stage::UpdateAabbs, SceneName::Balls, threads);
+        let (ns, speed_up) = update(8).expect("the paper has it");
+        assert!(ns == 740_000 && (speed_up - 6.01).abs() < 0.01, "{speed_up}");
+        assert_eq!(update(3), None);
+        assert_eq!(papers_figures(Stage::OverlappingPairs, SceneName::Uniform, 2), None);
+        let cases: Vec<_> = papers_cases().collect();
+        for case in cases {
+            let scene = case.scene;
+            assert_eq!(figure(&format!("update[scene={scene}].n")), Some(case.n as f64));
+        }
+    }
+}
