@@ -3,7 +3,7 @@
 //! A setting is looked for in this order: flag, environment (`PAIRMASK_*`), configuration file,
 //! default. Results go to stdout; progress, logs and errors to stderr, an error as one line.
 
-mod bench;
+pub mod bench;
 pub mod build;
 mod calibrate;
 pub mod config;
@@ -16,9 +16,9 @@ mod explain;
 pub mod machine;
 pub mod options;
 pub mod output;
-mod percentiles;
+pub mod percentiles;
 pub mod program;
-mod raw_objects;
+pub mod raw_objects;
 mod scene;
 mod scene_look;
 pub mod serve;
@@ -68,8 +68,6 @@ enum Command {
     #[command(hide = true)]
     DemoClient(demo::DemoClient),
     Bench(bench::Bench),
-    #[command(hide = true)]
-    BenchClient(bench::BenchClient),
     Calibrate(calibrate::Calibrate),
     Scene(scene::Scene),
     Status(status::Status),
@@ -106,7 +104,6 @@ fn run(cli: &Cli, alter_answers: Option<AlterAnswer>) -> Result<(), CliError> {
         Command::Demo(demo) => Ok(demo.run(place, &config)?),
         Command::DemoClient(client) => Ok(client.run(place, &config)?),
         Command::Bench(bench) => Ok(bench.run(place, &config)?),
-        Command::BenchClient(client) => Ok(client.run(place, &config)?),
         Command::Calibrate(calibrate) => Ok(calibrate.run(place.isa(&config))?),
         Command::Scene(scene) => Ok(scene.run()?),
         Command::Status(status) => Ok(status.run(place, &config)?),

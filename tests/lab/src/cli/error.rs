@@ -8,6 +8,7 @@ use pairmaskd::file_error::FileError;
 use pairmaskd::serve::ServeError;
 
 use super::accuracy::AccuracyError;
+use super::load::LoadError;
 use super::stress::StressCommandError;
 use crate::gpu_stages::BenchError;
 use crate::study::grid::GridError;
@@ -31,6 +32,8 @@ pub enum LabError {
     Stress(#[from] StressCommandError),
     #[error(transparent)]
     Accuracy(#[from] AccuracyError),
+    #[error(transparent)]
+    Load(#[from] LoadError),
     #[error(transparent)]
     Mapping(#[from] MappingError),
     #[error(transparent)]
@@ -59,7 +62,7 @@ pub enum LabError {
 impl Failure for LabError {
     fn exit_code(&self) -> u8 {
         match self {
-            Self::Usage(_) | Self::Config(_) => USAGE,
+            Self::Usage(_) | Self::Config(_) | Self::Load(LoadError::Asked(_)) => USAGE,
             _ => FAILED,
         }
     }
@@ -68,6 +71,7 @@ impl Failure for LabError {
         says_why(match self {
             Self::Serve(ServeError::Worker { code }) => Some(*code),
             Self::Accuracy(AccuracyError::Spawn(error))
+            | Self::Load(LoadError::Spawn(error))
             | Self::Stress(StressCommandError::Spawn(error)) => error.exit_code(),
             _ => None,
         })

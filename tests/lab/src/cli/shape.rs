@@ -16,7 +16,7 @@ const PAIRMASK_LAB: Shape = Shape {
         ("spheres", ALL),
         ("papers", ALL),
     ],
-    measuring: &["accuracy"],
+    measuring: &["accuracy", "load"],
 };
 
 /// The whole command line.
