@@ -11,6 +11,7 @@ pub mod filtered_frames;
 pub mod frame_memory;
 pub mod golden;
 pub mod gpu;
+mod known_pairs;
 pub mod library_log;
 pub mod mask_writer;
 pub mod module_graph;
@@ -28,8 +29,9 @@ pub mod tier;
 pub mod watchdog;
 
 pub use attack::attack_time;
+pub use known_pairs::KnownPairs;
 pub use pairmask_core::oracle;
 pub use pairmask_core::oracle::modes as naive_modes;
 pub use pairmask_core::oracle::naive_decoder;
 pub use pairmask_lab::sabotage::lose_a_pair;
-pub use pairmask_lab::stress::{KnownPairs, SphereCase, scenes as stress_scenes};
+pub use pairmask_lab::stress::{SphereCase, scenes as stress_scenes};

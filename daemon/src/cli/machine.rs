@@ -1,5 +1,7 @@
 //! Machine and build of a measurement, without which its figures mean nothing.
 
+use std::fmt;
+
 use serde::{Deserialize, Serialize};
 
 use super::build;
@@ -37,6 +39,13 @@ impl Machine {
             commit: build::COMMIT.to_owned(),
             command: command_line(),
         }
+    }
+}
+
+impl fmt::Display for Machine {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { cpu, cores, os, kernel, toolchain, commit, .. } = self;
+        write!(f, "{cpu}, {cores} cores; {os}, {kernel}\n{toolchain}; commit {commit}")
     }
 }
 

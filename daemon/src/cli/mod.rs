@@ -3,7 +3,7 @@
 //! A setting is looked for in this order: flag, environment (`PAIRMASK_*`), configuration file,
 //! default. Results go to stdout; progress, logs and errors to stderr, an error as one line.
 
-mod bench;
+pub mod bench;
 pub mod build;
 pub mod config;
 mod cull;
@@ -15,9 +15,9 @@ mod explain;
 pub mod machine;
 pub mod options;
 pub mod output;
-mod percentiles;
+pub mod percentiles;
 pub mod program;
-mod raw_objects;
+pub mod raw_objects;
 mod scene;
 mod scene_look;
 pub mod serve;
@@ -66,8 +66,6 @@ enum Command {
     #[command(hide = true)]
     DemoClient(demo::DemoClient),
     Bench(bench::Bench),
-    #[command(hide = true)]
-    BenchClient(bench::BenchClient),
     Scene(scene::Scene),
     Status(status::Status),
     Explain(explain::Explain),
@@ -103,7 +101,6 @@ fn run(cli: &Cli, alter_answers: Option<AlterAnswer>) -> Result<(), CliError> {
         Command::Demo(demo) => Ok(demo.run(place, &config)?),
         Command::DemoClient(client) => Ok(client.run(place, &config)?),
         Command::Bench(bench) => Ok(bench.run(place, &config)?),
-        Command::BenchClient(client) => Ok(client.run(place, &config)?),
         Command::Scene(scene) => Ok(scene.run()?),
         Command::Status(status) => Ok(status.run(place, &config)?),
         Command::Explain(explain) => Ok(explain.run()?),

@@ -11,10 +11,15 @@ const DIGITS: u8 = 3;
 /// Percentiles of a latency, ns.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Percentiles {
+    /// Of half of them.
     pub p50: u64,
+    /// Of 90 of 100.
     pub p90: u64,
+    /// Of 99 of 100.
     pub p99: u64,
+    /// Of 999 of 1,000.
     pub p999: u64,
+    /// The longest.
     pub max: u64,
 }
 

@@ -43,10 +43,24 @@ pub enum RawObjectsError {
         "{} has {bytes} bytes, which is {} {plural} of {each} bytes and {} bytes more: is it truncated, or no file of {plural}?",
         path.display(), bytes / each, bytes % each
     )]
-    OddSize { path: PathBuf, bytes: u64, each: u64, plural: &'static str },
+    OddSize {
+        /// The file.
+        path: PathBuf,
+        /// Its size.
+        bytes: u64,
+        /// Size of an object.
+        each: u64,
+        /// What it should hold.
+        plural: &'static str,
+    },
     /// A device like /dev/zero, which ends nowhere.
     #[error("{}: it is a device without an end: name a file or a pipe of {plural}", path.display())]
-    Endless { path: PathBuf, plural: &'static str },
+    Endless {
+        /// The device.
+        path: PathBuf,
+        /// What it should hold.
+        plural: &'static str,
+    },
 }
 
 /// An open file of objects whose number is known. A regular file is not read yet.

@@ -6,11 +6,13 @@
 //! gpu_stages  the GPU engines' stages, by the GPU's clock
 //! stress      hard scenes, every engine and mode against the oracle
 //! sabotage    engines broken on purpose, to test that the checks notice
+//! processes   children that work at the same time
 //! cli         the binary `pairmask-lab`
 //! ```
 
 pub mod cli;
 pub mod gpu_stages;
+mod processes;
 pub mod sabotage;
 pub mod stress;
 pub mod study;

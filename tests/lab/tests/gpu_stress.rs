@@ -4,20 +4,16 @@ use std::time::Duration;
 
 use pairmask_core::EngineName;
 use pairmask_lab::sabotage::Sabotage;
-use pairmask_lab::stress::{Cases, Entrant, ModeChoice, Roster, StressReport, run};
+use pairmask_lab::stress::{Cases, Roster, StressReport, Wanted, run};
 use pairmask_tests::gpu::choice;
 
 /// Long enough for a software adapter to meet the broken part many times.
 const PATIENCE: Duration = Duration::from_secs(60);
 
 fn stress(engine: EngineName, sabotage: Option<Sabotage>, cases: &Cases) -> StressReport {
-    let roster = Roster {
-        entrants: vec![Entrant::Engine(engine)],
-        modes: vec![ModeChoice::All],
-        threads: 1,
-        gpu: choice(),
-        sabotage,
-    };
+    let engines = vec![engine.as_str().to_owned()];
+    let wanted = Wanted { engines, modes: vec!["all".to_owned()], threads: 1 };
+    let roster = Roster { wanted, gpu: choice(), sabotage };
     let mut subjects = roster.subjects().unwrap_or_else(|error| panic!("{error}"));
     assert!(subjects.iter().all(|subject| subject.engine() == engine.as_str()));
     run(cases, &mut subjects, |_, _| {})

@@ -1,23 +1,22 @@
 //! `bench`: what frames cost on this machine.
 
-mod closed_loop;
 mod latency;
-mod load;
 mod measured;
 mod pin;
 mod report;
 
 use clap::{Args, Subcommand};
 
-pub use self::latency::BenchError;
-pub use self::load::BenchClient;
+pub use self::latency::{BenchError, SEED, Wait, threads_of};
+pub use self::measured::Figures;
+pub use self::report::LatencyRow;
 use super::config::Config;
 use super::options::Place;
 
 /// Measure what frames cost on this machine
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Engines, precision modes and pair numberings are measured by `pairmask-lab` (tests/lab)."
+    after_help = "Engines, precision modes, clients at a pace and pair numberings are measured by `pairmask-lab` (tests/lab)."
 )]
 pub struct Bench {
     #[command(subcommand)]
@@ -31,6 +30,9 @@ enum What {
 
 impl Bench {
     /// Measures.
+    ///
+    /// # Errors
+    /// [`BenchError`].
     pub fn run(&self, place: &Place, config: &Config) -> Result<(), BenchError> {
         match &self.what {
             What::Latency(latency) => latency.run(place, config),

@@ -6,6 +6,7 @@ use pairmaskd::cli::output::OutputError;
 use pairmaskd::cli::program::{FAILED, Failure, USAGE, WrongUsage, says_why};
 use pairmaskd::serve::ServeError;
 
+use super::load::LoadError;
 use super::stress::StressCommandError;
 use crate::gpu_stages::BenchError;
 use crate::study::harness::StudyError;
@@ -24,6 +25,8 @@ pub enum LabError {
     #[error(transparent)]
     Stress(#[from] StressCommandError),
     #[error(transparent)]
+    Load(#[from] LoadError),
+    #[error(transparent)]
     Study(#[from] StudyError),
     #[error(transparent)]
     Stages(#[from] BenchError),
@@ -37,7 +40,7 @@ pub enum LabError {
 impl Failure for LabError {
     fn exit_code(&self) -> u8 {
         match self {
-            Self::Usage(_) | Self::Config(_) => USAGE,
+            Self::Usage(_) | Self::Config(_) | Self::Load(LoadError::Asked(_)) => USAGE,
             _ => FAILED,
         }
     }
@@ -46,6 +49,7 @@ impl Failure for LabError {
         says_why(match self {
             Self::Serve(ServeError::Worker { code }) => Some(*code),
             Self::Study(StudyError::Spawn(error))
+            | Self::Load(LoadError::Spawn(error))
             | Self::Stress(StressCommandError::Spawn(error)) => error.exit_code(),
             _ => None,
         })

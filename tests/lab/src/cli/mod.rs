@@ -8,13 +8,13 @@ mod chart;
 mod error;
 mod gpu_scene;
 mod gpu_studies;
+mod load;
 mod papers;
 mod plan;
 mod scenes;
 mod shape;
 mod spheres;
 mod stress;
-mod stress_client;
 mod threads;
 
 use std::process::ExitCode;
@@ -41,6 +41,7 @@ Examples:
   pairmask-lab stress --seconds 60             engines and modes against an oracle, on hard scenes
   pairmask-lab stress --clients 8              the same scenes by eight clients of a daemon
   pairmask-lab accuracy --out report           precision modes: time beside extra pairs
+  pairmask-lab load --rate closed,60,240       clients at a pace, several at a time
   pairmask-lab plan --n 1000,100000            the planned engine beside the best one
   pairmask-lab threads --threads 1,2,4         speed-up by threads
   pairmask-lab mapping --quick                 ways from a pair's number to the pair
@@ -57,8 +58,11 @@ Exit status: 0 done; 1 it failed or a check failed; 2 the command line or config
 enum Command {
     Stress(stress::Stress),
     #[command(hide = true)]
-    StressClient(stress_client::StressClient),
+    StressClient(stress::StressClient),
     Accuracy(accuracy::Accuracy),
+    Load(load::Load),
+    #[command(hide = true)]
+    LoadClient(load::LoadClient),
     Mapping(gpu_studies::Mapping),
     Grid(gpu_studies::Grid),
     Sweep(gpu_studies::Sweep),
@@ -88,6 +92,8 @@ fn run(cli: &Cli) -> Result<(), LabError> {
     match command {
         Command::Stress(stress) => Ok(stress.run(place, &config)?),
         Command::StressClient(client) => Ok(client.run(place)?),
+        Command::Load(load) => Ok(load.run(place, &config)?),
+        Command::LoadClient(client) => Ok(client.run(place, &config)?),
         Command::Accuracy(accuracy) => Ok(accuracy.run(place, &config)?),
         Command::Mapping(mapping) => Ok(mapping.run(&config)?),
         Command::Grid(grid) => Ok(grid.run(&config)?),

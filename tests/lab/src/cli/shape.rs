@@ -17,7 +17,7 @@ const PAIRMASK_LAB: Shape = Shape {
         ("papers", ALL),
         ("chart", ALL),
     ],
-    measuring: &["accuracy"],
+    measuring: &["accuracy", "load"],
 };
 
 /// The whole command line.

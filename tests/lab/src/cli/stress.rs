@@ -3,12 +3,15 @@
 use std::io;
 use std::num::{NonZeroU16, NonZeroU32, NonZeroUsize};
 use std::path::Path;
+use std::process::Command;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use clap::Args;
+use clap::builder::PossibleValuesParser;
 use indicatif::ProgressBar;
 use pairmask::{Backend, Session, SessionBuilder};
-use pairmask_core::EngineName;
 use pairmask_transport::RuntimeDir;
 use pairmask_wire::InstanceName;
 use pairmaskd::audit::AuditRate;
@@ -18,10 +21,10 @@ use pairmaskd::cli::output::{OutputError, print_json, print_text, progress_bar};
 use pairmaskd::cli::whole_number::whole_number;
 use pairmaskd::spawn::{PrivateDaemon, PrivateSettings, SpawnError};
 
-use super::stress_client::client_command;
+use crate::processes::Parent;
 use crate::sabotage::Sabotage;
-use crate::stress::clients::{ClientsError, ClientsRun, limits};
-use crate::stress::{Cases, Entrant, ModeChoice, Roster, StressError, StressReport, run};
+use crate::stress::clients::{ClientSettings, ClientsError, ClientsRun, limits};
+use crate::stress::{Cases, Roster, StressError, StressReport, Wanted, run};
 
 /// Put every engine through hard scenes and compare with a naive oracle
 #[derive(Debug, Args)]
@@ -62,17 +65,14 @@ pub struct Stress {
     /// How long
     #[arg(long, value_parser = whole_number::<u64>, value_name = "N", default_value_t = 10)]
     seconds: u64,
-    #[arg(
-        long,
-        value_name = "NAMES",
-        value_delimiter = ',',
-        default_value = "all",
-        help = format!("all, {}, spheres; several with commas", EngineName::listed(", ")),
-    )]
-    engine: Vec<Entrant>,
-    /// all, exact, q16, q8, f16, margin, f64; several with commas. Spheres are exact
-    #[arg(long, value_name = "MODES", value_delimiter = ',', default_value = "all")]
-    mode: Vec<ModeChoice>,
+    /// Engines, spheres, the update stage, scenes that persist; several with commas
+    #[arg(long, value_name = "NAMES", value_delimiter = ',', default_value = "all",
+        value_parser = PossibleValuesParser::new(Wanted::engine_names()))]
+    engine: Vec<String>,
+    /// Precision modes; several with commas. All but engines of boxes are exact
+    #[arg(long, value_name = "MODES", value_delimiter = ',', default_value = "all",
+        value_parser = PossibleValuesParser::new(Wanted::MODES))]
+    mode: Vec<String>,
     /// Most threads of an engine [default: all]
     #[arg(long, value_parser = whole_number::<NonZeroUsize>, value_name = "N")]
     threads: Option<NonZeroUsize>,
@@ -135,9 +135,7 @@ impl Stress {
 
     fn in_process(&self, config: &Config) -> Result<StressReport, StressCommandError> {
         let roster = Roster {
-            entrants: self.engine.clone(),
-            modes: self.mode.clone(),
-            threads: self.threads(),
+            wanted: self.wanted(),
             gpu: self.options.gpu(config),
             sabotage: self.break_engine,
         };
@@ -169,14 +167,18 @@ impl Stress {
             seed: self.case.unwrap_or_else(|| self.seed()),
             case: self.case,
             time: self.time(),
-            entrants: self.engine.clone(),
-            modes: self.mode.clone(),
-            threads: self.threads(),
+            wanted: self.wanted(),
             replay: self.replay(clients, place, config),
         };
         let bar = self.bar();
-        let client = |settings: &_| {
-            client_command(&binary, &daemon.dir, &daemon.instance, place.isa(config), settings)
+        let client = |settings: &ClientSettings| {
+            let mut command = Command::new(&binary);
+            command.args(["stress-client", "--instance", daemon.instance.as_str()]);
+            command.arg("--runtime-dir").arg(daemon.dir.path());
+            command.args(["--isa", &place.isa(config).to_string()]);
+            // Numbers and names: they always become JSON.
+            command.arg(serde_json::to_string(settings).unwrap_or_default());
+            command
         };
         let report = run.run(&daemon.session(), client, |answers, time| {
             bar.set_position(time.as_secs());
@@ -186,9 +188,10 @@ impl Stress {
         Ok(report)
     }
 
-    fn threads(&self) -> usize {
+    fn wanted(&self) -> Wanted {
         let threads = self.threads.or(std::thread::available_parallelism().ok());
-        threads.map_or(1, usize::from)
+        let (engines, modes) = (self.engine.clone(), self.mode.clone());
+        Wanted { engines, modes, threads: threads.map_or(1, usize::from) }
     }
 
     fn seed(&self) -> u64 {
@@ -205,12 +208,11 @@ impl Stress {
 
     /// The command that sends a case through a daemon again, without the case.
     fn replay(&self, clients: NonZeroU16, place: &Place, config: &Config) -> String {
-        let names = |names: Vec<String>| names.join(",");
-        let engines = names(self.engine.iter().map(ToString::to_string).collect());
-        let modes = names(self.mode.iter().map(ToString::to_string).collect());
+        let Wanted { engines, modes, threads } = self.wanted();
+        let (engines, modes) = (engines.join(","), modes.join(","));
         let mut words = vec![
             format!("pairmask-lab stress --clients {clients} --seconds {}", self.seconds),
-            format!("--engine {engines} --mode {modes} --threads {}", self.threads()),
+            format!("--engine {engines} --mode {modes} --threads {threads}"),
         ];
         if self.kills {
             words.push("--kills".to_owned());
@@ -263,4 +265,32 @@ impl Daemon {
 fn seed_of_the_clock() -> u64 {
     let now = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
     now.map_or(1, |time| u64::from(time.subsec_micros()) + 1_000_000 * (time.as_secs() % 1_000))
+}
+
+/// A client process of `stress --clients`.
+#[derive(Debug, Args)]
+pub struct StressClient {
+    /// [`ClientSettings`] as JSON.
+    settings: String,
+}
+
+impl StressClient {
+    /// Sends frames and checks answers until stdin ends.
+    pub fn run(&self, place: &Place) -> Result<(), OutputError> {
+        let settings: ClientSettings = serde_json::from_str(&self.settings)?;
+        let config = Config::default();
+        let parent = Parent::of_this_process()?;
+        let is_over = Arc::new(AtomicBool::new(false));
+        let ends = Arc::clone(&is_over);
+        std::thread::Builder::new().name("orders".into()).spawn(move || {
+            // There are no orders but the end of them.
+            let _ = io::copy(&mut io::stdin(), &mut io::sink());
+            ends.store(true, Ordering::Relaxed);
+        })?;
+        let daemon = Session::builder()
+            .runtime_dir(place.runtime_dir(&config))
+            .instance(place.instance(&config).as_str())
+            .isa(place.isa(&config));
+        Ok(settings.run(&daemon, &is_over, &parent)?)
+    }
 }

@@ -10,13 +10,14 @@ use pairmask_core::{Aabb, BoxCount, Encoding};
 use pairmask_shaders::Found;
 use pairmaskd::execute::gpu::{
     AllPairs, AllPairsOptions, Capacity, Gpu, Grid, GridOptions, GridUnderWay, SUBMISSIONS,
-    SharedImports, Sizes, StepTime, cell_count,
+    SharedImports, Sizes, cell_count,
 };
 use pairmaskd::scene::{Scene, SceneName};
 use serde::Serialize;
 
+use super::rig::{Rig, Stepped, percentile};
 use super::shared::{Segment, SegmentFrame};
-use super::{BenchError, LEAST_FRAMES, percentile};
+use super::{BenchError, LEAST_FRAMES};
 
 /// The scenes of the anchors.
 pub const SCENES: [SceneName; 4] =
@@ -74,9 +75,22 @@ pub fn measure(
     budget: Duration,
     check: bool,
 ) -> Result<GridRow, BenchError> {
+    let rig = |boxes: &[Aabb], profiled| grid_rig(gpu, boxes, encoding, profiled);
+    measure_with(rig, name, n, encoding, budget, check)
+}
+
+/// Measures a scene in motion by the engine of a rig, which tells times of its stages where it is profiled.
+pub(super) fn measure_with<E: Stepped>(
+    new_rig: impl Fn(&[Aabb], bool) -> Result<Rig<E>, BenchError>,
+    name: SceneName,
+    n: u32,
+    encoding: Encoding,
+    budget: Duration,
+    check: bool,
+) -> Result<GridRow, BenchError> {
     let mut scene = Scene::new(name, n as usize, 1);
-    let mut rig = Rig::grid(gpu, scene.boxes(), encoding, false)?;
-    let mut report = rig.frame(n)?;
+    let mut rig = new_rig(scene.boxes(), false)?;
+    let mut report = rig.frame()?;
     if check {
         compare(&rig, &report, &scene, name)?;
     }
@@ -90,7 +104,7 @@ pub fn measure(
         rig.boxes.write(scene.boxes());
         for round in 0..ROUNDS {
             let start = Instant::now();
-            report = rig.frame(n)?;
+            report = rig.frame()?;
             if round > ROUNDS / 2 {
                 times.push(start.elapsed().as_secs_f64() * 1e6);
             }
@@ -107,7 +121,7 @@ pub fn measure(
     let frames = times.len();
     let (frame_us, frame_p99_us) = (percentile(times.clone(), 50), percentile(times, 99));
     drop(rig);
-    let stage_us = stages(gpu, &mut scene, encoding, budget / 2)?;
+    let stage_us = stages(new_rig(scene.boxes(), true)?, &mut scene, budget / 2)?;
     Ok(GridRow {
         scene: name.to_string(),
         n,
@@ -127,113 +141,65 @@ pub fn measure(
     })
 }
 
-/// An engine with its shared memory.
-struct Rig<E> {
-    engine: E,
+fn grid_rig(
+    gpu: &Arc<Gpu>,
+    boxes: &[Aabb],
     encoding: Encoding,
-    boxes: Segment,
-    reply: Segment,
-    imported: bool,
+    profiled: bool,
+) -> Result<Rig<Grid>, BenchError> {
+    let imports = SharedImports::default();
+    let options = GridOptions { profiled, imports: imports.clone(), ..GridOptions::default() };
+    let words = reply_words(boxes.len());
+    Rig::new(Grid::new(gpu, &options)?, gpu, Some(&imports), boxes, words, encoding)
 }
 
-impl<E: Engine> Rig<E> {
-    fn new(
-        engine: E,
-        gpu: &Arc<Gpu>,
-        imports: &SharedImports,
-        boxes: &[Aabb],
-        reply_words: u64,
-        encoding: Encoding,
-    ) -> Result<Self, BenchError> {
-        let mut rig = Self {
-            engine,
-            encoding,
-            boxes: Segment::new(size_of_val(boxes))?,
-            reply: Segment::new(4 * reply_words as usize)?,
-            imported: true,
-        };
-        for segment in [&mut rig.boxes, &mut rig.reply] {
-            if let Err(error) = segment.import(gpu, imports) {
-                log::warn!("staged: {error}");
-                rig.imported = false;
-            }
-        }
-        rig.boxes.write(boxes);
-        Ok(rig)
-    }
-
-    /// A frame of the first `n` boxes in shared memory.
-    fn frame(&mut self, n: u32) -> Result<CullReport, BenchError> {
-        let boxes = self.boxes.boxes(n as usize);
-        let input = CullInput::boxes(boxes).encoding(self.encoding);
-        Ok(self.engine.cull(&input, &mut self.reply)?)
-    }
-}
-
-impl Rig<Grid> {
-    fn grid(
-        gpu: &Arc<Gpu>,
-        boxes: &[Aabb],
-        encoding: Encoding,
-        profiled: bool,
-    ) -> Result<Self, BenchError> {
-        let imports = SharedImports::default();
-        let options = GridOptions { profiled, imports: imports.clone(), ..GridOptions::default() };
-        let words = reply_words(boxes.len());
-        Self::new(Grid::new(gpu, &options)?, gpu, &imports, boxes, words, encoding)
-    }
-}
-
-/// A rig of any engine.
-trait Frames {
-    fn run(&mut self, n: u32) -> Result<CullReport, BenchError>;
-    fn write(&mut self, boxes: &[Aabb]);
-}
-
-impl<E: Engine> Frames for Rig<E> {
-    fn run(&mut self, n: u32) -> Result<CullReport, BenchError> {
-        self.frame(n)
-    }
-
-    fn write(&mut self, boxes: &[Aabb]) {
-        self.boxes.write(boxes);
-    }
+fn all_pairs_rig(
+    gpu: &Arc<Gpu>,
+    boxes: &[Aabb],
+    encoding: Encoding,
+    profiled: bool,
+) -> Result<Rig<AllPairs>, BenchError> {
+    let imports = SharedImports::default();
+    let options =
+        AllPairsOptions { profiled, imports: imports.clone(), ..AllPairsOptions::default() };
+    let n = BoxCount::of_len(boxes.len()).unwrap_or_default();
+    let capacity = WORDS_A_BOX * u64::from(n.get());
+    let words = match encoding {
+        Encoding::Sparse => MaskShape::sparse(n, capacity, capacity, false).extent_words(),
+        _ => reply_words(boxes.len()),
+    };
+    Rig::new(AllPairs::new(gpu, options)?, gpu, Some(&imports), boxes, words, encoding)
 }
 
 /// Times of whole frames of unmoved boxes, by the host's clock.
-pub struct FrameTimer {
-    rig: Box<dyn Frames>,
-    n: u32,
+pub struct FrameTimer<E> {
+    rig: Rig<E>,
 }
 
-impl FrameTimer {
+impl FrameTimer<Grid> {
     /// Of the grid.
     ///
     /// # Errors
     /// [`BenchError`].
     pub fn grid(gpu: &Arc<Gpu>, boxes: &[Aabb]) -> Result<Self, BenchError> {
-        let rig = Box::new(Rig::grid(gpu, boxes, Encoding::Sparse, false)?);
-        Ok(Self { rig, n: boxes.len() as u32 })
+        Ok(Self { rig: grid_rig(gpu, boxes, Encoding::Sparse, false)? })
     }
+}
 
+impl FrameTimer<AllPairs> {
     /// Of all pairs.
     ///
     /// # Errors
     /// [`BenchError`].
     pub fn all_pairs(gpu: &Arc<Gpu>, boxes: &[Aabb]) -> Result<Self, BenchError> {
-        let imports = SharedImports::default();
-        let options = AllPairsOptions { imports: imports.clone(), ..AllPairsOptions::default() };
-        let n = BoxCount::of_len(boxes.len()).unwrap_or_default();
-        let capacity = WORDS_A_BOX * u64::from(n.get());
-        let words = MaskShape::sparse(n, capacity, capacity, false).extent_words();
-        let engine = AllPairs::new(gpu, options)?;
-        let rig = Rig::new(engine, gpu, &imports, boxes, words, Encoding::Sparse)?;
-        Ok(Self { rig: Box::new(rig), n: n.get() })
+        Ok(Self { rig: all_pairs_rig(gpu, boxes, Encoding::Sparse, false)? })
     }
+}
 
+impl<E: Stepped> FrameTimer<E> {
     /// Replaces the boxes by as many others.
     pub fn write(&mut self, boxes: &[Aabb]) {
-        self.rig.write(boxes);
+        self.rig.boxes.write(boxes);
     }
 
     /// Median of frames of a warm device, µs.
@@ -245,7 +211,7 @@ impl FrameTimer {
         let started = Instant::now();
         while times.len() < ROUNDS || started.elapsed() < budget {
             let start = Instant::now();
-            self.rig.run(self.n)?;
+            self.rig.frame()?;
             times.push(start.elapsed().as_secs_f64() * 1e6);
         }
         // The first half warms up.
@@ -253,35 +219,16 @@ impl FrameTimer {
     }
 }
 
-/// An engine that tells the times of its last frame's steps.
-trait Stepped: Engine {
-    fn step_times(&self) -> &[StepTime];
-}
-
-impl Stepped for Grid {
-    fn step_times(&self) -> &[StepTime] {
-        self.step_times()
-    }
-}
-
-impl Stepped for AllPairs {
-    fn step_times(&self) -> &[StepTime] {
-        self.step_times()
-    }
-}
-
-impl<E: Stepped> Rig<E> {
-    /// The report of a frame of unmoved boxes, and the median of the GPU's time for all of its stages, µs.
-    fn gpu_time(&mut self, n: u32, budget: Duration) -> Result<(CullReport, f64), BenchError> {
-        let mut times = Vec::new();
-        let started = Instant::now();
-        loop {
-            let report = self.frame(n)?;
-            times.push(self.engine.step_times().iter().map(|step| step.ns / 1e3).sum());
-            if times.len() >= ROUNDS && started.elapsed() >= budget {
-                // The first half warms up.
-                return Ok((report, percentile(times.split_off(times.len() / 2), 50)));
-            }
+/// The report of a frame of unmoved boxes, and the median of the GPU's time for all of its stages, µs.
+fn gpu_time(mut rig: Rig<impl Stepped>, budget: Duration) -> Result<(CullReport, f64), BenchError> {
+    let mut times = Vec::new();
+    let started = Instant::now();
+    loop {
+        let report = rig.frame()?;
+        times.push(rig.engine.step_times().iter().map(|step| step.ns / 1e3).sum());
+        if times.len() >= ROUNDS && started.elapsed() >= budget {
+            // The first half warms up.
+            return Ok((report, percentile(times.split_off(times.len() / 2), 50)));
         }
     }
 }
@@ -296,7 +243,7 @@ pub fn grid_time(
     boxes: &[Aabb],
     budget: Duration,
 ) -> Result<(CullReport, f64), BenchError> {
-    Rig::grid(gpu, boxes, Encoding::List, true)?.gpu_time(boxes.len() as u32, budget)
+    gpu_time(grid_rig(gpu, boxes, Encoding::List, true)?, budget)
 }
 
 /// The same of all pairs.
@@ -308,13 +255,7 @@ pub fn all_pairs_time(
     boxes: &[Aabb],
     budget: Duration,
 ) -> Result<(CullReport, f64), BenchError> {
-    let imports = SharedImports::default();
-    let options =
-        AllPairsOptions { profiled: true, imports: imports.clone(), ..AllPairsOptions::default() };
-    let engine = AllPairs::new(gpu, options)?;
-    let words = reply_words(boxes.len());
-    Rig::new(engine, gpu, &imports, boxes, words, Encoding::List)?
-        .gpu_time(boxes.len() as u32, budget)
+    gpu_time(all_pairs_rig(gpu, boxes, Encoding::List, true)?, budget)
 }
 
 /// Frames a second of unmoved boxes, with 1 or 2 frames under way at a time.
@@ -376,12 +317,10 @@ fn reply_words(n: usize) -> u64 {
 
 /// GPU time by stage, medians, µs.
 fn stages(
-    gpu: &Arc<Gpu>,
+    mut rig: Rig<impl Stepped>,
     scene: &mut Scene,
-    encoding: Encoding,
     budget: Duration,
 ) -> Result<Vec<(String, f64)>, BenchError> {
-    let mut rig = Rig::grid(gpu, scene.boxes(), encoding, true)?;
     let mut times: Vec<(String, Vec<f64>)> = Vec::new();
     let started = Instant::now();
     let mut frames = 0;
@@ -391,7 +330,7 @@ fn stages(
             scene.step();
             rig.boxes.write(scene.boxes());
         }
-        rig.frame(scene.boxes().len() as u32)?;
+        rig.frame()?;
         frames += 1;
         if frames % ROUNDS <= ROUNDS / 2 {
             continue;
@@ -408,8 +347,8 @@ fn stages(
 
 /// Compares the pairs with those of the CPU's grid: counts, and a hash that does not depend on the
 /// order.
-fn compare(
-    rig: &Rig<Grid>,
+fn compare<E>(
+    rig: &Rig<E>,
     report: &CullReport,
     scene: &Scene,
     name: SceneName,

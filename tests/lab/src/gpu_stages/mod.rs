@@ -1,33 +1,29 @@
-//! Measurements of `gpu-brute`, one JSON object a line.
-//!
-//! * `device`: what it runs on.
-//! * `stages`: median time of each stage by the GPU's clock, and tests a second of `pairs`.
-//! * `latency`: boxes in shared memory → mask in shared memory, by the host's clock.
-//! * `check`: the mask against `cpu-brute`'s, word for word.
+//! Measurements of the GPU's engines, one JSON object a line: times of stages by the GPU's clock, and of frames
+//! (boxes in shared memory → mask in shared memory) by the host's. Pairs are compared with those of the CPU.
 
 pub mod grid;
+mod rig;
 pub mod scenes;
 pub(crate) mod shared;
 
-use std::collections::BTreeMap;
 use std::io::Write;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use pairmask_core::engine::{BruteForce, CullError, CullInput, CullReport, Engine, HeapReply};
+use pairmask_core::engine::CullError;
 use pairmask_core::mask::MaskShape;
 use pairmask_core::scene::{QueryError, SceneError};
 use pairmask_core::{Aabb, BoxCount, Encoding};
 use pairmask_shaders::RowsPerThread;
 use pairmaskd::execute::gpu::user_cache_folder;
 use pairmaskd::execute::gpu::{
-    AllPairs, AllPairsOptions, Counted, Gpu, GpuChoice, GpuError, HostImport, OpenError, Tuning,
-    Upload,
+    AllPairs, AllPairsOptions, Counted, Gpu, GpuChoice, GpuError, HostImport, OpenError,
+    SharedImports, Tuning, Upload,
 };
 use pairmaskd::scene::SceneName;
 use serde_json::json;
 
-use self::shared::Segment;
+use self::rig::Rig;
 
 /// Options of a run.
 #[derive(Clone, Debug)]
@@ -62,9 +58,6 @@ impl Default for BenchOptions {
 /// Fewest frames with percentiles.
 pub const LEAST_FRAMES: usize = 3;
 
-/// Frames before a measurement starts: memory is touched, clocks are up, frames are recorded.
-const WARM_UP_FRAMES: usize = 20;
-
 /// Why the bench failed.
 #[derive(Debug, thiserror::Error)]
 pub enum BenchError {
@@ -93,14 +86,6 @@ pub enum BenchError {
         n: u32,
         /// Scene.
         scene: SceneName,
-    },
-    /// The GPU's mask is not the CPU's.
-    #[error("{n} boxes, {encoding}: the mask differs from the CPU's")]
-    Wrong {
-        /// Boxes.
-        n: u32,
-        /// Encoding.
-        encoding: Encoding,
     },
 }
 
@@ -132,27 +117,30 @@ pub fn run(options: &BenchOptions, out: &mut dyn Write) -> Result<(), BenchError
     });
     writeln!(out, "{line}")?;
     for &n in &options.counts {
-        let boxes = uniform(n);
-        if options.check {
-            check(&gpu, &boxes, out)?;
-        }
-        if !options.measure {
-            continue;
-        }
-        stages(&gpu, &boxes, None, options, out)?;
-        if options.sweep {
-            for rows in RowsPerThread::ALL {
-                for strip_blocks in [1, 2, 4, 8, 16] {
-                    stages(&gpu, &boxes, Some(Tuning { rows, strip_blocks }), options, out)?;
+        for encoding in encodings(n) {
+            let mut ways = vec![(true, default.clone())];
+            for imported in [true, false] {
+                let uploads = uploads(n, imported).iter();
+                ways.extend(uploads.map(|upload| {
+                    (imported, AllPairsOptions { upload: *upload, ..default.clone() })
+                }));
+            }
+            if options.sweep {
+                for rows in RowsPerThread::ALL {
+                    ways.extend([1, 2, 4, 8, 16].map(|strip_blocks| {
+                        let tuning = Some(Tuning { rows, strip_blocks });
+                        (true, AllPairsOptions { tuning, ..default.clone() })
+                    }));
                 }
             }
-        }
-        for encoding in encodings(n, DENSE_LIMIT) {
-            for imported in [true, false] {
-                for upload in uploads(n, imported) {
-                    let with = AllPairsOptions { upload: *upload, ..default.clone() };
-                    latency(&gpu, with, imported, &boxes, encoding, options, out)?;
-                }
+            let is_measured = options.measure && (encoding != Encoding::Dense || n <= DENSE_LIMIT);
+            let (ways, budget) = if is_measured {
+                (&ways[1..], options.budget)
+            } else {
+                (&ways[..1], Duration::ZERO)
+            };
+            for (import, with) in ways {
+                all_pairs(&gpu, with, *import, n, encoding, (budget, options.check), out)?;
             }
         }
     }
@@ -197,168 +185,46 @@ fn uploads(n: u32, imported: bool) -> &'static [Option<Upload>] {
     }
 }
 
-/// Dense masks of more boxes take longer to transfer than to compute.
+/// Dense masks of more boxes take longer to transfer than to compute: they are checked alone.
 const DENSE_LIMIT: u32 = 40_000;
 
 /// Dense masks of more boxes are not even checked: 900 MB. Pair indices leave u32 at 92,683 boxes.
 const DENSE_CHECK_LIMIT: u32 = 120_000;
 
-fn encodings(n: u32, dense_limit: u32) -> impl Iterator<Item = Encoding> {
-    let dense = (n <= dense_limit).then_some(Encoding::Dense);
+fn encodings(n: u32) -> impl Iterator<Item = Encoding> {
+    let dense = (n <= DENSE_CHECK_LIMIT).then_some(Encoding::Dense);
     dense.into_iter().chain([Encoding::Sparse, Encoding::List])
 }
 
-/// An engine with its shared memory.
-struct Rig {
-    engine: AllPairs,
-    boxes: Segment,
-    reply: Segment,
-    imported: bool,
-}
-
-impl Rig {
-    fn new(
-        gpu: &Arc<Gpu>,
-        options: AllPairsOptions,
-        import: bool,
-        boxes: &[Aabb],
-        encoding: Encoding,
-    ) -> Result<Self, BenchError> {
-        let n = BoxCount::of_len(boxes.len()).unwrap_or_default();
-        let capacity = Counted::Sparse.first_capacity(n);
-        let words = MaskShape::exact(encoding, n, capacity, false).extent_words();
-        let imports = options.imports.clone();
-        let mut rig = Self {
-            engine: AllPairs::new(gpu, options)?,
-            boxes: Segment::new(size_of_val(boxes))?,
-            reply: Segment::new(4 * words as usize)?,
-            imported: import,
-        };
-        rig.boxes.write(boxes);
-        for segment in [&mut rig.boxes, &mut rig.reply] {
-            rig.imported &= import && segment.import(gpu, &imports).is_ok();
-        }
-        Ok(rig)
-    }
-
-    fn frame(&mut self, n: usize, encoding: Encoding) -> Result<CullReport, CullError> {
-        self.engine.cull(&CullInput::boxes(self.boxes.boxes(n)).encoding(encoding), &mut self.reply)
-    }
-}
-
-fn stages(
+/// Measures all pairs in one way, and prints.
+fn all_pairs(
     gpu: &Arc<Gpu>,
-    boxes: &[Aabb],
-    tuning: Option<Tuning>,
-    options: &BenchOptions,
-    out: &mut dyn Write,
-) -> Result<(), BenchError> {
-    for encoding in encodings(boxes.len() as u32, DENSE_LIMIT) {
-        let with = AllPairsOptions { tuning, profiled: true, ..AllPairsOptions::default() };
-        let mut rig = Rig::new(gpu, with, true, boxes, encoding)?;
-        let mut times: BTreeMap<&'static str, Vec<f64>> = BTreeMap::new();
-        let started = Instant::now();
-        let mut frames = 0;
-        while frames < LEAST_FRAMES || started.elapsed() < options.budget / 2 {
-            rig.frame(boxes.len(), encoding)?;
-            let mut frame: BTreeMap<&'static str, f64> = BTreeMap::new();
-            for step in rig.engine.step_times() {
-                *frame.entry(step.label).or_default() += step.ns / 1000.0;
-            }
-            for (label, us) in frame {
-                times.entry(label).or_default().push(us);
-            }
-            frames += 1;
-        }
-        let medians: BTreeMap<_, _> =
-            times.into_iter().map(|(label, us)| (label, percentile(us, 50))).collect();
-        let n = BoxCount::of_len(boxes.len()).unwrap_or_default();
-        let used = tuning.unwrap_or_else(|| Tuning::for_frame(n, encoding));
-        let pairs_us = medians.get("pairs").copied().unwrap_or(f64::NAN);
-        let line = json!({
-            "kind": "stages", "n": n.get(), "encoding": encoding.as_str(),
-            "imported": rig.imported, "default_tuning": tuning.is_none(),
-            "rows": used.rows as u32, "strip_blocks": used.strip_blocks, "frames": frames,
-            "stage_us": medians, "pairs_per_s": n.pair_count() as f64 / pairs_us * 1e6,
-        });
-        writeln!(out, "{line}")?;
-    }
-    Ok(())
-}
-
-fn latency(
-    gpu: &Arc<Gpu>,
-    with: AllPairsOptions,
+    with: &AllPairsOptions,
     import: bool,
-    boxes: &[Aabb],
+    n: u32,
     encoding: Encoding,
-    options: &BenchOptions,
+    (budget, check): (Duration, bool),
     out: &mut dyn Write,
 ) -> Result<(), BenchError> {
-    let upload = with.upload;
-    let mut rig = Rig::new(gpu, with, import, boxes, encoding)?;
-    let mut times = Vec::new();
-    let mut report = rig.frame(boxes.len(), encoding)?;
-    let started = Instant::now();
-    let mut frames = 0;
-    let mut warm_up = WARM_UP_FRAMES;
-    while times.len() < LEAST_FRAMES || started.elapsed() < options.budget {
-        // Frames that take seconds need no warm-up.
-        if started.elapsed() > options.budget {
-            warm_up = warm_up.min(1);
-        }
-        // A client writes its boxes in each frame; that is not timed.
-        rig.boxes.write(boxes);
-        let start = Instant::now();
-        report = rig.frame(boxes.len(), encoding)?;
-        if frames >= warm_up {
-            times.push(start.elapsed().as_secs_f64() * 1e6);
-        }
-        frames += 1;
-    }
+    let count = BoxCount::new(n);
+    let capacity = Counted::Sparse.first_capacity(count);
+    let words = MaskShape::exact(encoding, count, capacity, false).extent_words();
+    let rig = |boxes: &[Aabb], profiled| {
+        let imports = SharedImports::default();
+        let with = AllPairsOptions { profiled, imports: imports.clone(), ..with.clone() };
+        let engine = AllPairs::new(gpu, with)?;
+        Rig::new(engine, gpu, import.then_some(&imports), boxes, words, encoding)
+    };
+    let row = grid::measure_with(rig, SceneName::Uniform, n, encoding, budget, check)?;
+    let used = with.tuning.unwrap_or_else(|| Tuning::for_frame(count, encoding));
+    let pairs_us: f64 = row.stage_us.iter().filter(|(l, _)| l == "pairs").map(|(_, us)| us).sum();
     let line = json!({
-        "kind": "latency", "n": boxes.len(), "encoding": encoding.as_str(),
-        "memory": if rig.imported { "imported" } else { "staged" },
-        "upload": upload.map_or("auto".to_owned(), |u| format!("{u:?}")),
-        "frames": times.len(), "p50_us": percentile(times.clone(), 50),
-        "p99_us": percentile(times, 99), "pairs": report.pair_count,
-        "mask_bytes": report.shape.mask_bytes(),
+        "kind": "all-pairs", "upload": with.upload.map_or("auto".to_owned(), |u| format!("{u:?}")),
+        "default_tuning": with.tuning.is_none(), "rows": used.rows as u32,
+        "strip_blocks": used.strip_blocks, "pairs_per_s": count.pair_count() as f64 / pairs_us * 1e6,
+        "row": row,
     });
-    writeln!(out, "{line}")?;
-    Ok(())
-}
-
-fn check(gpu: &Arc<Gpu>, boxes: &[Aabb], out: &mut dyn Write) -> Result<(), BenchError> {
-    let n = boxes.len() as u32;
-    for encoding in encodings(n, DENSE_CHECK_LIMIT) {
-        let mut rig = Rig::new(gpu, AllPairsOptions::default(), true, boxes, encoding)?;
-        let report = rig.frame(boxes.len(), encoding)?;
-        let mut cpu_reply = HeapReply::new();
-        let threads = std::thread::available_parallelism().map_or(1, usize::from);
-        let cpu = BruteForce::new()
-            .cull(&CullInput::boxes(boxes).encoding(encoding).threads(threads), &mut cpu_reply)?;
-        let same =
-            sections(&report.shape, rig.reply.words()) == sections(&cpu.shape, cpu_reply.words());
-        if !same || report.pair_count != cpu.pair_count || report.census != cpu.census {
-            return Err(BenchError::Wrong { n, encoding });
-        }
-        let line = json!({
-            "kind": "check", "n": n, "encoding": encoding.as_str(), "imported": rig.imported,
-            "same_as_cpu": same, "pairs": report.pair_count,
-        });
-        writeln!(out, "{line}")?;
-    }
-    Ok(())
-}
-
-/// The words of each section; `None` where one is outside the reply.
-fn sections<'a>(shape: &MaskShape, reply: &'a [u32]) -> Vec<Option<&'a [u32]>> {
-    shape.spans().map(|span| span.of(reply)).collect()
-}
-
-fn percentile(mut values: Vec<f64>, percent: usize) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() * percent / 100).copied().unwrap_or(f64::NAN)
+    Ok(writeln!(out, "{line}")?)
 }
 
 fn ms(start: Instant) -> f64 {

@@ -15,8 +15,9 @@ use pairmaskd::execute::gpu::{
 use pairmaskd::scene::SceneName;
 use serde::Serialize;
 
+use super::BenchError;
+use super::rig::percentile;
 use super::shared::Segment;
-use super::{BenchError, percentile};
 use crate::study::moving::{Motion, World};
 
 /// Edits that are not counted: memory is taken, layouts are chosen, frames are recorded.

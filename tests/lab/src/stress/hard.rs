@@ -22,13 +22,9 @@ pub const ALL: &[HardScene] = &[
     HardScene { name: "chain of touching boxes", make: chain },
     HardScene { name: "unit boxes far away", make: far_unit_boxes },
     HardScene { name: "sixty decades of sizes", make: sixty_decades },
-    HardScene { name: "boxes of a few ulps", make: few_ulps },
     HardScene { name: "faces at the ends of f32", make: ends_of_range },
-    HardScene { name: "all equal", make: all_equal },
     HardScene { name: "grid borders", make: grid_borders },
     HardScene { name: "quantisation borders", make: quantisation_borders },
-    HardScene { name: "powers of two", make: powers_of_two },
-    HardScene { name: "stack", make: stack },
     HardScene { name: "rods", make: rods },
     HardScene { name: "slabs without end", make: slabs },
     HardScene { name: "giants among dust", make: giants },
@@ -119,17 +115,6 @@ fn sixty_decades(n: usize, random: &mut Random) -> Vec<Aabb> {
     })
 }
 
-/// Boxes of 0 to 3 ulps around one coordinate of any magnitude.
-fn few_ulps(n: usize, random: &mut Random) -> Vec<Aabb> {
-    let base: [f32; 3] = std::array::from_fn(|_| any_finite(random));
-    boxes(n, |_| {
-        std::array::from_fn(|axis| {
-            let low = ulps(base[axis], random.below(9) as i32 - 4);
-            [low, ulps(low, random.below(4) as i32)]
-        })
-    })
-}
-
 /// Faces at ±max, its neighbours, ±infinity, ±0 and the least subnormals.
 fn ends_of_range(n: usize, random: &mut Random) -> Vec<Aabb> {
     let ends = [
@@ -152,15 +137,6 @@ fn ends_of_range(n: usize, random: &mut Random) -> Vec<Aabb> {
             [ends[a.min(b)], ends[a.max(b)]]
         })
     })
-}
-
-fn all_equal(n: usize, random: &mut Random) -> Vec<Aabb> {
-    let interval = |random: &mut Random| {
-        let (a, b) = (any_finite(random), any_finite(random));
-        [a.min(b), a.max(b)]
-    };
-    let one = std::array::from_fn(|_| interval(random));
-    boxes(n, |_| one)
 }
 
 /// Cubes whose faces lie on, beside and across the borders of cells of the cubes' own length. The
@@ -204,33 +180,6 @@ fn quantisation_borders(n: usize, random: &mut Random) -> Vec<Aabb> {
             let to = ulps(at(step + 1 + random.below(3) as u32), nudge(random));
             [from.min(to), from.max(to)]
         })
-    })
-}
-
-/// Faces around powers of two, where the unit in the last place changes.
-fn powers_of_two(n: usize, random: &mut Random) -> Vec<Aabb> {
-    let exponent = random.below(250) as u32;
-    boxes(n, |_| {
-        std::array::from_fn(|_| {
-            let mut face = || {
-                let power = f32::from_bits((1 + exponent + random.below(3) as u32) << 23);
-                ulps(power, nudge(random))
-            };
-            let (a, b) = (face(), face());
-            [a.min(b), a.max(b)]
-        })
-    })
-}
-
-/// Boxes that differ on one axis only: on the other axes all overlap.
-fn stack(n: usize, random: &mut Random) -> Vec<Aabb> {
-    let axis = random.below(3) as usize;
-    let spacing = [0.5f32, 1.0, 1.0f32.next_up(), 3.0][random.below(4) as usize];
-    boxes(n, |i| {
-        let mut intervals = [[0.0, 1.0]; 3];
-        let low = i as f32 * spacing;
-        intervals[axis] = [low, low + 1.0];
-        intervals
     })
 }
 

@@ -1,53 +1,43 @@
 //! Stress: thousands of hard scenes a minute, each answered by every engine and compared with the
 //! oracle.
 //!
-//! A run's seed gives each case a seed of its own. The case's seed determines the number of boxes,
-//! one or two scenes ([`scenes`], [`hard`]) and up to three changes. Each [`Subject`] answers every
-//! case. A wrong answer names the case's seed, the first wrong pair and why that pair is in the
-//! mask or not.
+//! A run's seed gives each [`Case`] a seed of its own, which determines the number of boxes, one or two
+//! scenes ([`scenes`], [`hard`]), up to three changes, and the floating-point flags ([`MixedFlags`]) of the
+//! caller, the pool's threads and the writers of boxes: no answer may depend on them. A case is asked in a
+//! [`Form`]: as boxes, spheres, in a precision mode, as edits of a scene that persists, as placements. Each
+//! [`Subject`] answers every case in its form; one comparison ([`Case::check`]) holds the answer to the
+//! oracle. A wrong one names the case's seed, the first wrong pair and why that pair is in the mask or not.
 //!
-//! Precision modes take part as subjects too ([`modes`]): they must find the overlapping pairs and
-//! may find those that their definition adds. No extra pair may have a larger gap than the mode
-//! states (`gaps`).
+//! Precision modes must find the overlapping pairs and may find those that their definition adds; no extra
+//! pair may have a larger gap than the mode states ([`modes`]). What an engine leaves to another one because
+//! a scene is crowded ([`Reply::Declined`]) is counted and printed: a run without answers proves nothing.
 //!
-//! Each case also has floating-point flags ([`MixedFlags`]) for the caller, the pool's threads and the
-//! writers of boxes: no answer may depend on them.
-//!
-//! An engine may leave a crowded scene to another one ([`Outcome::Declined`]). That is no failure, but
-//! it is counted and printed: a run without answers proves nothing.
-//!
-//! The same scenes can go through a daemon, as frames of several client processes ([`clients`]).
+//! The same cases go through a daemon, as frames of several client processes ([`clients`]). All verbs of
+//! scenes, members of shared ones and rules are held to a model by `tests/tests/scene_model.rs`; here are
+//! hard boxes and flags, and scenes between the frames of many clients.
 //!
 //! To add another way to find pairs, implement [`Subject`] and list it in `roster.rs`.
 
+mod answer;
 mod case;
 mod changes;
 pub mod clients;
 mod flags;
-mod gaps;
 pub mod hard;
-mod known_pairs;
-mod mode_subject;
+mod kept_scene;
 pub mod modes;
 mod report;
 mod roster;
-mod scene_subject;
 pub mod scenes;
 mod spheres;
-mod subject;
 mod updates;
 
+pub use answer::{Answer, Finding, Form, Reply, compare};
 pub use case::{CASE_SEED_BITS, Case};
 pub use flags::{FloatFlags, MixedFlags, Rounding};
-pub use known_pairs::KnownPairs;
-pub use mode_subject::ModeSubject;
-pub use modes::{Mode, ModeChoice};
 pub use report::{Failure, Skipped, StressReport};
-pub use roster::{Entrant, Roster};
-pub use scene_subject::SceneSubject;
-pub use spheres::{SphereCase, SphereSubject};
-pub use subject::{ExactSubject, Finding, Outcome, Subject, compare};
-pub use updates::UpdateSubject;
+pub use roster::{CullSubject, Roster, Wanted};
+pub use spheres::SphereCase;
 
 use std::time::{Duration, Instant};
 
@@ -57,6 +47,24 @@ use pairmaskd::scene::Random;
 
 /// Failures after which a run ends: more of them say nothing new.
 const MOST_FAILURES: usize = 10;
+
+/// Who answers.
+pub trait Subject {
+    /// Name for messages: engine, instruction set, form, encoding, threads.
+    fn name(&self) -> &str;
+
+    /// The value of `--engine` that runs it.
+    fn engine(&self) -> &'static str;
+
+    /// How it is asked.
+    fn form(&self) -> Form;
+
+    /// Answers a case.
+    ///
+    /// # Errors
+    /// [`Finding`] where it cannot, or where the answer was compared already and is wrong.
+    fn answer(&mut self, case: &Case) -> Result<Reply, Finding>;
+}
 
 /// The cases to run.
 #[derive(Clone, Debug)]
@@ -88,7 +96,7 @@ pub enum StressError {
     #[error(transparent)]
     Engine(#[from] CullError),
     /// No subject has both the chosen engine and the chosen mode.
-    #[error("nothing to run: spheres and updates take part with --mode exact only")]
+    #[error("nothing to run: spheres, updates and scenes take part with --mode exact only")]
     NoSubject,
     /// No threads for an engine.
     #[error("the engines' threads cannot be started: {0}")]
@@ -103,14 +111,16 @@ pub fn run(
     mut watch: impl FnMut(u64, Duration),
 ) -> StressReport {
     let start = Instant::now();
-    let mut report = StressReport::new(cases, subjects);
+    let (Cases::Run { seed, .. } | Cases::One { seed }) = *cases;
+    let names = subjects.iter().map(|subject| subject.name().to_owned()).collect();
+    let mut report = StressReport::new(seed, names);
     match *cases {
-        Cases::One { seed } => check_case(&Case::new(seed), subjects, &mut report),
+        Cases::One { seed } => ask(&Case::new(seed), subjects, &mut report),
         Cases::Run { seed, time } => {
             let mut seeds = Random::new(seed);
             // At least one case runs: a run that checks nothing proves nothing.
             loop {
-                check_case(&Case::new(Case::next_seed(&mut seeds)), subjects, &mut report);
+                ask(&Case::new(Case::next_seed(&mut seeds)), subjects, &mut report);
                 watch(report.cases, start.elapsed());
                 if start.elapsed() >= time || report.failures.len() >= MOST_FAILURES {
                     break;
@@ -122,47 +132,26 @@ pub fn run(
     report
 }
 
-fn check_case(case: &Case, subjects: &mut [Box<dyn Subject>], report: &mut StressReport) {
+/// Asks all subjects, and compares their answers.
+fn ask(case: &Case, subjects: &mut [Box<dyn Subject>], report: &mut StressReport) {
     report.cases += 1;
     for subject in subjects {
         report.answers += 1;
-        let finding = match subject.check(case) {
-            Ok(Outcome::Right) => continue,
-            Ok(Outcome::Declined) => {
+        let form = subject.form();
+        let compared = subject.answer(case).and_then(|reply| match reply {
+            Reply::Pairs(answer) => case.check(form, &answer),
+            Reply::Right => Ok(()),
+            Reply::Declined => {
                 report.skip(subject.name());
-                continue;
+                Ok(())
             }
-            Err(finding) => finding,
-        };
-        report.missed += finding.missed;
-        report.extra += finding.extra;
-        if report.failures.len() < MOST_FAILURES {
-            report.failures.push(failure(case, subject.as_ref(), finding));
+        });
+        if let Err(finding) = compared {
+            let (engine, mode) = (subject.engine(), form.mode());
+            let replay = "pairmask-lab stress --case";
+            let replay = format!("{replay} {} --engine {engine} --mode {mode}", case.seed);
+            report.fail(Failure::new(case, form, subject.name().to_owned(), replay, finding));
         }
-    }
-}
-
-fn failure(case: &Case, subject: &dyn Subject, finding: Finding) -> Failure {
-    let (boxes, scene) = subject.scene(case);
-    let explain = finding.first.and_then(|pair| subject.explain(case, pair));
-    Failure {
-        case: case.seed,
-        subject: subject.name().to_owned(),
-        mode: subject.mode().as_str(),
-        replay: format!(
-            "pairmask-lab stress --case {} --engine {} --mode {}",
-            case.seed,
-            subject.engine(),
-            subject.mode()
-        ),
-        boxes: boxes as u64,
-        scene,
-        flags: case.flags.to_string(),
-        what: finding.what,
-        missed: finding.missed,
-        extra: finding.extra,
-        pair: finding.first.map(|(i, j)| [i, j]),
-        explain,
     }
 }
 

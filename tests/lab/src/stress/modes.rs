@@ -1,17 +1,18 @@
-//! A case in a precision mode: the boxes that a client would send, and the allowed answers to them.
+//! A case in a precision mode: the boxes that a client would send, the allowed answers to them, and the gap
+//! that an extra pair may have.
 
 use std::fmt;
-use std::str::FromStr;
 
-use pairmask_core::engine::UnknownName;
-use pairmask_core::oracle::Faces;
 use pairmask_core::oracle::modes::{Allowed, allowed, allowed_around_origin, allowed_by_margin};
-use pairmask_core::precision::Margin;
+use pairmask_core::oracle::{Faces, Pair};
+use pairmask_core::precision::{Margin, Widening};
 use pairmask_core::{Aabb, Bounds, Precision};
+use pairmaskd::explain::{Explanation, SentBoxes};
 use pairmaskd::precision::as_sent;
 use pairmaskd::scene::Random;
 use serde::{Deserialize, Serialize};
 
+use super::answer::{Finding, absent};
 use super::case::MOST_PAIRS;
 use super::flags::MixedFlags;
 
@@ -21,83 +22,6 @@ const MOST_BOXES: usize = 1_100;
 
 /// Makes the random numbers of modes independent of those of boxes.
 const STREAM: u64 = 0x4d4f_4445_5300;
-
-/// A precision mode as `--mode` names it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Mode {
-    /// f32 as it is.
-    Exact,
-    /// 16-bit cells.
-    Q16,
-    /// 8-bit cells.
-    Q8,
-    /// Halves.
-    F16,
-    /// Boxes inflated by a margin.
-    Margin,
-    /// f64 boxes against an origin.
-    F64,
-}
-
-impl Mode {
-    /// Every mode.
-    pub const ALL: [Self; 6] =
-        [Self::Exact, Self::Q16, Self::Q8, Self::F16, Self::Margin, Self::F64];
-
-    /// The name on the command line and in reports.
-    pub const fn as_str(self) -> &'static str {
-        match self {
-            Self::Exact => "exact",
-            Self::Q16 => "q16",
-            Self::Q8 => "q8",
-            Self::F16 => "f16",
-            Self::Margin => "margin",
-            Self::F64 => "f64",
-        }
-    }
-}
-
-impl fmt::Display for Mode {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.pad(self.as_str())
-    }
-}
-
-/// A value of `--mode`: one mode, or all.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum ModeChoice {
-    /// Every mode.
-    All,
-    /// One mode.
-    Only(Mode),
-}
-
-impl ModeChoice {
-    /// Whether it includes a mode.
-    pub fn has(self, mode: Mode) -> bool {
-        self == Self::All || self == Self::Only(mode)
-    }
-}
-
-impl FromStr for ModeChoice {
-    type Err = UnknownName;
-
-    fn from_str(s: &str) -> Result<Self, UnknownName> {
-        let mode = || Mode::ALL.into_iter().find(|mode| mode.as_str() == s).map(Self::Only);
-        let known = "all, exact, q16, q8, f16, margin, f64".into();
-        let all = (s == "all").then_some(Self::All);
-        all.or_else(mode).ok_or_else(|| UnknownName { name: s.to_owned(), known })
-    }
-}
-
-impl fmt::Display for ModeChoice {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::All => f.write_str("all"),
-            Self::Only(mode) => mode.fmt(f),
-        }
-    }
-}
 
 /// One way to use a mode other than exact.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -130,14 +54,14 @@ impl Usage {
         Self::F64,
     ];
 
-    /// The mode.
-    pub const fn mode(self) -> Mode {
+    /// The mode, as `--mode` names it.
+    pub const fn mode(self) -> &'static str {
         match self {
-            Self::Q16 | Self::Q16SmallBounds => Mode::Q16,
-            Self::Q8 | Self::Q8SmallBounds => Mode::Q8,
-            Self::F16 => Mode::F16,
-            Self::Margin => Mode::Margin,
-            Self::F64 => Mode::F64,
+            Self::Q16 | Self::Q16SmallBounds => "q16",
+            Self::Q8 | Self::Q8SmallBounds => "q8",
+            Self::F16 => "f16",
+            Self::Margin => "margin",
+            Self::F64 => "f64",
         }
     }
 }
@@ -212,7 +136,7 @@ impl ModeCase {
         // All boxes in one call, and each by itself: the result must not depend on the writing
         // thread.
         let n = given.len();
-        let (sent, alone, allowed) = match &sending {
+        let (sent, alone, allowed): (Vec<Aabb>, _, _) = match &sending {
             Sending::Narrow(precision) => (
                 flags.caller.run(|| as_sent(precision, given)),
                 flags.written(n, |i| as_sent(precision, &given[i..=i])[0]),
@@ -232,11 +156,45 @@ impl ModeCase {
                 )
             }
         };
-        let sent: Vec<Aabb> = sent;
-        let bits = |b: &Aabb| <[f32; 6]>::from(*b).map(f32::to_bits);
-        let written_unlike = sent.iter().zip(&alone).position(|(a, b)| bits(a) != bits(b));
+        let written_unlike = first_unlike(&sent, &alone);
         Self { given: given.to_vec(), sending, sent, written_unlike, allowed }
     }
+
+    /// Why a pair must be in the answer or not. An explanation begins with f32 boxes: for a world, with
+    /// those that were sent.
+    pub(super) fn explain(&self, i: u32, j: u32) -> Option<Explanation> {
+        let (given, sent) = match &self.sending {
+            Sending::Narrow(precision) => (&self.given, SentBoxes::narrow(precision, &self.sent)),
+            Sending::Inflated(margin) => (&self.given, SentBoxes::inflated(*margin, &self.sent)),
+            Sending::World { .. } => (&self.sent, SentBoxes::relative(&self.sent)),
+        };
+        Explanation::of_sent(given, &sent, i, j).ok()
+    }
+
+    /// The gap that the mode states: the largest on an axis, given where one box ends and the other starts.
+    fn stated_gap(&self, axis: usize, ends: f64, starts: f64) -> f64 {
+        match &self.sending {
+            Sending::Narrow(precision) => precision.widening().gap_limit(axis, ends, starts),
+            Sending::Inflated(margin) => margin.gap_limit(&Widening::None, axis, ends, starts),
+            Sending::World { origin, .. } => {
+                Widening::Origin(*origin).gap_limit(axis, ends, starts)
+            }
+        }
+    }
+
+    fn faces(&self, index: u32) -> Faces {
+        if let Sending::World { boxes, .. } = &self.sending {
+            return boxes[index as usize];
+        }
+        let b = &self.given[index as usize];
+        [b.min.map(f64::from), b.max.map(f64::from)]
+    }
+}
+
+/// The first box whose bits differ.
+pub(super) fn first_unlike(these: &[Aabb], those: &[Aabb]) -> Option<usize> {
+    let bits = |b: &Aabb| <[f32; 6]>::from(*b).map(f32::to_bits);
+    these.iter().zip(those).position(|(a, b)| bits(a) != bits(b))
 }
 
 /// Bounds between faces of the boxes, so that boxes lie within, outside, across and on them.
@@ -294,50 +252,110 @@ fn world(boxes: &[Aabb], random: &mut Random) -> (Vec<Faces>, [f64; 3]) {
     (faces, origin)
 }
 
+/// An extra pair with a larger gap than stated.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct TooFar {
+    pair: Pair,
+    axis: usize,
+    /// The gap, rounded, for messages.
+    gap: f64,
+    stated: f64,
+}
+
+/// Compares the gaps of extra pairs of an answer with the one that the mode states, without rounding.
+///
+/// # Errors
+/// The first pair that is farther apart, and how many are.
+pub(super) fn check_gaps(case: &ModeCase, got: &[Pair]) -> Result<(), Finding> {
+    let far = too_far(case, got, 1.0);
+    let Some(&TooFar { pair, axis, gap, stated }) = far.first() else { return Ok(()) };
+    let what = format!(
+        "pair {pair:?} has a gap of {gap:e} on axis {axis}, and the mode states {stated:e} at most"
+    );
+    Err(Finding::extra(what, far.len() as u64, pair))
+}
+
+/// The extra pairs that are farther apart than a share of what is stated, each with the first axis on which
+/// it is.
+fn too_far(case: &ModeCase, got: &[Pair], share: f64) -> Vec<TooFar> {
+    let far = |pair: Pair| {
+        let (a, b) = (case.faces(pair.0), case.faces(pair.1));
+        (0..3).find_map(|axis| {
+            let ends = a[1][axis].min(b[1][axis]);
+            let starts = a[0][axis].max(b[0][axis]);
+            if starts <= ends {
+                return None;
+            }
+            let stated = share * case.stated_gap(axis, ends, starts);
+            let is_within = difference_is_at_most(starts, ends, stated);
+            (!is_within).then_some(TooFar { pair, axis, gap: starts - ends, stated })
+        })
+    };
+    absent(got, &case.allowed.must.pairs).filter_map(far).collect()
+}
+
+/// Whether x − y ≤ `limit` in the arithmetic of real numbers. False where one of them is a NaN.
+fn difference_is_at_most(x: f64, y: f64, limit: f64) -> bool {
+    if limit == f64::INFINITY {
+        return true;
+    }
+    let difference = x - y;
+    if difference != limit || difference.is_infinite() {
+        return difference < limit;
+    }
+    rounded_off(x, -y, difference) <= 0.0
+}
+
+/// What rounding took off the sum of two numbers (two-sum, Knuth): x + y − `sum`.
+pub(super) fn rounded_off(x: f64, y: f64, sum: f64) -> f64 {
+    let virtual_y = sum - x;
+    (x - (sum - virtual_y)) + (y - virtual_y)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::stress::Case;
 
-    fn cases() -> impl Iterator<Item = Case> {
+    fn cases(count: usize) -> impl Iterator<Item = Case> {
         let mut run = Random::new(7);
-        std::iter::repeat_with(move || Case::new(Case::next_seed(&mut run))).take(60)
+        std::iter::repeat_with(move || Case::new(Case::next_seed(&mut run))).take(count)
     }
 
+    /// Of each usage: answers are possible, extra pairs too, and a stated gap of half the size is noticed.
     #[test]
-    fn every_mode_has_pairs_beyond_the_overlapping_ones_and_never_fewer() {
+    fn every_mode_has_extra_pairs_whose_gaps_are_as_stated() {
         for usage in Usage::ALL {
-            let mut extra = 0;
-            for case in cases() {
-                let Allowed { must, may } = case.in_mode(usage).allowed.clone();
+            let (mut extra, mut outside, mut found) = (0, 0, 0);
+            for case in cases(150) {
+                let case = case.in_mode(usage);
+                let Allowed { must, may } = &case.allowed;
                 let is_part = must.pairs.iter().all(|pair| may.binary_search(pair).is_ok());
-                assert!(is_part, "{usage}, case {}", case.seed);
-                assert!(may.len() <= MOST_PAIRS);
+                assert!(is_part && may.len() <= MOST_PAIRS, "{usage}");
+                // An engine's answer: the pairs of the boxes that were sent.
+                let got = pairmask_core::oracle::truth(&case.sent).pairs;
+                assert_eq!(check_gaps(case, &got), Ok(()), "{usage}");
                 extra += may.len() - must.pairs.len();
+                found += too_far(case, &got, 0.5).len();
+                if let Sending::Narrow(Precision::Q8(bounds)) = &case.sending {
+                    let (low, high) = (bounds.low()[0], bounds.high()[0]);
+                    outside +=
+                        case.given.iter().filter(|b| b.min[0] > high || b.max[0] < low).count();
+                }
             }
-            assert!(extra > 20, "{usage}: {extra} pairs may be extra");
+            assert!(extra > 50 && found > 0, "{usage}: {extra} may be extra, {found} found");
+            assert!(outside > 20 || usage != Usage::Q8SmallBounds, "{outside} boxes are outside");
         }
     }
 
     #[test]
-    fn small_bounds_leave_boxes_outside() {
-        let outside = |case: &Case| {
-            let mode = case.in_mode(Usage::Q8SmallBounds);
-            let Sending::Narrow(Precision::Q8(bounds)) = &mode.sending else {
-                panic!("cells have bounds")
-            };
-            mode.given.iter().any(|b| b.min[0] > bounds.high()[0] || b.max[0] < bounds.low()[0])
-        };
-        assert!(cases().filter(outside).count() > 20);
-    }
-
-    #[test]
-    fn names_parse_back() {
-        for mode in Mode::ALL {
-            assert_eq!(mode.as_str().parse(), Ok(ModeChoice::Only(mode)));
-            assert!(ModeChoice::All.has(mode));
-        }
-        assert_eq!("all".parse(), Ok(ModeChoice::All));
-        assert!("q17".parse::<ModeChoice>().is_err());
+    fn differences_are_compared_without_rounding() {
+        assert!(difference_is_at_most(3.0, 1.0, 2.0) && !difference_is_at_most(3.0, 1.0, 1.9));
+        // 1 + 2⁻⁶⁰ rounds to 1.
+        let tiny = 2.0f64.powi(-60);
+        assert!(!difference_is_at_most(1.0, -tiny, 1.0) && difference_is_at_most(1.0, tiny, 1.0));
+        assert!(difference_is_at_most(f64::INFINITY, 0.0, f64::INFINITY));
+        assert!(!difference_is_at_most(f64::INFINITY, 0.0, f64::MAX));
+        assert!(!difference_is_at_most(f64::NAN, 0.0, 1.0));
     }
 }

@@ -5,8 +5,10 @@ use std::fmt;
 use pairmaskd::explain::Explanation;
 use serde::Serialize;
 
+use super::MOST_FAILURES;
+use super::answer::{Finding, Form};
+use super::case::Case;
 use super::clients::ClientsReport;
-use super::{Cases, Subject};
 
 /// The JSON object of `stress --json`. Fields may be added, never changed or taken away.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -71,12 +73,33 @@ pub struct Failure {
     pub explain: Option<Explanation>,
 }
 
-impl StressReport {
-    pub(super) fn new(cases: &Cases, subjects: &[Box<dyn Subject>]) -> Self {
-        let (Cases::Run { seed, .. } | Cases::One { seed }) = cases;
+impl Failure {
+    /// A mistake in the answer to a case that was asked in a form.
+    pub fn new(case: &Case, form: Form, subject: String, replay: String, found: Finding) -> Self {
+        let (boxes, scene) = case.scene(form);
         Self {
-            seed: *seed,
-            subjects: subjects.iter().map(|subject| subject.name().to_owned()).collect(),
+            case: case.seed,
+            subject,
+            mode: form.mode(),
+            replay,
+            boxes: boxes as u64,
+            scene,
+            flags: case.flags.to_string(),
+            what: found.what,
+            missed: found.missed,
+            extra: found.extra,
+            pair: found.first.map(|(i, j)| [i, j]),
+            explain: found.first.and_then(|pair| case.explain(form, pair)),
+        }
+    }
+}
+
+impl StressReport {
+    /// Of a run that has not begun.
+    pub(super) const fn new(seed: u64, subjects: Vec<String>) -> Self {
+        Self {
+            seed,
+            subjects,
             cases: 0,
             answers: 0,
             skipped: Vec::new(),
@@ -93,6 +116,15 @@ impl StressReport {
         match self.skipped.iter_mut().find(|skipped| skipped.subject == subject) {
             Some(skipped) => skipped.answers += 1,
             None => self.skipped.push(Skipped { subject: subject.to_owned(), answers: 1 }),
+        }
+    }
+
+    /// Counts a wrong answer, and keeps the first ten.
+    pub(super) fn fail(&mut self, failure: Failure) {
+        self.missed += failure.missed;
+        self.extra += failure.extra;
+        if self.failures.len() < MOST_FAILURES {
+            self.failures.push(failure);
         }
     }
 
@@ -130,13 +162,12 @@ impl fmt::Display for StressReport {
         if skipped > 0 {
             write!(f, "{skipped} skipped, ")?;
         }
-        if self.checked() == 0 {
-            write!(f, "nothing was checked")
-        } else if self.failures.is_empty() {
-            write!(f, "0 missed, 0 extra")
-        } else {
-            let wrong = self.failures.len();
-            write!(f, "{wrong} wrong answers shown, {missed} missed and {extra} extra pairs")
+        match self.failures.len() {
+            _ if self.checked() == 0 => f.write_str("nothing was checked"),
+            0 => f.write_str("0 missed, 0 extra"),
+            wrong => {
+                write!(f, "{wrong} wrong answers shown, {missed} missed and {extra} extra pairs")
+            }
         }
     }
 }

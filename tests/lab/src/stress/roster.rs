@@ -1,80 +1,70 @@
-//! The subjects that take part.
+//! The subjects that take part: engines with instruction sets, encodings and thread counts, in every form.
 
-use std::fmt;
-use std::str::FromStr;
 use std::sync::Arc;
 
-use pairmask_core::Encoding;
-use pairmask_core::engine::{Engine, EngineName, Isa, UnknownName, cpu_engine};
+use pairmask_core::dispatch::{CullOptions, SphereEngines};
+use pairmask_core::engine::{
+    CullError, CullInput, CullReport, Engine, EngineChoice, EngineName, HeapReply, Isa, cpu_engine,
+};
+use pairmask_core::oracle::check::{Mismatch, check_frame};
+use pairmask_core::oracle::naive_decoder::decode;
+use pairmask_core::sphere::SphereAllPairs;
+use pairmask_core::{Aabb, Encoding, EncodingChoice};
 use pairmaskd::execute::gpu::{
-    AllPairs, AllPairsOptions, Gpu, GpuChoice, Grid, GridOptions, HostImport, OpenError, SceneTools,
+    AllPairs, AllPairsOptions, Gpu, GpuChoice, GpuError, Grid, GridOptions, HostImport, OpenError,
+    SceneTools,
 };
 use rayon::{ThreadPool, ThreadPoolBuilder};
+use serde::{Deserialize, Serialize};
 
-use super::StressError;
-use super::mode_subject::ModeSubject;
-use super::modes::{Mode, ModeChoice, Usage};
-use super::scene_subject::SceneSubject;
-use super::spheres::SphereSubject;
-use super::subject::{ExactSubject, Subject};
+use super::answer::{Answer, Finding, Form, Reply};
+use super::case::Case;
+use super::kept_scene::SceneSubject;
+use super::modes::{ModeCase, Sending, Usage};
 use super::updates::UpdateSubject;
-use crate::sabotage::{Sabotage, Spoiler, lose_a_pair};
+use super::{StressError, Subject};
+use crate::sabotage::{Sabotage, Spoiler, lose_a_pair, shrink};
 
-/// A value of `--engine`: one kind of subject, or all.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Entrant {
-    /// All subjects that this machine can run.
-    All,
-    /// One engine, with every instruction set and encoding.
-    Engine(EngineName),
-    /// The sphere engines, in every way.
-    Spheres,
-    /// The update stage.
-    Updates,
-    /// Scenes that persist.
-    Scenes,
+/// What takes part.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Wanted {
+    /// Values of `--engine`.
+    pub engines: Vec<String>,
+    /// Values of `--mode`.
+    pub modes: Vec<String>,
+    /// Most threads of an engine; each takes part with one thread as well.
+    pub threads: usize,
 }
 
-impl FromStr for Entrant {
-    type Err = UnknownName;
+impl Wanted {
+    /// The values of `--mode`.
+    pub const MODES: [&str; 7] = ["all", "exact", "q16", "q8", "f16", "margin", "f64"];
 
-    fn from_str(s: &str) -> Result<Self, UnknownName> {
-        match s {
-            "all" => Ok(Self::All),
-            "spheres" => Ok(Self::Spheres),
-            "updates" => Ok(Self::Updates),
-            "scenes" => Ok(Self::Scenes),
-            _ => EngineName::from_name(s).map(Self::Engine).ok_or_else(|| UnknownName {
-                name: s.to_owned(),
-                known: format!("all, {}, spheres, updates, scenes", EngineName::listed(", "))
-                    .into(),
-            }),
-        }
+    /// The values of `--engine`.
+    pub fn engine_names() -> Vec<&'static str> {
+        let engines = EngineName::ALL.iter().map(|name| name.as_str());
+        ["all"].into_iter().chain(engines).chain(["spheres", "updates", "scenes"]).collect()
     }
-}
 
-impl fmt::Display for Entrant {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::All => f.write_str("all"),
-            Self::Engine(name) => name.fmt(f),
-            Self::Spheres => f.write_str("spheres"),
-            Self::Updates => f.write_str("updates"),
-            Self::Scenes => f.write_str("scenes"),
-        }
+    /// Whether an engine, or another kind of subjects, takes part in a form.
+    pub fn has(&self, engine: &str, form: Form) -> bool {
+        let names = |list: &[String], name| list.iter().any(|one| one == "all" || one == name);
+        names(&self.engines, engine) && names(&self.modes, form.mode())
+    }
+
+    /// The forms of boxes in which an engine takes part.
+    pub fn forms_of_boxes(&self, engine: &str) -> Vec<Form> {
+        let forms = [Form::Boxes].into_iter().chain(Usage::ALL.map(Form::Mode));
+        forms.filter(|form| self.has(engine, *form)).collect()
     }
 }
 
 /// The subjects of a run, and their settings.
 #[derive(Clone, Debug)]
 pub struct Roster {
-    /// The kinds of subjects.
-    pub entrants: Vec<Entrant>,
-    /// The precision modes.
-    pub modes: Vec<ModeChoice>,
-    /// Most threads of an engine; each takes part with one thread as well.
-    pub threads: usize,
-    /// The GPU. [`Entrant::All`] leaves GPU engines out on a machine without a GPU.
+    /// What takes part.
+    pub wanted: Wanted,
+    /// The GPU. Engines of the GPU that no name asks for are left out on a machine without one.
     pub gpu: GpuChoice,
     /// Break every engine or mode, to test that the checks notice.
     pub sabotage: Option<Sabotage>,
@@ -94,195 +84,307 @@ impl Roster {
     /// # Errors
     /// [`StressError`] where a named one cannot be made.
     pub fn subjects(&self) -> Result<Vec<Box<dyn Subject>>, StressError> {
-        let mut subjects = Vec::new();
+        let mut pools = vec![pool(1)?];
+        if self.wanted.threads > 1 {
+            pools.push(pool(self.wanted.threads)?);
+        }
+        let is_broken = self.sabotage == Some(Sabotage::Lossy);
+        let mut subjects: Vec<Box<dyn Subject>> = Vec::new();
         for name in EngineName::CPU {
-            if self.has(name) {
-                self.add_cpu(name, &mut subjects)?;
+            let isas = || Isa::ALL.into_iter().filter(|isa| isa.is_available());
+            for isa in isas() {
+                let engine = || Ok::<_, StressError>(cpu_engine(name, isa)?);
+                // Masks do not depend on modes: those are asked with the widest instruction set alone.
+                let is_best = isa == Isa::best();
+                self.add(&mut subjects, name, isa.as_str(), is_best, &pools, engine)?;
             }
         }
-        let engines = EngineName::ALL.into_iter().any(|name| name.is_gpu() && self.has(name));
-        if engines || self.has_scenes() {
-            self.add_gpu(&mut subjects)?;
-        }
-        if self.has_scenes() {
-            for pool in self.pools()? {
-                subjects.push(Box::new(SceneSubject::new(&pool, self.is_lossy())));
+        self.add_gpu(&mut subjects, &pools[..1])?;
+        for pool in &pools {
+            let (pool, threads) = (Arc::clone(pool), threads_of(pool));
+            if self.wanted.has("scenes", Form::Scene) {
+                let (name, pool) = (format!("scenes of cores, {threads}"), Arc::clone(&pool));
+                subjects.push(Box::new(SceneSubject { name, pool, tools: None, is_broken }));
+            }
+            if self.wanted.has("spheres", Form::Spheres) {
+                self.add_spheres(&mut subjects, &pool)?;
+            }
+            if self.wanted.has("updates", Form::Updates) {
+                let name = format!("updates, {threads}");
+                subjects.push(Box::new(UpdateSubject { name, pool, is_broken }));
             }
         }
-        let spheres = self.entrants.iter().any(|e| [Entrant::All, Entrant::Spheres].contains(e));
-        if spheres && self.has_mode(Mode::Exact) {
-            subjects.extend(SphereSubject::all(&self.pools()?, self.is_lossy())?);
-        }
-        let updates = self.entrants.iter().any(|e| [Entrant::All, Entrant::Updates].contains(e));
-        if updates && self.has_mode(Mode::Exact) {
-            for pool in self.pools()? {
-                subjects.push(Box::new(UpdateSubject::new(&pool, self.is_lossy())));
-            }
-        }
-        if subjects.is_empty() {
-            return Err(StressError::NoSubject);
-        }
-        Ok(subjects)
+        if subjects.is_empty() { Err(StressError::NoSubject) } else { Ok(subjects) }
     }
 
-    fn has_mode(&self, mode: Mode) -> bool {
-        self.modes.iter().any(|choice| choice.has(mode))
-    }
-
-    fn has_scenes(&self) -> bool {
-        let scenes = self.entrants.iter().any(|e| [Entrant::All, Entrant::Scenes].contains(e));
-        scenes && self.has_mode(Mode::Exact)
-    }
-
-    fn is_lossy(&self) -> bool {
-        self.sabotage == Some(Sabotage::Lossy)
-    }
-
-    fn has(&self, name: EngineName) -> bool {
-        self.entrants.iter().any(|e| [Entrant::All, Entrant::Engine(name)].contains(e))
-    }
-
-    fn add_cpu(
+    /// Adds an engine of boxes: with every encoding and pool, and in every precision mode.
+    fn add<E>(
         &self,
-        name: EngineName,
         subjects: &mut Vec<Box<dyn Subject>>,
-    ) -> Result<(), StressError> {
-        let pools = self.pools()?;
-        if let Some(pool) = pools.last() {
-            let best = Isa::best();
-            self.add_modes(&format!(" {best}"), pool, subjects, || Ok(cpu_engine(name, best)?))?;
-        }
-        if !self.has_mode(Mode::Exact) {
-            return Ok(());
-        }
-        for isa in Isa::ALL.into_iter().filter(|isa| isa.is_available()) {
-            for pool in &pools {
-                for encoding in Encoding::ALL {
-                    let engine = cpu_engine(name, isa)?;
-                    self.add(engine, isa.as_str(), encoding, pool, subjects);
+        name: EngineName,
+        variant: &str,
+        with_modes: bool,
+        pools: &[Arc<ThreadPool>],
+        engine: impl Fn() -> Result<Box<dyn Engine>, E>,
+    ) -> Result<(), E> {
+        for form in self.wanted.forms_of_boxes(name.as_str()) {
+            let (encodings, pools) = match form {
+                Form::Boxes => (name.descriptor().encodings, pools),
+                _ if with_modes => (&[Encoding::Sparse][..], &pools[pools.len() - 1..]),
+                _ => continue,
+            };
+            for pool in pools {
+                for &encoding in encodings {
+                    let mut engine = engine()?;
+                    if self.sabotage == Some(Sabotage::Lossy) {
+                        engine = Box::new(Spoiler { engine, spoil: lose_a_pair });
+                    }
+                    let label = format!("{name} {variant}");
+                    let mut subject =
+                        CullSubject::new(Culls::Boxes(engine), &label, form, encoding, pool);
+                    subject.is_broken = self.sabotage == Some(Sabotage::Inward);
+                    subjects.push(Box::new(subject));
                 }
             }
         }
         Ok(())
     }
 
-    /// A pool of one thread, and one of all.
-    fn pools(&self) -> Result<Vec<Arc<ThreadPool>>, StressError> {
-        let mut pools = vec![pool(1)?];
-        if self.threads > 1 {
-            pools.push(pool(self.threads)?);
+    /// Every way to find pairs of spheres.
+    fn add_spheres(
+        &self,
+        subjects: &mut Vec<Box<dyn Subject>>,
+        pool: &Arc<ThreadPool>,
+    ) -> Result<(), CullError> {
+        let mut ways: Vec<(String, Culls)> = Vec::new();
+        for encoding in Encoding::ALL {
+            for isa in Isa::ALL.into_iter().filter(|isa| isa.is_available()) {
+                let all_pairs = Culls::AllPairs(SphereAllPairs::with_isa(isa)?);
+                ways.push((format!("spheres all pairs {isa}"), all_pairs));
+            }
+            // `cpu-brute` is all pairs, as above.
+            let others = EngineName::CPU.into_iter().filter(|name| *name != EngineName::CpuBrute);
+            for choice in others.map(EngineChoice::Only).chain([EngineChoice::Auto]) {
+                let through = Culls::Through(choice, Box::default());
+                ways.push((format!("spheres through {choice}"), through));
+            }
+            for (label, way) in ways.drain(..) {
+                let mut subject = CullSubject::new(way, &label, Form::Spheres, encoding, pool);
+                subject.is_broken = self.sabotage == Some(Sabotage::Lossy);
+                subjects.push(Box::new(subject));
+            }
         }
-        Ok(pools)
+        Ok(())
     }
 
-    fn add_gpu(&self, subjects: &mut Vec<Box<dyn Subject>>) -> Result<(), StressError> {
-        let named =
-            self.entrants.iter().any(|e| matches!(e, Entrant::Engine(name) if name.is_gpu()));
+    fn add_gpu(
+        &self,
+        subjects: &mut Vec<Box<dyn Subject>>,
+        pools: &[Arc<ThreadPool>],
+    ) -> Result<(), StressError> {
+        let engines = || EngineName::ALL.into_iter().filter(|name| name.is_gpu());
+        let with_scenes = self.wanted.has("scenes", Form::Scene);
+        let is_wanted = |name: &EngineName| !self.wanted.forms_of_boxes(name.as_str()).is_empty();
+        if !with_scenes && !engines().any(|name| is_wanted(&name)) {
+            return Ok(());
+        }
+        let is_named =
+            self.wanted.engines.iter().any(|wanted| engines().any(|name| name.as_str() == wanted));
         if self.gpu == GpuChoice::None {
             // Adapters are not even listed: that takes time and loads every driver.
-            return if named { Err(OpenError::SwitchedOff.into()) } else { Ok(()) };
+            return if is_named { Err(OpenError::SwitchedOff.into()) } else { Ok(()) };
         }
         let gpu = match Gpu::open(&self.gpu, HostImport::IfPossible) {
             Ok(gpu) => gpu,
-            Err(OpenError::NoAdapter { .. }) if !named && self.gpu == GpuChoice::Auto => {
+            Err(OpenError::NoAdapter { .. }) if !is_named && self.gpu == GpuChoice::Auto => {
                 return Ok(());
             }
             Err(error) => return Err(error.into()),
         };
-        let pool = pool(1)?;
-        if self.has_scenes() {
-            let tools = SceneTools::new(&gpu, &GridOptions::default())?;
-            subjects.push(Box::new(SceneSubject::on_gpu(tools, &pool, self.is_lossy())));
+        let device = &gpu.info().name;
+        if with_scenes {
+            subjects.push(Box::new(SceneSubject {
+                name: format!("scenes on {device}"),
+                pool: Arc::clone(&pools[0]),
+                tools: Some(SceneTools::new(&gpu, &GridOptions::default())?),
+                is_broken: self.sabotage == Some(Sabotage::Lossy),
+            }));
         }
-        if self.has(EngineName::GpuBrute) {
-            self.add_all_pairs(&gpu, &pool, subjects)?;
-        }
-        if self.has(EngineName::GpuGrid) {
-            self.add_gpu_grid(&gpu, &pool, subjects)?;
-        }
-        Ok(())
-    }
-
-    fn add_all_pairs(
-        &self,
-        gpu: &Arc<Gpu>,
-        pool: &Arc<ThreadPool>,
-        subjects: &mut Vec<Box<dyn Subject>>,
-    ) -> Result<(), StressError> {
-        let on = format!(" on {}", gpu.info().name);
-        self.add_modes(&on, pool, subjects, || {
-            Ok(Box::new(AllPairs::new(gpu, AllPairsOptions::default())?))
-        })?;
-        if !self.has_mode(Mode::Exact) {
-            return Ok(());
-        }
-        for (variant, matrix_bytes) in [("", None), (", many bands", Some(SMALL_MATRIX_BYTES))] {
-            for encoding in Encoding::ALL {
-                let options = AllPairsOptions { matrix_bytes, ..AllPairsOptions::default() };
-                let engine = AllPairs::new(gpu, options)?;
-                let variant = format!("on {}{variant}", gpu.info().name);
-                self.add(Box::new(engine), &variant, encoding, pool, subjects);
+        for name in engines() {
+            for is_harder in [false, true] {
+                let variant = match (is_harder, name) {
+                    (false, _) => "",
+                    (true, EngineName::GpuBrute) => ", many bands",
+                    (true, _) => ", poisoned memory",
+                };
+                let variant = format!("on {device}{variant}");
+                let engine = || gpu_engine(&gpu, name, is_harder);
+                self.add(subjects, name, &variant, !is_harder, pools, engine)?;
             }
         }
         Ok(())
     }
+}
 
-    fn add_gpu_grid(
-        &self,
-        gpu: &Arc<Gpu>,
-        pool: &Arc<ThreadPool>,
-        subjects: &mut Vec<Box<dyn Subject>>,
-    ) -> Result<(), StressError> {
-        let on = format!(" on {}", gpu.info().name);
-        self.add_modes(&on, pool, subjects, || {
-            Ok(Box::new(Grid::new(gpu, &GridOptions::default())?))
-        })?;
-        if !self.has_mode(Mode::Exact) {
-            return Ok(());
-        }
-        for (variant, poison) in [("", None), (", poisoned memory", Some(POISON))] {
-            for encoding in EngineName::GpuGrid.descriptor().encodings {
-                let engine = Grid::new(gpu, &GridOptions { poison, ..GridOptions::default() })?;
-                let variant = format!("on {}{variant}", gpu.info().name);
-                self.add(Box::new(engine), &variant, *encoding, pool, subjects);
-            }
-        }
-        Ok(())
-    }
-
-    fn add(
-        &self,
-        engine: Box<dyn Engine>,
-        variant: &str,
-        encoding: Encoding,
-        pool: &Arc<ThreadPool>,
-        subjects: &mut Vec<Box<dyn Subject>>,
-    ) {
-        let engine = self.maybe_lossy(engine);
-        subjects.push(Box::new(ExactSubject::new(engine, variant, encoding, pool)));
-    }
-
-    /// Adds a subject with its own engine for every usage of a mode other than exact.
-    fn add_modes(
-        &self,
-        variant: &str,
-        pool: &Arc<ThreadPool>,
-        subjects: &mut Vec<Box<dyn Subject>>,
-        engine: impl Fn() -> Result<Box<dyn Engine>, StressError>,
-    ) -> Result<(), StressError> {
-        let inward = self.sabotage == Some(Sabotage::Inward);
-        for usage in Usage::ALL.into_iter().filter(|usage| self.has_mode(usage.mode())) {
-            let engine = self.maybe_lossy(engine()?);
-            subjects.push(Box::new(ModeSubject::new(engine, variant, usage, pool, inward)));
-        }
-        Ok(())
-    }
-
-    fn maybe_lossy(&self, engine: Box<dyn Engine>) -> Box<dyn Engine> {
-        if self.is_lossy() { Box::new(Spoiler { engine, spoil: lose_a_pair }) } else { engine }
-    }
+fn gpu_engine(
+    gpu: &Arc<Gpu>,
+    name: EngineName,
+    is_harder: bool,
+) -> Result<Box<dyn Engine>, GpuError> {
+    Ok(if name == EngineName::GpuBrute {
+        let matrix_bytes = is_harder.then_some(SMALL_MATRIX_BYTES);
+        let options = AllPairsOptions { matrix_bytes, ..AllPairsOptions::default() };
+        Box::new(AllPairs::new(gpu, options)?)
+    } else {
+        let poison = is_harder.then_some(POISON);
+        Box::new(Grid::new(gpu, &GridOptions { poison, ..GridOptions::default() })?)
+    })
 }
 
 fn pool(threads: usize) -> Result<Arc<ThreadPool>, StressError> {
     Ok(Arc::new(ThreadPoolBuilder::new().num_threads(threads).build()?))
+}
+
+fn threads_of(pool: &ThreadPool) -> String {
+    match pool.current_num_threads() {
+        1 => "1 thread".to_owned(),
+        threads => format!("{threads} threads"),
+    }
+}
+
+/// What finds the pairs of a frame.
+pub enum Culls {
+    /// An engine of boxes.
+    Boxes(Box<dyn Engine>),
+    /// All pairs of spheres, with one instruction set.
+    AllPairs(SphereAllPairs),
+    /// Spheres through the engine that a frame's options name.
+    Through(EngineChoice, Box<SphereEngines>),
+}
+
+/// What finds the pairs of a frame, on the threads of a pool.
+pub struct CullSubject {
+    name: String,
+    culls: Culls,
+    form: Form,
+    encoding: Encoding,
+    pool: Arc<ThreadPool>,
+    reply: HeapReply,
+    /// Spheres lose a pair, and modes round inward, to test that the checks notice.
+    is_broken: bool,
+}
+
+impl CullSubject {
+    /// One that is asked in a form and answers in an encoding. `label` tells it from others.
+    pub fn new(
+        culls: Culls,
+        label: &str,
+        form: Form,
+        encoding: Encoding,
+        pool: &Arc<ThreadPool>,
+    ) -> Self {
+        let threads = threads_of(pool);
+        let name = format!("{label}, {form}, {encoding}, {threads}");
+        let (pool, reply) = (Arc::clone(pool), HeapReply::new());
+        Self { name, culls, form, encoding, pool, reply, is_broken: false }
+    }
+
+    /// Culls once, and decodes the mask.
+    fn cull(&mut self, case: &Case, boxes: &[Aabb]) -> Result<Reply, Finding> {
+        let Self { culls, encoding, pool, reply, .. } = self;
+        let (encoding, threads) = (*encoding, pool.current_num_threads());
+        let spheres = || &case.spheres().spheres[..];
+        let n = match culls {
+            Culls::Boxes(_) => boxes.len(),
+            _ => spheres().len(),
+        };
+        let report = case.flags.install(pool, || match culls {
+            Culls::Boxes(engine) => {
+                let input = CullInput::boxes(boxes).encoding(encoding).threads(threads);
+                engine.cull(&input, reply)
+            }
+            Culls::AllPairs(engine) => {
+                let input = CullInput::spheres(spheres()).encoding(encoding).threads(threads);
+                engine.cull(&input, reply)
+            }
+            Culls::Through(engine, engines) => {
+                let encoding = EncodingChoice::Only(encoding);
+                let (engine, threads) = (*engine, Some(threads));
+                let options = CullOptions { engine, encoding, threads, ..CullOptions::default() };
+                engines.cull(spheres(), &options, reply).map(|answer| answer.report)
+            }
+        });
+        let mut report: CullReport = match report {
+            Err(CullError::TooCrowded { .. }) => return Ok(Reply::Declined),
+            report => report.map_err(|error| Finding::other(&error))?,
+        };
+        let mut words = reply.words().to_vec();
+        if self.is_broken && self.form == Form::Spheres {
+            lose_a_pair(&mut words, &mut report);
+        }
+        let pairs = decode(&words, &report.shape, n as u32);
+        let pairs = pairs.map_err(|error| Finding::other(&error))?;
+        Ok(Reply::Pairs(Answer { pairs, count: report.pair_count, census: report.census }))
+    }
+
+    /// Culls exact boxes twice, and checks all that an engine promises of its mask.
+    fn check_boxes(&mut self, case: &Case) -> Result<Reply, Finding> {
+        let Self { culls: Culls::Boxes(engine), encoding, pool, reply, .. } = self else {
+            return self.cull(case, &case.boxes);
+        };
+        let threads = pool.current_num_threads();
+        let input = CullInput::boxes(&case.boxes).encoding(*encoding).threads(threads);
+        let check = || check_frame(engine.as_mut(), &input, &case.truth, reply);
+        match case.flags.install(pool, check) {
+            Ok(()) => Ok(Reply::Right),
+            Err(Mismatch::Cull(CullError::TooCrowded { .. })) => Ok(Reply::Declined),
+            Err(mismatch @ (Mismatch::Missing(_) | Mismatch::Extra(_))) => {
+                // All wrong pairs, by another run. Without any the answer changes from run to run.
+                match self.cull(case, &case.boxes)? {
+                    Reply::Pairs(answer) if case.check(Form::Boxes, &answer).is_err() => {
+                        Ok(Reply::Pairs(answer))
+                    }
+                    _ => Err(Finding::other(&format!("one run in some: {mismatch}"))),
+                }
+            }
+            Err(mismatch) => Err(Finding::other(&mismatch)),
+        }
+    }
+}
+
+impl Subject for CullSubject {
+    fn name(&self) -> &str {
+        &self.name
+    }
+
+    fn engine(&self) -> &'static str {
+        match &self.culls {
+            Culls::Boxes(engine) => engine.name().as_str(),
+            _ => "spheres",
+        }
+    }
+
+    fn form(&self) -> Form {
+        self.form
+    }
+
+    fn answer(&mut self, case: &Case) -> Result<Reply, Finding> {
+        let Form::Mode(usage) = self.form else { return self.check_boxes(case) };
+        let sent = case.in_mode(usage);
+        if let Some(index) = sent.written_unlike {
+            let what = format!("box {index} becomes another one when it is written by itself");
+            return Err(Finding::other(&what));
+        }
+        let inward = self.is_broken.then(|| rounded_inward(sent));
+        self.cull(case, inward.as_deref().unwrap_or(&sent.sent))
+    }
+}
+
+/// The boxes to send with faces rounded inward instead of outward.
+fn rounded_inward(case: &ModeCase) -> Vec<Aabb> {
+    let boxes = match case.sending {
+        Sending::Inflated(_) => &case.given,
+        Sending::Narrow(_) | Sending::World { .. } => &case.sent,
+    };
+    boxes.iter().map(shrink).collect()
 }

@@ -4,67 +4,58 @@ use pairmask_core::Encoding;
 use pairmask_core::engine::{CullInput, CullReport, Engine, EngineName, ReplyBuffer};
 use pairmaskd::execute::gpu::GpuChoice;
 
+use super::roster::Culls;
 use super::*;
 use crate::sabotage::Sabotage;
 
-fn roster(broken: bool) -> Roster {
-    let entrants = vec![Entrant::Engine(EngineName::CpuSap), Entrant::Engine(EngineName::CpuGrid)];
-    let modes = vec![ModeChoice::All];
-    let sabotage = broken.then_some(Sabotage::Lossy);
-    Roster { entrants, modes, threads: 2, gpu: GpuChoice::None, sabotage }
+fn roster(engines: &[&str], mode: &str, sabotage: Option<Sabotage>) -> Roster {
+    let engines = engines.iter().map(|name| (*name).to_owned()).collect();
+    let wanted = Wanted { engines, modes: vec![mode.to_owned()], threads: 2 };
+    Roster { wanted, gpu: GpuChoice::None, sabotage }
 }
 
+fn run_for(seed: u64, ms: u64, subjects: &mut [Box<dyn Subject>]) -> StressReport {
+    run(&Cases::Run { seed, time: Duration::from_millis(ms) }, subjects, |_, _| {})
+}
+
+/// Each kind of subject passes as it is, and is caught where it is broken; its case is given again.
 #[test]
-fn every_mode_that_rounds_inward_is_caught() {
-    let entrants = vec![Entrant::Engine(EngineName::CpuSap)];
-    for mode in Mode::ALL.into_iter().filter(|mode| *mode != Mode::Exact) {
-        let modes = vec![ModeChoice::Only(mode)];
-        let roster = Roster { entrants: entrants.clone(), modes, ..roster(false) };
-        let broken = Roster { sabotage: Some(Sabotage::Inward), ..roster.clone() };
-        let cases = Cases::Run { seed: 4, time: Duration::from_secs(60) };
-        let mut subjects = broken.subjects().expect("CPU engines");
-        let report = run(&cases, &mut subjects, |_, _| {});
-        assert!(report.missed > 0 && report.extra == 0, "{mode}: {report}");
+fn right_subjects_pass_and_broken_ones_are_caught_and_replayed() {
+    let (lossy, inward) = (Sabotage::Lossy, Sabotage::Inward);
+    for (engines, mode, sabotage, word) in [
+        (&["cpu-sap", "cpu-grid"][..], "all", lossy, "is missing"),
+        (&["spheres"], "all", lossy, "Sphere"),
+        (&["scenes"], "all", lossy, "is missing"),
+        (&["updates"], "all", lossy, "with the default flags"),
+        (&["cpu-sap"], "q16", inward, "q16"),
+        (&["cpu-sap"], "q8", inward, "q8"),
+        (&["cpu-sap"], "f16", inward, "f16"),
+        (&["cpu-sap"], "margin", inward, "margin"),
+        (&["cpu-sap"], "f64", inward, "around"),
+    ] {
+        let subjects = |sabotage| roster(engines, mode, sabotage).subjects().expect("cores");
+        let (mut sound, mut broken) = (subjects(None), subjects(Some(sabotage)));
+        let report = run_for(1, 300, &mut sound);
+        assert!(report.is_clean(), "{report}");
+        assert_eq!(report.answers, report.cases * sound.len() as u64);
+
+        let report = run_for(1, 60_000, &mut broken);
+        assert!(!report.is_clean() && report.extra == 0, "{engines:?} {mode}: {report}");
+        assert_eq!(report.missed > 0, engines != ["updates"], "{report}");
         let failure = &report.failures[0];
-        assert_eq!(failure.mode, mode.as_str());
-        let explain = failure.explain.as_ref().expect("a pair is missing");
-        assert!(explain.overlaps && explain.mode.starts_with(mode.as_str()), "{mode}: {report}");
-        let mut sound = roster.subjects().expect("CPU engines");
-        assert!(run(&Cases::One { seed: failure.case }, &mut sound, |_, _| {}).is_clean());
+        assert!(failure.what.contains(word), "{report}");
+        assert!(report.to_string().contains(&failure.replay));
+        match &failure.explain {
+            Some(explain) => {
+                assert!(explain.overlaps && Some(explain.pair) == failure.pair, "{report}");
+                assert!(mode == "all" || explain.mode.starts_with(mode), "{report}");
+            }
+            None => assert!(["spheres", "scenes", "updates"].contains(&engines[0]), "{report}"),
+        }
+        let one = Cases::One { seed: failure.case };
+        assert_eq!(&run(&one, &mut broken, |_, _| {}).failures[0], failure);
+        assert!(run(&one, &mut sound, |_, _| {}).is_clean());
     }
-}
-
-#[test]
-fn spheres_have_no_other_mode_than_exact() {
-    let modes = vec![ModeChoice::Only(Mode::Q16)];
-    let roster = Roster { entrants: vec![Entrant::Spheres], modes, ..roster(false) };
-    assert!(matches!(roster.subjects(), Err(StressError::NoSubject)));
-}
-
-#[test]
-fn right_engines_pass_and_the_run_is_counted() {
-    let mut subjects = roster(false).subjects().expect("CPU engines");
-    let cases = Cases::Run { seed: 1, time: Duration::from_millis(200) };
-    let report = run(&cases, &mut subjects, |_, _| {});
-    assert!(report.is_clean(), "{report}");
-    assert_eq!(report.answers, report.cases * subjects.len() as u64);
-}
-
-#[test]
-fn a_broken_engine_is_caught_and_its_case_replayed() {
-    let mut subjects = roster(true).subjects().expect("CPU engines");
-    let cases = Cases::Run { seed: 1, time: Duration::from_secs(60) };
-    let report = run(&cases, &mut subjects, |_, _| {});
-    assert!(!report.is_clean() && report.missed > 0 && report.extra == 0, "{report}");
-    let failure = &report.failures[0];
-    let explain = failure.explain.as_ref().expect("a pair is missing");
-    assert!(explain.overlaps && Some(explain.pair) == failure.pair, "{report}");
-    assert!(report.to_string().contains(&failure.replay));
-
-    let again = run(&Cases::One { seed: failure.case }, &mut subjects, |_, _| {});
-    assert_eq!(&again.failures[0], failure);
-    let mut sound = roster(false).subjects().expect("CPU engines");
-    assert!(run(&Cases::One { seed: failure.case }, &mut sound, |_, _| {}).is_clean());
 }
 
 /// A subject that declines every scene.
@@ -87,14 +78,16 @@ impl Engine for Decliner {
 #[test]
 fn what_is_left_to_others_is_counted_and_proves_nothing() {
     let pool = Arc::new(rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a thread"));
-    let exact = ExactSubject::new(Box::new(Decliner), "declines", Encoding::Sparse, &pool);
-    let mode = ModeSubject::new(Box::new(Decliner), "", modes::Usage::Q8, &pool, false);
-    let mut subjects: Vec<Box<dyn Subject>> = vec![Box::new(exact), Box::new(mode)];
+    let decliner = |form| -> Box<dyn Subject> {
+        let culls = Culls::Boxes(Box::new(Decliner));
+        Box::new(CullSubject::new(culls, "declines", form, Encoding::Sparse, &pool))
+    };
+    let mut subjects = vec![decliner(Form::Boxes), decliner(Form::Mode(modes::Usage::Q8))];
     let report = run(&Cases::One { seed: 1 }, &mut subjects, |_, _| {});
     assert_eq!((report.answers, report.checked(), report.failures.len()), (2, 0, 0));
     assert!(!report.is_clean() && report.to_string().contains("nothing was checked"), "{report}");
 
-    subjects.extend(roster(false).subjects().expect("CPU engines"));
+    subjects.extend(roster(&["cpu-sap"], "all", None).subjects().expect("CPU engines"));
     let report = run(&Cases::One { seed: 1 }, &mut subjects, |_, _| {});
     assert_eq!(report.checked(), report.answers - 2);
     let skipped: Vec<&str> = report.skipped.iter().map(|s| s.subject.as_str()).collect();
@@ -105,30 +98,7 @@ fn what_is_left_to_others_is_counted_and_proves_nothing() {
 
 #[test]
 fn a_run_without_answers_is_not_clean() {
-    let report = run(&Cases::One { seed: 1 }, &mut [], |_, _| {});
-    assert!(!report.is_clean());
-}
-
-#[test]
-fn spheres_take_part_and_broken_ones_are_caught() {
-    let roster = |broken| Roster { entrants: vec![Entrant::Spheres], ..roster(broken) };
-    let cases = Cases::Run { seed: 2, time: Duration::from_secs(2) };
-    let report = run(&cases, &mut roster(false).subjects().expect("CPU engines"), |_, _| {});
-    assert!(report.is_clean(), "{report}");
-    let cases = Cases::Run { seed: 2, time: Duration::from_secs(60) };
-    let report = run(&cases, &mut roster(true).subjects().expect("CPU engines"), |_, _| {});
-    assert!(report.missed > 0 && report.extra == 0, "{report}");
-    let failure = &report.failures[0];
-    assert!(failure.explain.is_none() && failure.what.contains("Sphere"), "{report}");
-}
-
-#[test]
-fn scenes_take_part_and_broken_ones_are_caught() {
-    let roster = |broken| Roster { entrants: vec![Entrant::Scenes], ..roster(broken) };
-    let cases = Cases::Run { seed: 3, time: Duration::from_secs(2) };
-    let report = run(&cases, &mut roster(false).subjects().expect("cores"), |_, _| {});
-    assert!(report.is_clean(), "{report}");
-    let cases = Cases::Run { seed: 3, time: Duration::from_secs(60) };
-    let report = run(&cases, &mut roster(true).subjects().expect("cores"), |_, _| {});
-    assert!(report.missed > 0 && report.extra == 0, "{report}");
+    assert!(!run(&Cases::One { seed: 1 }, &mut [], |_, _| {}).is_clean());
+    let nobody = roster(&["spheres"], "q16", None).subjects();
+    assert!(matches!(nobody, Err(StressError::NoSubject)));
 }

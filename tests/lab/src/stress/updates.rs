@@ -7,15 +7,15 @@
 use std::sync::Arc;
 
 use glam::{Quat, Vec3};
-use pairmask_core::oracle::Pair;
 use pairmask_core::update::{Placement, par_update_boxes, update_boxes, world_box};
 use pairmask_core::{Aabb, BoxClass};
-use pairmaskd::explain::Explanation;
 use pairmaskd::scene::Random;
 use rayon::ThreadPool;
 
+use super::Subject;
+use super::answer::{Finding, Form, Reply};
 use super::case::Case;
-use super::subject::{Finding, Outcome, Subject};
+use super::modes::{first_unlike, rounded_off};
 
 /// Most boxes of a case: enough for several tasks of the pool.
 const MOST_BOXES: usize = 2_500;
@@ -24,21 +24,11 @@ const MOST_BOXES: usize = 2_500;
 const STREAM: u64 = 0x5550_4441_5445;
 
 /// The update stage on a pool.
-pub struct UpdateSubject {
-    name: String,
-    pool: Arc<ThreadPool>,
-    broken: bool,
-}
-
-impl UpdateSubject {
-    /// The stage on a pool. With `broken` each box shrinks a little, to test that the checks
-    /// notice.
-    pub fn new(pool: &Arc<ThreadPool>, broken: bool) -> Self {
-        let threads = pool.current_num_threads();
-        let plural = if threads == 1 { "" } else { "s" };
-        let name = format!("update stage, {threads} thread{plural}");
-        Self { name, pool: Arc::clone(pool), broken }
-    }
+pub(super) struct UpdateSubject {
+    pub(super) name: String,
+    pub(super) pool: Arc<ThreadPool>,
+    /// Each box shrinks a little, to test that the checks notice.
+    pub(super) is_broken: bool,
 }
 
 impl Subject for UpdateSubject {
@@ -50,51 +40,44 @@ impl Subject for UpdateSubject {
         "updates"
     }
 
-    fn check(&mut self, case: &Case) -> Result<Outcome, Finding> {
+    fn form(&self) -> Form {
+        Form::Updates
+    }
+
+    fn answer(&mut self, case: &Case) -> Result<Reply, Finding> {
         let locals = &case.boxes[..case.boxes.len().min(MOST_BOXES)];
         let placements = placements(case.seed, locals);
         let flags = &case.flags;
-        let mut expected = vec![Aabb::EMPTY; locals.len()];
-        let written = update_boxes(locals, &placements, &mut expected);
-        written.map_err(|error| Finding::other(&error))?;
-
-        let mut by_pool = vec![Aabb::EMPTY; locals.len()];
-        let written =
-            flags.install(&self.pool, || par_update_boxes(locals, &placements, &mut by_pool));
-        written.map_err(|error| Finding::other(&error))?;
-        let mut by_caller = vec![Aabb::EMPTY; locals.len()];
-        let written = flags.caller.run(|| update_boxes(locals, &placements, &mut by_caller));
-        written.map_err(|error| Finding::other(&error))?;
+        let [mut expected, mut by_pool, mut by_caller] =
+            [(); 3].map(|()| vec![Aabb::EMPTY; locals.len()]);
+        let written = [
+            update_boxes(locals, &placements, &mut expected),
+            flags.install(&self.pool, || par_update_boxes(locals, &placements, &mut by_pool)),
+            flags.caller.run(|| update_boxes(locals, &placements, &mut by_caller)),
+        ];
+        written.into_iter().collect::<Result<(), _>>().map_err(|error| Finding::other(&error))?;
         let alone = flags.written(locals.len(), |i| world_box(&locals[i], &placements[i]));
-        if self.broken {
+        if self.is_broken {
             by_pool = by_pool.iter().map(crate::sabotage::shrink).collect();
         }
-
         for (who, got) in [("pool", &by_pool), ("caller", &by_caller), ("writers", &alone)] {
-            let bits = |b: &Aabb| <[f32; 6]>::from(*b).map(f32::to_bits);
-            let unlike = expected.iter().zip(got).position(|(a, b)| bits(a) != bits(b));
-            if let Some(i) = unlike {
+            if let Some(i) = first_unlike(&expected, got) {
                 return Err(Finding::other(&format!(
                     "box {i} of the {who} is {:?}, and {:?} with the default flags: {:?} by {:?}",
                     got[i], expected[i], locals[i], placements[i]
                 )));
             }
         }
-        let moved = |i: &usize| placements[*i].rotation == Placement::IDENTITY.rotation;
-        let inside = (0..locals.len())
-            .filter(moved)
+        let is_moved = |i: &usize| placements[*i].rotation == Placement::IDENTITY.rotation;
+        let outside = (0..locals.len())
+            .filter(is_moved)
             .find(|i| !holds(&expected[*i], &locals[*i], placements[*i].translation));
-        inside.map_or(Ok(Outcome::Right), |i| {
+        outside.map_or(Ok(Reply::Right), |i| {
             Err(Finding::other(&format!(
                 "box {i}, {:?}, does not hold {:?} moved by {:?}",
                 expected[i], locals[i], placements[i].translation
             )))
         })
-    }
-
-    /// An explanation is about pairs.
-    fn explain(&self, _: &Case, _: Pair) -> Option<Explanation> {
-        None
     }
 }
 
@@ -136,7 +119,5 @@ fn is_at_most(face: f64, x: f64, y: f64) -> bool {
     if face != sum || sum.is_infinite() {
         return face <= sum;
     }
-    let virtual_y = sum - x;
-    let rounded_off = (x - (sum - virtual_y)) + (y - virtual_y);
-    rounded_off >= 0.0
+    rounded_off(x, y, sum) >= 0.0
 }

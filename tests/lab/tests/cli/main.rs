@@ -5,6 +5,7 @@
 mod accuracy;
 mod audit;
 mod engine_benches;
+mod load;
 mod mistakes;
 mod papers;
 mod stress;

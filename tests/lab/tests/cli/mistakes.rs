@@ -15,6 +15,12 @@ fn a_mistake_is_told_in_one_line() {
         ("stress --clients 2 --engine updates", 1, "nothing to ask the daemon for"),
         ("stress --clients 2 --engine gpu-grid", 1, "nothing to ask the daemon for"),
         ("stress --clients 2 --instance nobody", 1, "no daemon serves instance 'nobody'"),
+        ("load --rate 0", 2, "'0' for --rate: must be a whole number of Hz from 1 to 100000"),
+        ("load --clients -1", 2, "must be a whole number of clients from 1 to 256"),
+        ("load --mix 1000", 2, "must be boxes x clients, such as 1000x7"),
+        ("load --mix 1x200,2x200", 2, "--mix has 400 clients: leave some out"),
+        ("load --mix 1x2 --n 1", 2, "--mix and --n exclude each other"),
+        ("load --seconds 0", 2, "must be at least 1"),
         ("grid --n x", 2, "'x' for --n: must be a whole number"),
         ("sweep --n x", 2, "'x' for --n: must be a whole number"),
         ("accuracy --compare absent", 1, "absent: there is no such file"),
@@ -41,7 +47,8 @@ fn help_lists_what_works() {
         ),
         ("grid --help", &["--gpu"], &["--instance", "--isa"]),
         ("sweep --help", &["--gpu"], &["--instance", "--isa"]),
-        ("--help", &["stress", "accuracy"], &["serve", "stress-client"]),
+        ("load --help", &["--instance", "[default: daemon]"], &["load-client"]),
+        ("--help", &["stress", "accuracy", "load"], &["serve", "stress-client", "load-client"]),
     ] {
         let words: Vec<&str> = line.split_whitespace().collect();
         let help = place.run(&words).stdout;

@@ -42,56 +42,37 @@ fn right_engines_pass() {
 }
 
 #[test]
-fn a_broken_engine_is_caught_within_seconds_and_replayed() {
+fn what_is_broken_is_caught_within_seconds_and_replayed() {
     let place = Place::new();
-    let arguments =
-        ["stress", "--seconds", "60", "--engine", "cpu-sap", "--mode", "exact", "--break-engine"];
-    let finished = place.run(&[&arguments[..], &["--json"]].concat());
-    assert_eq!(finished.code, Some(1), "{finished:?}");
-    let report: Value = serde_json::from_str(&finished.stdout).unwrap();
-    // Ten wrong answers end a run long before its time.
-    assert!(report["elapsed_ns"].as_u64().unwrap() < 55_000_000_000, "{report}");
-    assert!(report["missed"].as_u64().unwrap() > 0 && report["extra"] == 0, "{report}");
-    let failure = &report["failures"][0];
-    let fields = [
-        "case", "subject", "mode", "replay", "boxes", "scene", "flags", "what", "missed", "extra",
-        "pair", "explain",
-    ];
-    assert_eq!(keys(failure), BTreeSet::from(fields));
-    assert_eq!(failure["explain"]["overlaps"], true);
+    for (line, broken, modes, what) in [
+        ("--engine cpu-sap --mode exact", "--break-engine", &["exact"][..], "is missing"),
+        ("--mode q8,f16,f64", "--break-engine=inward", &["q8", "f16", "f64"], "mode"),
+    ] {
+        let line = format!("stress --seconds 60 {line} {broken} --json");
+        let finished = place.run(&line.split(' ').collect::<Vec<_>>());
+        assert_eq!(finished.code, Some(1), "{finished:?}");
+        let report: Value = serde_json::from_str(&finished.stdout).unwrap();
+        // Ten wrong answers end a run long before its time.
+        assert!(report["elapsed_ns"].as_u64().unwrap() < 55_000_000_000, "{report}");
+        assert!(report["missed"].as_u64().unwrap() > 0 && report["extra"] == 0, "{report}");
+        let failure = &report["failures"][0];
+        let fields = [
+            "case", "subject", "mode", "replay", "boxes", "scene", "flags", "what", "missed",
+            "extra", "pair", "explain",
+        ];
+        assert_eq!(keys(failure), BTreeSet::from(fields));
+        let mode = failure["mode"].as_str().unwrap();
+        assert!(modes.contains(&mode) && failure["explain"]["overlaps"] == true, "{failure}");
 
-    let case = failure["case"].to_string();
-    let replay = format!("pairmask-lab stress --case {case} --engine cpu-sap --mode exact");
-    assert_eq!(failure["replay"], replay);
-    let again =
-        ["stress", "--case", &case, "--engine", "cpu-sap", "--mode", "exact", "--break-engine"];
-    let text = place.run(&again);
-    assert_eq!(text.code, Some(1), "{text:?}");
-    assert!(text.stdout.contains("is missing") && text.stdout.contains("IN the mask"), "{text:?}");
-    assert_eq!(place.run(&again[..7]).code, Some(0), "the engine as it is answers the case");
-}
-
-#[test]
-fn a_mode_that_rounds_inward_is_caught_within_seconds_and_replayed() {
-    let place = Place::new();
-    let arguments =
-        ["stress", "--seconds", "60", "--mode", "q8,f16,f64", "--break-engine=inward", "--json"];
-    let finished = place.run(&arguments);
-    assert_eq!(finished.code, Some(1), "{finished:?}");
-    let report: Value = serde_json::from_str(&finished.stdout).unwrap();
-    assert!(report["elapsed_ns"].as_u64().unwrap() < 55_000_000_000, "{report}");
-    assert!(report["missed"].as_u64().unwrap() > 0 && report["extra"] == 0, "{report}");
-    let failure = &report["failures"][0];
-    let mode = failure["mode"].as_str().unwrap();
-    assert!(["q8", "f16", "f64"].contains(&mode), "{failure}");
-    assert_eq!(failure["explain"]["mode"], mode);
-
-    // The command that is printed, word by word.
-    let replay: Vec<&str> = failure["replay"].as_str().unwrap().split(' ').skip(1).collect();
-    let text = place.run(&[&replay[..], &["--break-engine=inward"]].concat());
-    assert_eq!(text.code, Some(1), "{text:?}");
-    assert!(text.stdout.contains(&format!("mode {mode}")), "{text:?}");
-    assert_eq!(place.run(&replay).code, Some(0), "the mode as it is answers the case");
+        // The command that is printed, word by word.
+        let replay: Vec<&str> = failure["replay"].as_str().unwrap().split(' ').skip(1).collect();
+        let again = place.run(&[&replay[..], &[broken]].concat());
+        assert_eq!(again.code, Some(1), "{again:?}");
+        for part in [what, "IN the mask", &format!("mode {mode}")] {
+            assert!(again.stdout.contains(part), "{part}: {again:?}");
+        }
+        assert_eq!(place.run(&replay).code, Some(0), "as it is it answers the case");
+    }
 }
 
 #[test]

@@ -2,23 +2,22 @@
 //! until it is told to end.
 
 use std::collections::VecDeque;
-use std::io::{self, Write};
+use std::io;
 use std::rc::Rc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use pairmask::{CommitError, PendingFrame, ServedBy, Session, SessionBuilder, WaitError};
+use pairmask::{
+    CommitError, PendingFrame, Scene, SceneEdit, ServedBy, Session, SessionBuilder, WaitError,
+};
 use pairmaskd::scene::Random;
+use serde::{Deserialize, Serialize};
 
-use super::frame::{self, CaseId};
-use super::kept_scene::{EditFailure, Edited, KeptScene};
-use super::offer::{Asked, Form, MOST_UNDER_WAY, Offer, Way, pick};
-use super::protocol::{Counts, Ended, FailedFrame, Said};
-use super::steps::{Load, Step, Steps};
-use crate::stress::case::Case;
-use crate::stress::modes::ModeChoice;
-use crate::stress::roster::Entrant;
-use crate::stress::subject::Finding;
+use super::frame;
+use super::offer::{MOST_UNDER_WAY, Offer, Way, pick};
+use crate::processes::Parent;
+use crate::stress::kept_scene::{Fate, Heard, KeptScene};
+use crate::stress::{Case, Finding, Form, Wanted};
 
 /// A frame without an answer for this long is lost. Software GPUs and all pairs of a large scene take
 /// a second on a machine that has less cores than clients.
@@ -38,102 +37,116 @@ const NEW_SCENE_ONE_IN: u64 = 60;
 const TELL_INTERVAL: Duration = Duration::from_millis(200);
 /// Lost or wrong frames after which a client ends: more of them say nothing new.
 const MOST_FAILURES: u32 = 10;
+/// Longest pause: frames of a game at 60 Hz are this far apart.
+const LONGEST_PAUSE_US: u64 = 17_000;
 
 /// What tells a client from others.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct ClientSettings {
     /// Determines what it asks for, in which order.
     pub seed: u64,
     /// A case that every second frame is of.
     pub case: Option<u64>,
-    /// What it may ask for: engines and spheres.
-    pub entrants: Vec<Entrant>,
-    /// Precision modes.
-    pub modes: Vec<ModeChoice>,
-    /// Most threads of a frame.
-    pub threads: usize,
+    /// What it may ask for.
+    pub wanted: Wanted,
     /// Whether the daemon has a GPU.
     pub with_gpu: bool,
     /// Whether it closes sessions whatever they have under way, as a client that is killed does.
-    pub abrupt: bool,
+    pub is_abrupt: bool,
 }
 
-impl ClientSettings {
-    /// Runs the client until `is_over`. `out` gets lines for the process that started it.
-    ///
-    /// # Errors
-    /// That of `out`.
-    pub fn run(
-        &self,
-        daemon: &SessionBuilder,
-        is_over: &AtomicBool,
-        out: &mut dyn Write,
-    ) -> io::Result<()> {
-        let teller = Teller { out, counts: Counts::default(), told_at: Instant::now() };
-        let mut client = Client::new(self, daemon, is_over, teller);
-        let last = match client.run() {
-            Ok(()) => Ended::Done,
-            Err(Stop::Unheard(error)) => return Err(error),
-            Err(Stop::GaveUp(why)) => Ended::GaveUp(why),
-        };
-        client.teller.tell()?;
-        client.teller.say(&Said::Ended(last))
+/// A line that a client says.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(super) enum Said {
+    /// What it did since it last told.
+    Counted(Counts),
+    /// An answer was wrong, or did not come from the daemon.
+    Failed(Box<FailedFrame>),
+    /// Its last words: why it could not go on, or nothing where it was told to end.
+    Ended(Option<String>),
+}
+
+/// What clients did.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Counts {
+    /// Scenes that were drawn.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub(super) cases: u64,
+    /// Answers that were compared.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub(super) answers: u64,
+    /// Sessions that were opened.
+    pub sessions: u64,
+    /// Frames that were sent.
+    pub frames: u64,
+    /// Edits of scenes that persist, which were sent.
+    pub edits: u64,
+    /// Frames and edits whose answers were dropped unread.
+    pub unread: u64,
+    /// Answers of a client's own process, because the daemon gave none. They are compared, too.
+    pub in_process: u64,
+    /// Frames without an answer within 30 s.
+    pub unanswered: u64,
+}
+
+#[allow(clippy::trivially_copy_pass_by_ref)] // As serde calls it.
+const fn is_zero(count: &u64) -> bool {
+    *count == 0
+}
+
+impl Counts {
+    /// Adds those of another client, or of a later time.
+    pub(super) const fn add(&mut self, other: &Self) {
+        self.cases += other.cases;
+        self.answers += other.answers;
+        self.sessions += other.sessions;
+        self.frames += other.frames;
+        self.edits += other.edits;
+        self.unread += other.unread;
+        self.in_process += other.in_process;
+        self.unanswered += other.unanswered;
     }
 }
 
-/// Why a client ends before its time.
-enum Stop {
-    /// The other process does not listen.
-    Unheard(io::Error),
-    /// No session is to be had.
-    GaveUp(String),
+/// A frame or an edit that did not get its pairs from the daemon.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(super) struct FailedFrame {
+    /// The case.
+    pub(super) case: CaseId,
+    /// How it was asked.
+    pub(super) form: Form,
+    /// What its session asked for, in words.
+    pub(super) way: String,
+    /// The mistake.
+    pub(super) finding: Finding,
 }
 
-impl From<io::Error> for Stop {
-    fn from(error: io::Error) -> Self {
-        Self::Unheard(error)
-    }
+/// Which case a frame is of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub(super) struct CaseId {
+    /// The case's seed.
+    pub(super) seed: u64,
+    /// Whether it is the large one of that seed.
+    is_large: bool,
 }
 
-/// Collects counts, and tells them now and then.
-struct Teller<'a> {
-    out: &'a mut dyn Write,
-    counts: Counts,
-    told_at: Instant,
-}
-
-impl Teller<'_> {
-    fn say(&mut self, said: &Said) -> io::Result<()> {
-        writeln!(self.out, "{}", said.line())?;
-        self.out.flush()
-    }
-
-    fn tell(&mut self) -> io::Result<()> {
-        self.told_at = Instant::now();
-        let counts = std::mem::take(&mut self.counts);
-        self.say(&Said::Counted(counts))
-    }
-
-    fn tell_now_and_then(&mut self) -> io::Result<()> {
-        if self.told_at.elapsed() < TELL_INTERVAL { Ok(()) } else { self.tell() }
+impl CaseId {
+    /// The case.
+    pub(super) fn case(self) -> Case {
+        if self.is_large { Case::large(self.seed) } else { Case::new(self.seed) }
     }
 }
 
 /// A scene, which frames under way share.
-struct Scene {
-    id: CaseId,
-    case: Case,
-}
+type SharedCase = Rc<(CaseId, Case)>;
 
-impl Scene {
-    fn new(id: CaseId) -> Rc<Self> {
-        Rc::new(Self { id, case: id.case() })
-    }
+fn shared_case(id: CaseId) -> SharedCase {
+    Rc::new((id, id.case()))
 }
 
 struct UnderWay {
     pending: PendingFrame,
-    scene: Rc<Scene>,
+    case: SharedCase,
     form: Form,
 }
 
@@ -141,100 +154,130 @@ struct Open {
     session: Session,
     way: Way,
     frames: VecDeque<UnderWay>,
-    /// Its scene that persists, once there is one.
-    kept: Option<KeptScene>,
-}
-
-impl Open {
-    fn load(&self) -> Load {
-        Load { under_way: self.frames.len(), most: self.way.depth }
-    }
+    /// Its scene that persists, once there is one, and what has to come of it.
+    kept: Option<(Scene, KeptScene)>,
 }
 
 struct Client<'a> {
+    settings: &'a ClientSettings,
     offer: Offer,
     daemon: SessionBuilder,
     is_over: &'a AtomicBool,
     random: Random,
-    steps: Steps,
     /// Scenes that stay.
-    kept: Vec<Rc<Scene>>,
-    stock: Vec<Rc<Scene>>,
+    kept: Vec<SharedCase>,
+    stock: Vec<SharedCase>,
     sessions: Vec<Open>,
     failures: u32,
-    abrupt: bool,
-    teller: Teller<'a>,
+    /// Why it cannot go on.
+    gave_up: Option<String>,
+    parent: &'a Parent,
+    counts: Counts,
+    told_at: Instant,
 }
 
-impl<'a> Client<'a> {
-    fn new(
-        settings: &ClientSettings,
+impl ClientSettings {
+    /// Runs the client until `is_over`.
+    ///
+    /// # Errors
+    /// Where the process that started it does not hear it.
+    pub(crate) fn run(
+        &self,
         daemon: &SessionBuilder,
-        is_over: &'a AtomicBool,
-        teller: Teller<'a>,
-    ) -> Self {
-        let ClientSettings { seed, case, entrants, modes, threads, with_gpu, abrupt } = settings;
-        let mut random = Random::new(*seed);
-        let kept = case.iter().flat_map(|seed| {
-            [false, true].map(|is_large| Scene::new(CaseId { seed: *seed, is_large }))
+        is_over: &AtomicBool,
+        parent: &Parent,
+    ) -> io::Result<()> {
+        let kept = self.case.iter().flat_map(|seed| {
+            [false, true].map(|is_large| shared_case(CaseId { seed: *seed, is_large }))
         });
-        Self {
-            offer: Offer::new(entrants, modes, *threads, *with_gpu),
+        let mut client = Client {
+            settings: self,
+            offer: Offer::new(&self.wanted, self.with_gpu),
             daemon: daemon.clone().deadline(DEADLINE),
             is_over,
-            steps: Steps::new(random.bits()),
-            random,
+            random: Random::new(self.seed),
             kept: kept.collect(),
             stock: Vec::new(),
             sessions: Vec::new(),
             failures: 0,
-            abrupt: *abrupt,
-            teller,
+            gave_up: None,
+            parent,
+            counts: Counts::default(),
+            told_at: Instant::now(),
+        };
+        client.work()?;
+        client.tell()?;
+        parent.tell(&Said::Ended(client.gave_up))
+    }
+}
+
+impl Client<'_> {
+    /// Works until it is told to end, or cannot go on.
+    fn work(&mut self) -> io::Result<()> {
+        self.counts.cases += self.kept.len() as u64;
+        for _ in 0..=self.random.below(MOST_SESSIONS) {
+            if !self.open() {
+                return Ok(());
+            }
         }
+        self.stock = (0..STOCK).map(|_| self.next_case()).collect();
+        while !self.is_over.load(Ordering::Relaxed) && self.failures < MOST_FAILURES {
+            let session = self.below(self.sessions.len());
+            if !self.step(session)? {
+                break;
+            }
+            if self.told_at.elapsed() >= TELL_INTERVAL {
+                self.tell()?;
+            }
+        }
+        (0..self.sessions.len()).try_for_each(|session| self.read_all(session))
     }
 
-    fn run(&mut self) -> Result<(), Stop> {
-        self.teller.counts.cases += self.kept.len() as u64;
-        for _ in 0..=self.random.below(MOST_SESSIONS) {
-            let Some(open) = self.open()? else { return Ok(()) };
-            self.sessions.push(open);
-        }
-        for _ in 0..STOCK {
-            let scene = self.next_scene();
-            self.stock.push(scene);
-        }
-        while !self.is_over.load(Ordering::Relaxed) && self.failures < MOST_FAILURES {
-            let loads: Vec<Load> = self.sessions.iter().map(Open::load).collect();
-            match self.steps.next(&loads) {
-                Step::Send { session } => self.send(session)?,
-                Step::Read { session, frame } => self.read(session, frame)?,
-                Step::Leave { session, frame } => {
-                    if self.sessions[session].frames.remove(frame).is_some() {
-                        self.teller.counts.unread += 1;
-                    }
-                }
-                Step::Pause(time) => std::thread::sleep(time),
-                Step::ChangeScene => {
-                    let place = self.random.below(STOCK as u64) as usize;
-                    self.stock[place] = self.next_scene();
-                }
-                Step::Reconnect { session } => {
-                    if !self.abrupt {
-                        self.read_all(session)?;
-                    }
-                    self.teller.counts.unread += self.sessions[session].frames.len() as u64;
-                    // Closed first: a client has no more sessions at a time than it may.
-                    drop(self.sessions.swap_remove(session));
-                    let Some(open) = self.open()? else { break };
-                    self.sessions.push(open);
-                }
+    fn below(&mut self, bound: usize) -> usize {
+        self.random.below(bound as u64) as usize
+    }
+
+    /// One step of a session, which sends only with room, and reads only what is under way. Says whether there
+    /// can be another one.
+    fn step(&mut self, session: usize) -> io::Result<bool> {
+        let under_way = self.sessions[session].frames.len();
+        let has_room = under_way < self.sessions[session].way.depth;
+        match self.random.below(200) {
+            0..=5 => {
+                let pause = Duration::from_micros(self.random.below(LONGEST_PAUSE_US));
+                std::thread::sleep(pause);
             }
-            self.teller.tell_now_and_then()?;
+            6..=9 => {
+                let place = self.below(STOCK);
+                self.stock[place] = self.next_case();
+            }
+            10 => {
+                if !self.settings.is_abrupt {
+                    self.read_all(session)?;
+                }
+                self.counts.unread += self.sessions[session].frames.len() as u64;
+                // Closed first: a client has no more sessions at a time than it may.
+                drop(self.sessions.swap_remove(session));
+                return Ok(self.open());
+            }
+            11..=20 if under_way > 0 => {
+                let frame = self.below(under_way);
+                drop(self.sessions[session].frames.remove(frame));
+                self.counts.unread += 1;
+            }
+            21..=110 if has_room => self.send(session)?,
+            _ if under_way > 0 => {
+                let frame = self.below(under_way);
+                self.read(session, frame)?;
+            }
+            _ => self.send(session)?,
         }
-        for session in 0..self.sessions.len() {
-            self.read_all(session)?;
-        }
-        Ok(())
+        Ok(true)
+    }
+
+    fn tell(&mut self) -> io::Result<()> {
+        self.told_at = Instant::now();
+        self.parent.tell(&Said::Counted(std::mem::take(&mut self.counts)))
     }
 
     /// Reads all that a session has under way, and the answer to one frame more: then the daemon has
@@ -250,30 +293,33 @@ impl<'a> Client<'a> {
         Ok(())
     }
 
-    fn next_scene(&mut self) -> Rc<Scene> {
-        self.teller.counts.cases += 1;
+    fn next_case(&mut self) -> SharedCase {
+        self.counts.cases += 1;
         let seed = Case::next_seed(&mut self.random);
-        Scene::new(CaseId { seed, is_large: self.random.below(LARGE_ONE_IN) == 0 })
+        shared_case(CaseId { seed, is_large: self.random.below(LARGE_ONE_IN) == 0 })
     }
 
-    /// A session through which the daemon answers; `None` where the run is over before there is one.
-    fn open(&mut self) -> Result<Option<Open>, Stop> {
+    /// Opens a session through which the daemon answers. `false` where the run is over before there is one, or
+    /// there is none for long.
+    fn open(&mut self) -> bool {
         let way = self.offer.draw(&mut self.random);
         let began = Instant::now();
         loop {
             let why = match way.apply(self.daemon.clone()).connect() {
                 Ok(session) if session.served_by() == ServedBy::Daemon => {
-                    self.teller.counts.sessions += 1;
-                    return Ok(Some(Open { session, way, frames: VecDeque::new(), kept: None }));
+                    self.counts.sessions += 1;
+                    self.sessions.push(Open { session, way, frames: VecDeque::new(), kept: None });
+                    return true;
                 }
                 Ok(_) => "the daemon takes no session".to_owned(),
                 Err(error) => error.to_string(),
             };
             if self.is_over.load(Ordering::Relaxed) {
-                return Ok(None);
+                return false;
             }
             if began.elapsed() >= DEADLINE {
-                return Err(Stop::GaveUp(why));
+                self.gave_up = Some(why);
+                return false;
             }
             std::thread::sleep(RETRY_INTERVAL);
         }
@@ -281,87 +327,106 @@ impl<'a> Client<'a> {
 
     fn send(&mut self, session: usize) -> io::Result<()> {
         let is_kept = !self.kept.is_empty() && self.random.below(2) == 0;
-        let scenes = if is_kept { &self.kept } else { &self.stock };
-        let scene = Rc::clone(pick(scenes, &mut self.random));
-        match self.sessions[session].way.next(&mut self.random) {
-            Asked::Frame(form) => self.send_frame(session, scene, form),
-            Asked::Edit => self.edit(session, &scene),
+        let cases = if is_kept { &self.kept } else { &self.stock };
+        let case = Rc::clone(pick(cases, &mut self.random));
+        let form = self.sessions[session].way.next(&mut self.random);
+        if form == Form::Scene {
+            return self.edit(session, &case);
         }
-    }
-
-    fn send_frame(&mut self, session: usize, scene: Rc<Scene>, form: Form) -> io::Result<()> {
+        self.counts.frames += 1;
         let open = &mut self.sessions[session];
-        self.teller.counts.frames += 1;
-        match frame::send(&mut open.session, &scene.case, form) {
+        match frame::send(&mut open.session, &case.1, form) {
             Ok(pending) => {
-                open.frames.push_back(UnderWay { pending, scene, form });
+                open.frames.push_back(UnderWay { pending, case, form });
                 Ok(())
             }
-            Err(error) => self.fail(session, scene.id, Asked::Frame(form), Finding::other(&error)),
+            Err(error) => self.fail(session, case.0, form, Finding::other(&error)),
         }
     }
 
     /// Edits the session's scene towards the boxes of a case. One in a few begins anew.
-    fn edit(&mut self, session: usize, scene: &Scene) -> io::Result<()> {
+    fn edit(&mut self, session: usize, case: &SharedCase) -> io::Result<()> {
         // The edit needs a place of the session's.
         while self.sessions[session].frames.len() >= MOST_UNDER_WAY {
             self.read(session, 0)?;
         }
-        if self.random.below(NEW_SCENE_ONE_IN) == 0 {
-            self.sessions[session].kept = None;
-        }
+        let random = &mut self.random;
         let Open { session: of, kept, .. } = &mut self.sessions[session];
-        let kept = kept.get_or_insert_with(|| KeptScene::new(of, &mut self.random));
-        self.teller.counts.edits += 1;
-        let finding = match kept.edit(&scene.case, &mut self.random) {
-            Ok(Edited::Unread) => {
-                self.teller.counts.unread += 1;
+        if random.below(NEW_SCENE_ONE_IN) == 0 {
+            *kept = None;
+        }
+        let (scene, model) = kept.get_or_insert_with(|| {
+            let model = KeptScene::new(random);
+            (of.scene(model.options()), model)
+        });
+        self.counts.edits += 1;
+        let mut by = ServedBy::Daemon;
+        let edited = model.edit(&case.1, random, |steps, want, fate| {
+            case.1.flags.caller.run(|| {
+                let edit = steps.iter().copied().fold(scene.edit(), SceneEdit::step);
+                let pending = edit.submit(want)?;
+                if fate == Fate::Unread {
+                    return Ok(None);
+                }
+                let mut answer = pending.wait()?;
+                if fate == Fate::Taken {
+                    answer = answer.take();
+                }
+                by = answer.served_by();
+                Ok(Some(Heard {
+                    begun: answer.begun().to_vec(),
+                    ended: answer.ended().iter().map(|ended| ended.pair).collect(),
+                    pairs: answer.pairs().to_vec(),
+                    is_resync: answer.is_resync(),
+                }))
+            })
+        });
+        let finding = match edited {
+            Ok(Ok(false)) => {
+                self.counts.unread += 1;
                 return Ok(());
             }
-            Ok(Edited::Right(by)) => {
-                self.teller.counts.answers += 1;
-                if by == ServedBy::Daemon {
-                    return Ok(());
-                }
-                self.teller.counts.in_process += 1;
-                Finding::other(&"the client answered it itself, the daemon did not")
-            }
-            Err(EditFailure::Wrong(finding)) => {
-                self.teller.counts.answers += 1;
-                finding
-            }
-            Err(EditFailure::Unanswered(error)) => {
+            Ok(compared) => match self.answered(by, compared.map(drop)) {
+                Ok(()) => return Ok(()),
+                Err(finding) => finding,
+            },
+            Err(error) => {
                 let is_late = matches!(error, CommitError::Wait(WaitError::Timeout { .. }));
-                self.teller.counts.unanswered += u64::from(is_late);
+                self.counts.unanswered += u64::from(is_late);
                 Finding::other(&error)
             }
         };
         self.sessions[session].kept = None;
-        self.fail(session, scene.id, Asked::Edit, finding)
+        self.fail(session, case.0, Form::Scene, finding)
     }
 
     fn read(&mut self, session: usize, frame: usize) -> io::Result<()> {
-        let Some(UnderWay { pending, scene, form }) = self.sessions[session].frames.remove(frame)
+        let Some(UnderWay { pending, case, form }) = self.sessions[session].frames.remove(frame)
         else {
             return Ok(());
         };
-        let answer = match frame::receive(pending, &scene.case) {
-            Ok(answer) => answer,
+        let compared = match frame::receive(pending, &case.1) {
+            Ok((answer, by)) => self.answered(by, case.1.check(form, &answer)),
             Err(error) => {
-                self.teller.counts.unanswered +=
-                    u64::from(matches!(error, WaitError::Timeout { .. }));
-                return self.fail(session, scene.id, Asked::Frame(form), Finding::other(&error));
+                let is_late = matches!(error, WaitError::Timeout { .. });
+                self.counts.unanswered += u64::from(is_late);
+                Err(Finding::other(&error))
             }
         };
-        let is_own = answer.served_by == ServedBy::InProcess;
-        self.teller.counts.answers += 1;
-        self.teller.counts.in_process += u64::from(is_own);
-        if let Err(finding) = frame::check(&answer, &scene.case, form) {
-            return self.fail(session, scene.id, Asked::Frame(form), finding);
+        match compared {
+            Ok(()) => Ok(()),
+            Err(finding) => self.fail(session, case.0, form, finding),
         }
+    }
+
+    /// Counts an answer. One of the client's own process is a mistake, even where it is right.
+    fn answered(&mut self, by: ServedBy, compared: Result<(), Finding>) -> Result<(), Finding> {
+        let is_own = by != ServedBy::Daemon;
+        self.counts.answers += 1;
+        self.counts.in_process += u64::from(is_own);
+        compared?;
         if is_own {
-            let finding = Finding::other(&"the client answered it itself, the daemon did not");
-            return self.fail(session, scene.id, Asked::Frame(form), finding);
+            return Err(Finding::other(&"the client answered it itself, the daemon did not"));
         }
         Ok(())
     }
@@ -370,11 +435,11 @@ impl<'a> Client<'a> {
         &mut self,
         session: usize,
         case: CaseId,
-        asked: Asked,
+        form: Form,
         finding: Finding,
     ) -> io::Result<()> {
         self.failures += 1;
         let way = self.sessions[session].way.to_string();
-        self.teller.say(&Said::Failed(Box::new(FailedFrame { case, asked, way, finding })))
+        self.parent.tell(&Said::Failed(Box::new(FailedFrame { case, form, way, finding })))
     }
 }

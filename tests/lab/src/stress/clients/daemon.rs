@@ -16,7 +16,7 @@ const SETTLED: Duration = Duration::from_secs(1);
 const SETTLES_WITHIN: Duration = Duration::from_secs(10);
 
 /// What the daemon says of a run.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct DaemonReport {
     /// Whether it answers a frame rightly after the run.
     pub serves: bool,
@@ -32,7 +32,7 @@ pub struct DaemonReport {
 }
 
 /// The auditor's counts.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct AuditReport {
     /// Frames checked, wholly or in part.
     pub frames: u64,
@@ -44,13 +44,6 @@ pub struct AuditReport {
     pub missed: u64,
     /// Wrong pairs among them that were in the mask.
     pub extra: u64,
-}
-
-impl AuditReport {
-    /// Wrong pairs.
-    pub const fn wrong(&self) -> u64 {
-        self.missed + self.extra
-    }
 }
 
 /// Looks at a daemon before and after a run.
@@ -77,15 +70,7 @@ impl Look {
 
     /// Looks at it again. One that does not answer serves no more.
     pub(super) fn after(&self) -> DaemonReport {
-        let Some((mut session, now)) = self.settled() else {
-            return DaemonReport {
-                serves: false,
-                was_restarted: false,
-                frames: 0,
-                errors: 0,
-                audit: None,
-            };
-        };
+        let Some((mut session, now)) = self.settled() else { return DaemonReport::default() };
         let was_restarted = now.pid != self.before.pid;
         let before = if was_restarted { StatusBody::default() } else { self.before };
         let (then, audit) = (before.audit, now.audit);

@@ -5,60 +5,47 @@
 //! spheres, precision modes), some thousands of boxes large, and compares the answers with the oracle. It
 //! has several frames under way, reads them in any order, drops some unread, pauses, closes sessions and
 //! opens others. Between its frames each session edits a scene that persists, whose answers are taken or
-//! dropped by chance and compared with a model. On request clients are killed and started again, and close sessions with frames under
-//! way. The transport loses a place of 128 with each port that goes while the daemon has not received
-//! its requests, and its server panics when the last one is lost: the daemon's supervisor starts another
-//! worker, and such a run ends as failed.
+//! dropped by chance and compared with a model. On request clients are killed and started again, and close
+//! sessions with frames under way. The transport loses a place of 128 with each port that goes while the
+//! daemon has not received its requests, and its server panics when the last one is lost: the daemon's
+//! supervisor starts another worker, and such a run ends as failed.
 //!
 //! A client's seed gives its frames again; the time at which they meet those of others is not given
 //! again. So a failure's replay command sends its case many times, among others.
 //!
 //! ```text
 //! offer      what clients may ask for, and what a session asks for        (pure)
-//! steps      what a client does next                                      (pure)
-//! frame      a case as a frame, and its answer against the oracle
-//! kept_scene a scene that persists, edited towards cases, its answers against a model
+//! frame      a case as a frame
 //! client     one client: the process
-//! protocol   what it tells
-//! processes  all clients: started, killed, told to end
 //! daemon     what the daemon says before and after
-//! report     what this adds to the report
 //! ```
 
 mod client;
 mod daemon;
 mod frame;
-mod kept_scene;
 mod offer;
-mod processes;
-mod protocol;
-mod report;
-mod steps;
 
-pub use client::ClientSettings;
+pub use client::{ClientSettings, Counts};
 pub use daemon::{AuditReport, DaemonReport};
-pub use report::ClientsReport;
 
+use std::fmt;
 use std::io;
 use std::num::NonZeroU16;
 use std::process::Command;
-use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
+use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::{Duration, Instant};
 
 use pairmask::{SessionBuilder, StatusError};
 use pairmask_transport::Limits;
-use pairmaskd::explain::Explanation;
 use pairmaskd::scene::Random;
+use serde::Serialize;
 
-use self::client::{DEADLINE, MOST_SESSIONS};
+use self::client::{DEADLINE, FailedFrame, MOST_SESSIONS, Said};
 use self::daemon::Look;
-use self::offer::{Asked, Form, Offer};
-use self::processes::{ClientProcess, Heard, Life};
-use self::protocol::{Counts, Ended, FailedFrame, Said};
-use super::modes::ModeChoice;
+use self::offer::Offer;
 use super::report::{Failure, StressReport};
-use super::roster::Entrant;
-use super::{MOST_FAILURES, mode_subject};
+use super::{MOST_FAILURES, Wanted};
+use crate::processes::Worker;
 
 /// Slots for sessions beside those of the living clients: slots of killed clients are free again after
 /// about a second.
@@ -77,6 +64,57 @@ pub fn limits(clients: NonZeroU16) -> Limits {
     Limits { max_clients: default.max_clients.max(needed), ..default }
 }
 
+/// The field `clients` of `stress --json`. Fields may be added, never changed or taken away.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct ClientsReport {
+    /// Client processes at a time.
+    pub count: u64,
+    /// What they did. Cases and answers are the report's own, and none here.
+    #[serde(flatten)]
+    pub counts: Counts,
+    /// Clients that were killed with SIGKILL, and started again.
+    pub killed: u64,
+    /// Clients that ended by themselves before they were told to, or not at all: why, one each.
+    pub broken: Vec<String>,
+    /// The daemon at the end.
+    pub daemon: DaemonReport,
+}
+
+impl ClientsReport {
+    /// Whether no frame was lost, no client broke, and the daemon serves on and found no wrong pair.
+    pub fn is_clean(&self) -> bool {
+        let DaemonReport { serves, was_restarted, audit, .. } = &self.daemon;
+        let is_audit_clean = audit.is_none_or(|audit| audit.missed + audit.extra == 0);
+        let is_daemon_clean = *serves && !was_restarted && is_audit_clean;
+        let lost = self.counts.in_process + self.counts.unanswered;
+        lost == 0 && self.broken.is_empty() && is_daemon_clean
+    }
+}
+
+impl fmt::Display for ClientsReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { count, killed, .. } = self;
+        let Counts { sessions, frames, edits, unread, in_process, unanswered, .. } = &self.counts;
+        for why in &self.broken {
+            writeln!(f, "BROKEN CLIENT: {why}")?;
+        }
+        write!(f, "{count} clients, {sessions} sessions, {killed} killed; ")?;
+        writeln!(f, "{frames} frames, {edits} edits of scenes, {unread} left unread")?;
+        writeln!(f, "lost: {unanswered} without an answer, {in_process} answered in process")?;
+        let DaemonReport { serves, was_restarted, frames, errors, audit } = &self.daemon;
+        let serves = if *serves { "serves" } else { "DOES NOT SERVE" };
+        let restarted = if *was_restarted { ", WAS RESTARTED" } else { "" };
+        write!(f, "daemon: {serves}{restarted}, {frames} frames, {errors} errors; ")?;
+        match audit {
+            None => f.write_str("no audit"),
+            Some(AuditReport { frames, skipped, pairs, missed, extra }) => write!(
+                f,
+                "audit of {frames} frames ({skipped} skipped), {pairs} pairs: {missed} missed, {extra} extra"
+            ),
+        }
+    }
+}
+
 /// A run with clients.
 #[derive(Clone, Debug)]
 pub struct ClientsRun {
@@ -90,12 +128,8 @@ pub struct ClientsRun {
     pub case: Option<u64>,
     /// How long.
     pub time: Duration,
-    /// What clients ask for: engines and spheres.
-    pub entrants: Vec<Entrant>,
-    /// Precision modes.
-    pub modes: Vec<ModeChoice>,
-    /// Most threads of a frame.
-    pub threads: usize,
+    /// What clients ask for.
+    pub wanted: Wanted,
     /// The command that runs a case again, without the case.
     pub replay: String,
 }
@@ -132,7 +166,7 @@ impl ClientsRun {
     ) -> Result<StressReport, ClientsError> {
         let start = Instant::now();
         let look = Look::before(daemon)?;
-        let offer = Offer::new(&self.entrants, &self.modes, self.threads, look.has_gpu);
+        let offer = Offer::new(&self.wanted, look.has_gpu);
         if offer.is_empty() {
             return Err(ClientsError::NothingToAsk);
         }
@@ -146,62 +180,34 @@ impl ClientsRun {
             ears,
             clients: Vec::new(),
             lives: 0,
-            counts: Counts::default(),
             failed: Vec::new(),
-            killed: 0,
-            broken: Vec::new(),
+            report: ClientsReport { count: self.clients.get().into(), ..ClientsReport::default() },
         };
         crowd.work(watch)?;
         crowd.end();
-        let Crowd { counts, failed, killed, broken, .. } = crowd;
-        let clients =
-            ClientsReport::new(self.clients.get().into(), &counts, killed, broken, look.after());
-        Ok(StressReport {
-            seed: self.case.unwrap_or(self.seed),
-            subjects: offer.names(),
-            cases: counts.cases,
-            answers: counts.answers,
-            skipped: Vec::new(),
-            missed: failed.iter().map(|failed| failed.finding.missed).sum(),
-            extra: failed.iter().map(|failed| failed.finding.extra).sum(),
-            elapsed_ns: start.elapsed().as_nanos() as u64,
-            failures: failed.iter().take(MOST_FAILURES).map(|f| self.failure(f)).collect(),
-            clients: Some(clients),
-        })
-    }
-
-    /// The failure as the report has it.
-    fn failure(&self, failed: &FailedFrame) -> Failure {
-        let FailedFrame { case: id, asked, way, finding } = failed;
-        let case = id.case();
-        let (boxes, scene) = match asked {
-            Asked::Frame(Form::Boxes) | Asked::Edit => (case.boxes.len(), case.recipe.clone()),
-            Asked::Frame(Form::Spheres) => (case.spheres().spheres.len(), "spheres".to_owned()),
-            Asked::Frame(Form::Mode(usage)) => {
-                (case.in_mode(*usage).given.len(), case.recipe.clone())
-            }
-        };
-        let explain = finding.first.and_then(|(i, j)| match asked {
-            Asked::Frame(Form::Boxes) => Explanation::of(&case.boxes, i, j).ok(),
-            // Boxes of a scene lie where some edit has put them.
-            Asked::Frame(Form::Spheres) | Asked::Edit => None,
-            Asked::Frame(Form::Mode(usage)) => mode_subject::explain(case.in_mode(*usage), (i, j)),
-        });
-        Failure {
-            case: id.seed,
-            subject: format!("{asked} through the daemon: {way}"),
-            mode: asked.mode().as_str(),
-            replay: format!("{} --case {}", self.replay, id.seed),
-            boxes: boxes as u64,
-            scene,
-            flags: case.flags.to_string(),
-            what: finding.what.clone(),
-            missed: finding.missed,
-            extra: finding.extra,
-            pair: finding.first.map(|(i, j)| [i, j]),
-            explain,
+        let Crowd { failed, report: mut clients, .. } = crowd;
+        clients.daemon = look.after();
+        let mut report = StressReport::new(self.case.unwrap_or(self.seed), offer.names());
+        report.cases = std::mem::take(&mut clients.counts.cases);
+        report.answers = std::mem::take(&mut clients.counts.answers);
+        report.elapsed_ns = start.elapsed().as_nanos() as u64;
+        report.clients = Some(clients);
+        for FailedFrame { case: id, form, way, finding } in failed {
+            let subject = format!("{form} through the daemon: {way}");
+            let replay = format!("{} --case {}", self.replay, id.seed);
+            report.fail(Failure::new(&id.case(), form, subject, replay, finding));
         }
+        Ok(report)
     }
+}
+
+/// A client process. Clients have numbers from 0, and one that was killed lives again.
+struct Client {
+    number: usize,
+    life: u64,
+    worker: Worker,
+    /// Its last words, once it has said them.
+    ended: Option<Option<String>>,
 }
 
 /// The clients of a run at work.
@@ -210,21 +216,19 @@ struct Crowd<'a, C> {
     with_gpu: bool,
     command: C,
     random: Random,
-    heard: Sender<(Life, Heard)>,
-    ears: Receiver<(Life, Heard)>,
-    clients: Vec<ClientProcess>,
+    heard: Sender<(u64, Option<Said>)>,
+    ears: Receiver<(u64, Option<Said>)>,
+    clients: Vec<Client>,
     lives: u64,
-    counts: Counts,
     failed: Vec<FailedFrame>,
-    killed: u64,
-    broken: Vec<String>,
+    report: ClientsReport,
 }
 
 impl<C: Fn(&ClientSettings) -> Command> Crowd<'_, C> {
     /// Starts the clients, and lets them work until the time is over or too much is wrong.
     fn work(&mut self, mut watch: impl FnMut(u64, Duration)) -> io::Result<()> {
-        for client in 0..self.run.clients.get().into() {
-            self.start(client)?;
+        for number in 0..self.run.clients.get().into() {
+            self.start(number)?;
         }
         let start = Instant::now();
         let mut next_kill = start + self.until_next_kill();
@@ -232,10 +236,10 @@ impl<C: Fn(&ClientSettings) -> Command> Crowd<'_, C> {
             && self.failed.len() < MOST_FAILURES
             && !self.clients.is_empty()
         {
-            if let Ok((life, heard)) = self.ears.recv_timeout(TICK) {
-                self.note(life, heard);
+            if let Ok((life, said)) = self.ears.recv_timeout(TICK) {
+                self.note(life, said);
             }
-            watch(self.counts.answers, start.elapsed());
+            watch(self.report.counts.answers, start.elapsed());
             if self.run.with_kills && Instant::now() >= next_kill {
                 self.kill_one()?;
                 next_kill = Instant::now() + self.until_next_kill();
@@ -246,38 +250,32 @@ impl<C: Fn(&ClientSettings) -> Command> Crowd<'_, C> {
 
     /// Tells all clients to end, and hears them out.
     fn end(&mut self) {
-        for client in &mut self.clients {
-            client.end();
-        }
+        self.clients.iter_mut().for_each(|client| client.worker.end());
         let deadline = Instant::now() + ENDS_WITHIN;
         while !self.clients.is_empty() {
             let left = deadline.saturating_duration_since(Instant::now());
-            match self.ears.recv_timeout(left) {
-                Ok((life, heard)) => self.note(life, heard),
-                Err(RecvTimeoutError::Timeout | RecvTimeoutError::Disconnected) => break,
-            }
+            let Ok((life, said)) = self.ears.recv_timeout(left) else { break };
+            self.note(life, said);
         }
-        for client in self.clients.drain(..) {
-            let Life { client, .. } = client.life;
-            self.broken.push(format!("client {client} does not end when it is told to"));
+        for Client { number, .. } in self.clients.drain(..) {
+            self.report.broken.push(format!("client {number} does not end when it is told to"));
         }
     }
 
-    fn start(&mut self, client: usize) -> io::Result<()> {
-        let ClientsRun { case, entrants, modes, threads, with_kills, .. } = self.run;
+    fn start(&mut self, number: usize) -> io::Result<()> {
         let settings = ClientSettings {
             seed: self.random.bits(),
-            case: *case,
-            entrants: entrants.clone(),
-            modes: modes.clone(),
-            threads: *threads,
+            case: self.run.case,
+            wanted: self.run.wanted.clone(),
             with_gpu: self.with_gpu,
-            abrupt: *with_kills,
+            is_abrupt: self.run.with_kills,
         };
-        let life = Life { client, life: self.lives };
+        let (life, heard) = (self.lives, self.heard.clone());
         self.lives += 1;
-        let heard = self.heard.clone();
-        self.clients.push(ClientProcess::start((self.command)(&settings), life, heard)?);
+        // Nobody hears what a client says after the run.
+        let hear = move |said| drop(heard.send((life, said)));
+        let worker = Worker::start((self.command)(&settings), hear)?;
+        self.clients.push(Client { number, life, worker, ended: None });
         Ok(())
     }
 
@@ -286,36 +284,63 @@ impl<C: Fn(&ClientSettings) -> Command> Crowd<'_, C> {
         Duration::from_millis(range.start + self.random.below(range.end - range.start))
     }
 
+    /// Kills a client wherever it is, with SIGKILL.
     fn kill_one(&mut self) -> io::Result<()> {
         let which = self.random.below(self.clients.len() as u64) as usize;
-        let client = self.clients.swap_remove(which);
-        let Life { client: number, .. } = client.life;
-        client.kill()?;
-        self.killed += 1;
+        let Client { number, worker, .. } = self.clients.swap_remove(which);
+        drop(worker);
+        self.report.killed += 1;
         self.start(number)
     }
 
-    fn note(&mut self, life: Life, heard: Heard) {
+    fn note(&mut self, life: u64, said: Option<Said>) {
+        // One that was killed is no longer among the clients.
         let place = self.clients.iter().position(|client| client.life == life);
-        match heard {
-            Heard::Line(Said::Counted(counts)) => self.counts.add(&counts),
-            Heard::Line(Said::Failed(failed)) => self.failed.push(*failed),
-            Heard::Line(Said::Ended(how)) => {
+        match said {
+            Some(Said::Counted(counts)) => self.report.counts.add(&counts),
+            Some(Said::Failed(failed)) => self.failed.push(*failed),
+            Some(Said::Ended(how)) => {
                 if let Some(place) = place {
                     self.clients[place].ended = Some(how);
                 }
             }
-            Heard::End => {
-                // One that was killed is no longer among the clients.
-                if let Some(place) = place {
-                    let why = match &self.clients.swap_remove(place).ended {
-                        Some(Ended::Done) => return,
-                        Some(Ended::GaveUp(why)) => why.clone(),
-                        None => "it died".to_owned(),
-                    };
-                    self.broken.push(format!("client {}: {why}", life.client));
-                }
+            None => {
+                let Some(place) = place else { return };
+                let Client { number, ended, .. } = self.clients.swap_remove(place);
+                let why = match ended {
+                    Some(None) => return,
+                    Some(Some(why)) => why,
+                    None => "it died".to_owned(),
+                };
+                self.report.broken.push(format!("client {number}: {why}"));
             }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn whatever_is_lost_wrong_or_broken_is_not_clean() {
+        let audit = Some(AuditReport { frames: 9, ..AuditReport::default() });
+        let daemon = DaemonReport { serves: true, audit, ..DaemonReport::default() };
+        let clean = ClientsReport { killed: 3, daemon, ..ClientsReport::default() };
+        assert!(clean.is_clean());
+        let spoils: [fn(&mut ClientsReport); 7] = [
+            |report| report.counts.in_process = 1,
+            |report| report.counts.unanswered = 1,
+            |report| report.broken.push("it died".to_owned()),
+            |report| report.daemon.serves = false,
+            |report| report.daemon.was_restarted = true,
+            |report| report.daemon.audit.as_mut().expect("audited").missed = 1,
+            |report| report.daemon.audit.as_mut().expect("audited").extra = 1,
+        ];
+        for (index, spoil) in spoils.into_iter().enumerate() {
+            let mut report = clean.clone();
+            spoil(&mut report);
+            assert!(!report.is_clean(), "{index}: {report}");
         }
     }
 }

@@ -1,0 +1,647 @@
+//! `load`: latency of clients at a pace, several at a time or of differing sizes: processes that start
+//! together, while this process reads what the daemon uses.
+
+use std::fmt;
+use std::io;
+use std::num::{NonZeroU32, NonZeroUsize};
+use std::path::PathBuf;
+use std::process::Command;
+use std::str::FromStr;
+use std::sync::mpsc::{Receiver, channel};
+use std::thread::sleep;
+use std::time::{Duration, Instant};
+
+use clap::Args;
+use pairmask::Backend;
+use pairmask_core::BoxCount;
+use pairmask_core::spinner::Spinner;
+use pairmaskd::cli::bench::{BenchError, Figures, LatencyRow, SEED, Wait, threads_of};
+use pairmaskd::cli::config::Config;
+use pairmaskd::cli::daemon_cpu::DaemonCpu;
+use pairmaskd::cli::machine::Machine;
+use pairmaskd::cli::options::{CullFlags, DaemonOptions, Place};
+use pairmaskd::cli::output::{OutputError, print_json, print_text, spinner};
+use pairmaskd::cli::percentiles::{Percentiles, Recorder};
+use pairmaskd::cli::raw_objects::{RawBoxes, RawObjectsError};
+use pairmaskd::cli::target::{DEADLINE, Target};
+use pairmaskd::cli::whole_number::whole_number;
+use pairmaskd::precision::PrecisionChoice;
+use pairmaskd::scene::{Scene, SceneName};
+use pairmaskd::spawn::SpawnError;
+use pairmaskd::timed_client::TimedClient;
+use serde::{Deserialize, Serialize};
+
+use crate::processes::{Parent, Worker};
+
+/// The highest rate, Hz: a frame every 10 µs, which is shorter than any frame.
+const MOST_HERTZ: u32 = 100_000;
+/// The most clients at a time: each is a process, and takes a slot of the daemon.
+const MOST_CLIENTS: u32 = 256;
+/// Share of the measured time by which clients warm up, and the least, ms: 36 frames at 60 Hz, after
+/// which both sides know a client's pace.
+const WARM_UP_SHARE: u32 = 5;
+const LEAST_WARM_UP_MS: u32 = 600;
+/// A daemon counts as idle this long after its last frame: a GPU's clocks are kept up for 0.25 s.
+const SETTLE: Duration = Duration::from_millis(500);
+/// How long an idle daemon is watched. The kernel counts in ticks of 10 ms, which are 0.5 % of it.
+const IDLE_WINDOW: Duration = Duration::from_secs(2);
+/// A paced client is awake this long before a frame is due: a sleeping thread wakes up to 0.1 ms late
+/// on a virtual machine, and a game that has just moved its boxes is awake.
+const AWAKE_BEFORE: Duration = Duration::from_micros(300);
+
+/// Latency of frames of clients at a pace, several at a time or of differing sizes
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Clients are processes that start together, each with a session and a moving scene of its own. The stages of
+a frame are those of `pairmaskd bench latency`. A frame of a paced client is due at its time, and `from due`
+counts from then: after a stall, the frames that were due meanwhile count their waiting too. Each row says
+what the daemon used of a core, and the last line what it uses while its clients send nothing.
+
+Examples:
+  pairmask-lab load --rate closed,60,240,1000 --n 1000,10000
+  pairmask-lab load --clients 1,2,4,8 --n 1000 --instance world
+  pairmask-lab load --mix 1000x7,1000000x1 --seconds 10")]
+pub struct Load {
+    #[command(flatten)]
+    options: CullFlags,
+    #[command(flatten)]
+    daemon: DaemonOptions,
+    /// Numbers of boxes of a uniform scene with about one pair a box
+    #[arg(long, value_parser = whole_number::<u32>, value_name = "N,..", value_delimiter = ',', default_values_t = [1000, 4096, 10_000])]
+    n: Vec<u32>,
+    /// File of boxes instead, each then moving 2 % of its size a frame
+    #[arg(long, value_name = "FILE", conflicts_with = "n")]
+    scene: Option<PathBuf>,
+    /// Frames a second of each client, due at their times whatever became of those before; `closed`
+    /// sends each when the one before is done
+    #[arg(long, value_name = "HZ,..", value_delimiter = ',', default_values_t = [Rate(None)])]
+    rate: Vec<Rate>,
+    /// Client processes at a time, each with a session of its own
+    #[arg(long, value_parser = client_count, value_name = "N,..", value_delimiter = ',', default_values_t = [1])]
+    clients: Vec<u32>,
+    /// Clients of differing sizes at a time: boxes x clients; one row each
+    #[arg(long, value_name = "NxCLIENTS,..", value_delimiter = ',', conflicts_with_all = ["n", "scene", "clients"])]
+    mix: Vec<Group>,
+    /// Seconds that are measured
+    #[arg(long, value_parser = whole_number::<NonZeroU32>, value_name = "N", default_value = "3")]
+    seconds: NonZeroU32,
+    /// Precision of the boxes: exact, q16, q8, f16, margin=X; one row each
+    #[arg(long, value_name = "MODE,..", value_delimiter = ',', default_values_t = [PrecisionChoice::Exact])]
+    precision: Vec<PrecisionChoice>,
+    /// Threads of a client: they look at the pairs of a mask, and write exact boxes
+    #[arg(long, value_parser = whole_number::<NonZeroUsize>, value_name = "N", default_value = "1")]
+    decode_threads: NonZeroUsize,
+    /// How clients and daemon wait for each other: spin, event, or serve, as they do by themselves
+    #[arg(long, value_name = "HOW,..", value_delimiter = ',', default_values_t = [Wait::Serve])]
+    wait: Vec<Wait>,
+    /// Print one JSON object
+    #[arg(long)]
+    json: bool,
+}
+
+/// Frames a second of one client; `None`: each frame when the one before it is done.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Rate(Option<NonZeroU32>);
+
+/// Clients of one size.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Group {
+    n: u32,
+    clients: u32,
+}
+
+/// Why a text is no rate, count or mix.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum AskedError {
+    #[error("must be a whole number of Hz from 1 to {MOST_HERTZ}, or closed")]
+    Rate,
+    #[error("must be a whole number of clients from 1 to {MOST_CLIENTS}")]
+    Clients,
+    #[error("must be boxes x clients, such as 1000x7 for seven clients of 1,000 boxes")]
+    Mix,
+    #[error("--mix has {clients} clients: leave some out, {MOST_CLIENTS} are the most")]
+    TooMany { clients: u32 },
+}
+
+/// A number from 1 to `most`, in digits alone.
+fn number(text: &str, most: u32) -> Option<NonZeroU32> {
+    whole_number::<NonZeroU32>(text).ok().filter(|n| n.get() <= most && !text.starts_with('+'))
+}
+
+fn client_count(text: &str) -> Result<u32, AskedError> {
+    number(text, MOST_CLIENTS).map(NonZeroU32::get).ok_or(AskedError::Clients)
+}
+
+impl FromStr for Rate {
+    type Err = AskedError;
+
+    fn from_str(text: &str) -> Result<Self, AskedError> {
+        let hertz = (text != "closed").then(|| number(text, MOST_HERTZ).ok_or(AskedError::Rate));
+        Ok(Self(hertz.transpose()?))
+    }
+}
+
+impl fmt::Display for Rate {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.0 {
+            Some(hertz) => hertz.fmt(f),
+            None => f.write_str("closed"),
+        }
+    }
+}
+
+impl FromStr for Group {
+    type Err = AskedError;
+
+    fn from_str(text: &str) -> Result<Self, AskedError> {
+        let (n, clients) = text.split_once('x').ok_or(AskedError::Mix)?;
+        let n = whole_number::<u32>(n).map_err(|_| AskedError::Mix)?;
+        Ok(Self { n, clients: client_count(clients).map_err(|_| AskedError::Mix)? })
+    }
+}
+
+/// Why a measurement failed.
+#[derive(Debug, thiserror::Error)]
+pub enum LoadError {
+    #[error(transparent)]
+    Asked(#[from] AskedError),
+    #[error(transparent)]
+    Bench(#[from] BenchError),
+    #[error(transparent)]
+    Boxes(#[from] RawObjectsError),
+    #[error(transparent)]
+    Spawn(#[from] SpawnError),
+    #[error(transparent)]
+    Output(#[from] OutputError),
+    /// A client measured nothing.
+    #[error("no frame began within the measured time: give more --seconds")]
+    NoFrame,
+    #[error("a client process failed: {why}")]
+    Client { why: String },
+    #[error("the client processes: {0}")]
+    Processes(#[from] io::Error),
+}
+
+/// The JSON object of `load --json`. Fields may be added, never changed or taken away.
+#[derive(Debug, Serialize)]
+struct LoadReport {
+    machine: Machine,
+    rows: Vec<LoadRow>,
+    /// What daemons use while the clients send nothing, one for every wait.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    idle: Vec<IdleRow>,
+}
+
+/// A daemon whose clients send nothing.
+#[derive(Debug, Serialize)]
+struct IdleRow {
+    wait: String,
+    /// Clients that were connected.
+    clients: u32,
+    daemon_cpu_percent: f64,
+}
+
+/// The clients of one size.
+#[derive(Debug, Serialize)]
+struct LoadRow {
+    #[serde(flatten)]
+    row: LatencyRow,
+    /// Frames a second of each client, or `closed`.
+    rate: String,
+    /// Clients of this size.
+    clients: u32,
+    /// Clients of all sizes, which ran at the same time.
+    clients_in_all: u32,
+    /// Frames a second of this size's clients together.
+    frames_per_second: f64,
+    /// The largest of these clients' median round trips.
+    worst_client_p50_ns: u64,
+    /// Frames that were due before the client was done with the one before.
+    late_frames: u64,
+    /// From when a frame was due to its last pair; zeros in a closed loop.
+    from_due_ns: Percentiles,
+}
+
+/// What a client process gets.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+struct ClientSettings {
+    n: u32,
+    scene: Option<PathBuf>,
+    /// Which of the clients this is: each has a scene of its own.
+    index: u32,
+    rate: Rate,
+    precision: String,
+    wait: String,
+    decode_threads: NonZeroUsize,
+    warm_up_ms: u32,
+    seconds: NonZeroU32,
+}
+
+/// A line that a client says.
+#[derive(Debug, Serialize, Deserialize)]
+enum Said {
+    /// It is connected, and waits for the start.
+    Ready,
+    /// What it measured.
+    Done(Box<Paced>),
+    /// It could not measure, and why.
+    Failed(String),
+}
+
+/// Frames of a client, or of several of one size.
+#[derive(Debug, Serialize, Deserialize)]
+struct Paced {
+    figures: Figures,
+    frames_per_second: f64,
+    late_frames: u64,
+    from_due: Recorder,
+}
+
+impl Load {
+    /// Measures a row for every wait, rate, size, number of clients and precision, and prints them.
+    pub fn run(&self, place: &Place, config: &Config) -> Result<(), LoadError> {
+        let clients = self.mix.iter().map(|group| group.clients).sum();
+        if clients > MOST_CLIENTS {
+            return Err(AskedError::TooMany { clients }.into());
+        }
+        let mut report =
+            LoadReport { machine: Machine::this(), rows: Vec::new(), idle: Vec::new() };
+        let sizes = match &self.scene {
+            Some(path) => vec![u32::try_from(RawBoxes::open(path)?.len()).unwrap_or(u32::MAX)],
+            None => self.n.clone(),
+        };
+        let mut runs = Vec::new();
+        for rate in &self.rate {
+            for groups in self.groups(&sizes) {
+                let all = self.precision.iter().map(|p| (*rate, groups.clone(), *p));
+                runs.extend(all);
+            }
+        }
+        let most = runs.iter().map(|(_, groups, _)| all_of(groups)).max().unwrap_or(1);
+        let warm_up_ms = self.seconds.get().saturating_mul(1000) / WARM_UP_SHARE;
+        for wait in &self.wait {
+            let (options, spin) = (&self.options, wait.spin());
+            let target = Target::for_clients(options, &self.daemon, spin, most, place, config)?;
+            let command = self.client(&target, place, config)?;
+            for (i, (rate, groups, precision)) in runs.iter().enumerate() {
+                let progress = spinner(&format!("{} of {}", i + 1, runs.len()));
+                let settings = ClientSettings {
+                    n: 0,
+                    scene: self.scene.clone(),
+                    index: 0,
+                    rate: *rate,
+                    precision: precision.to_string(),
+                    wait: wait.to_string(),
+                    decode_threads: self.decode_threads,
+                    warm_up_ms: warm_up_ms.max(LEAST_WARM_UP_MS),
+                    seconds: self.seconds,
+                };
+                let is_last = i + 1 == runs.len();
+                let ran = Ran::new(groups, &settings, &command, target.cpu(), is_last)?;
+                progress.finish_and_clear();
+                report.idle.extend(ran.idle_percent.map(|daemon_cpu_percent| IdleRow {
+                    wait: wait.to_string(),
+                    clients: all_of(groups),
+                    daemon_cpu_percent,
+                }));
+                let mut measured = ran.clients.into_iter();
+                for group in groups {
+                    let (n, threads) = (group.n, self.decode_threads.get());
+                    let of_group = measured.by_ref().take(group.clients as usize);
+                    let (sum, worst_client_p50_ns) = together(of_group)?;
+                    let Paced { figures, frames_per_second, late_frames, from_due } = sum;
+                    let used = ran.daemon_percent;
+                    report.rows.push(LoadRow {
+                        row: LatencyRow::new(n, *precision, *wait, threads, &figures, used),
+                        rate: rate.to_string(),
+                        clients: group.clients,
+                        clients_in_all: all_of(groups),
+                        frames_per_second: (frames_per_second * 10.0).round() / 10.0,
+                        worst_client_p50_ns,
+                        late_frames,
+                        from_due_ns: from_due.percentiles(),
+                    });
+                }
+            }
+        }
+        if self.json { print_json(&report) } else { print_text(&report.to_string()) }?;
+        Ok(())
+    }
+
+    /// The clients that run together: a mix, or every number of clients of every size.
+    fn groups(&self, sizes: &[u32]) -> Vec<Vec<Group>> {
+        if !self.mix.is_empty() {
+            return vec![self.mix.clone()];
+        }
+        let alike = |n: &u32| {
+            let group = |clients: &u32| vec![Group { n: *n, clients: *clients }];
+            self.clients.iter().map(group).collect::<Vec<_>>()
+        };
+        sizes.iter().flat_map(alike).collect()
+    }
+
+    /// The command of a client process, but for its settings.
+    fn client(
+        &self,
+        target: &Target,
+        place: &Place,
+        config: &Config,
+    ) -> Result<impl Fn() -> Command, LoadError> {
+        let options = self.options.cull_options(config);
+        let mut words: Vec<String> = vec!["load-client".to_owned()];
+        for (flag, value) in [
+            ("--config", "/dev/null".to_owned()),
+            ("--instance", target.instance.to_string()),
+            ("--calibration", place.calibration(config).to_string()),
+            ("--isa", place.isa(config).to_string()),
+            ("--backend", self.options.backend(config, Backend::Daemon).to_string()),
+            ("--engine", options.engine.to_string()),
+            ("--encoding", options.encoding.to_string()),
+        ] {
+            words.extend([flag.to_owned(), value]);
+        }
+        if let Some(threads) = options.threads {
+            words.extend(["--threads".to_owned(), threads.to_string()]);
+        }
+        let (binary, dir) = (std::env::current_exe()?, target.dir.path().to_owned());
+        Ok(move || {
+            let mut command = Command::new(&binary);
+            command.args(&words).arg("--runtime-dir").arg(&dir);
+            command
+        })
+    }
+}
+
+fn all_of(groups: &[Group]) -> u32 {
+    groups.iter().map(|group| group.clients).sum()
+}
+
+/// What clients that ran together measured.
+struct Ran {
+    /// In the order of the groups.
+    clients: Vec<Paced>,
+    /// What the daemon used of a core, percent; `None` where none serves.
+    daemon_percent: Option<f64>,
+    /// The same after the clients' last frame, while they stayed connected.
+    idle_percent: Option<f64>,
+}
+
+impl Ran {
+    /// Starts all clients, lets them begin together, and hears what they measured.
+    fn new(
+        groups: &[Group],
+        settings: &ClientSettings,
+        command: impl Fn() -> Command,
+        daemon: Option<DaemonCpu>,
+        with_idle: bool,
+    ) -> Result<Self, LoadError> {
+        let watch = |window: Duration| {
+            let since = daemon.as_ref().map(DaemonCpu::since_now);
+            sleep(window);
+            daemon.as_ref().zip(since).map(|(daemon, since)| daemon.percent(&since))
+        };
+        let sizes = groups.iter().flat_map(|g| std::iter::repeat_n(g.n, g.clients as usize));
+        let mut clients: Vec<(Worker, Receiver<Option<Said>>)> = Vec::new();
+        for (index, n) in (0..).zip(sizes) {
+            let mut command = command();
+            let settings = ClientSettings { n, index, ..settings.clone() };
+            command.arg(serde_json::to_string(&settings).map_err(io::Error::from)?);
+            let (heard, ears) = channel();
+            // Nobody hears what a client says after the run.
+            let hear = move |said| drop(heard.send(said));
+            clients.push((Worker::start(command, hear)?, ears));
+        }
+        for (_, ears) in &clients {
+            hear(ears, |said| matches!(said, Said::Ready).then_some(()))?;
+        }
+        clients.iter_mut().for_each(|(client, _)| client.begin());
+        sleep(Duration::from_millis(settings.warm_up_ms.into()));
+        let daemon_percent = watch(Duration::from_secs(settings.seconds.get().into()));
+        let done = |said| if let Said::Done(paced) = said { Some(*paced) } else { None };
+        let measured: Result<Vec<Paced>, LoadError> =
+            clients.iter().map(|(_, ears)| hear(ears, done)).collect();
+        let measured = measured?;
+        let mut idle_percent = None;
+        if with_idle {
+            sleep(SETTLE);
+            idle_percent = watch(IDLE_WINDOW);
+        }
+        clients.iter_mut().for_each(|(client, _)| client.end());
+        Ok(Self { clients: measured, daemon_percent, idle_percent })
+    }
+}
+
+/// A client's next line.
+fn hear<T>(
+    ears: &Receiver<Option<Said>>,
+    expected: impl Fn(Said) -> Option<T>,
+) -> Result<T, LoadError> {
+    let why = match ears.recv().ok().flatten() {
+        None => "it ended without a word".to_owned(),
+        Some(Said::Failed(why)) => why,
+        Some(said) => match expected(said) {
+            Some(said) => return Ok(said),
+            None => "it spoke out of turn: please report this".to_owned(),
+        },
+    };
+    Err(LoadError::Client { why })
+}
+
+/// The figures of all clients of a group as one, and the median round trip of the worst of them, ns.
+fn together(mut clients: impl Iterator<Item = Paced>) -> Result<(Paced, u64), LoadError> {
+    let Some(mut sum) = clients.next() else { return Err(LoadError::NoFrame) };
+    let mut worst = sum.figures.round_trip_p50();
+    for other in clients {
+        worst = worst.max(other.figures.round_trip_p50());
+        sum.figures.add(&other.figures)?;
+        sum.frames_per_second += other.frames_per_second;
+        sum.late_frames += other.late_frames;
+        sum.from_due.add(&other.from_due);
+    }
+    Ok((sum, worst))
+}
+
+/// A client process of `load`.
+#[derive(Debug, Args)]
+pub struct LoadClient {
+    #[command(flatten)]
+    options: CullFlags,
+    /// Its settings as JSON.
+    settings: String,
+}
+
+impl LoadClient {
+    /// Connects, says so, waits for the start, measures, tells the figures, and stays connected until
+    /// stdin ends. A failure is told to the parent, which says why the measurement failed.
+    pub fn run(&self, place: &Place, config: &Config) -> Result<(), LoadError> {
+        let parent = Parent::of_this_process()?;
+        let said = match self.measure(&parent, place, config) {
+            Ok(Some(paced)) => Said::Done(Box::new(paced)),
+            Ok(None) => return Ok(()),
+            Err(error) => Said::Failed(error.to_string()),
+        };
+        parent.tell(&said)?;
+        parent.begins()?;
+        Ok(())
+    }
+
+    /// `None` where the parent gave up before the start.
+    fn measure(
+        &self,
+        parent: &Parent,
+        place: &Place,
+        config: &Config,
+    ) -> Result<Option<Paced>, LoadError> {
+        let settings: ClientSettings =
+            serde_json::from_str(&self.settings).map_err(io::Error::from)?;
+        // Names that the parent has written.
+        let wait: Wait = settings.wait.parse().unwrap_or(Wait::Serve);
+        let precision = settings.precision.parse().unwrap_or(PrecisionChoice::Exact);
+        let seed = SEED + u64::from(settings.index);
+        let mut scene = match &settings.scene {
+            Some(path) => Scene::from_boxes(RawBoxes::open(path)?.read()?, seed),
+            None => Scene::new(SceneName::Uniform, settings.n as usize, seed),
+        };
+        let n = u32::try_from(scene.boxes().len()).unwrap_or(u32::MAX);
+        let session = self
+            .options
+            .session(place, config)
+            .runtime_dir(place.runtime_dir(config))
+            .instance(place.instance(config).as_str())
+            .backend(self.options.backend(config, Backend::Daemon))
+            .spin(wait.spin())
+            .deadline(DEADLINE)
+            .capacity(BoxCount::new(n))
+            .visit_threads(settings.decode_threads.get())
+            .connect()
+            .map_err(BenchError::from)?;
+        let mut decoding = threads_of(settings.decode_threads)?;
+        let mut client = TimedClient::new(session, precision, scene.boxes());
+        // The backend of this frame has to serve all frames. It touches all memory too.
+        let first = client.frame_decoded(scene.boxes(), &mut decoding, |_| ());
+        let mut figures = Figures::of(&first.map_err(BenchError::from)?.info);
+        parent.tell(&Said::Ready)?;
+        if !parent.begins()? {
+            return Ok(None);
+        }
+        let (mut late_frames, mut from_due) = (0, Recorder::new());
+        let start = Instant::now();
+        let from = start + Duration::from_millis(settings.warm_up_ms.into());
+        let until = from + Duration::from_secs(settings.seconds.get().into());
+        let mut last_done = from;
+        for frame in 0.. {
+            scene.step();
+            let asked = Instant::now();
+            let due = settings.rate.0.map(|hertz| start + due(frame, hertz));
+            let begins = due.unwrap_or(asked);
+            if begins >= until {
+                break;
+            }
+            await_time(begins);
+            let times = client.frame_decoded(scene.boxes(), &mut decoding, |_| ());
+            let times = times.map_err(BenchError::from)?;
+            if begins < from {
+                continue;
+            }
+            last_done = Instant::now();
+            figures.record(&times)?;
+            if due.is_some() {
+                from_due.record(last_done.saturating_duration_since(begins).as_nanos() as u64);
+                late_frames += u64::from(asked > begins);
+            }
+        }
+        // A client whose frames take longer than the measurement counts to the end of its last one.
+        let elapsed = (until - from).max(last_done - from);
+        if figures.frames == 0 {
+            return Err(LoadError::NoFrame);
+        }
+        let frames_per_second = figures.frames as f64 / elapsed.as_secs_f64();
+        Ok(Some(Paced { figures, frames_per_second, late_frames, from_due }))
+    }
+}
+
+/// When a frame is due after the first one, an open loop: a frame that takes long moves no later one.
+///
+/// A frame whose predecessor was not done by its due time begins late, and its latency still counts from
+/// when it was due. Counted from its own beginning, one stall of many periods would appear as a single slow
+/// frame (coordinated omission). Computed from the first frame on: the rounding of a period does not add up.
+fn due(frame: u64, hertz: NonZeroU32) -> Duration {
+    let ns = u128::from(frame) * 1_000_000_000 / u128::from(hertz.get());
+    Duration::from_nanos(u64::try_from(ns).unwrap_or(u64::MAX))
+}
+
+/// Sleeps until shortly before `at`, then spins.
+fn await_time(at: Instant) {
+    let left = at.saturating_duration_since(Instant::now());
+    if let Some(nap) = left.checked_sub(AWAKE_BEFORE) {
+        sleep(nap);
+    }
+    let mut spinner = Spinner::default();
+    while Instant::now() < at {
+        spinner.turn();
+    }
+}
+
+impl fmt::Display for LoadReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}", self.machine)?;
+        self.rows.iter().try_for_each(|row| write!(f, "\n\n{row}"))?;
+        for IdleRow { wait, clients, daemon_cpu_percent } in &self.idle {
+            let them = if *clients == 1 { "client sends" } else { "clients send" };
+            write!(f, "\n\nidle ({wait}): while {clients} {them} nothing, the daemon uses ")?;
+            write!(f, "{daemon_cpu_percent} % of a core")?;
+        }
+        Ok(())
+    }
+}
+
+impl fmt::Display for LoadRow {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { rate, clients, clients_in_all, frames_per_second, late_frames, .. } = self;
+        let is_paced = self.from_due_ns.max > 0;
+        let them = if *clients == 1 { "client" } else { "clients" };
+        let pace = match is_paced {
+            true => format!("at {rate} Hz, {late_frames} frames late"),
+            false => "in a closed loop".to_owned(),
+        };
+        let worst = self.worst_client_p50_ns as f64 / 1e3;
+        let more = format!(
+            "\n{clients} {them} of {clients_in_all} {pace}; {frames_per_second} frames a second in all; \
+             worst client's median round trip {worst:.2} µs"
+        );
+        self.row.write(f, &more, is_paced.then_some(("from due", &self.from_due_ns)))
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rates_counts_and_mixes_are_whole_numbers_within_bounds() {
+        for text in ["closed", "1", "60", "100000"] {
+            assert_eq!(text.parse::<Rate>().unwrap().to_string(), text);
+        }
+        for text in ["", "0", "-1", "+60", "59.94", "100001", "60Hz", "4294967296", "open"] {
+            assert_eq!(text.parse::<Rate>(), Err(AskedError::Rate), "{text}");
+        }
+        assert_eq!(client_count("256"), Ok(256));
+        for text in ["0", "257", "many", "", "99999999999"] {
+            assert_eq!(client_count(text), Err(AskedError::Clients), "{text}");
+        }
+        assert_eq!("1000x7".parse(), Ok(Group { n: 1000, clients: 7 }));
+        assert_eq!("0x1".parse(), Ok(Group { n: 0, clients: 1 }));
+        for text in ["", "x", "1000", "1000x", "x7", "1000x0", "-1x1", "1000x7x1", "4294967296x1"] {
+            assert_eq!(text.parse::<Group>(), Err(AskedError::Mix), "{text}");
+        }
+    }
+
+    #[test]
+    fn frames_are_due_at_multiples_of_the_period_without_drift() {
+        let hertz = |hertz| NonZeroU32::new(hertz).unwrap();
+        assert_eq!(due(0, hertz(7)), Duration::ZERO);
+        assert_eq!(due(60 * 3600, hertz(60)), Duration::from_secs(3600));
+        assert_eq!(due(1, hertz(60)), Duration::from_nanos(16_666_666));
+    }
+}

@@ -1,0 +1,276 @@
+//! How a case is asked, what is answered, and the one comparison of an answer with the truth.
+//!
+//! An answer may have more pairs than the truth where the form's contract allows that (a mode that rounds
+//! boxes outward), never fewer: [`compare`] takes the pairs that must be in it and those that may be.
+
+use std::fmt;
+
+use pairmask::info::Census;
+use pairmask_core::oracle::Pair;
+use pairmaskd::explain::Explanation;
+use serde::{Deserialize, Serialize};
+
+use super::case::Case;
+use super::modes::{self, Sending, Usage};
+
+/// How a case is asked.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Form {
+    /// Boxes in f32, in one frame.
+    Boxes,
+    /// Spheres of the same seed, in one frame.
+    Spheres,
+    /// Boxes in one usage of a precision mode, in one frame.
+    Mode(Usage),
+    /// Edits of a scene that persists, towards the boxes.
+    Scene,
+    /// Placements of the boxes, for the update stage.
+    Updates,
+}
+
+impl Form {
+    /// The value of `--mode` that asks it.
+    pub const fn mode(self) -> &'static str {
+        match self {
+            Self::Mode(usage) => usage.mode(),
+            _ => "exact",
+        }
+    }
+}
+
+impl fmt::Display for Form {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Boxes => f.write_str("boxes"),
+            Self::Spheres => f.write_str("spheres"),
+            Self::Mode(usage) => usage.fmt(f),
+            Self::Scene => f.write_str("scenes"),
+            Self::Updates => f.write_str("updates"),
+        }
+    }
+}
+
+/// The answer to a frame, decoded.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Answer {
+    /// The pairs, sorted.
+    pub pairs: Vec<Pair>,
+    /// Pairs as the engine counted them.
+    pub count: u64,
+    /// Empty and invalid objects as the engine counted them.
+    pub census: Census,
+}
+
+/// What became of a case.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Reply {
+    /// Pairs, which are to be compared.
+    Pairs(Answer),
+    /// An answer that was compared where it was given, and is right.
+    Right,
+    /// None: the engine left a scene with too many boxes in one place to another engine
+    /// ([`CullError::TooCrowded`](pairmask_core::engine::CullError)), which is allowed.
+    Declined,
+}
+
+/// A mistake in an answer.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Finding {
+    /// In words.
+    pub what: String,
+    /// Pairs that must be in the answer and are not.
+    pub missed: u64,
+    /// Pairs that are in the answer and may not be.
+    pub extra: u64,
+    /// The lowest wrong pair, if it is about pairs.
+    pub first: Option<Pair>,
+}
+
+impl Finding {
+    /// A finding that is not about pairs.
+    pub fn other(what: &impl ToString) -> Self {
+        Self { what: what.to_string(), missed: 0, extra: 0, first: None }
+    }
+
+    /// A finding about pairs that may not be in the answer.
+    pub(super) const fn extra(what: String, extra: u64, first: Pair) -> Self {
+        Self { what, missed: 0, extra, first: Some(first) }
+    }
+}
+
+/// Checks a sorted list of pairs: nothing twice, all of `must`, none outside `may`. Both are sorted, and
+/// `must` is part of `may`.
+///
+/// # Errors
+/// [`Finding`] counts the wrong pairs and names the lowest.
+pub fn compare(got: &[Pair], must: &[Pair], may: &[Pair]) -> Result<(), Finding> {
+    if let Some(two) = got.windows(2).find(|two| two[0] >= two[1]) {
+        let what = match two[0] == two[1] {
+            true => format!("pair {:?} is in the answer twice", two[0]),
+            false => format!("pair {:?} comes after {:?}", two[1], two[0]),
+        };
+        return Err(Finding::extra(what, 1, two[1]));
+    }
+    let (missed, first_missed) = count(absent(must, got));
+    let (extra, first_extra) = count(absent(got, may));
+    let (what, first) = match (first_missed, first_extra) {
+        (None, None) => return Ok(()),
+        (Some(pair), None) => (format!("pair {pair:?} is missing"), pair),
+        (Some(pair), Some(extra)) if pair <= extra => (format!("pair {pair:?} is missing"), pair),
+        (_, Some(pair)) => (format!("pair {pair:?} does not overlap"), pair),
+    };
+    Err(Finding { what, missed, extra, first: Some(first) })
+}
+
+/// Those of `these` that are not in `those`. Both are sorted.
+pub(super) fn absent(these: &[Pair], those: &[Pair]) -> impl Iterator<Item = Pair> {
+    these.iter().filter(|pair| those.binary_search(pair).is_err()).copied()
+}
+
+/// The number of pairs, and the first of them.
+fn count(mut pairs: impl Iterator<Item = Pair>) -> (u64, Option<Pair>) {
+    let first = pairs.next();
+    (u64::from(first.is_some()) + pairs.count() as u64, first)
+}
+
+impl Case {
+    /// Compares the answer to a frame of this form with the oracle.
+    ///
+    /// # Errors
+    /// [`Finding`] with the mistake.
+    pub fn check(&self, form: Form, answer: &Answer) -> Result<(), Finding> {
+        let Answer { pairs, count, census } = answer;
+        let (must, may) = self.allowed(form);
+        let compared = compare(pairs, must, may).and_then(|()| match form {
+            Form::Mode(usage) => modes::check_gaps(self.in_mode(usage), pairs),
+            _ => Ok(()),
+        });
+        compared.map_err(|found| {
+            let about = found.first.map(|pair| self.objects(form, pair)).unwrap_or_default();
+            Finding { what: format!("{form}: {}{about}", found.what), ..found }
+        })?;
+        if *count != pairs.len() as u64 {
+            let decoded = pairs.len();
+            let what = format!("the answer counts {count} pairs, the mask has {decoded}");
+            return Err(Finding::other(&what));
+        }
+        match self.census(form) {
+            Some(expected) if expected != *census => {
+                Err(Finding::other(&format!("census {census:?}, expected {expected:?}")))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// The pairs that must be in the answer to a frame, and those that may be.
+    pub(super) fn allowed(&self, form: Form) -> (&[Pair], &[Pair]) {
+        match form {
+            Form::Mode(usage) => {
+                let allowed = &self.in_mode(usage).allowed;
+                (&allowed.must.pairs, &allowed.may)
+            }
+            Form::Spheres => (&self.spheres().pairs, &self.spheres().pairs),
+            _ => (&self.truth.pairs, &self.truth.pairs),
+        }
+    }
+
+    /// The census of the frame; the oracle counts none of spheres.
+    fn census(&self, form: Form) -> Option<Census> {
+        match form {
+            Form::Mode(usage) => Some(self.in_mode(usage).allowed.must.census),
+            Form::Spheres => None,
+            _ => Some(self.truth.census),
+        }
+    }
+
+    /// Number of objects in this form, and how they were made.
+    pub(super) fn scene(&self, form: Form) -> (usize, String) {
+        match form {
+            Form::Spheres => (self.spheres().spheres.len(), "spheres".to_owned()),
+            Form::Mode(usage) => (self.in_mode(usage).given.len(), self.recipe.clone()),
+            _ => (self.boxes.len(), self.recipe.clone()),
+        }
+    }
+
+    /// A pair of objects that an explanation says nothing about, in words.
+    fn objects(&self, form: Form, (a, b): Pair) -> String {
+        let (a, b) = (a as usize, b as usize);
+        match form {
+            Form::Spheres => match &self.spheres().spheres[..] {
+                all if a.max(b) < all.len() => format!(": {:?} and {:?}", all[a], all[b]),
+                _ => String::new(),
+            },
+            Form::Mode(usage) => match &self.in_mode(usage).sending {
+                Sending::World { boxes, origin } if a.max(b) < boxes.len() => {
+                    format!(": {:?} and {:?} around {origin:?}", boxes[a], boxes[b])
+                }
+                _ => String::new(),
+            },
+            _ => String::new(),
+        }
+    }
+
+    /// Why a pair of the case must be in the answer or not. None about spheres, and of a scene, whose boxes
+    /// lie where some edit has put them.
+    pub(super) fn explain(&self, form: Form, (i, j): Pair) -> Option<Explanation> {
+        match form {
+            Form::Boxes => Explanation::of(&self.boxes, i, j).ok(),
+            Form::Mode(usage) => self.in_mode(usage).explain(i, j),
+            _ => None,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pairs_between_must_and_may_are_right() {
+        let (must, may) = ([(0, 1), (2, 3)], [(0, 1), (0, 2), (2, 3)]);
+        assert_eq!(compare(&must, &must, &may), Ok(()));
+        assert_eq!(compare(&may, &must, &may), Ok(()));
+        for (got, missed, extra, first, word) in [
+            (&may[..2], 1, 0, (2, 3), "missing"),
+            (&[(0, 1), (0, 3), (2, 3)], 0, 1, (0, 3), "overlap"),
+            (&[(0, 3)], 2, 1, (0, 1), "missing"),
+            (&[(0, 1), (0, 1), (2, 3)], 0, 1, (0, 1), "twice"),
+            (&[(2, 3), (0, 1)], 0, 1, (0, 1), "after"),
+        ] {
+            let found = compare(got, &must, &may).expect_err(word);
+            assert_eq!((found.missed, found.extra, found.first), (missed, extra, Some(first)));
+            assert!(found.what.contains(word), "{}", found.what);
+        }
+    }
+
+    #[test]
+    fn whatever_is_wrong_in_an_answer_is_noticed_in_every_form() {
+        let forms = || [Form::Boxes, Form::Spheres].into_iter().chain(Usage::ALL.map(Form::Mode));
+        let has_pairs = |case: &Case| forms().all(|form| case.allowed(form).0.len() > 5);
+        let case = (1..1_000).map(Case::new).find(has_pairs).expect("a case with pairs");
+        for form in forms() {
+            let must = case.allowed(form).0;
+            let of = |pairs: Vec<Pair>| Answer {
+                count: pairs.len() as u64,
+                pairs,
+                census: case.census(form).unwrap_or_default(),
+            };
+            let (right, no_object) = (of(must.to_vec()), (u32::MAX - 1, u32::MAX));
+            let mut census = right.census;
+            census.empty += 1;
+            assert_eq!(case.check(form, &right), Ok(()), "{form}");
+            for (wrong, missed, extra) in [
+                (of(must[1..].to_vec()), 1, 0),
+                (of([&must[..1], must].concat()), 0, 1),
+                (of([must, &[no_object]].concat()), 0, 1),
+                (Answer { count: right.count + 1, ..right.clone() }, 0, 0),
+                (Answer { census, ..right.clone() }, 0, 0),
+            ] {
+                match case.check(form, &wrong) {
+                    Err(found) => assert_eq!((found.missed, found.extra), (missed, extra)),
+                    Ok(()) => assert!(form == Form::Spheres && wrong.census == census, "{form}"),
+                }
+            }
+        }
+    }
+}
