@@ -141,10 +141,9 @@ fn write_outward(
     origin: [f64; 3],
     out: &mut [Aabb],
 ) -> PyResult<()> {
-    let not_in_rows = || PyValueError::new_err("the rows do not lie one after another");
-    let cells = rows.as_slice(py).ok_or_else(not_in_rows)?;
-    for (to, from) in out.iter_mut().zip(cells.as_chunks::<6>().0) {
-        let [a, b, c, d, e, f] = std::array::from_fn(|at| from[at].get());
+    let mut cells = vec![0.0; rows.item_count()];
+    rows.copy_to_slice(py, &mut cells)?;
+    for (to, [a, b, c, d, e, f]) in out.iter_mut().zip(cells.as_chunks::<6>().0.iter().copied()) {
         *to = Aabb::outward_from_f64([a, b, c], [d, e, f], origin);
     }
     Ok(())

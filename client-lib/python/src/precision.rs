@@ -7,7 +7,7 @@ use crate::errors::Raise;
 use crate::sources::Boxes;
 
 /// The precision of the boxes of a frame. None misses a pair.
-#[pyclass(frozen, eq, skip_from_py_object, name = "Precision", module = "pairmask")]
+#[pyclass(frozen, eq, name = "Precision", module = "pairmask")]
 #[derive(Clone, Copy, PartialEq)]
 pub struct PyPrecision {
     pub precision: Precision,

@@ -352,7 +352,6 @@ impl Load {
         for (flag, value) in [
             ("--config", "/dev/null".to_owned()),
             ("--instance", target.instance.to_string()),
-            ("--calibration", place.calibration(config).to_string()),
             ("--isa", place.isa(config).to_string()),
             ("--backend", self.options.backend(config, Backend::Daemon).to_string()),
             ("--engine", options.engine.to_string()),
