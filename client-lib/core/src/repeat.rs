@@ -8,10 +8,9 @@
 //! are copied, and later frames are compared with the copy as a whole. A copy that never answered a frame,
 //! because a box moves that is not in the sample, doubles the number of equal samples before the next one.
 //!
-//! Bits are compared: −0 and +0 differ, equal NaNs do not. Boxes may lie in memory that another process
-//! writes to meanwhile: each byte is read once for the comparison and once for the copy. A client that
-//! changes its frame under way may get the answer to one of its frames before, with indices below its own
-//! number of boxes. The state belongs to one session, so no client gets the answer of another.
+//! Bits are compared: −0 and +0 differ, equal NaNs do not. Each byte is read once for the comparison and
+//! once for the copy: a client that changes its frame under way may get the answer to one of its frames
+//! before, with indices below its own number of boxes, and never that of another session.
 
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
@@ -30,20 +29,18 @@ const MANY: usize = 66;
 const A_SAMPLED_BOX: usize = 16;
 /// Bytes of the largest object.
 const SLOT_BYTES: usize = 24;
-/// Most bytes of boxes and mask that are copied: five million boxes with as many pairs in a list. Frames
-/// beyond take so long that a client does better with a persistent scene.
+/// Most bytes of boxes and mask that are copied: five million boxes with as many pairs in a list.
 const MOST_BYTES: usize = 256 << 20;
 /// Most equal samples that are asked for before a copy, which takes about as long as a cull at worst.
 const MOST_EQUAL: u32 = 1_024;
-/// Bytes of objects that a thread compares in a nanosecond, in ranges that no cache holds.
-const BYTES_A_NS: f64 = 10.0;
 
 /// Whether so many objects are compared, and their answer copied, sooner than an engine that is predicted
 /// to take `engine_ns` culls them. Those of a CPU always take longer; a GPU may not.
 pub fn is_sooner_compared(objects: Objects<'_>, threads: usize, engine_ns: u64) -> bool {
-    // About one pair an object, 8 bytes in a list; threads beyond eight share the memory.
+    // About one pair an object, 8 bytes in a list. A thread compares 10 bytes a nanosecond in ranges that no
+    // cache holds; those beyond eight share the memory.
     let bytes = objects.len() * (objects.form().object_bytes() + 8);
-    (bytes as f64 / (BYTES_A_NS * threads.clamp(1, 8) as f64)) < engine_ns as f64
+    (bytes as f64 / (10.0 * threads.clamp(1, 8) as f64)) < engine_ns as f64
 }
 
 /// What else decides an answer: form, count, options without threads, room of the reply, number of the rules.
@@ -80,9 +77,8 @@ pub enum Seen {
 
 impl Repeats {
     /// Looks at a frame with the rules of a number: 0 where all boxes may meet, and another one for other
-    /// rules. Where it is equal to the last one, the reply gets that one's mask.
-    ///
-    /// A client that names an engine wants that engine to work: its frames are always new.
+    /// rules. Where it is equal to the last one, the reply gets that one's mask. Frames of a client that names
+    /// an engine are always new: it wants that engine to work.
     pub fn look(
         &mut self,
         objects: Objects<'_>,
@@ -165,8 +161,7 @@ impl Repeats {
     }
 }
 
-/// The object at place `k` of a frame's sample, filled up with zeros: the first, the last, then others, such
-/// that those at the first few places are spread evenly, however many they are.
+/// The object at place `k` of a frame's sample, filled up with zeros: the first, the last, then others all over.
 fn sample_of(objects: Objects<'_>, k: usize) -> [u8; SLOT_BYTES] {
     let (n, bytes) = (objects.len(), objects.form().object_bytes());
     // The fractional parts of multiples of the golden ratio are spread evenly.
@@ -188,9 +183,8 @@ impl KeepTicket {
     /// Copies the objects of the frame and its answer, whose mask `words` hold with so many words behind it,
     /// where there is memory for them.
     pub fn keep(self, objects: Objects<'_>, words: &[u32], answer: &CullAnswer, behind: u64) {
-        if let Some(copy) = FrameCopy::new(self.facts, objects, words, answer, behind) {
-            *self.promise.lock().unwrap_or_else(PoisonError::into_inner) = Some(Box::new(copy));
-        }
+        let copy = FrameCopy::new(self.facts, objects, words, answer, behind);
+        *self.promise.lock().unwrap_or_else(PoisonError::into_inner) = copy.map(Box::new);
     }
 }
 
@@ -264,16 +258,14 @@ fn copied<T: Copy>(items: &[T]) -> Option<Vec<T>> {
 
 #[cfg(test)]
 mod tests {
-    use proptest::prelude::*;
-
     use super::*;
     use crate::aabb::Aabb;
     use crate::dispatch::CpuEngines;
     use crate::engine::HeapReply;
     use crate::mask::MaskView;
+    use proptest::prelude::*;
 
     proptest! {
-        /// A step changes a bit of a box, or nothing.
         #[test]
         fn any_frames_have_the_answers_of_fresh_engines(
             n in 2usize..150,

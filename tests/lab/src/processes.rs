@@ -59,35 +59,28 @@ impl Drop for Worker {
     }
 }
 
-/// What a child has to do with the process that started it.
-#[derive(Debug)]
-pub(crate) struct Parent;
+/// Lets this child end with the process that started it: there is nobody to tell then.
+///
+/// # Errors
+/// Where the system does not see to that.
+pub(crate) fn end_with_parent() -> io::Result<()> {
+    Ok(set_parent_process_death_signal(Some(Signal::KILL))?)
+}
 
-impl Parent {
-    /// The process that started this one, without which this one ends: there is nobody to tell then.
-    ///
-    /// # Errors
-    /// Where the system does not see to that.
-    pub(crate) fn of_this_process() -> io::Result<Self> {
-        set_parent_process_death_signal(Some(Signal::KILL))?;
-        Ok(Self)
-    }
+/// Says a line to the process that started this child.
+///
+/// # Errors
+/// Where it is not heard.
+pub(crate) fn tell(said: &impl Serialize) -> io::Result<()> {
+    let mut out = io::stdout().lock();
+    writeln!(out, "{}", serde_json::to_string(said)?)?;
+    out.flush()
+}
 
-    /// Says a line.
-    ///
-    /// # Errors
-    /// Where it is not heard.
-    pub(crate) fn tell(&self, said: &impl Serialize) -> io::Result<()> {
-        let mut out = io::stdout().lock();
-        writeln!(out, "{}", serde_json::to_string(said)?)?;
-        out.flush()
-    }
-
-    /// Waits until it is told to begin; `false`: to end.
-    ///
-    /// # Errors
-    /// Where stdin cannot be read.
-    pub(crate) fn begins(&self) -> io::Result<bool> {
-        Ok(io::stdin().lock().read_line(&mut String::new())? > 0)
-    }
+/// Waits until this child is told to begin; `false`: to end.
+///
+/// # Errors
+/// Where stdin cannot be read.
+pub(crate) fn is_told_to_begin() -> io::Result<bool> {
+    Ok(io::stdin().lock().read_line(&mut String::new())? > 0)
 }

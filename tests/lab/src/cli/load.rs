@@ -31,7 +31,7 @@ use pairmaskd::spawn::SpawnError;
 use pairmaskd::timed_client::TimedClient;
 use serde::{Deserialize, Serialize};
 
-use crate::processes::{Parent, Worker};
+use crate::processes::{Worker, end_with_parent, is_told_to_begin, tell};
 
 /// The highest rate, Hz: a frame every 10 µs, which is shorter than any frame.
 const MOST_HERTZ: u32 = 100_000;
@@ -297,7 +297,8 @@ impl Load {
                     seconds: self.seconds,
                 };
                 let is_last = i + 1 == runs.len();
-                let ran = Ran::new(groups, &settings, &command, target.cpu(), is_last)?;
+                let daemon = target.cpu();
+                let ran = Ran::new(groups, &settings, &command, daemon.as_ref(), is_last)?;
                 progress.finish_and_clear();
                 report.idle.extend(ran.idle_percent.map(|daemon_cpu_percent| IdleRow {
                     wait: wait.to_string(),
@@ -391,13 +392,13 @@ impl Ran {
         groups: &[Group],
         settings: &ClientSettings,
         command: impl Fn() -> Command,
-        daemon: Option<DaemonCpu>,
+        daemon: Option<&DaemonCpu>,
         with_idle: bool,
     ) -> Result<Self, LoadError> {
         let watch = |window: Duration| {
-            let since = daemon.as_ref().map(DaemonCpu::since_now);
+            let since = daemon.map(DaemonCpu::since_now);
             sleep(window);
-            daemon.as_ref().zip(since).map(|(daemon, since)| daemon.percent(&since))
+            daemon.zip(since).map(|(daemon, since)| daemon.percent(&since))
         };
         let sizes = groups.iter().flat_map(|g| std::iter::repeat_n(g.n, g.clients as usize));
         let mut clients: Vec<(Worker, Receiver<Option<Said>>)> = Vec::new();
@@ -413,7 +414,9 @@ impl Ran {
         for (_, ears) in &clients {
             hear(ears, |said| matches!(said, Said::Ready).then_some(()))?;
         }
-        clients.iter_mut().for_each(|(client, _)| client.begin());
+        for (client, _) in &mut clients {
+            client.begin();
+        }
         sleep(Duration::from_millis(settings.warm_up_ms.into()));
         let daemon_percent = watch(Duration::from_secs(settings.seconds.get().into()));
         let done = |said| if let Said::Done(paced) = said { Some(*paced) } else { None };
@@ -425,7 +428,9 @@ impl Ran {
             sleep(SETTLE);
             idle_percent = watch(IDLE_WINDOW);
         }
-        clients.iter_mut().for_each(|(client, _)| client.end());
+        for (client, _) in &mut clients {
+            client.end();
+        }
         Ok(Self { clients: measured, daemon_percent, idle_percent })
     }
 }
@@ -473,24 +478,19 @@ impl LoadClient {
     /// Connects, says so, waits for the start, measures, tells the figures, and stays connected until
     /// stdin ends. A failure is told to the parent, which says why the measurement failed.
     pub fn run(&self, place: &Place, config: &Config) -> Result<(), LoadError> {
-        let parent = Parent::of_this_process()?;
-        let said = match self.measure(&parent, place, config) {
+        end_with_parent()?;
+        let said = match self.measure(place, config) {
             Ok(Some(paced)) => Said::Done(Box::new(paced)),
             Ok(None) => return Ok(()),
             Err(error) => Said::Failed(error.to_string()),
         };
-        parent.tell(&said)?;
-        parent.begins()?;
+        tell(&said)?;
+        is_told_to_begin()?;
         Ok(())
     }
 
     /// `None` where the parent gave up before the start.
-    fn measure(
-        &self,
-        parent: &Parent,
-        place: &Place,
-        config: &Config,
-    ) -> Result<Option<Paced>, LoadError> {
+    fn measure(&self, place: &Place, config: &Config) -> Result<Option<Paced>, LoadError> {
         let settings: ClientSettings =
             serde_json::from_str(&self.settings).map_err(io::Error::from)?;
         // Names that the parent has written.
@@ -519,8 +519,8 @@ impl LoadClient {
         // The backend of this frame has to serve all frames. It touches all memory too.
         let first = client.frame_decoded(scene.boxes(), &mut decoding, |_| ());
         let mut figures = Figures::of(&first.map_err(BenchError::from)?.info);
-        parent.tell(&Said::Ready)?;
-        if !parent.begins()? {
+        tell(&Said::Ready)?;
+        if !is_told_to_begin()? {
             return Ok(None);
         }
         let (mut late_frames, mut from_due) = (0, Recorder::new());
@@ -599,9 +599,10 @@ impl fmt::Display for LoadRow {
         let Self { rate, clients, clients_in_all, frames_per_second, late_frames, .. } = self;
         let is_paced = self.from_due_ns.max > 0;
         let them = if *clients == 1 { "client" } else { "clients" };
-        let pace = match is_paced {
-            true => format!("at {rate} Hz, {late_frames} frames late"),
-            false => "in a closed loop".to_owned(),
+        let pace = if is_paced {
+            format!("at {rate} Hz, {late_frames} frames late")
+        } else {
+            "in a closed loop".to_owned()
         };
         let worst = self.worst_client_p50_ns as f64 / 1e3;
         let more = format!(

@@ -21,7 +21,7 @@ use pairmaskd::cli::output::{OutputError, print_json, print_text, progress_bar};
 use pairmaskd::cli::whole_number::whole_number;
 use pairmaskd::spawn::{PrivateDaemon, PrivateSettings, SpawnError};
 
-use crate::processes::Parent;
+use crate::processes::end_with_parent;
 use crate::sabotage::Sabotage;
 use crate::stress::clients::{ClientSettings, ClientsError, ClientsRun, limits};
 use crate::stress::{Cases, Roster, StressError, StressReport, Wanted, run};
@@ -279,7 +279,7 @@ impl StressClient {
     pub fn run(&self, place: &Place) -> Result<(), OutputError> {
         let settings: ClientSettings = serde_json::from_str(&self.settings)?;
         let config = Config::default();
-        let parent = Parent::of_this_process()?;
+        end_with_parent()?;
         let is_over = Arc::new(AtomicBool::new(false));
         let ends = Arc::clone(&is_over);
         std::thread::Builder::new().name("orders".into()).spawn(move || {
@@ -291,6 +291,6 @@ impl StressClient {
             .runtime_dir(place.runtime_dir(&config))
             .instance(place.instance(&config).as_str())
             .isa(place.isa(&config));
-        Ok(settings.run(&daemon, &is_over, &parent)?)
+        Ok(settings.run(&daemon, &is_over)?)
     }
 }

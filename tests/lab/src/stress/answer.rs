@@ -105,9 +105,10 @@ impl Finding {
 /// [`Finding`] counts the wrong pairs and names the lowest.
 pub fn compare(got: &[Pair], must: &[Pair], may: &[Pair]) -> Result<(), Finding> {
     if let Some(two) = got.windows(2).find(|two| two[0] >= two[1]) {
-        let what = match two[0] == two[1] {
-            true => format!("pair {:?} is in the answer twice", two[0]),
-            false => format!("pair {:?} comes after {:?}", two[1], two[0]),
+        let what = if two[0] == two[1] {
+            format!("pair {:?} is in the answer twice", two[0])
+        } else {
+            format!("pair {:?} comes after {:?}", two[1], two[0])
         };
         return Err(Finding::extra(what, 1, two[1]));
     }

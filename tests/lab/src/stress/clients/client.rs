@@ -15,7 +15,7 @@ use serde::{Deserialize, Serialize};
 
 use super::frame;
 use super::offer::{MOST_UNDER_WAY, Offer, Way, pick};
-use crate::processes::Parent;
+use crate::processes::tell;
 use crate::stress::kept_scene::{Fate, Heard, KeptScene};
 use crate::stress::{Case, Finding, Form, Wanted};
 
@@ -171,7 +171,6 @@ struct Client<'a> {
     failures: u32,
     /// Why it cannot go on.
     gave_up: Option<String>,
-    parent: &'a Parent,
     counts: Counts,
     told_at: Instant,
 }
@@ -181,12 +180,7 @@ impl ClientSettings {
     ///
     /// # Errors
     /// Where the process that started it does not hear it.
-    pub(crate) fn run(
-        &self,
-        daemon: &SessionBuilder,
-        is_over: &AtomicBool,
-        parent: &Parent,
-    ) -> io::Result<()> {
+    pub(crate) fn run(&self, daemon: &SessionBuilder, is_over: &AtomicBool) -> io::Result<()> {
         let kept = self.case.iter().flat_map(|seed| {
             [false, true].map(|is_large| shared_case(CaseId { seed: *seed, is_large }))
         });
@@ -201,13 +195,12 @@ impl ClientSettings {
             sessions: Vec::new(),
             failures: 0,
             gave_up: None,
-            parent,
             counts: Counts::default(),
             told_at: Instant::now(),
         };
         client.work()?;
         client.tell()?;
-        parent.tell(&Said::Ended(client.gave_up))
+        tell(&Said::Ended(client.gave_up))
     }
 }
 
@@ -277,7 +270,7 @@ impl Client<'_> {
 
     fn tell(&mut self) -> io::Result<()> {
         self.told_at = Instant::now();
-        self.parent.tell(&Said::Counted(std::mem::take(&mut self.counts)))
+        tell(&Said::Counted(std::mem::take(&mut self.counts)))
     }
 
     /// Reads all that a session has under way, and the answer to one frame more: then the daemon has
@@ -440,6 +433,6 @@ impl Client<'_> {
     ) -> io::Result<()> {
         self.failures += 1;
         let way = self.sessions[session].way.to_string();
-        self.parent.tell(&Said::Failed(Box::new(FailedFrame { case, form, way, finding })))
+        tell(&Said::Failed(Box::new(FailedFrame { case, form, way, finding })))
     }
 }

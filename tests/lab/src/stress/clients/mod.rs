@@ -5,7 +5,7 @@
 //! spheres, precision modes), some thousands of boxes large, and compares the answers with the oracle. It
 //! has several frames under way, reads them in any order, drops some unread, pauses, closes sessions and
 //! opens others. Between its frames each session edits a scene that persists, whose answers are taken or
-//! dropped by chance and compared with a model. On request clients are killed and started again, and close
+//! dropped by chance; the pairs that it knows are compared with the oracle. On request clients are killed and started again, and close
 //! sessions with frames under way. The transport loses a place of 128 with each port that goes while the
 //! daemon has not received its requests, and its server panics when the last one is lost: the daemon's
 //! supervisor starts another worker, and such a run ends as failed.
@@ -207,7 +207,7 @@ struct Client {
     life: u64,
     worker: Worker,
     /// Its last words, once it has said them.
-    ended: Option<Option<String>>,
+    ended: Option<Said>,
 }
 
 /// The clients of a run at work.
@@ -299,18 +299,18 @@ impl<C: Fn(&ClientSettings) -> Command> Crowd<'_, C> {
         match said {
             Some(Said::Counted(counts)) => self.report.counts.add(&counts),
             Some(Said::Failed(failed)) => self.failed.push(*failed),
-            Some(Said::Ended(how)) => {
+            Some(ended @ Said::Ended(_)) => {
                 if let Some(place) = place {
-                    self.clients[place].ended = Some(how);
+                    self.clients[place].ended = Some(ended);
                 }
             }
             None => {
                 let Some(place) = place else { return };
                 let Client { number, ended, .. } = self.clients.swap_remove(place);
                 let why = match ended {
-                    Some(None) => return,
-                    Some(Some(why)) => why,
-                    None => "it died".to_owned(),
+                    Some(Said::Ended(None)) => return,
+                    Some(Said::Ended(Some(why))) => why,
+                    _ => "it died".to_owned(),
                 };
                 self.report.broken.push(format!("client {number}: {why}"));
             }
