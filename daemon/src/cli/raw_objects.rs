@@ -122,11 +122,11 @@ impl<T: RawObject> RawObjects<T> {
     }
 
     /// Number of objects.
-    pub const fn len(&self) -> usize {
+    pub const fn count(&self) -> usize {
         self.len
     }
 
-    /// Reads the objects into `objects`, which holds [`RawObjects::len`] of them.
+    /// Reads the objects into `objects`, which holds [`RawObjects::count`] of them.
     ///
     /// # Errors
     /// [`RawObjectsError::Io`], also where the file has become shorter.
@@ -145,7 +145,7 @@ impl<T: RawObject> RawObjects<T> {
     /// # Errors
     /// As [`RawObjects::read_into`].
     pub fn read(self) -> Result<Vec<T>, RawObjectsError> {
-        let mut objects = vec![T::default(); self.len()];
+        let mut objects = vec![T::default(); self.count()];
         self.read_into(&mut objects)?;
         Ok(objects)
     }

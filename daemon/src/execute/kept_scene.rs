@@ -157,7 +157,7 @@ impl SceneKeeper {
     /// Threads that later edits may use.
     pub fn set_threads(&mut self, threads: usize) {
         self.threads = threads;
-        at_place!(&mut self.place, scene => scene.set_threads(Some(threads)))
+        at_place!(&mut self.place, scene => scene.set_threads(Some(threads)));
     }
 
     /// Most pairs that later edits may find where they look for all. In video memory a list is as long as the device
@@ -171,7 +171,7 @@ impl SceneKeeper {
     /// Most pairs that later queries may find.
     pub fn limit_query_pairs(&mut self, most: u64) {
         self.most_query_pairs = most;
-        at_place!(&mut self.place, scene => scene.limit_query_pairs(most))
+        at_place!(&mut self.place, scene => scene.limit_query_pairs(most));
     }
 
     /// Notes an edit that the cores have made, or a query, of so many boxes.
@@ -249,12 +249,12 @@ impl SceneKeeper {
 
     /// Takes the last answer.
     pub fn take(&mut self) {
-        at_place!(&mut self.place, scene => scene.take())
+        at_place!(&mut self.place, scene => scene.take());
     }
 
     /// Forgets what was told.
     pub fn lose(&mut self) {
-        at_place!(&mut self.place, scene => scene.lose())
+        at_place!(&mut self.place, scene => scene.lose());
     }
 
     /// Finds the boxes that some other boxes overlap, as [`Scene::query`] does.

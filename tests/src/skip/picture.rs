@@ -62,11 +62,11 @@ fn own_lines(rows: &[&Row]) -> Vec<Series> {
             points.push((percent(row), row.total_ns as f64));
         }
     }
-    let line = |(colour, (name, mut points)): (usize, (&str, Vec<(f64, f64)>))| {
+    for (_, points) in &mut lines {
         points.sort_by(|a, b| a.0.total_cmp(&b.0));
-        Series::line(name, colour, Look::Line, &points)
-    };
-    lines.into_iter().enumerate().map(line).collect()
+    }
+    let lines = lines.iter().enumerate();
+    lines.map(|(colour, (name, points))| Series::line(name, colour, Look::Line, points)).collect()
 }
 
 /// The paper's time, over the shares of these rows; without points where it has no such size.

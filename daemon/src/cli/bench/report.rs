@@ -7,7 +7,7 @@ use serde::Serialize;
 use super::latency::Wait;
 use super::measured::Figures;
 use crate::cli::machine::Machine;
-use crate::cli::percentiles::Percentiles;
+use crate::cli::percentiles::{Percentiles, Recorder};
 use crate::precision::PrecisionChoice;
 
 /// The JSON object of `bench latency --json`. Fields may be added, never changed or taken away.
@@ -69,7 +69,7 @@ impl LatencyRow {
         figures: &Figures,
         daemon_cpu_percent: Option<f64>,
     ) -> Self {
-        let stages = figures.stages.each_ref().map(|stage| stage.percentiles());
+        let stages = figures.stages.each_ref().map(Recorder::percentiles);
         let [total_ns, fill_ns, answer_ns, round_trip_ns, engine_ns, added_ns, decode_ns] = stages;
         Self {
             n,

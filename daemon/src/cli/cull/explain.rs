@@ -1,6 +1,6 @@
 //! `cull --explain`: why the plan chose the engine, and how well it predicted the time.
 
-use std::fmt;
+use std::fmt::{self, Write as _};
 use std::time::Duration;
 
 use pairmask::{PairMask, ServedBy};
@@ -88,12 +88,12 @@ impl Explanation {
         });
         let mut text = format!("{}\nconstants  {calibration}\n", plan.explain());
         if let Some(ns) = predicted_ns {
-            text += &format!("predicted  {}\n", time_text(ns));
+            let _ = writeln!(text, "predicted  {}", time_text(ns));
         }
         let measured = time_text(measured_ns);
-        text += &format!("measured   {measured} (engine and decode; a first frame is cold)");
+        let _ = write!(text, "measured   {measured} (engine and decode; a first frame is cold)");
         if let Some(note) = note {
-            text += &format!("\nnote       {note}");
+            let _ = write!(text, "\nnote       {note}");
         }
         Self { fields, text }
     }

@@ -241,8 +241,8 @@ enum RawScene {
 impl fmt::Display for RawScene {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Boxes(boxes) => write!(f, "{} boxes", boxes.len()),
-            Self::Spheres(spheres) => write!(f, "{} spheres", spheres.len()),
+            Self::Boxes(boxes) => write!(f, "{} boxes", boxes.count()),
+            Self::Spheres(spheres) => write!(f, "{} spheres", spheres.count()),
         }
     }
 }
@@ -276,7 +276,7 @@ fn ask_boxes(
 ) -> Result<Asked, CullCommandError> {
     let start = Instant::now();
     if precision == PrecisionChoice::Exact {
-        let mut exact = session.frame(boxes.len())?;
+        let mut exact = session.frame(boxes.count())?;
         boxes.read_into(exact.boxes_mut())?;
         let read = Instant::now();
         let planned = planner.map(|plan| plan(exact.boxes()));
@@ -303,7 +303,7 @@ fn ask_spheres(
     spheres: RawObjects<Sphere>,
 ) -> Result<Asked, CullCommandError> {
     let start = Instant::now();
-    let mut frame = session.sphere_frame(spheres.len())?;
+    let mut frame = session.sphere_frame(spheres.count())?;
     spheres.read_into(frame.spheres_mut())?;
     let read = Instant::now();
     let look = Look::at(frame.spheres_mut());

@@ -267,7 +267,7 @@ impl Load {
         let mut report =
             LoadReport { machine: Machine::this(), rows: Vec::new(), idle: Vec::new() };
         let sizes = match &self.scene {
-            Some(path) => vec![u32::try_from(RawBoxes::open(path)?.len()).unwrap_or(u32::MAX)],
+            Some(path) => vec![u32::try_from(RawBoxes::open(path)?.count()).unwrap_or(u32::MAX)],
             None => self.n.clone(),
         };
         let mut runs = Vec::new();

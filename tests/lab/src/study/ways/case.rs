@@ -76,7 +76,7 @@ fn ways(stats: &SceneStats, threads: &[usize], set: WaySet, isa: AvailableIsa) -
     let encodings: &[_] = match set {
         WaySet::Sparse => &[Encoding::Sparse],
         _ if stats.n.len() > DENSE_BOXES => &[Encoding::Sparse, Encoding::List],
-        _ => &[Encoding::Sparse, Encoding::List, Encoding::Dense],
+        WaySet::All => &[Encoding::Sparse, Encoding::List, Encoding::Dense],
     };
     let ways = EngineName::CPU.into_iter().flat_map(|engine| {
         let encodings = encodings.iter();
