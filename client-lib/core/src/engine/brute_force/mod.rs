@@ -138,7 +138,9 @@ impl BruteForce {
         let (scene, isa) = (scene(&self.columns), self.isa);
         let parts = self.tasks.len();
         let run = |tasks: &mut [Task]| {
-            tasks.iter_mut().for_each(|task| task.run(&scene, gather, isa));
+            for task in tasks {
+                task.run(&scene, gather, isa);
+            }
         };
         in_parts(self.tasks.as_mut_slice(), parts, &run, &|(), ()| ());
         clock.executed();
