@@ -121,8 +121,7 @@ impl Repeats {
         Seen::New
     }
 
-    /// A promise to copy boxes and answer of the frame that was looked at last, once it is culled. `None`
-    /// where that would take too much memory.
+    /// A promise to copy the frame that was looked at last, once it is culled; `None` where it is too large.
     pub fn ticket(&mut self) -> Option<KeepTicket> {
         let of_room = |(form, n, ..): &Facts| n.saturating_mul(form.object_bytes()) <= MOST_BYTES;
         let facts = self.facts.filter(of_room)?;
