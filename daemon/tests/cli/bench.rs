@@ -68,12 +68,14 @@ fn rows_for_every_wait_and_scene() {
 }
 
 #[test]
-fn a_row_for_every_precision_of_a_scene_from_a_file() {
+fn a_row_for_a_scene_from_a_file_and_for_every_precision() {
     let place = Place::new();
     place.boxes(&stress_scenes::named("uniform").boxes(70, 1));
     let precisions = "exact,q16,q8,f16,margin=0.2";
-    let flags = "--scene boxes.f32 --backend in-process --warm-up 0 --json --precision";
-    let report = latency(&place, &format!("{flags} {precisions}")).json();
+    let flags = "--backend in-process --warm-up 0 --json";
+    let report = latency(&place, &format!("--scene boxes.f32 {flags}")).json();
+    check_row(&report["rows"][0], 70, "in-process", "spin");
+    let report = latency(&place, &format!("--n 70 {flags} --precision {precisions}")).json();
     let rows = report["rows"].as_array().unwrap();
     for (row, precision) in rows.iter().zip(precisions.split(',')) {
         check_row(row, 70, "in-process", "spin");

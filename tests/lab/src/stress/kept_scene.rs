@@ -3,7 +3,7 @@
 //!
 //! Scenes of cores and of a GPU are asked case by case ([`SceneSubject`]), those of sessions by the clients
 //! of a daemon. Why pairs end, filters, members and resyncs are held to a model by
-//! `tests/tests/scene_model.rs`.
+//! the test `scene_model`.
 
 use std::collections::BTreeSet;
 use std::sync::Arc;

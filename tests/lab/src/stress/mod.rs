@@ -13,7 +13,7 @@
 //! a scene is crowded ([`Reply::Declined`]) is counted and printed: a run without answers proves nothing.
 //!
 //! The same cases go through a daemon, as frames of several client processes ([`clients`]). All verbs of
-//! scenes, members of shared ones and rules are held to a model by `tests/tests/scene_model.rs`; here are
+//! scenes, members of shared ones and rules are held to a model by the test `scene_model`; here are
 //! hard boxes and flags, and scenes between the frames of many clients.
 //!
 //! To add another way to find pairs, implement [`Subject`] and list it in `roster.rs`.
