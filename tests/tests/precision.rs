@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use glam::DVec3;
 use pairmask::{Backend, ServedBy, Session, WaitError};
 use pairmask_core::engine::EngineName;
-use pairmask_core::precision::{Margin, Widening};
+use pairmask_core::precision::Widening;
 use pairmask_core::{Aabb, Bounds, BoxForm, Encoding, EncodingChoice, EngineChoice, Precision};
 use pairmask_tests::conformance::{Mismatch, check_pairs};
 use pairmask_tests::daemon::{TestDaemon, eventually};
