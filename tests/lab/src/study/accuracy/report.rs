@@ -515,7 +515,7 @@ mod tests {
         report.variants = vec![variants::tests::row("lazy", 1.5, 0.0)];
         let csv = report.csv();
         let counts: Vec<usize> = csv.lines().map(|line| line.split(',').count()).collect();
-        assert_eq!(counts, [41; 3]);
+        assert_eq!(counts, [42; 3]);
         assert!(csv.contains(",times.total_ns.p50,times.total_ns.p99,"), "{csv}");
         let text = markdown(&report.parts());
         for part in [

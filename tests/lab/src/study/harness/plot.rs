@@ -211,7 +211,7 @@ impl Plot {
         let y = Scale::of(points().flat_map(|p| [p.y, p.high.unwrap_or(p.y)]).chain(level));
         let (upper, key) = area.split_vertically(SIZE.1);
         let mut chart = ChartBuilder::on(&upper)
-            .caption(&self.title, ("sans-serif", 15).into_font().color(&INK))
+            .caption(&self.title, ("sans-serif", 18).into_font().color(&INK))
             .margin_right(16)
             .x_label_area_size(42)
             .y_label_area_size(78)
@@ -221,7 +221,7 @@ impl Plot {
             .light_line_style(TRANSPARENT)
             .x_desc(&self.x.label)
             .y_desc(&self.y.label)
-            .label_style(("sans-serif", 12).into_font().color(&INK))
+            .label_style(("sans-serif", 15).into_font().color(&INK))
             .x_label_formatter(&|x| self.x.unit.text(*x))
             .y_label_formatter(&|y| self.y.unit.text(*y))
             .draw()?;
@@ -278,7 +278,7 @@ fn draw_tags(area: &Area<'_>, tags: &[((i32, i32), &String, RGBColor)]) -> Drawn
         let lines = [0, -12, 12, -24, 24, 36, 48].map(|by| y - top - 6 + by);
         let Some(line) = lines.into_iter().find(|line| is_free(*line, &taken)) else { continue };
         taken.push([from, from + width, line]);
-        let style = ("sans-serif", 11).into_font().color(colour);
+        let style = ("sans-serif", 13).into_font().color(colour);
         area.draw(&Text::new((*text).clone(), (from, line), style))?;
     }
     Ok(())
@@ -290,7 +290,7 @@ fn draw_key(area: &Area<'_>, key: Vec<(&str, RGBColor)>) -> Drawn {
         let (left, top) =
             (84 + (i % KEY_COLUMNS * width) as i32, (i / KEY_COLUMNS) as i32 * ROW as i32);
         area.draw(&Rectangle::new([(left, top + 1), (left + 10, top + 11)], colour.filled()))?;
-        let style = ("sans-serif", 12).into_font().color(&INK);
+        let style = ("sans-serif", 15).into_font().color(&INK);
         area.draw(&Text::new(name.to_owned(), (left + 15, top), style))?;
     }
     Ok(())
@@ -314,9 +314,9 @@ pub fn standalone(title: &str, lines: &[String], plots: &[Plot]) -> String {
             let style = ("sans-serif", size).into_font().color(&INK);
             area.draw(&Text::new(text.to_owned(), (24, y as i32), style))
         };
-        text(title, 10, 17)?;
+        text(title, 10, 21)?;
         for (i, line) in lines.iter().enumerate() {
-            text(line, 36 + 17 * i as u32, 12)?;
+            text(line, 36 + 17 * i as u32, 15)?;
         }
         let mut rest = area.split_vertically(head).1;
         for plot in plots {
@@ -351,9 +351,9 @@ impl Bars {
             let longest = self.bars.iter().map(|(_, parts)| sum(parts)).fold(1e-300, f64::max);
             // Room for the names on the left and the sums on the right.
             let px = |value: f64| 240 + (f64::from(SIZE.0 - 310) * value / longest) as i32;
-            let label = ("sans-serif", 12).into_font().color(&INK);
+            let label = ("sans-serif", 15).into_font().color(&INK);
             let on_the_left = label.pos(Pos::new(HPos::Right, VPos::Top));
-            let title = ("sans-serif", 15).into_font().color(&INK);
+            let title = ("sans-serif", 18).into_font().color(&INK);
             area.draw(&Text::new(self.title.clone(), (10, 8), title))?;
             for ((name, parts), y) in self.bars.iter().zip((34i32..).step_by(ROW as usize)) {
                 area.draw(&Text::new(name.clone(), (232, y + 2), on_the_left.clone()))?;
