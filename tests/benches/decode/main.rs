@@ -4,7 +4,7 @@
 //! over the bytes of the mask (its order included). The reference rows say what the memory and the
 //! consumer alone cost on this machine in this run, so that ratios hold on a noisy one.
 //!
-//! `PAIRMASK_SPARSE_KERNEL` (`portable`, `avx2`, `avx512`, `avx512-steps`) has sparse masks decoded by one kernel;
+//! `PAIRMASK_SPARSE_KERNEL` (`portable`, `avx2`, `avx512`, `avx512-steps`, `vbmi2`) has sparse masks decoded by one kernel;
 //! what it cannot decode is left out.
 
 mod engine_masks;

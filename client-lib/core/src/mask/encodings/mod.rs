@@ -297,7 +297,7 @@ impl<'a> MaskView<'a> {
     }
 
     /// The same sparse mask, decoded by one kernel: for benches that compare them. `None` for another
-    /// mask, and where there is no such kernel or the machine lacks it.
+    /// mask, and where there is no such kernel, the machine lacks it, or it needs an order.
     #[doc(hidden)]
     #[must_use]
     pub fn with_sparse_kernel(self, name: &str) -> Option<Self> {

@@ -42,7 +42,7 @@ impl<'a> SparseMask<'a> {
             blocks: Section::Blocks.of(blocks, reply)?,
             bits: Section::Bits.of(bits, reply)?,
             order: order.map(|order| Section::Order.of(order, reply)).transpose()?,
-            kernel: Kernel::of(AvailableIsa::best()),
+            kernel: Kernel::of(AvailableIsa::best(), order.is_some()),
         })
     }
 
@@ -56,18 +56,19 @@ impl<'a> SparseMask<'a> {
     ) -> Self {
         let len = words.map(<[u32]>::len).into_iter().min().unwrap_or(0);
         let [rows, blocks, bits] = words.map(|array| &array[..len]);
-        let kernel = Kernel::of(isa);
+        let kernel = Kernel::of(isa, order.is_some());
         Self { n, rows, blocks, bits, order, kernel }
     }
 
     /// The same mask, decoded with one instruction set.
     pub(super) fn with_isa(self, isa: AvailableIsa) -> Self {
-        Self { kernel: Kernel::of(isa), ..self }
+        Self { kernel: Kernel::of(isa, self.order.is_some()), ..self }
     }
 
     /// The same mask, decoded by the kernel of a name that this machine can run.
     pub(super) fn with_kernel(self, name: &str) -> Option<Self> {
-        let (_, kernel) = Kernel::all().into_iter().find(|(known, _)| *known == name)?;
+        let (_, kernel) =
+            Kernel::all(self.order.is_some()).into_iter().find(|(known, _)| *known == name)?;
         Some(Self { kernel, ..self })
     }
 

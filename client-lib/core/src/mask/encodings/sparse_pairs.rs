@@ -3,7 +3,11 @@
 #[cfg(target_arch = "x86_64")]
 mod avx512;
 mod by_word;
+#[cfg(target_arch = "x86_64")]
+mod vbmi2;
 
+#[cfg(target_arch = "x86_64")]
+use self::vbmi2::Vbmi2;
 use super::sparse_words::SparseWords;
 use crate::isa::{AvailableIsa, Isa};
 use crate::mask::pair_buffer::PairWriter;
@@ -27,25 +31,38 @@ pub(in crate::mask::encodings) enum Kernel {
     /// Sixteen words at a time, then a look-up of each position.
     #[cfg(target_arch = "x86_64")]
     Avx512(AvailableIsa),
+    /// Word by word; of masks with an order only.
+    #[cfg(target_arch = "x86_64")]
+    Vbmi2(Vbmi2),
 }
 
 impl Kernel {
-    /// The fastest one of an instruction set.
-    pub const fn of(isa: AvailableIsa) -> Self {
+    /// The fastest one of an instruction set and a mask.
+    pub fn of(isa: AvailableIsa, has_order: bool) -> Self {
+        let _ = has_order;
         match isa.get() {
             #[cfg(target_arch = "x86_64")]
-            Isa::Avx512 => Self::Avx512(isa),
+            Isa::Avx512 => match Vbmi2::new(isa).filter(|_| has_order) {
+                Some(proof) => Self::Vbmi2(proof),
+                None => Self::Avx512(isa),
+            },
             _ => Self::ByWord(isa),
         }
     }
 
-    /// Each one that this machine can run, and its name.
-    pub fn all() -> Vec<(&'static str, Self)> {
+    /// Each one that this machine can run on a mask, and its name.
+    pub fn all(has_order: bool) -> Vec<(&'static str, Self)> {
         let available = Isa::ALL.into_iter().filter_map(AvailableIsa::new);
         let mut all: Vec<_> =
             available.map(|isa| (isa.get().as_str(), Self::ByWord(isa))).collect();
+        let _ = has_order;
         #[cfg(target_arch = "x86_64")]
-        all.extend(AvailableIsa::new(Isa::Avx512).map(|isa| ("avx512-steps", Self::Avx512(isa))));
+        {
+            let avx512 = AvailableIsa::new(Isa::Avx512);
+            all.extend(avx512.map(|isa| ("avx512-steps", Self::Avx512(isa))));
+            let vbmi2 = avx512.filter(|_| has_order).and_then(Vbmi2::new);
+            all.extend(vbmi2.map(|proof| ("vbmi2", Self::Vbmi2(proof))));
+        }
         all
     }
 }
@@ -64,10 +81,14 @@ impl<'a> SparsePairs<'a> {
     /// may be put before it, where the mask is malformed.
     #[inline]
     pub fn write(&mut self, writer: &mut PairWriter) -> bool {
-        match self.kernel {
+        match (self.kernel, self.order) {
             #[cfg(target_arch = "x86_64")]
-            Kernel::Avx512(isa) => avx512::write(self, writer, isa),
-            Kernel::ByWord(isa) => by_word::write(self, writer, isa),
+            (Kernel::Vbmi2(proof), Some(order)) => vbmi2::write(self, order, writer, proof),
+            #[cfg(target_arch = "x86_64")]
+            (Kernel::Vbmi2(_), None) => by_word::write(self, writer, AvailableIsa::best()),
+            #[cfg(target_arch = "x86_64")]
+            (Kernel::Avx512(isa), _) => avx512::write(self, writer, isa),
+            (Kernel::ByWord(isa), _) => by_word::write(self, writer, isa),
         }
     }
 
@@ -153,7 +174,7 @@ mod tests {
             let column = |i: fn(&(u32, u32, u32)) -> u32| words.iter().map(i).collect::<Vec<_>>();
             let (rows, blocks, bits) = (column(|w| w.0), column(|w| w.1), column(|w| w.2));
             let expected = naive(n, &words, order.as_deref());
-            for (name, kernel) in Kernel::all() {
+            for (name, kernel) in Kernel::all(order.is_some()) {
                 let words = SparseWords::new(&rows, &blocks, &bits);
                 let pairs = SparsePairs { n, order: order.as_deref(), words, kernel };
                 let pairs = Pairs::of(PairSource::Sparse(pairs));

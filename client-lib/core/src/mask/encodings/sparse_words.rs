@@ -65,6 +65,13 @@ impl<'a> SparseWords<'a> {
         Some((word, Self { rows, blocks, bits: rest }))
     }
 
+    /// The blocks of words `start` to `start + N − 1`, if there are so many.
+    #[cfg(target_arch = "x86_64")]
+    #[inline(always)]
+    pub fn blocks_from<const N: usize>(&self, start: usize) -> Option<&'a [u32; N]> {
+        self.blocks.get(start..)?.first_chunk()
+    }
+
     /// The words without the first `count`.
     #[inline(always)]
     pub fn without_first(&self, count: usize) -> Self {
