@@ -159,16 +159,6 @@ typedef struct {
   uint32_t b;
 } pm_pair;
 
-// Requests made and saved so far.
-typedef struct {
-  // `sizeof(pm_margin_stats)`, set by the caller.
-  size_t struct_size;
-  // Frames for which a request was made.
-  uint64_t requests;
-  // Frames that the last answer served.
-  uint64_t skipped;
-} pm_margin_stats;
-
 // Called with some pairs at a time. The pairs are the callback's until it returns. It may not throw, nor use
 // the handle that it is called for.
 typedef void (*pm_visit)(void *user,

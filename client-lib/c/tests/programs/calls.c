@@ -516,7 +516,7 @@ static void scenes(pm_session session) {
   EXPECT(PM_ERR_HANDLE, pm_scene_take(scene));
 }
 
-static void margins(const pm_session_options *options, pm_session session) {
+static void margins(pm_session session) {
   const pm_pair expected[] = {{0, 1}};
   pm_box boxes[] = {at(0), at(1.25f)};
   const float margin[] = {0.5f, 0.5f};
@@ -613,7 +613,7 @@ int main(int argc, char **argv) {
   rules(session);
   worlds(&options);
   scenes(session);
-  margins(&options, session);
+  margins(session);
   shared(session, is_daemon);
   EXPECT(PM_OK, pm_session_drop(session));
   puts("all calls");

@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 
 use serde_json::Value;
 
-use crate::support::{Place, keys};
+use super::support::{Place, keys};
 
 /// Runs a load for a second, and returns its report.
 fn load(place: &Place, flags: &str) -> Value {

@@ -3,7 +3,7 @@
 use pairmask_core::Encoding;
 use pairmask_tests::audited::{Shape, audit};
 
-use crate::support::LosingDaemon;
+use super::support::LosingDaemon;
 
 #[test]
 fn a_broken_engine_is_counted() {

@@ -7,7 +7,7 @@ use pairmask_transport::RuntimeDir;
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 
-use crate::support::{LosingDaemon, Place, keys};
+use super::support::{LosingDaemon, Place, keys};
 
 /// Runs in which an auditor is to notice a lost pair. Beside four busy threads on two cores it notices in
 /// three of four runs.

@@ -2,7 +2,7 @@
 
 use serde_json::Value;
 
-use crate::support::{Place, keys};
+use super::support::{Place, keys};
 
 /// Two cores: the figures of 1 and 2, no others.
 const THREADS: &str = r#"{"machine": {"cpu": "C", "cores": 2}, "rows": [

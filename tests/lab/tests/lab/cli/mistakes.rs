@@ -2,7 +2,7 @@
 
 use std::process::Stdio;
 
-use crate::support::Place;
+use super::support::Place;
 
 #[test]
 fn a_mistake_is_told_in_one_line() {

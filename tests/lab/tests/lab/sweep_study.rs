@@ -1,5 +1,4 @@
 //! The sweep study, on a software adapter: every scene has its row, and the files are written.
-#![allow(clippy::unwrap_used)]
 
 use pairmask_lab::study::harness::write_files;
 use pairmask_lab::study::sweep::{SweepScene, measure};

@@ -1,6 +1,5 @@
 //! Tests of the binary as users run it: output, files, exit status, and that no file is left
 //! behind.
-#![allow(clippy::unwrap_used)]
 
 mod accuracy;
 mod audit;

@@ -1,5 +1,4 @@
 //! The grid study, on a software adapter: every figure is there, and the files are written.
-#![allow(clippy::unwrap_used)]
 
 use pairmask_lab::study::grid::measure;
 use pairmask_lab::study::harness::write_files;

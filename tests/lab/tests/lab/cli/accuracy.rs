@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 
 use serde_json::Value;
 
-use crate::support::{Finished, Place, keys};
+use super::support::{Finished, Place, keys};
 
 const FIELDS: [&str; 21] = [
     "scene",

@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 
 use serde_json::Value;
 
-use crate::support::{Place, keys};
+use super::support::{Place, keys};
 
 fn rows(report: &Value) -> &[Value] {
     assert_eq!(keys(&report["machine"]).len(), 7, "{report}");
