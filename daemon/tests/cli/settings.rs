@@ -53,10 +53,11 @@ fn an_instruction_set_is_forced_by_flag_environment_or_file() {
     let spawn = ["cull", "boxes.f32", "--json", "--spawn", "--gpu", "none", "--isa", "portable"];
     assert_eq!(place.run(&spawn).json()["pairs"], 3);
 
-    let missing = Isa::ALL.into_iter().find(|isa| !isa.is_available()).unwrap();
-    let finished = place.run(&["cull", "boxes.f32", "--isa", missing.as_str()]);
-    let error = finished.error(2);
-    assert!(error.contains("this processor lacks"), "{error}");
+    for missing in Isa::ALL.into_iter().filter(|isa| !isa.is_available()) {
+        let finished = place.run(&["cull", "boxes.f32", "--isa", missing.as_str()]);
+        let error = finished.error(2);
+        assert!(error.contains("this processor lacks"), "{error}");
+    }
     let finished = place.run(&["cull", "boxes.f32", "--isa", "fast"]);
     let error = finished.error(2);
     assert!(error.contains("portable"), "the names are listed: {error}");
