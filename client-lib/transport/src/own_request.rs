@@ -194,6 +194,7 @@ mod tests {
             let next = client_side.client_port(2).expect("a port");
             assert!(server.receive().expect("a server that works").is_none());
             let mut read = send(&next);
+            assert!(!left.is_connected(), "the daemon answers it to nobody");
             if is_answered {
                 answer(&left);
             }

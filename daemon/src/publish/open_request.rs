@@ -243,8 +243,8 @@ impl OpenRequest {
         self.loan.as_mut().map_or(&mut [], response_words)
     }
 
-    /// Sends what was written. Where nothing was, one page goes with the header: the transport has
-    /// no empty payload.
+    /// Sends what was written, where somebody waits for it. Where nothing was written, one page goes with the header:
+    /// the transport has no empty payload.
     ///
     /// # Errors
     /// [`TransportError`].
@@ -255,7 +255,12 @@ impl OpenRequest {
         }
         let Some(mut loan) = self.loan.take() else { return Ok(()) };
         *loan.user_header_mut() = *header;
-        let sent = self.lender.turn.take(|| loan.send());
+        let request = self.incoming.request.request();
+        let sent = self.lender.turn.take(|| {
+            // The place of a client that is gone may be another's by now, whose own answer would find no room beside
+            // this one.
+            if request.is_connected() { loan.send() } else { Ok(drop(loan)) }
+        });
         sent.map_err(|e| TransportError::new("sending a response", &e))
     }
 
