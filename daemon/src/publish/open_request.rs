@@ -259,7 +259,11 @@ impl OpenRequest {
         let sent = self.lender.turn.take(|| {
             // The place of a client that is gone may be another's by now, whose own answer would find no room beside
             // this one.
-            if request.is_connected() { loan.send() } else { Ok(drop(loan)) }
+            if !request.is_connected() {
+                drop(loan);
+                return Ok(());
+            }
+            loan.send()
         });
         sent.map_err(|e| TransportError::new("sending a response", &e))
     }
