@@ -2,12 +2,12 @@
 //! and what breaks.
 //!
 //! `data/papers.toml` is the table of all that: figures of the papers, their tables and figures, and for each of
-//! these its claims. A claim has a rule ([`rule`]) and rows: one for each element of `each` (a list, or the name of
+//! these its claims. A claim has a rule (`rule`) and rows: one for each element of `each` (a list, or the name of
 //! one in `[lists]`), or for each row of a record's list that `all` selects, else one. `what` names the row,
 //! `paper` is the paper's figure or an [`expression`] over `[figures]`, `ours` an expression over a record of the
 //! kind `of`. `{x}` in texts is the element of `each`, `{name}` a field of it, of the selected row, or of the record.
 //! `$name` is a text of `[text]`, `name(…)` an expression of `[define]`. What an item says but for its `place` and
-//! `shows` holds for all its claims that do not say otherwise. [`records`] reads what earlier runs left, `measure`
+//! `shows` holds for all its claims that do not say otherwise. `records` reads what earlier runs left, `measure`
 //! runs the studies, [`page`] writes.
 //!
 //! A verdict is a rule's, never a hand's. A figure that nobody measured is `not measured`.
