@@ -146,8 +146,8 @@ mod tests {
 
     type Ports = Services<ipc_threadsafe::Service>;
 
-    /// A server and a client of a directory of their own.
-    fn with_both_sides(what: &str, test: impl FnOnce(&Server, &ClientPort)) {
+    /// A server, and the services of a client, of a directory of their own.
+    fn with_services(what: &str, test: impl FnOnce(&Server, &Ports)) {
         let path = std::env::temp_dir().join(format!("pairmask-{what}-{}", std::process::id()));
         let (dir, name) = (RuntimeDir::at(&path), "own".parse().expect("a name"));
         dir.ensure().expect("a directory of our own");
@@ -155,11 +155,17 @@ mod tests {
         let services = Ports::serve(&dir, &name, &limits).expect("served");
         let server = services.server(&limits).expect("a server");
         let client_side = Ports::connect(&dir, &name).expect("connected");
-        let client = client_side.client(1, 2).expect("a client");
-        test(&server, &client.port);
-        drop((client, client_side, server, services));
+        test(&server, &client_side);
+        drop((client_side, server, services));
         clean_if_abandoned(&dir, &name).expect("no process is left");
         std::fs::remove_dir_all(path).expect("the directory of our own");
+    }
+
+    /// As [`with_services`], with a port of that client.
+    fn with_both_sides(what: &str, test: impl FnOnce(&Server, &ClientPort)) {
+        with_services(what, |server, client_side| {
+            test(server, &client_side.client(1, 2).expect("a client").port);
+        });
     }
 
     fn send(port: &ClientPort) -> SentRequest {
@@ -179,33 +185,25 @@ mod tests {
     /// A client whose port gets the place of another's, of which the daemon holds a request with the same count.
     #[test]
     fn what_belongs_to_the_last_owner_of_a_place_leaves_the_next_one_alone() {
-        let path = std::env::temp_dir().join(format!("pairmask-places-{}", std::process::id()));
-        let (dir, name) = (RuntimeDir::at(&path), "own".parse().expect("a name"));
-        dir.ensure().expect("a directory of our own");
-        let limits = Limits::default();
-        let services = Ports::serve(&dir, &name, &limits).expect("served");
-        let server = services.server(&limits).expect("a server");
-        let client_side = Ports::connect(&dir, &name).expect("connected");
-        for is_answered in [false, true] {
-            let gone = client_side.client_port(2).expect("a port");
-            let unread = send(&gone);
-            let left = taken(&server);
-            drop((unread, gone));
-            let next = client_side.client_port(2).expect("a port");
-            assert!(server.receive().expect("a server that works").is_none());
-            let mut read = send(&next);
-            assert!(!left.is_connected(), "the daemon answers it to nobody");
-            if is_answered {
-                answer(&left);
+        with_services("places", |server, client_side| {
+            for is_answered in [false, true] {
+                let gone = client_side.client_port(2).expect("a port");
+                let unread = send(&gone);
+                let left = taken(server);
+                drop((unread, gone));
+                let next = client_side.client_port(2).expect("a port");
+                assert!(server.receive().expect("a server that works").is_none());
+                let mut read = send(&next);
+                assert!(!left.is_connected(), "the daemon answers it to nobody");
+                if is_answered {
+                    answer(&left);
+                }
+                drop(left);
+                assert!(read.receive().expect("received").is_none(), "another one's answer");
+                answer(&taken(server));
+                assert!(read.receive().expect("received").is_some());
             }
-            drop(left);
-            assert!(read.receive().expect("received").is_none(), "another one's answer");
-            answer(&taken(&server));
-            assert!(read.receive().expect("received").is_some());
-        }
-        drop((client_side, server, services));
-        clean_if_abandoned(&dir, &name).expect("no process is left");
-        std::fs::remove_dir_all(path).expect("the directory of our own");
+        });
     }
 
     /// A client that drops frames unread, and looks for the next answer long after it has come.

@@ -12,5 +12,4 @@ mod grid;
 mod layers;
 mod masks;
 mod oracle;
-mod precision;
 mod sweep_and_prune;

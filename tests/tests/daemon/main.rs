@@ -7,6 +7,7 @@ mod faults;
 mod filtered_frames;
 mod full_shm;
 mod margined_scenes;
+mod precision;
 mod queries;
 mod repeats;
 mod reply_limits;
