@@ -47,7 +47,7 @@ pub fn answer_all_as(
     dir.ensure_transport_root(&name).expect("the transport's directory");
     let services =
         Services::<ipc_threadsafe::Service>::serve(dir, &name, &limits).expect("services");
-    let server = services.server(&limits).expect("a server");
+    let server = services.server(&limits, &std::sync::Arc::default()).expect("a server");
     let pid = std::process::id();
     let record = DaemonRecord { worker_pid: pid, supervisor_pid: pid, version };
     dir.write_record(&name, &record).expect("a record");

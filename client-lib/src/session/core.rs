@@ -53,7 +53,7 @@ impl Loss {
     pub(super) const fn of(error: &WaitError) -> Option<Self> {
         match error {
             WaitError::DaemonDied | WaitError::Transport(_) => Some(Self::Died),
-            WaitError::Timeout { .. } => Some(Self::Silent),
+            WaitError::Timeout { .. } | WaitError::DaemonFull => Some(Self::Silent),
             _ => None,
         }
     }

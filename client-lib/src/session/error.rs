@@ -168,6 +168,11 @@ pub enum WaitError {
     /// The daemon died.
     #[error("the daemon died before it answered: ask again, or start it with `pairmaskd serve`")]
     DaemonDied,
+    /// The daemon has no file left to connect to a new client.
+    #[error(
+        "the daemon can open no more files and takes no new clients: raise its limit (RLIMIT_NOFILE, `ulimit -n`), or wait until others have gone"
+    )]
+    DaemonFull,
     /// The daemon answered with an error, or with a response that is malformed.
     #[error(transparent)]
     Reply(#[from] ReplyError),

@@ -111,6 +111,7 @@ impl Exchange {
             Received::Nothing => Ok(None),
             Received::Dead => Err(WaitError::DaemonDied),
             Received::Silent => Err(WaitError::Timeout { waited: at.elapsed() }),
+            Received::Full => Err(WaitError::DaemonFull),
         }
     }
 

@@ -350,6 +350,7 @@ impl Link {
                 Seen::Running => return Ok(None),
                 Seen::Dead => Received::Dead,
                 Seen::Silent => Received::Silent,
+                Seen::Full => Received::Full,
             };
             Ok(Some(pending.receive()?.map_or(lost, Received::Sample)))
         };
@@ -421,6 +422,8 @@ pub(super) enum Received {
     Dead,
     /// The daemon's heartbeat stands still, and the session goes on without it.
     Silent,
+    /// The daemon has no files to connect to this session, which it has never answered.
+    Full,
 }
 
 /// Looks at the daemon while a request is under way, from one wait for its answer to the next.
@@ -434,6 +437,7 @@ enum Seen {
     Running,
     Dead,
     Silent,
+    Full,
 }
 
 impl Vigil {
@@ -450,6 +454,9 @@ impl Vigil {
         self.look_at = Some(now + WAIT_SLICE);
         if !link.is_alive() {
             return Seen::Dead;
+        }
+        if !link.has_answered() && link.daemon.is_full() {
+            return Seen::Full;
         }
         if !link.leaves_silent {
             return Seen::Running;

@@ -322,6 +322,7 @@ impl Sent {
                 let waited = self.at.elapsed();
                 self.stand_in(core, Loss::Silent, WaitError::Timeout { waited })
             }
+            Ok(Received::Full) => self.stand_in(core, Loss::Silent, WaitError::DaemonFull),
             Err(error) => self.stand_in(core, Loss::Died, error.into()),
         }
     }

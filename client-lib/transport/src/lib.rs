@@ -34,7 +34,7 @@ pub use loans::{assume_pages, assume_response_pages};
 pub use memory::{Populated, populate, populate_beyond};
 pub use message::{CheckedRequest, CheckedResponse, ForgedRequest};
 pub use own_request::{OwnRequest, SentRequest};
-pub use process_limits::{LimitError, address_space_left, raise_file_limit};
+pub use process_limits::{LimitError, address_space_left, no_files_left, raise_file_limit};
 pub use room::PopulateError;
 pub use segment::{Segment, SegmentFiles};
 pub use services::{

@@ -153,7 +153,7 @@ mod tests {
         dir.ensure().expect("a directory of our own");
         let limits = Limits::default();
         let services = Ports::serve(&dir, &name, &limits).expect("served");
-        let server = services.server(&limits).expect("a server");
+        let server = services.server(&limits, &std::sync::Arc::default()).expect("a server");
         let client_side = Ports::connect(&dir, &name).expect("connected");
         test(&server, &client_side);
         drop((client_side, server, services));

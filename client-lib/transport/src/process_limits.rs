@@ -37,14 +37,20 @@ pub enum LimitError {
 /// Files that a step of the transport opens at a time, at most.
 const FILES_OF_A_STEP: usize = 8;
 
-/// The limit behind a step that failed, which was to map so many bytes; `None` where there is room.
-pub(super) fn behind(bytes: u64) -> Option<LimitError> {
+/// The limit of open files where this process has reached it, as far as a step of the transport needs some.
+pub fn no_files_left() -> Option<LimitError> {
     // Some that it opened are closed again.
     let opened: Result<Vec<File>, _> =
         (0..FILES_OF_A_STEP).map(|_| File::open(Path::new("/dev/null"))).collect();
-    if opened.is_err_and(|e| e.raw_os_error() == Some(Errno::MFILE.raw_os_error())) {
-        let limit = getrlimit(Resource::Nofile).current.unwrap_or(u64::MAX);
-        return Some(LimitError::Files { limit });
+    let limit = getrlimit(Resource::Nofile).current.unwrap_or(u64::MAX);
+    let is_none_left = opened.is_err_and(|e| e.raw_os_error() == Some(Errno::MFILE.raw_os_error()));
+    is_none_left.then_some(LimitError::Files { limit })
+}
+
+/// The limit behind a step that failed, which was to map so many bytes; `None` where there is room.
+pub(super) fn behind(bytes: u64) -> Option<LimitError> {
+    if let Some(limit) = no_files_left() {
+        return Some(limit);
     }
     let limit = getrlimit(Resource::As).current?;
     let is_short = address_space_left().is_some_and(|left| left < bytes);

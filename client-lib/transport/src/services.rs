@@ -9,12 +9,12 @@ use std::time::Duration;
 use iceoryx2::config::Config;
 use iceoryx2::identifiers::UniqueNodeId;
 use iceoryx2::node::{Node, NodeBuilder, NodeCreationFailure};
-use iceoryx2::port::DegradationAction;
 use iceoryx2::port::client::Client as IceoryxClient;
 use iceoryx2::port::listener::Listener;
 use iceoryx2::port::notifier::Notifier;
 use iceoryx2::port::port_name::PortName;
 use iceoryx2::port::server::Server as IceoryxServer;
+use iceoryx2::port::{DegradationAction, DegradationCause, DegradationInfo};
 use iceoryx2::prelude::{
     AllocationStrategy, BackpressureStrategy, FileName, Path, SemanticString, ServiceName,
     SignalHandlingMode,
@@ -402,15 +402,30 @@ impl Services<ipc_threadsafe::Service> {
         Ok(Self { requests, wake_daemon, wake_client, node })
     }
 
-    /// The server port. Its segment reserves address space for `limits.max_reply_bytes` a chunk.
+    /// The server port. Its segment reserves address space for `limits.max_reply_bytes` a chunk. It sets
+    /// `has_no_files` where it cannot be connected to a client because this process can open no more files:
+    /// that client's requests are never received.
     ///
     /// # Errors
     /// [`TransportError`].
-    pub fn server(&self, limits: &Limits) -> Result<Server, TransportError> {
+    pub fn server(
+        &self,
+        limits: &Limits,
+        has_no_files: &Arc<AtomicBool>,
+    ) -> Result<Server, TransportError> {
         let pages = pairmask_wire::page_count(limits.max_reply_bytes);
         let chunks = limits.reply_count();
+        let note_files = || {
+            let noted = Arc::clone(has_no_files);
+            move |_: DegradationCause, _: &DegradationInfo| {
+                noted.fetch_or(process_limits::no_files_left().is_some(), Ordering::Relaxed);
+                DegradationAction::Warn
+            }
+        };
         self.requests
             .server_builder()
+            .set_request_degradation_handler(note_files())
+            .set_response_degradation_handler(note_files())
             // The default blocks the daemon when a client does not take its responses.
             .backpressure_strategy(BackpressureStrategy::DiscardData)
             // Dynamic growth is broken for alignments over 8 bytes.

@@ -12,7 +12,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use pairmask_transport::{BEAT_INTERVAL, Heartbeat, RuntimeDir, Stillness};
+use pairmask_transport::{BEAT_INTERVAL, Heartbeat, RuntimeDir, Stillness, no_files_left};
 use pairmask_wire::InstanceName;
 use rustix::thread::gettid;
 
@@ -23,6 +23,9 @@ const LOOK_INTERVAL: Duration = Duration::from_millis(500);
 /// Lanes that sleep, all of them, for this long without a look for requests, hang: the one that leads looks
 /// twice a second, and a frame that is under way on a GPU is looked at all the time.
 const HANGS_AFTER: Duration = Duration::from_secs(10);
+
+/// A worker that had no file for a client counts as full for this long: more than such a client takes to look.
+const FULL_FOR: Duration = Duration::from_secs(1);
 
 /// Rounds of the lanes: one that looks for requests counts them.
 #[derive(Clone, Debug, Default)]
@@ -37,6 +40,7 @@ impl Rounds {
 /// Stops and joins its thread when dropped. The heartbeat ends then.
 pub(super) struct Beating {
     rounds: Rounds,
+    has_no_files: Arc<AtomicBool>,
     stop: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
 }
@@ -45,17 +49,24 @@ impl Beating {
     pub(super) fn start(dir: &RuntimeDir, instance: &InstanceName) -> Result<Self, ServeError> {
         let heart = Heartbeat::start(dir, instance)?;
         let (rounds, stop) = (Rounds::default(), Arc::new(AtomicBool::new(false)));
+        let has_no_files = Arc::new(AtomicBool::new(false));
         let (counted, told, name) = (rounds.clone(), Arc::clone(&stop), instance.clone());
+        let lacked = Arc::clone(&has_no_files);
         let thread = std::thread::Builder::new()
             .name("heartbeat".into())
-            .spawn(move || beat(heart, &counted, &told, &name))
+            .spawn(move || beat(heart, &counted, &lacked, &told, &name))
             .map_err(ServeError::system("starting the heartbeat"))?;
-        Ok(Self { rounds, stop, thread: Some(thread) })
+        Ok(Self { rounds, has_no_files, stop, thread: Some(thread) })
     }
 
     /// Where lanes count their rounds.
     pub(super) fn rounds(&self) -> Rounds {
         self.rounds.clone()
+    }
+
+    /// Where the server port notes that it had no file to connect to a client.
+    pub(super) fn has_no_files(&self) -> Arc<AtomicBool> {
+        Arc::clone(&self.has_no_files)
     }
 }
 
@@ -70,11 +81,23 @@ impl Drop for Beating {
     }
 }
 
-fn beat(mut heart: Heartbeat, rounds: &Rounds, stop: &AtomicBool, instance: &InstanceName) {
+fn beat(
+    mut heart: Heartbeat,
+    rounds: &Rounds,
+    has_no_files: &AtomicBool,
+    stop: &AtomicBool,
+    instance: &InstanceName,
+) {
     let (mut lanes, mut look_at, mut is_told) = (LaneWatch::new(), Instant::now(), false);
-    let mut last_round = 0;
+    let (mut last_round, mut full_until) = (0, None);
     while !stop.load(Ordering::Relaxed) {
-        if let Err(error) = heart.beat()
+        if has_no_files.swap(false, Ordering::Relaxed) {
+            let before = full_until.replace(Instant::now() + FULL_FOR);
+            if let (None, Some(limit)) = (before, no_files_left()) {
+                log::error!("new clients are not served: {limit}");
+            }
+        }
+        if let Err(error) = heart.beat(full_until.is_some_and(|until| Instant::now() < until))
             && !std::mem::replace(&mut is_told, true)
         {
             log::warn!(

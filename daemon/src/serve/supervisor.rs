@@ -5,10 +5,13 @@
 //! for a while of this process's own looks. One that is starved, waits for pages or is traced by a debugger
 //! is not stopped by that account, and is left alone; so is one that was suspended with the whole machine.
 //! One that hangs ends itself (`heartbeat`).
+//!
+//! A worker that dies is replaced as soon as the kernel has closed its files. Its process ends later: a
+//! driver may need 90 ms to take down what the process had on a GPU, and the parent hears of its end then.
 
-use std::os::fd::{AsFd, OwnedFd};
+use std::os::fd::{AsFd, BorrowedFd};
 use std::os::unix::net::UnixStream;
-use std::process::{Child, Command, ExitStatus};
+use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
 use pairmask_transport::{
@@ -88,24 +91,52 @@ fn keep_working(settings: &ServeSettings) -> Result<(), ServeError> {
         StopSignals::install().map_err(ServeError::system("installing signal handlers"))?;
     let mut delay = RestartDelay::default();
     let mut served_before = false;
+    let mut dying = Dying::default();
     loop {
         settings.dir.remove_record(&settings.instance);
         let mut worker = spawn_worker(settings, served_before)?;
-        let Some(status) = watch(&mut worker, settings, &signals)? else {
-            return stop(&mut worker);
-        };
+        let end = watch(&mut worker, &mut dying, settings, &signals)?;
         served_before |= settings.dir.read_record(&settings.instance).is_some();
         settings.dir.remove_record(&settings.instance);
-        match status.code() {
-            Some(0) => return Ok(()),
-            Some(code) if !served_before => return Err(ServeError::Worker { code }),
-            _ => {}
+        match end {
+            End::Asked => return stop(&mut worker),
+            End::Status(status) => match status.code() {
+                Some(0) => return Ok(()),
+                Some(code) if !served_before => return Err(ServeError::Worker { code }),
+                _ => log_death(settings, status),
+            },
+            End::FilesClosed => {
+                // It is dying; one that closed its files by itself would live on beside the next.
+                worker.kill().map_err(ServeError::system("killing the worker"))?;
+                dying.0.push(worker);
+            }
         }
-        log::error!("the worker of '{}' died ({status}); starting another", settings.instance);
         if signals.wait(None, delay.of_death(Instant::now())) == Waited::Signal {
             return Ok(());
         }
     }
+}
+
+/// Workers that died and whose processes have not ended yet.
+#[derive(Default)]
+struct Dying(Vec<Child>);
+
+impl Dying {
+    /// Forgets those that have ended, and logs how.
+    fn reap(&mut self, settings: &ServeSettings) {
+        self.0.retain_mut(|worker| match worker.try_wait() {
+            Ok(None) => true,
+            Ok(Some(status)) => {
+                log_death(settings, status);
+                false
+            }
+            Err(_) => false,
+        });
+    }
+}
+
+fn log_death(settings: &ServeSettings, status: ExitStatus) {
+    log::error!("the worker of '{}' died ({status}); another takes its place", settings.instance);
 }
 
 /// The end of a pipe that becomes readable by a signal to stop, and stays so.
@@ -114,7 +145,7 @@ struct StopSignals(UnixStream);
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Waited {
     Signal,
-    Ended,
+    Event,
     Nothing,
 }
 
@@ -127,21 +158,19 @@ impl StopSignals {
         Ok(Self(told))
     }
 
-    /// Waits for a signal or the end of a process, for so long at most.
-    fn wait(&self, process: Option<&OwnedFd>, time: Duration) -> Waited {
+    /// Waits for a signal, or for an event of `worker` (a process, or a pipe to it), for so long at most.
+    fn wait(&self, worker: Option<BorrowedFd<'_>>, time: Duration) -> Waited {
         let until = Instant::now() + time;
         loop {
             let left = until.saturating_duration_since(Instant::now());
             let left =
                 Timespec { tv_sec: left.as_secs() as i64, tv_nsec: left.subsec_nanos().into() };
             let mut fds = vec![PollFd::new(&self.0, PollFlags::IN)];
-            fds.extend(
-                process.map(|process| PollFd::from_borrowed_fd(process.as_fd(), PollFlags::IN)),
-            );
+            fds.extend(worker.map(|worker| PollFd::from_borrowed_fd(worker, PollFlags::IN)));
             let done = poll(&mut fds, Some(&left));
             match fds.iter().position(|fd| !fd.revents().is_empty()) {
                 Some(0) => return Waited::Signal,
-                Some(_) => return Waited::Ended,
+                Some(_) => return Waited::Event,
                 // A signal interrupts the wait before its byte is seen.
                 None if done.is_ok() => return Waited::Nothing,
                 None => {}
@@ -169,26 +198,48 @@ fn spawn_worker(settings: &ServeSettings, restarted: bool) -> Result<Child, Serv
         // Mesa's layer that sorts adapters asks the user's display which one it runs on. A daemon
         // has no display to ask, and its user chooses by --gpu.
         .env("NODEVICE_SELECT", "1")
+        // Nothing is written: the pipe tells when the worker's files are closed.
+        .stdin(Stdio::piped())
         .spawn()
         .map_err(ServeError::system("starting the worker"))
 }
 
-/// Waits for the worker's end, or `None` for a signal to stop. Ends a worker that is stopped.
+/// Why a worker is watched no longer.
+enum End {
+    /// This process was asked to stop.
+    Asked,
+    Status(ExitStatus),
+    /// It served and is dying. One that stops by itself takes its record away first, and its status is
+    /// waited for.
+    FilesClosed,
+}
+
+/// Waits for the worker's end, or for a signal to stop. Kills a worker that is stopped.
 fn watch(
     worker: &mut Child,
+    dying: &mut Dying,
     settings: &ServeSettings,
     signals: &StopSignals,
-) -> Result<Option<ExitStatus>, ServeError> {
+) -> Result<End, ServeError> {
     let failed = ServeError::system;
     let pid = i32::try_from(worker.id()).ok().and_then(Pid::from_raw);
     let process = pid.and_then(|pid| pidfd_open(pid, PidfdFlags::empty()).ok());
+    let mut pipe = worker.stdin.take();
     let mut heart = HeartWatch::new();
     loop {
+        dying.reap(settings);
         if let Some(status) = worker.try_wait().map_err(failed("watching the worker"))? {
-            return Ok(Some(status));
+            return Ok(End::Status(status));
         }
-        if signals.wait(process.as_ref(), LOOK_INTERVAL) == Waited::Signal {
-            return Ok(None);
+        let watched = pipe.as_ref().map(AsFd::as_fd).or(process.as_ref().map(AsFd::as_fd));
+        match signals.wait(watched, LOOK_INTERVAL) {
+            Waited::Signal => return Ok(End::Asked),
+            Waited::Event if pipe.take().is_some() => {
+                if settings.dir.read_record(&settings.instance).is_some() {
+                    return Ok(End::FilesClosed);
+                }
+            }
+            Waited::Event | Waited::Nothing => {}
         }
         let beats = heart.beats(settings);
         if heart.stands_still(beats, pid.is_some_and(is_stopped), Instant::now()) {

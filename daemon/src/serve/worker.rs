@@ -63,7 +63,7 @@ pub fn work(settings: &ServeSettings, supervisor: u32) -> Result<(), ServeError>
     let missing = Arc::new(Mutex::new(None));
     let gpus = open_gpus(settings, &missing, &stop);
     let (janitor, services) = open_services(settings, &beating.rounds())?;
-    let server = open_server(&services, settings)?;
+    let server = open_server(&services, settings, &beating.has_no_files())?;
     if let Some(file) = segment_file(&settings.dir, &settings.instance, server.id().value()) {
         janitor.watch_over(file);
     }
@@ -106,6 +106,8 @@ pub fn work(settings: &ServeSettings, supervisor: u32) -> Result<(), ServeError>
     responder.alter_answers(settings.alter_answers);
     let lanes = Lanes::new(intake, wake, responder, Arc::clone(&pool), settings, &janitor, &stop);
     lanes.run()?;
+    // Without a record it is no worker that died: the supervisor waits for its status.
+    settings.dir.remove_record(&settings.instance);
     // What follows may take a while, and is no hanging.
     drop(beating);
     // Its threads may have used the devices, which are gone now: until then they stay (`gpu::driver_thread`).
@@ -113,7 +115,6 @@ pub fn work(settings: &ServeSettings, supervisor: u32) -> Result<(), ServeError>
     drop(janitor);
     if let Some(error) = missing.lock().unwrap_or_else(PoisonError::into_inner).take() {
         // The supervisor takes a worker without a record for one that never served, and ends with its message.
-        settings.dir.remove_record(&settings.instance);
         return Err(error.into());
     }
     log::info!("stopped serving '{}'", settings.instance);
@@ -180,11 +181,12 @@ fn open_services(
 fn open_server(
     services: &Services<ipc_threadsafe::Service>,
     settings: &ServeSettings,
+    has_no_files: &Arc<AtomicBool>,
 ) -> Result<Server, ServeError> {
     let give_up_at = Instant::now() + PREDECESSOR_DIES;
     loop {
         clean_up(services.owner());
-        match services.server(&settings.limits) {
+        match services.server(&settings.limits, has_no_files) {
             Err(error) if Instant::now() < give_up_at => {
                 log::debug!("waiting for a predecessor to go: {error}");
                 std::thread::sleep(PREDECESSOR_LOOK);

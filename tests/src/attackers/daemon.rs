@@ -25,7 +25,7 @@ pub fn attack(until: &Until, tally: &mut Tally) -> Result<(), Box<dyn Error>> {
     dir.ensure()?;
     dir.ensure_transport_root(&name)?;
     let services = Services::serve(&dir, &name, &limits)?;
-    let server = services.server(&limits)?;
+    let server = services.server(&limits, &std::sync::Arc::default())?;
     let ports = services.wake_ports()?;
     let record = DaemonRecord {
         worker_pid: std::process::id(),

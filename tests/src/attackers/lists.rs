@@ -22,7 +22,7 @@ pub(super) fn attack(until: &Until, tally: &mut Tally) -> Result<(), Box<dyn Err
     dir.ensure()?;
     dir.ensure_transport_root(&name)?;
     let services = Services::serve(&dir, &name, &limits)?;
-    let server = services.server(&limits)?;
+    let server = services.server(&limits, &std::sync::Arc::default())?;
     let ports = services.wake_ports()?;
     let pid = std::process::id();
     let record = DaemonRecord { worker_pid: pid, supervisor_pid: pid, version: Version::CURRENT };

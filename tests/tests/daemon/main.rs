@@ -1,6 +1,7 @@
 //! Sessions and scenes of daemons that each test starts for itself.
 #![allow(clippy::unwrap_used)]
 
+mod ailing_daemons;
 mod attacks;
 mod c_clients;
 mod faults;

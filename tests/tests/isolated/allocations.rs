@@ -132,7 +132,7 @@ fn bare_transport(count: usize) -> u64 {
     let dir = RuntimeDir::at(dir.path());
     let (name, limits) = ("bare".parse().unwrap(), Limits::default());
     let services = Services::<ipc_threadsafe::Service>::serve(&dir, &name, &limits).unwrap();
-    let server = services.server(&limits).unwrap();
+    let server = services.server(&limits, &std::sync::Arc::default()).unwrap();
     let client_side = Services::<ipc_threadsafe::Service>::connect(&dir, &name).unwrap();
     let client = client_side.client(1, 8).unwrap();
     let round_trips = |count| {
