@@ -2,7 +2,7 @@
 //
 // A record that changes for the first time in a history is kept as it was. What the next stages count
 // in is zeroed here.
-// Mirror: in the tests, `scene_stages`; what comes of it is what `pairmask_core::scene` tells.
+// Held to `pairmask_core::scene` by the tests of scenes on GPUs.
 
 #import constants
 #import box_batch

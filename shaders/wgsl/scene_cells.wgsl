@@ -5,7 +5,7 @@
 // that collide are rows, which look at all entries around them; but boxes so large that they would look
 // at many cells of finer levels are entries too (`wide`), so that those look at them. A dense search has
 // no rows. Queries are entries, and all boxes of the scene are rows beside them.
-// Mirror: in the tests, `scene_stages`; what comes of it is what `pairmask_core::scene` tells.
+// Held to `pairmask_core::scene` by the tests of scenes on GPUs.
 
 #import constants
 #import scene_params

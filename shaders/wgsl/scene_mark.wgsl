@@ -1,6 +1,6 @@
 // scene_mark: boxes that an edit removes, switches, flags or gives filter data, each once, with what becomes of
 // their flags. After `scene_apply`, which may have set the same boxes anew.
-// Mirror: in the tests, `scene_stages`; what comes of it is what `pairmask_core::scene` tells.
+// Held to `pairmask_core::scene` by the tests of scenes on GPUs.
 
 #import constants
 #import scene_params

@@ -1,6 +1,6 @@
 // scene_place: each entry to its position: by cell, within a cell in the order in which threads came.
 // Answers are sorted, so that order does not show.
-// Mirror: in the tests, `scene_stages`; what comes of it is what `pairmask_core::scene` tells.
+// Held to `pairmask_core::scene` by the tests of scenes on GPUs.
 
 #import constants
 #import scene_params

@@ -3,7 +3,7 @@
 //
 // QUERY_LANES threads share the lines of cells around a query: a box has few, so that none waits for long, and
 // the loads of a query's lines are under way together. Boxes that no level takes are shared in the same way.
-// Mirror: in the tests, `scene_stages`; what comes of it is every box against every query.
+// Held to every box against every query by the tests of scenes on GPUs.
 
 #import scene_found
 

@@ -3,7 +3,7 @@
 // Queries lie behind the scene's records and are the entries, so that the scene's boxes look for them: each
 // looks at one bit and few have more to do. Boxes so large that they would look at many cells are entries
 // too. An entry is its box and no hull, so boxes that overlap are a pair.
-// Mirror: in the tests, `scene_stages`; what comes of it is every box against every query.
+// Held to every box against every query by the tests of scenes on GPUs.
 
 #import scene_search
 

@@ -2,7 +2,7 @@
 //
 // A pair's place is the number of smaller indices of its query: no two are the same. Rows of more than SORTED_ROW
 // pairs stay as they are, and the host sorts them: they would be compared with themselves for too long.
-// Mirror: in the tests, `gpu_scene_queries`: every box against every query, in order.
+// Held to every box against every query, in order, by the tests of scenes on GPUs.
 
 #import constants
 #import scene_params
