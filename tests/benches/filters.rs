@@ -18,16 +18,18 @@
 
 use std::error::Error;
 use std::hint::black_box;
-use std::process::ExitCode;
 use std::sync::Arc;
 use std::time::Instant;
 
+use clap::Parser;
 use pairmask::{Backend, Session};
 use pairmask_core::dispatch::{CpuEngines, CullOptions};
 use pairmask_core::engine::HeapReply;
 use pairmask_core::filters::{Filter, FilterId, FilterTable, Rules, Tag, World};
 use pairmask_core::{Aabb, BoxCount, MaskView};
+use pairmask_tests::measure::percentile;
 use pairmaskd::execute::gpu::GpuChoice;
+use pairmaskd::scene::Random;
 use pairmaskd::spawn::{PrivateDaemon, PrivateSettings};
 use serde_json::{Value, json};
 
@@ -40,65 +42,31 @@ const LINE: usize = 16;
 /// Kinds of the scene that is filtered.
 const KINDS: usize = 10;
 
+/// Frames with rules beside frames without.
+#[derive(Parser)]
 struct Options {
+    #[arg(long, default_value_t = 20)]
     rounds: usize,
+    #[arg(long, default_value_t = 2)]
     threads: usize,
+    #[arg(long)]
     json: bool,
-    daemon: Option<GpuChoice>,
-    rows: String,
+    #[arg(long, default_value_t = Backend::InProcess)]
+    backend: Backend,
+    #[arg(long, default_value_t = GpuChoice::None)]
+    gpu: GpuChoice,
+    #[arg(long, value_delimiter = ',', default_value = "worlds,requests,filtered,rules")]
+    rows: Vec<String>,
+    /// What cargo passes to every bench
+    #[arg(long, hide = true)]
+    bench: bool,
 }
 
-impl Options {
-    fn parse() -> Result<Self, String> {
-        let rows = "worlds,requests,filtered,rules".to_owned();
-        let mut options = Self { rounds: 20, threads: 2, json: false, daemon: None, rows };
-        let (mut is_daemon, mut gpu) = (false, GpuChoice::None);
-        let mut args = std::env::args().skip(1).filter(|a| a != "--bench");
-        while let Some(flag) = args.next() {
-            if flag == "--json" {
-                options.json = true;
-                continue;
-            }
-            let value = args.next().ok_or_else(|| format!("{flag} needs a value"))?;
-            let number = || value.parse::<usize>().map_err(|error| format!("{value}: {error}"));
-            match flag.as_str() {
-                "--rounds" => options.rounds = number()?.max(1),
-                "--threads" => options.threads = number()?.max(1),
-                "--rows" => options.rows = value,
-                "--backend" => {
-                    is_daemon = match value.as_str() {
-                        "daemon" => true,
-                        "in-process" => false,
-                        _ => return Err(format!("unknown backend {value}")),
-                    };
-                }
-                "--gpu" => gpu = value.parse().map_err(|error| format!("{value}: {error}"))?,
-                _ => return Err(format!("unknown option {flag}")),
-            }
-        }
-        options.daemon = is_daemon.then_some(gpu);
-        Ok(options)
-    }
-}
-
-/// A small generator: xorshift.
-struct Random(u64);
-
-impl Random {
-    /// From 0 to 1.
-    fn unit(&mut self) -> f32 {
-        self.0 ^= self.0 << 13;
-        self.0 ^= self.0 >> 7;
-        self.0 ^= self.0 << 17;
-        (self.0 >> 40) as f32 / (1 << 24) as f32
-    }
-
-    /// Boxes of side 1 in a cube, each over about one other.
-    fn cube(&mut self, n: usize) -> Vec<Aabb> {
-        let side = (4.0 * n as f32).cbrt();
-        let mut corner = || [0; 3].map(|_| self.unit() * side);
-        (0..n).map(|_| corner()).map(|low| Aabb::new(low, low.map(|x| x + 1.0))).collect()
-    }
+/// Boxes of side 1 in a cube, each over about one other.
+fn cube(random: &mut Random, n: usize) -> Vec<Aabb> {
+    let side = (4.0 * n as f32).cbrt();
+    let mut corner = || [0; 3].map(|_| random.unit() * side);
+    (0..n).map(|_| corner()).map(|low| Aabb::new(low, low.map(|x| x + 1.0))).collect()
 }
 
 /// What answers the frames of a way.
@@ -178,9 +146,8 @@ impl Way {
     }
 
     /// The median and the quartiles.
-    fn spread(&mut self) -> [u64; 3] {
-        self.times.sort_unstable();
-        [2, 1, 3].map(|quarter| self.times[self.times.len() * quarter / 4])
+    fn spread(&self) -> [u64; 3] {
+        [0.5, 0.25, 0.75].map(|share| percentile(&self.times, share))
     }
 }
 
@@ -209,7 +176,7 @@ fn row(
             }
         }
     }
-    let [one, other] = ways.each_mut().map(Way::spread);
+    let [one, other] = ways.each_ref().map(Way::spread);
     Ok(json!({
         "row": name, "first_ns": one[0], "second_ns": other[0],
         "ratio": one[0] as f64 / other[0] as f64,
@@ -220,10 +187,10 @@ fn row(
 
 /// Boxes of worlds that lie over one another, their tags, and the same boxes with their worlds side by side.
 fn worlds(each: usize) -> (Vec<Aabb>, Arc<Rules>, Vec<Aabb>) {
-    let mut random = Random(0x5DEE_CE66_D1CE_4E5B);
+    let mut random = Random::new(1);
     let (mut over, mut beside, mut rules) = (Vec::new(), Vec::new(), Rules::default());
     for world in 0..WORLDS {
-        let cube = random.cube(each);
+        let cube = cube(&mut random, each);
         let side = (4.0 * each as f32).cbrt() + 2.0;
         let at = [world % LINE, world / LINE % LINE, world / (LINE * LINE)];
         let shift = at.map(|at| at as f32 * side);
@@ -238,7 +205,7 @@ fn worlds(each: usize) -> (Vec<Aabb>, Arc<Rules>, Vec<Aabb>) {
 
 fn rows(options: &Options, daemon: Option<&PrivateDaemon>) -> Result<Vec<Value>, Box<dyn Error>> {
     let threads = options.threads;
-    let wants = |row: &str| options.rows.split(',').any(|wanted| wanted == row);
+    let wants = |row: &str| options.rows.iter().any(|wanted| wanted == row);
     let mut rows = Vec::new();
     for each in [32, 256] {
         if !wants("worlds") && !wants("requests") {
@@ -267,7 +234,7 @@ fn rows(options: &Options, daemon: Option<&PrivateDaemon>) -> Result<Vec<Value>,
     }
     for n in [10_000, 100_000, 1_000_000] {
         let boxes: Vec<Aabb> = {
-            let mut cube = Random(0x2545_F491_4F6C_DD1D).cube(n);
+            let mut cube = cube(&mut Random::new(2), n);
             // Boxes of side 3: some thirty pairs a box.
             for b in &mut cube {
                 b.max = b.min.map(|x| x + 3.0);
@@ -277,7 +244,7 @@ fn rows(options: &Options, daemon: Option<&PrivateDaemon>) -> Result<Vec<Value>,
         let kinds: Vec<Filter> = (0..KINDS).map(|kind| Filter::new(1 << kind, 1 << kind)).collect();
         let mut rules = Rules::default();
         rules.table = FilterTable::new(&kinds)?;
-        let mut random = Random(0x9E37_79B9_7F4A_7C15);
+        let mut random = Random::new(3);
         rules.tags = (0..n)
             .map(|_| FilterId((random.unit() * KINDS as f32) as u16))
             .map(|id| Tag::default().with_filter(id))
@@ -300,18 +267,16 @@ fn rows(options: &Options, daemon: Option<&PrivateDaemon>) -> Result<Vec<Value>,
     Ok(rows)
 }
 
-fn run() -> Result<(), Box<dyn Error>> {
-    let options = Options::parse()?;
+fn main() -> Result<(), Box<dyn Error>> {
+    let options = Options::parse();
     let pool = rayon::ThreadPoolBuilder::new().num_threads(options.threads);
     pool.use_current_thread().build_global()?;
-    let settings =
-        |gpu: &GpuChoice| PrivateSettings { gpu: gpu.clone().into(), ..Default::default() };
-    let start = |gpu| PrivateDaemon::start(DAEMON.as_ref(), &settings(gpu));
-    let daemon = options.daemon.as_ref().map(start).transpose()?;
+    let settings = PrivateSettings { gpu: options.gpu.clone().into(), ..Default::default() };
+    let start = || PrivateDaemon::start(DAEMON.as_ref(), &settings);
+    let daemon = (options.backend == Backend::Daemon).then(start).transpose()?;
     let rows = rows(&options, daemon.as_ref())?;
     if options.json {
-        let backend = if daemon.is_some() { "daemon" } else { "in-process" };
-        let threads = options.threads;
+        let (backend, threads) = (options.backend.to_string(), options.threads);
         let all = json!({ "backend": backend, "threads": threads, "rows": rows });
         println!("{}", serde_json::to_string_pretty(&all)?);
         return Ok(());
@@ -334,14 +299,4 @@ fn run() -> Result<(), Box<dyn Error>> {
         );
     }
     Ok(())
-}
-
-fn main() -> ExitCode {
-    match run() {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            eprintln!("{error}");
-            ExitCode::FAILURE
-        }
-    }
 }

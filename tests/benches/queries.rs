@@ -18,9 +18,11 @@ use std::error::Error;
 use std::hint::black_box;
 use std::time::Instant;
 
+use clap::Parser;
 use pairmask::scene::{SceneOptions, Want};
 use pairmask::{Backend, BoxCount, PairMask, Session};
 use pairmask_core::Aabb;
+use pairmask_tests::measure::percentile;
 use pairmaskd::execute::gpu::GpuChoice;
 use pairmaskd::scene::{Scene, SceneName};
 use pairmaskd::spawn::{PrivateDaemon, PrivateSettings};
@@ -33,53 +35,24 @@ const WARM_UP: usize = 5;
 /// Sets of queries that take turns, so that no answer lies in the caches from the one before.
 const SETS: usize = 8;
 
+/// Queries of a scene, and set A against set B.
+#[derive(Parser)]
 struct Options {
-    backends: Vec<Backend>,
+    #[arg(long, value_delimiter = ',', default_value = "in-process,daemon")]
+    backend: Vec<Backend>,
+    #[arg(long, default_value_t = GpuChoice::None)]
     gpu: GpuChoice,
+    #[arg(long, default_value_t = 1_000_000)]
     n: usize,
+    #[arg(long, default_value_t = 10_000)]
     queries: usize,
+    #[arg(long, default_value_t = 30)]
     rounds: usize,
+    #[arg(long)]
     json: bool,
-}
-
-impl Options {
-    fn parse() -> Result<Self, Box<dyn Error>> {
-        let backends = vec![Backend::InProcess, Backend::Daemon];
-        let mut options = Self {
-            backends,
-            gpu: GpuChoice::None,
-            n: 1_000_000,
-            queries: 10_000,
-            rounds: 30,
-            json: false,
-        };
-        let mut args = std::env::args().skip(1).filter(|a| a != "--bench");
-        while let Some(flag) = args.next() {
-            if flag == "--json" {
-                options.json = true;
-                continue;
-            }
-            let value = args.next().ok_or_else(|| format!("{flag} needs a value"))?;
-            let number = || value.replace('_', "").parse::<usize>().map(|number| number.max(1));
-            match flag.as_str() {
-                "--backend" if value == "in-process" => options.backends = vec![Backend::InProcess],
-                "--backend" if value == "daemon" => options.backends = vec![Backend::Daemon],
-                "--gpu" => {
-                    options.gpu = value.parse().map_err(|error| format!("{value}: {error}"))?;
-                }
-                "--n" => options.n = number()?,
-                "--queries" => options.queries = number()?,
-                "--rounds" => options.rounds = number()?,
-                _ => return Err(format!("unknown option {flag} {value}").into()),
-            }
-        }
-        Ok(options)
-    }
-}
-
-fn median(times: &mut [f64]) -> f64 {
-    times.sort_unstable_by(f64::total_cmp);
-    times[times.len() / 2]
+    /// What cargo passes to every bench
+    #[arg(long, hide = true)]
+    bench: bool,
 }
 
 fn micros(since: Instant) -> f64 {
@@ -139,8 +112,7 @@ fn ask(
         }
     }
     let [ask, visit, total, engine, publish] =
-        [&mut asks, &mut visits, &mut totals, &mut engines, &mut publishes]
-            .map(|times| median(times));
+        [asks, visits, totals, engines, publishes].map(|times| percentile(&times, 0.5));
     Ok(json!({
         "row": "queries", "backend": backend.to_string(), "scene": name.to_string(), "n": n,
         "queries": options.queries, "pairs": pairs, "first_us": first, "ask_us": ask,
@@ -180,7 +152,7 @@ fn two_sets(
             }
         }
     }
-    let [between, whole] = times.each_mut().map(|times| median(times));
+    let [between, whole] = times.map(|times| percentile(&times, 0.5));
     Ok(json!({
         "row": "two sets", "backend": backend.to_string(), "scene": name.to_string(), "n": n,
         "first": first, "pairs": counts[0], "all_pairs": counts[1], "between_us": between,
@@ -224,7 +196,7 @@ fn print(row: &Value) {
 }
 
 fn main() -> Result<(), Box<dyn Error>> {
-    let options = Options::parse()?;
+    let options = Options::parse();
     let settings = PrivateSettings { gpu: options.gpu.clone().into(), ..Default::default() };
     let daemon = PrivateDaemon::start(DAEMON.as_ref(), &settings)?;
     let mut rows = Vec::new();
@@ -234,7 +206,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         }
         rows.push(row);
     };
-    for backend in &options.backends {
+    for backend in &options.backend {
         for name in [SceneName::Uniform, SceneName::Pile] {
             note(ask(&daemon, *backend, name, &options)?);
         }

@@ -2,16 +2,15 @@
 
 use std::time::Duration;
 
+use crate::obvhs::{self, Obvhs};
+use crate::ours::Ours;
+use crate::parry::{Parry, Upkeep};
+use crate::rstar::Rstar;
 use pairmask::{Backend, ConnectError, Session};
 use pairmask_core::{Aabb, BoxCount, EngineChoice};
 use pairmask_tests::peers::contender::Contender;
-use pairmask_tests::peers::line::Who;
-use pairmask_tests::peers::obvhs::{self, Obvhs};
-use pairmask_tests::peers::ours::Ours;
-use pairmask_tests::peers::parry::{Parry, Upkeep};
-use pairmask_tests::peers::peer_name::PeerName;
+use pairmask_tests::peers::line::{PeerName, Who};
 use pairmask_tests::peers::rapier::Rapier;
-use pairmask_tests::peers::rstar::Rstar;
 use pairmaskd::spawn::PrivateDaemon;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
@@ -49,7 +48,7 @@ pub fn lanes(
                 lanes.push(Lane::new(who, threads, ours, pool(threads)?));
             }
         }
-        for name in options.peers() {
+        for &name in &options.peers {
             let pool = pool(threads)?;
             lanes.push(Lane::new(Who::Peer(name), threads, peer(name, boxes, threads), pool));
         }

@@ -4,12 +4,10 @@ use std::time::Duration;
 
 use pairmask::{Backend, Session};
 use pairmask_core::{Aabb, EngineChoice, EngineName};
-use pairmask_tests::oracle;
-use pairmask_tests::peers::contender::{Contender, ContenderError};
-use pairmask_tests::peers::line::{Comparison, Line, Who};
-use pairmask_tests::peers::pair_sets::PairSet;
-use pairmask_tests::peers::spread::Spread;
-use pairmask_tests::peers::tally::Tally;
+use pairmask_tests::conformance::check_pairs;
+use pairmask_tests::oracle::{self, Pair};
+use pairmask_tests::peers::contender::{Contender, ContenderError, Tally, sorted};
+use pairmask_tests::peers::line::{Comparison, Line, Spread, Who};
 use pairmaskd::scene::{Scene, SceneName};
 use rayon::ThreadPool;
 
@@ -45,7 +43,7 @@ struct Turn {
     frame_ns: Vec<u64>,
     write_ns: Vec<u64>,
     tallies: Vec<Tally>,
-    pairs: Option<Vec<(u32, u32)>>,
+    pairs: Option<Vec<Pair>>,
 }
 
 impl Lane {
@@ -165,7 +163,7 @@ pub fn measure(
             lane.write_ns.extend_from_slice(result.write_ns.get(uncounted..).unwrap_or_default());
             tallies[index] = result.tallies;
             if let (Some(truth), Some(found)) = (&truth, result.pairs)
-                && let Err(difference) = truth.check(found)
+                && let Err(difference) = check_pairs(&sorted(found), truth)
             {
                 lane.note(|| format!("turn {turn}: {difference}"));
             }
@@ -189,14 +187,14 @@ pub fn measure(
 
 /// The pairs of a frame: the oracle's, or where that takes too long, those of an engine whose state
 /// no timed lane shares.
-fn reference(boxes: &[Aabb]) -> Result<PairSet, Box<dyn std::error::Error>> {
+fn reference(boxes: &[Aabb]) -> Result<Vec<Pair>, Box<dyn std::error::Error>> {
     if boxes.len() <= ORACLE_BOXES {
-        return Ok(PairSet::new(oracle::truth(boxes).pairs)?);
+        return Ok(oracle::truth(boxes).pairs);
     }
     let engine = if boxes.len() <= SWEEP_BOXES { EngineName::CpuSap } else { EngineName::CpuGrid };
     let builder = Session::builder().backend(Backend::InProcess);
     let mut session = builder.engine(EngineChoice::Only(engine)).connect()?;
     let mut frame = session.frame(boxes.len())?;
     frame.write(boxes);
-    Ok(PairSet::new(frame.submit()?.wait()?.to_vec())?)
+    Ok(sorted(frame.submit()?.wait()?.to_vec()))
 }

@@ -12,8 +12,7 @@ use rapier3d::prelude::{
     ColliderPair, ColliderSet, IntegrationParameters, RigidBodySet,
 };
 
-use super::contender::{Contender, ContenderError};
-use super::tally::Tally;
+use super::contender::{Contender, ContenderError, Tally};
 use crate::oracle::Pair;
 
 /// A broad phase.

@@ -1,14 +1,10 @@
 //! Speed of mask decoding: `cargo bench -p pairmask-tests --bench decode [-- PART OF A NAME]`.
 //!
-//! Medians of many runs, warm; those of an engine's masks (`engine, SCENE`) cold. Every row prints the time of one decode, ns for each pair and GB/s
-//! over the bytes of the mask (its order included). The reference rows say what the memory and the
+//! Medians of many runs, warm. Every row prints the time of one decode, ns for each pair and GB/s over the bytes of the mask (its order included). The reference rows say what the memory and the
 //! consumer alone cost on this machine in this run, so that ratios hold on a noisy one.
 //!
 //! `PAIRMASK_SPARSE_KERNEL` (`portable`, `avx2`, `avx512`, `avx512-steps`, `vbmi2`) has sparse masks decoded by one kernel;
 //! what it cannot decode is left out.
-
-mod engine_masks;
-mod neighbours;
 
 use std::hint::black_box;
 use std::time::{Duration, Instant};
@@ -44,7 +40,6 @@ fn main() {
             decode(&format!("{title}, list"), &write_list(n, &pairs), pairs.len());
         }
     }
-    engine_masks::run(&filter);
 }
 
 /// Name, boxes and pairs of positions of a scene.

@@ -5,9 +5,8 @@ use rayon::iter::ParallelIterator;
 use rayon::slice::ParallelSlice;
 use rstar::{AABB, RTree, RTreeObject};
 
-use super::contender::{Contender, ContenderError};
-use super::tally::Tally;
-use crate::oracle::Pair;
+use pairmask_tests::oracle::Pair;
+use pairmask_tests::peers::contender::{Contender, ContenderError, Tally};
 
 /// Boxes of one task: some 100 µs of queries.
 const CHUNK: usize = 256;

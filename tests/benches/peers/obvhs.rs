@@ -11,9 +11,8 @@ use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
 use pairmask_core::Aabb;
 use rayon::iter::{IntoParallelRefIterator, ParallelIterator};
 
-use super::contender::{Contender, ContenderError};
-use super::tally::Tally;
-use crate::oracle::Pair;
+use pairmask_tests::oracle::Pair;
+use pairmask_tests::peers::contender::{Contender, ContenderError, Tally};
 
 /// Tasks that the traversal is cut into on several threads: enough that none is long.
 const TASKS: usize = 256;

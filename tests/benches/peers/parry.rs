@@ -7,9 +7,8 @@ use parry3d::partitioning::{Bvh, BvhBuildStrategy, BvhLeafUpdateStatus, BvhWorks
 use rayon::iter::{IndexedParallelIterator, IntoParallelRefIterator, ParallelIterator};
 use rayon::slice::ParallelSlice;
 
-use super::contender::{Contender, ContenderError};
-use super::tally::Tally;
-use crate::oracle::Pair;
+use pairmask_tests::oracle::Pair;
+use pairmask_tests::peers::contender::{Contender, ContenderError, Tally};
 
 /// How the tree follows the boxes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

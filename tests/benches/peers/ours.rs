@@ -6,9 +6,8 @@ use pairmask::{Frame, PairMask, Session};
 use pairmask_core::Aabb;
 use rayon::iter::ParallelIterator;
 
-use super::contender::{Contender, ContenderError};
-use super::tally::Tally;
-use crate::oracle::Pair;
+use pairmask_tests::oracle::Pair;
+use pairmask_tests::peers::contender::{Contender, ContenderError, Tally};
 
 /// From this many pairs on, two threads decode faster than one: waking the second takes as long as
 /// decoding some 60,000.
