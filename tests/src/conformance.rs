@@ -133,3 +133,14 @@ pub fn check_engine(engine: &mut dyn Engine, suite: &Suite) -> Result<usize, Box
     }
     Ok(frames)
 }
+
+/// As [`check_engine`], for tests.
+///
+/// # Panics
+/// Where the engine is wrong, or nothing was checked.
+pub fn conform(engine: &mut dyn Engine, suite: &Suite) {
+    match check_engine(engine, suite) {
+        Ok(frames) => assert!(frames > 0, "the suite ran nothing"),
+        Err(failure) => panic!("{failure}"),
+    }
+}

@@ -131,6 +131,16 @@ impl TestDaemon {
         self.dir().read_record(&InstanceName::default())
     }
 
+    /// Has the daemon's record state another minor version of the wire.
+    ///
+    /// # Panics
+    /// When no daemon serves.
+    pub fn pretend_minor(&self, minor: u16) {
+        let mut record = self.record().expect("the daemon serves");
+        record.version.minor = minor;
+        self.dir().write_record(&InstanceName::default(), &record).expect("a record");
+    }
+
     /// The process that serves now.
     ///
     /// # Panics

@@ -1,8 +1,16 @@
 //! Devices and engine of the GPU tests.
 
 use std::sync::Arc;
+use std::time::Duration;
 
+use pairmask_core::BoxCount;
+use pairmask_core::dispatch::CullAnswer;
+use pairmask_core::mask::MaskView;
+use pairmask_core::oracle::Pair;
 use pairmaskd::execute::gpu::{AllPairs, AllPairsOptions, Gpu, GpuChoice, HostImport};
+use pairmaskd::execute::{Executor, GpuService};
+
+use crate::frames::Sorted;
 
 /// The names of the GPUs of the tests: what `PAIRMASK_TEST_GPU` lists, by default the software adapter.
 fn names() -> String {
@@ -55,4 +63,23 @@ pub fn open_at(place: usize, host_import: HostImport) -> Arc<Gpu> {
 /// When it cannot be made.
 pub fn engine(options: AllPairsOptions) -> AllPairs {
     AllPairs::new(&open(HostImport::IfPossible), options).unwrap_or_else(|error| panic!("{error}"))
+}
+
+/// An executor with so many devices of the GPUs of the tests.
+///
+/// # Panics
+/// Without an adapter.
+pub fn executor(gpus: usize) -> Executor {
+    let open = |place| GpuService::open(&choice_at(place), Duration::ZERO);
+    let open = |place| open(place).unwrap_or_else(|error| panic!("a Vulkan adapter: {error}"));
+    Executor::new((0..gpus).map(open).collect::<Vec<_>>())
+}
+
+/// The sorted pairs of an answer to so many boxes.
+///
+/// # Panics
+/// When it is no mask.
+pub fn pairs_of(n: usize, answer: &CullAnswer, words: &[u32]) -> Vec<Pair> {
+    let n = BoxCount::new(n as u32);
+    MaskView::new(n, &answer.report.shape, words).expect("a mask").sorted()
 }

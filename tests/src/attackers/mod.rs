@@ -24,8 +24,11 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use pairmask_transport::RequestLoan;
-use pairmask_wire::ResponseHeader;
+use bytemuck::cast_slice_mut;
+use pairmask_transport::{
+    DaemonRecord, Limits, ResponseLoan, RuntimeDir, Services, assume_response_pages,
+};
+use pairmask_wire::{InstanceName, Page, RequestHeader, ResponseHeader, Version};
 
 use self::raw::{Dice, RawClient, answer, write};
 
@@ -54,30 +57,126 @@ impl Until {
     }
 }
 
-/// Sends a request, changes its payload while the daemon reads it if it is forged, and counts what becomes of it.
-/// Returns the header of the answer; `None` where there is none, so that another client is needed.
-fn send_and_spoil(
-    client: &RawClient,
-    mut loan: RequestLoan,
-    is_forged: bool,
-    dice: &mut Dice,
-    tally: &mut Tally,
-) -> Option<ResponseHeader> {
-    let bytes = size_of_val(loan.payload_mut());
-    let payload = loan.payload_mut().as_ptr() as usize;
-    let pending = client.send(loan)?;
-    if is_forged {
-        for _ in 0..dice.below(2_000) {
-            let place = 8 * dice.below(bytes as u64 / 8) as usize;
-            write(payload + place, dice.below(u64::MAX) >> dice.below(64));
+/// How an attacker forges requests.
+struct Forging {
+    token: u64,
+    /// Of a request.
+    pages: usize,
+    /// Requests of a client.
+    requests: u64,
+    /// So many of four requests are forged.
+    forged_of_four: u64,
+    /// Words of the payload that are changed at most.
+    payload_words: u64,
+    /// One in so many is left unanswered; 0: none.
+    given_up: u64,
+}
+
+impl Forging {
+    /// Sends requests, client after client, until the attack is over: changes words of header and payload, and of the
+    /// payload while the daemon reads it. `draw` writes a request by its number into the payload, or passes it over; it
+    /// gets the client's last request and answer.
+    fn attack(
+        &self,
+        until: &Until,
+        tally: &mut Tally,
+        mut draw: impl FnMut(
+            &RawClient,
+            &mut Dice,
+            &mut [Page],
+            u64,
+            Option<&(RequestHeader, ResponseHeader)>,
+        ) -> Option<RequestHeader>,
+    ) {
+        let mut dice = Dice::of_this_process();
+        while let Some(client) = RawClient::reconnect(self.token, self.pages, until) {
+            let mut last = None;
+            for number in 0..self.requests {
+                if until.is_over() {
+                    return;
+                }
+                let Some(mut loan) = client.loan(self.pages) else { break };
+                let payload = loan.payload_mut();
+                let drawn = draw(&client, &mut dice, payload, number, last.as_ref());
+                let Some(mut header) = drawn else { continue };
+                let is_forged = dice.below(4) < self.forged_of_four;
+                if is_forged {
+                    self.forge(&mut header, payload, &mut dice);
+                }
+                let (bytes, address) = (size_of_val(payload) as u64, payload.as_ptr() as usize);
+                *loan.user_header_mut() = header;
+                let Some(pending) = client.send(loan) else { break };
+                if self.given_up > 0 && dice.below(self.given_up) == 0 {
+                    count(tally, "given up");
+                    continue;
+                }
+                if is_forged && self.payload_words > 0 {
+                    for _ in 0..dice.below(2_000) {
+                        let value = dice.below(u64::MAX) >> dice.below(64);
+                        write(address + 8 * dice.below(bytes / 8) as usize, value);
+                    }
+                }
+                let Some(answered) = answer(&pending, Duration::from_secs(2)) else {
+                    count(tally, "unanswered");
+                    break;
+                };
+                count(tally, if answered.status == 0 { "answered" } else { "refused" });
+                last = Some((header, answered));
+            }
         }
     }
-    let Some(answered) = answer(&pending, Duration::from_secs(2)) else {
-        count(tally, "unanswered");
-        return None;
-    };
-    count(tally, if answered.status == 0 { "answered" } else { "refused" });
-    Some(answered)
+
+    /// Changes some words of a request.
+    fn forge(&self, header: &mut RequestHeader, payload: &mut [Page], dice: &mut Dice) {
+        let some = |dice: &mut Dice| (dice.below(u64::MAX) >> dice.below(64)) as u32;
+        for _ in 0..dice.below(3) {
+            let words: &mut [u32] = cast_slice_mut(bytemuck::bytes_of_mut(header));
+            // Behind magic, version and operation, and the token.
+            let place = 8 + dice.below(words.len() as u64 - 8) as usize;
+            words[place] = some(dice);
+        }
+        let words: &mut [u32] = cast_slice_mut(payload);
+        for _ in 0..dice.below(self.payload_words + 1) {
+            // Most of what is read lies in the first pages.
+            let place = dice.below((words.len() as u64).min(4 * 1024)) as usize;
+            words[place] = some(dice);
+        }
+    }
+}
+
+/// Serves as a daemon whose answers have one page, until the attack is over: `answer` writes each and sends it.
+fn serve(
+    until: &Until,
+    tally: &mut Tally,
+    mut answer: impl FnMut(&RequestHeader, ResponseLoan, &mut dyn FnMut(ResponseLoan) -> bool),
+) -> Result<(), Box<dyn Error>> {
+    let (dir, name) = (RuntimeDir::from_env(), InstanceName::default());
+    let limits = Limits { max_reply_bytes: 4096, ..Limits::default() };
+    dir.ensure()?;
+    dir.ensure_transport_root(&name)?;
+    let services = Services::serve(&dir, &name, &limits)?;
+    let server = services.server(&limits)?;
+    let ports = services.wake_ports()?;
+    let pid = std::process::id();
+    let record = DaemonRecord { worker_pid: pid, supervisor_pid: pid, version: Version::CURRENT };
+    dir.write_record(&name, &record)?;
+    while !until.is_over() {
+        let Ok(Some(request)) = server.receive() else {
+            std::thread::sleep(Duration::from_micros(50));
+            continue;
+        };
+        let Ok(loan) = request.loan_slice_uninit(1) else { continue };
+        answer(request.user_header(), assume_response_pages(loan), &mut |loan| {
+            let is_sent = loan.send().is_ok();
+            if is_sent {
+                count(tally, "rounds");
+                let _ = ports.1.notify();
+            }
+            is_sent
+        });
+    }
+    dir.remove_record(&name);
+    Ok(())
 }
 
 /// Attacks in a mode until the input ends, and prints the counts: `name=count` a line.

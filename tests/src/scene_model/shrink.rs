@@ -20,11 +20,34 @@ pub fn hold<S: Subject>(
     kind: Kind,
     seed: u64,
     edits: usize,
+    subject: impl FnMut(&Script) -> S,
+) -> Seen {
+    hold_scripts(kind, |seed| script_of(kind, seed), seed, edits, subject)
+}
+
+/// As [`hold`], without tags, filters and lists of pairs.
+///
+/// # Panics
+/// As that.
+pub fn hold_without_rules<S: Subject>(
+    kind: Kind,
+    seed: u64,
+    edits: usize,
+    subject: impl FnMut(&Script) -> S,
+) -> Seen {
+    hold_scripts(kind, |seed| script_of(kind, seed).without_rules(), seed, edits, subject)
+}
+
+fn hold_scripts<S: Subject>(
+    kind: Kind,
+    script_of: impl Fn(u64) -> Script,
+    mut seed: u64,
+    edits: usize,
     mut subject: impl FnMut(&Script) -> S,
 ) -> Seen {
-    let (mut seen, mut seed) = (Seen::default(), seed);
+    let mut seen = Seen::default();
     while seen.edits < edits {
-        let script = script_of(kind, seed);
+        let script = script_of(seed);
         match play(&script, &mut subject) {
             Ok(more) => seen.add(more),
             Err(failure) => {

@@ -20,6 +20,7 @@ use pairmask_core::write::{CenterHalf, par_write_boxes, write_boxes};
 use pairmask_core::{Aabb, Bounds, EngineName, Precision, oracle};
 use pairmask_lab::stress::{FloatFlags, MixedFlags, Rounding};
 use pairmask_tests::conformance::mixed_flags;
+use pairmask_tests::frames::{Frames, Sorted};
 use pairmask_tests::narrow::NarrowMemory;
 use pairmask_tests::spheres;
 use pairmaskd::scene::{Random, Scene, SceneName};
@@ -119,15 +120,8 @@ fn a_pool_that_a_flagged_thread_started_serves_plain_callers() {
                 let answer = pool.install(|| FloatFlags::DEFAULT.run(asked));
                 assert_eq!(answer.report.pair_count, truth.pairs.len() as u64, "{engine}, {flags}");
             }
-            let mask = pool.install(|| {
-                FloatFlags::DEFAULT.run(|| {
-                    let mut frame = session.frame(boxes.len()).unwrap();
-                    frame.boxes_mut().copy_from_slice(&boxes);
-                    frame.submit().unwrap().wait().unwrap()
-                })
-            });
-            let mut pairs = mask.to_vec();
-            pairs.sort_unstable();
+            let mask = pool.install(|| FloatFlags::DEFAULT.run(|| session.answer(&boxes)));
+            let pairs = mask.sorted();
             assert_eq!(pairs, truth.pairs, "{flags}");
         }
     }
@@ -461,8 +455,7 @@ fn threads_of_all_flags_write_one_frame() {
                     }
                     frame.submit().unwrap().wait().unwrap()
                 });
-                let mut got = mask.to_vec();
-                got.sort_unstable();
+                let got = mask.sorted();
                 assert!(modes::missed(&got, &must).is_empty(), "{precision:?}, {flags}");
                 assert!(got == may, "{precision:?}, {flags}");
             }

@@ -1,12 +1,15 @@
 //! Clients in C and C++: the suite's scenes and the golden ones, every call and every error, with sanitizers and
 //! by valgrind, in process and through a daemon that may be killed.
 
+use std::io::{Read, Write};
+use std::path::{Path, PathBuf};
+use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 use std::time::Instant;
 
 // The libraries of this crate are what the programs are linked with.
 use pairmask_c as _;
-use pairmask_core::Encoding;
-use pairmask_tests::c_program::{Culling, Program, Watch};
+use pairmask_core::oracle::Pair;
+use pairmask_core::{Aabb, Encoding};
 use pairmask_tests::daemon::{PATIENCE, TestDaemon};
 use pairmask_tests::golden::{self, GOLDEN};
 use pairmask_tests::oracle::{self, pair_set_hash};
@@ -20,6 +23,156 @@ const IN_PROCESS: u32 = 2;
 
 /// Sizes of the suite that a program answers under a watch within seconds.
 const SIZES: [u32; 10] = [0, 1, 2, 3, 31, 32, 33, 64, 70, 345];
+
+/// How a program is built and run.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Watch {
+    /// With the sanitizers of the compiler for addresses and undefined behaviour.
+    Sanitizers,
+    /// By valgrind.
+    Valgrind,
+}
+
+/// A program that was built.
+#[derive(Debug)]
+struct Program {
+    binary: PathBuf,
+    watch: Watch,
+}
+
+/// The folder of the C client.
+fn client() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../client-lib/c")
+}
+
+/// Where the build has put the library: beside the program that runs this.
+fn libraries() -> PathBuf {
+    let here = std::env::current_exe().expect("the path of this program");
+    here.parent().expect("a folder").to_owned()
+}
+
+impl Program {
+    /// Builds `client-lib/c/tests/programs/SOURCE` into a folder, by a compiler's flags beside the warnings.
+    fn build(source: &str, flags: &[&str], watch: Watch, folder: &Path) -> Self {
+        let is_cpp = Path::new(source).extension().is_some_and(|extension| extension == "cpp");
+        let (variable, usual) = if is_cpp { ("CXX", "c++") } else { ("CC", "cc") };
+        let compiler = std::env::var(variable).unwrap_or_else(|_| usual.to_owned());
+        let name = format!("{source}{}-{watch:?}", flags.concat().replace('/', "_"));
+        let binary = folder.join(name);
+        let libraries = libraries();
+        let mut command = Command::new(&compiler);
+        command
+            .args(["-Wall", "-Wextra", "-Wpedantic", "-Werror", "-g", "-O1"])
+            .args(flags)
+            .arg("-I")
+            .arg(client().join("include"))
+            .arg(client().join("tests/programs").join(source))
+            .arg("-o")
+            .arg(&binary)
+            .arg("-L")
+            .arg(&libraries)
+            .args(["-lpairmask_c", "-lm"])
+            .arg(format!("-Wl,-rpath,{}", libraries.display()));
+        if watch == Watch::Sanitizers {
+            command.args(["-fsanitize=address,undefined", "-fno-sanitize-recover=all"]);
+        }
+        let status = command.status().unwrap_or_else(|error| panic!("{compiler}: {error}"));
+        assert!(status.success(), "{command:?}");
+        Self { binary, watch }
+    }
+
+    /// The program with its arguments, as it is watched.
+    fn command(&self, arguments: &[&str]) -> Command {
+        let mut command = match self.watch {
+            Watch::Sanitizers => Command::new(&self.binary),
+            Watch::Valgrind => {
+                let mut command = Command::new("valgrind");
+                command
+                    .args(["--quiet", "--error-exitcode=9", "--leak-check=full"])
+                    .args(["--show-leak-kinds=definite,indirect"])
+                    .args(["--errors-for-leak-kinds=definite,indirect"])
+                    .arg(&self.binary);
+                command
+            }
+        };
+        command.args(arguments);
+        command
+    }
+
+    /// Runs the program to its end, and returns what it printed.
+    fn run(&self, arguments: &[&str]) -> String {
+        let mut command = self.command(arguments);
+        let done = command.output().unwrap_or_else(|error| panic!("{command:?}: {error}"));
+        let error = String::from_utf8_lossy(&done.stderr);
+        assert!(done.status.success(), "{command:?}: {}\n{error}", done.status);
+        String::from_utf8(done.stdout).expect("a text")
+    }
+
+    /// Starts a program that culls frames: `conformance.c` or `conformance.cpp`.
+    fn cull(&self, arguments: &[&str]) -> Culling {
+        let mut command = self.command(arguments);
+        command.stdin(Stdio::piped()).stdout(Stdio::piped());
+        let mut child = command.spawn().unwrap_or_else(|error| panic!("{command:?}: {error}"));
+        let frames = child.stdin.take().expect("piped");
+        let answers = child.stdout.take().expect("piped");
+        Culling { child, frames: Some(frames), answers }
+    }
+}
+
+/// A program that culls frames. It is ended and must have succeeded when this is dropped.
+#[derive(Debug)]
+struct Culling {
+    child: Child,
+    frames: Option<ChildStdin>,
+    answers: ChildStdout,
+}
+
+/// What such a program answers.
+#[derive(Clone, Debug, PartialEq, Eq)]
+struct Culled {
+    /// The pairs, sorted.
+    pairs: Vec<Pair>,
+    /// Boxes that are empty.
+    empty: u32,
+    /// Boxes that are invalid.
+    invalid: u32,
+    /// `PM_SERVED_BY_...`.
+    served_by: u32,
+}
+
+impl Culling {
+    /// Culls a frame.
+    fn frame(&mut self, boxes: &[Aabb]) -> Culled {
+        let frames = self.frames.as_mut().expect("not ended");
+        let n = u32::try_from(boxes.len()).expect("indices are u32");
+        frames.write_all(&n.to_le_bytes()).expect("the program reads");
+        frames.write_all(bytemuck::cast_slice(boxes)).expect("the program reads");
+        frames.flush().expect("the program reads");
+        let mut head = [0u32; 4];
+        self.answers.read_exact(bytemuck::cast_slice_mut(&mut head)).expect("an answer");
+        let [count, empty, invalid, served_by] = head;
+        let mut found = vec![[0u32; 2]; count as usize];
+        self.answers.read_exact(bytemuck::cast_slice_mut(&mut found)).expect("the pairs");
+        let mut pairs: Vec<Pair> = found.into_iter().map(|[a, b]| (a, b)).collect();
+        pairs.sort_unstable();
+        Culled { pairs, empty, invalid, served_by }
+    }
+
+    /// Ends the program.
+    fn end(mut self) {
+        drop(self.frames.take());
+        let status = self.child.wait().expect("the program ends");
+        assert!(status.success(), "{status}");
+    }
+}
+
+impl Drop for Culling {
+    fn drop(&mut self) {
+        drop(self.frames.take());
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
 
 fn folder() -> tempfile::TempDir {
     tempfile::tempdir().expect("a temporary directory")

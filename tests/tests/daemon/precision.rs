@@ -1,20 +1,18 @@
 //! Precision modes: never a missed pair, and exactly the extra pairs of the mode's definition.
 
-use std::sync::atomic::{AtomicBool, Ordering};
-
 use glam::DVec3;
 use pairmask::{Backend, ServedBy, Session, WaitError};
 use pairmask_core::engine::EngineName;
 use pairmask_core::precision::Widening;
-use pairmask_core::{Aabb, Bounds, BoxForm, Encoding, EncodingChoice, EngineChoice, Precision};
+use pairmask_core::{Aabb, Bounds, BoxForm, EngineChoice, Precision};
 use pairmask_tests::conformance::{Mismatch, check_pairs};
-use pairmask_tests::daemon::{TestDaemon, eventually};
+use pairmask_tests::daemon::TestDaemon;
+use pairmask_tests::frames::Sorted;
 use pairmask_tests::naive_modes::{self, missed};
-use pairmask_tests::refuser::refuse_all;
+use pairmask_tests::refuser::beside_refuser;
 use pairmask_tests::stress_scenes::Rng;
-use pairmask_tests::{oracle, stress_scenes};
-use pairmask_transport::{RuntimeDir, clean_if_abandoned};
-use pairmask_wire::{InstanceName, ReplyError, Version};
+use pairmask_tests::{oracle, stress_scenes, tier};
+use pairmask_wire::ReplyError;
 use pairmaskd::scene::{Scene, SceneName};
 
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
@@ -56,8 +54,7 @@ fn check(
     let info = mask.info();
     assert_eq!((info.form, info.widening), (precision.form().into(), precision.widening()));
     assert_eq!(info.box_bytes, precision.form().box_bytes() as u64 * boxes.len() as u64);
-    let mut pairs = mask.to_vec();
-    pairs.sort_unstable();
+    let pairs = mask.sorted();
     let (exact, expected) = (oracle::truth(boxes), naive_modes::truth(boxes, &precision));
     let what = format!("{what}, {} boxes, {precision:?}, {}", boxes.len(), info.engine);
     assert_eq!(missed(&pairs, &exact.pairs), [], "{what}");
@@ -76,45 +73,17 @@ fn sessions() -> (TestDaemon, Vec<Session>) {
 fn every_mode_answers_as_it_is_defined_on_every_stress_scene() {
     let (_daemon, mut sessions) = sessions();
     for scene in stress_scenes::ALL {
-        for n in (0..=70).step_by(7).chain([1, 2, 33, 64, 65, 345]) {
+        let sizes = match scene.name() {
+            "empty mixed in" => (0..=70).chain([345]).collect(),
+            _ if tier::is_nightly() => tier::small_sizes(),
+            _ => vec![0, 2, 33, 70, 345],
+        };
+        for n in sizes {
             let boxes = scene.boxes(n, 5);
             for precision in all_modes(&boxes) {
                 for session in &mut sessions {
                     check(session, &boxes, precision, n % 2 == 0, scene.name());
                 }
-            }
-        }
-    }
-}
-
-/// A GPU reads narrow boxes as they lie; small bounds have most boxes outside.
-#[test]
-fn every_mode_answers_as_it_is_defined_on_the_gpu() {
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", "software"]);
-    for engine in [EngineName::GpuBrute, EngineName::GpuGrid] {
-        let sparse = EncodingChoice::Only(Encoding::Sparse);
-        let builder = daemon.session().engine(EngineChoice::Only(engine)).encoding(sparse);
-        let mut session = builder.connect().unwrap();
-        for scene in stress_scenes::ALL {
-            for n in [0, 1, 2, 33, 345] {
-                let boxes = scene.boxes(n, 5);
-                for precision in all_modes(&boxes) {
-                    check(&mut session, &boxes, precision, n % 2 == 0, scene.name());
-                }
-            }
-        }
-    }
-}
-
-#[test]
-fn every_size_up_to_seventy() {
-    let (_daemon, mut sessions) = sessions();
-    for n in 0..=70 {
-        let boxes = stress_scenes::named("empty mixed in").boxes(n, 3);
-        let bounds = Bounds::new([0.0; 3], [60.0; 3]).unwrap();
-        for precision in [Precision::Q16(bounds), Precision::Q8(bounds), Precision::F16] {
-            for session in &mut sessions {
-                check(session, &boxes, precision, false, "empty mixed in");
             }
         }
     }
@@ -147,8 +116,7 @@ fn large_scenes_miss_nothing_and_add_little() {
         let pairs = |session: &mut Session, precision| {
             let mut frame = session.narrow_frame(100_000, precision).unwrap();
             frame.fill(scene.boxes());
-            let mut pairs = frame.submit().unwrap().wait().unwrap().to_vec();
-            pairs.sort_unstable();
+            let pairs = frame.submit().unwrap().wait().unwrap().sorted();
             pairs
         };
         let exact = pairs(&mut sessions[0], Precision::Exact);
@@ -209,9 +177,7 @@ fn extra_pairs_are_no_farther_apart_than_said() {
 #[test]
 fn an_older_daemon_gets_exact_boxes() {
     let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
-    let mut record = daemon.record().unwrap();
-    record.version = Version { minor: 0, ..record.version };
-    daemon.dir().write_record(&InstanceName::default(), &record).unwrap();
+    daemon.pretend_minor(0);
     let mut session = daemon.session().connect().unwrap();
     let boxes = stress_scenes::named("uniform").boxes(345, 1);
     for _ in 0..3 {
@@ -223,23 +189,16 @@ fn an_older_daemon_gets_exact_boxes() {
         let info = mask.info();
         assert_eq!((info.form, info.widening), (BoxForm::F32.into(), Widening::None));
         assert_eq!(info.served_by, ServedBy::Daemon);
-        let mut pairs = mask.to_vec();
-        pairs.sort_unstable();
+        let pairs = mask.sorted();
         assert_eq!(pairs, oracle::truth(&boxes).pairs);
     }
 }
 
 #[test]
 fn a_daemon_that_refuses_a_form_is_not_asked_again() {
-    let dir = tempfile::tempdir().unwrap();
-    let dir = RuntimeDir::at(dir.path());
-    let stop = AtomicBool::new(false);
     let boxes = stress_scenes::named("uniform").boxes(345, 6);
     let precision = Precision::Q8(Bounds::around(&boxes));
-    std::thread::scope(|scope| {
-        scope.spawn(|| refuse_all(&dir, &stop));
-        eventually("it serves", || dir.read_record(&InstanceName::default()));
-        let builder = Session::builder().runtime_dir(dir.clone());
+    beside_refuser(|builder| {
         for backend in [Backend::Auto, Backend::Daemon] {
             let mut session = builder.clone().backend(backend).connect().unwrap();
             let mut frame = session.narrow_frame(boxes.len(), precision).unwrap();
@@ -256,9 +215,7 @@ fn a_daemon_that_refuses_a_form_is_not_asked_again() {
             let next = session.narrow_frame(boxes.len(), precision).unwrap();
             assert_eq!(next.form(), BoxForm::F32, "{backend}");
         }
-        stop.store(true, Ordering::Relaxed);
     });
-    clean_if_abandoned(&dir, &InstanceName::default()).unwrap();
 }
 
 #[test]
@@ -275,8 +232,7 @@ fn a_daemon_that_dies_under_a_narrow_frame_costs_no_pair() {
     let mask = frame.submit().unwrap().wait().unwrap();
     assert_eq!(mask.info().served_by, ServedBy::InProcess);
     assert_eq!(mask.info().form, BoxForm::Q8.into());
-    let mut pairs = mask.to_vec();
-    pairs.sort_unstable();
+    let pairs = mask.sorted();
     assert_eq!(pairs, expected);
 }
 

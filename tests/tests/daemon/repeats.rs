@@ -3,22 +3,20 @@
 use pairmask::{Aabb, Backend, Bounds, PairMask, Precision, ServedBy, Session, Sphere};
 use pairmask_core::{EngineChoice, EngineName};
 use pairmask_tests::daemon::{TestDaemon, eventually};
+use pairmask_tests::frames::{Frames, Sorted};
 use pairmask_tests::spheres::whole_scene;
 use pairmask_tests::{oracle, stress_scenes};
 
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
 
 fn cull(session: &mut Session, boxes: &[Aabb]) -> PairMask {
-    let mut frame = session.frame(boxes.len()).unwrap();
-    frame.write(boxes);
-    frame.submit().unwrap().wait().unwrap()
+    session.answer(boxes)
 }
 
 /// Whether a mask was another frame's; its meter says so, and its pairs are those of the boxes.
 fn is_repeat(mask: &PairMask, boxes: &[Aabb]) -> bool {
     let truth = oracle::truth(boxes);
-    let mut pairs = mask.to_vec();
-    pairs.sort_unstable();
+    let pairs = mask.sorted();
     assert_eq!(pairs, truth.pairs);
     let info = mask.info();
     assert_eq!(info.census, truth.census);
@@ -96,8 +94,7 @@ fn narrow_boxes_and_spheres_are_answered_again_too() {
                 frame.fill(&boxes);
                 let mask = frame.submit().unwrap().wait().unwrap();
                 // The second frame may be another engine's, in another order.
-                let mut pairs = mask.to_vec();
-                pairs.sort_unstable();
+                let pairs = mask.sorted();
                 (mask.info().skipped.is_repeat(), pairs)
             });
             let repeats = masks.each_ref().map(|(repeat, _)| *repeat);

@@ -12,14 +12,14 @@ use pairmask_core::mask::{EncodingChoice, MaskShape};
 use pairmask_core::sphere::SphereAllPairs;
 use pairmask_core::{Aabb, Bounds, BoxCount, Encoding, Precision, Sphere};
 use pairmask_tests::daemon::{PATIENCE, TestDaemon};
-use pairmask_tests::gpu::open;
+use pairmask_tests::gpu::{self, open};
 use pairmask_tests::narrow::NarrowMemory;
 use pairmask_tests::oracle::Pair;
 use pairmask_tests::{naive_decoder, oracle, spheres, stress_scenes};
 use pairmaskd::execute::gpu::{
     AllPairs, AllPairsOptions, Grid as GpuGrid, GridOptions, HostImport,
 };
-use pairmaskd::execute::{Executor, GpuService, Owner};
+use pairmaskd::execute::{Executor, Owner};
 use rayon::ThreadPoolBuilder;
 
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
@@ -306,16 +306,7 @@ fn an_open_encoding_is_one_that_fits() {
     let boxes = same(n);
     let balls = vec![Sphere::new([0.0; 3], 1.0); n];
     let dense = BoxCount::new(n as u32).dense_words();
-    let mut executors = [
-        ("no GPU", Executor::new(None)),
-        (
-            "GPU",
-            Executor::new(Some(
-                GpuService::open(&pairmask_tests::gpu::choice(), std::time::Duration::ZERO)
-                    .unwrap(),
-            )),
-        ),
-    ];
+    let mut executors = [("no GPU", Executor::new(None)), ("GPU", gpu::executor(1))];
     let named = EngineName::ALL.map(EngineChoice::Only);
     for engine in [EngineChoice::Auto].into_iter().chain(named) {
         let is_gpu = matches!(engine, EngineChoice::Only(engine) if engine.is_gpu());

@@ -2,7 +2,6 @@
 //! device is lost between.
 
 use std::sync::Arc;
-use std::time::Duration;
 
 use pairmask_core::dispatch::CullOptions;
 use pairmask_core::engine::{EngineChoice, EngineName};
@@ -10,8 +9,9 @@ use pairmask_core::mask::{EncodingChoice, MaskView};
 use pairmask_core::{Aabb, BoxCount, Encoding, Precision};
 use pairmask_tests::daemon::{TestDaemon, eventually};
 use pairmask_tests::frame_memory::TestFrame;
+use pairmask_tests::frames::{Frames, Sorted};
 use pairmask_tests::{gpu, oracle, stress_scenes};
-use pairmaskd::execute::{BUNDLE_FRAMES, Executor, GpuService, Owner};
+use pairmaskd::execute::{BUNDLE_FRAMES, Executor, Owner};
 
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
 const GRID: EngineChoice = EngineChoice::Only(EngineName::GpuGrid);
@@ -40,12 +40,9 @@ fn small_frames_of_several_clients_do_not_mix() {
                 for turn in 0..ROUNDS * SIZES.len() {
                     let (boxes, expected) =
                         scene(SIZES[(turn + client) % SIZES.len()], turn as u64);
-                    let mut frame = session.frame(boxes.len()).unwrap();
-                    frame.boxes_mut().copy_from_slice(&boxes);
-                    let mask = frame.submit().unwrap().wait().unwrap();
+                    let mask = session.answer(&boxes);
                     assert_eq!(mask.info().engine, EngineName::GpuGrid);
-                    let mut pairs = mask.to_vec();
-                    pairs.sort_unstable();
+                    let pairs = mask.sorted();
                     assert!(pairs == expected, "client {client}: wrong pairs of {}", boxes.len());
                 }
             });
@@ -60,11 +57,6 @@ fn small_frames_of_several_clients_do_not_mix() {
         (audit.frames + audit.skipped == frames).then_some(audit)
     });
     assert_eq!((audit.missed, audit.extra), (0, 0), "{audit:?}");
-}
-
-fn gpu_executor() -> Executor {
-    let gpu = GpuService::open(&gpu::choice(), Duration::ZERO);
-    Executor::new(Some(gpu.expect("a software adapter (lavapipe)")))
 }
 
 fn options() -> CullOptions {
@@ -97,8 +89,7 @@ fn bundle(executor: &mut Executor, is_lost: bool, sizes: &[u32]) -> Vec<EngineNa
         let (answer, memory) = (answer.unwrap(), memory.unwrap());
         let n = BoxCount::new(boxes.len() as u32);
         let mask = MaskView::new(n, &answer.report.shape, memory.reply.words()).unwrap();
-        let mut pairs = mask.to_vec();
-        pairs.sort_unstable();
+        let pairs = mask.sorted();
         assert!(pairs == *expected, "{} boxes by {}", boxes.len(), answer.engine);
         engines.push(answer.engine);
     }
@@ -108,7 +99,7 @@ fn bundle(executor: &mut Executor, is_lost: bool, sizes: &[u32]) -> Vec<EngineNa
 
 #[test]
 fn a_device_that_is_lost_under_a_bundle_costs_no_answer() {
-    let mut executor = gpu_executor();
+    let mut executor = gpu::executor(1);
     let sizes = &SIZES[..BUNDLE_FRAMES];
     let (boxes, _) = scene(sizes[0], 1);
     let planned = executor.plan((&boxes).into(), &options(), u64::MAX);
@@ -124,7 +115,7 @@ fn a_device_that_is_lost_under_a_bundle_costs_no_answer() {
 
 #[test]
 fn frames_without_a_gpu_are_answered_by_a_cpu_engine() {
-    let mut executor = gpu_executor();
+    let mut executor = gpu::executor(1);
     let options = options();
     let (boxes, expected) = scene(345, 1);
     let memory = TestFrame::on_heap(&Precision::Exact, &boxes);
@@ -139,7 +130,6 @@ fn frames_without_a_gpu_are_answered_by_a_cpu_engine() {
     assert!(!answer.engine.is_gpu());
     let n = BoxCount::new(345);
     let mask = MaskView::new(n, &answer.report.shape, memory.reply.words()).unwrap();
-    let mut pairs = mask.to_vec();
-    pairs.sort_unstable();
+    let pairs = mask.sorted();
     assert!(pairs == expected);
 }

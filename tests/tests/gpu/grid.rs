@@ -9,16 +9,16 @@ use pairmask_core::precision::BoxSlice;
 use pairmask_core::{Aabb, Bounds, BoxCount, Encoding, Precision};
 use pairmask_shaders::constants::{BATCH_BOXES, WINDOW_WORDS};
 use pairmask_shaders::mirror::{self, Mirrored};
-use pairmask_tests::conformance::{Suite, check_engine, check_reply};
+use pairmask_tests::conformance::{Suite, check_reply, conform};
 use pairmask_tests::daemon::eventually;
 use pairmask_tests::frame_memory::TestFrame;
 use pairmask_tests::gpu::open;
 use pairmask_tests::narrow::NarrowMemory;
-use pairmask_tests::oracle::{self, pair_set_hash};
-use pairmask_tests::{naive_decoder, stress_scenes};
+use pairmask_tests::{naive_decoder, oracle, stress_scenes};
 use pairmaskd::execute::gpu::{
     Awake, Checks, DEFAULT_HOLD, Grid, GridOptions, HostImport, Upload, grid_layout,
 };
+use pairmaskd::scene::{Scene, SceneName};
 
 fn engine(options: &GridOptions) -> Grid {
     Grid::new(&open(HostImport::IfPossible), options).unwrap_or_else(|error| panic!("{error}"))
@@ -29,10 +29,7 @@ const LISTED: [Encoding; 2] = [Encoding::Sparse, Encoding::List];
 
 fn run(engine: &mut Grid, suite: Suite) {
     let suite = Suite { encodings: LISTED.into(), ..suite };
-    match check_engine(engine, &suite) {
-        Ok(frames) => assert!(frames > 0, "the suite ran nothing"),
-        Err(failure) => panic!("{failure}"),
-    }
+    conform(engine, &suite);
 }
 
 fn cull<'a>(
@@ -103,30 +100,19 @@ fn conforms_around_batch_borders() {
     run(&mut engine(&GridOptions::default()), suite);
 }
 
+/// Checked stages, memory that held something else, boxes in mapped video memory.
 #[test]
-fn conforms_with_checked_stages() {
-    let sizes = vec![2, 31, 33, 70, 345, 1234];
-    let checked = GridOptions { checks: Checks::On, ..GridOptions::default() };
-    run(&mut engine(&checked), Suite { sizes, ..Suite::default() });
-}
-
-#[test]
-fn what_lay_in_memory_before_does_not_show() {
-    for word in [0xa5a5_a5a5, u32::MAX, 1] {
-        let sizes = (0..70).step_by(9).chain([345, 1000]).collect();
-        let poisoned = GridOptions { poison: Some(word), ..GridOptions::default() };
-        run(&mut engine(&poisoned), Suite { sizes, ..Suite::default() });
+fn conforms_in_every_form_of_its_frames() {
+    let poisoned = |word| GridOptions { poison: Some(word), ..GridOptions::default() };
+    let mapped = GridOptions { upload: Some(Upload::MappedVideo), ..GridOptions::default() };
+    for (options, sizes) in [
+        (GridOptions { checks: Checks::On, ..GridOptions::default() }, vec![2, 31, 33, 70, 1234]),
+        (poisoned(0xa5a5_a5a5), (0..70).step_by(9).chain([1000]).collect()),
+        (poisoned(u32::MAX), vec![33, 345]),
+        (mapped, vec![33, 700]),
+    ] {
+        run(&mut engine(&options), Suite { sizes, ..Suite::default() });
     }
-}
-
-#[test]
-fn conforms_with_boxes_in_mapped_video_memory() {
-    let upload = Some(Upload::MappedVideo);
-    let sizes = vec![33, 700];
-    run(
-        &mut engine(&GridOptions { upload, ..Default::default() }),
-        Suite { sizes, ..Suite::default() },
-    );
 }
 
 #[test]
@@ -134,7 +120,8 @@ fn every_scene_has_the_bytes_of_the_mirror() {
     for checks in [Checks::Off, Checks::On] {
         let mut engine = engine(&GridOptions { checks, ..GridOptions::default() });
         for scene in stress_scenes::ALL {
-            for n in [2, 33, 345, 1234] {
+            // Frames of other sizes before leave nothing.
+            for n in [1234, 2, 345, 33] {
                 check_bytes(&mut engine, &scene.boxes(n, 21), &format!("{scene:?}, {n} boxes"));
             }
         }
@@ -189,33 +176,13 @@ fn large_scenes_have_the_pairs_of_the_cpu_grid() {
     }
 }
 
-/// Long boxes along each axis, which no cubic cell suits.
-fn rods(n: u32) -> Vec<Aabb> {
-    let mut rng = stress_scenes::Rng::new(8);
-    (0..n)
-        .map(|i| {
-            let min = rng.point().map(|x| 100.0 * x);
-            let mut size = [0.2f32; 3];
-            size[i as usize % 3] = 60.0;
-            Aabb { min, max: std::array::from_fn(|axis| min[axis] + size[axis]) }
-        })
-        .collect()
-}
-
-/// Small boxes, one in a hundred of which is as large as the scene.
-fn giants(n: u32) -> Vec<Aabb> {
-    let mut boxes = stress_scenes::named("uniform").boxes(n, 4);
-    for b in boxes.iter_mut().step_by(100) {
-        *b = Aabb { min: [-1e30; 3], max: [f32::INFINITY; 3] };
-    }
-    boxes
-}
-
 #[test]
 fn worst_cases_are_slower_and_not_wrong() {
     let mut engine = engine(&GridOptions::default());
-    let one_cell = vec![Aabb { min: [0.0; 3], max: [1.0; 3] }; 2500];
-    for (name, boxes) in [("rods", rods(4000)), ("giants", giants(4000)), ("one cell", one_cell)] {
+    for (name, n) in
+        [(SceneName::Rods, 4000), (SceneName::Giants, 4000), (SceneName::OneCell, 2500)]
+    {
+        let boxes = Scene::new(name, n, 4).boxes().to_vec();
         let truth = oracle::truth(&boxes);
         for encoding in LISTED {
             let (report, reply) = cull(&mut engine, &boxes, encoding);
@@ -297,16 +264,6 @@ fn a_list_beyond_a_binding_is_left_to_all_pairs() {
     let report = frame(most).expect("a list");
     assert_eq!(report.pair_count, pairs(most));
     assert_eq!(report.shape, MaskShape::list(report.pair_count));
-}
-
-#[test]
-fn a_frame_does_not_depend_on_the_frames_before_it() {
-    let mut engine = engine(&GridOptions::default());
-    for n in [1234, 3, 345, 64, 1234, 345] {
-        for scene in stress_scenes::ALL {
-            check_bytes(&mut engine, &scene.boxes(n, 9), &format!("{scene:?}, {n} boxes"));
-        }
-    }
 }
 
 /// Frame after frame without a pause, each with other levels: what a frame left in the device's
@@ -395,22 +352,4 @@ fn a_lost_device_is_not_kept_awake_and_let_go() {
     drop(awake);
     // Its thread stays, without the device.
     eventually("nobody else has it", || (Arc::strong_count(&gpu) == 1).then_some(()));
-}
-
-#[test]
-fn pair_sets_have_the_golden_hashes_of_the_cpu_engines() {
-    let mut engine = engine(&GridOptions::default());
-    for (name, n, golden) in [
-        ("uniform", 1234, 0x8027_e2a9_f50c_a5bf_u64),
-        ("clustered", 345, 0x3ba3_86e6_9d94_3338),
-        ("infinite", 345, 0xd9cb_dfd5_5986_0507),
-    ] {
-        let boxes = stress_scenes::named(name).boxes(n, 42);
-        for encoding in LISTED {
-            let (report, reply) = cull(&mut engine, &boxes, encoding);
-            let pairs = naive_decoder::decode(reply.words(), &report.shape, n);
-            let pairs = pairs.expect("a good mask");
-            assert_eq!(pair_set_hash(&pairs), golden, "{name}, {encoding}");
-        }
-    }
 }

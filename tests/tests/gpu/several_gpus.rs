@@ -4,15 +4,16 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-use pairmask_core::dispatch::{CpuEngines, CullAnswer, CullOptions};
+use pairmask_core::dispatch::{CpuEngines, CullOptions};
 use pairmask_core::engine::{EngineChoice, EngineName, HeapReply};
-use pairmask_core::mask::{EncodingChoice, MaskView};
+use pairmask_core::mask::EncodingChoice;
 use pairmask_core::precision::BoxSlice;
-use pairmask_core::{Aabb, BoxCount, Encoding, Precision};
+use pairmask_core::{Aabb, Encoding, Precision};
 use pairmask_tests::daemon::TestDaemon;
 use pairmask_tests::frame_memory::TestFrame;
-use pairmask_tests::{gpu, oracle, stress_scenes};
-use pairmaskd::execute::{CullUnderWay, Executor, GpuService, Owner};
+use pairmask_tests::gpu::{self, executor, pairs_of};
+use pairmask_tests::{oracle, stress_scenes};
+use pairmaskd::execute::{CullUnderWay, Executor, Owner};
 
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
 
@@ -20,21 +21,6 @@ const GRID: EngineChoice = EngineChoice::Only(EngineName::GpuGrid);
 
 /// Held by each test: devices of a software adapter that start side by side keep each other waiting.
 static ALONE: Mutex<()> = Mutex::new(());
-
-/// An executor with so many devices of the GPUs of the tests.
-fn executor(gpus: usize) -> Executor {
-    let open = |place| {
-        GpuService::open(&gpu::choice_at(place), Duration::ZERO).expect("an adapter (lavapipe)")
-    };
-    Executor::new((0..gpus).map(open).collect::<Vec<_>>())
-}
-
-fn pairs_of(n: usize, answer: &CullAnswer, words: &[u32]) -> Vec<(u32, u32)> {
-    let n = BoxCount::new(n as u32);
-    let mut pairs = MaskView::new(n, &answer.report.shape, words).expect("a mask").to_vec();
-    pairs.sort_unstable();
-    pairs
-}
 
 /// The pairs of many boxes, by an engine that other tests hold to the oracle.
 fn pairs_by_cpu(boxes: &[Aabb]) -> Vec<(u32, u32)> {

@@ -23,10 +23,10 @@ use pairmask_tests::gpu::{self, open};
 use pairmask_tests::spheres::{
     check_mask, cull, hard_pairs, hard_scene, plain_scene, truth, whole_scene,
 };
+use pairmaskd::execute::Owner;
 use pairmaskd::execute::gpu::{
     AllPairs, AllPairsOptions, Checks, Grid, GridOptions, HostImport, Tuning, grid_layout,
 };
-use pairmaskd::execute::{Executor, GpuService, Owner};
 
 /// Most spheres that the daemon gives to a software adapter.
 const SOFTWARE_SPHERES: usize = 16;
@@ -226,8 +226,7 @@ fn a_software_adapter_gets_what_it_decides() {
 
 #[test]
 fn spheres_are_answered_while_the_device_is_lost_and_after() {
-    let mut executor =
-        Executor::new(Some(GpuService::open(&gpu::choice(), Duration::ZERO).unwrap()));
+    let mut executor = gpu::executor(1);
     let spheres = hard_scene(SOFTWARE_SPHERES, 8);
     let truth = truth(&spheres);
     let options = CullOptions {

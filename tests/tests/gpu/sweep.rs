@@ -3,7 +3,7 @@
 use pairmask_core::engine::{CullInput, Engine, Grid as CpuGrid, HeapReply};
 use pairmask_core::{Aabb, Encoding};
 use pairmask_lab::study::sweep::{GpuSweep, SweepError, SweepScene};
-use pairmask_tests::conformance::{Suite, check_engine};
+use pairmask_tests::conformance::{Suite, conform};
 use pairmask_tests::gpu::open;
 use pairmask_tests::stress_scenes;
 use pairmaskd::execute::gpu::{Checks, HostImport};
@@ -16,10 +16,7 @@ fn run(sweep: &mut GpuSweep, suite: Suite) {
     // It does not read the threads or their flags.
     let flags = Suite::default().flags.into_iter().take(1).collect();
     let suite = Suite { encodings: vec![Encoding::List], flags, ..suite };
-    match check_engine(sweep, &suite) {
-        Ok(frames) => assert!(frames > 0, "the suite ran nothing"),
-        Err(failure) => panic!("{failure}"),
-    }
+    conform(sweep, &suite);
 }
 
 /// The pairs by the cores' grid, in order.

@@ -16,6 +16,7 @@ use pairmask_core::engine::AvailableIsa;
 use pairmask_core::mask::{Encoding, EncodingChoice};
 use pairmask_core::{Bounds, EngineChoice, EngineName, Precision, Sphere};
 use pairmask_tests::daemon::eventually;
+use pairmask_tests::frames::Frames;
 use pairmask_tests::spheres::whole_scene;
 use pairmask_tests::stress_scenes;
 use pairmask_transport::{
@@ -94,9 +95,7 @@ fn frames(session: &mut Session, scenes: &[Vec<pairmask_core::Aabb>], count: usi
     let mut pairs = 0;
     for i in 0..count {
         let boxes = &scenes[i % scenes.len()];
-        let mut frame = session.frame(boxes.len()).unwrap();
-        frame.boxes_mut().copy_from_slice(boxes);
-        let mask = frame.submit().unwrap().wait().unwrap();
+        let mask = session.answer(boxes);
         mask.pairs().for_each(|(a, b)| pairs += u64::from(a < b));
     }
     pairs
