@@ -5,7 +5,6 @@ use std::time::Duration;
 use crate::obvhs::{self, Obvhs};
 use crate::ours::Ours;
 use crate::parry::{Parry, Upkeep};
-use crate::rstar::Rstar;
 use pairmask::{Backend, ConnectError, Session};
 use pairmask_core::{Aabb, BoxCount, EngineChoice};
 use pairmask_tests::peers::contender::Contender;
@@ -84,6 +83,5 @@ fn peer(name: PeerName, boxes: &[Aabb], threads: usize) -> Box<dyn Contender> {
         PeerName::Rapier => Box::new(Rapier::new(boxes.len())),
         PeerName::ObvhsRefit => Box::new(Obvhs::new(boxes, obvhs::Upkeep::Refit, threads)),
         PeerName::ObvhsRebuild => Box::new(Obvhs::new(boxes, obvhs::Upkeep::Rebuild, threads)),
-        PeerName::Rstar => Box::new(Rstar::new(threads)),
     }
 }

@@ -6,7 +6,6 @@ mod obvhs;
 mod options;
 mod ours;
 mod parry;
-mod rstar;
 
 use std::error::Error;
 use std::io::{Write as _, stdout};

@@ -22,8 +22,6 @@ pub enum PeerName {
     ObvhsRefit,
     /// obvhs's tree, built anew each frame (PLOC)
     ObvhsRebuild,
-    /// rstar's tree, bulk-loaded each frame
-    Rstar,
 }
 
 impl fmt::Display for PeerName {
@@ -188,8 +186,8 @@ pub(super) mod tests {
             line(ours("in-process"), 2, 40, None),
             line(Who::Peer(PeerName::ParryRefit), 1, 100, None),
             line(Who::Peer(PeerName::ParryRefit), 2, 80, None),
-            line(Who::Peer(PeerName::Rstar), 1, 400, None),
-            line(Who::Peer(PeerName::Rstar), 2, 500, None),
+            line(Who::Peer(PeerName::ObvhsRefit), 1, 400, None),
+            line(Who::Peer(PeerName::ObvhsRefit), 2, 500, None),
             line(Who::Peer(PeerName::Rapier), 1, 10, Some("a pair is missing")),
         ];
         Comparison { scene: SceneName::Pile, n: 1_000, pairs: 7_000, lines }
@@ -206,15 +204,15 @@ pub(super) mod tests {
                 (r.backend, r.peer, r.theirs.threads, r.ratios()[0], r.is_best_peer, equal)
             })
             .collect();
-        let (refit, rstar, rapier) = (PeerName::ParryRefit, PeerName::Rstar, PeerName::Rapier);
+        let (refit, obvhs, rapier) = (PeerName::ParryRefit, PeerName::ObvhsRefit, PeerName::Rapier);
         assert_eq!(
             seen,
             [
                 ("daemon", refit, 1, 0.6, true, true),
-                ("daemon", rstar, 1, 0.15, false, true),
+                ("daemon", obvhs, 1, 0.15, false, true),
                 ("daemon", rapier, 1, 6.0, false, false),
                 ("in-process", refit, 2, 0.5, true, true),
-                ("in-process", rstar, 1, 0.1, false, true),
+                ("in-process", obvhs, 1, 0.1, false, true),
                 ("in-process", rapier, 1, 4.0, false, false),
             ]
         );

@@ -144,11 +144,7 @@ pub trait BareScene {
     /// The pairs are lost.
     fn lose(&mut self);
     /// Boxes.
-    fn len(&self) -> usize;
-    /// Whether there are none.
-    fn is_empty(&self) -> bool {
-        self.len() == 0
-    }
+    fn box_count(&self) -> usize;
     /// The pairs [query, index].
     ///
     /// # Errors
@@ -168,8 +164,8 @@ macro_rules! bare_scene {
             fn lose(&mut self) {
                 <$scene>::lose(self);
             }
-            fn len(&self) -> usize {
-                <$scene>::len(self)
+            fn box_count(&self) -> usize {
+                self.len()
             }
             fn query(
                 &mut self,
@@ -249,7 +245,7 @@ impl<S: BareScene> Subject for Bare<S> {
     }
 
     fn box_count(&self) -> Option<usize> {
-        Some(self.scene.len())
+        Some(self.scene.box_count())
     }
 }
 

@@ -7,7 +7,6 @@ use pairmask_core::engine::{CullError, CullInput, Engine, EngineName, HeapReply,
 use pairmask_core::mask::MaskShape;
 use pairmask_core::plan::Term;
 use pairmask_core::{BoxForm, Encoding, Precision};
-use pairmask_tests::conformance::{Suite, check_engine};
 use pairmask_tests::narrow::NarrowMemory;
 use pairmask_tests::stress_scenes;
 use pairmask_wire::VERSION_MINOR;
@@ -42,6 +41,7 @@ fn every_cpu_engine_is_made_and_has_terms_of_its_own() {
     let names: BTreeSet<_> = Term::ALL.map(Term::as_str).into();
     assert_eq!(names.len(), Term::ALL.len());
     for engine in EngineName::ALL {
+        assert!(!engine.descriptor().encodings.is_empty(), "{engine}");
         let terms = Term::ALL.into_iter().filter(|term| term.owner() == Some(engine)).count();
         assert_eq!(terms == 0, engine.is_gpu(), "{engine}");
         for isa in Isa::ALL {
@@ -49,17 +49,6 @@ fn every_cpu_engine_is_made_and_has_terms_of_its_own() {
             let expected = (isa.is_available() && !engine.is_gpu()).then_some(engine);
             assert_eq!(made, expected, "{engine}, {isa}");
         }
-    }
-}
-
-#[test]
-fn every_cpu_engine_answers_right_in_its_encodings() {
-    for mut engine in engines() {
-        let encodings = engine.name().descriptor().encodings.to_vec();
-        assert!(!encodings.is_empty(), "{}", engine.name());
-        let suite = Suite { sizes: vec![0, 1, 2, 33, 345], encodings, ..Suite::default() };
-        let frames = check_engine(engine.as_mut(), &suite).unwrap_or_else(|what| panic!("{what}"));
-        assert!(frames > 100, "{frames}");
     }
 }
 

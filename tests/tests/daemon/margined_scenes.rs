@@ -484,28 +484,20 @@ fn flags_of_the_calling_thread_change_neither_pairs_nor_what_is_sent() {
                 (b.min[0], b.max[0]) = (b.min[0] + by, b.max[0] + by);
             }
         }
+        // The margin is the same number whatever the flags.
+        let margin = margin(0.02 * extent);
         let run = || {
             let mut scene =
                 in_process().margined_scene(SceneOptions::default(), MarginedPairs::Exact);
             for (boxes, pairs) in &frames {
-                assert_eq!(pairs_of(&mut scene, boxes, margin(0.02 * extent)), *pairs, "{extent}");
+                assert_eq!(pairs_of(&mut scene, boxes, margin), *pairs, "{extent}");
             }
             scene.stats()
         };
         let plain = run();
         assert!(plain.sent < plain.set, "{extent}: {plain:?}");
-        // The margin is the same number whatever the flags.
         for flags in flags.clone() {
-            let margin = margin(0.02 * extent);
-            let stats = flags.run(|| {
-                let mut scene =
-                    in_process().margined_scene(SceneOptions::default(), MarginedPairs::Exact);
-                for (boxes, pairs) in &frames {
-                    assert_eq!(pairs_of(&mut scene, boxes, margin), *pairs, "{extent}, {flags}");
-                }
-                scene.stats()
-            });
-            assert_eq!(stats, plain, "{extent}, {flags}");
+            assert_eq!(flags.run(run), plain, "{extent}, {flags}");
         }
     }
 }

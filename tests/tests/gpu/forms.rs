@@ -245,46 +245,14 @@ fn every_pattern_becomes_the_keys_of_the_box_that_stands_for_it() {
             for n in [1, 2, 3, 255, 256, 257, 1023, patterns.len()] {
                 let memory = NarrowMemory::of_bits(form, &patterns[patterns.len() - n..]);
                 let expected = Seen::expected(memory.boxes());
+                let nothing = expected.keys.iter().filter(|keys| **keys == KeyBox::NOTHING).count();
+                assert!(n < 40_000 || nothing > 10 && n - nothing > 1000 && expected.empty > 0);
                 for seen in [bench.keys(memory.boxes()), bench.cells(memory.boxes())] {
                     let wrong = seen.first_difference(&expected);
                     let pattern = wrong.and_then(|i| patterns[patterns.len() - n..].get(i));
                     assert_eq!(wrong, None, "{form}, {n} boxes: {pattern:x?}");
                 }
             }
-        }
-    }
-}
-
-#[test]
-fn the_patterns_have_every_class() {
-    for form in BoxForm::ALL {
-        let memory = NarrowMemory::of_bits(form, &patterns(form));
-        let seen = Seen::expected(memory.boxes());
-        let invalid = seen.invalid.iter().filter(|bit| **bit).count();
-        let solid = seen.keys.iter().filter(|keys| **keys != KeyBox::NOTHING).count();
-        assert!(invalid > 0 && seen.empty > 0 && solid > 1000, "{form}: {invalid} {solid}");
-    }
-}
-
-#[test]
-fn the_comparator_of_patterns_notices_one_bit() {
-    let mut bench = Bench::new(Checks::Off);
-    for form in BoxForm::ALL {
-        let (least, largest, _) = special(form);
-        let middle = if form == BoxForm::F32 { 0x3f80_0000 } else { 0x3c };
-        let boxes = vec![[least, middle, least, largest, largest, middle]; 301];
-        let mut memory = NarrowMemory::of_bits(form, &boxes);
-        for seen in [bench.keys(memory.boxes()), bench.cells(memory.boxes())] {
-            for (index, place) in [(0, 1), (299, 1), (300, 5)] {
-                let width = form.box_bytes() / 6;
-                let byte = (6 * index + place) * width;
-                memory.bytes_mut()[byte] ^= 1;
-                let other = Seen::expected(memory.boxes());
-                assert_eq!(seen.first_difference(&other), Some(index), "{form}");
-                memory.bytes_mut()[byte] ^= 1;
-            }
-            let counted = Seen { empty: 1, ..seen.clone() };
-            assert_eq!(counted.first_difference(&seen), Some(301), "{form}");
         }
     }
 }
@@ -364,25 +332,17 @@ fn both_engines_answer_every_form_of_every_scene() {
 
 #[test]
 #[ignore = "slow: the nightly tier runs it"]
-fn both_engines_answer_every_form_of_odd_large_scenes() {
-    let sizes = [511, 513, 1233, 4097];
-    check_forms(&mut all_pairs(AllPairsOptions::default()), &Encoding::ALL, &FEW, &sizes);
-    // More in one place is more than a software adapter gets through (`gpu_crowds`).
-    let sizes = [511, 513, 1233, 3801];
-    check_forms(&mut grid(&GridOptions::default()), &LISTED, &FEW, &sizes);
-}
-
-#[test]
-#[ignore = "slow: the nightly tier runs it"]
-fn checked_stages_and_every_way_up_answer_the_same() {
-    let sizes = [33, 345, 701];
+fn odd_large_scenes_checked_stages_and_every_way_up_answer_the_same() {
+    let (large, small) = ([511, 513, 1233, 3801], [33, 345, 701]);
+    check_forms(&mut all_pairs(AllPairsOptions::default()), &Encoding::ALL, &FEW, &large);
+    check_forms(&mut grid(&GridOptions::default()), &LISTED, &FEW, &large);
     for upload in [Upload::KernelReads, Upload::DmaCopy, Upload::MappedVideo] {
         for checks in [Checks::Off, Checks::On] {
             let upload = Some(upload);
             let options = AllPairsOptions { checks, upload, ..AllPairsOptions::default() };
-            check_forms(&mut all_pairs(options), &Encoding::ALL, &FEW, &sizes);
+            check_forms(&mut all_pairs(options), &Encoding::ALL, &FEW, &small);
             let options = GridOptions { checks, upload, ..GridOptions::default() };
-            check_forms(&mut grid(&options), &LISTED, &FEW, &sizes);
+            check_forms(&mut grid(&options), &LISTED, &FEW, &small);
         }
     }
 }

@@ -61,37 +61,6 @@ fn check_ranges(rules: &Rules, marks: &Marks, ranges: &[WorldRange], list: &[[u3
     assert!(ranges.is_empty() || next == list.len());
 }
 
-#[test]
-fn frames_have_the_pairs_that_rules_let_meet() {
-    let mut grid = grid();
-    let mut marked = 0;
-    for n in [2, 31, 32, 33, 70, 257, 1_235, 5_001] {
-        for (kind, seed) in KINDS.into_iter().zip(0..) {
-            let frame = FilteredFrame::drawn(n, kind, seed + n as u64);
-            let marks = Marks::of(&frame.rules, n, 1).filter(|marks| takes_worlds(marks, n));
-            let Some(marks) = marks.map(Arc::new) else { continue };
-            for encoding in ENCODINGS {
-                let Answer { pairs, list, ranges } =
-                    found(&mut grid, &frame.boxes, &marks, encoding);
-                if encoding == Encoding::List {
-                    check_ranges(&frame.rules, &marks, &ranges, &list);
-                } else {
-                    assert!(ranges.is_empty());
-                }
-                if marks.has_lists() {
-                    // The rules are laid over those that are left.
-                    let left = pairs.iter().filter(|(a, b)| frame.rules.meet(*a, *b));
-                    assert!(left.eq(&frame.pairs), "{n} boxes, {kind:?}, {encoding}");
-                } else {
-                    assert_eq!(pairs, frame.pairs, "{n} boxes, {kind:?}, {encoding}");
-                }
-                marked += 1;
-            }
-        }
-    }
-    assert!(marked > 60, "{marked} frames");
-}
-
 /// Giants, empties, crowds, infinities, folded levels: each world has its own.
 #[test]
 fn scenes_of_every_kind_in_several_worlds() {
