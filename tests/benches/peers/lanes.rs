@@ -2,7 +2,6 @@
 
 use std::time::Duration;
 
-use crate::obvhs::{self, Obvhs};
 use crate::ours::Ours;
 use crate::parry::{Parry, Upkeep};
 use pairmask::{Backend, ConnectError, Session};
@@ -81,7 +80,5 @@ fn peer(name: PeerName, boxes: &[Aabb], threads: usize) -> Box<dyn Contender> {
         PeerName::ParryOptimize => Box::new(Parry::new(boxes, Upkeep::OptimizeRefit, threads)),
         PeerName::ParryRebuild => Box::new(Parry::new(boxes, Upkeep::Rebuild, threads)),
         PeerName::Rapier => Box::new(Rapier::new(boxes.len())),
-        PeerName::ObvhsRefit => Box::new(Obvhs::new(boxes, obvhs::Upkeep::Refit, threads)),
-        PeerName::ObvhsRebuild => Box::new(Obvhs::new(boxes, obvhs::Upkeep::Rebuild, threads)),
     }
 }

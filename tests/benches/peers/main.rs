@@ -2,7 +2,6 @@
 
 mod lanes;
 mod measure;
-mod obvhs;
 mod options;
 mod ours;
 mod parry;

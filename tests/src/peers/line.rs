@@ -18,10 +18,6 @@ pub enum PeerName {
     ParryRebuild,
     /// rapier3d's broad phase
     Rapier,
-    /// obvhs's tree, refitted each frame
-    ObvhsRefit,
-    /// obvhs's tree, built anew each frame (PLOC)
-    ObvhsRebuild,
 }
 
 impl fmt::Display for PeerName {
@@ -186,8 +182,8 @@ pub(super) mod tests {
             line(ours("in-process"), 2, 40, None),
             line(Who::Peer(PeerName::ParryRefit), 1, 100, None),
             line(Who::Peer(PeerName::ParryRefit), 2, 80, None),
-            line(Who::Peer(PeerName::ObvhsRefit), 1, 400, None),
-            line(Who::Peer(PeerName::ObvhsRefit), 2, 500, None),
+            line(Who::Peer(PeerName::ParryRebuild), 1, 400, None),
+            line(Who::Peer(PeerName::ParryRebuild), 2, 500, None),
             line(Who::Peer(PeerName::Rapier), 1, 10, Some("a pair is missing")),
         ];
         Comparison { scene: SceneName::Pile, n: 1_000, pairs: 7_000, lines }
@@ -204,15 +200,16 @@ pub(super) mod tests {
                 (r.backend, r.peer, r.theirs.threads, r.ratios()[0], r.is_best_peer, equal)
             })
             .collect();
-        let (refit, obvhs, rapier) = (PeerName::ParryRefit, PeerName::ObvhsRefit, PeerName::Rapier);
+        let (refit, rebuild, rapier) =
+            (PeerName::ParryRefit, PeerName::ParryRebuild, PeerName::Rapier);
         assert_eq!(
             seen,
             [
                 ("daemon", refit, 1, 0.6, true, true),
-                ("daemon", obvhs, 1, 0.15, false, true),
+                ("daemon", rebuild, 1, 0.15, false, true),
                 ("daemon", rapier, 1, 6.0, false, false),
                 ("in-process", refit, 2, 0.5, true, true),
-                ("in-process", obvhs, 1, 0.1, false, true),
+                ("in-process", rebuild, 1, 0.1, false, true),
                 ("in-process", rapier, 1, 4.0, false, false),
             ]
         );

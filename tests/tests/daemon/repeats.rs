@@ -1,6 +1,8 @@
 //! Whole frames that are equal to the last one: answered without an engine, and no other frame is.
 
-use pairmask::{Aabb, Backend, Bounds, PairMask, Precision, ServedBy, Session, Sphere};
+use pairmask::{
+    Aabb, Backend, Bounds, PairMask, PendingFrame, Precision, ServedBy, Session, Sphere,
+};
 use pairmask_core::{EngineChoice, EngineName};
 use pairmask_tests::daemon::{TestDaemon, eventually};
 use pairmask_tests::frames::{Frames, Sorted};
@@ -8,10 +10,6 @@ use pairmask_tests::spheres::whole_scene;
 use pairmask_tests::{oracle, stress_scenes};
 
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
-
-fn cull(session: &mut Session, boxes: &[Aabb]) -> PairMask {
-    session.answer(boxes)
-}
 
 /// Whether a mask was another frame's; its meter says so, and its pairs are those of the boxes.
 fn is_repeat(mask: &PairMask, boxes: &[Aabb]) -> bool {
@@ -47,7 +45,7 @@ fn equal_frames_are_not_culled_and_one_changed_box_is_found_at_once() {
             boxes[n / 2] = Aabb::EMPTY;
             let mut repeats = Vec::new();
             for _ in 0..5 {
-                let mask = cull(&mut session, &boxes);
+                let mask = session.answer(&boxes);
                 assert_eq!(mask.info().served_by, served_by);
                 repeats.push(is_repeat(&mask, &boxes));
             }
@@ -55,10 +53,10 @@ fn equal_frames_are_not_culled_and_one_changed_box_is_found_at_once() {
             // Every box in turn: most are in no sample.
             for i in (0..n).step_by(n / 20) {
                 boxes[i] = boxes[(i + 1) % n];
-                let mask = cull(&mut session, &boxes);
+                let mask = session.answer(&boxes);
                 assert!(!is_repeat(&mask, &boxes), "{served_by:?} {n} {i}");
                 for _ in 0..4 {
-                    is_repeat(&cull(&mut session, &boxes), &boxes);
+                    is_repeat(&session.answer(&boxes), &boxes);
                 }
             }
         }
@@ -74,7 +72,7 @@ fn a_named_engine_and_a_session_that_asks_for_it_cull_every_frame() {
         for builder in [named, builder.answer_repeats(false)] {
             let mut session = builder.connect().unwrap();
             for _ in 0..6 {
-                assert!(!is_repeat(&cull(&mut session, &boxes), &boxes), "{served_by:?}");
+                assert!(!is_repeat(&session.answer(&boxes), &boxes), "{served_by:?}");
             }
         }
     }
@@ -86,29 +84,35 @@ fn narrow_boxes_and_spheres_are_answered_again_too() {
     let boxes = stress_scenes::named("uniform").boxes(300, 5);
     let spheres: Vec<Sphere> = whole_scene(300, 25, 6).0;
     let bounds = Bounds::new([0.0; 3], [100.0; 3]).unwrap();
+    type Submit<'s> = &'s dyn Fn(&mut Session) -> PendingFrame;
+    let narrow = |precision| {
+        let boxes = &boxes;
+        move |session: &mut Session| {
+            let mut frame = session.narrow_frame(boxes.len(), precision).unwrap();
+            frame.fill(boxes);
+            frame.submit().unwrap()
+        }
+    };
+    let [q16, q8, f16] =
+        [Precision::Q16(bounds), Precision::Q8(bounds), Precision::F16].map(narrow);
+    let of_spheres = |session: &mut Session| {
+        let mut frame = session.sphere_frame(spheres.len()).unwrap();
+        frame.spheres_mut().copy_from_slice(&spheres);
+        frame.submit().unwrap()
+    };
+    let ways: [Submit<'_>; 4] = [&q16, &q8, &f16, &of_spheres];
     for (served_by, builder) in backends(&daemon) {
         let mut session = builder.connect().unwrap();
-        for precision in [Precision::Q16(bounds), Precision::Q8(bounds), Precision::F16] {
+        for (way, submit) in ways.iter().enumerate() {
             let masks = [(); 4].map(|()| {
-                let mut frame = session.narrow_frame(boxes.len(), precision).unwrap();
-                frame.fill(&boxes);
-                let mask = frame.submit().unwrap().wait().unwrap();
+                let mask = submit(&mut session).wait().unwrap();
                 // The second frame may be another engine's, in another order.
-                let pairs = mask.sorted();
-                (mask.info().skipped.is_repeat(), pairs)
+                (mask.info().skipped.is_repeat(), mask.sorted())
             });
             let repeats = masks.each_ref().map(|(repeat, _)| *repeat);
-            assert_eq!(repeats, [false, false, true, true], "{served_by:?} {precision:?}");
+            assert_eq!(repeats, [false, false, true, true], "{served_by:?} {way}");
             assert!(masks.iter().all(|(_, pairs)| *pairs == masks[0].1));
         }
-        let masks = [(); 4].map(|()| {
-            let mut frame = session.sphere_frame(spheres.len()).unwrap();
-            frame.spheres_mut().copy_from_slice(&spheres);
-            let mask = frame.submit().unwrap().wait().unwrap();
-            (mask.info().skipped.is_repeat(), mask.to_vec())
-        });
-        assert_eq!(masks.each_ref().map(|m| m.0), [false, false, true, true], "{served_by:?}");
-        assert!(masks.iter().all(|(_, pairs)| *pairs == masks[0].1));
     }
 }
 
@@ -119,12 +123,12 @@ fn another_sessions_frame_is_never_answered_again() {
     let mut sessions = [(); 2].map(|()| daemon.session().connect().unwrap());
     for round in 0..5 {
         for (session, boxes) in sessions.iter_mut().zip(&scenes) {
-            assert_eq!(is_repeat(&cull(session, boxes), boxes), round >= 2);
+            assert_eq!(is_repeat(&session.answer(boxes), boxes), round >= 2);
         }
     }
     // A session that comes later begins anew, also with boxes that were seen.
     let mut third = daemon.session().connect().unwrap();
-    assert!(!is_repeat(&cull(&mut third, &scenes[0]), &scenes[0]));
+    assert!(!is_repeat(&third.answer(&scenes[0]), &scenes[0]));
 }
 
 #[test]
@@ -154,7 +158,7 @@ fn the_auditor_checks_them() {
     let mut session = daemon.session().connect().unwrap();
     let mut repeats = 0;
     for _ in 0..10 {
-        repeats += u64::from(is_repeat(&cull(&mut session, &boxes), &boxes));
+        repeats += u64::from(is_repeat(&session.answer(&boxes), &boxes));
         std::thread::sleep(std::time::Duration::from_millis(20));
     }
     assert_eq!(repeats, 8);
@@ -164,7 +168,7 @@ fn the_auditor_checks_them() {
     });
     // Two windows are in circulation: the third frame that is checked is a repeat.
     let audit = eventually("repeats are checked", || {
-        is_repeat(&cull(&mut session, &boxes), &boxes);
+        is_repeat(&session.answer(&boxes), &boxes);
         let audit = session.daemon_status().unwrap().audit;
         (audit.frames > 2).then_some(audit)
     });

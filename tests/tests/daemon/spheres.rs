@@ -11,7 +11,7 @@ use pairmask_tests::daemon::TestDaemon;
 use pairmask_tests::frames::{Frames, Sorted};
 use pairmask_tests::refuser::beside_refuser;
 use pairmask_tests::spheres::{check_mask, cull, hard_scene, truth, whole_scene};
-use pairmask_tests::{oracle, stress_scenes};
+use pairmask_tests::{oracle, stress_scenes, tier};
 use pairmask_wire::{ReplyError, StatusCode};
 
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
@@ -73,39 +73,21 @@ fn daemon() -> TestDaemon {
     TestDaemon::start(DAEMON, &["--gpu", "none", "--max-clients", "32"])
 }
 
+/// Every size, scenes that aim at borders, and large ones that touch.
 #[test]
-fn every_size_by_every_backend_engine_and_encoding() {
+fn scenes_by_every_backend_engine_and_encoding() {
     let daemon = daemon();
     let mut lanes = lanes(&daemon);
-    for n in (0..=70).chain([130, 255, 256, 257, 345]) {
-        let spheres = hard_scene(n, 1);
+    let of = |spheres: Vec<Sphere>| {
         let truth = truth(&spheres);
-        for lane in &mut lanes {
-            lane.check(&spheres, &truth);
-        }
-    }
-}
-
-#[test]
-fn scenes_that_aim_at_borders() {
-    let daemon = daemon();
-    let mut lanes = lanes(&daemon);
-    for seed in 0..100 {
-        let SphereCase { spheres, .. } = SphereCase::new(seed);
-        let truth = truth(&spheres);
-        for lane in &mut lanes {
-            lane.check(&spheres, &truth);
-        }
-    }
-}
-
-#[test]
-fn large_scenes_that_touch() {
-    let daemon = daemon();
-    let mut lanes = lanes(&daemon);
-    for (n, side) in [(1234, 40), (5000, 60)] {
-        let (spheres, truth) = whole_scene(n, side, 3);
-        assert!(truth.pairs.len() > n / 2, "{} pairs", truth.pairs.len());
+        (spheres, truth)
+    };
+    let sizes = (0..=70).chain([130, 255, 256, 257, 345]).map(|n| of(hard_scene(n, 1)));
+    let borders = 0..if tier::is_nightly() { 100 } else { 40 };
+    let borders = borders.map(|seed| of(SphereCase::new(seed).spheres));
+    let large = [(1234, 40), (5000, 60)].map(|(n, side)| whole_scene(n, side, 3));
+    assert!(large.iter().all(|(spheres, truth)| truth.pairs.len() > spheres.len() / 2));
+    for (spheres, truth) in sizes.chain(borders).chain(large) {
         for lane in &mut lanes {
             lane.check(&spheres, &truth);
         }
