@@ -9,13 +9,11 @@
 use std::hint::black_box;
 use std::time::{Duration, Instant};
 
-use pairmask_core::BoxCount;
-use pairmask_core::mask::MaskView;
 use pairmask_tests::mask_writer::{WrittenMask, write_dense, write_list, write_sparse};
-use pairmask_tests::oracle::Pair;
 use pairmask_tests::pair_scenes::{
     all_pairs, grid_like_pairs, random_order, random_pairs, renamed,
 };
+use pairmask_tests::prelude::*;
 use rayon::iter::ParallelIterator;
 
 /// Time spent on each row: long enough for a median of several hundred short runs.

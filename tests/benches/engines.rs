@@ -13,15 +13,10 @@ use std::process::ExitCode;
 use std::time::Instant;
 
 use clap::Parser;
-use pairmask_core::dispatch::CullOptions;
-use pairmask_core::engine::{
-    CullInput, CullReport, Engine, EngineChoice, EngineName, EngineTimes, HeapReply, Isa,
-    cpu_engine,
-};
-use pairmask_core::mask::{MaskShape, MaskView};
+use pairmask_core::engine::EngineTimes;
 use pairmask_core::plan::{Calibration, Capabilities, SceneStats, plan};
-use pairmask_core::{Aabb, BoxCount};
 use pairmask_tests::measure::percentile;
+use pairmask_tests::prelude::*;
 use pairmaskd::scene::{Scene, SceneName};
 
 /// Pairs above which a quadratic scene or engine is left out: it would take minutes and show

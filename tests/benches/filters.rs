@@ -22,12 +22,9 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use clap::Parser;
-use pairmask::{Backend, Session};
-use pairmask_core::dispatch::{CpuEngines, CullOptions};
-use pairmask_core::engine::HeapReply;
 use pairmask_core::filters::{Filter, FilterId, FilterTable, Rules, Tag, World};
-use pairmask_core::{Aabb, BoxCount, MaskView};
 use pairmask_tests::measure::percentile;
+use pairmask_tests::prelude::*;
 use pairmaskd::execute::gpu::GpuChoice;
 use pairmaskd::scene::Random;
 use pairmaskd::spawn::{PrivateDaemon, PrivateSettings};

@@ -12,12 +12,9 @@ use std::hint::black_box;
 use std::time::{Duration, Instant};
 
 use clap::Parser;
-use pairmask::Session;
-use pairmask_core::Aabb;
-use pairmask_tests::daemon::{PATIENCE, TestDaemon};
 use pairmask_tests::measure::percentile;
+use pairmask_tests::prelude::*;
 use pairmaskd::scene::{Scene, SceneName};
-use rustix::process::Signal;
 
 /// The daemon's own main, which cargo builds beside this bench.
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");

@@ -19,10 +19,8 @@ use std::hint::black_box;
 use std::time::Instant;
 
 use clap::Parser;
-use pairmask::scene::{SceneOptions, Want};
-use pairmask::{Backend, BoxCount, PairMask, Session};
-use pairmask_core::Aabb;
 use pairmask_tests::measure::percentile;
+use pairmask_tests::prelude::*;
 use pairmaskd::execute::gpu::GpuChoice;
 use pairmaskd::scene::{Scene, SceneName};
 use pairmaskd::spawn::{PrivateDaemon, PrivateSettings};

@@ -16,10 +16,9 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 use clap::Parser;
-use pairmask::scene::{SceneOptions, Want};
 use pairmask::{JoinOptions, SharedScene};
-use pairmask_core::Aabb;
 use pairmask_tests::measure::percentile;
+use pairmask_tests::prelude::*;
 use pairmaskd::spawn::{PrivateDaemon, PrivateSettings};
 
 /// The daemon's own main, which cargo builds beside this bench.

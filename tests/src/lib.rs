@@ -18,6 +18,7 @@ pub mod measure;
 pub mod narrow;
 pub mod pair_scenes;
 pub mod peers;
+pub mod prelude;
 pub mod queried;
 pub mod refuser;
 pub mod scene_model;

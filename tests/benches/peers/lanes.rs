@@ -4,11 +4,10 @@ use std::time::Duration;
 
 use crate::ours::Ours;
 use crate::parry::{Parry, Upkeep};
-use pairmask::{Backend, ConnectError, Session};
-use pairmask_core::{Aabb, BoxCount, EngineChoice};
 use pairmask_tests::peers::contender::Contender;
 use pairmask_tests::peers::line::{PeerName, Who};
 use pairmask_tests::peers::rapier::Rapier;
+use pairmask_tests::prelude::*;
 use pairmaskd::spawn::PrivateDaemon;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 

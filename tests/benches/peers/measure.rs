@@ -2,12 +2,9 @@
 
 use std::time::Duration;
 
-use pairmask::{Backend, Session};
-use pairmask_core::{Aabb, EngineChoice, EngineName};
-use pairmask_tests::conformance::check_pairs;
-use pairmask_tests::oracle::{self, Pair};
 use pairmask_tests::peers::contender::{Contender, ContenderError, Tally, sorted};
 use pairmask_tests::peers::line::{Comparison, Line, Spread, Who};
+use pairmask_tests::prelude::*;
 use pairmaskd::scene::{Scene, SceneName};
 use rayon::ThreadPool;
 

@@ -29,10 +29,11 @@ use std::hint::black_box;
 use std::time::Instant;
 
 use clap::{Parser, ValueEnum};
-use pairmask::scene::{Indices, SceneOptions, Want};
-use pairmask::{Aabb, Backend, EngineId, Scene, Session};
+use pairmask::scene::Indices;
+use pairmask::{EngineId, Scene};
 use pairmask_lab::study::moving::{Motion, World};
 use pairmask_tests::measure::{Pace, percentile};
+use pairmask_tests::prelude::*;
 use pairmaskd::scene::SceneName;
 use serde_json::{Value, json};
 

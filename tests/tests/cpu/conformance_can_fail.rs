@@ -1,15 +1,9 @@
 //! Every comparator of the conformance suite notices the mistakes that it is for.
 
-use pairmask_core::engine::{
-    BruteForce, CullError, CullInput, CullReport, Engine, HeapReply, ReplyBuffer, ReserveError,
-};
-use pairmask_core::mask::MaskShape;
-use pairmask_core::{Aabb, Encoding, EngineName};
+use pairmask_core::engine::BruteForce;
 use pairmask_lab::sabotage::Spoiler;
-use pairmask_tests::conformance::{
-    Mismatch, Suite, check_engine, check_frame, check_pairs, check_reply,
-};
-use pairmask_tests::{oracle, stress_scenes};
+use pairmask_tests::conformance::check_engine;
+use pairmask_tests::prelude::*;
 
 /// An engine that spoils a right answer.
 fn spoiler<S>(spoil: S) -> Spoiler<S> {

@@ -1,14 +1,10 @@
 //! Checks of the list of engines: unique names and numbers, descriptors that agree with the engines,
 //! and right answers.
 
+use pairmask_tests::prelude::*;
 use std::collections::BTreeSet;
 
-use pairmask_core::engine::{CullError, CullInput, Engine, EngineName, HeapReply, Isa, cpu_engine};
-use pairmask_core::mask::MaskShape;
 use pairmask_core::plan::Term;
-use pairmask_core::{BoxForm, Encoding, Precision};
-use pairmask_tests::narrow::NarrowMemory;
-use pairmask_tests::stress_scenes;
 use pairmask_wire::VERSION_MINOR;
 
 /// The wire contract names every engine with its number.

@@ -1,13 +1,9 @@
 //! Each CPU engine with every instruction set of this machine, through the conformance suite and over all scenes in
 //! motion, and what is particular to one of them.
 
-use pairmask_core::engine::{
-    BruteForce, CullInput, Engine, EngineName, Grid, HeapReply, Isa, SweepAndPrune, cpu_engine,
-};
-use pairmask_core::{Aabb, Encoding};
-use pairmask_tests::conformance::{Suite, check_frame, check_pairs, check_reply, conform};
-use pairmask_tests::oracle::{self, pair_set_hash};
-use pairmask_tests::{naive_decoder, stress_scenes};
+use pairmask_core::engine::{BruteForce, Grid, SweepAndPrune};
+use pairmask_tests::oracle::pair_set_hash;
+use pairmask_tests::prelude::*;
 use pairmaskd::scene::{Scene, SceneName};
 use proptest::prelude::*;
 use rayon::ThreadPoolBuilder;

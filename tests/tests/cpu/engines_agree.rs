@@ -11,14 +11,11 @@
 use std::thread;
 use std::time::{Duration, Instant};
 
-use pairmask_core::engine::{
-    CullInput, Engine, EngineName, Grid, HeapReply, Isa, SweepAndPrune, cpu_engine,
-};
-use pairmask_core::mask::MaskView;
-use pairmask_core::{Aabb, AwakePool, BoxCount};
-use pairmask_tests::conformance::check_pairs;
+use pairmask_core::AwakePool;
+use pairmask_core::engine::{Grid, SweepAndPrune};
 use pairmask_tests::golden::{self, GOLDEN};
-use pairmask_tests::oracle::{Pair, pair_set_hash};
+use pairmask_tests::oracle::pair_set_hash;
+use pairmask_tests::prelude::*;
 use pairmaskd::scene::{Scene, SceneName};
 use rayon::{ThreadPool, ThreadPoolBuilder};
 

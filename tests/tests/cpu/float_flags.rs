@@ -6,22 +6,16 @@
 use std::collections::BTreeSet;
 
 use glam::{Affine3A, DVec3, Mat4, Quat, Vec3};
-use pairmask::{Backend, Session};
-use pairmask_core::dispatch::{CpuEngines, CullOptions, SphereEngines};
-use pairmask_core::engine::{CullInput, Engine, EngineChoice, HeapReply, Isa, cpu_engine};
-use pairmask_core::oracle::check::check_frame;
+use pairmask_core::dispatch::SphereEngines;
 use pairmask_core::oracle::modes;
 use pairmask_core::plan::SceneStats;
-use pairmask_core::precision::{BoxF16, ExpandScratch, Margin, Quantizer, Widening};
-use pairmask_core::scene::{Edit, Scene as PersistentScene, SceneOptions, Sets, Step, Want};
-use pairmask_core::sphere::Sphere;
+use pairmask_core::precision::{BoxF16, ExpandScratch, Margin, Quantizer};
+use pairmask_core::scene::Scene as PersistentScene;
 use pairmask_core::update::{Placement, ToWorld, par_update_boxes, update_boxes, world_box};
 use pairmask_core::write::{CenterHalf, par_write_boxes, write_boxes};
-use pairmask_core::{Aabb, Bounds, EngineName, Precision, oracle};
 use pairmask_lab::stress::{FloatFlags, MixedFlags, Rounding};
 use pairmask_tests::conformance::mixed_flags;
-use pairmask_tests::frames::{Frames, Sorted};
-use pairmask_tests::narrow::NarrowMemory;
+use pairmask_tests::prelude::*;
 use pairmask_tests::spheres;
 use pairmaskd::scene::{Random, Scene, SceneName};
 use rayon::{ThreadPool, ThreadPoolBuilder};

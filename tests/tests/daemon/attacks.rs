@@ -10,26 +10,21 @@ use std::io::Read;
 use std::process::{Child, ChildStderr, Command, Stdio};
 use std::time::{Duration, Instant};
 
-use pairmask::scene::{QueryTags, SceneOptions, Want};
-use pairmask::{Backend, EngineName, JoinOptions, SceneEdit, ServedBy, Session, WaitError};
-use pairmask_core::engine::EngineChoice;
+use pairmask::{JoinOptions, SceneEdit};
 use pairmask_core::mask::WordAddress;
-use pairmask_core::units::BoxCount;
-use pairmask_core::{Aabb, Encoding, EncodingChoice};
+use pairmask_tests::attack_time;
 use pairmask_tests::attackers::lists::PAIRS;
 use pairmask_tests::attackers::raw::{
     CHANNEL_ID, CLIENT_ID, REQUEST_ID, RawClient, answer, cull, read, word, write,
 };
 use pairmask_tests::attackers::shared::SHARED_SCENE;
-use pairmask_tests::daemon::{PATIENCE, TestDaemon, eventually};
 use pairmask_tests::filtered_frames::{FilteredFrame, KINDS};
-use pairmask_tests::frames::{Frames, Sorted};
+use pairmask_tests::prelude::*;
 use pairmask_tests::scene_model::{Edits, Grouped, Kind, SessionScene, hold};
-use pairmask_tests::{attack_time, oracle, stress_scenes};
 use pairmask_transport::{ProcessWatch, RuntimeDir, SegmentFiles};
 use pairmask_wire::{InstanceName, ReplyError, boxes_in_mut};
 use rayon::iter::ParallelIterator;
-use rustix::process::{Pid, Signal, kill_process};
+use rustix::process::{Pid, kill_process};
 
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
 const ATTACKER: &str = env!("CARGO_BIN_EXE_attacker");

@@ -8,12 +8,9 @@ use std::time::Instant;
 
 // The libraries of this crate are what the programs are linked with.
 use pairmask_c as _;
-use pairmask_core::oracle::Pair;
-use pairmask_core::{Aabb, Encoding};
-use pairmask_tests::daemon::{PATIENCE, TestDaemon};
 use pairmask_tests::golden::{self, GOLDEN};
-use pairmask_tests::oracle::{self, pair_set_hash};
-use pairmask_tests::stress_scenes;
+use pairmask_tests::oracle::pair_set_hash;
+use pairmask_tests::prelude::*;
 
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
 const C: &[&str] = &["-std=c11"];

@@ -7,18 +7,14 @@ use std::path::Path;
 use std::process::Command;
 use std::time::{Duration, Instant};
 
-use pairmask::{Backend, ConnectError, FrameError, ServedBy, Session, WaitError};
-use pairmask_core::mask::EncodingChoice;
 use pairmask_core::objects::ObjectForm;
-use pairmask_core::{Aabb, BoxCount, BoxForm, Encoding};
-use pairmask_tests::daemon::{TestDaemon, eventually, outlive_kills};
+use pairmask_tests::daemon::outlive_kills;
 use pairmask_tests::fault_client::FaultClient;
-use pairmask_tests::frames::{Frames, Sorted};
+use pairmask_tests::prelude::*;
 use pairmask_tests::spheres::{check_mask, cull, whole_scene};
-use pairmask_tests::{oracle, stress_scenes};
 use pairmask_transport::{DaemonRecord, Heartbeat, RuntimeDir, Services};
 use pairmask_wire::{CullRequest, InstanceName, RequestHeader, ScenePlace, StatusCode, Version};
-use rustix::process::{Signal, kill_process};
+use rustix::process::kill_process;
 
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
 const FAULT_CLIENT: &str = env!("CARGO_BIN_EXE_fault_client");

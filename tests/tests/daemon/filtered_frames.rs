@@ -6,16 +6,10 @@ use std::sync::Arc;
 
 use pairmask::error::ReplyError;
 use pairmask::filters::{Owner, Rules, Tag, World};
-use pairmask::{
-    Aabb, Backend, BoxCount, Encoding, EncodingChoice, EngineChoice, EngineName, FrameError,
-    PairMask, PendingFrame, Precision, ServedBy, Session, SessionBuilder, WaitError,
-};
-use pairmask_tests::daemon::{TestDaemon, eventually, outlive_kills};
+use pairmask_tests::daemon::outlive_kills;
 use pairmask_tests::filtered_frames::{FilteredFrame, KINDS};
-use pairmask_tests::frames::Sorted;
+use pairmask_tests::prelude::*;
 use pairmask_tests::refuser::beside_refuser;
-use pairmask_tests::tier;
-use rustix::process::Signal;
 
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
 

@@ -4,22 +4,15 @@ use std::cell::{Cell, RefCell};
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
-use pairmask::scene::{EditError, SceneOptions, Want};
-use pairmask::{
-    Aabb, Backend, CommitError, Margin, MarginedEdit, MarginedPairs, MarginedScene, ServedBy,
-    Session,
-};
-use pairmask_core::precision::Widening;
-use pairmask_core::{BoxClass, oracle};
+use pairmask::scene::EditError;
+use pairmask::{CommitError, Margin, MarginedEdit, MarginedPairs, MarginedScene};
 use pairmask_lab::stress::{FloatFlags, Rounding};
-use pairmask_tests::daemon::{PATIENCE, TestDaemon, eventually};
-use pairmask_tests::frames::Sorted;
 use pairmask_tests::heard;
+use pairmask_tests::prelude::*;
 use pairmask_tests::scene_model::{
     Edits, Fate, Heard, Kind, Op, Script, Subject, Turn, hold_without_rules, options,
 };
 use pairmaskd::scene::{Random, Scene as World, SceneName};
-use rustix::process::Signal;
 
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
 

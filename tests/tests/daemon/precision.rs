@@ -1,15 +1,8 @@
 //! Precision modes: never a missed pair, and exactly the extra pairs of the mode's definition.
 
-use pairmask::{Backend, ServedBy, Session, WaitError};
-use pairmask_core::engine::EngineName;
-use pairmask_core::precision::Widening;
-use pairmask_core::{Aabb, Bounds, BoxForm, EngineChoice, Precision};
-use pairmask_tests::conformance::{Mismatch, check_pairs};
-use pairmask_tests::daemon::TestDaemon;
-use pairmask_tests::frames::Sorted;
 use pairmask_tests::naive_modes::{self, missed};
+use pairmask_tests::prelude::*;
 use pairmask_tests::refuser::beside_refuser;
-use pairmask_tests::{oracle, stress_scenes, tier};
 use pairmask_wire::ReplyError;
 use pairmaskd::scene::{Scene, SceneName};
 

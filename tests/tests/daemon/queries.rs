@@ -1,23 +1,13 @@
 //! Queries of scenes and frames of two sets: in process, by a daemon, and when the daemon is killed. Every
 //! answer is what comparing each with each gives.
 
-use pairmask::{
-    Backend, BoxCount, Encoding, EncodingChoice, EngineChoice, EngineName, FindError, FrameError,
-    QueryAnswer, SceneEdit, ServedBy, Session,
-};
-use pairmask_core::engine::{CullError, ReserveError};
+use pairmask::{FindError, QueryAnswer, SceneEdit};
 use pairmask_core::filters::Tag;
-use pairmask_core::scene::{
-    Edit, QueryError, QueryTags, Scene, SceneOptions, Sets, Step, Want, between,
-};
-use pairmask_core::{Aabb, BoxClass};
-use pairmask_tests::daemon::{TestDaemon, eventually};
-use pairmask_tests::frames::{Frames, Sorted};
-use pairmask_tests::oracle;
+use pairmask_core::scene::{QueryError, Scene, between};
+use pairmask_tests::prelude::*;
 use pairmask_tests::queried::{QueriedScene, Queries, a_query};
 use pairmask_tests::scene_model::{Bare, Kind, hold, options, overlap};
 use pairmask_tests::stress_scenes::Rng;
-use rustix::process::Signal;
 
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
 

@@ -1,13 +1,7 @@
 //! Whole frames that are equal to the last one: answered without an engine, and no other frame is.
 
-use pairmask::{
-    Aabb, Backend, Bounds, PairMask, PendingFrame, Precision, ServedBy, Session, Sphere,
-};
-use pairmask_core::{EngineChoice, EngineName};
-use pairmask_tests::daemon::{TestDaemon, eventually};
-use pairmask_tests::frames::{Frames, Sorted};
+use pairmask_tests::prelude::*;
 use pairmask_tests::spheres::whole_scene;
-use pairmask_tests::{oracle, stress_scenes};
 
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
 

@@ -2,20 +2,12 @@
 
 use std::path::PathBuf;
 
-use pairmask::Session;
-use pairmask_core::dispatch::{CpuEngines, CullOptions, SphereEngines};
-use pairmask_core::engine::{
-    CullError, CullInput, CullReport, Engine, EngineChoice, EngineName, Grid, HeapReply, Isa,
-    ReplyBuffer, ReserveError, cpu_engine,
-};
-use pairmask_core::mask::{EncodingChoice, MaskShape};
+use pairmask_core::dispatch::SphereEngines;
+use pairmask_core::engine::Grid;
 use pairmask_core::sphere::SphereAllPairs;
-use pairmask_core::{Aabb, Bounds, BoxCount, Encoding, Precision, Sphere};
-use pairmask_tests::daemon::{PATIENCE, TestDaemon};
 use pairmask_tests::gpu::{self, open};
-use pairmask_tests::narrow::NarrowMemory;
-use pairmask_tests::oracle::Pair;
-use pairmask_tests::{naive_decoder, oracle, spheres, stress_scenes};
+use pairmask_tests::prelude::*;
+use pairmask_tests::spheres;
 use pairmaskd::execute::gpu::{
     AllPairs, AllPairsOptions, Grid as GpuGrid, GridOptions, HostImport,
 };

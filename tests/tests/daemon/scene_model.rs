@@ -8,22 +8,16 @@ use std::cell::{Cell, RefCell};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::time::Duration;
 
-use pairmask::{Backend, EngineChoice, EngineName, ServedBy, Session};
-use pairmask_core::Aabb;
 use pairmask_core::filters::{FilterId, Owner, Tag, World};
-use pairmask_core::scene::{
-    Edit, EditError, Scene, SceneError, SceneOptions, Sets, Step, Tags, Want,
-};
-use pairmask_tests::daemon::{PATIENCE, TestDaemon, eventually};
+use pairmask_core::scene::{EditError, Scene, Tags};
 use pairmask_tests::gpu;
-use pairmask_tests::oracle;
+use pairmask_tests::prelude::*;
 use pairmask_tests::scene_model::{
     AtEnd, Bare, CoreScene, EndReason, Event, Fate, Heard, Hears, Kind, Mode, Model, Moment, Op,
     Script, Seen, SessionScene, Sessions, SharedMembers, Subject, Turn, at, check, hold,
     hold_without_rules, one, options, script_of, turn,
 };
 use pairmaskd::execute::gpu::{GpuScene, GridOptions, HostImport, SceneTools};
-use rustix::process::Signal;
 
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
 

@@ -1,11 +1,9 @@
 //! The three places of a session, which frames share with edits, answers and ends of scenes.
 
+use pairmask_tests::prelude::*;
 use std::time::Duration;
 
-use pairmask::scene::{SceneOptions, Want};
-use pairmask::{Aabb, Backend, CommitError, ConnectError, FrameError, Scene, ServedBy, Session};
-use pairmask_tests::daemon::{PATIENCE, TestDaemon, eventually};
-use rustix::process::Signal;
+use pairmask::{CommitError, Scene};
 
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
 

@@ -1,17 +1,13 @@
 //! Scenes of sessions, kept by a daemon: where they are kept, limits, and daemons that die. What they tell is held to
 //! the model.
 
-use pairmask::scene::{Edit, QueryTags, SceneOptions, Want};
-use pairmask::{
-    Aabb, Backend, CommitError, EngineChoice, EngineName, Scene, ServedBy, Session, WaitError,
-};
+use pairmask::{CommitError, Scene};
 use pairmask_core::oracle::truth;
 use pairmask_core::scene as core_scene;
-use pairmask_tests::daemon::{TestDaemon, eventually};
+use pairmask_tests::prelude::*;
 use pairmask_tests::scene_model::Heard;
 use pairmask_wire::{ReplyError, StatusCode};
 use pairmaskd::scene::Random;
-use rustix::process::Signal;
 
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
 

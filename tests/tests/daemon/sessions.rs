@@ -3,16 +3,10 @@
 use std::time::Duration;
 
 use pairmask::write::CenterHalf;
-use pairmask::{
-    Aabb, Backend, Bounds, Frame, NarrowFrame, Precision, ServedBy, Session, SessionBuilder,
-    WaitError,
-};
-use pairmask_core::engine::EngineName;
-use pairmask_tests::conformance::{Suite, check_engine};
-use pairmask_tests::daemon::{PATIENCE, TestDaemon, eventually};
-use pairmask_tests::frames::{Frames, Sorted};
+use pairmask::{Frame, NarrowFrame};
+use pairmask_tests::conformance::check_engine;
+use pairmask_tests::prelude::*;
 use pairmask_tests::session_engine::SessionEngine;
-use pairmask_tests::{oracle, stress_scenes};
 use rayon::iter::ParallelIterator;
 
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");

@@ -8,16 +8,11 @@ use std::time::{Duration, Instant};
 
 use pairmask::filters::{Filter, FilterTable};
 use pairmask::scene::shared::{AtEnd, Hears, LeaseError, NotLeased};
-use pairmask::scene::{EndReason, Ended, Step, Want};
-use pairmask::{
-    Aabb, Backend, FrameError, JoinOptions, PairMask, PendingShared, Session, SharedAnswer,
-    SharedError, SharedScene,
-};
-use pairmask_tests::daemon::{TestDaemon, eventually};
+use pairmask::scene::{EndReason, Ended};
+use pairmask::{JoinOptions, PendingShared, SharedAnswer, SharedError, SharedScene};
 use pairmask_tests::fault_client::FaultClient;
-use pairmask_tests::oracle;
+use pairmask_tests::prelude::*;
 use pairmaskd::scene::Random;
-use rustix::process::Signal;
 
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
 const CLIENT: &str = env!("CARGO_BIN_EXE_fault_client");

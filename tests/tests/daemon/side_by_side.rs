@@ -5,12 +5,8 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread::sleep;
 use std::time::Duration;
 
-use pairmask::{Backend, Session};
-use pairmask_core::Aabb;
-use pairmask_tests::daemon::{TestDaemon, eventually};
 use pairmask_tests::fault_client::FaultClient;
-use pairmask_tests::frames::{Frames, Sorted};
-use pairmask_tests::{oracle, stress_scenes};
+use pairmask_tests::prelude::*;
 
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
 const FAULT_CLIENT: &str = env!("CARGO_BIN_EXE_fault_client");

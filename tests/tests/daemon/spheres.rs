@@ -1,17 +1,12 @@
 //! Frames of spheres: every session backend has the answers of exact arithmetic, also when the
 //! daemon dies.
 
-use pairmask::{Backend, FrameError, FrameInfo, ServedBy, Session, WaitError};
-use pairmask_core::engine::{CullError, EngineName};
-use pairmask_core::precision::Widening;
-use pairmask_core::{Aabb, BoxForm, Encoding, EncodingChoice, EngineChoice, ObjectForm, Sphere};
+use pairmask::FrameInfo;
+use pairmask_core::ObjectForm;
 use pairmask_lab::stress::SphereCase;
-use pairmask_tests::conformance::Mismatch;
-use pairmask_tests::daemon::TestDaemon;
-use pairmask_tests::frames::{Frames, Sorted};
+use pairmask_tests::prelude::*;
 use pairmask_tests::refuser::beside_refuser;
 use pairmask_tests::spheres::{check_mask, cull, hard_scene, truth, whole_scene};
-use pairmask_tests::{oracle, stress_scenes, tier};
 use pairmask_wire::{ReplyError, StatusCode};
 
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");

@@ -1,14 +1,12 @@
 //! Files that another user owns or may change: neither side uses them.
 
+use pairmask_tests::prelude::*;
 use std::fs::{self, Permissions};
 use std::os::unix::fs::{MetadataExt, PermissionsExt, chown, symlink};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::{Duration, Instant};
 
-use pairmask::{Backend, ConnectError, ServedBy, Session};
-use pairmask_core::Aabb;
-use pairmask_tests::daemon::{TestDaemon, eventually};
 use pairmask_transport::{InstanceLock, RuntimeDir};
 use pairmask_wire::{InstanceError, InstanceName};
 

@@ -3,14 +3,9 @@
 
 use std::sync::Arc;
 
-use pairmask_core::dispatch::CullOptions;
-use pairmask_core::engine::{EngineChoice, EngineName};
-use pairmask_core::mask::{EncodingChoice, MaskView};
-use pairmask_core::{Aabb, BoxCount, Encoding, Precision};
-use pairmask_tests::daemon::{TestDaemon, eventually};
 use pairmask_tests::frame_memory::TestFrame;
-use pairmask_tests::frames::{Frames, Sorted};
-use pairmask_tests::{gpu, oracle, stress_scenes};
+use pairmask_tests::gpu;
+use pairmask_tests::prelude::*;
 use pairmaskd::execute::{BUNDLE_FRAMES, Executor, Owner};
 
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");

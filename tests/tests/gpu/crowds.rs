@@ -1,13 +1,10 @@
 //! Boxes that crowd one cell and hardly overlap, which no list of pairs gives away. A software adapter ends the loops
 //! of a thread early and says nothing, so that what it cannot finish has to be refused before.
 
-use pairmask_core::engine::{CullError, CullInput, CullReport, Engine, Grid as CpuGrid, HeapReply};
-use pairmask_core::mask::MaskShape;
-use pairmask_core::scene::{
-    Edit, QueryError, QueryTags, Scene, SceneError, SceneOptions, Sets, Step, Want,
-};
-use pairmask_core::{Aabb, Encoding};
+use pairmask_core::engine::Grid as CpuGrid;
+use pairmask_core::scene::{QueryError, Scene};
 use pairmask_tests::gpu::open;
+use pairmask_tests::prelude::*;
 use pairmask_tests::scene_model::Heard;
 use pairmask_tests::stress_scenes::Rng;
 use pairmaskd::execute::gpu::{GpuScene, Grid, GridOptions, HostImport, SceneTools};

@@ -5,20 +5,11 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use pairmask::{ServedBy, Session};
-use pairmask_core::dispatch::{CpuEngines, CullOptions};
-use pairmask_core::engine::{EngineChoice, EngineName, HeapReply};
-use pairmask_core::mask::{EncodingChoice, MaskShape, MaskView};
-use pairmask_core::precision::BoxSlice;
-use pairmask_core::{Aabb, Bounds, BoxCount, Encoding, Precision};
-use pairmask_tests::conformance::{Suite, check_engine};
-use pairmask_tests::daemon::{PATIENCE, TestDaemon, eventually};
+use pairmask_tests::conformance::check_engine;
 use pairmask_tests::frame_memory::TestFrame;
-use pairmask_tests::frames::{Frames, Sorted};
 use pairmask_tests::gpu::{self, pairs_of};
-use pairmask_tests::narrow::NarrowMemory;
+use pairmask_tests::prelude::*;
 use pairmask_tests::session_engine::SessionEngine;
-use pairmask_tests::{oracle, stress_scenes};
 use pairmaskd::execute::{CullUnderWay, Executor, Owner};
 use pairmaskd::precision::as_sent;
 

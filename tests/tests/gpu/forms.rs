@@ -6,17 +6,14 @@ use std::time::Duration;
 
 use bytemuck::{Pod, Zeroable, bytes_of};
 use pairmask_core::aabb::KeyBox;
-use pairmask_core::engine::{CullError, CullInput, CullReport, Engine, HeapReply};
-use pairmask_core::precision::BoxSlice;
-use pairmask_core::{Aabb, Bounds, BoxClass, BoxCount, BoxForm, Encoding, Precision};
 use pairmask_shaders::constants::{BATCH_BOXES, NO_LEVEL, PADDING, PARKED};
 use pairmask_shaders::layouts::{BatchReport, BatchTotals, GridLayout, GridTotals, KeysParams};
 use pairmask_shaders::{Found, GridStage, Rules, Stage};
-use pairmask_tests::conformance::{Mismatch, check_frame, check_reply};
 use pairmask_tests::gpu::open;
-use pairmask_tests::narrow::{CullNarrow, NarrowMemory, Narrowed};
+use pairmask_tests::naive_modes;
+use pairmask_tests::narrow::{CullNarrow, Narrowed};
+use pairmask_tests::prelude::*;
 use pairmask_tests::stress_scenes::{Rng, StressScene};
-use pairmask_tests::{naive_modes, stress_scenes, tier};
 use pairmaskd::execute::gpu::{
     AllPairs, AllPairsOptions, Block, Capacity, Checks, Command, Frame, Gpu, Grid, GridOptions,
     Home, HostImport, Part, Pipelines, Sizes, Upload, Wait,

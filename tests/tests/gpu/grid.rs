@@ -3,18 +3,12 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use pairmask_core::engine::{CullError, CullInput, CullReport, Engine, Grid as CpuGrid, HeapReply};
-use pairmask_core::mask::MaskShape;
-use pairmask_core::precision::BoxSlice;
-use pairmask_core::{Aabb, Bounds, BoxCount, Encoding, Precision};
+use pairmask_core::engine::Grid as CpuGrid;
 use pairmask_shaders::constants::{BATCH_BOXES, WINDOW_WORDS};
 use pairmask_shaders::mirror::{self, Mirrored};
-use pairmask_tests::conformance::{Suite, check_reply, conform};
-use pairmask_tests::daemon::eventually;
 use pairmask_tests::frame_memory::TestFrame;
 use pairmask_tests::gpu::open;
-use pairmask_tests::narrow::NarrowMemory;
-use pairmask_tests::{naive_decoder, oracle, stress_scenes};
+use pairmask_tests::prelude::*;
 use pairmaskd::execute::gpu::{
     Awake, Checks, DEFAULT_HOLD, Grid, GridOptions, HostImport, Upload, grid_layout,
 };

@@ -3,14 +3,10 @@
 use std::fs::{File, OpenOptions};
 use std::path::PathBuf;
 
-use pairmask_core::engine::{CullInput, Engine, HeapReply, ReplyBuffer, ReserveError};
-use pairmask_core::precision::BoxSlice;
-use pairmask_core::{Aabb, Bounds, BoxForm, Encoding, Precision};
-use pairmask_tests::conformance::check_reply;
 use pairmask_tests::gpu::{engine, open};
 use pairmask_tests::naive_decoder::sections;
-use pairmask_tests::narrow::NarrowMemory;
-use pairmask_tests::{naive_modes, oracle, stress_scenes};
+use pairmask_tests::naive_modes;
+use pairmask_tests::prelude::*;
 use pairmaskd::execute::gpu::{
     AllPairs, AllPairsOptions, HostImport, ImportError, ImportId, ReadWriteMapping, SharedImports,
     Upload,

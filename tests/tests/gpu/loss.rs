@@ -4,11 +4,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
-use pairmask_core::Encoding;
-use pairmask_core::engine::{CullError, CullInput, Engine, HeapReply};
-use pairmask_tests::conformance::check_reply;
 use pairmask_tests::gpu::open;
-use pairmask_tests::{oracle, stress_scenes};
+use pairmask_tests::prelude::*;
 use pairmaskd::execute::gpu::{
     AllPairs, AllPairsOptions, GpuSlot, HostImport, IfMissing, OpenError, Opener, SlotState,
 };

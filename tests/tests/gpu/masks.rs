@@ -1,11 +1,9 @@
 //! `gpu-brute` through the conformance suite, in every form that its frames can take.
 
-use pairmask_core::engine::{BruteForce, CullInput, CullReport, Engine, HeapReply};
-use pairmask_core::{Aabb, BoxCount, Encoding};
+use pairmask_core::engine::BruteForce;
 use pairmask_shaders::RowsPerThread;
-use pairmask_tests::conformance::{Suite, check_frame, check_reply, conform};
 use pairmask_tests::gpu::engine;
-use pairmask_tests::{naive_decoder, oracle, stress_scenes, tier};
+use pairmask_tests::prelude::*;
 use pairmaskd::execute::gpu::{AllPairs, AllPairsOptions, Checks, Counted, Tuning, Upload};
 
 fn cull(engine: &mut AllPairs, boxes: &[Aabb], encoding: Encoding) -> (CullReport, HeapReply) {

@@ -3,13 +3,10 @@
 use std::sync::Arc;
 
 use pairmask_core::dispatch::{Marks, WorldRange};
-use pairmask_core::engine::{CullError, HeapReply};
 use pairmask_core::filters::{Rules, Tag, World};
-use pairmask_core::mask::MaskView;
-use pairmask_core::precision::BoxSlice;
-use pairmask_core::{Aabb, BoxCount, Encoding};
 use pairmask_tests::filtered_frames::{FilteredFrame, KINDS};
-use pairmask_tests::{gpu, oracle, stress_scenes};
+use pairmask_tests::gpu;
+use pairmask_tests::prelude::*;
 use pairmaskd::execute::gpu::{Grid, GridOptions, HostImport, takes_worlds};
 
 const ENCODINGS: [Encoding; 2] = [Encoding::Sparse, Encoding::List];

@@ -6,15 +6,12 @@ use std::cell::RefCell;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use pairmask_core::dispatch::CpuEngines;
-use pairmask_core::engine::{CullError, EngineChoice, EngineName};
-use pairmask_core::scene::{
-    Edit, QueryTags, Scene, SceneCopy, SceneError, SceneOptions, Sets, Step, Want,
-};
+use pairmask_core::scene::{Scene, SceneCopy};
+use pairmask_tests::gpu;
+use pairmask_tests::prelude::*;
 use pairmask_tests::scene_model::{
     Edits, Fate, Grouped, Heard, Kind, Subject, Turn, hold, options,
 };
-use pairmask_tests::{gpu, stress_scenes};
 use pairmaskd::execute::gpu::{GpuScene, GridOptions, HostImport, SceneTools};
 use pairmaskd::execute::{Executor, SceneKeeper};
 use pairmaskd::scene::Random;

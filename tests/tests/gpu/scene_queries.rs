@@ -2,13 +2,11 @@
 
 use std::sync::Arc;
 
-use pairmask_core::Aabb;
-use pairmask_core::engine::CullError;
-use pairmask_core::scene::{Edit, QueryError, QueryTags, SceneOptions, Sets, Step, Want};
+use pairmask_core::scene::QueryError;
 use pairmask_tests::gpu::open;
+use pairmask_tests::prelude::*;
 use pairmask_tests::queried::Queries;
 use pairmask_tests::scene_model::{Bare, Kind, hold_without_rules, options, overlap};
-use pairmask_tests::stress_scenes;
 use pairmaskd::execute::gpu::{Checks, GpuScene, GridOptions, HostImport, SceneTools};
 
 fn tools(options: &GridOptions) -> Arc<SceneTools> {

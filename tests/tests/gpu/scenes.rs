@@ -2,16 +2,12 @@
 
 use std::sync::Arc;
 
-use pairmask_core::Aabb;
-use pairmask_core::engine::CullError;
-use pairmask_core::scene::{
-    Edit, EditError, Indices, KeptHistory, Scene, SceneError, SceneOptions, Sets, Step, Want,
-};
+use pairmask_core::scene::{EditError, Indices, KeptHistory, Scene};
 use pairmask_tests::gpu::open_at;
+use pairmask_tests::prelude::*;
 use pairmask_tests::scene_model::{
     Bare, CoreScene, Heard, Kind, Subject, Turn, hold_without_rules, options,
 };
-use pairmask_tests::{stress_scenes, tier};
 use pairmaskd::execute::gpu::{Checks, GpuScene, GridOptions, HostImport, SceneTools};
 
 fn tools(options: &GridOptions) -> Arc<SceneTools> {

@@ -4,15 +4,9 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-use pairmask_core::dispatch::{CpuEngines, CullOptions};
-use pairmask_core::engine::{EngineChoice, EngineName, HeapReply};
-use pairmask_core::mask::EncodingChoice;
-use pairmask_core::precision::BoxSlice;
-use pairmask_core::{Aabb, Encoding, Precision};
-use pairmask_tests::daemon::TestDaemon;
 use pairmask_tests::frame_memory::TestFrame;
 use pairmask_tests::gpu::{self, executor, pairs_of};
-use pairmask_tests::{oracle, stress_scenes};
+use pairmask_tests::prelude::*;
 use pairmaskd::execute::{CullUnderWay, Executor, Owner};
 
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");

@@ -6,20 +6,14 @@
 
 use std::time::{Duration, Instant};
 
-use pairmask_core::dispatch::{CullOptions, SphereEngines};
-use pairmask_core::engine::{CullError, CullReport, HeapReply, ReplyBuffer};
-use pairmask_core::mask::MaskShape;
+use pairmask_core::dispatch::SphereEngines;
 use pairmask_core::oracle::Truth;
-use pairmask_core::oracle::check::check_reply;
 use pairmask_core::sphere::SphereAllPairs;
-use pairmask_core::{
-    BoxCount, Encoding, EncodingChoice, EngineChoice, EngineName, Sphere, engine::CullInput,
-};
 use pairmask_lab::study::spheres::oracle::overlap;
 use pairmask_shaders::mirror::sphere_filter::{Arithmetic, LESS, Verdict, verdict};
 use pairmask_shaders::mirror::{self, Mirrored, sphere_bounds, sphere_exact};
-use pairmask_tests::daemon::TestDaemon;
 use pairmask_tests::gpu::{self, open};
+use pairmask_tests::prelude::*;
 use pairmask_tests::spheres::{
     check_mask, cull, hard_pairs, hard_scene, plain_scene, truth, whole_scene,
 };

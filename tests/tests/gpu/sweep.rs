@@ -1,11 +1,9 @@
 //! The laboratory's sweep on a GPU through the conformance suite, on hard scenes, and on scenes that crowd its axis.
 
-use pairmask_core::engine::{CullInput, Engine, Grid as CpuGrid, HeapReply};
-use pairmask_core::{Aabb, Encoding};
+use pairmask_core::engine::Grid as CpuGrid;
 use pairmask_lab::study::sweep::{GpuSweep, SweepError, SweepScene};
-use pairmask_tests::conformance::{Suite, conform};
 use pairmask_tests::gpu::open;
-use pairmask_tests::stress_scenes;
+use pairmask_tests::prelude::*;
 use pairmaskd::execute::gpu::{Checks, HostImport};
 
 fn sweep(checks: Checks) -> GpuSweep {

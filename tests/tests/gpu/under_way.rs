@@ -4,14 +4,10 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use pairmask_core::engine::{CullError, HeapReply};
-use pairmask_core::{Aabb, Encoding, Precision};
-use pairmask_tests::conformance::check_reply;
 use pairmask_tests::frame_memory::{SharedReply, TestFrame, Watcher};
 use pairmask_tests::gpu::open;
 use pairmask_tests::naive_decoder::sections;
-use pairmask_tests::narrow::NarrowMemory;
-use pairmask_tests::{oracle, stress_scenes};
+use pairmask_tests::prelude::*;
 use pairmaskd::execute::gpu::{Gpu, Grid, GridOptions, GridUnderWay, HostImport, SharedImports};
 
 /// Boxes of a frame that takes a software adapter some milliseconds.

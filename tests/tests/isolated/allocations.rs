@@ -11,14 +11,9 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Duration;
 
 use iceoryx2::service::ipc_threadsafe;
-use pairmask::{Backend, PendingFrame, Session};
 use pairmask_core::engine::AvailableIsa;
-use pairmask_core::mask::{Encoding, EncodingChoice};
-use pairmask_core::{Aabb, Bounds, EngineChoice, EngineName, Precision, Sphere};
-use pairmask_tests::daemon::eventually;
-use pairmask_tests::frames::Frames;
+use pairmask_tests::prelude::*;
 use pairmask_tests::spheres::whole_scene;
-use pairmask_tests::stress_scenes;
 use pairmask_transport::{
     Limits, RuntimeDir, Services, assume_pages, assume_response_pages, clean_if_abandoned,
 };
@@ -26,7 +21,7 @@ use pairmask_wire::InstanceName;
 use pairmaskd::audit::AuditRate;
 use pairmaskd::execute::gpu::GpuChoice;
 use pairmaskd::serve::{ServeSettings, work};
-use rustix::process::{Signal, getpid, kill_process};
+use rustix::process::{getpid, kill_process};
 
 /// Counts allocations of marked threads while counting is on.
 struct Counting;

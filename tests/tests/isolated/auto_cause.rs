@@ -3,13 +3,11 @@
 use std::time::Duration;
 
 use log::LevelFilter;
-use pairmask::{Backend, ConnectError, ServedBy, Session, SessionBuilder, StatusError};
-use pairmask_core::Aabb;
-use pairmask_tests::daemon::TestDaemon;
+use pairmask::StatusError;
 use pairmask_tests::library_log;
+use pairmask_tests::prelude::*;
 use pairmask_transport::{DaemonRecord, RuntimeDir};
 use pairmask_wire::{InstanceName, Version};
-use rustix::process::Signal;
 
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
 

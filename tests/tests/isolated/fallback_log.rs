@@ -1,10 +1,8 @@
 //! A session that falls back logs that once, and logs once when the daemon answers again.
 
 use log::{Level, LevelFilter};
-use pairmask::{Backend, ServedBy, Session};
-use pairmask_core::{BoxForm, Precision};
-use pairmask_tests::daemon::{TestDaemon, eventually};
 use pairmask_tests::library_log::{capture, take_captured};
+use pairmask_tests::prelude::*;
 use pairmask_wire::InstanceName;
 
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");

@@ -2,13 +2,10 @@
 //! other answer leads to an answer in process, or to an error that names the cause.
 
 use log::LevelFilter;
-use pairmask::{Backend, PairMask, ServedBy, Session, WaitError};
-use pairmask_core::Aabb;
 use pairmask_core::dispatch::StageTimes;
-use pairmask_core::engine::{Census, CullReport, EngineId, EngineName, EngineTimes, SkipMeter};
-use pairmask_core::mask::{Encoding, EncodingChoice, MaskShape};
-use pairmask_core::units::BoxCount;
+use pairmask_core::engine::{Census, EngineId, EngineTimes, SkipMeter};
 use pairmask_tests::library_log;
+use pairmask_tests::prelude::*;
 use pairmask_tests::refuser::{beside_daemon, fields_of};
 use pairmask_transport::RuntimeDir;
 use pairmask_wire::{

@@ -7,13 +7,11 @@ use std::cell::{Cell, RefCell};
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::time::Duration;
 
-use pairmask::scene::{SceneOptions, Want};
-use pairmask::{Aabb, Backend, EngineChoice, EngineId, EngineName, ServedBy, Session, WaitError};
+use pairmask::EngineId;
 use pairmask_core::engine::AvailableIsa;
-use pairmask_tests::daemon::eventually;
-use pairmask_tests::frames::Frames;
+use pairmask_tests::gpu;
+use pairmask_tests::prelude::*;
 use pairmask_tests::scene_model::{Kind, Moment, SessionScene, hold};
-use pairmask_tests::{gpu, oracle, stress_scenes};
 use pairmask_transport::{Limits, RuntimeDir, clean_if_abandoned};
 use pairmask_wire::{ENGINE_IS_OPENING, InstanceName, ReplyError, StatusCode};
 use pairmaskd::audit::AuditRate;
@@ -22,7 +20,7 @@ use pairmaskd::execute::gpu::Gpu;
 use pairmaskd::scene::Random;
 use pairmaskd::serve::{ServeError, ServeSettings, work};
 use pairmaskd::spawn::is_opening_gpus;
-use rustix::process::{Signal, getpid, kill_process};
+use rustix::process::{getpid, kill_process};
 
 /// The device that was opened last, until it is taken to be lost.
 static OPENED: Mutex<Option<Arc<Gpu>>> = Mutex::new(None);
