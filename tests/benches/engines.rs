@@ -14,7 +14,6 @@ use std::time::Instant;
 
 use clap::Parser;
 use pairmask_core::engine::EngineTimes;
-use pairmask_core::plan::{Calibration, Capabilities, SceneStats, plan};
 use pairmask_tests::measure::percentile;
 use pairmask_tests::prelude::*;
 use pairmaskd::scene::{Scene, SceneName};
@@ -190,39 +189,5 @@ fn run(name: SceneName, n: usize, options: &Options) -> bool {
             lane.engine.scratch_bytes() as f64 / n as f64,
         );
     }
-    judge_plan(name, n, scene.boxes(), last.map(|r| r.pair_count), &lanes, options);
     equal
-}
-
-/// Prints, for each number of threads, what the plan chooses and how that compares with the best.
-fn judge_plan(
-    name: SceneName,
-    n: usize,
-    boxes: &[Aabb],
-    pairs: Option<u64>,
-    lanes: &[Lane],
-    options: &Options,
-) {
-    let start = Instant::now();
-    let stats = SceneStats::of(boxes, pairs);
-    let calibration = Calibration::built_in(Isa::best());
-    for &threads in &options.threads {
-        let capabilities = Capabilities { threads, gpu: None };
-        let plan = plan(&stats, &capabilities, &calibration, &CullOptions::default());
-        let plan_us = start.elapsed().as_nanos() as f64 / 1e3;
-        let least = |lane: &Lane| lane.total_ns.iter().min().copied().unwrap_or(u64::MAX) as f64;
-        let best = lanes.iter().min_by(|a, b| least(a).total_cmp(&least(b)));
-        let same = |l: &&Lane| l.engine.name() == plan.engine && l.threads == plan.threads;
-        let (Some(best), Some(chosen)) = (best, lanes.iter().find(same)) else { continue };
-        let ratio = least(chosen) / least(best);
-        let predicted = plan.candidates.iter().flatten().find(|c| c.engine == plan.engine);
-        println!(
-            "{name:>9} {n:>9} plan {} on {} threads, {ratio:.2} x the best ({}), predicted {:.1} µs, planned in {plan_us:.1} µs{}",
-            plan.engine,
-            plan.threads,
-            best.engine.name(),
-            predicted.map_or(0.0, |c| c.predicted_ns / 1e3),
-            if ratio > 1.3 { "  <-- above 1.3" } else { "" },
-        );
-    }
 }

@@ -7,8 +7,7 @@
 //!
 //! Each row has two ways to the same pairs, or to a scene and its filtered part, in turns; the ratio is
 //! that of the medians, below 1 in favour of the first. Beside each median stand the quartiles. All pairs
-//! are visited. Each way has a session of its own with a daemon, which culls each frame anew, or engines of
-//! its own.
+//! are visited. Each way has a session of its own, which culls each frame anew.
 //!
 //! * `worlds`: boxes of 4,096 worlds that lie over one another, against one world in which they lie side by
 //!   side, with as many boxes and pairs.
@@ -66,32 +65,16 @@ fn cube(random: &mut Random, n: usize) -> Vec<Aabb> {
     (0..n).map(|_| corner()).map(|low| Aabb::new(low, low.map(|x| x + 1.0))).collect()
 }
 
-/// What answers the frames of a way.
-enum Server {
-    Engines { engines: Box<CpuEngines>, reply: HeapReply, last_pairs: Option<u64> },
-    Daemon(Session),
-}
-
 /// One way to answer a frame.
 struct Way {
-    server: Server,
+    session: Session,
     times: Vec<u64>,
 }
 
 impl Way {
-    fn new(daemon: Option<&PrivateDaemon>, threads: usize) -> Result<Self, Box<dyn Error>> {
-        let server = match daemon {
-            Some(daemon) => {
-                let builder = daemon.session().backend(Backend::Daemon).threads(threads);
-                Server::Daemon(builder.answer_repeats(false).connect()?)
-            }
-            None => Server::Engines {
-                engines: Box::default(),
-                reply: HeapReply::new(),
-                last_pairs: None,
-            },
-        };
-        Ok(Self { server, times: Vec::new() })
+    fn new(daemon: &PrivateDaemon, options: &Options) -> Result<Self, Box<dyn Error>> {
+        let builder = daemon.session().backend(options.backend).threads(options.threads);
+        Ok(Self { session: builder.answer_repeats(false).connect()?, times: Vec::new() })
     }
 
     /// Answers a frame and visits its pairs: ns, and how many pairs.
@@ -99,44 +82,20 @@ impl Way {
         &mut self,
         boxes: &[Aabb],
         rules: Option<&Arc<Rules>>,
-        threads: usize,
     ) -> Result<(u64, u64), Box<dyn Error>> {
+        // Boxes are written where they are sent from: in a game that is no copy.
+        let mut frame = self.session.frame(boxes.len())?;
+        frame.write(boxes);
+        let begin = Instant::now();
+        let pending = match rules {
+            Some(rules) => frame.submit_with_kept(rules)?,
+            None => frame.submit()?,
+        };
         let (mut sum, mut count) = (0u64, 0);
-        let mut visit = |pairs: &[[u32; 2]]| {
+        pending.wait()?.for_each_slice(|pairs| {
             sum = pairs.iter().fold(sum, |sum, [a, b]| sum + u64::from(a ^ b));
             count += pairs.len() as u64;
-        };
-        let begin;
-        match &mut self.server {
-            Server::Engines { engines, reply, last_pairs } => {
-                let options = CullOptions {
-                    threads: Some(threads),
-                    last_pairs: *last_pairs,
-                    ..CullOptions::default()
-                };
-                begin = Instant::now();
-                let report = match rules {
-                    Some(rules) => {
-                        engines.cull_filtered(boxes, rules, &options, reply)?.answer.report
-                    }
-                    None => engines.cull(boxes, &options, reply)?.report,
-                };
-                let n = BoxCount::new(boxes.len() as u32);
-                MaskView::new(n, &report.shape, reply.words())?.for_each_slice(&mut visit);
-                *last_pairs = Some(report.pair_count);
-            }
-            Server::Daemon(session) => {
-                // Boxes are written where they are sent from: in a game that is no copy.
-                let mut frame = session.frame(boxes.len())?;
-                frame.write(boxes);
-                begin = Instant::now();
-                let pending = match rules {
-                    Some(rules) => frame.submit_with_kept(rules)?,
-                    None => frame.submit()?,
-                };
-                pending.wait()?.for_each_slice(&mut visit);
-            }
-        }
+        });
         let took = begin.elapsed().as_nanos() as u64;
         black_box(sum);
         Ok((took, count))
@@ -155,11 +114,11 @@ type Frame<'a> = dyn FnMut(&mut Way) -> Result<(u64, u64), Box<dyn Error>> + 'a;
 fn row(
     name: &str,
     options: &Options,
-    daemon: Option<&PrivateDaemon>,
+    daemon: &PrivateDaemon,
     first: &mut Frame<'_>,
     second: &mut Frame<'_>,
 ) -> Result<Value, Box<dyn Error>> {
-    let way = || Way::new(daemon, options.threads);
+    let way = || Way::new(daemon, options);
     let (rounds, mut ways) = (options.rounds, [way()?, way()?]);
     let mut pairs = [0; 2];
     // The first rounds are not counted: memory is taken.
@@ -200,8 +159,7 @@ fn worlds(each: usize) -> (Vec<Aabb>, Arc<Rules>, Vec<Aabb>) {
     (over, Arc::new(rules), beside)
 }
 
-fn rows(options: &Options, daemon: Option<&PrivateDaemon>) -> Result<Vec<Value>, Box<dyn Error>> {
-    let threads = options.threads;
+fn rows(options: &Options, daemon: &PrivateDaemon) -> Result<Vec<Value>, Box<dyn Error>> {
     let wants = |row: &str| options.rows.iter().any(|wanted| wanted == row);
     let mut rows = Vec::new();
     for each in [32, 256] {
@@ -210,8 +168,8 @@ fn rows(options: &Options, daemon: Option<&PrivateDaemon>) -> Result<Vec<Value>,
         }
         let (over, rules, beside) = worlds(each);
         let name = format!("worlds {WORLDS} x {each}");
-        let mut by_world = |way: &mut Way| way.answer(&over, Some(&rules), threads);
-        let mut as_one = |way: &mut Way| way.answer(&beside, None, threads);
+        let mut by_world = |way: &mut Way| way.answer(&over, Some(&rules));
+        let mut as_one = |way: &mut Way| way.answer(&beside, None);
         if wants("worlds") {
             rows.push(row(&name, options, daemon, &mut by_world, &mut as_one)?);
         }
@@ -220,7 +178,7 @@ fn rows(options: &Options, daemon: Option<&PrivateDaemon>) -> Result<Vec<Value>,
             let mut requests = |way: &mut Way| {
                 let (mut ns, mut pairs) = (0, 0);
                 for world in over.chunks(each) {
-                    let (took, count) = way.answer(world, None, threads)?;
+                    let (took, count) = way.answer(world, None)?;
                     ns += took;
                     pairs += count;
                 }
@@ -247,15 +205,15 @@ fn rows(options: &Options, daemon: Option<&PrivateDaemon>) -> Result<Vec<Value>,
             .map(|id| Tag::default().with_filter(id))
             .collect();
         let rules = Arc::new(rules);
-        let mut filtered = |way: &mut Way| way.answer(&boxes, Some(&rules), threads);
-        let mut without = |way: &mut Way| way.answer(&boxes, None, threads);
+        let mut filtered = |way: &mut Way| way.answer(&boxes, Some(&rules));
+        let mut without = |way: &mut Way| way.answer(&boxes, None);
         if wants("filtered") {
             let name = format!("filtered {n}");
             rows.push(row(&name, options, daemon, &mut filtered, &mut without)?);
         }
         let open = Rules::default();
         let open = Arc::new(open);
-        let mut with_open = |way: &mut Way| way.answer(&boxes, Some(&open), threads);
+        let mut with_open = |way: &mut Way| way.answer(&boxes, Some(&open));
         if wants("rules") {
             let name = format!("no rules {n}");
             rows.push(row(&name, options, daemon, &mut with_open, &mut without)?);
@@ -269,9 +227,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(options.threads);
     pool.use_current_thread().build_global()?;
     let settings = PrivateSettings { gpu: options.gpu.clone().into(), ..Default::default() };
-    let start = || PrivateDaemon::start(DAEMON.as_ref(), &settings);
-    let daemon = (options.backend == Backend::Daemon).then(start).transpose()?;
-    let rows = rows(&options, daemon.as_ref())?;
+    let daemon = PrivateDaemon::start(DAEMON.as_ref(), &settings)?;
+    let rows = rows(&options, &daemon)?;
     if options.json {
         let (backend, threads) = (options.backend.to_string(), options.threads);
         let all = json!({ "backend": backend, "threads": threads, "rows": rows });

@@ -12,7 +12,7 @@ use pairmask_core::Aabb;
 use serde_json::Value;
 use tempfile::TempDir;
 
-use crate::watchdog::within;
+use crate::daemon::within;
 
 /// A process that runs longer than this counts as hanging.
 pub const PATIENCE: Duration = Duration::from_secs(120);

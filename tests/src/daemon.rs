@@ -6,11 +6,9 @@ use std::time::{Duration, Instant};
 
 use pairmask::{Backend, ServedBy, Session, SessionBuilder};
 use pairmask_transport::{DaemonRecord, RuntimeDir};
-use pairmask_wire::InstanceName;
+use pairmask_wire::{AuditCounts, InstanceName};
 use pairmaskd::spawn::is_opening_gpus;
 use rustix::process::{Pid, Signal, kill_process};
-
-use crate::watchdog::within;
 
 /// A wait that takes longer than this counts as a hang.
 pub const PATIENCE: Duration = Duration::from_secs(30);
@@ -21,6 +19,18 @@ pub const PATIENCE: Duration = Duration::from_secs(30);
 /// When it does not within [`PATIENCE`].
 pub fn eventually<T>(what: &str, check: impl FnMut() -> Option<T>) -> T {
     within(PATIENCE, what, check)
+}
+
+/// As [`eventually`], with another limit.
+pub(crate) fn within<T>(patience: Duration, what: &str, mut check: impl FnMut() -> Option<T>) -> T {
+    let start = Instant::now();
+    loop {
+        if let Some(value) = check() {
+            return value;
+        }
+        assert!(start.elapsed() < patience, "waited {patience:?} in vain: {what}");
+        std::thread::sleep(Duration::from_millis(5));
+    }
 }
 
 /// Submits a thousand frames while the daemon is killed repeatedly, and more until the daemon
@@ -148,6 +158,19 @@ impl TestDaemon {
     pub fn worker(&self) -> Pid {
         let record = eventually("the daemon has a worker", || self.record());
         Pid::from_raw(i32::try_from(record.worker_pid).expect("a pid")).expect("not zero")
+    }
+
+    /// Waits until the auditor has seen enough, and checks that it has found nothing wrong.
+    ///
+    /// # Panics
+    /// When it has, or has seen too little within [`PATIENCE`].
+    pub fn audit_is_clean(&self, mut is_enough: impl FnMut(&AuditCounts) -> bool) {
+        let mut session = self.session().connect().expect("the daemon answers");
+        let audit = eventually("answers are audited", || {
+            let audit = session.daemon_status().expect("a status").audit;
+            is_enough(&audit).then_some(audit)
+        });
+        assert_eq!((audit.missed, audit.extra), (0, 0), "{audit:?}");
     }
 
     /// Sends the worker a signal: the next one, where the one that serves has just died.

@@ -1,6 +1,5 @@
 //! Oracle, conformance suite, fault tests and benches of pairmask.
 
-mod attack;
 pub mod attackers;
 pub mod audited;
 pub mod command_line;
@@ -25,11 +24,10 @@ pub mod scene_model;
 pub mod session_engine;
 pub mod spheres;
 pub mod tier;
-pub mod watchdog;
 
-pub use attack::attack_time;
 pub use pairmask_core::oracle;
 pub use pairmask_core::oracle::modes as naive_modes;
 pub use pairmask_core::oracle::naive_decoder;
 pub use pairmask_lab::sabotage::lose_a_pair;
 pub use pairmask_lab::stress::{SphereCase, scenes as stress_scenes};
+pub use tier::attack_time;

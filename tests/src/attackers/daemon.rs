@@ -1,7 +1,6 @@
 //! A daemon that states lengths of answers beyond its memory.
 
 use std::error::Error;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use pairmask_core::mask::Encoding;
@@ -10,7 +9,7 @@ use pairmask_wire::{
 };
 
 use super::raw::{Dice, word, write};
-use super::{Tally, Until, serve};
+use super::{Tally, Until, serve, while_they_alternate};
 
 /// Word of the number of pages in the transport's header of a response.
 const PAGE_COUNT: usize = 5;
@@ -49,16 +48,9 @@ pub fn attack(until: &Until, tally: &mut Tally) -> Result<(), Box<dyn Error>> {
         }
         // The length alternates between forged and true while clients read it. The memory is this
         // process's as long as the port lives.
-        let is_over = AtomicBool::new(dice.below(2) == 0);
-        std::thread::scope(|scope| {
-            scope.spawn(|| {
-                while !is_over.load(Ordering::Relaxed) {
-                    write(pages, PAGES);
-                    write(pages, forged);
-                }
-            });
+        let states: [&(dyn Fn() + Sync); 2] = [&|| write(pages, PAGES), &|| write(pages, forged)];
+        while_they_alternate(dice.below(2) > 0, states, || {
             std::thread::sleep(Duration::from_millis(1));
-            is_over.store(true, Ordering::Relaxed);
         });
     })
 }

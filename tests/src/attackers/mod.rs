@@ -144,6 +144,25 @@ impl Forging {
     }
 }
 
+/// Does `work` while words alternate between two states, each written by a function, or stay as they are.
+fn while_they_alternate<R>(
+    goes_on: bool,
+    states: [&(dyn Fn() + Sync); 2],
+    work: impl FnOnce() -> R,
+) -> R {
+    let is_over = AtomicBool::new(!goes_on);
+    std::thread::scope(|scope| {
+        scope.spawn(|| {
+            while !is_over.load(Ordering::Relaxed) {
+                states.iter().for_each(|state| state());
+            }
+        });
+        let done = work();
+        is_over.store(true, Ordering::Relaxed);
+        done
+    })
+}
+
 /// Serves as a daemon whose answers have one page, until the attack is over: `answer` writes each and sends it.
 fn serve(
     until: &Until,
@@ -187,9 +206,8 @@ pub fn run(mode: &str) -> Result<(), Box<dyn Error>> {
     let until = Until::input_ends();
     let mut tally = Tally::new();
     match mode {
-        "tokens" => tokens::attack(1, tokens::Tokens::Next, &until, &mut tally),
-        "one-token" => tokens::attack(1, tokens::Tokens::Constant, &until, &mut tally),
-        "ports" => tokens::attack(8, tokens::Tokens::Constant, &until, &mut tally),
+        "tokens" => tokens::attack(1, true, &until, &mut tally),
+        "ports" => tokens::attack(8, false, &until, &mut tally),
         "lengths" => lengths::attack(&until, &mut tally),
         "channels" | "scribble" | "truncate" => repeat_in_children(mode, &until, &mut tally)?,
         "channels-once" => channels::attack(&mut tally),

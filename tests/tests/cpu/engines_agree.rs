@@ -130,37 +130,29 @@ fn threads_that_are_kept_awake_find_the_golden_pairs() {
     thread::spawn(work).join().expect("the golden pairs");
 }
 
-#[test]
-fn engines_agree_on_ten_thousand_boxes() {
-    let (mut engines, pools) = (all_engines(), pools());
+/// Scenes of a size, those with quadratic numbers of pairs smaller.
+fn agree(engines: &mut [Box<dyn Engine>], n: usize, quadratic: usize) {
     for name in SceneName::ALL {
-        let n = if name.is_quadratic() { 1_000 } else { 10_000 };
-        agreed(name, Scene::new(name, n, 5).boxes(), &mut engines, &pools);
-    }
-}
-
-#[test]
-#[ignore = "minutes: run in release, see the head of this file"]
-fn engines_agree_on_a_hundred_thousand_boxes() {
-    let (mut engines, pools) = (all_engines(), pools());
-    for name in SceneName::ALL.into_iter().filter(|name| !name.is_quadratic()) {
-        let mut scene = Scene::new(name, 100_000, 5);
+        let n = if name.is_quadratic() { quadratic } else { n };
+        let mut scene = Scene::new(name, n, 5);
         for _ in 0..2 {
-            agreed(name, scene.boxes(), &mut engines, &pools);
+            agreed(name, scene.boxes(), engines, &pools());
             scene.step();
         }
     }
 }
 
 #[test]
+fn engines_agree_on_ten_thousand_boxes() {
+    agree(&mut all_engines(), 10_000, 1_000);
+}
+
+#[test]
 #[ignore = "minutes: run in release, see the head of this file"]
-fn engines_agree_on_a_million_boxes() {
+fn engines_agree_on_a_hundred_thousand_and_a_million_boxes() {
+    agree(&mut all_engines(), 100_000, 1_000);
     // A million boxes have 5·10^11 pairs: `cpu-brute` runs only up to a hundred thousand boxes.
-    let mut engines: Vec<Box<dyn Engine>> =
-        vec![Box::new(Grid::new()), Box::new(SweepAndPrune::new())];
-    for name in SceneName::ALL.into_iter().filter(|name| !name.is_quadratic()) {
-        agreed(name, Scene::new(name, 1_000_000, 5).boxes(), &mut engines, &pools());
-    }
+    agree(&mut [Box::new(Grid::new()), Box::new(SweepAndPrune::new())], 1_000_000, 1_000);
 }
 
 /// Bytes a box that an engine may keep beside the boxes and the reply.

@@ -284,12 +284,7 @@ fn memory_of_replies_is_given_back_when_clients_leave_and_the_others_notice_noth
     for _ in 0..3 {
         let mut sessions: Vec<Session> =
             (0..4).map(|_| daemon.session().encoding(dense).connect().unwrap()).collect();
-        let mut masks = Vec::new();
-        for session in &mut sessions {
-            let mut frame = session.frame(boxes.len()).unwrap();
-            frame.boxes_mut().copy_from_slice(&boxes);
-            masks.push(frame.submit().unwrap().wait().unwrap());
-        }
+        let masks: Vec<_> = sessions.iter_mut().map(|session| session.answer(&boxes)).collect();
         let all = boxes.len() as u64 * (boxes.len() as u64 - 1) / 2;
         assert!(masks.iter().all(|mask| mask.count() == all));
         assert!(daemon.shared_bytes() > before + 15_000_000, "masks in the hands of clients");
@@ -315,12 +310,7 @@ fn two_hundred_clients_of_60_000_boxes_leave_8_mb_of_shared_memory_at_most() {
     for _ in 0..200 / AT_A_TIME {
         let mut sessions: Vec<Session> =
             (0..AT_A_TIME).map(|_| daemon.session().encoding(dense).connect().unwrap()).collect();
-        let mut masks = Vec::new();
-        for session in &mut sessions {
-            let mut frame = session.frame(boxes.len()).unwrap();
-            frame.boxes_mut().copy_from_slice(&boxes);
-            masks.push(frame.submit().unwrap().wait().unwrap());
-        }
+        let _masks: Vec<_> = sessions.iter_mut().map(|session| session.answer(&boxes)).collect();
         most = most.max(daemon.shared_bytes());
     }
     assert!(most > before + AT_A_TIME as u64 * 200_000_000);
@@ -341,9 +331,7 @@ fn a_mask_in_the_hands_of_a_client_stays_what_it_is_while_others_leave() {
     let before = daemon.shared_bytes();
     for _ in 0..3 {
         let mut leaves = daemon.session().encoding(dense).connect().unwrap();
-        let mut frame = leaves.frame(boxes.len()).unwrap();
-        frame.boxes_mut().copy_from_slice(&boxes);
-        drop(frame.submit().unwrap().wait().unwrap());
+        drop(leaves.answer(&boxes));
         drop(leaves);
         eventually("the memory of the other mask comes back", || {
             (daemon.shared_bytes() < before + LEFT_OF_MASKS).then_some(())

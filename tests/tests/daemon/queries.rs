@@ -183,16 +183,7 @@ fn a_daemon_is_queried() {
         [300, 5, 1_000].into_iter().map(|count| queries.check(&mut scene, count)).sum();
     assert!(found > 0);
     drop(scene);
-    audit_is_clean(&mut session);
-}
-
-/// Something was audited, and was right.
-fn audit_is_clean(session: &mut pairmask::Session) {
-    let audit = eventually("answers are checked", || {
-        let audit = session.daemon_status().unwrap().audit;
-        (audit.pairs > 0).then_some(audit)
-    });
-    assert_eq!((audit.missed, audit.extra), (0, 0), "{audit:?}");
+    daemon.audit_is_clean(|audit| audit.pairs > 0);
 }
 
 #[test]
@@ -206,7 +197,7 @@ fn a_daemon_with_a_gpu_is_queried() {
         assert!(found > 20, "{found}");
         assert!(scene.served.contains(&ServedBy::Daemon));
     }
-    audit_is_clean(&mut session);
+    daemon.audit_is_clean(|audit| audit.pairs > 0);
 }
 
 #[test]
@@ -356,7 +347,7 @@ fn frames_of_two_sets_are_culled_in_process_by_a_daemon_and_by_a_gpu() {
             check_sets(&mut only.connect().unwrap(), encoding, by);
         }
     }
-    audit_is_clean(&mut daemon.session().connect().unwrap());
+    daemon.audit_is_clean(|audit| audit.pairs > 0);
     // An engine of a GPU is none of the cores'.
     let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
     let engine = EngineChoice::Only(EngineName::GpuGrid);

@@ -81,11 +81,11 @@ fn check_limits(what: &str, n: usize, need: u64, limits: &[u64], pairs: &[Pair],
     }
 }
 
-/// Words of a reply that an engine takes without a limit.
-fn need_of(cull: Cull<'_>) -> u64 {
+/// Checks a way to cull below the words of a reply that it takes without a limit.
+fn check_below(what: &str, n: usize, pairs: &[Pair], cull: Cull<'_>) {
     let mut reply = Witness::without_limit();
     cull(&mut reply).unwrap();
-    reply.granted
+    check_limits(what, n, reply.granted, &below(reply.granted), pairs, cull);
 }
 
 /// Limits below a need: near it and far from it.
@@ -119,8 +119,7 @@ fn every_cpu_engine_takes_what_fits_and_no_word_more() {
                             )
                         })
                     };
-                    let need = need_of(&mut cull);
-                    check_limits(&what, boxes.len(), need, &below(need), &pairs, &mut cull);
+                    check_below(&what, boxes.len(), &pairs, &mut cull);
                 }
             }
         }
@@ -148,8 +147,7 @@ fn spheres_take_what_fits_and_no_word_more() {
                     })
                 };
                 let what = format!("{scene}, all pairs, {encoding}, {threads}");
-                let need = need_of(&mut cull);
-                check_limits(&what, spheres.len(), need, &below(need), pairs, &mut cull);
+                check_below(&what, spheres.len(), pairs, &mut cull);
                 for engine in EngineName::CPU {
                     let options = CullOptions {
                         engine: EngineChoice::Only(engine),
@@ -162,8 +160,7 @@ fn spheres_take_what_fits_and_no_word_more() {
                         pool.install(|| Ok(engines.cull(spheres, &options, reply)?.report))
                     };
                     let what = format!("{scene}, {engine}, {encoding}, {threads}");
-                    let need = need_of(&mut cull);
-                    check_limits(&what, spheres.len(), need, &below(need), pairs, &mut cull);
+                    check_below(&what, spheres.len(), pairs, &mut cull);
                 }
             }
         }

@@ -68,12 +68,7 @@ fn eight_clients_at_once_get_their_own_pairs() {
     let mut session = daemon.session().connect().unwrap();
     let status = session.daemon_status().unwrap();
     assert_eq!((status.frames, status.errors), (frames, 0));
-    let audit = eventually("the auditor has seen them", || {
-        let audit = session.daemon_status().unwrap().audit;
-        (audit.frames + audit.skipped == frames).then_some(audit)
-    });
-    assert!(audit.frames > 0);
-    assert_eq!((audit.missed, audit.extra), (0, 0), "{audit:?}");
+    daemon.audit_is_clean(|audit| audit.frames > 0 && audit.frames + audit.skipped == frames);
 }
 
 /// Starts a client in a mode that goes on until it is killed: a process of its own, since the tests' threads are one

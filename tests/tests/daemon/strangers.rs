@@ -44,6 +44,14 @@ fn places(daemon: &TestDaemon) -> [PathBuf; 4] {
     [daemon.path().to_owned(), file("default.daemon"), file("default.heartbeat"), root]
 }
 
+/// Checks that a client refuses the instance, for a cause, and answers in process where it may.
+fn check_refused(daemon: &TestDaemon, path: &Path, is_cause: impl Fn(&InstanceError) -> bool) {
+    let error = connect(daemon).unwrap_err();
+    let is_named = matches!(&error, ConnectError::Instance(cause) if is_cause(cause));
+    assert!(is_named, "{}: {error}", path.display());
+    check_auto(daemon, &path.display().to_string());
+}
+
 #[test]
 fn what_others_may_write_to_is_not_used_by_a_client() {
     let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
@@ -52,13 +60,11 @@ fn what_others_may_write_to_is_not_used_by_a_client() {
         let mode = fs::metadata(&path).unwrap().mode() & 0o7777;
         for open in [0o020, 0o002] {
             set_mode(&path, mode | open);
-            let error = connect(&daemon).unwrap_err();
-            assert!(
-                matches!(&error, ConnectError::Instance(InstanceError::Open { path: p, .. }) if *p == path),
-                "{}: {error}",
-                path.display()
+            check_refused(
+                &daemon,
+                &path,
+                |cause| matches!(cause, InstanceError::Open { path: p, .. } if *p == path),
             );
-            check_auto(&daemon, &path.display().to_string());
         }
         set_mode(&path, mode);
         drop(connect(&daemon).unwrap());
@@ -73,13 +79,11 @@ fn links_are_not_followed_by_a_client() {
         let moved = path.with_extension("moved");
         fs::rename(&path, &moved).unwrap();
         symlink(&moved, &path).unwrap();
-        let error = connect(&daemon).unwrap_err();
-        assert!(
-            matches!(&error, ConnectError::Instance(InstanceError::NotPlain { path: p, .. }) if *p == path),
-            "{}: {error}",
-            path.display()
+        check_refused(
+            &daemon,
+            &path,
+            |cause| matches!(cause, InstanceError::NotPlain { path: p, .. } if *p == path),
         );
-        check_auto(&daemon, &path.display().to_string());
         fs::remove_file(&path).unwrap();
         fs::rename(&moved, &path).unwrap();
         drop(connect(&daemon).unwrap());
@@ -96,11 +100,11 @@ fn what_another_user_owns_is_not_used_by_a_client() {
     let own = [places(&daemon).to_vec(), vec![shared[0].clone()]].concat();
     for path in own {
         chown(&path, Some(NOBODY), None).unwrap();
-        let error = connect(&daemon).unwrap_err();
-        let said = error.to_string();
-        assert!(said.contains(&format!("belongs to user {NOBODY}")), "{}: {said}", path.display());
-        assert!(said.contains("PAIRMASK_RUNTIME_DIR"), "{}: {said}", path.display());
-        check_auto(&daemon, &path.display().to_string());
+        check_refused(&daemon, &path, |cause| {
+            let said = cause.to_string();
+            said.contains(&format!("belongs to user {NOBODY}"))
+                && said.contains("PAIRMASK_RUNTIME_DIR")
+        });
         chown(&path, Some(0), None).unwrap();
         drop(connect(&daemon).unwrap());
     }
@@ -117,12 +121,9 @@ fn a_strangers_file_in_shared_memory_keeps_clients_and_daemons_away() {
     let file = Path::new("/dev/shm").join(name);
     fs::write(&file, "x").unwrap();
     chown(&file, Some(NOBODY), None).unwrap();
-    let error = connect(&daemon).unwrap_err();
-    assert!(
-        matches!(&error, ConnectError::Instance(InstanceError::Foreign { owner: NOBODY, .. })),
-        "{error}"
-    );
-    check_auto(&daemon, "a stranger's file");
+    check_refused(&daemon, &file, |cause| {
+        matches!(cause, InstanceError::Foreign { owner: NOBODY, .. })
+    });
     fs::remove_file(&file).unwrap();
     drop(connect(&daemon).unwrap());
     daemon.kill();

@@ -1,15 +1,13 @@
 //! A daemon with several GPUs: frames are spread over them, and none is lost with one of them.
 
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use pairmask_tests::frame_memory::TestFrame;
-use pairmask_tests::gpu::{self, executor, pairs_of};
+use pairmask_tests::gpu::{executor, pairs_of};
 use pairmask_tests::prelude::*;
 use pairmaskd::execute::{CullUnderWay, Executor, Owner};
-
-const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
 
 const GRID: EngineChoice = EngineChoice::Only(EngineName::GpuGrid);
 
@@ -167,32 +165,4 @@ fn stops(clients: &[std::thread::ScopedJoinHandle<'_, ()>]) -> bool {
 fn one_of_two_devices_is_lost_under_load_a_hundred_times() {
     let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
     devices_are_lost_under_load(100);
-}
-
-#[test]
-fn a_daemon_of_two_gpus_serves_several_clients() {
-    let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
-    let gpus = format!("{},{}", gpu::name_at(0), gpu::name_at(1));
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", &gpus]);
-    let boxes = Arc::new(stress_scenes::named("uniform").boxes(2_345, 3));
-    let expected = Arc::new(oracle::truth(&boxes).pairs);
-    let clients: Vec<_> = (0..4)
-        .map(|_| {
-            let mut session = daemon.session().engine(GRID).connect().expect("a session");
-            let (boxes, expected) = (Arc::clone(&boxes), Arc::clone(&expected));
-            std::thread::spawn(move || {
-                for _ in 0..5 {
-                    let mut frame = session.frame(boxes.len()).expect("a frame");
-                    frame.boxes_mut().copy_from_slice(&boxes);
-                    let mask = frame.submit().expect("sent").wait().expect("an answer");
-                    let mut pairs: Vec<(u32, u32)> = mask.pairs().collect();
-                    pairs.sort_unstable();
-                    assert!(pairs == *expected);
-                }
-            })
-        })
-        .collect();
-    for client in clients {
-        client.join().expect("right answers");
-    }
 }

@@ -5,9 +5,8 @@
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 mod allocations;
-mod auto_cause;
-mod fallback_log;
 mod forward_compatibility;
+mod library_log;
 mod scene_device_loss;
 
 /// The process, for one test at a time. A test that failed leaves it as good as before.

@@ -1,8 +1,8 @@
-//! The log and errors name the cause for which frames are answered in process.
+//! The log says once that a session falls back, why, and that the daemon answers again; errors name the cause.
 
 use std::time::Duration;
 
-use log::LevelFilter;
+use log::{Level, LevelFilter};
 use pairmask::StatusError;
 use pairmask_tests::library_log;
 use pairmask_tests::prelude::*;
@@ -16,9 +16,7 @@ fn said() -> Vec<String> {
 }
 
 fn frame(session: &mut Session) -> ServedBy {
-    let mut frame = session.frame(2).unwrap();
-    frame.boxes_mut().fill(Aabb::EMPTY);
-    frame.submit().unwrap().wait().unwrap().info().served_by
+    session.answer(&[Aabb::EMPTY; 2]).info().served_by
 }
 
 /// Checks that a session that falls back logs the cause once, and that errors name it, between two
@@ -75,4 +73,62 @@ fn the_cause_is_named() {
     empty.write_record(&name, &record).unwrap();
     let is_other = |e: &ConnectError| matches!(e, ConnectError::VersionMismatch { .. });
     check(at(&empty), is_other, "wire version 9.0");
+}
+
+/// The last of some frames.
+fn frames(session: &mut Session, count: usize) -> ServedBy {
+    (0..count).map(|_| frame(session)).last().unwrap()
+}
+
+#[test]
+fn falling_back_is_said_once() {
+    let _alone = crate::alone();
+    library_log::capture(LevelFilter::Info);
+    let mut daemon = TestDaemon::start(DAEMON, &[]);
+    let mut session = daemon.session().backend(Backend::Auto).connect().unwrap();
+    assert_eq!(frames(&mut session, 10), ServedBy::Daemon);
+    assert_eq!(library_log::take_captured(), []);
+
+    daemon.kill();
+    assert_eq!(frames(&mut session, 100), ServedBy::InProcess);
+    let lost = library_log::take_captured();
+    assert_eq!(lost.len(), 1, "{lost:?}");
+    assert!(lost[0].0 == Level::Warn && lost[0].1.contains("answered in process"), "{lost:?}");
+
+    daemon.restart();
+    eventually("the session is back", || {
+        (frames(&mut session, 1) == ServedBy::Daemon).then_some(())
+    });
+    assert_eq!(frames(&mut session, 100), ServedBy::Daemon);
+    let back = library_log::take_captured();
+    assert_eq!(back.len(), 1, "{back:?}");
+    assert!(back[0].0 == Level::Info && back[0].1.contains("answers again"), "{back:?}");
+
+    // A daemon whose record says wire 1.0 gets narrow boxes as f32.
+    let mut record = daemon.record().unwrap();
+    record.version.minor = 0;
+    daemon.dir().write_record(&InstanceName::default(), &record).unwrap();
+    let mut session = daemon.session().connect().unwrap();
+    for _ in 0..10 {
+        let mut frame = session.narrow_frame(2, Precision::F16).unwrap();
+        frame.fill(&[Aabb::EMPTY; 2]);
+        assert_eq!(frame.submit().unwrap().wait().unwrap().info().form, BoxForm::F32.into());
+    }
+    let exact = library_log::take_captured();
+    assert_eq!(exact.len(), 1, "{exact:?}");
+    assert!(exact[0].0 == Level::Warn && exact[0].1.contains("frames are exact"), "{exact:?}");
+
+    // Frames of spheres are answered in process.
+    let mut session = daemon.session().backend(Backend::Auto).connect().unwrap();
+    for _ in 0..10 {
+        let mut frame = session.sphere_frame(2).unwrap();
+        frame.spheres_mut().fill(Sphere::EMPTY);
+        let mask = frame.submit().unwrap().wait().unwrap();
+        assert_eq!(mask.info().served_by, ServedBy::InProcess);
+        assert_eq!(frames(&mut session, 1), ServedBy::Daemon);
+    }
+    let spheres = library_log::take_captured();
+    assert_eq!(spheres.len(), 1, "{spheres:?}");
+    let (level, said) = &spheres[0];
+    assert!(*level == Level::Warn && said.contains("does not know spheres"), "{spheres:?}");
 }
