@@ -93,9 +93,6 @@ pub struct Failure {
 ///
 /// # Errors
 /// [`Failure`] names the first frame that the engine got wrong.
-///
-/// # Panics
-/// When no thread pool can be had, or the suite has no flags.
 pub fn check_engine(engine: &mut dyn Engine, suite: &Suite) -> Result<usize, Box<Failure>> {
     let pools: Vec<(usize, ThreadPool)> = suite
         .threads
@@ -135,9 +132,6 @@ pub fn check_engine(engine: &mut dyn Engine, suite: &Suite) -> Result<usize, Box
 }
 
 /// As [`check_engine`], for tests.
-///
-/// # Panics
-/// Where the engine is wrong, or nothing was checked.
 pub fn conform(engine: &mut dyn Engine, suite: &Suite) {
     match check_engine(engine, suite) {
         Ok(frames) => assert!(frames > 0, "the suite ran nothing"),

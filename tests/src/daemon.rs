@@ -14,9 +14,6 @@ use rustix::process::{Pid, Signal, kill_process};
 pub const PATIENCE: Duration = Duration::from_secs(30);
 
 /// Waits until `check` gives something.
-///
-/// # Panics
-/// When it does not within [`PATIENCE`].
 pub fn eventually<T>(what: &str, check: impl FnMut() -> Option<T>) -> T {
     within(PATIENCE, what, check)
 }
@@ -35,9 +32,6 @@ pub(crate) fn within<T>(patience: Duration, what: &str, mut check: impl FnMut() 
 
 /// Submits a thousand frames while the daemon is killed repeatedly, and more until the daemon
 /// serves again. `frame` submits frame `i`, checks the answer, and returns what served it.
-///
-/// # Panics
-/// When daemon or process answered too few frames, or the session does not return to the daemon.
 pub fn outlive_kills(daemon: &mut TestDaemon, mut frame: impl FnMut(usize) -> ServedBy) {
     let (mut here, mut there) = (0, 0);
     for i in 0..1000 {
@@ -77,9 +71,6 @@ pub struct TestDaemon {
 impl TestDaemon {
     /// Starts `binary serve ARGUMENTS` and waits until it answers. `--gpu software` is the GPU of the tests
     /// ([`gpu`](crate::gpu)).
-    ///
-    /// # Panics
-    /// When it does not start.
     pub fn start(binary: &str, arguments: &[&str]) -> Self {
         let mut daemon = Self {
             dir: tempfile::tempdir().expect("a temporary directory"),
@@ -92,9 +83,6 @@ impl TestDaemon {
     }
 
     /// Starts the daemon again after [`TestDaemon::kill`].
-    ///
-    /// # Panics
-    /// When it does not start.
     pub fn restart(&mut self) {
         assert!(self.supervisor.is_none(), "the daemon is running");
         let child = Command::new(&self.binary)
@@ -112,9 +100,6 @@ impl TestDaemon {
     }
 
     /// Waits until no GPU is being opened any more.
-    ///
-    /// # Panics
-    /// When that takes longer than [`PATIENCE`].
     pub fn wait_for_gpus(&self) {
         eventually("the GPUs join", || {
             (!is_opening_gpus(&self.dir(), &InstanceName::default())).then_some(())
@@ -142,9 +127,6 @@ impl TestDaemon {
     }
 
     /// Has the daemon's record state another minor version of the wire.
-    ///
-    /// # Panics
-    /// When no daemon serves.
     pub fn pretend_minor(&self, minor: u16) {
         let mut record = self.record().expect("the daemon serves");
         record.version.minor = minor;
@@ -152,18 +134,12 @@ impl TestDaemon {
     }
 
     /// The process that serves now.
-    ///
-    /// # Panics
-    /// When no daemon serves within [`PATIENCE`].
     pub fn worker(&self) -> Pid {
         let record = eventually("the daemon has a worker", || self.record());
         Pid::from_raw(i32::try_from(record.worker_pid).expect("a pid")).expect("not zero")
     }
 
     /// Waits until the auditor has seen enough, and checks that it has found nothing wrong.
-    ///
-    /// # Panics
-    /// When it has, or has seen too little within [`PATIENCE`].
     pub fn audit_is_clean(&self, mut is_enough: impl FnMut(&AuditCounts) -> bool) {
         let mut session = self.session().connect().expect("the daemon answers");
         let audit = eventually("answers are audited", || {
@@ -176,9 +152,6 @@ impl TestDaemon {
     /// Sends the worker a signal: the next one, where the one that serves has just died.
     ///
     /// The supervisor is stopped before its worker is, and goes on after it: it would replace the worker.
-    ///
-    /// # Panics
-    /// When no worker lives within [`PATIENCE`].
     pub fn signal_worker(&self, signal: Signal) {
         if signal == Signal::STOP {
             self.signal_supervisor(signal);
@@ -198,9 +171,6 @@ impl TestDaemon {
 
     /// Kills the daemon as the system's out-of-memory killer would: the supervisor by SIGKILL, and
     /// the worker with it.
-    ///
-    /// # Panics
-    /// When the daemon is not running.
     pub fn kill(&mut self) {
         let mut supervisor = self.supervisor.take().expect("the daemon is running");
         supervisor.kill().expect("SIGKILL");
@@ -208,9 +178,6 @@ impl TestDaemon {
     }
 
     /// Bytes of shared memory that this daemon and its clients have.
-    ///
-    /// # Panics
-    /// When /dev/shm cannot be read.
     pub fn shared_bytes(&self) -> u64 {
         use std::os::unix::fs::MetadataExt;
         // Of 512 bytes, whatever the file system's blocks are.
@@ -219,9 +186,6 @@ impl TestDaemon {
     }
 
     /// Files of this daemon and its clients in /dev/shm.
-    ///
-    /// # Panics
-    /// When /dev/shm cannot be read.
     pub fn shared_files(&self) -> Vec<PathBuf> {
         let prefix = self.dir().shm_prefix(&InstanceName::default());
         let mut files: Vec<PathBuf> = std::fs::read_dir("/dev/shm")

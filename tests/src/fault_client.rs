@@ -14,9 +14,6 @@ pub struct FaultClient {
 
 impl FaultClient {
     /// Starts `binary MODE ENGINE ..` and waits until it has had one frame answered.
-    ///
-    /// # Panics
-    /// Where it does not start.
     pub fn start(binary: &str, daemon: &TestDaemon, arguments: &[&str]) -> Self {
         let mut process = Command::new(binary)
             .args(arguments)
@@ -32,18 +29,12 @@ impl FaultClient {
     }
 
     /// Lets it cause its fault.
-    ///
-    /// # Panics
-    /// Where it does not.
     pub fn go(&mut self) {
         self.process.stdin.take().expect("once").write_all(b"go\n").expect("it reads");
         assert_eq!(self.next_line(), "ready");
     }
 
     /// The next line that it prints.
-    ///
-    /// # Panics
-    /// Where it prints no more.
     pub fn next_line(&mut self) -> String {
         self.said.next().expect("a line").expect("text")
     }

@@ -41,9 +41,6 @@ pub struct FilteredFrame {
 
 impl FilteredFrame {
     /// A frame of `n` boxes, some empty or invalid, with rules of a kind.
-    ///
-    /// # Panics
-    /// Never: tables of so many filters can be made.
     pub fn drawn(n: usize, kind: Kind, seed: u64) -> Self {
         let mut rng = Rng::new(seed);
         let boxes = drawn_boxes(n, &mut rng);

@@ -41,34 +41,22 @@ pub fn choice_at(place: usize) -> GpuChoice {
 }
 
 /// The GPU of tests that need one.
-///
-/// # Panics
-/// Without an adapter: a GPU test that cannot run fails.
 pub fn open(host_import: HostImport) -> Arc<Gpu> {
     open_at(0, host_import)
 }
 
 /// The GPU at a place of tests that need several: a device of its own for each.
-///
-/// # Panics
-/// Without an adapter: a GPU test that cannot run fails.
 pub fn open_at(place: usize, host_import: HostImport) -> Arc<Gpu> {
     Gpu::open(&choice_at(place), host_import)
         .unwrap_or_else(|error| panic!("the GPU tests need a Vulkan adapter: {error}"))
 }
 
 /// An engine on a device of its own.
-///
-/// # Panics
-/// When it cannot be made.
 pub fn engine(options: AllPairsOptions) -> AllPairs {
     AllPairs::new(&open(HostImport::IfPossible), options).unwrap_or_else(|error| panic!("{error}"))
 }
 
 /// An executor with so many devices of the GPUs of the tests.
-///
-/// # Panics
-/// Without an adapter.
 pub fn executor(gpus: usize) -> Executor {
     let open = |place| GpuService::open(&choice_at(place), Duration::ZERO);
     let open = |place| open(place).unwrap_or_else(|error| panic!("a Vulkan adapter: {error}"));
@@ -76,9 +64,6 @@ pub fn executor(gpus: usize) -> Executor {
 }
 
 /// The sorted pairs of an answer to so many boxes.
-///
-/// # Panics
-/// When it is no mask.
 pub fn pairs_of(n: usize, answer: &CullAnswer, words: &[u32]) -> Vec<Pair> {
     let n = BoxCount::new(n as u32);
     MaskView::new(n, &answer.report.shape, words).expect("a mask").sorted()

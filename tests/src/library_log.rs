@@ -23,9 +23,6 @@ impl Log for CapturedLines {
 
 /// Captures the library's log lines of this level and above from now on, and forgets those of before. A process has
 /// one log: tests that look at it run one after the other.
-///
-/// # Panics
-/// When the process has another logger already.
 pub fn capture(level: LevelFilter) {
     static INSTALLED: Once = Once::new();
     INSTALLED.call_once(|| log::set_logger(&CAPTURED).expect("the process has no other logger"));

@@ -17,9 +17,6 @@ pub struct WrittenMask {
 }
 
 /// The dense mask of `pairs`, bit by bit from the definition of the pair index.
-///
-/// # Panics
-/// Where a pair is not a < b < n.
 pub fn write_dense(n: BoxCount, pairs: &[Pair]) -> WrittenMask {
     let mut reply = vec![0; n.dense_words() as usize];
     let boxes = u64::from(n.get());
@@ -33,9 +30,6 @@ pub fn write_dense(n: BoxCount, pairs: &[Pair]) -> WrittenMask {
 }
 
 /// The sparse mask of `pairs`; with an order, rows and columns are positions in it.
-///
-/// # Panics
-/// Where a pair is not a < b < n or `order` is not a permutation of n boxes.
 pub fn write_sparse(n: BoxCount, pairs: &[Pair], order: Option<&[u32]>) -> WrittenMask {
     let position = order.map(|order| {
         assert_eq!(order.len(), n.len(), "an order names every box");
@@ -80,9 +74,6 @@ pub fn write_sparse(n: BoxCount, pairs: &[Pair], order: Option<&[u32]>) -> Writt
 }
 
 /// The list of `pairs`, in the order given.
-///
-/// # Panics
-/// Where a pair is not a < b < n.
 pub fn write_list(n: BoxCount, pairs: &[Pair]) -> WrittenMask {
     let mut reply = Vec::with_capacity(2 * pairs.len());
     for &(a, b) in pairs {

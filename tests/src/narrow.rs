@@ -38,9 +38,6 @@ impl NarrowMemory {
     }
 
     /// The boxes.
-    ///
-    /// # Panics
-    /// Never: the memory holds whole boxes, aligned.
     pub fn boxes(&self) -> BoxSlice<'_> {
         let bytes: &[u8] = bytemuck::cast_slice(&self.words);
         BoxSlice::new(self.form, &bytes[..self.bytes]).expect("whole boxes, aligned")

@@ -74,9 +74,6 @@ impl Queries {
     }
 
     /// Makes an edit, asks so many queries, and checks the answer. Returns how many pairs there were.
-    ///
-    /// # Panics
-    /// Where an answer is wrong.
     pub fn check(&mut self, scene: &mut impl QueriedScene, count: usize) -> usize {
         let ops = self.edits.next_edit();
         scene.edit(Edit { steps: &Grouped::of(&ops).steps() });

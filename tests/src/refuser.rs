@@ -57,9 +57,6 @@ fn answer_all(
 }
 
 /// Runs `test` beside a daemon of a version, whose answers `answer` gives: it writes one page and returns the header.
-///
-/// # Panics
-/// Where the test does, or the services cannot be made.
 pub fn beside_daemon(
     version: Version,
     answer: impl FnMut(&RequestHeader, &mut [u32]) -> ResponseHeader + Send,
@@ -84,9 +81,6 @@ pub fn beside_daemon(
 
 /// Runs `test` beside a daemon of this build's version that refuses every request, as one does that does not know a
 /// required section.
-///
-/// # Panics
-/// As [`beside_daemon`].
 pub fn beside_refuser(test: impl FnOnce(SessionBuilder)) {
     let refuse = |header: &RequestHeader, _: &mut [u32]| {
         response_error(&fields_of(header), StatusCode::BadRequest, [0; 2])

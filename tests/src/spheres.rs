@@ -58,9 +58,6 @@ pub fn hard_pairs(count: usize, seed: u64) -> Vec<(Sphere, Sphere)> {
 }
 
 /// The answer for `spheres`, by exact rational arithmetic: some microseconds a pair.
-///
-/// # Panics
-/// With 2^32 spheres or more.
 pub fn truth(spheres: &[Sphere]) -> Truth {
     Truth { pairs: oracle::pairs(spheres), census: census(spheres) }
 }
@@ -101,9 +98,6 @@ pub fn whole_scene(n: usize, side: u64, seed: u64) -> (Vec<Sphere>, Truth) {
 }
 
 /// Culls spheres.
-///
-/// # Panics
-/// When there is no answer.
 pub fn cull(session: &mut Session, spheres: &[Sphere]) -> PairMask {
     let mut frame = session.sphere_frame(spheres.len()).expect("memory for a frame");
     frame.spheres_mut().copy_from_slice(spheres);
@@ -112,9 +106,6 @@ pub fn cull(session: &mut Session, spheres: &[Sphere]) -> PairMask {
 
 /// Culls spheres as a caller of `flags`, on a pool of other flags; threads of yet other flags fill
 /// the frame.
-///
-/// # Panics
-/// When there is no answer.
 pub fn cull_flagged(
     session: &mut Session,
     spheres: &[Sphere],

@@ -17,9 +17,6 @@ pub fn small_sizes() -> Vec<u32> {
 }
 
 /// The time for which a test repeats its attack: two seconds, or `PAIRMASK_ATTACK_SECONDS`; the nightly run sets 300.
-///
-/// # Panics
-/// When the variable is no whole number of seconds: a nightly run could fall back to two unnoticed.
 pub fn attack_time() -> Duration {
     std::env::var("PAIRMASK_ATTACK_SECONDS").map_or(Duration::from_secs(2), |text| {
         match text.parse() {

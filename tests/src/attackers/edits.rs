@@ -1,10 +1,9 @@
 //! A client that forges edits of scenes, and changes them while the daemon reads them.
 
-use pairmask_core::engine::EngineChoice;
-use pairmask_core::scene::{Edit, Want};
-use pairmask_wire::{EditLayout, RequestHeader, SceneId, SceneRequest, page_count};
+use pairmask_core::scene::Edit;
+use pairmask_wire::{EditLayout, RequestHeader, page_count};
 
-use super::{Forging, Tally, Until};
+use super::{Forging, Tally, Until, scene_request};
 use crate::scene_model::{Edits, Grouped};
 
 /// Boxes of its scenes.
@@ -34,24 +33,12 @@ pub(super) fn attack(until: &Until, tally: &mut Tally) {
             return None;
         }
         let _ = layout.write(edit, payload);
-        let [boxes, steps, indices] = layout.sections();
         // A scene that was forged is begun anew now and then.
         let goes_on = |(_, answered): &&(_, pairmask_wire::ResponseHeader)| answered.status == 0;
         let base = last.filter(goes_on).map_or(0, |(header, _)| header.revision);
-        let request = SceneRequest {
-            scene: SceneId(dice.below(3) as u32),
-            base: if dice.below(20) > 0 { base } else { 0 },
-            revision,
-            is_taken: dice.below(2) == 0,
-            is_lost: dice.below(9) == 0,
-            want: [Want::Changes, Want::Moved, Want::All, Want::Nothing][dice.below(4) as usize],
-            most_boxes: MOST_BOXES,
-            engine: EngineChoice::Auto,
-            threads: None,
-            boxes,
-            steps,
-            indices,
-        };
+        let base = if dice.below(20) > 0 { base } else { 0 };
+        let of = [dice.below(3) as u32, MOST_BOXES];
+        let request = scene_request(dice, of, [base, revision], &layout);
         Some(RequestHeader::edit_scene(FORGING.token, frame, &request))
     });
 }

@@ -25,10 +25,14 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use bytemuck::cast_slice_mut;
+use pairmask_core::engine::EngineChoice;
+use pairmask_core::scene::Want;
 use pairmask_transport::{
     DaemonRecord, Limits, ResponseLoan, RuntimeDir, Services, assume_response_pages,
 };
-use pairmask_wire::{InstanceName, Page, RequestHeader, ResponseHeader, Version};
+use pairmask_wire::{
+    EditLayout, InstanceName, Page, RequestHeader, ResponseHeader, SceneId, SceneRequest, Version,
+};
 
 use self::raw::{Dice, RawClient, answer, write};
 
@@ -141,6 +145,30 @@ impl Forging {
             let place = dice.below((words.len() as u64).min(4 * 1024)) as usize;
             words[place] = some(dice);
         }
+    }
+}
+
+/// A request of an edit that is laid out so, of flags by chance.
+fn scene_request(
+    dice: &mut Dice,
+    [scene, most_boxes]: [u32; 2],
+    [base, revision]: [u64; 2],
+    layout: &EditLayout,
+) -> SceneRequest {
+    let [boxes, steps, indices] = layout.sections();
+    SceneRequest {
+        scene: SceneId(scene),
+        base,
+        revision,
+        is_taken: dice.below(2) == 0,
+        is_lost: dice.below(9) == 0,
+        want: [Want::Changes, Want::Moved, Want::All, Want::Nothing][dice.below(4) as usize],
+        most_boxes,
+        engine: EngineChoice::Auto,
+        threads: None,
+        boxes,
+        steps,
+        indices,
     }
 }
 

@@ -4,7 +4,6 @@
 use std::time::Duration;
 
 use bytemuck::{cast_slice, cast_slice_mut};
-use pairmask_core::engine::EngineChoice;
 use pairmask_core::filters::Tag;
 use pairmask_core::precision::BoxForm;
 use pairmask_core::scene::{Edit, QueryMask, QueryTags, Sets, Step, Want};
@@ -14,7 +13,7 @@ use pairmask_wire::{
 };
 
 use super::raw::{Dice, RawClient, answer};
-use super::{Forging, Tally, Until};
+use super::{Forging, Tally, Until, scene_request};
 
 /// Boxes of its scene, of a few queries, and of a frame.
 const BOXES: u32 = 300;
@@ -45,21 +44,8 @@ fn edit(client: &RawClient, dice: &mut Dice, revision: u64) -> Option<bool> {
     let layout = EditLayout::of(edit)?;
     let mut loan = client.loan(FORGING.pages)?;
     let _ = layout.write(edit, loan.payload_mut());
-    let [boxes, steps, indices] = layout.sections();
-    let request = SceneRequest {
-        scene: SCENE,
-        base: 0,
-        revision,
-        is_taken: false,
-        is_lost: false,
-        want: Want::Nothing,
-        most_boxes: BOXES,
-        engine: EngineChoice::Auto,
-        threads: None,
-        boxes,
-        steps,
-        indices,
-    };
+    let request = scene_request(dice, [SCENE.0, BOXES], [0, revision], &layout);
+    let request = SceneRequest { want: Want::Nothing, ..request };
     *loan.user_header_mut() = RequestHeader::edit_scene(FORGING.token, revision, &request);
     let answered = answer(&client.send(loan)?, Duration::from_secs(2))?;
     Some(answered.status == 0)

@@ -5,14 +5,14 @@ use std::time::Duration;
 
 use bytemuck::cast_slice_mut;
 use pairmask_core::engine::EngineChoice;
+use pairmask_core::scene::Edit;
 use pairmask_core::scene::shared::{AtEnd, Hears};
-use pairmask_core::scene::{Edit, Want};
 use pairmask_wire::{
-    EditLayout, JoinRequest, LeaseAction, LeaseRequest, RequestHeader, SceneId, SceneRequest,
-    Section, SectionKind, SharedTerms, page_count,
+    EditLayout, JoinRequest, LeaseAction, LeaseRequest, RequestHeader, SceneId, Section,
+    SectionKind, SharedTerms, page_count,
 };
 
-use super::{Forging, Tally, Until};
+use super::{Forging, Tally, Until, scene_request};
 use crate::scene_model::{Edits, Grouped};
 
 /// Boxes of its scenes.
@@ -84,24 +84,9 @@ pub(super) fn attack(until: &Until, tally: &mut Tally) {
                     return None;
                 }
                 let _ = layout.write(edit, payload);
-                let [boxes, steps, indices] = layout.sections();
-                let base = *revision;
+                let revisions = [*revision, *revision + 1];
                 *revision += 1;
-                let wants = [Want::Changes, Want::Moved, Want::All, Want::Nothing];
-                let request = SceneRequest {
-                    scene,
-                    base,
-                    revision: *revision,
-                    is_taken: dice.below(2) == 0,
-                    is_lost: dice.below(9) == 0,
-                    want: wants[dice.below(4) as usize],
-                    most_boxes: MOST_BOXES,
-                    engine: EngineChoice::Auto,
-                    threads: None,
-                    boxes,
-                    steps,
-                    indices,
-                };
+                let request = scene_request(dice, [number, MOST_BOXES], revisions, &layout);
                 RequestHeader::commit_shared(FORGING.token, frame, &request)
             }
         })

@@ -140,9 +140,6 @@ impl Model {
     }
 
     /// All pairs of now.
-    ///
-    /// # Panics
-    /// Never: boxes that overlap something have no NaN.
     pub fn pairs(&self) -> PairsByGeneration {
         let is_solid = |body: &Body| (0..3).all(|i| body.b.min[i] <= body.b.max[i]);
         let mut solid: Vec<(u32, Aabb)> = self

@@ -15,9 +15,6 @@ const MOST_TRIES: usize = 4_000;
 const MOST_TIME: Duration = Duration::from_secs(60);
 
 /// Plays scripts of so many edits in all, from a seed on, each on a scene of its own. Returns what was compared.
-///
-/// # Panics
-/// Where a scene differs from the model: with the smallest script that differs in the same way.
 pub fn hold<S: Subject>(
     kind: Kind,
     seed: u64,
@@ -28,9 +25,6 @@ pub fn hold<S: Subject>(
 }
 
 /// As [`hold`], without tags, filters and lists of pairs.
-///
-/// # Panics
-/// As that.
 pub fn hold_without_rules<S: Subject>(
     kind: Kind,
     seed: u64,

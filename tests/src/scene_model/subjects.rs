@@ -338,9 +338,6 @@ pub struct Sessions {
 
 impl Sessions {
     /// Sessions of a daemon.
-    ///
-    /// # Panics
-    /// When it does not answer.
     pub fn new(builder: &SessionBuilder) -> Self {
         let connect = |_| builder.clone().connect().expect("a daemon");
         let of_members = RefCell::new((0..MEMBERS).map(connect).collect());

@@ -39,24 +39,14 @@ fn cull<'a>(
     (report, reply)
 }
 
-/// Compares the replies with the mirror's, section by section.
-fn check_bytes<'a>(engine: &mut Grid, boxes: impl Into<BoxSlice<'a>>, what: &str) {
-    let boxes = boxes.into();
-    let mirrored = mirror::frame(&grid_layout(boxes), boxes);
-    check_words(engine, boxes, &mirrored, what);
-    check_list(engine, boxes, &mirrored, what);
-}
-
-fn check_list(engine: &mut Grid, boxes: BoxSlice<'_>, mirrored: &Mirrored, what: &str) {
-    let (report, reply) = cull(engine, boxes, Encoding::List);
-    let MaskShape::List { pairs } = report.shape else { panic!("{what}: no list") };
-    assert!(pairs.of(reply.words()) == Some(mirrored.pairs.as_flattened()), "{what}: pairs");
-    let n = BoxCount::new(boxes.len() as u32);
-    assert_eq!(n.pair_count() - report.skipped.pairs, mirrored.compared, "{what}: tests");
-}
-
-fn check_words(engine: &mut Grid, boxes: BoxSlice<'_>, mirrored: &Mirrored, what: &str) {
-    let (report, reply) = cull(engine, boxes, Encoding::Sparse);
+/// Compares replies to `n` objects with the mirror's, section by section.
+pub(crate) fn check_mirrored(
+    n: usize,
+    mirrored: &Mirrored,
+    what: &str,
+    mut cull: impl FnMut(Encoding) -> (CullReport, HeapReply),
+) {
+    let (report, reply) = cull(Encoding::Sparse);
     let MaskShape::Sparse { rows, blocks, bits, order } = report.shape else {
         panic!("{what}: not sparse")
     };
@@ -67,8 +57,19 @@ fn check_words(engine: &mut Grid, boxes: BoxSlice<'_>, mirrored: &Mirrored, what
         let expected: Vec<u32> = mirrored.words.iter().map(|word| word[place]).collect();
         assert!(section.of(reply.words()) == Some(&expected[..]), "{what}: section {place}");
     }
-    let n = BoxCount::new(boxes.len() as u32);
-    assert_eq!(n.pair_count() - report.skipped.pairs, mirrored.compared, "{what}: tests");
+    let compared =
+        |report: &CullReport| BoxCount::new(n as u32).pair_count() - report.skipped.pairs;
+    assert_eq!(compared(&report), mirrored.compared, "{what}: tests");
+    let (report, reply) = cull(Encoding::List);
+    let MaskShape::List { pairs } = report.shape else { panic!("{what}: no list") };
+    assert!(pairs.of(reply.words()) == Some(mirrored.pairs.as_flattened()), "{what}: pairs");
+    assert_eq!(compared(&report), mirrored.compared, "{what}: tests");
+}
+
+fn check_bytes<'a>(engine: &mut Grid, boxes: impl Into<BoxSlice<'a>>, what: &str) {
+    let boxes = boxes.into();
+    let mirrored = mirror::frame(&grid_layout(boxes), boxes);
+    check_mirrored(boxes.len(), &mirrored, what, |encoding| cull(engine, boxes, encoding));
 }
 
 #[test]
@@ -79,7 +80,8 @@ fn the_comparator_notices_one_pair_the_other_way_round() {
     let mut mirrored = mirror::frame(&grid_layout(boxes), boxes);
     mirrored.pairs.last_mut().expect("some overlap").reverse();
     let mut engine = engine(&GridOptions::default());
-    check_list(&mut engine, boxes, &mirrored, "one pair the other way round");
+    let what = "one pair the other way round";
+    check_mirrored(345, &mirrored, what, |encoding| cull(&mut engine, boxes, encoding));
 }
 
 #[test]

@@ -22,6 +22,8 @@ use pairmaskd::execute::gpu::{
     AllPairs, AllPairsOptions, Checks, Grid, GridOptions, HostImport, Tuning, grid_layout,
 };
 
+use crate::grid::check_mirrored;
+
 /// Most spheres that the daemon gives to a software adapter.
 const SOFTWARE_SPHERES: usize = 16;
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
@@ -84,19 +86,10 @@ const WAYS: [(EngineName, Encoding); 5] = [
 ];
 
 fn check_mirror(grid: &mut Grid, spheres: &[Sphere], mirrored: &Mirrored, what: &str) {
-    let mut reply = HeapReply::new();
-    let report = grid.cull_spheres(spheres, Encoding::Sparse, &mut reply).unwrap();
-    let MaskShape::Sparse { rows, blocks, bits, order } = report.shape else { panic!("{what}") };
-    assert!(order.unwrap().of(reply.words()) == Some(&mirrored.order[..]), "{what}: order");
-    for (section, place) in [rows, blocks, bits].into_iter().zip(0..) {
-        let expected: Vec<u32> = mirrored.words.iter().map(|word| word[place]).collect();
-        assert!(section.of(reply.words()) == Some(&expected[..]), "{what}: section {place}");
-    }
-    let n = BoxCount::new(spheres.len() as u32);
-    assert_eq!(n.pair_count() - report.skipped.pairs, mirrored.compared, "{what}: tests");
-    let report = grid.cull_spheres(spheres, Encoding::List, &mut reply).unwrap();
-    let MaskShape::List { pairs } = report.shape else { panic!("{what}: no list") };
-    assert!(pairs.of(reply.words()) == Some(mirrored.pairs.as_flattened()), "{what}: pairs");
+    check_mirrored(spheres.len(), mirrored, what, |encoding| {
+        let mut reply = HeapReply::new();
+        (grid.cull_spheres(spheres, encoding, &mut reply).unwrap(), reply)
+    });
 }
 
 /// Whether f32 ever contradicts the truth, and how many of the pairs it leaves to the integers.

@@ -11,16 +11,13 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Duration;
 
 use iceoryx2::service::ipc_threadsafe;
-use pairmask_core::engine::AvailableIsa;
 use pairmask_tests::prelude::*;
 use pairmask_tests::spheres::whole_scene;
 use pairmask_transport::{
     Limits, RuntimeDir, Services, assume_pages, assume_response_pages, clean_if_abandoned,
 };
 use pairmask_wire::InstanceName;
-use pairmaskd::audit::AuditRate;
-use pairmaskd::execute::gpu::GpuChoice;
-use pairmaskd::serve::{ServeSettings, work};
+use pairmaskd::serve::ServeSettings;
 use rustix::process::{getpid, kill_process};
 
 /// Counts allocations of marked threads while counting is on.
@@ -153,26 +150,12 @@ fn steady_frames_allocate_nothing() {
     assert!(bare <= 3 * FRAMES as u64, "{bare} by the transport alone");
 
     let dir = tempfile::tempdir().unwrap();
-    let settings = ServeSettings {
-        audit: AuditRate::Off,
-        alter_answers: None,
-        watch_devices: None,
-        restarted: false,
-        instance: InstanceName::default(),
-        dir: RuntimeDir::at(dir.path()),
-        limits: Limits::default(),
-        // Longer than any pause: engines' threads that are kept awake are not woken again, which would
-        // make small objects.
-        spin: Duration::from_secs(1),
-        gpu: GpuChoice::None.into(),
-        gpu_awake: Duration::ZERO,
-        isa: AvailableIsa::best(),
-    };
+    // Longer than any pause: engines' threads that are kept awake are not woken again, which would make small objects.
+    let settings = ServeSettings { spin: Duration::from_secs(1), ..crate::settings(dir.path()) };
     let runtime_dir = settings.dir.clone();
     let daemon = std::thread::spawn(move || {
         MARKED.set(true);
-        let parent = rustix::process::getppid().expect("a parent").as_raw_nonzero().get();
-        work(&settings, parent as u32)
+        crate::serve(&settings)
     });
     eventually("the daemon serves", || runtime_dir.read_record(&InstanceName::default()));
 

@@ -8,17 +8,15 @@ use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::time::Duration;
 
 use pairmask::EngineId;
-use pairmask_core::engine::AvailableIsa;
 use pairmask_tests::gpu;
 use pairmask_tests::prelude::*;
 use pairmask_tests::scene_model::{Kind, Moment, SessionScene, hold};
-use pairmask_transport::{Limits, RuntimeDir, clean_if_abandoned};
+use pairmask_transport::{RuntimeDir, clean_if_abandoned};
 use pairmask_wire::{ENGINE_IS_OPENING, InstanceName, ReplyError, StatusCode};
-use pairmaskd::audit::AuditRate;
 use pairmaskd::execute::WatchDevice;
 use pairmaskd::execute::gpu::Gpu;
 use pairmaskd::scene::Random;
-use pairmaskd::serve::{ServeError, ServeSettings, work};
+use pairmaskd::serve::{ServeError, ServeSettings};
 use pairmaskd::spawn::is_opening_gpus;
 use rustix::process::{getpid, kill_process};
 
@@ -64,22 +62,11 @@ impl Worker {
     fn start_watched(watch: WatchDevice) -> Self {
         let dir = tempfile::tempdir().unwrap();
         let settings = ServeSettings {
-            audit: AuditRate::Off,
-            alter_answers: None,
             watch_devices: Some(watch),
-            restarted: false,
-            instance: InstanceName::default(),
-            dir: RuntimeDir::at(dir.path()),
-            limits: Limits::default(),
-            spin: Duration::from_micros(50),
             gpu: gpu::choice().into(),
-            gpu_awake: Duration::ZERO,
-            isa: AvailableIsa::best(),
+            ..crate::settings(dir.path())
         };
-        let thread = std::thread::spawn(move || {
-            let parent = rustix::process::getppid().expect("a parent").as_raw_nonzero().get();
-            work(&settings, parent as u32)
-        });
+        let thread = std::thread::spawn(move || crate::serve(&settings));
         let worker = Self { dir, thread };
         eventually("the daemon serves", || worker.dir().read_record(&InstanceName::default()));
         worker
