@@ -90,9 +90,6 @@ pub struct Failure {
 }
 
 /// Runs the whole suite and returns how many frames were checked.
-///
-/// # Errors
-/// [`Failure`] names the first frame that the engine got wrong.
 pub fn check_engine(engine: &mut dyn Engine, suite: &Suite) -> Result<usize, Box<Failure>> {
     let pools: Vec<(usize, ThreadPool)> = suite
         .threads

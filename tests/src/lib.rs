@@ -1,6 +1,6 @@
 //! Oracle, conformance suite, fault tests and benches of pairmask.
-// Helpers of tests panic where a test has failed: none says so by itself.
-#![allow(clippy::missing_panics_doc)]
+// Helpers of tests panic, or give the mistake, where a test has failed: none says so by itself.
+#![allow(clippy::missing_errors_doc, clippy::missing_panics_doc)]
 
 pub mod attackers;
 pub mod audited;

@@ -122,9 +122,6 @@ pub fn cull_flagged(
 }
 
 /// Checks a mask with its report against the truth.
-///
-/// # Errors
-/// [`Mismatch`] says what is wrong.
 pub fn check_mask(mask: &PairMask, encoding: Encoding, truth: &Truth) -> Result<(), Mismatch> {
     let FrameInfo { census, mut skipped, times, .. } = *mask.info();
     if skipped.is_repeat() {

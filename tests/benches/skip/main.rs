@@ -85,19 +85,6 @@ impl Options {
     }
 }
 
-/// Times of the frames of a row, ns.
-#[derive(Default)]
-struct Times {
-    /// The edit written and sent.
-    write: Vec<u64>,
-    /// Until the answer is there.
-    round_trip: Vec<u64>,
-    /// Every change read, the answer taken.
-    visit: Vec<u64>,
-    /// The whole frame: the sum of these, or more where it began late.
-    total: Vec<u64>,
-}
-
 /// An edit of a scene, its changes visited and taken: write, round trip and visit, ns; how many changes, and
 /// what answered.
 fn edit(
@@ -130,17 +117,11 @@ fn edit(
     Ok((times, told.begun().len() + told.ended().len(), told.engine()))
 }
 
-/// How the boxes of a run move.
-#[derive(Clone, Copy)]
-struct Moves {
-    /// Boxes that move in a frame.
-    count: usize,
-    motion: Motion,
-}
-
 /// What a scene took, and what it said last.
 struct Taken {
-    times: Times,
+    /// The edit written and sent, until the answer is there, every change read and taken, and all of it: the sum of
+    /// these, or more where the frame began late; ns a frame.
+    times: [Vec<u64>; 4],
     changes: usize,
     engine: EngineId,
     /// What each peer took, ns a frame.
@@ -172,7 +153,7 @@ impl<'s> Bench<'s> {
     /// Frames of the scene and of the peers: in turns in a closed loop, else one after the other.
     fn run(
         &mut self,
-        moves: Moves,
+        (count, motion): (usize, Motion),
         frames: u32,
         rate: Option<f64>,
     ) -> Result<Taken, Box<dyn Error>> {
@@ -180,23 +161,20 @@ impl<'s> Bench<'s> {
         // Peers at a pace follow later, from the same boxes: beside them no frame would be on time.
         let mut behind: Vec<World> =
             rate.map(|_| vec![self.world.clone(); self.peers.len()]).unwrap_or_default();
-        let mut times = Times::default();
+        let mut times = [const { Vec::new() }; 4];
         let mut last = None;
         let pace = Pace::from_now(rate);
         for frame in 0..frames + WARM_UP {
-            let (indices, boxes) = self.world.step(moves.count, moves.motion);
+            let (indices, boxes) = self.world.step(count, motion);
             let due = pace.wait(frame);
-            let is_spawn = moves.motion == Motion::Spawn;
+            let is_spawn = motion == Motion::Spawn;
             let begin = Instant::now();
             let (took, changes, engine) = edit(&mut self.scene, &indices, &boxes, is_spawn)?;
             if frame >= WARM_UP {
-                let [write, round_trip, visit] = took;
-                times.write.push(write);
-                times.round_trip.push(round_trip);
-                times.visit.push(visit);
                 let late = begin.saturating_duration_since(due).as_nanos() as u64;
                 let late = if rate.is_some() { late } else { 0 };
-                times.total.push(late + write + round_trip + visit);
+                let all = took.into_iter().chain([late + took.iter().sum::<u64>()]);
+                times.iter_mut().zip(all).for_each(|(times, ns)| times.push(ns));
             }
             last = Some((changes, engine));
             if rate.is_none() {
@@ -212,7 +190,7 @@ impl<'s> Bench<'s> {
         for (place, world) in behind.iter_mut().enumerate() {
             let pace = Pace::from_now(rate);
             for frame in 0..frames + WARM_UP {
-                let (indices, _) = world.step(moves.count, moves.motion);
+                let (indices, _) = world.step(count, motion);
                 let due = pace.wait(frame);
                 self.peers[place].1.change(self.session, world.boxes(), &indices)?;
                 if frame >= WARM_UP {
@@ -252,13 +230,11 @@ impl<'s> Bench<'s> {
     ) -> Result<Vec<(Value, String)>, Box<dyn Error>> {
         let n = self.world.boxes().len();
         let count = (n as f64 * percent / 100.0).round() as usize;
-        let taken = self.run(Moves { count, motion }, frames, rate)?;
+        let taken = self.run((count, motion), frames, rate)?;
         self.check()?;
         let Taken { times, changes, engine, peers } = taken;
         let engine = engine.to_string();
-        let [write, round_trip, visit, total] =
-            [&times.write, &times.round_trip, &times.visit, &times.total]
-                .map(|times| percentile(times, 0.5));
+        let [write, round_trip, visit, total] = times.each_ref().map(|t| percentile(t, 0.5));
         let us = |ns: u64| ns as f64 / 1e3;
         let bytes_a_box = self.kept_bytes() / n as f64;
         let of_peer = |((name, _), took): (&(PeerName, Peer), &Vec<u64>)| {
@@ -281,7 +257,7 @@ impl<'s> Bench<'s> {
                 us(round_trip),
                 us(visit),
                 us(total),
-                us(percentile(&times.total, 0.99)),
+                us(percentile(&times[3], 0.99)),
                 us(peer_ns),
             );
             (json, line)

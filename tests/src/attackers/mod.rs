@@ -227,9 +227,6 @@ fn serve(
 }
 
 /// Attacks in a mode until the input ends, and prints the counts: `name=count` a line.
-///
-/// # Errors
-/// An unknown mode, or the end of an attack that cannot go on.
 pub fn run(mode: &str) -> Result<(), Box<dyn Error>> {
     let until = Until::input_ends();
     let mut tally = Tally::new();

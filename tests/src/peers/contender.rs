@@ -65,25 +65,16 @@ pub struct ContenderError {
 pub trait Contender: Send {
     /// Writes the boxes to where a user of the contender would write them. Does nothing for a
     /// library that reads its user's boxes.
-    ///
-    /// # Errors
-    /// [`ContenderError`].
     fn write(&mut self, boxes: &[Aabb]) -> Result<(), ContenderError> {
         let _ = boxes;
         Ok(())
     }
 
     /// Finds every pair of overlapping boxes and visits each once.
-    ///
-    /// # Errors
-    /// [`ContenderError`].
     fn find(&mut self, boxes: &[Aabb]) -> Result<Tally, ContenderError>;
 
     /// The pairs of the last frame, in any order, each index and each pair in any order too. Not
     /// timed; the state afterwards is as before.
-    ///
-    /// # Errors
-    /// [`ContenderError`].
     fn pairs(&mut self, boxes: &[Aabb]) -> Result<Vec<Pair>, ContenderError>;
 
     /// The engine that found the pairs of the last frame, where there is a choice.

@@ -46,9 +46,6 @@ impl Rapier {
     }
 
     /// Sets some boxes and keeps the list of pairs of grown boxes. Returns how many of them began or ended.
-    ///
-    /// # Errors
-    /// [`ContenderError`] where the list and its events differ.
     pub fn change<'a>(
         &mut self,
         boxes: impl IntoIterator<Item = (u32, &'a Aabb)>,

@@ -135,9 +135,6 @@ impl From<&SceneAnswer<'_>> for Heard {
 /// A scene without a session, of the cores or of a GPU.
 pub trait BareScene {
     /// As [`CoreCrateScene::edit`].
-    ///
-    /// # Errors
-    /// As that.
     fn edit(&mut self, edit: Edit<'_>, want: Want) -> Result<&Told, SceneError>;
     /// The last answer is acknowledged.
     fn take(&mut self);
@@ -146,9 +143,6 @@ pub trait BareScene {
     /// Boxes.
     fn box_count(&self) -> usize;
     /// The pairs [query, index].
-    ///
-    /// # Errors
-    /// As [`CoreCrateScene::query`].
     fn query(&mut self, queries: &[Aabb], tags: QueryTags<'_>) -> Result<Vec<Pair>, QueryError>;
 }
 

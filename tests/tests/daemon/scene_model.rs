@@ -387,24 +387,6 @@ fn plays_shared(at_end: AtEnd, scripts: Vec<Vec<Event>>) {
 }
 
 #[test]
-fn steps_say_which_boxes_are_static_and_not_their_tags() {
-    fn tags(tags: &[Tag]) -> Step<'_> {
-        Step::Tag(Tags { indices: (0..2).into(), tags })
-    }
-    let boxes = [Aabb::new([0.0; 3], [1.0; 3]); 2];
-    let set = Step::Set(Sets { indices: (0..2).into(), boxes: &boxes });
-    let (plain, of_static) = ([Tag::default(); 2], [Tag::default().with_static(true); 2]);
-    let mut scene = Scene::new(SceneOptions::default().with_most_boxes(10));
-    let mut count = |steps: &[Step<'_>]| {
-        scene.edit(Edit { steps }, Want::All).expect("an answer").pairs().len()
-    };
-    assert_eq!(count(&[set, tags(&of_static)]), 1);
-    assert_eq!(count(&[Step::Static((0..2).into(), true)]), 0);
-    assert_eq!(count(&[tags(&plain)]), 0, "as the step has said");
-    assert_eq!(count(&[tags(&of_static), Step::Static((1..2).into(), false)]), 1);
-}
-
-#[test]
 fn a_wrong_edit_of_rules_changes_nothing() {
     let mut scene = Scene::new(SceneOptions::default().with_most_boxes(10));
     let boxes = [Aabb::new([0.0; 3], [1.0; 3]); 3];

@@ -115,30 +115,6 @@ fn sizes_that_differ_much_and_piles_are_queried() {
     }
 }
 
-#[test]
-fn static_boxes_are_found_and_those_switched_off_and_removed_are_not() {
-    let tools = tools(&GridOptions::default());
-    let boxes = vec![Aabb { min: [0.0; 3], max: [1.0; 3] }; 5];
-    let mut scene = scene_of(&tools, &boxes);
-    let steps = [
-        Step::Static((&[0, 1]).into(), true),
-        Step::Switch((&[1, 2]).into(), false),
-        Step::Remove((&[3]).into()),
-    ];
-    scene.edit(Edit { steps: &steps }, Want::Changes).expect("an answer");
-    let mut found = vec![[9; 2]; 3];
-    let tested =
-        scene.query(&[Aabb { min: [1.0; 3], max: [2.0; 3] }; 2], QueryTags::None, &mut found);
-    assert_eq!(found, [[0, 0], [0, 4], [1, 0], [1, 4]]);
-    assert!(tested.expect("an answer") >= 4);
-    let steps = [Step::Switch((&[0, 4]).into(), false)];
-    scene.edit(Edit { steps: &steps }, Want::Changes).expect("an answer");
-    assert_eq!(scene.query(&boxes, QueryTags::None, &mut found), Ok(0));
-    assert!(found.is_empty());
-    let mut none = GpuScene::new(&tools, SceneOptions::default());
-    assert_eq!(none.query(&boxes, QueryTags::None, &mut found), Ok(0));
-}
-
 /// More pairs than may be are an error, and the next query is answered.
 #[test]
 fn queries_find_no_more_pairs_than_may_be() {

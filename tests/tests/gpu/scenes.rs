@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use pairmask_core::scene::{EditError, Indices, KeptHistory, Scene};
+use pairmask_core::scene::{EditError, Indices, Scene};
 use pairmask_tests::gpu::open_at;
 use pairmask_tests::prelude::*;
 use pairmask_tests::scene_model::{
@@ -229,27 +229,6 @@ fn a_dropped_scene_gives_its_memory_back() {
     assert!(Arc::strong_count(tools.gpu()) > holders, "blocks and frames hold the device");
     drop(gpu);
     assert_eq!(Arc::strong_count(tools.gpu()), holders);
-}
-
-#[test]
-fn a_scene_that_has_told_nothing_goes_on_on_the_gpu() {
-    let tools = tools(&GridOptions::default());
-    let boxes = stress_scenes::named("uniform").boxes(500, 4);
-    let all = [Step::Set(Sets { indices: (0..500).into(), boxes: &boxes })];
-    let mut core = Scene::new(SceneOptions::default());
-    core.edit(Edit { steps: &all }, Want::Nothing).expect("an answer");
-    let some = [Step::Remove((10..60).into()), Step::Static((100..200).into(), true)];
-    core.edit(Edit { steps: &some }, Want::Nothing).expect("an answer");
-    let kept = core.kept().expect("nothing was told");
-    assert_eq!(kept.history(), KeptHistory::Untold);
-    let mut gpu = GpuScene::from_kept(&[tools], SceneOptions::default(), &kept).expect("a scene");
-    edit_both(&mut core, &mut gpu, &[], Want::Changes, "untold");
-    let told = gpu.told();
-    // Its pairs may be taken by now: another keeper would tell them again.
-    assert!(told.begun().len() > 10 && core.kept().is_none());
-    core.take();
-    let kept = core.kept().expect("it was taken");
-    assert_eq!(kept.history(), KeptHistory::Told(told.begun().len() as u64));
 }
 
 #[test]
