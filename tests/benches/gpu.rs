@@ -4,9 +4,17 @@ use std::error::Error;
 use std::io::stdout;
 use std::time::Duration;
 
-use clap::Parser;
+use clap::{Parser, ValueEnum};
 use pairmask_lab::gpu_stages::{BenchOptions, run, run_grid};
 use pairmaskd::execute::gpu::GpuChoice;
+
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Check {
+    Yes,
+    No,
+    /// Nothing is measured
+    Only,
+}
 
 /// The GPU's stages and the ways up, on a device or on a software driver.
 #[derive(Parser)]
@@ -21,10 +29,9 @@ struct Options {
     ms: Option<u64>,
     #[arg(long)]
     sweep: bool,
-    #[arg(long, conflicts_with = "check_only")]
-    no_check: bool,
-    #[arg(long)]
-    check_only: bool,
+    /// Whether masks are compared with the CPU's
+    #[arg(long, value_enum, default_value_t = Check::Yes)]
+    check: Check,
     /// The stages of the grid
     #[arg(long)]
     grid: bool,
@@ -38,8 +45,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut options = BenchOptions { sweep: asked.sweep, ..BenchOptions::default() };
     options.gpu = asked.gpu.unwrap_or(options.gpu);
     options.budget = asked.ms.map_or(options.budget, Duration::from_millis);
-    options.check &= !asked.no_check;
-    options.measure &= !asked.check_only;
+    options.check = asked.check != Check::No;
+    options.measure = asked.check != Check::Only;
     if !asked.n.is_empty() {
         options.counts = asked.n;
     }

@@ -182,7 +182,9 @@ fn while_they_alternate<R>(
     std::thread::scope(|scope| {
         scope.spawn(|| {
             while !is_over.load(Ordering::Relaxed) {
-                states.iter().for_each(|state| state());
+                for state in states {
+                    state();
+                }
             }
         });
         let done = work();

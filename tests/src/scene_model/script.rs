@@ -135,7 +135,9 @@ impl Script {
     pub fn without_rules(mut self) -> Self {
         for event in &mut self.events {
             if let Event::Tick(turns) = event {
-                turns.iter_mut().for_each(|turn| turn.ops.retain(|op| !op.is_rule()));
+                for turn in turns {
+                    turn.ops.retain(|op| !op.is_rule());
+                }
             }
         }
         self

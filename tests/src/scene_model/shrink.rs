@@ -172,7 +172,9 @@ impl<S: Subject, F: FnMut(&Script) -> S> Shrinker<'_, F> {
                 [|turn| turn.mode = Mode::Changes, |turn| turn.fate = Fate::Acknowledged];
             for plain in plain {
                 self.tries(|script| {
-                    ticks(script).flatten().nth(number).into_iter().for_each(plain)
+                    if let Some(turn) = ticks(script).flatten().nth(number) {
+                        plain(turn);
+                    }
                 });
             }
         }

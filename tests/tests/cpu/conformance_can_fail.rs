@@ -41,7 +41,9 @@ fn bits_start(report: &CullReport) -> usize {
 fn shorten(report: &mut CullReport, by: u64) {
     match &mut report.shape {
         MaskShape::Sparse { rows, blocks, bits, .. } => {
-            [rows, blocks, bits].into_iter().for_each(|span| span.len -= by);
+            for span in [rows, blocks, bits] {
+                span.len -= by;
+            }
         }
         MaskShape::List { pairs } => pairs.len -= by,
         shape => panic!("{shape:?}"),

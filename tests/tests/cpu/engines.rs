@@ -23,7 +23,9 @@ fn best(name: EngineName) -> Box<dyn Engine> {
 fn conforms(name: EngineName, suites: &[Suite]) {
     for (isa, mut engine) in each_isa(name) {
         println!("{isa}");
-        suites.iter().for_each(|suite| conform(engine.as_mut(), suite));
+        for suite in suites {
+            conform(engine.as_mut(), suite);
+        }
     }
 }
 

@@ -73,7 +73,7 @@ impl Drop for Attacker {
 type Boxes = Vec<Aabb>;
 type IndexPairs = Vec<(u32, u32)>;
 
-/// InTurn with their pairs, which a client submits in turn.
+/// Frames with their pairs, which a client submits in turn.
 struct InTurn {
     frames: Vec<(Boxes, IndexPairs)>,
     asked: usize,
@@ -176,7 +176,7 @@ fn forged_edits_leave_the_scenes_of_others_alone() {
     });
 }
 
-/// InTurn with rules of an honest client beside a client that forges them.
+/// Frames with rules of an honest client beside a client that forges them.
 #[test]
 fn forged_rules_leave_the_frames_of_others_alone() {
     let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
@@ -329,7 +329,7 @@ fn scribbled_queues_kill_a_worker_at_most() {
     assert!(counts["rounds"] > 0, "{counts:?}");
 }
 
-/// InTurn answered to an honest client beside an attacker, and to the attacker.
+/// Frames answered to an honest client beside an attacker, and to the attacker.
 fn shares(mode: &'static str) -> (u64, u64) {
     let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
     let long = Duration::from_secs(60) + 2 * attack_time();
@@ -340,7 +340,7 @@ fn shares(mode: &'static str) -> (u64, u64) {
     std::thread::sleep(Duration::from_millis(300));
     let end = Instant::now() + attack_time();
     let mut honest = 0;
-    // InTurn are submitted one at a time and given up with the attack: a starved client would wait
+    // Frames are submitted one at a time and given up with the attack: a starved client would wait
     // for ever.
     while Instant::now() < end {
         let (boxes, expected) = &frames.frames[0];

@@ -289,8 +289,7 @@ fn oracle_pairs(boxes: &[Aabb]) -> Vec<(u32, u32)> {
     }
     let mut frame = in_process().frame(boxes.len()).unwrap();
     frame.write(boxes);
-    let pairs = frame.submit().unwrap().wait().unwrap().sorted();
-    pairs
+    frame.submit().unwrap().wait().unwrap().sorted()
 }
 
 #[test]

@@ -107,8 +107,7 @@ fn large_scenes_miss_nothing_and_add_little() {
         let pairs = |session: &mut Session, precision| {
             let mut frame = session.narrow_frame(100_000, precision).unwrap();
             frame.fill(scene.boxes());
-            let pairs = frame.submit().unwrap().wait().unwrap().sorted();
-            pairs
+            frame.submit().unwrap().wait().unwrap().sorted()
         };
         let exact = pairs(&mut sessions[0], Precision::Exact);
         let answers = [0, 1].map(|i| pairs(&mut sessions[i], Precision::Q16(bounds)));

@@ -72,13 +72,14 @@ fn a_named_engine_and_a_session_that_asks_for_it_cull_every_frame() {
     }
 }
 
+type Submit<'s> = &'s dyn Fn(&mut Session) -> PendingFrame;
+
 #[test]
 fn narrow_boxes_and_spheres_are_answered_again_too() {
     let daemon = TestDaemon::start(DAEMON, &[]);
     let boxes = stress_scenes::named("uniform").boxes(300, 5);
     let spheres: Vec<Sphere> = whole_scene(300, 25, 6).0;
     let bounds = Bounds::new([0.0; 3], [100.0; 3]).unwrap();
-    type Submit<'s> = &'s dyn Fn(&mut Session) -> PendingFrame;
     let narrow = |precision| {
         let boxes = &boxes;
         move |session: &mut Session| {

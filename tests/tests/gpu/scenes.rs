@@ -68,7 +68,7 @@ impl Subject for Moving<'_> {
         self.core.tick(turns)?;
         let told = self.gpu.tick(turns)?;
         self.edits += 1;
-        if self.edits % 5 == 0
+        if self.edits.is_multiple_of(5)
             && let Some(kept) = self.core.scene.kept()
         {
             let made = GpuScene::from_kept(self.tools, SceneOptions::default(), &kept);
