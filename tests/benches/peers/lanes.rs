@@ -12,7 +12,7 @@ use pairmaskd::spawn::PrivateDaemon;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
 use crate::measure::Lane;
-use crate::options::{Clock, Options};
+use crate::options::Options;
 
 /// How long one frame may take. No scene takes as long.
 const DEADLINE: Duration = Duration::from_secs(600);
@@ -32,9 +32,6 @@ pub fn lanes(
     for &threads in &options.threads {
         for &engine in &options.engine {
             for backend in [Backend::Daemon, Backend::InProcess] {
-                if options.clock == Clock::Cpu && backend == Backend::Daemon {
-                    continue;
-                }
                 let session = session(boxes, daemon, backend, engine, threads)?;
                 let (name, rest) = match backend {
                     Backend::InProcess => ("in-process", Duration::ZERO),

@@ -1,6 +1,6 @@
 //! Turns: every contender runs every frame, a few frames at a time.
 
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use pairmask_tests::peers::contender::{Contender, ContenderError, Tally, sorted};
 use pairmask_tests::peers::line::{Comparison, Line, Spread, Who};
@@ -8,7 +8,7 @@ use pairmask_tests::prelude::*;
 use pairmaskd::scene::{Scene, SceneName};
 use rayon::ThreadPool;
 
-use crate::options::{Clock, Options};
+use crate::options::Options;
 
 /// Up to this many boxes, the sweep is the reference where the oracle is too slow: an engine that the
 /// plan chooses for small scenes only.
@@ -58,29 +58,24 @@ impl Lane {
         }
     }
 
-    fn turn(
-        &mut self,
-        frames: &[Vec<Aabb>],
-        clock: Clock,
-        with_pairs: bool,
-    ) -> Result<Turn, ContenderError> {
+    fn turn(&mut self, frames: &[Vec<Aabb>], with_pairs: bool) -> Result<Turn, ContenderError> {
         let left = PATIENCE.saturating_sub(self.spent);
         let is_peer = matches!(self.who, Who::Peer(_));
         let contender = &mut self.contender;
         let run = || {
             let mut turn =
                 Turn { frame_ns: vec![], write_ns: vec![], tallies: vec![], pairs: None };
-            let began = clock.now();
+            let began = Instant::now();
             for boxes in frames {
-                let start = clock.now();
+                let start = Instant::now();
                 contender.write(boxes)?;
-                let written = clock.now();
+                let written = start.elapsed();
                 let tally = contender.find(boxes)?;
-                let found = clock.now();
-                turn.write_ns.push(written.saturating_sub(start).as_nanos() as u64);
-                turn.frame_ns.push(found.saturating_sub(start).as_nanos() as u64);
+                let found = start.elapsed();
+                turn.write_ns.push(written.as_nanos() as u64);
+                turn.frame_ns.push(found.as_nanos() as u64);
                 turn.tallies.push(tally);
-                if is_peer && found.saturating_sub(began) > left {
+                if is_peer && began.elapsed() > left {
                     return Ok(turn);
                 }
             }
@@ -154,7 +149,7 @@ pub fn measure(
             let Some(lane) = lanes.get_mut(index).filter(|lane| !lane.is_given_up()) else {
                 continue;
             };
-            let result = lane.turn(&frames, options.clock, with_pairs)?;
+            let result = lane.turn(&frames, with_pairs)?;
             let uncounted = usize::from(result.frame_ns.len() > 1);
             lane.frame_ns.extend_from_slice(result.frame_ns.get(uncounted..).unwrap_or_default());
             lane.write_ns.extend_from_slice(result.write_ns.get(uncounted..).unwrap_or_default());

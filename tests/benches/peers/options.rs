@@ -2,7 +2,6 @@
 
 use std::path::PathBuf;
 use std::str::FromStr;
-use std::time::Duration;
 
 use clap::{Parser, ValueEnum};
 use pairmask_core::EngineChoice;
@@ -10,7 +9,6 @@ use pairmask_core::engine::UnknownName;
 use pairmask_tests::peers::line::PeerName;
 use pairmaskd::execute::gpu::GpuChoice;
 use pairmaskd::scene::SceneName;
-use rustix::time::{ClockId, clock_gettime};
 
 /// The daemon and the in-process engines against other broad phases.
 ///
@@ -64,10 +62,6 @@ pub struct Options {
     /// GPU of the daemon; none compares CPUs
     #[arg(long, value_name = "GPU", default_value_t = GpuChoice::None)]
     pub gpu: GpuChoice,
-    /// What is counted: wall, or on a busy machine cpu, the time of the one thread that works (in
-    /// process only, one thread only)
-    #[arg(long, value_enum, default_value_t = Clock::Wall, value_name = "CLOCK")]
-    pub clock: Clock,
     /// Print one JSON object a peer and line
     #[arg(long)]
     pub json: bool,
@@ -83,27 +77,6 @@ pub struct Options {
     /// What cargo passes to every bench
     #[arg(long, hide = true)]
     bench: bool,
-}
-
-/// The clock.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
-pub enum Clock {
-    /// Wall-clock time.
-    Wall,
-    /// CPU time of the thread.
-    Cpu,
-}
-
-impl Clock {
-    /// Time since a fixed moment; with [`Clock::Cpu`] the CPU time of the calling thread.
-    pub fn now(self) -> Duration {
-        let id = match self {
-            Self::Wall => ClockId::Monotonic,
-            Self::Cpu => ClockId::ThreadCPUTime,
-        };
-        let time = clock_gettime(id);
-        Duration::new(time.tv_sec.unsigned_abs(), time.tv_nsec as u32)
-    }
 }
 
 /// Scenes by name, each once.

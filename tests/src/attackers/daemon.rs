@@ -8,7 +8,7 @@ use pairmask_wire::{
     RESPONSE_MAGIC, ResponseHeader, Section, SectionKind, StatusCode, VERSION_MAJOR, VERSION_MINOR,
 };
 
-use super::raw::{Dice, word, write};
+use super::raw::{dice, word, write};
 use super::{Tally, Until, serve, while_they_alternate};
 
 /// Word of the number of pages in the transport's header of a response.
@@ -17,7 +17,7 @@ const PAGE_COUNT: usize = 5;
 const PAGES: u64 = 1;
 
 pub fn attack(until: &Until, tally: &mut Tally) -> Result<(), Box<dyn Error>> {
-    let mut dice = Dice::of_this_process();
+    let mut dice = dice();
     serve(until, tally, |asked, mut loan, send| {
         let pairs = u64::from(asked.box_count) * (u64::from(asked.box_count) - 1) / 2;
         let bytes = pairs.div_ceil(32) * 4;

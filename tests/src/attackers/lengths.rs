@@ -5,7 +5,7 @@ use std::time::Duration;
 use pairmask_core::engine::EngineChoice;
 use pairmask_wire::StatusCode;
 
-use super::raw::{Dice, PAGE_COUNT, RawClient, answer, cull, word, write};
+use super::raw::{PAGE_COUNT, RawClient, answer, cull, dice, word, write};
 use super::{Tally, Until, count, while_they_alternate};
 
 /// Pages of a chunk; the whole segment has a few of them.
@@ -15,7 +15,7 @@ const TOO_MANY: [u32; 5] = [5_000, 20_000, 100_000, 1_000_000, 50_000_000];
 
 pub fn attack(until: &Until, tally: &mut Tally) {
     let token = 1 << 41;
-    let mut dice = Dice::of_this_process();
+    let mut dice = dice();
     let mut frame = 0;
     while let Some(client) = RawClient::reconnect(token, PAGES, until) {
         while !until.is_over() {

@@ -8,7 +8,7 @@ use pairmask_core::engine::{Census, CullReport, EngineName, EngineTimes, SkipMet
 use pairmask_core::mask::MaskShape;
 use pairmask_wire::response_ok;
 
-use super::raw::{Dice, write};
+use super::raw::{dice, write};
 use super::{Tally, Until, serve};
 use crate::refuser::fields_of;
 
@@ -16,7 +16,7 @@ use crate::refuser::fields_of;
 pub const PAIRS: u64 = 512;
 
 pub(super) fn attack(until: &Until, tally: &mut Tally) -> Result<(), Box<dyn Error>> {
-    let mut dice = Dice::of_this_process();
+    let mut dice = dice();
     serve(until, tally, |asked, mut loan, send| {
         let list = loan.payload_mut().as_ptr() as usize;
         let pair = |a: u64, b: u64| a | b << 32;

@@ -33,8 +33,9 @@ use pairmask_transport::{
 use pairmask_wire::{
     EditLayout, InstanceName, Page, RequestHeader, ResponseHeader, SceneId, SceneRequest, Version,
 };
+use pairmaskd::scene::Random;
 
-use self::raw::{Dice, RawClient, answer, write};
+use self::raw::{RawClient, answer, dice, write};
 
 /// Counts of an attacker, by name.
 pub type Tally = BTreeMap<String, u64>;
@@ -86,13 +87,13 @@ impl Forging {
         tally: &mut Tally,
         mut draw: impl FnMut(
             &RawClient,
-            &mut Dice,
+            &mut Random,
             &mut [Page],
             u64,
             Option<&(RequestHeader, ResponseHeader)>,
         ) -> Option<RequestHeader>,
     ) {
-        let mut dice = Dice::of_this_process();
+        let mut dice = dice();
         while let Some(client) = RawClient::reconnect(self.token, self.pages, until) {
             let mut last = None;
             for number in 0..self.requests {
@@ -131,8 +132,8 @@ impl Forging {
     }
 
     /// Changes some words of a request.
-    fn forge(&self, header: &mut RequestHeader, payload: &mut [Page], dice: &mut Dice) {
-        let some = |dice: &mut Dice| (dice.below(u64::MAX) >> dice.below(64)) as u32;
+    fn forge(&self, header: &mut RequestHeader, payload: &mut [Page], dice: &mut Random) {
+        let some = |dice: &mut Random| (dice.below(u64::MAX) >> dice.below(64)) as u32;
         for _ in 0..dice.below(3) {
             let words: &mut [u32] = cast_slice_mut(bytemuck::bytes_of_mut(header));
             // Behind magic, version and operation, and the token.
@@ -150,7 +151,7 @@ impl Forging {
 
 /// A request of an edit that is laid out so, of flags by chance.
 fn scene_request(
-    dice: &mut Dice,
+    dice: &mut Random,
     [scene, most_boxes]: [u32; 2],
     [base, revision]: [u64; 2],
     layout: &EditLayout,

@@ -11,8 +11,9 @@ use pairmask_core::{Aabb, BoxCount, Encoding};
 use pairmask_wire::{
     CullRequest, EditLayout, Page, QueryRequest, RequestHeader, SceneId, ScenePlace, SceneRequest,
 };
+use pairmaskd::scene::Random;
 
-use super::raw::{Dice, RawClient, answer};
+use super::raw::{RawClient, answer};
 use super::{Forging, Tally, Until, scene_request};
 
 /// Boxes of its scene, of a few queries, and of a frame.
@@ -27,17 +28,17 @@ const FORGING: Forging = Forging {
     given_up: 0,
 };
 
-fn a_box(dice: &mut Dice) -> Aabb {
+fn a_box(dice: &mut Random) -> Aabb {
     let min = [(); 3].map(|()| dice.below(12) as f32);
     Aabb::new(min, min.map(|x| x + dice.below(3) as f32))
 }
 
-fn boxes(dice: &mut Dice, count: u32) -> Vec<Aabb> {
+fn boxes(dice: &mut Random, count: u32) -> Vec<Aabb> {
     (0..count).map(|_| a_box(dice)).collect()
 }
 
 /// A scene of the revision, whole.
-fn edit(client: &RawClient, dice: &mut Dice, revision: u64) -> Option<bool> {
+fn edit(client: &RawClient, dice: &mut Random, revision: u64) -> Option<bool> {
     let boxes = boxes(dice, BOXES);
     let steps = [Step::Set(Sets { indices: (0..BOXES).into(), boxes: &boxes })];
     let edit = Edit { steps: &steps };
@@ -52,7 +53,7 @@ fn edit(client: &RawClient, dice: &mut Dice, revision: u64) -> Option<bool> {
 }
 
 /// A query or a frame of two sets, as it should be, in the payload.
-fn request(dice: &mut Dice, frame: u64, revision: u64, payload: &mut [Page]) -> RequestHeader {
+fn request(dice: &mut Random, frame: u64, revision: u64, payload: &mut [Page]) -> RequestHeader {
     let count = dice.below(70) as u32;
     if dice.below(3) == 0 {
         let n = BoxCount::new(BOXES);

@@ -6,7 +6,7 @@ use pairmask_core::precision::BoxForm;
 use pairmask_core::units::BoxCount;
 use pairmask_wire::{CullRequest, Page, RequestHeader, RulesLayout, ScenePlace, page_count};
 
-use super::raw::Dice;
+use super::raw::dice;
 use super::{Forging, Tally, Until};
 use crate::filtered_frames::{FilteredFrame, KINDS};
 
@@ -23,7 +23,7 @@ const FORGING: Forging = Forging {
 };
 
 pub(super) fn attack(until: &Until, tally: &mut Tally) {
-    let mut dice = Dice::of_this_process();
+    let mut dice = dice();
     let frames: Vec<FilteredFrame> = (0..FRAMES)
         .map(|_| {
             let kind = KINDS[dice.below(KINDS.len() as u64) as usize];

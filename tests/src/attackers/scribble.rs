@@ -6,12 +6,12 @@ use std::time::Duration;
 
 use pairmask_core::engine::EngineChoice;
 
-use super::raw::{Dice, RawClient, answer, cull};
+use super::raw::{RawClient, answer, cull, dice};
 use super::{Tally, count};
 
 pub fn attack(tally: &mut Tally) {
     let token = 1 << 44;
-    let mut dice = Dice::of_this_process();
+    let mut dice = dice();
     let Some(client) = RawClient::connect(token, 1) else { return };
     let Some(mut loan) = client.loan(1) else { return };
     *loan.user_header_mut() = cull(token, 1, 2, EngineChoice::Auto);

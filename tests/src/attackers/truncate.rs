@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use pairmask_core::engine::EngineChoice;
 
-use super::raw::{Dice, RawClient, answer, cull, segment_file};
+use super::raw::{RawClient, answer, cull, dice, segment_file};
 use super::{Tally, count};
 
 const BOXES: u32 = 20_000;
@@ -13,7 +13,7 @@ const PAGES: usize = 20_000 * 24 / 4096 + 1;
 
 pub fn attack(tally: &mut Tally) {
     let token = 1 << 45;
-    let mut dice = Dice::of_this_process();
+    let mut dice = dice();
     let Some(client) = RawClient::connect(token, PAGES) else { return };
     let Some(mut loan) = client.loan(PAGES) else { return };
     *loan.user_header_mut() = cull(token, 1, BOXES, EngineChoice::Auto);

@@ -199,7 +199,5 @@ fn a_failure_names_the_frame() {
     let failure =
         check_engine(&mut spoiler(|_: &mut [u32], r: &mut CullReport| r.pair_count = 1), &suite)
             .expect_err("28 identical pairs are not 1");
-    assert_eq!((failure.scene, failure.n), ("identical", 8));
-    let message = failure.to_string();
-    assert!(message.contains("cpu-brute, scene 'identical', 8 boxes, dense"), "{message}");
+    assert!(failure.contains("cpu-brute, scene 'identical', 8 boxes, dense"), "{failure}");
 }

@@ -109,24 +109,3 @@ fn a_device_that_is_lost_under_a_bundle_costs_no_answer() {
         (engines == [EngineName::GpuGrid; BUNDLE_FRAMES]).then_some(())
     });
 }
-
-#[test]
-fn frames_without_a_gpu_are_answered_by_a_cpu_engine() {
-    let mut executor = gpu::executor(1);
-    let options = options();
-    let (boxes, expected) = scene(345, 1);
-    let memory = TestFrame::on_heap(&Precision::Exact, &boxes);
-    let planned = executor.plan(memory.boxes.boxes(), &options, u64::MAX);
-    let joining = vec![Executor::join(planned, Owner::Client(0), memory)];
-    executor.gpu().and_then(|mut gpu| gpu.device()).expect("a device").destroy();
-    let mut unserved = executor.gpus().iter().next().expect("a GPU").begin_bundle(joining);
-    let Some(Err(unserved)) = unserved.pop() else { panic!("its device is lost") };
-    let mut other = Executor::new(None);
-    let (answer, memory) = other.answer(unserved);
-    let (answer, memory) = (answer.unwrap(), memory.unwrap());
-    assert!(!answer.engine.is_gpu());
-    let n = BoxCount::new(345);
-    let mask = MaskView::new(n, &answer.report.shape, memory.reply.words()).unwrap();
-    let pairs = mask.sorted();
-    assert!(pairs == expected);
-}
