@@ -159,38 +159,22 @@ fn two_sets(
 }
 
 fn print(row: &Value) {
-    let text = |key: &str| match &row[key] {
-        Value::String(text) => text.clone(),
-        Value::Number(number) if number.is_f64() => {
-            let number = number.as_f64().unwrap_or(0.0);
-            if key == "ratio" { format!("{number:.3}") } else { format!("{number:.1}") }
-        }
-        other => other.to_string(),
-    };
-    let columns: &[&str] = if row["row"] == "queries" {
-        &[
-            "queries",
-            "pairs",
-            "first_us",
-            "ask_us",
-            "engine_us",
-            "publish_us",
-            "visit_us",
-            "total_us",
-        ]
+    let is_query = row["row"] == "queries";
+    let columns = if is_query {
+        "queries pairs first_us ask_us engine_us publish_us visit_us total_us"
     } else {
-        &["first", "pairs", "between_us", "whole_us", "ratio"]
+        "first pairs between_us whole_us ratio"
     };
-    let numbers: Vec<String> =
-        columns.iter().map(|key| format!("{key} {:>9}", text(key))).collect();
-    println!(
-        "{:<9}{:<11}{:<9}n {:>9}  {}",
-        text("row"),
-        text("backend"),
-        text("scene"),
-        text("n"),
-        numbers.join("  ")
-    );
+    let number = |key: &str| match &row[key] {
+        Value::Number(number) if number.is_f64() => {
+            format!("{key} {:>9.3}", number.as_f64().unwrap_or(0.0))
+        }
+        other => format!("{key} {other:>9}"),
+    };
+    let numbers: Vec<String> = columns.split(' ').map(number).collect();
+    let text = |key: &str| row[key].as_str().unwrap_or_default().to_owned();
+    let [name, backend, scene] = ["row", "backend", "scene"].map(text);
+    println!("{name:<9}{backend:<11}{scene:<9}n {:>9}  {}", row["n"], numbers.join("  "));
 }
 
 fn main() -> Result<(), Box<dyn Error>> {

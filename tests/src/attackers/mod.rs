@@ -2,19 +2,17 @@
 //! ends. An attacker writes to memory that it has mapped as a client, as any process of the same
 //! user can.
 
-mod channels;
 mod daemon;
 mod edits;
 mod identities;
 mod lengths;
 pub mod lists;
+mod once;
 mod queries;
 pub mod raw;
 mod rules;
-mod scribble;
 pub mod shared;
 mod tokens;
-mod truncate;
 
 use std::collections::BTreeMap;
 use std::error::Error;
@@ -238,9 +236,9 @@ pub fn run(mode: &str) -> Result<(), Box<dyn Error>> {
         "ports" => tokens::attack(8, false, &until, &mut tally),
         "lengths" => lengths::attack(&until, &mut tally),
         "channels" | "scribble" | "truncate" => repeat_in_children(mode, &until, &mut tally)?,
-        "channels-once" => channels::attack(&mut tally),
-        "scribble-once" => scribble::attack(&mut tally),
-        "truncate-once" => truncate::attack(&mut tally),
+        "channels-once" => once::channels(&mut tally),
+        "scribble-once" => once::scribble(&mut tally),
+        "truncate-once" => once::truncate(&mut tally),
         "identities" => identities::attack(&until, &mut tally),
         "daemon" => daemon::attack(&until, &mut tally)?,
         "edits" => edits::attack(&until, &mut tally),

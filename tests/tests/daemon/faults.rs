@@ -27,6 +27,13 @@ fn check_frame(session: &mut Session, boxes: &[Aabb]) -> ServedBy {
     mask.info().served_by
 }
 
+/// Waits until the daemon answers a session.
+fn comes_back(session: &mut Session, boxes: &[Aabb]) {
+    eventually("the session comes back to the daemon", || {
+        (check_frame(session, boxes) == ServedBy::Daemon).then_some(())
+    });
+}
+
 fn scene(n: usize, seed: u64) -> Vec<Aabb> {
     stress_scenes::named("uniform").boxes(n as u32, seed)
 }
@@ -95,9 +102,7 @@ fn a_daemon_that_hangs_costs_a_deadline_and_no_answer() {
     daemon.signal_worker(Signal::STOP);
     assert_eq!(check_frame(&mut session, &boxes), ServedBy::InProcess);
     daemon.signal_worker(Signal::CONT);
-    eventually("the session comes back to the daemon", || {
-        (check_frame(&mut session, &boxes) == ServedBy::Daemon).then_some(())
-    });
+    comes_back(&mut session, &boxes);
 }
 
 /// The bounds are those of a hang: 200 ms and a second are asked for, 30 s and the deadline were taken.
@@ -108,9 +113,7 @@ fn a_stopped_worker_is_replaced_and_no_frame_waits_for_it() {
     let mut session = daemon.session().backend(Backend::Auto).deadline(deadline).connect().unwrap();
     let boxes = scene(200, 2);
     for round in 0..3 {
-        eventually("the daemon serves", || {
-            (check_frame(&mut session, &boxes) == ServedBy::Daemon).then_some(())
-        });
+        comes_back(&mut session, &boxes);
         let stopped = daemon.worker();
         kill_process(stopped, Signal::STOP).unwrap();
         let mut slowest = Duration::ZERO;
@@ -125,9 +128,7 @@ fn a_stopped_worker_is_replaced_and_no_frame_waits_for_it() {
         });
         assert!(slowest < deadline / 6, "round {round}: {slowest:?}");
     }
-    eventually("the session comes back to the daemon", || {
-        (check_frame(&mut session, &boxes) == ServedBy::Daemon).then_some(())
-    });
+    comes_back(&mut session, &boxes);
 }
 
 /// A daemon whose worker stays stopped, as with its supervisor, is left after one frame, and asked again as
@@ -139,9 +140,7 @@ fn a_silent_daemon_costs_one_frame_until_it_runs_again() {
     let mut session = daemon.session().backend(Backend::Auto).deadline(deadline).connect().unwrap();
     let boxes = scene(200, 3);
     for _ in 0..2 {
-        eventually("the daemon serves", || {
-            (check_frame(&mut session, &boxes) == ServedBy::Daemon).then_some(())
-        });
+        comes_back(&mut session, &boxes);
         daemon.signal_worker(Signal::STOP);
         let start = Instant::now();
         while start.elapsed() < Duration::from_secs(3) {
@@ -382,9 +381,7 @@ fn truncate_a_segment(engine: &str) {
         (daemon.worker() != first_worker).then_some(())
     });
     drop(vandal);
-    eventually("the session comes back to the daemon", || {
-        (check_frame(&mut other, &boxes) == ServedBy::Daemon).then_some(())
-    });
+    comes_back(&mut other, &boxes);
 }
 
 /// A change of a request.

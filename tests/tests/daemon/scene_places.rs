@@ -11,20 +11,6 @@ fn at(x: f32) -> Aabb {
     Aabb::new([x, 0.0, 0.0], [x + 1.0, 1.0, 1.0])
 }
 
-#[test]
-fn answers_and_frames_share_the_places_of_a_session() {
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
-    let mut session = daemon.session().connect().unwrap();
-    let mut scene = session.scene(SceneOptions::default());
-    let frames: Vec<_> = (0..3).map(|_| session.frame(4).unwrap()).collect();
-    let full = scene.edit().set(0, at(0.0)).commit(Want::All).map(drop).unwrap_err();
-    assert!(matches!(full, CommitError::Frame(FrameError::TooManyFrames)), "{full}");
-    assert!(scene.is_empty());
-    drop(frames);
-    let answer = scene.edit().set(0, at(0.0)).commit(Want::All).unwrap();
-    assert_eq!(answer.pair_count(), Some(0));
-}
-
 /// Scenes of two boxes each, whose one pair was told.
 fn told_scenes<const N: usize>(session: &mut Session) -> [Scene; N] {
     std::array::from_fn(|_| {
@@ -67,6 +53,9 @@ fn an_edit_that_nobody_waits_for_holds_no_place() {
 
     let frames: Vec<_> = (0..3).map(|_| session.frame(4).unwrap()).collect();
     assert!(is_full(&session.frame(4)), "three frames hold the three places");
+    let full = scenes[0].edit().set(7, at(0.0)).commit(Want::All).map(drop).unwrap_err();
+    assert!(matches!(full, CommitError::Frame(FrameError::TooManyFrames)), "{full}");
+    assert_eq!(scenes[0].len(), 3, "the edit was not made");
     drop(frames);
     scenes.iter_mut().for_each(make_up);
 

@@ -11,7 +11,6 @@ use pairmask_shaders::layouts::{BatchReport, BatchTotals, GridLayout, GridTotals
 use pairmask_shaders::{Found, GridStage, Rules, Stage};
 use pairmask_tests::gpu::open;
 use pairmask_tests::naive_modes;
-use pairmask_tests::narrow::{CullNarrow, Narrowed};
 use pairmask_tests::prelude::*;
 use pairmask_tests::stress_scenes::{Rng, StressScene};
 use pairmaskd::execute::gpu::{
@@ -251,6 +250,36 @@ fn every_pattern_becomes_the_keys_of_the_box_that_stands_for_it() {
                 }
             }
         }
+    }
+}
+
+/// A function that passes boxes of any form to an engine.
+type CullNarrow<E> =
+    fn(&mut E, &CullInput<'_>, &mut dyn ReplyBuffer) -> Result<CullReport, CullError>;
+
+/// An engine that gets boxes in a precision's form, as an [`Engine`] of f32 boxes.
+struct Narrowed<E> {
+    /// The engine.
+    engine: E,
+    /// The call of the engine.
+    cull: CullNarrow<E>,
+    /// The precision of the boxes.
+    precision: Precision,
+}
+
+impl<E: Engine> Engine for Narrowed<E> {
+    fn name(&self) -> EngineName {
+        self.engine.name()
+    }
+
+    fn cull(
+        &mut self,
+        input: &CullInput<'_>,
+        reply: &mut dyn ReplyBuffer,
+    ) -> Result<CullReport, CullError> {
+        let (boxes, _) = input.f32_boxes(self.name())?;
+        let memory = NarrowMemory::write(&self.precision, boxes);
+        (self.cull)(&mut self.engine, &input.with_objects(memory.boxes()), reply)
     }
 }
 
