@@ -13,7 +13,6 @@ pub mod frame_memory;
 pub mod frames;
 pub mod golden;
 pub mod gpu;
-pub mod library_log;
 pub mod mask_writer;
 pub mod measure;
 pub mod narrow;

@@ -2,7 +2,7 @@
 //! by valgrind, in process and through a daemon that may be killed.
 
 use std::io::{Read, Write};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 use std::time::Instant;
 
@@ -22,7 +22,7 @@ const IN_PROCESS: u32 = 2;
 const SIZES: [u32; 10] = [0, 1, 2, 3, 31, 32, 33, 64, 70, 345];
 
 /// How a program is built and run.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, PartialEq)]
 enum Watch {
     /// With the sanitizers of the compiler for addresses and undefined behaviour.
     Sanitizers,
@@ -30,44 +30,34 @@ enum Watch {
     Valgrind,
 }
 
-/// A program that was built.
-#[derive(Debug)]
+/// A program that was built, in a folder of its own.
 struct Program {
-    binary: PathBuf,
+    folder: tempfile::TempDir,
     watch: Watch,
 }
 
-/// The folder of the C client.
-fn client() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../client-lib/c")
-}
-
-/// Where the build has put the library: beside the program that runs this.
-fn libraries() -> PathBuf {
-    let here = std::env::current_exe().expect("the path of this program");
-    here.parent().expect("a folder").to_owned()
-}
-
 impl Program {
-    /// Builds `client-lib/c/tests/programs/SOURCE` into a folder, by a compiler's flags beside the warnings.
-    fn build(source: &str, flags: &[&str], watch: Watch, folder: &Path) -> Self {
+    /// Builds `client-lib/c/tests/programs/SOURCE` by a compiler's flags beside the warnings.
+    fn build(source: &str, flags: &[&str], watch: Watch) -> Self {
         let is_cpp = Path::new(source).extension().is_some_and(|extension| extension == "cpp");
         let (variable, usual) = if is_cpp { ("CXX", "c++") } else { ("CC", "cc") };
         let compiler = std::env::var(variable).unwrap_or_else(|_| usual.to_owned());
-        let name = format!("{source}{}-{watch:?}", flags.concat().replace('/', "_"));
-        let binary = folder.join(name);
-        let libraries = libraries();
+        let folder = tempfile::tempdir().expect("a temporary directory");
+        let client = Path::new(env!("CARGO_MANIFEST_DIR")).join("../client-lib/c");
+        // Where the build has put the library: beside the program that runs this.
+        let here = std::env::current_exe().expect("the path of this program");
+        let libraries = here.parent().expect("a folder");
         let mut command = Command::new(&compiler);
         command
             .args(["-Wall", "-Wextra", "-Wpedantic", "-Werror", "-g", "-O1"])
             .args(flags)
             .arg("-I")
-            .arg(client().join("include"))
-            .arg(client().join("tests/programs").join(source))
+            .arg(client.join("include"))
+            .arg(client.join("tests/programs").join(source))
             .arg("-o")
-            .arg(&binary)
+            .arg(folder.path().join("program"))
             .arg("-L")
-            .arg(&libraries)
+            .arg(libraries)
             .args(["-lpairmask_c", "-lm"])
             .arg(format!("-Wl,-rpath,{}", libraries.display()));
         if watch == Watch::Sanitizers {
@@ -75,20 +65,21 @@ impl Program {
         }
         let status = command.status().unwrap_or_else(|error| panic!("{compiler}: {error}"));
         assert!(status.success(), "{command:?}");
-        Self { binary, watch }
+        Self { folder, watch }
     }
 
     /// The program with its arguments, as it is watched.
     fn command(&self, arguments: &[&str]) -> Command {
+        let binary = self.folder.path().join("program");
         let mut command = match self.watch {
-            Watch::Sanitizers => Command::new(&self.binary),
+            Watch::Sanitizers => Command::new(&binary),
             Watch::Valgrind => {
                 let mut command = Command::new("valgrind");
                 command
                     .args(["--quiet", "--error-exitcode=9", "--leak-check=full"])
                     .args(["--show-leak-kinds=definite,indirect"])
                     .args(["--errors-for-leak-kinds=definite,indirect"])
-                    .arg(&self.binary);
+                    .arg(&binary);
                 command
             }
         };
@@ -116,8 +107,7 @@ impl Program {
     }
 }
 
-/// A program that culls frames. It is ended and must have succeeded when this is dropped.
-#[derive(Debug)]
+/// A program that culls frames.
 struct Culling {
     child: Child,
     frames: Option<ChildStdin>,
@@ -125,7 +115,6 @@ struct Culling {
 }
 
 /// What such a program answers.
-#[derive(Clone, Debug, PartialEq, Eq)]
 struct Culled {
     /// The pairs, sorted.
     pairs: Vec<Pair>,
@@ -171,10 +160,6 @@ impl Drop for Culling {
     }
 }
 
-fn folder() -> tempfile::TempDir {
-    tempfile::tempdir().expect("a temporary directory")
-}
-
 /// Asserts that a program finds the oracle's pairs.
 fn check_suite(program: &mut Culling, sizes: &[u32], served_by: u32) {
     for scene in stress_scenes::ALL {
@@ -200,8 +185,7 @@ fn check_golden(program: &mut Culling) {
 }
 
 fn conforms(source: &str, flags: &[&str]) {
-    let folder = folder();
-    let program = Program::build(source, flags, Watch::Sanitizers, folder.path());
+    let program = Program::build(source, flags, Watch::Sanitizers);
     let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
     let dir = daemon.path().to_str().expect("a path in UTF-8");
     for (backend, served_by) in [("in-process", IN_PROCESS), ("daemon", BY_DAEMON)] {
@@ -227,9 +211,8 @@ fn a_program_in_cpp_finds_the_pairs_of_the_suite() {
 #[test]
 #[ignore = "slow: the nightly tier runs it"]
 fn valgrind_finds_nothing_in_frames() {
-    let folder = folder();
     for (source, flags) in [("conformance.c", C), ("conformance.cpp", CPP)] {
-        let program = Program::build(source, flags, Watch::Valgrind, folder.path());
+        let program = Program::build(source, flags, Watch::Valgrind);
         let mut culling = program.cull(&["in-process", "/", "auto"]);
         check_suite(&mut culling, &[0, 3, 33, 345], IN_PROCESS);
         culling.end();
@@ -237,7 +220,6 @@ fn valgrind_finds_nothing_in_frames() {
 }
 
 fn every_call_and_every_error(watch: Watch, backends: &[&str]) {
-    let folder = folder();
     let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
     let dir = daemon.path().to_str().expect("a path in UTF-8");
     let standards: [(&str, &[&str]); 4] = [
@@ -247,7 +229,7 @@ fn every_call_and_every_error(watch: Watch, backends: &[&str]) {
         ("calls.cpp", &["-std=c++20"]),
     ];
     for (source, flags) in standards {
-        let program = Program::build(source, flags, watch, folder.path());
+        let program = Program::build(source, flags, watch);
         for backend in backends {
             for encoding in ["auto", "sparse"] {
                 assert_eq!(program.run(&[backend, dir, encoding]), "all calls\n");
@@ -270,8 +252,7 @@ fn valgrind_finds_nothing_in_every_call_and_every_error() {
 
 #[test]
 fn a_daemon_that_is_killed_costs_no_frame() {
-    let folder = folder();
-    let program = Program::build("conformance.c", C, Watch::Sanitizers, folder.path());
+    let program = Program::build("conformance.c", C, Watch::Sanitizers);
     let mut daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
     let dir = daemon.path().to_str().expect("a path in UTF-8").to_owned();
     let mut culling = program.cull(&["auto", &dir, "auto"]);
@@ -307,8 +288,7 @@ fn a_daemon_that_is_killed_costs_no_frame() {
 #[test]
 #[should_panic(expected = "assertion")]
 fn a_lost_pair_is_seen() {
-    let folder = folder();
-    let program = Program::build("conformance.c", C, Watch::Sanitizers, folder.path());
+    let program = Program::build("conformance.c", C, Watch::Sanitizers);
     let mut culling = program.cull(&["in-process", "/", "auto"]);
     let boxes = stress_scenes::named("uniform").boxes(300, 2);
     let mut truth = oracle::truth(&boxes).pairs;

@@ -4,13 +4,14 @@
 use log::LevelFilter;
 use pairmask_core::dispatch::StageTimes;
 use pairmask_core::engine::{Census, EngineId, EngineTimes, SkipMeter};
-use pairmask_tests::library_log;
 use pairmask_tests::prelude::*;
 use pairmask_tests::refuser::{beside_daemon, fields_of};
 use pairmask_transport::RuntimeDir;
 use pairmask_wire::{
     ReplyError, RequestHeader, ResponseHeader, Section, SectionKind, Version, response_ok,
 };
+
+use crate::library_log;
 
 const N: BoxCount = BoxCount::new(3);
 

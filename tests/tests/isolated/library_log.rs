@@ -1,10 +1,10 @@
 //! The log says once that a session falls back, why, and that the daemon answers again; errors name the cause.
 
+use std::sync::{Mutex, Once, PoisonError};
 use std::time::Duration;
 
-use log::{Level, LevelFilter};
+use log::{Level, LevelFilter, Log, Metadata, Record};
 use pairmask::StatusError;
-use pairmask_tests::library_log;
 use pairmask_tests::prelude::*;
 use pairmask_transport::{DaemonRecord, RuntimeDir};
 use pairmask_wire::{InstanceName, Version};
@@ -12,7 +12,7 @@ use pairmask_wire::{InstanceName, Version};
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
 
 fn said() -> Vec<String> {
-    library_log::take_captured().into_iter().map(|(_, text)| text).collect()
+    take_captured().into_iter().map(|(_, text)| text).collect()
 }
 
 fn frame(session: &mut Session) -> ServedBy {
@@ -40,7 +40,7 @@ fn check(builder: SessionBuilder, cause: fn(&ConnectError) -> bool, text: &str) 
 #[test]
 fn the_cause_is_named() {
     let _alone = crate::alone();
-    library_log::capture(LevelFilter::Info);
+    capture(LevelFilter::Info);
     let dir = tempfile::tempdir().unwrap();
     let at = |dir: &RuntimeDir| Session::builder().runtime_dir(dir.clone());
     let empty = RuntimeDir::at(dir.path());
@@ -83,15 +83,15 @@ fn frames(session: &mut Session, count: usize) -> ServedBy {
 #[test]
 fn falling_back_is_said_once() {
     let _alone = crate::alone();
-    library_log::capture(LevelFilter::Info);
+    capture(LevelFilter::Info);
     let mut daemon = TestDaemon::start(DAEMON, &[]);
     let mut session = daemon.session().backend(Backend::Auto).connect().unwrap();
     assert_eq!(frames(&mut session, 10), ServedBy::Daemon);
-    assert_eq!(library_log::take_captured(), []);
+    assert_eq!(take_captured(), []);
 
     daemon.kill();
     assert_eq!(frames(&mut session, 100), ServedBy::InProcess);
-    let lost = library_log::take_captured();
+    let lost = take_captured();
     assert_eq!(lost.len(), 1, "{lost:?}");
     assert!(lost[0].0 == Level::Warn && lost[0].1.contains("answered in process"), "{lost:?}");
 
@@ -100,7 +100,7 @@ fn falling_back_is_said_once() {
         (frames(&mut session, 1) == ServedBy::Daemon).then_some(())
     });
     assert_eq!(frames(&mut session, 100), ServedBy::Daemon);
-    let back = library_log::take_captured();
+    let back = take_captured();
     assert_eq!(back.len(), 1, "{back:?}");
     assert!(back[0].0 == Level::Info && back[0].1.contains("answers again"), "{back:?}");
 
@@ -114,7 +114,7 @@ fn falling_back_is_said_once() {
         frame.fill(&[Aabb::EMPTY; 2]);
         assert_eq!(frame.submit().unwrap().wait().unwrap().info().form, BoxForm::F32.into());
     }
-    let exact = library_log::take_captured();
+    let exact = take_captured();
     assert_eq!(exact.len(), 1, "{exact:?}");
     assert!(exact[0].0 == Level::Warn && exact[0].1.contains("frames are exact"), "{exact:?}");
 
@@ -127,8 +127,39 @@ fn falling_back_is_said_once() {
         assert_eq!(mask.info().served_by, ServedBy::InProcess);
         assert_eq!(frames(&mut session, 1), ServedBy::Daemon);
     }
-    let spheres = library_log::take_captured();
+    let spheres = take_captured();
     assert_eq!(spheres.len(), 1, "{spheres:?}");
     let (level, said) = &spheres[0];
     assert!(*level == Level::Warn && said.contains("does not know spheres"), "{spheres:?}");
+}
+
+struct CapturedLines(Mutex<Vec<(Level, String)>>);
+
+static CAPTURED: CapturedLines = CapturedLines(Mutex::new(Vec::new()));
+
+impl Log for CapturedLines {
+    fn enabled(&self, metadata: &Metadata<'_>) -> bool {
+        metadata.target().starts_with("pairmask::")
+    }
+    fn log(&self, record: &Record<'_>) {
+        if self.enabled(record.metadata()) {
+            let line = (record.level(), record.args().to_string());
+            self.0.lock().unwrap_or_else(PoisonError::into_inner).push(line);
+        }
+    }
+    fn flush(&self) {}
+}
+
+/// Captures the library's log lines of this level and above from now on, and forgets those of before. A process has
+/// one log: tests that look at it run one after the other.
+pub(crate) fn capture(level: LevelFilter) {
+    static INSTALLED: Once = Once::new();
+    INSTALLED.call_once(|| log::set_logger(&CAPTURED).expect("the process has no other logger"));
+    log::set_max_level(level);
+    take_captured();
+}
+
+/// Takes the lines that were captured since the last call.
+pub(crate) fn take_captured() -> Vec<(Level, String)> {
+    std::mem::take(&mut CAPTURED.0.lock().unwrap_or_else(PoisonError::into_inner))
 }
