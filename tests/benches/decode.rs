@@ -1,7 +1,8 @@
 //! Speed of mask decoding: `cargo bench -p pairmask-tests --bench decode [-- PART OF A NAME]`.
 //!
-//! Medians of many runs, warm. Every row prints the time of one decode, ns for each pair and GB/s over the bytes of the mask (its order included). The reference rows say what the memory and the
-//! consumer alone cost on this machine in this run, so that ratios hold on a noisy one.
+//! Medians of many runs, warm. Every row prints the time of one decode, ns for each pair and GB/s over the bytes of the
+//! mask (its order included). The reference rows say what the memory and the consumer alone cost on this machine in this
+//! run, so that ratios hold on a noisy one.
 //!
 //! `PAIRMASK_SPARSE_KERNEL` (`portable`, `avx2`, `avx512`, `avx512-steps`, `vbmi2`) has sparse masks decoded by one kernel;
 //! what it cannot decode is left out.
@@ -9,9 +10,9 @@
 use std::hint::black_box;
 use std::time::{Duration, Instant};
 
-use pairmask_tests::mask_writer::{WrittenMask, write_dense, write_list, write_sparse};
-use pairmask_tests::pair_scenes::{
-    all_pairs, grid_like_pairs, random_order, random_pairs, renamed,
+use pairmask_tests::mask_writer::{
+    WrittenMask, all_pairs, grid_like_pairs, random_order, random_pairs, renamed, write_dense,
+    write_list, write_sparse,
 };
 use pairmask_tests::prelude::*;
 use rayon::iter::ParallelIterator;

@@ -1,10 +1,5 @@
 //! Engines over scenes, sizes and threads: medians over moving frames, engines interleaved.
 //!
-//! ```text
-//! cargo bench -p pairmask-tests --bench engines -- [--n 1000,10000] [--scene uniform,pile]
-//!     [--engine cpu-grid,cpu-brute] [--threads 1,2] [--frames 20]
-//! ```
-//!
 //! Every frame of a size and scene is culled by all engines and thread counts one after another,
 //! and their pair sets are compared by a hash that does not depend on the order of pairs. `B/box` is
 //! the scratch that an engine keeps beside boxes and reply.

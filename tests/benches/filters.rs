@@ -1,10 +1,5 @@
 //! Frames with rules beside frames without: worlds side by side, and pairs that filters take out.
 //!
-//! ```text
-//! cargo bench -p pairmask-tests --bench filters -- [--rounds 20] [--threads 2] [--json]
-//!     [--backend in-process|daemon] [--gpu auto|none|software] [--rows worlds,requests,filtered,rules]
-//! ```
-//!
 //! Each row has two ways to the same pairs, or to a scene and its filtered part, in turns; the ratio is
 //! that of the medians, below 1 in favour of the first. Beside each median stand the quartiles. All pairs
 //! are visited. Each way has a session of its own, which culls each frame anew.

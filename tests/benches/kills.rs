@@ -1,9 +1,5 @@
 //! Workers that are killed in a row: how long a client of the daemon is without an answer.
 //!
-//! ```text
-//! cargo bench -p pairmask-tests --bench kills -- [--gpu none] [--kills 100] [--pause-ms 300] [--n 1000]
-//! ```
-//!
 //! A gap runs from SIGKILL to the first frame that the next worker has answered; the client asks again every
 //! millisecond. The next kill comes after a pause.
 

@@ -1,12 +1,6 @@
 //! Queries of a scene, and set A against set B: median µs, everything between the client's boxes and its
 //! pairs.
 //!
-//! ```text
-//! cargo bench -p pairmask-tests --bench queries -- \
-//!     [--backend in-process|daemon] [--gpu auto|none|software] [--n 1000000] [--queries 10000] [--rounds 30] \
-//!     [--json]
-//! ```
-//!
 //! * `queries`: boxes like those of the scene, asked of it in turns of several sets. `ask` is from boxes that
 //!   lie in the client's memory to the answer, so writing them and the round trip; `visit` looks at all pairs.
 //!   `first` is the first query, which builds the cells. Of `ask`, `engine` found the pairs, and `publish`

@@ -1,10 +1,6 @@
 //! A tick of a scene that four sessions write, beside one session that writes as many boxes in a scene of its
 //! own: µs from the moment when the first begins its edit until the last has its changes, p50 and p99.
 //!
-//! ```text
-//! cargo bench -p pairmask-tests --bench shared -- [--boxes 25000] [--ticks 200] [--json]
-//! ```
-//!
 //! Both take turns, tick by tick, with the same boxes and the same moves. Of each share of the boxes, other
 //! ones move in each tick. Writers are threads, each with a session of its own; they spin until all of them are
 //! awake, and take the time themselves: to wake threads for the next tick is no part of it.

@@ -16,7 +16,6 @@ pub mod gpu;
 pub mod mask_writer;
 pub mod measure;
 pub mod narrow;
-pub mod pair_scenes;
 pub mod peers;
 pub mod prelude;
 pub mod queried;

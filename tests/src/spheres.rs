@@ -5,10 +5,8 @@ use pairmask_core::engine::{Census, CullReport, EngineTimes, NAMED_INVALID, Skip
 use pairmask_core::oracle::check::{Mismatch, check_reply};
 use pairmask_core::oracle::{Pair, Truth};
 use pairmask_core::{Encoding, Sphere};
-use pairmask_lab::stress::MixedFlags;
 use pairmask_lab::study::spheres::{families, oracle};
 use pairmaskd::scene::Random;
-use rayon::ThreadPool;
 
 /// `n` spheres that are hard to decide: pairs that touch or miss touching by one ulp, all
 /// magnitudes, and all classes.
@@ -102,23 +100,6 @@ pub fn cull(session: &mut Session, spheres: &[Sphere]) -> PairMask {
     let mut frame = session.sphere_frame(spheres.len()).expect("memory for a frame");
     frame.spheres_mut().copy_from_slice(spheres);
     frame.submit().expect("a frame is sent").wait().expect("a frame is answered")
-}
-
-/// Culls spheres as a caller of `flags`, on a pool of other flags; threads of yet other flags fill
-/// the frame.
-pub fn cull_flagged(
-    session: &mut Session,
-    spheres: &[Sphere],
-    flags: &MixedFlags,
-    pool: &ThreadPool,
-) -> PairMask {
-    flags.install(pool, || {
-        let mut frame = session.sphere_frame(spheres.len()).expect("memory for a frame");
-        for (i, slot) in frame.spheres_mut().iter_mut().enumerate() {
-            flags.writers[i % flags.writers.len()].run(|| *slot = spheres[i]);
-        }
-        frame.submit().expect("a frame is sent").wait().expect("a frame is answered")
-    })
 }
 
 /// Checks a mask with its report against the truth.

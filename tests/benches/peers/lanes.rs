@@ -74,7 +74,6 @@ fn peer(name: PeerName, boxes: &[Aabb], threads: usize) -> Box<dyn Contender> {
     match name {
         PeerName::ParryRefit => Box::new(Parry::new(boxes, Upkeep::Refit, threads)),
         PeerName::ParryOptimize => Box::new(Parry::new(boxes, Upkeep::OptimizeRefit, threads)),
-        PeerName::ParryRebuild => Box::new(Parry::new(boxes, Upkeep::Rebuild, threads)),
         PeerName::Rapier => Box::new(Rapier::new(boxes.len())),
     }
 }

@@ -17,8 +17,6 @@ pub enum Upkeep {
     Refit,
     /// As `Refit`, after a few subtrees were built anew (about 5 % a frame).
     OptimizeRefit,
-    /// The tree is built anew, in bins.
-    Rebuild,
 }
 
 /// A tree.
@@ -62,13 +60,8 @@ impl Parry {
     }
 
     fn follow(&mut self) {
-        match self.upkeep {
-            Upkeep::Rebuild => {
-                self.tree.rebuild(&mut self.workspace, BvhBuildStrategy::Binned);
-                return;
-            }
-            Upkeep::OptimizeRefit => self.tree.optimize_incremental(&mut self.workspace),
-            Upkeep::Refit => (),
+        if self.upkeep == Upkeep::OptimizeRefit {
+            self.tree.optimize_incremental(&mut self.workspace);
         }
         if self.threads > 1 {
             self.tree.refit_parallel(&mut self.workspace);

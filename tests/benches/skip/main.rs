@@ -1,13 +1,6 @@
 //! Scenes that persist beside whole frames and other broad phases: what an edit and its changes cost, by how
 //! much moves.
 //!
-//! ```text
-//! cargo bench -p pairmask-tests --bench skip -- [--n 10000,100000] [--scene uniform,pile]
-//!     [--moving 0,0.01,0.1,1,10,50,100] [--motion drift,jitter,teleport,spawn] [--frames 20]
-//!     [--backend in-process,daemon] [--peer whole-frame,rapier,parry,parry-queries]
-//!     [--rate closed,60,240] [--json]
-//! ```
-//!
 //! Scene and peers make the same changes, in turns. In process they have the threads of this machine: a pool
 //! of which the calling thread is one, so that small edits do not wait for another to wake. `daemon` asks the
 //! instance of the environment, which is to be started first. Write: the arrays of indices and boxes in, the

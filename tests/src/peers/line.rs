@@ -14,8 +14,6 @@ pub enum PeerName {
     ParryRefit,
     /// parry3d's tree, a few subtrees built anew each frame, then refitted
     ParryOptimize,
-    /// parry3d's tree, built anew each frame
-    ParryRebuild,
     /// rapier3d's broad phase
     Rapier,
 }
@@ -182,8 +180,8 @@ pub(super) mod tests {
             line(ours("in-process"), 2, 40, None),
             line(Who::Peer(PeerName::ParryRefit), 1, 100, None),
             line(Who::Peer(PeerName::ParryRefit), 2, 80, None),
-            line(Who::Peer(PeerName::ParryRebuild), 1, 400, None),
-            line(Who::Peer(PeerName::ParryRebuild), 2, 500, None),
+            line(Who::Peer(PeerName::ParryOptimize), 1, 400, None),
+            line(Who::Peer(PeerName::ParryOptimize), 2, 500, None),
             line(Who::Peer(PeerName::Rapier), 1, 10, Some("a pair is missing")),
         ];
         Comparison { scene: SceneName::Pile, n: 1_000, pairs: 7_000, lines }
@@ -200,16 +198,16 @@ pub(super) mod tests {
                 (r.backend, r.peer, r.theirs.threads, r.ratios()[0], r.is_best_peer, equal)
             })
             .collect();
-        let (refit, rebuild, rapier) =
-            (PeerName::ParryRefit, PeerName::ParryRebuild, PeerName::Rapier);
+        let (refit, optimize, rapier) =
+            (PeerName::ParryRefit, PeerName::ParryOptimize, PeerName::Rapier);
         assert_eq!(
             seen,
             [
                 ("daemon", refit, 1, 0.6, true, true),
-                ("daemon", rebuild, 1, 0.15, false, true),
+                ("daemon", optimize, 1, 0.15, false, true),
                 ("daemon", rapier, 1, 6.0, false, false),
                 ("in-process", refit, 2, 0.5, true, true),
-                ("in-process", rebuild, 1, 0.1, false, true),
+                ("in-process", optimize, 1, 0.1, false, true),
                 ("in-process", rapier, 1, 4.0, false, false),
             ]
         );

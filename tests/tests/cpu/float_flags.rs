@@ -138,7 +138,13 @@ fn spheres_are_found_through_the_boxes_of_any_thread() {
         let mut session =
             Session::builder().backend(Backend::InProcess).answer_repeats(false).connect().unwrap();
         for flags in mixed_flags().iter().step_by(5) {
-            let mask = spheres::cull_flagged(&mut session, &scene, flags, &pool);
+            let mask = flags.install(&pool, || {
+                let mut frame = session.sphere_frame(scene.len()).unwrap();
+                for (i, slot) in frame.spheres_mut().iter_mut().enumerate() {
+                    flags.writers[i % flags.writers.len()].run(|| *slot = scene[i]);
+                }
+                frame.submit().unwrap().wait().unwrap()
+            });
             let checked = spheres::check_mask(&mask, mask.encoding(), &truth);
             assert_eq!(checked, Ok(()), "{exponent}, {flags}");
         }

@@ -3,8 +3,10 @@
 use std::collections::BTreeSet;
 
 use pairmask_core::mask::{MaskError, Section, Span, WordAddress};
-use pairmask_tests::mask_writer::{WrittenMask, write_dense, write_list, write_sparse};
-use pairmask_tests::pair_scenes::{all_pairs, random_order, random_pairs, renamed};
+use pairmask_tests::mask_writer::{
+    WrittenMask, all_pairs, random_order, random_pairs, renamed, write_dense, write_list,
+    write_sparse,
+};
 use pairmask_tests::prelude::*;
 use proptest::collection::vec;
 use proptest::option;

@@ -546,22 +546,27 @@ fn clean_up(dir: &std::path::Path) {
     let _ = std::fs::remove_dir_all(place.transport_root(&name));
 }
 
-/// The worker is stopped before it is bound to its supervisor, which ends meanwhile.
-#[test]
-fn a_worker_that_was_orphaned_before_it_was_bound_ends() {
+/// Starts daemons that something is done to, in which they are killed, and checks that the next one serves.
+fn kill_starting(what: &str, mut kill: impl FnMut(&mut Child, u64)) {
     let dir = tempfile::tempdir().unwrap();
     let mut frames = InTurn::new(&[64]);
     let end = Instant::now() + attack_time();
     let mut rounds = 0;
     while rounds == 0 || Instant::now() < end {
-        let mut supervisor = serve(dir.path());
-        let found = Instant::now();
-        let worker = loop {
-            if let Some(worker) = child_of(supervisor.id()) {
-                break worker;
-            }
-            assert!(found.elapsed() < PATIENCE, "no worker was started");
-        };
+        kill(&mut serve(dir.path()), rounds);
+        check_that_it_serves(dir.path(), &mut frames);
+        rounds += 1;
+    }
+    println!("{what}: {rounds} rounds");
+    clean_up(dir.path());
+}
+
+/// The worker is stopped before it is bound to its supervisor, which ends meanwhile.
+#[test]
+fn a_worker_that_was_orphaned_before_it_was_bound_ends() {
+    kill_starting("orphans", |supervisor, _| {
+        // Without a pause: it is bound soon after.
+        let worker = (0..u64::MAX).find_map(|_| child_of(supervisor.id())).unwrap();
         let watch = ProcessWatch::open(worker);
         let _ = kill_process(pid(worker), Signal::STOP);
         supervisor.kill().unwrap();
@@ -570,31 +575,17 @@ fn a_worker_that_was_orphaned_before_it_was_bound_ends() {
         eventually("the orphan ends", || {
             watch.as_ref().is_none_or(|watch| !watch.is_alive()).then_some(())
         });
-        check_that_it_serves(dir.path(), &mut frames);
-        rounds += 1;
-    }
-    println!("orphans: {rounds} rounds");
-    clean_up(dir.path());
+    });
 }
 
+/// The kill comes at varying times between the first instruction and a serving worker.
 #[test]
 fn a_daemon_killed_while_it_starts_does_not_keep_the_next_from_serving() {
-    let dir = tempfile::tempdir().unwrap();
-    let mut frames = InTurn::new(&[64]);
-    let end = Instant::now() + attack_time();
-    let mut rounds = 0;
-    while Instant::now() < end {
-        let mut supervisor = serve(dir.path());
-        // The kill comes at varying times between the first instruction and a serving worker.
-        std::thread::sleep(Duration::from_micros(rounds * 7919 % 30_000));
+    kill_starting("killed at the start", |supervisor, round| {
+        std::thread::sleep(Duration::from_micros(round * 7919 % 30_000));
         supervisor.kill().unwrap();
         supervisor.wait().unwrap();
-        check_that_it_serves(dir.path(), &mut frames);
-        rounds += 1;
-    }
-    println!("killed at the start: {rounds} rounds");
-    assert!(rounds > 0);
-    clean_up(dir.path());
+    });
 }
 
 /// A worker without a supervisor holds the server port, but not the lock.

@@ -398,9 +398,7 @@ fn kept_rules_are_those_of_their_frame() {
         }
         let (_, other) = &frames[2];
         check_mask(&submit(&mut session, other).wait().unwrap(), other);
-        let mut plain = session.frame(other.boxes.len()).unwrap();
-        plain.write(&other.boxes);
-        plain.submit().unwrap().wait().unwrap();
+        session.answer(&other.boxes);
     }
     // Two under way: the second names what the first one brings.
     let (rules, frame) = &frames[1];

@@ -133,9 +133,7 @@ fn a_daemon_that_answers_no_edit_is_given_up_by_the_frame_that_wants_its_place()
     strict_scenes.iter_mut().chain(&mut scenes).for_each(leave_an_edit);
     let silent = strict.frame(2).unwrap_err();
     assert!(matches!(silent, FrameError::Connect(ConnectError::Silent { .. })), "{silent}");
-    let mut frame = session.frame(2).unwrap();
-    frame.boxes_mut().copy_from_slice(&[at(0.0), at(0.5)]);
-    let mask = frame.submit().unwrap().wait().unwrap();
+    let mask = session.answer(&[at(0.0), at(0.5)]);
     assert_eq!((mask.info().served_by, mask.to_vec()), (ServedBy::InProcess, vec![(0, 1)]));
     for scene in &mut scenes {
         let answer = scene.edit().remove(0).commit(Want::Changes).unwrap().take();

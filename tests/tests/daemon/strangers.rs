@@ -23,9 +23,7 @@ fn connect(daemon: &TestDaemon) -> Result<Session, ConnectError> {
 fn check_auto(daemon: &TestDaemon, what: &str) {
     let start = Instant::now();
     let mut session = daemon.session().backend(Backend::Auto).connect().unwrap();
-    let mut frame = session.frame(2).unwrap();
-    frame.boxes_mut().fill(Aabb::from([0.0; 6]));
-    let mask = frame.submit().unwrap().wait().unwrap();
+    let mask = session.answer(&[Aabb::from([0.0; 6]); 2]);
     assert_eq!(mask.info().served_by, ServedBy::InProcess, "{what}");
     assert_eq!(mask.to_vec(), [(0, 1)], "{what}");
     // Not a limit for speed: a stranger's daemon could hold a frame up for the session's deadline.
