@@ -68,19 +68,14 @@ fn one_a_box(n: BoxCount) -> Vec<Pair> {
     random_pairs(n, n.len(), 1)
 }
 
-/// The mask, decoded by the kernel that the environment names, if it names one. `None` where the mask
-/// has no such kernel.
-fn by_named_kernel(mask: MaskView<'_>) -> Option<MaskView<'_>> {
-    match std::env::var("PAIRMASK_SPARSE_KERNEL") {
-        Ok(kernel) => mask.with_sparse_kernel(&kernel),
-        Err(_) => Some(mask),
-    }
-}
-
 /// All ways through one mask.
 fn decode(title: &str, written: &WrittenMask, expected: usize) {
     let mask = MaskView::new(written.n, &written.shape, &written.reply).expect("shape and reply");
-    let Some(mask) = by_named_kernel(mask) else { return };
+    let mask = match std::env::var("PAIRMASK_SPARSE_KERNEL") {
+        Ok(kernel) => mask.with_sparse_kernel(&kernel),
+        Err(_) => Some(mask),
+    };
+    let Some(mask) = mask else { return };
     println!("\n{title}");
     assert_eq!(mask.pairs().count(), expected, "a bench of a wrong decoder measures nothing");
     let row = |name: &str, median: Duration| {

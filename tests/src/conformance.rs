@@ -3,15 +3,25 @@
 //! It compares sets and names the first bad pair; equal counts prove nothing. Each frame has a caller of
 //! other floating-point flags, and pool threads of yet others.
 
-use pairmask_core::Encoding;
-use pairmask_core::engine::{CullInput, Engine, HeapReply};
+use pairmask_core::engine::{CullInput, Engine, HeapReply, Isa, cpu_engine};
 pub use pairmask_core::oracle::check::{Mismatch, check_frame, check_pairs, check_reply};
+use pairmask_core::{Encoding, EngineName};
 use pairmask_lab::stress::{FloatFlags, MixedFlags};
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
 use crate::oracle;
 use crate::stress_scenes::{self, Overlaps};
 use crate::tier;
+
+/// A new engine, with the best instruction set.
+pub fn best_engine(name: EngineName) -> Box<dyn Engine> {
+    cpu_engine(name, Isa::best()).expect("of the CPU")
+}
+
+/// A new engine of each.
+pub fn cpu_engines() -> Vec<Box<dyn Engine>> {
+    EngineName::CPU.map(best_engine).into()
+}
 
 /// The frames on which an engine is tested.
 #[derive(Clone, Debug)]

@@ -7,7 +7,9 @@ use pairmask_core::BoxCount;
 use pairmask_core::dispatch::CullAnswer;
 use pairmask_core::mask::MaskView;
 use pairmask_core::oracle::Pair;
-use pairmaskd::execute::gpu::{AllPairs, AllPairsOptions, Gpu, GpuChoice, HostImport};
+use pairmaskd::execute::gpu::{
+    AllPairs, AllPairsOptions, Gpu, GpuChoice, Grid, GridOptions, HostImport, SceneTools,
+};
 use pairmaskd::execute::{Executor, GpuService};
 
 use crate::frames::Sorted;
@@ -54,6 +56,23 @@ pub fn open_at(place: usize, host_import: HostImport) -> Arc<Gpu> {
 /// An engine on a device of its own.
 pub fn engine(options: AllPairsOptions) -> AllPairs {
     AllPairs::new(&open(HostImport::IfPossible), options).unwrap_or_else(|error| panic!("{error}"))
+}
+
+/// A grid on a device of its own.
+pub fn grid(options: &GridOptions) -> Grid {
+    Grid::new(&open(HostImport::IfPossible), options).unwrap_or_else(|error| panic!("{error}"))
+}
+
+/// What scenes need on the device at a place.
+pub fn scene_tools(place: usize, options: &GridOptions) -> Arc<SceneTools> {
+    SceneTools::new(&open_at(place, HostImport::IfPossible), options)
+        .unwrap_or_else(|error| panic!("{error}"))
+}
+
+/// So many devices that share every search.
+pub fn shared_tools(gpus: usize) -> Vec<Arc<SceneTools>> {
+    let options = GridOptions { shares_always: true, ..GridOptions::default() };
+    (0..gpus).map(|at| scene_tools(at, &options)).collect()
 }
 
 /// An executor with so many devices of the GPUs of the tests.

@@ -18,7 +18,9 @@ pub use pairmask_core::{
 };
 pub use rustix::process::Signal;
 
-pub use crate::conformance::{Mismatch, Suite, check_frame, check_pairs, check_reply, conform};
+pub use crate::conformance::{
+    Mismatch, Suite, best_engine, check_frame, check_pairs, check_reply, conform, cpu_engines,
+};
 pub use crate::daemon::{PATIENCE, TestDaemon, eventually};
 pub use crate::frames::{Frames, Sorted};
 pub use crate::narrow::NarrowMemory;

@@ -28,13 +28,12 @@ const FORGING: Forging = Forging {
     given_up: 0,
 };
 
-fn a_box(dice: &mut Random) -> Aabb {
-    let min = [(); 3].map(|()| dice.below(12) as f32);
-    Aabb::new(min, min.map(|x| x + dice.below(3) as f32))
-}
-
 fn boxes(dice: &mut Random, count: u32) -> Vec<Aabb> {
-    (0..count).map(|_| a_box(dice)).collect()
+    let a_box = |_| {
+        let min = [(); 3].map(|()| dice.below(12) as f32);
+        Aabb::new(min, min.map(|x| x + dice.below(3) as f32))
+    };
+    (0..count).map(a_box).collect()
 }
 
 /// A scene of the revision, whole.

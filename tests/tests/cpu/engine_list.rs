@@ -10,10 +10,6 @@ use pairmask_wire::VERSION_MINOR;
 /// The wire contract names every engine with its number.
 const WIRE: &str = include_str!("../../../client-lib/wire/WIRE.md");
 
-fn engines() -> impl Iterator<Item = Box<dyn Engine>> {
-    EngineName::CPU.into_iter().map(|name| cpu_engine(name, Isa::best()).expect("of the CPU"))
-}
-
 #[test]
 fn names_and_numbers_tell_engines_apart() {
     let all = EngineName::ALL;
@@ -52,7 +48,7 @@ fn every_cpu_engine_is_made_and_has_terms_of_its_own() {
 fn every_cpu_engine_reads_its_forms_and_refuses_others() {
     let boxes = stress_scenes::named("uniform").boxes(70, 1);
     let mut reply = HeapReply::new();
-    for mut engine in engines() {
+    for mut engine in cpu_engines() {
         let forms = engine.name().descriptor().forms;
         assert!(forms.contains(&BoxForm::F32), "{}", engine.name());
         for precision in [Precision::Exact, Precision::F16] {
@@ -72,7 +68,7 @@ fn every_cpu_engine_reads_its_forms_and_refuses_others() {
 fn an_order_is_written_by_those_that_have_one() {
     let boxes = stress_scenes::named("uniform").boxes(345, 1);
     let mut reply = HeapReply::new();
-    for mut engine in engines() {
+    for mut engine in cpu_engines() {
         let input = CullInput::boxes(&boxes).encoding(Encoding::Sparse);
         let shape = engine.cull(&input, &mut reply).expect("memory").shape;
         let has_order = engine.name().descriptor().has_order;
@@ -85,7 +81,7 @@ fn an_order_is_written_by_those_that_have_one() {
 fn scratch_is_kept_and_given_back() {
     let boxes = stress_scenes::named("uniform").boxes(10_000, 1);
     let mut reply = HeapReply::new();
-    for mut engine in engines() {
+    for mut engine in cpu_engines() {
         let fresh = engine.scratch_bytes();
         let first = engine.cull(&CullInput::boxes(&boxes), &mut reply).expect("memory").pair_count;
         assert!(engine.scratch_bytes() > fresh, "{}", engine.name());

@@ -16,10 +16,6 @@ fn each_isa(name: EngineName) -> Vec<(Isa, Box<dyn Engine>)> {
     engines
 }
 
-fn best(name: EngineName) -> Box<dyn Engine> {
-    cpu_engine(name, Isa::best()).expect("of the CPU")
-}
-
 fn conforms(name: EngineName, suites: &[Suite]) {
     for (isa, mut engine) in each_isa(name) {
         println!("{isa}");
@@ -56,7 +52,7 @@ fn the_grid_conforms() {
 
 #[test]
 fn every_scene_in_motion_gives_the_pairs_of_the_oracle() {
-    let mut engines = EngineName::CPU.map(best);
+    let mut engines = cpu_engines();
     let mut reply = HeapReply::new();
     for name in SceneName::ALL {
         for n in [1, 2, 17, 70, 345, 3000] {
@@ -96,12 +92,12 @@ fn sections(
 #[test]
 fn bytes_do_not_depend_on_threads_or_on_earlier_frames() {
     for engine in EngineName::CPU {
-        let mut used = best(engine);
+        let mut used = best_engine(engine);
         for name in SceneName::ALL.into_iter().filter(|name| !name.is_quadratic()) {
             let mut scene = Scene::new(name, 5_000, 3);
             for (threads, encoding) in [1, 2, 4].into_iter().zip(Encoding::ALL) {
                 scene.step();
-                let expected = sections(best(engine).as_mut(), scene.boxes(), encoding, 1);
+                let expected = sections(best_engine(engine).as_mut(), scene.boxes(), encoding, 1);
                 let got = sections(used.as_mut(), scene.boxes(), encoding, threads);
                 assert!(got == expected, "{engine}, {name}, {encoding}, {threads} threads");
             }
@@ -109,7 +105,7 @@ fn bytes_do_not_depend_on_threads_or_on_earlier_frames() {
         for n in [1234, 3, 0, 345, 64, 1234] {
             for scene in stress_scenes::ALL {
                 let boxes = scene.boxes(n, 9);
-                let expected = sections(best(engine).as_mut(), &boxes, Encoding::Sparse, 1);
+                let expected = sections(best_engine(engine).as_mut(), &boxes, Encoding::Sparse, 1);
                 let got = sections(used.as_mut(), &boxes, Encoding::Sparse, 1);
                 assert!(got == expected, "{engine}, {scene:?}, {n} boxes");
             }

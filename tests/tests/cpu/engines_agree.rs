@@ -67,16 +67,9 @@ fn agreed(
     expected.expect("an engine and a thread count")
 }
 
-fn all_engines() -> Vec<Box<dyn Engine>> {
-    EngineName::CPU
-        .into_iter()
-        .map(|name| cpu_engine(name, Isa::best()).expect("of the CPU"))
-        .collect()
-}
-
 #[test]
 fn pair_sets_have_their_golden_hashes_on_every_engine_and_thread_count() {
-    let (mut engines, pools) = (all_engines(), pools());
+    let (mut engines, pools) = (cpu_engines(), pools());
     let hashes = GOLDEN.map(|(name, _)| {
         let scene = golden::scene(name);
         let hash = pair_set_hash(&agreed(name, scene.boxes(), &mut engines, &pools));
@@ -90,7 +83,7 @@ const GOLDEN_SCENES: &str = include_str!("../../golden-scenes.txt");
 
 #[test]
 fn the_golden_scenes_of_all_clients_have_their_pairs() {
-    let (mut engines, pools) = (all_engines(), pools());
+    let (mut engines, pools) = (cpu_engines(), pools());
     let lines = GOLDEN_SCENES.lines().filter(|line| !line.starts_with('#'));
     let mut scenes = 0;
     for line in lines {
@@ -115,7 +108,7 @@ fn threads_that_are_kept_awake_find_the_golden_pairs() {
         let _pool =
             ThreadPoolBuilder::new().num_threads(4).use_current_thread().build().expect("a pool");
         let mut awake = AwakePool::default();
-        let mut engines = all_engines();
+        let mut engines = cpu_engines();
         for frame in 0..golden.len() * engines.len() {
             let (name, hash, scene) = &golden[frame / engines.len()];
             let place = frame % engines.len();
@@ -144,13 +137,13 @@ fn agree(engines: &mut [Box<dyn Engine>], n: usize, quadratic: usize) {
 
 #[test]
 fn engines_agree_on_ten_thousand_boxes() {
-    agree(&mut all_engines(), 10_000, 1_000);
+    agree(&mut cpu_engines(), 10_000, 1_000);
 }
 
 #[test]
 #[ignore = "minutes: run in release, see the head of this file"]
 fn engines_agree_on_a_hundred_thousand_and_a_million_boxes() {
-    agree(&mut all_engines(), 100_000, 1_000);
+    agree(&mut cpu_engines(), 100_000, 1_000);
     // A million boxes have 5·10^11 pairs: `cpu-brute` runs only up to a hundred thousand boxes.
     agree(&mut [Box::new(Grid::new()), Box::new(SweepAndPrune::new())], 1_000_000, 1_000);
 }

@@ -43,17 +43,13 @@ fn boxes_within(extent: f32, n: usize, seed: u64) -> Vec<Aabb> {
 /// smallest normal number (there a thread that flushes has other cells next to the origin), or none.
 const EXTENTS: [f32; 6] = [1e-42, 3e-38, 3e-37, 6e-37, 100.0, 1e30];
 
-fn engines() -> impl Iterator<Item = Box<dyn Engine>> {
-    EngineName::CPU.into_iter().map(|name| cpu_engine(name, Isa::best()).unwrap())
-}
-
 /// Culls with every CPU engine, with callers and pools of `flags`.
 fn check(boxes: &[Aabb], flags: &[MixedFlags], pool: &ThreadPool) {
     let truth = oracle::truth(boxes);
     assert!(truth.pairs.len() > 1_000, "{} pairs", truth.pairs.len());
     let input = CullInput::boxes(boxes).threads(pool.current_num_threads());
     let mut reply = HeapReply::new();
-    for mut engine in engines() {
+    for mut engine in cpu_engines() {
         for flags in flags {
             flags
                 .install(pool, || check_frame(engine.as_mut(), &input, &truth, &mut reply))
@@ -406,7 +402,7 @@ fn every_entry_point_gives_the_same_whatever_the_flags() {
 fn replies_are_the_same_bytes_whatever_the_flags() {
     let pool = pool(2);
     let boxes = [boxes_within(3e-38, 2_100, 9), boxes_within(100.0, 2_100, 10)].concat();
-    for mut engine in engines() {
+    for mut engine in cpu_engines() {
         let mut expected: Option<Vec<u32>> = None;
         for flags in mixed_flags() {
             let mut reply = HeapReply::new();

@@ -105,8 +105,7 @@ fn scenes() -> impl Iterator<Item = (&'static str, Vec<Aabb>)> {
 fn every_cpu_engine_takes_what_fits_and_no_word_more() {
     for (scene, boxes) in scenes() {
         let pairs = oracle::truth(&boxes).pairs;
-        for name in EngineName::CPU {
-            let mut engine = cpu_engine(name, Isa::best()).unwrap();
+        for mut engine in cpu_engines() {
             for encoding in Encoding::ALL {
                 for threads in [1, 3] {
                     let pool = ThreadPoolBuilder::new().num_threads(threads).build().unwrap();

@@ -17,7 +17,7 @@ use pairmask_tests::scene_model::{
     Script, Seen, SessionScene, Sessions, SharedMembers, Subject, Turn, at, check, hold,
     hold_without_rules, one, options, script_of, turn,
 };
-use pairmaskd::execute::gpu::{GpuScene, GridOptions, HostImport, SceneTools};
+use pairmaskd::execute::gpu::{GpuScene, GridOptions};
 
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
 
@@ -233,8 +233,7 @@ fn a_hundred_thousand_edits_of_a_gpu_are_those_of_the_model() {
 #[ignore = "minutes: the nightly tier runs it"]
 fn huge_scenes_are_those_of_the_model() {
     in_pool(|| hold(Kind::Huge, 90_000, 60, |script| CoreScene::new(script, 3)));
-    let tools = SceneTools::new(&gpu::open(HostImport::IfPossible), &GridOptions::default());
-    let tools = tools.unwrap();
+    let tools = gpu::scene_tools(0, &GridOptions::default());
     hold_without_rules(Kind::Huge, 91_000, 20, |script| {
         Bare::of(GpuScene::new(&tools, options(script)))
     });

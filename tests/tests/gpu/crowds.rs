@@ -3,11 +3,11 @@
 
 use pairmask_core::engine::Grid as CpuGrid;
 use pairmask_core::scene::{QueryError, Scene};
-use pairmask_tests::gpu::open;
+use pairmask_tests::gpu::{grid, scene_tools};
 use pairmask_tests::prelude::*;
 use pairmask_tests::scene_model::Heard;
 use pairmask_tests::stress_scenes::Rng;
-use pairmaskd::execute::gpu::{GpuScene, Grid, GridOptions, HostImport, SceneTools};
+use pairmaskd::execute::gpu::{GpuScene, Grid, GridOptions};
 
 /// As many as a software adapter gets through in a cell, and more than it gets through.
 const FEW: usize = 3_500;
@@ -33,11 +33,6 @@ fn has_no_limit(grid: &Grid) -> bool {
     grid.gpu().limits().thread_rounds == u32::MAX
 }
 
-fn grid() -> Grid {
-    Grid::new(&open(HostImport::IfPossible), &GridOptions::default())
-        .unwrap_or_else(|error| panic!("{error}"))
-}
-
 fn sorted_pairs(words: &[u32]) -> Vec<[u32; 2]> {
     let mut pairs: Vec<[u32; 2]> = words.as_chunks().0.to_vec();
     pairs.sort_unstable();
@@ -46,7 +41,7 @@ fn sorted_pairs(words: &[u32]) -> Vec<[u32; 2]> {
 
 #[test]
 fn a_crowd_is_answered_as_by_the_cores_or_refused() {
-    let mut gpu = grid();
+    let mut gpu = grid(&GridOptions::default());
     for (n, is_answered) in [(FEW, true), (MANY, has_no_limit(&gpu))] {
         let boxes = needles(n);
         let input = CullInput::boxes(&boxes).encoding(Encoding::List);
@@ -75,13 +70,11 @@ struct Both {
 
 impl Both {
     fn new() -> Self {
-        let gpu = open(HostImport::IfPossible);
-        let tools = SceneTools::new(&gpu, &GridOptions::default())
-            .unwrap_or_else(|error| panic!("{error}"));
+        let tools = scene_tools(0, &GridOptions::default());
         Self {
             core: Scene::new(SceneOptions::default()),
             gpu: GpuScene::new(&tools, SceneOptions::default()),
-            has_no_limit: gpu.limits().thread_rounds == u32::MAX,
+            has_no_limit: tools.gpu().limits().thread_rounds == u32::MAX,
         }
     }
 

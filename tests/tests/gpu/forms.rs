@@ -9,7 +9,7 @@ use pairmask_core::aabb::KeyBox;
 use pairmask_shaders::constants::{BATCH_BOXES, NO_LEVEL, PADDING, PARKED};
 use pairmask_shaders::layouts::{BatchReport, BatchTotals, GridLayout, GridTotals, KeysParams};
 use pairmask_shaders::{Found, GridStage, Rules, Stage};
-use pairmask_tests::gpu::open;
+use pairmask_tests::gpu::{self, open};
 use pairmask_tests::naive_modes;
 use pairmask_tests::prelude::*;
 use pairmask_tests::stress_scenes::{Rng, StressScene};
@@ -333,9 +333,7 @@ fn all_pairs(options: AllPairsOptions) -> Narrowed<AllPairs> {
 }
 
 fn grid(options: &GridOptions) -> Narrowed<Grid> {
-    let engine = Grid::new(&open(HostImport::IfPossible), options);
-    let engine = engine.unwrap_or_else(|error| panic!("{error}"));
-    Narrowed { engine, cull: Grid::cull, precision: Precision::F16 }
+    Narrowed { engine: gpu::grid(options), cull: Grid::cull, precision: Precision::F16 }
 }
 
 #[test]

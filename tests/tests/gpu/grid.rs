@@ -7,16 +7,12 @@ use pairmask_core::engine::Grid as CpuGrid;
 use pairmask_shaders::constants::{BATCH_BOXES, WINDOW_WORDS};
 use pairmask_shaders::mirror::{self, Mirrored};
 use pairmask_tests::frame_memory::TestFrame;
-use pairmask_tests::gpu::open;
+use pairmask_tests::gpu::{self, open};
 use pairmask_tests::prelude::*;
 use pairmaskd::execute::gpu::{
     Awake, Checks, DEFAULT_HOLD, Grid, GridOptions, HostImport, Upload, grid_layout,
 };
 use pairmaskd::scene::{Scene, SceneName};
-
-fn engine(options: &GridOptions) -> Grid {
-    Grid::new(&open(HostImport::IfPossible), options).unwrap_or_else(|error| panic!("{error}"))
-}
 
 /// What the grid answers in.
 const LISTED: [Encoding; 2] = [Encoding::Sparse, Encoding::List];
@@ -79,21 +75,21 @@ fn the_comparator_notices_one_pair_the_other_way_round() {
     let boxes = BoxSlice::from(&boxes);
     let mut mirrored = mirror::frame(&grid_layout(boxes), boxes);
     mirrored.pairs.last_mut().expect("some overlap").reverse();
-    let mut engine = engine(&GridOptions::default());
+    let mut engine = gpu::grid(&GridOptions::default());
     let what = "one pair the other way round";
     check_mirrored(345, &mirrored, what, |encoding| cull(&mut engine, boxes, encoding));
 }
 
 #[test]
 fn conforms_at_every_small_and_at_odd_sizes() {
-    run(&mut engine(&GridOptions::default()), Suite::of_tier());
+    run(&mut gpu::grid(&GridOptions::default()), Suite::of_tier());
 }
 
 #[test]
 fn conforms_around_batch_borders() {
     let sizes = vec![255, 256, 257, 511, 513, 2047, 2049, 4096];
     let suite = Suite { sizes, quadratic_limit: 2049, seed: 3, ..Suite::default() };
-    run(&mut engine(&GridOptions::default()), suite);
+    run(&mut gpu::grid(&GridOptions::default()), suite);
 }
 
 /// Checked stages, memory that held something else, boxes in mapped video memory.
@@ -107,14 +103,14 @@ fn conforms_in_every_form_of_its_frames() {
         (poisoned(u32::MAX), vec![33, 345]),
         (mapped, vec![33, 700]),
     ] {
-        run(&mut engine(&options), Suite { sizes, ..Suite::default() });
+        run(&mut gpu::grid(&options), Suite { sizes, ..Suite::default() });
     }
 }
 
 #[test]
 fn every_scene_has_the_bytes_of_the_mirror() {
     for checks in [Checks::Off, Checks::On] {
-        let mut engine = engine(&GridOptions { checks, ..GridOptions::default() });
+        let mut engine = gpu::grid(&GridOptions { checks, ..GridOptions::default() });
         for scene in stress_scenes::ALL {
             // Frames of other sizes before leave nothing.
             for n in [1234, 2, 345, 33] {
@@ -126,7 +122,7 @@ fn every_scene_has_the_bytes_of_the_mirror() {
 
 #[test]
 fn every_form_has_the_bytes_of_the_mirror() {
-    let mut engine = engine(&GridOptions::default());
+    let mut engine = gpu::grid(&GridOptions::default());
     for scene in stress_scenes::ALL {
         for n in [2, 33, 345, 1233] {
             let boxes = scene.boxes(n, 21);
@@ -144,7 +140,7 @@ fn every_form_has_the_bytes_of_the_mirror() {
 #[test]
 #[ignore = "slow: the nightly tier runs it"]
 fn large_scenes_have_the_pairs_of_the_cpu_grid() {
-    let mut gpu = engine(&GridOptions::default());
+    let mut gpu = gpu::grid(&GridOptions::default());
     let binding = gpu.gpu().limits().storage_binding_bytes;
     // More in one place is more than a software adapter gets through (`gpu_crowds`).
     let crowd = if gpu.gpu().limits().thread_rounds == u32::MAX { 6_000 } else { 3_800 };
@@ -174,7 +170,7 @@ fn large_scenes_have_the_pairs_of_the_cpu_grid() {
 
 #[test]
 fn worst_cases_are_slower_and_not_wrong() {
-    let mut engine = engine(&GridOptions::default());
+    let mut engine = gpu::grid(&GridOptions::default());
     for (name, n) in
         [(SceneName::Rods, 4000), (SceneName::Giants, 4000), (SceneName::OneCell, 2500)]
     {
@@ -190,7 +186,7 @@ fn worst_cases_are_slower_and_not_wrong() {
 
 #[test]
 fn a_crowd_beyond_the_budget_is_refused_and_the_next_frame_is_served() {
-    let mut engine = engine(&GridOptions::default());
+    let mut engine = gpu::grid(&GridOptions::default());
     let crowd = vec![Aabb { min: [0.0; 3], max: [1.0; 3] }; 150_000];
     let mut reply = HeapReply::new();
     for encoding in LISTED {
@@ -205,7 +201,7 @@ fn a_crowd_beyond_the_budget_is_refused_and_the_next_frame_is_served() {
 #[test]
 fn a_mask_larger_than_its_first_allocation_is_complete() {
     let boxes = stress_scenes::named("identical").boxes(1248, 1);
-    let mut engine = engine(&GridOptions::default());
+    let mut engine = gpu::grid(&GridOptions::default());
     let truth = oracle::truth(&boxes);
     for encoding in [LISTED, LISTED].as_flattened() {
         let (report, reply) = cull(&mut engine, &boxes, *encoding);
@@ -220,7 +216,7 @@ fn a_mask_larger_than_its_first_allocation_is_complete() {
 fn batches_with_and_without_room_have_the_bytes_of_the_mirror() {
     let a_row = 32 * WINDOW_WORDS / BATCH_BOXES;
     for checks in [Checks::Off, Checks::On] {
-        let mut engine = engine(&GridOptions { checks, ..GridOptions::default() });
+        let mut engine = gpu::grid(&GridOptions { checks, ..GridOptions::default() });
         for neighbours in [1, a_row - 40, a_row - 32, a_row - 24, a_row, 2 * a_row] {
             for n in [255, 256, 257, 1234, 4097] {
                 let boxes = chain(n, neighbours);
@@ -240,7 +236,7 @@ fn chain(n: u32, neighbours: u32) -> Vec<Aabb> {
 /// The largest list that a device binds, and one that it does not.
 #[test]
 fn a_list_beyond_a_binding_is_left_to_all_pairs() {
-    let mut engine = engine(&GridOptions::default());
+    let mut engine = gpu::grid(&GridOptions::default());
     let binding = engine.gpu().limits().storage_binding_bytes;
     if binding > 128 << 20 {
         // The scene would be another, and its list gigabytes.
@@ -266,7 +262,7 @@ fn a_list_beyond_a_binding_is_left_to_all_pairs() {
 /// caches must not reach the next one.
 #[test]
 fn frames_in_a_row_with_other_levels_do_not_mix() {
-    let mut engine = engine(&GridOptions::default());
+    let mut engine = gpu::grid(&GridOptions::default());
     let names = ["huge", "sizes over 20 octaves", "uniform", "ground plane", "far from the origin"];
     let scenes = names.map(|name| stress_scenes::named(name).boxes(43, 2));
     let truths = scenes.each_ref().map(|boxes| oracle::truth(boxes));
@@ -292,7 +288,7 @@ fn frames_in_a_row_with_other_levels_do_not_mix() {
 #[test]
 fn frames_behind_each_other_keep_to_their_own_boxes() {
     let upload = Some(Upload::DmaCopy);
-    let mut engine = engine(&GridOptions { upload, ..GridOptions::default() });
+    let mut engine = gpu::grid(&GridOptions { upload, ..GridOptions::default() });
     let scenes = ["uniform", "clustered", "infinite"];
     let scenes = scenes.map(|name| stress_scenes::named(name).boxes(1234, 6));
     let truths = scenes.each_ref().map(|boxes| oracle::truth(boxes));

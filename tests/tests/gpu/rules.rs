@@ -7,14 +7,13 @@ use pairmask_core::filters::{Rules, Tag, World};
 use pairmask_tests::filtered_frames::{FilteredFrame, KINDS};
 use pairmask_tests::gpu;
 use pairmask_tests::prelude::*;
-use pairmaskd::execute::gpu::{Grid, GridOptions, HostImport, takes_worlds};
+use pairmaskd::execute::gpu::{Grid, GridOptions, takes_worlds};
 
 const ENCODINGS: [Encoding; 2] = [Encoding::Sparse, Encoding::List];
 
 fn grid() -> Grid {
     // What no stage wrote must not show.
-    let options = GridOptions { poison: Some(0x5a5a_0007), ..GridOptions::default() };
-    Grid::new(&gpu::open(HostImport::IfPossible), &options).expect("a grid")
+    gpu::grid(&GridOptions { poison: Some(0x5a5a_0007), ..GridOptions::default() })
 }
 
 /// What the grid finds.

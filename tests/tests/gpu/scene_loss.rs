@@ -7,12 +7,12 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use pairmask_core::scene::{Scene, SceneCopy};
-use pairmask_tests::gpu;
+use pairmask_tests::gpu::{self, shared_tools};
 use pairmask_tests::prelude::*;
 use pairmask_tests::scene_model::{
     Edits, Fate, Grouped, Heard, Kind, Subject, Turn, hold, options,
 };
-use pairmaskd::execute::gpu::{GpuScene, GridOptions, HostImport, SceneTools};
+use pairmaskd::execute::gpu::GpuScene;
 use pairmaskd::execute::{Executor, SceneKeeper};
 use pairmaskd::scene::Random;
 
@@ -142,12 +142,6 @@ fn outlive(most_losses: usize) {
 }
 
 /// Devices that share every search, so many.
-fn shared_tools(gpus: usize) -> Vec<Arc<SceneTools>> {
-    let options = || GridOptions { shares_always: true, ..GridOptions::default() };
-    let tools = |at| SceneTools::new(&gpu::open_at(at, HostImport::IfPossible), &options());
-    (0..gpus).map(|at| tools(at).unwrap_or_else(|error| panic!("{error}"))).collect()
-}
-
 /// Rounds in which one of the devices of a scene is destroyed while edits and queries go on: all that it answers is
 /// compared with a scene of the core.
 fn goes_on_without_one_of_its_devices(rounds: u64) {

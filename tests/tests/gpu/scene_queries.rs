@@ -3,16 +3,11 @@
 use std::sync::Arc;
 
 use pairmask_core::scene::QueryError;
-use pairmask_tests::gpu::open;
+use pairmask_tests::gpu::scene_tools;
 use pairmask_tests::prelude::*;
 use pairmask_tests::queried::Queries;
 use pairmask_tests::scene_model::{Bare, Kind, hold_without_rules, options, overlap};
-use pairmaskd::execute::gpu::{Checks, GpuScene, GridOptions, HostImport, SceneTools};
-
-fn tools(options: &GridOptions) -> Arc<SceneTools> {
-    SceneTools::new(&open(HostImport::IfPossible), options)
-        .unwrap_or_else(|error| panic!("{error}"))
-}
+use pairmaskd::execute::gpu::{Checks, GpuScene, GridOptions, SceneTools};
 
 /// Every box against every query.
 fn expected(queries: &[Aabb], boxes: &[Aabb]) -> Vec<[u32; 2]> {
@@ -24,7 +19,7 @@ fn expected(queries: &[Aabb], boxes: &[Aabb]) -> Vec<[u32; 2]> {
 }
 
 fn scene(options: &GridOptions) -> GpuScene {
-    GpuScene::new(&tools(options), SceneOptions::default())
+    GpuScene::new(&scene_tools(0, options), SceneOptions::default())
 }
 
 /// Queries between edits are right, with checked stages and in memory that held something else as well.
@@ -48,7 +43,7 @@ fn queries_between_edits_are_right() {
 
 #[test]
 fn queries_change_nothing_that_edits_tell() {
-    let tools = tools(&GridOptions::default());
+    let tools = scene_tools(0, &GridOptions::default());
     for (kind, edits) in [(Kind::Small, 300), (Kind::Large, 8)] {
         hold_without_rules(kind, 100_000, edits, |script| {
             Bare::asked(GpuScene::new(&tools, options(script)), 1)
@@ -78,7 +73,7 @@ fn check_all_ways(scene: &mut GpuScene, boxes: &[Aabb], queries: &[Aabb], what: 
 
 #[test]
 fn every_hard_scene_is_queried() {
-    let tools = tools(&GridOptions::default());
+    let tools = scene_tools(0, &GridOptions::default());
     for hard in stress_scenes::ALL {
         for (n, count) in [(345, 70), (1_234, 400), (70, 1_300)] {
             let boxes = hard.boxes(n, 21);
@@ -92,7 +87,7 @@ fn every_hard_scene_is_queried() {
 /// Many boxes around a point, points in few large boxes, large queries over many small boxes.
 #[test]
 fn sizes_that_differ_much_and_piles_are_queried() {
-    let tools = tools(&GridOptions::default());
+    let tools = scene_tools(0, &GridOptions::default());
     let grid = |n: u32, step: f32, size: f32| -> Vec<Aabb> {
         let at = |i: u32| [i % 16, i / 16 % 16, i / 256].map(|x| step * x as f32);
         (0..n).map(|i| Aabb { min: at(i), max: at(i).map(|x| x + size) }).collect()
@@ -118,7 +113,7 @@ fn sizes_that_differ_much_and_piles_are_queried() {
 /// More pairs than may be are an error, and the next query is answered.
 #[test]
 fn queries_find_no_more_pairs_than_may_be() {
-    let tools = tools(&GridOptions::default());
+    let tools = scene_tools(0, &GridOptions::default());
     let boxes = stress_scenes::named("uniform").boxes(2_000, 3);
     let right = expected(&boxes, &boxes);
     let mut found = Vec::new();
@@ -140,7 +135,7 @@ fn queries_find_no_more_pairs_than_may_be() {
 /// More queries than one submission takes.
 #[test]
 fn queries_of_several_submissions_are_numbered_on() {
-    let tools = tools(&GridOptions::default());
+    let tools = scene_tools(0, &GridOptions::default());
     let boxes = stress_scenes::named("uniform").boxes(500, 3);
     let mut scene = scene_of(&tools, &boxes);
     let count = (1 << 18) + 300;
@@ -156,7 +151,7 @@ fn queries_of_several_submissions_are_numbered_on() {
 
 #[test]
 fn a_query_on_a_lost_device_is_an_error() {
-    let tools = tools(&GridOptions::default());
+    let tools = scene_tools(0, &GridOptions::default());
     let boxes = stress_scenes::named("uniform").boxes(50, 3);
     let mut scene = scene_of(&tools, &boxes);
     let mut found = vec![[7; 2]];

@@ -3,28 +3,12 @@
 use std::sync::Arc;
 
 use pairmask_core::scene::{EditError, Indices, Scene};
-use pairmask_tests::gpu::open_at;
+use pairmask_tests::gpu::{scene_tools, shared_tools};
 use pairmask_tests::prelude::*;
 use pairmask_tests::scene_model::{
     Bare, CoreScene, Heard, Kind, Subject, Turn, hold_without_rules, options,
 };
-use pairmaskd::execute::gpu::{Checks, GpuScene, GridOptions, HostImport, SceneTools};
-
-fn tools(options: &GridOptions) -> Arc<SceneTools> {
-    tools_at(0, options)
-}
-
-fn tools_at(place: usize, options: &GridOptions) -> Arc<SceneTools> {
-    SceneTools::new(&open_at(place, HostImport::IfPossible), options)
-        .unwrap_or_else(|error| panic!("{error}"))
-}
-
-/// So many devices that share every search.
-fn shared_tools(gpus: usize) -> Vec<Arc<SceneTools>> {
-    (0..gpus)
-        .map(|at| tools_at(at, &GridOptions { shares_always: true, ..GridOptions::default() }))
-        .collect()
-}
+use pairmaskd::execute::gpu::{Checks, GpuScene, GridOptions, SceneTools};
 
 /// Holds scenes on these devices to the model.
 fn hold_bare(tools: &[Arc<SceneTools>], seed: u64, kinds: [(Kind, usize); 3]) {
@@ -37,7 +21,7 @@ fn hold_bare(tools: &[Arc<SceneTools>], seed: u64, kinds: [(Kind, usize); 3]) {
 
 #[test]
 fn scenes_of_one_gpu_and_of_several_are_those_of_the_model() {
-    let tools = [tools(&GridOptions::default())];
+    let tools = [scene_tools(0, &GridOptions::default())];
     hold_bare(&tools, 120_000, [(Kind::Small, 600), (Kind::Crowd, 20), (Kind::Large, 30)]);
     for gpus in [2, 4] {
         let tools = shared_tools(gpus);
@@ -50,7 +34,7 @@ fn answers_are_the_same_with_checked_stages_and_poisoned_memory() {
     let poisoned = |word| GridOptions { poison: Some(word), ..GridOptions::default() };
     let checked = GridOptions { checks: Checks::On, ..GridOptions::default() };
     for options in [checked, poisoned(0xa5a5_a5a5), poisoned(u32::MAX)] {
-        let tools = [tools(&options)];
+        let tools = [scene_tools(0, &options)];
         hold_bare(&tools, 122_000, [(Kind::Small, 100), (Kind::Crowd, 8), (Kind::Large, 8)]);
     }
 }
@@ -85,7 +69,7 @@ impl Subject for Moving<'_> {
 
 #[test]
 fn scenes_that_move_to_a_gpu_go_on() {
-    let tools = [tools(&GridOptions::default())];
+    let tools = [scene_tools(0, &GridOptions::default())];
     for (kind, edits) in [(Kind::Small, 300), (Kind::Large, 12)] {
         hold_without_rules(kind, 123_000, edits, |script| {
             let gpu = Bare::of(GpuScene::shared(&tools, SceneOptions::default()));
@@ -106,7 +90,7 @@ fn edit_both(core: &mut Scene, gpu: &mut GpuScene, steps: &[Step<'_>], want: Wan
 /// All boxes of each scene are set, moved a little, moved far, and removed.
 #[test]
 fn every_hard_scene_is_told_as_the_core_tells_it() {
-    let tools = [tools(&GridOptions::default())];
+    let tools = [scene_tools(0, &GridOptions::default())];
     let sizes = if tier::is_nightly() { &[0, 23, 46, 69, 345, 1_234][..] } else { &[69, 1_234] };
     check_hard_scenes(&tools, sizes);
 }
@@ -155,7 +139,7 @@ fn check_hard_scenes(tools: &[Arc<SceneTools>], sizes: &[u32]) {
 #[test]
 fn moved_pairs_are_told_where_records_are_made_anew() {
     let uniform = stress_scenes::named("uniform");
-    for tools in [vec![tools(&GridOptions::default())], shared_tools(3)] {
+    for tools in [vec![scene_tools(0, &GridOptions::default())], shared_tools(3)] {
         let mut core = Scene::new(SceneOptions::default());
         let mut gpu = GpuScene::shared(&tools, SceneOptions::default());
         // Room for 4,096 records, for some more, for 140,000, and for few again.
@@ -177,7 +161,7 @@ fn moved_pairs_are_told_where_records_are_made_anew() {
 #[test]
 #[ignore = "half a minute on a software driver: the nightly tier runs it"]
 fn long_and_short_lists_take_turns() {
-    let tools = tools(&GridOptions::default());
+    let tools = scene_tools(0, &GridOptions::default());
     let uniform = stress_scenes::named("uniform");
     let n = 900_000u32;
     let mut core = Scene::new(SceneOptions::default());
@@ -218,7 +202,7 @@ fn a_scene_is_on_each_gpu_once() {
 
 #[test]
 fn a_dropped_scene_gives_its_memory_back() {
-    let tools = tools(&GridOptions::default());
+    let tools = scene_tools(0, &GridOptions::default());
     let holders = Arc::strong_count(tools.gpu());
     let mut gpu = GpuScene::new(&tools, SceneOptions::default());
     let boxes = stress_scenes::named("uniform").boxes(1_000, 3);
@@ -233,7 +217,7 @@ fn a_dropped_scene_gives_its_memory_back() {
 
 #[test]
 fn a_lost_device_and_memory_that_is_not_to_be_had_are_errors() {
-    let tools = tools(&GridOptions::default());
+    let tools = scene_tools(0, &GridOptions::default());
     let mut gpu = GpuScene::new(&tools, SceneOptions::default().with_most_boxes(1 << 29));
     let slots = tools.gpu().limits().storage_binding_bytes / 32 + 1;
     if let Ok(index) = u32::try_from(slots)
@@ -267,7 +251,7 @@ fn rows(tools: &Arc<SceneTools>) -> (Scene, GpuScene) {
 
 #[test]
 fn wrong_edits_are_refused_as_by_the_core_and_change_nothing() {
-    let (mut core, mut gpu) = rows(&tools(&GridOptions::default()));
+    let (mut core, mut gpu) = rows(&scene_tools(0, &GridOptions::default()));
     let set = |indices, boxes| Step::Set(Sets { indices, boxes });
     let (one, two) = ([Aabb::EMPTY], [Aabb::EMPTY; 2]);
     let cases: [&[Step<'_>]; 13] = [
