@@ -1,7 +1,6 @@
-//! Floating-point flags of threads: games and audio programs flush subnormals, others round downward,
-//! and a thread inherits the flags of the one that starts it. The answer does not depend on the flags of
-//! the threads that call, cull and write boxes. One file, because all tests go through the same sets of
-//! flags.
+//! Floating-point flags of threads: games and audio programs flush subnormals, others round downward, and a thread
+//! inherits the flags of the one that starts it. The answer does not depend on the flags of the threads that call,
+//! cull and write boxes. One file, because all tests go through the same sets of flags.
 
 use std::collections::BTreeSet;
 
@@ -71,10 +70,12 @@ fn callers_and_pools_of_other_flags_lose_no_pair() {
         check(&boxes_within(extent, BOXES, 1), &flags, &pool(2));
     }
     let all = Rounding::ALL.map(FloatFlags::rounding);
-    let flags: Vec<MixedFlags> =
-        all.iter().flat_map(|caller| all.map(|pool| mixed(*caller, pool))).collect();
+    let flags: Vec<_> =
+        all.iter().flat_map(|&caller| all.map(|pool| mixed(caller, pool))).collect();
     check(&boxes_within(1000.0, BOXES, 2), &flags, &pool(2));
-    check(Scene::new(SceneName::Mixed, BOXES, 3).boxes(), &mixed_flags(), &pool(2));
+    let step = if tier::is_nightly() { 1 } else { 4 };
+    let flags: Vec<_> = mixed_flags().into_iter().step_by(step).collect();
+    check(Scene::new(SceneName::Mixed, BOXES, 3).boxes(), &flags, &pool(2));
 }
 
 #[test]
