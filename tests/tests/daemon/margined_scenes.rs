@@ -147,7 +147,7 @@ fn hold_exact(session: &mut Session, seed: u64, kinds: [(Kind, usize); 2]) {
 
 #[test]
 fn exact_pairs_are_those_of_a_scene_of_all_boxes() {
-    hold_exact(&mut in_process(), 80_000, [(Kind::Small, 3_000), (Kind::Large, 100)]);
+    hold_exact(&mut in_process(), 80_000, [(Kind::Small, 1_500), (Kind::Large, 40)]);
 }
 
 #[test]
@@ -160,7 +160,7 @@ fn exact_pairs_are_those_of_a_scene_of_all_boxes_over_many_edits() {
 fn a_daemon_is_sent_few_boxes_and_the_pairs_are_the_same() {
     let daemon = TestDaemon::start(DAEMON, &["--gpu", "none", "--audit", "1/1"]);
     let mut session = daemon.session().connect().unwrap();
-    hold_exact(&mut session, 81_000, [(Kind::Small, 1_000), (Kind::Large, 40)]);
+    hold_exact(&mut session, 81_000, [(Kind::Small, 600), (Kind::Large, 25)]);
     let mut seed = 82_000;
     daemon.audit_is_clean(|audit| {
         // The auditor gives up a scene that is edited faster than it follows: then there is another one.
