@@ -8,7 +8,8 @@ use std::process::Command;
 use std::time::{Duration, Instant};
 
 use pairmask_transport::{InstanceLock, RuntimeDir};
-use pairmask_wire::{InstanceError, InstanceName};
+use pairmask_wire::InstanceError::{self, NotPlain, Open};
+use pairmask_wire::InstanceName;
 
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
 
@@ -42,11 +43,10 @@ fn places(daemon: &TestDaemon) -> [PathBuf; 4] {
     [daemon.path().to_owned(), file("default.daemon"), file("default.heartbeat"), root]
 }
 
-/// Checks that a client refuses the instance, for a cause, and answers in process where it may.
-fn check_refused(daemon: &TestDaemon, path: &Path, is_cause: impl Fn(&InstanceError) -> bool) {
+/// Checks that a client refuses the instance, with such an error, and answers in process where it may.
+fn check_refused(daemon: &TestDaemon, path: &Path, is_named: impl Fn(&ConnectError) -> bool) {
     let error = connect(daemon).unwrap_err();
-    let is_named = matches!(&error, ConnectError::Instance(cause) if is_cause(cause));
-    assert!(is_named, "{}: {error}", path.display());
+    assert!(is_named(&error), "{}: {error}", path.display());
     check_auto(daemon, &path.display().to_string());
 }
 
@@ -61,7 +61,7 @@ fn what_others_may_write_to_is_not_used_by_a_client() {
             check_refused(
                 &daemon,
                 &path,
-                |cause| matches!(cause, InstanceError::Open { path: p, .. } if *p == path),
+                |error| matches!(error, ConnectError::Instance(Open { path: p, .. }) if *p == path),
             );
         }
         set_mode(&path, mode);
@@ -80,7 +80,7 @@ fn links_are_not_followed_by_a_client() {
         check_refused(
             &daemon,
             &path,
-            |cause| matches!(cause, InstanceError::NotPlain { path: p, .. } if *p == path),
+            |error| matches!(error, ConnectError::Instance(NotPlain { path: p, .. }) if *p == path),
         );
         fs::remove_file(&path).unwrap();
         fs::rename(&moved, &path).unwrap();
@@ -98,8 +98,8 @@ fn what_another_user_owns_is_not_used_by_a_client() {
     let own = [places(&daemon).to_vec(), vec![shared[0].clone()]].concat();
     for path in own {
         chown(&path, Some(NOBODY), None).unwrap();
-        check_refused(&daemon, &path, |cause| {
-            let said = cause.to_string();
+        check_refused(&daemon, &path, |error| {
+            let said = error.to_string();
             said.contains(&format!("belongs to user {NOBODY}"))
                 && said.contains("PAIRMASK_RUNTIME_DIR")
         });
@@ -119,8 +119,8 @@ fn a_strangers_file_in_shared_memory_keeps_clients_and_daemons_away() {
     let file = Path::new("/dev/shm").join(name);
     fs::write(&file, "x").unwrap();
     chown(&file, Some(NOBODY), None).unwrap();
-    check_refused(&daemon, &file, |cause| {
-        matches!(cause, InstanceError::Foreign { owner: NOBODY, .. })
+    check_refused(&daemon, &file, |error| {
+        matches!(error, ConnectError::Instance(InstanceError::Foreign { owner: NOBODY, .. }))
     });
     fs::remove_file(&file).unwrap();
     drop(connect(&daemon).unwrap());
