@@ -141,7 +141,6 @@ fn outlive(most_losses: usize) {
     destroyer.map(std::thread::JoinHandle::join).transpose().expect("destroyed");
 }
 
-/// Devices that share every search, so many.
 /// Rounds in which one of the devices of a scene is destroyed while edits and queries go on: all that it answers is
 /// compared with a scene of the core.
 fn goes_on_without_one_of_its_devices(rounds: u64) {
