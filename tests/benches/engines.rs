@@ -1,10 +1,5 @@
 //! Engines over scenes, sizes and threads: medians over moving frames, engines interleaved.
 //!
-//! ```text
-//! cargo bench -p pairmask-tests --bench engines -- [--n 1000,10000] [--scene uniform,pile]
-//!     [--engine cpu-grid,cpu-brute] [--threads 1,2] [--frames 20]
-//! ```
-//!
 //! Every frame of a size and scene is culled by all engines and thread counts one after another,
 //! and their pair sets are compared by a hash that does not depend on the order of pairs. `B/box` is
 //! the scratch that an engine keeps beside boxes and reply.
@@ -12,61 +7,33 @@
 use std::process::ExitCode;
 use std::time::Instant;
 
-use pairmask_core::Aabb;
-use pairmask_core::dispatch::CullOptions;
-use pairmask_core::engine::{
-    CullInput, CullReport, Engine, EngineName, EngineTimes, HeapReply, Isa, cpu_engine,
-};
-use pairmask_core::mask::MaskShape;
-use pairmask_core::plan::{Calibration, Capabilities, SceneStats, plan};
+use clap::Parser;
+use pairmask_core::engine::EngineTimes;
+use pairmask_tests::measure::percentile;
+use pairmask_tests::prelude::*;
 use pairmaskd::scene::{Scene, SceneName};
 
 /// Pairs above which a quadratic scene or engine is left out: it would take minutes and show
 /// nothing new.
 const MOST_TESTS: f64 = 2.0e10;
 
+/// Engines over scenes, sizes and threads.
+#[derive(Parser)]
 struct Options {
-    sizes: Vec<usize>,
-    scenes: Vec<SceneName>,
-    engines: Vec<EngineName>,
+    #[arg(long, value_delimiter = ',', default_values_t = [1_000, 10_000, 100_000])]
+    n: Vec<usize>,
+    /// Scenes; by default all but those in which most boxes overlap
+    #[arg(long, value_delimiter = ',')]
+    scene: Vec<SceneName>,
+    #[arg(long, value_delimiter = ',', default_value = "cpu-brute,cpu-sap,cpu-grid")]
+    engine: Vec<EngineChoice>,
+    #[arg(long, value_delimiter = ',', default_values_t = [1, 2])]
     threads: Vec<usize>,
+    #[arg(long, default_value_t = 20)]
     frames: usize,
-}
-
-impl Options {
-    fn parse() -> Result<Self, String> {
-        let mut options = Self {
-            sizes: vec![1_000, 10_000, 100_000],
-            scenes: SceneName::ALL.into_iter().filter(|s| !s.is_quadratic()).collect(),
-            engines: EngineName::CPU.into(),
-            threads: vec![1, 2],
-            frames: 20,
-        };
-        let mut args = std::env::args().skip(1).filter(|a| a != "--bench");
-        while let Some(flag) = args.next() {
-            let value = args.next().ok_or_else(|| format!("{flag} needs a value"))?;
-            let items = || value.split(',');
-            let number = |s: &str| s.replace('_', "").parse::<usize>().map_err(|e| e.to_string());
-            match flag.as_str() {
-                "--n" => options.sizes = items().map(number).collect::<Result<_, _>>()?,
-                "--threads" => options.threads = items().map(number).collect::<Result<_, _>>()?,
-                "--frames" => options.frames = number(&value)?,
-                "--scene" => {
-                    let parse = |s: &str| s.parse().map_err(|e| format!("{e}"));
-                    options.scenes = items().map(parse).collect::<Result<_, _>>()?;
-                }
-                "--engine" => {
-                    let find = |s: &str| {
-                        let found = EngineName::from_name(s);
-                        found.ok_or_else(|| format!("unknown engine '{s}'"))
-                    };
-                    options.engines = items().map(find).collect::<Result<_, _>>()?;
-                }
-                _ => return Err(format!("unknown option {flag}")),
-            }
-        }
-        Ok(options)
-    }
+    /// What cargo passes to every bench
+    #[arg(long, hide = true)]
+    bench: bool,
 }
 
 /// One engine on one number of threads.
@@ -91,42 +58,22 @@ fn worthwhile(name: EngineName, n: usize) -> bool {
 }
 
 /// A number that depends on the set of pairs and not on their order.
-fn pair_set_hash(reply: &[u32], shape: &MaskShape) -> u64 {
-    let MaskShape::Sparse { rows, blocks, bits, order } = shape else { return 0 };
-    let (Some(rows), Some(blocks), Some(bits)) = (rows.of(reply), blocks.of(reply), bits.of(reply))
-    else {
-        return 0;
-    };
-    let order = order.as_ref().and_then(|o| o.of(reply));
-    let index = |position: u32| order.map_or(position, |o| o[position as usize]);
+fn pair_set_hash(n: usize, reply: &[u32], shape: &MaskShape) -> u64 {
+    let mask = MaskView::new(BoxCount::new(n as u32), shape, reply).expect("an engine's mask");
     let mut hash = 0u64;
-    for ((&row, &block), &bits) in rows.iter().zip(blocks).zip(bits) {
-        let a = index(row);
-        let mut rest = bits;
-        while rest != 0 {
-            let b = index(32 * block + rest.trailing_zeros());
-            let key = u64::from(a.min(b)) << 32 | u64::from(a.max(b));
-            let mixed = (key ^ key >> 29).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-            hash = hash.wrapping_add((mixed ^ mixed >> 32).wrapping_mul(0x94d0_49bb_1331_11eb));
-            rest &= rest - 1;
-        }
-    }
+    mask.for_each(|a, b| {
+        let key = u64::from(a) << 32 | u64::from(b);
+        let mixed = (key ^ key >> 29).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        hash = hash.wrapping_add((mixed ^ mixed >> 32).wrapping_mul(0x94d0_49bb_1331_11eb));
+    });
     hash
 }
 
-fn median(values: &mut [u64]) -> u64 {
-    values.sort_unstable();
-    values.get(values.len() / 2).copied().unwrap_or(0)
-}
-
 fn main() -> ExitCode {
-    let options = match Options::parse() {
-        Ok(options) => options,
-        Err(error) => {
-            eprintln!("{error}");
-            return ExitCode::FAILURE;
-        }
-    };
+    let mut options = Options::parse();
+    if options.scene.is_empty() {
+        options.scene = SceneName::ALL.into_iter().filter(|s| !s.is_quadratic()).collect();
+    }
     println!(
         "{:>9} {:>9} {:>10} {:>2} {:>10} {:>10} {:>10} {:>10} {:>10} {:>8} {:>7} {:>7} {:>6}",
         "scene",
@@ -144,8 +91,8 @@ fn main() -> ExitCode {
         "B/box"
     );
     let mut equal = true;
-    for &name in &options.scenes {
-        for &n in &options.sizes {
+    for &name in &options.scene {
+        for &n in &options.n {
             equal &= run(name, n, &options);
         }
     }
@@ -155,7 +102,8 @@ fn main() -> ExitCode {
 /// Runs one scene and size. Returns whether all pair sets were equal.
 fn run(name: SceneName, n: usize, options: &Options) -> bool {
     let mut lanes = Vec::new();
-    for &engine_name in &options.engines {
+    for choice in &options.engine {
+        let EngineChoice::Only(engine_name) = *choice else { continue };
         for &threads in &options.threads {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
             let (Ok(engine), Ok(pool)) = (cpu_engine(engine_name, Isa::best()), pool) else {
@@ -202,7 +150,7 @@ fn run(name: SceneName, n: usize, options: &Options) -> bool {
             }
             lane.words = report.shape.mask_bytes();
             if frame % 10 == 0 {
-                let hash = (report.pair_count, pair_set_hash(lane.reply.words(), &report.shape));
+                let hash = (report.pair_count, pair_set_hash(n, lane.reply.words(), &report.shape));
                 if *frame_hash.get_or_insert(hash) != hash {
                     eprintln!("{name} {n}: {} has other pairs", lane.engine.name());
                     equal = false;
@@ -213,7 +161,7 @@ fn run(name: SceneName, n: usize, options: &Options) -> bool {
         scene.step();
     }
     let pairs = last.map_or(0, |r| r.pair_count);
-    for lane in &mut lanes {
+    for lane in &lanes {
         let stage = |of: fn(&EngineTimes) -> u64, times: &[EngineTimes]| {
             times.iter().map(of).min().unwrap_or(0) as f64 / 1e3
         };
@@ -223,7 +171,7 @@ fn run(name: SceneName, n: usize, options: &Options) -> bool {
             n,
             lane.engine.name().as_str(),
             lane.threads,
-            median(&mut lane.total_ns) as f64 / 1e3,
+            percentile(&lane.total_ns, 0.5) as f64 / 1e3,
             lane.total_ns.first().copied().unwrap_or(0) as f64 / 1e3,
             stage(|t| t.ingest_ns, &lane.times),
             stage(|t| t.execute_ns, &lane.times),
@@ -236,39 +184,5 @@ fn run(name: SceneName, n: usize, options: &Options) -> bool {
             lane.engine.scratch_bytes() as f64 / n as f64,
         );
     }
-    judge_plan(name, n, scene.boxes(), last.map(|r| r.pair_count), &lanes, options);
     equal
-}
-
-/// Prints, for each number of threads, what the plan chooses and how that compares with the best.
-fn judge_plan(
-    name: SceneName,
-    n: usize,
-    boxes: &[Aabb],
-    pairs: Option<u64>,
-    lanes: &[Lane],
-    options: &Options,
-) {
-    let start = Instant::now();
-    let stats = SceneStats::of(boxes, pairs);
-    let calibration = Calibration::built_in(Isa::best());
-    for &threads in &options.threads {
-        let capabilities = Capabilities { threads, gpu: None };
-        let plan = plan(&stats, &capabilities, &calibration, &CullOptions::default());
-        let plan_us = start.elapsed().as_nanos() as f64 / 1e3;
-        let least = |lane: &Lane| lane.total_ns.iter().min().copied().unwrap_or(u64::MAX) as f64;
-        let best = lanes.iter().min_by(|a, b| least(a).total_cmp(&least(b)));
-        let same = |l: &&Lane| l.engine.name() == plan.engine && l.threads == plan.threads;
-        let (Some(best), Some(chosen)) = (best, lanes.iter().find(same)) else { continue };
-        let ratio = least(chosen) / least(best);
-        let predicted = plan.candidates.iter().flatten().find(|c| c.engine == plan.engine);
-        println!(
-            "{name:>9} {n:>9} plan {} on {} threads, {ratio:.2} x the best ({}), predicted {:.1} µs, planned in {plan_us:.1} µs{}",
-            plan.engine,
-            plan.threads,
-            best.engine.name(),
-            predicted.map_or(0.0, |c| c.predicted_ns / 1e3),
-            if ratio > 1.3 { "  <-- above 1.3" } else { "" },
-        );
-    }
 }

@@ -1,14 +1,8 @@
 //! Frames with rules beside frames without: worlds side by side, and pairs that filters take out.
 //!
-//! ```text
-//! cargo bench -p pairmask-tests --bench filters -- [--rounds 20] [--threads 2] [--json]
-//!     [--backend in-process|daemon] [--gpu auto|none|software] [--rows worlds,requests,filtered,rules]
-//! ```
-//!
 //! Each row has two ways to the same pairs, or to a scene and its filtered part, in turns; the ratio is
 //! that of the medians, below 1 in favour of the first. Beside each median stand the quartiles. All pairs
-//! are visited. Each way has a session of its own with a daemon, which culls each frame anew, or engines of
-//! its own.
+//! are visited. Each way has a session of its own, which culls each frame anew.
 //!
 //! * `worlds`: boxes of 4,096 worlds that lie over one another, against one world in which they lie side by
 //!   side, with as many boxes and pairs.
@@ -18,16 +12,15 @@
 
 use std::error::Error;
 use std::hint::black_box;
-use std::process::ExitCode;
 use std::sync::Arc;
 use std::time::Instant;
 
-use pairmask::{Backend, Session};
-use pairmask_core::dispatch::{CpuEngines, CullOptions};
-use pairmask_core::engine::HeapReply;
+use clap::Parser;
 use pairmask_core::filters::{Filter, FilterId, FilterTable, Rules, Tag, World};
-use pairmask_core::{Aabb, BoxCount, MaskView};
+use pairmask_tests::measure::percentile;
+use pairmask_tests::prelude::*;
 use pairmaskd::execute::gpu::GpuChoice;
+use pairmaskd::scene::Random;
 use pairmaskd::spawn::{PrivateDaemon, PrivateSettings};
 use serde_json::{Value, json};
 
@@ -40,93 +33,43 @@ const LINE: usize = 16;
 /// Kinds of the scene that is filtered.
 const KINDS: usize = 10;
 
+/// Frames with rules beside frames without.
+#[derive(Parser)]
 struct Options {
+    #[arg(long, default_value_t = 20)]
     rounds: usize,
+    #[arg(long, default_value_t = 2)]
     threads: usize,
+    #[arg(long)]
     json: bool,
-    daemon: Option<GpuChoice>,
-    rows: String,
+    #[arg(long, default_value_t = Backend::InProcess)]
+    backend: Backend,
+    #[arg(long, default_value_t = GpuChoice::None)]
+    gpu: GpuChoice,
+    #[arg(long, value_delimiter = ',', default_value = "worlds,requests,filtered,rules")]
+    rows: Vec<String>,
+    /// What cargo passes to every bench
+    #[arg(long, hide = true)]
+    bench: bool,
 }
 
-impl Options {
-    fn parse() -> Result<Self, String> {
-        let rows = "worlds,requests,filtered,rules".to_owned();
-        let mut options = Self { rounds: 20, threads: 2, json: false, daemon: None, rows };
-        let (mut is_daemon, mut gpu) = (false, GpuChoice::None);
-        let mut args = std::env::args().skip(1).filter(|a| a != "--bench");
-        while let Some(flag) = args.next() {
-            if flag == "--json" {
-                options.json = true;
-                continue;
-            }
-            let value = args.next().ok_or_else(|| format!("{flag} needs a value"))?;
-            let number = || value.parse::<usize>().map_err(|error| format!("{value}: {error}"));
-            match flag.as_str() {
-                "--rounds" => options.rounds = number()?.max(1),
-                "--threads" => options.threads = number()?.max(1),
-                "--rows" => options.rows = value,
-                "--backend" => {
-                    is_daemon = match value.as_str() {
-                        "daemon" => true,
-                        "in-process" => false,
-                        _ => return Err(format!("unknown backend {value}")),
-                    };
-                }
-                "--gpu" => gpu = value.parse().map_err(|error| format!("{value}: {error}"))?,
-                _ => return Err(format!("unknown option {flag}")),
-            }
-        }
-        options.daemon = is_daemon.then_some(gpu);
-        Ok(options)
-    }
-}
-
-/// A small generator: xorshift.
-struct Random(u64);
-
-impl Random {
-    /// From 0 to 1.
-    fn unit(&mut self) -> f32 {
-        self.0 ^= self.0 << 13;
-        self.0 ^= self.0 >> 7;
-        self.0 ^= self.0 << 17;
-        (self.0 >> 40) as f32 / (1 << 24) as f32
-    }
-
-    /// Boxes of side 1 in a cube, each over about one other.
-    fn cube(&mut self, n: usize) -> Vec<Aabb> {
-        let side = (4.0 * n as f32).cbrt();
-        let mut corner = || [0; 3].map(|_| self.unit() * side);
-        (0..n).map(|_| corner()).map(|low| Aabb::new(low, low.map(|x| x + 1.0))).collect()
-    }
-}
-
-/// What answers the frames of a way.
-enum Server {
-    Engines { engines: Box<CpuEngines>, reply: HeapReply, last_pairs: Option<u64> },
-    Daemon(Session),
+/// Boxes of side 1 in a cube, each over about one other.
+fn cube(random: &mut Random, n: usize) -> Vec<Aabb> {
+    let side = (4.0 * n as f32).cbrt();
+    let mut corner = || [0; 3].map(|_| random.unit() * side);
+    (0..n).map(|_| corner()).map(|low| Aabb::new(low, low.map(|x| x + 1.0))).collect()
 }
 
 /// One way to answer a frame.
 struct Way {
-    server: Server,
+    session: Session,
     times: Vec<u64>,
 }
 
 impl Way {
-    fn new(daemon: Option<&PrivateDaemon>, threads: usize) -> Result<Self, Box<dyn Error>> {
-        let server = match daemon {
-            Some(daemon) => {
-                let builder = daemon.session().backend(Backend::Daemon).threads(threads);
-                Server::Daemon(builder.answer_repeats(false).connect()?)
-            }
-            None => Server::Engines {
-                engines: Box::default(),
-                reply: HeapReply::new(),
-                last_pairs: None,
-            },
-        };
-        Ok(Self { server, times: Vec::new() })
+    fn new(daemon: &PrivateDaemon, options: &Options) -> Result<Self, Box<dyn Error>> {
+        let builder = daemon.session().backend(options.backend).threads(options.threads);
+        Ok(Self { session: builder.answer_repeats(false).connect()?, times: Vec::new() })
     }
 
     /// Answers a frame and visits its pairs: ns, and how many pairs.
@@ -134,53 +77,28 @@ impl Way {
         &mut self,
         boxes: &[Aabb],
         rules: Option<&Arc<Rules>>,
-        threads: usize,
     ) -> Result<(u64, u64), Box<dyn Error>> {
+        // Boxes are written where they are sent from: in a game that is no copy.
+        let mut frame = self.session.frame(boxes.len())?;
+        frame.write(boxes);
+        let begin = Instant::now();
+        let pending = match rules {
+            Some(rules) => frame.submit_with_kept(rules)?,
+            None => frame.submit()?,
+        };
         let (mut sum, mut count) = (0u64, 0);
-        let mut visit = |pairs: &[[u32; 2]]| {
+        pending.wait()?.for_each_slice(|pairs| {
             sum = pairs.iter().fold(sum, |sum, [a, b]| sum + u64::from(a ^ b));
             count += pairs.len() as u64;
-        };
-        let begin;
-        match &mut self.server {
-            Server::Engines { engines, reply, last_pairs } => {
-                let options = CullOptions {
-                    threads: Some(threads),
-                    last_pairs: *last_pairs,
-                    ..CullOptions::default()
-                };
-                begin = Instant::now();
-                let report = match rules {
-                    Some(rules) => {
-                        engines.cull_filtered(boxes, rules, &options, reply)?.answer.report
-                    }
-                    None => engines.cull(boxes, &options, reply)?.report,
-                };
-                let n = BoxCount::new(boxes.len() as u32);
-                MaskView::new(n, &report.shape, reply.words())?.for_each_slice(&mut visit);
-                *last_pairs = Some(report.pair_count);
-            }
-            Server::Daemon(session) => {
-                // Boxes are written where they are sent from: in a game that is no copy.
-                let mut frame = session.frame(boxes.len())?;
-                frame.write(boxes);
-                begin = Instant::now();
-                let pending = match rules {
-                    Some(rules) => frame.submit_with_kept(rules)?,
-                    None => frame.submit()?,
-                };
-                pending.wait()?.for_each_slice(&mut visit);
-            }
-        }
+        });
         let took = begin.elapsed().as_nanos() as u64;
         black_box(sum);
         Ok((took, count))
     }
 
     /// The median and the quartiles.
-    fn spread(&mut self) -> [u64; 3] {
-        self.times.sort_unstable();
-        [2, 1, 3].map(|quarter| self.times[self.times.len() * quarter / 4])
+    fn spread(&self) -> [u64; 3] {
+        [0.5, 0.25, 0.75].map(|share| percentile(&self.times, share))
     }
 }
 
@@ -191,11 +109,11 @@ type Frame<'a> = dyn FnMut(&mut Way) -> Result<(u64, u64), Box<dyn Error>> + 'a;
 fn row(
     name: &str,
     options: &Options,
-    daemon: Option<&PrivateDaemon>,
+    daemon: &PrivateDaemon,
     first: &mut Frame<'_>,
     second: &mut Frame<'_>,
 ) -> Result<Value, Box<dyn Error>> {
-    let way = || Way::new(daemon, options.threads);
+    let way = || Way::new(daemon, options);
     let (rounds, mut ways) = (options.rounds, [way()?, way()?]);
     let mut pairs = [0; 2];
     // The first rounds are not counted: memory is taken.
@@ -209,7 +127,7 @@ fn row(
             }
         }
     }
-    let [one, other] = ways.each_mut().map(Way::spread);
+    let [one, other] = ways.each_ref().map(Way::spread);
     Ok(json!({
         "row": name, "first_ns": one[0], "second_ns": other[0],
         "ratio": one[0] as f64 / other[0] as f64,
@@ -220,10 +138,10 @@ fn row(
 
 /// Boxes of worlds that lie over one another, their tags, and the same boxes with their worlds side by side.
 fn worlds(each: usize) -> (Vec<Aabb>, Arc<Rules>, Vec<Aabb>) {
-    let mut random = Random(0x5DEE_CE66_D1CE_4E5B);
+    let mut random = Random::new(1);
     let (mut over, mut beside, mut rules) = (Vec::new(), Vec::new(), Rules::default());
     for world in 0..WORLDS {
-        let cube = random.cube(each);
+        let cube = cube(&mut random, each);
         let side = (4.0 * each as f32).cbrt() + 2.0;
         let at = [world % LINE, world / LINE % LINE, world / (LINE * LINE)];
         let shift = at.map(|at| at as f32 * side);
@@ -236,9 +154,8 @@ fn worlds(each: usize) -> (Vec<Aabb>, Arc<Rules>, Vec<Aabb>) {
     (over, Arc::new(rules), beside)
 }
 
-fn rows(options: &Options, daemon: Option<&PrivateDaemon>) -> Result<Vec<Value>, Box<dyn Error>> {
-    let threads = options.threads;
-    let wants = |row: &str| options.rows.split(',').any(|wanted| wanted == row);
+fn rows(options: &Options, daemon: &PrivateDaemon) -> Result<Vec<Value>, Box<dyn Error>> {
+    let wants = |row: &str| options.rows.iter().any(|wanted| wanted == row);
     let mut rows = Vec::new();
     for each in [32, 256] {
         if !wants("worlds") && !wants("requests") {
@@ -246,8 +163,8 @@ fn rows(options: &Options, daemon: Option<&PrivateDaemon>) -> Result<Vec<Value>,
         }
         let (over, rules, beside) = worlds(each);
         let name = format!("worlds {WORLDS} x {each}");
-        let mut by_world = |way: &mut Way| way.answer(&over, Some(&rules), threads);
-        let mut as_one = |way: &mut Way| way.answer(&beside, None, threads);
+        let mut by_world = |way: &mut Way| way.answer(&over, Some(&rules));
+        let mut as_one = |way: &mut Way| way.answer(&beside, None);
         if wants("worlds") {
             rows.push(row(&name, options, daemon, &mut by_world, &mut as_one)?);
         }
@@ -256,7 +173,7 @@ fn rows(options: &Options, daemon: Option<&PrivateDaemon>) -> Result<Vec<Value>,
             let mut requests = |way: &mut Way| {
                 let (mut ns, mut pairs) = (0, 0);
                 for world in over.chunks(each) {
-                    let (took, count) = way.answer(world, None, threads)?;
+                    let (took, count) = way.answer(world, None)?;
                     ns += took;
                     pairs += count;
                 }
@@ -267,7 +184,7 @@ fn rows(options: &Options, daemon: Option<&PrivateDaemon>) -> Result<Vec<Value>,
     }
     for n in [10_000, 100_000, 1_000_000] {
         let boxes: Vec<Aabb> = {
-            let mut cube = Random(0x2545_F491_4F6C_DD1D).cube(n);
+            let mut cube = cube(&mut Random::new(2), n);
             // Boxes of side 3: some thirty pairs a box.
             for b in &mut cube {
                 b.max = b.min.map(|x| x + 3.0);
@@ -277,21 +194,21 @@ fn rows(options: &Options, daemon: Option<&PrivateDaemon>) -> Result<Vec<Value>,
         let kinds: Vec<Filter> = (0..KINDS).map(|kind| Filter::new(1 << kind, 1 << kind)).collect();
         let mut rules = Rules::default();
         rules.table = FilterTable::new(&kinds)?;
-        let mut random = Random(0x9E37_79B9_7F4A_7C15);
+        let mut random = Random::new(3);
         rules.tags = (0..n)
             .map(|_| FilterId((random.unit() * KINDS as f32) as u16))
             .map(|id| Tag::default().with_filter(id))
             .collect();
         let rules = Arc::new(rules);
-        let mut filtered = |way: &mut Way| way.answer(&boxes, Some(&rules), threads);
-        let mut without = |way: &mut Way| way.answer(&boxes, None, threads);
+        let mut filtered = |way: &mut Way| way.answer(&boxes, Some(&rules));
+        let mut without = |way: &mut Way| way.answer(&boxes, None);
         if wants("filtered") {
             let name = format!("filtered {n}");
             rows.push(row(&name, options, daemon, &mut filtered, &mut without)?);
         }
         let open = Rules::default();
         let open = Arc::new(open);
-        let mut with_open = |way: &mut Way| way.answer(&boxes, Some(&open), threads);
+        let mut with_open = |way: &mut Way| way.answer(&boxes, Some(&open));
         if wants("rules") {
             let name = format!("no rules {n}");
             rows.push(row(&name, options, daemon, &mut with_open, &mut without)?);
@@ -300,18 +217,15 @@ fn rows(options: &Options, daemon: Option<&PrivateDaemon>) -> Result<Vec<Value>,
     Ok(rows)
 }
 
-fn run() -> Result<(), Box<dyn Error>> {
-    let options = Options::parse()?;
+fn main() -> Result<(), Box<dyn Error>> {
+    let options = Options::parse();
     let pool = rayon::ThreadPoolBuilder::new().num_threads(options.threads);
     pool.use_current_thread().build_global()?;
-    let settings =
-        |gpu: &GpuChoice| PrivateSettings { gpu: gpu.clone().into(), ..Default::default() };
-    let start = |gpu| PrivateDaemon::start(DAEMON.as_ref(), &settings(gpu));
-    let daemon = options.daemon.as_ref().map(start).transpose()?;
-    let rows = rows(&options, daemon.as_ref())?;
+    let settings = PrivateSettings { gpu: options.gpu.clone().into(), ..Default::default() };
+    let daemon = PrivateDaemon::start(DAEMON.as_ref(), &settings)?;
+    let rows = rows(&options, &daemon)?;
     if options.json {
-        let backend = if daemon.is_some() { "daemon" } else { "in-process" };
-        let threads = options.threads;
+        let (backend, threads) = (options.backend.to_string(), options.threads);
         let all = json!({ "backend": backend, "threads": threads, "rows": rows });
         println!("{}", serde_json::to_string_pretty(&all)?);
         return Ok(());
@@ -334,14 +248,4 @@ fn run() -> Result<(), Box<dyn Error>> {
         );
     }
     Ok(())
-}
-
-fn main() -> ExitCode {
-    match run() {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            eprintln!("{error}");
-            ExitCode::FAILURE
-        }
-    }
 }

@@ -1,47 +1,54 @@
 //! Measures the GPU engines on a device. Needs only a Vulkan driver.
-//!
-//! `gpu [--gpu auto|software|INDEX|NAME] [--n 1000,4096] [--ms 500] [--sweep] [--no-check | --check-only]`
 
-use std::process::ExitCode;
+use std::error::Error;
+use std::io::stdout;
 use std::time::Duration;
 
+use clap::{Parser, ValueEnum};
 use pairmask_lab::gpu_stages::{BenchOptions, run, run_grid};
+use pairmaskd::execute::gpu::GpuChoice;
 
-fn main() -> ExitCode {
-    let Some(options) = parse(std::env::args().skip(1)) else {
-        eprintln!(
-            "usage: gpu [--gpu CHOICE] [--n N,N,..] [--ms BUDGET] [--sweep] [--no-check|--check-only]"
-        );
-        return ExitCode::from(2);
-    };
-    let grid = std::env::args().any(|arg| arg == "--grid");
-    match if grid { run_grid } else { run }(&options, &mut std::io::stdout().lock()) {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            eprintln!("{error}");
-            ExitCode::FAILURE
-        }
-    }
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Check {
+    Yes,
+    No,
+    /// Nothing is measured
+    Only,
 }
 
-fn parse(mut args: impl Iterator<Item = String>) -> Option<BenchOptions> {
-    let mut options = BenchOptions::default();
-    while let Some(arg) = args.next() {
-        match arg.as_str() {
-            "--gpu" => options.gpu = args.next()?.parse().ok()?,
-            "--n" => {
-                let counts = args.next()?;
-                options.counts =
-                    counts.split(',').map(|n| n.parse().ok()).collect::<Option<_>>()?;
-            }
-            "--ms" => options.budget = Duration::from_millis(args.next()?.parse().ok()?),
-            "--sweep" => options.sweep = true,
-            "--no-check" => options.check = false,
-            "--check-only" => options.measure = false,
-            // Passed by `cargo bench`.
-            "--bench" | "--grid" => {}
-            _ => return None,
-        }
+/// The GPU's stages and the ways up, on a device or on a software driver.
+#[derive(Parser)]
+#[command(name = "gpu")]
+struct Options {
+    #[arg(long)]
+    gpu: Option<GpuChoice>,
+    #[arg(long, value_delimiter = ',')]
+    n: Vec<u32>,
+    /// Time for each measurement, ms
+    #[arg(long)]
+    ms: Option<u64>,
+    #[arg(long)]
+    sweep: bool,
+    /// Whether masks are compared with the CPU's
+    #[arg(long, value_enum, default_value_t = Check::Yes)]
+    check: Check,
+    /// The stages of the grid
+    #[arg(long)]
+    grid: bool,
+    /// What cargo passes to every bench
+    #[arg(long, hide = true)]
+    bench: bool,
+}
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let asked = Options::parse();
+    let mut options = BenchOptions { sweep: asked.sweep, ..BenchOptions::default() };
+    options.gpu = asked.gpu.unwrap_or(options.gpu);
+    options.budget = asked.ms.map_or(options.budget, Duration::from_millis);
+    options.check = asked.check != Check::No;
+    options.measure = asked.check != Check::Only;
+    if !asked.n.is_empty() {
+        options.counts = asked.n;
     }
-    Some(options)
+    Ok(if asked.grid { run_grid } else { run }(&options, &mut stdout().lock())?)
 }

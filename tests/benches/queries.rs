@@ -1,12 +1,6 @@
 //! Queries of a scene, and set A against set B: median µs, everything between the client's boxes and its
 //! pairs.
 //!
-//! ```text
-//! cargo bench -p pairmask-tests --bench queries -- \
-//!     [--backend in-process|daemon] [--gpu auto|none|software] [--n 1000000] [--queries 10000] [--rounds 30] \
-//!     [--json]
-//! ```
-//!
 //! * `queries`: boxes like those of the scene, asked of it in turns of several sets. `ask` is from boxes that
 //!   lie in the client's memory to the answer, so writing them and the round trip; `visit` looks at all pairs.
 //!   `first` is the first query, which builds the cells. Of `ask`, `engine` found the pairs, and `publish`
@@ -18,9 +12,9 @@ use std::error::Error;
 use std::hint::black_box;
 use std::time::Instant;
 
-use pairmask::scene::{SceneOptions, Want};
-use pairmask::{Backend, BoxCount, PairMask, Session};
-use pairmask_core::Aabb;
+use clap::Parser;
+use pairmask_tests::measure::percentile;
+use pairmask_tests::prelude::*;
 use pairmaskd::execute::gpu::GpuChoice;
 use pairmaskd::scene::{Scene, SceneName};
 use pairmaskd::spawn::{PrivateDaemon, PrivateSettings};
@@ -33,53 +27,24 @@ const WARM_UP: usize = 5;
 /// Sets of queries that take turns, so that no answer lies in the caches from the one before.
 const SETS: usize = 8;
 
+/// Queries of a scene, and set A against set B.
+#[derive(Parser)]
 struct Options {
-    backends: Vec<Backend>,
+    #[arg(long, value_delimiter = ',', default_value = "in-process,daemon")]
+    backend: Vec<Backend>,
+    #[arg(long, default_value_t = GpuChoice::None)]
     gpu: GpuChoice,
+    #[arg(long, default_value_t = 1_000_000)]
     n: usize,
+    #[arg(long, default_value_t = 10_000)]
     queries: usize,
+    #[arg(long, default_value_t = 30)]
     rounds: usize,
+    #[arg(long)]
     json: bool,
-}
-
-impl Options {
-    fn parse() -> Result<Self, Box<dyn Error>> {
-        let backends = vec![Backend::InProcess, Backend::Daemon];
-        let mut options = Self {
-            backends,
-            gpu: GpuChoice::None,
-            n: 1_000_000,
-            queries: 10_000,
-            rounds: 30,
-            json: false,
-        };
-        let mut args = std::env::args().skip(1).filter(|a| a != "--bench");
-        while let Some(flag) = args.next() {
-            if flag == "--json" {
-                options.json = true;
-                continue;
-            }
-            let value = args.next().ok_or_else(|| format!("{flag} needs a value"))?;
-            let number = || value.replace('_', "").parse::<usize>().map(|number| number.max(1));
-            match flag.as_str() {
-                "--backend" if value == "in-process" => options.backends = vec![Backend::InProcess],
-                "--backend" if value == "daemon" => options.backends = vec![Backend::Daemon],
-                "--gpu" => {
-                    options.gpu = value.parse().map_err(|error| format!("{value}: {error}"))?;
-                }
-                "--n" => options.n = number()?,
-                "--queries" => options.queries = number()?,
-                "--rounds" => options.rounds = number()?,
-                _ => return Err(format!("unknown option {flag} {value}").into()),
-            }
-        }
-        Ok(options)
-    }
-}
-
-fn median(times: &mut [f64]) -> f64 {
-    times.sort_unstable_by(f64::total_cmp);
-    times[times.len() / 2]
+    /// What cargo passes to every bench
+    #[arg(long, hide = true)]
+    bench: bool,
 }
 
 fn micros(since: Instant) -> f64 {
@@ -139,8 +104,7 @@ fn ask(
         }
     }
     let [ask, visit, total, engine, publish] =
-        [&mut asks, &mut visits, &mut totals, &mut engines, &mut publishes]
-            .map(|times| median(times));
+        [asks, visits, totals, engines, publishes].map(|times| percentile(&times, 0.5));
     Ok(json!({
         "row": "queries", "backend": backend.to_string(), "scene": name.to_string(), "n": n,
         "queries": options.queries, "pairs": pairs, "first_us": first, "ask_us": ask,
@@ -180,7 +144,7 @@ fn two_sets(
             }
         }
     }
-    let [between, whole] = times.each_mut().map(|times| median(times));
+    let [between, whole] = times.map(|times| percentile(&times, 0.5));
     Ok(json!({
         "row": "two sets", "backend": backend.to_string(), "scene": name.to_string(), "n": n,
         "first": first, "pairs": counts[0], "all_pairs": counts[1], "between_us": between,
@@ -189,42 +153,26 @@ fn two_sets(
 }
 
 fn print(row: &Value) {
-    let text = |key: &str| match &row[key] {
-        Value::String(text) => text.clone(),
-        Value::Number(number) if number.is_f64() => {
-            let number = number.as_f64().unwrap_or(0.0);
-            if key == "ratio" { format!("{number:.3}") } else { format!("{number:.1}") }
-        }
-        other => other.to_string(),
-    };
-    let columns: &[&str] = if row["row"] == "queries" {
-        &[
-            "queries",
-            "pairs",
-            "first_us",
-            "ask_us",
-            "engine_us",
-            "publish_us",
-            "visit_us",
-            "total_us",
-        ]
+    let is_query = row["row"] == "queries";
+    let columns = if is_query {
+        "queries pairs first_us ask_us engine_us publish_us visit_us total_us"
     } else {
-        &["first", "pairs", "between_us", "whole_us", "ratio"]
+        "first pairs between_us whole_us ratio"
     };
-    let numbers: Vec<String> =
-        columns.iter().map(|key| format!("{key} {:>9}", text(key))).collect();
-    println!(
-        "{:<9}{:<11}{:<9}n {:>9}  {}",
-        text("row"),
-        text("backend"),
-        text("scene"),
-        text("n"),
-        numbers.join("  ")
-    );
+    let number = |key: &str| match &row[key] {
+        Value::Number(number) if number.is_f64() => {
+            format!("{key} {:>9.3}", number.as_f64().unwrap_or(0.0))
+        }
+        other => format!("{key} {other:>9}"),
+    };
+    let numbers: Vec<String> = columns.split(' ').map(number).collect();
+    let text = |key: &str| row[key].as_str().unwrap_or_default().to_owned();
+    let [name, backend, scene] = ["row", "backend", "scene"].map(text);
+    println!("{name:<9}{backend:<11}{scene:<9}n {:>9}  {}", row["n"], numbers.join("  "));
 }
 
 fn main() -> Result<(), Box<dyn Error>> {
-    let options = Options::parse()?;
+    let options = Options::parse();
     let settings = PrivateSettings { gpu: options.gpu.clone().into(), ..Default::default() };
     let daemon = PrivateDaemon::start(DAEMON.as_ref(), &settings)?;
     let mut rows = Vec::new();
@@ -234,7 +182,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         }
         rows.push(row);
     };
-    for backend in &options.backends {
+    for backend in &options.backend {
         for name in [SceneName::Uniform, SceneName::Pile] {
             note(ask(&daemon, *backend, name, &options)?);
         }

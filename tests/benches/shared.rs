@@ -1,10 +1,6 @@
 //! A tick of a scene that four sessions write, beside one session that writes as many boxes in a scene of its
 //! own: µs from the moment when the first begins its edit until the last has its changes, p50 and p99.
 //!
-//! ```text
-//! cargo bench -p pairmask-tests --bench shared -- [--boxes 25000] [--ticks 200] [--json]
-//! ```
-//!
 //! Both take turns, tick by tick, with the same boxes and the same moves. Of each share of the boxes, other
 //! ones move in each tick. Writers are threads, each with a session of its own; they spin until all of them are
 //! awake, and take the time themselves: to wake threads for the next tick is no part of it.
@@ -15,9 +11,10 @@ use std::sync::Barrier;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
-use pairmask::scene::{SceneOptions, Want};
+use clap::Parser;
 use pairmask::{JoinOptions, SharedScene};
-use pairmask_core::Aabb;
+use pairmask_tests::measure::percentile;
+use pairmask_tests::prelude::*;
 use pairmaskd::spawn::{PrivateDaemon, PrivateSettings};
 
 /// The daemon's own main, which cargo builds beside this bench.
@@ -31,11 +28,19 @@ const SHARES: [u32; 3] = [1, 10, 100];
 /// A deadline that no tick reaches.
 const DEADLINE: Duration = Duration::from_secs(5);
 
-/// What is measured.
-#[derive(Clone, Copy)]
+/// A tick of a scene that four sessions write, beside one session in a scene of its own.
+#[derive(Clone, Copy, Parser)]
 struct Size {
+    /// Boxes of a writer
+    #[arg(long, default_value_t = 25_000)]
     boxes: u32,
+    #[arg(long, default_value_t = 200)]
     ticks: u64,
+    #[arg(long)]
+    json: bool,
+    /// What cargo passes to every bench
+    #[arg(long, hide = true)]
+    bench: bool,
 }
 
 /// Where a box is in a tick: on a lattice, with neighbours of other writers.
@@ -60,11 +65,6 @@ fn commit(
     let answer = scene.edit().set_all(indices, boxes).commit(Want::Changes)?.take();
     black_box((answer.begun().len(), answer.ended().len()));
     Ok(())
-}
-
-fn percentiles(times: &mut [f64]) -> [f64; 2] {
-    times.sort_unstable_by(f64::total_cmp);
-    [50, 99].map(|p| times[(times.len() - 1) * p / 100])
 }
 
 /// Where writers meet that are about to commit, awake. A thread that cannot have a core of its own lets others run.
@@ -111,7 +111,7 @@ impl Span {
 /// Ticks of the shared scene and of one scene, in turns: the times of both.
 fn measure(
     daemon: &PrivateDaemon,
-    Size { boxes, ticks }: Size,
+    Size { boxes, ticks, .. }: Size,
     share: u32,
 ) -> Result<[Vec<f64>; 2], Box<dyn Error>> {
     let begins = Barrier::new(WRITERS as usize + 1);
@@ -187,23 +187,17 @@ fn measure(
 }
 
 fn main() -> Result<(), Box<dyn Error>> {
-    let words: Vec<String> = std::env::args().skip(1).collect();
-    let after = |flag: &str| {
-        let at = words.iter().position(|word| word == flag)?;
-        words.get(at + 1)?.parse::<u32>().ok()
-    };
-    let boxes = after("--boxes").unwrap_or(25_000).max(1);
-    let size = Size { boxes, ticks: u64::from(after("--ticks").unwrap_or(200).max(1)) };
-    let is_json = words.iter().any(|word| word == "--json");
+    let size = Size::parse();
     let daemon = PrivateDaemon::start(DAEMON.as_ref(), &PrivateSettings::default())?;
-    if !is_json {
+    if !size.json {
         println!("moving   shared p50     p99   alone p50     p99   ratio of p50");
     }
     let mut rows = Vec::new();
     for share in SHARES {
-        let [mut shared, mut alone] = measure(&daemon, size, share)?;
-        let ([s50, s99], [a50, a99]) = (percentiles(&mut shared), percentiles(&mut alone));
-        if is_json {
+        let times = measure(&daemon, size, share)?;
+        let [[s50, s99], [a50, a99]] =
+            times.map(|times| [0.5, 0.99].map(|share| percentile(&times, share)));
+        if size.json {
             rows.push(serde_json::json!({
                 "moving_percent": share, "writers": WRITERS, "boxes": size.boxes,
                 "shared_us": { "p50": s50, "p99": s99 }, "alone_us": { "p50": a50, "p99": a99 },
@@ -213,7 +207,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             println!("{share:5} % {s50:11.0} {s99:7.0} {a50:11.0} {a99:7.0} {ratio:10.2}");
         }
     }
-    if is_json {
+    if size.json {
         println!("{}", serde_json::json!({ "rows": rows }));
     }
     daemon.stop();

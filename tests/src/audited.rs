@@ -29,9 +29,6 @@ const FIRST: usize = 10;
 
 /// The auditor's counts by `status --json` after five frames of 40 objects that all overlap, or queries of so many,
 /// and the daemon's log.
-///
-/// # Panics
-/// Where the daemon does not start, answer or stop.
 pub fn audit<P: Program>(encoding: Encoding, shape: Shape) -> (Value, String) {
     let place = Place::<P>::new();
     let child = place.command(&["serve", "--audit", "1/1"]).spawn().expect("the daemon starts");

@@ -12,7 +12,7 @@ use pairmask_core::Aabb;
 use serde_json::Value;
 use tempfile::TempDir;
 
-use crate::watchdog::within;
+use crate::daemon::within;
 
 /// A process that runs longer than this counts as hanging.
 pub const PATIENCE: Duration = Duration::from_secs(120);
@@ -40,19 +40,12 @@ pub struct Finished {
 
 impl Finished {
     /// The JSON document on stdout, of a process that succeeded.
-    ///
-    /// # Panics
-    /// When the process failed, or wrote other text.
     pub fn json(&self) -> Value {
         assert_eq!(self.code, Some(0), "{self:?}");
         serde_json::from_str(&self.stdout).unwrap_or_else(|e| panic!("{e}: {self:?}"))
     }
 
     /// The one line on stderr of a process that failed with `code`.
-    ///
-    /// # Panics
-    /// When the process ended otherwise, or wrote other text than one line that begins with its
-    /// name.
     pub fn error(&self, code: i32) -> &str {
         assert_eq!(self.code, Some(code), "{self:?}");
         let line = self.stderr.trim_end();
@@ -76,9 +69,6 @@ impl<P: Program> Default for Place<P> {
 
 impl<P: Program> Place<P> {
     /// An empty directory.
-    ///
-    /// # Panics
-    /// When none can be created.
     pub fn new() -> Self {
         Self { dir: tempfile::tempdir().expect("a temporary directory"), program: PhantomData }
     }
@@ -94,9 +84,6 @@ impl<P: Program> Place<P> {
     }
 
     /// Writes a file of boxes.
-    ///
-    /// # Panics
-    /// Where it cannot be written.
     pub fn boxes(&self, boxes: &[Aabb]) -> PathBuf {
         let path = self.file("boxes.f32");
         std::fs::write(&path, bytemuck::cast_slice(boxes)).expect("the directory can be written");
@@ -115,17 +102,11 @@ impl<P: Program> Place<P> {
     }
 
     /// Runs it to its end.
-    ///
-    /// # Panics
-    /// Where it does not start, or hangs.
     pub fn run(&self, arguments: &[&str]) -> Finished {
         finish(self.command(arguments).spawn().expect("the program starts"), P::NAME)
     }
 
     /// Runs it to its end with `input` on stdin.
-    ///
-    /// # Panics
-    /// Where it does not start or read, or hangs.
     pub fn run_with_input(&self, arguments: &[&str], input: &[u8]) -> Finished {
         let child = self.command(arguments).stdin(Stdio::piped()).spawn();
         let mut child = child.expect("the program starts");
@@ -135,9 +116,6 @@ impl<P: Program> Place<P> {
     }
 
     /// Names of the directory's entries.
-    ///
-    /// # Panics
-    /// Where it cannot be read.
     pub fn entries(&self) -> BTreeSet<String> {
         let entries = std::fs::read_dir(self.path()).expect("the directory can be read");
         let name = |entry: std::io::Result<std::fs::DirEntry>| {
@@ -147,9 +125,6 @@ impl<P: Program> Place<P> {
     }
 
     /// Processes of the program whose command line or environment names the directory.
-    ///
-    /// # Panics
-    /// Without /proc.
     pub fn processes(&self) -> Vec<String> {
         let needle = self.path().to_string_lossy().into_owned();
         let mut found = Vec::new();
@@ -169,9 +144,6 @@ impl<P: Program> Place<P> {
     }
 
     /// Checks that all processes of this directory have ended and left only the files `kept`.
-    ///
-    /// # Panics
-    /// Where it has not.
     pub fn assert_clean(&self, kept: &[&str]) {
         eventually("processes end", || self.processes().is_empty().then_some(()));
         let kept = kept.iter().map(ToString::to_string).collect();
@@ -180,9 +152,6 @@ impl<P: Program> Place<P> {
 }
 
 /// Waits for the end of a process of the program `name`, and kills one that hangs.
-///
-/// # Panics
-/// Where it hangs, or its output is not piped.
 pub fn finish(mut child: Child, name: &'static str) -> Finished {
     let stdout = collect(child.stdout.take());
     let stderr = collect(child.stderr.take());
@@ -212,17 +181,11 @@ fn collect(stream: Option<impl Read + Send + 'static>) -> JoinHandle<String> {
 }
 
 /// Waits until `check` gives something.
-///
-/// # Panics
-/// When it does not within [`PATIENCE`].
 pub fn eventually<T>(what: &str, check: impl FnMut() -> Option<T>) -> T {
     within(PATIENCE, what, check)
 }
 
 /// Names of an object's fields.
-///
-/// # Panics
-/// Where it is no object.
 pub fn keys(value: &Value) -> BTreeSet<&str> {
     value.as_object().expect("an object").keys().map(String::as_str).collect()
 }

@@ -3,15 +3,25 @@
 //! It compares sets and names the first bad pair; equal counts prove nothing. Each frame has a caller of
 //! other floating-point flags, and pool threads of yet others.
 
-use pairmask_core::Encoding;
-use pairmask_core::engine::{CullInput, Engine, HeapReply};
+use pairmask_core::engine::{CullInput, Engine, HeapReply, Isa, cpu_engine};
 pub use pairmask_core::oracle::check::{Mismatch, check_frame, check_pairs, check_reply};
+use pairmask_core::{Encoding, EngineName};
 use pairmask_lab::stress::{FloatFlags, MixedFlags};
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
 use crate::oracle;
 use crate::stress_scenes::{self, Overlaps};
 use crate::tier;
+
+/// A new engine, with the best instruction set.
+pub fn best_engine(name: EngineName) -> Box<dyn Engine> {
+    cpu_engine(name, Isa::best()).expect("of the CPU")
+}
+
+/// A new engine of each.
+pub fn cpu_engines() -> Vec<Box<dyn Engine>> {
+    EngineName::CPU.map(best_engine).into()
+}
 
 /// The frames on which an engine is tested.
 #[derive(Clone, Debug)]
@@ -69,34 +79,8 @@ pub fn mixed_flags() -> Vec<MixedFlags> {
     (0..37).map(mixed).collect()
 }
 
-/// A frame that an engine got wrong.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("{engine}, scene '{scene}', {n} boxes, {encoding}, {threads} threads, {flags}: {what}")]
-pub struct Failure {
-    /// The engine.
-    pub engine: pairmask_core::EngineName,
-    /// The scene.
-    pub scene: &'static str,
-    /// Boxes.
-    pub n: u32,
-    /// Encoding asked for.
-    pub encoding: Encoding,
-    /// Threads.
-    pub threads: usize,
-    /// Floating-point flags of caller and pool.
-    pub flags: MixedFlags,
-    /// The mistake.
-    pub what: Mismatch,
-}
-
-/// Runs the whole suite and returns how many frames were checked.
-///
-/// # Errors
-/// [`Failure`] names the first frame that the engine got wrong.
-///
-/// # Panics
-/// When no thread pool can be had, or the suite has no flags.
-pub fn check_engine(engine: &mut dyn Engine, suite: &Suite) -> Result<usize, Box<Failure>> {
+/// Runs the whole suite and returns how many frames were checked, or which one the engine got wrong.
+pub fn check_engine(engine: &mut dyn Engine, suite: &Suite) -> Result<usize, String> {
     let pools: Vec<(usize, ThreadPool)> = suite
         .threads
         .iter()
@@ -117,14 +101,11 @@ pub fn check_engine(engine: &mut dyn Engine, suite: &Suite) -> Result<usize, Box
                     let flags = suite.flags[frames % suite.flags.len()];
                     flags
                         .install(pool, || check_frame(engine, &input, &truth, &mut reply))
-                        .map_err(|what| Failure {
-                            engine: engine.name(),
-                            scene: scene.name(),
-                            n,
-                            encoding,
-                            threads: *threads,
-                            flags,
-                            what,
+                        .map_err(|what| {
+                            let (engine, scene) = (engine.name(), scene.name());
+                            format!(
+                                "{engine}, scene '{scene}', {n} boxes, {encoding}, {threads} threads, {flags}: {what}"
+                            )
                         })?;
                     frames += 1;
                 }
@@ -132,4 +113,12 @@ pub fn check_engine(engine: &mut dyn Engine, suite: &Suite) -> Result<usize, Box
         }
     }
     Ok(frames)
+}
+
+/// As [`check_engine`], for tests.
+pub fn conform(engine: &mut dyn Engine, suite: &Suite) {
+    match check_engine(engine, suite) {
+        Ok(frames) => assert!(frames > 0, "the suite ran nothing"),
+        Err(failure) => panic!("{failure}"),
+    }
 }

@@ -6,28 +6,32 @@ use std::time::{Duration, Instant};
 
 use pairmask::{Backend, ServedBy, Session, SessionBuilder};
 use pairmask_transport::{DaemonRecord, RuntimeDir};
-use pairmask_wire::InstanceName;
+use pairmask_wire::{AuditCounts, InstanceName};
 use pairmaskd::spawn::is_opening_gpus;
 use rustix::process::{Pid, Signal, kill_process};
-
-use crate::watchdog::within;
 
 /// A wait that takes longer than this counts as a hang.
 pub const PATIENCE: Duration = Duration::from_secs(30);
 
 /// Waits until `check` gives something.
-///
-/// # Panics
-/// When it does not within [`PATIENCE`].
 pub fn eventually<T>(what: &str, check: impl FnMut() -> Option<T>) -> T {
     within(PATIENCE, what, check)
 }
 
+/// As [`eventually`], with another limit.
+pub(crate) fn within<T>(patience: Duration, what: &str, mut check: impl FnMut() -> Option<T>) -> T {
+    let start = Instant::now();
+    loop {
+        if let Some(value) = check() {
+            return value;
+        }
+        assert!(start.elapsed() < patience, "waited {patience:?} in vain: {what}");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+}
+
 /// Submits a thousand frames while the daemon is killed repeatedly, and more until the daemon
 /// serves again. `frame` submits frame `i`, checks the answer, and returns what served it.
-///
-/// # Panics
-/// When daemon or process answered too few frames, or the session does not return to the daemon.
 pub fn outlive_kills(daemon: &mut TestDaemon, mut frame: impl FnMut(usize) -> ServedBy) {
     let (mut here, mut there) = (0, 0);
     for i in 0..1000 {
@@ -67,9 +71,6 @@ pub struct TestDaemon {
 impl TestDaemon {
     /// Starts `binary serve ARGUMENTS` and waits until it answers. `--gpu software` is the GPU of the tests
     /// ([`gpu`](crate::gpu)).
-    ///
-    /// # Panics
-    /// When it does not start.
     pub fn start(binary: &str, arguments: &[&str]) -> Self {
         let mut daemon = Self {
             dir: tempfile::tempdir().expect("a temporary directory"),
@@ -82,9 +83,6 @@ impl TestDaemon {
     }
 
     /// Starts the daemon again after [`TestDaemon::kill`].
-    ///
-    /// # Panics
-    /// When it does not start.
     pub fn restart(&mut self) {
         assert!(self.supervisor.is_none(), "the daemon is running");
         let child = Command::new(&self.binary)
@@ -102,9 +100,6 @@ impl TestDaemon {
     }
 
     /// Waits until no GPU is being opened any more.
-    ///
-    /// # Panics
-    /// When that takes longer than [`PATIENCE`].
     pub fn wait_for_gpus(&self) {
         eventually("the GPUs join", || {
             (!is_opening_gpus(&self.dir(), &InstanceName::default())).then_some(())
@@ -131,21 +126,32 @@ impl TestDaemon {
         self.dir().read_record(&InstanceName::default())
     }
 
+    /// Has the daemon's record state another minor version of the wire.
+    pub fn pretend_minor(&self, minor: u16) {
+        let mut record = self.record().expect("the daemon serves");
+        record.version.minor = minor;
+        self.dir().write_record(&InstanceName::default(), &record).expect("a record");
+    }
+
     /// The process that serves now.
-    ///
-    /// # Panics
-    /// When no daemon serves within [`PATIENCE`].
     pub fn worker(&self) -> Pid {
         let record = eventually("the daemon has a worker", || self.record());
         Pid::from_raw(i32::try_from(record.worker_pid).expect("a pid")).expect("not zero")
     }
 
+    /// Waits until the auditor has seen enough, and checks that it has found nothing wrong.
+    pub fn audit_is_clean(&self, mut is_enough: impl FnMut(&AuditCounts) -> bool) {
+        let mut session = self.session().connect().expect("the daemon answers");
+        let audit = eventually("answers are audited", || {
+            let audit = session.daemon_status().expect("a status").audit;
+            is_enough(&audit).then_some(audit)
+        });
+        assert_eq!((audit.missed, audit.extra), (0, 0), "{audit:?}");
+    }
+
     /// Sends the worker a signal: the next one, where the one that serves has just died.
     ///
     /// The supervisor is stopped before its worker is, and goes on after it: it would replace the worker.
-    ///
-    /// # Panics
-    /// When no worker lives within [`PATIENCE`].
     pub fn signal_worker(&self, signal: Signal) {
         if signal == Signal::STOP {
             self.signal_supervisor(signal);
@@ -165,9 +171,6 @@ impl TestDaemon {
 
     /// Kills the daemon as the system's out-of-memory killer would: the supervisor by SIGKILL, and
     /// the worker with it.
-    ///
-    /// # Panics
-    /// When the daemon is not running.
     pub fn kill(&mut self) {
         let mut supervisor = self.supervisor.take().expect("the daemon is running");
         supervisor.kill().expect("SIGKILL");
@@ -175,9 +178,6 @@ impl TestDaemon {
     }
 
     /// Bytes of shared memory that this daemon and its clients have.
-    ///
-    /// # Panics
-    /// When /dev/shm cannot be read.
     pub fn shared_bytes(&self) -> u64 {
         use std::os::unix::fs::MetadataExt;
         // Of 512 bytes, whatever the file system's blocks are.
@@ -186,9 +186,6 @@ impl TestDaemon {
     }
 
     /// Files of this daemon and its clients in /dev/shm.
-    ///
-    /// # Panics
-    /// When /dev/shm cannot be read.
     pub fn shared_files(&self) -> Vec<PathBuf> {
         let prefix = self.dir().shm_prefix(&InstanceName::default());
         let mut files: Vec<PathBuf> = std::fs::read_dir("/dev/shm")

@@ -1,36 +1,17 @@
-//! Whole frames with random rules, and the pairs that they have by the oracle and by the seven rules in
-//! their order.
-
-use std::collections::BTreeSet;
+//! Whole frames with random rules, and the pairs that they have by the naive model of scenes.
 
 use pairmask_core::Aabb;
 use pairmask_core::filters::{Filter, FilterId, FilterTable, Owner, Rules, Tag, World};
-use pairmask_core::oracle::{Pair, truth};
+use pairmask_core::oracle::Pair;
 
-/// Numbers of chance.
-#[derive(Debug)]
-pub struct Chance(u64);
-
-impl Chance {
-    /// Another sequence for each seed.
-    pub const fn new(seed: u64) -> Self {
-        Self(seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1)
-    }
-
-    /// A number below another.
-    pub const fn below(&mut self, end: u64) -> u64 {
-        self.0 ^= self.0 << 13;
-        self.0 ^= self.0 >> 7;
-        self.0 ^= self.0 << 17;
-        (self.0 >> 11) % end
-    }
-}
+use crate::scene_model::{Model, Op};
+use crate::stress_scenes::Rng;
 
 /// What kinds of rules a frame has.
 #[derive(Clone, Copy, Debug)]
 pub struct Kind {
     worlds: &'static [i32],
-    filters: u64,
+    filters: u32,
     lists: bool,
 }
 
@@ -60,58 +41,55 @@ pub struct FilteredFrame {
 
 impl FilteredFrame {
     /// A frame of `n` boxes, some empty or invalid, with rules of a kind.
-    ///
-    /// # Panics
-    /// Never: tables of so many filters can be made.
     pub fn drawn(n: usize, kind: Kind, seed: u64) -> Self {
-        let mut chance = Chance::new(seed);
-        let boxes = drawn_boxes(n, &mut chance);
+        let mut rng = Rng::new(seed);
+        let boxes = drawn_boxes(n, &mut rng);
+        let mut ops: Vec<Op> = (0..).zip(&boxes).map(|(index, b)| Op::Set(index, *b)).collect();
         let filters: Vec<Filter> = (0..kind.filters)
             .map(|_| {
-                Filter::new(chance.below(8), chance.below(8) | 1)
-                    .with_group(chance.below(3) as i32 - 1)
-                    .with_static(chance.below(6) == 0)
-                    .with_either(chance.below(2) == 0)
+                Filter::new(u64::from(rng.below(8)), u64::from(rng.below(8) | 1))
+                    .with_group(rng.below(3) as i32 - 1)
+                    .with_static(rng.below(6) == 0)
+                    .with_either(rng.below(2) == 0)
             })
             .collect();
         let mut rules = Rules::default();
         rules.table = FilterTable::new(&filters).expect("few filters");
+        ops.push(Op::Filters(filters));
         // The last boxes have no tag, and some tags name a filter that is not in the table.
-        for _ in 0..n - n / 9 {
-            let world = World(kind.worlds[chance.below(kind.worlds.len() as u64) as usize]);
+        for index in 0..(n - n / 9) as u32 {
+            let world = World(kind.worlds[rng.below(kind.worlds.len() as u32) as usize]);
             let mut tag = Tag::default().with_world(world);
             if kind.filters > 0 {
-                let owner = Owner(chance.below(5) as u32);
-                tag = Tag::new(world, owner, FilterId(chance.below(kind.filters + 1) as u16));
-                tag = tag.with_static(chance.below(7) == 0);
+                let filter = FilterId(rng.below(kind.filters + 1) as u16);
+                tag = Tag::new(world, Owner(rng.below(5)), filter);
+                tag = tag.with_static(rng.below(7) == 0);
             }
             rules.tags.push(tag);
+            // In a frame a tag says whether its box is static, in a scene a step does.
+            ops.extend([Op::Tag(index, tag), Op::Static(index, tag.is_static())]);
         }
-        let (mut included, mut excluded) = (BTreeSet::new(), BTreeSet::new());
         for _ in 0..if kind.lists && n > 1 { n } else { 0 } {
-            let [a, b] = [0; 2].map(|_| chance.below(n as u64) as u32);
-            let list = if chance.below(2) == 0 { &mut included } else { &mut excluded };
-            list.insert([a.min(b), a.max(b)]);
+            let [a, b] = [0; 2].map(|_| rng.below(n as u32));
+            let pair = [a.min(b), a.max(b)];
+            if rng.below(2) == 0 {
+                rules.lists.include(pair, true);
+                ops.push(Op::Include(pair, true));
+            } else {
+                rules.lists.exclude(pair, true);
+                ops.push(Op::Exclude(pair, true));
+            }
         }
-        for pair in &included {
-            rules.lists.include(*pair, true);
-        }
-        for pair in &excluded {
-            rules.lists.exclude(*pair, true);
-        }
-        let mut pairs = truth(&boxes).pairs;
-        pairs.retain(|(a, b)| {
-            let listed = [included.contains(&[*a, *b]), excluded.contains(&[*a, *b])];
-            may_meet([rules.tag(*a), rules.tag(*b)], &filters, listed)
-        });
-        pairs.sort_unstable();
+        let mut model = Model::default();
+        model.apply(0, &ops);
+        let pairs = model.pairs().into_keys().map(|[a, b]| (a, b)).collect();
         Self { boxes, rules, pairs }
     }
 }
 
-fn drawn_boxes(n: usize, chance: &mut Chance) -> Vec<Aabb> {
-    let side = (n as f64).cbrt().ceil() as u64 * 2 + 4;
-    let mut corner = || [0; 3].map(|_| chance.below(side * 16) as f32 / 16.0);
+fn drawn_boxes(n: usize, rng: &mut Rng) -> Vec<Aabb> {
+    let side = (n as f64).cbrt().ceil() as u32 * 2 + 4;
+    let mut corner = || [0; 3].map(|_| rng.below(side * 16) as f32 / 16.0);
     let mut boxes: Vec<Aabb> =
         (0..n).map(|_| corner()).map(|low| Aabb::new(low, low.map(|x| x + 2.5))).collect();
     for (at, b) in boxes.iter_mut().enumerate() {
@@ -122,27 +100,4 @@ fn drawn_boxes(n: usize, chance: &mut Chance) -> Vec<Aabb> {
         }
     }
     boxes
-}
-
-/// The seven rules, in their order.
-fn may_meet([a, b]: [Tag; 2], filters: &[Filter], [included, excluded]: [bool; 2]) -> bool {
-    let of = |tag: Tag| filters.get(usize::from(tag.filter.0)).copied().unwrap_or(Filter::ALL);
-    let (f, g) = (of(a), of(b));
-    if a.world != b.world && a.world.0 != -1 && b.world.0 != -1 {
-        return false;
-    }
-    if included {
-        return true;
-    }
-    if a.owner == b.owner && a.owner.0 != 0 {
-        return false;
-    }
-    if (a.is_static() || f.is_static) && (b.is_static() || g.is_static) || excluded {
-        return false;
-    }
-    if f.group == g.group && f.group != 0 {
-        return f.group > 0;
-    }
-    let (one, other) = (f.category & g.mask != 0, g.category & f.mask != 0);
-    if f.either && g.either { one || other } else { one && other }
 }

@@ -56,9 +56,6 @@ pub struct SharedReply {
 
 impl SharedReply {
     /// A reply of `pages` pages, and another view of the same pages.
-    ///
-    /// # Panics
-    /// When the GPU does not import the reply.
     pub fn new(gpu: &Arc<Gpu>, imports: &SharedImports, pages: usize) -> (Self, Watcher) {
         let flags = rustix::fs::MemfdFlags::CLOEXEC;
         let file = rustix::fs::memfd_create("pairmask-test-reply", flags).expect("a memfd");

@@ -1,8 +1,18 @@
 //! Devices and engine of the GPU tests.
 
 use std::sync::Arc;
+use std::time::Duration;
 
-use pairmaskd::execute::gpu::{AllPairs, AllPairsOptions, Gpu, GpuChoice, HostImport};
+use pairmask_core::BoxCount;
+use pairmask_core::dispatch::CullAnswer;
+use pairmask_core::mask::MaskView;
+use pairmask_core::oracle::Pair;
+use pairmaskd::execute::gpu::{
+    AllPairs, AllPairsOptions, Gpu, GpuChoice, Grid, GridOptions, HostImport, SceneTools,
+};
+use pairmaskd::execute::{Executor, GpuService};
+
+use crate::frames::Sorted;
 
 /// The names of the GPUs of the tests: what `PAIRMASK_TEST_GPU` lists, by default the software adapter.
 fn names() -> String {
@@ -33,26 +43,47 @@ pub fn choice_at(place: usize) -> GpuChoice {
 }
 
 /// The GPU of tests that need one.
-///
-/// # Panics
-/// Without an adapter: a GPU test that cannot run fails.
 pub fn open(host_import: HostImport) -> Arc<Gpu> {
     open_at(0, host_import)
 }
 
 /// The GPU at a place of tests that need several: a device of its own for each.
-///
-/// # Panics
-/// Without an adapter: a GPU test that cannot run fails.
 pub fn open_at(place: usize, host_import: HostImport) -> Arc<Gpu> {
     Gpu::open(&choice_at(place), host_import)
         .unwrap_or_else(|error| panic!("the GPU tests need a Vulkan adapter: {error}"))
 }
 
 /// An engine on a device of its own.
-///
-/// # Panics
-/// When it cannot be made.
 pub fn engine(options: AllPairsOptions) -> AllPairs {
     AllPairs::new(&open(HostImport::IfPossible), options).unwrap_or_else(|error| panic!("{error}"))
+}
+
+/// A grid on a device of its own.
+pub fn grid(options: &GridOptions) -> Grid {
+    Grid::new(&open(HostImport::IfPossible), options).unwrap_or_else(|error| panic!("{error}"))
+}
+
+/// What scenes need on the device at a place.
+pub fn scene_tools(place: usize, options: &GridOptions) -> Arc<SceneTools> {
+    SceneTools::new(&open_at(place, HostImport::IfPossible), options)
+        .unwrap_or_else(|error| panic!("{error}"))
+}
+
+/// So many devices that share every search.
+pub fn shared_tools(gpus: usize) -> Vec<Arc<SceneTools>> {
+    let options = GridOptions { shares_always: true, ..GridOptions::default() };
+    (0..gpus).map(|at| scene_tools(at, &options)).collect()
+}
+
+/// An executor with so many devices of the GPUs of the tests.
+pub fn executor(gpus: usize) -> Executor {
+    let open = |place| GpuService::open(&choice_at(place), Duration::ZERO);
+    let open = |place| open(place).unwrap_or_else(|error| panic!("a Vulkan adapter: {error}"));
+    Executor::new((0..gpus).map(open).collect::<Vec<_>>())
+}
+
+/// The sorted pairs of an answer to so many boxes.
+pub fn pairs_of(n: usize, answer: &CullAnswer, words: &[u32]) -> Vec<Pair> {
+    let n = BoxCount::new(n as u32);
+    MaskView::new(n, &answer.report.shape, words).expect("a mask").sorted()
 }

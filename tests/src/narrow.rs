@@ -1,6 +1,5 @@
-//! Boxes in narrow forms, and engines that read them.
+//! Boxes in narrow forms.
 
-use pairmask_core::engine::{CullError, CullInput, CullReport, Engine, EngineName, ReplyBuffer};
 use pairmask_core::precision::BoxSlice;
 use pairmask_core::{Aabb, BoxForm, Precision};
 
@@ -38,9 +37,6 @@ impl NarrowMemory {
     }
 
     /// The boxes.
-    ///
-    /// # Panics
-    /// Never: the memory holds whole boxes, aligned.
     pub fn boxes(&self) -> BoxSlice<'_> {
         let bytes: &[u8] = bytemuck::cast_slice(&self.words);
         BoxSlice::new(self.form, &bytes[..self.bytes]).expect("whole boxes, aligned")
@@ -49,35 +45,5 @@ impl NarrowMemory {
     /// Their bytes, writable.
     pub fn bytes_mut(&mut self) -> &mut [u8] {
         &mut bytemuck::cast_slice_mut(&mut self.words)[..self.bytes]
-    }
-}
-
-/// A function that passes boxes of any form to an engine.
-pub type CullNarrow<E> =
-    fn(&mut E, &CullInput<'_>, &mut dyn ReplyBuffer) -> Result<CullReport, CullError>;
-
-/// An engine that gets boxes in a precision's form, as an [`Engine`] of f32 boxes.
-pub struct Narrowed<E> {
-    /// The engine.
-    pub engine: E,
-    /// The call of the engine.
-    pub cull: CullNarrow<E>,
-    /// The precision of the boxes.
-    pub precision: Precision,
-}
-
-impl<E: Engine> Engine for Narrowed<E> {
-    fn name(&self) -> EngineName {
-        self.engine.name()
-    }
-
-    fn cull(
-        &mut self,
-        input: &CullInput<'_>,
-        reply: &mut dyn ReplyBuffer,
-    ) -> Result<CullReport, CullError> {
-        let (boxes, _) = input.f32_boxes(self.name())?;
-        let memory = NarrowMemory::write(&self.precision, boxes);
-        (self.cull)(&mut self.engine, &input.with_objects(memory.boxes()), reply)
     }
 }

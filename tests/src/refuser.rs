@@ -1,15 +1,21 @@
 //! Daemons in a test's own process, with answers that the test chooses.
 
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use iceoryx2::service::ipc_threadsafe;
+use pairmask::{Session, SessionBuilder};
 use pairmask_core::units::BoxCount;
-use pairmask_transport::{DaemonRecord, Limits, RuntimeDir, Services, assume_response_pages};
+use pairmask_transport::{
+    DaemonRecord, Limits, RuntimeDir, Services, assume_response_pages, clean_if_abandoned,
+};
 use pairmask_wire::{
     InstanceName, ReplyFields, RequestHeader, ResponseHeader, StatusCode, Version, response_error,
     words_in_mut,
 };
+
+use crate::daemon::eventually;
 
 /// The fields of a request that every response echoes.
 pub fn fields_of(header: &RequestHeader) -> ReplyFields {
@@ -20,24 +26,8 @@ pub fn fields_of(header: &RequestHeader) -> ReplyFields {
     }
 }
 
-/// Answers every request until `stop`: `answer` writes one page and returns the header. The daemon
-/// states this build's version.
-///
-/// # Panics
-/// When the services cannot be made.
-pub fn answer_all(
-    dir: &RuntimeDir,
-    stop: &AtomicBool,
-    answer: impl FnMut(&RequestHeader, &mut [u32]) -> ResponseHeader,
-) {
-    answer_all_as(Version::CURRENT, dir, stop, answer);
-}
-
-/// As [`answer_all`], by a daemon that states another version.
-///
-/// # Panics
-/// When the services cannot be made.
-pub fn answer_all_as(
+/// Answers every request until `stop` as a daemon of a version: `answer` writes one page and returns the header.
+fn answer_all(
     version: Version,
     dir: &RuntimeDir,
     stop: &AtomicBool,
@@ -66,13 +56,36 @@ pub fn answer_all_as(
     }
 }
 
-/// Refuses every request until `stop`, as a daemon does that does not know a required section. It
-/// still states this build's version.
-///
-/// # Panics
-/// When the services cannot be made.
-pub fn refuse_all(dir: &RuntimeDir, stop: &AtomicBool) {
-    answer_all(dir, stop, |header, _| {
+/// Runs `test` beside a daemon of a version, whose answers `answer` gives: it writes one page and returns the header.
+pub fn beside_daemon(
+    version: Version,
+    answer: impl FnMut(&RequestHeader, &mut [u32]) -> ResponseHeader + Send,
+    test: impl FnOnce(&RuntimeDir),
+) {
+    let dir = tempfile::tempdir().expect("a temporary directory");
+    let dir = RuntimeDir::at(dir.path());
+    let stop = AtomicBool::new(false);
+    let (stop, dir) = (&stop, &dir);
+    std::thread::scope(|scope| {
+        scope.spawn(move || answer_all(version, dir, stop, answer));
+        eventually("it serves", || dir.read_record(&InstanceName::default()));
+        // A failed test stops the daemon too, and does not wait for it for ever.
+        let result = catch_unwind(AssertUnwindSafe(|| test(dir)));
+        stop.store(true, Ordering::Relaxed);
+        if let Err(panic) = result {
+            resume_unwind(panic);
+        }
+    });
+    clean_if_abandoned(dir, &InstanceName::default()).expect("nobody serves");
+}
+
+/// Runs `test` beside a daemon of this build's version that refuses every request, as one does that does not know a
+/// required section.
+pub fn beside_refuser(test: impl FnOnce(SessionBuilder)) {
+    let refuse = |header: &RequestHeader, _: &mut [u32]| {
         response_error(&fields_of(header), StatusCode::BadRequest, [0; 2])
+    };
+    beside_daemon(Version::CURRENT, refuse, |dir| {
+        test(Session::builder().runtime_dir(dir.clone()));
     });
 }

@@ -18,9 +18,6 @@ pub struct SessionEngine {
 impl SessionEngine {
     /// Sessions of `builder`, with one engine: the plan might choose another for the second run of
     /// a frame, whose bytes would then differ. Every frame must be served by `expected`.
-    ///
-    /// # Panics
-    /// When a session cannot be made.
     pub fn new(builder: &SessionBuilder, engine: EngineName, expected: ServedBy) -> Self {
         let connect = |encoding| {
             let builder = builder.clone().engine(EngineChoice::Only(engine));

@@ -5,10 +5,8 @@ use pairmask_core::engine::{Census, CullReport, EngineTimes, NAMED_INVALID, Skip
 use pairmask_core::oracle::check::{Mismatch, check_reply};
 use pairmask_core::oracle::{Pair, Truth};
 use pairmask_core::{Encoding, Sphere};
-use pairmask_lab::stress::MixedFlags;
 use pairmask_lab::study::spheres::{families, oracle};
 use pairmaskd::scene::Random;
-use rayon::ThreadPool;
 
 /// `n` spheres that are hard to decide: pairs that touch or miss touching by one ulp, all
 /// magnitudes, and all classes.
@@ -58,9 +56,6 @@ pub fn hard_pairs(count: usize, seed: u64) -> Vec<(Sphere, Sphere)> {
 }
 
 /// The answer for `spheres`, by exact rational arithmetic: some microseconds a pair.
-///
-/// # Panics
-/// With 2^32 spheres or more.
 pub fn truth(spheres: &[Sphere]) -> Truth {
     Truth { pairs: oracle::pairs(spheres), census: census(spheres) }
 }
@@ -101,39 +96,13 @@ pub fn whole_scene(n: usize, side: u64, seed: u64) -> (Vec<Sphere>, Truth) {
 }
 
 /// Culls spheres.
-///
-/// # Panics
-/// When there is no answer.
 pub fn cull(session: &mut Session, spheres: &[Sphere]) -> PairMask {
     let mut frame = session.sphere_frame(spheres.len()).expect("memory for a frame");
     frame.spheres_mut().copy_from_slice(spheres);
     frame.submit().expect("a frame is sent").wait().expect("a frame is answered")
 }
 
-/// Culls spheres as a caller of `flags`, on a pool of other flags; threads of yet other flags fill
-/// the frame.
-///
-/// # Panics
-/// When there is no answer.
-pub fn cull_flagged(
-    session: &mut Session,
-    spheres: &[Sphere],
-    flags: &MixedFlags,
-    pool: &ThreadPool,
-) -> PairMask {
-    flags.install(pool, || {
-        let mut frame = session.sphere_frame(spheres.len()).expect("memory for a frame");
-        for (i, slot) in frame.spheres_mut().iter_mut().enumerate() {
-            flags.writers[i % flags.writers.len()].run(|| *slot = spheres[i]);
-        }
-        frame.submit().expect("a frame is sent").wait().expect("a frame is answered")
-    })
-}
-
 /// Checks a mask with its report against the truth.
-///
-/// # Errors
-/// [`Mismatch`] says what is wrong.
 pub fn check_mask(mask: &PairMask, encoding: Encoding, truth: &Truth) -> Result<(), Mismatch> {
     let FrameInfo { census, mut skipped, times, .. } = *mask.info();
     if skipped.is_repeat() {

@@ -259,12 +259,11 @@ impl SceneAudit {
 #[cfg(test)]
 mod tests {
     use pairmask_core::scene::{Scene, SceneOptions};
-    use pairmask_tests::scene_edits::{EditMaker, SKIPPED};
+    use pairmask_tests::scene_model::{Edits, Grouped};
 
     use super::*;
 
-    const BOXES: usize = 120;
-    const MOST_BOXES: u32 = BOXES as u32 + SKIPPED;
+    const MOST_BOXES: u32 = 120;
 
     fn note(edit: Edit<'_>, told: &Told, is_taken: bool) -> SceneNote {
         let mut note = SceneNote::of_tick(1, edit, told).expect("steps of this core");
@@ -274,15 +273,15 @@ mod tests {
 
     /// Follows a scene whose notes are spoilt; what was found, summed up.
     fn follow(mut spoil: impl FnMut(&mut SceneNote)) -> Outcome {
-        let mut edits = EditMaker::new(11, BOXES);
+        let mut edits = Edits::new(11, MOST_BOXES);
         let mut scene = Scene::new(SceneOptions::default().with_most_boxes(MOST_BOXES));
         let mut audit = SceneAudit::new(MOST_BOXES, 1);
         let mut random = Random::new(2);
         let (mut sum, mut was_taken) = (Outcome::default(), false);
-        for i in 0..300 {
-            let owned = edits.next_edit();
-            let arrays = owned.arrays(i % 3);
-            let edit = Edit { steps: &arrays.steps() };
+        for _ in 0..300 {
+            let ops = edits.next_edit();
+            let grouped = Grouped::of(&ops);
+            let edit = Edit { steps: &grouped.steps() };
             let want = [Want::Changes, Want::Changes, Want::All, Want::Moved, Want::Nothing];
             let want = want[random.below(5) as usize];
             let mut note = note(edit, scene.edit(edit, want).expect("a right edit"), was_taken);
@@ -315,9 +314,9 @@ mod tests {
     fn an_edit_that_was_changed_afterwards_is_not_followed() {
         let mut audit = SceneAudit::new(MOST_BOXES, 1);
         let mut scene = Scene::new(SceneOptions::default());
-        let owned = EditMaker::new(1, BOXES).next_edit();
-        let arrays = owned.arrays(0);
-        let edit = Edit { steps: &arrays.steps() };
+        let ops = Edits::new(1, MOST_BOXES).next_edit();
+        let grouped = Grouped::of(&ops);
+        let edit = Edit { steps: &grouped.steps() };
         let told = scene.edit(edit, Want::All).expect("a right edit");
         let mut wrong = note(edit, told, false);
         bytemuck::cast_slice_mut::<Page, u32>(&mut wrong.payload).fill(u32::MAX);

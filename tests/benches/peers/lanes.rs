@@ -2,21 +2,17 @@
 
 use std::time::Duration;
 
-use pairmask::{Backend, ConnectError, Session};
-use pairmask_core::{Aabb, BoxCount, EngineChoice};
+use crate::ours::Ours;
+use crate::parry::{Parry, Upkeep};
 use pairmask_tests::peers::contender::Contender;
-use pairmask_tests::peers::line::Who;
-use pairmask_tests::peers::obvhs::{self, Obvhs};
-use pairmask_tests::peers::ours::Ours;
-use pairmask_tests::peers::parry::{Parry, Upkeep};
-use pairmask_tests::peers::peer_name::PeerName;
+use pairmask_tests::peers::line::{PeerName, Who};
 use pairmask_tests::peers::rapier::Rapier;
-use pairmask_tests::peers::rstar::Rstar;
+use pairmask_tests::prelude::*;
 use pairmaskd::spawn::PrivateDaemon;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
 use crate::measure::Lane;
-use crate::options::{Clock, Options};
+use crate::options::Options;
 
 /// How long one frame may take. No scene takes as long.
 const DEADLINE: Duration = Duration::from_secs(600);
@@ -36,9 +32,6 @@ pub fn lanes(
     for &threads in &options.threads {
         for &engine in &options.engine {
             for backend in [Backend::Daemon, Backend::InProcess] {
-                if options.clock == Clock::Cpu && backend == Backend::Daemon {
-                    continue;
-                }
                 let session = session(boxes, daemon, backend, engine, threads)?;
                 let (name, rest) = match backend {
                     Backend::InProcess => ("in-process", Duration::ZERO),
@@ -49,7 +42,7 @@ pub fn lanes(
                 lanes.push(Lane::new(who, threads, ours, pool(threads)?));
             }
         }
-        for name in options.peers() {
+        for &name in &options.peers {
             let pool = pool(threads)?;
             lanes.push(Lane::new(Who::Peer(name), threads, peer(name, boxes, threads), pool));
         }
@@ -81,10 +74,6 @@ fn peer(name: PeerName, boxes: &[Aabb], threads: usize) -> Box<dyn Contender> {
     match name {
         PeerName::ParryRefit => Box::new(Parry::new(boxes, Upkeep::Refit, threads)),
         PeerName::ParryOptimize => Box::new(Parry::new(boxes, Upkeep::OptimizeRefit, threads)),
-        PeerName::ParryRebuild => Box::new(Parry::new(boxes, Upkeep::Rebuild, threads)),
         PeerName::Rapier => Box::new(Rapier::new(boxes.len())),
-        PeerName::ObvhsRefit => Box::new(Obvhs::new(boxes, obvhs::Upkeep::Refit, threads)),
-        PeerName::ObvhsRebuild => Box::new(Obvhs::new(boxes, obvhs::Upkeep::Rebuild, threads)),
-        PeerName::Rstar => Box::new(Rstar::new(threads)),
     }
 }

@@ -3,17 +3,18 @@
 mod lanes;
 mod measure;
 mod options;
+mod ours;
+mod parry;
 
 use std::error::Error;
 use std::io::{Write as _, stdout};
-use std::path::Path;
 use std::process::ExitCode;
 use std::time::Duration;
 
 use clap::Parser;
-use options::{Format, Options};
+use options::Options;
 use pairmask_tests::peers::line::Comparison;
-use pairmask_tests::peers::{report, svg};
+use pairmask_tests::peers::report;
 use pairmaskd::scene::Scene;
 use pairmaskd::spawn::{PrivateDaemon, PrivateSettings};
 
@@ -38,44 +39,33 @@ fn run(options: &Options) -> Result<Vec<Comparison>, Box<dyn Error>> {
         ..PrivateSettings::default()
     };
     let daemon = PrivateDaemon::start(DAEMON.as_ref(), &settings)?;
-    let format = options.format();
-    if format == Format::Text {
+    let is_text = !options.json && !options.markdown;
+    if is_text {
         println!("{}\n\n{}", report::HEAD, report::text_head().trim_end());
     }
     let mut comparisons = Vec::new();
-    for name in options.scenes() {
+    for &name in &options.scene.0 {
         for &n in &options.n {
             let scene = Scene::new(name, n, options.seed);
             let lanes = lanes::lanes(scene.boxes(), &daemon, options)?;
             let comparison = measure::measure(name, scene, lanes, options)?;
-            match format {
-                Format::Text => print!("{}", report::text(&comparison)),
-                Format::Json => print!("{}", report::json_lines(&comparison)),
-                Format::Csv | Format::Markdown | Format::Svg => {
-                    eprintln!("{name}, {n} boxes: measured");
-                }
+            if is_text {
+                print!("{}", report::text(&comparison));
+            } else if options.json {
+                print!("{}", report::json_lines(&comparison));
             }
             stdout().flush()?;
             comparisons.push(comparison);
         }
     }
-    match format {
-        Format::Csv => print!("{}", report::csv(&comparisons)),
-        Format::Markdown => print!("{}", report::markdown(&comparisons)),
-        Format::Svg => print!("{}", svg::plot(&comparisons)),
-        Format::Text | Format::Json => (),
+    if options.markdown {
+        print!("{}", report::markdown(&comparisons));
     }
     if let Some(dir) = &options.out {
-        write_all(dir, &comparisons)?;
+        std::fs::create_dir_all(dir)?;
+        let json: String = comparisons.iter().map(report::json_lines).collect();
+        std::fs::write(dir.join("peers.jsonl"), json)?;
+        std::fs::write(dir.join("peers.md"), report::markdown(&comparisons))?;
     }
     Ok(comparisons)
-}
-
-fn write_all(dir: &Path, comparisons: &[Comparison]) -> std::io::Result<()> {
-    std::fs::create_dir_all(dir)?;
-    let json: String = comparisons.iter().map(report::json_lines).collect();
-    std::fs::write(dir.join("peers.jsonl"), json)?;
-    std::fs::write(dir.join("peers.csv"), report::csv(comparisons))?;
-    std::fs::write(dir.join("peers.md"), report::markdown(comparisons))?;
-    std::fs::write(dir.join("peers.svg"), svg::plot(comparisons))
 }

@@ -1,19 +1,14 @@
 //! Turns: every contender runs every frame, a few frames at a time.
 
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
-use pairmask::{Backend, Session};
-use pairmask_core::{Aabb, EngineChoice, EngineName};
-use pairmask_tests::oracle;
-use pairmask_tests::peers::contender::{Contender, ContenderError};
-use pairmask_tests::peers::line::{Comparison, Line, Who};
-use pairmask_tests::peers::pair_sets::PairSet;
-use pairmask_tests::peers::spread::Spread;
-use pairmask_tests::peers::tally::Tally;
+use pairmask_tests::peers::contender::{Contender, ContenderError, Tally, sorted};
+use pairmask_tests::peers::line::{Comparison, Line, Spread, Who};
+use pairmask_tests::prelude::*;
 use pairmaskd::scene::{Scene, SceneName};
 use rayon::ThreadPool;
 
-use crate::options::{Clock, Options};
+use crate::options::Options;
 
 /// Up to this many boxes, the sweep is the reference where the oracle is too slow: an engine that the
 /// plan chooses for small scenes only.
@@ -45,7 +40,7 @@ struct Turn {
     frame_ns: Vec<u64>,
     write_ns: Vec<u64>,
     tallies: Vec<Tally>,
-    pairs: Option<Vec<(u32, u32)>>,
+    pairs: Option<Vec<Pair>>,
 }
 
 impl Lane {
@@ -63,29 +58,24 @@ impl Lane {
         }
     }
 
-    fn turn(
-        &mut self,
-        frames: &[Vec<Aabb>],
-        clock: Clock,
-        with_pairs: bool,
-    ) -> Result<Turn, ContenderError> {
+    fn turn(&mut self, frames: &[Vec<Aabb>], with_pairs: bool) -> Result<Turn, ContenderError> {
         let left = PATIENCE.saturating_sub(self.spent);
         let is_peer = matches!(self.who, Who::Peer(_));
         let contender = &mut self.contender;
         let run = || {
             let mut turn =
                 Turn { frame_ns: vec![], write_ns: vec![], tallies: vec![], pairs: None };
-            let began = clock.now();
+            let began = Instant::now();
             for boxes in frames {
-                let start = clock.now();
+                let start = Instant::now();
                 contender.write(boxes)?;
-                let written = clock.now();
+                let written = start.elapsed();
                 let tally = contender.find(boxes)?;
-                let found = clock.now();
-                turn.write_ns.push(written.saturating_sub(start).as_nanos() as u64);
-                turn.frame_ns.push(found.saturating_sub(start).as_nanos() as u64);
+                let found = start.elapsed();
+                turn.write_ns.push(written.as_nanos() as u64);
+                turn.frame_ns.push(found.as_nanos() as u64);
                 turn.tallies.push(tally);
-                if is_peer && found.saturating_sub(began) > left {
+                if is_peer && began.elapsed() > left {
                     return Ok(turn);
                 }
             }
@@ -159,13 +149,13 @@ pub fn measure(
             let Some(lane) = lanes.get_mut(index).filter(|lane| !lane.is_given_up()) else {
                 continue;
             };
-            let result = lane.turn(&frames, options.clock, with_pairs)?;
+            let result = lane.turn(&frames, with_pairs)?;
             let uncounted = usize::from(result.frame_ns.len() > 1);
             lane.frame_ns.extend_from_slice(result.frame_ns.get(uncounted..).unwrap_or_default());
             lane.write_ns.extend_from_slice(result.write_ns.get(uncounted..).unwrap_or_default());
             tallies[index] = result.tallies;
             if let (Some(truth), Some(found)) = (&truth, result.pairs)
-                && let Err(difference) = truth.check(found)
+                && let Err(difference) = check_pairs(&sorted(found), truth)
             {
                 lane.note(|| format!("turn {turn}: {difference}"));
             }
@@ -189,14 +179,14 @@ pub fn measure(
 
 /// The pairs of a frame: the oracle's, or where that takes too long, those of an engine whose state
 /// no timed lane shares.
-fn reference(boxes: &[Aabb]) -> Result<PairSet, Box<dyn std::error::Error>> {
+fn reference(boxes: &[Aabb]) -> Result<Vec<Pair>, Box<dyn std::error::Error>> {
     if boxes.len() <= ORACLE_BOXES {
-        return Ok(PairSet::new(oracle::truth(boxes).pairs)?);
+        return Ok(oracle::truth(boxes).pairs);
     }
     let engine = if boxes.len() <= SWEEP_BOXES { EngineName::CpuSap } else { EngineName::CpuGrid };
     let builder = Session::builder().backend(Backend::InProcess);
     let mut session = builder.engine(EngineChoice::Only(engine)).connect()?;
     let mut frame = session.frame(boxes.len())?;
     frame.write(boxes);
-    Ok(PairSet::new(frame.submit()?.wait()?.to_vec())?)
+    Ok(sorted(frame.submit()?.wait()?.to_vec()))
 }

@@ -2,15 +2,13 @@
 
 use std::path::PathBuf;
 use std::str::FromStr;
-use std::time::Duration;
 
-use clap::Parser;
+use clap::{Parser, ValueEnum};
 use pairmask_core::EngineChoice;
 use pairmask_core::engine::UnknownName;
-use pairmask_tests::peers::peer_name::PeerName;
+use pairmask_tests::peers::line::PeerName;
 use pairmaskd::execute::gpu::GpuChoice;
 use pairmaskd::scene::SceneName;
-use rustix::time::{ClockId, clock_gettime};
 
 /// The daemon and the in-process engines against other broad phases.
 ///
@@ -35,17 +33,10 @@ Examples:
 A ratio below 1 means that we are faster. A peer that misses a pair (scenes with infinite boxes)
 is listed and is never the best peer. Exit status 1: our own pairs are wrong."
 )]
-// Four ways to print, each a flag of its own, and cargo's.
-#[allow(clippy::struct_excessive_bools)]
 pub struct Options {
     /// Scenes, or `all`
-    #[arg(
-        long,
-        value_name = "NAME,..",
-        value_delimiter = ',',
-        default_value = "uniform,mixed,pile,plane"
-    )]
-    pub scene: Vec<SceneWish>,
+    #[arg(long, value_name = "NAME,..", default_value = "uniform,mixed,pile,plane")]
+    pub scene: Scenes,
     /// Numbers of boxes
     #[arg(long, value_name = "N,..", value_delimiter = ',', default_values_t = [1_000, 4_096, 10_000, 100_000])]
     pub n: Vec<usize>,
@@ -58,9 +49,9 @@ pub struct Options {
     /// Numbers of threads
     #[arg(long, value_name = "N,..", value_delimiter = ',', default_values_t = [1, 2])]
     pub threads: Vec<usize>,
-    /// Peers, or `all`
-    #[arg(long, value_name = "NAME,..", value_delimiter = ',', default_value = "all")]
-    pub peers: Vec<PeerWish>,
+    /// Peers
+    #[arg(long, value_enum, value_delimiter = ',', default_values_t = PeerName::value_variants())]
+    pub peers: Vec<PeerName>,
     /// Our engines; `auto` is the plan
     #[arg(long, value_name = "NAME,..", value_delimiter = ',', default_values_t = [EngineChoice::Auto])]
     pub engine: Vec<EngineChoice>,
@@ -71,23 +62,13 @@ pub struct Options {
     /// GPU of the daemon; none compares CPUs
     #[arg(long, value_name = "GPU", default_value_t = GpuChoice::None)]
     pub gpu: GpuChoice,
-    /// What is counted: wall, or on a busy machine cpu, the time of the one thread that works (in
-    /// process only, one thread only)
-    #[arg(long, value_enum, default_value_t = Clock::Wall, value_name = "CLOCK")]
-    pub clock: Clock,
     /// Print one JSON object a peer and line
     #[arg(long)]
     pub json: bool,
-    /// Print CSV
-    #[arg(long, conflicts_with = "json")]
-    pub csv: bool,
     /// Print Markdown
-    #[arg(long, conflicts_with_all = ["json", "csv"])]
+    #[arg(long, conflicts_with = "json")]
     pub markdown: bool,
-    /// Print an SVG plot
-    #[arg(long, conflicts_with_all = ["json", "csv", "markdown"])]
-    pub svg: bool,
-    /// Write peers.jsonl, peers.csv, peers.md and peers.svg there too
+    /// Write peers.jsonl and peers.md there too
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     /// Seed of the scenes
@@ -98,92 +79,17 @@ pub struct Options {
     bench: bool,
 }
 
-/// The clock.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
-pub enum Clock {
-    /// Wall-clock time.
-    Wall,
-    /// CPU time of the thread.
-    Cpu,
-}
+/// Scenes by name, each once.
+#[derive(Clone, Debug)]
+pub struct Scenes(pub Vec<SceneName>);
 
-impl Clock {
-    /// Time since a fixed moment; with [`Clock::Cpu`] the CPU time of the calling thread.
-    pub fn now(self) -> Duration {
-        let id = match self {
-            Self::Wall => ClockId::Monotonic,
-            Self::Cpu => ClockId::ThreadCPUTime,
-        };
-        let time = clock_gettime(id);
-        Duration::new(time.tv_sec.unsigned_abs(), time.tv_nsec as u32)
-    }
-}
-
-/// One scene or all of them.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum SceneWish {
-    All,
-    Only(SceneName),
-}
-
-impl FromStr for SceneWish {
+impl FromStr for Scenes {
     type Err = UnknownName;
 
     fn from_str(s: &str) -> Result<Self, UnknownName> {
-        if s == "all" { Ok(Self::All) } else { s.parse().map(Self::Only) }
-    }
-}
-
-/// One peer or all of them.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum PeerWish {
-    All,
-    Only(PeerName),
-}
-
-impl FromStr for PeerWish {
-    type Err = UnknownName;
-
-    fn from_str(s: &str) -> Result<Self, UnknownName> {
-        if s == "all" { Ok(Self::All) } else { s.parse().map(Self::Only) }
-    }
-}
-
-/// How results are printed.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Format {
-    Text,
-    Json,
-    Csv,
-    Markdown,
-    Svg,
-}
-
-impl Options {
-    /// The format of the results; a table by default.
-    pub const fn format(&self) -> Format {
-        match self {
-            Self { json: true, .. } => Format::Json,
-            Self { csv: true, .. } => Format::Csv,
-            Self { markdown: true, .. } => Format::Markdown,
-            Self { svg: true, .. } => Format::Svg,
-            _ => Format::Text,
+        if s == "all" {
+            return Ok(Self(SceneName::ALL.into()));
         }
-    }
-
-    /// The scenes, each once.
-    pub fn scenes(&self) -> Vec<SceneName> {
-        let is_wished = |name: &SceneName| {
-            self.scene.iter().any(|w| *w == SceneWish::All || *w == SceneWish::Only(*name))
-        };
-        SceneName::ALL.into_iter().filter(is_wished).collect()
-    }
-
-    /// The peers, each once.
-    pub fn peers(&self) -> Vec<PeerName> {
-        let is_wished = |name: &PeerName| {
-            self.peers.iter().any(|w| *w == PeerWish::All || *w == PeerWish::Only(*name))
-        };
-        PeerName::ALL.into_iter().filter(is_wished).collect()
+        Ok(Self(s.split(',').map(str::parse).collect::<Result<_, _>>()?))
     }
 }

@@ -1,13 +1,6 @@
 //! Scenes that persist beside whole frames and other broad phases: what an edit and its changes cost, by how
 //! much moves.
 //!
-//! ```text
-//! cargo bench -p pairmask-tests --bench skip -- [--n 10000,100000] [--scene uniform,pile]
-//!     [--moving 0,0.01,0.1,1,10,50,100] [--motion drift,jitter,teleport,spawn] [--frames 20]
-//!     [--backend in-process,daemon] [--peer whole-frame,rapier,parry,parry-queries]
-//!     [--rate closed,60,240] [--svg FILE] [--json]
-//! ```
-//!
 //! Scene and peers make the same changes, in turns. In process they have the threads of this machine: a pool
 //! of which the calling thread is one, so that small edits do not wait for another to wake. `daemon` asks the
 //! instance of the environment, which is to be started first. Write: the arrays of indices and boxes in, the
@@ -20,29 +13,70 @@
 //! phase and `parry`'s tree where it changed (both of pairs of boxes that grow by a margin), and
 //! `parry-queries`, where each box that moved asks the tree. A ratio below 1 is in favour of the scene.
 //! Spawning and dying takes place at 1 % unless shares are asked for. A row a peer; `bytes` are what the
-//! daemon or, in process, this process keeps of the scene, a box. `--svg` draws the paper's Figure 6 beside it.
+//! daemon or, in process, this process keeps of the scene, a box.
 
-mod options;
 mod peer;
 
 use std::error::Error;
 use std::hint::black_box;
-use std::process::ExitCode;
 use std::time::Instant;
 
-use pairmask::scene::{Indices, SceneOptions, Want};
-use pairmask::{Aabb, EngineId, Scene, Session};
+use clap::{Parser, ValueEnum};
+use pairmask::scene::Indices;
+use pairmask::{EngineId, Scene};
 use pairmask_lab::study::moving::{Motion, World};
-use pairmask_tests::skip::pace::Pace;
-use pairmask_tests::skip::picture::picture;
-use pairmask_tests::skip::row::{Row, Times, percentile};
-use serde_json::json;
+use pairmask_tests::measure::{Pace, percentile};
+use pairmask_tests::prelude::*;
+use pairmaskd::scene::SceneName;
+use serde_json::{Value, json};
 
-use self::options::Options;
 use self::peer::{Peer, PeerName, whole_frame};
 
 /// Frames that are not counted: cells are built, memory is taken.
 const WARM_UP: u32 = 3;
+/// Shares of boxes that move, %, unless some are asked for; and of those that spawn and die.
+const PERCENTS: &[f64] = &[0.0, 0.01, 0.1, 1.0, 10.0, 50.0, 100.0];
+const SPAWN_PERCENTS: &[f64] = &[1.0];
+
+/// Scenes that persist beside whole frames and other broad phases.
+#[derive(Parser)]
+#[command(name = "skip")]
+struct Options {
+    #[arg(long, value_delimiter = ',', default_values_t = [10_000, 100_000])]
+    n: Vec<usize>,
+    #[arg(long, value_delimiter = ',', default_values_t = [SceneName::Uniform, SceneName::Pile])]
+    scene: Vec<SceneName>,
+    /// Shares of boxes that move, %
+    #[arg(long, value_delimiter = ',')]
+    moving: Vec<f64>,
+    #[arg(long, value_delimiter = ',', default_value = "drift,jitter,teleport,spawn")]
+    motion: Vec<Motion>,
+    #[arg(long, default_value_t = 20)]
+    frames: u32,
+    #[arg(long, value_delimiter = ',', default_values_t = [Backend::InProcess])]
+    backend: Vec<Backend>,
+    #[arg(long, value_enum, value_delimiter = ',', default_values_t = [PeerName::WholeFrame])]
+    peer: Vec<PeerName>,
+    /// Frames a second, or closed: one after the other
+    #[arg(long, value_delimiter = ',', default_value = "closed")]
+    rate: Vec<String>,
+    #[arg(long)]
+    json: bool,
+    /// What cargo passes to every bench
+    #[arg(long, hide = true)]
+    bench: bool,
+}
+
+impl Options {
+    /// The shares of boxes that move in this way, %.
+    fn percents(&self, motion: Motion) -> &[f64] {
+        match motion {
+            _ if !self.moving.is_empty() => &self.moving,
+            Motion::Spawn => SPAWN_PERCENTS,
+            _ => PERCENTS,
+        }
+    }
+}
 
 /// An edit of a scene, its changes visited and taken: write, round trip and visit, ns; how many changes, and
 /// what answered.
@@ -76,17 +110,11 @@ fn edit(
     Ok((times, told.begun().len() + told.ended().len(), told.engine()))
 }
 
-/// How the boxes of a run move.
-#[derive(Clone, Copy)]
-struct Moves {
-    /// Boxes that move in a frame.
-    count: usize,
-    motion: Motion,
-}
-
 /// What a scene took, and what it said last.
 struct Taken {
-    times: Times,
+    /// The edit written and sent, until the answer is there, every change read and taken, and all of it: the sum of
+    /// these, or more where the frame began late; ns a frame.
+    times: [Vec<u64>; 4],
     changes: usize,
     engine: EngineId,
     /// What each peer took, ns a frame.
@@ -118,7 +146,7 @@ impl<'s> Bench<'s> {
     /// Frames of the scene and of the peers: in turns in a closed loop, else one after the other.
     fn run(
         &mut self,
-        moves: Moves,
+        (count, motion): (usize, Motion),
         frames: u32,
         rate: Option<f64>,
     ) -> Result<Taken, Box<dyn Error>> {
@@ -126,23 +154,20 @@ impl<'s> Bench<'s> {
         // Peers at a pace follow later, from the same boxes: beside them no frame would be on time.
         let mut behind: Vec<World> =
             rate.map(|_| vec![self.world.clone(); self.peers.len()]).unwrap_or_default();
-        let mut times = Times::default();
+        let mut times = [const { Vec::new() }; 4];
         let mut last = None;
         let pace = Pace::from_now(rate);
         for frame in 0..frames + WARM_UP {
-            let (indices, boxes) = self.world.step(moves.count, moves.motion);
+            let (indices, boxes) = self.world.step(count, motion);
             let due = pace.wait(frame);
-            let is_spawn = moves.motion == Motion::Spawn;
+            let is_spawn = motion == Motion::Spawn;
             let begin = Instant::now();
             let (took, changes, engine) = edit(&mut self.scene, &indices, &boxes, is_spawn)?;
             if frame >= WARM_UP {
-                let [write, round_trip, visit] = took;
-                times.write.push(write);
-                times.round_trip.push(round_trip);
-                times.visit.push(visit);
                 let late = begin.saturating_duration_since(due).as_nanos() as u64;
                 let late = if rate.is_some() { late } else { 0 };
-                times.total.push(late + write + round_trip + visit);
+                let all = took.into_iter().chain([late + took.iter().sum::<u64>()]);
+                times.iter_mut().zip(all).for_each(|(times, ns)| times.push(ns));
             }
             last = Some((changes, engine));
             if rate.is_none() {
@@ -158,7 +183,7 @@ impl<'s> Bench<'s> {
         for (place, world) in behind.iter_mut().enumerate() {
             let pace = Pace::from_now(rate);
             for frame in 0..frames + WARM_UP {
-                let (indices, _) = world.step(moves.count, moves.motion);
+                let (indices, _) = world.step(count, motion);
                 let due = pace.wait(frame);
                 self.peers[place].1.change(self.session, world.boxes(), &indices)?;
                 if frame >= WARM_UP {
@@ -170,11 +195,15 @@ impl<'s> Bench<'s> {
         Ok(Taken { times, changes, engine, peers: peer_times })
     }
 
-    /// Whether the scene has as many pairs as a whole frame.
+    /// Whether scene and peers have as many pairs as a whole frame.
     fn check(&mut self) -> Result<(), Box<dyn Error>> {
         let pair_count = whole_frame(self.session, self.world.boxes())?;
         let told = self.scene.edit().commit(Want::Changes)?;
         assert_eq!(told.pair_count(), Some(pair_count), "the scene and the frame differ");
+        for (name, peer) in &mut self.peers {
+            let pairs = peer.pairs(self.world.boxes())?;
+            assert!(pairs.is_none_or(|pairs| pairs == pair_count), "{name:?} has other pairs");
+        }
         Ok(())
     }
 
@@ -185,104 +214,93 @@ impl<'s> Bench<'s> {
         }
     }
 
-    /// The rows of a share, one a peer.
+    /// The rows of a share, one a peer: what the JSON has of it, and the line of the table.
     fn rows(
         &mut self,
         (motion, percent): (Motion, f64),
         (frames, rate): (u32, Option<f64>),
-        (scene, backend): (String, String),
-    ) -> Result<Vec<Row>, Box<dyn Error>> {
+        (scene, backend): (SceneName, Backend),
+    ) -> Result<Vec<(Value, String)>, Box<dyn Error>> {
         let n = self.world.boxes().len();
         let count = (n as f64 * percent / 100.0).round() as usize;
-        let taken = self.run(Moves { count, motion }, frames, rate)?;
+        let taken = self.run((count, motion), frames, rate)?;
         self.check()?;
         let Taken { times, changes, engine, peers } = taken;
-        let median = |times: &[u64]| percentile(times, 0.5);
+        let engine = engine.to_string();
+        let [write, round_trip, visit, total] = times.each_ref().map(|t| percentile(t, 0.5));
+        let us = |ns: u64| ns as f64 / 1e3;
         let bytes_a_box = self.kept_bytes() / n as f64;
-        let of_peer = |((name, _), peer): (&(PeerName, Peer), &Vec<u64>)| Row {
-            scene: scene.clone(),
-            n,
-            moving: percent / 100.0,
-            motion,
-            backend: backend.clone(),
-            engine: engine.to_string(),
-            write_ns: median(&times.write),
-            round_trip_ns: median(&times.round_trip),
-            visit_ns: median(&times.visit),
-            total_ns: median(&times.total),
-            p99_ns: percentile(&times.total, 0.99),
-            peer: name.as_str(),
-            peer_ns: median(peer),
-            changes,
-            bytes_a_box,
+        let of_peer = |((name, _), took): (&(PeerName, Peer), &Vec<u64>)| {
+            let peer = name.to_possible_value();
+            let peer = peer.as_ref().map_or("", |value| value.get_name());
+            let peer_ns = percentile(took, 0.5);
+            // Below 1 is in favour of the scene.
+            let ratio = total as f64 / peer_ns.max(1) as f64;
+            let json = json!({
+                "scene": scene.as_str(), "n": n, "moving": percent / 100.0, "motion": motion.name(),
+                "backend": backend.to_string(), "engine": engine, "write_ns": write,
+                "round_trip_ns": round_trip, "visit_ns": visit, "total_ns": total,
+                "peer": peer, "peer_ns": peer_ns, "ratio": ratio,
+            });
+            let line = format!(
+                "{scene:>9} {n:>9} {percent:>7}% {:>9} {:>10} {engine:>10} {:>9.1} {:>10.1} {:>9.1} {:>10.1} {:>10.1} {peer:>13} {:>10.1} {ratio:>7.4} {changes:>9} {bytes_a_box:>6.0}",
+                motion.name(),
+                backend.to_string(),
+                us(write),
+                us(round_trip),
+                us(visit),
+                us(total),
+                us(percentile(&times[3], 0.99)),
+                us(peer_ns),
+            );
+            (json, line)
         };
         Ok(self.peers.iter().zip(&peers).map(of_peer).collect())
     }
 }
 
-/// In words, when frames begin.
-fn pace_in_words(rate: Option<f64>) -> String {
-    rate.map_or("Frames one after the other.".to_owned(), |rate| {
-        format!("Frames at {rate} Hz, from when they were due.")
-    })
-}
+const HEAD: &str = "    scene         n   moving    motion    backend     engine  write µs     answer     visit      total        p99          peer    peer µs   ratio   changes  bytes";
 
-fn run() -> Result<(), Box<dyn Error>> {
-    let options = Options::parse(std::env::args().skip(1))?;
+fn main() -> Result<(), Box<dyn Error>> {
+    let options = Options::parse();
     rayon::ThreadPoolBuilder::new().use_current_thread().build_global()?;
     let mut rows = Vec::new();
-    for &rate in &options.rates {
+    for rate in &options.rate {
+        let rate = if rate == "closed" { None } else { Some(rate.parse::<f64>()?) };
         if !options.json {
-            println!("{}\n{}", pace_in_words(rate), Row::head());
+            match rate {
+                None => println!("Frames one after the other."),
+                Some(rate) => println!("Frames at {rate} Hz, from when they were due."),
+            }
+            println!("{HEAD}");
         }
-        let first = rows.len();
-        for &backend in &options.backends {
+        for &backend in &options.backend {
             // The whole frame of a scene at rest is culled, too: that is what the scene is set beside.
             let mut session =
                 Session::builder().backend(backend).answer_repeats(false).connect()?;
-            for &name in &options.scenes {
-                for &n in &options.sizes {
-                    for &motion in &options.motions {
+            for &name in &options.scene {
+                for &n in &options.n {
+                    for &motion in &options.motion {
                         let world = World::new(name, n);
-                        let mut bench = Bench::new(&mut session, world, &options.peers)?;
+                        let mut bench = Bench::new(&mut session, world, &options.peer)?;
                         for &percent in options.percents(motion) {
-                            let labels = (name.to_string(), backend.to_string());
-                            let pace = (options.frames, rate);
-                            let new = bench.rows((motion, percent), pace, labels)?;
-                            if !options.json {
-                                for row in &new {
-                                    println!("{}", row.line());
+                            let pace = (options.frames.max(1), rate);
+                            for (json, line) in
+                                bench.rows((motion, percent), pace, (name, backend))?
+                            {
+                                if !options.json {
+                                    println!("{line}");
                                 }
+                                rows.push(json);
                             }
-                            rows.extend(new);
                         }
                     }
                 }
             }
         }
-        if let Some(path) = &options.svg {
-            let path = match rate {
-                Some(rate) if options.rates.len() > 1 => {
-                    path.with_extension(format!("{rate}hz.svg"))
-                }
-                _ => path.clone(),
-            };
-            std::fs::write(&path, picture(&rows[first..], &pace_in_words(rate)))?;
-        }
     }
     if options.json {
-        let rows: Vec<_> = rows.iter().map(Row::json).collect();
         println!("{}", serde_json::to_string_pretty(&json!({ "rows": rows }))?);
     }
     Ok(())
-}
-
-fn main() -> ExitCode {
-    match run() {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            eprintln!("{error}");
-            ExitCode::FAILURE
-        }
-    }
 }

@@ -2,52 +2,26 @@
 
 use std::error::Error;
 use std::hint::black_box;
-use std::str::FromStr;
 
 use pairmask::{Aabb, Session};
+#[cfg(feature = "peers")]
+use pairmask_tests::peers::contender::Contender;
 #[cfg(feature = "peers")]
 use pairmask_tests::peers::parry_scene::{ParryScene, ParryWay};
 #[cfg(feature = "peers")]
 use pairmask_tests::peers::rapier::Rapier;
 
-#[derive(Clone, Copy, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub enum PeerName {
-    Frame,
+    /// A frame of the same session
+    #[value(alias = "frame")]
+    WholeFrame,
     #[cfg(feature = "peers")]
     Rapier,
     #[cfg(feature = "peers")]
     Parry,
     #[cfg(feature = "peers")]
     ParryQueries,
-}
-
-impl PeerName {
-    const ALL: &[(&str, Self)] = &[
-        ("whole-frame", Self::Frame),
-        #[cfg(feature = "peers")]
-        ("rapier", Self::Rapier),
-        #[cfg(feature = "peers")]
-        ("parry", Self::Parry),
-        #[cfg(feature = "peers")]
-        ("parry-queries", Self::ParryQueries),
-    ];
-
-    pub fn as_str(self) -> &'static str {
-        Self::ALL.iter().find(|(_, peer)| *peer == self).map_or("", |(name, _)| name)
-    }
-}
-
-impl FromStr for PeerName {
-    type Err = String;
-
-    fn from_str(name: &str) -> Result<Self, String> {
-        // Its name in earlier versions.
-        let name = if name == "frame" { "whole-frame" } else { name };
-        let found = Self::ALL.iter().find(|(known, _)| *known == name);
-        found.map(|(_, peer)| *peer).ok_or_else(|| {
-            format!("unknown peer '{name}': whole-frame; with --features peers rapier, parry, parry-queries")
-        })
-    }
 }
 
 pub enum Peer {
@@ -66,9 +40,12 @@ impl Peer {
         #[cfg_attr(not(feature = "peers"), expect(unused))] boxes: &[Aabb],
     ) -> Result<Self, Box<dyn Error>> {
         #[cfg(feature = "peers")]
-        let threads = std::thread::available_parallelism().map_or(1, usize::from);
+        let parry = |way| {
+            let threads = std::thread::available_parallelism().map_or(1, usize::from);
+            Self::Parry(Box::new(ParryScene::new(boxes, way, threads)))
+        };
         Ok(match name {
-            PeerName::Frame => Self::Frame,
+            PeerName::WholeFrame => Self::Frame,
             #[cfg(feature = "peers")]
             PeerName::Rapier => {
                 let mut rapier = Rapier::new(boxes.len());
@@ -76,13 +53,9 @@ impl Peer {
                 Self::Rapier(Box::new(rapier))
             }
             #[cfg(feature = "peers")]
-            PeerName::Parry => {
-                Self::Parry(Box::new(ParryScene::new(boxes, ParryWay::Changes, threads)))
-            }
+            PeerName::Parry => parry(ParryWay::Changes),
             #[cfg(feature = "peers")]
-            PeerName::ParryQueries => {
-                Self::Parry(Box::new(ParryScene::new(boxes, ParryWay::Queries, threads)))
-            }
+            PeerName::ParryQueries => parry(ParryWay::Queries),
         })
     }
 
@@ -94,19 +67,29 @@ impl Peer {
         #[cfg_attr(not(feature = "peers"), expect(unused))] moved: &[u32],
     ) -> Result<(), Box<dyn Error>> {
         match self {
-            Self::Frame => whole_frame(session, boxes).map(drop),
+            Self::Frame => drop(whole_frame(session, boxes)?),
             #[cfg(feature = "peers")]
             Self::Rapier(rapier) => {
-                let these = moved.iter().map(|i| (*i, &boxes[*i as usize]));
-                black_box(rapier.change(these)?);
-                Ok(())
+                black_box(rapier.change(moved.iter().map(|i| (*i, &boxes[*i as usize])))?);
             }
             #[cfg(feature = "peers")]
             Self::Parry(parry) => {
                 black_box(parry.change(moved, boxes)?);
-                Ok(())
             }
         }
+        Ok(())
+    }
+
+    /// How many pairs it has, where it keeps them.
+    #[cfg_attr(not(feature = "peers"), expect(clippy::unnecessary_wraps, unused))]
+    pub fn pairs(&mut self, boxes: &[Aabb]) -> Result<Option<u64>, Box<dyn Error>> {
+        Ok(match self {
+            Self::Frame => None,
+            #[cfg(feature = "peers")]
+            Self::Rapier(rapier) => Some(rapier.pairs(boxes)?.len() as u64),
+            #[cfg(feature = "peers")]
+            Self::Parry(parry) => Some(parry.pairs().len() as u64),
+        })
     }
 }
 

@@ -1,47 +1,24 @@
 //! A daemon that states lengths of answers beyond its memory.
 
 use std::error::Error;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use pairmask_core::mask::Encoding;
-use pairmask_transport::{DaemonRecord, Limits, RuntimeDir, Services, assume_response_pages};
 use pairmask_wire::{
-    InstanceName, RESPONSE_MAGIC, ResponseHeader, Section, SectionKind, StatusCode, VERSION_MAJOR,
-    VERSION_MINOR, Version,
+    RESPONSE_MAGIC, ResponseHeader, Section, SectionKind, StatusCode, VERSION_MAJOR, VERSION_MINOR,
 };
 
-use super::raw::{Dice, word, write};
-use super::{Tally, Until, count};
+use super::raw::{dice, word, write};
+use super::{Tally, Until, serve, while_they_alternate};
 
 /// Word of the number of pages in the transport's header of a response.
 const PAGE_COUNT: usize = 5;
 /// Pages that an answer really has.
-const PAGES: usize = 1;
+const PAGES: u64 = 1;
 
 pub fn attack(until: &Until, tally: &mut Tally) -> Result<(), Box<dyn Error>> {
-    let (dir, name) = (RuntimeDir::from_env(), InstanceName::default());
-    let limits = Limits { max_reply_bytes: 4096, ..Limits::default() };
-    dir.ensure()?;
-    dir.ensure_transport_root(&name)?;
-    let services = Services::serve(&dir, &name, &limits)?;
-    let server = services.server(&limits, &std::sync::Arc::default())?;
-    let ports = services.wake_ports()?;
-    let record = DaemonRecord {
-        worker_pid: std::process::id(),
-        supervisor_pid: std::process::id(),
-        version: Version::CURRENT,
-    };
-    dir.write_record(&name, &record)?;
-    let mut dice = Dice::of_this_process();
-    while !until.is_over() {
-        let Ok(Some(request)) = server.receive() else {
-            std::thread::sleep(Duration::from_micros(50));
-            continue;
-        };
-        let asked = *request.user_header();
-        let Ok(loan) = request.loan_slice_uninit(PAGES) else { continue };
-        let mut loan = assume_response_pages(loan);
+    let mut dice = dice();
+    serve(until, tally, |asked, mut loan, send| {
         let pairs = u64::from(asked.box_count) * (u64::from(asked.box_count) - 1) / 2;
         let bytes = pairs.div_ceil(32) * 4;
         let mut header = ResponseHeader {
@@ -66,25 +43,14 @@ pub fn attack(until: &Until, tally: &mut Tally) -> Result<(), Box<dyn Error>> {
             _ => bytes.div_ceil(4096),
         };
         write(pages, forged);
-        if loan.send().is_err() {
-            continue;
+        if !send(loan) {
+            return;
         }
-        count(tally, "rounds");
-        let _ = ports.1.notify();
         // The length alternates between forged and true while clients read it. The memory is this
         // process's as long as the port lives.
-        let is_over = AtomicBool::new(dice.below(2) == 0);
-        std::thread::scope(|scope| {
-            scope.spawn(|| {
-                while !is_over.load(Ordering::Relaxed) {
-                    write(pages, PAGES as u64);
-                    write(pages, forged);
-                }
-            });
+        let states: [&(dyn Fn() + Sync); 2] = [&|| write(pages, PAGES), &|| write(pages, forged)];
+        while_they_alternate(dice.below(2) > 0, states, || {
             std::thread::sleep(Duration::from_millis(1));
-            is_over.store(true, Ordering::Relaxed);
         });
-    }
-    dir.remove_record(&name);
-    Ok(())
+    })
 }

@@ -3,7 +3,6 @@
 //! boxes.
 
 use std::fs;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use pairmask_core::Aabb;
@@ -13,7 +12,7 @@ use pairmask_wire::{REQUEST_MAGIC, RequestHeader, boxes_in_mut};
 use super::raw::{
     CHANNEL_ID, CLIENT_ID, REQUEST_ID, RawClient, SENT_BYTES, read, segment_file, word, write,
 };
-use super::{Tally, Until, count};
+use super::{Tally, Until, count, while_they_alternate};
 
 /// Boxes of the attacker's requests: at least as many as the victims send.
 const BOXES: u32 = 2_000;
@@ -71,16 +70,9 @@ pub fn attack(until: &Until, tally: &mut Tally) {
             let Some(pending) = client.send(loan) else { break };
             count(tally, "rounds");
             // The id alternates between the victim's and the attacker's while the daemon reads it.
-            let is_over = AtomicBool::new(false);
-            std::thread::scope(|scope| {
-                scope.spawn(|| {
-                    while !is_over.load(Ordering::Relaxed) {
-                        put(own_id);
-                        put(theirs);
-                    }
-                });
+            let states: [&(dyn Fn() + Sync); 2] = [&|| put(own_id), &|| put(theirs)];
+            while_they_alternate(true, states, || {
                 std::thread::sleep(Duration::from_micros(300));
-                is_over.store(true, Ordering::Relaxed);
             });
             put(own_id);
             for (address, own) in words {

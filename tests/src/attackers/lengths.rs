@@ -1,13 +1,12 @@
 //! A client that states a length of its payload beyond its memory.
 
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use pairmask_core::engine::EngineChoice;
 use pairmask_wire::StatusCode;
 
-use super::raw::{Dice, PAGE_COUNT, RawClient, answer, cull, word, write};
-use super::{Tally, Until, count};
+use super::raw::{PAGE_COUNT, RawClient, answer, cull, dice, word, write};
+use super::{Tally, Until, count, while_they_alternate};
 
 /// Pages of a chunk; the whole segment has a few of them.
 const PAGES: usize = 2;
@@ -16,7 +15,7 @@ const TOO_MANY: [u32; 5] = [5_000, 20_000, 100_000, 1_000_000, 50_000_000];
 
 pub fn attack(until: &Until, tally: &mut Tally) {
     let token = 1 << 41;
-    let mut dice = Dice::of_this_process();
+    let mut dice = dice();
     let mut frame = 0;
     while let Some(client) = RawClient::reconnect(token, PAGES, until) {
         while !until.is_over() {
@@ -35,18 +34,11 @@ pub fn attack(until: &Until, tally: &mut Tally) {
             let pages = word(loan.header(), PAGE_COUNT);
             write(pages, forged);
             let Some(pending) = client.send(loan) else { break };
-            let is_over = AtomicBool::new(dice.below(2) == 0);
-            let said = std::thread::scope(|scope| {
-                scope.spawn(|| {
-                    // The length alternates between true and forged while the daemon reads it.
-                    while !is_over.load(Ordering::Relaxed) {
-                        write(pages, PAGES as u64);
-                        write(pages, forged);
-                    }
-                });
-                let said = answer(&pending, Duration::from_millis(500));
-                is_over.store(true, Ordering::Relaxed);
-                said
+            // The length alternates between true and forged while the daemon reads it.
+            let states: [&(dyn Fn() + Sync); 2] =
+                [&|| write(pages, PAGES as u64), &|| write(pages, forged)];
+            let said = while_they_alternate(dice.below(2) > 0, states, || {
+                answer(&pending, Duration::from_millis(500))
             });
             write(pages, PAGES as u64);
             count(tally, "rounds");

@@ -2,19 +2,17 @@
 //! ends. An attacker writes to memory that it has mapped as a client, as any process of the same
 //! user can.
 
-mod channels;
 mod daemon;
 mod edits;
 mod identities;
 mod lengths;
 pub mod lists;
+mod once;
 mod queries;
 pub mod raw;
 mod rules;
-mod scribble;
 pub mod shared;
 mod tokens;
-mod truncate;
 
 use std::collections::BTreeMap;
 use std::error::Error;
@@ -24,10 +22,18 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use pairmask_transport::RequestLoan;
-use pairmask_wire::ResponseHeader;
+use bytemuck::cast_slice_mut;
+use pairmask_core::engine::EngineChoice;
+use pairmask_core::scene::Want;
+use pairmask_transport::{
+    DaemonRecord, Limits, ResponseLoan, RuntimeDir, Services, assume_response_pages,
+};
+use pairmask_wire::{
+    EditLayout, InstanceName, Page, RequestHeader, ResponseHeader, SceneId, SceneRequest, Version,
+};
+use pairmaskd::scene::Random;
 
-use self::raw::{Dice, RawClient, answer, write};
+use self::raw::{RawClient, answer, dice, write};
 
 /// Counts of an attacker, by name.
 pub type Tally = BTreeMap<String, u64>;
@@ -54,48 +60,185 @@ impl Until {
     }
 }
 
-/// Sends a request, changes its payload while the daemon reads it if it is forged, and counts what becomes of it.
-/// Returns the header of the answer; `None` where there is none, so that another client is needed.
-fn send_and_spoil(
-    client: &RawClient,
-    mut loan: RequestLoan,
-    is_forged: bool,
-    dice: &mut Dice,
-    tally: &mut Tally,
-) -> Option<ResponseHeader> {
-    let bytes = size_of_val(loan.payload_mut());
-    let payload = loan.payload_mut().as_ptr() as usize;
-    let pending = client.send(loan)?;
-    if is_forged {
-        for _ in 0..dice.below(2_000) {
-            let place = 8 * dice.below(bytes as u64 / 8) as usize;
-            write(payload + place, dice.below(u64::MAX) >> dice.below(64));
+/// How an attacker forges requests.
+struct Forging {
+    token: u64,
+    /// Of a request.
+    pages: usize,
+    /// Requests of a client.
+    requests: u64,
+    /// So many of four requests are forged.
+    forged_of_four: u64,
+    /// Words of the payload that are changed at most.
+    payload_words: u64,
+    /// One in so many is left unanswered; 0: none.
+    given_up: u64,
+}
+
+impl Forging {
+    /// Sends requests, client after client, until the attack is over: changes words of header and payload, and of the
+    /// payload while the daemon reads it. `draw` writes a request by its number into the payload, or passes it over; it
+    /// gets the client's last request and answer.
+    fn attack(
+        &self,
+        until: &Until,
+        tally: &mut Tally,
+        mut draw: impl FnMut(
+            &RawClient,
+            &mut Random,
+            &mut [Page],
+            u64,
+            Option<&(RequestHeader, ResponseHeader)>,
+        ) -> Option<RequestHeader>,
+    ) {
+        let mut dice = dice();
+        while let Some(client) = RawClient::reconnect(self.token, self.pages, until) {
+            let mut last = None;
+            for number in 0..self.requests {
+                if until.is_over() {
+                    return;
+                }
+                let Some(mut loan) = client.loan(self.pages) else { break };
+                let payload = loan.payload_mut();
+                let drawn = draw(&client, &mut dice, payload, number, last.as_ref());
+                let Some(mut header) = drawn else { continue };
+                let is_forged = dice.below(4) < self.forged_of_four;
+                if is_forged {
+                    self.forge(&mut header, payload, &mut dice);
+                }
+                let (bytes, address) = (size_of_val(payload) as u64, payload.as_ptr() as usize);
+                *loan.user_header_mut() = header;
+                let Some(pending) = client.send(loan) else { break };
+                if self.given_up > 0 && dice.below(self.given_up) == 0 {
+                    count(tally, "given up");
+                    continue;
+                }
+                if is_forged && self.payload_words > 0 {
+                    for _ in 0..dice.below(2_000) {
+                        let value = dice.below(u64::MAX) >> dice.below(64);
+                        write(address + 8 * dice.below(bytes / 8) as usize, value);
+                    }
+                }
+                let Some(answered) = answer(&pending, Duration::from_secs(2)) else {
+                    count(tally, "unanswered");
+                    break;
+                };
+                count(tally, if answered.status == 0 { "answered" } else { "refused" });
+                last = Some((header, answered));
+            }
         }
     }
-    let Some(answered) = answer(&pending, Duration::from_secs(2)) else {
-        count(tally, "unanswered");
-        return None;
-    };
-    count(tally, if answered.status == 0 { "answered" } else { "refused" });
-    Some(answered)
+
+    /// Changes some words of a request.
+    fn forge(&self, header: &mut RequestHeader, payload: &mut [Page], dice: &mut Random) {
+        let some = |dice: &mut Random| (dice.below(u64::MAX) >> dice.below(64)) as u32;
+        for _ in 0..dice.below(3) {
+            let words: &mut [u32] = cast_slice_mut(bytemuck::bytes_of_mut(header));
+            // Behind magic, version and operation, and the token.
+            let place = 8 + dice.below(words.len() as u64 - 8) as usize;
+            words[place] = some(dice);
+        }
+        let words: &mut [u32] = cast_slice_mut(payload);
+        for _ in 0..dice.below(self.payload_words + 1) {
+            // Most of what is read lies in the first pages.
+            let place = dice.below((words.len() as u64).min(4 * 1024)) as usize;
+            words[place] = some(dice);
+        }
+    }
+}
+
+/// A request of an edit that is laid out so, of flags by chance.
+fn scene_request(
+    dice: &mut Random,
+    [scene, most_boxes]: [u32; 2],
+    [base, revision]: [u64; 2],
+    layout: &EditLayout,
+) -> SceneRequest {
+    let [boxes, steps, indices] = layout.sections();
+    SceneRequest {
+        scene: SceneId(scene),
+        base,
+        revision,
+        is_taken: dice.below(2) == 0,
+        is_lost: dice.below(9) == 0,
+        want: [Want::Changes, Want::Moved, Want::All, Want::Nothing][dice.below(4) as usize],
+        most_boxes,
+        engine: EngineChoice::Auto,
+        threads: None,
+        boxes,
+        steps,
+        indices,
+    }
+}
+
+/// Does `work` while words alternate between two states, each written by a function, or stay as they are.
+fn while_they_alternate<R>(
+    goes_on: bool,
+    states: [&(dyn Fn() + Sync); 2],
+    work: impl FnOnce() -> R,
+) -> R {
+    let is_over = AtomicBool::new(!goes_on);
+    std::thread::scope(|scope| {
+        scope.spawn(|| {
+            while !is_over.load(Ordering::Relaxed) {
+                for state in states {
+                    state();
+                }
+            }
+        });
+        let done = work();
+        is_over.store(true, Ordering::Relaxed);
+        done
+    })
+}
+
+/// Serves as a daemon whose answers have one page, until the attack is over: `answer` writes each and sends it.
+fn serve(
+    until: &Until,
+    tally: &mut Tally,
+    mut answer: impl FnMut(&RequestHeader, ResponseLoan, &mut dyn FnMut(ResponseLoan) -> bool),
+) -> Result<(), Box<dyn Error>> {
+    let (dir, name) = (RuntimeDir::from_env(), InstanceName::default());
+    let limits = Limits { max_reply_bytes: 4096, ..Limits::default() };
+    dir.ensure()?;
+    dir.ensure_transport_root(&name)?;
+    let services = Services::serve(&dir, &name, &limits)?;
+    let server = services.server(&limits, &std::sync::Arc::default())?;
+    let ports = services.wake_ports()?;
+    let pid = std::process::id();
+    let record = DaemonRecord { worker_pid: pid, supervisor_pid: pid, version: Version::CURRENT };
+    dir.write_record(&name, &record)?;
+    while !until.is_over() {
+        let Ok(Some(request)) = server.receive() else {
+            std::thread::sleep(Duration::from_micros(50));
+            continue;
+        };
+        let Ok(loan) = request.loan_slice_uninit(1) else { continue };
+        answer(request.user_header(), assume_response_pages(loan), &mut |loan| {
+            let is_sent = loan.send().is_ok();
+            if is_sent {
+                count(tally, "rounds");
+                let _ = ports.1.notify();
+            }
+            is_sent
+        });
+    }
+    dir.remove_record(&name);
+    Ok(())
 }
 
 /// Attacks in a mode until the input ends, and prints the counts: `name=count` a line.
-///
-/// # Errors
-/// An unknown mode, or the end of an attack that cannot go on.
 pub fn run(mode: &str) -> Result<(), Box<dyn Error>> {
     let until = Until::input_ends();
     let mut tally = Tally::new();
     match mode {
-        "tokens" => tokens::attack(1, tokens::Tokens::Next, &until, &mut tally),
-        "one-token" => tokens::attack(1, tokens::Tokens::Constant, &until, &mut tally),
-        "ports" => tokens::attack(8, tokens::Tokens::Constant, &until, &mut tally),
+        "tokens" => tokens::attack(1, true, &until, &mut tally),
+        "ports" => tokens::attack(8, false, &until, &mut tally),
         "lengths" => lengths::attack(&until, &mut tally),
         "channels" | "scribble" | "truncate" => repeat_in_children(mode, &until, &mut tally)?,
-        "channels-once" => channels::attack(&mut tally),
-        "scribble-once" => scribble::attack(&mut tally),
-        "truncate-once" => truncate::attack(&mut tally),
+        "channels-once" => once::channels(&mut tally),
+        "scribble-once" => once::scribble(&mut tally),
+        "truncate-once" => once::truncate(&mut tally),
         "identities" => identities::attack(&until, &mut tally),
         "daemon" => daemon::attack(&until, &mut tally)?,
         "edits" => edits::attack(&until, &mut tally),

@@ -12,6 +12,7 @@ use pairmask_transport::{
     Client, PendingResponse, RequestLoan, RuntimeDir, Services, assume_pages,
 };
 use pairmask_wire::{CullRequest, InstanceName, RequestHeader, ResponseHeader, ScenePlace};
+use pairmaskd::scene::Random;
 
 /// Index of the client's id, two words, in the transport's header of a request. All indices here count
 /// words of 8 bytes of that header.
@@ -120,21 +121,7 @@ pub fn segment_file(port: u128) -> Option<PathBuf> {
     files.find(|file| file.file_name().to_str().is_some_and(is_its)).map(|file| file.path())
 }
 
-/// Pseudo-random numbers, for a choice among attacks.
-pub struct Dice(u64);
-
-impl Dice {
-    /// A generator with a seed of its own for each process.
-    pub fn of_this_process() -> Self {
-        Self(u64::from(std::process::id()) << 20 | 1)
-    }
-
-    /// The next number below `end`.
-    pub fn below(&mut self, end: u64) -> u64 {
-        // Xorshift.
-        self.0 ^= self.0 << 13;
-        self.0 ^= self.0 >> 7;
-        self.0 ^= self.0 << 17;
-        self.0 % end
-    }
+/// Numbers of chance, others in each process.
+pub fn dice() -> Random {
+    Random::new(u64::from(std::process::id()))
 }

@@ -15,17 +15,9 @@ const PAGES: usize = 2_000 * 24 / 4096 + 1;
 /// Requests that wait at a port.
 const AT_A_TIME: usize = 3;
 
-/// The choice of a request's token.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Tokens {
-    /// Always the same token.
-    Constant,
-    /// The token after the last one: it would be served next by a daemon that serves tokens in a
-    /// circle.
-    Next,
-}
-
-pub fn attack(ports: u64, tokens: Tokens, until: &Until, tally: &mut Tally) {
+/// With a token for each request, the one after the last: it would be served next by a daemon that serves tokens in a
+/// circle.
+pub fn attack(ports: u64, is_next: bool, until: &Until, tally: &mut Tally) {
     let mut next = 1 << 40;
     let clients: Vec<RawClient> =
         (0..ports).filter_map(|port| RawClient::connect(next + port, PAGES)).collect();
@@ -43,13 +35,8 @@ pub fn attack(ports: u64, tokens: Tokens, until: &Until, tally: &mut Tally) {
             }
             while waiting.len() < AT_A_TIME {
                 let Some(mut loan) = client.loan(PAGES) else { break };
-                let token = match tokens {
-                    Tokens::Constant => next + port as u64,
-                    Tokens::Next => {
-                        next += 1;
-                        next
-                    }
-                };
+                next += u64::from(is_next);
+                let token = next + port as u64;
                 frame += 1;
                 let engine = EngineChoice::Only(EngineName::CpuSap);
                 *loan.user_header_mut() = cull(token, frame, BOXES, engine);

@@ -9,10 +9,9 @@
 
 use std::error::Error;
 use std::fs::{File, remove_file};
-use std::os::unix::process::ExitStatusExt;
 use std::process::Command;
 
-use pairmask::{Backend, ConnectError, ServedBy, Session};
+use pairmask::{Backend, ConnectError, PairMask, ServedBy, Session};
 use pairmask_core::Aabb;
 
 const FILLER: &str = "/dev/shm/filler";
@@ -44,27 +43,23 @@ fn ask(backend: Backend) -> Result<&'static str, Box<dyn Error>> {
         Err(ConnectError::OutOfMemory) => return Ok(REFUSED),
         Err(error) => return Err(error.into()),
     };
-    let answer = session.frame(BOXES).and_then(|mut frame| {
-        frame.boxes_mut().fill(Aabb::EMPTY);
-        frame.boxes_mut()[7] = Aabb::from([0.0, 0.0, 0.0, 1.0, 1.0, 1.0]);
-        frame.boxes_mut()[9] = frame.boxes()[7];
-        frame.submit()
-    });
-    let mask = match answer
-        .map_err(|e| e.to_string())
-        .and_then(|p| p.wait().map_err(|e| e.to_string()))
-    {
-        Ok(mask) => mask,
-        Err(text) if backend == Backend::Daemon && is_about_memory(&text) => return Ok(REFUSED),
-        Err(text) => return Err(text.into()),
+    let mut boxes = [Aabb::EMPTY; BOXES];
+    boxes[7] = Aabb::from([0.0, 0.0, 0.0, 1.0, 1.0, 1.0]);
+    boxes[9] = boxes[7];
+    let mut answer = || -> Result<PairMask, Box<dyn Error>> {
+        let mut frame = session.frame(BOXES)?;
+        frame.write(&boxes);
+        Ok(frame.submit()?.wait()?)
     };
-    if mask.to_vec() != [(7, 9)] {
-        return Err(format!("wrong pairs: {:?}", mask.to_vec()).into());
+    match answer() {
+        Ok(mask) if mask.to_vec() != [(7, 9)] => Err("wrong pairs".into()),
+        Ok(mask) if mask.info().served_by == ServedBy::Daemon => Ok(SERVED),
+        Ok(_) => Ok(IN_PROCESS),
+        Err(error) if backend == Backend::Daemon && is_about_memory(&error.to_string()) => {
+            Ok(REFUSED)
+        }
+        Err(error) => Err(error),
     }
-    Ok(match mask.info().served_by {
-        ServedBy::Daemon => SERVED,
-        ServedBy::InProcess => IN_PROCESS,
-    })
 }
 
 fn is_about_memory(text: &str) -> bool {
@@ -78,20 +73,12 @@ fn squeeze(step: u64, most: u64) -> Result<(), Box<dyn Error>> {
         for backend in ["daemon", "auto"] {
             leave(free)?;
             let output = Command::new(&own).arg(backend).output()?;
-            let said = String::from_utf8_lossy(&output.stdout).trim().to_owned();
-            let complaint = String::from_utf8_lossy(&output.stderr).into_owned();
-            if !output.status.success() {
-                let signal = output.status.signal();
-                return Err(format!(
-                    "{free} bytes free, {backend}: ended by signal {signal:?}: {complaint}"
-                )
-                .into());
-            }
-            match said.as_str() {
-                SERVED => served += 1,
-                REFUSED => refused += 1,
-                IN_PROCESS if backend == "auto" => in_process += 1,
-                other => return Err(format!("{free} bytes free, {backend}: {other}").into()),
+            let said = String::from_utf8_lossy(&output.stdout);
+            match said.trim() {
+                SERVED if output.status.success() => served += 1,
+                REFUSED if output.status.success() => refused += 1,
+                IN_PROCESS if output.status.success() && backend == "auto" => in_process += 1,
+                _ => return Err(format!("{free} bytes free, {backend}: {output:?}").into()),
             }
         }
     }

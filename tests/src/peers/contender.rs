@@ -2,8 +2,51 @@
 
 use pairmask_core::Aabb;
 
-use super::tally::Tally;
 use crate::oracle::Pair;
+
+/// What is done with the pairs, equal in every timed frame of every contender, the least that needs both indices: their
+/// number, and a sum that depends on each pair but not on the order.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Tally {
+    /// Pairs.
+    pub count: u64,
+    /// Sum of a ^ b, less than 1 ns a pair. Different sets may have the same sum; a comparison of sets, pair by pair,
+    /// is done apart.
+    pub sum: u64,
+}
+
+impl Tally {
+    /// The tally of these pairs.
+    pub fn of(pairs: &[Pair]) -> Self {
+        let mut tally = Self::default();
+        for &(a, b) in pairs {
+            tally.visit(a, b);
+        }
+        tally
+    }
+
+    /// Visits a pair.
+    #[inline(always)]
+    pub fn visit(&mut self, a: u32, b: u32) {
+        self.count += 1;
+        self.sum += u64::from(a ^ b);
+    }
+
+    /// The tally of two parts of the pairs together.
+    #[must_use]
+    pub const fn plus(self, other: Self) -> Self {
+        Self { count: self.count + other.count, sum: self.sum + other.sum }
+    }
+}
+
+/// Pairs, each with its lower index first, sorted: as the oracle has them.
+pub fn sorted(mut pairs: Vec<Pair>) -> Vec<Pair> {
+    for pair in &mut pairs {
+        *pair = (pair.0.min(pair.1), pair.0.max(pair.1));
+    }
+    pairs.sort_unstable();
+    pairs
+}
 
 /// Why a contender failed on a frame.
 #[derive(Debug, thiserror::Error)]
@@ -22,25 +65,16 @@ pub struct ContenderError {
 pub trait Contender: Send {
     /// Writes the boxes to where a user of the contender would write them. Does nothing for a
     /// library that reads its user's boxes.
-    ///
-    /// # Errors
-    /// [`ContenderError`].
     fn write(&mut self, boxes: &[Aabb]) -> Result<(), ContenderError> {
         let _ = boxes;
         Ok(())
     }
 
     /// Finds every pair of overlapping boxes and visits each once.
-    ///
-    /// # Errors
-    /// [`ContenderError`].
     fn find(&mut self, boxes: &[Aabb]) -> Result<Tally, ContenderError>;
 
     /// The pairs of the last frame, in any order, each index and each pair in any order too. Not
     /// timed; the state afterwards is as before.
-    ///
-    /// # Errors
-    /// [`ContenderError`].
     fn pairs(&mut self, boxes: &[Aabb]) -> Result<Vec<Pair>, ContenderError>;
 
     /// The engine that found the pairs of the last frame, where there is a choice.

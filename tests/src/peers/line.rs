@@ -1,9 +1,47 @@
 //! Measurements of one scene and size, and the rows that compare them.
 
+use std::fmt;
+
+use clap::ValueEnum;
 use pairmaskd::scene::SceneName;
 
-use super::peer_name::PeerName;
-use super::spread::Spread;
+use crate::measure::percentile;
+
+/// A library, and one way of its users to keep it up to date.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum PeerName {
+    /// parry3d's tree, refitted each frame
+    ParryRefit,
+    /// parry3d's tree, a few subtrees built anew each frame, then refitted
+    ParryOptimize,
+    /// rapier3d's broad phase
+    Rapier,
+}
+
+impl fmt::Display for PeerName {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.to_possible_value().map_or(Ok(()), |value| f.pad(value.get_name()))
+    }
+}
+
+/// Median and spread of frame times, ns.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Spread {
+    /// A tenth of the frames was faster.
+    pub p10_ns: u64,
+    /// Half of the frames was faster.
+    pub median_ns: u64,
+    /// A tenth of the frames was slower.
+    pub p90_ns: u64,
+}
+
+impl Spread {
+    /// The spread of these times, zeros where there is none.
+    pub fn of(times_ns: &[u64]) -> Self {
+        let [p10_ns, median_ns, p90_ns] = [0.1, 0.5, 0.9].map(|share| percentile(times_ns, share));
+        Self { p10_ns, median_ns, p90_ns }
+    }
+}
 
 /// The contender that was measured.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -53,67 +91,48 @@ pub struct Comparison {
 }
 
 /// One of our lines against one peer.
-#[derive(Clone, Debug, PartialEq)]
-pub struct PeerRow {
-    /// The scene.
-    pub scene: SceneName,
-    /// Boxes.
-    pub n: usize,
-    /// Threads that each side could use. A peer that is faster on fewer threads counts with that
-    /// time.
-    pub threads: usize,
-    /// Ours.
+#[derive(Clone, Debug)]
+pub struct PeerRow<'c> {
+    /// Scene and size.
+    pub of: &'c Comparison,
+    /// `daemon` or `in-process`.
     pub backend: &'static str,
-    /// Ours.
-    pub engine: String,
-    /// Ours: boxes written, pairs found and visited.
-    pub ours: Spread,
-    /// Ours, the writing.
-    pub write: Spread,
+    /// What answered.
+    pub engine: &'c str,
+    /// Ours. A peer that is faster on fewer threads counts with that time.
+    pub ours: &'c Line,
     /// The peer.
     pub peer: PeerName,
-    /// The peer's, with its best number of threads up to `threads`.
-    pub theirs: Spread,
-    /// The number of threads of `theirs`.
-    pub peer_threads: usize,
-    /// Ours over theirs, medians.
-    pub ratio: f64,
-    /// The same over the last tenth of the frames.
-    pub late_ratio: f64,
-    /// Pairs of the last frame.
-    pub pairs: u64,
-    /// Whether both had the pairs of the reference on every frame that was compared.
-    pub pairs_equal: bool,
+    /// The peer's, with its best number of threads up to ours.
+    pub theirs: &'c Line,
     /// Whether no other peer that returns every pair is faster.
     pub is_best_peer: bool,
 }
 
+impl PeerRow<'_> {
+    /// Ours over theirs, medians; of all frames, and of the last tenth.
+    pub fn ratios(&self) -> [f64; 2] {
+        let of = [(self.ours.frame, self.theirs.frame), (self.ours.late, self.theirs.late)];
+        of.map(|(ours, theirs)| ours.median_ns as f64 / theirs.median_ns.max(1) as f64)
+    }
+
+    /// Whether both had the pairs of the reference on every frame that was compared.
+    pub const fn are_pairs_equal(&self) -> bool {
+        self.ours.fault.is_none() && self.theirs.fault.is_none()
+    }
+}
+
 impl Comparison {
     /// Our lines against each peer, the fastest first.
-    pub fn rows(&self) -> Vec<PeerRow> {
+    pub fn rows(&self) -> Vec<PeerRow<'_>> {
         let mut rows = Vec::new();
         for ours in &self.lines {
             let Who::Ours { backend, engine } = &ours.who else { continue };
             let mut peers = self.best_of_each_peer(ours.threads);
             peers.sort_by_key(|(_, line)| (line.fault.is_some(), line.frame.median_ns));
             for (place, (peer, theirs)) in peers.into_iter().enumerate() {
-                rows.push(PeerRow {
-                    scene: self.scene,
-                    n: self.n,
-                    threads: ours.threads,
-                    backend,
-                    engine: engine.clone(),
-                    ours: ours.frame,
-                    write: ours.write,
-                    peer,
-                    theirs: theirs.frame,
-                    peer_threads: theirs.threads,
-                    ratio: ratio(&ours.frame, &theirs.frame),
-                    late_ratio: ratio(&ours.late, &theirs.late),
-                    pairs: self.pairs,
-                    pairs_equal: ours.fault.is_none() && theirs.fault.is_none(),
-                    is_best_peer: place == 0 && theirs.fault.is_none(),
-                });
+                let is_best_peer = place == 0 && theirs.fault.is_none();
+                rows.push(PeerRow { of: self, backend, engine, ours, peer, theirs, is_best_peer });
             }
         }
         rows
@@ -126,9 +145,9 @@ impl Comparison {
 
     /// Each peer with the number of threads up to `threads` that serves it best.
     fn best_of_each_peer(&self, threads: usize) -> Vec<(PeerName, &Line)> {
-        PeerName::ALL
-            .into_iter()
-            .filter_map(|name| {
+        PeerName::value_variants()
+            .iter()
+            .filter_map(|&name| {
                 let is_it = |line: &&Line| line.who == Who::Peer(name) && line.threads <= threads;
                 let best = self
                     .lines
@@ -139,10 +158,6 @@ impl Comparison {
             })
             .collect()
     }
-}
-
-fn ratio(ours: &Spread, theirs: &Spread) -> f64 {
-    ours.median_ns as f64 / theirs.median_ns.max(1) as f64
 }
 
 #[cfg(test)]
@@ -165,8 +180,8 @@ pub(super) mod tests {
             line(ours("in-process"), 2, 40, None),
             line(Who::Peer(PeerName::ParryRefit), 1, 100, None),
             line(Who::Peer(PeerName::ParryRefit), 2, 80, None),
-            line(Who::Peer(PeerName::Rstar), 1, 400, None),
-            line(Who::Peer(PeerName::Rstar), 2, 500, None),
+            line(Who::Peer(PeerName::ParryOptimize), 1, 400, None),
+            line(Who::Peer(PeerName::ParryOptimize), 2, 500, None),
             line(Who::Peer(PeerName::Rapier), 1, 10, Some("a pair is missing")),
         ];
         Comparison { scene: SceneName::Pile, n: 1_000, pairs: 7_000, lines }
@@ -174,31 +189,32 @@ pub(super) mod tests {
 
     #[test]
     fn each_of_our_lines_meets_each_peer_at_its_best() {
-        let rows = comparison().rows();
+        let whole = comparison();
+        let rows = whole.rows();
         let seen: Vec<_> = rows
             .iter()
-            .map(|r| (r.backend, r.peer, r.peer_threads, r.ratio, r.is_best_peer, r.pairs_equal))
+            .map(|r| {
+                let equal = r.are_pairs_equal();
+                (r.backend, r.peer, r.theirs.threads, r.ratios()[0], r.is_best_peer, equal)
+            })
             .collect();
-        let (refit, rstar, rapier) = (PeerName::ParryRefit, PeerName::Rstar, PeerName::Rapier);
+        let (refit, optimize, rapier) =
+            (PeerName::ParryRefit, PeerName::ParryOptimize, PeerName::Rapier);
         assert_eq!(
             seen,
             [
                 ("daemon", refit, 1, 0.6, true, true),
-                ("daemon", rstar, 1, 0.15, false, true),
+                ("daemon", optimize, 1, 0.15, false, true),
                 ("daemon", rapier, 1, 6.0, false, false),
                 ("in-process", refit, 2, 0.5, true, true),
-                ("in-process", rstar, 1, 0.1, false, true),
+                ("in-process", optimize, 1, 0.1, false, true),
                 ("in-process", rapier, 1, 4.0, false, false),
             ]
         );
-    }
-
-    #[test]
-    fn a_fault_of_ours_is_in_every_row() {
         let mut comparison = comparison();
         comparison.lines[0].fault = Some("a pair is missing".to_owned());
         let rows = comparison.rows();
-        assert!(rows.iter().all(|row| row.backend != "daemon" || !row.pairs_equal));
+        assert!(rows.iter().all(|row| row.backend != "daemon" || !row.are_pairs_equal()));
         assert!(comparison.is_wrong());
     }
 }

@@ -1,30 +1,14 @@
-//! The comparison with other broad phases: same boxes, same frames, one process, pair sets
-//! compared.
+//! What the benches `peers` and `skip` share: other broad phases, and the rows that compare Pairmask with them. Both
+//! compare all pairs.
 //!
-//! The other libraries are optional dependencies behind the feature `peers`. The modules without
-//! the feature need none of them, so that their tests run with all others. The bench is `cargo
-//! bench --workspace --features pairmask-tests/peers --bench peers -- --help`.
+//! The other libraries are optional dependencies behind the feature `peers`, of the benches:
+//! `cargo bench --workspace --features pairmask-tests/peers --bench peers -- --help`.
 
 pub mod contender;
 pub mod line;
-pub mod ours;
-pub mod pair_sets;
-pub mod peer_name;
 pub mod report;
-pub mod spread;
-pub mod svg;
-pub mod tally;
 
-#[cfg(feature = "peers")]
-pub mod obvhs;
-#[cfg(feature = "peers")]
-pub mod parry;
 #[cfg(feature = "peers")]
 pub mod parry_scene;
 #[cfg(feature = "peers")]
 pub mod rapier;
-#[cfg(feature = "peers")]
-pub mod rstar;
-
-#[cfg(all(test, feature = "peers"))]
-mod tests;

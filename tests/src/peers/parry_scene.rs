@@ -85,9 +85,6 @@ impl ParryScene {
     }
 
     /// Sets the boxes that moved and keeps the list. Returns how many pairs began or ended.
-    ///
-    /// # Errors
-    /// [`ContenderError`] where the list names a pair from one side only.
     pub fn change(&mut self, moved: &[u32], boxes: &[Aabb]) -> Result<usize, ContenderError> {
         let is_bulk = moved.len() * BULK_SHARE >= self.boxes.len();
         std::mem::swap(&mut self.changed, &mut self.changed_before);

@@ -12,8 +12,7 @@ use rapier3d::prelude::{
     ColliderPair, ColliderSet, IntegrationParameters, RigidBodySet,
 };
 
-use super::contender::{Contender, ContenderError};
-use super::tally::Tally;
+use super::contender::{Contender, ContenderError, Tally};
 use crate::oracle::Pair;
 
 /// A broad phase.
@@ -47,9 +46,6 @@ impl Rapier {
     }
 
     /// Sets some boxes and keeps the list of pairs of grown boxes. Returns how many of them began or ended.
-    ///
-    /// # Errors
-    /// [`ContenderError`] where the list and its events differ.
     pub fn change<'a>(
         &mut self,
         boxes: impl IntoIterator<Item = (u32, &'a Aabb)>,

@@ -1,11 +1,10 @@
-//! Comparisons as text, Markdown, CSV and JSON. The ratio comes first.
+//! Comparisons as text, Markdown and JSON. The ratio comes first.
 
 use std::fmt::Write as _;
 
 use serde_json::json;
 
-use super::line::{Comparison, PeerRow, Who};
-use super::spread::Spread;
+use super::line::{Comparison, PeerRow, Spread, Who};
 
 /// The text above every table.
 pub const HEAD: &str = "\
@@ -23,26 +22,23 @@ fn spread(times: &Spread) -> String {
     format!("{:.1} [{:.1} {:.1}]", us(times.median_ns), us(times.p10_ns), us(times.p90_ns))
 }
 
-const fn yes_no(is: bool) -> &'static str {
-    if is { "yes" } else { "NO" }
-}
-
 /// The cells of a row, as text and Markdown show them.
-fn cells(row: &PeerRow) -> [String; 13] {
+fn cells(row: &PeerRow<'_>) -> [String; 13] {
+    let [ratio, late] = row.ratios();
     [
-        format!("{:.2}{}", row.ratio, if row.is_best_peer { "*" } else { "" }),
-        format!("{:.2}", row.late_ratio),
-        row.scene.to_string(),
-        row.n.to_string(),
-        row.threads.to_string(),
+        format!("{ratio:.2}{}", if row.is_best_peer { "*" } else { "" }),
+        format!("{late:.2}"),
+        row.of.scene.to_string(),
+        row.of.n.to_string(),
+        row.ours.threads.to_string(),
         row.backend.to_owned(),
-        row.engine.clone(),
-        spread(&row.ours),
-        format!("{:.1}", us(row.write.median_ns)),
-        format!("{} t{}", row.peer, row.peer_threads),
-        spread(&row.theirs),
-        row.pairs.to_string(),
-        yes_no(row.pairs_equal).to_owned(),
+        row.engine.to_owned(),
+        spread(&row.ours.frame),
+        format!("{:.1}", us(row.ours.write.median_ns)),
+        format!("{} t{}", row.peer, row.theirs.threads),
+        spread(&row.theirs.frame),
+        row.of.pairs.to_string(),
+        if row.are_pairs_equal() { "yes" } else { "NO" }.to_owned(),
     ]
 }
 
@@ -113,46 +109,22 @@ pub fn markdown(comparisons: &[Comparison]) -> String {
     text
 }
 
-/// All comparisons as CSV with every number, times in ns.
-pub fn csv(comparisons: &[Comparison]) -> String {
-    let mut text = "ratio,late_ratio,scene,n,threads,backend,engine,ours_ns,ours_least_ns,\
-        ours_p10_ns,ours_p90_ns,write_ns,peer,peer_threads,peer_ns,peer_least_ns,peer_p10_ns,\
-        peer_p90_ns,pairs,pairs_equal,best_peer\n"
-        .to_owned();
-    for row in comparisons.iter().flat_map(Comparison::rows) {
-        let PeerRow { scene, n, threads, backend, engine, peer, peer_threads, pairs, .. } = &row;
-        let of = |t: &Spread| format!("{},{},{},{}", t.median_ns, t.least_ns, t.p10_ns, t.p90_ns);
-        let _ = writeln!(
-            text,
-            "{:.4},{:.4},{scene},{n},{threads},{backend},{engine},{},{},{peer},{peer_threads},{},{pairs},{},{}",
-            row.ratio,
-            row.late_ratio,
-            of(&row.ours),
-            row.write.median_ns,
-            of(&row.theirs),
-            row.pairs_equal,
-            row.is_best_peer,
-        );
-    }
-    text
-}
-
 /// One comparison as JSON lines, one a row. Fields are a contract: none is added or taken away.
 pub fn json_lines(comparison: &Comparison) -> String {
     let mut text = String::new();
     for row in comparison.rows() {
         let object = json!({
-            "scene": row.scene.as_str(),
-            "n": row.n,
-            "threads": row.threads,
+            "scene": comparison.scene.as_str(),
+            "n": comparison.n,
+            "threads": row.ours.threads,
             "backend": row.backend,
             "engine": row.engine,
-            "ours_ns": row.ours.median_ns,
-            "peer": row.peer.as_str(),
-            "peer_ns": row.theirs.median_ns,
-            "ratio": row.ratio,
-            "pairs": row.pairs,
-            "pairs_equal": row.pairs_equal,
+            "ours_ns": row.ours.frame.median_ns,
+            "peer": row.peer.to_string(),
+            "peer_ns": row.theirs.frame.median_ns,
+            "ratio": row.ratios()[0],
+            "pairs": comparison.pairs,
+            "pairs_equal": row.are_pairs_equal(),
         });
         let _ = writeln!(text, "{object}");
     }
@@ -170,24 +142,12 @@ mod tests {
         assert_eq!(lines.lines().count(), 6, "one row for each of our lines and each peer");
         for line in lines.lines() {
             let row: serde_json::Value = serde_json::from_str(line).expect("JSON");
-            let mut fields: Vec<&str> =
+            let fields: Vec<&str> =
                 row.as_object().expect("an object").keys().map(String::as_str).collect();
-            fields.sort_unstable();
-            let mut expected = [
-                "scene",
-                "n",
-                "threads",
-                "backend",
-                "engine",
-                "ours_ns",
-                "peer",
-                "peer_ns",
-                "ratio",
-                "pairs",
-                "pairs_equal",
-            ];
-            expected.sort_unstable();
-            assert_eq!(fields, expected);
+            assert_eq!(
+                fields.join(" "),
+                "backend engine n ours_ns pairs pairs_equal peer peer_ns ratio scene threads"
+            );
         }
         assert!(lines.starts_with('{') && lines.contains(r#""ratio":0.6"#), "{lines}");
     }
@@ -195,32 +155,11 @@ mod tests {
     #[test]
     fn tables_have_as_many_cells_as_columns_and_the_ratio_first() {
         let comparisons = [comparison()];
-        let csv = csv(&comparisons);
-        let cells = |line: &str| line.split(',').count();
-        let columns = csv.lines().next().map(cells);
-        assert!(csv.lines().all(|line| Some(cells(line)) == columns), "{csv}");
-        assert!(csv.lines().nth(1).is_some_and(|line| line.starts_with("0.6000,")), "{csv}");
         let markdown = markdown(&comparisons);
         let table = markdown.lines().filter(|line| line.starts_with('|'));
         assert!(table.clone().count() == 8 && table.clone().all(|l| l.matches('|').count() == 14));
         assert!(markdown.contains("| 0.60* |"), "{markdown}");
         let text = text(&comparisons[0]);
         assert!(text.contains("0.60*") && text.contains("a pair is missing"), "{text}");
-    }
-
-    #[test]
-    fn the_plot_has_a_panel_a_backend_and_a_line_a_scene() {
-        let comparisons = [comparison(), Comparison { n: 10_000, ..comparison() }];
-        let svg = super::super::svg::plot(&comparisons);
-        let panel = "In process, without a daemon, engine by the plan, 2 threads";
-        assert!(svg.contains(panel) && svg.ends_with("</svg>\n"), "{svg}");
-        for said in
-            ["Below 1 Pairmask is faster", "boxes in the scene", "fastest of ", "as fast as"]
-        {
-            assert!(svg.contains(said), "{said}: {svg}");
-        }
-        assert_eq!(svg.matches("<circle").count(), 2);
-        assert!(!svg.contains("NaN") && !svg.contains("inf"), "{svg}");
-        assert!(super::super::svg::plot(&[]).ends_with("</svg>\n"));
     }
 }

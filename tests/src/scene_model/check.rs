@@ -10,18 +10,12 @@ use super::script::{AtEnd, Event, Fate, Hears, Script, Turn};
 pub trait Subject {
     /// Applies edits: of one member, or one of each. Returns for each the number of its tick and what was told,
     /// if it was waited for.
-    ///
-    /// # Errors
-    /// What went wrong.
     fn tick(&mut self, turns: &[Turn]) -> Result<Vec<(u64, Option<Heard>)>, String>;
 
     /// The listener has lost its pairs.
     fn invalidate(&mut self) {}
 
     /// A member joins, and leases a range.
-    ///
-    /// # Errors
-    /// What went wrong.
     fn join(&mut self, _member: u32, _hears: Hears, _own: Range<u32>) -> Result<(), String> {
         Err("not shared".into())
     }
@@ -113,9 +107,6 @@ struct Play {
 }
 
 /// Plays a script, and compares every answer.
-///
-/// # Errors
-/// What differs first.
 pub fn check(script: &Script, subject: &mut dyn Subject) -> Result<Seen, Failure> {
     let mut play = Play::default();
     if script.shared.is_none() {

@@ -4,10 +4,13 @@
 //! by scripts that stay in few of them (Groce et al., "Swarm testing", 2012). Faults of first edits are found by
 //! many short scripts, not by a long one.
 
+use std::collections::BTreeSet;
+
 use pairmask_core::Aabb;
 use pairmask_core::filters::{Filter, FilterId, Owner, Tag, World};
 
-use super::script::{AtEnd, Event, Fate, Hears, Mode, Op, Script, Turn};
+use super::model::Model;
+use super::script::{AtEnd, Event, Fate, Hears, Mode, Op, Script, Turn, repair_edit};
 use crate::stress_scenes::Rng;
 
 /// What a script is of.
@@ -19,6 +22,8 @@ pub enum Kind {
     Crowd,
     /// 200 to 6,000 boxes, of which few or many change: beyond the borders between the ways of searching.
     Large,
+    /// Up to 100,000 boxes, in few edits.
+    Huge,
     /// Several members.
     Shared,
 }
@@ -45,49 +50,77 @@ struct Maker {
     dropped: u32,
     /// Groups of ops of an edit: fewer than this, and often none where it is small.
     groups: u32,
+    /// Of a script.
+    events: u32,
 }
 
 /// The script of a seed.
 pub fn script_of(kind: Kind, seed: u64) -> Script {
-    let mut random = Rng::new(seed);
-    let mut below = |n: u32| random.below(n.max(1));
-    let limit = match (kind, below(8)) {
-        (Kind::Small, 0..4) => 2 + below(4),
-        (Kind::Small, 4..7) => 4 + below(13),
-        (Kind::Small, _) => below(71),
-        (Kind::Crowd, _) => 60 + below(120),
-        (Kind::Large, 0) => 4_000 + below(2_001),
-        (Kind::Large, 1..4) => 800 + below(3_200),
-        (Kind::Large, _) => 200 + below(600),
-        (Kind::Shared, 0..4) => 1,
-        (Kind::Shared, _) => 1 + below(4),
-    };
-    let world = match kind {
-        // About four overlaps a box.
-        Kind::Large => (4.0 * (limit as f32).cbrt() * (0.5 + below(4) as f32 / 2.0)) as u32 + 1,
-        Kind::Crowd => 1 + below(4),
-        Kind::Small => 1 + below(12) + limit,
-        Kind::Shared => 1 + below(8) + limit,
-    };
-    let mut verbs = [(); VERBS].map(|()| below(5) < 3);
-    // Without boxes nothing happens.
-    verbs[SET] = true;
-    let (late, groups) = ([0, 12, 3, 2][below(4) as usize], [1, 3, 6][below(3) as usize]);
-    let dropped = 2 + below(4);
-    let odd = if limit > 100 { limit / 2 } else { 12 };
-    let events = match kind {
-        Kind::Small | Kind::Shared => 4 + below(24),
-        Kind::Crowd | Kind::Large => 4 + below(8),
-    };
-    let mut maker =
-        Maker { random, kind, limit, world, verbs, odd, focus: [0; 2], late, dropped, groups };
+    let mut maker = Maker::new(kind, seed, None);
     let shared = (kind == Kind::Shared).then(|| maker.one_of(&[AtEnd::Remove, AtEnd::Keep]));
-    let mut script = Script { limit, shared, events: Vec::new() };
-    for number in 0..events {
+    let mut script = Script { limit: maker.limit, shared, events: Vec::new() };
+    for number in 0..maker.events {
         maker.event(&mut script, number);
     }
     script.repair();
     script
+}
+
+/// Edits of one scene without an end, each right after those before it.
+pub struct Edits {
+    maker: Maker,
+    present: BTreeSet<u32>,
+    model: Model,
+    number: u32,
+    has_rules: bool,
+}
+
+/// Edits until others verbs are drawn.
+const STRETCH: u32 = 30;
+
+impl Edits {
+    /// Edits of a scene of so many indices.
+    pub fn new(seed: u64, limit: u32) -> Self {
+        let kind = if limit > 70 { Kind::Large } else { Kind::Small };
+        let maker = Maker::new(kind, seed, Some(limit));
+        let (present, model) = (BTreeSet::new(), Model::default());
+        Self { maker, present, model, number: 0, has_rules: true }
+    }
+
+    /// The same without tags, filters and lists of pairs.
+    #[must_use]
+    pub fn without_rules(mut self) -> Self {
+        self.has_rules = false;
+        self
+    }
+
+    /// The scene after the last edit.
+    pub const fn model(&self) -> &Model {
+        &self.model
+    }
+
+    /// Where boxes lie: from 0 to this, and a little beyond.
+    pub fn extent(&self) -> f32 {
+        self.maker.world as f32 / 4.0
+    }
+
+    /// The next edit. Most boxes are set at once now and then, and sometimes all are removed before.
+    pub fn next_edit(&mut self) -> Vec<Op> {
+        let mut ops = Vec::new();
+        match self.number % STRETCH {
+            0 => {
+                self.maker.draw_verbs();
+                self.maker.fill(&mut ops);
+            }
+            29 if self.maker.one_in(3) => ops.extend(self.present.iter().copied().map(Op::Remove)),
+            _ => self.maker.edit(&mut ops),
+        }
+        self.number += 1;
+        ops.retain(|op| self.has_rules || !op.is_rule());
+        repair_edit(&mut ops, &mut self.present, &(0..self.maker.limit), |_| true);
+        self.model.apply(0, &ops);
+        ops
+    }
 }
 
 const REMOVE: usize = 0;
@@ -100,6 +133,51 @@ const LISTS: usize = 6;
 const RENEW: usize = 7;
 
 impl Maker {
+    fn new(kind: Kind, seed: u64, limit: Option<u32>) -> Self {
+        let mut random = Rng::new(seed);
+        let mut below = |n: u32| random.below(n.max(1));
+        let drawn = match (kind, below(8)) {
+            (Kind::Small, 0..4) => 2 + below(4),
+            (Kind::Small, 4..7) => 4 + below(13),
+            (Kind::Small, _) => below(71),
+            (Kind::Crowd, _) => 60 + below(120),
+            (Kind::Large, 0) => 4_000 + below(2_001),
+            (Kind::Large, 1..4) => 800 + below(3_200),
+            (Kind::Large, _) => 200 + below(600),
+            (Kind::Huge, _) => 20_000 + below(80_001),
+            (Kind::Shared, 0..4) => 1,
+            (Kind::Shared, _) => 1 + below(4),
+        };
+        let limit = limit.unwrap_or(drawn);
+        let world = match kind {
+            // About four overlaps a box.
+            Kind::Large | Kind::Huge => {
+                (4.0 * (limit as f32).cbrt() * (0.5 + below(4) as f32 / 2.0)) as u32 + 1
+            }
+            Kind::Crowd => 1 + below(4),
+            Kind::Small => 1 + below(12) + limit,
+            Kind::Shared => 1 + below(8) + limit,
+        };
+        let (late, groups) = ([0, 12, 3, 2][below(4) as usize], [1, 3, 6][below(3) as usize]);
+        let dropped = 2 + below(4);
+        let odd = if limit > 100 { limit / 2 } else { 12 };
+        let events = match kind {
+            Kind::Small | Kind::Shared => 4 + below(24),
+            Kind::Crowd | Kind::Large | Kind::Huge => 4 + below(8),
+        };
+        let (verbs, focus) = ([true; VERBS], [0; 2]);
+        let mut maker =
+            Self { random, kind, limit, world, verbs, odd, focus, late, dropped, groups, events };
+        maker.draw_verbs();
+        maker
+    }
+
+    fn draw_verbs(&mut self) {
+        self.verbs = [(); VERBS].map(|()| self.below(5) < 3);
+        // Without boxes nothing happens.
+        self.verbs[SET] = true;
+    }
+
     fn below(&mut self, end: u32) -> u32 {
         self.random.below(end.max(1))
     }
@@ -134,11 +212,7 @@ impl Maker {
             if number == 0 && self.limit > 0 {
                 self.fill(&mut ops);
             }
-            self.focus = [(); 2].map(|()| self.below(self.limit));
-            let groups = self.below(self.groups + 1).min(self.below(self.groups + 1));
-            for _ in 0..groups {
-                self.group(&mut ops);
-            }
+            self.edit(&mut ops);
             for op in &mut ops {
                 move_by(op, own.start);
             }
@@ -189,6 +263,15 @@ impl Maker {
             3 => self.limit / 7 + self.below(self.limit / 14),
             4 => 50 + self.below(30),
             _ => 1 + self.below(4),
+        }
+    }
+
+    /// Some groups of ops, or none.
+    fn edit(&mut self, ops: &mut Vec<Op>) {
+        self.focus = [(); 2].map(|()| self.below(self.limit));
+        let groups = self.below(self.groups + 1).min(self.below(self.groups + 1));
+        for _ in 0..groups {
+            self.group(ops);
         }
     }
 

@@ -16,10 +16,12 @@ mod shrink;
 mod subjects;
 
 pub use self::check::{Failure, Seen, Subject, check};
-pub use self::generate::{Kind, script_of};
-pub use self::model::{Heard, Listener, Model, PairsByGeneration};
+pub use self::generate::{Edits, Kind, script_of};
+pub use self::model::{Heard, Listener, Model, PairsByGeneration, overlap};
 pub use self::script::{
     AtEnd, EndReason, Ended, Event, Fate, Hears, Mode, Op, Pair, Script, Turn, at, one, turn,
 };
-pub use self::shrink::{hold, shrunk};
-pub use self::subjects::{CoreScene, SessionScene, Sessions, SharedMembers};
+pub use self::shrink::{hold, hold_without_rules, shrunk};
+pub use self::subjects::{
+    Bare, BareScene, CoreScene, Grouped, Moment, SessionScene, Sessions, SharedMembers, options,
+};

@@ -8,6 +8,7 @@ use std::ops::Range;
 
 use pairmask_core::Aabb;
 use pairmask_core::filters::{Filter, Tag};
+use pairmask_core::scene::QueryTags;
 
 use super::script::{EndReason, Ended, Mode, Op, Pair};
 
@@ -110,18 +111,24 @@ impl Model {
 
     /// Whether filters and flags let two boxes be a pair, wherever they are.
     fn may_meet(&self, a: u32, b: u32) -> bool {
-        let [x, y] = [&self.bodies[&a], &self.bodies[&b]];
+        let [included, excluded] =
+            [&self.included, &self.excluded].map(|list| list.contains_key(&[a, b]));
+        self.rules_allow([&self.bodies[&a], &self.bodies[&b]], included, excluded)
+    }
+
+    /// The seven rules, in their order.
+    fn rules_allow(&self, [x, y]: [&Body; 2], included: bool, excluded: bool) -> bool {
         let [f, g] = [filter(&self.filters, x), filter(&self.filters, y)];
         let (v, w) = (x.tag.world.0, y.tag.world.0);
         if v != w && v != -1 && w != -1 {
             return false;
         }
-        if self.included.contains_key(&[a, b]) {
+        if included {
             return true;
         }
         if x.tag.owner == y.tag.owner && x.tag.owner.0 != 0
             || (x.is_static || f.is_static) && (y.is_static || g.is_static)
-            || self.excluded.contains_key(&[a, b])
+            || excluded
         {
             return false;
         }
@@ -133,9 +140,6 @@ impl Model {
     }
 
     /// All pairs of now.
-    ///
-    /// # Panics
-    /// Never: boxes that overlap something have no NaN.
     pub fn pairs(&self) -> PairsByGeneration {
         let is_solid = |body: &Body| (0..3).all(|i| body.b.min[i] <= body.b.max[i]);
         let mut solid: Vec<(u32, Aabb)> = self
@@ -158,6 +162,33 @@ impl Model {
         pairs.into_iter().collect()
     }
 
+    /// The pairs [query, index] of queries with tags, or none: a query has no index, so that lists say nothing of it.
+    pub fn query(&self, queries: &[Aabb], tags: QueryTags<'_>) -> Vec<Pair> {
+        let mut pairs = Vec::new();
+        for (number, query) in queries.iter().enumerate() {
+            let tag = match tags {
+                QueryTags::None => None,
+                QueryTags::One(tag) => Some(tag),
+                QueryTags::Each(tags) => Some(tags[number]),
+            };
+            for (index, body) in self.bodies.iter().filter(|(_, body)| body.is_on) {
+                let meets = tag.is_none_or(|tag| {
+                    let asks = Body { b: *query, tag, is_static: tag.is_static(), ..*body };
+                    self.rules_allow([&asks, body], false, false)
+                });
+                if meets && overlap(query, &body.b) {
+                    pairs.push([number as u32, *index]);
+                }
+            }
+        }
+        pairs
+    }
+
+    /// The boxes.
+    pub fn boxes(&self) -> impl Iterator<Item = Aabb> {
+        self.bodies.values().map(|body| body.b)
+    }
+
     fn generations_of(&self, pair: Pair) -> [u32; 2] {
         pair.map(|index| self.generations.get(&index).copied().unwrap_or(0))
     }
@@ -173,6 +204,13 @@ impl Model {
             EndReason::Separated
         }
     }
+}
+
+/// Whether two boxes overlap: written anew, apart from the engines'.
+pub fn overlap(a: &Aabb, b: &Aabb) -> bool {
+    let is_solid = |b: &Aabb| (0..3).all(|axis| b.min[axis] <= b.max[axis]);
+    let is_over = (0..3).all(|axis| a.min[axis] <= b.max[axis] && b.min[axis] <= a.max[axis]);
+    is_solid(a) && is_solid(b) && is_over
 }
 
 fn filter(filters: &[Filter], body: &Body) -> Filter {
@@ -201,6 +239,20 @@ pub struct Heard {
     pub ended: Vec<Ended>,
     /// Pairs of now.
     pub pairs: Vec<Pair>,
+}
+
+/// What the answer of a session's scene tells, of whatever kind it is.
+#[macro_export]
+macro_rules! heard {
+    ($answer:expr) => {
+        $crate::scene_model::Heard {
+            is_resync: $answer.is_resync(),
+            pair_count: $answer.pair_count(),
+            begun: $answer.begun().to_vec(),
+            ended: $answer.ended().to_vec(),
+            pairs: $answer.pairs().to_vec(),
+        }
+    };
 }
 
 /// Who is told of changes.

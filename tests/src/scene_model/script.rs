@@ -44,6 +44,11 @@ impl Op {
         }
     }
 
+    /// Whether it is about which pairs may meet.
+    pub const fn is_rule(&self) -> bool {
+        self.rank() == 3
+    }
+
     /// The indices that it names.
     pub fn indices(&self) -> &[u32] {
         match self {
@@ -125,6 +130,19 @@ impl Script {
         turns.flatten()
     }
 
+    /// The same without tags, filters and lists of pairs.
+    #[must_use]
+    pub fn without_rules(mut self) -> Self {
+        for event in &mut self.events {
+            if let Event::Tick(turns) = event {
+                for turn in turns {
+                    turn.ops.retain(|op| !op.is_rule());
+                }
+            }
+        }
+        self
+    }
+
     /// Takes out what no scene accepts: names of absent boxes, second sets, edits of those who have not joined.
     pub fn repair(&mut self) {
         // Of each member: the boxes that it has set.
@@ -157,7 +175,7 @@ impl Script {
 }
 
 /// Takes out of an edit what no scene accepts.
-fn repair_edit(
+pub(super) fn repair_edit(
     ops: &mut Vec<Op>,
     present: &mut BTreeSet<u32>,
     own: &Range<u32>,

@@ -1,11 +1,13 @@
 //! The smallest script that still fails.
 
+use std::collections::BTreeSet;
+use std::ops::Range;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::time::{Duration, Instant};
 
 use super::check::{Failure, Seen, Subject, check};
 use super::generate::{Kind, script_of};
-use super::script::{Event, Fate, Mode, Op, Script, at};
+use super::script::{Event, Fate, Mode, Op, Script, Turn, at};
 use pairmask_core::filters::{Filter, Owner, Tag, World};
 
 /// Scripts that are tried at most, and how long: a script of thousands of boxes is as small as it gets in that.
@@ -13,18 +15,35 @@ const MOST_TRIES: usize = 4_000;
 const MOST_TIME: Duration = Duration::from_secs(60);
 
 /// Plays scripts of so many edits in all, from a seed on, each on a scene of its own. Returns what was compared.
-///
-/// # Panics
-/// Where a scene differs from the model: with the smallest script that differs in the same way.
 pub fn hold<S: Subject>(
     kind: Kind,
     seed: u64,
     edits: usize,
+    subject: impl FnMut(&Script) -> S,
+) -> Seen {
+    hold_scripts(kind, |seed| script_of(kind, seed), seed, edits, subject)
+}
+
+/// As [`hold`], without tags, filters and lists of pairs.
+pub fn hold_without_rules<S: Subject>(
+    kind: Kind,
+    seed: u64,
+    edits: usize,
+    subject: impl FnMut(&Script) -> S,
+) -> Seen {
+    hold_scripts(kind, |seed| script_of(kind, seed).without_rules(), seed, edits, subject)
+}
+
+fn hold_scripts<S: Subject>(
+    kind: Kind,
+    script_of: impl Fn(u64) -> Script,
+    mut seed: u64,
+    edits: usize,
     mut subject: impl FnMut(&Script) -> S,
 ) -> Seen {
-    let (mut seen, mut seed) = (Seen::default(), seed);
+    let mut seen = Seen::default();
     while seen.edits < edits {
-        let script = script_of(kind, seed);
+        let script = script_of(seed);
         match play(&script, &mut subject) {
             Ok(more) => seen.add(more),
             Err(failure) => {
@@ -98,14 +117,14 @@ impl<S: Subject, F: FnMut(&Script) -> S> Shrinker<'_, F> {
         }
     }
 
-    /// Takes as many as possible out of a list: halves, quarters, one by one.
-    fn cut(&mut self, len: impl Fn(&Script) -> usize, cut: impl Fn(&mut Script, usize, usize)) {
+    /// Takes as many as possible of what can be counted: halves, quarters, one by one.
+    fn cut(&mut self, len: fn(&Script) -> usize, cut: fn(&mut Script, Range<usize>)) {
         let mut size = len(&self.script).div_ceil(2);
         while size > 0 {
             let mut end = len(&self.script);
             while end > 0 {
                 let start = end.saturating_sub(size);
-                self.tries(|script| cut(script, start, end));
+                self.tries(|script| cut(script, start..end));
                 end = start.min(len(&self.script));
             }
             size /= 2;
@@ -115,68 +134,58 @@ impl<S: Subject, F: FnMut(&Script) -> S> Shrinker<'_, F> {
     fn pass(&mut self) {
         let end = self.failure.event.saturating_add(1);
         self.tries(|script| script.events.truncate(end));
-        self.cut(|s| s.events.len(), |s, start, end| drop(s.events.drain(start..end)));
-        for event in (0..self.script.events.len()).rev() {
-            self.cut(
-                |s| turns(s, event),
-                |s, start, end| {
-                    if let Some(Event::Tick(turns)) = s.events.get_mut(event) {
-                        turns.drain(start..end);
-                    }
-                },
-            );
-            for turn in 0..turns(&self.script, event) {
-                self.cut(
-                    |s| ops_of(s, event, turn).map_or(0, Vec::len),
-                    |s, start, end| {
-                        if let Some(ops) = ops_mut(s, event, turn) {
-                            ops.drain(start..end);
-                        }
-                    },
-                );
-                self.simplify(event, turn);
-            }
-        }
-        let mut indices: Vec<u32> = Vec::new();
-        for op in self.script.turns().flat_map(|turn| &turn.ops) {
-            indices.extend(op.indices());
-        }
-        indices.sort_unstable();
-        indices.dedup();
+        self.cut(|script| script.events.len(), |script, out| drop(script.events.drain(out)));
+        self.cut(
+            |script| script.turns().count(),
+            |script, out| {
+                let mut number = 0..;
+                for turns in ticks(script) {
+                    turns.retain(|_| number.next().is_some_and(|number| !out.contains(&number)));
+                }
+            },
+        );
+        self.cut(
+            |script| script.turns().map(|turn| turn.ops.len()).sum(),
+            |script, out| {
+                let mut number = 0..;
+                for turn in ticks(script).flatten() {
+                    turn.ops.retain(|_| number.next().is_some_and(|n| !out.contains(&n)));
+                }
+            },
+        );
+        let named = self.script.turns().flat_map(|turn| &turn.ops).flat_map(Op::indices);
+        let indices: BTreeSet<u32> = named.copied().collect();
         for index in indices {
             self.tries(|script| {
-                for event in &mut script.events {
-                    let Event::Tick(turns) = event else { continue };
-                    for turn in turns {
-                        turn.ops.retain(|op| !op.indices().contains(&index));
-                    }
+                for turn in ticks(script).flatten() {
+                    turn.ops.retain(|op| !op.indices().contains(&index));
                 }
             });
         }
+        self.simplify();
     }
 
-    /// The plainest form of an edit.
-    fn simplify(&mut self, event: usize, turn: usize) {
-        let with = |script: &mut Script, change: &dyn Fn(&mut Mode, &mut Fate)| {
-            if let Some(Event::Tick(turns)) = script.events.get_mut(event)
-                && let Some(turn) = turns.get_mut(turn)
-            {
-                change(&mut turn.mode, &mut turn.fate);
-            }
-        };
-        self.tries(|script| with(script, &|mode, _| *mode = Mode::Changes));
-        self.tries(|script| with(script, &|_, fate| *fate = Fate::Acknowledged));
-        let len = ops_of(&self.script, event, turn).map_or(0, Vec::len);
-        for place in 0..len {
-            for choice in 0..8 {
-                let plain = ops_of(&self.script, event, turn)
-                    .and_then(|ops| ops.get(place))
-                    .and_then(|op| plainer(op, choice));
-                let Some(plain) = plain else { break };
-                let is_new = self.tries(|script| {
-                    if let Some(op) = ops_mut(script, event, turn).and_then(|o| o.get_mut(place)) {
-                        *op = plain;
+    /// The plainest form of each edit.
+    fn simplify(&mut self) {
+        for number in 0..self.script.turns().count() {
+            let plain: [fn(&mut Turn); 2] =
+                [|turn| turn.mode = Mode::Changes, |turn| turn.fate = Fate::Acknowledged];
+            for plain in plain {
+                self.tries(|script| {
+                    if let Some(turn) = ticks(script).flatten().nth(number) {
+                        plain(turn);
                     }
+                });
+            }
+        }
+        let count = self.script.turns().map(|turn| turn.ops.len()).sum::<usize>();
+        for number in 0..count {
+            for choice in 0..8 {
+                let op = self.script.turns().flat_map(|turn| &turn.ops).nth(number);
+                let Some(plain) = op.and_then(|op| plainer(op, choice)) else { break };
+                let is_new = self.tries(|script| {
+                    let ops = ticks(script).flatten().flat_map(|turn| &mut turn.ops);
+                    ops.skip(number).take(1).for_each(|op| *op = plain.clone());
                 });
                 if is_new && choice == 0 {
                     break;
@@ -186,25 +195,12 @@ impl<S: Subject, F: FnMut(&Script) -> S> Shrinker<'_, F> {
     }
 }
 
-fn turns(script: &Script, event: usize) -> usize {
-    match script.events.get(event) {
-        Some(Event::Tick(turns)) => turns.len(),
-        _ => 0,
-    }
-}
-
-fn ops_of(script: &Script, event: usize, turn: usize) -> Option<&Vec<Op>> {
-    match script.events.get(event)? {
-        Event::Tick(turns) => turns.get(turn).map(|turn| &turn.ops),
+/// The turns of each tick.
+fn ticks(script: &mut Script) -> impl Iterator<Item = &mut Vec<Turn>> {
+    script.events.iter_mut().filter_map(|event| match event {
+        Event::Tick(turns) => Some(turns),
         _ => None,
-    }
-}
-
-fn ops_mut(script: &mut Script, event: usize, turn: usize) -> Option<&mut Vec<Op>> {
-    match script.events.get_mut(event)? {
-        Event::Tick(turns) => turns.get_mut(turn).map(|turn| &mut turn.ops),
-        _ => None,
-    }
+    })
 }
 
 /// An op in a plainer form, the plainest one first; `None` where there is no such choice.

@@ -6,19 +6,24 @@ use std::ops::Range;
 use std::time::Duration;
 
 use pairmask::{
-    EngineName, JoinOptions, Scene, SceneEdit, ServedBy, Session, SessionBuilder, SharedEdit,
-    SharedScene,
+    EngineId, EngineName, JoinOptions, Scene, SceneAnswer, SceneEdit, ServedBy, Session,
+    SessionBuilder, SharedEdit, SharedScene,
 };
 use pairmask_core::Aabb;
 use pairmask_core::filters::{FilterTable, Tag};
 use pairmask_core::scene::{
-    Edit, Indices, Scene as CoreCrateScene, SceneOptions, Sets, Step, Tags, Told,
+    Edit, Indices, QueryError, QueryTags, Scene as CoreCrateScene, SceneError, SceneOptions, Sets,
+    Step, Tags, Told, Want,
 };
+use pairmaskd::execute::gpu::GpuScene;
 
 use super::check::Subject;
 use super::generate::MEMBERS;
 use super::model::Heard;
 use super::script::{Fate, Hears, Op, Pair, Script, Turn};
+use crate::heard;
+use crate::queried::a_query;
+use crate::stress_scenes::Rng;
 
 /// How long the ticks of shared scenes wait for who is late. Three commits in a row take less, but for a machine under
 /// load, where some are part of the next tick then.
@@ -100,62 +105,151 @@ fn are_one_step(a: &Op, b: &Op) -> bool {
     std::mem::discriminant(a) == std::mem::discriminant(b) && on(a) == on(b)
 }
 
-/// Hands an edit to `f` as steps.
-fn with_steps<R>(ops: &[Op], f: impl FnOnce(&[Step<'_>]) -> R) -> R {
-    let groups: Vec<(&Op, Group)> =
-        ops.chunk_by(are_one_step).map(|ops| (&ops[0], Group::of(ops))).collect();
-    let steps: Vec<Step<'_>> = groups.iter().map(|(op, group)| group.step(op)).collect();
-    f(&steps)
+/// An edit as steps of several ops each.
+pub struct Grouped<'o>(Vec<(&'o Op, Group)>);
+
+impl<'o> Grouped<'o> {
+    /// The steps of these ops.
+    pub fn of(ops: &'o [Op]) -> Self {
+        Self(ops.chunk_by(are_one_step).map(|ops| (&ops[0], Group::of(ops))).collect())
+    }
+
+    /// The steps.
+    pub fn steps(&self) -> Vec<Step<'_>> {
+        self.0.iter().map(|(op, group)| group.step(op)).collect()
+    }
 }
 
 impl From<&Told> for Heard {
     fn from(told: &Told) -> Self {
-        Self {
-            is_resync: told.is_resync(),
-            pair_count: told.pair_count(),
-            begun: told.begun().to_vec(),
-            ended: told.ended().to_vec(),
-            pairs: told.pairs().to_vec(),
-        }
+        heard!(told)
     }
 }
 
+impl From<&SceneAnswer<'_>> for Heard {
+    fn from(answer: &SceneAnswer<'_>) -> Self {
+        heard!(answer)
+    }
+}
+
+/// A scene without a session, of the cores or of a GPU.
+pub trait BareScene {
+    /// As [`CoreCrateScene::edit`].
+    fn edit(&mut self, edit: Edit<'_>, want: Want) -> Result<&Told, SceneError>;
+    /// The last answer is acknowledged.
+    fn take(&mut self);
+    /// The pairs are lost.
+    fn lose(&mut self);
+    /// Boxes.
+    fn box_count(&self) -> usize;
+    /// The pairs [query, index].
+    fn query(&mut self, queries: &[Aabb], tags: QueryTags<'_>) -> Result<Vec<Pair>, QueryError>;
+}
+
+macro_rules! bare_scene {
+    ($scene:ty) => {
+        impl BareScene for $scene {
+            fn edit(&mut self, edit: Edit<'_>, want: Want) -> Result<&Told, SceneError> {
+                <$scene>::edit(self, edit, want)
+            }
+            fn take(&mut self) {
+                <$scene>::take(self);
+            }
+            fn lose(&mut self) {
+                <$scene>::lose(self);
+            }
+            fn box_count(&self) -> usize {
+                self.len()
+            }
+            fn query(
+                &mut self,
+                queries: &[Aabb],
+                tags: QueryTags<'_>,
+            ) -> Result<Vec<Pair>, QueryError> {
+                let mut found = Vec::new();
+                <$scene>::query(self, queries, tags, &mut found).map(|_| found)
+            }
+        }
+    };
+}
+bare_scene!(CoreCrateScene);
+bare_scene!(GpuScene);
+
+/// A scene without a session, as a subject.
+pub struct Bare<S> {
+    /// The scene.
+    pub scene: S,
+    /// Draws queries that are asked before an answer is taken, and after: they change nothing that is told.
+    asks: Option<Rng>,
+}
+
 /// A scene of the core.
-#[derive(Debug)]
-pub struct CoreScene(CoreCrateScene);
+pub type CoreScene = Bare<CoreCrateScene>;
+
+impl<S: BareScene> Bare<S> {
+    /// A scene that is edited alone.
+    pub const fn of(scene: S) -> Self {
+        Self { scene, asks: None }
+    }
+
+    /// One that is asked between its edits as well.
+    pub fn asked(scene: S, seed: u64) -> Self {
+        Self { scene, asks: Some(Rng::new(seed)) }
+    }
+
+    fn ask(&mut self) -> Result<(), String> {
+        let Some(rng) = &mut self.asks else { return Ok(()) };
+        let count = [0, 0, 1, 3, 70, 200][rng.below(6) as usize];
+        let queries: Vec<Aabb> = (0..count).map(|_| a_query(rng, 20.0)).collect();
+        let found = self.scene.query(&queries, QueryTags::None);
+        found.map(drop).map_err(|error| error.to_string())
+    }
+}
 
 impl CoreScene {
     /// One that uses so many threads of the caller's pool.
     pub fn new(script: &Script, threads: usize) -> Self {
-        Self(CoreCrateScene::new(options(script).with_threads(threads)))
+        Self::of(CoreCrateScene::new(options(script).with_threads(threads)))
     }
 }
 
-fn options(script: &Script) -> SceneOptions {
+/// The options of a script's scene.
+pub fn options(script: &Script) -> SceneOptions {
     SceneOptions::default().with_most_boxes(script.limit.max(1))
 }
 
-impl Subject for CoreScene {
+impl<S: BareScene> Subject for Bare<S> {
     fn tick(&mut self, turns: &[Turn]) -> Result<Vec<(u64, Option<Heard>)>, String> {
-        let edit = |turn: &Turn| {
-            let edited = with_steps(&turn.ops, |steps| {
-                self.0.edit(Edit { steps }, turn.mode).map(Heard::from)
-            });
+        let mut told = Vec::new();
+        for turn in turns {
+            let edit = Grouped::of(&turn.ops);
+            let heard = self.scene.edit(Edit { steps: &edit.steps() }, turn.mode);
+            told.push((0, Some(heard.map(Heard::from).map_err(|error| error.to_string())?)));
+            self.ask()?;
             if turn.fate == Fate::Acknowledged {
-                self.0.take();
+                self.scene.take();
             }
-            edited.map(|heard| (0, Some(heard))).map_err(|error| error.to_string())
-        };
-        turns.iter().map(edit).collect()
+            self.ask()?;
+        }
+        Ok(told)
     }
 
     fn invalidate(&mut self) {
-        self.0.lose();
+        self.scene.lose();
     }
 
     fn box_count(&self) -> Option<usize> {
-        Some(self.0.len())
+        Some(self.scene.box_count())
     }
+}
+
+/// When something may be done to a scene of a session.
+#[derive(Clone, Copy, Debug)]
+pub enum Moment {
+    /// An edit was sent.
+    UnderWay,
+    /// It was answered.
+    Answered(ServedBy, EngineId),
 }
 
 /// A scene of a session, in process or of a daemon.
@@ -165,8 +259,8 @@ pub struct SessionScene<'a> {
     expected: Option<(ServedBy, EngineName)>,
     /// Whether a resync may come at any time, as where daemons are killed.
     may_resync: bool,
-    /// What is done after an edit that somebody has answered.
-    after: Box<dyn FnMut(ServedBy) + 'a>,
+    /// What is done while an edit is under way, and when it is answered.
+    disturb: Box<dyn FnMut(Moment) + 'a>,
 }
 
 impl<'a> SessionScene<'a> {
@@ -174,51 +268,46 @@ impl<'a> SessionScene<'a> {
     pub fn of(session: &mut Session, script: &Script, by: ServedBy, engine: EngineName) -> Self {
         let scene = session.scene(options(script));
         let expected = Some((by, engine));
-        Self { scene, expected, may_resync: false, after: Box::new(|_| ()) }
+        Self { scene, expected, may_resync: false, disturb: Box::new(|_| ()) }
     }
 
-    /// One whose answers may come from anywhere, and be a resync, because of what is done after edits.
+    /// One whose answers may come from anywhere, and be a resync, because of what is done during and after edits.
     pub fn disturbed(
         session: &mut Session,
         script: &Script,
-        after: impl FnMut(ServedBy) + 'a,
+        disturb: impl FnMut(Moment) + 'a,
     ) -> Self {
         let scene = session.scene(options(script));
-        Self { scene, expected: None, may_resync: true, after: Box::new(after) }
+        Self { scene, expected: None, may_resync: true, disturb: Box::new(disturb) }
     }
 }
 
 impl Subject for SessionScene<'_> {
     fn tick(&mut self, turns: &[Turn]) -> Result<Vec<(u64, Option<Heard>)>, String> {
-        let Self { scene, expected, after, .. } = self;
-        let mut edit = |turn: &Turn| {
-            with_steps(&turn.ops, |steps| {
-                let edit = steps.iter().copied().fold(scene.edit(), SceneEdit::step);
-                let pending = edit.submit(turn.mode).map_err(|error| error.to_string())?;
-                if turn.fate == Fate::Abandoned {
-                    return Ok((0, None));
-                }
-                let mut answer = pending.wait().map_err(|error| error.to_string())?;
-                if turn.fate == Fate::Acknowledged {
-                    answer = answer.take();
-                }
-                if let Some((by, engine)) = expected
-                    && (answer.served_by(), answer.engine()) != (*by, (*engine).into())
-                {
-                    return Err(format!("{:?}, {}", answer.served_by(), answer.engine()));
-                }
-                after(answer.served_by());
-                let heard = Heard {
-                    is_resync: answer.is_resync(),
-                    pair_count: answer.pair_count(),
-                    begun: answer.begun().to_vec(),
-                    ended: answer.ended().to_vec(),
-                    pairs: answer.pairs().to_vec(),
-                };
-                Ok((0, Some(heard)))
-            })
-        };
-        turns.iter().map(&mut edit).collect()
+        let Self { scene, expected, disturb, .. } = self;
+        let mut told = Vec::new();
+        for turn in turns {
+            let grouped = Grouped::of(&turn.ops);
+            let edit = grouped.steps().into_iter().fold(scene.edit(), SceneEdit::step);
+            let pending = edit.submit(turn.mode).map_err(|error| error.to_string())?;
+            disturb(Moment::UnderWay);
+            if turn.fate == Fate::Abandoned {
+                told.push((0, None));
+                continue;
+            }
+            let mut answer = pending.wait().map_err(|error| error.to_string())?;
+            if turn.fate == Fate::Acknowledged {
+                answer = answer.take();
+            }
+            if let Some((by, engine)) = expected
+                && (answer.served_by(), answer.engine()) != (*by, (*engine).into())
+            {
+                return Err(format!("{:?}, {}", answer.served_by(), answer.engine()));
+            }
+            disturb(Moment::Answered(answer.served_by(), answer.engine()));
+            told.push((0, Some(Heard::from(&answer))));
+        }
+        Ok(told)
     }
 
     fn invalidate(&mut self) {
@@ -243,9 +332,6 @@ pub struct Sessions {
 
 impl Sessions {
     /// Sessions of a daemon.
-    ///
-    /// # Panics
-    /// When it does not answer.
     pub fn new(builder: &SessionBuilder) -> Self {
         let connect = |_| builder.clone().connect().expect("a daemon");
         let of_members = RefCell::new((0..MEMBERS).map(connect).collect());
@@ -260,18 +346,21 @@ pub struct SharedMembers<'s> {
     name: String,
     options: JoinOptions,
     members: BTreeMap<u32, (SharedScene, Range<u32>)>,
+    /// What has to answer.
+    engine: Option<EngineName>,
+    ticks: usize,
 }
 
 impl<'s> SharedMembers<'s> {
-    /// A scene of its own.
-    pub fn new(sessions: &'s Sessions, script: &Script) -> Self {
+    /// A scene of its own, which an engine has to answer for where one is named.
+    pub fn new(sessions: &'s Sessions, script: &Script, engine: Option<EngineName>) -> Self {
         sessions.scenes.set(sessions.scenes.get() + 1);
         let options = JoinOptions::default()
             .with_most_boxes(script.own(MEMBERS).end)
             .with_tick_deadline(TICK_DEADLINE)
             .with_at_end(script.shared.unwrap_or_default());
         let name = format!("model-{}", sessions.scenes.get());
-        Self { sessions, name, options, members: BTreeMap::new() }
+        Self { sessions, name, options, members: BTreeMap::new(), engine, ticks: 0 }
     }
 }
 
@@ -281,33 +370,33 @@ impl Subject for SharedMembers<'_> {
             self.members.iter().map(|(member, (_, own))| (*member, own.clone())).collect();
         let mut free: BTreeMap<u32, &mut SharedScene> =
             self.members.iter_mut().map(|(member, (scene, _))| (*member, scene)).collect();
-        let mut pending = Vec::new();
-        for turn in turns {
+        // Whoever commits first, all are told the same.
+        let mut order: Vec<&Turn> = turns.iter().collect();
+        self.ticks += 1;
+        order.rotate_left(self.ticks % turns.len());
+        let mut pending = BTreeMap::new();
+        for turn in order {
             let scene = free.remove(&turn.member).ok_or("a member that has not joined")?;
-            let submitted = with_steps(&turn.ops, |steps| {
-                let edit = steps.iter().copied().fold(scene.edit(), SharedEdit::step);
-                edit.submit(turn.mode)
-            });
-            pending.push(submitted.map_err(|error| error.to_string())?);
+            let grouped = Grouped::of(&turn.ops);
+            let edit = grouped.steps().into_iter().fold(scene.edit(), SharedEdit::step);
+            let submitted = edit.submit(turn.mode).map_err(|error| error.to_string())?;
+            pending.insert(turn.member, submitted);
         }
         let mut told = Vec::new();
         let mut committed: BTreeMap<u64, BTreeSet<u32>> = BTreeMap::new();
         let mut late = Vec::new();
-        for (turn, pending) in turns.iter().zip(pending) {
+        for turn in turns {
+            let pending = pending.remove(&turn.member).ok_or("a second turn")?;
             let mut answer = pending.wait().map_err(|error| error.to_string())?;
+            if self.engine.is_some_and(|engine| answer.engine() != engine) {
+                return Err(answer.engine().to_string());
+            }
             if turn.fate == Fate::Acknowledged {
                 answer = answer.take();
             }
-            let heard = Heard {
-                is_resync: answer.is_resync(),
-                pair_count: answer.pair_count(),
-                begun: answer.begun().to_vec(),
-                ended: answer.ended().to_vec(),
-                pairs: answer.pairs().to_vec(),
-            };
             committed.entry(answer.tick()).or_default().insert(turn.member);
             late.push((answer.tick(), answer.late()));
-            told.push((answer.tick(), Some(heard)));
+            told.push((answer.tick(), Some(heard!(answer))));
         }
         for (tick, late) in late {
             let is_late = |member: &u32| !committed[&tick].contains(member);

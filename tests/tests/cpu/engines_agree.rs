@@ -11,14 +11,11 @@
 use std::thread;
 use std::time::{Duration, Instant};
 
-use pairmask_core::engine::{
-    CullInput, Engine, EngineName, Grid, HeapReply, Isa, SweepAndPrune, cpu_engine,
-};
-use pairmask_core::mask::MaskView;
-use pairmask_core::{Aabb, AwakePool, BoxCount};
-use pairmask_tests::conformance::check_pairs;
+use pairmask_core::AwakePool;
+use pairmask_core::engine::{Grid, SweepAndPrune};
 use pairmask_tests::golden::{self, GOLDEN};
-use pairmask_tests::oracle::{Pair, pair_set_hash};
+use pairmask_tests::oracle::pair_set_hash;
+use pairmask_tests::prelude::*;
 use pairmaskd::scene::{Scene, SceneName};
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
@@ -70,16 +67,9 @@ fn agreed(
     expected.expect("an engine and a thread count")
 }
 
-fn all_engines() -> Vec<Box<dyn Engine>> {
-    EngineName::CPU
-        .into_iter()
-        .map(|name| cpu_engine(name, Isa::best()).expect("of the CPU"))
-        .collect()
-}
-
 #[test]
 fn pair_sets_have_their_golden_hashes_on_every_engine_and_thread_count() {
-    let (mut engines, pools) = (all_engines(), pools());
+    let (mut engines, pools) = (cpu_engines(), pools());
     let hashes = GOLDEN.map(|(name, _)| {
         let scene = golden::scene(name);
         let hash = pair_set_hash(&agreed(name, scene.boxes(), &mut engines, &pools));
@@ -93,7 +83,7 @@ const GOLDEN_SCENES: &str = include_str!("../../golden-scenes.txt");
 
 #[test]
 fn the_golden_scenes_of_all_clients_have_their_pairs() {
-    let (mut engines, pools) = (all_engines(), pools());
+    let (mut engines, pools) = (cpu_engines(), pools());
     let lines = GOLDEN_SCENES.lines().filter(|line| !line.starts_with('#'));
     let mut scenes = 0;
     for line in lines {
@@ -118,7 +108,7 @@ fn threads_that_are_kept_awake_find_the_golden_pairs() {
         let _pool =
             ThreadPoolBuilder::new().num_threads(4).use_current_thread().build().expect("a pool");
         let mut awake = AwakePool::default();
-        let mut engines = all_engines();
+        let mut engines = cpu_engines();
         for frame in 0..golden.len() * engines.len() {
             let (name, hash, scene) = &golden[frame / engines.len()];
             let place = frame % engines.len();
@@ -133,37 +123,29 @@ fn threads_that_are_kept_awake_find_the_golden_pairs() {
     thread::spawn(work).join().expect("the golden pairs");
 }
 
-#[test]
-fn engines_agree_on_ten_thousand_boxes() {
-    let (mut engines, pools) = (all_engines(), pools());
+/// Scenes of a size, those with quadratic numbers of pairs smaller.
+fn agree(engines: &mut [Box<dyn Engine>], n: usize, quadratic: usize) {
     for name in SceneName::ALL {
-        let n = if name.is_quadratic() { 1_000 } else { 10_000 };
-        agreed(name, Scene::new(name, n, 5).boxes(), &mut engines, &pools);
-    }
-}
-
-#[test]
-#[ignore = "minutes: run in release, see the head of this file"]
-fn engines_agree_on_a_hundred_thousand_boxes() {
-    let (mut engines, pools) = (all_engines(), pools());
-    for name in SceneName::ALL.into_iter().filter(|name| !name.is_quadratic()) {
-        let mut scene = Scene::new(name, 100_000, 5);
+        let n = if name.is_quadratic() { quadratic } else { n };
+        let mut scene = Scene::new(name, n, 5);
         for _ in 0..2 {
-            agreed(name, scene.boxes(), &mut engines, &pools);
+            agreed(name, scene.boxes(), engines, &pools());
             scene.step();
         }
     }
 }
 
 #[test]
+fn engines_agree_on_ten_thousand_boxes() {
+    agree(&mut cpu_engines(), 10_000, 1_000);
+}
+
+#[test]
 #[ignore = "minutes: run in release, see the head of this file"]
-fn engines_agree_on_a_million_boxes() {
+fn engines_agree_on_a_hundred_thousand_and_a_million_boxes() {
+    agree(&mut cpu_engines(), 100_000, 1_000);
     // A million boxes have 5·10^11 pairs: `cpu-brute` runs only up to a hundred thousand boxes.
-    let mut engines: Vec<Box<dyn Engine>> =
-        vec![Box::new(Grid::new()), Box::new(SweepAndPrune::new())];
-    for name in SceneName::ALL.into_iter().filter(|name| !name.is_quadratic()) {
-        agreed(name, Scene::new(name, 1_000_000, 5).boxes(), &mut engines, &pools());
-    }
+    agree(&mut [Box::new(Grid::new()), Box::new(SweepAndPrune::new())], 1_000_000, 1_000);
 }
 
 /// Bytes a box that an engine may keep beside the boxes and the reply.

@@ -2,21 +2,16 @@
 
 use std::collections::BTreeSet;
 
-use pairmask_core::BoxCount;
-use pairmask_core::mask::{MaskError, MaskShape, MaskView, Section, Span, WordAddress};
-use pairmask_tests::mask_writer::{WrittenMask, write_dense, write_list, write_sparse};
-use pairmask_tests::naive_decoder;
-use pairmask_tests::oracle::Pair;
-use pairmask_tests::pair_scenes::{all_pairs, random_order, random_pairs, renamed};
+use pairmask_core::mask::{MaskError, Section, Span, WordAddress};
+use pairmask_tests::mask_writer::{
+    WrittenMask, all_pairs, random_order, random_pairs, renamed, write_dense, write_list,
+    write_sparse,
+};
+use pairmask_tests::prelude::*;
 use proptest::collection::vec;
 use proptest::option;
 use proptest::prelude::*;
 use rayon::iter::ParallelIterator;
-
-/// All small sizes, and two large ones that are no multiples.
-fn sizes() -> impl Iterator<Item = BoxCount> {
-    (0..=70).chain([345, 1_234]).map(BoxCount::new)
-}
 
 /// The pairs in all encodings: sparse with and without an order, and listed in no order.
 fn all_encodings(n: BoxCount, pairs: &[Pair]) -> [WrittenMask; 4] {
@@ -60,6 +55,8 @@ fn first_wrong_way(mask: &WrittenMask, expected: &[Pair]) -> Option<&'static str
             && (a != b || !view.contains(a, b))
     };
     let near = |i: u32| [i, i.wrapping_add(1), mask.n.get().wrapping_sub(i), i / 2, u32::MAX - i];
+    // A list is searched from its start for each: of many pairs some thousands.
+    let mut some = expected.iter().step_by(1 + expected.len() / 4_000);
     let checks = [
         ("to_vec", sorted(listed.clone()) == expected),
         ("for_each", each == listed),
@@ -69,10 +66,7 @@ fn first_wrong_way(mask: &WrittenMask, expected: &[Pair]) -> Option<&'static str
         ("count", view.count() == expected.len() as u64),
         ("is_empty", view.is_empty() == expected.is_empty()),
         ("words", word_bits as usize == expected.len()),
-        (
-            "contains its pairs",
-            expected.iter().all(|&(a, b)| view.contains(a, b) && view.contains(b, a)),
-        ),
+        ("contains its pairs", some.all(|&(a, b)| view.contains(a, b) && view.contains(b, a))),
         ("contains no other", (0..40).all(|a| near(a).into_iter().all(|b| probe(a, b)))),
         ("verify", view.verify() == Ok(())),
     ];
@@ -81,37 +75,18 @@ fn first_wrong_way(mask: &WrittenMask, expected: &[Pair]) -> Option<&'static str
 
 #[test]
 fn every_way_through_a_mask_gives_its_pairs() {
-    for n in sizes() {
+    for n in (0..=70).chain([345, 1_234, 4_321]).map(BoxCount::new) {
         let few = random_pairs(n, n.len(), 3);
-        let many = random_pairs(n, 9 * n.len(), 4);
-        for pairs in [Vec::new(), few, many] {
+        let many = random_pairs(n, 45 * n.len(), 4);
+        // The last sizes have several tasks.
+        let every = if n.get() < 1_000 { all_pairs(n) } else { Vec::new() };
+        for pairs in [Vec::new(), few, many, every] {
             for mask in all_encodings(n, &pairs) {
-                assert_eq!(
-                    naive_decoder::decode(&mask.reply, &mask.shape, n.get()),
-                    Ok(pairs.clone())
-                );
+                let naive = naive_decoder::decode(&mask.reply, &mask.shape, n.get());
+                assert_eq!(naive, Ok(pairs.clone()));
                 assert_eq!(first_wrong_way(&mask, &pairs), None, "{n:?} {:?}", mask.shape);
             }
         }
-    }
-}
-
-#[test]
-fn masks_of_every_pair_decode() {
-    for n in (0..=70).chain([345]).map(BoxCount::new) {
-        let pairs = all_pairs(n);
-        for mask in all_encodings(n, &pairs) {
-            assert_eq!(first_wrong_way(&mask, &pairs), None, "{n:?} {:?}", mask.shape);
-        }
-    }
-}
-
-#[test]
-fn large_masks_split_over_threads_without_loss() {
-    let n = BoxCount::new(4_321);
-    let pairs = random_pairs(n, 200_000, 5);
-    for mask in all_encodings(n, &pairs) {
-        assert_eq!(first_wrong_way(&mask, &pairs), None, "{:?}", mask.shape);
     }
 }
 
@@ -344,19 +319,4 @@ proptest! {
         }
     }
 
-}
-
-proptest! {
-    #[test]
-    fn written_pairs_are_decoded(
-        n in prop_oneof![0u32..70, Just(345), Just(1_234)],
-        per_box in 0usize..12,
-        seed: u64,
-    ) {
-        let n = BoxCount::new(n);
-        let pairs = random_pairs(n, per_box * n.len() / 4, seed);
-        for mask in all_encodings(n, &pairs) {
-            prop_assert_eq!(first_wrong_way(&mask, &pairs), None);
-        }
-    }
 }

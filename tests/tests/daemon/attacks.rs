@@ -10,25 +10,21 @@ use std::io::Read;
 use std::process::{Child, ChildStderr, Command, Stdio};
 use std::time::{Duration, Instant};
 
-use pairmask::scene::{Edit, QueryTags, SceneOptions, Want};
-use pairmask::{Backend, JoinOptions, SceneEdit, ServedBy, Session, WaitError};
-use pairmask_core::engine::EngineChoice;
+use pairmask::{JoinOptions, SceneEdit};
 use pairmask_core::mask::WordAddress;
-use pairmask_core::units::BoxCount;
-use pairmask_core::{Aabb, Encoding, EncodingChoice};
+use pairmask_tests::attack_time;
 use pairmask_tests::attackers::lists::PAIRS;
 use pairmask_tests::attackers::raw::{
     CHANNEL_ID, CLIENT_ID, REQUEST_ID, RawClient, answer, cull, read, word, write,
 };
 use pairmask_tests::attackers::shared::SHARED_SCENE;
-use pairmask_tests::daemon::{PATIENCE, TestDaemon, eventually};
 use pairmask_tests::filtered_frames::{FilteredFrame, KINDS};
-use pairmask_tests::scene_edits::EditMaker;
-use pairmask_tests::{KnownPairs, attack_time, oracle, stress_scenes};
+use pairmask_tests::prelude::*;
+use pairmask_tests::scene_model::{Edits, Grouped, Kind, SessionScene, hold};
 use pairmask_transport::{ProcessWatch, RuntimeDir, SegmentFiles};
 use pairmask_wire::{InstanceName, ReplyError, boxes_in_mut};
 use rayon::iter::ParallelIterator;
-use rustix::process::{Pid, Signal, kill_process};
+use rustix::process::{Pid, kill_process};
 
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
 const ATTACKER: &str = env!("CARGO_BIN_EXE_attacker");
@@ -78,12 +74,12 @@ type Boxes = Vec<Aabb>;
 type IndexPairs = Vec<(u32, u32)>;
 
 /// Frames with their pairs, which a client submits in turn.
-struct Frames {
+struct InTurn {
     frames: Vec<(Boxes, IndexPairs)>,
     asked: usize,
 }
 
-impl Frames {
+impl InTurn {
     fn new(sizes: &[u32]) -> Self {
         let with_pairs = |(seed, n): (usize, &u32)| {
             let boxes = scene(*n, seed as u64);
@@ -97,12 +93,8 @@ impl Frames {
     fn check(&mut self, session: &mut Session) -> Result<ServedBy, WaitError> {
         let (boxes, expected) = &self.frames[self.asked % self.frames.len()];
         self.asked += 1;
-        let mut frame = session.frame(boxes.len()).unwrap();
-        frame.boxes_mut().copy_from_slice(boxes);
-        let mask = frame.submit().unwrap().wait()?;
-        let mut pairs = mask.to_vec();
-        pairs.sort_unstable();
-        assert!(pairs == *expected, "wrong answer {} of {} boxes", self.asked, boxes.len());
+        let mask = session.ask(boxes).wait()?;
+        assert!(mask.sorted() == *expected, "wrong answer {} of {} boxes", self.asked, boxes.len());
         Ok(mask.info().served_by)
     }
 }
@@ -120,7 +112,7 @@ struct Lived {
 fn live_beside(mode: &'static str, max_clients: &str) -> (BTreeMap<String, u64>, Lived) {
     let daemon = TestDaemon::start(DAEMON, &["--gpu", "none", "--max-clients", max_clients]);
     let mut session = daemon.session().backend(Backend::Auto).connect().unwrap();
-    let mut frames = Frames::new(&[64, 500, 1500]);
+    let mut frames = InTurn::new(&[64, 500, 1500]);
     let mut lived = Lived::default();
     let mut worker = daemon.worker();
     let attacker = Attacker::start(daemon.path(), mode);
@@ -153,32 +145,34 @@ fn lengths_beyond_a_segment_are_refused_and_kill_no_process() {
     assert_eq!((lived.restarts, lived.here), (0, 0), "{lived:?}");
 }
 
-/// A scene of an honest client, whose pairs add up, beside a client that forges edits.
+/// Does what an honest client does, again and again, beside a client that forges requests in a mode.
+fn honest_beside(daemon: &TestDaemon, mode: &'static str, mut honest: impl FnMut()) {
+    let worker = daemon.worker();
+    let attacker = Attacker::start(daemon.path(), mode);
+    let end = Instant::now() + attack_time();
+    while Instant::now() < end {
+        honest();
+    }
+    let counts = attacker.end();
+    println!("{mode}: {counts:?}");
+    assert!(counts["answered"] > 10 && counts["refused"] > 10, "{counts:?}");
+    assert_eq!(daemon.worker(), worker, "the worker lives");
+}
+
+/// Scenes of an honest client, held to the model, beside a client that forges edits.
 #[test]
 fn forged_edits_leave_the_scenes_of_others_alone() {
     let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
     let mut session = daemon.session().connect().unwrap();
-    let mut scene = session.scene(SceneOptions::default());
-    let mut truth = pairmask_core::scene::Scene::new(SceneOptions::default());
-    let (mut source, mut known) = (EditMaker::new(3, 300), KnownPairs::default());
-    let worker = daemon.worker();
-    let attacker = Attacker::start(daemon.path(), "edits");
-    let end = Instant::now() + attack_time();
-    while Instant::now() < end {
-        let owned = source.next_edit();
-        let arrays = owned.arrays(0);
-        let edit = arrays.steps().into_iter().fold(scene.edit(), SceneEdit::step);
-        let answer = edit.commit(Want::Changes).unwrap().take();
-        known.tell(&answer).unwrap();
-        let all = truth.edit(Edit { steps: &arrays.steps() }, Want::All).unwrap();
-        known.compare(all.pairs()).unwrap();
-    }
-    let counts = attacker.end();
-    println!("edits: {counts:?}");
-    assert!(counts["answered"] > 10 && counts["refused"] > 10, "{counts:?}");
-    assert_eq!(daemon.worker(), worker, "the worker lives");
+    let mut seed = 0;
+    honest_beside(&daemon, "edits", || {
+        seed += 10;
+        hold(Kind::Small, seed, 50, |script| {
+            SessionScene::of(&mut session, script, ServedBy::Daemon, EngineName::CpuGrid)
+        });
+    });
     eventually("the forged scenes are freed", || {
-        (session.daemon_status().unwrap().scenes == 1).then_some(())
+        (session.daemon_status().unwrap().scenes == 0).then_some(())
     });
 }
 
@@ -192,51 +186,32 @@ fn forged_rules_leave_the_frames_of_others_alone() {
         .enumerate()
         .map(|(seed, kind)| FilteredFrame::drawn(40 + 50 * seed, kind, seed as u64))
         .collect();
-    let worker = daemon.worker();
-    let attacker = Attacker::start(daemon.path(), "rules");
-    let end = Instant::now() + attack_time();
-    while Instant::now() < end {
+    honest_beside(&daemon, "rules", || {
         for filtered in &frames {
             let mut frame = session.frame(filtered.boxes.len()).unwrap();
             frame.write(&filtered.boxes);
             let mask = frame.submit_with(&filtered.rules).unwrap().wait().unwrap();
-            let mut pairs = mask.to_vec();
-            pairs.sort_unstable();
-            assert!(pairs == filtered.pairs, "{} boxes", filtered.boxes.len());
+            assert!(mask.sorted() == filtered.pairs, "{} boxes", filtered.boxes.len());
         }
-    }
-    let counts = attacker.end();
-    println!("rules: {counts:?}");
-    assert!(counts["answered"] > 10 && counts["refused"] > 10, "{counts:?}");
-    assert_eq!(daemon.worker(), worker, "the worker lives");
+    });
 }
 
-/// A scene of an honest client, whose queries find what a scene of this process does, beside a client that
-/// forges queries.
+/// A scene of an honest client, whose queries find what the model does, beside a client that forges queries.
 #[test]
 fn forged_queries_leave_the_scenes_of_others_alone() {
     let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
     let mut session = daemon.session().connect().unwrap();
     let mut scene = session.scene(SceneOptions::default());
-    let mut truth = pairmask_core::scene::Scene::new(SceneOptions::default());
-    let mut source = EditMaker::new(5, 300);
-    let worker = daemon.worker();
-    let attacker = Attacker::start(daemon.path(), "queries");
-    let (end, mut found) = (Instant::now() + attack_time(), Vec::new());
-    while Instant::now() < end {
-        let owned = source.next_edit();
-        let arrays = owned.arrays(0);
-        let edit = arrays.steps().into_iter().fold(scene.edit(), SceneEdit::step);
+    let mut source = Edits::new(5, 300);
+    honest_beside(&daemon, "queries", || {
+        let ops = source.next_edit();
+        let grouped = Grouped::of(&ops);
+        let edit = grouped.steps().into_iter().fold(scene.edit(), SceneEdit::step);
         drop(edit.commit(Want::Nothing).unwrap());
-        truth.edit(Edit { steps: &arrays.steps() }, Want::Nothing).unwrap();
-        let queries: Vec<_> = source.boxes().values().copied().take(40).collect();
-        truth.query(&queries, QueryTags::None, &mut found).unwrap();
-        assert_eq!(scene.query(&queries).find().unwrap().to_vec(), found);
-    }
-    let counts = attacker.end();
-    println!("queries: {counts:?}");
-    assert!(counts["answered"] > 10 && counts["refused"] > 10, "{counts:?}");
-    assert_eq!(daemon.worker(), worker, "the worker lives");
+        let queries: Vec<_> = source.model().boxes().take(40).collect();
+        let expected = source.model().query(&queries, QueryTags::None);
+        assert_eq!(scene.query(&queries).find().unwrap().to_vec(), expected);
+    });
 }
 
 /// Two honest writers of a shared scene, beside a client that forges requests about it.
@@ -359,7 +334,7 @@ fn shares(mode: &'static str) -> (u64, u64) {
     let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
     let long = Duration::from_secs(60) + 2 * attack_time();
     let mut session = daemon.session().deadline(long).connect().unwrap();
-    let mut frames = Frames::new(&[64]);
+    let mut frames = InTurn::new(&[64]);
     let attacker = Attacker::start(daemon.path(), mode);
     // The attacker's requests wait when the count begins.
     std::thread::sleep(Duration::from_millis(300));
@@ -369,14 +344,10 @@ fn shares(mode: &'static str) -> (u64, u64) {
     // for ever.
     while Instant::now() < end {
         let (boxes, expected) = &frames.frames[0];
-        let mut frame = session.frame(boxes.len()).unwrap();
-        frame.boxes_mut().copy_from_slice(boxes);
         let left = end.saturating_duration_since(Instant::now());
-        match frame.submit().unwrap().wait_timeout(left) {
+        match session.ask(boxes).wait_timeout(left) {
             Ok(mask) => {
-                let mut pairs = mask.to_vec();
-                pairs.sort_unstable();
-                assert!(pairs == *expected, "a wrong answer");
+                assert!(mask.sorted() == *expected, "a wrong answer");
                 honest += 1;
             }
             Err(WaitError::Timeout { .. }) => break,
@@ -407,20 +378,23 @@ fn many_ports_win_no_turns() {
     assert_fair("ports");
 }
 
+/// An attacker that serves, and a session of it.
+fn hostile_daemon(
+    mode: &'static str,
+    encoding: EncodingChoice,
+) -> (tempfile::TempDir, Attacker, Session) {
+    let dir = tempfile::tempdir().unwrap();
+    let attacker = Attacker::start(dir.path(), mode);
+    let builder = Session::builder().runtime_dir(RuntimeDir::at(dir.path()));
+    let builder = builder.backend(Backend::Daemon).encoding(encoding);
+    let builder = builder.deadline(Duration::from_secs(5));
+    let session = eventually("the hostile daemon serves", || builder.clone().connect().ok());
+    (dir, attacker, session)
+}
+
 #[test]
 fn an_answer_longer_than_its_memory_is_refused() {
-    let dir = tempfile::tempdir().unwrap();
-    let attacker = Attacker::start(dir.path(), "daemon");
-    let place = RuntimeDir::at(dir.path());
-    let connect = || {
-        Session::builder()
-            .runtime_dir(place.clone())
-            .backend(Backend::Daemon)
-            .deadline(Duration::from_secs(5))
-            .connect()
-            .ok()
-    };
-    let mut session = eventually("the hostile daemon serves", connect);
+    let (dir, attacker, mut session) = hostile_daemon("daemon", EncodingChoice::Auto);
     let end = Instant::now() + attack_time();
     let mut refused = 0;
     let mut accepted = 0;
@@ -443,19 +417,8 @@ fn an_answer_longer_than_its_memory_is_refused() {
 
 #[test]
 fn a_list_that_changes_while_it_is_read_names_no_box_that_is_not_there() {
-    let dir = tempfile::tempdir().unwrap();
-    let attacker = Attacker::start(dir.path(), "lists");
-    let place = RuntimeDir::at(dir.path());
-    let connect = || {
-        Session::builder()
-            .runtime_dir(place.clone())
-            .backend(Backend::Daemon)
-            .encoding(EncodingChoice::Only(Encoding::List))
-            .deadline(Duration::from_secs(5))
-            .connect()
-            .ok()
-    };
-    let mut session = eventually("the hostile daemon serves", connect);
+    let list = EncodingChoice::Only(Encoding::List);
+    let (dir, attacker, mut session) = hostile_daemon("lists", list);
     let n = PAIRS as u32 + 1;
     let is_pair = |(a, b): (u32, u32)| a < b && b < n;
     let end = Instant::now() + attack_time();
@@ -548,7 +511,7 @@ fn serve(dir: &std::path::Path) -> Child {
 }
 
 /// Starts a daemon where another was killed, and stops it when it has answered.
-fn check_that_it_serves(dir: &std::path::Path, frames: &mut Frames) {
+fn check_that_it_serves(dir: &std::path::Path, frames: &mut InTurn) {
     let mut supervisor = serve(dir);
     let place = RuntimeDir::at(dir);
     let started = Instant::now();
@@ -583,22 +546,27 @@ fn clean_up(dir: &std::path::Path) {
     let _ = std::fs::remove_dir_all(place.transport_root(&name));
 }
 
-/// The worker is stopped before it is bound to its supervisor, which ends meanwhile.
-#[test]
-fn a_worker_that_was_orphaned_before_it_was_bound_ends() {
+/// Starts daemons that something is done to, in which they are killed, and checks that the next one serves.
+fn kill_starting(what: &str, mut kill: impl FnMut(&mut Child, u64)) {
     let dir = tempfile::tempdir().unwrap();
-    let mut frames = Frames::new(&[64]);
+    let mut frames = InTurn::new(&[64]);
     let end = Instant::now() + attack_time();
     let mut rounds = 0;
     while rounds == 0 || Instant::now() < end {
-        let mut supervisor = serve(dir.path());
-        let found = Instant::now();
-        let worker = loop {
-            if let Some(worker) = child_of(supervisor.id()) {
-                break worker;
-            }
-            assert!(found.elapsed() < PATIENCE, "no worker was started");
-        };
+        kill(&mut serve(dir.path()), rounds);
+        check_that_it_serves(dir.path(), &mut frames);
+        rounds += 1;
+    }
+    println!("{what}: {rounds} rounds");
+    clean_up(dir.path());
+}
+
+/// The worker is stopped before it is bound to its supervisor, which ends meanwhile.
+#[test]
+fn a_worker_that_was_orphaned_before_it_was_bound_ends() {
+    kill_starting("orphans", |supervisor, _| {
+        // Without a pause: it is bound soon after.
+        let worker = (0..10_000_000).find_map(|_| child_of(supervisor.id())).unwrap();
         let watch = ProcessWatch::open(worker);
         let _ = kill_process(pid(worker), Signal::STOP);
         supervisor.kill().unwrap();
@@ -607,31 +575,17 @@ fn a_worker_that_was_orphaned_before_it_was_bound_ends() {
         eventually("the orphan ends", || {
             watch.as_ref().is_none_or(|watch| !watch.is_alive()).then_some(())
         });
-        check_that_it_serves(dir.path(), &mut frames);
-        rounds += 1;
-    }
-    println!("orphans: {rounds} rounds");
-    clean_up(dir.path());
+    });
 }
 
+/// The kill comes at varying times between the first instruction and a serving worker.
 #[test]
 fn a_daemon_killed_while_it_starts_does_not_keep_the_next_from_serving() {
-    let dir = tempfile::tempdir().unwrap();
-    let mut frames = Frames::new(&[64]);
-    let end = Instant::now() + attack_time();
-    let mut rounds = 0;
-    while Instant::now() < end {
-        let mut supervisor = serve(dir.path());
-        // The kill comes at varying times between the first instruction and a serving worker.
-        std::thread::sleep(Duration::from_micros(rounds * 7919 % 30_000));
+    kill_starting("killed at the start", |supervisor, round| {
+        std::thread::sleep(Duration::from_micros(round * 7919 % 30_000));
         supervisor.kill().unwrap();
         supervisor.wait().unwrap();
-        check_that_it_serves(dir.path(), &mut frames);
-        rounds += 1;
-    }
-    println!("killed at the start: {rounds} rounds");
-    assert!(rounds > 0);
-    clean_up(dir.path());
+    });
 }
 
 /// A worker without a supervisor holds the server port, but not the lock.
@@ -652,7 +606,7 @@ fn a_process_that_blocks_an_instance_is_named() {
     assert!(text.contains(&process) && text.contains("kill -9"), "{text}");
     blocking.kill().unwrap();
     blocking.wait().unwrap();
-    check_that_it_serves(dir.path(), &mut Frames::new(&[64]));
+    check_that_it_serves(dir.path(), &mut InTurn::new(&[64]));
     clean_up(dir.path());
 }
 

@@ -1,16 +1,16 @@
 //! Clients in C and C++: the suite's scenes and the golden ones, every call and every error, with sanitizers and
 //! by valgrind, in process and through a daemon that may be killed.
 
+use std::io::{Read, Write};
+use std::path::Path;
+use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 use std::time::Instant;
 
 // The libraries of this crate are what the programs are linked with.
 use pairmask_c as _;
-use pairmask_core::Encoding;
-use pairmask_tests::c_program::{Culling, Program, Watch};
-use pairmask_tests::daemon::{PATIENCE, TestDaemon};
 use pairmask_tests::golden::{self, GOLDEN};
-use pairmask_tests::oracle::{self, pair_set_hash};
-use pairmask_tests::stress_scenes;
+use pairmask_tests::oracle::pair_set_hash;
+use pairmask_tests::prelude::*;
 
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
 const C: &[&str] = &["-std=c11"];
@@ -21,8 +21,143 @@ const IN_PROCESS: u32 = 2;
 /// Sizes of the suite that a program answers under a watch within seconds.
 const SIZES: [u32; 10] = [0, 1, 2, 3, 31, 32, 33, 64, 70, 345];
 
-fn folder() -> tempfile::TempDir {
-    tempfile::tempdir().expect("a temporary directory")
+/// How a program is built and run.
+#[derive(Clone, Copy, PartialEq)]
+enum Watch {
+    /// With the sanitizers of the compiler for addresses and undefined behaviour.
+    Sanitizers,
+    /// By valgrind.
+    Valgrind,
+}
+
+/// A program that was built, in a folder of its own.
+struct Program {
+    folder: tempfile::TempDir,
+    watch: Watch,
+}
+
+impl Program {
+    /// Builds `client-lib/c/tests/programs/SOURCE` by a compiler's flags beside the warnings.
+    fn build(source: &str, flags: &[&str], watch: Watch) -> Self {
+        let is_cpp = Path::new(source).extension().is_some_and(|extension| extension == "cpp");
+        let (variable, usual) = if is_cpp { ("CXX", "c++") } else { ("CC", "cc") };
+        let compiler = std::env::var(variable).unwrap_or_else(|_| usual.to_owned());
+        let folder = tempfile::tempdir().expect("a temporary directory");
+        let client = Path::new(env!("CARGO_MANIFEST_DIR")).join("../client-lib/c");
+        // Where the build has put the library: beside the program that runs this.
+        let here = std::env::current_exe().expect("the path of this program");
+        let libraries = here.parent().expect("a folder");
+        let mut command = Command::new(&compiler);
+        command
+            .args(["-Wall", "-Wextra", "-Wpedantic", "-Werror", "-g", "-O1"])
+            .args(flags)
+            .arg("-I")
+            .arg(client.join("include"))
+            .arg(client.join("tests/programs").join(source))
+            .arg("-o")
+            .arg(folder.path().join("program"))
+            .arg("-L")
+            .arg(libraries)
+            .args(["-lpairmask_c", "-lm"])
+            .arg(format!("-Wl,-rpath,{}", libraries.display()));
+        if watch == Watch::Sanitizers {
+            command.args(["-fsanitize=address,undefined", "-fno-sanitize-recover=all"]);
+        }
+        let status = command.status().unwrap_or_else(|error| panic!("{compiler}: {error}"));
+        assert!(status.success(), "{command:?}");
+        Self { folder, watch }
+    }
+
+    /// The program with its arguments, as it is watched.
+    fn command(&self, arguments: &[&str]) -> Command {
+        let binary = self.folder.path().join("program");
+        let mut command = match self.watch {
+            Watch::Sanitizers => Command::new(&binary),
+            Watch::Valgrind => {
+                let mut command = Command::new("valgrind");
+                command
+                    .args(["--quiet", "--error-exitcode=9", "--leak-check=full"])
+                    .args(["--show-leak-kinds=definite,indirect"])
+                    .args(["--errors-for-leak-kinds=definite,indirect"])
+                    .arg(&binary);
+                command
+            }
+        };
+        command.args(arguments);
+        command
+    }
+
+    /// Runs the program to its end, and returns what it printed.
+    fn run(&self, arguments: &[&str]) -> String {
+        let mut command = self.command(arguments);
+        let done = command.output().unwrap_or_else(|error| panic!("{command:?}: {error}"));
+        let error = String::from_utf8_lossy(&done.stderr);
+        assert!(done.status.success(), "{command:?}: {}\n{error}", done.status);
+        String::from_utf8(done.stdout).expect("a text")
+    }
+
+    /// Starts a program that culls frames: `conformance.c` or `conformance.cpp`.
+    fn cull(&self, arguments: &[&str]) -> Culling {
+        let mut command = self.command(arguments);
+        command.stdin(Stdio::piped()).stdout(Stdio::piped());
+        let mut child = command.spawn().unwrap_or_else(|error| panic!("{command:?}: {error}"));
+        let frames = child.stdin.take().expect("piped");
+        let answers = child.stdout.take().expect("piped");
+        Culling { child, frames: Some(frames), answers }
+    }
+}
+
+/// A program that culls frames.
+struct Culling {
+    child: Child,
+    frames: Option<ChildStdin>,
+    answers: ChildStdout,
+}
+
+/// What such a program answers.
+struct Culled {
+    /// The pairs, sorted.
+    pairs: Vec<Pair>,
+    /// Boxes that are empty.
+    empty: u32,
+    /// Boxes that are invalid.
+    invalid: u32,
+    /// `PM_SERVED_BY_...`.
+    served_by: u32,
+}
+
+impl Culling {
+    /// Culls a frame.
+    fn frame(&mut self, boxes: &[Aabb]) -> Culled {
+        let frames = self.frames.as_mut().expect("not ended");
+        let n = u32::try_from(boxes.len()).expect("indices are u32");
+        frames.write_all(&n.to_le_bytes()).expect("the program reads");
+        frames.write_all(bytemuck::cast_slice(boxes)).expect("the program reads");
+        frames.flush().expect("the program reads");
+        let mut head = [0u32; 4];
+        self.answers.read_exact(bytemuck::cast_slice_mut(&mut head)).expect("an answer");
+        let [count, empty, invalid, served_by] = head;
+        let mut found = vec![[0u32; 2]; count as usize];
+        self.answers.read_exact(bytemuck::cast_slice_mut(&mut found)).expect("the pairs");
+        let mut pairs: Vec<Pair> = found.into_iter().map(|[a, b]| (a, b)).collect();
+        pairs.sort_unstable();
+        Culled { pairs, empty, invalid, served_by }
+    }
+
+    /// Ends the program.
+    fn end(mut self) {
+        drop(self.frames.take());
+        let status = self.child.wait().expect("the program ends");
+        assert!(status.success(), "{status}");
+    }
+}
+
+impl Drop for Culling {
+    fn drop(&mut self) {
+        drop(self.frames.take());
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
 }
 
 /// Asserts that a program finds the oracle's pairs.
@@ -50,8 +185,7 @@ fn check_golden(program: &mut Culling) {
 }
 
 fn conforms(source: &str, flags: &[&str]) {
-    let folder = folder();
-    let program = Program::build(source, flags, Watch::Sanitizers, folder.path());
+    let program = Program::build(source, flags, Watch::Sanitizers);
     let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
     let dir = daemon.path().to_str().expect("a path in UTF-8");
     for (backend, served_by) in [("in-process", IN_PROCESS), ("daemon", BY_DAEMON)] {
@@ -77,9 +211,8 @@ fn a_program_in_cpp_finds_the_pairs_of_the_suite() {
 #[test]
 #[ignore = "slow: the nightly tier runs it"]
 fn valgrind_finds_nothing_in_frames() {
-    let folder = folder();
     for (source, flags) in [("conformance.c", C), ("conformance.cpp", CPP)] {
-        let program = Program::build(source, flags, Watch::Valgrind, folder.path());
+        let program = Program::build(source, flags, Watch::Valgrind);
         let mut culling = program.cull(&["in-process", "/", "auto"]);
         check_suite(&mut culling, &[0, 3, 33, 345], IN_PROCESS);
         culling.end();
@@ -87,7 +220,6 @@ fn valgrind_finds_nothing_in_frames() {
 }
 
 fn every_call_and_every_error(watch: Watch, backends: &[&str]) {
-    let folder = folder();
     let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
     let dir = daemon.path().to_str().expect("a path in UTF-8");
     let standards: [(&str, &[&str]); 4] = [
@@ -97,7 +229,7 @@ fn every_call_and_every_error(watch: Watch, backends: &[&str]) {
         ("calls.cpp", &["-std=c++20"]),
     ];
     for (source, flags) in standards {
-        let program = Program::build(source, flags, watch, folder.path());
+        let program = Program::build(source, flags, watch);
         for backend in backends {
             for encoding in ["auto", "sparse"] {
                 assert_eq!(program.run(&[backend, dir, encoding]), "all calls\n");
@@ -120,8 +252,7 @@ fn valgrind_finds_nothing_in_every_call_and_every_error() {
 
 #[test]
 fn a_daemon_that_is_killed_costs_no_frame() {
-    let folder = folder();
-    let program = Program::build("conformance.c", C, Watch::Sanitizers, folder.path());
+    let program = Program::build("conformance.c", C, Watch::Sanitizers);
     let mut daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
     let dir = daemon.path().to_str().expect("a path in UTF-8").to_owned();
     let mut culling = program.cull(&["auto", &dir, "auto"]);
@@ -157,8 +288,7 @@ fn a_daemon_that_is_killed_costs_no_frame() {
 #[test]
 #[should_panic(expected = "assertion")]
 fn a_lost_pair_is_seen() {
-    let folder = folder();
-    let program = Program::build("conformance.c", C, Watch::Sanitizers, folder.path());
+    let program = Program::build("conformance.c", C, Watch::Sanitizers);
     let mut culling = program.cull(&["in-process", "/", "auto"]);
     let boxes = stress_scenes::named("uniform").boxes(300, 2);
     let mut truth = oracle::truth(&boxes).pairs;

@@ -1,28 +1,20 @@
-//! Scenes whose boxes have margins: few boxes are sent, and the pairs are those of a scene of all boxes. One
-//! file, because most tests share the lockstep with that scene, or the check of near pairs.
+//! Scenes whose boxes have margins: few boxes are sent, and the pairs are those of the model of scenes without.
 
-use std::collections::BTreeMap;
+use std::cell::{Cell, RefCell};
+use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
-use pairmask::scene::{Edit, EditError, SceneOptions, Want};
-use pairmask::{
-    Aabb, Backend, CommitError, Margin, MarginedAnswer, MarginedPairs, MarginedScene, ServedBy,
-    Session,
-};
-use pairmask_core::precision::Widening;
-use pairmask_core::scene as core_scene;
-use pairmask_core::{BoxClass, oracle};
+use pairmask::scene::EditError;
+use pairmask::{CommitError, Margin, MarginedEdit, MarginedPairs, MarginedScene};
 use pairmask_lab::stress::{FloatFlags, Rounding};
-use pairmask_tests::KnownPairs;
-use pairmask_tests::daemon::{TestDaemon, eventually};
-use pairmask_tests::scene_edits::{EditMaker, OwnedEdit, SKIPPED};
+use pairmask_tests::heard;
+use pairmask_tests::prelude::*;
+use pairmask_tests::scene_model::{
+    Edits, Fate, Heard, Kind, Op, Script, Subject, Turn, hold_without_rules, options,
+};
 use pairmaskd::scene::{Random, Scene as World, SceneName};
-use rustix::process::Signal;
 
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
-
-const WANTS: [Want; 6] =
-    [Want::Changes, Want::Changes, Want::Changes, Want::Moved, Want::All, Want::Nothing];
 
 fn at(x: f32) -> Aabb {
     Aabb::new([x, 0.0, 0.0], [x + 1.0, 1.0, 1.0])
@@ -36,35 +28,27 @@ fn in_process() -> Session {
     Session::builder().backend(Backend::InProcess).connect().unwrap()
 }
 
-/// Whether an answer is what a scene of the boxes of now tells.
-fn compare(answer: &MarginedAnswer<'_>, told: &core_scene::Told) -> Result<(), String> {
-    let same = [
-        ("want", answer.want() == told.want()),
-        ("resync", answer.is_resync() == told.is_resync()),
-        ("begun", answer.begun().to_vec() == told.begun()),
-        ("ended", answer.ended().to_vec() == told.ended()),
-        ("pairs", answer.pairs().to_vec() == told.pairs()),
-        ("pair count", answer.pair_count() == told.pair_count()),
-    ];
-    let wrong: Vec<&str> = same.iter().filter(|(_, same)| !same).map(|(what, _)| *what).collect();
-    let begun = (answer.begun().to_vec(), told.begun());
-    if wrong.is_empty() { Ok(()) } else { Err(format!("{wrong:?} differ; begun {begun:?}")) }
-}
-
 /// An edit with margins of chance.
-struct WithMargins {
-    edit: OwnedEdit,
+struct WithMargins<'o> {
+    ops: &'o [Op],
+    removed: Vec<u32>,
     indices: Vec<u32>,
     boxes: Vec<Aabb>,
     margins: Vec<Margin>,
     /// One for all, in place of the others.
     same: Option<Margin>,
+    one_by_one: bool,
 }
 
-impl WithMargins {
-    fn new(edit: OwnedEdit, random: &mut Random, scene_len: usize) -> Self {
-        let indices: Vec<u32> = edit.set.keys().copied().collect();
-        let boxes: Vec<Aabb> = edit.set.values().copied().collect();
+impl<'o> WithMargins<'o> {
+    fn new(ops: &'o [Op], random: &mut Random, scene_len: usize) -> Self {
+        let removed = ops.iter().filter(|op| matches!(op, Op::Remove(_)));
+        let removed = removed.flat_map(Op::indices).copied().collect();
+        let sets = ops.iter().filter_map(|op| match op {
+            Op::Set(index, b) => Some((*index, *b)),
+            _ => None,
+        });
+        let (indices, boxes): (Vec<u32>, Vec<Aabb>) = sets.unzip();
         // Few huge ones in large scenes: each box of these is near all others.
         let mut some = || match random.below(12 + scene_len as u64) {
             0..3 => 0.0,
@@ -77,7 +61,8 @@ impl WithMargins {
         let margins: Vec<Margin> = indices.iter().map(|_| margin(some())).collect();
         let same =
             (random.below(3) == 0).then(|| margin([0.0, 0.1, 0.5][random.below(3) as usize]));
-        Self { edit, indices, boxes, margins, same }
+        let one_by_one = random.below(2) == 0;
+        Self { ops, removed, indices, boxes, margins, same, one_by_one }
     }
 
     fn margin_of(&self, at: usize) -> Margin {
@@ -85,112 +70,112 @@ impl WithMargins {
     }
 
     /// Submits it, its sets in one of two ways to name them.
-    fn write<'s, 'a: 's>(
-        &'a self,
-        scene: &'s mut MarginedScene,
-        one_by_one: bool,
-    ) -> pairmask::MarginedEdit<'s, 'a> {
-        let Self { edit, indices, boxes, margins, same } = self;
-        let mut written = scene.edit().remove_all(&edit.removed);
+    fn write<'s, 'a: 's>(&'a self, scene: &'s mut MarginedScene) -> MarginedEdit<'s, 'a> {
+        let Self { ops, removed, indices, boxes, margins, same, one_by_one } = self;
+        let mut written = scene.edit().remove_all(removed);
         written = match same {
-            _ if one_by_one => indices.iter().enumerate().fold(written, |written, (i, index)| {
+            _ if *one_by_one => indices.iter().enumerate().fold(written, |written, (i, index)| {
                 written.set(*index, boxes[i], self.margin_of(i))
             }),
             Some(same) => written.set_all(indices, boxes, *same),
             None => written.set_all(indices, boxes, margins),
         };
-        let switched = |written: pairmask::MarginedEdit<'s, 'a>, (index, on): &(u32, bool)| {
-            written.switch(*index, *on)
-        };
-        written = edit.switched.iter().fold(written, switched);
-        edit.flagged.iter().fold(written, |written, (index, on)| written.make_static(*index, *on))
+        ops.iter().fold(written, |written, op| match op {
+            Op::Switch(index, on) => written.switch(*index, *on),
+            Op::Static(index, on) => written.make_static(*index, *on),
+            _ => written,
+        })
     }
 }
 
-/// Exact pairs of a scene with margins, and a scene of all boxes, edit by edit.
-fn lockstep(session: &mut Session, (seed, most_boxes): (u64, u32), edits: usize) -> MarginedScene {
-    let options = SceneOptions::default().with_most_boxes(most_boxes + SKIPPED).with_threads(1);
-    let mut scene = session.margined_scene(options, MarginedPairs::Exact);
-    let mut truth = core_scene::Scene::new(options);
-    let mut source = EditMaker::new(seed, most_boxes as usize);
-    let mut random = Random::new(seed ^ 1);
-    for step in 0..edits {
-        let owned = WithMargins::new(source.next_edit(), &mut random, source.boxes().len());
-        let want = WANTS[random.below(6) as usize];
-        if random.below(40) == 0 {
-            scene.lose();
-            truth.lose();
-        }
-        if random.below(10) == 0 {
-            let wrong = scene.edit().set(0, at(0.0), margin(0.1)).set(0, at(9.0), margin(0.1));
-            let twice = wrong.commit(want).map(drop).unwrap_err();
-            assert!(matches!(twice, CommitError::Edit(EditError::SetTwice { index: 0 })));
-        }
-        let told =
-            owned.edit.with(0, |edit| truth.edit(edit, want).map(drop)).map(|()| truth.told());
-        let pending = owned.write(&mut scene, random.below(2) == 0).submit(want).unwrap();
-        if random.below(20) == 0 {
-            // Never waited for.
-            drop(pending);
-            continue;
-        }
-        let answer = pending.wait().unwrap();
-        compare(&answer, told.unwrap())
-            .unwrap_or_else(|wrong| panic!("seed {seed}, {step}: {wrong}"));
-        if random.below(3) > 0 {
-            drop(answer.take());
-            truth.take();
-        }
+/// Exact pairs of a scene with margins.
+struct Margined<'a> {
+    scene: MarginedScene,
+    random: Random,
+    /// What is done while an edit is under way.
+    disturb: Box<dyn FnMut() + 'a>,
+}
+
+impl<'a> Margined<'a> {
+    fn new(session: &mut Session, script: &Script, disturb: impl FnMut() + 'a) -> Self {
+        let scene = session.margined_scene(options(script), MarginedPairs::Exact);
+        Self { scene, random: Random::new(script.events.len() as u64), disturb: Box::new(disturb) }
     }
-    assert_eq!(scene.len(), truth.len());
-    for index in 0..most_boxes + SKIPPED {
-        let bits = |b: Option<Aabb>| b.map(|b| <[f32; 6]>::from(b).map(f32::to_bits));
-        assert_eq!(bits(scene.get(index)), bits(truth.get(index)), "as it was set");
+
+    fn edit(&mut self, turn: &Turn) -> Result<Option<Heard>, CommitError> {
+        let with = WithMargins::new(&turn.ops, &mut self.random, self.scene.len());
+        let pending = with.write(&mut self.scene).submit(turn.mode)?;
+        (self.disturb)();
+        if turn.fate == Fate::Abandoned {
+            return Ok(None);
+        }
+        let mut answer = pending.wait()?;
+        if turn.fate == Fate::Acknowledged {
+            answer = answer.take();
+        }
+        let heard = heard!(answer);
+        drop(answer);
+        for (index, b) in with.indices.iter().zip(&with.boxes) {
+            let bits = |b: Aabb| <[f32; 6]>::from(b).map(f32::to_bits);
+            assert_eq!(self.scene.get(*index).map(bits), Some(bits(*b)), "as it was set");
+        }
+        Ok(Some(heard))
     }
-    scene
+}
+
+impl Subject for Margined<'_> {
+    fn tick(&mut self, turns: &[Turn]) -> Result<Vec<(u64, Option<Heard>)>, String> {
+        let told = turns.iter().map(|turn| Ok((0, self.edit(turn)?)));
+        told.collect::<Result<_, CommitError>>().map_err(|error| error.to_string())
+    }
+
+    fn invalidate(&mut self) {
+        self.scene.lose();
+    }
+
+    fn box_count(&self) -> Option<usize> {
+        Some(self.scene.len())
+    }
+}
+
+/// Holds scenes with margins to the model of scenes without.
+fn hold_exact(session: &mut Session, seed: u64, kinds: [(Kind, usize); 2]) {
+    for (kind, edits) in kinds {
+        hold_without_rules(kind, seed, edits, |script| Margined::new(session, script, || ()));
+    }
 }
 
 #[test]
 fn exact_pairs_are_those_of_a_scene_of_all_boxes() {
-    for of in [(1, 70), (2, 70), (3, 600), (4, 3_000)] {
-        let scene = lockstep(&mut in_process(), of, 1_500);
-        let stats = scene.stats();
-        assert!(stats.sent < stats.set && stats.requests < stats.edits, "{stats:?}");
-    }
+    hold_exact(&mut in_process(), 80_000, [(Kind::Small, 1_500), (Kind::Large, 40)]);
 }
 
 #[test]
 #[ignore = "minutes: the nightly tier runs it"]
 fn exact_pairs_are_those_of_a_scene_of_all_boxes_over_many_edits() {
-    for seed in 0..20 {
-        drop(lockstep(&mut in_process(), (seed, [70, 400, 2_000][seed as usize % 3]), 20_000));
-    }
+    hold_exact(&mut in_process(), 1_000_000, [(Kind::Small, 400_000), (Kind::Large, 4_000)]);
 }
 
 #[test]
 fn a_daemon_is_sent_few_boxes_and_the_pairs_are_the_same() {
     let daemon = TestDaemon::start(DAEMON, &["--gpu", "none", "--audit", "1/1"]);
     let mut session = daemon.session().connect().unwrap();
-    for of in [(5, 70), (6, 600), (7, 3_000)] {
-        drop(lockstep(&mut session, of, 400));
-    }
-    let audit = eventually("scenes are audited", || {
+    hold_exact(&mut session, 81_000, [(Kind::Small, 600), (Kind::Large, 25)]);
+    let mut seed = 82_000;
+    daemon.audit_is_clean(|audit| {
         // The auditor gives up a scene that is edited faster than it follows: then there is another one.
-        drop(lockstep(&mut session, (6, 600), 100));
-        let audit = session.daemon_status().unwrap().audit;
-        (audit.frames > 50).then_some(audit)
+        seed += 100;
+        hold_exact(&mut session, seed, [(Kind::Small, 200), (Kind::Large, 0)]);
+        audit.frames > 50
     });
-    assert_eq!((audit.missed, audit.extra), (0, 0), "{audit:?}");
 }
 
 #[test]
 fn a_gpu_is_sent_few_boxes_and_the_pairs_are_the_same() {
     let daemon = TestDaemon::start(DAEMON, &["--gpu", "software"]);
     let engine = pairmask::EngineChoice::Only(pairmask::EngineName::GpuGrid);
-    let mut session = daemon.session().engine(engine).connect().unwrap();
-    for of in [(8, 70), (9, 600)] {
-        drop(lockstep(&mut session, of, 60));
-    }
+    let mut session = daemon.session().engine(engine).deadline(PATIENCE).connect().unwrap();
+    hold_exact(&mut session, 83_000, [(Kind::Small, 60), (Kind::Large, 8)]);
 }
 
 /// The largest gap of two boxes on an axis, and where.
@@ -204,14 +189,13 @@ fn gaps(a: &Aabb, b: &Aabb) -> [(f64, f64, f64); 3] {
 
 /// Whether what is known are the near pairs, by the boxes of now.
 fn check_near(
-    known: &KnownPairs,
+    near: &BTreeSet<[u32; 2]>,
     exact: &[[u32; 2]],
     scene: &MarginedScene,
     margins: &BTreeMap<u32, Margin>,
 ) {
-    let near: std::collections::BTreeSet<[u32; 2]> = known.iter().collect();
     assert!(exact.iter().all(|pair| near.contains(pair)), "a pair that overlaps is near");
-    for pair in &near {
+    for pair in near {
         let [a, b] = pair.map(|index| scene.get(index).unwrap());
         assert!([a, b].iter().all(|b| b.class() == BoxClass::Solid), "{pair:?}");
         let reach = pair.map(|index| 4.0 * f64::from(margins[&index].get())).iter().sum::<f64>();
@@ -227,48 +211,39 @@ fn check_near(
     }
 }
 
-fn tell(known: &mut KnownPairs, answer: &MarginedAnswer<'_>) {
-    if answer.is_resync() {
-        known.resync(answer.pairs());
-    } else {
-        known.change(answer.begun(), answer.ended()).unwrap();
-    }
-}
-
-/// Near pairs, accumulated from changes, beside all pairs of a scene of all boxes.
+/// Near pairs, accumulated from changes, beside all pairs of the model.
 fn near(session: &mut Session, (seed, most_boxes): (u64, u32), edits: usize) {
     let mut scene = session.margined_scene(SceneOptions::default(), MarginedPairs::Near);
-    let mut truth = core_scene::Scene::new(SceneOptions::default());
-    let mut source = EditMaker::new(seed, most_boxes as usize);
-    let (mut random, mut known) = (Random::new(seed), KnownPairs::default());
+    let mut source = Edits::new(seed, most_boxes).without_rules();
+    let (mut random, mut known) = (Random::new(seed), BTreeSet::new());
     let mut margins = BTreeMap::new();
     for _ in 0..edits {
-        let owned = WithMargins::new(source.next_edit(), &mut random, source.boxes().len());
-        margins.extend(
-            owned.indices.iter().enumerate().map(|(i, index)| (*index, owned.margin_of(i))),
-        );
-        let exact =
-            owned.edit.with(0, |edit| truth.edit(edit, Want::All).unwrap().pairs().to_vec());
-        let want = WANTS[random.below(6) as usize];
-        let answer = owned.write(&mut scene, random.below(2) == 0).commit(want).unwrap();
-        match want {
-            Want::Moved => {
-                let of_moved = truth.edit(Edit::NONE, Want::All).unwrap().pairs().iter().copied();
-                let is_named = |index: &u32| {
-                    let flagged = owned.edit.flagged.iter().chain(&owned.edit.switched);
-                    owned.edit.set.contains_key(index)
-                        || flagged.map(|(i, _)| i).any(|i| i == index)
-                };
-                let mut of_moved = of_moved.filter(|pair| pair.iter().any(is_named));
-                let told: std::collections::BTreeSet<_> = answer.pairs().iter().collect();
-                assert!(of_moved.all(|pair| told.contains(&pair)), "all boxes that the edit names");
-                continue;
-            }
-            Want::Changes if random.below(4) == 0 => continue,
-            Want::Changes => tell(&mut known, &answer.take()),
-            Want::All => known.resync(answer.take().pairs()),
-            _ => continue,
+        let ops = source.next_edit();
+        let with = WithMargins::new(&ops, &mut random, source.model().len());
+        margins
+            .extend(with.indices.iter().enumerate().map(|(i, index)| (*index, with.margin_of(i))));
+        let exact: Vec<[u32; 2]> = source.model().pairs().into_keys().collect();
+        let wants = [Want::Changes, Want::Changes, Want::Changes, Want::Moved, Want::All];
+        let want = wants[random.below(5) as usize];
+        let answer = with.write(&mut scene).commit(want).unwrap();
+        if want == Want::Moved {
+            let named: BTreeSet<u32> = ops.iter().flat_map(Op::indices).copied().collect();
+            let mut of_moved = exact.iter().filter(|pair| pair.iter().any(|i| named.contains(i)));
+            let told: BTreeSet<_> = answer.pairs().iter().collect();
+            assert!(of_moved.all(|pair| told.contains(pair)), "all boxes that the edit names");
+            continue;
         }
+        if want == Want::Changes && random.below(4) == 0 {
+            continue;
+        }
+        let answer = answer.take();
+        if answer.is_resync() || want == Want::All {
+            known = answer.pairs().iter().collect();
+        } else {
+            answer.ended().iter().for_each(|ended| assert!(known.remove(&ended.pair)));
+            answer.begun().iter().for_each(|begun| assert!(known.insert(begun)));
+        }
+        drop(answer);
         check_near(&known, &exact, &scene, &margins);
     }
 }
@@ -276,10 +251,10 @@ fn near(session: &mut Session, (seed, most_boxes): (u64, u32), edits: usize) {
 #[test]
 fn near_pairs_are_told_once_and_hold_all_that_overlap() {
     for of in [(1, 70), (2, 600), (3, 2_000)] {
-        near(&mut in_process(), of, 800);
+        near(&mut in_process(), of, if of.1 == 70 { 800 } else { 200 });
     }
     let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
-    near(&mut daemon.session().connect().unwrap(), (4, 600), 400);
+    near(&mut daemon.session().connect().unwrap(), (4, 600), 200);
 }
 
 /// All exact pairs after an edit that sets everything.
@@ -290,8 +265,8 @@ fn pairs_of(scene: &mut MarginedScene, boxes: &[Aabb], margin: Margin) -> Vec<(u
 }
 
 #[test]
-fn scenes_of_every_small_size_and_odd_large_ones_have_the_oracles_pairs() {
-    for n in (0..=70).chain([345, 1_234, 40_003]) {
+fn odd_large_scenes_have_the_oracles_pairs() {
+    for n in [345, 1_234, 40_003] {
         let mut random = Random::new(n as u64);
         let mut scene = in_process().margined_scene(SceneOptions::default(), MarginedPairs::Exact);
         let mut boxes = World::new(SceneName::Uniform, n, 1).boxes().to_vec();
@@ -314,9 +289,7 @@ fn oracle_pairs(boxes: &[Aabb]) -> Vec<(u32, u32)> {
     }
     let mut frame = in_process().frame(boxes.len()).unwrap();
     frame.write(boxes);
-    let mut pairs = frame.submit().unwrap().wait().unwrap().to_vec();
-    pairs.sort_unstable();
-    pairs
+    frame.submit().unwrap().wait().unwrap().sorted()
 }
 
 #[test]
@@ -435,32 +408,26 @@ fn a_request_that_could_not_be_sent_changes_nothing() {
 
 #[test]
 fn exact_changes_go_on_while_worker_and_daemon_are_killed() {
-    let mut daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
-    let mut session = daemon.session().backend(Backend::Auto).connect().unwrap();
-    let mut scene = session.margined_scene(SceneOptions::default(), MarginedPairs::Exact);
-    let mut truth = core_scene::Scene::new(SceneOptions::default());
-    let (mut source, mut random) = (EditMaker::new(11, 400), Random::new(11));
-    let mut served = [0, 0];
-    for step in 0..240 {
-        let owned = WithMargins::new(source.next_edit(), &mut random, source.boxes().len());
-        owned.edit.with(0, |edit| truth.edit(edit, Want::Changes).map(drop)).unwrap();
-        let pending = owned.write(&mut scene, false).submit(Want::Changes).unwrap();
-        if step % 12 == 5 {
-            std::thread::sleep(Duration::from_micros(random.below(300)));
-            if step % 24 == 5 { daemon.signal_worker(Signal::KILL) } else { daemon.kill() }
-        }
-        let answer = pending.wait().unwrap().take();
-        compare(&answer, truth.told()).unwrap_or_else(|wrong| panic!("{step}: {wrong}"));
-        truth.take();
-        if let Some(by) = answer.served_by() {
-            served[usize::from(by == ServedBy::Daemon)] += 1;
-        }
-        if step % 24 == 17 {
-            daemon.restart();
-            std::thread::sleep(Duration::from_millis(120));
-        }
-    }
-    assert!(served[0] > 0 && served[1] > 0, "{served:?}");
+    let daemon = RefCell::new(TestDaemon::start(DAEMON, &["--gpu", "none"]));
+    let mut session = daemon.borrow().session().backend(Backend::Auto).connect().unwrap();
+    let (edits, random) = (Cell::new(0), RefCell::new(Random::new(11)));
+    hold_without_rules(Kind::Small, 84_000, 240, |script| {
+        Margined::new(&mut session, script, || {
+            edits.set(edits.get() + 1);
+            let mut daemon = daemon.borrow_mut();
+            if edits.get() % 12 == 5 {
+                std::thread::sleep(Duration::from_micros(random.borrow_mut().below(300)));
+            }
+            match edits.get() % 24 {
+                5 => daemon.signal_worker(Signal::KILL),
+                17 => daemon.kill(),
+                18 => daemon.restart(),
+                // Time to come back.
+                0 | 12 => std::thread::sleep(Duration::from_millis(120)),
+                _ => {}
+            }
+        })
+    });
 }
 
 #[test]
@@ -507,47 +474,20 @@ fn flags_of_the_calling_thread_change_neither_pairs_nor_what_is_sent() {
                 (b.min[0], b.max[0]) = (b.min[0] + by, b.max[0] + by);
             }
         }
+        // The margin is the same number whatever the flags.
+        let margin = margin(0.02 * extent);
         let run = || {
             let mut scene =
                 in_process().margined_scene(SceneOptions::default(), MarginedPairs::Exact);
             for (boxes, pairs) in &frames {
-                assert_eq!(pairs_of(&mut scene, boxes, margin(0.02 * extent)), *pairs, "{extent}");
+                assert_eq!(pairs_of(&mut scene, boxes, margin), *pairs, "{extent}");
             }
             scene.stats()
         };
         let plain = run();
         assert!(plain.sent < plain.set, "{extent}: {plain:?}");
-        // The margin is the same number whatever the flags.
         for flags in flags.clone() {
-            let margin = margin(0.02 * extent);
-            let stats = flags.run(|| {
-                let mut scene =
-                    in_process().margined_scene(SceneOptions::default(), MarginedPairs::Exact);
-                for (boxes, pairs) in &frames {
-                    assert_eq!(pairs_of(&mut scene, boxes, margin), *pairs, "{extent}, {flags}");
-                }
-                scene.stats()
-            });
-            assert_eq!(stats, plain, "{extent}, {flags}");
+            assert_eq!(flags.run(run), plain, "{extent}, {flags}");
         }
     }
-}
-
-#[test]
-fn a_wrong_answer_is_noticed() {
-    let mut scene = in_process().margined_scene(SceneOptions::default(), MarginedPairs::Exact);
-    let mut truth = core_scene::Scene::new(SceneOptions::default());
-    let boxes = [at(0.0), at(0.5), at(3.0)];
-    let other = [at(0.0), at(1.5), at(3.0)];
-    let answer = scene.edit().set_all(0..3, &boxes, margin(1.0)).commit(Want::Changes).unwrap();
-    let sets = |boxes| core_scene::Sets { indices: (0..3).into(), boxes };
-    let wrong = [core_scene::Step::Set(sets(&other))];
-    let told = truth.edit(Edit { steps: &wrong }, Want::Changes).unwrap();
-    let error = compare(&answer, told).unwrap_err();
-    assert!(error.contains("begun") && error.contains("pair count"), "{error}");
-    let right = [core_scene::Step::Set(sets(&boxes))];
-    compare(&answer, truth.edit(Edit { steps: &right }, Want::Changes).unwrap()).unwrap();
-    let mut spoilt = KnownPairs::default();
-    spoilt.resync([[0, 2]]);
-    assert!(spoilt.compare(&answer.begun().to_vec()).is_err());
 }

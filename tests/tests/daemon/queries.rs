@@ -1,41 +1,21 @@
 //! Queries of scenes and frames of two sets: in process, by a daemon, and when the daemon is killed. Every
 //! answer is what comparing each with each gives.
 
-use pairmask::{
-    Backend, BoxCount, Encoding, EncodingChoice, EngineChoice, EngineName, FindError, FrameError,
-    QueryAnswer, SceneEdit, ServedBy, Session,
-};
-use pairmask_core::engine::{CullError, ReserveError};
+use pairmask::{FindError, QueryAnswer, SceneEdit};
 use pairmask_core::filters::Tag;
-use pairmask_core::scene::{
-    Edit, QueryError, QueryTags, Scene, SceneOptions, Sets, Step, Want, between,
-};
-use pairmask_core::{Aabb, BoxClass};
-use pairmask_tests::daemon::{TestDaemon, eventually};
-use pairmask_tests::queried::{QueriedScene, Queries, a_query, overlap};
-use pairmask_tests::scene_edits::{EditMaker, SKIPPED, same_told};
+use pairmask_core::scene::{QueryError, Scene, between};
+use pairmask_tests::prelude::*;
+use pairmask_tests::queried::{QueriedScene, Queries, a_query};
+use pairmask_tests::scene_model::{Bare, Kind, hold, options, overlap};
 use pairmask_tests::stress_scenes::Rng;
-use rustix::process::Signal;
 
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
 
-fn options(largest: usize) -> SceneOptions {
-    SceneOptions::default().with_most_boxes(largest.max(70) as u32 + SKIPPED)
-}
-
-/// Edits and queries a scene for a while. Returns how many pairs were found.
-fn check(scene: &mut impl QueriedScene, seed: u64, largest: usize, rounds: usize) -> usize {
-    let mut queries = Queries::new(seed, largest);
-    let mut found = 0;
-    for round in 0..rounds {
-        queries.edit(scene);
-        if seed % 2 == 1 && round % 5 == 0 {
-            queries.edit_rules(scene);
-        }
-        let count = [0, 1, 2, 7, 8, 9, 40, 70][round % 8];
-        found += queries.check(scene, count);
-    }
-    found
+/// Edits and queries a scene for a while, with rules where the seed is odd. Returns how many pairs were found.
+fn check(scene: &mut impl QueriedScene, seed: u64, largest: u32, rounds: usize) -> usize {
+    let mut queries = Queries::new(seed, largest, seed % 2 == 1);
+    let counts = [0, 1, 2, 7, 8, 9, 40, 70].into_iter().cycle().take(rounds);
+    counts.map(|count| queries.check(scene, count)).sum()
 }
 
 /// A scene of a session.
@@ -102,8 +82,8 @@ impl QueriedScene for Remote<'_> {
 fn scenes_of_all_small_sizes_are_queried() {
     let mut found = 0;
     for largest in 0..70 {
-        let mut scene = Scene::new(options(largest).with_threads(1));
-        found += check(&mut scene, largest as u64, largest, 40);
+        let mut scene = Scene::new(SceneOptions::default().with_threads(1));
+        found += check(&mut scene, u64::from(largest), largest, 40);
     }
     assert!(found > 10_000, "{found}");
 }
@@ -111,62 +91,18 @@ fn scenes_of_all_small_sizes_are_queried() {
 #[test]
 fn larger_scenes_are_queried_by_few_and_by_many() {
     for (seed, largest, threads) in [(1, 700, 2), (2, 3_001, 3), (3, 6_007, 2)] {
-        let mut scene = Scene::new(options(largest).with_threads(threads));
-        let mut queries = Queries::new(seed, largest);
-        queries.aim(largest);
-        let mut found = 0;
-        for (round, count) in
-            [1, 5, 63, 64, 65, 700, 129, 1, 300].into_iter().cycle().take(40).enumerate()
-        {
-            while round == 0 && queries.len() < largest / 2 {
-                queries.edit(&mut scene);
-            }
-            queries.edit(&mut scene);
-            if seed == 1 && round % 4 == 0 {
-                queries.edit_rules(&mut scene);
-            }
-            found += queries.check(&mut scene, count);
-        }
+        let mut scene = Scene::new(SceneOptions::default().with_threads(threads));
+        let mut queries = Queries::new(seed, largest, seed == 1);
+        let counts = [1, 5, 63, 64, 65, 700, 129, 1, 300].into_iter().cycle().take(40);
+        let found: usize = counts.map(|count| queries.check(&mut scene, count)).sum();
         assert!(found > 1_000, "{found}");
     }
 }
 
 #[test]
 fn a_query_changes_nothing_that_edits_tell() {
-    for (seed, largest, rounds) in [(1, 40, 400), (2, 300, 400), (3, 6_000, 60)] {
-        let mut maker = EditMaker::new(seed, largest);
-        let mut rng = Rng::new(seed);
-        let [mut asked, mut silent] = [1, 2].map(|n| Scene::new(options(largest).with_threads(n)));
-        if largest > 1_000 {
-            maker.aim(largest, largest);
-        }
-        for _ in 0..rounds {
-            let edit = maker.next_edit();
-            let want = [Want::Changes, Want::Moved, Want::All, Want::Nothing][maker.below(4)];
-            edit.with(0, |edit| {
-                let told = asked.edit(edit, want).unwrap();
-                same_told(told, silent.edit(edit, want).unwrap()).unwrap();
-            });
-            let ask = |scene: &mut Scene, rng: &mut Rng| {
-                let count = [1, 3, 70, 200][rng.below(4) as usize];
-                let queries: Vec<Aabb> = (0..count).map(|_| a_query(rng, 20.0)).collect();
-                scene.query(&queries, QueryTags::None, &mut Vec::new()).unwrap();
-            };
-            // Before an answer is taken, and after.
-            if rng.below(2) == 0 {
-                ask(&mut asked, &mut rng);
-            }
-            if rng.below(3) > 0 {
-                asked.take();
-                silent.take();
-            } else if rng.below(20) == 0 {
-                asked.lose();
-                silent.lose();
-            }
-            if rng.below(2) == 0 {
-                ask(&mut asked, &mut rng);
-            }
-        }
+    for (kind, edits) in [(Kind::Small, 1_000), (Kind::Large, 40)] {
+        hold(kind, 100_000, edits, |script| Bare::asked(Scene::new(options(script)), 1));
     }
 }
 
@@ -184,22 +120,6 @@ fn scene_of(boxes: &[Aabb], threads: usize) -> Scene {
     let set = Step::Set(Sets { indices: (0..boxes.len() as u32).into(), boxes });
     scene.edit(Edit { steps: &[set] }, Want::Nothing).unwrap();
     scene
-}
-
-#[test]
-fn answers_are_the_same_on_any_number_of_threads() {
-    let boxes = uniform(1, 20_000, 60.0);
-    let queries = uniform(2, 3_000, 60.0);
-    let mut expected = Vec::new();
-    scene_of(&boxes, 1).query(&queries, QueryTags::None, &mut expected).unwrap();
-    assert!(expected.is_sorted() && expected.len() > 1_000);
-    for threads in [2, 3, 7] {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        let mut found = Vec::new();
-        pool.install(|| scene_of(&boxes, threads).query(&queries, QueryTags::None, &mut found))
-            .unwrap();
-        assert_eq!(found, expected);
-    }
 }
 
 #[test]
@@ -237,33 +157,17 @@ fn a_daemon_is_queried() {
     let daemon = TestDaemon::start(DAEMON, &["--gpu", "none", "--audit", "1/1"]);
     let mut session = daemon.session().backend(Backend::Daemon).connect().unwrap();
     for (seed, largest, rounds) in [(1, 30, 80), (2, 70, 80), (3, 700, 60)] {
-        let mut scene = Remote::new(session.scene(options(largest)), || ());
+        let mut scene = Remote::new(session.scene(SceneOptions::default()), || ());
         assert!(check(&mut scene, seed, largest, rounds) > 100);
         assert!(scene.served.contains(&ServedBy::Daemon));
     }
-    let mut scene = Remote::new(session.scene(options(6_000)), || ());
-    let mut queries = Queries::new(5, 6_000);
-    queries.aim(6_000);
-    while queries.len() < 3_000 {
-        queries.edit(&mut scene);
-    }
-    let mut found = 0;
-    for count in [300, 5, 1_000] {
-        queries.edit(&mut scene);
-        found += queries.check(&mut scene, count);
-    }
+    let mut scene = Remote::new(session.scene(SceneOptions::default()), || ());
+    let mut queries = Queries::new(5, 6_000, true);
+    let found: usize =
+        [300, 5, 1_000].into_iter().map(|count| queries.check(&mut scene, count)).sum();
     assert!(found > 0);
     drop(scene);
-    audit_is_clean(&mut session);
-}
-
-/// Something was audited, and was right.
-fn audit_is_clean(session: &mut pairmask::Session) {
-    let audit = eventually("answers are checked", || {
-        let audit = session.daemon_status().unwrap().audit;
-        (audit.pairs > 0).then_some(audit)
-    });
-    assert_eq!((audit.missed, audit.extra), (0, 0), "{audit:?}");
+    daemon.audit_is_clean(|audit| audit.pairs > 0);
 }
 
 #[test]
@@ -272,12 +176,12 @@ fn a_daemon_with_a_gpu_is_queried() {
     let engine = EngineChoice::Only(EngineName::GpuGrid);
     let mut session = daemon.session().backend(Backend::Daemon).engine(engine).connect().unwrap();
     for (seed, largest, rounds) in [(21, 20, 30), (22, 300, 30), (23, 3_001, 10)] {
-        let mut scene = Remote::new(session.scene(options(largest)), || ());
+        let mut scene = Remote::new(session.scene(SceneOptions::default()), || ());
         let found = check(&mut scene, seed, largest, rounds);
         assert!(found > 20, "{found}");
         assert!(scene.served.contains(&ServedBy::Daemon));
     }
-    audit_is_clean(&mut session);
+    daemon.audit_is_clean(|audit| audit.pairs > 0);
 }
 
 #[test]
@@ -285,7 +189,7 @@ fn queries_outlive_a_daemon_that_is_killed() {
     let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
     let mut session = daemon.session().backend(Backend::Auto).connect().unwrap();
     let mut requests = 0;
-    let mut scene = Remote::new(session.scene(options(70)), || {
+    let mut scene = Remote::new(session.scene(SceneOptions::default()), || {
         requests += 1;
         if requests % 23 == 0 {
             daemon.signal_worker(Signal::KILL);
@@ -335,7 +239,7 @@ fn the_model_notices_a_pair_that_is_missing() {
             found
         }
     }
-    let mut scene = Forgetful(Scene::new(options(40)));
+    let mut scene = Forgetful(Scene::new(SceneOptions::default()));
     let checked =
         std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| check(&mut scene, 4, 40, 80)));
     assert!(checked.is_err());
@@ -352,123 +256,81 @@ fn naive(first: &[Aabb], second: &[Aabb]) -> Vec<[u32; 2]> {
 #[test]
 fn two_sets_meet_each_other_alone() {
     let mut rng = Rng::new(9);
-    let sizes = (0..70).map(|i| (i, (i * 37) % 71)).chain([
-        (1, 5_000),
-        (5_000, 3),
-        (301, 1_999),
-        (2_500, 2_500),
-        (4_001, 170),
-    ]);
+    let sizes = (0..70).map(|i| (i, (i * 37) % 71)).chain([(5_000, 3), (301, 1_999)]);
     for (a, b) in sizes {
         let extent = if a * b < 5_000 { 8.0 } else { 30.0 };
-        let mut some =
-            |count: usize| -> Vec<Aabb> { (0..count).map(|_| a_query(&mut rng, extent)).collect() };
-        let (first, second) = (some(a), some(b));
+        let [first, second] = [a, b]
+            .map(|count| (0..count).map(|_| a_query(&mut rng, extent)).collect::<Vec<Aabb>>());
         let expected = naive(&first, &second);
+        let most = expected.len() as u64;
         for threads in [1, 2] {
             let mut found = Vec::new();
-            between(&first, &second, Some(threads), u64::MAX, &mut found).unwrap();
+            between(&first, &second, Some(threads), most, &mut found).unwrap();
             assert!(found == expected, "{a} against {b}");
+            let refused = most > 0 && between(&first, &second, None, most - 1, &mut found).is_ok();
+            assert!(!refused, "more pairs than may be");
         }
     }
-    let boxes = [Aabb::new([0.0; 3], [1.0; 3]); 100];
-    assert!(between(&boxes, &boxes, None, 9_999, &mut Vec::new()).is_err());
-    assert!(between(&boxes, &boxes, None, 10_000, &mut Vec::new()).is_ok());
 }
 
-/// Culls frames of two sets of a session, in each encoding, and some whole ones between.
-fn check_sets(session: impl Fn(Encoding) -> pairmask::Session, by: &[ServedBy]) {
+/// Culls frames of two sets of a session, and some whole ones between.
+fn check_sets(session: &mut Session, encoding: Encoding, by: (ServedBy, Option<EngineName>)) {
     let mut rng = Rng::new(17);
-    for encoding in [Encoding::List, Encoding::Sparse, Encoding::Dense] {
-        let mut session = session(encoding);
-        for (a, b) in [(0, 0), (0, 5), (5, 0), (1, 69), (33, 31), (64, 65), (3, 2_000), (901, 700)]
-        {
-            let boxes: Vec<Aabb> = (0..a + b).map(|_| a_query(&mut rng, 12.0)).collect();
-            let mut frame = session.frame(a + b).unwrap();
-            frame.write(&boxes);
-            let mask = frame.submit_between(BoxCount::new(a as u32)).unwrap().wait().unwrap();
-            assert!(by.contains(&mask.info().served_by));
-            assert_eq!((mask.encoding(), mask.n().len()), (encoding, a + b));
-            assert_eq!(mask.view().verify(), Ok(()));
-            let (first, second) = boxes.split_at(a);
-            let expected: Vec<(u32, u32)> =
-                naive(first, second).iter().map(|[x, y]| (*x, a as u32 + y)).collect();
-            assert_eq!(mask.to_vec(), expected, "{a} against {b}, {encoding}");
-            assert_eq!(mask.count(), expected.len() as u64);
-            let invalid = boxes.iter().filter(|b| b.class() == BoxClass::Invalid).count();
-            assert_eq!(mask.info().census.invalid as usize, invalid);
-            drop(mask);
-            // The same boxes as one set.
-            let mut frame = session.frame(a + b).unwrap();
-            frame.write(&boxes);
-            let mask = frame.submit().unwrap().wait().unwrap();
-            let all: Vec<(u32, u32)> = naive(&boxes, &boxes)
-                .iter()
-                .filter(|[x, y]| x < y)
-                .map(|[x, y]| (*x, *y))
-                .collect();
-            let mut found = mask.to_vec();
-            found.sort_unstable();
-            assert_eq!(found, all);
-        }
-        let frame = session.frame(3).unwrap();
-        let refused = frame.submit_between(BoxCount::new(4));
-        assert!(matches!(refused, Err(FrameError::FirstSet { first: 4, n: 3 })));
+    for (a, b) in [(0, 0), (0, 5), (5, 0), (1, 69), (33, 31), (64, 65), (3, 2_000), (901, 700)] {
+        let boxes: Vec<Aabb> = (0..a + b).map(|_| a_query(&mut rng, 12.0)).collect();
+        let mut frame = session.frame(a + b).unwrap();
+        frame.write(&boxes);
+        let mask = frame.submit_between(BoxCount::new(a as u32)).unwrap().wait().unwrap();
+        let info = mask.info();
+        let what = format!("{a} against {b}, {encoding}, {}", info.engine);
+        assert!(info.served_by == by.0, "{what}");
+        // An empty frame needs no GPU.
+        assert!(a * b == 0 || by.1.is_none_or(|engine| info.engine == engine), "{what}");
+        assert_eq!((mask.encoding(), mask.n().len()), (encoding, a + b));
+        assert_eq!(mask.view().verify(), Ok(()));
+        let (first, second) = boxes.split_at(a);
+        let expected: Vec<(u32, u32)> =
+            naive(first, second).iter().map(|[x, y]| (*x, a as u32 + y)).collect();
+        assert_eq!(mask.sorted(), expected, "{what}");
+        assert_eq!(mask.count(), expected.len() as u64);
+        let invalid = boxes.iter().filter(|b| b.class() == BoxClass::Invalid).count();
+        assert_eq!(info.census.invalid as usize, invalid);
+        drop(mask);
+        // The same boxes as one set.
+        assert_eq!(session.answer(&boxes).sorted(), oracle::truth(&boxes).pairs);
     }
+    let refused = session.frame(3).unwrap().submit_between(BoxCount::new(4));
+    assert!(matches!(refused, Err(FrameError::FirstSet { first: 4, n: 3 })));
 }
 
 #[test]
-fn frames_of_two_sets_are_culled_in_process() {
-    let session = |encoding| {
-        let builder = Session::builder().backend(Backend::InProcess);
-        builder.encoding(EncodingChoice::Only(encoding)).connect().unwrap()
-    };
-    check_sets(session, &[ServedBy::InProcess]);
-}
-
-#[test]
-fn frames_of_two_sets_are_culled_by_a_daemon() {
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none", "--audit", "1/1"]);
-    let builder = || daemon.session().backend(Backend::Daemon);
-    let in_form = |encoding| builder().encoding(EncodingChoice::Only(encoding));
-    check_sets(|encoding| in_form(encoding).connect().unwrap(), &[ServedBy::Daemon]);
-    audit_is_clean(&mut builder().connect().unwrap());
+fn frames_of_two_sets_are_culled_in_process_by_a_daemon_and_by_a_gpu() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "software", "--audit", "1/1"]);
+    let backends = [(Backend::InProcess, ServedBy::InProcess), (Backend::Daemon, ServedBy::Daemon)];
+    for encoding in Encoding::ALL {
+        let builder = daemon.session().encoding(EncodingChoice::Only(encoding));
+        for (backend, by) in backends {
+            let cores = builder.clone().engine(EngineChoice::Auto).backend(backend);
+            check_sets(&mut cores.connect().unwrap(), encoding, (by, None));
+        }
+        let engines = match encoding {
+            Encoding::Dense => vec![EngineName::GpuBrute],
+            Encoding::Sparse => vec![EngineName::GpuGrid],
+            _ => vec![EngineName::GpuGrid, EngineName::GpuBrute],
+        };
+        for engine in engines {
+            let only = builder.clone().engine(EngineChoice::Only(engine));
+            let by = (ServedBy::Daemon, Some(engine));
+            check_sets(&mut only.connect().unwrap(), encoding, by);
+        }
+    }
+    daemon.audit_is_clean(|audit| audit.pairs > 0);
     // An engine of a GPU is none of the cores'.
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
     let engine = EngineChoice::Only(EngineName::GpuGrid);
-    let mut session = builder().engine(engine).connect().unwrap();
+    let mut session = daemon.session().engine(engine).connect().unwrap();
     let pending = session.frame(4).unwrap().submit_between(BoxCount::new(2)).unwrap();
     assert!(pending.wait().is_err());
-}
-
-#[test]
-fn frames_of_two_sets_are_culled_by_a_gpu() {
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", "software", "--audit", "1/1"]);
-    let mut rng = Rng::new(23);
-    for (engine, encoding) in [
-        (EngineName::GpuGrid, Encoding::List),
-        (EngineName::GpuGrid, Encoding::Sparse),
-        (EngineName::GpuBrute, Encoding::Dense),
-        (EngineName::GpuBrute, Encoding::List),
-    ] {
-        let builder = daemon.session().backend(Backend::Daemon).engine(EngineChoice::Only(engine));
-        let mut session = builder.encoding(EncodingChoice::Only(encoding)).connect().unwrap();
-        for (a, b) in [(1, 69), (33, 31), (5, 2_000), (901, 1_700)] {
-            let boxes: Vec<Aabb> = (0..a + b).map(|_| a_query(&mut rng, 14.0)).collect();
-            let mut frame = session.frame(a + b).unwrap();
-            frame.write(&boxes);
-            let mask = frame.submit_between(BoxCount::new(a as u32)).unwrap().wait().unwrap();
-            assert_eq!(mask.info().engine, engine, "{a} against {b}");
-            assert_eq!(mask.view().verify(), Ok(()));
-            let (first, second) = boxes.split_at(a);
-            let expected: Vec<(u32, u32)> =
-                naive(first, second).iter().map(|[x, y]| (*x, a as u32 + y)).collect();
-            let mut found = mask.to_vec();
-            found.sort_unstable();
-            assert_eq!(found, expected, "{a} against {b}, {engine} {encoding}");
-            assert_eq!(mask.count(), expected.len() as u64);
-        }
-    }
-    audit_is_clean(&mut daemon.session().backend(Backend::Daemon).connect().unwrap());
 }
 
 #[test]

@@ -2,24 +2,16 @@
 
 use std::path::PathBuf;
 
-use pairmask::Session;
-use pairmask_core::dispatch::{CpuEngines, CullOptions, SphereEngines};
-use pairmask_core::engine::{
-    CullError, CullInput, CullReport, Engine, EngineChoice, EngineName, Grid, HeapReply, Isa,
-    ReplyBuffer, ReserveError, cpu_engine,
-};
-use pairmask_core::mask::{EncodingChoice, MaskShape};
+use pairmask_core::dispatch::SphereEngines;
+use pairmask_core::engine::Grid;
 use pairmask_core::sphere::SphereAllPairs;
-use pairmask_core::{Aabb, Bounds, BoxCount, Encoding, Precision, Sphere};
-use pairmask_tests::daemon::{PATIENCE, TestDaemon};
-use pairmask_tests::gpu::open;
-use pairmask_tests::narrow::NarrowMemory;
-use pairmask_tests::oracle::Pair;
-use pairmask_tests::{naive_decoder, oracle, spheres, stress_scenes};
+use pairmask_tests::gpu::{self, open};
+use pairmask_tests::prelude::*;
+use pairmask_tests::spheres;
 use pairmaskd::execute::gpu::{
     AllPairs, AllPairsOptions, Grid as GpuGrid, GridOptions, HostImport,
 };
-use pairmaskd::execute::{Executor, GpuService, Owner};
+use pairmaskd::execute::{Executor, Owner};
 use rayon::ThreadPoolBuilder;
 
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
@@ -89,11 +81,11 @@ fn check_limits(what: &str, n: usize, need: u64, limits: &[u64], pairs: &[Pair],
     }
 }
 
-/// Words of a reply that an engine takes without a limit.
-fn need_of(cull: Cull<'_>) -> u64 {
+/// Checks a way to cull below the words of a reply that it takes without a limit.
+fn check_below(what: &str, n: usize, pairs: &[Pair], cull: Cull<'_>) {
     let mut reply = Witness::without_limit();
     cull(&mut reply).unwrap();
-    reply.granted
+    check_limits(what, n, reply.granted, &below(reply.granted), pairs, cull);
 }
 
 /// Limits below a need: near it and far from it.
@@ -113,8 +105,7 @@ fn scenes() -> impl Iterator<Item = (&'static str, Vec<Aabb>)> {
 fn every_cpu_engine_takes_what_fits_and_no_word_more() {
     for (scene, boxes) in scenes() {
         let pairs = oracle::truth(&boxes).pairs;
-        for name in EngineName::CPU {
-            let mut engine = cpu_engine(name, Isa::best()).unwrap();
+        for mut engine in cpu_engines() {
             for encoding in Encoding::ALL {
                 for threads in [1, 3] {
                     let pool = ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
@@ -127,8 +118,7 @@ fn every_cpu_engine_takes_what_fits_and_no_word_more() {
                             )
                         })
                     };
-                    let need = need_of(&mut cull);
-                    check_limits(&what, boxes.len(), need, &below(need), &pairs, &mut cull);
+                    check_below(&what, boxes.len(), &pairs, &mut cull);
                 }
             }
         }
@@ -156,8 +146,7 @@ fn spheres_take_what_fits_and_no_word_more() {
                     })
                 };
                 let what = format!("{scene}, all pairs, {encoding}, {threads}");
-                let need = need_of(&mut cull);
-                check_limits(&what, spheres.len(), need, &below(need), pairs, &mut cull);
+                check_below(&what, spheres.len(), pairs, &mut cull);
                 for engine in EngineName::CPU {
                     let options = CullOptions {
                         engine: EngineChoice::Only(engine),
@@ -170,8 +159,7 @@ fn spheres_take_what_fits_and_no_word_more() {
                         pool.install(|| Ok(engines.cull(spheres, &options, reply)?.report))
                     };
                     let what = format!("{scene}, {engine}, {encoding}, {threads}");
-                    let need = need_of(&mut cull);
-                    check_limits(&what, spheres.len(), need, &below(need), pairs, &mut cull);
+                    check_below(&what, spheres.len(), pairs, &mut cull);
                 }
             }
         }
@@ -306,16 +294,7 @@ fn an_open_encoding_is_one_that_fits() {
     let boxes = same(n);
     let balls = vec![Sphere::new([0.0; 3], 1.0); n];
     let dense = BoxCount::new(n as u32).dense_words();
-    let mut executors = [
-        ("no GPU", Executor::new(None)),
-        (
-            "GPU",
-            Executor::new(Some(
-                GpuService::open(&pairmask_tests::gpu::choice(), std::time::Duration::ZERO)
-                    .unwrap(),
-            )),
-        ),
-    ];
+    let mut executors = [("no GPU", Executor::new(None)), ("GPU", gpu::executor(1))];
     let named = EngineName::ALL.map(EngineChoice::Only);
     for engine in [EngineChoice::Auto].into_iter().chain(named) {
         let is_gpu = matches!(engine, EngineChoice::Only(engine) if engine.is_gpu());

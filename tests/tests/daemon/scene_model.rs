@@ -4,24 +4,20 @@
 //! A tier of seconds runs with every `cargo test`; the ignored tests run millions of edits with the nightly tier.
 //! `PAIRMASK_MODEL_SEED` and `PAIRMASK_MODEL_EDITS` say from which seed on, and how many.
 
-use std::cell::Cell;
+use std::cell::{Cell, RefCell};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::time::Duration;
 
-use pairmask::{Backend, EngineChoice, EngineName, ServedBy, Session};
-use pairmask_core::Aabb;
 use pairmask_core::filters::{FilterId, Owner, Tag, World};
-use pairmask_core::scene::{
-    Edit, EditError, Scene, SceneError, SceneOptions, Sets, Step, Tags, Want,
-};
-use pairmask_tests::daemon::{PATIENCE, TestDaemon, eventually};
+use pairmask_core::scene::{EditError, Scene, Tags};
 use pairmask_tests::gpu;
-use pairmask_tests::oracle;
+use pairmask_tests::prelude::*;
 use pairmask_tests::scene_model::{
-    AtEnd, CoreScene, EndReason, Event, Fate, Heard, Hears, Kind, Mode, Model, Op, Script, Seen,
-    SessionScene, Sessions, SharedMembers, Subject, Turn, at, check, hold, one, script_of, turn,
+    AtEnd, Bare, CoreScene, EndReason, Event, Fate, Heard, Hears, Kind, Mode, Model, Moment, Op,
+    Script, Seen, SessionScene, Sessions, SharedMembers, Subject, Turn, at, check, hold,
+    hold_without_rules, one, options, script_of, turn,
 };
-use rustix::process::Signal;
+use pairmaskd::execute::gpu::{GpuScene, GridOptions};
 
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
 
@@ -97,16 +93,12 @@ fn scenes_of_a_daemon_are_those_of_the_model() {
     let kinds = [(Kind::Small, 2_000), (Kind::Crowd, 30), (Kind::Large, 30)];
     hold_all(30_000, kinds, &mut scene);
     let mut seed = 31_000;
-    let audit = eventually("scenes are audited", || {
+    daemon.audit_is_clean(|audit| {
         // The auditor gives up a scene that is edited faster than it follows: then there are others.
         seed += 100;
-        hold(Kind::Small, seed, 200, |script| {
-            SessionScene::of(&mut session, script, ServedBy::Daemon, EngineName::CpuGrid)
-        });
-        let audit = session.daemon_status().unwrap().audit;
-        (audit.frames > 100 && audit.pairs > 1_000).then_some(audit)
+        hold(Kind::Small, seed, 200, &mut scene);
+        audit.frames > 100 && audit.pairs > 1_000
     });
-    assert_eq!((audit.missed, audit.extra), (0, 0), "{audit:?}");
 }
 
 /// Scenes in video memory.
@@ -125,42 +117,81 @@ fn scenes_of_a_gpu_are_those_of_the_model() {
     hold_gpu(40_000, [(Kind::Small, 400), (Kind::Crowd, 20), (Kind::Large, 20)]);
 }
 
-#[test]
-fn scenes_outlive_a_daemon_that_is_killed() {
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
-    let mut session = daemon.session().backend(Backend::Auto).connect().unwrap();
-    let (served, kills) = (Cell::new(0), Cell::new(0));
-    let kinds = [(Kind::Small, 300), (Kind::Crowd, 30), (Kind::Large, 30)];
-    hold_all(50_000, kinds, |script| {
-        SessionScene::disturbed(&mut session, script, |by| match by {
+/// Holds scenes of a daemon that is killed, between edits and during them, the worker alone or all of it. Returns how often.
+fn outlive_kills(seed: u64, kinds: [(Kind, usize); 3]) -> usize {
+    let daemon = RefCell::new(TestDaemon::start(DAEMON, &["--gpu", "none"]));
+    let mut session = daemon.borrow().session().backend(Backend::Auto).connect().unwrap();
+    let (served, killed_at, kills) = (Cell::new(0), Cell::new(0), Cell::new(0));
+    let kill = || {
+        killed_at.set(served.get());
+        kills.set(kills.get() + 1);
+        std::thread::sleep(Duration::from_micros(kills.get() as u64 * 37 % 300));
+        if kills.get() % 4 == 0 {
+            daemon.borrow_mut().kill();
+            daemon.borrow_mut().restart();
+        } else {
+            daemon.borrow().signal_worker(Signal::KILL);
+        }
+    };
+    hold_all(seed, kinds, |script| {
+        SessionScene::disturbed(&mut session, script, |moment| match moment {
             // Time to come back.
-            ServedBy::InProcess => std::thread::sleep(Duration::from_millis(20)),
-            ServedBy::Daemon => {
+            Moment::Answered(ServedBy::InProcess, _) => {
+                std::thread::sleep(Duration::from_millis(20));
+            }
+            Moment::Answered(ServedBy::Daemon, _) => {
                 served.set(served.get() + 1);
                 if served.get() % 25 == 0 {
-                    daemon.signal_worker(Signal::KILL);
-                    kills.set(kills.get() + 1);
+                    kill();
                 }
             }
+            Moment::UnderWay if served.get() % 25 == 12 && served.get() != killed_at.get() => {
+                kill();
+            }
+            Moment::UnderWay => {}
         })
     });
-    assert!(kills.get() > 1, "{} edits by the daemon", served.get());
+    kills.get()
+}
+
+#[test]
+fn scenes_outlive_a_daemon_that_is_killed() {
+    let kills = outlive_kills(50_000, [(Kind::Small, 300), (Kind::Crowd, 30), (Kind::Large, 30)]);
+    assert!(kills > 5, "{kills} kills");
+}
+
+#[test]
+#[ignore = "minutes: the nightly tier runs it"]
+fn scenes_outlive_hundreds_of_kills() {
+    let (seed, kinds) = nightly(5_000);
+    let kills = outlive_kills(seed, kinds);
+    assert!(kills > 200, "{kills} kills");
 }
 
 #[test]
 fn shared_scenes_are_those_of_the_model() {
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none", "--audit", "1/1"]);
     let sessions = Sessions::new(&daemon.session());
-    let seen = hold(Kind::Shared, 60_000, 2_000, |script| SharedMembers::new(&sessions, script));
+    let mut seed = 60_000;
+    let mut hold_shared = |edits| {
+        seed += 500;
+        hold(Kind::Shared, seed, edits, |script| SharedMembers::new(&sessions, script, None))
+    };
+    let seen = hold_shared(2_000);
     assert!(seen.ended.iter().all(|count| *count > 0) && seen.resyncs > 0, "{seen:?}");
+    daemon.audit_is_clean(|audit| {
+        hold_shared(100);
+        audit.frames > 100 && audit.pairs > 100
+    });
 }
 
 #[test]
 fn shared_scenes_of_a_gpu_are_those_of_the_model() {
     let daemon = TestDaemon::start(DAEMON, &["--gpu", &gpu::name()]);
-    let engine = EngineChoice::Only(EngineName::GpuGrid);
-    let sessions = Sessions::new(&daemon.session().engine(engine).deadline(PATIENCE));
-    hold(Kind::Shared, 70_000, 200, |script| SharedMembers::new(&sessions, script));
+    let engine = EngineName::GpuGrid;
+    let builder = daemon.session().engine(EngineChoice::Only(engine)).deadline(PATIENCE);
+    let sessions = Sessions::new(&builder);
+    hold(Kind::Shared, 70_000, 200, |script| SharedMembers::new(&sessions, script, Some(engine)));
 }
 
 #[test]
@@ -187,7 +218,7 @@ fn a_hundred_thousand_edits_of_a_daemon_are_those_of_the_model() {
     });
     let sessions = Sessions::new(&daemon.session());
     let edits = kinds[0].1;
-    hold(Kind::Shared, seed, edits, |script| SharedMembers::new(&sessions, script));
+    hold(Kind::Shared, seed, edits, |script| SharedMembers::new(&sessions, script, None));
 }
 
 #[test]
@@ -195,6 +226,17 @@ fn a_hundred_thousand_edits_of_a_daemon_are_those_of_the_model() {
 fn a_hundred_thousand_edits_of_a_gpu_are_those_of_the_model() {
     let (seed, kinds) = nightly(100_000);
     hold_gpu(seed, kinds);
+}
+
+/// As large as scenes get by random edits, in the core and on a GPU.
+#[test]
+#[ignore = "minutes: the nightly tier runs it"]
+fn huge_scenes_are_those_of_the_model() {
+    in_pool(|| hold(Kind::Huge, 90_000, 60, |script| CoreScene::new(script, 3)));
+    let tools = gpu::scene_tools(0, &GridOptions::default());
+    hold_without_rules(Kind::Huge, 91_000, 20, |script| {
+        Bare::of(GpuScene::new(&tools, options(script)))
+    });
 }
 
 /// A scene whose answers somebody falsifies.
@@ -338,27 +380,9 @@ fn plays_shared(at_end: AtEnd, scripts: Vec<Vec<Event>>) {
     let sessions = Sessions::new(&daemon.session());
     for events in scripts {
         let script = Script { limit: 2, shared: Some(at_end), events };
-        let told = check(&script, &mut SharedMembers::new(&sessions, &script));
+        let told = check(&script, &mut SharedMembers::new(&sessions, &script, None));
         assert!(told.is_ok(), "{}\n{script}", told.unwrap_err().text);
     }
-}
-
-#[test]
-fn steps_say_which_boxes_are_static_and_not_their_tags() {
-    fn tags(tags: &[Tag]) -> Step<'_> {
-        Step::Tag(Tags { indices: (0..2).into(), tags })
-    }
-    let boxes = [Aabb::new([0.0; 3], [1.0; 3]); 2];
-    let set = Step::Set(Sets { indices: (0..2).into(), boxes: &boxes });
-    let (plain, of_static) = ([Tag::default(); 2], [Tag::default().with_static(true); 2]);
-    let mut scene = Scene::new(SceneOptions::default().with_most_boxes(10));
-    let mut count = |steps: &[Step<'_>]| {
-        scene.edit(Edit { steps }, Want::All).expect("an answer").pairs().len()
-    };
-    assert_eq!(count(&[set, tags(&of_static)]), 1);
-    assert_eq!(count(&[Step::Static((0..2).into(), true)]), 0);
-    assert_eq!(count(&[tags(&plain)]), 0, "as the step has said");
-    assert_eq!(count(&[tags(&of_static), Step::Static((1..2).into(), false)]), 1);
 }
 
 #[test]

@@ -1,30 +1,14 @@
 //! The three places of a session, which frames share with edits, answers and ends of scenes.
 
+use pairmask_tests::prelude::*;
 use std::time::Duration;
 
-use pairmask::scene::{SceneOptions, Want};
-use pairmask::{Aabb, Backend, CommitError, ConnectError, FrameError, Scene, ServedBy, Session};
-use pairmask_tests::daemon::{PATIENCE, TestDaemon, eventually};
-use rustix::process::Signal;
+use pairmask::{CommitError, Scene};
 
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
 
 fn at(x: f32) -> Aabb {
     Aabb::new([x, 0.0, 0.0], [x + 1.0, 1.0, 1.0])
-}
-
-#[test]
-fn answers_and_frames_share_the_places_of_a_session() {
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
-    let mut session = daemon.session().connect().unwrap();
-    let mut scene = session.scene(SceneOptions::default());
-    let frames: Vec<_> = (0..3).map(|_| session.frame(4).unwrap()).collect();
-    let full = scene.edit().set(0, at(0.0)).commit(Want::All).map(drop).unwrap_err();
-    assert!(matches!(full, CommitError::Frame(FrameError::TooManyFrames)), "{full}");
-    assert!(scene.is_empty());
-    drop(frames);
-    let answer = scene.edit().set(0, at(0.0)).commit(Want::All).unwrap();
-    assert_eq!(answer.pair_count(), Some(0));
 }
 
 /// Scenes of two boxes each, whose one pair was told.
@@ -69,6 +53,9 @@ fn an_edit_that_nobody_waits_for_holds_no_place() {
 
     let frames: Vec<_> = (0..3).map(|_| session.frame(4).unwrap()).collect();
     assert!(is_full(&session.frame(4)), "three frames hold the three places");
+    let full = scenes[0].edit().set(7, at(0.0)).commit(Want::All).map(drop).unwrap_err();
+    assert!(matches!(full, CommitError::Frame(FrameError::TooManyFrames)), "{full}");
+    assert_eq!(scenes[0].len(), 3, "the edit was not made");
     drop(frames);
     scenes.iter_mut().for_each(make_up);
 
@@ -146,9 +133,7 @@ fn a_daemon_that_answers_no_edit_is_given_up_by_the_frame_that_wants_its_place()
     strict_scenes.iter_mut().chain(&mut scenes).for_each(leave_an_edit);
     let silent = strict.frame(2).unwrap_err();
     assert!(matches!(silent, FrameError::Connect(ConnectError::Silent { .. })), "{silent}");
-    let mut frame = session.frame(2).unwrap();
-    frame.boxes_mut().copy_from_slice(&[at(0.0), at(0.5)]);
-    let mask = frame.submit().unwrap().wait().unwrap();
+    let mask = session.answer(&[at(0.0), at(0.5)]);
     assert_eq!((mask.info().served_by, mask.to_vec()), (ServedBy::InProcess, vec![(0, 1)]));
     for scene in &mut scenes {
         let answer = scene.edit().remove(0).commit(Want::Changes).unwrap().take();

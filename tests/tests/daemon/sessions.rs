@@ -3,15 +3,10 @@
 use std::time::Duration;
 
 use pairmask::write::CenterHalf;
-use pairmask::{
-    Aabb, Backend, Bounds, Frame, NarrowFrame, Precision, ServedBy, Session, SessionBuilder,
-    WaitError,
-};
-use pairmask_core::engine::EngineName;
-use pairmask_tests::conformance::{Suite, check_engine};
-use pairmask_tests::daemon::{PATIENCE, TestDaemon, eventually};
+use pairmask::{Frame, NarrowFrame};
+use pairmask_tests::conformance::check_engine;
+use pairmask_tests::prelude::*;
 use pairmask_tests::session_engine::SessionEngine;
-use pairmask_tests::{oracle, stress_scenes};
 use rayon::iter::ParallelIterator;
 
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
@@ -54,9 +49,7 @@ fn a_daemon_is_waited_for_without_end() {
     let boxes = stress_scenes::named("uniform").boxes(300, 2);
     let expected = oracle::truth(&boxes).pairs.len() as u64;
     for has_timeout in [false, true] {
-        let mut frame = session.frame(boxes.len()).unwrap();
-        frame.boxes_mut().copy_from_slice(&boxes);
-        let mut pending = frame.submit().unwrap();
+        let mut pending = session.ask(&boxes);
         let mask = if has_timeout { pending.wait_timeout(Duration::MAX) } else { pending.wait() };
         assert_eq!(mask.unwrap().count(), expected);
     }
@@ -81,8 +74,7 @@ fn a_frame_is_taken_once_in_whichever_way() {
         let waited = second.wait_timeout(PATIENCE).unwrap();
         let tried = eventually("the first frame is there", || first.try_take().unwrap());
         for mask in [&waited, &tried] {
-            let mut pairs = mask.to_vec();
-            pairs.sort_unstable();
+            let pairs = mask.sorted();
             assert_eq!(pairs, expected);
             assert_eq!(mask.count(), expected.len() as u64);
             let bits: u64 = mask.words().map(|word| u64::from(word.bits.count())).sum();
@@ -119,8 +111,7 @@ fn a_frame_from_arrays_of_any_layout_holds_their_boxes() {
                 write(&mut frame);
                 assert!(frame.boxes() == boxes, "{n} boxes, {backend:?}");
                 if n < 2000 {
-                    let mut pairs = frame.submit().unwrap().wait().unwrap().to_vec();
-                    pairs.sort_unstable();
+                    let pairs = frame.submit().unwrap().wait().unwrap().sorted();
                     assert_eq!(pairs, oracle::truth(&boxes).pairs);
                 }
             };
@@ -174,10 +165,7 @@ fn whatever_the_plan_chooses_the_pairs_are_the_same() {
             let boxes = scene.boxes(n, 9);
             let expected = oracle::truth(&boxes).pairs;
             for session in &mut sessions {
-                let mut frame = session.frame(boxes.len()).unwrap();
-                frame.boxes_mut().copy_from_slice(&boxes);
-                let mut pairs = frame.submit().unwrap().wait().unwrap().to_vec();
-                pairs.sort_unstable();
+                let pairs = session.answer(&boxes).sorted();
                 assert_eq!(pairs, expected, "{scene:?}, {n} boxes");
             }
         }

@@ -1,64 +1,34 @@
-//! Scenes that several sessions write, held to the pairs of all boxes, whoever commits first, is late, dies, or
-//! loses its daemon. One file, because its tests share the members, what they hear, and the pairs of all boxes.
+//! Scenes that several sessions write: who is late, refused, dies, or loses its daemon. What members are told is held to
+//! the model.
 #![allow(clippy::single_range_in_vec_init)] // Lists of ranges are meant.
 
 use std::collections::BTreeSet;
-use std::io::{BufRead, BufReader, Write};
 use std::ops::Range;
-use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-use pairmask::filters::{Filter, FilterId, FilterTable, Tag};
+use pairmask::filters::{Filter, FilterTable};
 use pairmask::scene::shared::{AtEnd, Hears, LeaseError, NotLeased};
-use pairmask::scene::{EndReason, Ended, Step, Want};
-use pairmask::{
-    Aabb, Backend, EngineChoice, EngineName, FrameError, JoinOptions, PairMask, PendingShared,
-    Session, SharedAnswer, SharedError, SharedScene,
-};
-use pairmask_tests::daemon::{TestDaemon, eventually};
+use pairmask::scene::{EndReason, Ended};
+use pairmask::{JoinOptions, PendingShared, SharedAnswer, SharedError, SharedScene};
+use pairmask_tests::fault_client::FaultClient;
+use pairmask_tests::prelude::*;
 use pairmaskd::scene::Random;
-use rustix::process::Signal;
 
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
 const CLIENT: &str = env!("CARGO_BIN_EXE_fault_client");
 
-/// Boxes of a writer.
-const OWN: u32 = 40;
 /// A deadline that a machine under load does not reach.
 const LONG: Duration = Duration::from_secs(5);
 
 type Pair = [u32; 2];
-/// An answer as it was told.
-type Heard = (Vec<Pair>, Vec<Ended>, Vec<Pair>, bool, u64);
-
 fn daemon() -> TestDaemon {
     TestDaemon::start(DAEMON, &["--gpu", "none"])
-}
-
-fn pairs_of(boxes: &[Option<Aabb>]) -> BTreeSet<Pair> {
-    let mut pairs = BTreeSet::new();
-    for (a, one) in (0..).zip(boxes) {
-        for (b, other) in (0..a).zip(boxes) {
-            if let (Some(one), Some(other)) = (one, other)
-                && one.overlaps(other)
-            {
-                pairs.insert([b, a]);
-            }
-        }
-    }
-    pairs
-}
-
-fn heard(answer: &SharedAnswer<'_>) -> Heard {
-    let (begun, ended) = (answer.begun().to_vec(), answer.ended().to_vec());
-    (begun, ended, answer.pairs().to_vec(), answer.is_resync(), answer.tick())
 }
 
 /// A member, and the pairs that it knows by the answers that it took.
 struct Member {
     session: Session,
     scene: SharedScene,
-    hears: Hears,
     own: Range<u32>,
     known: BTreeSet<Pair>,
 }
@@ -70,171 +40,18 @@ impl Member {
         if !own.is_empty() {
             scene.lease(own.clone()).unwrap();
         }
-        Self { session, scene, hears: options.hears, own, known: BTreeSet::new() }
-    }
-
-    fn hears_of(&self, [a, b]: Pair) -> bool {
-        self.hears == Hears::All || self.own.contains(&a) || self.own.contains(&b)
+        Self { session, scene, own, known: BTreeSet::new() }
     }
 }
 
-/// What an answer that was taken makes of what a member knew.
-fn learn(known: &mut BTreeSet<Pair>, (begun, ended, pairs, is_resync, _): &Heard, want: Want) {
-    if *is_resync || want == Want::All {
-        *known = pairs.iter().copied().collect();
-        assert_eq!(known.len(), pairs.len());
+/// What an answer to changes makes of what a member knew.
+fn learn(known: &mut BTreeSet<Pair>, answer: &SharedAnswer<'_>) {
+    if answer.is_resync() {
+        *known = answer.pairs().iter().collect();
         return;
     }
-    for Ended { pair, .. } in ended {
-        assert!(known.remove(pair), "{pair:?} ended and was not known");
-    }
-    for pair in begun {
-        assert!(known.insert(*pair), "{pair:?} began twice");
-    }
-}
-
-/// Some boxes of a writer for this tick: set, or removed.
-fn draw(random: &mut Random, own: &Range<u32>, now: &[Option<Aabb>]) -> Vec<(u32, Option<Aabb>)> {
-    let mut edits = Vec::new();
-    for index in own.clone() {
-        match random.below(6) {
-            0 | 1 => {
-                let x = random.below(60) as f32;
-                edits.push((index, Some(Aabb::new([x, 0.0, 0.0], [x + 2.0, 1.0, 1.0]))));
-            }
-            2 if now[index as usize].is_some() && random.below(3) == 0 => edits.push((index, None)),
-            _ => {}
-        }
-    }
-    edits
-}
-
-/// Ticks of writers and listeners that commit in an order of this seed. Returns all that was told.
-fn play(daemon: &TestDaemon, writers: u32, ticks: u64, (edits, order): (u64, u64)) -> Vec<Heard> {
-    let name = format!("play-{writers}-{edits}-{order}");
-    let options = JoinOptions::default().with_tick_deadline(LONG).with_most_boxes(1_000);
-    let mut members: Vec<Member> = Vec::new();
-    let mut all: Vec<Option<Aabb>> = vec![None; (OWN * writers) as usize];
-    let (mut random, mut shuffle) = (Random::new(edits), Random::new(order));
-    let mut told = Vec::new();
-    // Whoever comes first, a writer has its indices.
-    let mut coming: Vec<u32> = (0..writers).collect();
-    while !coming.is_empty() {
-        let at = shuffle.below(coming.len() as u64) as usize;
-        let writer = coming.swap_remove(at);
-        let hears = if writer.is_multiple_of(2) { Hears::Own } else { Hears::All };
-        let own = writer * OWN..(writer + 1) * OWN;
-        members.push(Member::join(daemon, &name, own, options.hearing(hears)));
-    }
-    for tick in 0..ticks {
-        if tick == ticks / 2 {
-            // One that joins late has all pairs at once.
-            members.push(Member::join(daemon, &name, 0..0, options.hearing(Hears::All)));
-        }
-        members.sort_by_key(|member| (member.own.is_empty(), member.own.start));
-        let drawn: Vec<_> = members.iter().map(|m| draw(&mut random, &m.own, &all)).collect();
-        let wants: Vec<(Want, bool)> = members
-            .iter()
-            .map(|_| {
-                let wants = [Want::Changes, Want::Changes, Want::Changes, Want::All, Want::Nothing];
-                (wants[random.below(5) as usize], random.below(4) > 0)
-            })
-            .collect();
-        for (index, new) in drawn.iter().flatten() {
-            all[*index as usize] = *new;
-        }
-        let mut waiting: Vec<_> = members.iter_mut().enumerate().collect();
-        // A listener is part of the tick that it commits in: it comes before the last writer.
-        let mut listeners = waiting.split_off(writers as usize);
-        let mut pending = Vec::new();
-        while !waiting.is_empty() || !listeners.is_empty() {
-            let (at, member) = match listeners.pop() {
-                Some(listener) => listener,
-                None => waiting.swap_remove(shuffle.below(waiting.len() as u64) as usize),
-            };
-            let is_listener = member.own.is_empty();
-            let Member { session, scene, known, .. } = member;
-            let mut edit = scene.edit();
-            for (index, new) in &drawn[at] {
-                edit = match new {
-                    Some(b) => edit.set(*index, *b),
-                    None => edit.remove(*index),
-                };
-            }
-            let submitted = edit.submit(wants[at].0).unwrap();
-            if is_listener {
-                // The daemon takes requests of different sessions in any order, those of one in theirs.
-                session.daemon_status().unwrap();
-            }
-            pending.push((at, submitted, known));
-        }
-        let mut of_tick: Vec<(usize, Heard)> = Vec::new();
-        for (at, pending, known) in pending {
-            let answer = pending.wait().unwrap();
-            assert!(answer.late().is_empty());
-            let (want, is_taken) = wants[at];
-            assert_eq!(answer.tick(), tick + 1);
-            let heard = heard(&answer);
-            // An answer that is not taken tells the same as one that is.
-            let mut knows = known.clone();
-            if want != Want::Nothing {
-                learn(&mut knows, &heard, want);
-            }
-            if is_taken {
-                drop(answer.take());
-                *known = knows;
-            }
-            of_tick.push((at, heard));
-        }
-        let truth = pairs_of(&all);
-        for (at, heard) in &of_tick {
-            let (want, is_taken) = wants[*at];
-            let member = &members[*at];
-            if want != Want::Nothing && is_taken {
-                let expected: BTreeSet<Pair> =
-                    truth.iter().copied().filter(|pair| member.hears_of(*pair)).collect();
-                assert_eq!(member.known, expected, "tick {tick}, member {at}");
-            }
-            assert!(heard.0.is_sorted() && heard.1.is_sorted() && heard.2.is_sorted());
-        }
-        of_tick.sort_by_key(|(at, _)| *at);
-        told.extend(of_tick.into_iter().map(|(_, heard)| heard));
-    }
-    told
-}
-
-#[test]
-fn every_member_has_its_pairs_after_every_tick() {
-    let daemon = daemon();
-    for (writers, seed) in [(1, 11), (2, 12), (3, 13), (5, 14)] {
-        play(&daemon, writers, 30, (seed, seed));
-    }
-}
-
-#[test]
-fn answers_are_the_same_bytes_whoever_was_first() {
-    let daemon = daemon();
-    let first = play(&daemon, 3, 20, (77, 1));
-    assert!(first.iter().any(|heard| !heard.0.is_empty()));
-    for order in 2..5 {
-        assert_eq!(play(&daemon, 3, 20, (77, order)), first, "order {order}");
-    }
-    assert_ne!(play(&daemon, 3, 20, (78, 1)), first, "other edits are told otherwise");
-}
-
-#[test]
-fn ticks_are_audited() {
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none", "--audit", "1/1"]);
-    let mut session = daemon.session().connect().unwrap();
-    let mut seed = 20;
-    let audit = eventually("ticks are audited", || {
-        // The auditor gives up a scene that is edited faster than it follows: then there is another one.
-        seed += 1;
-        play(&daemon, 3, 30, (seed, seed));
-        let audit = session.daemon_status().unwrap().audit;
-        (audit.frames > 100 && audit.pairs > 10_000).then_some(audit)
-    });
-    assert_eq!((audit.missed, audit.extra), (0, 0), "{audit:?}");
+    answer.ended().iter().for_each(|ended| assert!(known.remove(&ended.pair), "{ended:?}"));
+    answer.begun().iter().for_each(|begun| assert!(known.insert(begun), "{begun:?} began twice"));
 }
 
 fn at(x: f32) -> Aabb {
@@ -323,42 +140,6 @@ fn what_is_not_its_own_a_member_is_refused() {
     let pending = one.scene.edit().set(12, at(7.0)).submit(Want::All).unwrap();
     drop(other.edit().commit(Want::Nothing).unwrap());
     assert_eq!(pending.wait().unwrap().take().pairs(), [[1, 25]]);
-}
-
-#[test]
-fn tags_and_lists_are_those_of_their_writers() {
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none", "--audit", "1/1"]);
-    let options = JoinOptions::default().with_tick_deadline(LONG).hearing(Hears::All);
-    let mut one = Member::join(&daemon, "tags", 0..4, options);
-    let mut other = Member::join(&daemon, "tags", 4..8, options);
-    let all = [at(0.0); 4];
-    // Bodies of the first writer meet all, sensors of the other one bodies alone.
-    let table = FilterTable::new(&[Filter::new(1, 3), Filter::new(2, 1)]).unwrap();
-    let tags = [0, 1].map(|filter| [Tag::default().with_filter(FilterId(filter)); 4]);
-    let edit = one.scene.edit().set_all(0..4, &all).tag_all(0..4, &tags[0]);
-    let edit = edit.step(Step::Filters(&table)).step(Step::Exclude(&[[0, 1]], true));
-    let pending = edit.submit(Want::All).unwrap();
-    let edit = other.scene.edit().set_all(4..8, &all).tag_all(4..8, &tags[1]);
-    drop(edit.commit(Want::Nothing).unwrap());
-    let bodies = (0..4).flat_map(|a| (a + 1..8).map(move |b| [a, b]));
-    let expected: Vec<Pair> = bodies.filter(|pair| *pair != [0, 1]).collect();
-    assert_eq!(pending.wait().unwrap().take().pairs().to_vec(), expected);
-
-    // Of the table the first writer decides.
-    let edit = other.scene.edit().set(4, at(50.0)).step(Step::Filters(&table));
-    let refused = edit.commit(Want::Nothing).unwrap_err();
-    assert!(matches!(refused, SharedError::NotLeased(NotLeased::Filters)), "{refused:?}");
-    let again = other.scene.edit().set(4, at(50.0)).submit(Want::Nothing).unwrap();
-    let answer = one.scene.edit().commit(Want::All).unwrap();
-    let without = expected.iter().copied().filter(|[_, b]| *b != 4).collect::<Vec<_>>();
-    assert_eq!(answer.take().pairs().to_vec(), without);
-    drop(again.wait().unwrap());
-    let audit = eventually("the rules are audited", || {
-        let audit = one.session.daemon_status().unwrap().audit;
-        // Two ticks, and all pairs after each of them.
-        (audit.frames >= 4).then_some(audit)
-    });
-    assert_eq!((audit.missed, audit.extra), (0, 0), "{audit:?}");
 }
 
 #[test]
@@ -506,70 +287,6 @@ fn a_member_joins_again_without_the_lists_of_a_lease_that_it_gave_back() {
 }
 
 #[test]
-fn members_come_and_go_between_ticks() {
-    let daemon = daemon();
-    let options = JoinOptions::default().with_tick_deadline(LONG).with_most_boxes(200);
-    let mut random = Random::new(5);
-    let mut members: Vec<Option<Member>> = (0..5).map(|_| None).collect();
-    let mut all: Vec<Option<Aabb>> = vec![None; 200];
-    for _ in 0..60 {
-        for (which, member) in members.iter_mut().enumerate() {
-            let own = which as u32 * OWN..(which as u32 + 1) * OWN;
-            if random.below(4) > 0 {
-                continue;
-            }
-            let boxes = &mut all[own.start as usize..own.end as usize];
-            match member {
-                // A lease that is given back takes its boxes along.
-                Some(here) if random.below(2) == 0 => {
-                    here.scene.give_back(own.start).unwrap();
-                    here.scene.lease(own).unwrap();
-                    boxes.fill(None);
-                }
-                Some(_) => {
-                    *member = None;
-                    boxes.fill(None);
-                }
-                None => {
-                    let hears = if which % 2 == 0 { Hears::All } else { Hears::Own };
-                    *member =
-                        Some(Member::join(&daemon, "come-and-go", own, options.hearing(hears)));
-                }
-            }
-        }
-        let drawn: Vec<_> = members
-            .iter()
-            .map(|member| {
-                member.as_ref().map(|m| draw(&mut random, &m.own, &all)).unwrap_or_default()
-            })
-            .collect();
-        for (index, new) in drawn.iter().flatten() {
-            all[*index as usize] = *new;
-        }
-        let mut pending = Vec::new();
-        for (member, drawn) in members.iter_mut().zip(&drawn) {
-            let Some(Member { scene, known, own, hears, .. }) = member else { continue };
-            let mut edit = scene.edit();
-            for (index, new) in drawn {
-                edit = match new {
-                    Some(b) => edit.set(*index, *b),
-                    None => edit.remove(*index),
-                };
-            }
-            pending.push((edit.submit(Want::Changes).unwrap(), known, own.clone(), *hears));
-        }
-        let truth = pairs_of(&all);
-        for (pending, known, own, hears) in pending {
-            let answer = pending.wait().unwrap().take();
-            learn(known, &heard(&answer), Want::Changes);
-            let hears_of =
-                |pair: &&Pair| hears == Hears::All || pair.iter().any(|i| own.contains(i));
-            assert!(known.iter().eq(truth.iter().filter(hears_of)));
-        }
-    }
-}
-
-#[test]
 fn members_commit_join_and_leave_side_by_side() {
     const TICKS: u32 = 30;
     let daemon = daemon();
@@ -603,7 +320,7 @@ fn members_commit_join_and_leave_side_by_side() {
                     let boxes = all_at(tick, &own);
                     let edit = member.scene.edit().set_all(own, &boxes);
                     let answer = edit.commit(Want::Changes).unwrap().take();
-                    learn(&mut member.known, &heard(&answer), Want::Changes);
+                    learn(&mut member.known, &answer);
                 }
                 member
             })
@@ -614,12 +331,11 @@ fn members_commit_join_and_leave_side_by_side() {
         }
         writers.into_iter().map(|writer| writer.join().unwrap()).collect()
     });
-    let boxes: Vec<Option<Aabb>> = all_at(TICKS - 1, &(0..1_800)).into_iter().map(Some).collect();
-    let truth = pairs_of(&boxes);
+    let truth = oracle::truth(&all_at(TICKS - 1, &(0..1_800))).pairs;
     // Guests have left by then.
     eventually("the boxes of the writers alone", || {
         let answer = last.scene.edit().commit(Want::All).unwrap().take();
-        answer.pairs().iter().eq(truth.iter().copied()).then_some(())
+        answer.pairs().iter().eq(truth.iter().map(|(a, b)| [*a, *b])).then_some(())
     });
     drop(writers);
 }
@@ -644,59 +360,6 @@ fn a_scene_that_is_left_during_a_tick_holds_nobody_up() {
     }
 }
 
-#[test]
-fn a_gpu_keeps_a_shared_scene() {
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", "software"]);
-    let engine = EngineChoice::Only(EngineName::GpuGrid);
-    let join = |own: Range<u32>| {
-        let mut session = daemon.session().engine(engine).connect().unwrap();
-        let options = JoinOptions::default().with_tick_deadline(LONG).hearing(Hears::All);
-        let mut scene = session.join_scene("gpu", options).unwrap();
-        scene.lease(own).unwrap();
-        scene
-    };
-    let (mut one, mut other) = (join(0..500), join(500..1_000));
-    let mut random = Random::new(3);
-    let mut all = vec![None; 1_000];
-    for _ in 0..4 {
-        for now in &mut all {
-            *now = Some(at(random.below(400) as f32));
-        }
-        let boxes: Vec<Aabb> = all.iter().flatten().copied().collect();
-        let pending = one.edit().set_all(0..500, &boxes[..500]).submit(Want::All).unwrap();
-        drop(other.edit().set_all(500..1_000, &boxes[500..]).commit(Want::Nothing).unwrap());
-        let answer = pending.wait().unwrap();
-        assert_eq!(answer.engine(), EngineName::GpuGrid);
-        assert!(answer.take().pairs().iter().eq(pairs_of(&all)));
-    }
-}
-
-/// A writer of another process: boxes 10 to 19 of the scene, all around the origin.
-struct Writer(Child);
-
-impl Writer {
-    fn start(daemon: &TestDaemon, scene: &str) -> Self {
-        let mut child = Command::new(CLIENT)
-            .args(["shared", "auto", scene])
-            .env("PAIRMASK_RUNTIME_DIR", daemon.path())
-            .stdin(Stdio::piped())
-            .stdout(Stdio::piped())
-            .spawn()
-            .unwrap();
-        let mut lines = BufReader::new(child.stdout.take().unwrap()).lines();
-        assert_eq!(lines.next().unwrap().unwrap(), "connected");
-        child.stdin.as_mut().unwrap().write_all(b"\n").unwrap();
-        assert_eq!(lines.next().unwrap().unwrap(), "ready");
-        Self(child)
-    }
-
-    /// SIGKILL.
-    fn kill(mut self) {
-        self.0.kill().unwrap();
-        self.0.wait().unwrap();
-    }
-}
-
 /// Writers that are killed and come back.
 fn kill_writers(times: usize, at_end: AtEnd) {
     let daemon = daemon();
@@ -711,27 +374,27 @@ fn kill_writers(times: usize, at_end: AtEnd) {
             next = next.set(0, at(0.0));
         }
         let answer = next.commit(Want::Changes).unwrap().take();
-        let told = heard(&answer);
-        drop(answer);
         assert!(start.elapsed() < deadline + Duration::from_secs(2), "a tick is stuck");
-        learn(&mut member.known, &told, Want::Changes);
-        (member.known.len(), told)
+        learn(&mut member.known, &answer);
+        (member.known.len(), answer.ended().to_vec())
     };
     tick(true);
     for _ in 0..times {
-        let writer = Writer::start(&daemon, "killed");
+        // A writer of another process: boxes 10 to 19 of the scene, all around the origin.
+        let mut writer = FaultClient::start(CLIENT, &daemon, &["shared", "auto", "killed"]);
+        writer.go();
         eventually("the writer's boxes are there", || (tick(false).0 == 10).then_some(()));
         for _ in 0..random.below(5) {
             tick(false);
         }
-        writer.kill();
+        drop(writer);
         let killed = Instant::now();
         if at_end == AtEnd::Keep {
             // They stay for the next one, which leases them as soon as they are free.
             continue;
         }
         loop {
-            let (pairs, (_, ended, ..)) = tick(false);
+            let (pairs, ended) = tick(false);
             if pairs == 0 {
                 assert_eq!(ended.len(), 10);
                 assert!(ended.iter().all(|ended| ended.reason == EndReason::Removed));
@@ -787,16 +450,14 @@ fn a_restarted_daemon_is_joined_again() {
                 // A daemon that has just started may know one of them alone.
                 (Ok(first), Ok(second)) if first.late().is_empty() && first.pairs().len() == 1 => {
                     assert_eq!(first.pairs(), [[2, 12]], "round {round}");
-                    learn(&mut other.known, &heard(&second.take()), Want::Changes);
+                    learn(&mut other.known, &second.take());
                     assert_eq!(other.known.len(), 1);
                     drop(first.take());
                     Some(())
                 }
                 (first, second) => {
-                    for known in [first.map(|a| heard(&a)), second.map(|a| heard(&a))] {
-                        if let Err(error) = known {
-                            println!("round {round}: {error}");
-                        }
+                    for error in [first.err(), second.err()].into_iter().flatten() {
+                        println!("round {round}: {error}");
                     }
                     None
                 }

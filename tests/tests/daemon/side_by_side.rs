@@ -1,16 +1,12 @@
 //! Many clients at once: each gets its own pairs, none is held up by another that asks for much, takes no
 //! answers or dies.
 
-use std::io::{BufRead, BufReader, Lines, Write};
-use std::process::{Child, ChildStdout, Command, Stdio};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread::sleep;
 use std::time::Duration;
 
-use pairmask::{Backend, Session};
-use pairmask_core::Aabb;
-use pairmask_tests::daemon::{TestDaemon, eventually};
-use pairmask_tests::{oracle, stress_scenes};
+use pairmask_tests::fault_client::FaultClient;
+use pairmask_tests::prelude::*;
 
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
 const FAULT_CLIENT: &str = env!("CARGO_BIN_EXE_fault_client");
@@ -30,10 +26,7 @@ impl Scene {
 
     /// Submits the scene, and compares the answer.
     fn check(&self, session: &mut Session) {
-        let mut frame = session.frame(self.boxes.len()).unwrap();
-        frame.boxes_mut().copy_from_slice(&self.boxes);
-        let mut pairs = frame.submit().unwrap().wait().unwrap().to_vec();
-        pairs.sort_unstable();
+        let pairs = session.answer(&self.boxes).sorted();
         // Not `assert_eq`, which would print thousands of pairs.
         assert!(pairs == self.pairs, "wrong pairs of {} boxes", self.boxes.len());
     }
@@ -75,48 +68,15 @@ fn eight_clients_at_once_get_their_own_pairs() {
     let mut session = daemon.session().connect().unwrap();
     let status = session.daemon_status().unwrap();
     assert_eq!((status.frames, status.errors), (frames, 0));
-    let audit = eventually("the auditor has seen them", || {
-        let audit = session.daemon_status().unwrap().audit;
-        (audit.frames + audit.skipped == frames).then_some(audit)
-    });
-    assert!(audit.frames > 0);
-    assert_eq!((audit.missed, audit.extra), (0, 0), "{audit:?}");
+    daemon.audit_is_clean(|audit| audit.frames > 0 && audit.frames + audit.skipped == frames);
 }
 
-/// A client process of its own: the tests' threads are one process to the daemon.
-struct Other {
-    process: Child,
-    said: Lines<BufReader<ChildStdout>>,
-}
-
-impl Other {
-    /// Starts a client in a mode that goes on until it is killed, and waits until it has begun.
-    fn start(daemon: &TestDaemon, mode: &str) -> Self {
-        let mut process = Command::new(FAULT_CLIENT)
-            .args([mode, "auto"])
-            .env("PAIRMASK_RUNTIME_DIR", daemon.path())
-            .stdin(Stdio::piped())
-            .stdout(Stdio::piped())
-            .spawn()
-            .unwrap();
-        process.stdin.take().unwrap().write_all(b"go\n").unwrap();
-        let mut said = BufReader::new(process.stdout.take().unwrap()).lines();
-        assert_eq!(said.next().unwrap().unwrap(), "connected");
-        assert_eq!(said.next().unwrap().unwrap(), "ready");
-        Self { process, said }
-    }
-
-    /// The next line that it prints.
-    fn next_line(&mut self) -> String {
-        self.said.next().unwrap().unwrap()
-    }
-}
-
-impl Drop for Other {
-    fn drop(&mut self) {
-        let _ = self.process.kill();
-        let _ = self.process.wait();
-    }
+/// Starts a client in a mode that goes on until it is killed: a process of its own, since the tests' threads are one
+/// process to the daemon.
+fn start(daemon: &TestDaemon, mode: &str) -> FaultClient {
+    let mut other = FaultClient::start(FAULT_CLIENT, daemon, &[mode, "auto"]);
+    other.go();
+    other
 }
 
 /// A client that always has as many large frames waiting as it may does not hold up one with small
@@ -137,7 +97,7 @@ fn small_frames_beside_ten_large_ones() -> u64 {
     let scene = Scene::new(100, 1);
     let mut session = daemon.session().connect().unwrap();
     scene.check(&mut session);
-    let _greedy = Other::start(&daemon, "greedy");
+    let _greedy = start(&daemon, "greedy");
     // The boxes that were answered tell the greedy client's frames from ours.
     let mut boxes = || {
         scene.check(&mut session);
@@ -166,7 +126,7 @@ fn a_pile_of_boxes_does_not_hold_up_small_frames() {
     let mut session = daemon.session().connect().unwrap();
     scene.check(&mut session);
     let rounds = [(); PILES].map(|()| {
-        let mut pile = Other::start(&daemon, "pile");
+        let mut pile = start(&daemon, "pile");
         let (is_answered, mut frames) = (AtomicBool::new(false), 0);
         std::thread::scope(|scope| {
             scope.spawn(|| {
@@ -195,7 +155,7 @@ const PILES: usize = 4;
 #[test]
 fn a_hung_client_does_not_hold_up_the_others() {
     let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
-    let _hung: Vec<Other> = (0..3).map(|_| Other::start(&daemon, "pending")).collect();
+    let _hung: Vec<FaultClient> = (0..3).map(|_| start(&daemon, "pending")).collect();
     let scenes: Vec<Scene> = (0..4).map(|seed| Scene::new(300 + 7 * seed, seed.into())).collect();
     let worker = daemon.worker();
     std::thread::scope(|scope| {
@@ -217,22 +177,17 @@ fn frames_dropped_unread_take_nothing_from_the_next() {
     for round in 0..400 {
         let scene = &scenes[round % scenes.len()];
         for unread in 0..round % 6 {
-            let mut frame = session.frame(scene.boxes.len()).unwrap();
-            frame.boxes_mut().copy_from_slice(&scene.boxes);
-            let pending = frame.submit().unwrap();
+            let pending = session.ask(&scene.boxes);
             if (round + unread) % 4 == 0 {
                 sleep(Duration::from_micros(500));
             }
             drop(pending);
         }
-        let mut frame = session.frame(scene.boxes.len()).unwrap();
-        frame.boxes_mut().copy_from_slice(&scene.boxes);
-        let pending = frame.submit().unwrap();
+        let pending = session.ask(&scene.boxes);
         if round % 3 == 0 {
             sleep(Duration::from_millis(1));
         }
-        let mut pairs = pending.wait().unwrap().to_vec();
-        pairs.sort_unstable();
+        let pairs = pending.wait().unwrap().sorted();
         assert!(pairs == scene.pairs, "round {round}");
     }
 }
@@ -267,7 +222,7 @@ fn clients_killed_under_load_leave_the_daemon_serving() {
         }
         let _stop = SetWhenDropped(&stop);
         for round in 0..12 {
-            let victims = ["load", "greedy", "load"].map(|mode| Other::start(&daemon, mode));
+            let victims = ["load", "greedy", "load"].map(|mode| start(&daemon, mode));
             let so_far = answered.load(Ordering::Relaxed);
             eventually("frames are answered beside the victims", || {
                 (answered.load(Ordering::Relaxed) > so_far + 5 + 3 * round).then_some(())

@@ -1,21 +1,13 @@
 //! Frames of spheres: every session backend has the answers of exact arithmetic, also when the
 //! daemon dies.
 
-use std::sync::atomic::{AtomicBool, Ordering};
-
-use pairmask::{Backend, FrameError, FrameInfo, ServedBy, Session, WaitError};
-use pairmask_core::engine::{CullError, EngineName};
-use pairmask_core::precision::Widening;
-use pairmask_core::{Aabb, BoxForm, Encoding, EncodingChoice, EngineChoice, ObjectForm, Sphere};
+use pairmask::FrameInfo;
+use pairmask_core::ObjectForm;
 use pairmask_lab::stress::SphereCase;
-use pairmask_tests::conformance::Mismatch;
-use pairmask_tests::daemon::{TestDaemon, eventually, outlive_kills};
-use pairmask_tests::refuser::refuse_all;
+use pairmask_tests::prelude::*;
+use pairmask_tests::refuser::beside_refuser;
 use pairmask_tests::spheres::{check_mask, cull, hard_scene, truth, whole_scene};
-use pairmask_tests::{oracle, stress_scenes};
-use pairmask_transport::{RuntimeDir, clean_if_abandoned};
-use pairmask_wire::{InstanceName, ReplyError, StatusCode, Version};
-use rustix::process::Signal;
+use pairmask_wire::{ReplyError, StatusCode};
 
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
 
@@ -76,39 +68,21 @@ fn daemon() -> TestDaemon {
     TestDaemon::start(DAEMON, &["--gpu", "none", "--max-clients", "32"])
 }
 
+/// Every size, scenes that aim at borders, and large ones that touch.
 #[test]
-fn every_size_by_every_backend_engine_and_encoding() {
+fn scenes_by_every_backend_engine_and_encoding() {
     let daemon = daemon();
     let mut lanes = lanes(&daemon);
-    for n in (0..=70).chain([130, 255, 256, 257, 345]) {
-        let spheres = hard_scene(n, 1);
+    let of = |spheres: Vec<Sphere>| {
         let truth = truth(&spheres);
-        for lane in &mut lanes {
-            lane.check(&spheres, &truth);
-        }
-    }
-}
-
-#[test]
-fn scenes_that_aim_at_borders() {
-    let daemon = daemon();
-    let mut lanes = lanes(&daemon);
-    for seed in 0..100 {
-        let SphereCase { spheres, .. } = SphereCase::new(seed);
-        let truth = truth(&spheres);
-        for lane in &mut lanes {
-            lane.check(&spheres, &truth);
-        }
-    }
-}
-
-#[test]
-fn large_scenes_that_touch() {
-    let daemon = daemon();
-    let mut lanes = lanes(&daemon);
-    for (n, side) in [(1234, 40), (5000, 60)] {
-        let (spheres, truth) = whole_scene(n, side, 3);
-        assert!(truth.pairs.len() > n / 2, "{} pairs", truth.pairs.len());
+        (spheres, truth)
+    };
+    let sizes = (0..=70).chain([130, 255, 256, 257, 345]).map(|n| of(hard_scene(n, 1)));
+    let borders = 0..if tier::is_nightly() { 100 } else { 40 };
+    let borders = borders.map(|seed| of(SphereCase::new(seed).spheres));
+    let large = [(1234, 40), (5000, 60)].map(|(n, side)| whole_scene(n, side, 3));
+    assert!(large.iter().all(|(spheres, truth)| truth.pairs.len() > spheres.len() / 2));
+    for (spheres, truth) in sizes.chain(borders).chain(large) {
         for lane in &mut lanes {
             lane.check(&spheres, &truth);
         }
@@ -172,8 +146,7 @@ fn boxes_and_spheres_may_be_under_way_at_once() {
             let (first, second) = (first.submit().unwrap(), second.submit().unwrap());
             let (second, first) = (second.wait().unwrap(), first.wait().unwrap());
             assert_eq!(first.info().form, BoxForm::F32.into());
-            let mut pairs = first.to_vec();
-            pairs.sort_unstable();
+            let pairs = first.sorted();
             assert_eq!(pairs, expected.pairs);
             assert_eq!(check_mask(&second, Encoding::Sparse, &truth), Ok(()));
         }
@@ -185,11 +158,8 @@ fn an_older_daemon_gets_no_spheres() {
     let daemon = daemon();
     let boxes = [Aabb::from([0.0, 0.0, 0.0, 1.0, 1.0, 1.0]); 2];
     let (spheres, truth) = whole_scene(300, 12, 5);
-    let current = daemon.record().unwrap();
     for minor in [0, 1] {
-        let older = Version { minor, ..current.version };
-        let record = pairmask_transport::DaemonRecord { version: older, ..current };
-        daemon.dir().write_record(&InstanceName::default(), &record).unwrap();
+        daemon.pretend_minor(minor);
         let mut session = daemon.session().connect().unwrap();
         assert!(matches!(
             session.sphere_frame(3).unwrap_err(),
@@ -214,15 +184,9 @@ fn an_older_daemon_gets_no_spheres() {
 
 #[test]
 fn a_daemon_that_refuses_spheres_is_not_asked_again() {
-    let dir = tempfile::tempdir().unwrap();
-    let dir = RuntimeDir::at(dir.path());
-    let stop = AtomicBool::new(false);
     let (spheres, truth) = whole_scene(300, 12, 5);
-    std::thread::scope(|scope| {
-        scope.spawn(|| refuse_all(&dir, &stop));
-        eventually("it serves", || dir.read_record(&InstanceName::default()));
-        let sparse = EncodingChoice::Only(Encoding::Sparse);
-        let builder = Session::builder().runtime_dir(dir.clone()).encoding(sparse);
+    beside_refuser(|builder| {
+        let builder = builder.encoding(EncodingChoice::Only(Encoding::Sparse));
         for backend in [Backend::Auto, Backend::Daemon] {
             let mut session = builder.clone().backend(backend).connect().unwrap();
             let mut frame = session.sphere_frame(spheres.len()).unwrap();
@@ -239,9 +203,7 @@ fn a_daemon_that_refuses_spheres_is_not_asked_again() {
             }
             assert!(session.frame(1).unwrap().is_shared(), "boxes are asked for all the same");
         }
-        stop.store(true, Ordering::Relaxed);
     });
-    clean_if_abandoned(&dir, &InstanceName::default()).unwrap();
 }
 
 #[test]
@@ -272,14 +234,9 @@ fn spheres_pass_boxes_that_a_gpu_works_on() {
     let grid = EngineChoice::Only(EngineName::GpuGrid);
     let mut busy = daemon.session().engine(grid).connect().unwrap();
     let boxes = stress_scenes::named("uniform").boxes(33_000, 1);
-    let submit = |session: &mut Session| {
-        let mut frame = session.frame(boxes.len()).unwrap();
-        frame.boxes_mut().copy_from_slice(&boxes);
-        frame.submit().unwrap()
-    };
+    let submit = |session: &mut Session| session.ask(&boxes);
     let mut here = Session::builder().backend(Backend::InProcess).connect().unwrap();
-    let mut expected = submit(&mut here).wait().unwrap().to_vec();
-    expected.sort_unstable();
+    let expected = submit(&mut here).wait().unwrap().sorted();
     let mut session = daemon.session().connect().unwrap();
     let scene = whole_scene(700, 15, 2);
     for _ in 0..3 {
@@ -288,8 +245,7 @@ fn spheres_pass_boxes_that_a_gpu_works_on() {
         for frame in pending {
             let mask = frame.wait().unwrap();
             assert_eq!(mask.info().engine, EngineName::GpuGrid);
-            let mut pairs = mask.to_vec();
-            pairs.sort_unstable();
+            let pairs = mask.sorted();
             assert_eq!(pairs, expected);
         }
     }
@@ -300,9 +256,7 @@ fn the_daemon_counts_spheres_apart() {
     let daemon = daemon();
     let mut session = daemon.session().connect().unwrap();
     cull(&mut session, &[Sphere::new([0.0; 3], 1.0); 5]);
-    let mut frame = session.frame(3).unwrap();
-    frame.boxes_mut().fill(Aabb::EMPTY);
-    frame.submit().unwrap().wait().unwrap();
+    session.answer(&[Aabb::EMPTY; 3]);
     let status = session.daemon_status().unwrap();
     assert_eq!((status.frames, status.boxes, status.spheres, status.pairs), (2, 3, 5, 10));
 }
@@ -312,49 +266,4 @@ fn check_frame(session: &mut Session, scene: &(Vec<Sphere>, oracle::Truth)) -> S
     let mask = cull(session, &scene.0);
     assert_eq!(check_mask(&mask, mask.encoding(), &scene.1), Ok(()));
     mask.info().served_by
-}
-
-#[test]
-fn a_thousand_frames_are_right_while_the_daemon_is_killed_again_and_again() {
-    let mut daemon = daemon();
-    let mut session = daemon.session().backend(Backend::Auto).connect().unwrap();
-    let scenes: Vec<_> = (0..8).map(|seed| whole_scene(300, 12, seed)).collect();
-    outlive_kills(&mut daemon, |i| check_frame(&mut session, &scenes[i % scenes.len()]));
-}
-
-#[test]
-fn a_daemon_killed_with_spheres_under_way_costs_no_answer() {
-    let mut daemon = daemon();
-    let mut session = daemon.session().backend(Backend::Auto).connect().unwrap();
-    let scene = whole_scene(400, 12, 1);
-    check_frame(&mut session, &scene);
-    let fill = |session: &mut Session| {
-        let mut frame = session.sphere_frame(scene.0.len()).unwrap();
-        assert!(frame.is_shared());
-        frame.spheres_mut().copy_from_slice(&scene.0);
-        frame
-    };
-    daemon.signal_worker(Signal::STOP);
-    let mut pending: Vec<_> = (0..2).map(|_| fill(&mut session).submit().unwrap()).collect();
-    // One more that is filled and not yet sent.
-    let filled = fill(&mut session);
-    daemon.kill();
-    pending.push(filled.submit().unwrap());
-    for frame in pending {
-        let mask = frame.wait().unwrap();
-        assert_eq!(mask.info().served_by, ServedBy::InProcess);
-        assert_eq!(mask.info().form, ObjectForm::Spheres);
-        assert_eq!(check_mask(&mask, mask.encoding(), &scene.1), Ok(()));
-    }
-    let mut strict = None;
-    daemon.restart();
-    eventually("a session without a stand-in", || {
-        strict = daemon.session().connect().ok();
-        strict.as_ref().map(|_| ())
-    });
-    let mut strict = strict.unwrap();
-    daemon.signal_worker(Signal::STOP);
-    let pending = fill(&mut strict).submit().unwrap();
-    daemon.kill();
-    assert!(matches!(pending.wait(), Err(WaitError::DaemonDied)));
 }

@@ -1,16 +1,15 @@
 //! Files that another user owns or may change: neither side uses them.
 
+use pairmask_tests::prelude::*;
 use std::fs::{self, Permissions};
 use std::os::unix::fs::{MetadataExt, PermissionsExt, chown, symlink};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::{Duration, Instant};
 
-use pairmask::{Backend, ConnectError, ServedBy, Session};
-use pairmask_core::Aabb;
-use pairmask_tests::daemon::{TestDaemon, eventually};
 use pairmask_transport::{InstanceLock, RuntimeDir};
-use pairmask_wire::{InstanceError, InstanceName};
+use pairmask_wire::InstanceError::{self, NotPlain, Open};
+use pairmask_wire::InstanceName;
 
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
 
@@ -25,9 +24,7 @@ fn connect(daemon: &TestDaemon) -> Result<Session, ConnectError> {
 fn check_auto(daemon: &TestDaemon, what: &str) {
     let start = Instant::now();
     let mut session = daemon.session().backend(Backend::Auto).connect().unwrap();
-    let mut frame = session.frame(2).unwrap();
-    frame.boxes_mut().fill(Aabb::from([0.0; 6]));
-    let mask = frame.submit().unwrap().wait().unwrap();
+    let mask = session.answer(&[Aabb::from([0.0; 6]); 2]);
     assert_eq!(mask.info().served_by, ServedBy::InProcess, "{what}");
     assert_eq!(mask.to_vec(), [(0, 1)], "{what}");
     // Not a limit for speed: a stranger's daemon could hold a frame up for the session's deadline.
@@ -46,6 +43,13 @@ fn places(daemon: &TestDaemon) -> [PathBuf; 4] {
     [daemon.path().to_owned(), file("default.daemon"), file("default.heartbeat"), root]
 }
 
+/// Checks that a client refuses the instance, with such an error, and answers in process where it may.
+fn check_refused(daemon: &TestDaemon, path: &Path, is_named: impl Fn(&ConnectError) -> bool) {
+    let error = connect(daemon).unwrap_err();
+    assert!(is_named(&error), "{}: {error}", path.display());
+    check_auto(daemon, &path.display().to_string());
+}
+
 #[test]
 fn what_others_may_write_to_is_not_used_by_a_client() {
     let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
@@ -54,13 +58,11 @@ fn what_others_may_write_to_is_not_used_by_a_client() {
         let mode = fs::metadata(&path).unwrap().mode() & 0o7777;
         for open in [0o020, 0o002] {
             set_mode(&path, mode | open);
-            let error = connect(&daemon).unwrap_err();
-            assert!(
-                matches!(&error, ConnectError::Instance(InstanceError::Open { path: p, .. }) if *p == path),
-                "{}: {error}",
-                path.display()
+            check_refused(
+                &daemon,
+                &path,
+                |error| matches!(error, ConnectError::Instance(Open { path: p, .. }) if *p == path),
             );
-            check_auto(&daemon, &path.display().to_string());
         }
         set_mode(&path, mode);
         drop(connect(&daemon).unwrap());
@@ -75,13 +77,11 @@ fn links_are_not_followed_by_a_client() {
         let moved = path.with_extension("moved");
         fs::rename(&path, &moved).unwrap();
         symlink(&moved, &path).unwrap();
-        let error = connect(&daemon).unwrap_err();
-        assert!(
-            matches!(&error, ConnectError::Instance(InstanceError::NotPlain { path: p, .. }) if *p == path),
-            "{}: {error}",
-            path.display()
+        check_refused(
+            &daemon,
+            &path,
+            |error| matches!(error, ConnectError::Instance(NotPlain { path: p, .. }) if *p == path),
         );
-        check_auto(&daemon, &path.display().to_string());
         fs::remove_file(&path).unwrap();
         fs::rename(&moved, &path).unwrap();
         drop(connect(&daemon).unwrap());
@@ -98,11 +98,11 @@ fn what_another_user_owns_is_not_used_by_a_client() {
     let own = [places(&daemon).to_vec(), vec![shared[0].clone()]].concat();
     for path in own {
         chown(&path, Some(NOBODY), None).unwrap();
-        let error = connect(&daemon).unwrap_err();
-        let said = error.to_string();
-        assert!(said.contains(&format!("belongs to user {NOBODY}")), "{}: {said}", path.display());
-        assert!(said.contains("PAIRMASK_RUNTIME_DIR"), "{}: {said}", path.display());
-        check_auto(&daemon, &path.display().to_string());
+        check_refused(&daemon, &path, |error| {
+            let said = error.to_string();
+            said.contains(&format!("belongs to user {NOBODY}"))
+                && said.contains("PAIRMASK_RUNTIME_DIR")
+        });
         chown(&path, Some(0), None).unwrap();
         drop(connect(&daemon).unwrap());
     }
@@ -119,12 +119,9 @@ fn a_strangers_file_in_shared_memory_keeps_clients_and_daemons_away() {
     let file = Path::new("/dev/shm").join(name);
     fs::write(&file, "x").unwrap();
     chown(&file, Some(NOBODY), None).unwrap();
-    let error = connect(&daemon).unwrap_err();
-    assert!(
-        matches!(&error, ConnectError::Instance(InstanceError::Foreign { owner: NOBODY, .. })),
-        "{error}"
-    );
-    check_auto(&daemon, "a stranger's file");
+    check_refused(&daemon, &file, |error| {
+        matches!(error, ConnectError::Instance(InstanceError::Foreign { owner: NOBODY, .. }))
+    });
     fs::remove_file(&file).unwrap();
     drop(connect(&daemon).unwrap());
     daemon.kill();

@@ -2,16 +2,11 @@
 //! device is lost between.
 
 use std::sync::Arc;
-use std::time::Duration;
 
-use pairmask_core::dispatch::CullOptions;
-use pairmask_core::engine::{EngineChoice, EngineName};
-use pairmask_core::mask::{EncodingChoice, MaskView};
-use pairmask_core::{Aabb, BoxCount, Encoding, Precision};
-use pairmask_tests::daemon::{TestDaemon, eventually};
 use pairmask_tests::frame_memory::TestFrame;
-use pairmask_tests::{gpu, oracle, stress_scenes};
-use pairmaskd::execute::{BUNDLE_FRAMES, Executor, GpuService, Owner};
+use pairmask_tests::gpu;
+use pairmask_tests::prelude::*;
+use pairmaskd::execute::{BUNDLE_FRAMES, Executor, Owner};
 
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
 const GRID: EngineChoice = EngineChoice::Only(EngineName::GpuGrid);
@@ -29,7 +24,13 @@ fn scene(n: u32, seed: u64) -> (Vec<Aabb>, Vec<(u32, u32)>) {
 
 #[test]
 fn small_frames_of_several_clients_do_not_mix() {
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", "software", "--audit", "1/1"]);
+    small_frames_by("software");
+    // Spread over two GPUs, which may be two devices of one adapter.
+    small_frames_by(&format!("{},{}", gpu::name_at(0), gpu::name_at(1)));
+}
+
+fn small_frames_by(gpus: &str) {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", gpus, "--audit", "1/1"]);
     let clients = BUNDLE_FRAMES + 2;
     std::thread::scope(|scope| {
         for client in 0..clients {
@@ -40,12 +41,9 @@ fn small_frames_of_several_clients_do_not_mix() {
                 for turn in 0..ROUNDS * SIZES.len() {
                     let (boxes, expected) =
                         scene(SIZES[(turn + client) % SIZES.len()], turn as u64);
-                    let mut frame = session.frame(boxes.len()).unwrap();
-                    frame.boxes_mut().copy_from_slice(&boxes);
-                    let mask = frame.submit().unwrap().wait().unwrap();
+                    let mask = session.answer(&boxes);
                     assert_eq!(mask.info().engine, EngineName::GpuGrid);
-                    let mut pairs = mask.to_vec();
-                    pairs.sort_unstable();
+                    let pairs = mask.sorted();
                     assert!(pairs == expected, "client {client}: wrong pairs of {}", boxes.len());
                 }
             });
@@ -55,16 +53,7 @@ fn small_frames_of_several_clients_do_not_mix() {
     let mut session = daemon.session().connect().unwrap();
     let status = session.daemon_status().unwrap();
     assert_eq!((status.frames, status.errors), (frames, 0));
-    let audit = eventually("the auditor has seen them", || {
-        let audit = session.daemon_status().unwrap().audit;
-        (audit.frames + audit.skipped == frames).then_some(audit)
-    });
-    assert_eq!((audit.missed, audit.extra), (0, 0), "{audit:?}");
-}
-
-fn gpu_executor() -> Executor {
-    let gpu = GpuService::open(&gpu::choice(), Duration::ZERO);
-    Executor::new(Some(gpu.expect("a software adapter (lavapipe)")))
+    daemon.audit_is_clean(|audit| audit.frames > 0 && audit.frames + audit.skipped == frames);
 }
 
 fn options() -> CullOptions {
@@ -97,8 +86,7 @@ fn bundle(executor: &mut Executor, is_lost: bool, sizes: &[u32]) -> Vec<EngineNa
         let (answer, memory) = (answer.unwrap(), memory.unwrap());
         let n = BoxCount::new(boxes.len() as u32);
         let mask = MaskView::new(n, &answer.report.shape, memory.reply.words()).unwrap();
-        let mut pairs = mask.to_vec();
-        pairs.sort_unstable();
+        let pairs = mask.sorted();
         assert!(pairs == *expected, "{} boxes by {}", boxes.len(), answer.engine);
         engines.push(answer.engine);
     }
@@ -108,7 +96,7 @@ fn bundle(executor: &mut Executor, is_lost: bool, sizes: &[u32]) -> Vec<EngineNa
 
 #[test]
 fn a_device_that_is_lost_under_a_bundle_costs_no_answer() {
-    let mut executor = gpu_executor();
+    let mut executor = gpu::executor(1);
     let sizes = &SIZES[..BUNDLE_FRAMES];
     let (boxes, _) = scene(sizes[0], 1);
     let planned = executor.plan((&boxes).into(), &options(), u64::MAX);
@@ -120,26 +108,4 @@ fn a_device_that_is_lost_under_a_bundle_costs_no_answer() {
         let engines = bundle(&mut executor, false, sizes);
         (engines == [EngineName::GpuGrid; BUNDLE_FRAMES]).then_some(())
     });
-}
-
-#[test]
-fn frames_without_a_gpu_are_answered_by_a_cpu_engine() {
-    let mut executor = gpu_executor();
-    let options = options();
-    let (boxes, expected) = scene(345, 1);
-    let memory = TestFrame::on_heap(&Precision::Exact, &boxes);
-    let planned = executor.plan(memory.boxes.boxes(), &options, u64::MAX);
-    let joining = vec![Executor::join(planned, Owner::Client(0), memory)];
-    executor.gpu().and_then(|mut gpu| gpu.device()).expect("a device").destroy();
-    let mut unserved = executor.gpus().iter().next().expect("a GPU").begin_bundle(joining);
-    let Some(Err(unserved)) = unserved.pop() else { panic!("its device is lost") };
-    let mut other = Executor::new(None);
-    let (answer, memory) = other.answer(unserved);
-    let (answer, memory) = (answer.unwrap(), memory.unwrap());
-    assert!(!answer.engine.is_gpu());
-    let n = BoxCount::new(345);
-    let mask = MaskView::new(n, &answer.report.shape, memory.reply.words()).unwrap();
-    let mut pairs = mask.to_vec();
-    pairs.sort_unstable();
-    assert!(pairs == expected);
 }

@@ -1,16 +1,13 @@
 //! Boxes that crowd one cell and hardly overlap, which no list of pairs gives away. A software adapter ends the loops
 //! of a thread early and says nothing, so that what it cannot finish has to be refused before.
 
-use pairmask_core::engine::{CullError, CullInput, CullReport, Engine, Grid as CpuGrid, HeapReply};
-use pairmask_core::mask::MaskShape;
-use pairmask_core::scene::{
-    Edit, QueryError, QueryTags, Scene, SceneError, SceneOptions, Sets, Step, Want,
-};
-use pairmask_core::{Aabb, Encoding};
-use pairmask_tests::gpu::open;
-use pairmask_tests::scene_edits::same_told;
+use pairmask_core::engine::Grid as CpuGrid;
+use pairmask_core::scene::{QueryError, Scene};
+use pairmask_tests::gpu::{grid, scene_tools};
+use pairmask_tests::prelude::*;
+use pairmask_tests::scene_model::Heard;
 use pairmask_tests::stress_scenes::Rng;
-use pairmaskd::execute::gpu::{GpuScene, Grid, GridOptions, HostImport, SceneTools};
+use pairmaskd::execute::gpu::{GpuScene, Grid, GridOptions};
 
 /// As many as a software adapter gets through in a cell, and more than it gets through.
 const FEW: usize = 3_500;
@@ -36,11 +33,6 @@ fn has_no_limit(grid: &Grid) -> bool {
     grid.gpu().limits().thread_rounds == u32::MAX
 }
 
-fn grid() -> Grid {
-    Grid::new(&open(HostImport::IfPossible), &GridOptions::default())
-        .unwrap_or_else(|error| panic!("{error}"))
-}
-
 fn sorted_pairs(words: &[u32]) -> Vec<[u32; 2]> {
     let mut pairs: Vec<[u32; 2]> = words.as_chunks().0.to_vec();
     pairs.sort_unstable();
@@ -49,7 +41,7 @@ fn sorted_pairs(words: &[u32]) -> Vec<[u32; 2]> {
 
 #[test]
 fn a_crowd_is_answered_as_by_the_cores_or_refused() {
-    let mut gpu = grid();
+    let mut gpu = grid(&GridOptions::default());
     for (n, is_answered) in [(FEW, true), (MANY, has_no_limit(&gpu))] {
         let boxes = needles(n);
         let input = CullInput::boxes(&boxes).encoding(Encoding::List);
@@ -78,13 +70,11 @@ struct Both {
 
 impl Both {
     fn new() -> Self {
-        let gpu = open(HostImport::IfPossible);
-        let tools = SceneTools::new(&gpu, &GridOptions::default())
-            .unwrap_or_else(|error| panic!("{error}"));
+        let tools = scene_tools(0, &GridOptions::default());
         Self {
             core: Scene::new(SceneOptions::default()),
             gpu: GpuScene::new(&tools, SceneOptions::default()),
-            has_no_limit: gpu.limits().thread_rounds == u32::MAX,
+            has_no_limit: tools.gpu().limits().thread_rounds == u32::MAX,
         }
     }
 
@@ -95,7 +85,7 @@ impl Both {
         self.core.edit(Edit { steps: &steps }, want).expect("an answer");
         match self.gpu.edit(Edit { steps: &steps }, want) {
             Ok(_) => {
-                same_told(self.gpu.told(), self.core.told()).unwrap_or_else(|e| panic!("{e}"));
+                assert!(Heard::from(self.gpu.told()) == Heard::from(self.core.told()));
                 true
             }
             Err(SceneError::Cull(CullError::TooCrowded { .. })) => false,

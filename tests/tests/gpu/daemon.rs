@@ -5,19 +5,12 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use pairmask::{ServedBy, Session};
-use pairmask_core::dispatch::{CpuEngines, CullAnswer, CullOptions};
-use pairmask_core::engine::{EngineChoice, EngineName, HeapReply};
-use pairmask_core::mask::{EncodingChoice, MaskShape, MaskView};
-use pairmask_core::precision::BoxSlice;
-use pairmask_core::{Aabb, Bounds, BoxCount, Encoding, Precision};
-use pairmask_tests::conformance::{Suite, check_engine};
-use pairmask_tests::daemon::{PATIENCE, TestDaemon, eventually};
 use pairmask_tests::frame_memory::TestFrame;
-use pairmask_tests::narrow::NarrowMemory;
+use pairmask_tests::gpu::{self, pairs_of};
+use pairmask_tests::prelude::*;
 use pairmask_tests::session_engine::SessionEngine;
-use pairmask_tests::{gpu, naive_modes, oracle, stress_scenes};
-use pairmaskd::execute::{CullUnderWay, Executor, GpuService, Owner};
+use pairmask_tests::spheres::{hard_scene, truth};
+use pairmaskd::execute::{CullUnderWay, Executor, Owner};
 use pairmaskd::precision::as_sent;
 
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
@@ -26,20 +19,13 @@ const GPU: EngineChoice = EngineChoice::Only(EngineName::GpuBrute);
 #[test]
 fn sessions_get_what_the_oracle_says() {
     let daemon = TestDaemon::start(DAEMON, &["--gpu", "software"]);
-    let mut sessions =
-        SessionEngine::new(&daemon.session(), EngineName::GpuBrute, ServedBy::Daemon);
-    check_engine(&mut sessions, &Suite::of_tier()).unwrap();
-}
-
-#[test]
-fn sessions_get_what_the_oracle_says_from_the_grid() {
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", "software"]);
-    let mut sessions = SessionEngine::new(&daemon.session(), EngineName::GpuGrid, ServedBy::Daemon);
-    let sizes = (0..70).step_by(7).chain([345, 1234]).collect();
-    let encodings = EngineName::GpuGrid.descriptor().encodings.to_vec();
-    assert_eq!(encodings, [Encoding::Sparse, Encoding::List]);
-    let suite = Suite { sizes, encodings, ..Suite::default() };
-    check_engine(&mut sessions, &suite).unwrap();
+    for engine in [EngineName::GpuBrute, EngineName::GpuGrid] {
+        let mut sessions = SessionEngine::new(&daemon.session(), engine, ServedBy::Daemon);
+        let sizes = (0..70).step_by(if tier::is_nightly() { 1 } else { 23 });
+        let sizes = sizes.chain([33, 345, 1234]).collect();
+        let encodings = engine.descriptor().encodings.to_vec();
+        conform(&mut sessions, &Suite { sizes, encodings, ..Suite::default() });
+    }
 }
 
 #[test]
@@ -49,9 +35,7 @@ fn a_dense_mask_of_the_grid_comes_from_all_pairs() {
     let dense = EncodingChoice::Only(Encoding::Dense);
     let mut session = daemon.session().engine(grid).encoding(dense).connect().unwrap();
     let boxes = stress_scenes::named("uniform").boxes(700, 3);
-    let mut shared = session.frame(boxes.len()).unwrap();
-    shared.boxes_mut().copy_from_slice(&boxes);
-    let mask = shared.submit().unwrap().wait().unwrap();
+    let mask = session.answer(&boxes);
     assert_eq!(mask.info().engine, EngineName::GpuBrute);
     assert_eq!(mask.count(), oracle::truth(&boxes).pairs.len() as u64);
 }
@@ -86,8 +70,7 @@ fn frames_under_way_at_a_time_do_not_mix() {
                 (info.engine, info.form),
                 (EngineName::GpuGrid.into(), precision.form().into())
             );
-            let mut pairs = mask.to_vec();
-            pairs.sort_unstable();
+            let pairs = mask.sorted();
             let expected = pairs_by_cpu(boxes, &precision);
             assert!(pairs == expected, "{} and {} pairs", pairs.len(), expected.len());
         }
@@ -105,12 +88,9 @@ fn clients_come_and_go_and_grow() {
         let mut session = daemon.session().engine(GPU).capacity(capacity).connect().unwrap();
         for (frame, n) in [50, 60, 700, 1500, 30, 1500].into_iter().enumerate() {
             let boxes = scene.boxes(n, 10 * client + frame as u64);
-            let mut shared = session.frame(boxes.len()).unwrap();
-            shared.boxes_mut().copy_from_slice(&boxes);
-            let mask = shared.submit().unwrap().wait().unwrap();
+            let mask = session.answer(&boxes);
             assert_eq!(mask.info().engine, EngineName::GpuBrute);
-            let mut pairs = mask.to_vec();
-            pairs.sort_unstable();
+            let pairs = mask.sorted();
             assert_eq!(pairs, oracle::truth(&boxes).pairs, "client {client}, {n} boxes");
         }
     }
@@ -128,9 +108,7 @@ fn memory_that_a_gpu_wrote_masks_to_is_given_back() {
         let mut session = daemon.session().engine(GPU).encoding(dense).connect().unwrap();
         // From the second frame on the mask is written where it lies.
         for _ in 0..4 {
-            let mut shared = session.frame(boxes.len()).unwrap();
-            shared.boxes_mut().copy_from_slice(&boxes);
-            let mask = shared.submit().unwrap().wait().unwrap();
+            let mask = session.answer(&boxes);
             assert_eq!(mask.info().engine, EngineName::GpuBrute);
             assert_eq!(mask.to_vec(), expected);
         }
@@ -150,53 +128,15 @@ fn a_daemon_without_a_gpu_says_so() {
     assert!(error.to_string().contains("engine-unavailable"), "{error}");
 }
 
-fn gpu_executor() -> Executor {
-    let gpu =
-        GpuService::open(&gpu::choice(), Duration::ZERO).expect("a software adapter (lavapipe)");
-    Executor::new(Some(gpu))
-}
-
-/// The sorted pairs of an answer.
-fn pairs_of(n: u32, answer: &CullAnswer, reply: &HeapReply) -> Vec<(u32, u32)> {
-    let shape = &answer.report.shape;
-    let mut pairs = MaskView::new(BoxCount::new(n), shape, reply.words()).unwrap().to_vec();
-    pairs.sort_unstable();
-    pairs
-}
-
 fn narrow_precisions(boxes: &[Aabb]) -> [Precision; 3] {
     let bounds = Bounds::around(boxes);
     [Precision::Q16(bounds), Precision::Q8(bounds), Precision::F16]
 }
 
-#[test]
-fn narrow_boxes_are_culled_on_the_gpu() {
-    let mut executor = gpu_executor();
-    let mut reply = HeapReply::new();
-    for n in [70, 1234, 345, 3001, 2] {
-        let boxes = stress_scenes::named("uniform").boxes(n, 3);
-        for precision in narrow_precisions(&boxes) {
-            let memory = NarrowMemory::write(&precision, &boxes);
-            for engine in [EngineName::GpuBrute, EngineName::GpuGrid] {
-                let options = CullOptions {
-                    engine: EngineChoice::Only(engine),
-                    encoding: EncodingChoice::Only(Encoding::Sparse),
-                    ..CullOptions::default()
-                };
-                let owner = Owner::Client(1);
-                let answer = executor.cull(memory.boxes(), owner, &options, &mut reply).unwrap();
-                assert_eq!(answer.engine, engine);
-                let expected = naive_modes::truth(&boxes, &precision).pairs;
-                assert_eq!(pairs_of(n, &answer, &reply), expected, "{n} boxes, {precision:?}");
-            }
-        }
-    }
-}
-
 /// A list of more bytes than one binding of the device shows.
 #[test]
 fn a_list_beyond_the_device_comes_from_the_cpu() {
-    let mut executor = gpu_executor();
+    let mut executor = gpu::executor(1);
     let boxes = vec![Aabb::from([0.0, 0.0, 0.0, 1.0, 1.0, 1.0]); 6_000];
     let pairs = 6_000 * 5_999 / 2;
     let device = executor.gpu().unwrap().device().unwrap();
@@ -224,7 +164,7 @@ fn pairs_by_cpu(boxes: &[Aabb], precision: &Precision) -> Vec<(u32, u32)> {
         CullOptions { engine: EngineChoice::Only(EngineName::CpuGrid), ..CullOptions::default() };
     let sent = as_sent(precision, boxes);
     let answer = CpuEngines::new().cull(&sent, &options, &mut reply).unwrap();
-    pairs_of(boxes.len() as u32, &answer, &reply)
+    pairs_of(boxes.len(), &answer, reply.words())
 }
 
 fn begin(
@@ -240,7 +180,7 @@ fn begin(
 
 #[test]
 fn a_frame_outlives_its_executor() {
-    let mut executor = gpu_executor();
+    let mut executor = gpu::executor(1);
     let boxes = stress_scenes::named("uniform").boxes(33_001, 3);
     let options =
         CullOptions { engine: EngineChoice::Only(EngineName::GpuGrid), ..CullOptions::default() };
@@ -256,14 +196,14 @@ fn a_frame_outlives_its_executor() {
     let (answer, memory) = Executor::new(None).end(second.0);
     let answer = answer.unwrap();
     assert_eq!(answer.engine, EngineName::GpuGrid);
-    let found = pairs_of(33_001, &answer, &memory.unwrap().reply);
+    let found = pairs_of(33_001, &answer, memory.unwrap().reply.words());
     assert!(found == pairs_by_cpu(&boxes, &Precision::Exact));
     assert_eq!(Arc::strong_count(&second.1), 1);
 }
 
 #[test]
 fn narrow_frames_are_left_under_way_and_outlive_their_device() {
-    let mut executor = gpu_executor();
+    let mut executor = gpu::executor(1);
     let n = 33_001;
     let boxes = stress_scenes::named("uniform").boxes(n, 3);
     let options =
@@ -281,8 +221,10 @@ fn narrow_frames_are_left_under_way_and_outlive_their_device() {
             let (answer, memory) = executor.end(cull);
             let (answer, memory) = (answer.unwrap(), memory.unwrap());
             assert!(is_lost || answer.engine == EngineName::GpuGrid, "{}", answer.engine);
-            let (ours, expected) =
-                (pairs_of(n, &answer, &memory.reply), pairs_by_cpu(&boxes, &pair[turn]));
+            let (ours, expected) = (
+                pairs_of(n as usize, &answer, memory.reply.words()),
+                pairs_by_cpu(&boxes, &pair[turn]),
+            );
             // Not `assert_eq`, which would print thousands of pairs.
             assert!(ours == expected, "{:?}, by {}", pair[turn], answer.engine);
         }
@@ -291,15 +233,22 @@ fn narrow_frames_are_left_under_way_and_outlive_their_device() {
     let memory = NarrowMemory::write(&q8, &boxes);
     let mut reply = HeapReply::new();
     let answer = executor.cull(memory.boxes(), Owner::Client(0), &options, &mut reply).unwrap();
-    assert!(pairs_of(n, &answer, &reply) == pairs_by_cpu(&boxes, &q8), "by {}", answer.engine);
+    assert!(
+        pairs_of(n as usize, &answer, reply.words()) == pairs_by_cpu(&boxes, &q8),
+        "by {}",
+        answer.engine
+    );
 }
 
 #[test]
 fn a_device_destroyed_under_load_costs_no_answer_and_comes_back() {
-    let mut executor = gpu_executor();
+    let mut executor = gpu::executor(1);
     let boxes = stress_scenes::named("uniform").boxes(1234, 3);
     let expected = oracle::truth(&boxes).pairs;
     let mut reply = HeapReply::new();
+    // As many as a software adapter decides.
+    let spheres = hard_scene(16, 8);
+    let spheres_expected = truth(&spheres);
     let mut cull = |executor: &mut Executor, encoding| {
         let options = CullOptions {
             engine: GPU,
@@ -308,10 +257,12 @@ fn a_device_destroyed_under_load_costs_no_answer_and_comes_back() {
         };
         let answer =
             executor.cull(BoxSlice::from(&boxes), Owner::Client(1), &options, &mut reply).unwrap();
-        let n = BoxCount::new(boxes.len() as u32);
-        let mut pairs = MaskView::new(n, &answer.report.shape, reply.words()).unwrap().to_vec();
-        pairs.sort_unstable();
+        let pairs = pairs_of(boxes.len(), &answer, reply.words());
         assert_eq!(pairs, expected, "by {}", answer.engine);
+        let of_spheres = executor.cull_spheres(&spheres, Owner::Client(1), &options, &mut reply);
+        let of_spheres = of_spheres.unwrap().report;
+        let checked = check_reply(reply.words(), &of_spheres, 16, encoding, &spheres_expected);
+        assert_eq!(checked, Ok(()));
         answer.engine
     };
     assert_eq!(cull(&mut executor, Encoding::Dense), EngineName::GpuBrute);

@@ -3,36 +3,23 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use pairmask_core::engine::{CullError, CullInput, CullReport, Engine, Grid as CpuGrid, HeapReply};
-use pairmask_core::mask::MaskShape;
-use pairmask_core::precision::BoxSlice;
-use pairmask_core::{Aabb, Bounds, BoxCount, Encoding, Precision};
+use pairmask_core::engine::Grid as CpuGrid;
 use pairmask_shaders::constants::{BATCH_BOXES, WINDOW_WORDS};
 use pairmask_shaders::mirror::{self, Mirrored};
-use pairmask_tests::conformance::{Suite, check_engine, check_reply};
-use pairmask_tests::daemon::eventually;
 use pairmask_tests::frame_memory::TestFrame;
-use pairmask_tests::gpu::open;
-use pairmask_tests::narrow::NarrowMemory;
-use pairmask_tests::oracle::{self, pair_set_hash};
-use pairmask_tests::{naive_decoder, stress_scenes};
+use pairmask_tests::gpu::{self, open};
+use pairmask_tests::prelude::*;
 use pairmaskd::execute::gpu::{
     Awake, Checks, DEFAULT_HOLD, Grid, GridOptions, HostImport, Upload, grid_layout,
 };
-
-fn engine(options: &GridOptions) -> Grid {
-    Grid::new(&open(HostImport::IfPossible), options).unwrap_or_else(|error| panic!("{error}"))
-}
+use pairmaskd::scene::{Scene, SceneName};
 
 /// What the grid answers in.
 const LISTED: [Encoding; 2] = [Encoding::Sparse, Encoding::List];
 
 fn run(engine: &mut Grid, suite: Suite) {
     let suite = Suite { encodings: LISTED.into(), ..suite };
-    match check_engine(engine, &suite) {
-        Ok(frames) => assert!(frames > 0, "the suite ran nothing"),
-        Err(failure) => panic!("{failure}"),
-    }
+    conform(engine, &suite);
 }
 
 fn cull<'a>(
@@ -48,24 +35,14 @@ fn cull<'a>(
     (report, reply)
 }
 
-/// Compares the replies with the mirror's, section by section.
-fn check_bytes<'a>(engine: &mut Grid, boxes: impl Into<BoxSlice<'a>>, what: &str) {
-    let boxes = boxes.into();
-    let mirrored = mirror::frame(&grid_layout(boxes), boxes);
-    check_words(engine, boxes, &mirrored, what);
-    check_list(engine, boxes, &mirrored, what);
-}
-
-fn check_list(engine: &mut Grid, boxes: BoxSlice<'_>, mirrored: &Mirrored, what: &str) {
-    let (report, reply) = cull(engine, boxes, Encoding::List);
-    let MaskShape::List { pairs } = report.shape else { panic!("{what}: no list") };
-    assert!(pairs.of(reply.words()) == Some(mirrored.pairs.as_flattened()), "{what}: pairs");
-    let n = BoxCount::new(boxes.len() as u32);
-    assert_eq!(n.pair_count() - report.skipped.pairs, mirrored.compared, "{what}: tests");
-}
-
-fn check_words(engine: &mut Grid, boxes: BoxSlice<'_>, mirrored: &Mirrored, what: &str) {
-    let (report, reply) = cull(engine, boxes, Encoding::Sparse);
+/// Compares replies to `n` objects with the mirror's, section by section.
+pub(crate) fn check_mirrored(
+    n: usize,
+    mirrored: &Mirrored,
+    what: &str,
+    mut cull: impl FnMut(Encoding) -> (CullReport, HeapReply),
+) {
+    let (report, reply) = cull(Encoding::Sparse);
     let MaskShape::Sparse { rows, blocks, bits, order } = report.shape else {
         panic!("{what}: not sparse")
     };
@@ -76,8 +53,19 @@ fn check_words(engine: &mut Grid, boxes: BoxSlice<'_>, mirrored: &Mirrored, what
         let expected: Vec<u32> = mirrored.words.iter().map(|word| word[place]).collect();
         assert!(section.of(reply.words()) == Some(&expected[..]), "{what}: section {place}");
     }
-    let n = BoxCount::new(boxes.len() as u32);
-    assert_eq!(n.pair_count() - report.skipped.pairs, mirrored.compared, "{what}: tests");
+    let compared =
+        |report: &CullReport| BoxCount::new(n as u32).pair_count() - report.skipped.pairs;
+    assert_eq!(compared(&report), mirrored.compared, "{what}: tests");
+    let (report, reply) = cull(Encoding::List);
+    let MaskShape::List { pairs } = report.shape else { panic!("{what}: no list") };
+    assert!(pairs.of(reply.words()) == Some(mirrored.pairs.as_flattened()), "{what}: pairs");
+    assert_eq!(compared(&report), mirrored.compared, "{what}: tests");
+}
+
+fn check_bytes<'a>(engine: &mut Grid, boxes: impl Into<BoxSlice<'a>>, what: &str) {
+    let boxes = boxes.into();
+    let mirrored = mirror::frame(&grid_layout(boxes), boxes);
+    check_mirrored(boxes.len(), &mirrored, what, |encoding| cull(engine, boxes, encoding));
 }
 
 #[test]
@@ -87,54 +75,45 @@ fn the_comparator_notices_one_pair_the_other_way_round() {
     let boxes = BoxSlice::from(&boxes);
     let mut mirrored = mirror::frame(&grid_layout(boxes), boxes);
     mirrored.pairs.last_mut().expect("some overlap").reverse();
-    let mut engine = engine(&GridOptions::default());
-    check_list(&mut engine, boxes, &mirrored, "one pair the other way round");
+    let mut engine = gpu::grid(&GridOptions::default());
+    let what = "one pair the other way round";
+    check_mirrored(345, &mirrored, what, |encoding| cull(&mut engine, boxes, encoding));
 }
 
 #[test]
 fn conforms_at_every_small_and_at_odd_sizes() {
-    run(&mut engine(&GridOptions::default()), Suite::of_tier());
+    run(&mut gpu::grid(&GridOptions::default()), Suite::of_tier());
 }
 
 #[test]
 fn conforms_around_batch_borders() {
     let sizes = vec![255, 256, 257, 511, 513, 2047, 2049, 4096];
     let suite = Suite { sizes, quadratic_limit: 2049, seed: 3, ..Suite::default() };
-    run(&mut engine(&GridOptions::default()), suite);
+    run(&mut gpu::grid(&GridOptions::default()), suite);
 }
 
+/// Checked stages, memory that held something else, boxes in mapped video memory.
 #[test]
-fn conforms_with_checked_stages() {
-    let sizes = vec![2, 31, 33, 70, 345, 1234];
-    let checked = GridOptions { checks: Checks::On, ..GridOptions::default() };
-    run(&mut engine(&checked), Suite { sizes, ..Suite::default() });
-}
-
-#[test]
-fn what_lay_in_memory_before_does_not_show() {
-    for word in [0xa5a5_a5a5, u32::MAX, 1] {
-        let sizes = (0..70).step_by(9).chain([345, 1000]).collect();
-        let poisoned = GridOptions { poison: Some(word), ..GridOptions::default() };
-        run(&mut engine(&poisoned), Suite { sizes, ..Suite::default() });
+fn conforms_in_every_form_of_its_frames() {
+    let poisoned = |word| GridOptions { poison: Some(word), ..GridOptions::default() };
+    let mapped = GridOptions { upload: Some(Upload::MappedVideo), ..GridOptions::default() };
+    for (options, sizes) in [
+        (GridOptions { checks: Checks::On, ..GridOptions::default() }, vec![2, 31, 33, 70, 1234]),
+        (poisoned(0xa5a5_a5a5), (0..70).step_by(9).chain([1000]).collect()),
+        (poisoned(u32::MAX), vec![33, 345]),
+        (mapped, vec![33, 700]),
+    ] {
+        run(&mut gpu::grid(&options), Suite { sizes, ..Suite::default() });
     }
-}
-
-#[test]
-fn conforms_with_boxes_in_mapped_video_memory() {
-    let upload = Some(Upload::MappedVideo);
-    let sizes = vec![33, 700];
-    run(
-        &mut engine(&GridOptions { upload, ..Default::default() }),
-        Suite { sizes, ..Suite::default() },
-    );
 }
 
 #[test]
 fn every_scene_has_the_bytes_of_the_mirror() {
     for checks in [Checks::Off, Checks::On] {
-        let mut engine = engine(&GridOptions { checks, ..GridOptions::default() });
+        let mut engine = gpu::grid(&GridOptions { checks, ..GridOptions::default() });
         for scene in stress_scenes::ALL {
-            for n in [2, 33, 345, 1234] {
+            // Frames of other sizes before leave nothing.
+            for n in [1234, 2, 345, 33] {
                 check_bytes(&mut engine, &scene.boxes(n, 21), &format!("{scene:?}, {n} boxes"));
             }
         }
@@ -143,7 +122,7 @@ fn every_scene_has_the_bytes_of_the_mirror() {
 
 #[test]
 fn every_form_has_the_bytes_of_the_mirror() {
-    let mut engine = engine(&GridOptions::default());
+    let mut engine = gpu::grid(&GridOptions::default());
     for scene in stress_scenes::ALL {
         for n in [2, 33, 345, 1233] {
             let boxes = scene.boxes(n, 21);
@@ -161,7 +140,7 @@ fn every_form_has_the_bytes_of_the_mirror() {
 #[test]
 #[ignore = "slow: the nightly tier runs it"]
 fn large_scenes_have_the_pairs_of_the_cpu_grid() {
-    let mut gpu = engine(&GridOptions::default());
+    let mut gpu = gpu::grid(&GridOptions::default());
     let binding = gpu.gpu().limits().storage_binding_bytes;
     // More in one place is more than a software adapter gets through (`gpu_crowds`).
     let crowd = if gpu.gpu().limits().thread_rounds == u32::MAX { 6_000 } else { 3_800 };
@@ -189,33 +168,13 @@ fn large_scenes_have_the_pairs_of_the_cpu_grid() {
     }
 }
 
-/// Long boxes along each axis, which no cubic cell suits.
-fn rods(n: u32) -> Vec<Aabb> {
-    let mut rng = stress_scenes::Rng::new(8);
-    (0..n)
-        .map(|i| {
-            let min = rng.point().map(|x| 100.0 * x);
-            let mut size = [0.2f32; 3];
-            size[i as usize % 3] = 60.0;
-            Aabb { min, max: std::array::from_fn(|axis| min[axis] + size[axis]) }
-        })
-        .collect()
-}
-
-/// Small boxes, one in a hundred of which is as large as the scene.
-fn giants(n: u32) -> Vec<Aabb> {
-    let mut boxes = stress_scenes::named("uniform").boxes(n, 4);
-    for b in boxes.iter_mut().step_by(100) {
-        *b = Aabb { min: [-1e30; 3], max: [f32::INFINITY; 3] };
-    }
-    boxes
-}
-
 #[test]
 fn worst_cases_are_slower_and_not_wrong() {
-    let mut engine = engine(&GridOptions::default());
-    let one_cell = vec![Aabb { min: [0.0; 3], max: [1.0; 3] }; 2500];
-    for (name, boxes) in [("rods", rods(4000)), ("giants", giants(4000)), ("one cell", one_cell)] {
+    let mut engine = gpu::grid(&GridOptions::default());
+    for (name, n) in
+        [(SceneName::Rods, 4000), (SceneName::Giants, 4000), (SceneName::OneCell, 2500)]
+    {
+        let boxes = Scene::new(name, n, 4).boxes().to_vec();
         let truth = oracle::truth(&boxes);
         for encoding in LISTED {
             let (report, reply) = cull(&mut engine, &boxes, encoding);
@@ -227,7 +186,7 @@ fn worst_cases_are_slower_and_not_wrong() {
 
 #[test]
 fn a_crowd_beyond_the_budget_is_refused_and_the_next_frame_is_served() {
-    let mut engine = engine(&GridOptions::default());
+    let mut engine = gpu::grid(&GridOptions::default());
     let crowd = vec![Aabb { min: [0.0; 3], max: [1.0; 3] }; 150_000];
     let mut reply = HeapReply::new();
     for encoding in LISTED {
@@ -242,7 +201,7 @@ fn a_crowd_beyond_the_budget_is_refused_and_the_next_frame_is_served() {
 #[test]
 fn a_mask_larger_than_its_first_allocation_is_complete() {
     let boxes = stress_scenes::named("identical").boxes(1248, 1);
-    let mut engine = engine(&GridOptions::default());
+    let mut engine = gpu::grid(&GridOptions::default());
     let truth = oracle::truth(&boxes);
     for encoding in [LISTED, LISTED].as_flattened() {
         let (report, reply) = cull(&mut engine, &boxes, *encoding);
@@ -257,7 +216,7 @@ fn a_mask_larger_than_its_first_allocation_is_complete() {
 fn batches_with_and_without_room_have_the_bytes_of_the_mirror() {
     let a_row = 32 * WINDOW_WORDS / BATCH_BOXES;
     for checks in [Checks::Off, Checks::On] {
-        let mut engine = engine(&GridOptions { checks, ..GridOptions::default() });
+        let mut engine = gpu::grid(&GridOptions { checks, ..GridOptions::default() });
         for neighbours in [1, a_row - 40, a_row - 32, a_row - 24, a_row, 2 * a_row] {
             for n in [255, 256, 257, 1234, 4097] {
                 let boxes = chain(n, neighbours);
@@ -277,7 +236,7 @@ fn chain(n: u32, neighbours: u32) -> Vec<Aabb> {
 /// The largest list that a device binds, and one that it does not.
 #[test]
 fn a_list_beyond_a_binding_is_left_to_all_pairs() {
-    let mut engine = engine(&GridOptions::default());
+    let mut engine = gpu::grid(&GridOptions::default());
     let binding = engine.gpu().limits().storage_binding_bytes;
     if binding > 128 << 20 {
         // The scene would be another, and its list gigabytes.
@@ -299,21 +258,11 @@ fn a_list_beyond_a_binding_is_left_to_all_pairs() {
     assert_eq!(report.shape, MaskShape::list(report.pair_count));
 }
 
-#[test]
-fn a_frame_does_not_depend_on_the_frames_before_it() {
-    let mut engine = engine(&GridOptions::default());
-    for n in [1234, 3, 345, 64, 1234, 345] {
-        for scene in stress_scenes::ALL {
-            check_bytes(&mut engine, &scene.boxes(n, 9), &format!("{scene:?}, {n} boxes"));
-        }
-    }
-}
-
 /// Frame after frame without a pause, each with other levels: what a frame left in the device's
 /// caches must not reach the next one.
 #[test]
 fn frames_in_a_row_with_other_levels_do_not_mix() {
-    let mut engine = engine(&GridOptions::default());
+    let mut engine = gpu::grid(&GridOptions::default());
     let names = ["huge", "sizes over 20 octaves", "uniform", "ground plane", "far from the origin"];
     let scenes = names.map(|name| stress_scenes::named(name).boxes(43, 2));
     let truths = scenes.each_ref().map(|boxes| oracle::truth(boxes));
@@ -339,7 +288,7 @@ fn frames_in_a_row_with_other_levels_do_not_mix() {
 #[test]
 fn frames_behind_each_other_keep_to_their_own_boxes() {
     let upload = Some(Upload::DmaCopy);
-    let mut engine = engine(&GridOptions { upload, ..GridOptions::default() });
+    let mut engine = gpu::grid(&GridOptions { upload, ..GridOptions::default() });
     let scenes = ["uniform", "clustered", "infinite"];
     let scenes = scenes.map(|name| stress_scenes::named(name).boxes(1234, 6));
     let truths = scenes.each_ref().map(|boxes| oracle::truth(boxes));
@@ -395,22 +344,4 @@ fn a_lost_device_is_not_kept_awake_and_let_go() {
     drop(awake);
     // Its thread stays, without the device.
     eventually("nobody else has it", || (Arc::strong_count(&gpu) == 1).then_some(()));
-}
-
-#[test]
-fn pair_sets_have_the_golden_hashes_of_the_cpu_engines() {
-    let mut engine = engine(&GridOptions::default());
-    for (name, n, golden) in [
-        ("uniform", 1234, 0x8027_e2a9_f50c_a5bf_u64),
-        ("clustered", 345, 0x3ba3_86e6_9d94_3338),
-        ("infinite", 345, 0xd9cb_dfd5_5986_0507),
-    ] {
-        let boxes = stress_scenes::named(name).boxes(n, 42);
-        for encoding in LISTED {
-            let (report, reply) = cull(&mut engine, &boxes, encoding);
-            let pairs = naive_decoder::decode(reply.words(), &report.shape, n);
-            let pairs = pairs.expect("a good mask");
-            assert_eq!(pair_set_hash(&pairs), golden, "{name}, {encoding}");
-        }
-    }
 }

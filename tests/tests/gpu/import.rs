@@ -3,14 +3,10 @@
 use std::fs::{File, OpenOptions};
 use std::path::PathBuf;
 
-use pairmask_core::engine::{CullInput, Engine, HeapReply, ReplyBuffer, ReserveError};
-use pairmask_core::precision::BoxSlice;
-use pairmask_core::{Aabb, Bounds, BoxForm, Encoding, Precision};
-use pairmask_tests::conformance::check_reply;
 use pairmask_tests::gpu::{engine, open};
 use pairmask_tests::naive_decoder::sections;
-use pairmask_tests::narrow::NarrowMemory;
-use pairmask_tests::{naive_modes, oracle, stress_scenes};
+use pairmask_tests::naive_modes;
+use pairmask_tests::prelude::*;
 use pairmaskd::execute::gpu::{
     AllPairs, AllPairsOptions, HostImport, ImportError, ImportId, ReadWriteMapping, SharedImports,
     Upload,
@@ -126,6 +122,17 @@ fn imported(engine: &mut AllPairs, segment: &Segment) -> ImportId {
         .unwrap_or_else(|error| panic!("shared memory must import here: {error}"))
 }
 
+/// Culls a scene that lies in a segment, and checks the answer.
+fn check(engine: &mut AllPairs, segment: &Segment, offset: usize, seed: u64) {
+    let scene = stress_scenes::ALL[0].boxes(345, seed);
+    segment.write(offset, &scene);
+    let mut reply = HeapReply::new();
+    let input = CullInput::boxes(segment.boxes(offset, 345));
+    let report = engine.cull(&input, &mut reply).expect("culls");
+    let truth = oracle::truth(&scene);
+    assert_eq!(check_reply(reply.words(), &report, 345, Encoding::Sparse, &truth), Ok(()));
+}
+
 #[test]
 fn imported_and_staged_memory_give_the_same_bytes() {
     let boxes = Segment::new("boxes", 256 * PAGE, ProtFlags::READ);
@@ -201,14 +208,7 @@ fn a_forgotten_import_is_staged_and_memory_at_the_same_address_is_read_anew() {
     let segment = Segment::new("forgotten", 16 * PAGE, ProtFlags::READ);
     let id = imported(&mut engine, &segment);
     for seed in [1, 2] {
-        let scene = stress_scenes::ALL[0].boxes(345, seed);
-        segment.write(0, &scene);
-        let mut reply = HeapReply::new();
-        let report = engine
-            .cull(&CullInput::boxes(segment.boxes(0, 345)).encoding(Encoding::Dense), &mut reply)
-            .expect("culls");
-        let truth = oracle::truth(&scene);
-        assert_eq!(check_reply(reply.words(), &report, 345, Encoding::Dense, &truth), Ok(()));
+        check(&mut engine, &segment, 0, seed);
         engine.forget(id);
     }
 }
@@ -218,13 +218,7 @@ fn boxes_off_the_binding_grid_are_staged() {
     let mut engine = engine(AllPairsOptions::default());
     let segment = Segment::new("odd", 16 * PAGE, ProtFlags::READ);
     imported(&mut engine, &segment);
-    let scene = stress_scenes::ALL[0].boxes(345, 3);
-    segment.write(PAGE + 4, &scene);
-    let mut reply = HeapReply::new();
-    let report =
-        engine.cull(&CullInput::boxes(segment.boxes(PAGE + 4, 345)), &mut reply).expect("culls");
-    let truth = oracle::truth(&scene);
-    assert_eq!(check_reply(reply.words(), &report, 345, Encoding::Sparse, &truth), Ok(()));
+    check(&mut engine, &segment, PAGE + 4, 3);
 }
 
 #[test]
@@ -234,12 +228,7 @@ fn without_the_extension_import_is_refused_and_staging_serves() {
     let segment = Segment::new("refused", 16 * PAGE, ProtFlags::READ);
     let refused = engine.import_boxes(segment.seen as usize, segment.bytes);
     assert!(matches!(refused, Err(ImportError::Gpu(_))), "{refused:?}");
-    let scene = stress_scenes::ALL[0].boxes(345, 4);
-    segment.write(0, &scene);
-    let mut reply = HeapReply::new();
-    let report = engine.cull(&CullInput::boxes(segment.boxes(0, 345)), &mut reply).expect("culls");
-    let truth = oracle::truth(&scene);
-    assert_eq!(check_reply(reply.words(), &report, 345, Encoding::Sparse, &truth), Ok(()));
+    check(&mut engine, &segment, 0, 4);
 }
 
 #[test]

@@ -4,69 +4,11 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
-use pairmask_core::Encoding;
-use pairmask_core::engine::{CullError, CullInput, Engine, HeapReply};
-use pairmask_tests::conformance::check_reply;
 use pairmask_tests::gpu::open;
-use pairmask_tests::{oracle, stress_scenes};
-use pairmaskd::execute::gpu::{
-    AllPairs, AllPairsOptions, GpuSlot, HostImport, IfMissing, OpenError, Opener, SlotState,
-};
+use pairmaskd::execute::gpu::{GpuSlot, HostImport, IfMissing, OpenError, Opener, SlotState};
 
 /// A watchdog, no measure of speed: opening a software device takes under a second.
 const GIVE_UP: Duration = Duration::from_secs(60);
-
-#[test]
-fn a_device_destroyed_under_load_is_a_typed_error_and_comes_back() {
-    let mut slot =
-        GpuSlot::new(open(HostImport::IfPossible), Arc::new(|| Ok(open(HostImport::IfPossible))));
-    let boxes = stress_scenes::ALL[0].boxes(1234, 1);
-    let truth = oracle::truth(&boxes);
-    for _ in 0..2 {
-        let deadline = Instant::now() + GIVE_UP;
-        let gpu = loop {
-            if let Some(gpu) = slot.ready() {
-                break gpu;
-            }
-            assert!(matches!(slot.state(), SlotState::Lost { .. } | SlotState::Rebuilding { .. }));
-            assert!(Instant::now() < deadline, "the device did not come back");
-            std::thread::sleep(Duration::from_millis(5));
-        };
-        let mut engine = AllPairs::new(&gpu, AllPairsOptions::default()).expect("an engine");
-        let answers = Arc::new(AtomicUsize::new(0));
-        let destroyer = {
-            let (gpu, answers) = (Arc::clone(&gpu), Arc::clone(&answers));
-            std::thread::spawn(move || {
-                while answers.load(Ordering::Relaxed) == 0 && Instant::now() < deadline {
-                    std::thread::sleep(Duration::from_millis(1));
-                }
-                std::thread::sleep(Duration::from_millis(60));
-                gpu.destroy();
-            })
-        };
-        let error = loop {
-            assert!(Instant::now() < deadline, "the loss was not noticed");
-            let mut reply = HeapReply::new();
-            match engine.cull(&CullInput::boxes(&boxes), &mut reply) {
-                Ok(report) => {
-                    let right = check_reply(reply.words(), &report, 1234, Encoding::Sparse, &truth);
-                    assert_eq!(right, Ok(()));
-                    answers.fetch_add(1, Ordering::Relaxed);
-                }
-                Err(error) => break error,
-            }
-        };
-        assert!(matches!(error, CullError::DeviceLost { .. }), "{error}");
-        let answers = answers.load(Ordering::Relaxed);
-        assert!(answers > 0, "the device was to go under load");
-        destroyer.join().expect("it only destroys");
-        let again = engine.cull(&CullInput::boxes(&boxes), &mut HeapReply::new());
-        assert!(matches!(again, Err(CullError::DeviceLost { .. })), "lost stays lost");
-        // By now it may have been opened again.
-        let handed_out = slot.ready().is_some_and(|next| Arc::ptr_eq(&next, &gpu));
-        assert!(!handed_out, "a lost device is not handed out");
-    }
-}
 
 #[test]
 fn a_device_that_cannot_be_opened_again_leaves_the_slot_lost() {

@@ -1,21 +1,10 @@
 //! `gpu-brute` through the conformance suite, in every form that its frames can take.
 
-use pairmask_core::engine::{BruteForce, CullInput, CullReport, Engine, HeapReply};
-use pairmask_core::mask::{MaskShape, Span};
-use pairmask_core::{Aabb, BoxCount, Encoding};
+use pairmask_core::engine::BruteForce;
 use pairmask_shaders::RowsPerThread;
-use pairmask_tests::conformance::{Suite, check_engine, check_frame, check_reply};
 use pairmask_tests::gpu::engine;
-use pairmask_tests::oracle::{self, pair_set_hash};
-use pairmask_tests::{naive_decoder, stress_scenes, tier};
+use pairmask_tests::prelude::*;
 use pairmaskd::execute::gpu::{AllPairs, AllPairsOptions, Checks, Counted, Tuning, Upload};
-
-fn run(engine: &mut AllPairs, suite: &Suite) {
-    match check_engine(engine, suite) {
-        Ok(frames) => assert!(frames > 0, "the suite ran nothing"),
-        Err(failure) => panic!("{failure}"),
-    }
-}
 
 fn cull(engine: &mut AllPairs, boxes: &[Aabb], encoding: Encoding) -> (CullReport, HeapReply) {
     let mut reply = HeapReply::new();
@@ -33,7 +22,7 @@ fn encodings_of(engine: &AllPairs, pairs: u64) -> impl Iterator<Item = Encoding>
 
 #[test]
 fn conforms_at_every_small_and_at_odd_sizes() {
-    run(&mut engine(AllPairsOptions::default()), &Suite::of_tier());
+    conform(&mut engine(AllPairsOptions::default()), &Suite::of_tier());
 }
 
 #[test]
@@ -44,32 +33,14 @@ fn conforms_around_tile_borders_and_at_large_sizes() {
         vec![256, 257, 2049]
     };
     let suite = Suite { sizes, quadratic_limit: 2049, seed: 3, ..Suite::default() };
-    run(&mut engine(AllPairsOptions::default()), &suite);
+    conform(&mut engine(AllPairsOptions::default()), &suite);
 }
 
 #[test]
 fn conforms_with_checked_stages() {
     let sizes = vec![2, 31, 33, 70, 345, 1234];
     let checked = AllPairsOptions { checks: Checks::On, ..AllPairsOptions::default() };
-    run(&mut engine(checked), &Suite { sizes, ..Suite::default() });
-}
-
-#[test]
-fn checked_and_unchecked_stages_give_the_same_bytes() {
-    let mut checked = engine(AllPairsOptions { checks: Checks::On, ..Default::default() });
-    let mut unchecked = engine(AllPairsOptions::default());
-    for scene in stress_scenes::ALL {
-        for encoding in Encoding::ALL {
-            let boxes = scene.boxes(345, 11);
-            let (a, b) =
-                (cull(&mut checked, &boxes, encoding), cull(&mut unchecked, &boxes, encoding));
-            assert_eq!(a.0.shape, b.0.shape, "{scene:?}");
-            let words = |(report, reply): &(CullReport, HeapReply)| {
-                naive_decoder::sections(reply.words(), &report.shape).expect("within the reply")
-            };
-            assert!(words(&a) == words(&b), "{scene:?}, {encoding}");
-        }
-    }
+    conform(&mut engine(checked), &Suite { sizes, ..Suite::default() });
 }
 
 #[test]
@@ -78,7 +49,7 @@ fn conforms_in_many_bands() {
     let matrix_bytes = Some(2 * 256 * 4 * 6144 / 32);
     let mut narrow = engine(AllPairsOptions { matrix_bytes, ..Default::default() });
     let suite = Suite { sizes: vec![70, 257, 700, 1234], ..Suite::default() };
-    run(&mut narrow, &suite);
+    conform(&mut narrow, &suite);
     for scene in [&stress_scenes::ALL[0], stress_scenes::named("uniform")] {
         let boxes = scene.boxes(6000, 9);
         let truth = oracle::truth(&boxes);
@@ -98,27 +69,12 @@ fn conforms_with_every_tile_shape_and_upload() {
     for rows in RowsPerThread::ALL {
         for strip_blocks in [1, 4, 16] {
             let tuning = Some(Tuning { rows, strip_blocks });
-            run(&mut engine(AllPairsOptions { tuning, ..Default::default() }), &suite);
+            conform(&mut engine(AllPairsOptions { tuning, ..Default::default() }), &suite);
         }
     }
     for upload in [Upload::KernelReads, Upload::DmaCopy, Upload::MappedVideo] {
         let upload = Some(upload);
-        run(&mut engine(AllPairsOptions { upload, ..Default::default() }), &suite);
-    }
-}
-
-#[test]
-fn ten_thousand_boxes_have_the_pairs_of_the_oracle() {
-    let mut engine = engine(AllPairsOptions::default());
-    for scene in [&stress_scenes::ALL[0], stress_scenes::named("uniform")] {
-        let boxes = scene.boxes(10_000, 6);
-        let truth = oracle::truth(&boxes);
-        assert!(!truth.pairs.is_empty());
-        for encoding in encodings_of(&engine, truth.pairs.len() as u64) {
-            let (report, reply) = cull(&mut engine, &boxes, encoding);
-            check_reply(reply.words(), &report, 10_000, encoding, &truth)
-                .unwrap_or_else(|mismatch| panic!("{scene:?}, {encoding}: {mismatch}"));
-        }
+        conform(&mut engine(AllPairsOptions { upload, ..Default::default() }), &suite);
     }
 }
 
@@ -154,35 +110,6 @@ fn a_list_of_full_words_has_the_bytes_of_the_cpu() {
     }
 }
 
-#[test]
-fn a_frame_does_not_depend_on_the_frames_before_it() {
-    let mut engine = engine(AllPairsOptions::default());
-    for n in [1234, 3, 0, 345, 64, 1, 1234, 345] {
-        for (scene, encoding) in stress_scenes::ALL.iter().zip(Encoding::ALL.iter().cycle()) {
-            let boxes = scene.boxes(n, 9);
-            let (report, reply) = cull(&mut engine, &boxes, *encoding);
-            let truth = oracle::truth(&boxes);
-            check_reply(reply.words(), &report, n, *encoding, &truth)
-                .unwrap_or_else(|mismatch| panic!("{scene:?}, {n} boxes: {mismatch}"));
-        }
-    }
-}
-
-#[test]
-fn pair_sets_have_the_golden_hashes_of_the_cpu_engines() {
-    let mut engine = engine(AllPairsOptions::default());
-    for (name, n, golden) in [
-        ("uniform", 1234, 0x8027_e2a9_f50c_a5bf_u64),
-        ("clustered", 345, 0x3ba3_86e6_9d94_3338),
-        ("infinite", 345, 0xd9cb_dfd5_5986_0507),
-    ] {
-        let scene = stress_scenes::ALL.iter().find(|s| s.name() == name).expect("it is listed");
-        let (report, reply) = cull(&mut engine, &scene.boxes(n, 42), Encoding::Sparse);
-        let pairs = naive_decoder::decode(reply.words(), &report.shape, n).expect("a good mask");
-        assert_eq!(pair_set_hash(&pairs), golden, "{name}");
-    }
-}
-
 /// The oracle is too slow here; `cpu-brute` is fast enough, and tested against the oracle.
 #[test]
 #[ignore = "slow: the nightly tier runs it"]
@@ -201,16 +128,10 @@ fn large_masks_of_every_stress_scene_are_those_of_the_cpu_bit_by_bit() {
                     .expect("memory for a mask");
                 assert_eq!(report.census, truth.census, "{scene:?}, {n} boxes, {encoding}");
                 assert_eq!(report.pair_count, truth.pair_count, "{scene:?}, {n} boxes");
-                for (ours, theirs) in spans(&report.shape).into_iter().zip(spans(&truth.shape)) {
-                    let (ours, theirs) = (ours.of(reply.words()), theirs.of(expected.words()));
-                    assert!(ours.is_some() && ours == theirs, "{scene:?}, {n} boxes, {encoding}");
-                }
+                let ours = naive_decoder::sections(reply.words(), &report.shape);
+                let theirs = naive_decoder::sections(expected.words(), &truth.shape);
+                assert!(ours.is_ok() && ours == theirs, "{scene:?}, {n} boxes, {encoding}");
             }
         }
     }
-}
-
-/// The sections of a mask without an order.
-fn spans(shape: &MaskShape) -> Vec<Span> {
-    shape.spans().collect()
 }

@@ -3,21 +3,17 @@
 use std::sync::Arc;
 
 use pairmask_core::dispatch::{Marks, WorldRange};
-use pairmask_core::engine::{CullError, HeapReply};
 use pairmask_core::filters::{Rules, Tag, World};
-use pairmask_core::mask::MaskView;
-use pairmask_core::precision::BoxSlice;
-use pairmask_core::{Aabb, BoxCount, Encoding};
 use pairmask_tests::filtered_frames::{FilteredFrame, KINDS};
-use pairmask_tests::{gpu, oracle, stress_scenes};
-use pairmaskd::execute::gpu::{Grid, GridOptions, HostImport, takes_worlds};
+use pairmask_tests::gpu;
+use pairmask_tests::prelude::*;
+use pairmaskd::execute::gpu::{Grid, GridOptions, takes_worlds};
 
 const ENCODINGS: [Encoding; 2] = [Encoding::Sparse, Encoding::List];
 
 fn grid() -> Grid {
     // What no stage wrote must not show.
-    let options = GridOptions { poison: Some(0x5a5a_0007), ..GridOptions::default() };
-    Grid::new(&gpu::open(HostImport::IfPossible), &options).expect("a grid")
+    gpu::grid(&GridOptions { poison: Some(0x5a5a_0007), ..GridOptions::default() })
 }
 
 /// What the grid finds.
@@ -59,37 +55,6 @@ fn check_ranges(rules: &Rules, marks: &Marks, ranges: &[WorldRange], list: &[[u3
         }
     }
     assert!(ranges.is_empty() || next == list.len());
-}
-
-#[test]
-fn frames_have_the_pairs_that_rules_let_meet() {
-    let mut grid = grid();
-    let mut marked = 0;
-    for n in [2, 31, 32, 33, 70, 257, 1_235, 5_001] {
-        for (kind, seed) in KINDS.into_iter().zip(0..) {
-            let frame = FilteredFrame::drawn(n, kind, seed + n as u64);
-            let marks = Marks::of(&frame.rules, n, 1).filter(|marks| takes_worlds(marks, n));
-            let Some(marks) = marks.map(Arc::new) else { continue };
-            for encoding in ENCODINGS {
-                let Answer { pairs, list, ranges } =
-                    found(&mut grid, &frame.boxes, &marks, encoding);
-                if encoding == Encoding::List {
-                    check_ranges(&frame.rules, &marks, &ranges, &list);
-                } else {
-                    assert!(ranges.is_empty());
-                }
-                if marks.has_lists() {
-                    // The rules are laid over those that are left.
-                    let left = pairs.iter().filter(|(a, b)| frame.rules.meet(*a, *b));
-                    assert!(left.eq(&frame.pairs), "{n} boxes, {kind:?}, {encoding}");
-                } else {
-                    assert_eq!(pairs, frame.pairs, "{n} boxes, {kind:?}, {encoding}");
-                }
-                marked += 1;
-            }
-        }
-    }
-    assert!(marked > 60, "{marked} frames");
 }
 
 /// Giants, empties, crowds, infinities, folded levels: each world has its own.

@@ -2,21 +2,20 @@
 //! that is made again from a copy, with the right pairs. Where several devices keep it, it goes on without the one
 //! that is lost, and no answer is.
 
+use std::cell::RefCell;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use pairmask_core::dispatch::CpuEngines;
-use pairmask_core::engine::{CullError, EngineChoice, EngineName};
-use pairmask_core::scene::{
-    Edit, QueryTags, Scene, SceneCopy, SceneError, SceneOptions, Sets, Step, Want,
+use pairmask_core::scene::{Scene, SceneCopy};
+use pairmask_tests::gpu::{self, shared_tools};
+use pairmask_tests::prelude::*;
+use pairmask_tests::scene_model::{
+    Edits, Fate, Grouped, Heard, Kind, Subject, Turn, hold, options,
 };
-use pairmask_tests::scene_edits::{EditMaker, SKIPPED, same_told};
-use pairmask_tests::{KnownPairs, gpu, stress_scenes};
-use pairmaskd::execute::gpu::{GpuScene, GridOptions, HostImport, SceneTools};
-use pairmaskd::execute::{Executor, GpuService, SceneKeeper};
+use pairmaskd::execute::gpu::GpuScene;
+use pairmaskd::execute::{Executor, SceneKeeper};
 use pairmaskd::scene::Random;
 
-const MOST_BOXES: usize = 500;
 /// A watchdog, no measure of speed: opening a software device takes under a second.
 const GIVE_UP: Duration = Duration::from_secs(60);
 
@@ -59,61 +58,87 @@ fn a_scene_outlives_a_hundred_losses_of_its_device() {
     outlive(100);
 }
 
-fn outlive(most_losses: usize) {
-    let service = GpuService::open(&gpu::choice(), Duration::ZERO).expect("a GPU");
-    let executor = Executor::new(Some(service));
-    let device = || executor.gpu().and_then(|mut gpu| gpu.device());
-    let mut random = Random::new(5);
-    let (mut source, mut known) = (EditMaker::new(9, MOST_BOXES), KnownPairs::default());
-    let mut truth = Scene::new(SceneOptions::default());
-    let mut copy = SceneCopy::new(MOST_BOXES as u32 + SKIPPED);
-    let mut scene = begin(&executor, &copy);
-    let mut losses = 0;
-    let mut destroyer = None;
-    while losses < most_losses {
-        if destroyer.is_none() {
-            let gpu = device().expect("a device");
-            let wait = Duration::from_micros(random.below(60_000));
-            destroyer = Some(std::thread::spawn(move || {
+/// Losses of the device, by a thread that destroys it at some time.
+struct Losses {
+    executor: Executor,
+    random: Random,
+    destroyer: Option<std::thread::JoinHandle<()>>,
+    count: usize,
+}
+
+/// A scene on a device that is lost, made again from a copy then.
+struct Surviving<'l> {
+    losses: &'l RefCell<Losses>,
+    copy: SceneCopy,
+    scene: SceneKeeper,
+}
+
+impl Surviving<'_> {
+    /// What is told; nothing where only boxes that a lost scene knew were asked for.
+    fn edit(&mut self, edit: Edit<'_>, want: Want) -> Result<Option<Heard>, SceneError> {
+        let mut losses = self.losses.borrow_mut();
+        if losses.destroyer.is_none() {
+            let gpu = losses.executor.gpu().and_then(|mut gpu| gpu.device()).expect("a device");
+            let wait = Duration::from_micros(losses.random.below(60_000));
+            losses.destroyer = Some(std::thread::spawn(move || {
                 std::thread::sleep(wait);
-                Arc::clone(&gpu).destroy();
+                gpu.destroy();
             }));
         }
-        let owned = source.next_edit();
-        let arrays = owned.arrays(source.below(3));
-        let steps = arrays.steps();
-        let edit = Edit { steps: &steps };
-        copy.check(edit).expect("a right edit");
-        copy.apply(edit);
-        match scene.edit(edit, Want::Changes).map(drop) {
-            Ok(()) => {}
+        self.copy.check(edit)?;
+        self.copy.apply(edit);
+        match self.scene.edit(edit, want) {
             Err(SceneError::Cull(CullError::DeviceLost { .. })) => {
-                losses += 1;
-                destroyer.take().map(std::thread::JoinHandle::join).expect("one").expect("done");
+                losses.count += 1;
+                losses.destroyer.take().map(std::thread::JoinHandle::join).expect("one").unwrap();
                 // The copy has the edit: what follows is all pairs.
-                scene = begin(&executor, &copy);
-                scene.edit(Edit::NONE, Want::Changes).map(drop).expect("a new device");
+                self.scene = begin(&losses.executor, &self.copy);
+                self.scene.edit(Edit::NONE, want)?;
+                Ok((want != Want::Moved).then(|| Heard::from(self.scene.told())))
             }
-            Err(error) => panic!("{error}"),
+            edited => edited.map(|()| Some(Heard::from(self.scene.told()))),
         }
-        let told = scene.told();
-        if told.is_resync() {
-            known.resync(told.pairs().iter().copied());
-        } else {
-            let changed = known.change(told.begun().iter().copied(), told.ended().iter().copied());
-            changed.expect("each change once");
-        }
-        scene.take();
-        let all = truth.edit(edit, Want::All).expect("a right edit");
-        known.compare(all.pairs()).expect("what was told adds up");
     }
 }
 
-/// Devices that share every search, so many.
-fn shared_tools(gpus: usize) -> Vec<Arc<SceneTools>> {
-    let options = || GridOptions { shares_always: true, ..GridOptions::default() };
-    let tools = |at| SceneTools::new(&gpu::open_at(at, HostImport::IfPossible), &options());
-    (0..gpus).map(|at| tools(at).unwrap_or_else(|error| panic!("{error}"))).collect()
+impl Subject for Surviving<'_> {
+    fn tick(&mut self, turns: &[Turn]) -> Result<Vec<(u64, Option<Heard>)>, String> {
+        let mut told = Vec::new();
+        for turn in turns {
+            let grouped = Grouped::of(&turn.ops);
+            let heard = self.edit(Edit { steps: &grouped.steps() }, turn.mode);
+            told.push((0, heard.map_err(|error| error.to_string())?));
+            if turn.fate == Fate::Acknowledged {
+                self.scene.take();
+            }
+        }
+        Ok(told)
+    }
+
+    fn invalidate(&mut self) {
+        self.scene.lose();
+    }
+
+    fn may_resync(&self) -> bool {
+        true
+    }
+}
+
+fn outlive(most_losses: usize) {
+    let executor = gpu::executor(1);
+    let losses = Losses { executor, random: Random::new(5), destroyer: None, count: 0 };
+    let losses = RefCell::new(losses);
+    let mut seed = 110_000;
+    while losses.borrow().count < most_losses {
+        seed += 100;
+        hold(Kind::Small, seed, 40, |script| {
+            let copy = SceneCopy::new(options(script).most_boxes);
+            let scene = begin(&losses.borrow().executor, &copy);
+            Surviving { losses: &losses, copy, scene }
+        });
+    }
+    let destroyer = losses.borrow_mut().destroyer.take();
+    destroyer.map(std::thread::JoinHandle::join).transpose().expect("destroyed");
 }
 
 /// Rounds in which one of the devices of a scene is destroyed while edits and queries go on: all that it answers is
@@ -123,7 +148,7 @@ fn goes_on_without_one_of_its_devices(rounds: u64) {
     for round in 0..rounds {
         let tools = shared_tools(2 + (round % 2) as usize);
         let lost = Arc::clone(tools[random.below(tools.len() as u64) as usize].gpu());
-        let mut source = EditMaker::new(round, MOST_BOXES);
+        let mut source = Edits::new(round, 500).without_rules();
         let mut core = Scene::new(SceneOptions::default());
         let mut scene = GpuScene::shared(&tools, SceneOptions::default());
         let queries = stress_scenes::named("uniform").boxes(40, round);
@@ -136,15 +161,15 @@ fn goes_on_without_one_of_its_devices(rounds: u64) {
         let mut after = 0;
         while after < 5 {
             after += usize::from(destroyer.is_finished());
-            let edit = source.next_edit();
-            let arrays = edit.arrays(source.below(3));
-            let edit = Edit { steps: &arrays.steps() };
+            let ops = source.next_edit();
+            let grouped = Grouped::of(&ops);
+            let edit = Edit { steps: &grouped.steps() };
             core.edit(edit, Want::Changes).map(drop).expect("a right edit");
             scene.edit(edit, Want::Changes).map(drop).expect("another device has it");
-            same_told(scene.told(), core.told()).unwrap_or_else(|e| panic!("round {round}: {e}"));
+            assert!(Heard::from(scene.told()) == Heard::from(core.told()), "round {round}");
             core.take();
             scene.take();
-            if source.one_in(3) {
+            if random.below(3) == 0 {
                 core.query(&queries, QueryTags::None, &mut expected).expect("an answer");
                 scene.query(&queries, QueryTags::None, &mut found).expect("another device has it");
                 assert_eq!(found, expected, "round {round}");
@@ -184,10 +209,7 @@ fn a_shared_scene_ends_with_the_last_of_its_devices() {
 #[test]
 #[ignore = "slow: the nightly tier runs it"]
 fn a_keeper_shares_large_scenes() {
-    let open = |place| {
-        GpuService::open(&gpu::choice_at(place), Duration::ZERO).expect("an adapter (lavapipe)")
-    };
-    let executor = Executor::new((0..2).map(open).collect::<Vec<_>>());
+    let executor = gpu::executor(2);
     for (n, gpus) in [(1_000u32, 1), (1_000_000, 2)] {
         let boxes = stress_scenes::named("uniform").boxes(n, 5);
         let engine = EngineChoice::Only(EngineName::GpuGrid);

@@ -1,40 +1,18 @@
 //! A daemon with several GPUs: frames are spread over them, and none is lost with one of them.
 
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-use pairmask_core::dispatch::{CpuEngines, CullAnswer, CullOptions};
-use pairmask_core::engine::{EngineChoice, EngineName, HeapReply};
-use pairmask_core::mask::{EncodingChoice, MaskView};
-use pairmask_core::precision::BoxSlice;
-use pairmask_core::{Aabb, BoxCount, Encoding, Precision};
-use pairmask_tests::daemon::TestDaemon;
 use pairmask_tests::frame_memory::TestFrame;
-use pairmask_tests::{gpu, oracle, stress_scenes};
-use pairmaskd::execute::{CullUnderWay, Executor, GpuService, Owner};
-
-const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
+use pairmask_tests::gpu::{executor, pairs_of};
+use pairmask_tests::prelude::*;
+use pairmaskd::execute::{CullUnderWay, Executor, Owner};
 
 const GRID: EngineChoice = EngineChoice::Only(EngineName::GpuGrid);
 
 /// Held by each test: devices of a software adapter that start side by side keep each other waiting.
 static ALONE: Mutex<()> = Mutex::new(());
-
-/// An executor with so many devices of the GPUs of the tests.
-fn executor(gpus: usize) -> Executor {
-    let open = |place| {
-        GpuService::open(&gpu::choice_at(place), Duration::ZERO).expect("an adapter (lavapipe)")
-    };
-    Executor::new((0..gpus).map(open).collect::<Vec<_>>())
-}
-
-fn pairs_of(n: usize, answer: &CullAnswer, words: &[u32]) -> Vec<(u32, u32)> {
-    let n = BoxCount::new(n as u32);
-    let mut pairs = MaskView::new(n, &answer.report.shape, words).expect("a mask").to_vec();
-    pairs.sort_unstable();
-    pairs
-}
 
 /// The pairs of many boxes, by an engine that other tests hold to the oracle.
 fn pairs_by_cpu(boxes: &[Aabb]) -> Vec<(u32, u32)> {
@@ -187,32 +165,4 @@ fn stops(clients: &[std::thread::ScopedJoinHandle<'_, ()>]) -> bool {
 fn one_of_two_devices_is_lost_under_load_a_hundred_times() {
     let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
     devices_are_lost_under_load(100);
-}
-
-#[test]
-fn a_daemon_of_two_gpus_serves_several_clients() {
-    let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
-    let gpus = format!("{},{}", gpu::name_at(0), gpu::name_at(1));
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", &gpus]);
-    let boxes = Arc::new(stress_scenes::named("uniform").boxes(2_345, 3));
-    let expected = Arc::new(oracle::truth(&boxes).pairs);
-    let clients: Vec<_> = (0..4)
-        .map(|_| {
-            let mut session = daemon.session().engine(GRID).connect().expect("a session");
-            let (boxes, expected) = (Arc::clone(&boxes), Arc::clone(&expected));
-            std::thread::spawn(move || {
-                for _ in 0..5 {
-                    let mut frame = session.frame(boxes.len()).expect("a frame");
-                    frame.boxes_mut().copy_from_slice(&boxes);
-                    let mask = frame.submit().expect("sent").wait().expect("an answer");
-                    let mut pairs: Vec<(u32, u32)> = mask.pairs().collect();
-                    pairs.sort_unstable();
-                    assert!(pairs == *expected);
-                }
-            })
-        })
-        .collect();
-    for client in clients {
-        client.join().expect("right answers");
-    }
 }

@@ -4,36 +4,28 @@
 //! a real GPU (daemon/GPU.md, "Spheres"), and ignored here:
 //! `PAIRMASK_TEST_GPU=auto cargo test -p pairmask-tests --test gpu -- --ignored real_gpu`.
 
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
-use pairmask_core::dispatch::{CullOptions, SphereEngines};
-use pairmask_core::engine::{CullError, CullReport, HeapReply, ReplyBuffer};
-use pairmask_core::mask::MaskShape;
+use pairmask_core::dispatch::SphereEngines;
 use pairmask_core::oracle::Truth;
-use pairmask_core::oracle::check::check_reply;
 use pairmask_core::sphere::SphereAllPairs;
-use pairmask_core::{
-    BoxCount, Encoding, EncodingChoice, EngineChoice, EngineName, Sphere, engine::CullInput,
-};
 use pairmask_lab::study::spheres::oracle::overlap;
 use pairmask_shaders::mirror::sphere_filter::{Arithmetic, LESS, Verdict, verdict};
 use pairmask_shaders::mirror::{self, Mirrored, sphere_bounds, sphere_exact};
-use pairmask_tests::daemon::TestDaemon;
 use pairmask_tests::gpu::{self, open};
+use pairmask_tests::naive_decoder::sections;
+use pairmask_tests::prelude::*;
 use pairmask_tests::spheres::{
     check_mask, cull, hard_pairs, hard_scene, plain_scene, truth, whole_scene,
 };
 use pairmaskd::execute::gpu::{
     AllPairs, AllPairsOptions, Checks, Grid, GridOptions, HostImport, Tuning, grid_layout,
 };
-use pairmaskd::execute::{Executor, GpuService, Owner};
+
+use crate::grid::check_mirrored;
 
 /// Most spheres that the daemon gives to a software adapter.
 const SOFTWARE_SPHERES: usize = 16;
-/// Times that the device is lost.
-const LOSSES: usize = 3;
-/// A watchdog, no measure of speed: opening a software device takes under a second.
-const GIVE_UP: Duration = Duration::from_secs(60);
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
 
 /// Both engines, as one.
@@ -78,7 +70,7 @@ impl Both {
                 let n = spheres.len() as u32;
                 let checked = check_reply(reply.words(), &report, n, encoding, truth);
                 assert_eq!(checked, Ok(()), "{what}");
-                words.push(sections(&report.shape, &reply));
+                words.push(sections(reply.words(), &report.shape));
             }
             assert!(words[0] == words[1], "{what}: other bytes");
         }
@@ -93,26 +85,11 @@ const WAYS: [(EngineName, Encoding); 5] = [
     (EngineName::GpuGrid, Encoding::List),
 ];
 
-/// The words of a mask, without what lies between its sections.
-fn sections(shape: &MaskShape, reply: &HeapReply) -> Vec<u32> {
-    let words = |span: pairmask_core::mask::Span| span.of(reply.words()).unwrap().to_vec();
-    shape.spans().flat_map(words).collect()
-}
-
 fn check_mirror(grid: &mut Grid, spheres: &[Sphere], mirrored: &Mirrored, what: &str) {
-    let mut reply = HeapReply::new();
-    let report = grid.cull_spheres(spheres, Encoding::Sparse, &mut reply).unwrap();
-    let MaskShape::Sparse { rows, blocks, bits, order } = report.shape else { panic!("{what}") };
-    assert!(order.unwrap().of(reply.words()) == Some(&mirrored.order[..]), "{what}: order");
-    for (section, place) in [rows, blocks, bits].into_iter().zip(0..) {
-        let expected: Vec<u32> = mirrored.words.iter().map(|word| word[place]).collect();
-        assert!(section.of(reply.words()) == Some(&expected[..]), "{what}: section {place}");
-    }
-    let n = BoxCount::new(spheres.len() as u32);
-    assert_eq!(n.pair_count() - report.skipped.pairs, mirrored.compared, "{what}: tests");
-    let report = grid.cull_spheres(spheres, Encoding::List, &mut reply).unwrap();
-    let MaskShape::List { pairs } = report.shape else { panic!("{what}: no list") };
-    assert!(pairs.of(reply.words()) == Some(mirrored.pairs.as_flattened()), "{what}: pairs");
+    check_mirrored(spheres.len(), mirrored, what, |encoding| {
+        let mut reply = HeapReply::new();
+        (grid.cull_spheres(spheres, encoding, &mut reply).unwrap(), reply)
+    });
 }
 
 /// Whether f32 ever contradicts the truth, and how many of the pairs it leaves to the integers.
@@ -224,38 +201,6 @@ fn a_software_adapter_gets_what_it_decides() {
     }
 }
 
-#[test]
-fn spheres_are_answered_while_the_device_is_lost_and_after() {
-    let mut executor =
-        Executor::new(Some(GpuService::open(&gpu::choice(), Duration::ZERO).unwrap()));
-    let spheres = hard_scene(SOFTWARE_SPHERES, 8);
-    let truth = truth(&spheres);
-    let options = CullOptions {
-        engine: EngineChoice::Only(EngineName::GpuBrute),
-        encoding: EncodingChoice::Only(Encoding::Sparse),
-        ..CullOptions::default()
-    };
-    let (mut lost, deadline) = (0, Instant::now() + GIVE_UP);
-    loop {
-        let mut reply = HeapReply::new();
-        let answer =
-            executor.cull_spheres(&spheres, Owner::Client(0), &options, &mut reply).unwrap();
-        let n = spheres.len() as u32;
-        let checked = check_reply(reply.words(), &answer.report, n, Encoding::Sparse, &truth);
-        assert_eq!(checked, Ok(()), "after {lost} losses");
-        if !answer.engine.is_gpu() {
-            assert!(Instant::now() < deadline, "the device did not come back");
-            std::thread::sleep(Duration::from_millis(5));
-        } else if lost < LOSSES {
-            let device = executor.gpu().and_then(|mut gpu| gpu.device());
-            device.expect("it has answered").destroy();
-            lost += 1;
-        } else {
-            return;
-        }
-    }
-}
-
 mod real_gpu {
     use super::*;
 
@@ -273,19 +218,13 @@ mod real_gpu {
 
     #[test]
     #[ignore = "for a real GPU: near pairs take more rounds than lavapipe allows, see the head of this file"]
-    fn larger_scenes_in_which_many_touch_are_exact() {
+    fn scenes_in_which_many_touch_are_exact_at_every_scale() {
         let mut both = Both::new(Checks::Off);
         for (n, side) in [(1_234, 20), (4_097, 40)] {
             let (spheres, truth) = whole_scene(n, side, 3);
             both.check(&spheres, &truth, "whole");
         }
-    }
-
-    /// Scenes at every scale, from subnormal numbers to the largest, with touching spheres.
-    #[test]
-    #[ignore = "for a real GPU: near pairs take more rounds than lavapipe allows, see the head of this file"]
-    fn scenes_of_every_scale_are_exact() {
-        let mut both = Both::new(Checks::Off);
+        // From subnormal numbers to the largest.
         for exponent in [-149, -140, -126, -100, -64, -45, -38, -20, 30, 34, 36, 60, 100, 120] {
             let scale = 2.0f64.powi(exponent);
             let (spheres, truth) = whole_scene(345, 12, 7);
@@ -327,10 +266,10 @@ mod real_gpu {
         let mut reply = HeapReply::new();
         let input = CullInput::spheres(&spheres).encoding(Encoding::Dense);
         let expected = cpu.cull(&input, &mut reply).unwrap();
-        let expected_words = sections(&expected.shape, &reply);
+        let expected_words = sections(reply.words(), &expected.shape);
         let report = gpu.cull_spheres(&spheres, Encoding::Dense, &mut reply).unwrap();
         assert_eq!((report.pair_count, report.census), (expected.pair_count, expected.census));
-        assert!(sections(&report.shape, &reply) == expected_words);
+        assert!(sections(reply.words(), &report.shape) == expected_words);
     }
 
     #[test]

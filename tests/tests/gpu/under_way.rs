@@ -4,13 +4,10 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use pairmask_core::engine::{CullError, HeapReply};
-use pairmask_core::{Aabb, Encoding, Precision};
-use pairmask_tests::conformance::check_reply;
 use pairmask_tests::frame_memory::{SharedReply, TestFrame, Watcher};
 use pairmask_tests::gpu::open;
-use pairmask_tests::narrow::NarrowMemory;
-use pairmask_tests::{oracle, stress_scenes};
+use pairmask_tests::naive_decoder::sections;
+use pairmask_tests::prelude::*;
 use pairmaskd::execute::gpu::{Gpu, Grid, GridOptions, GridUnderWay, HostImport, SharedImports};
 
 /// Boxes of a frame that takes a software adapter some milliseconds.
@@ -21,6 +18,12 @@ const PAGES: usize = 1024;
 const OURS: u32 = 0x6d69_6e65;
 /// Longer than a frame of [`MANY`] boxes takes on a busy machine.
 const A_WHILE: Duration = Duration::from_millis(300);
+
+/// A frame under way, its pages, and whether its memory is still there.
+type Begun = (GridUnderWay<TestFrame<SharedReply>>, Watcher, Arc<()>);
+
+/// Frames in submissions of their own, and in one.
+const WAYS: [(usize, bool); 2] = [(2, false), (3, true)];
 
 /// A device, an engine on it, and the imports that both use.
 struct Rig {
@@ -40,23 +43,31 @@ impl Rig {
         Self { gpu, grid, imports, scene }
     }
 
-    /// Begins a frame whose reply the GPU writes itself.
-    fn begin(&mut self) -> (GridUnderWay<TestFrame<SharedReply>>, Watcher, Arc<()>) {
-        self.begin_in(Encoding::Sparse)
-    }
-
-    fn begin_in(
-        &mut self,
-        encoding: Encoding,
-    ) -> (GridUnderWay<TestFrame<SharedReply>>, Watcher, Arc<()>) {
+    /// Memory of a frame whose reply the GPU writes itself.
+    fn memory(&self) -> (TestFrame<SharedReply>, Watcher, Arc<()>) {
         let (reply, watcher) = SharedReply::new(&self.gpu, &self.imports, PAGES);
         // Before the GPU writes, however fast it is.
         watcher.fill(OURS);
         let boxes = NarrowMemory::write(&Precision::Exact, &self.scene);
         let token = Arc::default();
-        let memory = TestFrame { boxes, reply, token: Arc::clone(&token) };
-        let frame = self.grid.begin(memory, encoding);
-        (frame.map_err(|(error, _)| error).unwrap(), watcher, token)
+        (TestFrame { boxes, reply, token: Arc::clone(&token) }, watcher, token)
+    }
+
+    /// Begins frames, each in a submission of its own or all in one.
+    fn begin(&mut self, frames: usize, is_bundle: bool) -> Vec<Begun> {
+        let memories: Vec<_> = (0..frames).map(|_| self.memory()).collect();
+        let (mut all, mut watched) = (Vec::new(), Vec::new());
+        for (memory, watcher, token) in memories {
+            all.push((memory, Encoding::Sparse));
+            watched.push((watcher, token));
+        }
+        let begun = if is_bundle {
+            self.grid.begin_bundle(all)
+        } else {
+            all.into_iter().map(|(memory, encoding)| self.grid.begin(memory, encoding)).collect()
+        };
+        let begun = begun.into_iter().map(|frame| frame.map_err(|(error, _)| error).unwrap());
+        begun.zip(watched).map(|(frame, (watcher, token))| (frame, watcher, token)).collect()
     }
 
     /// Checks a frame of few boxes against the oracle.
@@ -82,80 +93,88 @@ fn stays_ours(watchers: &[Watcher]) {
 }
 
 #[test]
-fn the_gpu_writes_a_reply_that_is_imported_and_the_comparator_notices() {
+fn a_reply_is_written_where_it_lies_with_the_bytes_of_a_staged_one() {
     let mut rig = Rig::new();
-    let (frame, watcher, _) = rig.begin();
-    let (report, memory) = rig.grid.end(frame);
-    assert!(!watcher.is_all(OURS), "written where it lies");
-    let (report, memory) = (report.unwrap(), memory.unwrap());
-    let words = memory.reply.words();
-    let last = report.shape.extent_words() as usize - 1;
-    assert!(words[..=last].iter().any(|word| *word != OURS));
-}
-
-#[test]
-fn a_list_is_written_where_its_reply_lies_with_the_bytes_of_a_staged_one() {
-    let mut rig = Rig::new();
-    let (frame, _, _) = rig.begin_in(Encoding::List);
-    let staged = TestFrame::on_heap(&Precision::Exact, &rig.scene);
-    let staged = rig.grid.begin(staged, Encoding::List).map_err(|(error, _)| error).unwrap();
-    let (report, memory) = rig.grid.end(frame);
-    let (staged_report, staged) = rig.grid.end(staged);
-    let (report, staged_report) = (report.unwrap(), staged_report.unwrap());
-    assert!(report.pair_count > 0 && report.shape == staged_report.shape);
-    let (memory, staged) = (memory.unwrap(), staged.unwrap());
-    let used = report.shape.extent_words() as usize;
-    assert!(memory.reply.words()[..used] == staged.reply.words()[..used]);
+    for encoding in [Encoding::Sparse, Encoding::List] {
+        let (memory, watcher, _) = rig.memory();
+        let frame = rig.grid.begin(memory, encoding).map_err(|(error, _)| error).unwrap();
+        let staged = TestFrame::on_heap(&Precision::Exact, &rig.scene);
+        let staged = rig.grid.begin(staged, encoding).map_err(|(error, _)| error).unwrap();
+        let (report, memory) = rig.grid.end(frame);
+        assert!(!watcher.is_all(OURS), "written where it lies");
+        let (staged_report, staged) = rig.grid.end(staged);
+        let (report, staged_report) = (report.unwrap(), staged_report.unwrap());
+        assert!(report.pair_count > 0 && report.shape == staged_report.shape);
+        let [ours, theirs] = [memory.unwrap().reply.words(), staged.unwrap().reply.words()]
+            .map(|words| sections(words, &report.shape).unwrap());
+        assert!(ours == theirs, "{encoding}");
+    }
 }
 
 #[test]
 fn a_frame_that_is_dropped_waits_and_gives_its_memory_and_its_workspace_back() {
     let mut rig = Rig::new();
-    for _ in 0..3 {
-        let (first, watched, one) = rig.begin();
-        let (second, watched_too, other) = rig.begin();
-        drop(first);
-        assert_eq!((Arc::strong_count(&one), Arc::strong_count(&other)), (1, 2));
-        drop(second);
-        assert_eq!(Arc::strong_count(&other), 1);
-        stays_ours(&[watched, watched_too]);
+    for (frames, is_bundle) in [WAYS, WAYS].concat() {
+        let mut watchers = Vec::new();
+        for (frame, watcher, token) in rig.begin(frames, is_bundle) {
+            assert_eq!(Arc::strong_count(&token), 2);
+            drop(frame);
+            assert_eq!(Arc::strong_count(&token), 1);
+            watchers.push(watcher);
+        }
+        stays_ours(&watchers);
     }
     rig.serves();
 }
 
 #[test]
-fn a_frame_outlives_its_engine() {
-    let mut rig = Rig::new();
-    let (first, watched, one) = rig.begin();
-    let (second, watched_too, other) = rig.begin();
-    drop(rig);
-    let memory = first.give_up();
-    assert!(memory.is_some() && Arc::strong_count(&one) == 2);
-    drop(second);
-    assert_eq!(Arc::strong_count(&other), 1);
-    stays_ours(&[watched, watched_too]);
-    drop(memory);
-    assert_eq!(Arc::strong_count(&one), 1);
+fn frames_outlive_their_engine() {
+    for (frames, is_bundle) in WAYS {
+        let mut rig = Rig::new();
+        let mut begun = rig.begin(frames, is_bundle);
+        drop(rig);
+        let (first, watcher, token) = begun.remove(0);
+        let memory = first.give_up();
+        assert!(memory.is_some() && Arc::strong_count(&token) == 2);
+        let mut watchers = vec![watcher];
+        for (frame, watcher, token) in begun {
+            drop(frame);
+            assert_eq!(Arc::strong_count(&token), 1);
+            watchers.push(watcher);
+        }
+        stays_ours(&watchers);
+        drop(memory);
+        assert_eq!(Arc::strong_count(&token), 1);
+    }
 }
 
 #[test]
 fn a_device_lost_in_mid_frame_gives_the_memory_back_when_it_stops() {
-    let mut rig = Rig::new();
-    let (first, watched, one) = rig.begin();
-    let (second, watched_too, other) = rig.begin();
-    rig.gpu.destroy();
-    let (report, memory) = rig.grid.end(second);
-    assert!(matches!(report, Err(CullError::DeviceLost { .. })), "{report:?}");
-    assert!(memory.is_some() && Arc::strong_count(&other) == 2);
-    drop(first);
-    assert_eq!(Arc::strong_count(&one), 1);
-    stays_ours(&[watched, watched_too]);
+    for (frames, is_bundle) in WAYS {
+        let mut rig = Rig::new();
+        let mut begun = rig.begin(frames, is_bundle);
+        rig.gpu.destroy();
+        let (dropped, watcher, token) = begun.remove(0);
+        let mut watchers = vec![watcher];
+        for (frame, watcher, token) in begun {
+            let (report, memory) = rig.grid.end(frame);
+            assert!(matches!(report, Err(CullError::DeviceLost { .. })), "{report:?}");
+            assert!(memory.is_some() && Arc::strong_count(&token) == 2);
+            watchers.push(watcher);
+        }
+        drop(dropped);
+        assert_eq!(Arc::strong_count(&token), 1);
+        stays_ours(&watchers);
+        let memory = TestFrame::on_heap(&Precision::Exact, &rig.scene);
+        let refused = rig.grid.begin_bundle(vec![(memory, Encoding::Sparse)]);
+        assert!(matches!(refused[..], [Err((CullError::DeviceLost { .. }, Some(_)))]));
+    }
 }
 
 #[test]
 fn a_frame_of_another_engine_is_given_up() {
     let (mut rig, mut other) = (Rig::new(), Rig::new());
-    let (frame, watched, _) = rig.begin();
+    let (frame, watched, _) = rig.begin(1, false).remove(0);
     let (report, memory) = other.grid.end(frame);
     assert!(matches!(report, Err(CullError::DeviceLost { .. })), "{report:?}");
     assert!(memory.is_some());
@@ -164,25 +183,29 @@ fn a_frame_of_another_engine_is_given_up() {
     other.serves();
 }
 
+/// Two places: a bundle takes one, as a frame does.
 #[test]
-fn a_frame_that_is_forgotten_keeps_its_memory_and_its_workspace() {
-    let mut rig = Rig::new();
-    let mut tokens = Vec::new();
-    for place in 0..2 {
-        let (frame, _, token) = rig.begin();
-        std::mem::forget(frame);
-        tokens.push(token);
-        if place == 0 {
-            rig.serves();
+fn frames_that_are_forgotten_keep_their_memory_and_their_workspace() {
+    for (frames, is_bundle) in [(1, false), (3, true)] {
+        let mut rig = Rig::new();
+        let mut tokens = Vec::new();
+        for place in 0..2 {
+            for (frame, _, token) in rig.begin(frames, is_bundle) {
+                std::mem::forget(frame);
+                tokens.push(token);
+            }
+            if place == 0 {
+                rig.serves();
+            }
         }
+        assert!(tokens.iter().all(|token| Arc::strong_count(token) == 2));
+        let memory: TestFrame<HeapReply> = TestFrame::on_heap(&Precision::Exact, &rig.scene);
+        let Err((error, memory)) = rig.grid.begin(memory, Encoding::Sparse) else {
+            panic!("both places are taken")
+        };
+        assert!(matches!(error, CullError::Unavailable { .. }), "{error}");
+        assert!(memory.is_some(), "nothing is under way");
     }
-    assert!(tokens.iter().all(|token| Arc::strong_count(token) == 2));
-    let memory: TestFrame<HeapReply> = TestFrame::on_heap(&Precision::Exact, &rig.scene);
-    let Err((error, memory)) = rig.grid.begin(memory, Encoding::Sparse) else {
-        panic!("both places are taken")
-    };
-    assert!(matches!(error, CullError::Unavailable { .. }), "{error}");
-    assert!(memory.is_some(), "nothing is under way");
 }
 
 /// Scenes of several clients: alike, small, empty places, and more than a large scene's share.
@@ -254,83 +277,6 @@ fn a_frame_of_a_bundle_that_is_refused_leaves_the_others_to_go() {
         }
     }
     rig.serves();
-}
-
-impl Rig {
-    /// Begins frames in one submission, each with the reply of [`Rig::begin`].
-    fn begin_bundle(
-        &mut self,
-        frames: usize,
-    ) -> Vec<(GridUnderWay<TestFrame<SharedReply>>, Watcher, Arc<()>)> {
-        let (mut memories, mut watched) = (Vec::new(), Vec::new());
-        for _ in 0..frames {
-            let (reply, watcher) = SharedReply::new(&self.gpu, &self.imports, PAGES);
-            let boxes = NarrowMemory::write(&Precision::Exact, &self.scene);
-            let token = Arc::default();
-            let memory = TestFrame { boxes, reply, token: Arc::clone(&token) };
-            memories.push((memory, Encoding::Sparse));
-            watched.push((watcher, token));
-        }
-        let begun = self.grid.begin_bundle(memories).into_iter();
-        let begun = begun.map(|frame| frame.map_err(|(error, _)| error).unwrap());
-        begun.zip(watched).map(|(frame, (watcher, token))| (frame, watcher, token)).collect()
-    }
-}
-
-#[test]
-fn frames_of_a_bundle_give_their_memory_back_when_all_of_it_has_ended() {
-    let mut rig = Rig::new();
-    for _ in 0..2 {
-        let mut watchers = Vec::new();
-        for (frame, watcher, token) in rig.begin_bundle(3) {
-            drop(frame);
-            assert_eq!(Arc::strong_count(&token), 1);
-            watchers.push(watcher);
-        }
-        stays_ours(&watchers);
-    }
-    rig.serves();
-}
-
-#[test]
-fn a_device_lost_in_mid_bundle_gives_all_memory_back() {
-    let mut rig = Rig::new();
-    let bundle = rig.begin_bundle(3);
-    rig.gpu.destroy();
-    let mut watchers = Vec::new();
-    for (frame, watcher, token) in bundle {
-        let (report, memory) = rig.grid.end(frame);
-        assert!(matches!(report, Err(CullError::DeviceLost { .. })), "{report:?}");
-        assert!(memory.is_some() && Arc::strong_count(&token) == 2);
-        watchers.push(watcher);
-    }
-    stays_ours(&watchers);
-    let memory = TestFrame::on_heap(&Precision::Exact, &rig.scene);
-    let refused = rig.grid.begin_bundle(vec![(memory, Encoding::Sparse)]);
-    assert!(matches!(refused[..], [Err((CullError::DeviceLost { .. }, Some(_)))]));
-}
-
-#[test]
-fn bundles_outlive_their_engine_and_a_forgotten_one_keeps_its_place() {
-    let mut rig = Rig::new();
-    let mut bundle = rig.begin_bundle(3).into_iter();
-    std::mem::forget(bundle.next());
-    for (frame, watcher, token) in bundle {
-        drop(frame);
-        assert_eq!(Arc::strong_count(&token), 1);
-        stays_ours(&[watcher]);
-    }
-    rig.serves();
-    let others = rig.begin_bundle(2);
-    let memory = TestFrame::on_heap(&Precision::Exact, &rig.scene);
-    let refused = rig.grid.begin_bundle(vec![(memory, Encoding::Sparse)]);
-    assert!(matches!(refused[..], [Err((CullError::Unavailable { .. }, Some(_)))]));
-    drop(rig);
-    for (frame, watcher, token) in others {
-        assert!(frame.give_up().is_some());
-        assert_eq!(Arc::strong_count(&token), 1);
-        stays_ours(&[watcher]);
-    }
 }
 
 #[test]

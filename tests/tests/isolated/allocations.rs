@@ -11,21 +11,14 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Duration;
 
 use iceoryx2::service::ipc_threadsafe;
-use pairmask::{Backend, Session};
-use pairmask_core::engine::AvailableIsa;
-use pairmask_core::mask::{Encoding, EncodingChoice};
-use pairmask_core::{Bounds, EngineChoice, EngineName, Precision, Sphere};
-use pairmask_tests::daemon::eventually;
+use pairmask_tests::prelude::*;
 use pairmask_tests::spheres::whole_scene;
-use pairmask_tests::stress_scenes;
 use pairmask_transport::{
     Limits, RuntimeDir, Services, assume_pages, assume_response_pages, clean_if_abandoned,
 };
 use pairmask_wire::InstanceName;
-use pairmaskd::audit::AuditRate;
-use pairmaskd::execute::gpu::GpuChoice;
-use pairmaskd::serve::{ServeSettings, work};
-use rustix::process::{Signal, getpid, kill_process};
+use pairmaskd::serve::ServeSettings;
+use rustix::process::{getpid, kill_process};
 
 /// Counts allocations of marked threads while counting is on.
 struct Counting;
@@ -90,40 +83,36 @@ fn holds(expected: u64, allocations: u64) -> bool {
     (expected - expected / 10..=expected).contains(&allocations)
 }
 
-fn frames(session: &mut Session, scenes: &[Vec<pairmask_core::Aabb>], count: usize) -> u64 {
+/// Asks for frame after frame by the number of each, and counts their pairs.
+fn frames(count: usize, mut submit: impl FnMut(usize) -> PendingFrame) -> u64 {
     let mut pairs = 0;
     for i in 0..count {
-        let boxes = &scenes[i % scenes.len()];
-        let mut frame = session.frame(boxes.len()).unwrap();
-        frame.boxes_mut().copy_from_slice(boxes);
-        let mask = frame.submit().unwrap().wait().unwrap();
-        mask.pairs().for_each(|(a, b)| pairs += u64::from(a < b));
+        submit(i).wait().unwrap().pairs().for_each(|(a, b)| pairs += u64::from(a < b));
     }
     pairs
 }
 
-fn narrow_frames(session: &mut Session, scenes: &[Vec<pairmask_core::Aabb>], count: usize) -> u64 {
+fn narrow_frame(session: &mut Session, boxes: &[Aabb], i: usize) -> PendingFrame {
     let bounds = Bounds::new([0.0; 3], [100.0; 3]).unwrap();
-    let mut pairs = 0;
-    for i in 0..count {
-        let boxes = &scenes[i % scenes.len()];
-        let precision = [Precision::Q16(bounds), Precision::Q8(bounds), Precision::F16][i % 3];
-        let mut frame = session.narrow_frame(boxes.len(), precision).unwrap();
-        frame.fill(boxes);
-        pairs += frame.submit().unwrap().wait().unwrap().count();
-    }
-    pairs
+    let precision = [Precision::Q16(bounds), Precision::Q8(bounds), Precision::F16][i % 3];
+    let mut frame = session.narrow_frame(boxes.len(), precision).unwrap();
+    frame.fill(boxes);
+    frame.submit().unwrap()
 }
 
-fn sphere_frames(session: &mut Session, scenes: &[Vec<Sphere>], count: usize) -> u64 {
+fn sphere_frame(session: &mut Session, spheres: &[Sphere]) -> PendingFrame {
+    let mut frame = session.sphere_frame(spheres.len()).unwrap();
+    frame.spheres_mut().copy_from_slice(spheres);
+    frame.submit().unwrap()
+}
+
+/// Whether frames are steady: they find pairs, and allocate what is expected.
+fn check(what: &str, expected: u64, mut submit: impl FnMut(usize) -> PendingFrame) {
+    frames(20, &mut submit);
     let mut pairs = 0;
-    for i in 0..count {
-        let spheres = &scenes[i % scenes.len()];
-        let mut frame = session.sphere_frame(spheres.len()).unwrap();
-        frame.spheres_mut().copy_from_slice(spheres);
-        pairs += frame.submit().unwrap().wait().unwrap().count();
-    }
-    pairs
+    let allocations = steady(|| pairs = frames(FRAMES, &mut submit));
+    assert!(pairs > 0);
+    assert!(holds(expected, allocations), "{allocations}: {what}");
 }
 
 /// What `count` bare requests and responses over the transport allocate on both sides.
@@ -161,26 +150,12 @@ fn steady_frames_allocate_nothing() {
     assert!(bare <= 3 * FRAMES as u64, "{bare} by the transport alone");
 
     let dir = tempfile::tempdir().unwrap();
-    let settings = ServeSettings {
-        audit: AuditRate::Off,
-        alter_answers: None,
-        watch_devices: None,
-        restarted: false,
-        instance: InstanceName::default(),
-        dir: RuntimeDir::at(dir.path()),
-        limits: Limits::default(),
-        // Longer than any pause: engines' threads that are kept awake are not woken again, which would
-        // make small objects.
-        spin: Duration::from_secs(1),
-        gpu: GpuChoice::None.into(),
-        gpu_awake: Duration::ZERO,
-        isa: AvailableIsa::best(),
-    };
+    // Longer than any pause: engines' threads that are kept awake are not woken again, which would make small objects.
+    let settings = ServeSettings { spin: Duration::from_secs(1), ..crate::settings(dir.path()) };
     let runtime_dir = settings.dir.clone();
     let daemon = std::thread::spawn(move || {
         MARKED.set(true);
-        let parent = rustix::process::getppid().expect("a parent").as_raw_nonzero().get();
-        work(&settings, parent as u32)
+        crate::serve(&settings)
     });
     eventually("the daemon serves", || runtime_dir.read_record(&InstanceName::default()));
 
@@ -197,26 +172,20 @@ fn steady_frames_allocate_nothing() {
                 .backend(backend)
                 .threads(threads)
                 .encoding(EncodingChoice::Only(encoding));
-            let mut session = builder.clone().connect().unwrap();
-            frames(&mut session, &scenes, 20);
-            let mut pairs = 0;
-            let allocations = steady(|| pairs = frames(&mut session, &scenes, FRAMES));
-            assert!(pairs > 0);
             let expected = if backend == Backend::Daemon { bare } else { 0 };
-            assert!(holds(expected, allocations), "{allocations}: {backend}, {encoding}");
-            narrow_frames(&mut session, &scenes, 20);
-            let allocations = steady(|| pairs = narrow_frames(&mut session, &scenes, FRAMES));
-            assert!(pairs > 0);
-            assert!(holds(expected, allocations), "{allocations}: {backend}, {encoding}, narrow");
+            let what = format!("{backend}, {encoding}");
+            let mut session = builder.clone().connect().unwrap();
+            check(&what, expected, |i| session.ask(&scenes[i % scenes.len()]));
+            check(&format!("{what}, narrow"), expected, |i| {
+                narrow_frame(&mut session, &scenes[i % scenes.len()], i)
+            });
             drop(session);
             for engine in [EngineName::CpuBrute, EngineName::CpuGrid] {
                 let mut session =
                     builder.clone().engine(EngineChoice::Only(engine)).connect().unwrap();
-                sphere_frames(&mut session, &spheres, 20);
-                let allocations = steady(|| pairs = sphere_frames(&mut session, &spheres, FRAMES));
-                assert!(pairs > 0);
-                let what = format!("{backend}, {encoding}, {engine}, spheres");
-                assert!(holds(expected, allocations), "{allocations}: {what}");
+                check(&format!("{what}, {engine}, spheres"), expected, |i| {
+                    sphere_frame(&mut session, &spheres[i % spheres.len()])
+                });
             }
         }
     }

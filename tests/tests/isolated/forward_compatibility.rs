@@ -1,23 +1,17 @@
 //! Answers of later daemons, and malformed answers. A mask that this build can read is served. Any
 //! other answer leads to an answer in process, or to an error that names the cause.
 
-use std::sync::atomic::{AtomicBool, Ordering};
-
 use log::LevelFilter;
-use pairmask::{Backend, PairMask, ServedBy, Session, WaitError};
-use pairmask_core::Aabb;
 use pairmask_core::dispatch::StageTimes;
-use pairmask_core::engine::{Census, CullReport, EngineId, EngineName, EngineTimes, SkipMeter};
-use pairmask_core::mask::{Encoding, EncodingChoice, MaskShape};
-use pairmask_core::units::BoxCount;
-use pairmask_tests::daemon::eventually;
-use pairmask_tests::library_log;
-use pairmask_tests::refuser::{answer_all_as, fields_of};
-use pairmask_transport::{RuntimeDir, clean_if_abandoned};
+use pairmask_core::engine::{Census, EngineId, EngineTimes, SkipMeter};
+use pairmask_tests::prelude::*;
+use pairmask_tests::refuser::{beside_daemon, fields_of};
+use pairmask_transport::RuntimeDir;
 use pairmask_wire::{
-    InstanceName, ReplyError, RequestHeader, ResponseHeader, Section, SectionKind, Version,
-    response_ok,
+    ReplyError, RequestHeader, ResponseHeader, Section, SectionKind, Version, response_ok,
 };
+
+use crate::library_log;
 
 const N: BoxCount = BoxCount::new(3);
 
@@ -53,29 +47,6 @@ fn beside(change: fn(&mut ResponseHeader), test: impl FnOnce(&RuntimeDir)) {
         response
     };
     beside_daemon(Version::CURRENT, changed, test);
-}
-
-/// Runs `test` beside a daemon of a version.
-fn beside_daemon(
-    version: Version,
-    answer: impl FnMut(&RequestHeader, &mut [u32]) -> ResponseHeader + Send,
-    test: impl FnOnce(&RuntimeDir),
-) {
-    let dir = tempfile::tempdir().unwrap();
-    let dir = RuntimeDir::at(dir.path());
-    let stop = AtomicBool::new(false);
-    let (stop, dir) = (&stop, &dir);
-    std::thread::scope(|scope| {
-        scope.spawn(move || answer_all_as(version, dir, stop, answer));
-        eventually("it serves", || dir.read_record(&InstanceName::default()));
-        // A failed test stops the daemon too, and does not wait for it for ever.
-        let result = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| test(dir)));
-        stop.store(true, Ordering::Relaxed);
-        if let Err(panic) = result {
-            std::panic::resume_unwind(panic);
-        }
-    });
-    clean_if_abandoned(dir, &InstanceName::default()).unwrap();
 }
 
 #[test]

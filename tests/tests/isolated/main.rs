@@ -2,16 +2,47 @@
 //! other: each holds [`alone`].
 #![allow(clippy::unwrap_used)]
 
+use std::path::Path;
 use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use pairmask_core::engine::AvailableIsa;
+use pairmask_transport::{Limits, RuntimeDir};
+use pairmask_wire::InstanceName;
+use pairmaskd::audit::AuditRate;
+use pairmaskd::execute::gpu::GpuChoice;
+use pairmaskd::serve::{ServeError, ServeSettings, work};
 
 mod allocations;
-mod auto_cause;
-mod fallback_log;
 mod forward_compatibility;
+mod library_log;
 mod scene_device_loss;
 
 /// The process, for one test at a time. A test that failed leaves it as good as before.
 fn alone() -> MutexGuard<'static, ()> {
     static ALONE: Mutex<()> = Mutex::new(());
     ALONE.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Settings of a worker that is a thread of this process.
+fn settings(dir: &Path) -> ServeSettings {
+    ServeSettings {
+        audit: AuditRate::Off,
+        alter_answers: None,
+        watch_devices: None,
+        restarted: false,
+        instance: InstanceName::default(),
+        dir: RuntimeDir::at(dir),
+        limits: Limits::default(),
+        spin: Duration::from_micros(50),
+        gpu: GpuChoice::None.into(),
+        gpu_awake: Duration::ZERO,
+        isa: AvailableIsa::best(),
+    }
+}
+
+/// Serves in this thread until the process is asked to end.
+fn serve(settings: &ServeSettings) -> Result<(), ServeError> {
+    let parent = rustix::process::getppid().expect("a parent").as_raw_nonzero().get();
+    work(settings, parent as u32)
 }

@@ -3,30 +3,22 @@
 //!
 //! The daemon's worker is a thread of this process, because only a process that has a device can lose it.
 
+use std::cell::{Cell, RefCell};
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
-use pairmask::scene::{Edit, SceneOptions, Want};
-use pairmask::{
-    Aabb, Backend, EngineChoice, EngineId, EngineName, Scene, SceneEdit, ServedBy, Session,
-    WaitError,
-};
-use pairmask_core::engine::AvailableIsa;
-use pairmask_core::scene as core_scene;
-use pairmask_tests::daemon::eventually;
-use pairmask_tests::scene_edits::EditMaker;
-use pairmask_tests::{KnownPairs, gpu, oracle, stress_scenes};
-use pairmask_transport::{Limits, RuntimeDir, clean_if_abandoned};
+use pairmask::EngineId;
+use pairmask_tests::gpu;
+use pairmask_tests::prelude::*;
+use pairmask_tests::scene_model::{Kind, Moment, SessionScene, hold};
+use pairmask_transport::{RuntimeDir, clean_if_abandoned};
 use pairmask_wire::{ENGINE_IS_OPENING, InstanceName, ReplyError, StatusCode};
-use pairmaskd::audit::AuditRate;
 use pairmaskd::execute::WatchDevice;
 use pairmaskd::execute::gpu::Gpu;
 use pairmaskd::scene::Random;
-use pairmaskd::serve::{ServeError, ServeSettings, work};
+use pairmaskd::serve::{ServeError, ServeSettings};
 use pairmaskd::spawn::is_opening_gpus;
-use rustix::process::{Signal, getpid, kill_process};
-
-const MOST_BOXES: usize = 400;
+use rustix::process::{getpid, kill_process};
 
 /// The device that was opened last, until it is taken to be lost.
 static OPENED: Mutex<Option<Arc<Gpu>>> = Mutex::new(None);
@@ -70,22 +62,11 @@ impl Worker {
     fn start_watched(watch: WatchDevice) -> Self {
         let dir = tempfile::tempdir().unwrap();
         let settings = ServeSettings {
-            audit: AuditRate::Off,
-            alter_answers: None,
             watch_devices: Some(watch),
-            restarted: false,
-            instance: InstanceName::default(),
-            dir: RuntimeDir::at(dir.path()),
-            limits: Limits::default(),
-            spin: Duration::from_micros(50),
             gpu: gpu::choice().into(),
-            gpu_awake: Duration::ZERO,
-            isa: AvailableIsa::best(),
+            ..crate::settings(dir.path())
         };
-        let thread = std::thread::spawn(move || {
-            let parent = rustix::process::getppid().expect("a parent").as_raw_nonzero().get();
-            work(&settings, parent as u32)
-        });
+        let thread = std::thread::spawn(move || crate::serve(&settings));
         let worker = Self { dir, thread };
         eventually("the daemon serves", || worker.dir().read_record(&InstanceName::default()));
         worker
@@ -107,43 +88,6 @@ impl Worker {
     }
 }
 
-/// A scene of a session, what its client knows, and what has to come of it.
-struct Client {
-    scene: Scene,
-    source: EditMaker,
-    truth: core_scene::Scene,
-    known: KnownPairs,
-}
-
-impl Client {
-    fn new(session: &mut Session, seed: u64) -> Self {
-        let options = SceneOptions::default();
-        Self {
-            scene: session.scene(options),
-            source: EditMaker::new(seed, MOST_BOXES),
-            truth: core_scene::Scene::new(options),
-            known: KnownPairs::default(),
-        }
-    }
-
-    /// An edit, its answer taken into what is known, and what is known compared with all pairs. Whether the
-    /// daemon's GPU answered.
-    fn step(&mut self, between: impl FnOnce()) -> bool {
-        let Self { scene, source, truth, known } = self;
-        let owned = source.next_edit();
-        let arrays = owned.arrays(source.below(3));
-        let steps = arrays.steps();
-        let edit = steps.iter().copied().fold(scene.edit(), SceneEdit::step);
-        let pending = edit.submit(Want::Changes).unwrap();
-        between();
-        let answer = pending.wait().unwrap().take();
-        known.tell(&answer).unwrap();
-        let all = truth.edit(Edit { steps: &steps }, Want::All).unwrap();
-        known.compare(all.pairs()).unwrap();
-        answer.served_by() == ServedBy::Daemon && answer.engine() == EngineName::GpuGrid
-    }
-}
-
 fn outlive(losses: u64, seed: u64) {
     let _alone = crate::alone();
     let worker = Worker::start();
@@ -153,54 +97,43 @@ fn outlive(losses: u64, seed: u64) {
         .engine(EngineChoice::Only(EngineName::GpuGrid))
         .connect()
         .unwrap();
-    let mut client = Client::new(&mut session, seed);
-    let mut random = Random::new(seed);
-    let mut by_gpu = 0;
-    for loss in 0..losses {
-        // One in four is lost as soon as it is there, whether the scene has come back or not.
-        if loss % 4 != 3 {
-            eventually("the scene comes back to the GPU", || {
-                let is_there = client.step(|| {});
-                std::thread::sleep(Duration::from_millis(2));
-                is_there.then_some(())
-            });
-        }
-        let gpu = eventually("a device", || {
-            by_gpu += u64::from(client.step(|| {}));
-            newest_device()
-        });
-        for _ in 0..random.below(6) {
-            by_gpu += u64::from(client.step(|| {}));
-        }
-        let wait = Duration::from_micros(random.below(6_000));
-        match loss % 3 {
-            0 => {
-                // While the daemon has an edit.
-                client.step(|| {
-                    std::thread::sleep(wait);
-                    gpu.destroy();
-                });
-            }
-            1 => {
-                // While edits come one after the other.
-                let destroyer = std::thread::spawn(move || {
-                    std::thread::sleep(10 * wait);
-                    gpu.destroy();
-                });
-                let start = Instant::now();
-                while start.elapsed() <= 10 * wait || !destroyer.is_finished() {
-                    client.step(|| {});
+    let random = RefCell::new(Random::new(seed));
+    let below = |end| random.borrow_mut().below(end);
+    let (lost, by_gpu) = (Cell::new(0), Cell::new(0));
+    let mut seed = 1_000 * seed;
+    while lost.get() < losses {
+        seed += 100;
+        hold(Kind::Small, seed, 100, |script| {
+            SessionScene::disturbed(&mut session, script, |moment| {
+                let wait = Duration::from_micros(below(6_000));
+                let destroy = |wait: Duration| {
+                    if let Some(gpu) = newest_device() {
+                        lost.set(lost.get() + 1);
+                        // While the daemon has an edit, between two, or while edits come one after the other.
+                        let later = move || {
+                            std::thread::sleep(wait);
+                            gpu.destroy();
+                        };
+                        if below(3) == 0 { drop(std::thread::spawn(later)) } else { later() }
+                    }
+                };
+                match moment {
+                    Moment::UnderWay if below(20) == 0 => destroy(wait),
+                    Moment::UnderWay => {}
+                    Moment::Answered(ServedBy::Daemon, engine) if engine == EngineName::GpuGrid => {
+                        by_gpu.set(by_gpu.get() + 1);
+                        if below(20) == 0 {
+                            destroy(10 * wait);
+                        }
+                    }
+                    Moment::Answered(..) => std::thread::sleep(Duration::from_millis(2)),
                 }
-                destroyer.join().unwrap();
-            }
-            _ => {
-                gpu.destroy();
-                client.step(|| {});
-            }
-        }
+            })
+        });
     }
+    let by_gpu = by_gpu.get();
     assert!(by_gpu >= losses / 2, "{by_gpu} edits by the GPU for {losses} losses");
-    drop((client, session));
+    drop(session);
     worker.stop();
 }
 
@@ -217,9 +150,7 @@ fn a_session_outlives_a_hundred_losses_of_the_daemons_device() {
 
 /// Frames of a session, by whatever engine the daemon has for it.
 fn frame(session: &mut Session, boxes: &[Aabb]) -> Result<EngineId, WaitError> {
-    let mut frame = session.frame(boxes.len()).unwrap();
-    frame.boxes_mut().copy_from_slice(boxes);
-    let mask = frame.submit().unwrap().wait()?;
+    let mask = session.ask(boxes).wait()?;
     assert_eq!(mask.info().served_by, ServedBy::Daemon);
     assert_eq!(mask.count(), oracle::truth(boxes).pairs.len() as u64);
     Ok(mask.info().engine)

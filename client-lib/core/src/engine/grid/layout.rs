@@ -7,7 +7,7 @@
 //! itself. Where its mins are within an edge of the longest box it has one layer of cells, and the model
 //! gives it no more where layers part nothing. Of 100,000 boxes with a pair each, a row is compared with 24
 //! columns where z is [0, 1] or of random ends around 0, with 18 where those are from 0.05 to 55, and with
-//! 33 in a cube (`--bench axes`). The compare of that axis is left in the kernels: without it they take a
+//! 33 in a cube. The compare of that axis is left in the kernels: without it they take a
 //! tenth less time (AVX-512), a frame 4 % less, of which seeing that all pairs overlap takes a part.
 
 use super::axis::{Axis, CELL_LIMIT};

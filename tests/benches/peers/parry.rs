@@ -7,9 +7,8 @@ use parry3d::partitioning::{Bvh, BvhBuildStrategy, BvhLeafUpdateStatus, BvhWorks
 use rayon::iter::{IndexedParallelIterator, IntoParallelRefIterator, ParallelIterator};
 use rayon::slice::ParallelSlice;
 
-use super::contender::{Contender, ContenderError};
-use super::tally::Tally;
-use crate::oracle::Pair;
+use pairmask_tests::oracle::Pair;
+use pairmask_tests::peers::contender::{Contender, ContenderError, Tally};
 
 /// How the tree follows the boxes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -18,8 +17,6 @@ pub enum Upkeep {
     Refit,
     /// As `Refit`, after a few subtrees were built anew (about 5 % a frame).
     OptimizeRefit,
-    /// The tree is built anew, in bins.
-    Rebuild,
 }
 
 /// A tree.
@@ -63,13 +60,8 @@ impl Parry {
     }
 
     fn follow(&mut self) {
-        match self.upkeep {
-            Upkeep::Rebuild => {
-                self.tree.rebuild(&mut self.workspace, BvhBuildStrategy::Binned);
-                return;
-            }
-            Upkeep::OptimizeRefit => self.tree.optimize_incremental(&mut self.workspace),
-            Upkeep::Refit => (),
+        if self.upkeep == Upkeep::OptimizeRefit {
+            self.tree.optimize_incremental(&mut self.workspace);
         }
         if self.threads > 1 {
             self.tree.refit_parallel(&mut self.workspace);

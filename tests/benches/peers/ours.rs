@@ -2,13 +2,11 @@
 
 use std::time::Duration;
 
-use pairmask::{Frame, PairMask, Session};
-use pairmask_core::Aabb;
+use pairmask::Frame;
 use rayon::iter::ParallelIterator;
 
-use super::contender::{Contender, ContenderError};
-use super::tally::Tally;
-use crate::oracle::Pair;
+use pairmask_tests::peers::contender::{Contender, ContenderError, Tally};
+use pairmask_tests::prelude::*;
 
 /// From this many pairs on, two threads decode faster than one: waking the second takes as long as
 /// decoding some 60,000.

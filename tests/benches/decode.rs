@@ -1,25 +1,20 @@
 //! Speed of mask decoding: `cargo bench -p pairmask-tests --bench decode [-- PART OF A NAME]`.
 //!
-//! Medians of many runs, warm; those of an engine's masks (`engine, SCENE`) cold. Every row prints the time of one decode, ns for each pair and GB/s
-//! over the bytes of the mask (its order included). The reference rows say what the memory and the
-//! consumer alone cost on this machine in this run, so that ratios hold on a noisy one.
+//! Medians of many runs, warm. Every row prints the time of one decode, ns for each pair and GB/s over the bytes of the
+//! mask (its order included). The reference rows say what the memory and the consumer alone cost on this machine in this
+//! run, so that ratios hold on a noisy one.
 //!
 //! `PAIRMASK_SPARSE_KERNEL` (`portable`, `avx2`, `avx512`, `avx512-steps`, `vbmi2`) has sparse masks decoded by one kernel;
 //! what it cannot decode is left out.
 
-mod engine_masks;
-mod neighbours;
-
 use std::hint::black_box;
 use std::time::{Duration, Instant};
 
-use pairmask_core::BoxCount;
-use pairmask_core::mask::MaskView;
-use pairmask_tests::mask_writer::{WrittenMask, write_dense, write_list, write_sparse};
-use pairmask_tests::oracle::Pair;
-use pairmask_tests::pair_scenes::{
-    all_pairs, grid_like_pairs, random_order, random_pairs, renamed,
+use pairmask_tests::mask_writer::{
+    WrittenMask, all_pairs, grid_like_pairs, random_order, random_pairs, renamed, write_dense,
+    write_list, write_sparse,
 };
+use pairmask_tests::prelude::*;
 use rayon::iter::ParallelIterator;
 
 /// Time spent on each row: long enough for a median of several hundred short runs.
@@ -44,7 +39,6 @@ fn main() {
             decode(&format!("{title}, list"), &write_list(n, &pairs), pairs.len());
         }
     }
-    engine_masks::run(&filter);
 }
 
 /// Name, boxes and pairs of positions of a scene.
@@ -74,19 +68,14 @@ fn one_a_box(n: BoxCount) -> Vec<Pair> {
     random_pairs(n, n.len(), 1)
 }
 
-/// The mask, decoded by the kernel that the environment names, if it names one. `None` where the mask
-/// has no such kernel.
-fn by_named_kernel(mask: MaskView<'_>) -> Option<MaskView<'_>> {
-    match std::env::var("PAIRMASK_SPARSE_KERNEL") {
-        Ok(kernel) => mask.with_sparse_kernel(&kernel),
-        Err(_) => Some(mask),
-    }
-}
-
 /// All ways through one mask.
 fn decode(title: &str, written: &WrittenMask, expected: usize) {
     let mask = MaskView::new(written.n, &written.shape, &written.reply).expect("shape and reply");
-    let Some(mask) = by_named_kernel(mask) else { return };
+    let mask = match std::env::var("PAIRMASK_SPARSE_KERNEL") {
+        Ok(kernel) => mask.with_sparse_kernel(&kernel),
+        Err(_) => Some(mask),
+    };
+    let Some(mask) = mask else { return };
     println!("\n{title}");
     assert_eq!(mask.pairs().count(), expected, "a bench of a wrong decoder measures nothing");
     let row = |name: &str, median: Duration| {

@@ -1,0 +1,47 @@
+//! Frames of sessions, as most tests ask for them.
+
+use pairmask::{PairMask, PendingFrame, Session};
+use pairmask_core::Aabb;
+use pairmask_core::mask::MaskView;
+use pairmask_core::oracle::Pair;
+
+/// Whole frames in a call.
+pub trait Frames {
+    /// Submits boxes.
+    fn ask(&mut self, boxes: &[Aabb]) -> PendingFrame;
+
+    /// Submits boxes and waits.
+    fn answer(&mut self, boxes: &[Aabb]) -> PairMask;
+}
+
+impl Frames for Session {
+    fn ask(&mut self, boxes: &[Aabb]) -> PendingFrame {
+        let mut frame = self.frame(boxes.len()).expect("memory for a frame");
+        frame.write(boxes);
+        frame.submit().expect("a frame is sent")
+    }
+
+    fn answer(&mut self, boxes: &[Aabb]) -> PairMask {
+        self.ask(boxes).wait().expect("a frame is answered")
+    }
+}
+
+/// What a mask holds, in the oracle's order.
+pub trait Sorted {
+    /// The pairs, sorted.
+    fn sorted(&self) -> Vec<Pair>;
+}
+
+impl Sorted for MaskView<'_> {
+    fn sorted(&self) -> Vec<Pair> {
+        let mut pairs = self.to_vec();
+        pairs.sort_unstable();
+        pairs
+    }
+}
+
+impl Sorted for PairMask {
+    fn sorted(&self) -> Vec<Pair> {
+        self.view().sorted()
+    }
+}

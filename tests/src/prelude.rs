@@ -1,0 +1,27 @@
+//! What most tests and benches name.
+
+pub use pairmask::{
+    Backend, ConnectError, FrameError, PairMask, PendingFrame, ServedBy, Session, SessionBuilder,
+    WaitError,
+};
+pub use pairmask_core::dispatch::{CpuEngines, CullOptions};
+pub use pairmask_core::engine::{
+    CullError, CullInput, CullReport, Engine, HeapReply, Isa, ReplyBuffer, ReserveError, cpu_engine,
+};
+pub use pairmask_core::mask::{MaskShape, MaskView};
+pub use pairmask_core::oracle::Pair;
+pub use pairmask_core::precision::{BoxSlice, Widening};
+pub use pairmask_core::scene::{Edit, QueryTags, SceneError, SceneOptions, Sets, Step, Want};
+pub use pairmask_core::{
+    Aabb, Bounds, BoxClass, BoxCount, BoxForm, Encoding, EncodingChoice, EngineChoice, EngineName,
+    Precision, Sphere,
+};
+pub use rustix::process::Signal;
+
+pub use crate::conformance::{
+    Mismatch, Suite, best_engine, check_frame, check_pairs, check_reply, conform, cpu_engines,
+};
+pub use crate::daemon::{PATIENCE, TestDaemon, eventually};
+pub use crate::frames::{Frames, Sorted};
+pub use crate::narrow::NarrowMemory;
+pub use crate::{naive_decoder, oracle, stress_scenes, tier};
