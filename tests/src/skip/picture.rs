@@ -4,8 +4,8 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use pairmask_lab::study::grid::paper_frame_ms;
 use pairmask_lab::study::harness::plot::{Axis, Look, Plot, Series, Unit, standalone};
+use pairmask_lab::study::paper_frame_ms;
 
 use super::row::Row;
 
@@ -115,7 +115,7 @@ mod tests {
         {
             assert_eq!(svg.matches(&format!("\n{name}\n")).count(), count, "{name}: {svg}");
         }
-        let points = |line: &Series| line.points.iter().map(|p| (p.x, p.y)).collect::<Vec<_>>();
+        let points = |line: &Series| line.points.clone();
         let here: Vec<&Row> = rows[..4].iter().collect();
         let own: Vec<_> = own_lines(&here).iter().map(points).collect();
         let total = example().total_ns as f64;

@@ -15,5 +15,4 @@ mod scene_queries;
 mod scenes;
 mod several_gpus;
 mod spheres;
-mod sweep;
 mod under_way;

@@ -17,14 +17,15 @@ use pairmask_wire::InstanceName;
 use pairmaskd::audit::AuditRate;
 use pairmaskd::cli::config::Config;
 use pairmaskd::cli::options::{DaemonOptions, Place};
-use pairmaskd::cli::output::{OutputError, print_json, print_text, progress_bar};
+use pairmaskd::cli::output::{print_json, print_text, progress_bar};
 use pairmaskd::cli::whole_number::whole_number;
 use pairmaskd::spawn::{PrivateDaemon, PrivateSettings, SpawnError};
 
+use crate::Result;
 use crate::processes::end_with_parent;
 use crate::sabotage::Sabotage;
-use crate::stress::clients::{ClientSettings, ClientsError, ClientsRun, limits};
-use crate::stress::{Cases, Roster, StressError, StressReport, Wanted, run};
+use crate::stress::clients::{ClientSettings, ClientsRun, limits};
+use crate::stress::{Cases, Roster, StressReport, Wanted, run};
 
 /// Put every engine through hard scenes and compare with a naive oracle
 #[derive(Debug, Args)]
@@ -92,48 +93,24 @@ pub struct Stress {
     break_engine: Option<Sabotage>,
 }
 
-/// The engines did not pass, or could not be run.
-#[derive(Debug, thiserror::Error)]
-pub enum StressCommandError {
-    #[error(transparent)]
-    Stress(#[from] StressError),
-    #[error(transparent)]
-    Clients(#[from] ClientsError),
-    #[error(transparent)]
-    Spawn(#[from] SpawnError),
-    /// The path of this program, which is the daemon's and the clients', is not known.
-    #[error("the path of this program is not known: {0}")]
-    OwnBinary(#[source] io::Error),
-    /// The report names the answers.
-    #[error("wrong answers: each can be had again with the command beside it")]
-    Wrong,
-    /// The report says what it was.
-    #[error(
-        "no answer was wrong, but the clients, the daemon or its audit were not as they should be"
-    )]
-    Unsound,
-    #[error(transparent)]
-    Output(#[from] OutputError),
-}
-
 impl Stress {
     /// Runs the cases and reports.
-    pub fn run(&self, place: &Place, config: &Config) -> Result<(), StressCommandError> {
+    pub fn run(&self, place: &Place, config: &Config) -> Result<()> {
         let report = match self.clients {
             Some(clients) => self.with_clients(clients, place, config)?,
             None => self.in_process(config)?,
         };
         if self.json { print_json(&report) } else { print_text(&report.to_string()) }?;
         if report.is_clean() {
-            Ok(())
-        } else if report.failures.is_empty() && report.clients.is_some() {
-            Err(StressCommandError::Unsound)
-        } else {
-            Err(StressCommandError::Wrong)
+            return Ok(());
         }
+        let unsound = "no answer was wrong, but the clients, the daemon or its audit were not as they should be";
+        let wrong = "wrong answers: each can be had again with the command beside it";
+        let is_unsound = report.failures.is_empty() && report.clients.is_some();
+        Err(if is_unsound { unsound } else { wrong }.into())
     }
 
-    fn in_process(&self, config: &Config) -> Result<StressReport, StressCommandError> {
+    fn in_process(&self, config: &Config) -> Result<StressReport> {
         let roster = Roster {
             wanted: self.wanted(),
             gpu: self.options.gpu(config),
@@ -158,8 +135,9 @@ impl Stress {
         clients: NonZeroU16,
         place: &Place,
         config: &Config,
-    ) -> Result<StressReport, StressCommandError> {
-        let binary = std::env::current_exe().map_err(StressCommandError::OwnBinary)?;
+    ) -> Result<StressReport> {
+        let binary = std::env::current_exe()
+            .map_err(|error| format!("the path of this program is not known: {error}"))?;
         let daemon = Daemon::new(self, &binary, clients, place, config)?;
         let run = ClientsRun {
             clients,
@@ -276,7 +254,7 @@ pub struct StressClient {
 
 impl StressClient {
     /// Sends frames and checks answers until stdin ends.
-    pub fn run(&self, place: &Place) -> Result<(), OutputError> {
+    pub fn run(&self, place: &Place) -> Result<()> {
         let settings: ClientSettings = serde_json::from_str(&self.settings)?;
         let config = Config::default();
         end_with_parent()?;

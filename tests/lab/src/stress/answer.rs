@@ -100,9 +100,6 @@ impl Finding {
 
 /// Checks a sorted list of pairs: nothing twice, all of `must`, none outside `may`. Both are sorted, and
 /// `must` is part of `may`.
-///
-/// # Errors
-/// [`Finding`] counts the wrong pairs and names the lowest.
 pub fn compare(got: &[Pair], must: &[Pair], may: &[Pair]) -> Result<(), Finding> {
     if let Some(two) = got.windows(2).find(|two| two[0] >= two[1]) {
         let what = if two[0] == two[1] {
@@ -136,9 +133,6 @@ fn count(mut pairs: impl Iterator<Item = Pair>) -> (u64, Option<Pair>) {
 
 impl Case {
     /// Compares the answer to a frame of this form with the oracle.
-    ///
-    /// # Errors
-    /// [`Finding`] with the mistake.
     pub fn check(&self, form: Form, answer: &Answer) -> Result<(), Finding> {
         let Answer { pairs, count, census } = answer;
         let (must, may) = self.allowed(form);

@@ -31,9 +31,7 @@ const LARGE_STREAM: u64 = 0x4c41_5247_4500;
 pub struct Case {
     /// The seed, which determines the whole case.
     pub seed: u64,
-    /// How the scene was made, as text.
     pub recipe: String,
-    /// The boxes.
     pub boxes: Vec<Aabb>,
     /// By the oracle, on a thread of the caller's flags.
     pub truth: Truth,

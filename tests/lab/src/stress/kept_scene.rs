@@ -37,11 +37,8 @@ const WANTS: [Want; 6] =
 /// What is done about an answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Fate {
-    /// It is acknowledged.
     Taken,
-    /// It is read, and not acknowledged.
     Dropped,
-    /// It is not read.
     Unread,
 }
 
@@ -50,7 +47,6 @@ pub(super) enum Fate {
 pub(super) struct Heard {
     pub(super) begun: Vec<[u32; 2]>,
     pub(super) ended: Vec<[u32; 2]>,
-    /// All pairs, where `is_resync`.
     pub(super) pairs: Vec<[u32; 2]>,
     pub(super) is_resync: bool,
 }
@@ -87,9 +83,6 @@ impl KeptScene {
 
     /// Draws an edit towards the boxes of a case, which `ask` has answered, and compares the answer. Says
     /// whether there was one.
-    ///
-    /// # Errors
-    /// That of `ask`; what is wrong in the answer. The scene is of no further use then.
     pub(super) fn edit<E>(
         &mut self,
         case: &Case,
@@ -224,7 +217,6 @@ impl ListedEdit {
 pub(super) struct SceneSubject {
     pub(super) name: String,
     pub(super) pool: Arc<ThreadPool>,
-    /// The GPU that keeps them, if any.
     pub(super) tools: Option<Arc<SceneTools>>,
     /// A pair of most answers is lost, to test that the checks notice.
     pub(super) is_broken: bool,

@@ -21,35 +21,36 @@
 mod answer;
 mod case;
 mod changes;
-pub mod clients;
+pub(crate) mod clients;
 mod flags;
-pub mod hard;
+pub(crate) mod hard;
 mod kept_scene;
-pub mod modes;
+mod modes;
 mod report;
 mod roster;
 pub mod scenes;
 mod spheres;
+#[cfg(test)]
+mod tests;
 mod updates;
 
-pub use answer::{Answer, Finding, Form, Reply, compare};
-pub use case::{CASE_SEED_BITS, Case};
+pub(crate) use answer::{Answer, Form, Reply};
+pub use answer::{Finding, compare};
+pub(crate) use case::Case;
 pub use flags::{FloatFlags, MixedFlags, Rounding};
-pub use report::{Failure, Skipped, StressReport};
-pub use roster::{CullSubject, Roster, Wanted};
+pub(crate) use report::{Failure, StressReport};
+pub(crate) use roster::{Roster, Wanted};
 pub use spheres::SphereCase;
 
 use std::time::{Duration, Instant};
 
-use pairmask_core::engine::CullError;
-use pairmaskd::execute::gpu::{GpuError, OpenError};
 use pairmaskd::scene::Random;
 
 /// Failures after which a run ends: more of them say nothing new.
 const MOST_FAILURES: usize = 10;
 
 /// Who answers.
-pub trait Subject {
+pub(crate) trait Subject {
     /// Name for messages: engine, instruction set, form, encoding, threads.
     fn name(&self) -> &str;
 
@@ -60,52 +61,21 @@ pub trait Subject {
     fn form(&self) -> Form;
 
     /// Answers a case.
-    ///
-    /// # Errors
-    /// [`Finding`] where it cannot, or where the answer was compared already and is wrong.
     fn answer(&mut self, case: &Case) -> Result<Reply, Finding>;
 }
 
 /// The cases to run.
 #[derive(Clone, Debug)]
-pub enum Cases {
+pub(crate) enum Cases {
     /// Case after case, until the time is over.
-    Run {
-        /// The seed, which determines the cases.
-        seed: u64,
-        /// How long.
-        time: Duration,
-    },
+    Run { seed: u64, time: Duration },
     /// This case and no other.
-    One {
-        /// Its seed.
-        seed: u64,
-    },
-}
-
-/// Why a run failed or did not begin.
-#[derive(Debug, thiserror::Error)]
-pub enum StressError {
-    /// The GPU that was asked for does not exist.
-    #[error(transparent)]
-    Open(#[from] OpenError),
-    /// The GPU engine cannot be made.
-    #[error(transparent)]
-    Gpu(#[from] GpuError),
-    /// An engine cannot be made.
-    #[error(transparent)]
-    Engine(#[from] CullError),
-    /// No subject has both the chosen engine and the chosen mode.
-    #[error("nothing to run: spheres, updates and scenes take part with --mode exact only")]
-    NoSubject,
-    /// No threads for an engine.
-    #[error("the engines' threads cannot be started: {0}")]
-    Threads(#[from] rayon::ThreadPoolBuildError),
+    One { seed: u64 },
 }
 
 /// Runs cases through all subjects. `watch` is called after each case with the number of cases and
 /// the time since the start.
-pub fn run(
+pub(crate) fn run(
     cases: &Cases,
     subjects: &mut [Box<dyn Subject>],
     mut watch: impl FnMut(u64, Duration),
@@ -154,6 +124,3 @@ fn ask(case: &Case, subjects: &mut [Box<dyn Subject>], report: &mut StressReport
         }
     }
 }
-
-#[cfg(test)]
-mod tests;

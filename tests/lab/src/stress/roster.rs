@@ -17,20 +17,19 @@ use pairmaskd::execute::gpu::{
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use serde::{Deserialize, Serialize};
 
+use super::Subject;
 use super::answer::{Answer, Finding, Form, Reply};
 use super::case::Case;
 use super::kept_scene::SceneSubject;
 use super::modes::{ModeCase, Sending, Usage};
 use super::updates::UpdateSubject;
-use super::{StressError, Subject};
+use crate::Result;
 use crate::sabotage::{Sabotage, Spoiler, lose_a_pair, shrink};
 
 /// What takes part.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Wanted {
-    /// Values of `--engine`.
     pub engines: Vec<String>,
-    /// Values of `--mode`.
     pub modes: Vec<String>,
     /// Most threads of an engine; each takes part with one thread as well.
     pub threads: usize,
@@ -62,7 +61,6 @@ impl Wanted {
 /// The subjects of a run, and their settings.
 #[derive(Clone, Debug)]
 pub struct Roster {
-    /// What takes part.
     pub wanted: Wanted,
     /// The GPU. Engines of the GPU that no name asks for are left out on a machine without one.
     pub gpu: GpuChoice,
@@ -80,10 +78,7 @@ const POISON: u32 = 0xa5a5_a5a5;
 
 impl Roster {
     /// The subjects, ready to run.
-    ///
-    /// # Errors
-    /// [`StressError`] where a named one cannot be made.
-    pub fn subjects(&self) -> Result<Vec<Box<dyn Subject>>, StressError> {
+    pub fn subjects(&self) -> Result<Vec<Box<dyn Subject>>> {
         let mut pools = vec![pool(1)?];
         if self.wanted.threads > 1 {
             pools.push(pool(self.wanted.threads)?);
@@ -93,7 +88,7 @@ impl Roster {
         for name in EngineName::CPU {
             let isas = || Isa::ALL.into_iter().filter(|isa| isa.is_available());
             for isa in isas() {
-                let engine = || Ok::<_, StressError>(cpu_engine(name, isa)?);
+                let engine = || cpu_engine(name, isa);
                 // Masks do not depend on modes: those are asked with the widest instruction set alone.
                 let is_best = isa == Isa::best();
                 self.add(&mut subjects, name, isa.as_str(), is_best, &pools, engine)?;
@@ -114,7 +109,12 @@ impl Roster {
                 subjects.push(Box::new(UpdateSubject { name, pool, is_broken }));
             }
         }
-        if subjects.is_empty() { Err(StressError::NoSubject) } else { Ok(subjects) }
+        if subjects.is_empty() {
+            let nobody =
+                "nothing to run: spheres, updates and scenes take part with --mode exact only";
+            return Err(nobody.into());
+        }
+        Ok(subjects)
     }
 
     /// Adds an engine of boxes: with every encoding and pool, and in every precision mode.
@@ -181,7 +181,7 @@ impl Roster {
         &self,
         subjects: &mut Vec<Box<dyn Subject>>,
         pools: &[Arc<ThreadPool>],
-    ) -> Result<(), StressError> {
+    ) -> Result<()> {
         let engines = || EngineName::ALL.into_iter().filter(|name| name.is_gpu());
         let with_scenes = self.wanted.has("scenes", Form::Scene);
         let is_wanted = |name: &EngineName| !self.wanted.forms_of_boxes(name.as_str()).is_empty();
@@ -241,7 +241,7 @@ fn gpu_engine(
     })
 }
 
-fn pool(threads: usize) -> Result<Arc<ThreadPool>, StressError> {
+fn pool(threads: usize) -> Result<Arc<ThreadPool>> {
     Ok(Arc::new(ThreadPoolBuilder::new().num_threads(threads).build()?))
 }
 
@@ -254,7 +254,6 @@ fn threads_of(pool: &ThreadPool) -> String {
 
 /// What finds the pairs of a frame.
 pub enum Culls {
-    /// An engine of boxes.
     Boxes(Box<dyn Engine>),
     /// All pairs of spheres, with one instruction set.
     AllPairs(SphereAllPairs),

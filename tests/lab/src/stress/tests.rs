@@ -1,10 +1,10 @@
 use std::sync::Arc;
 
 use pairmask_core::Encoding;
-use pairmask_core::engine::{CullInput, CullReport, Engine, EngineName, ReplyBuffer};
+use pairmask_core::engine::{CullError, CullInput, CullReport, Engine, EngineName, ReplyBuffer};
 use pairmaskd::execute::gpu::GpuChoice;
 
-use super::roster::Culls;
+use super::roster::{CullSubject, Culls};
 use super::*;
 use crate::sabotage::Sabotage;
 
@@ -100,5 +100,35 @@ fn what_is_left_to_others_is_counted_and_proves_nothing() {
 fn a_run_without_answers_is_not_clean() {
     assert!(!run(&Cases::One { seed: 1 }, &mut [], |_, _| {}).is_clean());
     let nobody = roster(&["spheres"], "q16", None).subjects();
-    assert!(matches!(nobody, Err(StressError::NoSubject)));
+    assert!(nobody.is_err_and(|error| error.to_string().contains("nothing to run")));
+}
+
+/// Engines of a GPU: right ones pass in every mode, broken ones are caught.
+#[test]
+fn engines_of_a_gpu_pass_in_every_mode_and_broken_ones_are_caught_and_replayed() {
+    let stress = |engine: EngineName, sabotage, cases: &Cases| {
+        let wanted = roster(&[engine.as_str()], "all", sabotage);
+        let roster = Roster { gpu: pairmask_tests::gpu::choice(), ..wanted };
+        let mut subjects = roster.subjects().unwrap_or_else(|error| panic!("{error}"));
+        assert!(subjects.iter().all(|subject| subject.engine() == engine.as_str()));
+        run(cases, &mut subjects, |_, _| {})
+    };
+    for engine in [EngineName::GpuBrute, EngineName::GpuGrid] {
+        let report = stress(engine, None, &Cases::Run { seed: 5, time: Duration::from_secs(2) });
+        assert!(report.is_clean() && report.checked() == report.answers, "{report}");
+        for mode in ["q16", "q8", "f16", "margin", "f64"] {
+            assert!(report.subjects.iter().any(|name| name.contains(mode)), "{report:?}");
+        }
+    }
+    for sabotage in [Sabotage::Lossy, Sabotage::Inward] {
+        // Long enough for a software adapter to meet the broken part many times.
+        let cases = Cases::Run { seed: 6, time: Duration::from_secs(60) };
+        let report = stress(EngineName::GpuGrid, Some(sabotage), &cases);
+        assert!(report.missed > 0 && report.extra == 0, "{report}");
+        let failure = &report.failures[0];
+        assert!(failure.replay.contains("--engine gpu-grid"), "{report}");
+        let again = Cases::One { seed: failure.case };
+        assert!(!stress(EngineName::GpuGrid, Some(sabotage), &again).is_clean());
+        assert!(stress(EngineName::GpuGrid, None, &again).is_clean());
+    }
 }

@@ -6,8 +6,9 @@
 use std::hint::black_box;
 use std::time::{Duration, Instant};
 
+use crate::Result;
 use crate::study::ways::{
-    Case, CaseTimes, Effort, Pools, WaySet, core_count, measure as measure_ways, thread_counts,
+    Case, CaseTimes, Effort, Pools, WaySet, core_count, measure_case, thread_counts,
 };
 use glam::{Quat, Vec3};
 use pairmask_core::dispatch::nanoseconds_since;
@@ -18,9 +19,9 @@ use pairmaskd::cli::machine::Machine;
 use pairmaskd::scene::{Random, Scene, SceneName};
 use serde::Serialize;
 
+use super::harness::Report;
 use super::harness::document::Part;
 use super::harness::table::Table;
-use super::harness::{Report, StudyError};
 use super::papers::figure;
 
 /// Default sizes beside the paper's own.
@@ -52,14 +53,7 @@ fn papers_figures(stage: Stage, scene: SceneName, threads: usize) -> Option<(u64
 
 /// Measures both stages of every case; `threads` empty means 1, 2, 4 … all cores. `watch` is called
 /// [`STEPS_A_CASE`] times for each case.
-///
-/// # Errors
-/// [`StudyError`].
-pub fn measure(
-    cases: &[Case],
-    threads: &[usize],
-    watch: impl Fn(),
-) -> Result<ThreadsReport, StudyError> {
+pub fn measure(cases: &[Case], threads: &[usize], watch: impl Fn()) -> Result<ThreadsReport> {
     let machine = Machine::this();
     let mut threads = threads.to_vec();
     if threads.is_empty() {
@@ -75,7 +69,7 @@ pub fn measure(
         let updates = update_times(case.scene, case.n, &threads, &pools, &EFFORT)?;
         rows.extend(ThreadsRow::series(Stage::UpdateAabbs, *case, None, updates));
         watch();
-        let measured = measure_ways(*case, WaySet::Sparse, &threads, &pools, &EFFORT, isa)?;
+        let measured = measure_case(*case, WaySet::Sparse, &threads, &pools, &EFFORT, isa)?;
         rows.extend(pair_rows(&measured));
         watch();
     }
@@ -155,28 +149,14 @@ fn object(world: &Aabb, random: &mut Random) -> (Aabb, Placement) {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Stage {
-    /// World boxes from transforms.
     UpdateAabbs,
-    /// Pairs from boxes.
     OverlappingPairs,
-}
-
-impl Stage {
-    /// The stage in reports.
-    pub const fn as_str(self) -> &'static str {
-        match self {
-            Self::UpdateAabbs => "update-aabbs",
-            Self::OverlappingPairs => "overlapping-pairs",
-        }
-    }
 }
 
 /// The JSON object of `threads --json`. Fields may be added, never changed or taken away.
 #[derive(Debug, Serialize)]
 pub struct ThreadsReport {
-    /// The machine of the measurement.
     pub machine: Machine,
-    /// One for every stage, scene, size, engine and number of threads.
     pub rows: Vec<ThreadsRow>,
 }
 
@@ -186,15 +166,12 @@ pub struct ThreadsRow {
     stage: Stage,
     scene: &'static str,
     n: usize,
-    /// Null for the first stage.
     engine: Option<&'static str>,
     threads: usize,
     frames: usize,
     least_ns: u64,
     median_ns: u64,
-    /// Least time of one thread over least time of these.
     speed_up: f64,
-    /// The 2014 paper's time of this stage and scene on as many cores, of its own n.
     paper_ns: Option<u64>,
     paper_speed_up: Option<f64>,
 }
@@ -244,10 +221,6 @@ impl Report for ThreadsReport {
             Part::text("The paper's machine: two Xeon X5482."),
             Part::Table(Table::of(&self.rows)),
         ]
-    }
-
-    fn tables(&self) -> Vec<(&'static str, Table)> {
-        vec![("rows", Table::of(&self.rows))]
     }
 }
 

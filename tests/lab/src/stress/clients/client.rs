@@ -43,22 +43,16 @@ const LONGEST_PAUSE_US: u64 = 17_000;
 /// What tells a client from others.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct ClientSettings {
-    /// Determines what it asks for, in which order.
     pub seed: u64,
-    /// A case that every second frame is of.
     pub case: Option<u64>,
-    /// What it may ask for.
     pub wanted: Wanted,
-    /// Whether the daemon has a GPU.
     pub with_gpu: bool,
-    /// Whether it closes sessions whatever they have under way, as a client that is killed does.
     pub is_abrupt: bool,
 }
 
 /// A line that a client says.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(super) enum Said {
-    /// What it did since it last told.
     Counted(Counts),
     /// An answer was wrong, or did not come from the daemon.
     Failed(Box<FailedFrame>),
@@ -69,23 +63,15 @@ pub(super) enum Said {
 /// What clients did.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Counts {
-    /// Scenes that were drawn.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub(super) cases: u64,
-    /// Answers that were compared.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub(super) answers: u64,
-    /// Sessions that were opened.
     pub sessions: u64,
-    /// Frames that were sent.
     pub frames: u64,
-    /// Edits of scenes that persist, which were sent.
     pub edits: u64,
-    /// Frames and edits whose answers were dropped unread.
     pub unread: u64,
-    /// Answers of a client's own process, because the daemon gave none. They are compared, too.
     pub in_process: u64,
-    /// Frames without an answer within 30 s.
     pub unanswered: u64,
 }
 
@@ -111,22 +97,16 @@ impl Counts {
 /// A frame or an edit that did not get its pairs from the daemon.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(super) struct FailedFrame {
-    /// The case.
     pub(super) case: CaseId,
-    /// How it was asked.
     pub(super) form: Form,
-    /// What its session asked for, in words.
     pub(super) way: String,
-    /// The mistake.
     pub(super) finding: Finding,
 }
 
 /// Which case a frame is of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub(super) struct CaseId {
-    /// The case's seed.
     pub(super) seed: u64,
-    /// Whether it is the large one of that seed.
     is_large: bool,
 }
 
@@ -164,12 +144,10 @@ struct Client<'a> {
     daemon: SessionBuilder,
     is_over: &'a AtomicBool,
     random: Random,
-    /// Scenes that stay.
     kept: Vec<SharedCase>,
     stock: Vec<SharedCase>,
     sessions: Vec<Open>,
     failures: u32,
-    /// Why it cannot go on.
     gave_up: Option<String>,
     counts: Counts,
     told_at: Instant,
@@ -177,9 +155,6 @@ struct Client<'a> {
 
 impl ClientSettings {
     /// Runs the client until `is_over`.
-    ///
-    /// # Errors
-    /// Where the process that started it does not hear it.
     pub(crate) fn run(&self, daemon: &SessionBuilder, is_over: &AtomicBool) -> io::Result<()> {
         let kept = self.case.iter().flat_map(|seed| {
             [false, true].map(|is_large| shared_case(CaseId { seed: *seed, is_large }))

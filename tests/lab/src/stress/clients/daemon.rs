@@ -18,31 +18,20 @@ const SETTLES_WITHIN: Duration = Duration::from_secs(10);
 /// What the daemon says of a run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct DaemonReport {
-    /// Whether it answers a frame rightly after the run.
     pub serves: bool,
-    /// Whether another process serves than at the start.
     pub was_restarted: bool,
-    /// Frames that it answered with a mask. This and what follows counts the run alone; of a daemon
-    /// that was restarted, what came after.
     pub frames: u64,
-    /// Requests that it answered with an error.
     pub errors: u64,
-    /// Its auditor's counts; `None` of a daemon that does not audit.
     pub audit: Option<AuditReport>,
 }
 
 /// The auditor's counts.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct AuditReport {
-    /// Frames checked, wholly or in part.
     pub frames: u64,
-    /// Frames drawn and not checked, since the auditor was still busy.
     pub skipped: u64,
-    /// Pairs of objects that were compared.
     pub pairs: u64,
-    /// Wrong pairs among them that were not in the mask.
     pub missed: u64,
-    /// Wrong pairs among them that were in the mask.
     pub extra: u64,
 }
 
@@ -57,9 +46,6 @@ pub(super) struct Look {
 
 impl Look {
     /// Looks at a daemon before a run.
-    ///
-    /// # Errors
-    /// Where it does not answer.
     pub(super) fn before(daemon: &SessionBuilder) -> Result<Self, StatusError> {
         let daemon = daemon.clone().backend(Backend::Daemon).deadline(DEADLINE);
         let engine = EngineChoice::Only(EngineName::GpuBrute);

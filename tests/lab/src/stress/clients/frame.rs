@@ -39,9 +39,6 @@ pub(super) fn send(
 }
 
 /// Awaits a frame and decodes it, on a thread with the floating-point flags of the case's caller.
-///
-/// # Errors
-/// [`WaitError`].
 pub(super) fn receive(pending: PendingFrame, case: &Case) -> Result<(Answer, ServedBy), WaitError> {
     let (mut answer, by) = case.flags.caller.run(|| {
         let mask = pending.wait()?;

@@ -35,7 +35,7 @@ use std::process::Command;
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::{Duration, Instant};
 
-use pairmask::{SessionBuilder, StatusError};
+use pairmask::SessionBuilder;
 use pairmask_transport::Limits;
 use pairmaskd::scene::Random;
 use serde::Serialize;
@@ -45,6 +45,7 @@ use self::daemon::Look;
 use self::offer::Offer;
 use super::report::{Failure, StressReport};
 use super::{MOST_FAILURES, Wanted};
+use crate::Result;
 use crate::processes::Worker;
 
 /// Slots for sessions beside those of the living clients: slots of killed clients are free again after
@@ -67,16 +68,11 @@ pub fn limits(clients: NonZeroU16) -> Limits {
 /// The field `clients` of `stress --json`. Fields may be added, never changed or taken away.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct ClientsReport {
-    /// Client processes at a time.
     pub count: u64,
-    /// What they did. Cases and answers are the report's own, and none here.
     #[serde(flatten)]
     pub counts: Counts,
-    /// Clients that were killed with SIGKILL, and started again.
     pub killed: u64,
-    /// Clients that ended by themselves before they were told to, or not at all: why, one each.
     pub broken: Vec<String>,
-    /// The daemon at the end.
     pub daemon: DaemonReport,
 }
 
@@ -118,57 +114,35 @@ impl fmt::Display for ClientsReport {
 /// A run with clients.
 #[derive(Clone, Debug)]
 pub struct ClientsRun {
-    /// Client processes at a time.
     pub clients: NonZeroU16,
     /// Whether they are killed now and then, and close sessions with frames under way.
     pub with_kills: bool,
-    /// Determines the clients' seeds.
     pub seed: u64,
     /// A case that every second frame is of.
     pub case: Option<u64>,
-    /// How long.
     pub time: Duration,
-    /// What clients ask for.
     pub wanted: Wanted,
     /// The command that runs a case again, without the case.
     pub replay: String,
-}
-
-/// Why a run did not begin or could not go on.
-#[derive(Debug, thiserror::Error)]
-pub enum ClientsError {
-    /// The daemon does not tell its status.
-    #[error(transparent)]
-    Status(#[from] StatusError),
-    /// A client process cannot be started or killed.
-    #[error("a client process cannot be started: {0}")]
-    Process(#[from] io::Error),
-    /// The flags leave nothing.
-    #[error(
-        "nothing to ask the daemon for: spheres go with --mode exact only, updates not through a \
-         daemon, and engines of the GPU need a daemon that has one"
-    )]
-    NothingToAsk,
 }
 
 impl ClientsRun {
     /// Runs clients of the daemon that `daemon` connects to, for the time of the run. `command` makes the
     /// process of a client with these settings. `watch` is called now and then with the number of
     /// answers and the time since the start.
-    ///
-    /// # Errors
-    /// [`ClientsError`]; no client is left then.
     pub fn run(
         &self,
         daemon: &SessionBuilder,
         command: impl Fn(&ClientSettings) -> Command,
         watch: impl FnMut(u64, Duration),
-    ) -> Result<StressReport, ClientsError> {
+    ) -> Result<StressReport> {
         let start = Instant::now();
         let look = Look::before(daemon)?;
         let offer = Offer::new(&self.wanted, look.has_gpu);
         if offer.is_empty() {
-            return Err(ClientsError::NothingToAsk);
+            return Err("nothing to ask the daemon for: spheres go with --mode exact only, updates not through a \
+                        daemon, and engines of the GPU need a daemon that has one"
+                .into());
         }
         let (heard, ears) = channel();
         let mut crowd = Crowd {

@@ -11,11 +11,8 @@ use crate::gpu_stages::grid::GridRow;
 /// Highest bandwidths of a device, by its copy engine, GB/s.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct Bandwidth {
-    /// Host memory → video memory.
     pub up_gbs: f64,
-    /// Video memory → host memory.
     pub down_gbs: f64,
-    /// Within video memory, read and written bytes together.
     pub memory_gbs: f64,
 }
 
@@ -30,9 +27,6 @@ const PATIENCE: Duration = Duration::from_secs(10);
 
 impl Bandwidth {
     /// Times copies.
-    ///
-    /// # Errors
-    /// [`GpuError`].
     pub fn measure(gpu: &Arc<Gpu>) -> Result<Self, GpuError> {
         let software = gpu.info().is_software();
         let bytes = if software { SOFTWARE_COPY_BYTES } else { COPY_BYTES };
@@ -62,17 +56,11 @@ impl Bandwidth {
 /// A stage of a scene.
 #[derive(Clone, Debug, Serialize)]
 pub struct StageRow {
-    /// Boxes of the uniform scene.
     pub n: u32,
-    /// The stage.
     pub stage: String,
-    /// GPU time, µs.
     pub us: f64,
-    /// Bytes that cross the link, at least.
     pub link_bytes: u64,
-    /// Bytes of video memory read and written, at least.
     pub memory_bytes: u64,
-    /// The longer of both transfers at the device's bandwidth, µs.
     pub floor_us: f64,
 }
 

@@ -21,10 +21,9 @@ use serde::Serialize;
 pub use self::floor::{Bandwidth, StageRow};
 use super::harness::document::Part;
 use super::harness::machine::Machine;
-use super::harness::table::Table;
-use super::harness::{Report, StudyError, median, median_ms};
+use super::harness::{Report, median, median_ms};
 use super::papers::figure;
-use crate::gpu_stages::BenchError;
+use crate::Result;
 use crate::gpu_stages::grid::{
     FrameTimer, GridRow, SCENES, frames_a_second, measure as measure_scene,
 };
@@ -32,81 +31,53 @@ use crate::gpu_stages::grid::{
 /// All figures of a study. Fields that begin with `paper_` are the paper's.
 #[derive(Clone, Debug, Serialize)]
 pub struct GridReport {
-    /// The machine of the study.
     pub machine: Machine,
-    /// The device's highest bandwidths.
     pub bandwidth: Bandwidth,
-    /// Scenes in motion: stages and whole frames, every first and last mask compared with the CPU's.
     pub scenes: Vec<GridRow>,
-    /// GPU time by stage beside the lower bound by its memory traffic.
     pub stages: Vec<StageRow>,
-    /// Table 6.
     pub parts: Vec<PartsRow>,
-    /// Table 7.
     pub with_and_without: Vec<WithoutRow>,
-    /// Fewest boxes, of the measured sizes, from which on the grid is faster than all pairs.
     pub crossing: Option<u32>,
-    /// Figure 5.
     pub engines: Vec<EnginesRow>,
-    /// Figure 6.
     pub moving: Vec<MovingRow>,
-    /// Frames a second with one and with two frames under way.
     pub under_way: Vec<UnderWayRow>,
 }
 
 /// Table 6: update of the boxes (α), of the grid (β), overlapping pairs (δ). Milliseconds.
 #[derive(Clone, Debug, Serialize)]
 pub struct PartsRow {
-    /// Boxes.
     pub n: u32,
-    /// Boxes from transforms, on all threads of the CPU.
     pub update_boxes_ms: f64,
-    /// Upload, cells, order: by the GPU's clock.
     pub update_grid_ms: f64,
-    /// Pairs and download: by the GPU's clock.
     pub cull_ms: f64,
-    /// Boxes updated → mask in shared memory, by the host's clock.
     pub total_ms: f64,
-    /// α, β, δ and total of the paper.
     pub paper_ms: Option<[f64; 4]>,
 }
 
 /// Table 7: all pairs against the grid. Milliseconds a frame.
 #[derive(Clone, Debug, Serialize)]
 pub struct WithoutRow {
-    /// Boxes.
     pub n: u32,
-    /// All pairs.
     pub without_ms: f64,
-    /// Grid.
     pub with_ms: f64,
-    /// The paper's: without, with.
     pub paper_ms: Option<[f64; 2]>,
 }
 
 /// Figure 5: engines by the number of boxes. Milliseconds a frame.
 #[derive(Clone, Debug, Serialize)]
 pub struct EnginesRow {
-    /// Boxes.
     pub n: u32,
-    /// The grid on the GPU.
     pub gpu_grid_ms: f64,
-    /// The grid on all threads of the CPU.
     pub cpu_grid_ms: f64,
-    /// Sweep and prune on all threads of the CPU; not where it takes seconds.
     pub cpu_sap_ms: Option<f64>,
-    /// The paper's grid on its GPU.
     pub paper_ms: Option<f64>,
 }
 
 /// Figure 6: time by the share of boxes that move.
 #[derive(Clone, Debug, Serialize)]
 pub struct MovingRow {
-    /// Boxes.
     pub n: u32,
-    /// Of a hundred boxes.
     pub moving_percent: u32,
-    /// Milliseconds a frame.
     pub frame_ms: f64,
 }
 
@@ -114,11 +85,8 @@ pub struct MovingRow {
 /// comes down.
 #[derive(Clone, Debug, Serialize)]
 pub struct UnderWayRow {
-    /// Boxes of the uniform scene.
     pub n: u32,
-    /// Frames a second, one at a time.
     pub one_fps: f64,
-    /// Frames a second, two at a time.
     pub two_fps: f64,
 }
 
@@ -146,10 +114,7 @@ fn paper<const N: usize>(table: &str, n: u32, columns: [&str; N]) -> Option<[f64
 
 /// Measures everything; `counts` are the numbers of boxes of table 6, figure 5 and the stages. With `quick` short runs
 /// of small scenes, in seconds; times mean little.
-///
-/// # Errors
-/// [`StudyError`].
-pub fn measure(choice: &GpuChoice, counts: &[u32], quick: bool) -> Result<GridReport, StudyError> {
+pub fn measure(choice: &GpuChoice, counts: &[u32], quick: bool) -> Result<GridReport> {
     let gpu = &Gpu::open(choice, HostImport::IfPossible)?;
     let budget = Duration::from_millis(if quick { 50 } else { 500 });
     let bandwidth = Bandwidth::measure(gpu)?;
@@ -250,25 +215,20 @@ fn engines_row(row: &GridRow, budget: Duration) -> EnginesRow {
     }
 }
 
-fn without_row(gpu: &Arc<Gpu>, n: u32, budget: Duration) -> Result<WithoutRow, BenchError> {
+fn without_row(gpu: &Arc<Gpu>, n: u32, budget: Duration) -> Result<WithoutRow> {
     let boxes = Scene::new(PAPER_SCENE, n as usize, SEED).boxes().to_vec();
     let without_ms = FrameTimer::all_pairs(gpu, &boxes)?.median_us(budget)? / 1e3;
     let with_ms = FrameTimer::grid(gpu, &boxes)?.median_us(budget)? / 1e3;
     Ok(WithoutRow { n, without_ms, with_ms, paper_ms: paper("table_7", n, ["without", "with"]) })
 }
 
-fn under_way_row(gpu: &Arc<Gpu>, n: u32, budget: Duration) -> Result<UnderWayRow, BenchError> {
+fn under_way_row(gpu: &Arc<Gpu>, n: u32, budget: Duration) -> Result<UnderWayRow> {
     let scene = Scene::new(SceneName::Uniform, n as usize, SEED);
     let fps = |under_way| frames_a_second(gpu, scene.boxes(), under_way, budget);
     Ok(UnderWayRow { n, one_fps: fps(1)?, two_fps: fps(2)? })
 }
 
-fn moving_row(
-    gpu: &Arc<Gpu>,
-    n: u32,
-    moving_percent: u32,
-    budget: Duration,
-) -> Result<MovingRow, BenchError> {
+fn moving_row(gpu: &Arc<Gpu>, n: u32, moving_percent: u32, budget: Duration) -> Result<MovingRow> {
     let mut scene = Scene::new(PAPER_SCENE, n as usize, SEED);
     let mut boxes = scene.boxes().to_vec();
     let mut timer = FrameTimer::grid(gpu, &boxes)?;
@@ -334,23 +294,12 @@ impl Report for GridReport {
         all.extend(parts.concat());
         all
     }
-
-    fn tables(&self) -> Vec<(&'static str, Table)> {
-        vec![
-            ("scenes", Table::of(&self.scenes)),
-            ("stages", Table::of(&self.stages)),
-            ("parts", Table::of(&self.parts)),
-            ("with_and_without", Table::of(&self.with_and_without)),
-            ("engines", Table::of(&self.engines)),
-            ("moving", Table::of(&self.moving)),
-            ("under_way", Table::of(&self.under_way)),
-        ]
-    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::study::harness::write_files;
 
     #[test]
     fn the_crossing_is_behind_the_last_row_that_all_pairs_win() {
@@ -359,5 +308,24 @@ mod tests {
         assert_eq!(crossing(&rows), Some(4));
         assert_eq!(crossing(&rows[..3]), None);
         assert_eq!(crossing(&rows[1..2]), Some(2));
+    }
+
+    #[test]
+    fn a_quick_study_fills_every_table_and_compares_every_mask() -> Result<()> {
+        let folder = tempfile::tempdir()?;
+        let report = measure(&GpuChoice::Software, &[700], true)?;
+        write_files(&report, &folder.path().join("records"))?;
+        assert_eq!(report.scenes.len(), 4);
+        assert!(report.scenes.iter().all(|row| row.checked && row.pairs > 0 && row.frame_us > 0.0));
+        assert!(report.stages.iter().all(|row| row.floor_us > 0.0));
+        let counts = [report.stages.len(), report.parts.len(), report.engines.len()];
+        assert_eq!((counts, report.under_way.len(), report.moving.len()), ([6, 1, 1], 1, 6));
+        assert!(report.with_and_without.iter().any(|row| row.paper_ms.is_some()));
+        let text = std::fs::read_to_string(folder.path().join("records/grid.md"))?;
+        for heading in ["Table 6", "Table 7", "Figure 5", "Figure 6", "Stages", "Frames under way"]
+        {
+            assert!(text.contains(heading), "{heading}");
+        }
+        Ok(())
     }
 }

@@ -11,15 +11,12 @@ use std::fmt::{self, Write};
 use pairmask_shaders::{ComposeError, ComposedStage, compose, shared_part};
 use serde::{Serialize, Serializer};
 
-use crate::study::harness::stage_bench::StudyStage;
-
 /// First guesses of an inverse square root, subtracted from half the bits of the number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[repr(u32)]
 pub enum Magic {
     /// The constant of Quake III, which the paper ascribes to Carmack.
     Carmack = 0x5f37_59df,
-    /// Lomont's.
     Lomont = 0x5f37_5a86,
 }
 
@@ -29,11 +26,8 @@ pub enum Magic {
 pub enum Steps {
     /// One: the code that the paper prints.
     One = 1,
-    /// Two.
     Two = 2,
-    /// Three.
     Three = 3,
-    /// Four.
     Four = 4,
 }
 
@@ -47,7 +41,6 @@ impl Steps {
 pub enum Root {
     /// The language's: correctly rounded on CPUs, nearly so on GPUs.
     BuiltIn,
-    /// A first guess and Newton steps.
     Newton(Magic, Steps),
 }
 
@@ -92,9 +85,7 @@ pub enum Discriminant {
 pub enum Variant {
     /// The paper's closed form.
     Closed {
-        /// Its square root.
         root: Root,
-        /// Its discriminant.
         discriminant: Discriminant,
         /// Whether the two corrections of §3.3 follow (b > n; a ≥ b).
         corrected: bool,
@@ -113,13 +104,6 @@ pub enum Variant {
 
 impl Variant {
     /// Every variant, in the order of the report.
-    ///
-    /// ```
-    /// use pairmask_lab::study::mapping::stage::Variant;
-    /// let names: Vec<String> = Variant::all().map(|v| v.to_string()).collect();
-    /// assert_eq!(names.len(), 25);
-    /// assert_eq!(names[3], "closed carmack-1 corrected");
-    /// ```
     pub fn all() -> impl Iterator<Item = Self> + Clone {
         let closed = |root, discriminant| {
             [false, true].map(|corrected| Self::Closed { root, discriminant, corrected })
@@ -187,9 +171,7 @@ impl IdWidth {
 /// The output of a pair in the output study.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum PairOutput {
-    /// One byte.
     Byte,
-    /// One bit.
     Bit,
 }
 
@@ -206,15 +188,13 @@ impl PairOutput {
 /// A stage of the study.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum MappingStage {
-    /// Ids to pairs.
+    #[cfg(test)]
     Pairs(Variant, IdWidth),
     /// Wrong ids and named pairs, counted.
     Errors(Variant, IdWidth),
-    /// Ids mapped, without output.
     Time(Variant, IdWidth),
     /// Wrong integer parts of roots, counted.
     RootErrors(Root),
-    /// Roots computed, without output.
     RootTime(Root),
     /// All pairs of boxes; one thread a word of output.
     Mask(PairOutput),
@@ -228,18 +208,8 @@ pub const MASK_VARIANT: Variant =
     Variant::Closed { root: Root::BuiltIn, discriminant: Discriminant::Float, corrected: true };
 
 impl MappingStage {
-    /// One of each stage.
-    pub const ALL: [Self; 7] = [
-        Self::Pairs(Variant::FarEnd, IdWidth::Bits32),
-        Self::Errors(Variant::FarEnd, IdWidth::Bits32),
-        Self::Time(Variant::FarEnd, IdWidth::Bits32),
-        Self::RootErrors(Root::BuiltIn),
-        Self::RootTime(Root::BuiltIn),
-        Self::Mask(PairOutput::Bit),
-        Self::MaskOr(PairOutput::Bit),
-    ];
-
     /// Every form that the study runs.
+    #[cfg(test)]
     pub fn all_forms() -> Vec<Self> {
         let mut forms = Vec::new();
         for width in [IdWidth::Bits32, IdWidth::Bits64] {
@@ -259,13 +229,14 @@ impl MappingStage {
     }
 
     /// Name, file, and storage buffers, numbered from 0.
-    const fn parts(self) -> (&'static str, &'static str, u32) {
+    pub const fn parts(self) -> (&'static str, &'static str, u32) {
         macro_rules! stage {
             ($name:literal, $bindings:literal) => {
                 ($name, include_str!(concat!("../../../shaders/", $name, ".wgsl")), $bindings)
             };
         }
         match self {
+            #[cfg(test)]
             Self::Pairs(..) => stage!("mapping_pairs", 2),
             Self::Errors(..) => stage!("mapping_errors", 2),
             Self::Time(..) => stage!("mapping_time", 1),
@@ -278,9 +249,9 @@ impl MappingStage {
 
     fn map(self) -> Option<(Variant, IdWidth)> {
         match self {
-            Self::Pairs(variant, width)
-            | Self::Errors(variant, width)
-            | Self::Time(variant, width) => Some((variant, width)),
+            #[cfg(test)]
+            Self::Pairs(variant, width) => Some((variant, width)),
+            Self::Errors(variant, width) | Self::Time(variant, width) => Some((variant, width)),
             Self::Mask(_) | Self::MaskOr(_) => Some((MASK_VARIANT, IdWidth::Bits32)),
             Self::RootErrors(_) | Self::RootTime(_) => None,
         }
@@ -343,12 +314,9 @@ impl MappingStage {
     }
 }
 
-impl StudyStage for MappingStage {
-    fn label(self) -> &'static str {
-        self.parts().0
-    }
-
-    fn composed(self) -> Result<ComposedStage, ComposeError> {
+impl MappingStage {
+    /// The stage as one WGSL module, with its name and bindings.
+    pub fn composed(self) -> Result<ComposedStage, ComposeError> {
         let (label, file, binding_count) = self.parts();
         let unknown =
             |name: &str| ComposeError::UnknownImport { stage: label, import: name.to_owned() };

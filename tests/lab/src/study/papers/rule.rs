@@ -18,7 +18,6 @@ const NOISE: f64 = 0.05;
 pub enum Verdict {
     /// All its figures are there, and it holds in all of them.
     Holds,
-    /// It fails in some figure.
     Breaks,
     /// A figure is missing, and it fails in none of the others.
     NotMeasured,
@@ -38,7 +37,6 @@ impl fmt::Display for Verdict {
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Rule {
-    /// Ours is at most the paper's.
     NoMore,
     /// Ours is at least the paper's, but for [`SLACK`].
     Reaches,
@@ -52,9 +50,7 @@ pub enum Rule {
     SameShare,
     /// Ours and the paper's are on the same side of a value.
     SameSide(f64),
-    /// Ours is at most a bound.
     AtMost(f64),
-    /// Ours is at least a bound.
     AtLeast(f64),
     /// Ours is more than the first and less than the second bound.
     Between(f64, f64),

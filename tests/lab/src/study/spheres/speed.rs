@@ -21,25 +21,15 @@ const QUICK_SIZES: usize = 6;
 /// Frames a second for a number of spheres.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct SpeedRow {
-    /// Spheres.
     pub n: u64,
-    /// Pairs that overlap.
     pub pairs: u64,
-    /// One pair after the other in plain f32, as the paper's sequential approach.
     pub plain_fps: f64,
-    /// All pairs, exact, with SIMD, one thread.
     pub sequential_fps: f64,
-    /// The same on all threads.
     pub parallel_fps: f64,
-    /// Parallel against sequential.
     pub speed_up: f64,
-    /// The choice of [`SphereEngines`], on all threads.
     pub engines_fps: f64,
-    /// The paper's sequential approach.
     pub paper_sequential_fps: Option<f64>,
-    /// The paper's parallel approach.
     pub paper_parallel_fps: Option<f64>,
-    /// The paper's speed-up.
     pub paper_speed_up: Option<f64>,
 }
 

@@ -2,9 +2,8 @@
 
 use std::sync::Arc;
 
+use crate::Result;
 use rayon::{ThreadPool, ThreadPoolBuilder};
-
-use super::MeasureError;
 
 /// 1, 2, 4 … and `most`.
 pub fn thread_counts(most: usize) -> Vec<usize> {
@@ -22,13 +21,10 @@ pub struct Pools(Vec<Arc<ThreadPool>>);
 
 impl Pools {
     /// One pool for each number of threads above 1.
-    ///
-    /// # Errors
-    /// [`MeasureError::Threads`].
-    pub fn new(threads: &[usize]) -> Result<Self, MeasureError> {
+    pub fn new(threads: &[usize]) -> Result<Self> {
         let more = threads.iter().filter(|threads| **threads > 1);
         let pool = |n: &usize| Ok(Arc::new(ThreadPoolBuilder::new().num_threads(*n).build()?));
-        Ok(Self(more.map(pool).collect::<Result<_, MeasureError>>()?))
+        Ok(Self(more.map(pool).collect::<Result<_>>()?))
     }
 
     /// The pool of `threads` threads; `None` is the calling thread.
