@@ -213,15 +213,6 @@ impl ListedEdit {
     }
 }
 
-/// Scenes that the threads of a pool keep, or a GPU.
-pub(super) struct SceneSubject {
-    pub(super) name: String,
-    pub(super) pool: Arc<ThreadPool>,
-    pub(super) tools: Option<Arc<SceneTools>>,
-    /// A pair of most answers is lost, to test that the checks notice.
-    pub(super) is_broken: bool,
-}
-
 /// A scene of a case.
 #[allow(clippy::large_enum_variant)] // One at a time.
 enum Keeper {
@@ -256,31 +247,26 @@ impl Keeper {
     }
 }
 
-impl Subject for SceneSubject {
-    fn name(&self) -> &str {
-        &self.name
-    }
-
-    fn engine(&self) -> &'static str {
-        "scenes"
-    }
-
-    fn form(&self) -> Form {
-        Form::Scene
-    }
-
-    fn answer(&mut self, case: &Case) -> Result<Reply, Finding> {
+/// Scenes that the threads of a pool keep, or a GPU, where there are its tools. With `is_broken` a pair of most answers
+/// is lost, to test that the checks notice.
+pub(super) fn scenes(
+    name: String,
+    pool: Arc<ThreadPool>,
+    tools: Option<Arc<SceneTools>>,
+    is_broken: bool,
+) -> Subject {
+    let answer = move |case: &Case| {
         let mut random = Random::new(case.seed ^ STREAM);
         let mut scene = KeptScene::new(&mut random);
-        let mut keeper = match &self.tools {
+        let mut keeper = match &tools {
             None => Keeper::Cores(Scene::new(scene.options())),
             Some(tools) => Keeper::Gpu(GpuScene::new(tools, scene.options())),
         };
         for _ in 0..3 + random.below(4) {
             let edited = scene.edit(case, &mut random, |steps, want, fate| {
                 let ask = || keeper.ask(steps, want, fate);
-                let mut heard = case.flags.install(&self.pool, ask)?;
-                if self.is_broken {
+                let mut heard = case.flags.install(&pool, ask)?;
+                if is_broken {
                     heard.begun.pop();
                 }
                 Ok((fate != Fate::Unread).then_some(heard))
@@ -292,7 +278,8 @@ impl Subject for SceneSubject {
             };
         }
         Ok(Reply::Right)
-    }
+    };
+    Subject { name, engine: "scenes", form: Form::Scene, answer: Box::new(answer) }
 }
 
 #[cfg(test)]

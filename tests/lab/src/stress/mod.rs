@@ -16,7 +16,7 @@
 //! scenes, members of shared ones and rules are held to a model by the test `scene_model`; here are
 //! hard boxes and flags, and scenes between the frames of many clients.
 //!
-//! To add another way to find pairs, implement [`Subject`] and list it in `roster.rs`.
+//! To add another way to find pairs, list another [`Subject`] in `roster.rs`.
 
 mod answer;
 mod case;
@@ -50,18 +50,15 @@ use pairmaskd::scene::Random;
 const MOST_FAILURES: usize = 10;
 
 /// Who answers.
-pub(crate) trait Subject {
-    /// Name for messages: engine, instruction set, form, encoding, threads.
-    fn name(&self) -> &str;
-
+pub(crate) struct Subject {
+    /// For messages: engine, instruction set, form, encoding, threads.
+    pub(crate) name: String,
     /// The value of `--engine` that runs it.
-    fn engine(&self) -> &'static str;
-
+    pub(crate) engine: &'static str,
     /// How it is asked.
-    fn form(&self) -> Form;
-
-    /// Answers a case.
-    fn answer(&mut self, case: &Case) -> Result<Reply, Finding>;
+    pub(crate) form: Form,
+    /// Answers a case; [`Finding`] where it cannot, or where the answer was compared already and is wrong.
+    answer: Box<dyn FnMut(&Case) -> Result<Reply, Finding>>,
 }
 
 /// The cases to run.
@@ -77,12 +74,12 @@ pub(crate) enum Cases {
 /// the time since the start.
 pub(crate) fn run(
     cases: &Cases,
-    subjects: &mut [Box<dyn Subject>],
+    subjects: &mut [Subject],
     mut watch: impl FnMut(u64, Duration),
 ) -> StressReport {
     let start = Instant::now();
     let (Cases::Run { seed, .. } | Cases::One { seed }) = *cases;
-    let names = subjects.iter().map(|subject| subject.name().to_owned()).collect();
+    let names = subjects.iter().map(|subject| subject.name.clone()).collect();
     let mut report = StressReport::new(seed, names);
     match *cases {
         Cases::One { seed } => ask(&Case::new(seed), subjects, &mut report),
@@ -103,24 +100,24 @@ pub(crate) fn run(
 }
 
 /// Asks all subjects, and compares their answers.
-fn ask(case: &Case, subjects: &mut [Box<dyn Subject>], report: &mut StressReport) {
+fn ask(case: &Case, subjects: &mut [Subject], report: &mut StressReport) {
     report.cases += 1;
     for subject in subjects {
         report.answers += 1;
-        let form = subject.form();
-        let compared = subject.answer(case).and_then(|reply| match reply {
+        let form = subject.form;
+        let compared = (subject.answer)(case).and_then(|reply| match reply {
             Reply::Pairs(answer) => case.check(form, &answer),
             Reply::Right => Ok(()),
             Reply::Declined => {
-                report.skip(subject.name());
+                report.skip(&subject.name);
                 Ok(())
             }
         });
         if let Err(finding) = compared {
-            let (engine, mode) = (subject.engine(), form.mode());
+            let (engine, mode) = (subject.engine, form.mode());
             let replay = "pairmask-lab stress --case";
             let replay = format!("{replay} {} --engine {engine} --mode {mode}", case.seed);
-            report.fail(Failure::new(case, form, subject.name().to_owned(), replay, finding));
+            report.fail(Failure::new(case, form, subject.name.clone(), replay, finding));
         }
     }
 }

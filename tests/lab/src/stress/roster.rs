@@ -20,9 +20,9 @@ use serde::{Deserialize, Serialize};
 use super::Subject;
 use super::answer::{Answer, Finding, Form, Reply};
 use super::case::Case;
-use super::kept_scene::SceneSubject;
+use super::kept_scene::scenes;
 use super::modes::{ModeCase, Sending, Usage};
-use super::updates::UpdateSubject;
+use super::updates::updates;
 use crate::Result;
 use crate::sabotage::{Sabotage, Spoiler, lose_a_pair, shrink};
 
@@ -78,13 +78,13 @@ const POISON: u32 = 0xa5a5_a5a5;
 
 impl Roster {
     /// The subjects, ready to run.
-    pub fn subjects(&self) -> Result<Vec<Box<dyn Subject>>> {
+    pub fn subjects(&self) -> Result<Vec<Subject>> {
         let mut pools = vec![pool(1)?];
         if self.wanted.threads > 1 {
             pools.push(pool(self.wanted.threads)?);
         }
         let is_broken = self.sabotage == Some(Sabotage::Lossy);
-        let mut subjects: Vec<Box<dyn Subject>> = Vec::new();
+        let mut subjects: Vec<Subject> = Vec::new();
         for name in EngineName::CPU {
             let isas = || Isa::ALL.into_iter().filter(|isa| isa.is_available());
             for isa in isas() {
@@ -99,14 +99,14 @@ impl Roster {
             let (pool, threads) = (Arc::clone(pool), threads_of(pool));
             if self.wanted.has("scenes", Form::Scene) {
                 let (name, pool) = (format!("scenes of cores, {threads}"), Arc::clone(&pool));
-                subjects.push(Box::new(SceneSubject { name, pool, tools: None, is_broken }));
+                subjects.push(scenes(name, pool, None, is_broken));
             }
             if self.wanted.has("spheres", Form::Spheres) {
                 self.add_spheres(&mut subjects, &pool)?;
             }
             if self.wanted.has("updates", Form::Updates) {
                 let name = format!("updates, {threads}");
-                subjects.push(Box::new(UpdateSubject { name, pool, is_broken }));
+                subjects.push(updates(name, pool, is_broken));
             }
         }
         if subjects.is_empty() {
@@ -120,7 +120,7 @@ impl Roster {
     /// Adds an engine of boxes: with every encoding and pool, and in every precision mode.
     fn add<E>(
         &self,
-        subjects: &mut Vec<Box<dyn Subject>>,
+        subjects: &mut Vec<Subject>,
         name: EngineName,
         variant: &str,
         with_modes: bool,
@@ -140,10 +140,9 @@ impl Roster {
                         engine = Box::new(Spoiler { engine, spoil: lose_a_pair });
                     }
                     let label = format!("{name} {variant}");
-                    let mut subject =
-                        CullSubject::new(Culls::Boxes(engine), &label, form, encoding, pool);
-                    subject.is_broken = self.sabotage == Some(Sabotage::Inward);
-                    subjects.push(Box::new(subject));
+                    let is_broken = self.sabotage == Some(Sabotage::Inward);
+                    let culls = Culls::Boxes(engine);
+                    subjects.push(culls.subject(&label, form, encoding, pool, is_broken));
                 }
             }
         }
@@ -153,7 +152,7 @@ impl Roster {
     /// Every way to find pairs of spheres.
     fn add_spheres(
         &self,
-        subjects: &mut Vec<Box<dyn Subject>>,
+        subjects: &mut Vec<Subject>,
         pool: &Arc<ThreadPool>,
     ) -> Result<(), CullError> {
         let mut ways: Vec<(String, Culls)> = Vec::new();
@@ -169,19 +168,14 @@ impl Roster {
                 ways.push((format!("spheres through {choice}"), through));
             }
             for (label, way) in ways.drain(..) {
-                let mut subject = CullSubject::new(way, &label, Form::Spheres, encoding, pool);
-                subject.is_broken = self.sabotage == Some(Sabotage::Lossy);
-                subjects.push(Box::new(subject));
+                let is_broken = self.sabotage == Some(Sabotage::Lossy);
+                subjects.push(way.subject(&label, Form::Spheres, encoding, pool, is_broken));
             }
         }
         Ok(())
     }
 
-    fn add_gpu(
-        &self,
-        subjects: &mut Vec<Box<dyn Subject>>,
-        pools: &[Arc<ThreadPool>],
-    ) -> Result<()> {
+    fn add_gpu(&self, subjects: &mut Vec<Subject>, pools: &[Arc<ThreadPool>]) -> Result<()> {
         let engines = || EngineName::ALL.into_iter().filter(|name| name.is_gpu());
         let with_scenes = self.wanted.has("scenes", Form::Scene);
         let is_wanted = |name: &EngineName| !self.wanted.forms_of_boxes(name.as_str()).is_empty();
@@ -203,12 +197,10 @@ impl Roster {
         };
         let device = &gpu.info().name;
         if with_scenes {
-            subjects.push(Box::new(SceneSubject {
-                name: format!("scenes on {device}"),
-                pool: Arc::clone(&pools[0]),
-                tools: Some(SceneTools::new(&gpu, &GridOptions::default())?),
-                is_broken: self.sabotage == Some(Sabotage::Lossy),
-            }));
+            let tools = SceneTools::new(&gpu, &GridOptions::default())?;
+            let is_broken = self.sabotage == Some(Sabotage::Lossy);
+            let name = format!("scenes on {device}");
+            subjects.push(scenes(name, Arc::clone(&pools[0]), Some(tools), is_broken));
         }
         for name in engines() {
             for is_harder in [false, true] {
@@ -261,33 +253,39 @@ pub enum Culls {
     Through(EngineChoice, Box<SphereEngines>),
 }
 
+impl Culls {
+    /// Asked in a form, answers in an encoding; `label` tells it from others. With `is_broken` spheres lose a pair,
+    /// and modes round inward, to test that the checks notice.
+    pub fn subject(
+        self,
+        label: &str,
+        form: Form,
+        encoding: Encoding,
+        pool: &Arc<ThreadPool>,
+        is_broken: bool,
+    ) -> Subject {
+        let name = format!("{label}, {form}, {encoding}, {}", threads_of(pool));
+        let engine = match &self {
+            Self::Boxes(engine) => engine.name().as_str(),
+            _ => "spheres",
+        };
+        let (pool, reply) = (Arc::clone(pool), HeapReply::new());
+        let mut culler = Culler { culls: self, form, encoding, pool, reply, is_broken };
+        Subject { name, engine, form, answer: Box::new(move |case| culler.answer(case)) }
+    }
+}
+
 /// What finds the pairs of a frame, on the threads of a pool.
-pub struct CullSubject {
-    name: String,
+struct Culler {
     culls: Culls,
     form: Form,
     encoding: Encoding,
     pool: Arc<ThreadPool>,
     reply: HeapReply,
-    /// Spheres lose a pair, and modes round inward, to test that the checks notice.
     is_broken: bool,
 }
 
-impl CullSubject {
-    /// One that is asked in a form and answers in an encoding. `label` tells it from others.
-    pub fn new(
-        culls: Culls,
-        label: &str,
-        form: Form,
-        encoding: Encoding,
-        pool: &Arc<ThreadPool>,
-    ) -> Self {
-        let threads = threads_of(pool);
-        let name = format!("{label}, {form}, {encoding}, {threads}");
-        let (pool, reply) = (Arc::clone(pool), HeapReply::new());
-        Self { name, culls, form, encoding, pool, reply, is_broken: false }
-    }
-
+impl Culler {
     /// Culls once, and decodes the mask.
     fn cull(&mut self, case: &Case, boxes: &[Aabb]) -> Result<Reply, Finding> {
         let Self { culls, encoding, pool, reply, .. } = self;
@@ -348,23 +346,6 @@ impl CullSubject {
             }
             Err(mismatch) => Err(Finding::other(&mismatch)),
         }
-    }
-}
-
-impl Subject for CullSubject {
-    fn name(&self) -> &str {
-        &self.name
-    }
-
-    fn engine(&self) -> &'static str {
-        match &self.culls {
-            Culls::Boxes(engine) => engine.name().as_str(),
-            _ => "spheres",
-        }
-    }
-
-    fn form(&self) -> Form {
-        self.form
     }
 
     fn answer(&mut self, case: &Case) -> Result<Reply, Finding> {

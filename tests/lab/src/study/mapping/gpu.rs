@@ -16,7 +16,9 @@ use pairmaskd::execute::gpu::{
 
 use super::Budget;
 use super::errors::{Coverage, RootTally, Tally, counted};
-use super::stage::{IdWidth, MappingStage, PairOutput, Root, Variant};
+use super::stage::{
+    ERRORS, MASK, MASK_OR, MappingStage, ROOT_ERRORS, ROOT_TIME, Root, TIME, Variant,
+};
 use crate::study::harness::{median, repeated};
 
 /// Ids and numbers of a word.
@@ -46,7 +48,7 @@ impl Bench {
 
     /// Whether the ids of a variant for `n` boxes fit this device's integers.
     fn fits(&self, variant: Variant, n: u32) -> bool {
-        IdWidth::of(variant, n) == IdWidth::Bits32 || self.gpu.limits().int64
+        !variant.is_wide(n) || self.gpu.limits().int64
     }
 
     /// A step that runs a stage on whole blocks.
@@ -61,7 +63,7 @@ impl Bench {
             Arc::clone(made)
         } else {
             let composed = stage.composed().map_err(|_| GpuError::Stage {
-                stage: stage.parts().0,
+                stage: stage.file().label,
                 why: StageFault::Compose,
             })?;
             let pipeline = self.pipelines.compile(&composed)?;
@@ -164,7 +166,7 @@ pub fn count(
     let tally = bench.block(Home::Host, size_of::<[u32; 6]>() as u64)?;
     tally.write(0, &[0u32; 6]);
     let named = bench.block(Home::Video, if mark { map_bytes } else { 4 })?;
-    let stage = MappingStage::Errors(variant, IdWidth::of(variant, n));
+    let stage = MappingStage::Map(ERRORS, variant, variant.is_wide(n));
     let count = bench.command(stage, &[&tally, &named], &params, groups)?;
     let clear = Command::Fill { part: Part::whole(&named), word: 0 };
     let mut frame = bench.frame(vec![clear, count])?;
@@ -188,7 +190,7 @@ pub fn count_roots(
     let params = [count, words as u32, groups[0], 0];
     let tally = bench.block(Home::Host, size_of::<[u32; 2]>() as u64)?;
     tally.write(0, &[0u32; 2]);
-    bench.run_stage(MappingStage::RootErrors(root), &[&tally], &params, groups)?;
+    bench.run_stage(MappingStage::Root(ROOT_ERRORS, root), &[&tally], &params, groups)?;
     let mut counts = [0u32; 2];
     tally.read(0, &mut counts);
     let [other, inexact] = counts.map(u64::from);
@@ -209,7 +211,7 @@ pub fn map_ms(
         return Ok(None);
     }
     let params = |groups_x, word_count| [n, word_count, groups_x, NEVER];
-    let stage = MappingStage::Time(variant, IdWidth::of(variant, n));
+    let stage = MappingStage::Map(TIME, variant, variant.is_wide(n));
     timed(bench, stage, variant.id_count(n).div_ceil(WORD_IDS), budget, params)
 }
 
@@ -222,7 +224,7 @@ pub fn root_ms(
 ) -> Result<Option<f64>, GpuError> {
     let params = |groups_x, word_count| [count, word_count, groups_x, NEVER];
     let words = u64::from(count).div_ceil(WORD_IDS);
-    timed(bench, MappingStage::RootTime(root), words, budget, params)
+    timed(bench, MappingStage::Root(ROOT_TIME, root), words, budget, params)
 }
 
 /// Words of a trial run, from which it is estimated whether the whole run fits the budget.
@@ -272,15 +274,6 @@ fn within<T>(
     repeated(budget.time, 3, run)
 }
 
-/// The threads that write a word of the output.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Writer {
-    /// One thread computes all pairs of the word.
-    ThreadAWord,
-    /// One thread a pair; each ORs its result in, as in the paper.
-    ThreadAPair,
-}
-
 /// All pairs by the paper's mapping, one byte or one bit a pair (Avril et al. 2012, table 5, figures 3 and 4).
 #[derive(Clone, Debug, PartialEq)]
 pub struct MaskRun {
@@ -291,21 +284,19 @@ pub struct MaskRun {
     pub words: Vec<u32>,
 }
 
-/// All pairs of `boxes`, measured; `None` where they do not fit the device.
+/// All pairs of `boxes`, so many bits a pair, measured; `None` where they do not fit the device. One thread computes
+/// a pair and ORs it in, as in the paper, or a whole word.
 pub fn mask(
     bench: &mut Bench,
-    output: PairOutput,
-    writer: Writer,
+    bits: u32,
+    thread_a_pair: bool,
     boxes: &[Aabb],
     budget: &Budget,
 ) -> Result<Option<MaskRun>, GpuError> {
     let n = BoxCount::of_len(boxes.len()).unwrap_or_default();
     let pairs = n.pair_count();
-    let words = pairs.div_ceil(u64::from(output.pairs_per_word()));
-    let (stage, threads) = match writer {
-        Writer::ThreadAWord => (MappingStage::Mask(output), words),
-        Writer::ThreadAPair => (MappingStage::MaskOr(output), pairs),
-    };
+    let words = pairs.div_ceil(u64::from(32 / bits));
+    let (file, threads) = if thread_a_pair { (MASK_OR, pairs) } else { (MASK, words) };
     let (Some(groups), Ok(pair_count)) = (bench.groups(threads), u32::try_from(pairs)) else {
         return Ok(None);
     };
@@ -327,7 +318,12 @@ pub fn mask(
         from: Part::of(from, 0, from.bytes()),
         to: Part::of(to, 0, from.bytes()),
     };
-    let kernel = bench.command(stage, &[&video_keys, &video_out], &params, groups)?;
+    let kernel = bench.command(
+        MappingStage::Mask(file, bits),
+        &[&video_keys, &video_out],
+        &params,
+        groups,
+    )?;
     let clear = Command::Fill { part: Part::whole(&video_out), word: 0 };
     let steps = vec![clear, copy(&staged, &video_keys), kernel, copy(&video_out, &back)];
     let mut frame = bench.frame(steps)?;

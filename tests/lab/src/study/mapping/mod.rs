@@ -31,9 +31,9 @@ use pairmaskd::scene::{Scene, SceneName};
 use serde::Serialize;
 
 use self::errors::{Coverage, RootTally, Tally};
-use self::gpu::{Bench, Ids, Writer};
+use self::gpu::{Bench, Ids};
 use self::report::{Claim, MappingReport};
-use self::stage::{PAPERS_OWN, PairOutput, Root, Variant};
+use self::stage::{PAPERS_OWN, Root, Variant};
 use super::harness::machine::Machine;
 use super::harness::open_if_any;
 use super::papers::{self, figure};
@@ -395,19 +395,17 @@ fn outputs(plan: &Plan, bench: &mut Bench) -> Result<Vec<OutputRow>, GpuError> {
     let mut rows = Vec::new();
     for &n in &plan.output_counts {
         let boxes = uniform(n);
-        for writer in [Writer::ThreadAPair, Writer::ThreadAWord] {
-            for output in [PairOutput::Byte, PairOutput::Bit] {
-                let Some(run) = gpu::mask(bench, output, writer, &boxes, &plan.gpu)? else {
-                    continue;
-                };
-                let bits_per_pair = 32 / output.pairs_per_word();
+        for thread_a_pair in [true, false] {
+            for bits_per_pair in [8, 1] {
+                let run = gpu::mask(bench, bits_per_pair, thread_a_pair, &boxes, &plan.gpu)?;
+                let Some(run) = run else { continue };
                 let paper =
                     |column| figure(&format!("table_5[bits={bits_per_pair},n={n}].{column}"));
                 let [_, kernel_ms, transfer_ms] = run.ms;
                 rows.push(OutputRow {
                     n,
                     bits_per_pair,
-                    thread_a_pair: writer == Writer::ThreadAPair,
+                    thread_a_pair,
                     kernel_ms,
                     transfer_us: transfer_ms * 1e3,
                     output_bytes: run.output_bytes,
@@ -423,10 +421,7 @@ fn outputs(plan: &Plan, bench: &mut Bench) -> Result<Vec<OutputRow>, GpuError> {
 fn growth(plan: &Plan, bench: &mut Bench) -> Result<Vec<GrowthRow>, GpuError> {
     let mut rows = Vec::new();
     for &n in &plan.growth_counts {
-        let (output, writer) = (PairOutput::Bit, Writer::ThreadAWord);
-        let Some(run) = gpu::mask(bench, output, writer, &uniform(n), &plan.gpu)? else {
-            continue;
-        };
+        let Some(run) = gpu::mask(bench, 1, false, &uniform(n), &plan.gpu)? else { continue };
         let [upload_ms, kernel_ms, transfer_ms] = run.ms;
         rows.push(GrowthRow {
             n,

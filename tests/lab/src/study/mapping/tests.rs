@@ -7,8 +7,11 @@ use pairmask_shaders::constants::BATCH_BOXES;
 use pairmask_tests::gpu::{choice, open};
 use pairmaskd::execute::gpu::{Checks, GpuChoice, GpuError, Home, HostImport};
 
-use super::gpu::{self, Bench, Ids, Writer, count, count_roots};
-use super::stage::{IdWidth, MappingStage, PAPERS_OWN, PairOutput, Root, Variant};
+use super::gpu::{self, Bench, Ids, count, count_roots};
+use super::stage::{
+    ERRORS, MASK, MASK_OR, MappingStage, PAIRS, PAPERS_OWN, ROOT_ERRORS, ROOT_TIME, Root, TIME,
+    Variant,
+};
 use super::variants::{Mapped, far_end, map};
 use super::{Plan, Processor, errors, measure};
 use crate::study::harness::write_files;
@@ -16,7 +19,16 @@ use crate::study::harness::write_files;
 /// Every form of every stage is one entry point with the bindings that it says, and every file is used.
 #[test]
 fn every_stage_validates_and_binds_what_it_says() {
-    let forms = MappingStage::all_forms();
+    let mut forms = Vec::new();
+    for (variant, is_wide) in Variant::all().flat_map(|v| [(v, false), (v, true)]) {
+        forms.extend([PAIRS, ERRORS, TIME].map(|file| MappingStage::Map(file, variant, is_wide)));
+    }
+    for root in Root::all() {
+        forms.extend([ROOT_ERRORS, ROOT_TIME].map(|file| MappingStage::Root(file, root)));
+    }
+    for bits in [8, 1] {
+        forms.extend([MASK, MASK_OR].map(|file| MappingStage::Mask(file, bits)));
+    }
     assert_eq!(forms.len(), 25 * 2 * 3 + 9 * 2 + 4);
     for stage in forms {
         let composed = stage.composed().expect("composes");
@@ -52,7 +64,7 @@ fn bench() -> Bench {
 fn map_on_gpu(
     bench: &mut Bench,
     variant: Variant,
-    width: IdWidth,
+    is_wide: bool,
     n: u32,
     ids: &[u64],
 ) -> Result<Vec<Mapped>, GpuError> {
@@ -62,7 +74,7 @@ fn map_on_gpu(
     let params = [n, ids.len() as u32];
     // A few thousand ids: one row of workgroups.
     let groups = bench.groups(ids.len() as u64).map_or([1, 1], |groups| [groups[0], 1]);
-    bench.run_stage(MappingStage::Pairs(variant, width), &[&from, &to], &params, groups)?;
+    bench.run_stage(MappingStage::Map(PAIRS, variant, is_wide), &[&from, &to], &params, groups)?;
     let mut pairs: Vec<[i32; 2]> = vec![[0; 2]; ids.len()];
     to.read(0, &mut pairs);
     Ok(pairs.iter().map(|[a, b]| Mapped { a: i64::from(*a), b: i64::from(*b) }).collect())
@@ -111,27 +123,27 @@ fn wgsl_variants_answer_as_their_mirrors() {
     let int64 = bench.gpu().limits().int64;
     let mut compared = 0;
     for variant in Variant::all() {
-        for (n, width) in [
-            (2, IdWidth::Bits32),
-            (3, IdWidth::Bits32),
-            (70, IdWidth::Bits32),
-            (345, IdWidth::Bits64),
-            (4_113, IdWidth::Bits32),
-            (65_536, IdWidth::Bits32),
-            (92_682, IdWidth::of(variant, 92_682)),
-            (1_000_000, IdWidth::Bits64),
+        for (n, is_wide) in [
+            (2, false),
+            (3, false),
+            (70, false),
+            (345, true),
+            (4_113, false),
+            (65_536, false),
+            (92_682, variant.is_wide(92_682)),
+            (1_000_000, true),
         ] {
-            if width == IdWidth::Bits64 && !int64 {
+            if is_wide && !int64 {
                 continue;
             }
             let ids = telling_ids(variant, n);
-            let gpu = map_on_gpu(&mut bench, variant, width, n, &ids)
+            let gpu = map_on_gpu(&mut bench, variant, is_wide, n, &ids)
                 .unwrap_or_else(|error| panic!("{variant}, {n} boxes: {error}"));
             let boxes = BoxCount::new(n);
             let mirror: Vec<_> = ids.iter().map(|k| map(variant, boxes, *k)).collect();
             let rows = rows_apart(&bench, variant, n);
             let difference = first_difference(&ids, &gpu, &mirror, rows);
-            assert_eq!(difference, None, "{variant}, {n} boxes, {width:?}: id, GPU, mirror");
+            assert_eq!(difference, None, "{variant}, {n} boxes: id, GPU, mirror");
             compared += ids.len();
         }
     }
@@ -197,11 +209,11 @@ fn every_output_form_has_the_bits_of_the_overlaps() {
     let n = BoxCount::new(345);
     let budget = Plan::new(true, true, 1).gpu;
     let mut forms = 0;
-    for writer in [Writer::ThreadAWord, Writer::ThreadAPair] {
-        for output in [PairOutput::Byte, PairOutput::Bit] {
-            let run = gpu::mask(&mut bench, output, writer, &boxes, &budget);
+    for thread_a_pair in [false, true] {
+        for bits in [8, 1] {
+            let run = gpu::mask(&mut bench, bits, thread_a_pair, &boxes, &budget);
             let run = run.expect("runs").expect("it fits");
-            let per_word = u64::from(output.pairs_per_word());
+            let per_word = u64::from(32 / bits);
             let mut hits = 0;
             for k in 0..run.words.len() as u64 * per_word {
                 let shift = k % per_word * (32 / per_word);
@@ -209,7 +221,7 @@ fn every_output_form_has_the_bits_of_the_overlaps() {
                 let pair = PairIndex::new(k).pair(n);
                 let expected =
                     pair.is_some_and(|(a, b)| boxes[a as usize].overlaps(&boxes[b as usize]));
-                assert_eq!(bit, expected, "{output:?}, {writer:?}, pair {k}");
+                assert_eq!(bit, expected, "{bits} bits, pair {k}");
                 hits += u64::from(bit);
             }
             assert!(hits > 0, "a scene without pairs shows nothing");

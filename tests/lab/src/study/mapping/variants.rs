@@ -26,7 +26,7 @@ pub fn newton<const MAGIC: u32, const STEPS: u32>(x: f32) -> f32 {
 /// of the root.
 macro_rules! with_root {
     ($root:expr, $name:ident => $work:expr) => {{
-        use $crate::study::mapping::stage::{Magic, Root, Steps};
+        use $crate::study::mapping::stage::{Magic, Root};
         use $crate::study::mapping::variants::newton;
         const CARMACK: u32 = Magic::Carmack as u32;
         const LOMONT: u32 = Magic::Lomont as u32;
@@ -38,14 +38,14 @@ macro_rules! with_root {
         }
         match $root {
             Root::BuiltIn => of!(f32::sqrt),
-            Root::Newton(Magic::Carmack, Steps::One) => of!(newton::<CARMACK, 1>),
-            Root::Newton(Magic::Carmack, Steps::Two) => of!(newton::<CARMACK, 2>),
-            Root::Newton(Magic::Carmack, Steps::Three) => of!(newton::<CARMACK, 3>),
-            Root::Newton(Magic::Carmack, Steps::Four) => of!(newton::<CARMACK, 4>),
-            Root::Newton(Magic::Lomont, Steps::One) => of!(newton::<LOMONT, 1>),
-            Root::Newton(Magic::Lomont, Steps::Two) => of!(newton::<LOMONT, 2>),
-            Root::Newton(Magic::Lomont, Steps::Three) => of!(newton::<LOMONT, 3>),
-            Root::Newton(Magic::Lomont, Steps::Four) => of!(newton::<LOMONT, 4>),
+            Root::Newton(Magic::Carmack, 1) => of!(newton::<CARMACK, 1>),
+            Root::Newton(Magic::Carmack, 2) => of!(newton::<CARMACK, 2>),
+            Root::Newton(Magic::Carmack, 3) => of!(newton::<CARMACK, 3>),
+            Root::Newton(Magic::Carmack, _) => of!(newton::<CARMACK, 4>),
+            Root::Newton(Magic::Lomont, 1) => of!(newton::<LOMONT, 1>),
+            Root::Newton(Magic::Lomont, 2) => of!(newton::<LOMONT, 2>),
+            Root::Newton(Magic::Lomont, 3) => of!(newton::<LOMONT, 3>),
+            Root::Newton(Magic::Lomont, _) => of!(newton::<LOMONT, 4>),
         }
     }};
 }
@@ -197,7 +197,7 @@ pub fn truth(variant: Variant, n: BoxCount, k: u64) -> Option<(u32, u32)> {
 /// Work on a variant, compiled separately for each variant. There must be two boxes at least wherever the map is called.
 macro_rules! with_map {
     ($variant:expr, $name:ident => $work:expr) => {{
-        use $crate::study::mapping::stage::{Discriminant, Variant};
+        use $crate::study::mapping::stage::Variant;
         use $crate::study::mapping::variants as by;
         macro_rules! closed {
                         ($root:expr, $integer:literal, $corrected:literal) => {
@@ -214,11 +214,11 @@ macro_rules! with_map {
             }};
         }
         match $variant {
-            Variant::Closed { root, discriminant, corrected } => match (discriminant, corrected) {
-                (Discriminant::Float, false) => closed!(root, false, false),
-                (Discriminant::Float, true) => closed!(root, false, true),
-                (Discriminant::Integer, false) => closed!(root, true, false),
-                (Discriminant::Integer, true) => closed!(root, true, true),
+            Variant::Closed { root, integer, corrected } => match (integer, corrected) {
+                (false, false) => closed!(root, false, false),
+                (false, true) => closed!(root, false, true),
+                (true, false) => closed!(root, true, false),
+                (true, true) => closed!(root, true, true),
             },
             Variant::FarEnd => of!(by::far_end),
             Variant::RowSearch => of!(by::row_search),
