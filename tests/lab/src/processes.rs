@@ -42,7 +42,6 @@ impl Worker {
         }
     }
 
-    /// Tells the process to end.
     pub(crate) fn end(&mut self) {
         drop(self.orders.take());
     }

@@ -403,7 +403,6 @@ impl Ran {
     }
 }
 
-/// A client's next line.
 fn hear<T>(ears: &Receiver<Option<Said>>, expected: impl Fn(Said) -> Option<T>) -> Result<T> {
     let why = match ears.recv().ok().flatten() {
         None => "it ended without a word".to_owned(),

@@ -94,7 +94,6 @@ pub struct Stress {
 }
 
 impl Stress {
-    /// Runs the cases and reports.
     pub fn run(&self, place: &Place, config: &Config) -> Result<()> {
         let report = match self.clients {
             Some(clients) => self.with_clients(clients, place, config)?,

@@ -50,7 +50,6 @@ pub struct GridRow {
     pub checked: bool,
 }
 
-/// Measures a scene in motion.
 pub fn measure(
     gpu: &Arc<Gpu>,
     name: SceneName,
@@ -161,14 +160,12 @@ pub struct FrameTimer<E> {
 }
 
 impl FrameTimer<Grid> {
-    /// Of the grid.
     pub fn grid(gpu: &Arc<Gpu>, boxes: &[Aabb]) -> Result<Self> {
         Ok(Self { rig: grid_rig(gpu, boxes, Encoding::Sparse, false)? })
     }
 }
 
 impl FrameTimer<AllPairs> {
-    /// Of all pairs.
     pub fn all_pairs(gpu: &Arc<Gpu>, boxes: &[Aabb]) -> Result<Self> {
         Ok(Self { rig: all_pairs_rig(gpu, boxes, Encoding::Sparse, false)? })
     }

@@ -17,7 +17,6 @@ use pairmaskd::execute::gpu::{
 
 use crate::Result;
 
-/// An anonymous shared segment.
 pub(crate) struct Segment {
     // Open as long as the mapping, since an import finds the pages through the file.
     _file: File,
@@ -69,7 +68,6 @@ impl Segment {
         self.objects(n)
     }
 
-    /// The first `n` objects in it.
     pub(crate) fn objects<T: Pod>(&self, n: usize) -> &[T] {
         bytemuck::cast_slice(&self.words()[..n * (size_of::<T>() / 4)])
     }
@@ -148,7 +146,6 @@ impl<E: Engine> Rig<E> {
 
 /// An engine that tells the times of its last frame's steps.
 pub trait Stepped: Engine {
-    /// The times.
     fn step_times(&self) -> &[StepTime];
 }
 

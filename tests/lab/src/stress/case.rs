@@ -127,7 +127,6 @@ fn box_count(random: &mut Random) -> usize {
     }
 }
 
-/// One scene of the two lists.
 fn draw(n: usize, random: &mut Random) -> (Vec<Aabb>, &'static str) {
     let (plain, hard) = (scenes::ALL.len(), hard::ALL.len());
     let which = random.below((plain + hard) as u64) as usize;

@@ -195,7 +195,6 @@ fn small(random: &mut Random, bound: u64) -> f32 {
     random.below(bound) as f32
 }
 
-/// −1, 0 or 1 ulp.
 fn nudge(random: &mut Random) -> i32 {
     random.below(3) as i32 - 1
 }

@@ -62,7 +62,6 @@ struct Body {
 
 const NOBODY: Body = Body { b: Aabb::EMPTY, is_there: false, is_on: true, is_static: false };
 
-/// What has to come of a scene.
 pub(super) struct KeptScene {
     bodies: Vec<Body>,
     /// The pairs that the client knows from the answers that it took.
@@ -70,13 +69,11 @@ pub(super) struct KeptScene {
 }
 
 impl KeptScene {
-    /// A scene without boxes.
     pub(super) fn new(random: &mut Random) -> Self {
         let most = if random.below(MANY_ONE_IN) == 0 { MANY_BOXES } else { FEW_BOXES };
         Self { bodies: vec![NOBODY; most + SPARE], known: BTreeSet::new() }
     }
 
-    /// Options of the scene.
     pub(super) fn options(&self) -> SceneOptions {
         SceneOptions::default().with_most_boxes(self.bodies.len() as u32)
     }
@@ -104,7 +101,6 @@ impl KeptScene {
         Ok(self.check(&heard, want, fate).map(|()| true))
     }
 
-    /// Draws an edit, and applies it.
     fn draw(&mut self, boxes: &[Aabb], random: &mut Random) -> ListedEdit {
         let mut edit = ListedEdit::default();
         let n = boxes.len() as u64;

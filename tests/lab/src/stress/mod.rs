@@ -49,7 +49,6 @@ use pairmaskd::scene::Random;
 /// Failures after which a run ends: more of them say nothing new.
 const MOST_FAILURES: usize = 10;
 
-/// Who answers.
 pub(crate) struct Subject {
     /// For messages: engine, instruction set, form, encoding, threads.
     pub(crate) name: String,

@@ -71,7 +71,6 @@ impl Failure {
 }
 
 impl StressReport {
-    /// Of a run that has not begun.
     pub(super) const fn new(seed: u64, subjects: Vec<String>) -> Self {
         Self {
             seed,
@@ -104,7 +103,6 @@ impl StressReport {
         }
     }
 
-    /// Answers that were checked.
     pub fn checked(&self) -> u64 {
         self.answers - self.skipped.iter().map(|skipped| skipped.answers).sum::<u64>()
     }

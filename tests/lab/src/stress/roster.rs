@@ -39,7 +39,6 @@ impl Wanted {
     /// The values of `--mode`.
     pub const MODES: [&str; 7] = ["all", "exact", "q16", "q8", "f16", "margin", "f64"];
 
-    /// The values of `--engine`.
     pub fn engine_names() -> Vec<&'static str> {
         let engines = EngineName::ALL.iter().map(|name| name.as_str());
         ["all"].into_iter().chain(engines).chain(["spheres", "updates", "scenes"]).collect()
@@ -77,7 +76,6 @@ const SMALL_MATRIX_BYTES: u64 = 512 * (8_192 / 32) * 4;
 const POISON: u32 = 0xa5a5_a5a5;
 
 impl Roster {
-    /// The subjects, ready to run.
     pub fn subjects(&self) -> Result<Vec<Subject>> {
         let mut pools = vec![pool(1)?];
         if self.wanted.threads > 1 {

@@ -11,9 +11,10 @@ use serde::Serialize;
 use super::harness::Report;
 use super::harness::document::Part;
 use super::harness::table::Table;
-use super::ways::{Case, CaseTimes, Effort, Pools, Way, WaySet, core_count, measure_case};
+use super::ways::{
+    Case, CaseTimes, Effort, Pools, Way, WaySet, core_count, measure_case, thread_counts,
+};
 use crate::Result;
-use crate::study::ways::thread_counts;
 
 /// Default sizes: dense where the fastest engine changes.
 pub const SIZES: [u32; 12] =

@@ -8,16 +8,17 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use pairmask::{
-    CommitError, PendingFrame, Scene, SceneEdit, ServedBy, Session, SessionBuilder, WaitError,
+    CommitError, FrameError, PendingFrame, Scene, SceneEdit, ServedBy, Session, SessionBuilder,
+    WaitError,
 };
 use pairmaskd::scene::Random;
 use serde::{Deserialize, Serialize};
 
-use super::frame;
 use super::offer::{MOST_UNDER_WAY, Offer, Way, pick};
 use crate::processes::tell;
 use crate::stress::kept_scene::{Fate, Heard, KeptScene};
-use crate::stress::{Case, Finding, Form, Wanted};
+use crate::stress::modes::Sending;
+use crate::stress::{Answer, Case, Finding, Form, Wanted};
 
 /// A frame without an answer for this long is lost. Software GPUs and all pairs of a large scene take
 /// a second on a machine that has less cores than clients.
@@ -111,7 +112,6 @@ pub(super) struct CaseId {
 }
 
 impl CaseId {
-    /// The case.
     pub(super) fn case(self) -> Case {
         if self.is_large { Case::large(self.seed) } else { Case::new(self.seed) }
     }
@@ -303,7 +303,7 @@ impl Client<'_> {
         }
         self.counts.frames += 1;
         let open = &mut self.sessions[session];
-        match frame::send(&mut open.session, &case.1, form) {
+        match send(&mut open.session, &case.1, form) {
             Ok(pending) => {
                 open.frames.push_back(UnderWay { pending, case, form });
                 Ok(())
@@ -373,7 +373,7 @@ impl Client<'_> {
         else {
             return Ok(());
         };
-        let compared = match frame::receive(pending, &case.1) {
+        let compared = match receive(pending, &case.1) {
             Ok((answer, by)) => self.answered(by, case.1.check(form, &answer)),
             Err(error) => {
                 let is_late = matches!(error, WaitError::Timeout { .. });
@@ -410,4 +410,44 @@ impl Client<'_> {
         let way = self.sessions[session].way.to_string();
         tell(&Said::Failed(Box::new(FailedFrame { case, form, way, finding })))
     }
+}
+
+/// Writes and sends a frame, on a thread with the floating-point flags of the case's caller.
+fn send(session: &mut Session, case: &Case, form: Form) -> Result<PendingFrame, FrameError> {
+    // Its truth is computed with the default flags, if it is not there yet.
+    case.allowed(form);
+    case.flags.caller.run(|| match form {
+        Form::Spheres => {
+            let spheres = &case.spheres().spheres;
+            let mut frame = session.sphere_frame(spheres.len())?;
+            frame.spheres_mut().copy_from_slice(spheres);
+            frame.submit()
+        }
+        Form::Mode(usage) if let Sending::Narrow(precision) = &case.in_mode(usage).sending => {
+            let given = &case.in_mode(usage).given;
+            let mut frame = session.narrow_frame(given.len(), *precision)?;
+            frame.fill(&given[..]);
+            frame.submit()
+        }
+        _ => {
+            let boxes = match form {
+                Form::Mode(usage) => &case.in_mode(usage).sent,
+                _ => &case.boxes,
+            };
+            let mut frame = session.frame(boxes.len())?;
+            frame.write(&boxes[..]);
+            frame.submit()
+        }
+    })
+}
+
+/// Awaits a frame and decodes it, on a thread with the floating-point flags of the case's caller.
+fn receive(pending: PendingFrame, case: &Case) -> Result<(Answer, ServedBy), WaitError> {
+    let (mut answer, by) = case.flags.caller.run(|| {
+        let mask = pending.wait()?;
+        let (pairs, count, info) = (mask.to_vec(), mask.count(), mask.info());
+        Ok::<_, WaitError>((Answer { pairs, count, census: info.census }, info.served_by))
+    })?;
+    answer.pairs.sort_unstable();
+    Ok((answer, by))
 }

@@ -15,14 +15,12 @@
 //!
 //! ```text
 //! offer      what clients may ask for, and what a session asks for        (pure)
-//! frame      a case as a frame
 //! client     one client: the process
 //! daemon     what the daemon says before and after
 //! ```
 
 mod client;
 mod daemon;
-mod frame;
 mod offer;
 
 pub use client::{ClientSettings, Counts};
@@ -184,7 +182,6 @@ struct Client {
     ended: Option<Said>,
 }
 
-/// The clients of a run at work.
 struct Crowd<'a, C> {
     run: &'a ClientsRun,
     with_gpu: bool,

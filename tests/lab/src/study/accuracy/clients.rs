@@ -110,7 +110,6 @@ impl Client for BoxClient {
     }
 }
 
-/// The pairs of a mask.
 fn sorted(mask: &PairMask) -> Vec<Pair> {
     let mut pairs = mask.to_vec();
     pairs.sort_unstable();
@@ -121,7 +120,6 @@ fn sorted(mask: &PairMask) -> Vec<Pair> {
 /// they would be exact f32 again relative to the origin.
 const STRETCH: f64 = 1.0 + 1e-7;
 
-/// A client of such a world.
 struct WorldClient {
     session: Session,
     world: World,

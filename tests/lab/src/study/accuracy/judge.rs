@@ -23,7 +23,6 @@ pub struct Setting<'a> {
 }
 
 impl Setting<'_> {
-    /// Title for reports.
     pub fn title(&self) -> String {
         let far =
             self.offset.map_or_else(String::new, |offset| format!(", {offset:e} from the origin"));
@@ -149,7 +148,6 @@ const FIGURES: [Figure; 8] = [
     ("memory", |row| row.memory_bytes as f64, false),
 ];
 
-/// How a figure is limited.
 type Relation = (&'static str, fn(&f64, &f64) -> bool);
 const RELATIONS: [Relation; 3] = [("<=", f64::le), ("<", f64::lt), ("=", f64::eq)];
 

@@ -53,7 +53,6 @@ const FAR: f64 = 1e9;
 pub(super) const PLAIN_F32: &str = "plain-f32";
 
 impl StudyMode {
-    /// The name without the number.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Sent(precision) => precision.mode(),

@@ -113,7 +113,6 @@ impl AccuracyRow {
         self.times.get(stage).copied().unwrap_or_default()
     }
 
-    /// Median of the whole frame, ns.
     pub fn p50(&self) -> u64 {
         self.time("total_ns").p50
     }

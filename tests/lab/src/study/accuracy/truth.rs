@@ -47,7 +47,6 @@ pub struct Difference {
 }
 
 impl Difference {
-    /// Compares two sorted lists.
     pub fn between(reported: &[Pair], truth: &[Pair]) -> Self {
         let mut rest = reported.iter().peekable();
         let mut found = 0;

@@ -26,7 +26,6 @@ const COPIES: usize = 5;
 const PATIENCE: Duration = Duration::from_secs(10);
 
 impl Bandwidth {
-    /// Times copies.
     pub fn measure(gpu: &Arc<Gpu>) -> Result<Self, GpuError> {
         let software = gpu.info().is_software();
         let bytes = if software { SOFTWARE_COPY_BYTES } else { COPY_BYTES };

@@ -32,7 +32,6 @@ impl Part {
         Self::section_of(title, note, Table::of(rows))
     }
 
-    /// The same of a table.
     pub fn section_of(title: &str, note: &str, table: Table) -> Vec<Self> {
         if table.rows.is_empty() {
             return Vec::new();
@@ -41,7 +40,6 @@ impl Part {
     }
 }
 
-/// The parts as Markdown.
 pub fn markdown(parts: &[Part]) -> String {
     let text = |part: &Part| match part {
         Part::Heading(level, text) => format!("{} {text}\n", "#".repeat(usize::from(*level))),

@@ -41,7 +41,6 @@ impl Machine {
 }
 
 impl Machine {
-    /// What a report says of it.
     pub fn parts(&self) -> [Part; 2] {
         let Self { cpu, threads, gpu, driver, rustc, commit, command, .. } = self;
         let gpu = match (gpu, driver) {

@@ -24,7 +24,6 @@ pub(crate) trait Report: Serialize + Sized {
     /// The name of its files.
     const NAME: &'static str;
 
-    /// What it says.
     fn parts(&self) -> Vec<Part>;
 
     /// All its lists of rows as CSV, each below a line with its name where there are several.
@@ -97,7 +96,6 @@ pub(crate) fn percentile(mut values: Vec<f64>, percent: usize) -> f64 {
     values.get(values.len() * percent / 100).copied().unwrap_or(f64::NAN)
 }
 
-/// The middle value; NaN of none.
 pub(crate) fn median(values: Vec<f64>) -> f64 {
     percentile(values, 50)
 }

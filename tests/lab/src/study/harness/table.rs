@@ -91,7 +91,6 @@ impl Table {
         self.column(name).and_then(|at| row.get(at)).unwrap_or(&Value::Null)
     }
 
-    /// A table of texts.
     pub fn of_texts<const N: usize>(
         head: [&str; N],
         rows: impl IntoIterator<Item = [String; N]>,
@@ -159,7 +158,6 @@ impl Table {
     }
 }
 
-/// A cell in full.
 pub(super) fn plain(cell: &Value) -> String {
     match cell {
         Value::Null => String::new(),

@@ -41,7 +41,6 @@ impl Bench {
         Ok(Self { gpu: Arc::clone(gpu), pipelines, made: HashMap::new() })
     }
 
-    /// The device.
     pub fn gpu(&self) -> &Arc<Gpu> {
         &self.gpu
     }
@@ -92,7 +91,6 @@ impl Bench {
         frame.step_times()
     }
 
-    /// Runs one stage once.
     pub(super) fn run_stage(
         &mut self,
         stage: MappingStage,

@@ -187,7 +187,6 @@ macro_rules! shared {
 }
 
 impl MappingStage {
-    /// Its file.
     pub const fn file(self) -> File {
         let (Self::Map(file, ..) | Self::Root(file, _) | Self::Mask(file, _)) = self;
         file

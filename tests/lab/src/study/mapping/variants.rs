@@ -246,19 +246,6 @@ mod tests {
     use super::*;
 
     #[test]
-    fn exact_variants_are_the_pair_index() {
-        let sizes = (2..70).chain([345, 1234]);
-        for n in sizes.map(BoxCount::new) {
-            for variant in [Variant::FarEnd, Variant::RowSearch, Variant::WordStep] {
-                for k in 0..n.pair_count() {
-                    let pair = map(variant, n, k).named(n);
-                    assert_eq!(pair, PairIndex::new(k).pair(n), "{variant}, {n:?}, {k}");
-                }
-            }
-        }
-    }
-
-    #[test]
     fn exact_variants_hold_around_every_row_of_a_million_boxes() {
         let n = BoxCount::new(1_000_000);
         for a in (0..n.get() - 1).step_by(7) {

@@ -120,7 +120,6 @@ fn fits(row: &Value, condition: &str) -> bool {
     })
 }
 
-/// A field by its path.
 fn field<'v>(root: &'v Value, path: &str) -> Option<&'v Value> {
     path.split('.').filter(|key| !key.is_empty()).try_fold(root, |value, key| value.get(key))
 }

@@ -107,7 +107,6 @@ impl PapersReport {
         })
     }
 
-    /// What the page was made of.
     fn made_of(&self) -> String {
         let Machine { cpu, threads, commit, optimised, .. } = &self.machine;
         if self.only_records {

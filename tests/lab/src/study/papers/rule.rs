@@ -158,7 +158,6 @@ fn next_ones(rows: &[Row], follows: impl Fn(f64, f64) -> bool) -> Vec<&Row> {
     measured.windows(2).filter(breaks).map(|pair| pair[1].0).collect()
 }
 
-/// A row's figures in words.
 fn in_words(row: &Row) -> String {
     let unit = if row.unit.is_empty() { String::new() } else { format!(" {}", row.unit) };
     let ours = row.ours.map_or_else(|| "no figure".to_owned(), figure_text);

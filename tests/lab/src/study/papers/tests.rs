@@ -142,10 +142,6 @@ fn the_evidence_is_what_decided_and_a_missing_figure_hides_no_break() {
     assert_eq!(Rule::AtMost(2.0).judge(&rows).0, Verdict::NotMeasured);
     assert_eq!(Rule::AtMost(1.0).judge(&rows).0, Verdict::Breaks);
     assert_eq!(Rule::Rises.judge(&[]).0, Verdict::NotMeasured);
-}
-
-#[test]
-fn figures_are_short() {
     let text = [0.0, 0.27, 29.66, 1.0, 71_452.0, 0.000_031, 1234.5].map(figure_text);
     assert_eq!(text, ["0", "0.27", "29.66", "1", "71452", "0.000031", "1234"]);
 }

@@ -51,13 +51,11 @@ impl ErrorRow {
     }
 }
 
-/// d² in f32.
 fn distance_squared(a: &Sphere, b: &Sphere) -> f32 {
     let [x, y, z] = std::array::from_fn(|axis| a.center[axis] - b.center[axis]);
     x * x + y * y + z * z
 }
 
-/// The plain test of squares.
 pub fn squared_f32(a: &Sphere, b: &Sphere) -> bool {
     let reach = a.radius + b.radius;
     distance_squared(a, b) <= reach * reach

@@ -65,7 +65,6 @@ pub struct GpuErrorRow {
 const NOT_RUN: Result<CullReport, CullError> =
     Err(CullError::DeviceLost { engine: EngineName::GpuGrid });
 
-/// Times all sizes.
 pub fn measure(gpu: &Arc<Gpu>, quick: bool, seed: u64) -> Result<Vec<GpuSpeedRow>> {
     let sizes = if quick { &SIZES[..QUICK_SIZES] } else { &SIZES[..] };
     let budget = Duration::from_millis(if quick { 20 } else { 500 });
@@ -151,7 +150,6 @@ const SCENE_PAIRS: u64 = 500;
 /// Scenes that the CPU decides side by side, while the GPU decides as many others: 16 MB of masks.
 const SCENES: u64 = 256;
 
-/// A scene with the truth.
 struct Decided {
     spheres: Vec<Sphere>,
     words: Vec<u32>,

@@ -36,7 +36,6 @@ pub struct SpeedRow {
 /// How long each figure is measured: at least three frames, and this, unless a frame is long.
 const BUDGET: Duration = Duration::from_millis(300);
 
-/// Times all sizes.
 pub fn measure(quick: bool, seed: u64) -> Vec<SpeedRow> {
     let sizes = if quick { &SIZES[..QUICK_SIZES] } else { &SIZES[..] };
     let budget = if quick { BUDGET / 30 } else { BUDGET };
