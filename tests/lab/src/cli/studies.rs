@@ -7,14 +7,15 @@ use clap::Args;
 use indicatif::ProgressBar;
 use pairmaskd::cli::config::Config;
 use pairmaskd::cli::options::{DaemonOptions, Place};
-use pairmaskd::cli::output::{make_folder, progress_bar, spinner};
+use pairmaskd::cli::output::{make_folder, print_json, print_text, progress_bar, spinner};
 use pairmaskd::cli::whole_number::whole_number;
 use pairmaskd::execute::gpu::{Gpu, GpuChoice, HostImport, OpenError};
 use pairmaskd::scene::SceneName;
 
 use crate::Result;
 use crate::gpu_stages::scenes::{Case as SceneCase, GpuSceneReport, measure as measure_scene};
-use crate::study::harness::{Print, Report, deliver};
+use crate::study::harness::document::markdown;
+use crate::study::harness::{Report, write_files};
 use crate::study::moving::{Motion, World};
 use crate::study::papers::{PapersOptions, STEPS, make};
 use crate::study::spheres::errors::pairs_decided;
@@ -52,12 +53,16 @@ impl Output {
         let progress = progress();
         let report = measure(&progress)?;
         progress.finish_and_clear();
-        let print = match (self.json, self.csv) {
-            (true, _) => Print::Json,
-            (false, true) => Print::Csv,
-            (false, false) => Print::Text,
-        };
-        deliver(&report, self.out.as_deref(), print)?;
+        if let Some(folder) = &self.out {
+            write_files(&report, folder)?;
+        }
+        if self.json {
+            print_json(&report)?;
+        } else if self.csv {
+            print_text(report.csv().trim_end())?;
+        } else {
+            print_text(markdown(&report.parts()).trim_end())?;
+        }
         Ok(report)
     }
 }

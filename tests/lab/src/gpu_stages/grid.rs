@@ -4,13 +4,13 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use pairmask_core::engine::{CullInput, CullReport, Engine, Grid as CpuGrid, HeapReply};
+use pairmask_core::engine::{CullError, CullInput, CullReport, Engine, Grid as CpuGrid, HeapReply};
 use pairmask_core::mask::{MaskShape, MaskView};
 use pairmask_core::{Aabb, BoxCount, Encoding};
 use pairmask_shaders::Found;
 use pairmaskd::execute::gpu::{
-    AllPairs, AllPairsOptions, Capacity, Gpu, Grid, GridOptions, GridUnderWay, SUBMISSIONS,
-    SharedImports, Sizes, cell_count,
+    AllPairs, AllPairsOptions, Capacity, Counted, Gpu, Grid, GridOptions, GridUnderWay,
+    SUBMISSIONS, SharedImports, Sizes, cell_count,
 };
 use pairmaskd::scene::{Scene, SceneName};
 use serde::Serialize;
@@ -19,7 +19,7 @@ use super::scenes::PairSum;
 use super::shared::{Rig, Segment, SegmentFrame, Stepped};
 use super::{LEAST_FRAMES, wrong_pairs};
 use crate::Result;
-use crate::study::harness::percentile;
+use crate::study::harness::{median, percentile, repeated};
 
 /// The scenes of the anchors.
 pub const SCENES: [SceneName; 4] =
@@ -124,7 +124,8 @@ pub(super) fn measure_with<E: Stepped>(
     })
 }
 
-fn grid_rig(
+/// The grid with boxes and replies in shared memory.
+pub(crate) fn grid_rig(
     gpu: &Arc<Gpu>,
     boxes: &[Aabb],
     encoding: Encoding,
@@ -136,59 +137,33 @@ fn grid_rig(
     Rig::new(Grid::new(gpu, &options)?, gpu, Some(&imports), boxes, words, encoding)
 }
 
-fn all_pairs_rig(
+/// All pairs in the same way, where the driver imports memory and `imported`.
+pub(crate) fn all_pairs_rig(
     gpu: &Arc<Gpu>,
+    with: &AllPairsOptions,
+    imported: bool,
     boxes: &[Aabb],
     encoding: Encoding,
     profiled: bool,
 ) -> Result<Rig<AllPairs>> {
-    let imports = SharedImports::default();
-    let options =
-        AllPairsOptions { profiled, imports: imports.clone(), ..AllPairsOptions::default() };
     let n = BoxCount::of_len(boxes.len()).unwrap_or_default();
-    let capacity = WORDS_A_BOX * u64::from(n.get());
-    let words = match encoding {
-        Encoding::Sparse => MaskShape::sparse(n, capacity, capacity, false).extent_words(),
-        _ => reply_words(boxes.len()),
-    };
-    Rig::new(AllPairs::new(gpu, options)?, gpu, Some(&imports), boxes, words, encoding)
+    let capacity = Counted::Sparse.first_capacity(n).max(WORDS_A_BOX * u64::from(n.get()));
+    let words = MaskShape::exact(encoding, n, capacity, false).extent_words();
+    let imports = SharedImports::default();
+    let with = AllPairsOptions { profiled, imports: imports.clone(), ..with.clone() };
+    let engine = AllPairs::new(gpu, with)?;
+    Rig::new(engine, gpu, imported.then_some(&imports), boxes, words, encoding)
 }
 
-/// Times of whole frames of unmoved boxes, by the host's clock.
-pub struct FrameTimer<E> {
-    rig: Rig<E>,
-}
-
-impl FrameTimer<Grid> {
-    pub fn grid(gpu: &Arc<Gpu>, boxes: &[Aabb]) -> Result<Self> {
-        Ok(Self { rig: grid_rig(gpu, boxes, Encoding::Sparse, false)? })
-    }
-}
-
-impl FrameTimer<AllPairs> {
-    pub fn all_pairs(gpu: &Arc<Gpu>, boxes: &[Aabb]) -> Result<Self> {
-        Ok(Self { rig: all_pairs_rig(gpu, boxes, Encoding::Sparse, false)? })
-    }
-}
-
-impl<E: Stepped> FrameTimer<E> {
-    /// Replaces the boxes by as many others.
-    pub fn write(&mut self, boxes: &[Aabb]) {
-        self.rig.boxes.write(boxes);
-    }
-
-    /// Median of frames of a warm device, µs.
-    pub fn median_us(&mut self, budget: Duration) -> Result<f64> {
-        let mut times = Vec::new();
-        let started = Instant::now();
-        while times.len() < ROUNDS || started.elapsed() < budget {
-            let start = Instant::now();
-            self.rig.frame()?;
-            times.push(start.elapsed().as_secs_f64() * 1e6);
-        }
-        // The first half warms up.
-        Ok(percentile(times.split_off(times.len() / 2), 50))
-    }
+/// Median of frames of unmoved boxes on a warm device, by the host's clock, µs.
+pub(crate) fn median_us(rig: &mut Rig<impl Stepped>, budget: Duration) -> Result<f64> {
+    let mut times = repeated(budget, ROUNDS, || {
+        let start = Instant::now();
+        rig.frame()?;
+        Ok::<_, CullError>(start.elapsed().as_secs_f64() * 1e6)
+    })?;
+    // The first half warms up.
+    Ok(median(times.split_off(times.len() / 2)))
 }
 
 /// Frames a second of unmoved boxes, with 1 or 2 frames under way at a time.

@@ -9,17 +9,15 @@ use std::io::Write;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use pairmask_core::mask::MaskShape;
 use pairmask_core::{Aabb, BoxCount, Encoding};
 use pairmask_shaders::RowsPerThread;
 use pairmaskd::execute::gpu::user_cache_folder;
 use pairmaskd::execute::gpu::{
-    AllPairs, AllPairsOptions, Counted, Gpu, GpuChoice, HostImport, SharedImports, Tuning, Upload,
+    AllPairs, AllPairsOptions, Gpu, GpuChoice, HostImport, Tuning, Upload,
 };
 use pairmaskd::scene::SceneName;
 use serde_json::json;
 
-use self::shared::Rig;
 use crate::{Fault, Result};
 
 /// Options of a run.
@@ -171,13 +169,8 @@ fn all_pairs(
     out: &mut dyn Write,
 ) -> Result<()> {
     let count = BoxCount::new(n);
-    let capacity = Counted::Sparse.first_capacity(count);
-    let words = MaskShape::exact(encoding, count, capacity, false).extent_words();
     let rig = |boxes: &[Aabb], profiled| {
-        let imports = SharedImports::default();
-        let with = AllPairsOptions { profiled, imports: imports.clone(), ..with.clone() };
-        let engine = AllPairs::new(gpu, with)?;
-        Rig::new(engine, gpu, import.then_some(&imports), boxes, words, encoding)
+        grid::all_pairs_rig(gpu, with, import, boxes, encoding, profiled)
     };
     let row = grid::measure_with(rig, SceneName::Uniform, n, encoding, budget, check)?;
     let used = with.tuning.unwrap_or_else(|| Tuning::for_frame(count, encoding));

@@ -96,11 +96,11 @@ impl Drop for Segment {
 }
 
 /// An engine with its shared memory.
-pub(super) struct Rig<E> {
+pub(crate) struct Rig<E> {
     pub(super) engine: E,
     encoding: Encoding,
     n: usize,
-    pub(super) boxes: Segment,
+    pub(crate) boxes: Segment,
     pub(super) reply: Segment,
     /// Whether boxes and reply were imported.
     pub(super) imported: bool,
@@ -164,7 +164,7 @@ impl Stepped for AllPairs {
 /// The memory of a frame that is left under way.
 pub(super) struct SegmentFrame {
     pub(super) n: usize,
-    pub(super) boxes: Segment,
+    pub(crate) boxes: Segment,
     pub(super) reply: Segment,
 }
 

@@ -281,7 +281,7 @@ fn too_far(case: &ModeCase, got: &[Pair], share: f64) -> Vec<TooFar> {
 }
 
 /// Whether x − y ≤ `limit` in the arithmetic of real numbers. False where one of them is a NaN.
-fn difference_is_at_most(x: f64, y: f64, limit: f64) -> bool {
+pub(super) fn difference_is_at_most(x: f64, y: f64, limit: f64) -> bool {
     if limit == f64::INFINITY {
         return true;
     }
@@ -293,7 +293,7 @@ fn difference_is_at_most(x: f64, y: f64, limit: f64) -> bool {
 }
 
 /// What rounding took off the sum of two numbers (two-sum, Knuth): x + y − `sum`.
-pub(super) fn rounded_off(x: f64, y: f64, sum: f64) -> f64 {
+fn rounded_off(x: f64, y: f64, sum: f64) -> f64 {
     let virtual_y = sum - x;
     (x - (sum - virtual_y)) + (y - virtual_y)
 }

@@ -15,7 +15,7 @@ use rayon::ThreadPool;
 use super::Subject;
 use super::answer::{Finding, Form, Reply};
 use super::case::Case;
-use super::modes::{first_unlike, rounded_off};
+use super::modes::{difference_is_at_most, first_unlike};
 
 /// Most boxes of a case: enough for several tasks of the pool.
 const MOST_BOXES: usize = 2_500;
@@ -97,9 +97,5 @@ fn holds(world: &Aabb, local: &Aabb, by: [f32; 3]) -> bool {
 
 /// Whether face ≤ x + y without rounding.
 fn is_at_most(face: f64, x: f64, y: f64) -> bool {
-    let sum = x + y;
-    if face != sum || sum.is_infinite() {
-        return face <= sum;
-    }
-    rounded_off(x, y, sum) >= 0.0
+    if x.is_infinite() { face <= x } else { difference_is_at_most(face, x, y) }
 }

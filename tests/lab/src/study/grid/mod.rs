@@ -14,7 +14,7 @@ use glam::{Quat, Vec3};
 use pairmask_core::engine::{CullInput, Engine, Grid as CpuGrid, HeapReply, SweepAndPrune};
 use pairmask_core::update::{Placement, par_update_boxes};
 use pairmask_core::{Aabb, Encoding};
-use pairmaskd::execute::gpu::{Gpu, GpuChoice, HostImport};
+use pairmaskd::execute::gpu::{AllPairsOptions, Gpu, GpuChoice, HostImport};
 use pairmaskd::scene::{Scene, SceneName};
 use serde::Serialize;
 
@@ -25,7 +25,7 @@ use super::harness::{Report, median, median_ms};
 use super::papers::figure;
 use crate::Result;
 use crate::gpu_stages::grid::{
-    FrameTimer, GridRow, SCENES, frames_a_second, measure as measure_scene,
+    GridRow, SCENES, all_pairs_rig, frames_a_second, grid_rig, measure as measure_scene, median_us,
 };
 
 /// All figures of a study. Fields that begin with `paper_` are the paper's.
@@ -217,8 +217,11 @@ fn engines_row(row: &GridRow, budget: Duration) -> EnginesRow {
 
 fn without_row(gpu: &Arc<Gpu>, n: u32, budget: Duration) -> Result<WithoutRow> {
     let boxes = Scene::new(PAPER_SCENE, n as usize, SEED).boxes().to_vec();
-    let without_ms = FrameTimer::all_pairs(gpu, &boxes)?.median_us(budget)? / 1e3;
-    let with_ms = FrameTimer::grid(gpu, &boxes)?.median_us(budget)? / 1e3;
+    let (options, encoding) = (AllPairsOptions::default(), Encoding::Sparse);
+    let mut all_pairs = all_pairs_rig(gpu, &options, true, &boxes, encoding, false)?;
+    let without_ms = median_us(&mut all_pairs, budget)? / 1e3;
+    drop(all_pairs);
+    let with_ms = median_us(&mut grid_rig(gpu, &boxes, encoding, false)?, budget)? / 1e3;
     Ok(WithoutRow { n, without_ms, with_ms, paper_ms: paper("table_7", n, ["without", "with"]) })
 }
 
@@ -231,15 +234,15 @@ fn under_way_row(gpu: &Arc<Gpu>, n: u32, budget: Duration) -> Result<UnderWayRow
 fn moving_row(gpu: &Arc<Gpu>, n: u32, moving_percent: u32, budget: Duration) -> Result<MovingRow> {
     let mut scene = Scene::new(PAPER_SCENE, n as usize, SEED);
     let mut boxes = scene.boxes().to_vec();
-    let mut timer = FrameTimer::grid(gpu, &boxes)?;
+    let mut rig = grid_rig(gpu, &boxes, Encoding::Sparse, false)?;
     let moving = (u64::from(n) * u64::from(moving_percent) / 100) as usize;
     let mut times = Vec::new();
     let started = Instant::now();
     while times.is_empty() || started.elapsed() < budget {
         scene.step();
         boxes[..moving].copy_from_slice(&scene.boxes()[..moving]);
-        timer.write(&boxes);
-        times.push(timer.median_us(Duration::ZERO)?);
+        rig.boxes.write(&boxes);
+        times.push(median_us(&mut rig, Duration::ZERO)?);
     }
     Ok(MovingRow { n, moving_percent, frame_ms: median(times) / 1e3 })
 }

@@ -10,7 +10,6 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use pairmaskd::cli::output::{print_json, print_text};
 use pairmaskd::execute::gpu::{Gpu, GpuChoice, HostImport, OpenError};
 use pairmaskd::file_error::{Access, FileError};
 use serde::Serialize;
@@ -39,27 +38,6 @@ pub(crate) trait Report: Serialize + Sized {
         let file = |kind: &str, text| (format!("{}.{kind}", Self::NAME), text);
         vec![file("md", markdown(&self.parts())), file("csv", self.csv())]
     }
-}
-
-/// How results are printed.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Print {
-    Text,
-    Json,
-    Csv,
-}
-
-/// Writes the files of a report into a folder, if there is one, which is made, and prints the report.
-pub(crate) fn deliver<R: Report>(report: &R, out: Option<&Path>, print: Print) -> Result<()> {
-    if let Some(folder) = out {
-        write_files(report, folder)?;
-    }
-    match print {
-        Print::Text => print_text(markdown(&report.parts()).trim_end())?,
-        Print::Json => print_json(report)?,
-        Print::Csv => print_text(report.csv().trim_end())?,
-    }
-    Ok(())
 }
 
 /// Writes the files of a report into a folder, which is made.
