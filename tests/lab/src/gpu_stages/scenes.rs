@@ -19,7 +19,7 @@ use super::shared::Segment;
 use super::wrong_pairs;
 use crate::Result;
 use crate::study::harness::document::Part;
-use crate::study::harness::table::Table;
+use crate::study::harness::table::{Fields, Table, row};
 use crate::study::harness::{Report, percentile};
 use crate::study::moving::{Motion, World};
 
@@ -54,7 +54,7 @@ pub struct Case {
 #[derive(Clone, Debug, Serialize)]
 pub struct GpuSceneReport {
     pub gpus: Vec<String>,
-    pub rows: Vec<Row>,
+    pub rows: Vec<Fields>,
 }
 
 impl Report for GpuSceneReport {
@@ -63,36 +63,6 @@ impl Report for GpuSceneReport {
     fn parts(&self) -> Vec<Part> {
         vec![Part::text(self.gpus.join(", ")), Part::Table(Table::of(&self.rows))]
     }
-}
-
-/// A case's measurement. Times are microseconds.
-#[derive(Clone, Debug, Serialize)]
-pub struct Row {
-    pub scene: String,
-    pub n: usize,
-    pub moving: f64,
-    pub motion: &'static str,
-    pub imported: bool,
-    pub edit_us: f64,
-    pub edit_p99_us: f64,
-    pub check_us: f64,
-    pub upload_us: f64,
-    pub plan_us: f64,
-    pub gpu_us: f64,
-    pub sort_us: f64,
-    pub submissions: u32,
-    pub repeated: usize,
-    pub changes: usize,
-    pub tested: u64,
-    pub pairs: u64,
-    pub queries: usize,
-    pub query_us: [f64; 3],
-    pub query_parts_us: [f64; 3],
-    pub query_pairs: usize,
-    pub query_stage_us: BTreeMap<&'static str, f64>,
-    pub video_bytes_a_box: f64,
-    pub stage_us: BTreeMap<&'static str, f64>,
-    pub checked: bool,
 }
 
 /// Pairs, as a number and a sum of hashes that depends on no order.
@@ -183,7 +153,7 @@ impl Rig {
 ///
 /// # Panics
 /// Without a GPU.
-pub fn measure(gpus: &[Arc<Gpu>], world: &mut World, case: &Case) -> Result<Row> {
+pub fn measure(gpus: &[Arc<Gpu>], world: &mut World, case: &Case) -> Result<Fields> {
     let all: Vec<u32> = (0..case.n as u32).collect();
     let moving = (case.n as f64 * case.percent / 100.0).round() as usize;
     let is_spawn = case.motion == Motion::Spawn;
@@ -230,7 +200,7 @@ pub fn measure(gpus: &[Arc<Gpu>], world: &mut World, case: &Case) -> Result<Row>
         |percent| percentile(asked.iter().map(|(whole, _)| *whole).collect(), percent);
     let [stage_us, query_stage_us] =
         if case.stages { stages(gpus, world.clone(), case)? } else { Default::default() };
-    Ok(Row {
+    Ok(row!(
         scene: case.scene.to_string(),
         n: case.n,
         moving: case.percent / 100.0,
@@ -260,7 +230,7 @@ pub fn measure(gpus: &[Arc<Gpu>], world: &mut World, case: &Case) -> Result<Row>
         video_bytes_a_box: rig.scene.video_bytes() as f64 / case.n.max(1) as f64,
         stage_us,
         checked: case.checks,
-    })
+    ))
 }
 
 /// Compares what the client knows with a fresh search.

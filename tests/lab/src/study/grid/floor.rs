@@ -7,6 +7,7 @@ use pairmaskd::execute::gpu::{Block, Command, Frame, Gpu, GpuError, Home, Part, 
 use serde::Serialize;
 
 use crate::gpu_stages::grid::GridRow;
+use crate::study::harness::table::{Fields, row};
 
 /// Highest bandwidths of a device, by its copy engine, GB/s.
 #[derive(Clone, Copy, Debug, Serialize)]
@@ -52,19 +53,8 @@ impl Bandwidth {
     }
 }
 
-/// A stage of a scene.
-#[derive(Clone, Debug, Serialize)]
-pub struct StageRow {
-    pub n: u32,
-    pub stage: String,
-    pub us: f64,
-    pub link_bytes: u64,
-    pub memory_bytes: u64,
-    pub floor_us: f64,
-}
-
 /// The stages of a measured scene.
-pub fn stages(row: &GridRow, bandwidth: &Bandwidth) -> Vec<StageRow> {
+pub fn stages(row: &GridRow, bandwidth: &Bandwidth) -> Vec<Fields> {
     let (n, cells, words) = (u64::from(row.n), u64::from(row.cells), row.words);
     let stage = |(stage, us): &(String, f64)| {
         // Up, down and video memory. Each box and each word counts once, each cell 4 bytes;
@@ -83,14 +73,14 @@ pub fn stages(row: &GridRow, bandwidth: &Bandwidth) -> Vec<StageRow> {
             down as f64 / bandwidth.down_gbs,
             memory as f64 / bandwidth.memory_gbs,
         ];
-        StageRow {
+        row!(
             n: row.n,
             stage: stage.clone(),
             us: *us,
             link_bytes: up + down,
             memory_bytes: memory,
             floor_us: ns.into_iter().fold(0.0, f64::max) / 1e3,
-        }
+        )
     };
     row.stage_us.iter().map(stage).collect()
 }

@@ -18,9 +18,10 @@ use pairmaskd::execute::gpu::{AllPairsOptions, Gpu, GpuChoice, HostImport};
 use pairmaskd::scene::{Scene, SceneName};
 use serde::Serialize;
 
-pub use self::floor::{Bandwidth, StageRow};
+pub use self::floor::Bandwidth;
 use super::harness::document::Part;
 use super::harness::machine::Machine;
+use super::harness::table::{Fields, row};
 use super::harness::{Report, median, median_ms};
 use super::papers::figure;
 use crate::Result;
@@ -34,24 +35,13 @@ pub struct GridReport {
     pub machine: Machine,
     pub bandwidth: Bandwidth,
     pub scenes: Vec<GridRow>,
-    pub stages: Vec<StageRow>,
-    pub parts: Vec<PartsRow>,
+    pub stages: Vec<Fields>,
+    pub parts: Vec<Fields>,
     pub with_and_without: Vec<WithoutRow>,
     pub crossing: Option<u32>,
-    pub engines: Vec<EnginesRow>,
-    pub moving: Vec<MovingRow>,
-    pub under_way: Vec<UnderWayRow>,
-}
-
-/// Table 6: update of the boxes (α), of the grid (β), overlapping pairs (δ). Milliseconds.
-#[derive(Clone, Debug, Serialize)]
-pub struct PartsRow {
-    pub n: u32,
-    pub update_boxes_ms: f64,
-    pub update_grid_ms: f64,
-    pub cull_ms: f64,
-    pub total_ms: f64,
-    pub paper_ms: Option<[f64; 4]>,
+    pub engines: Vec<Fields>,
+    pub moving: Vec<Fields>,
+    pub under_way: Vec<Fields>,
 }
 
 /// Table 7: all pairs against the grid. Milliseconds a frame.
@@ -61,33 +51,6 @@ pub struct WithoutRow {
     pub without_ms: f64,
     pub with_ms: f64,
     pub paper_ms: Option<[f64; 2]>,
-}
-
-/// Figure 5: engines by the number of boxes. Milliseconds a frame.
-#[derive(Clone, Debug, Serialize)]
-pub struct EnginesRow {
-    pub n: u32,
-    pub gpu_grid_ms: f64,
-    pub cpu_grid_ms: f64,
-    pub cpu_sap_ms: Option<f64>,
-    pub paper_ms: Option<f64>,
-}
-
-/// Figure 6: time by the share of boxes that move.
-#[derive(Clone, Debug, Serialize)]
-pub struct MovingRow {
-    pub n: u32,
-    pub moving_percent: u32,
-    pub frame_ms: f64,
-}
-
-/// Gain of a second frame under way: the boxes of one cross the link up while the other's mask
-/// comes down.
-#[derive(Clone, Debug, Serialize)]
-pub struct UnderWayRow {
-    pub n: u32,
-    pub one_fps: f64,
-    pub two_fps: f64,
 }
 
 /// The paper's scene: a column of objects of one size falls on a plane.
@@ -167,20 +130,20 @@ fn crossing(rows: &[WithoutRow]) -> Option<u32> {
     rows.get(slower.map_or(0, |place| place + 1)).map(|row| row.n)
 }
 
-fn parts_row(row: &GridRow, budget: Duration) -> PartsRow {
+fn parts_row(row: &GridRow, budget: Duration) -> Fields {
     let ms = |stages: &[&str]| -> f64 {
         let of = row.stage_us.iter().filter(|(label, _)| stages.contains(&label.as_str()));
         of.map(|(_, us)| us / 1e3).sum()
     };
     let update_boxes_ms = update_ms(row.n, budget);
-    PartsRow {
+    row!(
         n: row.n,
         update_boxes_ms,
         update_grid_ms: ms(&["grid_cells", "grid_scan", "grid_scatter", "grid_place"]),
         cull_ms: ms(&["grid_pairs", "grid_write"]),
         total_ms: update_boxes_ms + row.frame_us / 1e3,
         paper_ms: paper("table_6", row.n, ["alpha", "beta", "delta", "total"]),
-    }
+    )
 }
 
 /// Time to make the world boxes of rigid bodies, as a client does before it submits.
@@ -196,7 +159,7 @@ fn update_ms(n: u32, budget: Duration) -> f64 {
     })
 }
 
-fn engines_row(row: &GridRow, budget: Duration) -> EnginesRow {
+fn engines_row(row: &GridRow, budget: Duration) -> Fields {
     let boxes = Scene::new(PAPER_SCENE, row.n as usize, SEED).boxes().to_vec();
     let mut reply = HeapReply::new();
     let mut time = |engine: &mut dyn Engine| {
@@ -206,13 +169,13 @@ fn engines_row(row: &GridRow, budget: Duration) -> EnginesRow {
                 .cull(&CullInput::boxes(&boxes).threads(rayon::current_num_threads()), &mut reply);
         })
     };
-    EnginesRow {
+    row!(
         n: row.n,
         gpu_grid_ms: row.frame_us / 1e3,
         cpu_grid_ms: time(&mut CpuGrid::new()),
         cpu_sap_ms: (row.n <= SWEEP_MOST).then(|| time(&mut SweepAndPrune::new())),
         paper_ms: paper_frame_ms(row.n),
-    }
+    )
 }
 
 fn without_row(gpu: &Arc<Gpu>, n: u32, budget: Duration) -> Result<WithoutRow> {
@@ -225,13 +188,13 @@ fn without_row(gpu: &Arc<Gpu>, n: u32, budget: Duration) -> Result<WithoutRow> {
     Ok(WithoutRow { n, without_ms, with_ms, paper_ms: paper("table_7", n, ["without", "with"]) })
 }
 
-fn under_way_row(gpu: &Arc<Gpu>, n: u32, budget: Duration) -> Result<UnderWayRow> {
+fn under_way_row(gpu: &Arc<Gpu>, n: u32, budget: Duration) -> Result<Fields> {
     let scene = Scene::new(SceneName::Uniform, n as usize, SEED);
     let fps = |under_way| frames_a_second(gpu, scene.boxes(), under_way, budget);
-    Ok(UnderWayRow { n, one_fps: fps(1)?, two_fps: fps(2)? })
+    Ok(row!(n, one_fps: fps(1)?, two_fps: fps(2)?))
 }
 
-fn moving_row(gpu: &Arc<Gpu>, n: u32, moving_percent: u32, budget: Duration) -> Result<MovingRow> {
+fn moving_row(gpu: &Arc<Gpu>, n: u32, moving_percent: u32, budget: Duration) -> Result<Fields> {
     let mut scene = Scene::new(PAPER_SCENE, n as usize, SEED);
     let mut boxes = scene.boxes().to_vec();
     let mut rig = grid_rig(gpu, &boxes, Encoding::Sparse, false)?;
@@ -244,7 +207,7 @@ fn moving_row(gpu: &Arc<Gpu>, n: u32, moving_percent: u32, budget: Duration) -> 
         rig.boxes.write(&boxes);
         times.push(median_us(&mut rig, Duration::ZERO)?);
     }
-    Ok(MovingRow { n, moving_percent, frame_ms: median(times) / 1e3 })
+    Ok(row!(n, moving_percent, frame_ms: median(times) / 1e3))
 }
 
 impl Report for GridReport {
@@ -320,7 +283,7 @@ mod tests {
         write_files(&report, &folder.path().join("records"))?;
         assert_eq!(report.scenes.len(), 4);
         assert!(report.scenes.iter().all(|row| row.checked && row.pairs > 0 && row.frame_us > 0.0));
-        assert!(report.stages.iter().all(|row| row.floor_us > 0.0));
+        assert!(report.stages.iter().all(|row| row["floor_us"].as_f64() > Some(0.0)));
         let counts = [report.stages.len(), report.parts.len(), report.engines.len()];
         assert_eq!((counts, report.under_way.len(), report.moving.len()), ([6, 1, 1], 1, 6));
         assert!(report.with_and_without.iter().any(|row| row.paper_ms.is_some()));

@@ -5,8 +5,20 @@ use indexmap::IndexMap;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-/// The fields of a row in the order in which it writes them.
-type Fields = IndexMap<String, Value>;
+/// A row: its fields in the order in which they are written.
+pub type Fields = IndexMap<String, Value>;
+
+/// A row of `name: value` and of variables of the field's name.
+macro_rules! row {
+    ($($name:ident $(: $value:expr)?),* $(,)?) => {
+        $crate::study::harness::table::Fields::from_iter([
+            $((stringify!($name).to_owned(), row!(@ $name $($value)?))),*
+        ])
+    };
+    (@ $name:ident) => { serde_json::json!($name) };
+    (@ $name:ident $value:expr) => { serde_json::json!($value) };
+}
+pub(crate) use row;
 
 /// Cells under a head.
 #[derive(Clone, Debug, Default, PartialEq)]

@@ -30,12 +30,13 @@ use pairmaskd::execute::gpu::{Checks, GpuChoice, GpuError};
 use pairmaskd::scene::{Scene, SceneName};
 use serde::Serialize;
 
-use self::errors::{Coverage, RootTally, Tally};
+use self::errors::{Coverage, Tally};
 use self::gpu::{Bench, Ids};
 use self::report::{Claim, MappingReport};
 use self::stage::{PAPERS_OWN, Root, Variant};
 use super::harness::machine::Machine;
 use super::harness::open_if_any;
+use super::harness::table::{Fields, row};
 use super::papers::{self, figure};
 use crate::Result;
 
@@ -144,15 +145,6 @@ pub enum Processor {
     Gpu,
 }
 
-/// Table 3: wrong integer parts of a root.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct RootErrorRow {
-    pub processor: Processor,
-    pub root: Root,
-    pub tally: RootTally,
-    pub paper_percent: Option<f64>,
-}
-
 /// The ids that an error row checked.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
@@ -175,14 +167,6 @@ pub struct PairErrorRow {
     pub row_error: u64,
 }
 
-/// Fewest boxes for which a closed form is wrong, by the mirror.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-pub struct FirstWrongRow {
-    pub variant: Variant,
-    pub n: Option<u32>,
-    pub limit: u32,
-}
-
 /// Table 2 and beyond: the time to map all ids of n boxes.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct MapTimeRow {
@@ -198,41 +182,6 @@ impl MapTimeRow {
     pub fn ps_per_pair(&self) -> Option<f64> {
         Some(self.ms? * 1e9 / BoxCount::new(self.n).pair_count() as f64)
     }
-}
-
-/// Table 4: the time to take roots.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct RootTimeRow {
-    pub processor: Processor,
-    pub root: Root,
-    pub count: u64,
-    pub ms: Option<f64>,
-    pub paper_ms: Option<f64>,
-}
-
-/// Table 5: one byte or one bit a pair.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct OutputRow {
-    pub n: u32,
-    pub bits_per_pair: u32,
-    pub thread_a_pair: bool,
-    pub kernel_ms: f64,
-    pub transfer_us: f64,
-    pub output_bytes: u64,
-    pub paper_kernel_ms: Option<f64>,
-    pub paper_transfer_us: Option<f64>,
-}
-
-/// Figure 4: kernel time, input and output by n, one bit a pair.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct GrowthRow {
-    pub n: u32,
-    pub kernel_ms: f64,
-    pub upload_us: f64,
-    pub transfer_us: f64,
-    pub input_bytes: u64,
-    pub output_bytes: u64,
-    pub paper_kernel_ms: Option<f64>,
 }
 
 /// Measures, on the GPU too if the choice has one. With `quick` small sizes and few runs, in seconds; times mean
@@ -262,13 +211,13 @@ pub fn measure(choice: &GpuChoice, quick: bool) -> Result<MappingReport> {
     Ok(report)
 }
 
-fn root_errors(plan: &Plan, mut bench: Option<&mut Bench>) -> Result<Vec<RootErrorRow>, GpuError> {
+fn root_errors(plan: &Plan, mut bench: Option<&mut Bench>) -> Result<Vec<Fields>, GpuError> {
     let mut rows = Vec::new();
     for root in Root::all() {
         for &count in &plan.root_counts {
             let paper_percent = figure(&format!("table_3[count={count}].{root}"));
             let mut push = |processor, tally| {
-                rows.push(RootErrorRow { processor, root, tally, paper_percent });
+                rows.push(row!(processor, root, tally, paper_percent));
             };
             push(Processor::Cpu, errors::count_roots(root, count));
             let Some(bench) = bench.as_deref_mut() else { continue };
@@ -335,11 +284,10 @@ pub fn pair_errors(
     Ok(rows)
 }
 
-fn first_wrong(limit: u32) -> Vec<FirstWrongRow> {
+fn first_wrong(limit: u32) -> Vec<Fields> {
     let closed = Variant::all().filter(|variant| matches!(variant, Variant::Closed { .. }));
-    let row =
-        |variant| FirstWrongRow { variant, n: errors::first_wrong_count(variant, limit), limit };
-    closed.map(row).collect()
+    let of = |variant| row!(variant, n: errors::first_wrong_count(variant, limit), limit);
+    closed.map(of).collect()
 }
 
 /// The times of the plan's variants.
@@ -367,12 +315,12 @@ pub fn map_times(plan: &Plan, mut bench: Option<&mut Bench>) -> Result<Vec<MapTi
     Ok(rows)
 }
 
-fn root_times(plan: &Plan, mut bench: Option<&mut Bench>) -> Result<Vec<RootTimeRow>, GpuError> {
+fn root_times(plan: &Plan, mut bench: Option<&mut Bench>) -> Result<Vec<Fields>, GpuError> {
     let mut rows = Vec::new();
     for &count in &plan.root_time_counts {
         for root in Root::all() {
             let mut push = |processor, ms, paper_ms| {
-                rows.push(RootTimeRow { processor, root, count, ms, paper_ms });
+                rows.push(row!(processor, root, count, ms, paper_ms));
             };
             for processor in [Processor::CpuThread, Processor::Cpu] {
                 push(processor, Some(times::roots(root, count, processor, &plan.cpu)), None);
@@ -391,7 +339,7 @@ fn uniform(n: u32) -> Vec<Aabb> {
     Scene::new(SceneName::Uniform, n as usize, 1).boxes().to_vec()
 }
 
-fn outputs(plan: &Plan, bench: &mut Bench) -> Result<Vec<OutputRow>, GpuError> {
+fn outputs(plan: &Plan, bench: &mut Bench) -> Result<Vec<Fields>, GpuError> {
     let mut rows = Vec::new();
     for &n in &plan.output_counts {
         let boxes = uniform(n);
@@ -402,7 +350,7 @@ fn outputs(plan: &Plan, bench: &mut Bench) -> Result<Vec<OutputRow>, GpuError> {
                 let paper =
                     |column| figure(&format!("table_5[bits={bits_per_pair},n={n}].{column}"));
                 let [_, kernel_ms, transfer_ms] = run.ms;
-                rows.push(OutputRow {
+                rows.push(row!(
                     n,
                     bits_per_pair,
                     thread_a_pair,
@@ -411,19 +359,19 @@ fn outputs(plan: &Plan, bench: &mut Bench) -> Result<Vec<OutputRow>, GpuError> {
                     output_bytes: run.output_bytes,
                     paper_kernel_ms: paper("kernel_ms"),
                     paper_transfer_us: paper("transfer_us"),
-                });
+                ));
             }
         }
     }
     Ok(rows)
 }
 
-fn growth(plan: &Plan, bench: &mut Bench) -> Result<Vec<GrowthRow>, GpuError> {
+fn growth(plan: &Plan, bench: &mut Bench) -> Result<Vec<Fields>, GpuError> {
     let mut rows = Vec::new();
     for &n in &plan.growth_counts {
         let Some(run) = gpu::mask(bench, 1, false, &uniform(n), &plan.gpu)? else { continue };
         let [upload_ms, kernel_ms, transfer_ms] = run.ms;
-        rows.push(GrowthRow {
+        rows.push(row!(
             n,
             kernel_ms,
             upload_us: upload_ms * 1e3,
@@ -431,7 +379,7 @@ fn growth(plan: &Plan, bench: &mut Bench) -> Result<Vec<GrowthRow>, GpuError> {
             input_bytes: run.input_bytes,
             output_bytes: run.output_bytes,
             paper_kernel_ms: figure(&format!("table_5[bits=1,n={n}].kernel_ms")),
-        });
+        ));
     }
     Ok(rows)
 }

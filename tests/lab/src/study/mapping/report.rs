@@ -2,12 +2,11 @@
 
 use serde::Serialize;
 
-use super::{
-    FirstWrongRow, GrowthRow, MapTimeRow, OutputRow, PairErrorRow, RootErrorRow, RootTimeRow,
-};
+use super::{MapTimeRow, PairErrorRow};
 use crate::study::harness::Report;
 use crate::study::harness::document::Part;
 use crate::study::harness::machine::Machine;
+use crate::study::harness::table::Fields;
 use crate::study::papers::{self, Verdict};
 
 /// All figures of a study.
@@ -15,13 +14,13 @@ use crate::study::papers::{self, Verdict};
 pub struct MappingReport {
     pub machine: Machine,
     pub claims: Vec<Claim>,
-    pub root_errors: Vec<RootErrorRow>,
+    pub root_errors: Vec<Fields>,
     pub pair_errors: Vec<PairErrorRow>,
-    pub first_wrong: Vec<FirstWrongRow>,
+    pub first_wrong: Vec<Fields>,
     pub map_times: Vec<MapTimeRow>,
-    pub root_times: Vec<RootTimeRow>,
-    pub outputs: Vec<OutputRow>,
-    pub growth: Vec<GrowthRow>,
+    pub root_times: Vec<Fields>,
+    pub outputs: Vec<Fields>,
+    pub growth: Vec<Fields>,
 }
 
 /// A claim and its verdict.

@@ -11,14 +11,14 @@ use crate::Result;
 use crate::study::harness::Report;
 use crate::study::harness::document::{Part, html, markdown};
 use crate::study::harness::machine::Machine;
-use crate::study::harness::table::{Table, number_text};
+use crate::study::harness::table::{Fields, Table, number_text, row};
 
 /// The JSON object of `papers --json`. Fields may be added, never changed or taken away.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct PapersReport {
     pub machine: Machine,
     pub only_records: bool,
-    pub summary: Vec<Summary>,
+    pub summary: Vec<Fields>,
     pub breaks: Vec<String>,
     pub holds: Vec<String>,
     pub not_measured: Vec<String>,
@@ -41,29 +41,18 @@ impl Paper {
         self.items.iter().flat_map(|item| item.claims.iter().map(move |claim| (item, claim)))
     }
 
-    fn summary(&self) -> Summary {
+    fn summary(&self) -> Fields {
         let count = |verdict| self.claims().filter(|(_, claim)| claim.verdict == verdict).count();
         let nothing = self.items.iter().filter(|item| item.nothing_to_measure.is_some());
-        Summary {
+        row!(
             paper: self.name,
             tables_and_figures: self.items.len(),
             nothing_to_measure: nothing.count(),
             holds: count(Verdict::Holds),
             breaks: count(Verdict::Breaks),
             not_measured: count(Verdict::NotMeasured),
-        }
+        )
     }
-}
-
-/// A line of the summary.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub struct Summary {
-    pub paper: &'static str,
-    pub tables_and_figures: usize,
-    pub nothing_to_measure: usize,
-    pub holds: usize,
-    pub breaks: usize,
-    pub not_measured: usize,
 }
 
 impl PapersReport {

@@ -19,6 +19,7 @@ use super::papers_row;
 use super::speed::{frames_a_second, plain, scene};
 use crate::Result;
 use crate::gpu_stages::shared::Segment;
+use crate::study::harness::table::{Fields, row};
 
 /// Numbers of spheres: the paper's, and larger ones.
 const SIZES: [usize; 11] =
@@ -31,25 +32,6 @@ const PLAIN_SPHERES: usize = 10_000;
 const ALL_PAIRS_SPHERES: usize = 100_000;
 /// Words a sphere of the memory for replies.
 const REPLY_WORDS: usize = 20;
-
-/// Frames a second on a GPU, spheres and mask in shared memory.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct GpuSpeedRow {
-    pub n: u64,
-    pub pairs: u64,
-    pub is_right: bool,
-    pub imported: bool,
-    pub all_pairs_fps: Option<f64>,
-    pub tests_a_second: Option<f64>,
-    pub grid_fps: f64,
-    pub grid_us: f64,
-    pub cpu_fps: f64,
-    pub plain_fps: Option<f64>,
-    pub speed_up: Option<f64>,
-    pub paper_sequential_fps: Option<f64>,
-    pub paper_parallel_fps: Option<f64>,
-    pub paper_speed_up: Option<f64>,
-}
 
 /// Pairs of a family, decided by a GPU.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
@@ -65,13 +47,13 @@ pub struct GpuErrorRow {
 const NOT_RUN: Result<CullReport, CullError> =
     Err(CullError::DeviceLost { engine: EngineName::GpuGrid });
 
-pub fn measure(gpu: &Arc<Gpu>, quick: bool, seed: u64) -> Result<Vec<GpuSpeedRow>> {
+pub fn measure(gpu: &Arc<Gpu>, quick: bool, seed: u64) -> Result<Vec<Fields>> {
     let sizes = if quick { &SIZES[..QUICK_SIZES] } else { &SIZES[..] };
     let budget = Duration::from_millis(if quick { 20 } else { 500 });
-    sizes.iter().map(|n| row(gpu, *n, budget, seed)).collect()
+    sizes.iter().map(|n| timed(gpu, *n, budget, seed)).collect()
 }
 
-fn row(gpu: &Arc<Gpu>, n: usize, budget: Duration, seed: u64) -> Result<GpuSpeedRow> {
+fn timed(gpu: &Arc<Gpu>, n: usize, budget: Duration, seed: u64) -> Result<Fields> {
     let objects = scene(n, seed);
     let mut spheres = Segment::new(n * SPHERE_BYTES)?;
     let mut reply = Segment::new(4 * REPLY_WORDS * n.max(1_000))?;
@@ -126,7 +108,7 @@ fn row(gpu: &Arc<Gpu>, n: usize, budget: Duration, seed: u64) -> Result<GpuSpeed
         })
     });
     let [paper_sequential_fps, paper_parallel_fps, paper_speed_up] = papers_row(n);
-    Ok(GpuSpeedRow {
+    Ok(row!(
         n: n as u64,
         pairs,
         is_right: counts.iter().all(|count| *count == pairs),
@@ -141,7 +123,7 @@ fn row(gpu: &Arc<Gpu>, n: usize, budget: Duration, seed: u64) -> Result<GpuSpeed
         paper_sequential_fps,
         paper_parallel_fps,
         paper_speed_up,
-    })
+    ))
 }
 
 /// Pairs of a family that are culled together, as one scene of twice as many spheres: 499,500 pairs. The CPU

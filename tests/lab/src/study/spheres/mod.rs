@@ -15,14 +15,14 @@ pub mod oracle;
 pub(crate) mod speed;
 
 use errors::ErrorRow;
-use gpu::{GpuErrorRow, GpuSpeedRow};
+use gpu::GpuErrorRow;
 use pairmaskd::execute::gpu::{Gpu, GpuChoice, HostImport};
 use serde::Serialize;
-use speed::SpeedRow;
 
 use super::harness::Report;
 use super::harness::document::Part;
 use super::harness::machine::Machine;
+use super::harness::table::Fields;
 use super::papers::figure;
 use crate::Result;
 
@@ -73,9 +73,9 @@ fn papers_row(n: usize) -> [Option<f64>; 3] {
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(crate) struct SphereReport {
     pub machine: Machine,
-    pub speed: Vec<SpeedRow>,
+    pub speed: Vec<Fields>,
     pub errors: Vec<ErrorRow>,
-    pub gpu_speed: Vec<GpuSpeedRow>,
+    pub gpu_speed: Vec<Fields>,
     pub gpu_errors: Vec<GpuErrorRow>,
 }
 
@@ -83,7 +83,7 @@ impl SphereReport {
     /// Whether every pair was decided rightly, by the client library and on the GPU.
     pub fn is_exact(&self) -> bool {
         self.errors.iter().all(|row| row.exact_wrong == 0)
-            && self.gpu_speed.iter().all(|row| row.is_right)
+            && self.gpu_speed.iter().all(|row| row["is_right"] == true)
             && self.gpu_errors.iter().all(|row| row.wrong + row.beside_wrong == 0)
     }
 }
