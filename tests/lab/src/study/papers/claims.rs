@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
 use super::expression::{Scope, select};
-use super::rule::{Rule, Verdict};
+use super::rule::{Rule, RuleName, Verdict};
 
 /// `data/papers.toml`.
 #[derive(Debug, Deserialize)]
@@ -16,6 +16,7 @@ pub struct Data {
     pub line: Vec<Line>,
     text: BTreeMap<String, String>,
     define: BTreeMap<String, String>,
+    pub rules: BTreeMap<String, Rule>,
     lists: BTreeMap<String, Vec<Value>>,
     pub paper: Vec<PaperData>,
     pub mapping: Vec<ItemData>,
@@ -94,7 +95,7 @@ pub struct MissingCores {
 #[serde(deny_unknown_fields)]
 struct ClaimData {
     says: String,
-    rule: Rule,
+    rule: RuleName,
     of: Option<Kind>,
     #[serde(default)]
     on_gpu: bool,
@@ -207,14 +208,15 @@ impl Data {
                 best = found;
             }
         }
-        let (verdict, breaking) = data.rule.judge(&best);
+        let rule = data.rule.of(&self.rules)?;
+        let (verdict, breaking) = rule.judge(&best)?;
         let why = match verdict {
             Verdict::NotMeasured => {
                 data.missing_cores.as_ref().map_or_else(|| self.text(&data.missing), without_cores)
             }
-            Verdict::Breaks | Verdict::Holds => data.rule.evidence(&best, &breaking),
+            Verdict::Breaks | Verdict::Holds => rule.evidence(&best, &breaking),
         };
-        let (says, rule) = (data.says.clone(), data.rule.to_string());
+        let (says, rule) = (data.says.clone(), rule.says);
         Ok(Claim { says, rule, verdict, why, note: self.text(&data.note), rows: best })
     }
 

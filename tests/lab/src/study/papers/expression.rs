@@ -36,7 +36,7 @@ impl Scope<'_> {
                 _ => a / b,
             }));
         }
-        if text.starts_with(|c: char| c.is_ascii_digit()) {
+        if text.starts_with(|c: char| c.is_ascii_digit() || c == '-') {
             return text.parse().map(Some).map_err(|_| bad());
         }
         let end = text.find(['(', '[']).unwrap_or(text.len());
@@ -56,6 +56,23 @@ impl Scope<'_> {
             field(self.root, name)
         };
         Ok(found.and_then(Value::as_f64))
+    }
+
+    /// Whether a condition holds, `left <= right` and the like; `None` where a figure is missing.
+    pub fn holds(&self, condition: &str) -> Result<Option<bool>, String> {
+        for operators in [[" <= ", " >= "], [" < ", " > "]] {
+            let Some((left, operator, right)) = split_at_last(condition, operators) else {
+                continue;
+            };
+            let both = self.value(left)?.zip(self.value(right)?);
+            return Ok(both.map(|(a, b)| match operator {
+                " <= " => a <= b,
+                " >= " => a >= b,
+                " < " => a < b,
+                _ => a > b,
+            }));
+        }
+        Err(format!("'{condition}' is no condition"))
     }
 
     fn call(&self, name: &str, arguments: &str) -> Result<Option<f64>, String> {

@@ -9,7 +9,7 @@ use super::claims::Row;
 use super::expression::Scope;
 use super::page::{Paper, figure_text};
 use super::records::ms_on_gpus;
-use super::rule::Rule;
+use super::rule::{Rule, RuleName};
 use super::*;
 use crate::study::harness::Report;
 
@@ -102,47 +102,59 @@ fn rows(figures: &[(f64, f64)]) -> Vec<Row> {
     figures.iter().enumerate().map(row).collect()
 }
 
+fn rule(name: &str) -> Rule {
+    let name: RuleName = serde_json::from_str(name).expect("a rule's name");
+    name.of(&DATA.rules).expect("a rule")
+}
+
 #[test]
 fn every_rule_can_hold_and_can_break() {
     type Two = [(f64, f64); 2];
-    let cases: [(Rule, Two, Two); 13] = [
-        (Rule::NoMore, [(2.0, 1.0), (2.0, 2.0)], [(2.0, 1.0), (2.0, 2.1)]),
-        (Rule::Reaches, [(2.0, 1.8), (2.0, 9.0)], [(2.0, 9.0), (2.0, 1.7)]),
-        (Rule::Within, [(50.0, 54.0), (50.0, 1.0)], [(50.0, 1.0), (50.0, 56.0)]),
-        (Rule::RoundsTo, [(2.0, 1.5), (3.0, 2.6)], [(2.0, 1.5), (3.0, 2.4)]),
-        (Rule::Equals, [(7.0, 7.0), (8.0, 8.0)], [(7.0, 7.0), (8.0, 7.0)]),
-        (Rule::SameShare, [(1.0, 1.09), (1.0, 0.91)], [(1.0, 1.0), (1.0, 0.8)]),
-        (Rule::SameSide(1.0), [(0.6, 0.1), (1.2, 2.0)], [(0.6, 0.1), (1.2, 0.9)]),
-        (Rule::AtMost(0.0), [(0.0, 0.0), (0.0, 0.0)], [(0.0, 0.0), (0.0, 1.0)]),
-        (Rule::AtLeast(5.0), [(8.0, 5.0), (8.0, 6.0)], [(8.0, 5.0), (8.0, 4.9)]),
-        (Rule::Between(1.0, 2.0), [(1.0, 1.1), (1.0, 1.9)], [(1.0, 1.1), (1.0, 2.0)]),
-        (Rule::Rises, [(1.0, 1.0), (1.0, 1.1)], [(1.0, 1.0), (1.0, 1.0)]),
-        (Rule::Falls, [(1.0, 1.0), (1.0, 0.9)], [(1.0, 1.0), (1.0, 0.99)]),
-        (Rule::IsConstant, [(1.0, 1.0), (1.0, 1.09)], [(1.0, 1.0), (1.0, 1.2)]),
+    let cases: [(&str, Two, Two); 13] = [
+        (r#""no_more""#, [(2.0, 1.0), (2.0, 2.0)], [(2.0, 1.0), (2.0, 2.1)]),
+        (r#""reaches""#, [(2.0, 1.8), (2.0, 9.0)], [(2.0, 9.0), (2.0, 1.7)]),
+        (r#""within""#, [(50.0, 54.0), (50.0, 1.0)], [(50.0, 1.0), (50.0, 56.0)]),
+        (r#""rounds_to""#, [(2.0, 1.5), (3.0, 2.6)], [(2.0, 1.5), (3.0, 2.4)]),
+        (r#""equals""#, [(7.0, 7.0), (8.0, 8.0)], [(7.0, 7.0), (8.0, 7.0)]),
+        (r#""same_share""#, [(1.0, 1.09), (1.0, 0.91)], [(1.0, 1.0), (1.0, 0.8)]),
+        (r#"{"same_side": 1.0}"#, [(0.6, 0.1), (1.2, 2.0)], [(0.6, 0.1), (1.2, 0.9)]),
+        (r#"{"at_most": 0.0}"#, [(0.0, 0.0), (0.0, 0.0)], [(0.0, 0.0), (0.0, 1.0)]),
+        (r#"{"at_least": 5.0}"#, [(8.0, 5.0), (8.0, 6.0)], [(8.0, 5.0), (8.0, 4.9)]),
+        (r#"{"between": [-1.0, 2.0]}"#, [(1.0, -0.9), (1.0, 1.9)], [(1.0, 1.1), (1.0, 2.0)]),
+        (r#""rises""#, [(1.0, 1.0), (1.0, 1.1)], [(1.0, 1.0), (1.0, 1.0)]),
+        (r#""falls""#, [(1.0, 1.0), (1.0, 0.9)], [(1.0, 1.0), (1.0, 0.99)]),
+        (r#""is_constant""#, [(1.0, 1.0), (1.0, 1.09)], [(1.0, 1.0), (1.0, 1.2)]),
     ];
-    for (rule, kept, broken) in cases {
-        let (kept, broken) = (rows(&kept), rows(&broken));
-        assert_eq!(rule.judge(&kept), (Verdict::Holds, Vec::new()), "{rule}");
-        assert_eq!(rule.judge(&broken), (Verdict::Breaks, vec![&broken[1]]), "{rule}");
+    assert_eq!(cases.len(), DATA.rules.len());
+    for (name, kept, broken) in cases {
+        let (rule, kept, broken) = (rule(name), rows(&kept), rows(&broken));
+        assert_eq!(rule.judge(&kept), Ok((Verdict::Holds, Vec::new())), "{name}");
+        assert_eq!(rule.judge(&broken), Ok((Verdict::Breaks, vec![&broken[1]])), "{name}");
     }
+    assert_eq!(rule(r#"{"between": [-0.5, 2.0]}"#).says, "ours is between -0.5 and 2");
 }
 
 #[test]
 fn the_evidence_is_what_decided_and_a_missing_figure_hides_no_break() {
-    let evidence = |rule: Rule, rows: &[Row]| rule.evidence(rows, &rule.judge(rows).1);
+    let judge = |name: &str, rows: &[Row]| rule(name).judge(rows).expect("conditions").0;
+    let evidence = |name: &str, rows: &[Row]| {
+        let rule = rule(name);
+        rule.evidence(rows, &rule.judge(rows).expect("conditions").1)
+    };
     let mut rows = rows(&[(1.0, 1.0), (1.0, 2.0), (1.0, 2.0), (1.0, 1.0)]);
     for row in &mut rows {
         row.paper = None;
     }
-    assert_eq!(evidence(Rule::Rises, &rows), "r1: ours 2 s; r2: ours 2 s; and 1 more");
-    assert_eq!(evidence(Rule::Rises, &rows[..2]), "r0: ours 1 s; r1: ours 2 s");
-    assert_eq!(evidence(Rule::AtMost(1.0), &rows[..2]), "r1: ours 2 s");
-    assert_eq!(evidence(Rule::AtMost(1.0), &[]), "");
-    assert_eq!(Rule::Reaches.judge(&rows).0, Verdict::Holds, "theirs is missing");
+    let (rises, at_most) = (r#""rises""#, r#"{"at_most": 1.0}"#);
+    assert_eq!(evidence(rises, &rows), "r1: ours 2 s; r2: ours 2 s; and 1 more");
+    assert_eq!(evidence(rises, &rows[..2]), "r0: ours 1 s; r1: ours 2 s");
+    assert_eq!(evidence(at_most, &rows[..2]), "r1: ours 2 s");
+    assert_eq!(evidence(at_most, &[]), "");
+    assert_eq!(judge(r#""reaches""#, &rows), Verdict::Holds, "theirs is missing");
     rows[0].ours = None;
-    assert_eq!(Rule::AtMost(2.0).judge(&rows).0, Verdict::NotMeasured);
-    assert_eq!(Rule::AtMost(1.0).judge(&rows).0, Verdict::Breaks);
-    assert_eq!(Rule::Rises.judge(&[]).0, Verdict::NotMeasured);
+    assert_eq!(judge(r#"{"at_most": 2.0}"#, &rows), Verdict::NotMeasured);
+    assert_eq!(judge(at_most, &rows), Verdict::Breaks);
+    assert_eq!(judge(rises, &[]), Verdict::NotMeasured);
     let text = [0.0, 0.27, 29.66, 1.0, 71_452.0, 0.000_031, 1234.5].map(figure_text);
     assert_eq!(text, ["0", "0.27", "29.66", "1", "71452", "0.000031", "1234"]);
 }
