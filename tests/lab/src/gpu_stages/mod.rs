@@ -58,6 +58,9 @@ fn wrong_pairs(n: u32, scene: SceneName) -> Fault {
 }
 
 /// Measures and prints.
+///
+/// # Errors
+/// Where the GPU fails or is not there, or pairs differ.
 pub fn run(options: &BenchOptions, out: &mut dyn Write) -> Result<()> {
     let start = Instant::now();
     let gpu = Gpu::open(&options.gpu, HostImport::IfPossible)?;
@@ -113,6 +116,9 @@ pub fn run(options: &BenchOptions, out: &mut dyn Write) -> Result<()> {
 }
 
 /// Measures the grid and prints.
+///
+/// # Errors
+/// As [`run`].
 pub fn run_grid(options: &BenchOptions, out: &mut dyn Write) -> Result<()> {
     let gpu = Gpu::open(&options.gpu, HostImport::IfPossible)?;
     for &n in &options.counts {

@@ -75,7 +75,9 @@ pub(super) struct PairSum {
 impl PairSum {
     fn of(pairs: &[[u32; 2]]) -> Self {
         let mut sum = Self::default();
-        pairs.iter().for_each(|pair| sum.add(*pair));
+        for pair in pairs {
+            sum.add(*pair);
+        }
         sum
     }
 
@@ -90,7 +92,9 @@ impl PairSum {
             *self = Self::of(told.pairs());
             return;
         }
-        told.begun().iter().for_each(|pair| self.add(*pair));
+        for pair in told.begun() {
+            self.add(*pair);
+        }
         for ended in told.ended() {
             self.count = self.count.wrapping_sub(1);
             self.sum = self.sum.wrapping_sub(mixed(ended.pair));

@@ -57,8 +57,10 @@ pub(crate) struct Subject {
     /// How it is asked.
     pub(crate) form: Form,
     /// Answers a case; [`Finding`] where it cannot, or where the answer was compared already and is wrong.
-    answer: Box<dyn FnMut(&Case) -> Result<Reply, Finding>>,
+    answer: Box<Answering>,
 }
+
+type Answering = dyn FnMut(&Case) -> Result<Reply, Finding>;
 
 /// The cases to run.
 #[derive(Clone, Debug)]

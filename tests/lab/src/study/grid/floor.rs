@@ -12,9 +12,12 @@ use crate::study::harness::table::{Fields, row};
 /// Highest bandwidths of a device, by its copy engine, GB/s.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct Bandwidth {
-    pub up_gbs: f64,
-    pub down_gbs: f64,
-    pub memory_gbs: f64,
+    #[serde(rename = "up_gbs")]
+    pub up: f64,
+    #[serde(rename = "down_gbs")]
+    pub down: f64,
+    #[serde(rename = "memory_gbs")]
+    pub memory: f64,
 }
 
 /// Bytes of a copy that is timed: several times a second-level cache.
@@ -46,9 +49,9 @@ impl Bandwidth {
             Ok(bytes as f64 / least_ns)
         };
         Ok(Self {
-            up_gbs: copy(&host, &video)?,
-            down_gbs: copy(&video, &host)?,
-            memory_gbs: 2.0 * copy(&video, &other)?,
+            up: copy(&host, &video)?,
+            down: copy(&video, &host)?,
+            memory: 2.0 * copy(&video, &other)?,
         })
     }
 }
@@ -69,9 +72,9 @@ pub fn stages(row: &GridRow, bandwidth: &Bandwidth) -> Vec<Fields> {
             _ => (0, 0, 0),
         };
         let ns = [
-            up as f64 / bandwidth.up_gbs,
-            down as f64 / bandwidth.down_gbs,
-            memory as f64 / bandwidth.memory_gbs,
+            up as f64 / bandwidth.up,
+            down as f64 / bandwidth.down,
+            memory as f64 / bandwidth.memory,
         ];
         row!(
             n: row.n,

@@ -218,9 +218,9 @@ impl Report for GridReport {
             Some(n) => format!("The grid is faster from {n} boxes on (paper: beyond 1,000)."),
             None => "The grid is not faster at any of these (paper: beyond 1,000).".to_owned(),
         };
-        let Bandwidth { up_gbs, down_gbs, memory_gbs } = self.bandwidth;
+        let Bandwidth { up, down, memory } = self.bandwidth;
         let link = format!(
-            "Link {up_gbs:.1} GB/s up, {down_gbs:.1} down; video memory {memory_gbs:.0} GB/s (copies by the device)."
+            "Link {up:.1} GB/s up, {down:.1} down; video memory {memory:.0} GB/s (copies by the device)."
         );
         let parts = [
             Part::section(

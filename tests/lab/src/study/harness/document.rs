@@ -129,7 +129,8 @@ fn marked(text: &str) -> String {
             continue;
         }
         for (j, part) in part.split('`').enumerate() {
-            out += &if j % 2 == 1 { format!("<code>{part}</code>") } else { part.to_owned() };
+            let [open, close] = if j % 2 == 1 { ["<code>", "</code>"] } else { [""; 2] };
+            out.extend([open, part, close]);
         }
     }
     out

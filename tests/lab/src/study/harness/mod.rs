@@ -29,7 +29,10 @@ pub(crate) trait Report: Serialize + Sized {
     fn csv(&self) -> String {
         match &Table::all_of(self)[..] {
             [(_, one)] => one.csv(),
-            all => all.iter().map(|(name, table)| format!("# {name}\n{}", table.csv())).collect(),
+            all => {
+                let text = |(name, table): &(_, Table)| format!("# {name}\n{}", table.csv());
+                all.iter().map(text).collect::<Vec<_>>().concat()
+            }
         }
     }
 

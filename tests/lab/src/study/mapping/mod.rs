@@ -32,7 +32,7 @@ use serde::Serialize;
 
 use self::errors::{Coverage, Tally};
 use self::gpu::{Bench, Ids};
-use self::report::{Claim, MappingReport};
+use self::report::MappingReport;
 use self::stage::{PAPERS_OWN, Root, Variant};
 use super::harness::machine::Machine;
 use super::harness::open_if_any;
@@ -207,7 +207,12 @@ pub fn measure(choice: &GpuChoice, quick: bool) -> Result<MappingReport> {
         report.growth = growth(&plan, bench)?;
     }
     let claims = papers::mapping_claims(&serde_json::to_value(&report)?)?;
-    report.claims = claims.into_iter().map(Claim::from).collect();
+    let claim = |(place, claim): (String, papers::Claim)| {
+        let papers::Claim { says, rule, verdict, why, .. } = claim;
+        let evidence = if why.is_empty() { rule } else { format!("{rule}: {why}") };
+        row!(place, claim: says, verdict, evidence)
+    };
+    report.claims = claims.into_iter().map(claim).collect();
     Ok(report)
 }
 

@@ -7,13 +7,12 @@ use crate::study::harness::Report;
 use crate::study::harness::document::Part;
 use crate::study::harness::machine::Machine;
 use crate::study::harness::table::Fields;
-use crate::study::papers::{self, Verdict};
 
 /// All figures of a study.
 #[derive(Clone, Debug, Serialize)]
 pub struct MappingReport {
     pub machine: Machine,
-    pub claims: Vec<Claim>,
+    pub claims: Vec<Fields>,
     pub root_errors: Vec<Fields>,
     pub pair_errors: Vec<PairErrorRow>,
     pub first_wrong: Vec<Fields>,
@@ -21,23 +20,6 @@ pub struct MappingReport {
     pub root_times: Vec<Fields>,
     pub outputs: Vec<Fields>,
     pub growth: Vec<Fields>,
-}
-
-/// A claim and its verdict.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Claim {
-    place: String,
-    claim: String,
-    verdict: Verdict,
-    evidence: String,
-}
-
-impl From<(String, papers::Claim)> for Claim {
-    fn from((place, claim): (String, papers::Claim)) -> Self {
-        let papers::Claim { says, rule, verdict, why, .. } = claim;
-        let evidence = if why.is_empty() { rule } else { format!("{rule}: {why}") };
-        Self { place, claim: says, verdict, evidence }
-    }
 }
 
 impl Report for MappingReport {

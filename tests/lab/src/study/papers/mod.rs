@@ -31,7 +31,6 @@ pub use self::claims::Claim;
 use self::claims::{Data, Kind, Source};
 use self::page::PapersReport;
 use self::records::Figures;
-pub use self::rule::Verdict;
 use super::harness::machine::Machine;
 use super::spheres::{self, SphereOptions};
 use super::ways::Case;

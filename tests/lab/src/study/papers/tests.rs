@@ -9,7 +9,7 @@ use super::claims::Row;
 use super::expression::Scope;
 use super::page::{Paper, figure_text};
 use super::records::ms_on_gpus;
-use super::rule::{Rule, RuleName};
+use super::rule::{Rule, RuleName, Verdict};
 use super::*;
 use crate::study::harness::Report;
 
