@@ -11,7 +11,7 @@ use super::case::Case;
 use super::clients::ClientsReport;
 
 /// The JSON object of `stress --json`. Fields may be added, never changed or taken away.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct StressReport {
     pub seed: u64,
     pub subjects: Vec<String>,
@@ -71,19 +71,8 @@ impl Failure {
 }
 
 impl StressReport {
-    pub(super) const fn new(seed: u64, subjects: Vec<String>) -> Self {
-        Self {
-            seed,
-            subjects,
-            cases: 0,
-            answers: 0,
-            skipped: Vec::new(),
-            missed: 0,
-            extra: 0,
-            elapsed_ns: 0,
-            failures: Vec::new(),
-            clients: None,
-        }
+    pub(super) fn new(seed: u64, subjects: Vec<String>) -> Self {
+        Self { seed, subjects, ..Self::default() }
     }
 
     /// Counts a case that a subject left to others.
