@@ -5,8 +5,6 @@
 //! there on an NVIDIA Quadro FX 3600M. Boxes lie in shared memory, the mask comes back there; no
 //! daemon is between.
 
-mod floor;
-
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -14,11 +12,13 @@ use glam::{Quat, Vec3};
 use pairmask_core::engine::{CullInput, Engine, Grid as CpuGrid, HeapReply, SweepAndPrune};
 use pairmask_core::update::{Placement, par_update_boxes};
 use pairmask_core::{Aabb, Encoding};
-use pairmaskd::execute::gpu::{AllPairsOptions, Gpu, GpuChoice, HostImport};
+use pairmaskd::execute::gpu::{
+    AllPairsOptions, Block, Command, Frame, Gpu, GpuChoice, GpuError, Home, HostImport,
+    Part as BlockPart, Wait,
+};
 use pairmaskd::scene::{Scene, SceneName};
 use serde::Serialize;
 
-pub use self::floor::Bandwidth;
 use super::harness::document::Part;
 use super::harness::machine::Machine;
 use super::harness::table::{Fields, row};
@@ -90,7 +90,7 @@ pub fn measure(choice: &GpuChoice, counts: &[u32], quick: bool) -> Result<GridRe
         for name in SCENES {
             let row = measure_scene(gpu, name, n, Encoding::Sparse, budget, true)?;
             if name == SceneName::Uniform {
-                stages.extend(floor::stages(&row, &bandwidth));
+                stages.extend(stages_of(&row, &bandwidth));
             }
             scenes.push(row);
         }
@@ -208,6 +208,85 @@ fn moving_row(gpu: &Arc<Gpu>, n: u32, moving_percent: u32, budget: Duration) -> 
         times.push(median_us(&mut rig, Duration::ZERO)?);
     }
     Ok(row!(n, moving_percent, frame_ms: median(times) / 1e3))
+}
+
+/// Highest bandwidths of a device, by its copy engine, GB/s.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct Bandwidth {
+    #[serde(rename = "up_gbs")]
+    pub up: f64,
+    #[serde(rename = "down_gbs")]
+    pub down: f64,
+    #[serde(rename = "memory_gbs")]
+    pub memory: f64,
+}
+
+/// Bytes of a copy that is timed: several times a second-level cache.
+const COPY_BYTES: u64 = 256 << 20;
+/// The same on a software adapter.
+const SOFTWARE_COPY_BYTES: u64 = 16 << 20;
+/// Copies of which the fastest counts.
+const COPIES: usize = 5;
+/// Longest wait for one.
+const PATIENCE: Duration = Duration::from_secs(10);
+
+impl Bandwidth {
+    pub fn measure(gpu: &Arc<Gpu>) -> Result<Self, GpuError> {
+        let software = gpu.info().is_software();
+        let bytes = if software { SOFTWARE_COPY_BYTES } else { COPY_BYTES };
+        let wait = if software { Wait::Block } else { Wait::Spin };
+        let block = |home| Block::new(gpu, home, bytes);
+        let (host, video, other) = (block(Home::Host)?, block(Home::Video)?, block(Home::Video)?);
+        let copy = |from: &Arc<Block>, to: &Arc<Block>| -> Result<f64, GpuError> {
+            let part = |block| BlockPart::of(block, 0, bytes);
+            let mut frame = Frame::new(gpu, true)?;
+            frame.record(vec![Command::Copy { from: part(from), to: part(to) }])?;
+            let mut least_ns = f64::INFINITY;
+            for _ in 0..COPIES {
+                frame.run(wait, PATIENCE)?;
+                let ns: f64 = frame.step_times()?.iter().map(|step| step.ns).sum();
+                least_ns = least_ns.min(ns);
+            }
+            Ok(bytes as f64 / least_ns)
+        };
+        Ok(Self {
+            up: copy(&host, &video)?,
+            down: copy(&video, &host)?,
+            memory: 2.0 * copy(&video, &other)?,
+        })
+    }
+}
+
+/// The stages of a measured scene.
+fn stages_of(row: &GridRow, bandwidth: &Bandwidth) -> Vec<Fields> {
+    let (n, cells, words) = (u64::from(row.n), u64::from(row.cells), row.words);
+    let stage = |(stage, us): &(String, f64)| {
+        // Up, down and video memory. Each box and each word counts once, each cell 4 bytes;
+        // repeated reads (neighbours, crowded cells) are assumed to hit a cache.
+        let (up, down, memory) = match stage.as_str() {
+            "grid_cells" => (24 * n, 0, 32 * n + 8 * n),
+            "grid_scan" => (0, 0, 8 * cells),
+            "grid_scatter" => (0, 0, 24 * n),
+            "grid_place" => (0, 0, 76 * n),
+            "grid_pairs" => (0, 4 * n, 32 * n + 4 * cells + 12 * words),
+            "grid_write" => (0, 12 * words, 12 * words + 4 * cells),
+            _ => (0, 0, 0),
+        };
+        let ns = [
+            up as f64 / bandwidth.up,
+            down as f64 / bandwidth.down,
+            memory as f64 / bandwidth.memory,
+        ];
+        row!(
+            n: row.n,
+            stage: stage.clone(),
+            us: *us,
+            link_bytes: up + down,
+            memory_bytes: memory,
+            floor_us: ns.into_iter().fold(0.0, f64::max) / 1e3,
+        )
+    };
+    row.stage_us.iter().map(stage).collect()
 }
 
 impl Report for GridReport {
