@@ -10,7 +10,7 @@ use serde::Serialize;
 
 use super::harness::Report;
 use super::harness::document::Part;
-use super::harness::table::Table;
+use super::harness::table::{Fields, Table, row};
 use super::ways::{
     Case, CaseTimes, Effort, Pools, Way, WaySet, core_count, measure_case, thread_counts,
 };
@@ -29,59 +29,41 @@ const EFFORT: Effort =
 pub struct PlanReport {
     machine: Machine,
     calibration: String,
-    rows: Vec<PlanRow>,
+    rows: Vec<Fields>,
 }
 
-#[derive(Debug, Default, Serialize)]
-struct PlanRow {
-    scene: &'static str,
-    n: usize,
-    threads: usize,
-    /// Null, as all that is about the planned way, where the plan chose one that was not measured because its
-    /// prediction was hopeless: a miss.
-    ratio: Option<f64>,
-    engine: Option<&'static str>,
-    encoding: Option<&'static str>,
-    engine_threads: Option<usize>,
-    planned_ns: Option<u64>,
-    predicted_ns: Option<u64>,
-    plan_ns: u64,
-    best_engine: Option<&'static str>,
-    best_encoding: Option<&'static str>,
-    best_threads: Option<usize>,
-    best_ns: Option<u64>,
-}
-
-/// Judges the plan of a measured case with a number of threads.
-fn judge(measured: &CaseTimes, threads: usize, calibration: &Calibration) -> PlanRow {
-    let Case { scene, n } = measured.case;
-    let plan_ns = measured.plan_ns;
-    let miss = PlanRow { scene: scene.as_str(), n, threads, plan_ns, ..PlanRow::default() };
+/// Judges the plan of a measured case with a number of threads. All that is about the planned way is null where the plan
+/// chose one that was not measured because its prediction was hopeless: a miss.
+fn judge(measured: &CaseTimes, threads: usize, calibration: &Calibration) -> Fields {
+    let (Case { scene, n }, plan_ns) = (measured.case, measured.plan_ns);
     let capabilities = Capabilities { threads, gpu: None };
     let plan = plan(&measured.stats, &capabilities, calibration, &CullOptions::default());
     let planned = Way { engine: plan.engine, encoding: plan.encoding, threads: plan.threads };
     let allowed = measured.ways.iter().filter(|(way, _)| way.threads <= threads);
-    let best = allowed.min_by_key(|(_, times)| times.least_ns());
-    let found = measured.ways.iter().find(|(way, _)| *way == planned);
+    let best = allowed.map(|(way, times)| (*way, times.least_ns())).min_by_key(|(_, ns)| *ns);
+    let of_planned = measured.ways.iter().find(|(way, _)| *way == planned);
     let candidate = plan.candidates.iter().flatten().find(|c| c.engine == plan.engine);
-    let (Some((best, best_times)), Some((_, times)), Some(candidate)) = (best, found, candidate)
-    else {
-        return miss;
-    };
-    let (planned_ns, best_ns) = (times.least_ns(), best_times.least_ns());
-    PlanRow {
-        ratio: Some((planned_ns + plan_ns) as f64 / best_ns.max(1) as f64),
-        engine: Some(planned.engine.as_str()),
-        encoding: Some(planned.encoding.as_str()),
-        engine_threads: Some(planned.threads),
-        planned_ns: Some(planned_ns),
-        predicted_ns: Some(candidate.predicted_ns as u64),
-        best_engine: Some(best.engine.as_str()),
-        best_encoding: Some(best.encoding.as_str()),
-        best_threads: Some(best.threads),
-        best_ns: Some(best_ns),
-        ..miss
-    }
+    let found = best.zip(of_planned.map(|(_, times)| times.least_ns())).zip(candidate);
+    let found = found.map(|((best, ns), candidate)| (best, ns, candidate.predicted_ns as u64));
+    let best = found.map(|(best, ..)| best);
+    let ratio =
+        |((_, best_ns), ns, _): (_, u64, _)| (ns + plan_ns) as f64 / u64::max(best_ns, 1) as f64;
+    row!(
+        scene: scene.as_str(),
+        n,
+        threads,
+        ratio: found.map(ratio),
+        engine: found.map(|_| planned.engine.as_str()),
+        encoding: found.map(|_| planned.encoding.as_str()),
+        engine_threads: found.map(|_| planned.threads),
+        planned_ns: found.map(|(_, ns, _)| ns),
+        predicted_ns: found.map(|(.., ns)| ns),
+        plan_ns,
+        best_engine: best.map(|(way, _)| way.engine.as_str()),
+        best_encoding: best.map(|(way, _)| way.encoding.as_str()),
+        best_threads: best.map(|(way, _)| way.threads),
+        best_ns: best.map(|(_, ns)| ns),
+    )
 }
 
 /// Measures the cases; `threads`, which the plan may use, empty means 1 and all cores. `watch` is called after each
@@ -118,9 +100,9 @@ impl Report for PlanReport {
 
     fn parts(&self) -> Vec<Part> {
         let Machine { cpu, cores, .. } = &self.machine;
-        let is_miss = |row: &&PlanRow| row.ratio.is_none_or(|ratio| ratio > LIMIT);
-        let misses = self.rows.iter().filter(is_miss).count();
-        let worst = self.rows.iter().filter_map(|row| row.ratio).fold(0.0, f64::max);
+        let ratios = || self.rows.iter().map(|row| row["ratio"].as_f64());
+        let misses = ratios().filter(|ratio| ratio.is_none_or(|ratio| ratio > LIMIT)).count();
+        let worst = ratios().flatten().fold(0.0, f64::max);
         let rows = self.rows.len();
         vec![
             Part::text(format!("{cpu}, {cores} cores; constants: {}", self.calibration)),
