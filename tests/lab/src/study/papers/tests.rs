@@ -15,7 +15,9 @@ use crate::study::harness::Report;
 
 /// A report of no record: what the code alone decides.
 fn empty() -> PapersReport {
-    PapersReport::of(Machine::here(None), true, &Figures::default()).expect("claims")
+    let mut figures = Figures::default();
+    figures.join();
+    PapersReport::of(Machine::here(None), true, &figures).expect("claims")
 }
 
 #[test]
