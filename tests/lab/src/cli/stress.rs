@@ -2,7 +2,6 @@
 
 use std::io;
 use std::num::{NonZeroU16, NonZeroU32, NonZeroUsize};
-use std::path::Path;
 use std::process::Command;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -10,16 +9,13 @@ use std::time::Duration;
 
 use clap::Args;
 use clap::builder::PossibleValuesParser;
-use indicatif::ProgressBar;
-use pairmask::{Backend, Session, SessionBuilder};
-use pairmask_transport::RuntimeDir;
-use pairmask_wire::InstanceName;
+use pairmask::{Backend, Session};
 use pairmaskd::audit::AuditRate;
 use pairmaskd::cli::config::Config;
 use pairmaskd::cli::options::{DaemonOptions, Place};
 use pairmaskd::cli::output::{print_json, print_text, progress_bar};
 use pairmaskd::cli::whole_number::whole_number;
-use pairmaskd::spawn::{PrivateDaemon, PrivateSettings, SpawnError};
+use pairmaskd::spawn::{PrivateDaemon, PrivateSettings};
 
 use crate::Result;
 use crate::processes::end_with_parent;
@@ -117,10 +113,10 @@ impl Stress {
         };
         let cases = match self.case {
             Some(seed) => Cases::One { seed },
-            None => Cases::Run { seed: self.seed(), time: self.time() },
+            None => Cases::Run { seed: self.seed(), time: Duration::from_secs(self.seconds) },
         };
         let mut subjects = roster.subjects()?;
-        let bar = self.bar();
+        let bar = progress_bar(self.seconds, "hard scenes");
         let report = run(&cases, &mut subjects, |count, time| {
             bar.set_position(time.as_secs());
             bar.set_message(format!("{count} cases"));
@@ -137,27 +133,39 @@ impl Stress {
     ) -> Result<StressReport> {
         let binary = std::env::current_exe()
             .map_err(|error| format!("the path of this program is not known: {error}"))?;
-        let daemon = Daemon::new(self, &binary, clients, place, config)?;
+        // The daemon that the user named, else one of this run, which audits every frame.
+        let (dir, instance, _started) = if let Some(instance) = place.named_instance(config) {
+            (place.runtime_dir(config), instance, None)
+        } else {
+            let settings = PrivateSettings {
+                limits: limits(clients),
+                audit: AuditRate::OneIn(NonZeroU32::MIN),
+                ..self.options.private(place, config)
+            };
+            let started = PrivateDaemon::start(&binary, &settings)?;
+            (started.dir(), started.instance(), Some(started))
+        };
         let run = ClientsRun {
             clients,
             with_kills: self.kills,
             seed: self.case.unwrap_or_else(|| self.seed()),
             case: self.case,
-            time: self.time(),
+            time: Duration::from_secs(self.seconds),
             wanted: self.wanted(),
             replay: self.replay(clients, place, config),
         };
-        let bar = self.bar();
+        let bar = progress_bar(self.seconds, "hard scenes");
         let client = |settings: &ClientSettings| {
             let mut command = Command::new(&binary);
-            command.args(["stress-client", "--instance", daemon.instance.as_str()]);
-            command.arg("--runtime-dir").arg(daemon.dir.path());
+            command.args(["stress-client", "--instance", instance.as_str()]);
+            command.arg("--runtime-dir").arg(dir.path());
             command.args(["--isa", &place.isa(config).to_string()]);
             // Numbers and names: they always become JSON.
             command.arg(serde_json::to_string(settings).unwrap_or_default());
             command
         };
-        let report = run.run(&daemon.session(), client, |answers, time| {
+        let session = Session::builder().runtime_dir(dir.clone()).instance(instance.as_str());
+        let report = run.run(&session.backend(Backend::Daemon), client, |answers, time| {
             bar.set_position(time.as_secs());
             bar.set_message(format!("{answers} answers"));
         })?;
@@ -173,14 +181,6 @@ impl Stress {
 
     fn seed(&self) -> u64 {
         self.seed.unwrap_or_else(seed_of_the_clock)
-    }
-
-    const fn time(&self) -> Duration {
-        Duration::from_secs(self.seconds)
-    }
-
-    fn bar(&self) -> ProgressBar {
-        progress_bar(self.seconds, "hard scenes")
     }
 
     /// The command that sends a case through a daemon again, without the case.
@@ -199,42 +199,6 @@ impl Stress {
             None => words.push(format!("--gpu '{}'", self.options.gpu(config))),
         }
         words.join(" ")
-    }
-}
-
-/// The daemon that clients go through: the one that the user named, else one of this run, which
-/// audits every frame.
-struct Daemon {
-    dir: RuntimeDir,
-    instance: InstanceName,
-    _started: Option<PrivateDaemon>,
-}
-
-impl Daemon {
-    fn new(
-        stress: &Stress,
-        binary: &Path,
-        clients: NonZeroU16,
-        place: &Place,
-        config: &Config,
-    ) -> Result<Self, SpawnError> {
-        if let Some(instance) = place.named_instance(config) {
-            return Ok(Self { dir: place.runtime_dir(config), instance, _started: None });
-        }
-        let settings = PrivateSettings {
-            limits: limits(clients),
-            audit: AuditRate::OneIn(NonZeroU32::MIN),
-            ..stress.options.private(place, config)
-        };
-        let started = PrivateDaemon::start(binary, &settings)?;
-        Ok(Self { dir: started.dir(), instance: started.instance(), _started: Some(started) })
-    }
-
-    fn session(&self) -> SessionBuilder {
-        Session::builder()
-            .runtime_dir(self.dir.clone())
-            .instance(self.instance.as_str())
-            .backend(Backend::Daemon)
     }
 }
 
