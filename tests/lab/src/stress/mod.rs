@@ -1,22 +1,22 @@
 //! Stress: thousands of hard scenes a minute, each answered by every engine and compared with the
 //! oracle.
 //!
-//! A run's seed gives each [`Case`] a seed of its own, which determines the number of boxes, one or two
-//! scenes ([`scenes`], [`hard`]), up to three changes, and the floating-point flags ([`MixedFlags`]) of the
+//! A run's seed gives each `Case` a seed of its own, which determines the number of boxes, one or two
+//! scenes ([`scenes`], `hard`), up to three changes, and the floating-point flags ([`MixedFlags`]) of the
 //! caller, the pool's threads and the writers of boxes: no answer may depend on them. A case is asked in a
-//! [`Form`]: as boxes, spheres, in a precision mode, as edits of a scene that persists, as placements. Each
-//! [`Subject`] answers every case in its form; one comparison ([`Case::check`]) holds the answer to the
+//! `Form`: as boxes, spheres, in a precision mode, as edits of a scene that persists, as placements. Each
+//! `Subject` answers every case in its form; one comparison (`Case::check`) holds the answer to the
 //! oracle. A wrong one names the case's seed, the first wrong pair and why that pair is in the mask or not.
 //!
 //! Precision modes must find the overlapping pairs and may find those that their definition adds; no extra
-//! pair may have a larger gap than the mode states ([`modes`]). What an engine leaves to another one because
-//! a scene is crowded ([`Reply::Declined`]) is counted and printed: a run without answers proves nothing.
+//! pair may have a larger gap than the mode states (`modes`). What an engine leaves to another one because
+//! a scene is crowded (`Reply::Declined`) is counted and printed: a run without answers proves nothing.
 //!
-//! The same cases go through a daemon, as frames of several client processes ([`clients`]). All verbs of
+//! The same cases go through a daemon, as frames of several client processes (`clients`). All verbs of
 //! scenes, members of shared ones and rules are held to a model by the test `scene_model`; here are
 //! hard boxes and flags, and scenes between the frames of many clients.
 //!
-//! To add another way to find pairs, list another [`Subject`] in `roster.rs`.
+//! To add another way to find pairs, list another `Subject` in `roster.rs`.
 
 mod answer;
 mod case;

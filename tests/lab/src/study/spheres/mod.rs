@@ -5,7 +5,7 @@
 //! parallel version ran on a GPU; here it is the CPU's threads, and a GPU where one is asked for.
 //!
 //! The parts: [`oracle`] decides pairs in integers of any size; [`families`] makes pairs that are
-//! hard to decide; [`gpu`] has a GPU decide and cull; [`errors`] counts the errors of ways to decide them; [`speed`]
+//! hard to decide; `gpu` has a GPU decide and cull; `errors` counts the errors of ways to decide them; `speed`
 //! times frames.
 
 pub(crate) mod errors;
