@@ -9,6 +9,8 @@
 //! processes   children that work at the same time
 //! cli         the binary `pairmask-lab`
 //! ```
+//!
+//! Fields of reports are documented once, in `README.md`.
 
 pub mod cli;
 pub mod gpu_stages;
@@ -16,3 +18,9 @@ mod processes;
 pub mod sabotage;
 pub mod stress;
 pub mod study;
+
+/// Why a measurement failed, of whatever type. The exit status depends on few types, see [`cli`].
+pub type Fault = Box<dyn std::error::Error + Send + Sync>;
+
+/// The result of a measurement.
+pub type Result<T, E = Fault> = std::result::Result<T, E>;

@@ -18,9 +18,6 @@ pub(crate) struct Worker {
 impl Worker {
     /// Starts a process. `hear` gets each of its lines, and `None` after the last: half a line is the last one of
     /// a killed process.
-    ///
-    /// # Errors
-    /// Where the system starts no process or no thread.
     pub(crate) fn start<T: DeserializeOwned>(
         mut command: Command,
         mut hear: impl FnMut(Option<T>) + Send + 'static,
@@ -45,7 +42,6 @@ impl Worker {
         }
     }
 
-    /// Tells the process to end.
     pub(crate) fn end(&mut self) {
         drop(self.orders.take());
     }
@@ -60,17 +56,11 @@ impl Drop for Worker {
 }
 
 /// Lets this child end with the process that started it: there is nobody to tell then.
-///
-/// # Errors
-/// Where the system does not see to that.
 pub(crate) fn end_with_parent() -> io::Result<()> {
     Ok(set_parent_process_death_signal(Some(Signal::KILL))?)
 }
 
 /// Says a line to the process that started this child.
-///
-/// # Errors
-/// Where it is not heard.
 pub(crate) fn tell(said: &impl Serialize) -> io::Result<()> {
     let mut out = io::stdout().lock();
     writeln!(out, "{}", serde_json::to_string(said)?)?;
@@ -78,9 +68,6 @@ pub(crate) fn tell(said: &impl Serialize) -> io::Result<()> {
 }
 
 /// Waits until this child is told to begin; `false`: to end.
-///
-/// # Errors
-/// Where stdin cannot be read.
 pub(crate) fn is_told_to_begin() -> io::Result<bool> {
     Ok(io::stdin().lock().read_line(&mut String::new())? > 0)
 }

@@ -11,20 +11,21 @@ use pairmask_core::dispatch::CullOptions;
 use pairmask_core::{BoxCount, EngineChoice};
 use pairmaskd::cli::config::Config;
 use pairmaskd::cli::options::{CullFlags, DaemonOptions, Place};
-use pairmaskd::cli::output::{OutputError, make_folder, print_text, progress_bar, spinner};
+use pairmaskd::cli::output::{print_text, progress_bar};
 use pairmaskd::cli::target::Target;
 use pairmaskd::cli::whole_number::whole_number;
 use pairmaskd::execute::gpu::{GpuChoice, choose, list_adapters};
 use pairmaskd::file_error::{Access, FileError};
 use pairmaskd::scene::SceneName;
 
-use crate::study::accuracy::judge::{Assertion, regressions};
+use super::studies::Output;
+use crate::Result;
+use crate::study::accuracy::judge::{Assertion, Pareto, regressions};
 use crate::study::accuracy::measure::{self, Lengths, Subject};
 use crate::study::accuracy::mode::StudyMode;
 use crate::study::accuracy::rows::AccuracyReport;
-use crate::study::accuracy::variants::{self, VariantChoice};
+use crate::study::accuracy::variants::{self, Ways};
 use crate::study::harness::machine::Machine;
-use crate::study::harness::{Print, StudyError, deliver};
 
 /// Spin time of both sides. Longer than any pause between two frames, so that no thread sleeps.
 const SPIN: Duration = Duration::from_secs(1);
@@ -69,7 +70,12 @@ pub struct Accuracy {
     #[arg(long, value_parser = whole_number::<u32>, value_name = "N,..", value_delimiter = ',', default_values_t = [1000, 10_000, 100_000])]
     n: Vec<u32>,
     /// exact, q16, q8, f16, margin=X, f64=X, plain-f32=X, spheres=circumscribed, spheres=inscribed
-    #[arg(long, value_name = "MODE,..", value_delimiter = ',', default_values_t = default_modes())]
+    #[arg(
+        long,
+        value_name = "MODE,..",
+        value_delimiter = ',',
+        default_value = "exact,q16,q8,f16,margin=0.1,f64,plain-f32,spheres"
+    )]
     precision: Vec<StudyMode>,
     /// Engines, a row each, in place of --engine
     #[arg(long, value_name = "NAME,..", value_delimiter = ',')]
@@ -93,57 +99,45 @@ pub struct Accuracy {
     #[arg(long, value_name = "OLD.json")]
     compare: Option<PathBuf>,
     /// Ways to turn a pair's number into the pair: all, none, or names
-    #[arg(long, value_name = "NAME,..", value_delimiter = ',', default_values_t = [VariantChoice::All])]
-    mapping: Vec<VariantChoice>,
-    /// Write accuracy.json, accuracy.csv, mapping.csv and report.html into this folder
-    #[arg(long, value_name = "DIR")]
-    out: Option<PathBuf>,
-    /// Print one JSON object
-    #[arg(long, conflicts_with = "csv")]
-    json: bool,
-    /// Print CSV
-    #[arg(long)]
-    csv: bool,
-}
-
-/// All kinds of modes.
-fn default_modes() -> Vec<StudyMode> {
-    let names = ["exact", "q16", "q8", "f16", "margin=0.1", "f64", "plain-f32", "spheres"];
-    names.iter().filter_map(|name| name.parse().ok()).collect()
+    #[arg(long, value_name = "NAME,..", value_delimiter = ',', default_value = "all")]
+    mapping: Vec<Ways>,
+    #[command(flatten)]
+    output: Output,
 }
 
 impl Accuracy {
-    /// Measures every row, writes the report, and checks it against limits and the old report.
-    pub fn run(&self, place: &Place, config: &Config) -> Result<(), StudyError> {
+    /// Measures every row, writes the report, and checks it against limits and the old report. `--out` writes
+    /// accuracy.json, accuracy.csv, mapping.csv and report.html.
+    pub fn run(&self, place: &Place, config: &Config) -> Result<()> {
         // Read before the measurement, so that a wrong file fails at once.
         let old = self.compare.as_deref().map(read_report).transpose()?;
-        make_folder(self.out.as_deref())?;
-        let report = self.measure(place, config)?;
-        let print = match (self.json, self.csv) {
-            (true, _) => Print::Json,
-            (false, true) => Print::Csv,
-            (false, false) => Print::Text,
-        };
-        deliver(&report, self.out.as_deref(), print)?;
+        let subjects = self.subjects(config);
+        if subjects.is_empty() {
+            return Err("no row: every engine asked for would take too long on every scene".into());
+        }
+        let steps = subjects.len() as u64;
+        let report = self.output.of(
+            || progress_bar(steps, "rows"),
+            |progress| self.measure(&subjects, progress, place, config),
+        )?;
         if let (Some(old), Some(path)) = (&old, &self.compare) {
-            let lines = regressions(&report, old)
-                .ok_or_else(|| StudyError::NothingInCommon { path: path.clone() })?;
+            let alien = "and this report have no row in common: compare like with like";
+            let lines = regressions(&report, old);
+            let lines = lines.ok_or_else(|| format!("{} {alien}", path.display()))?;
             self.say("worse", &lines)?;
         }
         let failures = self.assert.as_ref().map(|a| a.failures(&report.rows)).unwrap_or_default();
         self.say("not kept", &failures)?;
-        match &failures[..] {
-            [] => Ok(()),
-            [first, ..] => {
-                Err(StudyError::Assertion { failures: failures.len(), first: first.clone() })
-            }
-        }
+        let count = failures.len();
+        failures.first().map_or(Ok(()), |first| {
+            Err(format!("{count} limits are not kept, the first: {first}").into())
+        })
     }
 
     /// Prints lines beside the report: below the table, or on stderr where stdout is for programs.
-    fn say(&self, what: &str, lines: &[String]) -> Result<(), OutputError> {
+    fn say(&self, what: &str, lines: &[String]) -> Result<()> {
         for line in lines {
-            if self.json || self.csv {
+            if self.output.is_for_programs() {
                 log::warn!("{what}: {line}");
             } else {
                 print_text(&format!("{what}: {line}"))?;
@@ -172,29 +166,29 @@ impl Accuracy {
         subjects
     }
 
-    fn measure(&self, place: &Place, config: &Config) -> Result<AccuracyReport, StudyError> {
-        let subjects = self.subjects(config);
-        if subjects.is_empty() {
-            return Err(StudyError::NoRow);
-        }
-        let machine = machine(&self.daemon.gpu(config));
+    fn measure(
+        &self,
+        subjects: &[Subject],
+        progress: &ProgressBar,
+        place: &Place,
+        config: &Config,
+    ) -> Result<AccuracyReport> {
+        let gpu = self.daemon.gpu(config);
+        let machine = machine(&gpu);
         let target = Target::new(&self.options, &self.daemon, SPIN, place, config)?;
         let lengths =
             Lengths { warm_up: self.warm_up, frames: self.frames.get(), checked: self.checked };
-        let progress: ProgressBar = progress_bar(subjects.len() as u64, "rows");
         let mut rows = Vec::new();
-        for subject in &subjects {
+        for subject in subjects {
             let builder = self.options.session(place, config).engine(subject.options.engine);
             let builder = target.session(builder, SPIN).capacity(BoxCount::new(subject.n));
             let memory_bytes = || target.memory_bytes();
             rows.push(measure::row(builder.connect()?, subject, &lengths, memory_bytes)?);
             progress.inc(1);
         }
-        progress.finish_and_clear();
-        let progress = spinner("mapping functions");
-        let variants = variants::measure(&self.mapping, &self.n, &self.daemon.gpu(config))?;
-        progress.finish_and_clear();
-        Ok(AccuracyReport::new(machine, self.seed, rows, variants))
+        progress.set_message("mapping functions");
+        let variants = variants::measure(&self.mapping, &self.n, &gpu)?;
+        Ok(AccuracyReport { machine, seed: self.seed, pareto: Pareto::of(&rows), rows, variants })
     }
 }
 
@@ -206,8 +200,8 @@ fn machine(choice: &GpuChoice) -> Machine {
     Machine::here(choose(choice, &adapters).and_then(|at| adapters.get(at)))
 }
 
-fn read_report(path: &Path) -> Result<AccuracyReport, StudyError> {
+fn read_report(path: &Path) -> Result<AccuracyReport> {
     let text = fs::read_to_string(path).map_err(FileError::of(path, Access::Read))?;
-    let no_report = |source| StudyError::NoReport { path: path.to_owned(), source };
-    serde_json::from_str(&text).map_err(no_report)
+    let alien = |error| format!("{} is no report of `accuracy --json`: {error}", path.display());
+    Ok(serde_json::from_str(&text).map_err(alien)?)
 }

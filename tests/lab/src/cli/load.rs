@@ -20,17 +20,17 @@ use pairmaskd::cli::config::Config;
 use pairmaskd::cli::daemon_cpu::DaemonCpu;
 use pairmaskd::cli::machine::Machine;
 use pairmaskd::cli::options::{CullFlags, DaemonOptions, Place};
-use pairmaskd::cli::output::{OutputError, print_json, print_text, spinner};
+use pairmaskd::cli::output::{print_json, print_text, spinner};
 use pairmaskd::cli::percentiles::{Percentiles, Recorder};
-use pairmaskd::cli::raw_objects::{RawBoxes, RawObjectsError};
+use pairmaskd::cli::raw_objects::RawBoxes;
 use pairmaskd::cli::target::{DEADLINE, Target};
 use pairmaskd::cli::whole_number::whole_number;
 use pairmaskd::precision::PrecisionChoice;
 use pairmaskd::scene::{Scene, SceneName};
-use pairmaskd::spawn::SpawnError;
 use pairmaskd::timed_client::TimedClient;
 use serde::{Deserialize, Serialize};
 
+use crate::Result;
 use crate::processes::{Worker, end_with_parent, is_told_to_begin, tell};
 
 /// The highest rate, Hz: a frame every 10 µs, which is shorter than any frame.
@@ -110,34 +110,30 @@ pub struct Group {
     clients: u32,
 }
 
-/// Why a text is no rate, count or mix.
+/// Why a mix is refused.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum AskedError {
-    #[error("must be a whole number of Hz from 1 to {MOST_HERTZ}, or closed")]
-    Rate,
-    #[error("must be a whole number of clients from 1 to {MOST_CLIENTS}")]
-    Clients,
-    #[error("must be boxes x clients, such as 1000x7 for seven clients of 1,000 boxes")]
-    Mix,
-    #[error("--mix has {clients} clients: leave some out, {MOST_CLIENTS} are the most")]
-    TooMany { clients: u32 },
-}
+#[error("--mix has {0} clients: leave some out, {MOST_CLIENTS} are the most")]
+pub struct TooManyClients(u32);
 
 /// A number from 1 to `most`, in digits alone.
 fn number(text: &str, most: u32) -> Option<NonZeroU32> {
     whole_number::<NonZeroU32>(text).ok().filter(|n| n.get() <= most && !text.starts_with('+'))
 }
 
-fn client_count(text: &str) -> Result<u32, AskedError> {
-    number(text, MOST_CLIENTS).map(NonZeroU32::get).ok_or(AskedError::Clients)
+fn client_count(text: &str) -> Result<u32, String> {
+    let count = number(text, MOST_CLIENTS).map(NonZeroU32::get);
+    count.ok_or_else(|| format!("must be a whole number of clients from 1 to {MOST_CLIENTS}"))
 }
 
 impl FromStr for Rate {
-    type Err = AskedError;
+    type Err = String;
 
-    fn from_str(text: &str) -> Result<Self, AskedError> {
-        let hertz = (text != "closed").then(|| number(text, MOST_HERTZ).ok_or(AskedError::Rate));
-        Ok(Self(hertz.transpose()?))
+    fn from_str(text: &str) -> Result<Self, String> {
+        let hertz = number(text, MOST_HERTZ);
+        if hertz.is_none() && text != "closed" {
+            return Err(format!("must be a whole number of Hz from 1 to {MOST_HERTZ}, or closed"));
+        }
+        Ok(Self(hertz))
     }
 }
 
@@ -151,43 +147,26 @@ impl fmt::Display for Rate {
 }
 
 impl FromStr for Group {
-    type Err = AskedError;
+    type Err = String;
 
-    fn from_str(text: &str) -> Result<Self, AskedError> {
-        let (n, clients) = text.split_once('x').ok_or(AskedError::Mix)?;
-        let n = whole_number::<u32>(n).map_err(|_| AskedError::Mix)?;
-        Ok(Self { n, clients: client_count(clients).map_err(|_| AskedError::Mix)? })
+    fn from_str(text: &str) -> Result<Self, String> {
+        let parts = text.split_once('x').and_then(|(n, clients)| {
+            Some(Self { n: whole_number::<u32>(n).ok()?, clients: client_count(clients).ok()? })
+        });
+        parts.ok_or_else(|| {
+            "must be boxes x clients, such as 1000x7 for seven clients of 1,000 boxes".to_owned()
+        })
     }
 }
 
-/// Why a measurement failed.
-#[derive(Debug, thiserror::Error)]
-pub enum LoadError {
-    #[error(transparent)]
-    Asked(#[from] AskedError),
-    #[error(transparent)]
-    Bench(#[from] BenchError),
-    #[error(transparent)]
-    Boxes(#[from] RawObjectsError),
-    #[error(transparent)]
-    Spawn(#[from] SpawnError),
-    #[error(transparent)]
-    Output(#[from] OutputError),
-    /// A client measured nothing.
-    #[error("no frame began within the measured time: give more --seconds")]
-    NoFrame,
-    #[error("a client process failed: {why}")]
-    Client { why: String },
-    #[error("the client processes: {0}")]
-    Processes(#[from] io::Error),
-}
+/// What a client says that measured nothing.
+const NO_FRAME: &str = "no frame began within the measured time: give more --seconds";
 
 /// The JSON object of `load --json`. Fields may be added, never changed or taken away.
 #[derive(Debug, Serialize)]
 struct LoadReport {
     machine: Machine,
     rows: Vec<LoadRow>,
-    /// What daemons use while the clients send nothing, one for every wait.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     idle: Vec<IdleRow>,
 }
@@ -196,7 +175,6 @@ struct LoadReport {
 #[derive(Debug, Serialize)]
 struct IdleRow {
     wait: String,
-    /// Clients that were connected.
     clients: u32,
     daemon_cpu_percent: f64,
 }
@@ -206,19 +184,12 @@ struct IdleRow {
 struct LoadRow {
     #[serde(flatten)]
     row: LatencyRow,
-    /// Frames a second of each client, or `closed`.
     rate: String,
-    /// Clients of this size.
     clients: u32,
-    /// Clients of all sizes, which ran at the same time.
     clients_in_all: u32,
-    /// Frames a second of this size's clients together.
     frames_per_second: f64,
-    /// The largest of these clients' median round trips.
     worst_client_p50_ns: u64,
-    /// Frames that were due before the client was done with the one before.
     late_frames: u64,
-    /// From when a frame was due to its last pair; zeros in a closed loop.
     from_due_ns: Percentiles,
 }
 
@@ -259,24 +230,22 @@ struct Paced {
 
 impl Load {
     /// Measures a row for every wait, rate, size, number of clients and precision, and prints them.
-    pub fn run(&self, place: &Place, config: &Config) -> Result<(), LoadError> {
+    pub fn run(&self, place: &Place, config: &Config) -> Result<()> {
         let clients = self.mix.iter().map(|group| group.clients).sum();
         if clients > MOST_CLIENTS {
-            return Err(AskedError::TooMany { clients }.into());
+            return Err(TooManyClients(clients).into());
         }
-        let mut report =
-            LoadReport { machine: Machine::this(), rows: Vec::new(), idle: Vec::new() };
+        let (mut rows, mut idle) = (Vec::new(), Vec::new());
         let sizes = match &self.scene {
             Some(path) => vec![u32::try_from(RawBoxes::open(path)?.count()).unwrap_or(u32::MAX)],
             None => self.n.clone(),
         };
-        let mut runs = Vec::new();
-        for rate in &self.rate {
-            for groups in self.groups(&sizes) {
-                let all = self.precision.iter().map(|p| (*rate, groups.clone(), *p));
-                runs.extend(all);
-            }
-        }
+        let groups = self.groups(&sizes);
+        let of_rate = |rate| groups.iter().map(move |groups| (rate, groups));
+        let each = self.rate.iter().flat_map(|rate| of_rate(*rate));
+        let runs: Vec<_> = each
+            .flat_map(|(rate, groups)| self.precision.iter().map(move |p| (rate, groups, *p)))
+            .collect();
         let most = runs.iter().map(|(_, groups, _)| all_of(groups)).max().unwrap_or(1);
         let warm_up_ms = self.seconds.get().saturating_mul(1000) / WARM_UP_SHARE;
         for wait in &self.wait {
@@ -300,19 +269,19 @@ impl Load {
                 let daemon = target.cpu();
                 let ran = Ran::new(groups, &settings, &command, daemon.as_ref(), is_last)?;
                 progress.finish_and_clear();
-                report.idle.extend(ran.idle_percent.map(|daemon_cpu_percent| IdleRow {
+                idle.extend(ran.idle_percent.map(|daemon_cpu_percent| IdleRow {
                     wait: wait.to_string(),
                     clients: all_of(groups),
                     daemon_cpu_percent,
                 }));
                 let mut measured = ran.clients.into_iter();
-                for group in groups {
+                for group in *groups {
                     let (n, threads) = (group.n, self.decode_threads.get());
                     let of_group = measured.by_ref().take(group.clients as usize);
                     let (sum, worst_client_p50_ns) = together(of_group)?;
                     let Paced { figures, frames_per_second, late_frames, from_due } = sum;
                     let used = ran.daemon_percent;
-                    report.rows.push(LoadRow {
+                    rows.push(LoadRow {
                         row: LatencyRow::new(n, *precision, *wait, threads, &figures, used),
                         rate: rate.to_string(),
                         clients: group.clients,
@@ -325,6 +294,7 @@ impl Load {
                 }
             }
         }
+        let report = LoadReport { machine: Machine::this(), rows, idle };
         if self.json { print_json(&report) } else { print_text(&report.to_string()) }?;
         Ok(())
     }
@@ -347,7 +317,7 @@ impl Load {
         target: &Target,
         place: &Place,
         config: &Config,
-    ) -> Result<impl Fn() -> Command, LoadError> {
+    ) -> Result<impl Fn() -> Command> {
         let options = self.options.cull_options(config);
         let mut words: Vec<String> = vec!["load-client".to_owned()];
         for (flag, value) in [
@@ -394,7 +364,7 @@ impl Ran {
         command: impl Fn() -> Command,
         daemon: Option<&DaemonCpu>,
         with_idle: bool,
-    ) -> Result<Self, LoadError> {
+    ) -> Result<Self> {
         let watch = |window: Duration| {
             let since = daemon.map(DaemonCpu::since_now);
             sleep(window);
@@ -420,9 +390,7 @@ impl Ran {
         sleep(Duration::from_millis(settings.warm_up_ms.into()));
         let daemon_percent = watch(Duration::from_secs(settings.seconds.get().into()));
         let done = |said| if let Said::Done(paced) = said { Some(*paced) } else { None };
-        let measured: Result<Vec<Paced>, LoadError> =
-            clients.iter().map(|(_, ears)| hear(ears, done)).collect();
-        let measured = measured?;
+        let measured = clients.iter().map(|(_, ears)| hear(ears, done)).collect::<Result<_>>()?;
         let mut idle_percent = None;
         if with_idle {
             sleep(SETTLE);
@@ -435,11 +403,7 @@ impl Ran {
     }
 }
 
-/// A client's next line.
-fn hear<T>(
-    ears: &Receiver<Option<Said>>,
-    expected: impl Fn(Said) -> Option<T>,
-) -> Result<T, LoadError> {
+fn hear<T>(ears: &Receiver<Option<Said>>, expected: impl Fn(Said) -> Option<T>) -> Result<T> {
     let why = match ears.recv().ok().flatten() {
         None => "it ended without a word".to_owned(),
         Some(Said::Failed(why)) => why,
@@ -448,12 +412,12 @@ fn hear<T>(
             None => "it spoke out of turn: please report this".to_owned(),
         },
     };
-    Err(LoadError::Client { why })
+    Err(format!("a client process failed: {why}").into())
 }
 
 /// The figures of all clients of a group as one, and the median round trip of the worst of them, ns.
-fn together(mut clients: impl Iterator<Item = Paced>) -> Result<(Paced, u64), LoadError> {
-    let Some(mut sum) = clients.next() else { return Err(LoadError::NoFrame) };
+fn together(mut clients: impl Iterator<Item = Paced>) -> Result<(Paced, u64)> {
+    let mut sum = clients.next().ok_or(NO_FRAME)?;
     let mut worst = sum.figures.round_trip_p50();
     for other in clients {
         worst = worst.max(other.figures.round_trip_p50());
@@ -477,7 +441,7 @@ pub struct LoadClient {
 impl LoadClient {
     /// Connects, says so, waits for the start, measures, tells the figures, and stays connected until
     /// stdin ends. A failure is told to the parent, which says why the measurement failed.
-    pub fn run(&self, place: &Place, config: &Config) -> Result<(), LoadError> {
+    pub fn run(&self, place: &Place, config: &Config) -> Result<()> {
         end_with_parent()?;
         let said = match self.measure(place, config) {
             Ok(Some(paced)) => Said::Done(Box::new(paced)),
@@ -490,7 +454,7 @@ impl LoadClient {
     }
 
     /// `None` where the parent gave up before the start.
-    fn measure(&self, place: &Place, config: &Config) -> Result<Option<Paced>, LoadError> {
+    fn measure(&self, place: &Place, config: &Config) -> Result<Option<Paced>> {
         let settings: ClientSettings =
             serde_json::from_str(&self.settings).map_err(io::Error::from)?;
         // Names that the parent has written.
@@ -552,7 +516,7 @@ impl LoadClient {
         // A client whose frames take longer than the measurement counts to the end of its last one.
         let elapsed = (until - from).max(last_done - from);
         if figures.frames == 0 {
-            return Err(LoadError::NoFrame);
+            return Err(NO_FRAME.into());
         }
         let frames_per_second = figures.frames as f64 / elapsed.as_secs_f64();
         Ok(Some(Paced { figures, frames_per_second, late_frames, from_due }))
@@ -624,21 +588,18 @@ mod tests {
             assert_eq!(text.parse::<Rate>().unwrap().to_string(), text);
         }
         for text in ["", "0", "-1", "+60", "59.94", "100001", "60Hz", "4294967296", "open"] {
-            assert_eq!(text.parse::<Rate>(), Err(AskedError::Rate), "{text}");
+            assert!(text.parse::<Rate>().is_err(), "{text}");
         }
         assert_eq!(client_count("256"), Ok(256));
         for text in ["0", "257", "many", "", "99999999999"] {
-            assert_eq!(client_count(text), Err(AskedError::Clients), "{text}");
+            assert!(client_count(text).is_err(), "{text}");
         }
         assert_eq!("1000x7".parse(), Ok(Group { n: 1000, clients: 7 }));
         assert_eq!("0x1".parse(), Ok(Group { n: 0, clients: 1 }));
         for text in ["", "x", "1000", "1000x", "x7", "1000x0", "-1x1", "1000x7x1", "4294967296x1"] {
-            assert_eq!(text.parse::<Group>(), Err(AskedError::Mix), "{text}");
+            assert!(text.parse::<Group>().is_err(), "{text}");
         }
-    }
-
-    #[test]
-    fn frames_are_due_at_multiples_of_the_period_without_drift() {
+        // Frames are due at multiples of the period, without drift.
         let hertz = |hertz| NonZeroU32::new(hertz).unwrap();
         assert_eq!(due(0, hertz(7)), Duration::ZERO);
         assert_eq!(due(60 * 3600, hertz(60)), Duration::from_secs(3600));

@@ -1,30 +1,29 @@
-//! The command line of the laboratory: one file a measurement. `README.md` documents files and JSON.
+//! The command line of the laboratory. `README.md` documents files and JSON.
 //!
 //! Settings are looked for where `pairmaskd` looks for them: flag, environment (`PAIRMASK_*`),
 //! configuration file, default. Results go to stdout; progress, logs and errors to stderr.
 
 mod accuracy;
 mod chart;
-mod error;
-mod gpu_scene;
-mod gpu_studies;
 mod load;
-mod papers;
-mod plan;
-mod scenes;
-mod shape;
-mod spheres;
 mod stress;
-mod threads;
+mod studies;
 
+use std::error::Error;
+use std::fmt;
 use std::process::ExitCode;
 
-use clap::{Parser, Subcommand};
-use pairmaskd::cli::config::Config;
+use clap::{CommandFactory, Parser, Subcommand};
+use pairmaskd::cli::config::{Config, ConfigError};
 use pairmaskd::cli::options::Place;
+use pairmaskd::cli::output::OutputError;
+use pairmaskd::cli::program::{FAILED, Failure, USAGE, WrongUsage, says_why};
+use pairmaskd::cli::shape::{ALL, Shape, shaped};
 use pairmaskd::cli::{build, output, program, serve};
+use pairmaskd::serve::ServeError;
+use pairmaskd::spawn::SpawnError;
 
-use self::error::LabError;
+use crate::Fault;
 
 /// Measures and stresses the engines of pairmask.
 #[derive(Debug, Parser)]
@@ -46,7 +45,6 @@ Examples:
   pairmask-lab threads --threads 1,2,4         speed-up by threads
   pairmask-lab mapping --quick                 ways from a pair's number to the pair
   pairmask-lab grid --gpu software --quick     the GPU's grid, stage by stage
-  pairmask-lab sweep --gpu software --quick    sweep and prune on the GPU beside the grid
   pairmask-lab gpu-scene --moving 1 --stages   scenes that persist in video memory
   pairmask-lab spheres --errors                what plain f32 gets wrong
   pairmask-lab papers --only-records           the papers' tables and figures, theirs beside ours
@@ -63,47 +61,63 @@ enum Command {
     Load(load::Load),
     #[command(hide = true)]
     LoadClient(load::LoadClient),
-    Mapping(gpu_studies::Mapping),
-    Grid(gpu_studies::Grid),
-    Sweep(gpu_studies::Sweep),
-    GpuScene(gpu_scene::GpuSceneBench),
-    Plan(plan::PlanBench),
-    Threads(threads::ThreadsBench),
-    Spheres(spheres::Spheres),
-    Papers(papers::Papers),
+    Mapping(studies::Mapping),
+    Grid(studies::Grid),
+    GpuScene(studies::GpuSceneBench),
+    Plan(studies::PlanBench),
+    Threads(studies::ThreadsBench),
+    Spheres(studies::Spheres),
+    Papers(studies::Papers),
     Chart(chart::Chart),
     /// The daemon of a measurement: that of `pairmaskd`.
     #[command(hide = true)]
     Serve(serve::Serve),
 }
 
+/// Changes to the derived command line that clap has no attributes for.
+const SHAPE: Shape = Shape {
+    without_use: &[
+        ("mapping", &["instance", "runtime_dir", "isa"]),
+        ("grid", &["instance", "runtime_dir", "isa"]),
+        ("gpu-scene", &["instance", "runtime_dir", "isa"]),
+        ("plan", &["instance", "runtime_dir"]),
+        ("threads", ALL),
+        ("spheres", ALL),
+        ("papers", ALL),
+        ("chart", ALL),
+    ],
+    measuring: &["accuracy", "load"],
+};
+
+fn command() -> clap::Command {
+    shaped(Cli::command(), &SHAPE)
+}
+
 /// Runs the command that the process was started with.
 ///
 /// Call it first in `main`: it sets the process up.
 pub fn main() -> ExitCode {
-    program::run(&shape::command(), run)
+    program::run(&command(), |cli| run(cli).map_err(LabError))
 }
 
-fn run(cli: &Cli) -> Result<(), LabError> {
-    let Cli { place, command } = cli;
+fn run(Cli { place, command }: &Cli) -> crate::Result<()> {
     output::start_log("warn");
     let config =
         if command.reads_config() { Config::load(place.config_file())? } else { Config::default() };
     match command {
-        Command::Stress(stress) => Ok(stress.run(place, &config)?),
-        Command::StressClient(client) => Ok(client.run(place)?),
-        Command::Load(load) => Ok(load.run(place, &config)?),
-        Command::LoadClient(client) => Ok(client.run(place, &config)?),
-        Command::Accuracy(accuracy) => Ok(accuracy.run(place, &config)?),
-        Command::Mapping(mapping) => Ok(mapping.run(&config)?),
-        Command::Grid(grid) => Ok(grid.run(&config)?),
-        Command::Sweep(sweep) => Ok(sweep.run(&config)?),
+        Command::Stress(stress) => stress.run(place, &config),
+        Command::StressClient(client) => client.run(place),
+        Command::Load(load) => load.run(place, &config),
+        Command::LoadClient(client) => client.run(place, &config),
+        Command::Accuracy(accuracy) => accuracy.run(place, &config),
+        Command::Mapping(mapping) => mapping.run(&config),
+        Command::Grid(grid) => grid.run(&config),
         Command::GpuScene(scene) => scene.run(&config),
         Command::Plan(plan) => plan.run(place, &config),
-        Command::Threads(threads) => Ok(threads.run()?),
-        Command::Spheres(spheres) => Ok(spheres.run()?),
-        Command::Papers(papers) => Ok(papers.run()?),
-        Command::Chart(chart) => Ok(chart.run()?),
+        Command::Threads(threads) => threads.run(),
+        Command::Spheres(spheres) => spheres.run(),
+        Command::Papers(papers) => papers.run(),
+        Command::Chart(chart) => chart.run(),
         Command::Serve(serve) => Ok(serve.run(place, &config, None)?),
     }
 }
@@ -122,5 +136,108 @@ impl Command {
                 | Self::StressClient(_)
                 | Self::Serve(_)
         )
+    }
+}
+
+/// Why a measurement failed; its type decides the exit status.
+#[derive(Debug)]
+struct LabError(Fault);
+
+impl fmt::Display for LabError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.0.fmt(f)
+    }
+}
+
+impl Error for LabError {
+    fn source(&self) -> Option<&(dyn Error + 'static)> {
+        self.0.source()
+    }
+}
+
+impl From<WrongUsage> for LabError {
+    fn from(error: WrongUsage) -> Self {
+        Self(error.into())
+    }
+}
+
+impl From<OutputError> for LabError {
+    fn from(error: OutputError) -> Self {
+        Self(error.into())
+    }
+}
+
+impl Failure for LabError {
+    fn exit_code(&self) -> u8 {
+        let is_usage = self.0.is::<WrongUsage>() || self.0.is::<ConfigError>();
+        if is_usage || self.0.is::<load::TooManyClients>() { USAGE } else { FAILED }
+    }
+
+    fn was_said(&self) -> bool {
+        says_why(match self.0.downcast_ref() {
+            Some(ServeError::Worker { code }) => Some(*code),
+            _ => self.0.downcast_ref().and_then(SpawnError::exit_code),
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::ffi::OsString;
+
+    use pairmaskd::cli::usage::one_line;
+
+    use super::*;
+
+    fn help(name: &str) -> String {
+        let mut built = command();
+        built.build();
+        let found = built.find_subcommand_mut(name).unwrap_or_else(|| panic!("no command {name}"));
+        found.render_long_help().to_string()
+    }
+
+    #[test]
+    fn help_lists_what_a_command_uses_and_every_command_takes_what_is_shared() {
+        command().debug_assert();
+        for (name, _) in SHAPE.without_use {
+            assert!(help(name).contains("--help"), "{name}");
+        }
+        for (name, flag, is_listed) in [
+            ("accuracy", "--runtime-dir", true),
+            ("grid", "--config", true),
+            ("grid", "--instance", false),
+            ("plan", "--isa", true),
+            ("spheres", "--isa", false),
+        ] {
+            assert_eq!(help(name).contains(flag), is_listed, "{name}: {}", help(name));
+            let words = ["pairmask-lab", flag, "x", name, "--help"];
+            let error = command().try_get_matches_from(words).expect_err("help");
+            assert_eq!(error.kind(), clap::error::ErrorKind::DisplayHelp, "{name} {flag}");
+        }
+        assert!(help("accuracy").contains("[default: daemon]"), "{}", help("accuracy"));
+    }
+
+    /// No message about a wrong number has Rust's words.
+    #[test]
+    fn every_number_says_what_it_must_be() {
+        let mut built = command();
+        built.build();
+        let mut tried = 0;
+        for inner in built.get_subcommands().filter(|inner| inner.get_name() != "help") {
+            for arg in inner.get_arguments().filter(|arg| arg.get_action().takes_values()) {
+                let Some(long) = arg.get_long() else { continue };
+                for value in ["0", "-1", "x", "", "99999999999999999999999"] {
+                    let words = ["pairmask-lab", inner.get_name(), &format!("--{long}={value}")];
+                    let words = words.map(OsString::from);
+                    let Err(error) = command().try_get_matches_from(&words) else { continue };
+                    let text = one_line(&error, &command(), &words);
+                    for jargon in [" type", "digit found", "cannot parse", "zero for", "not in "] {
+                        assert!(!text.contains(jargon), "{words:?}: {text}");
+                    }
+                    tried += 1;
+                }
+            }
+        }
+        assert!(tried > 60, "{tried}");
     }
 }

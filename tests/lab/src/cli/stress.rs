@@ -2,7 +2,6 @@
 
 use std::io;
 use std::num::{NonZeroU16, NonZeroU32, NonZeroUsize};
-use std::path::Path;
 use std::process::Command;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -10,21 +9,19 @@ use std::time::Duration;
 
 use clap::Args;
 use clap::builder::PossibleValuesParser;
-use indicatif::ProgressBar;
-use pairmask::{Backend, Session, SessionBuilder};
-use pairmask_transport::RuntimeDir;
-use pairmask_wire::InstanceName;
+use pairmask::{Backend, Session};
 use pairmaskd::audit::AuditRate;
 use pairmaskd::cli::config::Config;
 use pairmaskd::cli::options::{DaemonOptions, Place};
-use pairmaskd::cli::output::{OutputError, print_json, print_text, progress_bar};
+use pairmaskd::cli::output::{print_json, print_text, progress_bar};
 use pairmaskd::cli::whole_number::whole_number;
-use pairmaskd::spawn::{PrivateDaemon, PrivateSettings, SpawnError};
+use pairmaskd::spawn::{PrivateDaemon, PrivateSettings};
 
+use crate::Result;
 use crate::processes::end_with_parent;
 use crate::sabotage::Sabotage;
-use crate::stress::clients::{ClientSettings, ClientsError, ClientsRun, limits};
-use crate::stress::{Cases, Roster, StressError, StressReport, Wanted, run};
+use crate::stress::clients::{ClientSettings, ClientsRun, limits};
+use crate::stress::{Cases, Roster, StressReport, Wanted, run};
 
 /// Put every engine through hard scenes and compare with a naive oracle
 #[derive(Debug, Args)]
@@ -92,48 +89,23 @@ pub struct Stress {
     break_engine: Option<Sabotage>,
 }
 
-/// The engines did not pass, or could not be run.
-#[derive(Debug, thiserror::Error)]
-pub enum StressCommandError {
-    #[error(transparent)]
-    Stress(#[from] StressError),
-    #[error(transparent)]
-    Clients(#[from] ClientsError),
-    #[error(transparent)]
-    Spawn(#[from] SpawnError),
-    /// The path of this program, which is the daemon's and the clients', is not known.
-    #[error("the path of this program is not known: {0}")]
-    OwnBinary(#[source] io::Error),
-    /// The report names the answers.
-    #[error("wrong answers: each can be had again with the command beside it")]
-    Wrong,
-    /// The report says what it was.
-    #[error(
-        "no answer was wrong, but the clients, the daemon or its audit were not as they should be"
-    )]
-    Unsound,
-    #[error(transparent)]
-    Output(#[from] OutputError),
-}
-
 impl Stress {
-    /// Runs the cases and reports.
-    pub fn run(&self, place: &Place, config: &Config) -> Result<(), StressCommandError> {
+    pub fn run(&self, place: &Place, config: &Config) -> Result<()> {
         let report = match self.clients {
             Some(clients) => self.with_clients(clients, place, config)?,
             None => self.in_process(config)?,
         };
         if self.json { print_json(&report) } else { print_text(&report.to_string()) }?;
         if report.is_clean() {
-            Ok(())
-        } else if report.failures.is_empty() && report.clients.is_some() {
-            Err(StressCommandError::Unsound)
-        } else {
-            Err(StressCommandError::Wrong)
+            return Ok(());
         }
+        let unsound = "no answer was wrong, but the clients, the daemon or its audit were not as they should be";
+        let wrong = "wrong answers: each can be had again with the command beside it";
+        let is_unsound = report.failures.is_empty() && report.clients.is_some();
+        Err(if is_unsound { unsound } else { wrong }.into())
     }
 
-    fn in_process(&self, config: &Config) -> Result<StressReport, StressCommandError> {
+    fn in_process(&self, config: &Config) -> Result<StressReport> {
         let roster = Roster {
             wanted: self.wanted(),
             gpu: self.options.gpu(config),
@@ -141,10 +113,10 @@ impl Stress {
         };
         let cases = match self.case {
             Some(seed) => Cases::One { seed },
-            None => Cases::Run { seed: self.seed(), time: self.time() },
+            None => Cases::Run { seed: self.seed(), time: Duration::from_secs(self.seconds) },
         };
         let mut subjects = roster.subjects()?;
-        let bar = self.bar();
+        let bar = progress_bar(self.seconds, "hard scenes");
         let report = run(&cases, &mut subjects, |count, time| {
             bar.set_position(time.as_secs());
             bar.set_message(format!("{count} cases"));
@@ -158,29 +130,42 @@ impl Stress {
         clients: NonZeroU16,
         place: &Place,
         config: &Config,
-    ) -> Result<StressReport, StressCommandError> {
-        let binary = std::env::current_exe().map_err(StressCommandError::OwnBinary)?;
-        let daemon = Daemon::new(self, &binary, clients, place, config)?;
+    ) -> Result<StressReport> {
+        let binary = std::env::current_exe()
+            .map_err(|error| format!("the path of this program is not known: {error}"))?;
+        // The daemon that the user named, else one of this run, which audits every frame.
+        let (dir, instance, _started) = if let Some(instance) = place.named_instance(config) {
+            (place.runtime_dir(config), instance, None)
+        } else {
+            let settings = PrivateSettings {
+                limits: limits(clients),
+                audit: AuditRate::OneIn(NonZeroU32::MIN),
+                ..self.options.private(place, config)
+            };
+            let started = PrivateDaemon::start(&binary, &settings)?;
+            (started.dir(), started.instance(), Some(started))
+        };
         let run = ClientsRun {
             clients,
             with_kills: self.kills,
             seed: self.case.unwrap_or_else(|| self.seed()),
             case: self.case,
-            time: self.time(),
+            time: Duration::from_secs(self.seconds),
             wanted: self.wanted(),
             replay: self.replay(clients, place, config),
         };
-        let bar = self.bar();
+        let bar = progress_bar(self.seconds, "hard scenes");
         let client = |settings: &ClientSettings| {
             let mut command = Command::new(&binary);
-            command.args(["stress-client", "--instance", daemon.instance.as_str()]);
-            command.arg("--runtime-dir").arg(daemon.dir.path());
+            command.args(["stress-client", "--instance", instance.as_str()]);
+            command.arg("--runtime-dir").arg(dir.path());
             command.args(["--isa", &place.isa(config).to_string()]);
             // Numbers and names: they always become JSON.
             command.arg(serde_json::to_string(settings).unwrap_or_default());
             command
         };
-        let report = run.run(&daemon.session(), client, |answers, time| {
+        let session = Session::builder().runtime_dir(dir.clone()).instance(instance.as_str());
+        let report = run.run(&session.backend(Backend::Daemon), client, |answers, time| {
             bar.set_position(time.as_secs());
             bar.set_message(format!("{answers} answers"));
         })?;
@@ -196,14 +181,6 @@ impl Stress {
 
     fn seed(&self) -> u64 {
         self.seed.unwrap_or_else(seed_of_the_clock)
-    }
-
-    const fn time(&self) -> Duration {
-        Duration::from_secs(self.seconds)
-    }
-
-    fn bar(&self) -> ProgressBar {
-        progress_bar(self.seconds, "hard scenes")
     }
 
     /// The command that sends a case through a daemon again, without the case.
@@ -225,42 +202,6 @@ impl Stress {
     }
 }
 
-/// The daemon that clients go through: the one that the user named, else one of this run, which
-/// audits every frame.
-struct Daemon {
-    dir: RuntimeDir,
-    instance: InstanceName,
-    _started: Option<PrivateDaemon>,
-}
-
-impl Daemon {
-    fn new(
-        stress: &Stress,
-        binary: &Path,
-        clients: NonZeroU16,
-        place: &Place,
-        config: &Config,
-    ) -> Result<Self, SpawnError> {
-        if let Some(instance) = place.named_instance(config) {
-            return Ok(Self { dir: place.runtime_dir(config), instance, _started: None });
-        }
-        let settings = PrivateSettings {
-            limits: limits(clients),
-            audit: AuditRate::OneIn(NonZeroU32::MIN),
-            ..stress.options.private(place, config)
-        };
-        let started = PrivateDaemon::start(binary, &settings)?;
-        Ok(Self { dir: started.dir(), instance: started.instance(), _started: Some(started) })
-    }
-
-    fn session(&self) -> SessionBuilder {
-        Session::builder()
-            .runtime_dir(self.dir.clone())
-            .instance(self.instance.as_str())
-            .backend(Backend::Daemon)
-    }
-}
-
 /// A seed from the clock, short enough to be typed again.
 fn seed_of_the_clock() -> u64 {
     let now = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
@@ -276,7 +217,7 @@ pub struct StressClient {
 
 impl StressClient {
     /// Sends frames and checks answers until stdin ends.
-    pub fn run(&self, place: &Place) -> Result<(), OutputError> {
+    pub fn run(&self, place: &Place) -> Result<()> {
         let settings: ClientSettings = serde_json::from_str(&self.settings)?;
         let config = Config::default();
         end_with_parent()?;

@@ -4,20 +4,22 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use pairmask_core::engine::{CullInput, CullReport, Engine, Grid as CpuGrid, HeapReply};
+use pairmask_core::engine::{CullError, CullInput, CullReport, Engine, Grid as CpuGrid, HeapReply};
 use pairmask_core::mask::{MaskShape, MaskView};
 use pairmask_core::{Aabb, BoxCount, Encoding};
 use pairmask_shaders::Found;
 use pairmaskd::execute::gpu::{
-    AllPairs, AllPairsOptions, Capacity, Gpu, Grid, GridOptions, GridUnderWay, SUBMISSIONS,
-    SharedImports, Sizes, cell_count,
+    AllPairs, AllPairsOptions, Capacity, Counted, Gpu, Grid, GridOptions, GridUnderWay,
+    SUBMISSIONS, SharedImports, Sizes, cell_count,
 };
 use pairmaskd::scene::{Scene, SceneName};
 use serde::Serialize;
 
-use super::rig::{Rig, Stepped, percentile};
-use super::shared::{Segment, SegmentFrame};
-use super::{BenchError, LEAST_FRAMES};
+use super::scenes::PairSum;
+use super::shared::{Rig, Segment, SegmentFrame, Stepped};
+use super::{LEAST_FRAMES, wrong_pairs};
+use crate::Result;
+use crate::study::harness::{median, percentile, repeated};
 
 /// The scenes of the anchors.
 pub const SCENES: [SceneName; 4] =
@@ -31,42 +33,23 @@ const WORDS_A_BOX: u64 = 20;
 /// A scene's measurement.
 #[derive(Clone, Debug, Serialize)]
 pub struct GridRow {
-    /// The scene.
     pub scene: String,
-    /// Boxes.
     pub n: u32,
-    /// Encoding of the masks.
     pub encoding: &'static str,
-    /// Pairs of the last frame.
     pub pairs: u64,
-    /// Mask words of the last frame; 0 of a list.
     pub words: u64,
-    /// Pairs compared.
     pub compared: u64,
-    /// Cells of all levels.
     pub cells: u32,
-    /// Bytes of the reply's sections.
     pub mask_bytes: u64,
-    /// Whether boxes and reply were imported.
     pub imported: bool,
-    /// GPU time by stage, median, µs.
     pub stage_us: Vec<(String, f64)>,
-    /// Their sum.
     pub gpu_us: f64,
-    /// Boxes in shared memory → mask in shared memory, median, µs.
     pub frame_us: f64,
-    /// The same, 99 of 100.
     pub frame_p99_us: f64,
-    /// Frames measured.
     pub frames: usize,
-    /// Compared with the CPU's pairs.
     pub checked: bool,
 }
 
-/// Measures a scene in motion.
-///
-/// # Errors
-/// [`BenchError`], also where a check fails.
 pub fn measure(
     gpu: &Arc<Gpu>,
     name: SceneName,
@@ -74,20 +57,20 @@ pub fn measure(
     encoding: Encoding,
     budget: Duration,
     check: bool,
-) -> Result<GridRow, BenchError> {
+) -> Result<GridRow> {
     let rig = |boxes: &[Aabb], profiled| grid_rig(gpu, boxes, encoding, profiled);
     measure_with(rig, name, n, encoding, budget, check)
 }
 
 /// Measures a scene in motion by the engine of a rig, which tells times of its stages where it is profiled.
 pub(super) fn measure_with<E: Stepped>(
-    new_rig: impl Fn(&[Aabb], bool) -> Result<Rig<E>, BenchError>,
+    new_rig: impl Fn(&[Aabb], bool) -> Result<Rig<E>>,
     name: SceneName,
     n: u32,
     encoding: Encoding,
     budget: Duration,
     check: bool,
-) -> Result<GridRow, BenchError> {
+) -> Result<GridRow> {
     let mut scene = Scene::new(name, n as usize, 1);
     let mut rig = new_rig(scene.boxes(), false)?;
     let mut report = rig.frame()?;
@@ -141,133 +124,55 @@ pub(super) fn measure_with<E: Stepped>(
     })
 }
 
-fn grid_rig(
+/// The grid with boxes and replies in shared memory.
+pub(crate) fn grid_rig(
     gpu: &Arc<Gpu>,
     boxes: &[Aabb],
     encoding: Encoding,
     profiled: bool,
-) -> Result<Rig<Grid>, BenchError> {
+) -> Result<Rig<Grid>> {
     let imports = SharedImports::default();
     let options = GridOptions { profiled, imports: imports.clone(), ..GridOptions::default() };
     let words = reply_words(boxes.len());
     Rig::new(Grid::new(gpu, &options)?, gpu, Some(&imports), boxes, words, encoding)
 }
 
-fn all_pairs_rig(
+/// All pairs in the same way, where the driver imports memory and `imported`.
+pub(crate) fn all_pairs_rig(
     gpu: &Arc<Gpu>,
+    with: &AllPairsOptions,
+    imported: bool,
     boxes: &[Aabb],
     encoding: Encoding,
     profiled: bool,
-) -> Result<Rig<AllPairs>, BenchError> {
-    let imports = SharedImports::default();
-    let options =
-        AllPairsOptions { profiled, imports: imports.clone(), ..AllPairsOptions::default() };
+) -> Result<Rig<AllPairs>> {
     let n = BoxCount::of_len(boxes.len()).unwrap_or_default();
-    let capacity = WORDS_A_BOX * u64::from(n.get());
-    let words = match encoding {
-        Encoding::Sparse => MaskShape::sparse(n, capacity, capacity, false).extent_words(),
-        _ => reply_words(boxes.len()),
-    };
-    Rig::new(AllPairs::new(gpu, options)?, gpu, Some(&imports), boxes, words, encoding)
+    let capacity = Counted::Sparse.first_capacity(n).max(WORDS_A_BOX * u64::from(n.get()));
+    let words = MaskShape::exact(encoding, n, capacity, false).extent_words();
+    let imports = SharedImports::default();
+    let with = AllPairsOptions { profiled, imports: imports.clone(), ..with.clone() };
+    let engine = AllPairs::new(gpu, with)?;
+    Rig::new(engine, gpu, imported.then_some(&imports), boxes, words, encoding)
 }
 
-/// Times of whole frames of unmoved boxes, by the host's clock.
-pub struct FrameTimer<E> {
-    rig: Rig<E>,
-}
-
-impl FrameTimer<Grid> {
-    /// Of the grid.
-    ///
-    /// # Errors
-    /// [`BenchError`].
-    pub fn grid(gpu: &Arc<Gpu>, boxes: &[Aabb]) -> Result<Self, BenchError> {
-        Ok(Self { rig: grid_rig(gpu, boxes, Encoding::Sparse, false)? })
-    }
-}
-
-impl FrameTimer<AllPairs> {
-    /// Of all pairs.
-    ///
-    /// # Errors
-    /// [`BenchError`].
-    pub fn all_pairs(gpu: &Arc<Gpu>, boxes: &[Aabb]) -> Result<Self, BenchError> {
-        Ok(Self { rig: all_pairs_rig(gpu, boxes, Encoding::Sparse, false)? })
-    }
-}
-
-impl<E: Stepped> FrameTimer<E> {
-    /// Replaces the boxes by as many others.
-    pub fn write(&mut self, boxes: &[Aabb]) {
-        self.rig.boxes.write(boxes);
-    }
-
-    /// Median of frames of a warm device, µs.
-    ///
-    /// # Errors
-    /// [`BenchError`].
-    pub fn median_us(&mut self, budget: Duration) -> Result<f64, BenchError> {
-        let mut times = Vec::new();
-        let started = Instant::now();
-        while times.len() < ROUNDS || started.elapsed() < budget {
-            let start = Instant::now();
-            self.rig.frame()?;
-            times.push(start.elapsed().as_secs_f64() * 1e6);
-        }
-        // The first half warms up.
-        Ok(percentile(times.split_off(times.len() / 2), 50))
-    }
-}
-
-/// The report of a frame of unmoved boxes, and the median of the GPU's time for all of its stages, µs.
-fn gpu_time(mut rig: Rig<impl Stepped>, budget: Duration) -> Result<(CullReport, f64), BenchError> {
-    let mut times = Vec::new();
-    let started = Instant::now();
-    loop {
-        let report = rig.frame()?;
-        times.push(rig.engine.step_times().iter().map(|step| step.ns / 1e3).sum());
-        if times.len() >= ROUNDS && started.elapsed() >= budget {
-            // The first half warms up.
-            return Ok((report, percentile(times.split_off(times.len() / 2), 50)));
-        }
-    }
-}
-
-/// A list of pairs of the grid, boxes and reply in shared memory: the frame's report, and the median of the GPU's
-/// time, µs.
-///
-/// # Errors
-/// [`BenchError`]; [`CullError::TooCrowded`](pairmask_core::engine::CullError) for scenes that are another engine's.
-pub fn grid_time(
-    gpu: &Arc<Gpu>,
-    boxes: &[Aabb],
-    budget: Duration,
-) -> Result<(CullReport, f64), BenchError> {
-    gpu_time(grid_rig(gpu, boxes, Encoding::List, true)?, budget)
-}
-
-/// The same of all pairs.
-///
-/// # Errors
-/// [`BenchError`].
-pub fn all_pairs_time(
-    gpu: &Arc<Gpu>,
-    boxes: &[Aabb],
-    budget: Duration,
-) -> Result<(CullReport, f64), BenchError> {
-    gpu_time(all_pairs_rig(gpu, boxes, Encoding::List, true)?, budget)
+/// Median of frames of unmoved boxes on a warm device, by the host's clock, µs.
+pub(crate) fn median_us(rig: &mut Rig<impl Stepped>, budget: Duration) -> Result<f64> {
+    let mut times = repeated(budget, ROUNDS, || {
+        let start = Instant::now();
+        rig.frame()?;
+        Ok::<_, CullError>(start.elapsed().as_secs_f64() * 1e6)
+    })?;
+    // The first half warms up.
+    Ok(median(times.split_off(times.len() / 2)))
 }
 
 /// Frames a second of unmoved boxes, with 1 or 2 frames under way at a time.
-///
-/// # Errors
-/// [`BenchError`].
 pub fn frames_a_second(
     gpu: &Arc<Gpu>,
     boxes: &[Aabb],
     under_way: usize,
     budget: Duration,
-) -> Result<f64, BenchError> {
+) -> Result<f64> {
     let imports = SharedImports::default();
     let options = GridOptions { imports: imports.clone(), ..GridOptions::default() };
     let mut grid = Grid::new(gpu, &options)?;
@@ -304,7 +209,7 @@ pub fn frames_a_second(
     Ok(f64::from(frames - ROUNDS as u32) / started.elapsed().as_secs_f64())
 }
 
-fn begin(grid: &mut Grid, memory: SegmentFrame) -> Result<GridUnderWay<SegmentFrame>, BenchError> {
+fn begin(grid: &mut Grid, memory: SegmentFrame) -> Result<GridUnderWay<SegmentFrame>> {
     Ok(grid.begin(memory, Encoding::Sparse).map_err(|(error, _)| error)?)
 }
 
@@ -320,7 +225,7 @@ fn stages(
     mut rig: Rig<impl Stepped>,
     scene: &mut Scene,
     budget: Duration,
-) -> Result<Vec<(String, f64)>, BenchError> {
+) -> Result<Vec<(String, f64)>> {
     let mut times: Vec<(String, Vec<f64>)> = Vec::new();
     let started = Instant::now();
     let mut frames = 0;
@@ -347,35 +252,25 @@ fn stages(
 
 /// Compares the pairs with those of the CPU's grid: counts, and a hash that does not depend on the
 /// order.
-fn compare<E>(
-    rig: &Rig<E>,
-    report: &CullReport,
-    scene: &Scene,
-    name: SceneName,
-) -> Result<(), BenchError> {
+fn compare<E>(rig: &Rig<E>, report: &CullReport, scene: &Scene, name: SceneName) -> Result<()> {
     let n = BoxCount::of_len(scene.boxes().len()).unwrap_or_default();
     let threads = rayon::current_num_threads();
     let mut reply = HeapReply::new();
     let truth =
         CpuGrid::new().cull(&CullInput::boxes(scene.boxes()).threads(threads), &mut reply)?;
-    let ours = pair_hash(n, report, rig.reply.words());
+    let ours = pair_sum(n, report, rig.reply.words());
     let same = ours.is_some()
-        && ours == pair_hash(n, &truth, reply.words())
+        && ours == pair_sum(n, &truth, reply.words())
         && report.pair_count == truth.pair_count
         && report.census == truth.census;
-    if same { Ok(()) } else { Err(BenchError::WrongPairs { n: n.get(), scene: name }) }
+    if same { Ok(()) } else { Err(wrong_pairs(n.get(), name)) }
 }
 
-/// Sum of a hash of each pair, and the number of pairs; `None` for a malformed mask.
-fn pair_hash(n: BoxCount, report: &CullReport, words: &[u32]) -> Option<(u64, u64)> {
+/// Number and sum of the pairs of a mask; `None` for a malformed one.
+fn pair_sum(n: BoxCount, report: &CullReport, words: &[u32]) -> Option<PairSum> {
     let view = MaskView::new(n, &report.shape, words).ok()?;
     view.verify().ok()?;
-    let (mut sum, mut count) = (0u64, 0u64);
-    view.for_each(|a, b| {
-        let pair = u64::from(a) << 32 | u64::from(b);
-        let mixed = (pair ^ pair >> 29).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        sum = sum.wrapping_add(mixed ^ mixed >> 32);
-        count += 1;
-    });
-    Some((sum, count))
+    let mut sum = PairSum::default();
+    view.for_each(|a, b| sum.add([a, b]));
+    Some(sum)
 }

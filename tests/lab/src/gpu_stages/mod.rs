@@ -1,29 +1,24 @@
 //! Measurements of the GPU's engines, one JSON object a line: times of stages by the GPU's clock, and of frames
 //! (boxes in shared memory → mask in shared memory) by the host's. Pairs are compared with those of the CPU.
 
-pub mod grid;
-mod rig;
-pub mod scenes;
+pub(crate) mod grid;
+pub(crate) mod scenes;
 pub(crate) mod shared;
 
 use std::io::Write;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use pairmask_core::engine::CullError;
-use pairmask_core::mask::MaskShape;
-use pairmask_core::scene::{QueryError, SceneError};
 use pairmask_core::{Aabb, BoxCount, Encoding};
 use pairmask_shaders::RowsPerThread;
 use pairmaskd::execute::gpu::user_cache_folder;
 use pairmaskd::execute::gpu::{
-    AllPairs, AllPairsOptions, Counted, Gpu, GpuChoice, GpuError, HostImport, OpenError,
-    SharedImports, Tuning, Upload,
+    AllPairs, AllPairsOptions, Gpu, GpuChoice, HostImport, Tuning, Upload,
 };
 use pairmaskd::scene::SceneName;
 use serde_json::json;
 
-use self::rig::Rig;
+use crate::{Fault, Result};
 
 /// Options of a run.
 #[derive(Clone, Debug)]
@@ -58,42 +53,15 @@ impl Default for BenchOptions {
 /// Fewest frames with percentiles.
 pub const LEAST_FRAMES: usize = 3;
 
-/// Why the bench failed.
-#[derive(Debug, thiserror::Error)]
-pub enum BenchError {
-    /// No GPU.
-    #[error(transparent)]
-    Open(#[from] OpenError),
-    /// The engine could not be made.
-    #[error(transparent)]
-    Gpu(#[from] GpuError),
-    /// A frame failed.
-    #[error(transparent)]
-    Cull(#[from] CullError),
-    /// A query of a scene failed.
-    #[error(transparent)]
-    Query(#[from] QueryError),
-    /// An edit of a scene failed.
-    #[error(transparent)]
-    Scene(#[from] SceneError),
-    /// No memory, or the output could not be written.
-    #[error(transparent)]
-    Io(#[from] std::io::Error),
-    /// The pairs of the GPU's grid are not the CPU's.
-    #[error("{n} boxes of {scene}: the pairs differ from the CPU's")]
-    WrongPairs {
-        /// Boxes.
-        n: u32,
-        /// Scene.
-        scene: SceneName,
-    },
+fn wrong_pairs(n: u32, scene: SceneName) -> Fault {
+    format!("{n} boxes of {scene}: the pairs differ from the CPU's").into()
 }
 
 /// Measures and prints.
 ///
 /// # Errors
-/// [`BenchError`].
-pub fn run(options: &BenchOptions, out: &mut dyn Write) -> Result<(), BenchError> {
+/// Where the GPU fails or is not there, or pairs differ.
+pub fn run(options: &BenchOptions, out: &mut dyn Write) -> Result<()> {
     let start = Instant::now();
     let gpu = Gpu::open(&options.gpu, HostImport::IfPossible)?;
     let open_ms = ms(start);
@@ -150,8 +118,8 @@ pub fn run(options: &BenchOptions, out: &mut dyn Write) -> Result<(), BenchError
 /// Measures the grid and prints.
 ///
 /// # Errors
-/// [`BenchError`].
-pub fn run_grid(options: &BenchOptions, out: &mut dyn Write) -> Result<(), BenchError> {
+/// As [`run`].
+pub fn run_grid(options: &BenchOptions, out: &mut dyn Write) -> Result<()> {
     let gpu = Gpu::open(&options.gpu, HostImport::IfPossible)?;
     for &n in &options.counts {
         for scene in grid::SCENES {
@@ -205,15 +173,10 @@ fn all_pairs(
     encoding: Encoding,
     (budget, check): (Duration, bool),
     out: &mut dyn Write,
-) -> Result<(), BenchError> {
+) -> Result<()> {
     let count = BoxCount::new(n);
-    let capacity = Counted::Sparse.first_capacity(count);
-    let words = MaskShape::exact(encoding, count, capacity, false).extent_words();
     let rig = |boxes: &[Aabb], profiled| {
-        let imports = SharedImports::default();
-        let with = AllPairsOptions { profiled, imports: imports.clone(), ..with.clone() };
-        let engine = AllPairs::new(gpu, with)?;
-        Rig::new(engine, gpu, import.then_some(&imports), boxes, words, encoding)
+        grid::all_pairs_rig(gpu, with, import, boxes, encoding, profiled)
     };
     let row = grid::measure_with(rig, SceneName::Uniform, n, encoding, budget, check)?;
     let used = with.tuning.unwrap_or_else(|| Tuning::for_frame(count, encoding));
@@ -229,24 +192,4 @@ fn all_pairs(
 
 fn ms(start: Instant) -> f64 {
     start.elapsed().as_secs_f64() * 1e3
-}
-
-/// Boxes of one size with about as many overlapping pairs as boxes.
-pub(crate) fn uniform(n: u32) -> Vec<Aabb> {
-    let mut state = 1u64;
-    // Two boxes of edge e in a unit cube overlap with probability 8e³: n²/2 · 8e³ = n.
-    let edge = (1.0 / (4.0 * f64::from(n.max(1)))).cbrt() as f32;
-    let mut unit = || {
-        // SplitMix64 (Steele, Lea and Flood 2014).
-        state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let z = (state ^ (state >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ (z >> 31)) >> 40) as f32 / (1u32 << 24) as f32
-    };
-    (0..n)
-        .map(|_| {
-            let min = [unit(), unit(), unit()];
-            Aabb { min, max: min.map(|x| x + edge) }
-        })
-        .collect()
 }

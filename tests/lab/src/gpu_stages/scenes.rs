@@ -12,12 +12,15 @@ use pairmaskd::execute::gpu::user_cache_folder;
 use pairmaskd::execute::gpu::{
     Awake, EditTimes, Gpu, GpuScene, GridOptions, SceneTools, SharedImports,
 };
-use pairmaskd::scene::SceneName;
+use pairmaskd::scene::{Random, SceneName};
 use serde::Serialize;
 
-use super::BenchError;
-use super::rig::percentile;
 use super::shared::Segment;
+use super::wrong_pairs;
+use crate::Result;
+use crate::study::harness::document::Part;
+use crate::study::harness::table::{Fields, Table, row};
+use crate::study::harness::{Report, percentile};
 use crate::study::moving::{Motion, World};
 
 /// Edits that are not counted: memory is taken, layouts are chosen, frames are recorded.
@@ -32,103 +35,66 @@ const HOLD: Duration = Duration::from_secs(5);
 /// What is measured.
 #[derive(Clone, Copy, Debug)]
 pub struct Case {
-    /// The scene.
     pub scene: SceneName,
-    /// Its boxes.
     pub n: usize,
-    /// How they move.
     pub motion: Motion,
     /// How many of a hundred move in each edit.
     pub percent: f64,
     /// Whether the boxes of an edit lie in imported memory; else they are copied.
     pub imported: bool,
-    /// Edits.
     pub frames: usize,
     /// Boxes that are asked for between edits.
     pub queries: usize,
-    /// Whether stages are timed as well.
     pub stages: bool,
     /// Whether what was told is compared with a fresh search on the CPU.
     pub checks: bool,
 }
 
-/// A case's measurement. Times are microseconds.
+/// The JSON object of `gpu-scene --json`. Fields may be added, never changed or taken away.
 #[derive(Clone, Debug, Serialize)]
-pub struct Row {
-    /// The scene.
-    pub scene: String,
-    /// Boxes.
-    pub n: usize,
-    /// Share of them that each edit moves.
-    pub moving: f64,
-    /// How.
-    pub motion: &'static str,
-    /// Whether boxes were read where they lie.
-    pub imported: bool,
-    /// Edit in, sorted changes out: median, and 99 of 100.
-    pub edit_us: f64,
-    /// 99 of 100.
-    pub edit_p99_us: f64,
-    /// Medians of its parts.
-    pub check_us: f64,
-    /// Copies to the GPU.
-    pub upload_us: f64,
-    /// Layout, blocks and recordings.
-    pub plan_us: f64,
-    /// The GPU, with submission and wait.
-    pub gpu_us: f64,
-    /// Reading and sorting.
-    pub sort_us: f64,
-    /// Most submissions of an edit.
-    pub submissions: u32,
-    /// Edits that took more than one submission.
-    pub repeated: usize,
-    /// Pairs that the last edit began and ended.
-    pub changes: usize,
-    /// Pairs that were compared for it.
-    pub tested: u64,
-    /// Pairs of the scene.
-    pub pairs: u64,
-    /// Boxes that are asked for after each edit.
-    pub queries: usize,
-    /// Queries in, sorted pairs out: 1, 50 and 99 of 100.
-    pub query_us: [f64; 3],
-    /// Medians of its parts: queries to the GPU, the GPU, reading and sorting.
-    pub query_parts_us: [f64; 3],
-    /// Pairs of a query and a box.
-    pub query_pairs: usize,
-    /// Medians of a query's stages by the GPU's clock.
-    pub query_stage_us: BTreeMap<&'static str, f64>,
-    /// Bytes of video memory a box.
-    pub video_bytes_a_box: f64,
-    /// Medians of stages by the GPU's clock.
-    pub stage_us: BTreeMap<&'static str, f64>,
-    /// Whether the pairs were compared with the CPU's.
-    pub checked: bool,
+pub struct GpuSceneReport {
+    pub gpus: Vec<String>,
+    pub rows: Vec<Fields>,
 }
 
-/// The pairs that a client knows, as a number and a sum that depends on no order.
+impl Report for GpuSceneReport {
+    const NAME: &'static str = "gpu-scene";
+
+    fn parts(&self) -> Vec<Part> {
+        vec![Part::text(self.gpus.join(", ")), Part::Table(Table::of(&self.rows))]
+    }
+}
+
+/// Pairs, as a number and a sum of hashes that depends on no order.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-struct PairSum {
+pub(super) struct PairSum {
     count: u64,
     sum: u64,
 }
 
 impl PairSum {
     fn of(pairs: &[[u32; 2]]) -> Self {
-        let sum = pairs.iter().fold(0u64, |sum, pair| sum.wrapping_add(mixed(*pair)));
-        Self { count: pairs.len() as u64, sum }
+        let mut sum = Self::default();
+        for pair in pairs {
+            sum.add(*pair);
+        }
+        sum
     }
 
-    /// The client takes an answer.
+    pub(super) fn add(&mut self, pair: [u32; 2]) {
+        self.count += 1;
+        self.sum = self.sum.wrapping_add(mixed(pair));
+    }
+
+    /// The client that knows these pairs takes an answer.
     fn take(&mut self, told: &Told) {
         if told.is_resync() {
             *self = Self::of(told.pairs());
             return;
         }
-        let begun = Self::of(told.begun());
-        self.count += begun.count;
-        self.sum = self.sum.wrapping_add(begun.sum);
+        for pair in told.begun() {
+            self.add(*pair);
+        }
         for ended in told.ended() {
             self.count = self.count.wrapping_sub(1);
             self.sum = self.sum.wrapping_sub(mixed(ended.pair));
@@ -136,12 +102,8 @@ impl PairSum {
     }
 }
 
-/// The finalizer of `SplitMix64` (Steele, Lea and Flood 2014).
 fn mixed([a, b]: [u32; 2]) -> u64 {
-    let z = (u64::from(a) << 32 | u64::from(b)).wrapping_add(0x9e37_79b9_7f4a_7c15);
-    let z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    z ^ (z >> 31)
+    Random::new(u64::from(a) << 32 | u64::from(b)).bits()
 }
 
 /// A scene on a device, and the memory from which its boxes come.
@@ -152,7 +114,7 @@ struct Rig {
 }
 
 impl Rig {
-    fn new(gpus: &[Arc<Gpu>], case: &Case, profiled: bool) -> Result<Self, BenchError> {
+    fn new(gpus: &[Arc<Gpu>], case: &Case, profiled: bool) -> Result<Self> {
         let mut segment = Segment::new((case.n * size_of::<Aabb>()).max(1))?;
         let mut tools = Vec::with_capacity(gpus.len());
         for gpu in gpus {
@@ -174,12 +136,7 @@ impl Rig {
     }
 
     /// Sets boxes and takes the changes; how long the answer took.
-    fn edit(
-        &mut self,
-        indices: &[u32],
-        boxes: &[Aabb],
-        is_spawn: bool,
-    ) -> Result<Duration, BenchError> {
+    fn edit(&mut self, indices: &[u32], boxes: &[Aabb], is_spawn: bool) -> Result<Duration> {
         self.segment.write(boxes);
         let boxes = self.segment.boxes(boxes.len());
         let is_all = !indices.is_empty() && indices.len() == self.scene.len();
@@ -198,12 +155,9 @@ impl Rig {
 
 /// Measures a case.
 ///
-/// # Errors
-/// [`BenchError`], also where the pairs differ from the CPU's.
-///
 /// # Panics
 /// Without a GPU.
-pub fn measure(gpus: &[Arc<Gpu>], world: &mut World, case: &Case) -> Result<Row, BenchError> {
+pub fn measure(gpus: &[Arc<Gpu>], world: &mut World, case: &Case) -> Result<Fields> {
     let all: Vec<u32> = (0..case.n as u32).collect();
     let moving = (case.n as f64 * case.percent / 100.0).round() as usize;
     let is_spawn = case.motion == Motion::Spawn;
@@ -250,7 +204,7 @@ pub fn measure(gpus: &[Arc<Gpu>], world: &mut World, case: &Case) -> Result<Row,
         |percent| percentile(asked.iter().map(|(whole, _)| *whole).collect(), percent);
     let [stage_us, query_stage_us] =
         if case.stages { stages(gpus, world.clone(), case)? } else { Default::default() };
-    Ok(Row {
+    Ok(row!(
         scene: case.scene.to_string(),
         n: case.n,
         moving: case.percent / 100.0,
@@ -280,11 +234,11 @@ pub fn measure(gpus: &[Arc<Gpu>], world: &mut World, case: &Case) -> Result<Row,
         video_bytes_a_box: rig.scene.video_bytes() as f64 / case.n.max(1) as f64,
         stage_us,
         checked: case.checks,
-    })
+    ))
 }
 
 /// Compares what the client knows with a fresh search.
-fn check(rig: &Rig, world: &World, case: &Case) -> Result<(), BenchError> {
+fn check(rig: &Rig, world: &World, case: &Case) -> Result<()> {
     let mut fresh = Scene::new(SceneOptions::default());
     let indices = Indices::from(0..case.n as u32);
     let steps = [Step::Set(Sets { indices, boxes: world.boxes() })];
@@ -292,7 +246,7 @@ fn check(rig: &Rig, world: &World, case: &Case) -> Result<(), BenchError> {
     if PairSum::of(told.pairs()) == rig.known {
         return Ok(());
     }
-    Err(BenchError::WrongPairs { n: case.n as u32, scene: case.scene })
+    Err(wrong_pairs(case.n as u32, case.scene))
 }
 
 /// Queries among the boxes of a scene: some of them, moved by a third of their size.
@@ -308,12 +262,7 @@ fn queries(boxes: &[Aabb], count: usize) -> Vec<Aabb> {
 }
 
 /// Compares the pairs of some queries with those of all boxes.
-fn check_queries(
-    boxes: &[Aabb],
-    queries: &[Aabb],
-    found: &[[u32; 2]],
-    case: &Case,
-) -> Result<(), BenchError> {
+fn check_queries(boxes: &[Aabb], queries: &[Aabb], found: &[[u32; 2]], case: &Case) -> Result<()> {
     let keys =
         |boxes: &[Aabb]| -> Vec<KeyBox> { boxes.iter().map(|b| KeyBox::classify(b).0).collect() };
     let (boxes, queries) = (keys(boxes), keys(queries));
@@ -323,7 +272,7 @@ fn check_queries(
         let end = found.partition_point(|pair| pair[0] as usize <= number);
         let overlapped = boxes.iter().enumerate().filter(|(_, b)| b.overlaps(query));
         if !overlapped.map(|(index, _)| index as u32).eq(found[start..end].iter().map(|p| p[1])) {
-            return Err(BenchError::WrongPairs { n: case.n as u32, scene: case.scene });
+            return Err(wrong_pairs(case.n as u32, case.scene));
         }
     }
     Ok(())
@@ -334,7 +283,7 @@ fn stages(
     gpus: &[Arc<Gpu>],
     mut world: World,
     case: &Case,
-) -> Result<[BTreeMap<&'static str, f64>; 2], BenchError> {
+) -> Result<[BTreeMap<&'static str, f64>; 2]> {
     let all: Vec<u32> = (0..case.n as u32).collect();
     let moving = (case.n as f64 * case.percent / 100.0).round() as usize;
     let mut rig = Rig::new(gpus, case, true)?;

@@ -1,4 +1,4 @@
-//! Shared memory as the daemon has it: boxes that a client wrote, and the reply for it.
+//! Shared memory as the daemon has it: boxes that a client wrote, and the reply for it; and engines with theirs.
 #![allow(unsafe_code)]
 
 use std::fs::File;
@@ -6,14 +6,17 @@ use std::io;
 use std::sync::Arc;
 
 use bytemuck::Pod;
-use pairmask_core::Aabb;
-use pairmask_core::engine::{ReplyBuffer, ReserveError};
+use pairmask_core::engine::{CullError, CullInput, CullReport, Engine, ReplyBuffer, ReserveError};
 use pairmask_core::objects::Objects;
 use pairmask_core::precision::BoxSlice;
+use pairmask_core::{Aabb, Encoding};
 use pairmaskd::execute::FrameMemory;
-use pairmaskd::execute::gpu::{Gpu, ImportError, ImportId, ReadWriteMapping, SharedImports};
+use pairmaskd::execute::gpu::{
+    AllPairs, Gpu, Grid, ImportError, ImportId, ReadWriteMapping, SharedImports, StepTime,
+};
 
-/// An anonymous shared segment.
+use crate::Result;
+
 pub(crate) struct Segment {
     // Open as long as the mapping, since an import finds the pages through the file.
     _file: File,
@@ -65,7 +68,6 @@ impl Segment {
         self.objects(n)
     }
 
-    /// The first `n` objects in it.
     pub(crate) fn objects<T: Pod>(&self, n: usize) -> &[T] {
         bytemuck::cast_slice(&self.words()[..n * (size_of::<T>() / 4)])
     }
@@ -93,10 +95,76 @@ impl Drop for Segment {
     }
 }
 
+/// An engine with its shared memory.
+pub(crate) struct Rig<E> {
+    pub(super) engine: E,
+    encoding: Encoding,
+    n: usize,
+    pub(crate) boxes: Segment,
+    pub(super) reply: Segment,
+    /// Whether boxes and reply were imported.
+    pub(super) imported: bool,
+}
+
+impl<E: Engine> Rig<E> {
+    /// An engine, with memory for boxes and a reply, which are imported where `imports` is there and the driver
+    /// imports memory.
+    pub(super) fn new(
+        engine: E,
+        gpu: &Arc<Gpu>,
+        imports: Option<&SharedImports>,
+        boxes: &[Aabb],
+        reply_words: u64,
+        encoding: Encoding,
+    ) -> Result<Self> {
+        let mut rig = Self {
+            engine,
+            encoding,
+            n: boxes.len(),
+            boxes: Segment::new(size_of_val(boxes))?,
+            reply: Segment::new(4 * reply_words as usize)?,
+            imported: imports.is_some(),
+        };
+        for segment in [&mut rig.boxes, &mut rig.reply] {
+            let Some(imports) = imports else { break };
+            if let Err(error) = segment.import(gpu, imports) {
+                log::warn!("staged: {error}");
+                rig.imported = false;
+            }
+        }
+        rig.boxes.write(boxes);
+        Ok(rig)
+    }
+
+    /// A frame of the boxes in shared memory.
+    pub(super) fn frame(&mut self) -> Result<CullReport, CullError> {
+        let boxes = self.boxes.boxes(self.n);
+        let input = CullInput::boxes(boxes).encoding(self.encoding);
+        self.engine.cull(&input, &mut self.reply)
+    }
+}
+
+/// An engine that tells the times of its last frame's steps.
+pub trait Stepped: Engine {
+    fn step_times(&self) -> &[StepTime];
+}
+
+impl Stepped for Grid {
+    fn step_times(&self) -> &[StepTime] {
+        self.step_times()
+    }
+}
+
+impl Stepped for AllPairs {
+    fn step_times(&self) -> &[StepTime] {
+        self.step_times()
+    }
+}
+
 /// The memory of a frame that is left under way.
 pub(super) struct SegmentFrame {
     pub(super) n: usize,
-    pub(super) boxes: Segment,
+    pub(crate) boxes: Segment,
     pub(super) reply: Segment,
 }
 

@@ -136,9 +136,6 @@ fn count(mut pairs: impl Iterator<Item = Pair>) -> (u64, Option<Pair>) {
 
 impl Case {
     /// Compares the answer to a frame of this form with the oracle.
-    ///
-    /// # Errors
-    /// [`Finding`] with the mistake.
     pub fn check(&self, form: Form, answer: &Answer) -> Result<(), Finding> {
         let Answer { pairs, count, census } = answer;
         let (must, may) = self.allowed(form);

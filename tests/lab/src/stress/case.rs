@@ -31,9 +31,7 @@ const LARGE_STREAM: u64 = 0x4c41_5247_4500;
 pub struct Case {
     /// The seed, which determines the whole case.
     pub seed: u64,
-    /// How the scene was made, as text.
     pub recipe: String,
-    /// The boxes.
     pub boxes: Vec<Aabb>,
     /// By the oracle, on a thread of the caller's flags.
     pub truth: Truth,
@@ -129,7 +127,6 @@ fn box_count(random: &mut Random) -> usize {
     }
 }
 
-/// One scene of the two lists.
 fn draw(n: usize, random: &mut Random) -> (Vec<Aabb>, &'static str) {
     let (plain, hard) = (scenes::ALL.len(), hard::ALL.len());
     let which = random.below((plain + hard) as u64) as usize;

@@ -8,7 +8,6 @@ use super::hard::{power_of_ten, ulps};
 /// A change to a scene.
 #[derive(Clone, Copy)]
 pub struct Change {
-    /// The name in messages.
     pub name: &'static str,
     /// Changes the boxes in place; their number stays.
     pub apply: fn(&mut [Aabb], &mut Random),
@@ -16,21 +15,104 @@ pub struct Change {
 
 /// All of them.
 pub const ALL: &[Change] = &[
-    Change { name: "sorted", apply: |boxes, random| sort(boxes, random, false) },
-    Change { name: "sorted in reverse", apply: |boxes, random| sort(boxes, random, true) },
-    Change { name: "shuffled", apply: shuffle },
-    Change { name: "axes exchanged", apply: exchange_axes },
-    Change { name: "mirrored", apply: mirror },
-    Change { name: "scaled by a power of two", apply: scale },
-    Change { name: "moved far away", apply: shift },
-    Change { name: "faces copied", apply: copy_faces },
-    Change { name: "boxes doubled", apply: double },
-    Change { name: "one axis flat", apply: flatten },
-    Change { name: "zeros of either sign", apply: sign_zeros },
-    Change { name: "empty boxes", apply: make_empty },
-    Change { name: "NaN in some slots", apply: make_invalid },
-    Change { name: "infinite faces", apply: make_infinite },
+    change("sorted", |boxes, random| sort(boxes, random, false)),
+    change("sorted in reverse", |boxes, random| sort(boxes, random, true)),
+    change("shuffled", |boxes, random| {
+        for last in (1..boxes.len()).rev() {
+            boxes.swap(last, random.below(last as u64 + 1) as usize);
+        }
+    }),
+    change("axes exchanged", |boxes, random| {
+        let (a, b) = [(0, 1), (0, 2), (1, 2)][random.below(3) as usize];
+        for one in boxes {
+            one.min.swap(a, b);
+            one.max.swap(a, b);
+        }
+    }),
+    change("mirrored", |boxes, random| {
+        let axis = random.below(3) as usize;
+        for one in boxes {
+            (one.min[axis], one.max[axis]) = (-one.max[axis], -one.min[axis]);
+        }
+    }),
+    change("scaled by a power of two", |boxes, random| {
+        // 2^−126 to 2^127: small scenes become subnormal, large ones infinite.
+        let factor = f32::from_bits((1 + random.below(254) as u32) << 23);
+        (0..3).for_each(|axis| map_axis(boxes, axis, |x| x * factor));
+    }),
+    change("moved far away", |boxes, random| {
+        let offset = power_of_ten(3 + random.below(28) as u32);
+        let axis = random.below(3) as usize;
+        map_axis(boxes, axis, |x| x + offset);
+    }),
+    // Moves faces of boxes to where others end, or one ulp before or after.
+    change("faces copied", |boxes, random| {
+        let n = boxes.len();
+        for i in 0..n {
+            let (from, axis) = (random.below(n as u64) as usize, random.below(3) as usize);
+            if random.below(2) == 0 {
+                boxes[i].min[axis] = ulps(boxes[from].max[axis], random.below(3) as i32 - 1);
+                boxes[i].max[axis] = boxes[i].max[axis].max(boxes[i].min[axis]);
+            }
+        }
+    }),
+    change("boxes doubled", |boxes, random| {
+        let n = boxes.len();
+        for i in 0..n {
+            if random.below(3) == 0 {
+                boxes[i] = boxes[random.below(n as u64) as usize];
+            }
+        }
+    }),
+    change("one axis flat", |boxes, random| {
+        let axis = random.below(3) as usize;
+        let thickness = random.below(2) as f32;
+        for one in boxes {
+            (one.min[axis], one.max[axis]) = (5.0, 5.0 + thickness);
+        }
+    }),
+    change("zeros of either sign", |boxes, random| {
+        for one in boxes {
+            for x in one.min.iter_mut().chain(&mut one.max) {
+                if *x == 0.0 || random.below(8) == 0 {
+                    *x = if random.below(2) == 0 { 0.0 } else { -0.0 };
+                }
+            }
+        }
+    }),
+    change("empty boxes", |boxes, random| {
+        some(boxes, random, 5, |one, random| {
+            let axis = random.below(3) as usize;
+            if random.below(2) == 0 {
+                *one = Aabb::EMPTY;
+            } else {
+                one.min[axis] = one.max[axis].next_up();
+            }
+        });
+    }),
+    change("NaN in some slots", |boxes, random| {
+        let nans = [0x7fc0_0000, 0xffc0_0000, 0x7f80_0001, 0xff80_0001, 0x7fff_ffff, 0xffff_ffff];
+        some(boxes, random, 6, |one, random| {
+            let nan = f32::from_bits(nans[random.below(6) as usize]);
+            let axis = random.below(3) as usize;
+            if random.below(2) == 0 { one.min[axis] = nan } else { one.max[axis] = nan }
+        });
+    }),
+    change("infinite faces", |boxes, random| {
+        some(boxes, random, 6, |one, random| {
+            let axis = random.below(3) as usize;
+            match random.below(3) {
+                0 => one.min[axis] = f32::NEG_INFINITY,
+                1 => one.max[axis] = f32::INFINITY,
+                _ => (one.min[axis], one.max[axis]) = (f32::INFINITY, f32::INFINITY),
+            }
+        });
+    }),
 ];
+
+const fn change(name: &'static str, apply: fn(&mut [Aabb], &mut Random)) -> Change {
+    Change { name, apply }
+}
 
 fn sort(boxes: &mut [Aabb], random: &mut Random, reverse: bool) {
     let axis = random.below(3) as usize;
@@ -40,45 +122,12 @@ fn sort(boxes: &mut [Aabb], random: &mut Random, reverse: bool) {
     });
 }
 
-fn shuffle(boxes: &mut [Aabb], random: &mut Random) {
-    for last in (1..boxes.len()).rev() {
-        boxes.swap(last, random.below(last as u64 + 1) as usize);
-    }
-}
-
-fn exchange_axes(boxes: &mut [Aabb], random: &mut Random) {
-    let (a, b) = [(0, 1), (0, 2), (1, 2)][random.below(3) as usize];
-    for one in boxes {
-        one.min.swap(a, b);
-        one.max.swap(a, b);
-    }
-}
-
-fn mirror(boxes: &mut [Aabb], random: &mut Random) {
-    let axis = random.below(3) as usize;
-    for one in boxes {
-        (one.min[axis], one.max[axis]) = (-one.max[axis], -one.min[axis]);
-    }
-}
-
 /// Changes every coordinate of an axis.
 fn map_axis(boxes: &mut [Aabb], axis: usize, change: impl Fn(f32) -> f32) {
     for one in boxes {
         one.min[axis] = change(one.min[axis]);
         one.max[axis] = change(one.max[axis]);
     }
-}
-
-fn scale(boxes: &mut [Aabb], random: &mut Random) {
-    // 2^−126 to 2^127: small scenes become subnormal, large ones infinite.
-    let factor = f32::from_bits((1 + random.below(254) as u32) << 23);
-    (0..3).for_each(|axis| map_axis(boxes, axis, |x| x * factor));
-}
-
-fn shift(boxes: &mut [Aabb], random: &mut Random) {
-    let offset = power_of_ten(3 + random.below(28) as u32);
-    let axis = random.below(3) as usize;
-    map_axis(boxes, axis, |x| x + offset);
 }
 
 /// Calls `change` with about one box in `every`.
@@ -92,118 +141,5 @@ fn some(
         if random.below(every) == 0 {
             change(one, random);
         }
-    }
-}
-
-/// Moves faces of boxes to where others end, or one ulp before or after.
-fn copy_faces(boxes: &mut [Aabb], random: &mut Random) {
-    let n = boxes.len();
-    for i in 0..n {
-        let (from, axis) = (random.below(n as u64) as usize, random.below(3) as usize);
-        if random.below(2) == 0 {
-            boxes[i].min[axis] = ulps(boxes[from].max[axis], random.below(3) as i32 - 1);
-            boxes[i].max[axis] = boxes[i].max[axis].max(boxes[i].min[axis]);
-        }
-    }
-}
-
-fn double(boxes: &mut [Aabb], random: &mut Random) {
-    let n = boxes.len();
-    for i in 0..n {
-        if random.below(3) == 0 {
-            boxes[i] = boxes[random.below(n as u64) as usize];
-        }
-    }
-}
-
-fn flatten(boxes: &mut [Aabb], random: &mut Random) {
-    let axis = random.below(3) as usize;
-    let thickness = random.below(2) as f32;
-    for one in boxes {
-        (one.min[axis], one.max[axis]) = (5.0, 5.0 + thickness);
-    }
-}
-
-fn sign_zeros(boxes: &mut [Aabb], random: &mut Random) {
-    for one in boxes {
-        for x in one.min.iter_mut().chain(&mut one.max) {
-            if *x == 0.0 || random.below(8) == 0 {
-                *x = if random.below(2) == 0 { 0.0 } else { -0.0 };
-            }
-        }
-    }
-}
-
-fn make_empty(boxes: &mut [Aabb], random: &mut Random) {
-    some(boxes, random, 5, |one, random| {
-        let axis = random.below(3) as usize;
-        if random.below(2) == 0 {
-            *one = Aabb::EMPTY;
-        } else {
-            one.min[axis] = one.max[axis].next_up();
-        }
-    });
-}
-
-fn make_invalid(boxes: &mut [Aabb], random: &mut Random) {
-    let nans = [0x7fc0_0000, 0xffc0_0000, 0x7f80_0001, 0xff80_0001, 0x7fff_ffff, 0xffff_ffff];
-    some(boxes, random, 6, |one, random| {
-        let nan = f32::from_bits(nans[random.below(6) as usize]);
-        let axis = random.below(3) as usize;
-        if random.below(2) == 0 { one.min[axis] = nan } else { one.max[axis] = nan }
-    });
-}
-
-fn make_infinite(boxes: &mut [Aabb], random: &mut Random) {
-    some(boxes, random, 6, |one, random| {
-        let axis = random.below(3) as usize;
-        match random.below(3) {
-            0 => one.min[axis] = f32::NEG_INFINITY,
-            1 => one.max[axis] = f32::INFINITY,
-            _ => (one.min[axis], one.max[axis]) = (f32::INFINITY, f32::INFINITY),
-        }
-    });
-}
-
-#[cfg(test)]
-mod tests {
-    use pairmask_core::BoxClass;
-
-    use super::*;
-
-    fn changed(name: &str) -> (Vec<Aabb>, Vec<Aabb>) {
-        let before = super::super::scenes::named("uniform").boxes(345, 1);
-        let mut after = before.clone();
-        let change = ALL.iter().find(|c| c.name == name).expect("it is listed");
-        (change.apply)(&mut after, &mut Random::new(3));
-        (before, after)
-    }
-
-    #[test]
-    fn every_change_changes_something_and_takes_any_number_of_boxes() {
-        for change in ALL {
-            for n in [0, 1] {
-                let mut few = vec![Aabb::from([0.0; 6]); n];
-                (change.apply)(&mut few, &mut Random::new(5));
-            }
-            let (before, after) = changed(change.name);
-            assert_eq!(before.len(), after.len());
-            if !["zeros of either sign"].contains(&change.name) {
-                assert_ne!(before, after, "{}", change.name);
-            }
-        }
-    }
-
-    #[test]
-    fn boxes_become_what_the_change_says() {
-        let share = |name, class| {
-            let (_, after) = changed(name);
-            after.iter().filter(|b| b.class() == class).count()
-        };
-        assert!(share("empty boxes", BoxClass::Empty) > 30);
-        assert!(share("NaN in some slots", BoxClass::Invalid) > 30);
-        let (before, after) = changed("mirrored");
-        let pairs = |boxes: &[Aabb]| pairmask_core::oracle::truth(boxes).pairs;
-        assert_eq!(pairs(&before), pairs(&after), "a mirror keeps every pair");
     }
 }

@@ -264,17 +264,13 @@ mod tests {
         assert_eq!(all(), default);
         assert_eq!(FloatFlags::rounding(Rounding::Down).run(third), default[0] - 1);
         assert_eq!(FloatFlags::FLUSHING.run(tiny), 0);
-    }
-
-    #[test]
-    fn pool_and_caller_have_flags_of_their_own() {
+        // Pool and caller have flags of their own.
         let pool = rayon::ThreadPoolBuilder::new().num_threads(2).build().expect("threads");
         let flags = MixedFlags {
             caller: FloatFlags::rounding(Rounding::Up),
             pool: [FloatFlags::rounding(Rounding::Down), FloatFlags::DEFAULT],
             ..MixedFlags::default()
         };
-        let third = || (black_box(1.0f32) / black_box(3.0)).to_bits();
         assert_eq!(flags.install(&pool, third), 0x3eaa_aaab);
         let pool_thirds = pool.broadcast(|_| third());
         assert_eq!(pool_thirds, [0x3eaa_aaaa, 0x3eaa_aaab]);

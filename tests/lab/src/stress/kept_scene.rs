@@ -37,11 +37,8 @@ const WANTS: [Want; 6] =
 /// What is done about an answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Fate {
-    /// It is acknowledged.
     Taken,
-    /// It is read, and not acknowledged.
     Dropped,
-    /// It is not read.
     Unread,
 }
 
@@ -50,7 +47,6 @@ pub(super) enum Fate {
 pub(super) struct Heard {
     pub(super) begun: Vec<[u32; 2]>,
     pub(super) ended: Vec<[u32; 2]>,
-    /// All pairs, where `is_resync`.
     pub(super) pairs: Vec<[u32; 2]>,
     pub(super) is_resync: bool,
 }
@@ -66,7 +62,6 @@ struct Body {
 
 const NOBODY: Body = Body { b: Aabb::EMPTY, is_there: false, is_on: true, is_static: false };
 
-/// What has to come of a scene.
 pub(super) struct KeptScene {
     bodies: Vec<Body>,
     /// The pairs that the client knows from the answers that it took.
@@ -74,22 +69,17 @@ pub(super) struct KeptScene {
 }
 
 impl KeptScene {
-    /// A scene without boxes.
     pub(super) fn new(random: &mut Random) -> Self {
         let most = if random.below(MANY_ONE_IN) == 0 { MANY_BOXES } else { FEW_BOXES };
         Self { bodies: vec![NOBODY; most + SPARE], known: BTreeSet::new() }
     }
 
-    /// Options of the scene.
     pub(super) fn options(&self) -> SceneOptions {
         SceneOptions::default().with_most_boxes(self.bodies.len() as u32)
     }
 
     /// Draws an edit towards the boxes of a case, which `ask` has answered, and compares the answer. Says
     /// whether there was one.
-    ///
-    /// # Errors
-    /// That of `ask`; what is wrong in the answer. The scene is of no further use then.
     pub(super) fn edit<E>(
         &mut self,
         case: &Case,
@@ -111,7 +101,6 @@ impl KeptScene {
         Ok(self.check(&heard, want, fate).map(|()| true))
     }
 
-    /// Draws an edit, and applies it.
     fn draw(&mut self, boxes: &[Aabb], random: &mut Random) -> ListedEdit {
         let mut edit = ListedEdit::default();
         let n = boxes.len() as u64;
@@ -220,16 +209,6 @@ impl ListedEdit {
     }
 }
 
-/// Scenes that the threads of a pool keep, or a GPU.
-pub(super) struct SceneSubject {
-    pub(super) name: String,
-    pub(super) pool: Arc<ThreadPool>,
-    /// The GPU that keeps them, if any.
-    pub(super) tools: Option<Arc<SceneTools>>,
-    /// A pair of most answers is lost, to test that the checks notice.
-    pub(super) is_broken: bool,
-}
-
 /// A scene of a case.
 #[allow(clippy::large_enum_variant)] // One at a time.
 enum Keeper {
@@ -264,31 +243,26 @@ impl Keeper {
     }
 }
 
-impl Subject for SceneSubject {
-    fn name(&self) -> &str {
-        &self.name
-    }
-
-    fn engine(&self) -> &'static str {
-        "scenes"
-    }
-
-    fn form(&self) -> Form {
-        Form::Scene
-    }
-
-    fn answer(&mut self, case: &Case) -> Result<Reply, Finding> {
+/// Scenes that the threads of a pool keep, or a GPU, where there are its tools. With `is_broken` a pair of most answers
+/// is lost, to test that the checks notice.
+pub(super) fn scenes(
+    name: String,
+    pool: Arc<ThreadPool>,
+    tools: Option<Arc<SceneTools>>,
+    is_broken: bool,
+) -> Subject {
+    let answer = move |case: &Case| {
         let mut random = Random::new(case.seed ^ STREAM);
         let mut scene = KeptScene::new(&mut random);
-        let mut keeper = match &self.tools {
+        let mut keeper = match &tools {
             None => Keeper::Cores(Scene::new(scene.options())),
             Some(tools) => Keeper::Gpu(GpuScene::new(tools, scene.options())),
         };
         for _ in 0..3 + random.below(4) {
             let edited = scene.edit(case, &mut random, |steps, want, fate| {
                 let ask = || keeper.ask(steps, want, fate);
-                let mut heard = case.flags.install(&self.pool, ask)?;
-                if self.is_broken {
+                let mut heard = case.flags.install(&pool, ask)?;
+                if is_broken {
                     heard.begun.pop();
                 }
                 Ok((fate != Fate::Unread).then_some(heard))
@@ -300,7 +274,8 @@ impl Subject for SceneSubject {
             };
         }
         Ok(Reply::Right)
-    }
+    };
+    Subject { name, engine: "scenes", form: Form::Scene, answer: Box::new(answer) }
 }
 
 #[cfg(test)]

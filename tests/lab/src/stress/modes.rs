@@ -26,15 +26,11 @@ const STREAM: u64 = 0x4d4f_4445_5300;
 /// One way to use a mode other than exact.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Usage {
-    /// Cells of the bounds of the boxes.
     Q16,
     /// Cells of bounds that many boxes lie outside of.
     Q16SmallBounds,
-    /// As [`Usage::Q16`].
     Q8,
-    /// As [`Usage::Q16SmallBounds`].
     Q8SmallBounds,
-    /// Halves.
     F16,
     /// A margin of the order of a box of the case, or none.
     Margin,
@@ -76,13 +72,10 @@ impl fmt::Display for Usage {
 /// The way in which boxes were sent, with its parameters.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Sending {
-    /// Narrow forms.
     Narrow(Precision),
-    /// Inflated boxes.
     Inflated(Margin),
     /// Boxes of a world.
     World {
-        /// The boxes.
         boxes: Vec<Faces>,
         /// The origin that the sent boxes are relative to.
         origin: [f64; 3],
@@ -95,14 +88,11 @@ pub struct ModeCase {
     /// The given boxes: the first ones of the case. For a world, the f32 boxes that it was made
     /// from.
     pub given: Vec<Aabb>,
-    /// How they were sent.
     pub sending: Sending,
-    /// The boxes that engines get.
     pub sent: Vec<Aabb>,
     /// The first box that is converted differently when each box is written by itself, on threads of
     /// different floating-point flags.
     pub written_unlike: Option<usize>,
-    /// The allowed answers.
     pub allowed: Allowed,
 }
 
@@ -257,15 +247,11 @@ fn world(boxes: &[Aabb], random: &mut Random) -> (Vec<Faces>, [f64; 3]) {
 struct TooFar {
     pair: Pair,
     axis: usize,
-    /// The gap, rounded, for messages.
     gap: f64,
     stated: f64,
 }
 
 /// Compares the gaps of extra pairs of an answer with the one that the mode states, without rounding.
-///
-/// # Errors
-/// The first pair that is farther apart, and how many are.
 pub(super) fn check_gaps(case: &ModeCase, got: &[Pair]) -> Result<(), Finding> {
     let far = too_far(case, got, 1.0);
     let Some(&TooFar { pair, axis, gap, stated }) = far.first() else { return Ok(()) };
@@ -295,7 +281,7 @@ fn too_far(case: &ModeCase, got: &[Pair], share: f64) -> Vec<TooFar> {
 }
 
 /// Whether x − y ≤ `limit` in the arithmetic of real numbers. False where one of them is a NaN.
-fn difference_is_at_most(x: f64, y: f64, limit: f64) -> bool {
+pub(super) fn difference_is_at_most(x: f64, y: f64, limit: f64) -> bool {
     if limit == f64::INFINITY {
         return true;
     }
@@ -307,7 +293,7 @@ fn difference_is_at_most(x: f64, y: f64, limit: f64) -> bool {
 }
 
 /// What rounding took off the sum of two numbers (two-sum, Knuth): x + y − `sum`.
-pub(super) fn rounded_off(x: f64, y: f64, sum: f64) -> f64 {
+fn rounded_off(x: f64, y: f64, sum: f64) -> f64 {
     let virtual_y = sum - x;
     (x - (sum - virtual_y)) + (y - virtual_y)
 }

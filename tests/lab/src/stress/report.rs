@@ -11,65 +11,41 @@ use super::case::Case;
 use super::clients::ClientsReport;
 
 /// The JSON object of `stress --json`. Fields may be added, never changed or taken away.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct StressReport {
-    /// Seed of the run, or of the one case.
     pub seed: u64,
-    /// The subjects that took part.
     pub subjects: Vec<String>,
-    /// Scenes checked.
     pub cases: u64,
-    /// Cases times subjects.
     pub answers: u64,
-    /// Answers that an engine left to another one, by subject; all others were checked.
     pub skipped: Vec<Skipped>,
-    /// Pairs that were missing, in all answers.
     pub missed: u64,
-    /// Pairs that were too many, in all answers.
     pub extra: u64,
-    /// Time, ns.
     pub elapsed_ns: u64,
-    /// Answers that were wrong; the first ten, then a run ends.
     pub failures: Vec<Failure>,
-    /// What clients of a daemon did; `None` of a run in process.
     pub clients: Option<ClientsReport>,
 }
 
 /// Answers that a subject declined because too many boxes lay in one place.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Skipped {
-    /// The subject.
     pub subject: String,
-    /// Number of answers.
     pub answers: u64,
 }
 
 /// A wrong answer.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Failure {
-    /// Seed of the case.
     pub case: u64,
-    /// The subject that answered.
     pub subject: String,
-    /// Its precision mode.
     pub mode: &'static str,
-    /// The command that runs the case again.
     pub replay: String,
-    /// Boxes of the case.
     pub boxes: u64,
-    /// How its scene was made.
     pub scene: String,
-    /// Floating-point flags of the threads that took part.
     pub flags: String,
-    /// The mistake.
     pub what: String,
-    /// Pairs that were missing.
     pub missed: u64,
-    /// Pairs that were too many.
     pub extra: u64,
-    /// The first wrong pair, if it is about pairs.
     pub pair: Option<[u32; 2]>,
-    /// Why that pair is in the mask or not.
     pub explain: Option<Explanation>,
 }
 
@@ -95,20 +71,8 @@ impl Failure {
 }
 
 impl StressReport {
-    /// Of a run that has not begun.
-    pub(super) const fn new(seed: u64, subjects: Vec<String>) -> Self {
-        Self {
-            seed,
-            subjects,
-            cases: 0,
-            answers: 0,
-            skipped: Vec::new(),
-            missed: 0,
-            extra: 0,
-            elapsed_ns: 0,
-            failures: Vec::new(),
-            clients: None,
-        }
+    pub(super) fn new(seed: u64, subjects: Vec<String>) -> Self {
+        Self { seed, subjects, ..Self::default() }
     }
 
     /// Counts a case that a subject left to others.
@@ -128,7 +92,6 @@ impl StressReport {
         }
     }
 
-    /// Answers that were checked.
     pub fn checked(&self) -> u64 {
         self.answers - self.skipped.iter().map(|skipped| skipped.answers).sum::<u64>()
     }

@@ -17,20 +17,19 @@ use pairmaskd::execute::gpu::{
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use serde::{Deserialize, Serialize};
 
+use super::Subject;
 use super::answer::{Answer, Finding, Form, Reply};
 use super::case::Case;
-use super::kept_scene::SceneSubject;
+use super::kept_scene::scenes;
 use super::modes::{ModeCase, Sending, Usage};
-use super::updates::UpdateSubject;
-use super::{StressError, Subject};
+use super::updates::updates;
+use crate::Result;
 use crate::sabotage::{Sabotage, Spoiler, lose_a_pair, shrink};
 
 /// What takes part.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Wanted {
-    /// Values of `--engine`.
     pub engines: Vec<String>,
-    /// Values of `--mode`.
     pub modes: Vec<String>,
     /// Most threads of an engine; each takes part with one thread as well.
     pub threads: usize,
@@ -40,7 +39,6 @@ impl Wanted {
     /// The values of `--mode`.
     pub const MODES: [&str; 7] = ["all", "exact", "q16", "q8", "f16", "margin", "f64"];
 
-    /// The values of `--engine`.
     pub fn engine_names() -> Vec<&'static str> {
         let engines = EngineName::ALL.iter().map(|name| name.as_str());
         ["all"].into_iter().chain(engines).chain(["spheres", "updates", "scenes"]).collect()
@@ -62,7 +60,6 @@ impl Wanted {
 /// The subjects of a run, and their settings.
 #[derive(Clone, Debug)]
 pub struct Roster {
-    /// What takes part.
     pub wanted: Wanted,
     /// The GPU. Engines of the GPU that no name asks for are left out on a machine without one.
     pub gpu: GpuChoice,
@@ -79,21 +76,17 @@ const SMALL_MATRIX_BYTES: u64 = 512 * (8_192 / 32) * 4;
 const POISON: u32 = 0xa5a5_a5a5;
 
 impl Roster {
-    /// The subjects, ready to run.
-    ///
-    /// # Errors
-    /// [`StressError`] where a named one cannot be made.
-    pub fn subjects(&self) -> Result<Vec<Box<dyn Subject>>, StressError> {
+    pub fn subjects(&self) -> Result<Vec<Subject>> {
         let mut pools = vec![pool(1)?];
         if self.wanted.threads > 1 {
             pools.push(pool(self.wanted.threads)?);
         }
         let is_broken = self.sabotage == Some(Sabotage::Lossy);
-        let mut subjects: Vec<Box<dyn Subject>> = Vec::new();
+        let mut subjects: Vec<Subject> = Vec::new();
         for name in EngineName::CPU {
             let isas = || Isa::ALL.into_iter().filter(|isa| isa.is_available());
             for isa in isas() {
-                let engine = || Ok::<_, StressError>(cpu_engine(name, isa)?);
+                let engine = || cpu_engine(name, isa);
                 // Masks do not depend on modes: those are asked with the widest instruction set alone.
                 let is_best = isa == Isa::best();
                 self.add(&mut subjects, name, isa.as_str(), is_best, &pools, engine)?;
@@ -104,23 +97,28 @@ impl Roster {
             let (pool, threads) = (Arc::clone(pool), threads_of(pool));
             if self.wanted.has("scenes", Form::Scene) {
                 let (name, pool) = (format!("scenes of cores, {threads}"), Arc::clone(&pool));
-                subjects.push(Box::new(SceneSubject { name, pool, tools: None, is_broken }));
+                subjects.push(scenes(name, pool, None, is_broken));
             }
             if self.wanted.has("spheres", Form::Spheres) {
                 self.add_spheres(&mut subjects, &pool)?;
             }
             if self.wanted.has("updates", Form::Updates) {
                 let name = format!("updates, {threads}");
-                subjects.push(Box::new(UpdateSubject { name, pool, is_broken }));
+                subjects.push(updates(name, pool, is_broken));
             }
         }
-        if subjects.is_empty() { Err(StressError::NoSubject) } else { Ok(subjects) }
+        if subjects.is_empty() {
+            let nobody =
+                "nothing to run: spheres, updates and scenes take part with --mode exact only";
+            return Err(nobody.into());
+        }
+        Ok(subjects)
     }
 
     /// Adds an engine of boxes: with every encoding and pool, and in every precision mode.
     fn add<E>(
         &self,
-        subjects: &mut Vec<Box<dyn Subject>>,
+        subjects: &mut Vec<Subject>,
         name: EngineName,
         variant: &str,
         with_modes: bool,
@@ -140,10 +138,9 @@ impl Roster {
                         engine = Box::new(Spoiler { engine, spoil: lose_a_pair });
                     }
                     let label = format!("{name} {variant}");
-                    let mut subject =
-                        CullSubject::new(Culls::Boxes(engine), &label, form, encoding, pool);
-                    subject.is_broken = self.sabotage == Some(Sabotage::Inward);
-                    subjects.push(Box::new(subject));
+                    let is_broken = self.sabotage == Some(Sabotage::Inward);
+                    let culls = Culls::Boxes(engine);
+                    subjects.push(culls.subject(&label, form, encoding, pool, is_broken));
                 }
             }
         }
@@ -153,7 +150,7 @@ impl Roster {
     /// Every way to find pairs of spheres.
     fn add_spheres(
         &self,
-        subjects: &mut Vec<Box<dyn Subject>>,
+        subjects: &mut Vec<Subject>,
         pool: &Arc<ThreadPool>,
     ) -> Result<(), CullError> {
         let mut ways: Vec<(String, Culls)> = Vec::new();
@@ -169,19 +166,14 @@ impl Roster {
                 ways.push((format!("spheres through {choice}"), through));
             }
             for (label, way) in ways.drain(..) {
-                let mut subject = CullSubject::new(way, &label, Form::Spheres, encoding, pool);
-                subject.is_broken = self.sabotage == Some(Sabotage::Lossy);
-                subjects.push(Box::new(subject));
+                let is_broken = self.sabotage == Some(Sabotage::Lossy);
+                subjects.push(way.subject(&label, Form::Spheres, encoding, pool, is_broken));
             }
         }
         Ok(())
     }
 
-    fn add_gpu(
-        &self,
-        subjects: &mut Vec<Box<dyn Subject>>,
-        pools: &[Arc<ThreadPool>],
-    ) -> Result<(), StressError> {
+    fn add_gpu(&self, subjects: &mut Vec<Subject>, pools: &[Arc<ThreadPool>]) -> Result<()> {
         let engines = || EngineName::ALL.into_iter().filter(|name| name.is_gpu());
         let with_scenes = self.wanted.has("scenes", Form::Scene);
         let is_wanted = |name: &EngineName| !self.wanted.forms_of_boxes(name.as_str()).is_empty();
@@ -203,12 +195,10 @@ impl Roster {
         };
         let device = &gpu.info().name;
         if with_scenes {
-            subjects.push(Box::new(SceneSubject {
-                name: format!("scenes on {device}"),
-                pool: Arc::clone(&pools[0]),
-                tools: Some(SceneTools::new(&gpu, &GridOptions::default())?),
-                is_broken: self.sabotage == Some(Sabotage::Lossy),
-            }));
+            let tools = SceneTools::new(&gpu, &GridOptions::default())?;
+            let is_broken = self.sabotage == Some(Sabotage::Lossy);
+            let name = format!("scenes on {device}");
+            subjects.push(scenes(name, Arc::clone(&pools[0]), Some(tools), is_broken));
         }
         for name in engines() {
             for is_harder in [false, true] {
@@ -241,7 +231,7 @@ fn gpu_engine(
     })
 }
 
-fn pool(threads: usize) -> Result<Arc<ThreadPool>, StressError> {
+fn pool(threads: usize) -> Result<Arc<ThreadPool>> {
     Ok(Arc::new(ThreadPoolBuilder::new().num_threads(threads).build()?))
 }
 
@@ -254,7 +244,6 @@ fn threads_of(pool: &ThreadPool) -> String {
 
 /// What finds the pairs of a frame.
 pub enum Culls {
-    /// An engine of boxes.
     Boxes(Box<dyn Engine>),
     /// All pairs of spheres, with one instruction set.
     AllPairs(SphereAllPairs),
@@ -262,33 +251,39 @@ pub enum Culls {
     Through(EngineChoice, Box<SphereEngines>),
 }
 
+impl Culls {
+    /// Asked in a form, answers in an encoding; `label` tells it from others. With `is_broken` spheres lose a pair,
+    /// and modes round inward, to test that the checks notice.
+    pub fn subject(
+        self,
+        label: &str,
+        form: Form,
+        encoding: Encoding,
+        pool: &Arc<ThreadPool>,
+        is_broken: bool,
+    ) -> Subject {
+        let name = format!("{label}, {form}, {encoding}, {}", threads_of(pool));
+        let engine = match &self {
+            Self::Boxes(engine) => engine.name().as_str(),
+            _ => "spheres",
+        };
+        let (pool, reply) = (Arc::clone(pool), HeapReply::new());
+        let mut culler = Culler { culls: self, form, encoding, pool, reply, is_broken };
+        Subject { name, engine, form, answer: Box::new(move |case| culler.answer(case)) }
+    }
+}
+
 /// What finds the pairs of a frame, on the threads of a pool.
-pub struct CullSubject {
-    name: String,
+struct Culler {
     culls: Culls,
     form: Form,
     encoding: Encoding,
     pool: Arc<ThreadPool>,
     reply: HeapReply,
-    /// Spheres lose a pair, and modes round inward, to test that the checks notice.
     is_broken: bool,
 }
 
-impl CullSubject {
-    /// One that is asked in a form and answers in an encoding. `label` tells it from others.
-    pub fn new(
-        culls: Culls,
-        label: &str,
-        form: Form,
-        encoding: Encoding,
-        pool: &Arc<ThreadPool>,
-    ) -> Self {
-        let threads = threads_of(pool);
-        let name = format!("{label}, {form}, {encoding}, {threads}");
-        let (pool, reply) = (Arc::clone(pool), HeapReply::new());
-        Self { name, culls, form, encoding, pool, reply, is_broken: false }
-    }
-
+impl Culler {
     /// Culls once, and decodes the mask.
     fn cull(&mut self, case: &Case, boxes: &[Aabb]) -> Result<Reply, Finding> {
         let Self { culls, encoding, pool, reply, .. } = self;
@@ -349,23 +344,6 @@ impl CullSubject {
             }
             Err(mismatch) => Err(Finding::other(&mismatch)),
         }
-    }
-}
-
-impl Subject for CullSubject {
-    fn name(&self) -> &str {
-        &self.name
-    }
-
-    fn engine(&self) -> &'static str {
-        match &self.culls {
-            Culls::Boxes(engine) => engine.name().as_str(),
-            _ => "spheres",
-        }
-    }
-
-    fn form(&self) -> Form {
-        self.form
     }
 
     fn answer(&mut self, case: &Case) -> Result<Reply, Finding> {

@@ -80,28 +80,122 @@ impl Rng {
     }
 }
 
-/// All stress scenes.
+/// All stress scenes. Each makes box `i` of `n`.
 pub const ALL: &[StressScene] = &[
-    StressScene { name: "identical", overlaps: Overlaps::Quadratic, make: identical },
-    StressScene { name: "lattice", overlaps: Overlaps::Few, make: lattice },
-    StressScene { name: "empty mixed in", overlaps: Overlaps::Few, make: empty_mixed_in },
-    StressScene { name: "all empty", overlaps: Overlaps::Few, make: |_, _, _| Aabb::EMPTY },
-    StressScene { name: "nan in each slot", overlaps: Overlaps::Few, make: nan_slots },
-    StressScene { name: "infinite", overlaps: Overlaps::Quadratic, make: infinite },
-    StressScene { name: "signed zeroes", overlaps: Overlaps::Quadratic, make: signed_zeroes },
-    StressScene { name: "subnormals", overlaps: Overlaps::Quadratic, make: subnormals },
-    StressScene { name: "huge", overlaps: Overlaps::Quadratic, make: huge },
-    StressScene { name: "ulp-adjacent faces", overlaps: Overlaps::Quadratic, make: ulp_adjacent },
-    StressScene { name: "zero thickness", overlaps: Overlaps::Quadratic, make: zero_thickness },
-    StressScene { name: "random bits", overlaps: Overlaps::Quadratic, make: random_bits },
-    StressScene { name: "random key order", overlaps: Overlaps::Quadratic, make: sorted_bits },
-    StressScene { name: "uniform", overlaps: Overlaps::Few, make: uniform },
-    StressScene { name: "clustered", overlaps: Overlaps::Quadratic, make: clustered },
-    StressScene { name: "flat", overlaps: Overlaps::Few, make: flat },
-    StressScene { name: "sizes over 20 octaves", overlaps: Overlaps::Quadratic, make: mixed_sizes },
-    StressScene { name: "ground plane", overlaps: Overlaps::Few, make: ground_plane },
-    StressScene { name: "far from the origin", overlaps: Overlaps::Quadratic, make: far_away },
+    scene("identical", Overlaps::Quadratic, |_, _, _| {
+        Aabb::from([-1.5, 0.25, 3.0, -1.25, 0.5, 4.0])
+    }),
+    // Unit cubes of a cubic lattice: every face, edge and corner touches.
+    scene("lattice", Overlaps::Few, |i, n, _| {
+        let side = (1..1625u32).find(|s| s.pow(3) >= n).unwrap_or(1625);
+        let at = [i % side, i / side % side, i / side / side];
+        boxed(at.map(|x| x as f32 - 2.0), [1.0; 3])
+    }),
+    scene("empty mixed in", Overlaps::Few, empty_mixed_in),
+    scene("all empty", Overlaps::Few, |_, _, _| Aabb::EMPTY),
+    // One NaN, of either sign and either kind, that walks through the six slots; one box in seven has
+    // none.
+    scene("nan in each slot", Overlaps::Few, |i, n, rng| {
+        let mut slots = <[f32; 6]>::from(empty_mixed_in(i, n, rng));
+        let payload =
+            [0x7fc0_0000, 0xffc0_0000, 0x7f80_0001, 0xff80_0001, 0x7fff_ffff, 0xffff_ffff];
+        if let Some(slot) = slots.get_mut((i % 7) as usize) {
+            *slot = f32::from_bits(payload[rng.below(6) as usize]);
+        }
+        Aabb::from(slots)
+    }),
+    scene("infinite", Overlaps::Quadratic, |i, n, rng| {
+        let mut b = uniform(i, n, rng);
+        for axis in 0..3 {
+            match rng.below(6) {
+                0 => b.min[axis] = f32::NEG_INFINITY,
+                1 => b.max[axis] = f32::INFINITY,
+                2 => (b.min[axis], b.max[axis]) = (f32::NEG_INFINITY, f32::INFINITY),
+                3 => (b.min[axis], b.max[axis]) = (f32::INFINITY, f32::INFINITY),
+                _ => {}
+            }
+        }
+        b
+    }),
+    // Faces at +0 and −0, in either order: a box from +0 to −0 is a point, not empty.
+    scene("signed zeroes", Overlaps::Quadratic, |_, _, rng| {
+        let min = pick([0.0, -0.0, -1.0, 0.0, -0.0, 1e-45], rng);
+        let max = pick([0.0, -0.0, 1.0, 0.0, -0.0, -1e-45], rng);
+        Aabb { min, max }
+    }),
+    // Subnormal faces that touch or leave a gap of one subnormal.
+    scene("subnormals", Overlaps::Quadratic, |_, _, rng| {
+        let face = |rng: &mut Rng| f32::from_bits(rng.below(9) | rng.below(2) << 31);
+        let (a, b) = (std::array::from_fn(|_| face(rng)), std::array::from_fn(|_| face(rng)));
+        either_order(a, b)
+    }),
+    scene("huge", Overlaps::Quadratic, |_, _, rng| {
+        let faces = [-3e38, 3e38, f32::MIN, f32::MAX, -2.9e38, 2.9e38, 0.0, 1.0];
+        either_order(pick(faces, rng), pick(faces, rng))
+    }),
+    // Faces one unit in the last place apart, around powers of two, where the unit changes.
+    scene("ulp-adjacent faces", Overlaps::Quadratic, |_, _, rng| {
+        let face = |rng: &mut Rng| {
+            let at = [1.0f32, 2.0, -1.0, 1024.0, -0.5][rng.below(5) as usize];
+            f32::from_bits(at.to_bits() + rng.below(5) - 2)
+        };
+        let (a, b) = (std::array::from_fn(|_| face(rng)), std::array::from_fn(|_| face(rng)));
+        either_order(a, b)
+    }),
+    scene("zero thickness", Overlaps::Quadratic, |_, _, rng| {
+        let corner = [rng.below(4), rng.below(4), rng.below(4)].map(|x| x as f32 * 0.1);
+        let mut size = [0.1 * rng.below(3) as f32, 0.1, 0.1];
+        size[rng.below(3) as usize] = 0.0;
+        boxed(corner, size)
+    }),
+    scene("random bits", Overlaps::Quadratic, random_bits),
+    // Random bits with the faces in order, so that most boxes are solid.
+    scene("random key order", Overlaps::Quadratic, |i, n, rng| {
+        let b = random_bits(i, n, rng);
+        either_order(b.min, b.max)
+    }),
+    scene("uniform", Overlaps::Few, uniform),
+    scene("clustered", Overlaps::Quadratic, |_, n, rng| {
+        let center = [rng.below(3), rng.below(2), rng.below(5)].map(|x| 40.0 * x as f32 - 60.0);
+        let (p, q) = (rng.point(), rng.point());
+        let size = 4.0 * inverse_cube_root_of_half(n);
+        boxed(std::array::from_fn(|axis| center[axis] + 4.0 * (p[axis] + q[axis])), [size; 3])
+    }),
+    // A plane world: every box has the same height.
+    scene("flat", Overlaps::Few, |_, n, rng| {
+        let p = rng.point();
+        let mut edge = 1.0f32;
+        while edge * edge * n as f32 > 2.0 {
+            edge *= 0.9375;
+        }
+        boxed([100.0 * p[0], 100.0 * p[1], 5.0], [50.0 * edge, 50.0 * edge, 1.0])
+    }),
+    // Edges from 2^−20 to 1 of the scene.
+    scene("sizes over 20 octaves", Overlaps::Quadratic, |_, _, rng| {
+        let octave = f32::from_bits((127 - rng.below(21)) << 23);
+        boxed(rng.point(), rng.point().map(|x| octave * x))
+    }),
+    // Small boxes on one box that is wider than all of them together, and infinite in depth.
+    scene("ground plane", Overlaps::Few, |i, n, rng| {
+        if i == n / 2 {
+            return Aabb { min: [-1e9, -1e9, f32::NEG_INFINITY], max: [1e9, 1e9, 0.0] };
+        }
+        uniform(i, n, rng)
+    }),
+    // Coordinates near 2^24, where one unit in the last place is 1 or 2.
+    scene("far from the origin", Overlaps::Quadratic, |_, _, rng| {
+        let corner = rng.point().map(|x| 16_777_216.0 + 16.0 * (x - 0.5));
+        boxed(corner, pick([0.0, 0.5, 1.0, 3.0], rng))
+    }),
 ];
+
+const fn scene(
+    name: &'static str,
+    overlaps: Overlaps,
+    make: fn(u32, u32, &mut Rng) -> Aabb,
+) -> StressScene {
+    StressScene { name, overlaps, make }
+}
 
 /// The scene of that name.
 ///
@@ -121,17 +215,6 @@ fn either_order(a: [f32; 3], b: [f32; 3]) -> Aabb {
     Aabb { min, max }
 }
 
-fn identical(_: u32, _: u32, _: &mut Rng) -> Aabb {
-    Aabb::from([-1.5, 0.25, 3.0, -1.25, 0.5, 4.0])
-}
-
-/// Unit cubes of a cubic lattice: every face, edge and corner touches.
-fn lattice(i: u32, n: u32, _: &mut Rng) -> Aabb {
-    let side = (1..1625u32).find(|s| s.pow(3) >= n).unwrap_or(1625);
-    let at = [i % side, i / side % side, i / side / side];
-    boxed(at.map(|x| x as f32 - 2.0), [1.0; 3])
-}
-
 fn empty_mixed_in(i: u32, n: u32, rng: &mut Rng) -> Aabb {
     let mut b = uniform(i, n, rng);
     let axis = rng.below(3) as usize;
@@ -143,80 +226,13 @@ fn empty_mixed_in(i: u32, n: u32, rng: &mut Rng) -> Aabb {
     b
 }
 
-/// One NaN, of either sign and either kind, that walks through the six slots; one box in seven has
-/// none.
-fn nan_slots(i: u32, n: u32, rng: &mut Rng) -> Aabb {
-    let mut slots = <[f32; 6]>::from(empty_mixed_in(i, n, rng));
-    let payload = [0x7fc0_0000, 0xffc0_0000, 0x7f80_0001, 0xff80_0001, 0x7fff_ffff, 0xffff_ffff];
-    if let Some(slot) = slots.get_mut((i % 7) as usize) {
-        *slot = f32::from_bits(payload[rng.below(6) as usize]);
-    }
-    Aabb::from(slots)
-}
-
-fn infinite(i: u32, n: u32, rng: &mut Rng) -> Aabb {
-    let mut b = uniform(i, n, rng);
-    for axis in 0..3 {
-        match rng.below(6) {
-            0 => b.min[axis] = f32::NEG_INFINITY,
-            1 => b.max[axis] = f32::INFINITY,
-            2 => (b.min[axis], b.max[axis]) = (f32::NEG_INFINITY, f32::INFINITY),
-            3 => (b.min[axis], b.max[axis]) = (f32::INFINITY, f32::INFINITY),
-            _ => {}
-        }
-    }
-    b
-}
-
 fn pick<const N: usize>(values: [f32; N], rng: &mut Rng) -> [f32; 3] {
     std::array::from_fn(|_| values[rng.below(N as u32) as usize])
-}
-
-/// Faces at +0 and −0, in either order: a box from +0 to −0 is a point, not empty.
-fn signed_zeroes(_: u32, _: u32, rng: &mut Rng) -> Aabb {
-    let min = pick([0.0, -0.0, -1.0, 0.0, -0.0, 1e-45], rng);
-    let max = pick([0.0, -0.0, 1.0, 0.0, -0.0, -1e-45], rng);
-    Aabb { min, max }
-}
-
-/// Subnormal faces that touch or leave a gap of one subnormal.
-fn subnormals(_: u32, _: u32, rng: &mut Rng) -> Aabb {
-    let face = |rng: &mut Rng| f32::from_bits(rng.below(9) | rng.below(2) << 31);
-    let (a, b) = (std::array::from_fn(|_| face(rng)), std::array::from_fn(|_| face(rng)));
-    either_order(a, b)
-}
-
-fn huge(_: u32, _: u32, rng: &mut Rng) -> Aabb {
-    let faces = [-3e38, 3e38, f32::MIN, f32::MAX, -2.9e38, 2.9e38, 0.0, 1.0];
-    either_order(pick(faces, rng), pick(faces, rng))
-}
-
-/// Faces one unit in the last place apart, around powers of two, where the unit changes.
-fn ulp_adjacent(_: u32, _: u32, rng: &mut Rng) -> Aabb {
-    let face = |rng: &mut Rng| {
-        let at = [1.0f32, 2.0, -1.0, 1024.0, -0.5][rng.below(5) as usize];
-        f32::from_bits(at.to_bits() + rng.below(5) - 2)
-    };
-    let (a, b) = (std::array::from_fn(|_| face(rng)), std::array::from_fn(|_| face(rng)));
-    either_order(a, b)
-}
-
-fn zero_thickness(_: u32, _: u32, rng: &mut Rng) -> Aabb {
-    let corner = [rng.below(4), rng.below(4), rng.below(4)].map(|x| x as f32 * 0.1);
-    let mut size = [0.1 * rng.below(3) as f32, 0.1, 0.1];
-    size[rng.below(3) as usize] = 0.0;
-    boxed(corner, size)
 }
 
 fn random_bits(_: u32, _: u32, rng: &mut Rng) -> Aabb {
     let slots: [f32; 6] = std::array::from_fn(|_| f32::from_bits(rng.bits() as u32));
     Aabb::from(slots)
-}
-
-/// Random bits with the faces in order, so that most boxes are solid.
-fn sorted_bits(i: u32, n: u32, rng: &mut Rng) -> Aabb {
-    let b = random_bits(i, n, rng);
-    either_order(b.min, b.max)
 }
 
 /// Cubes at random, about one pair a box.
@@ -233,80 +249,4 @@ fn inverse_cube_root_of_half(n: u32) -> f32 {
         edge *= 0.9375;
     }
     edge
-}
-
-fn clustered(_: u32, n: u32, rng: &mut Rng) -> Aabb {
-    let center = [rng.below(3), rng.below(2), rng.below(5)].map(|x| 40.0 * x as f32 - 60.0);
-    let (p, q) = (rng.point(), rng.point());
-    let size = 4.0 * inverse_cube_root_of_half(n);
-    boxed(std::array::from_fn(|axis| center[axis] + 4.0 * (p[axis] + q[axis])), [size; 3])
-}
-
-/// A plane world: every box has the same height.
-fn flat(_: u32, n: u32, rng: &mut Rng) -> Aabb {
-    let p = rng.point();
-    let mut edge = 1.0f32;
-    while edge * edge * n as f32 > 2.0 {
-        edge *= 0.9375;
-    }
-    boxed([100.0 * p[0], 100.0 * p[1], 5.0], [50.0 * edge, 50.0 * edge, 1.0])
-}
-
-/// Edges from 2^−20 to 1 of the scene.
-fn mixed_sizes(_: u32, _: u32, rng: &mut Rng) -> Aabb {
-    let octave = f32::from_bits((127 - rng.below(21)) << 23);
-    boxed(rng.point(), rng.point().map(|x| octave * x))
-}
-
-/// Small boxes on one box that is wider than all of them together, and infinite in depth.
-fn ground_plane(i: u32, n: u32, rng: &mut Rng) -> Aabb {
-    if i == n / 2 {
-        return Aabb { min: [-1e9, -1e9, f32::NEG_INFINITY], max: [1e9, 1e9, 0.0] };
-    }
-    uniform(i, n, rng)
-}
-
-/// Coordinates near 2^24, where one unit in the last place is 1 or 2.
-fn far_away(_: u32, _: u32, rng: &mut Rng) -> Aabb {
-    let corner = rng.point().map(|x| 16_777_216.0 + 16.0 * (x - 0.5));
-    boxed(corner, pick([0.0, 0.5, 1.0, 3.0], rng))
-}
-
-#[cfg(test)]
-mod tests {
-    use pairmask_core::BoxClass;
-
-    use super::*;
-
-    #[test]
-    fn the_same_seed_gives_the_same_boxes_and_another_seed_others() {
-        for scene in ALL {
-            let bits = |seed| -> Vec<u8> {
-                bytemuck::cast_slice::<Aabb, u8>(&scene.boxes(70, seed)).to_vec()
-            };
-            assert_eq!(bits(1), bits(1), "{scene:?}");
-        }
-        let uniform = ALL.iter().find(|s| s.name() == "uniform").expect("it is listed");
-        assert_ne!(uniform.boxes(70, 1), uniform.boxes(70, 2));
-    }
-
-    #[test]
-    fn scenes_hold_what_their_names_say() {
-        let named =
-            |name: &str| ALL.iter().find(|s| s.name() == name).expect("it is listed").boxes(345, 3);
-        let share = |boxes: &[Aabb], class| {
-            boxes.iter().filter(|b| b.class() == class).count() as f64 / boxes.len() as f64
-        };
-        assert!((0.2..0.7).contains(&share(&named("empty mixed in"), BoxClass::Empty)));
-        assert!(share(&named("nan in each slot"), BoxClass::Invalid) > 0.8);
-        assert!(share(&named("signed zeroes"), BoxClass::Solid) > 0.2);
-        assert!(named("subnormals").iter().all(|b| b.max[0].abs() < f32::MIN_POSITIVE));
-        assert!(share(&named("random key order"), BoxClass::Solid) > 0.9);
-        for (name, expected) in [("uniform", 345), ("flat", 345)] {
-            let pairs = pairmask_core::oracle::truth(&named(name)).pairs.len();
-            assert!((expected / 4..expected * 4).contains(&pairs), "{name}: {pairs} pairs");
-        }
-        let lattice = pairmask_core::oracle::truth(&named("lattice")).pairs.len();
-        assert!(lattice > 3 * 345, "corners touch: {lattice} pairs");
-    }
 }

@@ -1,12 +1,14 @@
 use std::sync::Arc;
 
-use pairmask_core::Encoding;
-use pairmask_core::engine::{CullInput, CullReport, Engine, EngineName, ReplyBuffer};
+use pairmask_core::engine::{CullError, CullInput, CullReport, Engine, EngineName, ReplyBuffer};
+use pairmask_core::sphere::Sphere;
+use pairmask_core::{Aabb, BoxClass, Encoding};
 use pairmaskd::execute::gpu::GpuChoice;
 
 use super::roster::Culls;
 use super::*;
 use crate::sabotage::Sabotage;
+use crate::study::spheres::oracle;
 
 fn roster(engines: &[&str], mode: &str, sabotage: Option<Sabotage>) -> Roster {
     let engines = engines.iter().map(|name| (*name).to_owned()).collect();
@@ -14,7 +16,7 @@ fn roster(engines: &[&str], mode: &str, sabotage: Option<Sabotage>) -> Roster {
     Roster { wanted, gpu: GpuChoice::None, sabotage }
 }
 
-fn run_for(seed: u64, ms: u64, subjects: &mut [Box<dyn Subject>]) -> StressReport {
+fn run_for(seed: u64, ms: u64, subjects: &mut [Subject]) -> StressReport {
     run(&Cases::Run { seed, time: Duration::from_millis(ms) }, subjects, |_, _| {})
 }
 
@@ -78,9 +80,9 @@ impl Engine for Decliner {
 #[test]
 fn what_is_left_to_others_is_counted_and_proves_nothing() {
     let pool = Arc::new(rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a thread"));
-    let decliner = |form| -> Box<dyn Subject> {
+    let decliner = |form| {
         let culls = Culls::Boxes(Box::new(Decliner));
-        Box::new(CullSubject::new(culls, "declines", form, Encoding::Sparse, &pool))
+        culls.subject("declines", form, Encoding::Sparse, &pool, false)
     };
     let mut subjects = vec![decliner(Form::Boxes), decliner(Form::Mode(modes::Usage::Q8))];
     let report = run(&Cases::One { seed: 1 }, &mut subjects, |_, _| {});
@@ -91,7 +93,7 @@ fn what_is_left_to_others_is_counted_and_proves_nothing() {
     let report = run(&Cases::One { seed: 1 }, &mut subjects, |_, _| {});
     assert_eq!(report.checked(), report.answers - 2);
     let skipped: Vec<&str> = report.skipped.iter().map(|s| s.subject.as_str()).collect();
-    assert_eq!(skipped, [subjects[0].name(), subjects[1].name()]);
+    assert_eq!(skipped, [&subjects[0].name, &subjects[1].name]);
     let text = report.to_string();
     assert!(report.is_clean() && text.contains("2 skipped, 0 missed, 0 extra"), "{report}");
 }
@@ -100,5 +102,100 @@ fn what_is_left_to_others_is_counted_and_proves_nothing() {
 fn a_run_without_answers_is_not_clean() {
     assert!(!run(&Cases::One { seed: 1 }, &mut [], |_, _| {}).is_clean());
     let nobody = roster(&["spheres"], "q16", None).subjects();
-    assert!(matches!(nobody, Err(StressError::NoSubject)));
+    assert!(nobody.is_err_and(|error| error.to_string().contains("nothing to run")));
+}
+
+/// Engines of a GPU: right ones pass in every mode, broken ones are caught.
+#[test]
+fn engines_of_a_gpu_pass_in_every_mode_and_broken_ones_are_caught_and_replayed() {
+    let stress = |engine: EngineName, sabotage, cases: &Cases| {
+        let wanted = roster(&[engine.as_str()], "all", sabotage);
+        let roster = Roster { gpu: pairmask_tests::gpu::choice(), ..wanted };
+        let mut subjects = roster.subjects().unwrap_or_else(|error| panic!("{error}"));
+        assert!(subjects.iter().all(|subject| subject.engine == engine.as_str()));
+        run(cases, &mut subjects, |_, _| {})
+    };
+    for engine in [EngineName::GpuBrute, EngineName::GpuGrid] {
+        let report = stress(engine, None, &Cases::Run { seed: 5, time: Duration::from_secs(2) });
+        assert!(report.is_clean() && report.checked() == report.answers, "{report}");
+        for mode in ["q16", "q8", "f16", "margin", "f64"] {
+            assert!(report.subjects.iter().any(|name| name.contains(mode)), "{report:?}");
+        }
+    }
+    for sabotage in [Sabotage::Lossy, Sabotage::Inward] {
+        // Long enough for a software adapter to meet the broken part many times.
+        let cases = Cases::Run { seed: 6, time: Duration::from_secs(60) };
+        let report = stress(EngineName::GpuGrid, Some(sabotage), &cases);
+        assert!(report.missed > 0 && report.extra == 0, "{report}");
+        let failure = &report.failures[0];
+        assert!(failure.replay.contains("--engine gpu-grid"), "{report}");
+        let again = Cases::One { seed: failure.case };
+        assert!(!stress(EngineName::GpuGrid, Some(sabotage), &again).is_clean());
+        assert!(stress(EngineName::GpuGrid, None, &again).is_clean());
+    }
+}
+
+/// What is drawn is the same for a seed, as many as asked for, and what its name says.
+#[test]
+fn scenes_and_changes_are_what_their_names_say() {
+    let bytes = |boxes: &[Aabb]| bytemuck::cast_slice::<Aabb, u8>(boxes).to_vec();
+    let share = |boxes: &[Aabb], class| {
+        boxes.iter().filter(|b| b.class() == class).count() as f64 / boxes.len() as f64
+    };
+    let pairs = |boxes: &[Aabb]| pairmask_core::oracle::truth(boxes).pairs;
+    for scene in scenes::ALL {
+        assert_eq!(bytes(&scene.boxes(70, 1)), bytes(&scene.boxes(70, 1)), "{scene:?}");
+    }
+    let uniform = scenes::named("uniform");
+    assert_ne!(uniform.boxes(70, 1), uniform.boxes(70, 2));
+    let named = |name| scenes::named(name).boxes(345, 3);
+    assert!((0.2..0.7).contains(&share(&named("empty mixed in"), BoxClass::Empty)));
+    assert!(share(&named("nan in each slot"), BoxClass::Invalid) > 0.8);
+    assert!(share(&named("signed zeroes"), BoxClass::Solid) > 0.2);
+    assert!(named("subnormals").iter().all(|b| b.max[0].abs() < f32::MIN_POSITIVE));
+    assert!(share(&named("random key order"), BoxClass::Solid) > 0.9);
+    assert!(pairs(&named("lattice")).len() > 3 * 345, "corners touch");
+    for name in ["uniform", "flat"] {
+        assert!((345 / 4..345 * 4).contains(&pairs(&named(name)).len()), "{name}");
+    }
+    for scene in hard::ALL {
+        for n in [0, 1, 345] {
+            let make = || (scene.make)(n, &mut Random::new(9));
+            assert_eq!((make().len(), bytes(&make())), (n, bytes(&make())), "{}", scene.name);
+            assert!(n == 0 || share(&make(), BoxClass::Solid) >= 0.8, "{}", scene.name);
+        }
+        // Moving every face out by an ulp must change the pairs, else the scene does not test borders.
+        if ["chain of touching boxes", "grid borders", "quantisation borders"].contains(&scene.name)
+        {
+            let boxes = (scene.make)(345, &mut Random::new(4));
+            let wider =
+                |b: &Aabb| Aabb { min: b.min.map(f32::next_down), max: b.max.map(f32::next_up) };
+            let wider: Vec<Aabb> = boxes.iter().map(wider).collect();
+            assert!(pairs(&wider).len() > pairs(&boxes).len(), "{}", scene.name);
+        }
+    }
+    for change in changes::ALL {
+        for n in [0, 1] {
+            (change.apply)(&mut vec![Aabb::from([0.0; 6]); n], &mut Random::new(5));
+        }
+        let (before, mut after) = (uniform.boxes(345, 1), uniform.boxes(345, 1));
+        (change.apply)(&mut after, &mut Random::new(3));
+        let is_changed = bytes(&before) != bytes(&after);
+        assert!(is_changed || change.name == "zeros of either sign", "{}", change.name);
+        let class = match change.name {
+            "empty boxes" => BoxClass::Empty,
+            "NaN in some slots" => BoxClass::Invalid,
+            _ => BoxClass::Solid,
+        };
+        assert!(share(&after, class) > 0.08, "{}", change.name);
+        assert!(change.name != "mirrored" || pairs(&before) == pairs(&after));
+    }
+    // An ulp less of every radius must lose pairs, else the spheres do not touch.
+    let mut lost = 0;
+    for SphereCase { spheres, pairs } in (0..40).map(SphereCase::new) {
+        let less = |r: f32| if r > 0.0 { r.next_down() } else { r };
+        let smaller = spheres.iter().map(|s| Sphere::new(s.center, less(s.radius)));
+        lost += pairs.len() - oracle::pairs(&smaller.collect::<Vec<_>>()).len();
+    }
+    assert!(lost > 100, "{lost} pairs were on the edge");
 }

@@ -15,7 +15,7 @@ use rayon::ThreadPool;
 use super::Subject;
 use super::answer::{Finding, Form, Reply};
 use super::case::Case;
-use super::modes::{first_unlike, rounded_off};
+use super::modes::{difference_is_at_most, first_unlike};
 
 /// Most boxes of a case: enough for several tasks of the pool.
 const MOST_BOXES: usize = 2_500;
@@ -23,28 +23,9 @@ const MOST_BOXES: usize = 2_500;
 /// Makes the random numbers of placements independent of those of boxes.
 const STREAM: u64 = 0x5550_4441_5445;
 
-/// The update stage on a pool.
-pub(super) struct UpdateSubject {
-    pub(super) name: String,
-    pub(super) pool: Arc<ThreadPool>,
-    /// Each box shrinks a little, to test that the checks notice.
-    pub(super) is_broken: bool,
-}
-
-impl Subject for UpdateSubject {
-    fn name(&self) -> &str {
-        &self.name
-    }
-
-    fn engine(&self) -> &'static str {
-        "updates"
-    }
-
-    fn form(&self) -> Form {
-        Form::Updates
-    }
-
-    fn answer(&mut self, case: &Case) -> Result<Reply, Finding> {
+/// The update stage on a pool. With `is_broken` each box shrinks a little, to test that the checks notice.
+pub(super) fn updates(name: String, pool: Arc<ThreadPool>, is_broken: bool) -> Subject {
+    let answer = move |case: &Case| {
         let locals = &case.boxes[..case.boxes.len().min(MOST_BOXES)];
         let placements = placements(case.seed, locals);
         let flags = &case.flags;
@@ -52,12 +33,12 @@ impl Subject for UpdateSubject {
             [(); 3].map(|()| vec![Aabb::EMPTY; locals.len()]);
         let written = [
             update_boxes(locals, &placements, &mut expected),
-            flags.install(&self.pool, || par_update_boxes(locals, &placements, &mut by_pool)),
+            flags.install(&pool, || par_update_boxes(locals, &placements, &mut by_pool)),
             flags.caller.run(|| update_boxes(locals, &placements, &mut by_caller)),
         ];
         written.into_iter().collect::<Result<(), _>>().map_err(|error| Finding::other(&error))?;
         let alone = flags.written(locals.len(), |i| world_box(&locals[i], &placements[i]));
-        if self.is_broken {
+        if is_broken {
             by_pool = by_pool.iter().map(crate::sabotage::shrink).collect();
         }
         for (who, got) in [("pool", &by_pool), ("caller", &by_caller), ("writers", &alone)] {
@@ -78,7 +59,8 @@ impl Subject for UpdateSubject {
                 expected[i], locals[i], placements[i].translation
             )))
         })
-    }
+    };
+    Subject { name, engine: "updates", form: Form::Updates, answer: Box::new(answer) }
 }
 
 /// A placement for each box: half of them only move it, by a distance of the order of its faces'
@@ -115,9 +97,5 @@ fn holds(world: &Aabb, local: &Aabb, by: [f32; 3]) -> bool {
 
 /// Whether face ≤ x + y without rounding.
 fn is_at_most(face: f64, x: f64, y: f64) -> bool {
-    let sum = x + y;
-    if face != sum || sum.is_infinite() {
-        return face <= sum;
-    }
-    rounded_off(x, y, sum) >= 0.0
+    if x.is_infinite() { face <= x } else { difference_is_at_most(face, x, y) }
 }

@@ -1,57 +1,113 @@
 //! Judges the plan's choice: the planned way beside the fastest measured one.
 
-use crate::study::ways::{Case, CaseTimes, Way};
+use std::time::Duration;
+
 use pairmask_core::dispatch::CullOptions;
-use pairmask_core::plan::{Calibration, Capabilities, Plan, plan};
+use pairmask_core::engine::AvailableIsa;
+use pairmask_core::plan::{Calibration, Capabilities, plan};
+use pairmaskd::cli::machine::Machine;
+use serde::Serialize;
 
-/// A judged plan.
-#[derive(Clone, Debug)]
-pub struct Judgement {
-    /// The case.
-    pub case: Case,
-    /// Threads that the plan could use.
-    pub threads: usize,
-    /// The way that it chose.
-    pub planned: Way,
-    /// The fastest way.
-    pub best: Way,
-    /// Time of the planned way, ns.
-    pub planned_ns: u64,
-    /// Predicted time of the planned way, ns.
-    pub predicted_ns: f64,
-    /// Time of the fastest way, ns.
-    pub best_ns: u64,
-    /// Time of planning, ns.
-    pub plan_ns: u64,
+use super::harness::Report;
+use super::harness::document::Part;
+use super::harness::table::{Fields, Table, row};
+use super::ways::{
+    Case, CaseTimes, Effort, Pools, Way, WaySet, core_count, measure_case, thread_counts,
+};
+use crate::Result;
+
+/// Default sizes: dense where the fastest engine changes.
+pub const SIZES: [u32; 12] =
+    [64, 128, 256, 500, 1_000, 2_000, 4_096, 10_000, 32_768, 100_000, 300_000, 1_000_000];
+/// A plan whose time over the best way's is above this is listed as bad.
+const LIMIT: f64 = 1.3;
+const EFFORT: Effort =
+    Effort { least_frames: 5, most_frames: 200, time: Duration::from_millis(200) };
+
+/// The JSON object of `plan --json`. Fields may be added, never changed or taken away.
+#[derive(Debug, Serialize)]
+pub struct PlanReport {
+    machine: Machine,
+    calibration: String,
+    rows: Vec<Fields>,
 }
 
-impl Judgement {
-    /// Planning and the planned way together, over the fastest way without planning.
-    pub fn ratio(&self) -> f64 {
-        (self.planned_ns + self.plan_ns) as f64 / self.best_ns.max(1) as f64
-    }
-}
-
-/// Judges the plan of a measured case with a number of threads.
-///
-/// `None` where the planned way was not measured because its prediction was hopeless. A plan must
-/// not choose such a way, so callers count it as a miss.
-pub fn judge(measured: &CaseTimes, threads: usize, calibration: &Calibration) -> Option<Judgement> {
+/// Judges the plan of a measured case with a number of threads. All that is about the planned way is null where the plan
+/// chose one that was not measured because its prediction was hopeless: a miss.
+fn judge(measured: &CaseTimes, threads: usize, calibration: &Calibration) -> Fields {
+    let (Case { scene, n }, plan_ns) = (measured.case, measured.plan_ns);
     let capabilities = Capabilities { threads, gpu: None };
-    let plan: Plan = plan(&measured.stats, &capabilities, calibration, &CullOptions::default());
-    let allowed = measured.ways.iter().filter(|(way, _)| way.threads <= threads);
-    let (best, best_times) = allowed.min_by_key(|(_, times)| times.least_ns())?;
+    let plan = plan(&measured.stats, &capabilities, calibration, &CullOptions::default());
     let planned = Way { engine: plan.engine, encoding: plan.encoding, threads: plan.threads };
-    let (_, planned_times) = measured.ways.iter().find(|(way, _)| *way == planned)?;
-    let candidate = plan.candidates.iter().flatten().find(|c| c.engine == plan.engine)?;
-    Some(Judgement {
-        case: measured.case,
+    let allowed = measured.ways.iter().filter(|(way, _)| way.threads <= threads);
+    let best = allowed.map(|(way, times)| (*way, times.least_ns())).min_by_key(|(_, ns)| *ns);
+    let of_planned = measured.ways.iter().find(|(way, _)| *way == planned);
+    let candidate = plan.candidates.iter().flatten().find(|c| c.engine == plan.engine);
+    let found = best.zip(of_planned.map(|(_, times)| times.least_ns())).zip(candidate);
+    let found = found.map(|((best, ns), candidate)| (best, ns, candidate.predicted_ns as u64));
+    let best = found.map(|(best, ..)| best);
+    let ratio =
+        |((_, best_ns), ns, _): (_, u64, _)| (ns + plan_ns) as f64 / u64::max(best_ns, 1) as f64;
+    row!(
+        scene: scene.as_str(),
+        n,
         threads,
-        planned,
-        best: *best,
-        planned_ns: planned_times.least_ns(),
-        predicted_ns: candidate.predicted_ns,
-        best_ns: best_times.least_ns(),
-        plan_ns: measured.plan_ns,
-    })
+        ratio: found.map(ratio),
+        engine: found.map(|_| planned.engine.as_str()),
+        encoding: found.map(|_| planned.encoding.as_str()),
+        engine_threads: found.map(|_| planned.threads),
+        planned_ns: found.map(|(_, ns, _)| ns),
+        predicted_ns: found.map(|(.., ns)| ns),
+        plan_ns,
+        best_engine: best.map(|(way, _)| way.engine.as_str()),
+        best_encoding: best.map(|(way, _)| way.encoding.as_str()),
+        best_threads: best.map(|(way, _)| way.threads),
+        best_ns: best.map(|(_, ns)| ns),
+    )
+}
+
+/// Measures the cases; `threads`, which the plan may use, empty means 1 and all cores. `watch` is called after each
+/// case.
+pub fn measure(
+    cases: &[Case],
+    threads: &[usize],
+    isa: AvailableIsa,
+    watch: impl Fn(),
+) -> Result<PlanReport> {
+    let (machine, calibration) = (Machine::this(), Calibration::built_in(isa.get()));
+    let mut allowed = threads.to_vec();
+    if allowed.is_empty() {
+        allowed = vec![1, core_count()];
+        allowed.dedup();
+    }
+    let mut lanes = thread_counts(allowed.iter().max().copied().unwrap_or(1));
+    lanes.extend(&allowed);
+    lanes.sort_unstable();
+    lanes.dedup();
+    let pools = Pools::new(&lanes)?;
+    let mut rows = Vec::new();
+    for case in cases {
+        let measured = measure_case(*case, WaySet::All, &lanes, &pools, &EFFORT, isa)?;
+        rows.extend(allowed.iter().map(|threads| judge(&measured, *threads, &calibration)));
+        watch();
+    }
+    let calibration = format!("built in for {}", isa.get());
+    Ok(PlanReport { machine, calibration, rows })
+}
+
+impl Report for PlanReport {
+    const NAME: &'static str = "plan";
+
+    fn parts(&self) -> Vec<Part> {
+        let Machine { cpu, cores, .. } = &self.machine;
+        let ratios = || self.rows.iter().map(|row| row["ratio"].as_f64());
+        let misses = ratios().filter(|ratio| ratio.is_none_or(|ratio| ratio > LIMIT)).count();
+        let worst = ratios().flatten().fold(0.0, f64::max);
+        let rows = self.rows.len();
+        vec![
+            Part::text(format!("{cpu}, {cores} cores; constants: {}", self.calibration)),
+            Part::Table(Table::of(&self.rows)),
+            Part::text(format!("{misses} of {rows} above {LIMIT}; worst {worst:.2}")),
+        ]
+    }
 }

@@ -1,13 +1,14 @@
 //! Studies: measurements on which choices rest. No code that serves a client depends on them.
 
-pub mod accuracy;
-pub mod grid;
+pub(crate) mod accuracy;
+pub(crate) mod grid;
 pub mod harness;
-pub mod judge;
-pub mod mapping;
+pub(crate) mod judge;
+pub(crate) mod mapping;
 pub mod moving;
-pub mod papers;
+pub(crate) mod papers;
 pub mod spheres;
-pub mod sweep;
-pub mod threads;
-pub mod ways;
+pub(crate) mod threads;
+pub(crate) mod ways;
+
+pub use self::grid::paper_frame_ms;

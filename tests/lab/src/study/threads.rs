@@ -6,8 +6,9 @@
 use std::hint::black_box;
 use std::time::{Duration, Instant};
 
+use crate::Result;
 use crate::study::ways::{
-    Case, CaseTimes, Effort, Pools, WaySet, core_count, measure as measure_ways, thread_counts,
+    Case, CaseTimes, Effort, Pools, WaySet, core_count, measure_case, thread_counts,
 };
 use glam::{Quat, Vec3};
 use pairmask_core::dispatch::nanoseconds_since;
@@ -18,9 +19,9 @@ use pairmaskd::cli::machine::Machine;
 use pairmaskd::scene::{Random, Scene, SceneName};
 use serde::Serialize;
 
+use super::harness::Report;
 use super::harness::document::Part;
-use super::harness::table::Table;
-use super::harness::{Report, StudyError};
+use super::harness::table::{Fields, Table, row};
 use super::papers::figure;
 
 /// Default sizes beside the paper's own.
@@ -52,14 +53,7 @@ fn papers_figures(stage: Stage, scene: SceneName, threads: usize) -> Option<(u64
 
 /// Measures both stages of every case; `threads` empty means 1, 2, 4 … all cores. `watch` is called
 /// [`STEPS_A_CASE`] times for each case.
-///
-/// # Errors
-/// [`StudyError`].
-pub fn measure(
-    cases: &[Case],
-    threads: &[usize],
-    watch: impl Fn(),
-) -> Result<ThreadsReport, StudyError> {
+pub fn measure(cases: &[Case], threads: &[usize], watch: impl Fn()) -> Result<ThreadsReport> {
     let machine = Machine::this();
     let mut threads = threads.to_vec();
     if threads.is_empty() {
@@ -73,9 +67,9 @@ pub fn measure(
     let (mut rows, isa) = (Vec::new(), AvailableIsa::best());
     for case in cases {
         let updates = update_times(case.scene, case.n, &threads, &pools, &EFFORT)?;
-        rows.extend(ThreadsRow::series(Stage::UpdateAabbs, *case, None, updates));
+        rows.extend(series(Stage::UpdateAabbs, *case, None, updates));
         watch();
-        let measured = measure_ways(*case, WaySet::Sparse, &threads, &pools, &EFFORT, isa)?;
+        let measured = measure_case(*case, WaySet::Sparse, &threads, &pools, &EFFORT, isa)?;
         rows.extend(pair_rows(&measured));
         watch();
     }
@@ -83,18 +77,13 @@ pub fn measure(
 }
 
 /// Rows of the second stage: one for every engine and number of threads.
-fn pair_rows(measured: &CaseTimes) -> Vec<ThreadsRow> {
+fn pair_rows(measured: &CaseTimes) -> Vec<Fields> {
     let mut rows = Vec::new();
     for engine in EngineName::ALL {
         let ways = measured.ways.iter().filter(|(way, _)| way.engine == engine);
-        let series: Vec<_> =
+        let of_engine: Vec<_> =
             ways.map(|(way, times)| (way.threads, times.engine_ns.clone())).collect();
-        rows.extend(ThreadsRow::series(
-            Stage::OverlappingPairs,
-            measured.case,
-            Some(engine),
-            series,
-        ));
+        rows.extend(series(Stage::OverlappingPairs, measured.case, Some(engine), of_engine));
     }
     rows
 }
@@ -155,81 +144,46 @@ fn object(world: &Aabb, random: &mut Random) -> (Aabb, Placement) {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Stage {
-    /// World boxes from transforms.
     UpdateAabbs,
-    /// Pairs from boxes.
     OverlappingPairs,
-}
-
-impl Stage {
-    /// The stage in reports.
-    pub const fn as_str(self) -> &'static str {
-        match self {
-            Self::UpdateAabbs => "update-aabbs",
-            Self::OverlappingPairs => "overlapping-pairs",
-        }
-    }
 }
 
 /// The JSON object of `threads --json`. Fields may be added, never changed or taken away.
 #[derive(Debug, Serialize)]
 pub struct ThreadsReport {
-    /// The machine of the measurement.
     pub machine: Machine,
-    /// One for every stage, scene, size, engine and number of threads.
-    pub rows: Vec<ThreadsRow>,
+    pub rows: Vec<Fields>,
 }
 
-/// One number of threads.
-#[derive(Debug, Serialize)]
-pub struct ThreadsRow {
+/// The rows of one stage of a case: (threads, times), of which one has one thread.
+fn series(
     stage: Stage,
-    scene: &'static str,
-    n: usize,
-    /// Null for the first stage.
-    engine: Option<&'static str>,
-    threads: usize,
-    frames: usize,
-    least_ns: u64,
-    median_ns: u64,
-    /// Least time of one thread over least time of these.
-    speed_up: f64,
-    /// The 2014 paper's time of this stage and scene on as many cores, of its own n.
-    paper_ns: Option<u64>,
-    paper_speed_up: Option<f64>,
-}
-
-impl ThreadsRow {
-    /// The rows of one stage of a case: (threads, times), of which one has one thread.
-    fn series(
-        stage: Stage,
-        case: Case,
-        engine: Option<EngineName>,
-        series: Vec<(usize, Vec<u64>)>,
-    ) -> Vec<Self> {
-        let least = |times: &[u64]| times.iter().min().copied().unwrap_or(0);
-        let one = series.iter().find(|(threads, _)| *threads == 1);
-        let one_ns = one.map_or(0, |(_, times)| least(times));
-        let row = |(threads, mut times): (usize, Vec<u64>)| {
-            times.sort_unstable();
-            let least_ns = least(&times);
-            let paper = papers_figures(stage, case.scene, threads);
-            Self {
-                stage,
-                scene: case.scene.as_str(),
-                n: case.n,
-                engine: engine.map(EngineName::as_str),
-                threads,
-                frames: times.len(),
-                least_ns,
-                median_ns: times.get(times.len() / 2).copied().unwrap_or(0),
-                speed_up: one_ns as f64 / least_ns.max(1) as f64,
-                paper_ns: paper.map(|(ns, _)| ns),
-                paper_speed_up: paper.map(|(_, speed_up)| speed_up),
-            }
-        };
-        series.into_iter().map(row).collect()
-    }
+    case: Case,
+    engine: Option<EngineName>,
+    series: Vec<(usize, Vec<u64>)>,
+) -> Vec<Fields> {
+    let least = |times: &[u64]| times.iter().min().copied().unwrap_or(0);
+    let one = series.iter().find(|(threads, _)| *threads == 1);
+    let one_ns = one.map_or(0, |(_, times)| least(times));
+    let of = |(threads, mut times): (usize, Vec<u64>)| {
+        times.sort_unstable();
+        let least_ns = least(&times);
+        let paper = papers_figures(stage, case.scene, threads);
+        row!(
+            stage,
+            scene: case.scene.as_str(),
+            n: case.n,
+            engine: engine.map(EngineName::as_str),
+            threads,
+            frames: times.len(),
+            least_ns,
+            median_ns: times.get(times.len() / 2).copied().unwrap_or(0),
+            speed_up: one_ns as f64 / least_ns.max(1) as f64,
+            paper_ns: paper.map(|(ns, _)| ns),
+            paper_speed_up: paper.map(|(_, speed_up)| speed_up),
+        )
+    };
+    series.into_iter().map(of).collect()
 }
 
 impl Report for ThreadsReport {
@@ -245,10 +199,6 @@ impl Report for ThreadsReport {
             Part::Table(Table::of(&self.rows)),
         ]
     }
-
-    fn tables(&self) -> Vec<(&'static str, Table)> {
-        vec![("rows", Table::of(&self.rows))]
-    }
 }
 
 #[cfg(test)]
@@ -258,12 +208,11 @@ mod tests {
     #[test]
     fn speed_ups_are_over_one_thread() {
         let case = Case { scene: SceneName::Cubes, n: 10 };
-        let series = vec![(1, vec![500, 400, 900]), (2, vec![200, 300, 250])];
-        let rows =
-            ThreadsRow::series(Stage::OverlappingPairs, case, Some(EngineName::CpuSap), series);
-        assert_eq!((rows[0].speed_up, rows[1].speed_up), (1.0, 2.0));
-        assert_eq!((rows[1].least_ns, rows[1].median_ns), (200, 250));
-        assert_eq!(rows[1].paper_ns, Some(31_650_000));
+        let times = vec![(1, vec![500, 400, 900]), (2, vec![200, 300, 250])];
+        let rows = series(Stage::OverlappingPairs, case, Some(EngineName::CpuSap), times);
+        assert_eq!((&rows[0]["speed_up"], &rows[1]["speed_up"]), (&1.0.into(), &2.0.into()));
+        assert_eq!((&rows[1]["least_ns"], &rows[1]["median_ns"]), (&200.into(), &250.into()));
+        assert_eq!(rows[1]["paper_ns"], 31_650_000);
     }
 
     #[test]

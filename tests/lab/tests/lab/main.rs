@@ -1,9 +1,11 @@
-//! The laboratory's command line, its studies on a software adapter, and its shaders.
+//! The laboratory's command line as users run it: output, files, exit status, and that no file is left behind.
 #![allow(clippy::unwrap_used)]
 
-mod cli;
-mod gpu_stress;
-mod grid_study;
-mod mapping_study;
-mod sweep_study;
-mod wgsl;
+mod accuracy;
+mod audit;
+mod engine_benches;
+mod load;
+mod mistakes;
+mod papers;
+mod stress;
+mod support;

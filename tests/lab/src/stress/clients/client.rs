@@ -8,16 +8,17 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use pairmask::{
-    CommitError, PendingFrame, Scene, SceneEdit, ServedBy, Session, SessionBuilder, WaitError,
+    CommitError, FrameError, PendingFrame, Scene, SceneEdit, ServedBy, Session, SessionBuilder,
+    WaitError,
 };
 use pairmaskd::scene::Random;
 use serde::{Deserialize, Serialize};
 
-use super::frame;
 use super::offer::{MOST_UNDER_WAY, Offer, Way, pick};
 use crate::processes::tell;
 use crate::stress::kept_scene::{Fate, Heard, KeptScene};
-use crate::stress::{Case, Finding, Form, Wanted};
+use crate::stress::modes::Sending;
+use crate::stress::{Answer, Case, Finding, Form, Wanted};
 
 /// A frame without an answer for this long is lost. Software GPUs and all pairs of a large scene take
 /// a second on a machine that has less cores than clients.
@@ -43,22 +44,16 @@ const LONGEST_PAUSE_US: u64 = 17_000;
 /// What tells a client from others.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct ClientSettings {
-    /// Determines what it asks for, in which order.
     pub seed: u64,
-    /// A case that every second frame is of.
     pub case: Option<u64>,
-    /// What it may ask for.
     pub wanted: Wanted,
-    /// Whether the daemon has a GPU.
     pub with_gpu: bool,
-    /// Whether it closes sessions whatever they have under way, as a client that is killed does.
     pub is_abrupt: bool,
 }
 
 /// A line that a client says.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(super) enum Said {
-    /// What it did since it last told.
     Counted(Counts),
     /// An answer was wrong, or did not come from the daemon.
     Failed(Box<FailedFrame>),
@@ -69,23 +64,15 @@ pub(super) enum Said {
 /// What clients did.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Counts {
-    /// Scenes that were drawn.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub(super) cases: u64,
-    /// Answers that were compared.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub(super) answers: u64,
-    /// Sessions that were opened.
     pub sessions: u64,
-    /// Frames that were sent.
     pub frames: u64,
-    /// Edits of scenes that persist, which were sent.
     pub edits: u64,
-    /// Frames and edits whose answers were dropped unread.
     pub unread: u64,
-    /// Answers of a client's own process, because the daemon gave none. They are compared, too.
     pub in_process: u64,
-    /// Frames without an answer within 30 s.
     pub unanswered: u64,
 }
 
@@ -111,27 +98,20 @@ impl Counts {
 /// A frame or an edit that did not get its pairs from the daemon.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(super) struct FailedFrame {
-    /// The case.
     pub(super) case: CaseId,
-    /// How it was asked.
     pub(super) form: Form,
-    /// What its session asked for, in words.
     pub(super) way: String,
-    /// The mistake.
     pub(super) finding: Finding,
 }
 
 /// Which case a frame is of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub(super) struct CaseId {
-    /// The case's seed.
     pub(super) seed: u64,
-    /// Whether it is the large one of that seed.
     is_large: bool,
 }
 
 impl CaseId {
-    /// The case.
     pub(super) fn case(self) -> Case {
         if self.is_large { Case::large(self.seed) } else { Case::new(self.seed) }
     }
@@ -164,12 +144,10 @@ struct Client<'a> {
     daemon: SessionBuilder,
     is_over: &'a AtomicBool,
     random: Random,
-    /// Scenes that stay.
     kept: Vec<SharedCase>,
     stock: Vec<SharedCase>,
     sessions: Vec<Open>,
     failures: u32,
-    /// Why it cannot go on.
     gave_up: Option<String>,
     counts: Counts,
     told_at: Instant,
@@ -177,9 +155,6 @@ struct Client<'a> {
 
 impl ClientSettings {
     /// Runs the client until `is_over`.
-    ///
-    /// # Errors
-    /// Where the process that started it does not hear it.
     pub(crate) fn run(&self, daemon: &SessionBuilder, is_over: &AtomicBool) -> io::Result<()> {
         let kept = self.case.iter().flat_map(|seed| {
             [false, true].map(|is_large| shared_case(CaseId { seed: *seed, is_large }))
@@ -328,7 +303,7 @@ impl Client<'_> {
         }
         self.counts.frames += 1;
         let open = &mut self.sessions[session];
-        match frame::send(&mut open.session, &case.1, form) {
+        match send(&mut open.session, &case.1, form) {
             Ok(pending) => {
                 open.frames.push_back(UnderWay { pending, case, form });
                 Ok(())
@@ -398,7 +373,7 @@ impl Client<'_> {
         else {
             return Ok(());
         };
-        let compared = match frame::receive(pending, &case.1) {
+        let compared = match receive(pending, &case.1) {
             Ok((answer, by)) => self.answered(by, case.1.check(form, &answer)),
             Err(error) => {
                 let is_late = matches!(error, WaitError::Timeout { .. });
@@ -435,4 +410,44 @@ impl Client<'_> {
         let way = self.sessions[session].way.to_string();
         tell(&Said::Failed(Box::new(FailedFrame { case, form, way, finding })))
     }
+}
+
+/// Writes and sends a frame, on a thread with the floating-point flags of the case's caller.
+fn send(session: &mut Session, case: &Case, form: Form) -> Result<PendingFrame, FrameError> {
+    // Its truth is computed with the default flags, if it is not there yet.
+    case.allowed(form);
+    case.flags.caller.run(|| match form {
+        Form::Spheres => {
+            let spheres = &case.spheres().spheres;
+            let mut frame = session.sphere_frame(spheres.len())?;
+            frame.spheres_mut().copy_from_slice(spheres);
+            frame.submit()
+        }
+        Form::Mode(usage) if let Sending::Narrow(precision) = &case.in_mode(usage).sending => {
+            let given = &case.in_mode(usage).given;
+            let mut frame = session.narrow_frame(given.len(), *precision)?;
+            frame.fill(&given[..]);
+            frame.submit()
+        }
+        _ => {
+            let boxes = match form {
+                Form::Mode(usage) => &case.in_mode(usage).sent,
+                _ => &case.boxes,
+            };
+            let mut frame = session.frame(boxes.len())?;
+            frame.write(&boxes[..]);
+            frame.submit()
+        }
+    })
+}
+
+/// Awaits a frame and decodes it, on a thread with the floating-point flags of the case's caller.
+fn receive(pending: PendingFrame, case: &Case) -> Result<(Answer, ServedBy), WaitError> {
+    let (mut answer, by) = case.flags.caller.run(|| {
+        let mask = pending.wait()?;
+        let (pairs, count, info) = (mask.to_vec(), mask.count(), mask.info());
+        Ok::<_, WaitError>((Answer { pairs, count, census: info.census }, info.served_by))
+    })?;
+    answer.pairs.sort_unstable();
+    Ok((answer, by))
 }

@@ -15,18 +15,13 @@
 //!
 //! ```text
 //! offer      what clients may ask for, and what a session asks for        (pure)
-//! frame      a case as a frame
 //! client     one client: the process
-//! daemon     what the daemon says before and after
 //! ```
 
 mod client;
-mod daemon;
-mod frame;
 mod offer;
 
 pub use client::{ClientSettings, Counts};
-pub use daemon::{AuditReport, DaemonReport};
 
 use std::fmt;
 use std::io;
@@ -35,16 +30,18 @@ use std::process::Command;
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::{Duration, Instant};
 
-use pairmask::{SessionBuilder, StatusError};
+use pairmask::{Aabb, Backend, ServedBy, Session, SessionBuilder, StatusError};
+use pairmask_core::engine::{EngineChoice, EngineName};
 use pairmask_transport::Limits;
+use pairmask_wire::StatusBody;
 use pairmaskd::scene::Random;
 use serde::Serialize;
 
 use self::client::{DEADLINE, FailedFrame, MOST_SESSIONS, Said};
-use self::daemon::Look;
 use self::offer::Offer;
 use super::report::{Failure, StressReport};
 use super::{MOST_FAILURES, Wanted};
+use crate::Result;
 use crate::processes::Worker;
 
 /// Slots for sessions beside those of the living clients: slots of killed clients are free again after
@@ -67,16 +64,11 @@ pub fn limits(clients: NonZeroU16) -> Limits {
 /// The field `clients` of `stress --json`. Fields may be added, never changed or taken away.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct ClientsReport {
-    /// Client processes at a time.
     pub count: u64,
-    /// What they did. Cases and answers are the report's own, and none here.
     #[serde(flatten)]
     pub counts: Counts,
-    /// Clients that were killed with SIGKILL, and started again.
     pub killed: u64,
-    /// Clients that ended by themselves before they were told to, or not at all: why, one each.
     pub broken: Vec<String>,
-    /// The daemon at the end.
     pub daemon: DaemonReport,
 }
 
@@ -118,57 +110,35 @@ impl fmt::Display for ClientsReport {
 /// A run with clients.
 #[derive(Clone, Debug)]
 pub struct ClientsRun {
-    /// Client processes at a time.
     pub clients: NonZeroU16,
     /// Whether they are killed now and then, and close sessions with frames under way.
     pub with_kills: bool,
-    /// Determines the clients' seeds.
     pub seed: u64,
     /// A case that every second frame is of.
     pub case: Option<u64>,
-    /// How long.
     pub time: Duration,
-    /// What clients ask for.
     pub wanted: Wanted,
     /// The command that runs a case again, without the case.
     pub replay: String,
-}
-
-/// Why a run did not begin or could not go on.
-#[derive(Debug, thiserror::Error)]
-pub enum ClientsError {
-    /// The daemon does not tell its status.
-    #[error(transparent)]
-    Status(#[from] StatusError),
-    /// A client process cannot be started or killed.
-    #[error("a client process cannot be started: {0}")]
-    Process(#[from] io::Error),
-    /// The flags leave nothing.
-    #[error(
-        "nothing to ask the daemon for: spheres go with --mode exact only, updates not through a \
-         daemon, and engines of the GPU need a daemon that has one"
-    )]
-    NothingToAsk,
 }
 
 impl ClientsRun {
     /// Runs clients of the daemon that `daemon` connects to, for the time of the run. `command` makes the
     /// process of a client with these settings. `watch` is called now and then with the number of
     /// answers and the time since the start.
-    ///
-    /// # Errors
-    /// [`ClientsError`]; no client is left then.
     pub fn run(
         &self,
         daemon: &SessionBuilder,
         command: impl Fn(&ClientSettings) -> Command,
         watch: impl FnMut(u64, Duration),
-    ) -> Result<StressReport, ClientsError> {
+    ) -> Result<StressReport> {
         let start = Instant::now();
         let look = Look::before(daemon)?;
         let offer = Offer::new(&self.wanted, look.has_gpu);
         if offer.is_empty() {
-            return Err(ClientsError::NothingToAsk);
+            return Err("nothing to ask the daemon for: spheres go with --mode exact only, updates not through a \
+                        daemon, and engines of the GPU need a daemon that has one"
+                .into());
         }
         let (heard, ears) = channel();
         let mut crowd = Crowd {
@@ -210,7 +180,6 @@ struct Client {
     ended: Option<Said>,
 }
 
-/// The clients of a run at work.
 struct Crowd<'a, C> {
     run: &'a ClientsRun,
     with_gpu: bool,
@@ -316,6 +285,101 @@ impl<C: Fn(&ClientSettings) -> Command> Crowd<'_, C> {
             }
         }
     }
+}
+
+/// The auditor's counts are final when they have not changed for this long: it has the lowest priority, and
+/// beside busy threads a check of 10 ms takes half a second and more.
+const SETTLED: Duration = Duration::from_secs(1);
+/// Longest wait for that.
+const SETTLES_WITHIN: Duration = Duration::from_secs(10);
+
+/// What the daemon says of a run.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct DaemonReport {
+    pub serves: bool,
+    pub was_restarted: bool,
+    pub frames: u64,
+    pub errors: u64,
+    pub audit: Option<AuditReport>,
+}
+
+/// The auditor's counts.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct AuditReport {
+    pub frames: u64,
+    pub skipped: u64,
+    pub pairs: u64,
+    pub missed: u64,
+    pub extra: u64,
+}
+
+/// Looks at a daemon before and after a run.
+#[derive(Debug)]
+struct Look {
+    daemon: SessionBuilder,
+    before: StatusBody,
+    /// Whether it answers with the simplest engine of the GPU.
+    has_gpu: bool,
+}
+
+impl Look {
+    /// Looks at a daemon before a run.
+    fn before(daemon: &SessionBuilder) -> Result<Self, StatusError> {
+        let daemon = daemon.clone().backend(Backend::Daemon).deadline(DEADLINE);
+        let engine = EngineChoice::Only(EngineName::GpuBrute);
+        let has_gpu = answers(&mut daemon.clone().engine(engine).connect()?);
+        let before = daemon.clone().connect()?.daemon_status()?;
+        Ok(Self { daemon, before, has_gpu })
+    }
+
+    /// Looks at it again. One that does not answer serves no more.
+    fn after(&self) -> DaemonReport {
+        let Some((mut session, now)) = self.settled() else { return DaemonReport::default() };
+        let was_restarted = now.pid != self.before.pid;
+        let before = if was_restarted { StatusBody::default() } else { self.before };
+        let (then, audit) = (before.audit, now.audit);
+        DaemonReport {
+            serves: answers(&mut session),
+            was_restarted,
+            frames: now.frames - before.frames,
+            errors: now.errors - before.errors,
+            audit: (audit.one_in > 0).then(|| AuditReport {
+                frames: audit.frames - then.frames,
+                skipped: audit.skipped - then.skipped,
+                pairs: audit.pairs - then.pairs,
+                missed: audit.missed - then.missed,
+                extra: audit.extra - then.extra,
+            }),
+        }
+    }
+
+    /// The status once the auditor has nothing to do any more, and a session.
+    fn settled(&self) -> Option<(Session, StatusBody)> {
+        let mut session = self.daemon.clone().connect().ok()?;
+        let mut status = session.daemon_status().ok()?;
+        let deadline = Instant::now() + SETTLES_WITHIN;
+        loop {
+            std::thread::sleep(SETTLED);
+            let later = session.daemon_status().ok()?;
+            if later.audit == status.audit || Instant::now() >= deadline {
+                return Some((session, later));
+            }
+            status = later;
+        }
+    }
+}
+
+/// Whether the daemon finds the three pairs of three boxes.
+fn answers(session: &mut Session) -> bool {
+    let mut ask = || {
+        let mut frame = session.frame(3).ok()?;
+        frame.boxes_mut().fill(Aabb::from([0.0, 0.0, 0.0, 1.0, 1.0, 1.0]));
+        let mask = frame.submit().ok()?.wait().ok()?;
+        let mut pairs = mask.to_vec();
+        pairs.sort_unstable();
+        Some(pairs == [(0, 1), (0, 2), (1, 2)] && mask.info().served_by == ServedBy::Daemon)
+    };
+    ask().unwrap_or(false)
 }
 
 #[cfg(test)]

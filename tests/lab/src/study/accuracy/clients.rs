@@ -15,22 +15,16 @@ use pairmask_core::{Aabb, Bounds, BoxClass, BoxCount};
 use pairmaskd::timed_client::{Decoding, TimedClient, TimedError, TimedFrame};
 use rayon::prelude::*;
 
-use super::mode::{Fit, Rounding, StudyMode, World};
+use super::mode::{Fit, StudyMode, World};
 use super::truth::{self, Pair, outward};
 use crate::study::spheres::oracle;
 
 /// A way to answer the frames of a scene, and its right answers.
 pub trait Client {
     /// Answers a frame of boxes. The answer has `pairs` if `wants_pairs`.
-    ///
-    /// # Errors
-    /// [`TimedError`].
     fn frame(&mut self, boxes: &[Aabb], wants_pairs: bool) -> Result<Answer, TimedError>;
 
     /// The right pairs of the last frame, sorted, found in another way than by `engine`.
-    ///
-    /// # Errors
-    /// [`TimedError`] where that way cannot answer.
     fn truth(&self, boxes: &[Aabb], engine: EngineId) -> Result<Vec<Pair>, TimedError>;
 
     /// Whether other objects stand for the boxes, so that the answers are also compared with the
@@ -43,7 +37,6 @@ pub trait Client {
 /// An answered frame.
 #[derive(Clone, Debug)]
 pub struct Answer {
-    /// Times and sizes.
     pub figures: FrameFigures,
     /// The pairs, sorted, if they were wanted.
     pub pairs: Option<Vec<Pair>>,
@@ -52,15 +45,12 @@ pub struct Answer {
 /// Times and sizes of a frame.
 #[derive(Clone, Copy, Debug)]
 pub struct FrameFigures {
-    /// What answered: `daemon` or `in-process`.
     pub backend: &'static str,
-    /// The engine.
     pub engine: EngineId,
     /// Whether a request was made; else an earlier answer held.
     pub was_asked: bool,
     /// Time to write the objects in the form in which they are culled.
     pub fill: Duration,
-    /// From submission to the mask.
     pub round_trip: Duration,
     /// Time to visit every pair of the mask once.
     pub decode: Duration,
@@ -68,7 +58,6 @@ pub struct FrameFigures {
     pub stages: StageTimes,
     /// Bytes of the objects that were culled.
     pub box_bytes: u64,
-    /// Bytes of the mask.
     pub mask_bytes: u64,
 }
 
@@ -121,7 +110,6 @@ impl Client for BoxClient {
     }
 }
 
-/// The pairs of a mask.
 fn sorted(mask: &PairMask) -> Vec<Pair> {
     let mut pairs = mask.to_vec();
     pairs.sort_unstable();
@@ -132,7 +120,6 @@ fn sorted(mask: &PairMask) -> Vec<Pair> {
 /// they would be exact f32 again relative to the origin.
 const STRETCH: f64 = 1.0 + 1e-7;
 
-/// A client of such a world.
 struct WorldClient {
     session: Session,
     world: World,
@@ -161,16 +148,13 @@ impl Client for WorldClient {
     fn frame(&mut self, boxes: &[Aabb], wants_pairs: bool) -> Result<Answer, TimedError> {
         self.place(boxes);
         let Self { session, world, origin, boxes } = self;
-        let write = |to: &mut [Aabb]| match world.rounding {
-            Rounding::ByOrigin => {
-                for (to, [min, max]) in to.iter_mut().zip(&*boxes) {
-                    *to = Aabb::outward_from_f64(*min, *max, *origin);
-                }
-            }
-            Rounding::Plain => {
-                for (to, [min, max]) in to.iter_mut().zip(&*boxes) {
-                    *to = Aabb { min: min.map(|x| x as f32), max: max.map(|x| x as f32) };
-                }
+        let write = |to: &mut [Aabb]| {
+            for (to, [min, max]) in to.iter_mut().zip(&*boxes) {
+                *to = if world.is_plain {
+                    Aabb { min: min.map(|x| x as f32), max: max.map(|x| x as f32) }
+                } else {
+                    Aabb::outward_from_f64(*min, *max, *origin)
+                };
             }
         };
         let mut pairs = None;
@@ -332,52 +316,56 @@ mod tests {
 
     use super::*;
 
-    fn world_client(offset: f64, rounding: Rounding, boxes: &[Aabb]) -> WorldClient {
+    fn world_client(offset: f64, is_plain: bool, boxes: &[Aabb]) -> WorldClient {
         let session = Session::builder().backend(Backend::InProcess).connect();
         let session = session.unwrap_or_else(|e| panic!("{e}"));
-        WorldClient::new(session, World { offset, rounding }, boxes)
-    }
-
-    fn missed_and_extra(offset: f64, rounding: Rounding, n: usize) -> Result<[u64; 3], TimedError> {
-        let scene = Scene::new(SceneName::Pile, n, 1);
-        let mut client = world_client(offset, rounding, scene.boxes());
-        let answer = client.frame(scene.boxes(), true)?;
-        let truth = client.truth(scene.boxes(), answer.figures.engine)?;
-        let found = truth::Difference::between(&answer.pairs.unwrap_or_default(), &truth);
-        Ok([found.true_pairs, found.missed, found.extra])
+        WorldClient::new(session, World { offset, is_plain }, boxes)
     }
 
     #[test]
     fn an_origin_keeps_pairs_apart_and_plain_f32_does_not() -> Result<(), TimedError> {
+        let scene = Scene::new(SceneName::Pile, 1_000, 1);
+        let found = |offset, is_plain| {
+            let mut client = world_client(offset, is_plain, scene.boxes());
+            let answer = client.frame(scene.boxes(), true)?;
+            let is_f32 = |x: &f64| f64::from((x - 1e6) as f32) == x - 1e6;
+            let coordinates = client.boxes.as_flattened().as_flattened();
+            let count = coordinates.iter().filter(|x| is_f32(x)).count();
+            assert!(count < 3_000 || offset != 1e6, "{count} of 6,000 coordinates are f32 numbers");
+            let truth = client.truth(scene.boxes(), answer.figures.engine)?;
+            Ok::<_, TimedError>(truth::Difference::between(
+                &answer.pairs.unwrap_or_default(),
+                &truth,
+            ))
+        };
         for offset in [0.0, 1e6, 1e9] {
-            let [pairs, missed, extra] = missed_and_extra(offset, Rounding::ByOrigin, 1_000)?;
-            assert!(pairs > 1_000 && missed == 0 && extra < 10, "{offset}: {pairs} {extra}");
-            let [same, missed, extra] = missed_and_extra(offset, Rounding::Plain, 1_000)?;
-            assert_eq!((same, missed), (pairs, 0));
-            assert!(extra < 10 || offset >= 1e6, "{offset}: {extra}");
-            assert!(extra > 100_000 || offset < 1e9, "{offset}: {extra}");
+            let by_origin = found(offset, false)?;
+            assert!(by_origin.true_pairs > 1_000 && by_origin.missed == 0, "{by_origin:?}");
+            assert!(by_origin.extra < 10, "{offset}: {by_origin:?}");
+            let plain = found(offset, true)?;
+            assert_eq!((plain.true_pairs, plain.missed), (by_origin.true_pairs, 0));
+            assert!(plain.extra < 10 || offset >= 1e6, "{offset}: {plain:?}");
+            assert!(plain.extra > 100_000 || offset < 1e9, "{offset}: {plain:?}");
         }
         Ok(())
     }
 
     #[test]
-    fn large_worlds_have_the_pairs_that_two_loops_find() -> Result<(), TimedError> {
-        let scene = Scene::new(SceneName::Mixed, truth::NAIVE_LIMIT + 1, 1);
-        let mut client = world_client(1e9, Rounding::ByOrigin, scene.boxes());
+    fn large_scenes_have_the_pairs_that_two_loops_find() -> Result<(), TimedError> {
+        let n = truth::NAIVE_LIMIT + 1;
+        let scene = Scene::new(SceneName::Mixed, n, 1);
+        let mut client = world_client(1e9, false, scene.boxes());
         client.place(scene.boxes());
         let by_engine = client.truth(scene.boxes(), EngineName::CpuGrid.into())?;
         assert_eq!(by_engine, truth_of_faces(&client.boxes).pairs);
+        let mut random = Random::new(7);
+        let mut one = || Sphere::new([(); 3].map(|()| 16.0 * random.unit()), random.unit());
+        let mut spheres: Vec<Sphere> = (0..n).map(|_| one()).collect();
+        spheres[7] = Sphere::EMPTY;
+        spheres[8].radius = f32::INFINITY;
+        spheres[9].center[1] = f32::NAN;
+        assert_eq!(sphere_pairs(&spheres, EngineName::CpuSap.into())?, oracle::pairs(&spheres));
         Ok(())
-    }
-
-    #[test]
-    fn the_world_is_not_made_of_f32() {
-        let scene = Scene::new(SceneName::Uniform, 1_000, 1);
-        let mut client = world_client(1e6, Rounding::ByOrigin, scene.boxes());
-        client.place(scene.boxes());
-        let is_f32 = |x: &f64| f64::from((x - 1e6) as f32) == x - 1e6;
-        let count = client.boxes.as_flattened().as_flattened().iter().filter(|x| is_f32(x)).count();
-        assert!(count < 3_000, "{count} of 6,000 coordinates are f32 numbers");
     }
 
     #[test]
@@ -397,10 +385,6 @@ mod tests {
                 assert!(inside && r > 0.0, "{b:?} {within:?}");
             }
         }
-    }
-
-    #[test]
-    fn boxes_that_are_no_solid_finite_ones_have_spheres_of_their_kind() {
         for fit in [Fit::Circumscribed, Fit::Inscribed] {
             assert_eq!(sphere(&Aabb::EMPTY, fit).class(), BoxClass::Empty);
             let nan = Aabb { min: [f32::NAN; 3], max: [1.0; 3] };
@@ -410,34 +394,5 @@ mod tests {
             assert_eq!(s.class(), BoxClass::Solid, "{s:?}");
             assert_eq!(s.radius == f32::INFINITY, fit == Fit::Circumscribed, "{s:?}");
         }
-    }
-
-    #[test]
-    fn large_scenes_have_the_pairs_that_two_loops_find() -> Result<(), TimedError> {
-        let mut random = Random::new(7);
-        let n = truth::NAIVE_LIMIT + 1;
-        let mut one = || Sphere::new([(); 3].map(|()| 16.0 * random.unit()), random.unit());
-        let mut spheres: Vec<Sphere> = (0..n).map(|_| one()).collect();
-        spheres[7] = Sphere::EMPTY;
-        spheres[8].radius = f32::INFINITY;
-        spheres[9].center[1] = f32::NAN;
-        assert_eq!(sphere_pairs(&spheres, EngineName::CpuSap.into())?, oracle::pairs(&spheres));
-        Ok(())
-    }
-
-    #[test]
-    fn masks_have_the_spheres_pairs() -> Result<(), TimedError> {
-        let scene = Scene::new(SceneName::Pile, 700, 1);
-        for fit in [Fit::Circumscribed, Fit::Inscribed] {
-            let mut client = SphereClient::new(fit, CullOptions::default());
-            let answer = client.frame(scene.boxes(), true)?;
-            let truth = client.truth(scene.boxes(), answer.figures.engine)?;
-            assert_eq!(answer.pairs.as_ref(), Some(&truth));
-            let of_boxes = truth::pairs(scene.boxes(), answer.figures.engine)?;
-            let found = truth::Difference::between(&truth, &of_boxes);
-            assert_eq!(found.missed == 0, fit == Fit::Circumscribed, "{found:?}");
-            assert_eq!(found.extra == 0, fit == Fit::Inscribed, "{found:?}");
-        }
-        Ok(())
     }
 }

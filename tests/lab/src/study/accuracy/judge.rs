@@ -13,9 +13,7 @@ use crate::study::harness::plot::{Unit, pareto_front};
 /// Rows that answer the same question: of one scene, one size and one distance from the origin.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Setting<'a> {
-    /// The scene.
     pub scene: &'a str,
-    /// Boxes.
     pub n: u32,
     /// Distance from the origin of a world in f64, if any. Rows of f32 boxes do not belong to such
     /// a setting.
@@ -25,7 +23,6 @@ pub struct Setting<'a> {
 }
 
 impl Setting<'_> {
-    /// Title for reports.
     pub fn title(&self) -> String {
         let far =
             self.offset.map_or_else(String::new, |offset| format!(", {offset:e} from the origin"));
@@ -75,26 +72,18 @@ const AXES: [&str; 3] = ["p50", "extra_ratio", "bytes_up"];
 /// setting that was measured.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Pareto {
-    /// The axes: median of a whole frame, extra pairs a true pair, bytes up.
     pub axes: Vec<String>,
-    /// One for every mode.
     pub modes: Vec<ModeVerdict>,
-    /// Modes that are nowhere on the front.
     pub nowhere: Vec<String>,
 }
 
 /// The results of a mode over all settings.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ModeVerdict {
-    /// The mode as the command line has it.
     pub mode: String,
-    /// Settings (scene, size, distance from the origin) in which it was measured.
     pub settings: u64,
-    /// Settings in which it missed a pair or was not checked, and cannot be on the front.
     pub disqualified: u64,
-    /// Settings in which one of its rows is on the front.
     pub on_front: u64,
-    /// The names of the settings in `on_front`.
     pub at: Vec<String>,
 }
 
@@ -159,7 +148,6 @@ const FIGURES: [Figure; 8] = [
     ("memory", |row| row.memory_bytes as f64, false),
 ];
 
-/// How a figure is limited.
 type Relation = (&'static str, fn(&f64, &f64) -> bool);
 const RELATIONS: [Relation; 3] = [("<=", f64::le), ("<", f64::lt), ("=", f64::eq)];
 
@@ -174,13 +162,6 @@ struct Limit {
     value: f64,
     text: String,
 }
-
-/// Why a limit is refused.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error(
-    "'{0}' is no limit: write FIGURE=X, FIGURE<X or FIGURE<=X; figures are missed, extra, extra_ratio, p50, p99, bytes_up, bytes_down, memory; X may end in ns, us, ms, s, %, KiB, MiB or GiB"
-)]
-pub struct BadLimit(String);
 
 /// Suffixes of a value, and their factors.
 const UNITS: [(&str, f64); 8] = [
@@ -203,9 +184,9 @@ fn value(text: &str) -> Option<f64> {
 }
 
 impl FromStr for Assertion {
-    type Err = BadLimit;
+    type Err = String;
 
-    fn from_str(s: &str) -> Result<Self, BadLimit> {
+    fn from_str(s: &str) -> Result<Self, String> {
         let limit = |text: &str| {
             let split = |relation: Relation| Some((text.split_once(relation.0)?, relation));
             let ((name, number), relation) = RELATIONS.into_iter().find_map(split)?;
@@ -213,7 +194,14 @@ impl FromStr for Assertion {
             let text = text.trim().to_owned();
             Some(Limit { figure, relation, value: value(number.trim())?, text })
         };
-        let limits = s.split(',').map(|text| limit(text).ok_or_else(|| BadLimit(text.to_owned())));
+        let bad = |text: &str| {
+            format!(
+                "'{text}' is no limit: write FIGURE=X, FIGURE<X or FIGURE<=X; figures are missed, extra, \
+                 extra_ratio, p50, p99, bytes_up, bytes_down, memory; X may end in ns, us, ms, s, %, KiB, \
+                 MiB or GiB"
+            )
+        };
+        let limits = s.split(',').map(|text| limit(text).ok_or_else(|| bad(text)));
         limits.collect::<Result<_, _>>().map(Self)
     }
 }
@@ -247,7 +235,7 @@ pub fn regressions(new: &AccuracyReport, old: &AccuracyReport) -> Option<Vec<Str
     let mut lines = Vec::new();
     let mut in_common = 0;
     for new in &new.rows {
-        let Some(old) = old.rows.iter().find(|old| old.key() == new.key()) else { continue };
+        let Some(old) = old.rows.iter().find(|old| old.name() == new.name()) else { continue };
         in_common += 1;
         let mut worse = |text: String| lines.push(format!("{}: {text}", new.name()));
         if new.missed > old.missed {
@@ -269,20 +257,20 @@ pub fn regressions(new: &AccuracyReport, old: &AccuracyReport) -> Option<Vec<Str
 
 #[cfg(test)]
 mod tests {
-    use super::super::rows::tests::{report, row, totals};
+    use super::super::rows::tests::{of_mode, report, row, totals};
     use super::*;
 
     #[test]
     fn rows_stand_with_those_of_their_question() {
-        let of =
-            |scene: &str, n, offset| AccuracyRow { scene: scene.to_owned(), n, offset, ..row() };
-        let rows = [
-            of("pile", 10_000, None),
-            of("pile", 1000, Some(1e9)),
-            of("cubes", 1000, None),
-            of("pile", 1000, None),
-            of("pile", 1000, None),
-        ];
+        let of = |(scene, n, offset): (&str, _, _)| AccuracyRow {
+            scene: scene.to_owned(),
+            n,
+            offset,
+            ..row()
+        };
+        let far = ("pile", 1000, Some(1e9));
+        let near = ("pile", 1000, None);
+        let rows = [("pile", 10_000, None), far, ("cubes", 1000, None), near, near].map(of);
         let settings = settings(&rows);
         let titles: Vec<String> = settings.iter().map(Setting::title).collect();
         let far = "pile, 1K boxes, 1e9 from the origin";
@@ -294,13 +282,8 @@ mod tests {
     fn modes_that_are_nowhere_on_the_front_are_named() {
         let of = |mode: &str, n, p50, extra, bytes_up| AccuracyRow {
             n,
-            mode: mode.to_owned(),
-            margin: None,
-            times: totals(p50, p50),
             bytes_up,
-            extra,
-            extra_ratio: Some(extra as f64 / 1000.0),
-            ..row()
+            ..of_mode(mode, p50, extra, 0)
         };
         let rows = [
             of("exact", 10, 100, 0, 24),

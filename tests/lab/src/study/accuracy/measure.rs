@@ -10,22 +10,18 @@ use pairmaskd::scene::{Scene, SceneName};
 use pairmaskd::timed_client::TimedError;
 
 use super::clients::{FrameFigures, client};
-use super::mode::{Rounding, StudyMode, World};
+use super::mode::{StudyMode, World};
 use super::rows::{AccuracyRow, AgainstBoxes, Percentiles, STAGES};
 use super::truth::{self, Difference};
 
 /// The subject of a row.
 #[derive(Clone, Copy, Debug)]
 pub struct Subject {
-    /// The scene.
     pub scene: SceneName,
-    /// Boxes.
     pub n: u32,
-    /// The mode.
     pub mode: StudyMode,
     /// The engine, encoding and threads that are asked for.
     pub options: CullOptions,
-    /// Seed of the scene.
     pub seed: u64,
 }
 
@@ -34,7 +30,6 @@ pub struct Subject {
 pub struct Lengths {
     /// Frames before the first recorded one.
     pub warm_up: u32,
-    /// Recorded frames.
     pub frames: u32,
     /// Recorded frames that are checked against the truth: the first, and others at even intervals.
     pub checked: u32,
@@ -48,9 +43,6 @@ impl Lengths {
 }
 
 /// Runs a row in a session with the subject's choice of engine.
-///
-/// # Errors
-/// [`TimedError`].
 pub fn row(
     session: Session,
     subject: &Subject,
@@ -78,8 +70,7 @@ pub fn row(
         requests += u64::from(last.was_asked);
         mask_bytes += u64::from(last.was_asked) * last.mask_bytes;
         if let Some(reported) = answer.pairs {
-            let truth = client.truth(scene.boxes(), last.engine)?;
-            found.add(&Difference::between(&reported, &truth));
+            found.add(&Difference::between(&reported, &client.truth(scene.boxes(), last.engine)?));
             if let Some(of_boxes) = &mut of_boxes {
                 let truth = truth::pairs(scene.boxes(), last.engine)?;
                 of_boxes.add(&Difference::between(&reported, &truth));
@@ -150,13 +141,11 @@ const PLAIN_LIMIT: u32 = 10_000;
 pub fn is_reasonable(subject: &Subject) -> bool {
     let (engine, mode) = (subject.options.engine, subject.mode);
     // No GPU engine takes spheres.
-    let is_able = match engine {
-        EngineChoice::Only(name) if name.is_gpu() => !matches!(mode, StudyMode::Spheres(_)),
-        EngineChoice::Only(_) | EngineChoice::Auto => true,
-    };
+    let is_on_gpu = matches!(engine, EngineChoice::Only(name) if name.is_gpu());
+    let is_able = !(is_on_gpu && matches!(mode, StudyMode::Spheres(_)));
     let is_brute = engine == EngineChoice::Only(EngineName::CpuBrute);
     let limit = match mode {
-        StudyMode::World(World { rounding: Rounding::Plain, .. }) => PLAIN_LIMIT,
+        StudyMode::World(World { is_plain: true, .. }) => PLAIN_LIMIT,
         _ if is_brute || subject.scene.is_quadratic() => BRUTE_LIMIT,
         _ => u32::MAX,
     };
@@ -169,9 +158,11 @@ mod tests {
 
     use super::*;
 
-    fn subject(n: u32, mode: &str) -> Subject {
+    fn subject(n: u32, mode: &str, engine: &str) -> Subject {
         let mode = mode.parse().unwrap_or_else(|e| panic!("{e}"));
-        Subject { scene: SceneName::Pile, n, mode, options: CullOptions::default(), seed: 1 }
+        let engine = engine.parse().unwrap_or_else(|e| panic!("{e}"));
+        let options = CullOptions { engine, ..CullOptions::default() };
+        Subject { scene: SceneName::Pile, n, mode, options, seed: 1 }
     }
 
     #[test]
@@ -186,10 +177,7 @@ mod tests {
             (10_001, "plain-f32", "auto", false),
             (10, "spheres", "gpu-grid", false),
         ] {
-            let choice = engine.parse().unwrap_or_else(|e| panic!("{e}"));
-            let options = CullOptions { engine: choice, ..CullOptions::default() };
-            let found = is_reasonable(&Subject { options, ..subject(n, mode) });
-            assert_eq!(found, is_in, "{n} {mode} {engine}");
+            assert_eq!(is_reasonable(&subject(n, mode, engine)), is_in, "{n} {mode} {engine}");
         }
     }
 
@@ -199,8 +187,7 @@ mod tests {
         let modes = ["exact", "q16", "q8", "f16", "margin=0.1", "f64", "spheres", "plain-f32"];
         for mode in modes {
             let session = Session::builder().backend(Backend::InProcess).connect();
-            let subject = subject(345, mode);
-            let row = session.map(|s| row(s, &subject, &lengths, || 7));
+            let row = session.map(|s| row(s, &subject(345, mode, "auto"), &lengths, || 7));
             let Ok(Ok(row)) = row else { panic!("{mode}: {row:?}") };
             assert_eq!((row.frames, row.checked_frames, row.missed), (10, 5, 0), "{mode}");
             assert!(mode.starts_with(&row.mode) && row.true_pairs > 0 && row.memory_bytes == 7);

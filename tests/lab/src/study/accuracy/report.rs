@@ -1,15 +1,12 @@
 //! The report as text, as CSV, and as one page of plots and tables that loads nothing.
 
-use std::collections::BTreeMap;
-
 use serde_json::json;
 
-use super::judge::{ModeVerdict, Setting, costs, in_order, modes, settings};
-use super::rows::{AccuracyReport, AccuracyRow, AgainstBoxes, STAGES};
-use super::variants::VariantRow;
+use super::judge::{ModeVerdict, Setting, in_order, modes, settings};
+use super::rows::{AccuracyReport, AccuracyRow, AgainstBoxes, STAGES, ratio};
 use crate::study::harness::Report;
 use crate::study::harness::document::{Part, html};
-use crate::study::harness::plot::{Axis, Bars, Look, Plot, Point, Series, Unit, pareto_front};
+use crate::study::harness::plot::{Look, Plot, Series, Unit};
 use crate::study::harness::table::Table;
 use crate::study::papers;
 
@@ -27,8 +24,8 @@ impl Report for AccuracyReport {
         parts
     }
 
-    fn tables(&self) -> Vec<(&'static str, Table)> {
-        vec![("rows", Table::of(&self.rows))]
+    fn csv(&self) -> String {
+        Table::of(&self.rows).csv()
     }
 
     fn files(&self) -> Vec<(String, String)> {
@@ -62,30 +59,21 @@ const TEXT_COLUMNS: [&str; 18] = [
     "MiB",
 ];
 
-/// Columns of scenes far from the origin.
-const FAR_COLUMNS: [&str; 11] = [
-    "scene",
-    "n",
-    "mode",
-    "engine",
-    "p50",
-    "p99",
-    "down",
-    "true pairs",
-    "missed",
-    "extra",
-    "extra %",
-];
+/// Stages that share a frame.
+const PARTS: [&str; 6] = ["fill", "ingest", "plan", "execute", "publish", "decode"];
 
-/// The rows for readers.
+/// The rows for readers, times in ms.
 fn readable(rows: &[AccuracyRow]) -> Table {
     let percent = |x: Option<f64>| x.map(|x| (1e5 * x).round() / 1e3);
     let line = |row: &AccuracyRow| {
         let mut line = json!({
             "scene": row.scene, "n": row.n, "mode": row.mode_text(), "backend": row.backend,
-            "engine": row.served_by_engine, "bytes up": row.bytes_up, "down": row.bytes_down,
-            "requests": format!("{}/{}", row.requests, row.frames), "MiB": row.memory_bytes >> 20,
-            "p50": row.p50() as f64 / 1e6, "p99": row.time("total_ns").p99 as f64 / 1e6,
+            "engine": row.served_by_engine, "asked": row.engine, "bytes up": row.bytes_up,
+            "down": row.bytes_down, "requests": format!("{}/{}", row.requests, row.frames),
+            "MiB": row.memory_bytes >> 20, "p50": row.p50() as f64 / 1e6,
+            "p99": row.time("total_ns").p99 as f64 / 1e6,
+            // What missed a pair of the boxes, or was not checked, is not drawn.
+            "error %": percent(row.error()),
         });
         for stage in STAGES {
             let name =
@@ -108,7 +96,7 @@ fn readable(rows: &[AccuracyRow]) -> Table {
 /// Extra and missed pairs against the boxes', in percent.
 fn against(boxes: &AgainstBoxes) -> String {
     let text = |x: Option<f64>| x.map_or_else(|| "-".to_owned(), |x| format!("{:.3}", 100.0 * x));
-    let missed = AccuracyRow::ratio(boxes.missed, boxes.true_pairs).filter(|_| boxes.missed > 0);
+    let missed = ratio(boxes.missed, boxes.true_pairs).filter(|_| boxes.missed > 0);
     let minus = missed.map_or_else(String::new, |_| format!(" -{}", text(missed)));
     format!("+{}{minus}", text(boxes.extra_ratio))
 }
@@ -116,15 +104,17 @@ fn against(boxes: &AgainstBoxes) -> String {
 /// The page: plots, tables, and how to read them.
 fn page(report: &AccuracyReport) -> Vec<Part> {
     let AccuracyReport { machine, seed, rows, pareto, variants } = report;
-    let (settings, modes) = (settings(rows), modes(rows));
-    let near: Vec<AccuracyRow> = rows.iter().filter(|row| row.offset.is_none()).cloned().collect();
-    let near_settings = || settings.iter().filter(|setting| setting.offset.is_none());
-    let mut page = Vec::new();
+    let settings = settings(rows);
+    let (near, far): (Vec<AccuracyRow>, Vec<AccuracyRow>) =
+        rows.iter().cloned().partition(|row| row.offset.is_none());
+    let mut parts = vec![Part::heading(1, "Run time against error"), Part::text(missed(rows))];
+    parts.extend(machine.parts());
+    parts.push(Part::text(format!("Seed: {seed}.")));
     let mut add = |title: &str, text: &str, part: Part| {
-        page.extend([Part::heading(2, title), Part::text(text), part]);
+        parts.extend([Part::heading(2, title), Part::text(text), part]);
     };
     add(
-        "What to choose",
+        "What modes cost",
         "Modes against exact frames of the same scene, size and engine: a time below 1 is faster. \
          Extra pairs are reported though the boxes do not overlap, in percent of the pairs that do. \
          No mode may miss a pair.",
@@ -138,151 +128,109 @@ fn page(report: &AccuracyReport) -> Vec<Part> {
          nanosecond decides where all else is equal.",
         Part::Table(verdicts(&pareto.modes)),
     );
-    if !near.is_empty() {
-        add(
-            "Speed against error",
-            "Whole frame (boxes written, pairs found, every pair looked at), median, against extra \
-             pairs. The dashed line is the front of these two; a ring is worth its time only for the \
-             bytes that it saves; what is beaten in all three is grey, and what missed a pair is not \
-             drawn. Spheres are culled in the client's process and held to the exact overlaps of \
-             spheres; as stand-ins for boxes, which is what the plots show, their extra pairs are \
-             those that the boxes do not have. Spheres within the boxes lose pairs of boxes, and so \
-             are not on a front.",
-            Part::Plots(near_settings().map(|s| speed_against_error(s, &modes).svg()).collect()),
-        );
-    }
-    let far: Vec<AccuracyRow> = settings
-        .iter()
-        .filter(|setting| setting.offset.is_some())
-        .flat_map(|setting| setting.rows.iter().copied().cloned())
-        .collect();
     if !far.is_empty() {
         // A table of the two ways is clearer than plots.
+        let columns = ["scene", "n", "mode", "engine", "p50", "p99", "down", "true pairs"];
+        let columns = [&columns[..], &["missed", "extra", "extra %"]].concat();
         add(
             "Far from the origin",
             "The scene in a world of f64 coordinates, held to the exact overlaps in f64. `f64` sends \
              boxes relative to an origin among them, rounded outward; `plain-f32` rounds every \
              coordinate to the nearest f32, and is there as a warning. Of large scenes it is left \
              out: its pairs would be nearly all there are.",
-            Part::Table(readable(&far).only(&FAR_COLUMNS)),
+            Part::Table(readable(&far).only(&columns)),
         );
     }
     if !near.is_empty() {
+        let near_settings = settings.iter().filter(|setting| setting.offset.is_none());
+        let of_scenes = || in_order(near.iter().map(|row| row.scene.as_str())).into_iter();
+        let plots = |plots: Vec<Plot>| Part::Plots(plots.iter().map(Plot::svg).collect());
+        add(
+            "Speed against error",
+            "Whole frame (boxes written, pairs found, every pair looked at), median, ms, against extra \
+             pairs, %. The dashed line is the front of these two; what missed a pair is not drawn. \
+             Spheres are culled in the client's process, and stand for boxes: their extra pairs are \
+             those that the boxes do not have. Spheres within the boxes lose pairs of boxes.",
+            plots(near_settings.map(speed_against_error).collect()),
+        );
         add(
             "Scaling, with the papers beside",
-            "The papers' lines are theirs: their scenes, their machines, what they counted as a frame.",
-            Part::Plots(scaling(&near).iter().map(Plot::svg).collect()),
+            "The papers' lines are theirs: their scenes, their machines, what they counted as a frame. ms.",
+            plots(of_scenes().map(|scene| scaling(scene, &near)).collect()),
         );
-        add(
-            "Percentiles",
-            "Lines through the medians, bars up to the 99th percentiles.",
-            Part::Plots(percentiles(&near, &modes).iter().map(Plot::svg).collect()),
-        );
+        let over_n = |y: &[&str], by: &[&str]| {
+            let of = |scene| {
+                let here = near.iter().filter(|row| row.scene == scene).cloned();
+                let table = readable(&here.collect::<Vec<_>>());
+                let title = format!("{scene}: {}", y.join(", "));
+                Plot { title, ..Plot::of(&table, "n", y, by, Look::Line) }
+            };
+            plots(of_scenes().map(of).collect())
+        };
+        add("Percentiles", "Whole frames, ms.", over_n(&["p50", "p99"], &["mode", "asked"]));
         add(
             "Where the time goes",
-            "Medians of the stages; medians do not add up exactly. \"The way\" is the round trip \
-             without the engine: the transport and both sides' waiting.",
-            Part::Plots(near_settings().map(|s| stages(s, &settings).svg()).collect()),
+            "Medians of the stages, ms; they do not add up exactly. What the round trip has beside the \
+             engine is the transport and both sides' waiting.",
+            over_n(&PARTS, &["mode", "asked"]),
         );
     }
     if !variants.is_empty() {
+        let table = Table::of(variants);
+        let plot = Plot::of(
+            &table,
+            "wrong_share",
+            &["ps_per_pair"],
+            &["variant", "n", "processor"],
+            Look::Points,
+        );
         add(
             "From a pair's number to the pair",
             "The papers' mapping functions (Avril et al. 2012, §3) and others: time against the share \
              of numbers that become another pair or none, each of which is a pair missed or tested \
              twice. None of them serves a client.",
-            Part::Plots(mapping(variants).iter().map(Plot::svg).collect()),
+            Part::Plots(vec![plot.with_front().svg()]),
         );
-        add("All mapping functions", "", Part::Table(Table::of(variants)));
+        add("All mapping functions", "", Part::Table(table));
     }
     add("All rows", "Times are medians, ms.", Part::Table(readable(rows).only(&TEXT_COLUMNS)));
     add("All figures of all rows", "", Part::Table(Table::of(rows)));
-    let mut parts = vec![Part::heading(1, "Run time against error"), Part::text(missed(rows))];
-    parts.extend(machine.parts());
-    parts.push(Part::text(format!("Seed: {seed}.")));
-    parts.extend(page);
     parts
 }
 
 /// The first sentence of the page.
 fn missed(rows: &[AccuracyRow]) -> String {
     let sum = |of: fn(&AccuracyRow) -> u64| rows.iter().map(of).sum::<u64>();
-    let [missed, checked, pairs] =
-        [sum(|row| row.missed), sum(|row| row.checked_frames), sum(|row| row.true_pairs)];
-    match (checked, missed) {
+    let checked = sum(|row| row.checked_frames);
+    match (checked, sum(|row| row.missed)) {
         (0, _) => "**No frame was checked**: what is missed and extra is not known.".to_owned(),
         (_, 0) => {
-            format!(
-                "**No pair was missed** in {checked} checked frames with {pairs} overlapping pairs."
-            )
+            let pairs = sum(|row| row.true_pairs);
+            let frames = format!("in {checked} checked frames with {pairs} overlapping pairs");
+            format!("**No pair was missed** {frames}.")
         }
-        _ => format!("**{missed} pairs were missed** in {checked} checked frames."),
+        (_, missed) => format!("**{missed} pairs were missed** in {checked} checked frames."),
     }
 }
 
-/// What each kind of mode is for: the case in which it is the one to choose.
-const USES: [(&str, &str); 8] = [
-    ("exact", "in doubt. No pair is extra, and nothing else is to be known about the scene."),
-    (
-        "q16",
-        "boxes cross a slow link to a GPU and the scene's bounds are known: half the bytes, hardly an extra pair.",
-    ),
-    (
-        "q8",
-        "a coarse first filter is enough, and pairs are tested again: a quarter of the bytes, many extra pairs.",
-    ),
-    ("f16", "as q16 where no bounds are known; finest near the origin."),
-    (
-        "margin",
-        "boxes move little from frame to frame: most frames are answered by the mask of an earlier one.",
-    ),
-    ("f64", "the world is wider than f32 can tell apart: coordinates in f64, far from the origin."),
-    ("plain-f32", "never. It shows what rounding a wide world to f32 does."),
-    ("spheres", "objects are round, or tested as spheres anyway."),
-];
-
-/// Every mode with its use, beside its cost and gain in these rows.
+/// Every mode with its cost and gain in these rows.
 fn choices(rows: &[AccuracyRow]) -> Table {
-    let head = ["choose", "when", "frame time, exact = 1", "extra pairs, at most", "bytes a box"];
-    let settings = settings(rows);
     let line = |mode: &String| {
         let its = || rows.iter().filter(|row| row.mode_text() == *mode);
-        let kind = its().next().map_or("", |row| row.mode.as_str());
-        let mut ratios = Vec::new();
-        let (mut faster, mut of) = (0, 0);
-        for setting in &settings {
-            let here = setting.rows.iter().filter(|row| row.mode_text() == *mode);
-            let here: Vec<f64> = here.filter_map(|row| against_exact(row, rows)).collect();
-            faster += usize::from(here.iter().any(|ratio| *ratio < 1.0));
-            of += usize::from(!here.is_empty());
-            ratios.extend(here);
-        }
-        let mut when =
-            USES.iter().find(|(of_it, _)| *of_it == kind).map_or("", |use_| use_.1).to_owned();
-        if kind != "exact" && of > 0 {
-            let scenes = if of == 1 { "scene" } else { "scenes and sizes" };
-            when = format!("{when} Here it is faster than exact in {faster} of {of} {scenes}.");
-        }
-        ratios.sort_by(f64::total_cmp);
-        let text = |ratio: &f64| Unit::Ratio.text(*ratio);
-        let time = match (kind, &ratios[..]) {
-            ("exact", _) => "1".to_owned(),
-            (_, []) => "-".to_owned(),
-            (_, [one]) => text(one),
-            (_, [least, .., most]) if text(least) == text(most) => text(least),
-            (_, [least, .., most]) => format!("{} to {}", text(least), text(most)),
-        };
+        let ratios = || its().filter_map(|row| against_exact(row, rows));
+        let text = |ratio: Option<f64>| ratio.map_or("-".to_owned(), |x| Unit::Ratio.text(x));
         let errors = its().filter_map(AccuracyRow::error).max_by(f64::total_cmp);
-        let extra = match errors {
-            _ if its().any(|row| row.missed_of_boxes() > 0) => "misses pairs".to_owned(),
-            None => "not known".to_owned(),
-            Some(0.0) => "none".to_owned(),
-            Some(extra) => percent(extra),
+        let extra = if its().any(|row| row.missed_of_boxes() > 0) {
+            "misses pairs".to_owned()
+        } else {
+            text(errors.map(|share| 100.0 * share))
         };
         let largest = its().max_by_key(|row| row.n);
         let bytes = largest.and_then(|row| row.bytes_up.checked_div(u64::from(row.n)));
-        [mode.clone(), when, time, extra, bytes.map_or("-".to_owned(), |b| b.to_string())]
+        let (least, most) = (ratios().reduce(f64::min), ratios().reduce(f64::max));
+        [mode.clone(), text(least), text(most), extra, text(bytes.map(|bytes| bytes as f64))]
     };
+    let head = ["mode", "frame time, exact = 1, from", "to", "extra %, at most", "bytes a box"];
     Table::of_texts(head, modes(rows).iter().map(line))
 }
 
@@ -298,192 +246,37 @@ fn against_exact(row: &AccuracyRow, rows: &[AccuracyRow]) -> Option<f64> {
 
 fn verdicts(modes: &[ModeVerdict]) -> Table {
     let line = |verdict: &ModeVerdict| {
-        let at = match verdict.on_front {
+        let ModeVerdict { mode, settings, disqualified, on_front, at } = verdict;
+        let at = match *on_front {
             0 => "nowhere".to_owned(),
-            on_front if on_front == verdict.settings => "everywhere".to_owned(),
-            _ => verdict.at.join("; "),
+            on_front if on_front == *settings => "everywhere".to_owned(),
+            _ => at.join("; "),
         };
-        let at = match verdict.disqualified {
-            0 => at,
-            n => format!("{at} (missed pairs or was not checked in {n})"),
-        };
-        [verdict.mode.clone(), verdict.settings.to_string(), verdict.on_front.to_string(), at]
+        let numbers = [settings, on_front, disqualified].map(u64::to_string);
+        let [settings, on_front, disqualified] = numbers;
+        [mode.clone(), settings, on_front, disqualified, at]
     };
-    let head = ["mode", "scenes and sizes", "on the front", "where"];
+    let head = ["mode", "settings", "on the front", "missed pairs or not checked in", "where"];
     Table::of_texts(head, modes.iter().map(line))
 }
 
-fn percent(share: f64) -> String {
-    format!("{} %", Unit::Ratio.text(100.0 * share))
+fn speed_against_error(setting: &Setting<'_>) -> Plot {
+    let rows: Vec<AccuracyRow> = setting.rows.iter().copied().cloned().collect();
+    let plot = Plot::of(&readable(&rows), "error %", &["p50"], &["mode"], Look::Points);
+    Plot { title: setting.title(), ..plot.with_front() }
 }
 
-/// A plot of times, or of times a pair.
-fn plot(title: String, x: Axis, y: &str, series: Vec<Series>) -> Plot {
-    Plot { title, x, y: Axis::new(y, Unit::Nanoseconds), series, level: None }
-}
-
-/// Points with their Pareto front: what is beaten on both axes and by the hidden cost is grey, what the hidden cost
-/// alone saves is a ring. The front is a staircase: between two of its points the left one is the best known.
-fn with_front(groups: Vec<Series>, hidden: &[f64]) -> Vec<Series> {
-    let all: Vec<[f64; 2]> =
-        groups.iter().flat_map(|group| &group.points).map(|point| [point.x, point.y]).collect();
-    let costs: Vec<[f64; 3]> = all.iter().zip(hidden).map(|([x, y], h)| [*x, *y, *h]).collect();
-    let mut standings = pareto_front(&all).into_iter().zip(pareto_front(&costs));
-    let mut front = Vec::new();
-    let mut series = Vec::new();
-    for mut group in groups {
-        for (point, (on_line, wins)) in group.points.iter_mut().zip(&mut standings) {
-            point.is_faded = !wins;
-            point.is_hollow = wins && !on_line;
-            front.extend(on_line.then_some((point.x, point.y)));
-        }
-        series.push(group);
-    }
-    front.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
-    let mut corners: Vec<(f64, f64)> = Vec::new();
-    for (x, y) in front {
-        corners.extend(corners.last().map(|(_, above)| (x, *above)));
-        corners.push((x, y));
-    }
-    series.insert(0, Series::line("", 0, Look::Front, &corners));
-    series
-}
-
-/// Speed against error in one setting. Bytes up are the hidden cost. `all` are the modes of the report,
-/// which give each its colour.
-fn speed_against_error(setting: &Setting<'_>, all: &[String]) -> Plot {
-    let mut hidden = Vec::new();
-    let mut groups = Vec::new();
-    for (colour, mode) in all.iter().enumerate() {
-        let mut points = Vec::new();
-        for row in setting.rows.iter().filter(|row| row.mode_text() == *mode) {
-            let Some([y, x, bytes]) = costs(row) else { continue };
-            points.push(Point { x, y, tag: mode.clone(), ..Point::default() });
-            hidden.push(bytes);
-        }
-        if !points.is_empty() {
-            groups.push(Series { name: mode.clone(), colour, look: Look::Points, points });
-        }
-    }
-    let x = Axis::new("extra pairs for each true pair", Unit::Ratio);
-    plot(setting.title(), x, "whole frame, p50", with_front(groups, &hidden))
-}
-
-/// Families of the papers' mapping functions, by the beginnings of their names. The others search, fold
-/// or divide, with integers alone.
-const FAMILIES: [(&str, &str); 6] = [
-    ("closed sqrt", "square root"),
-    ("closed carmack", "Carmack's root"),
-    ("closed lomont", "Lomont's root"),
-    ("closed integer", "root of an integer"),
-    ("far-end", "root from the far end"),
-    ("", "integers alone"),
-];
-
-/// Speed against error of the ways to turn a pair's number into the pair: a plot for each n and processor.
-fn mapping(rows: &[VariantRow]) -> Vec<Plot> {
-    let mut settings: BTreeMap<(&str, u32), Vec<&VariantRow>> = BTreeMap::new();
-    for row in rows {
-        settings.entry((&row.processor, row.n)).or_default().push(row);
-    }
-    let drawn = |((processor, n), rows): ((&str, u32), Vec<&VariantRow>)| {
-        let family = |row: &VariantRow| {
-            FAMILIES.iter().position(|(start, _)| row.variant.starts_with(start))
-        };
-        let group = |(colour, (_, name)): (usize, &(&str, &str))| {
-            let its = rows.iter().filter(|row| family(row) == Some(colour));
-            let point = |row: &&VariantRow| {
-                let (x, y) = (row.wrong_share, row.ps_per_pair? / 1e3);
-                Some(Point { x, y, tag: row.variant.clone(), ..Point::default() })
-            };
-            let points = its.filter_map(point).collect();
-            Series { name: (*name).to_owned(), colour, look: Look::Points, points }
-        };
-        let groups: Vec<Series> = FAMILIES.iter().enumerate().map(group).collect();
-        let processor = if processor == "gpu" { "GPU" } else { "one thread of the CPU" };
-        let title = format!("{} boxes, {processor}", Unit::Count.text(f64::from(n)));
-        let x = Axis::new("share of pair numbers that become another pair", Unit::Ratio);
-        let mut series = with_front(groups, &vec![0.0; rows.len()]);
-        // Names beside all of them would hide the points.
-        let points = series.iter_mut().flat_map(|series| &mut series.points);
-        points.filter(|point| point.is_faded).for_each(|point| point.tag.clear());
-        plot(title, x, "time a pair", series)
-    };
-    settings.into_iter().map(drawn).collect()
-}
-
-/// Points over n, in order.
-fn over_n<'a>(
-    rows: impl Iterator<Item = &'a AccuracyRow>,
-    high: impl Fn(&AccuracyRow) -> Option<f64>,
-) -> Vec<Point> {
-    let point = |row: &AccuracyRow| {
-        let (x, y) = (f64::from(row.n), row.p50() as f64);
-        Point { x, y, high: high(row), ..Point::default() }
-    };
-    let mut points: Vec<Point> = rows.map(point).collect();
-    points.sort_by(|a, b| a.x.total_cmp(&b.x));
-    points
-}
-
-/// Exact frames of each scene over n, a line an engine, beside the papers'.
-fn scaling(rows: &[AccuracyRow]) -> Vec<Plot> {
-    let exact = || rows.iter().filter(|row| row.mode == "exact");
-    let drawn = |scene: &str| {
-        let engine = |row: &AccuracyRow| format!("{}, {}", row.engine, row.backend);
-        let here = || exact().filter(|row| row.scene == scene);
-        let engines = in_order(here().map(engine)).into_iter().enumerate();
-        let ours = engines.map(|(colour, name)| {
-            let points = over_n(here().filter(|row| engine(row) == name), |_| None);
-            Series { name, colour, look: Look::Line, points }
-        });
-        let papers = papers::lines().map(|(name, line)| Series::line(name, 0, Look::Others, line));
-        let x = Axis::new("boxes", Unit::Count);
-        plot(format!("{scene}, exact"), x, "whole frame, p50", ours.chain(papers).collect())
-    };
-    in_order(exact().map(|row| row.scene.as_str())).into_iter().map(drawn).collect()
-}
-
-/// Percentiles of each scene over n by each engine, a line a mode with a bar up from each point. `all` are the modes
-/// of the report, which give each its colour.
-fn percentiles(rows: &[AccuracyRow], all: &[String]) -> Vec<Plot> {
-    let key = |row: &AccuracyRow| (row.scene.clone(), row.engine.clone());
-    let drawn = |(scene, engine): (String, String)| {
-        let line = |(colour, mode): (usize, &String)| {
-            let its = rows.iter().filter(|row| {
-                row.scene == scene && row.engine == engine && row.mode_text() == *mode
-            });
-            let points = over_n(its, |row| Some(row.time("total_ns").p99 as f64));
-            Series { name: mode.clone(), colour, look: Look::Line, points }
-        };
-        let lines = all.iter().enumerate().map(line).filter(|line| !line.points.is_empty());
-        let (title, x) = (format!("{scene}, engine {engine}"), Axis::new("boxes", Unit::Count));
-        plot(title, x, "whole frame, p50 to p99", lines.collect())
-    };
-    in_order(rows.iter().map(key)).into_iter().map(drawn).collect()
-}
-
-/// Medians of the stages in one setting, a bar for every row. The bars of the same scene in f64,
-/// far from the origin, follow below. Plain rounding is left out: it is no valid mode, and its bars
-/// would dwarf the others.
-fn stages(setting: &Setting<'_>, all: &[Setting<'_>]) -> Bars {
-    let is_same = |other: &&Setting<'_>| (other.scene, other.n) == (setting.scene, setting.n);
-    let far = all.iter().filter(is_same).filter(|other| other.offset.is_some());
-    let far = far.flat_map(|other| &other.rows).filter(|row| row.mode == "f64");
-    let bar = |row: &&AccuracyRow| {
-        let p50 = |stage: &str| row.time(stage).p50;
-        let way = p50("round_trip_ns").saturating_sub(p50("engine_ns"));
-        let mut values: Vec<f64> = STAGES[..5].iter().map(|stage| p50(stage) as f64).collect();
-        values.extend([way, p50("decode_ns")].map(|ns| ns as f64));
-        (format!("{} {}", row.mode_text(), row.engine), values)
-    };
-    let parts = ["fill", "ingest", "plan", "execute", "publish", "the way", "decode"];
-    Bars {
-        title: setting.title(),
-        parts: parts.map(str::to_owned).to_vec(),
-        unit: Unit::Nanoseconds,
-        bars: setting.rows.iter().chain(far).map(bar).collect(),
-    }
+/// Exact frames of a scene over n, a line an engine, beside the papers'.
+fn scaling(scene: &str, rows: &[AccuracyRow]) -> Plot {
+    let exact = rows.iter().filter(|row| row.mode == "exact" && row.scene == scene).cloned();
+    let table = readable(&exact.collect::<Vec<_>>());
+    let mut plot = Plot::of(&table, "n", &["p50"], &["asked", "backend"], Look::Line);
+    plot.title = format!("{scene}, exact");
+    plot.series.extend(papers::lines().map(|(name, line)| {
+        let line: Vec<_> = line.iter().map(|(n, ns)| (*n, ns / 1e6)).collect();
+        Series::line(name, 0, Look::Others, &line)
+    }));
+    plot
 }
 
 #[cfg(test)]
@@ -504,12 +297,11 @@ mod tests {
     fn lines_have_as_many_fields_as_the_head_and_text_all_columns() {
         let boxes = AgainstBoxes { true_pairs: 100, missed: 2, extra: 7, extra_ratio: Some(0.07) };
         let spheres = AccuracyRow {
-            mode: "spheres".to_owned(),
             margin: None,
             spheres: Some("inscribed".to_owned()),
             extra_ratio: None,
             against_boxes: Some(boxes),
-            ..row()
+            ..of_mode("spheres", 500_000, 0, 0)
         };
         let mut report = report(vec![row(), spheres]);
         report.variants = vec![variants::tests::row("lazy", 1.5, 0.0)];
@@ -518,20 +310,14 @@ mod tests {
         assert_eq!(counts, [42; 3]);
         assert!(csv.contains(",times.total_ns.p50,times.total_ns.p99,"), "{csv}");
         let text = markdown(&report.parts());
-        for part in [
-            "margin=0.1",
-            "40/200",
-            "spheres=inscribed",
-            "+7.000 -2.000",
-            "lazy",
-            "Nowhere on it: spheres",
-        ] {
+        let parts = ["margin=0.1", "40/200", "spheres=inscribed", "+7.000 -2.000", "lazy"];
+        for part in parts.into_iter().chain(["Nowhere on it: spheres"]) {
             assert!(text.contains(part), "{part}: {text}");
         }
     }
 
     #[test]
-    fn a_page_loads_nothing_and_says_what_it_ran_on() {
+    fn a_page_loads_nothing_and_tells_what_was_missed_first() {
         let page = page_of(vec![of_mode("exact", 2000, 0, 0), of_mode("q16", 1000, 3, 0)]);
         let without_namespace = page.replace("xmlns=\"http://www.w3.org/2000/svg\"", "");
         for outside in ["http:", "https:", "src=", "href=", "url(", "@import", "<script"] {
@@ -539,15 +325,11 @@ mod tests {
         }
         // Speed against error, scaling, percentiles and stages of the one setting; the mapping functions.
         assert_eq!(page.matches("<svg").count(), 5);
-        assert!(page.contains("No pair was missed"));
+        assert!(page.contains("No pair was missed") && page.contains(">0.5<"), "{page}");
         assert!(page.contains("bench &lt;accuracy&gt;"), "the command is escaped");
-        assert!(page.contains(pairmaskd::cli::build::COMMIT));
-    }
-
-    #[test]
-    fn a_missed_pair_is_told_first_and_worlds_have_a_table_and_no_empty_plots() {
         let rows = vec![of_mode("exact", 2000, 0, 0), of_mode("q16", 1000, 3, 1)];
-        assert!(page_of(rows).contains("1 pairs were missed"));
+        let missing = page_of(rows);
+        assert!(missing.contains("1 pairs were missed") && missing.contains("misses pairs"));
         let unchecked = AccuracyRow { checked_frames: 0, ..of_mode("exact", 2000, 0, 0) };
         let unchecked = page_of(vec![unchecked]);
         assert!(unchecked.contains("No frame was checked") && !unchecked.contains("No pair was"));
@@ -557,32 +339,5 @@ mod tests {
         for absent in ["Speed against error", "Scaling", "Percentiles", "Where the time goes"] {
             assert!(!page.contains(absent), "{absent}");
         }
-    }
-
-    #[test]
-    fn a_mode_is_held_against_exact_frames_of_its_scene_size_and_engine() {
-        let large = |mode: &str, p50| AccuracyRow { n: 5000, ..of_mode(mode, p50, 5, 0) };
-        let rows = [
-            of_mode("exact", 2000, 0, 0),
-            of_mode("q16", 1000, 3, 0),
-            large("exact", 1000),
-            large("q16", 1500),
-            of_mode("q8", 4000, 3, 2),
-        ];
-        let text = choices(&rows).markdown();
-        for part in ["misses pairs", "0.5 to 1.5", "faster than exact in 1 of 2", "in doubt"] {
-            assert!(text.contains(part), "{part}: {text}");
-        }
-    }
-
-    #[test]
-    fn beaten_points_are_grey_and_the_front_passes_the_others() {
-        let points = [(0.0, 100.0), (0.1, 200.0), (0.1, 300.0), (0.2, 50.0)];
-        let group = Series::line("g", 0, Look::Points, &points);
-        let [front, group] = &with_front(vec![group], &[9.0, 9.0, 8.0, 9.0])[..] else { panic!() };
-        let marks: Vec<_> = group.points.iter().map(|p| (p.is_faded, p.is_hollow)).collect();
-        assert_eq!(marks, [(false, false), (true, false), (false, true), (false, false)]);
-        let corners: Vec<_> = front.points.iter().map(|p| (p.x, p.y)).collect();
-        assert_eq!(corners, [(0.0, 100.0), (0.2, 100.0), (0.2, 50.0)]);
     }
 }

@@ -1,6 +1,6 @@
 //! The figures of the accuracy study, as written to JSON and read back for comparison.
 //!
-//! Fields may be added, never changed or taken away. Times are integers, nanoseconds.
+//! Fields may be added, never changed or taken away. `README.md` says what they mean.
 
 use std::collections::BTreeMap;
 
@@ -11,43 +11,22 @@ use super::truth::Difference;
 use super::variants::VariantRow;
 use crate::study::harness::machine::Machine;
 
-/// The results of one run of the study.
+/// The results of one run of the study. Reports of earlier versions have no `pareto` and no `variants`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct AccuracyReport {
-    /// The machine, and the command line.
     pub machine: Machine,
-    /// Seed of the scenes.
     pub seed: u64,
-    /// One for every scene, n, mode and engine.
     pub rows: Vec<AccuracyRow>,
-    /// Which modes are worth having, by the rows. Absent in reports of earlier versions.
     #[serde(default)]
     pub pareto: Pareto,
-    /// One for every way to turn a pair's number into the pair, n and processor. None of these ways
-    /// serves a client. Absent in reports of earlier versions.
     #[serde(default)]
     pub variants: Vec<VariantRow>,
-}
-
-impl AccuracyReport {
-    /// A report of rows, with what follows from them.
-    pub fn new(
-        machine: Machine,
-        seed: u64,
-        rows: Vec<AccuracyRow>,
-        variants: Vec<VariantRow>,
-    ) -> Self {
-        let pareto = Pareto::of(&rows);
-        Self { machine, seed, rows, pareto, variants }
-    }
 }
 
 /// Percentiles of a time, ns.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Percentiles {
-    /// Half of the frames took no longer.
     pub p50: u64,
-    /// All but one frame in a hundred took no longer.
     pub p99: u64,
 }
 
@@ -81,68 +60,50 @@ pub const STAGES: [&str; 9] = [
 /// One scene of n boxes in motion, culled in one mode by one engine.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct AccuracyRow {
-    /// Name of the scene.
     pub scene: String,
-    /// Boxes.
     pub n: u32,
-    /// The mode: `exact`, `q16`, `q8`, `f16`, `margin`, `f64`, `plain-f32` or `spheres`.
     pub mode: String,
-    /// Of the mode `margin`: how far boxes are inflated, in units of the scene; else null.
     pub margin: Option<f64>,
-    /// Of the modes `f64` and `plain-f32`: how far from the origin the scene lies, in units; else
-    /// null.
     pub offset: Option<f64>,
-    /// Of the mode `spheres`: `circumscribed` or `inscribed`; else null.
     pub spheres: Option<String>,
-    /// Where the pairs were found: `daemon` or `in-process`.
     pub backend: String,
-    /// The engine that was asked for, `auto` where the plan chose.
     pub engine: String,
-    /// The engine that answered the last frame.
     pub served_by_engine: String,
-    /// Frames that were timed.
     pub frames: u64,
-    /// Frames for which a request was made; the others were answered by a kept mask.
     pub requests: u64,
-    /// Times of [`STAGES`] over all timed frames, those without a request included.
     pub times: BTreeMap<String, Percentiles>,
-    /// Bytes of the boxes of one request.
     pub bytes_up: u64,
-    /// Bytes of the mask of one request, the mean over all of them.
     pub bytes_down: u64,
-    /// Frames whose pairs were compared with the exact ones.
     pub checked_frames: u64,
-    /// Exact pairs in those frames: of the boxes; of `f64` and `plain-f32` the boxes in f64; of
-    /// `spheres` the spheres.
     pub true_pairs: u64,
-    /// Exact pairs that were not reported. Anything but 0 disqualifies the mode.
     pub missed: u64,
-    /// Reported pairs that are not exact ones.
     pub extra: u64,
-    /// `extra / true_pairs`, 0 where both are 0; null where only `true_pairs` is.
     pub extra_ratio: Option<f64>,
-    /// Of the mode `spheres`: the same frames against the pairs of the scene's boxes; else null.
     pub against_boxes: Option<AgainstBoxes>,
-    /// Resident memory of client and daemon together at the end of the row, bytes.
     pub memory_bytes: u64,
 }
 
 /// Pairs of objects that stand for boxes, against the boxes' pairs.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct AgainstBoxes {
-    /// The boxes' pairs.
     pub true_pairs: u64,
-    /// Pairs of the boxes that were not reported.
     pub missed: u64,
-    /// Reported pairs that are not the boxes'.
     pub extra: u64,
-    /// `extra / true_pairs`, as in [`AccuracyRow::extra_ratio`].
     pub extra_ratio: Option<f64>,
 }
 
 impl From<Difference> for AgainstBoxes {
     fn from(Difference { true_pairs, missed, extra }: Difference) -> Self {
-        Self { true_pairs, missed, extra, extra_ratio: AccuracyRow::ratio(extra, true_pairs) }
+        Self { true_pairs, missed, extra, extra_ratio: ratio(extra, true_pairs) }
+    }
+}
+
+/// `extra / true_pairs` where that is a number.
+pub fn ratio(extra: u64, true_pairs: u64) -> Option<f64> {
+    match (extra, true_pairs) {
+        (0, _) => Some(0.0),
+        (_, 0) => None,
+        _ => Some(extra as f64 / true_pairs as f64),
     }
 }
 
@@ -152,14 +113,8 @@ impl AccuracyRow {
         self.times.get(stage).copied().unwrap_or_default()
     }
 
-    /// Median of the whole frame, ns.
     pub fn p50(&self) -> u64 {
         self.time("total_ns").p50
-    }
-
-    /// The key by which rows of two reports are matched.
-    pub fn key(&self) -> (&str, u32, String, &str, &str) {
-        (&self.scene, self.n, self.mode_text(), &self.backend, &self.engine)
     }
 
     /// The mode as the command line has it.
@@ -186,19 +141,10 @@ impl AccuracyRow {
         self.missed + self.against_boxes.map_or(0, |boxes| boxes.missed)
     }
 
-    /// Name of the row, for messages.
+    /// Name of the row, for messages, and by which rows of two reports are matched.
     pub fn name(&self) -> String {
         let Self { scene, n, backend, engine, .. } = self;
         format!("{scene} {n} {} {backend} {engine}", self.mode_text())
-    }
-
-    /// `extra / true_pairs` where that is a number.
-    pub fn ratio(extra: u64, true_pairs: u64) -> Option<f64> {
-        match (extra, true_pairs) {
-            (0, _) => Some(0.0),
-            (_, 0) => None,
-            _ => Some(extra as f64 / true_pairs as f64),
-        }
     }
 }
 
@@ -209,10 +155,21 @@ pub(super) mod tests {
     /// A row with a number everywhere.
     pub fn row() -> AccuracyRow {
         AccuracyRow {
+            margin: Some(0.1),
+            times: totals(500_000, 1_500_000),
+            true_pairs: 4000,
+            extra_ratio: ratio(100, 4000),
+            ..of_mode("margin", 0, 100, 0)
+        }
+    }
+
+    /// A row of a mode without a number, of 1,000 true pairs.
+    pub fn of_mode(mode: &str, p50: u64, extra: u64, missed: u64) -> AccuracyRow {
+        AccuracyRow {
             scene: "uniform".to_owned(),
             n: 1000,
-            mode: "margin".to_owned(),
-            margin: Some(0.1),
+            mode: mode.to_owned(),
+            margin: None,
             offset: None,
             spheres: None,
             backend: "daemon".to_owned(),
@@ -220,30 +177,16 @@ pub(super) mod tests {
             served_by_engine: "cpu-grid".to_owned(),
             frames: 200,
             requests: 40,
-            times: totals(500_000, 1_500_000),
+            times: totals(p50, 2 * p50),
             bytes_up: 24_000,
             bytes_down: 12_000,
             checked_frames: 4,
-            true_pairs: 4000,
-            missed: 0,
-            extra: 100,
-            extra_ratio: AccuracyRow::ratio(100, 4000),
-            against_boxes: None,
-            memory_bytes: 1 << 30,
-        }
-    }
-
-    /// A row of a mode without a number, of 1,000 true pairs.
-    pub fn of_mode(mode: &str, p50: u64, extra: u64, missed: u64) -> AccuracyRow {
-        AccuracyRow {
-            mode: mode.to_owned(),
-            margin: None,
-            times: totals(p50, 2 * p50),
             true_pairs: 1000,
             missed,
             extra,
-            extra_ratio: AccuracyRow::ratio(extra, 1000),
-            ..row()
+            extra_ratio: ratio(extra, 1000),
+            against_boxes: None,
+            memory_bytes: 1 << 30,
         }
     }
 
@@ -256,7 +199,8 @@ pub(super) mod tests {
     }
 
     pub fn report(rows: Vec<AccuracyRow>) -> AccuracyReport {
-        AccuracyReport::new(Machine::here(None), 1, rows, Vec::new())
+        let (machine, pareto) = (Machine::here(None), Pareto::of(&rows));
+        AccuracyReport { machine, seed: 1, rows, pareto, variants: Vec::new() }
     }
 
     #[test]
@@ -276,7 +220,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn spheres_are_judged_by_the_boxes_and_a_missed_pair_by_nothing() {
+    fn spheres_are_judged_by_the_boxes_a_missed_pair_by_nothing_and_percentiles_are_measured() {
         let boxes = AgainstBoxes { true_pairs: 10, missed: 0, extra: 5, extra_ratio: Some(0.5) };
         assert_eq!(row().error(), Some(0.025));
         let with = |against_boxes| AccuracyRow { against_boxes, ..row() }.error();
@@ -284,16 +228,8 @@ pub(super) mod tests {
         assert_eq!(with(Some(AgainstBoxes { missed: 1, ..boxes })), None);
         assert_eq!(AccuracyRow { missed: 1, ..row() }.error(), None);
         assert_eq!(AccuracyRow { checked_frames: 0, ..row() }.error(), None);
-        assert_eq!(
-            [(0, 0), (1, 0), (1, 4)].map(|(extra, of)| AccuracyRow::ratio(extra, of)),
-            [Some(0.0), None, Some(0.25)]
-        );
-    }
-
-    #[test]
-    fn percentiles_are_measured_times() {
+        assert_eq!((ratio(0, 0), ratio(1, 0), ratio(1, 4)), (Some(0.0), None, Some(0.25)));
         assert_eq!(Percentiles::of(vec![]), Percentiles::default());
-        assert_eq!(Percentiles::of(vec![7]), Percentiles { p50: 7, p99: 7 });
         let hundred: Vec<u64> = (1..=100).rev().collect();
         assert_eq!(Percentiles::of(hundred), Percentiles { p50: 50, p99: 99 });
     }

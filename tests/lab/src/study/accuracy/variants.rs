@@ -4,14 +4,14 @@
 //! These ways serve no client: production is exact for every n. The mapping study
 //! ([`crate::study::mapping`]) has all their figures; an accuracy report shows this part.
 
-use std::fmt;
 use std::str::FromStr;
 
 use pairmask_core::BoxCount;
 use pairmaskd::execute::gpu::{Checks, GpuChoice};
 use serde::{Deserialize, Serialize};
 
-use crate::study::harness::{StudyError, open_if_any};
+use crate::Result;
+use crate::study::harness::open_if_any;
 use crate::study::mapping::errors::Coverage;
 use crate::study::mapping::gpu::Bench;
 use crate::study::mapping::stage::Variant;
@@ -19,92 +19,46 @@ use crate::study::mapping::{
     MapTimeRow, PairErrorRow, Plan, Processor, Scope, map_times, pair_errors,
 };
 
-/// A value of `--mapping`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum VariantChoice {
-    /// Every way.
-    All,
-    /// No way.
-    None,
-    /// One way.
-    Only(Variant),
-}
+/// A value of `--mapping`: all, none, or the name of a way.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Ways(Vec<Variant>);
 
-impl VariantChoice {
-    fn has(self, variant: Variant) -> bool {
-        self == Self::All || self == Self::Only(variant)
-    }
-}
+impl FromStr for Ways {
+    type Err = String;
 
-impl fmt::Display for VariantChoice {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::All => f.write_str("all"),
-            Self::None => f.write_str("none"),
-            Self::Only(variant) => variant.fmt(f),
+    fn from_str(s: &str) -> Result<Self, String> {
+        let is_meant = |variant: &Variant| s == "all" || variant.to_string() == s;
+        let ways: Vec<Variant> = Variant::all().filter(is_meant).collect();
+        if ways.is_empty() && s != "none" {
+            return Err(format!(
+                "'{s}' is no way to map pairs: choose all, none, or names of `mapping`, such as far-end, \
+                 lazy or 'closed sqrt corrected'"
+            ));
         }
-    }
-}
-
-/// A name that is no way.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error(
-    "'{0}' is no way to map pairs: choose all, none, or names of `mapping`, such as far-end, lazy or 'closed sqrt corrected'"
-)]
-pub struct UnknownVariant(String);
-
-impl FromStr for VariantChoice {
-    type Err = UnknownVariant;
-
-    fn from_str(s: &str) -> Result<Self, UnknownVariant> {
-        match s {
-            "all" => Ok(Self::All),
-            "none" => Ok(Self::None),
-            _ => Variant::all()
-                .find(|variant| variant.to_string() == s)
-                .map(Self::Only)
-                .ok_or_else(|| UnknownVariant(s.to_owned())),
-        }
+        Ok(Self(ways))
     }
 }
 
 /// One way for n boxes on one processor.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct VariantRow {
-    /// The way.
     pub variant: String,
-    /// Boxes.
     pub n: u32,
-    /// `cpu` (one thread) or `gpu`.
     pub processor: String,
-    /// Time a pair, picoseconds; null where the device cannot run it.
     pub ps_per_pair: Option<f64>,
-    /// Whether every number was checked; else a sample, and the first and last of every row.
     pub is_complete: bool,
-    /// Numbers that were checked in the sample.
     pub ids: u64,
-    /// Checked numbers that become another pair, or none.
     pub wrong: u64,
-    /// Share of wrong numbers; at least that of the ends of rows, where errors begin.
     pub wrong_share: f64,
-    /// Bounds of the share of pairs that no number becomes: least and greatest.
     pub missed_share: [f64; 2],
-    /// Largest distance of a wrong row from its own.
     pub largest_row_error: u64,
 }
 
 /// Measures the ways that are chosen at every n of 2 boxes or more, on the CPU and on the GPU of the
 /// choice, if there is one.
-///
-/// # Errors
-/// [`StudyError`].
-pub fn measure(
-    choices: &[VariantChoice],
-    sizes: &[u32],
-    gpu: &GpuChoice,
-) -> Result<Vec<VariantRow>, StudyError> {
+pub fn measure(ways: &[Ways], sizes: &[u32], gpu: &GpuChoice) -> Result<Vec<VariantRow>> {
     let variants: Vec<Variant> = Variant::all()
-        .filter(|variant| choices.iter().any(|choice| choice.has(*variant)))
+        .filter(|variant| ways.iter().any(|Ways(ways)| ways.contains(variant)))
         .collect();
     let sizes: Vec<u32> = sizes.iter().copied().filter(|n| *n >= 2).collect();
     if variants.is_empty() || sizes.is_empty() {
@@ -174,15 +128,13 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn the_ways_that_are_chosen_are_measured() -> Result<(), StudyError> {
-        let choices = ["far-end", "closed carmack-1"].map(str::parse);
-        let choices: Vec<VariantChoice> = choices.into_iter().filter_map(Result::ok).collect();
-        let rows = measure(&choices, &[1, 3_000], &GpuChoice::None)?;
+    fn the_ways_that_are_chosen_are_measured() -> crate::Result<()> {
+        let of = |name: &str| name.parse::<Ways>().unwrap_or_else(|error| panic!("{error}"));
+        let ways = ["far-end", "closed carmack-1"].map(of);
+        let rows = measure(&ways, &[1, 3_000], &GpuChoice::None)?;
         let [newton, exact] = &rows[..] else { panic!("{rows:?}") };
-        assert_eq!(
-            (newton.variant.as_str(), exact.variant.as_str()),
-            ("closed carmack-1", "far-end")
-        );
+        let names = (newton.variant.as_str(), exact.variant.as_str());
+        assert_eq!(names, ("closed carmack-1", "far-end"));
         assert_eq!((exact.wrong, exact.missed_share), (0, [0.0; 2]));
         // The design's measured fact: one Newton step is wrong on 80 % of the numbers.
         assert!((0.75..0.85).contains(&newton.wrong_share) && newton.missed_share[0] > 0.0);
@@ -190,25 +142,12 @@ pub(super) mod tests {
             assert!(row.is_complete && row.ids == 4_498_500 && row.processor == "cpu", "{row:?}");
             assert!(row.ps_per_pair.is_some_and(|ps| ps > 0.0), "{row:?}");
         }
-        assert_eq!(measure(&[VariantChoice::None], &[10], &GpuChoice::None)?, []);
-        Ok(())
-    }
-
-    #[test]
-    fn errors_that_a_sample_passes_over_show_at_the_ends_of_rows() -> Result<(), StudyError> {
-        let choice =
-            VariantChoice::from_str("closed sqrt corrected").unwrap_or(VariantChoice::None);
-        let rows = measure(&[choice], &[100_000], &GpuChoice::None)?;
+        assert_eq!(measure(&[of("none")], &[10], &GpuChoice::None)?, []);
+        assert!("closed".parse::<Ways>().is_err());
+        // Errors that a sample passes over show at the ends of rows.
+        let rows = measure(&[of("closed sqrt corrected")], &[100_000], &GpuChoice::None)?;
         assert!(rows[0].wrong_share > 0.0 && !rows[0].is_complete, "{rows:?}");
         assert!(rows[0].missed_share[0] <= rows[0].missed_share[1], "{rows:?}");
         Ok(())
-    }
-
-    #[test]
-    fn names_parse_back() {
-        for choice in Variant::all().map(VariantChoice::Only).chain([VariantChoice::All]) {
-            assert_eq!(choice.to_string().parse(), Ok(choice));
-        }
-        assert!("closed".parse::<VariantChoice>().is_err());
     }
 }

@@ -11,23 +11,18 @@ use super::table::Table;
 pub enum Part {
     /// A heading: its level, from 1 on, and its text.
     Heading(u8, String),
-    /// A paragraph.
     Text(String),
-    /// Lines with a point before each.
     List(Vec<String>),
-    /// A table.
     Table(Table),
     /// Plots side by side, in HTML alone.
     Plots(Vec<String>),
 }
 
 impl Part {
-    /// A heading.
     pub fn heading(level: u8, text: impl Into<String>) -> Self {
         Self::Heading(level, text.into())
     }
 
-    /// A paragraph.
     pub fn text(text: impl Into<String>) -> Self {
         Self::Text(text.into())
     }
@@ -37,26 +32,21 @@ impl Part {
         Self::section_of(title, note, Table::of(rows))
     }
 
-    /// The same of a table.
     pub fn section_of(title: &str, note: &str, table: Table) -> Vec<Self> {
-        let is_there = |part: &Self| !matches!(part, Self::Text(text) if text.is_empty());
         if table.rows.is_empty() {
             return Vec::new();
         }
-        let parts = [Self::heading(2, title), Self::text(note), Self::Table(table)];
-        parts.into_iter().filter(is_there).collect()
+        vec![Self::heading(2, title), Self::text(note), Self::Table(table)]
     }
 }
 
-/// The parts as Markdown.
 pub fn markdown(parts: &[Part]) -> String {
     let text = |part: &Part| match part {
         Part::Heading(level, text) => format!("{} {text}\n", "#".repeat(usize::from(*level))),
-        Part::Text(text) => format!("{text}\n"),
-        Part::List(lines) if lines.is_empty() => String::new(),
-        Part::List(lines) => format!("- {}\n", lines.join("\n- ")),
+        Part::Text(text) if !text.is_empty() => format!("{text}\n"),
+        Part::List(lines) if !lines.is_empty() => format!("- {}\n", lines.join("\n- ")),
         Part::Table(table) => table.markdown(),
-        Part::Plots(_) => String::new(),
+        _ => String::new(),
     };
     let parts: Vec<String> = parts.iter().map(text).filter(|text| !text.is_empty()).collect();
     parts.join("\n")
@@ -67,19 +57,17 @@ const STYLE: &str = "\
 :root{color-scheme:light dark}\
 body{font:15px/1.5 system-ui,sans-serif;max-width:1320px;margin:2rem auto;padding:0 1rem}\
 h1{margin-bottom:.2rem}h2{margin-top:2.5rem}h3{margin:1.6rem 0 .3rem}code{font-size:.92em}\
-p{max-width:60em;margin:.4rem 0}li{margin:.2rem 0}.note{opacity:.75}\
+p{max-width:60em;margin:.4rem 0}li{margin:.2rem 0}\
 .plots{display:grid;grid-template-columns:repeat(auto-fit,minmax(min(540px,100%),1fr));gap:1.5rem}\
 .plots svg{width:100%;height:auto}.scroll{overflow-x:auto}\
 table{border-collapse:collapse;font-variant-numeric:tabular-nums;margin:.4rem 0 1rem;font-size:13px}\
 td,th{padding:.15rem .6rem;text-align:right;border-bottom:1px solid #8884;vertical-align:top}\
-td.name,th.name{text-align:left}tr:hover{background:#8882}\
-@media(max-width:600px){body{margin:1rem auto;padding:0 .6rem}h1{font-size:1.5rem}td,th{padding:.15rem .3rem}}";
+td.name,th.name{text-align:left}tr:hover{background:#8882}";
 
 /// Colours of words that stand out, by how they begin; others are bold.
-const COLOURS: [(&str, &str); 5] = [
+const COLOURS: [(&str, &str); 4] = [
     ("holds", "#009e73"),
     ("No pair was missed", "#009e73"),
-    ("breaks", "#d55e00"),
     ("not measured", "#8a8a8a"),
     ("", "#d55e00"),
 ];
@@ -113,15 +101,17 @@ pub fn html(parts: &[Part]) -> String {
 }
 
 fn table_html(table: &Table) -> String {
-    let line = |cells: Vec<(String, String)>| {
-        let cell = |(tag, text): (String, String)| {
-            let name = tag.split(' ').next().unwrap_or_default();
-            format!("<{tag}>{}</{name}>", marked(&text))
-        };
-        format!("<tr>{}</tr>\n", cells.into_iter().map(cell).collect::<String>())
-    };
-    let lines: String = table.cells().into_iter().map(line).collect();
-    format!("<div class=\"scroll\"><table>\n{lines}</table></div>")
+    let mut text = "<div class=\"scroll\"><table>\n".to_owned();
+    for (number, line) in table.lines().iter().enumerate() {
+        let tag = if number == 0 { "th" } else { "td" };
+        text += "<tr>";
+        for (at, cell) in line.iter().enumerate() {
+            let class = if table.is_left(at) { " class=\"name\"" } else { "" };
+            let _ = write!(text, "<{tag}{class}>{}</{tag}>", marked(cell));
+        }
+        text += "</tr>\n";
+    }
+    text + "</table></div>"
 }
 
 fn escaped(text: &str) -> String {
@@ -133,14 +123,14 @@ fn marked(text: &str) -> String {
     let mut out = String::new();
     for (i, part) in escaped(text).split("**").enumerate() {
         if i % 2 == 1 {
-            let colour =
-                COLOURS.iter().find(|(start, _)| part.starts_with(start)).map_or("", |c| c.1);
+            let colour = COLOURS.iter().find(|(start, _)| part.starts_with(start));
+            let colour = colour.map_or("", |(_, colour)| colour);
             let _ = write!(out, "<strong style=\"color:{colour}\">{part}</strong>");
             continue;
         }
         for (j, part) in part.split('`').enumerate() {
-            let _ =
-                if j % 2 == 1 { write!(out, "<code>{part}</code>") } else { write!(out, "{part}") };
+            let [open, close] = if j % 2 == 1 { ["<code>", "</code>"] } else { [""; 2] };
+            out.extend([open, part, close]);
         }
     }
     out

@@ -12,23 +12,14 @@ use super::document::Part;
 /// Machine, build and command of a record.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Machine {
-    /// Model of the CPU.
     pub cpu: String,
-    /// Threads that the CPU figures with "all threads" use.
     pub threads: usize,
-    /// Name of the GPU, if one took part.
     pub gpu: Option<String>,
-    /// Its driver.
     pub driver: Option<String>,
-    /// Whether it is a software adapter: its times are then those of the CPU.
     pub gpu_is_software: bool,
-    /// Compiler of this build.
     pub rustc: String,
-    /// Whether the build is optimised; figures of a debug build mean nothing.
     pub optimised: bool,
-    /// Commit of this build, with `-dirty` if the tree had changes.
     pub commit: String,
-    /// Command line.
     pub command: String,
 }
 
@@ -50,7 +41,6 @@ impl Machine {
 }
 
 impl Machine {
-    /// What a report says of it.
     pub fn parts(&self) -> [Part; 2] {
         let Self { cpu, threads, gpu, driver, rustc, commit, command, .. } = self;
         let gpu = match (gpu, driver) {

@@ -1,14 +1,11 @@
-//! Plots of measurements as SVG, on logarithmic axes: lines, ranges, points with their Pareto front; and stacked
-//! bars.
+//! Plots of measurements as SVG, on logarithmic axes: lines, points, and their Pareto front.
 
-use std::ops::Range;
+use std::collections::BTreeMap;
 
 use plotters::coord::Shift;
-use plotters::coord::ranged1d::{DefaultFormatting, KeyPointHint};
 use plotters::prelude::*;
-use plotters::style::text_anchor::{HPos, Pos, VPos};
 
-pub use super::unit::Unit;
+use super::table::{Table, plain};
 
 /// Colours of series. They are Okabe and Ito's, which differ for readers who do not tell red from green; the
 /// lightest of them, yellow, is darkened to show on white.
@@ -27,15 +24,62 @@ const INK: RGBColor = RGBColor(0x22, 0x22, 0x22);
 
 /// Width of a plot and height without its key, px.
 const SIZE: (u32, u32) = (640, 400);
-/// Height of a row of the key, and of a bar with the gap behind it, px.
+/// Height of a row of the key, px.
 const ROW: u32 = 20;
 /// Names in a row of the key.
 const KEY_COLUMNS: usize = 2;
-/// Part of a logarithmic axis that is kept for the value zero, in decades.
-const ZERO_LANE: f64 = 0.5;
 
 type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 type Drawn = Result<(), DrawingAreaErrorKind<std::io::Error>>;
+
+/// The unit of the numbers on an axis.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Unit {
+    /// Time, ns.
+    Nanoseconds,
+    /// Memory, bytes.
+    Bytes,
+    /// Things.
+    Count,
+    /// A ratio, as it is.
+    Ratio,
+}
+
+impl Unit {
+    /// That of a field, by its name.
+    fn of_field(field: &str) -> Self {
+        if field.split('.').any(|part| part.ends_with("_ns")) {
+            Self::Nanoseconds
+        } else if field.contains("bytes") {
+            Self::Bytes
+        } else if ["n", "threads", "clients", "count"].contains(&field) {
+            Self::Count
+        } else {
+            Self::Ratio
+        }
+    }
+
+    /// Three significant digits with the unit that leaves the fewest digits.
+    pub fn text(self, value: f64) -> String {
+        let steps: &[(f64, &str)] = match self {
+            Self::Nanoseconds => &[(1e9, " s"), (1e6, " ms"), (1e3, " µs"), (1.0, " ns")],
+            Self::Bytes => &[(1e9, " GB"), (1e6, " MB"), (1e3, " KB"), (1.0, " B")],
+            Self::Count => &[(1e9, "G"), (1e6, "M"), (1e3, "K"), (1.0, "")],
+            Self::Ratio => &[(1.0, "")],
+        };
+        let size = value.abs();
+        let found = steps.iter().find(|(step, _)| size >= *step).or(steps.last());
+        let (step, name) = found.unwrap_or(&(1.0, ""));
+        let value = value / step;
+        if value != 0.0 && value.abs() < 1e-3 {
+            return format!("{value:.2e}{name}").replace(".00e", "e");
+        }
+        let power = value.abs().max(1e-3).log10().floor() as i32;
+        let text = format!("{value:.*}", (2 - power).max(0) as usize);
+        let short = text.trim_end_matches('0').trim_end_matches('.');
+        format!("{}{name}", if text.contains('.') { short } else { &text })
+    }
+}
 
 /// What an axis counts.
 #[derive(Clone, Debug)]
@@ -66,25 +110,8 @@ pub enum Look {
     Front,
 }
 
-/// One measurement.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Point {
-    /// Along the axis of x.
-    pub x: f64,
-    /// Along the axis of y.
-    pub y: f64,
-    /// The upper end of a range that begins at y.
-    pub high: Option<f64>,
-    /// Name beside the point; empty for none.
-    pub tag: String,
-    /// Whether the point is a ring.
-    pub is_hollow: bool,
-    /// Whether the point is grey.
-    pub is_faded: bool,
-}
-
 /// Points of one colour.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Series {
     /// Its name in the key.
     pub name: String,
@@ -93,14 +120,13 @@ pub struct Series {
     /// How it looks.
     pub look: Look,
     /// Its points, in order.
-    pub points: Vec<Point>,
+    pub points: Vec<(f64, f64)>,
 }
 
 impl Series {
     /// A line.
     pub fn line(name: &str, colour: usize, look: Look, points: &[(f64, f64)]) -> Self {
-        let point = |&(x, y): &(f64, f64)| Point { x, y, ..Point::default() };
-        Self { name: name.to_owned(), colour, look, points: points.iter().map(point).collect() }
+        Self { name: name.to_owned(), colour, look, points: points.to_vec() }
     }
 
     fn colour(&self) -> RGBColor {
@@ -127,72 +153,72 @@ pub struct Plot {
     pub level: Option<(f64, String)>,
 }
 
-/// A logarithmic scale: the place of a value is its logarithm, that of zero a lane before the least.
-#[derive(Clone)]
-struct Scale {
-    from: f64,
-    to: f64,
-    zero: Option<f64>,
-}
-
-impl Scale {
-    fn of(values: impl Iterator<Item = f64>) -> Self {
-        let (mut least, mut most, mut has_zero) = (f64::INFINITY, f64::NEG_INFINITY, false);
-        for value in values.filter(|value| value.is_finite()) {
-            if value > 0.0 {
-                (least, most) = (least.min(value.log10()), most.max(value.log10()));
-            } else {
-                has_zero = true;
-            }
+/// The ends of a logarithmic axis. Zeros stand at its lower end, apart from the least value.
+fn ends(values: impl Iterator<Item = f64>) -> [f64; 2] {
+    let (mut least, mut most, mut has_zero) = (f64::INFINITY, 0.0f64, false);
+    for value in values.filter(|value| value.is_finite()) {
+        if value > 0.0 {
+            (least, most) = (least.min(value), most.max(value));
+        } else {
+            has_zero = true;
         }
-        if least > most {
-            (least, most) = (-1.0, 0.0);
-        }
-        let room = 0.04 * (most - least).max(1.0);
-        let zero = has_zero.then_some(least - ZERO_LANE);
-        Self { from: zero.unwrap_or(least) - room, to: most + room, zero }
     }
-
-    fn place(&self, value: f64) -> f64 {
-        if value > 0.0 { value.log10() } else { self.zero.unwrap_or(self.from) }
+    if least > most {
+        (least, most) = (0.1, 1.0);
     }
-
-    /// Round numbers: 1, 2 and 5 times powers of ten, or powers alone where there are many; and zero.
-    fn marks(&self) -> Vec<f64> {
-        let factors: &[f64] = if self.to - self.from < 3.0 { &[1.0, 2.0, 5.0] } else { &[1.0] };
-        let powers = self.from.floor() as i32..=self.to.ceil() as i32;
-        let every = ((self.to - self.from) / 9.0) as usize + 1;
-        let marks = powers
-            .step_by(every)
-            .flat_map(|power| factors.iter().map(move |f| f * 10f64.powi(power)));
-        let least = self.zero.map_or(self.from, |zero| zero + ZERO_LANE / 2.0);
-        let is_inside = |mark: &f64| (least..=self.to).contains(&mark.log10());
-        self.zero.map(|_| 0.0).into_iter().chain(marks.filter(is_inside)).collect()
-    }
-}
-
-impl Ranged for Scale {
-    type FormatOption = DefaultFormatting;
-    type ValueType = f64;
-
-    fn map(&self, value: &f64, (start, end): (i32, i32)) -> i32 {
-        let share = (self.place(*value) - self.from) / (self.to - self.from);
-        start + (share * f64::from(end - start)).round() as i32
-    }
-
-    fn key_points<Hint: KeyPointHint>(&self, hint: Hint) -> Vec<f64> {
-        if hint.weight().allow_light_points() { Vec::new() } else { self.marks() }
-    }
-
-    fn range(&self) -> Range<f64> {
-        10f64.powf(self.from)..10f64.powf(self.to)
-    }
+    [least / if has_zero { 5.0 } else { 1.2 }, most * 1.2]
 }
 
 impl Plot {
-    fn key(&self) -> impl Iterator<Item = (&str, RGBColor)> {
-        let named = self.series.iter().filter(|series| series.look != Look::Front);
-        named.map(|series| (series.name.as_str(), series.colour()))
+    /// Rows of a table: a series for every field of `y` and every setting of the fields of `by`, in the order of `x`.
+    /// Rows without a number are left out.
+    pub(crate) fn of(table: &Table, x: &str, y: &[&str], by: &[&str], look: Look) -> Self {
+        let mut found: BTreeMap<(String, usize), Vec<(f64, f64)>> = BTreeMap::new();
+        for row in &table.rows {
+            let setting = by.iter().map(|name| match table.cell(row, name) {
+                text if text.is_string() => plain(text),
+                value => format!("{name} {value}"),
+            });
+            let setting = setting.collect::<Vec<_>>().join(", ");
+            for (number, field) in y.iter().enumerate() {
+                let point = (table.cell(row, x).as_f64(), table.cell(row, field).as_f64());
+                let (Some(x), Some(y_value)) = point else { continue };
+                let name = if y.len() > 1 { format!("{setting} {field}") } else { setting.clone() };
+                found.entry((name, number)).or_default().push((x, y_value));
+            }
+        }
+        let series = found.into_iter().enumerate().map(|(colour, ((name, _), mut points))| {
+            points.sort_by(|a, b| a.0.total_cmp(&b.0));
+            Series::line(name.trim(), colour, look, &points)
+        });
+        let (series, label) = (series.collect(), y.join(", "));
+        Self {
+            title: format!("{label} by {x}"),
+            x: Axis::new(x, Unit::of_field(x)),
+            y: Axis::new(&label, Unit::of_field(y.first().unwrap_or(&""))),
+            series,
+            level: None,
+        }
+    }
+
+    /// The plot with the Pareto front of all its points: between two of its points the left one is the best known.
+    pub(crate) fn with_front(mut self) -> Self {
+        let all: Vec<[f64; 2]> =
+            self.series.iter().flat_map(|group| &group.points).map(|(x, y)| [*x, *y]).collect();
+        let mut front: Vec<[f64; 2]> =
+            all.iter().zip(pareto_front(&all)).filter_map(|(p, wins)| wins.then_some(*p)).collect();
+        front.sort_by(|a, b| a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])));
+        let mut corners: Vec<(f64, f64)> = Vec::new();
+        for [x, y] in front {
+            corners.extend(corners.last().map(|(_, above)| (x, *above)));
+            corners.push((x, y));
+        }
+        self.series.insert(0, Series::line("", 0, Look::Front, &corners));
+        self
+    }
+
+    fn key(&self) -> impl Iterator<Item = &Series> {
+        self.series.iter().filter(|series| series.look != Look::Front)
     }
 
     fn height(&self) -> u32 {
@@ -200,22 +226,23 @@ impl Plot {
     }
 
     /// The plot as one `<svg>` element.
-    pub fn svg(&self) -> String {
+    pub(crate) fn svg(&self) -> String {
         drawn_as_svg(self.height(), |area| self.draw(area))
     }
 
     fn draw(&self, area: &Area<'_>) -> Drawn {
         let points = || self.series.iter().flat_map(|series| &series.points);
-        let x = Scale::of(points().map(|point| point.x));
+        let x = ends(points().map(|(x, _)| *x));
         let level = self.level.iter().map(|(at, _)| *at);
-        let y = Scale::of(points().flat_map(|p| [p.y, p.high.unwrap_or(p.y)]).chain(level));
+        let y = ends(points().map(|(_, y)| *y).chain(level));
+        let placed = |(at_x, at_y): &(f64, f64)| (at_x.max(x[0]), at_y.max(y[0]));
         let (upper, key) = area.split_vertically(SIZE.1);
         let mut chart = ChartBuilder::on(&upper)
             .caption(&self.title, ("sans-serif", 18).into_font().color(&INK))
             .margin_right(16)
             .x_label_area_size(42)
             .y_label_area_size(78)
-            .build_cartesian_2d(x.clone(), y)?;
+            .build_cartesian_2d((x[0]..x[1]).log_scale(), (y[0]..y[1]).log_scale())?;
         chart
             .configure_mesh()
             .light_line_style(TRANSPARENT)
@@ -225,16 +252,14 @@ impl Plot {
             .x_label_formatter(&|x| self.x.unit.text(*x))
             .y_label_formatter(&|y| self.y.unit.text(*y))
             .draw()?;
-        let at = |point: &Point| (point.x, point.y);
-        let mut tags = Vec::new();
+        let small = ("sans-serif", 13).into_font().color(&INK);
         if let Some((level, name)) = &self.level {
-            let ends = [(x.range().start, *level), (x.range().end, *level)];
+            let ends = x.map(|x| (x, *level));
             chart.draw_series(DashedLineSeries::new(ends, 2, 3, INK.stroke_width(1)))?;
-            tags.push((chart.backend_coord(&ends[0]), name, INK));
+            chart.draw_series([Text::new(name.clone(), ends[0], small)])?;
         }
         for series in &self.series {
-            let colour = series.colour();
-            let path = series.points.iter().map(&at);
+            let (colour, path) = (series.colour(), series.points.iter().map(placed));
             match series.look {
                 Look::Line => {
                     chart.draw_series(LineSeries::new(path, colour.stroke_width(2)))?;
@@ -245,55 +270,20 @@ impl Plot {
                 }
                 Look::Points => {}
             }
-            for point in series.points.iter().filter(|_| series.look != Look::Front) {
-                let (place, colour) = (at(point), if point.is_faded { GREY } else { colour });
-                if let Some(high) = point.high {
-                    let range = [place, (place.0, high)];
-                    let style = colour.mix(0.5).stroke_width(3);
-                    chart.draw_series([PathElement::new(range, style)])?;
-                }
-                let style = if point.is_hollow { colour.stroke_width(2) } else { colour.filled() };
-                chart.draw_series([Circle::new(place, 4, style)])?;
-                if !point.tag.is_empty() {
-                    tags.push((chart.backend_coord(&place), &point.tag, colour));
-                }
-            }
+            let shown = series.points.iter().filter(|_| series.look != Look::Front);
+            chart.draw_series(shown.map(|place| Circle::new(placed(place), 4, colour.filled())))?;
         }
-        draw_tags(&upper, &tags)?;
-        draw_key(&key, self.key().collect())
+        let width = (SIZE.0 - 84) as usize / KEY_COLUMNS;
+        for (i, series) in self.key().enumerate() {
+            let left = 84 + (i % KEY_COLUMNS * width) as i32;
+            let top = (i / KEY_COLUMNS) as i32 * ROW as i32;
+            let corners = [(left, top + 1), (left + 10, top + 11)];
+            key.draw(&Rectangle::new(corners, series.colour().filled()))?;
+            let style = ("sans-serif", 15).into_font().color(&INK);
+            key.draw(&Text::new(series.name.clone(), (left + 15, top), style))?;
+        }
+        Ok(())
     }
-}
-
-/// Names beside their points, each off the names before it as far as there is room below.
-fn draw_tags(area: &Area<'_>, tags: &[((i32, i32), &String, RGBColor)]) -> Drawn {
-    let (left, top) = area.get_base_pixel();
-    let mut taken: Vec<[i32; 3]> = Vec::new();
-    for ((x, y), text, colour) in tags {
-        let width = 7 * text.chars().count() as i32;
-        let fits_right = x - left + 8 + width < SIZE.0 as i32;
-        let from = if fits_right { x - left + 8 } else { x - left - 8 - width };
-        let is_free = |line: i32, taken: &[[i32; 3]]| {
-            taken.iter().all(|[l, r, at]| from > *r || from + width < *l || (line - at).abs() > 11)
-        };
-        let lines = [0, -12, 12, -24, 24, 36, 48].map(|by| y - top - 6 + by);
-        let Some(line) = lines.into_iter().find(|line| is_free(*line, &taken)) else { continue };
-        taken.push([from, from + width, line]);
-        let style = ("sans-serif", 13).into_font().color(colour);
-        area.draw(&Text::new((*text).clone(), (from, line), style))?;
-    }
-    Ok(())
-}
-
-fn draw_key(area: &Area<'_>, key: Vec<(&str, RGBColor)>) -> Drawn {
-    let width = (SIZE.0 - 84) as usize / KEY_COLUMNS;
-    for (i, (name, colour)) in key.into_iter().enumerate() {
-        let (left, top) =
-            (84 + (i % KEY_COLUMNS * width) as i32, (i / KEY_COLUMNS) as i32 * ROW as i32);
-        area.draw(&Rectangle::new([(left, top + 1), (left + 10, top + 11)], colour.filled()))?;
-        let style = ("sans-serif", 15).into_font().color(&INK);
-        area.draw(&Text::new(name.to_owned(), (left + 15, top), style))?;
-    }
-    Ok(())
 }
 
 fn drawn_as_svg(height: u32, draw: impl FnOnce(&Area<'_>) -> Drawn) -> String {
@@ -328,62 +318,9 @@ pub fn standalone(title: &str, lines: &[String], plots: &[Plot]) -> String {
     })
 }
 
-/// Horizontal bars, each of the same parts.
-#[derive(Clone, Debug)]
-pub struct Bars {
-    /// Title.
-    pub title: String,
-    /// Names of the parts.
-    pub parts: Vec<String>,
-    /// How values are written.
-    pub unit: Unit,
-    /// Names of the bars, from the top, and their parts.
-    pub bars: Vec<(String, Vec<f64>)>,
-}
-
-impl Bars {
-    /// The plot as one `<svg>` element.
-    pub fn svg(&self) -> String {
-        let body = 34 + ROW * self.bars.len() as u32;
-        let height = body + ROW * (1 + self.parts.len().div_ceil(KEY_COLUMNS) as u32);
-        drawn_as_svg(height, |area| {
-            let sum = |parts: &[f64]| parts.iter().sum::<f64>();
-            let longest = self.bars.iter().map(|(_, parts)| sum(parts)).fold(1e-300, f64::max);
-            // Room for the names on the left and the sums on the right.
-            let px = |value: f64| 240 + (f64::from(SIZE.0 - 310) * value / longest) as i32;
-            let label = ("sans-serif", 15).into_font().color(&INK);
-            let on_the_left = label.pos(Pos::new(HPos::Right, VPos::Top));
-            let title = ("sans-serif", 18).into_font().color(&INK);
-            area.draw(&Text::new(self.title.clone(), (10, 8), title))?;
-            for ((name, parts), y) in self.bars.iter().zip((34i32..).step_by(ROW as usize)) {
-                area.draw(&Text::new(name.clone(), (232, y + 2), on_the_left.clone()))?;
-                let mut start = 0.0;
-                for (part, value) in parts.iter().enumerate() {
-                    let colour = COLOURS[part % COLOURS.len()].filled();
-                    let corners = [(px(start), y), (px(start + value), y + 15)];
-                    area.draw(&Rectangle::new(corners, colour))?;
-                    start += value;
-                }
-                let text = self.unit.text(start);
-                area.draw(&Text::new(text, (px(start) + 6, y + 2), label.clone()))?;
-            }
-            let names = self.parts.iter().enumerate();
-            let key = names.map(|(i, name)| (name.as_str(), COLOURS[i % COLOURS.len()]));
-            draw_key(&area.split_vertically(body + 8).1, key.collect())
-        })
-    }
-}
-
 /// For each point, whether it is on the Pareto front: no other point is at most as large on every axis and
 /// smaller on one. Equal points are on the front together; a NaN never is.
-///
-/// ```
-/// use pairmask_lab::study::harness::plot::pareto_front;
-/// let front = pareto_front(&[[1.0, 5.0], [2.0, 2.0], [3.0, 2.0], [4.0, 1.0]]);
-/// assert_eq!(front, [true, true, false, true]);
-/// assert_eq!(pareto_front(&[[1.0, 1.0], [1.0, 1.0], [f64::NAN, 0.0]]), [true, true, false]);
-/// ```
-pub fn pareto_front<const AXES: usize>(points: &[[f64; AXES]]) -> Vec<bool> {
+pub(crate) fn pareto_front<const AXES: usize>(points: &[[f64; AXES]]) -> Vec<bool> {
     let beats = |a: &[f64; AXES], b: &[f64; AXES]| a != b && a.iter().zip(b).all(|(a, b)| a <= b);
     let is_beaten = |p: &[f64; AXES]| points.iter().any(|other| beats(other, p));
     points.iter().map(|p| !p.iter().any(|x| x.is_nan()) && !is_beaten(p)).collect()
@@ -391,23 +328,25 @@ pub fn pareto_front<const AXES: usize>(points: &[[f64; AXES]]) -> Vec<bool> {
 
 #[cfg(test)]
 mod tests {
+    use serde_json::json;
+
     use super::*;
 
     #[test]
-    fn round_numbers_are_marked_and_zero_has_a_lane_of_its_own() {
-        let labels = |values: &[f64], unit: Unit| {
-            let scale = Scale::of(values.iter().copied());
-            let marks = scale.marks();
-            let places = marks.iter().map(|mark| scale.place(*mark));
-            assert!(places.clone().all(|at| (scale.from..=scale.to).contains(&at)), "{marks:?}");
-            marks.into_iter().map(|mark| unit.text(mark)).collect::<Vec<_>>()
-        };
-        assert_eq!(
-            labels(&[0.0, 3e-4, 20.0], Unit::Ratio),
-            ["0", "0.001", "0.01", "0.1", "1", "10"]
-        );
-        assert_eq!(labels(&[1.9e6, 5.1e6], Unit::Nanoseconds), ["2 ms", "5 ms"]);
-        assert!(!labels(&[], Unit::Count).is_empty() && !labels(&[1.0], Unit::Count).is_empty());
+    fn numbers_read_as_people_write_them_and_zero_stands_apart() {
+        assert_eq!(ends([0.0, 5.0, 10.0, f64::NAN].into_iter()), [1.0, 12.0]);
+        assert!(ends([].into_iter())[0] > 0.0 && ends([1.0].into_iter())[0] < 1.0);
+        for (unit, value, text) in [
+            (Unit::Nanoseconds, 0.0, "0 ns"),
+            (Unit::Nanoseconds, 12.34, "12.3 ns"),
+            (Unit::Nanoseconds, 28_540_000.0, "28.5 ms"),
+            (Unit::Count, 4_096.0, "4.1K"),
+            (Unit::Bytes, 24_000_000.0, "24 MB"),
+            (Unit::Ratio, 1e-4, "1e-4"),
+            (Unit::Ratio, 120.0, "120"),
+        ] {
+            assert_eq!(unit.text(value), text);
+        }
     }
 
     #[test]
@@ -434,19 +373,16 @@ mod tests {
     }
 
     #[test]
-    fn bars_have_their_sums() {
-        let svg = Bars {
-            title: String::new(),
-            parts: vec!["ingest".to_owned(), "execute".to_owned()],
-            unit: Unit::Nanoseconds,
-            bars: vec![
-                ("long".to_owned(), vec![300.0, 100.0]),
-                ("short".to_owned(), vec![0.0, 40.0]),
-            ],
-        };
-        let svg = svg.svg();
-        for text in ["ingest", "execute", "long", "short", "400 ns", "40 ns"] {
-            assert!(svg.contains(text), "{text}: {svg}");
-        }
+    fn rows_become_series_and_the_front_passes_what_is_beaten() {
+        let row = |x: f64, y: f64| json!({"x": x, "y_ns": {"p50": y}, "who": "g"});
+        let rows = [row(0.2, 50.0), row(0.0, 100.0), row(0.1, 200.0), json!({"x": 1, "who": "h"})];
+        let plot = Plot::of(&Table::of(&rows), "x", &["y_ns.p50"], &["who"], Look::Points);
+        assert_eq!((plot.series.len(), plot.y.unit), (1, Unit::Nanoseconds));
+        let points = [(0.0, 100.0), (0.1, 200.0), (0.2, 50.0)];
+        assert_eq!(plot.series[0], Series::line("g", 0, Look::Points, &points));
+        let corners = [(0.0, 100.0), (0.2, 100.0), (0.2, 50.0)];
+        assert_eq!(plot.with_front().series[0].points, corners);
+        let front = pareto_front(&[[1.0, 1.0], [1.0, 1.0], [f64::NAN, 0.0], [2.0, 1.0]]);
+        assert_eq!(front, [true, true, false, false]);
     }
 }

@@ -1,56 +1,117 @@
 //! Tables: cells under a head, as Markdown, CSV and HTML. Rows are what JSON has of them: a column a field, named as
 //! the field is, so that every form of a result has the same words.
 
-use std::fmt::{self, Display};
+use std::fmt;
+use std::marker::PhantomData;
+use std::ops::Index;
 
-use serde::Serialize;
-use serde::de::{Deserialize, Deserializer, MapAccess, Visitor};
+use serde::de::{IgnoredAny, MapAccess, Visitor};
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use serde_json::Value;
 
-/// Cells under a head.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Table {
-    /// Names of the columns.
-    pub head: Vec<String>,
-    /// Cells, a row each.
-    pub rows: Vec<Vec<Value>>,
+/// An object whose fields stay in the order in which they are written.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Ordered<V>(Vec<(String, V)>);
+
+/// A row of a table.
+pub type Fields = Ordered<Value>;
+
+impl<V> Default for Ordered<V> {
+    fn default() -> Self {
+        Self(Vec::new())
+    }
 }
 
-/// The fields of a row in the order in which it writes them.
-struct Fields(Vec<(String, Value)>);
+impl<V> FromIterator<(String, V)> for Ordered<V> {
+    fn from_iter<I: IntoIterator<Item = (String, V)>>(fields: I) -> Self {
+        Self(fields.into_iter().collect())
+    }
+}
 
-impl<'de> Deserialize<'de> for Fields {
+impl Index<&str> for Fields {
+    type Output = Value;
+
+    fn index(&self, name: &str) -> &Value {
+        self.0.iter().find(|(known, _)| known == name).map_or(&Value::Null, |(_, value)| value)
+    }
+}
+
+impl Serialize for Fields {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_map(self.0.iter().map(|(name, value)| (name, value)))
+    }
+}
+
+impl<'de, V: Deserialize<'de>> Deserialize<'de> for Ordered<V> {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        struct InOrder;
-        impl<'de> Visitor<'de> for InOrder {
-            type Value = Fields;
+        struct InOrder<V>(PhantomData<V>);
+        impl<'de, V: Deserialize<'de>> Visitor<'de> for InOrder<V> {
+            type Value = Ordered<V>;
 
             fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
                 f.write_str("an object")
             }
 
-            fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<Fields, A::Error> {
-                let mut fields = Vec::new();
-                while let Some(field) = map.next_entry()? {
-                    fields.push(field);
-                }
-                Ok(Fields(fields))
+            fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<Ordered<V>, A::Error> {
+                std::iter::from_fn(|| map.next_entry().transpose()).collect()
             }
         }
-        deserializer.deserialize_map(InOrder)
+        deserializer.deserialize_map(InOrder(PhantomData))
     }
+}
+
+/// A row of `name: value` and of variables of the field's name.
+macro_rules! row {
+    ($($name:ident $(: $value:expr)?),* $(,)?) => {
+        $crate::study::harness::table::Fields::from_iter([
+            $((stringify!($name).to_owned(), row!(@ $name $($value)?))),*
+        ])
+    };
+    (@ $name:ident) => { serde_json::json!($name) };
+    (@ $name:ident $value:expr) => { serde_json::json!($value) };
+}
+pub(crate) use row;
+
+/// Cells under a head.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Table {
+    pub head: Vec<String>,
+    pub rows: Vec<Vec<Value>>,
 }
 
 impl Table {
     /// A table with a column for every field of the rows, those of inner objects and lists with the outer names
     /// before theirs. A row that lacks a field of others has an empty cell there.
     pub fn of<R: Serialize>(rows: &[R]) -> Self {
+        // Rows are objects that have a JSON form: reports are printed as such.
+        let fields = |row| serde_json::from_str(&serde_json::to_string(row)?);
+        let rows = rows.iter().map(|row: &R| fields(row).unwrap_or_default());
+        Self::of_fields(rows)
+    }
+
+    /// The lists of a report, each a table with the name of its field.
+    pub fn all_of(report: &impl Serialize) -> Vec<(String, Self)> {
+        #[derive(Deserialize)]
+        #[serde(untagged)]
+        enum Field {
+            Rows(Vec<Fields>),
+            Other(IgnoredAny),
+        }
+        let text = serde_json::to_string(report).unwrap_or_default();
+        let Ordered(fields) = serde_json::from_str(&text).unwrap_or_default();
+        let table = |(name, field)| match field {
+            Field::Rows(rows) if !rows.is_empty() => {
+                Some((name, Self::of_fields(rows.into_iter())))
+            }
+            Field::Rows(_) | Field::Other(IgnoredAny) => None,
+        };
+        fields.into_iter().filter_map(table).collect()
+    }
+
+    fn of_fields(rows: impl Iterator<Item = Fields>) -> Self {
         let mut table = Self::default();
-        for row in rows {
-            // Rows are objects that have a JSON form: reports are printed as such.
-            let fields = serde_json::to_string(row).and_then(|text| serde_json::from_str(&text));
-            let Fields(fields) = fields.unwrap_or(Fields(Vec::new()));
-            let mut cells = vec![Value::Null; table.head.len()];
+        for Ordered(fields) in rows {
+            let mut cells = Vec::new();
             for (name, value) in fields {
                 table.add(&mut cells, name, value);
             }
@@ -75,7 +136,7 @@ impl Table {
                 }
             }
             value => {
-                let at = self.head.iter().position(|known| *known == name).unwrap_or_else(|| {
+                let at = self.column(&name).unwrap_or_else(|| {
                     self.head.push(name);
                     self.head.len() - 1
                 });
@@ -85,7 +146,15 @@ impl Table {
         }
     }
 
-    /// A table of texts.
+    fn column(&self, name: &str) -> Option<usize> {
+        self.head.iter().position(|head| head == name)
+    }
+
+    /// The cell of a row under a name; null where there is none.
+    pub fn cell<'a>(&self, row: &'a [Value], name: &str) -> &'a Value {
+        self.column(name).and_then(|at| row.get(at)).unwrap_or(&Value::Null)
+    }
+
     pub fn of_texts<const N: usize>(
         head: [&str; N],
         rows: impl IntoIterator<Item = [String; N]>,
@@ -94,63 +163,39 @@ impl Table {
         Self { head: head.map(str::to_owned).to_vec(), rows: rows.collect() }
     }
 
-    /// A table with a line for each of `lines` and a column for each size. Lines without a cell are left out.
-    pub fn by_size<L: Display + Copy, S: Display + Copy>(
-        name: &str,
-        lines: impl Iterator<Item = L>,
-        sizes: &[S],
-        cell: impl Fn(L, S) -> Option<String>,
-    ) -> Self {
-        let head = std::iter::once(name.to_owned()).chain(sizes.iter().map(S::to_string)).collect();
-        let line = |of: L| {
-            let cells: Vec<_> = sizes.iter().map(|size| cell(of, *size)).collect();
-            let is_there = cells.iter().any(Option::is_some);
-            let cells = cells.into_iter().map(|cell| cell.unwrap_or_else(|| "–".to_owned()).into());
-            is_there.then(|| std::iter::once(of.to_string().into()).chain(cells).collect())
-        };
-        Self { head, rows: lines.filter_map(line).collect() }
-    }
-
     /// The columns of these names alone, in this order.
     #[must_use]
     pub fn only(&self, names: &[&str]) -> Self {
-        let at: Vec<usize> =
-            names.iter().filter_map(|name| self.head.iter().position(|h| h == name)).collect();
+        let at: Vec<usize> = names.iter().filter_map(|name| self.column(name)).collect();
         Self {
             head: at.iter().map(|at| self.head[*at].clone()).collect(),
             rows: self.rows.iter().map(|r| at.iter().map(|at| r[*at].clone()).collect()).collect(),
         }
     }
 
-    /// Cells for readers: numbers with four digits that count.
-    fn short(&self) -> Vec<Vec<String>> {
+    /// Head and cells for readers: numbers with four digits that count.
+    pub(super) fn lines(&self) -> Vec<Vec<String>> {
         let text = |cell: &Value| match cell {
-            Value::Null => String::new(),
-            Value::String(text) => text.clone(),
             Value::Number(number) if number.is_f64() => number_text(number.as_f64().unwrap_or(0.0)),
-            value => value.to_string(),
+            cell => plain(cell),
         };
-        self.rows.iter().map(|row| row.iter().map(text).collect()).collect()
+        let rows = self.rows.iter().map(|row| row.iter().map(text).collect());
+        std::iter::once(self.head.clone()).chain(rows).collect()
     }
 
     /// Whether a column holds text, which stands on the left.
-    fn is_left(&self, column: usize) -> bool {
-        let text = |row: &Vec<Value>| matches!(row.get(column), Some(Value::String(_)));
-        self.rows.iter().any(text)
+    pub(super) fn is_left(&self, column: usize) -> bool {
+        self.rows.iter().any(|row| row.get(column).is_some_and(Value::is_string))
     }
 
     /// A Markdown table, its columns in line.
     pub fn markdown(&self) -> String {
         // A bar would end the cell.
-        let rows = self.short().into_iter();
-        let rows: Vec<Vec<String>> =
-            rows.map(|row| row.iter().map(|cell| cell.replace('|', "\\|")).collect()).collect();
-        let width = |column: usize| {
-            let cells = std::iter::once(&self.head).chain(&rows).filter_map(|row| row.get(column));
-            cells.map(|cell| cell.chars().count()).max().unwrap_or(0)
-        };
+        let mut lines = self.lines();
+        lines.iter_mut().flatten().for_each(|cell| *cell = cell.replace('|', "\\|"));
+        let width = |at: usize| lines.iter().map(|line| line[at].chars().count()).max();
         let columns: Vec<(usize, bool)> =
-            (0..self.head.len()).map(|at| (width(at), self.is_left(at))).collect();
+            (0..self.head.len()).map(|at| (width(at).unwrap_or(0), self.is_left(at))).collect();
         let line = |cells: &Vec<String>| {
             let cells = cells.iter().zip(&columns).map(|(cell, (width, is_left))| {
                 if *is_left { format!("| {cell:<width$} ") } else { format!("| {cell:>width$} ") }
@@ -158,44 +203,30 @@ impl Table {
             cells.collect::<String>() + "|\n"
         };
         let rule = columns.iter().map(|(width, is_left)| {
-            let dashes = "-".repeat(width + 1);
-            if *is_left { format!("|{dashes}-") } else { format!("|{dashes}:") }
+            format!("|{}{}", "-".repeat(width + 1), if *is_left { '-' } else { ':' })
         });
-        line(&self.head)
-            + &rule.collect::<String>()
-            + "|\n"
-            + &rows.iter().map(line).collect::<String>()
+        let rule = rule.collect::<String>() + "|\n";
+        line(&lines[0]) + &rule + &lines[1..].iter().map(line).collect::<String>()
     }
 
     /// One line a row, under a line of names; numbers in full, empty fields where there is none.
     pub fn csv(&self) -> String {
         let field = |text: String| {
-            if text.contains([',', '"', '\n']) {
-                format!("\"{}\"", text.replace('"', "\"\""))
-            } else {
-                text
-            }
-        };
-        let cell = |cell: &Value| match cell {
-            Value::Null => String::new(),
-            Value::String(text) => text.clone(),
-            value => value.to_string(),
+            let quoted = || format!("\"{}\"", text.replace('"', "\"\""));
+            if text.contains([',', '"', '\n']) { quoted() } else { text }
         };
         let line =
             |cells: Vec<String>| cells.into_iter().map(field).collect::<Vec<_>>().join(",") + "\n";
-        let rows = self.rows.iter().map(|row| row.iter().map(cell).collect());
+        let rows = self.rows.iter().map(|row| row.iter().map(plain).collect());
         std::iter::once(self.head.clone()).chain(rows).map(line).collect()
     }
+}
 
-    /// The lines for HTML: tag and class of each cell, and its text.
-    pub(super) fn cells(&self) -> Vec<Vec<(String, String)>> {
-        let line = |tag: &str, cells: &[String]| {
-            let class = |at| if self.is_left(at) { " class=\"name\"" } else { "" };
-            let cells = cells.iter().enumerate();
-            cells.map(|(at, cell)| (format!("{tag}{}", class(at)), cell.clone())).collect()
-        };
-        let head = std::iter::once(line("th", &self.head));
-        head.chain(self.short().iter().map(|row| line("td", row))).collect()
+pub(super) fn plain(cell: &Value) -> String {
+    match cell {
+        Value::Null => String::new(),
+        Value::String(text) => text.clone(),
+        value => value.to_string(),
     }
 }
 
@@ -232,6 +263,8 @@ mod tests {
         ];
         let table = Table::of(&rows);
         assert_eq!(table.head, ["name", "ms", "at.p50", "at.p99.0", "at.p99.1"]);
+        let lists = Table::all_of(&json!({"n": 1, "none": [], "numbers": [1], "rows": rows}));
+        assert_eq!(lists.iter().map(|(name, _)| name).collect::<Vec<_>>(), ["rows"]);
         let short = table.only(&["name", "at.p50", "ms"]);
         let text = "\
 | name | at.p50 |     ms |
@@ -242,14 +275,6 @@ mod tests {
         assert_eq!(short.markdown(), text);
         let csv = "name,at.p50,ms\na|b,7,0.3333333333333333\n\"c,d\",20000,\n";
         assert_eq!(short.csv(), csv);
-        assert_eq!(short.cells()[1][0], ("td class=\"name\"".to_owned(), "a|b".to_owned()));
-    }
-
-    #[test]
-    fn sizes_have_columns_and_lines_without_a_cell_are_left_out() {
-        let cell = |line: &str, size: u32| (line == "x" && size > 1).then(|| size.to_string());
-        let table = Table::by_size("who", ["x", "y"].into_iter(), &[1, 2], cell);
-        assert_eq!(table.csv(), "who,1,2\nx,–,2\n");
         assert_eq!([0.0, 12.3456, 1e-9].map(number_text), ["0", "12.35", "1.00e-9"]);
     }
 }

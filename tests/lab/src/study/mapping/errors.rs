@@ -5,26 +5,21 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use pairmask_core::pair_index::row_start;
 use pairmask_core::{BoxCount, PairIndex};
+use pairmaskd::scene::Random;
 use rayon::prelude::*;
 use serde::Serialize;
 
 use super::stage::{Root, Variant};
-use super::variants::{Mapped, RootVisitor, map, next_pair, truth, with_root};
+use super::variants::{Mapped, map, next_pair, truth, with_root};
 
 /// Counts over some ids.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Tally {
-    /// Ids that were checked.
     pub ids: u64,
-    /// Checked ids that the variant leaves out by itself (a ≥ b, the lazy way).
     pub skipped: u64,
-    /// Ids mapped to another pair than their own, or to none.
     pub wrong: u64,
-    /// Wrong ids that still name two different boxes, in either order.
     pub wrong_named: u64,
-    /// Largest distance of a wrong id's row from its own.
     pub largest_row_error: u64,
-    /// The smallest wrong id.
     pub first_wrong: Option<u64>,
 }
 
@@ -62,7 +57,6 @@ impl Tally {
 pub enum Coverage {
     /// Counted over all ids.
     Counted {
-        /// Share of pairs that no id names.
         missed: f64,
         /// Tests of a pair that was tested before, as a share of all pairs.
         repeated: f64,
@@ -72,7 +66,6 @@ pub enum Coverage {
     Bounded {
         /// Lower bound: wrong ids less those that still name two boxes.
         missed_least: f64,
-        /// Upper bound: wrong ids.
         missed_most: f64,
         /// Upper bound: wrong ids that still name two boxes.
         repeated_most: f64,
@@ -80,7 +73,6 @@ pub enum Coverage {
 }
 
 impl Coverage {
-    /// Bounds from a tally.
     pub fn bounded(tally: &Tally) -> Self {
         let tested = (tally.ids - tally.skipped).max(1) as f64;
         Self::Bounded {
@@ -90,6 +82,9 @@ impl Coverage {
         }
     }
 }
+
+/// Step of the streams of [`Random`].
+const GOLDEN: u64 = 0x9e37_79b9_7f4a_7c15;
 
 /// Ids of one parallel task.
 const CHUNK: u64 = 1 << 15;
@@ -173,7 +168,9 @@ pub fn counted(tally: &Tally, pairs: u64, distinct: u64) -> Coverage {
 pub fn sampled(variant: Variant, n: BoxCount, count: u64) -> Tally {
     let total = variant.id_count(n.get());
     // The top bits of a product spread a 64-bit random number over the ids without bias.
-    let id = |i: u64| ((u128::from(split_mix(i)) * u128::from(total)) >> 64) as u64;
+    let id = |i: u64| {
+        ((u128::from(Random::new(i.wrapping_mul(GOLDEN)).bits()) * u128::from(total)) >> 64) as u64
+    };
     tally_of(variant, n, if total == 0 { 0 } else { count }, id, |k| map(variant, n, k), |_| ())
 }
 
@@ -212,62 +209,42 @@ pub fn first_wrong_count(variant: Variant, limit: u32) -> Option<u32> {
     })
 }
 
-/// `SplitMix64` (Steele, Lea and Flood 2014).
-fn split_mix(i: u64) -> u64 {
-    let z = i.wrapping_add(1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
-    let z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    z ^ (z >> 31)
-}
-
 /// Wrong integer parts among the roots of 1 to `count` (Avril et al. 2012, table 3).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct RootTally {
-    /// Numbers that were checked.
     pub count: u64,
-    /// Integer parts other than the built-in root's, which is what the paper counts.
     pub other: u64,
-    /// Integer parts other than the exact one of the integer.
     pub inexact: u64,
-}
-
-struct CountRoots(u64);
-
-impl RootVisitor for CountRoots {
-    type Out = RootTally;
-
-    fn visit(self, root: impl Fn(f32) -> f32 + Copy + Sync) -> RootTally {
-        let count = self.0;
-        let chunk = |chunk: u64| {
-            let (mut other, mut inexact) = (0, 0);
-            for x in chunk * CHUNK + 1..=count.min((chunk + 1) * CHUNK) {
-                let part = root(x as f32) as u64;
-                other += u64::from(part != (x as f32).sqrt() as u64);
-                inexact += u64::from(part * part > x || (part + 1) * (part + 1) <= x);
-            }
-            (other, inexact)
-        };
-        let (other, inexact) = (0..count.div_ceil(CHUNK))
-            .into_par_iter()
-            .map(chunk)
-            .reduce(|| (0, 0), |a, b| (a.0 + b.0, a.1 + b.1));
-        RootTally { count, other, inexact }
-    }
 }
 
 /// Counts the wrong integer parts of the roots of 1 to `count`.
 pub fn count_roots(root: Root, count: u64) -> RootTally {
-    with_root(root, CountRoots(count))
+    with_root!(root, root => count_roots_by(root, count))
+}
+
+fn count_roots_by(root: impl Fn(f32) -> f32 + Sync, count: u64) -> RootTally {
+    let chunk = |chunk: u64| {
+        let (mut other, mut inexact) = (0, 0);
+        for x in chunk * CHUNK + 1..=count.min((chunk + 1) * CHUNK) {
+            let part = root(x as f32) as u64;
+            other += u64::from(part != (x as f32).sqrt() as u64);
+            inexact += u64::from(part * part > x || (part + 1) * (part + 1) <= x);
+        }
+        (other, inexact)
+    };
+    let chunks = (0..count.div_ceil(CHUNK)).into_par_iter().map(chunk);
+    let (other, inexact) = chunks.reduce(|| (0, 0), |a, b| (a.0 + b.0, a.1 + b.1));
+    RootTally { count, other, inexact }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::study::mapping::stage::{Discriminant, Magic, PAPERS_OWN, Steps};
+    use crate::study::mapping::stage::{Magic, PAPERS_OWN};
     use crate::study::mapping::variants::row_search;
 
     const fn closed(root: Root, corrected: bool) -> Variant {
-        Variant::Closed { root, discriminant: Discriminant::Float, corrected }
+        Variant::Closed { root, integer: false, corrected }
     }
 
     const EXACT: Coverage = Coverage::Counted { missed: 0.0, repeated: 0.0 };
@@ -288,11 +265,13 @@ mod tests {
     }
 
     #[test]
-    fn newtons_steps_have_known_shares_of_wrong_pairs() {
-        for (steps, wrong) in [(Steps::One, 0.80), (Steps::Two, 0.0031), (Steps::Three, 0.000_07)] {
+    fn newtons_steps_have_known_shares_of_wrong_pairs_and_a_sample_is_near_the_whole() {
+        for (steps, wrong) in [(1, 0.80), (2, 0.0031), (3, 0.000_07)] {
             let variant = closed(Root::Newton(Magic::Carmack, steps), false);
             let share = exhaustive(variant, boxes(3000)).0.wrong_share();
             assert!((share / wrong - 1.0).abs() < 0.05, "{variant}: {share}");
+            let part = sampled(variant, boxes(3000), 100_000).wrong_share();
+            assert!((share - part).abs() < 0.01, "{share} and {part}");
         }
     }
 
@@ -309,11 +288,7 @@ mod tests {
         assert!((2..5_794).rev().step_by(97).all(|n| around_rows(corrected, boxes(n)).wrong == 0));
         assert_eq!(around_rows(corrected, boxes(5_793)).wrong, 0);
         assert!(around_rows(corrected, boxes(5_794)).wrong > 0);
-        let integer = Variant::Closed {
-            root: Root::BuiltIn,
-            discriminant: Discriminant::Integer,
-            corrected: true,
-        };
+        let integer = Variant::Closed { root: Root::BuiltIn, integer: true, corrected: true };
         assert_eq!(around_rows(integer, boxes(100_000)).wrong, 0);
     }
 
@@ -344,30 +319,22 @@ mod tests {
         assert_eq!(coverage, Coverage::Counted { missed: one, repeated: one });
     }
 
-    #[test]
-    fn a_sample_is_near_the_whole() {
-        let variant = closed(Root::Newton(Magic::Carmack, Steps::One), false);
-        let whole = exhaustive(variant, boxes(3000)).0.wrong_share();
-        let part = sampled(variant, boxes(3000), 100_000).wrong_share();
-        assert!((whole - part).abs() < 0.01, "{whole} and {part}");
-    }
-
     /// Known figures, so that a change of arithmetic is noticed.
     #[test]
     fn shares_of_wrong_roots_are_near_those_of_the_paper() {
         for (magic, steps, numbers, other) in [
-            (Magic::Carmack, Steps::Two, 1000, 30),
-            (Magic::Lomont, Steps::Two, 1000, 29),
-            (Magic::Carmack, Steps::Two, 100_000, 279),
-            (Magic::Carmack, Steps::Two, 1_000_000, 1813),
-            (Magic::Lomont, Steps::Two, 1_000_000, 1819),
-            (Magic::Carmack, Steps::Three, 100_000, 70),
-            (Magic::Carmack, Steps::Four, 100_000, 84),
+            (Magic::Carmack, 2, 1000, 30),
+            (Magic::Lomont, 2, 1000, 29),
+            (Magic::Carmack, 2, 100_000, 279),
+            (Magic::Carmack, 2, 1_000_000, 1813),
+            (Magic::Lomont, 2, 1_000_000, 1819),
+            (Magic::Carmack, 3, 100_000, 70),
+            (Magic::Carmack, 4, 100_000, 84),
         ] {
             let tally = count_roots(Root::Newton(magic, steps), numbers);
             assert_eq!((tally.other, tally.inexact), (other, other), "{magic:?} {steps:?}");
         }
         assert_eq!(count_roots(Root::BuiltIn, 1_000_000).inexact, 0);
-        assert_eq!(CountRoots(100).visit(|x| x.sqrt() + 1.0).inexact, 100, "it is noticed");
+        assert_eq!(count_roots_by(|x| x.sqrt() + 1.0, 100).inexact, 100, "it is noticed");
     }
 }

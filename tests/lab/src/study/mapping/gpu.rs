@@ -1,39 +1,97 @@
 //! The variants on a GPU: their answers, their errors by the device's own arithmetic, their times by its clock, and
 //! all pairs by the paper's mapping.
 
+use std::collections::HashMap;
 use std::sync::Arc;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use bytemuck::{Pod, Zeroable, cast_slice};
 use pairmask_core::aabb::KeyBox;
 use pairmask_core::{Aabb, BoxCount};
-use pairmaskd::execute::gpu::{Block, Command, GpuError, Part};
+use pairmask_shaders::constants::BATCH_BOXES;
+use pairmaskd::execute::gpu::{
+    Block, Checks, Command, Frame, Gpu, GpuError, Home, Part, Pipeline, Pipelines, StageFault,
+    StepTime, Wait,
+};
 
 use super::Budget;
-use super::errors::{self, Coverage, Tally, counted};
-use super::layouts::{
-    MappingErrorsParams, MappingPairsParams, MappingTally, MappingTimeParams, MaskParams,
-    RootParams, RootTally,
+use super::errors::{Coverage, RootTally, Tally, counted};
+use super::stage::{
+    ERRORS, MASK, MASK_OR, MappingStage, ROOT_ERRORS, ROOT_TIME, Root, TIME, Variant,
 };
-use super::stage::{IdWidth, MappingStage, PairOutput, Root, Variant};
-use super::variants::Mapped;
-use crate::study::harness::stage_bench::StageBench;
 use crate::study::harness::{median, repeated};
 
 /// Ids and numbers of a word.
 const WORD_IDS: u64 = 32;
 
-/// A device and the stages of the study compiled on it.
-pub type Bench = StageBench<MappingStage>;
+/// Time after which a study frame is given up: a thousand times a GPU's need, and enough for a
+/// software adapter.
+const PATIENCE: Duration = Duration::from_secs(120);
+
+/// A device and the stages of the study, each compiled when it is first asked for.
+pub struct Bench {
+    gpu: Arc<Gpu>,
+    pipelines: Pipelines,
+    made: HashMap<MappingStage, Arc<Pipeline>>,
+}
 
 impl Bench {
-    /// Whether the ids of a variant for `n` boxes fit this device's integers.
-    fn fits(&self, variant: Variant, n: u32) -> bool {
-        IdWidth::of(variant, n) == IdWidth::Bits32 || self.gpu().limits().int64
+    pub fn new(gpu: &Arc<Gpu>, checks: Checks) -> Result<Self, GpuError> {
+        let pipelines = Pipelines::new(gpu, checks, None)?;
+        Ok(Self { gpu: Arc::clone(gpu), pipelines, made: HashMap::new() })
     }
 
-    /// Runs one stage once.
-    fn run_stage(
+    pub fn gpu(&self) -> &Arc<Gpu> {
+        &self.gpu
+    }
+
+    /// Whether the ids of a variant for `n` boxes fit this device's integers.
+    fn fits(&self, variant: Variant, n: u32) -> bool {
+        !variant.is_wide(n) || self.gpu.limits().int64
+    }
+
+    /// A step that runs a stage on whole blocks.
+    fn command(
+        &mut self,
+        stage: MappingStage,
+        blocks: &[&Arc<Block>],
+        immediates: &impl Pod,
+        groups: [u32; 2],
+    ) -> Result<Command, GpuError> {
+        let pipeline = if let Some(made) = self.made.get(&stage) {
+            Arc::clone(made)
+        } else {
+            let composed = stage.composed().map_err(|_| GpuError::Stage {
+                stage: stage.file().label,
+                why: StageFault::Compose,
+            })?;
+            let pipeline = self.pipelines.compile(&composed)?;
+            self.made.insert(stage, Arc::clone(&pipeline));
+            pipeline
+        };
+        Ok(Command::Stage {
+            pipeline,
+            parts: blocks.iter().map(|block| Part::whole(block)).collect(),
+            immediates: bytemuck::bytes_of(immediates).to_vec(),
+            groups,
+        })
+    }
+
+    /// Steps that are recorded, to be run any number of times.
+    fn frame(&self, steps: Vec<Command>) -> Result<Frame, GpuError> {
+        let mut frame = Frame::new(&self.gpu, true)?;
+        frame.record(steps)?;
+        Ok(frame)
+    }
+
+    /// Runs steps once and gives the time of each by the GPU's clock.
+    fn run(&self, frame: &mut Frame) -> Result<Vec<StepTime>, GpuError> {
+        let wait = if self.gpu.info().is_software() { Wait::Block } else { Wait::Spin };
+        frame.run(wait, PATIENCE)?;
+        frame.step_times()
+    }
+
+    pub(super) fn run_stage(
         &mut self,
         stage: MappingStage,
         blocks: &[&Arc<Block>],
@@ -44,39 +102,28 @@ impl Bench {
         let mut frame = self.frame(vec![step])?;
         self.run(&mut frame).map(drop)
     }
+
+    pub(super) fn block(&self, home: Home, bytes: u64) -> Result<Arc<Block>, GpuError> {
+        Block::new(&self.gpu, home, bytes)
+    }
+
+    /// Workgroups that cover `threads`: as a square, so that neither side passes the limit.
+    pub(super) fn groups(&self, threads: u64) -> Option<[u32; 2]> {
+        let groups = threads.div_ceil(u64::from(BATCH_BOXES)).max(1);
+        let limit = u64::from(self.gpu.limits().dispatch_groups);
+        let x = groups.min(limit);
+        let y = groups.div_ceil(x);
+        (y <= limit).then_some([x as u32, y as u32])
+    }
 }
 
 fn zeroed<T: Zeroable + Clone>(count: usize) -> Vec<T> {
     vec![T::zeroed(); count]
 }
 
-/// Maps `ids` on the device, for comparison with the mirrors. Ids past the variant's last one have no meaning.
-///
-/// # Errors
-/// [`GpuError`]; a device without 64-bit integers refuses [`IdWidth::Bits64`].
-pub fn map(
-    bench: &mut Bench,
-    variant: Variant,
-    width: IdWidth,
-    n: u32,
-    ids: &[u64],
-) -> Result<Vec<Mapped>, GpuError> {
-    let bytes = size_of_val(ids) as u64;
-    let (from, to) = (bench.host(bytes)?, bench.host(bytes)?);
-    from.write(0, ids);
-    let params = MappingPairsParams { n, id_count: ids.len() as u32 };
-    // A few thousand ids: one row of workgroups.
-    let groups = bench.groups(ids.len() as u64).map_or([1, 1], |groups| [groups[0], 1]);
-    bench.run_stage(MappingStage::Pairs(variant, width), &[&from, &to], &params, groups)?;
-    let mut pairs: Vec<[i32; 2]> = zeroed(ids.len());
-    to.read(0, &mut pairs);
-    Ok(pairs.iter().map(|[a, b]| Mapped { a: i64::from(*a), b: i64::from(*b) }).collect())
-}
-
 /// The ids of a variant that are checked.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Ids {
-    /// All of them.
     All,
     /// Words of 32 ids, as many as given, evenly apart.
     Words(u32),
@@ -86,9 +133,6 @@ pub enum Ids {
 
 /// Counts the wrong ids. `None` where the ids do not fit the device's integers, counters or
 /// dispatches.
-///
-/// # Errors
-/// [`GpuError`].
 pub fn count(
     bench: &mut Bench,
     variant: Variant,
@@ -115,69 +159,46 @@ pub fn count(
         && u32::try_from(pairs).is_ok()
         && map_bytes <= bench.gpu().limits().storage_binding_bytes;
     let Some(groups) = bench.groups(words) else { return Ok(None) };
-    let params = MappingErrorsParams {
-        n,
-        word_count: words as u32,
-        groups_x: groups[0],
-        around_rows,
-        stride_low: stride as u32,
-        stride_high: (stride >> 32) as u32,
-        mark: u32::from(mark),
-        ..MappingErrorsParams::default()
-    };
-    let tally = bench.host(size_of::<MappingTally>() as u64)?;
-    tally.write(0, &[MappingTally::default()]);
-    let named = bench.video(if mark { map_bytes } else { 4 })?;
-    let stage = MappingStage::Errors(variant, IdWidth::of(variant, n));
+    let stride = [stride as u32, (stride >> 32) as u32];
+    let params = [n, words as u32, groups[0], around_rows, 0, 0, stride[0], stride[1], mark.into()];
+    let tally = bench.block(Home::Host, size_of::<[u32; 6]>() as u64)?;
+    tally.write(0, &[0u32; 6]);
+    let named = bench.block(Home::Video, if mark { map_bytes } else { 4 })?;
+    let stage = MappingStage::Map(ERRORS, variant, variant.is_wide(n));
     let count = bench.command(stage, &[&tally, &named], &params, groups)?;
     let clear = Command::Fill { part: Part::whole(&named), word: 0 };
     let mut frame = bench.frame(vec![clear, count])?;
     bench.run(&mut frame)?;
-    let mut counts = [MappingTally::default()];
+    let mut counts = [0u32; 6];
     tally.read(0, &mut counts);
-    let [MappingTally { ids, skipped, wrong, wrong_named, row_error, distinct }] = counts;
-    let tally = Tally {
-        ids: u64::from(ids),
-        skipped: u64::from(skipped),
-        wrong: u64::from(wrong),
-        wrong_named: u64::from(wrong_named),
-        largest_row_error: u64::from(row_error),
-        first_wrong: None,
-    };
-    let coverage =
-        if mark { counted(&tally, pairs, u64::from(distinct)) } else { Coverage::bounded(&tally) };
+    let [ids, skipped, wrong, wrong_named, largest_row_error, distinct] = counts.map(u64::from);
+    let tally = Tally { ids, skipped, wrong, wrong_named, largest_row_error, first_wrong: None };
+    let coverage = if mark { counted(&tally, pairs, distinct) } else { Coverage::bounded(&tally) };
     Ok(Some((tally, coverage)))
 }
 
 /// Counts wrong integer parts of the roots of 1 to `count`.
-///
-/// # Errors
-/// [`GpuError`].
 pub fn count_roots(
     bench: &mut Bench,
     root: Root,
     count: u32,
-) -> Result<Option<errors::RootTally>, GpuError> {
+) -> Result<Option<RootTally>, GpuError> {
     let words = u64::from(count).div_ceil(WORD_IDS);
     let Some(groups) = bench.groups(words) else { return Ok(None) };
-    let params = RootParams { count, word_count: words as u32, groups_x: groups[0], never: 0 };
-    let tally = bench.host(size_of::<RootTally>() as u64)?;
-    tally.write(0, &[RootTally::default()]);
-    bench.run_stage(MappingStage::RootErrors(root), &[&tally], &params, groups)?;
-    let mut counts = [RootTally::default()];
+    let params = [count, words as u32, groups[0], 0];
+    let tally = bench.block(Home::Host, size_of::<[u32; 2]>() as u64)?;
+    tally.write(0, &[0u32; 2]);
+    bench.run_stage(MappingStage::Root(ROOT_ERRORS, root), &[&tally], &params, groups)?;
+    let mut counts = [0u32; 2];
     tally.read(0, &mut counts);
-    let [RootTally { other, inexact }] = counts;
-    let (other, inexact) = (u64::from(other), u64::from(inexact));
-    Ok(Some(errors::RootTally { count: u64::from(count), other, inexact }))
+    let [other, inexact] = counts.map(u64::from);
+    Ok(Some(RootTally { count: u64::from(count), other, inexact }))
 }
 
 /// A sum that no thread is expected to have.
 const NEVER: u32 = 0xdead_beef;
 
 /// Time to map every id of `n` boxes, in ms. `None` where they do not fit the device or the budget.
-///
-/// # Errors
-/// [`GpuError`].
 pub fn map_ms(
     bench: &mut Bench,
     variant: Variant,
@@ -187,38 +208,35 @@ pub fn map_ms(
     if !bench.fits(variant, n) {
         return Ok(None);
     }
-    let params = |groups_x, word_count| MappingTimeParams { n, word_count, groups_x, never: NEVER };
-    let stage = MappingStage::Time(variant, IdWidth::of(variant, n));
+    let params = |groups_x, word_count| [n, word_count, groups_x, NEVER];
+    let stage = MappingStage::Map(TIME, variant, variant.is_wide(n));
     timed(bench, stage, variant.id_count(n).div_ceil(WORD_IDS), budget, params)
 }
 
 /// Time to take the roots of 1 to `count`, in ms. `None` where that does not fit the device or the budget.
-///
-/// # Errors
-/// [`GpuError`].
 pub fn root_ms(
     bench: &mut Bench,
     root: Root,
     count: u32,
     budget: &Budget,
 ) -> Result<Option<f64>, GpuError> {
-    let params = |groups_x, word_count| RootParams { count, word_count, groups_x, never: NEVER };
+    let params = |groups_x, word_count| [count, word_count, groups_x, NEVER];
     let words = u64::from(count).div_ceil(WORD_IDS);
-    timed(bench, MappingStage::RootTime(root), words, budget, params)
+    timed(bench, MappingStage::Root(ROOT_TIME, root), words, budget, params)
 }
 
 /// Words of a trial run, from which it is estimated whether the whole run fits the budget.
 const TRIAL_WORDS: u64 = 1 << 15;
 
 /// Median time of a stage; `None` when it would take longer than the budget allows.
-fn timed<P: Pod>(
+fn timed(
     bench: &mut Bench,
     stage: MappingStage,
     words: u64,
     budget: &Budget,
-    params: impl Fn(u32, u32) -> P,
+    params: impl Fn(u32, u32) -> [u32; 4],
 ) -> Result<Option<f64>, GpuError> {
-    let sink = bench.video(4)?;
+    let sink = bench.block(Home::Video, 4)?;
     let frame_of = |bench: &mut Bench, words: u64| {
         let Some(groups) = bench.groups(words).filter(|_| words > 0) else { return Ok(None) };
         let step = bench.command(stage, &[&sink], &params(groups[0], words as u32), groups)?;
@@ -254,46 +272,29 @@ fn within<T>(
     repeated(budget.time, 3, run)
 }
 
-/// The threads that write a word of the output.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Writer {
-    /// One thread computes all pairs of the word.
-    ThreadAWord,
-    /// One thread a pair; each ORs its result in, as in the paper.
-    ThreadAPair,
-}
-
 /// All pairs by the paper's mapping, one byte or one bit a pair (Avril et al. 2012, table 5, figures 3 and 4).
 #[derive(Clone, Debug, PartialEq)]
 pub struct MaskRun {
     /// Median times of the upload of the boxes, of the kernel, and of the transfer back, in ms.
     pub ms: [f64; 3],
-    /// Bytes that went up.
     pub input_bytes: u64,
-    /// Bytes that came back.
     pub output_bytes: u64,
-    /// The output.
     pub words: Vec<u32>,
 }
 
-/// All pairs of `boxes`, measured; `None` where they do not fit the device.
-///
-/// # Errors
-/// [`GpuError`].
+/// All pairs of `boxes`, so many bits a pair, measured; `None` where they do not fit the device. One thread computes
+/// a pair and ORs it in, as in the paper, or a whole word.
 pub fn mask(
     bench: &mut Bench,
-    output: PairOutput,
-    writer: Writer,
+    bits: u32,
+    thread_a_pair: bool,
     boxes: &[Aabb],
     budget: &Budget,
 ) -> Result<Option<MaskRun>, GpuError> {
     let n = BoxCount::of_len(boxes.len()).unwrap_or_default();
     let pairs = n.pair_count();
-    let words = pairs.div_ceil(u64::from(output.pairs_per_word()));
-    let (stage, threads) = match writer {
-        Writer::ThreadAWord => (MappingStage::Mask(output), words),
-        Writer::ThreadAPair => (MappingStage::MaskOr(output), pairs),
-    };
+    let words = pairs.div_ceil(u64::from(32 / bits));
+    let (file, threads) = if thread_a_pair { (MASK_OR, pairs) } else { (MASK, words) };
     let (Some(groups), Ok(pair_count)) = (bench.groups(threads), u32::try_from(pairs)) else {
         return Ok(None);
     };
@@ -305,16 +306,22 @@ pub fn mask(
         })
         .collect();
     let (input_bytes, output_bytes) = (size_of_val(keys.as_slice()) as u64, words * 4);
-    let (staged, video_keys) = (bench.host(input_bytes)?, bench.video(input_bytes)?);
+    let (staged, video_keys) =
+        (bench.block(Home::Host, input_bytes)?, bench.block(Home::Video, input_bytes)?);
     staged.write(0, cast_slice::<_, i32>(&keys));
-    let (video_out, back) = (bench.video(output_bytes)?, bench.host(output_bytes)?);
-    let params =
-        MaskParams { n: n.get(), pair_count, thread_count: threads as u32, groups_x: groups[0] };
+    let (video_out, back) =
+        (bench.block(Home::Video, output_bytes)?, bench.block(Home::Host, output_bytes)?);
+    let params = [n.get(), pair_count, threads as u32, groups[0]];
     let copy = |from: &Arc<Block>, to| Command::Copy {
         from: Part::of(from, 0, from.bytes()),
         to: Part::of(to, 0, from.bytes()),
     };
-    let kernel = bench.command(stage, &[&video_keys, &video_out], &params, groups)?;
+    let kernel = bench.command(
+        MappingStage::Mask(file, bits),
+        &[&video_keys, &video_out],
+        &params,
+        groups,
+    )?;
     let clear = Command::Fill { part: Part::whole(&video_out), word: 0 };
     let steps = vec![clear, copy(&staged, &video_keys), kernel, copy(&video_out, &back)];
     let mut frame = bench.frame(steps)?;

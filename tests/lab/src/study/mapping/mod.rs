@@ -15,27 +15,30 @@
 
 pub mod errors;
 pub mod gpu;
-pub mod layouts;
 pub mod report;
 pub mod stage;
 pub mod times;
 pub mod variants;
 
-use std::fmt;
+#[cfg(test)]
+mod tests;
+
 use std::time::Duration;
 
-use pairmask_core::BoxCount;
+use pairmask_core::{Aabb, BoxCount};
 use pairmaskd::execute::gpu::{Checks, GpuChoice, GpuError};
+use pairmaskd::scene::{Scene, SceneName};
 use serde::Serialize;
 
-use self::errors::{Coverage, RootTally, Tally};
-use self::gpu::{Bench, Ids, Writer};
-pub use self::report::MappingReport;
-use self::stage::{PAPERS_OWN, PairOutput, Root, Variant};
+use self::errors::{Coverage, Tally};
+use self::gpu::{Bench, Ids};
+use self::report::MappingReport;
+use self::stage::{PAPERS_OWN, Root, Variant};
 use super::harness::machine::Machine;
-use super::harness::{StudyError, open_if_any};
+use super::harness::open_if_any;
+use super::harness::table::{Fields, row};
 use super::papers::{self, figure};
-use crate::gpu_stages::uniform;
+use crate::Result;
 
 /// Limits of a measurement's time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -59,7 +62,6 @@ pub struct Plan {
     pub error_counts: Vec<u32>,
     /// Largest of them that is counted id by id on the CPU, and on the GPU.
     pub exhaustive: [u32; 2],
-    /// Ids of a sample on the CPU.
     pub sample_ids: u64,
     /// Words of 32 ids of a sample on the GPU.
     pub sample_words: u32,
@@ -72,7 +74,6 @@ pub struct Plan {
     pub root_time_counts: Vec<u64>,
     /// Numbers of boxes of the output study (table 5).
     pub output_counts: Vec<u32>,
-    /// Numbers of boxes of figure 4.
     pub growth_counts: Vec<u32>,
     /// Budget of each measurement on the CPU.
     pub cpu: Budget,
@@ -139,93 +140,40 @@ impl Plan {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Processor {
-    /// One thread of the CPU.
     CpuThread,
-    /// All threads of the CPU.
     Cpu,
-    /// The GPU.
     Gpu,
-}
-
-impl fmt::Display for Processor {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::CpuThread => "cpu, one thread",
-            Self::Cpu => "cpu",
-            Self::Gpu => "gpu",
-        })
-    }
-}
-
-/// Table 3: wrong integer parts of a root.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct RootErrorRow {
-    /// Who.
-    pub processor: Processor,
-    /// The root.
-    pub root: Root,
-    /// The counts.
-    pub tally: RootTally,
-    /// The paper's percentage.
-    pub paper_percent: Option<f64>,
 }
 
 /// The ids that an error row checked.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Scope {
-    /// Every id.
     All,
-    /// A sample, spread evenly.
     Sample,
 }
 
 /// The errors of a variant for n boxes.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct PairErrorRow {
-    /// Who.
     pub processor: Processor,
-    /// The variant.
     pub variant: Variant,
-    /// Boxes.
     pub n: u32,
-    /// The ids of `tally`.
     pub scope: Scope,
-    /// The counts.
     pub tally: Tally,
-    /// Pairs missed and repeated.
     pub coverage: Coverage,
-    /// The counts at the start and end of every row, where errors begin.
     pub row_ends: Option<Tally>,
-    /// Wrong ids, those at the ends of rows included.
     pub wrong: u64,
-    /// Largest distance of a wrong id's row from its own.
     pub row_error: u64,
-}
-
-/// Fewest boxes for which a closed form is wrong, by the mirror.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-pub struct FirstWrongRow {
-    /// The variant.
-    pub variant: Variant,
-    /// Fewest boxes; `None` if there are none up to `limit`.
-    pub n: Option<u32>,
-    /// Largest number of boxes that was checked.
-    pub limit: u32,
 }
 
 /// Table 2 and beyond: the time to map all ids of n boxes.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct MapTimeRow {
-    /// Who.
     pub processor: Processor,
-    /// The variant.
     pub variant: Variant,
-    /// Boxes.
     pub n: u32,
-    /// Time in ms; `None` where it was beyond the budget or the device.
     pub ms: Option<f64>,
-    /// The paper's.
     pub paper_ms: Option<f64>,
 }
 
@@ -236,67 +184,9 @@ impl MapTimeRow {
     }
 }
 
-/// Table 4: the time to take roots.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct RootTimeRow {
-    /// Who.
-    pub processor: Processor,
-    /// The root.
-    pub root: Root,
-    /// Roots.
-    pub count: u64,
-    /// Time in ms; `None` where it was beyond the budget.
-    pub ms: Option<f64>,
-    /// The paper's.
-    pub paper_ms: Option<f64>,
-}
-
-/// Table 5: one byte or one bit a pair.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct OutputRow {
-    /// Boxes.
-    pub n: u32,
-    /// Bits of a pair: 8 or 1.
-    pub bits_per_pair: u32,
-    /// Whether each thread computes one pair and ORs it in, as in the paper.
-    pub thread_a_pair: bool,
-    /// Kernel in ms.
-    pub kernel_ms: f64,
-    /// Transfer to the host in µs.
-    pub transfer_us: f64,
-    /// Bytes transferred.
-    pub output_bytes: u64,
-    /// The paper's kernel in ms.
-    pub paper_kernel_ms: Option<f64>,
-    /// The paper's transfer in µs.
-    pub paper_transfer_us: Option<f64>,
-}
-
-/// Figure 4: kernel time, input and output by n, one bit a pair.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct GrowthRow {
-    /// Boxes.
-    pub n: u32,
-    /// Kernel in ms.
-    pub kernel_ms: f64,
-    /// Upload of the boxes in µs.
-    pub upload_us: f64,
-    /// Download of the mask in µs.
-    pub transfer_us: f64,
-    /// 24 bytes a box, as in the paper.
-    pub input_bytes: u64,
-    /// One bit a pair, in whole words.
-    pub output_bytes: u64,
-    /// The paper's kernel in ms, where table 5 gives it: the figure has no numbers.
-    pub paper_kernel_ms: Option<f64>,
-}
-
 /// Measures, on the GPU too if the choice has one. With `quick` small sizes and few runs, in seconds; times mean
 /// little.
-///
-/// # Errors
-/// [`StudyError`].
-pub fn measure(choice: &GpuChoice, quick: bool) -> Result<MappingReport, StudyError> {
+pub fn measure(choice: &GpuChoice, quick: bool) -> Result<MappingReport> {
     let gpu = open_if_any(choice)?;
     let software = gpu.as_ref().is_some_and(|gpu| gpu.info().is_software());
     let plan = Plan::new(quick, software, rayon::current_num_threads());
@@ -316,17 +206,23 @@ pub fn measure(choice: &GpuChoice, quick: bool) -> Result<MappingReport, StudyEr
         report.outputs = outputs(&plan, bench)?;
         report.growth = growth(&plan, bench)?;
     }
-    report.judge(papers::mapping_claims(&serde_json::to_value(&report)?)?);
+    let claims = papers::mapping_claims(&serde_json::to_value(&report)?)?;
+    let claim = |(place, claim): (String, papers::Claim)| {
+        let papers::Claim { says, rule, verdict, why, .. } = claim;
+        let evidence = if why.is_empty() { rule } else { format!("{rule}: {why}") };
+        row!(place, claim: says, verdict, evidence)
+    };
+    report.claims = claims.into_iter().map(claim).collect();
     Ok(report)
 }
 
-fn root_errors(plan: &Plan, mut bench: Option<&mut Bench>) -> Result<Vec<RootErrorRow>, GpuError> {
+fn root_errors(plan: &Plan, mut bench: Option<&mut Bench>) -> Result<Vec<Fields>, GpuError> {
     let mut rows = Vec::new();
     for root in Root::all() {
         for &count in &plan.root_counts {
             let paper_percent = figure(&format!("table_3[count={count}].{root}"));
             let mut push = |processor, tally| {
-                rows.push(RootErrorRow { processor, root, tally, paper_percent });
+                rows.push(row!(processor, root, tally, paper_percent));
             };
             push(Processor::Cpu, errors::count_roots(root, count));
             let Some(bench) = bench.as_deref_mut() else { continue };
@@ -339,9 +235,6 @@ fn root_errors(plan: &Plan, mut bench: Option<&mut Bench>) -> Result<Vec<RootErr
 }
 
 /// The errors of the plan's variants.
-///
-/// # Errors
-/// [`GpuError`].
 pub fn pair_errors(
     plan: &Plan,
     mut bench: Option<&mut Bench>,
@@ -396,17 +289,13 @@ pub fn pair_errors(
     Ok(rows)
 }
 
-fn first_wrong(limit: u32) -> Vec<FirstWrongRow> {
+fn first_wrong(limit: u32) -> Vec<Fields> {
     let closed = Variant::all().filter(|variant| matches!(variant, Variant::Closed { .. }));
-    let row =
-        |variant| FirstWrongRow { variant, n: errors::first_wrong_count(variant, limit), limit };
-    closed.map(row).collect()
+    let of = |variant| row!(variant, n: errors::first_wrong_count(variant, limit), limit);
+    closed.map(of).collect()
 }
 
 /// The times of the plan's variants.
-///
-/// # Errors
-/// [`GpuError`].
 pub fn map_times(plan: &Plan, mut bench: Option<&mut Bench>) -> Result<Vec<MapTimeRow>, GpuError> {
     let mut rows = Vec::new();
     for &n in &plan.time_counts {
@@ -431,12 +320,12 @@ pub fn map_times(plan: &Plan, mut bench: Option<&mut Bench>) -> Result<Vec<MapTi
     Ok(rows)
 }
 
-fn root_times(plan: &Plan, mut bench: Option<&mut Bench>) -> Result<Vec<RootTimeRow>, GpuError> {
+fn root_times(plan: &Plan, mut bench: Option<&mut Bench>) -> Result<Vec<Fields>, GpuError> {
     let mut rows = Vec::new();
     for &count in &plan.root_time_counts {
         for root in Root::all() {
             let mut push = |processor, ms, paper_ms| {
-                rows.push(RootTimeRow { processor, root, count, ms, paper_ms });
+                rows.push(row!(processor, root, count, ms, paper_ms));
             };
             for processor in [Processor::CpuThread, Processor::Cpu] {
                 push(processor, Some(times::roots(root, count, processor, &plan.cpu)), None);
@@ -451,44 +340,43 @@ fn root_times(plan: &Plan, mut bench: Option<&mut Bench>) -> Result<Vec<RootTime
     Ok(rows)
 }
 
-fn outputs(plan: &Plan, bench: &mut Bench) -> Result<Vec<OutputRow>, GpuError> {
+fn uniform(n: u32) -> Vec<Aabb> {
+    Scene::new(SceneName::Uniform, n as usize, 1).boxes().to_vec()
+}
+
+fn outputs(plan: &Plan, bench: &mut Bench) -> Result<Vec<Fields>, GpuError> {
     let mut rows = Vec::new();
     for &n in &plan.output_counts {
         let boxes = uniform(n);
-        for writer in [Writer::ThreadAPair, Writer::ThreadAWord] {
-            for output in [PairOutput::Byte, PairOutput::Bit] {
-                let Some(run) = gpu::mask(bench, output, writer, &boxes, &plan.gpu)? else {
-                    continue;
-                };
-                let bits_per_pair = 32 / output.pairs_per_word();
+        for thread_a_pair in [true, false] {
+            for bits_per_pair in [8, 1] {
+                let run = gpu::mask(bench, bits_per_pair, thread_a_pair, &boxes, &plan.gpu)?;
+                let Some(run) = run else { continue };
                 let paper =
                     |column| figure(&format!("table_5[bits={bits_per_pair},n={n}].{column}"));
                 let [_, kernel_ms, transfer_ms] = run.ms;
-                rows.push(OutputRow {
+                rows.push(row!(
                     n,
                     bits_per_pair,
-                    thread_a_pair: writer == Writer::ThreadAPair,
+                    thread_a_pair,
                     kernel_ms,
                     transfer_us: transfer_ms * 1e3,
                     output_bytes: run.output_bytes,
                     paper_kernel_ms: paper("kernel_ms"),
                     paper_transfer_us: paper("transfer_us"),
-                });
+                ));
             }
         }
     }
     Ok(rows)
 }
 
-fn growth(plan: &Plan, bench: &mut Bench) -> Result<Vec<GrowthRow>, GpuError> {
+fn growth(plan: &Plan, bench: &mut Bench) -> Result<Vec<Fields>, GpuError> {
     let mut rows = Vec::new();
     for &n in &plan.growth_counts {
-        let (output, writer) = (PairOutput::Bit, Writer::ThreadAWord);
-        let Some(run) = gpu::mask(bench, output, writer, &uniform(n), &plan.gpu)? else {
-            continue;
-        };
+        let Some(run) = gpu::mask(bench, 1, false, &uniform(n), &plan.gpu)? else { continue };
         let [upload_ms, kernel_ms, transfer_ms] = run.ms;
-        rows.push(GrowthRow {
+        rows.push(row!(
             n,
             kernel_ms,
             upload_us: upload_ms * 1e3,
@@ -496,31 +384,7 @@ fn growth(plan: &Plan, bench: &mut Bench) -> Result<Vec<GrowthRow>, GpuError> {
             input_bytes: run.input_bytes,
             output_bytes: run.output_bytes,
             paper_kernel_ms: figure(&format!("table_5[bits=1,n={n}].kernel_ms")),
-        });
+        ));
     }
     Ok(rows)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn every_plan_measures_something_of_everything_and_a_full_one_the_papers_sizes() {
-        for (quick, software, threads) in
-            [(true, true, 2), (false, true, 2), (false, false, 16), (true, false, 64)]
-        {
-            let plan = Plan::new(quick, software, threads);
-            let counts = [plan.root_counts.len(), plan.error_counts.len(), plan.time_counts.len()];
-            let more =
-                [plan.root_time_counts.len(), plan.output_counts.len(), plan.growth_counts.len()];
-            assert!(!counts.contains(&0) && !more.contains(&0), "{plan:?}");
-            assert!(plan.error_counts.is_sorted() && plan.error_counts[0] <= plan.exhaustive[1]);
-        }
-        let plan = Plan::new(false, false, 16);
-        assert_eq!(plan.output_counts, [100, 1_000, 5_000, 7_500]);
-        assert_eq!(plan.time_counts, [1_000, 10_000, 100_000]);
-        assert_eq!((plan.growth_counts[0], plan.growth_counts[10]), (100, 5_000));
-        assert_eq!(plan.root_counts[5], 100_000_000);
-    }
 }

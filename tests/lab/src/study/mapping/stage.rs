@@ -6,12 +6,10 @@
 //! folding a triangle. None of these stages serves a client: production uses
 //! `pairmask_core::pair_index` and integer searches only.
 
-use std::fmt::{self, Write};
+use std::fmt;
 
 use pairmask_shaders::{ComposeError, ComposedStage, compose, shared_part};
 use serde::{Serialize, Serializer};
-
-use crate::study::harness::stage_bench::StudyStage;
 
 /// First guesses of an inverse square root, subtracted from half the bits of the number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -19,27 +17,7 @@ use crate::study::harness::stage_bench::StudyStage;
 pub enum Magic {
     /// The constant of Quake III, which the paper ascribes to Carmack.
     Carmack = 0x5f37_59df,
-    /// Lomont's.
     Lomont = 0x5f37_5a86,
-}
-
-/// Newton steps after the first guess.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-#[repr(u32)]
-pub enum Steps {
-    /// One: the code that the paper prints.
-    One = 1,
-    /// Two.
-    Two = 2,
-    /// Three.
-    Three = 3,
-    /// Four.
-    Four = 4,
-}
-
-impl Steps {
-    /// All of them.
-    pub const ALL: [Self; 4] = [Self::One, Self::Two, Self::Three, Self::Four];
 }
 
 /// The way to compute a square root.
@@ -47,17 +25,15 @@ impl Steps {
 pub enum Root {
     /// The language's: correctly rounded on CPUs, nearly so on GPUs.
     BuiltIn,
-    /// A first guess and Newton steps.
-    Newton(Magic, Steps),
+    /// A first guess and 1 to 4 steps of Newton; one is the code that the paper prints.
+    Newton(Magic, u32),
 }
 
 impl Root {
     /// All roots: the built-in one first.
     pub fn all() -> impl Iterator<Item = Self> + Clone {
-        let newton = [Magic::Carmack, Magic::Lomont]
-            .into_iter()
-            .flat_map(|magic| Steps::ALL.map(|steps| Self::Newton(magic, steps)));
-        std::iter::once(Self::BuiltIn).chain(newton)
+        let steps = |magic| (1..=4).map(move |steps| Self::Newton(magic, steps));
+        std::iter::once(Self::BuiltIn).chain(steps(Magic::Carmack)).chain(steps(Magic::Lomont))
     }
 }
 
@@ -65,8 +41,8 @@ impl fmt::Display for Root {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::BuiltIn => f.write_str("sqrt"),
-            Self::Newton(Magic::Carmack, steps) => write!(f, "carmack-{}", *steps as u32),
-            Self::Newton(Magic::Lomont, steps) => write!(f, "lomont-{}", *steps as u32),
+            Self::Newton(Magic::Carmack, steps) => write!(f, "carmack-{steps}"),
+            Self::Newton(Magic::Lomont, steps) => write!(f, "lomont-{steps}"),
         }
     }
 }
@@ -77,25 +53,16 @@ impl Serialize for Root {
     }
 }
 
-/// The way to compute the discriminant 4n² − 4n − 8k + 1 of the closed form.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Discriminant {
-    /// In f32, term by term as the paper writes it: large terms cancel.
-    Float,
-    /// The subtraction in integers, then one conversion: off by one row at most, so that the
-    /// corrections suffice.
-    Integer,
-}
-
 /// A way from an id to a pair.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Variant {
     /// The paper's closed form.
     Closed {
-        /// Its square root.
         root: Root,
-        /// Its discriminant.
-        discriminant: Discriminant,
+        /// Whether the discriminant 4n² − 4n − 8k + 1 is subtracted in integers, then converted once: off by one
+        /// row at most, so that the corrections suffice. Else in f32, term by term as the paper writes it: large
+        /// terms cancel.
+        integer: bool,
         /// Whether the two corrections of §3.3 follow (b > n; a ≥ b).
         corrected: bool,
     },
@@ -113,20 +80,13 @@ pub enum Variant {
 
 impl Variant {
     /// Every variant, in the order of the report.
-    ///
-    /// ```
-    /// use pairmask_lab::study::mapping::stage::Variant;
-    /// let names: Vec<String> = Variant::all().map(|v| v.to_string()).collect();
-    /// assert_eq!(names.len(), 25);
-    /// assert_eq!(names[3], "closed carmack-1 corrected");
-    /// ```
     pub fn all() -> impl Iterator<Item = Self> + Clone {
-        let closed = |root, discriminant| {
-            [false, true].map(|corrected| Self::Closed { root, discriminant, corrected })
+        let closed = |root, integer| {
+            [false, true].map(|corrected| Self::Closed { root, integer, corrected })
         };
         Root::all()
-            .flat_map(move |root| closed(root, Discriminant::Float))
-            .chain(closed(Root::BuiltIn, Discriminant::Integer))
+            .flat_map(move |root| closed(root, false))
+            .chain(closed(Root::BuiltIn, true))
             .chain([Self::FarEnd, Self::RowSearch, Self::Fold, Self::WordStep, Self::Lazy])
     }
 
@@ -136,25 +96,27 @@ impl Variant {
         let ordered = n * n.saturating_sub(1);
         if matches!(self, Self::Lazy) { ordered } else { ordered / 2 }
     }
+
+    /// Whether the ids of `n` boxes need 64 bits: beyond 92,682 boxes, 65,536 the lazy way.
+    pub const fn is_wide(self, n: u32) -> bool {
+        self.id_count(n) > u32::MAX as u64
+    }
 }
 
 impl fmt::Display for Variant {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Closed { root, discriminant, corrected } => {
-                f.write_str("closed ")?;
-                if *discriminant == Discriminant::Integer {
-                    f.write_str("integer-")?;
-                }
-                root.fmt(f)?;
-                f.write_str(if *corrected { " corrected" } else { "" })
+        f.write_str(match self {
+            Self::Closed { root, integer, corrected } => {
+                let integer = if *integer { "integer-" } else { "" };
+                let corrected = if *corrected { " corrected" } else { "" };
+                return write!(f, "closed {integer}{root}{corrected}");
             }
-            Self::FarEnd => f.write_str("far-end"),
-            Self::RowSearch => f.write_str("row-search"),
-            Self::Fold => f.write_str("fold"),
-            Self::WordStep => f.write_str("word-step"),
-            Self::Lazy => f.write_str("lazy"),
-        }
+            Self::FarEnd => "far-end",
+            Self::RowSearch => "row-search",
+            Self::Fold => "fold",
+            Self::WordStep => "word-step",
+            Self::Lazy => "lazy",
+        })
     }
 }
 
@@ -166,207 +128,135 @@ impl Serialize for Variant {
 
 /// The paper's way with a square root: its closed form with the built-in one.
 pub const PAPERS_OWN: Variant =
-    Variant::Closed { root: Root::BuiltIn, discriminant: Discriminant::Float, corrected: false };
-
-/// Bits of an id on the GPU.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum IdWidth {
-    /// As long as all ids fit: up to 92,682 boxes (65,536 the lazy way).
-    Bits32,
-    /// Beyond. Needs a device with 64-bit integers.
-    Bits64,
-}
-
-impl IdWidth {
-    /// The narrowest width for the ids of a variant.
-    pub const fn of(variant: Variant, n: u32) -> Self {
-        if variant.id_count(n) <= u32::MAX as u64 { Self::Bits32 } else { Self::Bits64 }
-    }
-}
-
-/// The output of a pair in the output study.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum PairOutput {
-    /// One byte.
-    Byte,
-    /// One bit.
-    Bit,
-}
-
-impl PairOutput {
-    /// Pairs of a 32-bit word.
-    pub const fn pairs_per_word(self) -> u32 {
-        match self {
-            Self::Byte => 4,
-            Self::Bit => 32,
-        }
-    }
-}
-
-/// A stage of the study.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum MappingStage {
-    /// Ids to pairs.
-    Pairs(Variant, IdWidth),
-    /// Wrong ids and named pairs, counted.
-    Errors(Variant, IdWidth),
-    /// Ids mapped, without output.
-    Time(Variant, IdWidth),
-    /// Wrong integer parts of roots, counted.
-    RootErrors(Root),
-    /// Roots computed, without output.
-    RootTime(Root),
-    /// All pairs of boxes; one thread a word of output.
-    Mask(PairOutput),
-    /// All pairs of boxes; one thread a pair, which ORs its result in.
-    MaskOr(PairOutput),
-}
+    Variant::Closed { root: Root::BuiltIn, integer: false, corrected: false };
 
 /// The form of the mapping that the output study uses: the paper's, corrected. From 5,794 boxes on
 /// (k past 2^24) it misses a pair or two, which changes no time.
 pub const MASK_VARIANT: Variant =
-    Variant::Closed { root: Root::BuiltIn, discriminant: Discriminant::Float, corrected: true };
+    Variant::Closed { root: Root::BuiltIn, integer: false, corrected: true };
+
+/// A file of WGSL.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct File {
+    pub label: &'static str,
+    text: &'static str,
+    /// Storage buffers, numbered from 0.
+    bindings: u32,
+}
+
+macro_rules! file {
+    ($name:literal, $bindings:literal) => {
+        File {
+            label: $name,
+            text: include_str!(concat!("../../../shaders/", $name, ".wgsl")),
+            bindings: $bindings,
+        }
+    };
+}
+
+/// Ids to pairs.
+#[cfg(test)]
+pub const PAIRS: File = file!("mapping_pairs", 2);
+/// Wrong ids and named pairs, counted.
+pub const ERRORS: File = file!("mapping_errors", 2);
+/// Ids mapped, without output.
+pub const TIME: File = file!("mapping_time", 1);
+/// Wrong integer parts of roots, counted.
+pub const ROOT_ERRORS: File = file!("mapping_root_errors", 1);
+/// Roots computed, without output.
+pub const ROOT_TIME: File = file!("mapping_root_time", 1);
+/// All pairs of boxes; one thread a word of output.
+pub const MASK: File = file!("mapping_mask", 2);
+/// All pairs of boxes; one thread a pair, which ORs its result in.
+pub const MASK_OR: File = file!("mapping_mask_or", 2);
+
+/// A stage of the study: a file and what it is composed with.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum MappingStage {
+    /// A way, and whether ids have 64 bits, for which a device needs such integers.
+    Map(File, Variant, bool),
+    Root(File, Root),
+    /// Bits of a pair in the output.
+    Mask(File, u32),
+}
+
+macro_rules! shared {
+    ($name:literal) => {
+        include_str!(concat!("../../../shaders/shared/", $name, ".wgsl"))
+    };
+}
 
 impl MappingStage {
-    /// One of each stage.
-    pub const ALL: [Self; 7] = [
-        Self::Pairs(Variant::FarEnd, IdWidth::Bits32),
-        Self::Errors(Variant::FarEnd, IdWidth::Bits32),
-        Self::Time(Variant::FarEnd, IdWidth::Bits32),
-        Self::RootErrors(Root::BuiltIn),
-        Self::RootTime(Root::BuiltIn),
-        Self::Mask(PairOutput::Bit),
-        Self::MaskOr(PairOutput::Bit),
-    ];
-
-    /// Every form that the study runs.
-    pub fn all_forms() -> Vec<Self> {
-        let mut forms = Vec::new();
-        for width in [IdWidth::Bits32, IdWidth::Bits64] {
-            for variant in Variant::all() {
-                forms.extend([
-                    Self::Pairs(variant, width),
-                    Self::Errors(variant, width),
-                    Self::Time(variant, width),
-                ]);
-            }
-        }
-        forms.extend(Root::all().flat_map(|root| [Self::RootErrors(root), Self::RootTime(root)]));
-        for output in [PairOutput::Byte, PairOutput::Bit] {
-            forms.extend([Self::Mask(output), Self::MaskOr(output)]);
-        }
-        forms
-    }
-
-    /// Name, file, and storage buffers, numbered from 0.
-    const fn parts(self) -> (&'static str, &'static str, u32) {
-        macro_rules! stage {
-            ($name:literal, $bindings:literal) => {
-                ($name, include_str!(concat!("../../../shaders/", $name, ".wgsl")), $bindings)
-            };
-        }
-        match self {
-            Self::Pairs(..) => stage!("mapping_pairs", 2),
-            Self::Errors(..) => stage!("mapping_errors", 2),
-            Self::Time(..) => stage!("mapping_time", 1),
-            Self::RootErrors(_) => stage!("mapping_root_errors", 1),
-            Self::RootTime(_) => stage!("mapping_root_time", 1),
-            Self::Mask(_) => stage!("mapping_mask", 2),
-            Self::MaskOr(_) => stage!("mapping_mask_or", 2),
-        }
-    }
-
-    fn map(self) -> Option<(Variant, IdWidth)> {
-        match self {
-            Self::Pairs(variant, width)
-            | Self::Errors(variant, width)
-            | Self::Time(variant, width) => Some((variant, width)),
-            Self::Mask(_) | Self::MaskOr(_) => Some((MASK_VARIANT, IdWidth::Bits32)),
-            Self::RootErrors(_) | Self::RootTime(_) => None,
-        }
-    }
-
-    fn root(self) -> Option<Root> {
-        match (self, self.map()) {
-            (Self::RootErrors(root) | Self::RootTime(root), _)
-            | (_, Some((Variant::Closed { root, .. }, _))) => Some(root),
-            _ => None,
-        }
+    pub const fn file(self) -> File {
+        let (Self::Map(file, ..) | Self::Root(file, _) | Self::Mask(file, _)) = self;
+        file
     }
 
     /// The shared part that `name` stands for in this stage, if it is one of the study's.
     fn shared(self, name: &str) -> Option<String> {
+        let (map, root) = match self {
+            Self::Map(_, variant @ Variant::Closed { root, .. }, is_wide) => {
+                (Some((variant, is_wide)), Some(root))
+            }
+            Self::Map(_, variant, is_wide) => (Some((variant, is_wide)), None),
+            Self::Mask(..) => (Some((MASK_VARIANT, false)), Some(Root::BuiltIn)),
+            Self::Root(_, root) => (None, Some(root)),
+        };
         Some(match name {
-            "pair_ids" => self.id_type()? + include_str!("../../../shaders/shared/pair_ids.wgsl"),
-            "map" => self.map_text()?,
-            "root" => root_text(self.root()?),
-            "each_id" => include_str!("../../../shaders/shared/each_id.wgsl").to_owned(),
-            "row_order" => include_str!("../../../shaders/shared/row_order.wgsl").to_owned(),
+            "pair_ids" => {
+                let (bits, id_of) =
+                    if map?.1 { (64, "Id(low) | (Id(high) << 32u)") } else { (32, "low") };
+                format!(
+                    "alias Id = u{bits};\nalias SignedId = i{bits};\n\n\
+                     fn id_of(low: u32, high: u32) -> Id {{\n    return {id_of};\n}}\n\n"
+                ) + shared!("pair_ids")
+            }
+            "map" => map_text(map?.0),
+            "root" => match root? {
+                Root::BuiltIn => shared!("root_built_in").to_owned(),
+                Root::Newton(magic, steps) => {
+                    let magic = magic as u32;
+                    format!(
+                        "const ROOT_MAGIC: u32 = {magic:#x}u;\nconst NEWTON_STEPS: u32 = {steps}u;\n\n"
+                    ) + shared!("root_newton")
+                }
+            },
+            "each_id" => shared!("each_id").to_owned(),
+            "row_order" => shared!("row_order").to_owned(),
             "mask_test" => {
-                let (Self::Mask(output) | Self::MaskOr(output)) = self else { return None };
-                format!("const PAIRS_PER_WORD: u32 = {}u;\n", output.pairs_per_word())
-                    + include_str!("../../../shaders/shared/mask_test.wgsl")
+                let Self::Mask(_, bits) = self else { return None };
+                format!("const PAIRS_PER_WORD: u32 = {}u;\n", 32 / bits) + shared!("mask_test")
             }
             _ => return None,
         })
     }
 
-    fn id_type(self) -> Option<String> {
-        let (bits, id_of) = match self.map()?.1 {
-            IdWidth::Bits32 => (32, "low"),
-            IdWidth::Bits64 => (64, "Id(low) | (Id(high) << 32u)"),
-        };
-        Some(format!(
-            "alias Id = u{bits};\nalias SignedId = i{bits};\n\n\
-             fn id_of(low: u32, high: u32) -> Id {{\n    return {id_of};\n}}\n\n"
-        ))
-    }
-
-    fn map_text(self) -> Option<String> {
-        let variant = self.map()?.0;
-        let mut text = format!("const MAY_SKIP: bool = {};\n", variant == Variant::Lazy);
-        if let Variant::Closed { discriminant, corrected, .. } = variant {
-            let integer = discriminant == Discriminant::Integer;
-            // Writing to a String cannot fail.
-            let _ = writeln!(text, "const INTEGER_DISCRIMINANT: bool = {integer};");
-            let _ = writeln!(text, "const CORRECTED: bool = {corrected};\n");
-        }
-        text += match variant {
-            Variant::Closed { .. } => include_str!("../../../shaders/shared/map_closed.wgsl"),
-            Variant::FarEnd => include_str!("../../../shaders/shared/map_far_end.wgsl"),
-            Variant::RowSearch => include_str!("../../../shaders/shared/map_row_search.wgsl"),
-            Variant::Fold => include_str!("../../../shaders/shared/map_fold.wgsl"),
-            Variant::WordStep => include_str!("../../../shaders/shared/map_word_step.wgsl"),
-            Variant::Lazy => include_str!("../../../shaders/shared/map_lazy.wgsl"),
-        };
-        Some(text)
-    }
-}
-
-impl StudyStage for MappingStage {
-    fn label(self) -> &'static str {
-        self.parts().0
-    }
-
-    fn composed(self) -> Result<ComposedStage, ComposeError> {
-        let (label, file, binding_count) = self.parts();
+    /// The stage as one WGSL module, with its name and bindings.
+    pub fn composed(self) -> Result<ComposedStage, ComposeError> {
+        let File { label, text, bindings: binding_count } = self.file();
         let unknown =
             |name: &str| ComposeError::UnknownImport { stage: label, import: name.to_owned() };
         let part = |name: &str| {
             self.shared(name).or_else(|| shared_part(name)).ok_or_else(|| unknown(name))
         };
-        Ok(ComposedStage { label, binding_count, wgsl: compose(file, &part)? })
+        Ok(ComposedStage { label, binding_count, wgsl: compose(text, &part)? })
     }
 }
 
-fn root_text(root: Root) -> String {
-    match root {
-        Root::BuiltIn => include_str!("../../../shaders/shared/root_built_in.wgsl").to_owned(),
-        Root::Newton(magic, steps) => {
-            format!(
-                "const ROOT_MAGIC: u32 = {:#x}u;\nconst NEWTON_STEPS: u32 = {}u;\n\n",
-                magic as u32, steps as u32
-            ) + include_str!("../../../shaders/shared/root_newton.wgsl")
+fn map_text(variant: Variant) -> String {
+    let constant = |name: &str, is_so: bool| format!("const {name}: bool = {is_so};\n");
+    let may_skip = constant("MAY_SKIP", variant == Variant::Lazy);
+    may_skip
+        + &match variant {
+            Variant::Closed { integer, corrected, .. } => {
+                constant("INTEGER_DISCRIMINANT", integer)
+                    + &constant("CORRECTED", corrected)
+                    + shared!("map_closed")
+            }
+            Variant::FarEnd => shared!("map_far_end").to_owned(),
+            Variant::RowSearch => shared!("map_row_search").to_owned(),
+            Variant::Fold => shared!("map_fold").to_owned(),
+            Variant::WordStep => shared!("map_word_step").to_owned(),
+            Variant::Lazy => shared!("map_lazy").to_owned(),
         }
-    }
 }

@@ -7,9 +7,7 @@ use pairmask_core::BoxCount;
 use rayon::prelude::*;
 
 use super::stage::{Root, Variant};
-use super::variants::{
-    MapVisitor, Mapped, RootVisitor, next_pair, row_search, with_map, with_root,
-};
+use super::variants::{Mapped, next_pair, row_search, with_map, with_root};
 use super::{Budget, Processor};
 use crate::study::harness::{median, repeated};
 
@@ -19,15 +17,6 @@ const CHUNK: u64 = 1 << 15;
 /// Most ids that are timed: with more, the time of each stays the same.
 const MOST: u64 = 1 << 26;
 
-/// What is timed: so many ids or numbers, on one thread or all.
-#[derive(Clone, Copy)]
-struct Timed<'a> {
-    n: BoxCount,
-    total: u64,
-    processor: Processor,
-    budget: &'a Budget,
-}
-
 /// Time to map every id of `n` boxes, in ms. Past 2^26 ids (2^23 on one thread) only that many are
 /// timed, evenly spread, and the time is scaled up.
 pub fn map_all(
@@ -36,14 +25,20 @@ pub fn map_all(
     processor: Processor,
     budget: &Budget,
 ) -> Option<f64> {
-    let timed = Timed { n, total: variant.id_count(n.get()), processor, budget };
-    if timed.total == 0 {
+    let total = variant.id_count(n.get());
+    if total == 0 {
         return None;
     }
     if variant != Variant::WordStep {
-        return Some(with_map(variant, timed));
+        return Some(with_map!(variant, map => ms(total, processor, budget, |first, end| {
+            (first..end).fold(0, |sum: u64, k| {
+                let Mapped { a, b } = map(n, k);
+                // The test of the pair is part of the lazy way's work.
+                if a < b { sum.wrapping_add((a ^ b) as u64) } else { sum }
+            })
+        })));
     }
-    Some(timed.ms(|first, end| {
+    Some(ms(total, processor, budget, |first, end| {
         let (mut sum, mut k) = (0, first);
         while k < end {
             let Mapped { a, b } = row_search(n, k);
@@ -59,63 +54,42 @@ pub fn map_all(
     }))
 }
 
-impl MapVisitor for Timed<'_> {
-    type Out = f64;
-
-    fn visit(self, map: impl Fn(BoxCount, u64) -> Mapped + Copy + Sync) -> f64 {
-        self.ms(|first, end| {
-            (first..end).fold(0, |sum: u64, k| {
-                let Mapped { a, b } = map(self.n, k);
-                // The test of the pair is part of the lazy way's work.
-                if a < b { sum.wrapping_add((a ^ b) as u64) } else { sum }
-            })
-        })
-    }
-}
-
 /// Time to take the roots of 1 to `count`, in ms.
 pub fn roots(root: Root, count: u64, processor: Processor, budget: &Budget) -> f64 {
-    with_root(root, Timed { n: BoxCount::default(), total: count, processor, budget })
+    with_root!(root, root => ms(count, processor, budget, |first, end| {
+        // 32-bit numbers: converting a 64-bit one costs more than a root.
+        let sum = |sum: u32, x: u32| sum.wrapping_add(root(x as f32) as u32);
+        (first as u32..end as u32).fold(0, sum) as u64
+    }))
 }
 
-impl RootVisitor for Timed<'_> {
-    type Out = f64;
-
-    fn visit(self, root: impl Fn(f32) -> f32 + Copy + Sync) -> f64 {
-        self.ms(|first, end| {
-            // 32-bit numbers: converting a 64-bit one costs more than a root.
-            (first as u32..end as u32)
-                .fold(0, |sum: u32, x| sum.wrapping_add(root(x as f32) as u32)) as u64
-        })
-    }
-}
-
-impl Timed<'_> {
-    /// Median time for `work` over all chunks of 0..total, in ms.
-    fn ms(&self, work: impl Fn(u64, u64) -> u64 + Sync) -> f64 {
-        let Self { total, processor, budget, .. } = *self;
-        let on_all = processor == Processor::Cpu;
-        let most = if on_all { MOST } else { MOST / 8 }.min(budget.most_cpu_ids);
-        let chunks = total.div_ceil(CHUNK);
-        let taken = chunks.min(most.div_ceil(CHUNK)).max(1);
-        let stride = chunks / taken;
-        let run = |chunk: u64| {
-            let first = chunk * stride * CHUNK;
-            let end = total.min(first + CHUNK);
-            black_box(work(black_box(first), end));
-            end - first
+/// Median time for `work` over all chunks of 0..total, in ms.
+fn ms(
+    total: u64,
+    processor: Processor,
+    budget: &Budget,
+    work: impl Fn(u64, u64) -> u64 + Sync,
+) -> f64 {
+    let on_all = processor == Processor::Cpu;
+    let most = if on_all { MOST } else { MOST / 8 }.min(budget.most_cpu_ids);
+    let chunks = total.div_ceil(CHUNK);
+    let taken = chunks.min(most.div_ceil(CHUNK)).max(1);
+    let stride = chunks / taken;
+    let run = |chunk: u64| {
+        let first = chunk * stride * CHUNK;
+        let end = total.min(first + CHUNK);
+        black_box(work(black_box(first), end));
+        end - first
+    };
+    let once = || {
+        let start = Instant::now();
+        let done: u64 = if on_all {
+            (0..taken).into_par_iter().map(run).sum()
+        } else {
+            (0..taken).map(run).sum()
         };
-        let once = || {
-            let start = Instant::now();
-            let done: u64 = if on_all {
-                (0..taken).into_par_iter().map(run).sum()
-            } else {
-                (0..taken).map(run).sum()
-            };
-            Ok::<_, std::convert::Infallible>(
-                start.elapsed().as_secs_f64() * 1e3 * (total as f64 / done as f64),
-            )
-        };
-        repeated(budget.time, 3, once).map_or(f64::NAN, median)
-    }
+        let ms = start.elapsed().as_secs_f64() * 1e3 * (total as f64 / done as f64);
+        Ok::<_, std::convert::Infallible>(ms)
+    };
+    repeated(budget.time, 3, once).map_or(f64::NAN, median)
 }

@@ -7,7 +7,7 @@
 use pairmask_core::pair_index::row_start;
 use pairmask_core::{BoxCount, PairIndex};
 
-use super::stage::{Discriminant, Magic, Root, Steps, Variant};
+use super::stage::Variant;
 
 /// √x as x · 1/√x: a first guess from the bits of x, then `STEPS` steps of Newton.
 ///
@@ -24,37 +24,37 @@ pub fn newton<const MAGIC: u32, const STEPS: u32>(x: f32) -> f32 {
 
 /// Work on a root, compiled separately for each root with the root inlined, so that times are those
 /// of the root.
-pub trait RootVisitor {
-    /// The result.
-    type Out;
-
-    /// Does the work.
-    fn visit(self, root: impl Fn(f32) -> f32 + Copy + Sync) -> Self::Out;
+macro_rules! with_root {
+    ($root:expr, $name:ident => $work:expr) => {{
+        use $crate::study::mapping::stage::{Magic, Root};
+        use $crate::study::mapping::variants::newton;
+        const CARMACK: u32 = Magic::Carmack as u32;
+        const LOMONT: u32 = Magic::Lomont as u32;
+        macro_rules! of {
+            ($by:expr) => {{
+                let $name = $by;
+                $work
+            }};
+        }
+        match $root {
+            Root::BuiltIn => of!(f32::sqrt),
+            Root::Newton(Magic::Carmack, 1) => of!(newton::<CARMACK, 1>),
+            Root::Newton(Magic::Carmack, 2) => of!(newton::<CARMACK, 2>),
+            Root::Newton(Magic::Carmack, 3) => of!(newton::<CARMACK, 3>),
+            Root::Newton(Magic::Carmack, _) => of!(newton::<CARMACK, 4>),
+            Root::Newton(Magic::Lomont, 1) => of!(newton::<LOMONT, 1>),
+            Root::Newton(Magic::Lomont, 2) => of!(newton::<LOMONT, 2>),
+            Root::Newton(Magic::Lomont, 3) => of!(newton::<LOMONT, 3>),
+            Root::Newton(Magic::Lomont, _) => of!(newton::<LOMONT, 4>),
+        }
+    }};
 }
-
-/// Calls the visitor with the root of that name.
-pub fn with_root<V: RootVisitor>(root: Root, visitor: V) -> V::Out {
-    const CARMACK: u32 = Magic::Carmack as u32;
-    const LOMONT: u32 = Magic::Lomont as u32;
-    match root {
-        Root::BuiltIn => visitor.visit(f32::sqrt),
-        Root::Newton(Magic::Carmack, Steps::One) => visitor.visit(newton::<CARMACK, 1>),
-        Root::Newton(Magic::Carmack, Steps::Two) => visitor.visit(newton::<CARMACK, 2>),
-        Root::Newton(Magic::Carmack, Steps::Three) => visitor.visit(newton::<CARMACK, 3>),
-        Root::Newton(Magic::Carmack, Steps::Four) => visitor.visit(newton::<CARMACK, 4>),
-        Root::Newton(Magic::Lomont, Steps::One) => visitor.visit(newton::<LOMONT, 1>),
-        Root::Newton(Magic::Lomont, Steps::Two) => visitor.visit(newton::<LOMONT, 2>),
-        Root::Newton(Magic::Lomont, Steps::Three) => visitor.visit(newton::<LOMONT, 3>),
-        Root::Newton(Magic::Lomont, Steps::Four) => visitor.visit(newton::<LOMONT, 4>),
-    }
-}
+pub(super) use with_root;
 
 /// A variant's answer to an id: a pair if 0 ≤ a < b < n.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Mapped {
-    /// Row.
     pub a: i64,
-    /// Column.
     pub b: i64,
 }
 
@@ -194,71 +194,49 @@ pub fn truth(variant: Variant, n: BoxCount, k: u64) -> Option<(u32, u32)> {
     }
 }
 
-/// Work on a variant, compiled separately for each variant.
-pub trait MapVisitor {
-    /// The result.
-    type Out;
-
-    /// Does the work. `n` must be at least 2 wherever the map is called.
-    fn visit(self, map: impl Fn(BoxCount, u64) -> Mapped + Copy + Sync) -> Self::Out;
+/// Work on a variant, compiled separately for each variant. There must be two boxes at least wherever the map is called.
+macro_rules! with_map {
+    ($variant:expr, $name:ident => $work:expr) => {{
+        use $crate::study::mapping::stage::Variant;
+        use $crate::study::mapping::variants as by;
+        macro_rules! closed {
+                        ($root:expr, $integer:literal, $corrected:literal) => {
+                            by::with_root!($root, root => {
+                                let $name = |n, k| by::closed::<$integer, $corrected>(n, k, root);
+                                $work
+                            })
+                        };
+                    }
+        macro_rules! of {
+            ($by:expr) => {{
+                let $name = $by;
+                $work
+            }};
+        }
+        match $variant {
+            Variant::Closed { root, integer, corrected } => match (integer, corrected) {
+                (false, false) => closed!(root, false, false),
+                (false, true) => closed!(root, false, true),
+                (true, false) => closed!(root, true, false),
+                (true, true) => closed!(root, true, true),
+            },
+            Variant::FarEnd => of!(by::far_end),
+            Variant::RowSearch => of!(by::row_search),
+            Variant::Fold => of!(by::fold),
+            Variant::WordStep => of!(by::word_step),
+            Variant::Lazy => of!(by::lazy),
+        }
+    }};
 }
-
-struct Closed<V, const INTEGER: bool, const CORRECTED: bool>(V);
-
-impl<V: MapVisitor, const INTEGER: bool, const CORRECTED: bool> RootVisitor
-    for Closed<V, INTEGER, CORRECTED>
-{
-    type Out = V::Out;
-
-    fn visit(self, root: impl Fn(f32) -> f32 + Copy + Sync) -> V::Out {
-        self.0.visit(move |n, k| closed::<INTEGER, CORRECTED>(n, k, root))
-    }
-}
-
-/// Calls the visitor with the variant of that name.
-pub fn with_map<V: MapVisitor>(variant: Variant, visitor: V) -> V::Out {
-    match variant {
-        Variant::Closed { root, discriminant, corrected } => match (discriminant, corrected) {
-            (Discriminant::Float, false) => with_root(root, Closed::<V, false, false>(visitor)),
-            (Discriminant::Float, true) => with_root(root, Closed::<V, false, true>(visitor)),
-            (Discriminant::Integer, false) => with_root(root, Closed::<V, true, false>(visitor)),
-            (Discriminant::Integer, true) => with_root(root, Closed::<V, true, true>(visitor)),
-        },
-        Variant::FarEnd => visitor.visit(far_end),
-        Variant::RowSearch => visitor.visit(row_search),
-        Variant::Fold => visitor.visit(fold),
-        Variant::WordStep => visitor.visit(word_step),
-        Variant::Lazy => visitor.visit(lazy),
-    }
-}
-
-struct One(BoxCount, u64);
-
-impl MapVisitor for One {
-    type Out = Mapped;
-
-    fn visit(self, map: impl Fn(BoxCount, u64) -> Mapped) -> Mapped {
-        map(self.0, self.1)
-    }
-}
+pub(super) use with_map;
 
 /// One id by one variant.
 ///
 /// # Panics
 /// With fewer than two boxes, or an id past the last one.
-///
-/// ```
-/// use pairmask_core::BoxCount;
-/// use pairmask_lab::study::mapping::variants::{Mapped, map};
-/// use pairmask_lab::study::mapping::stage::Variant;
-/// let n = BoxCount::new(5);
-/// for variant in Variant::all().filter(|v| *v != Variant::Lazy) {
-///     assert_eq!(map(variant, n, 2), Mapped { a: 0, b: 3 }, "{variant}");
-/// }
-/// ```
 pub fn map(variant: Variant, n: BoxCount, k: u64) -> Mapped {
     assert!(n.get() > 1 && k < variant.id_count(n.get()), "id {k} of {} boxes", n.get());
-    with_map(variant, One(n, k))
+    with_map!(variant, map => map(n, k))
 }
 
 #[cfg(test)]
@@ -266,19 +244,6 @@ mod tests {
     use pairmask_core::pair_index::PairWalker;
 
     use super::*;
-
-    #[test]
-    fn exact_variants_are_the_pair_index() {
-        let sizes = (2..70).chain([345, 1234]);
-        for n in sizes.map(BoxCount::new) {
-            for variant in [Variant::FarEnd, Variant::RowSearch, Variant::WordStep] {
-                for k in 0..n.pair_count() {
-                    let pair = map(variant, n, k).named(n);
-                    assert_eq!(pair, PairIndex::new(k).pair(n), "{variant}, {n:?}, {k}");
-                }
-            }
-        }
-    }
 
     #[test]
     fn exact_variants_hold_around_every_row_of_a_million_boxes() {

@@ -5,17 +5,18 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
-use super::expression::{BadExpression, Scope, select};
-use super::rule::{Rule, Verdict};
+use super::expression::{Scope, select};
+use super::rule::{Rule, RuleName, Verdict};
 
 /// `data/papers.toml`.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct Data {
+pub struct Data {
     figures: Value,
     pub line: Vec<Line>,
     text: BTreeMap<String, String>,
     define: BTreeMap<String, String>,
+    pub rules: BTreeMap<String, Rule>,
     lists: BTreeMap<String, Vec<Value>>,
     pub paper: Vec<PaperData>,
     pub mapping: Vec<ItemData>,
@@ -23,14 +24,14 @@ pub(super) struct Data {
 
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct Line {
+pub struct Line {
     pub name: String,
     pub points: Vec<(f64, f64)>,
 }
 
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct PaperData {
+pub struct PaperData {
     pub name: String,
     pub title: String,
     pub machine: String,
@@ -38,7 +39,7 @@ pub(super) struct PaperData {
 }
 
 #[derive(Debug, Deserialize)]
-pub(super) struct ItemData {
+pub struct ItemData {
     pub place: String,
     #[serde(default)]
     shows: String,
@@ -53,16 +54,11 @@ pub(super) struct ItemData {
 /// The kind of a record.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub(super) enum Kind {
-    /// `mapping.json`.
+pub enum Kind {
     Mapping,
-    /// `grid.json`.
     Grid,
-    /// `threads.json`.
     Threads,
-    /// `spheres.json`, `spheres-errors.json` and `spheres.txt`.
     Spheres,
-    /// `several-gpus.txt`.
     TwoGpus,
     /// `threads.json` with a `grid` of the same machine.
     GridAndThreads,
@@ -74,9 +70,7 @@ pub(super) enum Kind {
 #[derive(Clone, Copy, Debug, Deserialize)]
 #[serde(rename_all = "snake_case")]
 enum Measured {
-    /// Those with a figure of ours.
     Some,
-    /// The last of these.
     Last,
 }
 
@@ -90,7 +84,7 @@ enum Figure {
 /// The rows of a claim are times of this scene on so many cores, where none says what is missing.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct MissingCores {
+pub struct MissingCores {
     pub scene: String,
     pub n: u64,
     pub cores: u64,
@@ -101,7 +95,7 @@ pub(super) struct MissingCores {
 #[serde(deny_unknown_fields)]
 struct ClaimData {
     says: String,
-    rule: Rule,
+    rule: RuleName,
     of: Option<Kind>,
     #[serde(default)]
     on_gpu: bool,
@@ -129,60 +123,47 @@ struct ClaimData {
 /// One figure of a paper beside ours.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Row {
-    /// What is measured: number of objects, cores, the way.
     pub what: String,
-    /// The unit of both figures; empty for numbers without one.
     pub unit: String,
-    /// The paper's; null where it gives none.
     pub paper: Option<f64>,
-    /// Ours; null where it was not measured.
     pub ours: Option<f64>,
-    /// Ours over the paper's; null where they count other things.
     pub ratio: Option<f64>,
-    /// Where ours comes from: a record, this run, or this build, which computes it.
     pub from: Option<String>,
 }
 
 /// A claim of a table or figure with its figures and its verdict.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Claim {
-    /// The claim, paraphrased.
     pub says: String,
-    /// What our figures must be for it to hold.
     pub rule: String,
-    /// Whether it holds.
     pub verdict: Verdict,
-    /// The figure that decided, or why there is none.
     pub why: String,
-    /// How ours differs from the paper's: the machine, the scene, what is timed.
     pub note: String,
-    /// The figures.
     pub rows: Vec<Row>,
 }
 
 /// A table or a figure.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Item {
-    /// Its number in the paper.
     pub place: String,
-    /// What it shows.
     pub shows: String,
-    /// Why there is nothing to measure; null where there is.
     pub nothing_to_measure: Option<String>,
-    /// What it claims.
     pub claims: Vec<Claim>,
 }
 
 /// Figures of ours that a claim may take.
-#[derive(Clone, Debug)]
-pub(super) struct ClaimSource<'a> {
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Source {
+    /// The record's path below the folder, or "this run".
     pub from: String,
-    pub data: &'a Value,
+    pub machine: String,
+    #[serde(skip)]
+    pub data: Value,
 }
 
 impl Data {
     /// The value of an expression over the papers' figures.
-    pub fn paper_figure(&self, expression: &str) -> Result<Option<f64>, BadExpression> {
+    pub fn paper_figure(&self, expression: &str) -> Result<Option<f64>, String> {
         Scope { root: &self.figures, defined: &self.define }.value(expression)
     }
 
@@ -191,16 +172,16 @@ impl Data {
     pub fn judge<'s>(
         &self,
         item: &ItemData,
-        sources: impl Fn(Option<Kind>, bool) -> Vec<ClaimSource<'s>>,
+        sources: impl Fn(Option<Kind>, bool) -> Vec<&'s Source>,
         without_cores: impl Fn(&MissingCores) -> String,
-    ) -> Result<Item, BadExpression> {
+    ) -> Result<Item, String> {
         let claim = |fields: &Map<String, Value>| {
             let mut fields = fields.clone();
             for (name, value) in &item.defaults {
                 fields.entry(name).or_insert_with(|| value.clone());
             }
             let data: ClaimData = serde_json::from_value(Value::Object(fields))
-                .map_err(|error| BadExpression(format!("{}: {error}", item.place)))?;
+                .map_err(|error| format!("{}: {error}", item.place))?;
             self.claim(&data, &sources(data.of, data.on_gpu), &without_cores)
         };
         Ok(Item {
@@ -216,9 +197,9 @@ impl Data {
     fn claim(
         &self,
         data: &ClaimData,
-        sources: &[ClaimSource<'_>],
+        sources: &[&Source],
         without_cores: impl Fn(&MissingCores) -> String,
-    ) -> Result<Claim, BadExpression> {
+    ) -> Result<Claim, String> {
         let measured = |rows: &[Row]| rows.iter().filter(|row| row.ours.is_some()).count();
         let mut best = self.rows(data, None)?;
         for source in sources {
@@ -227,14 +208,15 @@ impl Data {
                 best = found;
             }
         }
-        let (verdict, breaking) = data.rule.judge(&best);
+        let rule = data.rule.of(&self.rules)?;
+        let (verdict, breaking) = rule.judge(&best)?;
         let why = match verdict {
             Verdict::NotMeasured => {
                 data.missing_cores.as_ref().map_or_else(|| self.text(&data.missing), without_cores)
             }
-            Verdict::Breaks | Verdict::Holds => data.rule.evidence(&best, &breaking),
+            Verdict::Breaks | Verdict::Holds => rule.evidence(&best, &breaking),
         };
-        let (says, rule) = (data.says.clone(), data.rule.to_string());
+        let (says, rule) = (data.says.clone(), rule.says);
         Ok(Claim { says, rule, verdict, why, note: self.text(&data.note), rows: best })
     }
 
@@ -245,12 +227,8 @@ impl Data {
     }
 
     /// The rows of a claim with the figures of a source, or without any of ours.
-    fn rows(
-        &self,
-        data: &ClaimData,
-        source: Option<&ClaimSource<'_>>,
-    ) -> Result<Vec<Row>, BadExpression> {
-        let root = source.map_or(&Value::Null, |source| source.data);
+    fn rows(&self, data: &ClaimData, source: Option<&Source>) -> Result<Vec<Row>, String> {
+        let root = source.map_or(&Value::Null, |source| &source.data);
         let mut rows = Vec::new();
         if let Some(all) = &data.all {
             for selected in select(root, all) {
@@ -262,7 +240,7 @@ impl Data {
         } else {
             let each = match &data.each {
                 Some(Value::String(name)) => {
-                    self.lists.get(name).ok_or_else(|| BadExpression(name.clone()))?.as_slice()
+                    self.lists.get(name).ok_or_else(|| format!("no list `{name}`"))?.as_slice()
                 }
                 Some(Value::Array(each)) => each,
                 _ if data.what.is_empty() => &[],
@@ -287,11 +265,11 @@ impl Data {
     fn row(
         &self,
         data: &ClaimData,
-        source: Option<&ClaimSource<'_>>,
+        source: Option<&Source>,
         element: &Value,
         root: &Value,
-    ) -> Result<Row, BadExpression> {
-        let whole = source.map_or(&Value::Null, |source| source.data);
+    ) -> Result<Row, String> {
+        let whole = source.map_or(&Value::Null, |source| &source.data);
         let fill = |text: &str| filled(text, element, whole);
         let paper = match &data.paper {
             None => None,

@@ -7,18 +7,16 @@
 //! `paper` is the paper's figure or an [`expression`] over `[figures]`, `ours` an expression over a record of the
 //! kind `of`. `{x}` in texts is the element of `each`, `{name}` a field of it, of the selected row, or of the record.
 //! `$name` is a text of `[text]`, `name(…)` an expression of `[define]`. What an item says but for its `place` and
-//! `shows` holds for all its claims that do not say otherwise. `records` reads what earlier runs left, `measure`
-//! runs the studies, [`page`] writes.
+//! `shows` holds for all its claims that do not say otherwise. `records` reads what earlier runs left,
+//! [`page`] writes.
 //!
 //! A verdict is a rule's, never a hand's. A figure that nobody measured is `not measured`.
 
 mod claims;
-pub mod expression;
-mod measure;
-pub mod page;
+mod expression;
+mod page;
 mod records;
 mod rule;
-mod several_gpus;
 #[cfg(test)]
 mod tests;
 
@@ -26,16 +24,18 @@ use std::path::PathBuf;
 use std::sync::LazyLock;
 
 use pairmaskd::execute::gpu::GpuChoice;
+use pairmaskd::scene::SceneName;
 use serde_json::Value;
 
-pub use self::claims::{Claim, Item, Row};
-use self::claims::{ClaimSource, Data};
-pub use self::measure::STEPS;
-pub use self::page::PapersReport;
+pub use self::claims::Claim;
+use self::claims::{Data, Kind, Source};
+use self::page::PapersReport;
 use self::records::Figures;
-pub use self::rule::Verdict;
-use super::harness::StudyError;
 use super::harness::machine::Machine;
+use super::spheres::{self, SphereOptions};
+use super::ways::Case;
+use super::{grid, mapping, threads};
+use crate::Result;
 
 /// The table of claims.
 static DATA: LazyLock<Data> = LazyLock::new(|| {
@@ -45,12 +45,6 @@ static DATA: LazyLock<Data> = LazyLock::new(|| {
 });
 
 /// A figure of the papers: the value of an expression over `[figures]`, `None` where they have none.
-///
-/// ```
-/// use pairmask_lab::study::papers::figure;
-/// assert_eq!(figure("table_2[n=1000].own"), Some(0.21));
-/// assert_eq!(figure("table_2[n=7].own"), None);
-/// ```
 pub fn figure(expression: &str) -> Option<f64> {
     DATA.paper_figure(expression).unwrap_or(None)
 }
@@ -61,14 +55,11 @@ pub fn lines() -> impl Iterator<Item = (&'static str, &'static [(f64, f64)])> {
 }
 
 /// The claims that the mapping study judges by itself: place, and claim.
-///
-/// # Errors
-/// [`StudyError::Claims`].
-pub fn mapping_claims(report: &Value) -> Result<Vec<(String, Claim)>, StudyError> {
-    let source = ClaimSource { from: "this run".to_owned(), data: report };
+pub fn mapping_claims(report: &Value) -> Result<Vec<(String, Claim)>> {
+    let source = Source { from: "this run".to_owned(), data: report.clone(), ..Source::default() };
     let mut found = Vec::new();
     for item in &DATA.mapping {
-        for claim in DATA.judge(item, |_, _| vec![source.clone()], |_| String::new())?.claims {
+        for claim in DATA.judge(item, |_, _| vec![&source], |_| String::new())?.claims {
             found.push((item.place.clone(), claim));
         }
     }
@@ -82,7 +73,6 @@ pub struct PapersOptions {
     pub gpu: Option<GpuChoice>,
     /// Small sizes and few runs. Times mean little.
     pub quick: bool,
-    /// Measure nothing.
     pub only_records: bool,
     /// The folder of records; without one there are none.
     pub records: Option<PathBuf>,
@@ -90,14 +80,53 @@ pub struct PapersOptions {
 
 /// Measures, reads the records, and judges. `watch` is called [`STEPS`] times where something is
 /// measured.
-///
-/// # Errors
-/// [`StudyError`].
-pub fn make(options: &PapersOptions, watch: impl Fn()) -> Result<PapersReport, StudyError> {
+pub fn make(options: &PapersOptions, watch: impl Fn()) -> Result<PapersReport> {
     let mut figures = Figures::read(options.records.as_deref())?;
     if !options.only_records {
-        measure::into(&mut figures, options, watch)?;
+        measure(&mut figures, options, watch)?;
     }
     figures.join();
     PapersReport::of(Machine::here(None), options.only_records, &figures)
+}
+
+/// Calls of the watcher: one a study.
+pub const STEPS: u64 = 4;
+/// Boxes of the grid study: the papers' sizes.
+const GRID_COUNTS: [u32; 5] = [1_000, 10_000, 20_000, 100_000, 1_000_000];
+/// Boxes of the 2009 paper, in place of its cubes.
+const CASE_2009: Case = Case { scene: SceneName::Uniform, n: 100_000 };
+
+/// Runs the studies and puts their figures before those of records.
+fn measure(figures: &mut Figures, options: &PapersOptions, watch: impl Fn()) -> Result<()> {
+    let PapersOptions { gpu, quick, .. } = options;
+    let (none, quick) = (GpuChoice::None, *quick);
+    figures.add_run(Kind::Mapping, &mapping::measure(gpu.as_ref().unwrap_or(&none), quick)?)?;
+    watch();
+    if let Some(gpu) = gpu {
+        let counts = if quick { &GRID_COUNTS[..1] } else { &GRID_COUNTS };
+        figures.add_run(Kind::Grid, &grid::measure(gpu, counts, quick)?)?;
+    }
+    watch();
+    // Seconds on two cores.
+    let pairs = if quick { 10_000 } else { 1_000_000 };
+    let errors = SphereOptions { speed: false, pairs, quick, seed: 1 };
+    let mut report = spheres::measure(&errors, None, |_| ())?;
+    if let Some(gpu) = gpu {
+        let speed = SphereOptions { speed: true, pairs: 0, ..errors };
+        let on_gpu = spheres::measure(&speed, Some(gpu), |_| ())?;
+        report.machine = on_gpu.machine;
+        report.gpu_speed = on_gpu.gpu_speed;
+    }
+    figures.add_run(Kind::Spheres, &report)?;
+    watch();
+    let mut cases: Vec<Case> = threads::papers_cases().collect();
+    if quick {
+        cases.sort_unstable_by_key(|case| case.n);
+        cases.truncate(1);
+    } else {
+        cases.push(CASE_2009);
+    }
+    figures.add_run(Kind::Threads, &threads::measure(&cases, &[], || ())?)?;
+    watch();
+    Ok(())
 }

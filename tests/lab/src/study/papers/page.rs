@@ -1,47 +1,37 @@
 //! The page: what its JSON has, Markdown, and HTML that loads nothing.
 
 use serde::Serialize;
+use serde_json::{Value, json};
 
 use super::DATA;
-use super::claims::{Claim, Item, Row};
+use super::claims::{Claim, Item, Row, Source};
 use super::records::Figures;
 use super::rule::Verdict;
+use crate::Result;
+use crate::study::harness::Report;
 use crate::study::harness::document::{Part, html, markdown};
 use crate::study::harness::machine::Machine;
-use crate::study::harness::table::Table;
-use crate::study::harness::{Report, StudyError};
+use crate::study::harness::table::{Fields, Table, number_text, row};
 
 /// The JSON object of `papers --json`. Fields may be added, never changed or taken away.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct PapersReport {
-    /// The machine that made the page, and that of rows "this run".
     pub machine: Machine,
-    /// Whether nothing was measured.
     pub only_records: bool,
-    /// Verdicts by paper.
-    pub summary: Vec<Summary>,
-    /// One sentence for each claim that breaks.
+    pub summary: Vec<Fields>,
     pub breaks: Vec<String>,
-    /// One for each that holds.
     pub holds: Vec<String>,
-    /// One for each that nothing decides, with the reason.
     pub not_measured: Vec<String>,
-    /// The papers.
     pub papers: Vec<Paper>,
-    /// What rows name, with its machine.
     pub sources: Vec<Source>,
 }
 
 /// A paper.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Paper {
-    /// Short name.
     pub name: &'static str,
-    /// Authors, title, where it appeared.
     pub title: &'static str,
-    /// The machine of its figures.
     pub machine: &'static str,
-    /// All its tables and figures, in the order of their numbers, tables first.
     pub items: Vec<Item>,
 }
 
@@ -51,53 +41,23 @@ impl Paper {
         self.items.iter().flat_map(|item| item.claims.iter().map(move |claim| (item, claim)))
     }
 
-    fn summary(&self) -> Summary {
+    fn summary(&self) -> Fields {
         let count = |verdict| self.claims().filter(|(_, claim)| claim.verdict == verdict).count();
         let nothing = self.items.iter().filter(|item| item.nothing_to_measure.is_some());
-        Summary {
+        row!(
             paper: self.name,
             tables_and_figures: self.items.len(),
             nothing_to_measure: nothing.count(),
             holds: count(Verdict::Holds),
             breaks: count(Verdict::Breaks),
             not_measured: count(Verdict::NotMeasured),
-        }
+        )
     }
-}
-
-/// A line of the summary.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub struct Summary {
-    /// The paper's short name.
-    pub paper: &'static str,
-    /// Its tables and figures.
-    pub tables_and_figures: usize,
-    /// Those of them that have nothing to measure.
-    pub nothing_to_measure: usize,
-    /// Claims that hold.
-    pub holds: usize,
-    /// Claims that break.
-    pub breaks: usize,
-    /// Claims that nothing decides.
-    pub not_measured: usize,
-}
-
-/// A record, or this run.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub struct Source {
-    /// Its name in rows.
-    pub from: String,
-    /// Its machine, commit and command.
-    pub machine: String,
 }
 
 impl PapersReport {
     /// Judges all claims of all papers.
-    pub(super) fn of(
-        machine: Machine,
-        only_records: bool,
-        figures: &Figures,
-    ) -> Result<Self, StudyError> {
+    pub fn of(machine: Machine, only_records: bool, figures: &Figures) -> Result<Self> {
         let mut papers = Vec::new();
         for paper in &DATA.paper {
             let judge = |item| {
@@ -118,7 +78,8 @@ impl PapersReport {
             names.any(|name| name.split(", ").any(|name| name == from))
         };
         for (from, machine) in figures.machines() {
-            let source = Source { from: from.to_owned(), machine: machine.to_owned() };
+            let (from_it, machine) = (from.to_owned(), machine.to_owned());
+            let source = Source { from: from_it, machine, data: Value::Null };
             if named(from) && !sources.contains(&source) {
                 sources.push(source);
             }
@@ -135,7 +96,6 @@ impl PapersReport {
         })
     }
 
-    /// What the page was made of.
     fn made_of(&self) -> String {
         let Machine { cpu, threads, commit, optimised, .. } = &self.machine;
         if self.only_records {
@@ -181,6 +141,17 @@ impl Report for PapersReport {
         }
         parts.extend([Part::heading(2, "Sources"), Part::Table(Table::of(&self.sources))]);
         parts
+    }
+
+    fn csv(&self) -> String {
+        let line = |(item, claim): (&Item, &Claim)| {
+            let rows = claim.rows.iter();
+            let rows =
+                rows.map(|row| json!({ "place": item.place, "says": claim.says, "row": row }));
+            rows.collect::<Vec<_>>()
+        };
+        let rows = self.papers.iter().flat_map(Paper::claims).flat_map(line);
+        Table::of(&rows.collect::<Vec<_>>()).csv()
     }
 
     fn files(&self) -> Vec<(String, String)> {
@@ -230,18 +201,9 @@ fn sentences(papers: &[Paper], verdict: Verdict) -> Vec<String> {
 }
 
 /// A figure to four digits; whole numbers from a thousand on.
-pub(super) fn figure_text(x: f64) -> String {
-    const DIGITS: i32 = 4;
-    if x == 0.0 || !x.is_finite() {
-        return format!("{x}");
-    }
-    let before_point = x.abs().log10().floor() as i32 + 1;
-    if before_point < -DIGITS {
-        return format!("{x:.2e}");
-    }
-    let decimals = (DIGITS - before_point).max(0) as usize;
-    let text = format!("{x:.decimals$}");
-    if text.contains('.') {
+pub fn figure_text(x: f64) -> String {
+    let text = number_text(x);
+    if text.contains('.') && !text.contains('e') {
         text.trim_end_matches('0').trim_end_matches('.').to_owned()
     } else {
         text

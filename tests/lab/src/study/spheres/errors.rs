@@ -14,21 +14,13 @@ const CHUNK: u64 = 10_000;
 /// Errors of one family.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct ErrorRow {
-    /// The family.
     pub family: &'static str,
-    /// Pairs decided.
     pub pairs: u64,
-    /// Decided pairs that overlap.
     pub overlapping: u64,
-    /// Pairs that the client library decides wrongly.
     pub exact_wrong: u64,
-    /// Pairs that d² ≤ (r₁ + r₂)² in f32 loses.
     pub f32_missed: u64,
-    /// Pairs that it makes up.
     pub f32_extra: u64,
-    /// Pairs that the paper's d ≤ r₁ + r₂ in f32 loses.
     pub root_missed: u64,
-    /// Pairs that it makes up.
     pub root_extra: u64,
 }
 
@@ -59,13 +51,11 @@ impl ErrorRow {
     }
 }
 
-/// d² in f32.
 fn distance_squared(a: &Sphere, b: &Sphere) -> f32 {
     let [x, y, z] = std::array::from_fn(|axis| a.center[axis] - b.center[axis]);
     x * x + y * y + z * z
 }
 
-/// The plain test of squares.
 pub fn squared_f32(a: &Sphere, b: &Sphere) -> bool {
     let reach = a.radius + b.radius;
     distance_squared(a, b) <= reach * reach

@@ -17,8 +17,9 @@ use super::families::{ALL, Family};
 use super::oracle::overlap;
 use super::papers_row;
 use super::speed::{frames_a_second, plain, scene};
-use crate::gpu_stages::BenchError;
+use crate::Result;
 use crate::gpu_stages::shared::Segment;
+use crate::study::harness::table::{Fields, row};
 
 /// Numbers of spheres: the paper's, and larger ones.
 const SIZES: [usize; 11] =
@@ -32,51 +33,13 @@ const ALL_PAIRS_SPHERES: usize = 100_000;
 /// Words a sphere of the memory for replies.
 const REPLY_WORDS: usize = 20;
 
-/// Frames a second on a GPU, spheres and mask in shared memory.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct GpuSpeedRow {
-    /// Spheres.
-    pub n: u64,
-    /// Pairs that overlap.
-    pub pairs: u64,
-    /// Whether all engines counted as many.
-    pub is_right: bool,
-    /// Whether the GPU read and wrote shared memory itself.
-    pub imported: bool,
-    /// All pairs, sparse masks.
-    pub all_pairs_fps: Option<f64>,
-    /// Pairs a second of the stage that tests all pairs, by the GPU's clock.
-    pub tests_a_second: Option<f64>,
-    /// The grid, sparse masks.
-    pub grid_fps: f64,
-    /// A frame of the grid by the host's clock, median, µs.
-    pub grid_us: f64,
-    /// The choice of the CPU's engines, all threads.
-    pub cpu_fps: f64,
-    /// One pair after the other in plain f32, as the paper's sequential approach.
-    pub plain_fps: Option<f64>,
-    /// All pairs on the GPU against one after the other, as the paper has it.
-    pub speed_up: Option<f64>,
-    /// The paper's sequential approach.
-    pub paper_sequential_fps: Option<f64>,
-    /// The paper's parallel approach, on a GPU.
-    pub paper_parallel_fps: Option<f64>,
-    /// The paper's speed-up.
-    pub paper_speed_up: Option<f64>,
-}
-
 /// Pairs of a family, decided by a GPU.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct GpuErrorRow {
-    /// The family.
     pub family: &'static str,
-    /// Pairs of the family.
     pub pairs: u64,
-    /// Those that the GPU decides otherwise than exact arithmetic.
     pub wrong: u64,
-    /// All pairs of the scenes that these pairs were put in.
     pub beside: u64,
-    /// Those that the GPU decides otherwise than the CPU.
     pub beside_wrong: u64,
 }
 
@@ -84,17 +47,13 @@ pub struct GpuErrorRow {
 const NOT_RUN: Result<CullReport, CullError> =
     Err(CullError::DeviceLost { engine: EngineName::GpuGrid });
 
-/// Times all sizes.
-///
-/// # Errors
-/// [`BenchError`].
-pub fn measure(gpu: &Arc<Gpu>, quick: bool, seed: u64) -> Result<Vec<GpuSpeedRow>, BenchError> {
+pub fn measure(gpu: &Arc<Gpu>, quick: bool, seed: u64) -> Result<Vec<Fields>> {
     let sizes = if quick { &SIZES[..QUICK_SIZES] } else { &SIZES[..] };
     let budget = Duration::from_millis(if quick { 20 } else { 500 });
-    sizes.iter().map(|n| row(gpu, *n, budget, seed)).collect()
+    sizes.iter().map(|n| timed(gpu, *n, budget, seed)).collect()
 }
 
-fn row(gpu: &Arc<Gpu>, n: usize, budget: Duration, seed: u64) -> Result<GpuSpeedRow, BenchError> {
+fn timed(gpu: &Arc<Gpu>, n: usize, budget: Duration, seed: u64) -> Result<Fields> {
     let objects = scene(n, seed);
     let mut spheres = Segment::new(n * SPHERE_BYTES)?;
     let mut reply = Segment::new(4 * REPLY_WORDS * n.max(1_000))?;
@@ -149,7 +108,7 @@ fn row(gpu: &Arc<Gpu>, n: usize, budget: Duration, seed: u64) -> Result<GpuSpeed
         })
     });
     let [paper_sequential_fps, paper_parallel_fps, paper_speed_up] = papers_row(n);
-    Ok(GpuSpeedRow {
+    Ok(row!(
         n: n as u64,
         pairs,
         is_right: counts.iter().all(|count| *count == pairs),
@@ -164,7 +123,7 @@ fn row(gpu: &Arc<Gpu>, n: usize, budget: Duration, seed: u64) -> Result<GpuSpeed
         paper_sequential_fps,
         paper_parallel_fps,
         paper_speed_up,
-    })
+    ))
 }
 
 /// Pairs of a family that are culled together, as one scene of twice as many spheres: 499,500 pairs. The CPU
@@ -173,10 +132,8 @@ const SCENE_PAIRS: u64 = 500;
 /// Scenes that the CPU decides side by side, while the GPU decides as many others: 16 MB of masks.
 const SCENES: u64 = 256;
 
-/// A scene with the truth.
 struct Decided {
     spheres: Vec<Sphere>,
-    /// Its dense mask, by the CPU.
     words: Vec<u32>,
     /// Whether sphere 2i overlaps sphere 2i + 1, by exact arithmetic.
     truth: Vec<bool>,
@@ -222,15 +179,12 @@ impl GpuErrorRow {
 /// Has a GPU decide `pairs` random pairs of all families together, and a hundredth of them in each tangent
 /// one, with all pairs beside them. `watch` is called with the number of further decided pairs of
 /// the families.
-///
-/// # Errors
-/// [`BenchError`].
 pub fn count_errors(
     gpu: &Arc<Gpu>,
     pairs: u64,
     seed: u64,
     watch: impl Fn(u64) + Sync,
-) -> Result<Vec<GpuErrorRow>, BenchError> {
+) -> Result<Vec<GpuErrorRow>> {
     let mut engine = AllPairs::new(gpu, AllPairsOptions::default())?;
     let mut reply = HeapReply::new();
     let mut rows = Vec::new();

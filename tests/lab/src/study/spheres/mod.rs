@@ -5,70 +5,63 @@
 //! parallel version ran on a GPU; here it is the CPU's threads, and a GPU where one is asked for.
 //!
 //! The parts: [`oracle`] decides pairs in integers of any size; [`families`] makes pairs that are
-//! hard to decide; [`gpu`] has a GPU decide and cull; [`errors`] counts the errors of ways to decide them; [`speed`]
+//! hard to decide; `gpu` has a GPU decide and cull; `errors` counts the errors of ways to decide them; `speed`
 //! times frames.
 
-pub mod errors;
+pub(crate) mod errors;
 pub mod families;
-pub mod gpu;
+pub(crate) mod gpu;
 pub mod oracle;
-pub mod speed;
+pub(crate) mod speed;
 
 use errors::ErrorRow;
-use gpu::{GpuErrorRow, GpuSpeedRow};
+use gpu::GpuErrorRow;
 use pairmaskd::execute::gpu::{Gpu, GpuChoice, HostImport};
 use serde::Serialize;
-use speed::SpeedRow;
 
+use super::harness::Report;
 use super::harness::document::Part;
 use super::harness::machine::Machine;
-use super::harness::{Report, StudyError};
+use super::harness::table::Fields;
 use super::papers::figure;
+use crate::Result;
 
 /// Options of the study.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct SphereOptions {
-    /// Time frames.
+pub(crate) struct SphereOptions {
     pub speed: bool,
     /// Count errors on so many random pairs, and a hundredth of them tangent; 0 for none.
     pub pairs: u64,
     /// Few spheres and few runs, in seconds. Times mean little.
     pub quick: bool,
-    /// Seed of scenes and pairs.
     pub seed: u64,
 }
 
-/// The same on a GPU. `watch` as in [`measure`].
-///
-/// # Errors
-/// [`StudyError`].
-pub fn measure_on_gpu(
+/// Runs the study, on a GPU where one is named. `watch` is called with the number of further decided pairs, of
+/// [`errors::pairs_decided`] in all.
+pub(crate) fn measure(
     options: &SphereOptions,
-    choice: &GpuChoice,
+    on: Option<&GpuChoice>,
     watch: impl Fn(u64) + Sync,
-) -> Result<SphereReport, StudyError> {
-    let device = Gpu::open(choice, HostImport::IfPossible)?;
-    let mut report = SphereReport::of(Machine::here(Some(device.info())));
-    if options.speed {
-        report.gpu_speed = gpu::measure(&device, options.quick, options.seed)?;
+) -> Result<SphereReport> {
+    let SphereOptions { speed, pairs, quick, seed } = *options;
+    let device = on.map(|choice| Gpu::open(choice, HostImport::IfPossible)).transpose()?;
+    let machine = Machine::here(device.as_ref().map(|device| device.info()));
+    let (speed_rows, errors, gpu_speed, gpu_errors) = Default::default();
+    let mut report = SphereReport { machine, speed: speed_rows, errors, gpu_speed, gpu_errors };
+    match &device {
+        Some(device) if speed => report.gpu_speed = gpu::measure(device, quick, seed)?,
+        None if speed => report.speed = speed::measure(quick, seed),
+        _ => {}
     }
-    if options.pairs > 0 {
-        report.gpu_errors = gpu::count_errors(&device, options.pairs, options.seed, watch)?;
+    match &device {
+        Some(device) if pairs > 0 => {
+            report.gpu_errors = gpu::count_errors(device, pairs, seed, watch)?;
+        }
+        None if pairs > 0 => report.errors = errors::measure(pairs, seed, watch),
+        _ => {}
     }
     Ok(report)
-}
-
-/// Runs the study. `watch` is called with the number of further decided pairs, of
-/// [`errors::pairs_decided`] in all.
-pub fn measure(options: &SphereOptions, watch: impl Fn(u64) + Sync) -> SphereReport {
-    let mut report = SphereReport::of(Machine::here(None));
-    if options.speed {
-        report.speed = speed::measure(options.quick, options.seed);
-    }
-    if options.pairs > 0 {
-        report.errors = errors::measure(options.pairs, options.seed, watch);
-    }
-    report
 }
 
 /// The paper's row for so many spheres: frames a second of the sequential and the parallel approach, speed-up.
@@ -78,29 +71,19 @@ fn papers_row(n: usize) -> [Option<f64>; 3] {
 
 /// The JSON object of `spheres --json`. Fields may be added, never changed or taken away.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct SphereReport {
-    /// The machine of the measurement.
+pub(crate) struct SphereReport {
     pub machine: Machine,
-    /// Frames a second by number of spheres.
-    pub speed: Vec<SpeedRow>,
-    /// Errors by family of pairs.
+    pub speed: Vec<Fields>,
     pub errors: Vec<ErrorRow>,
-    /// Frames a second on a GPU, where one was asked for.
-    pub gpu_speed: Vec<GpuSpeedRow>,
-    /// Pairs that a GPU decided, where one was asked for.
+    pub gpu_speed: Vec<Fields>,
     pub gpu_errors: Vec<GpuErrorRow>,
 }
 
 impl SphereReport {
-    fn of(machine: Machine) -> Self {
-        let (speed, errors, gpu_speed, gpu_errors) = Default::default();
-        Self { machine, speed, errors, gpu_speed, gpu_errors }
-    }
-
     /// Whether every pair was decided rightly, by the client library and on the GPU.
     pub fn is_exact(&self) -> bool {
         self.errors.iter().all(|row| row.exact_wrong == 0)
-            && self.gpu_speed.iter().all(|row| row.is_right)
+            && self.gpu_speed.iter().all(|row| row["is_right"] == true)
             && self.gpu_errors.iter().all(|row| row.wrong + row.beside_wrong == 0)
     }
 }

@@ -8,49 +8,23 @@ use pairmask_core::engine::{CullInput, HeapReply};
 use pairmask_core::sphere::{Sphere, SphereAllPairs};
 use pairmask_core::{Encoding, EncodingChoice};
 use pairmaskd::scene::{Scene, SceneName};
-use serde::Serialize;
 
 use super::errors::squared_f32;
 use super::papers_row;
+use crate::study::harness::table::{Fields, row};
 
 /// Numbers of spheres: the paper's, and larger ones.
 const SIZES: [usize; 10] = [64, 128, 192, 256, 320, 1_000, 3_200, 10_000, 32_000, 100_000];
 /// Numbers of a quick look.
 const QUICK_SIZES: usize = 6;
 
-/// Frames a second for a number of spheres.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct SpeedRow {
-    /// Spheres.
-    pub n: u64,
-    /// Pairs that overlap.
-    pub pairs: u64,
-    /// One pair after the other in plain f32, as the paper's sequential approach.
-    pub plain_fps: f64,
-    /// All pairs, exact, with SIMD, one thread.
-    pub sequential_fps: f64,
-    /// The same on all threads.
-    pub parallel_fps: f64,
-    /// Parallel against sequential.
-    pub speed_up: f64,
-    /// The choice of [`SphereEngines`], on all threads.
-    pub engines_fps: f64,
-    /// The paper's sequential approach.
-    pub paper_sequential_fps: Option<f64>,
-    /// The paper's parallel approach.
-    pub paper_parallel_fps: Option<f64>,
-    /// The paper's speed-up.
-    pub paper_speed_up: Option<f64>,
-}
-
 /// How long each figure is measured: at least three frames, and this, unless a frame is long.
 const BUDGET: Duration = Duration::from_millis(300);
 
-/// Times all sizes.
-pub fn measure(quick: bool, seed: u64) -> Vec<SpeedRow> {
+pub fn measure(quick: bool, seed: u64) -> Vec<Fields> {
     let sizes = if quick { &SIZES[..QUICK_SIZES] } else { &SIZES[..] };
     let budget = if quick { BUDGET / 30 } else { BUDGET };
-    sizes.iter().map(|n| row(*n, budget, seed)).collect()
+    sizes.iter().map(|n| timed(*n, budget, seed)).collect()
 }
 
 /// Spheres in the boxes of a uniform scene: about half a pair a sphere.
@@ -62,7 +36,7 @@ pub fn scene(n: usize, seed: u64) -> Vec<Sphere> {
     Scene::new(SceneName::Uniform, n, seed).boxes().iter().map(inscribed).collect()
 }
 
-fn row(n: usize, budget: Duration, seed: u64) -> SpeedRow {
+fn timed(n: usize, budget: Duration, seed: u64) -> Fields {
     let spheres = scene(n, seed);
     let threads = rayon::current_num_threads();
     let mut reply = HeapReply::new();
@@ -89,7 +63,7 @@ fn row(n: usize, budget: Duration, seed: u64) -> SpeedRow {
         let _ = black_box(engines.cull(&spheres, &options, &mut reply));
     });
     let [paper_sequential_fps, paper_parallel_fps, paper_speed_up] = papers_row(n);
-    SpeedRow {
+    row!(
         n: n as u64,
         pairs,
         plain_fps,
@@ -100,7 +74,7 @@ fn row(n: usize, budget: Duration, seed: u64) -> SpeedRow {
         paper_sequential_fps,
         paper_parallel_fps,
         paper_speed_up,
-    }
+    )
 }
 
 /// The paper's algorithm 1, without the root: the pairs in a list.

@@ -1,10 +1,8 @@
 //! `plan` and `threads`: their JSON, and that figures agree.
 
-use std::collections::BTreeSet;
-
 use serde_json::Value;
 
-use super::support::{Place, keys};
+use super::support::{Place, keys, names};
 
 fn rows(report: &Value) -> &[Value] {
     assert_eq!(keys(&report["machine"]).len(), 7, "{report}");
@@ -32,37 +30,14 @@ fn the_plan_is_judged_scene_by_scene() {
 #[test]
 fn speed_ups_stand_beside_the_papers() {
     let place = Place::new();
-    let report = place
-        .run(&[
-            "threads",
-            "--scene",
-            "cubes,uniform",
-            "--n",
-            "300",
-            "--threads",
-            "2",
-            "--json",
-            "--out",
-            "figures",
-        ])
-        .json();
-    let fields = [
-        "stage",
-        "scene",
-        "n",
-        "engine",
-        "threads",
-        "frames",
-        "least_ns",
-        "median_ns",
-        "speed_up",
-        "paper_ns",
-        "paper_speed_up",
-    ];
+    let line = "threads --scene cubes,uniform --n 300 --threads 2 --json --out figures";
+    let report = place.run(&line.split(' ').collect::<Vec<_>>()).json();
+    let fields = "stage scene n engine threads frames least_ns median_ns speed_up paper_ns \
+        paper_speed_up";
     // Two scenes, one or two threads: the first stage, and the second with three engines.
     assert_eq!(rows(&report).len(), 2 * 2 * 4);
     for row in rows(&report) {
-        assert_eq!(keys(row), BTreeSet::from(fields));
+        assert_eq!(keys(row), names(fields));
         assert_eq!(row["engine"].is_null(), row["stage"] == "update-aabbs", "{row}");
         assert_eq!(row["paper_ns"].is_null(), row["scene"] == "uniform", "{row}");
         if row["threads"] == 1 {
@@ -71,7 +46,7 @@ fn speed_ups_stand_beside_the_papers() {
     }
     let csv = std::fs::read_to_string(place.file("figures/threads.csv")).unwrap();
     assert_eq!(csv.lines().count(), 1 + rows(&report).len());
-    assert_eq!(csv.lines().next().unwrap().split(',').count(), fields.len());
+    assert_eq!(csv.lines().next().unwrap().split(',').count(), names(fields).len());
     assert!(csv.contains("update-aabbs,cubes,300,,2,"), "{csv}");
     let written = std::fs::read_to_string(place.file("figures/threads.json")).unwrap();
     assert_eq!(serde_json::from_str::<Value>(&written).unwrap(), report);

@@ -1,10 +1,8 @@
 //! `load`: its JSON, and that clients keep their pace.
 
-use std::collections::BTreeSet;
-
 use serde_json::Value;
 
-use super::support::{Place, keys};
+use super::support::{Place, keys, names};
 
 /// Runs a load for a second, and returns its report.
 fn load(place: &Place, flags: &str) -> Value {
@@ -37,7 +35,7 @@ fn a_paced_client_has_a_row_for_every_rate_and_size() {
         assert_eq!((&row["backend"], &row["wait"]), (&"daemon".into(), &"serve".into()));
         assert!(row["daemon_cpu_percent"].is_number() && row["total_ns"]["p50"].is_number());
         let due = &row["from_due_ns"];
-        assert_eq!(keys(due), BTreeSet::from(["p50", "p90", "p99", "p999", "max"]));
+        assert_eq!(keys(due), names("p50 p90 p99 p999 max"));
         let frames = row["frames"].as_u64().unwrap();
         if row["rate"] == "closed" {
             assert_eq!((&due["max"], &row["late_frames"]), (&0.into(), &0.into()), "{row}");
@@ -50,7 +48,7 @@ fn a_paced_client_has_a_row_for_every_rate_and_size() {
         }
     }
     let idle = &report["idle"][0];
-    assert_eq!(keys(idle), BTreeSet::from(["wait", "clients", "daemon_cpu_percent"]));
+    assert_eq!(keys(idle), names("wait clients daemon_cpu_percent"));
     assert_eq!((&idle["wait"], &idle["clients"]), (&"serve".into(), &1.into()));
     place.assert_clean(&[]);
 }

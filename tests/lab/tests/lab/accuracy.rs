@@ -1,34 +1,12 @@
 //! `accuracy`: its rows, its verdicts and its files.
 
-use std::collections::BTreeSet;
-
 use serde_json::Value;
 
-use super::support::{Finished, Place, keys};
+use super::support::{Finished, Place, keys, names};
 
-const FIELDS: [&str; 21] = [
-    "scene",
-    "n",
-    "mode",
-    "margin",
-    "offset",
-    "spheres",
-    "backend",
-    "engine",
-    "served_by_engine",
-    "frames",
-    "requests",
-    "times",
-    "bytes_up",
-    "bytes_down",
-    "checked_frames",
-    "true_pairs",
-    "missed",
-    "extra",
-    "extra_ratio",
-    "against_boxes",
-    "memory_bytes",
-];
+const FIELDS: &str = "scene n mode margin offset spheres backend engine served_by_engine frames \
+    requests times bytes_up bytes_down checked_frames true_pairs missed extra \
+    extra_ratio against_boxes memory_bytes";
 
 fn run(place: &Place, more: &[&str]) -> Finished {
     let mut arguments = vec!["accuracy", "--frames", "8", "--warm-up", "1", "--checked", "2"];
@@ -41,12 +19,12 @@ fn run(place: &Place, more: &[&str]) -> Finished {
 const BESIDE: [&str; 3] = ["f64", "plain-f32", "spheres"];
 
 fn check_rows(report: &Value, expected: usize, backend: &str) {
-    assert_eq!(keys(report), BTreeSet::from(["machine", "seed", "rows", "pareto", "variants"]));
-    assert_eq!(keys(&report["pareto"]), BTreeSet::from(["axes", "modes", "nowhere"]));
+    assert_eq!(keys(report), names("machine seed rows pareto variants"));
+    assert_eq!(keys(&report["pareto"]), names("axes modes nowhere"));
     let rows = report["rows"].as_array().unwrap();
     assert_eq!(rows.len(), expected);
     for row in rows {
-        assert_eq!(keys(row), BTreeSet::from(FIELDS));
+        assert_eq!(keys(row), names(FIELDS));
         assert_eq!((&row["missed"], &row["checked_frames"]), (&0.into(), &2.into()), "{row}");
         let backend = if row["mode"] == "spheres" { "in-process" } else { backend };
         assert_eq!((&row["backend"], &row["frames"]), (&backend.into(), &8.into()), "{row}");
@@ -86,9 +64,9 @@ fn rows_for_every_mode_scene_and_engine() {
         rows.map(|row| row["extra"].as_u64().unwrap()).sum()
     };
     assert!(extra_of("f64") * 1000 < extra_of("plain-f32"), "{report}");
-    let fields = BTreeSet::from(["mode", "settings", "disqualified", "on_front", "at"]);
+    let fields = "mode settings disqualified on_front at";
     for verdict in report["pareto"]["modes"].as_array().unwrap() {
-        assert_eq!(keys(verdict), fields, "{verdict}");
+        assert_eq!(keys(verdict), names(fields), "{verdict}");
         let nowhere = report["pareto"]["nowhere"].as_array().unwrap().contains(&verdict["mode"]);
         assert_eq!(nowhere, verdict["on_front"] == 0, "{verdict}");
     }
@@ -125,19 +103,9 @@ fn verdicts_and_files() {
     let mut before: Value = serde_json::from_slice(&std::fs::read(&path).unwrap()).unwrap();
     check_rows(&before, 1, "in-process");
     let [way] = &before["variants"].as_array().unwrap()[..] else { panic!("{before}") };
-    let fields = [
-        "variant",
-        "n",
-        "processor",
-        "ps_per_pair",
-        "is_complete",
-        "ids",
-        "wrong",
-        "wrong_share",
-        "missed_share",
-        "largest_row_error",
-    ];
-    assert_eq!(keys(way), BTreeSet::from(fields));
+    let fields = "variant n processor ps_per_pair is_complete ids wrong wrong_share missed_share \
+        largest_row_error";
+    assert_eq!(keys(way), names(fields));
     assert_eq!(
         (&way["variant"], &way["n"], &way["wrong"]),
         (&"far-end".into(), &345.into(), &0.into())

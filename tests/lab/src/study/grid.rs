@@ -5,8 +5,6 @@
 //! there on an NVIDIA Quadro FX 3600M. Boxes lie in shared memory, the mask comes back there; no
 //! daemon is between.
 
-mod floor;
-
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -14,112 +12,45 @@ use glam::{Quat, Vec3};
 use pairmask_core::engine::{CullInput, Engine, Grid as CpuGrid, HeapReply, SweepAndPrune};
 use pairmask_core::update::{Placement, par_update_boxes};
 use pairmask_core::{Aabb, Encoding};
-use pairmaskd::execute::gpu::{Gpu, GpuChoice, HostImport};
+use pairmaskd::execute::gpu::{
+    AllPairsOptions, Block, Command, Frame, Gpu, GpuChoice, GpuError, Home, HostImport,
+    Part as BlockPart, Wait,
+};
 use pairmaskd::scene::{Scene, SceneName};
 use serde::Serialize;
 
-pub use self::floor::{Bandwidth, StageRow};
 use super::harness::document::Part;
 use super::harness::machine::Machine;
-use super::harness::table::Table;
-use super::harness::{Report, StudyError, median, median_ms};
+use super::harness::table::{Fields, row};
+use super::harness::{Report, median, median_ms};
 use super::papers::figure;
-use crate::gpu_stages::BenchError;
+use crate::Result;
 use crate::gpu_stages::grid::{
-    FrameTimer, GridRow, SCENES, frames_a_second, measure as measure_scene,
+    GridRow, SCENES, all_pairs_rig, frames_a_second, grid_rig, measure as measure_scene, median_us,
 };
 
 /// All figures of a study. Fields that begin with `paper_` are the paper's.
 #[derive(Clone, Debug, Serialize)]
 pub struct GridReport {
-    /// The machine of the study.
     pub machine: Machine,
-    /// The device's highest bandwidths.
     pub bandwidth: Bandwidth,
-    /// Scenes in motion: stages and whole frames, every first and last mask compared with the CPU's.
     pub scenes: Vec<GridRow>,
-    /// GPU time by stage beside the lower bound by its memory traffic.
-    pub stages: Vec<StageRow>,
-    /// Table 6.
-    pub parts: Vec<PartsRow>,
-    /// Table 7.
+    pub stages: Vec<Fields>,
+    pub parts: Vec<Fields>,
     pub with_and_without: Vec<WithoutRow>,
-    /// Fewest boxes, of the measured sizes, from which on the grid is faster than all pairs.
     pub crossing: Option<u32>,
-    /// Figure 5.
-    pub engines: Vec<EnginesRow>,
-    /// Figure 6.
-    pub moving: Vec<MovingRow>,
-    /// Frames a second with one and with two frames under way.
-    pub under_way: Vec<UnderWayRow>,
-}
-
-/// Table 6: update of the boxes (α), of the grid (β), overlapping pairs (δ). Milliseconds.
-#[derive(Clone, Debug, Serialize)]
-pub struct PartsRow {
-    /// Boxes.
-    pub n: u32,
-    /// Boxes from transforms, on all threads of the CPU.
-    pub update_boxes_ms: f64,
-    /// Upload, cells, order: by the GPU's clock.
-    pub update_grid_ms: f64,
-    /// Pairs and download: by the GPU's clock.
-    pub cull_ms: f64,
-    /// Boxes updated → mask in shared memory, by the host's clock.
-    pub total_ms: f64,
-    /// α, β, δ and total of the paper.
-    pub paper_ms: Option<[f64; 4]>,
+    pub engines: Vec<Fields>,
+    pub moving: Vec<Fields>,
+    pub under_way: Vec<Fields>,
 }
 
 /// Table 7: all pairs against the grid. Milliseconds a frame.
 #[derive(Clone, Debug, Serialize)]
 pub struct WithoutRow {
-    /// Boxes.
     pub n: u32,
-    /// All pairs.
     pub without_ms: f64,
-    /// Grid.
     pub with_ms: f64,
-    /// The paper's: without, with.
     pub paper_ms: Option<[f64; 2]>,
-}
-
-/// Figure 5: engines by the number of boxes. Milliseconds a frame.
-#[derive(Clone, Debug, Serialize)]
-pub struct EnginesRow {
-    /// Boxes.
-    pub n: u32,
-    /// The grid on the GPU.
-    pub gpu_grid_ms: f64,
-    /// The grid on all threads of the CPU.
-    pub cpu_grid_ms: f64,
-    /// Sweep and prune on all threads of the CPU; not where it takes seconds.
-    pub cpu_sap_ms: Option<f64>,
-    /// The paper's grid on its GPU.
-    pub paper_ms: Option<f64>,
-}
-
-/// Figure 6: time by the share of boxes that move.
-#[derive(Clone, Debug, Serialize)]
-pub struct MovingRow {
-    /// Boxes.
-    pub n: u32,
-    /// Of a hundred boxes.
-    pub moving_percent: u32,
-    /// Milliseconds a frame.
-    pub frame_ms: f64,
-}
-
-/// Gain of a second frame under way: the boxes of one cross the link up while the other's mask
-/// comes down.
-#[derive(Clone, Debug, Serialize)]
-pub struct UnderWayRow {
-    /// Boxes of the uniform scene.
-    pub n: u32,
-    /// Frames a second, one at a time.
-    pub one_fps: f64,
-    /// Frames a second, two at a time.
-    pub two_fps: f64,
 }
 
 /// The paper's scene: a column of objects of one size falls on a plane.
@@ -146,10 +77,7 @@ fn paper<const N: usize>(table: &str, n: u32, columns: [&str; N]) -> Option<[f64
 
 /// Measures everything; `counts` are the numbers of boxes of table 6, figure 5 and the stages. With `quick` short runs
 /// of small scenes, in seconds; times mean little.
-///
-/// # Errors
-/// [`StudyError`].
-pub fn measure(choice: &GpuChoice, counts: &[u32], quick: bool) -> Result<GridReport, StudyError> {
+pub fn measure(choice: &GpuChoice, counts: &[u32], quick: bool) -> Result<GridReport> {
     let gpu = &Gpu::open(choice, HostImport::IfPossible)?;
     let budget = Duration::from_millis(if quick { 50 } else { 500 });
     let bandwidth = Bandwidth::measure(gpu)?;
@@ -162,7 +90,7 @@ pub fn measure(choice: &GpuChoice, counts: &[u32], quick: bool) -> Result<GridRe
         for name in SCENES {
             let row = measure_scene(gpu, name, n, Encoding::Sparse, budget, true)?;
             if name == SceneName::Uniform {
-                stages.extend(floor::stages(&row, &bandwidth));
+                stages.extend(stages_of(&row, &bandwidth));
             }
             scenes.push(row);
         }
@@ -202,20 +130,20 @@ fn crossing(rows: &[WithoutRow]) -> Option<u32> {
     rows.get(slower.map_or(0, |place| place + 1)).map(|row| row.n)
 }
 
-fn parts_row(row: &GridRow, budget: Duration) -> PartsRow {
+fn parts_row(row: &GridRow, budget: Duration) -> Fields {
     let ms = |stages: &[&str]| -> f64 {
         let of = row.stage_us.iter().filter(|(label, _)| stages.contains(&label.as_str()));
         of.map(|(_, us)| us / 1e3).sum()
     };
     let update_boxes_ms = update_ms(row.n, budget);
-    PartsRow {
+    row!(
         n: row.n,
         update_boxes_ms,
         update_grid_ms: ms(&["grid_cells", "grid_scan", "grid_scatter", "grid_place"]),
         cull_ms: ms(&["grid_pairs", "grid_write"]),
         total_ms: update_boxes_ms + row.frame_us / 1e3,
         paper_ms: paper("table_6", row.n, ["alpha", "beta", "delta", "total"]),
-    }
+    )
 }
 
 /// Time to make the world boxes of rigid bodies, as a client does before it submits.
@@ -231,7 +159,7 @@ fn update_ms(n: u32, budget: Duration) -> f64 {
     })
 }
 
-fn engines_row(row: &GridRow, budget: Duration) -> EnginesRow {
+fn engines_row(row: &GridRow, budget: Duration) -> Fields {
     let boxes = Scene::new(PAPER_SCENE, row.n as usize, SEED).boxes().to_vec();
     let mut reply = HeapReply::new();
     let mut time = |engine: &mut dyn Engine| {
@@ -241,47 +169,124 @@ fn engines_row(row: &GridRow, budget: Duration) -> EnginesRow {
                 .cull(&CullInput::boxes(&boxes).threads(rayon::current_num_threads()), &mut reply);
         })
     };
-    EnginesRow {
+    row!(
         n: row.n,
         gpu_grid_ms: row.frame_us / 1e3,
         cpu_grid_ms: time(&mut CpuGrid::new()),
         cpu_sap_ms: (row.n <= SWEEP_MOST).then(|| time(&mut SweepAndPrune::new())),
         paper_ms: paper_frame_ms(row.n),
-    }
+    )
 }
 
-fn without_row(gpu: &Arc<Gpu>, n: u32, budget: Duration) -> Result<WithoutRow, BenchError> {
+fn without_row(gpu: &Arc<Gpu>, n: u32, budget: Duration) -> Result<WithoutRow> {
     let boxes = Scene::new(PAPER_SCENE, n as usize, SEED).boxes().to_vec();
-    let without_ms = FrameTimer::all_pairs(gpu, &boxes)?.median_us(budget)? / 1e3;
-    let with_ms = FrameTimer::grid(gpu, &boxes)?.median_us(budget)? / 1e3;
+    let (options, encoding) = (AllPairsOptions::default(), Encoding::Sparse);
+    let mut all_pairs = all_pairs_rig(gpu, &options, true, &boxes, encoding, false)?;
+    let without_ms = median_us(&mut all_pairs, budget)? / 1e3;
+    drop(all_pairs);
+    let with_ms = median_us(&mut grid_rig(gpu, &boxes, encoding, false)?, budget)? / 1e3;
     Ok(WithoutRow { n, without_ms, with_ms, paper_ms: paper("table_7", n, ["without", "with"]) })
 }
 
-fn under_way_row(gpu: &Arc<Gpu>, n: u32, budget: Duration) -> Result<UnderWayRow, BenchError> {
+fn under_way_row(gpu: &Arc<Gpu>, n: u32, budget: Duration) -> Result<Fields> {
     let scene = Scene::new(SceneName::Uniform, n as usize, SEED);
     let fps = |under_way| frames_a_second(gpu, scene.boxes(), under_way, budget);
-    Ok(UnderWayRow { n, one_fps: fps(1)?, two_fps: fps(2)? })
+    Ok(row!(n, one_fps: fps(1)?, two_fps: fps(2)?))
 }
 
-fn moving_row(
-    gpu: &Arc<Gpu>,
-    n: u32,
-    moving_percent: u32,
-    budget: Duration,
-) -> Result<MovingRow, BenchError> {
+fn moving_row(gpu: &Arc<Gpu>, n: u32, moving_percent: u32, budget: Duration) -> Result<Fields> {
     let mut scene = Scene::new(PAPER_SCENE, n as usize, SEED);
     let mut boxes = scene.boxes().to_vec();
-    let mut timer = FrameTimer::grid(gpu, &boxes)?;
+    let mut rig = grid_rig(gpu, &boxes, Encoding::Sparse, false)?;
     let moving = (u64::from(n) * u64::from(moving_percent) / 100) as usize;
     let mut times = Vec::new();
     let started = Instant::now();
     while times.is_empty() || started.elapsed() < budget {
         scene.step();
         boxes[..moving].copy_from_slice(&scene.boxes()[..moving]);
-        timer.write(&boxes);
-        times.push(timer.median_us(Duration::ZERO)?);
+        rig.boxes.write(&boxes);
+        times.push(median_us(&mut rig, Duration::ZERO)?);
     }
-    Ok(MovingRow { n, moving_percent, frame_ms: median(times) / 1e3 })
+    Ok(row!(n, moving_percent, frame_ms: median(times) / 1e3))
+}
+
+/// Highest bandwidths of a device, by its copy engine, GB/s.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct Bandwidth {
+    #[serde(rename = "up_gbs")]
+    pub up: f64,
+    #[serde(rename = "down_gbs")]
+    pub down: f64,
+    #[serde(rename = "memory_gbs")]
+    pub memory: f64,
+}
+
+/// Bytes of a copy that is timed: several times a second-level cache.
+const COPY_BYTES: u64 = 256 << 20;
+/// The same on a software adapter.
+const SOFTWARE_COPY_BYTES: u64 = 16 << 20;
+/// Copies of which the fastest counts.
+const COPIES: usize = 5;
+/// Longest wait for one.
+const PATIENCE: Duration = Duration::from_secs(10);
+
+impl Bandwidth {
+    pub fn measure(gpu: &Arc<Gpu>) -> Result<Self, GpuError> {
+        let software = gpu.info().is_software();
+        let bytes = if software { SOFTWARE_COPY_BYTES } else { COPY_BYTES };
+        let wait = if software { Wait::Block } else { Wait::Spin };
+        let block = |home| Block::new(gpu, home, bytes);
+        let (host, video, other) = (block(Home::Host)?, block(Home::Video)?, block(Home::Video)?);
+        let copy = |from: &Arc<Block>, to: &Arc<Block>| -> Result<f64, GpuError> {
+            let part = |block| BlockPart::of(block, 0, bytes);
+            let mut frame = Frame::new(gpu, true)?;
+            frame.record(vec![Command::Copy { from: part(from), to: part(to) }])?;
+            let mut least_ns = f64::INFINITY;
+            for _ in 0..COPIES {
+                frame.run(wait, PATIENCE)?;
+                let ns: f64 = frame.step_times()?.iter().map(|step| step.ns).sum();
+                least_ns = least_ns.min(ns);
+            }
+            Ok(bytes as f64 / least_ns)
+        };
+        Ok(Self {
+            up: copy(&host, &video)?,
+            down: copy(&video, &host)?,
+            memory: 2.0 * copy(&video, &other)?,
+        })
+    }
+}
+
+/// The stages of a measured scene.
+fn stages_of(row: &GridRow, bandwidth: &Bandwidth) -> Vec<Fields> {
+    let (n, cells, words) = (u64::from(row.n), u64::from(row.cells), row.words);
+    let stage = |(stage, us): &(String, f64)| {
+        // Up, down and video memory. Each box and each word counts once, each cell 4 bytes;
+        // repeated reads (neighbours, crowded cells) are assumed to hit a cache.
+        let (up, down, memory) = match stage.as_str() {
+            "grid_cells" => (24 * n, 0, 32 * n + 8 * n),
+            "grid_scan" => (0, 0, 8 * cells),
+            "grid_scatter" => (0, 0, 24 * n),
+            "grid_place" => (0, 0, 76 * n),
+            "grid_pairs" => (0, 4 * n, 32 * n + 4 * cells + 12 * words),
+            "grid_write" => (0, 12 * words, 12 * words + 4 * cells),
+            _ => (0, 0, 0),
+        };
+        let ns = [
+            up as f64 / bandwidth.up,
+            down as f64 / bandwidth.down,
+            memory as f64 / bandwidth.memory,
+        ];
+        row!(
+            n: row.n,
+            stage: stage.clone(),
+            us: *us,
+            link_bytes: up + down,
+            memory_bytes: memory,
+            floor_us: ns.into_iter().fold(0.0, f64::max) / 1e3,
+        )
+    };
+    row.stage_us.iter().map(stage).collect()
 }
 
 impl Report for GridReport {
@@ -292,9 +297,9 @@ impl Report for GridReport {
             Some(n) => format!("The grid is faster from {n} boxes on (paper: beyond 1,000)."),
             None => "The grid is not faster at any of these (paper: beyond 1,000).".to_owned(),
         };
-        let Bandwidth { up_gbs, down_gbs, memory_gbs } = self.bandwidth;
+        let Bandwidth { up, down, memory } = self.bandwidth;
         let link = format!(
-            "Link {up_gbs:.1} GB/s up, {down_gbs:.1} down; video memory {memory_gbs:.0} GB/s (copies by the device)."
+            "Link {up:.1} GB/s up, {down:.1} down; video memory {memory:.0} GB/s (copies by the device)."
         );
         let parts = [
             Part::section(
@@ -334,23 +339,12 @@ impl Report for GridReport {
         all.extend(parts.concat());
         all
     }
-
-    fn tables(&self) -> Vec<(&'static str, Table)> {
-        vec![
-            ("scenes", Table::of(&self.scenes)),
-            ("stages", Table::of(&self.stages)),
-            ("parts", Table::of(&self.parts)),
-            ("with_and_without", Table::of(&self.with_and_without)),
-            ("engines", Table::of(&self.engines)),
-            ("moving", Table::of(&self.moving)),
-            ("under_way", Table::of(&self.under_way)),
-        ]
-    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::study::harness::write_files;
 
     #[test]
     fn the_crossing_is_behind_the_last_row_that_all_pairs_win() {
@@ -359,5 +353,24 @@ mod tests {
         assert_eq!(crossing(&rows), Some(4));
         assert_eq!(crossing(&rows[..3]), None);
         assert_eq!(crossing(&rows[1..2]), Some(2));
+    }
+
+    #[test]
+    fn a_quick_study_fills_every_table_and_compares_every_mask() -> Result<()> {
+        let folder = tempfile::tempdir()?;
+        let report = measure(&GpuChoice::Software, &[700], true)?;
+        write_files(&report, &folder.path().join("records"))?;
+        assert_eq!(report.scenes.len(), 4);
+        assert!(report.scenes.iter().all(|row| row.checked && row.pairs > 0 && row.frame_us > 0.0));
+        assert!(report.stages.iter().all(|row| row["floor_us"].as_f64() > Some(0.0)));
+        let counts = [report.stages.len(), report.parts.len(), report.engines.len()];
+        assert_eq!((counts, report.under_way.len(), report.moving.len()), ([6, 1, 1], 1, 6));
+        assert!(report.with_and_without.iter().any(|row| row.paper_ms.is_some()));
+        let text = std::fs::read_to_string(folder.path().join("records/grid.md"))?;
+        for heading in ["Table 6", "Table 7", "Figure 5", "Figure 6", "Stages", "Frames under way"]
+        {
+            assert!(text.contains(heading), "{heading}");
+        }
+        Ok(())
     }
 }

@@ -22,7 +22,6 @@ fn a_mistake_is_told_in_one_line() {
         ("load --mix 1x2 --n 1", 2, "--mix and --n exclude each other"),
         ("load --seconds 0", 2, "must be at least 1"),
         ("grid --n x", 2, "'x' for --n: must be a whole number"),
-        ("sweep --n x", 2, "'x' for --n: must be a whole number"),
         ("accuracy --compare absent", 1, "absent: there is no such file"),
         ("accuracy --out boxes.f32", 1, "boxes.f32: it is no directory"),
         ("accuracy --gpu 99 --n 10 --mapping none", 1, "no GPU fits '99'"),
@@ -46,7 +45,6 @@ fn help_lists_what_works() {
             &["stress-client"][..],
         ),
         ("grid --help", &["--gpu"], &["--instance", "--isa"]),
-        ("sweep --help", &["--gpu"], &["--instance", "--isa"]),
         ("load --help", &["--instance", "[default: daemon]"], &["load-client"]),
         ("--help", &["stress", "accuracy", "load"], &["serve", "stress-client", "load-client"]),
     ] {

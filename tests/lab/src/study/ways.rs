@@ -1,19 +1,22 @@
-//! A case: a scene of some size, culled in several ways that are interleaved frame by frame.
+//! Cases, a scene of some size each, that are culled in several ways, interleaved frame by frame.
 //!
 //! The machine may be busy: ways that are compared run in the same second, and the shortest of many
 //! frames counts.
 
+use std::hint::black_box;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use pairmask_core::Encoding;
 use pairmask_core::dispatch::{CullOptions, nanoseconds_since};
-use pairmask_core::engine::{AvailableIsa, EngineName};
+use pairmask_core::engine::{
+    AvailableIsa, CullError, CullInput, Engine, EngineName, HeapReply, cpu_engine,
+};
 use pairmask_core::plan::{Calibration, Capabilities, PlanMemory, SceneStats, Work, plan};
-
-use super::MeasureError;
-use super::threads::Pools;
-use super::timed_way::{TimedWay, Way, WayTimes};
+use pairmask_core::{Aabb, BoxCount, Encoding, MaskView};
 use pairmaskd::scene::{Scene, SceneName};
+use rayon::{ThreadPool, ThreadPoolBuilder};
+
+use crate::Result;
 
 /// Seed of the scenes: every run has the same boxes and motions.
 const SEED: u64 = 1;
@@ -30,18 +33,14 @@ const HOPELESS_NS: f64 = 2.0e6;
 /// A named scene of some size.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Case {
-    /// The scene.
     pub scene: SceneName,
-    /// Boxes.
     pub n: usize,
 }
 
 /// Limits of the frames and the time that a case is measured.
 #[derive(Clone, Copy, Debug)]
 pub struct Effort {
-    /// Least number of frames.
     pub least_frames: usize,
-    /// Greatest number of frames.
     pub most_frames: usize,
     /// No further frame begins after this time.
     pub time: Duration,
@@ -50,21 +49,18 @@ pub struct Effort {
 /// The measurements of a case.
 #[derive(Clone, Debug)]
 pub struct CaseTimes {
-    /// The case.
     pub case: Case,
     /// Statistics of the last frame, as the plan gets them.
     pub stats: SceneStats,
     /// Time of planning a frame of a steady scene, ns: to take a plan again, and a share of what a look and a
     /// new plan take. Each is the shortest seen.
     pub plan_ns: u64,
-    /// The times of each measured way.
     pub ways: Vec<(Way, WayTimes)>,
 }
 
 /// The set of ways in which a case is measured.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum WaySet {
-    /// Engines and threads, sparse.
     Sparse,
     /// As `Sparse`, and lists and, for few boxes, dense masks: all ways that a plan may choose.
     All,
@@ -97,17 +93,14 @@ fn ways(stats: &SceneStats, threads: &[usize], set: WaySet, isa: AvailableIsa) -
 }
 
 /// Measures a case with engines and decoders that use `isa`.
-///
-/// # Errors
-/// [`MeasureError`], also where two engines count different pairs.
-pub fn measure(
+pub fn measure_case(
     case: Case,
     set: WaySet,
     threads: &[usize],
     pools: &Pools,
     effort: &Effort,
     isa: AvailableIsa,
-) -> Result<CaseTimes, MeasureError> {
+) -> Result<CaseTimes> {
     let mut scene = Scene::new(case.scene, case.n, SEED);
     let mut stats = SceneStats::glance(scene.boxes(), None);
     let timed = |way: Way| TimedWay::new(way, pools.of(way.threads), isa);
@@ -136,7 +129,7 @@ pub fn measure(
         plans.keep(&plan(&stats, &capabilities, &calibration, &options), &capabilities);
         anew_ns = anew_ns.min(nanoseconds_since(planning));
         let planning = Instant::now();
-        std::hint::black_box(plans.again(stats.n, &capabilities, &options));
+        black_box(plans.again(stats.n, &capabilities, &options));
         again_ns = again_ns.min(nanoseconds_since(planning));
         scene.step();
     }
@@ -146,18 +139,131 @@ pub fn measure(
 }
 
 /// The number of pairs that all ways found.
-fn agreed_pairs(case: Case, timed_ways: &[TimedWay]) -> Result<Option<u64>, MeasureError> {
+fn agreed_pairs(case: Case, timed_ways: &[TimedWay]) -> Result<Option<u64>> {
     let mut counts = timed_ways.iter().map(|timed| (timed.way, timed.times.pair_count));
     let Some((first, pairs)) = counts.next() else { return Ok(None) };
     match counts.find(|(_, other)| *other != pairs) {
         None => Ok(Some(pairs)),
-        Some((second, other)) => Err(MeasureError::Disagree {
-            scene: case.scene,
-            n: case.n,
-            first: first.engine,
-            pairs,
-            second: second.engine,
-            other,
-        }),
+        Some((second, other)) => {
+            let Case { scene, n } = case;
+            let (first, second) = (first.engine, second.engine);
+            Err(format!(
+                "{first} finds {pairs} pairs in {n} boxes of {scene} and {second} {other}: please report this"
+            )
+            .into())
+        }
+    }
+}
+
+/// An engine, an encoding and a number of threads.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Way {
+    pub engine: EngineName,
+    pub encoding: Encoding,
+    pub threads: usize,
+}
+
+/// Times of a way's frames, ns, and its last mask.
+#[derive(Clone, Debug, Default)]
+pub struct WayTimes {
+    /// From the boxes in memory to the mask, every frame.
+    pub engine_ns: Vec<u64>,
+    /// From the mask to the last pair on one thread, every frame.
+    pub decode_ns: Vec<u64>,
+    pub pair_count: u64,
+}
+
+impl WayTimes {
+    /// The shortest frame, engine and decode, ns.
+    pub fn least_ns(&self) -> u64 {
+        let frames = self.engine_ns.iter().zip(&self.decode_ns);
+        frames.map(|(engine, decode)| engine + decode).min().unwrap_or(0)
+    }
+}
+
+/// A way with its engine and its memory.
+pub struct TimedWay {
+    pub way: Way,
+    pub times: WayTimes,
+    engine: Box<dyn Engine>,
+    isa: AvailableIsa,
+    reply: HeapReply,
+    /// Where the engine runs; `None` is the calling thread.
+    pool: Option<Arc<ThreadPool>>,
+}
+
+impl TimedWay {
+    /// A way with a new engine, `None` for a GPU engine. More than one thread needs a pool.
+    pub fn new(way: Way, pool: Option<Arc<ThreadPool>>, isa: AvailableIsa) -> Option<Self> {
+        let engine = cpu_engine(way.engine, isa.get()).ok()?;
+        let (times, reply) = (WayTimes::default(), HeapReply::new());
+        Some(Self { way, times, engine, isa, reply, pool })
+    }
+
+    /// Culls and decodes one frame, and stores its times if `is_noted`.
+    pub fn frame(&mut self, boxes: &[Aabb], is_noted: bool) -> Result<()> {
+        let (engine, reply) = (&mut self.engine, &mut self.reply);
+        let mut cull = || -> Result<_, CullError> {
+            let start = Instant::now();
+            let report = engine.cull(
+                &CullInput::boxes(boxes).encoding(self.way.encoding).threads(self.way.threads),
+                reply,
+            )?;
+            Ok((report, nanoseconds_since(start)))
+        };
+        let (report, engine_ns) = match &self.pool {
+            Some(pool) => pool.install(cull),
+            None => cull(),
+        }?;
+        let n = BoxCount::new(boxes.len() as u32);
+        let start = Instant::now();
+        let mask = MaskView::new(n, &report.shape, self.reply.words())?.with_isa(self.isa);
+        let (mut decoded, mut indices) = (0u64, 0);
+        mask.for_each(|a, b| {
+            decoded += 1;
+            indices ^= a ^ b;
+        });
+        black_box(indices);
+        let decode_ns = nanoseconds_since(start);
+        if decoded != report.pair_count {
+            let (engine, counted) = (self.way.engine, report.pair_count);
+            return Err(format!(
+                "{engine} counted {counted} pairs and its mask holds {decoded}: please report this"
+            )
+            .into());
+        }
+        self.times.pair_count = decoded;
+        if is_noted {
+            self.times.engine_ns.push(engine_ns);
+            self.times.decode_ns.push(decode_ns);
+        }
+        Ok(())
+    }
+}
+
+pub fn thread_counts(most: usize) -> Vec<usize> {
+    let doubled = std::iter::successors(Some(1), |n| Some(2 * n)).take_while(|n| *n < most);
+    doubled.chain([most]).collect()
+}
+
+/// Threads that this process may use.
+pub fn core_count() -> usize {
+    std::thread::available_parallelism().map_or(1, usize::from)
+}
+
+/// Thread pools, one for each number of threads.
+pub struct Pools(Vec<Arc<ThreadPool>>);
+
+impl Pools {
+    /// One pool for each number of threads above 1.
+    pub fn new(threads: &[usize]) -> Result<Self> {
+        let more = threads.iter().filter(|threads| **threads > 1);
+        let pool = |n: &usize| Ok(Arc::new(ThreadPoolBuilder::new().num_threads(*n).build()?));
+        Ok(Self(more.map(pool).collect::<Result<_>>()?))
+    }
+
+    /// The pool of `threads` threads; `None` is the calling thread.
+    pub fn of(&self, threads: usize) -> Option<Arc<ThreadPool>> {
+        self.0.iter().find(|pool| pool.current_num_threads() == threads).cloned()
     }
 }
