@@ -15,8 +15,8 @@ use pairmask_core::oracle::Corners;
 use pairmask_core::scene::{Edit, QueryTags, SceneCopy, Told, Want};
 use pairmask_wire::{EditLayout, EditScratch, Page, SceneId, SceneRequest, page_count};
 
+use super::NotedName;
 use super::check::{Outcome, check_by_rules};
-use super::name::NotedName;
 use super::window::Window;
 use crate::scene::Random;
 

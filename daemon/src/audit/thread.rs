@@ -13,10 +13,9 @@ use pairmask_core::{Aabb, BoxCount};
 use pairmask_wire::{AuditCounts, ReplyFields, SentRules};
 
 use super::check::{Outcome, check};
-use super::name::NotedName;
-use super::rate::AuditRate;
 use super::scene::{QueryNote, SceneAudit, SceneNote};
 use super::window::{Reach, Span2, Window};
+use super::{AuditRate, NotedName};
 use crate::scene::Random;
 
 /// Windows in circulation: one being checked while the next is filled.

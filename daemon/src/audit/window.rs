@@ -8,7 +8,7 @@ use pairmask_core::objects::{ObjectForm, Objects};
 use pairmask_core::{Aabb, BoxCount, Sphere, pair_index};
 use pairmask_wire::SentRules;
 
-use super::name::NotedName;
+use super::NotedName;
 use crate::scene::Random;
 
 /// How much of a frame a window may hold.

@@ -3,22 +3,21 @@
 //! A session is who the transport's registers say that a request comes from; its token is an echo.
 //! Nothing here is needed for a right answer: what was forgotten is found again, estimated, or sent again.
 
-mod client;
 mod known;
 mod scenes;
 mod work;
+
+pub(crate) use self::scenes::{KeptScene, NoRoom, PendingBoxes, SceneMemory, SceneRoom};
+pub use self::work::GpuNeed;
+pub(crate) use self::work::{FrameWork, RequestKind};
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use pairmask_transport::{Sender, WakeClient};
 use pairmask_wire::SceneId;
 
-use self::client::find_listener;
-use self::known::Known;
-pub(crate) use self::scenes::{KeptScene, NoRoom, PendingBoxes, SceneMemory, SceneRoom};
-pub use self::work::GpuNeed;
+use self::known::{Known, find_listener};
 use self::work::LastWork;
-pub(crate) use self::work::{FrameWork, RequestKind};
 use crate::execute::Executor;
 
 /// The clients, and the port that wakes them.

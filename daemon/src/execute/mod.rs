@@ -1,31 +1,30 @@
 //! Engines of the daemon: those of the client library, and the GPU.
 
 mod cpu_side;
-mod cpu_time;
 mod engine_pool;
-mod filtered;
 mod frame_memory;
 pub mod gpu;
 mod gpu_service;
 mod gpus;
 mod kept_scene;
 mod offers;
-mod planned;
 mod ruled;
 mod shared_gpu;
 mod spheres;
-mod under_way;
 
-pub use cpu_time::CpuTimer;
-pub use engine_pool::EnginePool;
-pub use frame_memory::FrameMemory;
-pub(crate) use frame_memory::boxes_of;
-pub use gpu_service::{GpuService, WatchDevice};
-pub use gpus::{Gpus, SceneGpus};
-pub use kept_scene::SceneKeeper;
-pub use offers::Owner;
-pub use planned::Planned;
-pub use ruled::RuledFrame;
+pub use self::cpu_side::Planned;
+pub use self::engine_pool::{CpuTimer, EnginePool};
+pub use self::frame_memory::FrameMemory;
+pub(crate) use self::frame_memory::boxes_of;
+pub use self::gpu_service::{GpuService, WatchDevice};
+pub use self::gpus::{Gpus, SceneGpus};
+pub use self::kept_scene::SceneKeeper;
+pub use self::offers::Owner;
+pub use self::ruled::RuledFrame;
+pub use self::shared_gpu::{
+    BUNDLE_FRAMES, CullUnderWay, Ended, GpuTurn, Joining, SUBMISSIONS_UNDER_WAY, SharedGpu,
+    Unserved,
+};
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -43,10 +42,6 @@ use pairmask_wire::RulesReader;
 use self::cpu_side::CpuSide;
 use self::frame_memory::{LentReply, with_lent};
 use self::ruled::KeptMarks;
-pub use self::shared_gpu::{GpuTurn, SharedGpu};
-pub use self::under_way::{
-    BUNDLE_FRAMES, CullUnderWay, Ended, Joining, SUBMISSIONS_UNDER_WAY, Unserved,
-};
 
 /// The engines of a session: CPU engines with the state that they keep from frame to frame, and the GPU,
 /// which all sessions share.

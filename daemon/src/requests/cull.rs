@@ -10,10 +10,9 @@ use pairmask_core::objects::Objects;
 use pairmask_core::repeat::Seen;
 use pairmask_wire::{CullRequest, Reject, SentRules};
 
-use super::Served;
-use super::between::Sets;
-use super::filtered::{self, Filtered, MaskFilters};
+use super::filtered::{Filtered, MaskFilters, Sets};
 use super::gpu_lines::{GpuLine, Submission};
+use super::{Served, filtered};
 use crate::clients::GpuNeed;
 use crate::execute::{
     BUNDLE_FRAMES, Ended, EnginePool, Executor, Gpus, Joining, Owner, RuledFrame, Unserved,

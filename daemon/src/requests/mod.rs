@@ -3,14 +3,14 @@
 //! An operation is a file here and an arm in `Responder::open`. Threads take requests side by side,
 //! of one session one at a time.
 
-mod between;
 mod cull;
 mod filtered;
 mod gpu_lines;
-mod query;
 mod scene;
 mod shared;
 mod status;
+
+pub use crate::clients::GpuNeed;
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -23,7 +23,6 @@ use self::cull::Culls;
 use self::scene::{SceneEdits, SceneTools};
 use self::shared::SharedScenes;
 use crate::audit::Auditor;
-pub use crate::clients::GpuNeed;
 use crate::clients::{Clients, SceneMemory};
 use crate::execute::{EnginePool, Executor};
 use crate::ingest::Incoming;

@@ -97,3 +97,61 @@ fn given_boxes_move_and_stay_in_their_bounds() {
     assert_ne!(scene.boxes(), boxes);
     assert!(scene.boxes().iter().all(|b| b.max.iter().chain(&b.min).all(|x| x.abs() < 20.0)));
 }
+
+#[test]
+fn names_parse_back_and_errors_list_them_all() {
+    for name in SceneName::ALL {
+        assert_eq!(name.to_string().parse::<SceneName>().ok(), Some(name));
+    }
+    let error = "nowhere".parse::<SceneName>().map_err(|e| e.to_string());
+    let Err(text) = error else { panic!("an unknown name must not parse") };
+    for name in SceneName::ALL {
+        assert!(text.contains(name.as_str()), "{text} lacks {name}");
+    }
+}
+
+#[test]
+fn boxes_turn_at_walls_and_infinities_stay() {
+    let mut boxes =
+        [Aabb::from([0.0, 0.0, f32::NEG_INFINITY, 1.0, 1.0, 0.0]), Aabb::from([8.9; 6])];
+    let mut velocities = [[-0.2, 0.2, 0.0], [0.2; 3]];
+    let walls = Walls::Scene { low: [0.0; 3], high: [9.0; 3] };
+    for _ in 0..100 {
+        advance(&mut boxes, &mut velocities, &walls);
+        for axis in 0..2 {
+            let centre = 0.5 * (boxes[0].min[axis] + boxes[0].max[axis]);
+            assert!((-0.2..=9.2).contains(&centre), "axis {axis}: {centre}");
+        }
+        assert_eq!((boxes[0].min[2], boxes[0].max[2]), (f32::NEG_INFINITY, 0.0));
+    }
+}
+
+#[test]
+fn fallen_boxes_come_back_at_the_top() {
+    let mut boxes = [Aabb::from([0.0, 0.0, 0.0, 1.0, 1.0, 1.0])];
+    let walls = Walls::Falling { low: [0.0; 3], high: [9.0; 3] };
+    advance(&mut boxes, &mut [[0.0, 0.0, -1.0]], &walls);
+    assert_eq!(boxes[0].min[2], 8.0);
+}
+
+#[test]
+fn known_numbers_of_seed_zero() {
+    let mut random = Random::new(0);
+    assert_eq!(random.bits(), 0xe220_a839_7b1d_cdaf);
+    assert_eq!(random.bits(), 0x6e78_9e6a_a1b9_65f4);
+}
+
+#[test]
+fn ranges_hold_and_means_are_central() {
+    let mut random = Random::new(7);
+    let (mut unit, mut normal) = (0.0f64, 0.0f64);
+    for _ in 0..20_000 {
+        let u = random.unit();
+        assert!((0.0..1.0).contains(&u));
+        assert!(random.below(10) < 10);
+        unit += f64::from(u);
+        normal += f64::from(random.normal());
+    }
+    assert!((unit / 20_000.0 - 0.5).abs() < 0.01);
+    assert!((normal / 20_000.0).abs() < 0.03);
+}

@@ -5,8 +5,7 @@ use std::time::{Duration, Instant};
 use indicatif::{ProgressBar, ProgressStyle};
 use pairmask_core::engine::EngineId;
 
-use super::DemoError;
-use super::check::BadPair;
+use super::{BadPair, DemoError};
 use crate::cli::output::{OutputError, is_watched, print_text, time_text};
 use crate::cli::percentiles::Recorder;
 

@@ -17,8 +17,7 @@ use super::device::{Gpu, QueueRole};
 use super::error::GpuError;
 use super::frame::{Command, Frame, Wait};
 use super::memory::{Block, Home, Part};
-use super::pipeline::Pipelines;
-use super::shader::Checks;
+use super::pipeline::{Checks, Pipelines};
 
 /// How long the clocks are kept up after a frame, unless told otherwise: a client of four frames a
 /// second finds them up, and one that is gone costs nothing a moment later.

@@ -13,8 +13,7 @@ use pairmask_core::engine::CullError;
 use wgpu::hal::vulkan;
 
 use super::adapter::{AdapterInfo, AdapterList, GpuChoice};
-use super::error::{GpuError, OpenError};
-use super::health::DeviceHealth;
+use super::error::{DeviceHealth, GpuError, OpenError};
 
 /// What the device allows, in bytes and counts.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -12,8 +12,7 @@ use pairmask_core::scene::{Edit, SceneOptions};
 use pairmask_wire::{AgreedTerms, EditScratch, JoinRequest, LeaseAction, SceneName, SceneRequest};
 
 use super::boxes::Boxes;
-use super::member::{Commit, Hearer};
-use super::seats::{Begun, Seats};
+use super::seats::{Begun, Commit, Hearer, Seats};
 use super::{SceneTools, locked, tick};
 use crate::execute::EnginePool;
 use crate::publish::{OpenRequest, Outbox, Refusal};

@@ -13,8 +13,7 @@ use rayon::prelude::*;
 
 use super::boxes::{Boxes, Changed};
 use super::locked;
-use super::member::{Commit, Hearer};
-use super::seats::ClosedTick;
+use super::seats::{ClosedTick, Commit, Hearer};
 use crate::publish::{Outbox, Refusal};
 
 /// All pairs of the scene, where a member needs them.

@@ -8,7 +8,6 @@
 
 pub(super) mod outcome;
 pub mod plan;
-mod scratch;
 mod steps;
 
 use std::path::PathBuf;
@@ -25,17 +24,14 @@ use pairmask_shaders::layouts::BatchReport;
 
 use self::outcome::{Outcome, no_pairs, report};
 use self::plan::{BandLimits, Counted, Tuning};
-use self::scratch::Scratch;
-use self::steps::{Output, Recording};
+use self::steps::{Output, Recording, Scratch};
 use super::device::{Gpu, QueueRole};
 use super::error::GpuError;
 use super::frame::{Frame, StepTime, Wait};
 use super::frame_cache::{FrameCache, FrameKey, Place};
-use super::growing::Growing;
 use super::import::{ImportError, ImportId};
-use super::memory::{Block, Home, Part};
-use super::pipeline::Pipelines;
-use super::shader::Checks;
+use super::memory::{Block, Growing, Home, Part};
+use super::pipeline::{Checks, Pipelines};
 use super::transfers::{MaskPlace, PlacedBoxes, SharedImports, Transfers, Upload};
 use crate::execute::frame_memory::end_process;
 

@@ -20,15 +20,16 @@
 //! Scenes that crowd a cell beyond a budget, or dense masks, are the all-pairs engine's.
 
 mod axis;
-mod bundle;
 pub(super) mod layout;
 pub mod plan;
 mod ruled;
 mod sample;
-mod scratch;
 mod steps;
 mod under_way;
 mod workspace;
+
+pub use self::ruled::takes_worlds;
+pub use self::under_way::GridUnderWay;
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -41,10 +42,9 @@ use pairmask_core::{Aabb, BoxCount, BoxForm, Encoding, EngineName, Sphere};
 use pairmask_shaders::layouts::GridLayout;
 use pairmask_shaders::{Found, GridStage, Rules, Stage};
 
-use self::bundle::Bundle;
 use self::layout::Chooser;
 use self::plan::{Capacity, LastFound, Sizes};
-use self::under_way::SharedWorkspace;
+use self::under_way::{Bundle, SharedWorkspace};
 use self::workspace::{Ended, Tools, Workspace};
 use super::all_pairs::outcome::no_pairs;
 use super::all_pairs::plan::refusal;
@@ -52,14 +52,10 @@ use super::device::{Gpu, SUBMISSIONS};
 use super::error::GpuError;
 use super::frame::{Command, MAX_STEPS, StepTime, Wait};
 use super::memory::Block;
-use super::pipeline::Pipelines;
-use super::shader::Checks;
+use super::pipeline::{Checks, Pipelines};
 use super::transfers::{SharedImports, Upload};
 use crate::execute::FrameMemory;
 use crate::execute::frame_memory::Borrowed;
-
-pub use self::ruled::takes_worlds;
-pub use self::under_way::GridUnderWay;
 
 /// The levels that a scene gets. For measurements, and for the stages' mirror.
 pub fn grid_layout<'a>(objects: impl Into<Objects<'a>>) -> GridLayout {

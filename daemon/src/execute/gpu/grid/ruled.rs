@@ -20,8 +20,7 @@ use super::plan::Sizes;
 use crate::execute::frame_memory::Borrowed;
 use crate::execute::gpu::device::Gpu;
 use crate::execute::gpu::error::GpuError;
-use crate::execute::gpu::growing::Growing;
-use crate::execute::gpu::memory::{Block, Home, Part};
+use crate::execute::gpu::memory::{Block, Growing, Home, Part};
 
 /// Rules whose marks are kept in video memory: those of a few sessions.
 const KEPT_RULES: usize = 4;

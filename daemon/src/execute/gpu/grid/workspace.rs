@@ -12,21 +12,19 @@ use pairmask_core::{BoxCount, MaskWord};
 use pairmask_shaders::Found;
 use pairmask_shaders::layouts::GridSummary;
 
-use super::bundle::Bundle;
 use super::layout::Chooser;
-use super::plan::{self, Capacity, LastFound, Sizes};
+use super::plan::{Capacity, LastFound, Sizes};
 use super::ruled::{RuleBlocks, Ruled};
-use super::scratch::{Blocks, Scratch};
-use super::steps::Recording;
-use super::{ENGINE, GridOptions};
+use super::steps::{Blocks, Recording, Scratch};
+use super::under_way::Bundle;
+use super::{ENGINE, GridOptions, plan};
 use crate::execute::gpu::device::{Gpu, Order, QueueRole};
 use crate::execute::gpu::error::GpuError;
 use crate::execute::gpu::frame::{Command, Frame, StepTime, Wait};
 use crate::execute::gpu::frame_cache::{FrameCache, FrameKey, Place};
 use crate::execute::gpu::memory::{Block, Part};
 use crate::execute::gpu::pipeline::Pipelines;
-use crate::execute::gpu::transfers::{MaskPlace, PlacedBoxes, Transfers};
-use crate::execute::gpu::upload_ahead::UploadAhead;
+use crate::execute::gpu::transfers::{MaskPlace, PlacedBoxes, Transfers, UploadAhead};
 
 /// What the workspaces share.
 pub(super) struct Tools {

@@ -30,8 +30,9 @@ mod query;
 mod replica;
 mod roster;
 mod search;
-mod times;
 mod upload;
+
+pub use self::replica::EditTimes;
 
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -47,10 +48,9 @@ use pairmask_shaders::{SceneStage, Stage};
 use self::changes::{ChangeSorter, Found};
 use self::layouts::Layouts;
 use self::plan::{MOST_SLOTS, Question, Room, Sizes};
-use self::replica::{Asked, Names, Replica, Replicas, sum};
+use self::replica::{Asked, Clock, Names, Replica, Replicas, sum};
 use self::roster::Roster;
 use self::search::{Search, Share, Stages};
-use self::times::Clock;
 use self::upload::Gathered;
 use super::device::Gpu;
 use super::error::GpuError;
@@ -59,8 +59,6 @@ use super::grid::GridOptions;
 use super::memory::Block;
 use super::pipeline::{Pipeline, Pipelines};
 use super::transfers::SharedImports;
-
-pub use self::times::EditTimes;
 
 /// What errors name: scenes on the GPU are a grid there.
 const ENGINE: EngineName = EngineName::GpuGrid;

@@ -21,10 +21,9 @@ use pairmask_shaders::layouts::SceneMode;
 
 use super::memory::{Blocks, RECORD_BYTES};
 use super::plan::{MOST_SLOTS, PAIR_BYTES, Question, Room, Sizes};
-use super::replica::Replica;
-use super::search::{self, Queries, Search, Task, Way};
-use super::times::{Clock, EditTimes};
-use super::{ENGINE, GpuScene, Pair, wide};
+use super::replica::{Clock, EditTimes, Replica};
+use super::search::{Queries, Search, Task, Way};
+use super::{ENGINE, GpuScene, Pair, search, wide};
 use crate::execute::gpu::error::GpuError;
 
 /// Most queries of a submission: so many copies, 6 MiB, are kept where they cannot be read where they lie.

@@ -10,9 +10,8 @@ use rayon::slice::ParallelSlice as _;
 
 use crate::execute::gpu::device::Gpu;
 use crate::execute::gpu::error::GpuError;
-use crate::execute::gpu::growing::Growing;
 use crate::execute::gpu::import::Access;
-use crate::execute::gpu::memory::{Block, Home, Part};
+use crate::execute::gpu::memory::{Block, Growing, Home, Part};
 use crate::execute::gpu::transfers::SharedImports;
 
 /// Boxes up to this many bytes are stored by the CPU even where the GPU could read them across the link.
