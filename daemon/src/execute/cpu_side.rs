@@ -59,22 +59,22 @@ impl CpuSide {
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullAnswer, CullError> {
         let start = Instant::now();
-        self.note_expanded(boxes);
-        let boxes = boxes.expand(&mut self.expanded, planned.options.threads != Some(1));
+        let Self { engines, expanded, .. } = self.with_room_for(boxes);
+        let boxes = boxes.expand(expanded, planned.options.threads != Some(1));
         let expand_ns = nanoseconds_since(start);
-        let mut report =
-            self.engines.run(planned.plan.engine, &planned.plan.input(boxes), reply)?;
+        let mut report = engines.run(planned.plan.engine, &planned.plan.input(boxes), reply)?;
         report.times.ingest_ns += expand_ns;
         let engine = planned.plan.engine;
         Ok(planned.answer(report, engine))
     }
 
-    /// Gives memory for expanded boxes back where frames of the past needed much more.
-    pub fn note_expanded(&mut self, boxes: BoxSlice<'_>) {
+    /// Itself, before boxes are expanded: memory goes back where frames of the past needed much more.
+    pub fn with_room_for(&mut self, boxes: BoxSlice<'_>) -> &mut Self {
         let expanded = if boxes.form() == BoxForm::F32 { 0 } else { AABB_BYTES * boxes.len() };
         if self.expanded_need.note(expanded, || self.expanded.allocated_bytes()) {
             self.expanded = ExpandScratch::default();
         }
+        self
     }
 
     /// The answer to a frame that the GPU could not serve, or the error.

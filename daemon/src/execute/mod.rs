@@ -255,32 +255,18 @@ impl Executor {
         let queued = gpu.queue(&planned.plan, 1);
         match gpu.with(|gpu| gpu.begin(memory, owner, &planned.plan)) {
             Ok(frame) => Ok(CullUnderWay { frame, owner, planned, queued }),
-            Err((error, memory)) => Err(self.end_after(error, planned, owner, memory)),
+            Err((error, memory)) => Err(self.answer(Unserved { error, planned, owner, memory })),
         }
     }
 
     /// Waits for a frame, and gives its memory back.
     pub fn end<M: FrameMemory>(&mut self, cull: CullUnderWay<M>) -> Ended<M> {
-        match cull.end() {
-            Ok(ended) => ended,
-            Err(unserved) => self.answer(unserved),
-        }
+        cull.end().unwrap_or_else(|unserved| self.answer(unserved))
     }
 
     /// Answers a frame that the GPU could not serve, where its memory is there.
     pub fn answer<M: FrameMemory>(&mut self, unserved: Unserved<M>) -> Ended<M> {
         let Unserved { error, planned, owner, memory } = unserved;
-        self.end_after(error, planned, owner, memory)
-    }
-
-    /// The answer to a frame that the GPU could not serve, where its memory is there.
-    fn end_after<M: FrameMemory>(
-        &mut self,
-        error: CullError,
-        planned: Planned,
-        owner: Owner,
-        memory: Option<M>,
-    ) -> Ended<M> {
         let Some(mut memory) = memory else { return (Err(error), None) };
         let (options, tried) = (planned.options, planned.plan.encoding);
         let answer = memory.with(|objects, reply| {

@@ -190,47 +190,6 @@ impl ReplyBuffer for RoomBehind<'_> {
     }
 }
 
-impl CpuSide {
-    /// As [`pairmask_core::dispatch::CpuEngines::cull_filtered`], of boxes in any form.
-    fn cull_filtered(
-        &mut self,
-        boxes: BoxSlice<'_>,
-        rules: &SentRules,
-        options: &CullOptions,
-        reply: &mut dyn ReplyBuffer,
-    ) -> Result<FilteredAnswer<'_>, CullError> {
-        let start = Instant::now();
-        self.note_expanded(boxes);
-        let boxes = boxes.expand(&mut self.expanded, options.threads != Some(1));
-        let expand_ns = nanoseconds_since(start);
-        // These engines see the rules of one reader alone, or of one frame.
-        let known = NonZeroU64::new(rules.number());
-        let rules = rules.rules();
-        let mut done = self.engines.cull_filtered_known(boxes, rules, known, options, reply)?;
-        done.answer.times.ingest_ns += expand_ns;
-        done.answer.times.total_ns += expand_ns;
-        Ok(done)
-    }
-
-    /// As [`scene::cull_between`].
-    fn cull_between(
-        &mut self,
-        boxes: BoxSlice<'_>,
-        first: BoxCount,
-        options: &CullOptions,
-        reply: &mut dyn ReplyBuffer,
-    ) -> Result<CullAnswer, CullError> {
-        let start = Instant::now();
-        self.note_expanded(boxes);
-        let boxes = boxes.expand(&mut self.expanded, options.threads != Some(1));
-        let expand_ns = nanoseconds_since(start);
-        let mut done = scene::cull_between(&mut self.engines, boxes, first, options, reply)?;
-        done.times.ingest_ns += expand_ns;
-        done.times.total_ns += expand_ns;
-        Ok(done)
-    }
-}
-
 impl Executor {
     /// The rules of a frame of `n` boxes, from its payload, to be kept under the client's number.
     ///
@@ -275,8 +234,15 @@ impl Executor {
         options: &CullOptions,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullAnswer, CullError> {
-        self.last_frame = Some(Instant::now());
-        self.cpu.cull_between(boxes, first, options, reply)
+        let start = Instant::now();
+        self.last_frame = Some(start);
+        let CpuSide { engines, expanded, .. } = self.cpu.with_room_for(boxes);
+        let boxes = boxes.expand(expanded, options.threads != Some(1));
+        let expand_ns = nanoseconds_since(start);
+        let mut done = scene::cull_between(engines, boxes, first, options, reply)?;
+        done.times.ingest_ns += expand_ns;
+        done.times.total_ns += expand_ns;
+        Ok(done)
     }
 
     /// Finds the pairs that rules let meet, with the engines of the CPU. Where the list is ordered by
@@ -291,8 +257,18 @@ impl Executor {
         options: &CullOptions,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<FilteredAnswer<'_>, CullError> {
-        self.last_frame = Some(Instant::now());
-        let behind = WORLD_RANGE_WORDS as u64 * rules.most_worlds();
-        self.cpu.cull_filtered(boxes, rules, options, &mut RoomBehind { reply, words: behind })
+        let start = Instant::now();
+        self.last_frame = Some(start);
+        let words = WORLD_RANGE_WORDS as u64 * rules.most_worlds();
+        let reply = &mut RoomBehind { reply, words };
+        let CpuSide { engines, expanded, .. } = self.cpu.with_room_for(boxes);
+        let boxes = boxes.expand(expanded, options.threads != Some(1));
+        let expand_ns = nanoseconds_since(start);
+        // These engines see the rules of one reader alone, or of one frame.
+        let known = NonZeroU64::new(rules.number());
+        let mut done = engines.cull_filtered_known(boxes, rules.rules(), known, options, reply)?;
+        done.answer.times.ingest_ns += expand_ns;
+        done.answer.times.total_ns += expand_ns;
+        Ok(done)
     }
 }

@@ -5,13 +5,14 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 use std::time::{Duration, Instant};
 
+use pairmask_core::Encoding;
 use pairmask_core::dispatch::CullAnswer;
 use pairmask_core::engine::{CullError, EngineName};
 use pairmask_core::plan::{GpuCost, Plan};
 use pairmask_core::spinner::Spinner;
 
 use super::cpu_side::engine_ns;
-use super::gpu::{Gpu, GridUnderWay, SlotState};
+use super::gpu::{Gpu, GridUnderWay};
 use super::{FrameMemory, GpuService, Owner, Planned, gpu, no_gpu};
 
 /// How long a look at a software adapter's frame waits for the next.
@@ -35,35 +36,29 @@ const QUEUE_SHARE: f64 = 0.5;
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Outlook {
     /// What frames cost on the device of now.
-    cost: Option<GpuCost>,
+    pub(super) cost: Option<GpuCost>,
     /// Fewest boxes of a frame that is left to it.
-    under_way_boxes: Option<u32>,
-    is_software: bool,
+    pub(super) under_way_boxes: Option<u32>,
+    pub(super) is_software: bool,
     /// Whether the first device is being opened.
-    is_opening: bool,
+    pub(super) is_opening: bool,
     /// Whether there is no device, and none will come.
-    is_missing: bool,
+    pub(super) is_missing: bool,
 }
 
 impl Outlook {
-    fn of(service: &GpuService) -> Self {
-        Self {
-            cost: service.cost(),
-            under_way_boxes: service.under_way_boxes(),
-            is_software: service.is_software(),
-            is_opening: service.state() == SlotState::Opening,
-            is_missing: service.state() == SlotState::Missing,
-        }
-    }
-
     /// Whether a frame of this plan may share a submission with others.
     pub(super) fn can_join(&self, plan: &Plan) -> bool {
-        self.under_way_boxes.is_some_and(|least| GpuService::can_join(plan, least))
+        let can_share = plan.engine.is_gpu() && plan.encoding != Encoding::Dense;
+        let n = plan.stats.n.get();
+        can_share && self.under_way_boxes.is_some_and(|least| (2..least).contains(&n))
     }
 
     /// Whether a frame of this plan may be left to the GPU.
     pub(super) fn can_begin(&self, plan: &Plan) -> bool {
-        self.under_way_boxes.is_some_and(|least| GpuService::can_begin(plan, least))
+        plan.engine == EngineName::GpuGrid
+            && plan.encoding != Encoding::Dense
+            && self.under_way_boxes.is_some_and(|least| plan.stats.n.get() >= least)
     }
 }
 
@@ -74,9 +69,8 @@ pub struct SharedGpu {
     /// Taken by the thread whose turn it is.
     service: Mutex<GpuService>,
     turns: Turns,
-    outlook: Mutex<Outlook>,
-    /// The device that was there when it was used last.
-    device: Mutex<Weak<Gpu>>,
+    /// What is known of it, and the device that was there when it was used last.
+    outlook: Mutex<(Outlook, Weak<Gpu>)>,
     /// Predicted time of the frames that wait for the GPU or are under way on it, ns.
     queued_ns: Arc<AtomicU64>,
 }
@@ -89,14 +83,12 @@ impl std::fmt::Debug for SharedGpu {
 
 impl SharedGpu {
     pub(super) fn new(service: GpuService, number: usize) -> Self {
-        let outlook = Mutex::new(Outlook::of(&service));
-        let device = Mutex::new(service.known_device());
+        let outlook = Mutex::new(service.outlook());
         Self {
             number,
             service: Mutex::new(service),
             turns: Turns::default(),
             outlook,
-            device,
             queued_ns: Arc::default(),
         }
     }
@@ -118,14 +110,13 @@ impl SharedGpu {
 
     /// Notes what device its service has: it may be another one by now, or none.
     pub(super) fn note_device(&self, service: &GpuService) {
-        let outlook = Outlook::of(service);
-        *self.device.lock().unwrap_or_else(PoisonError::into_inner) = service.known_device();
+        let outlook = service.outlook();
         *self.outlook.lock().unwrap_or_else(PoisonError::into_inner) = outlook;
     }
 
     /// The device that was there when it was used last.
     pub(super) fn device(&self) -> Option<Arc<Gpu>> {
-        self.device.lock().unwrap_or_else(PoisonError::into_inner).upgrade()
+        self.outlook.lock().unwrap_or_else(PoisonError::into_inner).1.upgrade()
     }
 
     /// Whether its first device is still being opened: it is not to be waited for.
@@ -159,7 +150,7 @@ impl SharedGpu {
 
     /// What is known of it, without waiting for it.
     pub(super) fn outlook(&self) -> Outlook {
-        *self.outlook.lock().unwrap_or_else(PoisonError::into_inner)
+        self.outlook.lock().unwrap_or_else(PoisonError::into_inner).0
     }
 
     /// Whether its adapter is a program on the cores; also `false` where there is none now.
