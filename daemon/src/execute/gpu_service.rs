@@ -149,19 +149,7 @@ impl GpuService {
     /// # Errors
     /// [`OpenError`]; [`OpenError::NoAdapter`] where nothing fits the choice.
     pub fn open(choice: &GpuChoice, hold: Duration) -> Result<Self, OpenError> {
-        Self::open_watched(choice, hold, None)
-    }
-
-    /// As [`Self::open`]; `watch` is shown the device, and each that takes its place.
-    ///
-    /// # Errors
-    /// As [`Self::open`].
-    pub fn open_watched(
-        choice: &GpuChoice,
-        hold: Duration,
-        watch: Option<WatchDevice>,
-    ) -> Result<Self, OpenError> {
-        let open = opener(choice, watch);
+        let open = opener(choice, None);
         let gpu = open()?;
         log::info!("GPU: {}", gpu.info().name);
         let mut service = Self { slot: GpuSlot::new(gpu, open), engines: None, hold };
@@ -170,7 +158,8 @@ impl GpuService {
         Ok(service)
     }
 
-    /// As [`Self::open_watched`], without waiting for the device: another thread opens it. Whoever asks now and then
+    /// As [`Self::open`], without waiting for the device: another thread opens it, and `watch` is shown it and
+    /// each that takes its place. Whoever asks now and then
     /// ([`SharedGpu::take_back`](super::SharedGpu::take_back)) makes its engines.
     pub fn opening(
         choice: &GpuChoice,
@@ -256,9 +245,6 @@ impl GpuService {
 
     /// Finds the pairs of boxes that belong to `owner` and that rules let meet, with the grid. See
     /// [`Grid::cull_ruled`].
-    ///
-    /// # Errors
-    /// As [`Self::cull`].
     pub(super) fn cull_ruled(
         &mut self,
         boxes: BoxSlice<'_>,

@@ -59,29 +59,6 @@ struct Account {
 /// equals, the one that has waited longer. None starves. A process that has been away has no time saved up. The sessions of a process take turns; a session has
 /// one frame served at a time, and its requests keep their order. What all frames of
 /// a kind share is given to one at a time ([`Resource`]).
-///
-/// ```
-/// use std::time::{Duration, Instant};
-/// use pairmask_transport::Sender;
-/// use pairmaskd::ingest::{Inbox, Resource};
-/// let mut inbox = Inbox::new(2);
-/// let from = |process, port| Sender { port, session: port, process };
-/// let (work, now) = (Duration::from_micros(10), Instant::now());
-/// for (sender, request) in [
-///     (from(7, 1), "a"),
-///     (from(7, 1), "b"),
-///     (from(7, 2), "c"),
-///     (from(9, 3), "d"),
-/// ] {
-///     inbox.put(sender, Resource::Core, request, now);
-/// }
-/// let mut order = Vec::new();
-/// while let Some((sender, _, request)) = inbox.next(now, |_| true, |_, _| false) {
-///     order.push(request);
-///     inbox.note_served(sender, work);
-/// }
-/// assert_eq!(order, ["a", "d", "c", "b"]);
-/// ```
 #[derive(Debug)]
 pub struct Inbox<R> {
     /// Oldest first.

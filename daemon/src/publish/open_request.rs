@@ -106,9 +106,6 @@ impl OpenRequest {
     }
 
     /// Validates what it asks for.
-    ///
-    /// # Errors
-    /// [`Reject`].
     pub(crate) fn parse(&self) -> Result<Request, Reject> {
         Request::parse(self.request().header(), self.payload_bytes())
     }
@@ -223,9 +220,6 @@ impl OpenRequest {
     }
 
     /// Puts a few bytes that are not a mask.
-    ///
-    /// # Errors
-    /// [`ReserveError`].
     pub(crate) fn put(&mut self, bytes: &[u8]) -> Result<(), ReserveError> {
         let (_, mut reply) = self.parts();
         let words = reply.reserve((bytes.len() as u64).div_ceil(WORD_BYTES))?;
@@ -245,9 +239,6 @@ impl OpenRequest {
 
     /// Sends what was written, where somebody waits for it. Where nothing was written, one page goes with the header:
     /// the transport has no empty payload.
-    ///
-    /// # Errors
-    /// [`TransportError`].
     pub(crate) fn send(&mut self, header: &ResponseHeader) -> Result<(), TransportError> {
         if self.loan.is_none() {
             let (_, mut reply) = self.parts();

@@ -348,9 +348,6 @@ pub enum ResultError {
 }
 
 /// Writes the pairs, the lower index first, in ascending order; to stdout for `-`.
-///
-/// # Errors
-/// [`ResultError`].
 pub fn write_pairs(path: &Path, mask: &PairMask) -> Result<(), ResultError> {
     let too_many = ResultError::TooManyPairs { pairs: mask.count() };
     let mut pairs: Vec<[u32; 2]> = Vec::new();
@@ -369,9 +366,6 @@ pub fn write_pairs(path: &Path, mask: &PairMask) -> Result<(), ResultError> {
 /// blocks and the bits of its words. The order comes first and is always written, so that the
 /// number of words follows from the file's length; of a list its pairs, in its own order. Of any
 /// other mask the sections, as they lie in the reply. To stdout for `-`.
-///
-/// # Errors
-/// [`ResultError`].
 pub fn write_mask(path: &Path, mask: &PairMask) -> Result<(), ResultError> {
     let view = mask.view();
     write_file(path, |file| match &view {

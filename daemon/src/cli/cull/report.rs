@@ -19,80 +19,46 @@ use crate::precision::PrecisionChoice;
 /// Times that the command measures itself.
 #[derive(Clone, Copy, Debug)]
 pub struct Timings {
-    /// From the file to the boxes in the frame's memory.
     pub read: Duration,
-    /// From the boxes in the frame's memory to the mask.
     pub round_trip: Duration,
-    /// From the mask to the last pair.
     pub decode: Duration,
-    /// All of it.
     pub total: Duration,
 }
 
-/// The JSON object of `cull --json`. Fields may be added, never changed or taken away.
+/// The JSON object of `cull --json`, whose fields `CLI.md` explains. Fields may be added, never changed or taken away.
 #[derive(Clone, Debug, Serialize)]
 pub struct CullReport {
-    /// The objects of the file: `boxes` or `spheres`.
     pub shape: &'static str,
-    /// Boxes or spheres in the file.
     pub boxes: u32,
-    /// Pairs that overlap.
     pub pairs: u64,
-    /// Boxes with a NaN; spheres with a NaN or an infinite centre.
     pub invalid: u32,
-    /// Boxes with `min > max`; spheres with a radius below 0.
     pub empty: u32,
-    /// Where the pairs were found: `daemon` or `in-process`.
     pub backend: String,
-    /// The engine.
     pub engine: String,
-    /// `dense`, `sparse` or `list`.
     pub encoding: String,
-    /// Bytes of the mask.
     pub mask_bytes: u64,
-    /// Precision of the boxes: `exact`, `q16`, `q8`, `f16` or `margin=X`.
     pub precision: String,
-    /// Form in which the boxes were sent: `f32`, `q16`, `q8` or `f16`. An old daemon knows only
-    /// `f32` and gets exact boxes. `spheres` for spheres.
     pub box_form: String,
-    /// Bytes of the boxes in that form.
     pub box_bytes: u64,
-    /// Gap on each axis below which boxes within the bounds may be reported as a pair, units; null
-    /// for `f16`, where it grows with the coordinates.
     pub gap_below: Option<[f64; 3]>,
-    /// Time by stage.
     pub stages_ns: StagesNs,
-    /// From opening the file to the last pair, ns, without starting a daemon, connecting and
-    /// writing files.
     pub total_ns: u64,
-    /// Work that the engine skipped.
     pub skipped: Skipped,
-    /// The explanation of the engine, with `--explain`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub explain: Option<Explanation>,
-    /// Warnings about the file, as sentences: it may not hold the objects that the command line
-    /// names.
     pub warnings: Vec<String>,
 }
 
 /// Times of a frame, ns. `round_trip` holds `engine`, which holds the four stages before it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct StagesNs {
-    /// From the file to the boxes in the frame's memory.
     pub read: u64,
-    /// Boxes turned into the engine's form.
     pub ingest: u64,
-    /// Plan made.
     pub plan: u64,
-    /// Pairs tested.
     pub execute: u64,
-    /// Mask written.
     pub publish: u64,
-    /// All of the engine's time.
     pub engine: u64,
-    /// From the boxes in the frame's memory to the mask.
     pub round_trip: u64,
-    /// From the mask to the last pair.
     pub decode: u64,
 }
 

@@ -83,9 +83,6 @@ pub(crate) struct PendingBoxes {
 
 impl KeptScene {
     /// A scene without boxes, before its first edit.
-    ///
-    /// # Errors
-    /// [`NoRoom`].
     pub(crate) fn begin(
         id: SceneId,
         scene: SceneKeeper,
@@ -111,18 +108,12 @@ impl KeptScene {
 
 impl SceneRoom {
     /// The share of a scene without boxes.
-    ///
-    /// # Errors
-    /// [`NoRoom`].
     pub(crate) fn begin(memory: &SceneMemory) -> Result<Self, NoRoom> {
         memory.charge(BYTES_A_SCENE).map(Self)
     }
 
     /// Makes room for an edit that is about to be applied together with others, where so many bytes are kept beside the
     /// scene.
-    ///
-    /// # Errors
-    /// [`NoRoom`].
     pub(crate) fn make(
         &mut self,
         scene: &mut SceneKeeper,
@@ -191,9 +182,6 @@ impl SceneMemory {
     }
 
     /// Memory of a new scene.
-    ///
-    /// # Errors
-    /// [`NoRoom`].
     pub(crate) fn charge(&self, bytes: u64) -> Result<Charge, NoRoom> {
         self.0.take(bytes)?;
         self.0.scenes.fetch_add(1, Ordering::Relaxed);

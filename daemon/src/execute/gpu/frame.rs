@@ -109,9 +109,6 @@ impl Frame {
     }
 
     /// An empty frame for the queue of a role.
-    ///
-    /// # Errors
-    /// [`GpuError`].
     pub(super) fn of_role(
         gpu: &Arc<Gpu>,
         role: QueueRole,

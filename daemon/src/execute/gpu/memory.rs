@@ -29,6 +29,13 @@ pub enum Home {
     Imported,
 }
 
+impl Home {
+    /// Where the CPU writes what stages read: into video memory where it can, else read from afar.
+    pub(super) fn written(gpu: &Gpu) -> Self {
+        if gpu.limits().mapped_video_memory { Self::MappedVideo } else { Self::Host }
+    }
+}
+
 /// A piece of memory bound to a storage buffer.
 pub struct Block {
     gpu: Arc<Gpu>,
@@ -334,6 +341,30 @@ impl Part {
         Self { block: Arc::clone(block), offset, bytes }
     }
 }
+
+/// Declares blocks that stages hand each other, each with its home: those of an engine, which grow with the scenes, and
+/// those of a frame.
+macro_rules! frame_blocks {
+    ($scratch:ident of $growing:ident, $blocks:ident: $($name:ident in $home:ident),+ $(,)?) => {
+        /// All blocks between the stages.
+        pub(super) struct $scratch {
+            $($name: $growing,)+
+        }
+
+        /// The blocks of one frame.
+        #[derive(Clone)]
+        pub(super) struct $blocks {
+            $(pub(super) $name: Arc<Block>,)+
+        }
+
+        impl $scratch {
+            pub(super) const fn new() -> Self {
+                Self { $($name: $growing::new(Home::$home),)+ }
+            }
+        }
+    };
+}
+pub(super) use frame_blocks;
 
 /// A block that is made anew, larger, when more is asked of it, and smaller when much less is for some
 /// dozens of frames.

@@ -81,12 +81,11 @@ pub(super) struct Ruled {
 
 impl Ruled {
     pub(super) fn new(gpu: &Gpu) -> Self {
-        let mapped = gpu.limits().mapped_video_memory;
         Self {
             kept: Vec::new(),
             row_worlds: Growing::new(Home::Video),
             world_firsts: Growing::new(Home::Host),
-            home: if mapped { Home::MappedVideo } else { Home::Host },
+            home: Home::written(gpu),
         }
     }
 

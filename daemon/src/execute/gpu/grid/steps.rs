@@ -11,7 +11,7 @@ use super::ruled::RuleBlocks;
 use crate::execute::gpu::device::Gpu;
 use crate::execute::gpu::error::GpuError;
 use crate::execute::gpu::frame::Command;
-use crate::execute::gpu::memory::{Block, Growing, Home, Part};
+use crate::execute::gpu::memory::{Block, Growing, Home, Part, frame_blocks};
 use crate::execute::gpu::pipeline::Pipelines;
 use crate::execute::gpu::transfers::PlacedBoxes;
 
@@ -35,155 +35,80 @@ impl Recording<'_> {
     pub(super) fn steps(&self, pipelines: &mut Pipelines) -> Result<Vec<Command>, GpuError> {
         let rules = if self.rules.is_some() { Rules::With } else { Rules::Without };
         let stages = GridStage::of_frame(self.boxes.form, self.capacity.found, rules);
-        stages.into_iter().map(|stage| self.step(pipelines, stage)).collect()
-    }
-
-    fn step(&self, pipelines: &mut Pipelines, stage: GridStage) -> Result<Command, GpuError> {
-        let b = self.blocks;
-        let found = || Part::of(&b.found, 0, self.capacity.found_bytes());
-        let (mut parts, groups) = match stage {
-            GridStage::Cells(..) | GridStage::SphereCells => (
-                vec![
-                    self.boxes.part.clone(),
-                    Part::whole(&b.layout),
-                    self.table(),
-                    Part::whole(&b.control),
-                    self.records(&b.records),
-                    Part::whole(&b.totals),
-                    Part::whole(&b.invalid),
-                ],
-                self.sizes.batches,
-            ),
-            GridStage::Scan => (
-                vec![Part::whole(&b.layout), self.table(), Part::whole(&b.control)],
-                self.sizes.sums,
-            ),
-            GridStage::Scatter => {
-                (vec![self.records(&b.records), self.table(), self.ids()], self.sizes.batches)
-            }
-            GridStage::Place => (
-                vec![
-                    self.records(&b.records),
-                    self.table(),
-                    self.ids(),
-                    Part::whole(&b.control),
-                    self.records(&b.sorted),
-                ],
-                self.sizes.batches,
-            ),
-            GridStage::Pairs(what, _) | GridStage::SpherePairs(what) => {
-                let mut parts = vec![
-                    Part::whole(&b.layout),
-                    self.table(),
-                    self.records(&b.sorted),
-                    Part::whole(&b.totals),
-                    Part::whole(&b.control),
-                    found(),
-                ];
-                if what == Found::Words {
-                    // The order goes down.
-                    parts.push(self.reply.clone());
+        let (b, sizes) = (self.blocks, &self.sizes);
+        // Not all of these: they have room to spare, which may be more than one binding shows.
+        let table = Part::of(&b.table, 0, sizes.table_bytes());
+        let records = Part::of(&b.records, 0, sizes.records_bytes());
+        let sorted = Part::of(&b.sorted, 0, sizes.records_bytes());
+        let ids = Part::of(&b.ids, 0, 4 * u64::from(sizes.plane()));
+        let found = Part::of(&b.found, 0, self.capacity.found_bytes());
+        let whole = [&b.layout, &b.control, &b.totals, &b.invalid, &b.summary].map(Part::whole);
+        let [layout, control, totals, invalid, summary] = whole;
+        let (boxes, reply) = (&self.boxes.part, self.reply);
+        let params = sizes.params(self.capacity, self.thread_rounds);
+        let step = |stage: GridStage| {
+            let parts: &[&Part] = match stage {
+                GridStage::Cells(..) | GridStage::SphereCells => {
+                    &[boxes, &layout, &table, &control, &records, &totals, &invalid]
                 }
-                (parts, self.sizes.batches)
+                GridStage::Scan => &[&layout, &table, &control],
+                GridStage::Scatter => &[&records, &table, &ids],
+                GridStage::Place => &[&records, &table, &ids, &control, &sorted],
+                GridStage::Pairs(Found::Pairs, _) | GridStage::SpherePairs(Found::Pairs) => {
+                    &[&layout, &table, &sorted, &totals, &control, &found]
+                }
+                // The order goes down.
+                GridStage::Pairs(Found::Words, _) | GridStage::SpherePairs(Found::Words) => {
+                    &[&layout, &table, &sorted, &totals, &control, &found, reply]
+                }
+                GridStage::Write(..) => {
+                    &[&layout, &table, &totals, &control, &found, reply, &summary]
+                }
+            };
+            let mut parts: Vec<Part> = parts.iter().copied().cloned().collect();
+            if let Some(rules) = self.rules {
+                parts.extend(rules.parts(stage));
             }
-            GridStage::Write(..) => (
-                vec![
-                    Part::whole(&b.layout),
-                    self.table(),
-                    Part::whole(&b.totals),
-                    Part::whole(&b.control),
-                    found(),
-                    self.reply.clone(),
-                    Part::whole(&b.summary),
-                ],
-                self.sizes.batches,
-            ),
+            let groups = if stage == GridStage::Scan { sizes.sums } else { sizes.batches };
+            Ok(Command::Stage {
+                pipeline: pipelines.get(Stage::Grid(stage))?,
+                parts,
+                immediates: bytemuck::bytes_of(&params).to_vec(),
+                groups: [groups, 1],
+            })
         };
-        if let Some(rules) = self.rules {
-            parts.extend(rules.parts(stage));
-        }
-        let params = self.sizes.params(self.capacity, self.thread_rounds);
-        Ok(Command::Stage {
-            pipeline: pipelines.get(Stage::Grid(stage))?,
-            parts,
-            immediates: bytemuck::bytes_of(&params).to_vec(),
-            groups: [groups, 1],
-        })
-    }
-
-    // Not all of their blocks: those have room to spare, which may be more than one binding shows.
-
-    fn table(&self) -> Part {
-        Part::of(&self.blocks.table, 0, self.sizes.table_bytes())
-    }
-
-    fn records(&self, block: &Arc<Block>) -> Part {
-        Part::of(block, 0, self.sizes.records_bytes())
-    }
-
-    fn ids(&self) -> Part {
-        Part::of(&self.blocks.ids, 0, 4 * u64::from(self.sizes.plane()))
+        stages.into_iter().map(step).collect()
     }
 }
 
 /// Bytes of the levels.
 const LAYOUT_BYTES: u64 = size_of::<GridLayout>() as u64;
 
-/// All blocks between the stages.
-pub(super) struct Scratch {
-    layout: Growing,
-    table: Growing,
-    control: Growing,
-    records: Growing,
-    ids: Growing,
-    sorted: Growing,
-    totals: Growing,
-    invalid: Growing,
-    found: Growing,
-    summary: Growing,
-}
-
-/// The blocks of one frame.
-#[derive(Clone)]
-pub(super) struct Blocks {
-    /// The levels, which the CPU writes.
-    pub(super) layout: Arc<Block>,
-    pub(super) table: Arc<Block>,
-    pub(super) control: Arc<Block>,
-    pub(super) records: Arc<Block>,
-    pub(super) ids: Arc<Block>,
-    pub(super) sorted: Arc<Block>,
-    pub(super) totals: Arc<Block>,
-    pub(super) invalid: Arc<Block>,
-    pub(super) found: Arc<Block>,
-    pub(super) summary: Arc<Block>,
+frame_blocks! { Scratch of Growing, Blocks:
+    layout in Host,
+    table in Video,
+    control in Video,
+    records in Video,
+    ids in Video,
+    sorted in Video,
+    totals in Video,
+    invalid in Host,
+    found in Video,
+    summary in Host,
 }
 
 impl Blocks {
     /// All of them.
-    pub(super) fn all(&self) -> [&Arc<Block>; 10] {
+    pub(super) fn all(&self) -> impl Iterator<Item = &Arc<Block>> {
         let Self { layout, table, control, records, ids, sorted, .. } = self;
         let Self { totals, invalid, found, summary, .. } = self;
-        [layout, table, control, records, ids, sorted, totals, invalid, found, summary]
+        [layout, table, control, records, ids, sorted, totals, invalid, found, summary].into_iter()
     }
 }
 
 impl Scratch {
-    pub(super) fn new(gpu: &Gpu) -> Self {
-        // Written by the CPU each frame: into video memory where it can, else read from afar.
-        let mapped = gpu.limits().mapped_video_memory;
-        Self {
-            layout: Growing::new(if mapped { Home::MappedVideo } else { Home::Host }),
-            table: Growing::new(Home::Video),
-            control: Growing::new(Home::Video),
-            records: Growing::new(Home::Video),
-            ids: Growing::new(Home::Video),
-            sorted: Growing::new(Home::Video),
-            totals: Growing::new(Home::Video),
-            invalid: Growing::new(Home::Host),
-            found: Growing::new(Home::Video),
-            summary: Growing::new(Home::Host),
-        }
+    pub(super) fn on(gpu: &Gpu) -> Self {
+        Self { layout: Growing::new(Home::written(gpu)), ..Self::new() }
     }
 
     /// Blocks for a frame. `replaced` is set if one is new, `unclean` if one that must be zero

@@ -140,7 +140,7 @@ impl Workspace {
         Ok(Self {
             transfers: Transfers::new(Arc::clone(gpu), options.imports.clone(), options.upload),
             ahead: UploadAhead::new(gpu, options.upload)?,
-            scratch: Scratch::new(gpu),
+            scratch: Scratch::on(gpu),
             ruled: Ruled::new(gpu),
             frames: FrameCache::new(QueueRole::Frames),
             unclean: true,
@@ -285,18 +285,18 @@ impl Workspace {
         if replaced {
             self.frames.clear();
         }
-        let fill = |blocks: &[&Arc<Block>], word| {
-            let fill = |block: &&Arc<Block>| Command::Fill { part: Part::whole(block), word };
+        let fill = |blocks: &mut dyn Iterator<Item = &Arc<Block>>, word| {
+            let fill = |block: &Arc<Block>| Command::Fill { part: Part::whole(block), word };
             let mut frame = Frame::new(gpu, false)?;
-            frame.record(blocks.iter().map(fill).collect())?;
+            frame.record(blocks.map(fill).collect())?;
             frame.run(tools.wait, FILL_PATIENCE)
         };
         if let (true, Some(word)) = (replaced, tools.poison) {
             self.unclean = true;
-            fill(&blocks.all(), word)?;
+            fill(&mut blocks.all(), word)?;
         }
         if self.unclean {
-            fill(&[&blocks.table, &blocks.control], 0)?;
+            fill(&mut [&blocks.table, &blocks.control].into_iter(), 0)?;
         }
         Ok(blocks)
     }
