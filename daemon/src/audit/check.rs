@@ -25,11 +25,11 @@ pub fn check(window: &Window) -> Outcome {
 
 /// As [`check`], where a pair is one that `may_meet` besides.
 pub(super) fn check_by_rules(window: &Window, may_meet: impl Fn(u32, u32) -> bool) -> Outcome {
-    if window.spheres().is_empty() {
-        let corners: Vec<Corners> = window.boxes().iter().map(Corners::of).collect();
+    if window.spheres.is_empty() {
+        let corners: Vec<Corners> = window.boxes.iter().map(Corners::of).collect();
         compare(window, &corners, Corners::overlap, may_meet)
     } else {
-        compare(window, window.spheres(), sphere_oracle::overlap, may_meet)
+        compare(window, &window.spheres, sphere_oracle::overlap, may_meet)
     }
 }
 
@@ -40,7 +40,7 @@ fn compare<T>(
     overlap: impl Fn(&T, &T) -> bool,
     may_meet: impl Fn(u32, u32) -> bool,
 ) -> Outcome {
-    let span = window.span();
+    let span = &window.span;
     let (rows, columns) = objects.split_at(span.rows.len().min(objects.len()));
     let mut outcome = Outcome::default();
     for (row, (position, one)) in span.rows.clone().zip(rows).enumerate() {

@@ -93,16 +93,16 @@ impl Span2 {
 /// A window to be checked. Its memory is reused.
 #[derive(Debug, Default)]
 pub struct Window {
-    span: Span2,
+    pub(super) span: Span2,
     /// One bit for every row and column, rows padded to words. Columns not after their row are
     /// unspecified.
     bits: Vec<u32>,
     /// Index of the object at each row, then at each column.
     indices: Vec<u32>,
     /// The boxes at `indices`; none in a frame of spheres.
-    boxes: Vec<Aabb>,
+    pub(super) boxes: Vec<Aabb>,
     /// The spheres at `indices`; none in a frame of boxes.
-    spheres: Vec<Sphere>,
+    pub(super) spheres: Vec<Sphere>,
     /// The rules of the frame; `None` where all objects may meet.
     rules: Option<Arc<SentRules>>,
     /// Boxes of the first set, where the frame is of two: those of one set do not meet.
@@ -244,11 +244,6 @@ impl Window {
         }
     }
 
-    /// The rows and columns.
-    pub(super) const fn span(&self) -> &Span2 {
-        &self.span
-    }
-
     /// Puts boxes, counted from 0, in the places of the second set. Returns the number of the first.
     pub(super) fn fill_second_set(&mut self, box_at: impl Fn(u32) -> Option<Aabb>) -> u32 {
         let first = self.first_set.map_or(0, BoxCount::get);
@@ -258,16 +253,6 @@ impl Window {
             }
         }
         first
-    }
-
-    /// The boxes of the rows, then of the columns; none in a frame of spheres.
-    pub(super) fn boxes(&self) -> &[Aabb] {
-        &self.boxes
-    }
-
-    /// The spheres of the rows, then of the columns; none in a frame of boxes.
-    pub(super) fn spheres(&self) -> &[Sphere] {
-        &self.spheres
     }
 
     /// Whether the rules and the sets of the frame let two of its objects meet, the first of which has the

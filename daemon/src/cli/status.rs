@@ -40,13 +40,10 @@ pub struct Status {
 /// Why `status` failed.
 #[derive(Debug, thiserror::Error)]
 pub enum StatusCommandError {
-    /// No daemon answers.
     #[error("no daemon answers under {}: start one with `pairmaskd serve`", dir.path().display())]
     NoDaemon { dir: RuntimeDir },
-    /// No daemon answers for the instance that was asked for.
     #[error("no daemon of instance '{instance}' answers under {}: start one with `pairmaskd serve --instance {instance}`", dir.path().display())]
     NoInstance { instance: InstanceName, dir: RuntimeDir },
-    /// The directory cannot be trusted or read.
     #[error(transparent)]
     Place(#[from] InstanceError),
     #[error(transparent)]

@@ -113,7 +113,7 @@ pub struct Planned {
 impl Planned {
     /// The place of the GPU that takes the frame, among those of the daemon.
     pub fn gpu_place(&self) -> usize {
-        self.gpu.as_ref().map_or(0, |gpu| gpu.number())
+        self.gpu.as_ref().map_or(0, |gpu| gpu.number)
     }
 
     /// What the frame is predicted to take on one core, where the plan has several threads; `None` where

@@ -94,7 +94,7 @@ impl Gpus {
 
     /// Another GPU for a frame that this one has lost.
     pub(super) fn beside(&self, lost: &SharedGpu) -> Option<&Arc<SharedGpu>> {
-        let others = self.all.iter().filter(|gpu| gpu.number() != lost.number() && gpu.is_there());
+        let others = self.all.iter().filter(|gpu| gpu.number != lost.number && gpu.is_there());
         others.min_by_key(|gpu| gpu.queued_steps())
     }
 
@@ -172,7 +172,7 @@ impl SceneGpus {
         let device = Arc::downgrade(tools.gpu());
         // One device has one place.
         if !self.its.iter().any(|(_, known)| Weak::ptr_eq(known, &device)) {
-            self.its.push((gpu.number(), device));
+            self.its.push((gpu.number, device));
         }
     }
 
@@ -181,7 +181,7 @@ impl SceneGpus {
     pub(super) fn turns(&self, has: impl Fn(&Gpu) -> bool) -> Vec<GpuTurn<'_>> {
         let has = |device: &Weak<Gpu>| device.upgrade().is_some_and(|device| has(&device));
         let has_it = |gpu: &&Arc<SharedGpu>| {
-            self.its.iter().any(|(place, device)| *place == gpu.number() && has(device))
+            self.its.iter().any(|(place, device)| *place == gpu.number && has(device))
         };
         self.all.all.iter().filter(has_it).map(|gpu| gpu.lock()).collect()
     }

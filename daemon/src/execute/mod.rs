@@ -36,7 +36,7 @@ use pairmask_core::engine::{
 use pairmask_core::mask::Encoding;
 use pairmask_core::plan::{Calibration, Capabilities, GpuCost, Plan, SceneStats, plan};
 use pairmask_core::precision::{BoxSlice, ExpandScratch};
-use pairmask_core::repeat::Repeats;
+use pairmask_core::repeat::{KeepTicket, Repeats};
 use pairmask_wire::RulesReader;
 
 use self::cpu_side::CpuSide;
@@ -190,6 +190,11 @@ impl Executor {
         // Who looks at a frame uses the engines.
         self.last_frame = Some(Instant::now());
         &mut self.repeats
+    }
+
+    /// Where the objects and the answer of a frame are to be kept, if they are.
+    pub fn ticket(&mut self, keeps: bool) -> Option<KeepTicket> {
+        keeps.then(|| self.repeats().ticket()).flatten()
     }
 
     /// Whether a frame is better left to the GPU ([`Self::begin`]) than waited for

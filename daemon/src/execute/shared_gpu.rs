@@ -65,7 +65,7 @@ impl Outlook {
 /// A GPU with a lock. One thread uses it at a time; frames that it works on by itself need none.
 pub struct SharedGpu {
     /// Its place among those of the daemon.
-    number: usize,
+    pub(super) number: usize,
     /// Taken by the thread whose turn it is.
     service: Mutex<GpuService>,
     turns: Turns,
@@ -156,11 +156,6 @@ impl SharedGpu {
     /// Whether its adapter is a program on the cores; also `false` where there is none now.
     pub(super) fn is_software(&self) -> bool {
         self.outlook().is_software
-    }
-
-    /// Its place among those of the daemon.
-    pub(super) const fn number(&self) -> usize {
-        self.number
     }
 
     /// Whether a device was there when it was used last.

@@ -147,7 +147,7 @@ impl Explanation {
             } else {
                 reason + &sent.verdict(overlaps(&two), overlaps(&two_sent))
             },
-            mode: sent.mode().to_owned(),
+            mode: sent.mode.clone(),
             pair_index: PairIndex::of(BoxCount::new(n), i.min(j), i.max(j)).map(PairIndex::get),
             box_reports: [BoxReport::of(i, &two[0]), BoxReport::of(j, &two[1])],
             axes,

@@ -10,10 +10,11 @@ use pairmask_core::scene::{BeyondMask, Edit, QueryError, SceneError, SceneOption
 use pairmask_core::units::BoxCount;
 use pairmask_wire::{
     EditScratch, QueryRequest, Reject, SceneAnswerLayout, SceneId, SceneRequest, response_scene,
+    response_scene_ended,
 };
 
 use super::Served;
-use crate::audit::Auditor;
+use crate::audit::{Auditor, SceneNote};
 use crate::clients::{GpuNeed, KeptScene, PendingBoxes, SceneMemory};
 use crate::execute::{EnginePool, Gpus, SceneKeeper};
 use crate::publish::{OpenRequest, Outbox, Refusal};
@@ -99,7 +100,8 @@ impl SceneEdits {
     /// Forgets a scene.
     pub(super) fn end(open: &mut OpenRequest, scene: SceneId, outbox: &Outbox) {
         drop(outbox.clients().take_scene(open.sender().session, scene));
-        outbox.answer_scene_ended(open);
+        let header = response_scene_ended(open.fields());
+        outbox.send(open, &header);
     }
 
     /// The scene that an edit is for, taken from where it is kept.
@@ -112,7 +114,7 @@ impl SceneEdits {
         if request.base == 0 {
             drop(outbox.clients().take_scene(session, request.scene));
             let scene = self.0.new_scene(request.most_boxes, request.engine)?;
-            let audited = outbox.draw_scene(request.most_boxes);
+            let audited = outbox.auditor.draw_scene(request.most_boxes);
             return Ok(KeptScene::begin(request.scene, scene, audited, &self.0.memory)?);
         }
         Self::find_at(session, request.scene, request.base, outbox)
@@ -192,9 +194,13 @@ fn edit_and_answer(
     let kept_bytes = scene.bytes();
     let engine = scene.engine();
     let header = response_scene(open.fields(), engine, threads, told, kept_bytes, &times);
-    outbox.answer_edit(open, told, &header);
+    outbox.count_edit(open.fields(), told);
+    outbox.send(open, &header);
     if let Some(audited) = audited {
-        outbox.audit_edit(open, audited, request, told);
+        // Its payload is ours to read as long as the request is.
+        let named = (open.fields().client_token, open.fields().frame);
+        let note = || Some(SceneNote::new(named, request, open.pages(), told));
+        outbox.auditor.follow(audited, note);
     }
     Ok(())
 }
@@ -314,7 +320,7 @@ fn query_and_answer(
     if let (Some(scene), Some(window)) = (audited, window)
         && let Some((queries, tags)) = request.read(open.pages())
     {
-        outbox.audit_query(scene, window, queries, &tags);
+        outbox.auditor.submit_query(scene, window, queries, &tags);
     }
     Ok(())
 }

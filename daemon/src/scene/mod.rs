@@ -123,78 +123,61 @@ fn around(centre: [f32; 3], edges: [f32; 3]) -> Aabb {
     }
 }
 
-/// A kind of scene.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum SceneName {
+/// Declares the kinds of scenes with their names.
+macro_rules! scene_names {
+    ($($(#[$doc:meta])* $name:ident = $text:literal,)+) => {
+        /// A kind of scene.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+        pub enum SceneName {
+            $($(#[$doc])* $name,)+
+        }
+
+        impl SceneName {
+            /// Every scene: the four of the anchors, the papers' five, the worst cases.
+            pub const ALL: [Self; [$($text),+].len()] = [$(Self::$name),+];
+
+            /// The name on the command line and in reports.
+            pub const fn as_str(self) -> &'static str {
+                match self {
+                    $(Self::$name => $text,)+
+                }
+            }
+        }
+    };
+}
+
+scene_names! {
     /// Edges 0.8 to 1.2 in a cube, about 1 pair a box.
-    Uniform,
+    Uniform = "uniform",
     /// Edges log-uniform from 0.01 to 10, about 2 pairs a box.
-    Mixed,
+    Mixed = "mixed",
     /// A heap of radius 4 × height in a jittered brick lattice, about 7 pairs a box.
-    Pile,
+    Pile = "pile",
     /// Every z overlaps; Gaussian blobs of 2,000 boxes, about 3 pairs a box.
-    Plane,
+    Plane = "plane",
     /// Falling columns of turned cubes (papers 2009 to 2014).
-    Cubes,
+    Cubes = "cubes",
     /// Falling columns of balls (papers 2009 to 2014).
-    Balls,
+    Balls = "balls",
     /// Falling columns of skittles: tall and thin, turned (papers 2009 to 2014).
-    Skittles,
+    Skittles = "skittles",
     /// Falling columns of tori: wide and flat, turned (paper 2014).
-    Torus,
+    Torus = "torus",
     /// Falling columns of letters: unlike objects (paper 2014).
-    Letters,
+    Letters = "letters",
     /// A uniform scene, and eight boxes so far off that a grid over the bounds has one full cell.
-    OneCell,
+    OneCell = "one-cell",
     /// Thin rods, 40 times as long as wide, along any axis.
-    Rods,
+    Rods = "rods",
     /// Dust, a few huge boxes, an infinite ground and one box that covers everything.
-    Giants,
+    Giants = "giants",
     /// A uniform scene where a float's step is up to a sixteenth of a box.
-    Far,
+    Far = "far",
     /// All boxes the same: every pair overlaps, n(n − 1)/2 of them.
-    Identical,
+    Identical = "identical",
 }
 
 impl SceneName {
-    /// Every scene: the four of the anchors, the papers' five, the worst cases.
-    pub const ALL: [Self; 14] = [
-        Self::Uniform,
-        Self::Mixed,
-        Self::Pile,
-        Self::Plane,
-        Self::Cubes,
-        Self::Balls,
-        Self::Skittles,
-        Self::Torus,
-        Self::Letters,
-        Self::OneCell,
-        Self::Rods,
-        Self::Giants,
-        Self::Far,
-        Self::Identical,
-    ];
-
-    /// The name on the command line and in reports.
-    pub const fn as_str(self) -> &'static str {
-        match self {
-            Self::Uniform => "uniform",
-            Self::Mixed => "mixed",
-            Self::Pile => "pile",
-            Self::Plane => "plane",
-            Self::Cubes => "cubes",
-            Self::Balls => "balls",
-            Self::Skittles => "skittles",
-            Self::Torus => "torus",
-            Self::Letters => "letters",
-            Self::OneCell => "one-cell",
-            Self::Rods => "rods",
-            Self::Giants => "giants",
-            Self::Far => "far",
-            Self::Identical => "identical",
-        }
-    }
-
     /// Whether the number of pairs grows with the square of n, so that no engine can be fast.
     pub const fn is_quadratic(self) -> bool {
         matches!(self, Self::Identical)
@@ -213,7 +196,7 @@ impl FromStr for SceneName {
     fn from_str(s: &str) -> Result<Self, UnknownName> {
         Self::ALL.into_iter().find(|name| name.as_str() == s).ok_or_else(|| UnknownName {
             name: s.to_owned(),
-            known: "uniform, mixed, pile, plane, cubes, balls, skittles, torus, letters, one-cell, rods, giants, far, identical".into(),
+            known: Self::ALL.map(Self::as_str).join(", ").into(),
         })
     }
 }

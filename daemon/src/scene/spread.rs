@@ -15,10 +15,20 @@ use super::{Random, STEP_SHARE, Scene, Walls, around, mean_edge};
 /// Two boxes overlap with probability (mean edge sum)³ / V = 8 / V, so n²/2 pairs of boxes give n
 /// overlaps when V = 4n.
 pub(super) fn uniform(n: usize, random: &mut Random) -> Scene {
-    let side = (4.0 * n as f32).cbrt();
+    in_cube(n, 4.0, random, |random| [(); 3].map(|()| random.range(0.8, 1.2)))
+}
+
+/// Boxes anywhere in a cube of so much volume a box, with edges from `edges`.
+fn in_cube(
+    n: usize,
+    volume: f32,
+    random: &mut Random,
+    edges: impl Fn(&mut Random) -> [f32; 3],
+) -> Scene {
+    let side = (volume * n as f32).cbrt();
     let boxes = (0..n)
         .map(|_| {
-            let edges = [(); 3].map(|()| random.range(0.8, 1.2));
+            let edges = edges(random);
             around([(); 3].map(|()| random.range(0.0, side)), edges)
         })
         .collect();
@@ -30,14 +40,7 @@ pub(super) fn uniform(n: usize, random: &mut Random) -> Scene {
 /// With moments `E[s] = 1.446`, `E[s²] = 7.238`, `E[s³] = 48.26` of the edge, `E[(s + t)³] = 159.3`; two
 /// pairs a box need V = 159.3 n / 4.
 pub(super) fn mixed(n: usize, random: &mut Random) -> Scene {
-    let side = (39.83 * n as f32).cbrt();
-    let boxes = (0..n)
-        .map(|_| {
-            let edge = random.log_range(0.01, 10.0);
-            around([(); 3].map(|()| random.range(0.0, side)), [edge; 3])
-        })
-        .collect();
-    Scene::drifting(boxes, Walls::Scene { low: [0.0; 3], high: [side; 3] }, random)
+    in_cube(n, 39.83, random, |random| [random.log_range(0.01, 10.0); 3])
 }
 
 /// Lattice step of the pile in a layer, against edges of 0.9 to 1.1: neighbours mostly touch.
@@ -238,15 +241,11 @@ const ROD_LENGTH: f32 = 40.0;
 /// Parallel rods overlap in 2 · 2 · 80 = 320 units of volume, crossed ones in 2 · 41 · 41 = 3,362;
 /// one third are parallel: 2,348 on average. One pair a box needs V = 1,174 n.
 pub(super) fn rods(n: usize, random: &mut Random) -> Scene {
-    let side = (1_174.0 * n as f32).cbrt();
-    let boxes = (0..n)
-        .map(|_| {
-            let mut edges = [1.0; 3];
-            edges[random.below(3) as usize] = ROD_LENGTH;
-            around([(); 3].map(|()| random.range(0.0, side)), edges)
-        })
-        .collect();
-    Scene::drifting(boxes, Walls::Scene { low: [0.0; 3], high: [side; 3] }, random)
+    in_cube(n, 1_174.0, random, |random| {
+        let mut edges = [1.0; 3];
+        edges[random.below(3) as usize] = ROD_LENGTH;
+        edges
+    })
 }
 
 /// Dust of the density of `uniform`; one box in a thousand is a tenth of the scene wide (at most 16

@@ -4,7 +4,6 @@
 //! segment, a forged length). The supervisor starts another, also where the worker is stopped or ends
 //! itself because it hangs; clients answer their frames in process meanwhile and come back by themselves.
 
-mod glance;
 mod heartbeat;
 mod janitor;
 mod lanes;
@@ -15,6 +14,9 @@ pub use self::supervisor::{FILES_PER_CLIENT, supervise};
 pub use self::worker::work;
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::JoinHandle;
 use std::time::Duration;
 
 use pairmask_core::engine::AvailableIsa;
@@ -60,6 +62,42 @@ pub struct ServeSettings {
 /// within a microsecond, and a game at 60 frames a second costs 3 ms of a core a second, beside the
 /// 20 to 30 ms in which the worker is awake before its frames.
 pub const DEFAULT_SPIN: Duration = Duration::from_micros(50);
+
+/// A thread that is told to stop, woken and joined when this is dropped.
+struct StoppedThread {
+    stop: Arc<AtomicBool>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl StoppedThread {
+    fn start(
+        name: &str,
+        step: &'static str,
+        work: impl FnOnce(&AtomicBool) + Send + 'static,
+    ) -> Result<Self, ServeError> {
+        let stop = Arc::new(AtomicBool::new(false));
+        let told = Arc::clone(&stop);
+        let thread = std::thread::Builder::new().name(name.into()).spawn(move || work(&told));
+        Ok(Self { stop, thread: Some(thread.map_err(ServeError::system(step))?) })
+    }
+
+    fn wake(&self) {
+        if let Some(thread) = &self.thread {
+            thread.thread().unpark();
+        }
+    }
+}
+
+impl Drop for StoppedThread {
+    fn drop(&mut self) {
+        self.stop.store(true, Ordering::Relaxed);
+        self.wake();
+        if let Some(thread) = self.thread.take() {
+            // One that panicked has said so.
+            let _ = thread.join();
+        }
+    }
+}
 
 /// Why an instance is not served any more.
 #[derive(Debug, thiserror::Error)]

@@ -349,21 +349,12 @@ mod tests {
     }
 
     #[test]
-    fn the_first_restarts_come_at_once() {
-        let pauses = pauses(Duration::from_millis(50), BURST as usize);
-        assert!(pauses.iter().all(Duration::is_zero), "{pauses:?}");
-    }
-
-    #[test]
-    fn kills_with_a_pause_between_them_are_never_waited_for() {
-        assert!(pauses(INTERVAL, 1000).iter().all(Duration::is_zero));
-    }
-
-    #[test]
-    fn workers_that_die_at_once_make_no_busy_loop() {
+    fn restarts_are_spread_beyond_a_burst() {
+        let at_once = |apart, count| pauses(apart, count).iter().all(Duration::is_zero);
+        assert!(at_once(Duration::from_millis(50), BURST as usize));
+        assert!(at_once(INTERVAL, 1000), "kills with a pause between them are never waited for");
         let pauses = pauses(Duration::ZERO, 1000);
-        let waited: Duration = pauses.iter().sum();
-        assert_eq!(waited, INTERVAL * (1000 - BURST));
+        assert_eq!(pauses.iter().sum::<Duration>(), INTERVAL * (1000 - BURST), "no busy loop");
         assert!(pauses.iter().all(|pause| *pause <= INTERVAL));
     }
 

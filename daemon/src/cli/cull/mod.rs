@@ -90,13 +90,10 @@ enum Shape {
 /// Why `cull` failed.
 #[derive(Debug, thiserror::Error)]
 pub enum CullCommandError {
-    /// Two options contradict each other.
     #[error("{flag} is about boxes: leave it out with --shape spheres")]
     AboutBoxes { flag: &'static str },
-    /// Two results on stdout could not be told apart.
     #[error("{first} and {second} would both write to stdout: name a file for one of them")]
     TwoOnStdout { first: &'static str, second: &'static str },
-    /// The second would overwrite the first.
     #[error("--pairs and --mask name the same file, {}: name two", path.display())]
     SameFile { path: PathBuf },
     #[error(transparent)]
@@ -109,7 +106,6 @@ pub enum CullCommandError {
     Frame(#[from] FrameError),
     #[error(transparent)]
     Wait(#[from] WaitError),
-    /// An engine is broken: its count of pairs is not the number of bits in its mask.
     #[error("{engine} counted {counted} pairs and its mask holds {decoded}: please report this")]
     Miscounted { engine: EngineId, counted: u64, decoded: u64 },
     #[error(transparent)]
@@ -342,7 +338,6 @@ pub enum ResultError {
     File(#[from] FileError),
     #[error(transparent)]
     Output(#[from] OutputError),
-    /// Too many pairs to sort.
     #[error("no memory to sort {pairs} pairs: write the mask instead (--mask)")]
     TooManyPairs { pairs: u64 },
 }

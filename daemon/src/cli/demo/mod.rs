@@ -70,16 +70,12 @@ impl DemoOptions {
 pub enum DemoError {
     #[error(transparent)]
     Spawn(#[from] SpawnError),
-    /// The client process or the handler for Ctrl-C could not be set up.
     #[error("{step}: {source}")]
     System { step: &'static str, source: std::io::Error },
-    /// The client failed and printed the reason.
     #[error("the client process failed ({status})")]
     Client { status: ExitStatus },
-    /// The client did not end in time.
     #[error("the client process was not done {PATIENCE:?} after its time")]
     Hangs,
-    /// A sample was wrong.
     #[error("{wrong} of {checked} sampled frames were wrong: please report this")]
     Wrong { wrong: u64, checked: u64 },
     #[error(transparent)]

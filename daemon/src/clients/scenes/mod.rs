@@ -30,7 +30,7 @@ const MOST_KEPT_PAIRS: usize = 1 << 20;
 /// A scene of a client.
 #[derive(Debug)]
 pub(crate) struct KeptScene {
-    id: SceneId,
+    pub(crate) id: SceneId,
     /// The number of the last edit.
     pub(crate) revision: u64,
     /// Its boxes, and what was told.
@@ -98,11 +98,6 @@ impl KeptScene {
             room: SceneRoom::begin(memory)?,
             audited,
         })
-    }
-
-    /// The client's number of it.
-    pub(crate) const fn id(&self) -> SceneId {
-        self.id
     }
 }
 

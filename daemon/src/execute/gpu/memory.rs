@@ -39,9 +39,9 @@ impl Home {
 /// A piece of memory bound to a storage buffer.
 pub struct Block {
     gpu: Arc<Gpu>,
-    home: Home,
+    pub(super) home: Home,
     bytes: u64,
-    buffer: vk::Buffer,
+    pub(super) buffer: vk::Buffer,
     memory: vk::DeviceMemory,
     host: Option<NonNull<u8>>,
     // Unmapped after the memory that was imported from it is freed (fields drop after `drop`).
@@ -193,11 +193,6 @@ impl Block {
         }))
     }
 
-    /// Where it lies.
-    pub(super) fn home(&self) -> Home {
-        self.home
-    }
-
     /// Its size.
     pub fn bytes(&self) -> u64 {
         self.bytes
@@ -206,10 +201,6 @@ impl Block {
     /// Whether it was imported from memory whose owner is gone.
     pub(super) fn is_orphaned(&self) -> bool {
         self.mapping.as_ref().is_some_and(ReadWriteMapping::is_orphaned)
-    }
-
-    pub(super) fn raw(&self) -> vk::Buffer {
-        self.buffer
     }
 
     /// Copies `values` to byte `offset`. Call it between frames only.

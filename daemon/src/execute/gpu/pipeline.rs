@@ -32,10 +32,10 @@ pub fn user_cache_folder() -> Option<PathBuf> {
 pub struct Pipeline {
     gpu: Arc<Gpu>,
     label: &'static str,
-    binding_count: u32,
-    set_layout: vk::DescriptorSetLayout,
-    layout: vk::PipelineLayout,
-    raw: vk::Pipeline,
+    pub(super) binding_count: u32,
+    pub(super) set_layout: vk::DescriptorSetLayout,
+    pub(super) layout: vk::PipelineLayout,
+    pub(super) raw: vk::Pipeline,
 }
 
 impl Pipeline {
@@ -97,22 +97,6 @@ impl Pipeline {
     /// The stage's name.
     pub fn label(&self) -> &'static str {
         self.label
-    }
-
-    pub(super) fn binding_count(&self) -> u32 {
-        self.binding_count
-    }
-
-    pub(super) fn set_layout(&self) -> vk::DescriptorSetLayout {
-        self.set_layout
-    }
-
-    pub(super) fn layout(&self) -> vk::PipelineLayout {
-        self.layout
-    }
-
-    pub(super) fn raw(&self) -> vk::Pipeline {
-        self.raw
     }
 }
 

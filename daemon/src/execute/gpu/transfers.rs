@@ -194,7 +194,7 @@ impl UploadAhead {
     /// Whether these boxes are better brought ahead, `is_behind` another frame or alone.
     pub(super) fn pays(&self, boxes: &PlacedBoxes, is_behind: bool) -> bool {
         let boxes = &boxes.part;
-        let crosses = boxes.block.home() == Home::Imported && boxes.bytes >= LEAST_BYTES;
+        let crosses = boxes.block.home == Home::Imported && boxes.bytes >= LEAST_BYTES;
         self.always || is_behind && crosses
     }
 

@@ -26,12 +26,12 @@ use pairmask_core::engine::CullError;
 use pairmask_core::scene::shared::{AtEnd, MemberId};
 use pairmask_wire::{
     AgreedTerms, JoinRequest, LeaseRequest, Reject, SceneId, SceneName, SceneRequest,
-    response_joined, response_leased,
+    response_joined, response_leased, response_scene_ended,
 };
 
 use self::scene::SharedScene;
-use super::Served;
 use super::scene::SceneTools;
+use super::{EndWithPanic, Served};
 use crate::execute::{CpuTimer, EnginePool};
 use crate::publish::{OpenRequest, Outbox, Refusal};
 
@@ -78,7 +78,7 @@ impl SharedScenes {
         match joined {
             Ok(terms) => {
                 let header = response_joined(open.fields(), &terms);
-                outbox.answer_shared(&mut open, &header);
+                outbox.send(&mut open, &header);
             }
             Err(refusal) => outbox.refuse(&mut open, &refusal),
         }
@@ -97,7 +97,7 @@ impl SharedScenes {
             let scene = self.of_name(name, request)?;
             // Its last member may have left since it was found.
             let Some(joined) = scene.join(request) else { continue };
-            let terms = scene.terms();
+            let terms = scene.terms;
             match joined {
                 Ok(member) => {
                     locked(&self.joined).insert((session, request.scene), (scene, member));
@@ -139,7 +139,7 @@ impl SharedScenes {
         match leased {
             Ok(range) => {
                 let header = response_leased(open.fields(), &range);
-                outbox.answer_shared(&mut open, &header);
+                outbox.send(&mut open, &header);
             }
             Err(refusal) => outbox.refuse(&mut open, &refusal),
         }
@@ -150,21 +150,17 @@ impl SharedScenes {
     /// threads, as all who have committed wait for it.
     pub(super) fn commit(
         &self,
-        mut open: OpenRequest,
+        open: OpenRequest,
         request: &SceneRequest,
         outbox: &Outbox,
     ) -> Served {
         let timer = CpuTimer::start();
         let Some((scene, member)) = self.find((open.sender().session, request.scene)) else {
-            outbox.refuse(&mut open, &Refusal::stale_scene(0));
-            open.close();
-            return Served::BEGUN;
+            return outbox.refuse_and_close(open, &Refusal::stale_scene(0));
         };
         if let Err(refused) = scene.commit(member, open, request) {
-            let (mut open, refusal) = *refused;
-            outbox.refuse(&mut open, &refusal);
-            open.close();
-            return Served::BEGUN;
+            let (open, refusal) = *refused;
+            return outbox.refuse_and_close(open, &refusal);
         }
         // By this its next commit is judged, which may be another one than the last of its tick.
         let on_one_core = Some(timer.elapsed());
@@ -178,7 +174,8 @@ impl SharedScenes {
     /// Answers a request to leave.
     pub(super) fn leave(&self, open: &mut OpenRequest, scene: SceneId, outbox: &Outbox) {
         self.end((open.sender().session, scene), End::Left, outbox);
-        outbox.answer_scene_ended(open);
+        let header = response_scene_ended(open.fields());
+        outbox.send(open, &header);
     }
 
     /// Ends members whose sessions are gone; to be called now and then.
@@ -201,7 +198,7 @@ impl SharedScenes {
         let at_end = match why {
             // What it does not send again is to be gone: it may have removed that in an edit that was lost.
             End::JoinsAgain => AtEnd::Remove,
-            End::Left | End::SessionGone => scene.terms().at_end,
+            End::Left | End::SessionGone => scene.terms.at_end,
         };
         if let Some(mut open) = scene.end_member(member, at_end) {
             if why != End::SessionGone {
@@ -222,8 +219,8 @@ impl SharedScenes {
             return;
         }
         let mut by_name = locked(&self.by_name);
-        if by_name.get(scene.name()).is_some_and(|there| Arc::ptr_eq(there, scene)) {
-            by_name.remove(scene.name());
+        if by_name.get(&scene.name).is_some_and(|there| Arc::ptr_eq(there, scene)) {
+            by_name.remove(&scene.name);
         }
     }
 }
@@ -299,17 +296,6 @@ impl Drop for Alarm {
         if let Some(Some(thread)) = self.thread.take() {
             // One that panicked has ended the process.
             let _ = thread.join();
-        }
-    }
-}
-
-/// Ends the process where the thread panics, as a lane does: the supervisor starts another one.
-struct EndWithPanic;
-
-impl Drop for EndWithPanic {
-    fn drop(&mut self) {
-        if std::thread::panicking() {
-            std::process::abort();
         }
     }
 }

@@ -109,7 +109,7 @@ impl ClosedTick {
         let edits = answers.iter().map(|answer| answer.commit.edit.allocated_bytes() as u64);
         let edit_bytes = edits.sum::<u64>() + scratch_bytes;
         boxes.note_room(hearers.map(Hearer::bytes).sum::<u64>() + edit_bytes);
-        let scene = boxes.scene();
+        let scene = &boxes.scene;
         let facts = Facts {
             number,
             late,
@@ -206,7 +206,7 @@ impl Facts {
         let (fields, threads) = (commit.open.fields(), self.threads);
         let header = response_scene(fields, self.engine, threads, told, self.bytes, &times);
         outbox.count_edit(fields, told);
-        outbox.answer_shared(&mut commit.open, &marks.mark(header));
+        outbox.send(&mut commit.open, &marks.mark(header));
         Ok(())
     }
 }

@@ -45,8 +45,8 @@ use pairmask_shaders::{Found, GridStage, Rules, Stage};
 use self::layout::Chooser;
 use self::plan::{Capacity, LastFound, Sizes};
 use self::under_way::{Bundle, SharedWorkspace};
-use self::workspace::{Ended, Tools, Workspace};
-use super::all_pairs::outcome::no_pairs;
+use self::workspace::{Ended, Tools, Wanted, Workspace};
+use super::all_pairs::no_pairs;
 use super::all_pairs::plan::refusal;
 use super::device::{Gpu, SUBMISSIONS};
 use super::error::GpuError;
@@ -189,7 +189,8 @@ impl Grid {
         let mut frame = GridUnderWay::new(workspace, memory);
         let begun = frame.with(|workspace, objects, reply| {
             let (n, capacity) = self.asked(objects.len(), encoding, reply)?;
-            workspace.begin(&mut self.tools, n, (objects, marks), reply, capacity, is_behind)
+            let wanted = Wanted { n, objects, capacity, is_behind, marks };
+            workspace.begin(&mut self.tools, &wanted, reply)
         });
         match begun {
             Ok(()) => Ok(frame),
@@ -224,7 +225,8 @@ impl Grid {
             let mut frame = GridUnderWay::new(workspace, memory);
             let joined = frame.with(|workspace, objects, reply| {
                 let (n, capacity) = self.asked(objects.len(), encoding, reply)?;
-                workspace.join(&mut self.tools, n, objects, reply, capacity, &bundle)
+                let wanted = Wanted { n, objects, capacity, is_behind: false, marks: None };
+                workspace.join(&mut self.tools, &wanted, reply, &bundle)
             });
             begun.push(match joined {
                 Ok(its_steps) => {
@@ -331,8 +333,9 @@ impl Grid {
                         return Err(refusal(needed, limit).into());
                     };
                     let capacity = self.capacity(n, found, items, room);
-                    let of = (objects, marks.as_ref());
-                    workspace.begin(&mut self.tools, n, of, reply, capacity, false)?;
+                    let marks = marks.as_ref();
+                    let wanted = Wanted { n, objects, capacity, is_behind: false, marks };
+                    workspace.begin(&mut self.tools, &wanted, reply)?;
                 }
             }
         }

@@ -38,7 +38,7 @@ pub fn takes_worlds(marks: &Marks, n: usize) -> bool {
 /// What a frame with rules uses beside the blocks of all frames.
 pub(super) struct RuleBlocks {
     pub(super) of: Arc<Marks>,
-    marks: Part,
+    pub(super) marks: Part,
     /// Which rows are the first of a world.
     row_worlds: Part,
     /// Where the items of each world begin.
@@ -61,11 +61,6 @@ impl RuleBlocks {
         firsts.clear();
         firsts.resize(self.of.worlds().len(), 0);
         self.world_firsts.block.read(self.world_firsts.offset, firsts);
-    }
-
-    /// The block of marks, which no other rules have while this is kept.
-    pub(super) const fn marks(&self) -> &Part {
-        &self.marks
     }
 }
 

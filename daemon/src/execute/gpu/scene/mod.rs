@@ -23,7 +23,6 @@
 //! edit, its answer and what is known afterwards change the same few fields.
 
 mod changes;
-mod layouts;
 mod memory;
 mod plan;
 mod query;
@@ -42,15 +41,14 @@ use pairmask_core::scene::{
     Edit, Ended, FilterHistory, Kept, KeptHistory, SceneError, SceneOptions, SceneSkips, Step,
     Told, Want, decide_changes, is_resync_due,
 };
+use pairmask_shaders::Stage;
 use pairmask_shaders::layouts::{GridLayout, SceneMode, SceneSummary};
-use pairmask_shaders::{SceneStage, Stage};
 
 use self::changes::{ChangeSorter, Found};
-use self::layouts::Layouts;
-use self::plan::{MOST_SLOTS, Question, Room, Sizes};
+use self::plan::{Layouts, MOST_SLOTS, Question, Room, Sizes};
 use self::replica::{Asked, Clock, Names, Replica, Replicas, sum};
 use self::roster::Roster;
-use self::search::{Search, Share, Stages};
+use self::search::{Search, Share};
 use self::upload::Gathered;
 use super::device::Gpu;
 use super::error::GpuError;
@@ -69,8 +67,7 @@ type Pair = [u32; 2];
 /// What the scenes of a device share: compiled stages, and what is imported.
 pub struct SceneTools {
     gpu: Arc<Gpu>,
-    stages: Stages,
-    /// Compiles those stages that few daemons need.
+    /// The compiled stages. Compiles those that few daemons need when they are asked for.
     pipelines: Mutex<Pipelines>,
     imports: SharedImports,
     profiled: bool,
@@ -88,12 +85,11 @@ impl SceneTools {
     /// [`GpuError`].
     pub fn new(gpu: &Arc<Gpu>, options: &GridOptions) -> Result<Arc<Self>, GpuError> {
         let mut pipelines = Pipelines::new(gpu, options.checks, options.cache_folder.as_deref())?;
-        let stages = Stages::compiled(&mut pipelines)?;
+        search::stages().try_for_each(|stage| pipelines.get(stage).map(drop))?;
         pipelines.save();
         let is_software = gpu.info().is_software();
         Ok(Arc::new(Self {
             gpu: Arc::clone(gpu),
-            stages,
             pipelines: Mutex::new(pipelines),
             imports: options.imports.clone(),
             profiled: options.profiled,
@@ -109,10 +105,9 @@ impl SceneTools {
         &self.gpu
     }
 
-    /// The stage of a shared search.
-    fn shared_pairs(&self) -> Result<Arc<Pipeline>, GpuError> {
-        let mut pipelines = self.pipelines.lock().unwrap_or_else(PoisonError::into_inner);
-        pipelines.get(Stage::Scene(SceneStage::SharedPairs))
+    /// A compiled stage.
+    fn pipeline(&self, stage: Stage) -> Result<Arc<Pipeline>, GpuError> {
+        self.pipelines.lock().unwrap_or_else(PoisonError::into_inner).get(stage)
     }
 }
 
