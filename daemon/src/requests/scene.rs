@@ -152,7 +152,7 @@ fn edit_and_answer(
     let start = Instant::now();
     let steps = scratch.read(request, open.pages())?;
     let edit = Edit { steps: &steps };
-    room.make(scene, edit, PendingBoxes::default(), found.bytes())?;
+    room.make(scene, edit, PendingBoxes::default(), bytes_of(found))?;
     let ingested = Instant::now();
     if request.is_taken {
         scene.take();
@@ -162,7 +162,7 @@ fn edit_and_answer(
     }
     scene.set_threads(threads);
     let edited = scene.edit(edit, request.want);
-    room.note(scene, found.bytes() + scratch.allocated_bytes() as u64);
+    room.note(scene, bytes_of(found) + scratch.allocated_bytes() as u64);
     match edited {
         Ok(()) => *revision = request.revision,
         // The scene is what it was.
@@ -219,6 +219,10 @@ impl<E: Into<Refusal>> From<E> for Failed {
     }
 }
 
+/// Most pairs whose memory a scene keeps between queries: 8 MiB, 2,048 pages. To find more takes far longer than
+/// to map their memory.
+const MOST_KEPT_PAIRS: usize = 1 << 20;
+
 /// Most queries of a scene in video memory that are answered without the pool: 24 bytes each, so that the copy
 /// to where the GPU sees them is one thread's.
 const FEW_QUERIES: u32 = 1 << 15;
@@ -271,6 +275,11 @@ impl SceneEdits {
     }
 }
 
+/// Bytes that found pairs take.
+const fn bytes_of(found: &Vec<[u32; 2]>) -> u64 {
+    (found.capacity() * size_of::<[u32; 2]>()) as u64
+}
+
 /// Why a query has no answer.
 enum Unanswered {
     Refused(Refusal),
@@ -305,13 +314,14 @@ fn query_and_answer(
         let (pages, mut reply) = open.payload_and_reply();
         let malformed = || Unanswered::Refused(Reject::Query { field: "payload" }.into());
         let (queries, tags) = request.read(pages).ok_or_else(malformed)?;
-        let pairs = found.pairs();
-        request.mask.answer(queries, request.encoding, threads, pairs, &mut reply, |found| {
+        request.mask.answer(queries, request.encoding, threads, found, &mut reply, |found| {
             scene.query(queries, tags, found).map_err(Unanswered::from)
         })
     };
-    found.tidy();
-    room.note(scene, found.bytes() + scratch.allocated_bytes() as u64);
+    if found.capacity() > MOST_KEPT_PAIRS {
+        *found = Vec::new();
+    }
+    room.note(scene, bytes_of(found) + scratch.allocated_bytes() as u64);
     let mut answer = answer?;
     answer.engine = scene.engine();
     answer.times.ingest_ns = begun.duration_since(taken_at).as_nanos() as u64;

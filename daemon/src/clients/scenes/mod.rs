@@ -23,10 +23,6 @@ const BYTES_A_TAG: u64 = 12;
 /// Bytes that any scene takes: without them, empty ones would be free.
 const BYTES_A_SCENE: u64 = 64 << 10;
 
-/// Most pairs whose memory a scene keeps between queries: 8 MiB, 2,048 pages. To find more takes far longer than
-/// to map their memory.
-const MOST_KEPT_PAIRS: usize = 1 << 20;
-
 /// A scene of a client.
 #[derive(Debug)]
 pub(crate) struct KeptScene {
@@ -37,35 +33,12 @@ pub(crate) struct KeptScene {
     pub(crate) scene: SceneKeeper,
     /// Memory for reading edits.
     pub(crate) scratch: EditScratch,
-    /// Memory for what queries find.
-    pub(crate) found: FoundPairs,
+    /// Memory for what queries find, kept so that it is not mapped for each anew.
+    pub(crate) found: Vec<[u32; 2]>,
     /// Its share of the memory of all scenes.
     pub(crate) room: SceneRoom,
     /// Where it is audited.
     pub(crate) audited: Option<AuditedScene>,
-}
-
-/// Memory for what queries find, kept so that it is not mapped for each anew.
-#[derive(Debug, Default)]
-pub(crate) struct FoundPairs(Vec<[u32; 2]>);
-
-impl FoundPairs {
-    /// The memory, and all that is in it.
-    pub(crate) const fn pairs(&mut self) -> &mut Vec<[u32; 2]> {
-        &mut self.0
-    }
-
-    /// Gives back what is too large to keep.
-    pub(crate) fn tidy(&mut self) {
-        if self.0.capacity() > MOST_KEPT_PAIRS {
-            self.0 = Vec::new();
-        }
-    }
-
-    /// Bytes that it takes.
-    pub(crate) const fn bytes(&self) -> u64 {
-        (self.0.capacity() * size_of::<[u32; 2]>()) as u64
-    }
 }
 
 /// The share of a scene in the memory of all.
@@ -94,7 +67,7 @@ impl KeptScene {
             revision: 0,
             scene,
             scratch: EditScratch::default(),
-            found: FoundPairs::default(),
+            found: Vec::new(),
             room: SceneRoom::begin(memory)?,
             audited,
         })

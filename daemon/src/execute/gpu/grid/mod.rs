@@ -1,23 +1,13 @@
-//! Engine `gpu-grid`: a uniform grid with levels on the GPU.
+//! Engine `gpu-grid`: a uniform grid with levels on the GPU (GPU.md, "The grid").
 //!
-//! The grid of Avril et al. 2012, §4, as `cpu-grid` has it: each box has one home cell, by its min
-//! corner, in the finest level on which it spans at most two cells an axis. Six stages, one
-//! submission:
+//! The grid of Avril et al. 2012, §4, as `cpu-grid` has it: each box has one home cell, by its min corner, in the finest
+//! level on which it spans at most two cells an axis. Six stages are one submission. What their dispatches depend on is
+//! known before: levels come from a sample of the boxes on the CPU (`layout`), sizes from their number ([`plan`]). Only a
+//! reply that turns out larger than its allocation takes a second submission.
 //!
-//! > `grid_cells` → `grid_scan` → `grid_scatter` → `grid_place` → `grid_pairs` → `grid_write`
-//!
-//! The first reads the boxes across the link, in whatever form they are; the last writes the reply
-//! across it, and the one before the order of a sparse one. A list names the boxes and has no order. What
-//! the dispatches depend on is known before: the levels come from a sample of
-//! the boxes on the CPU (`layout`), sizes from their number ([`plan`]). So nothing waits for the
-//! host in between. Only a reply that turns out larger than its allocation takes a second
-//! submission.
-//!
-//! Same boxes, same bytes: positions are by cell and index, words by row and block, pairs by the
-//! positions of their boxes, and neither the order in which threads come nor earlier frames show. ([`mirror`](pairmask_shaders::mirror) is the
-//! same on the CPU.)
-//!
-//! Scenes that crowd a cell beyond a budget, or dense masks, are the all-pairs engine's.
+//! Same boxes, same bytes: positions are by cell and index, words by row and block, pairs by the positions of their
+//! boxes. ([`mirror`](pairmask_shaders::mirror) is the same on the CPU.) Scenes that crowd a cell beyond a budget, or
+//! dense masks, are the all-pairs engine's.
 
 mod axis;
 pub(super) mod layout;

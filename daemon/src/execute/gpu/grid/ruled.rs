@@ -1,9 +1,5 @@
-//! Frames with rules: boxes of several worlds, and pairs that may not meet.
-//!
-//! Each world has cells of its own, so a row looks at boxes of its world alone, and the rows of a world
-//! follow each other: a list is ordered by world. Whether two boxes may meet is looked up when they overlap,
-//! in a block of marks ([`Marks`]) that is brought up once for rules that stay. (Avril et al. 2014 have no
-//! filters; that worlds are part of the cell key is how simulators of many small scenes go about it.)
+//! Frames with rules: boxes of several worlds, and pairs that may not meet (GPU.md, "Frames with rules"). Avril et al.
+//! 2014 have no filters; that worlds are part of the cell key is how simulators of many small scenes go about it.
 
 use std::ops::Range;
 use std::sync::Arc;

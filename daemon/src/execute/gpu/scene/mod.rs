@@ -1,26 +1,13 @@
-//! Scenes that persist in video memory: edits go up, what changed comes down.
+//! Scenes that persist in video memory: edits go up, what changed comes down (GPU.md, "Scenes").
 //!
-//! A [`GpuScene`] answers as [`Scene`](pairmask_core::scene::Scene) does, byte for byte. Boxes are kept
-//! as keys in records, one an index, as they are and, for those that have changed since the last taken
-//! answer, as they were. The host keeps bits a box, to check an edit before anything of it is applied
-//! (`roster`). Nothing else persists, so nothing is ever rebuilt or compacted. An edit is one submission:
-//!
-//! > `scene_apply` (→ `scene_mark`) → `scene_cells` → `grid_scan` → `scene_place` → `scene_pairs`
-//!
-//! The first writes the edit into the records. Then the boxes that have changed are the entries of a
-//! grid, each as the hull of what it was and is; all other boxes look once at the entries around them.
-//! Most find by one bit of a filter that there are none. Where many have changed, all boxes are entries.
-//! A pair of hulls that overlap is decided by what both boxes were and are. What comes down is those
-//! pairs that began or ended, and the host sorts them.
-//!
-//! Queries ([`GpuScene::query`]) are a search too: they are the entries, and every box looks for them. Or they look
-//! into a grid of all boxes, which stands until the next edit.
+//! A [`GpuScene`] answers as [`Scene`](pairmask_core::scene::Scene) does, byte for byte. Boxes are kept as keys in
+//! records; the host keeps bits a box, to check an edit before anything of it is applied (`roster`). Nothing else
+//! persists, so nothing is ever rebuilt or compacted. An edit is one submission, and so are queries
+//! ([`GpuScene::query`]).
 //!
 //! Several GPUs may keep a scene together ([`GpuScene::shared`]): all of it on each (`replica`), every edit on each,
-//! large searches shared out. What is lost with one of them is on the others.
-//!
-//! [`Want::All`] and [`Want::Moved`] are the same search with another question. This is one file, because an
-//! edit, its answer and what is known afterwards change the same few fields.
+//! large searches shared out. This is one file, because an edit, its answer and what is known afterwards change the same
+//! few fields.
 
 mod changes;
 mod memory;

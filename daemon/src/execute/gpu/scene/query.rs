@@ -1,13 +1,6 @@
-//! Queries: boxes that are no part of a scene against all that are.
-//!
-//! The first queries after an edit are the entries of a grid, in records behind the scene's, and every box looks
-//! once whether one of them is near: the search of an edit that changes as many boxes. At its end the records are
-//! without a box again. Those who ask more pay for a grid of all boxes, that of an edit that asks for all pairs, in
-//! which each query looks into the cells around it. It is built by the second queries after an edit, and stands
-//! until the next one. Both are one submission, and nothing that an edit knows or tells has changed.
-//!
-//! The search counts the pairs of each query. Three stages more put them in order: the starts of queries, pairs
-//! to their queries, and each to its place by index. The host sorts only what a query of very many boxes has found.
+//! Queries: boxes that are no part of a scene against all that are. The first after an edit are the entries of a grid;
+//! the second build a grid of all boxes, which stands until the next edit (GPU.md, "Scenes"). Nothing that an edit knows
+//! or tells changes.
 
 use std::sync::Arc;
 

@@ -8,7 +8,7 @@ use pairmask_shaders::layouts::{GridLayout, GridParams, SceneMode, SceneParams, 
 use pairmask_shaders::{GridStage, SceneStage, Stage};
 
 use super::SceneTools;
-use super::memory::{Blocks, QueryBlocks, RECORD_BYTES};
+use super::memory::{Blocks, RECORD_BYTES, StageBlocks};
 use super::plan::{self, Question, Room, Sizes};
 use super::upload::{SetIndices, Uploaded};
 use crate::execute::gpu::device::{Order, QueueRole};
@@ -162,7 +162,7 @@ impl Task<'_> {
     pub fn room_made(&self, tools: &SceneTools) -> Room {
         let items = |block: &Block, bytes: u64| block.bytes().min(tools.binding_bytes) / bytes;
         let found = items(&self.blocks.found, 8);
-        let QueryBlocks { unsorted, rows, .. } = &self.blocks.of_queries;
+        let StageBlocks { unsorted, rows, .. } = &self.blocks.stages;
         let pairs = match self.search {
             Search::Queries(_) => found.min(items(unsorted, 8)).min(items(rows, 8)),
             Search::Nothing | Search::Pairs(_) => found,
@@ -314,7 +314,7 @@ impl Task<'_> {
             }
             return Ok(steps);
         };
-        let QueryBlocks { unsorted, rows, counts, starts } = &b.of_queries;
+        let StageBlocks { unsorted, rows, counts, starts, .. } = &b.stages;
         let [unsorted, rows, counts, starts] = [unsorted, rows, counts, starts].map(whole);
         let [looking, one_a_query, sorting] = groups;
         let mut parts =
