@@ -1,7 +1,6 @@
 //! The pool of threads on which large frames are culled, one at a time.
 //!
-//! CPU time that a request takes: of the thread that serves it, and of one of the pool that works for it.
-//!
+//! What a request takes is CPU time, of the thread that serves it and of one of the pool that works for it.
 //! Wall time is no measure of work: it counts what a thread waited for its core, and a client whose worker
 //! thread was interrupted would be taken for one with large frames.
 

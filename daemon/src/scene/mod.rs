@@ -18,7 +18,7 @@
 //! `SplitMix64` (Steele, Lea, Flood 2014, "Fast splittable pseudorandom number generators"): one
 //! add and three multiply-xorshift steps a number. It passes `BigCrush`; scenes need no more.
 
-mod spread;
+mod kinds;
 
 use std::fmt;
 use std::str::FromStr;
@@ -39,20 +39,20 @@ impl Scene {
     pub fn new(name: SceneName, n: usize, seed: u64) -> Self {
         let mut random = Random::new(seed);
         match name {
-            SceneName::Uniform => spread::uniform(n, &mut random),
-            SceneName::Mixed => spread::mixed(n, &mut random),
-            SceneName::Pile => spread::pile(n, &mut random),
-            SceneName::Plane => spread::plane(n, &mut random),
-            SceneName::Cubes => spread::falling(n, &mut random, spread::cube),
-            SceneName::Balls => spread::falling(n, &mut random, spread::ball),
-            SceneName::Skittles => spread::falling(n, &mut random, spread::skittle),
-            SceneName::Torus => spread::falling(n, &mut random, spread::torus),
-            SceneName::Letters => spread::falling(n, &mut random, spread::letter),
-            SceneName::OneCell => spread::one_cell(n, &mut random),
-            SceneName::Rods => spread::rods(n, &mut random),
-            SceneName::Giants => spread::giants(n, &mut random),
-            SceneName::Far => spread::far(n, &mut random),
-            SceneName::Identical => spread::identical(n, &mut random),
+            SceneName::Uniform => kinds::uniform(n, &mut random),
+            SceneName::Mixed => kinds::mixed(n, &mut random),
+            SceneName::Pile => kinds::pile(n, &mut random),
+            SceneName::Plane => kinds::plane(n, &mut random),
+            SceneName::Cubes => kinds::falling(n, &mut random, kinds::cube),
+            SceneName::Balls => kinds::falling(n, &mut random, kinds::ball),
+            SceneName::Skittles => kinds::falling(n, &mut random, kinds::skittle),
+            SceneName::Torus => kinds::falling(n, &mut random, kinds::torus),
+            SceneName::Letters => kinds::falling(n, &mut random, kinds::letter),
+            SceneName::OneCell => kinds::one_cell(n, &mut random),
+            SceneName::Rods => kinds::rods(n, &mut random),
+            SceneName::Giants => kinds::giants(n, &mut random),
+            SceneName::Far => kinds::far(n, &mut random),
+            SceneName::Identical => kinds::identical(n, &mut random),
         }
     }
 

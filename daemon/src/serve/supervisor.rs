@@ -6,8 +6,6 @@
 //! is not stopped by that account, and is left alone; so is one that was suspended with the whole machine.
 //! One that hangs ends itself (`heartbeat`).
 //!
-//! How long to wait before a worker that died is started again.
-//!
 //! A worker that was killed is started again at once, so that its clients miss a few frames. A request
 //! that kills every worker must not make a busy loop: restarts beyond a burst are spread over time.
 

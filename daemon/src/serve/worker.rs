@@ -1,8 +1,6 @@
 //! The process that serves: what it needs, and its lanes.
 //!
-//! A short measurement of this machine when a worker starts beside a GPU.
-//!
-//! Without it, the plan would give frames to a CPU twice as slow as that of the built-in constants where the GPU is
+//! One that starts beside a GPU measures this machine for a moment. Without that, the plan would give frames to a CPU twice as slow as that of the built-in constants where the GPU is
 //! faster.
 
 use std::path::Path;
@@ -117,7 +115,7 @@ pub fn work(settings: &ServeSettings, supervisor: u32) -> Result<(), ServeError>
     lanes.run()?;
     // What follows may take a while, and is no hanging.
     drop(beating);
-    // Its threads may have used the devices, which are gone now: until then they stay (`gpu::driver_thread`).
+    // Its threads may have used the devices, which are gone now: until then they stay (`gpu::slot`).
     drop(pool);
     drop(janitor);
     if let Some(error) = missing.lock().unwrap_or_else(PoisonError::into_inner).take() {

@@ -106,7 +106,7 @@ impl Drop for Awake {
     fn drop(&mut self) {
         // A dispatch on a device that hangs takes ten seconds to give up, in which frames are to be served: nobody
         // waits for that thread. To end by itself, maybe while the device is destroyed, could lock the driver up (see
-        // `driver_thread`): it stays, one for each loss.
+        // `slot`): it stays, one for each loss.
         let is_lost = self.gpu.health().is_lost();
         self.shared.stays.store(is_lost, Ordering::Relaxed);
         self.shared.stop.store(true, Ordering::Release);

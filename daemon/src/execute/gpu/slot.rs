@@ -1,7 +1,5 @@
 //! The place of the GPU in the daemon: being opened, there, lost, or being rebuilt.
 //!
-//! A thread that works with a driver, and stays for the next time.
-//!
 //! A thread that has used NVIDIA's driver (580.159.04) must not end while another one destroys a device: each
 //! then waits for a lock of the driver that the other holds, and whoever asks the driver next waits with them.
 //! So what is done with a driver now and then is done by one thread, which ends with whatever it works for.

@@ -1,10 +1,8 @@
 //! How boxes come to the GPU and masks go back: in memory that both see, or staged.
 //!
-//! Boxes brought to video memory by the copy engine while the stages of another frame run.
-//!
 //! A lone frame's first stage reads imported boxes across the link itself, which is the fastest way
 //! for it, but then the stages wait for the link. With another frame under way the link and the
-//! stages work at the same time instead (the revised pipeline of Avril et al. 2009).
+//! stages work at the same time instead, and a queue that only copies brings the boxes (the revised pipeline of Avril et al. 2009).
 #![allow(unsafe_code)]
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};

@@ -8,8 +8,6 @@
 //! seats     members, leases, the open tick
 //! boxes     the boxes, by which edits are checked, and what edits have changed
 //! tick      the end of a tick: edits are applied, members answered
-//! member    what is kept of one member
-//! alarm     the thread that ends ticks whose deadline has passed
 //! ```
 
 mod boxes;

@@ -170,7 +170,7 @@ impl<'a> Lanes<'a> {
             others.push(tidier);
             for thread in others {
                 // The scope waits for their work alone. To destroy a device while a thread ends that has used it may
-                // take for ever: see `gpu::driver_thread`. One that panicked has ended the process.
+                // take for ever: see `gpu::slot`. One that panicked has ended the process.
                 let _ = thread.join();
             }
             Ok(())

@@ -1,6 +1,4 @@
-//! A frame of the grid that the GPU works on, with the memory that it reads and writes.
-//!
-//! Frames of several clients in one submission.
+//! Frames of the grid that the GPU works on, with the memory that they read and write.
 //!
 //! A small frame does not fill a GPU: its stages wait for each other, and for the link. In a bundle the
 //! same stage of all frames runs between the same two barriers. Each frame keeps its own workspace, so

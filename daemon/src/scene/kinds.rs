@@ -1,6 +1,4 @@
-//! The four scenes of the anchors.
-//!
-//! The papers' scenes: columns of objects that fall on a plane.
+//! The scenes: four of the anchors, and those of the papers, columns of objects that fall on a plane.
 //!
 //! Avril et al. 2009 and 2014 let cubes, balls, skittles, tori and letters fall. The broad phase
 //! gets only the box around an object, so each kind is a box of its proportions turned at random.
