@@ -66,23 +66,23 @@ fn compare<T>(
 
 #[cfg(test)]
 mod tests {
-    // Rules are filled as users fill them.
     #![allow(clippy::field_reassign_with_default)]
-
     use std::sync::Arc;
 
     use bytemuck::Zeroable;
     use pairmask_core::dispatch::{CpuEngines, CullOptions, SphereEngines};
-    use pairmask_core::engine::{CullReport, EngineChoice, EngineName, HeapReply};
+    use pairmask_core::engine::{CullReport, HeapReply};
     use pairmask_core::filters::{Owner, Rules, Tag};
     use pairmask_core::objects::Objects;
-    use pairmask_core::{BoxCount, BoxForm, Encoding, EncodingChoice};
+    use pairmask_core::{BoxCount, BoxForm, Encoding, EncodingChoice, EngineChoice, EngineName};
     use pairmask_tests::{SphereCase, lose_a_pair, stress_scenes as scenes};
     use pairmask_wire::{Page, RulesLayout, RulesReader, ScenePlace, SentRules, page_count};
 
-    use super::super::window::{Reach, Span2};
     use super::*;
+    use crate::audit::window::{Reach, Span2};
     use crate::scene::Random;
+
+    // Rules are filled as users fill them.
 
     type Sent = Option<Arc<SentRules>>;
 

@@ -7,9 +7,9 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 
 use pairmask_core::mask::MaskShape;
-use pairmask_core::objects::{ObjectForm, Objects};
+use pairmask_core::objects::Objects;
 use pairmask_core::scene::QueryTags;
-use pairmask_core::{Aabb, BoxCount};
+use pairmask_core::{Aabb, BoxCount, ObjectForm};
 use pairmask_wire::{AuditCounts, ReplyFields, SentRules};
 
 use super::check::{Outcome, check};

@@ -4,8 +4,8 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use pairmask_core::mask::{MaskShape, Span};
-use pairmask_core::objects::{ObjectForm, Objects};
-use pairmask_core::{Aabb, BoxCount, Sphere, pair_index};
+use pairmask_core::objects::Objects;
+use pairmask_core::{Aabb, BoxCount, ObjectForm, Sphere, pair_index};
 use pairmask_wire::SentRules;
 
 use super::NotedName;

@@ -3,16 +3,14 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use pairmask_core::BoxForm;
 use pairmask_core::aabb::AABB_BYTES;
 use pairmask_core::dispatch::{CpuEngines, CullAnswer, CullOptions, nanoseconds_since};
-use pairmask_core::engine::{
-    CullError, CullReport, EngineChoice, EngineName, RecentNeed, ReplyBuffer,
-};
+use pairmask_core::engine::{CullError, CullReport, RecentNeed, ReplyBuffer};
 use pairmask_core::objects::Objects;
 use pairmask_core::plan::{GpuCost, Plan};
 use pairmask_core::precision::{BoxSlice, ExpandScratch};
 use pairmask_core::repeat::is_sooner_compared;
+use pairmask_core::{BoxForm, EngineChoice, EngineName};
 
 use super::shared_gpu::SharedGpu;
 

@@ -5,13 +5,11 @@ use std::sync::{Arc, Weak};
 use std::time::{Duration, Instant};
 
 use pairmask_core::dispatch::{Marks, WorldRange, nanoseconds_since};
-use pairmask_core::engine::{
-    CullError, CullInput, CullReport, Engine, EngineName, HeapReply, ReplyBuffer,
-};
+use pairmask_core::engine::{CullError, CullInput, CullReport, Engine, HeapReply, ReplyBuffer};
 use pairmask_core::objects::Objects;
 use pairmask_core::plan::{GpuCost, Plan};
 use pairmask_core::precision::BoxSlice;
-use pairmask_core::{Aabb, Encoding};
+use pairmask_core::{Aabb, Encoding, EngineName};
 
 use super::frame_memory::{FrameMemory, LentReply, with_lent};
 use super::gpu::{

@@ -3,7 +3,8 @@
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Weak};
 
-use pairmask_core::engine::{CullError, EngineName};
+use pairmask_core::EngineName;
+use pairmask_core::engine::CullError;
 use pairmask_core::plan::GpuCost;
 use pairmask_transport::GpuCounts;
 

@@ -8,13 +8,13 @@
 use std::sync::Arc;
 use std::time::Instant;
 
-use pairmask_core::Aabb;
 use pairmask_core::dispatch::{CpuEngines, nanoseconds_since};
-use pairmask_core::engine::{CullError, EngineChoice, EngineName};
+use pairmask_core::engine::CullError;
 use pairmask_core::plan::GpuCost;
 use pairmask_core::scene::{
     Edit, FilterHistory, QueryError, QueryTags, Scene, SceneError, SceneOptions, Told, Want,
 };
+use pairmask_core::{Aabb, EngineChoice, EngineName};
 
 use super::gpu::GpuScene;
 use super::gpus::SceneGpus;

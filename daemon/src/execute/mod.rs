@@ -30,13 +30,11 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use pairmask_core::dispatch::{CpuEngines, CullAnswer, CullOptions, SphereWays};
-use pairmask_core::engine::{
-    AvailableIsa, CullError, CullReport, EngineChoice, EngineName, RecentNeed, ReplyBuffer,
-};
-use pairmask_core::mask::Encoding;
+use pairmask_core::engine::{AvailableIsa, CullError, CullReport, RecentNeed, ReplyBuffer};
 use pairmask_core::plan::{Calibration, Capabilities, GpuCost, Plan, SceneStats, plan};
 use pairmask_core::precision::{BoxSlice, ExpandScratch};
 use pairmask_core::repeat::{KeepTicket, Repeats};
+use pairmask_core::{Encoding, EngineChoice, EngineName};
 use pairmask_wire::RulesReader;
 
 use self::cpu_side::CpuSide;

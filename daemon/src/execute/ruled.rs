@@ -7,11 +7,10 @@ use std::time::Instant;
 use pairmask_core::dispatch::{
     CullAnswer, CullOptions, FilteredAnswer, Marks, WorldRange, nanoseconds_since,
 };
-use pairmask_core::engine::{CullError, EngineChoice, EngineName, ReplyBuffer, ReserveError};
-use pairmask_core::mask::{Encoding, EncodingChoice};
+use pairmask_core::engine::{CullError, ReplyBuffer, ReserveError};
 use pairmask_core::plan::{Plan, SceneStats};
 use pairmask_core::precision::BoxSlice;
-use pairmask_core::{BoxCount, scene};
+use pairmask_core::{BoxCount, Encoding, EncodingChoice, EngineChoice, EngineName, scene};
 use pairmask_wire::{Page, Reject, RulesPlace, SentRules, WORLD_RANGE_WORDS};
 
 use super::frame_memory::{FrameMemory, LentReply, boxes_of, with_lent};

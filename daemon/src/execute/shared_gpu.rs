@@ -5,11 +5,11 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 use std::time::{Duration, Instant};
 
-use pairmask_core::Encoding;
 use pairmask_core::dispatch::CullAnswer;
-use pairmask_core::engine::{CullError, EngineName};
+use pairmask_core::engine::CullError;
 use pairmask_core::plan::{GpuCost, Plan};
 use pairmask_core::spinner::Spinner;
+use pairmask_core::{Encoding, EngineName};
 
 use super::cpu_side::engine_ns;
 use super::gpu::{Gpu, GridUnderWay};

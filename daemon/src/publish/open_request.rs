@@ -5,13 +5,13 @@ use std::ops::Range;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
+use pairmask_core::BoxCount;
 use pairmask_core::dispatch::{CullAnswer, CullOptions, WorldRange};
 use pairmask_core::engine::{ReplyBuffer, ReserveError};
 use pairmask_core::mask::{MaskShape, Span};
 use pairmask_core::objects::Objects;
 use pairmask_core::precision::BoxSlice;
 use pairmask_core::repeat::KeepTicket;
-use pairmask_core::units::BoxCount;
 use pairmask_transport::{
     CheckedRequest, FreeChunks, PortTurn, ResponseLoan, Sender, TransportError,
     assume_response_pages,

@@ -6,10 +6,8 @@ use std::time::Instant;
 use iceoryx2::service::ipc_threadsafe;
 use pairmask_core::dispatch::{CullAnswer, StageTimes};
 use pairmask_core::engine::CullReport;
-use pairmask_core::objects::ObjectForm;
-use pairmask_core::precision::BoxForm;
 use pairmask_core::scene::Told;
-use pairmask_core::units::BoxCount;
+use pairmask_core::{BoxCount, BoxForm, ObjectForm};
 use pairmask_transport::Services;
 use pairmask_wire::{
     AuditCounts, LAST_ERRORS, RecordedError, ReplyFields, ResponseHeader, SkipTotals, StatusBody,

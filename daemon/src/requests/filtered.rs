@@ -5,9 +5,9 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use pairmask_core::dispatch::{CullAnswer, CullOptions, MaskFilter, nanoseconds_since};
-use pairmask_core::engine::{CullError, EngineChoice, ReserveError};
+use pairmask_core::engine::{CullError, ReserveError};
 use pairmask_core::scene::is_small_set;
-use pairmask_core::units::BoxCount;
+use pairmask_core::{BoxCount, EngineChoice};
 use pairmask_wire::SentRules;
 
 use super::Served;

@@ -4,10 +4,10 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use pairmask_core::dispatch::{CpuEngines, StageTimes};
-use pairmask_core::engine::{AvailableIsa, CullError, EngineChoice, ReplyBuffer};
+use pairmask_core::engine::{AvailableIsa, CullError, ReplyBuffer};
 use pairmask_core::plan::Calibration;
 use pairmask_core::scene::{BeyondMask, Edit, QueryError, SceneError, SceneOptions};
-use pairmask_core::units::BoxCount;
+use pairmask_core::{BoxCount, EngineChoice};
 use pairmask_wire::{
     EditScratch, QueryRequest, Reject, SceneAnswerLayout, SceneId, SceneRequest, response_scene,
     response_scene_ended,

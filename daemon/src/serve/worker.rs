@@ -10,11 +10,9 @@ use std::time::{Duration, Instant};
 
 use iceoryx2::service::ipc_threadsafe;
 use pairmask_core::dispatch::nanoseconds_since;
-use pairmask_core::engine::{
-    AvailableIsa, CullError, CullInput, Engine, EngineName, HeapReply, cpu_engine,
-};
+use pairmask_core::engine::{AvailableIsa, CullError, CullInput, Engine, HeapReply, cpu_engine};
 use pairmask_core::plan::{Calibration, SceneStats, Term, Work};
-use pairmask_core::{Aabb, BoxCount, Encoding, MaskView};
+use pairmask_core::{Aabb, BoxCount, Encoding, EngineName, MaskView};
 use pairmask_transport::{
     DaemonRecord, FreeChunks, GpuCounts, LimitError, Limits, PortTurn, SegmentFiles, Server,
     Services, StatusFile, address_space_left, clean_if_abandoned, process_name,

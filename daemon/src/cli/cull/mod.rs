@@ -13,8 +13,8 @@ use std::{fmt, io};
 use clap::{Args, ValueEnum};
 use pairmask::{Backend, ConnectError, FrameError, PairMask, PendingFrame, Session, WaitError};
 use pairmask_core::engine::EngineId;
-use pairmask_core::mask::{MaskView, WordAddress};
-use pairmask_core::{Aabb, Bounds, Sphere};
+use pairmask_core::mask::WordAddress;
+use pairmask_core::{Aabb, Bounds, MaskView, Sphere};
 use rayon::slice::ParallelSliceMut;
 
 use self::report::{CullReport, Explanation, Planned, Timings};

@@ -3,7 +3,7 @@
 use std::fmt;
 use std::str::FromStr;
 
-use super::error::OpenError;
+use super::OpenError;
 
 /// The user's choice of GPU.
 ///

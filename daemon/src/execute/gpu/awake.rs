@@ -9,11 +9,7 @@ use std::time::{Duration, Instant};
 use pairmask_shaders::Stage;
 use pairmask_shaders::layouts::AwakeParams;
 
-use super::device::{Gpu, QueueRole};
-use super::error::GpuError;
-use super::frame::{Command, Frame, Wait};
-use super::memory::{Block, Home, Part};
-use super::pipeline::{Checks, Pipelines};
+use super::{Block, Checks, Command, Frame, Gpu, GpuError, Home, Part, Pipelines, QueueRole, Wait};
 
 /// How long the clocks are kept up after a frame, unless told otherwise: a client of four frames a
 /// second finds them up, and one that is gone costs nothing a moment later.

@@ -4,7 +4,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use ash::vk;
 
-use super::adapter::GpuChoice;
+use super::GpuChoice;
 
 /// No GPU, or none that can be opened.
 #[derive(Debug, thiserror::Error)]

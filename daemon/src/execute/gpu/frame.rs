@@ -10,10 +10,8 @@ use std::time::{Duration, Instant};
 
 use ash::vk;
 
-use super::device::{Gpu, Order, QueueRole};
-use super::error::GpuError;
-use super::memory::Part;
-use super::pipeline::{IMMEDIATE_BYTES, Pipeline};
+use super::pipeline::IMMEDIATE_BYTES;
+use super::{Gpu, GpuError, Order, Part, Pipeline, QueueRole};
 
 /// One step of a frame. Each step sees all that the steps before it wrote.
 pub enum Command {

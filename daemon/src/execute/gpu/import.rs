@@ -20,9 +20,7 @@ use std::sync::Arc;
 
 use rustix::mm::{MapFlags, ProtFlags};
 
-use super::device::Gpu;
-use super::error::GpuError;
-use super::memory::Block;
+use super::{Block, Gpu, GpuError};
 
 /// Pages of this process, read-write, unmapped on drop.
 #[derive(Debug)]

@@ -11,9 +11,7 @@ use ash::vk;
 use bytemuck::Pod;
 use pairmask_core::engine::RecentNeed;
 
-use super::device::Gpu;
-use super::error::GpuError;
-use super::import::ReadWriteMapping;
+use super::{Gpu, GpuError, ReadWriteMapping};
 
 /// Where a block lies.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -44,3 +44,9 @@ pub use self::pipeline::{Checks, Pipeline, Pipelines, user_cache_folder};
 pub use self::scene::{EditTimes, GpuScene, SceneTools};
 pub use self::slot::{DriverThread, GpuSlot, IfMissing, Opener, Progress, SlotState};
 pub use self::transfers::{SharedImports, Upload};
+
+use self::device::{Order, QueueRole};
+use self::frame_cache::{FrameCache, FrameKey, Place};
+use self::import::Access;
+use self::memory::{Growing, frame_blocks};
+use self::transfers::{MaskPlace, PlacedBoxes, Transfers};

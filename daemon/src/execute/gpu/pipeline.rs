@@ -14,8 +14,7 @@ use naga::proc::{BoundsCheckPolicies, BoundsCheckPolicy};
 use naga::valid::{Capabilities, ValidationFlags, Validator};
 use pairmask_shaders::{ComposedStage, Stage};
 
-use super::device::Gpu;
-use super::error::{GpuError, StageFault};
+use super::{Gpu, GpuError, StageFault};
 
 /// Bytes of immediates that every Vulkan device has.
 pub const IMMEDIATE_BYTES: u32 = 128;

@@ -10,8 +10,7 @@ use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, sync_channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use super::device::Gpu;
-use super::error::{GpuError, OpenError};
+use super::{Gpu, GpuError, OpenError};
 
 /// What opens a device. Runs on a thread of its own, the same one each time.
 pub type Opener = Arc<dyn Fn() -> Result<Arc<Gpu>, OpenError> + Send + Sync>;

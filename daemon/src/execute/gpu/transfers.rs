@@ -12,12 +12,10 @@ use ash::vk;
 use pairmask_core::objects::Objects;
 use pairmask_core::{Encoding, ObjectForm};
 
-use super::device::{Gpu, Order, QueueRole};
-use super::error::GpuError;
-use super::frame::{Command, Wait};
-use super::frame_cache::{FrameCache, FrameKey, Place};
-use super::import::{Access, Imports};
-use super::memory::{Block, Growing, Home, Part};
+use super::{
+    Access, Block, Command, FrameCache, FrameKey, Gpu, GpuError, Growing, Home, Imports, Order,
+    Part, Place, QueueRole, Wait,
+};
 
 /// How boxes reach the GPU.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]

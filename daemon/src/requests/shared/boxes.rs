@@ -3,7 +3,7 @@
 use std::ops::Range;
 use std::sync::Arc;
 
-use pairmask_core::engine::EngineChoice;
+use pairmask_core::EngineChoice;
 use pairmask_core::scene::shared::{
     Incarnations, KeptBoxes, NamedPair, Ranges, Remains, TickChanges,
 };

@@ -4,8 +4,9 @@ use std::ops::Range;
 use std::sync::Arc;
 use std::time::Instant;
 
+use pairmask_core::EngineName;
 use pairmask_core::dispatch::StageTimes;
-use pairmask_core::engine::{CullError, EngineName, ReplyBuffer};
+use pairmask_core::engine::{CullError, ReplyBuffer};
 use pairmask_core::scene::shared::{Hears, MemberId};
 use pairmask_core::scene::{Edit, SceneError, Told};
 use pairmask_wire::{EditScratch, SceneAnswerLayout, TickMarks, response_scene};

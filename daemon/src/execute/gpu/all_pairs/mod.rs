@@ -24,16 +24,13 @@ use pairmask_core::{BoxCount, Encoding, EngineName, MaskWord, Sphere};
 use pairmask_shaders::constants::BATCH_BOXES;
 use pairmask_shaders::layouts::BatchReport;
 
-use self::plan::{BandLimits, Counted, Tuning};
+use self::plan::BandLimits;
 use self::steps::{Output, Recording, Scratch};
-use super::device::{Gpu, QueueRole};
-use super::error::GpuError;
-use super::frame::{Frame, StepTime, Wait};
-use super::frame_cache::{FrameCache, FrameKey, Place};
-use super::import::{ImportError, ImportId};
-use super::memory::{Block, Growing, Home, Part};
-use super::pipeline::{Checks, Pipelines};
-use super::transfers::{MaskPlace, PlacedBoxes, SharedImports, Transfers, Upload};
+use super::{
+    Block, Checks, Counted, Frame, FrameCache, FrameKey, Gpu, GpuError, Growing, Home, ImportError,
+    ImportId, MaskPlace, Part, Pipelines, Place, PlacedBoxes, QueueRole, SharedImports, StepTime,
+    Transfers, Tuning, Upload, Wait,
+};
 use crate::execute::frame_memory::end_process;
 
 /// How the engine works. The default is what the daemon uses.

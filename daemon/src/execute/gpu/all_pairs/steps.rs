@@ -11,12 +11,10 @@ use pairmask_shaders::layouts::{
 };
 use pairmask_shaders::{PairsVariant, Stage};
 
-use super::plan::{Band, Tuning, plane_words};
-use crate::execute::gpu::device::Gpu;
-use crate::execute::gpu::error::GpuError;
-use crate::execute::gpu::frame::{Command, MAX_STEPS};
-use crate::execute::gpu::memory::{Block, Growing, Home, Part, frame_blocks};
-use crate::execute::gpu::pipeline::Pipelines;
+use super::plan::{Band, plane_words};
+use crate::execute::gpu::{
+    Block, Command, Gpu, GpuError, Growing, Home, MAX_STEPS, Part, Pipelines, Tuning, frame_blocks,
+};
 
 /// Bands of a frame: two steps each, after a copy and the keys.
 pub(super) const BANDS_PER_FRAME: usize = (MAX_STEPS - 2) / 2;

@@ -33,17 +33,15 @@ use pairmask_shaders::layouts::GridLayout;
 use pairmask_shaders::{Found, GridStage, Rules, Stage};
 
 use self::layout::Chooser;
-use self::plan::{Capacity, LastFound, Sizes};
+use self::plan::LastFound;
 use self::under_way::{Bundle, SharedWorkspace};
 use self::workspace::{Ended, Tools, Wanted, Workspace};
 use super::all_pairs::no_pairs;
 use super::all_pairs::plan::refusal;
-use super::device::{Gpu, SUBMISSIONS};
-use super::error::GpuError;
-use super::frame::{Command, MAX_STEPS, StepTime, Wait};
-use super::memory::Block;
-use super::pipeline::{Checks, Pipelines};
-use super::transfers::{SharedImports, Upload};
+use super::{
+    Block, Capacity, Checks, Command, Gpu, GpuError, MAX_STEPS, Pipelines, SUBMISSIONS,
+    SharedImports, Sizes, StepTime, Upload, Wait,
+};
 use crate::execute::FrameMemory;
 use crate::execute::frame_memory::Borrowed;
 

@@ -10,13 +10,9 @@ use pairmask_core::engine::{CullError, CullReport, ReplyBuffer};
 use pairmask_core::precision::BoxSlice;
 use pairmask_shaders::{Found, GridStage};
 
-use super::Grid;
 use super::layout::WORLD_BOXES_LEAST;
-use super::plan::Sizes;
 use crate::execute::frame_memory::Borrowed;
-use crate::execute::gpu::device::Gpu;
-use crate::execute::gpu::error::GpuError;
-use crate::execute::gpu::memory::{Block, Growing, Home, Part};
+use crate::execute::gpu::{Block, Gpu, GpuError, Grid, Growing, Home, Part, Sizes};
 
 /// Rules whose marks are kept in video memory: those of a few sessions.
 const KEPT_RULES: usize = 4;

@@ -6,14 +6,11 @@ use pairmask_shaders::constants::BATCH_BOXES;
 use pairmask_shaders::layouts::{GridLayout, GridSummary, GridTotals};
 use pairmask_shaders::{Found, GridStage, Rules, Stage};
 
-use super::plan::{Capacity, Sizes};
 use super::ruled::RuleBlocks;
-use crate::execute::gpu::device::Gpu;
-use crate::execute::gpu::error::GpuError;
-use crate::execute::gpu::frame::Command;
-use crate::execute::gpu::memory::{Block, Growing, Home, Part, frame_blocks};
-use crate::execute::gpu::pipeline::Pipelines;
-use crate::execute::gpu::transfers::PlacedBoxes;
+use crate::execute::gpu::{
+    Block, Capacity, Command, Gpu, GpuError, Growing, Home, Part, Pipelines, PlacedBoxes, Sizes,
+    frame_blocks,
+};
 
 /// What the steps of a frame have in common.
 pub(super) struct Recording<'a> {

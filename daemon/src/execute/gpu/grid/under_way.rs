@@ -14,9 +14,7 @@ use super::ENGINE;
 use super::workspace::Workspace;
 use crate::execute::FrameMemory;
 use crate::execute::frame_memory::{LentReply, with_lent};
-use crate::execute::gpu::device::{Gpu, Order};
-use crate::execute::gpu::error::GpuError;
-use crate::execute::gpu::frame::{Command, Frame, Wait};
+use crate::execute::gpu::{Command, Frame, Gpu, GpuError, Order, Wait};
 
 /// A workspace that its engine and the frame in it share. The frame outlives the engine where it must.
 #[derive(Clone)]

@@ -13,18 +13,16 @@ use pairmask_shaders::Found;
 use pairmask_shaders::layouts::GridSummary;
 
 use super::layout::Chooser;
-use super::plan::{Capacity, LastFound, Sizes};
+use super::plan::LastFound;
 use super::ruled::{RuleBlocks, Ruled};
 use super::steps::{Blocks, Recording, Scratch};
 use super::under_way::Bundle;
-use super::{ENGINE, GridOptions, plan};
-use crate::execute::gpu::device::{Gpu, Order, QueueRole};
-use crate::execute::gpu::error::GpuError;
-use crate::execute::gpu::frame::{Command, Frame, StepTime, Wait};
-use crate::execute::gpu::frame_cache::{FrameCache, FrameKey, Place};
-use crate::execute::gpu::memory::{Block, Part};
-use crate::execute::gpu::pipeline::Pipelines;
-use crate::execute::gpu::transfers::{MaskPlace, PlacedBoxes, Transfers, UploadAhead};
+use super::{ENGINE, plan};
+use crate::execute::gpu::transfers::UploadAhead;
+use crate::execute::gpu::{
+    Block, Capacity, Command, Frame, FrameCache, FrameKey, Gpu, GpuError, GridOptions, MaskPlace,
+    Order, Part, Pipelines, Place, PlacedBoxes, QueueRole, Sizes, StepTime, Transfers, Wait,
+};
 
 /// What the workspaces share.
 pub(super) struct Tools {

@@ -5,11 +5,8 @@ use std::time::Duration;
 
 use pairmask_shaders::layouts::{GridLayout, SceneParams, SceneSummary};
 
-use super::SceneTools;
 use super::plan::{MOST_SLOTS, PAIR_BYTES, Room, SORTED_BYTES, Sizes};
-use crate::execute::gpu::error::GpuError;
-use crate::execute::gpu::frame::{Command, Frame};
-use crate::execute::gpu::memory::{Block, Home, Part, frame_blocks};
+use crate::execute::gpu::{Block, Command, Frame, GpuError, Home, Part, SceneTools, frame_blocks};
 
 /// Bytes of a record.
 pub(super) const RECORD_BYTES: u64 = 32;

@@ -37,13 +37,7 @@ use self::replica::{Asked, Clock, Names, Replica, Replicas, sum};
 use self::roster::Roster;
 use self::search::{Search, Share};
 use self::upload::Gathered;
-use super::device::Gpu;
-use super::error::GpuError;
-use super::frame::Wait;
-use super::grid::GridOptions;
-use super::memory::Block;
-use super::pipeline::{Pipeline, Pipelines};
-use super::transfers::SharedImports;
+use super::{Block, Gpu, GpuError, GridOptions, Pipeline, Pipelines, SharedImports, Wait};
 
 /// What errors name: scenes on the GPU are a grid there.
 const ENGINE: EngineName = EngineName::GpuGrid;
@@ -637,8 +631,7 @@ mod tests {
     use pairmask_core::scene::{Scene, Sets};
 
     use super::*;
-    use crate::execute::gpu::adapter::GpuChoice;
-    use crate::execute::gpu::device::HostImport;
+    use crate::execute::gpu::{GpuChoice, HostImport};
 
     /// Two boxes that touch, apart, and together again.
     fn check_rounds(mut gpu: GpuScene, want: Want) {

@@ -16,8 +16,8 @@ use super::memory::{Blocks, RECORD_BYTES};
 use super::plan::{MOST_SLOTS, PAIR_BYTES, Question, Room, Sizes};
 use super::replica::{Clock, EditTimes, Replica};
 use super::search::{Queries, Search, Task, Way};
-use super::{ENGINE, GpuScene, Pair, search, wide};
-use crate::execute::gpu::error::GpuError;
+use super::{ENGINE, Pair, search, wide};
+use crate::execute::gpu::{GpuError, GpuScene};
 
 /// Most queries of a submission: so many copies, 6 MiB, are kept where they cannot be read where they lie.
 const QUERIES_TOGETHER: usize = 1 << 18;

@@ -11,9 +11,8 @@ use super::memory::{Blocks, Memory};
 use super::plan::{Question, Room, Sizes};
 use super::search::{Frames, Search, Task};
 use super::upload::{GatheredSets, Upload, Uploaded};
-use super::{ENGINE, SceneTools, wide};
-use crate::execute::gpu::error::GpuError;
-use crate::execute::gpu::frame::StepTime;
+use super::{ENGINE, wide};
+use crate::execute::gpu::{GpuError, SceneTools, StepTime};
 
 /// All that a scene keeps on a GPU.
 pub(super) struct Replica {

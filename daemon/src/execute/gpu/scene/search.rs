@@ -7,15 +7,14 @@ use pairmask_shaders::constants::CONTROL_HEADER_WORDS;
 use pairmask_shaders::layouts::{GridLayout, GridParams, SceneMode, SceneParams, SceneSummary};
 use pairmask_shaders::{GridStage, SceneStage, Stage};
 
-use super::SceneTools;
 use super::memory::{Blocks, RECORD_BYTES, StageBlocks};
-use super::plan::{self, Question, Room, Sizes};
+use super::plan;
+use super::plan::{Question, Room, Sizes};
 use super::upload::{SetIndices, Uploaded};
-use crate::execute::gpu::device::{Order, QueueRole};
-use crate::execute::gpu::error::GpuError;
-use crate::execute::gpu::frame::{Command, Frame, StepTime};
-use crate::execute::gpu::frame_cache::{FrameCache, Place};
-use crate::execute::gpu::memory::{Block, Part};
+use crate::execute::gpu::{
+    Block, Command, Frame, FrameCache, GpuError, Order, Part, Place, QueueRole, SceneTools,
+    StepTime,
+};
 
 /// Most tests of a search, in 2^32: 17 thousand million take an H200 tens of milliseconds. A scene that
 /// crowds more in one place is another engine's.
