@@ -24,7 +24,6 @@
 //! window         which rows and columns, and their bits           (pure)
 //! check          bits against the oracle                          (pure)
 //! sphere_oracle  two spheres, in exact rational arithmetic        (pure)
-//! name           what the log calls what was checked              (pure)
 //! scene          what a scene told, added up, against the oracle  (pure)
 //! thread         hands windows over and keeps the counts
 //! ```
@@ -70,12 +69,6 @@ impl fmt::Display for NotedName {
 }
 
 /// No frame, or one in N, drawn at random.
-///
-/// ```
-/// use pairmaskd::audit::AuditRate;
-/// assert_eq!("1/1000".parse::<AuditRate>().map(|rate| rate.to_string()), Ok("1/1000".into()));
-/// assert!("2/3".parse::<AuditRate>().is_err());
-/// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum AuditRate {
     /// None.

@@ -145,29 +145,21 @@ impl Window {
         self.span = span;
         self.bits.clear();
         self.bits.resize(self.span.rows.len() * self.span.row_words(), 0);
+        let order = match shape {
+            MaskShape::Sparse { order: Some(order), .. } => Some(section(reply, order)),
+            _ => None,
+        };
+        // A position beyond a too short order becomes an index without an object.
+        let index =
+            |p: u32| order.map_or(p, |order| order.get(p as usize).copied().unwrap_or(u32::MAX));
         self.indices.clear();
+        self.indices.extend(self.span.rows.clone().chain(self.span.columns.clone()).map(index));
         match shape {
-            MaskShape::Dense { words } => {
-                self.indices.extend(self.span.rows.clone().chain(self.span.columns.clone()));
-                self.take_dense(BoxCount::new(n), section(reply, words));
-            }
-            MaskShape::Sparse { rows, blocks, bits, order } => {
-                let positions = self.span.rows.clone().chain(self.span.columns.clone());
-                match order {
-                    Some(order) => {
-                        let order = section(reply, order);
-                        // A position beyond a too short order becomes an index without an object.
-                        let index = |p: u32| order.get(p as usize).copied().unwrap_or(u32::MAX);
-                        self.indices.extend(positions.map(index));
-                    }
-                    None => self.indices.extend(positions),
-                }
+            MaskShape::Dense { words } => self.take_dense(BoxCount::new(n), section(reply, words)),
+            MaskShape::Sparse { rows, blocks, bits, .. } => {
                 self.take_sparse([rows, blocks, bits].map(|span| section(reply, span)));
             }
-            MaskShape::List { pairs } => {
-                self.indices.extend(self.span.rows.clone().chain(self.span.columns.clone()));
-                self.take_list(section(reply, pairs));
-            }
+            MaskShape::List { pairs } => self.take_list(section(reply, pairs)),
             _ => {}
         }
     }

@@ -97,7 +97,6 @@ impl CpuSide {
 }
 
 /// A frame with its plan.
-#[derive(Debug)]
 pub struct Planned {
     pub(super) plan: Plan,
     pub(super) options: CullOptions,

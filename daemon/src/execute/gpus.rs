@@ -24,12 +24,6 @@ pub struct Gpus {
     next_home: Arc<AtomicUsize>,
 }
 
-impl std::fmt::Debug for Gpus {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Gpus").field("count", &self.all.len()).finish_non_exhaustive()
-    }
-}
-
 impl Gpus {
     pub(super) fn new(services: impl IntoIterator<Item = GpuService>) -> Self {
         let shared = services.into_iter().zip(0..).map(|(s, at)| Arc::new(SharedGpu::new(s, at)));
@@ -106,7 +100,7 @@ impl Gpus {
 }
 
 /// The GPUs that may keep a scene: its home, and beside it all others where the scene is large.
-#[derive(Clone, Debug)]
+#[derive(Clone)]
 pub struct SceneGpus {
     home: Option<Arc<SharedGpu>>,
     all: Gpus,

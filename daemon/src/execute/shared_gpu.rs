@@ -75,12 +75,6 @@ pub struct SharedGpu {
     queued_ns: Arc<AtomicU64>,
 }
 
-impl std::fmt::Debug for SharedGpu {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("SharedGpu").field("number", &self.number).finish_non_exhaustive()
-    }
-}
-
 impl SharedGpu {
     pub(super) fn new(service: GpuService, number: usize) -> Self {
         let outlook = Mutex::new(service.outlook());
@@ -260,7 +254,6 @@ impl Drop for Queued {
 }
 
 /// A frame that the GPU works on. Owns its memory; dropped, it waits for the GPU first.
-#[derive(Debug)]
 pub struct CullUnderWay<M: FrameMemory> {
     pub(super) frame: GridUnderWay<M>,
     pub(super) owner: Owner,
@@ -306,7 +299,6 @@ pub const BUNDLE_FRAMES: usize = gpu::BUNDLE_FRAMES;
 
 /// A frame that is to share a submission with others: made by [`Executor::join`](super::Executor::join),
 /// submitted by [`SharedGpu::begin_bundle`].
-#[derive(Debug)]
 pub struct Joining<M> {
     pub(super) planned: Planned,
     pub(super) owner: Owner,
@@ -371,7 +363,6 @@ impl SharedGpu {
 }
 
 /// A frame that the GPU could not serve.
-#[derive(Debug)]
 pub struct Unserved<M> {
     pub(super) error: CullError,
     pub(super) planned: Planned,

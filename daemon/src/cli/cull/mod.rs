@@ -131,7 +131,7 @@ impl Cull {
         let daemon = self.spawn.then(spawn).transpose()?;
         let mut session = self.connect(daemon.as_ref(), place, config)?;
 
-        let asked = match scene {
+        let Asked { times, frame, planned, look, world } = match scene {
             RawScene::Boxes(boxes) => {
                 let planner = self.explain.then(|| {
                     let (options, isa) = (self.options.cull_options(config), place.isa(config));
@@ -141,7 +141,7 @@ impl Cull {
             }
             RawScene::Spheres(spheres) => ask_spheres(&mut session, spheres),
         }?;
-        let Answered { mask, timings, planned, look, world } = answer(asked)?;
+        let (mask, timings) = answer(frame, times)?;
 
         let explanation = planned.map(|planned| Explanation::new(&planned, &mask, timings.decode));
         let warnings = self.warnings(look, &mask);
@@ -247,22 +247,12 @@ impl fmt::Display for RawScene {
 
 /// A frame that was read and submitted.
 struct Asked {
-    start: Instant,
-    read: Instant,
-    submitted: Instant,
+    /// When it was begun, read and submitted.
+    times: [Instant; 3],
     frame: PendingFrame,
     planned: Option<Planned>,
     look: Look,
     /// Bounds of the boxes, where a gap depends on their coordinates.
-    world: Bounds,
-}
-
-/// An answered frame: its pairs, the time of each stage, and the plan.
-struct Answered {
-    mask: PairMask,
-    timings: Timings,
-    planned: Option<Planned>,
-    look: Look,
     world: Bounds,
 }
 
@@ -279,9 +269,9 @@ fn ask_boxes(
         let read = Instant::now();
         let planned = planner.map(|plan| plan(exact.boxes()));
         let look = Look::at(exact.boxes());
-        let submitted = Instant::now();
+        let times = [start, read, Instant::now()];
         let world = Bounds::around(&[]);
-        return Ok(Asked { start, read, submitted, frame: exact.submit()?, planned, look, world });
+        return Ok(Asked { times, frame: exact.submit()?, planned, look, world });
     }
     let mut boxes = boxes.read()?;
     let has_margin = matches!(precision, PrecisionChoice::Margin(_));
@@ -292,8 +282,8 @@ fn ask_boxes(
     let read = Instant::now();
     let planned = planner.map(|plan| plan(&boxes));
     let look = Look::at(&boxes);
-    let submitted = Instant::now();
-    Ok(Asked { start, read, submitted, frame: narrow.submit()?, planned, look, world })
+    let times = [start, read, Instant::now()];
+    Ok(Asked { times, frame: narrow.submit()?, planned, look, world })
 }
 
 fn ask_spheres(
@@ -305,13 +295,14 @@ fn ask_spheres(
     spheres.read_into(frame.spheres_mut())?;
     let read = Instant::now();
     let look = Look::at(frame.spheres_mut());
-    let submitted = Instant::now();
-    let (frame, world) = (frame.submit()?, Bounds::around(&[]));
-    Ok(Asked { start, read, submitted, frame, planned: None, look, world })
+    let times = [start, read, Instant::now()];
+    Ok(Asked { times, frame: frame.submit()?, planned: None, look, world: Bounds::around(&[]) })
 }
 
-fn answer(asked: Asked) -> Result<Answered, CullCommandError> {
-    let Asked { start, read, submitted, frame, planned, look, world } = asked;
+fn answer(
+    frame: PendingFrame,
+    [start, read, submitted]: [Instant; 3],
+) -> Result<(PairMask, Timings), CullCommandError> {
     let mask = frame.wait()?;
     let answered = Instant::now();
     let mut decoded = 0;
@@ -328,7 +319,7 @@ fn answer(asked: Asked) -> Result<Answered, CullCommandError> {
         decode: end - answered,
         total: (end - submitted) + (read - start),
     };
-    Ok(Answered { mask, timings, planned, look, world })
+    Ok((mask, timings))
 }
 
 /// Why a result file was not written.

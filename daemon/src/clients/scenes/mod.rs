@@ -24,7 +24,6 @@ const BYTES_A_TAG: u64 = 12;
 const BYTES_A_SCENE: u64 = 64 << 10;
 
 /// A scene of a client.
-#[derive(Debug)]
 pub(crate) struct KeptScene {
     pub(crate) id: SceneId,
     /// The number of the last edit.

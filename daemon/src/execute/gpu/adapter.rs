@@ -6,13 +6,6 @@ use std::str::FromStr;
 use super::OpenError;
 
 /// The user's choice of GPU.
-///
-/// ```
-/// use pairmaskd::execute::gpu::GpuChoice;
-/// assert_eq!("auto".parse(), Ok(GpuChoice::Auto));
-/// assert_eq!("1".parse(), Ok(GpuChoice::Index(1)));
-/// assert_eq!("H200".parse(), Ok(GpuChoice::Name("H200".into())));
-/// ```
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub enum GpuChoice {
     /// The best real GPU; never a software adapter, which the CPU engines beat.
@@ -178,13 +171,6 @@ pub fn list_adapters() -> Vec<AdapterInfo> {
 }
 
 /// The user's choice of GPUs: choices of one each, with commas between them, or `all`.
-///
-/// ```
-/// use pairmaskd::execute::gpu::{GpuChoice, GpuChoices};
-/// assert_eq!("auto".parse(), Ok(GpuChoices::default()));
-/// assert_eq!("0,1".parse(), Ok(GpuChoices::Each(vec![GpuChoice::Index(0), GpuChoice::Index(1)])));
-/// assert_eq!("all".parse(), Ok(GpuChoices::All));
-/// ```
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum GpuChoices {
     /// One device for each of these. A software adapter that is named twice is opened twice.

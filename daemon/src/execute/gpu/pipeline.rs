@@ -44,7 +44,7 @@ impl Pipeline {
         bounded_loops: bool,
         checks: Checks,
         cache: vk::PipelineCache,
-    ) -> Result<Self, GpuError> {
+    ) -> Result<Arc<Self>, GpuError> {
         let code = spirv(stage, bounded_loops, checks)?;
         let raw = gpu.raw();
         let mut made = Self {
@@ -90,7 +90,7 @@ impl Pipeline {
         unsafe { raw.destroy_shader_module(module, None) };
         let created = gpu.noticed(created.map_err(|(_, error)| error))?;
         made.raw = created.first().copied().unwrap_or_default();
-        Ok(made)
+        Ok(Arc::new(made))
     }
 
     /// The stage's name.
@@ -146,7 +146,8 @@ impl Pipelines {
         let composed = stage
             .composed()
             .map_err(|_| GpuError::Stage { stage: stage.label(), why: StageFault::Compose })?;
-        let pipeline = self.compile_with(&composed, has_bounded_loops(stage))?;
+        let bounded = has_bounded_loops(stage);
+        let pipeline = Pipeline::new(&self.gpu, &composed, bounded, self.checks, self.cache)?;
         self.made.insert(stage, Arc::clone(&pipeline));
         Ok(pipeline)
     }
@@ -156,16 +157,7 @@ impl Pipelines {
     /// # Errors
     /// [`GpuError`].
     pub fn compile(&self, stage: &ComposedStage) -> Result<Arc<Pipeline>, GpuError> {
-        self.compile_with(stage, false)
-    }
-
-    fn compile_with(
-        &self,
-        stage: &ComposedStage,
-        bounded_loops: bool,
-    ) -> Result<Arc<Pipeline>, GpuError> {
-        let made = Pipeline::new(&self.gpu, stage, bounded_loops, self.checks, self.cache)?;
-        Ok(Arc::new(made))
+        Pipeline::new(&self.gpu, stage, false, self.checks, self.cache)
     }
 
     /// Writes the cache to disk. A failure costs the next start its speed and no more, so it is

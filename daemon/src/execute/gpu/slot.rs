@@ -58,15 +58,9 @@ pub enum SlotState {
     /// A device is there.
     Ready,
     /// No device; the next try comes soon.
-    Lost {
-        /// For how long.
-        since: Instant,
-    },
-    /// A device is being opened.
-    Rebuilding {
-        /// For how long there has been none.
-        since: Instant,
-    },
+    Lost,
+    /// The device that follows a lost one is being opened.
+    Rebuilding,
 }
 
 impl GpuSlot {
@@ -102,15 +96,14 @@ impl GpuSlot {
             State::Opening(_) => SlotState::Opening,
             State::Missing => SlotState::Missing,
             State::Ready(_) => SlotState::Ready,
-            State::Lost { since, .. } => SlotState::Lost { since: *since },
-            State::Rebuilding { since } => SlotState::Rebuilding { since: *since },
+            State::Lost { .. } => SlotState::Lost,
+            State::Rebuilding { .. } => SlotState::Rebuilding,
         }
     }
 
     fn step(&mut self, now: Instant) {
-        if let State::Opening(if_missing) = &self.state {
-            let if_missing = if_missing.clone();
-            self.take_in_first(now, if_missing);
+        if let State::Opening(_) = self.state {
+            self.take_in(now);
         }
         if let State::Ready(gpu) = &self.state
             && gpu.health().is_lost()
@@ -130,8 +123,8 @@ impl GpuSlot {
                 }
             };
         }
-        if let State::Rebuilding { since } = self.state {
-            self.take_in(now, since);
+        if let State::Rebuilding { .. } = self.state {
+            self.take_in(now);
         }
     }
 
@@ -145,50 +138,38 @@ impl GpuSlot {
         Ok(())
     }
 
-    /// Takes in what the thread came to that opens the first device, if it has.
-    fn take_in_first(&mut self, now: Instant, if_missing: IfMissing) {
-        let Some(opening) = &self.opening else { return };
-        let error = match opening.progress() {
-            Progress::UnderWay => return,
-            Progress::Done(Ok(gpu)) => {
-                log::info!("GPU: {}", gpu.info().name);
-                self.state = State::Ready(gpu);
-                return;
-            }
-            Progress::Done(Err(error)) => error,
-            // A driver that panics has no device.
-            Progress::Panicked => GpuError::Lost.into(),
-        };
-        self.state = match if_missing {
-            IfMissing::DoWithout => {
-                log::info!("serving without a GPU: {error}");
-                State::Missing
-            }
-            IfMissing::Report(report) => {
-                report(error);
-                State::Missing
-            }
-            IfMissing::TryAgain => {
-                log::warn!("the GPU is not back yet: {error}");
-                State::Lost { since: now, retry_at: now + RETRY_AFTER }
-            }
-        };
-    }
-
     /// Takes in what the thread that opens a device came to, if it has.
-    fn take_in(&mut self, now: Instant, since: Instant) {
+    fn take_in(&mut self, now: Instant) {
         let Some(opening) = &self.opening else { return };
-        self.state = match opening.progress() {
+        let opened = match opening.progress() {
             Progress::UnderWay => return,
-            Progress::Done(Ok(gpu)) => {
+            Progress::Done(opened) => opened,
+            // A driver that panics has no device.
+            Progress::Panicked => Err(GpuError::Lost.into()),
+        };
+        let not_yet = |error, since| {
+            log::warn!("the GPU is not back yet: {error}");
+            State::Lost { since, retry_at: now + RETRY_AFTER }
+        };
+        self.state = match (std::mem::replace(&mut self.state, State::Missing), opened) {
+            (State::Rebuilding { since }, Ok(gpu)) => {
                 log::info!("the GPU {} is back after {:?}", gpu.info().name, now - since);
                 State::Ready(gpu)
             }
-            Progress::Done(Err(error)) => {
-                log::warn!("the GPU is not back yet: {error}");
-                State::Lost { since, retry_at: now + RETRY_AFTER }
+            (State::Rebuilding { since }, Err(error)) => not_yet(error, since),
+            (_, Ok(gpu)) => {
+                log::info!("GPU: {}", gpu.info().name);
+                State::Ready(gpu)
             }
-            Progress::Panicked => State::Lost { since, retry_at: now + RETRY_AFTER },
+            (State::Opening(IfMissing::TryAgain), Err(error)) => not_yet(error, now),
+            (State::Opening(IfMissing::Report(report)), Err(error)) => {
+                report(error);
+                State::Missing
+            }
+            (_, Err(error)) => {
+                log::info!("serving without a GPU: {error}");
+                State::Missing
+            }
         };
     }
 }

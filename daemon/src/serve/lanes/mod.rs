@@ -15,8 +15,7 @@
 //!
 //! ```text
 //! workers    what each thread does, and who listens     (pure)
-//! patience   how long they spin for the next request    (pure)
-//! scheduler  whose turn it is, with how many threads    (pure)
+//! scheduler  whose turn it is, with how many threads, and how long they spin  (pure)
 //! mod        the threads
 //! ```
 

@@ -104,12 +104,6 @@ impl<M: FrameMemory> Drop for GridUnderWay<M> {
     }
 }
 
-impl<M: FrameMemory> std::fmt::Debug for GridUnderWay<M> {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("GridUnderWay").finish_non_exhaustive()
-    }
-}
-
 /// A submission that several workspaces wait for.
 #[derive(Clone)]
 pub(super) struct Bundle(Arc<Mutex<Submission>>);

@@ -143,16 +143,6 @@ pub struct GpuScene {
     times: EditTimes,
 }
 
-impl std::fmt::Debug for GpuScene {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let known = &self.known;
-        f.debug_struct("GpuScene")
-            .field("boxes", &self.len())
-            .field("known", known)
-            .finish_non_exhaustive()
-    }
-}
-
 impl GpuScene {
     /// A scene without boxes.
     pub fn new(tools: &Arc<SceneTools>, options: SceneOptions) -> Self {
