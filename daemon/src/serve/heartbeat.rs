@@ -46,8 +46,8 @@ impl Beating {
         let rounds = Rounds::default();
         let (counted, name) = (rounds.clone(), instance.clone());
         let work = move |stop: &AtomicBool| beat(heart, &counted, stop, &name);
-        let _thread = StoppedThread::start("heartbeat", "starting the heartbeat", work)?;
-        Ok(Self { rounds, _thread })
+        let thread = StoppedThread::start("heartbeat", "starting the heartbeat", work)?;
+        Ok(Self { rounds, _thread: thread })
     }
 }
 

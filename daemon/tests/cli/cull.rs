@@ -56,8 +56,10 @@ fn list_pairs(words: &[u32], n: u32) -> Vec<Pair> {
     pairs
 }
 
+type Decoder = fn(&[u32], u32) -> Vec<Pair>;
+
 /// What reads a mask file of each encoding.
-const DECODERS: [(&str, fn(&[u32], u32) -> Vec<Pair>); 3] =
+const DECODERS: [(&str, Decoder); 3] =
     [("dense", dense_pairs), ("sparse", sparse_pairs), ("list", list_pairs)];
 
 #[test]

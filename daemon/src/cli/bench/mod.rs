@@ -214,6 +214,9 @@ impl BenchError {
 
 impl Latency {
     /// Measures a row for every wait, scene and precision, and prints them.
+    ///
+    /// # Errors
+    /// [`BenchError`].
     pub fn run(&self, place: &Place, config: &Config) -> Result<(), BenchError> {
         let is_alone = self.options.backend(config, Backend::Daemon) == Backend::InProcess;
         if self.pin && is_alone {
