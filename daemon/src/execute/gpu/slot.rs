@@ -58,9 +58,15 @@ pub enum SlotState {
     /// A device is there.
     Ready,
     /// No device; the next try comes soon.
-    Lost,
+    Lost {
+        /// For how long.
+        since: Instant,
+    },
     /// The device that follows a lost one is being opened.
-    Rebuilding,
+    Rebuilding {
+        /// For how long there has been none.
+        since: Instant,
+    },
 }
 
 impl GpuSlot {
@@ -96,8 +102,8 @@ impl GpuSlot {
             State::Opening(_) => SlotState::Opening,
             State::Missing => SlotState::Missing,
             State::Ready(_) => SlotState::Ready,
-            State::Lost { .. } => SlotState::Lost,
-            State::Rebuilding { .. } => SlotState::Rebuilding,
+            State::Lost { since, .. } => SlotState::Lost { since: *since },
+            State::Rebuilding { since } => SlotState::Rebuilding { since: *since },
         }
     }
 
