@@ -35,13 +35,6 @@ impl FileError {
 }
 
 /// The problem and the advice: the end of a sentence that begins with the file's name.
-///
-/// ```
-/// use std::io::{Error, ErrorKind};
-/// use pairmaskd::file_error::{Access, advice};
-/// let denied = Error::from(ErrorKind::PermissionDenied);
-/// assert!(advice(Access::Read, &denied).to_string().starts_with("you may not read it: "));
-/// ```
 pub fn advice(access: Access, error: &io::Error) -> impl fmt::Display {
     let text = match (error.kind(), access) {
         (ErrorKind::NotFound, Access::Read) => "there is no such file: check its name",

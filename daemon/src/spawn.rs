@@ -158,9 +158,6 @@ impl PrivateDaemon {
 
     /// Starts this process's own binary as a daemon: for the command line, whose binary is the
     /// daemon's.
-    ///
-    /// # Errors
-    /// [`SpawnError`].
     pub(crate) fn start_self(settings: &PrivateSettings) -> Result<Self, SpawnError> {
         Self::start(&own_binary()?, settings)
     }

@@ -236,26 +236,14 @@ impl TimedClient {
         decoding: &mut Decoding,
         look: impl FnOnce(&PairMask),
     ) -> Result<TimedFrame, TimedError> {
-        Self::exact_frame(session, n, |_, out| write(out), decoding, look)
-    }
-
-    fn exact_frame(
-        session: &mut Session,
-        n: usize,
-        write: impl FnOnce(&Decoding, &mut [Aabb]),
-        decoding: &mut Decoding,
-        look: impl FnOnce(&PairMask),
-    ) -> Result<TimedFrame, TimedError> {
         decoding.expect();
         let start = Instant::now();
         let mut frame = session.frame(n)?;
-        write(decoding, frame.boxes_mut());
+        write(frame.boxes_mut());
         let filled = Instant::now();
         let mask = frame.submit()?.wait()?;
         let times = [start, filled, Instant::now()];
-        let timed = decode(&mask, decoding, true, times)?;
-        look(&mask);
-        Ok(timed)
+        decode(&mask, decoding, true, times).inspect(|_| look(&mask))
     }
 
     /// Runs a frame of boxes. `look` gets the mask after the clock has stopped.
@@ -284,8 +272,10 @@ impl TimedClient {
         let start = Instant::now();
         let (pending, filled) = match self {
             Self::Exact(session) => {
-                let write = |threads: &Decoding, out: &mut [Aabb]| threads.write(boxes, out);
-                return Self::exact_frame(session, boxes.len(), write, decoding, look);
+                let mut frame = session.frame(boxes.len())?;
+                decoding.write(boxes, frame.boxes_mut());
+                let filled = Instant::now();
+                (frame.submit()?, filled)
             }
             Self::Narrow(session, precision) => {
                 let mut frame = session.narrow_frame(boxes.len(), *precision)?;
@@ -295,15 +285,13 @@ impl TimedClient {
             }
             Self::Margined(margined) => {
                 let (mask, was_asked) = margined.cull(boxes)?;
-                let timed = decode(mask, decoding, was_asked, [start, start, Instant::now()])?;
-                look(mask);
-                return Ok(timed);
+                let times = [start, start, Instant::now()];
+                return decode(mask, decoding, was_asked, times).inspect(|_| look(mask));
             }
         };
         let mask = pending.wait()?;
-        let timed = decode(&mask, decoding, true, [start, filled, Instant::now()])?;
-        look(&mask);
-        Ok(timed)
+        let times = [start, filled, Instant::now()];
+        decode(&mask, decoding, true, times).inspect(|_| look(&mask))
     }
 }
 

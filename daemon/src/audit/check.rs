@@ -25,11 +25,11 @@ pub fn check(window: &Window) -> Outcome {
 
 /// As [`check`], where a pair is one that `may_meet` besides.
 pub(super) fn check_by_rules(window: &Window, may_meet: impl Fn(u32, u32) -> bool) -> Outcome {
-    if window.spheres().is_empty() {
-        let corners: Vec<Corners> = window.boxes().iter().map(Corners::of).collect();
+    if window.spheres.is_empty() {
+        let corners: Vec<Corners> = window.boxes.iter().map(Corners::of).collect();
         compare(window, &corners, Corners::overlap, may_meet)
     } else {
-        compare(window, window.spheres(), sphere_oracle::overlap, may_meet)
+        compare(window, &window.spheres, sphere_oracle::overlap, may_meet)
     }
 }
 
@@ -40,7 +40,7 @@ fn compare<T>(
     overlap: impl Fn(&T, &T) -> bool,
     may_meet: impl Fn(u32, u32) -> bool,
 ) -> Outcome {
-    let span = window.span();
+    let span = &window.span;
     let (rows, columns) = objects.split_at(span.rows.len().min(objects.len()));
     let mut outcome = Outcome::default();
     for (row, (position, one)) in span.rows.clone().zip(rows).enumerate() {
@@ -66,23 +66,23 @@ fn compare<T>(
 
 #[cfg(test)]
 mod tests {
-    // Rules are filled as users fill them.
     #![allow(clippy::field_reassign_with_default)]
-
     use std::sync::Arc;
 
     use bytemuck::Zeroable;
     use pairmask_core::dispatch::{CpuEngines, CullOptions, SphereEngines};
-    use pairmask_core::engine::{CullReport, EngineChoice, EngineName, HeapReply};
+    use pairmask_core::engine::{CullReport, HeapReply};
     use pairmask_core::filters::{Owner, Rules, Tag};
     use pairmask_core::objects::Objects;
-    use pairmask_core::{BoxCount, BoxForm, Encoding, EncodingChoice};
+    use pairmask_core::{BoxCount, BoxForm, Encoding, EncodingChoice, EngineChoice, EngineName};
     use pairmask_tests::{SphereCase, lose_a_pair, stress_scenes as scenes};
     use pairmask_wire::{Page, RulesLayout, RulesReader, ScenePlace, SentRules, page_count};
 
-    use super::super::window::{Reach, Span2};
     use super::*;
+    use crate::audit::window::{Reach, Span2};
     use crate::scene::Random;
+
+    // Rules are filled as users fill them.
 
     type Sent = Option<Arc<SentRules>>;
 

@@ -24,21 +24,97 @@
 //! window         which rows and columns, and their bits           (pure)
 //! check          bits against the oracle                          (pure)
 //! sphere_oracle  two spheres, in exact rational arithmetic        (pure)
-//! name           what the log calls what was checked              (pure)
 //! scene          what a scene told, added up, against the oracle  (pure)
 //! thread         hands windows over and keeps the counts
 //! ```
 
 mod check;
-mod name;
-mod rate;
 mod scene;
 pub mod sphere_oracle;
 mod thread;
 mod window;
 
-pub use check::{Outcome, check};
-pub use rate::{AuditRate, BadRate};
-pub use scene::{SceneAudit, SceneNote};
-pub use thread::{AuditedFrame, AuditedScene, Auditor};
-pub use window::{Reach, Span2, Window};
+pub use self::check::{Outcome, check};
+pub use self::scene::{SceneAudit, SceneNote};
+pub use self::thread::{AuditedFrame, AuditedScene, Auditor};
+pub use self::window::{Reach, Span2, Window};
+
+use std::fmt;
+use std::num::NonZeroU32;
+use std::str::FromStr;
+
+/// A frame, a query, or an edit of a scene.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum NotedName {
+    /// Of one client.
+    Request {
+        /// Token of the client.
+        client_token: u64,
+        /// The client's number of the request.
+        frame: u64,
+    },
+    /// An edit of a scene that several sessions write, by its number among those that changed the scene.
+    Tick(u64),
+}
+
+impl fmt::Display for NotedName {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Request { client_token, frame } => {
+                write!(f, "frame {frame} of client {client_token:016x}")
+            }
+            Self::Tick(number) => write!(f, "edit {number} of a shared scene"),
+        }
+    }
+}
+
+/// No frame, or one in N, drawn at random.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum AuditRate {
+    /// None.
+    #[default]
+    Off,
+    /// One in N.
+    OneIn(NonZeroU32),
+}
+
+/// The text is no rate.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("'{0}' is no rate of audits: write 1/1000 for one frame in a thousand, or off")]
+pub struct BadRate(String);
+
+impl FromStr for AuditRate {
+    type Err = BadRate;
+
+    fn from_str(s: &str) -> Result<Self, BadRate> {
+        if s == "off" {
+            return Ok(Self::Off);
+        }
+        let one_in = s.strip_prefix("1/").and_then(|n| n.parse().ok());
+        one_in.map(Self::OneIn).ok_or_else(|| BadRate(s.to_owned()))
+    }
+}
+
+impl fmt::Display for AuditRate {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Off => f.write_str("off"),
+            Self::OneIn(n) => write!(f, "1/{n}"),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rates_parse_back_and_others_are_refused() {
+        for text in ["off", "1/1", "1/1000"] {
+            assert_eq!(text.parse::<AuditRate>().map(|rate| rate.to_string()).as_deref(), Ok(text));
+        }
+        for text in ["", "1/0", "2/3", "0.1", "1/", "1/-4"] {
+            assert!(text.parse::<AuditRate>().is_err(), "{text}");
+        }
+    }
+}

@@ -7,16 +7,15 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use bytemuck::Zeroable;
-use pairmask_core::aabb::Aabb;
-use pairmask_core::engine::EngineChoice;
 use pairmask_core::filters::Tag;
 use pairmask_core::objects::Objects;
 use pairmask_core::oracle::Corners;
 use pairmask_core::scene::{Edit, QueryTags, SceneCopy, Told, Want};
+use pairmask_core::{Aabb, EngineChoice};
 use pairmask_wire::{EditLayout, EditScratch, Page, SceneId, SceneRequest, page_count};
 
+use super::NotedName;
 use super::check::{Outcome, check_by_rules};
-use super::name::NotedName;
 use super::window::Window;
 use crate::scene::Random;
 

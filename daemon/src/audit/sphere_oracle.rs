@@ -9,7 +9,7 @@
 //! whole within 64 bits and their squares within 128; that is most pairs. All others take arrays of
 //! digits; the tests compare both ways.
 
-use pairmask_core::sphere::Sphere;
+use pairmask_core::Sphere;
 
 /// Whether two spheres share a point, by the rules of [`pairmask_core::sphere`].
 ///

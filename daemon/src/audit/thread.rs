@@ -7,16 +7,15 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 
 use pairmask_core::mask::MaskShape;
-use pairmask_core::objects::{ObjectForm, Objects};
+use pairmask_core::objects::Objects;
 use pairmask_core::scene::QueryTags;
-use pairmask_core::{Aabb, BoxCount};
+use pairmask_core::{Aabb, BoxCount, ObjectForm};
 use pairmask_wire::{AuditCounts, ReplyFields, SentRules};
 
 use super::check::{Outcome, check};
-use super::name::NotedName;
-use super::rate::AuditRate;
 use super::scene::{QueryNote, SceneAudit, SceneNote};
 use super::window::{Reach, Span2, Window};
+use super::{AuditRate, NotedName};
 use crate::scene::Random;
 
 /// Windows in circulation: one being checked while the next is filled.
@@ -130,6 +129,12 @@ impl AuditedFrame<'_> {
 }
 
 impl Running {
+    /// Has something checked, where the channel has room: as it has for all windows. A thread that panicked receives
+    /// none.
+    fn send(&self, work: Work) -> bool {
+        self.full.as_ref().is_some_and(|full| full.try_send(work).is_ok())
+    }
+
     fn lots(&self) -> MutexGuard<'_, Lots> {
         self.lots.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -199,13 +204,10 @@ impl Auditor {
         objects: Objects<'_>,
         rules: Option<Arc<SentRules>>,
     ) {
-        let Some(full) = self.running.as_ref().and_then(|running| running.full.as_ref()) else {
-            return;
-        };
+        let Some(running) = &self.running else { return };
         window.take_objects(objects);
         window.take_rules(rules);
-        // The channel has room for all windows; a thread that panicked receives none.
-        let _ = full.try_send(Work::Window(window));
+        running.send(Work::Window(window));
     }
 
     /// Copies the boxes of a query and has the window of its answer checked.
@@ -216,11 +218,10 @@ impl Auditor {
         queries: &[Aabb],
         tags: &QueryTags<'_>,
     ) {
-        let full = self.running.as_ref().and_then(|running| running.full.as_ref());
-        let Some(full) = full else { return };
-        let query = QueryNote::new(window, queries, tags);
-        // The channel has room for all windows.
-        let _ = full.try_send(Work::Query(Arc::clone(&scene.0), query));
+        if let Some(running) = &self.running {
+            let query = QueryNote::new(window, queries, tags);
+            running.send(Work::Query(Arc::clone(&scene.0), query));
+        }
     }
 
     /// Draws whether a scene that begins is audited.
@@ -238,14 +239,11 @@ impl Auditor {
     /// Has an edit of an audited scene followed. `note` is called where that can be.
     pub fn follow(&self, scene: &AuditedScene, note: impl FnOnce() -> Option<SceneNote>) {
         let token = &scene.0;
-        let Some(running) = self.running.as_ref() else { return };
-        let Some(full) = running.full.as_ref().filter(|_| !token.is_lost()) else {
-            return;
-        };
+        let Some(running) = self.running.as_ref().filter(|_| !token.is_lost()) else { return };
         // The channel keeps room for all windows.
         let waiting = &running.found.edits;
         let has_room = waiting.fetch_add(1, Ordering::Relaxed) < NOTES;
-        let send = |note| full.try_send(Work::Edit(Arc::clone(token), Box::new(note))).is_ok();
+        let send = |note| running.send(Work::Edit(Arc::clone(token), Box::new(note)));
         let sent = || note().is_some_and(send);
         if !(has_room && sent()) {
             waiting.fetch_sub(1, Ordering::Relaxed);

@@ -4,11 +4,11 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use pairmask_core::mask::{MaskShape, Span};
-use pairmask_core::objects::{ObjectForm, Objects};
-use pairmask_core::{Aabb, BoxCount, Sphere, pair_index};
+use pairmask_core::objects::Objects;
+use pairmask_core::{Aabb, BoxCount, ObjectForm, Sphere, pair_index};
 use pairmask_wire::SentRules;
 
-use super::name::NotedName;
+use super::NotedName;
 use crate::scene::Random;
 
 /// How much of a frame a window may hold.
@@ -93,16 +93,16 @@ impl Span2 {
 /// A window to be checked. Its memory is reused.
 #[derive(Debug, Default)]
 pub struct Window {
-    span: Span2,
+    pub(super) span: Span2,
     /// One bit for every row and column, rows padded to words. Columns not after their row are
     /// unspecified.
     bits: Vec<u32>,
     /// Index of the object at each row, then at each column.
     indices: Vec<u32>,
     /// The boxes at `indices`; none in a frame of spheres.
-    boxes: Vec<Aabb>,
+    pub(super) boxes: Vec<Aabb>,
     /// The spheres at `indices`; none in a frame of boxes.
-    spheres: Vec<Sphere>,
+    pub(super) spheres: Vec<Sphere>,
     /// The rules of the frame; `None` where all objects may meet.
     rules: Option<Arc<SentRules>>,
     /// Boxes of the first set, where the frame is of two: those of one set do not meet.
@@ -145,29 +145,21 @@ impl Window {
         self.span = span;
         self.bits.clear();
         self.bits.resize(self.span.rows.len() * self.span.row_words(), 0);
+        let order = match shape {
+            MaskShape::Sparse { order: Some(order), .. } => Some(section(reply, order)),
+            _ => None,
+        };
+        // A position beyond a too short order becomes an index without an object.
+        let index =
+            |p: u32| order.map_or(p, |order| order.get(p as usize).copied().unwrap_or(u32::MAX));
         self.indices.clear();
+        self.indices.extend(self.span.rows.clone().chain(self.span.columns.clone()).map(index));
         match shape {
-            MaskShape::Dense { words } => {
-                self.indices.extend(self.span.rows.clone().chain(self.span.columns.clone()));
-                self.take_dense(BoxCount::new(n), section(reply, words));
-            }
-            MaskShape::Sparse { rows, blocks, bits, order } => {
-                let positions = self.span.rows.clone().chain(self.span.columns.clone());
-                match order {
-                    Some(order) => {
-                        let order = section(reply, order);
-                        // A position beyond a too short order becomes an index without an object.
-                        let index = |p: u32| order.get(p as usize).copied().unwrap_or(u32::MAX);
-                        self.indices.extend(positions.map(index));
-                    }
-                    None => self.indices.extend(positions),
-                }
+            MaskShape::Dense { words } => self.take_dense(BoxCount::new(n), section(reply, words)),
+            MaskShape::Sparse { rows, blocks, bits, .. } => {
                 self.take_sparse([rows, blocks, bits].map(|span| section(reply, span)));
             }
-            MaskShape::List { pairs } => {
-                self.indices.extend(self.span.rows.clone().chain(self.span.columns.clone()));
-                self.take_list(section(reply, pairs));
-            }
+            MaskShape::List { pairs } => self.take_list(section(reply, pairs)),
             _ => {}
         }
     }
@@ -244,11 +236,6 @@ impl Window {
         }
     }
 
-    /// The rows and columns.
-    pub(super) const fn span(&self) -> &Span2 {
-        &self.span
-    }
-
     /// Puts boxes, counted from 0, in the places of the second set. Returns the number of the first.
     pub(super) fn fill_second_set(&mut self, box_at: impl Fn(u32) -> Option<Aabb>) -> u32 {
         let first = self.first_set.map_or(0, BoxCount::get);
@@ -258,16 +245,6 @@ impl Window {
             }
         }
         first
-    }
-
-    /// The boxes of the rows, then of the columns; none in a frame of spheres.
-    pub(super) fn boxes(&self) -> &[Aabb] {
-        &self.boxes
-    }
-
-    /// The spheres of the rows, then of the columns; none in a frame of boxes.
-    pub(super) fn spheres(&self) -> &[Sphere] {
-        &self.spheres
     }
 
     /// Whether the rules and the sets of the frame let two of its objects meet, the first of which has the

@@ -9,8 +9,6 @@ pub mod config;
 mod cull;
 pub mod daemon_cpu;
 mod demo;
-mod driver_warnings;
-mod error;
 mod explain;
 pub mod machine;
 pub mod options;
@@ -32,10 +30,18 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
-use self::config::Config;
-use self::error::CliError;
+use self::bench::BenchError;
+use self::config::{Config, ConfigError};
+use self::cull::CullCommandError;
+use self::demo::DemoError;
+use self::explain::ExplainCommandError;
 use self::options::Place;
+use self::output::OutputError;
+use self::program::{FAILED, Failure, USAGE, WrongUsage, says_why};
+use self::scene::SceneCommandError;
+use self::status::StatusCommandError;
 use crate::publish::AlterAnswer;
+use crate::serve::ServeError;
 
 /// Finds the overlapping pairs of boxes for other processes, through shared memory.
 #[derive(Debug, Parser)]
@@ -120,5 +126,54 @@ impl Command {
             Self::Serve(_) => "info",
             _ => "warn",
         }
+    }
+}
+
+/// Why a command failed.
+#[derive(Debug, thiserror::Error)]
+enum CliError {
+    /// The command line is wrong.
+    #[error(transparent)]
+    Usage(#[from] WrongUsage),
+    /// Help or version could not be printed.
+    #[error(transparent)]
+    Output(#[from] OutputError),
+    #[error(transparent)]
+    Config(#[from] ConfigError),
+    #[error(transparent)]
+    Serve(#[from] ServeError),
+    #[error(transparent)]
+    Cull(#[from] CullCommandError),
+    #[error(transparent)]
+    Demo(#[from] DemoError),
+    #[error(transparent)]
+    Bench(#[from] BenchError),
+    #[error(transparent)]
+    Scene(#[from] SceneCommandError),
+    #[error(transparent)]
+    Status(#[from] StatusCommandError),
+    #[error(transparent)]
+    Explain(#[from] ExplainCommandError),
+}
+
+impl Failure for CliError {
+    fn exit_code(&self) -> u8 {
+        match self {
+            Self::Usage(_) | Self::Config(_) => USAGE,
+            Self::Bench(error) if error.is_usage() => USAGE,
+            Self::Cull(error) if error.is_usage() => USAGE,
+            _ => FAILED,
+        }
+    }
+
+    fn was_said(&self) -> bool {
+        says_why(match self {
+            Self::Serve(ServeError::Worker { code }) => Some(*code),
+            Self::Demo(DemoError::Client { status }) => status.code(),
+            Self::Cull(CullCommandError::Spawn(error))
+            | Self::Demo(DemoError::Spawn(error))
+            | Self::Bench(BenchError::Spawn(error)) => error.exit_code(),
+            _ => None,
+        })
     }
 }

@@ -8,7 +8,7 @@ use std::process::ExitCode;
 use clap::{Command, FromArgMatches};
 
 use super::output::{OutputError, print_aside};
-use super::{driver_warnings, usage};
+use super::usage;
 
 /// Exit status: the command failed, or no daemon serves.
 pub const FAILED: u8 = 1;
@@ -43,7 +43,7 @@ pub fn run<C: FromArgMatches, E: Failure>(
     command: &Command,
     run: impl FnOnce(&C) -> Result<(), E>,
 ) -> ExitCode {
-    driver_warnings::silence();
+    silence();
     let arguments: Vec<OsString> = std::env::args_os().collect();
     let done = parse(command, &arguments).and_then(|parsed| parsed.map_or(Ok(()), |cli| run(&cli)));
     match done {
@@ -95,4 +95,37 @@ fn is_closed_pipe(error: &dyn Error) -> bool {
         cause = error.source();
     }
     false
+}
+
+/// Variable that switches off Mesa's layer that sorts adapters. The layer asks the display which
+/// adapter it runs on, and warns on stderr where there is no display (`XDG_RUNTIME_DIR is invalid or
+/// not set`). Pairmask needs no sorting: users choose by `--gpu`. The daemon's worker inherits the
+/// variable, so that a number in `--gpu` means the same adapter in every command.
+const NO_SORTING_LAYER: &str = "NODEVICE_SELECT";
+
+/// Switches the layer off for this process and its children, unless the user has set the variable.
+/// Call it first: it changes nothing in a process that has other threads.
+#[allow(unsafe_code)]
+pub fn silence() {
+    if std::env::var_os(NO_SORTING_LAYER).is_some() || !is_single_threaded() {
+        return;
+    }
+    // SAFETY: the environment may be changed while no other thread can read it. The kernel lists one
+    // thread for this process, the one that runs here, so that no other can start meanwhile.
+    unsafe { std::env::set_var(NO_SORTING_LAYER, "1") };
+}
+
+fn is_single_threaded() -> bool {
+    std::fs::read_dir("/proc/self/task").is_ok_and(|threads| threads.count() == 1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::is_single_threaded;
+
+    #[test]
+    fn a_process_with_more_threads_is_left_alone() {
+        // The test harness runs this in a thread of its own.
+        assert!(!is_single_threaded());
+    }
 }

@@ -10,7 +10,7 @@ use pairmask_transport::{DaemonRecord, GpuCounts, RuntimeDir};
 use pairmask_wire::{
     AuditCounts, InstanceError, InstanceName, RecordedError, SkipTotals, StatusBody, StatusCode,
 };
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
 use super::config::Config;
 use super::options::Place;
@@ -40,53 +40,39 @@ pub struct Status {
 /// Why `status` failed.
 #[derive(Debug, thiserror::Error)]
 pub enum StatusCommandError {
-    /// No daemon answers.
     #[error("no daemon answers under {}: start one with `pairmaskd serve`", dir.path().display())]
     NoDaemon { dir: RuntimeDir },
-    /// No daemon answers for the instance that was asked for.
     #[error("no daemon of instance '{instance}' answers under {}: start one with `pairmaskd serve --instance {instance}`", dir.path().display())]
     NoInstance { instance: InstanceName, dir: RuntimeDir },
-    /// The directory cannot be trusted or read.
     #[error(transparent)]
     Place(#[from] InstanceError),
     #[error(transparent)]
     Output(#[from] OutputError),
 }
 
-/// The JSON object of `status --json`. Fields may be added, never changed or taken away.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+/// The JSON object of `status --json`, whose fields `CLI.md` explains. Fields may be added, never changed or taken away.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 struct StatusReport {
-    /// The directory that was searched.
     runtime_dir: String,
-    /// Its instances, by name.
     instances: Vec<InstanceReport>,
 }
 
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 struct InstanceReport {
-    /// Its name.
     instance: String,
     state: State,
-    /// Wire version, `major.minor`.
     version: String,
-    /// Id of the worker.
     pid: u32,
-    /// Id of the supervisor.
     supervisor_pid: u32,
-    /// The daemon's counters, the last known ones where it is silent; null where it is dead.
     daemon: Option<DaemonReport>,
-    /// Why the daemon does not answer; null where it does.
     problem: Option<String>,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 enum State {
-    /// The daemon answers.
     Alive,
-    /// The worker lives and does not answer.
     Silent,
-    /// The worker is gone and its record is left.
     Dead,
 }
 
@@ -100,73 +86,41 @@ impl State {
     }
 }
 
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 struct DaemonReport {
-    /// Age of these figures.
     age_ns: u64,
-    /// Time since the worker began to serve.
     uptime_ns: u64,
-    /// Number of clients that are connected.
     clients: u32,
-    /// GPUs that are being opened, while cores serve.
-    #[serde(default)]
     gpus_opening: u32,
-    /// GPUs that serve.
-    #[serde(default)]
     gpus: u32,
-    /// Frames answered with a mask.
     frames: u64,
-    /// Boxes in those frames.
     boxes: u64,
-    /// Spheres in those frames.
     spheres: u64,
-    /// Pairs in those frames.
     pairs: u64,
-    /// Scenes that clients keep there.
-    #[serde(default)]
     scenes: u32,
-    /// Memory that they take, MiB.
-    #[serde(default)]
     scene_mib: u32,
-    /// Frames that were equal to their session's last one.
-    #[serde(default)]
     repeats: u64,
-    /// Work that answers left out.
-    #[serde(default)]
     skipped: Skipped,
-    /// Requests answered with an error.
     errors: u64,
-    /// The last of them, newest first.
     last_errors: Vec<ErrorReport>,
-    /// The auditor's counts; null without an auditor (`serve --audit`).
     audit: Option<AuditReport>,
 }
 
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 struct AuditReport {
-    /// One frame in this many is checked.
     one_in: u64,
-    /// Frames checked.
     frames: u64,
-    /// Frames drawn while the auditor was busy.
     skipped: u64,
-    /// Pairs of boxes compared again.
     pairs: u64,
-    /// Pairs that were not in the mask and overlap.
     missed: u64,
-    /// Pairs that were in the mask and do not overlap.
     extra: u64,
 }
 
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 struct ErrorReport {
-    /// The status of the response.
     status: String,
-    /// How long ago.
     ago_ns: u64,
-    /// The client's token, hexadecimal.
     client: String,
-    /// The client's number of the frame.
     frame: u64,
 }
 

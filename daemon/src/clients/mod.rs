@@ -3,22 +3,21 @@
 //! A session is who the transport's registers say that a request comes from; its token is an echo.
 //! Nothing here is needed for a right answer: what was forgotten is found again, estimated, or sent again.
 
-mod client;
-mod known;
 mod scenes;
 mod work;
 
-use std::sync::{Mutex, MutexGuard, PoisonError};
-
-use pairmask_transport::{Sender, WakeClient};
-use pairmask_wire::SceneId;
-
-use self::client::find_listener;
-use self::known::Known;
 pub(crate) use self::scenes::{KeptScene, NoRoom, PendingBoxes, SceneMemory, SceneRoom};
 pub use self::work::GpuNeed;
-use self::work::LastWork;
 pub(crate) use self::work::{FrameWork, RequestKind};
+
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use iceoryx2::port::notifier::ListenerKey;
+use iceoryx2::prelude::CallbackProgression;
+use pairmask_transport::{Sender, WakeClient, listener_name};
+use pairmask_wire::SceneId;
+
+use self::work::LastWork;
 use crate::execute::Executor;
 
 /// The clients, and the port that wakes them.
@@ -74,7 +73,7 @@ impl Clients {
     pub(crate) fn take_scene(&self, session: u128, id: SceneId) -> Option<KeptScene> {
         let mut known = self.known();
         let scenes = &mut known.of(session).scenes;
-        let place = scenes.iter().position(|kept| kept.id() == id)?;
+        let place = scenes.iter().position(|kept| kept.id == id)?;
         Some(scenes.swap_remove(place))
     }
 
@@ -114,5 +113,144 @@ impl Clients {
 
     fn known(&self) -> MutexGuard<'_, Known> {
         self.known.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// Clients by session, as many as may connect. They are few: each look is a walk along the list.
+struct Known {
+    clients: Vec<Client>,
+    capacity: usize,
+    /// Looks so far.
+    looks: u64,
+    /// What was kept of clients that others took the place of: large scenes take a while to free.
+    forgotten: Vec<Client>,
+}
+
+impl Known {
+    /// Room for so many clients, and one at the least.
+    fn new(max_clients: usize) -> Self {
+        let capacity = max_clients.max(1);
+        Self { clients: Vec::with_capacity(capacity), capacity, looks: 0, forgotten: Vec::new() }
+    }
+
+    /// A client that is remembered.
+    fn find(&self, session: u128) -> Option<&Client> {
+        self.clients.iter().find(|client| client.session == session)
+    }
+
+    /// The clients that are remembered.
+    fn iter_mut(&mut self) -> impl Iterator<Item = &mut Client> {
+        self.clients.iter_mut()
+    }
+
+    /// Their sessions.
+    fn sessions(&self) -> Vec<u128> {
+        self.clients.iter().map(|client| client.session).collect()
+    }
+
+    /// Forgets clients that are gone, and returns what was kept of them and of others that were forgotten.
+    fn remove_gone(&mut self, is_gone: impl Fn(u128) -> bool) -> Vec<Client> {
+        let mut gone = std::mem::take(&mut self.forgotten);
+        gone.extend(self.clients.extract_if(.., |client| is_gone(client.session)));
+        gone
+    }
+
+    /// A client, remembered from now on. Where clients that are gone fill the list, the one is forgotten that was
+    /// looked for longest ago, of those without scenes if there are any: others would have to send theirs again.
+    fn of(&mut self, session: u128) -> &mut Client {
+        self.looks += 1;
+        let found = self.clients.iter().position(|client| client.session == session);
+        let place = found.unwrap_or_else(|| {
+            if self.clients.len() >= self.capacity {
+                let all = self.clients.iter().enumerate();
+                let least =
+                    all.min_by_key(|(_, client)| (!client.scenes.is_empty(), client.looked_at));
+                let place = least.map_or(0, |(place, _)| place);
+                self.forgotten.push(self.clients.swap_remove(place));
+            }
+            self.clients.push(Client::new(session));
+            self.clients.len() - 1
+        });
+        let client = &mut self.clients[place];
+        client.looked_at = self.looks;
+        client
+    }
+}
+
+/// What is kept of a client. Everything that belongs to one session and outlives a request goes here.
+struct Client {
+    session: u128,
+    /// The number of the last look for it.
+    looked_at: u64,
+    /// What wakes it, once it was found.
+    listener: Option<ListenerKey>,
+    /// Pairs in its last frame, once it had one.
+    last_pairs: Option<u64>,
+    /// What its last requests took.
+    last_work: LastWork,
+    /// Its engines, while no frame of it is being culled.
+    engines: Option<Box<Executor>>,
+    /// Its scenes, but for one that is being changed.
+    scenes: Vec<KeptScene>,
+}
+
+impl Client {
+    /// A client of which nothing is known yet.
+    fn new(session: u128) -> Self {
+        Self {
+            session,
+            looked_at: 0,
+            listener: None,
+            last_pairs: None,
+            last_work: LastWork::default(),
+            engines: None,
+            scenes: Vec::new(),
+        }
+    }
+}
+
+/// The listener of a session that bears the name of this token.
+fn find_listener(notifier: &WakeClient, session: u128, client_token: u64) -> Option<ListenerKey> {
+    let name = listener_name(client_token)?;
+    let mut found = None;
+    notifier.for_each_listener(|listener, details| {
+        if details.listener_name == name && details.node_id.value() == session {
+            found = Some(listener.listener_key());
+            return CallbackProgression::Stop;
+        }
+        CallbackProgression::Continue
+    });
+    found
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_full_list_forgets_and_never_grows() {
+        for max_clients in [0, 1, 4] {
+            let mut known = Known::new(max_clients);
+            let room = known.clients.capacity();
+            for session in 0..20 {
+                known.of(session).last_pairs = Some(7);
+                assert!(known.clients.len() <= max_clients.max(1));
+                assert!(known.find(session).is_some_and(|client| client.last_pairs == Some(7)));
+            }
+            assert_eq!(known.clients.capacity(), room, "no allocation");
+        }
+    }
+
+    #[test]
+    fn sessions_that_come_and_go_leave_those_alone_that_stay() {
+        let mut known = Known::new(4);
+        for session in 100..200 {
+            for stays in [1, 2, 3] {
+                known.of(stays).last_pairs.get_or_insert(stays as u64);
+            }
+            known.of(session).last_pairs = Some(0);
+        }
+        let pairs = [1, 2, 3].map(|session| known.find(session).and_then(|c| c.last_pairs));
+        assert_eq!(pairs, [Some(1), Some(2), Some(3)]);
     }
 }

@@ -1,12 +1,16 @@
 //! The pool of threads on which large frames are culled, one at a time.
+//!
+//! What a request takes is CPU time, of the thread that serves it and of one of the pool that works for it.
+//! Wall time is no measure of work: it counts what a thread waited for its core, and a client whose worker
+//! thread was interrupted would be taken for one with large frames.
 
+use std::cell::Cell;
 use std::sync::{Mutex, MutexGuard, PoisonError, TryLockError};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use pairmask_core::AwakePool;
 use rayon::{ThreadPool, ThreadPoolBuildError, ThreadPoolBuilder};
-
-use super::cpu_time::{CpuTimer, note_in_pool};
+use rustix::time::{ClockId, clock_gettime};
 
 /// As many threads as there are cores, of which the one that made the pool is the first: its parallel
 /// loops start without a hand-over to another thread.
@@ -76,5 +80,89 @@ impl EnginePool {
 
     fn awake(&self) -> MutexGuard<'_, AwakePool> {
         self.awake.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+thread_local! {
+    /// What threads of the pool have used for this one so far.
+    static IN_POOL: Cell<Duration> = const { Cell::new(Duration::ZERO) };
+}
+
+/// Measures CPU time from a moment on. One of the two looks costs 0.2 µs: a system call.
+#[derive(Clone, Copy, Debug)]
+pub struct CpuTimer {
+    start: Duration,
+}
+
+impl CpuTimer {
+    /// Begins to measure, on this thread.
+    pub fn start() -> Self {
+        Self { start: used_by_this_thread() + IN_POOL.get() }
+    }
+
+    /// What this thread has used since, and the pool's thread to which it handed work. To be called on the thread
+    /// that began.
+    pub fn elapsed(&self) -> Duration {
+        (used_by_this_thread() + IN_POOL.get()).saturating_sub(self.start)
+    }
+}
+
+/// Notes that a thread of the pool has worked for this one.
+pub(super) fn note_in_pool(used: Duration) {
+    IN_POOL.set(IN_POOL.get() + used);
+}
+
+/// CPU time of this thread since it began.
+fn used_by_this_thread() -> Duration {
+    let used = clock_gettime(ClockId::ThreadCPUTime);
+    // The clock counts from zero.
+    Duration::new(used.tv_sec.unsigned_abs(), used.tv_nsec.unsigned_abs() as u32)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::Instant;
+
+    use super::*;
+    use crate::execute::EnginePool;
+
+    const MS: Duration = Duration::from_millis(1);
+
+    /// Computes for so long on this thread's own clock.
+    fn compute(time: Duration) {
+        let timer = CpuTimer::start();
+        while timer.elapsed() < time {
+            std::hint::spin_loop();
+        }
+    }
+
+    #[test]
+    fn what_a_thread_waits_is_not_counted() {
+        let (timer, start) = (CpuTimer::start(), Instant::now());
+        std::thread::sleep(30 * MS);
+        let waited = timer.elapsed();
+        assert!(start.elapsed() >= 30 * MS && waited < 15 * MS, "{waited:?}");
+        compute(5 * MS);
+        assert!(timer.elapsed() >= waited + 5 * MS);
+    }
+
+    #[test]
+    fn what_a_thread_of_the_pool_does_counts_for_the_one_that_handed_it_over() {
+        let run = || {
+            let pool = EnginePool::with_this_thread(2).map_err(drop).ok();
+            let Some(pool) = pool else { panic!("a pool of two threads") };
+            let of_the_pool = CpuTimer::start();
+            pool.work(|| compute(5 * MS));
+            assert!(of_the_pool.elapsed() >= 5 * MS);
+            std::thread::scope(|scope| {
+                scope.spawn(|| {
+                    let timer = CpuTimer::start();
+                    pool.work(|| compute(5 * MS));
+                    assert!(timer.elapsed() >= 5 * MS);
+                });
+            });
+        };
+        let ended = std::thread::spawn(run).join();
+        assert!(ended.is_ok(), "see above");
     }
 }

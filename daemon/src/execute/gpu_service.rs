@@ -5,13 +5,11 @@ use std::sync::{Arc, Weak};
 use std::time::{Duration, Instant};
 
 use pairmask_core::dispatch::{Marks, WorldRange, nanoseconds_since};
-use pairmask_core::engine::{
-    CullError, CullInput, CullReport, Engine, EngineName, HeapReply, ReplyBuffer,
-};
+use pairmask_core::engine::{CullError, CullInput, CullReport, Engine, HeapReply, ReplyBuffer};
 use pairmask_core::objects::Objects;
 use pairmask_core::plan::{GpuCost, Plan};
 use pairmask_core::precision::BoxSlice;
-use pairmask_core::{Aabb, Encoding};
+use pairmask_core::{Aabb, Encoding, EngineName};
 
 use super::frame_memory::{FrameMemory, LentReply, with_lent};
 use super::gpu::{
@@ -20,6 +18,7 @@ use super::gpu::{
     SlotState, user_cache_folder,
 };
 use super::offers::{Offers, Owner};
+use super::shared_gpu::Outlook;
 use super::spheres::takes_spheres;
 
 /// The engines of a device.
@@ -97,32 +96,14 @@ impl Engines {
 
     /// Imports the objects of an owner, for the frame that they came with and those to come.
     fn offer_objects(&mut self, owner: Owner, objects: Objects<'_>) {
-        let forgotten = self.offers.objects(owner, objects);
-        self.drop_frames_of(&forgotten);
+        self.change_offers(|offers| offers.objects(owner, objects));
     }
 
-    /// Imports the memory of a reply, for the frames to come.
-    fn offer_reply(&mut self, lent: LentReply) {
-        let forgotten = self.offers.reply(lent);
-        self.drop_frames_of(&forgotten);
-    }
-
-    fn release_reply(&mut self, range: &Range<usize>) -> bool {
-        let forgotten = self.offers.leave(range);
-        self.drop_frames_of(&forgotten);
-        drop(forgotten);
-        self.offers.has_left(range)
-    }
-
-    fn tidy(&mut self) {
-        let forgotten = self.offers.tidy();
-        self.drop_frames_of(&forgotten);
-    }
-
-    fn drop_frames_of(&mut self, forgotten: &[Arc<Block>]) {
-        for block in forgotten {
-            self.all_pairs.drop_frames_of(block);
-            self.grid.drop_frames_of(block);
+    /// Changes what is imported. What was recorded for imports that have ended goes.
+    fn change_offers(&mut self, change: impl FnOnce(&mut Offers) -> Vec<Arc<Block>>) {
+        for block in change(&mut self.offers) {
+            self.all_pairs.drop_frames_of(&block);
+            self.grid.drop_frames_of(&block);
         }
     }
 }
@@ -166,28 +147,17 @@ impl GpuService {
     /// # Errors
     /// [`OpenError`]; [`OpenError::NoAdapter`] where nothing fits the choice.
     pub fn open(choice: &GpuChoice, hold: Duration) -> Result<Self, OpenError> {
-        Self::open_watched(choice, hold, None)
-    }
-
-    /// As [`Self::open`]; `watch` is shown the device, and each that takes its place.
-    ///
-    /// # Errors
-    /// As [`Self::open`].
-    pub fn open_watched(
-        choice: &GpuChoice,
-        hold: Duration,
-        watch: Option<WatchDevice>,
-    ) -> Result<Self, OpenError> {
-        let open = opener(choice, watch);
+        let open = opener(choice, None);
         let gpu = open()?;
         log::info!("GPU: {}", gpu.info().name);
         let mut service = Self { slot: GpuSlot::new(gpu, open), engines: None, hold };
         // Compiling takes up to a second: now, not in the first frame.
-        service.refresh();
+        service.engines();
         Ok(service)
     }
 
-    /// As [`Self::open_watched`], without waiting for the device: another thread opens it. Whoever asks now and then
+    /// As [`Self::open`], without waiting for the device: another thread opens it, and `watch` is shown it and
+    /// each that takes its place. Whoever asks now and then
     /// ([`SharedGpu::take_back`](super::SharedGpu::take_back)) makes its engines.
     pub fn opening(
         choice: &GpuChoice,
@@ -199,15 +169,20 @@ impl GpuService {
         Self { slot, engines: None, hold }
     }
 
-    /// The device whose engines there are.
-    pub(super) fn known_device(&self) -> Weak<Gpu> {
-        let device = |engines: &Engines| Arc::downgrade(engines.all_pairs.gpu());
-        self.engines.as_ref().map_or_else(Weak::new, device)
-    }
-
-    /// What there is of a device.
-    pub(super) fn state(&self) -> SlotState {
-        self.slot.state()
+    /// What plans need to know of it, and the device whose engines there are.
+    pub(super) fn outlook(&self) -> (Outlook, Weak<Gpu>) {
+        let (state, engines) = (self.slot.state(), self.engines.as_ref());
+        let is_software = engines.is_some_and(|engines| engines.grid.gpu().info().is_software());
+        let least = if is_software { UNDER_WAY_SOFTWARE_BOXES } else { UNDER_WAY_BOXES };
+        let outlook = Outlook {
+            cost: self.cost(),
+            under_way_boxes: engines.map(|_| least),
+            is_software,
+            is_opening: state == SlotState::Opening,
+            is_missing: state == SlotState::Missing,
+        };
+        let device = engines.map(|engines| Arc::downgrade(engines.all_pairs.gpu()));
+        (outlook, device.unwrap_or_default())
     }
 
     /// The device, if there is one now.
@@ -217,8 +192,7 @@ impl GpuService {
 
     /// What scenes on the device of now share, if there is a device.
     pub(super) fn scene_tools(&mut self) -> Option<Arc<SceneTools>> {
-        self.refresh();
-        self.engines.as_ref().map(|engines| Arc::clone(&engines.scenes))
+        self.engines().map(|engines| Arc::clone(&engines.scenes))
     }
 
     /// What frames cost on the device of now.
@@ -226,33 +200,24 @@ impl GpuService {
         self.engines.as_ref()?.cost
     }
 
-    /// Makes the engines that belong to the device of now. `false` where there is none.
-    fn refresh(&mut self) -> bool {
+    /// The engines of the device of now, made where it is a new one; `None` where there is none.
+    fn engines(&mut self) -> Option<&mut Engines> {
         let Some(gpu) = self.slot.ready() else {
             self.engines = None;
-            return false;
+            return None;
         };
-        if self.engines.as_ref().is_some_and(|e| Arc::ptr_eq(e.all_pairs.gpu(), &gpu)) {
-            return true;
-        }
-        self.engines = None;
-        match Engines::new(&gpu, self.hold) {
-            Ok(engines) => self.engines = Some(engines),
-            Err(error) => {
-                log::error!("the GPU engines cannot be made: {error}");
-                gpu.health().mark_lost();
+        if !self.engines.as_ref().is_some_and(|e| Arc::ptr_eq(e.all_pairs.gpu(), &gpu)) {
+            // Those of another device go before they are made.
+            self.engines = None;
+            match Engines::new(&gpu, self.hold) {
+                Ok(engines) => self.engines = Some(engines),
+                Err(error) => {
+                    log::error!("the GPU engines cannot be made: {error}");
+                    gpu.health().mark_lost();
+                }
             }
         }
-        self.engines.is_some()
-    }
-
-    /// The grid of the device of now, for a frame that several GPUs share, whose boxes belong to `owner`.
-    pub(super) fn grid_for(&mut self, boxes: BoxSlice<'_>, owner: Owner) -> Option<&mut Grid> {
-        let is_there = self.refresh();
-        let engines = self.engines.as_mut().filter(|_| is_there)?;
-        engines.offer_objects(owner, boxes.into());
-        engines.note_frame();
-        Some(&mut engines.grid)
+        self.engines.as_mut()
     }
 
     /// Finds the pairs of objects that belong to `owner`, and says which engine did.
@@ -270,10 +235,7 @@ impl GpuService {
             return Err(CullError::Unavailable { engine: plan.engine, why: "no such GPU engine" });
         }
         let lost = CullError::DeviceLost { engine: plan.engine };
-        if !self.refresh() {
-            return Err(lost);
-        }
-        let engines = self.engines.as_mut().ok_or(lost)?;
+        let engines = self.engines().ok_or(lost)?;
         engines.offer_objects(owner, objects);
         engines.note_frame();
         engines.cull(objects, plan, reply)
@@ -281,9 +243,6 @@ impl GpuService {
 
     /// Finds the pairs of boxes that belong to `owner` and that rules let meet, with the grid. See
     /// [`Grid::cull_ruled`].
-    ///
-    /// # Errors
-    /// As [`Self::cull`].
     pub(super) fn cull_ruled(
         &mut self,
         boxes: BoxSlice<'_>,
@@ -294,42 +253,25 @@ impl GpuService {
         ranges: &mut Vec<WorldRange>,
     ) -> Result<CullReport, CullError> {
         let lost = CullError::DeviceLost { engine: EngineName::GpuGrid };
-        let grid = self.grid_for(boxes, owner).ok_or(lost)?;
-        grid.cull_ruled(boxes, marks, encoding, reply, ranges)
+        let engines = self.engines().ok_or(lost)?;
+        engines.offer_objects(owner, boxes.into());
+        engines.note_frame();
+        engines.grid.cull_ruled(boxes, marks, encoding, reply, ranges)
     }
 
     /// Imports the memory of a reply that the GPU wrote, so that the next mask in it needs no copy.
     pub(super) fn offer_reply(&mut self, lent: LentReply) {
         if let Some(engines) = &mut self.engines {
-            engines.offer_reply(lent);
+            engines.change_offers(|offers| offers.reply(lent));
         }
     }
 
     /// Lets go of the memory of replies in a range of addresses. Whether nothing of the GPU knows it any more.
     pub(super) fn release_reply(&mut self, range: &Range<usize>) -> bool {
-        self.engines.as_mut().is_none_or(|engines| engines.release_reply(range))
-    }
-
-    /// Fewest boxes of a frame that may be left to the GPU ([`Self::begin`]); `None` where there is no
-    /// device now.
-    pub(super) fn under_way_boxes(&self) -> Option<u32> {
-        self.engines.as_ref()?;
-        Some(if self.is_software() { UNDER_WAY_SOFTWARE_BOXES } else { UNDER_WAY_BOXES })
-    }
-
-    /// Whether a frame of this plan may be left to a GPU that takes `least` boxes or more.
-    pub(super) fn can_begin(plan: &Plan, least: u32) -> bool {
-        plan.engine == EngineName::GpuGrid
-            && plan.encoding != Encoding::Dense
-            && plan.stats.n.get() >= least
-    }
-
-    /// Whether a frame of this plan may share a submission ([`Self::begin_bundle`]) where frames of
-    /// `under_way` boxes or more fill one.
-    pub(super) fn can_join(plan: &Plan, under_way: u32) -> bool {
-        plan.engine.is_gpu()
-            && plan.encoding != Encoding::Dense
-            && (2..under_way).contains(&plan.stats.n.get())
+        self.engines.as_mut().is_none_or(|engines| {
+            engines.change_offers(|offers| offers.leave(range));
+            engines.offers.has_left(range)
+        })
     }
 
     /// Starts a frame of memory whose boxes belong to `owner`.
@@ -338,8 +280,7 @@ impl GpuService {
     /// As [`Self::cull`], with the memory; nothing is under way then.
     pub fn begin<M: FrameMemory>(&mut self, mut memory: M, owner: Owner, plan: &Plan) -> Begun<M> {
         let lost = CullError::DeviceLost { engine: plan.engine };
-        let is_there = self.refresh();
-        let Some(engines) = self.engines.as_mut().filter(|_| is_there) else {
+        let Some(engines) = self.engines() else {
             return Err((lost, Some(memory)));
         };
         memory.with(|objects, _| engines.offer_objects(owner, objects));
@@ -358,8 +299,7 @@ impl GpuService {
         &mut self,
         frames: Vec<(M, Owner, Encoding)>,
     ) -> Vec<Begun<M>> {
-        let is_there = self.refresh();
-        let Some(engines) = self.engines.as_mut().filter(|_| is_there) else {
+        let Some(engines) = self.engines() else {
             let lost = |(memory, _, _)| {
                 Err((CullError::DeviceLost { engine: EngineName::GpuGrid }, Some(memory)))
             };
@@ -397,27 +337,22 @@ impl GpuService {
             (ended, _) => ended.map(|report| (report, EngineName::GpuGrid)),
         };
         if answered.is_ok() {
-            engines.offer_reply(lent);
+            engines.change_offers(|offers| offers.reply(lent));
         }
         (answered, memory)
-    }
-
-    /// Whether the device of now is a software adapter, whose frames run on the CPU's cores.
-    pub(super) fn is_software(&self) -> bool {
-        self.engines.as_ref().is_some_and(|engines| engines.grid.gpu().info().is_software())
     }
 
     /// Makes the engines of a device that was opened, or was lost and is back. Plans count on no GPU meanwhile, so that no
     /// frame asks for it.
     pub(super) fn take_back(&mut self) {
-        self.refresh();
+        self.engines();
         self.tidy();
     }
 
     /// Gives up memory whose owner is gone; to be called now and then.
     pub fn tidy(&mut self) {
         if let Some(engines) = &mut self.engines {
-            engines.tidy();
+            engines.change_offers(Offers::tidy);
         }
     }
 }

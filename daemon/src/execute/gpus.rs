@@ -3,7 +3,8 @@
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Weak};
 
-use pairmask_core::engine::{CullError, EngineName};
+use pairmask_core::EngineName;
+use pairmask_core::engine::CullError;
 use pairmask_core::plan::GpuCost;
 use pairmask_transport::GpuCounts;
 
@@ -21,12 +22,6 @@ pub struct Gpus {
     all: Arc<[Arc<SharedGpu>]>,
     /// Whose turn it is to be the home of a session, or of a scene.
     next_home: Arc<AtomicUsize>,
-}
-
-impl std::fmt::Debug for Gpus {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Gpus").field("count", &self.all.len()).finish_non_exhaustive()
-    }
 }
 
 impl Gpus {
@@ -94,7 +89,7 @@ impl Gpus {
 
     /// Another GPU for a frame that this one has lost.
     pub(super) fn beside(&self, lost: &SharedGpu) -> Option<&Arc<SharedGpu>> {
-        let others = self.all.iter().filter(|gpu| gpu.number() != lost.number() && gpu.is_there());
+        let others = self.all.iter().filter(|gpu| gpu.number != lost.number && gpu.is_there());
         others.min_by_key(|gpu| gpu.queued_steps())
     }
 
@@ -105,7 +100,7 @@ impl Gpus {
 }
 
 /// The GPUs that may keep a scene: its home, and beside it all others where the scene is large.
-#[derive(Clone, Debug)]
+#[derive(Clone)]
 pub struct SceneGpus {
     home: Option<Arc<SharedGpu>>,
     all: Gpus,
@@ -172,7 +167,7 @@ impl SceneGpus {
         let device = Arc::downgrade(tools.gpu());
         // One device has one place.
         if !self.its.iter().any(|(_, known)| Weak::ptr_eq(known, &device)) {
-            self.its.push((gpu.number(), device));
+            self.its.push((gpu.number, device));
         }
     }
 
@@ -181,7 +176,7 @@ impl SceneGpus {
     pub(super) fn turns(&self, has: impl Fn(&Gpu) -> bool) -> Vec<GpuTurn<'_>> {
         let has = |device: &Weak<Gpu>| device.upgrade().is_some_and(|device| has(&device));
         let has_it = |gpu: &&Arc<SharedGpu>| {
-            self.its.iter().any(|(place, device)| *place == gpu.number() && has(device))
+            self.its.iter().any(|(place, device)| *place == gpu.number && has(device))
         };
         self.all.all.iter().filter(has_it).map(|gpu| gpu.lock()).collect()
     }

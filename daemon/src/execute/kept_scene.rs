@@ -8,13 +8,13 @@
 use std::sync::Arc;
 use std::time::Instant;
 
-use pairmask_core::Aabb;
 use pairmask_core::dispatch::{CpuEngines, nanoseconds_since};
-use pairmask_core::engine::{CullError, EngineChoice, EngineName};
+use pairmask_core::engine::CullError;
 use pairmask_core::plan::GpuCost;
 use pairmask_core::scene::{
     Edit, FilterHistory, QueryError, QueryTags, Scene, SceneError, SceneOptions, Told, Want,
 };
+use pairmask_core::{Aabb, EngineChoice, EngineName};
 
 use super::gpu::GpuScene;
 use super::gpus::SceneGpus;
@@ -31,7 +31,6 @@ const MOVE_NS_A_BOX: f64 = 100.0;
 const MOVE_NS: f64 = 1e6;
 
 /// A scene, and what is known of the better place for it.
-#[derive(Debug)]
 pub struct SceneKeeper {
     place: Place,
     options: SceneOptions,
@@ -46,7 +45,6 @@ pub struct SceneKeeper {
     would_have_saved_ns: f64,
 }
 
-#[derive(Debug)]
 #[allow(clippy::large_enum_variant)] // One of each scene.
 enum Place {
     Cores(Scene),

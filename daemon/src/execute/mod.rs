@@ -1,52 +1,45 @@
 //! Engines of the daemon: those of the client library, and the GPU.
 
 mod cpu_side;
-mod cpu_time;
 mod engine_pool;
-mod filtered;
 mod frame_memory;
 pub mod gpu;
 mod gpu_service;
 mod gpus;
 mod kept_scene;
 mod offers;
-mod planned;
 mod ruled;
 mod shared_gpu;
 mod spheres;
-mod under_way;
 
-pub use cpu_time::CpuTimer;
-pub use engine_pool::EnginePool;
-pub use frame_memory::FrameMemory;
-pub(crate) use frame_memory::boxes_of;
-pub use gpu_service::{GpuService, WatchDevice};
-pub use gpus::{Gpus, SceneGpus};
-pub use kept_scene::SceneKeeper;
-pub use offers::Owner;
-pub use planned::Planned;
-pub use ruled::RuledFrame;
+pub use self::cpu_side::Planned;
+pub use self::engine_pool::{CpuTimer, EnginePool};
+pub use self::frame_memory::FrameMemory;
+pub(crate) use self::frame_memory::boxes_of;
+pub use self::gpu_service::{GpuService, WatchDevice};
+pub use self::gpus::{Gpus, SceneGpus};
+pub use self::kept_scene::SceneKeeper;
+pub use self::offers::Owner;
+pub use self::ruled::RuledFrame;
+pub use self::shared_gpu::{
+    BUNDLE_FRAMES, CullUnderWay, Ended, GpuTurn, Joining, SUBMISSIONS_UNDER_WAY, SharedGpu,
+    Unserved,
+};
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use pairmask_core::dispatch::{CpuEngines, CullAnswer, CullOptions, SphereWays};
-use pairmask_core::engine::{
-    AvailableIsa, CullError, CullReport, EngineChoice, EngineName, RecentNeed, ReplyBuffer,
-};
-use pairmask_core::mask::Encoding;
+use pairmask_core::engine::{AvailableIsa, CullError, CullReport, RecentNeed, ReplyBuffer};
 use pairmask_core::plan::{Calibration, Capabilities, GpuCost, Plan, SceneStats, plan};
 use pairmask_core::precision::{BoxSlice, ExpandScratch};
-use pairmask_core::repeat::Repeats;
+use pairmask_core::repeat::{KeepTicket, Repeats};
+use pairmask_core::{Encoding, EngineChoice, EngineName};
 use pairmask_wire::RulesReader;
 
 use self::cpu_side::CpuSide;
 use self::frame_memory::{LentReply, with_lent};
 use self::ruled::KeptMarks;
-pub use self::shared_gpu::{GpuTurn, SharedGpu};
-pub use self::under_way::{
-    BUNDLE_FRAMES, CullUnderWay, Ended, Joining, SUBMISSIONS_UNDER_WAY, Unserved,
-};
 
 /// The engines of a session: CPU engines with the state that they keep from frame to frame, and the GPU,
 /// which all sessions share.
@@ -197,6 +190,11 @@ impl Executor {
         &mut self.repeats
     }
 
+    /// Where the objects and the answer of a frame are to be kept, if they are.
+    pub fn ticket(&mut self, keeps: bool) -> Option<KeepTicket> {
+        keeps.then(|| self.repeats().ticket()).flatten()
+    }
+
     /// Whether a frame is better left to the GPU ([`Self::begin`]) than waited for
     /// ([`Self::run`]).
     pub fn can_begin(&self, planned: &Planned) -> bool {
@@ -260,32 +258,18 @@ impl Executor {
         let queued = gpu.queue(&planned.plan, 1);
         match gpu.with(|gpu| gpu.begin(memory, owner, &planned.plan)) {
             Ok(frame) => Ok(CullUnderWay { frame, owner, planned, queued }),
-            Err((error, memory)) => Err(self.end_after(error, planned, owner, memory)),
+            Err((error, memory)) => Err(self.answer(Unserved { error, planned, owner, memory })),
         }
     }
 
     /// Waits for a frame, and gives its memory back.
     pub fn end<M: FrameMemory>(&mut self, cull: CullUnderWay<M>) -> Ended<M> {
-        match cull.end() {
-            Ok(ended) => ended,
-            Err(unserved) => self.answer(unserved),
-        }
+        cull.end().unwrap_or_else(|unserved| self.answer(unserved))
     }
 
     /// Answers a frame that the GPU could not serve, where its memory is there.
     pub fn answer<M: FrameMemory>(&mut self, unserved: Unserved<M>) -> Ended<M> {
         let Unserved { error, planned, owner, memory } = unserved;
-        self.end_after(error, planned, owner, memory)
-    }
-
-    /// The answer to a frame that the GPU could not serve, where its memory is there.
-    fn end_after<M: FrameMemory>(
-        &mut self,
-        error: CullError,
-        planned: Planned,
-        owner: Owner,
-        memory: Option<M>,
-    ) -> Ended<M> {
         let Some(mut memory) = memory else { return (Err(error), None) };
         let (options, tried) = (planned.options, planned.plan.encoding);
         let answer = memory.with(|objects, reply| {

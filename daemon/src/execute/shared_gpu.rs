@@ -1,17 +1,19 @@
 //! The GPU that the executors of all sessions share, and what waits for it.
 
-use std::ops::{Deref, DerefMut};
+use std::ops::{Deref, DerefMut, Range};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 use std::time::{Duration, Instant};
 
-use pairmask_core::engine::{CullError, EngineName};
+use pairmask_core::dispatch::CullAnswer;
+use pairmask_core::engine::CullError;
 use pairmask_core::plan::{GpuCost, Plan};
 use pairmask_core::spinner::Spinner;
+use pairmask_core::{Encoding, EngineName};
 
-use super::gpu::{Gpu, SlotState};
-use super::planned::engine_ns;
-use super::{GpuService, no_gpu};
+use super::cpu_side::engine_ns;
+use super::gpu::{Gpu, GridUnderWay};
+use super::{FrameMemory, GpuService, Owner, Planned, gpu, no_gpu};
 
 /// How long a look at a software adapter's frame waits for the next.
 const SOFTWARE_REST: Duration = Duration::from_micros(200);
@@ -34,68 +36,53 @@ const QUEUE_SHARE: f64 = 0.5;
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Outlook {
     /// What frames cost on the device of now.
-    cost: Option<GpuCost>,
+    pub(super) cost: Option<GpuCost>,
     /// Fewest boxes of a frame that is left to it.
-    under_way_boxes: Option<u32>,
-    is_software: bool,
+    pub(super) under_way_boxes: Option<u32>,
+    pub(super) is_software: bool,
     /// Whether the first device is being opened.
-    is_opening: bool,
+    pub(super) is_opening: bool,
     /// Whether there is no device, and none will come.
-    is_missing: bool,
+    pub(super) is_missing: bool,
 }
 
 impl Outlook {
-    fn of(service: &GpuService) -> Self {
-        Self {
-            cost: service.cost(),
-            under_way_boxes: service.under_way_boxes(),
-            is_software: service.is_software(),
-            is_opening: service.state() == SlotState::Opening,
-            is_missing: service.state() == SlotState::Missing,
-        }
-    }
-
     /// Whether a frame of this plan may share a submission with others.
     pub(super) fn can_join(&self, plan: &Plan) -> bool {
-        self.under_way_boxes.is_some_and(|least| GpuService::can_join(plan, least))
+        let can_share = plan.engine.is_gpu() && plan.encoding != Encoding::Dense;
+        let n = plan.stats.n.get();
+        can_share && self.under_way_boxes.is_some_and(|least| (2..least).contains(&n))
     }
 
     /// Whether a frame of this plan may be left to the GPU.
     pub(super) fn can_begin(&self, plan: &Plan) -> bool {
-        self.under_way_boxes.is_some_and(|least| GpuService::can_begin(plan, least))
+        plan.engine == EngineName::GpuGrid
+            && plan.encoding != Encoding::Dense
+            && self.under_way_boxes.is_some_and(|least| plan.stats.n.get() >= least)
     }
 }
 
 /// A GPU with a lock. One thread uses it at a time; frames that it works on by itself need none.
 pub struct SharedGpu {
     /// Its place among those of the daemon.
-    number: usize,
+    pub(super) number: usize,
     /// Taken by the thread whose turn it is.
     service: Mutex<GpuService>,
     turns: Turns,
-    outlook: Mutex<Outlook>,
-    /// The device that was there when it was used last.
-    device: Mutex<Weak<Gpu>>,
+    /// What is known of it, and the device that was there when it was used last.
+    outlook: Mutex<(Outlook, Weak<Gpu>)>,
     /// Predicted time of the frames that wait for the GPU or are under way on it, ns.
     queued_ns: Arc<AtomicU64>,
 }
 
-impl std::fmt::Debug for SharedGpu {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("SharedGpu").field("number", &self.number).finish_non_exhaustive()
-    }
-}
-
 impl SharedGpu {
     pub(super) fn new(service: GpuService, number: usize) -> Self {
-        let outlook = Mutex::new(Outlook::of(&service));
-        let device = Mutex::new(service.known_device());
+        let outlook = Mutex::new(service.outlook());
         Self {
             number,
             service: Mutex::new(service),
             turns: Turns::default(),
             outlook,
-            device,
             queued_ns: Arc::default(),
         }
     }
@@ -117,14 +104,13 @@ impl SharedGpu {
 
     /// Notes what device its service has: it may be another one by now, or none.
     pub(super) fn note_device(&self, service: &GpuService) {
-        let outlook = Outlook::of(service);
-        *self.device.lock().unwrap_or_else(PoisonError::into_inner) = service.known_device();
+        let outlook = service.outlook();
         *self.outlook.lock().unwrap_or_else(PoisonError::into_inner) = outlook;
     }
 
     /// The device that was there when it was used last.
     pub(super) fn device(&self) -> Option<Arc<Gpu>> {
-        self.device.lock().unwrap_or_else(PoisonError::into_inner).upgrade()
+        self.outlook.lock().unwrap_or_else(PoisonError::into_inner).1.upgrade()
     }
 
     /// Whether its first device is still being opened: it is not to be waited for.
@@ -158,17 +144,12 @@ impl SharedGpu {
 
     /// What is known of it, without waiting for it.
     pub(super) fn outlook(&self) -> Outlook {
-        *self.outlook.lock().unwrap_or_else(PoisonError::into_inner)
+        self.outlook.lock().unwrap_or_else(PoisonError::into_inner).0
     }
 
     /// Whether its adapter is a program on the cores; also `false` where there is none now.
     pub(super) fn is_software(&self) -> bool {
         self.outlook().is_software
-    }
-
-    /// Its place among those of the daemon.
-    pub(super) const fn number(&self) -> usize {
-        self.number
     }
 
     /// Whether a device was there when it was used last.
@@ -269,6 +250,130 @@ pub(super) struct Queued {
 impl Drop for Queued {
     fn drop(&mut self) {
         self.queued_ns.fetch_sub(self.ns, Ordering::Relaxed);
+    }
+}
+
+/// A frame that the GPU works on. Owns its memory; dropped, it waits for the GPU first.
+pub struct CullUnderWay<M: FrameMemory> {
+    pub(super) frame: GridUnderWay<M>,
+    pub(super) owner: Owner,
+    pub(super) planned: Planned,
+    pub(super) queued: Queued,
+}
+
+impl<M: FrameMemory> CullUnderWay<M> {
+    /// Waits for the frame, and gives its memory back.
+    ///
+    /// # Errors
+    /// The frame, where the GPU could not serve it: [`Executor::answer`](super::Executor::answer) does.
+    #[allow(clippy::result_large_err)] // A box would be an allocation.
+    pub fn end(self) -> Result<Ended<M>, Unserved<M>> {
+        let Self { frame, owner, planned, queued } = self;
+        let lost = CullError::DeviceLost { engine: planned.plan.engine };
+        let (done, memory) = match &planned.gpu {
+            Some(gpu) => gpu.with(|gpu| gpu.end(frame, &planned.plan)),
+            None => (Err(lost), frame.give_up()),
+        };
+        drop(queued);
+        match done {
+            Ok((report, engine)) => Ok((Ok(planned.answer(report, engine)), memory)),
+            Err(error) => Err(Unserved { error, planned, owner, memory }),
+        }
+    }
+
+    /// Whether it has ended, so that [`Executor::end`](super::Executor::end) does not wait.
+    pub fn has_ended(&self) -> bool {
+        self.frame.has_ended()
+    }
+}
+
+/// An answer or its error, with the memory of the frame. The memory is `None` where a device keeps it
+/// that never ends the frame: nothing can be answered then.
+pub type Ended<M> = (Result<CullAnswer, CullError>, Option<M>);
+
+/// Submissions that may be under way at a time, of one frame or of several.
+pub const SUBMISSIONS_UNDER_WAY: usize = gpu::SUBMISSIONS;
+
+/// Most frames of a submission.
+pub const BUNDLE_FRAMES: usize = gpu::BUNDLE_FRAMES;
+
+/// A frame that is to share a submission with others: made by [`Executor::join`](super::Executor::join),
+/// submitted by [`SharedGpu::begin_bundle`].
+pub struct Joining<M> {
+    pub(super) planned: Planned,
+    pub(super) owner: Owner,
+    pub(super) memory: M,
+}
+
+impl<M> Joining<M> {
+    /// The place of the GPU that it is planned for, among those of the daemon.
+    pub fn gpu_place(&self) -> usize {
+        self.planned.gpu_place()
+    }
+}
+
+impl SharedGpu {
+    /// Gives up what the GPU keeps of clients that are gone; to be called now and then.
+    pub fn tidy(&self) {
+        self.lock().tidy();
+    }
+
+    /// Has the GPU let go of the memory of replies in a range of addresses, none of which is lent. Whether it did:
+    /// nothing of it reads or writes there any more.
+    pub fn release_reply(&self, range: &Range<usize>) -> bool {
+        // One that is being opened has imported nothing, and imports no memory that is not lent.
+        self.is_opening() || self.lock().release_reply(range)
+    }
+
+    /// Takes a device in that was opened, or was lost and is back. Its engines may take a second to make.
+    pub fn take_back(&self) {
+        self.with(super::GpuService::take_back);
+    }
+
+    /// Leaves frames to the GPU in one submission.
+    ///
+    /// # Errors
+    /// Each frame that the GPU does not take: [`Executor::answer`](super::Executor::answer) serves it.
+    ///
+    /// # Panics
+    /// With more than [`BUNDLE_FRAMES`].
+    #[allow(clippy::result_large_err)] // A box would be an allocation.
+    pub fn begin_bundle<M: FrameMemory>(
+        self: &Arc<Self>,
+        frames: Vec<Joining<M>>,
+    ) -> Vec<Result<CullUnderWay<M>, Unserved<M>>> {
+        let count = frames.len();
+        let mut waiting = Vec::with_capacity(count);
+        let mut memories = Vec::with_capacity(count);
+        for Joining { planned, owner, memory } in frames {
+            memories.push((memory, owner, planned.plan.encoding));
+            let planned = Planned { gpu: Some(Arc::clone(self)), ..planned };
+            waiting.push((self.queue(&planned.plan, count), planned, owner));
+        }
+        let begun = self.with(|gpu| gpu.begin_bundle(memories));
+        waiting
+            .into_iter()
+            .zip(begun)
+            .map(|((queued, planned, owner), begun)| match begun {
+                Ok(frame) => Ok(CullUnderWay { frame, owner, planned, queued }),
+                Err((error, memory)) => Err(Unserved { error, planned, owner, memory }),
+            })
+            .collect()
+    }
+}
+
+/// A frame that the GPU could not serve.
+pub struct Unserved<M> {
+    pub(super) error: CullError,
+    pub(super) planned: Planned,
+    pub(super) owner: Owner,
+    pub(super) memory: Option<M>,
+}
+
+impl<M> Unserved<M> {
+    /// Threads that the CPU's engines may use for it; `None` leaves it to the plan.
+    pub fn threads(&self) -> Option<usize> {
+        self.planned.options.threads
     }
 }
 

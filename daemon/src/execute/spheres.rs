@@ -4,11 +4,11 @@ use std::time::Instant;
 
 use pairmask_core::aabb::AABB_BYTES;
 use pairmask_core::dispatch::{CullAnswer, CullOptions, SphereWays, nanoseconds_since};
-use pairmask_core::engine::{CullError, EngineChoice, EngineName, ReplyBuffer};
+use pairmask_core::engine::{CullError, ReplyBuffer};
 use pairmask_core::objects::Objects;
 use pairmask_core::plan::{GpuCost, Plan, SceneStats};
 use pairmask_core::sphere::SPHERE_BYTES;
-use pairmask_core::{BoxCount, Sphere};
+use pairmask_core::{BoxCount, EngineChoice, EngineName, Sphere};
 
 use super::frame_memory::{FrameMemory, LentReply, with_lent};
 use super::{Executor, Owner, no_gpu};

@@ -13,7 +13,7 @@ use crate::precision::{PrecisionChoice, as_sent};
 #[derive(Clone, Debug)]
 pub struct SentBoxes<'a> {
     boxes: Cow<'a, [Aabb]>,
-    mode: String,
+    pub(super) mode: String,
     /// `None` where boxes are sent unchanged.
     form: Option<Form>,
 }
@@ -110,10 +110,6 @@ impl<'a> SentBoxes<'a> {
     /// The boxes that engines get.
     pub fn boxes(&self) -> &[Aabb] {
         &self.boxes
-    }
-
-    pub(super) fn mode(&self) -> &str {
-        &self.mode
     }
 
     /// The effect of the mode on the answer, as the end of the reason's sentence.

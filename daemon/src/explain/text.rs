@@ -2,8 +2,9 @@
 
 use std::fmt;
 
-use super::gap::number;
-use super::{AxisReport, BoxReport, Explanation, GridReport, PlaceReport, SentReport, Separation};
+use super::{
+    AxisReport, BoxReport, Explanation, GridReport, PlaceReport, SentReport, Separation, number,
+};
 
 impl fmt::Display for Explanation {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {

@@ -59,29 +59,6 @@ struct Account {
 /// equals, the one that has waited longer. None starves. A process that has been away has no time saved up. The sessions of a process take turns; a session has
 /// one frame served at a time, and its requests keep their order. What all frames of
 /// a kind share is given to one at a time ([`Resource`]).
-///
-/// ```
-/// use std::time::{Duration, Instant};
-/// use pairmask_transport::Sender;
-/// use pairmaskd::ingest::{Inbox, Resource};
-/// let mut inbox = Inbox::new(2);
-/// let from = |process, port| Sender { port, session: port, process };
-/// let (work, now) = (Duration::from_micros(10), Instant::now());
-/// for (sender, request) in [
-///     (from(7, 1), "a"),
-///     (from(7, 1), "b"),
-///     (from(7, 2), "c"),
-///     (from(9, 3), "d"),
-/// ] {
-///     inbox.put(sender, Resource::Core, request, now);
-/// }
-/// let mut order = Vec::new();
-/// while let Some((sender, _, request)) = inbox.next(now, |_| true, |_, _| false) {
-///     order.push(request);
-///     inbox.note_served(sender, work);
-/// }
-/// assert_eq!(order, ["a", "d", "c", "b"]);
-/// ```
 #[derive(Debug)]
 pub struct Inbox<R> {
     /// Oldest first.
@@ -300,63 +277,82 @@ mod tests {
 
     const US: Duration = Duration::from_micros(1);
 
-    /// An inbox whose clock stands still.
-    struct Timeless<R>(Inbox<R>, Instant);
-
-    impl<R> Timeless<R> {
-        fn new(max_clients: usize) -> Self {
-            Self(Inbox::new(max_clients), Instant::now())
-        }
-
-        fn with_gpus(self, gpus: usize) -> Self {
-            Self(self.0.with_gpus(gpus), self.1)
-        }
-
-        fn put(&mut self, sender: Sender, resource: Resource, request: R) {
-            self.0.put(sender, resource, request, self.1);
-        }
-
-        fn next(&mut self) -> Option<(Sender, R)> {
-            let (sender, _, request) = self.0.next(self.1, |_| true, |_, _| false)?;
-            Some((sender, request))
-        }
-
-        fn next_beside(
-            &mut self,
-            resource: Resource,
-            can_join: impl Fn(&R) -> bool,
-        ) -> Option<(Sender, R)> {
-            self.0.next_beside(self.1, resource, can_join)
-        }
-
-        fn note_served(&mut self, sender: Sender, used: Duration) {
-            self.0.note_served(sender, used);
-        }
-    }
-
     fn sender(process: u32, port: u128) -> Sender {
         Sender { port, session: port, process }
     }
 
     /// The next request, served at once, for so long.
-    fn serve<R>(inbox: &mut Timeless<R>, used: Duration) -> Option<R> {
-        let (sender, request) = inbox.next()?;
+    fn serve<R>(inbox: &mut Inbox<R>, now: Instant, used: Duration) -> Option<R> {
+        let (sender, _, request) = inbox.next(now, |_| true, |_, _| false)?;
         inbox.note_served(sender, used);
         Some(request)
     }
 
+    /// Plays a script, for processes of one session each, while no time passes. `+1Pa` puts a request `a` of process 1
+    /// for the pool (`C` a core, `G` a GPU, `g` one that others may join), `>1a` has it given out next, `&1a` beside
+    /// the last one, `>.` and `&.` none, and `-1` says that it was served.
+    fn play(gpus: usize, script: &str) {
+        let (mut inbox, now) = (Inbox::new(4).with_gpus(gpus), Instant::now());
+        for word in script.split_whitespace() {
+            let id = word[1..2].parse().unwrap_or(0);
+            let (from, expected) = (sender(id, id.into()), (id > 0).then_some(&word[1..]));
+            let name = |(from, request): (Sender, &str)| format!("{}{}", from.port, &request[3..]);
+            let found = match &word[..1] {
+                "+" => {
+                    let resource = match &word[2..3] {
+                        "P" => Resource::Pool,
+                        "C" => Resource::Core,
+                        _ => Resource::Gpu,
+                    };
+                    inbox.put(from, resource, word, now);
+                    continue;
+                }
+                ">" => inbox.next(now, |_| true, |_, _| false).map(|(from, _, r)| (from, r)),
+                "&" => inbox.next_beside(now, Resource::Gpu, |request| request.contains('g')),
+                _ => {
+                    inbox.note_served(from, US);
+                    continue;
+                }
+            };
+            assert_eq!(found.map(name).as_deref(), expected, "{word} of {script}");
+        }
+    }
+
+    #[test]
+    fn requests_wait_for_their_session_and_for_what_is_taken() {
+        for (gpus, script) in [
+            // A session has one frame served at a time, in its order.
+            (1, "+1Ca +1Cb +2Cc >1a >2c >. -2 >. -1 >1b"),
+            // Large frames are served one at a time, and small ones beside them.
+            (1, "+1P +2P +3C >1 >3 >. -1 >2"),
+            // A resource that is taken is waited for, and others are not.
+            (1, "+1G +2G +3P +4C >1 >3 >4 >. -3 >. -1 >2"),
+            // What a resource serves together is given out beside it, and taken until all of it is served.
+            (1, "+1ga +1gb +2C +3G +4g >1a &4 &. >2 >. -4 >. -1 >3"),
+            // Each GPU serves one at a time, and what goes with it.
+            (2, "+1G +2g +3G +4G >1 &2 >3 >. -1 >. -2 >4"),
+            // None overtakes an older one of its session that waits for a resource.
+            (1, "+2P >2 +1Po +1Cn >. -2 >1o"),
+        ] {
+            play(gpus, script);
+        }
+    }
+
     #[test]
     fn a_process_with_many_ports_has_one_turn() {
-        let mut inbox = Timeless::new(4);
+        let now = Instant::now();
+        let mut inbox = Inbox::new(4);
         for port in 10..18 {
-            inbox.put(sender(1, port), Resource::Core, (1, port));
-            inbox.put(sender(1, port), Resource::Core, (1, port));
+            inbox.put(sender(1, port), Resource::Core, (1, port), now);
+            inbox.put(sender(1, port), Resource::Core, (1, port), now);
         }
         let mut order = Vec::new();
         for _ in 0..4 {
             // A process that asks again as soon as it is answered.
-            inbox.put(sender(2, 1), Resource::Core, (2, 1));
-            order.extend([serve(&mut inbox, US), serve(&mut inbox, US)].into_iter().flatten());
+            inbox.put(sender(2, 1), Resource::Core, (2, 1), now);
+            order.extend(
+                [serve(&mut inbox, now, US), serve(&mut inbox, now, US)].into_iter().flatten(),
+            );
         }
         let processes: Vec<u32> = order.iter().map(|(process, _)| *process).collect();
         assert_eq!(processes, [1, 2, 1, 2, 1, 2, 1, 2]);
@@ -366,31 +362,33 @@ mod tests {
 
     #[test]
     fn newcomers_do_not_overtake_those_who_used_no_more() {
-        let mut inbox = Timeless::new(8);
-        inbox.put(sender(500, 1), Resource::Core, 500);
-        inbox.put(sender(500, 1), Resource::Core, 500);
-        assert_eq!(serve(&mut inbox, Duration::ZERO), Some(500));
+        let now = Instant::now();
+        let mut inbox = Inbox::new(8);
+        inbox.put(sender(500, 1), Resource::Core, 500, now);
+        inbox.put(sender(500, 1), Resource::Core, 500, now);
+        assert_eq!(serve(&mut inbox, now, Duration::ZERO), Some(500));
         for process in [1, 900] {
-            inbox.put(sender(process, 2), Resource::Core, process);
+            inbox.put(sender(process, 2), Resource::Core, process, now);
         }
-        let order = [(); 3].map(|()| serve(&mut inbox, US));
+        let order = [(); 3].map(|()| serve(&mut inbox, now, US));
         assert_eq!(order, [Some(500), Some(1), Some(900)]);
     }
 
     #[test]
     fn processes_that_always_wait_get_equal_time_whatever_their_frames_take() {
         let costs = [100 * US, 10 * US, US];
-        let mut inbox = Timeless::new(4);
+        let now = Instant::now();
+        let mut inbox = Inbox::new(4);
         let mut used = [Duration::ZERO; 3];
         for process in 0..3 {
-            inbox.put(sender(process, u128::from(process)), Resource::Core, process);
+            inbox.put(sender(process, u128::from(process)), Resource::Core, process, now);
         }
         for _ in 0..10_000 {
-            let process = serve(&mut inbox, Duration::ZERO).expect("all of them wait");
+            let process = serve(&mut inbox, now, Duration::ZERO).expect("all of them wait");
             let (cost, sender) = (costs[process as usize], sender(process, u128::from(process)));
             inbox.note_served(sender, cost);
             used[process as usize] += cost;
-            inbox.put(sender, Resource::Core, process);
+            inbox.put(sender, Resource::Core, process, now);
         }
         used.sort_unstable();
         assert!(used[2] <= used[0] + 2 * costs[0], "{used:?}");
@@ -398,140 +396,38 @@ mod tests {
 
     #[test]
     fn time_away_is_not_saved_up() {
-        let mut inbox = Timeless::new(4);
+        let now = Instant::now();
+        let mut inbox = Inbox::new(4);
         let [busy, back] = [sender(1, 1), sender(2, 2)];
-        inbox.put(back, Resource::Core, back);
-        assert_eq!(serve(&mut inbox, US), Some(back));
+        inbox.put(back, Resource::Core, back, now);
+        assert_eq!(serve(&mut inbox, now, US), Some(back));
         for _ in 0..1000 {
-            inbox.put(busy, Resource::Core, busy);
-            serve(&mut inbox, 100 * US);
+            inbox.put(busy, Resource::Core, busy, now);
+            serve(&mut inbox, now, 100 * US);
         }
         // Both wait from now on: the one that was away gets no thousand turns first.
         let mut turns = 0;
-        inbox.put(busy, Resource::Core, busy);
+        inbox.put(busy, Resource::Core, busy, now);
         for _ in 0..20 {
-            inbox.put(back, Resource::Core, back);
-            if serve(&mut inbox, 100 * US) == Some(busy) {
+            inbox.put(back, Resource::Core, back, now);
+            if serve(&mut inbox, now, 100 * US) == Some(busy) {
                 turns += 1;
-                inbox.put(busy, Resource::Core, busy);
+                inbox.put(busy, Resource::Core, busy, now);
             }
         }
         assert!(turns >= 8, "{turns} of 20");
     }
 
     #[test]
-    fn a_session_has_one_frame_served_at_a_time_in_its_order() {
-        let mut inbox = Timeless::new(4);
-        let (one, other) = (sender(1, 1), sender(1, 2));
-        inbox.put(one, Resource::Core, "a");
-        inbox.put(one, Resource::Core, "b");
-        inbox.put(other, Resource::Core, "c");
-        assert_eq!(inbox.next(), Some((one, "a")));
-        assert_eq!(inbox.next(), Some((other, "c")));
-        assert_eq!(inbox.next(), None);
-        inbox.note_served(other, US);
-        assert_eq!(inbox.next(), None);
-        inbox.note_served(one, US);
-        assert_eq!(inbox.next(), Some((one, "b")));
-    }
-
-    #[test]
-    fn large_frames_are_served_one_at_a_time_and_small_ones_beside_them() {
-        let mut inbox = Timeless::new(4);
-        let [a, b, c] = [1, 2, 3].map(|id| sender(id, u128::from(id)));
-        inbox.put(a, Resource::Pool, "large");
-        inbox.put(b, Resource::Pool, "large too");
-        inbox.put(c, Resource::Core, "small");
-        assert_eq!(inbox.next(), Some((a, "large")));
-        assert_eq!(inbox.next(), Some((c, "small")));
-        assert_eq!(inbox.next(), None);
-        inbox.note_served(a, 2000 * US);
-        assert_eq!(inbox.next(), Some((b, "large too")));
-    }
-
-    #[test]
-    fn a_resource_that_is_taken_is_waited_for_and_others_are_not() {
-        let mut inbox = Timeless::new(4);
-        let [a, b, c, d] = [1, 2, 3, 4].map(|process| sender(process, 1 + u128::from(process)));
-        for (sender, resource) in
-            [(a, Resource::Gpu), (b, Resource::Gpu), (c, Resource::Pool), (d, Resource::Core)]
-        {
-            inbox.put(sender, resource, resource);
-        }
-        assert_eq!(inbox.next(), Some((a, Resource::Gpu)));
-        assert_eq!(inbox.next(), Some((c, Resource::Pool)));
-        assert_eq!(inbox.next(), Some((d, Resource::Core)));
-        assert_eq!((inbox.next(), inbox.0.waiting()), (None, 1));
-        inbox.note_served(c, US);
-        assert_eq!(inbox.next(), None, "the GPU is still taken");
-        inbox.note_served(a, US);
-        assert_eq!(inbox.next(), Some((b, Resource::Gpu)));
-    }
-
-    #[test]
-    fn what_a_resource_serves_together_is_given_out_beside_it() {
-        let mut inbox = Timeless::new(4);
-        let [a, b, c, d] = [1, 2, 3, 4].map(|process| sender(process, 1 + u128::from(process)));
-        for (sender, resource, request) in [
-            (a, Resource::Gpu, "small"),
-            (a, Resource::Gpu, "small, too soon"),
-            (b, Resource::Core, "core"),
-            (c, Resource::Gpu, "large"),
-            (d, Resource::Gpu, "small too"),
-        ] {
-            inbox.put(sender, resource, request);
-        }
-        let is_small = |request: &&str| request.starts_with("small");
-        assert_eq!(inbox.next(), Some((a, "small")));
-        assert_eq!(inbox.next_beside(Resource::Gpu, is_small), Some((d, "small too")));
-        assert_eq!(inbox.next_beside(Resource::Gpu, is_small), None);
-        assert_eq!(inbox.next(), Some((b, "core")));
-        assert_eq!(inbox.next(), None, "the GPU is taken");
-        inbox.note_served(d, US);
-        assert_eq!(inbox.next(), None, "the other one is still served");
-        inbox.note_served(a, 2 * US);
-        assert_eq!(inbox.next(), Some((c, "large")));
-    }
-
-    #[test]
-    fn each_gpu_serves_one_at_a_time_and_what_goes_with_it() {
-        let mut inbox = Timeless::new(4).with_gpus(2);
-        let [a, b, c, d] = [1, 2, 3, 4].map(|process| sender(process, 1 + u128::from(process)));
-        for (sender, request) in [(a, "one"), (b, "with it"), (c, "other"), (d, "waits")] {
-            inbox.put(sender, Resource::Gpu, request);
-        }
-        assert_eq!(inbox.next(), Some((a, "one")));
-        assert_eq!(inbox.next_beside(Resource::Gpu, |r| *r == "with it"), Some((b, "with it")));
-        assert_eq!(inbox.next(), Some((c, "other")));
-        assert_eq!(inbox.next(), None, "both are taken");
-        inbox.note_served(a, US);
-        assert_eq!(inbox.next(), None, "one still serves what went with it");
-        inbox.note_served(b, US);
-        assert_eq!(inbox.next(), Some((d, "waits")));
-    }
-
-    #[test]
-    fn a_request_does_not_overtake_an_older_one_of_its_session_that_waits_for_a_resource() {
-        let mut inbox = Timeless::new(4);
-        let (one, other) = (sender(1, 1), sender(2, 2));
-        inbox.put(other, Resource::Pool, "large");
-        assert_eq!(inbox.next(), Some((other, "large")));
-        inbox.put(one, Resource::Pool, "older");
-        inbox.put(one, Resource::Core, "newer");
-        assert_eq!(inbox.next(), None);
-        inbox.note_served(other, US);
-        assert_eq!(inbox.next(), Some((one, "older")));
-    }
-
-    #[test]
     fn memory_does_not_grow() {
-        let mut inbox = Timeless::new(1);
-        let room = (inbox.0.waiting.capacity(), inbox.0.accounts.capacity());
+        let now = Instant::now();
+        let mut inbox = Inbox::new(1);
+        let room = (inbox.waiting.capacity(), inbox.accounts.capacity());
         for process in 0..10_000 {
-            inbox.put(sender(process, u128::from(process)), Resource::Core, process);
-            assert_eq!(serve(&mut inbox, 1000 * US), Some(process));
+            inbox.put(sender(process, u128::from(process)), Resource::Core, process, now);
+            assert_eq!(serve(&mut inbox, now, 1000 * US), Some(process));
         }
-        assert_eq!((inbox.0.waiting.capacity(), inbox.0.accounts.capacity()), room);
+        assert_eq!((inbox.waiting.capacity(), inbox.accounts.capacity()), room);
     }
 
     #[test]

@@ -2,8 +2,6 @@
 
 mod gate;
 mod inbox;
-mod intake;
 
-pub use gate::{Gate, Incoming};
-pub use inbox::{Inbox, Resource};
-pub use intake::Intake;
+pub use self::gate::{Gate, Incoming, Intake};
+pub use self::inbox::{Inbox, Resource};

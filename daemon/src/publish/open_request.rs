@@ -5,13 +5,13 @@ use std::ops::Range;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
+use pairmask_core::BoxCount;
 use pairmask_core::dispatch::{CullAnswer, CullOptions, WorldRange};
 use pairmask_core::engine::{ReplyBuffer, ReserveError};
 use pairmask_core::mask::{MaskShape, Span};
 use pairmask_core::objects::Objects;
 use pairmask_core::precision::BoxSlice;
 use pairmask_core::repeat::KeepTicket;
-use pairmask_core::units::BoxCount;
 use pairmask_transport::{
     CheckedRequest, FreeChunks, PortTurn, ResponseLoan, Sender, TransportError,
     assume_response_pages,
@@ -106,9 +106,6 @@ impl OpenRequest {
     }
 
     /// Validates what it asks for.
-    ///
-    /// # Errors
-    /// [`Reject`].
     pub(crate) fn parse(&self) -> Result<Request, Reject> {
         Request::parse(self.request().header(), self.payload_bytes())
     }
@@ -223,9 +220,6 @@ impl OpenRequest {
     }
 
     /// Puts a few bytes that are not a mask.
-    ///
-    /// # Errors
-    /// [`ReserveError`].
     pub(crate) fn put(&mut self, bytes: &[u8]) -> Result<(), ReserveError> {
         let (_, mut reply) = self.parts();
         let words = reply.reserve((bytes.len() as u64).div_ceil(WORD_BYTES))?;
@@ -245,9 +239,6 @@ impl OpenRequest {
 
     /// Sends what was written, where somebody waits for it. Where nothing was written, one page goes with the header:
     /// the transport has no empty payload.
-    ///
-    /// # Errors
-    /// [`TransportError`].
     pub(crate) fn send(&mut self, header: &ResponseHeader) -> Result<(), TransportError> {
         if self.loan.is_none() {
             let (_, mut reply) = self.parts();

@@ -1,25 +1,23 @@
 //! Where answers go out: counted, sent, their client woken, some of them checked again.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Instant;
 
 use iceoryx2::service::ipc_threadsafe;
-use pairmask_core::aabb::Aabb;
 use pairmask_core::dispatch::{CullAnswer, StageTimes};
 use pairmask_core::engine::CullReport;
-use pairmask_core::objects::ObjectForm;
-use pairmask_core::precision::BoxForm;
-use pairmask_core::scene::{QueryTags, Told};
-use pairmask_core::units::BoxCount;
+use pairmask_core::scene::Told;
+use pairmask_core::{BoxCount, BoxForm, ObjectForm};
 use pairmask_transport::Services;
 use pairmask_wire::{
-    ReplyFields, ResponseHeader, SceneRequest, SkipTotals, StatusBody, response_error, response_ok,
-    response_scene_ended, response_status,
+    AuditCounts, LAST_ERRORS, RecordedError, ReplyFields, ResponseHeader, SkipTotals, StatusBody,
+    StatusCode, response_error, response_ok,
 };
 
-use super::counters::Counters;
 use super::{OpenRequest, Refusal};
-use crate::audit::{AuditedFrame, AuditedScene, Auditor, SceneNote, Window};
+use crate::audit::{AuditedFrame, AuditedScene, Auditor, Window};
 use crate::clients::{Clients, SceneMemory};
+use crate::requests::Served;
 
 /// What changes the words of a finished answer and their report. A daemon that serves clients has
 /// none: tests show with it that the auditor notices a wrong answer.
@@ -30,7 +28,7 @@ pub(crate) struct Outbox {
     services: Arc<Services<ipc_threadsafe::Service>>,
     clients: Clients,
     counters: Mutex<Counters>,
-    auditor: Arc<Auditor>,
+    pub(crate) auditor: Arc<Auditor>,
     scene_memory: SceneMemory,
     /// Changes every answer before it is counted and sent.
     alter_answers: Option<AlterAnswer>,
@@ -78,7 +76,7 @@ impl Outbox {
 
     /// What all answers left out so far.
     pub(crate) fn skips(&self) -> SkipTotals {
-        self.counters().skips()
+        self.counters().skips
     }
 
     /// Answers with the pairs of the request's objects, whose mask its reply holds.
@@ -120,7 +118,7 @@ impl Outbox {
     }
 
     /// Answers a query of a scene with the boxes that were found, whose mask its reply holds. Returns what is
-    /// to be [audited](Self::audit_query) of it, if the scene is.
+    /// to be [audited](Auditor::submit_query) of it, if the scene is.
     pub(crate) fn answer_query(
         &self,
         open: &mut OpenRequest,
@@ -135,17 +133,6 @@ impl Outbox {
         let header = self.count(open, queries, form, &answer);
         self.send(open, &header);
         audited
-    }
-
-    /// Has an answered query of a scene audited. Its payload is ours to read as long as the request is.
-    pub(crate) fn audit_query(
-        &self,
-        scene: &AuditedScene,
-        window: Box<Window>,
-        queries: &[Aabb],
-        tags: &QueryTags<'_>,
-    ) {
-        self.auditor.submit_query(scene, window, queries, tags);
     }
 
     fn alter(&self, open: &mut OpenRequest, answer: &mut CullAnswer) {
@@ -173,12 +160,6 @@ impl Outbox {
         response_ok(fields, answer.engine, answer.threads, report, &times)
     }
 
-    /// Answers an edit of a scene with what follows, which the reply holds.
-    pub(crate) fn answer_edit(&self, open: &mut OpenRequest, told: &Told, header: &ResponseHeader) {
-        self.count_edit(open.fields(), told);
-        self.send(open, header);
-    }
-
     /// Counts what an edit of a scene is answered with.
     pub(crate) fn count_edit(&self, fields: &ReplyFields, told: &Told) {
         let pairs = (told.begun().len() + told.ended().len() + told.pairs().len()) as u64;
@@ -186,41 +167,6 @@ impl Outbox {
         let mut counters = self.counters();
         counters.note_frame(fields, ObjectForm::Boxes(BoxForm::F32), pairs);
         counters.note_skips(&skips);
-    }
-
-    /// Draws whether a scene that begins is audited.
-    pub(crate) fn draw_scene(&self, most_boxes: u32) -> Option<AuditedScene> {
-        self.auditor.draw_scene(most_boxes)
-    }
-
-    /// Has an answered edit of a scene audited. Its payload is ours to read as long as the request is.
-    pub(crate) fn audit_edit(
-        &self,
-        open: &OpenRequest,
-        scene: &AuditedScene,
-        request: &SceneRequest,
-        told: &Told,
-    ) {
-        let fields = open.fields();
-        let named = (fields.client_token, fields.frame);
-        self.auditor.follow(scene, || Some(SceneNote::new(named, request, open.pages(), told)));
-    }
-
-    /// Answers that a scene is forgotten.
-    pub(crate) fn answer_scene_ended(&self, open: &mut OpenRequest) {
-        let header = response_scene_ended(open.fields());
-        self.send(open, &header);
-    }
-
-    /// Answers a request about a shared scene. The answer to a commit is [counted](Self::count_edit) before.
-    pub(crate) fn answer_shared(&self, open: &mut OpenRequest, header: &ResponseHeader) {
-        self.send(open, header);
-    }
-
-    /// Answers with the daemon's status, which the reply holds.
-    pub(crate) fn answer_status(&self, open: &mut OpenRequest) {
-        let header = response_status(open.fields());
-        self.send(open, &header);
     }
 
     /// Answers with an error.
@@ -231,7 +177,15 @@ impl Outbox {
         self.send(open, &response_error(&fields, refusal.status, refusal.detail));
     }
 
-    fn send(&self, open: &mut OpenRequest, header: &ResponseHeader) {
+    /// The same, and gives the request back.
+    pub(crate) fn refuse_and_close(&self, mut open: OpenRequest, refusal: &Refusal) -> Served {
+        self.refuse(&mut open, refusal);
+        open.close();
+        Served::BEGUN
+    }
+
+    /// Answers with a header, and what the reply holds.
+    pub(crate) fn send(&self, open: &mut OpenRequest, header: &ResponseHeader) {
         // Where there is no memory for one page, or the client is gone, no response can be sent: the
         // client's deadline ends its wait.
         if let Err(error) = open.send(header) {
@@ -253,4 +207,66 @@ fn frame_of<'a>(
     answer: &'a CullAnswer,
 ) -> AuditedFrame<'a> {
     AuditedFrame { form, first_set, shape: &answer.report.shape, reply: open.words() }
+}
+
+/// Counters since the worker began to serve.
+pub(super) struct Counters {
+    start: Instant,
+    body: StatusBody,
+    pub(super) skips: SkipTotals,
+}
+
+impl Counters {
+    /// All zero; time counts from now.
+    pub(super) fn new() -> Self {
+        let body = StatusBody { pid: std::process::id(), ..StatusBody::default() };
+        Self { start: Instant::now(), body, skips: SkipTotals::default() }
+    }
+
+    /// Counts an answer.
+    pub(super) fn note_frame(&mut self, fields: &ReplyFields, form: ObjectForm, pair_count: u64) {
+        self.body.frames += 1;
+        let objects = match form {
+            ObjectForm::Boxes(_) => &mut self.body.boxes,
+            ObjectForm::Spheres => &mut self.body.spheres,
+        };
+        *objects += u64::from(fields.box_count.get());
+        self.body.pairs = self.body.pairs.saturating_add(pair_count);
+    }
+
+    /// Adds what an answer left out.
+    pub(super) fn note_skips(&mut self, skips: &SkipTotals) {
+        self.skips = self.skips.plus(skips);
+    }
+
+    /// Counts a refusal, and keeps it among the last ones.
+    pub(super) fn note_error(&mut self, fields: &ReplyFields, status: StatusCode) {
+        self.body.errors += 1;
+        self.body.last_errors.copy_within(..LAST_ERRORS - 1, 1);
+        self.body.last_errors[0] = RecordedError {
+            client_token: fields.client_token,
+            frame: fields.frame,
+            at_ns: self.start.elapsed().as_nanos() as u64,
+            status: status as u32,
+            reserved: 0,
+        };
+    }
+
+    /// The counters, beside what others count.
+    pub(super) fn body(
+        &self,
+        client_count: usize,
+        audit: AuditCounts,
+        (scenes, scene_bytes): (u64, u64),
+    ) -> StatusBody {
+        let cut = |number: u64| u32::try_from(number).unwrap_or(u32::MAX);
+        StatusBody {
+            client_count: u32::try_from(client_count).unwrap_or(u32::MAX),
+            uptime_ns: self.start.elapsed().as_nanos() as u64,
+            audit,
+            scenes: cut(scenes),
+            scene_mib: cut(scene_bytes.div_ceil(1 << 20)),
+            ..self.body
+        }
+    }
 }

@@ -19,17 +19,24 @@ pub(crate) struct Refusal {
     pub(super) text: String,
 }
 
-impl From<Reject> for Refusal {
-    fn from(reject: Reject) -> Self {
-        Self { status: reject.status(), detail: [0; 2], text: reject.to_string() }
-    }
+/// A refusal of an error, with its status and what belongs to that.
+macro_rules! refuse {
+    ($($error:ty: $name:ident => ($status:expr, $detail:expr);)+) => {
+        $(impl From<$error> for Refusal {
+            fn from($name: $error) -> Self {
+                let (status, detail, text) = ($status, $detail, $name.to_string());
+                Self { status, detail, text }
+            }
+        })+
+    };
 }
 
-impl From<NoRoom> for Refusal {
-    fn from(no_room: NoRoom) -> Self {
-        let detail = [no_room.needed_bytes, no_room.limit_bytes];
-        Self { status: StatusCode::SceneTooLarge, detail, text: no_room.to_string() }
-    }
+refuse! {
+    Reject: error => (error.status(), [0; 2]);
+    NoRoom: error => (StatusCode::SceneTooLarge, [error.needed_bytes, error.limit_bytes]);
+    TermsDiffer: error => (StatusCode::SharedDiffers, error.detail());
+    LeaseError: error => (StatusCode::LeaseRefused, lease_detail(&error));
+    NotLeased: error => (StatusCode::NotLeased, not_leased_detail(&error));
 }
 
 impl From<EditError> for Refusal {
@@ -49,27 +56,6 @@ impl From<SceneError> for Refusal {
             SceneError::Cull(error) => error.into(),
             error => Self::engine_failed(&error),
         }
-    }
-}
-
-impl From<TermsDiffer> for Refusal {
-    fn from(error: TermsDiffer) -> Self {
-        let (status, detail) = (StatusCode::SharedDiffers, error.detail());
-        Self { status, detail, text: error.to_string() }
-    }
-}
-
-impl From<LeaseError> for Refusal {
-    fn from(error: LeaseError) -> Self {
-        let (status, detail) = (StatusCode::LeaseRefused, lease_detail(&error));
-        Self { status, detail, text: error.to_string() }
-    }
-}
-
-impl From<NotLeased> for Refusal {
-    fn from(error: NotLeased) -> Self {
-        let (status, detail) = (StatusCode::NotLeased, not_leased_detail(&error));
-        Self { status, detail, text: error.to_string() }
     }
 }
 

@@ -50,9 +50,6 @@ pub(super) struct ReplyMemory {
 impl ReplyMemory {
     /// Makes the pages of a chunk present that is lent for an answer of a session. While one thread does so, which may
     /// take tens of milliseconds, others with other chunks do not wait.
-    ///
-    /// # Errors
-    /// [`PopulateError`].
     pub(super) fn ensure(&self, chunk: &mut [Page], session: u128) -> Result<(), PopulateError> {
         let (address, bytes) = (chunk.as_ptr() as usize, size_of_val(chunk));
         let now = Instant::now();

@@ -10,10 +10,9 @@ use pairmask_core::objects::Objects;
 use pairmask_core::repeat::Seen;
 use pairmask_wire::{CullRequest, Reject, SentRules};
 
-use super::Served;
-use super::between::Sets;
-use super::filtered::{self, Filtered, MaskFilters};
+use super::filtered::{Filtered, MaskFilters, Sets};
 use super::gpu_lines::{GpuLine, Submission};
+use super::{Served, filtered};
 use crate::clients::GpuNeed;
 use crate::execute::{
     BUNDLE_FRAMES, Ended, EnginePool, Executor, Gpus, Joining, Owner, RuledFrame, Unserved,
@@ -54,7 +53,7 @@ impl Culls {
     /// Lets the engines work for a moment.
     pub(super) fn rest(&self) {
         if let Some(line) = self.lines.iter().find(|line| line.is_busy()) {
-            line.gpu().rest();
+            line.gpu.rest();
         }
     }
 
@@ -66,7 +65,7 @@ impl Culls {
 
     /// Has the GPUs let go of the memory of replies in a range of addresses, none of which is lent. Whether they did.
     pub(super) fn release_reply(&self, range: &Range<usize>) -> bool {
-        self.lines.iter().all(|line| line.gpu().release_reply(range))
+        self.lines.iter().all(|line| line.gpu.release_reply(range))
     }
 
     /// Answers a request, or leaves it under way.
@@ -149,18 +148,10 @@ impl Culls {
     ) -> Served {
         let Way { options, beside_others, joining } = way;
         let options = &options;
-        if let Err(reject) = open.place_scene(request.scene) {
-            outbox.refuse(&mut open, &reject.into());
-            open.close();
-            return Served::BEGUN;
-        }
-        let rules = match read_rules(&open, request, engines) {
+        let placed = open.place_scene(request.scene);
+        let rules = match placed.and_then(|()| read_rules(&open, request, engines)) {
             Ok(rules) => rules,
-            Err(reject) => {
-                outbox.refuse(&mut open, &reject.into());
-                open.close();
-                return Served::BEGUN;
-            }
+            Err(reject) => return outbox.refuse_and_close(open, &reject.into()),
         };
         if let Some(first) = request.first_set {
             let sets = Sets { first, options, beside_others };
@@ -195,9 +186,7 @@ impl Culls {
         let on_gpu = rules.as_ref().is_none_or(|rules| engines.may_use_gpu(rules, options));
         if let Some(rules) = rules.as_ref().filter(|_| !on_gpu) {
             let answer = filtered::cull_here(&mut open, engines, rules, options);
-            if is_alike {
-                open.keep_with(engines.repeats().ticket());
-            }
+            open.keep_with(engines.ticket(is_alike));
             return publish(open, answer, outbox);
         }
         let boxes = match open.parts() {
@@ -205,9 +194,7 @@ impl Culls {
             (Objects::Spheres(_), _) => {
                 let owner = Owner::Client(sender.port);
                 let answer = engines.run_spheres(owner, options, &mut open);
-                if is_alike {
-                    open.keep_with(engines.repeats().ticket());
-                }
+                open.keep_with(engines.ticket(is_alike));
                 return publish(open, answer, outbox);
             }
         };
@@ -218,9 +205,7 @@ impl Culls {
             engines.plan(boxes, options, limit_words)
         };
         if let Some(rules) = rules.filter(|_| !planned.is_gpu()) {
-            if is_alike {
-                open.keep_with(engines.repeats().ticket());
-            }
+            open.keep_with(engines.ticket(is_alike));
             let on_one_core = planned.on_one_core();
             let answer = filtered::cull_here(&mut open, engines, &rules, options);
             return Served { on_one_core, ..publish(open, answer, outbox) };
@@ -231,9 +216,8 @@ impl Culls {
             let gpu = if planned.needs_gpu() { GpuNeed::Alone } else { GpuNeed::None };
             return self.run_ruled(open, &frame, (options, is_alike, gpu), engines, outbox);
         }
-        if is_alike && planned.is_sooner_compared(open.objects()) {
-            open.keep_with(engines.repeats().ticket());
-        }
+        let keeps = is_alike && planned.is_sooner_compared(open.objects());
+        open.keep_with(engines.ticket(keeps));
         let can_join = engines.can_join(&planned);
         let gpu = match planned.needs_gpu() {
             false => GpuNeed::None,
@@ -274,9 +258,7 @@ impl Culls {
         outbox: &Outbox,
     ) -> Served {
         let owner = Owner::Client(open.sender().port);
-        if is_alike {
-            open.keep_with(engines.repeats().ticket());
-        }
+        open.keep_with(engines.ticket(is_alike));
         let answer = filtered::cull_there(&mut open, engines, frame, owner, options);
         Served { gpu, ..self.finish(open, answer, Place::of(options), outbox) }
     }
@@ -287,7 +269,7 @@ impl Culls {
         let Some(line) = first.and_then(|frame| self.lines.get(frame.gpu_place())) else { return };
         self.claim_place(line, Place::Lane, outbox);
         let (mut begun, mut unserved) = (Vec::with_capacity(joining.len()), Vec::new());
-        for frame in line.gpu().begin_bundle(joining) {
+        for frame in line.gpu.begin_bundle(joining) {
             match frame {
                 Ok(frame) => begun.push(frame),
                 Err(frame) => unserved.push(frame),

@@ -16,7 +16,7 @@ pub(super) struct Submission {
 
 /// What is under way on a GPU.
 pub(super) struct GpuLine {
-    gpu: Arc<SharedGpu>,
+    pub(super) gpu: Arc<SharedGpu>,
     /// Oldest first.
     under_way: Mutex<VecDeque<Submission>>,
     /// Places that are claimed, for those who only look.
@@ -29,10 +29,6 @@ impl GpuLine {
     pub(super) fn new(gpu: Arc<SharedGpu>) -> Self {
         let under_way = Mutex::new(VecDeque::with_capacity(SUBMISSIONS_UNDER_WAY));
         Self { gpu, under_way, claimed: AtomicUsize::new(0), returning: Mutex::default() }
-    }
-
-    pub(super) const fn gpu(&self) -> &Arc<SharedGpu> {
-        &self.gpu
     }
 
     /// Gives up what the GPU keeps of clients that are gone. A device that was opened, or was lost and is there again, is

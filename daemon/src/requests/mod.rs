@@ -3,31 +3,44 @@
 //! An operation is a file here and an arm in `Responder::open`. Threads take requests side by side,
 //! of one session one at a time.
 
-mod between;
 mod cull;
 mod filtered;
 mod gpu_lines;
-mod query;
 mod scene;
 mod shared;
-mod status;
+
+pub use crate::clients::GpuNeed;
 
 use std::sync::Arc;
 use std::time::Duration;
 
 use iceoryx2::service::ipc_threadsafe;
+use pairmask_core::engine::CullError;
 use pairmask_transport::{FreeChunks, GpuCounts, Limits, PortTurn, Services, WakeClient};
-use pairmask_wire::{CullRequest, Request, SkipTotals, StatusBody};
+use pairmask_wire::{CullRequest, PAGE_BYTES, Request, SkipTotals, StatusBody, response_status};
 
 use self::cull::Culls;
 use self::scene::{SceneEdits, SceneTools};
 use self::shared::SharedScenes;
 use crate::audit::Auditor;
-pub use crate::clients::GpuNeed;
 use crate::clients::{Clients, SceneMemory};
 use crate::execute::{EnginePool, Executor};
 use crate::ingest::Incoming;
 use crate::publish::{AlterAnswer, OpenRequest, Outbox, ReplyLender};
+
+const _: () = assert!(size_of::<StatusBody>() <= PAGE_BYTES, "a status fits one page");
+
+/// Ends the process where a thread that serves panics, as a panic of its only thread would: the supervisor starts
+/// another one.
+pub struct EndWithPanic;
+
+impl Drop for EndWithPanic {
+    fn drop(&mut self) {
+        if std::thread::panicking() {
+            std::process::abort();
+        }
+    }
+}
 
 /// Answers requests.
 pub struct Responder {
@@ -36,7 +49,7 @@ pub struct Responder {
     shared: SharedScenes,
     outbox: Arc<Outbox>,
     lender: Arc<ReplyLender>,
-    gpus: usize,
+    pub gpus: usize,
 }
 
 /// How a request was served.
@@ -56,7 +69,7 @@ pub struct Served {
 
 impl Served {
     /// A frame that was begun or refused by one thread.
-    const BEGUN: Self =
+    pub(crate) const BEGUN: Self =
         Self { threads: 1, on_one_core: None, on_gpu: false, gpu: GpuNeed::None, is_frame: true };
     /// Another request.
     const OTHER: Self = Self { is_frame: false, ..Self::BEGUN };
@@ -94,11 +107,6 @@ impl Responder {
             outbox: Arc::new(Outbox::new(services, clients, auditor, memory)),
             lender: Arc::new(ReplyLender::new(turn, free, limits.max_reply_bytes)),
         }
-    }
-
-    /// GPUs that requests may go to.
-    pub const fn gpus(&self) -> usize {
-        self.gpus
     }
 
     /// How many GPUs are being opened, and how many serve.
@@ -165,7 +173,13 @@ impl Responder {
             }
             Ok(Request::LeaveShared(scene)) => self.shared.leave(&mut open, scene, &self.outbox),
             Ok(Request::EndScene(scene)) => SceneEdits::end(&mut open, scene, &self.outbox),
-            Ok(Request::Status) => status::answer(&mut open, &self.outbox),
+            Ok(Request::Status) => match open.put(bytemuck::bytes_of(&self.status())) {
+                Ok(()) => {
+                    let header = response_status(open.fields());
+                    self.outbox.send(&mut open, &header);
+                }
+                Err(error) => self.outbox.refuse(&mut open, &CullError::from(error).into()),
+            },
             Err(reject) => self.outbox.refuse(&mut open, &reject.into()),
         }
         open.close();

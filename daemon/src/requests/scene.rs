@@ -4,13 +4,17 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use pairmask_core::dispatch::{CpuEngines, StageTimes};
-use pairmask_core::engine::{AvailableIsa, CullError, EngineChoice, ReplyBuffer};
+use pairmask_core::engine::{AvailableIsa, CullError, ReplyBuffer};
 use pairmask_core::plan::Calibration;
-use pairmask_core::scene::{Edit, SceneError, SceneOptions};
-use pairmask_wire::{EditScratch, SceneAnswerLayout, SceneId, SceneRequest, response_scene};
+use pairmask_core::scene::{BeyondMask, Edit, QueryError, SceneError, SceneOptions};
+use pairmask_core::{BoxCount, EngineChoice};
+use pairmask_wire::{
+    EditScratch, QueryRequest, Reject, SceneAnswerLayout, SceneId, SceneRequest, response_scene,
+    response_scene_ended,
+};
 
 use super::Served;
-use crate::audit::Auditor;
+use crate::audit::{Auditor, SceneNote};
 use crate::clients::{GpuNeed, KeptScene, PendingBoxes, SceneMemory};
 use crate::execute::{EnginePool, Gpus, SceneKeeper};
 use crate::publish::{OpenRequest, Outbox, Refusal};
@@ -96,7 +100,8 @@ impl SceneEdits {
     /// Forgets a scene.
     pub(super) fn end(open: &mut OpenRequest, scene: SceneId, outbox: &Outbox) {
         drop(outbox.clients().take_scene(open.sender().session, scene));
-        outbox.answer_scene_ended(open);
+        let header = response_scene_ended(open.fields());
+        outbox.send(open, &header);
     }
 
     /// The scene that an edit is for, taken from where it is kept.
@@ -109,7 +114,7 @@ impl SceneEdits {
         if request.base == 0 {
             drop(outbox.clients().take_scene(session, request.scene));
             let scene = self.0.new_scene(request.most_boxes, request.engine)?;
-            let audited = outbox.draw_scene(request.most_boxes);
+            let audited = outbox.auditor.draw_scene(request.most_boxes);
             return Ok(KeptScene::begin(request.scene, scene, audited, &self.0.memory)?);
         }
         Self::find_at(session, request.scene, request.base, outbox)
@@ -147,7 +152,7 @@ fn edit_and_answer(
     let start = Instant::now();
     let steps = scratch.read(request, open.pages())?;
     let edit = Edit { steps: &steps };
-    room.make(scene, edit, PendingBoxes::default(), found.bytes())?;
+    room.make(scene, edit, PendingBoxes::default(), bytes_of(found))?;
     let ingested = Instant::now();
     if request.is_taken {
         scene.take();
@@ -157,7 +162,7 @@ fn edit_and_answer(
     }
     scene.set_threads(threads);
     let edited = scene.edit(edit, request.want);
-    room.note(scene, found.bytes() + scratch.allocated_bytes() as u64);
+    room.note(scene, bytes_of(found) + scratch.allocated_bytes() as u64);
     match edited {
         Ok(()) => *revision = request.revision,
         // The scene is what it was.
@@ -189,9 +194,13 @@ fn edit_and_answer(
     let kept_bytes = scene.bytes();
     let engine = scene.engine();
     let header = response_scene(open.fields(), engine, threads, told, kept_bytes, &times);
-    outbox.answer_edit(open, told, &header);
+    outbox.count_edit(open.fields(), told);
+    outbox.send(open, &header);
     if let Some(audited) = audited {
-        outbox.audit_edit(open, audited, request, told);
+        // Its payload is ours to read as long as the request is.
+        let named = (open.fields().client_token, open.fields().frame);
+        let note = || Some(SceneNote::new(named, request, open.pages(), told));
+        outbox.auditor.follow(audited, note);
     }
     Ok(())
 }
@@ -206,6 +215,134 @@ enum Failed {
 
 impl<E: Into<Refusal>> From<E> for Failed {
     fn from(error: E) -> Self {
+        Self::Refused(error.into())
+    }
+}
+
+/// Most pairs whose memory a scene keeps between queries: 8 MiB, 2,048 pages. To find more takes far longer than
+/// to map their memory.
+const MOST_KEPT_PAIRS: usize = 1 << 20;
+
+/// Most queries of a scene in video memory that are answered without the pool: 24 bytes each, so that the copy
+/// to where the GPU sees them is one thread's.
+const FEW_QUERIES: u32 = 1 << 15;
+
+impl SceneEdits {
+    /// Answers a query.
+    pub(super) fn query(
+        &self,
+        mut open: OpenRequest,
+        request: &QueryRequest,
+        threads: usize,
+        outbox: &Outbox,
+    ) -> Served {
+        let threads = request.threads.map_or(threads, |asked| asked.min(threads)).max(1);
+        let session = open.sender().session;
+        let mut gpu = GpuNeed::None;
+        let answered = match Self::find_at(session, request.scene, request.revision, outbox) {
+            Ok(mut kept) => {
+                let is_there = kept.scene.engine().is_gpu();
+                let mut answer =
+                    || query_and_answer(&mut kept, &mut open, request, threads, outbox);
+                // A scene in video memory has work for the pool only where its queries fill a copy of several
+                // threads. Else a thread of it would be woken for nothing.
+                let answered =
+                    if threads == 1 || (is_there && request.mask.queries() <= FEW_QUERIES) {
+                        answer()
+                    } else {
+                        self.0.pool.work(answer)
+                    };
+                if is_there {
+                    gpu = GpuNeed::Alone;
+                }
+                // Its boxes are gone with the device's memory: the client sends them again.
+                let is_lost = matches!(answered, Err(Unanswered::Lost));
+                if !is_lost {
+                    outbox.clients().keep_scene(session, kept);
+                }
+                answered.map_err(|why| match why {
+                    Unanswered::Lost => Refusal::stale_scene(0),
+                    Unanswered::Refused(refusal) => refusal,
+                })
+            }
+            Err(refusal) => Err(refusal),
+        };
+        if let Err(refusal) = &answered {
+            outbox.refuse(&mut open, refusal);
+        }
+        open.close();
+        Served { threads, on_gpu: gpu != GpuNeed::None, gpu, ..Served::BEGUN }
+    }
+}
+
+/// Bytes that found pairs take.
+const fn bytes_of(found: &Vec<[u32; 2]>) -> u64 {
+    (found.capacity() * size_of::<[u32; 2]>()) as u64
+}
+
+/// Why a query has no answer.
+enum Unanswered {
+    Refused(Refusal),
+    /// The scene was in video memory that is gone.
+    Lost,
+}
+
+impl From<QueryError> for Unanswered {
+    fn from(error: QueryError) -> Self {
+        match error {
+            QueryError::Cull(CullError::DeviceLost { .. }) => Self::Lost,
+            QueryError::Cull(error) => Self::Refused(error.into()),
+            // Whether there are enough tags was checked with the header.
+            _ => Self::Refused(Reject::Query { field: "tags" }.into()),
+        }
+    }
+}
+
+fn query_and_answer(
+    kept: &mut KeptScene,
+    open: &mut OpenRequest,
+    request: &QueryRequest,
+    threads: usize,
+    outbox: &Outbox,
+) -> Result<(), Unanswered> {
+    let KeptScene { scene, scratch, found, room, audited, .. } = kept;
+    scene.set_threads(threads);
+    scene.limit_query_pairs(open.limit_pairs());
+    let taken_at = open.taken_at();
+    let begun = Instant::now();
+    let answer = {
+        let (pages, mut reply) = open.payload_and_reply();
+        let malformed = || Unanswered::Refused(Reject::Query { field: "payload" }.into());
+        let (queries, tags) = request.read(pages).ok_or_else(malformed)?;
+        request.mask.answer(queries, request.encoding, threads, found, &mut reply, |found| {
+            scene.query(queries, tags, found).map_err(Unanswered::from)
+        })
+    };
+    if found.capacity() > MOST_KEPT_PAIRS {
+        *found = Vec::new();
+    }
+    room.note(scene, bytes_of(found) + scratch.allocated_bytes() as u64);
+    let mut answer = answer?;
+    answer.engine = scene.engine();
+    answer.times.ingest_ns = begun.duration_since(taken_at).as_nanos() as u64;
+    let queries = BoxCount::new(request.mask.queries());
+    let window = outbox.answer_query(open, queries, answer, audited.as_ref());
+    if let (Some(scene), Some(window)) = (audited, window)
+        && let Some((queries, tags)) = request.read(open.pages())
+    {
+        outbox.auditor.submit_query(scene, window, queries, &tags);
+    }
+    Ok(())
+}
+
+impl From<BeyondMask> for Unanswered {
+    fn from(_: BeyondMask) -> Self {
+        Self::Refused(Reject::Query { field: "object count" }.into())
+    }
+}
+
+impl From<CullError> for Unanswered {
+    fn from(error: CullError) -> Self {
         Self::Refused(error.into())
     }
 }

@@ -9,14 +9,13 @@
 use std::fs;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use pairmask_transport::{BEAT_INTERVAL, Heartbeat, RuntimeDir, Stillness, no_files_left};
 use pairmask_wire::InstanceName;
 use rustix::thread::gettid;
 
-use super::ServeError;
+use super::{ServeError, StoppedThread};
 
 /// Between two looks at the lanes.
 const LOOK_INTERVAL: Duration = Duration::from_millis(500);
@@ -37,47 +36,23 @@ impl Rounds {
     }
 }
 
-/// Stops and joins its thread when dropped. The heartbeat ends then.
+/// The thread that beats, until this is dropped.
 pub(super) struct Beating {
-    rounds: Rounds,
-    has_no_files: Arc<AtomicBool>,
-    stop: Arc<AtomicBool>,
-    thread: Option<JoinHandle<()>>,
+    /// Where lanes count their rounds.
+    pub(super) rounds: Rounds,
+    /// Where the server port notes that it had no file to connect to a client.
+    pub(super) has_no_files: Arc<AtomicBool>,
+    _thread: StoppedThread,
 }
 
 impl Beating {
     pub(super) fn start(dir: &RuntimeDir, instance: &InstanceName) -> Result<Self, ServeError> {
         let heart = Heartbeat::start(dir, instance)?;
-        let (rounds, stop) = (Rounds::default(), Arc::new(AtomicBool::new(false)));
-        let has_no_files = Arc::new(AtomicBool::new(false));
-        let (counted, told, name) = (rounds.clone(), Arc::clone(&stop), instance.clone());
-        let lacked = Arc::clone(&has_no_files);
-        let thread = std::thread::Builder::new()
-            .name("heartbeat".into())
-            .spawn(move || beat(heart, &counted, &lacked, &told, &name))
-            .map_err(ServeError::system("starting the heartbeat"))?;
-        Ok(Self { rounds, has_no_files, stop, thread: Some(thread) })
-    }
-
-    /// Where lanes count their rounds.
-    pub(super) fn rounds(&self) -> Rounds {
-        self.rounds.clone()
-    }
-
-    /// Where the server port notes that it had no file to connect to a client.
-    pub(super) fn has_no_files(&self) -> Arc<AtomicBool> {
-        Arc::clone(&self.has_no_files)
-    }
-}
-
-impl Drop for Beating {
-    fn drop(&mut self) {
-        self.stop.store(true, Ordering::Relaxed);
-        if let Some(thread) = self.thread.take() {
-            thread.thread().unpark();
-            // One that panicked beats no more.
-            let _ = thread.join();
-        }
+        let (rounds, has_no_files) = (Rounds::default(), Arc::new(AtomicBool::new(false)));
+        let (counted, lacked, name) = (rounds.clone(), Arc::clone(&has_no_files), instance.clone());
+        let work = move |stop: &AtomicBool| beat(heart, &counted, &lacked, stop, &name);
+        let thread = StoppedThread::start("heartbeat", "starting the heartbeat", work)?;
+        Ok(Self { rounds, has_no_files, _thread: thread })
     }
 }
 

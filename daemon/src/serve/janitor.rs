@@ -6,23 +6,21 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
-use std::thread::JoinHandle;
 
 use pairmask_transport::{
     DaemonNode, JANITOR_INTERVAL, RuntimeDir, Services, StatusFile, remove_hollow_files,
 };
 use pairmask_wire::InstanceName;
 
-use super::ServeError;
 use super::heartbeat::Rounds;
+use super::{ServeError, StoppedThread};
 
-/// Stops and joins its thread when dropped.
+/// The thread, until this is dropped.
 pub(super) struct Janitor {
-    stop: Arc<AtomicBool>,
     posted: Arc<Mutex<Option<StatusFile>>>,
     segment: Arc<OnceLock<PathBuf>>,
     rounds: Rounds,
-    thread: Option<JoinHandle<()>>,
+    thread: StoppedThread,
 }
 
 impl Janitor {
@@ -31,16 +29,13 @@ impl Janitor {
         instance: &InstanceName,
         rounds: Rounds,
     ) -> Result<Self, ServeError> {
-        let stop = Arc::new(AtomicBool::new(false));
         let posted = Arc::new(Mutex::default());
-        let (told, mail) = (Arc::clone(&stop), Arc::clone(&posted));
+        let mail = Arc::clone(&posted);
         let segment = Arc::new(OnceLock::new());
         let (dir, instance, watched) = (dir.clone(), instance.clone(), Arc::clone(&segment));
-        let thread = std::thread::Builder::new()
-            .name("janitor".into())
-            .spawn(move || sweep(&dir, &instance, &told, &mail, &watched))
-            .map_err(ServeError::system("starting the janitor"))?;
-        Ok(Self { stop, posted, segment, rounds, thread: Some(thread) })
+        let work = move |stop: &AtomicBool| sweep(&dir, &instance, stop, &mail, &watched);
+        let thread = StoppedThread::start("janitor", "starting the janitor", work)?;
+        Ok(Self { posted, segment, rounds, thread })
     }
 
     /// Ends the process where this file, the daemon's segment, is removed.
@@ -53,20 +48,7 @@ impl Janitor {
     pub(super) fn post(&self, status: &StatusFile) {
         self.rounds.count();
         *self.posted.lock().unwrap_or_else(PoisonError::into_inner) = Some(*status);
-        if let Some(thread) = &self.thread {
-            thread.thread().unpark();
-        }
-    }
-}
-
-impl Drop for Janitor {
-    fn drop(&mut self) {
-        self.stop.store(true, Ordering::Relaxed);
-        if let Some(thread) = self.thread.take() {
-            thread.thread().unpark();
-            // A janitor that panicked has nothing left to tell.
-            let _ = thread.join();
-        }
+        self.thread.wake();
     }
 }
 

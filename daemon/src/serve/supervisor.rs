@@ -8,6 +8,9 @@
 //!
 //! A worker that dies is replaced as soon as the kernel has closed its files. Its process ends later: a
 //! driver may need 90 ms to take down what the process had on a GPU, and the parent hears of its end then.
+//!
+//! A worker that was killed is started again at once, so that its clients miss a few frames. A request
+//! that kills every worker must not make a busy loop: restarts beyond a burst are spread over time.
 
 use std::os::fd::{AsFd, BorrowedFd};
 use std::os::unix::net::UnixStream;
@@ -25,7 +28,6 @@ use rustix::process::{
 use signal_hook::consts::{SIGINT, SIGTERM};
 use signal_hook::low_level::pipe;
 
-use super::restart_delay::RestartDelay;
 use super::{ServeError, ServeSettings};
 
 /// How long to wait for the lock of a supervisor that is gone. One that lives is not waited for.
@@ -302,6 +304,30 @@ fn stop(worker: &mut Child) -> Result<(), ServeError> {
     Ok(())
 }
 
+/// Restarts that may follow each other without a pause: more than an operator, a test or a client that
+/// is sent to another machine brings about in a row.
+const BURST: u32 = 100;
+/// Beyond the burst there is one restart in this time. Workers that are killed less often than that are
+/// always replaced at once; one that dies as soon as it starts (30 to 60 ms of a core) costs a fifth of a
+/// core at the most.
+const INTERVAL: Duration = Duration::from_millis(250);
+
+/// Spreads restarts over time.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct RestartDelay {
+    /// The time that the restarts so far have used up, at one [`INTERVAL`] each.
+    used_until: Option<Instant>,
+}
+
+impl RestartDelay {
+    /// The pause before the restart of a worker that was seen dead at `now`.
+    pub(super) fn of_death(&mut self, now: Instant) -> Duration {
+        let used_until = self.used_until.map_or(now, |until| until.max(now)) + INTERVAL;
+        self.used_until = Some(used_until);
+        (used_until - now).saturating_sub(BURST * INTERVAL)
+    }
+}
+
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
@@ -357,5 +383,36 @@ mod tests {
             assert!(error.to_string().contains("--max-clients"), "{error}");
         }
         check_file_limit(16).unwrap();
+    }
+
+    /// The pauses of workers that die `apart` after their start.
+    fn pauses(apart: Duration, count: usize) -> Vec<Duration> {
+        let (mut delay, mut now) = (RestartDelay::default(), Instant::now());
+        let mut pause = || {
+            now += apart;
+            let pause = delay.of_death(now);
+            now += pause;
+            pause
+        };
+        std::iter::repeat_with(&mut pause).take(count).collect()
+    }
+
+    #[test]
+    fn restarts_are_spread_beyond_a_burst() {
+        let at_once = |apart, count| pauses(apart, count).iter().all(Duration::is_zero);
+        assert!(at_once(Duration::from_millis(50), BURST as usize));
+        assert!(at_once(INTERVAL, 1000), "kills with a pause between them are never waited for");
+        let pauses = pauses(Duration::ZERO, 1000);
+        assert_eq!(pauses.iter().sum::<Duration>(), INTERVAL * (1000 - BURST), "no busy loop");
+        assert!(pauses.iter().all(|pause| *pause <= INTERVAL));
+    }
+
+    #[test]
+    fn a_worker_that_lives_long_makes_the_next_restarts_free_again() {
+        let (mut delay, start) = (RestartDelay::default(), Instant::now());
+        let late = (0..2 * BURST).map(|_| delay.of_death(start)).last();
+        assert_eq!(late, Some(INTERVAL * BURST));
+        let later = start + INTERVAL * 4 * BURST;
+        assert!((0..BURST).all(|_| delay.of_death(later).is_zero()));
     }
 }

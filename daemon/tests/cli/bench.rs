@@ -1,11 +1,9 @@
 //! `bench latency`: its JSON, and that it measures what it says.
 
-use std::collections::BTreeSet;
-
 use pairmask_tests::stress_scenes;
 use serde_json::Value;
 
-use crate::support::{Finished, Place, keys};
+use crate::support::{Finished, Place, keys, names, run};
 
 /// In the order in which they are printed: the whole frame first.
 const STAGES: [&str; 7] =
@@ -13,20 +11,20 @@ const STAGES: [&str; 7] =
 
 /// Measures twelve frames.
 fn latency(place: &Place, flags: &str) -> Finished {
-    let line = format!("bench latency --frames 12 {flags}");
-    place.run(&line.split_whitespace().collect::<Vec<_>>())
+    run(place, &format!("bench latency --frames 12 {flags}"))
 }
 
 fn check_row(row: &Value, n: u32, backend: &str, wait: &str) {
-    let mut fields = BTreeSet::from(["n", "backend", "wait", "engine", "frames"]);
-    fields.extend(["precision", "box_bytes", "requests", "decode_threads", "daemon_cpu_percent"]);
+    let mut fields = names(
+        "n backend wait engine frames precision box_bytes requests decode_threads daemon_cpu_percent",
+    );
     fields.extend(STAGES);
     assert_eq!(keys(row), fields);
     assert_eq!((&row["n"], &row["frames"]), (&n.into(), &12.into()));
     assert_eq!(row["daemon_cpu_percent"].is_number(), backend == "daemon", "{row}");
     assert_eq!((&row["backend"], &row["wait"]), (&backend.into(), &wait.into()));
     for stage in STAGES {
-        assert_eq!(keys(&row[stage]), BTreeSet::from(["p50", "p90", "p99", "p999", "max"]));
+        assert_eq!(keys(&row[stage]), names("p50 p90 p99 p999 max"));
         let at = |name: &str| row[stage][name].as_u64().unwrap();
         let rising = [at("p50"), at("p90"), at("p99"), at("p999"), at("max")];
         assert!(rising.is_sorted(), "{stage}: {rising:?}");
@@ -52,10 +50,9 @@ fn rows_for_every_wait_and_scene() {
     let report = finished.json();
     let places = STAGES.map(|stage| finished.stdout.find(&format!("\"{stage}\"")));
     assert!(places.is_sorted(), "{finished:?}");
-    assert_eq!(keys(&report), BTreeSet::from(["machine", "rows"]));
+    assert_eq!(keys(&report), names("machine rows"));
     let machine = &report["machine"];
-    let fields = ["cpu", "cores", "os", "kernel", "toolchain", "commit", "command"];
-    assert_eq!(keys(machine), BTreeSet::from(fields));
+    assert_eq!(keys(machine), names("cpu cores os kernel toolchain commit command"));
     assert!(machine["toolchain"].as_str().unwrap().starts_with("rustc "), "{machine}");
     assert_eq!(machine["command"], format!("pairmaskd bench latency --frames 12 {flags}"));
     let rows = report["rows"].as_array().unwrap();

@@ -1,11 +1,9 @@
 //! `explain`: a pair of boxes of a file.
 
-use std::collections::BTreeSet;
-
 use pairmask_core::Aabb;
 use serde_json::Value;
 
-use crate::support::{Place, keys};
+use crate::support::{Place, keys, names};
 
 #[test]
 fn a_pair_is_explained() {
@@ -19,26 +17,14 @@ fn a_pair_is_explained() {
     let file = place.boxes(&boxes);
     let file = file.to_str().unwrap();
     let why = place.run(&["explain", file, "0", "1", "--json"]).json();
-    let fields = [
-        "pair",
-        "boxes",
-        "overlaps",
-        "reason",
-        "mode",
-        "pair_index",
-        "box_reports",
-        "axes",
-        "sent",
-        "grid",
-    ];
-    assert_eq!(keys(&why), BTreeSet::from(fields));
+    let fields = "pair boxes overlaps reason mode pair_index box_reports axes sent grid";
+    assert_eq!(keys(&why), names(fields));
     assert_eq!((&why["overlaps"], &why["axes"][0]["gap_ulps"]), (&false.into(), &1.into()));
     assert_eq!(why["axes"][0]["gap"], f64::from(apart) - 1.0);
     assert_eq!((&why["mode"], &why["sent"]), (&"exact".into(), &Value::Null));
     let near = place.run(&["explain", file, "0", "1", "--precision", "q8", "--json"]).json();
     assert_eq!((&near["mode"], &near["overlaps"]), (&"q8".into(), &true.into()));
-    let sent = ["unit", "rule", "coordinates", "cell_edges", "axes"];
-    assert_eq!(keys(&near["sent"]), BTreeSet::from(sent));
+    assert_eq!(keys(&near["sent"]), names("unit rule coordinates cell_edges axes"));
     let text = place.run(&["explain", file, "0", "1", "--precision", "margin=0.5"]).stdout;
     assert!(text.contains("an extra pair of margin=0.5"), "{text}");
     let text = place.run(&["explain", file, "1", "0"]).stdout;

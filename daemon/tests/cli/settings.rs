@@ -3,55 +3,47 @@
 use pairmask_core::Aabb;
 use pairmask_core::engine::Isa;
 
-use crate::support::{Finished, Place, finish};
-
-fn backend_of(finished: &Finished) -> String {
-    finished.json()["backend"].as_str().unwrap().to_owned()
-}
+use crate::support::{Place, run, run_with};
 
 #[test]
 fn flag_then_environment_then_file_then_default() {
     let place = Place::new();
     place.boxes(&[Aabb::EMPTY; 3]);
-    let cull = ["cull", "boxes.f32", "--json"];
-    let encoding = |finished: Finished| finished.json()["encoding"].as_str().unwrap().to_owned();
+    let cull = "cull boxes.f32 --json";
+    let encoding = |more: &str, variables: &[(&str, &str)]| {
+        let finished = run_with(&place, &format!("{cull} {more}"), variables);
+        finished.json()["encoding"].as_str().unwrap().to_owned()
+    };
     // No daemon serves: the default backend, auto, falls back.
-    assert_eq!(backend_of(&place.run(&cull)), "in-process");
+    assert_eq!(run(&place, cull).json()["backend"], "in-process");
     std::fs::create_dir(place.file("pairmask")).unwrap();
     let file = place.file("pairmask/config.toml");
     std::fs::write(&file, "backend = 'in-process'\nencoding = 'sparse'\n").unwrap();
-    assert_eq!(encoding(place.run(&cull)), "sparse");
-    let mut command = place.command(&cull);
-    command.env("PAIRMASK_ENCODING", "dense");
-    assert_eq!(encoding(finish(command.spawn().unwrap())), "dense");
-    let mut command = place.command(&cull);
-    command.env("PAIRMASK_ENCODING", "dense").args(["--encoding", "sparse"]);
-    assert_eq!(encoding(finish(command.spawn().unwrap())), "sparse");
+    let variable = [("PAIRMASK_ENCODING", "dense")];
+    assert_eq!(encoding("", &[]), "sparse");
+    assert_eq!(encoding("", &variable), "dense");
+    assert_eq!(encoding("--encoding sparse", &variable), "sparse");
     std::fs::write(place.file("other.toml"), "encoding = 'dense'\n").unwrap();
-    let named = ["cull", "boxes.f32", "--json", "--config", "other.toml"];
-    assert_eq!(encoding(place.run(&named)), "dense");
+    assert_eq!(encoding("--config other.toml", &[]), "dense");
 }
 
 #[test]
 fn an_instruction_set_is_forced_by_flag_environment_or_file() {
     let place = Place::new();
     place.boxes(&[Aabb::from([0.0, 0.0, 0.0, 1.0, 1.0, 1.0]); 3]);
-    let cull = ["cull", "boxes.f32", "--json", "--explain", "--backend", "in-process"];
-    let constants = |finished: Finished| {
-        assert_eq!(finished.json()["pairs"], 3);
-        finished.json()["explain"]["calibration"].as_str().unwrap().to_owned()
+    let constants = |more: &str, variables: &[(&str, &str)]| {
+        let line = format!("cull boxes.f32 --json --explain --backend in-process {more}");
+        let report = run_with(&place, &line, variables).json();
+        assert_eq!(report["pairs"], 3);
+        assert_eq!(report["explain"]["calibration"], "built in for portable");
     };
-    let portable = [&cull[..], &["--isa", "portable"]].concat();
-    assert_eq!(constants(place.run(&portable)), "built in for portable");
-    let mut command = place.command(&cull);
-    command.env("PAIRMASK_ISA", "portable");
-    assert_eq!(constants(finish(command.spawn().unwrap())), "built in for portable");
+    constants("--isa portable", &[]);
+    constants("", &[("PAIRMASK_ISA", "portable")]);
     std::fs::write(place.file("own.toml"), "isa = 'portable'\n").unwrap();
-    let configured = [&cull[..], &["--config", "own.toml"]].concat();
-    assert_eq!(constants(place.run(&configured)), "built in for portable");
+    constants("--config own.toml", &[]);
     // By a daemon of its own, which is told so.
-    let spawn = ["cull", "boxes.f32", "--json", "--spawn", "--gpu", "none", "--isa", "portable"];
-    assert_eq!(place.run(&spawn).json()["pairs"], 3);
+    let spawn = "cull boxes.f32 --json --spawn --gpu none --isa portable";
+    assert_eq!(run(&place, spawn).json()["pairs"], 3);
 
     for missing in Isa::ALL.into_iter().filter(|isa| !isa.is_available()) {
         let finished = place.run(&["cull", "boxes.f32", "--isa", missing.as_str()]);
@@ -66,9 +58,8 @@ fn an_instruction_set_is_forced_by_flag_environment_or_file() {
 #[test]
 fn help_has_examples_and_version_names_wire_and_commit() {
     let place = Place::new();
-    for command in [&["--help"][..], &["serve", "--help"], &["cull", "--help"], &["demo", "--help"]]
-    {
-        let finished = place.run(command);
+    for command in ["--help", "serve --help", "cull --help", "demo --help"] {
+        let finished = run(&place, command);
         assert_eq!(finished.code, Some(0));
         assert!(finished.stdout.contains("Examples:"), "{command:?}");
         assert!(!finished.stdout.contains("worker"), "hidden flags stay hidden");

@@ -1,5 +1,6 @@
 //! `pairmaskd`, as the tests run it.
 
+use std::collections::BTreeSet;
 use std::path::Path;
 use std::process::Child;
 
@@ -31,6 +32,22 @@ pub fn finish(child: Child) -> Finished {
 pub fn daemon() -> PrivateDaemon {
     let settings = PrivateSettings { gpu: GpuChoice::None.into(), ..PrivateSettings::default() };
     PrivateDaemon::start(PAIRMASKD.as_ref(), &settings).unwrap()
+}
+
+/// Names in a text, for a comparison with [`keys`].
+pub fn names(text: &str) -> BTreeSet<&str> {
+    text.split_whitespace().collect()
+}
+
+/// Runs the binary with the words of a line.
+pub fn run(place: &Place, line: &str) -> Finished {
+    place.run(&line.split_whitespace().collect::<Vec<_>>())
+}
+
+/// The same with variables.
+pub fn run_with(place: &Place, line: &str, variables: &[(&str, &str)]) -> Finished {
+    let mut command = place.command(&line.split_whitespace().collect::<Vec<_>>());
+    finish(command.envs(variables.iter().copied()).spawn().unwrap())
 }
 
 /// u32 words of a file.

@@ -1,17 +1,39 @@
 //! `bench`: what frames cost on this machine.
 
-mod latency;
-mod measured;
-mod pin;
 mod report;
 
-use clap::{Args, Subcommand};
+pub use self::report::{Figures, LatencyRow};
 
-pub use self::latency::{BenchError, SEED, Wait, threads_of};
-pub use self::measured::Figures;
-pub use self::report::LatencyRow;
+use std::fmt;
+use std::num::{NonZeroU64, NonZeroUsize};
+use std::path::PathBuf;
+use std::str::FromStr;
+use std::time::Duration;
+
+use clap::{Args, Subcommand};
+use pairmask::{Backend, ConnectError, SessionBuilder};
+use pairmask_core::BoxCount;
+use pairmask_core::engine::UnknownName;
+use pairmask_transport::RuntimeDir;
+use pairmask_wire::InstanceName;
+use rustix::process::Pid;
+use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
+
+use self::report::LatencyReport;
 use super::config::Config;
-use super::options::Place;
+use super::daemon_cpu::DaemonCpu;
+use super::machine::Machine;
+use super::options::{CullFlags, DaemonOptions, Place};
+use super::output::{OutputError, print_json, print_text, progress_bar, spinner};
+use super::raw_objects::{RawBoxes, RawObjectsError};
+use super::scene_look;
+use super::target::Target;
+use super::whole_number::whole_number;
+use crate::precision::PrecisionChoice;
+use crate::scene::{Scene, SceneName};
+use crate::serve::DEFAULT_SPIN;
+use crate::spawn::SpawnError;
+use crate::timed_client::{Decoders, Decoding, TimedClient, TimedError};
 
 /// Measure what frames cost on this machine
 #[derive(Debug, Args)]
@@ -25,7 +47,7 @@ pub struct Bench {
 
 #[derive(Debug, Subcommand)]
 enum What {
-    Latency(latency::Latency),
+    Latency(Latency),
 }
 
 impl Bench {
@@ -38,4 +60,332 @@ impl Bench {
             What::Latency(latency) => latency.run(place, config),
         }
     }
+}
+
+/// Spin time of both sides. Longer than any pause between two frames, so that no thread sleeps.
+const SPIN: Duration = Duration::from_secs(1);
+/// Seed of the scene: every run has the same boxes and motions.
+pub const SEED: u64 = 1;
+/// Frames between two moves of the progress bar: its cost is then nothing beside that of the
+/// frames.
+const FRAMES_PER_TICK: u64 = 64;
+
+/// Latency of frames by stage, of one client in a closed loop
+#[derive(Debug, Args)]
+#[command(after_help = "\
+The boxes move from frame to frame, untimed. Times of a frame, the whole first, then its parts:
+  total         fill and answer
+    fill        memory borrowed and the boxes written into it
+    answer      boxes submitted to every pair looked at
+      round trip  boxes submitted to mask in hand
+        engine    the engine's own part of the round trip
+        added     the rest of the round trip: the way there and back
+      decode      every pair of the mask looked at once
+With --precision, writing the boxes in their form is part of fill. With margin=X, looking whether
+boxes have moved, inflating and writing them is part of the round trip.
+
+--backend daemon, the default, starts a daemon for the measurement unless an instance is named. auto
+takes the daemon that serves the instance, and this process where none does; in-process needs none.
+The table says who answered.
+
+Examples:
+  pairmaskd bench latency --n 1000,4096,10000 --pin
+  pairmaskd bench latency --scene boxes.f32 --wait spin,event --json
+  pairmaskd bench latency --backend in-process --engine cpu-brute --threads 1
+
+Clients at a pace, several at a time or of differing sizes: `pairmask-lab load` (tests/lab).")]
+pub struct Latency {
+    #[command(flatten)]
+    options: CullFlags,
+    #[command(flatten)]
+    daemon: DaemonOptions,
+    /// Numbers of boxes of a uniform scene with about one pair a box
+    #[arg(long, value_parser = whole_number::<u32>, value_name = "N,..", value_delimiter = ',', default_values_t = [1000, 4096, 10_000])]
+    n: Vec<u32>,
+    /// File of boxes instead, each then moving 2 % of its size a frame
+    #[arg(long, value_name = "FILE", conflicts_with = "n")]
+    scene: Option<PathBuf>,
+    /// Precision of the boxes: exact, q16, q8, f16, margin=X; one row each
+    #[arg(long, value_name = "MODE,..", value_delimiter = ',', default_values_t = [PrecisionChoice::Exact])]
+    precision: Vec<PrecisionChoice>,
+    /// Frames that are measured
+    #[arg(long, value_parser = whole_number::<NonZeroU64>, value_name = "N", default_value = "2000")]
+    frames: NonZeroU64,
+    /// Frames before those [default: a fifth of them, at least 20]
+    #[arg(long, value_parser = whole_number::<u64>, value_name = "N")]
+    warm_up: Option<u64>,
+    /// Threads of the client: they look at the pairs of a mask, and write exact boxes
+    #[arg(long, value_parser = whole_number::<NonZeroUsize>, value_name = "N", default_value = "1")]
+    decode_threads: NonZeroUsize,
+    /// How client and daemon wait for each other: spin, event, or serve, as they do by themselves
+    #[arg(long, value_name = "HOW,..", value_delimiter = ',', default_values_t = [Wait::Spin])]
+    wait: Vec<Wait>,
+    /// Keep the client and the daemon's serving thread on a core each (not with in-process)
+    #[arg(long)]
+    pin: bool,
+    /// Print one JSON object
+    #[arg(long)]
+    json: bool,
+}
+
+/// How the two sides wait for each other.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Wait {
+    /// Both spin and hold a core each.
+    Spin,
+    /// Both sleep without spinning, and are woken.
+    Event,
+    /// As `serve` and sessions do unless told otherwise.
+    Serve,
+}
+
+impl Wait {
+    const ALL: [Self; 3] = [Self::Spin, Self::Event, Self::Serve];
+
+    /// How long a waiting thread spins.
+    pub const fn spin(self) -> Duration {
+        match self {
+            Self::Spin => SPIN,
+            Self::Event => Duration::ZERO,
+            Self::Serve => DEFAULT_SPIN,
+        }
+    }
+}
+
+impl fmt::Display for Wait {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Spin => "spin",
+            Self::Event => "event",
+            Self::Serve => "serve",
+        })
+    }
+}
+
+impl FromStr for Wait {
+    type Err = UnknownName;
+
+    fn from_str(s: &str) -> Result<Self, UnknownName> {
+        Self::ALL
+            .into_iter()
+            .find(|wait| wait.to_string() == s)
+            .ok_or_else(|| UnknownName { name: s.to_owned(), known: "spin, event, serve".into() })
+    }
+}
+
+/// Why a measurement failed.
+#[derive(Debug, thiserror::Error)]
+pub enum BenchError {
+    /// The file of boxes cannot be read.
+    #[error(transparent)]
+    Boxes(#[from] RawObjectsError),
+    /// The daemon did not start.
+    #[error(transparent)]
+    Spawn(#[from] SpawnError),
+    /// There is no session.
+    #[error(transparent)]
+    Connect(#[from] ConnectError),
+    /// A frame failed.
+    #[error(transparent)]
+    Timed(#[from] TimedError),
+    /// Threads cannot be pinned.
+    #[error(transparent)]
+    Pin(#[from] PinError),
+    /// The daemon died or started during the measurement: the row would mix two backends.
+    #[error("the daemon came or went during the measurement: name a --backend, and try again")]
+    Changed,
+    /// There is no daemon to pin.
+    #[error("--pin keeps a daemon on a core of its own: leave it out with --backend in-process")]
+    PinAlone,
+    /// The system started no decoding threads.
+    #[error("the decoding threads cannot be started: {0}")]
+    Threads(#[from] rayon::ThreadPoolBuildError),
+    /// The result cannot be printed.
+    #[error(transparent)]
+    Output(#[from] OutputError),
+}
+
+impl BenchError {
+    /// Whether the command line is wrong.
+    pub const fn is_usage(&self) -> bool {
+        matches!(self, Self::PinAlone)
+    }
+}
+
+impl Latency {
+    /// Measures a row for every wait, scene and precision, and prints them.
+    ///
+    /// # Errors
+    /// [`BenchError`].
+    pub fn run(&self, place: &Place, config: &Config) -> Result<(), BenchError> {
+        let is_alone = self.options.backend(config, Backend::Daemon) == Backend::InProcess;
+        if self.pin && is_alone {
+            return Err(BenchError::PinAlone);
+        }
+        let machine = Machine::this();
+        let report = LatencyReport { machine, rows: self.rows(place, config)? };
+        if self.json { print_json(&report) } else { print_text(&report.to_string()) }?;
+        Ok(())
+    }
+
+    fn rows(&self, place: &Place, config: &Config) -> Result<Vec<LatencyRow>, BenchError> {
+        let making = spinner("making scenes");
+        let scenes = self.scenes()?;
+        making.finish_and_clear();
+        // Before any thread is pinned: threads that start later inherit its cores.
+        let mut decoding = threads_of(self.decode_threads)?;
+        let cores = self.pin.then(Cores::of_this_thread).transpose()?;
+        let mut rows = Vec::new();
+        for wait in &self.wait {
+            if let Some(cores) = &cores {
+                // The daemon of this wait must not inherit the client's one core.
+                cores.unpin()?;
+            }
+            let target = Target::new(&self.options, &self.daemon, wait.spin(), place, config)?;
+            if let Some(cores) = &cores {
+                cores.pin(&target.dir, &target.instance)?;
+            }
+            for scene in &scenes {
+                for precision in &self.precision {
+                    let session = target.session(self.options.session(place, config), wait.spin());
+                    let (scene, daemon) = (scene.clone(), target.cpu());
+                    let row =
+                        self.row(scene, *precision, *wait, &mut decoding, session, daemon.as_ref());
+                    rows.push(row?);
+                }
+            }
+        }
+        Ok(rows)
+    }
+
+    fn scenes(&self) -> Result<Vec<Scene>, BenchError> {
+        if let Some(path) = &self.scene {
+            let boxes = RawBoxes::open(path)?.read()?;
+            if let Some(warning) = scene_look::of_boxes(&boxes) {
+                log::warn!("{}: {warning}", path.display());
+            }
+            return Ok(vec![Scene::from_boxes(boxes, SEED)]);
+        }
+        let uniform = |n: &u32| Scene::new(SceneName::Uniform, *n as usize, SEED);
+        Ok(self.n.iter().map(uniform).collect())
+    }
+
+    /// The measured loop: it holds only the frame and the clock.
+    fn row(
+        &self,
+        mut scene: Scene,
+        precision: PrecisionChoice,
+        wait: Wait,
+        decoding: &mut Decoding,
+        session: SessionBuilder,
+        daemon: Option<&DaemonCpu>,
+    ) -> Result<LatencyRow, BenchError> {
+        let n = u32::try_from(scene.boxes().len()).unwrap_or(u32::MAX);
+        let decode_threads = self.decode_threads.get();
+        let session = session.capacity(BoxCount::new(n)).visit_threads(decode_threads).connect()?;
+        let mut client = TimedClient::new(session, precision, scene.boxes());
+        // Before the first recorded frame memory is touched, estimates settle, clocks rise.
+        let warm_up = self.warm_up.unwrap_or_else(|| (self.frames.get() / 5).max(20));
+        let frames = warm_up + self.frames.get();
+        let progress = progress_bar(frames, &format!("{n} boxes, {precision}, {wait}"));
+        // The backend of this frame has to serve all frames.
+        let first = client.frame_decoded(scene.boxes(), decoding, |_| ())?;
+        let mut figures = Figures::of(&first.info);
+        let mut since = None;
+        for frame in 0..frames {
+            scene.step();
+            if frame == warm_up {
+                since = daemon.map(DaemonCpu::since_now);
+            }
+            let answered = client.frame_decoded(scene.boxes(), decoding, |_| ())?;
+            if frame >= warm_up {
+                figures.record(&answered)?;
+            }
+            if frame.is_multiple_of(FRAMES_PER_TICK) {
+                progress.set_position(frame);
+            }
+        }
+        let used = daemon.zip(since).map(|(daemon, since)| daemon.percent(&since));
+        progress.finish_and_clear();
+        Ok(LatencyRow::new(n, precision, wait, decode_threads, &figures, used))
+    }
+}
+
+/// The threads of a client. They are kept awake while frames are under way.
+///
+/// # Errors
+/// [`BenchError::Threads`].
+pub fn threads_of(threads: NonZeroUsize) -> Result<Decoding, BenchError> {
+    Ok(match threads.get() {
+        1 => Decoding::Serial,
+        _ => Decoding::Parallel(Decoders::start(threads)?),
+    })
+}
+
+/// Why threads were not pinned.
+#[derive(Debug, thiserror::Error)]
+pub enum PinError {
+    /// Two spinning threads cannot share one core.
+    #[error("--pin needs two cores, one for the client and one for the daemon: leave it out")]
+    TooFewCores,
+    /// No daemon to pin.
+    #[error("--pin: no daemon serves instance '{instance}'")]
+    NoDaemon {
+        /// The instance.
+        instance: InstanceName,
+    },
+    /// The system refused.
+    #[error("--pin: {0}")]
+    System(#[from] rustix::io::Errno),
+}
+
+/// Cores that this process could use when it started.
+#[derive(Debug)]
+pub struct Cores {
+    all: CpuSet,
+    client: usize,
+    daemon: usize,
+}
+
+impl Cores {
+    /// The cores of the calling thread, which must not be pinned yet.
+    ///
+    /// # Errors
+    /// [`PinError::TooFewCores`], [`PinError::System`].
+    pub fn of_this_thread() -> Result<Self, PinError> {
+        let all = sched_getaffinity(None)?;
+        let mut cores = (0..CpuSet::MAX_CPU).filter(|core| all.is_set(*core));
+        let (client, daemon) = cores.next().zip(cores.next()).ok_or(PinError::TooFewCores)?;
+        Ok(Self { all, client, daemon })
+    }
+
+    /// Gives the calling thread all cores back: a process that it starts inherits them.
+    ///
+    /// # Errors
+    /// [`PinError::System`].
+    pub fn unpin(&self) -> Result<(), PinError> {
+        Ok(sched_setaffinity(None, &self.all)?)
+    }
+
+    /// Keeps the calling thread on one core, and the thread that serves the instance on another.
+    ///
+    /// # Errors
+    /// [`PinError::NoDaemon`], [`PinError::System`].
+    pub fn pin(&self, dir: &RuntimeDir, instance: &InstanceName) -> Result<(), PinError> {
+        // The serving thread is its process's first, so it has the process's number. The engines'
+        // other threads stay free.
+        let serving = dir
+            .serving(instance)
+            .read_record(instance)
+            .and_then(|record| Pid::from_raw(i32::try_from(record.worker_pid).ok()?))
+            .ok_or_else(|| PinError::NoDaemon { instance: instance.clone() })?;
+        sched_setaffinity(Some(serving), &only(self.daemon))?;
+        Ok(sched_setaffinity(None, &only(self.client))?)
+    }
+}
+
+fn only(core: usize) -> CpuSet {
+    let mut set = CpuSet::new();
+    set.set(core);
+    set
 }

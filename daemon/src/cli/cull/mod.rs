@@ -1,27 +1,29 @@
 //! `cull`: the pairs of a file of boxes or spheres.
 
-mod explain;
-mod files;
 mod report;
 
-use std::fmt;
-use std::path::PathBuf;
+pub use self::report::backend_name;
+
+use std::fs::File;
+use std::io::{BufWriter, Write};
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
+use std::{fmt, io};
 
 use clap::{Args, ValueEnum};
 use pairmask::{Backend, ConnectError, FrameError, PairMask, PendingFrame, Session, WaitError};
 use pairmask_core::engine::EngineId;
-use pairmask_core::{Aabb, Bounds, Sphere};
+use pairmask_core::mask::WordAddress;
+use pairmask_core::{Aabb, Bounds, MaskView, Sphere};
+use rayon::slice::ParallelSliceMut;
 
-use self::explain::{Explanation, Planned};
-use self::files::ResultError;
-pub use self::report::backend_name;
-use self::report::{CullReport, Timings};
+use self::report::{CullReport, Explanation, Planned, Timings};
 use super::config::Config;
 use super::options::{CullFlags, DaemonOptions, Place};
 use super::output::{OutputError, is_stdout, print_aside, print_json, print_text, spinner};
 use super::raw_objects::{RawBoxes, RawObjects, RawObjectsError};
 use super::scene_look::{Look, Useless};
+use crate::file_error::{Access, FileError};
 use crate::precision::PrecisionChoice;
 use crate::spawn::{PrivateDaemon, SpawnError};
 
@@ -88,13 +90,10 @@ enum Shape {
 /// Why `cull` failed.
 #[derive(Debug, thiserror::Error)]
 pub enum CullCommandError {
-    /// Two options contradict each other.
     #[error("{flag} is about boxes: leave it out with --shape spheres")]
     AboutBoxes { flag: &'static str },
-    /// Two results on stdout could not be told apart.
     #[error("{first} and {second} would both write to stdout: name a file for one of them")]
     TwoOnStdout { first: &'static str, second: &'static str },
-    /// The second would overwrite the first.
     #[error("--pairs and --mask name the same file, {}: name two", path.display())]
     SameFile { path: PathBuf },
     #[error(transparent)]
@@ -107,7 +106,6 @@ pub enum CullCommandError {
     Frame(#[from] FrameError),
     #[error(transparent)]
     Wait(#[from] WaitError),
-    /// An engine is broken: its count of pairs is not the number of bits in its mask.
     #[error("{engine} counted {counted} pairs and its mask holds {decoded}: please report this")]
     Miscounted { engine: EngineId, counted: u64, decoded: u64 },
     #[error(transparent)]
@@ -133,7 +131,7 @@ impl Cull {
         let daemon = self.spawn.then(spawn).transpose()?;
         let mut session = self.connect(daemon.as_ref(), place, config)?;
 
-        let asked = match scene {
+        let Asked { times, frame, planned, look, world } = match scene {
             RawScene::Boxes(boxes) => {
                 let planner = self.explain.then(|| {
                     let (options, isa) = (self.options.cull_options(config), place.isa(config));
@@ -143,17 +141,17 @@ impl Cull {
             }
             RawScene::Spheres(spheres) => ask_spheres(&mut session, spheres),
         }?;
-        let Answered { mask, timings, planned, look, world } = answer(asked)?;
+        let (mask, timings) = answer(frame, times)?;
 
         let explanation = planned.map(|planned| Explanation::new(&planned, &mask, timings.decode));
         let warnings = self.warnings(look, &mask);
         let report =
             CullReport::new(&mask, self.precision, &world, &timings, explanation, warnings);
         if let Some(path) = &self.pairs {
-            files::write_pairs(path, &mask)?;
+            write_pairs(path, &mask)?;
         }
         if let Some(path) = &self.mask {
-            files::write_mask(path, &mask)?;
+            write_mask(path, &mask)?;
         }
         progress.finish_and_clear();
         for warning in &report.warnings {
@@ -249,22 +247,12 @@ impl fmt::Display for RawScene {
 
 /// A frame that was read and submitted.
 struct Asked {
-    start: Instant,
-    read: Instant,
-    submitted: Instant,
+    /// When it was begun, read and submitted.
+    times: [Instant; 3],
     frame: PendingFrame,
     planned: Option<Planned>,
     look: Look,
     /// Bounds of the boxes, where a gap depends on their coordinates.
-    world: Bounds,
-}
-
-/// An answered frame: its pairs, the time of each stage, and the plan.
-struct Answered {
-    mask: PairMask,
-    timings: Timings,
-    planned: Option<Planned>,
-    look: Look,
     world: Bounds,
 }
 
@@ -281,9 +269,9 @@ fn ask_boxes(
         let read = Instant::now();
         let planned = planner.map(|plan| plan(exact.boxes()));
         let look = Look::at(exact.boxes());
-        let submitted = Instant::now();
+        let times = [start, read, Instant::now()];
         let world = Bounds::around(&[]);
-        return Ok(Asked { start, read, submitted, frame: exact.submit()?, planned, look, world });
+        return Ok(Asked { times, frame: exact.submit()?, planned, look, world });
     }
     let mut boxes = boxes.read()?;
     let has_margin = matches!(precision, PrecisionChoice::Margin(_));
@@ -294,8 +282,8 @@ fn ask_boxes(
     let read = Instant::now();
     let planned = planner.map(|plan| plan(&boxes));
     let look = Look::at(&boxes);
-    let submitted = Instant::now();
-    Ok(Asked { start, read, submitted, frame: narrow.submit()?, planned, look, world })
+    let times = [start, read, Instant::now()];
+    Ok(Asked { times, frame: narrow.submit()?, planned, look, world })
 }
 
 fn ask_spheres(
@@ -307,13 +295,14 @@ fn ask_spheres(
     spheres.read_into(frame.spheres_mut())?;
     let read = Instant::now();
     let look = Look::at(frame.spheres_mut());
-    let submitted = Instant::now();
-    let (frame, world) = (frame.submit()?, Bounds::around(&[]));
-    Ok(Asked { start, read, submitted, frame, planned: None, look, world })
+    let times = [start, read, Instant::now()];
+    Ok(Asked { times, frame: frame.submit()?, planned: None, look, world: Bounds::around(&[]) })
 }
 
-fn answer(asked: Asked) -> Result<Answered, CullCommandError> {
-    let Asked { start, read, submitted, frame, planned, look, world } = asked;
+fn answer(
+    frame: PendingFrame,
+    [start, read, submitted]: [Instant; 3],
+) -> Result<(PairMask, Timings), CullCommandError> {
     let mask = frame.wait()?;
     let answered = Instant::now();
     let mut decoded = 0;
@@ -330,5 +319,89 @@ fn answer(asked: Asked) -> Result<Answered, CullCommandError> {
         decode: end - answered,
         total: (end - submitted) + (read - start),
     };
-    Ok(Answered { mask, timings, planned, look, world })
+    Ok((mask, timings))
+}
+
+/// Why a result file was not written.
+#[derive(Debug, thiserror::Error)]
+pub enum ResultError {
+    #[error(transparent)]
+    File(#[from] FileError),
+    #[error(transparent)]
+    Output(#[from] OutputError),
+    #[error("no memory to sort {pairs} pairs: write the mask instead (--mask)")]
+    TooManyPairs { pairs: u64 },
+}
+
+/// Writes the pairs, the lower index first, in ascending order; to stdout for `-`.
+pub fn write_pairs(path: &Path, mask: &PairMask) -> Result<(), ResultError> {
+    let too_many = ResultError::TooManyPairs { pairs: mask.count() };
+    let mut pairs: Vec<[u32; 2]> = Vec::new();
+    let room = usize::try_from(mask.count()).ok();
+    if room.is_none_or(|room| pairs.try_reserve_exact(room).is_err()) {
+        return Err(too_many);
+    }
+    mask.view().for_each(|a, b| pairs.push([a, b]));
+    if !pairs.is_sorted() {
+        pairs.par_sort_unstable();
+    }
+    write_file(path, |file| file.write_all(bytemuck::cast_slice(&pairs)))
+}
+
+/// Writes the words of a dense mask; of a sparse one the order of the boxes, then the rows, the
+/// blocks and the bits of its words. The order comes first and is always written, so that the
+/// number of words follows from the file's length; of a list its pairs, in its own order. Of any
+/// other mask the sections, as they lie in the reply. To stdout for `-`.
+pub fn write_mask(path: &Path, mask: &PairMask) -> Result<(), ResultError> {
+    let view = mask.view();
+    write_file(path, |file| match &view {
+        MaskView::Dense(dense) => file.write_all(bytemuck::cast_slice(dense.as_words())),
+        MaskView::Sparse(sparse) => {
+            let addresses = || {
+                view.words().filter_map(|word| match word.address {
+                    WordAddress::Sparse { row, block } => Some((row, block)),
+                    WordAddress::Dense { .. } => None,
+                })
+            };
+            match sparse.order() {
+                Some(order) => write_words(file, order.iter().copied())?,
+                None => write_words(file, 0..sparse.n().get())?,
+            }
+            write_words(file, addresses().map(|(row, _)| row))?;
+            write_words(file, addresses().map(|(_, block)| block))?;
+            write_words(file, view.words().map(|word| word.bits.0))
+        }
+        MaskView::List(_) => {
+            let mut done = Ok(());
+            view.for_each_slice(|pairs| {
+                if done.is_ok() {
+                    done = file.write_all(bytemuck::cast_slice(pairs));
+                }
+            });
+            done
+        }
+        _ => {
+            let sections = mask.shape().spans().filter_map(|span| span.of(mask.reply_words()));
+            write_words(file, sections.flatten().copied())
+        }
+    })
+}
+
+fn write_words(file: &mut dyn Write, words: impl Iterator<Item = u32>) -> io::Result<()> {
+    for word in words {
+        file.write_all(&word.to_le_bytes())?;
+    }
+    Ok(())
+}
+
+fn write_file(
+    path: &Path,
+    write: impl FnOnce(&mut dyn Write) -> io::Result<()>,
+) -> Result<(), ResultError> {
+    let whole = |mut file: BufWriter<&mut dyn Write>| write(&mut file).and_then(|()| file.flush());
+    if is_stdout(path) {
+        return Ok(whole(BufWriter::new(&mut std::io::stdout().lock())).map_err(OutputError::Io)?);
+    }
+    let written = File::create(path).and_then(|mut file| whole(BufWriter::new(&mut file)));
+    Ok(written.map_err(FileError::of(path, Access::Write))?)
 }

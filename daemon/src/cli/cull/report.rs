@@ -1,13 +1,17 @@
 //! The report of `cull` on a frame: as text, and as the JSON that `CLI.md` documents.
 
 use std::fmt;
+use std::fmt::Write as _;
 use std::time::Duration;
 
 use pairmask::{PairMask, ServedBy};
-use pairmask_core::{Bounds, ObjectForm};
+use pairmask_core::dispatch::{CpuEngines, CullOptions};
+use pairmask_core::engine::AvailableIsa;
+use pairmask_core::plan::{Calibration, Candidate, Plan};
+use pairmask_core::{Aabb, Bounds, ObjectForm};
 use serde::Serialize;
+use serde_json::{Value, json};
 
-use super::explain::Explanation;
 use crate::cli::output::time_text;
 use crate::cli::skipped::Skipped;
 use crate::precision::PrecisionChoice;
@@ -15,80 +19,46 @@ use crate::precision::PrecisionChoice;
 /// Times that the command measures itself.
 #[derive(Clone, Copy, Debug)]
 pub struct Timings {
-    /// From the file to the boxes in the frame's memory.
     pub read: Duration,
-    /// From the boxes in the frame's memory to the mask.
     pub round_trip: Duration,
-    /// From the mask to the last pair.
     pub decode: Duration,
-    /// All of it.
     pub total: Duration,
 }
 
-/// The JSON object of `cull --json`. Fields may be added, never changed or taken away.
+/// The JSON object of `cull --json`, whose fields `CLI.md` explains. Fields may be added, never changed or taken away.
 #[derive(Clone, Debug, Serialize)]
 pub struct CullReport {
-    /// The objects of the file: `boxes` or `spheres`.
     pub shape: &'static str,
-    /// Boxes or spheres in the file.
     pub boxes: u32,
-    /// Pairs that overlap.
     pub pairs: u64,
-    /// Boxes with a NaN; spheres with a NaN or an infinite centre.
     pub invalid: u32,
-    /// Boxes with `min > max`; spheres with a radius below 0.
     pub empty: u32,
-    /// Where the pairs were found: `daemon` or `in-process`.
     pub backend: String,
-    /// The engine.
     pub engine: String,
-    /// `dense`, `sparse` or `list`.
     pub encoding: String,
-    /// Bytes of the mask.
     pub mask_bytes: u64,
-    /// Precision of the boxes: `exact`, `q16`, `q8`, `f16` or `margin=X`.
     pub precision: String,
-    /// Form in which the boxes were sent: `f32`, `q16`, `q8` or `f16`. An old daemon knows only
-    /// `f32` and gets exact boxes. `spheres` for spheres.
     pub box_form: String,
-    /// Bytes of the boxes in that form.
     pub box_bytes: u64,
-    /// Gap on each axis below which boxes within the bounds may be reported as a pair, units; null
-    /// for `f16`, where it grows with the coordinates.
     pub gap_below: Option<[f64; 3]>,
-    /// Time by stage.
     pub stages_ns: StagesNs,
-    /// From opening the file to the last pair, ns, without starting a daemon, connecting and
-    /// writing files.
     pub total_ns: u64,
-    /// Work that the engine skipped.
     pub skipped: Skipped,
-    /// The explanation of the engine, with `--explain`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub explain: Option<Explanation>,
-    /// Warnings about the file, as sentences: it may not hold the objects that the command line
-    /// names.
     pub warnings: Vec<String>,
 }
 
 /// Times of a frame, ns. `round_trip` holds `engine`, which holds the four stages before it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct StagesNs {
-    /// From the file to the boxes in the frame's memory.
     pub read: u64,
-    /// Boxes turned into the engine's form.
     pub ingest: u64,
-    /// Plan made.
     pub plan: u64,
-    /// Pairs tested.
     pub execute: u64,
-    /// Mask written.
     pub publish: u64,
-    /// All of the engine's time.
     pub engine: u64,
-    /// From the boxes in the frame's memory to the mask.
     pub round_trip: u64,
-    /// From the mask to the last pair.
     pub decode: u64,
 }
 
@@ -179,5 +149,97 @@ impl fmt::Display for CullReport {
             write!(f, "\n\n{explanation}")?;
         }
         Ok(())
+    }
+}
+
+/// A second plan of the same frame, made for the report.
+pub struct Planned {
+    plan: Plan,
+    calibration: String,
+}
+
+impl Planned {
+    /// Plans a frame as an in-process session does, and a daemon without a GPU.
+    pub fn new(boxes: &[Aabb], options: &CullOptions, isa: AvailableIsa) -> Self {
+        let calibration = Calibration::built_in(isa.get());
+        let plan = CpuEngines::on(isa, calibration).plan(boxes, options, None);
+        Self { plan, calibration: format!("built in for {}", isa.get()) }
+    }
+}
+
+/// The object `explain` of `cull --json --explain`, whose fields CLI.md has, and the same as text. Fields may be added,
+/// never changed or taken away.
+#[derive(Clone, Debug, Serialize)]
+#[serde(transparent)]
+pub struct Explanation {
+    fields: Value,
+    #[serde(skip)]
+    text: String,
+}
+
+impl Explanation {
+    /// The explanation of an answered frame.
+    pub fn new(planned: &Planned, mask: &PairMask, decode: Duration) -> Self {
+        let Planned { plan, calibration } = planned;
+        let (info, stats) = (mask.info(), &plan.stats);
+        let candidates: Vec<_> = plan.candidates.iter().flatten().collect();
+        let chosen = candidates.iter().find(|c| c.engine == plan.engine);
+        let predicted_ns = chosen.map(|c| c.predicted_ns as u64);
+        // Of engine and decode, without planning.
+        let measured_ns =
+            info.times.total_ns.saturating_sub(info.times.plan_ns) + decode.as_nanos() as u64;
+        // What this process cannot know about the answer.
+        let note = (info.served_by == ServedBy::Daemon).then(|| {
+            format!(
+                "the daemon took {}; planned here, with this process's constants and without a GPU: \
+                 what a daemon plans, it logs with PAIRMASK_LOG=debug",
+                info.engine
+            )
+        });
+        let candidate = |c: &&Candidate| {
+            json!({
+                "engine": c.engine.as_str(),
+                "encoding": c.encoding.as_str(),
+                "threads": c.threads,
+                "predicted_ns": c.predicted_ns as u64,
+            })
+        };
+        let fields = json!({
+            "stats": {
+                "boxes": stats.n.get(),
+                "looked_at": stats.is_looked_at,
+                "solid_share": stats.solid_share,
+                "median_size": stats.median_size,
+                "large_size": stats.large_size,
+                "window_share": stats.window_share,
+                "elongation": stats.elongation,
+                "expected_pairs": stats.expected_pairs() as u64,
+            },
+            "calibration": calibration,
+            "candidates": candidates.iter().map(candidate).collect::<Vec<_>>(),
+            "engine": plan.engine.as_str(),
+            "encoding": plan.encoding.as_str(),
+            "threads": plan.threads,
+            "why": plan.why(),
+            "predicted_ns": predicted_ns,
+            "measured_ns": measured_ns,
+            "note": note,
+        });
+        let mut text = format!("{}\nconstants  {calibration}\n", plan.explain());
+        if let Some(ns) = predicted_ns {
+            let _ = writeln!(text, "predicted  {}", time_text(ns));
+        }
+        let measured = time_text(measured_ns);
+        let _ = write!(text, "measured   {measured} (engine and decode; a first frame is cold)");
+        if let Some(note) = note {
+            let _ = write!(text, "\nnote       {note}");
+        }
+        Self { fields, text }
+    }
+}
+
+impl fmt::Display for Explanation {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.text)
     }
 }

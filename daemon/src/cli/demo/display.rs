@@ -5,8 +5,7 @@ use std::time::{Duration, Instant};
 use indicatif::{ProgressBar, ProgressStyle};
 use pairmask_core::engine::EngineId;
 
-use super::DemoError;
-use super::check::BadPair;
+use super::{BadPair, DemoError};
 use crate::cli::output::{OutputError, is_watched, print_text, time_text};
 use crate::cli::percentiles::Recorder;
 
@@ -14,47 +13,35 @@ use crate::cli::percentiles::Recorder;
 const LIVE_INTERVAL: Duration = Duration::from_millis(250);
 const PLAIN_INTERVAL: Duration = Duration::from_secs(1);
 
-/// Counts of the whole run.
+/// Frames, and what they took.
 #[derive(Debug)]
-pub struct Progress {
-    start: Instant,
-    frames: u64,
-    pairs: u64,
-    frames_in_process: u64,
-    engine: Option<EngineId>,
-    round_trips: Recorder,
-    recent: Recent,
-    checked: u64,
-    wrong: u64,
-    first_wrong: Option<(u64, BadPair)>,
-}
-
-/// Counts since the display last changed.
-#[derive(Debug)]
-struct Recent {
+struct Tally {
     since: Instant,
     frames: u64,
     pairs: u64,
     round_trips: Recorder,
 }
 
-impl Recent {
+impl Tally {
     fn new() -> Self {
         Self { since: Instant::now(), frames: 0, pairs: 0, round_trips: Recorder::new() }
     }
 
-    fn restart(&mut self) {
-        self.since = Instant::now();
-        self.frames = 0;
-        self.pairs = 0;
-        self.round_trips.clear();
+    fn note(&mut self, pairs: u64, ns: u64) {
+        self.frames += 1;
+        self.pairs += pairs;
+        self.round_trips.record(ns);
+    }
+
+    fn frames_a_second(&self) -> f64 {
+        self.frames as f64 / self.since.elapsed().as_secs_f64().max(1e-9)
     }
 
     fn text(&self) -> String {
         let found = self.round_trips.percentiles();
         format!(
             "{:>7.0} frames/s  {:>6} pairs  round trip p50 {:>9} p99 {:>9}",
-            self.frames as f64 / self.since.elapsed().as_secs_f64().max(1e-9),
+            self.frames_a_second(),
             self.pairs / self.frames.max(1),
             time_text(found.p50),
             time_text(found.p99),
@@ -62,17 +49,26 @@ impl Recent {
     }
 }
 
+/// Counts of the whole run, and since the display last changed.
+#[derive(Debug)]
+pub struct Progress {
+    all: Tally,
+    recent: Tally,
+    frames_in_process: u64,
+    engine: Option<EngineId>,
+    checked: u64,
+    wrong: u64,
+    first_wrong: Option<(u64, BadPair)>,
+}
+
 impl Progress {
     /// Counts of zero.
     pub fn new() -> Self {
         Self {
-            start: Instant::now(),
-            frames: 0,
-            pairs: 0,
+            all: Tally::new(),
+            recent: Tally::new(),
             frames_in_process: 0,
             engine: None,
-            round_trips: Recorder::new(),
-            recent: Recent::new(),
             checked: 0,
             wrong: 0,
             first_wrong: None,
@@ -81,7 +77,7 @@ impl Progress {
 
     /// Time since the start.
     pub fn elapsed(&self) -> Duration {
-        self.start.elapsed()
+        self.all.since.elapsed()
     }
 
     /// Counts a frame.
@@ -93,14 +89,10 @@ impl Progress {
         in_process: bool,
     ) {
         let ns = round_trip.as_nanos() as u64;
-        self.frames += 1;
-        self.pairs += pairs;
         self.frames_in_process += u64::from(in_process);
         self.engine = Some(engine);
-        self.round_trips.record(ns);
-        self.recent.frames += 1;
-        self.recent.pairs += pairs;
-        self.recent.round_trips.record(ns);
+        self.all.note(pairs, ns);
+        self.recent.note(pairs, ns);
     }
 
     /// Counts a checked frame: the last one.
@@ -108,7 +100,7 @@ impl Progress {
         self.checked += 1;
         if let Some(bad) = bad {
             self.wrong += 1;
-            self.first_wrong.get_or_insert((self.frames, bad));
+            self.first_wrong.get_or_insert((self.all.frames, bad));
         }
     }
 
@@ -131,18 +123,18 @@ impl Progress {
     }
 
     fn summary_text(&self) -> String {
-        let seconds = self.elapsed().as_secs_f64();
-        let found = self.round_trips.percentiles();
+        let (all, seconds) = (&self.all, self.elapsed().as_secs_f64());
+        let found = all.round_trips.percentiles();
         let engine = self.engine.map_or_else(|| "none".to_owned(), |engine| engine.to_string());
         format!(
             "frames      {} in {seconds:.1} s ({:.0} a second), {} of them in process\n\
              pairs       {} a frame, engine {engine}\n\
              round trip  p50 {}, p99 {}, max {}\n\
              checks      {}",
-            self.frames,
-            self.frames as f64 / seconds.max(1e-9),
+            all.frames,
+            all.frames_a_second(),
             self.frames_in_process,
-            self.pairs / self.frames.max(1),
+            all.pairs / all.frames.max(1),
             time_text(found.p50),
             time_text(found.p99),
             time_text(found.max),
@@ -188,7 +180,7 @@ impl Display {
             progress.recent.text(),
             progress.checks_text()
         );
-        progress.recent.restart();
+        progress.recent = Tally::new();
         match &self.live {
             Some(line) => {
                 line.set_message(text);
@@ -215,21 +207,12 @@ mod tests {
     #[test]
     fn a_wrong_frame_is_named_and_fails() {
         let mut progress = Progress::new();
-        progress.note_frame(
-            3,
-            Duration::from_micros(40),
-            pairmask_core::EngineName::CpuBrute.into(),
-            false,
-        );
+        let engine = pairmask_core::EngineName::CpuBrute.into();
+        progress.note_frame(3, Duration::from_micros(40), engine, false);
         progress.note_check(None);
         assert!(progress.verdict().is_ok());
         assert!(progress.summary_text().contains("1 frames checked, all right"));
-        progress.note_frame(
-            3,
-            Duration::from_micros(40),
-            pairmask_core::EngineName::CpuBrute.into(),
-            false,
-        );
+        progress.note_frame(3, Duration::from_micros(40), engine, false);
         progress.note_check(Some(BadPair::Missing(3, 9)));
         let text = progress.summary_text();
         assert!(text.contains("frame 2") && text.contains("(3, 9)"), "{text}");

@@ -1,10 +1,9 @@
 //! `demo`: a daemon process, a client process with falling boxes, and figures while they run.
 
-mod check;
-mod client;
 mod display;
 mod world;
 
+use std::fmt;
 use std::num::{NonZeroU32, NonZeroU64};
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::Arc;
@@ -12,9 +11,13 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use clap::Args;
-use pairmask::{ConnectError, FrameError, WaitError};
+use pairmask::{Backend, ConnectError, FrameError, ServedBy, Session, WaitError};
+use pairmask_core::Aabb;
+use pairmask_core::oracle::truth;
+use rustix::process::{Pid, Signal, kill_process, set_parent_process_death_signal};
 
-pub use self::client::DemoClient;
+use self::display::{Display, Progress};
+use self::world::World;
 use super::config::Config;
 use super::options::{DaemonOptions, Place};
 use super::output::OutputError;
@@ -67,16 +70,12 @@ impl DemoOptions {
 pub enum DemoError {
     #[error(transparent)]
     Spawn(#[from] SpawnError),
-    /// The client process or the handler for Ctrl-C could not be set up.
     #[error("{step}: {source}")]
     System { step: &'static str, source: std::io::Error },
-    /// The client failed and printed the reason.
     #[error("the client process failed ({status})")]
     Client { status: ExitStatus },
-    /// The client did not end in time.
     #[error("the client process was not done {PATIENCE:?} after its time")]
     Hangs,
-    /// A sample was wrong.
     #[error("{wrong} of {checked} sampled frames were wrong: please report this")]
     Wrong { wrong: u64, checked: u64 },
     #[error(transparent)]
@@ -143,10 +142,141 @@ fn wait_for(
             return Ok(status);
         }
         if stop.load(Ordering::Relaxed) && !std::mem::replace(&mut told, true) {
-            client::ask_to_stop(&client);
+            ask_to_stop(&client);
         }
         std::thread::sleep(LOOK_INTERVAL);
     }
     client.kill().and_then(|()| client.wait()).map_err(DemoError::system(watching))?;
     Err(DemoError::Hangs)
+}
+
+/// Time between two checked frames. A check of all pairs of 10,000 boxes takes 0.1 s.
+const CHECK_INTERVAL: Duration = Duration::from_millis(500);
+
+/// The client process of `demo`.
+#[derive(Debug, Args)]
+pub struct DemoClient {
+    #[command(flatten)]
+    options: DemoOptions,
+}
+
+/// Asks a client to end early.
+fn ask_to_stop(client: &Child) {
+    if let Some(pid) = i32::try_from(client.id()).ok().and_then(Pid::from_raw) {
+        // Sending fails if the client has just ended, which is what is wanted.
+        let _ = kill_process(pid, Signal::TERM);
+    }
+}
+
+impl DemoClient {
+    /// Runs frames until the demo's time is over.
+    pub fn run(&self, place: &Place, config: &Config) -> Result<(), DemoError> {
+        let stop = stop_flag()?;
+        // If the demo's process is killed, this process has to end with it.
+        set_parent_process_death_signal(Some(Signal::KILL))
+            .map_err(|errno| DemoError::system("binding to the demo")(errno.into()))?;
+        let mut session = connect(place, config)?;
+        let mut world = World::new(self.options.boxes.get());
+        let mut display = Display::new();
+        let mut progress = Progress::new();
+        let mut check_at = Instant::now();
+        while progress.elapsed() < self.options.duration() && !stop.load(Ordering::Relaxed) {
+            let is_checked = Instant::now() >= check_at;
+            let sampled = run_frame(&mut session, &mut world, &mut progress, is_checked)?;
+            if is_checked {
+                progress.note_check(sampled);
+                check_at = Instant::now() + CHECK_INTERVAL;
+            }
+            display.update(&mut progress)?;
+        }
+        display.summary(&progress)?;
+        progress.verdict()
+    }
+}
+
+/// A session that starts with the daemon, and falls back to this process if the daemon is killed.
+fn connect(place: &Place, config: &Config) -> Result<Session, DemoError> {
+    let builder = || {
+        Session::builder()
+            .runtime_dir(place.runtime_dir(config))
+            .instance(place.instance(config).as_str())
+    };
+    drop(builder().backend(Backend::Daemon).connect()?);
+    Ok(builder().backend(Backend::Auto).connect()?)
+}
+
+/// Runs one frame. Returns its first wrong pair if the frame is checked.
+fn run_frame(
+    session: &mut Session,
+    world: &mut World,
+    progress: &mut Progress,
+    is_checked: bool,
+) -> Result<Option<BadPair>, DemoError> {
+    let mut frame = session.frame(world.len())?;
+    world.write_boxes(frame.boxes_mut());
+    let sample: Option<Vec<Aabb>> = is_checked.then(|| frame.boxes().to_vec());
+    let submitted = Instant::now();
+    let mask = frame.submit()?.wait()?;
+    let round_trip = submitted.elapsed();
+    let in_process = mask.info().served_by == ServedBy::InProcess;
+    progress.note_frame(mask.count(), round_trip, mask.info().engine, in_process);
+    world.step(mask.pairs());
+    Ok(sample.and_then(|boxes| first_bad_pair(&boxes, mask.to_vec())))
+}
+
+/// A pair that an answer gets wrong.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum BadPair {
+    /// The boxes overlap and the answer lacks the pair.
+    Missing(u32, u32),
+    /// The answer has the pair and the boxes do not overlap, or it has the pair twice.
+    Extra(u32, u32),
+}
+
+impl fmt::Display for BadPair {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Missing(a, b) => write!(f, "pair ({a}, {b}) is missing"),
+            Self::Extra(a, b) => write!(f, "pair ({a}, {b}) is not one, or named twice"),
+        }
+    }
+}
+
+/// The first pair, in order, that an answer gets wrong.
+pub fn first_bad_pair(boxes: &[Aabb], mut answer: Vec<(u32, u32)>) -> Option<BadPair> {
+    answer.sort_unstable();
+    let mut right = truth(boxes).pairs.into_iter();
+    for (a, b) in answer {
+        match right.next() {
+            Some(pair) if pair == (a, b) => {}
+            Some((c, d)) if (c, d) < (a, b) => return Some(BadPair::Missing(c, d)),
+            _ => return Some(BadPair::Extra(a, b)),
+        }
+    }
+    right.next().map(|(a, b)| BadPair::Missing(a, b))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::{Scene, SceneName};
+
+    #[test]
+    fn notices_one_pair_too_few_or_too_many() {
+        let scene = Scene::new(SceneName::Uniform, 345, 7);
+        let boxes = scene.boxes();
+        let right = truth(boxes).pairs;
+        assert!(right.len() > 100, "{} pairs", right.len());
+        let backwards = right.iter().rev().copied().collect();
+        assert_eq!(first_bad_pair(boxes, backwards), None, "the order does not matter");
+        for (at, (a, b)) in right.iter().enumerate() {
+            let mut less = right.clone();
+            less.remove(at);
+            assert_eq!(first_bad_pair(boxes, less), Some(BadPair::Missing(*a, *b)));
+            let twice = [&right[..], &[(*a, *b)]].concat();
+            assert_eq!(first_bad_pair(boxes, twice), Some(BadPair::Extra(*a, *b)));
+        }
+        let more = [&right[..], &[(0, 345)]].concat();
+        assert!(first_bad_pair(boxes, more).is_some());
+    }
 }

@@ -3,16 +3,9 @@
 use std::fmt;
 use std::str::FromStr;
 
-use super::error::OpenError;
+use super::OpenError;
 
 /// The user's choice of GPU.
-///
-/// ```
-/// use pairmaskd::execute::gpu::GpuChoice;
-/// assert_eq!("auto".parse(), Ok(GpuChoice::Auto));
-/// assert_eq!("1".parse(), Ok(GpuChoice::Index(1)));
-/// assert_eq!("H200".parse(), Ok(GpuChoice::Name("H200".into())));
-/// ```
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub enum GpuChoice {
     /// The best real GPU; never a software adapter, which the CPU engines beat.
@@ -177,25 +170,102 @@ pub fn list_adapters() -> Vec<AdapterInfo> {
     AdapterList::find().infos
 }
 
+/// The user's choice of GPUs: choices of one each, with commas between them, or `all`.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum GpuChoices {
+    /// One device for each of these. A software adapter that is named twice is opened twice.
+    Each(Vec<GpuChoice>),
+    /// All GPUs of the best kind: those among which `auto` takes the first.
+    All,
+}
+
+impl Default for GpuChoices {
+    fn default() -> Self {
+        GpuChoice::default().into()
+    }
+}
+
+impl From<GpuChoice> for GpuChoices {
+    fn from(choice: GpuChoice) -> Self {
+        Self::Each(vec![choice])
+    }
+}
+
+impl FromStr for GpuChoices {
+    type Err = std::convert::Infallible;
+
+    fn from_str(s: &str) -> Result<Self, Self::Err> {
+        let choice = |text: &str| text.trim().parse().unwrap_or_default();
+        Ok(if s == "all" { Self::All } else { Self::Each(s.split(',').map(choice).collect()) })
+    }
+}
+
+impl fmt::Display for GpuChoices {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::All => f.write_str("all"),
+            Self::Each(choices) => choices.iter().enumerate().try_for_each(|(at, choice)| {
+                f.write_str(if at == 0 { "" } else { "," })?;
+                choice.fmt(f)
+            }),
+        }
+    }
+}
+
+impl GpuChoices {
+    /// Whether no GPU is wanted.
+    pub fn is_none(&self) -> bool {
+        matches!(self, Self::Each(choices) if choices.iter().all(|choice| *choice == GpuChoice::None))
+    }
+
+    /// Whether a daemon that finds none of them serves without a GPU.
+    pub fn is_optional(&self) -> bool {
+        *self == Self::All || *self == Self::default()
+    }
+
+    /// A choice for each device.
+    pub fn each(&self) -> Vec<GpuChoice> {
+        match self {
+            Self::Each(choices) => {
+                choices.iter().filter(|choice| **choice != GpuChoice::None).cloned().collect()
+            }
+            Self::All => all_of(&list_adapters()),
+        }
+    }
+
+    /// The first of them, for what uses one GPU.
+    pub fn first(&self) -> GpuChoice {
+        match self {
+            Self::Each(choices) => choices.first().cloned().unwrap_or_default(),
+            Self::All => GpuChoice::Auto,
+        }
+    }
+}
+
+/// A choice for each adapter of the best kind; `auto` where there is none, which says so. By PCI address
+/// where they have one: places in the list may change while one is away.
+fn all_of(adapters: &[AdapterInfo]) -> Vec<GpuChoice> {
+    let choice = |place: usize| match &adapters[place].pci_address {
+        address if address.is_empty() => GpuChoice::Index(place),
+        address => GpuChoice::Name(address.clone()),
+    };
+    let all: Vec<GpuChoice> = best_of_kind(adapters).map(choice).collect();
+    if all.is_empty() { vec![GpuChoice::Auto] } else { all }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    fn adapter(name: &str, kind: AdapterKind) -> AdapterInfo {
-        AdapterInfo {
-            name: name.into(),
-            driver: String::new(),
-            pci_address: format!("pci-{name}"),
-            vendor_id: 0,
-            device_id: 0,
-            kind,
-        }
+    fn adapter(name: &str, pci_address: &str, kind: AdapterKind) -> AdapterInfo {
+        let (name, pci_address) = (name.into(), pci_address.into());
+        AdapterInfo { name, driver: String::new(), pci_address, vendor_id: 0, device_id: 0, kind }
     }
 
     #[test]
     fn devices_compute_alike_that_are_the_same_by_the_same_driver() {
-        let one = adapter("one", AdapterKind::Discrete);
-        assert!(one.computes_as(&adapter("another", AdapterKind::Discrete)));
+        let one = adapter("one", "", AdapterKind::Discrete);
+        assert!(one.computes_as(&adapter("another", "0:1", AdapterKind::Discrete)));
         let others = [
             AdapterInfo { vendor_id: 1, ..one.clone() },
             AdapterInfo { device_id: 1, ..one.clone() },
@@ -205,33 +275,42 @@ mod tests {
     }
 
     #[test]
-    fn auto_takes_the_first_of_the_best_kind_and_never_software() {
-        let software = adapter("llvmpipe", AdapterKind::Software);
-        let small = adapter("small", AdapterKind::Integrated);
-        let big = adapter("big", AdapterKind::Discrete);
-        let all = [software.clone(), small, big.clone(), big];
-        assert_eq!(choose(&GpuChoice::Auto, &all), Some(2));
-        assert_eq!(choose(&GpuChoice::Auto, &[software]), None);
-        assert_eq!(choose(&GpuChoice::Software, &all), Some(0));
-        assert_eq!(choose(&GpuChoice::None, &all), None);
-    }
-
-    #[test]
-    fn index_and_name_and_pci_address_choose_any() {
-        let all =
-            [adapter("llvmpipe", AdapterKind::Software), adapter("big", AdapterKind::Discrete)];
-        assert_eq!(choose(&GpuChoice::Index(1), &all), Some(1));
-        assert_eq!(choose(&GpuChoice::Index(2), &all), None);
-        assert_eq!(choose(&GpuChoice::Name("llvm".into()), &all), Some(0));
-        assert_eq!(choose(&GpuChoice::Name("pci-big".into()), &all), Some(1));
-        assert_eq!(choose(&GpuChoice::Name("other".into()), &all), None);
-    }
-
-    #[test]
-    fn choices_read_as_they_are_written() {
-        for text in ["auto", "none", "software", "3", "NVIDIA H200"] {
-            let choice: GpuChoice = text.parse().unwrap_or_default();
-            assert_eq!(choice.to_string(), text);
+    fn each_choice_finds_its_adapter_and_auto_never_software() {
+        let big = |address: &str| adapter("big", address, AdapterKind::Discrete);
+        let software = adapter("llvmpipe", "", AdapterKind::Software);
+        let all = [software, adapter("small", "0:0", AdapterKind::Integrated), big("0:1"), big("")];
+        for (text, expected) in [
+            ("auto", Some(2)),
+            ("software", Some(0)),
+            ("none", None),
+            ("1", Some(1)),
+            ("4", None),
+            ("llvm", Some(0)),
+            ("0:1", Some(2)),
+            ("other", None),
+        ] {
+            assert_eq!(choose(&text.parse().unwrap_or_default(), &all), expected, "{text}");
         }
+        assert_eq!(choose(&GpuChoice::Auto, &all[..1]), None);
+        assert_eq!(all_of(&all), [GpuChoice::Name("0:1".into()), GpuChoice::Index(3)]);
+        assert_eq!(all_of(&all[..2]), [GpuChoice::Name("0:0".into())]);
+        assert_eq!(all_of(&all[..1]), [GpuChoice::Auto], "which finds none, and says so");
+    }
+
+    #[test]
+    fn choices_read_as_they_are_written_and_none_is_no_device() {
+        let choices = |text: &str| text.parse::<GpuChoices>().unwrap_or_default();
+        for text in ["auto", "none", "3", "all", "0,1", "software,software", "NVIDIA,0000:02:00.0"]
+        {
+            assert_eq!(choices(text).to_string(), text);
+        }
+        assert_eq!(choices("0, 1").to_string(), "0,1");
+        assert!(choices("none").is_none() && choices("none").each().is_empty());
+        assert_eq!(choices("none,software").each(), [GpuChoice::Software]);
+        assert!(!choices("none,software").is_none() && !choices("auto").is_none());
+        assert!(choices("auto").is_optional() && choices("all").is_optional());
+        assert!(!choices("0").is_optional() && !choices("auto,auto").is_optional());
+        assert_eq!(choices("1,0").first(), GpuChoice::Index(1));
+        assert_eq!(choices("all").first(), GpuChoice::Auto);
     }
 }

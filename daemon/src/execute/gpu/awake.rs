@@ -1,9 +1,5 @@
-//! Keeps the device's clocks up between the frames of a client that is at work.
-//!
-//! A GPU that works one millisecond in ten lowers its clocks, and raises them slowly. On an H200 a
-//! million boxes then took 1.5 to 2.1 ms a frame instead of 1.05, at 435 to 705 MHz instead of 1,980.
-//! So a dispatch of one workgroup, on a queue whose work runs beside that of frames, is under way as
-//! long as frames keep coming. It costs 35 to 45 W there.
+//! Keeps the device's clocks up between the frames of a client that is at work: a dispatch of one workgroup is under way
+//! as long as frames keep coming (GPU.md, "Clocks").
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -13,12 +9,7 @@ use std::time::{Duration, Instant};
 use pairmask_shaders::Stage;
 use pairmask_shaders::layouts::AwakeParams;
 
-use super::device::{Gpu, QueueRole};
-use super::error::GpuError;
-use super::frame::{Command, Frame, Wait};
-use super::memory::{Block, Home, Part};
-use super::pipeline::Pipelines;
-use super::shader::Checks;
+use super::{Block, Checks, Command, Frame, Gpu, GpuError, Home, Part, Pipelines, QueueRole, Wait};
 
 /// How long the clocks are kept up after a frame, unless told otherwise: a client of four frames a
 /// second finds them up, and one that is gone costs nothing a moment later.
@@ -111,7 +102,7 @@ impl Drop for Awake {
     fn drop(&mut self) {
         // A dispatch on a device that hangs takes ten seconds to give up, in which frames are to be served: nobody
         // waits for that thread. To end by itself, maybe while the device is destroyed, could lock the driver up (see
-        // `driver_thread`): it stays, one for each loss.
+        // `slot`): it stays, one for each loss.
         let is_lost = self.gpu.health().is_lost();
         self.shared.stays.store(is_lost, Ordering::Relaxed);
         self.shared.stop.store(true, Ordering::Release);

@@ -12,9 +12,8 @@ use pairmask_core::EngineName;
 use pairmask_core::engine::CullError;
 use wgpu::hal::vulkan;
 
-use super::adapter::{AdapterInfo, AdapterList, GpuChoice};
-use super::error::{GpuError, OpenError};
-use super::health::DeviceHealth;
+use super::adapter::AdapterList;
+use super::{AdapterInfo, DeviceHealth, GpuChoice, GpuError, OpenError};
 
 /// What the device allows, in bytes and counts.
 #[derive(Clone, Copy, Debug, PartialEq)]

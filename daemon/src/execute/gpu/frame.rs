@@ -10,10 +10,8 @@ use std::time::{Duration, Instant};
 
 use ash::vk;
 
-use super::device::{Gpu, Order, QueueRole};
-use super::error::GpuError;
-use super::memory::Part;
-use super::pipeline::{IMMEDIATE_BYTES, Pipeline};
+use super::pipeline::IMMEDIATE_BYTES;
+use super::{Gpu, GpuError, Order, Part, Pipeline, QueueRole};
 
 /// One step of a frame. Each step sees all that the steps before it wrote.
 pub enum Command {
@@ -109,9 +107,6 @@ impl Frame {
     }
 
     /// An empty frame for the queue of a role.
-    ///
-    /// # Errors
-    /// [`GpuError`].
     pub(super) fn of_role(
         gpu: &Arc<Gpu>,
         role: QueueRole,
@@ -272,19 +267,19 @@ impl Frame {
                     .src_offset(from.offset)
                     .dst_offset(to.offset)
                     .size(from.bytes)];
-                let (from, to) = (from.block.raw(), to.block.raw());
+                let (from, to) = (from.block.buffer, to.block.buffer);
                 // SAFETY: both parts lie in blocks that the frame keeps alive.
                 unsafe { raw.cmd_copy_buffer(self.commands, from, to, &region) };
             }
             Command::Fill { part, word } => {
-                let (buffer, offset, bytes) = (part.block.raw(), part.offset, part.bytes);
+                let (buffer, offset, bytes) = (part.block.buffer, part.offset, part.bytes);
                 // SAFETY: the part lies in a block that the frame keeps alive.
                 unsafe { raw.cmd_fill_buffer(self.commands, buffer, offset, bytes, *word) };
             }
             Command::Stage { pipeline, parts, immediates, groups } => {
-                assert_eq!(parts.len(), pipeline.binding_count() as usize, "one part a binding");
+                assert_eq!(parts.len(), pipeline.binding_count as usize, "one part a binding");
                 assert!(immediates.len() <= IMMEDIATE_BYTES as usize);
-                let set_layouts = [pipeline.set_layout()];
+                let set_layouts = [pipeline.set_layout];
                 let info = vk::DescriptorSetAllocateInfo::default()
                     .descriptor_pool(self.descriptors)
                     .set_layouts(&set_layouts);
@@ -295,7 +290,7 @@ impl Frame {
                     .iter()
                     .map(|part| {
                         [vk::DescriptorBufferInfo::default()
-                            .buffer(part.block.raw())
+                            .buffer(part.block.buffer)
                             .offset(part.offset)
                             .range(part.bytes)]
                     })
@@ -316,8 +311,8 @@ impl Frame {
                 // the frame; the set has the pipeline's layout.
                 unsafe {
                     raw.update_descriptor_sets(&writes, &[]);
-                    raw.cmd_bind_pipeline(self.commands, point, pipeline.raw());
-                    let layout = pipeline.layout();
+                    raw.cmd_bind_pipeline(self.commands, point, pipeline.raw);
+                    let layout = pipeline.layout;
                     raw.cmd_bind_descriptor_sets(self.commands, point, layout, 0, &sets, &[]);
                     let stage = vk::ShaderStageFlags::COMPUTE;
                     raw.cmd_push_constants(self.commands, layout, stage, 0, immediates);

@@ -4,10 +4,7 @@ use std::sync::Arc;
 
 use pairmask_core::{Encoding, ObjectForm};
 
-use super::device::{Gpu, QueueRole};
-use super::error::GpuError;
-use super::frame::{Command, Frame};
-use super::memory::{Block, Part};
+use super::{Block, Command, Frame, Gpu, GpuError, Part, QueueRole};
 
 /// A place in a block. The frame that is filed under it keeps the block alive, so its address
 /// names no other block meanwhile.

@@ -20,9 +20,7 @@ use std::sync::Arc;
 
 use rustix::mm::{MapFlags, ProtFlags};
 
-use super::device::Gpu;
-use super::error::GpuError;
-use super::memory::Block;
+use super::{Block, Gpu, GpuError};
 
 /// Pages of this process, read-write, unmapped on drop.
 #[derive(Debug)]
@@ -42,19 +40,6 @@ unsafe impl Sync for ReadWriteMapping {}
 pub const PAGE_BYTES: usize = 4096;
 
 impl ReadWriteMapping {
-    /// Fresh zero pages, at least `bytes`.
-    ///
-    /// # Errors
-    /// The system's.
-    pub fn anonymous(bytes: usize) -> io::Result<Self> {
-        let bytes = bytes.max(1).next_multiple_of(PAGE_BYTES);
-        let (prot, flags) = (ProtFlags::READ | ProtFlags::WRITE, MapFlags::PRIVATE);
-        // SAFETY: the kernel chooses a free address.
-        let pointer =
-            unsafe { rustix::mm::mmap_anonymous(std::ptr::null_mut(), bytes, prot, flags) }?;
-        Self::of(pointer, bytes)
-    }
-
     /// A shared mapping of a file, from byte `offset`, a multiple of a page.
     ///
     /// # Errors
@@ -364,8 +349,8 @@ mod tests {
 
     #[test]
     fn private_and_unmapped_ranges_are_refused() {
-        let private = ReadWriteMapping::anonymous(PAGE_BYTES).expect("maps");
-        let address = private.pointer().as_ptr() as usize;
+        let private = vec![0u8; 64 * PAGE_BYTES];
+        let address = private.as_ptr() as usize;
         assert!(matches!(
             ReadWriteMapping::behind(address, 8),
             Err(SegmentError::NotShared | SegmentError::NotMapped)

@@ -9,10 +9,9 @@ use std::sync::Arc;
 
 use ash::vk;
 use bytemuck::Pod;
+use pairmask_core::engine::RecentNeed;
 
-use super::device::Gpu;
-use super::error::GpuError;
-use super::import::ReadWriteMapping;
+use super::{Gpu, GpuError, ReadWriteMapping};
 
 /// Where a block lies.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -28,12 +27,19 @@ pub enum Home {
     Imported,
 }
 
+impl Home {
+    /// Where the CPU writes what stages read: into video memory where it can, else read from afar.
+    pub(super) fn written(gpu: &Gpu) -> Self {
+        if gpu.limits().mapped_video_memory { Self::MappedVideo } else { Self::Host }
+    }
+}
+
 /// A piece of memory bound to a storage buffer.
 pub struct Block {
     gpu: Arc<Gpu>,
-    home: Home,
+    pub(super) home: Home,
     bytes: u64,
-    buffer: vk::Buffer,
+    pub(super) buffer: vk::Buffer,
     memory: vk::DeviceMemory,
     host: Option<NonNull<u8>>,
     // Unmapped after the memory that was imported from it is freed (fields drop after `drop`).
@@ -185,11 +191,6 @@ impl Block {
         }))
     }
 
-    /// Where it lies.
-    pub(super) fn home(&self) -> Home {
-        self.home
-    }
-
     /// Its size.
     pub fn bytes(&self) -> u64 {
         self.bytes
@@ -198,10 +199,6 @@ impl Block {
     /// Whether it was imported from memory whose owner is gone.
     pub(super) fn is_orphaned(&self) -> bool {
         self.mapping.as_ref().is_some_and(ReadWriteMapping::is_orphaned)
-    }
-
-    pub(super) fn raw(&self) -> vk::Buffer {
-        self.buffer
     }
 
     /// Copies `values` to byte `offset`. Call it between frames only.
@@ -331,5 +328,65 @@ impl Part {
         let end = offset.checked_add(bytes);
         assert!(end.is_some_and(|end| end <= block.bytes), "a part lies within its block");
         Self { block: Arc::clone(block), offset, bytes }
+    }
+}
+
+/// Declares blocks that stages hand each other, each with its home: those of an engine, which grow with the scenes, and
+/// those of a frame.
+macro_rules! frame_blocks {
+    ($scratch:ident of $growing:ident, $blocks:ident: $($name:ident in $home:ident),+ $(,)?) => {
+        /// All blocks between the stages.
+        pub(super) struct $scratch {
+            $($name: $growing,)+
+        }
+
+        /// The blocks of one frame.
+        #[derive(Clone)]
+        pub(super) struct $blocks {
+            $(pub(super) $name: Arc<Block>,)+
+        }
+
+        impl $scratch {
+            pub(super) const fn new() -> Self {
+                Self { $($name: $growing::new(Home::$home),)+ }
+            }
+        }
+    };
+}
+pub(super) use frame_blocks;
+
+/// A block that is made anew, larger, when more is asked of it, and smaller when much less is for some
+/// dozens of frames.
+pub(super) struct Growing {
+    home: Home,
+    block: Option<Arc<Block>>,
+    need: RecentNeed,
+}
+
+impl Growing {
+    pub(super) const fn new(home: Home) -> Self {
+        Self { home, block: None, need: RecentNeed::NONE }
+    }
+
+    /// A block of at least `bytes`. `replaced` is set if it is not the one of last time.
+    pub(super) fn at_least(
+        &mut self,
+        gpu: &Arc<Gpu>,
+        bytes: u64,
+        replaced: &mut bool,
+    ) -> Result<&Arc<Block>, GpuError> {
+        let held = self.block.as_ref().map_or(0, |block| block.bytes());
+        let is_needed = !self.need.note(bytes as usize, || held as usize);
+        let kept = self.block.take().filter(|block| is_needed && block.bytes() >= bytes);
+        let block = if let Some(block) = kept {
+            block
+        } else {
+            *replaced = true;
+            // A quarter more, so that a slowly growing scene does not allocate each frame; the
+            // bare size when that is too much.
+            let roomy = Block::new(gpu, self.home, bytes + bytes / 4);
+            roomy.or_else(|_| Block::new(gpu, self.home, bytes))?
+        };
+        Ok(self.block.insert(block))
     }
 }

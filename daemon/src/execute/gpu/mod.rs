@@ -15,42 +15,38 @@
 mod adapter;
 mod all_pairs;
 mod awake;
-mod choices;
 mod device;
-mod driver_thread;
 mod error;
 mod frame;
 mod frame_cache;
 mod grid;
-mod growing;
-mod health;
 mod import;
 mod memory;
 mod pipeline;
 mod scene;
-mod shader;
 mod slot;
 mod transfers;
-mod upload_ahead;
 
-pub use adapter::{AdapterInfo, GpuChoice, choose, list_adapters};
-pub use all_pairs::plan::{Counted, Tuning};
-pub use all_pairs::{AllPairs, AllPairsOptions};
-pub use awake::{Awake, DEFAULT_HOLD};
-pub use choices::GpuChoices;
-pub use device::{Gpu, GpuLimits, HostImport, SUBMISSIONS};
-pub use driver_thread::{DriverThread, Progress};
-pub use error::{GpuError, OpenError, StageFault};
-pub use frame::{Command, Frame, MAX_STEPS, StepTime, Wait};
-pub use grid::plan::{Capacity, Sizes};
-pub use grid::{
+pub use self::adapter::{AdapterInfo, GpuChoice, GpuChoices, choose, list_adapters};
+pub use self::all_pairs::plan::{Counted, Tuning};
+pub use self::all_pairs::{AllPairs, AllPairsOptions};
+pub use self::awake::{Awake, DEFAULT_HOLD};
+pub use self::device::{Gpu, GpuLimits, HostImport, SUBMISSIONS};
+pub use self::error::{DeviceHealth, GpuError, OpenError, StageFault};
+pub use self::frame::{Command, Frame, MAX_STEPS, StepTime, Wait};
+pub use self::grid::plan::{Capacity, Sizes};
+pub use self::grid::{
     BUNDLE_FRAMES, Begun, Grid, GridOptions, GridUnderWay, cell_count, grid_layout, takes_worlds,
 };
-pub use health::DeviceHealth;
-pub use import::{ImportError, ImportId, Imports, ReadWriteMapping, SegmentError};
-pub use memory::{Block, Home, Part};
-pub use pipeline::{Pipeline, Pipelines, user_cache_folder};
-pub use scene::{EditTimes, GpuScene, SceneTools};
-pub use shader::Checks;
-pub use slot::{GpuSlot, IfMissing, Opener, SlotState};
-pub use transfers::{SharedImports, Upload};
+pub use self::import::{ImportError, ImportId, Imports, ReadWriteMapping, SegmentError};
+pub use self::memory::{Block, Home, Part};
+pub use self::pipeline::{Checks, Pipeline, Pipelines, user_cache_folder};
+pub use self::scene::{EditTimes, GpuScene, SceneTools};
+pub use self::slot::{DriverThread, GpuSlot, IfMissing, Opener, Progress, SlotState};
+pub use self::transfers::{SharedImports, Upload};
+
+use self::device::{Order, QueueRole};
+use self::frame_cache::{FrameCache, FrameKey, Place};
+use self::import::Access;
+use self::memory::{Growing, frame_blocks};
+use self::transfers::{MaskPlace, PlacedBoxes, Transfers};

@@ -1,12 +1,16 @@
 //! The place of the GPU in the daemon: being opened, there, lost, or being rebuilt.
+//!
+//! A thread that has used NVIDIA's driver (580.159.04) must not end while another one destroys a device: each
+//! then waits for a lock of the driver that the other holds, and whoever asks the driver next waits with them.
+//! So what is done with a driver now and then is done by one thread, which ends with whatever it works for.
 
 use std::io;
 use std::sync::Arc;
+use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, sync_channel};
+use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use super::device::Gpu;
-use super::driver_thread::{DriverThread, Progress};
-use super::error::{GpuError, OpenError};
+use super::{Gpu, GpuError, OpenError};
 
 /// What opens a device. Runs on a thread of its own, the same one each time.
 pub type Opener = Arc<dyn Fn() -> Result<Arc<Gpu>, OpenError> + Send + Sync>;
@@ -58,7 +62,7 @@ pub enum SlotState {
         /// For how long.
         since: Instant,
     },
-    /// A device is being opened.
+    /// The device that follows a lost one is being opened.
     Rebuilding {
         /// For how long there has been none.
         since: Instant,
@@ -104,9 +108,8 @@ impl GpuSlot {
     }
 
     fn step(&mut self, now: Instant) {
-        if let State::Opening(if_missing) = &self.state {
-            let if_missing = if_missing.clone();
-            self.take_in_first(now, if_missing);
+        if let State::Opening(_) = self.state {
+            self.take_in(now);
         }
         if let State::Ready(gpu) = &self.state
             && gpu.health().is_lost()
@@ -126,8 +129,8 @@ impl GpuSlot {
                 }
             };
         }
-        if let State::Rebuilding { since } = self.state {
-            self.take_in(now, since);
+        if let State::Rebuilding { .. } = self.state {
+            self.take_in(now);
         }
     }
 
@@ -141,50 +144,161 @@ impl GpuSlot {
         Ok(())
     }
 
-    /// Takes in what the thread came to that opens the first device, if it has.
-    fn take_in_first(&mut self, now: Instant, if_missing: IfMissing) {
-        let Some(opening) = &self.opening else { return };
-        let error = match opening.progress() {
-            Progress::UnderWay => return,
-            Progress::Done(Ok(gpu)) => {
-                log::info!("GPU: {}", gpu.info().name);
-                self.state = State::Ready(gpu);
-                return;
-            }
-            Progress::Done(Err(error)) => error,
-            // A driver that panics has no device.
-            Progress::Panicked => GpuError::Lost.into(),
-        };
-        self.state = match if_missing {
-            IfMissing::DoWithout => {
-                log::info!("serving without a GPU: {error}");
-                State::Missing
-            }
-            IfMissing::Report(report) => {
-                report(error);
-                State::Missing
-            }
-            IfMissing::TryAgain => {
-                log::warn!("the GPU is not back yet: {error}");
-                State::Lost { since: now, retry_at: now + RETRY_AFTER }
-            }
-        };
-    }
-
     /// Takes in what the thread that opens a device came to, if it has.
-    fn take_in(&mut self, now: Instant, since: Instant) {
+    fn take_in(&mut self, now: Instant) {
         let Some(opening) = &self.opening else { return };
-        self.state = match opening.progress() {
+        let opened = match opening.progress() {
             Progress::UnderWay => return,
-            Progress::Done(Ok(gpu)) => {
+            Progress::Done(opened) => opened,
+            // A driver that panics has no device.
+            Progress::Panicked => Err(GpuError::Lost.into()),
+        };
+        let not_yet = |error, since| {
+            log::warn!("the GPU is not back yet: {error}");
+            State::Lost { since, retry_at: now + RETRY_AFTER }
+        };
+        self.state = match (std::mem::replace(&mut self.state, State::Missing), opened) {
+            (State::Rebuilding { since }, Ok(gpu)) => {
                 log::info!("the GPU {} is back after {:?}", gpu.info().name, now - since);
                 State::Ready(gpu)
             }
-            Progress::Done(Err(error)) => {
-                log::warn!("the GPU is not back yet: {error}");
-                State::Lost { since, retry_at: now + RETRY_AFTER }
+            (State::Rebuilding { since }, Err(error)) => not_yet(error, since),
+            (_, Ok(gpu)) => {
+                log::info!("GPU: {}", gpu.info().name);
+                State::Ready(gpu)
             }
-            Progress::Panicked => State::Lost { since, retry_at: now + RETRY_AFTER },
+            (State::Opening(IfMissing::TryAgain), Err(error)) => not_yet(error, now),
+            (State::Opening(IfMissing::Report(report)), Err(error)) => {
+                report(error);
+                State::Missing
+            }
+            (_, Err(error)) => {
+                log::info!("serving without a GPU: {error}");
+                State::Missing
+            }
         };
+    }
+}
+
+/// A thread that does one work whenever it is asked.
+pub struct DriverThread<T> {
+    /// `None` once the thread is to end.
+    ask: Option<SyncSender<()>>,
+    done: Receiver<T>,
+    thread: Option<JoinHandle<()>>,
+}
+
+/// What has come of the work.
+#[derive(Debug)]
+pub enum Progress<T> {
+    /// It is under way.
+    UnderWay,
+    /// It is done.
+    Done(T),
+    /// It panicked, and the thread has ended.
+    Panicked,
+}
+
+impl<T: Send + 'static> DriverThread<T> {
+    /// A thread that begins with its work at once.
+    ///
+    /// # Errors
+    /// The system starts no thread.
+    pub fn start(name: &str, mut work: impl FnMut() -> T + Send + 'static) -> io::Result<Self> {
+        let (ask, asked) = sync_channel(1);
+        let (tell, done) = sync_channel(1);
+        let thread = std::thread::Builder::new().name(name.into()).spawn(move || {
+            // Dropped last: who is told of a panic asks in vain.
+            let tell = tell;
+            let asked = asked;
+            loop {
+                if tell.send(work()).is_err() || asked.recv().is_err() {
+                    return;
+                }
+            }
+        })?;
+        Ok(Self { ask: Some(ask), done, thread: Some(thread) })
+    }
+
+    /// Asks for the work once more, after it was [done](Self::progress). `false` where the thread has ended.
+    pub fn ask(&self) -> bool {
+        self.ask.as_ref().is_some_and(|ask| ask.try_send(()).is_ok())
+    }
+
+    /// What has come of the work since it was asked for; told once.
+    pub fn progress(&self) -> Progress<T> {
+        match self.done.try_recv() {
+            Ok(done) => Progress::Done(done),
+            Err(TryRecvError::Empty) => Progress::UnderWay,
+            Err(TryRecvError::Disconnected) => Progress::Panicked,
+        }
+    }
+}
+
+impl<T> Drop for DriverThread<T> {
+    /// Waits for the end of the thread, and so for work that is under way: a process that ends while a thread
+    /// uses the driver would unload it under that thread.
+    fn drop(&mut self) {
+        self.ask = None;
+        if let Some(thread) = self.thread.take() {
+            // The panic message of the thread was printed already.
+            let _ = thread.join();
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::{Duration, Instant};
+
+    use super::*;
+
+    fn wait<T: Send + 'static>(thread: &DriverThread<T>) -> Option<T> {
+        let give_up_at = Instant::now() + Duration::from_secs(30);
+        loop {
+            match thread.progress() {
+                Progress::Done(done) => return Some(done),
+                Progress::Panicked => return None,
+                Progress::UnderWay => {
+                    assert!(Instant::now() < give_up_at, "the work does not end");
+                    std::thread::sleep(Duration::from_millis(1));
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn one_thread_does_all_of_the_work() {
+        let mut count = 0;
+        let work = move || {
+            count += 1;
+            (count, std::thread::current().id())
+        };
+        let thread = DriverThread::start("test", work).expect("a thread");
+        let (_, first) = wait(&thread).expect("no panic");
+        for expected in 2..5 {
+            assert!(thread.ask());
+            assert_eq!(wait(&thread), Some((expected, first)));
+        }
+        assert!(matches!(thread.progress(), Progress::UnderWay), "told once");
+    }
+
+    #[test]
+    fn work_that_panics_is_told_and_not_asked_for_again() {
+        let thread = DriverThread::<()>::start("test", || panic!("meant")).expect("a thread");
+        assert_eq!(wait(&thread), None);
+        assert!(!thread.ask());
+    }
+
+    #[test]
+    fn dropping_it_waits_for_work_that_is_under_way() {
+        let done = std::sync::Arc::new(std::sync::atomic::AtomicBool::new(false));
+        let sets = std::sync::Arc::clone(&done);
+        let work = move || {
+            std::thread::sleep(Duration::from_millis(50));
+            sets.store(true, std::sync::atomic::Ordering::Release);
+        };
+        drop(DriverThread::start("test", work).expect("a thread"));
+        assert!(done.load(std::sync::atomic::Ordering::Acquire));
     }
 }

@@ -3,7 +3,7 @@
 use std::ops::Range;
 use std::sync::Arc;
 
-use pairmask_core::engine::EngineChoice;
+use pairmask_core::EngineChoice;
 use pairmask_core::scene::shared::{
     Incarnations, KeptBoxes, NamedPair, Ranges, Remains, TickChanges,
 };
@@ -24,7 +24,7 @@ pub(super) struct Boxes {
     /// Indices are below this.
     limit: u32,
     tools: SceneTools,
-    scene: SceneKeeper,
+    pub(super) scene: SceneKeeper,
     /// All boxes: edits are checked against it, and the scene is made again from it where a device is lost.
     /// What the open tick's edits mark in it stays marked until they are applied.
     copy: SceneCopy,
@@ -127,10 +127,6 @@ impl Boxes {
             most_pairs: u64::MAX,
             is_broken: false,
         })
-    }
-
-    pub const fn scene(&self) -> &SceneKeeper {
-        &self.scene
     }
 
     /// What the last edit has changed, until it is [taken](Self::take).

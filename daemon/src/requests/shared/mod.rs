@@ -8,31 +8,29 @@
 //! seats     members, leases, the open tick
 //! boxes     the boxes, by which edits are checked, and what edits have changed
 //! tick      the end of a tick: edits are applied, members answered
-//! member    what is kept of one member
-//! alarm     the thread that ends ticks whose deadline has passed
 //! ```
 
-mod alarm;
 mod boxes;
-mod member;
 mod scene;
 mod seats;
 mod tick;
 
 use std::collections::{BTreeMap, HashMap};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, OnceLock, PoisonError, Weak};
+use std::thread::JoinHandle;
+use std::time::Instant;
 
+use pairmask_core::engine::CullError;
 use pairmask_core::scene::shared::{AtEnd, MemberId};
 use pairmask_wire::{
     AgreedTerms, JoinRequest, LeaseRequest, Reject, SceneId, SceneName, SceneRequest,
-    response_joined, response_leased,
+    response_joined, response_leased, response_scene_ended,
 };
 
-use self::alarm::Alarm;
 use self::scene::SharedScene;
-use super::Served;
 use super::scene::SceneTools;
-use crate::execute::CpuTimer;
+use super::{EndWithPanic, Served};
+use crate::execute::{CpuTimer, EnginePool};
 use crate::publish::{OpenRequest, Outbox, Refusal};
 
 /// Why a membership ends.
@@ -78,7 +76,7 @@ impl SharedScenes {
         match joined {
             Ok(terms) => {
                 let header = response_joined(open.fields(), &terms);
-                outbox.answer_shared(&mut open, &header);
+                outbox.send(&mut open, &header);
             }
             Err(refusal) => outbox.refuse(&mut open, &refusal),
         }
@@ -97,7 +95,7 @@ impl SharedScenes {
             let scene = self.of_name(name, request)?;
             // Its last member may have left since it was found.
             let Some(joined) = scene.join(request) else { continue };
-            let terms = scene.terms();
+            let terms = scene.terms;
             match joined {
                 Ok(member) => {
                     locked(&self.joined).insert((session, request.scene), (scene, member));
@@ -139,7 +137,7 @@ impl SharedScenes {
         match leased {
             Ok(range) => {
                 let header = response_leased(open.fields(), &range);
-                outbox.answer_shared(&mut open, &header);
+                outbox.send(&mut open, &header);
             }
             Err(refusal) => outbox.refuse(&mut open, &refusal),
         }
@@ -150,21 +148,17 @@ impl SharedScenes {
     /// threads, as all who have committed wait for it.
     pub(super) fn commit(
         &self,
-        mut open: OpenRequest,
+        open: OpenRequest,
         request: &SceneRequest,
         outbox: &Outbox,
     ) -> Served {
         let timer = CpuTimer::start();
         let Some((scene, member)) = self.find((open.sender().session, request.scene)) else {
-            outbox.refuse(&mut open, &Refusal::stale_scene(0));
-            open.close();
-            return Served::BEGUN;
+            return outbox.refuse_and_close(open, &Refusal::stale_scene(0));
         };
         if let Err(refused) = scene.commit(member, open, request) {
-            let (mut open, refusal) = *refused;
-            outbox.refuse(&mut open, &refusal);
-            open.close();
-            return Served::BEGUN;
+            let (open, refusal) = *refused;
+            return outbox.refuse_and_close(open, &refusal);
         }
         // By this its next commit is judged, which may be another one than the last of its tick.
         let on_one_core = Some(timer.elapsed());
@@ -178,7 +172,8 @@ impl SharedScenes {
     /// Answers a request to leave.
     pub(super) fn leave(&self, open: &mut OpenRequest, scene: SceneId, outbox: &Outbox) {
         self.end((open.sender().session, scene), End::Left, outbox);
-        outbox.answer_scene_ended(open);
+        let header = response_scene_ended(open.fields());
+        outbox.send(open, &header);
     }
 
     /// Ends members whose sessions are gone; to be called now and then.
@@ -201,7 +196,7 @@ impl SharedScenes {
         let at_end = match why {
             // What it does not send again is to be gone: it may have removed that in an edit that was lost.
             End::JoinsAgain => AtEnd::Remove,
-            End::Left | End::SessionGone => scene.terms().at_end,
+            End::Left | End::SessionGone => scene.terms.at_end,
         };
         if let Some(mut open) = scene.end_member(member, at_end) {
             if why != End::SessionGone {
@@ -222,8 +217,117 @@ impl SharedScenes {
             return;
         }
         let mut by_name = locked(&self.by_name);
-        if by_name.get(scene.name()).is_some_and(|there| Arc::ptr_eq(there, scene)) {
-            by_name.remove(scene.name());
+        if by_name.get(&scene.name).is_some_and(|there| Arc::ptr_eq(there, scene)) {
+            by_name.remove(&scene.name);
+        }
+    }
+}
+
+/// Ends ticks at their deadlines. Dropped, it stops its thread.
+struct Alarm {
+    shared: Arc<Shared>,
+    pool: Arc<EnginePool>,
+    thread: OnceLock<Option<JoinHandle<()>>>,
+}
+
+#[derive(Default)]
+struct Shared {
+    due: Mutex<Due>,
+    changed: Condvar,
+}
+
+#[derive(Default)]
+struct Due {
+    /// Deadlines, one a scene. A scene whose tick has ended meanwhile is looked at in vain.
+    scenes: Vec<(Instant, Weak<SharedScene>)>,
+    stops: bool,
+}
+
+impl Due {
+    /// Has a scene's tick end at a time, once. Whether that is sooner than it was.
+    fn set(&mut self, at: Instant, scene: Weak<SharedScene>) -> bool {
+        let known = self.scenes.iter_mut().find(|(_, known)| known.ptr_eq(&scene));
+        match known {
+            // An earlier look finds the tick open, and is set again.
+            Some((known, _)) if *known <= at => return false,
+            Some((known, _)) => *known = at,
+            None => self.scenes.push((at, scene)),
+        }
+        true
+    }
+}
+
+impl Alarm {
+    fn new(pool: Arc<EnginePool>) -> Self {
+        Self { shared: Arc::default(), pool, thread: OnceLock::new() }
+    }
+
+    /// Starts the thread, once.
+    ///
+    /// # Errors
+    /// Where the system has no thread.
+    fn start(&self, outbox: &Arc<Outbox>) -> Result<(), Refusal> {
+        let thread = self.thread.get_or_init(|| {
+            let (shared, pool) = (Arc::clone(&self.shared), Arc::clone(&self.pool));
+            let outbox = Arc::clone(outbox);
+            let builder = std::thread::Builder::new().name("deadlines".into());
+            builder.spawn(move || watch(&shared, &pool, &outbox)).ok()
+        });
+        let engine = pairmask_core::engine::EngineName::CpuGrid;
+        let no_thread = CullError::Unavailable { engine, why: "no thread for deadlines" };
+        thread.as_ref().map(drop).ok_or_else(|| no_thread.into())
+    }
+
+    /// Has a scene's tick end at a time.
+    fn set(&self, at: Instant, scene: &Arc<SharedScene>) {
+        let is_sooner = locked(&self.shared.due).set(at, Arc::downgrade(scene));
+        if is_sooner {
+            self.shared.changed.notify_one();
+        }
+    }
+}
+
+impl Drop for Alarm {
+    fn drop(&mut self) {
+        locked(&self.shared.due).stops = true;
+        self.shared.changed.notify_one();
+        if let Some(Some(thread)) = self.thread.take() {
+            // One that panicked has ended the process.
+            let _ = thread.join();
+        }
+    }
+}
+
+fn watch(shared: &Shared, pool: &EnginePool, outbox: &Outbox) {
+    let _end = EndWithPanic;
+    let mut due = locked(&shared.due);
+    while !due.stops {
+        let now = Instant::now();
+        let rung: Vec<Weak<SharedScene>> =
+            due.scenes.extract_if(.., |(at, _)| *at <= now).map(|(_, scene)| scene).collect();
+        if rung.is_empty() {
+            let next = due.scenes.iter().map(|(at, _)| *at).min();
+            due = match next {
+                Some(at) => {
+                    let waited = shared.changed.wait_timeout(due, at - now);
+                    waited.unwrap_or_else(PoisonError::into_inner).0
+                }
+                None => shared.changed.wait(due).unwrap_or_else(PoisonError::into_inner),
+            };
+            continue;
+        }
+        drop(due);
+        let mut again = Vec::new();
+        for scene in rung.iter().filter_map(Weak::upgrade) {
+            scene.end_tick(pool, outbox);
+            if let Some(at) = scene.closes_at() {
+                again.push((at, Arc::downgrade(&scene)));
+            }
+        }
+        due = locked(&shared.due);
+        for (at, scene) in again {
+            // A lane may have set it meanwhile.
+            due.set(at, scene);
         }
     }
 }

@@ -12,8 +12,7 @@ use pairmask_core::scene::{Edit, SceneOptions};
 use pairmask_wire::{AgreedTerms, EditScratch, JoinRequest, LeaseAction, SceneName, SceneRequest};
 
 use super::boxes::Boxes;
-use super::member::{Commit, Hearer};
-use super::seats::{Begun, Seats};
+use super::seats::{Begun, Commit, Hearer, Seats};
 use super::{SceneTools, locked, tick};
 use crate::execute::EnginePool;
 use crate::publish::{OpenRequest, Outbox, Refusal};
@@ -25,8 +24,8 @@ const DEADLINE: Duration = Duration::from_millis(100);
 
 /// A scene that several sessions write.
 pub(super) struct SharedScene {
-    name: SceneName,
-    terms: AgreedTerms,
+    pub(super) name: SceneName,
+    pub(super) terms: AgreedTerms,
     boxes: Mutex<Boxes>,
     seats: Mutex<Seats>,
 }
@@ -52,14 +51,6 @@ impl SharedScene {
             boxes: Mutex::new(Boxes::begin(most_boxes, request.engine, tools)?),
             seats: Mutex::new(Seats::new(Ticks::new(deadline))),
         })
-    }
-
-    pub const fn name(&self) -> &SceneName {
-        &self.name
-    }
-
-    pub const fn terms(&self) -> AgreedTerms {
-        self.terms
     }
 
     /// Whether it is no longer to be found: its last member has left.

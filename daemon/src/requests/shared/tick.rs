@@ -4,8 +4,9 @@ use std::ops::Range;
 use std::sync::Arc;
 use std::time::Instant;
 
+use pairmask_core::EngineName;
 use pairmask_core::dispatch::StageTimes;
-use pairmask_core::engine::{CullError, EngineName, ReplyBuffer};
+use pairmask_core::engine::{CullError, ReplyBuffer};
 use pairmask_core::scene::shared::{Hears, MemberId};
 use pairmask_core::scene::{Edit, SceneError, Told};
 use pairmask_wire::{EditScratch, SceneAnswerLayout, TickMarks, response_scene};
@@ -13,8 +14,7 @@ use rayon::prelude::*;
 
 use super::boxes::{Boxes, Changed};
 use super::locked;
-use super::member::{Commit, Hearer};
-use super::seats::ClosedTick;
+use super::seats::{ClosedTick, Commit, Hearer};
 use crate::publish::{Outbox, Refusal};
 
 /// All pairs of the scene, where a member needs them.
@@ -110,7 +110,7 @@ impl ClosedTick {
         let edits = answers.iter().map(|answer| answer.commit.edit.allocated_bytes() as u64);
         let edit_bytes = edits.sum::<u64>() + scratch_bytes;
         boxes.note_room(hearers.map(Hearer::bytes).sum::<u64>() + edit_bytes);
-        let scene = boxes.scene();
+        let scene = &boxes.scene;
         let facts = Facts {
             number,
             late,
@@ -207,7 +207,7 @@ impl Facts {
         let (fields, threads) = (commit.open.fields(), self.threads);
         let header = response_scene(fields, self.engine, threads, told, self.bytes, &times);
         outbox.count_edit(fields, told);
-        outbox.answer_shared(&mut commit.open, &marks.mark(header));
+        outbox.send(&mut commit.open, &marks.mark(header));
         Ok(())
     }
 }

@@ -15,12 +15,10 @@
 //!
 //! ```text
 //! workers    what each thread does, and who listens     (pure)
-//! patience   how long they spin for the next request    (pure)
-//! scheduler  whose turn it is, with how many threads    (pure)
+//! scheduler  whose turn it is, with how many threads, and how long they spin  (pure)
 //! mod        the threads
 //! ```
 
-mod patience;
 mod scheduler;
 mod workers;
 
@@ -34,16 +32,14 @@ use pairmask_transport::{
     GpuCounts, JANITOR_INTERVAL, Sender, StatusFile, WakeDaemon, sleep_until,
 };
 
-use self::patience::{LONGEST_SLEEP, Rest};
-use self::scheduler::{Arrived, Scheduler, Task};
+use self::scheduler::{Arrived, LONGEST_SLEEP, Rest, Scheduler, Task};
 use self::workers::Workers;
-
 use super::janitor::Janitor;
 use super::{ServeError, ServeSettings};
 use crate::clients::{FrameWork, GpuNeed, RequestKind};
 use crate::execute::{CpuTimer, EnginePool};
 use crate::ingest::{Inbox, Incoming, Intake};
-use crate::requests::{Responder, Served};
+use crate::requests::{EndWithPanic, Responder, Served};
 
 /// A lane that stands by while others serve long frames looks for requests this often: 1 % of a core, and
 /// a client that begins to send meanwhile waits for it once.
@@ -132,7 +128,7 @@ impl<'a> Lanes<'a> {
         let cores = pool.threads();
         let lanes = cores + 1;
         let workers = Workers::new(lanes, cores);
-        let inbox = Inbox::new(settings.limits.max_clients).with_gpus(responder.gpus());
+        let inbox = Inbox::new(settings.limits.max_clients).with_gpus(responder.gpus);
         let scheduler = Scheduler::new(inbox, workers, settings.spin, cores);
         let arrived = Vec::with_capacity(scheduler.room());
         Self {
@@ -173,7 +169,7 @@ impl<'a> Lanes<'a> {
             others.push(tidier);
             for thread in others {
                 // The scope waits for their work alone. To destroy a device while a thread ends that has used it may
-                // take for ever: see `gpu::driver_thread`. One that panicked has ended the process.
+                // take for ever: see `gpu::slot`. One that panicked has ended the process.
                 let _ = thread.join();
             }
             Ok(())
@@ -267,7 +263,7 @@ impl<'a> Lanes<'a> {
                 if published {
                     scheduler.note_answer(now);
                 }
-                sleep_at = scheduler.sleep_at();
+                sleep_at = scheduler.sleep_at;
                 may_begin = scheduler.is_waited();
                 look_at = now + SCHEDULER_LOOK;
                 if lane > 0 && scheduler.workers.is_too_many(now) {
@@ -295,7 +291,7 @@ impl<'a> Lanes<'a> {
     /// `true`, where one is due now.
     fn pause(&self, wake: &WakeDaemon, now: Instant) -> bool {
         let mut scheduler = self.scheduler();
-        let (rest, last_threads) = (scheduler.rest(now), scheduler.last_threads());
+        let (rest, last_threads) = (scheduler.rest(now), scheduler.last_threads);
         drop(scheduler);
         match rest {
             Rest::Spin => true,
@@ -376,7 +372,7 @@ impl<'a> Lanes<'a> {
             }
             look_at = now + SCHEDULER_LOOK;
             let mut scheduler = self.scheduler();
-            let (sleep_at, workers) = (scheduler.sleep_at(), &mut scheduler.workers);
+            let (sleep_at, workers) = (scheduler.sleep_at, &mut scheduler.workers);
             let may_rest = now >= sleep_at || lane > 0 && workers.is_too_many(now);
             if may_rest && workers.rest(lane) {
                 drop(scheduler);
@@ -396,7 +392,7 @@ impl<'a> Lanes<'a> {
             {
                 return;
             }
-            let served = scheduler.tasks();
+            let served = scheduler.tasks;
             // The first of them looks up most often: all of a large machine would cost more than they are worth.
             let turn = 1 + scheduler.workers.resting_before(lane) as u32;
             until_look = if served == served_before {
@@ -492,17 +488,5 @@ impl<'a> Lanes<'a> {
 
     fn scheduler(&self) -> MutexGuard<'_, Scheduler> {
         self.scheduler.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-}
-
-/// Ends the process where a lane panics, as a panic of its only thread would: the supervisor starts
-/// another one.
-struct EndWithPanic;
-
-impl Drop for EndWithPanic {
-    fn drop(&mut self) {
-        if std::thread::panicking() {
-            std::process::abort();
-        }
     }
 }

@@ -1,17 +1,20 @@
 //! The stages of a frame with what they bind.
 
+use std::sync::Arc;
+
+use bytemuck::NoUninit;
 use pairmask_core::mask::{MaskShape, Span};
 use pairmask_core::{BoxCount, BoxForm, Encoding, ObjectForm};
 use pairmask_shaders::constants::{BATCH_BOXES, PAIRS_WORKGROUP};
-use pairmask_shaders::layouts::{KeysParams, PackParams, PairsParams, WriteParams};
+use pairmask_shaders::layouts::{
+    BatchReport, BatchTotals, KeysParams, PackParams, PairsParams, WriteParams,
+};
 use pairmask_shaders::{PairsVariant, Stage};
 
-use super::plan::{Band, Tuning, plane_words};
-use super::scratch::Stages;
-use crate::execute::gpu::error::GpuError;
-use crate::execute::gpu::frame::{Command, MAX_STEPS};
-use crate::execute::gpu::memory::Part;
-use crate::execute::gpu::pipeline::Pipelines;
+use super::plan::{Band, plane_words};
+use crate::execute::gpu::{
+    Block, Command, Gpu, GpuError, Growing, Home, MAX_STEPS, Part, Pipelines, Tuning, frame_blocks,
+};
 
 /// Bands of a frame: two steps each, after a copy and the keys.
 pub(super) const BANDS_PER_FRAME: usize = (MAX_STEPS - 2) / 2;
@@ -41,6 +44,18 @@ pub(super) struct Output {
     pub(super) shape: MaskShape,
     /// Words that a sparse mask has room for, or pairs that a list has.
     pub(super) capacity: u64,
+}
+
+/// One stage, with what it binds and its parameters.
+fn command<P: NoUninit>(
+    pipelines: &mut Pipelines,
+    stage: Stage,
+    parts: Vec<Part>,
+    params: &P,
+    groups: [u32; 2],
+) -> Result<Command, GpuError> {
+    let immediates = bytemuck::bytes_of(params).to_vec();
+    Ok(Command::Stage { pipeline: pipelines.get(stage)?, parts, immediates, groups })
 }
 
 /// What the steps of a run have in common.
@@ -88,21 +103,23 @@ impl Recording<'_> {
     fn keys(&self, pipelines: &mut Pipelines, boxes: &Part) -> Result<Command, GpuError> {
         let plane_words = plane_words(self.n) as u32;
         let params = KeysParams { n: self.n.get(), plane_words };
-        let s = self.stages;
-        Ok(Command::Stage {
-            pipeline: pipelines.get(match self.form {
-                ObjectForm::Boxes(form) => Stage::Keys(form),
-                ObjectForm::Spheres => Stage::SphereKeys,
-            })?,
-            parts: vec![
-                boxes.clone(),
-                self.keys_part(),
-                Part::whole(&s.totals),
-                Part::whole(&s.reports),
-            ],
-            immediates: bytemuck::bytes_of(&params).to_vec(),
-            groups: [plane_words / BATCH_BOXES, 1],
-        })
+        let stage = match self.form {
+            ObjectForm::Boxes(form) => Stage::Keys(form),
+            ObjectForm::Spheres => Stage::SphereKeys,
+        };
+        let [totals, reports] = [&self.stages.totals, &self.stages.reports].map(Part::whole);
+        let parts = vec![boxes.clone(), self.keys_part(), totals, reports];
+        command(pipelines, stage, parts, &params, [plane_words / BATCH_BOXES, 1])
+    }
+
+    /// The matrix of a band.
+    fn matrix(&self, band: &Band) -> Part {
+        Part::of(&self.stages.matrix, 0, 4 * band.matrix_words())
+    }
+
+    /// Its strip masks.
+    fn masks(&self, band: &Band) -> Part {
+        Part::of(&self.stages.masks, 0, 4 * band.mask_words())
     }
 
     fn pairs(&self, pipelines: &mut Pipelines, band: &Band) -> Result<Command, GpuError> {
@@ -114,22 +131,16 @@ impl Recording<'_> {
             strip0: band.strip0,
             counted_end: band.row0 + band.owned_rows,
         };
-        let s = self.stages;
+        let variant = variant(self.tuning, dense);
+        let stage = match self.form {
+            ObjectForm::Boxes(_) => Stage::Pairs(variant),
+            ObjectForm::Spheres => Stage::SpherePairs(variant),
+        };
+        let totals = Part::whole(&self.stages.totals);
+        let parts = vec![self.keys_part(), self.matrix(band), self.masks(band), totals];
         let tile_rows = PAIRS_WORKGROUP * self.tuning.rows as u32;
-        Ok(Command::Stage {
-            pipeline: pipelines.get(match self.form {
-                ObjectForm::Boxes(_) => Stage::Pairs(variant(self.tuning, dense)),
-                ObjectForm::Spheres => Stage::SpherePairs(variant(self.tuning, dense)),
-            })?,
-            parts: vec![
-                self.keys_part(),
-                Part::of(&s.matrix, 0, 4 * band.matrix_words()),
-                Part::of(&s.masks, 0, 4 * band.mask_words()),
-                Part::whole(&s.totals),
-            ],
-            immediates: bytemuck::bytes_of(&params).to_vec(),
-            groups: [band.matrix_rows / tile_rows, band.strip_end - band.strip0],
-        })
+        let groups = [band.matrix_rows / tile_rows, band.strip_end - band.strip0];
+        command(pipelines, stage, parts, &params, groups)
     }
 
     /// The words of a sparse mask, or the pairs of a list, to their sections.
@@ -151,23 +162,14 @@ impl Recording<'_> {
             strip_blocks: self.tuning.strip_blocks,
             capacity: self.output.capacity as u32,
         };
-        let s = self.stages;
         let mask = &self.output.mask;
         let section =
             |span: Span| Part::of(&mask.block, mask.offset + 4 * span.start, 4 * span.len);
-        let mut parts = vec![
-            Part::of(&s.matrix, 0, 4 * band.matrix_words()),
-            Part::of(&s.masks, 0, 4 * band.mask_words()),
-            Part::whole(&s.totals),
-            Part::whole(&s.reports),
-        ];
+        let [totals, reports] = [&self.stages.totals, &self.stages.reports].map(Part::whole);
+        let mut parts = vec![self.matrix(band), self.masks(band), totals, reports];
         parts.extend(shape.spans().map(section));
-        Ok(Command::Stage {
-            pipeline: pipelines.get(stage)?,
-            parts,
-            immediates: bytemuck::bytes_of(&params).to_vec(),
-            groups: [band.owned_rows.div_ceil(BATCH_BOXES), 1],
-        })
+        let groups = [band.owned_rows.div_ceil(BATCH_BOXES), 1];
+        command(pipelines, stage, parts, &params, groups)
     }
 
     fn pack_dense(&self, pipelines: &mut Pipelines, band: &Band) -> Result<Command, GpuError> {
@@ -189,17 +191,42 @@ impl Recording<'_> {
             out_offset: ((byte - bound) / 4) as u32,
             groups_x: groups.min(GROUPS_X),
         };
-        let s = self.stages;
-        Ok(Command::Stage {
-            pipeline: pipelines.get(Stage::PackDense)?,
-            parts: vec![
-                Part::of(&s.matrix, 0, 4 * band.matrix_words()),
-                Part::whole(&s.totals),
-                Part::whole(&s.reports),
-                Part::of(&mask.block, bound, (byte - bound) + 4 * u64::from(word_count.max(1))),
-            ],
-            immediates: bytemuck::bytes_of(&params).to_vec(),
-            groups: [params.groups_x, groups.div_ceil(params.groups_x)],
+        let [totals, reports] = [&self.stages.totals, &self.stages.reports].map(Part::whole);
+        let words = Part::of(&mask.block, bound, (byte - bound) + 4 * u64::from(word_count.max(1)));
+        let parts = vec![self.matrix(band), totals, reports, words];
+        let groups = [params.groups_x, groups.div_ceil(params.groups_x)];
+        command(pipelines, Stage::PackDense, parts, &params, groups)
+    }
+}
+
+frame_blocks! { Scratch of Growing, Stages:
+    keys in Video,
+    totals in Video,
+    matrix in Video,
+    masks in Video,
+    reports in Host,
+}
+
+impl Scratch {
+    /// Blocks that hold `n` boxes and the largest of `bands`.
+    pub(super) fn stages(
+        &mut self,
+        gpu: &Arc<Gpu>,
+        n: BoxCount,
+        bands: &[Band],
+        replaced: &mut bool,
+    ) -> Result<Stages, GpuError> {
+        let plane = plane_words(n);
+        let batches = plane / u64::from(BATCH_BOXES);
+        let most = |words: fn(&Band) -> u64| 4 * bands.iter().map(words).max().unwrap_or(0);
+        let mut block =
+            |growing: &mut Growing, bytes| growing.at_least(gpu, bytes, replaced).map(Arc::clone);
+        Ok(Stages {
+            keys: block(&mut self.keys, 24 * plane)?,
+            totals: block(&mut self.totals, batches * size_of::<BatchTotals>() as u64)?,
+            matrix: block(&mut self.matrix, most(Band::matrix_words))?,
+            masks: block(&mut self.masks, most(Band::mask_words))?,
+            reports: block(&mut self.reports, batches * size_of::<BatchReport>() as u64)?,
         })
     }
 }

@@ -1,34 +1,25 @@
-//! Engine `gpu-grid`: a uniform grid with levels on the GPU.
+//! Engine `gpu-grid`: a uniform grid with levels on the GPU (GPU.md, "The grid").
 //!
-//! The grid of Avril et al. 2012, §4, as `cpu-grid` has it: each box has one home cell, by its min
-//! corner, in the finest level on which it spans at most two cells an axis. Six stages, one
-//! submission:
+//! The grid of Avril et al. 2012, §4, as `cpu-grid` has it: each box has one home cell, by its min corner, in the finest
+//! level on which it spans at most two cells an axis. Six stages are one submission. What their dispatches depend on is
+//! known before: levels come from a sample of the boxes on the CPU (`layout`), sizes from their number ([`plan`]). Only a
+//! reply that turns out larger than its allocation takes a second submission.
 //!
-//! > `grid_cells` → `grid_scan` → `grid_scatter` → `grid_place` → `grid_pairs` → `grid_write`
-//!
-//! The first reads the boxes across the link, in whatever form they are; the last writes the reply
-//! across it, and the one before the order of a sparse one. A list names the boxes and has no order. What
-//! the dispatches depend on is known before: the levels come from a sample of
-//! the boxes on the CPU (`layout`), sizes from their number ([`plan`]). So nothing waits for the
-//! host in between. Only a reply that turns out larger than its allocation takes a second
-//! submission.
-//!
-//! Same boxes, same bytes: positions are by cell and index, words by row and block, pairs by the
-//! positions of their boxes, and neither the order in which threads come nor earlier frames show. ([`mirror`](pairmask_shaders::mirror) is the
-//! same on the CPU.)
-//!
-//! Scenes that crowd a cell beyond a budget, or dense masks, are the all-pairs engine's.
+//! Same boxes, same bytes: positions are by cell and index, words by row and block, pairs by the positions of their
+//! boxes. ([`mirror`](pairmask_shaders::mirror) is the same on the CPU.) Scenes that crowd a cell beyond a budget, or
+//! dense masks, are the all-pairs engine's.
 
 mod axis;
-mod bundle;
 pub(super) mod layout;
 pub mod plan;
 mod ruled;
 mod sample;
-mod scratch;
 mod steps;
 mod under_way;
 mod workspace;
+
+pub use self::ruled::takes_worlds;
+pub use self::under_way::GridUnderWay;
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -41,25 +32,18 @@ use pairmask_core::{Aabb, BoxCount, BoxForm, Encoding, EngineName, Sphere};
 use pairmask_shaders::layouts::GridLayout;
 use pairmask_shaders::{Found, GridStage, Rules, Stage};
 
-use self::bundle::Bundle;
 use self::layout::Chooser;
-use self::plan::{Capacity, LastFound, Sizes};
-use self::under_way::SharedWorkspace;
-use self::workspace::{Ended, Tools, Workspace};
-use super::all_pairs::outcome::no_pairs;
+use self::plan::LastFound;
+use self::under_way::{Bundle, SharedWorkspace};
+use self::workspace::{Ended, Tools, Wanted, Workspace};
+use super::all_pairs::no_pairs;
 use super::all_pairs::plan::refusal;
-use super::device::{Gpu, SUBMISSIONS};
-use super::error::GpuError;
-use super::frame::{Command, MAX_STEPS, StepTime, Wait};
-use super::memory::Block;
-use super::pipeline::Pipelines;
-use super::shader::Checks;
-use super::transfers::{SharedImports, Upload};
+use super::{
+    Block, Capacity, Checks, Command, Gpu, GpuError, MAX_STEPS, Pipelines, SUBMISSIONS,
+    SharedImports, Sizes, StepTime, Upload, Wait,
+};
 use crate::execute::FrameMemory;
 use crate::execute::frame_memory::Borrowed;
-
-pub use self::ruled::takes_worlds;
-pub use self::under_way::GridUnderWay;
 
 /// The levels that a scene gets. For measurements, and for the stages' mirror.
 pub fn grid_layout<'a>(objects: impl Into<Objects<'a>>) -> GridLayout {
@@ -193,7 +177,8 @@ impl Grid {
         let mut frame = GridUnderWay::new(workspace, memory);
         let begun = frame.with(|workspace, objects, reply| {
             let (n, capacity) = self.asked(objects.len(), encoding, reply)?;
-            workspace.begin(&mut self.tools, n, (objects, marks), reply, capacity, is_behind)
+            let wanted = Wanted { n, objects, capacity, is_behind, marks };
+            workspace.begin(&mut self.tools, &wanted, reply)
         });
         match begun {
             Ok(()) => Ok(frame),
@@ -228,7 +213,8 @@ impl Grid {
             let mut frame = GridUnderWay::new(workspace, memory);
             let joined = frame.with(|workspace, objects, reply| {
                 let (n, capacity) = self.asked(objects.len(), encoding, reply)?;
-                workspace.join(&mut self.tools, n, objects, reply, capacity, &bundle)
+                let wanted = Wanted { n, objects, capacity, is_behind: false, marks: None };
+                workspace.join(&mut self.tools, &wanted, reply, &bundle)
             });
             begun.push(match joined {
                 Ok(its_steps) => {
@@ -335,8 +321,9 @@ impl Grid {
                         return Err(refusal(needed, limit).into());
                     };
                     let capacity = self.capacity(n, found, items, room);
-                    let of = (objects, marks.as_ref());
-                    workspace.begin(&mut self.tools, n, of, reply, capacity, false)?;
+                    let marks = marks.as_ref();
+                    let wanted = Wanted { n, objects, capacity, is_behind: false, marks };
+                    workspace.begin(&mut self.tools, &wanted, reply)?;
                 }
             }
         }

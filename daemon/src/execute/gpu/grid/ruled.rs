@@ -1,9 +1,5 @@
-//! Frames with rules: boxes of several worlds, and pairs that may not meet.
-//!
-//! Each world has cells of its own, so a row looks at boxes of its world alone, and the rows of a world
-//! follow each other: a list is ordered by world. Whether two boxes may meet is looked up when they overlap,
-//! in a block of marks ([`Marks`]) that is brought up once for rules that stay. (Avril et al. 2014 have no
-//! filters; that worlds are part of the cell key is how simulators of many small scenes go about it.)
+//! Frames with rules: boxes of several worlds, and pairs that may not meet (GPU.md, "Frames with rules"). Avril et al.
+//! 2014 have no filters; that worlds are part of the cell key is how simulators of many small scenes go about it.
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -14,14 +10,9 @@ use pairmask_core::engine::{CullError, CullReport, ReplyBuffer};
 use pairmask_core::precision::BoxSlice;
 use pairmask_shaders::{Found, GridStage};
 
-use super::Grid;
 use super::layout::WORLD_BOXES_LEAST;
-use super::plan::Sizes;
 use crate::execute::frame_memory::Borrowed;
-use crate::execute::gpu::device::Gpu;
-use crate::execute::gpu::error::GpuError;
-use crate::execute::gpu::growing::Growing;
-use crate::execute::gpu::memory::{Block, Home, Part};
+use crate::execute::gpu::{Block, Gpu, GpuError, Grid, Growing, Home, Part, Sizes};
 
 /// Rules whose marks are kept in video memory: those of a few sessions.
 const KEPT_RULES: usize = 4;
@@ -39,7 +30,7 @@ pub fn takes_worlds(marks: &Marks, n: usize) -> bool {
 /// What a frame with rules uses beside the blocks of all frames.
 pub(super) struct RuleBlocks {
     pub(super) of: Arc<Marks>,
-    marks: Part,
+    pub(super) marks: Part,
     /// Which rows are the first of a world.
     row_worlds: Part,
     /// Where the items of each world begin.
@@ -63,11 +54,6 @@ impl RuleBlocks {
         firsts.resize(self.of.worlds().len(), 0);
         self.world_firsts.block.read(self.world_firsts.offset, firsts);
     }
-
-    /// The block of marks, which no other rules have while this is kept.
-    pub(super) const fn marks(&self) -> &Part {
-        &self.marks
-    }
 }
 
 /// The blocks of frames with rules.
@@ -82,12 +68,11 @@ pub(super) struct Ruled {
 
 impl Ruled {
     pub(super) fn new(gpu: &Gpu) -> Self {
-        let mapped = gpu.limits().mapped_video_memory;
         Self {
             kept: Vec::new(),
             row_worlds: Growing::new(Home::Video),
             world_firsts: Growing::new(Home::Host),
-            home: if mapped { Home::MappedVideo } else { Home::Host },
+            home: Home::written(gpu),
         }
     }
 

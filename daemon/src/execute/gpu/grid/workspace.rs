@@ -12,21 +12,17 @@ use pairmask_core::{BoxCount, MaskWord};
 use pairmask_shaders::Found;
 use pairmask_shaders::layouts::GridSummary;
 
-use super::bundle::Bundle;
 use super::layout::Chooser;
-use super::plan::{self, Capacity, LastFound, Sizes};
+use super::plan::LastFound;
 use super::ruled::{RuleBlocks, Ruled};
-use super::scratch::{Blocks, Scratch};
-use super::steps::Recording;
-use super::{ENGINE, GridOptions};
-use crate::execute::gpu::device::{Gpu, Order, QueueRole};
-use crate::execute::gpu::error::GpuError;
-use crate::execute::gpu::frame::{Command, Frame, StepTime, Wait};
-use crate::execute::gpu::frame_cache::{FrameCache, FrameKey, Place};
-use crate::execute::gpu::memory::{Block, Part};
-use crate::execute::gpu::pipeline::Pipelines;
-use crate::execute::gpu::transfers::{MaskPlace, PlacedBoxes, Transfers};
-use crate::execute::gpu::upload_ahead::UploadAhead;
+use super::steps::{Blocks, Recording, Scratch};
+use super::under_way::Bundle;
+use super::{ENGINE, plan};
+use crate::execute::gpu::transfers::UploadAhead;
+use crate::execute::gpu::{
+    Block, Capacity, Command, Frame, FrameCache, FrameKey, Gpu, GpuError, GridOptions, MaskPlace,
+    Order, Part, Pipelines, Place, PlacedBoxes, QueueRole, Sizes, StepTime, Transfers, Wait,
+};
 
 /// What the workspaces share.
 pub(super) struct Tools {
@@ -63,43 +59,27 @@ pub(super) enum Ended {
 }
 
 /// A frame that is to be placed.
-struct Wanted<'a> {
+pub(super) struct Wanted<'a> {
     pub(super) n: BoxCount,
     pub(super) objects: Objects<'a>,
-    /// Where the mask goes: as many words as [`reserve`] gives.
-    pub(super) mask: &'a [u32],
+    /// What there is to be room for.
     pub(super) capacity: Capacity,
-    /// Whether another frame is under way.
+    /// Whether another frame is under way: its boxes are brought to video memory meanwhile.
     pub(super) is_behind: bool,
     /// What rules say of the boxes, if they have any.
     pub(super) marks: Option<&'a Arc<Marks>>,
 }
 
-/// Memory of a reply with room for `capacity`.
-fn reserve<'a>(
-    tools: &Tools,
-    n: BoxCount,
-    capacity: Capacity,
-    reply: &'a mut dyn ReplyBuffer,
-) -> Result<&'a [u32], CullError> {
-    let words = Sizes::of(n).reply_words(capacity);
-    if 4 * words > tools.binding_bytes {
-        // The reply is one binding; all pairs binds its sections one by one.
-        return Err(CullError::TooCrowded { engine: ENGINE });
-    }
-    Ok(&reply.reserve(words)?[..words as usize])
-}
-
 /// A frame, and all that its stages use.
 struct Placed {
-    pub(super) n: BoxCount,
-    pub(super) capacity: Capacity,
+    n: BoxCount,
+    capacity: Capacity,
     /// Where the boxes lie.
     boxes: PlacedBoxes,
     /// Where they are copied to before the frame; else the first stage reads them where they lie.
     ahead: Option<PlacedBoxes>,
-    pub(super) mask: MaskPlace,
-    pub(super) blocks: Blocks,
+    mask: MaskPlace,
+    blocks: Blocks,
     /// What rules say of the boxes, and where the stages have it.
     rules: Option<RuleBlocks>,
     start: Instant,
@@ -142,7 +122,7 @@ impl Workspace {
         Ok(Self {
             transfers: Transfers::new(Arc::clone(gpu), options.imports.clone(), options.upload),
             ahead: UploadAhead::new(gpu, options.upload)?,
-            scratch: Scratch::new(gpu),
+            scratch: Scratch::on(gpu),
             ruled: Ruled::new(gpu),
             frames: FrameCache::new(QueueRole::Frames),
             unclean: true,
@@ -171,20 +151,14 @@ impl Workspace {
         }
     }
 
-    /// Submits a frame with room for `capacity`. `is_behind` another one, its boxes are brought to
-    /// video memory meanwhile.
+    /// Submits a frame.
     pub(super) fn begin(
         &mut self,
         tools: &mut Tools,
-        n: BoxCount,
-        (objects, marks): (Objects<'_>, Option<&Arc<Marks>>),
+        wanted: &Wanted<'_>,
         reply: &mut dyn ReplyBuffer,
-        capacity: Capacity,
-        is_behind: bool,
     ) -> Result<(), CullError> {
-        let mask = reserve(tools, n, capacity, reply)?;
-        let wanted = Wanted { n, objects, mask, capacity, is_behind, marks };
-        let placed = self.place(tools, &wanted)?;
+        let placed = self.place(tools, wanted, reply)?;
         self.submit(tools, &placed).map_err(|e| tools.gpu.cull_error(ENGINE, &e))?;
         self.under_way = Some(placed);
         Ok(())
@@ -195,15 +169,11 @@ impl Workspace {
     pub(super) fn join(
         &mut self,
         tools: &mut Tools,
-        n: BoxCount,
-        objects: Objects<'_>,
+        wanted: &Wanted<'_>,
         reply: &mut dyn ReplyBuffer,
-        capacity: Capacity,
         bundle: &Bundle,
     ) -> Result<Vec<Command>, CullError> {
-        let mask = reserve(tools, n, capacity, reply)?;
-        let wanted = Wanted { n, objects, mask, capacity, is_behind: false, marks: None };
-        let placed = self.place(tools, &wanted)?;
+        let placed = self.place(tools, wanted, reply)?;
         let steps = placed.recording(&tools.gpu).steps(&mut tools.pipelines);
         let steps = steps.map_err(|e| tools.gpu.cull_error(ENGINE, &e))?;
         // A frame that does not end leaves its blocks as they are.
@@ -214,11 +184,22 @@ impl Workspace {
     }
 
     /// Brings all that a frame's stages use to where they see it.
-    fn place(&mut self, tools: &mut Tools, wanted: &Wanted<'_>) -> Result<Placed, CullError> {
-        assert!(self.under_way.is_none(), "one frame a workspace");
-        let Wanted { n, objects, mask, capacity, is_behind, marks } = *wanted;
-        let start = Instant::now();
+    fn place(
+        &mut self,
+        tools: &mut Tools,
+        wanted: &Wanted<'_>,
+        reply: &mut dyn ReplyBuffer,
+    ) -> Result<Placed, CullError> {
+        let Wanted { n, objects, capacity, is_behind, marks } = *wanted;
         let sizes = Sizes::of(n);
+        let words = sizes.reply_words(capacity);
+        if 4 * words > tools.binding_bytes {
+            // The reply is one binding; all pairs binds its sections one by one.
+            return Err(CullError::TooCrowded { engine: ENGINE });
+        }
+        let mask = &reply.reserve(words)?[..words as usize];
+        assert!(self.under_way.is_none(), "one frame a workspace");
+        let start = Instant::now();
         let layout = match marks {
             None => tools.chooser.choose(objects),
             Some(marks) => {
@@ -287,18 +268,18 @@ impl Workspace {
         if replaced {
             self.frames.clear();
         }
-        let fill = |blocks: &[&Arc<Block>], word| {
-            let fill = |block: &&Arc<Block>| Command::Fill { part: Part::whole(block), word };
+        let fill = |blocks: &mut dyn Iterator<Item = &Arc<Block>>, word| {
+            let fill = |block: &Arc<Block>| Command::Fill { part: Part::whole(block), word };
             let mut frame = Frame::new(gpu, false)?;
-            frame.record(blocks.iter().map(fill).collect())?;
+            frame.record(blocks.map(fill).collect())?;
             frame.run(tools.wait, FILL_PATIENCE)
         };
         if let (true, Some(word)) = (replaced, tools.poison) {
             self.unclean = true;
-            fill(&blocks.all(), word)?;
+            fill(&mut blocks.all(), word)?;
         }
         if self.unclean {
-            fill(&[&blocks.table, &blocks.control], 0)?;
+            fill(&mut [&blocks.table, &blocks.control].into_iter(), 0)?;
         }
         Ok(blocks)
     }
@@ -400,7 +381,7 @@ fn recorded<'a>(
         chunk: 0,
         input: Place::of(&read.part),
         output: Place::of(recording.reply),
-        rules: recording.rules.map(|rules| Place::of(rules.marks())),
+        rules: recording.rules.map(|rules| Place::of(&rules.marks)),
     };
     let pipelines = &mut tools.pipelines;
     frames.frame(&tools.gpu, key, tools.profiled, || recording.steps(pipelines))

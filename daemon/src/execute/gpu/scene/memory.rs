@@ -5,11 +5,8 @@ use std::time::Duration;
 
 use pairmask_shaders::layouts::{GridLayout, SceneParams, SceneSummary};
 
-use super::SceneTools;
 use super::plan::{MOST_SLOTS, PAIR_BYTES, Room, SORTED_BYTES, Sizes};
-use crate::execute::gpu::error::GpuError;
-use crate::execute::gpu::frame::{Command, Frame};
-use crate::execute::gpu::memory::{Block, Home, Part};
+use crate::execute::gpu::{Block, Command, Frame, GpuError, Home, Part, SceneTools, frame_blocks};
 
 /// Bytes of a record.
 pub(super) const RECORD_BYTES: u64 = 32;
@@ -80,79 +77,59 @@ pub(super) struct Memory {
     records: Option<Records>,
     /// There once pairs of moved boxes were asked for.
     named: Option<Arc<Block>>,
-    params: Scratch,
-    layout: Scratch,
-    table: Scratch,
-    control: Scratch,
-    entries: Scratch,
-    sorted: Scratch,
-    found: Scratch,
-    summary: Scratch,
-    unsorted: Scratch,
-    rows: Scratch,
-    counts: Scratch,
-    starts: Scratch,
+    stages: Stages,
+}
+
+frame_blocks! { Stages of Scratch, StageBlocks:
+    params in Host,
+    layout in Host,
+    table in Video,
+    control in Video,
+    entries in Video,
+    sorted in Video,
+    found in Host,
+    summary in Host,
+    unsorted in Video,
+    rows in Video,
+    counts in Video,
+    starts in Video,
 }
 
 /// The blocks of one search.
 #[derive(Clone)]
 pub(super) struct Blocks {
-    pub params: Arc<Block>,
-    pub layout: Arc<Block>,
     pub now: Arc<Block>,
     pub then: Arc<Block>,
     /// The control block where none is named.
     pub named: Arc<Block>,
-    pub table: Arc<Block>,
-    pub control: Arc<Block>,
-    pub entries: Arc<Block>,
-    pub sorted: Arc<Block>,
-    pub found: Arc<Block>,
-    pub summary: Arc<Block>,
-    /// Of queries alone; else the control block.
-    pub of_queries: QueryBlocks,
+    /// What the stages hand each other. Of queries alone: pairs as they are found, and those of each query together
+    /// (`unsorted`, `rows`); how many each has, and where they begin (`counts`, `starts`). Else these are the control
+    /// block.
+    pub stages: StageBlocks,
 }
 
-/// What queries need beside the blocks of every search.
-#[derive(Clone)]
-pub(super) struct QueryBlocks {
-    /// Pairs as they are found, and those of each query together.
-    pub unsorted: Arc<Block>,
-    pub rows: Arc<Block>,
-    /// How many each query has, and where they begin.
-    pub counts: Arc<Block>,
-    pub starts: Arc<Block>,
+impl std::ops::Deref for Blocks {
+    type Target = StageBlocks;
+
+    fn deref(&self) -> &StageBlocks {
+        &self.stages
+    }
 }
 
 impl Memory {
     pub fn new(tools: &SceneTools) -> Self {
-        // Written by the CPU each time: into video memory where it can, else read from afar.
-        let is_mapped = tools.gpu.limits().mapped_video_memory;
-        let written = if is_mapped { Home::MappedVideo } else { Home::Host };
-        Self {
-            records: None,
-            named: None,
-            params: Scratch::new(written),
-            layout: Scratch::new(written),
-            table: Scratch::new(Home::Video),
-            control: Scratch::new(Home::Video),
-            entries: Scratch::new(Home::Video),
-            sorted: Scratch::new(Home::Video),
-            found: Scratch::new(Home::Host),
-            summary: Scratch::new(Home::Host),
-            unsorted: Scratch::new(Home::Video),
-            rows: Scratch::new(Home::Video),
-            counts: Scratch::new(Home::Video),
-            starts: Scratch::new(Home::Video),
-        }
+        let written = Home::written(&tools.gpu);
+        let [params, layout] = [(); 2].map(|()| Scratch::new(written));
+        Self { records: None, named: None, stages: Stages { params, layout, ..Stages::new() } }
     }
 
     /// Bytes that are allocated, in video memory for the most part.
     pub fn bytes(&self) -> u64 {
         let records = self.records.as_ref().map_or(0, |r| r.now.bytes() + r.then.bytes());
         let named = self.named.as_ref().map_or(0, |named| named.bytes());
-        let Self { params, layout, table, control, entries, sorted, found, summary, .. } = self;
-        let Self { unsorted, rows, counts, starts, .. } = self;
+        let Stages { params, layout, table, control, entries, sorted, found, summary, .. } =
+            &self.stages;
+        let Stages { unsorted, rows, counts, starts, .. } = &self.stages;
         let scratch = [params, layout, table, control, entries, sorted, found, summary];
         let scratch = scratch.into_iter().chain([unsorted, rows, counts, starts]);
         records + named + scratch.map(Scratch::bytes).sum::<u64>()
@@ -246,45 +223,42 @@ impl Memory {
             }
             scratch.at_least(tools, bytes, slots, &mut was_replaced)
         };
-        let control = block(&mut self.control, 4 * sizes.control_words)?;
+        let s = &mut self.stages;
+        let control = block(&mut s.control, 4 * sizes.control_words)?;
         let pair_bytes = PAIR_BYTES * room.pairs;
-        let of_queries = if sizes.queries > 0 {
-            QueryBlocks {
-                unsorted: block(&mut self.unsorted, pair_bytes)?,
-                rows: block(&mut self.rows, pair_bytes)?,
-                counts: block(&mut self.counts, 4 * sizes.queries)?,
-                starts: block(&mut self.starts, 4 * sizes.queries)?,
-            }
-        } else {
-            let none = || Arc::clone(&control);
-            QueryBlocks { unsorted: none(), rows: none(), counts: none(), starts: none() }
+        let (has_queries, query_bytes) = (sizes.queries > 0, 4 * sizes.queries);
+        let mut of_queries = |scratch: &mut Scratch, bytes| {
+            if has_queries { block(scratch, bytes) } else { Ok(Arc::clone(&control)) }
         };
-        let blocks = Blocks {
-            params: block(&mut self.params, size_of::<SceneParams>() as u64)?,
-            layout: block(&mut self.layout, size_of::<GridLayout>() as u64)?,
-            now: Arc::clone(&records.now),
-            then: Arc::clone(&records.then),
-            named: Arc::clone(self.named.as_ref().unwrap_or(&control)),
-            table: block(&mut self.table, sizes.table_bytes())?,
+        let unsorted = of_queries(&mut s.unsorted, pair_bytes)?;
+        let rows = of_queries(&mut s.rows, pair_bytes)?;
+        let counts = of_queries(&mut s.counts, query_bytes)?;
+        let starts = of_queries(&mut s.starts, query_bytes)?;
+        let stages = StageBlocks {
+            params: block(&mut s.params, size_of::<SceneParams>() as u64)?,
+            layout: block(&mut s.layout, size_of::<GridLayout>() as u64)?,
+            table: block(&mut s.table, sizes.table_bytes())?,
+            entries: block(&mut s.entries, ENTRY_BYTES * room.entries)?,
+            sorted: block(&mut s.sorted, SORTED_BYTES * room.entries)?,
+            found: block(&mut s.found, pair_bytes)?,
+            summary: block(&mut s.summary, size_of::<SceneSummary>() as u64)?,
+            unsorted,
+            rows,
+            counts,
+            starts,
             control,
-            entries: block(&mut self.entries, ENTRY_BYTES * room.entries)?,
-            sorted: block(&mut self.sorted, SORTED_BYTES * room.entries)?,
-            found: block(&mut self.found, pair_bytes)?,
-            summary: block(&mut self.summary, size_of::<SceneSummary>() as u64)?,
-            of_queries,
         };
         if let (true, Some(word)) = (was_replaced, tools.poison) {
-            let Blocks { table, control, entries, sorted, found, summary, of_queries, .. } =
-                &blocks;
-            let QueryBlocks { unsorted, rows, counts, starts } = of_queries;
+            let StageBlocks { table, control, entries, sorted, found, summary, .. } = &stages;
+            let StageBlocks { unsorted, rows, counts, starts, .. } = &stages;
+            let all =
+                [table, control, entries, sorted, found, summary, unsorted, rows, counts, starts];
             let fill = |block: &Arc<Block>| Command::Fill { part: Part::whole(block), word };
-            run_once(
-                tools,
-                [table, control, entries, sorted, found, summary, unsorted, rows, counts, starts]
-                    .map(fill)
-                    .into(),
-            )?;
+            run_once(tools, all.map(fill).into())?;
         }
+        let (now, then) = (Arc::clone(&records.now), Arc::clone(&records.then));
+        let named = Arc::clone(self.named.as_ref().unwrap_or(&stages.control));
+        let blocks = Blocks { now, then, named, stages };
         *replaced |= was_replaced;
         Ok(blocks)
     }

@@ -1,37 +1,24 @@
-//! Scenes that persist in video memory: edits go up, what changed comes down.
+//! Scenes that persist in video memory: edits go up, what changed comes down (GPU.md, "Scenes").
 //!
-//! A [`GpuScene`] answers as [`Scene`](pairmask_core::scene::Scene) does, byte for byte. Boxes are kept
-//! as keys in records, one an index, as they are and, for those that have changed since the last taken
-//! answer, as they were. The host keeps bits a box, to check an edit before anything of it is applied
-//! (`roster`). Nothing else persists, so nothing is ever rebuilt or compacted. An edit is one submission:
-//!
-//! > `scene_apply` (→ `scene_mark`) → `scene_cells` → `grid_scan` → `scene_place` → `scene_pairs`
-//!
-//! The first writes the edit into the records. Then the boxes that have changed are the entries of a
-//! grid, each as the hull of what it was and is; all other boxes look once at the entries around them.
-//! Most find by one bit of a filter that there are none. Where many have changed, all boxes are entries.
-//! A pair of hulls that overlap is decided by what both boxes were and are. What comes down is those
-//! pairs that began or ended, and the host sorts them.
-//!
-//! Queries ([`GpuScene::query`]) are a search too: they are the entries, and every box looks for them. Or they look
-//! into a grid of all boxes, which stands until the next edit.
+//! A [`GpuScene`] answers as [`Scene`](pairmask_core::scene::Scene) does, byte for byte. Boxes are kept as keys in
+//! records; the host keeps bits a box, to check an edit before anything of it is applied (`roster`). Nothing else
+//! persists, so nothing is ever rebuilt or compacted. An edit is one submission, and so are queries
+//! ([`GpuScene::query`]).
 //!
 //! Several GPUs may keep a scene together ([`GpuScene::shared`]): all of it on each (`replica`), every edit on each,
-//! large searches shared out. What is lost with one of them is on the others.
-//!
-//! [`Want::All`] and [`Want::Moved`] are the same search with another question. This is one file, because an
-//! edit, its answer and what is known afterwards change the same few fields.
+//! large searches shared out. This is one file, because an edit, its answer and what is known afterwards change the same
+//! few fields.
 
 mod changes;
-mod layouts;
 mod memory;
 mod plan;
 mod query;
 mod replica;
 mod roster;
 mod search;
-mod times;
 mod upload;
+
+pub use self::replica::EditTimes;
 
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -41,26 +28,16 @@ use pairmask_core::scene::{
     Edit, Ended, FilterHistory, Kept, KeptHistory, SceneError, SceneOptions, SceneSkips, Step,
     Told, Want, decide_changes, is_resync_due,
 };
+use pairmask_shaders::Stage;
 use pairmask_shaders::layouts::{GridLayout, SceneMode, SceneSummary};
-use pairmask_shaders::{SceneStage, Stage};
 
 use self::changes::{ChangeSorter, Found};
-use self::layouts::Layouts;
-use self::plan::{MOST_SLOTS, Question, Room, Sizes};
-use self::replica::{Asked, Names, Replica, Replicas, sum};
+use self::plan::{Layouts, MOST_SLOTS, Question, Room, Sizes};
+use self::replica::{Asked, Clock, Names, Replica, Replicas, sum};
 use self::roster::Roster;
-use self::search::{Search, Share, Stages};
-use self::times::Clock;
+use self::search::{Search, Share};
 use self::upload::Gathered;
-use super::device::Gpu;
-use super::error::GpuError;
-use super::frame::Wait;
-use super::grid::GridOptions;
-use super::memory::Block;
-use super::pipeline::{Pipeline, Pipelines};
-use super::transfers::SharedImports;
-
-pub use self::times::EditTimes;
+use super::{Block, Gpu, GpuError, GridOptions, Pipeline, Pipelines, SharedImports, Wait};
 
 /// What errors name: scenes on the GPU are a grid there.
 const ENGINE: EngineName = EngineName::GpuGrid;
@@ -71,8 +48,7 @@ type Pair = [u32; 2];
 /// What the scenes of a device share: compiled stages, and what is imported.
 pub struct SceneTools {
     gpu: Arc<Gpu>,
-    stages: Stages,
-    /// Compiles those stages that few daemons need.
+    /// The compiled stages. Compiles those that few daemons need when they are asked for.
     pipelines: Mutex<Pipelines>,
     imports: SharedImports,
     profiled: bool,
@@ -90,12 +66,11 @@ impl SceneTools {
     /// [`GpuError`].
     pub fn new(gpu: &Arc<Gpu>, options: &GridOptions) -> Result<Arc<Self>, GpuError> {
         let mut pipelines = Pipelines::new(gpu, options.checks, options.cache_folder.as_deref())?;
-        let stages = Stages::compiled(&mut pipelines)?;
+        search::stages().try_for_each(|stage| pipelines.get(stage).map(drop))?;
         pipelines.save();
         let is_software = gpu.info().is_software();
         Ok(Arc::new(Self {
             gpu: Arc::clone(gpu),
-            stages,
             pipelines: Mutex::new(pipelines),
             imports: options.imports.clone(),
             profiled: options.profiled,
@@ -111,10 +86,9 @@ impl SceneTools {
         &self.gpu
     }
 
-    /// The stage of a shared search.
-    fn shared_pairs(&self) -> Result<Arc<Pipeline>, GpuError> {
-        let mut pipelines = self.pipelines.lock().unwrap_or_else(PoisonError::into_inner);
-        pipelines.get(Stage::Scene(SceneStage::SharedPairs))
+    /// A compiled stage.
+    fn pipeline(&self, stage: Stage) -> Result<Arc<Pipeline>, GpuError> {
+        self.pipelines.lock().unwrap_or_else(PoisonError::into_inner).get(stage)
     }
 }
 
@@ -167,16 +141,6 @@ pub struct GpuScene {
     is_open: bool,
     sorter: ChangeSorter,
     times: EditTimes,
-}
-
-impl std::fmt::Debug for GpuScene {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let known = &self.known;
-        f.debug_struct("GpuScene")
-            .field("boxes", &self.len())
-            .field("known", known)
-            .finish_non_exhaustive()
-    }
 }
 
 impl GpuScene {
@@ -657,8 +621,7 @@ mod tests {
     use pairmask_core::scene::{Scene, Sets};
 
     use super::*;
-    use crate::execute::gpu::adapter::GpuChoice;
-    use crate::execute::gpu::device::HostImport;
+    use crate::execute::gpu::{GpuChoice, HostImport};
 
     /// Two boxes that touch, apart, and together again.
     fn check_rounds(mut gpu: GpuScene, want: Want) {

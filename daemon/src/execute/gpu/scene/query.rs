@@ -1,13 +1,6 @@
-//! Queries: boxes that are no part of a scene against all that are.
-//!
-//! The first queries after an edit are the entries of a grid, in records behind the scene's, and every box looks
-//! once whether one of them is near: the search of an edit that changes as many boxes. At its end the records are
-//! without a box again. Those who ask more pay for a grid of all boxes, that of an edit that asks for all pairs, in
-//! which each query looks into the cells around it. It is built by the second queries after an edit, and stands
-//! until the next one. Both are one submission, and nothing that an edit knows or tells has changed.
-//!
-//! The search counts the pairs of each query. Three stages more put them in order: the starts of queries, pairs
-//! to their queries, and each to its place by index. The host sorts only what a query of very many boxes has found.
+//! Queries: boxes that are no part of a scene against all that are. The first after an edit are the entries of a grid;
+//! the second build a grid of all boxes, which stands until the next edit (GPU.md, "Scenes"). Nothing that an edit knows
+//! or tells changes.
 
 use std::sync::Arc;
 
@@ -21,11 +14,10 @@ use pairmask_shaders::layouts::SceneMode;
 
 use super::memory::{Blocks, RECORD_BYTES};
 use super::plan::{MOST_SLOTS, PAIR_BYTES, Question, Room, Sizes};
-use super::replica::Replica;
-use super::search::{self, Queries, Search, Task, Way};
-use super::times::{Clock, EditTimes};
-use super::{ENGINE, GpuScene, Pair, wide};
-use crate::execute::gpu::error::GpuError;
+use super::replica::{Clock, EditTimes, Replica};
+use super::search::{Queries, Search, Task, Way};
+use super::{ENGINE, Pair, search, wide};
+use crate::execute::gpu::{GpuError, GpuScene};
 
 /// Most queries of a submission: so many copies, 6 MiB, are kept where they cannot be read where they lie.
 const QUERIES_TOGETHER: usize = 1 << 18;

@@ -2,6 +2,7 @@
 //! another; a search is shared out.
 
 use std::sync::Arc;
+use std::time::{Duration, Instant};
 
 use pairmask_core::engine::CullError;
 use pairmask_shaders::layouts::{GridLayout, SceneSummary};
@@ -10,8 +11,8 @@ use super::memory::{Blocks, Memory};
 use super::plan::{Question, Room, Sizes};
 use super::search::{Frames, Search, Task};
 use super::upload::{GatheredSets, Upload, Uploaded};
-use super::{ENGINE, SceneTools, wide};
-use crate::execute::gpu::error::GpuError;
+use super::{ENGINE, wide};
+use crate::execute::gpu::{GpuError, SceneTools, StepTime};
 
 /// All that a scene keeps on a GPU.
 pub(super) struct Replica {
@@ -219,5 +220,47 @@ pub(super) fn sum(shares: &[SceneSummary]) -> SceneSummary {
         ended: words(|share| share.ended),
         tested: words(|share| share.tested),
         ..first
+    }
+}
+
+/// Time of an edit by its parts, for measurements.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct EditTimes {
+    /// The edit was checked, and the host's bits changed.
+    pub check: Duration,
+    /// It was brought to where the GPU sees it.
+    pub upload: Duration,
+    /// The layout was chosen, and blocks and recordings were made ready.
+    pub plan: Duration,
+    /// The GPU was asked and waited for.
+    pub gpu: Duration,
+    /// What it found was read and sorted.
+    pub sort: Duration,
+    /// Submissions.
+    pub submissions: u32,
+    /// Times of the stages of the last submission, if they are taken.
+    pub stages: Vec<StepTime>,
+}
+
+impl EditTimes {
+    /// All of it.
+    pub fn total(&self) -> Duration {
+        self.check + self.upload + self.plan + self.gpu + self.sort
+    }
+}
+
+/// A clock that is read at the end of each part.
+pub(super) struct Clock(Instant);
+
+impl Clock {
+    pub fn start() -> Self {
+        Self(Instant::now())
+    }
+
+    /// Adds the time since the last lap to a part.
+    pub fn lap(&mut self, part: &mut Duration) {
+        let now = Instant::now();
+        *part += now - self.0;
+        self.0 = now;
     }
 }

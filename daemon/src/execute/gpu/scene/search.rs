@@ -7,16 +7,14 @@ use pairmask_shaders::constants::CONTROL_HEADER_WORDS;
 use pairmask_shaders::layouts::{GridLayout, GridParams, SceneMode, SceneParams, SceneSummary};
 use pairmask_shaders::{GridStage, SceneStage, Stage};
 
-use super::SceneTools;
-use super::memory::{Blocks, QueryBlocks, RECORD_BYTES};
-use super::plan::{self, Question, Room, Sizes};
+use super::memory::{Blocks, RECORD_BYTES, StageBlocks};
+use super::plan;
+use super::plan::{Question, Room, Sizes};
 use super::upload::{SetIndices, Uploaded};
-use crate::execute::gpu::device::{Order, QueueRole};
-use crate::execute::gpu::error::GpuError;
-use crate::execute::gpu::frame::{Command, Frame, StepTime};
-use crate::execute::gpu::frame_cache::{FrameCache, Place};
-use crate::execute::gpu::memory::{Block, Part};
-use crate::execute::gpu::pipeline::{Pipeline, Pipelines};
+use crate::execute::gpu::{
+    Block, Command, Frame, FrameCache, GpuError, Order, Part, Place, QueueRole, SceneTools,
+    StepTime,
+};
 
 /// Most tests of a search, in 2^32: 17 thousand million take an H200 tens of milliseconds. A scene that
 /// crowds more in one place is another engine's.
@@ -31,38 +29,13 @@ const TALLY_BYTES: u64 = 4 * 7;
 /// software adapter.
 const PATIENCE: [Duration; 2] = [Duration::from_secs(20), Duration::from_secs(600)];
 
-/// The compiled stages.
-pub(super) struct Stages {
-    apply: Arc<Pipeline>,
-    mark: Arc<Pipeline>,
-    cells: Arc<Pipeline>,
-    scan: Arc<Pipeline>,
-    place: Arc<Pipeline>,
-    pairs: Arc<Pipeline>,
-    query: Arc<Pipeline>,
-    query_rows: Arc<Pipeline>,
-    query_starts: Arc<Pipeline>,
-    query_deal: Arc<Pipeline>,
-    query_sort: Arc<Pipeline>,
-}
-
-impl Stages {
-    pub fn compiled(pipelines: &mut Pipelines) -> Result<Self, GpuError> {
-        let mut get = |stage| pipelines.get(Stage::Scene(stage));
-        Ok(Self {
-            apply: get(SceneStage::Apply)?,
-            mark: get(SceneStage::Mark)?,
-            cells: get(SceneStage::Cells)?,
-            place: get(SceneStage::Place)?,
-            pairs: get(SceneStage::Pairs)?,
-            query: get(SceneStage::Query)?,
-            query_rows: get(SceneStage::QueryRows)?,
-            query_starts: get(SceneStage::QueryStarts)?,
-            query_deal: get(SceneStage::QueryDeal)?,
-            query_sort: get(SceneStage::QuerySort)?,
-            scan: pipelines.get(Stage::Grid(GridStage::Scan))?,
-        })
-    }
+/// The stages that every scene needs.
+pub(super) fn stages() -> impl Iterator<Item = Stage> {
+    use SceneStage::{Apply, Cells, Mark, Pairs, Place};
+    use SceneStage::{Query, QueryDeal, QueryRows, QuerySort, QueryStarts};
+    let edits = [Apply, Mark, Cells, Place, Pairs];
+    let queries = [Query, QueryRows, QueryStarts, QueryDeal, QuerySort];
+    edits.into_iter().chain(queries).map(Stage::Scene).chain([Stage::Grid(GridStage::Scan)])
 }
 
 /// What a submission searches for.
@@ -188,7 +161,7 @@ impl Task<'_> {
     pub fn room_made(&self, tools: &SceneTools) -> Room {
         let items = |block: &Block, bytes: u64| block.bytes().min(tools.binding_bytes) / bytes;
         let found = items(&self.blocks.found, 8);
-        let QueryBlocks { unsorted, rows, .. } = &self.blocks.of_queries;
+        let StageBlocks { unsorted, rows, .. } = &self.blocks.stages;
         let pairs = match self.search {
             Search::Queries(_) => found.min(items(unsorted, 8)).min(items(rows, 8)),
             Search::Nothing | Search::Pairs(_) => found,
@@ -287,109 +260,76 @@ impl Task<'_> {
     }
 
     /// The edit, and the grid of its search.
-    fn first_steps(&self, tools: &SceneTools, shape: &Shape) -> Vec<Command> {
-        let (b, stages) = (self.blocks, &tools.stages);
+    fn first_steps(&self, tools: &SceneTools, shape: &Shape) -> Result<Vec<Command>, GpuError> {
+        let b = self.blocks;
         let whole = |block: &Arc<Block>| whole(tools, block);
-        let [params, layout] = [&b.params, &b.layout].map(whole);
+        let [params, layout, table, control] =
+            [&b.params, &b.layout, &b.table, &b.control].map(whole);
         let [now, then, named] = [&b.now, &b.then, &b.named].map(whole);
-        let [table, control] = [&b.table, &b.control].map(whole);
         let [entries, sorted] = [&b.entries, &b.sorted].map(whole);
-        let mut steps = vec![stage(
-            &stages.apply,
-            shape.apply,
-            vec![
-                self.edit.boxes.clone(),
-                params.clone(),
-                self.edit.indices.clone(),
-                now.clone(),
-                then.clone(),
-                named.clone(),
-                table.clone(),
-                control.clone(),
-            ],
-        )];
+        let Uploaded { boxes, indices, marks, .. } = self.edit;
+        let scene = |of, groups, parts: &[&Part]| stage(tools, Stage::Scene(of), groups, parts);
+        let parts = [boxes, &params, indices, &now, &then, &named, &table, &control];
+        let mut steps = vec![scene(SceneStage::Apply, shape.apply, &parts)?];
         if shape.mark != 0 {
-            let marks = self.edit.marks.clone();
-            let parts = vec![params.clone(), marks, now.clone(), then.clone(), named.clone()];
-            steps.push(stage(&stages.mark, shape.mark, parts));
+            let parts = [&params, marks, &now, &then, &named];
+            steps.push(scene(SceneStage::Mark, shape.mark, &parts)?);
         }
         if shape.search == SearchShape::Nothing {
-            return steps;
+            return Ok(steps);
         }
-        steps.push(stage(
-            &stages.cells,
-            shape.slots,
-            vec![
-                params.clone(),
-                layout.clone(),
-                now.clone(),
-                then.clone(),
-                named,
-                table.clone(),
-                control.clone(),
-                entries.clone(),
-            ],
-        ));
-        let parts = vec![layout, table.clone(), control.clone()];
-        steps.push(stage(&stages.scan, shape.scan, parts));
-        steps.push(stage(
-            &stages.place,
-            shape.entries,
-            vec![params, now, then, table, control, entries, sorted],
-        ));
-        steps
+        let parts = [&params, &layout, &now, &then, &named, &table, &control, &entries];
+        steps.push(scene(SceneStage::Cells, shape.slots, &parts)?);
+        let scan = Stage::Grid(GridStage::Scan);
+        steps.push(stage(tools, scan, shape.scan, &[&layout, &table, &control])?);
+        let parts = [&params, &now, &then, &table, &control, &entries, &sorted];
+        steps.push(scene(SceneStage::Place, shape.entries, &parts)?);
+        Ok(steps)
     }
 
     fn steps(&self, tools: &SceneTools, shape: &Shape) -> Result<Vec<Command>, GpuError> {
-        let (b, stages) = (self.blocks, &tools.stages);
+        let b = self.blocks;
         let whole = |block: &Arc<Block>| whole(tools, block);
-        let [params, layout, table] = [&b.params, &b.layout, &b.table].map(whole);
-        let [control, sorted, found, summary] =
-            [&b.control, &b.sorted, &b.found, &b.summary].map(whole);
-        let now = whole(&b.now);
+        let [params, layout, table, sorted] =
+            [&b.params, &b.layout, &b.table, &b.sorted].map(whole);
+        let [control, found, summary] = [&b.control, &b.found, &b.summary].map(whole);
+        let [now, then] = [&b.now, &b.then].map(whole);
+        let scene = |of, groups, parts: &[&Part]| stage(tools, Stage::Scene(of), groups, parts);
         let mut steps = match self.search {
             Search::Queries(Queries { way: Way::Grid { builds: false, .. }, .. }) => {
                 let tally = Part::of(&b.control, TALLY_OFFSET, TALLY_BYTES);
                 vec![Command::Fill { part: tally, word: 0 }]
             }
-            _ => self.first_steps(tools, shape),
+            _ => self.first_steps(tools, shape)?,
         };
         let (SearchShape::Queries { way, groups }, Search::Queries(queries)) =
             (shape.search, self.search)
         else {
             if let SearchShape::Pairs { is_shared } = shape.search {
-                let then = whole(&b.then);
-                let parts = vec![params, layout, table, sorted, now, then, control, found, summary];
-                let pipeline =
-                    if is_shared { tools.shared_pairs()? } else { Arc::clone(&stages.pairs) };
-                steps.push(stage(&pipeline, shape.rows, parts));
+                let of = if is_shared { SceneStage::SharedPairs } else { SceneStage::Pairs };
+                let parts =
+                    [&params, &layout, &table, &sorted, &now, &then, &control, &found, &summary];
+                steps.push(scene(of, shape.rows, &parts)?);
             }
             return Ok(steps);
         };
-        let QueryBlocks { unsorted, rows, counts, starts } = &b.of_queries;
+        let StageBlocks { unsorted, rows, counts, starts, .. } = &b.stages;
         let [unsorted, rows, counts, starts] = [unsorted, rows, counts, starts].map(whole);
-        let parts = |of_stage: Part| {
-            let of_stage = [of_stage, counts.clone()];
-            let before = [&params, &layout, &table, &sorted].map(Part::clone);
-            let behind = [&control, &unsorted, &summary].map(Part::clone);
-            before.into_iter().chain(of_stage).chain(behind).collect::<Vec<_>>()
-        };
         let [looking, one_a_query, sorting] = groups;
-        match queries.way {
-            Way::Grid { boxes, .. } => {
-                steps.push(stage(&stages.query, looking, parts(boxes.clone())));
-            }
-            Way::Entries => {
-                steps.push(Command::Fill { part: counts.clone(), word: 0 });
-                steps.push(stage(&stages.query_rows, looking, parts(now)));
-            }
+        let mut parts =
+            [&params, &layout, &table, &sorted, &now, &counts, &control, &unsorted, &summary];
+        if let Way::Grid { boxes, .. } = queries.way {
+            parts[4] = boxes;
+            steps.push(scene(SceneStage::Query, looking, &parts)?);
+        } else {
+            steps.push(Command::Fill { part: counts.clone(), word: 0 });
+            steps.push(scene(SceneStage::QueryRows, looking, &parts)?);
         }
-        let parts = vec![params.clone(), counts.clone(), starts.clone()];
-        steps.push(stage(&stages.query_starts, one_a_query, parts));
-        let parts = vec![params.clone(), control.clone(), unsorted, starts.clone(), rows.clone()];
-        steps.push(stage(&stages.query_deal, sorting, parts));
-        let parts = vec![params, control, counts, starts, rows, found];
-        steps.push(stage(&stages.query_sort, sorting, parts));
+        steps.push(scene(SceneStage::QueryStarts, one_a_query, &[&params, &counts, &starts])?);
+        let parts = [&params, &control, &unsorted, &starts, &rows];
+        steps.push(scene(SceneStage::QueryDeal, sorting, &parts)?);
+        let parts = [&params, &control, &counts, &starts, &rows, &found];
+        steps.push(scene(SceneStage::QuerySort, sorting, &parts)?);
         if let WayShape::Entries([first, bytes]) = way {
             // Their records are without a box again, as all behind the scene's are.
             steps.push(Command::Fill { part: Part::of(&b.now, first, bytes), word: 0 });
@@ -403,14 +343,19 @@ fn whole(tools: &SceneTools, block: &Arc<Block>) -> Part {
     Part::of(block, 0, block.bytes().min(tools.binding_bytes))
 }
 
-fn stage(pipeline: &Arc<Pipeline>, groups: u32, parts: Vec<Part>) -> Command {
-    Command::Stage {
-        pipeline: Arc::clone(pipeline),
-        parts,
+fn stage(
+    tools: &SceneTools,
+    stage: Stage,
+    groups: u32,
+    parts: &[&Part],
+) -> Result<Command, GpuError> {
+    Ok(Command::Stage {
+        pipeline: tools.pipeline(stage)?,
+        parts: parts.iter().copied().cloned().collect(),
         // The scan's text declares parameters, and none of them is read.
         immediates: bytemuck::bytes_of(&GridParams::default()).to_vec(),
         groups: [groups, 1],
-    }
+    })
 }
 
 impl Frames {

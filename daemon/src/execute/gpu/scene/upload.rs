@@ -8,12 +8,7 @@ use pairmask_core::scene::{Edit, Indices, Sets};
 use rayon::iter::{IndexedParallelIterator as _, ParallelIterator as _};
 use rayon::slice::ParallelSlice as _;
 
-use crate::execute::gpu::device::Gpu;
-use crate::execute::gpu::error::GpuError;
-use crate::execute::gpu::growing::Growing;
-use crate::execute::gpu::import::Access;
-use crate::execute::gpu::memory::{Block, Home, Part};
-use crate::execute::gpu::transfers::SharedImports;
+use crate::execute::gpu::{Access, Block, Gpu, GpuError, Growing, Home, Part, SharedImports};
 
 /// Boxes up to this many bytes are stored by the CPU even where the GPU could read them across the link.
 const STORED_FIRST_BYTES: u64 = 32 << 10;
