@@ -437,7 +437,8 @@ fn a_worker_with_a_limit_stays_within_a_few_times_of_it() {
     let balls = vec![Sphere::new([0.0; 3], 1.0); n];
     let named = EngineName::CPU.map(EngineChoice::Only);
     for engine in [EngineChoice::Auto].into_iter().chain(named) {
-        let daemon = TestDaemon::start(DAEMON, &["--max-reply-mib", "64"]);
+        // A driver that is loaded meanwhile would count, too.
+        let daemon = TestDaemon::start(DAEMON, &["--max-reply-mib", "64", "--gpu", "none"]);
         let mut session = daemon.session().engine(engine).deadline(PATIENCE).connect().unwrap();
         assert_eq!(count(&mut session, &boxes[..70]).unwrap(), 70 * 69 / 2);
         let pid = daemon.record().unwrap().worker_pid;

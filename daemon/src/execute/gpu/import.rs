@@ -10,7 +10,7 @@
 //! `unsafe`: a reply is found by its address, so the address must not come to mean other memory.
 #![allow(unsafe_code)]
 
-use std::fs::{File, OpenOptions};
+use std::fs::{File, Metadata, OpenOptions};
 use std::io;
 use std::os::fd::AsFd;
 use std::os::unix::fs::MetadataExt;
@@ -18,6 +18,7 @@ use std::path::PathBuf;
 use std::ptr::NonNull;
 use std::sync::Arc;
 
+use rustix::fs::makedev;
 use rustix::mm::{MapFlags, ProtFlags};
 
 use super::{Block, Gpu, GpuError};
@@ -124,6 +125,8 @@ struct Segment {
     start: usize,
     end: usize,
     file_offset: u64,
+    /// Of the file's file system: inode numbers are each file system's own.
+    device: u64,
     inode: u64,
     path: PathBuf,
 }
@@ -146,16 +149,17 @@ impl Segment {
     /// Opens the file read-write: by its path, or, when the name is gone (memfd, an unlinked
     /// segment), through a descriptor that is still open.
     fn open(&self) -> Result<File, SegmentError> {
+        let is_it = |data: &Metadata| (data.dev(), data.ino()) == (self.device, self.inode);
         let open = |path: &PathBuf| -> Option<File> {
             let file = OpenOptions::new().read(true).write(true).open(path).ok()?;
             // The name may have been given to another file since.
-            (file.metadata().ok()?.ino() == self.inode).then_some(file)
+            is_it(&file.metadata().ok()?).then_some(file)
         };
         if let Some(file) = open(&self.path) {
             return Ok(file);
         }
         for entry in std::fs::read_dir("/proc/self/fd")?.flatten() {
-            let same = std::fs::metadata(entry.path()).is_ok_and(|m| m.ino() == self.inode);
+            let same = std::fs::metadata(entry.path()).is_ok_and(|data| is_it(&data));
             if let Some(file) = same.then(|| open(&entry.path())).flatten() {
                 return Ok(file);
             }
@@ -170,12 +174,14 @@ fn parse_line(line: &str) -> Option<(Segment, bool)> {
     let (start, end) = fields.next()?.split_once('-')?;
     let permissions = fields.next()?;
     let file_offset = u64::from_str_radix(fields.next()?, 16).ok()?;
-    let _device = fields.next()?;
+    let (major, minor) = fields.next()?.split_once(':')?;
+    let number = |hex| u32::from_str_radix(hex, 16).ok();
     let inode = fields.next()?.parse().ok()?;
     let segment = Segment {
         start: usize::from_str_radix(start, 16).ok()?,
         end: usize::from_str_radix(end, 16).ok()?,
         file_offset,
+        device: makedev(number(major)?, number(minor)?),
         inode,
         path: fields.next().unwrap_or_default().into(),
     };
@@ -321,6 +327,7 @@ mod tests {
         assert!(shared);
         assert_eq!((segment.start, segment.end), (0x7f00_a000, 0x7f00_c000));
         assert_eq!((segment.file_offset, segment.inode), (0x1000, 42));
+        assert_eq!(segment.device, makedev(0, 0x18));
         assert_eq!(segment.path, PathBuf::from("/dev/shm/pairmask"));
         assert!(!parse_line("7f00a000-7f00c000 rw-p 00000000 00:00 0").expect("anonymous").1);
         assert_eq!(parse_line("nonsense"), None);
@@ -345,6 +352,25 @@ mod tests {
             }
             std::fs::remove_file(&path).ok();
         }
+    }
+
+    /// A pipe, or a file of another disk, may have the number of an unlinked segment.
+    #[test]
+    fn a_file_of_another_file_system_is_not_taken_for_the_segment() {
+        let (memory, _other_end) = std::io::pipe().expect("a pipe");
+        let memory = File::from(std::os::fd::OwnedFd::from(memory));
+        let data = memory.metadata().expect("of a pipe");
+        let mut segment = Segment {
+            start: 0,
+            end: PAGE_BYTES,
+            file_offset: 0,
+            device: data.dev(),
+            inode: data.ino(),
+            path: "/dev/shm/gone (deleted)".into(),
+        };
+        assert!(segment.open().is_ok(), "by its descriptor");
+        segment.device += 1;
+        assert!(matches!(segment.open(), Err(SegmentError::FileGone(_))));
     }
 
     #[test]
