@@ -3,8 +3,10 @@
 use pairmask_core::engine::CullReport;
 
 fn hang(_: &mut [u32], report: &mut CullReport) {
-    while report.pair_count > 0 {
-        std::thread::park();
+    if report.pair_count > 0 {
+        loop {
+            std::thread::park();
+        }
     }
 }
 
