@@ -40,7 +40,7 @@ struct Options {
     bench: bool,
 }
 
-fn main() -> Result<(), Box<dyn Error>> {
+fn main() -> Result<(), Box<dyn Error + Send + Sync>> {
     let asked = Options::parse();
     let mut options = BenchOptions { sweep: asked.sweep, ..BenchOptions::default() };
     options.gpu = asked.gpu.unwrap_or(options.gpu);
@@ -50,5 +50,6 @@ fn main() -> Result<(), Box<dyn Error>> {
     if !asked.n.is_empty() {
         options.counts = asked.n;
     }
-    Ok(if asked.grid { run_grid } else { run }(&options, &mut stdout().lock())?)
+    let run = if asked.grid { run_grid } else { run };
+    run(&options, &mut stdout().lock())
 }
