@@ -80,12 +80,12 @@ fn callers_and_pools_of_other_flags_lose_no_pair() {
 
 #[test]
 fn a_pool_that_a_flagged_thread_started_serves_plain_callers() {
-    for flags in [FloatFlags::FLUSHING, FloatFlags::rounding(Rounding::Down)] {
-        // The first thread of the pool inherits the flags of this thread; the others too.
-        let pool = flags.run(|| pool(2));
-        for extent in EXTENTS {
-            let boxes = boxes_within(extent, BOXES, 4);
-            let truth = oracle::truth(&boxes);
+    for extent in EXTENTS {
+        let boxes = boxes_within(extent, BOXES, 4);
+        let truth = oracle::truth(&boxes);
+        for flags in [FloatFlags::FLUSHING, FloatFlags::rounding(Rounding::Down)] {
+            // The first thread of the pool inherits the flags of this thread; the others too.
+            let pool = flags.run(|| pool(2));
             let mut session = Session::builder()
                 .backend(Backend::InProcess)
                 .answer_repeats(false)
