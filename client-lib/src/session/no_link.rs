@@ -38,6 +38,7 @@ pub(super) enum Received {
     Nothing,
     Dead,
     Silent,
+    Full,
 }
 
 /// Looks at a daemon.
