@@ -529,7 +529,10 @@ fn check_that_it_serves(dir: &std::path::Path, frames: &mut InTurn) {
         if let Some(status) = supervisor.try_wait().unwrap() {
             panic!("the next daemon ended ({status}): {}", said(supervisor.stderr.take()));
         }
-        assert!(started.elapsed() < PATIENCE, "the next daemon does not serve");
+        if started.elapsed() > PATIENCE {
+            supervisor.kill().unwrap();
+            panic!("the next daemon does not serve: {}", said(supervisor.stderr.take()));
+        }
         std::thread::sleep(Duration::from_millis(2));
     };
     assert_eq!(frames.check(&mut session).unwrap(), ServedBy::Daemon);

@@ -439,7 +439,9 @@ fn a_worker_with_a_limit_stays_within_a_few_times_of_it() {
     for engine in [EngineChoice::Auto].into_iter().chain(named) {
         // A driver that is loaded meanwhile would count, too.
         let daemon = TestDaemon::start(DAEMON, &["--max-reply-mib", "64", "--gpu", "none"]);
-        let mut session = daemon.session().engine(engine).deadline(PATIENCE).connect().unwrap();
+        // What an engine takes for each thread is not of the limit.
+        let session = daemon.session().engine(engine).threads(2).deadline(PATIENCE);
+        let mut session = session.connect().unwrap();
         assert_eq!(count(&mut session, &boxes[..70]).unwrap(), 70 * 69 / 2);
         let pid = daemon.record().unwrap().worker_pid;
         let before = peak_bytes(pid);
