@@ -47,3 +47,32 @@ per_isa! {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::precision::{Bounds, BoxF16, BoxQ8, BoxQ16, Quantizer};
+
+    /// Boxes are narrowed in groups; each has the form that it has alone.
+    #[test]
+    fn a_box_of_a_group_has_the_form_of_one_alone() {
+        fn check<B: NarrowBox + PartialEq + std::fmt::Debug>(boxes: &[Aabb], encoder: &B::Encoder) {
+            let mut out = vec![B::narrow(&Aabb::EMPTY, encoder); boxes.len()];
+            narrow(boxes, encoder, &mut out);
+            let alone: Vec<B> = boxes.iter().map(|b| B::narrow(b, encoder)).collect();
+            assert_eq!(out, alone);
+        }
+        let bounds = Bounds::new([-3.0; 3], [97.0; 3]).expect("bounds");
+        let of = |i: u32| {
+            let at = |axis: u32| (i * 7919 + axis * 104_729) % 99_991;
+            let min: [f32; 3] = std::array::from_fn(|axis| at(axis as u32) as f32 / 1000.0 - 3.0);
+            Aabb::new(min, min.map(|x| x + at(7) as f32 / 50_000.0))
+        };
+        for n in [0, GROUP, 1000 * GROUP + 3] {
+            let boxes: Vec<Aabb> = (0..n as u32).map(of).collect();
+            check::<BoxQ16>(&boxes, &Quantizer::q16_of(&bounds));
+            check::<BoxQ8>(&boxes, &Quantizer::q8_of(&bounds));
+            check::<BoxF16>(&boxes, &());
+        }
+    }
+}

@@ -202,6 +202,29 @@ mod tests {
         assert_eq!(narrow(&[of(0.0); 4], &[of(-0.0); 4]), Some(true));
     }
 
+    /// Spheres that touch exactly, 3, 4 and 5 times a number of 40 bits apart: about as many of their squares
+    /// are rounded to one order as to the other.
+    #[test]
+    fn ties_are_overlaps_however_their_squares_are_rounded() {
+        let (mut above, mut below) = (0, 0);
+        for i in 0..1000u32 {
+            let (large, small) =
+                ((1 << 20) + i * 7919 % 1000, (1 + i * 104_729 % 1_000_000) as f32);
+            let (large, small) = (large as f32, small / 1_048_576.0 / 1_048_576.0);
+            let ball = |x: f32, sign: f32| {
+                Ball::of(&Sphere::new([sign * 3.0 * x, sign * 4.0 * x, 0.0], 5.0 * x))
+            };
+            let (one, other) = (ball(large, 1.0), ball(small, -1.0));
+            let (distance, reach) = one.squares(&other);
+            above += u32::from(distance > reach);
+            below += u32::from(distance < reach);
+            assert!(one.overlaps(&other), "{large} and {small} touch");
+            let apart = Ball { radius: widen((5.0 * small).next_down()), ..other };
+            assert!(!one.overlaps(&apart), "{large} and {small} are an ulp apart");
+        }
+        assert!(above > 50 && below > 50, "{above} above, {below} below");
+    }
+
     proptest! {
         #[test]
         fn widening_any_number_is_exact(bits in any::<u32>()) {
