@@ -18,7 +18,7 @@ use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
 use pairmask_transport::{
-    DaemonWatch, InstanceLock, Stillness, clean_if_abandoned, raise_file_limit,
+    DaemonWatch, InstanceLock, Stillness, clean_if_abandoned, raise_file_limit, remove_hollow_files,
 };
 use pairmask_wire::InstanceError;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
@@ -42,6 +42,10 @@ const LOOK_INTERVAL: Duration = Duration::from_millis(50);
 /// A worker that is stopped for this long is replaced: within a second it serves again. Ctrl-Z stops the
 /// supervisor too, which looks at nothing meanwhile.
 const STOPPED_FOR: Duration = Duration::from_millis(400);
+
+/// A worker that does not serve after this long is replaced. It takes 20 to 200 ms, GPUs join later; the
+/// transport waits without end for files that a killed predecessor had just begun.
+const STARTS_WITHIN: Duration = Duration::from_secs(10);
 
 /// Open files of a worker without clients: pipes, ports, devices and engines.
 const OWN_FILES: u64 = 128;
@@ -216,7 +220,8 @@ enum End {
     FilesClosed,
 }
 
-/// Waits for the worker's end, or for a signal to stop. Kills a worker that is stopped.
+/// Waits for the worker's end, or for a signal to stop. Kills a worker that is stopped, or does not begin to
+/// serve.
 fn watch(
     worker: &mut Child,
     dying: &mut Dying,
@@ -227,7 +232,7 @@ fn watch(
     let pid = i32::try_from(worker.id()).ok().and_then(Pid::from_raw);
     let process = pid.and_then(|pid| pidfd_open(pid, PidfdFlags::empty()).ok());
     let mut pipe = worker.stdin.take();
-    let mut heart = HeartWatch::new();
+    let (mut heart, started, mut has_served) = (HeartWatch::new(), Instant::now(), false);
     loop {
         dying.reap(settings);
         if let Some(status) = worker.try_wait().map_err(failed("watching the worker"))? {
@@ -242,6 +247,17 @@ fn watch(
                 }
             }
             Waited::Event | Waited::Nothing => {}
+        }
+        has_served = has_served || settings.dir.read_record(&settings.instance).is_some();
+        if !has_served {
+            remove_hollow_files(&settings.dir, &settings.instance);
+            if started.elapsed() > STARTS_WITHIN {
+                log::error!(
+                    "the worker of '{}' does not begin to serve: it is killed",
+                    settings.instance
+                );
+                worker.kill().map_err(failed("killing the worker"))?;
+            }
         }
         let beats = heart.beats(settings);
         if heart.stands_still(beats, pid.is_some_and(is_stopped), Instant::now()) {

@@ -1,4 +1,5 @@
-//! Daemons that are alive and cannot serve: every lane hangs, or no file can be opened any more.
+//! Daemons that are alive and cannot serve: every lane hangs, the worker hangs before it serves, or no file
+//! can be opened any more.
 
 use std::time::{Duration, Instant};
 
@@ -48,6 +49,17 @@ fn a_worker_whose_lanes_all_hang_is_replaced() {
     });
     assert_ne!(daemon.worker(), before);
     let mut session = daemon.session().connect().unwrap();
+    assert_eq!(frame(&mut session, Aabb::EMPTY).unwrap(), (0, ServedBy::Daemon));
+}
+
+#[test]
+fn a_worker_that_hangs_before_it_serves_is_replaced() {
+    let mut daemon = TestDaemon::start(HANGING, &["--gpu", "none"]);
+    daemon.kill();
+    std::fs::write(daemon.path().join("hang"), "").unwrap();
+    daemon.restart();
+    eventually("a worker hangs", || (!daemon.path().join("hang").exists()).then_some(()));
+    let mut session = eventually("another serves", || daemon.session().connect().ok());
     assert_eq!(frame(&mut session, Aabb::EMPTY).unwrap(), (0, ServedBy::Daemon));
 }
 
