@@ -38,9 +38,9 @@ pub fn outlive_kills(daemon: &mut TestDaemon, mut frame: impl FnMut(usize) -> Se
         match i {
             // In turn, the worker alone is killed, which its supervisor replaces, or the whole
             // daemon, which stays away for a while. The kills come at any time of a frame.
-            100 | 500 => daemon.signal_worker(Signal::KILL),
-            200 | 600 => daemon.kill(),
-            300 | 700 => daemon.restart(),
+            100 | 501 => daemon.signal_worker(Signal::KILL),
+            200 | 601 => daemon.kill(),
+            300 | 701 => daemon.restart(),
             _ => {}
         }
         match frame(i) {
@@ -49,8 +49,9 @@ pub fn outlive_kills(daemon: &mut TestDaemon, mut frame: impl FnMut(usize) -> Se
         }
     }
     assert!(there > 0 && here >= 200, "{there} by the daemon, {here} in process");
+    // Frames of each kind that take turns.
     eventually("the session comes back to the daemon", || {
-        (frame(0) == ServedBy::Daemon).then_some(())
+        (0..6).all(|i| frame(i) == ServedBy::Daemon).then_some(())
     });
 }
 

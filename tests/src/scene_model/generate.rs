@@ -146,7 +146,9 @@ impl Maker {
             (Kind::Large, _) => 200 + below(600),
             (Kind::Huge, _) => 20_000 + below(80_001),
             (Kind::Shared, 0..4) => 1,
-            (Kind::Shared, _) => 1 + below(4),
+            (Kind::Shared, 4..7) => 1 + below(4),
+            // More than a word of indices.
+            (Kind::Shared, _) => 40 + below(60),
         };
         let limit = limit.unwrap_or(drawn);
         let world = match kind {

@@ -305,7 +305,12 @@ impl Subject for SessionScene<'_> {
                 return Err(format!("{:?}, {}", answer.served_by(), answer.engine()));
             }
             disturb(Moment::Answered(answer.served_by(), answer.engine()));
+            let by_daemon = answer.served_by() == ServedBy::Daemon;
             told.push((0, Some(Heard::from(&answer))));
+            drop(answer);
+            if expected.is_some() && by_daemon && !scene.is_empty() && scene.daemon_bytes() == 0 {
+                return Err("the daemon keeps the scene in no memory".into());
+            }
         }
         Ok(told)
     }

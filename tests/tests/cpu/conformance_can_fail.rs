@@ -63,41 +63,42 @@ const DENSE: Encoding = Encoding::Dense;
 const SPARSE: Encoding = Encoding::Sparse;
 const LIST: Encoding = Encoding::List;
 
-/// An encoding, how what is noticed begins, and what is done to the answer.
-type Case = (Encoding, &'static str, fn(&mut [u32], &mut CullReport));
+/// An encoding, how what is noticed begins (one of some), and what is done to the answer.
+type Case = (Encoding, &'static [&'static str], fn(&mut [u32], &mut CullReport));
 
-const CASES: [Case; 22] = [
-    (DENSE, "Missing", |words, _| {
+const CASES: [Case; 23] = [
+    (DENSE, &["Missing"], |words, _| {
         let word = words.iter_mut().find(|w| **w != 0).expect("a pair");
         *word &= *word - 1;
     }),
-    (DENSE, "Extra", |words, _| *words.iter_mut().find(|w| **w == 0).expect("a gap") = 1 << 31),
+    (DENSE, &["Extra"], |words, _| *words.iter_mut().find(|w| **w == 0).expect("a gap") = 1 << 31),
     // The count stays.
-    (DENSE, "", |words, _| {
+    (DENSE, &["Missing", "Extra"], |words, _| {
         let at = words.iter().position(|w| *w != 0 && *w != !0).expect("a pair");
         words[at] = words[at].rotate_left(1);
     }),
     // 345 boxes have 59,340 pairs, so that the last word uses 12 bits.
-    (DENSE, "Mask(DirtyTail", |words, _| *words.last_mut().expect("words") |= 1 << 31),
-    (SPARSE, "Missing", |_, report| shorten(report, 1)),
-    (SPARSE, "Mask(Unsorted(1))", |words, report| double(words, report)),
-    (SPARSE, "Mask(ZeroWord(0))", |words, report| words[bits_start(report)] = 0),
-    (LIST, "Missing", |_, report| shorten(report, 2)),
-    (LIST, "Mask(HalfPair", |_, report| shorten(report, 1)),
-    (LIST, "Mask(Doubled", |words, _| words.copy_within(0..2, 2)),
-    (LIST, "Mask(NotAPair { number: 1", |words, _| words.swap(2, 3)),
-    (LIST, "Mask(NotAPair { number: 0", |words, _| words[1] = 345),
+    (DENSE, &["Mask(DirtyTail"], |words, _| *words.last_mut().expect("words") |= 1 << 31),
+    (SPARSE, &["Missing"], |_, report| shorten(report, 1)),
+    (SPARSE, &["Mask(Unsorted(1))"], |words, report| double(words, report)),
+    (SPARSE, &["Mask(ZeroWord(0))"], |words, report| words[bits_start(report)] = 0),
+    (LIST, &["Missing"], |_, report| shorten(report, 2)),
+    (LIST, &["Mask(HalfPair"], |_, report| shorten(report, 1)),
+    (LIST, &["Mask(Doubled"], |words, _| words.copy_within(0..2, 2)),
+    (LIST, &["Mask(NotAPair { number: 1"], |words, _| words.swap(2, 3)),
+    (LIST, &["Mask(NotAPair { number: 0"], |words, _| words[1] = 345),
     // Box 7 is empty, and overlaps nothing.
-    (LIST, "", |words, _| words[..2].copy_from_slice(&[7, 8])),
-    (SPARSE, "PairCount", |_, report| report.pair_count += 1),
-    (SPARSE, "Census", |_, report| report.census.invalid += 1),
-    (SPARSE, "Census", |_, report| report.census.empty -= 1),
-    (SPARSE, "Census", |_, report| report.census.first_invalid[0] = 8),
-    (SPARSE, "Skip", |_, report| report.skipped.boxes += 1),
-    (SPARSE, "Skip", |_, report| report.skipped.pairs = 345 * 344 / 2),
-    (SPARSE, "Skip", |_, report| report.skipped.zero_words = u64::MAX),
-    (SPARSE, "Skip", |_, report| report.skipped.why.axis += 1),
-    (DENSE, "Skip", |_, report| report.skipped.zero_words = 1),
+    (LIST, &["Missing", "Extra"], |words, _| words[..2].copy_from_slice(&[7, 8])),
+    (SPARSE, &["PairCount"], |_, report| report.pair_count += 1),
+    (SPARSE, &["Census"], |_, report| report.census.invalid += 1),
+    (SPARSE, &["Census"], |_, report| report.census.empty -= 1),
+    (SPARSE, &["Census"], |_, report| report.census.first_invalid[0] = 8),
+    (SPARSE, &["Skip"], |_, report| report.skipped.boxes += 1),
+    (SPARSE, &["Skip"], |_, report| report.skipped.pairs = 345 * 344 / 2),
+    (SPARSE, &["Skip"], |_, report| report.skipped.pairs = u64::MAX),
+    (SPARSE, &["Skip"], |_, report| report.skipped.zero_words = u64::MAX),
+    (SPARSE, &["Skip"], |_, report| report.skipped.why.axis += 1),
+    (DENSE, &["Skip"], |_, report| report.skipped.zero_words = 1),
 ];
 
 #[test]
@@ -107,7 +108,8 @@ fn each_spoilt_answer_is_noticed_and_a_right_one_passes() {
     }
     for (encoding, begins, spoil) in CASES {
         let said = verdict(encoding, spoil).map_err(|mismatch| format!("{mismatch:?}"));
-        assert!(said.as_ref().is_err_and(|said| said.starts_with(begins)), "{begins}: {said:?}");
+        let is_noticed = |said: &String| begins.iter().any(|begin| said.starts_with(begin));
+        assert!(said.as_ref().is_err_and(is_noticed), "{begins:?}: {said:?}");
     }
 }
 
@@ -190,6 +192,7 @@ fn pair_lists_are_compared_as_sets() {
     assert_eq!(check_pairs(&expected[1..], &expected), Err(Mismatch::Missing((0, 1))));
     assert_eq!(check_pairs(&expected, &expected[..2]), Err(Mismatch::Extra((4, 5))));
     assert_eq!(check_pairs(&[(0, 1), (0, 3)], &[(0, 1), (0, 2)]), Err(Mismatch::Missing((0, 2))));
+    assert_eq!(check_pairs(&[(0, 1)], &[]), Err(Mismatch::Extra((0, 1))));
     assert_eq!(check_pairs(&[(0, 1), (0, 1)], &[(0, 1)]), Err(Mismatch::Extra((0, 1))));
 }
 

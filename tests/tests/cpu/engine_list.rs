@@ -1,5 +1,4 @@
-//! Checks of the list of engines: unique names and numbers, descriptors that agree with the engines,
-//! and right answers.
+//! Checks of the list of engines: unique names and numbers, and descriptors that agree with the engines.
 
 use pairmask_tests::prelude::*;
 use std::collections::BTreeSet;

@@ -92,12 +92,16 @@ impl<'o> WithMargins<'o> {
 struct Margined<'a> {
     scene: MarginedScene,
     random: Random,
-    /// What is done while an edit is under way.
-    disturb: Box<dyn FnMut() + 'a>,
+    /// What is done while an edit is under way, and when something has answered it.
+    disturb: Box<dyn FnMut(Option<ServedBy>) + 'a>,
 }
 
 impl<'a> Margined<'a> {
-    fn new(session: &mut Session, script: &Script, disturb: impl FnMut() + 'a) -> Self {
+    fn new(
+        session: &mut Session,
+        script: &Script,
+        disturb: impl FnMut(Option<ServedBy>) + 'a,
+    ) -> Self {
         let scene = session.margined_scene(options(script), MarginedPairs::Exact);
         Self { scene, random: Random::new(script.events.len() as u64), disturb: Box::new(disturb) }
     }
@@ -105,7 +109,7 @@ impl<'a> Margined<'a> {
     fn edit(&mut self, turn: &Turn) -> Result<Option<Heard>, CommitError> {
         let with = WithMargins::new(&turn.ops, &mut self.random, self.scene.len());
         let pending = with.write(&mut self.scene).submit(turn.mode)?;
-        (self.disturb)();
+        (self.disturb)(None);
         if turn.fate == Fate::Abandoned {
             return Ok(None);
         }
@@ -113,11 +117,17 @@ impl<'a> Margined<'a> {
         if turn.fate == Fate::Acknowledged {
             answer = answer.take();
         }
-        let heard = heard!(answer);
+        let (heard, by) = (heard!(answer), answer.served_by());
         drop(answer);
+        if by.is_some() {
+            (self.disturb)(by);
+        }
         for (index, b) in with.indices.iter().zip(&with.boxes) {
             let bits = |b: Aabb| <[f32; 6]>::from(b).map(f32::to_bits);
             assert_eq!(self.scene.get(*index).map(bits), Some(bits(*b)), "as it was set");
+        }
+        for index in with.removed.iter().filter(|index| !with.indices.contains(index)) {
+            assert_eq!(self.scene.get(*index), None, "removed");
         }
         Ok(Some(heard))
     }
@@ -141,7 +151,7 @@ impl Subject for Margined<'_> {
 /// Holds scenes with margins to the model of scenes without.
 fn hold_exact(session: &mut Session, seed: u64, kinds: [(Kind, usize); 2]) {
     for (kind, edits) in kinds {
-        hold_without_rules(kind, seed, edits, |script| Margined::new(session, script, || ()));
+        hold_without_rules(kind, seed, edits, |script| Margined::new(session, script, |_| ()));
     }
 }
 
@@ -411,8 +421,15 @@ fn exact_changes_go_on_while_worker_and_daemon_are_killed() {
     let daemon = RefCell::new(TestDaemon::start(DAEMON, &["--gpu", "none"]));
     let mut session = daemon.borrow().session().backend(Backend::Auto).connect().unwrap();
     let (edits, random) = (Cell::new(0), RefCell::new(Random::new(11)));
+    let served = Cell::new([0, 0]);
     hold_without_rules(Kind::Small, 84_000, 240, |script| {
-        Margined::new(&mut session, script, || {
+        Margined::new(&mut session, script, |by| {
+            if let Some(by) = by {
+                let [here, there] = served.get();
+                let is_there = usize::from(by == ServedBy::Daemon);
+                served.set([here + 1 - is_there, there + is_there]);
+                return;
+            }
             edits.set(edits.get() + 1);
             let mut daemon = daemon.borrow_mut();
             if edits.get() % 12 == 5 {
@@ -428,6 +445,8 @@ fn exact_changes_go_on_while_worker_and_daemon_are_killed() {
             }
         })
     });
+    let served = served.get();
+    assert!(served.iter().all(|count| *count > 0), "in process, by the daemon: {served:?}");
 }
 
 #[test]

@@ -81,6 +81,20 @@ fn every_mode_answers_as_it_is_defined_on_every_stress_scene() {
 }
 
 #[test]
+fn every_mode_answers_as_it_is_defined_by_each_engine_of_a_gpu() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "software"]);
+    for engine in [EngineName::GpuBrute, EngineName::GpuGrid] {
+        let mut session = daemon.session().engine(EngineChoice::Only(engine)).connect().unwrap();
+        for n in [2, 345] {
+            let boxes = stress_scenes::named("uniform").boxes(n, 5);
+            for precision in all_modes(&boxes) {
+                check(&mut session, &boxes, precision, false, "uniform");
+            }
+        }
+    }
+}
+
+#[test]
 fn every_scene_in_motion_by_every_engine() {
     let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
     for engine in EngineName::CPU {

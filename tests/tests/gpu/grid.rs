@@ -142,7 +142,7 @@ fn every_form_has_the_bytes_of_the_mirror() {
 fn large_scenes_have_the_pairs_of_the_cpu_grid() {
     let mut gpu = gpu::grid(&GridOptions::default());
     let binding = gpu.gpu().limits().storage_binding_bytes;
-    // More in one place is more than a software adapter gets through (`gpu_crowds`).
+    // More in one place is more than a software adapter gets through (`crowds`).
     let crowd = if gpu.gpu().limits().thread_rounds == u32::MAX { 6_000 } else { 3_800 };
     let mut cpu = CpuGrid::new();
     for scene in stress_scenes::ALL {

@@ -48,16 +48,19 @@ fn conforms_in_many_bands() {
     // One batch of rows a band, and so several submissions at the largest size.
     let matrix_bytes = Some(2 * 256 * 4 * 6144 / 32);
     let mut narrow = engine(AllPairsOptions { matrix_bytes, ..Default::default() });
+    let mut usual = engine(AllPairsOptions::default());
     let suite = Suite { sizes: vec![70, 257, 700, 1234], ..Suite::default() };
     conform(&mut narrow, &suite);
     for scene in [&stress_scenes::ALL[0], stress_scenes::named("uniform")] {
         let boxes = scene.boxes(6000, 9);
         let truth = oracle::truth(&boxes);
-        for encoding in encodings_of(&narrow, truth.pairs.len() as u64) {
-            let mut reply = HeapReply::new();
-            let input = CullInput::boxes(&boxes).encoding(encoding);
-            check_frame(&mut narrow, &input, &truth, &mut reply)
-                .unwrap_or_else(|mismatch| panic!("{scene:?}, {encoding}: {mismatch}"));
+        for engine in [&mut narrow, &mut usual] {
+            for encoding in encodings_of(engine, truth.pairs.len() as u64) {
+                let mut reply = HeapReply::new();
+                let input = CullInput::boxes(&boxes).encoding(encoding);
+                check_frame(engine, &input, &truth, &mut reply)
+                    .unwrap_or_else(|mismatch| panic!("{scene:?}, {encoding}: {mismatch}"));
+            }
         }
     }
 }

@@ -135,6 +135,34 @@ fn check_hard_scenes(tools: &[Arc<SceneTools>], sizes: &[u32]) {
     }
 }
 
+/// Records grow past 4,096 indices, and shrink, with all that was told and what has not been.
+#[test]
+fn a_scene_grows_and_shrinks() {
+    let tools = [scene_tools(0, &GridOptions::default())];
+    let mut core = Scene::new(SceneOptions::default());
+    let mut gpu = GpuScene::shared(&tools, SceneOptions::default());
+    let uniform = stress_scenes::named("uniform");
+    let mut held = 0;
+    for target in [1u32, 10, 700, 7_000, 20_000, 6_500, 64, 1, 0, 30] {
+        for round in 0..3 {
+            let boxes = uniform.boxes(target, u64::from(target + round));
+            let steps = [
+                Step::Remove((target.min(held)..held).into()),
+                Step::Set(Sets { indices: (0..target).into(), boxes: &boxes }),
+            ];
+            let want = if round == 1 { Want::Moved } else { Want::Changes };
+            edit_both(&mut core, &mut gpu, &steps, want, &format!("{target} boxes"));
+            // What a size was reached by is told together with what follows.
+            if round > 0 {
+                core.take();
+                gpu.take();
+            }
+            held = target;
+        }
+    }
+    assert!(gpu.video_bytes() > 0 && gpu.allocated_bytes() < 16 << 20);
+}
+
 /// Records that are made anew have no names of boxes: an edit that asks for moved pairs finds them all the same.
 #[test]
 fn moved_pairs_are_told_where_records_are_made_anew() {
