@@ -431,6 +431,8 @@ pub(super) enum Received {
 pub(super) struct Vigil {
     heart: Option<Stillness>,
     look_at: Option<Instant>,
+    /// When it was first seen to have no file for a client, as this one may be.
+    full_since: Option<Instant>,
 }
 
 enum Seen {
@@ -455,8 +457,12 @@ impl Vigil {
         if !link.is_alive() {
             return Seen::Dead;
         }
+        // A long first frame beside a client that is not served is no sign: it has this time.
         if !link.has_answered() && link.daemon.is_full() {
-            return Seen::Full;
+            let since = *self.full_since.get_or_insert(now);
+            if now.saturating_duration_since(since) >= SILENT_AFTER {
+                return Seen::Full;
+            }
         }
         if !link.leaves_silent {
             return Seen::Running;

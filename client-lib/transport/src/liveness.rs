@@ -20,7 +20,7 @@ use crate::instance::{DaemonRecord, RuntimeDir};
 use crate::trust::{Others, check_file, io_error, open_plain};
 
 /// Time between two beats. A reader that misses seven of them takes the daemon for stopped; 50 writes of
-/// eight bytes a second take 0.05 % of a core.
+/// sixteen bytes a second take 0.05 % of a core.
 pub const BEAT_INTERVAL: Duration = Duration::from_millis(20);
 /// A heartbeat that stands still for this long is that of a daemon that does not run: a client that may
 /// answers its frame itself then, 200 ms after it was sent at the latest.

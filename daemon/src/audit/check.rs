@@ -66,6 +66,7 @@ fn compare<T>(
 
 #[cfg(test)]
 mod tests {
+    // Rules are filled as users fill them.
     #![allow(clippy::field_reassign_with_default)]
     use std::sync::Arc;
 
@@ -81,8 +82,6 @@ mod tests {
     use super::*;
     use crate::audit::window::{Reach, Span2};
     use crate::scene::Random;
-
-    // Rules are filled as users fill them.
 
     type Sent = Option<Arc<SentRules>>;
 

@@ -67,8 +67,9 @@ fn beat(
     let (mut last_round, mut full_until) = (0, None);
     while !stop.load(Ordering::Relaxed) {
         if has_no_files.swap(false, Ordering::Relaxed) {
-            let before = full_until.replace(Instant::now() + FULL_FOR);
-            if let (None, Some(limit)) = (before, no_files_left()) {
+            let now = Instant::now();
+            let is_news = full_until.replace(now + FULL_FOR).is_none_or(|until| until < now);
+            if let Some(limit) = no_files_left().filter(|_| is_news) {
                 log::error!("new clients are not served: {limit}");
             }
         }

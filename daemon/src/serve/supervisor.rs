@@ -29,6 +29,7 @@ use signal_hook::consts::{SIGINT, SIGTERM};
 use signal_hook::low_level::pipe;
 
 use super::{ServeError, ServeSettings};
+use crate::execute::gpu::GpuChoices;
 
 /// How long to wait for the lock of a supervisor that is gone. One that lives is not waited for.
 const PREDECESSOR_LETS_GO: Duration = Duration::from_secs(1);
@@ -43,9 +44,11 @@ const LOOK_INTERVAL: Duration = Duration::from_millis(50);
 /// supervisor too, which looks at nothing meanwhile.
 const STOPPED_FOR: Duration = Duration::from_millis(400);
 
-/// A worker that does not serve after this long is replaced. It takes 20 to 200 ms, GPUs join later; the
-/// transport waits without end for files that a killed predecessor had just begun.
+/// A worker that does not serve after this long, in this process's own looks, is replaced. It takes 20 to 200
+/// ms, GPUs join later; the transport waits without end for files that a killed predecessor had just begun.
 const STARTS_WITHIN: Duration = Duration::from_secs(10);
+/// With `--gpu all` it lists the GPUs first, which takes seconds for each that sleeps.
+const LISTS_WITHIN: Duration = Duration::from_secs(60);
 
 /// Open files of a worker without clients: pipes, ports, devices and engines.
 const OWN_FILES: u64 = 128;
@@ -232,7 +235,11 @@ fn watch(
     let pid = i32::try_from(worker.id()).ok().and_then(Pid::from_raw);
     let process = pid.and_then(|pid| pidfd_open(pid, PidfdFlags::empty()).ok());
     let mut pipe = worker.stdin.take();
-    let (mut heart, started, mut has_served) = (HeartWatch::new(), Instant::now(), false);
+    let mut heart = HeartWatch::new();
+    let starts_within = if settings.gpu == GpuChoices::All { LISTS_WITHIN } else { STARTS_WITHIN };
+    // Until it has served: for how long it has not. One that was killed is waited for alone.
+    let mut start = Some(Stillness::new(Some(0), Instant::now(), 2 * LOOK_INTERVAL));
+    let mut is_killed = false;
     loop {
         dying.reap(settings);
         if let Some(status) = worker.try_wait().map_err(failed("watching the worker"))? {
@@ -242,31 +249,34 @@ fn watch(
         match signals.wait(watched, LOOK_INTERVAL) {
             Waited::Signal => return Ok(End::Asked),
             Waited::Event if pipe.take().is_some() => {
-                if settings.dir.read_record(&settings.instance).is_some() {
+                if is_killed || settings.dir.read_record(&settings.instance).is_some() {
                     return Ok(End::FilesClosed);
                 }
             }
             Waited::Event | Waited::Nothing => {}
         }
-        has_served = has_served || settings.dir.read_record(&settings.instance).is_some();
-        if !has_served {
+        if is_killed {
+            continue;
+        }
+        if start.is_some() && settings.dir.read_record(&settings.instance).is_some() {
+            start = None;
+        }
+        let now = Instant::now();
+        let begins_late = start.as_mut().is_some_and(|start| {
             remove_hollow_files(&settings.dir, &settings.instance);
-            if started.elapsed() > STARTS_WITHIN {
-                log::error!(
-                    "the worker of '{}' does not begin to serve: it is killed",
-                    settings.instance
-                );
-                worker.kill().map_err(failed("killing the worker"))?;
-            }
-        }
+            start.look(Some(0), now) > starts_within
+        });
         let beats = heart.beats(settings);
-        if heart.stands_still(beats, pid.is_some_and(is_stopped), Instant::now()) {
-            log::error!(
-                "the worker of '{}' is stopped and answers nobody: it is killed",
-                settings.instance
-            );
-            worker.kill().map_err(failed("killing the worker"))?;
-        }
+        let why = if heart.stands_still(beats, pid.is_some_and(is_stopped), now) {
+            "is stopped and answers nobody"
+        } else if begins_late {
+            "does not begin to serve"
+        } else {
+            continue;
+        };
+        log::error!("the worker of '{}' {why}: it is killed", settings.instance);
+        worker.kill().map_err(failed("killing the worker"))?;
+        is_killed = true;
     }
 }
 
