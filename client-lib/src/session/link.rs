@@ -1,4 +1,5 @@
-//! A client's end of the connection to a daemon.
+//! A client's end of the connection to a daemon: ports, memory of frames, and the wait for answers. One file,
+//! because a frame's memory keeps the link alive, and the link grows and takes that memory back.
 
 use std::hash::{BuildHasher, Hasher, RandomState};
 use std::io::ErrorKind;

@@ -1,5 +1,5 @@
 //! Processes that die, forge messages or run out of memory. The other side goes on with right
-//! answers.
+//! answers. One file, because each fault is a test of its own that shares the same client and comparisons.
 
 use std::os::unix::fs::PermissionsExt;
 use std::os::unix::process::CommandExt;

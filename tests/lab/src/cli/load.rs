@@ -1,5 +1,6 @@
 //! `load`: latency of clients at a pace, several at a time or of differing sizes: processes that start
-//! together, while this process reads what the daemon uses.
+//! together, while this process reads what the daemon uses. One file, because the command and its client
+//! processes are two ends of one protocol.
 
 use std::fmt;
 use std::io;
