@@ -30,8 +30,19 @@ impl FaultClient {
 
     /// Lets it cause its fault.
     pub fn go(&mut self) {
-        self.process.stdin.take().expect("once").write_all(b"go\n").expect("it reads");
+        self.process.stdin.as_mut().expect("once").write_all(b"go\n").expect("it reads");
         assert_eq!(self.next_line(), "ready");
+    }
+
+    /// Whether it has ended by itself.
+    pub fn has_ended(&mut self) -> bool {
+        self.process.try_wait().expect("a child").is_some()
+    }
+
+    /// Ends its input, and returns what else it prints.
+    pub fn end(mut self) -> Vec<String> {
+        drop(self.process.stdin.take());
+        self.said.by_ref().map_while(Result::ok).collect()
     }
 
     /// The next line that it prints.

@@ -21,6 +21,7 @@ mod services;
 mod status_file;
 mod trust;
 mod turn;
+mod umask;
 
 pub use alarm::sleep_until;
 pub use cleanup::{clean_if_abandoned, remove_hollow_files, segment_file};

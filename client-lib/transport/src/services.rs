@@ -31,6 +31,7 @@ use pairmask_wire::{InstanceName, PAGE_BYTES, Page, RequestHeader, ResponseHeade
 use crate::instance::{RuntimeDir, SHM_DIR};
 use crate::process_limits::{self, LimitError};
 use crate::room;
+use crate::umask::with_own_umask;
 
 /// A node of a client. Sessions may move between threads.
 pub type ClientNode = Node<ipc_threadsafe::Service>;
@@ -449,10 +450,7 @@ impl Services<ipc_threadsafe::Service> {
     /// # Errors
     /// [`TransportError`].
     pub fn wake_ports(&self) -> Result<(WakeDaemon, WakeClient), TransportError> {
-        let listener = self
-            .wake_daemon
-            .listener_builder()
-            .create()
+        let listener = with_own_umask(|| self.wake_daemon.listener_builder().create())
             .map_err(|e| TransportError::new("creating the daemon's listener", &e))?;
         let notifier = self
             .wake_client
@@ -599,11 +597,11 @@ impl Services<ipc_threadsafe::Service> {
         let failed = |e: TransportError| OpenError::of_step(0, e.into());
         let name = listener_name(client_token)
             .ok_or_else(|| TransportError::new("naming the listener", &client_token))?;
-        let listener =
-            self.wake_client.listener_builder().name(&name).create().map_err(|e| match e {
-                ListenerCreateError::ExceedsMaxSupportedListeners => OpenError::TooManyClients,
-                other => failed(TransportError::new("creating the listener", &other)),
-            })?;
+        let create = || self.wake_client.listener_builder().name(&name).create();
+        let listener = with_own_umask(create).map_err(|e| match e {
+            ListenerCreateError::ExceedsMaxSupportedListeners => OpenError::TooManyClients,
+            other => failed(TransportError::new("creating the listener", &other)),
+        })?;
         let notifier = self.wake_daemon.notifier_builder().create().map_err(|e| match e {
             NotifierCreateError::ExceedsMaxSupportedNotifiers => OpenError::TooManyClients,
             other => failed(TransportError::new("creating the notifier", &other)),

@@ -10,6 +10,9 @@
 //! * `pile` submits a frame of boxes in one place, which takes long, and prints `answered` once it has its answer;
 //! * `truncate` cuts its own segment short while the daemon (stopped by the test) has a request;
 //!
+//! * `right` compares its answers with the oracle, until its input ends: it says `wrong` where one is not right, and at
+//!   the end how many were.
+//!
 //! Three modes print what they find and end:
 //!
 //! * `full` fills larger and larger frames until the memory runs out, `full-spheres` such of spheres;
@@ -24,12 +27,15 @@ use std::time::Duration;
 use pairmask::scene::Want;
 use pairmask::{Backend, FrameError, JoinOptions, PendingFrame, Session, SharedError};
 use pairmask_core::{Aabb, EngineChoice, Sphere};
+use pairmask_tests::frames::Sorted;
+use pairmask_tests::{oracle, stress_scenes};
 use pairmask_transport::FRAMES_AT_A_TIME;
 
 fn main() -> Result<(), Box<dyn Error>> {
     let mode = std::env::args().nth(1).unwrap_or_default();
     let engine = std::env::args().nth(2).map_or(Ok(EngineChoice::Auto), |name| name.parse())?;
-    let connected = Session::builder().backend(Backend::Daemon).engine(engine).connect();
+    let backend = if mode == "right" { Backend::Auto } else { Backend::Daemon };
+    let connected = Session::builder().backend(backend).engine(engine).connect();
     if mode == "connect" {
         match connected {
             Ok(_) => println!("connected"),
@@ -78,6 +84,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             let _refused = pending.wait();
             println!("answered");
         }
+        "right" => return right(&mut session),
         "shared" => return shared(&mut session),
         "truncate" => {
             let mut frame = session.frame(50_000)?;
@@ -159,6 +166,29 @@ fn fill_boxes(session: &mut Session, n: usize) -> Result<(), FrameError> {
 
 fn fill_spheres(session: &mut Session, n: usize) -> Result<(), FrameError> {
     session.sphere_frame(n).map(|mut frame| frame.spheres_mut().fill(Sphere::EMPTY))
+}
+
+/// Answers that are held to the oracle, until the input ends.
+fn right(session: &mut Session) -> Result<(), Box<dyn Error>> {
+    let scenes = [64, 500, 1500].map(|n| stress_scenes::named("uniform").boxes(n, u64::from(n)));
+    let scenes = scenes.map(|boxes| (oracle::truth(&boxes).pairs, boxes));
+    println!("ready");
+    let input = std::thread::spawn(|| std::io::stdin().lines().count());
+    let mut answers = 0_u64;
+    for (pairs, boxes) in scenes.iter().cycle() {
+        let mut frame = session.frame(boxes.len())?;
+        frame.boxes_mut().copy_from_slice(boxes);
+        let answer = frame.submit()?.wait();
+        if !answer.as_ref().is_ok_and(|mask| mask.sorted() == *pairs) {
+            println!("wrong: {:?}", answer.err());
+        }
+        answers += 1;
+        if input.is_finished() {
+            break;
+        }
+    }
+    println!("{answers} answers");
+    Ok(())
 }
 
 /// Prints `ready`, and holds its memory until killed.

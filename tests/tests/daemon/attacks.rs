@@ -18,6 +18,7 @@ use pairmask_tests::attackers::raw::{
     CHANNEL_ID, CLIENT_ID, REQUEST_ID, RawClient, answer, cull, read, word, write,
 };
 use pairmask_tests::attackers::shared::SHARED_SCENE;
+use pairmask_tests::fault_client::FaultClient;
 use pairmask_tests::filtered_frames::{FilteredFrame, KINDS};
 use pairmask_tests::prelude::*;
 use pairmask_tests::scene_model::{Edits, Grouped, Kind, SessionScene, hold};
@@ -28,6 +29,7 @@ use rustix::process::{Pid, kill_process};
 
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
 const ATTACKER: &str = env!("CARGO_BIN_EXE_attacker");
+const FAULT_CLIENT: &str = env!("CARGO_BIN_EXE_fault_client");
 
 fn scene(n: u32, seed: u64) -> Vec<Aabb> {
     stress_scenes::named("uniform").boxes(n, seed)
@@ -322,11 +324,40 @@ fn memory_cut_while_it_is_read_kills_a_worker_at_most() {
     assert!(counts["rounds"] > 0, "{counts:?}");
 }
 
-/// Random words in the queues may kill a worker, but not make it hang.
+/// Random words in the queues may kill a worker, but not make it hang. A worker that goes where they lead
+/// may write into another client's queues before it dies, and that client dies of them. So honest
+/// clients are processes here, one after the other. No answer is wrong.
 #[test]
-fn scribbled_queues_kill_a_worker_at_most() {
-    let (counts, _) = live_beside("scribble", "16");
+fn scribbled_queues_kill_processes_at_most() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    let start = || {
+        let mut honest = FaultClient::start(FAULT_CLIENT, &daemon, &["right", "auto"]);
+        honest.go();
+        honest
+    };
+    let (mut honest, mut said, mut died) = (start(), Vec::new(), 0);
+    let attacker = Attacker::start(daemon.path(), "scribble");
+    let end = Instant::now() + attack_time();
+    while Instant::now() < end {
+        std::thread::sleep(Duration::from_millis(10));
+        if honest.has_ended() {
+            said.extend(std::mem::replace(&mut honest, start()).end());
+            died += 1;
+        }
+    }
+    let counts = attacker.end();
+    let mut session = daemon.session().backend(Backend::Auto).connect().unwrap();
+    let mut frames = InTurn::new(&[64]);
+    eventually("the daemon serves again", || {
+        (frames.check(&mut session).unwrap() == ServedBy::Daemon).then_some(())
+    });
+    if honest.has_ended() {
+        honest = start();
+    }
+    said.extend(honest.end());
+    println!("honest: {said:?}, {died} died; attacker {counts:?}");
     assert!(counts["rounds"] > 0, "{counts:?}");
+    assert!(said.iter().all(|line| line.ends_with(" answers")), "{said:?}");
 }
 
 /// Frames answered to an honest client beside an attacker, and to the attacker.

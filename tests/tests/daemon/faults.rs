@@ -14,7 +14,7 @@ use pairmask_tests::prelude::*;
 use pairmask_tests::spheres::{check_mask, cull, whole_scene};
 use pairmask_transport::{DaemonRecord, Heartbeat, RuntimeDir, Services};
 use pairmask_wire::{CullRequest, InstanceName, RequestHeader, ScenePlace, StatusCode, Version};
-use rustix::process::kill_process;
+use rustix::process::{Pid, getpid, kill_process};
 
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
 const FAULT_CLIENT: &str = env!("CARGO_BIN_EXE_fault_client");
@@ -561,6 +561,31 @@ fn another_users_daemon_is_named() {
             "{dir_mode:o} {record_mode:o}: {said}"
         );
     }
+}
+
+/// The umask of a process.
+fn umask(process: Pid) -> String {
+    let status = std::fs::read_to_string(format!("/proc/{}/status", process.as_raw_nonzero()));
+    let status = status.expect("a process that lives");
+    status.lines().find(|line| line.starts_with("Umask:")).expect("a umask").to_owned()
+}
+
+/// The transport changes the umask for each listener: not that of the process that connects.
+#[test]
+fn sessions_that_connect_at_once_leave_the_umask_alone() {
+    let daemon = TestDaemon::start(DAEMON, &[]);
+    let processes = [getpid(), daemon.worker()];
+    let before = processes.map(umask);
+    let connected = std::thread::scope(|scope| {
+        let connect = || (0..10).filter(|_| daemon.session().connect().is_ok()).count();
+        let threads: Vec<_> = (0..4).map(|_| scope.spawn(connect)).collect();
+        while threads.iter().any(|thread| !thread.is_finished()) {
+            assert_eq!(processes.map(umask), before);
+        }
+        threads.into_iter().map(|thread| thread.join().unwrap()).sum::<usize>()
+    });
+    assert_eq!(connected, 40);
+    assert_eq!(processes.map(umask), before);
 }
 
 #[test]
