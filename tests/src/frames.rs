@@ -1,9 +1,11 @@
 //! Frames of sessions, as most tests ask for them.
 
-use pairmask::{PairMask, PendingFrame, Session};
+use pairmask::{PairMask, PendingFrame, ServedBy, Session};
 use pairmask_core::Aabb;
 use pairmask_core::mask::MaskView;
 use pairmask_core::oracle::Pair;
+
+use crate::daemon::eventually;
 
 /// Whole frames in a call.
 pub trait Frames {
@@ -24,6 +26,14 @@ impl Frames for Session {
     fn answer(&mut self, boxes: &[Aabb]) -> PairMask {
         self.ask(boxes).wait().expect("a frame is answered")
     }
+}
+
+/// Asks until the expected side answers. A session of `Backend::Auto` answers by itself where the machine
+/// is so busy that the daemon's heartbeat stands still; it has a daemon's answer again soon after.
+pub fn served_by(expected: ServedBy, mut ask: impl FnMut() -> PairMask) -> PairMask {
+    eventually("the expected side answers", || {
+        Some(ask()).filter(|mask| mask.info().served_by == expected)
+    })
 }
 
 /// What a mask holds, in the oracle's order.

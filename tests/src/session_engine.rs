@@ -7,6 +7,8 @@ use pairmask_core::engine::{
 };
 use pairmask_core::mask::EncodingChoice;
 
+use crate::frames::{Frames, served_by};
+
 /// A session for each encoding, and the side that must serve it.
 #[derive(Debug)]
 pub struct SessionEngine {
@@ -39,11 +41,9 @@ impl Engine for SessionEngine {
     ) -> Result<CullReport, CullError> {
         let (boxes, _) = input.f32_boxes(self.engine)?;
         let session = &mut self.sessions[input.encoding.place()];
-        let mut frame = session.frame(boxes.len()).expect("memory for a frame");
-        frame.boxes_mut().copy_from_slice(boxes);
-        let mask = frame.submit().expect("a frame is sent").wait().expect("a frame is answered");
+        let mask = served_by(self.expected, || session.answer(boxes));
         let info = mask.info();
-        assert_eq!((info.served_by, info.engine), (self.expected, self.engine.into()));
+        assert_eq!(info.engine, self.engine);
         assert_eq!(mask.pairs().count() as u64, mask.count(), "the decoder finds what was counted");
         mask.view().verify().expect("a mask by the rules");
         let extent = mask.shape().extent_words();

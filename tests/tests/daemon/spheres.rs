@@ -4,6 +4,7 @@
 use pairmask::FrameInfo;
 use pairmask_core::ObjectForm;
 use pairmask_lab::stress::SphereCase;
+use pairmask_tests::frames::served_by;
 use pairmask_tests::prelude::*;
 use pairmask_tests::refuser::beside_refuser;
 use pairmask_tests::spheres::{check_mask, cull, hard_scene, truth, whole_scene};
@@ -25,10 +26,9 @@ struct Lane {
 
 impl Lane {
     fn check(&mut self, spheres: &[Sphere], truth: &oracle::Truth) {
-        let mask = cull(&mut self.session, spheres);
+        let mask = served_by(self.expected, || cull(&mut self.session, spheres));
         let info: FrameInfo = *mask.info();
         let what = format!("{}, {} spheres, {}", self.what, spheres.len(), info.engine);
-        assert_eq!(info.served_by, self.expected, "{what}");
         assert_eq!((info.form, info.widening), (ObjectForm::Spheres, Widening::None), "{what}");
         assert_eq!(info.box_bytes, 16 * spheres.len() as u64, "{what}");
         mask.view().verify().unwrap();
