@@ -5,4 +5,4 @@ pub use pairmask_core::engine::{Census, PairSkips, SkipMeter};
 pub use pairmask_core::objects::ObjectForm;
 pub use pairmask_core::precision::{BoxForm, Widening};
 
-pub use crate::session::MarginedSceneStats;
+pub use crate::session::MarginStats;

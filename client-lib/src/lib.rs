@@ -59,7 +59,7 @@
 //! | [`Session::narrow_frame`] | 12 or 6 | boxes with less [`Precision`]: fewer bytes, some extra pairs, none missed |
 //! | [`Session::sphere_frame`] | 16 | bounding spheres in place of boxes, exact |
 //! | [`Session::scene`] | what changes | scenes that persist: edits in, pairs that began and ended out; few boxes move, or changes are what you need |
-//! | [`Session::margined_scene`] | what leaves its margin | the same, where many boxes move a little |
+//! | the same with [margins](scene::SceneMargins) | what leaves its margin | where many boxes move a little |
 //! | [`Session::join_scene`] | what changes | one scene that several processes write, each its own boxes |
 //!
 //! Frames of boxes may have rules ([`filters`], [`Frame::submit_with`]): worlds side by side, owners,
@@ -101,9 +101,9 @@ use pairmask_transport as transport;
 pub mod error;
 pub mod info;
 pub mod mask;
+pub mod scene;
 pub mod which_session;
 pub use pairmask_core::filters;
-pub use pairmask_core::scene;
 pub use pairmask_core::update;
 pub use pairmask_core::write;
 
@@ -117,9 +117,7 @@ pub use pairmask_core::units::BoxCount;
 pub use pairmask_wire::{InstanceName, StatusBody as DaemonStatus};
 pub use session::{
     Backend, CommitError, ConnectError, EndedIter, EndedList, FindError, Frame, FrameError,
-    FrameInfo, JoinOptions, MarginedAnswer, MarginedEdit, MarginedPairs, MarginedScene,
-    NarrowFrame, PairList, PairListIter, PairMask, PendingAnswer, PendingFrame, PendingMargined,
-    PendingShared, QueryAnswer, Scene, SceneAnswer, SceneEdit, SceneQuery, ServedBy, Session,
-    SessionBuilder, SharedAnswer, SharedEdit, SharedError, SharedScene, SphereFrame, StatusError,
-    WaitError,
+    FrameInfo, JoinOptions, NarrowFrame, PairList, PairListIter, PairMask, PendingAnswer,
+    PendingFrame, QueryAnswer, Scene, SceneAnswer, SceneEdit, SceneQuery, ServedBy, Session,
+    SessionBuilder, SharedError, SphereFrame, StatusError, WaitError,
 };

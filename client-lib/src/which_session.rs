@@ -8,7 +8,7 @@
 //! | most move, the bytes are the bottleneck, extra pairs do no harm | [`Session::narrow_frame`] | all, 12 or 6 bytes | all pairs, and some that are near |
 //! | bounding spheres, or circles in a plane | [`Session::sphere_frame`] | all, 16 bytes | all pairs, exact |
 //! | few of many move, or you need what began and ended | [`Session::scene`] | those that changed | as you [want](Want) |
-//! | many or all move a little, some far | [`Session::margined_scene`] | those that left their [margin](#margins-a-box) | as you want, of near or of exact pairs |
+//! | many or all move a little, some far | [`Session::scene`] with margins | those that left their [margin](#margins-a-box) | as you want, of near or of exact pairs |
 //! | several processes write one world | [`Session::join_scene`]: each leases indices and commits its own boxes, tick by tick | those that changed | changes of its own pairs, or of all |
 //!
 //! * A frame looks at every box. Its time does not depend on how many of them moved, unless none did: a
@@ -183,8 +183,8 @@
 //!
 //! # Margins a box
 //!
-//! [`Session::margined_scene`] keeps a scene of boxes that are inflated, each by a margin of its own. You set
-//! all boxes that moved. What lies within its inflated self is not sent, and an edit that sends nothing asks
+//! A scene whose [options](crate::scene::SceneOptions) have margins sends boxes that are inflated, each by the usual
+//! margin or by its own. You set all boxes that moved. What lies within its inflated self is not sent, and an edit that sends nothing asks
 //! nobody.
 //!
 //! * [`MarginedPairs::Near`]: pairs of the inflated boxes. They live longer than overlaps, as physics engines
@@ -197,30 +197,31 @@
 //! * Boxes that leave their margin in each frame cost more than in a plain scene.
 //!
 //! ```
-//! use pairmask::scene::{SceneOptions, Want};
-//! use pairmask::{Aabb, Margin, MarginedPairs, Session};
+//! use pairmask::scene::{MarginedPairs, SceneOptions, Want};
+//! use pairmask::{Aabb, Margin, Session};
 //!
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
 //! let mut session = Session::builder().connect()?;
-//! let mut scene = session.margined_scene(SceneOptions::default(), MarginedPairs::Exact);
-//! let at = |x: f32| Aabb::new([x, 0.0, 0.0], [x + 1.0, 1.0, 1.0]);
 //! let margin = Margin::new(0.25)?;
+//! let options = SceneOptions::default().with_margins(MarginedPairs::Exact, margin);
+//! let mut scene = session.scene(options);
+//! let at = |x: f32| Aabb::new([x, 0.0, 0.0], [x + 1.0, 1.0, 1.0]);
 //!
 //! // A row of 1,000 that sway, 1.125 units apart. One of them teleports in each frame.
 //! let mut row: Vec<Aabb> = (0..1_000).map(|i| at(1.125 * i as f32)).collect();
-//! drop(scene.edit().set_all(0..1_000, &row, margin).commit(Want::Changes)?.take());
+//! drop(scene.edit().set_all(0..1_000, &row).commit(Want::Changes)?.take());
 //! for frame in 0..16 {
 //!     let sway = if frame % 2 == 0 { 0.125 } else { 0.0 };
 //!     for (i, b) in row.iter_mut().enumerate().skip(1).step_by(2) {
 //!         *b = at(1.125 * i as f32 + sway);
 //!     }
 //!     row[0] = at(2_000.0 + frame as f32);
-//!     let answer = scene.edit().set_all(0..1_000, &row, margin).commit(Want::Changes)?.take();
+//!     let answer = scene.edit().set_all(0..1_000, &row).commit(Want::Changes)?.take();
 //!     let touch = if frame % 2 == 0 { answer.begun().len() } else { answer.ended().len() };
 //!     assert_eq!(touch, 499, "each that sways with the one to its right");
 //! }
 //! // Of 17,000 boxes set.
-//! assert_eq!(scene.stats().sent, 1_016);
+//! assert_eq!(scene.margin_stats().expect("it has margins").sent, 1_016);
 //! # Ok(())
 //! # }
 //! ```

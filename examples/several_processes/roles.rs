@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use pairmask::scene::Want;
 use pairmask::scene::shared::Hears;
-use pairmask::{Aabb, Backend, JoinOptions, Session, SharedError, SharedScene};
+use pairmask::{Aabb, Backend, JoinOptions, Scene, Session, SharedError};
 
 use crate::arguments::Arguments;
 
@@ -21,7 +21,7 @@ const MOVING_SHARE: u32 = 10;
 /// A member waits so long for a range of indices, or for the daemon.
 const PATIENCE: Duration = Duration::from_secs(10);
 
-fn join(hears: Hears) -> Result<(Session, SharedScene), Box<dyn Error>> {
+fn join(hears: Hears) -> Result<(Session, Scene), Box<dyn Error>> {
     let mut session = Session::builder().backend(Backend::Daemon).connect()?;
     let options = JoinOptions::default().with_tick_deadline(DEADLINE).hearing(hears);
     let scene = session.join_scene(SCENE, options)?;
@@ -148,7 +148,7 @@ pub fn listen(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
         if printed.elapsed() > Duration::from_millis(200) || seen == arguments.ticks {
             printed = Instant::now();
             let bar = "#".repeat((pairs * 40 / (4 * u64::from(arguments.boxes) + 1)) as usize % 60);
-            println!("tick {:6}  {pairs:7} pairs  {bar}", answer.tick());
+            println!("tick {:6}  {pairs:7} pairs  {bar}", answer.tick().unwrap_or_default());
         }
     }
     println!("{begun} pairs began, {ended} ended; in {late} of {seen} ticks a writer was late");

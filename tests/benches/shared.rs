@@ -12,7 +12,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 use clap::Parser;
-use pairmask::{JoinOptions, SharedScene};
+use pairmask::{JoinOptions, Scene};
 use pairmask_tests::measure::percentile;
 use pairmask_tests::prelude::*;
 use pairmaskd::spawn::{PrivateDaemon, PrivateSettings};
@@ -57,11 +57,7 @@ fn moving(range: std::ops::Range<u32>, tick: u64, share: u32) -> Vec<u32> {
     range.filter(|index| (u64::from(*index) * 37 + tick) % 100 < u64::from(share)).collect()
 }
 
-fn commit(
-    scene: &mut SharedScene,
-    indices: &[u32],
-    boxes: &[Aabb],
-) -> Result<(), pairmask::SharedError> {
+fn commit(scene: &mut Scene, indices: &[u32], boxes: &[Aabb]) -> Result<(), pairmask::CommitError> {
     let answer = scene.edit().set_all(indices, boxes).commit(Want::Changes)?.take();
     black_box((answer.begun().len(), answer.ended().len()));
     Ok(())

@@ -275,6 +275,9 @@ typedef struct {
   size_t excluded_count;
 } pm_rules_desc;
 
+// Whether a scene's boxes have margins, and which pairs it tells: one of `PM_MARGINS_...`.
+typedef uint32_t pm_margins;
+
 // Settings of a scene. Zeros mean that the library chooses.
 typedef struct {
   // `sizeof(pm_scene_options)`.
@@ -283,6 +286,10 @@ typedef struct {
   uint32_t most_boxes;
   // Threads of this process that the scene may use.
   uint32_t threads;
+  // `PM_MARGINS_...`: with margins, a box is sent only when it has left its own.
+  pm_margins margins;
+  // The margin of boxes that are set without one.
+  float usual_margin;
 } pm_scene_options;
 
 // A scene that persists: boxes stay from answer to answer, edits go in, changes of pairs come out. It lives on
@@ -298,7 +305,7 @@ typedef struct {
   size_t struct_size;
   // Boxes, those that are switched off too; of a shared scene, this member's.
   uint64_t boxes;
-  // Bytes that this process keeps of the scene; 0 of a shared one.
+  // Bytes that this process keeps of the scene.
   uint64_t allocated_bytes;
   // Bytes that the daemon keeps of it, by its last answer; 0 where it has none, and of a shared scene.
   uint64_t daemon_bytes;
@@ -319,7 +326,7 @@ typedef struct {
   // 1 where changes were asked for and `pm_scene_pairs` has all pairs instead: forget the pairs that you
   // know. Else 0.
   uint32_t is_resync;
-  // What answered; 0 where nobody had to be asked.
+  // What answered.
   pm_served_by served_by;
   // Pairs that began.
   uint64_t begun;
@@ -335,7 +342,7 @@ typedef struct {
   uint64_t tick;
   // Of a shared scene: leases of writers that were late.
   uint64_t late;
-  // Name of the engine; empty where the answer does not name it.
+  // Name of the engine.
   pm_name engine;
 } pm_answer;
 
@@ -556,8 +563,8 @@ typedef struct {
 // An index has no box.
 #define PM_ERR_ABSENT 74
 
-// The scene has no rules.
-#define PM_ERR_NO_RULES 75
+// A box with a margin in a scene whose boxes have none.
+#define PM_ERR_NO_MARGINS 75
 
 // No memory of this process is left.
 #define PM_ERR_OUT_OF_MEMORY 76
@@ -624,6 +631,15 @@ typedef struct {
 
 // Something of note happened.
 #define PM_LOG_INFO 3
+
+// Boxes have no margins.
+#define PM_MARGINS_NONE 0
+
+// Answers are those of the boxes as they were set.
+#define PM_MARGINS_EXACT 1
+
+// Near pairs are among the answers.
+#define PM_MARGINS_NEAR 2
 
 // From `first` to before `first + count`.
 #define PM_INDICES_RANGE 0
@@ -917,13 +933,6 @@ pm_code pm_scene_create(pm_session session,
                         const pm_scene_options *options,
                         pm_scene *scene);
 
-// Makes a scene where each box has a margin, and is sent only when it has left it. Answers are those of the boxes
-// as they were set where `exact` is set; else near pairs are among them.
-pm_code pm_scene_create_margined(pm_session session,
-                                 const pm_scene_options *options,
-                                 bool exact,
-                                 pm_scene *scene);
-
 // Drops a scene. A shared one is left.
 pm_code pm_scene_drop(pm_scene scene);
 
@@ -941,8 +950,7 @@ pm_code pm_scene_get_info(pm_scene scene,
                           pm_scene_info *info);
 
 // Asks which boxes of a scene some other boxes overlap. `tags` are null, or one for all, or one for each: then only
-// what may meet such a tag is found. The scene's answer ends. Only scenes without margins that are not shared
-// are asked.
+// what may meet such a tag is found. The scene's answer ends. Shared scenes are not asked.
 pm_code pm_scene_query(pm_scene scene,
                        const pm_box *boxes,
                        size_t n,
@@ -1002,12 +1010,13 @@ pm_indices pm_index_range(uint32_t first,
 pm_indices pm_index_list(const uint32_t *values,
                          size_t count);
 
-// Sets the box of an index; inserts it where there is none. The box is copied.
+// Sets the box of an index; inserts it where there is none. The box is copied. In a scene with margins it has the
+// usual one.
 pm_code pm_scene_set(pm_scene scene,
                      uint32_t index,
                      const pm_box *b);
 
-// As `pm_scene_set`, with a margin: for a scene that has some.
+// As `pm_scene_set`, with a margin of its own. A scene without margins knows that of 0 alone.
 pm_code pm_scene_set_margined(pm_scene scene,
                               uint32_t index,
                               const pm_box *b,
@@ -1019,8 +1028,7 @@ pm_code pm_scene_set_all(pm_scene scene,
                          const pm_box *boxes,
                          size_t n);
 
-// As `pm_scene_set_all`, with a margin for all boxes, or one for each: for a scene that has some. Margins are
-// copied.
+// As `pm_scene_set_all`, with a margin for all boxes, or one for each. Margins are copied.
 pm_code pm_scene_set_all_margined(pm_scene scene,
                                   pm_indices indices,
                                   const pm_box *boxes,

@@ -639,6 +639,15 @@ struct SessionOptions {
   bool answer_repeats = true;
 };
 
+// Settings of a scene. What is left out, the library chooses.
+struct SceneOptions {
+  std::uint32_t most_boxes = 0;
+  std::uint32_t threads = 0;
+  // With margins, a box is sent only when it has left its own.
+  pm_margins margins = PM_MARGINS_NONE;
+  float usual_margin = 0;
+};
+
 // What a member asks of a shared scene. What is left out, the first member or the daemon decides.
 struct JoinOptions {
   std::uint64_t tick_deadline_ns = 0;
@@ -700,17 +709,14 @@ public:
     pm_mask mask{};
     return made<Mask>(pm_session_cull(get(), boxes.data(), boxes.size(), rules.get(), &mask), mask);
   }
-  Result<Scene> scene(std::uint32_t most_boxes = 0, std::uint32_t threads = 0) {
-    const auto options = scene_options(most_boxes, threads);
+  Result<Scene> scene(const SceneOptions &options = {}) {
+    auto given = detail::sized<pm_scene_options>();
+    given.most_boxes = options.most_boxes;
+    given.threads = options.threads;
+    given.margins = options.margins;
+    given.usual_margin = options.usual_margin;
     pm_scene scene{};
-    return made<Scene>(pm_scene_create(get(), &options, &scene), scene);
-  }
-  // Answers are those of the boxes as they were set where `exact` is set; else near pairs are among them.
-  Result<Scene> margined_scene(bool exact, std::uint32_t most_boxes = 0,
-                               std::uint32_t threads = 0) {
-    const auto options = scene_options(most_boxes, threads);
-    pm_scene scene{};
-    return made<Scene>(pm_scene_create_margined(get(), &options, exact, &scene), scene);
+    return made<Scene>(pm_scene_create(get(), &given, &scene), scene);
   }
   Result<Scene> join_scene(const char *name, const JoinOptions &options = {}) {
     auto given = detail::sized<pm_join_options>();
@@ -735,12 +741,6 @@ public:
 private:
   template <class T, class H> static Result<T> made(pm_code code, H handle) {
     return code == PM_OK ? Result<T>(T(handle)) : Result<T>(Error::last(code));
-  }
-  static pm_scene_options scene_options(std::uint32_t most_boxes, std::uint32_t threads) noexcept {
-    auto options = detail::sized<pm_scene_options>();
-    options.most_boxes = most_boxes;
-    options.threads = threads;
-    return options;
   }
 
   detail::Handle<pm_session, pm_session_drop> handle_;

@@ -75,8 +75,8 @@ pub const PM_ERR_MARGINS: pm_code = 72;
 pub const PM_ERR_SET_TWICE: pm_code = 73;
 /// An index has no box.
 pub const PM_ERR_ABSENT: pm_code = 74;
-/// The scene has no rules.
-pub const PM_ERR_NO_RULES: pm_code = 75;
+/// A box with a margin in a scene whose boxes have none.
+pub const PM_ERR_NO_MARGINS: pm_code = 75;
 /// No memory of this process is left.
 pub const PM_ERR_OUT_OF_MEMORY: pm_code = 76;
 /// More queries and indices than a mask has objects.
@@ -138,7 +138,7 @@ const NAMES: [(pm_code, &CStr); 45] = [
     (PM_ERR_MARGINS, c"PM_ERR_MARGINS"),
     (PM_ERR_SET_TWICE, c"PM_ERR_SET_TWICE"),
     (PM_ERR_ABSENT, c"PM_ERR_ABSENT"),
-    (PM_ERR_NO_RULES, c"PM_ERR_NO_RULES"),
+    (PM_ERR_NO_MARGINS, c"PM_ERR_NO_MARGINS"),
     (PM_ERR_OUT_OF_MEMORY, c"PM_ERR_OUT_OF_MEMORY"),
     (PM_ERR_TOO_MANY_QUERIES, c"PM_ERR_TOO_MANY_QUERIES"),
     (PM_ERR_QUERY_TAGS, c"PM_ERR_QUERY_TAGS"),

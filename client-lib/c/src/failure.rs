@@ -137,7 +137,7 @@ const fn of_edit(error: &EditError) -> pm_code {
         EditError::Margins { .. } => PM_ERR_MARGINS,
         EditError::SetTwice { .. } => PM_ERR_SET_TWICE,
         EditError::Absent { .. } => PM_ERR_ABSENT,
-        EditError::Rules => PM_ERR_NO_RULES,
+        EditError::NoMargins => PM_ERR_NO_MARGINS,
         EditError::NoMemory { .. } => PM_ERR_OUT_OF_MEMORY,
         _ => PM_ERR_OTHER,
     }
@@ -157,6 +157,7 @@ const fn of_commit(error: &CommitError) -> pm_code {
         CommitError::Frame(error) => of_frame(error),
         CommitError::Wait(error) => of_wait(error),
         CommitError::Scene(error) => of_scene(error),
+        CommitError::Shared(error) => of_shared(error),
         _ => PM_ERR_OTHER,
     }
 }
@@ -169,6 +170,7 @@ const fn of_find(error: &FindError) -> pm_code {
         FindError::Frame(error) => of_frame(error),
         FindError::Wait(error) => of_wait(error),
         FindError::Scene(error) => of_scene(error),
+        FindError::Shared => PM_ERR_STATE,
         _ => PM_ERR_OTHER,
     }
 }
@@ -181,6 +183,7 @@ const fn of_shared(error: &SharedError) -> pm_code {
         SharedError::Differs(_) => PM_ERR_TERMS_DIFFER,
         SharedError::Lease(_) => PM_ERR_LEASE,
         SharedError::NotLeased(_) => PM_ERR_NOT_LEASED,
+        SharedError::NotShared => PM_ERR_STATE,
         SharedError::Edit(error) => of_edit(error),
         SharedError::Frame(error) => of_frame(error),
         SharedError::Wait(error) => of_wait(error),

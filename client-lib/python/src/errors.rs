@@ -48,7 +48,16 @@ macro_rules! raise {
         )*
     };
 }
-raise!(ConnectError, CommitError, FindError, SharedError, StatusError);
+raise!(ConnectError, FindError, SharedError, StatusError);
+
+impl Raise for CommitError {
+    fn raise(self) -> PyErr {
+        match self {
+            Self::Shared(error) => error.raise(),
+            _ => classes::CommitError::new_err(told(&self)),
+        }
+    }
+}
 
 impl Raise for FrameError {
     fn raise(self) -> PyErr {

@@ -38,10 +38,7 @@ mod _pairmask {
     #[pymodule_export]
     use crate::rules::{PyFilter, PyFilterTable, PyRules};
     #[pymodule_export]
-    use crate::scene::{
-        PyEdit, PyMarginedScene, PyMarginedSceneStats, PyPendingAnswer, PyScene, PySceneAnswer,
-        PySharedScene,
-    };
+    use crate::scene::{PyEdit, PyMarginStats, PyPendingAnswer, PyScene, PySceneAnswer};
     #[pymodule_export]
     use crate::session::PySession;
     #[pymodule_export]

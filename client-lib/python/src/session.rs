@@ -3,7 +3,6 @@
 use std::path::PathBuf;
 
 use pairmask::error::UnknownName;
-use pairmask::scene::SceneOptions;
 use pairmask::{Backend, BoxCount, FrameError, PendingFrame, Precision, Session};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -17,7 +16,7 @@ use crate::pairs::pairs_of;
 use crate::precision::PyPrecision;
 use crate::process;
 use crate::rules::PyRules;
-use crate::scene::{PyMarginedScene, PyScene, PySharedScene, join_options, margined_pairs};
+use crate::scene::{PyScene, join_options, scene_options};
 use crate::sources::Boxes;
 
 /// Parses a name that an option has.
@@ -148,32 +147,19 @@ impl PySession {
         pairs_after(py, || frame.submit())
     }
 
-    /// A scene that persists: edits go in, pairs that began and ended come out.
-    #[pyo3(signature = (*, most_boxes=None, threads=None))]
+    /// A scene that persists: edits go in, pairs that began and ended come out. With `margins`, "exact" or "near",
+    /// boxes are sent only when they have left theirs.
+    #[pyo3(signature = (*, most_boxes=None, threads=None, margins=None, usual_margin=0.0))]
     fn scene(
         &self,
         py: Python<'_>,
         most_boxes: Option<u32>,
         threads: Option<usize>,
-    ) -> PyResult<Py<PyScene>> {
-        let options = scene_options(most_boxes, threads);
-        let scene = self.with(py, move |session| session.scene(options))?;
-        PyScene::new(py, scene)
-    }
-
-    /// A scene whose boxes have margins, and are sent only when they have left them.
-    #[pyo3(signature = (pairs="exact", *, most_boxes=None, threads=None))]
-    fn margined_scene(
-        &self,
-        py: Python<'_>,
-        pairs: &str,
-        most_boxes: Option<u32>,
-        threads: Option<usize>,
-    ) -> PyResult<Py<PyMarginedScene>> {
-        let pairs = margined_pairs(pairs)?;
-        let options = scene_options(most_boxes, threads);
-        let scene = self.with(py, move |session| session.margined_scene(options, pairs))?;
-        PyMarginedScene::new(py, scene)
+        margins: Option<&str>,
+        usual_margin: f32,
+    ) -> PyResult<PyScene> {
+        let options = scene_options(most_boxes, threads, margins, usual_margin)?;
+        self.with(py, move |session| session.scene(options)).map(PyScene::new)
     }
 
     /// Joins a scene that several processes write, each its own boxes.
@@ -186,10 +172,10 @@ impl PySession {
         tick_deadline: Option<f64>,
         at_end: Option<&str>,
         hears: &str,
-    ) -> PyResult<Py<PySharedScene>> {
+    ) -> PyResult<PyScene> {
         let options = join_options(most_boxes, tick_deadline, at_end, hears)?;
         let scene = self.with(py, move |session| session.join_scene(name, options))?;
-        PySharedScene::new(py, scene.map_err(Raise::raise)?)
+        scene.map(PyScene::new).map_err(Raise::raise)
     }
 
     /// What would serve the next frame: `daemon` or `in-process`.
@@ -259,10 +245,4 @@ fn pairs_after(
         Ok::<_, PyErr>(pairs_of(&mask))
     });
     Memory::of_rows(pairs?).into_array(py)
-}
-
-fn scene_options(most_boxes: Option<u32>, threads: Option<usize>) -> SceneOptions {
-    let options = SceneOptions::default();
-    let options = most_boxes.map_or(options, |most| options.with_most_boxes(most));
-    threads.map_or(options, |threads| options.with_threads(threads))
 }

@@ -23,8 +23,8 @@ def kind_of(call: Callable[[], object]) -> str:
 
 
 def scenes_of(session: pairmask.Session) -> list[Any]:
-    """A scene of each kind, and the arguments that its boxes have beside."""
-    return [(session.scene(), []), (session.margined_scene("exact"), [0.1]), (session.margined_scene("near"), [0.0])]
+    """A scene without margins and two with some, and the arguments that its boxes have beside."""
+    return [(session.scene(), []), (session.scene(margins="exact"), [0.1]), (session.scene(margins="near"), [0.0])]
 
 
 @BACKENDS

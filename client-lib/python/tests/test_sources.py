@@ -103,7 +103,7 @@ def test_sources_are_taken_wherever_boxes_are(daemon: Daemon, backend: str) -> N
         with session.scene() as scene:
             oracle.check(scene.edit().set(range(400), source).submit("all").wait().pairs, expected)
             assert scene.query(source).tolist() == np.argwhere(oracle.overlapping(world, world)).tolist()
-        with session.margined_scene() as near:
+        with session.scene(margins="exact") as near:
             oracle.check(near.edit().set(range(400), source, 0.1).commit().begun, expected)
         for wrong in (session.frame(399), session.narrow_frame(399, pairmask.Precision.f16())):
             with pytest.raises(ValueError, match="400 rows for 399 boxes"):

@@ -285,7 +285,21 @@ impl Core {
         scene: &mut Scene,
         asked: &Asked<'_>,
     ) -> Result<PairMask, QueryError> {
-        self.local.query(scene, asked, &self.settings)
+        let threads = scene.threads();
+        let find = |found: &mut Vec<[u32; 2]>| scene.query(asked.boxes, asked.tags, found);
+        self.local.query(asked, threads, &self.settings, find)
+    }
+
+    /// The mask of pairs [query, index] that are known, by query and then by index.
+    pub(super) fn mask_of(
+        &self,
+        asked: &Asked<'_>,
+        known: &[[u32; 2]],
+    ) -> Result<PairMask, QueryError> {
+        self.local.query(asked, 1, &self.settings, |found| {
+            found.extend_from_slice(known);
+            Ok(known.len() as u64)
+        })
     }
 
     pub(super) fn served_by(&self) -> ServedBy {

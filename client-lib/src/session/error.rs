@@ -7,6 +7,7 @@ use pairmask_core::engine::{CullError, IsaError};
 use pairmask_core::scene::{EditError, QueryError, SceneError};
 use pairmask_wire::{InstanceError, InstanceName, ReplyError, TooManyPairs, Version};
 
+use super::scene::SharedError;
 use crate::transport::{LimitError, PopulateError, TransportError};
 
 fn paths(all: &[PathBuf]) -> String {
@@ -200,6 +201,20 @@ pub enum CommitError {
     /// As a later version of the engines says.
     #[error(transparent)]
     Scene(SceneError),
+    /// What a scene that several processes write refuses, or for want of which its edit has no answer.
+    #[error(transparent)]
+    Shared(SharedError),
+}
+
+impl From<SharedError> for CommitError {
+    fn from(error: SharedError) -> Self {
+        match error {
+            SharedError::Edit(error) => Self::Edit(error),
+            SharedError::Frame(error) => Self::Frame(error),
+            SharedError::Wait(error) => Self::Wait(error),
+            error => Self::Shared(error),
+        }
+    }
 }
 
 /// Why a query of a scene has no answer.
@@ -228,6 +243,9 @@ pub enum FindError {
     /// The scene could not be made in this process.
     #[error(transparent)]
     Scene(#[from] SceneError),
+    /// A scene that several processes write answers no queries.
+    #[error("a shared scene answers no queries: ask a scene of this session alone")]
+    Shared,
 }
 
 impl From<CommitError> for FindError {
@@ -237,6 +255,7 @@ impl From<CommitError> for FindError {
             CommitError::Frame(error) => Self::Frame(error),
             CommitError::Wait(error) => Self::Wait(error),
             CommitError::Scene(error) => Self::Scene(error),
+            CommitError::Shared(_) => Self::Shared,
         }
     }
 }

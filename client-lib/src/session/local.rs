@@ -10,7 +10,7 @@ use pairmask_core::objects::Objects;
 use pairmask_core::plan::Calibration;
 use pairmask_core::precision::{ExpandScratch, Precision};
 use pairmask_core::repeat::{Repeats, Seen};
-use pairmask_core::scene::{QueryError, Scene, cull_between};
+use pairmask_core::scene::{QueryError, cull_between};
 use pairmask_core::sphere::Sphere;
 use pairmask_core::units::BoxCount;
 use pairmask_wire::Reply;
@@ -231,18 +231,17 @@ impl Local {
         }
     }
 
-    /// Asks a scene of this process.
+    /// The mask of what `find` finds for queries, with so many threads.
     pub(super) fn query(
         self: &Arc<Self>,
-        scene: &mut Scene,
         asked: &Asked<'_>,
+        threads: usize,
         settings: &Settings,
+        find: impl FnOnce(&mut Vec<[u32; 2]>) -> Result<u64, QueryError>,
     ) -> Result<PairMask, QueryError> {
         let mut working = self.begin();
-        let Asked { boxes, tags, encoding, mask } = *asked;
-        let (mut memory, threads) = (self.replies.take(), scene.threads());
-        let mut found = self.found.take();
-        let find = |found: &mut Vec<[u32; 2]>| scene.query(boxes, tags, found);
+        let Asked { boxes, encoding, mask, .. } = *asked;
+        let (mut memory, mut found) = (self.replies.take(), self.found.take());
         let answer = mask.answer(boxes, encoding, threads, &mut found, &mut memory, find)?;
         self.found.give(found);
         working.used(answer.threads);

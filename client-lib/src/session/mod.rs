@@ -54,10 +54,8 @@ pub use narrow::NarrowFrame;
 pub use pairs::{FrameInfo, PairMask, ServedBy};
 pub use pending::PendingFrame;
 pub use scene::{
-    EndedIter, EndedList, JoinOptions, MarginedAnswer, MarginedEdit, MarginedPairs, MarginedScene,
-    MarginedSceneStats, PairList, PairListIter, PendingAnswer, PendingMargined, PendingShared,
-    QueryAnswer, Scene, SceneAnswer, SceneEdit, SceneQuery, SharedAnswer, SharedEdit, SharedError,
-    SharedScene,
+    EndedIter, EndedList, JoinOptions, MarginStats, PairList, PairListIter, PendingAnswer,
+    QueryAnswer, Scene, SceneAnswer, SceneEdit, SceneQuery, SharedError,
 };
 pub use sphere::SphereFrame;
 
@@ -180,22 +178,55 @@ impl Session {
     /// # Ok(())
     /// # }
     /// ```
+    ///
+    /// Boxes may have [margins](crate::scene::SceneMargins), and are sent only when they have left theirs:
+    ///
+    /// ```
+    /// use pairmask::scene::{MarginedPairs, SceneOptions, Want};
+    /// use pairmask::{Aabb, Backend, Margin, Session};
+    ///
+    /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+    /// let mut session = Session::builder().backend(Backend::InProcess).connect()?;
+    /// let half = Margin::new(0.5)?;
+    /// let options = SceneOptions::default().with_margins(MarginedPairs::Exact, half);
+    /// let mut scene = session.scene(options);
+    /// let at = |x: f32| Aabb::new([x, 0.0, 0.0], [x + 1.0, 1.0, 1.0]);
+    ///
+    /// let edit = scene.edit().set(7, at(0.0)).set(9, at(1.2));
+    /// assert!(edit.commit(Want::Changes)?.take().begun().is_empty());
+    ///
+    /// // Within its margin: no request is made, and the pair is told.
+    /// let answer = scene.edit().set(9, at(0.8)).commit(Want::Changes)?.take();
+    /// assert_eq!(answer.begun(), [[7, 9]]);
+    /// drop(answer);
+    /// let stats = scene.margin_stats().expect("it has margins");
+    /// assert_eq!((stats.requests, stats.sent), (1, 2));
+    /// # Ok(())
+    /// # }
+    /// ```
     pub fn scene(&mut self, options: SceneOptions) -> Scene {
         Scene::new(options, &self.core)
-    }
-
-    /// As [`scene`](Self::scene), where each box has a margin, and is sent only when it has left it. The
-    /// answers are those of `pairs`: the near ones, or the exact ones.
-    pub fn margined_scene(&mut self, options: SceneOptions, pairs: MarginedPairs) -> MarginedScene {
-        let options = options.within_limits();
-        let threads = options.threads.or(self.core.settings().threads);
-        MarginedScene::new(self.scene(options), options, threads, pairs)
     }
 
     /// Joins a scene that several processes write, each its own boxes, by its name in the daemon's instance:
     /// 1 to 64 letters, digits and `-_.:/`. The first member makes it, and it ends with the last one.
     ///
-    /// There is no such scene in process: without a daemon this is an error, with any backend.
+    /// A writer [leases](Scene::lease) ranges of indices, and commits edits of their boxes. A tick ends when all
+    /// writers have committed, or at its deadline: then all edits are applied at once, and every member that has
+    /// committed is answered. A writer that was late keeps its last boxes, and is
+    /// [named](SceneAnswer::late). A member without leases only listens: its commits are empty, and nobody
+    /// waits for it. Answers do not depend on who committed first. The writer with the lowest lease may give the table
+    /// of filters; tags, and lists of pairs of own boxes, every writer.
+    ///
+    /// The changes are a [resync](SceneAnswer::is_resync) at first, after the member has leased indices, after a long
+    /// time without a commit, and where the daemon was restarted.
+    ///
+    /// Dropped, the scene leaves. Its boxes are removed then, or kept, as the scene's terms say. Kept boxes are
+    /// those of who leases their indices next, who may set them; giving the lease back removes them, and so does a
+    /// member that has lost its membership and joins again, since it sends all boxes that it knows.
+    ///
+    /// There is no such scene in process: without a daemon this is an error, with any backend. It answers neither
+    /// [`Want::Moved`](crate::scene::Want::Moved) nor [queries](Scene::query).
     ///
     /// ```no_run
     /// use pairmask::scene::Want;
@@ -210,7 +241,7 @@ impl Session {
     ///     let x = step as f32;
     ///     let edit = scene.edit().set(7, Aabb::new([x, 0.0, 0.0], [x + 1.0, 1.0, 1.0]));
     ///     let told = edit.commit(Want::Changes)?.take();
-    ///     println!("tick {}: {} pairs began", told.tick(), told.begun().len());
+    ///     println!("tick {:?}: {} pairs began", told.tick(), told.begun().len());
     ///     for range in told.late() {
     ///         println!("the writer of {range:?} was late");
     ///     }
@@ -221,12 +252,8 @@ impl Session {
     ///
     /// # Errors
     /// [`SharedError`].
-    pub fn join_scene(
-        &mut self,
-        name: &str,
-        options: JoinOptions,
-    ) -> Result<SharedScene, SharedError> {
-        SharedScene::join(&self.core, name, options)
+    pub fn join_scene(&mut self, name: &str, options: JoinOptions) -> Result<Scene, SharedError> {
+        Scene::join(&self.core, name, options)
     }
 
     /// What would serve the next frame by the present state: the daemon or this process.

@@ -23,5 +23,6 @@ pub use self::script::{
 };
 pub use self::shrink::{hold, hold_without_rules, shrunk};
 pub use self::subjects::{
-    Bare, BareScene, CoreScene, Grouped, Moment, SessionScene, Sessions, SharedMembers, options,
+    Bare, BareScene, CoreScene, Grouped, Moment, SessionScene, Sessions, SharedMembers, a_margin,
+    margins_for, options,
 };

@@ -5,9 +5,10 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 use std::time::Duration;
 
+use pairmask::scene::MarginedPairs;
 use pairmask::{
-    EngineId, EngineName, JoinOptions, Scene, SceneAnswer, SceneEdit, ServedBy, Session,
-    SessionBuilder, SharedEdit, SharedScene,
+    EngineId, EngineName, JoinOptions, Margin, Scene, SceneAnswer, SceneEdit, ServedBy, Session,
+    SessionBuilder,
 };
 use pairmask_core::Aabb;
 use pairmask_core::filters::{FilterTable, Tag};
@@ -259,6 +260,8 @@ pub struct SessionScene<'a> {
     expected: Option<(ServedBy, EngineName)>,
     /// Whether a resync may come at any time, as where daemons are killed.
     may_resync: bool,
+    /// Draws margins, of a scene that has some.
+    margins: Option<Rng>,
     /// What is done while an edit is under way, and when it is answered.
     disturb: Box<dyn FnMut(Moment) + 'a>,
 }
@@ -266,9 +269,8 @@ pub struct SessionScene<'a> {
 impl<'a> SessionScene<'a> {
     /// One that these have to answer for.
     pub fn of(session: &mut Session, script: &Script, by: ServedBy, engine: EngineName) -> Self {
-        let scene = session.scene(options(script));
         let expected = Some((by, engine));
-        Self { scene, expected, may_resync: false, disturb: Box::new(|_| ()) }
+        Self { expected, may_resync: false, ..Self::disturbed(session, script, |_| ()) }
     }
 
     /// One whose answers may come from anywhere, and be a resync, because of what is done during and after edits.
@@ -278,17 +280,110 @@ impl<'a> SessionScene<'a> {
         disturb: impl FnMut(Moment) + 'a,
     ) -> Self {
         let scene = session.scene(options(script));
-        Self { scene, expected: None, may_resync: true, disturb: Box::new(disturb) }
+        Self { scene, expected: None, may_resync: true, margins: None, disturb: Box::new(disturb) }
+    }
+
+    /// One whose boxes have margins of chance, and that tells exact pairs. No daemon that dies makes it resync.
+    pub fn margined(
+        session: &mut Session,
+        script: &Script,
+        disturb: impl FnMut(Moment) + 'a,
+    ) -> Self {
+        let mut rng = Rng::new(script.events.len() as u64);
+        let options = options(script).with_margins(MarginedPairs::Exact, a_margin(&mut rng, 0));
+        let scene = session.scene(options);
+        let (margins, disturb) = (Some(rng), Box::new(disturb));
+        Self { scene, expected: None, may_resync: false, margins, disturb }
+    }
+
+    /// What is wrong with a box that the scene keeps after an edit.
+    fn check_boxes(&self, ops: &[Op]) -> Result<(), String> {
+        let last: BTreeMap<u32, Option<Aabb>> = ops
+            .iter()
+            .filter_map(|op| match op {
+                Op::Set(index, b) => Some((*index, Some(*b))),
+                Op::Remove(index) => Some((*index, None)),
+                _ => None,
+            })
+            .fold(BTreeMap::new(), |mut last, (index, b)| {
+                // What is removed and set is there.
+                let entry = last.entry(index).or_insert(b);
+                *entry = b.or(*entry);
+                last
+            });
+        let bits = |b: Aabb| <[f32; 6]>::from(b).map(f32::to_bits);
+        match last.iter().find(|(i, b)| self.scene.get(**i).map(bits) != b.map(bits)) {
+            Some((index, b)) => Err(format!("{index} is {:?}, not {b:?}", self.scene.get(*index))),
+            None => Ok(()),
+        }
+    }
+}
+
+/// A margin, of a scene with so many boxes: few huge ones in large scenes, where each such box is near all others.
+pub fn a_margin(rng: &mut Rng, boxes: usize) -> Margin {
+    let units = match rng.below(12 + boxes as u32) {
+        0..3 => 0.0,
+        3 => 1e-45,
+        4 => 1e30,
+        5 => 20.0,
+        6 => f32::MAX,
+        at => [0.05, 0.3, 0.3, 1.0][at as usize % 4],
+    };
+    Margin::new(units).expect("finite, and not negative")
+}
+
+/// Margins for the groups of an edit that set boxes: none, one for all, or one for each.
+pub fn margins_for(grouped: &Grouped<'_>, rng: &mut Rng, boxes: usize) -> Vec<Vec<Margin>> {
+    let of = |(op, group): &(&Op, Group)| {
+        let (Op::Set(..), count) = (op, [0, 1, group.boxes.len()][rng.below(3) as usize]) else {
+            return Vec::new();
+        };
+        (0..count).map(|_| a_margin(rng, boxes)).collect()
+    };
+    grouped.0.iter().map(of).collect()
+}
+
+impl Grouped<'_> {
+    /// The margin of each box that is set, where `margins` names none the usual one.
+    pub fn margins_of_boxes(&self, margins: &[Vec<Margin>], usual: Margin) -> Vec<(u32, Margin)> {
+        let mut all = Vec::new();
+        for ((op, group), margins) in self.0.iter().zip(margins) {
+            if let Op::Set(..) = op {
+                let of = |at| *margins.get(at).or(margins.last()).unwrap_or(&usual);
+                all.extend((0..).zip(&group.indices).map(|(at, index)| (*index, of(at))));
+            }
+        }
+        all
+    }
+
+    /// Adds the steps to an edit, with margins for each.
+    pub fn with_margins<'s, 'a>(
+        &'a self,
+        edit: SceneEdit<'s, 'a>,
+        margins: &'a [Vec<Margin>],
+    ) -> SceneEdit<'s, 'a> {
+        let groups = self.0.iter().zip(margins);
+        groups.fold(edit, |edit, ((op, group), margins)| match (&group.boxes[..], &margins[..]) {
+            (_, []) => edit.step(group.step(op)),
+            ([b], [margin]) => edit.set_margined(group.indices[0], *b, *margin),
+            (boxes, [margin]) => edit.set_all_margined(group.named(), boxes, *margin),
+            (boxes, margins) => edit.set_all_margined(group.named(), boxes, margins),
+        })
     }
 }
 
 impl Subject for SessionScene<'_> {
     fn tick(&mut self, turns: &[Turn]) -> Result<Vec<(u64, Option<Heard>)>, String> {
-        let Self { scene, expected, disturb, .. } = self;
         let mut told = Vec::new();
         for turn in turns {
-            let grouped = Grouped::of(&turn.ops);
-            let edit = grouped.steps().into_iter().fold(scene.edit(), SceneEdit::step);
+            let Self { scene, expected, margins, disturb, .. } = self;
+            let requests = |scene: &Scene| scene.margin_stats().map(|stats| stats.requests);
+            let (grouped, before, len) = (Grouped::of(&turn.ops), requests(scene), scene.len());
+            let margins = margins.as_mut().map(|rng| margins_for(&grouped, rng, len));
+            let edit = match &margins {
+                Some(margins) => grouped.with_margins(scene.edit(), margins),
+                None => grouped.steps().into_iter().fold(scene.edit(), SceneEdit::step),
+            };
             let pending = edit.submit(turn.mode).map_err(|error| error.to_string())?;
             disturb(Moment::UnderWay);
             if turn.fate == Fate::Abandoned {
@@ -304,13 +399,17 @@ impl Subject for SessionScene<'_> {
             {
                 return Err(format!("{:?}, {}", answer.served_by(), answer.engine()));
             }
-            disturb(Moment::Answered(answer.served_by(), answer.engine()));
-            let by_daemon = answer.served_by() == ServedBy::Daemon;
+            let (by, engine) = (answer.served_by(), answer.engine());
             told.push((0, Some(Heard::from(&answer))));
             drop(answer);
-            if expected.is_some() && by_daemon && !scene.is_empty() && scene.daemon_bytes() == 0 {
+            if before.is_none() || before != requests(scene) {
+                disturb(Moment::Answered(by, engine));
+            }
+            let is_kept = scene.is_empty() || scene.daemon_bytes() > 0;
+            if expected.is_some() && by == ServedBy::Daemon && !is_kept {
                 return Err("the daemon keeps the scene in no memory".into());
             }
+            self.check_boxes(&turn.ops)?;
         }
         Ok(told)
     }
@@ -350,7 +449,7 @@ pub struct SharedMembers<'s> {
     sessions: &'s Sessions,
     name: String,
     options: JoinOptions,
-    members: BTreeMap<u32, (SharedScene, Range<u32>)>,
+    members: BTreeMap<u32, (Scene, Range<u32>)>,
     /// What has to answer.
     engine: Option<EngineName>,
     ticks: usize,
@@ -373,17 +472,17 @@ impl Subject for SharedMembers<'_> {
     fn tick(&mut self, turns: &[Turn]) -> Result<Vec<(u64, Option<Heard>)>, String> {
         let owns: BTreeMap<u32, Range<u32>> =
             self.members.iter().map(|(member, (_, own))| (*member, own.clone())).collect();
-        let mut free: BTreeMap<u32, &mut SharedScene> =
+        let mut free: BTreeMap<u32, &mut Scene> =
             self.members.iter_mut().map(|(member, (scene, _))| (*member, scene)).collect();
         // Whoever commits first, all are told the same.
         let mut order: Vec<&Turn> = turns.iter().collect();
         self.ticks += 1;
         order.rotate_left(self.ticks % turns.len());
         let mut pending = BTreeMap::new();
-        for turn in order {
+        let edits: Vec<Grouped<'_>> = order.iter().map(|turn| Grouped::of(&turn.ops)).collect();
+        for (turn, grouped) in order.iter().zip(&edits) {
             let scene = free.remove(&turn.member).ok_or("a member that has not joined")?;
-            let grouped = Grouped::of(&turn.ops);
-            let edit = grouped.steps().into_iter().fold(scene.edit(), SharedEdit::step);
+            let edit = grouped.steps().into_iter().fold(scene.edit(), SceneEdit::step);
             let submitted = edit.submit(turn.mode).map_err(|error| error.to_string())?;
             pending.insert(turn.member, submitted);
         }
@@ -399,9 +498,10 @@ impl Subject for SharedMembers<'_> {
             if turn.fate == Fate::Acknowledged {
                 answer = answer.take();
             }
-            committed.entry(answer.tick()).or_default().insert(turn.member);
-            late.push((answer.tick(), answer.late()));
-            told.push((answer.tick(), Some(heard!(answer))));
+            let tick = answer.tick().ok_or("an answer of no tick")?;
+            committed.entry(tick).or_default().insert(turn.member);
+            late.push((tick, answer.late().to_vec()));
+            told.push((tick, Some(heard!(answer))));
         }
         for (tick, late) in late {
             let is_late = |member: &u32| !committed[&tick].contains(member);

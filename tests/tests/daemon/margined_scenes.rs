@@ -4,14 +4,15 @@ use std::cell::{Cell, RefCell};
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
-use pairmask::scene::EditError;
-use pairmask::{CommitError, Margin, MarginedEdit, MarginedPairs, MarginedScene};
+use pairmask::info::MarginStats;
+use pairmask::scene::{EditError, MarginedPairs};
+use pairmask::{CommitError, Margin, Scene};
 use pairmask_lab::stress::{FloatFlags, Rounding};
-use pairmask_tests::heard;
 use pairmask_tests::prelude::*;
 use pairmask_tests::scene_model::{
-    Edits, Fate, Heard, Kind, Op, Script, Subject, Turn, hold_without_rules, options,
+    Edits, Grouped, Kind, Moment, Op, SessionScene, a_margin, hold, margins_for,
 };
+use pairmask_tests::stress_scenes::Rng;
 use pairmaskd::scene::{Random, Scene as World, SceneName};
 
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
@@ -24,134 +25,23 @@ fn margin(units: f32) -> Margin {
     Margin::new(units).unwrap()
 }
 
+/// Options of a scene with margins, none of which is usual.
+fn with_margins(pairs: MarginedPairs) -> SceneOptions {
+    SceneOptions::default().with_margins(pairs, Margin::default())
+}
+
+fn stats_of(scene: &Scene) -> MarginStats {
+    scene.margin_stats().unwrap()
+}
+
 fn in_process() -> Session {
     Session::builder().backend(Backend::InProcess).connect().unwrap()
-}
-
-/// An edit with margins of chance.
-struct WithMargins<'o> {
-    ops: &'o [Op],
-    removed: Vec<u32>,
-    indices: Vec<u32>,
-    boxes: Vec<Aabb>,
-    margins: Vec<Margin>,
-    /// One for all, in place of the others.
-    same: Option<Margin>,
-    one_by_one: bool,
-}
-
-impl<'o> WithMargins<'o> {
-    fn new(ops: &'o [Op], random: &mut Random, scene_len: usize) -> Self {
-        let removed = ops.iter().filter(|op| matches!(op, Op::Remove(_)));
-        let removed = removed.flat_map(Op::indices).copied().collect();
-        let sets = ops.iter().filter_map(|op| match op {
-            Op::Set(index, b) => Some((*index, *b)),
-            _ => None,
-        });
-        let (indices, boxes): (Vec<u32>, Vec<Aabb>) = sets.unzip();
-        // Few huge ones in large scenes: each box of these is near all others.
-        let mut some = || match random.below(12 + scene_len as u64) {
-            0..3 => 0.0,
-            3 => 1e-45,
-            4 => 1e30,
-            5 => 20.0,
-            6 => f32::MAX,
-            at => [0.05, 0.3, 0.3, 1.0][at as usize % 4],
-        };
-        let margins: Vec<Margin> = indices.iter().map(|_| margin(some())).collect();
-        let same =
-            (random.below(3) == 0).then(|| margin([0.0, 0.1, 0.5][random.below(3) as usize]));
-        let one_by_one = random.below(2) == 0;
-        Self { ops, removed, indices, boxes, margins, same, one_by_one }
-    }
-
-    fn margin_of(&self, at: usize) -> Margin {
-        self.same.unwrap_or(self.margins[at])
-    }
-
-    /// Submits it, its sets in one of two ways to name them.
-    fn write<'s, 'a: 's>(&'a self, scene: &'s mut MarginedScene) -> MarginedEdit<'s, 'a> {
-        let Self { ops, removed, indices, boxes, margins, same, one_by_one } = self;
-        let mut written = scene.edit().remove_all(removed);
-        written = match same {
-            _ if *one_by_one => indices.iter().enumerate().fold(written, |written, (i, index)| {
-                written.set(*index, boxes[i], self.margin_of(i))
-            }),
-            Some(same) => written.set_all(indices, boxes, *same),
-            None => written.set_all(indices, boxes, margins),
-        };
-        ops.iter().fold(written, |written, op| match op {
-            Op::Switch(index, on) => written.switch(*index, *on),
-            Op::Static(index, on) => written.make_static(*index, *on),
-            _ => written,
-        })
-    }
-}
-
-/// Exact pairs of a scene with margins.
-struct Margined<'a> {
-    scene: MarginedScene,
-    random: Random,
-    /// What is done while an edit is under way, and when something has answered it.
-    disturb: Box<dyn FnMut(Option<ServedBy>) + 'a>,
-}
-
-impl<'a> Margined<'a> {
-    fn new(
-        session: &mut Session,
-        script: &Script,
-        disturb: impl FnMut(Option<ServedBy>) + 'a,
-    ) -> Self {
-        let scene = session.margined_scene(options(script), MarginedPairs::Exact);
-        Self { scene, random: Random::new(script.events.len() as u64), disturb: Box::new(disturb) }
-    }
-
-    fn edit(&mut self, turn: &Turn) -> Result<Option<Heard>, CommitError> {
-        let with = WithMargins::new(&turn.ops, &mut self.random, self.scene.len());
-        let pending = with.write(&mut self.scene).submit(turn.mode)?;
-        (self.disturb)(None);
-        if turn.fate == Fate::Abandoned {
-            return Ok(None);
-        }
-        let mut answer = pending.wait()?;
-        if turn.fate == Fate::Acknowledged {
-            answer = answer.take();
-        }
-        let (heard, by) = (heard!(answer), answer.served_by());
-        drop(answer);
-        if by.is_some() {
-            (self.disturb)(by);
-        }
-        for (index, b) in with.indices.iter().zip(&with.boxes) {
-            let bits = |b: Aabb| <[f32; 6]>::from(b).map(f32::to_bits);
-            assert_eq!(self.scene.get(*index).map(bits), Some(bits(*b)), "as it was set");
-        }
-        for index in with.removed.iter().filter(|index| !with.indices.contains(index)) {
-            assert_eq!(self.scene.get(*index), None, "removed");
-        }
-        Ok(Some(heard))
-    }
-}
-
-impl Subject for Margined<'_> {
-    fn tick(&mut self, turns: &[Turn]) -> Result<Vec<(u64, Option<Heard>)>, String> {
-        let told = turns.iter().map(|turn| Ok((0, self.edit(turn)?)));
-        told.collect::<Result<_, CommitError>>().map_err(|error| error.to_string())
-    }
-
-    fn invalidate(&mut self) {
-        self.scene.lose();
-    }
-
-    fn box_count(&self) -> Option<usize> {
-        Some(self.scene.len())
-    }
 }
 
 /// Holds scenes with margins to the model of scenes without.
 fn hold_exact(session: &mut Session, seed: u64, kinds: [(Kind, usize); 2]) {
     for (kind, edits) in kinds {
-        hold_without_rules(kind, seed, edits, |script| Margined::new(session, script, |_| ()));
+        hold(kind, seed, edits, |script| SessionScene::margined(session, script, |_| ()));
     }
 }
 
@@ -201,7 +91,7 @@ fn gaps(a: &Aabb, b: &Aabb) -> [(f64, f64, f64); 3] {
 fn check_near(
     near: &BTreeSet<[u32; 2]>,
     exact: &[[u32; 2]],
-    scene: &MarginedScene,
+    scene: &Scene,
     margins: &BTreeMap<u32, Margin>,
 ) {
     assert!(exact.iter().all(|pair| near.contains(pair)), "a pair that overlaps is near");
@@ -223,19 +113,21 @@ fn check_near(
 
 /// Near pairs, accumulated from changes, beside all pairs of the model.
 fn near(session: &mut Session, (seed, most_boxes): (u64, u32), edits: usize) {
-    let mut scene = session.margined_scene(SceneOptions::default(), MarginedPairs::Near);
-    let mut source = Edits::new(seed, most_boxes).without_rules();
-    let (mut random, mut known) = (Random::new(seed), BTreeSet::new());
-    let mut margins = BTreeMap::new();
+    let mut rng = Rng::new(seed);
+    let usual = a_margin(&mut rng, 0);
+    let options = SceneOptions::default().with_margins(MarginedPairs::Near, usual);
+    let mut scene = session.scene(options);
+    let mut source = Edits::new(seed, most_boxes);
+    let (mut known, mut of_boxes) = (BTreeSet::new(), BTreeMap::new());
     for _ in 0..edits {
         let ops = source.next_edit();
-        let with = WithMargins::new(&ops, &mut random, source.model().len());
-        margins
-            .extend(with.indices.iter().enumerate().map(|(i, index)| (*index, with.margin_of(i))));
+        let grouped = Grouped::of(&ops);
+        let margins = margins_for(&grouped, &mut rng, source.model().len());
+        of_boxes.extend(grouped.margins_of_boxes(&margins, usual));
         let exact: Vec<[u32; 2]> = source.model().pairs().into_keys().collect();
         let wants = [Want::Changes, Want::Changes, Want::Changes, Want::Moved, Want::All];
-        let want = wants[random.below(5) as usize];
-        let answer = with.write(&mut scene).commit(want).unwrap();
+        let want = wants[rng.below(5) as usize];
+        let answer = grouped.with_margins(scene.edit(), &margins).commit(want).unwrap();
         if want == Want::Moved {
             let named: BTreeSet<u32> = ops.iter().flat_map(Op::indices).copied().collect();
             let mut of_moved = exact.iter().filter(|pair| pair.iter().any(|i| named.contains(i)));
@@ -243,7 +135,7 @@ fn near(session: &mut Session, (seed, most_boxes): (u64, u32), edits: usize) {
             assert!(of_moved.all(|pair| told.contains(pair)), "all boxes that the edit names");
             continue;
         }
-        if want == Want::Changes && random.below(4) == 0 {
+        if want == Want::Changes && rng.below(4) == 0 {
             continue;
         }
         let answer = answer.take();
@@ -254,7 +146,7 @@ fn near(session: &mut Session, (seed, most_boxes): (u64, u32), edits: usize) {
             answer.begun().iter().for_each(|begun| assert!(known.insert(begun)));
         }
         drop(answer);
-        check_near(&known, &exact, &scene, &margins);
+        check_near(&known, &exact, &scene, &of_boxes);
     }
 }
 
@@ -268,9 +160,12 @@ fn near_pairs_are_told_once_and_hold_all_that_overlap() {
 }
 
 /// All exact pairs after an edit that sets everything.
-fn pairs_of(scene: &mut MarginedScene, boxes: &[Aabb], margin: Margin) -> Vec<(u32, u32)> {
-    let answer =
-        scene.edit().set_all(0..boxes.len() as u32, boxes, margin).commit(Want::All).unwrap();
+fn pairs_of(scene: &mut Scene, boxes: &[Aabb], margin: Margin) -> Vec<(u32, u32)> {
+    let answer = scene
+        .edit()
+        .set_all_margined(0..boxes.len() as u32, boxes, margin)
+        .commit(Want::All)
+        .unwrap();
     answer.pairs().iter().map(|[a, b]| (a, b)).collect()
 }
 
@@ -278,7 +173,7 @@ fn pairs_of(scene: &mut MarginedScene, boxes: &[Aabb], margin: Margin) -> Vec<(u
 fn odd_large_scenes_have_the_oracles_pairs() {
     for n in [345, 1_234, 40_003] {
         let mut random = Random::new(n as u64);
-        let mut scene = in_process().margined_scene(SceneOptions::default(), MarginedPairs::Exact);
+        let mut scene = in_process().scene(with_margins(MarginedPairs::Exact));
         let mut boxes = World::new(SceneName::Uniform, n, 1).boxes().to_vec();
         for _ in 0..4 {
             assert_eq!(pairs_of(&mut scene, &boxes, margin(0.02)), oracle_pairs(&boxes));
@@ -287,7 +182,7 @@ fn odd_large_scenes_have_the_oracles_pairs() {
                 (b.min[0], b.max[0]) = (b.min[0] + by, b.max[0] + by);
             }
         }
-        let stats = scene.stats();
+        let stats = stats_of(&scene);
         assert!(stats.sent <= stats.set / 2 + 1, "{n}: {stats:?}");
     }
 }
@@ -307,10 +202,12 @@ fn one_that_teleports_among_thousands_that_drift_is_sent_alone() {
     let (n, frames) = (5_000u32, 100u32);
     for kind in [MarginedPairs::Near, MarginedPairs::Exact] {
         let mut random = Random::new(5);
-        let mut scene = in_process().margined_scene(SceneOptions::default(), kind);
+        let mut scene = in_process().scene(with_margins(kind));
         let mut boxes = World::new(SceneName::Uniform, n as usize, 1).boxes().to_vec();
         let (half, step) = (margin(0.5), 0.5 / 101.0);
-        drop(scene.edit().set_all(0..n, &boxes, half).commit(Want::Changes).unwrap().take());
+        drop(
+            scene.edit().set_all_margined(0..n, &boxes, half).commit(Want::Changes).unwrap().take(),
+        );
         for frame in 0..frames {
             for b in &mut boxes {
                 (b.min[1], b.max[1]) = (b.min[1] + step, b.max[1] + step);
@@ -318,10 +215,11 @@ fn one_that_teleports_among_thousands_that_drift_is_sent_alone() {
             let by = 50.0 + 10.0 * random.unit();
             let far = &mut boxes[(frame * 31 % n) as usize];
             (far.min[0], far.max[0]) = (far.min[0] + by, far.max[0] + by);
-            let answer = scene.edit().set_all(0..n, &boxes, half).commit(Want::Changes).unwrap();
+            let answer =
+                scene.edit().set_all_margined(0..n, &boxes, half).commit(Want::Changes).unwrap();
             assert!(!answer.take().is_resync());
         }
-        let stats = scene.stats();
+        let stats = stats_of(&scene);
         assert_eq!(stats.set, u64::from(n * (frames + 1)));
         // Of 505,000 boxes set: all at first, and one a frame.
         assert_eq!(stats.sent, u64::from(n + frames));
@@ -334,58 +232,83 @@ fn an_edit_within_margins_needs_no_daemon() {
     let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
     for kind in [MarginedPairs::Near, MarginedPairs::Exact] {
         let mut session = daemon.session().connect().unwrap();
-        let mut scene = session.margined_scene(SceneOptions::default(), kind);
-        let edit = scene.edit().set(1, at(0.0), margin(0.5)).set(2, at(1.2), margin(0.5));
+        let mut scene = session.scene(with_margins(kind));
+        let edit = scene.edit().set_margined(1, at(0.0), margin(0.5)).set_margined(
+            2,
+            at(1.2),
+            margin(0.5),
+        );
         let answer = edit.commit(Want::Changes).unwrap().take();
-        assert_eq!(answer.served_by(), Some(ServedBy::Daemon));
+        assert_eq!(answer.served_by(), ServedBy::Daemon);
         let is_near = kind == MarginedPairs::Near;
         assert_eq!(answer.begun().len(), usize::from(is_near));
         drop(answer);
 
         daemon.signal_worker(Signal::STOP);
-        let answer =
-            scene.edit().set(2, at(0.9), margin(0.5)).commit(Want::Changes).unwrap().take();
-        assert_eq!((answer.served_by(), answer.pair_count()), (None, Some(1)));
+        let answer = scene
+            .edit()
+            .set_margined(2, at(0.9), margin(0.5))
+            .commit(Want::Changes)
+            .unwrap()
+            .take();
+        assert_eq!((answer.served_by(), answer.pair_count()), (ServedBy::InProcess, Some(1)));
         assert_eq!(answer.begun().len(), usize::from(!is_near));
         drop(answer);
         let answer = scene.edit().commit(Want::Changes).unwrap().take();
         assert!(
-            answer.begun().is_empty() && answer.ended().is_empty() && answer.served_by().is_none()
+            answer.begun().is_empty()
+                && answer.ended().is_empty()
+                && answer.served_by() == ServedBy::InProcess
         );
         drop(answer);
         if !is_near {
-            let answer = scene.edit().set(1, at(-0.4), margin(0.5)).commit(Want::All).unwrap();
-            assert_eq!((answer.pairs().len(), answer.served_by()), (0, None));
+            let answer =
+                scene.edit().set_margined(1, at(-0.4), margin(0.5)).commit(Want::All).unwrap();
+            assert_eq!((answer.pairs().len(), answer.served_by()), (0, ServedBy::InProcess));
         }
         daemon.signal_worker(Signal::CONT);
-        assert_eq!((scene.stats().requests, scene.stats().sent), (1, 2));
+        assert_eq!((stats_of(&scene).requests, stats_of(&scene).sent), (1, 2));
     }
 }
 
 #[test]
 fn what_is_wrong_with_an_edit_is_told_and_changes_nothing() {
-    let options = SceneOptions::default().with_most_boxes(9);
-    let mut scene = in_process().margined_scene(options, MarginedPairs::Exact);
+    let options = with_margins(MarginedPairs::Exact).with_most_boxes(9);
+    let mut scene = in_process().scene(options);
     let boxes = [at(0.0), at(0.5), at(3.0)];
-    drop(scene.edit().set_all(0..3, &boxes, margin(1.0)).commit(Want::Changes).unwrap().take());
+    drop(
+        scene
+            .edit()
+            .set_all_margined(0..3, &boxes, margin(1.0))
+            .commit(Want::Changes)
+            .unwrap()
+            .take(),
+    );
     let far = [at(7.0), at(8.0)];
-    let edits: [fn(pairmask::MarginedEdit<'_, 'static>) -> Result<(), CommitError>; 5] = [
-        |edit| edit.set(9, at(0.0), margin(0.0)).commit(Want::All).map(drop),
-        |edit| edit.set(1, at(9.0), margin(0.0)).remove(5).commit(Want::All).map(drop),
+    let edits: [fn(pairmask::SceneEdit<'_, 'static>) -> Result<(), CommitError>; 5] = [
+        |edit| edit.set_margined(9, at(0.0), margin(0.0)).commit(Want::All).map(drop),
+        |edit| edit.set_margined(1, at(9.0), margin(0.0)).remove(5).commit(Want::All).map(drop),
         // Neither of them has left its margin.
         |edit| {
-            edit.set(1, at(0.6), margin(1.0))
-                .set(1, at(0.7), margin(1.0))
+            edit.set_margined(1, at(0.6), margin(1.0))
+                .set_margined(1, at(0.7), margin(1.0))
                 .commit(Want::All)
                 .map(drop)
         },
-        |edit| edit.set(1, at(0.6), margin(1.0)).switch(4, true).commit(Want::All).map(drop),
-        |edit| edit.set_all(0..3, &[Aabb::EMPTY; 2], Margin::default()).commit(Want::All).map(drop),
+        |edit| {
+            edit.set_margined(1, at(0.6), margin(1.0)).switch(4, true).commit(Want::All).map(drop)
+        },
+        |edit| {
+            edit.set_all_margined(0..3, &[Aabb::EMPTY; 2], Margin::default())
+                .commit(Want::All)
+                .map(drop)
+        },
     ];
     for wrong in edits {
         assert!(matches!(wrong(scene.edit()), Err(CommitError::Edit(_))));
     }
-    let lengths = scene.edit().set_all(0..2, &far, &[margin(0.0); 3]).commit(Want::All).map(drop);
+    let lengths =
+        scene.edit().set_all_margined(0..2, &far, &[margin(0.0); 3]).commit(Want::All).map(drop);
     let margins = EditError::Margins { boxes: 2, margins: 3 };
     assert!(matches!(lengths, Err(CommitError::Edit(error)) if error == margins));
     for (index, b) in (0..).zip(boxes) {
@@ -399,20 +322,23 @@ fn what_is_wrong_with_an_edit_is_told_and_changes_nothing() {
 fn a_request_that_could_not_be_sent_changes_nothing() {
     let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
     let mut session = daemon.session().connect().unwrap();
-    let mut scene = session.margined_scene(SceneOptions::default(), MarginedPairs::Exact);
-    let edit = scene.edit().set(0, at(0.0), margin(0.1)).set(1, at(0.5), margin(0.1));
+    let mut scene = session.scene(with_margins(MarginedPairs::Exact));
+    let edit =
+        scene.edit().set_margined(0, at(0.0), margin(0.1)).set_margined(1, at(0.5), margin(0.1));
     assert_eq!(edit.commit(Want::Changes).unwrap().take().begun(), [[0, 1]]);
     let frames: Vec<_> = (0..3).map(|_| session.frame(4).unwrap()).collect();
-    let full = scene.edit().set(0, at(5.0), margin(0.1)).commit(Want::All).map(drop).unwrap_err();
+    let full =
+        scene.edit().set_margined(0, at(5.0), margin(0.1)).commit(Want::All).map(drop).unwrap_err();
     assert!(matches!(full, CommitError::Frame(pairmask::FrameError::TooManyFrames)), "{full}");
     assert_eq!(scene.get(0), Some(at(0.0)));
     // What needs no request is answered.
     assert_eq!(
-        scene.edit().set(0, at(0.05), margin(0.1)).commit(Want::All).unwrap().pairs(),
+        scene.edit().set_margined(0, at(0.05), margin(0.1)).commit(Want::All).unwrap().pairs(),
         [[0, 1]]
     );
     drop(frames);
-    let answer = scene.edit().set(0, at(5.0), margin(0.1)).commit(Want::Changes).unwrap().take();
+    let answer =
+        scene.edit().set_margined(0, at(5.0), margin(0.1)).commit(Want::Changes).unwrap().take();
     assert_eq!(answer.ended().to_vec()[0].pair, [0, 1]);
 }
 
@@ -422,9 +348,9 @@ fn exact_changes_go_on_while_worker_and_daemon_are_killed() {
     let mut session = daemon.borrow().session().backend(Backend::Auto).connect().unwrap();
     let (edits, random) = (Cell::new(0), RefCell::new(Random::new(11)));
     let served = Cell::new([0, 0]);
-    hold_without_rules(Kind::Small, 84_000, 240, |script| {
-        Margined::new(&mut session, script, |by| {
-            if let Some(by) = by {
+    hold(Kind::Small, 84_000, 240, |script| {
+        SessionScene::margined(&mut session, script, |moment| {
+            if let Moment::Answered(by, _) = moment {
                 let [here, there] = served.get();
                 let is_there = usize::from(by == ServedBy::Daemon);
                 served.set([here + 1 - is_there, there + is_there]);
@@ -453,12 +379,13 @@ fn exact_changes_go_on_while_worker_and_daemon_are_killed() {
 fn a_daemon_that_died_costs_a_typed_error_and_no_change() {
     let mut daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
     let mut session = daemon.session().connect().unwrap();
-    let mut scene = session.margined_scene(SceneOptions::default(), MarginedPairs::Exact);
-    let edit = scene.edit().set(1, at(0.0), margin(0.1)).set(2, at(0.5), margin(0.1));
+    let mut scene = session.scene(with_margins(MarginedPairs::Exact));
+    let edit =
+        scene.edit().set_margined(1, at(0.0), margin(0.1)).set_margined(2, at(0.5), margin(0.1));
     assert_eq!(edit.commit(Want::Changes).unwrap().take().begun(), [[1, 2]]);
     daemon.signal_worker(Signal::STOP);
     let pending =
-        scene.edit().set(3, at(1.2), margin(0.1)).remove(1).submit(Want::Changes).unwrap();
+        scene.edit().set_margined(3, at(1.2), margin(0.1)).remove(1).submit(Want::Changes).unwrap();
     daemon.kill();
     let error = pending.wait().map(drop).unwrap_err();
     assert!(matches!(error, CommitError::Wait(pairmask::WaitError::DaemonDied)), "{error}");
@@ -496,12 +423,11 @@ fn flags_of_the_calling_thread_change_neither_pairs_nor_what_is_sent() {
         // The margin is the same number whatever the flags.
         let margin = margin(0.02 * extent);
         let run = || {
-            let mut scene =
-                in_process().margined_scene(SceneOptions::default(), MarginedPairs::Exact);
+            let mut scene = in_process().scene(with_margins(MarginedPairs::Exact));
             for (boxes, pairs) in &frames {
                 assert_eq!(pairs_of(&mut scene, boxes, margin), *pairs, "{extent}");
             }
-            scene.stats()
+            stats_of(&scene)
         };
         let plain = run();
         assert!(plain.sent < plain.set, "{extent}: {plain:?}");

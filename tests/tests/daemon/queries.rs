@@ -1,7 +1,8 @@
 //! Queries of scenes and frames of two sets: in process, by a daemon, and when the daemon is killed. Every
 //! answer is what comparing each with each gives.
 
-use pairmask::{FindError, QueryAnswer, SceneEdit};
+use pairmask::scene::MarginedPairs;
+use pairmask::{FindError, Margin, QueryAnswer, SceneEdit};
 use pairmask_core::filters::Tag;
 use pairmask_core::scene::{QueryError, Scene, between};
 use pairmask_tests::prelude::*;
@@ -156,10 +157,16 @@ fn each_query_needs_its_tag() {
 fn a_daemon_is_queried() {
     let daemon = TestDaemon::start(DAEMON, &["--gpu", "none", "--audit", "1/1"]);
     let mut session = daemon.session().backend(Backend::Daemon).connect().unwrap();
+    let without = SceneOptions::default();
+    // Of boxes with margins, what is found are the boxes as they were set.
+    let [near, exact] = [MarginedPairs::Near, MarginedPairs::Exact]
+        .map(|pairs| without.with_margins(pairs, Margin::new(0.7).unwrap()));
     for (seed, largest, rounds) in [(1, 30, 80), (2, 70, 80), (3, 700, 60)] {
-        let mut scene = Remote::new(session.scene(SceneOptions::default()), || ());
-        assert!(check(&mut scene, seed, largest, rounds) > 100);
-        assert!(scene.served.contains(&ServedBy::Daemon));
+        for options in [without, near, exact] {
+            let mut scene = Remote::new(session.scene(options), || ());
+            assert!(check(&mut scene, seed, largest, rounds) > 100);
+            assert!(scene.served.contains(&ServedBy::Daemon));
+        }
     }
     let mut scene = Remote::new(session.scene(SceneOptions::default()), || ());
     let mut queries = Queries::new(5, 6_000, true);

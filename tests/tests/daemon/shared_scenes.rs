@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use pairmask::filters::{Filter, FilterTable};
 use pairmask::scene::shared::{AtEnd, Hears, LeaseError, NotLeased};
 use pairmask::scene::{EndReason, Ended};
-use pairmask::{JoinOptions, PendingShared, SharedAnswer, SharedError, SharedScene};
+use pairmask::{CommitError, JoinOptions, PendingAnswer, Scene, SceneAnswer, SharedError};
 use pairmask_tests::fault_client::FaultClient;
 use pairmask_tests::prelude::*;
 use pairmaskd::scene::Random;
@@ -28,7 +28,7 @@ fn daemon() -> TestDaemon {
 /// A member, and the pairs that it knows by the answers that it took.
 struct Member {
     session: Session,
-    scene: SharedScene,
+    scene: Scene,
     own: Range<u32>,
     known: BTreeSet<Pair>,
 }
@@ -45,7 +45,7 @@ impl Member {
 }
 
 /// What an answer to changes makes of what a member knew.
-fn learn(known: &mut BTreeSet<Pair>, answer: &SharedAnswer<'_>) {
+fn learn(known: &mut BTreeSet<Pair>, answer: &SceneAnswer<'_>) {
     if answer.is_resync() {
         *known = answer.pairs().iter().collect();
         return;
@@ -68,7 +68,7 @@ fn a_late_writer_is_named_and_keeps_its_boxes() {
     // Behind its first lease, and one of somebody else behind that.
     other.scene.lease(30..35).unwrap();
     let third = Member::join(&daemon, "late", 35..40, JoinOptions::default());
-    assert_eq!(other.scene.tick_deadline(), deadline, "who says nothing agrees");
+    assert_eq!(other.scene.tick_deadline(), Some(deadline), "who says nothing agrees");
     let pending = other.scene.edit().set(15, at(0.0)).submit(Want::Changes).unwrap();
     drop(one.scene.edit().set(3, at(0.5)).commit(Want::Changes).unwrap().take());
     drop(pending.wait().unwrap().take());
@@ -77,14 +77,14 @@ fn a_late_writer_is_named_and_keeps_its_boxes() {
         let answer = one.scene.edit().set(4, at(0.2)).commit(Want::All).unwrap().take();
         let took = start.elapsed();
         assert!(took >= deadline && took < deadline + Duration::from_secs(2), "{took:?}");
-        assert_eq!((answer.late(), answer.tick()), (vec![10..30, 30..35, 35..40], tick));
+        assert_eq!((answer.late(), answer.tick()), (&[10..30, 30..35, 35..40][..], Some(tick)));
         assert_eq!(answer.pairs(), [[3, 4], [3, 15], [4, 15]]);
     }
     drop(third);
     // Its next commit is part of the next tick, and has all that it missed.
     let pending = one.scene.edit().submit(Want::Changes).unwrap();
     let answer = other.scene.edit().remove(15).commit(Want::Changes).unwrap().take();
-    assert_eq!((answer.tick(), answer.late()), (5, vec![]));
+    assert_eq!((answer.tick(), answer.late()), (Some(5), &[][..]));
     assert_eq!(answer.ended().to_vec(), [Ended { pair: [3, 15], reason: EndReason::Removed }]);
     drop(answer);
     let answer = pending.wait().unwrap();
@@ -113,7 +113,7 @@ fn what_is_not_its_own_a_member_is_refused() {
         assert!(matches!(refused, Err(SharedError::Differs(_))), "{other:?}: {refused:?}");
     }
     let mut other = session.join_scene("rules", JoinOptions::default()).unwrap();
-    let lease = |scene: &mut SharedScene, range| match scene.lease(range) {
+    let lease = |scene: &mut Scene, range| match scene.lease(range) {
         Err(SharedError::Lease(error)) => Some(error),
         Ok(()) => None,
         Err(error) => panic!("{error}"),
@@ -127,9 +127,12 @@ fn what_is_not_its_own_a_member_is_refused() {
     let full = other.lease_any(71).unwrap_err();
     assert!(matches!(full, SharedError::Lease(LeaseError::Full { count: 71 })));
     let not_own = other.edit().set(9, at(0.0)).commit(Want::Nothing).unwrap_err();
-    assert!(matches!(not_own, SharedError::NotLeased(NotLeased::Index { index: 9 })));
+    assert!(matches!(
+        not_own,
+        CommitError::Shared(SharedError::NotLeased(NotLeased::Index { index: 9 }))
+    ));
     let moved = other.edit().commit(Want::Moved).unwrap_err();
-    assert!(matches!(moved, SharedError::Moved));
+    assert!(matches!(moved, CommitError::Shared(SharedError::Moved)));
     // What was refused holds nobody up, and a lease that was given back is free.
     let pending = one.scene.edit().set(1, at(0.0)).submit(Want::All).unwrap();
     drop(other.edit().set(12, at(0.0)).set(25, at(0.0)).commit(Want::Nothing).unwrap());
@@ -157,7 +160,10 @@ fn a_tick_has_one_table_of_filters() {
     let all_meet = FilterTable::new(&[Filter::new(1, 1)]).unwrap();
     let edit = other.scene.edit().step(Step::Filters(&all_meet));
     let refused = edit.commit(Want::Nothing).map(drop).unwrap_err();
-    assert!(matches!(refused, SharedError::NotLeased(NotLeased::Filters)), "{refused:?}");
+    assert!(
+        matches!(refused, CommitError::Shared(SharedError::NotLeased(NotLeased::Filters))),
+        "{refused:?}"
+    );
     drop(other);
     assert_eq!(pending.wait().unwrap().take().pairs().len(), 0);
 }
@@ -177,7 +183,7 @@ fn an_edit_without_a_place_has_not_happened() {
     assert_eq!(edit.commit(Want::Changes).unwrap().take().pairs(), [[1, 2]]);
     let places = hold_all_places(&mut one.session);
     let unsent = one.scene.edit().set(3, at(0.2)).remove(2).commit(Want::Changes).map(drop);
-    assert!(matches!(unsent, Err(SharedError::Frame(FrameError::TooManyFrames))), "{unsent:?}");
+    assert!(matches!(unsent, Err(CommitError::Frame(FrameError::TooManyFrames))), "{unsent:?}");
     drop(places);
     let answer = one.scene.edit().set(4, at(0.4)).commit(Want::Changes).unwrap().take();
     assert!(!answer.is_resync());
@@ -220,7 +226,10 @@ fn nothing_of_a_commit_with_a_refused_table_is_applied() {
         let pending = edit.submit(Want::Changes).unwrap();
         if waits {
             let refused = pending.wait().map(drop).unwrap_err();
-            assert!(matches!(refused, SharedError::NotLeased(NotLeased::Filters)), "{refused:?}");
+            assert!(
+                matches!(refused, CommitError::Shared(SharedError::NotLeased(NotLeased::Filters))),
+                "{refused:?}"
+            );
             assert_eq!((one.scene.get(12), one.scene.get(14)), (Some(at(0.5)), None));
         } else {
             drop(pending);
@@ -445,7 +454,7 @@ fn a_restarted_daemon_is_joined_again() {
         eventually("a tick of both", || {
             let first = one.scene.edit().set(2, at(x)).set(3, at(9.0)).submit(Want::All);
             let second = other.scene.edit().set(12, at(x)).commit(Want::Changes);
-            let answered = first.and_then(PendingShared::wait);
+            let answered = first.and_then(PendingAnswer::wait);
             match (answered, second) {
                 // A daemon that has just started may know one of them alone.
                 (Ok(first), Ok(second)) if first.late().is_empty() && first.pairs().len() == 1 => {

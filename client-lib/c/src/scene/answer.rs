@@ -4,8 +4,8 @@
 use std::ffi::c_void;
 
 use bytemuck::{Pod, Zeroable};
+use pairmask::{PairList, SceneAnswer};
 
-use super::edited::Answer;
 use super::{Scene, pm_scene};
 use crate::call::call;
 use crate::code::pm_code;
@@ -26,7 +26,7 @@ pub struct pm_answer {
     /// 1 where changes were asked for and `pm_scene_pairs` has all pairs instead: forget the pairs that you
     /// know. Else 0.
     pub is_resync: u32,
-    /// What answered; 0 where nobody had to be asked.
+    /// What answered.
     pub served_by: pm_served_by,
     /// Pairs that began.
     pub begun: u64,
@@ -42,7 +42,7 @@ pub struct pm_answer {
     pub tick: u64,
     /// Of a shared scene: leases of writers that were late.
     pub late: u64,
-    /// Name of the engine; empty where the answer does not name it.
+    /// Name of the engine.
     pub engine: pm_name,
 }
 
@@ -55,15 +55,15 @@ pub unsafe extern "C" fn pm_scene_answer(scene: pm_scene, answer: *mut pm_answer
             scene.state.read(|answer| pm_answer {
                 struct_size: 0,
                 is_resync: u32::from(answer.is_resync()),
-                served_by: answer.served_by().map_or(0, served_by_number),
+                served_by: served_by_number(answer.served_by()),
                 begun: answer.begun().len() as u64,
-                ended: answer.ended_count() as u64,
+                ended: answer.ended().len() as u64,
                 pairs: answer.pairs().len() as u64,
                 pair_count: answer.pair_count().unwrap_or(u64::MAX),
-                skipped_pairs: answer.skipped_pairs(),
-                tick: answer.tick(),
+                skipped_pairs: answer.skipped().pairs(),
+                tick: answer.tick().unwrap_or(0),
                 late: answer.late().len() as u64,
-                engine: answer.engine().map_or_else(pm_name::default, name_of),
+                engine: name_of(answer.engine()),
             })
         })?;
         // SAFETY: the caller's promise about pointers is passed on.
@@ -85,7 +85,7 @@ enum Which {
     Pairs,
 }
 
-fn list<'a>(answer: &'a Answer<'_>, which: Which) -> pairmask::PairList<'a> {
+fn list<'a>(answer: &'a SceneAnswer<'_>, which: Which) -> PairList<'a> {
     match which {
         Which::Begun => answer.begun(),
         Which::Pairs => answer.pairs(),
@@ -212,7 +212,6 @@ pub unsafe extern "C" fn pm_scene_for_each_pair(
 
 /// Leases of writers that had not committed when the tick ended, of a shared scene: at most `capacity` of them are
 /// written, and `count` is how many there are.
-#[allow(clippy::redundant_closure_for_method_calls)] // The method's is of one lifetime.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn pm_scene_late(
     scene: pm_scene,
@@ -222,7 +221,7 @@ pub unsafe extern "C" fn pm_scene_late(
 ) -> pm_code {
     call(|| {
         check_out(count)?;
-        let late = scene.with(|scene| scene.state.read(|answer| answer.late()))?;
+        let late = scene.with(|scene| scene.state.read(|answer| answer.late().to_vec()))?;
         // SAFETY: the caller's promise about pointers is passed on.
         unsafe {
             super::shared::write_ranges(&late, ranges, capacity)?;

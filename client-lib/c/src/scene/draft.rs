@@ -1,7 +1,7 @@
 //! What an edit says, until it is answered.
 
 use pairmask::filters::{FilterTable, Tag};
-use pairmask::scene::{Indices, Sets, Step, Tags};
+use pairmask::scene::{Indices, Step, Tags};
 use pairmask::{Aabb, Margin};
 
 /// What an edit says. Arrays of the program are read where they lie.
@@ -11,8 +11,8 @@ pub(super) struct Draft {
     pub indices: Vec<u32>,
     /// One for each.
     pub boxes: Vec<Aabb>,
-    /// One for each, of a scene with margins.
-    pub margins: Vec<Margin>,
+    /// One for each, where one was given.
+    pub margins: Vec<Option<Margin>>,
     /// All else.
     pub given: Vec<Given>,
     /// The table of filters, which a step names.
@@ -26,21 +26,7 @@ pub(super) enum Given {
     /// The draft's table of filters.
     Table,
     /// Boxes with margins: one for all, or one for each.
-    Margined { indices: Indices<'static>, boxes: &'static [Aabb], margins: Margins },
-}
-
-/// Margins of boxes.
-pub(super) type Margins = Vec<Margin>;
-
-impl Given {
-    /// The step, of what is not margined.
-    pub fn step<'a>(&self, draft: &'a Draft) -> Step<'a> {
-        match self {
-            Self::Step(step) => *step,
-            Self::Table => Step::Filters(&draft.table),
-            Self::Margined { indices, boxes, .. } => Step::Set(Sets { indices: *indices, boxes }),
-        }
-    }
+    Margined { indices: Indices<'static>, boxes: &'static [Aabb], margins: Vec<Margin> },
 }
 
 impl Draft {
@@ -53,7 +39,7 @@ impl Draft {
     }
 
     /// Sets one box.
-    pub fn set(&mut self, index: u32, b: Aabb, margin: Margin) {
+    pub fn set(&mut self, index: u32, b: Aabb, margin: Option<Margin>) {
         self.indices.push(index);
         self.boxes.push(b);
         self.margins.push(margin);

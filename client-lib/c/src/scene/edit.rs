@@ -76,14 +76,15 @@ fn add(scene: pm_scene, say: impl FnOnce(&mut Draft) -> Result<(), Failure>) -> 
     call(|| scene.with(|scene| say(&mut scene.edited()?.draft)))
 }
 
-/// Sets the box of an index; inserts it where there is none. The box is copied.
+/// Sets the box of an index; inserts it where there is none. The box is copied. In a scene with margins it has the
+/// usual one.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn pm_scene_set(scene: pm_scene, index: u32, b: *const pm_box) -> pm_code {
     // SAFETY: the caller's promise about pointers is passed on.
-    unsafe { pm_scene_set_margined(scene, index, b, 0.0) }
+    unsafe { set(scene, index, b, None) }
 }
 
-/// As `pm_scene_set`, with a margin: for a scene that has some.
+/// As `pm_scene_set`, with a margin of its own. A scene without margins knows that of 0 alone.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn pm_scene_set_margined(
     scene: pm_scene,
@@ -91,10 +92,17 @@ pub unsafe extern "C" fn pm_scene_set_margined(
     b: *const pm_box,
     margin: f32,
 ) -> pm_code {
+    // SAFETY: the caller's promise about pointers is passed on.
+    unsafe { set(scene, index, b, Some(margin)) }
+}
+
+/// # Safety
+/// `b` is null or valid.
+unsafe fn set(scene: pm_scene, index: u32, b: *const pm_box, margin: Option<f32>) -> pm_code {
     add(scene, |draft| {
         // SAFETY: the caller's promise about pointers is passed on.
         let b = as_boxes(&[unsafe { value(b) }?])[0];
-        draft.set(index, b, Margin::new(margin)?);
+        draft.set(index, b, margin.map(Margin::new).transpose()?);
         Ok(())
     })
 }
@@ -115,8 +123,7 @@ pub unsafe extern "C" fn pm_scene_set_all(
     })
 }
 
-/// As `pm_scene_set_all`, with a margin for all boxes, or one for each: for a scene that has some. Margins are
-/// copied.
+/// As `pm_scene_set_all`, with a margin for all boxes, or one for each. Margins are copied.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn pm_scene_set_all_margined(
     scene: pm_scene,

@@ -1,5 +1,4 @@
-//! Scenes that persist: `pm_scene`. One kind of handle for a scene of its own, one with margins, and one that
-//! several processes write.
+//! Scenes that persist: `pm_scene`.
 //!
 //! ```text
 //! draft    what an edit says, until it is answered
@@ -17,13 +16,13 @@ mod edited;
 mod shared;
 
 use bytemuck::{Pod, Zeroable};
-use pairmask::scene::SceneOptions;
-use pairmask::{MarginedPairs, MarginedScene, SharedScene};
+use pairmask::Margin;
+use pairmask::scene::{MarginedPairs, SceneOptions};
 
 use self::draft::Draft;
 use self::edited::State;
 use crate::call::call;
-use crate::code::{PM_ERR_STATE, pm_code};
+use crate::code::pm_code;
 use crate::failure::Failure;
 use crate::handles::handle;
 use crate::memory::{Growing, array, check_out, growing, write, write_growing};
@@ -63,22 +62,14 @@ impl Lists {
     }
 }
 
-/// A scene of any kind.
-#[allow(clippy::large_enum_variant)] // It is boxed.
-enum AnyScene {
-    Plain(pairmask::Scene),
-    Margined(MarginedScene),
-    Shared(SharedScene),
-}
-
 /// A scene, and the edit of it that is being written.
 struct Edited {
-    scene: AnyScene,
+    scene: pairmask::Scene,
     draft: Draft,
 }
 
 impl Scene {
-    fn new(scene: AnyScene, spares: &Spares) -> Self {
+    fn new(scene: pairmask::Scene, spares: &Spares) -> Self {
         let state = State::new(Edited { scene, draft: Draft::default() });
         Self { state, lists: Lists::new(spares) }
     }
@@ -102,16 +93,34 @@ pub struct pm_scene_options {
     pub most_boxes: u32,
     /// Threads of this process that the scene may use.
     pub threads: u32,
+    /// `PM_MARGINS_...`: with margins, a box is sent only when it has left its own.
+    pub margins: pm_margins,
+    /// The margin of boxes that are set without one.
+    pub usual_margin: f32,
 }
 
-// SAFETY: it is `repr(C)` and begins with its size; integers have no invalid bit patterns.
+/// Whether a scene's boxes have margins, and which pairs it tells: one of `PM_MARGINS_...`.
+pub type pm_margins = u32;
+/// Boxes have no margins.
+pub const PM_MARGINS_NONE: pm_margins = 0;
+/// Answers are those of the boxes as they were set.
+pub const PM_MARGINS_EXACT: pm_margins = 1;
+/// Near pairs are among the answers.
+pub const PM_MARGINS_NEAR: pm_margins = 2;
+
+// SAFETY: it is `repr(C)` and begins with its size; numbers have no invalid bit patterns.
 unsafe impl Growing for pm_scene_options {}
 
 /// # Safety
 /// `options` is null or valid for as many bytes as its first field says.
 unsafe fn options_of(options: *const pm_scene_options) -> Result<SceneOptions, Failure> {
-    let none =
-        pm_scene_options { struct_size: size_of::<pm_scene_options>(), most_boxes: 0, threads: 0 };
+    let none = pm_scene_options {
+        struct_size: size_of::<pm_scene_options>(),
+        most_boxes: 0,
+        threads: 0,
+        margins: PM_MARGINS_NONE,
+        usual_margin: 0.0,
+    };
     // SAFETY: the caller's promise about pointers is passed on.
     let given = unsafe { growing(options, none) }?;
     let mut options = SceneOptions::default();
@@ -121,7 +130,13 @@ unsafe fn options_of(options: *const pm_scene_options) -> Result<SceneOptions, F
     if given.threads > 0 {
         options = options.with_threads(given.threads as usize);
     }
-    Ok(options)
+    let pairs = match given.margins {
+        PM_MARGINS_NONE => return Ok(options),
+        PM_MARGINS_EXACT => MarginedPairs::Exact,
+        PM_MARGINS_NEAR => MarginedPairs::Near,
+        _ => return Err(Failure::argument("no such margins")),
+    };
+    Ok(options.with_margins(pairs, Margin::new(given.usual_margin)?))
 }
 
 /// Makes a scene. `options` may be null. A daemon keeps the scene where the session has one; else this process
@@ -137,31 +152,8 @@ pub unsafe extern "C" fn pm_scene_create(
         // SAFETY: the caller's promise about pointers is passed on.
         let options = unsafe { options_of(options) }?;
         let made = session.with(|s| {
-            let plain = s.session.scene(options);
-            Ok(Scene::new(AnyScene::Plain(plain), &s.spares))
-        })?;
-        // SAFETY: the caller's promise about pointers is passed on.
-        unsafe { write(scene, pm_scene::new(Box::new(made))?) }
-    })
-}
-
-/// Makes a scene where each box has a margin, and is sent only when it has left it. Answers are those of the boxes
-/// as they were set where `exact` is set; else near pairs are among them.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn pm_scene_create_margined(
-    session: pm_session,
-    options: *const pm_scene_options,
-    exact: bool,
-    scene: *mut pm_scene,
-) -> pm_code {
-    call(|| {
-        check_out(scene)?;
-        // SAFETY: the caller's promise about pointers is passed on.
-        let options = unsafe { options_of(options) }?;
-        let pairs = if exact { MarginedPairs::Exact } else { MarginedPairs::Near };
-        let made = session.with(|s| {
-            let margined = s.session.margined_scene(options, pairs);
-            Ok(Scene::new(AnyScene::Margined(margined), &s.spares))
+            let scene = s.session.scene(options);
+            Ok(Scene::new(scene, &s.spares))
         })?;
         // SAFETY: the caller's promise about pointers is passed on.
         unsafe { write(scene, pm_scene::new(Box::new(made))?) }
@@ -179,14 +171,7 @@ pub extern "C" fn pm_scene_drop(scene: pm_scene) -> pm_code {
 pub extern "C" fn pm_scene_lose(scene: pm_scene) -> pm_code {
     call(|| {
         scene.with(|scene| {
-            match &mut scene.edited()?.scene {
-                AnyScene::Plain(scene) => scene.lose(),
-                AnyScene::Margined(scene) => scene.lose(),
-                AnyScene::Shared(_) => {
-                    let text = "what a shared scene told is the daemon's to know";
-                    return Err(Failure::new(PM_ERR_STATE, text));
-                }
-            }
+            scene.edited()?.scene.lose();
             Ok(())
         })
     })
@@ -197,13 +182,7 @@ pub extern "C" fn pm_scene_lose(scene: pm_scene) -> pm_code {
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn pm_scene_get(scene: pm_scene, index: u32, b: *mut pm_box) -> pm_code {
     call(|| {
-        let found = scene.with(|scene| {
-            Ok(match &scene.edited()?.scene {
-                AnyScene::Plain(scene) => scene.get(index),
-                AnyScene::Margined(scene) => scene.get(index),
-                AnyScene::Shared(scene) => scene.get(index),
-            })
-        })?;
+        let found = scene.with(|scene| Ok(scene.edited()?.scene.get(index)))?;
         let absent = Failure::new(crate::code::PM_ERR_ABSENT, "the index has no box");
         let found = found.ok_or(absent)?;
         // SAFETY: the caller's promise about pointers is passed on.
@@ -219,7 +198,7 @@ pub struct pm_scene_info {
     pub struct_size: usize,
     /// Boxes, those that are switched off too; of a shared scene, this member's.
     pub boxes: u64,
-    /// Bytes that this process keeps of the scene; 0 of a shared one.
+    /// Bytes that this process keeps of the scene.
     pub allocated_bytes: u64,
     /// Bytes that the daemon keeps of it, by its last answer; 0 where it has none, and of a shared scene.
     pub daemon_bytes: u64,
@@ -239,28 +218,17 @@ pub unsafe extern "C" fn pm_scene_get_info(scene: pm_scene, info: *mut pm_scene_
     call(|| {
         check_out(info)?;
         let facts = scene.with(|scene| {
-            let none = pm_scene_info::default();
-            Ok(match &scene.edited()?.scene {
-                AnyScene::Plain(scene) => pm_scene_info {
-                    boxes: scene.len() as u64,
-                    allocated_bytes: scene.allocated_bytes() as u64,
-                    daemon_bytes: scene.daemon_bytes(),
-                    ..none
-                },
-                AnyScene::Margined(scene) => {
-                    let stats = scene.stats();
-                    pm_scene_info {
-                        boxes: scene.len() as u64,
-                        allocated_bytes: scene.allocated_bytes() as u64,
-                        daemon_bytes: scene.daemon_bytes(),
-                        edits: stats.edits,
-                        requests: stats.requests,
-                        set: stats.set,
-                        sent: stats.sent,
-                        ..none
-                    }
-                }
-                AnyScene::Shared(scene) => pm_scene_info { boxes: scene.len() as u64, ..none },
+            let scene = &scene.edited()?.scene;
+            let stats = scene.margin_stats().unwrap_or_default();
+            Ok(pm_scene_info {
+                struct_size: 0,
+                boxes: scene.len() as u64,
+                allocated_bytes: scene.allocated_bytes() as u64,
+                daemon_bytes: scene.daemon_bytes(),
+                edits: stats.edits,
+                requests: stats.requests,
+                set: stats.set,
+                sent: stats.sent,
             })
         })?;
         // SAFETY: the caller's promise about pointers is passed on.
@@ -269,8 +237,7 @@ pub unsafe extern "C" fn pm_scene_get_info(scene: pm_scene, info: *mut pm_scene_
 }
 
 /// Asks which boxes of a scene some other boxes overlap. `tags` are null, or one for all, or one for each: then only
-/// what may meet such a tag is found. The scene's answer ends. Only scenes without margins that are not shared
-/// are asked.
+/// what may meet such a tag is found. The scene's answer ends. Shared scenes are not asked.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn pm_scene_query(
     scene: pm_scene,
@@ -287,11 +254,7 @@ pub unsafe extern "C" fn pm_scene_query(
             unsafe { (as_boxes(array(boxes, n)?), as_tags(array(tags, tag_count)?)) };
         let made = scene.with(|scene| {
             let spares = scene.lists.begun.spares().clone();
-            let AnyScene::Plain(plain) = &mut scene.edited()?.scene else {
-                let text = "only a scene without margins that is not shared is asked";
-                return Err(Failure::new(PM_ERR_STATE, text));
-            };
-            let query = plain.query(boxes);
+            let query = scene.edited()?.scene.query(boxes);
             let answer = match tags {
                 [] => query,
                 [tag] => query.tag(*tag),

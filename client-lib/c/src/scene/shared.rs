@@ -6,11 +6,11 @@ use std::ops::Range;
 use std::time::Duration;
 
 use pairmask::scene::shared::{AtEnd, Hears};
-use pairmask::{JoinOptions, SharedScene};
+use pairmask::{JoinOptions, SharedError};
 
-use super::{AnyScene, Scene, pm_scene};
+use super::{Scene, pm_scene};
 use crate::call::call;
-use crate::code::{PM_ERR_STATE, pm_code};
+use crate::code::pm_code;
 use crate::failure::Failure;
 use crate::memory::{Growing, check_out, growing, text, write};
 use crate::session::pm_session;
@@ -88,22 +88,19 @@ pub unsafe extern "C" fn pm_scene_join(
         let options = options_of(&given)?;
         let made = session.with(|s| {
             let shared = s.session.join_scene(name, options)?;
-            Ok(Scene::new(AnyScene::Shared(shared), &s.spares))
+            Ok(Scene::new(shared, &s.spares))
         })?;
         // SAFETY: the caller's promise about pointers is passed on.
         unsafe { write(scene, pm_scene::new(Box::new(made))?) }
     })
 }
 
-/// Uses a shared scene. Its answer ends.
-fn with_shared<R>(
+/// Uses a scene. Its answer ends.
+fn with_scene<R>(
     scene: pm_scene,
-    work: impl FnOnce(&mut SharedScene) -> Result<R, Failure>,
+    work: impl FnOnce(&mut pairmask::Scene) -> Result<R, SharedError>,
 ) -> Result<R, Failure> {
-    scene.with(|scene| match &mut scene.edited()?.scene {
-        AnyScene::Shared(scene) => work(scene),
-        _ => Err(Failure::new(PM_ERR_STATE, "the scene is not shared")),
-    })
+    scene.with(|scene| Ok(work(&mut scene.edited()?.scene)?))
 }
 
 /// Leases a range of indices: this member alone may set boxes there.
@@ -112,7 +109,7 @@ pub extern "C" fn pm_scene_lease(scene: pm_scene, range: pm_range) -> pm_code {
     call(|| {
         let end = range.first.checked_add(range.count);
         let end = end.ok_or(Failure::argument("the range ends beyond 2^32 - 1"))?;
-        with_shared(scene, |scene| Ok(scene.lease(range.first..end)?))
+        with_scene(scene, |scene| scene.lease(range.first..end))
     })
 }
 
@@ -125,7 +122,7 @@ pub unsafe extern "C" fn pm_scene_lease_any(
 ) -> pm_code {
     call(|| {
         check_out(range)?;
-        let leased = with_shared(scene, |scene| Ok(scene.lease_any(count)?))?;
+        let leased = with_scene(scene, |scene| scene.lease_any(count))?;
         // SAFETY: the caller's promise about pointers is passed on.
         unsafe { write(range, to_range(&leased)) }
     })
@@ -134,7 +131,7 @@ pub unsafe extern "C" fn pm_scene_lease_any(
 /// Gives back the lease that begins at an index. Its boxes are removed.
 #[unsafe(no_mangle)]
 pub extern "C" fn pm_scene_give_back(scene: pm_scene, first: u32) -> pm_code {
-    call(|| with_shared(scene, |scene| Ok(scene.give_back(first)?)))
+    call(|| with_scene(scene, |scene| scene.give_back(first)))
 }
 
 /// The ranges that this member has leased: at most `capacity` of them are written, and `count` is how many there
@@ -148,7 +145,7 @@ pub unsafe extern "C" fn pm_scene_leases(
 ) -> pm_code {
     call(|| {
         check_out(count)?;
-        let leases = with_shared(scene, |scene| Ok(scene.leases().to_vec()))?;
+        let leases = with_scene(scene, |scene| Ok(scene.leases().to_vec()))?;
         // SAFETY: the caller's promise about pointers is passed on.
         unsafe {
             write_ranges(&leases, ranges, capacity)?;
@@ -168,8 +165,10 @@ pub unsafe extern "C" fn pm_scene_terms(
     call(|| {
         check_out(most_boxes)?;
         check_out(tick_deadline_ns)?;
-        let (most, deadline) =
-            with_shared(scene, |scene| Ok((scene.most_boxes(), scene.tick_deadline())))?;
+        let (most, deadline) = with_scene(scene, |scene| {
+            let deadline = scene.tick_deadline().ok_or(SharedError::NotShared)?;
+            Ok((scene.most_boxes(), deadline))
+        })?;
         // SAFETY: the caller's promise about pointers is passed on.
         unsafe {
             write(most_boxes, most)?;

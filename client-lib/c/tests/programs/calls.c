@@ -498,7 +498,7 @@ static void scenes(pm_session session) {
   EXPECT(PM_ERR_ARGUMENT, pm_scene_remove(scene, pm_index_list(NULL, 3)));
   const float margin = 1;
   EXPECT(PM_OK, pm_scene_set_all_margined(scene, pm_index(1), &a, 1, &margin, 1));
-  EXPECT(PM_ERR_STATE, pm_scene_commit(scene, PM_WANT_CHANGES)); /* it has no margins */
+  EXPECT(PM_ERR_NO_MARGINS, pm_scene_commit(scene, PM_WANT_CHANGES));
   EXPECT(PM_ERR_ABSENT, pm_scene_get(scene, 3, &got));
   EXPECT(PM_OK, pm_scene_get(scene, 9, &got));
   CHECK(memcmp(&got, &b, sizeof got) == 0);
@@ -524,11 +524,25 @@ static void margins(pm_session session) {
   pm_scene scene;
   int step;
 
-  EXPECT(PM_OK, pm_scene_create_margined(session, NULL, true, &scene));
+  pm_scene_options options = {.struct_size = sizeof options, .margins = 9};
+  pm_found found;
+  const pm_pair *rows;
+  size_t count;
+
+  EXPECT(PM_ERR_ARGUMENT, pm_scene_create(session, &options, &scene));
+  options.margins = PM_MARGINS_EXACT;
+  options.usual_margin = -1;
+  EXPECT(PM_ERR_MARGINS, pm_scene_create(session, &options, &scene));
+  options.usual_margin = 0.5f;
+  EXPECT(PM_OK, pm_scene_create(session, &options, &scene));
   for (step = 0; step < 3; step++) {
     boxes[1] = at(1.25f - 0.2f * (float)step);
-    EXPECT(PM_OK, pm_scene_set_all_margined(scene, pm_index_range(0, 2), boxes, 2, margin,
-                                            step == 0 ? 1 : 2));
+    if (step == 0) {
+      EXPECT(PM_OK, pm_scene_set(scene, 0, &boxes[0]));
+      EXPECT(PM_OK, pm_scene_set_margined(scene, 1, &boxes[1], 0.5f));
+    } else {
+      EXPECT(PM_OK, pm_scene_set_all_margined(scene, pm_index_range(0, 2), boxes, 2, margin, 2));
+    }
     EXPECT(PM_OK, pm_scene_commit(scene, PM_WANT_CHANGES));
     expect_list(scene, pm_scene_begun, expected, step == 2 ? 1 : 0);
     EXPECT(PM_OK, pm_scene_take(scene));
@@ -538,8 +552,14 @@ static void margins(pm_session session) {
   EXPECT(PM_ERR_MARGINS, pm_scene_set_margined(scene, 0, boxes, -1));
   EXPECT(PM_OK, pm_scene_set_all_margined(scene, pm_index_range(0, 2), boxes, 2, margin, 0));
   EXPECT(PM_ERR_MARGINS, pm_scene_commit(scene, PM_WANT_CHANGES));
-  EXPECT(PM_OK, pm_scene_include(scene, expected, 1, true));
-  EXPECT(PM_ERR_NO_RULES, pm_scene_commit(scene, PM_WANT_CHANGES));
+  /* Queries and rules are of the boxes as they were set. */
+  EXPECT(PM_OK, pm_scene_query(scene, &boxes[1], 1, NULL, 0, &found));
+  EXPECT(PM_OK, pm_found_pairs(found, &rows, &count));
+  CHECK(count == 2);
+  EXPECT(PM_OK, pm_found_drop(found));
+  EXPECT(PM_OK, pm_scene_exclude(scene, expected, 1, true));
+  EXPECT(PM_OK, pm_scene_commit(scene, PM_WANT_ALL));
+  expect_list(scene, pm_scene_pairs, expected, 0);
   EXPECT(PM_OK, pm_scene_drop(scene));
 }
 

@@ -92,7 +92,7 @@ void frames(pm::Session &session) {
 }
 
 void scenes(pm::Session &session) {
-  auto scene = session.scene(1000).value();
+  auto scene = session.scene({1000}).value();
   scene.set(7, at(0)).value();
   scene.set(9, at(0.5f)).value();
   scene.commit(pm::Want::Changes).value();
@@ -116,7 +116,9 @@ void scenes(pm::Session &session) {
   scene.commit(pm::Want::All).value();
   CHECK(scene.pairs().empty() && scene.answer().pair_count == 0);
 
-  auto margined = session.margined_scene(true).value();
+  pm::SceneOptions with_margins;
+  with_margins.margins = PM_MARGINS_EXACT;
+  auto margined = session.scene(with_margins).value();
   const pm::Box boxes[] = {at(0), at(1.25f)};
   const float margin[] = {0.5f};
   margined.set_all(pm::range(0, 2), boxes, margin).value();

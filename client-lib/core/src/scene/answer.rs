@@ -81,6 +81,11 @@ impl SceneSkips {
         Self { boxes, static_pairs, unmoved_pairs, cell_pairs, tested }
     }
 
+    /// Pairs that were not tested.
+    pub const fn pairs(&self) -> u64 {
+        self.static_pairs.saturating_add(self.unmoved_pairs).saturating_add(self.cell_pairs)
+    }
+
     /// Pairs that were not tested, by reason, as whole frames count them.
     pub const fn why(&self) -> PairSkips {
         PairSkips::of_scene(self.static_pairs, self.unmoved_pairs, self.cell_pairs)

@@ -289,6 +289,15 @@ impl<'a> Edit<'a> {
         }
     }
 
+    /// The indices of pairs that are put on lists or taken off.
+    pub(super) fn for_each_listed(&self, mut f: impl FnMut(u32)) {
+        for step in self.steps {
+            if let Step::Include(pairs, _) | Step::Exclude(pairs, _) = step {
+                pairs.as_flattened().iter().for_each(|index| f(*index));
+            }
+        }
+    }
+
     /// Bytes that its rules may take where they are kept, beside tags.
     pub fn rule_bytes(&self) -> usize {
         /// A pair in the tables of now and of then, half of whose places are free.

@@ -55,9 +55,9 @@ pub enum EditError {
         /// The index.
         index: u64,
     },
-    /// A step about rules in a scene with margins, which knows none.
-    #[error("this scene has no rules: it knows neither tags nor lists of pairs")]
-    Rules,
+    /// A box with a margin in a scene whose boxes have none.
+    #[error("this scene's boxes have no margins: give its options some")]
+    NoMargins,
     /// No memory for a scene of so many boxes.
     #[error("no memory for a scene of {boxes} boxes")]
     NoMemory {

@@ -2,6 +2,7 @@
 
 use std::ops::Range;
 
+use pairmask::SceneAnswer;
 use pairmask::scene::{EndReason, Ended};
 use pyo3::prelude::*;
 use pyo3::types::PyRange;
@@ -9,34 +10,35 @@ use pyo3::types::PyRange;
 use crate::memory::Memory;
 
 /// An answer as it is read from the library, before there are arrays of it.
-#[derive(Default)]
 pub struct Read {
     pub begun: Vec<[u32; 2]>,
     pub ended: Vec<Ended>,
     pub pairs: Vec<[u32; 2]>,
     pub is_resync: bool,
     pub pair_count: Option<u64>,
-    pub served_by: Option<&'static str>,
-    pub engine: Option<String>,
-    pub skipped_pairs: Option<u64>,
+    pub served_by: &'static str,
+    pub engine: String,
+    pub skipped_pairs: u64,
     pub tick: Option<u64>,
     pub late: Vec<Range<u32>>,
 }
 
-/// Reads what answers of all kinds have.
-macro_rules! read {
-    ($answer:expr) => {
-        $crate::scene::answer::Read {
-            begun: $answer.begun().to_vec(),
-            ended: $answer.ended().to_vec(),
-            pairs: $answer.pairs().to_vec(),
-            is_resync: $answer.is_resync(),
-            pair_count: $answer.pair_count(),
-            ..$crate::scene::answer::Read::default()
+impl Read {
+    pub fn of(answer: &SceneAnswer<'_>) -> Self {
+        Self {
+            begun: answer.begun().to_vec(),
+            ended: answer.ended().to_vec(),
+            pairs: answer.pairs().to_vec(),
+            is_resync: answer.is_resync(),
+            pair_count: answer.pair_count(),
+            served_by: answer.served_by().as_str(),
+            engine: answer.engine().to_string(),
+            skipped_pairs: answer.skipped().pairs(),
+            tick: answer.tick(),
+            late: answer.late().to_vec(),
         }
-    };
+    }
 }
-pub(super) use read;
 
 /// Numbers of `EndReason` in Python.
 const fn number(reason: EndReason) -> u8 {
@@ -64,12 +66,12 @@ pub struct PySceneAnswer {
     is_resync: bool,
     /// Pairs of the whole scene, if the answer knows.
     pair_count: Option<u64>,
-    /// What answered, if a request was made.
-    served_by: Option<&'static str>,
-    /// The engine that answered, if the answer names it.
-    engine: Option<String>,
-    /// Pairs that were not tested, if the answer knows.
-    skipped_pairs: Option<u64>,
+    /// What answered.
+    served_by: &'static str,
+    /// The engine that answered.
+    engine: String,
+    /// Pairs that were not tested.
+    skipped_pairs: u64,
     /// The tick of a shared scene.
     tick: Option<u64>,
     /// Leases of writers of a shared scene that were late.

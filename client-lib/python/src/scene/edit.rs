@@ -7,7 +7,7 @@ use pairmask::scene::Want;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-use super::PyAnyScene;
+use super::PyScene;
 use super::answer::PySceneAnswer;
 use super::ops::{Named, NamedMargins, Op};
 use super::pending::PyPendingAnswer;
@@ -19,7 +19,7 @@ use crate::sources::Boxes;
 /// An edit that is being written. Each call adds to it; `commit` or `submit` does all of it at once.
 #[pyclass(frozen, name = "SceneEdit", module = "pairmask")]
 pub struct PyEdit {
-    scene: Py<PyAnyScene>,
+    scene: Py<PyScene>,
     /// `None` once it is committed or submitted.
     ops: Mutex<Option<Vec<Op>>>,
 }
@@ -38,14 +38,14 @@ fn want_named(name: &str) -> PyResult<Want> {
 }
 
 impl PyEdit {
-    pub const fn new(scene: Py<PyAnyScene>) -> Self {
+    pub const fn new(scene: Py<PyScene>) -> Self {
         Self { scene, ops: Mutex::new(Some(Vec::new())) }
     }
 
     fn add(&self, op: Op) -> PyResult<()> {
-        let has_margins = self.scene.get().has_margins();
-        let checked = if has_margins { op.check_margined() } else { op.check_plain() };
-        checked?;
+        if matches!(op, Op::Set(_, _, Some(_))) && !self.scene.get().has_margins() {
+            return Err(PyValueError::new_err("this scene's boxes have no margins"));
+        }
         let mut ops = self.ops.lock().unwrap_or_else(PoisonError::into_inner);
         ops.as_mut().map(|ops| ops.push(op)).ok_or_else(committed)
     }

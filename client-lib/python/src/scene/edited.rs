@@ -1,18 +1,18 @@
 //! A scene with its edit under way. The edit borrows the scene, so that the two are kept in one cell.
 
 use pairmask::scene::Want;
+use pairmask::{PendingAnswer, Scene};
 use pyo3::{PyErr, PyResult};
 use self_cell::{MutBorrow, self_cell};
 
 use super::answer::Read;
-use super::any::{AnyScene, Pending};
 use super::ops::Op;
-use crate::errors::misused;
+use crate::errors::{Raise, misused};
 
 /// A scene and the steps of its edit.
-type Owner = MutBorrow<(Box<AnyScene>, Vec<Op>)>;
+type Owner = MutBorrow<(Box<Scene>, Vec<Op>)>;
 /// `None` once it was waited for.
-type Borrower<'s> = Option<Pending<'s>>;
+type Borrower<'s> = Option<PendingAnswer<'s, 's>>;
 
 self_cell!(
     struct Cell {
@@ -28,7 +28,7 @@ pub struct Ticket(u64);
 
 /// A scene, or an edit of it under way. It is neither only after a panic.
 pub struct Edited {
-    idle: Option<Box<AnyScene>>,
+    idle: Option<Box<Scene>>,
     under_way: Option<Cell>,
     /// The last edit that was submitted.
     last: Ticket,
@@ -39,18 +39,18 @@ fn is_under_way() -> PyErr {
 }
 
 impl Edited {
-    pub fn new(scene: AnyScene) -> Self {
+    pub fn new(scene: Scene) -> Self {
         Self { idle: Some(Box::new(scene)), under_way: None, last: Ticket(0) }
     }
 
     /// The scene, where no edit of it is under way.
-    pub fn scene(&mut self) -> PyResult<&mut AnyScene> {
+    pub fn scene(&mut self) -> PyResult<&mut Scene> {
         self.idle.as_deref_mut().ok_or_else(is_under_way)
     }
 
     /// Applies an edit and waits for what it tells.
     pub fn commit(&mut self, ops: &[Op], want: Want, take: bool) -> PyResult<Read> {
-        self.scene()?.submit(ops, want)?.wait(take)
+        answered(sent(self.scene()?, ops, want)?, take)
     }
 
     /// Applies an edit, and sends it where a daemon has the scene.
@@ -58,7 +58,7 @@ impl Edited {
         let scene = self.idle.take().ok_or_else(is_under_way)?;
         let sent = Cell::try_new_or_recover(MutBorrow::new((scene, ops)), |owner| {
             let (scene, ops) = owner.borrow_mut();
-            scene.submit(ops, want).map(Some)
+            sent(scene, ops, want).map(Some)
         });
         match sent {
             Ok(cell) => {
@@ -78,7 +78,7 @@ impl Edited {
         let gone = || misused("the answer of this edit was waited for, or given up", "Gone");
         let mut cell = self.under_way.take_if(|_| self.last == ticket).ok_or_else(gone)?;
         let told = cell.with_dependent_mut(|_, pending| {
-            pending.take().ok_or_else(gone).and_then(|pending| pending.wait(take))
+            pending.take().ok_or_else(gone).and_then(|pending| answered(pending, take))
         });
         self.end(cell);
         told
@@ -95,4 +95,16 @@ impl Edited {
     fn end(&mut self, cell: Cell) {
         self.idle = Some(cell.into_owner().into_inner().0);
     }
+}
+
+/// Applies an edit, and sends it where a daemon has the scene.
+fn sent<'s>(scene: &'s mut Scene, ops: &'s [Op], want: Want) -> PyResult<PendingAnswer<'s, 's>> {
+    let edit = ops.iter().fold(scene.edit(), |edit, op| op.add_to(edit));
+    edit.submit(want).map_err(Raise::raise)
+}
+
+/// Waits for the answer, takes it where that is asked for, and reads it.
+fn answered(pending: PendingAnswer<'_, '_>, take: bool) -> PyResult<Read> {
+    let answer = pending.wait().map_err(Raise::raise)?;
+    Ok(Read::of(&if take { answer.take() } else { answer }))
 }

@@ -3,9 +3,8 @@
 use std::sync::Arc;
 
 use pairmask::filters::{FilterTable, Tag};
-use pairmask::scene::{Indices, Margins, Sets, Step, Tags};
-use pairmask::{Aabb, Margin};
-use pyo3::exceptions::PyValueError;
+use pairmask::scene::{Indices, Margins};
+use pairmask::{Aabb, Margin, SceneEdit};
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 
@@ -71,55 +70,20 @@ pub enum Op {
 }
 
 impl Op {
-    /// The step of an edit that does it.
-    pub fn step(&self) -> Step<'_> {
+    /// Adds it to an edit.
+    pub fn add_to<'s, 'a>(&'a self, edit: SceneEdit<'s, 'a>) -> SceneEdit<'s, 'a> {
         match self {
-            Self::Set(named, boxes, _) => Step::Set(Sets { indices: named.indices(), boxes }),
-            Self::Remove(named) => Step::Remove(named.indices()),
-            Self::Switch(named, on) => Step::Switch(named.indices(), *on),
-            Self::Static(named, on) => Step::Static(named.indices(), *on),
-            Self::Tag(named, tags) => Step::Tag(Tags { indices: named.indices(), tags }),
-            Self::Filters(table) => Step::Filters(table),
-            Self::Include(pairs, on) => Step::Include(pairs, *on),
-            Self::Exclude(pairs, on) => Step::Exclude(pairs, *on),
-        }
-    }
-
-    /// Fails where a scene with margins does not know it.
-    pub fn check_margined(&self) -> PyResult<()> {
-        match self {
-            Self::Set(_, _, None) => {
-                Err(PyValueError::new_err("this scene's boxes have margins: set(…, margin=…)"))
+            Self::Set(named, boxes, None) => edit.set_all(named.indices(), boxes),
+            Self::Set(named, boxes, Some(margins)) => {
+                edit.set_all_margined(named.indices(), boxes, margins.margins())
             }
-            Self::Set(..) | Self::Remove(_) | Self::Switch(..) | Self::Static(..) => Ok(()),
-            _ => Err(PyValueError::new_err("a scene with margins has no tags, filters or lists")),
+            Self::Remove(named) => edit.remove_all(named.indices()),
+            Self::Switch(named, on) => edit.switch_all(named.indices(), *on),
+            Self::Static(named, on) => edit.make_all_static(named.indices(), *on),
+            Self::Tag(named, tags) => edit.tag_all(named.indices(), tags),
+            Self::Filters(table) => edit.filters(table),
+            Self::Include(pairs, on) => edit.include(pairs, *on),
+            Self::Exclude(pairs, on) => edit.exclude(pairs, *on),
         }
-    }
-
-    /// Fails where a scene without margins does not know it.
-    pub fn check_plain(&self) -> PyResult<()> {
-        match self {
-            Self::Set(_, _, Some(_)) => {
-                Err(PyValueError::new_err("this scene's boxes have no margins"))
-            }
-            _ => Ok(()),
-        }
-    }
-}
-
-/// Adds steps to an edit with margins.
-pub fn margined<'s, 'a>(
-    edit: pairmask::MarginedEdit<'s, 'a>,
-    op: &'a Op,
-) -> pairmask::MarginedEdit<'s, 'a> {
-    match op {
-        Op::Set(named, boxes, Some(margins)) => {
-            edit.set_all(named.indices(), boxes, margins.margins())
-        }
-        Op::Remove(named) => edit.remove_all(named.indices()),
-        Op::Switch(named, on) => edit.switch_all(named.indices(), *on),
-        Op::Static(named, on) => edit.make_all_static(named.indices(), *on),
-        // Such steps were refused when they were given.
-        _ => edit,
     }
 }

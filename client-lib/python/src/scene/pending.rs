@@ -4,21 +4,21 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use pyo3::prelude::*;
 
-use super::PyAnyScene;
+use super::PyScene;
 use super::answer::PySceneAnswer;
 use super::edited::Ticket;
 
 /// An edit under way. Dropped, it is applied, and its answer counts as never given.
 #[pyclass(frozen, name = "PendingAnswer", module = "pairmask")]
 pub struct PyPendingAnswer {
-    scene: Py<PyAnyScene>,
+    scene: Py<PyScene>,
     ticket: Ticket,
     /// Whether the answer is neither waited for nor given up.
     is_open: AtomicBool,
 }
 
 impl PyPendingAnswer {
-    pub const fn new(scene: Py<PyAnyScene>, ticket: Ticket) -> Self {
+    pub const fn new(scene: Py<PyScene>, ticket: Ticket) -> Self {
         Self { scene, ticket, is_open: AtomicBool::new(true) }
     }
 

@@ -1,7 +1,17 @@
 //! Scenes that persist: boxes stay from answer to answer, edits go in, changes of pairs come out.
+//!
+//! ```text
+//! edit      what an edit does, until it is sent
+//! margins   which boxes left their margin, and the pairs of the boxes as they were set
+//! remote    a scene that a daemon keeps, with the copy that this process keeps
+//! answer    lists of pairs, in the memory of the daemon's answer or of the scene
+//! query     which boxes some other boxes overlap
+//! shared    a scene that several processes write
+//! ```
 
 mod answer;
-mod margined;
+mod edit;
+mod margins;
 mod query;
 mod remote;
 mod shared;
@@ -10,24 +20,21 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use pairmask_core::aabb::Aabb;
-use pairmask_core::engine::EngineId;
-use pairmask_core::filters::{FilterTable, Tag};
-use pairmask_core::scene::{
-    Edit, EditError, Indices, Scene as CoreScene, SceneOptions, SceneSkips, Sent, Sets, Step, Tags,
-    Want,
-};
+use pairmask_core::engine::{EngineId, EngineName};
+use pairmask_core::scene::{Edit, Scene as CoreScene, SceneOptions, SceneSkips, Sent, Want};
+use pairmask_wire::words_in;
 
 use self::answer::Source;
 pub use self::answer::{EndedIter, EndedList, PairList, PairListIter};
-pub use self::margined::{
-    MarginedAnswer, MarginedEdit, MarginedPairs, MarginedScene, MarginedSceneStats, PendingMargined,
-};
+pub use self::edit::SceneEdit;
+use self::edit::{Draft, Given};
+pub use self::margins::MarginStats;
+use self::margins::Margined;
 pub(super) use self::query::Asked;
 pub use self::query::{QueryAnswer, SceneQuery};
 use self::remote::{Found, RemoteScene, commit_error, new_scene};
-pub use self::shared::{
-    JoinOptions, PendingShared, SharedAnswer, SharedEdit, SharedError, SharedScene,
-};
+use self::shared::Member;
+pub use self::shared::{JoinOptions, SharedError};
 use super::builder::Backend;
 use super::core::Core;
 use super::error::CommitError;
@@ -36,10 +43,11 @@ use super::unread::Awaited;
 
 /// Boxes that persist from answer to answer, by indices of the client's own.
 ///
-/// [`scene`](pairmask_core::scene) says what is told. Made by [`Session::scene`](super::Session::scene);
+/// [`scene`](crate::scene) says what is reported. Made by [`Session::scene`](super::Session::scene);
 /// it lives on without the session.
 ///
-/// Boxes may have [rules](crate::filters) of which others they meet: [`SceneEdit::tag`].
+/// Boxes may have [rules](crate::filters) of which others they meet: [`SceneEdit::tag`]. They may have
+/// [margins](SceneMargins): then only boxes that left theirs are sent.
 ///
 /// A daemon keeps the scene where the session has one. This process keeps boxes and flags, 25 bytes an
 /// index and with tags 12 more, and sends them again by itself where the daemon has lost them; where no daemon answers, it
@@ -48,83 +56,78 @@ use super::unread::Awaited;
 pub struct Scene {
     core: Arc<Core>,
     kept: Kept,
+    margins: Option<Box<Margined>>,
     draft: Draft,
     /// Indices are below this.
     index_limit: u32,
 }
 
-/// Where a scene is.
+/// Where the boxes are that were sent.
 #[allow(clippy::large_enum_variant)] // One of each scene.
 enum Kept {
     Remote(RemoteScene),
     Here(CoreScene),
+    /// Those of this member of a scene that several processes write.
+    Shared(Box<Member>),
 }
 
-/// What an edit sets one by one, or by a function; kept, so that steady edits allocate nothing.
-#[derive(Debug, Default)]
-struct Draft {
-    indices: Vec<u32>,
-    boxes: Vec<Aabb>,
-    /// Boxes of [`Given::fills`].
-    filled: Vec<Aabb>,
-    removed: Vec<u32>,
-    tagged: Vec<u32>,
-    tags: Vec<Tag>,
-}
-
-/// What an edit does beside its [`Draft`].
-#[derive(Debug, Default)]
-struct Given<'a> {
-    steps: Vec<Step<'a>>,
-    /// Indices, and where their boxes lie in [`Draft::filled`].
-    fills: Vec<(Indices<'a>, Range<usize>)>,
-}
-
-impl Draft {
-    /// An empty one, with the memory of this.
-    fn clear(&mut self) {
-        self.indices.clear();
-        self.boxes.clear();
-        self.filled.clear();
-        self.removed.clear();
-        self.tagged.clear();
-        self.tags.clear();
+impl Kept {
+    fn sent(&self) -> Sent<'_> {
+        match self {
+            Self::Remote(scene) => scene.copy().into(),
+            Self::Here(scene) => scene.into(),
+            Self::Shared(member) => member.copy().into(),
+        }
     }
 
-    /// All steps of an edit.
-    fn steps<'a>(&'a self, given: &Given<'a>) -> Vec<Step<'a>> {
-        let mut steps = given.steps.clone();
-        steps.extend(given.fills.iter().map(|(indices, place)| {
-            Step::Set(Sets { indices: *indices, boxes: &self.filled[place.clone()] })
-        }));
-        if !self.removed.is_empty() {
-            steps.push(Step::Remove(Indices::List(&self.removed)));
+    fn begin<'s>(&mut self, edit: Edit<'_>, want: Want) -> Result<Awaited<'s>, CommitError> {
+        match self {
+            Self::Remote(scene) => scene.begin(edit, want),
+            Self::Here(scene) => {
+                scene.edit(edit, want).map_err(commit_error)?;
+                Ok(Awaited::default())
+            }
+            Self::Shared(member) => member.begin(edit, want),
         }
-        if !self.indices.is_empty() {
-            let (indices, boxes) = (Indices::List(&self.indices), &self.boxes[..]);
-            steps.push(Step::Set(Sets { indices, boxes }));
-        }
-        if !self.tagged.is_empty() {
-            steps.push(Step::Tag(Tags { indices: Indices::List(&self.tagged), tags: &self.tags }));
-        }
-        steps
     }
 
-    /// Keeps a box for each index, all of which are below a limit.
-    fn fill(
-        &mut self,
-        indices: Indices<'_>,
-        limit: u32,
-        mut f: impl FnMut(u32) -> Aabb,
-    ) -> Result<Range<usize>, EditError> {
-        if let Some(index) = indices.last().filter(|last| *last >= u64::from(limit)) {
-            return Err(EditError::BeyondLimit { index, limit });
+    fn end(&mut self, awaited: Awaited<'_>, edit: Edit<'_>) -> Result<(Found, By), CommitError> {
+        let (found, tick) = match self {
+            Self::Remote(scene) => (scene.end(awaited, edit)?, None),
+            Self::Here(_) => (Found::Here, None),
+            Self::Shared(member) => {
+                let (from, marks) = member.end(awaited)?;
+                let late = marks.late_in(words_in(from.answer.response.pages()));
+                (Found::Daemon(from), Some(Tick { number: marks.tick, late }))
+            }
+        };
+        let by = By { tick, ..By::of(&self.source(&found)) };
+        Ok((found, by))
+    }
+
+    fn source<'a>(&'a self, found: &'a Found) -> Source<'a> {
+        match (found, self) {
+            (Found::Daemon(from), _) => Source::Daemon(from),
+            (Found::Here, Self::Here(scene)) => Source::Here(scene.told()),
+            (Found::Here, Self::Remote(scene)) => Source::Here(scene.told_here()),
+            (Found::Here, Self::Shared(member)) => Source::Here(member.told_here()),
         }
-        let (start, count) = (self.filled.len(), indices.len());
-        let no_memory = |_| EditError::NoMemory { boxes: count as u64 };
-        self.filled.try_reserve(count).map_err(no_memory)?;
-        indices.for_each(|_, index| self.filled.push(f(index)));
-        Ok(start..self.filled.len())
+    }
+
+    fn take(&mut self, want: Want) {
+        match self {
+            Self::Remote(scene) => scene.take(want),
+            Self::Here(scene) => scene.take(),
+            Self::Shared(member) => member.take(want),
+        }
+    }
+
+    fn lose(&mut self) {
+        match self {
+            Self::Remote(scene) => scene.lose(),
+            Self::Here(scene) => scene.lose(),
+            Self::Shared(member) => member.lose(),
+        }
     }
 }
 
@@ -136,35 +139,55 @@ impl std::fmt::Debug for Scene {
 
 impl Scene {
     pub(super) fn new(options: SceneOptions, core: &Arc<Core>) -> Self {
+        let options = options.within_limits();
+        let index_limit = options.most_boxes;
         let kept = match core.settings().backend {
             Backend::InProcess => Kept::Here(new_scene(options, core)),
             Backend::Auto | Backend::Daemon => {
                 Kept::Remote(RemoteScene::new(Arc::clone(core), options))
             }
         };
+        let threads = options.threads.or(core.settings().threads);
+        let margins = options.margins.map(|of| Box::new(Margined::new(of, index_limit, threads)));
+        Self { core: Arc::clone(core), kept, margins, draft: Draft::default(), index_limit }
+    }
+
+    pub(super) fn join(
+        core: &Arc<Core>,
+        name: &str,
+        options: JoinOptions,
+    ) -> Result<Self, SharedError> {
+        let member = Box::new(Member::join(core, name, options)?);
+        let (index_limit, kept) = (member.most_boxes(), Kept::Shared(member));
         let draft = Draft::default();
-        Self { core: Arc::clone(core), kept, draft, index_limit: options.most_boxes }
+        Ok(Self { core: Arc::clone(core), kept, margins: None, draft, index_limit })
     }
 
     /// Begins an edit. Without [`SceneEdit::commit`], nothing happens.
     pub fn edit<'a>(&mut self) -> SceneEdit<'_, 'a> {
         self.draft.clear();
-        SceneEdit { scene: self, given: Given::default(), refused: None }
+        SceneEdit::new(self)
+    }
+
+    /// Indices are below this.
+    pub const fn most_boxes(&self) -> u32 {
+        self.index_limit
     }
 
     /// Forgets what was told: the next changes are a [resync](SceneAnswer::is_resync).
     pub fn lose(&mut self) {
-        match &mut self.kept {
-            Kept::Remote(scene) => scene.lose(),
-            Kept::Here(scene) => scene.lose(),
+        if self.margins.as_mut().is_none_or(|margins| margins.lose()) {
+            self.kept.lose();
         }
     }
 
-    /// Boxes, those that are switched off too.
+    /// Boxes, those that are switched off too; of a shared scene, this member's.
     pub const fn len(&self) -> usize {
-        match &self.kept {
-            Kept::Remote(scene) => scene.copy().len(),
-            Kept::Here(scene) => scene.len(),
+        match (&self.margins, &self.kept) {
+            (Some(margins), _) => margins.now().len(),
+            (None, Kept::Remote(scene)) => scene.copy().len(),
+            (None, Kept::Here(scene)) => scene.len(),
+            (None, Kept::Shared(member)) => member.copy().len(),
         }
     }
 
@@ -173,193 +196,68 @@ impl Scene {
         self.len() == 0
     }
 
-    /// The box of an index, also one that is switched off.
+    /// The box of an index as it was set, also one that is switched off.
     pub fn get(&self, index: u32) -> Option<Aabb> {
-        match &self.kept {
-            Kept::Remote(scene) => scene.copy().get(index),
-            Kept::Here(scene) => scene.get(index),
+        match &self.margins {
+            Some(margins) => margins.now().get(index),
+            None => self.inflated(index),
         }
     }
 
-    /// The boxes that this process keeps.
-    fn sent(&self) -> Sent<'_> {
+    /// The box of an index as it was sent: inflated, where it has a margin.
+    pub fn inflated(&self, index: u32) -> Option<Aabb> {
         match &self.kept {
-            Kept::Remote(scene) => scene.copy().into(),
-            Kept::Here(scene) => scene.into(),
+            Kept::Remote(scene) => scene.copy().get(index),
+            Kept::Here(scene) => scene.get(index),
+            Kept::Shared(member) => member.copy().get(index),
         }
+    }
+
+    /// What margins have saved so far; `None` of a scene without.
+    pub fn margin_stats(&self) -> Option<MarginStats> {
+        self.margins.as_ref().map(|margins| margins.stats())
     }
 
     /// Bytes that this process keeps of the scene.
     pub fn allocated_bytes(&self) -> usize {
-        match &self.kept {
+        let kept = match &self.kept {
             Kept::Remote(scene) => scene.allocated_bytes().0,
             Kept::Here(scene) => scene.allocated_bytes(),
-        }
+            Kept::Shared(member) => member.copy().allocated_bytes(),
+        };
+        kept + self.margins.as_ref().map_or(0, |margins| margins.allocated_bytes())
     }
 
     /// Bytes that the daemon keeps of it, by its last answer; 0 where it has none.
     pub fn daemon_bytes(&self) -> u64 {
         match &self.kept {
             Kept::Remote(scene) => scene.allocated_bytes().1,
-            Kept::Here(_) => 0,
+            Kept::Here(_) | Kept::Shared(_) => 0,
         }
     }
-}
 
-/// An edit that is being written: see [`Edit`] for the order in which it is applied, and
-/// [`EditError`](pairmask_core::scene::EditError) for what is wrong.
-#[derive(Debug)]
-#[must_use = "an edit does nothing until it is committed"]
-pub struct SceneEdit<'s, 'a> {
-    scene: &'s mut Scene,
-    given: Given<'a>,
-    /// What is wrong with a fill.
-    refused: Option<EditError>,
-}
-
-impl<'s, 'a> SceneEdit<'s, 'a> {
-    /// Sets the box of an index; inserts it where there is none.
-    pub fn set(self, index: u32, b: Aabb) -> Self {
-        self.scene.draft.indices.push(index);
-        self.scene.draft.boxes.push(b);
-        self
-    }
-
-    /// Sets boxes where they lie: a list of indices, a range or a [bitmask](Indices::Mask), and
-    /// a box for each.
-    pub fn set_all(self, indices: impl Into<Indices<'a>>, boxes: &'a [Aabb]) -> Self {
-        self.step(Step::Set(Sets { indices: indices.into(), boxes }))
-    }
-
-    /// Sets boxes to what a function gives for each index, in the order in which they are named.
-    ///
-    /// It is the better way where the boxes lie in no array: where they are computed from bodies, or gathered
-    /// from several places. They are written once, to memory that the scene keeps for the next such edit (24
-    /// bytes for each box of the largest one), and are copied from there as those of
-    /// [`set_all`](Self::set_all) are from the caller's array. Boxes that lie in an array already are one copy
-    /// cheaper with `set_all`.
-    ///
-    /// With an index that the scene cannot have, the function is not called, and the edit is refused when it
-    /// is committed.
-    ///
-    /// ```
-    /// use pairmask::scene::{SceneOptions, Want};
-    /// use pairmask::{Aabb, Backend, Session};
-    ///
-    /// let bodies: Vec<([f32; 3], f32)> = vec![([0.0; 3], 1.0), ([1.5; 3], 1.0), ([9.0; 3], 1.0)];
-    /// let mut session = Session::builder().backend(Backend::InProcess).connect()?;
-    /// let mut scene = session.scene(SceneOptions::default());
-    /// let edit = scene.edit().set_with(0..3, |index| {
-    ///     let (centre, half) = bodies[index as usize];
-    ///     Aabb::new(centre.map(|x| x - half), centre.map(|x| x + half))
-    /// });
-    /// assert_eq!(edit.commit(Want::Changes)?.take().begun(), [[0, 1]]);
-    /// # Ok::<(), Box<dyn std::error::Error>>(())
-    /// ```
-    pub fn set_with(mut self, indices: impl Into<Indices<'a>>, f: impl FnMut(u32) -> Aabb) -> Self {
-        let (indices, limit) = (indices.into(), self.scene.index_limit);
-        match self.scene.draft.fill(indices, limit, f) {
-            Ok(place) => self.given.fills.push((indices, place)),
-            Err(error) => self.refused = self.refused.or(Some(error)),
-        }
-        self
-    }
-
-    /// Removes the box of an index.
-    pub fn remove(self, index: u32) -> Self {
-        self.scene.draft.removed.push(index);
-        self
-    }
-
-    /// Removes boxes.
-    pub fn remove_all(self, indices: impl Into<Indices<'a>>) -> Self {
-        self.step(Step::Remove(indices.into()))
-    }
-
-    /// Switches a box off (it overlaps nothing) or on.
-    pub fn switch(self, index: u32, on: bool) -> Self {
-        self.step(Step::Switch(one(index), on))
-    }
-
-    /// Switches boxes off or on.
-    pub fn switch_all(self, indices: impl Into<Indices<'a>>, on: bool) -> Self {
-        self.step(Step::Switch(indices.into(), on))
-    }
-
-    /// Makes a box static (two static boxes are no pair) or not.
-    pub fn make_static(self, index: u32, is_static: bool) -> Self {
-        self.step(Step::Static(one(index), is_static))
-    }
-
-    /// Makes boxes static or not.
-    pub fn make_all_static(self, indices: impl Into<Indices<'a>>, is_static: bool) -> Self {
-        self.step(Step::Static(indices.into(), is_static))
-    }
-
-    /// Gives a box its [tag](pairmask_core::filters): its world, its owner and its filter. A box that is
-    /// inserted has [`Tag::default`]. Whether a box itself is static, [`make_static`](Self::make_static) says, and
-    /// not its tag.
-    pub fn tag(self, index: u32, tag: Tag) -> Self {
-        self.scene.draft.tagged.push(index);
-        self.scene.draft.tags.push(tag);
-        self
-    }
-
-    /// Gives boxes their tags, as [`tag`](Self::tag) does.
-    pub fn tag_all(self, indices: impl Into<Indices<'a>>, tags: &'a [Tag]) -> Self {
-        self.step(Step::Tag(Tags { indices: indices.into(), tags }))
-    }
-
-    /// The filters that tags name, in place of all before.
-    pub fn filters(self, table: &'a FilterTable) -> Self {
-        self.step(Step::Filters(table))
-    }
-
-    /// Puts pairs on the include list, or takes them off.
-    pub fn include(self, pairs: &'a [[u32; 2]], on: bool) -> Self {
-        self.step(Step::Include(pairs, on))
-    }
-
-    /// Puts pairs on the exclude list, or takes them off.
-    pub fn exclude(self, pairs: &'a [[u32; 2]], on: bool) -> Self {
-        self.step(Step::Exclude(pairs, on))
-    }
-
-    /// Does a step.
-    pub fn step(mut self, step: Step<'a>) -> Self {
-        self.given.steps.push(step);
-        self
-    }
-
-    /// Applies the edit and answers.
-    ///
-    /// # Errors
-    /// [`CommitError`]. After [`CommitError::Edit`] and [`CommitError::Frame`] the scene is what it was.
-    pub fn commit(self, want: Want) -> Result<SceneAnswer<'s>, CommitError> {
-        self.submit(want)?.wait()
-    }
-
-    /// Sends the edit. The daemon works on it while this thread does something else; in process it is
-    /// answered before this returns.
-    ///
-    /// # Errors
-    /// [`CommitError`]. The scene is then what it was, but for [`CommitError::Wait`].
-    pub fn submit(self, want: Want) -> Result<PendingAnswer<'s, 'a>, CommitError> {
-        let Self { scene, given, refused } = self;
-        if let Some(error) = refused {
-            return Err(error.into());
-        }
-        let Scene { kept, draft, .. } = &mut *scene;
-        let all = draft.steps(&given);
+    /// Sends an edit, as far as anything of it is to be sent. Returns what it asks for; `None` where no request is
+    /// needed.
+    fn begin<'s>(
+        &mut self,
+        given: &Given<'_>,
+        want: Want,
+    ) -> Result<(Option<Want>, Awaited<'s>), CommitError> {
+        let Self { kept, margins, draft, .. } = self;
+        let all = draft.steps(given);
         let edit = Edit { steps: &all };
-        let awaited = match kept {
-            Kept::Here(here) => {
-                here.edit(edit, want).map_err(commit_error)?;
-                Awaited::default()
-            }
-            Kept::Remote(remote) => remote.begin(edit, want)?,
+        let Some(margins) = margins else {
+            return Ok((Some(want), kept.begin(edit, want)?));
         };
-        Ok(PendingAnswer { scene, given, want, awaited })
+        let sets = draft.margined(given, margins.usual());
+        let ask = margins.choose(edit, &sets, want, kept.sent())?;
+        let sent = ask.map(|want| kept.begin(Edit { steps: &margins.request(&all) }, want));
+        if let Some(Err(CommitError::Edit(_) | CommitError::Frame(_))) = &sent {
+            margins.cancel(edit);
+        } else {
+            margins.apply(edit, want, ask.is_some());
+        }
+        Ok((ask, sent.transpose()?.unwrap_or_default()))
     }
 }
 
@@ -372,6 +270,8 @@ pub struct PendingAnswer<'s, 'a> {
     scene: &'s mut Scene,
     given: Given<'a>,
     want: Want,
+    /// What was asked; `None` where no request was needed.
+    asked: Option<Want>,
     awaited: Awaited<'s>,
 }
 
@@ -387,19 +287,56 @@ impl<'s> PendingAnswer<'s, '_> {
     /// # Errors
     /// [`CommitError`]. The edit is applied; the next answer makes up for this one.
     pub fn wait(self) -> Result<SceneAnswer<'s>, CommitError> {
-        let Self { scene, given, want, awaited } = self;
-        let Scene { kept, draft, .. } = &mut *scene;
-        let found = match kept {
-            Kept::Remote(remote) => remote.end(awaited, Edit { steps: &draft.steps(&given) })?,
-            Kept::Here(_) => Found::Here,
-        };
-        Ok(SceneAnswer { scene, want, found })
+        let Self { scene, given, want, asked, awaited } = self;
+        let Scene { kept, draft, margins, .. } = &mut *scene;
+        let (mut by, mut found) = (By::default(), None);
+        if let Some(asked) = asked {
+            let mut steps = draft.steps(&given);
+            if let Some(margins) = margins {
+                steps = margins.request(&steps);
+            }
+            let answered;
+            (answered, by) = kept.end(awaited, Edit { steps: &steps })?;
+            found = Some((asked, answered));
+        }
+        if let Some(margins) = margins
+            && margins.answer(want, found.as_ref().map(|(of, found)| (*of, kept.source(found))))
+            && let Some((asked, _)) = found.take()
+        {
+            // What this process knows of near pairs is the history of what it sent.
+            kept.take(asked);
+        }
+        Ok(SceneAnswer { scene, want, found: found.map(|(_, found)| found), by })
     }
 }
 
-/// A single index.
-const fn one(index: u32) -> Indices<'static> {
-    Indices::Range { first: index, count: 1 }
+/// What answered a request. Where none was needed, this process has.
+struct By {
+    served_by: ServedBy,
+    engine: EngineId,
+    skipped: SceneSkips,
+    tick: Option<Tick>,
+}
+
+/// The tick of a scene that several processes write.
+struct Tick {
+    number: u64,
+    late: Vec<Range<u32>>,
+}
+
+impl Default for By {
+    fn default() -> Self {
+        let engine = EngineName::CpuGrid.into();
+        let skipped = SceneSkips::default();
+        Self { served_by: ServedBy::InProcess, engine, skipped, tick: None }
+    }
+}
+
+impl By {
+    fn of(source: &Source<'_>) -> Self {
+        let (served_by, engine) = (source.served_by(), source.engine());
+        Self { served_by, engine, skipped: *source.skipped(), tick: None }
+    }
 }
 
 /// The answer to an edit. All its lists are sorted: the bytes are the same whoever answered.
@@ -407,12 +344,15 @@ const fn one(index: u32) -> Indices<'static> {
 /// [`take`](Self::take) acknowledges it: the next changes are counted from it. An answer that is dropped
 /// instead counts as never given, and the next one makes up for it.
 ///
-/// An answer of a daemon holds one of the three places for frames until it is dropped.
+/// An answer of a daemon holds one of the three places for frames until it is dropped; one of exact pairs of a
+/// scene with margins holds none.
 #[must_use = "an answer that is not taken is told again"]
 pub struct SceneAnswer<'s> {
     scene: &'s mut Scene,
     want: Want,
-    found: Found,
+    /// `None` where the answer is what the scene's margins tell.
+    found: Option<Found>,
+    by: By,
 }
 
 impl std::fmt::Debug for SceneAnswer<'_> {
@@ -429,9 +369,13 @@ impl std::fmt::Debug for SceneAnswer<'_> {
 impl SceneAnswer<'_> {
     /// Takes the answer: what it tells is known from now on.
     pub fn take(self) -> Self {
-        match &mut self.scene.kept {
-            Kept::Remote(remote) => remote.take(self.want),
-            Kept::Here(scene) => scene.take(),
+        let count = self.pair_count();
+        let Scene { kept, margins, .. } = &mut *self.scene;
+        if let Some(margins) = margins {
+            margins.take(self.want, count);
+        }
+        if self.found.is_some() {
+            kept.take(self.want);
         }
         self
     }
@@ -463,31 +407,41 @@ impl SceneAnswer<'_> {
         self.source().pairs()
     }
 
-    /// Pairs of the whole scene, if the answer knows: [`Want::Moved`] and [`Want::Nothing`] do not.
+    /// Pairs of the whole scene, if the answer knows: [`Want::Moved`] and [`Want::Nothing`] do not. Of a shared scene,
+    /// whatever this member hears of.
     pub fn pair_count(&self) -> Option<u64> {
         self.source().pair_count()
     }
 
     /// Work left out.
-    pub fn skipped(&self) -> &SceneSkips {
-        self.source().skipped()
+    pub const fn skipped(&self) -> &SceneSkips {
+        &self.by.skipped
     }
 
-    /// What answered.
-    pub fn served_by(&self) -> ServedBy {
-        self.source().served_by()
+    /// What answered. Edits of a scene with margins that need no request are answered in process.
+    pub const fn served_by(&self) -> ServedBy {
+        self.by.served_by
     }
 
     /// The engine that answered. It may be one of a later daemon that this build does not know.
-    pub fn engine(&self) -> EngineId {
-        self.source().engine()
+    pub const fn engine(&self) -> EngineId {
+        self.by.engine
+    }
+
+    /// The tick that the edit was part of, from 1; `None` but of a scene that several processes write.
+    pub fn tick(&self) -> Option<u64> {
+        self.by.tick.as_ref().map(|tick| tick.number)
+    }
+
+    /// Leases of writers that had not committed when the tick ended: they kept their last boxes.
+    pub fn late(&self) -> &[Range<u32>] {
+        self.by.tick.as_ref().map_or(&[], |tick| &tick.late)
     }
 
     fn source(&self) -> Source<'_> {
-        match (&self.found, &self.scene.kept) {
-            (Found::Daemon(from), _) => Source::Daemon(from),
-            (Found::Here, Kept::Here(scene)) => Source::Here(scene.told()),
-            (Found::Here, Kept::Remote(remote)) => Source::Here(remote.told_here()),
+        match (&self.found, &self.scene.margins) {
+            (None, Some(margins)) => Source::Here(margins.told()),
+            (found, _) => self.scene.kept.source(found.as_ref().unwrap_or(&Found::Here)),
         }
     }
 }

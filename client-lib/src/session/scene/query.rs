@@ -7,6 +7,7 @@ use pairmask_core::mask::{Encoding, MaskView};
 use pairmask_core::scene::{QueryMask, QueryTags};
 
 use super::{Kept, Scene};
+use crate::session::FrameInfo;
 use crate::session::error::FindError;
 use crate::session::pairs::{PairMask, ServedBy};
 
@@ -27,8 +28,8 @@ impl Scene {
     /// Asks which boxes of the scene some other boxes overlap: boxes, [points](Aabb::point), or what moving
     /// boxes touch ([`Aabb::swept`]). Boxes that are switched off are not found.
     ///
-    /// It asks the scene as the last edit made it, and changes nothing that edits tell. Where the daemon has
-    /// lost the scene, it is sent again.
+    /// It asks the scene as the last edit made it, with the boxes as they were set, and changes nothing that edits
+    /// tell. Where the daemon has lost the scene, it is sent again.
     ///
     /// ```
     /// use pairmask::scene::{SceneOptions, Want};
@@ -79,6 +80,7 @@ impl<'a> SceneQuery<'a> {
         let index_end = match &scene.kept {
             Kept::Remote(remote) => remote.copy().index_end() as u32,
             Kept::Here(here) => here.index_end(),
+            Kept::Shared(_) => return Err(FindError::Shared),
         };
         let too_many = FindError::TooMany { queries: boxes.len(), index_end };
         let asked = Asked {
@@ -90,8 +92,19 @@ impl<'a> SceneQuery<'a> {
         let mask = match &mut scene.kept {
             Kept::Remote(remote) => remote.query(&asked)?,
             Kept::Here(here) => scene.core.query_here(here, &asked)?,
+            Kept::Shared(_) => return Err(FindError::Shared),
         };
-        Ok(QueryAnswer { mask, queries: asked.mask.queries() })
+        let FrameInfo { served_by, engine, .. } = *mask.info();
+        let mut answer = QueryAnswer { mask, queries: asked.mask.queries(), served_by, engine };
+        if let Some(margins) = &scene.margins {
+            let touches = |[query, index]: &[u32; 2]| {
+                let found = margins.now().get(*index);
+                found.is_some_and(|found| found.overlaps(&boxes[*query as usize]))
+            };
+            let found: Vec<_> = answer.iter().filter(touches).collect();
+            answer.mask = scene.core.mask_of(&asked, &found)?;
+        }
+        Ok(answer)
     }
 }
 
@@ -112,6 +125,8 @@ pub(in crate::session) struct Asked<'a> {
 pub struct QueryAnswer {
     mask: PairMask,
     queries: u32,
+    served_by: ServedBy,
+    engine: EngineId,
 }
 
 impl QueryAnswer {
@@ -196,11 +211,11 @@ impl QueryAnswer {
 
     /// What answered.
     pub const fn served_by(&self) -> ServedBy {
-        self.mask.info().served_by
+        self.served_by
     }
 
     /// The engine that answered. It may be one of a later daemon that this build does not know.
     pub const fn engine(&self) -> EngineId {
-        self.mask.info().engine
+        self.engine
     }
 }

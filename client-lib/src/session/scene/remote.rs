@@ -185,9 +185,9 @@ impl RemoteScene {
             })
         };
         match &begun {
-            // Without an answer, as the error says: the copy has it, and whoever keeps the scene next.
-            Ok(_) | Err(CommitError::Wait(_) | CommitError::Scene(_)) => self.copy.apply(edit),
             Err(CommitError::Edit(_) | CommitError::Frame(_)) => self.copy.cancel(edit),
+            // Perhaps without an answer, as the error says: the copy has it, and whoever keeps the scene next.
+            Ok(_) | Err(_) => self.copy.apply(edit),
         }
         begun
     }
@@ -321,7 +321,8 @@ impl RemoteScene {
         match &error {
             CommitError::Frame(FrameError::TooManyFrames)
             | CommitError::Edit(_)
-            | CommitError::Scene(_) => Err(error),
+            | CommitError::Scene(_)
+            | CommitError::Shared(_) => Err(error),
             _ if !self.core.may_cull_here() => Err(error),
             // The log already says so.
             CommitError::Frame(FrameError::DaemonTooOld { .. }) => Ok(()),

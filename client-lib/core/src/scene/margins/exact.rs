@@ -107,13 +107,17 @@ impl ExactPairs {
         if want == Want::Moved {
             let Self { named, flags, .. } = self;
             let mut note = |index: u32| {
-                if flags[index as usize] & NAMED == 0 {
+                // A list may name indices that have no box.
+                if flags.get(index as usize).is_some_and(|flags| flags & NAMED == 0) {
                     flags[index as usize] |= NAMED;
                     named.push(index);
                 }
             };
             edit.for_each_set(|index, _| note(index));
             edit.for_each_flag(|index, _| note(index));
+            edit.for_each_tag(|index, _| note(index));
+            edit.for_each_listed(&mut note);
+            before.named_by_table(edit).into_iter().for_each(note);
         }
     }
 
@@ -334,10 +338,7 @@ impl ExactPairs {
         if (self.flags[a as usize] | self.flags[b as usize]) & REMOVED != 0 {
             return EndReason::Removed;
         }
-        let [a, b] = [a, b].map(|index| now.kept(index));
-        let is_off = [a, b].iter().flatten().any(|kept| !kept.is_on);
-        let are_static = [a, b].iter().flatten().all(|kept| kept.is_static);
-        if is_off || are_static { EndReason::Filtered } else { EndReason::Separated }
+        now.end_reason([a, b])
     }
 
     /// Pairs with a box that the last edit named.

@@ -35,6 +35,14 @@ pub enum Margins<'a> {
 }
 
 impl Margins<'_> {
+    /// Whether all are 0.
+    pub fn are_zero(&self) -> bool {
+        match self {
+            Self::Same(margin) => margin.is_zero(),
+            Self::Each(margins) => margins.iter().all(|margin| margin.is_zero()),
+        }
+    }
+
     /// The margin of the box at a place.
     #[inline]
     fn at(&self, at: usize) -> Margin {

@@ -3,19 +3,16 @@
 //! This process keeps its own boxes. Where the daemon was restarted, or has lost the membership, it joins,
 //! leases and sends them again with the next commit, whose answer is a resync then.
 
-mod edit;
 mod options;
 
-pub use self::edit::{PendingShared, SharedAnswer, SharedEdit};
 pub use self::options::{JoinOptions, SharedError};
 
 use std::ops::Range;
 use std::sync::Arc;
 use std::time::Duration;
 
-use pairmask_core::aabb::Aabb;
 use pairmask_core::scene::shared::{LeaseError, Ranges, Remains};
-use pairmask_core::scene::{Edit, SceneCopy, Step, Want};
+use pairmask_core::scene::{Edit, SceneCopy, Step, Told, Want};
 use pairmask_core::units::BoxCount;
 use pairmask_wire::{
     AgreedTerms, EditLayout, JoinRequest, LeaseAction, LeaseRequest, Page, ReplyError, ReplyFields,
@@ -23,15 +20,69 @@ use pairmask_wire::{
     TermsDiffer, TickMarks, lease_error, not_leased, parse_joined, parse_leased,
 };
 
-use super::Draft;
 use super::answer::FromDaemon;
+use super::{Kept, Scene};
 use crate::session::builder::{Backend, Settings};
 use crate::session::core::{Core, Loss};
-use crate::session::error::{FrameError, WaitError};
+use crate::session::error::{CommitError, FrameError, WaitError};
 use crate::session::estimate::Expected;
 use crate::session::exchange::{Answer, Exchange};
 use crate::session::link::Link;
 use crate::session::unread::{Awaited, SentEdit, Unread};
+
+/// A scene that several processes write: [`Session::join_scene`](crate::Session::join_scene) makes it.
+impl Scene {
+    fn member(&mut self) -> Result<&mut Member, SharedError> {
+        match &mut self.kept {
+            Kept::Shared(member) => Ok(member),
+            _ => Err(SharedError::NotShared),
+        }
+    }
+
+    /// Leases a range of indices of a shared scene: this member alone may set boxes there.
+    ///
+    /// # Errors
+    /// [`SharedError::Lease`], among others. The indices of a writer that has died are free within about a
+    /// second.
+    pub fn lease(&mut self, range: Range<u32>) -> Result<(), SharedError> {
+        let count = range.end.checked_sub(range.start).filter(|count| *count > 0);
+        let count = count.ok_or(LeaseError::Empty)?;
+        self.member()?.lease_by(LeaseAction::Take { first: range.start, count }).map(drop)
+    }
+
+    /// Leases the lowest free range of so many indices. Which one that is depends on who came first.
+    ///
+    /// # Errors
+    /// As [`lease`](Self::lease).
+    pub fn lease_any(&mut self, count: u32) -> Result<Range<u32>, SharedError> {
+        self.member()?.lease_by(LeaseAction::TakeAny { count })
+    }
+
+    /// Gives back the lease that begins at an index. Its boxes are removed, and pairs of the include and the
+    /// exclude list that name one of its indices.
+    ///
+    /// # Errors
+    /// [`SharedError`].
+    pub fn give_back(&mut self, first: u32) -> Result<(), SharedError> {
+        self.member()?.give_back(first)
+    }
+
+    /// The ranges of a shared scene that this member has leased.
+    pub fn leases(&self) -> &[Range<u32>] {
+        match &self.kept {
+            Kept::Shared(member) => &member.leases,
+            _ => &[],
+        }
+    }
+
+    /// How long a tick of a shared scene is open after its first commit, at the most; `None` of another scene.
+    pub const fn tick_deadline(&self) -> Option<Duration> {
+        match &self.kept {
+            Kept::Shared(member) => Some(member.terms.deadline),
+            _ => None,
+        }
+    }
+}
 
 /// The membership as the daemon has it.
 struct There {
@@ -47,24 +98,11 @@ struct There {
 struct Before {
     copy: SceneCopy,
     gave_filters: bool,
+    forgets: bool,
 }
 
-/// A scene that several processes write, each its own boxes. Made by
-/// [`Session::join_scene`](super::super::Session::join_scene).
-///
-/// A writer [leases](Self::lease) ranges of indices, and commits edits of their boxes. A tick ends when all
-/// writers have committed, or at its deadline: then all edits are applied at once, and every member that has
-/// committed is answered. A writer that was late keeps its last boxes, and is
-/// [named](SharedAnswer::late). A member without leases only listens: its commits are empty, and nobody
-/// waits for it.
-///
-/// Answers do not depend on who committed first. The writer with the lowest lease may give the table of
-/// filters; tags, and lists of pairs of own boxes, every writer.
-///
-/// Dropped, it leaves the scene. Its boxes are removed then, or kept, as the scene's terms say. Kept boxes are
-/// those of who leases their indices next, who may set them; giving the lease back removes them, and so does a
-/// member that has lost its membership and joins again, since it sends all boxes that it knows.
-pub struct SharedScene {
+/// What a process has of a scene that several write: its own boxes, and its membership.
+pub(in crate::session) struct Member {
     core: Arc<Core>,
     /// With a deadline that holds the tick's as well.
     settings: Settings,
@@ -74,34 +112,24 @@ pub struct SharedScene {
     id: SceneId,
     leases: Vec<Range<u32>>,
     copy: SceneCopy,
-    draft: Draft,
     /// Whether this member has given the table of filters.
     gave_filters: bool,
     there: Option<There>,
     /// The connection over which a membership was last asked for.
     asked_of: Option<Arc<Link>>,
     revisions: u64,
+    /// Whether the next request asks for a resync.
+    forgets: bool,
+    /// What a member hears before its first answer.
+    nothing: Told,
     /// Until the commit of a table of filters is answered.
     before: Option<Box<Before>>,
     /// The commit that the daemon works on and nobody waits for.
     unread: Arc<Unread>,
 }
 
-impl std::fmt::Debug for SharedScene {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("SharedScene")
-            .field("name", &self.name)
-            .field("leases", &self.leases)
-            .finish_non_exhaustive()
-    }
-}
-
-impl SharedScene {
-    pub(in crate::session) fn join(
-        core: &Arc<Core>,
-        name: &str,
-        options: JoinOptions,
-    ) -> Result<Self, SharedError> {
+impl Member {
+    pub fn join(core: &Arc<Core>, name: &str, options: JoinOptions) -> Result<Self, SharedError> {
         let name: SceneName = name.parse()?;
         if core.settings().backend == Backend::InProcess {
             return Err(SharedError::InProcess);
@@ -119,11 +147,12 @@ impl SharedScene {
             id: core.next_scene(),
             leases: Vec::new(),
             copy: SceneCopy::new(0),
-            draft: Draft::default(),
             gave_filters: false,
             there: None,
             asked_of: None,
             revisions: 0,
+            forgets: false,
+            nothing: Told::default(),
             before: None,
             unread: core.unread_of_scene(),
             core: Arc::clone(core),
@@ -133,53 +162,13 @@ impl SharedScene {
         Ok(scene)
     }
 
-    /// Indices are below this.
     pub const fn most_boxes(&self) -> u32 {
         self.terms.most_boxes
     }
 
-    /// How long a tick is open after its first commit, at the most.
-    pub const fn tick_deadline(&self) -> Duration {
-        self.terms.deadline
-    }
-
-    /// The ranges that this member has leased.
-    pub fn leases(&self) -> &[Range<u32>] {
-        &self.leases
-    }
-
-    /// Boxes of this member.
-    pub const fn len(&self) -> usize {
-        self.copy.len()
-    }
-
-    /// Whether it has none.
-    pub const fn is_empty(&self) -> bool {
-        self.len() == 0
-    }
-
-    /// The box of an index of this member.
-    pub fn get(&self, index: u32) -> Option<Aabb> {
-        self.copy.get(index)
-    }
-
-    /// Leases a range of indices: this member alone may set boxes there.
-    ///
-    /// # Errors
-    /// [`SharedError::Lease`], among others. The indices of a writer that has died are free within about a
-    /// second.
-    pub fn lease(&mut self, range: Range<u32>) -> Result<(), SharedError> {
-        let count = range.end.checked_sub(range.start).filter(|count| *count > 0);
-        let count = count.ok_or(LeaseError::Empty)?;
-        self.lease_by(LeaseAction::Take { first: range.start, count }).map(drop)
-    }
-
-    /// Leases the lowest free range of so many indices. Which one that is depends on who came first.
-    ///
-    /// # Errors
-    /// As [`lease`](Self::lease).
-    pub fn lease_any(&mut self, count: u32) -> Result<Range<u32>, SharedError> {
-        self.lease_by(LeaseAction::TakeAny { count })
+    /// The boxes of this member.
+    pub const fn copy(&self) -> &SceneCopy {
+        &self.copy
     }
 
     fn lease_by(&mut self, action: LeaseAction) -> Result<Range<u32>, SharedError> {
@@ -190,12 +179,7 @@ impl SharedScene {
         Ok(range)
     }
 
-    /// Gives back the lease that begins at an index. Its boxes are removed, and pairs of the include and the
-    /// exclude list that name one of its indices.
-    ///
-    /// # Errors
-    /// [`SharedError`].
-    pub fn give_back(&mut self, first: u32) -> Result<(), SharedError> {
+    fn give_back(&mut self, first: u32) -> Result<(), SharedError> {
         self.settle();
         let link = self.present()?;
         let range = self.ask_lease(&link, LeaseAction::GiveBack { first })?;
@@ -209,10 +193,22 @@ impl SharedScene {
         Ok(())
     }
 
-    /// Begins an edit. Without [`SharedEdit::commit`], nothing happens.
-    pub fn edit<'a>(&mut self) -> SharedEdit<'_, 'a> {
-        self.draft.clear();
-        SharedEdit::new(self)
+    /// The last answer is taken, which was asked for with this want.
+    pub fn take(&mut self, want: Want) {
+        if matches!(want, Want::Changes | Want::All)
+            && let Some(there) = &mut self.there
+        {
+            there.is_taken = true;
+        }
+    }
+
+    pub const fn lose(&mut self) {
+        self.forgets = true;
+    }
+
+    /// What a scene tells that is not here.
+    pub const fn told_here(&self) -> &Told {
+        &self.nothing
     }
 
     /// The connection, with a membership.
@@ -344,7 +340,7 @@ impl SharedScene {
 
     /// The daemon has refused a commit, and applied nothing of it: neither has this member.
     fn undo(&mut self, before: Before) {
-        (self.copy, self.gave_filters) = (before.copy, before.gave_filters);
+        Before { copy: self.copy, gave_filters: self.gave_filters, forgets: self.forgets } = before;
         if let Some(there) = &mut self.there {
             (there.revision, there.is_taken) = there.before;
         }
@@ -374,10 +370,13 @@ impl SharedScene {
     }
 
     /// Checks an edit, and sends it.
-    fn begin<'s>(&mut self, edit: Edit<'_>, want: Want) -> Result<Awaited<'s>, SharedError> {
+    pub fn begin<'s>(&mut self, edit: Edit<'_>, want: Want) -> Result<Awaited<'s>, CommitError> {
+        if want == Want::Moved {
+            return Err(SharedError::Moved.into());
+        }
         let own: Ranges = self.leases.iter().cloned().collect();
         // Whether this is the first writer, the daemon knows.
-        own.allow(edit, true)?;
+        own.allow(edit, true).map_err(SharedError::from)?;
         self.copy.check(edit)?;
         self.settle();
         let was_there = self.there.is_some();
@@ -385,21 +384,22 @@ impl SharedScene {
             Ok(link) => link,
             Err(error) => {
                 self.apply(edit);
-                return Err(error);
+                return Err(CommitError::Shared(error));
             }
         };
         let is_new = self.there.as_ref().is_some_and(|there| there.revision == 0);
         if edit.steps.iter().any(|step| matches!(step, Step::Filters(_))) {
             let mut copy = self.copy.clone();
             copy.cancel(edit);
-            self.before = Some(Box::new(Before { copy, gave_filters: self.gave_filters }));
+            let Self { gave_filters, forgets, .. } = *self;
+            self.before = Some(Box::new(Before { copy, gave_filters, forgets }));
         }
         let sent = if was_there && !is_new {
             let sent = self.send(&link, edit, want);
             if let Err(error @ SharedError::Frame(_)) = sent {
                 // The daemon has heard nothing, and has all that came before.
                 self.copy.cancel(edit);
-                return Err(error);
+                return Err(error.into());
             }
             self.apply(edit);
             sent
@@ -407,7 +407,8 @@ impl SharedScene {
             self.apply(edit);
             self.send_whole(&link, want)
         };
-        Ok(Awaited::new(sent?, Arc::clone(&self.unread)))
+        let sent = sent.map_err(CommitError::Shared)?;
+        Ok(Awaited::new(sent, Arc::clone(&self.unread)))
     }
 
     /// Makes an edit that was checked part of what this member has.
@@ -450,7 +451,7 @@ impl SharedScene {
             base: there.revision,
             revision: self.revisions,
             is_taken: there.is_taken,
-            is_lost: false,
+            is_lost: self.forgets,
             want,
             most_boxes: self.terms.most_boxes,
             engine: self.core.settings().engine,
@@ -469,6 +470,7 @@ impl SharedScene {
             Ok(exchange) => {
                 there.before = (there.revision, there.is_taken);
                 (there.revision, there.is_taken) = (self.revisions, false);
+                self.forgets = false;
                 // Others decide when the tick ends: there is nothing to nap by.
                 Ok(SentEdit { exchange, asked, want, expected: Expected::default() })
             }
@@ -481,7 +483,10 @@ impl SharedScene {
 
     /// Waits for the answer to a commit. A daemon that has lost the membership is joined again, and sent all
     /// boxes.
-    fn end(&mut self, awaited: Awaited<'_>) -> Result<(Box<FromDaemon>, TickMarks), SharedError> {
+    pub fn end(
+        &mut self,
+        awaited: Awaited<'_>,
+    ) -> Result<(Box<FromDaemon>, TickMarks), SharedError> {
         let Some(sent) = awaited.take() else { return Err(WaitError::Taken.into()) };
         let want = sent.want;
         match self.receive(sent) {
@@ -518,7 +523,7 @@ impl SharedScene {
     }
 }
 
-impl Drop for SharedScene {
+impl Drop for Member {
     fn drop(&mut self) {
         // Also where an answer was lost: the daemon may have the membership.
         let Some(link) = self.asked_of.as_ref().filter(|link| link.is_alive()) else { return };

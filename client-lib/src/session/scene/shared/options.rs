@@ -72,7 +72,10 @@ pub enum SharedError {
     /// daemon where another writer's lease begins lower.
     #[error(transparent)]
     NotLeased(#[from] NotLeased),
-    /// The edit is wrong. Nothing of it was applied.
+    /// The scene is no shared one.
+    #[error("this scene is not shared: join one to lease indices")]
+    NotShared,
+    /// The edit that gives back a lease is wrong.
     #[error(transparent)]
     Edit(#[from] EditError),
     /// The request could not be sent. For want of a daemon: the next commit joins again, and has this edit. Else, for

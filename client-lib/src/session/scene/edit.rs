@@ -1,0 +1,301 @@
+//! What an edit does, until it is sent: steps that name the caller's arrays, and boxes that were set one by one.
+
+use std::ops::Range;
+
+use pairmask_core::aabb::Aabb;
+use pairmask_core::filters::{FilterTable, Tag};
+use pairmask_core::precision::Margin;
+use pairmask_core::scene::{EditError, Indices, MarginedSets, Margins, Sets, Step, Tags, Want};
+
+use super::{PendingAnswer, Scene, SceneAnswer};
+use crate::session::error::CommitError;
+
+/// What an edit sets one by one, or by a function; kept, so that steady edits allocate nothing.
+#[derive(Debug, Default)]
+pub(super) struct Draft {
+    pub indices: Vec<u32>,
+    pub boxes: Vec<Aabb>,
+    /// One for each, of a scene with margins.
+    pub margins: Vec<Margin>,
+    /// Boxes of [`Given::fills`].
+    pub filled: Vec<Aabb>,
+    pub removed: Vec<u32>,
+    pub tagged: Vec<u32>,
+    pub tags: Vec<Tag>,
+}
+
+/// What an edit does beside its [`Draft`].
+#[derive(Debug, Default)]
+pub(super) struct Given<'a> {
+    pub steps: Vec<Step<'a>>,
+    /// Indices, and where their boxes lie in [`Draft::filled`].
+    pub fills: Vec<(Indices<'a>, Range<usize>)>,
+    /// Boxes with margins of their own, of a scene with margins.
+    pub margined: Vec<MarginedSets<'a>>,
+}
+
+impl Draft {
+    /// An empty one, with the memory of this.
+    pub fn clear(&mut self) {
+        self.indices.clear();
+        self.boxes.clear();
+        self.margins.clear();
+        self.filled.clear();
+        self.removed.clear();
+        self.tagged.clear();
+        self.tags.clear();
+    }
+
+    fn singles(&self) -> Option<Sets<'_>> {
+        let sets = || Sets { indices: Indices::List(&self.indices), boxes: &self.boxes };
+        (!self.indices.is_empty()).then(sets)
+    }
+
+    /// What functions gave.
+    fn filled<'a>(&'a self, given: &Given<'a>) -> impl Iterator<Item = Sets<'a>> {
+        let sets = |(indices, place): &(Indices<'a>, Range<usize>)| Sets {
+            indices: *indices,
+            boxes: &self.filled[place.clone()],
+        };
+        given.fills.iter().map(sets).collect::<Vec<_>>().into_iter()
+    }
+
+    /// All steps of an edit.
+    pub fn steps<'a>(&'a self, given: &Given<'a>) -> Vec<Step<'a>> {
+        let mut steps = given.steps.clone();
+        steps.extend(given.margined.iter().map(MarginedSets::step));
+        steps.extend(self.filled(given).map(Step::Set));
+        if !self.removed.is_empty() {
+            steps.push(Step::Remove(Indices::List(&self.removed)));
+        }
+        steps.extend(self.singles().map(Step::Set));
+        if !self.tagged.is_empty() {
+            steps.push(Step::Tag(Tags { indices: Indices::List(&self.tagged), tags: &self.tags }));
+        }
+        steps
+    }
+
+    /// All boxes that an edit sets, with their margins: `usual` ones, where none were given.
+    pub fn margined<'a>(&'a self, given: &Given<'a>, usual: Margin) -> Vec<MarginedSets<'a>> {
+        let of = |Sets { indices, boxes }, margins| MarginedSets { indices, boxes, margins };
+        let mut all = given.margined.clone();
+        let sets = given.steps.iter().filter_map(|step| match step {
+            Step::Set(sets) => Some(*sets),
+            _ => None,
+        });
+        all.extend(sets.chain(self.filled(given)).map(|sets| of(sets, usual.into())));
+        all.extend(self.singles().map(|sets| of(sets, (&self.margins).into())));
+        all
+    }
+
+    /// Keeps a box for each index, all of which are below a limit.
+    fn fill(
+        &mut self,
+        indices: Indices<'_>,
+        limit: u32,
+        mut f: impl FnMut(u32) -> Aabb,
+    ) -> Result<Range<usize>, EditError> {
+        if let Some(index) = indices.last().filter(|last| *last >= u64::from(limit)) {
+            return Err(EditError::BeyondLimit { index, limit });
+        }
+        let (start, count) = (self.filled.len(), indices.len());
+        let no_memory = |_| EditError::NoMemory { boxes: count as u64 };
+        self.filled.try_reserve(count).map_err(no_memory)?;
+        indices.for_each(|_, index| self.filled.push(f(index)));
+        Ok(start..self.filled.len())
+    }
+}
+
+/// An edit that is being written: see [`Edit`](pairmask_core::scene::Edit) for the order in which it is applied, and
+/// [`EditError`] for what is wrong.
+#[derive(Debug)]
+#[must_use = "an edit does nothing until it is committed"]
+pub struct SceneEdit<'s, 'a> {
+    scene: &'s mut Scene,
+    given: Given<'a>,
+    /// What is wrong with it so far.
+    refused: Option<EditError>,
+}
+
+impl<'s, 'a> SceneEdit<'s, 'a> {
+    /// An edit without steps; the scene's draft is empty.
+    pub(super) fn new(scene: &'s mut Scene) -> Self {
+        Self { scene, given: Given::default(), refused: None }
+    }
+
+    /// Sets the box of an index; inserts it where there is none. In a scene with margins it has the usual one.
+    pub fn set(self, index: u32, b: Aabb) -> Self {
+        let margin = self.scene.margins.as_ref().map(|margins| margins.usual());
+        self.set_one(index, b, margin)
+    }
+
+    /// As [`set`](Self::set), with a margin of its own. A scene without margins knows that of 0 alone.
+    pub fn set_margined(mut self, index: u32, b: Aabb, margin: Margin) -> Self {
+        let margin = self.own_margins(margin.into()).map(|()| margin);
+        self.set_one(index, b, margin)
+    }
+
+    fn set_one(self, index: u32, b: Aabb, margin: Option<Margin>) -> Self {
+        self.scene.draft.indices.push(index);
+        self.scene.draft.boxes.push(b);
+        self.scene.draft.margins.extend(margin);
+        self
+    }
+
+    /// Sets boxes where they lie: a list of indices, a range or a [bitmask](Indices::Mask), and
+    /// a box for each.
+    pub fn set_all(self, indices: impl Into<Indices<'a>>, boxes: &'a [Aabb]) -> Self {
+        self.step(Step::Set(Sets { indices: indices.into(), boxes }))
+    }
+
+    /// As [`set_all`](Self::set_all), with a margin for each box, or one for all.
+    pub fn set_all_margined(
+        mut self,
+        indices: impl Into<Indices<'a>>,
+        boxes: &'a [Aabb],
+        margins: impl Into<Margins<'a>>,
+    ) -> Self {
+        let (indices, margins) = (indices.into(), margins.into());
+        if self.own_margins(margins).is_none() {
+            return self.step(Step::Set(Sets { indices, boxes }));
+        }
+        self.given.margined.push(MarginedSets { indices, boxes, margins });
+        self
+    }
+
+    /// Whether boxes have these margins. A scene without any refuses all but those of 0.
+    fn own_margins(&mut self, margins: Margins<'_>) -> Option<()> {
+        if self.scene.margins.is_some() {
+            return Some(());
+        }
+        self.refused = self.refused.or((!margins.are_zero()).then_some(EditError::NoMargins));
+        None
+    }
+
+    /// Sets boxes to what a function gives for each index, in the order in which they are named.
+    ///
+    /// It is the better way where the boxes lie in no array: where they are computed from bodies, or gathered
+    /// from several places. They are written once, to memory that the scene keeps for the next such edit (24
+    /// bytes for each box of the largest one), and are copied from there as those of
+    /// [`set_all`](Self::set_all) are from the caller's array. Boxes that lie in an array already are one copy
+    /// cheaper with `set_all`.
+    ///
+    /// With an index that the scene cannot have, the function is not called, and the edit is refused when it
+    /// is committed.
+    ///
+    /// ```
+    /// use pairmask::scene::{SceneOptions, Want};
+    /// use pairmask::{Aabb, Backend, Session};
+    ///
+    /// let bodies: Vec<([f32; 3], f32)> = vec![([0.0; 3], 1.0), ([1.5; 3], 1.0), ([9.0; 3], 1.0)];
+    /// let mut session = Session::builder().backend(Backend::InProcess).connect()?;
+    /// let mut scene = session.scene(SceneOptions::default());
+    /// let edit = scene.edit().set_with(0..3, |index| {
+    ///     let (centre, half) = bodies[index as usize];
+    ///     Aabb::new(centre.map(|x| x - half), centre.map(|x| x + half))
+    /// });
+    /// assert_eq!(edit.commit(Want::Changes)?.take().begun(), [[0, 1]]);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    pub fn set_with(mut self, indices: impl Into<Indices<'a>>, f: impl FnMut(u32) -> Aabb) -> Self {
+        let (indices, limit) = (indices.into(), self.scene.index_limit);
+        match self.scene.draft.fill(indices, limit, f) {
+            Ok(place) => self.given.fills.push((indices, place)),
+            Err(error) => self.refused = self.refused.or(Some(error)),
+        }
+        self
+    }
+
+    /// Removes the box of an index.
+    pub fn remove(self, index: u32) -> Self {
+        self.scene.draft.removed.push(index);
+        self
+    }
+
+    /// Removes boxes.
+    pub fn remove_all(self, indices: impl Into<Indices<'a>>) -> Self {
+        self.step(Step::Remove(indices.into()))
+    }
+
+    /// Switches a box off (it overlaps nothing) or on.
+    pub fn switch(self, index: u32, on: bool) -> Self {
+        self.step(Step::Switch(one(index), on))
+    }
+
+    /// Switches boxes off or on.
+    pub fn switch_all(self, indices: impl Into<Indices<'a>>, on: bool) -> Self {
+        self.step(Step::Switch(indices.into(), on))
+    }
+
+    /// Makes a box static (two static boxes are no pair) or not.
+    pub fn make_static(self, index: u32, is_static: bool) -> Self {
+        self.step(Step::Static(one(index), is_static))
+    }
+
+    /// Makes boxes static or not.
+    pub fn make_all_static(self, indices: impl Into<Indices<'a>>, is_static: bool) -> Self {
+        self.step(Step::Static(indices.into(), is_static))
+    }
+
+    /// Gives a box its [tag](pairmask_core::filters): its world, its owner and its filter. A box that is
+    /// inserted has [`Tag::default`]. Whether a box itself is static, [`make_static`](Self::make_static) says, and
+    /// not its tag.
+    pub fn tag(self, index: u32, tag: Tag) -> Self {
+        self.scene.draft.tagged.push(index);
+        self.scene.draft.tags.push(tag);
+        self
+    }
+
+    /// Gives boxes their tags, as [`tag`](Self::tag) does.
+    pub fn tag_all(self, indices: impl Into<Indices<'a>>, tags: &'a [Tag]) -> Self {
+        self.step(Step::Tag(Tags { indices: indices.into(), tags }))
+    }
+
+    /// The filters that tags name, in place of all before.
+    pub fn filters(self, table: &'a FilterTable) -> Self {
+        self.step(Step::Filters(table))
+    }
+
+    /// Puts pairs on the include list, or takes them off.
+    pub fn include(self, pairs: &'a [[u32; 2]], on: bool) -> Self {
+        self.step(Step::Include(pairs, on))
+    }
+
+    /// Puts pairs on the exclude list, or takes them off.
+    pub fn exclude(self, pairs: &'a [[u32; 2]], on: bool) -> Self {
+        self.step(Step::Exclude(pairs, on))
+    }
+
+    /// Does a step.
+    pub fn step(mut self, step: Step<'a>) -> Self {
+        self.given.steps.push(step);
+        self
+    }
+
+    /// Applies the edit and answers.
+    ///
+    /// # Errors
+    /// [`CommitError`]. After [`CommitError::Edit`] and [`CommitError::Frame`] the scene is what it was.
+    pub fn commit(self, want: Want) -> Result<SceneAnswer<'s>, CommitError> {
+        self.submit(want)?.wait()
+    }
+
+    /// Sends the edit. The daemon works on it while this thread does something else; in process it is
+    /// answered before this returns.
+    ///
+    /// # Errors
+    /// [`CommitError`]. The scene is then what it was, but for [`CommitError::Wait`].
+    pub fn submit(self, want: Want) -> Result<PendingAnswer<'s, 'a>, CommitError> {
+        let Self { scene, given, refused } = self;
+        if let Some(error) = refused {
+            return Err(error.into());
+        }
+        let (asked, awaited) = scene.begin(&given, want)?;
+        Ok(PendingAnswer { scene, given, want, asked, awaited })
+    }
+}
+
+/// A single index.
+const fn one(index: u32) -> Indices<'static> {
+    Indices::Range { first: index, count: 1 }
+}

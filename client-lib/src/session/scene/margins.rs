@@ -1,0 +1,242 @@
+//! Margins of a scene's boxes: which boxes of an edit are sent, and the pairs of the boxes as they were set.
+//!
+//! What was sent is what the scene keeps anyway, so that it is sent again, or taken over by this process,
+//! with its margins. The boxes of now are in a copy beside it, to which an edit is applied exactly where the
+//! scene applies its part of the edit.
+
+use pairmask_core::precision::Margin;
+use pairmask_core::scene::{
+    Edit, EditError, ExactPairs, MarginedPairs, MarginedSets, Outgoing, SceneCopy, SceneMargins,
+    Sent, Sets, Step, Told, Want,
+};
+
+use super::answer::Source;
+
+/// Boxes that were set, and how few of them were sent.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct MarginStats {
+    /// Edits that were applied.
+    pub edits: u64,
+    /// Edits for which a request was made; the others needed none.
+    pub requests: u64,
+    /// Boxes that edits set.
+    pub set: u64,
+    /// Boxes that were sent.
+    pub sent: u64,
+}
+
+/// The boxes of now of a scene whose boxes have margins.
+pub(super) struct Margined {
+    now: SceneCopy,
+    usual: Margin,
+    pairs: Pairs,
+    outgoing: Outgoing,
+    /// Whether the edit sends anything.
+    sends: bool,
+    /// Threads of this process; `None` is all of its pool.
+    threads: Option<usize>,
+    stats: MarginStats,
+}
+
+/// What is kept of the pairs.
+#[allow(clippy::large_enum_variant)] // One of each scene.
+enum Pairs {
+    Near(Near),
+    Exact(Exact),
+}
+
+/// Near pairs are told by the scene.
+#[derive(Default)]
+struct Near {
+    /// Whether there may be changes that were not taken.
+    is_open: bool,
+    /// Pairs at the last taken answer.
+    pair_count: u64,
+    /// An answer that needed no request.
+    told: Told,
+}
+
+/// Exact pairs are told here.
+#[derive(Default)]
+struct Exact {
+    pairs: ExactPairs,
+    /// Whether there may be near pairs that are not known here.
+    is_behind: bool,
+}
+
+impl Margined {
+    pub fn new(of: SceneMargins, most_boxes: u32, threads: Option<usize>) -> Self {
+        let pairs = match of.pairs {
+            MarginedPairs::Near => Pairs::Near(Near::default()),
+            MarginedPairs::Exact => Pairs::Exact(Exact::default()),
+        };
+        Self {
+            now: SceneCopy::new(most_boxes),
+            usual: of.usual,
+            pairs,
+            outgoing: Outgoing::default(),
+            sends: false,
+            threads,
+            stats: MarginStats::default(),
+        }
+    }
+
+    pub const fn now(&self) -> &SceneCopy {
+        &self.now
+    }
+
+    pub const fn usual(&self) -> Margin {
+        self.usual
+    }
+
+    pub const fn stats(&self) -> MarginStats {
+        self.stats
+    }
+
+    pub fn allocated_bytes(&self) -> usize {
+        let pairs = match &self.pairs {
+            Pairs::Near(_) => 0,
+            Pairs::Exact(exact) => exact.pairs.allocated_bytes(),
+        };
+        self.now.allocated_bytes() + self.outgoing.allocated_bytes() + pairs
+    }
+
+    /// Forgets what was told. Whether the scene of what was sent has to forget it too.
+    pub fn lose(&mut self) -> bool {
+        match &mut self.pairs {
+            Pairs::Near(near) => {
+                near.is_open = true;
+                true
+            }
+            Pairs::Exact(exact) => {
+                exact.pairs.lose();
+                false
+            }
+        }
+    }
+
+    /// Checks an edit, and chooses what is sent of its sets. What is asked of the scene; `None` where no request is
+    /// needed.
+    pub fn choose(
+        &mut self,
+        edit: Edit<'_>,
+        sets: &[MarginedSets<'_>],
+        want: Want,
+        sent: Sent<'_>,
+    ) -> Result<Option<Want>, EditError> {
+        let Self { now, pairs, outgoing, threads, .. } = self;
+        sets.iter().try_for_each(MarginedSets::check)?;
+        now.check(edit)?;
+        // A daemon tells pairs of the boxes that it is sent, also where they did not leave their margin.
+        let needs_all = matches!(pairs, Pairs::Near(_)) && want == Want::Moved;
+        outgoing.clear();
+        for sets in sets {
+            outgoing.choose(sets, now, sent, needs_all, *threads);
+        }
+        self.sends = !outgoing.is_empty() || edit.steps.iter().any(is_sent);
+        Ok(match &self.pairs {
+            Pairs::Near(near) => {
+                let tells = want == Want::All || (want == Want::Changes && near.is_open);
+                (self.sends || tells).then_some(want)
+            }
+            Pairs::Exact(_) if want == Want::Nothing => self.sends.then_some(want),
+            Pairs::Exact(exact) => (self.sends || exact.is_behind).then_some(Want::Changes),
+        })
+    }
+
+    /// The steps of an edit that are sent.
+    pub fn request<'a>(&'a self, all: &[Step<'a>]) -> Vec<Step<'a>> {
+        let mut steps: Vec<Step<'a>> = all.iter().copied().filter(is_sent).collect();
+        if !self.outgoing.is_empty() {
+            let (indices, boxes) = (self.outgoing.indices().into(), self.outgoing.boxes());
+            steps.push(Step::Set(Sets { indices, boxes }));
+        }
+        steps
+    }
+
+    /// Forgets an edit that the scene has refused.
+    pub fn cancel(&mut self, edit: Edit<'_>) {
+        self.now.cancel(edit);
+    }
+
+    /// Applies an edit.
+    pub fn apply(&mut self, edit: Edit<'_>, want: Want, is_request: bool) {
+        match &mut self.pairs {
+            Pairs::Near(near) => near.is_open |= self.sends,
+            Pairs::Exact(exact) => {
+                exact.is_behind |= self.sends;
+                exact.pairs.note(edit, &self.now, want);
+            }
+        }
+        self.now.apply(edit);
+        self.stats.edits += 1;
+        self.stats.requests += u64::from(is_request);
+        self.stats.set += edit.boxes() as u64;
+        self.stats.sent += self.outgoing.len() as u64;
+    }
+
+    /// Answers, by what the scene has answered to what it was asked. Whether the answer is [here](Self::told), and not
+    /// the scene's.
+    pub fn answer(&mut self, want: Want, found: Option<(Want, Source<'_>)>) -> bool {
+        let Self { now, pairs, threads, .. } = self;
+        match pairs {
+            Pairs::Near(near) => {
+                if found.is_none() {
+                    near.told = Told::of_none(want, near.pair_count);
+                }
+                found.is_none()
+            }
+            Pairs::Exact(exact) => {
+                if let Some((Want::Changes, source)) = found {
+                    exact.learn(&source, now);
+                }
+                exact.pairs.tell(want, now, *threads);
+                true
+            }
+        }
+    }
+
+    /// The last answer, where it is here.
+    pub const fn told(&self) -> &Told {
+        match &self.pairs {
+            Pairs::Near(near) => &near.told,
+            Pairs::Exact(exact) => exact.pairs.told(),
+        }
+    }
+
+    /// Notes that the last answer is taken, which knew so many pairs.
+    pub fn take(&mut self, want: Want, pair_count: Option<u64>) {
+        match (&mut self.pairs, want, pair_count) {
+            (Pairs::Exact(exact), ..) => exact.pairs.take(),
+            (Pairs::Near(near), Want::Changes | Want::All, Some(count)) => {
+                (near.is_open, near.pair_count) = (false, count);
+            }
+            _ => {}
+        }
+    }
+}
+
+impl Exact {
+    /// Takes the changes of near pairs.
+    fn learn(&mut self, source: &Source<'_>, now: &SceneCopy) {
+        if source.is_resync() {
+            self.pairs.resync_near(source.pairs(), now);
+        } else {
+            let ended = source.ended().into_iter().map(|ended| ended.pair);
+            self.pairs.change_near(source.begun(), ended, now);
+        }
+        self.is_behind = false;
+    }
+}
+
+/// Whether a step is sent as it is: it sets no boxes, and names any.
+fn is_sent(step: &Step<'_>) -> bool {
+    match step {
+        Step::Set(_) => false,
+        Step::Remove(indices) | Step::Switch(indices, _) | Step::Static(indices, _) => {
+            indices.last().is_some()
+        }
+        _ => true,
+    }
+}
