@@ -149,7 +149,7 @@ impl Margined {
     pub fn request<'a>(&'a self, all: &[Step<'a>]) -> Vec<Step<'a>> {
         let mut steps: Vec<Step<'a>> = all.iter().copied().filter(is_sent).collect();
         if !self.outgoing.is_empty() {
-            let (indices, boxes) = (self.outgoing.indices().into(), self.outgoing.boxes());
+            let (indices, boxes) = (self.outgoing.indices(), self.outgoing.boxes());
             steps.push(Step::Set(Sets { indices, boxes }));
         }
         steps

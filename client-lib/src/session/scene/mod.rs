@@ -91,7 +91,11 @@ impl Kept {
         }
     }
 
-    fn end(&mut self, awaited: Awaited<'_>, edit: Edit<'_>) -> Result<(Found, By), CommitError> {
+    fn end(
+        &mut self,
+        awaited: Awaited<'_>,
+        edit: Edit<'_>,
+    ) -> Result<(Found, Answerer), CommitError> {
         let (found, tick) = match self {
             Self::Remote(scene) => (scene.end(awaited, edit)?, None),
             Self::Here(_) => (Found::Here, None),
@@ -101,7 +105,7 @@ impl Kept {
                 (Found::Daemon(from), Some(Tick { number: marks.tick, late }))
             }
         };
-        let by = By { tick, ..By::of(&self.source(&found)) };
+        let by = Answerer { tick, ..Answerer::of(&self.source(&found)) };
         Ok((found, by))
     }
 
@@ -289,7 +293,7 @@ impl<'s> PendingAnswer<'s, '_> {
     pub fn wait(self) -> Result<SceneAnswer<'s>, CommitError> {
         let Self { scene, given, want, asked, awaited } = self;
         let Scene { kept, draft, margins, .. } = &mut *scene;
-        let (mut by, mut found) = (By::default(), None);
+        let (mut by, mut found) = (Answerer::default(), None);
         if let Some(asked) = asked {
             let mut steps = draft.steps(&given);
             if let Some(margins) = margins {
@@ -311,7 +315,7 @@ impl<'s> PendingAnswer<'s, '_> {
 }
 
 /// What answered a request. Where none was needed, this process has.
-struct By {
+struct Answerer {
     served_by: ServedBy,
     engine: EngineId,
     skipped: SceneSkips,
@@ -324,7 +328,7 @@ struct Tick {
     late: Vec<Range<u32>>,
 }
 
-impl Default for By {
+impl Default for Answerer {
     fn default() -> Self {
         let engine = EngineName::CpuGrid.into();
         let skipped = SceneSkips::default();
@@ -332,7 +336,7 @@ impl Default for By {
     }
 }
 
-impl By {
+impl Answerer {
     fn of(source: &Source<'_>) -> Self {
         let (served_by, engine) = (source.served_by(), source.engine());
         Self { served_by, engine, skipped: *source.skipped(), tick: None }
@@ -352,7 +356,7 @@ pub struct SceneAnswer<'s> {
     want: Want,
     /// `None` where the answer is what the scene's margins tell.
     found: Option<Found>,
-    by: By,
+    by: Answerer,
 }
 
 impl std::fmt::Debug for SceneAnswer<'_> {
