@@ -24,7 +24,6 @@ use crate::study::accuracy::judge::{Assertion, Pareto, regressions};
 use crate::study::accuracy::measure::{self, Lengths, Subject};
 use crate::study::accuracy::mode::StudyMode;
 use crate::study::accuracy::rows::AccuracyReport;
-use crate::study::accuracy::variants::{self, Ways};
 use crate::study::harness::machine::Machine;
 
 /// Spin time of both sides. Longer than any pause between two frames, so that no thread sleeps.
@@ -44,9 +43,8 @@ Modes beside those of a session:
                          pairs of spheres, and with the boxes' pairs apart
   spheres=inscribed      spheres within the boxes
 
-Below the rows stand the modes that are on the Pareto front of time, extra pairs and bytes up, and
-those that are nowhere on it; then the papers' ways to turn a pair's number into the pair (--mapping):
-time and wrong pairs at every n. None of those serves a client.
+Above the rows stands what each mode costs, and where it is on the Pareto front of time, extra pairs and
+bytes up.
 
 --assert takes limits that every row but plain-f32's has to keep, and the exit status is 1 where one does not:
 FIGURE=X, FIGURE<X or FIGURE<=X with the figures missed, extra, extra_ratio, p50, p99 (of whole
@@ -54,8 +52,8 @@ frames), bytes_up, bytes_down, memory and the units ns, us, ms, s, %, KiB, MiB, 
 
 Examples:
   pairmask-lab accuracy --scene uniform,pile --n 10000,100000
-  pairmask-lab accuracy --n 1000 --mapping none --assert 'missed=0,p99<2ms'
-  pairmask-lab accuracy --precision f64=1e6,plain-f32=1e6 --mapping none
+  pairmask-lab accuracy --n 1000 --assert 'missed=0,p99<2ms'
+  pairmask-lab accuracy --precision f64=1e6,plain-f32=1e6
   pairmask-lab accuracy --out before; ...; pairmask-lab accuracy --compare before/accuracy.json")]
 pub struct Accuracy {
     #[command(flatten)]
@@ -98,16 +96,13 @@ pub struct Accuracy {
     /// Say what is slower or wronger than in this report
     #[arg(long, value_name = "OLD.json")]
     compare: Option<PathBuf>,
-    /// Ways to turn a pair's number into the pair: all, none, or names
-    #[arg(long, value_name = "NAME,..", value_delimiter = ',', default_value = "all")]
-    mapping: Vec<Ways>,
     #[command(flatten)]
     output: Output,
 }
 
 impl Accuracy {
     /// Measures every row, writes the report, and checks it against limits and the old report. `--out` writes
-    /// accuracy.json, accuracy.csv, mapping.csv and report.html.
+    /// accuracy.json, accuracy.csv and report.html.
     pub fn run(&self, place: &Place, config: &Config) -> Result<()> {
         // Read before the measurement, so that a wrong file fails at once.
         let old = self.compare.as_deref().map(read_report).transpose()?;
@@ -173,8 +168,7 @@ impl Accuracy {
         place: &Place,
         config: &Config,
     ) -> Result<AccuracyReport> {
-        let gpu = self.daemon.gpu(config);
-        let machine = machine(&gpu);
+        let machine = machine(&self.daemon.gpu(config));
         let target = Target::new(&self.options, &self.daemon, SPIN, place, config)?;
         let lengths =
             Lengths { warm_up: self.warm_up, frames: self.frames.get(), checked: self.checked };
@@ -186,9 +180,7 @@ impl Accuracy {
             rows.push(measure::row(builder.connect()?, subject, &lengths, memory_bytes)?);
             progress.inc(1);
         }
-        progress.set_message("mapping functions");
-        let variants = variants::measure(&self.mapping, &self.n, &gpu)?;
-        Ok(AccuracyReport { machine, seed: self.seed, pareto: Pareto::of(&rows), rows, variants })
+        Ok(AccuracyReport { machine, seed: self.seed, pareto: Pareto::of(&rows), rows })
     }
 }
 

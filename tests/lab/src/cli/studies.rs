@@ -13,7 +13,9 @@ use pairmaskd::execute::gpu::{Gpu, GpuChoice, HostImport, OpenError};
 use pairmaskd::scene::SceneName;
 
 use crate::Result;
-use crate::gpu_stages::scenes::{Case as SceneCase, GpuSceneReport, measure as measure_scene};
+use crate::gpu_stages::scenes::{
+    Case as SceneCase, Effort, GpuSceneReport, measure as measure_scene,
+};
 use crate::study::harness::document::markdown;
 use crate::study::harness::{Report, write_files};
 use crate::study::moving::{Motion, World};
@@ -164,21 +166,8 @@ pub struct GpuSceneBench {
     /// How they move: drift, jitter, teleport, spawn
     #[arg(long, value_name = "MOTION,..", value_delimiter = ',', default_value = "drift")]
     motion: Vec<Motion>,
-    /// Edits of each line
-    #[arg(long, value_parser = whole_number::<u32>, value_name = "N", default_value_t = 100)]
-    frames: u32,
-    /// Boxes that are asked for after each edit
-    #[arg(long, value_parser = whole_number::<u32>, value_name = "N", default_value_t = 10_000)]
-    queries: u32,
-    /// Copy boxes only; else both ways are measured
-    #[arg(long)]
-    copied: bool,
-    /// Take times of stages too, by the GPU's clock
-    #[arg(long)]
-    stages: bool,
-    /// Do not compare with the CPU's pairs
-    #[arg(long)]
-    unchecked: bool,
+    #[command(flatten)]
+    effort: Effort,
     #[command(flatten)]
     output: Output,
 }
@@ -202,18 +191,9 @@ impl GpuSceneBench {
             for (scene, n, motion) in self.worlds() {
                 let mut world = World::new(scene, n);
                 for &percent in &self.moving {
-                    for imported in [true, false].into_iter().skip(usize::from(self.copied)) {
-                        let case = SceneCase {
-                            scene,
-                            n,
-                            motion,
-                            percent,
-                            imported,
-                            frames: self.frames.max(1) as usize,
-                            queries: self.queries as usize,
-                            stages: self.stages,
-                            checks: !self.unchecked,
-                        };
+                    for imported in [true, false] {
+                        let effort = self.effort;
+                        let case = SceneCase { scene, n, motion, percent, imported, effort };
                         report.rows.push(measure_scene(&gpus, &mut world, &case)?);
                     }
                 }

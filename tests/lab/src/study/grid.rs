@@ -9,12 +9,11 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use glam::{Quat, Vec3};
+use pairmask_core::Aabb;
 use pairmask_core::engine::{CullInput, Engine, Grid as CpuGrid, HeapReply, SweepAndPrune};
 use pairmask_core::update::{Placement, par_update_boxes};
-use pairmask_core::{Aabb, Encoding};
 use pairmaskd::execute::gpu::{
-    AllPairsOptions, Block, Command, Frame, Gpu, GpuChoice, GpuError, Home, HostImport,
-    Part as BlockPart, Wait,
+    Block, Command, Frame, Gpu, GpuChoice, GpuError, Home, HostImport, Part as BlockPart, Wait,
 };
 use pairmaskd::scene::{Scene, SceneName};
 use serde::Serialize;
@@ -64,11 +63,6 @@ const CROSSING_COUNTS: [u32; 10] =
 /// Boxes beyond which the sweep takes seconds.
 const SWEEP_MOST: u32 = 1_000_000;
 
-/// What a frame of so many boxes took the authors in all, ms (table 6), whatever share of them moved.
-pub fn paper_frame_ms(n: u32) -> Option<f64> {
-    figure(&format!("table_6[n={n}].total"))
-}
-
 /// Figures of a row of a table of the paper, if it has all of them.
 fn paper<const N: usize>(table: &str, n: u32, columns: [&str; N]) -> Option<[f64; N]> {
     let found = columns.map(|column| figure(&format!("{table}[n={n}].{column}")));
@@ -88,13 +82,13 @@ pub fn measure(choice: &GpuChoice, counts: &[u32], quick: bool) -> Result<GridRe
     let mut under_way = Vec::new();
     for &n in counts {
         for name in SCENES {
-            let row = measure_scene(gpu, name, n, Encoding::Sparse, budget, true)?;
+            let row = measure_scene(gpu, name, n, budget)?;
             if name == SceneName::Uniform {
                 stages.extend(stages_of(&row, &bandwidth));
             }
             scenes.push(row);
         }
-        let row = measure_scene(gpu, PAPER_SCENE, n, Encoding::Sparse, budget, true)?;
+        let row = measure_scene(gpu, PAPER_SCENE, n, budget)?;
         parts.push(parts_row(&row, budget));
         engines.push(engines_row(&row, budget));
         under_way.push(under_way_row(gpu, n, budget)?);
@@ -174,17 +168,14 @@ fn engines_row(row: &GridRow, budget: Duration) -> Fields {
         gpu_grid_ms: row.frame_us / 1e3,
         cpu_grid_ms: time(&mut CpuGrid::new()),
         cpu_sap_ms: (row.n <= SWEEP_MOST).then(|| time(&mut SweepAndPrune::new())),
-        paper_ms: paper_frame_ms(row.n),
+        paper_ms: figure(&format!("table_6[n={}].total", row.n)),
     )
 }
 
 fn without_row(gpu: &Arc<Gpu>, n: u32, budget: Duration) -> Result<WithoutRow> {
     let boxes = Scene::new(PAPER_SCENE, n as usize, SEED).boxes().to_vec();
-    let (options, encoding) = (AllPairsOptions::default(), Encoding::Sparse);
-    let mut all_pairs = all_pairs_rig(gpu, &options, true, &boxes, encoding, false)?;
-    let without_ms = median_us(&mut all_pairs, budget)? / 1e3;
-    drop(all_pairs);
-    let with_ms = median_us(&mut grid_rig(gpu, &boxes, encoding, false)?, budget)? / 1e3;
+    let without_ms = median_us(&mut all_pairs_rig(gpu, &boxes)?, budget)? / 1e3;
+    let with_ms = median_us(&mut grid_rig(gpu, &boxes, false)?, budget)? / 1e3;
     Ok(WithoutRow { n, without_ms, with_ms, paper_ms: paper("table_7", n, ["without", "with"]) })
 }
 
@@ -197,14 +188,14 @@ fn under_way_row(gpu: &Arc<Gpu>, n: u32, budget: Duration) -> Result<Fields> {
 fn moving_row(gpu: &Arc<Gpu>, n: u32, moving_percent: u32, budget: Duration) -> Result<Fields> {
     let mut scene = Scene::new(PAPER_SCENE, n as usize, SEED);
     let mut boxes = scene.boxes().to_vec();
-    let mut rig = grid_rig(gpu, &boxes, Encoding::Sparse, false)?;
+    let mut rig = grid_rig(gpu, &boxes, false)?;
     let moving = (u64::from(n) * u64::from(moving_percent) / 100) as usize;
     let mut times = Vec::new();
     let started = Instant::now();
     while times.is_empty() || started.elapsed() < budget {
         scene.step();
         boxes[..moving].copy_from_slice(&scene.boxes()[..moving]);
-        rig.boxes.write(&boxes);
+        rig.memory.boxes.write(&boxes);
         times.push(median_us(&mut rig, Duration::ZERO)?);
     }
     Ok(row!(n, moving_percent, frame_ms: median(times) / 1e3))
@@ -327,7 +318,7 @@ impl Report for GridReport {
             Part::section("Frames under way, uniform scene, frames a second", "", &self.under_way),
             Part::section(
                 "Scenes: boxes in shared memory → mask in shared memory",
-                "A list of pairs has 8 bytes a pair.",
+                "",
                 &self.scenes,
             ),
         ];

@@ -24,7 +24,7 @@ fn a_mistake_is_told_in_one_line() {
         ("grid --n x", 2, "'x' for --n: must be a whole number"),
         ("accuracy --compare absent", 1, "absent: there is no such file"),
         ("accuracy --out boxes.f32", 1, "boxes.f32: it is no directory"),
-        ("accuracy --gpu 99 --n 10 --mapping none", 1, "no GPU fits '99'"),
+        ("accuracy --gpu 99 --n 10", 1, "no GPU fits '99'"),
         ("mapping --gpu none --quick --out boxes.f32", 1, "boxes.f32: it is no directory"),
         ("stress --config absent", 2, "configuration absent: there is no such file"),
     ] {
@@ -72,8 +72,7 @@ fn a_reader_that_has_gone_is_no_failure() {
 #[test]
 fn driver_warnings_are_not_shown() {
     let place = Place::new();
-    let line = "accuracy --scene uniform --n 10 --frames 1 --precision exact --mapping none \
-                --backend in-process --gpu auto";
+    let line = "accuracy --scene uniform --n 10 --frames 1 --precision exact --backend in-process --gpu auto";
     let words: Vec<&str> = line.split_whitespace().collect();
     let finished = place.run(&words);
     assert_eq!((finished.code, finished.stderr.as_str()), (Some(0), ""));

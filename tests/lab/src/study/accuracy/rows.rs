@@ -8,10 +8,9 @@ use serde::{Deserialize, Serialize};
 
 use super::judge::Pareto;
 use super::truth::Difference;
-use super::variants::VariantRow;
 use crate::study::harness::machine::Machine;
 
-/// The results of one run of the study. Reports of earlier versions have no `pareto` and no `variants`.
+/// The results of one run of the study. Reports of earlier versions have no `pareto`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct AccuracyReport {
     pub machine: Machine,
@@ -19,8 +18,6 @@ pub struct AccuracyReport {
     pub rows: Vec<AccuracyRow>,
     #[serde(default)]
     pub pareto: Pareto,
-    #[serde(default)]
-    pub variants: Vec<VariantRow>,
 }
 
 /// Percentiles of a time, ns.
@@ -200,7 +197,7 @@ pub(super) mod tests {
 
     pub fn report(rows: Vec<AccuracyRow>) -> AccuracyReport {
         let (machine, pareto) = (Machine::here(None), Pareto::of(&rows));
-        AccuracyReport { machine, seed: 1, rows, pareto, variants: Vec::new() }
+        AccuracyReport { machine, seed: 1, rows, pareto }
     }
 
     #[test]
@@ -209,9 +206,7 @@ pub(super) mod tests {
         let report = report(vec![row()]);
         let mut json = serde_json::to_value(&report)?;
         assert_eq!(serde_json::from_value::<AccuracyReport>(json.clone())?, report);
-        for field in ["pareto", "variants"] {
-            json.as_object_mut().map(|report| report.remove(field));
-        }
+        json.as_object_mut().map(|report| report.remove("pareto"));
         for field in ["offset", "spheres", "against_boxes"] {
             json["rows"][0].as_object_mut().map(|row| row.remove(field));
         }

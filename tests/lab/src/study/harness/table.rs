@@ -1,64 +1,13 @@
 //! Tables: cells under a head, as Markdown, CSV and HTML. Rows are what JSON has of them: a column a field, named as
 //! the field is, so that every form of a result has the same words.
 
-use std::fmt;
-use std::marker::PhantomData;
-use std::ops::Index;
-
-use serde::de::{IgnoredAny, MapAccess, Visitor};
-use serde::{Deserialize, Deserializer, Serialize, Serializer};
+use indexmap::IndexMap;
+use serde::de::IgnoredAny;
+use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-/// An object whose fields stay in the order in which they are written.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Ordered<V>(Vec<(String, V)>);
-
-/// A row of a table.
-pub type Fields = Ordered<Value>;
-
-impl<V> Default for Ordered<V> {
-    fn default() -> Self {
-        Self(Vec::new())
-    }
-}
-
-impl<V> FromIterator<(String, V)> for Ordered<V> {
-    fn from_iter<I: IntoIterator<Item = (String, V)>>(fields: I) -> Self {
-        Self(fields.into_iter().collect())
-    }
-}
-
-impl Index<&str> for Fields {
-    type Output = Value;
-
-    fn index(&self, name: &str) -> &Value {
-        self.0.iter().find(|(known, _)| known == name).map_or(&Value::Null, |(_, value)| value)
-    }
-}
-
-impl Serialize for Fields {
-    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        serializer.collect_map(self.0.iter().map(|(name, value)| (name, value)))
-    }
-}
-
-impl<'de, V: Deserialize<'de>> Deserialize<'de> for Ordered<V> {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        struct InOrder<V>(PhantomData<V>);
-        impl<'de, V: Deserialize<'de>> Visitor<'de> for InOrder<V> {
-            type Value = Ordered<V>;
-
-            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-                f.write_str("an object")
-            }
-
-            fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<Ordered<V>, A::Error> {
-                std::iter::from_fn(|| map.next_entry().transpose()).collect()
-            }
-        }
-        deserializer.deserialize_map(InOrder(PhantomData))
-    }
-}
+/// A row of a table: fields in the order in which they are written.
+pub type Fields = IndexMap<String, Value>;
 
 /// A row of `name: value` and of variables of the field's name.
 macro_rules! row {
@@ -98,7 +47,7 @@ impl Table {
             Other(IgnoredAny),
         }
         let text = serde_json::to_string(report).unwrap_or_default();
-        let Ordered(fields) = serde_json::from_str(&text).unwrap_or_default();
+        let fields: IndexMap<String, Field> = serde_json::from_str(&text).unwrap_or_default();
         let table = |(name, field)| match field {
             Field::Rows(rows) if !rows.is_empty() => {
                 Some((name, Self::of_fields(rows.into_iter())))
@@ -110,7 +59,7 @@ impl Table {
 
     fn of_fields(rows: impl Iterator<Item = Fields>) -> Self {
         let mut table = Self::default();
-        for Ordered(fields) in rows {
+        for fields in rows {
             let mut cells = Vec::new();
             for (name, value) in fields {
                 table.add(&mut cells, name, value);

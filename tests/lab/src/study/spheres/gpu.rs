@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use pairmask_core::dispatch::{CullOptions, SphereEngines};
 use pairmask_core::engine::{CullError, CullInput, CullReport, HeapReply};
-use pairmask_core::sphere::{SPHERE_BYTES, Sphere, SphereAllPairs};
+use pairmask_core::sphere::{Sphere, SphereAllPairs};
 use pairmask_core::{BoxCount, Encoding, EncodingChoice, EngineName, PairIndex};
 use pairmaskd::execute::gpu::{AllPairs, AllPairsOptions, Gpu, Grid, GridOptions, SharedImports};
 use pairmaskd::scene::Random;
@@ -18,7 +18,7 @@ use super::oracle::overlap;
 use super::papers_row;
 use super::speed::{frames_a_second, plain, scene};
 use crate::Result;
-use crate::gpu_stages::shared::Segment;
+use crate::gpu_stages::shared::FrameSegments;
 use crate::study::harness::table::{Fields, row};
 
 /// Numbers of spheres: the paper's, and larger ones.
@@ -55,14 +55,10 @@ pub fn measure(gpu: &Arc<Gpu>, quick: bool, seed: u64) -> Result<Vec<Fields>> {
 
 fn timed(gpu: &Arc<Gpu>, n: usize, budget: Duration, seed: u64) -> Result<Fields> {
     let objects = scene(n, seed);
-    let mut spheres = Segment::new(n * SPHERE_BYTES)?;
-    let mut reply = Segment::new(4 * REPLY_WORDS * n.max(1_000))?;
     let imports = SharedImports::default();
-    let mut imported = true;
-    for segment in [&mut spheres, &mut reply] {
-        imported &= segment.import(gpu, &imports).is_ok();
-    }
-    spheres.write(&objects);
+    let words = (REPLY_WORDS * n.max(1_000)) as u64;
+    let memory = FrameSegments::new(gpu, &imports, &objects, words)?;
+    let FrameSegments { boxes: spheres, mut reply, imported, .. } = memory;
     let encoding = Encoding::Sparse;
 
     let options = GridOptions { imports: imports.clone(), ..GridOptions::default() };
