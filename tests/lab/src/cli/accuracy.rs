@@ -1,8 +1,6 @@
 //! `accuracy`: run time against error, row by row.
 
-use std::fs;
 use std::num::NonZeroU32;
-use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use clap::Args;
@@ -15,12 +13,11 @@ use pairmaskd::cli::output::{print_text, progress_bar};
 use pairmaskd::cli::target::Target;
 use pairmaskd::cli::whole_number::whole_number;
 use pairmaskd::execute::gpu::{GpuChoice, choose, list_adapters};
-use pairmaskd::file_error::{Access, FileError};
 use pairmaskd::scene::SceneName;
 
 use super::studies::Output;
 use crate::Result;
-use crate::study::accuracy::judge::{Assertion, Pareto, regressions};
+use crate::study::accuracy::judge::{Assertion, Pareto};
 use crate::study::accuracy::measure::{self, Lengths, Subject};
 use crate::study::accuracy::mode::StudyMode;
 use crate::study::accuracy::rows::AccuracyReport;
@@ -54,7 +51,7 @@ Examples:
   pairmask-lab accuracy --scene uniform,pile --n 10000,100000
   pairmask-lab accuracy --n 1000 --assert 'missed=0,p99<2ms'
   pairmask-lab accuracy --precision f64=1e6,plain-f32=1e6
-  pairmask-lab accuracy --out before; ...; pairmask-lab accuracy --compare before/accuracy.json")]
+  pairmask-lab accuracy --out report")]
 pub struct Accuracy {
     #[command(flatten)]
     options: CullFlags,
@@ -93,19 +90,14 @@ pub struct Accuracy {
     /// Limits that every row has to keep, such as 'missed=0,p99<2ms'
     #[arg(long, value_name = "LIMITS")]
     assert: Option<Assertion>,
-    /// Say what is slower or wronger than in this report
-    #[arg(long, value_name = "OLD.json")]
-    compare: Option<PathBuf>,
     #[command(flatten)]
     output: Output,
 }
 
 impl Accuracy {
-    /// Measures every row, writes the report, and checks it against limits and the old report. `--out` writes
-    /// accuracy.json, accuracy.csv and report.html.
+    /// Measures every row, writes the report, and checks it against limits. `--out` writes accuracy.json,
+    /// accuracy.csv and report.html.
     pub fn run(&self, place: &Place, config: &Config) -> Result<()> {
-        // Read before the measurement, so that a wrong file fails at once.
-        let old = self.compare.as_deref().map(read_report).transpose()?;
         let subjects = self.subjects(config);
         if subjects.is_empty() {
             return Err("no row: every engine asked for would take too long on every scene".into());
@@ -115,30 +107,19 @@ impl Accuracy {
             || progress_bar(steps, "rows"),
             |progress| self.measure(&subjects, progress, place, config),
         )?;
-        if let (Some(old), Some(path)) = (&old, &self.compare) {
-            let alien = "and this report have no row in common: compare like with like";
-            let lines = regressions(&report, old);
-            let lines = lines.ok_or_else(|| format!("{} {alien}", path.display()))?;
-            self.say("worse", &lines)?;
-        }
         let failures = self.assert.as_ref().map(|a| a.failures(&report.rows)).unwrap_or_default();
-        self.say("not kept", &failures)?;
+        for failure in &failures {
+            // Below the table, or on stderr where stdout is for programs.
+            if self.output.is_for_programs() {
+                log::warn!("not kept: {failure}");
+            } else {
+                print_text(&format!("not kept: {failure}"))?;
+            }
+        }
         let count = failures.len();
         failures.first().map_or(Ok(()), |first| {
             Err(format!("{count} limits are not kept, the first: {first}").into())
         })
-    }
-
-    /// Prints lines beside the report: below the table, or on stderr where stdout is for programs.
-    fn say(&self, what: &str, lines: &[String]) -> Result<()> {
-        for line in lines {
-            if self.output.is_for_programs() {
-                log::warn!("{what}: {line}");
-            } else {
-                print_text(&format!("{what}: {line}"))?;
-            }
-        }
-        Ok(())
     }
 
     fn subjects(&self, config: &Config) -> Vec<Subject> {
@@ -190,10 +171,4 @@ fn machine(choice: &GpuChoice) -> Machine {
     // GPU is used.
     let adapters = if *choice == GpuChoice::None { Vec::new() } else { list_adapters() };
     Machine::here(choose(choice, &adapters).and_then(|at| adapters.get(at)))
-}
-
-fn read_report(path: &Path) -> Result<AccuracyReport> {
-    let text = fs::read_to_string(path).map_err(FileError::of(path, Access::Read))?;
-    let alien = |error| format!("{} is no report of `accuracy --json`: {error}", path.display());
-    Ok(serde_json::from_str(&text).map_err(alien)?)
 }

@@ -6,14 +6,13 @@ use std::fmt;
 use std::io;
 use std::num::{NonZeroU32, NonZeroUsize};
 use std::path::PathBuf;
-use std::process::Command;
 use std::str::FromStr;
 use std::sync::mpsc::{Receiver, channel};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
 use clap::Args;
-use pairmask::Backend;
+use pairmask::{Backend, SessionBuilder};
 use pairmask_core::BoxCount;
 use pairmask_core::spinner::Spinner;
 use pairmaskd::cli::bench::{BenchError, Figures, LatencyRow, SEED, Wait, threads_of};
@@ -32,7 +31,7 @@ use pairmaskd::timed_client::TimedClient;
 use serde::{Deserialize, Serialize};
 
 use crate::Result;
-use crate::processes::{Worker, end_with_parent, is_told_to_begin, tell};
+use crate::processes::{Daemon, Work, Worker, is_told_to_begin, tell};
 
 /// The highest rate, Hz: a frame every 10 µs, which is shorter than any frame.
 const MOST_HERTZ: u32 = 100_000;
@@ -196,7 +195,11 @@ struct LoadRow {
 
 /// What a client process gets.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-struct ClientSettings {
+pub(crate) struct ClientSettings {
+    backend: String,
+    engine: String,
+    encoding: String,
+    threads: Option<usize>,
     n: u32,
     scene: Option<PathBuf>,
     /// Which of the clients this is: each has a scene of its own.
@@ -252,10 +255,19 @@ impl Load {
         for wait in &self.wait {
             let (options, spin) = (&self.options, wait.spin());
             let target = Target::for_clients(options, &self.daemon, spin, most, place, config)?;
-            let command = self.client(&target, place, config)?;
+            let at = Daemon {
+                dir: target.dir.path().to_owned(),
+                instance: target.instance.to_string(),
+                isa: place.isa(config).to_string(),
+            };
+            let cull = self.options.cull_options(config);
             for (i, (rate, groups, precision)) in runs.iter().enumerate() {
                 let progress = spinner(&format!("{} of {}", i + 1, runs.len()));
                 let settings = ClientSettings {
+                    backend: self.options.backend(config, Backend::Daemon).to_string(),
+                    engine: cull.engine.to_string(),
+                    encoding: cull.encoding.to_string(),
+                    threads: cull.threads,
                     n: 0,
                     scene: self.scene.clone(),
                     index: 0,
@@ -268,7 +280,7 @@ impl Load {
                 };
                 let is_last = i + 1 == runs.len();
                 let daemon = target.cpu();
-                let ran = Ran::new(groups, &settings, &command, daemon.as_ref(), is_last)?;
+                let ran = Ran::new(groups, &settings, &at, daemon.as_ref(), is_last)?;
                 progress.finish_and_clear();
                 idle.extend(ran.idle_percent.map(|daemon_cpu_percent| IdleRow {
                     wait: wait.to_string(),
@@ -311,36 +323,6 @@ impl Load {
         };
         sizes.iter().flat_map(alike).collect()
     }
-
-    /// The command of a client process, but for its settings.
-    fn client(
-        &self,
-        target: &Target,
-        place: &Place,
-        config: &Config,
-    ) -> Result<impl Fn() -> Command> {
-        let options = self.options.cull_options(config);
-        let mut words: Vec<String> = vec!["load-client".to_owned()];
-        for (flag, value) in [
-            ("--config", "/dev/null".to_owned()),
-            ("--instance", target.instance.to_string()),
-            ("--isa", place.isa(config).to_string()),
-            ("--backend", self.options.backend(config, Backend::Daemon).to_string()),
-            ("--engine", options.engine.to_string()),
-            ("--encoding", options.encoding.to_string()),
-        ] {
-            words.extend([flag.to_owned(), value]);
-        }
-        if let Some(threads) = options.threads {
-            words.extend(["--threads".to_owned(), threads.to_string()]);
-        }
-        let (binary, dir) = (std::env::current_exe()?, target.dir.path().to_owned());
-        Ok(move || {
-            let mut command = Command::new(&binary);
-            command.args(&words).arg("--runtime-dir").arg(&dir);
-            command
-        })
-    }
 }
 
 fn all_of(groups: &[Group]) -> u32 {
@@ -362,7 +344,7 @@ impl Ran {
     fn new(
         groups: &[Group],
         settings: &ClientSettings,
-        command: impl Fn() -> Command,
+        at: &Daemon,
         daemon: Option<&DaemonCpu>,
         with_idle: bool,
     ) -> Result<Self> {
@@ -374,13 +356,10 @@ impl Ran {
         let sizes = groups.iter().flat_map(|g| std::iter::repeat_n(g.n, g.clients as usize));
         let mut clients: Vec<(Worker, Receiver<Option<Said>>)> = Vec::new();
         for (index, n) in (0..).zip(sizes) {
-            let mut command = command();
-            let settings = ClientSettings { n, index, ..settings.clone() };
-            command.arg(serde_json::to_string(&settings).map_err(io::Error::from)?);
+            let work = Work::Load(ClientSettings { n, index, ..settings.clone() });
             let (heard, ears) = channel();
             // Nobody hears what a client says after the run.
-            let hear = move |said| drop(heard.send(said));
-            clients.push((Worker::start(command, hear)?, ears));
+            clients.push((at.start(&work, move |said| drop(heard.send(said)))?, ears));
         }
         for (_, ears) in &clients {
             hear(ears, |said| matches!(said, Said::Ready).then_some(()))?;
@@ -430,56 +409,45 @@ fn together(mut clients: impl Iterator<Item = Paced>) -> Result<(Paced, u64)> {
     Ok((sum, worst))
 }
 
-/// A client process of `load`.
-#[derive(Debug, Args)]
-pub struct LoadClient {
-    #[command(flatten)]
-    options: CullFlags,
-    /// Its settings as JSON.
-    settings: String,
-}
-
-impl LoadClient {
+impl ClientSettings {
     /// Connects, says so, waits for the start, measures, tells the figures, and stays connected until
     /// stdin ends. A failure is told to the parent, which says why the measurement failed.
-    pub fn run(&self, place: &Place, config: &Config) -> Result<()> {
-        end_with_parent()?;
-        let said = match self.measure(place, config) {
+    pub(crate) fn run(&self, builder: SessionBuilder) -> io::Result<()> {
+        let said = match self.measure(builder) {
             Ok(Some(paced)) => Said::Done(Box::new(paced)),
             Ok(None) => return Ok(()),
             Err(error) => Said::Failed(error.to_string()),
         };
         tell(&said)?;
-        is_told_to_begin()?;
-        Ok(())
+        is_told_to_begin().map(drop)
     }
 
     /// `None` where the parent gave up before the start.
-    fn measure(&self, place: &Place, config: &Config) -> Result<Option<Paced>> {
-        let settings: ClientSettings =
-            serde_json::from_str(&self.settings).map_err(io::Error::from)?;
+    fn measure(&self, mut builder: SessionBuilder) -> Result<Option<Paced>> {
         // Names that the parent has written.
-        let wait: Wait = settings.wait.parse().unwrap_or(Wait::Serve);
-        let precision = settings.precision.parse().unwrap_or(PrecisionChoice::Exact);
-        let seed = SEED + u64::from(settings.index);
-        let mut scene = match &settings.scene {
+        let wait: Wait = self.wait.parse().unwrap_or(Wait::Serve);
+        let precision = self.precision.parse().unwrap_or(PrecisionChoice::Exact);
+        let seed = SEED + u64::from(self.index);
+        let mut scene = match &self.scene {
             Some(path) => Scene::from_boxes(RawBoxes::open(path)?.read()?, seed),
-            None => Scene::new(SceneName::Uniform, settings.n as usize, seed),
+            None => Scene::new(SceneName::Uniform, self.n as usize, seed),
         };
         let n = u32::try_from(scene.boxes().len()).unwrap_or(u32::MAX);
-        let session = self
-            .options
-            .session(place, config)
-            .runtime_dir(place.runtime_dir(config))
-            .instance(place.instance(config).as_str())
-            .backend(self.options.backend(config, Backend::Daemon))
+        if let Some(threads) = self.threads {
+            builder = builder.threads(threads);
+        }
+        let session = builder
+            .backend(self.backend.parse().unwrap_or(Backend::Daemon))
+            .engine(self.engine.parse().unwrap_or_default())
+            .encoding(self.encoding.parse().unwrap_or_default())
+            .answer_repeats(false)
             .spin(wait.spin())
             .deadline(DEADLINE)
             .capacity(BoxCount::new(n))
-            .visit_threads(settings.decode_threads.get())
+            .visit_threads(self.decode_threads.get())
             .connect()
             .map_err(BenchError::from)?;
-        let mut decoding = threads_of(settings.decode_threads)?;
+        let mut decoding = threads_of(self.decode_threads)?;
         let mut client = TimedClient::new(session, precision, scene.boxes());
         // The backend of this frame has to serve all frames. It touches all memory too.
         let first = client.frame_decoded(scene.boxes(), &mut decoding, |_| ());
@@ -490,13 +458,13 @@ impl LoadClient {
         }
         let (mut late_frames, mut from_due) = (0, Recorder::new());
         let start = Instant::now();
-        let from = start + Duration::from_millis(settings.warm_up_ms.into());
-        let until = from + Duration::from_secs(settings.seconds.get().into());
+        let from = start + Duration::from_millis(self.warm_up_ms.into());
+        let until = from + Duration::from_secs(self.seconds.get().into());
         let mut last_done = from;
         for frame in 0.. {
             scene.step();
             let asked = Instant::now();
-            let due = settings.rate.0.map(|hertz| start + due(frame, hertz));
+            let due = self.rate.0.map(|hertz| start + due(frame, hertz));
             let begins = due.unwrap_or(asked);
             if begins >= until {
                 break;

@@ -1,15 +1,15 @@
 //! A scene that persists, edited towards the boxes of cases: its answers are taken, dropped or left unread by
 //! chance, and what a client knows from them has to be the oracle's pairs, each change told once.
 //!
-//! Scenes of cores and of a GPU are asked case by case ([`SceneSubject`]), those of sessions by the clients
-//! of a daemon. Why pairs end, filters, members and resyncs are held to a model by
-//! the test `scene_model`.
+//! Scenes of cores and of a GPU are asked case by case ([`scenes`]), those of sessions by the clients of a daemon.
+//! Here are hard boxes, floating-point flags, and edits between the frames of others; all verbs, filters, members and
+//! ways to name boxes are held to a model by the test `scene_model`.
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use pairmask::Aabb;
-use pairmask::scene::{Indices, SceneOptions, Want};
+use pairmask::scene::{SceneOptions, Want};
 use pairmask_core::engine::CullError;
 use pairmask_core::oracle::{Pair, truth};
 use pairmask_core::scene::{Edit, Scene, SceneError, Sets, Step, Told};
@@ -28,11 +28,6 @@ const FEW_BOXES: usize = 250;
 /// Most boxes of one scene in [`MANY_ONE_IN`].
 const MANY_BOXES: usize = 2_000;
 const MANY_ONE_IN: u64 = 8;
-/// Indices beyond the boxes of a case that are in use now and then.
-const SPARE: usize = 8;
-
-const WANTS: [Want; 6] =
-    [Want::Changes, Want::Changes, Want::Changes, Want::Moved, Want::All, Want::Nothing];
 
 /// What is done about an answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -51,19 +46,8 @@ pub(super) struct Heard {
     pub(super) is_resync: bool,
 }
 
-/// A box of a scene; none, where it overlaps nothing.
-#[derive(Clone, Copy)]
-struct Body {
-    b: Aabb,
-    is_there: bool,
-    is_on: bool,
-    is_static: bool,
-}
-
-const NOBODY: Body = Body { b: Aabb::EMPTY, is_there: false, is_on: true, is_static: false };
-
 pub(super) struct KeptScene {
-    bodies: Vec<Body>,
+    boxes: Vec<Option<Aabb>>,
     /// The pairs that the client knows from the answers that it took.
     known: BTreeSet<Pair>,
 }
@@ -71,11 +55,11 @@ pub(super) struct KeptScene {
 impl KeptScene {
     pub(super) fn new(random: &mut Random) -> Self {
         let most = if random.below(MANY_ONE_IN) == 0 { MANY_BOXES } else { FEW_BOXES };
-        Self { bodies: vec![NOBODY; most + SPARE], known: BTreeSet::new() }
+        Self { boxes: vec![None; most], known: BTreeSet::new() }
     }
 
     pub(super) fn options(&self) -> SceneOptions {
-        SceneOptions::default().with_most_boxes(self.bodies.len() as u32)
+        SceneOptions::default().with_most_boxes(self.boxes.len() as u32)
     }
 
     /// Draws an edit towards the boxes of a case, which `ask` has answered, and compares the answer. Says
@@ -86,72 +70,45 @@ impl KeptScene {
         random: &mut Random,
         ask: impl FnOnce(&[Step<'_>], Want, Fate) -> Result<Option<Heard>, E>,
     ) -> Result<Result<bool, Finding>, E> {
-        let most = self.bodies.len() - SPARE;
-        let edit = self.draw(&case.boxes[..case.boxes.len().min(most)], random);
-        let want = WANTS[random.below(WANTS.len() as u64) as usize];
+        let (mut removed, mut set, mut boxes) = (Vec::new(), Vec::new(), Vec::new());
+        let n = case.boxes.len();
+        // All, some or few of the indices take part.
+        let one_in = [1, 4, 30, 100][random.below(4) as usize];
+        for (index, slot) in self.boxes.iter_mut().enumerate() {
+            // Boxes of a larger case before are removed.
+            let is_beyond = index >= n;
+            if !is_beyond && random.below(one_in) > 0 {
+                continue;
+            }
+            if slot.is_some() && (is_beyond || random.below(8) == 0) {
+                removed.push(index as u32);
+                *slot = None;
+            }
+            if !is_beyond && random.below(3) > 0 {
+                let is_any = random.below(3) == 0;
+                let b = case.boxes[if is_any { random.below(n as u64) as usize } else { index }];
+                *slot = Some(b);
+                set.push(index as u32);
+                boxes.push(b);
+            }
+        }
+        let want = if random.below(6) == 0 { Want::All } else { Want::Changes };
         let fate = match random.below(8) {
             0 => Fate::Unread,
             1..=2 => Fate::Dropped,
             _ => Fate::Taken,
         };
-        let words = edit.as_mask();
-        let Some(heard) = ask(&edit.as_steps(words.as_deref()), want, fate)? else {
-            return Ok(Ok(false));
-        };
+        let sets = Sets { indices: (&set).into(), boxes: &boxes };
+        let steps = [Step::Remove((&removed).into()), Step::Set(sets)];
+        let Some(heard) = ask(&steps, want, fate)? else { return Ok(Ok(false)) };
         Ok(self.check(&heard, want, fate).map(|()| true))
-    }
-
-    fn draw(&mut self, boxes: &[Aabb], random: &mut Random) -> ListedEdit {
-        let mut edit = ListedEdit::default();
-        let n = boxes.len() as u64;
-        // All, some or few of the indices take part.
-        let one_in = [1, 4, 30, 100][random.below(4) as usize];
-        for (index, body) in self.bodies.iter_mut().enumerate() {
-            // Boxes of a larger case before are removed.
-            let is_beyond = index >= boxes.len() + SPARE;
-            if !is_beyond && random.below(one_in) > 0 {
-                continue;
-            }
-            if body.is_there && (is_beyond || random.below(8) == 0) {
-                edit.removed.push(index as u32);
-                *body = NOBODY;
-            }
-            if is_beyond {
-                continue;
-            }
-            if n > 0 && random.below(3) > 0 {
-                let from = if random.below(3) == 0 { random.below(n) } else { index as u64 % n };
-                body.b = boxes[from as usize];
-                body.is_there = true;
-                edit.set.push(index as u32);
-                edit.boxes.push(body.b);
-            }
-            if body.is_there && random.below(10) == 0 {
-                let flag = random.below(4) as usize;
-                edit.flags[flag].push(index as u32);
-                match flag {
-                    0 | 1 => body.is_on = flag == 1,
-                    _ => body.is_static = flag == 3,
-                }
-            }
-        }
-        edit
-    }
-
-    fn pairs(&self) -> Vec<Pair> {
-        let on = |body: &Body| if body.is_on { body.b } else { Aabb::EMPTY };
-        let mut pairs = truth(&self.bodies.iter().map(on).collect::<Vec<_>>()).pairs;
-        let is_static = |index: u32| self.bodies[index as usize].is_static;
-        pairs.retain(|(a, b)| !(is_static(*a) && is_static(*b)));
-        pairs
     }
 
     /// Compares what a client knows from an answer with the pairs of now.
     fn check(&mut self, heard: &Heard, want: Want, fate: Fate) -> Result<(), Finding> {
         let mut known = match want {
             Want::Changes if !heard.is_resync => self.known.clone(),
-            Want::Changes | Want::All => BTreeSet::new(),
-            _ => return Ok(()),
+            _ => BTreeSet::new(),
         };
         for [a, b] in &heard.ended {
             if !known.remove(&(*a, *b)) {
@@ -165,47 +122,13 @@ impl KeptScene {
                 return Err(Finding::extra(what, 1, (*a, *b)));
             }
         }
-        let pairs = self.pairs();
+        let boxes = self.boxes.iter().map(|b| b.unwrap_or(Aabb::EMPTY));
+        let pairs = truth(&boxes.collect::<Vec<_>>()).pairs;
         compare(&known.iter().copied().collect::<Vec<_>>(), &pairs, &pairs)?;
         if fate == Fate::Taken {
             self.known = known;
         }
         Ok(())
-    }
-}
-
-/// An edit by lists of indices, each of which rises.
-#[derive(Clone, Debug, Default)]
-struct ListedEdit {
-    removed: Vec<u32>,
-    set: Vec<u32>,
-    boxes: Vec<Aabb>,
-    /// Disabled, enabled, no longer static, static.
-    flags: [Vec<u32>; 4],
-}
-
-impl ListedEdit {
-    fn as_steps<'a>(&'a self, set: Option<&'a [u32]>) -> [Step<'a>; 6] {
-        let listed = Indices::List(&self.set);
-        let indices = set.map_or(listed, |words| Indices::Mask { first: 0, words });
-        let [off, on, loose, fixed] = &self.flags;
-        [
-            Step::Remove((&self.removed).into()),
-            Step::Set(Sets { indices, boxes: &self.boxes }),
-            Step::Switch(off.into(), false),
-            Step::Switch(on.into(), true),
-            Step::Static(loose.into(), false),
-            Step::Static(fixed.into(), true),
-        ]
-    }
-
-    /// The boxes that are set as bits, where that is the shorter way to name them.
-    fn as_mask(&self) -> Option<Vec<u32>> {
-        let mut words = vec![0u32; *self.set.last()? as usize / 32 + 1];
-        for index in &self.set {
-            words[*index as usize / 32] |= 1 << (index % 32);
-        }
-        (words.len() < self.set.len()).then_some(words)
     }
 }
 
@@ -285,8 +208,8 @@ mod tests {
     #[test]
     fn what_is_told_twice_or_never_is_noticed() {
         let mut scene = KeptScene::new(&mut Random::new(1));
-        for (body, x) in scene.bodies.iter_mut().zip([0.0, 0.9, 1.8, 9.0]) {
-            *body = Body { b: Aabb::from([x, 0.0, 0.0, x + 1.0, 1.0, 1.0]), ..NOBODY };
+        for (slot, x) in scene.boxes.iter_mut().zip([0.0, 0.9, 1.8, 9.0]) {
+            *slot = Some(Aabb::from([x, 0.0, 0.0, x + 1.0, 1.0, 1.0]));
         }
         scene.known = BTreeSet::from([(0, 1), (0, 3)]);
         let right = Heard { begun: vec![[1, 2]], ended: vec![[0, 3]], ..Heard::default() };
@@ -308,8 +231,7 @@ mod tests {
         let all = Heard { pairs: vec![[0, 1], [1, 2]], is_resync: true, ..Heard::default() };
         assert_eq!((check(&all, Want::All), check(&all, Want::Changes)), (Ok(()), Ok(())));
         assert!(check(&Heard::default(), Want::All).is_err());
-        scene.bodies[0].is_static = true;
-        scene.bodies[1].is_static = true;
+        scene.boxes[0] = None;
         assert!(scene.check(&all, Want::All, Fate::Taken).is_err());
     }
 }

@@ -96,17 +96,6 @@ fn verdicts_and_files() {
     let page = std::fs::read_to_string(place.file("before").join("report.html")).unwrap();
     assert!(page.contains("No pair was missed") && page.trim_end().ends_with("</html>"));
     let path = place.file("before").join("accuracy.json");
-    let mut before: Value = serde_json::from_slice(&std::fs::read(&path).unwrap()).unwrap();
+    let before: Value = serde_json::from_slice(&std::fs::read(&path).unwrap()).unwrap();
     check_rows(&before, 1, "in-process");
-    before["rows"][0]["times"]["total_ns"]["p50"] = 1.into();
-    before["rows"][0]["extra_ratio"] = 0.into();
-    std::fs::write(&path, before.to_string()).unwrap();
-    let worse = with(&["--compare", "before/accuracy.json"]);
-    assert_eq!(worse.code, Some(0), "{worse:?}");
-    for part in ["worse: uniform 345 q8", "p50", "extra pairs, were 0.000 %"] {
-        assert!(worse.stdout.contains(part), "{worse:?}");
-    }
-    let other = run(&place, &["--n", "10", "--compare", "before/accuracy.json"]);
-    assert!(other.error(1).contains("no row in common"), "{other:?}");
-    assert!(with(&["--compare", "absent.json"]).error(1).contains("absent.json"));
 }

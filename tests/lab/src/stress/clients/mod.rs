@@ -26,7 +26,6 @@ pub use client::{ClientSettings, Counts};
 use std::fmt;
 use std::io;
 use std::num::NonZeroU16;
-use std::process::Command;
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::{Duration, Instant};
 
@@ -42,7 +41,7 @@ use self::offer::Offer;
 use super::report::{Failure, StressReport};
 use super::{MOST_FAILURES, Wanted};
 use crate::Result;
-use crate::processes::Worker;
+use crate::processes::{Daemon, Work, Worker};
 
 /// Slots for sessions beside those of the living clients: slots of killed clients are free again after
 /// about a second.
@@ -111,6 +110,7 @@ impl fmt::Display for ClientsReport {
 #[derive(Clone, Debug)]
 pub struct ClientsRun {
     pub clients: NonZeroU16,
+    pub daemon: Daemon,
     /// Whether they are killed now and then, and close sessions with frames under way.
     pub with_kills: bool,
     pub seed: u64,
@@ -123,17 +123,11 @@ pub struct ClientsRun {
 }
 
 impl ClientsRun {
-    /// Runs clients of the daemon that `daemon` connects to, for the time of the run. `command` makes the
-    /// process of a client with these settings. `watch` is called now and then with the number of
-    /// answers and the time since the start.
-    pub fn run(
-        &self,
-        daemon: &SessionBuilder,
-        command: impl Fn(&ClientSettings) -> Command,
-        watch: impl FnMut(u64, Duration),
-    ) -> Result<StressReport> {
+    /// Runs clients of the daemon for the time of the run. `watch` is called now and then with the number of answers
+    /// and the time since the start.
+    pub fn run(&self, watch: impl FnMut(u64, Duration)) -> Result<StressReport> {
         let start = Instant::now();
-        let look = Look::before(daemon)?;
+        let look = Look::before(&self.daemon.session())?;
         let offer = Offer::new(&self.wanted, look.has_gpu);
         if offer.is_empty() {
             return Err("nothing to ask the daemon for: spheres go with --mode exact only, updates not through a \
@@ -144,7 +138,6 @@ impl ClientsRun {
         let mut crowd = Crowd {
             run: self,
             with_gpu: look.has_gpu,
-            command,
             random: Random::new(self.seed),
             heard,
             ears,
@@ -180,10 +173,9 @@ struct Client {
     ended: Option<Said>,
 }
 
-struct Crowd<'a, C> {
+struct Crowd<'a> {
     run: &'a ClientsRun,
     with_gpu: bool,
-    command: C,
     random: Random,
     heard: Sender<(u64, Option<Said>)>,
     ears: Receiver<(u64, Option<Said>)>,
@@ -193,7 +185,7 @@ struct Crowd<'a, C> {
     report: ClientsReport,
 }
 
-impl<C: Fn(&ClientSettings) -> Command> Crowd<'_, C> {
+impl Crowd<'_> {
     /// Starts the clients, and lets them work until the time is over or too much is wrong.
     fn work(&mut self, mut watch: impl FnMut(u64, Duration)) -> io::Result<()> {
         for number in 0..self.run.clients.get().into() {
@@ -243,7 +235,7 @@ impl<C: Fn(&ClientSettings) -> Command> Crowd<'_, C> {
         self.lives += 1;
         // Nobody hears what a client says after the run.
         let hear = move |said| drop(heard.send((life, said)));
-        let worker = Worker::start((self.command)(&settings), hear)?;
+        let worker = self.run.daemon.start(&Work::Stress(settings), hear)?;
         self.clients.push(Client { number, life, worker, ended: None });
         Ok(())
     }

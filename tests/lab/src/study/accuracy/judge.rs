@@ -1,12 +1,11 @@
-//! What rows are worth: settings, the Pareto front, limits (`--assert`), comparison with an old report
-//! (`--compare`).
+//! What rows are worth: settings, the Pareto front, limits (`--assert`).
 
 use std::str::FromStr;
 
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
 use super::mode::PLAIN_F32;
-use super::rows::{AccuracyReport, AccuracyRow};
+use super::rows::AccuracyRow;
 use crate::study::harness::plot::{Unit, pareto_front};
 
 /// Rows that answer the same question: of one scene, one size and one distance from the origin.
@@ -69,7 +68,7 @@ const AXES: [&str; 3] = ["p50", "extra_ratio", "bytes_up"];
 
 /// The Pareto front of time, extra pairs and bytes. A mode that is nowhere on it is beaten in every
 /// setting that was measured.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Pareto {
     pub axes: Vec<String>,
     pub modes: Vec<ModeVerdict>,
@@ -77,7 +76,7 @@ pub struct Pareto {
 }
 
 /// The results of a mode over all settings.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct ModeVerdict {
     pub mode: String,
     pub settings: u64,
@@ -215,37 +214,9 @@ impl Assertion {
     }
 }
 
-/// A row counts as slower from this ratio of medians on: less is noise on most machines.
-const SLOWER: f64 = 1.15;
-
-/// What is worse in `new` than in `old`, a line each; `None` where they have no row in common.
-pub fn regressions(new: &AccuracyReport, old: &AccuracyReport) -> Option<Vec<String>> {
-    let mut lines = Vec::new();
-    let mut in_common = 0;
-    for new in &new.rows {
-        let Some(old) = old.rows.iter().find(|old| old.name() == new.name()) else { continue };
-        in_common += 1;
-        let mut worse = |text: String| lines.push(format!("{}: {text}", new.name()));
-        if new.missed > old.missed {
-            worse(format!("{} missed pairs, were {}", new.missed, old.missed));
-        }
-        // Infinite where there is no exact pair.
-        let percent = |row: &AccuracyRow| 100.0 * row.extra_ratio.unwrap_or(f64::INFINITY);
-        let (then, now) = (percent(old), percent(new));
-        if now > then {
-            worse(format!("{now:.3} % extra pairs, were {then:.3} %"));
-        }
-        let (then, now) = (old.p50() as f64, new.p50() as f64);
-        if now > SLOWER * then {
-            worse(format!("p50 {:.3} ms, was {:.3} ms", now / 1e6, then / 1e6));
-        }
-    }
-    (in_common > 0).then_some(lines)
-}
-
 #[cfg(test)]
 mod tests {
-    use super::super::rows::tests::{of_mode, report, row, totals};
+    use super::super::rows::tests::{of_mode, row};
     use super::*;
 
     #[test]
@@ -323,22 +294,5 @@ mod tests {
         for wrong in ["", "missed", "missed=", "speed<1", "p99<2 hours", "p99>1", "p99<nan"] {
             assert!(wrong.parse::<Assertion>().is_err(), "{wrong}");
         }
-    }
-
-    #[test]
-    fn only_what_is_worse_than_in_the_old_report_is_said() {
-        let old = report(vec![row()]);
-        let changed = |change: fn(&mut AccuracyRow)| {
-            let mut new = row();
-            change(&mut new);
-            regressions(&report(vec![new]), &old)
-        };
-        assert_eq!(changed(|_| ()), Some(vec![]));
-        assert_eq!(changed(|r| r.times = totals(250_000, 1)), Some(vec![]));
-        assert_eq!(changed(|r| r.times = totals(1_000_000, 1)).map(|lines| lines.len()), Some(1));
-        let said = |lines: Option<Vec<String>>| lines.unwrap_or_default().join("\n");
-        assert!(said(changed(|r| r.missed = 3)).contains("3 missed pairs, were 0"));
-        assert!(said(changed(|r| r.extra_ratio = Some(0.5))).contains("50.000 % extra"));
-        assert_eq!(changed(|r| (r.n, r.missed) = (7, 3)), None, "another row");
     }
 }

@@ -88,7 +88,7 @@ pub fn row(
         StudyMode::Spheres(fit) => (None, None, Some(fit.as_str().to_owned())),
     };
     let AgainstBoxes { true_pairs, missed, extra, extra_ratio } = found.into();
-    let percentiles = |(stage, times): (&str, _)| (stage.to_owned(), Percentiles::of(times));
+    let percentiles = |(stage, times)| (stage, Percentiles::of(times));
     Ok(AccuracyRow {
         scene: subject.scene.to_string(),
         n: subject.n,

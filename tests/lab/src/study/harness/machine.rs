@@ -5,12 +5,12 @@ use std::fs;
 use pairmaskd::cli::build;
 use pairmaskd::cli::machine::command_line;
 use pairmaskd::execute::gpu::AdapterInfo;
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
 use super::document::Part;
 
 /// Machine, build and command of a record.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Machine {
     pub cpu: String,
     pub threads: usize,
