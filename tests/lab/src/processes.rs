@@ -77,9 +77,10 @@ pub(crate) fn work(job: &str) -> io::Result<()> {
                 let _ = io::copy(&mut io::stdin(), &mut io::sink());
                 ends.store(true, Ordering::Relaxed);
             })?;
-            settings.run(&daemon.session(), &is_over)
+            settings.run(&daemon.session(), &is_over);
         }
     }
+    Ok(())
 }
 
 /// A running child; killed when dropped.
@@ -110,14 +111,14 @@ impl Drop for Worker {
     }
 }
 
-/// Says a line to the process that started this child.
-pub(crate) fn tell(said: &impl Serialize) -> io::Result<()> {
+/// Says a line to the process that started this child, which is there as long as this one is.
+pub(crate) fn tell(said: &impl Serialize) {
     let mut out = io::stdout().lock();
-    writeln!(out, "{}", serde_json::to_string(said)?)?;
-    out.flush()
+    let _ = writeln!(out, "{}", serde_json::to_string(said).unwrap_or_default());
+    let _ = out.flush();
 }
 
 /// Waits until this child is told to begin; `false`: to end.
-pub(crate) fn is_told_to_begin() -> io::Result<bool> {
-    Ok(io::stdin().lock().read_line(&mut String::new())? > 0)
+pub(crate) fn is_told_to_begin() -> bool {
+    io::stdin().lock().read_line(&mut String::new()).is_ok_and(|bytes| bytes > 0)
 }

@@ -1,6 +1,5 @@
 //! `accuracy`: run time against error, row by row.
 
-use std::num::NonZeroU32;
 use std::time::Duration;
 
 use clap::Args;
@@ -75,15 +74,8 @@ pub struct Accuracy {
     /// Engines, a row each, in place of --engine
     #[arg(long, value_name = "NAME,..", value_delimiter = ',')]
     engines: Vec<EngineChoice>,
-    /// Frames that are timed
-    #[arg(long, value_parser = whole_number::<NonZeroU32>, value_name = "N", default_value = "100")]
-    frames: NonZeroU32,
-    /// Frames before those
-    #[arg(long, value_parser = whole_number::<u32>, value_name = "N", default_value_t = 10)]
-    warm_up: u32,
-    /// Timed frames whose pairs are compared with the exact ones, after the clock has stopped
-    #[arg(long, value_parser = whole_number::<u32>, value_name = "N", default_value_t = 4)]
-    checked: u32,
+    #[command(flatten)]
+    lengths: Lengths,
     /// Seed of the scenes
     #[arg(long, value_parser = whole_number::<u64>, value_name = "N", default_value_t = 1)]
     seed: u64,
@@ -151,14 +143,12 @@ impl Accuracy {
     ) -> Result<AccuracyReport> {
         let machine = machine(&self.daemon.gpu(config));
         let target = Target::new(&self.options, &self.daemon, SPIN, place, config)?;
-        let lengths =
-            Lengths { warm_up: self.warm_up, frames: self.frames.get(), checked: self.checked };
         let mut rows = Vec::new();
         for subject in subjects {
             let builder = self.options.session(place, config).engine(subject.options.engine);
             let builder = target.session(builder, SPIN).capacity(BoxCount::new(subject.n));
             let memory_bytes = || target.memory_bytes();
-            rows.push(measure::row(builder.connect()?, subject, &lengths, memory_bytes)?);
+            rows.push(measure::row(builder.connect()?, subject, &self.lengths, memory_bytes)?);
             progress.inc(1);
         }
         Ok(AccuracyReport { machine, seed: self.seed, pareto: Pareto::of(&rows), rows })

@@ -11,8 +11,7 @@ use pairmask_core::oracle::naive_decoder::decode;
 use pairmask_core::sphere::SphereAllPairs;
 use pairmask_core::{Aabb, Encoding, EncodingChoice};
 use pairmaskd::execute::gpu::{
-    AllPairs, AllPairsOptions, Gpu, GpuChoice, GpuError, Grid, GridOptions, HostImport, OpenError,
-    SceneTools,
+    AllPairs, AllPairsOptions, Gpu, GpuChoice, GpuError, Grid, GridOptions, HostImport, SceneTools,
 };
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use serde::{Deserialize, Serialize};
@@ -25,6 +24,7 @@ use super::modes::{ModeCase, Sending, Usage};
 use super::updates::updates;
 use crate::Result;
 use crate::sabotage::{Sabotage, Spoiler, lose_a_pair, shrink};
+use crate::study::harness::open_if_any;
 
 /// What takes part.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -182,17 +182,13 @@ impl Roster {
         }
         let is_named =
             self.wanted.engines.iter().any(|wanted| engines().any(|name| name.as_str() == wanted));
-        if self.gpu == GpuChoice::None {
-            // Adapters are not even listed: that takes time and loads every driver.
-            return if is_named { Err(OpenError::SwitchedOff.into()) } else { Ok(()) };
-        }
-        let gpu = match Gpu::open(&self.gpu, HostImport::IfPossible) {
-            Ok(gpu) => gpu,
-            Err(OpenError::NoAdapter { .. }) if !is_named && self.gpu == GpuChoice::Auto => {
-                return Ok(());
-            }
-            Err(error) => return Err(error.into()),
+        let import = HostImport::IfPossible;
+        let gpu = if is_named {
+            Some(Gpu::open(&self.gpu, import)?)
+        } else {
+            open_if_any(&self.gpu, import)?
         };
+        let Some(gpu) = gpu else { return Ok(()) };
         let device = &gpu.info().name;
         if with_scenes {
             let tools = SceneTools::new(&gpu, &GridOptions::default())?;

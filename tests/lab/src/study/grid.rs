@@ -13,7 +13,7 @@ use pairmask_core::Aabb;
 use pairmask_core::engine::{CullInput, Engine, Grid as CpuGrid, HeapReply, SweepAndPrune};
 use pairmask_core::update::{Placement, par_update_boxes};
 use pairmaskd::execute::gpu::{
-    Block, Command, Frame, Gpu, GpuChoice, GpuError, Home, HostImport, Part as BlockPart, Wait,
+    Block, Checks, Command, Gpu, GpuChoice, GpuError, Home, HostImport, Part as BlockPart,
 };
 use pairmaskd::scene::{Scene, SceneName};
 use serde::Serialize;
@@ -22,6 +22,7 @@ use super::harness::document::Part;
 use super::harness::machine::Machine;
 use super::harness::table::{Fields, row};
 use super::harness::{Report, median, median_ms};
+use super::mapping::gpu::Bench;
 use super::papers::figure;
 use crate::Result;
 use crate::gpu_stages::grid::{
@@ -36,20 +37,11 @@ pub struct GridReport {
     pub scenes: Vec<GridRow>,
     pub stages: Vec<Fields>,
     pub parts: Vec<Fields>,
-    pub with_and_without: Vec<WithoutRow>,
-    pub crossing: Option<u32>,
+    pub with_and_without: Vec<Fields>,
+    pub crossing: Option<u64>,
     pub engines: Vec<Fields>,
     pub moving: Vec<Fields>,
     pub under_way: Vec<Fields>,
-}
-
-/// Table 7: all pairs against the grid. Milliseconds a frame.
-#[derive(Clone, Debug, Serialize)]
-pub struct WithoutRow {
-    pub n: u32,
-    pub without_ms: f64,
-    pub with_ms: f64,
-    pub paper_ms: Option<[f64; 2]>,
 }
 
 /// The paper's scene: a column of objects of one size falls on a plane.
@@ -119,9 +111,9 @@ pub fn measure(choice: &GpuChoice, counts: &[u32], quick: bool) -> Result<GridRe
 }
 
 /// The fewest boxes from which on the grid is faster.
-fn crossing(rows: &[WithoutRow]) -> Option<u32> {
-    let slower = rows.iter().rposition(|row| row.with_ms >= row.without_ms);
-    rows.get(slower.map_or(0, |place| place + 1)).map(|row| row.n)
+fn crossing(rows: &[Fields]) -> Option<u64> {
+    let slower = rows.iter().rposition(|row| row["with_ms"].as_f64() >= row["without_ms"].as_f64());
+    rows.get(slower.map_or(0, |place| place + 1)).and_then(|row| row["n"].as_u64())
 }
 
 fn parts_row(row: &GridRow, budget: Duration) -> Fields {
@@ -172,11 +164,11 @@ fn engines_row(row: &GridRow, budget: Duration) -> Fields {
     )
 }
 
-fn without_row(gpu: &Arc<Gpu>, n: u32, budget: Duration) -> Result<WithoutRow> {
+fn without_row(gpu: &Arc<Gpu>, n: u32, budget: Duration) -> Result<Fields> {
     let boxes = Scene::new(PAPER_SCENE, n as usize, SEED).boxes().to_vec();
     let without_ms = median_us(&mut all_pairs_rig(gpu, &boxes)?, budget)? / 1e3;
     let with_ms = median_us(&mut grid_rig(gpu, &boxes, false)?, budget)? / 1e3;
-    Ok(WithoutRow { n, without_ms, with_ms, paper_ms: paper("table_7", n, ["without", "with"]) })
+    Ok(row!(n, without_ms, with_ms, paper_ms: paper("table_7", n, ["without", "with"])))
 }
 
 fn under_way_row(gpu: &Arc<Gpu>, n: u32, budget: Duration) -> Result<Fields> {
@@ -218,24 +210,18 @@ const COPY_BYTES: u64 = 256 << 20;
 const SOFTWARE_COPY_BYTES: u64 = 16 << 20;
 /// Copies of which the fastest counts.
 const COPIES: usize = 5;
-/// Longest wait for one.
-const PATIENCE: Duration = Duration::from_secs(10);
-
 impl Bandwidth {
     pub fn measure(gpu: &Arc<Gpu>) -> Result<Self, GpuError> {
-        let software = gpu.info().is_software();
-        let bytes = if software { SOFTWARE_COPY_BYTES } else { COPY_BYTES };
-        let wait = if software { Wait::Block } else { Wait::Spin };
-        let block = |home| Block::new(gpu, home, bytes);
+        let bytes = if gpu.info().is_software() { SOFTWARE_COPY_BYTES } else { COPY_BYTES };
+        let bench = Bench::new(gpu, Checks::Off)?;
+        let block = |home| bench.block(home, bytes);
         let (host, video, other) = (block(Home::Host)?, block(Home::Video)?, block(Home::Video)?);
         let copy = |from: &Arc<Block>, to: &Arc<Block>| -> Result<f64, GpuError> {
             let part = |block| BlockPart::of(block, 0, bytes);
-            let mut frame = Frame::new(gpu, true)?;
-            frame.record(vec![Command::Copy { from: part(from), to: part(to) }])?;
+            let mut frame = bench.frame(vec![Command::Copy { from: part(from), to: part(to) }])?;
             let mut least_ns = f64::INFINITY;
             for _ in 0..COPIES {
-                frame.run(wait, PATIENCE)?;
-                let ns: f64 = frame.step_times()?.iter().map(|step| step.ns).sum();
+                let ns: f64 = bench.run(&mut frame)?.iter().map(|step| step.ns).sum();
                 least_ns = least_ns.min(ns);
             }
             Ok(bytes as f64 / least_ns)
@@ -339,7 +325,7 @@ mod tests {
 
     #[test]
     fn the_crossing_is_behind_the_last_row_that_all_pairs_win() {
-        let row = |n, without_ms, with_ms| WithoutRow { n, without_ms, with_ms, paper_ms: None };
+        let row = |n: u32, without_ms: f64, with_ms: f64| row!(n, without_ms, with_ms);
         let rows = [row(1, 1.0, 2.0), row(2, 2.0, 1.0), row(3, 1.0, 2.0), row(4, 2.0, 1.0)];
         assert_eq!(crossing(&rows), Some(4));
         assert_eq!(crossing(&rows[..3]), None);
@@ -356,7 +342,7 @@ mod tests {
         assert!(report.stages.iter().all(|row| row["floor_us"].as_f64() > Some(0.0)));
         let counts = [report.stages.len(), report.parts.len(), report.engines.len()];
         assert_eq!((counts, report.under_way.len(), report.moving.len()), ([6, 1, 1], 1, 6));
-        assert!(report.with_and_without.iter().any(|row| row.paper_ms.is_some()));
+        assert!(report.with_and_without.iter().any(|row| row["paper_ms"].is_array()));
         let text = std::fs::read_to_string(folder.path().join("records/grid.md"))?;
         for heading in ["Table 6", "Table 7", "Figure 5", "Figure 6", "Stages", "Frames under way"]
         {

@@ -1,10 +1,13 @@
 //! One row: a scene in motion, culled in one mode.
 
+use std::num::NonZeroU32;
 use std::time::Duration;
 
+use clap::Args;
 use pairmask::Session;
 use pairmask_core::dispatch::CullOptions;
 use pairmask_core::{EngineChoice, EngineName};
+use pairmaskd::cli::whole_number::whole_number;
 use pairmaskd::precision::PrecisionChoice;
 use pairmaskd::scene::{Scene, SceneName};
 use pairmaskd::timed_client::TimedError;
@@ -26,18 +29,23 @@ pub struct Subject {
 }
 
 /// Numbers of frames.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Args)]
 pub struct Lengths {
-    /// Frames before the first recorded one.
-    pub warm_up: u32,
-    pub frames: u32,
-    /// Recorded frames that are checked against the truth: the first, and others at even intervals.
-    pub checked: u32,
+    /// Frames that are timed
+    #[arg(long, value_parser = whole_number::<NonZeroU32>, value_name = "N", default_value = "100")]
+    frames: NonZeroU32,
+    /// Frames before those
+    #[arg(long, value_parser = whole_number::<u32>, value_name = "N", default_value_t = 10)]
+    warm_up: u32,
+    /// Timed frames whose pairs are compared with the exact ones, after the clock has stopped
+    #[arg(long, value_parser = whole_number::<u32>, value_name = "N", default_value_t = 4)]
+    checked: u32,
 }
 
 impl Lengths {
+    /// Whether a timed frame is checked: the first, and others at even intervals.
     fn is_checked(&self, frame: u32) -> bool {
-        let interval = self.frames.div_ceil(self.checked.max(1)).max(1);
+        let interval = self.frames.get().div_ceil(self.checked.max(1)).max(1);
         self.checked > 0 && frame.is_multiple_of(interval)
     }
 }
@@ -60,7 +68,7 @@ pub fn row(
     let (mut requests, mut mask_bytes) = (0, 0);
     let (mut found, mut checked_frames) = (Difference::default(), 0);
     let mut of_boxes = client.stands_for_boxes().then(Difference::default);
-    for frame in 0..lengths.frames {
+    for frame in 0..lengths.frames.get() {
         scene.step();
         let answer = client.frame(scene.boxes(), lengths.is_checked(frame))?;
         last = answer.figures;
@@ -99,7 +107,7 @@ pub fn row(
         backend: last.backend.to_owned(),
         engine: subject.options.engine.to_string(),
         served_by_engine: last.engine.to_string(),
-        frames: u64::from(lengths.frames),
+        frames: lengths.frames.get().into(),
         requests,
         times: STAGES.into_iter().zip(times).map(percentiles).collect(),
         bytes_up: last.box_bytes,
@@ -183,7 +191,8 @@ mod tests {
 
     #[test]
     fn rows_of_every_mode_miss_nothing() {
-        let lengths = Lengths { warm_up: 1, frames: 10, checked: 5 };
+        let frames = NonZeroU32::new(10).expect("not zero");
+        let lengths = Lengths { warm_up: 1, frames, checked: 5 };
         let modes = ["exact", "q16", "q8", "f16", "margin=0.1", "f64", "spheres", "plain-f32"];
         for mode in modes {
             let session = Session::builder().backend(Backend::InProcess).connect();

@@ -10,7 +10,7 @@ use serde::Serialize;
 use super::document::Part;
 
 /// Machine, build and command of a record.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Machine {
     pub cpu: String,
     pub threads: usize,

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use plotters::coord::Shift;
 use plotters::prelude::*;
 
-use super::table::{Table, plain};
+use super::table::{Table, number_text, plain};
 
 /// Colours of series. They are Okabe and Ito's, which differ for readers who do not tell red from green; the
 /// lightest of them, yellow, is darkened to show on white.
@@ -59,7 +59,7 @@ impl Unit {
         }
     }
 
-    /// Three significant digits with the unit that leaves the fewest digits.
+    /// The number in the unit that leaves the fewest digits.
     pub fn text(self, value: f64) -> String {
         let steps: &[(f64, &str)] = match self {
             Self::Nanoseconds => &[(1e9, " s"), (1e6, " ms"), (1e3, " µs"), (1.0, " ns")],
@@ -70,14 +70,7 @@ impl Unit {
         let size = value.abs();
         let found = steps.iter().find(|(step, _)| size >= *step).or(steps.last());
         let (step, name) = found.unwrap_or(&(1.0, ""));
-        let value = value / step;
-        if value != 0.0 && value.abs() < 1e-3 {
-            return format!("{value:.2e}{name}").replace(".00e", "e");
-        }
-        let power = value.abs().max(1e-3).log10().floor() as i32;
-        let text = format!("{value:.*}", (2 - power).max(0) as usize);
-        let short = text.trim_end_matches('0').trim_end_matches('.');
-        format!("{}{name}", if text.contains('.') { short } else { &text })
+        number_text(value / step) + name
     }
 }
 
@@ -303,11 +296,11 @@ mod tests {
         assert!(ends([].into_iter())[0] > 0.0 && ends([1.0].into_iter())[0] < 1.0);
         for (unit, value, text) in [
             (Unit::Nanoseconds, 0.0, "0 ns"),
-            (Unit::Nanoseconds, 12.34, "12.3 ns"),
-            (Unit::Nanoseconds, 28_540_000.0, "28.5 ms"),
-            (Unit::Count, 4_096.0, "4.1K"),
+            (Unit::Nanoseconds, 12.34, "12.34 ns"),
+            (Unit::Nanoseconds, 28_540_000.0, "28.54 ms"),
+            (Unit::Count, 4_096.0, "4.096K"),
             (Unit::Bytes, 24_000_000.0, "24 MB"),
-            (Unit::Ratio, 1e-4, "1e-4"),
+            (Unit::Ratio, 1e-4, "0.0001"),
             (Unit::Ratio, 120.0, "120"),
         ] {
             assert_eq!(unit.text(value), text);

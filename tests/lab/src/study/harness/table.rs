@@ -179,7 +179,7 @@ pub(super) fn plain(cell: &Value) -> String {
     }
 }
 
-/// A number with four digits that count.
+/// A number with four digits that count, without zeros at its end; all digits of whole numbers.
 pub fn number_text(x: f64) -> String {
     if x == 0.0 || !x.is_finite() {
         return x.to_string();
@@ -188,7 +188,9 @@ pub fn number_text(x: f64) -> String {
     if power < -6 {
         return format!("{x:.2e}");
     }
-    format!("{x:.*}", (3 - power).clamp(0, 9) as usize)
+    let text = format!("{x:.*}", (3 - power).clamp(0, 9) as usize);
+    let short = text.trim_end_matches('0').trim_end_matches('.');
+    if text.contains('.') { short.to_owned() } else { text }
 }
 
 #[cfg(test)]
@@ -224,6 +226,7 @@ mod tests {
         assert_eq!(short.markdown(), text);
         let csv = "name,at.p50,ms\na|b,7,0.3333333333333333\n\"c,d\",20000,\n";
         assert_eq!(short.csv(), csv);
-        assert_eq!([0.0, 12.3456, 1e-9].map(number_text), ["0", "12.35", "1.00e-9"]);
+        let text = [0.0, 0.27, 29.66, 1.0, 71_452.0, 0.000_031, 1234.5, 1e-9].map(number_text);
+        assert_eq!(text, ["0", "0.27", "29.66", "1", "71452", "0.000031", "1234", "1.00e-9"]);
     }
 }

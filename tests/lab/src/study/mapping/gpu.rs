@@ -78,14 +78,14 @@ impl Bench {
     }
 
     /// Steps that are recorded, to be run any number of times.
-    fn frame(&self, steps: Vec<Command>) -> Result<Frame, GpuError> {
+    pub(crate) fn frame(&self, steps: Vec<Command>) -> Result<Frame, GpuError> {
         let mut frame = Frame::new(&self.gpu, true)?;
         frame.record(steps)?;
         Ok(frame)
     }
 
     /// Runs steps once and gives the time of each by the GPU's clock.
-    fn run(&self, frame: &mut Frame) -> Result<Vec<StepTime>, GpuError> {
+    pub(crate) fn run(&self, frame: &mut Frame) -> Result<Vec<StepTime>, GpuError> {
         let wait = if self.gpu.info().is_software() { Wait::Block } else { Wait::Spin };
         frame.run(wait, PATIENCE)?;
         frame.step_times()
@@ -103,7 +103,7 @@ impl Bench {
         self.run(&mut frame).map(drop)
     }
 
-    pub(super) fn block(&self, home: Home, bytes: u64) -> Result<Arc<Block>, GpuError> {
+    pub(crate) fn block(&self, home: Home, bytes: u64) -> Result<Arc<Block>, GpuError> {
         Block::new(&self.gpu, home, bytes)
     }
 

@@ -25,7 +25,7 @@ mod tests;
 use std::time::Duration;
 
 use pairmask_core::{Aabb, BoxCount};
-use pairmaskd::execute::gpu::{Checks, GpuChoice, GpuError};
+use pairmaskd::execute::gpu::{Checks, GpuChoice, GpuError, HostImport};
 use pairmaskd::scene::{Scene, SceneName};
 use serde::Serialize;
 
@@ -158,7 +158,7 @@ pub struct MappingReport {
 /// Measures, on the GPU too if the choice has one. With `quick` small sizes and few runs, in seconds; times mean
 /// little.
 pub fn measure(choice: &GpuChoice, quick: bool) -> Result<MappingReport> {
-    let gpu = open_if_any(choice)?;
+    let gpu = open_if_any(choice, HostImport::Never)?;
     let software = gpu.as_ref().is_some_and(|gpu| gpu.info().is_software());
     let plan = Plan::new(quick, software, rayon::current_num_threads());
     let mut bench = gpu.as_ref().map(|gpu| Bench::new(gpu, Checks::Off)).transpose()?;

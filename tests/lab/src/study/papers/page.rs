@@ -173,7 +173,7 @@ const HOW_TO_READ: [&str; 3] = [
 
 fn row_table(rows: &[Row]) -> Table {
     let with_unit = |x: Option<f64>, unit: &str| {
-        let text = x.map_or_else(|| "-".to_owned(), figure_text);
+        let text = x.map_or_else(|| "-".to_owned(), number_text);
         if x.is_none() || unit.is_empty() { text } else { format!("{text} {unit}") }
     };
     let line = |row: &Row| {
@@ -198,14 +198,4 @@ fn sentences(papers: &[Paper], verdict: Verdict) -> Vec<String> {
         }
     }
     found
-}
-
-/// A figure to four digits; whole numbers from a thousand on.
-pub fn figure_text(x: f64) -> String {
-    let text = number_text(x);
-    if text.contains('.') && !text.contains('e') {
-        text.trim_end_matches('0').trim_end_matches('.').to_owned()
-    } else {
-        text
-    }
 }

@@ -11,6 +11,7 @@ use pairmaskd::scene::{Scene, SceneName};
 
 use super::errors::squared_f32;
 use super::papers_row;
+use crate::study::harness::median_ms;
 use crate::study::harness::table::{Fields, row};
 
 /// Numbers of spheres: the paper's, and larger ones.
@@ -98,13 +99,5 @@ pub(super) fn frames_a_second(budget: Duration, mut frame: impl FnMut()) -> f64 
     if start.elapsed() >= LONG_FRAME {
         return 1.0 / start.elapsed().as_secs_f64();
     }
-    let start = Instant::now();
-    let mut times = Vec::new();
-    while times.len() < 3 || (start.elapsed() < budget && times.len() < 100_000) {
-        let begin = Instant::now();
-        frame();
-        times.push(begin.elapsed());
-    }
-    times.sort_unstable();
-    1.0 / times[times.len() / 2].as_secs_f64().max(1e-9)
+    1e3 / median_ms(budget, frame).max(1e-6)
 }
