@@ -13,12 +13,12 @@ use pairmaskd::execute::gpu::{
     SUBMISSIONS, SharedImports, Sizes, cell_count,
 };
 use pairmaskd::scene::{Scene, SceneName};
-use serde::Serialize;
 
 use super::scenes::PairSum;
 use super::shared::{FrameSegments, Rig};
 use super::wrong_pairs;
 use crate::Result;
+use crate::study::harness::table::{Fields, row};
 use crate::study::harness::{median, percentile, repeated};
 
 /// The scenes of the anchors.
@@ -32,29 +32,9 @@ const ROUNDS: usize = 16;
 /// Mask words a box that the reply has room for.
 const WORDS_A_BOX: u64 = 20;
 
-/// A scene's measurement.
-#[derive(Clone, Debug, Serialize)]
-pub struct GridRow {
-    pub scene: String,
-    pub n: u32,
-    pub encoding: &'static str,
-    pub pairs: u64,
-    pub words: u64,
-    pub compared: u64,
-    pub cells: u32,
-    pub mask_bytes: u64,
-    pub imported: bool,
-    pub stage_us: Vec<(String, f64)>,
-    pub gpu_us: f64,
-    pub frame_us: f64,
-    pub frame_p99_us: f64,
-    pub frames: usize,
-    pub checked: bool,
-}
-
 /// Measures a scene in motion, then the stages by an engine that times them. The first and the last mask are compared
 /// with the CPU's.
-pub fn measure(gpu: &Arc<Gpu>, name: SceneName, n: u32, budget: Duration) -> Result<GridRow> {
+pub fn measure(gpu: &Arc<Gpu>, name: SceneName, n: u32, budget: Duration) -> Result<Fields> {
     let mut scene = Scene::new(name, n as usize, 1);
     let mut rig = grid_rig(gpu, scene.boxes(), false)?;
     let mut report = rig.frame()?;
@@ -80,8 +60,8 @@ pub fn measure(gpu: &Arc<Gpu>, name: SceneName, n: u32, budget: Duration) -> Res
     let (imported, frames) = (rig.memory.imported, times.len());
     drop(rig);
     let stage_us = stages(gpu, &mut scene, budget / 2)?;
-    Ok(GridRow {
-        scene: name.to_string(),
+    Ok(row!(
+        scene: name.as_str(),
         n,
         encoding: Encoding::Sparse.as_str(),
         pairs: report.pair_count,
@@ -90,13 +70,13 @@ pub fn measure(gpu: &Arc<Gpu>, name: SceneName, n: u32, budget: Duration) -> Res
         compared: BoxCount::new(n).pair_count() - report.skipped.pairs,
         mask_bytes: report.shape.mask_bytes(),
         imported,
-        gpu_us: stage_us.iter().map(|(_, us)| us).sum(),
+        gpu_us: stage_us.iter().map(|(_, us)| us).sum::<f64>(),
         stage_us,
         frame_us: percentile(times.clone(), 50),
         frame_p99_us: percentile(times, 99),
         frames,
         checked: true,
-    })
+    ))
 }
 
 /// The grid with boxes and replies in shared memory.

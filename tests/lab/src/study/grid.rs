@@ -26,7 +26,7 @@ use super::mapping::gpu::Bench;
 use super::papers::figure;
 use crate::Result;
 use crate::gpu_stages::grid::{
-    GridRow, SCENES, all_pairs_rig, frames_a_second, grid_rig, measure as measure_scene, median_us,
+    SCENES, all_pairs_rig, frames_a_second, grid_rig, measure as measure_scene, median_us,
 };
 
 /// All figures of a study. Fields that begin with `paper_` are the paper's.
@@ -34,7 +34,7 @@ use crate::gpu_stages::grid::{
 pub struct GridReport {
     pub machine: Machine,
     pub bandwidth: Bandwidth,
-    pub scenes: Vec<GridRow>,
+    pub scenes: Vec<Fields>,
     pub stages: Vec<Fields>,
     pub parts: Vec<Fields>,
     pub with_and_without: Vec<Fields>,
@@ -110,25 +110,37 @@ pub fn measure(choice: &GpuChoice, counts: &[u32], quick: bool) -> Result<GridRe
     })
 }
 
+/// A number of a measured scene.
+fn number(row: &Fields, name: &str) -> f64 {
+    row[name].as_f64().unwrap_or(f64::NAN)
+}
+
+/// The stages of a measured scene, µs.
+fn timed_stages(row: &Fields) -> impl Iterator<Item = (&str, f64)> {
+    let stages = row["stage_us"].as_array().into_iter().flatten();
+    stages.filter_map(|stage| Some((stage[0].as_str()?, stage[1].as_f64()?)))
+}
+
 /// The fewest boxes from which on the grid is faster.
 fn crossing(rows: &[Fields]) -> Option<u64> {
     let slower = rows.iter().rposition(|row| row["with_ms"].as_f64() >= row["without_ms"].as_f64());
     rows.get(slower.map_or(0, |place| place + 1)).and_then(|row| row["n"].as_u64())
 }
 
-fn parts_row(row: &GridRow, budget: Duration) -> Fields {
-    let ms = |stages: &[&str]| -> f64 {
-        let of = row.stage_us.iter().filter(|(label, _)| stages.contains(&label.as_str()));
+fn parts_row(row: &Fields, budget: Duration) -> Fields {
+    let ms = |labels: &[&str]| -> f64 {
+        let of = timed_stages(row).filter(|(label, _)| labels.contains(label));
         of.map(|(_, us)| us / 1e3).sum()
     };
-    let update_boxes_ms = update_ms(row.n, budget);
+    let n = number(row, "n") as u32;
+    let update_boxes_ms = update_ms(n, budget);
     row!(
-        n: row.n,
+        n,
         update_boxes_ms,
         update_grid_ms: ms(&["grid_cells", "grid_scan", "grid_scatter", "grid_place"]),
         cull_ms: ms(&["grid_pairs", "grid_write"]),
-        total_ms: update_boxes_ms + row.frame_us / 1e3,
-        paper_ms: paper("table_6", row.n, ["alpha", "beta", "delta", "total"]),
+        total_ms: update_boxes_ms + number(row, "frame_us") / 1e3,
+        paper_ms: paper("table_6", n, ["alpha", "beta", "delta", "total"]),
     )
 }
 
@@ -145,8 +157,9 @@ fn update_ms(n: u32, budget: Duration) -> f64 {
     })
 }
 
-fn engines_row(row: &GridRow, budget: Duration) -> Fields {
-    let boxes = Scene::new(PAPER_SCENE, row.n as usize, SEED).boxes().to_vec();
+fn engines_row(row: &Fields, budget: Duration) -> Fields {
+    let n = number(row, "n") as u32;
+    let boxes = Scene::new(PAPER_SCENE, n as usize, SEED).boxes().to_vec();
     let mut reply = HeapReply::new();
     let mut time = |engine: &mut dyn Engine| {
         median_ms(budget, || {
@@ -156,11 +169,11 @@ fn engines_row(row: &GridRow, budget: Duration) -> Fields {
         })
     };
     row!(
-        n: row.n,
-        gpu_grid_ms: row.frame_us / 1e3,
+        n,
+        gpu_grid_ms: number(row, "frame_us") / 1e3,
         cpu_grid_ms: time(&mut CpuGrid::new()),
-        cpu_sap_ms: (row.n <= SWEEP_MOST).then(|| time(&mut SweepAndPrune::new())),
-        paper_ms: figure(&format!("table_6[n={}].total", row.n)),
+        cpu_sap_ms: (n <= SWEEP_MOST).then(|| time(&mut SweepAndPrune::new())),
+        paper_ms: figure(&format!("table_6[n={n}].total")),
     )
 }
 
@@ -235,12 +248,12 @@ impl Bandwidth {
 }
 
 /// The stages of a measured scene.
-fn stages_of(row: &GridRow, bandwidth: &Bandwidth) -> Vec<Fields> {
-    let (n, cells, words) = (u64::from(row.n), u64::from(row.cells), row.words);
-    let stage = |(stage, us): &(String, f64)| {
+fn stages_of(row: &Fields, bandwidth: &Bandwidth) -> Vec<Fields> {
+    let [n, cells, words] = ["n", "cells", "words"].map(|name| number(row, name) as u64);
+    let stage = |(stage, us): (&str, f64)| {
         // Up, down and video memory. Each box and each word counts once, each cell 4 bytes;
         // repeated reads (neighbours, crowded cells) are assumed to hit a cache.
-        let (up, down, memory) = match stage.as_str() {
+        let (up, down, memory) = match stage {
             "grid_cells" => (24 * n, 0, 32 * n + 8 * n),
             "grid_scan" => (0, 0, 8 * cells),
             "grid_scatter" => (0, 0, 24 * n),
@@ -255,15 +268,15 @@ fn stages_of(row: &GridRow, bandwidth: &Bandwidth) -> Vec<Fields> {
             memory as f64 / bandwidth.memory,
         ];
         row!(
-            n: row.n,
-            stage: stage.clone(),
-            us: *us,
+            n,
+            stage,
+            us,
             link_bytes: up + down,
             memory_bytes: memory,
             floor_us: ns.into_iter().fold(0.0, f64::max) / 1e3,
         )
     };
-    row.stage_us.iter().map(stage).collect()
+    timed_stages(row).map(stage).collect()
 }
 
 impl Report for GridReport {
@@ -338,7 +351,9 @@ mod tests {
         let report = measure(&GpuChoice::Software, &[700], true)?;
         write_files(&report, &folder.path().join("records"))?;
         assert_eq!(report.scenes.len(), 4);
-        assert!(report.scenes.iter().all(|row| row.checked && row.pairs > 0 && row.frame_us > 0.0));
+        let is_measured =
+            |row: &Fields| number(row, "pairs") > 0.0 && number(row, "frame_us") > 0.0;
+        assert!(report.scenes.iter().all(|row| row["checked"] == true && is_measured(row)));
         assert!(report.stages.iter().all(|row| row["floor_us"].as_f64() > Some(0.0)));
         let counts = [report.stages.len(), report.parts.len(), report.engines.len()];
         assert_eq!((counts, report.under_way.len(), report.moving.len()), ([6, 1, 1], 1, 6));

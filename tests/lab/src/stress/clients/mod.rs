@@ -142,7 +142,7 @@ impl ClientsRun {
             heard,
             ears,
             clients: Vec::new(),
-            lives: 0,
+            started: 0,
             failed: Vec::new(),
             report: ClientsReport { count: self.clients.get().into(), ..ClientsReport::default() },
         };
@@ -164,10 +164,9 @@ impl ClientsRun {
     }
 }
 
-/// A client process. Clients have numbers from 0, and one that was killed lives again.
+/// A client process. One that takes the place of a killed one has a number of its own.
 struct Client {
-    number: usize,
-    life: u64,
+    number: u64,
     worker: Worker,
     /// Its last words, once it has said them.
     ended: Option<Said>,
@@ -180,7 +179,7 @@ struct Crowd<'a> {
     heard: Sender<(u64, Option<Said>)>,
     ears: Receiver<(u64, Option<Said>)>,
     clients: Vec<Client>,
-    lives: u64,
+    started: u64,
     failed: Vec<FailedFrame>,
     report: ClientsReport,
 }
@@ -188,8 +187,8 @@ struct Crowd<'a> {
 impl Crowd<'_> {
     /// Starts the clients, and lets them work until the time is over or too much is wrong.
     fn work(&mut self, mut watch: impl FnMut(u64, Duration)) -> io::Result<()> {
-        for number in 0..self.run.clients.get().into() {
-            self.start(number)?;
+        for _ in 0..self.run.clients.get() {
+            self.start()?;
         }
         let start = Instant::now();
         let mut next_kill = start + self.until_next_kill();
@@ -197,8 +196,8 @@ impl Crowd<'_> {
             && self.failed.len() < MOST_FAILURES
             && !self.clients.is_empty()
         {
-            if let Ok((life, said)) = self.ears.recv_timeout(TICK) {
-                self.note(life, said);
+            if let Ok((number, said)) = self.ears.recv_timeout(TICK) {
+                self.note(number, said);
             }
             watch(self.report.counts.answers, start.elapsed());
             if self.run.with_kills && Instant::now() >= next_kill {
@@ -215,15 +214,15 @@ impl Crowd<'_> {
         let deadline = Instant::now() + ENDS_WITHIN;
         while !self.clients.is_empty() {
             let left = deadline.saturating_duration_since(Instant::now());
-            let Ok((life, said)) = self.ears.recv_timeout(left) else { break };
-            self.note(life, said);
+            let Ok((number, said)) = self.ears.recv_timeout(left) else { break };
+            self.note(number, said);
         }
         for Client { number, .. } in self.clients.drain(..) {
             self.report.broken.push(format!("client {number} does not end when it is told to"));
         }
     }
 
-    fn start(&mut self, number: usize) -> io::Result<()> {
+    fn start(&mut self) -> io::Result<()> {
         let settings = ClientSettings {
             seed: self.random.bits(),
             case: self.run.case,
@@ -231,12 +230,12 @@ impl Crowd<'_> {
             with_gpu: self.with_gpu,
             is_abrupt: self.run.with_kills,
         };
-        let (life, heard) = (self.lives, self.heard.clone());
-        self.lives += 1;
+        let (number, heard) = (self.started, self.heard.clone());
+        self.started += 1;
         // Nobody hears what a client says after the run.
-        let hear = move |said| drop(heard.send((life, said)));
+        let hear = move |said| drop(heard.send((number, said)));
         let worker = self.run.daemon.start(&Work::Stress(settings), hear)?;
-        self.clients.push(Client { number, life, worker, ended: None });
+        self.clients.push(Client { number, worker, ended: None });
         Ok(())
     }
 
@@ -248,33 +247,27 @@ impl Crowd<'_> {
     /// Kills a client wherever it is, with SIGKILL.
     fn kill_one(&mut self) -> io::Result<()> {
         let which = self.random.below(self.clients.len() as u64) as usize;
-        let Client { number, worker, .. } = self.clients.swap_remove(which);
-        drop(worker);
+        drop(self.clients.swap_remove(which));
         self.report.killed += 1;
-        self.start(number)
+        self.start()
     }
 
-    fn note(&mut self, life: u64, said: Option<Said>) {
+    fn note(&mut self, number: u64, said: Option<Said>) {
         // One that was killed is no longer among the clients.
-        let place = self.clients.iter().position(|client| client.life == life);
-        match said {
-            Some(Said::Counted(counts)) => self.report.counts.add(&counts),
-            Some(Said::Failed(failed)) => self.failed.push(*failed),
-            Some(ended @ Said::Ended(_)) => {
-                if let Some(place) = place {
-                    self.clients[place].ended = Some(ended);
-                }
-            }
-            None => {
-                let Some(place) = place else { return };
-                let Client { number, ended, .. } = self.clients.swap_remove(place);
-                let why = match ended {
+        let place = self.clients.iter().position(|client| client.number == number);
+        match (said, place) {
+            (Some(Said::Counted(counts)), _) => self.report.counts.add(&counts),
+            (Some(Said::Failed(failed)), _) => self.failed.push(*failed),
+            (ended @ Some(Said::Ended(_)), Some(place)) => self.clients[place].ended = ended,
+            (None, Some(place)) => {
+                let why = match self.clients.swap_remove(place).ended {
                     Some(Said::Ended(None)) => return,
                     Some(Said::Ended(Some(why))) => why,
                     _ => "it died".to_owned(),
                 };
                 self.report.broken.push(format!("client {number}: {why}"));
             }
+            (_, None) => {}
         }
     }
 }

@@ -11,40 +11,30 @@ use crate::study::harness::plot::{Unit, pareto_front};
 /// Rows that answer the same question: of one scene, one size and one distance from the origin.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Setting<'a> {
-    pub scene: &'a str,
-    pub n: u32,
-    /// Distance from the origin of a world in f64, if any. Rows of f32 boxes do not belong to such
-    /// a setting.
-    pub offset: Option<f64>,
     /// Its rows, in the order in which they were measured.
     pub rows: Vec<&'a AccuracyRow>,
 }
 
 impl Setting<'_> {
     pub fn title(&self) -> String {
-        let far =
-            self.offset.map_or_else(String::new, |offset| format!(", {offset:e} from the origin"));
-        format!("{}, {} boxes{far}", self.scene, Unit::Count.text(f64::from(self.n)))
+        let AccuracyRow { scene, n, offset, .. } = self.rows[0];
+        let far = offset.map_or_else(String::new, |x| format!(", {x:e} from the origin"));
+        format!("{scene}, {} boxes{far}", Unit::Count.text(f64::from(*n)))
     }
 }
 
 /// Rows by setting: scenes in the order in which they were measured, then sizes, then distances.
 pub fn settings(rows: &[AccuracyRow]) -> Vec<Setting<'_>> {
     let scenes = in_order(rows.iter().map(|row| row.scene.as_str()));
-    let mut settings: Vec<Setting<'_>> = Vec::new();
-    for row in rows {
-        let (scene, n, offset) = (row.scene.as_str(), row.n, row.offset);
-        match settings.iter_mut().find(|s| (s.scene, s.n, s.offset) == (scene, n, offset)) {
-            Some(setting) => setting.rows.push(row),
-            None => settings.push(Setting { scene, n, offset, rows: vec![row] }),
-        }
-    }
-    let place = |s: &Setting<'_>| scenes.iter().position(|scene| *scene == s.scene);
-    settings.sort_by(|a, b| {
-        let distance = |s: &Setting<'_>| s.offset.unwrap_or(-1.0);
-        (place(a), a.n).cmp(&(place(b), b.n)).then(distance(a).total_cmp(&distance(b)))
-    });
-    settings
+    let place = |row: &AccuracyRow| (scenes.iter().position(|scene| *scene == row.scene), row.n);
+    let distance = |row: &AccuracyRow| row.offset.unwrap_or(-1.0);
+    let order = |a: &&AccuracyRow, b: &&AccuracyRow| {
+        place(a).cmp(&place(b)).then(distance(a).total_cmp(&distance(b)))
+    };
+    let mut sorted: Vec<&AccuracyRow> = rows.iter().collect();
+    sorted.sort_by(order);
+    let settings = sorted.chunk_by(|a, b| order(a, b).is_eq());
+    settings.map(|rows| Setting { rows: rows.to_vec() }).collect()
 }
 
 /// Each value once, in the order of first occurrence.

@@ -5,14 +5,14 @@ use std::time::Duration;
 
 use clap::Args;
 use pairmask::Session;
-use pairmask_core::dispatch::CullOptions;
+use pairmask_core::dispatch::{CullOptions, StageTimes};
 use pairmask_core::{EngineChoice, EngineName};
 use pairmaskd::cli::whole_number::whole_number;
 use pairmaskd::precision::PrecisionChoice;
 use pairmaskd::scene::{Scene, SceneName};
-use pairmaskd::timed_client::TimedError;
+use pairmaskd::timed_client::{TimedError, TimedFrame};
 
-use super::clients::{FrameFigures, client};
+use super::clients::client;
 use super::mode::{StudyMode, World};
 use super::rows::{AccuracyRow, AgainstBoxes, Percentiles, STAGES};
 use super::truth::{self, Difference};
@@ -58,11 +58,11 @@ pub fn row(
     memory_bytes: impl FnOnce() -> u64,
 ) -> Result<AccuracyRow, TimedError> {
     let mut scene = Scene::new(subject.scene, subject.n as usize, subject.seed);
-    let mut client = client(subject.mode, &subject.options, session, scene.boxes());
-    let mut last = client.frame(scene.boxes(), false)?.figures;
+    let mut client = client(subject.mode, &subject.options, session, scene.boxes())?;
+    let mut last = client.frame(scene.boxes(), false)?.frame;
     for _ in 0..lengths.warm_up {
         scene.step();
-        last = client.frame(scene.boxes(), false)?.figures;
+        last = client.frame(scene.boxes(), false)?.frame;
     }
     let mut times: [Vec<u64>; STAGES.len()] = Default::default();
     let (mut requests, mut mask_bytes) = (0, 0);
@@ -71,16 +71,19 @@ pub fn row(
     for frame in 0..lengths.frames.get() {
         scene.step();
         let answer = client.frame(scene.boxes(), lengths.is_checked(frame))?;
-        last = answer.figures;
+        last = answer.frame;
         for (times, ns) in times.iter_mut().zip(stages(&last)) {
             times.push(ns);
         }
         requests += u64::from(last.was_asked);
-        mask_bytes += u64::from(last.was_asked) * last.mask_bytes;
+        mask_bytes += u64::from(last.was_asked) * last.info.mask_bytes;
         if let Some(reported) = answer.pairs {
-            found.add(&Difference::between(&reported, &client.truth(scene.boxes(), last.engine)?));
+            found.add(&Difference::between(
+                &reported,
+                &client.truth(scene.boxes(), last.info.engine)?,
+            ));
             if let Some(of_boxes) = &mut of_boxes {
-                let truth = truth::pairs(scene.boxes(), last.engine)?;
+                let truth = truth::pairs(scene.boxes(), last.info.engine)?;
                 of_boxes.add(&Difference::between(&reported, &truth));
             }
             checked_frames += 1;
@@ -104,14 +107,14 @@ pub fn row(
         margin,
         offset,
         spheres,
-        backend: last.backend.to_owned(),
+        backend: last.info.served_by.as_str().to_owned(),
         engine: subject.options.engine.to_string(),
-        served_by_engine: last.engine.to_string(),
+        served_by_engine: last.info.engine.to_string(),
         frames: lengths.frames.get().into(),
         requests,
         times: STAGES.into_iter().zip(times).map(percentiles).collect(),
-        bytes_up: last.box_bytes,
-        bytes_down: mask_bytes.checked_div(requests).unwrap_or(last.mask_bytes),
+        bytes_up: last.info.box_bytes,
+        bytes_down: mask_bytes.checked_div(requests).unwrap_or(last.info.mask_bytes),
         checked_frames,
         true_pairs,
         missed,
@@ -123,15 +126,16 @@ pub fn row(
 }
 
 /// Times of a frame, ns, in the order of [`STAGES`].
-fn stages(frame: &FrameFigures) -> [u64; STAGES.len()] {
+fn stages(frame: &TimedFrame) -> [u64; STAGES.len()] {
     let ns = |time: Duration| time.as_nanos() as u64;
+    let engine = if frame.was_asked { frame.info.times } else { StageTimes::default() };
     [
         ns(frame.fill),
-        frame.stages.ingest_ns,
-        frame.stages.plan_ns,
-        frame.stages.execute_ns,
-        frame.stages.publish_ns,
-        frame.stages.total_ns,
+        engine.ingest_ns,
+        engine.plan_ns,
+        engine.execute_ns,
+        engine.publish_ns,
+        engine.total_ns,
         ns(frame.round_trip),
         ns(frame.decode),
         ns(frame.fill + frame.round_trip + frame.decode),

@@ -5,9 +5,9 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use pairmask_core::dispatch::{CullOptions, SphereEngines};
-use pairmask_core::engine::{CullError, CullInput, CullReport, HeapReply};
+use pairmask_core::engine::{CullError, CullInput, HeapReply};
 use pairmask_core::sphere::{Sphere, SphereAllPairs};
-use pairmask_core::{BoxCount, Encoding, EncodingChoice, EngineName, PairIndex};
+use pairmask_core::{BoxCount, Encoding, EncodingChoice, PairIndex};
 use pairmaskd::execute::gpu::{AllPairs, AllPairsOptions, Gpu, Grid, GridOptions, SharedImports};
 use pairmaskd::scene::Random;
 use rayon::prelude::*;
@@ -43,10 +43,6 @@ pub struct GpuErrorRow {
     pub beside_wrong: u64,
 }
 
-/// The answer before the first frame.
-const NOT_RUN: Result<CullReport, CullError> =
-    Err(CullError::DeviceLost { engine: EngineName::GpuGrid });
-
 pub fn measure(gpu: &Arc<Gpu>, quick: bool, seed: u64) -> Result<Vec<Fields>> {
     let sizes = if quick { &SIZES[..QUICK_SIZES] } else { &SIZES[..] };
     let budget = Duration::from_millis(if quick { 20 } else { 500 });
@@ -61,41 +57,44 @@ fn timed(gpu: &Arc<Gpu>, n: usize, budget: Duration, seed: u64) -> Result<Fields
     let FrameSegments { boxes: spheres, mut reply, imported, .. } = memory;
     let encoding = Encoding::Sparse;
 
+    let timed = |cull: &mut dyn FnMut() -> Result<u64, CullError>| -> Result<(f64, u64)> {
+        let mut pairs = Ok(0);
+        let fps = frames_a_second(budget, || pairs = cull());
+        Ok((fps, pairs?))
+    };
+
     let options = GridOptions { imports: imports.clone(), ..GridOptions::default() };
     let mut grid = Grid::new(gpu, &options)?;
-    let mut culled = NOT_RUN;
-    let grid_fps = frames_a_second(budget, || {
-        culled = grid.cull_spheres(spheres.objects(n), encoding, &mut reply);
-    });
-    let pairs = culled?.pair_count;
+    let mut by_grid = || {
+        grid.cull_spheres(spheres.objects(n), encoding, &mut reply).map(|report| report.pair_count)
+    };
+    let (grid_fps, pairs) = timed(&mut by_grid)?;
     let mut counts = vec![pairs];
 
-    let mut all_pairs_fps = None;
-    let mut tests_a_second = None;
+    let (mut all_pairs_fps, mut tests_a_second) = (None, None);
     if n <= ALL_PAIRS_SPHERES {
         let options =
             AllPairsOptions { imports: imports.clone(), profiled: true, ..Default::default() };
         let mut all_pairs = AllPairs::new(gpu, options)?;
         let mut stage_ns = f64::INFINITY;
-        let mut culled = NOT_RUN;
-        all_pairs_fps = Some(frames_a_second(budget, || {
-            culled = all_pairs.cull_spheres(spheres.objects(n), encoding, &mut reply);
+        let (fps, count) = timed(&mut || {
+            let report = all_pairs.cull_spheres(spheres.objects(n), encoding, &mut reply)?;
             let steps = all_pairs.step_times().iter().filter(|step| step.label == "pairs");
             stage_ns = stage_ns.min(steps.map(|step| step.ns).sum());
-        }));
-        counts.push(culled?.pair_count);
-        let tests = BoxCount::new(n as u32).pair_count() as f64;
-        tests_a_second = Some(tests / (1e-9 * stage_ns));
+            Ok(report.pair_count)
+        })?;
+        counts.push(count);
+        all_pairs_fps = Some(fps);
+        tests_a_second = Some(BoxCount::new(n as u32).pair_count() as f64 / (1e-9 * stage_ns));
     }
 
     let (mut engines, mut heap) = (SphereEngines::new(), HeapReply::new());
     let options =
         CullOptions { encoding: EncodingChoice::Only(encoding), ..CullOptions::default() };
-    let mut culled: Result<u64, CullError> = Ok(0);
-    let cpu_fps = frames_a_second(budget, || {
-        culled = engines.cull(&objects, &options, &mut heap).map(|a| a.report.pair_count);
-    });
-    counts.push(culled?);
+    let mut by_cpu =
+        || engines.cull(&objects, &options, &mut heap).map(|answer| answer.report.pair_count);
+    let (cpu_fps, count) = timed(&mut by_cpu)?;
+    counts.push(count);
     let plain_fps = (n <= PLAIN_SPHERES).then(|| {
         let mut found = Vec::new();
         frames_a_second(budget, || {
