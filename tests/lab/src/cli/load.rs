@@ -77,7 +77,7 @@ pub struct Load {
     scene: Option<PathBuf>,
     /// Frames a second of each client, due at their times whatever became of those before; `closed`
     /// sends each when the one before is done
-    #[arg(long, value_name = "HZ,..", value_delimiter = ',', default_values_t = [Rate(None)])]
+    #[arg(long, value_name = "HZ,..", value_delimiter = ',', default_value = "closed")]
     rate: Vec<Rate>,
     /// Client processes at a time, each with a session of its own
     #[arg(long, value_parser = client_count, value_name = "N,..", value_delimiter = ',', default_values_t = [1])]
@@ -189,32 +189,16 @@ struct LoadRow {
 }
 
 /// Columns for a terminal.
-const COLUMNS: [&str; 17] = [
-    "n",
-    "backend",
-    "wait",
-    "engine",
-    "precision",
-    "rate",
-    "clients",
-    "clients_in_all",
-    "frames_per_second",
-    "late_frames",
-    "from_due_ns.p99",
-    "total_ns.p50",
-    "total_ns.p99",
-    "round_trip_ns.p50",
-    "round_trip_ns.p99",
-    "worst_client_p50_ns",
-    "daemon_cpu_percent",
-];
+const COLUMNS: &str = "n,backend,wait,engine,precision,rate,clients,clients_in_all,frames_per_second,\
+    late_frames,from_due_ns.p99,total_ns.p50,total_ns.p99,round_trip_ns.p50,round_trip_ns.p99,\
+    worst_client_p50_ns,daemon_cpu_percent";
 
 impl Report for LoadReport {
     const NAME: &'static str = "load";
 
     fn parts(&self) -> Vec<Part> {
         let mut parts = vec![Part::heading(1, "Load"), Part::text(self.machine.to_string())];
-        parts.extend(Part::section_of("Frames", "", Table::of(&self.rows).only(&COLUMNS)));
+        parts.extend(Part::section_of("Frames", "", Table::of(&self.rows).only(COLUMNS)));
         parts.extend(Part::section("Clients that send nothing", "", &self.idle));
         parts
     }

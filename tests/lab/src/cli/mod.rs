@@ -9,8 +9,6 @@ pub(crate) mod load;
 mod stress;
 mod studies;
 
-use std::error::Error;
-use std::fmt;
 use std::process::ExitCode;
 
 use clap::{CommandFactory, Parser, Subcommand};
@@ -141,20 +139,9 @@ impl Command {
 }
 
 /// Why a measurement failed; its type decides the exit status.
-#[derive(Debug)]
+#[derive(Debug, thiserror::Error)]
+#[error(transparent)]
 struct LabError(Fault);
-
-impl fmt::Display for LabError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        self.0.fmt(f)
-    }
-}
-
-impl Error for LabError {
-    fn source(&self) -> Option<&(dyn Error + 'static)> {
-        self.0.source()
-    }
-}
 
 impl From<WrongUsage> for LabError {
     fn from(error: WrongUsage) -> Self {

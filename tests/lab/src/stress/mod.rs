@@ -4,7 +4,7 @@
 //! A run's seed gives each `Case` a seed of its own, which determines the number of boxes, one or two
 //! scenes ([`scenes`], `hard`), up to three changes, and the floating-point flags ([`MixedFlags`]) of the
 //! caller, the pool's threads and the writers of boxes: no answer may depend on them. A case is asked in a
-//! `Form`: as boxes, spheres, in a precision mode, as edits of a scene that persists, as placements. Each
+//! `Form`: as boxes, spheres, in a precision mode, as placements. Each
 //! `Subject` answers every case in its form; one comparison (`Case::check`) holds the answer to the
 //! oracle. A wrong one names the case's seed, the first wrong pair and why that pair is in the mask or not.
 //!
@@ -12,9 +12,7 @@
 //! pair may have a larger gap than the mode states (`modes`). What an engine leaves to another one because
 //! a scene is crowded (`Reply::Declined`) is counted and printed: a run without answers proves nothing.
 //!
-//! The same cases go through a daemon, as frames of several client processes (`clients`). All verbs of
-//! scenes, members of shared ones and rules are held to a model by the test `scene_model`; here are
-//! hard boxes and flags, and scenes between the frames of many clients.
+//! The same cases go through a daemon, as frames and as edits of scenes, by several client processes (`clients`).
 //!
 //! To add another way to find pairs, list another `Subject` in `roster.rs`.
 
@@ -24,7 +22,6 @@ mod changes;
 pub(crate) mod clients;
 mod flags;
 pub(crate) mod hard;
-mod kept_scene;
 mod modes;
 mod report;
 mod roster;
@@ -35,7 +32,7 @@ mod tests;
 mod updates;
 
 pub(crate) use answer::{Answer, Form, Reply};
-pub use answer::{Finding, compare};
+pub(crate) use answer::{Finding, compare};
 pub(crate) use case::Case;
 pub use flags::{FloatFlags, MixedFlags, Rounding};
 pub(crate) use report::{Failure, StressReport};

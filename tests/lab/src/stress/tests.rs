@@ -27,7 +27,6 @@ fn right_subjects_pass_and_broken_ones_are_caught_and_replayed() {
     for (engines, mode, sabotage, word) in [
         (&["cpu-sap", "cpu-grid"][..], "all", lossy, "is missing"),
         (&["spheres"], "all", lossy, "Sphere"),
-        (&["scenes"], "all", lossy, "is missing"),
         (&["updates"], "all", lossy, "with the default flags"),
         (&["cpu-sap"], "q16", inward, "q16"),
         (&["cpu-sap"], "q8", inward, "q8"),
@@ -52,7 +51,7 @@ fn right_subjects_pass_and_broken_ones_are_caught_and_replayed() {
                 assert!(explain.overlaps && Some(explain.pair) == failure.pair, "{report}");
                 assert!(mode == "all" || explain.mode.starts_with(mode), "{report}");
             }
-            None => assert!(["spheres", "scenes", "updates"].contains(&engines[0]), "{report}"),
+            None => assert!(["spheres", "updates"].contains(&engines[0]), "{report}"),
         }
         let one = Cases::One { seed: failure.case };
         assert_eq!(&run(&one, &mut broken, |_, _| {}).failures[0], failure);
@@ -101,8 +100,10 @@ fn what_is_left_to_others_is_counted_and_proves_nothing() {
 #[test]
 fn a_run_without_answers_is_not_clean() {
     assert!(!run(&Cases::One { seed: 1 }, &mut [], |_, _| {}).is_clean());
-    let nobody = roster(&["spheres"], "q16", None).subjects();
-    assert!(nobody.is_err_and(|error| error.to_string().contains("nothing to run")));
+    for (engine, mode) in [("spheres", "q16"), ("scenes", "all")] {
+        let nobody = roster(&[engine], mode, None).subjects();
+        assert!(nobody.is_err_and(|error| error.to_string().contains("nothing to run")));
+    }
 }
 
 /// Engines of a GPU: right ones pass in every mode, broken ones are caught.
@@ -158,37 +159,36 @@ fn scenes_and_changes_are_what_their_names_say() {
     for name in ["uniform", "flat"] {
         assert!((345 / 4..345 * 4).contains(&pairs(&named(name)).len()), "{name}");
     }
-    for scene in hard::ALL {
+    for (name, make_scene) in hard::ALL {
         for n in [0, 1, 345] {
-            let make = || (scene.make)(n, &mut Random::new(9));
-            assert_eq!((make().len(), bytes(&make())), (n, bytes(&make())), "{}", scene.name);
-            assert!(n == 0 || share(&make(), BoxClass::Solid) >= 0.8, "{}", scene.name);
+            let make = || make_scene(n, &mut Random::new(9));
+            assert_eq!((make().len(), bytes(&make())), (n, bytes(&make())), "{name}");
+            assert!(n == 0 || share(&make(), BoxClass::Solid) >= 0.8, "{name}");
         }
         // Moving every face out by an ulp must change the pairs, else the scene does not test borders.
-        if ["chain of touching boxes", "grid borders", "quantisation borders"].contains(&scene.name)
-        {
-            let boxes = (scene.make)(345, &mut Random::new(4));
+        if ["chain of touching boxes", "grid borders", "quantisation borders"].contains(name) {
+            let boxes = make_scene(345, &mut Random::new(4));
             let wider =
                 |b: &Aabb| Aabb { min: b.min.map(f32::next_down), max: b.max.map(f32::next_up) };
             let wider: Vec<Aabb> = boxes.iter().map(wider).collect();
-            assert!(pairs(&wider).len() > pairs(&boxes).len(), "{}", scene.name);
+            assert!(pairs(&wider).len() > pairs(&boxes).len(), "{name}");
         }
     }
-    for change in changes::ALL {
+    for (name, apply) in changes::ALL {
         for n in [0, 1] {
-            (change.apply)(&mut vec![Aabb::from([0.0; 6]); n], &mut Random::new(5));
+            apply(&mut vec![Aabb::from([0.0; 6]); n], &mut Random::new(5));
         }
         let (before, mut after) = (uniform.boxes(345, 1), uniform.boxes(345, 1));
-        (change.apply)(&mut after, &mut Random::new(3));
+        apply(&mut after, &mut Random::new(3));
         let is_changed = bytes(&before) != bytes(&after);
-        assert!(is_changed || change.name == "zeros of either sign", "{}", change.name);
-        let class = match change.name {
+        assert!(is_changed || *name == "zeros of either sign", "{name}");
+        let class = match *name {
             "empty boxes" => BoxClass::Empty,
             "NaN in some slots" => BoxClass::Invalid,
             _ => BoxClass::Solid,
         };
-        assert!(share(&after, class) > 0.08, "{}", change.name);
-        assert!(change.name != "mirrored" || pairs(&before) == pairs(&after));
+        assert!(share(&after, class) > 0.08, "{name}");
+        assert!(*name != "mirrored" || pairs(&before) == pairs(&after));
     }
     // An ulp less of every radius must lose pairs, else the spheres do not touch.
     let mut lost = 0;

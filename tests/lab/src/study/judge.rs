@@ -12,7 +12,7 @@ use serde::Serialize;
 use super::harness::Report;
 use super::harness::document::Part;
 use super::harness::table::{Fields, Table, row};
-use super::ways::{Case, CaseTimes, Effort, Pools, Way, core_count, measure_case, thread_counts};
+use super::ways::{Case, CaseTimes, Effort, Way, core_count, measure_case, pools, thread_counts};
 use crate::Result;
 
 /// Default sizes: dense where the fastest engine changes.
@@ -86,7 +86,7 @@ pub fn measure(
     lanes.extend(&allowed);
     lanes.sort_unstable();
     lanes.dedup();
-    let pools = Pools::new(&lanes)?;
+    let pools = pools(&lanes)?;
     let mut rows = Vec::new();
     for case in cases {
         let fits = |encoding: &Encoding| *encoding != Encoding::Dense || case.n <= DENSE_BOXES;

@@ -7,7 +7,9 @@ use std::hint::black_box;
 use std::time::{Duration, Instant};
 
 use crate::Result;
-use crate::study::ways::{Case, CaseTimes, Effort, Pools, core_count, measure_case, thread_counts};
+use crate::study::ways::{
+    Case, CaseTimes, Effort, Pools, core_count, measure_case, pools, thread_counts,
+};
 use glam::{Quat, Vec3};
 use pairmask_core::dispatch::nanoseconds_since;
 use pairmask_core::engine::AvailableIsa;
@@ -61,7 +63,7 @@ pub fn measure(cases: &[Case], threads: &[usize], watch: impl Fn()) -> Result<Th
     threads.push(1);
     threads.sort_unstable();
     threads.dedup();
-    let pools = Pools::new(&threads)?;
+    let pools = pools(&threads)?;
     let (mut rows, isa) = (Vec::new(), AvailableIsa::best());
     for case in cases {
         let updates = update_times(case.scene, case.n, &threads, &pools, &EFFORT)?;
@@ -110,7 +112,7 @@ fn update_times(
         for (threads, times) in &mut times {
             let (locals, placements) = (black_box(&locals), black_box(&placements));
             let out = &mut out;
-            let ns = match pools.of(*threads) {
+            let ns = match pools.get(threads) {
                 None => {
                     let start = Instant::now();
                     update_boxes(locals, placements, out)?;

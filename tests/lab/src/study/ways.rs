@@ -3,6 +3,7 @@
 //! The machine may be busy: ways that are compared run in the same second, and the shortest of many
 //! frames counts.
 
+use std::collections::BTreeMap;
 use std::hint::black_box;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -88,7 +89,7 @@ pub fn measure_case(
     let mut scene = Scene::new(case.scene, case.n, SEED);
     let mut stats = SceneStats::glance(scene.boxes(), None);
     let calibration = Calibration::built_in(isa.get());
-    let timed = |way: Way| TimedWay::new(way, pools.of(way.threads), isa);
+    let timed = |way: Way| TimedWay::new(way, pools.get(&way.threads).cloned(), isa);
     let ways = ways(&stats, encodings, threads, &calibration);
     let mut timed_ways: Vec<TimedWay> = ways.into_iter().filter_map(timed).collect();
     let capabilities =
@@ -235,19 +236,11 @@ pub fn core_count() -> usize {
     std::thread::available_parallelism().map_or(1, usize::from)
 }
 
-/// Thread pools, one for each number of threads.
-pub struct Pools(Vec<Arc<ThreadPool>>);
+/// A pool for each number of threads above 1; one thread is the calling one.
+pub type Pools = BTreeMap<usize, Arc<ThreadPool>>;
 
-impl Pools {
-    /// One pool for each number of threads above 1.
-    pub fn new(threads: &[usize]) -> Result<Self> {
-        let more = threads.iter().filter(|threads| **threads > 1);
-        let pool = |n: &usize| Ok(Arc::new(ThreadPoolBuilder::new().num_threads(*n).build()?));
-        Ok(Self(more.map(pool).collect::<Result<_>>()?))
-    }
-
-    /// The pool of `threads` threads; `None` is the calling thread.
-    pub fn of(&self, threads: usize) -> Option<Arc<ThreadPool>> {
-        self.0.iter().find(|pool| pool.current_num_threads() == threads).cloned()
-    }
+pub fn pools(threads: &[usize]) -> Result<Pools> {
+    let more = threads.iter().filter(|threads| **threads > 1);
+    let pool = |n: &usize| Ok((*n, Arc::new(ThreadPoolBuilder::new().num_threads(*n).build()?)));
+    more.map(pool).collect()
 }

@@ -13,9 +13,9 @@ use pairmask::{
 use pairmaskd::scene::Random;
 use serde::{Deserialize, Serialize};
 
+use super::kept_scene::{Fate, Heard, KeptScene};
 use super::offer::{MOST_UNDER_WAY, Offer, Way, pick};
 use crate::processes::tell;
-use crate::stress::kept_scene::{Fate, Heard, KeptScene};
 use crate::stress::modes::Sending;
 use crate::stress::{Answer, Case, Finding, Form, Wanted};
 

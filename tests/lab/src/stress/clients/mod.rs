@@ -5,20 +5,22 @@
 //! spheres, precision modes), some thousands of boxes large, and compares the answers with the oracle. It
 //! has several frames under way, reads them in any order, drops some unread, pauses, closes sessions and
 //! opens others. Between its frames each session edits a scene that persists, whose answers are taken or
-//! dropped by chance; the pairs that it knows are compared with the oracle. On request clients are killed and started again, and close
-//! sessions with frames under way. The transport loses a place of 128 with each port that goes while the
-//! daemon has not received its requests, and its server panics when the last one is lost: the daemon's
-//! supervisor starts another worker, and such a run ends as failed.
+//! dropped by chance; the pairs that it knows are compared with the oracle. On request clients are killed
+//! and started again, and close sessions with frames under way. The transport loses a place of 128 with
+//! each port that goes while the daemon has not received its requests, and its server panics when the last
+//! one is lost: the daemon's supervisor starts another worker, and such a run ends as failed.
 //!
 //! A client's seed gives its frames again; the time at which they meet those of others is not given
 //! again. So a failure's replay command sends its case many times, among others.
 //!
 //! ```text
-//! offer      what clients may ask for, and what a session asks for        (pure)
-//! client     one client: the process
+//! offer       what clients may ask for, and what a session asks for       (pure)
+//! kept_scene  a scene that persists, and what has to come of its edits     (pure)
+//! client      one client: the process
 //! ```
 
 mod client;
+mod kept_scene;
 mod offer;
 
 pub use client::{ClientSettings, Counts};

@@ -18,8 +18,7 @@ impl Report for AccuracyReport {
         let far: Vec<AccuracyRow> =
             rows.iter().filter(|row| row.offset.is_some()).cloned().collect();
         // A table of the two ways is clearer than plots.
-        let columns = ["scene", "n", "mode", "engine", "p50", "p99", "down", "true pairs"];
-        let columns = [&columns[..], &["missed", "extra", "extra %"]].concat();
+        let columns = "scene,n,mode,engine,p50,p99,down,true pairs,missed,extra,extra %";
         let sections = [
             Part::section_of(
                 "What modes cost",
@@ -42,12 +41,12 @@ impl Report for AccuracyReport {
                  boxes relative to an origin among them, rounded outward; `plain-f32` rounds every \
                  coordinate to the nearest f32, and is there as a warning. Of large scenes it is left \
                  out: its pairs would be nearly all there are.",
-                readable(&far).only(&columns),
+                readable(&far).only(columns),
             ),
             Part::section_of(
                 "All rows",
                 "Times are medians, ms.",
-                readable(rows).only(&TEXT_COLUMNS),
+                readable(rows).only(TEXT_COLUMNS),
             ),
         ];
         let mut parts = vec![Part::heading(1, "Run time against error"), Part::text(missed(rows))];
@@ -64,26 +63,8 @@ impl Report for AccuracyReport {
 }
 
 /// Columns for a terminal.
-const TEXT_COLUMNS: [&str; 18] = [
-    "scene",
-    "n",
-    "mode",
-    "backend",
-    "engine",
-    "p50",
-    "p99",
-    "fill",
-    "engine time",
-    "round trip",
-    "decode",
-    "bytes up",
-    "down",
-    "requests",
-    "missed",
-    "extra %",
-    "against boxes %",
-    "MiB",
-];
+const TEXT_COLUMNS: &str = "scene,n,mode,backend,engine,p50,p99,fill,engine time,round trip,decode,\
+    bytes up,down,requests,missed,extra %,against boxes %,MiB";
 
 /// Stages that share a frame.
 const PARTS: [&str; 6] = ["fill", "ingest", "plan", "execute", "publish", "decode"];

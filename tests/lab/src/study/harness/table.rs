@@ -112,10 +112,10 @@ impl Table {
         Self { head: head.map(str::to_owned).to_vec(), rows: rows.collect() }
     }
 
-    /// The columns of these names alone, in this order.
+    /// The columns of these names alone, with commas between, in this order.
     #[must_use]
-    pub fn only(&self, names: &[&str]) -> Self {
-        let at: Vec<usize> = names.iter().filter_map(|name| self.column(name)).collect();
+    pub fn only(&self, names: &str) -> Self {
+        let at: Vec<usize> = names.split(',').filter_map(|name| self.column(name)).collect();
         Self {
             head: at.iter().map(|at| self.head[*at].clone()).collect(),
             rows: self.rows.iter().map(|r| at.iter().map(|at| r[*at].clone()).collect()).collect(),
@@ -216,7 +216,7 @@ mod tests {
         assert_eq!(table.head, ["name", "ms", "at.p50", "at.p99.0", "at.p99.1"]);
         let lists = Table::all_of(&json!({"n": 1, "none": [], "numbers": [1], "rows": rows}));
         assert_eq!(lists.iter().map(|(name, _)| name).collect::<Vec<_>>(), ["rows"]);
-        let short = table.only(&["name", "at.p50", "ms"]);
+        let short = table.only("name,at.p50,ms");
         let text = "\
 | name | at.p50 |     ms |
 |------|-------:|-------:|

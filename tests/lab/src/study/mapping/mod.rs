@@ -194,7 +194,7 @@ fn root_errors(plan: &Plan, mut bench: Option<&mut Bench>) -> Result<Vec<Fields>
         for &count in &plan.root_counts {
             let paper_percent = figure(&format!("table_3[count={count}].{root}"));
             let mut push = |processor, tally| {
-                rows.push(row!(processor, root, tally, paper_percent));
+                rows.push(row!(processor, root: root.to_string(), tally, paper_percent));
             };
             push(Processor::Cpu, errors::count_roots(root, count));
             let Some(bench) = bench.as_deref_mut() else { continue };
@@ -227,7 +227,7 @@ fn pair_errors(
         let at_row_ends = row_ends.map_or(0.0, |ends| ends.wrong as f64 / pairs);
         rows.push(row!(
             processor,
-            variant,
+            variant: name,
             n,
             scope: if row_ends.is_none() { "all" } else { "sample" },
             tally,
@@ -269,7 +269,7 @@ fn pair_errors(
 
 fn first_wrong(limit: u32) -> Vec<Fields> {
     let closed = Variant::all().filter(|variant| matches!(variant, Variant::Closed { .. }));
-    let of = |variant| row!(variant, n: errors::first_wrong_count(variant, limit), limit);
+    let of = |variant: Variant| row!(variant: variant.to_string(), n: errors::first_wrong_count(variant, limit), limit);
     closed.map(of).collect()
 }
 
@@ -279,7 +279,7 @@ fn map_times(plan: &Plan, mut bench: Option<&mut Bench>) -> Result<Vec<Fields>, 
         log::info!("mapping study: times, {n} boxes");
         for variant in Variant::all() {
             let mut push = |processor, ms: Option<f64>, paper_ms: Option<f64>| {
-                rows.push(row!(processor, variant, n, ms, paper_ms));
+                rows.push(row!(processor, variant: variant.to_string(), n, ms, paper_ms));
             };
             for processor in [Processor::CpuThread, Processor::Cpu] {
                 let ms = times::map_all(variant, BoxCount::new(n), processor, &plan.cpu);
@@ -302,7 +302,7 @@ fn root_times(plan: &Plan, mut bench: Option<&mut Bench>) -> Result<Vec<Fields>,
     for &count in &plan.root_time_counts {
         for root in Root::all() {
             let mut push = |processor, ms, paper_ms| {
-                rows.push(row!(processor, root, count, ms, paper_ms));
+                rows.push(row!(processor, root: root.to_string(), count, ms, paper_ms));
             };
             for processor in [Processor::CpuThread, Processor::Cpu] {
                 push(processor, Some(times::roots(root, count, processor, &plan.cpu)), None);

@@ -124,7 +124,7 @@ fn timed(gpu: &Arc<Gpu>, n: usize, budget: Duration, seed: u64) -> Result<Fields
 /// Pairs of a family that are culled together, as one scene of twice as many spheres: 499,500 pairs. The CPU
 /// decides all of them, too, which takes most of the time.
 const SCENE_PAIRS: u64 = 500;
-/// Scenes that the CPU decides side by side, while the GPU decides as many others: 16 MB of masks.
+/// Scenes that the CPU decides side by side: 16 MB of masks.
 const SCENES: u64 = 256;
 
 struct Decided {
@@ -178,7 +178,7 @@ pub fn count_errors(
     gpu: &Arc<Gpu>,
     pairs: u64,
     seed: u64,
-    watch: impl Fn(u64) + Sync,
+    watch: impl Fn(u64),
 ) -> Result<Vec<GpuErrorRow>> {
     let mut engine = AllPairs::new(gpu, AllPairsOptions::default())?;
     let mut reply = HeapReply::new();
@@ -191,24 +191,13 @@ pub fn count_errors(
             let pairs = SCENE_PAIRS.min(share - scene * SCENE_PAIRS);
             decided(family, pairs, seed.wrapping_add(scene.wrapping_mul(0x9e37_79b9)))
         };
-        let batch_from = |first: u64| -> Result<Vec<Decided>, CullError> {
-            (first..scenes.min(first + SCENES)).into_par_iter().map(make).collect()
-        };
-        let mut batch = batch_from(0)?;
-        let mut next = SCENES;
-        while !batch.is_empty() {
-            let on_gpu = || -> Result<(), CullError> {
-                for scene in &batch {
-                    engine.cull_spheres(&scene.spheres, Encoding::Dense, &mut reply)?;
-                    row.note(scene, &dense_words(&scene.spheres, &reply));
-                    watch(scene.truth.len() as u64);
-                }
-                Ok(())
-            };
-            let (compared, made) = rayon::join(on_gpu, || batch_from(next.min(scenes)));
-            compared?;
-            batch = made?;
-            next += SCENES;
+        for first in (0..scenes).step_by(SCENES as usize) {
+            let batch = (first..scenes.min(first + SCENES)).into_par_iter().map(make);
+            for scene in batch.collect::<Result<Vec<Decided>, CullError>>()? {
+                engine.cull_spheres(&scene.spheres, Encoding::Dense, &mut reply)?;
+                row.note(&scene, &dense_words(&scene.spheres, &reply));
+                watch(scene.truth.len() as u64);
+            }
         }
         rows.push(row);
     }

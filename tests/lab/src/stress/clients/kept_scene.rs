@@ -1,28 +1,19 @@
 //! A scene that persists, edited towards the boxes of cases: its answers are taken, dropped or left unread by
 //! chance, and what a client knows from them has to be the oracle's pairs, each change told once.
 //!
-//! Scenes of cores and of a GPU are asked case by case ([`scenes`]), those of sessions by the clients of a daemon.
-//! Here are hard boxes, floating-point flags, and edits between the frames of others; all verbs, filters, members and
-//! ways to name boxes are held to a model by the test `scene_model`.
+//! Here are hard boxes, floating-point flags, and edits between the frames of many clients; all verbs, filters, members
+//! and ways to name boxes are held to a model by the test `scene_model`.
 
 use std::collections::BTreeSet;
-use std::sync::Arc;
 
 use pairmask::Aabb;
 use pairmask::scene::{SceneOptions, Want};
-use pairmask_core::engine::CullError;
 use pairmask_core::oracle::{Pair, truth};
-use pairmask_core::scene::{Edit, Scene, SceneError, Sets, Step, Told};
-use pairmaskd::execute::gpu::{GpuScene, SceneTools};
+use pairmask_core::scene::{Sets, Step};
 use pairmaskd::scene::Random;
-use rayon::ThreadPool;
 
-use super::Subject;
-use super::answer::{Finding, Form, Reply, compare};
-use super::case::Case;
+use crate::stress::{Case, Finding, compare};
 
-/// Makes the random numbers of edits independent of those of boxes.
-const STREAM: u64 = 0x5343_454e_4553;
 /// Most boxes of most scenes: the oracle compares each box with all others after every edit.
 const FEW_BOXES: usize = 250;
 /// Most boxes of one scene in [`MANY_ONE_IN`].
@@ -130,75 +121,6 @@ impl KeptScene {
         }
         Ok(())
     }
-}
-
-/// A scene of a case.
-#[allow(clippy::large_enum_variant)] // One at a time.
-enum Keeper {
-    Cores(Scene),
-    Gpu(GpuScene),
-}
-
-impl From<&Told> for Heard {
-    fn from(told: &Told) -> Self {
-        Self {
-            begun: told.begun().to_vec(),
-            ended: told.ended().iter().map(|ended| ended.pair).collect(),
-            pairs: told.pairs().to_vec(),
-            is_resync: told.is_resync(),
-        }
-    }
-}
-
-impl Keeper {
-    fn ask(&mut self, steps: &[Step<'_>], want: Want, fate: Fate) -> Result<Heard, SceneError> {
-        let edit = Edit { steps };
-        let heard = match self {
-            Self::Cores(scene) => scene.edit(edit, want)?.into(),
-            Self::Gpu(scene) => scene.edit(edit, want)?.into(),
-        };
-        match self {
-            _ if fate != Fate::Taken => {}
-            Self::Cores(scene) => scene.take(),
-            Self::Gpu(scene) => scene.take(),
-        }
-        Ok(heard)
-    }
-}
-
-/// Scenes that the threads of a pool keep, or a GPU, where there are its tools. With `is_broken` a pair of most answers
-/// is lost, to test that the checks notice.
-pub(super) fn scenes(
-    name: String,
-    pool: Arc<ThreadPool>,
-    tools: Option<Arc<SceneTools>>,
-    is_broken: bool,
-) -> Subject {
-    let answer = move |case: &Case| {
-        let mut random = Random::new(case.seed ^ STREAM);
-        let mut scene = KeptScene::new(&mut random);
-        let mut keeper = match &tools {
-            None => Keeper::Cores(Scene::new(scene.options())),
-            Some(tools) => Keeper::Gpu(GpuScene::new(tools, scene.options())),
-        };
-        for _ in 0..3 + random.below(4) {
-            let edited = scene.edit(case, &mut random, |steps, want, fate| {
-                let ask = || keeper.ask(steps, want, fate);
-                let mut heard = case.flags.install(&pool, ask)?;
-                if is_broken {
-                    heard.begun.pop();
-                }
-                Ok((fate != Fate::Unread).then_some(heard))
-            });
-            match edited {
-                Ok(checked) => checked?,
-                Err(SceneError::Cull(CullError::TooCrowded { .. })) => return Ok(Reply::Declined),
-                Err(error) => return Err(Finding::other(&error)),
-            };
-        }
-        Ok(Reply::Right)
-    };
-    Subject { name, engine: "scenes", form: Form::Scene, answer: Box::new(answer) }
 }
 
 #[cfg(test)]
