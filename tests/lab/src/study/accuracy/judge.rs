@@ -8,19 +8,14 @@ use super::mode::PLAIN_F32;
 use super::rows::AccuracyRow;
 use crate::study::harness::plot::{Unit, pareto_front};
 
-/// Rows that answer the same question: of one scene, one size and one distance from the origin.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Setting<'a> {
-    /// Its rows, in the order in which they were measured.
-    pub rows: Vec<&'a AccuracyRow>,
-}
+/// Rows that answer the same question: of one scene, one size and one distance from the origin, in the order in which
+/// they were measured. Rows of f32 boxes do not belong to a setting far from the origin.
+pub type Setting<'a> = Vec<&'a AccuracyRow>;
 
-impl Setting<'_> {
-    pub fn title(&self) -> String {
-        let AccuracyRow { scene, n, offset, .. } = self.rows[0];
-        let far = offset.map_or_else(String::new, |x| format!(", {x:e} from the origin"));
-        format!("{scene}, {} boxes{far}", Unit::Count.text(f64::from(*n)))
-    }
+pub fn title(setting: &Setting<'_>) -> String {
+    let AccuracyRow { scene, n, offset, .. } = setting[0];
+    let far = offset.map_or_else(String::new, |x| format!(", {x:e} from the origin"));
+    format!("{scene}, {} boxes{far}", Unit::Count.text(f64::from(*n)))
 }
 
 /// Rows by setting: scenes in the order in which they were measured, then sizes, then distances.
@@ -34,7 +29,7 @@ pub fn settings(rows: &[AccuracyRow]) -> Vec<Setting<'_>> {
     let mut sorted: Vec<&AccuracyRow> = rows.iter().collect();
     sorted.sort_by(order);
     let settings = sorted.chunk_by(|a, b| order(a, b).is_eq());
-    settings.map(|rows| Setting { rows: rows.to_vec() }).collect()
+    settings.map(<[_]>::to_vec).collect()
 }
 
 /// Each value once, in the order of first occurrence.
@@ -96,16 +91,16 @@ fn verdict(mode: String, settings: &[Setting<'_>]) -> ModeVerdict {
         ModeVerdict { mode, settings: 0, disqualified: 0, on_front: 0, at: Vec::new() };
     for setting in settings {
         let is_its = |row: &AccuracyRow| row.mode_text() == verdict.mode;
-        if !setting.rows.iter().any(|row| is_its(row)) {
+        if !setting.iter().any(|row| is_its(row)) {
             continue;
         }
         let (runners, costs): (Vec<_>, Vec<_>) =
-            setting.rows.iter().filter_map(|row| Some((*row, costs(row)?))).unzip();
+            setting.iter().filter_map(|row| Some((*row, costs(row)?))).unzip();
         let wins = runners.iter().zip(pareto_front(&costs)).any(|(row, wins)| wins && is_its(row));
         verdict.settings += 1;
         verdict.disqualified += u64::from(!runners.iter().any(|row| is_its(row)));
         verdict.on_front += u64::from(wins);
-        verdict.at.extend(wins.then(|| setting.title()));
+        verdict.at.extend(wins.then(|| title(setting)));
     }
     verdict
 }
@@ -221,10 +216,10 @@ mod tests {
         let near = ("pile", 1000, None);
         let rows = [("pile", 10_000, None), far, ("cubes", 1000, None), near, near].map(of);
         let settings = settings(&rows);
-        let titles: Vec<String> = settings.iter().map(Setting::title).collect();
+        let titles: Vec<String> = settings.iter().map(title).collect();
         let far = "pile, 1K boxes, 1e9 from the origin";
         assert_eq!(titles, ["pile, 1K boxes", far, "pile, 10K boxes", "cubes, 1K boxes"]);
-        assert_eq!(settings[0].rows.len(), 2);
+        assert_eq!(settings[0].len(), 2);
     }
 
     #[test]

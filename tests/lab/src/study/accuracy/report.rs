@@ -2,7 +2,7 @@
 
 use serde_json::json;
 
-use super::judge::{ModeVerdict, Setting, in_order, modes, settings};
+use super::judge::{ModeVerdict, Setting, in_order, modes, settings, title};
 use super::rows::{AccuracyReport, AccuracyRow, AgainstBoxes, STAGES, ratio};
 use crate::study::harness::Report;
 use crate::study::harness::document::{Part, html};
@@ -214,9 +214,9 @@ fn verdicts(modes: &[ModeVerdict]) -> Table {
 }
 
 fn speed_against_error(setting: &Setting<'_>) -> Plot {
-    let rows: Vec<AccuracyRow> = setting.rows.iter().copied().cloned().collect();
+    let rows: Vec<AccuracyRow> = setting.iter().copied().cloned().collect();
     let plot = Plot::of(&readable(&rows), "error %", &["p50"], &["mode"], Look::Points);
-    Plot { title: setting.title(), ..plot.with_front() }
+    Plot { title: title(setting), ..plot.with_front() }
 }
 
 /// Exact frames of a scene over n, a line an engine, beside the papers'.

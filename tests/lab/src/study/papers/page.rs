@@ -95,28 +95,17 @@ impl PapersReport {
             sources,
         })
     }
-
-    fn made_of(&self) -> String {
-        let Machine { cpu, threads, commit, optimised, .. } = &self.machine;
-        if self.only_records {
-            return format!("Made of records alone; commit {commit}.");
-        }
-        let debug = if *optimised { "" } else { " The build is not optimised: times mean little." };
-        format!("This run: {cpu}, {threads} threads, commit {commit}.{debug}")
-    }
 }
 
 impl Report for PapersReport {
     const NAME: &'static str = "papers";
 
     fn parts(&self) -> Vec<Part> {
-        let mut parts = vec![
-            Part::heading(1, "The papers, theirs beside ours"),
-            Part::text(self.made_of()),
-            Part::text(format!("`{}`", self.machine.command)),
-            Part::Table(Table::of(&self.summary)),
-            Part::text(HOW_TO_READ.join(" ")),
-        ];
+        let made_of = if self.only_records { "Made of records alone, by:" } else { "This run:" };
+        let mut parts =
+            vec![Part::heading(1, "The papers, theirs beside ours"), Part::text(made_of)];
+        parts.extend(self.machine.parts());
+        parts.extend([Part::Table(Table::of(&self.summary)), Part::text(HOW_TO_READ.join(" "))]);
         for (title, sentences) in [
             ("What breaks", &self.breaks),
             ("What holds", &self.holds),
