@@ -106,10 +106,8 @@ impl Stress {
             gpu: self.options.gpu(config),
             sabotage: self.break_engine,
         };
-        let cases = match self.case {
-            Some(seed) => Cases::One { seed },
-            None => Cases::Run { seed: self.seed(), time: Duration::from_secs(self.seconds) },
-        };
+        let time = self.case.is_none().then(|| Duration::from_secs(self.seconds));
+        let cases = Cases { seed: self.case.unwrap_or_else(|| self.seed()), time };
         let mut subjects = roster.subjects()?;
         let bar = progress_bar(self.seconds, "hard scenes");
         let report = run(&cases, &mut subjects, |count, time| {

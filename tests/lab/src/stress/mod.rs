@@ -59,13 +59,11 @@ pub(crate) struct Subject {
 
 type Answering = dyn FnMut(&Case) -> Result<Reply, Finding>;
 
-/// The cases to run.
-#[derive(Clone, Debug)]
-pub(crate) enum Cases {
-    /// Case after case, until the time is over.
-    Run { seed: u64, time: Duration },
-    /// This case and no other.
-    One { seed: u64 },
+/// The cases to run: that of the seed, or with a time case after case of its stream, until the time is over.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Cases {
+    pub(crate) seed: u64,
+    pub(crate) time: Option<Duration>,
 }
 
 /// Runs cases through all subjects. `watch` is called after each case with the number of cases and
@@ -76,21 +74,18 @@ pub(crate) fn run(
     mut watch: impl FnMut(u64, Duration),
 ) -> StressReport {
     let start = Instant::now();
-    let (Cases::Run { seed, .. } | Cases::One { seed }) = *cases;
+    let Cases { seed, time } = *cases;
     let names = subjects.iter().map(|subject| subject.name.clone()).collect();
     let mut report = StressReport::new(seed, names);
-    match *cases {
-        Cases::One { seed } => ask(&Case::new(seed), subjects, &mut report),
-        Cases::Run { seed, time } => {
-            let mut seeds = Random::new(seed);
-            // At least one case runs: a run that checks nothing proves nothing.
-            loop {
-                ask(&Case::new(Case::next_seed(&mut seeds)), subjects, &mut report);
-                watch(report.cases, start.elapsed());
-                if start.elapsed() >= time || report.failures.len() >= MOST_FAILURES {
-                    break;
-                }
-            }
+    let mut seeds = Random::new(seed);
+    // At least one case runs: a run that checks nothing proves nothing.
+    loop {
+        let case = if time.is_some() { Case::next_seed(&mut seeds) } else { seed };
+        ask(&Case::new(case), subjects, &mut report);
+        watch(report.cases, start.elapsed());
+        let is_over = time.is_none_or(|time| start.elapsed() >= time);
+        if is_over || report.failures.len() >= MOST_FAILURES {
+            break;
         }
     }
     report.elapsed_ns = start.elapsed().as_nanos() as u64;

@@ -17,7 +17,7 @@ fn roster(engines: &[&str], mode: &str, sabotage: Option<Sabotage>) -> Roster {
 }
 
 fn run_for(seed: u64, ms: u64, subjects: &mut [Subject]) -> StressReport {
-    run(&Cases::Run { seed, time: Duration::from_millis(ms) }, subjects, |_, _| {})
+    run(&Cases { seed, time: Some(Duration::from_millis(ms)) }, subjects, |_, _| {})
 }
 
 /// Each kind of subject passes as it is, and is caught where it is broken; its case is given again.
@@ -53,7 +53,7 @@ fn right_subjects_pass_and_broken_ones_are_caught_and_replayed() {
             }
             None => assert!(["spheres", "updates"].contains(&engines[0]), "{report}"),
         }
-        let one = Cases::One { seed: failure.case };
+        let one = Cases { seed: failure.case, time: None };
         assert_eq!(&run(&one, &mut broken, |_, _| {}).failures[0], failure);
         assert!(run(&one, &mut sound, |_, _| {}).is_clean());
     }
@@ -84,12 +84,12 @@ fn what_is_left_to_others_is_counted_and_proves_nothing() {
         culls.subject("declines", form, Encoding::Sparse, &pool, false)
     };
     let mut subjects = vec![decliner(Form::Boxes), decliner(Form::Mode(modes::Usage::Q8))];
-    let report = run(&Cases::One { seed: 1 }, &mut subjects, |_, _| {});
+    let report = run(&Cases { seed: 1, time: None }, &mut subjects, |_, _| {});
     assert_eq!((report.answers, report.checked(), report.failures.len()), (2, 0, 0));
     assert!(!report.is_clean() && report.to_string().contains("nothing was checked"), "{report}");
 
     subjects.extend(roster(&["cpu-sap"], "all", None).subjects().expect("CPU engines"));
-    let report = run(&Cases::One { seed: 1 }, &mut subjects, |_, _| {});
+    let report = run(&Cases { seed: 1, time: None }, &mut subjects, |_, _| {});
     assert_eq!(report.checked(), report.answers - 2);
     let skipped: Vec<&str> = report.skipped.iter().map(|s| s.subject.as_str()).collect();
     assert_eq!(skipped, [&subjects[0].name, &subjects[1].name]);
@@ -99,7 +99,7 @@ fn what_is_left_to_others_is_counted_and_proves_nothing() {
 
 #[test]
 fn a_run_without_answers_is_not_clean() {
-    assert!(!run(&Cases::One { seed: 1 }, &mut [], |_, _| {}).is_clean());
+    assert!(!run(&Cases { seed: 1, time: None }, &mut [], |_, _| {}).is_clean());
     for (engine, mode) in [("spheres", "q16"), ("scenes", "all")] {
         let nobody = roster(&[engine], mode, None).subjects();
         assert!(nobody.is_err_and(|error| error.to_string().contains("nothing to run")));
@@ -117,7 +117,7 @@ fn engines_of_a_gpu_pass_in_every_mode_and_broken_ones_are_caught_and_replayed()
         run(cases, &mut subjects, |_, _| {})
     };
     for engine in [EngineName::GpuBrute, EngineName::GpuGrid] {
-        let report = stress(engine, None, &Cases::Run { seed: 5, time: Duration::from_secs(2) });
+        let report = stress(engine, None, &Cases { seed: 5, time: Some(Duration::from_secs(2)) });
         assert!(report.is_clean() && report.checked() == report.answers, "{report}");
         for mode in ["q16", "q8", "f16", "margin", "f64"] {
             assert!(report.subjects.iter().any(|name| name.contains(mode)), "{report:?}");
@@ -125,12 +125,12 @@ fn engines_of_a_gpu_pass_in_every_mode_and_broken_ones_are_caught_and_replayed()
     }
     for sabotage in [Sabotage::Lossy, Sabotage::Inward] {
         // Long enough for a software adapter to meet the broken part many times.
-        let cases = Cases::Run { seed: 6, time: Duration::from_secs(60) };
+        let cases = Cases { seed: 6, time: Some(Duration::from_secs(60)) };
         let report = stress(EngineName::GpuGrid, Some(sabotage), &cases);
         assert!(report.missed > 0 && report.extra == 0, "{report}");
         let failure = &report.failures[0];
         assert!(failure.replay.contains("--engine gpu-grid"), "{report}");
-        let again = Cases::One { seed: failure.case };
+        let again = Cases { seed: failure.case, time: None };
         assert!(!stress(EngineName::GpuGrid, Some(sabotage), &again).is_clean());
         assert!(stress(EngineName::GpuGrid, None, &again).is_clean());
     }

@@ -1,13 +1,11 @@
 //! Spheres on a GPU: frames a second beside the CPU's and the paper's, and pairs decided wrongly.
 
-use std::hint::black_box;
 use std::sync::Arc;
 use std::time::Duration;
 
-use pairmask_core::dispatch::{CullOptions, SphereEngines};
 use pairmask_core::engine::{CullError, CullInput, HeapReply};
 use pairmask_core::sphere::{Sphere, SphereAllPairs};
-use pairmask_core::{BoxCount, Encoding, EncodingChoice, PairIndex};
+use pairmask_core::{BoxCount, Encoding, PairIndex};
 use pairmaskd::execute::gpu::{AllPairs, AllPairsOptions, Gpu, Grid, GridOptions, SharedImports};
 use pairmaskd::scene::Random;
 use rayon::prelude::*;
@@ -16,7 +14,7 @@ use serde::Serialize;
 use super::families::{ALL, Family};
 use super::oracle::overlap;
 use super::papers_row;
-use super::speed::{frames_a_second, plain, scene};
+use super::speed::{engines_fps, frames_a_second, plain_fps, scene};
 use crate::Result;
 use crate::gpu_stages::shared::FrameSegments;
 use crate::study::harness::table::{Fields, row};
@@ -88,22 +86,10 @@ fn timed(gpu: &Arc<Gpu>, n: usize, budget: Duration, seed: u64) -> Result<Fields
         tests_a_second = Some(BoxCount::new(n as u32).pair_count() as f64 / (1e-9 * stage_ns));
     }
 
-    let (mut engines, mut heap) = (SphereEngines::new(), HeapReply::new());
-    let options =
-        CullOptions { encoding: EncodingChoice::Only(encoding), ..CullOptions::default() };
-    let mut by_cpu =
-        || engines.cull(&objects, &options, &mut heap).map(|answer| answer.report.pair_count);
-    let (cpu_fps, count) = timed(&mut by_cpu)?;
+    let (cpu_fps, count) = engines_fps(&objects, budget);
     counts.push(count);
-    let plain_fps = (n <= PLAIN_SPHERES).then(|| {
-        let mut found = Vec::new();
-        frames_a_second(budget, || {
-            found.clear();
-            plain(black_box(&objects), &mut found);
-        })
-    });
-    let [paper_sequential_fps, paper_parallel_fps, paper_speed_up] = papers_row(n);
-    Ok(row!(
+    let plain_fps = (n <= PLAIN_SPHERES).then(|| plain_fps(&objects, budget));
+    let mut row = row!(
         n: n as u64,
         pairs,
         is_right: counts.iter().all(|count| *count == pairs),
@@ -115,10 +101,9 @@ fn timed(gpu: &Arc<Gpu>, n: usize, budget: Duration, seed: u64) -> Result<Fields
         cpu_fps,
         plain_fps,
         speed_up: all_pairs_fps.zip(plain_fps).map(|(gpu, plain)| gpu / plain),
-        paper_sequential_fps,
-        paper_parallel_fps,
-        paper_speed_up,
-    ))
+    );
+    row.extend(papers_row(n));
+    Ok(row)
 }
 
 /// Pairs of a family that are culled together, as one scene of twice as many spheres: 499,500 pairs. The CPU

@@ -23,7 +23,7 @@ use serde::Serialize;
 use super::harness::Report;
 use super::harness::document::Part;
 use super::harness::machine::Machine;
-use super::harness::table::Fields;
+use super::harness::table::{Fields, row};
 use super::papers::figure;
 use crate::Result;
 
@@ -65,8 +65,13 @@ pub(crate) fn measure(
 }
 
 /// The paper's row for so many spheres: frames a second of the sequential and the parallel approach, speed-up.
-fn papers_row(n: usize) -> [Option<f64>; 3] {
-    ["sequential", "parallel", "speed_up"].map(|column| figure(&format!("spheres[n={n}].{column}")))
+fn papers_row(n: usize) -> Fields {
+    let of = |column: &str| figure(&format!("spheres[n={n}].{column}"));
+    row!(
+        paper_sequential_fps: of("sequential"),
+        paper_parallel_fps: of("parallel"),
+        paper_speed_up: of("speed_up"),
+    )
 }
 
 /// The JSON object of `spheres --json`. Fields may be added, never changed or taken away.
