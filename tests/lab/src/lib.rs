@@ -3,7 +3,7 @@
 //!
 //! ```text
 //! study       measurements beside the papers' figures, one folder a question
-//! gpu_stages  the GPU engines' stages, by the GPU's clock
+//! gpu_stages  engines of the GPU, stage by stage, for the studies
 //! stress      hard scenes, every engine and mode against the oracle
 //! sabotage    engines broken on purpose, to test that the checks notice
 //! processes   children that work at the same time
@@ -13,7 +13,7 @@
 //! Fields of reports are documented once, in `README.md`.
 
 pub mod cli;
-pub mod gpu_stages;
+mod gpu_stages;
 mod processes;
 pub mod sabotage;
 pub mod stress;

@@ -1,30 +1,56 @@
-//! Child processes that work at the same time: each says lines of JSON, may be told to begin, and ends when its
+//! Client processes that work at the same time: each says lines of JSON, may be told to begin, and ends when its
 //! stdin is closed.
 
 use std::io::{self, BufRead, BufReader, Write};
+use std::path::PathBuf;
 use std::process::{Child, ChildStdin, Command, Stdio};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 
+use pairmask::{Session, SessionBuilder};
+use pairmask_core::engine::AvailableIsa;
+use pairmask_transport::RuntimeDir;
 use rustix::process::{Signal, set_parent_process_death_signal};
-use serde::Serialize;
 use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
 
-/// A running child; killed when dropped.
-#[derive(Debug)]
-pub(crate) struct Worker {
-    child: Child,
-    orders: Option<ChildStdin>,
+use crate::cli::load;
+use crate::stress::clients;
+
+/// What a process is to do.
+#[derive(Serialize, Deserialize)]
+pub(crate) enum Work {
+    Load(load::ClientSettings),
+    Stress(clients::ClientSettings),
 }
 
-impl Worker {
-    /// Starts a process. `hear` gets each of its lines, and `None` after the last: half a line is the last one of
-    /// a killed process.
+/// The daemon of client processes, and their instruction set.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(crate) struct Daemon {
+    pub(crate) dir: PathBuf,
+    pub(crate) instance: String,
+    pub(crate) isa: String,
+}
+
+impl Daemon {
+    /// A session builder for it.
+    pub(crate) fn session(&self) -> SessionBuilder {
+        let isa = self.isa.parse().unwrap_or_else(|_| AvailableIsa::best());
+        Session::builder().runtime_dir(RuntimeDir::at(&self.dir)).instance(&self.instance).isa(isa)
+    }
+
+    /// Starts a client process. `hear` gets each of its lines, and `None` after the last: half a line is the last one
+    /// of a killed process.
     pub(crate) fn start<T: DeserializeOwned>(
-        mut command: Command,
+        &self,
+        work: &Work,
         mut hear: impl FnMut(Option<T>) + Send + 'static,
-    ) -> io::Result<Self> {
+    ) -> io::Result<Worker> {
+        let mut command = Command::new(std::env::current_exe()?);
+        command.args(["client", &serde_json::to_string(&(self, work))?]);
         let mut child = command.stdin(Stdio::piped()).stdout(Stdio::piped()).spawn()?;
         let (orders, said) = (child.stdin.take(), child.stdout.take());
-        let worker = Self { child, orders };
+        let worker = Worker { child, orders };
         let listen = move || {
             let lines = said.into_iter().flat_map(|said| BufReader::new(said).lines());
             let parsed = lines.map_while(|line| serde_json::from_str(&line.ok()?).ok());
@@ -34,7 +60,37 @@ impl Worker {
         std::thread::Builder::new().name("listener".into()).spawn(listen)?;
         Ok(worker)
     }
+}
 
+/// Does what the process that started this one has asked for.
+pub(crate) fn work(job: &str) -> io::Result<()> {
+    let (daemon, work): (Daemon, Work) = serde_json::from_str(job)?;
+    // Nobody hears what it says without a parent.
+    set_parent_process_death_signal(Some(Signal::KILL))?;
+    match work {
+        Work::Load(settings) => settings.run(daemon.session()),
+        Work::Stress(settings) => {
+            let is_over = Arc::new(AtomicBool::new(false));
+            let ends = Arc::clone(&is_over);
+            std::thread::Builder::new().name("orders".into()).spawn(move || {
+                // There are no orders but the end of them.
+                let _ = io::copy(&mut io::stdin(), &mut io::sink());
+                ends.store(true, Ordering::Relaxed);
+            })?;
+            settings.run(&daemon.session(), &is_over);
+        }
+    }
+    Ok(())
+}
+
+/// A running child; killed when dropped.
+#[derive(Debug)]
+pub(crate) struct Worker {
+    child: Child,
+    orders: Option<ChildStdin>,
+}
+
+impl Worker {
     /// Tells the process to begin. One that has died is noticed by what it does not say.
     pub(crate) fn begin(&mut self) {
         if let Some(orders) = &mut self.orders {
@@ -55,19 +111,14 @@ impl Drop for Worker {
     }
 }
 
-/// Lets this child end with the process that started it: there is nobody to tell then.
-pub(crate) fn end_with_parent() -> io::Result<()> {
-    Ok(set_parent_process_death_signal(Some(Signal::KILL))?)
-}
-
-/// Says a line to the process that started this child.
-pub(crate) fn tell(said: &impl Serialize) -> io::Result<()> {
+/// Says a line to the process that started this child, which is there as long as this one is.
+pub(crate) fn tell(said: &impl Serialize) {
     let mut out = io::stdout().lock();
-    writeln!(out, "{}", serde_json::to_string(said)?)?;
-    out.flush()
+    let _ = writeln!(out, "{}", serde_json::to_string(said).unwrap_or_default());
+    let _ = out.flush();
 }
 
 /// Waits until this child is told to begin; `false`: to end.
-pub(crate) fn is_told_to_begin() -> io::Result<bool> {
-    Ok(io::stdin().lock().read_line(&mut String::new())? > 0)
+pub(crate) fn is_told_to_begin() -> bool {
+    io::stdin().lock().read_line(&mut String::new()).is_ok_and(|bytes| bytes > 0)
 }

@@ -1,8 +1,5 @@
 //! `accuracy`: run time against error, row by row.
 
-use std::fs;
-use std::num::NonZeroU32;
-use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use clap::Args;
@@ -15,16 +12,14 @@ use pairmaskd::cli::output::{print_text, progress_bar};
 use pairmaskd::cli::target::Target;
 use pairmaskd::cli::whole_number::whole_number;
 use pairmaskd::execute::gpu::{GpuChoice, choose, list_adapters};
-use pairmaskd::file_error::{Access, FileError};
 use pairmaskd::scene::SceneName;
 
 use super::studies::Output;
 use crate::Result;
-use crate::study::accuracy::judge::{Assertion, Pareto, regressions};
+use crate::study::accuracy::judge::{Assertion, Pareto};
 use crate::study::accuracy::measure::{self, Lengths, Subject};
 use crate::study::accuracy::mode::StudyMode;
 use crate::study::accuracy::rows::AccuracyReport;
-use crate::study::accuracy::variants::{self, Ways};
 use crate::study::harness::machine::Machine;
 
 /// Spin time of both sides. Longer than any pause between two frames, so that no thread sleeps.
@@ -44,9 +39,8 @@ Modes beside those of a session:
                          pairs of spheres, and with the boxes' pairs apart
   spheres=inscribed      spheres within the boxes
 
-Below the rows stand the modes that are on the Pareto front of time, extra pairs and bytes up, and
-those that are nowhere on it; then the papers' ways to turn a pair's number into the pair (--mapping):
-time and wrong pairs at every n. None of those serves a client.
+Above the rows stands what each mode costs, and where it is on the Pareto front of time, extra pairs and
+bytes up.
 
 --assert takes limits that every row but plain-f32's has to keep, and the exit status is 1 where one does not:
 FIGURE=X, FIGURE<X or FIGURE<=X with the figures missed, extra, extra_ratio, p50, p99 (of whole
@@ -54,9 +48,9 @@ frames), bytes_up, bytes_down, memory and the units ns, us, ms, s, %, KiB, MiB, 
 
 Examples:
   pairmask-lab accuracy --scene uniform,pile --n 10000,100000
-  pairmask-lab accuracy --n 1000 --mapping none --assert 'missed=0,p99<2ms'
-  pairmask-lab accuracy --precision f64=1e6,plain-f32=1e6 --mapping none
-  pairmask-lab accuracy --out before; ...; pairmask-lab accuracy --compare before/accuracy.json")]
+  pairmask-lab accuracy --n 1000 --assert 'missed=0,p99<2ms'
+  pairmask-lab accuracy --precision f64=1e6,plain-f32=1e6
+  pairmask-lab accuracy --out report")]
 pub struct Accuracy {
     #[command(flatten)]
     options: CullFlags,
@@ -80,37 +74,22 @@ pub struct Accuracy {
     /// Engines, a row each, in place of --engine
     #[arg(long, value_name = "NAME,..", value_delimiter = ',')]
     engines: Vec<EngineChoice>,
-    /// Frames that are timed
-    #[arg(long, value_parser = whole_number::<NonZeroU32>, value_name = "N", default_value = "100")]
-    frames: NonZeroU32,
-    /// Frames before those
-    #[arg(long, value_parser = whole_number::<u32>, value_name = "N", default_value_t = 10)]
-    warm_up: u32,
-    /// Timed frames whose pairs are compared with the exact ones, after the clock has stopped
-    #[arg(long, value_parser = whole_number::<u32>, value_name = "N", default_value_t = 4)]
-    checked: u32,
+    #[command(flatten)]
+    lengths: Lengths,
     /// Seed of the scenes
     #[arg(long, value_parser = whole_number::<u64>, value_name = "N", default_value_t = 1)]
     seed: u64,
     /// Limits that every row has to keep, such as 'missed=0,p99<2ms'
     #[arg(long, value_name = "LIMITS")]
     assert: Option<Assertion>,
-    /// Say what is slower or wronger than in this report
-    #[arg(long, value_name = "OLD.json")]
-    compare: Option<PathBuf>,
-    /// Ways to turn a pair's number into the pair: all, none, or names
-    #[arg(long, value_name = "NAME,..", value_delimiter = ',', default_value = "all")]
-    mapping: Vec<Ways>,
     #[command(flatten)]
     output: Output,
 }
 
 impl Accuracy {
-    /// Measures every row, writes the report, and checks it against limits and the old report. `--out` writes
-    /// accuracy.json, accuracy.csv, mapping.csv and report.html.
+    /// Measures every row, writes the report, and checks it against limits. `--out` writes accuracy.json,
+    /// accuracy.csv and report.html.
     pub fn run(&self, place: &Place, config: &Config) -> Result<()> {
-        // Read before the measurement, so that a wrong file fails at once.
-        let old = self.compare.as_deref().map(read_report).transpose()?;
         let subjects = self.subjects(config);
         if subjects.is_empty() {
             return Err("no row: every engine asked for would take too long on every scene".into());
@@ -120,30 +99,19 @@ impl Accuracy {
             || progress_bar(steps, "rows"),
             |progress| self.measure(&subjects, progress, place, config),
         )?;
-        if let (Some(old), Some(path)) = (&old, &self.compare) {
-            let alien = "and this report have no row in common: compare like with like";
-            let lines = regressions(&report, old);
-            let lines = lines.ok_or_else(|| format!("{} {alien}", path.display()))?;
-            self.say("worse", &lines)?;
-        }
         let failures = self.assert.as_ref().map(|a| a.failures(&report.rows)).unwrap_or_default();
-        self.say("not kept", &failures)?;
+        for failure in &failures {
+            // Below the table, or on stderr where stdout is for programs.
+            if self.output.is_for_programs() {
+                log::warn!("not kept: {failure}");
+            } else {
+                print_text(&format!("not kept: {failure}"))?;
+            }
+        }
         let count = failures.len();
         failures.first().map_or(Ok(()), |first| {
             Err(format!("{count} limits are not kept, the first: {first}").into())
         })
-    }
-
-    /// Prints lines beside the report: below the table, or on stderr where stdout is for programs.
-    fn say(&self, what: &str, lines: &[String]) -> Result<()> {
-        for line in lines {
-            if self.output.is_for_programs() {
-                log::warn!("{what}: {line}");
-            } else {
-                print_text(&format!("{what}: {line}"))?;
-            }
-        }
-        Ok(())
     }
 
     fn subjects(&self, config: &Config) -> Vec<Subject> {
@@ -173,22 +141,17 @@ impl Accuracy {
         place: &Place,
         config: &Config,
     ) -> Result<AccuracyReport> {
-        let gpu = self.daemon.gpu(config);
-        let machine = machine(&gpu);
+        let machine = machine(&self.daemon.gpu(config));
         let target = Target::new(&self.options, &self.daemon, SPIN, place, config)?;
-        let lengths =
-            Lengths { warm_up: self.warm_up, frames: self.frames.get(), checked: self.checked };
         let mut rows = Vec::new();
         for subject in subjects {
             let builder = self.options.session(place, config).engine(subject.options.engine);
             let builder = target.session(builder, SPIN).capacity(BoxCount::new(subject.n));
             let memory_bytes = || target.memory_bytes();
-            rows.push(measure::row(builder.connect()?, subject, &lengths, memory_bytes)?);
+            rows.push(measure::row(builder.connect()?, subject, &self.lengths, memory_bytes)?);
             progress.inc(1);
         }
-        progress.set_message("mapping functions");
-        let variants = variants::measure(&self.mapping, &self.n, &gpu)?;
-        Ok(AccuracyReport { machine, seed: self.seed, pareto: Pareto::of(&rows), rows, variants })
+        Ok(AccuracyReport { machine, seed: self.seed, pareto: Pareto::of(&rows), rows })
     }
 }
 
@@ -198,10 +161,4 @@ fn machine(choice: &GpuChoice) -> Machine {
     // GPU is used.
     let adapters = if *choice == GpuChoice::None { Vec::new() } else { list_adapters() };
     Machine::here(choose(choice, &adapters).and_then(|at| adapters.get(at)))
-}
-
-fn read_report(path: &Path) -> Result<AccuracyReport> {
-    let text = fs::read_to_string(path).map_err(FileError::of(path, Access::Read))?;
-    let alien = |error| format!("{} is no report of `accuracy --json`: {error}", path.display());
-    Ok(serde_json::from_str(&text).map_err(alien)?)
 }

@@ -55,6 +55,6 @@ impl Chart {
         }
         let of = |name: &str| report["machine"][name].as_str().unwrap_or_default();
         let lines = [format!("{}; commit {}", of("cpu"), of("commit")), of("command").to_owned()];
-        Ok(print_text(standalone(&file.display().to_string(), &lines, &[plot]).trim_end())?)
+        Ok(print_text(standalone(&file.display().to_string(), &lines, &plot).trim_end())?)
     }
 }

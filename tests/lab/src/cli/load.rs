@@ -3,17 +3,15 @@
 //! processes are two ends of one protocol.
 
 use std::fmt;
-use std::io;
 use std::num::{NonZeroU32, NonZeroUsize};
 use std::path::PathBuf;
-use std::process::Command;
 use std::str::FromStr;
 use std::sync::mpsc::{Receiver, channel};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
 use clap::Args;
-use pairmask::Backend;
+use pairmask::{Backend, SessionBuilder};
 use pairmask_core::BoxCount;
 use pairmask_core::spinner::Spinner;
 use pairmaskd::cli::bench::{BenchError, Figures, LatencyRow, SEED, Wait, threads_of};
@@ -21,7 +19,7 @@ use pairmaskd::cli::config::Config;
 use pairmaskd::cli::daemon_cpu::DaemonCpu;
 use pairmaskd::cli::machine::Machine;
 use pairmaskd::cli::options::{CullFlags, DaemonOptions, Place};
-use pairmaskd::cli::output::{print_json, print_text, spinner};
+use pairmaskd::cli::output::spinner;
 use pairmaskd::cli::percentiles::{Percentiles, Recorder};
 use pairmaskd::cli::raw_objects::RawBoxes;
 use pairmaskd::cli::target::{DEADLINE, Target};
@@ -31,8 +29,12 @@ use pairmaskd::scene::{Scene, SceneName};
 use pairmaskd::timed_client::TimedClient;
 use serde::{Deserialize, Serialize};
 
+use super::studies::Output;
 use crate::Result;
-use crate::processes::{Worker, end_with_parent, is_told_to_begin, tell};
+use crate::processes::{Daemon, Work, Worker, is_told_to_begin, tell};
+use crate::study::harness::Report;
+use crate::study::harness::document::Part;
+use crate::study::harness::table::{Fields, Table, row};
 
 /// The highest rate, Hz: a frame every 10 µs, which is shorter than any frame.
 const MOST_HERTZ: u32 = 100_000;
@@ -56,7 +58,7 @@ const AWAKE_BEFORE: Duration = Duration::from_micros(300);
 Clients are processes that start together, each with a session and a moving scene of its own. The stages of
 a frame are those of `pairmaskd bench latency`. A frame of a paced client is due at its time, and `from due`
 counts from then: after a stall, the frames that were due meanwhile count their waiting too. Each row says
-what the daemon used of a core, and the last line what it uses while its clients send nothing.
+what the daemon used of a core, and the last table what it uses while its clients send nothing.
 
 Examples:
   pairmask-lab load --rate closed,60,240,1000 --n 1000,10000
@@ -75,7 +77,7 @@ pub struct Load {
     scene: Option<PathBuf>,
     /// Frames a second of each client, due at their times whatever became of those before; `closed`
     /// sends each when the one before is done
-    #[arg(long, value_name = "HZ,..", value_delimiter = ',', default_values_t = [Rate(None)])]
+    #[arg(long, value_name = "HZ,..", value_delimiter = ',', default_value = "closed")]
     rate: Vec<Rate>,
     /// Client processes at a time, each with a session of its own
     #[arg(long, value_parser = client_count, value_name = "N,..", value_delimiter = ',', default_values_t = [1])]
@@ -95,9 +97,8 @@ pub struct Load {
     /// How clients and daemon wait for each other: spin, event, or serve, as they do by themselves
     #[arg(long, value_name = "HOW,..", value_delimiter = ',', default_values_t = [Wait::Serve])]
     wait: Vec<Wait>,
-    /// Print one JSON object
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    output: Output,
 }
 
 /// Frames a second of one client; `None`: each frame when the one before it is done.
@@ -168,16 +169,9 @@ const NO_FRAME: &str = "no frame began within the measured time: give more --sec
 struct LoadReport {
     machine: Machine,
     rows: Vec<LoadRow>,
+    /// The daemon whose clients send nothing.
     #[serde(skip_serializing_if = "Vec::is_empty")]
-    idle: Vec<IdleRow>,
-}
-
-/// A daemon whose clients send nothing.
-#[derive(Debug, Serialize)]
-struct IdleRow {
-    wait: String,
-    clients: u32,
-    daemon_cpu_percent: f64,
+    idle: Vec<Fields>,
 }
 
 /// The clients of one size.
@@ -194,9 +188,29 @@ struct LoadRow {
     from_due_ns: Percentiles,
 }
 
+/// Columns for a terminal.
+const COLUMNS: &str = "n,backend,wait,engine,precision,rate,clients,clients_in_all,frames_per_second,\
+    late_frames,from_due_ns.p99,total_ns.p50,total_ns.p99,round_trip_ns.p50,round_trip_ns.p99,\
+    worst_client_p50_ns,daemon_cpu_percent";
+
+impl Report for LoadReport {
+    const NAME: &'static str = "load";
+
+    fn parts(&self) -> Vec<Part> {
+        let mut parts = vec![Part::heading(1, "Load"), Part::text(self.machine.to_string())];
+        parts.extend(Part::section_of("Frames", "", Table::of(&self.rows).only(COLUMNS)));
+        parts.extend(Part::section("Clients that send nothing", "", &self.idle));
+        parts
+    }
+}
+
 /// What a client process gets.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-struct ClientSettings {
+pub(crate) struct ClientSettings {
+    backend: String,
+    engine: String,
+    encoding: String,
+    threads: Option<usize>,
     n: u32,
     scene: Option<PathBuf>,
     /// Which of the clients this is: each has a scene of its own.
@@ -230,73 +244,93 @@ struct Paced {
 }
 
 impl Load {
-    /// Measures a row for every wait, rate, size, number of clients and precision, and prints them.
+    /// Measures a row for every wait, rate, size, number of clients and precision.
     pub fn run(&self, place: &Place, config: &Config) -> Result<()> {
         let clients = self.mix.iter().map(|group| group.clients).sum();
         if clients > MOST_CLIENTS {
             return Err(TooManyClients(clients).into());
         }
-        let (mut rows, mut idle) = (Vec::new(), Vec::new());
         let sizes = match &self.scene {
             Some(path) => vec![u32::try_from(RawBoxes::open(path)?.count()).unwrap_or(u32::MAX)],
             None => self.n.clone(),
         };
         let groups = self.groups(&sizes);
-        let of_rate = |rate| groups.iter().map(move |groups| (rate, groups));
-        let each = self.rate.iter().flat_map(|rate| of_rate(*rate));
-        let runs: Vec<_> = each
-            .flat_map(|(rate, groups)| self.precision.iter().map(move |p| (rate, groups, *p)))
-            .collect();
-        let most = runs.iter().map(|(_, groups, _)| all_of(groups)).max().unwrap_or(1);
-        let warm_up_ms = self.seconds.get().saturating_mul(1000) / WARM_UP_SHARE;
-        for wait in &self.wait {
-            let (options, spin) = (&self.options, wait.spin());
-            let target = Target::for_clients(options, &self.daemon, spin, most, place, config)?;
-            let command = self.client(&target, place, config)?;
-            for (i, (rate, groups, precision)) in runs.iter().enumerate() {
-                let progress = spinner(&format!("{} of {}", i + 1, runs.len()));
-                let settings = ClientSettings {
-                    n: 0,
-                    scene: self.scene.clone(),
-                    index: 0,
-                    rate: *rate,
-                    precision: precision.to_string(),
-                    wait: wait.to_string(),
-                    decode_threads: self.decode_threads,
-                    warm_up_ms: warm_up_ms.max(LEAST_WARM_UP_MS),
-                    seconds: self.seconds,
-                };
-                let is_last = i + 1 == runs.len();
-                let daemon = target.cpu();
-                let ran = Ran::new(groups, &settings, &command, daemon.as_ref(), is_last)?;
-                progress.finish_and_clear();
-                idle.extend(ran.idle_percent.map(|daemon_cpu_percent| IdleRow {
-                    wait: wait.to_string(),
-                    clients: all_of(groups),
-                    daemon_cpu_percent,
-                }));
-                let mut measured = ran.clients.into_iter();
-                for group in *groups {
-                    let (n, threads) = (group.n, self.decode_threads.get());
-                    let of_group = measured.by_ref().take(group.clients as usize);
-                    let (sum, worst_client_p50_ns) = together(of_group)?;
-                    let Paced { figures, frames_per_second, late_frames, from_due } = sum;
-                    let used = ran.daemon_percent;
-                    rows.push(LoadRow {
-                        row: LatencyRow::new(n, *precision, *wait, threads, &figures, used),
-                        rate: rate.to_string(),
-                        clients: group.clients,
-                        clients_in_all: all_of(groups),
-                        frames_per_second: (frames_per_second * 10.0).round() / 10.0,
-                        worst_client_p50_ns,
-                        late_frames,
-                        from_due_ns: from_due.percentiles(),
-                    });
-                }
+        let mut runs = Vec::new();
+        for rate in &self.rate {
+            for groups in &groups {
+                runs.extend(
+                    self.precision.iter().map(|precision| (*rate, &groups[..], *precision)),
+                );
             }
         }
-        let report = LoadReport { machine: Machine::this(), rows, idle };
-        if self.json { print_json(&report) } else { print_text(&report.to_string()) }?;
+        let measure = |_: &_| {
+            let mut report =
+                LoadReport { machine: Machine::this(), rows: Vec::new(), idle: Vec::new() };
+            for wait in &self.wait {
+                self.measure(&mut report, *wait, &runs, place, config)?;
+            }
+            Ok(report)
+        };
+        self.output.of(|| spinner("measuring"), measure).map(drop)
+    }
+
+    /// The rows of a way to wait.
+    fn measure(
+        &self,
+        report: &mut LoadReport,
+        wait: Wait,
+        runs: &[(Rate, &[Group], PrecisionChoice)],
+        place: &Place,
+        config: &Config,
+    ) -> Result<()> {
+        let most = runs.iter().map(|(_, groups, _)| all_of(groups)).max().unwrap_or(1);
+        let (options, threads) = (&self.options, self.decode_threads.get());
+        let target = Target::for_clients(options, &self.daemon, wait.spin(), most, place, config)?;
+        let at = Daemon {
+            dir: target.dir.path().to_owned(),
+            instance: target.instance.to_string(),
+            isa: place.isa(config).to_string(),
+        };
+        let cull = options.cull_options(config);
+        let warm_up_ms = self.seconds.get().saturating_mul(1000) / WARM_UP_SHARE;
+        for (i, (rate, groups, precision)) in runs.iter().enumerate() {
+            let settings = ClientSettings {
+                backend: options.backend(config, Backend::Daemon).to_string(),
+                engine: cull.engine.to_string(),
+                encoding: cull.encoding.to_string(),
+                threads: cull.threads,
+                n: 0,
+                scene: self.scene.clone(),
+                index: 0,
+                rate: *rate,
+                precision: precision.to_string(),
+                wait: wait.to_string(),
+                decode_threads: self.decode_threads,
+                warm_up_ms: warm_up_ms.max(LEAST_WARM_UP_MS),
+                seconds: self.seconds,
+            };
+            let is_last = i + 1 == runs.len();
+            let ran = Ran::new(groups, &settings, &at, target.cpu().as_ref(), is_last)?;
+            let (clients_in_all, used) = (all_of(groups), ran.daemon_percent);
+            report.idle.extend(ran.idle_percent.map(|daemon_cpu_percent| {
+                row!(wait: wait.to_string(), clients: clients_in_all, daemon_cpu_percent)
+            }));
+            let mut measured = ran.clients.into_iter();
+            for Group { n, clients } in *groups {
+                let (sum, worst_client_p50_ns) =
+                    together(measured.by_ref().take(*clients as usize))?;
+                report.rows.push(LoadRow {
+                    row: LatencyRow::new(*n, *precision, wait, threads, &sum.figures, used),
+                    rate: rate.to_string(),
+                    clients: *clients,
+                    clients_in_all,
+                    frames_per_second: (sum.frames_per_second * 10.0).round() / 10.0,
+                    worst_client_p50_ns,
+                    late_frames: sum.late_frames,
+                    from_due_ns: sum.from_due.percentiles(),
+                });
+            }
+        }
         Ok(())
     }
 
@@ -310,36 +344,6 @@ impl Load {
             self.clients.iter().map(group).collect::<Vec<_>>()
         };
         sizes.iter().flat_map(alike).collect()
-    }
-
-    /// The command of a client process, but for its settings.
-    fn client(
-        &self,
-        target: &Target,
-        place: &Place,
-        config: &Config,
-    ) -> Result<impl Fn() -> Command> {
-        let options = self.options.cull_options(config);
-        let mut words: Vec<String> = vec!["load-client".to_owned()];
-        for (flag, value) in [
-            ("--config", "/dev/null".to_owned()),
-            ("--instance", target.instance.to_string()),
-            ("--isa", place.isa(config).to_string()),
-            ("--backend", self.options.backend(config, Backend::Daemon).to_string()),
-            ("--engine", options.engine.to_string()),
-            ("--encoding", options.encoding.to_string()),
-        ] {
-            words.extend([flag.to_owned(), value]);
-        }
-        if let Some(threads) = options.threads {
-            words.extend(["--threads".to_owned(), threads.to_string()]);
-        }
-        let (binary, dir) = (std::env::current_exe()?, target.dir.path().to_owned());
-        Ok(move || {
-            let mut command = Command::new(&binary);
-            command.args(&words).arg("--runtime-dir").arg(&dir);
-            command
-        })
     }
 }
 
@@ -362,7 +366,7 @@ impl Ran {
     fn new(
         groups: &[Group],
         settings: &ClientSettings,
-        command: impl Fn() -> Command,
+        at: &Daemon,
         daemon: Option<&DaemonCpu>,
         with_idle: bool,
     ) -> Result<Self> {
@@ -374,13 +378,10 @@ impl Ran {
         let sizes = groups.iter().flat_map(|g| std::iter::repeat_n(g.n, g.clients as usize));
         let mut clients: Vec<(Worker, Receiver<Option<Said>>)> = Vec::new();
         for (index, n) in (0..).zip(sizes) {
-            let mut command = command();
-            let settings = ClientSettings { n, index, ..settings.clone() };
-            command.arg(serde_json::to_string(&settings).map_err(io::Error::from)?);
+            let work = Work::Load(ClientSettings { n, index, ..settings.clone() });
             let (heard, ears) = channel();
             // Nobody hears what a client says after the run.
-            let hear = move |said| drop(heard.send(said));
-            clients.push((Worker::start(command, hear)?, ears));
+            clients.push((at.start(&work, move |said| drop(heard.send(said)))?, ears));
         }
         for (_, ears) in &clients {
             hear(ears, |said| matches!(said, Said::Ready).then_some(()))?;
@@ -430,73 +431,62 @@ fn together(mut clients: impl Iterator<Item = Paced>) -> Result<(Paced, u64)> {
     Ok((sum, worst))
 }
 
-/// A client process of `load`.
-#[derive(Debug, Args)]
-pub struct LoadClient {
-    #[command(flatten)]
-    options: CullFlags,
-    /// Its settings as JSON.
-    settings: String,
-}
-
-impl LoadClient {
+impl ClientSettings {
     /// Connects, says so, waits for the start, measures, tells the figures, and stays connected until
     /// stdin ends. A failure is told to the parent, which says why the measurement failed.
-    pub fn run(&self, place: &Place, config: &Config) -> Result<()> {
-        end_with_parent()?;
-        let said = match self.measure(place, config) {
+    pub(crate) fn run(&self, builder: SessionBuilder) {
+        let said = match self.measure(builder) {
             Ok(Some(paced)) => Said::Done(Box::new(paced)),
-            Ok(None) => return Ok(()),
+            Ok(None) => return,
             Err(error) => Said::Failed(error.to_string()),
         };
-        tell(&said)?;
-        is_told_to_begin()?;
-        Ok(())
+        tell(&said);
+        is_told_to_begin();
     }
 
     /// `None` where the parent gave up before the start.
-    fn measure(&self, place: &Place, config: &Config) -> Result<Option<Paced>> {
-        let settings: ClientSettings =
-            serde_json::from_str(&self.settings).map_err(io::Error::from)?;
+    fn measure(&self, mut builder: SessionBuilder) -> Result<Option<Paced>> {
         // Names that the parent has written.
-        let wait: Wait = settings.wait.parse().unwrap_or(Wait::Serve);
-        let precision = settings.precision.parse().unwrap_or(PrecisionChoice::Exact);
-        let seed = SEED + u64::from(settings.index);
-        let mut scene = match &settings.scene {
+        let wait: Wait = self.wait.parse().unwrap_or(Wait::Serve);
+        let precision = self.precision.parse().unwrap_or(PrecisionChoice::Exact);
+        let seed = SEED + u64::from(self.index);
+        let mut scene = match &self.scene {
             Some(path) => Scene::from_boxes(RawBoxes::open(path)?.read()?, seed),
-            None => Scene::new(SceneName::Uniform, settings.n as usize, seed),
+            None => Scene::new(SceneName::Uniform, self.n as usize, seed),
         };
         let n = u32::try_from(scene.boxes().len()).unwrap_or(u32::MAX);
-        let session = self
-            .options
-            .session(place, config)
-            .runtime_dir(place.runtime_dir(config))
-            .instance(place.instance(config).as_str())
-            .backend(self.options.backend(config, Backend::Daemon))
+        if let Some(threads) = self.threads {
+            builder = builder.threads(threads);
+        }
+        let session = builder
+            .backend(self.backend.parse().unwrap_or(Backend::Daemon))
+            .engine(self.engine.parse().unwrap_or_default())
+            .encoding(self.encoding.parse().unwrap_or_default())
+            .answer_repeats(false)
             .spin(wait.spin())
             .deadline(DEADLINE)
             .capacity(BoxCount::new(n))
-            .visit_threads(settings.decode_threads.get())
+            .visit_threads(self.decode_threads.get())
             .connect()
             .map_err(BenchError::from)?;
-        let mut decoding = threads_of(settings.decode_threads)?;
+        let mut decoding = threads_of(self.decode_threads)?;
         let mut client = TimedClient::new(session, precision, scene.boxes());
         // The backend of this frame has to serve all frames. It touches all memory too.
         let first = client.frame_decoded(scene.boxes(), &mut decoding, |_| ());
         let mut figures = Figures::of(&first.map_err(BenchError::from)?.info);
-        tell(&Said::Ready)?;
-        if !is_told_to_begin()? {
+        tell(&Said::Ready);
+        if !is_told_to_begin() {
             return Ok(None);
         }
         let (mut late_frames, mut from_due) = (0, Recorder::new());
         let start = Instant::now();
-        let from = start + Duration::from_millis(settings.warm_up_ms.into());
-        let until = from + Duration::from_secs(settings.seconds.get().into());
+        let from = start + Duration::from_millis(self.warm_up_ms.into());
+        let until = from + Duration::from_secs(self.seconds.get().into());
         let mut last_done = from;
         for frame in 0.. {
             scene.step();
             let asked = Instant::now();
-            let due = settings.rate.0.map(|hertz| start + due(frame, hertz));
+            let due = self.rate.0.map(|hertz| start + due(frame, hertz));
             let begins = due.unwrap_or(asked);
             if begins >= until {
                 break;
@@ -543,38 +533,6 @@ fn await_time(at: Instant) {
     let mut spinner = Spinner::default();
     while Instant::now() < at {
         spinner.turn();
-    }
-}
-
-impl fmt::Display for LoadReport {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}", self.machine)?;
-        self.rows.iter().try_for_each(|row| write!(f, "\n\n{row}"))?;
-        for IdleRow { wait, clients, daemon_cpu_percent } in &self.idle {
-            let them = if *clients == 1 { "client sends" } else { "clients send" };
-            write!(f, "\n\nidle ({wait}): while {clients} {them} nothing, the daemon uses ")?;
-            write!(f, "{daemon_cpu_percent} % of a core")?;
-        }
-        Ok(())
-    }
-}
-
-impl fmt::Display for LoadRow {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { rate, clients, clients_in_all, frames_per_second, late_frames, .. } = self;
-        let is_paced = self.from_due_ns.max > 0;
-        let them = if *clients == 1 { "client" } else { "clients" };
-        let pace = if is_paced {
-            format!("at {rate} Hz, {late_frames} frames late")
-        } else {
-            "in a closed loop".to_owned()
-        };
-        let worst = self.worst_client_p50_ns as f64 / 1e3;
-        let more = format!(
-            "\n{clients} {them} of {clients_in_all} {pace}; {frames_per_second} frames a second in all; \
-             worst client's median round trip {worst:.2} µs"
-        );
-        self.row.write(f, &more, is_paced.then_some(("from due", &self.from_due_ns)))
     }
 }
 

@@ -5,12 +5,10 @@
 
 mod accuracy;
 mod chart;
-mod load;
+pub(crate) mod load;
 mod stress;
 mod studies;
 
-use std::error::Error;
-use std::fmt;
 use std::process::ExitCode;
 
 use clap::{CommandFactory, Parser, Subcommand};
@@ -23,7 +21,7 @@ use pairmaskd::cli::{build, output, program, serve};
 use pairmaskd::serve::ServeError;
 use pairmaskd::spawn::SpawnError;
 
-use crate::Fault;
+use crate::{Fault, processes};
 
 /// Measures and stresses the engines of pairmask.
 #[derive(Debug, Parser)]
@@ -55,12 +53,8 @@ Exit status: 0 done; 1 it failed or a check failed; 2 the command line or config
 #[derive(Debug, Subcommand)]
 enum Command {
     Stress(stress::Stress),
-    #[command(hide = true)]
-    StressClient(stress::StressClient),
     Accuracy(accuracy::Accuracy),
     Load(load::Load),
-    #[command(hide = true)]
-    LoadClient(load::LoadClient),
     Mapping(studies::Mapping),
     Grid(studies::Grid),
     GpuScene(studies::GpuSceneBench),
@@ -69,6 +63,12 @@ enum Command {
     Spheres(studies::Spheres),
     Papers(studies::Papers),
     Chart(chart::Chart),
+    /// A client process of `load` and `stress`.
+    #[command(hide = true)]
+    Client {
+        /// What it does, as JSON.
+        job: String,
+    },
     /// The daemon of a measurement: that of `pairmaskd`.
     #[command(hide = true)]
     Serve(serve::Serve),
@@ -106,9 +106,7 @@ fn run(Cli { place, command }: &Cli) -> crate::Result<()> {
         if command.reads_config() { Config::load(place.config_file())? } else { Config::default() };
     match command {
         Command::Stress(stress) => stress.run(place, &config),
-        Command::StressClient(client) => client.run(place),
         Command::Load(load) => load.run(place, &config),
-        Command::LoadClient(client) => client.run(place, &config),
         Command::Accuracy(accuracy) => accuracy.run(place, &config),
         Command::Mapping(mapping) => mapping.run(&config),
         Command::Grid(grid) => grid.run(&config),
@@ -118,6 +116,7 @@ fn run(Cli { place, command }: &Cli) -> crate::Result<()> {
         Command::Spheres(spheres) => spheres.run(),
         Command::Papers(papers) => papers.run(),
         Command::Chart(chart) => chart.run(),
+        Command::Client { job } => Ok(processes::work(job)?),
         Command::Serve(serve) => Ok(serve.run(place, &config, None)?),
     }
 }
@@ -133,27 +132,16 @@ impl Command {
                 | Self::Spheres(_)
                 | Self::Papers(_)
                 | Self::Chart(_)
-                | Self::StressClient(_)
+                | Self::Client { .. }
                 | Self::Serve(_)
         )
     }
 }
 
 /// Why a measurement failed; its type decides the exit status.
-#[derive(Debug)]
+#[derive(Debug, thiserror::Error)]
+#[error(transparent)]
 struct LabError(Fault);
-
-impl fmt::Display for LabError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        self.0.fmt(f)
-    }
-}
-
-impl Error for LabError {
-    fn source(&self) -> Option<&(dyn Error + 'static)> {
-        self.0.source()
-    }
-}
 
 impl From<WrongUsage> for LabError {
     fn from(error: WrongUsage) -> Self {
@@ -189,32 +177,16 @@ mod tests {
 
     use super::*;
 
-    fn help(name: &str) -> String {
-        let mut built = command();
-        built.build();
-        let found = built.find_subcommand_mut(name).unwrap_or_else(|| panic!("no command {name}"));
-        found.render_long_help().to_string()
-    }
-
     #[test]
-    fn help_lists_what_a_command_uses_and_every_command_takes_what_is_shared() {
+    fn every_command_takes_what_is_shared() {
         command().debug_assert();
         for (name, _) in SHAPE.without_use {
-            assert!(help(name).contains("--help"), "{name}");
+            for flag in ["--runtime-dir", "--config", "--instance", "--isa"] {
+                let words = ["pairmask-lab", flag, "x", name, "--help"];
+                let error = command().try_get_matches_from(words).expect_err("help");
+                assert_eq!(error.kind(), clap::error::ErrorKind::DisplayHelp, "{name} {flag}");
+            }
         }
-        for (name, flag, is_listed) in [
-            ("accuracy", "--runtime-dir", true),
-            ("grid", "--config", true),
-            ("grid", "--instance", false),
-            ("plan", "--isa", true),
-            ("spheres", "--isa", false),
-        ] {
-            assert_eq!(help(name).contains(flag), is_listed, "{name}: {}", help(name));
-            let words = ["pairmask-lab", flag, "x", name, "--help"];
-            let error = command().try_get_matches_from(words).expect_err("help");
-            assert_eq!(error.kind(), clap::error::ErrorKind::DisplayHelp, "{name} {flag}");
-        }
-        assert!(help("accuracy").contains("[default: daemon]"), "{}", help("accuracy"));
     }
 
     /// No message about a wrong number has Rust's words.

@@ -1,15 +1,10 @@
 //! `stress`: hard scenes, every engine against the oracle, in process or as clients of a daemon.
 
-use std::io;
 use std::num::{NonZeroU16, NonZeroU32, NonZeroUsize};
-use std::process::Command;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use clap::Args;
 use clap::builder::PossibleValuesParser;
-use pairmask::{Backend, Session};
 use pairmaskd::audit::AuditRate;
 use pairmaskd::cli::config::Config;
 use pairmaskd::cli::options::{DaemonOptions, Place};
@@ -18,9 +13,9 @@ use pairmaskd::cli::whole_number::whole_number;
 use pairmaskd::spawn::{PrivateDaemon, PrivateSettings};
 
 use crate::Result;
-use crate::processes::end_with_parent;
+use crate::processes::Daemon;
 use crate::sabotage::Sabotage;
-use crate::stress::clients::{ClientSettings, ClientsRun, limits};
+use crate::stress::clients::{ClientsRun, limits};
 use crate::stress::{Cases, Roster, StressReport, Wanted, run};
 
 /// Put every engine through hard scenes and compare with a naive oracle
@@ -62,7 +57,7 @@ pub struct Stress {
     /// How long
     #[arg(long, value_parser = whole_number::<u64>, value_name = "N", default_value_t = 10)]
     seconds: u64,
-    /// Engines, spheres, the update stage, scenes that persist; several with commas
+    /// Engines, spheres, the update stage, scenes that persist (of --clients); several with commas
     #[arg(long, value_name = "NAMES", value_delimiter = ',', default_value = "all",
         value_parser = PossibleValuesParser::new(Wanted::engine_names()))]
     engine: Vec<String>,
@@ -111,10 +106,8 @@ impl Stress {
             gpu: self.options.gpu(config),
             sabotage: self.break_engine,
         };
-        let cases = match self.case {
-            Some(seed) => Cases::One { seed },
-            None => Cases::Run { seed: self.seed(), time: Duration::from_secs(self.seconds) },
-        };
+        let time = self.case.is_none().then(|| Duration::from_secs(self.seconds));
+        let cases = Cases { seed: self.case.unwrap_or_else(|| self.seed()), time };
         let mut subjects = roster.subjects()?;
         let bar = progress_bar(self.seconds, "hard scenes");
         let report = run(&cases, &mut subjects, |count, time| {
@@ -131,8 +124,6 @@ impl Stress {
         place: &Place,
         config: &Config,
     ) -> Result<StressReport> {
-        let binary = std::env::current_exe()
-            .map_err(|error| format!("the path of this program is not known: {error}"))?;
         // The daemon that the user named, else one of this run, which audits every frame.
         let (dir, instance, _started) = if let Some(instance) = place.named_instance(config) {
             (place.runtime_dir(config), instance, None)
@@ -142,11 +133,16 @@ impl Stress {
                 audit: AuditRate::OneIn(NonZeroU32::MIN),
                 ..self.options.private(place, config)
             };
-            let started = PrivateDaemon::start(&binary, &settings)?;
+            let started = PrivateDaemon::start(&std::env::current_exe()?, &settings)?;
             (started.dir(), started.instance(), Some(started))
         };
         let run = ClientsRun {
             clients,
+            daemon: Daemon {
+                dir: dir.path().to_owned(),
+                instance: instance.to_string(),
+                isa: place.isa(config).to_string(),
+            },
             with_kills: self.kills,
             seed: self.case.unwrap_or_else(|| self.seed()),
             case: self.case,
@@ -155,17 +151,7 @@ impl Stress {
             replay: self.replay(clients, place, config),
         };
         let bar = progress_bar(self.seconds, "hard scenes");
-        let client = |settings: &ClientSettings| {
-            let mut command = Command::new(&binary);
-            command.args(["stress-client", "--instance", instance.as_str()]);
-            command.arg("--runtime-dir").arg(dir.path());
-            command.args(["--isa", &place.isa(config).to_string()]);
-            // Numbers and names: they always become JSON.
-            command.arg(serde_json::to_string(settings).unwrap_or_default());
-            command
-        };
-        let session = Session::builder().runtime_dir(dir.clone()).instance(instance.as_str());
-        let report = run.run(&session.backend(Backend::Daemon), client, |answers, time| {
+        let report = run.run(|answers, time| {
             bar.set_position(time.as_secs());
             bar.set_message(format!("{answers} answers"));
         })?;
@@ -206,32 +192,4 @@ impl Stress {
 fn seed_of_the_clock() -> u64 {
     let now = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
     now.map_or(1, |time| u64::from(time.subsec_micros()) + 1_000_000 * (time.as_secs() % 1_000))
-}
-
-/// A client process of `stress --clients`.
-#[derive(Debug, Args)]
-pub struct StressClient {
-    /// [`ClientSettings`] as JSON.
-    settings: String,
-}
-
-impl StressClient {
-    /// Sends frames and checks answers until stdin ends.
-    pub fn run(&self, place: &Place) -> Result<()> {
-        let settings: ClientSettings = serde_json::from_str(&self.settings)?;
-        let config = Config::default();
-        end_with_parent()?;
-        let is_over = Arc::new(AtomicBool::new(false));
-        let ends = Arc::clone(&is_over);
-        std::thread::Builder::new().name("orders".into()).spawn(move || {
-            // There are no orders but the end of them.
-            let _ = io::copy(&mut io::stdin(), &mut io::sink());
-            ends.store(true, Ordering::Relaxed);
-        })?;
-        let daemon = Session::builder()
-            .runtime_dir(place.runtime_dir(&config))
-            .instance(place.instance(&config).as_str())
-            .isa(place.isa(&config));
-        Ok(settings.run(&daemon, &is_over)?)
-    }
 }

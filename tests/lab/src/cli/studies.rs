@@ -1,7 +1,7 @@
 //! The commands of studies: what is measured, and what becomes of the results.
 
 use std::num::NonZeroUsize;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use clap::Args;
 use indicatif::ProgressBar;
@@ -13,7 +13,9 @@ use pairmaskd::execute::gpu::{Gpu, GpuChoice, HostImport, OpenError};
 use pairmaskd::scene::SceneName;
 
 use crate::Result;
-use crate::gpu_stages::scenes::{Case as SceneCase, GpuSceneReport, measure as measure_scene};
+use crate::gpu_stages::scenes::{
+    Case as SceneCase, Effort, GpuSceneReport, measure as measure_scene,
+};
 use crate::study::harness::document::markdown;
 use crate::study::harness::{Report, write_files};
 use crate::study::moving::{Motion, World};
@@ -164,21 +166,8 @@ pub struct GpuSceneBench {
     /// How they move: drift, jitter, teleport, spawn
     #[arg(long, value_name = "MOTION,..", value_delimiter = ',', default_value = "drift")]
     motion: Vec<Motion>,
-    /// Edits of each line
-    #[arg(long, value_parser = whole_number::<u32>, value_name = "N", default_value_t = 100)]
-    frames: u32,
-    /// Boxes that are asked for after each edit
-    #[arg(long, value_parser = whole_number::<u32>, value_name = "N", default_value_t = 10_000)]
-    queries: u32,
-    /// Copy boxes only; else both ways are measured
-    #[arg(long)]
-    copied: bool,
-    /// Take times of stages too, by the GPU's clock
-    #[arg(long)]
-    stages: bool,
-    /// Do not compare with the CPU's pairs
-    #[arg(long)]
-    unchecked: bool,
+    #[command(flatten)]
+    effort: Effort,
     #[command(flatten)]
     output: Output,
 }
@@ -202,18 +191,9 @@ impl GpuSceneBench {
             for (scene, n, motion) in self.worlds() {
                 let mut world = World::new(scene, n);
                 for &percent in &self.moving {
-                    for imported in [true, false].into_iter().skip(usize::from(self.copied)) {
-                        let case = SceneCase {
-                            scene,
-                            n,
-                            motion,
-                            percent,
-                            imported,
-                            frames: self.frames.max(1) as usize,
-                            queries: self.queries as usize,
-                            stages: self.stages,
-                            checks: !self.unchecked,
-                        };
+                    for imported in [true, false] {
+                        let effort = self.effort;
+                        let case = SceneCase { scene, n, motion, percent, imported, effort };
                         report.rows.push(measure_scene(&gpus, &mut world, &case)?);
                     }
                 }
@@ -349,37 +329,23 @@ Examples:
 
 Exit status: 1 where the library itself decided a pair wrongly.")]
 pub struct Spheres {
-    /// Count wrong decisions instead: of so many random pairs, a hundredth as many that touch, and
-    /// as many that nearly do [default: 1000000]
-    #[arg(long, value_parser = whole_number::<u64>, value_name = "PAIRS", num_args = 0..=1, default_missing_value = "1000000")]
-    errors: Option<u64>,
+    #[command(flatten)]
+    options: SphereOptions,
     /// The GPU to measure instead: auto, software, a number of `pairmaskd status`, or part of a name
     #[arg(long, value_name = "GPU")]
     gpu: Option<GpuChoice>,
-    /// Few spheres and few frames: a second, for a look. Times mean little
-    #[arg(long)]
-    quick: bool,
-    /// Seed of scenes and pairs
-    #[arg(long, value_parser = whole_number::<u64>, value_name = "N", default_value_t = 1)]
-    seed: u64,
     #[command(flatten)]
     output: Output,
 }
 
 impl Spheres {
     pub fn run(&self) -> Result<()> {
-        let options = SphereOptions {
-            speed: self.errors.is_none(),
-            pairs: self.errors.unwrap_or(0),
-            quick: self.quick,
-            seed: self.seed,
-        };
-        let progress = || match self.errors {
+        let progress = || match self.options.errors {
             Some(pairs) => progress_bar(pairs_decided(pairs), "pairs of spheres"),
             None => spinner("spheres"),
         };
         let report = self.output.of(progress, |progress| {
-            spheres::measure(&options, self.gpu.as_ref(), |pairs| progress.inc(pairs))
+            spheres::measure(&self.options, self.gpu.as_ref(), |pairs| progress.inc(pairs))
         })?;
         if report.is_exact() {
             Ok(())
@@ -403,40 +369,15 @@ Examples:
   pairmask-lab papers --only-records         of records alone, in no time
   pairmask-lab papers --quick --json")]
 pub struct Papers {
-    /// The GPU to measure on: auto, software, a number of `pairmaskd status`, or part of a name
-    /// [default: none, GPU figures are those of records]
-    #[arg(long, value_name = "GPU")]
-    gpu: Option<GpuChoice>,
-    /// Small sizes and few runs: seconds, for a look. Times mean little
-    #[arg(long)]
-    quick: bool,
-    /// Measure nothing
-    #[arg(long, conflicts_with_all = ["gpu", "quick"])]
-    only_records: bool,
-    /// Folder of the folders of records [default: tests/records of the checkout, where it is there]
-    #[arg(long, value_name = "DIR")]
-    from: Option<PathBuf>,
+    #[command(flatten)]
+    options: PapersOptions,
     #[command(flatten)]
     output: Output,
 }
 
 impl Papers {
     pub fn run(&self) -> Result<()> {
-        let options = PapersOptions {
-            // `none` is no GPU to measure on.
-            gpu: self.gpu.clone().filter(|gpu| *gpu != GpuChoice::None),
-            quick: self.quick,
-            only_records: self.only_records,
-            records: self.from.clone().or_else(records_of_checkout),
-        };
-        let measure = |progress: &ProgressBar| make(&options, || progress.inc(1));
+        let measure = |progress: &ProgressBar| make(&self.options, || progress.inc(1));
         self.output.of(|| progress_bar(STEPS, "studies"), measure).map(drop)
     }
-}
-
-/// The records of the checkout that the command runs in.
-fn records_of_checkout() -> Option<PathBuf> {
-    let here = std::env::current_dir().ok()?;
-    let records = here.ancestors().map(|folder: &Path| folder.join("tests/records"));
-    records.into_iter().find(|records| records.is_dir())
 }

@@ -2,15 +2,17 @@
 //! by the GPU's.
 
 use std::collections::BTreeMap;
+use std::num::NonZeroU32;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use clap::Args;
 use pairmask_core::Aabb;
 use pairmask_core::aabb::KeyBox;
 use pairmask_core::scene::{Edit, Indices, QueryTags, Scene, SceneOptions, Sets, Step, Told, Want};
-use pairmaskd::execute::gpu::user_cache_folder;
+use pairmaskd::cli::whole_number::whole_number;
 use pairmaskd::execute::gpu::{
-    Awake, EditTimes, Gpu, GpuScene, GridOptions, SceneTools, SharedImports,
+    Awake, EditTimes, Gpu, GpuScene, GridOptions, SceneTools, SharedImports, user_cache_folder,
 };
 use pairmaskd::scene::{Random, SceneName};
 use serde::Serialize;
@@ -20,7 +22,7 @@ use super::wrong_pairs;
 use crate::Result;
 use crate::study::harness::document::Part;
 use crate::study::harness::table::{Fields, Table, row};
-use crate::study::harness::{Report, percentile};
+use crate::study::harness::{Report, median, percentile};
 use crate::study::moving::{Motion, World};
 
 /// Edits that are not counted: memory is taken, layouts are chosen, frames are recorded.
@@ -32,6 +34,23 @@ const CHECKED_QUERIES: usize = 100;
 /// How long the clocks are kept up between edits, while the next one is made.
 const HOLD: Duration = Duration::from_secs(5);
 
+/// How much of each case is measured.
+#[derive(Clone, Copy, Debug, Args)]
+pub struct Effort {
+    /// Edits of each line
+    #[arg(long, value_parser = whole_number::<NonZeroU32>, value_name = "N", default_value = "100")]
+    frames: NonZeroU32,
+    /// Boxes that are asked for after each edit
+    #[arg(long, value_parser = whole_number::<u32>, value_name = "N", default_value_t = 10_000)]
+    queries: u32,
+    /// Take times of stages too, by the GPU's clock
+    #[arg(long)]
+    stages: bool,
+    /// Do not compare with the CPU's pairs
+    #[arg(long)]
+    unchecked: bool,
+}
+
 /// What is measured.
 #[derive(Clone, Copy, Debug)]
 pub struct Case {
@@ -42,12 +61,7 @@ pub struct Case {
     pub percent: f64,
     /// Whether the boxes of an edit lie in imported memory; else they are copied.
     pub imported: bool,
-    pub frames: usize,
-    /// Boxes that are asked for between edits.
-    pub queries: usize,
-    pub stages: bool,
-    /// Whether what was told is compared with a fresh search on the CPU.
-    pub checks: bool,
+    pub effort: Effort,
 }
 
 /// The JSON object of `gpu-scene --json`. Fields may be added, never changed or taken away.
@@ -138,7 +152,7 @@ impl Rig {
     /// Sets boxes and takes the changes; how long the answer took.
     fn edit(&mut self, indices: &[u32], boxes: &[Aabb], is_spawn: bool) -> Result<Duration> {
         self.segment.write(boxes);
-        let boxes = self.segment.boxes(boxes.len());
+        let boxes = self.segment.objects(boxes.len());
         let is_all = !indices.is_empty() && indices.len() == self.scene.len();
         let these = if is_all { (0..indices.len() as u32).into() } else { Indices::List(indices) };
         let both = [Step::Remove(these), Step::Set(Sets { indices: these, boxes })];
@@ -153,87 +167,121 @@ impl Rig {
     }
 }
 
-/// Measures a case.
-///
-/// # Panics
-/// Without a GPU.
-pub fn measure(gpus: &[Arc<Gpu>], world: &mut World, case: &Case) -> Result<Fields> {
-    let all: Vec<u32> = (0..case.n as u32).collect();
-    let moving = (case.n as f64 * case.percent / 100.0).round() as usize;
-    let is_spawn = case.motion == Motion::Spawn;
-    let awake = gpus.iter().map(|gpu| Awake::start(gpu, HOLD)).collect::<Result<Vec<_>, _>>()?;
-    let mut rig = Rig::new(gpus, case, false)?;
-    rig.edit(&all, world.boxes(), false)?;
-    let mut edits: Vec<(f64, EditTimes)> = Vec::with_capacity(case.frames);
-    let mut asked: Vec<(f64, EditTimes)> = Vec::with_capacity(case.frames);
-    let queries = queries(world.boxes(), case.queries);
-    let mut found = Vec::new();
-    let mut changes = 0;
-    for frame in 0..case.frames + WARM_UP {
-        for awake in awake.iter().flatten() {
-            awake.note_frame();
+/// Times of edits, and of the queries after each, µs.
+struct Run {
+    rig: Rig,
+    edits: Vec<(f64, EditTimes)>,
+    asked: Vec<(f64, EditTimes)>,
+    queries: Vec<Aabb>,
+    /// The answer to the last queries.
+    found: Vec<[u32; 2]>,
+}
+
+impl Run {
+    fn new(
+        gpus: &[Arc<Gpu>],
+        world: &mut World,
+        case: &Case,
+        frames: usize,
+        profiled: bool,
+    ) -> Result<Self> {
+        let all: Vec<u32> = (0..case.n as u32).collect();
+        let moving = (case.n as f64 * case.percent / 100.0).round() as usize;
+        let awake =
+            gpus.iter().map(|gpu| Awake::start(gpu, HOLD)).collect::<Result<Vec<_>, _>>()?;
+        let mut rig = Rig::new(gpus, case, profiled)?;
+        rig.edit(&all, world.boxes(), false)?;
+        let queries = queries(world.boxes(), case.effort.queries as usize);
+        let (edits, asked, found) = Default::default();
+        let mut run = Self { rig, edits, asked, queries, found };
+        for frame in 0..frames + WARM_UP {
+            for awake in awake.iter().flatten() {
+                awake.note_frame();
+            }
+            let (indices, boxes) = world.step(moving, case.motion);
+            let took = run.rig.edit(&indices, &boxes, case.motion == Motion::Spawn)?;
+            if frame >= WARM_UP {
+                run.edits.push((us(took), run.rig.scene.times().clone()));
+            }
+            if run.queries.is_empty() {
+                continue;
+            }
+            let start = Instant::now();
+            run.rig.scene.query(&run.queries, QueryTags::None, &mut run.found)?;
+            let took = start.elapsed();
+            if frame >= WARM_UP {
+                run.asked.push((us(took), run.rig.scene.times().clone()));
+            }
         }
-        let (indices, boxes) = world.step(moving, case.motion);
-        let took = rig.edit(&indices, &boxes, is_spawn)?;
-        if frame >= WARM_UP {
-            edits.push((us(took), rig.scene.times().clone()));
-        }
-        changes = rig.scene.told().begun().len() + rig.scene.told().ended().len();
-        if queries.is_empty() {
-            continue;
-        }
-        let start = Instant::now();
-        rig.scene.query(&queries, QueryTags::None, &mut found)?;
-        let took = start.elapsed();
-        if frame >= WARM_UP {
-            asked.push((us(took), rig.scene.times().clone()));
-        }
+        Ok(run)
     }
-    if case.checks {
+}
+
+/// So many of a hundred of the whole times.
+fn whole(times: &[(f64, EditTimes)], percent: usize) -> f64 {
+    percentile(times.iter().map(|(whole, _)| *whole).collect(), percent)
+}
+
+/// Medians of a part of the times, µs.
+fn part(times: &[(f64, EditTimes)], part: fn(&EditTimes) -> Duration) -> f64 {
+    median(times.iter().map(|(_, times)| us(part(times))).collect())
+}
+
+/// Medians of the stages, µs.
+fn stages(times: &[(f64, EditTimes)]) -> BTreeMap<&'static str, f64> {
+    let mut stages: BTreeMap<&'static str, Vec<f64>> = BTreeMap::new();
+    for step in times.iter().flat_map(|(_, times)| &times.stages) {
+        stages.entry(step.label).or_default().push(step.ns / 1e3);
+    }
+    stages.into_iter().map(|(label, us)| (label, median(us))).collect()
+}
+
+/// Measures a case.
+pub fn measure(gpus: &[Arc<Gpu>], world: &mut World, case: &Case) -> Result<Fields> {
+    let effort = &case.effort;
+    let Run { rig, edits, asked, queries, found } =
+        Run::new(gpus, world, case, effort.frames.get() as usize, false)?;
+    if !effort.unchecked {
         check(&rig, world, case)?;
         check_queries(world.boxes(), &queries, &found, case)?;
     }
-    let part = |part: fn(&EditTimes) -> Duration, percent| {
-        percentile(edits.iter().map(|(_, times)| us(part(times))).collect(), percent)
+    let told = rig.scene.told();
+    let [stage_us, query_stage_us] = if effort.stages {
+        let timed = Run::new(gpus, &mut world.clone(), case, TIMED_STAGES, true)?;
+        [stages(&timed.edits), stages(&timed.asked)]
+    } else {
+        Default::default()
     };
-    let whole = |percent| percentile(edits.iter().map(|(whole, _)| *whole).collect(), percent);
-    let query_part = |part: fn(&EditTimes) -> Duration| {
-        percentile(asked.iter().map(|(_, times)| us(part(times))).collect(), 50)
-    };
-    let query_whole =
-        |percent| percentile(asked.iter().map(|(whole, _)| *whole).collect(), percent);
-    let [stage_us, query_stage_us] =
-        if case.stages { stages(gpus, world.clone(), case)? } else { Default::default() };
     Ok(row!(
         scene: case.scene.to_string(),
         n: case.n,
         moving: case.percent / 100.0,
         motion: case.motion.name(),
         imported: case.imported,
-        edit_us: whole(50),
-        edit_p99_us: whole(99),
-        check_us: part(|times| times.check, 50),
-        upload_us: part(|times| times.upload, 50),
-        plan_us: part(|times| times.plan, 50),
-        gpu_us: part(|times| times.gpu, 50),
-        sort_us: part(|times| times.sort, 50),
+        edit_us: whole(&edits, 50),
+        edit_p99_us: whole(&edits, 99),
+        check_us: part(&edits, |times| times.check),
+        upload_us: part(&edits, |times| times.upload),
+        plan_us: part(&edits, |times| times.plan),
+        gpu_us: part(&edits, |times| times.gpu),
+        sort_us: part(&edits, |times| times.sort),
         submissions: edits.iter().map(|(_, times)| times.submissions).max().unwrap_or(0),
         repeated: edits.iter().filter(|(_, times)| times.submissions > 1).count(),
-        changes,
-        tested: rig.scene.told().skipped().tested,
+        changes: told.begun().len() + told.ended().len(),
+        tested: told.skipped().tested,
         pairs: rig.known.count,
         queries: queries.len(),
-        query_us: [1, 50, 99].map(query_whole),
+        query_us: [1, 50, 99].map(|percent| whole(&asked, percent)),
         query_parts_us: [
-            query_part(|times| times.upload),
-            query_part(|times| times.gpu),
-            query_part(|times| times.sort),
+            part(&asked, |times| times.upload),
+            part(&asked, |times| times.gpu),
+            part(&asked, |times| times.sort),
         ],
         query_pairs: found.len(),
         query_stage_us,
         video_bytes_a_box: rig.scene.video_bytes() as f64 / case.n.max(1) as f64,
         stage_us,
-        checked: case.checks,
+        checked: !effort.unchecked,
     ))
 }
 
@@ -276,39 +324,6 @@ fn check_queries(boxes: &[Aabb], queries: &[Aabb], found: &[[u32; 2]], case: &Ca
         }
     }
     Ok(())
-}
-
-/// Medians of the stages of edits and of queries, µs.
-fn stages(
-    gpus: &[Arc<Gpu>],
-    mut world: World,
-    case: &Case,
-) -> Result<[BTreeMap<&'static str, f64>; 2]> {
-    let all: Vec<u32> = (0..case.n as u32).collect();
-    let moving = (case.n as f64 * case.percent / 100.0).round() as usize;
-    let mut rig = Rig::new(gpus, case, true)?;
-    rig.edit(&all, world.boxes(), false)?;
-    let queries = queries(world.boxes(), case.queries);
-    let mut found = Vec::new();
-    let mut stages: [BTreeMap<&'static str, Vec<f64>>; 2] = Default::default();
-    for frame in 0..TIMED_STAGES + WARM_UP {
-        let (indices, boxes) = world.step(moving, case.motion);
-        rig.edit(&indices, &boxes, case.motion == Motion::Spawn)?;
-        for (kind, stages) in stages.iter_mut().enumerate() {
-            if kind == 1 {
-                rig.scene.query(&queries, QueryTags::None, &mut found)?;
-            }
-            if frame >= WARM_UP {
-                for step in &rig.scene.times().stages {
-                    stages.entry(step.label).or_default().push(step.ns / 1e3);
-                }
-            }
-        }
-    }
-    let medians = |stages: BTreeMap<&'static str, Vec<f64>>| {
-        stages.into_iter().map(|(label, us)| (label, percentile(us, 50))).collect()
-    };
-    Ok(stages.map(medians))
 }
 
 fn us(time: Duration) -> f64 {

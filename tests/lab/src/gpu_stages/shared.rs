@@ -11,9 +11,7 @@ use pairmask_core::objects::Objects;
 use pairmask_core::precision::BoxSlice;
 use pairmask_core::{Aabb, Encoding};
 use pairmaskd::execute::FrameMemory;
-use pairmaskd::execute::gpu::{
-    AllPairs, Gpu, Grid, ImportError, ImportId, ReadWriteMapping, SharedImports, StepTime,
-};
+use pairmaskd::execute::gpu::{Gpu, ImportError, ImportId, ReadWriteMapping, SharedImports};
 
 use crate::Result;
 
@@ -43,7 +41,7 @@ impl Segment {
         gpu: &Arc<Gpu>,
         imports: &SharedImports,
     ) -> Result<(), ImportError> {
-        let (address, bytes) = (self.address(), self.bytes());
+        let (address, bytes) = (self.mapping.pointer().as_ptr() as usize, self.mapping.bytes());
         // SAFETY: the mapping stays where it is until the segment is dropped, which forgets the
         // import first.
         let id = unsafe { imports.lock().import_replies(gpu, address, bytes) }?;
@@ -51,39 +49,26 @@ impl Segment {
         Ok(())
     }
 
-    fn address(&self) -> usize {
-        self.mapping.pointer().as_ptr() as usize
-    }
-
-    pub(super) fn bytes(&self) -> usize {
-        self.mapping.bytes()
-    }
-
     pub(crate) fn write(&mut self, objects: &[impl Pod]) {
         let words: &[u32] = bytemuck::cast_slice(objects);
         self.words_mut()[..words.len()].copy_from_slice(words);
-    }
-
-    pub(super) fn boxes(&self, n: usize) -> &[Aabb] {
-        self.objects(n)
     }
 
     pub(crate) fn objects<T: Pod>(&self, n: usize) -> &[T] {
         bytemuck::cast_slice(&self.words()[..n * (size_of::<T>() / 4)])
     }
 
-    pub(super) fn words(&self) -> &[u32] {
-        let start = self.mapping.pointer().as_ptr().cast();
+    pub(crate) fn words(&self) -> &[u32] {
+        let (start, bytes) = (self.mapping.pointer().as_ptr().cast(), self.mapping.bytes());
         // SAFETY: a live mapping of that many bytes, page-aligned; the GPU writes to it only
         // within a frame, when no slice of it is in use.
-        unsafe { std::slice::from_raw_parts(start, self.bytes() / 4) }
+        unsafe { std::slice::from_raw_parts(start, bytes / 4) }
     }
 
     fn words_mut(&mut self) -> &mut [u32] {
+        let (start, bytes) = (self.mapping.pointer().as_ptr().cast(), self.mapping.bytes());
         // SAFETY: as in `words`, and borrowed mutably.
-        unsafe {
-            std::slice::from_raw_parts_mut(self.mapping.pointer().as_ptr().cast(), self.bytes() / 4)
-        }
+        unsafe { std::slice::from_raw_parts_mut(start, bytes / 4) }
     }
 }
 
@@ -95,85 +80,60 @@ impl Drop for Segment {
     }
 }
 
-/// An engine with its shared memory.
-pub(crate) struct Rig<E> {
-    pub(super) engine: E,
-    encoding: Encoding,
+/// The memory of a frame: its objects, and the reply.
+pub(crate) struct FrameSegments {
     n: usize,
     pub(crate) boxes: Segment,
-    pub(super) reply: Segment,
-    /// Whether boxes and reply were imported.
-    pub(super) imported: bool,
+    pub(crate) reply: Segment,
+    /// Whether both were imported.
+    pub(crate) imported: bool,
 }
 
-impl<E: Engine> Rig<E> {
-    /// An engine, with memory for boxes and a reply, which are imported where `imports` is there and the driver
-    /// imports memory.
-    pub(super) fn new(
-        engine: E,
+impl FrameSegments {
+    /// Memory that holds these objects, imported where the driver imports memory.
+    pub(crate) fn new(
         gpu: &Arc<Gpu>,
-        imports: Option<&SharedImports>,
-        boxes: &[Aabb],
+        imports: &SharedImports,
+        objects: &[impl Pod],
         reply_words: u64,
-        encoding: Encoding,
     ) -> Result<Self> {
-        let mut rig = Self {
-            engine,
-            encoding,
-            n: boxes.len(),
-            boxes: Segment::new(size_of_val(boxes))?,
+        let mut memory = Self {
+            n: objects.len(),
+            boxes: Segment::new(size_of_val(objects))?,
             reply: Segment::new(4 * reply_words as usize)?,
-            imported: imports.is_some(),
+            imported: true,
         };
-        for segment in [&mut rig.boxes, &mut rig.reply] {
-            let Some(imports) = imports else { break };
+        for segment in [&mut memory.boxes, &mut memory.reply] {
             if let Err(error) = segment.import(gpu, imports) {
                 log::warn!("staged: {error}");
-                rig.imported = false;
+                memory.imported = false;
             }
         }
-        rig.boxes.write(boxes);
-        Ok(rig)
+        memory.boxes.write(objects);
+        Ok(memory)
     }
-
-    /// A frame of the boxes in shared memory.
-    pub(super) fn frame(&mut self) -> Result<CullReport, CullError> {
-        let boxes = self.boxes.boxes(self.n);
-        let input = CullInput::boxes(boxes).encoding(self.encoding);
-        self.engine.cull(&input, &mut self.reply)
-    }
-}
-
-/// An engine that tells the times of its last frame's steps.
-pub trait Stepped: Engine {
-    fn step_times(&self) -> &[StepTime];
-}
-
-impl Stepped for Grid {
-    fn step_times(&self) -> &[StepTime] {
-        self.step_times()
-    }
-}
-
-impl Stepped for AllPairs {
-    fn step_times(&self) -> &[StepTime] {
-        self.step_times()
-    }
-}
-
-/// The memory of a frame that is left under way.
-pub(super) struct SegmentFrame {
-    pub(super) n: usize,
-    pub(crate) boxes: Segment,
-    pub(super) reply: Segment,
 }
 
 // SAFETY: mappings do not move with the values that own them, and no other reference into these
 // exists. A reply that was lent and imported is mapped until the segment is dropped, which forgets
 // the import; the engine that is timed imports nothing by itself.
-unsafe impl FrameMemory for SegmentFrame {
+unsafe impl FrameMemory for FrameSegments {
     fn with<R>(&mut self, work: impl FnOnce(Objects<'_>, &mut dyn ReplyBuffer) -> R) -> R {
-        work(BoxSlice::from(self.boxes.boxes(self.n)).into(), &mut self.reply)
+        work(BoxSlice::from(self.boxes.objects::<Aabb>(self.n)).into(), &mut self.reply)
+    }
+}
+
+/// An engine with its shared memory.
+pub(crate) struct Rig<E> {
+    pub(super) engine: E,
+    pub(crate) memory: FrameSegments,
+}
+
+impl<E: Engine> Rig<E> {
+    /// A frame of the boxes in shared memory.
+    pub(super) fn frame(&mut self) -> Result<CullReport, CullError> {
+        let FrameSegments { n, boxes, reply, .. } = &mut self.memory;
+        self.engine.cull(&CullInput::boxes(boxes.objects(*n)).encoding(Encoding::Sparse), reply)
     }
 }
 
@@ -183,7 +143,7 @@ impl ReplyBuffer for Segment {
     }
 
     fn reserve(&mut self, words: u64) -> Result<&mut [u32], ReserveError> {
-        let limit_bytes = self.bytes() as u64;
+        let limit_bytes = self.mapping.bytes() as u64;
         self.words_mut()
             .get_mut(..words as usize)
             .ok_or(ReserveError::TooLarge { at_least_bytes: 4 * words, limit_bytes })

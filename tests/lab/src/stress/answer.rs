@@ -22,7 +22,7 @@ pub enum Form {
     Spheres,
     /// Boxes in one usage of a precision mode, in one frame.
     Mode(Usage),
-    /// Edits of a scene that persists, towards the boxes.
+    /// Edits of a scene that persists, towards the boxes: by the clients of a daemon.
     Scene,
     /// Placements of the boxes, for the update stage.
     Updates,

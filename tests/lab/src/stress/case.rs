@@ -48,10 +48,10 @@ impl Case {
         let n = box_count(&mut random);
         let (mut boxes, mut recipe) = compose(n, &mut random);
         for _ in 0..random.below(4) {
-            let change = changes::ALL[random.below(changes::ALL.len() as u64) as usize];
-            (change.apply)(&mut boxes, &mut random);
+            let (name, apply) = changes::ALL[random.below(changes::ALL.len() as u64) as usize];
+            apply(&mut boxes, &mut random);
             // Writing to a string cannot fail.
-            let _ = write!(recipe, ", {}", change.name);
+            let _ = write!(recipe, ", {name}");
         }
         Self::of(seed, boxes, recipe)
     }
@@ -133,8 +133,8 @@ fn draw(n: usize, random: &mut Random) -> (Vec<Aabb>, &'static str) {
     if let Some(scene) = scenes::ALL.get(which) {
         return (scene.boxes(n as u32, random.bits()), scene.name());
     }
-    let scene = hard::ALL[which - plain];
-    ((scene.make)(n, random), scene.name)
+    let (name, make) = hard::ALL[which - plain];
+    (make(n, random), name)
 }
 
 /// One scene, or two scenes one after the other or interleaved.

@@ -5,48 +5,43 @@ use pairmaskd::scene::Random;
 
 use super::hard::{power_of_ten, ulps};
 
-/// A change to a scene.
-#[derive(Clone, Copy)]
-pub struct Change {
-    pub name: &'static str,
-    /// Changes the boxes in place; their number stays.
-    pub apply: fn(&mut [Aabb], &mut Random),
-}
+/// Changes the boxes of a scene in place; their number stays.
+type Apply = fn(&mut [Aabb], &mut Random);
 
-/// All of them.
-pub const ALL: &[Change] = &[
-    change("sorted", |boxes, random| sort(boxes, random, false)),
-    change("sorted in reverse", |boxes, random| sort(boxes, random, true)),
-    change("shuffled", |boxes, random| {
+/// All of them, with their names.
+pub const ALL: &[(&str, Apply)] = &[
+    ("sorted", |boxes, random| sort(boxes, random, false)),
+    ("sorted in reverse", |boxes, random| sort(boxes, random, true)),
+    ("shuffled", |boxes, random| {
         for last in (1..boxes.len()).rev() {
             boxes.swap(last, random.below(last as u64 + 1) as usize);
         }
     }),
-    change("axes exchanged", |boxes, random| {
+    ("axes exchanged", |boxes, random| {
         let (a, b) = [(0, 1), (0, 2), (1, 2)][random.below(3) as usize];
         for one in boxes {
             one.min.swap(a, b);
             one.max.swap(a, b);
         }
     }),
-    change("mirrored", |boxes, random| {
+    ("mirrored", |boxes, random| {
         let axis = random.below(3) as usize;
         for one in boxes {
             (one.min[axis], one.max[axis]) = (-one.max[axis], -one.min[axis]);
         }
     }),
-    change("scaled by a power of two", |boxes, random| {
+    ("scaled by a power of two", |boxes, random| {
         // 2^−126 to 2^127: small scenes become subnormal, large ones infinite.
         let factor = f32::from_bits((1 + random.below(254) as u32) << 23);
         (0..3).for_each(|axis| map_axis(boxes, axis, |x| x * factor));
     }),
-    change("moved far away", |boxes, random| {
+    ("moved far away", |boxes, random| {
         let offset = power_of_ten(3 + random.below(28) as u32);
         let axis = random.below(3) as usize;
         map_axis(boxes, axis, |x| x + offset);
     }),
     // Moves faces of boxes to where others end, or one ulp before or after.
-    change("faces copied", |boxes, random| {
+    ("faces copied", |boxes, random| {
         let n = boxes.len();
         for i in 0..n {
             let (from, axis) = (random.below(n as u64) as usize, random.below(3) as usize);
@@ -56,7 +51,7 @@ pub const ALL: &[Change] = &[
             }
         }
     }),
-    change("boxes doubled", |boxes, random| {
+    ("boxes doubled", |boxes, random| {
         let n = boxes.len();
         for i in 0..n {
             if random.below(3) == 0 {
@@ -64,14 +59,14 @@ pub const ALL: &[Change] = &[
             }
         }
     }),
-    change("one axis flat", |boxes, random| {
+    ("one axis flat", |boxes, random| {
         let axis = random.below(3) as usize;
         let thickness = random.below(2) as f32;
         for one in boxes {
             (one.min[axis], one.max[axis]) = (5.0, 5.0 + thickness);
         }
     }),
-    change("zeros of either sign", |boxes, random| {
+    ("zeros of either sign", |boxes, random| {
         for one in boxes {
             for x in one.min.iter_mut().chain(&mut one.max) {
                 if *x == 0.0 || random.below(8) == 0 {
@@ -80,7 +75,7 @@ pub const ALL: &[Change] = &[
             }
         }
     }),
-    change("empty boxes", |boxes, random| {
+    ("empty boxes", |boxes, random| {
         some(boxes, random, 5, |one, random| {
             let axis = random.below(3) as usize;
             if random.below(2) == 0 {
@@ -90,7 +85,7 @@ pub const ALL: &[Change] = &[
             }
         });
     }),
-    change("NaN in some slots", |boxes, random| {
+    ("NaN in some slots", |boxes, random| {
         let nans = [0x7fc0_0000, 0xffc0_0000, 0x7f80_0001, 0xff80_0001, 0x7fff_ffff, 0xffff_ffff];
         some(boxes, random, 6, |one, random| {
             let nan = f32::from_bits(nans[random.below(6) as usize]);
@@ -98,7 +93,7 @@ pub const ALL: &[Change] = &[
             if random.below(2) == 0 { one.min[axis] = nan } else { one.max[axis] = nan }
         });
     }),
-    change("infinite faces", |boxes, random| {
+    ("infinite faces", |boxes, random| {
         some(boxes, random, 6, |one, random| {
             let axis = random.below(3) as usize;
             match random.below(3) {
@@ -109,10 +104,6 @@ pub const ALL: &[Change] = &[
         });
     }),
 ];
-
-const fn change(name: &'static str, apply: fn(&mut [Aabb], &mut Random)) -> Change {
-    Change { name, apply }
-}
 
 fn sort(boxes: &mut [Aabb], random: &mut Random, reverse: bool) {
     let axis = random.below(3) as usize;

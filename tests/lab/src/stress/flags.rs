@@ -205,11 +205,6 @@ pub struct MixedFlags {
 const STREAM: u64 = 0x464c_4147_5300;
 
 impl MixedFlags {
-    /// The same flags everywhere.
-    pub const fn all_of(flags: FloatFlags) -> Self {
-        Self { caller: flags, pool: [flags; 2], writers: [flags; 3] }
-    }
-
     /// The flags of a case.
     pub fn of_seed(seed: u64) -> Self {
         let mut random = Random::new(seed ^ STREAM);

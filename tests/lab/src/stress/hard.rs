@@ -8,17 +8,13 @@
 use pairmask_core::Aabb;
 use pairmaskd::scene::Random;
 
-/// A way to make a scene.
-#[derive(Clone, Copy)]
-pub struct HardScene {
-    pub name: &'static str,
-    pub make: fn(usize, &mut Random) -> Vec<Aabb>,
-}
+/// Makes a scene of so many boxes.
+type Make = fn(usize, &mut Random) -> Vec<Aabb>;
 
-/// All of them.
-pub const ALL: &[HardScene] = &[
+/// All of them, with their names.
+pub const ALL: &[(&str, Make)] = &[
     // Boxes along one axis, each touching the next or one ulp away from it.
-    hard("chain of touching boxes", |n, random| {
+    ("chain of touching boxes", |n, random| {
         let axis = random.below(3) as usize;
         let edge = [0.1f32, 1.0, 1e-3, 1.0 / 3.0][random.below(4) as usize];
         boxes(n, |i| {
@@ -31,7 +27,7 @@ pub const ALL: &[HardScene] = &[
         })
     }),
     // Unit boxes 10^3 to 10^30 from the origin, a few steps of the float there from each other.
-    hard("unit boxes far away", |n, random| {
+    ("unit boxes far away", |n, random| {
         let offset: [f32; 3] = std::array::from_fn(|_| {
             let offset = power_of_ten(3 + random.below(28) as u32);
             [offset, -offset, 0.0][random.below(3) as usize]
@@ -45,7 +41,7 @@ pub const ALL: &[HardScene] = &[
         })
     }),
     // Sizes and places from 10^−30 to 10^30.
-    hard("sixty decades of sizes", |n, random| {
+    ("sixty decades of sizes", |n, random| {
         let mut decade = || {
             let k = random.below(61) as u32;
             let size = if k < 30 { 1.0 / power_of_ten(30 - k) } else { power_of_ten(k - 30) };
@@ -61,7 +57,7 @@ pub const ALL: &[HardScene] = &[
         })
     }),
     // Faces at ±max, its neighbours, ±infinity, ±0 and the least subnormals.
-    hard("faces at the ends of f32", |n, random| {
+    ("faces at the ends of f32", |n, random| {
         let ends = [
             f32::NEG_INFINITY,
             f32::MIN,
@@ -86,7 +82,7 @@ pub const ALL: &[HardScene] = &[
     // Cubes whose faces lie on, beside and across the borders of cells of the cubes' own length. The
     // grid makes its cells 0.1 % longer than the longest edge and starts them at the lowest corner, so
     // both lattices are drawn.
-    hard("grid borders", |n, random| {
+    ("grid borders", |n, random| {
         let edge = [1.0f32, 0.7, 1e-20, 3e10][random.below(4) as usize];
         let cell = [edge, edge * 1.001, edge * 2.0][random.below(3) as usize];
         let start = [0.0, -5.0 * edge, 100.0 * edge][random.below(3) as usize];
@@ -104,7 +100,7 @@ pub const ALL: &[HardScene] = &[
         })
     }),
     // Faces at steps of a quantisation to 8 or 16 bits over the scene's bounds, and one ulp beside.
-    hard("quantisation borders", |n, random| {
+    ("quantisation borders", |n, random| {
         let steps = [255u32, 256, 65535, 65536][random.below(4) as usize];
         let (low, high) =
             [(0.0f32, 1.0f32), (-1000.0, 1000.0), (0.1, 0.3), (1e6, 1.001e6), (-1e-3, 7.0)]
@@ -126,7 +122,7 @@ pub const ALL: &[HardScene] = &[
         })
     }),
     // Long thin boxes in three directions.
-    hard("rods", |n, random| {
+    ("rods", |n, random| {
         let length = [10.0f32, 1e4, 1e30][random.below(3) as usize];
         boxes(n, |i| {
             let long = i % 3;
@@ -140,7 +136,7 @@ pub const ALL: &[HardScene] = &[
         })
     }),
     // Half-spaces and slabs among small boxes.
-    hard("slabs without end", |n, random| {
+    ("slabs without end", |n, random| {
         boxes(n, |_| {
             let free = random.below(4) as usize;
             std::array::from_fn(|axis| {
@@ -155,7 +151,7 @@ pub const ALL: &[HardScene] = &[
         })
     }),
     // A few boxes that hold everything, many that are points.
-    hard("giants among dust", |n, random| {
+    ("giants among dust", |n, random| {
         let every = 1 + random.below(40) as usize;
         boxes(n, |i| {
             std::array::from_fn(|_| {
@@ -165,10 +161,6 @@ pub const ALL: &[HardScene] = &[
         })
     }),
 ];
-
-const fn hard(name: &'static str, make: fn(usize, &mut Random) -> Vec<Aabb>) -> HardScene {
-    HardScene { name, make }
-}
 
 /// `count` steps up (or down, where negative) in the order of the floats. Infinities stay.
 pub fn ulps(x: f32, count: i32) -> f32 {

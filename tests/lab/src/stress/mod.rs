@@ -4,7 +4,7 @@
 //! A run's seed gives each `Case` a seed of its own, which determines the number of boxes, one or two
 //! scenes ([`scenes`], `hard`), up to three changes, and the floating-point flags ([`MixedFlags`]) of the
 //! caller, the pool's threads and the writers of boxes: no answer may depend on them. A case is asked in a
-//! `Form`: as boxes, spheres, in a precision mode, as edits of a scene that persists, as placements. Each
+//! `Form`: as boxes, spheres, in a precision mode, as placements. Each
 //! `Subject` answers every case in its form; one comparison (`Case::check`) holds the answer to the
 //! oracle. A wrong one names the case's seed, the first wrong pair and why that pair is in the mask or not.
 //!
@@ -12,9 +12,7 @@
 //! pair may have a larger gap than the mode states (`modes`). What an engine leaves to another one because
 //! a scene is crowded (`Reply::Declined`) is counted and printed: a run without answers proves nothing.
 //!
-//! The same cases go through a daemon, as frames of several client processes (`clients`). All verbs of
-//! scenes, members of shared ones and rules are held to a model by the test `scene_model`; here are
-//! hard boxes and flags, and scenes between the frames of many clients.
+//! The same cases go through a daemon, as frames and as edits of scenes, by several client processes (`clients`).
 //!
 //! To add another way to find pairs, list another `Subject` in `roster.rs`.
 
@@ -24,7 +22,6 @@ mod changes;
 pub(crate) mod clients;
 mod flags;
 pub(crate) mod hard;
-mod kept_scene;
 mod modes;
 mod report;
 mod roster;
@@ -35,7 +32,7 @@ mod tests;
 mod updates;
 
 pub(crate) use answer::{Answer, Form, Reply};
-pub use answer::{Finding, compare};
+pub(crate) use answer::{Finding, compare};
 pub(crate) use case::Case;
 pub use flags::{FloatFlags, MixedFlags, Rounding};
 pub(crate) use report::{Failure, StressReport};
@@ -62,13 +59,11 @@ pub(crate) struct Subject {
 
 type Answering = dyn FnMut(&Case) -> Result<Reply, Finding>;
 
-/// The cases to run.
-#[derive(Clone, Debug)]
-pub(crate) enum Cases {
-    /// Case after case, until the time is over.
-    Run { seed: u64, time: Duration },
-    /// This case and no other.
-    One { seed: u64 },
+/// The cases to run: that of the seed, or with a time case after case of its stream, until the time is over.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Cases {
+    pub(crate) seed: u64,
+    pub(crate) time: Option<Duration>,
 }
 
 /// Runs cases through all subjects. `watch` is called after each case with the number of cases and
@@ -79,21 +74,18 @@ pub(crate) fn run(
     mut watch: impl FnMut(u64, Duration),
 ) -> StressReport {
     let start = Instant::now();
-    let (Cases::Run { seed, .. } | Cases::One { seed }) = *cases;
+    let Cases { seed, time } = *cases;
     let names = subjects.iter().map(|subject| subject.name.clone()).collect();
     let mut report = StressReport::new(seed, names);
-    match *cases {
-        Cases::One { seed } => ask(&Case::new(seed), subjects, &mut report),
-        Cases::Run { seed, time } => {
-            let mut seeds = Random::new(seed);
-            // At least one case runs: a run that checks nothing proves nothing.
-            loop {
-                ask(&Case::new(Case::next_seed(&mut seeds)), subjects, &mut report);
-                watch(report.cases, start.elapsed());
-                if start.elapsed() >= time || report.failures.len() >= MOST_FAILURES {
-                    break;
-                }
-            }
+    let mut seeds = Random::new(seed);
+    // At least one case runs: a run that checks nothing proves nothing.
+    loop {
+        let case = if time.is_some() { Case::next_seed(&mut seeds) } else { seed };
+        ask(&Case::new(case), subjects, &mut report);
+        watch(report.cases, start.elapsed());
+        let is_over = time.is_none_or(|time| start.elapsed() >= time);
+        if is_over || report.failures.len() >= MOST_FAILURES {
+            break;
         }
     }
     report.elapsed_ns = start.elapsed().as_nanos() as u64;

@@ -11,8 +11,7 @@ use pairmask_core::oracle::naive_decoder::decode;
 use pairmask_core::sphere::SphereAllPairs;
 use pairmask_core::{Aabb, Encoding, EncodingChoice};
 use pairmaskd::execute::gpu::{
-    AllPairs, AllPairsOptions, Gpu, GpuChoice, GpuError, Grid, GridOptions, HostImport, OpenError,
-    SceneTools,
+    AllPairs, AllPairsOptions, Gpu, GpuChoice, GpuError, Grid, GridOptions, HostImport,
 };
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use serde::{Deserialize, Serialize};
@@ -20,11 +19,11 @@ use serde::{Deserialize, Serialize};
 use super::Subject;
 use super::answer::{Answer, Finding, Form, Reply};
 use super::case::Case;
-use super::kept_scene::scenes;
 use super::modes::{ModeCase, Sending, Usage};
 use super::updates::updates;
 use crate::Result;
 use crate::sabotage::{Sabotage, Spoiler, lose_a_pair, shrink};
+use crate::study::harness::open_if_any;
 
 /// What takes part.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -95,10 +94,6 @@ impl Roster {
         self.add_gpu(&mut subjects, &pools[..1])?;
         for pool in &pools {
             let (pool, threads) = (Arc::clone(pool), threads_of(pool));
-            if self.wanted.has("scenes", Form::Scene) {
-                let (name, pool) = (format!("scenes of cores, {threads}"), Arc::clone(&pool));
-                subjects.push(scenes(name, pool, None, is_broken));
-            }
             if self.wanted.has("spheres", Form::Spheres) {
                 self.add_spheres(&mut subjects, &pool)?;
             }
@@ -108,8 +103,8 @@ impl Roster {
             }
         }
         if subjects.is_empty() {
-            let nobody =
-                "nothing to run: spheres, updates and scenes take part with --mode exact only";
+            let nobody = "nothing to run: spheres and updates take part with --mode exact only, \
+                          scenes with --clients only";
             return Err(nobody.into());
         }
         Ok(subjects)
@@ -175,31 +170,20 @@ impl Roster {
 
     fn add_gpu(&self, subjects: &mut Vec<Subject>, pools: &[Arc<ThreadPool>]) -> Result<()> {
         let engines = || EngineName::ALL.into_iter().filter(|name| name.is_gpu());
-        let with_scenes = self.wanted.has("scenes", Form::Scene);
         let is_wanted = |name: &EngineName| !self.wanted.forms_of_boxes(name.as_str()).is_empty();
-        if !with_scenes && !engines().any(|name| is_wanted(&name)) {
+        if !engines().any(|name| is_wanted(&name)) {
             return Ok(());
         }
         let is_named =
             self.wanted.engines.iter().any(|wanted| engines().any(|name| name.as_str() == wanted));
-        if self.gpu == GpuChoice::None {
-            // Adapters are not even listed: that takes time and loads every driver.
-            return if is_named { Err(OpenError::SwitchedOff.into()) } else { Ok(()) };
-        }
-        let gpu = match Gpu::open(&self.gpu, HostImport::IfPossible) {
-            Ok(gpu) => gpu,
-            Err(OpenError::NoAdapter { .. }) if !is_named && self.gpu == GpuChoice::Auto => {
-                return Ok(());
-            }
-            Err(error) => return Err(error.into()),
+        let import = HostImport::IfPossible;
+        let gpu = if is_named {
+            Some(Gpu::open(&self.gpu, import)?)
+        } else {
+            open_if_any(&self.gpu, import)?
         };
+        let Some(gpu) = gpu else { return Ok(()) };
         let device = &gpu.info().name;
-        if with_scenes {
-            let tools = SceneTools::new(&gpu, &GridOptions::default())?;
-            let is_broken = self.sabotage == Some(Sabotage::Lossy);
-            let name = format!("scenes on {device}");
-            subjects.push(scenes(name, Arc::clone(&pools[0]), Some(tools), is_broken));
-        }
         for name in engines() {
             for is_harder in [false, true] {
                 let variant = match (is_harder, name) {

@@ -17,7 +17,7 @@ fn roster(engines: &[&str], mode: &str, sabotage: Option<Sabotage>) -> Roster {
 }
 
 fn run_for(seed: u64, ms: u64, subjects: &mut [Subject]) -> StressReport {
-    run(&Cases::Run { seed, time: Duration::from_millis(ms) }, subjects, |_, _| {})
+    run(&Cases { seed, time: Some(Duration::from_millis(ms)) }, subjects, |_, _| {})
 }
 
 /// Each kind of subject passes as it is, and is caught where it is broken; its case is given again.
@@ -27,7 +27,6 @@ fn right_subjects_pass_and_broken_ones_are_caught_and_replayed() {
     for (engines, mode, sabotage, word) in [
         (&["cpu-sap", "cpu-grid"][..], "all", lossy, "is missing"),
         (&["spheres"], "all", lossy, "Sphere"),
-        (&["scenes"], "all", lossy, "is missing"),
         (&["updates"], "all", lossy, "with the default flags"),
         (&["cpu-sap"], "q16", inward, "q16"),
         (&["cpu-sap"], "q8", inward, "q8"),
@@ -52,9 +51,9 @@ fn right_subjects_pass_and_broken_ones_are_caught_and_replayed() {
                 assert!(explain.overlaps && Some(explain.pair) == failure.pair, "{report}");
                 assert!(mode == "all" || explain.mode.starts_with(mode), "{report}");
             }
-            None => assert!(["spheres", "scenes", "updates"].contains(&engines[0]), "{report}"),
+            None => assert!(["spheres", "updates"].contains(&engines[0]), "{report}"),
         }
-        let one = Cases::One { seed: failure.case };
+        let one = Cases { seed: failure.case, time: None };
         assert_eq!(&run(&one, &mut broken, |_, _| {}).failures[0], failure);
         assert!(run(&one, &mut sound, |_, _| {}).is_clean());
     }
@@ -85,12 +84,12 @@ fn what_is_left_to_others_is_counted_and_proves_nothing() {
         culls.subject("declines", form, Encoding::Sparse, &pool, false)
     };
     let mut subjects = vec![decliner(Form::Boxes), decliner(Form::Mode(modes::Usage::Q8))];
-    let report = run(&Cases::One { seed: 1 }, &mut subjects, |_, _| {});
+    let report = run(&Cases { seed: 1, time: None }, &mut subjects, |_, _| {});
     assert_eq!((report.answers, report.checked(), report.failures.len()), (2, 0, 0));
     assert!(!report.is_clean() && report.to_string().contains("nothing was checked"), "{report}");
 
     subjects.extend(roster(&["cpu-sap"], "all", None).subjects().expect("CPU engines"));
-    let report = run(&Cases::One { seed: 1 }, &mut subjects, |_, _| {});
+    let report = run(&Cases { seed: 1, time: None }, &mut subjects, |_, _| {});
     assert_eq!(report.checked(), report.answers - 2);
     let skipped: Vec<&str> = report.skipped.iter().map(|s| s.subject.as_str()).collect();
     assert_eq!(skipped, [&subjects[0].name, &subjects[1].name]);
@@ -100,9 +99,11 @@ fn what_is_left_to_others_is_counted_and_proves_nothing() {
 
 #[test]
 fn a_run_without_answers_is_not_clean() {
-    assert!(!run(&Cases::One { seed: 1 }, &mut [], |_, _| {}).is_clean());
-    let nobody = roster(&["spheres"], "q16", None).subjects();
-    assert!(nobody.is_err_and(|error| error.to_string().contains("nothing to run")));
+    assert!(!run(&Cases { seed: 1, time: None }, &mut [], |_, _| {}).is_clean());
+    for (engine, mode) in [("spheres", "q16"), ("scenes", "all")] {
+        let nobody = roster(&[engine], mode, None).subjects();
+        assert!(nobody.is_err_and(|error| error.to_string().contains("nothing to run")));
+    }
 }
 
 /// Engines of a GPU: right ones pass in every mode, broken ones are caught.
@@ -116,7 +117,7 @@ fn engines_of_a_gpu_pass_in_every_mode_and_broken_ones_are_caught_and_replayed()
         run(cases, &mut subjects, |_, _| {})
     };
     for engine in [EngineName::GpuBrute, EngineName::GpuGrid] {
-        let report = stress(engine, None, &Cases::Run { seed: 5, time: Duration::from_secs(2) });
+        let report = stress(engine, None, &Cases { seed: 5, time: Some(Duration::from_secs(2)) });
         assert!(report.is_clean() && report.checked() == report.answers, "{report}");
         for mode in ["q16", "q8", "f16", "margin", "f64"] {
             assert!(report.subjects.iter().any(|name| name.contains(mode)), "{report:?}");
@@ -124,12 +125,12 @@ fn engines_of_a_gpu_pass_in_every_mode_and_broken_ones_are_caught_and_replayed()
     }
     for sabotage in [Sabotage::Lossy, Sabotage::Inward] {
         // Long enough for a software adapter to meet the broken part many times.
-        let cases = Cases::Run { seed: 6, time: Duration::from_secs(60) };
+        let cases = Cases { seed: 6, time: Some(Duration::from_secs(60)) };
         let report = stress(EngineName::GpuGrid, Some(sabotage), &cases);
         assert!(report.missed > 0 && report.extra == 0, "{report}");
         let failure = &report.failures[0];
         assert!(failure.replay.contains("--engine gpu-grid"), "{report}");
-        let again = Cases::One { seed: failure.case };
+        let again = Cases { seed: failure.case, time: None };
         assert!(!stress(EngineName::GpuGrid, Some(sabotage), &again).is_clean());
         assert!(stress(EngineName::GpuGrid, None, &again).is_clean());
     }
@@ -158,37 +159,36 @@ fn scenes_and_changes_are_what_their_names_say() {
     for name in ["uniform", "flat"] {
         assert!((345 / 4..345 * 4).contains(&pairs(&named(name)).len()), "{name}");
     }
-    for scene in hard::ALL {
+    for (name, make_scene) in hard::ALL {
         for n in [0, 1, 345] {
-            let make = || (scene.make)(n, &mut Random::new(9));
-            assert_eq!((make().len(), bytes(&make())), (n, bytes(&make())), "{}", scene.name);
-            assert!(n == 0 || share(&make(), BoxClass::Solid) >= 0.8, "{}", scene.name);
+            let make = || make_scene(n, &mut Random::new(9));
+            assert_eq!((make().len(), bytes(&make())), (n, bytes(&make())), "{name}");
+            assert!(n == 0 || share(&make(), BoxClass::Solid) >= 0.8, "{name}");
         }
         // Moving every face out by an ulp must change the pairs, else the scene does not test borders.
-        if ["chain of touching boxes", "grid borders", "quantisation borders"].contains(&scene.name)
-        {
-            let boxes = (scene.make)(345, &mut Random::new(4));
+        if ["chain of touching boxes", "grid borders", "quantisation borders"].contains(name) {
+            let boxes = make_scene(345, &mut Random::new(4));
             let wider =
                 |b: &Aabb| Aabb { min: b.min.map(f32::next_down), max: b.max.map(f32::next_up) };
             let wider: Vec<Aabb> = boxes.iter().map(wider).collect();
-            assert!(pairs(&wider).len() > pairs(&boxes).len(), "{}", scene.name);
+            assert!(pairs(&wider).len() > pairs(&boxes).len(), "{name}");
         }
     }
-    for change in changes::ALL {
+    for (name, apply) in changes::ALL {
         for n in [0, 1] {
-            (change.apply)(&mut vec![Aabb::from([0.0; 6]); n], &mut Random::new(5));
+            apply(&mut vec![Aabb::from([0.0; 6]); n], &mut Random::new(5));
         }
         let (before, mut after) = (uniform.boxes(345, 1), uniform.boxes(345, 1));
-        (change.apply)(&mut after, &mut Random::new(3));
+        apply(&mut after, &mut Random::new(3));
         let is_changed = bytes(&before) != bytes(&after);
-        assert!(is_changed || change.name == "zeros of either sign", "{}", change.name);
-        let class = match change.name {
+        assert!(is_changed || *name == "zeros of either sign", "{name}");
+        let class = match *name {
             "empty boxes" => BoxClass::Empty,
             "NaN in some slots" => BoxClass::Invalid,
             _ => BoxClass::Solid,
         };
-        assert!(share(&after, class) > 0.08, "{}", change.name);
-        assert!(change.name != "mirrored" || pairs(&before) == pairs(&after));
+        assert!(share(&after, class) > 0.08, "{name}");
+        assert!(*name != "mirrored" || pairs(&before) == pairs(&after));
     }
     // An ulp less of every radius must lose pairs, else the spheres do not touch.
     let mut lost = 0;

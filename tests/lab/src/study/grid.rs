@@ -9,12 +9,11 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use glam::{Quat, Vec3};
+use pairmask_core::Aabb;
 use pairmask_core::engine::{CullInput, Engine, Grid as CpuGrid, HeapReply, SweepAndPrune};
 use pairmask_core::update::{Placement, par_update_boxes};
-use pairmask_core::{Aabb, Encoding};
 use pairmaskd::execute::gpu::{
-    AllPairsOptions, Block, Command, Frame, Gpu, GpuChoice, GpuError, Home, HostImport,
-    Part as BlockPart, Wait,
+    Block, Checks, Command, Gpu, GpuChoice, GpuError, Home, HostImport, Part as BlockPart,
 };
 use pairmaskd::scene::{Scene, SceneName};
 use serde::Serialize;
@@ -23,10 +22,11 @@ use super::harness::document::Part;
 use super::harness::machine::Machine;
 use super::harness::table::{Fields, row};
 use super::harness::{Report, median, median_ms};
+use super::mapping::gpu::Bench;
 use super::papers::figure;
 use crate::Result;
 use crate::gpu_stages::grid::{
-    GridRow, SCENES, all_pairs_rig, frames_a_second, grid_rig, measure as measure_scene, median_us,
+    SCENES, all_pairs_rig, frames_a_second, grid_rig, measure as measure_scene, median_us,
 };
 
 /// All figures of a study. Fields that begin with `paper_` are the paper's.
@@ -34,23 +34,14 @@ use crate::gpu_stages::grid::{
 pub struct GridReport {
     pub machine: Machine,
     pub bandwidth: Bandwidth,
-    pub scenes: Vec<GridRow>,
+    pub scenes: Vec<Fields>,
     pub stages: Vec<Fields>,
     pub parts: Vec<Fields>,
-    pub with_and_without: Vec<WithoutRow>,
-    pub crossing: Option<u32>,
+    pub with_and_without: Vec<Fields>,
+    pub crossing: Option<u64>,
     pub engines: Vec<Fields>,
     pub moving: Vec<Fields>,
     pub under_way: Vec<Fields>,
-}
-
-/// Table 7: all pairs against the grid. Milliseconds a frame.
-#[derive(Clone, Debug, Serialize)]
-pub struct WithoutRow {
-    pub n: u32,
-    pub without_ms: f64,
-    pub with_ms: f64,
-    pub paper_ms: Option<[f64; 2]>,
 }
 
 /// The paper's scene: a column of objects of one size falls on a plane.
@@ -63,11 +54,6 @@ const CROSSING_COUNTS: [u32; 10] =
     [100, 500, 1_000, 2_000, 4_000, 6_000, 8_000, 10_000, 16_000, 32_000];
 /// Boxes beyond which the sweep takes seconds.
 const SWEEP_MOST: u32 = 1_000_000;
-
-/// What a frame of so many boxes took the authors in all, ms (table 6), whatever share of them moved.
-pub fn paper_frame_ms(n: u32) -> Option<f64> {
-    figure(&format!("table_6[n={n}].total"))
-}
 
 /// Figures of a row of a table of the paper, if it has all of them.
 fn paper<const N: usize>(table: &str, n: u32, columns: [&str; N]) -> Option<[f64; N]> {
@@ -88,13 +74,13 @@ pub fn measure(choice: &GpuChoice, counts: &[u32], quick: bool) -> Result<GridRe
     let mut under_way = Vec::new();
     for &n in counts {
         for name in SCENES {
-            let row = measure_scene(gpu, name, n, Encoding::Sparse, budget, true)?;
+            let row = measure_scene(gpu, name, n, budget)?;
             if name == SceneName::Uniform {
                 stages.extend(stages_of(&row, &bandwidth));
             }
             scenes.push(row);
         }
-        let row = measure_scene(gpu, PAPER_SCENE, n, Encoding::Sparse, budget, true)?;
+        let row = measure_scene(gpu, PAPER_SCENE, n, budget)?;
         parts.push(parts_row(&row, budget));
         engines.push(engines_row(&row, budget));
         under_way.push(under_way_row(gpu, n, budget)?);
@@ -124,25 +110,37 @@ pub fn measure(choice: &GpuChoice, counts: &[u32], quick: bool) -> Result<GridRe
     })
 }
 
-/// The fewest boxes from which on the grid is faster.
-fn crossing(rows: &[WithoutRow]) -> Option<u32> {
-    let slower = rows.iter().rposition(|row| row.with_ms >= row.without_ms);
-    rows.get(slower.map_or(0, |place| place + 1)).map(|row| row.n)
+/// A number of a measured scene.
+fn number(row: &Fields, name: &str) -> f64 {
+    row[name].as_f64().unwrap_or(f64::NAN)
 }
 
-fn parts_row(row: &GridRow, budget: Duration) -> Fields {
-    let ms = |stages: &[&str]| -> f64 {
-        let of = row.stage_us.iter().filter(|(label, _)| stages.contains(&label.as_str()));
+/// The stages of a measured scene, µs.
+fn timed_stages(row: &Fields) -> impl Iterator<Item = (&str, f64)> {
+    let stages = row["stage_us"].as_array().into_iter().flatten();
+    stages.filter_map(|stage| Some((stage[0].as_str()?, stage[1].as_f64()?)))
+}
+
+/// The fewest boxes from which on the grid is faster.
+fn crossing(rows: &[Fields]) -> Option<u64> {
+    let slower = rows.iter().rposition(|row| row["with_ms"].as_f64() >= row["without_ms"].as_f64());
+    rows.get(slower.map_or(0, |place| place + 1)).and_then(|row| row["n"].as_u64())
+}
+
+fn parts_row(row: &Fields, budget: Duration) -> Fields {
+    let ms = |labels: &[&str]| -> f64 {
+        let of = timed_stages(row).filter(|(label, _)| labels.contains(label));
         of.map(|(_, us)| us / 1e3).sum()
     };
-    let update_boxes_ms = update_ms(row.n, budget);
+    let n = number(row, "n") as u32;
+    let update_boxes_ms = update_ms(n, budget);
     row!(
-        n: row.n,
+        n,
         update_boxes_ms,
         update_grid_ms: ms(&["grid_cells", "grid_scan", "grid_scatter", "grid_place"]),
         cull_ms: ms(&["grid_pairs", "grid_write"]),
-        total_ms: update_boxes_ms + row.frame_us / 1e3,
-        paper_ms: paper("table_6", row.n, ["alpha", "beta", "delta", "total"]),
+        total_ms: update_boxes_ms + number(row, "frame_us") / 1e3,
+        paper_ms: paper("table_6", n, ["alpha", "beta", "delta", "total"]),
     )
 }
 
@@ -159,8 +157,9 @@ fn update_ms(n: u32, budget: Duration) -> f64 {
     })
 }
 
-fn engines_row(row: &GridRow, budget: Duration) -> Fields {
-    let boxes = Scene::new(PAPER_SCENE, row.n as usize, SEED).boxes().to_vec();
+fn engines_row(row: &Fields, budget: Duration) -> Fields {
+    let n = number(row, "n") as u32;
+    let boxes = Scene::new(PAPER_SCENE, n as usize, SEED).boxes().to_vec();
     let mut reply = HeapReply::new();
     let mut time = |engine: &mut dyn Engine| {
         median_ms(budget, || {
@@ -170,22 +169,19 @@ fn engines_row(row: &GridRow, budget: Duration) -> Fields {
         })
     };
     row!(
-        n: row.n,
-        gpu_grid_ms: row.frame_us / 1e3,
+        n,
+        gpu_grid_ms: number(row, "frame_us") / 1e3,
         cpu_grid_ms: time(&mut CpuGrid::new()),
-        cpu_sap_ms: (row.n <= SWEEP_MOST).then(|| time(&mut SweepAndPrune::new())),
-        paper_ms: paper_frame_ms(row.n),
+        cpu_sap_ms: (n <= SWEEP_MOST).then(|| time(&mut SweepAndPrune::new())),
+        paper_ms: figure(&format!("table_6[n={n}].total")),
     )
 }
 
-fn without_row(gpu: &Arc<Gpu>, n: u32, budget: Duration) -> Result<WithoutRow> {
+fn without_row(gpu: &Arc<Gpu>, n: u32, budget: Duration) -> Result<Fields> {
     let boxes = Scene::new(PAPER_SCENE, n as usize, SEED).boxes().to_vec();
-    let (options, encoding) = (AllPairsOptions::default(), Encoding::Sparse);
-    let mut all_pairs = all_pairs_rig(gpu, &options, true, &boxes, encoding, false)?;
-    let without_ms = median_us(&mut all_pairs, budget)? / 1e3;
-    drop(all_pairs);
-    let with_ms = median_us(&mut grid_rig(gpu, &boxes, encoding, false)?, budget)? / 1e3;
-    Ok(WithoutRow { n, without_ms, with_ms, paper_ms: paper("table_7", n, ["without", "with"]) })
+    let without_ms = median_us(&mut all_pairs_rig(gpu, &boxes)?, budget)? / 1e3;
+    let with_ms = median_us(&mut grid_rig(gpu, &boxes, false)?, budget)? / 1e3;
+    Ok(row!(n, without_ms, with_ms, paper_ms: paper("table_7", n, ["without", "with"])))
 }
 
 fn under_way_row(gpu: &Arc<Gpu>, n: u32, budget: Duration) -> Result<Fields> {
@@ -197,14 +193,14 @@ fn under_way_row(gpu: &Arc<Gpu>, n: u32, budget: Duration) -> Result<Fields> {
 fn moving_row(gpu: &Arc<Gpu>, n: u32, moving_percent: u32, budget: Duration) -> Result<Fields> {
     let mut scene = Scene::new(PAPER_SCENE, n as usize, SEED);
     let mut boxes = scene.boxes().to_vec();
-    let mut rig = grid_rig(gpu, &boxes, Encoding::Sparse, false)?;
+    let mut rig = grid_rig(gpu, &boxes, false)?;
     let moving = (u64::from(n) * u64::from(moving_percent) / 100) as usize;
     let mut times = Vec::new();
     let started = Instant::now();
     while times.is_empty() || started.elapsed() < budget {
         scene.step();
         boxes[..moving].copy_from_slice(&scene.boxes()[..moving]);
-        rig.boxes.write(&boxes);
+        rig.memory.boxes.write(&boxes);
         times.push(median_us(&mut rig, Duration::ZERO)?);
     }
     Ok(row!(n, moving_percent, frame_ms: median(times) / 1e3))
@@ -227,24 +223,18 @@ const COPY_BYTES: u64 = 256 << 20;
 const SOFTWARE_COPY_BYTES: u64 = 16 << 20;
 /// Copies of which the fastest counts.
 const COPIES: usize = 5;
-/// Longest wait for one.
-const PATIENCE: Duration = Duration::from_secs(10);
-
 impl Bandwidth {
     pub fn measure(gpu: &Arc<Gpu>) -> Result<Self, GpuError> {
-        let software = gpu.info().is_software();
-        let bytes = if software { SOFTWARE_COPY_BYTES } else { COPY_BYTES };
-        let wait = if software { Wait::Block } else { Wait::Spin };
-        let block = |home| Block::new(gpu, home, bytes);
+        let bytes = if gpu.info().is_software() { SOFTWARE_COPY_BYTES } else { COPY_BYTES };
+        let bench = Bench::new(gpu, Checks::Off)?;
+        let block = |home| bench.block(home, bytes);
         let (host, video, other) = (block(Home::Host)?, block(Home::Video)?, block(Home::Video)?);
         let copy = |from: &Arc<Block>, to: &Arc<Block>| -> Result<f64, GpuError> {
             let part = |block| BlockPart::of(block, 0, bytes);
-            let mut frame = Frame::new(gpu, true)?;
-            frame.record(vec![Command::Copy { from: part(from), to: part(to) }])?;
+            let mut frame = bench.frame(vec![Command::Copy { from: part(from), to: part(to) }])?;
             let mut least_ns = f64::INFINITY;
             for _ in 0..COPIES {
-                frame.run(wait, PATIENCE)?;
-                let ns: f64 = frame.step_times()?.iter().map(|step| step.ns).sum();
+                let ns: f64 = bench.run(&mut frame)?.iter().map(|step| step.ns).sum();
                 least_ns = least_ns.min(ns);
             }
             Ok(bytes as f64 / least_ns)
@@ -258,12 +248,12 @@ impl Bandwidth {
 }
 
 /// The stages of a measured scene.
-fn stages_of(row: &GridRow, bandwidth: &Bandwidth) -> Vec<Fields> {
-    let (n, cells, words) = (u64::from(row.n), u64::from(row.cells), row.words);
-    let stage = |(stage, us): &(String, f64)| {
+fn stages_of(row: &Fields, bandwidth: &Bandwidth) -> Vec<Fields> {
+    let [n, cells, words] = ["n", "cells", "words"].map(|name| number(row, name) as u64);
+    let stage = |(stage, us): (&str, f64)| {
         // Up, down and video memory. Each box and each word counts once, each cell 4 bytes;
         // repeated reads (neighbours, crowded cells) are assumed to hit a cache.
-        let (up, down, memory) = match stage.as_str() {
+        let (up, down, memory) = match stage {
             "grid_cells" => (24 * n, 0, 32 * n + 8 * n),
             "grid_scan" => (0, 0, 8 * cells),
             "grid_scatter" => (0, 0, 24 * n),
@@ -278,15 +268,15 @@ fn stages_of(row: &GridRow, bandwidth: &Bandwidth) -> Vec<Fields> {
             memory as f64 / bandwidth.memory,
         ];
         row!(
-            n: row.n,
-            stage: stage.clone(),
-            us: *us,
+            n,
+            stage,
+            us,
             link_bytes: up + down,
             memory_bytes: memory,
             floor_us: ns.into_iter().fold(0.0, f64::max) / 1e3,
         )
     };
-    row.stage_us.iter().map(stage).collect()
+    timed_stages(row).map(stage).collect()
 }
 
 impl Report for GridReport {
@@ -327,7 +317,7 @@ impl Report for GridReport {
             Part::section("Frames under way, uniform scene, frames a second", "", &self.under_way),
             Part::section(
                 "Scenes: boxes in shared memory → mask in shared memory",
-                "A list of pairs has 8 bytes a pair.",
+                "",
                 &self.scenes,
             ),
         ];
@@ -348,7 +338,7 @@ mod tests {
 
     #[test]
     fn the_crossing_is_behind_the_last_row_that_all_pairs_win() {
-        let row = |n, without_ms, with_ms| WithoutRow { n, without_ms, with_ms, paper_ms: None };
+        let row = |n: u32, without_ms: f64, with_ms: f64| row!(n, without_ms, with_ms);
         let rows = [row(1, 1.0, 2.0), row(2, 2.0, 1.0), row(3, 1.0, 2.0), row(4, 2.0, 1.0)];
         assert_eq!(crossing(&rows), Some(4));
         assert_eq!(crossing(&rows[..3]), None);
@@ -361,11 +351,13 @@ mod tests {
         let report = measure(&GpuChoice::Software, &[700], true)?;
         write_files(&report, &folder.path().join("records"))?;
         assert_eq!(report.scenes.len(), 4);
-        assert!(report.scenes.iter().all(|row| row.checked && row.pairs > 0 && row.frame_us > 0.0));
+        let is_measured =
+            |row: &Fields| number(row, "pairs") > 0.0 && number(row, "frame_us") > 0.0;
+        assert!(report.scenes.iter().all(|row| row["checked"] == true && is_measured(row)));
         assert!(report.stages.iter().all(|row| row["floor_us"].as_f64() > Some(0.0)));
         let counts = [report.stages.len(), report.parts.len(), report.engines.len()];
         assert_eq!((counts, report.under_way.len(), report.moving.len()), ([6, 1, 1], 1, 6));
-        assert!(report.with_and_without.iter().any(|row| row.paper_ms.is_some()));
+        assert!(report.with_and_without.iter().any(|row| row["paper_ms"].is_array()));
         let text = std::fs::read_to_string(folder.path().join("records/grid.md"))?;
         for heading in ["Table 6", "Table 7", "Figure 5", "Figure 6", "Stages", "Frames under way"]
         {

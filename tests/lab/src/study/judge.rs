@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use pairmask_core::Encoding;
 use pairmask_core::dispatch::CullOptions;
 use pairmask_core::engine::AvailableIsa;
 use pairmask_core::plan::{Calibration, Capabilities, plan};
@@ -11,9 +12,7 @@ use serde::Serialize;
 use super::harness::Report;
 use super::harness::document::Part;
 use super::harness::table::{Fields, Table, row};
-use super::ways::{
-    Case, CaseTimes, Effort, Pools, Way, WaySet, core_count, measure_case, thread_counts,
-};
+use super::ways::{Case, CaseTimes, Effort, Way, core_count, measure_case, pools, thread_counts};
 use crate::Result;
 
 /// Default sizes: dense where the fastest engine changes.
@@ -21,6 +20,9 @@ pub const SIZES: [u32; 12] =
     [64, 128, 256, 500, 1_000, 2_000, 4_096, 10_000, 32_768, 100_000, 300_000, 1_000_000];
 /// A plan whose time over the best way's is above this is listed as bad.
 const LIMIT: f64 = 1.3;
+/// Largest scene whose dense mask is measured, boxes: the mask has 1 MiB, and no plan chooses it
+/// for one pair a box.
+const DENSE_BOXES: usize = 4_096;
 const EFFORT: Effort =
     Effort { least_frames: 5, most_frames: 200, time: Duration::from_millis(200) };
 
@@ -84,10 +86,12 @@ pub fn measure(
     lanes.extend(&allowed);
     lanes.sort_unstable();
     lanes.dedup();
-    let pools = Pools::new(&lanes)?;
+    let pools = pools(&lanes)?;
     let mut rows = Vec::new();
     for case in cases {
-        let measured = measure_case(*case, WaySet::All, &lanes, &pools, &EFFORT, isa)?;
+        let fits = |encoding: &Encoding| *encoding != Encoding::Dense || case.n <= DENSE_BOXES;
+        let encodings: Vec<Encoding> = Encoding::ALL.into_iter().filter(fits).collect();
+        let measured = measure_case(*case, &encodings, &lanes, &pools, &EFFORT, isa)?;
         rows.extend(allowed.iter().map(|threads| judge(&measured, *threads, &calibration)));
         watch();
     }

@@ -2,7 +2,7 @@
 
 pub(crate) mod accuracy;
 pub(crate) mod grid;
-pub mod harness;
+pub(crate) mod harness;
 pub(crate) mod judge;
 pub(crate) mod mapping;
 pub mod moving;
@@ -10,5 +10,3 @@ pub(crate) mod papers;
 pub mod spheres;
 pub(crate) mod threads;
 pub(crate) mod ways;
-
-pub use self::grid::paper_frame_ms;

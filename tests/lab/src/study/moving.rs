@@ -1,5 +1,6 @@
 //! Scenes of which some boxes move in each frame, for measurements of scenes that persist.
 
+use clap::ValueEnum;
 use pairmask_core::Aabb;
 use pairmaskd::scene::{Random, Scene, SceneName};
 
@@ -7,7 +8,7 @@ use pairmaskd::scene::{Random, Scene, SceneName};
 const STEP: f32 = 0.05;
 
 /// How boxes move.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Motion {
     /// The same boxes, each always the same way.
     Drift,
@@ -20,31 +21,9 @@ pub enum Motion {
 }
 
 impl Motion {
-    /// All of them, with their names.
-    pub const ALL: [(&str, Self); 4] = [
-        ("drift", Self::Drift),
-        ("jitter", Self::Jitter),
-        ("teleport", Self::Teleport),
-        ("spawn", Self::Spawn),
-    ];
-
     /// Its name.
-    pub fn name(self) -> &'static str {
-        Self::ALL.iter().find(|(_, motion)| *motion == self).map_or("", |(name, _)| name)
-    }
-}
-
-/// No motion has that name.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("unknown motion '{0}': use drift, jitter, teleport or spawn")]
-pub struct UnknownMotion(String);
-
-impl std::str::FromStr for Motion {
-    type Err = UnknownMotion;
-
-    fn from_str(name: &str) -> Result<Self, UnknownMotion> {
-        let found = Self::ALL.iter().find(|(known, _)| *known == name);
-        found.map(|(_, motion)| *motion).ok_or_else(|| UnknownMotion(name.into()))
+    pub fn name(self) -> String {
+        format!("{self:?}").to_lowercase()
     }
 }
 

@@ -8,13 +8,13 @@ use std::time::{Duration, Instant};
 
 use crate::Result;
 use crate::study::ways::{
-    Case, CaseTimes, Effort, Pools, WaySet, core_count, measure_case, thread_counts,
+    Case, CaseTimes, Effort, Pools, core_count, measure_case, pools, thread_counts,
 };
 use glam::{Quat, Vec3};
 use pairmask_core::dispatch::nanoseconds_since;
 use pairmask_core::engine::AvailableIsa;
 use pairmask_core::update::{Placement, UpdateError, par_update_boxes, update_boxes};
-use pairmask_core::{Aabb, EngineName};
+use pairmask_core::{Aabb, Encoding, EngineName};
 use pairmaskd::cli::machine::Machine;
 use pairmaskd::scene::{Random, Scene, SceneName};
 use serde::Serialize;
@@ -41,15 +41,15 @@ pub fn papers_cases() -> impl Iterator<Item = Case> {
 }
 
 /// The paper's time, ns, and speed-up over one core for a stage of a scene (Figures 5 and 7), at the paper's size.
-fn papers_figures(stage: Stage, scene: SceneName, threads: usize) -> Option<(u64, f64)> {
-    let table = match stage {
-        Stage::UpdateAabbs => "update",
-        Stage::OverlappingPairs => "pairs",
-    };
+fn papers_figures(table: &str, scene: SceneName, threads: usize) -> Option<(u64, f64)> {
     let ms = |threads: usize| figure(&format!("{table}[scene={scene}].{threads}"));
     let here = ms(threads)?;
     Some(((here * 1e6) as u64, ms(1)? / here))
 }
+
+/// The papers' two stages, and the tables of their times in `papers.toml`.
+const UPDATE: (&str, &str) = ("update-aabbs", "update");
+const PAIRS: (&str, &str) = ("overlapping-pairs", "pairs");
 
 /// Measures both stages of every case; `threads` empty means 1, 2, 4 … all cores. `watch` is called
 /// [`STEPS_A_CASE`] times for each case.
@@ -63,13 +63,13 @@ pub fn measure(cases: &[Case], threads: &[usize], watch: impl Fn()) -> Result<Th
     threads.push(1);
     threads.sort_unstable();
     threads.dedup();
-    let pools = Pools::new(&threads)?;
+    let pools = pools(&threads)?;
     let (mut rows, isa) = (Vec::new(), AvailableIsa::best());
     for case in cases {
         let updates = update_times(case.scene, case.n, &threads, &pools, &EFFORT)?;
-        rows.extend(series(Stage::UpdateAabbs, *case, None, updates));
+        rows.extend(series(UPDATE, *case, None, updates));
         watch();
-        let measured = measure_case(*case, WaySet::Sparse, &threads, &pools, &EFFORT, isa)?;
+        let measured = measure_case(*case, &[Encoding::Sparse], &threads, &pools, &EFFORT, isa)?;
         rows.extend(pair_rows(&measured));
         watch();
     }
@@ -83,7 +83,7 @@ fn pair_rows(measured: &CaseTimes) -> Vec<Fields> {
         let ways = measured.ways.iter().filter(|(way, _)| way.engine == engine);
         let of_engine: Vec<_> =
             ways.map(|(way, times)| (way.threads, times.engine_ns.clone())).collect();
-        rows.extend(series(Stage::OverlappingPairs, measured.case, Some(engine), of_engine));
+        rows.extend(series(PAIRS, measured.case, Some(engine), of_engine));
     }
     rows
 }
@@ -112,7 +112,7 @@ fn update_times(
         for (threads, times) in &mut times {
             let (locals, placements) = (black_box(&locals), black_box(&placements));
             let out = &mut out;
-            let ns = match pools.of(*threads) {
+            let ns = match pools.get(threads) {
                 None => {
                     let start = Instant::now();
                     update_boxes(locals, placements, out)?;
@@ -140,14 +140,6 @@ fn object(world: &Aabb, random: &mut Random) -> (Aabb, Placement) {
     (Aabb::new(-half, half), Placement::rigid(min + half, turn))
 }
 
-/// The papers' two stages.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Stage {
-    UpdateAabbs,
-    OverlappingPairs,
-}
-
 /// The JSON object of `threads --json`. Fields may be added, never changed or taken away.
 #[derive(Debug, Serialize)]
 pub struct ThreadsReport {
@@ -157,7 +149,7 @@ pub struct ThreadsReport {
 
 /// The rows of one stage of a case: (threads, times), of which one has one thread.
 fn series(
-    stage: Stage,
+    (stage, table): (&str, &str),
     case: Case,
     engine: Option<EngineName>,
     series: Vec<(usize, Vec<u64>)>,
@@ -168,7 +160,7 @@ fn series(
     let of = |(threads, mut times): (usize, Vec<u64>)| {
         times.sort_unstable();
         let least_ns = least(&times);
-        let paper = papers_figures(stage, case.scene, threads);
+        let paper = papers_figures(table, case.scene, threads);
         row!(
             stage,
             scene: case.scene.as_str(),
@@ -209,7 +201,7 @@ mod tests {
     fn speed_ups_are_over_one_thread() {
         let case = Case { scene: SceneName::Cubes, n: 10 };
         let times = vec![(1, vec![500, 400, 900]), (2, vec![200, 300, 250])];
-        let rows = series(Stage::OverlappingPairs, case, Some(EngineName::CpuSap), times);
+        let rows = series(PAIRS, case, Some(EngineName::CpuSap), times);
         assert_eq!((&rows[0]["speed_up"], &rows[1]["speed_up"]), (&1.0.into(), &2.0.into()));
         assert_eq!((&rows[1]["least_ns"], &rows[1]["median_ns"]), (&200.into(), &250.into()));
         assert_eq!(rows[1]["paper_ns"], 31_650_000);
@@ -219,16 +211,16 @@ mod tests {
     fn the_papers_figures_are_those_of_its_scenes_and_cores() {
         let both = |threads| {
             let ns =
-                |stage| papers_figures(stage, SceneName::Cubes, threads).map_or(0, |(ns, _)| ns);
-            (ns(Stage::UpdateAabbs) + ns(Stage::OverlappingPairs)) as f64
+                |table| papers_figures(table, SceneName::Cubes, threads).map_or(0, |(ns, _)| ns);
+            (ns(UPDATE.1) + ns(PAIRS.1)) as f64
         };
         // Figure 9 says 5.1.
         assert!((4.5..5.2).contains(&(both(1) / both(8))));
-        let update = |threads| papers_figures(Stage::UpdateAabbs, SceneName::Balls, threads);
+        let update = |threads| papers_figures(UPDATE.1, SceneName::Balls, threads);
         let (ns, speed_up) = update(8).expect("the paper has it");
         assert!(ns == 740_000 && (speed_up - 6.01).abs() < 0.01, "{speed_up}");
         assert_eq!(update(3), None);
-        assert_eq!(papers_figures(Stage::OverlappingPairs, SceneName::Uniform, 2), None);
+        assert_eq!(papers_figures(PAIRS.1, SceneName::Uniform, 2), None);
         let cases: Vec<_> = papers_cases().collect();
         for case in cases {
             let scene = case.scene;

@@ -3,6 +3,7 @@
 //! The machine may be busy: ways that are compared run in the same second, and the shortest of many
 //! frames counts.
 
+use std::collections::BTreeMap;
 use std::hint::black_box;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -22,9 +23,6 @@ use crate::Result;
 const SEED: u64 = 1;
 /// Frames before the first measured one: they touch memory and settle orders.
 const WARM_UP: usize = 2;
-/// Largest scene whose dense mask is measured, boxes: the mask has 1 MiB, and no plan chooses it
-/// for one pair a box.
-const DENSE_BOXES: usize = 4_096;
 /// A way is left out when its prediction is this many times the fastest …
 const HOPELESS: f64 = 12.0;
 /// … and above this, ns.
@@ -58,44 +56,31 @@ pub struct CaseTimes {
     pub ways: Vec<(Way, WayTimes)>,
 }
 
-/// The set of ways in which a case is measured.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum WaySet {
-    Sparse,
-    /// As `Sparse`, and lists and, for few boxes, dense masks: all ways that a plan may choose.
-    All,
-}
-
-/// The ways of a set, without those of [`HOPELESS`] predictions.
-fn ways(stats: &SceneStats, threads: &[usize], set: WaySet, isa: AvailableIsa) -> Vec<Way> {
-    let calibration = Calibration::built_in(isa.get());
-    let encodings: &[_] = match set {
-        WaySet::Sparse => &[Encoding::Sparse],
-        _ if stats.n.len() > DENSE_BOXES => &[Encoding::Sparse, Encoding::List],
-        WaySet::All => &[Encoding::Sparse, Encoding::List, Encoding::Dense],
-    };
-    let ways = EngineName::CPU.into_iter().flat_map(|engine| {
-        let encodings = encodings.iter();
-        encodings.flat_map(move |encoding| {
-            threads.iter().map(move |threads| Way {
-                engine,
-                encoding: *encoding,
-                threads: *threads,
-            })
-        })
-    });
+/// Every engine with these encodings and numbers of threads, without those of [`HOPELESS`] predictions.
+fn ways(
+    stats: &SceneStats,
+    encodings: &[Encoding],
+    threads: &[usize],
+    calibration: &Calibration,
+) -> Vec<Way> {
     let predicted_ns = |engine: EngineName| {
         Work::of(engine, Encoding::Sparse, stats).map_or(0.0, |work| calibration.time_ns(&work))
     };
     let least = EngineName::CPU.into_iter().map(predicted_ns).fold(f64::INFINITY, f64::min);
     let hopeless_ns = (HOPELESS * least).max(HOPELESS_NS);
-    ways.filter(|way| predicted_ns(way.engine) <= hopeless_ns).collect()
+    let mut ways = Vec::new();
+    for engine in EngineName::CPU.into_iter().filter(|name| predicted_ns(*name) <= hopeless_ns) {
+        for &encoding in encodings {
+            ways.extend(threads.iter().map(|&threads| Way { engine, encoding, threads }));
+        }
+    }
+    ways
 }
 
 /// Measures a case with engines and decoders that use `isa`.
 pub fn measure_case(
     case: Case,
-    set: WaySet,
+    encodings: &[Encoding],
     threads: &[usize],
     pools: &Pools,
     effort: &Effort,
@@ -103,12 +88,12 @@ pub fn measure_case(
 ) -> Result<CaseTimes> {
     let mut scene = Scene::new(case.scene, case.n, SEED);
     let mut stats = SceneStats::glance(scene.boxes(), None);
-    let timed = |way: Way| TimedWay::new(way, pools.of(way.threads), isa);
-    let mut timed_ways: Vec<TimedWay> =
-        ways(&stats, threads, set, isa).into_iter().filter_map(timed).collect();
+    let calibration = Calibration::built_in(isa.get());
+    let timed = |way: Way| TimedWay::new(way, pools.get(&way.threads).cloned(), isa);
+    let ways = ways(&stats, encodings, threads, &calibration);
+    let mut timed_ways: Vec<TimedWay> = ways.into_iter().filter_map(timed).collect();
     let capabilities =
         Capabilities { threads: threads.iter().max().copied().unwrap_or(1), gpu: None };
-    let calibration = Calibration::built_in(isa.get());
     let (mut anew_ns, mut again_ns) = (u64::MAX, u64::MAX);
     let start = Instant::now();
     for frame in 0..effort.most_frames + WARM_UP {
@@ -251,19 +236,11 @@ pub fn core_count() -> usize {
     std::thread::available_parallelism().map_or(1, usize::from)
 }
 
-/// Thread pools, one for each number of threads.
-pub struct Pools(Vec<Arc<ThreadPool>>);
+/// A pool for each number of threads above 1; one thread is the calling one.
+pub type Pools = BTreeMap<usize, Arc<ThreadPool>>;
 
-impl Pools {
-    /// One pool for each number of threads above 1.
-    pub fn new(threads: &[usize]) -> Result<Self> {
-        let more = threads.iter().filter(|threads| **threads > 1);
-        let pool = |n: &usize| Ok(Arc::new(ThreadPoolBuilder::new().num_threads(*n).build()?));
-        Ok(Self(more.map(pool).collect::<Result<_>>()?))
-    }
-
-    /// The pool of `threads` threads; `None` is the calling thread.
-    pub fn of(&self, threads: usize) -> Option<Arc<ThreadPool>> {
-        self.0.iter().find(|pool| pool.current_num_threads() == threads).cloned()
-    }
+pub fn pools(threads: &[usize]) -> Result<Pools> {
+    let more = threads.iter().filter(|threads| **threads > 1);
+    let pool = |n: &usize| Ok((*n, Arc::new(ThreadPoolBuilder::new().num_threads(*n).build()?)));
+    more.map(pool).collect()
 }

@@ -76,10 +76,12 @@ fn clients_are_counted_together_and_of_differing_sizes_apart() {
 #[test]
 fn the_text_says_who_asked_and_clients_that_cannot_connect_are_told_of_once() {
     let place = Place::new();
-    let finished = place.run(&["load", "--seconds", "1", "--rate", "50", "--n", "70"]);
+    let finished =
+        place.run(&["load", "--seconds", "1", "--rate", "50", "--n", "70", "--out", "load"]);
     assert_eq!(finished.code, Some(0), "{finished:?}");
+    assert!(place.file("load/load.csv").is_file());
     for part in
-        ["1 client of 1 at 50 Hz", "% of a core", "\nfrom due ", "idle (serve): while 1 client"]
+        ["| rate ", "| 50 ", " from_due_ns.p99 ", "## Clients that send nothing", "| serve "]
     {
         assert!(finished.stdout.contains(part), "{part}: {finished:?}");
     }

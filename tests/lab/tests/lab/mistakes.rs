@@ -22,9 +22,8 @@ fn a_mistake_is_told_in_one_line() {
         ("load --mix 1x2 --n 1", 2, "--mix and --n exclude each other"),
         ("load --seconds 0", 2, "must be at least 1"),
         ("grid --n x", 2, "'x' for --n: must be a whole number"),
-        ("accuracy --compare absent", 1, "absent: there is no such file"),
         ("accuracy --out boxes.f32", 1, "boxes.f32: it is no directory"),
-        ("accuracy --gpu 99 --n 10 --mapping none", 1, "no GPU fits '99'"),
+        ("accuracy --gpu 99 --n 10", 1, "no GPU fits '99'"),
         ("mapping --gpu none --quick --out boxes.f32", 1, "boxes.f32: it is no directory"),
         ("stress --config absent", 2, "configuration absent: there is no such file"),
     ] {
@@ -42,11 +41,14 @@ fn help_lists_what_works() {
         (
             "stress --help",
             &["--gpu", "--config", "--instance", "--clients"][..],
-            &["stress-client"][..],
+            &["\n  client"][..],
         ),
-        ("grid --help", &["--gpu"], &["--instance", "--isa"]),
-        ("load --help", &["--instance", "[default: daemon]"], &["load-client"]),
-        ("--help", &["stress", "accuracy", "load"], &["serve", "stress-client", "load-client"]),
+        ("grid --help", &["--gpu", "--config"], &["--instance", "--isa"]),
+        ("accuracy --help", &["--runtime-dir", "[default: daemon]"], &[]),
+        ("plan --help", &["--isa"], &["--instance"]),
+        ("spheres --help", &["--gpu"], &["--isa", "--config"]),
+        ("load --help", &["--instance", "[default: daemon]"], &[]),
+        ("--help", &["stress", "accuracy", "load"], &["\n  serve", "\n  client"]),
     ] {
         let words: Vec<&str> = line.split_whitespace().collect();
         let help = place.run(&words).stdout;
@@ -72,8 +74,7 @@ fn a_reader_that_has_gone_is_no_failure() {
 #[test]
 fn driver_warnings_are_not_shown() {
     let place = Place::new();
-    let line = "accuracy --scene uniform --n 10 --frames 1 --precision exact --mapping none \
-                --backend in-process --gpu auto";
+    let line = "accuracy --scene uniform --n 10 --frames 1 --precision exact --backend in-process --gpu auto";
     let words: Vec<&str> = line.split_whitespace().collect();
     let finished = place.run(&words);
     assert_eq!((finished.code, finished.stderr.as_str()), (Some(0), ""));

@@ -2,7 +2,6 @@
 //! until it is told to end.
 
 use std::collections::VecDeque;
-use std::io;
 use std::rc::Rc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -14,9 +13,9 @@ use pairmask::{
 use pairmaskd::scene::Random;
 use serde::{Deserialize, Serialize};
 
+use super::kept_scene::{Fate, Heard, KeptScene};
 use super::offer::{MOST_UNDER_WAY, Offer, Way, pick};
 use crate::processes::tell;
-use crate::stress::kept_scene::{Fate, Heard, KeptScene};
 use crate::stress::modes::Sending;
 use crate::stress::{Answer, Case, Finding, Form, Wanted};
 
@@ -155,7 +154,7 @@ struct Client<'a> {
 
 impl ClientSettings {
     /// Runs the client until `is_over`.
-    pub(crate) fn run(&self, daemon: &SessionBuilder, is_over: &AtomicBool) -> io::Result<()> {
+    pub(crate) fn run(&self, daemon: &SessionBuilder, is_over: &AtomicBool) {
         let kept = self.case.iter().flat_map(|seed| {
             [false, true].map(|is_large| shared_case(CaseId { seed: *seed, is_large }))
         });
@@ -173,32 +172,32 @@ impl ClientSettings {
             counts: Counts::default(),
             told_at: Instant::now(),
         };
-        client.work()?;
-        client.tell()?;
-        tell(&Said::Ended(client.gave_up))
+        client.work();
+        client.tell();
+        tell(&Said::Ended(client.gave_up));
     }
 }
 
 impl Client<'_> {
     /// Works until it is told to end, or cannot go on.
-    fn work(&mut self) -> io::Result<()> {
+    fn work(&mut self) {
         self.counts.cases += self.kept.len() as u64;
         for _ in 0..=self.random.below(MOST_SESSIONS) {
             if !self.open() {
-                return Ok(());
+                return;
             }
         }
         self.stock = (0..STOCK).map(|_| self.next_case()).collect();
         while !self.is_over.load(Ordering::Relaxed) && self.failures < MOST_FAILURES {
             let session = self.below(self.sessions.len());
-            if !self.step(session)? {
+            if !self.step(session) {
                 break;
             }
             if self.told_at.elapsed() >= TELL_INTERVAL {
-                self.tell()?;
+                self.tell();
             }
         }
-        (0..self.sessions.len()).try_for_each(|session| self.read_all(session))
+        (0..self.sessions.len()).for_each(|session| self.read_all(session));
     }
 
     fn below(&mut self, bound: usize) -> usize {
@@ -207,7 +206,7 @@ impl Client<'_> {
 
     /// One step of a session, which sends only with room, and reads only what is under way. Says whether there
     /// can be another one.
-    fn step(&mut self, session: usize) -> io::Result<bool> {
+    fn step(&mut self, session: usize) -> bool {
         let under_way = self.sessions[session].frames.len();
         let has_room = under_way < self.sessions[session].way.depth;
         match self.random.below(200) {
@@ -221,44 +220,43 @@ impl Client<'_> {
             }
             10 => {
                 if !self.settings.is_abrupt {
-                    self.read_all(session)?;
+                    self.read_all(session);
                 }
                 self.counts.unread += self.sessions[session].frames.len() as u64;
                 // Closed first: a client has no more sessions at a time than it may.
                 drop(self.sessions.swap_remove(session));
-                return Ok(self.open());
+                return self.open();
             }
             11..=20 if under_way > 0 => {
                 let frame = self.below(under_way);
                 drop(self.sessions[session].frames.remove(frame));
                 self.counts.unread += 1;
             }
-            21..=110 if has_room => self.send(session)?,
+            21..=110 if has_room => self.send(session),
             _ if under_way > 0 => {
                 let frame = self.below(under_way);
-                self.read(session, frame)?;
+                self.read(session, frame);
             }
-            _ => self.send(session)?,
+            _ => self.send(session),
         }
-        Ok(true)
+        true
     }
 
-    fn tell(&mut self) -> io::Result<()> {
+    fn tell(&mut self) {
         self.told_at = Instant::now();
-        tell(&Said::Counted(std::mem::take(&mut self.counts)))
+        tell(&Said::Counted(std::mem::take(&mut self.counts)));
     }
 
     /// Reads all that a session has under way, and the answer to one frame more: then the daemon has
     /// received what was dropped before, too.
-    fn read_all(&mut self, session: usize) -> io::Result<()> {
+    fn read_all(&mut self, session: usize) {
         while !self.sessions[session].frames.is_empty() && self.failures < MOST_FAILURES {
-            self.read(session, 0)?;
+            self.read(session, 0);
         }
         if self.failures < MOST_FAILURES {
-            self.send(session)?;
-            self.read(session, 0)?;
+            self.send(session);
+            self.read(session, 0);
         }
-        Ok(())
     }
 
     fn next_case(&mut self) -> SharedCase {
@@ -293,7 +291,7 @@ impl Client<'_> {
         }
     }
 
-    fn send(&mut self, session: usize) -> io::Result<()> {
+    fn send(&mut self, session: usize) {
         let is_kept = !self.kept.is_empty() && self.random.below(2) == 0;
         let cases = if is_kept { &self.kept } else { &self.stock };
         let case = Rc::clone(pick(cases, &mut self.random));
@@ -304,19 +302,16 @@ impl Client<'_> {
         self.counts.frames += 1;
         let open = &mut self.sessions[session];
         match send(&mut open.session, &case.1, form) {
-            Ok(pending) => {
-                open.frames.push_back(UnderWay { pending, case, form });
-                Ok(())
-            }
+            Ok(pending) => open.frames.push_back(UnderWay { pending, case, form }),
             Err(error) => self.fail(session, case.0, form, Finding::other(&error)),
         }
     }
 
     /// Edits the session's scene towards the boxes of a case. One in a few begins anew.
-    fn edit(&mut self, session: usize, case: &SharedCase) -> io::Result<()> {
+    fn edit(&mut self, session: usize, case: &SharedCase) {
         // The edit needs a place of the session's.
         while self.sessions[session].frames.len() >= MOST_UNDER_WAY {
-            self.read(session, 0)?;
+            self.read(session, 0);
         }
         let random = &mut self.random;
         let Open { session: of, kept, .. } = &mut self.sessions[session];
@@ -349,31 +344,28 @@ impl Client<'_> {
                 }))
             })
         });
-        let finding = match edited {
+        let found = match edited {
             Ok(Ok(false)) => {
                 self.counts.unread += 1;
-                return Ok(());
+                return;
             }
-            Ok(compared) => match self.answered(by, compared.map(drop)) {
-                Ok(()) => return Ok(()),
-                Err(finding) => finding,
-            },
+            Ok(compared) => self.answered(by, compared.map(drop)),
             Err(error) => {
                 let is_late = matches!(error, CommitError::Wait(WaitError::Timeout { .. }));
                 self.counts.unanswered += u64::from(is_late);
-                Finding::other(&error)
+                Err(Finding::other(&error))
             }
         };
-        self.sessions[session].kept = None;
-        self.fail(session, case.0, Form::Scene, finding)
+        if let Err(finding) = found {
+            self.sessions[session].kept = None;
+            self.fail(session, case.0, Form::Scene, finding);
+        }
     }
 
-    fn read(&mut self, session: usize, frame: usize) -> io::Result<()> {
-        let Some(UnderWay { pending, case, form }) = self.sessions[session].frames.remove(frame)
-        else {
-            return Ok(());
-        };
-        let compared = match receive(pending, &case.1) {
+    fn read(&mut self, session: usize, frame: usize) {
+        let frames = &mut self.sessions[session].frames;
+        let Some(UnderWay { pending, case, form }) = frames.remove(frame) else { return };
+        let found = match receive(pending, &case.1) {
             Ok((answer, by)) => self.answered(by, case.1.check(form, &answer)),
             Err(error) => {
                 let is_late = matches!(error, WaitError::Timeout { .. });
@@ -381,9 +373,8 @@ impl Client<'_> {
                 Err(Finding::other(&error))
             }
         };
-        match compared {
-            Ok(()) => Ok(()),
-            Err(finding) => self.fail(session, case.0, form, finding),
+        if let Err(finding) = found {
+            self.fail(session, case.0, form, finding);
         }
     }
 
@@ -399,16 +390,10 @@ impl Client<'_> {
         Ok(())
     }
 
-    fn fail(
-        &mut self,
-        session: usize,
-        case: CaseId,
-        form: Form,
-        finding: Finding,
-    ) -> io::Result<()> {
+    fn fail(&mut self, session: usize, case: CaseId, form: Form, finding: Finding) {
         self.failures += 1;
         let way = self.sessions[session].way.to_string();
-        tell(&Said::Failed(Box::new(FailedFrame { case, form, way, finding })))
+        tell(&Said::Failed(Box::new(FailedFrame { case, form, way, finding })));
     }
 }
 

@@ -5,20 +5,22 @@
 //! spheres, precision modes), some thousands of boxes large, and compares the answers with the oracle. It
 //! has several frames under way, reads them in any order, drops some unread, pauses, closes sessions and
 //! opens others. Between its frames each session edits a scene that persists, whose answers are taken or
-//! dropped by chance; the pairs that it knows are compared with the oracle. On request clients are killed and started again, and close
-//! sessions with frames under way. The transport loses a place of 128 with each port that goes while the
-//! daemon has not received its requests, and its server panics when the last one is lost: the daemon's
-//! supervisor starts another worker, and such a run ends as failed.
+//! dropped by chance; the pairs that it knows are compared with the oracle. On request clients are killed
+//! and started again, and close sessions with frames under way. The transport loses a place of 128 with
+//! each port that goes while the daemon has not received its requests, and its server panics when the last
+//! one is lost: the daemon's supervisor starts another worker, and such a run ends as failed.
 //!
 //! A client's seed gives its frames again; the time at which they meet those of others is not given
 //! again. So a failure's replay command sends its case many times, among others.
 //!
 //! ```text
-//! offer      what clients may ask for, and what a session asks for        (pure)
-//! client     one client: the process
+//! offer       what clients may ask for, and what a session asks for       (pure)
+//! kept_scene  a scene that persists, and what has to come of its edits     (pure)
+//! client      one client: the process
 //! ```
 
 mod client;
+mod kept_scene;
 mod offer;
 
 pub use client::{ClientSettings, Counts};
@@ -26,7 +28,6 @@ pub use client::{ClientSettings, Counts};
 use std::fmt;
 use std::io;
 use std::num::NonZeroU16;
-use std::process::Command;
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::{Duration, Instant};
 
@@ -42,7 +43,7 @@ use self::offer::Offer;
 use super::report::{Failure, StressReport};
 use super::{MOST_FAILURES, Wanted};
 use crate::Result;
-use crate::processes::Worker;
+use crate::processes::{Daemon, Work, Worker};
 
 /// Slots for sessions beside those of the living clients: slots of killed clients are free again after
 /// about a second.
@@ -111,6 +112,7 @@ impl fmt::Display for ClientsReport {
 #[derive(Clone, Debug)]
 pub struct ClientsRun {
     pub clients: NonZeroU16,
+    pub daemon: Daemon,
     /// Whether they are killed now and then, and close sessions with frames under way.
     pub with_kills: bool,
     pub seed: u64,
@@ -123,17 +125,11 @@ pub struct ClientsRun {
 }
 
 impl ClientsRun {
-    /// Runs clients of the daemon that `daemon` connects to, for the time of the run. `command` makes the
-    /// process of a client with these settings. `watch` is called now and then with the number of
-    /// answers and the time since the start.
-    pub fn run(
-        &self,
-        daemon: &SessionBuilder,
-        command: impl Fn(&ClientSettings) -> Command,
-        watch: impl FnMut(u64, Duration),
-    ) -> Result<StressReport> {
+    /// Runs clients of the daemon for the time of the run. `watch` is called now and then with the number of answers
+    /// and the time since the start.
+    pub fn run(&self, watch: impl FnMut(u64, Duration)) -> Result<StressReport> {
         let start = Instant::now();
-        let look = Look::before(daemon)?;
+        let look = Look::before(&self.daemon.session())?;
         let offer = Offer::new(&self.wanted, look.has_gpu);
         if offer.is_empty() {
             return Err("nothing to ask the daemon for: spheres go with --mode exact only, updates not through a \
@@ -144,12 +140,11 @@ impl ClientsRun {
         let mut crowd = Crowd {
             run: self,
             with_gpu: look.has_gpu,
-            command,
             random: Random::new(self.seed),
             heard,
             ears,
             clients: Vec::new(),
-            lives: 0,
+            started: 0,
             failed: Vec::new(),
             report: ClientsReport { count: self.clients.get().into(), ..ClientsReport::default() },
         };
@@ -171,33 +166,31 @@ impl ClientsRun {
     }
 }
 
-/// A client process. Clients have numbers from 0, and one that was killed lives again.
+/// A client process. One that takes the place of a killed one has a number of its own.
 struct Client {
-    number: usize,
-    life: u64,
+    number: u64,
     worker: Worker,
     /// Its last words, once it has said them.
     ended: Option<Said>,
 }
 
-struct Crowd<'a, C> {
+struct Crowd<'a> {
     run: &'a ClientsRun,
     with_gpu: bool,
-    command: C,
     random: Random,
     heard: Sender<(u64, Option<Said>)>,
     ears: Receiver<(u64, Option<Said>)>,
     clients: Vec<Client>,
-    lives: u64,
+    started: u64,
     failed: Vec<FailedFrame>,
     report: ClientsReport,
 }
 
-impl<C: Fn(&ClientSettings) -> Command> Crowd<'_, C> {
+impl Crowd<'_> {
     /// Starts the clients, and lets them work until the time is over or too much is wrong.
     fn work(&mut self, mut watch: impl FnMut(u64, Duration)) -> io::Result<()> {
-        for number in 0..self.run.clients.get().into() {
-            self.start(number)?;
+        for _ in 0..self.run.clients.get() {
+            self.start()?;
         }
         let start = Instant::now();
         let mut next_kill = start + self.until_next_kill();
@@ -205,8 +198,8 @@ impl<C: Fn(&ClientSettings) -> Command> Crowd<'_, C> {
             && self.failed.len() < MOST_FAILURES
             && !self.clients.is_empty()
         {
-            if let Ok((life, said)) = self.ears.recv_timeout(TICK) {
-                self.note(life, said);
+            if let Ok((number, said)) = self.ears.recv_timeout(TICK) {
+                self.note(number, said);
             }
             watch(self.report.counts.answers, start.elapsed());
             if self.run.with_kills && Instant::now() >= next_kill {
@@ -223,15 +216,15 @@ impl<C: Fn(&ClientSettings) -> Command> Crowd<'_, C> {
         let deadline = Instant::now() + ENDS_WITHIN;
         while !self.clients.is_empty() {
             let left = deadline.saturating_duration_since(Instant::now());
-            let Ok((life, said)) = self.ears.recv_timeout(left) else { break };
-            self.note(life, said);
+            let Ok((number, said)) = self.ears.recv_timeout(left) else { break };
+            self.note(number, said);
         }
         for Client { number, .. } in self.clients.drain(..) {
             self.report.broken.push(format!("client {number} does not end when it is told to"));
         }
     }
 
-    fn start(&mut self, number: usize) -> io::Result<()> {
+    fn start(&mut self) -> io::Result<()> {
         let settings = ClientSettings {
             seed: self.random.bits(),
             case: self.run.case,
@@ -239,12 +232,12 @@ impl<C: Fn(&ClientSettings) -> Command> Crowd<'_, C> {
             with_gpu: self.with_gpu,
             is_abrupt: self.run.with_kills,
         };
-        let (life, heard) = (self.lives, self.heard.clone());
-        self.lives += 1;
+        let (number, heard) = (self.started, self.heard.clone());
+        self.started += 1;
         // Nobody hears what a client says after the run.
-        let hear = move |said| drop(heard.send((life, said)));
-        let worker = Worker::start((self.command)(&settings), hear)?;
-        self.clients.push(Client { number, life, worker, ended: None });
+        let hear = move |said| drop(heard.send((number, said)));
+        let worker = self.run.daemon.start(&Work::Stress(settings), hear)?;
+        self.clients.push(Client { number, worker, ended: None });
         Ok(())
     }
 
@@ -256,33 +249,27 @@ impl<C: Fn(&ClientSettings) -> Command> Crowd<'_, C> {
     /// Kills a client wherever it is, with SIGKILL.
     fn kill_one(&mut self) -> io::Result<()> {
         let which = self.random.below(self.clients.len() as u64) as usize;
-        let Client { number, worker, .. } = self.clients.swap_remove(which);
-        drop(worker);
+        drop(self.clients.swap_remove(which));
         self.report.killed += 1;
-        self.start(number)
+        self.start()
     }
 
-    fn note(&mut self, life: u64, said: Option<Said>) {
+    fn note(&mut self, number: u64, said: Option<Said>) {
         // One that was killed is no longer among the clients.
-        let place = self.clients.iter().position(|client| client.life == life);
-        match said {
-            Some(Said::Counted(counts)) => self.report.counts.add(&counts),
-            Some(Said::Failed(failed)) => self.failed.push(*failed),
-            Some(ended @ Said::Ended(_)) => {
-                if let Some(place) = place {
-                    self.clients[place].ended = Some(ended);
-                }
-            }
-            None => {
-                let Some(place) = place else { return };
-                let Client { number, ended, .. } = self.clients.swap_remove(place);
-                let why = match ended {
+        let place = self.clients.iter().position(|client| client.number == number);
+        match (said, place) {
+            (Some(Said::Counted(counts)), _) => self.report.counts.add(&counts),
+            (Some(Said::Failed(failed)), _) => self.failed.push(*failed),
+            (ended @ Some(Said::Ended(_)), Some(place)) => self.clients[place].ended = ended,
+            (None, Some(place)) => {
+                let why = match self.clients.swap_remove(place).ended {
                     Some(Said::Ended(None)) => return,
                     Some(Said::Ended(Some(why))) => why,
                     _ => "it died".to_owned(),
                 };
                 self.report.broken.push(format!("client {number}: {why}"));
             }
+            (_, None) => {}
         }
     }
 }

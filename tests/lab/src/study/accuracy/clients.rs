@@ -2,16 +2,15 @@
 //! process.
 
 use std::hint::black_box;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use glam::{DVec3, Vec3};
-use pairmask::{PairMask, ServedBy, Session};
-use pairmask_core::dispatch::{CullOptions, SphereEngines, StageTimes};
-use pairmask_core::engine::{EngineId, HeapReply};
-use pairmask_core::mask::MaskView;
+use pairmask::{Backend, FrameError, PairMask, Session};
+use pairmask_core::dispatch::CullOptions;
+use pairmask_core::engine::EngineId;
 use pairmask_core::oracle::{Faces, truth_of_faces};
-use pairmask_core::sphere::{SPHERE_BYTES, Sphere};
-use pairmask_core::{Aabb, Bounds, BoxClass, BoxCount};
+use pairmask_core::sphere::Sphere;
+use pairmask_core::{Aabb, Bounds, BoxClass};
 use pairmaskd::timed_client::{Decoding, TimedClient, TimedError, TimedFrame};
 use rayon::prelude::*;
 
@@ -37,45 +36,9 @@ pub trait Client {
 /// An answered frame.
 #[derive(Clone, Debug)]
 pub struct Answer {
-    pub figures: FrameFigures,
+    pub frame: TimedFrame,
     /// The pairs, sorted, if they were wanted.
     pub pairs: Option<Vec<Pair>>,
-}
-
-/// Times and sizes of a frame.
-#[derive(Clone, Copy, Debug)]
-pub struct FrameFigures {
-    pub backend: &'static str,
-    pub engine: EngineId,
-    /// Whether a request was made; else an earlier answer held.
-    pub was_asked: bool,
-    /// Time to write the objects in the form in which they are culled.
-    pub fill: Duration,
-    pub round_trip: Duration,
-    /// Time to visit every pair of the mask once.
-    pub decode: Duration,
-    /// The engine's time by stage; zeros where no request was made.
-    pub stages: StageTimes,
-    /// Bytes of the objects that were culled.
-    pub box_bytes: u64,
-    pub mask_bytes: u64,
-}
-
-impl From<&TimedFrame> for FrameFigures {
-    fn from(frame: &TimedFrame) -> Self {
-        let TimedFrame { info, was_asked, fill, round_trip, decode } = *frame;
-        Self {
-            backend: info.served_by.as_str(),
-            engine: info.engine,
-            was_asked,
-            fill,
-            round_trip,
-            decode,
-            stages: if was_asked { info.times } else { StageTimes::default() },
-            box_bytes: info.box_bytes,
-            mask_bytes: info.mask_bytes,
-        }
-    }
 }
 
 /// The client of a mode. Spheres are culled in this process, by the engine of `options`; all others
@@ -85,14 +48,21 @@ pub fn client(
     options: &CullOptions,
     session: Session,
     boxes: &[Aabb],
-) -> Box<dyn Client> {
-    match mode {
+) -> Result<Box<dyn Client>, TimedError> {
+    Ok(match mode {
         StudyMode::Sent(precision) => {
             Box::new(BoxClient(TimedClient::new(session, precision, boxes)))
         }
         StudyMode::World(world) => Box::new(WorldClient::new(session, world, boxes)),
-        StudyMode::Spheres(fit) => Box::new(SphereClient::new(fit, *options)),
-    }
+        StudyMode::Spheres(fit) => {
+            let mut own = Session::builder().backend(Backend::InProcess).answer_repeats(false);
+            if let Some(threads) = options.threads {
+                own = own.threads(threads);
+            }
+            let own = own.engine(options.engine).encoding(options.encoding).connect();
+            Box::new(SphereClient { fit, session: own.map_err(FrameError::from)? })
+        }
+    })
 }
 
 /// The scene's boxes in a precision.
@@ -102,7 +72,7 @@ impl Client for BoxClient {
     fn frame(&mut self, boxes: &[Aabb], wants_pairs: bool) -> Result<Answer, TimedError> {
         let mut pairs = None;
         let frame = self.0.frame(boxes, |mask| pairs = wants_pairs.then(|| sorted(mask)))?;
-        Ok(Answer { figures: FrameFigures::from(&frame), pairs })
+        Ok(Answer { frame, pairs })
     }
 
     fn truth(&self, boxes: &[Aabb], engine: EngineId) -> Result<Vec<Pair>, TimedError> {
@@ -161,7 +131,7 @@ impl Client for WorldClient {
         let look = |mask: &_| pairs = wants_pairs.then(|| sorted(mask));
         let frame =
             TimedClient::written_frame(session, boxes.len(), write, &mut Decoding::Serial, look)?;
-        Ok(Answer { figures: FrameFigures::from(&frame), pairs })
+        Ok(Answer { frame, pairs })
     }
 
     fn truth(&self, _: &[Aabb], engine: EngineId) -> Result<Vec<Pair>, TimedError> {
@@ -194,63 +164,38 @@ fn world_pairs(boxes: &[Faces], origin: DVec3, engine: EngineId) -> Result<Vec<P
 /// Spheres of the boxes, culled in this process.
 struct SphereClient {
     fit: Fit,
-    options: CullOptions,
-    engines: SphereEngines,
-    spheres: Vec<Sphere>,
-    reply: HeapReply,
-}
-
-impl SphereClient {
-    fn new(fit: Fit, options: CullOptions) -> Self {
-        let (engines, spheres, reply) = Default::default();
-        Self { fit, options, engines, spheres, reply }
-    }
+    session: Session,
 }
 
 impl Client for SphereClient {
     /// The fill is the time to make spheres of the boxes.
     fn frame(&mut self, boxes: &[Aabb], wants_pairs: bool) -> Result<Answer, TimedError> {
         let start = Instant::now();
-        self.spheres.clear();
-        self.spheres.extend(boxes.iter().map(|b| sphere(b, self.fit)));
+        let mut frame = self.session.sphere_frame(boxes.len())?;
+        for (to, b) in frame.spheres_mut().iter_mut().zip(boxes) {
+            *to = sphere(b, self.fit);
+        }
         let filled = Instant::now();
-        let answer = self.engines.cull(&self.spheres, &self.options, &mut self.reply)?;
+        let mask = frame.submit()?.wait()?;
         let answered = Instant::now();
-        self.options.last_pairs = Some(answer.report.pair_count);
-        let n = BoxCount::new(boxes.len() as u32);
-        let mask = MaskView::new(n, &answer.report.shape, self.reply.words())?;
         let (mut decoded, mut indices) = (0, 0);
-        mask.for_each(|a, b| {
-            decoded += 1;
-            indices ^= a ^ b;
+        mask.for_each_slice(|pairs| {
+            decoded += pairs.len() as u64;
+            indices = pairs.iter().fold(indices, |indices, [a, b]| indices ^ a ^ b);
         });
         black_box(indices);
-        let decode = answered.elapsed();
-        let counted = answer.report.pair_count;
+        let (fill, round_trip, decode) = (filled - start, answered - filled, answered.elapsed());
+        let counted = mask.count();
         if counted != decoded {
             return Err(TimedError::Miscounted { counted, decoded });
         }
-        let pairs = wants_pairs.then(|| {
-            let mut pairs: Vec<Pair> = mask.pairs().collect();
-            pairs.sort_unstable();
-            pairs
-        });
-        let figures = FrameFigures {
-            backend: ServedBy::InProcess.as_str(),
-            engine: answer.engine.into(),
-            was_asked: true,
-            fill: filled - start,
-            round_trip: answered - filled,
-            decode,
-            stages: answer.times,
-            box_bytes: (self.spheres.len() * SPHERE_BYTES) as u64,
-            mask_bytes: answer.report.shape.mask_bytes(),
-        };
-        Ok(Answer { figures, pairs })
+        let info = *mask.info();
+        let frame = TimedFrame { info, was_asked: true, fill, round_trip, decode };
+        Ok(Answer { frame, pairs: wants_pairs.then(|| sorted(&mask)) })
     }
 
-    fn truth(&self, _: &[Aabb], engine: EngineId) -> Result<Vec<Pair>, TimedError> {
-        sphere_pairs(&self.spheres, engine)
+    fn truth(&self, boxes: &[Aabb], engine: EngineId) -> Result<Vec<Pair>, TimedError> {
+        sphere_pairs(&boxes.iter().map(|b| sphere(b, self.fit)).collect::<Vec<_>>(), engine)
     }
 
     fn stands_for_boxes(&self) -> bool {
@@ -310,7 +255,6 @@ fn sphere_pairs(spheres: &[Sphere], engine: EngineId) -> Result<Vec<Pair>, Timed
 
 #[cfg(test)]
 mod tests {
-    use pairmask::Backend;
     use pairmask_core::EngineName;
     use pairmaskd::scene::{Random, Scene, SceneName};
 
@@ -332,7 +276,7 @@ mod tests {
             let coordinates = client.boxes.as_flattened().as_flattened();
             let count = coordinates.iter().filter(|x| is_f32(x)).count();
             assert!(count < 3_000 || offset != 1e6, "{count} of 6,000 coordinates are f32 numbers");
-            let truth = client.truth(scene.boxes(), answer.figures.engine)?;
+            let truth = client.truth(scene.boxes(), answer.frame.info.engine)?;
             Ok::<_, TimedError>(truth::Difference::between(
                 &answer.pairs.unwrap_or_default(),
                 &truth,

@@ -1,15 +1,18 @@
 //! One row: a scene in motion, culled in one mode.
 
+use std::num::NonZeroU32;
 use std::time::Duration;
 
+use clap::Args;
 use pairmask::Session;
-use pairmask_core::dispatch::CullOptions;
+use pairmask_core::dispatch::{CullOptions, StageTimes};
 use pairmask_core::{EngineChoice, EngineName};
+use pairmaskd::cli::whole_number::whole_number;
 use pairmaskd::precision::PrecisionChoice;
 use pairmaskd::scene::{Scene, SceneName};
-use pairmaskd::timed_client::TimedError;
+use pairmaskd::timed_client::{TimedError, TimedFrame};
 
-use super::clients::{FrameFigures, client};
+use super::clients::client;
 use super::mode::{StudyMode, World};
 use super::rows::{AccuracyRow, AgainstBoxes, Percentiles, STAGES};
 use super::truth::{self, Difference};
@@ -26,18 +29,23 @@ pub struct Subject {
 }
 
 /// Numbers of frames.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Args)]
 pub struct Lengths {
-    /// Frames before the first recorded one.
-    pub warm_up: u32,
-    pub frames: u32,
-    /// Recorded frames that are checked against the truth: the first, and others at even intervals.
-    pub checked: u32,
+    /// Frames that are timed
+    #[arg(long, value_parser = whole_number::<NonZeroU32>, value_name = "N", default_value = "100")]
+    frames: NonZeroU32,
+    /// Frames before those
+    #[arg(long, value_parser = whole_number::<u32>, value_name = "N", default_value_t = 10)]
+    warm_up: u32,
+    /// Timed frames whose pairs are compared with the exact ones, after the clock has stopped
+    #[arg(long, value_parser = whole_number::<u32>, value_name = "N", default_value_t = 4)]
+    checked: u32,
 }
 
 impl Lengths {
+    /// Whether a timed frame is checked: the first, and others at even intervals.
     fn is_checked(&self, frame: u32) -> bool {
-        let interval = self.frames.div_ceil(self.checked.max(1)).max(1);
+        let interval = self.frames.get().div_ceil(self.checked.max(1)).max(1);
         self.checked > 0 && frame.is_multiple_of(interval)
     }
 }
@@ -50,29 +58,32 @@ pub fn row(
     memory_bytes: impl FnOnce() -> u64,
 ) -> Result<AccuracyRow, TimedError> {
     let mut scene = Scene::new(subject.scene, subject.n as usize, subject.seed);
-    let mut client = client(subject.mode, &subject.options, session, scene.boxes());
-    let mut last = client.frame(scene.boxes(), false)?.figures;
+    let mut client = client(subject.mode, &subject.options, session, scene.boxes())?;
+    let mut last = client.frame(scene.boxes(), false)?.frame;
     for _ in 0..lengths.warm_up {
         scene.step();
-        last = client.frame(scene.boxes(), false)?.figures;
+        last = client.frame(scene.boxes(), false)?.frame;
     }
     let mut times: [Vec<u64>; STAGES.len()] = Default::default();
     let (mut requests, mut mask_bytes) = (0, 0);
     let (mut found, mut checked_frames) = (Difference::default(), 0);
     let mut of_boxes = client.stands_for_boxes().then(Difference::default);
-    for frame in 0..lengths.frames {
+    for frame in 0..lengths.frames.get() {
         scene.step();
         let answer = client.frame(scene.boxes(), lengths.is_checked(frame))?;
-        last = answer.figures;
+        last = answer.frame;
         for (times, ns) in times.iter_mut().zip(stages(&last)) {
             times.push(ns);
         }
         requests += u64::from(last.was_asked);
-        mask_bytes += u64::from(last.was_asked) * last.mask_bytes;
+        mask_bytes += u64::from(last.was_asked) * last.info.mask_bytes;
         if let Some(reported) = answer.pairs {
-            found.add(&Difference::between(&reported, &client.truth(scene.boxes(), last.engine)?));
+            found.add(&Difference::between(
+                &reported,
+                &client.truth(scene.boxes(), last.info.engine)?,
+            ));
             if let Some(of_boxes) = &mut of_boxes {
-                let truth = truth::pairs(scene.boxes(), last.engine)?;
+                let truth = truth::pairs(scene.boxes(), last.info.engine)?;
                 of_boxes.add(&Difference::between(&reported, &truth));
             }
             checked_frames += 1;
@@ -88,7 +99,7 @@ pub fn row(
         StudyMode::Spheres(fit) => (None, None, Some(fit.as_str().to_owned())),
     };
     let AgainstBoxes { true_pairs, missed, extra, extra_ratio } = found.into();
-    let percentiles = |(stage, times): (&str, _)| (stage.to_owned(), Percentiles::of(times));
+    let percentiles = |(stage, times)| (stage, Percentiles::of(times));
     Ok(AccuracyRow {
         scene: subject.scene.to_string(),
         n: subject.n,
@@ -96,14 +107,14 @@ pub fn row(
         margin,
         offset,
         spheres,
-        backend: last.backend.to_owned(),
+        backend: last.info.served_by.as_str().to_owned(),
         engine: subject.options.engine.to_string(),
-        served_by_engine: last.engine.to_string(),
-        frames: u64::from(lengths.frames),
+        served_by_engine: last.info.engine.to_string(),
+        frames: lengths.frames.get().into(),
         requests,
         times: STAGES.into_iter().zip(times).map(percentiles).collect(),
-        bytes_up: last.box_bytes,
-        bytes_down: mask_bytes.checked_div(requests).unwrap_or(last.mask_bytes),
+        bytes_up: last.info.box_bytes,
+        bytes_down: mask_bytes.checked_div(requests).unwrap_or(last.info.mask_bytes),
         checked_frames,
         true_pairs,
         missed,
@@ -115,15 +126,16 @@ pub fn row(
 }
 
 /// Times of a frame, ns, in the order of [`STAGES`].
-fn stages(frame: &FrameFigures) -> [u64; STAGES.len()] {
+fn stages(frame: &TimedFrame) -> [u64; STAGES.len()] {
     let ns = |time: Duration| time.as_nanos() as u64;
+    let engine = if frame.was_asked { frame.info.times } else { StageTimes::default() };
     [
         ns(frame.fill),
-        frame.stages.ingest_ns,
-        frame.stages.plan_ns,
-        frame.stages.execute_ns,
-        frame.stages.publish_ns,
-        frame.stages.total_ns,
+        engine.ingest_ns,
+        engine.plan_ns,
+        engine.execute_ns,
+        engine.publish_ns,
+        engine.total_ns,
         ns(frame.round_trip),
         ns(frame.decode),
         ns(frame.fill + frame.round_trip + frame.decode),
@@ -183,7 +195,8 @@ mod tests {
 
     #[test]
     fn rows_of_every_mode_miss_nothing() {
-        let lengths = Lengths { warm_up: 1, frames: 10, checked: 5 };
+        let frames = NonZeroU32::new(10).expect("not zero");
+        let lengths = Lengths { warm_up: 1, frames, checked: 5 };
         let modes = ["exact", "q16", "q8", "f16", "margin=0.1", "f64", "spheres", "plain-f32"];
         for mode in modes {
             let session = Session::builder().backend(Backend::InProcess).connect();

@@ -5,7 +5,7 @@
 //!
 //! The parts: [`mode`] names the subject of a row, [`clients`] answer its frames, [`measure`] runs the row,
 //! [`truth`] finds the right pairs. [`rows`] holds the figures, [`judge`] says what they are worth, [`report`]
-//! writes them down. [`variants`] is speed against error of the papers' mapping functions, in the same report.
+//! writes them down.
 
 pub mod clients;
 pub mod judge;
@@ -14,4 +14,3 @@ pub mod mode;
 pub mod report;
 pub mod rows;
 pub mod truth;
-pub mod variants;

@@ -2,7 +2,7 @@
 
 use serde_json::json;
 
-use super::judge::{ModeVerdict, Setting, in_order, modes, settings};
+use super::judge::{ModeVerdict, Setting, in_order, modes, settings, title};
 use super::rows::{AccuracyReport, AccuracyRow, AgainstBoxes, STAGES, ratio};
 use crate::study::harness::Report;
 use crate::study::harness::document::{Part, html};
@@ -14,50 +14,57 @@ impl Report for AccuracyReport {
     const NAME: &'static str = "accuracy";
 
     fn parts(&self) -> Vec<Part> {
-        let mut parts = vec![Part::heading(1, "Run time against error")];
-        parts.extend(self.machine.parts());
-        let rows = readable(&self.rows).only(&TEXT_COLUMNS);
-        parts.extend(Part::section_of("Rows", "Times are medians, ms.", rows));
-        parts.push(Part::text(self.pareto.to_string()));
-        let note = "Avril et al. 2012; none serves a client.";
-        parts.extend(Part::section("Mapping functions", note, &self.variants));
+        let Self { machine, seed, rows, pareto } = self;
+        let far: Vec<AccuracyRow> =
+            rows.iter().filter(|row| row.offset.is_some()).cloned().collect();
+        // A table of the two ways is clearer than plots.
+        let columns = "scene,n,mode,engine,p50,p99,down,true pairs,missed,extra,extra %";
+        let sections = [
+            Part::section_of(
+                "What modes cost",
+                "Modes against exact frames of the same scene, size and engine: a time below 1 is faster. \
+                 Extra pairs are reported though the boxes do not overlap, in percent of the pairs that do. \
+                 No mode may miss a pair.",
+                choices(rows),
+            ),
+            Part::section_of(
+                "Which mode pays where",
+                "A mode is on the Pareto front of a scene, size and distance from the origin if no other one \
+                 that misses nothing is at least as fast (median of a whole frame), with no more extra pairs \
+                 and no more bytes up, and better in one of the three. Medians count as they were measured: a \
+                 nanosecond decides where all else is equal.",
+                verdicts(&pareto.modes),
+            ),
+            Part::section_of(
+                "Far from the origin",
+                "The scene in a world of f64 coordinates, held to the exact overlaps in f64. `f64` sends \
+                 boxes relative to an origin among them, rounded outward; `plain-f32` rounds every \
+                 coordinate to the nearest f32, and is there as a warning. Of large scenes it is left \
+                 out: its pairs would be nearly all there are.",
+                readable(&far).only(columns),
+            ),
+            Part::section_of(
+                "All rows",
+                "Times are medians, ms.",
+                readable(rows).only(TEXT_COLUMNS),
+            ),
+        ];
+        let mut parts = vec![Part::heading(1, "Run time against error"), Part::text(missed(rows))];
+        parts.extend(machine.parts());
+        parts.push(Part::text(format!("Seed: {seed}.")));
+        parts.extend(sections.concat());
         parts
     }
 
-    fn csv(&self) -> String {
-        Table::of(&self.rows).csv()
-    }
-
     fn files(&self) -> Vec<(String, String)> {
-        vec![
-            ("accuracy.csv".to_owned(), self.csv()),
-            ("mapping.csv".to_owned(), Table::of(&self.variants).csv()),
-            ("report.html".to_owned(), html(&page(self))),
-        ]
+        let page = html(&[self.parts(), plots(&self.rows)].concat());
+        vec![("accuracy.csv".to_owned(), self.csv()), ("report.html".to_owned(), page)]
     }
 }
 
 /// Columns for a terminal.
-const TEXT_COLUMNS: [&str; 18] = [
-    "scene",
-    "n",
-    "mode",
-    "backend",
-    "engine",
-    "p50",
-    "p99",
-    "fill",
-    "engine time",
-    "round trip",
-    "decode",
-    "bytes up",
-    "down",
-    "requests",
-    "missed",
-    "extra %",
-    "against boxes %",
-    "MiB",
-];
+const TEXT_COLUMNS: &str = "scene,n,mode,backend,engine,p50,p99,fill,engine time,round trip,decode,\
+    bytes up,down,requests,missed,extra %,against boxes %,MiB";
 
 /// Stages that share a frame.
 const PARTS: [&str; 6] = ["fill", "ingest", "plan", "execute", "publish", "decode"];
@@ -101,101 +108,47 @@ fn against(boxes: &AgainstBoxes) -> String {
     format!("+{}{minus}", text(boxes.extra_ratio))
 }
 
-/// The page: plots, tables, and how to read them.
-fn page(report: &AccuracyReport) -> Vec<Part> {
-    let AccuracyReport { machine, seed, rows, pareto, variants } = report;
-    let settings = settings(rows);
-    let (near, far): (Vec<AccuracyRow>, Vec<AccuracyRow>) =
-        rows.iter().cloned().partition(|row| row.offset.is_none());
-    let mut parts = vec![Part::heading(1, "Run time against error"), Part::text(missed(rows))];
-    parts.extend(machine.parts());
-    parts.push(Part::text(format!("Seed: {seed}.")));
-    let mut add = |title: &str, text: &str, part: Part| {
-        parts.extend([Part::heading(2, title), Part::text(text), part]);
+/// Plots of the rows that do not lie far from the origin, and how to read them.
+fn plots(rows: &[AccuracyRow]) -> Vec<Part> {
+    let near: Vec<AccuracyRow> = rows.iter().filter(|row| row.offset.is_none()).cloned().collect();
+    let scenes = || in_order(near.iter().map(|row| row.scene.as_str())).into_iter();
+    let over_n = |y: &[&str]| {
+        let of = |scene| {
+            let here = near.iter().filter(|row| row.scene == scene).cloned();
+            let table = readable(&here.collect::<Vec<_>>());
+            let title = format!("{scene}: {}", y.join(", "));
+            Plot { title, ..Plot::of(&table, "n", y, &["mode", "asked"], Look::Line) }
+        };
+        scenes().map(of).collect::<Vec<_>>()
     };
-    add(
-        "What modes cost",
-        "Modes against exact frames of the same scene, size and engine: a time below 1 is faster. \
-         Extra pairs are reported though the boxes do not overlap, in percent of the pairs that do. \
-         No mode may miss a pair.",
-        Part::Table(choices(rows)),
-    );
-    add(
-        "Which mode pays where",
-        "A mode is on the Pareto front of a scene, size and distance from the origin if no other one \
-         that misses nothing is at least as fast (median of a whole frame), with no more extra pairs \
-         and no more bytes up, and better in one of the three. Medians count as they were measured: a \
-         nanosecond decides where all else is equal.",
-        Part::Table(verdicts(&pareto.modes)),
-    );
-    if !far.is_empty() {
-        // A table of the two ways is clearer than plots.
-        let columns = ["scene", "n", "mode", "engine", "p50", "p99", "down", "true pairs"];
-        let columns = [&columns[..], &["missed", "extra", "extra %"]].concat();
-        add(
-            "Far from the origin",
-            "The scene in a world of f64 coordinates, held to the exact overlaps in f64. `f64` sends \
-             boxes relative to an origin among them, rounded outward; `plain-f32` rounds every \
-             coordinate to the nearest f32, and is there as a warning. Of large scenes it is left \
-             out: its pairs would be nearly all there are.",
-            Part::Table(readable(&far).only(&columns)),
-        );
-    }
-    if !near.is_empty() {
-        let near_settings = settings.iter().filter(|setting| setting.offset.is_none());
-        let of_scenes = || in_order(near.iter().map(|row| row.scene.as_str())).into_iter();
-        let plots = |plots: Vec<Plot>| Part::Plots(plots.iter().map(Plot::svg).collect());
-        add(
+    let sections = [
+        (
             "Speed against error",
             "Whole frame (boxes written, pairs found, every pair looked at), median, ms, against extra \
              pairs, %. The dashed line is the front of these two; what missed a pair is not drawn. \
              Spheres are culled in the client's process, and stand for boxes: their extra pairs are \
              those that the boxes do not have. Spheres within the boxes lose pairs of boxes.",
-            plots(near_settings.map(speed_against_error).collect()),
-        );
-        add(
+            settings(&near).iter().map(speed_against_error).collect(),
+        ),
+        (
             "Scaling, with the papers beside",
             "The papers' lines are theirs: their scenes, their machines, what they counted as a frame. ms.",
-            plots(of_scenes().map(|scene| scaling(scene, &near)).collect()),
-        );
-        let over_n = |y: &[&str], by: &[&str]| {
-            let of = |scene| {
-                let here = near.iter().filter(|row| row.scene == scene).cloned();
-                let table = readable(&here.collect::<Vec<_>>());
-                let title = format!("{scene}: {}", y.join(", "));
-                Plot { title, ..Plot::of(&table, "n", y, by, Look::Line) }
-            };
-            plots(of_scenes().map(of).collect())
-        };
-        add("Percentiles", "Whole frames, ms.", over_n(&["p50", "p99"], &["mode", "asked"]));
-        add(
+            scenes().map(|scene| scaling(scene, &near)).collect(),
+        ),
+        ("Percentiles", "Whole frames, ms.", over_n(&["p50", "p99"])),
+        (
             "Where the time goes",
             "Medians of the stages, ms; they do not add up exactly. What the round trip has beside the \
              engine is the transport and both sides' waiting.",
-            over_n(&PARTS, &["mode", "asked"]),
-        );
-    }
-    if !variants.is_empty() {
-        let table = Table::of(variants);
-        let plot = Plot::of(
-            &table,
-            "wrong_share",
-            &["ps_per_pair"],
-            &["variant", "n", "processor"],
-            Look::Points,
-        );
-        add(
-            "From a pair's number to the pair",
-            "The papers' mapping functions (Avril et al. 2012, §3) and others: time against the share \
-             of numbers that become another pair or none, each of which is a pair missed or tested \
-             twice. None of them serves a client.",
-            Part::Plots(vec![plot.with_front().svg()]),
-        );
-        add("All mapping functions", "", Part::Table(table));
-    }
-    add("All rows", "Times are medians, ms.", Part::Table(readable(rows).only(&TEXT_COLUMNS)));
-    add("All figures of all rows", "", Part::Table(Table::of(rows)));
-    parts
+            over_n(&PARTS),
+        ),
+    ];
+    let shown = sections.into_iter().filter(|(_, _, plots)| !plots.is_empty());
+    let parts = |(title, text, plots): (&str, &str, Vec<Plot>)| {
+        let plots = plots.iter().map(Plot::svg).collect();
+        [Part::heading(2, title), Part::text(text), Part::Plots(plots)]
+    };
+    shown.flat_map(parts).collect()
 }
 
 /// The first sentence of the page.
@@ -261,9 +214,9 @@ fn verdicts(modes: &[ModeVerdict]) -> Table {
 }
 
 fn speed_against_error(setting: &Setting<'_>) -> Plot {
-    let rows: Vec<AccuracyRow> = setting.rows.iter().copied().cloned().collect();
+    let rows: Vec<AccuracyRow> = setting.iter().copied().cloned().collect();
     let plot = Plot::of(&readable(&rows), "error %", &["p50"], &["mode"], Look::Points);
-    Plot { title: setting.title(), ..plot.with_front() }
+    Plot { title: title(setting), ..plot.with_front() }
 }
 
 /// Exact frames of a scene over n, a line an engine, beside the papers'.
@@ -283,14 +236,12 @@ fn scaling(scene: &str, rows: &[AccuracyRow]) -> Plot {
 mod tests {
     use super::*;
     use crate::study::accuracy::rows::tests::{of_mode, report, row};
-    use crate::study::accuracy::variants;
     use crate::study::harness::document::markdown;
 
     fn page_of(rows: Vec<AccuracyRow>) -> String {
         let mut report = report(rows);
-        report.variants = vec![variants::tests::row("lazy", 1.5, 0.0)];
         "bench <accuracy>".clone_into(&mut report.machine.command);
-        html(&page(&report))
+        report.files().swap_remove(1).1
     }
 
     #[test]
@@ -303,15 +254,13 @@ mod tests {
             against_boxes: Some(boxes),
             ..of_mode("spheres", 500_000, 0, 0)
         };
-        let mut report = report(vec![row(), spheres]);
-        report.variants = vec![variants::tests::row("lazy", 1.5, 0.0)];
+        let report = report(vec![row(), spheres]);
         let csv = report.csv();
         let counts: Vec<usize> = csv.lines().map(|line| line.split(',').count()).collect();
         assert_eq!(counts, [42; 3]);
         assert!(csv.contains(",times.total_ns.p50,times.total_ns.p99,"), "{csv}");
         let text = markdown(&report.parts());
-        let parts = ["margin=0.1", "40/200", "spheres=inscribed", "+7.000 -2.000", "lazy"];
-        for part in parts.into_iter().chain(["Nowhere on it: spheres"]) {
+        for part in ["margin=0.1", "40/200", "spheres=inscribed", "+7.000 -2.000", "| nowhere"] {
             assert!(text.contains(part), "{part}: {text}");
         }
     }
@@ -323,8 +272,8 @@ mod tests {
         for outside in ["http:", "https:", "src=", "href=", "url(", "@import", "<script"] {
             assert!(!without_namespace.contains(outside), "{outside}");
         }
-        // Speed against error, scaling, percentiles and stages of the one setting; the mapping functions.
-        assert_eq!(page.matches("<svg").count(), 5);
+        // Speed against error, scaling, percentiles and stages of the one setting.
+        assert_eq!(page.matches("<svg").count(), 4);
         assert!(page.contains("No pair was missed") && page.contains(">0.5<"), "{page}");
         assert!(page.contains("bench &lt;accuracy&gt;"), "the command is escaped");
         let rows = vec![of_mode("exact", 2000, 0, 0), of_mode("q16", 1000, 3, 1)];

@@ -1,30 +1,26 @@
-//! The figures of the accuracy study, as written to JSON and read back for comparison.
+//! The figures of the accuracy study, as written to JSON.
 //!
 //! Fields may be added, never changed or taken away. `README.md` says what they mean.
 
 use std::collections::BTreeMap;
 
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
 use super::judge::Pareto;
 use super::truth::Difference;
-use super::variants::VariantRow;
 use crate::study::harness::machine::Machine;
 
-/// The results of one run of the study. Reports of earlier versions have no `pareto` and no `variants`.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+/// The results of one run of the study.
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct AccuracyReport {
     pub machine: Machine,
     pub seed: u64,
     pub rows: Vec<AccuracyRow>,
-    #[serde(default)]
     pub pareto: Pareto,
-    #[serde(default)]
-    pub variants: Vec<VariantRow>,
 }
 
 /// Percentiles of a time, ns.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Percentiles {
     pub p50: u64,
     pub p99: u64,
@@ -58,7 +54,7 @@ pub const STAGES: [&str; 9] = [
 ];
 
 /// One scene of n boxes in motion, culled in one mode by one engine.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct AccuracyRow {
     pub scene: String,
     pub n: u32,
@@ -71,7 +67,7 @@ pub struct AccuracyRow {
     pub served_by_engine: String,
     pub frames: u64,
     pub requests: u64,
-    pub times: BTreeMap<String, Percentiles>,
+    pub times: BTreeMap<&'static str, Percentiles>,
     pub bytes_up: u64,
     pub bytes_down: u64,
     pub checked_frames: u64,
@@ -84,7 +80,7 @@ pub struct AccuracyRow {
 }
 
 /// Pairs of objects that stand for boxes, against the boxes' pairs.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct AgainstBoxes {
     pub true_pairs: u64,
     pub missed: u64,
@@ -108,7 +104,7 @@ pub fn ratio(extra: u64, true_pairs: u64) -> Option<f64> {
 }
 
 impl AccuracyRow {
-    /// Times of a stage; zeros where a report of another version has none.
+    /// Times of a stage.
     pub fn time(&self, stage: &str) -> Percentiles {
         self.times.get(stage).copied().unwrap_or_default()
     }
@@ -141,7 +137,7 @@ impl AccuracyRow {
         self.missed + self.against_boxes.map_or(0, |boxes| boxes.missed)
     }
 
-    /// Name of the row, for messages, and by which rows of two reports are matched.
+    /// Name of the row, for messages.
     pub fn name(&self) -> String {
         let Self { scene, n, backend, engine, .. } = self;
         format!("{scene} {n} {} {backend} {engine}", self.mode_text())
@@ -190,33 +186,17 @@ pub(super) mod tests {
         }
     }
 
-    pub fn totals(p50: u64, p99: u64) -> BTreeMap<String, Percentiles> {
-        let stage = |stage: &str| {
+    pub fn totals(p50: u64, p99: u64) -> BTreeMap<&'static str, Percentiles> {
+        let stage = |stage: &'static str| {
             let times = Percentiles { p50, p99 };
-            (stage.to_owned(), if stage == "total_ns" { times } else { Percentiles::default() })
+            (stage, if stage == "total_ns" { times } else { Percentiles::default() })
         };
         STAGES.map(stage).into()
     }
 
     pub fn report(rows: Vec<AccuracyRow>) -> AccuracyReport {
         let (machine, pareto) = (Machine::here(None), Pareto::of(&rows));
-        AccuracyReport { machine, seed: 1, rows, pareto, variants: Vec::new() }
-    }
-
-    #[test]
-    fn a_report_survives_json_and_one_of_an_earlier_version_is_read()
-    -> Result<(), serde_json::Error> {
-        let report = report(vec![row()]);
-        let mut json = serde_json::to_value(&report)?;
-        assert_eq!(serde_json::from_value::<AccuracyReport>(json.clone())?, report);
-        for field in ["pareto", "variants"] {
-            json.as_object_mut().map(|report| report.remove(field));
-        }
-        for field in ["offset", "spheres", "against_boxes"] {
-            json["rows"][0].as_object_mut().map(|row| row.remove(field));
-        }
-        assert_eq!(serde_json::from_value::<AccuracyReport>(json)?.rows, [row()]);
-        Ok(())
+        AccuracyReport { machine, seed: 1, rows, pareto }
     }
 
     #[test]

@@ -1,16 +1,13 @@
 //! The machine and build of a study.
 
-use std::fs;
-
-use pairmaskd::cli::build;
-use pairmaskd::cli::machine::command_line;
+use pairmaskd::cli::machine;
 use pairmaskd::execute::gpu::AdapterInfo;
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
 use super::document::Part;
 
 /// Machine, build and command of a record.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Machine {
     pub cpu: String,
     pub threads: usize,
@@ -26,21 +23,20 @@ pub struct Machine {
 impl Machine {
     /// This machine, with the adapter in use.
     pub fn here(adapter: Option<&AdapterInfo>) -> Self {
+        let this = machine::Machine::this();
         Self {
-            cpu: cpu_model(),
+            cpu: this.cpu,
             threads: rayon::current_num_threads(),
             gpu: adapter.map(|a| a.name.clone()),
             driver: adapter.map(|a| a.driver.clone()),
             gpu_is_software: adapter.is_some_and(AdapterInfo::is_software),
-            rustc: build::TOOLCHAIN.to_owned(),
+            rustc: this.toolchain,
             optimised: !cfg!(debug_assertions),
-            commit: build::COMMIT.to_owned(),
-            command: command_line(),
+            commit: this.commit,
+            command: this.command,
         }
     }
-}
 
-impl Machine {
     pub fn parts(&self) -> [Part; 2] {
         let Self { cpu, threads, gpu, driver, rustc, commit, command, .. } = self;
         let gpu = match (gpu, driver) {
@@ -59,10 +55,4 @@ impl Machine {
             Part::text(format!("`{command}`")),
         ]
     }
-}
-
-fn cpu_model() -> String {
-    let info = fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
-    let model = info.lines().find_map(|line| line.strip_prefix("model name")?.split_once(": "));
-    model.map_or_else(|| std::env::consts::ARCH.to_owned(), |(_, name)| name.trim().to_owned())
 }

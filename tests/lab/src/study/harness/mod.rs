@@ -54,17 +54,20 @@ pub(crate) fn write_files<R: Report>(report: &R, folder: &Path) -> Result<()> {
     Ok(())
 }
 
-/// The GPU of a study that goes on without one: `None` with [`GpuChoice::None`], and with
+/// The GPU of a run that goes on without one: `None` with [`GpuChoice::None`], and with
 /// [`GpuChoice::Auto`] on a machine without one.
-pub(crate) fn open_if_any(choice: &GpuChoice) -> Result<Option<Arc<Gpu>>, OpenError> {
+pub(crate) fn open_if_any(
+    choice: &GpuChoice,
+    import: HostImport,
+) -> Result<Option<Arc<Gpu>>, OpenError> {
     if *choice == GpuChoice::None {
         // Adapters are not even listed: that loads every driver, and some print on stderr.
         return Ok(None);
     }
-    match Gpu::open(choice, HostImport::Never) {
+    match Gpu::open(choice, import) {
         Ok(gpu) => Ok(Some(gpu)),
         Err(OpenError::NoAdapter { .. }) if *choice == GpuChoice::Auto => {
-            log::info!("no GPU: the CPU alone is measured");
+            log::info!("no GPU: the CPU alone takes part");
             Ok(None)
         }
         Err(error) => Err(error),

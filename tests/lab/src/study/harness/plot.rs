@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use plotters::coord::Shift;
 use plotters::prelude::*;
 
-use super::table::{Table, plain};
+use super::table::{Table, number_text, plain};
 
 /// Colours of series. They are Okabe and Ito's, which differ for readers who do not tell red from green; the
 /// lightest of them, yellow, is darkened to show on white.
@@ -59,7 +59,7 @@ impl Unit {
         }
     }
 
-    /// Three significant digits with the unit that leaves the fewest digits.
+    /// The number in the unit that leaves the fewest digits.
     pub fn text(self, value: f64) -> String {
         let steps: &[(f64, &str)] = match self {
             Self::Nanoseconds => &[(1e9, " s"), (1e6, " ms"), (1e3, " µs"), (1.0, " ns")],
@@ -70,30 +70,7 @@ impl Unit {
         let size = value.abs();
         let found = steps.iter().find(|(step, _)| size >= *step).or(steps.last());
         let (step, name) = found.unwrap_or(&(1.0, ""));
-        let value = value / step;
-        if value != 0.0 && value.abs() < 1e-3 {
-            return format!("{value:.2e}{name}").replace(".00e", "e");
-        }
-        let power = value.abs().max(1e-3).log10().floor() as i32;
-        let text = format!("{value:.*}", (2 - power).max(0) as usize);
-        let short = text.trim_end_matches('0').trim_end_matches('.');
-        format!("{}{name}", if text.contains('.') { short } else { &text })
-    }
-}
-
-/// What an axis counts.
-#[derive(Clone, Debug)]
-pub struct Axis {
-    /// In words.
-    pub label: String,
-    /// How its numbers are written.
-    pub unit: Unit,
-}
-
-impl Axis {
-    /// An axis.
-    pub fn new(label: &str, unit: Unit) -> Self {
-        Self { label: label.to_owned(), unit }
+        number_text(value / step) + name
     }
 }
 
@@ -141,16 +118,12 @@ impl Series {
 /// Series on logarithmic axes.
 #[derive(Clone, Debug)]
 pub struct Plot {
-    /// Title.
     pub title: String,
-    /// The axis of x.
-    pub x: Axis,
-    /// The axis of y.
-    pub y: Axis,
+    /// What the axes count, in words and in a unit.
+    pub x: (String, Unit),
+    pub y: (String, Unit),
     /// What is drawn, the first first.
     pub series: Vec<Series>,
-    /// A horizontal line that separates good from bad, and its name.
-    pub level: Option<(f64, String)>,
 }
 
 /// The ends of a logarithmic axis. Zeros stand at its lower end, apart from the least value.
@@ -194,10 +167,9 @@ impl Plot {
         let (series, label) = (series.collect(), y.join(", "));
         Self {
             title: format!("{label} by {x}"),
-            x: Axis::new(x, Unit::of_field(x)),
-            y: Axis::new(&label, Unit::of_field(y.first().unwrap_or(&""))),
+            x: (x.to_owned(), Unit::of_field(x)),
+            y: (label, Unit::of_field(y.first().unwrap_or(&""))),
             series,
-            level: None,
         }
     }
 
@@ -233,8 +205,7 @@ impl Plot {
     fn draw(&self, area: &Area<'_>) -> Drawn {
         let points = || self.series.iter().flat_map(|series| &series.points);
         let x = ends(points().map(|(x, _)| *x));
-        let level = self.level.iter().map(|(at, _)| *at);
-        let y = ends(points().map(|(_, y)| *y).chain(level));
+        let y = ends(points().map(|(_, y)| *y));
         let placed = |(at_x, at_y): &(f64, f64)| (at_x.max(x[0]), at_y.max(y[0]));
         let (upper, key) = area.split_vertically(SIZE.1);
         let mut chart = ChartBuilder::on(&upper)
@@ -246,18 +217,12 @@ impl Plot {
         chart
             .configure_mesh()
             .light_line_style(TRANSPARENT)
-            .x_desc(&self.x.label)
-            .y_desc(&self.y.label)
+            .x_desc(&self.x.0)
+            .y_desc(&self.y.0)
             .label_style(("sans-serif", 15).into_font().color(&INK))
-            .x_label_formatter(&|x| self.x.unit.text(*x))
-            .y_label_formatter(&|y| self.y.unit.text(*y))
+            .x_label_formatter(&|x| self.x.1.text(*x))
+            .y_label_formatter(&|y| self.y.1.text(*y))
             .draw()?;
-        let small = ("sans-serif", 13).into_font().color(&INK);
-        if let Some((level, name)) = &self.level {
-            let ends = x.map(|x| (x, *level));
-            chart.draw_series(DashedLineSeries::new(ends, 2, 3, INK.stroke_width(1)))?;
-            chart.draw_series([Text::new(name.clone(), ends[0], small)])?;
-        }
         for series in &self.series {
             let (colour, path) = (series.colour(), series.points.iter().map(placed));
             match series.look {
@@ -295,11 +260,10 @@ fn drawn_as_svg(height: u32, draw: impl FnOnce(&Area<'_>) -> Drawn) -> String {
     svg
 }
 
-/// Plots below each other as the text of an SVG file, below a title and lines that say what is shown.
-pub fn standalone(title: &str, lines: &[String], plots: &[Plot]) -> String {
+/// A plot as the text of an SVG file, below a title and lines that say what is shown.
+pub fn standalone(title: &str, lines: &[String], plot: &Plot) -> String {
     let head = 48 + 17 * lines.len() as u32;
-    let height = head + plots.iter().map(|plot| plot.height() + ROW).sum::<u32>();
-    drawn_as_svg(height, |area| {
+    drawn_as_svg(head + plot.height(), |area| {
         let text = |text: &str, y: u32, size: u32| {
             let style = ("sans-serif", size).into_font().color(&INK);
             area.draw(&Text::new(text.to_owned(), (24, y as i32), style))
@@ -308,13 +272,7 @@ pub fn standalone(title: &str, lines: &[String], plots: &[Plot]) -> String {
         for (i, line) in lines.iter().enumerate() {
             text(line, 36 + 17 * i as u32, 15)?;
         }
-        let mut rest = area.split_vertically(head).1;
-        for plot in plots {
-            let (own, below) = rest.split_vertically(plot.height() + ROW);
-            plot.draw(&own)?;
-            rest = below;
-        }
-        Ok(())
+        plot.draw(&area.split_vertically(head).1)
     })
 }
 
@@ -338,11 +296,11 @@ mod tests {
         assert!(ends([].into_iter())[0] > 0.0 && ends([1.0].into_iter())[0] < 1.0);
         for (unit, value, text) in [
             (Unit::Nanoseconds, 0.0, "0 ns"),
-            (Unit::Nanoseconds, 12.34, "12.3 ns"),
-            (Unit::Nanoseconds, 28_540_000.0, "28.5 ms"),
-            (Unit::Count, 4_096.0, "4.1K"),
+            (Unit::Nanoseconds, 12.34, "12.34 ns"),
+            (Unit::Nanoseconds, 28_540_000.0, "28.54 ms"),
+            (Unit::Count, 4_096.0, "4.096K"),
             (Unit::Bytes, 24_000_000.0, "24 MB"),
-            (Unit::Ratio, 1e-4, "1e-4"),
+            (Unit::Ratio, 1e-4, "0.0001"),
             (Unit::Ratio, 120.0, "120"),
         ] {
             assert_eq!(unit.text(value), text);
@@ -350,24 +308,20 @@ mod tests {
     }
 
     #[test]
-    fn a_file_has_all_plots_their_names_and_escaped_text() {
+    fn a_file_has_all_names_and_escaped_text() {
         let plot = Plot {
             title: "a < b".to_owned(),
-            x: Axis::new("boxes", Unit::Count),
-            y: Axis::new("time", Unit::Nanoseconds),
+            x: ("boxes".to_owned(), Unit::Count),
+            y: ("time".to_owned(), Unit::Nanoseconds),
             series: vec![
                 Series::line("ours", 0, Look::Line, &[(10.0, 100.0), (100.0, 1e3)]),
                 Series::line("theirs", 0, Look::Others, &[(0.0, 100.0), (100.0, 1e3)]),
                 Series::line("nothing", 1, Look::Points, &[]),
             ],
-            level: Some((500.0, "as fast".to_owned())),
         };
-        let file = standalone("all & sundry", &["a line".to_owned()], &[plot.clone(), plot]);
-        assert_eq!(file.matches("<svg").count(), 1, "plots are parts of one element");
-        for (text, count) in
-            [("a &lt; b", 2), ("all &amp; sundry", 1), ("a line", 1), ("theirs", 2), ("as fast", 2)]
-        {
-            assert_eq!(file.matches(text).count(), count, "{text}: {file}");
+        let file = standalone("all & sundry", &["a line".to_owned()], &plot);
+        for text in ["<svg", "a &lt; b", "all &amp; sundry", "a line", "theirs", "nothing"] {
+            assert_eq!(file.matches(text).count(), 1, "{text}: {file}");
         }
         assert!(file.trim_end().ends_with("</svg>") && !file.contains("NaN"));
     }
@@ -377,7 +331,7 @@ mod tests {
         let row = |x: f64, y: f64| json!({"x": x, "y_ns": {"p50": y}, "who": "g"});
         let rows = [row(0.2, 50.0), row(0.0, 100.0), row(0.1, 200.0), json!({"x": 1, "who": "h"})];
         let plot = Plot::of(&Table::of(&rows), "x", &["y_ns.p50"], &["who"], Look::Points);
-        assert_eq!((plot.series.len(), plot.y.unit), (1, Unit::Nanoseconds));
+        assert_eq!((plot.series.len(), plot.y.1), (1, Unit::Nanoseconds));
         let points = [(0.0, 100.0), (0.1, 200.0), (0.2, 50.0)];
         assert_eq!(plot.series[0], Series::line("g", 0, Look::Points, &points));
         let corners = [(0.0, 100.0), (0.2, 100.0), (0.2, 50.0)];

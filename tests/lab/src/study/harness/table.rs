@@ -1,64 +1,13 @@
 //! Tables: cells under a head, as Markdown, CSV and HTML. Rows are what JSON has of them: a column a field, named as
 //! the field is, so that every form of a result has the same words.
 
-use std::fmt;
-use std::marker::PhantomData;
-use std::ops::Index;
-
-use serde::de::{IgnoredAny, MapAccess, Visitor};
-use serde::{Deserialize, Deserializer, Serialize, Serializer};
+use indexmap::IndexMap;
+use serde::de::IgnoredAny;
+use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-/// An object whose fields stay in the order in which they are written.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Ordered<V>(Vec<(String, V)>);
-
-/// A row of a table.
-pub type Fields = Ordered<Value>;
-
-impl<V> Default for Ordered<V> {
-    fn default() -> Self {
-        Self(Vec::new())
-    }
-}
-
-impl<V> FromIterator<(String, V)> for Ordered<V> {
-    fn from_iter<I: IntoIterator<Item = (String, V)>>(fields: I) -> Self {
-        Self(fields.into_iter().collect())
-    }
-}
-
-impl Index<&str> for Fields {
-    type Output = Value;
-
-    fn index(&self, name: &str) -> &Value {
-        self.0.iter().find(|(known, _)| known == name).map_or(&Value::Null, |(_, value)| value)
-    }
-}
-
-impl Serialize for Fields {
-    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        serializer.collect_map(self.0.iter().map(|(name, value)| (name, value)))
-    }
-}
-
-impl<'de, V: Deserialize<'de>> Deserialize<'de> for Ordered<V> {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        struct InOrder<V>(PhantomData<V>);
-        impl<'de, V: Deserialize<'de>> Visitor<'de> for InOrder<V> {
-            type Value = Ordered<V>;
-
-            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-                f.write_str("an object")
-            }
-
-            fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<Ordered<V>, A::Error> {
-                std::iter::from_fn(|| map.next_entry().transpose()).collect()
-            }
-        }
-        deserializer.deserialize_map(InOrder(PhantomData))
-    }
-}
+/// A row of a table: fields in the order in which they are written.
+pub type Fields = IndexMap<String, Value>;
 
 /// A row of `name: value` and of variables of the field's name.
 macro_rules! row {
@@ -98,7 +47,7 @@ impl Table {
             Other(IgnoredAny),
         }
         let text = serde_json::to_string(report).unwrap_or_default();
-        let Ordered(fields) = serde_json::from_str(&text).unwrap_or_default();
+        let fields: IndexMap<String, Field> = serde_json::from_str(&text).unwrap_or_default();
         let table = |(name, field)| match field {
             Field::Rows(rows) if !rows.is_empty() => {
                 Some((name, Self::of_fields(rows.into_iter())))
@@ -110,7 +59,7 @@ impl Table {
 
     fn of_fields(rows: impl Iterator<Item = Fields>) -> Self {
         let mut table = Self::default();
-        for Ordered(fields) in rows {
+        for fields in rows {
             let mut cells = Vec::new();
             for (name, value) in fields {
                 table.add(&mut cells, name, value);
@@ -163,10 +112,10 @@ impl Table {
         Self { head: head.map(str::to_owned).to_vec(), rows: rows.collect() }
     }
 
-    /// The columns of these names alone, in this order.
+    /// The columns of these names alone, with commas between, in this order.
     #[must_use]
-    pub fn only(&self, names: &[&str]) -> Self {
-        let at: Vec<usize> = names.iter().filter_map(|name| self.column(name)).collect();
+    pub fn only(&self, names: &str) -> Self {
+        let at: Vec<usize> = names.split(',').filter_map(|name| self.column(name)).collect();
         Self {
             head: at.iter().map(|at| self.head[*at].clone()).collect(),
             rows: self.rows.iter().map(|r| at.iter().map(|at| r[*at].clone()).collect()).collect(),
@@ -230,7 +179,7 @@ pub(super) fn plain(cell: &Value) -> String {
     }
 }
 
-/// A number with four digits that count.
+/// A number with four digits that count, without zeros at its end; all digits of whole numbers.
 pub fn number_text(x: f64) -> String {
     if x == 0.0 || !x.is_finite() {
         return x.to_string();
@@ -239,7 +188,9 @@ pub fn number_text(x: f64) -> String {
     if power < -6 {
         return format!("{x:.2e}");
     }
-    format!("{x:.*}", (3 - power).clamp(0, 9) as usize)
+    let text = format!("{x:.*}", (3 - power).clamp(0, 9) as usize);
+    let short = text.trim_end_matches('0').trim_end_matches('.');
+    if text.contains('.') { short.to_owned() } else { text }
 }
 
 #[cfg(test)]
@@ -265,7 +216,7 @@ mod tests {
         assert_eq!(table.head, ["name", "ms", "at.p50", "at.p99.0", "at.p99.1"]);
         let lists = Table::all_of(&json!({"n": 1, "none": [], "numbers": [1], "rows": rows}));
         assert_eq!(lists.iter().map(|(name, _)| name).collect::<Vec<_>>(), ["rows"]);
-        let short = table.only(&["name", "at.p50", "ms"]);
+        let short = table.only("name,at.p50,ms");
         let text = "\
 | name | at.p50 |     ms |
 |------|-------:|-------:|
@@ -275,6 +226,7 @@ mod tests {
         assert_eq!(short.markdown(), text);
         let csv = "name,at.p50,ms\na|b,7,0.3333333333333333\n\"c,d\",20000,\n";
         assert_eq!(short.csv(), csv);
-        assert_eq!([0.0, 12.3456, 1e-9].map(number_text), ["0", "12.35", "1.00e-9"]);
+        let text = [0.0, 0.27, 29.66, 1.0, 71_452.0, 0.000_031, 1234.5, 1e-9].map(number_text);
+        assert_eq!(text, ["0", "0.27", "29.66", "1", "71452", "0.000031", "1234", "1.00e-9"]);
     }
 }

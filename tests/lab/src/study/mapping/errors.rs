@@ -302,7 +302,7 @@ mod tests {
                 assert_eq!((tally.wrong, coverage), (0, EXACT), "{variant}, {n:?}");
                 assert_eq!(tally.ids - tally.skipped, n.pair_count(), "{variant}, {n:?}");
             }
-            let large = boxes(300_000);
+            let large = boxes(1_000_000);
             assert_eq!(around_rows(variant, large).wrong, 0, "{variant}");
             assert_eq!(sampled(variant, large, 10_000).wrong, 0, "{variant}");
         }

@@ -5,7 +5,7 @@ use std::collections::HashMap;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use bytemuck::{Pod, Zeroable, cast_slice};
+use bytemuck::{Pod, cast_slice};
 use pairmask_core::aabb::KeyBox;
 use pairmask_core::{Aabb, BoxCount};
 use pairmask_shaders::constants::BATCH_BOXES;
@@ -78,14 +78,14 @@ impl Bench {
     }
 
     /// Steps that are recorded, to be run any number of times.
-    fn frame(&self, steps: Vec<Command>) -> Result<Frame, GpuError> {
+    pub(crate) fn frame(&self, steps: Vec<Command>) -> Result<Frame, GpuError> {
         let mut frame = Frame::new(&self.gpu, true)?;
         frame.record(steps)?;
         Ok(frame)
     }
 
     /// Runs steps once and gives the time of each by the GPU's clock.
-    fn run(&self, frame: &mut Frame) -> Result<Vec<StepTime>, GpuError> {
+    pub(crate) fn run(&self, frame: &mut Frame) -> Result<Vec<StepTime>, GpuError> {
         let wait = if self.gpu.info().is_software() { Wait::Block } else { Wait::Spin };
         frame.run(wait, PATIENCE)?;
         frame.step_times()
@@ -103,7 +103,7 @@ impl Bench {
         self.run(&mut frame).map(drop)
     }
 
-    pub(super) fn block(&self, home: Home, bytes: u64) -> Result<Arc<Block>, GpuError> {
+    pub(crate) fn block(&self, home: Home, bytes: u64) -> Result<Arc<Block>, GpuError> {
         Block::new(&self.gpu, home, bytes)
     }
 
@@ -115,10 +115,6 @@ impl Bench {
         let y = groups.div_ceil(x);
         (y <= limit).then_some([x as u32, y as u32])
     }
-}
-
-fn zeroed<T: Zeroable + Clone>(count: usize) -> Vec<T> {
-    vec![T::zeroed(); count]
 }
 
 /// The ids of a variant that are checked.
@@ -330,7 +326,7 @@ pub fn mask(
         Ok([1, 2, 3].map(|step: usize| steps.get(step).map_or(f64::NAN, |step| step.ns * 1e-6)))
     })?;
     let ms = std::array::from_fn(|part| median(runs.iter().map(|run| run[part]).collect()));
-    let mut words: Vec<u32> = zeroed(words as usize);
+    let mut words = vec![0u32; words as usize];
     back.read(0, &mut words);
     Ok(Some(MaskRun { ms, input_bytes, output_bytes, words }))
 }

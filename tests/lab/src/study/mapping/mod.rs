@@ -8,14 +8,13 @@
 //!
 //! The parts: [`stage`] names the variants, [`variants`] computes them, pure; [`errors`] counts
 //! their errors on the CPU; [`gpu`] counts and times on a device; [`times`] times on the CPU;
-//! [`Plan`] lists the measurements, [`report`] writes them down. The claims are those of [`super::papers`].
+//! [`Plan`] lists the measurements. The claims are those of [`super::papers`].
 //!
 //! No variant here serves a client. Production uses `pairmask_core::pair_index` on the host, which is
 //! proven exact for every n, and integer searches within a band on the GPU (`pack_dense`).
 
 pub mod errors;
 pub mod gpu;
-pub mod report;
 pub mod stage;
 pub mod times;
 pub mod variants;
@@ -26,17 +25,18 @@ mod tests;
 use std::time::Duration;
 
 use pairmask_core::{Aabb, BoxCount};
-use pairmaskd::execute::gpu::{Checks, GpuChoice, GpuError};
+use pairmaskd::execute::gpu::{Checks, GpuChoice, GpuError, HostImport};
 use pairmaskd::scene::{Scene, SceneName};
 use serde::Serialize;
 
 use self::errors::{Coverage, Tally};
 use self::gpu::{Bench, Ids};
-use self::report::MappingReport;
 use self::stage::{PAPERS_OWN, Root, Variant};
+use super::harness::document::{Part, html, markdown};
 use super::harness::machine::Machine;
-use super::harness::open_if_any;
-use super::harness::table::{Fields, row};
+use super::harness::plot::{Look, Plot};
+use super::harness::table::{Fields, Table, row};
+use super::harness::{Report, open_if_any};
 use super::papers::{self, figure};
 use crate::Result;
 
@@ -54,8 +54,6 @@ pub struct Budget {
 /// Sizes and budgets of a study: a pure function of the machine's kind.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Plan {
-    /// Ways to turn an id into a pair whose errors and times are measured.
-    pub variants: Vec<Variant>,
     /// Numbers whose roots are compared (table 3).
     pub root_counts: Vec<u64>,
     /// Numbers of boxes of the error study.
@@ -95,7 +93,6 @@ impl Plan {
         };
         if quick {
             return Self {
-                variants: Variant::all().collect(),
                 root_counts: tens(3, 5),
                 error_counts: vec![1_000, 4_113, 16_384, 100_000],
                 exhaustive: [1_000; 2],
@@ -112,7 +109,6 @@ impl Plan {
         }
         let large = threads >= MANY_THREADS;
         Self {
-            variants: Variant::all().collect(),
             root_counts: tens(3, 8),
             // k leaves 2^24 at 5,794 boxes, 2^31 at 65,537 and 2^32 at 92,683.
             error_counts: vec![
@@ -145,59 +141,35 @@ pub enum Processor {
     Gpu,
 }
 
-/// The ids that an error row checked.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Scope {
-    All,
-    Sample,
-}
-
-/// The errors of a variant for n boxes.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct PairErrorRow {
-    pub processor: Processor,
-    pub variant: Variant,
-    pub n: u32,
-    pub scope: Scope,
-    pub tally: Tally,
-    pub coverage: Coverage,
-    pub row_ends: Option<Tally>,
-    pub wrong: u64,
-    pub row_error: u64,
-}
-
-/// Table 2 and beyond: the time to map all ids of n boxes.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct MapTimeRow {
-    pub processor: Processor,
-    pub variant: Variant,
-    pub n: u32,
-    pub ms: Option<f64>,
-    pub paper_ms: Option<f64>,
-}
-
-impl MapTimeRow {
-    /// Picoseconds for each pair, so that ways with a different number of ids compare.
-    pub fn ps_per_pair(&self) -> Option<f64> {
-        Some(self.ms? * 1e9 / BoxCount::new(self.n).pair_count() as f64)
-    }
+/// All figures of a study.
+#[derive(Clone, Debug, Serialize)]
+pub struct MappingReport {
+    pub machine: Machine,
+    pub claims: Vec<Fields>,
+    pub root_errors: Vec<Fields>,
+    pub pair_errors: Vec<Fields>,
+    pub first_wrong: Vec<Fields>,
+    pub map_times: Vec<Fields>,
+    pub root_times: Vec<Fields>,
+    pub outputs: Vec<Fields>,
+    pub growth: Vec<Fields>,
 }
 
 /// Measures, on the GPU too if the choice has one. With `quick` small sizes and few runs, in seconds; times mean
 /// little.
 pub fn measure(choice: &GpuChoice, quick: bool) -> Result<MappingReport> {
-    let gpu = open_if_any(choice)?;
+    let gpu = open_if_any(choice, HostImport::Never)?;
     let software = gpu.as_ref().is_some_and(|gpu| gpu.info().is_software());
     let plan = Plan::new(quick, software, rayon::current_num_threads());
     let mut bench = gpu.as_ref().map(|gpu| Bench::new(gpu, Checks::Off)).transpose()?;
+    let map_times = map_times(&plan, bench.as_mut())?;
     let mut report = MappingReport {
         machine: Machine::here(gpu.as_ref().map(|gpu| gpu.info())),
         claims: Vec::new(),
         root_errors: root_errors(&plan, bench.as_mut())?,
-        pair_errors: pair_errors(&plan, bench.as_mut())?,
+        pair_errors: pair_errors(&plan, bench.as_mut(), &map_times)?,
         first_wrong: first_wrong(plan.first_wrong_limit),
-        map_times: map_times(&plan, bench.as_mut())?,
+        map_times,
         root_times: root_times(&plan, bench.as_mut())?,
         outputs: Vec::new(),
         growth: Vec::new(),
@@ -222,7 +194,7 @@ fn root_errors(plan: &Plan, mut bench: Option<&mut Bench>) -> Result<Vec<Fields>
         for &count in &plan.root_counts {
             let paper_percent = figure(&format!("table_3[count={count}].{root}"));
             let mut push = |processor, tally| {
-                rows.push(row!(processor, root, tally, paper_percent));
+                rows.push(row!(processor, root: root.to_string(), tally, paper_percent));
             };
             push(Processor::Cpu, errors::count_roots(root, count));
             let Some(bench) = bench.as_deref_mut() else { continue };
@@ -234,56 +206,62 @@ fn root_errors(plan: &Plan, mut bench: Option<&mut Bench>) -> Result<Vec<Fields>
     Ok(rows)
 }
 
-/// The errors of the plan's variants.
-pub fn pair_errors(
+/// The errors of all variants, each beside its time at that number of boxes, where that was measured.
+fn pair_errors(
     plan: &Plan,
     mut bench: Option<&mut Bench>,
-) -> Result<Vec<PairErrorRow>, GpuError> {
+    times: &[Fields],
+) -> Result<Vec<Fields>, GpuError> {
     let mut rows = Vec::new();
-    let mut push = |processor, variant, n, scope, (tally, coverage): (Tally, _), ends| {
-        let row_ends: Option<Tally> = ends;
+    let mut push = |processor, variant: Variant, n, found: (Tally, Coverage), row_ends| {
+        let ((tally, coverage), row_ends): (_, Option<Tally>) = (found, row_ends);
+        // Errors are the same on all threads; the time on one thread is the cost of the arithmetic.
+        let timed_on = if processor == Processor::Gpu { "gpu" } else { "cpu_thread" };
+        let name = variant.to_string();
+        let is_its = |row: &&Fields| {
+            row["n"] == n && row["processor"] == timed_on && row["variant"] == name.as_str()
+        };
+        let ms = times.iter().find(is_its).and_then(|row| row["ms"].as_f64());
+        let pairs = BoxCount::new(n).pair_count() as f64;
         let both = row_ends.map_or(tally, |ends| tally.plus(ends));
-        let (wrong, row_error) = (both.wrong, both.largest_row_error);
-        rows.push(PairErrorRow {
+        let at_row_ends = row_ends.map_or(0.0, |ends| ends.wrong as f64 / pairs);
+        rows.push(row!(
             processor,
-            variant,
+            variant: name,
             n,
-            scope,
+            scope: if row_ends.is_none() { "all" } else { "sample" },
             tally,
             coverage,
             row_ends,
-            wrong,
-            row_error,
-        });
+            wrong: both.wrong,
+            row_error: both.largest_row_error,
+            wrong_share: tally.wrong_share().max(at_row_ends),
+            ps_per_pair: ms.map(|ms| ms * 1e9 / pairs),
+        ));
     };
     let [on_cpu, on_gpu] = plan.exhaustive;
     for &n in &plan.error_counts {
         log::info!("mapping study: errors, {n} boxes");
-        for &variant in &plan.variants {
+        for variant in Variant::all() {
             let boxes = BoxCount::new(n);
             if n <= on_cpu {
                 let found = errors::exhaustive(variant, boxes);
-                push(Processor::Cpu, variant, n, Scope::All, found, None);
+                push(Processor::Cpu, variant, n, found, None);
             } else {
                 let tally = errors::sampled(variant, boxes, plan.sample_ids);
                 let ends = errors::around_rows(variant, boxes);
                 let found = (tally, Coverage::bounded(&tally));
-                push(Processor::Cpu, variant, n, Scope::Sample, found, Some(ends));
+                push(Processor::Cpu, variant, n, found, Some(ends));
             }
             let Some(bench) = bench.as_deref_mut() else { continue };
             // The GPU counts in 32 bits.
             let countable = u32::try_from(variant.id_count(n)).is_ok();
-            let (scope, ids) = if n <= on_gpu && countable {
-                (Scope::All, Ids::All)
-            } else {
-                (Scope::Sample, Ids::Words(plan.sample_words))
-            };
+            let is_whole = n <= on_gpu && countable;
+            let ids = if is_whole { Ids::All } else { Ids::Words(plan.sample_words) };
             let Some(found) = gpu::count(bench, variant, n, ids)? else { continue };
-            let ends = match scope {
-                Scope::All => None,
-                Scope::Sample => gpu::count(bench, variant, n, Ids::AroundRows)?,
-            };
-            push(Processor::Gpu, variant, n, scope, found, ends.map(|(tally, _)| tally));
+            let ends =
+                if is_whole { None } else { gpu::count(bench, variant, n, Ids::AroundRows)? };
+            push(Processor::Gpu, variant, n, found, ends.map(|(tally, _)| tally));
         }
     }
     Ok(rows)
@@ -291,18 +269,17 @@ pub fn pair_errors(
 
 fn first_wrong(limit: u32) -> Vec<Fields> {
     let closed = Variant::all().filter(|variant| matches!(variant, Variant::Closed { .. }));
-    let of = |variant| row!(variant, n: errors::first_wrong_count(variant, limit), limit);
+    let of = |variant: Variant| row!(variant: variant.to_string(), n: errors::first_wrong_count(variant, limit), limit);
     closed.map(of).collect()
 }
 
-/// The times of the plan's variants.
-pub fn map_times(plan: &Plan, mut bench: Option<&mut Bench>) -> Result<Vec<MapTimeRow>, GpuError> {
+fn map_times(plan: &Plan, mut bench: Option<&mut Bench>) -> Result<Vec<Fields>, GpuError> {
     let mut rows = Vec::new();
     for &n in &plan.time_counts {
         log::info!("mapping study: times, {n} boxes");
-        for &variant in &plan.variants {
-            let mut push = |processor, ms, paper_ms| {
-                rows.push(MapTimeRow { processor, variant, n, ms, paper_ms });
+        for variant in Variant::all() {
+            let mut push = |processor, ms: Option<f64>, paper_ms: Option<f64>| {
+                rows.push(row!(processor, variant: variant.to_string(), n, ms, paper_ms));
             };
             for processor in [Processor::CpuThread, Processor::Cpu] {
                 let ms = times::map_all(variant, BoxCount::new(n), processor, &plan.cpu);
@@ -325,7 +302,7 @@ fn root_times(plan: &Plan, mut bench: Option<&mut Bench>) -> Result<Vec<Fields>,
     for &count in &plan.root_time_counts {
         for root in Root::all() {
             let mut push = |processor, ms, paper_ms| {
-                rows.push(row!(processor, root, count, ms, paper_ms));
+                rows.push(row!(processor, root: root.to_string(), count, ms, paper_ms));
             };
             for processor in [Processor::CpuThread, Processor::Cpu] {
                 push(processor, Some(times::roots(root, count, processor, &plan.cpu)), None);
@@ -387,4 +364,91 @@ fn growth(plan: &Plan, bench: &mut Bench) -> Result<Vec<Fields>, GpuError> {
         ));
     }
     Ok(rows)
+}
+
+impl Report for MappingReport {
+    const NAME: &'static str = "mapping";
+
+    fn parts(&self) -> Vec<Part> {
+        let mut parts = vec![
+            Part::heading(1, "The mapping function: run time against error"),
+            Part::text(
+                "Avril, Gouranton and Arnaldi, EGPGV 2012, §3, measured again. `paper_` are the paper's \
+                 figures (Quadro FX 3600M, Core 2 Duo X7900).",
+            ),
+        ];
+        parts.extend(self.machine.parts());
+        let sections = [
+            Part::section("What holds and what breaks", "", &self.claims),
+            Part::section(
+                "Numbers of boxes from which a row starts or ends wrongly",
+                "By the f32 arithmetic of a CPU (correctly rounded, no fused operations).",
+                &self.first_wrong,
+            ),
+            Part::section(
+                "Table 3: integer parts of roots that are wrong",
+                "Of √1 to √N in f32, against the built-in root of the same processor (`other`) and the exact \
+                 integer root (`inexact`). The paper says that four steps give the figures of three.",
+                &self.root_errors,
+            ),
+            Part::section(
+                "Wrong pairs by number of boxes",
+                "Ids that are mapped to another pair or to none, the largest distance from the right row, and \
+                 shares of pairs that are missed and tested again. Beside a sample, the first and last id of \
+                 every row are looked at (on the GPU 16 on either side). Ids are counted in the variant's own \
+                 order (fold, lazy); on the GPU they have 32 bits as long as they fit, then 64.",
+                &self.pair_errors,
+            ),
+            Part::section(
+                "Table 2: time to map all ids, ms",
+                "With the paper's closed form (`closed sqrt`), the lazy way, and all others. One thread of \
+                 the GPU takes 32 ids. CPU times past 2^24 ids are scaled up from so many. Where there is no \
+                 time, it would take longer than the study waits. The paper's kernel tests boxes too, and its \
+                 times grow as n and not as n², so only the ratio compares.",
+                &self.map_times,
+            ),
+            Part::section(
+                "Table 4: time to take roots, ms",
+                "The integer parts of √1 to √N, summed. The paper does not say how many steps it timed; \
+                 its figure stands beside each.",
+                &self.root_times,
+            ),
+            Part::section(
+                "Table 5: one byte or one bit a pair",
+                "The corrected closed form, keys in video memory, output copied to host memory. As in the \
+                 paper each thread has one pair and ORs its result into the output; beside it, each thread \
+                 computes a whole word and no word has two writers. WGSL has no byte stores, so bytes are \
+                 written four to a word.",
+                &self.outputs,
+            ),
+            Part::section(
+                "Figure 4: kernel, input and output by number of boxes",
+                "One bit a pair, one thread a word. The figure has no numbers; table 5's stand here.",
+                &self.growth,
+            ),
+        ];
+        parts.extend(sections.concat());
+        parts
+    }
+
+    /// Beside the others a page with a plot of time against error.
+    fn files(&self) -> Vec<(String, String)> {
+        let mut parts = self.parts();
+        let by = ["variant", "n", "processor"];
+        let table = Table::of(&self.pair_errors);
+        let plot = Plot::of(&table, "wrong_share", &["ps_per_pair"], &by, Look::Points);
+        parts.extend([
+            Part::heading(2, "Time against error"),
+            Part::text(
+                "Time a pair against the share of numbers that become another pair or none, each of which is \
+                 a pair missed or tested twice; the dashed line is the front of these two.",
+            ),
+            Part::Plots(vec![plot.with_front().svg()]),
+        ]);
+        vec![
+            ("mapping.md".to_owned(), markdown(&self.parts())),
+            ("mapping.csv".to_owned(), self.csv()),
+            ("mapping.html".to_owned(), html(&parts)),
+        ]
+    }
 }

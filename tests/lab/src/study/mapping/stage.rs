@@ -9,7 +9,6 @@
 use std::fmt;
 
 use pairmask_shaders::{ComposeError, ComposedStage, compose, shared_part};
-use serde::{Serialize, Serializer};
 
 /// First guesses of an inverse square root, subtracted from half the bits of the number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -44,12 +43,6 @@ impl fmt::Display for Root {
             Self::Newton(Magic::Carmack, steps) => write!(f, "carmack-{steps}"),
             Self::Newton(Magic::Lomont, steps) => write!(f, "lomont-{steps}"),
         }
-    }
-}
-
-impl Serialize for Root {
-    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        serializer.collect_str(self)
     }
 }
 
@@ -117,12 +110,6 @@ impl fmt::Display for Variant {
             Self::WordStep => "word-step",
             Self::Lazy => "lazy",
         })
-    }
-}
-
-impl Serialize for Variant {
-    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        serializer.collect_str(self)
     }
 }
 

@@ -13,7 +13,8 @@ use super::stage::{
     Variant,
 };
 use super::variants::{Mapped, far_end, map};
-use super::{Plan, Processor, errors, measure};
+use super::{Plan, errors, measure};
+use crate::study::harness::table::Fields;
 use crate::study::harness::write_files;
 
 /// Every form of every stage is one entry point with the bindings that it says, and every file is used.
@@ -262,6 +263,10 @@ fn a_report_has_a_row_for_every_variant_and_its_files_agree() {
             assert!(table(of).iter().any(|line| line.starts_with(&start)), "{of}: {start}");
         }
     }
+    let is_timed = |row: &&Fields| row["ps_per_pair"].as_f64() > Some(0.0);
+    assert_eq!(made.pair_errors.iter().filter(is_timed).count(), 2 * 25, "of 1,000 boxes");
+    let page = read("mapping.html");
+    assert!(page.contains("<svg") && page.contains("carmack-1, n 1000, gpu"), "{page}");
     // Two sizes, two forms, two ways to write them; three sizes.
     assert_eq!((table("outputs").len(), table("growth").len()), (8, 3));
     let json: serde_json::Value = serde_json::from_str(&json).expect("it is JSON");
@@ -276,7 +281,7 @@ fn a_report_has_a_row_for_every_variant_and_its_files_agree() {
 fn without_a_gpu_the_cpu_alone_is_measured_and_a_missing_one_is_an_error() {
     let made = measure(&GpuChoice::None, true).unwrap_or_else(|error| panic!("{error}"));
     assert_eq!((made.machine.gpu, made.outputs.len()), (None, 0));
-    assert!(made.pair_errors.iter().all(|row| row.processor == Processor::Cpu));
+    assert!(made.pair_errors.iter().all(|row| row["processor"] == "cpu"));
     let missing = measure(&GpuChoice::Name("no such adapter".into()), true);
     assert!(missing.is_err());
 }

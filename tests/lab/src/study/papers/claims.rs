@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
 use super::expression::{Scope, select};
-use super::rule::{Rule, RuleName, Verdict};
+use super::rule::{Rule, Verdict};
 
 /// `data/papers.toml`.
 #[derive(Debug, Deserialize)]
@@ -74,13 +74,6 @@ enum Measured {
     Last,
 }
 
-#[derive(Debug, Deserialize)]
-#[serde(untagged)]
-enum Figure {
-    Number(f64),
-    Expression(String),
-}
-
 /// The rows of a claim are times of this scene on so many cores, where none says what is missing.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -95,7 +88,7 @@ pub struct MissingCores {
 #[serde(deny_unknown_fields)]
 struct ClaimData {
     says: String,
-    rule: RuleName,
+    rule: String,
     of: Option<Kind>,
     #[serde(default)]
     on_gpu: bool,
@@ -115,7 +108,8 @@ struct ClaimData {
     unit: String,
     #[serde(default)]
     counts_other_things: bool,
-    paper: Option<Figure>,
+    /// A number or an expression.
+    paper: Option<Value>,
     #[serde(default)]
     ours: String,
 }
@@ -208,7 +202,7 @@ impl Data {
                 best = found;
             }
         }
-        let rule = data.rule.of(&self.rules)?;
+        let rule = Rule::named(&data.rule, &self.rules)?;
         let (verdict, breaking) = rule.judge(&best)?;
         let why = match verdict {
             Verdict::NotMeasured => {
@@ -272,9 +266,8 @@ impl Data {
         let whole = source.map_or(&Value::Null, |source| &source.data);
         let fill = |text: &str| filled(text, element, whole);
         let paper = match &data.paper {
-            None => None,
-            Some(Figure::Number(number)) => Some(*number),
-            Some(Figure::Expression(text)) => self.paper_figure(&fill(text))?,
+            Some(Value::String(text)) => self.paper_figure(&fill(text))?,
+            number => number.as_ref().and_then(Value::as_f64),
         };
         let ours = match source {
             Some(_) if !data.ours.is_empty() => {

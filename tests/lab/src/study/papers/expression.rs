@@ -75,21 +75,24 @@ impl Scope<'_> {
         Err(format!("'{condition}' is no condition"))
     }
 
-    fn call(&self, name: &str, arguments: &str) -> Result<Option<f64>, String> {
-        let bad = || format!("'{name}({arguments})' is no expression");
-        let arguments: Vec<&str> = arguments.split(',').map(str::trim).collect();
+    fn call(&self, name: &str, list: &str) -> Result<Option<f64>, String> {
+        let bad = || format!("'{name}({list})' is no expression");
         if name == "pair_number" {
-            let numbers: Vec<u32> = arguments.iter().filter_map(|a| a.parse().ok()).collect();
+            let numbers = list.split(',').filter_map(|number| number.trim().parse().ok());
+            let numbers: Vec<u32> = numbers.collect();
             let [a, b] = numbers[..] else { return Err(bad()) };
             let k = PairIndex::of(BoxCount::new(PAIR_NUMBER_BOXES), a - 1, b - 1);
             return Ok(k.map(|k| k.get() as f64));
         }
-        let mut text = self.defined.get(name).ok_or_else(bad)?.clone();
-        for (i, argument) in arguments.iter().enumerate() {
-            text = text.replace(&format!("@{}", i + 1), argument);
-        }
-        self.value(&text)
+        self.value(&filled_in(self.defined.get(name).ok_or_else(bad)?, list))
     }
+}
+
+/// A text with the arguments of a list in place of `@1`, `@2`.
+pub fn filled_in(text: &str, list: &str) -> String {
+    let arguments = (1..).zip(list.split(',').map(str::trim));
+    arguments
+        .fold(text.to_owned(), |text, (at, argument)| text.replace(&format!("@{at}"), argument))
 }
 
 /// A text before and behind its last operator that stands in no bracket.

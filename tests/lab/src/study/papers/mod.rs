@@ -20,9 +20,10 @@ mod rule;
 #[cfg(test)]
 mod tests;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::LazyLock;
 
+use clap::Args;
 use pairmaskd::execute::gpu::GpuChoice;
 use pairmaskd::scene::SceneName;
 use serde_json::Value;
@@ -67,21 +68,35 @@ pub fn mapping_claims(report: &Value) -> Result<Vec<(String, Claim)>> {
 }
 
 /// Options of the page.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, Args)]
 pub struct PapersOptions {
-    /// The GPU; without one the CPU alone is measured.
-    pub gpu: Option<GpuChoice>,
-    /// Small sizes and few runs. Times mean little.
-    pub quick: bool,
-    pub only_records: bool,
-    /// The folder of records; without one there are none.
-    pub records: Option<PathBuf>,
+    /// The GPU to measure on: auto, software, a number of `pairmaskd status`, or part of a name
+    /// [default: none, GPU figures are those of records]
+    #[arg(long, value_name = "GPU")]
+    gpu: Option<GpuChoice>,
+    /// Small sizes and few runs: seconds, for a look. Times mean little
+    #[arg(long)]
+    quick: bool,
+    /// Measure nothing
+    #[arg(long, conflicts_with_all = ["gpu", "quick"])]
+    only_records: bool,
+    /// Folder of the folders of records [default: tests/records of the checkout, where it is there]
+    #[arg(long, value_name = "DIR")]
+    from: Option<PathBuf>,
+}
+
+/// The records of the checkout that the command runs in.
+fn records_of_checkout() -> Option<PathBuf> {
+    let here = std::env::current_dir().ok()?;
+    let records = here.ancestors().map(|folder: &Path| folder.join("tests/records"));
+    records.into_iter().find(|records| records.is_dir())
 }
 
 /// Measures, reads the records, and judges. `watch` is called [`STEPS`] times where something is
 /// measured.
 pub fn make(options: &PapersOptions, watch: impl Fn()) -> Result<PapersReport> {
-    let mut figures = Figures::read(options.records.as_deref())?;
+    let records = options.from.clone().or_else(records_of_checkout);
+    let mut figures = Figures::read(records.as_deref())?;
     if !options.only_records {
         measure(&mut figures, options, watch)?;
     }
@@ -98,9 +113,10 @@ const CASE_2009: Case = Case { scene: SceneName::Uniform, n: 100_000 };
 
 /// Runs the studies and puts their figures before those of records.
 fn measure(figures: &mut Figures, options: &PapersOptions, watch: impl Fn()) -> Result<()> {
-    let PapersOptions { gpu, quick, .. } = options;
-    let (none, quick) = (GpuChoice::None, *quick);
-    figures.add_run(Kind::Mapping, &mapping::measure(gpu.as_ref().unwrap_or(&none), quick)?)?;
+    // `none` is no GPU to measure on.
+    let gpu = options.gpu.as_ref().filter(|gpu| **gpu != GpuChoice::None);
+    let quick = options.quick;
+    figures.add_run(Kind::Mapping, &mapping::measure(gpu.unwrap_or(&GpuChoice::None), quick)?)?;
     watch();
     if let Some(gpu) = gpu {
         let counts = if quick { &GRID_COUNTS[..1] } else { &GRID_COUNTS };
@@ -109,10 +125,10 @@ fn measure(figures: &mut Figures, options: &PapersOptions, watch: impl Fn()) -> 
     watch();
     // Seconds on two cores.
     let pairs = if quick { 10_000 } else { 1_000_000 };
-    let errors = SphereOptions { speed: false, pairs, quick, seed: 1 };
+    let errors = SphereOptions { errors: Some(pairs), quick, seed: 1 };
     let mut report = spheres::measure(&errors, None, |_| ())?;
     if let Some(gpu) = gpu {
-        let speed = SphereOptions { speed: true, pairs: 0, ..errors };
+        let speed = SphereOptions { errors: None, ..errors };
         let on_gpu = spheres::measure(&speed, Some(gpu), |_| ())?;
         report.machine = on_gpu.machine;
         report.gpu_speed = on_gpu.gpu_speed;

@@ -95,28 +95,17 @@ impl PapersReport {
             sources,
         })
     }
-
-    fn made_of(&self) -> String {
-        let Machine { cpu, threads, commit, optimised, .. } = &self.machine;
-        if self.only_records {
-            return format!("Made of records alone; commit {commit}.");
-        }
-        let debug = if *optimised { "" } else { " The build is not optimised: times mean little." };
-        format!("This run: {cpu}, {threads} threads, commit {commit}.{debug}")
-    }
 }
 
 impl Report for PapersReport {
     const NAME: &'static str = "papers";
 
     fn parts(&self) -> Vec<Part> {
-        let mut parts = vec![
-            Part::heading(1, "The papers, theirs beside ours"),
-            Part::text(self.made_of()),
-            Part::text(format!("`{}`", self.machine.command)),
-            Part::Table(Table::of(&self.summary)),
-            Part::text(HOW_TO_READ.join(" ")),
-        ];
+        let made_of = if self.only_records { "Made of records alone, by:" } else { "This run:" };
+        let mut parts =
+            vec![Part::heading(1, "The papers, theirs beside ours"), Part::text(made_of)];
+        parts.extend(self.machine.parts());
+        parts.extend([Part::Table(Table::of(&self.summary)), Part::text(HOW_TO_READ.join(" "))]);
         for (title, sentences) in [
             ("What breaks", &self.breaks),
             ("What holds", &self.holds),
@@ -173,7 +162,7 @@ const HOW_TO_READ: [&str; 3] = [
 
 fn row_table(rows: &[Row]) -> Table {
     let with_unit = |x: Option<f64>, unit: &str| {
-        let text = x.map_or_else(|| "-".to_owned(), figure_text);
+        let text = x.map_or_else(|| "-".to_owned(), number_text);
         if x.is_none() || unit.is_empty() { text } else { format!("{text} {unit}") }
     };
     let line = |row: &Row| {
@@ -198,14 +187,4 @@ fn sentences(papers: &[Paper], verdict: Verdict) -> Vec<String> {
         }
     }
     found
-}
-
-/// A figure to four digits; whole numbers from a thousand on.
-pub fn figure_text(x: f64) -> String {
-    let text = number_text(x);
-    if text.contains('.') && !text.contains('e') {
-        text.trim_end_matches('0').trim_end_matches('.').to_owned()
-    } else {
-        text
-    }
 }

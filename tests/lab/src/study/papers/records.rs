@@ -6,9 +6,10 @@ use std::path::{Path, PathBuf};
 
 use pairmaskd::file_error::{Access, FileError};
 use serde::Serialize;
-use serde_json::{Value, json};
+use serde_json::Value;
 
 use super::claims::{Kind, MissingCores, Source};
+use super::expression::select;
 use crate::Result;
 
 /// Records: their kind, file, and the lists that they must have.
@@ -99,12 +100,8 @@ impl Figures {
     /// Why there is no figure on so many cores.
     pub fn without_cores(&self, wanted: &MissingCores) -> String {
         let MissingCores { scene, n, cores } = wanted;
-        let row = json!({ "stage": "update-aabbs", "scene": scene, "n": n, "threads": 1 });
-        let is_it = |found: &Value| {
-            row.as_object().into_iter().flatten().all(|(name, value)| found[name] == *value)
-        };
-        let measures =
-            |s: &&Source| s.data["rows"].as_array().is_some_and(|rows| rows.iter().any(is_it));
+        let row = format!("rows[stage=update-aabbs,scene={scene},n={n},threads=1]");
+        let measures = |source: &&Source| !select(&source.data, &row).is_empty();
         let measured = self.all(Kind::Threads).iter().filter(measures);
         match measured.map(|source| core_count(&source.data)).max() {
             Some(most) if most < *cores => format!(

@@ -7,8 +7,8 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
 
 use super::claims::Row;
-use super::expression::Scope;
-use super::page::figure_text;
+use super::expression::{Scope, filled_in};
+use crate::study::harness::table::number_text;
 
 /// Whether a claim holds here.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -41,43 +41,17 @@ pub struct Rule {
     keeps: Vec<String>,
 }
 
-/// A rule as a claim names it: its name, or that and its bounds, which stand for `@1` and `@2`.
-#[derive(Clone, Debug, Deserialize)]
-#[serde(untagged)]
-pub enum RuleName {
-    Plain(String),
-    Bounded(BTreeMap<String, Bounds>),
-}
-
-#[derive(Clone, Debug, Deserialize)]
-#[serde(untagged)]
-pub enum Bounds {
-    One(f64),
-    Two([f64; 2]),
-}
-
-impl RuleName {
-    /// The rule of that name.
-    pub fn of(&self, rules: &BTreeMap<String, Rule>) -> Result<Rule, String> {
-        let (name, bounds) = match self {
-            Self::Plain(name) => (Some(name), &[][..]),
-            Self::Bounded(one) => match one.first_key_value() {
-                Some((name, Bounds::One(bound))) => (Some(name), std::slice::from_ref(bound)),
-                Some((name, Bounds::Two(bounds))) => (Some(name), &bounds[..]),
-                None => (None, &[][..]),
-            },
-        };
-        let found = name.and_then(|name| rules.get(name));
-        let mut rule = found.ok_or_else(|| format!("{self:?} is no rule"))?.clone();
-        for (place, bound) in bounds.iter().enumerate() {
-            let fill = |text: &String| text.replace(&format!("@{}", place + 1), &bound.to_string());
-            rule = Rule { says: fill(&rule.says), keeps: rule.keeps.iter().map(fill).collect() };
-        }
+impl Rule {
+    /// The rule that a claim names: its name, or that and its bounds, which stand for `@1` and `@2`.
+    pub fn named(text: &str, rules: &BTreeMap<String, Self>) -> Result<Self, String> {
+        let (name, bounds) = text.split_once('(').unwrap_or((text, ""));
+        let mut rule = rules.get(name).ok_or_else(|| format!("'{text}' is no rule"))?.clone();
+        let fill = |text: &str| filled_in(text, bounds.trim_end_matches(')'));
+        rule.says = fill(&rule.says);
+        rule.keeps.iter_mut().for_each(|condition| *condition = fill(condition));
         Ok(rule)
     }
-}
 
-impl Rule {
     /// The verdict over the rows, and the rows that break the rule.
     pub fn judge<'a>(&self, rows: &'a [Row]) -> Result<(Verdict, Vec<&'a Row>), String> {
         let mut figures = Map::new();
@@ -130,8 +104,8 @@ impl Rule {
 
 fn in_words(row: &Row) -> String {
     let unit = if row.unit.is_empty() { String::new() } else { format!(" {}", row.unit) };
-    let ours = row.ours.map_or_else(|| "no figure".to_owned(), figure_text);
+    let ours = row.ours.map_or_else(|| "no figure".to_owned(), number_text);
     let paper =
-        row.paper.map_or_else(String::new, |paper| format!(", the paper's {}", figure_text(paper)));
+        row.paper.map_or_else(String::new, |paper| format!(", the paper's {}", number_text(paper)));
     format!("{}: ours {ours}{unit}{paper}", row.what)
 }

@@ -1,13 +1,11 @@
 //! Spheres on a GPU: frames a second beside the CPU's and the paper's, and pairs decided wrongly.
 
-use std::hint::black_box;
 use std::sync::Arc;
 use std::time::Duration;
 
-use pairmask_core::dispatch::{CullOptions, SphereEngines};
-use pairmask_core::engine::{CullError, CullInput, CullReport, HeapReply};
-use pairmask_core::sphere::{SPHERE_BYTES, Sphere, SphereAllPairs};
-use pairmask_core::{BoxCount, Encoding, EncodingChoice, EngineName, PairIndex};
+use pairmask_core::engine::{CullError, CullInput, HeapReply};
+use pairmask_core::sphere::{Sphere, SphereAllPairs};
+use pairmask_core::{BoxCount, Encoding, PairIndex};
 use pairmaskd::execute::gpu::{AllPairs, AllPairsOptions, Gpu, Grid, GridOptions, SharedImports};
 use pairmaskd::scene::Random;
 use rayon::prelude::*;
@@ -16,9 +14,9 @@ use serde::Serialize;
 use super::families::{ALL, Family};
 use super::oracle::overlap;
 use super::papers_row;
-use super::speed::{frames_a_second, plain, scene};
+use super::speed::{engines_fps, frames_a_second, plain_fps, scene};
 use crate::Result;
-use crate::gpu_stages::shared::Segment;
+use crate::gpu_stages::shared::FrameSegments;
 use crate::study::harness::table::{Fields, row};
 
 /// Numbers of spheres: the paper's, and larger ones.
@@ -43,10 +41,6 @@ pub struct GpuErrorRow {
     pub beside_wrong: u64,
 }
 
-/// The answer before the first frame.
-const NOT_RUN: Result<CullReport, CullError> =
-    Err(CullError::DeviceLost { engine: EngineName::GpuGrid });
-
 pub fn measure(gpu: &Arc<Gpu>, quick: bool, seed: u64) -> Result<Vec<Fields>> {
     let sizes = if quick { &SIZES[..QUICK_SIZES] } else { &SIZES[..] };
     let budget = Duration::from_millis(if quick { 20 } else { 500 });
@@ -55,60 +49,47 @@ pub fn measure(gpu: &Arc<Gpu>, quick: bool, seed: u64) -> Result<Vec<Fields>> {
 
 fn timed(gpu: &Arc<Gpu>, n: usize, budget: Duration, seed: u64) -> Result<Fields> {
     let objects = scene(n, seed);
-    let mut spheres = Segment::new(n * SPHERE_BYTES)?;
-    let mut reply = Segment::new(4 * REPLY_WORDS * n.max(1_000))?;
     let imports = SharedImports::default();
-    let mut imported = true;
-    for segment in [&mut spheres, &mut reply] {
-        imported &= segment.import(gpu, &imports).is_ok();
-    }
-    spheres.write(&objects);
+    let words = (REPLY_WORDS * n.max(1_000)) as u64;
+    let memory = FrameSegments::new(gpu, &imports, &objects, words)?;
+    let FrameSegments { boxes: spheres, mut reply, imported, .. } = memory;
     let encoding = Encoding::Sparse;
+
+    let timed = |cull: &mut dyn FnMut() -> Result<u64, CullError>| -> Result<(f64, u64)> {
+        let mut pairs = Ok(0);
+        let fps = frames_a_second(budget, || pairs = cull());
+        Ok((fps, pairs?))
+    };
 
     let options = GridOptions { imports: imports.clone(), ..GridOptions::default() };
     let mut grid = Grid::new(gpu, &options)?;
-    let mut culled = NOT_RUN;
-    let grid_fps = frames_a_second(budget, || {
-        culled = grid.cull_spheres(spheres.objects(n), encoding, &mut reply);
-    });
-    let pairs = culled?.pair_count;
+    let mut by_grid = || {
+        grid.cull_spheres(spheres.objects(n), encoding, &mut reply).map(|report| report.pair_count)
+    };
+    let (grid_fps, pairs) = timed(&mut by_grid)?;
     let mut counts = vec![pairs];
 
-    let mut all_pairs_fps = None;
-    let mut tests_a_second = None;
+    let (mut all_pairs_fps, mut tests_a_second) = (None, None);
     if n <= ALL_PAIRS_SPHERES {
         let options =
             AllPairsOptions { imports: imports.clone(), profiled: true, ..Default::default() };
         let mut all_pairs = AllPairs::new(gpu, options)?;
         let mut stage_ns = f64::INFINITY;
-        let mut culled = NOT_RUN;
-        all_pairs_fps = Some(frames_a_second(budget, || {
-            culled = all_pairs.cull_spheres(spheres.objects(n), encoding, &mut reply);
+        let (fps, count) = timed(&mut || {
+            let report = all_pairs.cull_spheres(spheres.objects(n), encoding, &mut reply)?;
             let steps = all_pairs.step_times().iter().filter(|step| step.label == "pairs");
             stage_ns = stage_ns.min(steps.map(|step| step.ns).sum());
-        }));
-        counts.push(culled?.pair_count);
-        let tests = BoxCount::new(n as u32).pair_count() as f64;
-        tests_a_second = Some(tests / (1e-9 * stage_ns));
+            Ok(report.pair_count)
+        })?;
+        counts.push(count);
+        all_pairs_fps = Some(fps);
+        tests_a_second = Some(BoxCount::new(n as u32).pair_count() as f64 / (1e-9 * stage_ns));
     }
 
-    let (mut engines, mut heap) = (SphereEngines::new(), HeapReply::new());
-    let options =
-        CullOptions { encoding: EncodingChoice::Only(encoding), ..CullOptions::default() };
-    let mut culled: Result<u64, CullError> = Ok(0);
-    let cpu_fps = frames_a_second(budget, || {
-        culled = engines.cull(&objects, &options, &mut heap).map(|a| a.report.pair_count);
-    });
-    counts.push(culled?);
-    let plain_fps = (n <= PLAIN_SPHERES).then(|| {
-        let mut found = Vec::new();
-        frames_a_second(budget, || {
-            found.clear();
-            plain(black_box(&objects), &mut found);
-        })
-    });
-    let [paper_sequential_fps, paper_parallel_fps, paper_speed_up] = papers_row(n);
-    Ok(row!(
+    let (cpu_fps, count) = engines_fps(&objects, budget);
+    counts.push(count);
+    let plain_fps = (n <= PLAIN_SPHERES).then(|| plain_fps(&objects, budget));
+    let mut row = row!(
         n: n as u64,
         pairs,
         is_right: counts.iter().all(|count| *count == pairs),
@@ -120,16 +101,15 @@ fn timed(gpu: &Arc<Gpu>, n: usize, budget: Duration, seed: u64) -> Result<Fields
         cpu_fps,
         plain_fps,
         speed_up: all_pairs_fps.zip(plain_fps).map(|(gpu, plain)| gpu / plain),
-        paper_sequential_fps,
-        paper_parallel_fps,
-        paper_speed_up,
-    ))
+    );
+    row.extend(papers_row(n));
+    Ok(row)
 }
 
 /// Pairs of a family that are culled together, as one scene of twice as many spheres: 499,500 pairs. The CPU
 /// decides all of them, too, which takes most of the time.
 const SCENE_PAIRS: u64 = 500;
-/// Scenes that the CPU decides side by side, while the GPU decides as many others: 16 MB of masks.
+/// Scenes that the CPU decides side by side: 16 MB of masks.
 const SCENES: u64 = 256;
 
 struct Decided {
@@ -183,7 +163,7 @@ pub fn count_errors(
     gpu: &Arc<Gpu>,
     pairs: u64,
     seed: u64,
-    watch: impl Fn(u64) + Sync,
+    watch: impl Fn(u64),
 ) -> Result<Vec<GpuErrorRow>> {
     let mut engine = AllPairs::new(gpu, AllPairsOptions::default())?;
     let mut reply = HeapReply::new();
@@ -196,24 +176,13 @@ pub fn count_errors(
             let pairs = SCENE_PAIRS.min(share - scene * SCENE_PAIRS);
             decided(family, pairs, seed.wrapping_add(scene.wrapping_mul(0x9e37_79b9)))
         };
-        let batch_from = |first: u64| -> Result<Vec<Decided>, CullError> {
-            (first..scenes.min(first + SCENES)).into_par_iter().map(make).collect()
-        };
-        let mut batch = batch_from(0)?;
-        let mut next = SCENES;
-        while !batch.is_empty() {
-            let on_gpu = || -> Result<(), CullError> {
-                for scene in &batch {
-                    engine.cull_spheres(&scene.spheres, Encoding::Dense, &mut reply)?;
-                    row.note(scene, &dense_words(&scene.spheres, &reply));
-                    watch(scene.truth.len() as u64);
-                }
-                Ok(())
-            };
-            let (compared, made) = rayon::join(on_gpu, || batch_from(next.min(scenes)));
-            compared?;
-            batch = made?;
-            next += SCENES;
+        for first in (0..scenes).step_by(SCENES as usize) {
+            let batch = (first..scenes.min(first + SCENES)).into_par_iter().map(make);
+            for scene in batch.collect::<Result<Vec<Decided>, CullError>>()? {
+                engine.cull_spheres(&scene.spheres, Encoding::Dense, &mut reply)?;
+                row.note(&scene, &dense_words(&scene.spheres, &reply));
+                watch(scene.truth.len() as u64);
+            }
         }
         rows.push(row);
     }

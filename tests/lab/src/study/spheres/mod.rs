@@ -14,26 +14,31 @@ pub(crate) mod gpu;
 pub mod oracle;
 pub(crate) mod speed;
 
-use errors::ErrorRow;
+use clap::Args;
 use gpu::GpuErrorRow;
+use pairmaskd::cli::whole_number::whole_number;
 use pairmaskd::execute::gpu::{Gpu, GpuChoice, HostImport};
 use serde::Serialize;
 
 use super::harness::Report;
 use super::harness::document::Part;
 use super::harness::machine::Machine;
-use super::harness::table::Fields;
+use super::harness::table::{Fields, row};
 use super::papers::figure;
 use crate::Result;
 
 /// Options of the study.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Args)]
 pub(crate) struct SphereOptions {
-    pub speed: bool,
-    /// Count errors on so many random pairs, and a hundredth of them tangent; 0 for none.
-    pub pairs: u64,
-    /// Few spheres and few runs, in seconds. Times mean little.
+    /// Count wrong decisions instead: of so many random pairs, a hundredth as many that touch, and
+    /// as many that nearly do [default: 1000000]
+    #[arg(long, value_parser = whole_number::<u64>, value_name = "PAIRS", num_args = 0..=1, default_missing_value = "1000000")]
+    pub errors: Option<u64>,
+    /// Few spheres and few frames: a second, for a look. Times mean little
+    #[arg(long)]
     pub quick: bool,
+    /// Seed of scenes and pairs
+    #[arg(long, value_parser = whole_number::<u64>, value_name = "N", default_value_t = 1)]
     pub seed: u64,
 }
 
@@ -44,37 +49,37 @@ pub(crate) fn measure(
     on: Option<&GpuChoice>,
     watch: impl Fn(u64) + Sync,
 ) -> Result<SphereReport> {
-    let SphereOptions { speed, pairs, quick, seed } = *options;
+    let SphereOptions { errors, quick, seed } = *options;
     let device = on.map(|choice| Gpu::open(choice, HostImport::IfPossible)).transpose()?;
     let machine = Machine::here(device.as_ref().map(|device| device.info()));
-    let (speed_rows, errors, gpu_speed, gpu_errors) = Default::default();
-    let mut report = SphereReport { machine, speed: speed_rows, errors, gpu_speed, gpu_errors };
-    match &device {
-        Some(device) if speed => report.gpu_speed = gpu::measure(device, quick, seed)?,
-        None if speed => report.speed = speed::measure(quick, seed),
-        _ => {}
-    }
-    match &device {
-        Some(device) if pairs > 0 => {
+    let mut report = SphereReport { machine, ..SphereReport::default() };
+    match (&device, errors) {
+        (None, None) => report.speed = speed::measure(quick, seed),
+        (None, Some(pairs)) => report.errors = errors::measure(pairs, seed, watch),
+        (Some(device), None) => report.gpu_speed = gpu::measure(device, quick, seed)?,
+        (Some(device), Some(pairs)) => {
             report.gpu_errors = gpu::count_errors(device, pairs, seed, watch)?;
         }
-        None if pairs > 0 => report.errors = errors::measure(pairs, seed, watch),
-        _ => {}
     }
     Ok(report)
 }
 
 /// The paper's row for so many spheres: frames a second of the sequential and the parallel approach, speed-up.
-fn papers_row(n: usize) -> [Option<f64>; 3] {
-    ["sequential", "parallel", "speed_up"].map(|column| figure(&format!("spheres[n={n}].{column}")))
+fn papers_row(n: usize) -> Fields {
+    let of = |column: &str| figure(&format!("spheres[n={n}].{column}"));
+    row!(
+        paper_sequential_fps: of("sequential"),
+        paper_parallel_fps: of("parallel"),
+        paper_speed_up: of("speed_up"),
+    )
 }
 
 /// The JSON object of `spheres --json`. Fields may be added, never changed or taken away.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub(crate) struct SphereReport {
     pub machine: Machine,
     pub speed: Vec<Fields>,
-    pub errors: Vec<ErrorRow>,
+    pub errors: Vec<Fields>,
     pub gpu_speed: Vec<Fields>,
     pub gpu_errors: Vec<GpuErrorRow>,
 }
@@ -82,7 +87,7 @@ pub(crate) struct SphereReport {
 impl SphereReport {
     /// Whether every pair was decided rightly, by the client library and on the GPU.
     pub fn is_exact(&self) -> bool {
-        self.errors.iter().all(|row| row.exact_wrong == 0)
+        self.errors.iter().all(|row| row["exact_wrong"] == 0)
             && self.gpu_speed.iter().all(|row| row["is_right"] == true)
             && self.gpu_errors.iter().all(|row| row.wrong + row.beside_wrong == 0)
     }

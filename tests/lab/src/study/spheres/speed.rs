@@ -11,6 +11,7 @@ use pairmaskd::scene::{Scene, SceneName};
 
 use super::errors::squared_f32;
 use super::papers_row;
+use crate::study::harness::median_ms;
 use crate::study::harness::table::{Fields, row};
 
 /// Numbers of spheres: the paper's, and larger ones.
@@ -38,13 +39,7 @@ pub fn scene(n: usize, seed: u64) -> Vec<Sphere> {
 
 fn timed(n: usize, budget: Duration, seed: u64) -> Fields {
     let spheres = scene(n, seed);
-    let threads = rayon::current_num_threads();
     let mut reply = HeapReply::new();
-    let mut found = Vec::new();
-    let plain_fps = frames_a_second(budget, || {
-        found.clear();
-        plain(black_box(&spheres), &mut found);
-    });
     let mut all_pairs = SphereAllPairs::new();
     let mut pairs = 0;
     let mut with = |threads| {
@@ -55,30 +50,43 @@ fn timed(n: usize, budget: Duration, seed: u64) -> Fields {
                 .map_or(0, |r| r.pair_count);
         })
     };
-    let (sequential_fps, parallel_fps) = (with(1), with(threads));
-    let mut engines = SphereEngines::new();
-    let encoding = EncodingChoice::Only(Encoding::Sparse);
-    let options = CullOptions { encoding, ..CullOptions::default() };
-    let engines_fps = frames_a_second(budget, || {
-        let _ = black_box(engines.cull(&spheres, &options, &mut reply));
-    });
-    let [paper_sequential_fps, paper_parallel_fps, paper_speed_up] = papers_row(n);
-    row!(
+    let (sequential_fps, parallel_fps) = (with(1), with(rayon::current_num_threads()));
+    let mut row = row!(
         n: n as u64,
         pairs,
-        plain_fps,
+        plain_fps: plain_fps(&spheres, budget),
         sequential_fps,
         parallel_fps,
         speed_up: parallel_fps / sequential_fps,
-        engines_fps,
-        paper_sequential_fps,
-        paper_parallel_fps,
-        paper_speed_up,
-    )
+        engines_fps: engines_fps(&spheres, budget).0,
+    );
+    row.extend(papers_row(n));
+    row
+}
+
+/// One pair after the other, in plain f32.
+pub(super) fn plain_fps(spheres: &[Sphere], budget: Duration) -> f64 {
+    let mut found = Vec::new();
+    frames_a_second(budget, || {
+        found.clear();
+        plain(black_box(spheres), &mut found);
+    })
+}
+
+/// What the library chooses on cores, and the number of pairs.
+pub(super) fn engines_fps(spheres: &[Sphere], budget: Duration) -> (f64, u64) {
+    let (mut engines, mut reply, mut pairs) = (SphereEngines::new(), HeapReply::new(), 0);
+    let encoding = EncodingChoice::Only(Encoding::Sparse);
+    let options = CullOptions { encoding, ..CullOptions::default() };
+    let fps = frames_a_second(budget, || {
+        let answer = black_box(engines.cull(spheres, &options, &mut reply));
+        pairs = answer.map_or(0, |answer| answer.report.pair_count);
+    });
+    (fps, pairs)
 }
 
 /// The paper's algorithm 1, without the root: the pairs in a list.
-pub(super) fn plain(spheres: &[Sphere], found: &mut Vec<(u32, u32)>) {
+fn plain(spheres: &[Sphere], found: &mut Vec<(u32, u32)>) {
     for (a, one) in spheres.iter().enumerate() {
         for (b, other) in spheres.iter().enumerate().skip(a + 1) {
             if squared_f32(one, other) {
@@ -98,13 +106,5 @@ pub(super) fn frames_a_second(budget: Duration, mut frame: impl FnMut()) -> f64 
     if start.elapsed() >= LONG_FRAME {
         return 1.0 / start.elapsed().as_secs_f64();
     }
-    let start = Instant::now();
-    let mut times = Vec::new();
-    while times.len() < 3 || (start.elapsed() < budget && times.len() < 100_000) {
-        let begin = Instant::now();
-        frame();
-        times.push(begin.elapsed());
-    }
-    times.sort_unstable();
-    1.0 / times[times.len() / 2].as_secs_f64().max(1e-9)
+    1e3 / median_ms(budget, frame).max(1e-6)
 }

@@ -1,0 +1,159 @@
+//! A scene that persists, edited towards the boxes of cases: its answers are taken, dropped or left unread by
+//! chance, and what a client knows from them has to be the oracle's pairs, each change told once.
+//!
+//! Here are hard boxes, floating-point flags, and edits between the frames of many clients; all verbs, filters, members
+//! and ways to name boxes are held to a model by the test `scene_model`.
+
+use std::collections::BTreeSet;
+
+use pairmask::Aabb;
+use pairmask::scene::{SceneOptions, Want};
+use pairmask_core::oracle::{Pair, truth};
+use pairmask_core::scene::{Sets, Step};
+use pairmaskd::scene::Random;
+
+use crate::stress::{Case, Finding, compare};
+
+/// Most boxes of most scenes: the oracle compares each box with all others after every edit.
+const FEW_BOXES: usize = 250;
+/// Most boxes of one scene in [`MANY_ONE_IN`].
+const MANY_BOXES: usize = 2_000;
+const MANY_ONE_IN: u64 = 8;
+
+/// What is done about an answer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Fate {
+    Taken,
+    Dropped,
+    Unread,
+}
+
+/// What an answer tells of pairs.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Heard {
+    pub(super) begun: Vec<[u32; 2]>,
+    pub(super) ended: Vec<[u32; 2]>,
+    pub(super) pairs: Vec<[u32; 2]>,
+    pub(super) is_resync: bool,
+}
+
+pub(super) struct KeptScene {
+    boxes: Vec<Option<Aabb>>,
+    /// The pairs that the client knows from the answers that it took.
+    known: BTreeSet<Pair>,
+}
+
+impl KeptScene {
+    pub(super) fn new(random: &mut Random) -> Self {
+        let most = if random.below(MANY_ONE_IN) == 0 { MANY_BOXES } else { FEW_BOXES };
+        Self { boxes: vec![None; most], known: BTreeSet::new() }
+    }
+
+    pub(super) fn options(&self) -> SceneOptions {
+        SceneOptions::default().with_most_boxes(self.boxes.len() as u32)
+    }
+
+    /// Draws an edit towards the boxes of a case, which `ask` has answered, and compares the answer. Says
+    /// whether there was one.
+    pub(super) fn edit<E>(
+        &mut self,
+        case: &Case,
+        random: &mut Random,
+        ask: impl FnOnce(&[Step<'_>], Want, Fate) -> Result<Option<Heard>, E>,
+    ) -> Result<Result<bool, Finding>, E> {
+        let (mut removed, mut set, mut boxes) = (Vec::new(), Vec::new(), Vec::new());
+        let n = case.boxes.len();
+        // All, some or few of the indices take part.
+        let one_in = [1, 4, 30, 100][random.below(4) as usize];
+        for (index, slot) in self.boxes.iter_mut().enumerate() {
+            // Boxes of a larger case before are removed.
+            let is_beyond = index >= n;
+            if !is_beyond && random.below(one_in) > 0 {
+                continue;
+            }
+            if slot.is_some() && (is_beyond || random.below(8) == 0) {
+                removed.push(index as u32);
+                *slot = None;
+            }
+            if !is_beyond && random.below(3) > 0 {
+                let is_any = random.below(3) == 0;
+                let b = case.boxes[if is_any { random.below(n as u64) as usize } else { index }];
+                *slot = Some(b);
+                set.push(index as u32);
+                boxes.push(b);
+            }
+        }
+        let want = if random.below(6) == 0 { Want::All } else { Want::Changes };
+        let fate = match random.below(8) {
+            0 => Fate::Unread,
+            1..=2 => Fate::Dropped,
+            _ => Fate::Taken,
+        };
+        let sets = Sets { indices: (&set).into(), boxes: &boxes };
+        let steps = [Step::Remove((&removed).into()), Step::Set(sets)];
+        let Some(heard) = ask(&steps, want, fate)? else { return Ok(Ok(false)) };
+        Ok(self.check(&heard, want, fate).map(|()| true))
+    }
+
+    /// Compares what a client knows from an answer with the pairs of now.
+    fn check(&mut self, heard: &Heard, want: Want, fate: Fate) -> Result<(), Finding> {
+        let mut known = match want {
+            Want::Changes if !heard.is_resync => self.known.clone(),
+            _ => BTreeSet::new(),
+        };
+        for [a, b] in &heard.ended {
+            if !known.remove(&(*a, *b)) {
+                let what = format!("pair ({a}, {b}) ended and was not known");
+                return Err(Finding::extra(what, 1, (*a, *b)));
+            }
+        }
+        for [a, b] in heard.begun.iter().chain(&heard.pairs) {
+            if !known.insert((*a, *b)) {
+                let what = format!("pair ({a}, {b}) began and was known");
+                return Err(Finding::extra(what, 1, (*a, *b)));
+            }
+        }
+        let boxes = self.boxes.iter().map(|b| b.unwrap_or(Aabb::EMPTY));
+        let pairs = truth(&boxes.collect::<Vec<_>>()).pairs;
+        compare(&known.iter().copied().collect::<Vec<_>>(), &pairs, &pairs)?;
+        if fate == Fate::Taken {
+            self.known = known;
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_told_twice_or_never_is_noticed() {
+        let mut scene = KeptScene::new(&mut Random::new(1));
+        for (slot, x) in scene.boxes.iter_mut().zip([0.0, 0.9, 1.8, 9.0]) {
+            *slot = Some(Aabb::from([x, 0.0, 0.0, x + 1.0, 1.0, 1.0]));
+        }
+        scene.known = BTreeSet::from([(0, 1), (0, 3)]);
+        let right = Heard { begun: vec![[1, 2]], ended: vec![[0, 3]], ..Heard::default() };
+        let mut check = |heard: &Heard, want| scene.check(heard, want, Fate::Dropped);
+        assert_eq!(check(&right, Want::Changes), Ok(()));
+        let spoils: [fn(&mut Heard); 6] = [
+            |heard| heard.begun.clear(),
+            |heard| heard.begun.push([0, 1]),
+            |heard| heard.begun.push([2, 3]),
+            |heard| heard.ended.clear(),
+            |heard| heard.ended.push([2, 3]),
+            |heard| heard.is_resync = true,
+        ];
+        for (number, spoil) in spoils.into_iter().enumerate() {
+            let mut heard = right.clone();
+            spoil(&mut heard);
+            assert!(check(&heard, Want::Changes).is_err(), "{number}");
+        }
+        let all = Heard { pairs: vec![[0, 1], [1, 2]], is_resync: true, ..Heard::default() };
+        assert_eq!((check(&all, Want::All), check(&all, Want::Changes)), (Ok(()), Ok(())));
+        assert!(check(&Heard::default(), Want::All).is_err());
+        scene.boxes[0] = None;
+        assert!(scene.check(&all, Want::All, Fate::Taken).is_err());
+    }
+}
