@@ -49,6 +49,21 @@ impl SharedImports {
     pub fn lock(&self) -> MutexGuard<'_, Imports> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
+
+    /// The part of an imported block at an address, if it can be bound there.
+    pub(super) fn part(
+        &self,
+        gpu: &Gpu,
+        address: usize,
+        bytes: u64,
+        access: Access,
+    ) -> Option<Part> {
+        let imports = self.lock();
+        let (block, offset) = imports.find(address, bytes as usize, access)?;
+        // Of words, however fine the device's own steps are.
+        let align = gpu.limits().storage_offset_align_bytes.max(WORD_BYTES);
+        offset.is_multiple_of(align).then(|| Part::of(block, offset, bytes))
+    }
 }
 
 /// An engine's way to the boxes and back to the reply.
@@ -111,15 +126,16 @@ impl Transfers {
             None => bytes <= limit && mappable,
         };
         if !stored_up_to(STORED_FIRST_BYTES)
-            && let Some(part) = self.imported(memory.as_ptr() as usize, bytes, Access::Read)
+            && let Some(part) =
+                self.imports.part(&self.gpu, memory.as_ptr() as usize, bytes, Access::Read)
         {
             return Ok(PlacedBoxes { part, form });
         }
         let mapped = stored_up_to(MAPPED_VIDEO_BYTES);
         let staged = if mapped { &mut self.mapped_boxes } else { &mut self.staged_boxes };
-        let block = staged.at_least(&self.gpu, bytes, replaced)?;
-        block.write(0, memory);
-        Ok(PlacedBoxes { part: Part::of(block, 0, bytes), form })
+        let part = staged.part(&self.gpu, bytes, replaced)?;
+        part.block.write(0, memory);
+        Ok(PlacedBoxes { part, form })
     }
 
     /// Where the mask goes that belongs into `mask`.
@@ -129,20 +145,12 @@ impl Transfers {
         replaced: &mut bool,
     ) -> Result<MaskPlace, GpuError> {
         let bytes = size_of_val(mask) as u64;
-        if let Some(part) = self.imported(mask.as_ptr() as usize, bytes, Access::Write) {
+        let address = mask.as_ptr() as usize;
+        if let Some(part) = self.imports.part(&self.gpu, address, bytes, Access::Write) {
             return Ok(MaskPlace { part, is_reply: true });
         }
-        let block = self.staged_mask.at_least(&self.gpu, bytes, replaced)?;
-        Ok(MaskPlace { part: Part::of(block, 0, bytes), is_reply: false })
-    }
-
-    /// The part of an imported block at an address, if it can be bound there.
-    fn imported(&self, address: usize, bytes: u64, access: Access) -> Option<Part> {
-        let imports = self.imports();
-        let (block, offset) = imports.find(address, bytes as usize, access)?;
-        // Of words, however fine the device's own steps are.
-        let align = self.gpu.limits().storage_offset_align_bytes.max(WORD_BYTES);
-        offset.is_multiple_of(align).then(|| Part::of(block, offset, bytes))
+        let part = self.staged_mask.part(&self.gpu, bytes, replaced)?;
+        Ok(MaskPlace { part, is_reply: false })
     }
 }
 
@@ -200,10 +208,8 @@ impl UploadAhead {
         boxes: &PlacedBoxes,
         replaced: &mut bool,
     ) -> Result<PlacedBoxes, GpuError> {
-        let bytes = boxes.part.bytes;
         let mut is_new = false;
-        let block = self.boxes.at_least(&self.gpu, bytes, &mut is_new)?;
-        let part = Part::of(block, 0, bytes);
+        let part = self.boxes.part(&self.gpu, boxes.part.bytes, &mut is_new)?;
         if is_new {
             self.uploads.clear();
             *replaced = true;

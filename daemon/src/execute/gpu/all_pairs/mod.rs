@@ -28,7 +28,7 @@ use self::plan::BandLimits;
 use self::steps::{Output, Recording, Scratch};
 use super::{
     Block, Checks, Counted, Frame, FrameCache, FrameKey, Gpu, GpuError, Growing, Home, ImportError,
-    ImportId, MaskPlace, Part, Pipelines, Place, PlacedBoxes, QueueRole, SharedImports, StepTime,
+    ImportId, MaskPlace, Pipelines, Place, PlacedBoxes, QueueRole, SharedImports, StepTime,
     Transfers, Tuning, Upload, Wait,
 };
 use crate::execute::frame_memory::end_process;
@@ -165,9 +165,7 @@ impl AllPairs {
         let bands = plan::bands(n, tuning, encoding, &self.limits);
         let stages = self.scratch.stages(&self.gpu, n, &bands, &mut replaced)?;
         let video_boxes = if self.options.upload == Some(Upload::DmaCopy) {
-            let bytes = boxes.part.bytes;
-            let block = self.video_boxes.at_least(&self.gpu, bytes, &mut replaced)?;
-            Some(Part::of(block, 0, bytes))
+            Some(self.video_boxes.part(&self.gpu, boxes.part.bytes, &mut replaced)?)
         } else {
             None
         };
@@ -210,7 +208,7 @@ impl AllPairs {
         }
         let batches = n.get().div_ceil(BATCH_BOXES) as usize;
         self.reports.resize(batches, BatchReport::default());
-        stages.reports.read(0, &mut self.reports);
+        stages.reports.block.read(0, &mut self.reports);
         Ok(Outcome::of(&self.reports))
     }
 

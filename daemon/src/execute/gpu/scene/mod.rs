@@ -33,9 +33,9 @@ use pairmask_shaders::layouts::{GridLayout, SceneMode, SceneSummary};
 
 use self::changes::{ChangeSorter, Found};
 use self::plan::{Layouts, MOST_SLOTS, Question, Room, Sizes};
-use self::replica::{Asked, Clock, Names, Replica, Replicas, sum};
+use self::replica::{Clock, Names, Replicas, sum};
 use self::roster::Roster;
-use self::search::{Search, Share};
+use self::search::{Asked, Search, Share};
 use self::upload::Gathered;
 use super::{Block, Gpu, GpuError, GridOptions, Pipeline, Pipelines, SharedImports, Wait};
 
@@ -396,7 +396,7 @@ impl GpuScene {
         let threads = self.threads();
         let (sets, marks) = (self.gathered.sets(edit), self.roster.marks());
         self.replicas
-            .on_each(|_, replica| replica.place(sets, marks, slots as u64, names, threads))?;
+            .on_each(|_, replica| replica.place(sets, marks, &[], slots as u64, names, threads))?;
         if let Some(most) = edit.sets().max_by_key(|sets| sets.boxes.len()) {
             self.layouts.note_edit(most.boxes, slots);
         }
@@ -501,10 +501,11 @@ impl GpuScene {
 
     /// Notes what the stages of the first GPU took, where they are timed.
     fn note_stages(&mut self) -> Result<(), CullError> {
-        let Replica { tools, frames, .. } = self.replicas.first();
-        if tools.profiled {
-            let times = frames.step_times();
-            self.times.stages = times.map_err(|error| tools.gpu.cull_error(ENGINE, &error))?;
+        let first = self.replicas.first();
+        if first.tools.profiled {
+            let times = first.step_times();
+            self.times.stages =
+                times.map_err(|error| first.tools.gpu.cull_error(ENGINE, &error))?;
         }
         Ok(())
     }
@@ -522,7 +523,7 @@ impl GpuScene {
         let no_memory = |_| CullError::Reserve(ReserveError::OutOfMemory { needed_bytes });
         let blocks = self.replicas.iter().filter_map(|replica| replica.blocks.as_ref());
         let lists: Vec<(&Block, usize)> =
-            blocks.zip(counts).map(|(blocks, count)| (&*blocks.found, *count as usize)).collect();
+            blocks.zip(counts).map(|(b, count)| (&*b.found.block, *count as usize)).collect();
         let read = |at: usize, to: &mut [Pair]| read_lists(&lists, at, to);
         let list = Found { read: &read, count: found as usize, n: self.roster.len() as u32 };
         let threads = self.threads();
