@@ -11,7 +11,7 @@ use std::str::FromStr;
 use std::time::Duration;
 
 use clap::{Args, Subcommand};
-use pairmask::{Backend, ConnectError, SessionBuilder};
+use pairmask::{Backend, SessionBuilder};
 use pairmask_core::BoxCount;
 use pairmask_core::engine::UnknownName;
 use pairmask_transport::RuntimeDir;
@@ -24,16 +24,16 @@ use super::config::Config;
 use super::daemon_cpu::DaemonCpu;
 use super::machine::Machine;
 use super::options::{CullFlags, DaemonOptions, Place};
-use super::output::{OutputError, print_json, print_text, progress_bar, spinner};
-use super::raw_objects::{RawBoxes, RawObjectsError};
+use super::output::{print_json, print_text, progress_bar, spinner};
+use super::program::{Fault, WrongUsage};
+use super::raw_objects::RawBoxes;
 use super::scene_look;
 use super::target::Target;
 use super::whole_number::whole_number;
 use crate::precision::PrecisionChoice;
 use crate::scene::{Scene, SceneName};
 use crate::serve::DEFAULT_SPIN;
-use crate::spawn::SpawnError;
-use crate::timed_client::{Decoders, Decoding, TimedClient, TimedError};
+use crate::timed_client::{Decoders, Decoding, TimedClient};
 
 /// Measure what frames cost on this machine
 #[derive(Debug, Args)]
@@ -54,8 +54,8 @@ impl Bench {
     /// Measures.
     ///
     /// # Errors
-    /// [`BenchError`].
-    pub fn run(&self, place: &Place, config: &Config) -> Result<(), BenchError> {
+    /// [`Fault`].
+    pub fn run(&self, place: &Place, config: &Config) -> Result<(), Fault> {
         match &self.what {
             What::Latency(latency) => latency.run(place, config),
         }
@@ -173,62 +173,29 @@ impl FromStr for Wait {
     }
 }
 
-/// Why a measurement failed.
+/// The daemon died or started during the measurement: the row would mix two backends.
 #[derive(Debug, thiserror::Error)]
-pub enum BenchError {
-    /// The file of boxes cannot be read.
-    #[error(transparent)]
-    Boxes(#[from] RawObjectsError),
-    /// The daemon did not start.
-    #[error(transparent)]
-    Spawn(#[from] SpawnError),
-    /// There is no session.
-    #[error(transparent)]
-    Connect(#[from] ConnectError),
-    /// A frame failed.
-    #[error(transparent)]
-    Timed(#[from] TimedError),
-    /// Threads cannot be pinned.
-    #[error(transparent)]
-    Pin(#[from] PinError),
-    /// The daemon died or started during the measurement: the row would mix two backends.
-    #[error("the daemon came or went during the measurement: name a --backend, and try again")]
-    Changed,
-    /// There is no daemon to pin.
-    #[error("--pin keeps a daemon on a core of its own: leave it out with --backend in-process")]
-    PinAlone,
-    /// The system started no decoding threads.
-    #[error("the decoding threads cannot be started: {0}")]
-    Threads(#[from] rayon::ThreadPoolBuildError),
-    /// The result cannot be printed.
-    #[error(transparent)]
-    Output(#[from] OutputError),
-}
-
-impl BenchError {
-    /// Whether the command line is wrong.
-    pub const fn is_usage(&self) -> bool {
-        matches!(self, Self::PinAlone)
-    }
-}
+#[error("the daemon came or went during the measurement: name a --backend, and try again")]
+pub struct Changed;
 
 impl Latency {
     /// Measures a row for every wait, scene and precision, and prints them.
     ///
     /// # Errors
-    /// [`BenchError`].
-    pub fn run(&self, place: &Place, config: &Config) -> Result<(), BenchError> {
+    /// [`Fault`].
+    pub fn run(&self, place: &Place, config: &Config) -> Result<(), Fault> {
         let is_alone = self.options.backend(config, Backend::Daemon) == Backend::InProcess;
         if self.pin && is_alone {
-            return Err(BenchError::PinAlone);
+            let why =
+                "--pin keeps a daemon on a core of its own: leave it out with --backend in-process";
+            return Err(WrongUsage(why.into()).into());
         }
         let machine = Machine::this();
         let report = LatencyReport { machine, rows: self.rows(place, config)? };
-        if self.json { print_json(&report) } else { print_text(&report.to_string()) }?;
-        Ok(())
+        Ok(if self.json { print_json(&report) } else { print_text(&report.to_string()) }?)
     }
 
-    fn rows(&self, place: &Place, config: &Config) -> Result<Vec<LatencyRow>, BenchError> {
+    fn rows(&self, place: &Place, config: &Config) -> Result<Vec<LatencyRow>, Fault> {
         let making = spinner("making scenes");
         let scenes = self.scenes()?;
         making.finish_and_clear();
@@ -258,7 +225,7 @@ impl Latency {
         Ok(rows)
     }
 
-    fn scenes(&self) -> Result<Vec<Scene>, BenchError> {
+    fn scenes(&self) -> Result<Vec<Scene>, Fault> {
         if let Some(path) = &self.scene {
             let boxes = RawBoxes::open(path)?.read()?;
             if let Some(warning) = scene_look::of_boxes(&boxes) {
@@ -279,7 +246,7 @@ impl Latency {
         decoding: &mut Decoding,
         session: SessionBuilder,
         daemon: Option<&DaemonCpu>,
-    ) -> Result<LatencyRow, BenchError> {
+    ) -> Result<LatencyRow, Fault> {
         let n = u32::try_from(scene.boxes().len()).unwrap_or(u32::MAX);
         let decode_threads = self.decode_threads.get();
         let session = session.capacity(BoxCount::new(n)).visit_threads(decode_threads).connect()?;
@@ -314,12 +281,14 @@ impl Latency {
 /// The threads of a client. They are kept awake while frames are under way.
 ///
 /// # Errors
-/// [`BenchError::Threads`].
-pub fn threads_of(threads: NonZeroUsize) -> Result<Decoding, BenchError> {
-    Ok(match threads.get() {
-        1 => Decoding::Serial,
-        _ => Decoding::Parallel(Decoders::start(threads)?),
-    })
+/// The system started no threads.
+pub fn threads_of(threads: NonZeroUsize) -> Result<Decoding, Fault> {
+    if threads.get() == 1 {
+        return Ok(Decoding::Serial);
+    }
+    let decoders = Decoders::start(threads);
+    let failed = |error| format!("the decoding threads cannot be started: {error}");
+    Ok(Decoding::Parallel(decoders.map_err(failed)?))
 }
 
 /// Why threads were not pinned.

@@ -16,13 +16,14 @@ use clap::Args;
 use pairmask::Backend;
 use pairmask_core::BoxCount;
 use pairmask_core::spinner::Spinner;
-use pairmaskd::cli::bench::{BenchError, Figures, LatencyRow, SEED, Wait, threads_of};
+use pairmaskd::cli::bench::{Figures, LatencyRow, SEED, Wait, threads_of};
 use pairmaskd::cli::config::Config;
 use pairmaskd::cli::daemon_cpu::DaemonCpu;
 use pairmaskd::cli::machine::Machine;
 use pairmaskd::cli::options::{CullFlags, DaemonOptions, Place};
 use pairmaskd::cli::output::{print_json, print_text, spinner};
 use pairmaskd::cli::percentiles::{Percentiles, Recorder};
+use pairmaskd::cli::program::WrongUsage;
 use pairmaskd::cli::raw_objects::RawBoxes;
 use pairmaskd::cli::target::{DEADLINE, Target};
 use pairmaskd::cli::whole_number::whole_number;
@@ -110,11 +111,6 @@ pub struct Group {
     n: u32,
     clients: u32,
 }
-
-/// Why a mix is refused.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("--mix has {0} clients: leave some out, {MOST_CLIENTS} are the most")]
-pub struct TooManyClients(u32);
 
 /// A number from 1 to `most`, in digits alone.
 fn number(text: &str, most: u32) -> Option<NonZeroU32> {
@@ -232,9 +228,10 @@ struct Paced {
 impl Load {
     /// Measures a row for every wait, rate, size, number of clients and precision, and prints them.
     pub fn run(&self, place: &Place, config: &Config) -> Result<()> {
-        let clients = self.mix.iter().map(|group| group.clients).sum();
+        let clients: u32 = self.mix.iter().map(|group| group.clients).sum();
         if clients > MOST_CLIENTS {
-            return Err(TooManyClients(clients).into());
+            let what = format!("--mix has {clients} clients: leave some out");
+            return Err(WrongUsage(format!("{what}, {MOST_CLIENTS} are the most")).into());
         }
         let (mut rows, mut idle) = (Vec::new(), Vec::new());
         let sizes = match &self.scene {
@@ -477,13 +474,12 @@ impl LoadClient {
             .deadline(DEADLINE)
             .capacity(BoxCount::new(n))
             .visit_threads(settings.decode_threads.get())
-            .connect()
-            .map_err(BenchError::from)?;
+            .connect()?;
         let mut decoding = threads_of(settings.decode_threads)?;
         let mut client = TimedClient::new(session, precision, scene.boxes());
         // The backend of this frame has to serve all frames. It touches all memory too.
         let first = client.frame_decoded(scene.boxes(), &mut decoding, |_| ());
-        let mut figures = Figures::of(&first.map_err(BenchError::from)?.info);
+        let mut figures = Figures::of(&first?.info);
         tell(&Said::Ready)?;
         if !is_told_to_begin()? {
             return Ok(None);
@@ -502,8 +498,7 @@ impl LoadClient {
                 break;
             }
             await_time(begins);
-            let times = client.frame_decoded(scene.boxes(), &mut decoding, |_| ());
-            let times = times.map_err(BenchError::from)?;
+            let times = client.frame_decoded(scene.boxes(), &mut decoding, |_| ())?;
             if begins < from {
                 continue;
             }
