@@ -63,6 +63,7 @@ enum Command {
     Demo(demo::Demo),
     #[command(hide = true)]
     DemoClient(demo::DemoClient),
+    #[command(subcommand)]
     Bench(bench::Bench),
     Scene(scene::Scene),
     Status(status::Status),

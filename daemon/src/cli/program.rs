@@ -7,7 +7,6 @@ use std::process::{ExitCode, ExitStatus};
 
 use clap::{Command, FromArgMatches};
 
-use super::config::ConfigError;
 use super::output::{OutputError, print_aside};
 use super::usage;
 use crate::serve::ServeError;
@@ -21,7 +20,7 @@ pub const USAGE: u8 = 2;
 /// Why a command failed, in one line. Its type decides the exit status.
 pub type Fault = Box<dyn Error + Send + Sync>;
 
-/// A wrong command line, as one line of text.
+/// A wrong command line or configuration, as one line of text.
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]
 pub struct WrongUsage(pub String);
@@ -32,7 +31,7 @@ pub struct WrongUsage(pub String);
 pub struct ClientFailed(pub ExitStatus);
 
 fn exit_code(fault: &Fault) -> u8 {
-    if fault.is::<WrongUsage>() || fault.is::<ConfigError>() { USAGE } else { FAILED }
+    if fault.is::<WrongUsage>() { USAGE } else { FAILED }
 }
 
 /// Whether a child process of these programs failed and printed the reason on the same stderr: a second line would add

@@ -7,15 +7,14 @@ pub use self::report::{Figures, LatencyRow};
 use std::fmt;
 use std::num::{NonZeroU64, NonZeroUsize};
 use std::path::PathBuf;
-use std::str::FromStr;
 use std::time::Duration;
 
-use clap::{Args, Subcommand};
+use clap::{Args, Subcommand, ValueEnum};
 use pairmask::{Backend, SessionBuilder};
 use pairmask_core::BoxCount;
-use pairmask_core::engine::UnknownName;
 use pairmask_transport::RuntimeDir;
 use pairmask_wire::InstanceName;
+use rustix::io::Errno;
 use rustix::process::Pid;
 use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
 
@@ -36,17 +35,12 @@ use crate::serve::DEFAULT_SPIN;
 use crate::timed_client::{Decoders, Decoding, TimedClient};
 
 /// Measure what frames cost on this machine
-#[derive(Debug, Args)]
+#[derive(Debug, Subcommand)]
 #[command(
     after_help = "Engines, precision modes, clients at a pace and pair numberings are measured by `pairmask-lab` (tests/lab)."
 )]
-pub struct Bench {
-    #[command(subcommand)]
-    what: What,
-}
-
-#[derive(Debug, Subcommand)]
-enum What {
+pub enum Bench {
+    /// Latency of frames by stage, of one client in a closed loop
     Latency(Latency),
 }
 
@@ -56,9 +50,8 @@ impl Bench {
     /// # Errors
     /// [`Fault`].
     pub fn run(&self, place: &Place, config: &Config) -> Result<(), Fault> {
-        match &self.what {
-            What::Latency(latency) => latency.run(place, config),
-        }
+        let Self::Latency(latency) = self;
+        latency.run(place, config)
     }
 }
 
@@ -129,7 +122,7 @@ pub struct Latency {
 }
 
 /// How the two sides wait for each other.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Wait {
     /// Both spin and hold a core each.
     Spin,
@@ -140,8 +133,6 @@ pub enum Wait {
 }
 
 impl Wait {
-    const ALL: [Self; 3] = [Self::Spin, Self::Event, Self::Serve];
-
     /// How long a waiting thread spins.
     pub const fn spin(self) -> Duration {
         match self {
@@ -159,17 +150,6 @@ impl fmt::Display for Wait {
             Self::Event => "event",
             Self::Serve => "serve",
         })
-    }
-}
-
-impl FromStr for Wait {
-    type Err = UnknownName;
-
-    fn from_str(s: &str) -> Result<Self, UnknownName> {
-        Self::ALL
-            .into_iter()
-            .find(|wait| wait.to_string() == s)
-            .ok_or_else(|| UnknownName { name: s.to_owned(), known: "spin, event, serve".into() })
     }
 }
 
@@ -291,21 +271,9 @@ pub fn threads_of(threads: NonZeroUsize) -> Result<Decoding, Fault> {
     Ok(Decoding::Parallel(decoders.map_err(failed)?))
 }
 
-/// Why threads were not pinned.
-#[derive(Debug, thiserror::Error)]
-pub enum PinError {
-    /// Two spinning threads cannot share one core.
-    #[error("--pin needs two cores, one for the client and one for the daemon: leave it out")]
-    TooFewCores,
-    /// No daemon to pin.
-    #[error("--pin: no daemon serves instance '{instance}'")]
-    NoDaemon {
-        /// The instance.
-        instance: InstanceName,
-    },
-    /// The system refused.
-    #[error("--pin: {0}")]
-    System(#[from] rustix::io::Errno),
+/// For `map_err`: the system did not pin a thread.
+fn not_pinned(error: Errno) -> Fault {
+    format!("--pin: {error}").into()
 }
 
 /// Cores that this process could use when it started.
@@ -320,36 +288,38 @@ impl Cores {
     /// The cores of the calling thread, which must not be pinned yet.
     ///
     /// # Errors
-    /// [`PinError::TooFewCores`], [`PinError::System`].
-    pub fn of_this_thread() -> Result<Self, PinError> {
-        let all = sched_getaffinity(None)?;
+    /// There is one core alone, which two spinning threads cannot share, or the system refuses.
+    pub fn of_this_thread() -> Result<Self, Fault> {
+        let all = sched_getaffinity(None).map_err(not_pinned)?;
         let mut cores = (0..CpuSet::MAX_CPU).filter(|core| all.is_set(*core));
-        let (client, daemon) = cores.next().zip(cores.next()).ok_or(PinError::TooFewCores)?;
+        let too_few =
+            "--pin needs two cores, one for the client and one for the daemon: leave it out";
+        let (client, daemon) = cores.next().zip(cores.next()).ok_or(too_few)?;
         Ok(Self { all, client, daemon })
     }
 
     /// Gives the calling thread all cores back: a process that it starts inherits them.
     ///
     /// # Errors
-    /// [`PinError::System`].
-    pub fn unpin(&self) -> Result<(), PinError> {
-        Ok(sched_setaffinity(None, &self.all)?)
+    /// The system's.
+    pub fn unpin(&self) -> Result<(), Fault> {
+        sched_setaffinity(None, &self.all).map_err(not_pinned)
     }
 
     /// Keeps the calling thread on one core, and the thread that serves the instance on another.
     ///
     /// # Errors
-    /// [`PinError::NoDaemon`], [`PinError::System`].
-    pub fn pin(&self, dir: &RuntimeDir, instance: &InstanceName) -> Result<(), PinError> {
+    /// No daemon serves the instance, or the system refuses.
+    pub fn pin(&self, dir: &RuntimeDir, instance: &InstanceName) -> Result<(), Fault> {
         // The serving thread is its process's first, so it has the process's number. The engines'
         // other threads stay free.
         let serving = dir
             .serving(instance)
             .read_record(instance)
             .and_then(|record| Pid::from_raw(i32::try_from(record.worker_pid).ok()?))
-            .ok_or_else(|| PinError::NoDaemon { instance: instance.clone() })?;
-        sched_setaffinity(Some(serving), &only(self.daemon))?;
-        Ok(sched_setaffinity(None, &only(self.client))?)
+            .ok_or_else(|| format!("--pin: no daemon serves instance '{instance}'"))?;
+        sched_setaffinity(Some(serving), &only(self.daemon)).map_err(not_pinned)?;
+        sched_setaffinity(None, &only(self.client)).map_err(not_pinned)
     }
 }
 

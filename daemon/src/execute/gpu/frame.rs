@@ -88,6 +88,13 @@ pub enum Wait {
     Block,
 }
 
+impl Wait {
+    /// The way that is forced, else the one that suits a device.
+    pub(super) fn on(gpu: &Gpu, forced: Option<Self>) -> Self {
+        forced.unwrap_or(if gpu.info().is_software() { Self::Block } else { Self::Spin })
+    }
+}
+
 /// Most steps of a frame. Longer work is split, so that no submission runs into a watchdog.
 pub const MAX_STEPS: usize = 40;
 

@@ -9,6 +9,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use ash::vk;
+use pairmask_core::mask::MaskShape;
 use pairmask_core::objects::Objects;
 use pairmask_core::{Encoding, ObjectForm};
 
@@ -90,6 +91,20 @@ pub(super) struct MaskPlace {
     pub(super) part: Part,
     /// Whether it is the reply itself; otherwise the mask must be copied from here to there.
     pub(super) is_reply: bool,
+}
+
+impl MaskPlace {
+    /// Copies the sections of a mask to their places in the reply, where it was not written there.
+    pub(super) fn read_back(&self, shape: MaskShape, reply: &mut [u32]) {
+        if self.is_reply {
+            return;
+        }
+        for section in shape.spans() {
+            let start = section.start as usize;
+            let to = &mut reply[start..start + section.len as usize];
+            self.part.block.read(self.part.offset + 4 * section.start, to);
+        }
+    }
 }
 
 impl Transfers {

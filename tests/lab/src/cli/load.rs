@@ -12,7 +12,7 @@ use std::sync::mpsc::{Receiver, channel};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
-use clap::Args;
+use clap::{Args, ValueEnum as _};
 use pairmask::Backend;
 use pairmask_core::BoxCount;
 use pairmask_core::spinner::Spinner;
@@ -456,7 +456,7 @@ impl LoadClient {
         let settings: ClientSettings =
             serde_json::from_str(&self.settings).map_err(io::Error::from)?;
         // Names that the parent has written.
-        let wait: Wait = settings.wait.parse().unwrap_or(Wait::Serve);
+        let wait = Wait::from_str(&settings.wait, false).unwrap_or(Wait::Serve);
         let precision = settings.precision.parse().unwrap_or(PrecisionChoice::Exact);
         let seed = SEED + u64::from(settings.index);
         let mut scene = match &settings.scene {

@@ -4,9 +4,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use pairmask_core::dispatch::Marks;
-use pairmask_core::engine::{
-    Census, CullError, CullReport, EngineTimes, NAMED_INVALID, ReplyBuffer,
-};
+use pairmask_core::engine::{Census, CullError, CullReport, NAMED_INVALID, ReplyBuffer};
 use pairmask_core::objects::Objects;
 use pairmask_core::{BoxCount, MaskWord};
 use pairmask_shaders::Found;
@@ -18,6 +16,7 @@ use super::ruled::{RuleBlocks, Ruled};
 use super::steps::{Blocks, Recording, Scratch};
 use super::under_way::Bundle;
 use super::{ENGINE, plan};
+use crate::execute::gpu::all_pairs::engine_times;
 use crate::execute::gpu::transfers::UploadAhead;
 use crate::execute::gpu::{
     Block, Capacity, Command, Frame, FrameCache, FrameKey, Gpu, GpuError, GridOptions, MaskPlace,
@@ -333,19 +332,10 @@ impl Workspace {
         if !mask.is_reply {
             let room = sizes.reply_words(capacity);
             let reserved = &mut reply.reserve(room)?[..room as usize];
-            for section in shape.spans() {
-                let start = section.start as usize;
-                let to = &mut reserved[start..start + section.len as usize];
-                mask.part.block.read(mask.part.offset + 4 * section.start, to);
-            }
+            mask.read_back(shape, reserved);
         }
         let census = census(&summary, &blocks.invalid.block, sizes.plane());
-        let ns = |d: Duration| d.as_nanos() as u64;
-        let times = EngineTimes {
-            ingest_ns: ns(ingested),
-            execute_ns: ns(executed.saturating_sub(ingested)),
-            publish_ns: ns(start.elapsed().saturating_sub(executed)),
-        };
+        let times = engine_times([ingested, executed, start.elapsed()]);
         let (pairs, compared) = (wide(summary.pairs), wide(summary.compared));
         Ok(Ended::Report(CullReport::new(n, shape, census, pairs, compared, times)))
     }

@@ -68,7 +68,6 @@ impl SceneTools {
         let mut pipelines = Pipelines::new(gpu, options.checks, options.cache_folder.as_deref())?;
         search::stages().try_for_each(|stage| pipelines.get(stage).map(drop))?;
         pipelines.save();
-        let is_software = gpu.info().is_software();
         Ok(Arc::new(Self {
             gpu: Arc::clone(gpu),
             pipelines: Mutex::new(pipelines),
@@ -76,7 +75,7 @@ impl SceneTools {
             profiled: options.profiled,
             poison: options.poison,
             shares_always: options.shares_always,
-            wait: options.wait.unwrap_or(if is_software { Wait::Block } else { Wait::Spin }),
+            wait: Wait::on(gpu, options.wait),
             binding_bytes: gpu.limits().storage_binding_bytes.min(1 << 31),
         }))
     }

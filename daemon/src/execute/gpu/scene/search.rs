@@ -9,7 +9,7 @@ use pairmask_shaders::{GridStage, SceneStage, Stage};
 use super::memory::{Blocks, RECORD_BYTES, StageParts};
 use super::plan;
 use super::plan::{Question, Room, Sizes};
-use super::upload::{SetIndices, Uploaded};
+use super::upload::Uploaded;
 use crate::execute::gpu::{Command, FrameCache, GpuError, Order, Part, Place, SceneTools};
 
 /// Most tests of a search, in 2^32: 17 thousand million take an H200 tens of milliseconds. A scene that
@@ -184,14 +184,14 @@ impl Task<'_> {
 
     fn params(&self, tools: &SceneTools) -> SceneParams {
         let Asked { question, search, sizes, epoch, naming, applies, .. } = self.asked;
-        let SetIndices { count, first } = self.edit.sets;
+        let &Uploaded { set_count, set_first, mark_count, .. } = self.edit;
         let room = self.room_made();
         let (share, query_count) = match search {
             Search::Nothing => (Share::WHOLE, 0),
             Search::Pairs(share) => (share, 0),
             Search::Queries(queries) => (Share::WHOLE, queries.count),
         };
-        let (set_count, mark_count) = if applies { (count, self.edit.mark_count) } else { (0, 0) };
+        let (set_count, mark_count) = if applies { (set_count, mark_count) } else { (0, 0) };
         SceneParams {
             slots: question.slots as u32,
             mode: question.mode as u32,
@@ -199,8 +199,8 @@ impl Task<'_> {
             epoch_low: epoch as u32,
             epoch_high: (epoch >> 32) as u32,
             set_count,
-            set_first: first.unwrap_or(0),
-            set_is_range: u32::from(first.is_some()),
+            set_first: set_first.unwrap_or(0),
+            set_is_range: u32::from(set_first.is_some()),
             mark_count,
             naming: if question.mode == SceneMode::Moved { naming } else { 0 },
             entry_capacity: room.entries as u32,
@@ -236,7 +236,7 @@ impl Task<'_> {
                 let count = u64::from(count);
                 let (way, looking) = match way {
                     Way::Entries => {
-                        let first = u64::from(edit.sets.first.unwrap_or(0));
+                        let first = u64::from(edit.set_first.unwrap_or(0));
                         let bytes = [first, count].map(|records| records * RECORD_BYTES);
                         (WayShape::Entries(bytes), items)
                     }
@@ -253,7 +253,7 @@ impl Task<'_> {
         };
         // A thread zeroes four words in the time that it takes to set a box.
         let zeroing = if search == SearchShape::Nothing { 0 } else { sizes.zeroed_words() / 16 };
-        let sets = if *applies { u64::from(edit.sets.count) } else { 0 };
+        let sets = if *applies { u64::from(edit.set_count) } else { 0 };
         let marks = if *applies { edit.mark_count } else { 0 };
         Shape {
             apply: plan::groups(sets.max(zeroing)),

@@ -41,23 +41,16 @@ impl Staging {
     }
 }
 
-/// Where the sets of an edit belong.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) struct SetIndices {
-    /// How many.
-    pub count: u32,
-    /// The first, where they are a range.
-    pub first: Option<u32>,
-}
-
 /// An edit where the GPU sees it.
 pub(super) struct Uploaded {
     /// Boxes that are set.
     pub boxes: Part,
     /// Their indices, where they are a list.
     pub indices: Part,
-    /// Where they belong.
-    pub sets: SetIndices,
+    /// How many.
+    pub set_count: u32,
+    /// The index of the first, where they are a range.
+    pub set_first: Option<u32>,
     /// Boxes that are removed or flagged.
     pub marks: Part,
     /// How many.
@@ -149,7 +142,8 @@ impl Upload {
         Ok(Uploaded {
             boxes: place_boxes(gpu, &self.imports, &mut self.boxes, boxes, threads, replaced)?,
             indices: copied(gpu, &mut self.indices, indices, threads, replaced)?,
-            sets: SetIndices { count: boxes.len() as u32, first },
+            set_count: boxes.len() as u32,
+            set_first: first,
             marks: copied(gpu, &mut self.marks, mark_bytes, threads, replaced)?,
             mark_count: marks.len() as u32,
         })

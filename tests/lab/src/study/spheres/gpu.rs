@@ -6,6 +6,7 @@ use std::time::Duration;
 
 use pairmask_core::dispatch::{CullOptions, SphereEngines};
 use pairmask_core::engine::{CullError, CullInput, CullReport, HeapReply};
+use pairmask_core::objects::Objects;
 use pairmask_core::sphere::{SPHERE_BYTES, Sphere, SphereAllPairs};
 use pairmask_core::{BoxCount, Encoding, EncodingChoice, EngineName, PairIndex};
 use pairmaskd::execute::gpu::{AllPairs, AllPairsOptions, Gpu, Grid, GridOptions, SharedImports};
@@ -69,7 +70,7 @@ fn timed(gpu: &Arc<Gpu>, n: usize, budget: Duration, seed: u64) -> Result<Fields
     let mut grid = Grid::new(gpu, &options)?;
     let mut culled = NOT_RUN;
     let grid_fps = frames_a_second(budget, || {
-        culled = grid.cull_spheres(spheres.objects(n), encoding, &mut reply);
+        culled = grid.cull_objects(Objects::Spheres(spheres.objects(n)), encoding, &mut reply);
     });
     let pairs = culled?.pair_count;
     let mut counts = vec![pairs];
@@ -83,7 +84,8 @@ fn timed(gpu: &Arc<Gpu>, n: usize, budget: Duration, seed: u64) -> Result<Fields
         let mut stage_ns = f64::INFINITY;
         let mut culled = NOT_RUN;
         all_pairs_fps = Some(frames_a_second(budget, || {
-            culled = all_pairs.cull_spheres(spheres.objects(n), encoding, &mut reply);
+            culled =
+                all_pairs.cull_objects(Objects::Spheres(spheres.objects(n)), encoding, &mut reply);
             let steps = all_pairs.step_times().iter().filter(|step| step.label == "pairs");
             stage_ns = stage_ns.min(steps.map(|step| step.ns).sum());
         }));
@@ -204,7 +206,11 @@ pub fn count_errors(
         while !batch.is_empty() {
             let on_gpu = || -> Result<(), CullError> {
                 for scene in &batch {
-                    engine.cull_spheres(&scene.spheres, Encoding::Dense, &mut reply)?;
+                    engine.cull_objects(
+                        Objects::Spheres(&scene.spheres),
+                        Encoding::Dense,
+                        &mut reply,
+                    )?;
                     row.note(scene, &dense_words(&scene.spheres, &reply));
                     watch(scene.truth.len() as u64);
                 }
