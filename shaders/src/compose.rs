@@ -1,11 +1,11 @@
 //! Stages as WGSL text: shared parts put in where `#import NAME` stands, each once. One file, because what a stage is (its
-//! text, label, bindings and forms) is one list, which each new stage extends in all of its columns.
+//! text, label and forms) is one list, which each new stage extends in all of its columns.
 
 use pairmask_core::{BoxForm, Encoding, ObjectForm};
 
 use crate::constants::{self, MAX_STRIP_BLOCKS};
 use crate::object_parts::{object_form, object_part, rows};
-use crate::share_parts::share_part;
+use crate::share_parts::{number_behind, share_part};
 
 /// Rows that a thread of the pairs stage holds in registers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -151,35 +151,6 @@ impl GridStage {
         }
     }
 
-    /// The same stage of a whole frame without rules.
-    pub(crate) const fn without_rules(self) -> Self {
-        match self {
-            Self::Cells(form, Rules::With) => Self::Cells(form, Rules::Without),
-            Self::Pairs(found, Rules::With) => Self::Pairs(found, Rules::Without),
-            Self::Write(found, Rules::With) => Self::Write(found, Rules::Without),
-            stage => stage,
-        }
-    }
-
-    pub(crate) const fn binding_count(self) -> u32 {
-        match self {
-            Self::Scan | Self::Scatter => 3,
-            Self::Place => 5,
-            // The rules, or the rules and where worlds begin, come behind all else.
-            Self::Cells(_, Rules::With) => self.without_rules().binding_count() + 1,
-            Self::Pairs(_, Rules::With) | Self::Write(_, Rules::With) => {
-                self.without_rules().binding_count() + 2
-            }
-            // It has no order to write.
-            Self::Pairs(Found::Pairs, _) | Self::SpherePairs(Found::Pairs) => 6,
-            Self::Cells(..)
-            | Self::SphereCells
-            | Self::Pairs(Found::Words, _)
-            | Self::SpherePairs(Found::Words)
-            | Self::Write(..) => 7,
-        }
-    }
-
     const fn file(self) -> &'static str {
         match self {
             Self::Cells(..) | Self::SphereCells => include_str!("../wgsl/grid_cells.wgsl"),
@@ -250,17 +221,6 @@ impl SceneStage {
         }
     }
 
-    const fn binding_count(self) -> u32 {
-        match self {
-            Self::QueryStarts => 3,
-            Self::Mark | Self::QueryDeal => 5,
-            Self::QuerySort => 6,
-            Self::Place => 7,
-            Self::Apply | Self::Cells => 8,
-            Self::Pairs | Self::SharedPairs | Self::Query | Self::QueryRows => 9,
-        }
-    }
-
     const fn file(self) -> &'static str {
         match self {
             Self::Apply => include_str!("../wgsl/scene_apply.wgsl"),
@@ -298,9 +258,8 @@ pub enum ComposeError {
 pub struct ComposedStage {
     /// The name of the file, of the pipeline and of the timing row.
     pub label: &'static str,
-    /// Storage buffers of group 0 that it binds, numbered from 0.
-    pub binding_count: u32,
-    /// The module; its entry point is `main`.
+    /// The module; its entry point is `main`. It binds storage buffers of group 0, numbered from 0, by the names of what
+    /// belongs there.
     pub wgsl: String,
 }
 
@@ -413,22 +372,6 @@ impl Stage {
         }
     }
 
-    /// Storage buffers that the stage binds, numbered from 0.
-    pub const fn binding_count(self) -> u32 {
-        match self {
-            Self::Keys(_)
-            | Self::SphereKeys
-            | Self::Pairs(_)
-            | Self::SpherePairs(_)
-            | Self::PackDense => 4,
-            Self::WriteSparse => 7,
-            Self::WriteList => 5,
-            Self::Grid(stage) => stage.binding_count(),
-            Self::Scene(stage) => stage.binding_count(),
-            Self::Awake => 1,
-        }
-    }
-
     /// The file as it is.
     const fn file(self) -> &'static str {
         match self {
@@ -456,19 +399,16 @@ impl Stage {
     /// # Ok::<(), pairmask_shaders::ComposeError>(())
     /// ```
     pub fn wgsl(self) -> Result<String, ComposeError> {
-        compose(self.file(), &|name| self.shared(name))
+        let text = compose(self.file(), &|name| self.shared(name))?;
+        Ok(number_behind(&text))
     }
 
-    /// The stage as one WGSL module, with its name and bindings.
+    /// The stage as one WGSL module, with its name.
     ///
     /// # Errors
     /// [`ComposeError`].
     pub fn composed(self) -> Result<ComposedStage, ComposeError> {
-        Ok(ComposedStage {
-            label: self.label(),
-            binding_count: self.binding_count(),
-            wgsl: self.wgsl()?,
-        })
+        Ok(ComposedStage { label: self.label(), wgsl: self.wgsl()? })
     }
 
     fn shared(self, name: &str) -> Result<String, ComposeError> {

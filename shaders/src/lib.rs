@@ -1,7 +1,7 @@
 //! WGSL stages of pairmask, their shared parts, and the layouts both sides agree on.
 //!
 //! One stage a file under `wgsl/`, shared parts under `wgsl/shared/`; a stage has one name
-//! everywhere: file, pipeline label, timing row. Numbers that Rust and WGSL both need are declared
+//! everywhere: file, pipeline label, timing row; and so has what it binds: variable, part of a frame. Numbers that Rust and WGSL both need are declared
 //! once, in [`constants`], and injected when a stage is composed ([`Stage::wgsl`]); structs that
 //! both sides touch are in [`layouts`], and a test compares them with what naga reflects. What a stage
 //! leaves behind is computed on the CPU in [`mirror`], for the tests. The

@@ -40,13 +40,19 @@ fn rules_part(stage: GridStage, name: &str) -> Option<String> {
         ),
         _ => return None,
     };
-    let (GridStage::Cells(_, Rules::With)
-    | GridStage::Pairs(_, Rules::With)
-    | GridStage::Write(_, Rules::With)) = stage
-    else {
-        return Some(none.to_owned());
-    };
-    let behind = stage.without_rules().binding_count();
-    let numbered = ruled.replace("@binding(BEHIND)", &format!("@binding({behind})"));
-    Some(numbered.replace("@binding(BEHIND_THAT)", &format!("@binding({})", behind + 1)))
+    let is_ruled = matches!(
+        stage,
+        GridStage::Cells(_, Rules::With)
+            | GridStage::Pairs(_, Rules::With)
+            | GridStage::Write(_, Rules::With)
+    );
+    Some(if is_ruled { ruled } else { none }.to_owned())
+}
+
+/// Numbers the bindings of rules, which come behind all others of a stage.
+pub(crate) fn number_behind(text: &str) -> String {
+    let count = |what| text.matches(what).count();
+    let behind = count("@binding(") - count("@binding(BEHIND");
+    let numbered = text.replace("@binding(BEHIND)", &format!("@binding({behind})"));
+    numbered.replace("@binding(BEHIND_THAT)", &format!("@binding({})", behind + 1))
 }

@@ -137,16 +137,13 @@ fn every_file_belongs_to_a_stage() {
 }
 
 #[test]
-fn bindings_are_numbered_from_zero_and_counted() {
+fn bindings_are_numbered_from_zero() {
     for stage in all_forms() {
         let module = module(stage);
-        let bound: BTreeSet<(u32, u32)> = module
-            .global_variables
-            .iter()
-            .filter_map(|(_, variable)| variable.binding)
-            .map(|b| (b.group, b.binding))
-            .collect();
-        let expected: BTreeSet<_> = (0..stage.binding_count()).map(|b| (0, b)).collect();
+        let bound = module.global_variables.iter().filter_map(|(_, variable)| variable.binding);
+        let mut bound: Vec<_> = bound.map(|b| (b.group, b.binding)).collect();
+        bound.sort_unstable();
+        let expected: Vec<_> = (0..bound.len() as u32).map(|b| (0, b)).collect();
         assert_eq!(bound, expected, "{}", stage.label());
     }
 }

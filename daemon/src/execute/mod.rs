@@ -31,6 +31,7 @@ use std::time::{Duration, Instant};
 
 use pairmask_core::dispatch::{CpuEngines, CullAnswer, CullOptions, SphereWays};
 use pairmask_core::engine::{AvailableIsa, CullError, CullReport, RecentNeed, ReplyBuffer};
+use pairmask_core::objects::Objects;
 use pairmask_core::plan::{Calibration, Capabilities, GpuCost, Plan, SceneStats, plan};
 use pairmask_core::precision::{BoxSlice, ExpandScratch};
 use pairmask_core::repeat::{KeepTicket, Repeats};
@@ -143,7 +144,7 @@ impl Executor {
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullAnswer, CullError> {
         let planned = self.plan(boxes, options, reply.limit_words());
-        self.run_or_other(planned, boxes, owner, reply)
+        self.run_or_other(planned, &mut Frame { objects: boxes.into(), owner, reply })
     }
 
     /// Plans a frame of boxes whose reply has so many words at the most.
@@ -232,7 +233,7 @@ impl Executor {
         let mut lent = LentReply::default();
         let gpu = planned.gpu.clone();
         let answer = with_lent(memory, &mut lent, |objects, reply| {
-            self.run_or_other(planned, boxes_of(objects), owner, reply)
+            self.run_or_other(planned, &mut Frame { objects, owner, reply })
         })?;
         if let Some(gpu) = gpu.filter(|_| answer.engine.is_gpu()) {
             gpu.lock().offer_reply(lent);
@@ -273,12 +274,9 @@ impl Executor {
         let Some(mut memory) = memory else { return (Err(error), None) };
         let (options, tried) = (planned.options, planned.plan.encoding);
         let answer = memory.with(|objects, reply| {
-            let boxes = boxes_of(objects);
-            let done = match self.on_other_gpu(error, &planned, boxes, owner, reply) {
-                Ok((report, engine)) => Ok(planned.answer(report, engine)),
-                Err(error) => self.cpu.run_after(error, planned, boxes, reply),
-            };
-            done.or_else(|error| self.run_other(error, options, tried, boxes, owner, reply))
+            let frame = &mut Frame { objects, owner, reply };
+            let done = self.run_elsewhere(error, planned, frame);
+            done.or_else(|error| self.run_other(error, options, tried, frame))
         });
         (answer, Some(memory))
     }
@@ -327,75 +325,80 @@ impl Executor {
         error: CullError,
         options: CullOptions,
         tried: Encoding,
-        boxes: BoxSlice<'_>,
-        owner: Owner,
-        reply: &mut dyn ReplyBuffer,
+        frame: &mut Frame<'_>,
     ) -> Result<CullAnswer, CullError> {
-        let Some(other) = options.after(tried, &error, boxes.len(), reply.limit_words()) else {
+        let (boxes, limit_words) = (frame.boxes(), frame.reply.limit_words());
+        let Some(other) = options.after(tried, &error, boxes.len(), limit_words) else {
             return Err(error);
         };
         let planned = self.plan_within(boxes, &other);
-        self.run_once(planned, boxes, owner, reply)
+        self.run_once(planned, frame)
     }
 
     fn run_or_other(
         &mut self,
         planned: Planned,
-        boxes: BoxSlice<'_>,
-        owner: Owner,
-        reply: &mut dyn ReplyBuffer,
+        frame: &mut Frame<'_>,
     ) -> Result<CullAnswer, CullError> {
         let (options, tried) = (planned.options, planned.plan.encoding);
-        let done = self.run_once(planned, boxes, owner, reply);
-        done.or_else(|error| self.run_other(error, options, tried, boxes, owner, reply))
+        let done = self.run_once(planned, frame);
+        done.or_else(|error| self.run_other(error, options, tried, frame))
     }
 
     fn run_once(
         &mut self,
         planned: Planned,
-        boxes: BoxSlice<'_>,
-        owner: Owner,
-        reply: &mut dyn ReplyBuffer,
+        frame: &mut Frame<'_>,
     ) -> Result<CullAnswer, CullError> {
         let engine = planned.plan.engine;
         if !engine.is_gpu() {
-            return self.cpu.run(planned, boxes, reply);
+            return self.cpu.run(planned, frame.boxes(), frame.reply);
         }
-        let done = match &planned.gpu {
-            Some(gpu) => cull_on(gpu, &planned, boxes, owner, reply)
-                .or_else(|error| self.on_other_gpu(error, &planned, boxes, owner, reply)),
-            None => Err(no_gpu(engine)),
-        };
-        match done {
+        let gpu = planned.gpu.as_ref().ok_or(no_gpu(engine))?;
+        match frame.cull_on(gpu, &planned.plan) {
             Ok((report, engine)) => Ok(planned.answer(report, engine)),
-            Err(error) => self.cpu.run_after(error, planned, boxes, reply),
+            Err(error) => self.run_elsewhere(error, planned, frame),
         }
     }
 
-    /// What another GPU finds, of a frame that its own one was lost with; else the error.
-    fn on_other_gpu(
-        &self,
+    /// The answer to a frame that its GPU could not serve: another GPU's where that one is lost, or the CPU's; else the
+    /// error.
+    fn run_elsewhere(
+        &mut self,
         error: CullError,
-        planned: &Planned,
-        boxes: BoxSlice<'_>,
-        owner: Owner,
-        reply: &mut dyn ReplyBuffer,
-    ) -> Result<(CullReport, EngineName), CullError> {
+        planned: Planned,
+        frame: &mut Frame<'_>,
+    ) -> Result<CullAnswer, CullError> {
         let lost = planned.gpu.as_ref().filter(|_| matches!(error, CullError::DeviceLost { .. }));
-        let Some(other) = lost.and_then(|lost| self.gpus.beside(lost)) else { return Err(error) };
-        cull_on(other, planned, boxes, owner, reply)
+        let other = lost.and_then(|lost| self.gpus.beside(lost));
+        let done = other.map_or(Err(error), |other| frame.cull_on(other, &planned.plan));
+        match done {
+            Ok((report, engine)) => Ok(planned.answer(report, engine)),
+            Err(error) => self.cpu.run_after(error, planned, frame.boxes(), frame.reply),
+        }
     }
 }
 
-/// Finds the pairs of a frame on a GPU, as soon as it is its turn.
-fn cull_on(
-    gpu: &SharedGpu,
-    planned: &Planned,
-    boxes: BoxSlice<'_>,
+/// What a frame lends for the time of a call.
+struct Frame<'a> {
+    objects: Objects<'a>,
     owner: Owner,
-    reply: &mut dyn ReplyBuffer,
-) -> Result<(CullReport, EngineName), CullError> {
-    gpu.check_opened(planned.plan.engine)?;
-    let _queued = gpu.queue(&planned.plan, 1);
-    gpu.with(|gpu| gpu.cull(boxes.into(), owner, &planned.plan, reply))
+    reply: &'a mut dyn ReplyBuffer,
+}
+
+impl<'a> Frame<'a> {
+    fn boxes(&self) -> BoxSlice<'a> {
+        boxes_of(self.objects)
+    }
+
+    /// Finds its pairs on a GPU, as soon as it is its turn.
+    fn cull_on(
+        &mut self,
+        gpu: &SharedGpu,
+        plan: &Plan,
+    ) -> Result<(CullReport, EngineName), CullError> {
+        gpu.check_opened(plan.engine)?;
+        let _queued = gpu.queue(plan, 1);
+        gpu.with(|gpu| gpu.cull(self.objects, self.owner, plan, self.reply))
+    }
 }

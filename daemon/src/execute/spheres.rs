@@ -11,7 +11,7 @@ use pairmask_core::sphere::SPHERE_BYTES;
 use pairmask_core::{BoxCount, EngineChoice, EngineName, Sphere};
 
 use super::frame_memory::{FrameMemory, LentReply, with_lent};
-use super::{Executor, Owner, no_gpu};
+use super::{Executor, Frame, Owner, no_gpu};
 
 /// Scratch that a frame takes, bytes a sphere: its bounds and its ball, 24 and 32, or four columns and
 /// the order, 36.
@@ -82,7 +82,8 @@ impl Executor {
         let Some(plan) = self.gpu_plan(len, &options) else {
             return self.cull_spheres_here(spheres, &options, reply);
         };
-        let error = match self.cull_spheres_there(spheres, owner, &plan, reply) {
+        let frame = Frame { objects: spheres.into(), owner, reply };
+        let error = match self.cull_spheres_there(frame, &plan) {
             Err(error) => error,
             done => return done,
         };
@@ -127,19 +128,14 @@ impl Executor {
 
     fn cull_spheres_there(
         &mut self,
-        spheres: &[Sphere],
-        owner: Owner,
+        mut frame: Frame<'_>,
         plan: &Plan,
-        reply: &mut dyn ReplyBuffer,
     ) -> Result<CullAnswer, CullError> {
         let start = Instant::now();
         let gpu = self.gpus.for_frame(self.home).ok_or(no_gpu(plan.engine))?;
-        gpu.check_opened(plan.engine)?;
         log::debug!("{}", plan.explain());
-        let _queued = gpu.queue(plan, 1);
         let plan_ns = nanoseconds_since(start);
-        let done = gpu.with(|gpu| gpu.cull(spheres.into(), owner, plan, reply));
-        let (report, engine) = done?;
+        let (report, engine) = frame.cull_on(gpu, plan)?;
         Ok(CullAnswer::new(&Plan { engine, ..*plan }, report, start, plan_ns))
     }
 

@@ -79,15 +79,23 @@ impl Outbox {
         self.counters().skips
     }
 
-    /// Answers with the pairs of the request's objects, whose mask its reply holds.
-    pub(crate) fn answer(&self, open: &mut OpenRequest, mut answer: CullAnswer) {
+    /// Answers with the pairs of the request's objects, whose mask its reply holds: of one and the other set, where
+    /// there is a first set.
+    pub(crate) fn answer(
+        &self,
+        open: &mut OpenRequest,
+        first_set: Option<BoxCount>,
+        mut answer: CullAnswer,
+    ) {
         self.alter(open, &mut answer);
         let (fields, form) = (*open.fields(), open.objects().form());
-        let audited = self.auditor.draw(&fields, &frame_of(open, form, None, &answer));
-        // What an engine without rules will find in the next frame.
-        let found_pairs = open.rules().and_then(|rules| rules.found_pairs);
-        let found_pairs = found_pairs.unwrap_or(answer.report.pair_count);
-        self.clients.note_pairs(open.sender().session, found_pairs);
+        let audited = self.auditor.draw(&fields, &frame_of(open, form, first_set, &answer));
+        if first_set.is_none() {
+            // What an engine without rules will find in the next frame.
+            let found_pairs = open.rules().and_then(|rules| rules.found_pairs);
+            let found_pairs = found_pairs.unwrap_or(answer.report.pair_count);
+            self.clients.note_pairs(open.sender().session, found_pairs);
+        }
         let mut header = self.count(open, fields.box_count, form, &answer);
         if let Some(span) = open.world_ranges() {
             header.place_world_ranges(span);
@@ -97,23 +105,6 @@ impl Outbox {
             // The objects are ours to read as long as the request is.
             let rules = open.rules().map(|rules| Arc::clone(&rules.sent));
             self.auditor.submit(window, open.objects(), rules);
-        }
-    }
-
-    /// Answers a frame of two sets with the pairs of one and the other, whose mask its reply holds.
-    pub(crate) fn answer_between(
-        &self,
-        open: &mut OpenRequest,
-        first: BoxCount,
-        mut answer: CullAnswer,
-    ) {
-        self.alter(open, &mut answer);
-        let (fields, form) = (*open.fields(), open.objects().form());
-        let audited = self.auditor.draw(&fields, &frame_of(open, form, Some(first), &answer));
-        let header = self.count(open, fields.box_count, form, &answer);
-        self.send(open, &header);
-        if let Some(window) = audited {
-            self.auditor.submit(window, open.objects(), None);
         }
     }
 
@@ -178,10 +169,22 @@ impl Outbox {
     }
 
     /// The same, and gives the request back.
-    pub(crate) fn refuse_and_close(&self, mut open: OpenRequest, refusal: &Refusal) -> Served {
-        self.refuse(&mut open, refusal);
-        open.close();
+    pub(crate) fn refuse_and_close(&self, open: OpenRequest, refusal: Refusal) -> Served {
+        self.send_and_close(open, Err(refusal));
         Served::BEGUN
+    }
+
+    /// Answers with a header or an error, and gives the request back.
+    pub(crate) fn send_and_close(
+        &self,
+        mut open: OpenRequest,
+        header: Result<ResponseHeader, Refusal>,
+    ) {
+        match header {
+            Ok(header) => self.send(&mut open, &header),
+            Err(refusal) => self.refuse(&mut open, &refusal),
+        }
+        open.close();
     }
 
     /// Answers with a header, and what the reply holds.

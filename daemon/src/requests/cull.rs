@@ -130,10 +130,7 @@ impl Culls {
         };
         let way = Way { options, beside_others, joining };
         let cull = || self.cull(open, request, way, &mut engines, outbox);
-        let used = match Place::of(&options) {
-            Place::Lane => cull(),
-            Place::Pool => self.pool.work(cull),
-        };
+        let used = self.work(Place::Lane, options.threads, cull);
         outbox.clients().keep_engines(session, engines);
         used
     }
@@ -151,7 +148,7 @@ impl Culls {
         let placed = open.place_scene(request.scene);
         let rules = match placed.and_then(|()| read_rules(&open, request, engines)) {
             Ok(rules) => rules,
-            Err(reject) => return outbox.refuse_and_close(open, &reject.into()),
+            Err(reject) => return outbox.refuse_and_close(open, reject.into()),
         };
         if let Some(first) = request.first_set {
             let sets = Sets { first, options, beside_others };
@@ -343,19 +340,15 @@ impl Culls {
         place: Place,
         outbox: &Outbox,
     ) -> Served {
-        let finished = self.filters.finish(&mut open, answer, |work| match place {
-            Place::Lane => self.pool.work(|| work(self.pool.threads())),
-            Place::Pool => work(self.pool.threads()),
+        let finished = self.filters.finish(&mut open, answer, |work| {
+            self.work(place, None, || work(self.pool.threads()));
         });
         let answer = match finished {
             Filtered::Done(answer) => answer,
             Filtered::CullHere(rules, options) => {
                 let mut engines = self.new_engines();
-                let mut cull = || filtered::cull_here(&mut open, &mut engines, &rules, &options);
-                match place {
-                    Place::Lane if options.threads != Some(1) => self.pool.work(cull),
-                    _ => cull(),
-                }
+                let cull = || filtered::cull_here(&mut open, &mut engines, &rules, &options);
+                self.work(place, options.threads, cull)
             }
         };
         publish(open, answer, outbox)
@@ -364,12 +357,17 @@ impl Culls {
     /// Answers a frame that the GPU could not serve.
     fn answer(&self, unserved: Unserved<OpenRequest>, place: Place) -> Ended<OpenRequest> {
         let mut engines = self.new_engines();
-        match place {
-            Place::Lane if unserved.threads() != Some(1) => {
-                self.pool.work(move || engines.answer(unserved))
-            }
-            _ => engines.answer(unserved),
-        }
+        self.work(place, unserved.threads(), move || engines.answer(unserved))
+    }
+
+    /// Does work that may use so many threads: more than one are the pool's.
+    fn work<R: Send>(
+        &self,
+        place: Place,
+        threads: Option<usize>,
+        work: impl FnOnce() -> R + Send,
+    ) -> R {
+        if place == Place::Lane && threads != Some(1) { self.pool.work(work) } else { work() }
     }
 
     fn new_engines(&self) -> Executor {
@@ -427,7 +425,7 @@ fn publish(
     match answer {
         Ok(answer) => {
             open.keep(&answer);
-            outbox.answer(&mut open, answer);
+            outbox.answer(&mut open, None, answer);
         }
         Err(error) => outbox.refuse(&mut open, &error.into()),
     }

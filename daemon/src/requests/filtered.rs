@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use pairmask_core::dispatch::{CullAnswer, CullOptions, MaskFilter, nanoseconds_since};
-use pairmask_core::engine::{CullError, ReserveError};
+use pairmask_core::engine::{CullError, CullReport, ReserveError};
 use pairmask_core::scene::is_small_set;
 use pairmask_core::{BoxCount, EngineChoice};
 use pairmask_wire::SentRules;
@@ -69,24 +69,19 @@ impl MaskFilters {
         };
         rules.found_pairs = Some(answer.report.pair_count);
         rules.is_done = true;
-        let start = Instant::now();
-        let mut filter = std::mem::take(&mut self.kept().filter);
-        let report = &mut answer.report;
-        let is_shared = options.threads != Some(1) && report.shape.extent_words() >= SHARED_WORDS;
-        let mut done = Ok(());
-        let words = open.words_mut();
-        let mut run = |threads| done = filter.filter(sent.rules(), n, words, report, threads);
-        if is_shared {
-            in_pool(&mut run);
-        } else {
-            run(1);
-        }
-        *self.kept() = Kept { filter, last_frame: Some(start) };
-        if done.is_err() {
-            return Filtered::CullHere(sent, options);
-        }
-        note_filter_time(&mut answer, start);
-        Filtered::Done(Ok(answer))
+        let words = answer.report.shape.extent_words();
+        let is_shared = options.threads != Some(1) && words >= SHARED_WORDS;
+        let is_done = self.filter(open, &mut answer, |filter, words, report| {
+            let mut done = Ok(());
+            let mut run = |threads| done = filter.filter(sent.rules(), n, words, report, threads);
+            if is_shared {
+                in_pool(&mut run);
+            } else {
+                run(1);
+            }
+            done.is_ok()
+        });
+        if is_done { Filtered::Done(Ok(answer)) } else { Filtered::CullHere(sent, options) }
     }
 
     /// Takes the pairs of one set out of the answer to a frame of two, in the pool. `None` where the mask is
@@ -97,14 +92,28 @@ impl MaskFilters {
         mut answer: CullAnswer,
         sets: &Sets<'_>,
     ) -> Option<CullAnswer> {
+        let (n, threads) = (open.fields().box_count, sets.options.threads.unwrap_or(1));
+        let is_done = self.filter(open, &mut answer, |filter, words, report| {
+            filter.filter_sets(sets.first, n, words, report, threads).is_ok()
+        });
+        is_done.then_some(answer)
+    }
+
+    /// Has `work` take pairs out of an answer, whose time counts as that of publishing. Whether it could.
+    fn filter(
+        &self,
+        open: &mut OpenRequest,
+        answer: &mut CullAnswer,
+        work: impl FnOnce(&mut MaskFilter, &mut [u32], &mut CullReport) -> bool,
+    ) -> bool {
         let start = Instant::now();
-        let (n, words) = (open.fields().box_count, open.words_mut());
-        let threads = sets.options.threads.unwrap_or(1);
         let mut filter = std::mem::take(&mut self.kept().filter);
-        let done = filter.filter_sets(sets.first, n, words, &mut answer.report, threads);
+        let is_done = work(&mut filter, open.words_mut(), &mut answer.report);
         *self.kept() = Kept { filter, last_frame: Some(start) };
-        note_filter_time(&mut answer, start);
-        done.is_ok().then_some(answer)
+        let filter_ns = nanoseconds_since(start);
+        answer.times.publish_ns += filter_ns;
+        answer.times.total_ns += filter_ns;
+        is_done
     }
 
     /// Gives memory back that has not been used for long; to be called now and then.
@@ -118,12 +127,6 @@ impl MaskFilters {
     fn kept(&self) -> MutexGuard<'_, Kept> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
-}
-
-fn note_filter_time(answer: &mut CullAnswer, start: Instant) {
-    let filter_ns = nanoseconds_since(start);
-    answer.times.publish_ns += filter_ns;
-    answer.times.total_ns += filter_ns;
 }
 
 /// The options of a frame that cores cull, though an engine of a GPU may have been asked for.
@@ -202,7 +205,7 @@ impl MaskFilters {
         };
         let threads = answered.as_ref().map_or(1, |answer| answer.threads);
         match answered {
-            Ok(answer) => outbox.answer_between(&mut open, sets.first, answer),
+            Ok(answer) => outbox.answer(&mut open, Some(sets.first), answer),
             Err(error) => outbox.refuse(&mut open, &error.into()),
         }
         open.close();

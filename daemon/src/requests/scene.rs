@@ -51,46 +51,53 @@ impl SceneEdits {
     /// Answers an edit.
     pub(super) fn take(
         &self,
-        mut open: OpenRequest,
+        open: OpenRequest,
         request: &SceneRequest,
         threads: usize,
         outbox: &Outbox,
     ) -> Served {
         let threads = request.threads.map_or(threads, |asked| asked.min(threads)).max(1);
-        let session = open.sender().session;
-        let mut gpu = GpuNeed::None;
-        let edited = match self.find(session, request, outbox) {
-            Ok(mut kept) => {
-                // More would be found in memory that nobody has counted.
-                let most_pairs = self.0.memory.most_pairs(open.limit_pairs());
-                kept.scene.limit_pairs(most_pairs);
-                let edited = if threads == 1 {
-                    edit_and_answer(&mut kept, &mut open, request, 1, outbox)
-                } else {
-                    self.0
-                        .pool
-                        .work(|| edit_and_answer(&mut kept, &mut open, request, threads, outbox))
-                };
-                if kept.scene.engine().is_gpu() {
-                    gpu = GpuNeed::Alone;
-                }
-                if edited.is_err() {
-                    // What it was read into may be large, and nothing was charged for it.
-                    kept.scratch = EditScratch::default();
-                }
-                // What was applied without an answer is of no use to the client, and neither is a scene that did not
-                // begin: it sends the scene again.
-                let begins = request.base == 0;
-                if edited.is_ok() || !begins && matches!(edited, Err(Failed::Refused(_))) {
-                    outbox.clients().keep_scene(session, kept);
-                }
-                edited.map_err(|failed| match failed {
-                    Failed::Refused(refusal) | Failed::Applied(refusal) => refusal,
-                })
+        let found = self.find(open.sender().session, request, outbox);
+        Self::serve(open, found, threads, outbox, |kept, open| {
+            // More would be found in memory that nobody has counted.
+            kept.scene.limit_pairs(self.0.memory.most_pairs(open.limit_pairs()));
+            let edited = if threads == 1 {
+                edit_and_answer(kept, open, request, 1, outbox)
+            } else {
+                self.0.pool.work(|| edit_and_answer(kept, open, request, threads, outbox))
+            };
+            if edited.is_err() {
+                // What it was read into may be large, and nothing was charged for it.
+                kept.scratch = EditScratch::default();
             }
-            Err(refusal) => Err(refusal),
-        };
-        if let Err(refusal) = &edited {
+            // A scene that did not begin is of no use to the client: it sends the scene again.
+            edited.map_err(|failed| match failed {
+                Failed::Refused(refusal) if request.base == 0 => Failed::Gone(refusal),
+                failed => failed,
+            })
+        })
+    }
+
+    /// Works with a scene that was found, and keeps it unless it is gone.
+    fn serve(
+        mut open: OpenRequest,
+        found: Result<KeptScene, Refusal>,
+        threads: usize,
+        outbox: &Outbox,
+        work: impl FnOnce(&mut KeptScene, &mut OpenRequest) -> Result<(), Failed>,
+    ) -> Served {
+        let mut gpu = GpuNeed::None;
+        let done = found.and_then(|mut kept| {
+            let done = work(&mut kept, &mut open);
+            if kept.scene.engine().is_gpu() {
+                gpu = GpuNeed::Alone;
+            }
+            if !matches!(done, Err(Failed::Gone(_))) {
+                outbox.clients().keep_scene(open.sender().session, kept);
+            }
+            done.map_err(|(Failed::Refused(refusal) | Failed::Gone(refusal))| refusal)
+        });
+        if let Err(refusal) = &done {
             outbox.refuse(&mut open, refusal);
         }
         open.close();
@@ -172,16 +179,16 @@ fn edit_and_answer(
             CullError::DeviceLost { .. }
             | CullError::DeviceMemory { .. }
             | CullError::TooCrowded { .. },
-        )) => return Err(Failed::Applied(Refusal::stale_scene(0))),
-        Err(SceneError::Cull(error)) => return Err(Failed::Applied(error.into())),
-        Err(error) => return Err(Failed::Applied(Refusal::engine_failed(&error))),
+        )) => return Err(Failed::Gone(Refusal::stale_scene(0))),
+        Err(SceneError::Cull(error)) => return Err(Failed::Gone(error.into())),
+        Err(error) => return Err(Failed::Gone(Refusal::engine_failed(&error))),
     }
     let executed = Instant::now();
 
     let layout = SceneAnswerLayout::of(scene.told());
     let (_, mut reply) = open.parts();
     let reserved = reply.reserve(layout.words());
-    layout.write(scene.told(), reserved.map_err(|e| Failed::Applied(CullError::from(e).into()))?);
+    layout.write(scene.told(), reserved.map_err(|e| Failed::Gone(CullError::from(e).into()))?);
     let ns = |from: Instant, to: Instant| to.duration_since(from).as_nanos() as u64;
     let times = StageTimes {
         ingest_ns: ns(start, ingested),
@@ -205,12 +212,12 @@ fn edit_and_answer(
     Ok(())
 }
 
-/// Why an edit has no answer.
+/// Why an edit or a query has no answer.
 enum Failed {
-    /// It was not applied.
+    /// The scene is what it was.
     Refused(Refusal),
-    /// It was, and its answer is lost.
-    Applied(Refusal),
+    /// The scene is gone, or of no use to its client: an edit was applied whose answer is lost.
+    Gone(Refusal),
 }
 
 impl<E: Into<Refusal>> From<E> for Failed {
@@ -231,47 +238,21 @@ impl SceneEdits {
     /// Answers a query.
     pub(super) fn query(
         &self,
-        mut open: OpenRequest,
+        open: OpenRequest,
         request: &QueryRequest,
         threads: usize,
         outbox: &Outbox,
     ) -> Served {
         let threads = request.threads.map_or(threads, |asked| asked.min(threads)).max(1);
         let session = open.sender().session;
-        let mut gpu = GpuNeed::None;
-        let answered = match Self::find_at(session, request.scene, request.revision, outbox) {
-            Ok(mut kept) => {
-                let is_there = kept.scene.engine().is_gpu();
-                let mut answer =
-                    || query_and_answer(&mut kept, &mut open, request, threads, outbox);
-                // A scene in video memory has work for the pool only where its queries fill a copy of several
-                // threads. Else a thread of it would be woken for nothing.
-                let answered =
-                    if threads == 1 || (is_there && request.mask.queries() <= FEW_QUERIES) {
-                        answer()
-                    } else {
-                        self.0.pool.work(answer)
-                    };
-                if is_there {
-                    gpu = GpuNeed::Alone;
-                }
-                // Its boxes are gone with the device's memory: the client sends them again.
-                let is_lost = matches!(answered, Err(Unanswered::Lost));
-                if !is_lost {
-                    outbox.clients().keep_scene(session, kept);
-                }
-                answered.map_err(|why| match why {
-                    Unanswered::Lost => Refusal::stale_scene(0),
-                    Unanswered::Refused(refusal) => refusal,
-                })
-            }
-            Err(refusal) => Err(refusal),
-        };
-        if let Err(refusal) = &answered {
-            outbox.refuse(&mut open, refusal);
-        }
-        open.close();
-        Served { threads, on_gpu: gpu != GpuNeed::None, gpu, ..Served::BEGUN }
+        let found = Self::find_at(session, request.scene, request.revision, outbox);
+        Self::serve(open, found, threads, outbox, |kept, open| {
+            // A scene in video memory has work for the pool only where its queries fill a copy of several
+            // threads. Else a thread of it would be woken for nothing.
+            let are_few = kept.scene.engine().is_gpu() && request.mask.queries() <= FEW_QUERIES;
+            let mut answer = || query_and_answer(kept, open, request, threads, outbox);
+            if threads == 1 || are_few { answer() } else { self.0.pool.work(answer) }
+        })
     }
 }
 
@@ -281,20 +262,13 @@ const fn bytes_of(found: &Vec<[u32; 2]>) -> u64 {
 }
 
 /// Why a query has no answer.
-enum Unanswered {
-    Refused(Refusal),
-    /// The scene was in video memory that is gone.
-    Lost,
-}
-
-impl From<QueryError> for Unanswered {
-    fn from(error: QueryError) -> Self {
-        match error {
-            QueryError::Cull(CullError::DeviceLost { .. }) => Self::Lost,
-            QueryError::Cull(error) => Self::Refused(error.into()),
-            // Whether there are enough tags was checked with the header.
-            _ => Self::Refused(Reject::Query { field: "tags" }.into()),
-        }
+fn unanswered(error: QueryError) -> Failed {
+    match error {
+        // Its boxes are gone with the device's memory: the client sends them again.
+        QueryError::Cull(CullError::DeviceLost { .. }) => Failed::Gone(Refusal::stale_scene(0)),
+        QueryError::Cull(error) => error.into(),
+        // Whether there are enough tags was checked with the header.
+        _ => Reject::Query { field: "tags" }.into(),
     }
 }
 
@@ -304,7 +278,7 @@ fn query_and_answer(
     request: &QueryRequest,
     threads: usize,
     outbox: &Outbox,
-) -> Result<(), Unanswered> {
+) -> Result<(), Failed> {
     let KeptScene { scene, scratch, found, room, audited, .. } = kept;
     scene.set_threads(threads);
     scene.limit_query_pairs(open.limit_pairs());
@@ -312,10 +286,10 @@ fn query_and_answer(
     let begun = Instant::now();
     let answer = {
         let (pages, mut reply) = open.payload_and_reply();
-        let malformed = || Unanswered::Refused(Reject::Query { field: "payload" }.into());
-        let (queries, tags) = request.read(pages).ok_or_else(malformed)?;
+        let malformed = Reject::Query { field: "payload" };
+        let (queries, tags) = request.read(pages).ok_or(malformed)?;
         request.mask.answer(queries, request.encoding, threads, found, &mut reply, |found| {
-            scene.query(queries, tags, found).map_err(Unanswered::from)
+            scene.query(queries, tags, found).map_err(unanswered)
         })
     };
     if found.capacity() > MOST_KEPT_PAIRS {
@@ -335,14 +309,8 @@ fn query_and_answer(
     Ok(())
 }
 
-impl From<BeyondMask> for Unanswered {
+impl From<BeyondMask> for Refusal {
     fn from(_: BeyondMask) -> Self {
-        Self::Refused(Reject::Query { field: "object count" }.into())
-    }
-}
-
-impl From<CullError> for Unanswered {
-    fn from(error: CullError) -> Self {
-        Self::Refused(error.into())
+        Reject::Query { field: "object count" }.into()
     }
 }

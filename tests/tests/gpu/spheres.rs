@@ -7,6 +7,7 @@
 use std::time::Instant;
 
 use pairmask_core::dispatch::SphereEngines;
+use pairmask_core::objects::Objects;
 use pairmask_core::oracle::Truth;
 use pairmask_core::sphere::SphereAllPairs;
 use pairmask_lab::study::spheres::oracle::overlap;
@@ -54,8 +55,10 @@ impl Both {
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullReport, CullError> {
         match engine {
-            EngineName::GpuGrid => self.grid.cull_spheres(spheres, encoding, reply),
-            _ => self.all_pairs.cull_spheres(spheres, encoding, reply),
+            EngineName::GpuGrid => {
+                self.grid.cull_objects(Objects::Spheres(spheres), encoding, reply)
+            }
+            _ => self.all_pairs.cull_objects(Objects::Spheres(spheres), encoding, reply),
         }
     }
 
@@ -88,7 +91,7 @@ const WAYS: [(EngineName, Encoding); 5] = [
 fn check_mirror(grid: &mut Grid, spheres: &[Sphere], mirrored: &Mirrored, what: &str) {
     check_mirrored(spheres.len(), mirrored, what, |encoding| {
         let mut reply = HeapReply::new();
-        (grid.cull_spheres(spheres, encoding, &mut reply).unwrap(), reply)
+        (grid.cull_objects(Objects::Spheres(spheres), encoding, &mut reply).unwrap(), reply)
     });
 }
 
@@ -161,7 +164,8 @@ fn a_few_hard_spheres_are_exact_by_all_pairs() {
             let truth = truth(&spheres);
             for encoding in [Encoding::Dense, Encoding::Sparse, Encoding::List] {
                 let mut reply = HeapReply::new();
-                let report = engine.cull_spheres(&spheres, encoding, &mut reply).unwrap();
+                let report =
+                    engine.cull_objects(Objects::Spheres(&spheres), encoding, &mut reply).unwrap();
                 let checked = check_reply(reply.words(), &report, n as u32, encoding, &truth);
                 assert_eq!(checked, Ok(()), "{n} spheres, seed {seed}, {encoding}");
             }
@@ -249,7 +253,8 @@ mod real_gpu {
             let mut engine = gpu::engine(options);
             for encoding in [Encoding::Dense, Encoding::Sparse] {
                 let mut reply = HeapReply::new();
-                let report = engine.cull_spheres(&spheres, encoding, &mut reply).unwrap();
+                let report =
+                    engine.cull_objects(Objects::Spheres(&spheres), encoding, &mut reply).unwrap();
                 let checked = check_reply(reply.words(), &report, 333, encoding, &truth);
                 assert_eq!(checked, Ok(()), "{tuning:?}, {encoding}");
             }
@@ -267,7 +272,8 @@ mod real_gpu {
         let input = CullInput::spheres(&spheres).encoding(Encoding::Dense);
         let expected = cpu.cull(&input, &mut reply).unwrap();
         let expected_words = sections(reply.words(), &expected.shape);
-        let report = gpu.cull_spheres(&spheres, Encoding::Dense, &mut reply).unwrap();
+        let report =
+            gpu.cull_objects(Objects::Spheres(&spheres), Encoding::Dense, &mut reply).unwrap();
         assert_eq!((report.pair_count, report.census), (expected.pair_count, expected.census));
         assert!(sections(reply.words(), &report.shape) == expected_words);
     }
@@ -352,7 +358,9 @@ mod real_gpu {
             // The first frame compiles the stages.
             for _ in 0..2 {
                 let begun = Instant::now();
-                let report = engine.cull_spheres(&spheres, Encoding::Dense, &mut reply).unwrap();
+                let report = engine
+                    .cull_objects(Objects::Spheres(&spheres), Encoding::Dense, &mut reply)
+                    .unwrap();
                 eprintln!("{SPHERES} spheres, {what}: {:?}", begun.elapsed());
                 assert_eq!(report.pair_count, BoxCount::new(SPHERES as u32).pair_count(), "{what}");
             }

@@ -5,9 +5,10 @@ use std::time::{Duration, Instant};
 use indicatif::{ProgressBar, ProgressStyle};
 use pairmask_core::engine::EngineId;
 
-use super::{BadPair, DemoError};
+use super::BadPair;
 use crate::cli::output::{OutputError, is_watched, print_text, time_text};
 use crate::cli::percentiles::Recorder;
+use crate::cli::program::Fault;
 
 /// Time between two changes of the line on a terminal: faster figures cannot be read.
 const LIVE_INTERVAL: Duration = Duration::from_millis(250);
@@ -105,11 +106,12 @@ impl Progress {
     }
 
     /// Returns an error if a checked frame was wrong.
-    pub fn verdict(&self) -> Result<(), DemoError> {
-        match self.wrong {
-            0 => Ok(()),
-            wrong => Err(DemoError::Wrong { wrong, checked: self.checked }),
+    pub fn verdict(&self) -> Result<(), Fault> {
+        let Self { wrong, checked, .. } = self;
+        if *wrong == 0 {
+            return Ok(());
         }
+        Err(format!("{wrong} of {checked} sampled frames were wrong: please report this").into())
     }
 
     fn checks_text(&self) -> String {
@@ -216,6 +218,7 @@ mod tests {
         progress.note_check(Some(BadPair::Missing(3, 9)));
         let text = progress.summary_text();
         assert!(text.contains("frame 2") && text.contains("(3, 9)"), "{text}");
-        assert!(matches!(progress.verdict(), Err(DemoError::Wrong { wrong: 1, checked: 2 })));
+        let verdict = progress.verdict().map_err(|fault| fault.to_string());
+        assert_eq!(verdict, Err("1 of 2 sampled frames were wrong: please report this".into()));
     }
 }

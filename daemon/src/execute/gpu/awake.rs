@@ -116,15 +116,11 @@ impl Drop for Awake {
 }
 
 fn recorded(gpu: &Arc<Gpu>) -> Result<Frame, GpuError> {
-    let sink = Block::new(gpu, Home::Video, size_of::<u32>() as u64)?;
+    let sink = Part::whole(&Block::new(gpu, Home::Video, size_of::<u32>() as u64)?);
     let params = AwakeParams { rounds: ROUNDS, written: 0 };
     let mut frame = Frame::of_role(gpu, QueueRole::Awake, false)?;
-    frame.record(vec![Command::Stage {
-        pipeline: Pipelines::new(gpu, Checks::Off, None)?.get(Stage::Awake)?,
-        parts: vec![Part::whole(&sink)],
-        immediates: bytemuck::bytes_of(&params).to_vec(),
-        groups: [1, 1],
-    }])?;
+    let pipeline = Pipelines::new(gpu, Checks::Off, None)?.get(Stage::Awake)?;
+    frame.record(vec![Command::stage(pipeline, &[("sink", &sink)], &params, [1, 1])?])?;
     Ok(frame)
 }
 

@@ -75,8 +75,8 @@ pub enum StageFault {
     /// Not WGSL.
     #[error("the text does not parse")]
     Parse,
-    /// It binds other buffers than it is said to.
-    #[error("its bindings are not those that it is said to have")]
+    /// Its bindings are not numbered from 0, or are not to be had.
+    #[error("it binds what it cannot be given")]
     Bindings,
     /// Refused by the validator.
     #[error("the module is not valid")]

@@ -9,9 +9,10 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use ash::vk;
+use bytemuck::NoUninit;
 
 use super::pipeline::IMMEDIATE_BYTES;
-use super::{Gpu, GpuError, Order, Part, Pipeline, QueueRole};
+use super::{Block, Gpu, GpuError, Order, Part, Pipeline, QueueRole, StageFault};
 
 /// One step of a frame. Each step sees all that the steps before it wrote.
 pub enum Command {
@@ -43,6 +44,23 @@ pub enum Command {
 }
 
 impl Command {
+    /// A stage with those of `parts` that it binds by their names, the last one of a name, and its parameters.
+    pub(super) fn stage(
+        pipeline: Arc<Pipeline>,
+        parts: &[(&str, &Part)],
+        params: &impl NoUninit,
+        groups: [u32; 2],
+    ) -> Result<Self, GpuError> {
+        let fault = GpuError::Stage { stage: pipeline.label(), why: StageFault::Bindings };
+        let part = |name: &String| {
+            let found = parts.iter().rev().find(|(known, _)| known == name);
+            found.map(|(_, part)| Part::clone(part))
+        };
+        let parts: Option<Vec<Part>> = pipeline.bindings.iter().map(part).collect();
+        let immediates = bytemuck::bytes_of(params).to_vec();
+        Ok(Self::Stage { pipeline, parts: parts.ok_or(fault)?, immediates, groups })
+    }
+
     fn label(&self) -> &'static str {
         match self {
             Self::Stage { pipeline, .. } => pipeline.label(),
@@ -70,12 +88,22 @@ pub enum Wait {
     Block,
 }
 
+impl Wait {
+    /// The way that is forced, else the one that suits a device.
+    pub(super) fn on(gpu: &Gpu, forced: Option<Self>) -> Self {
+        forced.unwrap_or(if gpu.info().is_software() { Self::Block } else { Self::Spin })
+    }
+}
+
 /// Most steps of a frame. Longer work is split, so that no submission runs into a watchdog.
 pub const MAX_STEPS: usize = 40;
 
 /// How long a frame that failed may take to end. A driver resets a device that hangs within seconds;
 /// what it does not end by then it never does.
 const LAST_PATIENCE: Duration = Duration::from_secs(10);
+
+/// How long copies and fills that are run once may take before the device counts as hung.
+const ONCE_PATIENCE: Duration = Duration::from_secs(10);
 
 /// Most buffers that a stage binds.
 const MAX_BINDINGS: u32 = 9;
@@ -224,6 +252,28 @@ impl Frame {
         Ok(())
     }
 
+    /// Runs some steps once, and waits for them.
+    pub(super) fn run_once(
+        gpu: &Arc<Gpu>,
+        steps: Vec<Command>,
+        wait: Wait,
+    ) -> Result<(), GpuError> {
+        let mut frame = Self::new(gpu, false)?;
+        frame.record(steps)?;
+        frame.run(wait, ONCE_PATIENCE)
+    }
+
+    /// Fills blocks with a word.
+    pub(super) fn fill<'a>(
+        gpu: &Arc<Gpu>,
+        blocks: impl IntoIterator<Item = &'a Arc<Block>>,
+        word: u32,
+        wait: Wait,
+    ) -> Result<(), GpuError> {
+        let fill = |block: &Arc<Block>| Command::Fill { part: Part::whole(block), word };
+        Self::run_once(gpu, blocks.into_iter().map(fill).collect(), wait)
+    }
+
     /// Forgets the steps of a frame that is recorded anew before it is submitted again, and what they
     /// keep alive.
     pub(super) fn forget_steps(&mut self) {
@@ -277,7 +327,7 @@ impl Frame {
                 unsafe { raw.cmd_fill_buffer(self.commands, buffer, offset, bytes, *word) };
             }
             Command::Stage { pipeline, parts, immediates, groups } => {
-                assert_eq!(parts.len(), pipeline.binding_count as usize, "one part a binding");
+                assert_eq!(parts.len(), pipeline.bindings.len(), "one part a binding");
                 assert!(immediates.len() <= IMMEDIATE_BYTES as usize);
                 let set_layouts = [pipeline.set_layout];
                 let info = vk::DescriptorSetAllocateInfo::default()

@@ -331,32 +331,38 @@ impl Part {
     }
 }
 
-/// Declares blocks that stages hand each other, each with its home: those of an engine, which grow with the scenes, and
-/// those of a frame.
+/// Declares what stages hand each other, by the names that their texts give it, each with its home: the blocks of an
+/// engine, which grow with the scenes, and the parts of a frame.
 macro_rules! frame_blocks {
-    ($scratch:ident of $growing:ident, $blocks:ident: $($name:ident in $home:ident),+ $(,)?) => {
+    ($scratch:ident, $blocks:ident: $($name:ident in $home:ident),+ $(,)?) => {
         /// All blocks between the stages.
         pub(super) struct $scratch {
-            $($name: $growing,)+
+            $($name: Growing,)+
         }
 
-        /// The blocks of one frame.
+        /// What one frame has of them.
         #[derive(Clone)]
         pub(super) struct $blocks {
-            $(pub(super) $name: Arc<Block>,)+
+            $(pub(super) $name: Part,)+
         }
 
         impl $scratch {
             pub(super) const fn new() -> Self {
-                Self { $($name: $growing::new(Home::$home),)+ }
+                Self { $($name: Growing::new(Home::$home),)+ }
+            }
+        }
+
+        impl $blocks {
+            /// All of it.
+            pub(super) fn named(&self) -> Vec<(&'static str, &Part)> {
+                vec![$((stringify!($name), &self.$name),)+]
             }
         }
     };
 }
 pub(super) use frame_blocks;
 
-/// A block that is made anew, larger, when more is asked of it, and smaller when much less is for some
-/// dozens of frames.
+/// A block that is made anew, larger, when more is asked of it, and smaller when much less is.
 pub(super) struct Growing {
     home: Home,
     block: Option<Arc<Block>>,
@@ -368,16 +374,34 @@ impl Growing {
         Self { home, block: None, need: RecentNeed::NONE }
     }
 
-    /// A block of at least `bytes`. `replaced` is set if it is not the one of last time.
-    pub(super) fn at_least(
+    /// Bytes that are allocated.
+    pub(super) fn held_bytes(&self) -> u64 {
+        self.block.as_ref().map_or(0, |block| block.bytes())
+    }
+
+    /// The first `bytes` of a block, which is smaller when much less was asked of it for some dozens of frames.
+    /// `replaced` is set if it is not the one of last time.
+    pub(super) fn part(
         &mut self,
         gpu: &Arc<Gpu>,
         bytes: u64,
         replaced: &mut bool,
+    ) -> Result<Part, GpuError> {
+        let held = self.held_bytes() as usize;
+        let most = if self.need.note(bytes as usize, || held) { 0 } else { u64::MAX };
+        self.at_least(gpu, bytes, most, replaced).map(|block| Part::of(block, 0, bytes))
+    }
+
+    /// A block of at least `bytes`, and of `most` at the most where it was there. `replaced` is set if it is not the one
+    /// of last time.
+    pub(super) fn at_least(
+        &mut self,
+        gpu: &Arc<Gpu>,
+        bytes: u64,
+        most: u64,
+        replaced: &mut bool,
     ) -> Result<&Arc<Block>, GpuError> {
-        let held = self.block.as_ref().map_or(0, |block| block.bytes());
-        let is_needed = !self.need.note(bytes as usize, || held as usize);
-        let kept = self.block.take().filter(|block| is_needed && block.bytes() >= bytes);
+        let kept = self.block.take().filter(|block| (bytes..=most).contains(&block.bytes()));
         let block = if let Some(block) = kept {
             block
         } else {

@@ -31,7 +31,8 @@ pub fn user_cache_folder() -> Option<PathBuf> {
 pub struct Pipeline {
     gpu: Arc<Gpu>,
     label: &'static str,
-    pub(super) binding_count: u32,
+    /// What it binds, by the names of its text.
+    pub(super) bindings: Vec<String>,
     pub(super) set_layout: vk::DescriptorSetLayout,
     pub(super) layout: vk::PipelineLayout,
     pub(super) raw: vk::Pipeline,
@@ -45,17 +46,17 @@ impl Pipeline {
         checks: Checks,
         cache: vk::PipelineCache,
     ) -> Result<Arc<Self>, GpuError> {
-        let code = spirv(stage, bounded_loops, checks)?;
+        let (code, names) = compiled(stage, bounded_loops, checks)?;
         let raw = gpu.raw();
         let mut made = Self {
             gpu: Arc::clone(gpu),
             label: stage.label,
-            binding_count: stage.binding_count,
+            bindings: names,
             set_layout: vk::DescriptorSetLayout::null(),
             layout: vk::PipelineLayout::null(),
             raw: vk::Pipeline::null(),
         };
-        let bindings: Vec<_> = (0..stage.binding_count)
+        let bindings: Vec<_> = (0..made.bindings.len() as u32)
             .map(|binding| {
                 vk::DescriptorSetLayoutBinding::default()
                     .binding(binding)
@@ -84,7 +85,7 @@ impl Pipeline {
             .module(module)
             .name(c"main");
         let info = vk::ComputePipelineCreateInfo::default().stage(stage_info).layout(made.layout);
-        // SAFETY: layout and module agree: `spirv` refuses a module with other bindings.
+        // SAFETY: layout and module agree: `compiled` has the layout's bindings from the module.
         let created = unsafe { raw.create_compute_pipelines(cache, &[info], None) };
         // SAFETY: a pipeline does not need its module once it is made.
         unsafe { raw.destroy_shader_module(module, None) };
@@ -238,17 +239,16 @@ pub(super) const fn has_bounded_loops(stage: Stage) -> bool {
     matches!(stage, Stage::Grid(_) | Stage::WriteList | Stage::Scene(_) | Stage::SpherePairs(_))
 }
 
-/// Compiles a stage, with bounded loops where `bounded_loops` or the checks ask for them.
-pub(super) fn spirv(
+/// Compiles a stage, with bounded loops where `bounded_loops` or the checks ask for them. Returns its code, and the names
+/// of its bindings.
+fn compiled(
     stage: &ComposedStage,
     bounded_loops: bool,
     checks: Checks,
-) -> Result<Vec<u32>, GpuError> {
+) -> Result<(Vec<u32>, Vec<String>), GpuError> {
     let fault = |why| GpuError::Stage { stage: stage.label, why };
     let module = naga::front::wgsl::parse_str(&stage.wgsl).map_err(|_| fault(StageFault::Parse))?;
-    if !has_bindings(&module, stage.binding_count) {
-        return Err(fault(StageFault::Bindings));
-    }
+    let bindings = binding_names(&module).ok_or(fault(StageFault::Bindings))?;
     // 64-bit integers: stages of measurements, on devices that have them.
     let capabilities = Capabilities::IMMEDIATES | Capabilities::SHADER_INT64;
     let info = Validator::new(ValidationFlags::all(), capabilities)
@@ -273,19 +273,21 @@ pub(super) fn spirv(
         emit_int_div_checks: checked,
         ..Default::default()
     };
-    spv::write_vec(&module, &info, &options, None).map_err(|_| fault(StageFault::Emit))
+    let code = spv::write_vec(&module, &info, &options, None);
+    Ok((code.map_err(|_| fault(StageFault::Emit))?, bindings))
 }
 
-/// Whether a module binds group 0 from 0 to `count` and nothing else: a pipeline's layout is made
-/// from the count.
-fn has_bindings(module: &naga::Module, count: u32) -> bool {
-    let variables = module.global_variables.iter();
-    let mut bound: Vec<(u32, u32)> = variables
-        .filter_map(|(_, variable)| variable.binding)
-        .map(|binding| (binding.group, binding.binding))
+/// What a module binds, in order; `None` where that is not group 0 from 0 on, which a pipeline's layout is made for.
+fn binding_names(module: &naga::Module) -> Option<Vec<String>> {
+    let mut bound: Vec<_> = module
+        .global_variables
+        .iter()
+        .filter_map(|(_, variable)| Some((variable.binding?, variable.name.clone()?)))
         .collect();
-    bound.sort_unstable();
-    bound.into_iter().eq((0..count).map(|binding| (0, binding)))
+    bound.sort_unstable_by_key(|(binding, _)| (binding.group, binding.binding));
+    let numbers = bound.iter().map(|(binding, _)| (binding.group, binding.binding));
+    let are_counted = numbers.eq((0..bound.len() as u32).map(|binding| (0, binding)));
+    are_counted.then(|| bound.into_iter().map(|(_, name)| name).collect())
 }
 
 #[cfg(test)]
@@ -308,13 +310,14 @@ mod tests {
     }
 
     #[test]
-    fn a_stage_that_binds_other_than_it_says_is_refused() {
+    fn a_stage_whose_bindings_are_not_numbered_from_zero_is_refused() {
         let composed = Stage::PackDense.composed().expect("composes");
-        assert!(spirv(&composed, false, Checks::Off).is_ok());
-        for binding_count in [0, composed.binding_count - 1, composed.binding_count + 1] {
-            let other = ComposedStage { binding_count, ..composed.clone() };
+        let (_, names) = compiled(&composed, false, Checks::Off).expect("compiles");
+        assert_eq!(names, ["matrix", "totals", "reports", "out_words"]);
+        for (from, to) in [("binding(0)", "binding(4)"), ("binding(3)", "binding(5)")] {
+            let other = ComposedStage { wgsl: composed.wgsl.replace(from, to), ..composed.clone() };
             let refused = GpuError::Stage { stage: other.label, why: StageFault::Bindings };
-            assert_eq!(spirv(&other, false, Checks::Off), Err(refused));
+            assert_eq!(compiled(&other, false, Checks::Off), Err(refused));
         }
     }
 }

@@ -9,6 +9,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use ash::vk;
+use pairmask_core::mask::MaskShape;
 use pairmask_core::objects::Objects;
 use pairmask_core::{Encoding, ObjectForm};
 
@@ -49,6 +50,21 @@ impl SharedImports {
     pub fn lock(&self) -> MutexGuard<'_, Imports> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
+
+    /// The part of an imported block at an address, if it can be bound there.
+    pub(super) fn part(
+        &self,
+        gpu: &Gpu,
+        address: usize,
+        bytes: u64,
+        access: Access,
+    ) -> Option<Part> {
+        let imports = self.lock();
+        let (block, offset) = imports.find(address, bytes as usize, access)?;
+        // Of words, however fine the device's own steps are.
+        let align = gpu.limits().storage_offset_align_bytes.max(WORD_BYTES);
+        offset.is_multiple_of(align).then(|| Part::of(block, offset, bytes))
+    }
 }
 
 /// An engine's way to the boxes and back to the reply.
@@ -75,6 +91,20 @@ pub(super) struct MaskPlace {
     pub(super) part: Part,
     /// Whether it is the reply itself; otherwise the mask must be copied from here to there.
     pub(super) is_reply: bool,
+}
+
+impl MaskPlace {
+    /// Copies the sections of a mask to their places in the reply, where it was not written there.
+    pub(super) fn read_back(&self, shape: MaskShape, reply: &mut [u32]) {
+        if self.is_reply {
+            return;
+        }
+        for section in shape.spans() {
+            let start = section.start as usize;
+            let to = &mut reply[start..start + section.len as usize];
+            self.part.block.read(self.part.offset + 4 * section.start, to);
+        }
+    }
 }
 
 impl Transfers {
@@ -111,15 +141,16 @@ impl Transfers {
             None => bytes <= limit && mappable,
         };
         if !stored_up_to(STORED_FIRST_BYTES)
-            && let Some(part) = self.imported(memory.as_ptr() as usize, bytes, Access::Read)
+            && let Some(part) =
+                self.imports.part(&self.gpu, memory.as_ptr() as usize, bytes, Access::Read)
         {
             return Ok(PlacedBoxes { part, form });
         }
         let mapped = stored_up_to(MAPPED_VIDEO_BYTES);
         let staged = if mapped { &mut self.mapped_boxes } else { &mut self.staged_boxes };
-        let block = staged.at_least(&self.gpu, bytes, replaced)?;
-        block.write(0, memory);
-        Ok(PlacedBoxes { part: Part::of(block, 0, bytes), form })
+        let part = staged.part(&self.gpu, bytes, replaced)?;
+        part.block.write(0, memory);
+        Ok(PlacedBoxes { part, form })
     }
 
     /// Where the mask goes that belongs into `mask`.
@@ -129,20 +160,12 @@ impl Transfers {
         replaced: &mut bool,
     ) -> Result<MaskPlace, GpuError> {
         let bytes = size_of_val(mask) as u64;
-        if let Some(part) = self.imported(mask.as_ptr() as usize, bytes, Access::Write) {
+        let address = mask.as_ptr() as usize;
+        if let Some(part) = self.imports.part(&self.gpu, address, bytes, Access::Write) {
             return Ok(MaskPlace { part, is_reply: true });
         }
-        let block = self.staged_mask.at_least(&self.gpu, bytes, replaced)?;
-        Ok(MaskPlace { part: Part::of(block, 0, bytes), is_reply: false })
-    }
-
-    /// The part of an imported block at an address, if it can be bound there.
-    fn imported(&self, address: usize, bytes: u64, access: Access) -> Option<Part> {
-        let imports = self.imports();
-        let (block, offset) = imports.find(address, bytes as usize, access)?;
-        // Of words, however fine the device's own steps are.
-        let align = self.gpu.limits().storage_offset_align_bytes.max(WORD_BYTES);
-        offset.is_multiple_of(align).then(|| Part::of(block, offset, bytes))
+        let part = self.staged_mask.part(&self.gpu, bytes, replaced)?;
+        Ok(MaskPlace { part, is_reply: false })
     }
 }
 
@@ -200,10 +223,8 @@ impl UploadAhead {
         boxes: &PlacedBoxes,
         replaced: &mut bool,
     ) -> Result<PlacedBoxes, GpuError> {
-        let bytes = boxes.part.bytes;
         let mut is_new = false;
-        let block = self.boxes.at_least(&self.gpu, bytes, &mut is_new)?;
-        let part = Part::of(block, 0, bytes);
+        let part = self.boxes.part(&self.gpu, boxes.part.bytes, &mut is_new)?;
         if is_new {
             self.uploads.clear();
             *replaced = true;

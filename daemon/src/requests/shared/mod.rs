@@ -66,21 +66,15 @@ impl SharedScenes {
     }
 
     /// Answers a request to join.
-    pub(super) fn join(&self, mut open: OpenRequest, request: &JoinRequest, outbox: &Arc<Outbox>) {
+    pub(super) fn join(&self, open: OpenRequest, request: &JoinRequest, outbox: &Arc<Outbox>) {
         let session = open.sender().session;
         self.end((session, request.scene), End::JoinsAgain, outbox);
         let joined = match SceneName::read(request, open.pages()) {
             Some(name) => self.join_named(&name, session, request, outbox),
             None => Err(Reject::Edit { field: "name" }.into()),
         };
-        match joined {
-            Ok(terms) => {
-                let header = response_joined(open.fields(), &terms);
-                outbox.send(&mut open, &header);
-            }
-            Err(refusal) => outbox.refuse(&mut open, &refusal),
-        }
-        open.close();
+        let header = joined.map(|terms| response_joined(open.fields(), &terms));
+        outbox.send_and_close(open, header);
     }
 
     fn join_named(
@@ -126,7 +120,7 @@ impl SharedScenes {
     }
 
     /// Answers a request about a lease.
-    pub(super) fn lease(&self, mut open: OpenRequest, request: &LeaseRequest, outbox: &Outbox) {
+    pub(super) fn lease(&self, open: OpenRequest, request: &LeaseRequest, outbox: &Outbox) {
         let found = self.find((open.sender().session, request.scene));
         let leased = found.ok_or_else(|| Refusal::stale_scene(0)).and_then(|(scene, member)| {
             let leased = scene.lease(member, request.action);
@@ -134,14 +128,8 @@ impl SharedScenes {
             scene.end_tick(&self.tools.pool, outbox);
             leased
         });
-        match leased {
-            Ok(range) => {
-                let header = response_leased(open.fields(), &range);
-                outbox.send(&mut open, &header);
-            }
-            Err(refusal) => outbox.refuse(&mut open, &refusal),
-        }
-        open.close();
+        let header = leased.map(|range| response_leased(open.fields(), &range));
+        outbox.send_and_close(open, header);
     }
 
     /// Takes a commit in. It is answered when its tick ends, by this call where it is the last one: by all
@@ -154,11 +142,11 @@ impl SharedScenes {
     ) -> Served {
         let timer = CpuTimer::start();
         let Some((scene, member)) = self.find((open.sender().session, request.scene)) else {
-            return outbox.refuse_and_close(open, &Refusal::stale_scene(0));
+            return outbox.refuse_and_close(open, Refusal::stale_scene(0));
         };
         if let Err(refused) = scene.commit(member, open, request) {
             let (open, refusal) = *refused;
-            return outbox.refuse_and_close(open, &refusal);
+            return outbox.refuse_and_close(open, refusal);
         }
         // By this its next commit is judged, which may be another one than the last of its tick.
         let on_one_core = Some(timer.elapsed());

@@ -18,9 +18,9 @@ use pairmask_core::engine::{
     Census, CullError, CullInput, CullReport, Engine, EngineTimes, NAMED_INVALID, ReplyBuffer,
     write_no_pairs,
 };
-use pairmask_core::mask::{MaskShape, Span};
+use pairmask_core::mask::MaskShape;
 use pairmask_core::objects::Objects;
-use pairmask_core::{BoxCount, Encoding, EngineName, MaskWord, Sphere};
+use pairmask_core::{BoxCount, Encoding, EngineName, MaskWord};
 use pairmask_shaders::constants::BATCH_BOXES;
 use pairmask_shaders::layouts::BatchReport;
 
@@ -28,7 +28,7 @@ use self::plan::BandLimits;
 use self::steps::{Output, Recording, Scratch};
 use super::{
     Block, Checks, Counted, Frame, FrameCache, FrameKey, Gpu, GpuError, Growing, Home, ImportError,
-    ImportId, MaskPlace, Part, Pipelines, Place, PlacedBoxes, QueueRole, SharedImports, StepTime,
+    ImportId, MaskPlace, Pipelines, Place, PlacedBoxes, QueueRole, SharedImports, StepTime,
     Transfers, Tuning, Upload, Wait,
 };
 use crate::execute::frame_memory::end_process;
@@ -145,11 +145,6 @@ impl AllPairs {
         &self.step_times
     }
 
-    fn wait(&self) -> Wait {
-        let software = self.gpu.info().is_software();
-        self.options.wait.unwrap_or(if software { Wait::Block } else { Wait::Spin })
-    }
-
     /// Runs all stages over all bands, the mask to `shape` of `mask`.
     fn run(
         &mut self,
@@ -165,9 +160,7 @@ impl AllPairs {
         let bands = plan::bands(n, tuning, encoding, &self.limits);
         let stages = self.scratch.stages(&self.gpu, n, &bands, &mut replaced)?;
         let video_boxes = if self.options.upload == Some(Upload::DmaCopy) {
-            let bytes = boxes.part.bytes;
-            let block = self.video_boxes.at_least(&self.gpu, bytes, &mut replaced)?;
-            Some(Part::of(block, 0, bytes))
+            Some(self.video_boxes.part(&self.gpu, boxes.part.bytes, &mut replaced)?)
         } else {
             None
         };
@@ -176,7 +169,7 @@ impl AllPairs {
         }
         let output = Output { mask: mask.part.clone(), shape, capacity };
         self.step_times.clear();
-        let wait = self.wait();
+        let wait = Wait::on(&self.gpu, self.options.wait);
         let pairs_per_band = n.pair_count() / bands.len().max(1) as u64;
         for (chunk, bands) in bands.chunks(steps::BANDS_PER_FRAME).enumerate() {
             let key = FrameKey {
@@ -210,7 +203,7 @@ impl AllPairs {
         }
         let batches = n.get().div_ceil(BATCH_BOXES) as usize;
         self.reports.resize(batches, BatchReport::default());
-        stages.reports.read(0, &mut self.reports);
+        stages.reports.block.read(0, &mut self.reports);
         Ok(Outcome::of(&self.reports))
     }
 
@@ -268,31 +261,16 @@ impl AllPairs {
                 continue;
             }
             let (executed, shape) = (start.elapsed(), shape(items));
-            if !mask.is_reply {
-                for section in shape.spans() {
-                    let to = &mut reserved[span(section)];
-                    mask.part.block.read(mask.part.offset + 4 * section.start, to);
-                }
-            }
+            mask.read_back(shape, reserved);
             return Ok(report(n, shape, &outcome, [ingested, executed, start.elapsed()]));
         }
     }
 
-    /// Finds the pairs of spheres, exactly.
+    /// Finds the pairs of boxes in any form, or of spheres, which are decided exactly.
     ///
     /// # Errors
     /// As [`Engine::cull`].
-    pub fn cull_spheres(
-        &mut self,
-        spheres: &[Sphere],
-        encoding: Encoding,
-        reply: &mut dyn ReplyBuffer,
-    ) -> Result<CullReport, CullError> {
-        self.cull_objects(spheres.into(), encoding, reply)
-    }
-
-    /// Finds the pairs of boxes in any form, or of spheres.
-    pub(in crate::execute) fn cull_objects(
+    pub fn cull_objects(
         &mut self,
         objects: Objects<'_>,
         encoding: Encoding,
@@ -345,10 +323,6 @@ impl Engine for AllPairs {
     ) -> Result<CullReport, CullError> {
         self.cull_objects(input.boxes_alone(ENGINE)?.into(), input.encoding, reply)
     }
-}
-
-fn span(section: Span) -> std::ops::Range<usize> {
-    section.start as usize..(section.start + section.len) as usize
 }
 
 /// How long a run may take before the device counts as hung: a software adapter does some 10^8
@@ -427,16 +401,23 @@ pub(in crate::execute::gpu) fn report(
     n: BoxCount,
     shape: MaskShape,
     outcome: &Outcome,
-    [ingested, executed, published]: [Duration; 3],
+    times: [Duration; 3],
 ) -> CullReport {
+    // Every pair is compared.
+    let (census, pairs) = (outcome.census, outcome.pairs);
+    CullReport::new(n, shape, census, pairs, n.pair_count(), engine_times(times))
+}
+
+/// Times of a frame's parts, by when they had ended since its start.
+pub(in crate::execute::gpu) fn engine_times(
+    [ingested, executed, published]: [Duration; 3],
+) -> EngineTimes {
     let ns = |d: Duration| d.as_nanos() as u64;
-    let times = EngineTimes {
+    EngineTimes {
         ingest_ns: ns(ingested),
         execute_ns: ns(executed.saturating_sub(ingested)),
         publish_ns: ns(published.saturating_sub(executed)),
-    };
-    // Every pair is compared.
-    CullReport::new(n, shape, outcome.census, outcome.pairs, n.pair_count(), times)
+    }
 }
 
 #[cfg(test)]

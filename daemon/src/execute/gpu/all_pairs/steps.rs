@@ -13,7 +13,7 @@ use pairmask_shaders::{PairsVariant, Stage};
 
 use super::plan::{Band, plane_words};
 use crate::execute::gpu::{
-    Block, Command, Gpu, GpuError, Growing, Home, MAX_STEPS, Part, Pipelines, Tuning, frame_blocks,
+    Command, Gpu, GpuError, Growing, Home, MAX_STEPS, Part, Pipelines, Tuning, frame_blocks,
 };
 
 /// Bands of a frame: two steps each, after a copy and the keys.
@@ -44,18 +44,6 @@ pub(super) struct Output {
     pub(super) shape: MaskShape,
     /// Words that a sparse mask has room for, or pairs that a list has.
     pub(super) capacity: u64,
-}
-
-/// One stage, with what it binds and its parameters.
-fn command<P: NoUninit>(
-    pipelines: &mut Pipelines,
-    stage: Stage,
-    parts: Vec<Part>,
-    params: &P,
-    groups: [u32; 2],
-) -> Result<Command, GpuError> {
-    let immediates = bytemuck::bytes_of(params).to_vec();
-    Ok(Command::Stage { pipeline: pipelines.get(stage)?, parts, immediates, groups })
 }
 
 /// What the steps of a run have in common.
@@ -94,10 +82,17 @@ impl Recording<'_> {
         Ok(steps)
     }
 
-    /// The six key planes. Not all of their block: it has room to spare, which may be more than one
-    /// binding shows.
-    fn keys_part(&self) -> Part {
-        Part::of(&self.stages.keys, 0, 24 * plane_words(self.n))
+    /// A stage that binds its own parts beside those of all stages.
+    fn stage(
+        &self,
+        pipelines: &mut Pipelines,
+        stage: Stage,
+        own: &[(&'static str, &Part)],
+        params: &impl NoUninit,
+        groups: [u32; 2],
+    ) -> Result<Command, GpuError> {
+        let parts = [self.stages.named().as_slice(), own].concat();
+        Command::stage(pipelines.get(stage)?, &parts, params, groups)
     }
 
     fn keys(&self, pipelines: &mut Pipelines, boxes: &Part) -> Result<Command, GpuError> {
@@ -107,19 +102,18 @@ impl Recording<'_> {
             ObjectForm::Boxes(form) => Stage::Keys(form),
             ObjectForm::Spheres => Stage::SphereKeys,
         };
-        let [totals, reports] = [&self.stages.totals, &self.stages.reports].map(Part::whole);
-        let parts = vec![boxes.clone(), self.keys_part(), totals, reports];
-        command(pipelines, stage, parts, &params, [plane_words / BATCH_BOXES, 1])
+        let groups = [plane_words / BATCH_BOXES, 1];
+        self.stage(pipelines, stage, &[("boxes", boxes)], &params, groups)
     }
 
     /// The matrix of a band.
     fn matrix(&self, band: &Band) -> Part {
-        Part::of(&self.stages.matrix, 0, 4 * band.matrix_words())
+        Part::of(&self.stages.matrix.block, 0, 4 * band.matrix_words())
     }
 
     /// Its strip masks.
     fn masks(&self, band: &Band) -> Part {
-        Part::of(&self.stages.masks, 0, 4 * band.mask_words())
+        Part::of(&self.stages.strip_masks.block, 0, 4 * band.mask_words())
     }
 
     fn pairs(&self, pipelines: &mut Pipelines, band: &Band) -> Result<Command, GpuError> {
@@ -136,11 +130,10 @@ impl Recording<'_> {
             ObjectForm::Boxes(_) => Stage::Pairs(variant),
             ObjectForm::Spheres => Stage::SpherePairs(variant),
         };
-        let totals = Part::whole(&self.stages.totals);
-        let parts = vec![self.keys_part(), self.matrix(band), self.masks(band), totals];
+        let own = [("matrix", &self.matrix(band)), ("strip_masks", &self.masks(band))];
         let tile_rows = PAIRS_WORKGROUP * self.tuning.rows as u32;
         let groups = [band.matrix_rows / tile_rows, band.strip_end - band.strip0];
-        command(pipelines, stage, parts, &params, groups)
+        self.stage(pipelines, stage, &own, &params, groups)
     }
 
     /// The words of a sparse mask, or the pairs of a list, to their sections.
@@ -150,9 +143,9 @@ impl Recording<'_> {
         band: &Band,
         shape: MaskShape,
     ) -> Result<Command, GpuError> {
-        let stage = match shape.encoding() {
-            Encoding::List => Stage::WriteList,
-            _ => Stage::WriteSparse,
+        let (stage, names): (_, &[&str]) = match shape.encoding() {
+            Encoding::List => (Stage::WriteList, &["out_pairs"]),
+            _ => (Stage::WriteSparse, &["out_rows", "out_blocks", "out_bits"]),
         };
         let params = WriteParams {
             row0: band.row0,
@@ -165,11 +158,12 @@ impl Recording<'_> {
         let mask = &self.output.mask;
         let section =
             |span: Span| Part::of(&mask.block, mask.offset + 4 * span.start, 4 * span.len);
-        let [totals, reports] = [&self.stages.totals, &self.stages.reports].map(Part::whole);
-        let mut parts = vec![self.matrix(band), self.masks(band), totals, reports];
-        parts.extend(shape.spans().map(section));
+        let sections: Vec<Part> = shape.spans().map(section).collect();
+        let mut own: Vec<_> = names.iter().copied().zip(&sections).collect();
+        let (matrix, masks) = (self.matrix(band), self.masks(band));
+        own.extend([("matrix", &matrix), ("strip_masks", &masks)]);
         let groups = [band.owned_rows.div_ceil(BATCH_BOXES), 1];
-        command(pipelines, stage, parts, &params, groups)
+        self.stage(pipelines, stage, &own, &params, groups)
     }
 
     fn pack_dense(&self, pipelines: &mut Pipelines, band: &Band) -> Result<Command, GpuError> {
@@ -191,19 +185,18 @@ impl Recording<'_> {
             out_offset: ((byte - bound) / 4) as u32,
             groups_x: groups.min(GROUPS_X),
         };
-        let [totals, reports] = [&self.stages.totals, &self.stages.reports].map(Part::whole);
         let words = Part::of(&mask.block, bound, (byte - bound) + 4 * u64::from(word_count.max(1)));
-        let parts = vec![self.matrix(band), totals, reports, words];
+        let own = [("matrix", &self.matrix(band)), ("out_words", &words)];
         let groups = [params.groups_x, groups.div_ceil(params.groups_x)];
-        command(pipelines, Stage::PackDense, parts, &params, groups)
+        self.stage(pipelines, Stage::PackDense, &own, &params, groups)
     }
 }
 
-frame_blocks! { Scratch of Growing, Stages:
+frame_blocks! { Scratch, Stages:
     keys in Video,
     totals in Video,
     matrix in Video,
-    masks in Video,
+    strip_masks in Video,
     reports in Host,
 }
 
@@ -219,14 +212,13 @@ impl Scratch {
         let plane = plane_words(n);
         let batches = plane / u64::from(BATCH_BOXES);
         let most = |words: fn(&Band) -> u64| 4 * bands.iter().map(words).max().unwrap_or(0);
-        let mut block =
-            |growing: &mut Growing, bytes| growing.at_least(gpu, bytes, replaced).map(Arc::clone);
+        let mut part = |growing: &mut Growing, bytes| growing.part(gpu, bytes, replaced);
         Ok(Stages {
-            keys: block(&mut self.keys, 24 * plane)?,
-            totals: block(&mut self.totals, batches * size_of::<BatchTotals>() as u64)?,
-            matrix: block(&mut self.matrix, most(Band::matrix_words))?,
-            masks: block(&mut self.masks, most(Band::mask_words))?,
-            reports: block(&mut self.reports, batches * size_of::<BatchReport>() as u64)?,
+            keys: part(&mut self.keys, 24 * plane)?,
+            totals: part(&mut self.totals, batches * size_of::<BatchTotals>() as u64)?,
+            matrix: part(&mut self.matrix, most(Band::matrix_words))?,
+            strip_masks: part(&mut self.strip_masks, most(Band::mask_words))?,
+            reports: part(&mut self.reports, batches * size_of::<BatchReport>() as u64)?,
         })
     }
 }

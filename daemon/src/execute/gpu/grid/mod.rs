@@ -28,7 +28,7 @@ use pairmask_core::dispatch::Marks;
 use pairmask_core::engine::{CullError, CullInput, CullReport, Engine, ReplyBuffer};
 use pairmask_core::objects::Objects;
 use pairmask_core::precision::BoxSlice;
-use pairmask_core::{Aabb, BoxCount, BoxForm, Encoding, EngineName, Sphere};
+use pairmask_core::{Aabb, BoxCount, BoxForm, Encoding, EngineName};
 use pairmask_shaders::layouts::GridLayout;
 use pairmask_shaders::{Found, GridStage, Rules, Stage};
 
@@ -117,7 +117,6 @@ impl Grid {
         }
         pipelines.save();
         let workspace = || Workspace::new(gpu, options).map(SharedWorkspace::new);
-        let software = gpu.info().is_software();
         Ok(Self {
             gpu: Arc::clone(gpu),
             workspaces: try_array(|| try_array(workspace))?,
@@ -131,7 +130,7 @@ impl Grid {
                 profiled: options.profiled,
                 step_times: Vec::new(),
                 poison: options.poison,
-                wait: options.wait.unwrap_or(if software { Wait::Block } else { Wait::Spin }),
+                wait: Wait::on(gpu, options.wait),
                 binding_bytes: gpu.limits().storage_binding_bytes.min(1 << 31),
             },
         })
@@ -331,22 +330,11 @@ impl Grid {
 }
 
 impl Grid {
-    /// Finds the pairs of spheres, exactly: the boxes around them have cells, and they themselves are
-    /// tested.
+    /// Finds the pairs of boxes in any form, or of spheres, which are decided exactly: the boxes around them have cells.
     ///
     /// # Errors
     /// As [`Engine::cull`].
-    pub fn cull_spheres(
-        &mut self,
-        spheres: &[Sphere],
-        encoding: Encoding,
-        reply: &mut dyn ReplyBuffer,
-    ) -> Result<CullReport, CullError> {
-        self.cull_objects(spheres.into(), encoding, reply)
-    }
-
-    /// Finds the pairs of boxes in any form, or of spheres.
-    pub(in crate::execute) fn cull_objects(
+    pub fn cull_objects(
         &mut self,
         objects: Objects<'_>,
         encoding: Encoding,

@@ -8,7 +8,7 @@ use pairmask_core::Encoding;
 use pairmask_core::dispatch::{Marks, WorldRange};
 use pairmask_core::engine::{CullError, CullReport, ReplyBuffer};
 use pairmask_core::precision::BoxSlice;
-use pairmask_shaders::{Found, GridStage};
+use pairmask_shaders::Found;
 
 use super::layout::WORLD_BOXES_LEAST;
 use crate::execute::frame_memory::Borrowed;
@@ -38,14 +38,10 @@ pub(super) struct RuleBlocks {
 }
 
 impl RuleBlocks {
-    /// What a stage binds of them, behind all else.
-    pub(super) fn parts(&self, stage: GridStage) -> Vec<Part> {
-        match stage {
-            GridStage::Cells(..) => vec![self.marks.clone()],
-            GridStage::Pairs(..) => vec![self.marks.clone(), self.row_worlds.clone()],
-            GridStage::Write(..) => vec![self.row_worlds.clone(), self.world_firsts.clone()],
-            _ => Vec::new(),
-        }
+    /// By the names that stages give them.
+    pub(super) fn named(&self) -> [(&'static str, &Part); 3] {
+        let Self { marks, row_worlds, world_firsts, .. } = self;
+        [("rules", marks), ("row_worlds", row_worlds), ("world_firsts", world_firsts)]
     }
 
     /// Reads where the items of each world begin. Nothing where all boxes are of one.
@@ -99,13 +95,10 @@ impl Ruled {
         let of = Arc::clone(marks);
         let marks = Part::of(&kept.1, 0, marks_bytes);
         self.kept.insert(0, kept);
-        let bytes = 8 * u64::from(sizes.plane());
-        let row_worlds = self.row_worlds.at_least(gpu, bytes, replaced)?;
-        let row_worlds = Part::of(row_worlds, 0, bytes);
+        let row_worlds = self.row_worlds.part(gpu, 8 * u64::from(sizes.plane()), replaced)?;
         // A binding is not empty, where all boxes are of one world either.
         let bytes = 4 * of.worlds().len().max(1) as u64;
-        let world_firsts = self.world_firsts.at_least(gpu, bytes, replaced)?;
-        let world_firsts = Part::of(world_firsts, 0, bytes);
+        let world_firsts = self.world_firsts.part(gpu, bytes, replaced)?;
         Ok(RuleBlocks { of, marks, row_worlds, world_firsts })
     }
 }

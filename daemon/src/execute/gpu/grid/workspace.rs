@@ -4,9 +4,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use pairmask_core::dispatch::Marks;
-use pairmask_core::engine::{
-    Census, CullError, CullReport, EngineTimes, NAMED_INVALID, ReplyBuffer,
-};
+use pairmask_core::engine::{Census, CullError, CullReport, NAMED_INVALID, ReplyBuffer};
 use pairmask_core::objects::Objects;
 use pairmask_core::{BoxCount, MaskWord};
 use pairmask_shaders::Found;
@@ -18,6 +16,7 @@ use super::ruled::{RuleBlocks, Ruled};
 use super::steps::{Blocks, Recording, Scratch};
 use super::under_way::Bundle;
 use super::{ENGINE, plan};
+use crate::execute::gpu::all_pairs::engine_times;
 use crate::execute::gpu::transfers::UploadAhead;
 use crate::execute::gpu::{
     Block, Capacity, Command, Frame, FrameCache, FrameKey, Gpu, GpuError, GridOptions, MaskPlace,
@@ -218,7 +217,7 @@ impl Workspace {
                 .map(|marks| self.ruled.blocks(&tools.gpu, marks, &sizes, &mut replaced))
                 .transpose()?;
             let blocks = self.blocks(tools, &sizes, capacity, replaced)?;
-            blocks.layout.write(0, &[layout]);
+            blocks.grid.block.write(0, &[layout]);
             Ok(Placed { n, capacity, boxes: placed, ahead, mask, blocks, rules, start, ingested })
         })();
         placed.map_err(|e: GpuError| tools.gpu.cull_error(ENGINE, &e))
@@ -268,18 +267,15 @@ impl Workspace {
         if replaced {
             self.frames.clear();
         }
-        let fill = |blocks: &mut dyn Iterator<Item = &Arc<Block>>, word| {
-            let fill = |block: &Arc<Block>| Command::Fill { part: Part::whole(block), word };
-            let mut frame = Frame::new(gpu, false)?;
-            frame.record(blocks.map(fill).collect())?;
-            frame.run(tools.wait, FILL_PATIENCE)
+        let fill = |parts: &[(&str, &Part)], word| {
+            Frame::fill(gpu, parts.iter().map(|(_, part)| &part.block), word, tools.wait)
         };
         if let (true, Some(word)) = (replaced, tools.poison) {
             self.unclean = true;
-            fill(&mut blocks.all(), word)?;
+            fill(&blocks.named(), word)?;
         }
         if self.unclean {
-            fill(&mut [&blocks.table, &blocks.control].into_iter(), 0)?;
+            fill(&[("table", &blocks.table), ("control", &blocks.control)], 0)?;
         }
         Ok(blocks)
     }
@@ -311,7 +307,7 @@ impl Workspace {
         self.bundle = None;
         self.unclean = false;
         let mut summary = [GridSummary::default()];
-        blocks.summary.read(0, &mut summary);
+        blocks.summary.block.read(0, &mut summary);
         let [summary] = summary;
         if plan::is_over_budget(summary.work, summary.giant_work) {
             return Err(CullError::TooCrowded { engine: ENGINE });
@@ -336,19 +332,10 @@ impl Workspace {
         if !mask.is_reply {
             let room = sizes.reply_words(capacity);
             let reserved = &mut reply.reserve(room)?[..room as usize];
-            for section in shape.spans() {
-                let start = section.start as usize;
-                let to = &mut reserved[start..start + section.len as usize];
-                mask.part.block.read(mask.part.offset + 4 * section.start, to);
-            }
+            mask.read_back(shape, reserved);
         }
-        let census = census(&summary, &blocks.invalid, sizes.plane());
-        let ns = |d: Duration| d.as_nanos() as u64;
-        let times = EngineTimes {
-            ingest_ns: ns(ingested),
-            execute_ns: ns(executed.saturating_sub(ingested)),
-            publish_ns: ns(start.elapsed().saturating_sub(executed)),
-        };
+        let census = census(&summary, &blocks.invalid.block, sizes.plane());
+        let times = engine_times([ingested, executed, start.elapsed()]);
         let (pairs, compared) = (wide(summary.pairs), wide(summary.compared));
         Ok(Ended::Report(CullReport::new(n, shape, census, pairs, compared, times)))
     }
@@ -386,9 +373,6 @@ fn recorded<'a>(
     let pipelines = &mut tools.pipelines;
     frames.frame(&tools.gpu, key, tools.profiled, || recording.steps(pipelines))
 }
-
-/// How long filling blocks may take before the device counts as hung.
-const FILL_PATIENCE: Duration = Duration::from_secs(10);
 
 /// How long a frame may take before the device counts as hung: some seconds, and what the worst scene within the
 /// budget takes. A software adapter compiles its stages in the first frame: those of spheres took ten seconds on two

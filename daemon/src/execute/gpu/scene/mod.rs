@@ -33,9 +33,9 @@ use pairmask_shaders::layouts::{GridLayout, SceneMode, SceneSummary};
 
 use self::changes::{ChangeSorter, Found};
 use self::plan::{Layouts, MOST_SLOTS, Question, Room, Sizes};
-use self::replica::{Asked, Clock, Names, Replica, Replicas, sum};
+use self::replica::{Clock, Names, Replicas, sum};
 use self::roster::Roster;
-use self::search::{Search, Share};
+use self::search::{Asked, Search, Share};
 use self::upload::Gathered;
 use super::{Block, Gpu, GpuError, GridOptions, Pipeline, Pipelines, SharedImports, Wait};
 
@@ -68,7 +68,6 @@ impl SceneTools {
         let mut pipelines = Pipelines::new(gpu, options.checks, options.cache_folder.as_deref())?;
         search::stages().try_for_each(|stage| pipelines.get(stage).map(drop))?;
         pipelines.save();
-        let is_software = gpu.info().is_software();
         Ok(Arc::new(Self {
             gpu: Arc::clone(gpu),
             pipelines: Mutex::new(pipelines),
@@ -76,7 +75,7 @@ impl SceneTools {
             profiled: options.profiled,
             poison: options.poison,
             shares_always: options.shares_always,
-            wait: options.wait.unwrap_or(if is_software { Wait::Block } else { Wait::Spin }),
+            wait: Wait::on(gpu, options.wait),
             binding_bytes: gpu.limits().storage_binding_bytes.min(1 << 31),
         }))
     }
@@ -396,7 +395,7 @@ impl GpuScene {
         let threads = self.threads();
         let (sets, marks) = (self.gathered.sets(edit), self.roster.marks());
         self.replicas
-            .on_each(|_, replica| replica.place(sets, marks, slots as u64, names, threads))?;
+            .on_each(|_, replica| replica.place(sets, marks, &[], slots as u64, names, threads))?;
         if let Some(most) = edit.sets().max_by_key(|sets| sets.boxes.len()) {
             self.layouts.note_edit(most.boxes, slots);
         }
@@ -501,10 +500,11 @@ impl GpuScene {
 
     /// Notes what the stages of the first GPU took, where they are timed.
     fn note_stages(&mut self) -> Result<(), CullError> {
-        let Replica { tools, frames, .. } = self.replicas.first();
-        if tools.profiled {
-            let times = frames.step_times();
-            self.times.stages = times.map_err(|error| tools.gpu.cull_error(ENGINE, &error))?;
+        let first = self.replicas.first();
+        if first.tools.profiled {
+            let times = first.step_times();
+            self.times.stages =
+                times.map_err(|error| first.tools.gpu.cull_error(ENGINE, &error))?;
         }
         Ok(())
     }
@@ -522,7 +522,7 @@ impl GpuScene {
         let no_memory = |_| CullError::Reserve(ReserveError::OutOfMemory { needed_bytes });
         let blocks = self.replicas.iter().filter_map(|replica| replica.blocks.as_ref());
         let lists: Vec<(&Block, usize)> =
-            blocks.zip(counts).map(|(blocks, count)| (&*blocks.found, *count as usize)).collect();
+            blocks.zip(counts).map(|(b, count)| (&*b.found.block, *count as usize)).collect();
         let read = |at: usize, to: &mut [Pair]| read_lists(&lists, at, to);
         let list = Found { read: &read, count: found as usize, n: self.roster.len() as u32 };
         let threads = self.threads();

@@ -12,10 +12,10 @@ use pairmask_core::scene::{
 use pairmask_shaders::constants::SORTED_ROW;
 use pairmask_shaders::layouts::SceneMode;
 
-use super::memory::{Blocks, RECORD_BYTES};
+use super::memory::RECORD_BYTES;
 use super::plan::{MOST_SLOTS, PAIR_BYTES, Question, Room, Sizes};
-use super::replica::{Clock, EditTimes, Replica};
-use super::search::{Queries, Search, Task, Way};
+use super::replica::{Clock, EditTimes, Names, Placed};
+use super::search::{Asked, Queries, Search, Way};
 use super::{ENGINE, Pair, search, wide};
 use crate::execute::gpu::{GpuError, GpuScene};
 
@@ -60,7 +60,9 @@ impl GpuScene {
             let first = part * QUERIES_TOGETHER;
             let before = found.len();
             loop {
-                match self.query_together(queries, first as u32, are_entries, found) {
+                let answered = self.query_together(queries, first as u32, are_entries, found);
+                self.replicas.end_edit();
+                match answered {
                     Ok(more) => {
                         tested += more;
                         break;
@@ -105,71 +107,58 @@ impl GpuScene {
         found: &mut Vec<Pair>,
     ) -> Result<u64, CullError> {
         let threads = self.threads();
-        let Replica { tools, upload, memory, frames, blocks, .. } = self.replicas.first();
-        // Those of the last edit, which it has read: what is replaced here is freed at once.
-        *blocks = None;
-        let tools = Arc::clone(tools);
-        let gpu_error = |error: GpuError| tools.gpu.cull_error(ENGINE, &error);
         let mut clock = Clock::start();
-        let mut replaced = false;
         let (slots, count) = (self.roster.len() as u64, queries.len() as u64);
         let active = self.roster.active() as u64;
-        let gpu = &tools.gpu;
         let set = [Step::Set(Sets {
             indices: Indices::Range { first: slots as u32, count: count as u32 },
             boxes: queries,
         })];
-        let mut boxes = None;
-        let (question, steps) = if are_entries {
-            memory.make_records(&tools, slots + count, &mut replaced).map_err(gpu_error)?;
+        let (question, steps, apart) = if are_entries {
             let (slots, active) = (slots + count, active + count);
-            (Question { mode: SceneMode::Query, slots, active, changed: count }, set.as_slice())
+            let question = Question { mode: SceneMode::Query, slots, active, changed: count };
+            (question, set.as_slice(), [].as_slice())
         } else {
-            let placed = upload.place_queries(gpu, queries, threads, &mut replaced);
-            boxes = Some(placed.map_err(gpu_error)?);
-            (Question { mode: SceneMode::All, slots, active, changed: active }, [].as_slice())
+            let question = Question { mode: SceneMode::All, slots, active, changed: active };
+            (question, [].as_slice(), queries)
         };
         let sets = self.gathered.sets(Edit { steps });
-        let uploaded = upload.place(gpu, sets, &[], threads, &mut replaced);
-        let uploaded = uploaded.map_err(gpu_error)?;
+        let replica = self.replicas.first();
+        let gpu = Arc::clone(replica.tools.gpu());
+        let gpu_error = |error: GpuError| gpu.cull_error(ENGINE, &error);
+        let placed = replica.place(sets, &[], apart, question.slots, Names::Kept, threads);
+        let Placed { queries: apart, mut replaced } = placed.map_err(gpu_error)?;
         clock.lap(&mut self.times.upload);
         if are_entries {
             self.layouts.note_queries(&question, queries);
         }
+        let binding_bytes = replica.tools.binding_bytes;
         let mut room = Room { pairs: self.query_pairs, ..self.rooms.0[question.mode as usize] };
-        room = Room::expected(&question, room).within(tools.binding_bytes);
+        room = Room::expected(&question, room).within(binding_bytes);
         loop {
             // Until the queries have their answer: an error leaves nothing to rely on.
             let standing = self.standing.take();
             let layout = standing.unwrap_or_else(|| self.layouts.layout(&question));
-            let sizes = Sizes::of(&question, &layout, count);
-            let blocks = memory.blocks(&tools, &sizes, room, &mut replaced).map_err(gpu_error)?;
-            let is_same = !std::mem::take(&mut replaced);
-            if !is_same {
-                frames.clear();
-            }
-            let builds = standing.is_none() || !is_same;
-            let way = boxes.as_ref().map_or(Way::Entries, |boxes| Way::Grid { boxes, builds });
-            let task = Task {
+            let builds = standing.is_none() || std::mem::take(&mut replaced);
+            let way = apart.as_ref().map_or(Way::Entries, |boxes| Way::Grid { boxes, builds });
+            let asked = Asked {
                 question,
                 search: Search::Queries(Queries { count: count as u32, way }),
                 layout,
-                sizes,
+                sizes: Sizes::of(&question, &layout, count),
+                room,
                 epoch: self.epoch,
                 naming: 0,
-                edit: &uploaded,
                 // Each time: the last submission has emptied their records.
                 applies: are_entries,
-                blocks: &blocks,
             };
             clock.lap(&mut self.times.plan);
-            let summary = frames.run(&tools, &task).map_err(gpu_error)?;
+            let replica = self.replicas.first();
+            let made = replica.submit(&asked).map_err(gpu_error)?;
+            let summary = replica.wait(&asked).map_err(gpu_error)?;
             self.times.submissions += 1;
             clock.lap(&mut self.times.gpu);
-            if tools.profiled {
-                self.times.stages = frames.step_times().map_err(gpu_error)?;
-            }
-            let made = task.room_made(&tools);
+            self.note_stages()?;
             let (pairs, tested) = (wide(summary.found), wide(summary.tested));
             if u64::from(summary.entries) > made.entries {
                 room.entries = u64::from(summary.entries);
@@ -188,7 +177,7 @@ impl GpuScene {
             }
             if pairs > made.pairs {
                 let needed_bytes = pairs.saturating_mul(PAIR_BYTES);
-                if needed_bytes > tools.binding_bytes {
+                if needed_bytes > binding_bytes {
                     return Err(ReserveError::OutOfMemory { needed_bytes }.into());
                 }
                 room.pairs = pairs;
@@ -201,26 +190,23 @@ impl GpuScene {
             }
             self.rooms.0[question.mode as usize].entries = u64::from(summary.entries);
             self.query_pairs = pairs;
-            Self::append(&blocks, pairs as usize, first, found)?;
+            self.append(pairs as usize, first, found)?;
             clock.lap(&mut self.times.sort);
             return Ok(tested);
         }
     }
 
     /// Reads `count` pairs that were found, by query, and writes them in order behind the others.
-    fn append(
-        blocks: &Blocks,
-        count: usize,
-        first: u32,
-        found: &mut Vec<Pair>,
-    ) -> Result<(), CullError> {
+    fn append(&mut self, count: usize, first: u32, found: &mut Vec<Pair>) -> Result<(), CullError> {
         let needed_bytes = (count * size_of::<Pair>()) as u64;
         let no_memory = |_| CullError::Reserve(ReserveError::OutOfMemory { needed_bytes });
         let before = found.len();
         found.try_reserve(count).map_err(no_memory)?;
         found.resize(before + count, [0; 2]);
         let found = &mut found[before..];
-        blocks.found.read(0, found);
+        if let Some(blocks) = &self.replicas.first().blocks {
+            blocks.found.block.read(0, found);
+        }
         sort_long_rows(found);
         if first > 0 {
             for pair in found.iter_mut() {

@@ -4,15 +4,16 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use pairmask_core::Aabb;
 use pairmask_core::engine::CullError;
-use pairmask_shaders::layouts::{GridLayout, SceneSummary};
+use pairmask_shaders::layouts::SceneSummary;
 
 use super::memory::{Blocks, Memory};
-use super::plan::{Question, Room, Sizes};
-use super::search::{Frames, Search, Task};
+use super::plan::Room;
+use super::search::{Asked, Frames, Search, Task, patience};
 use super::upload::{GatheredSets, Upload, Uploaded};
 use super::{ENGINE, wide};
-use crate::execute::gpu::{GpuError, SceneTools, StepTime};
+use crate::execute::gpu::{Frame, GpuError, Part, QueueRole, SceneTools, StepTime};
 
 /// All that a scene keeps on a GPU.
 pub(super) struct Replica {
@@ -26,6 +27,14 @@ pub(super) struct Replica {
     pub blocks: Option<Blocks>,
 }
 
+/// What was brought to a GPU.
+pub(super) struct Placed {
+    /// Queries, where the GPU sees them.
+    pub queries: Option<Part>,
+    /// Whether blocks are others, so that nothing stands in them.
+    pub replaced: bool,
+}
+
 /// What becomes of the names that edits have given boxes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Names {
@@ -37,41 +46,28 @@ pub(super) enum Names {
     Forgotten,
 }
 
-/// What a GPU is asked to do with an edit.
-#[derive(Clone, Copy)]
-pub(super) struct Asked {
-    pub question: Question,
-    pub search: Search<'static>,
-    pub layout: GridLayout,
-    pub sizes: Sizes,
-    pub room: Room,
-    pub epoch: u64,
-    pub naming: u32,
-    /// Whether the edit is applied first.
-    pub applies: bool,
-}
-
 impl Replica {
     fn new(tools: &Arc<SceneTools>) -> Self {
         Self {
             upload: Upload::new(tools.imports.clone()),
             memory: Memory::new(tools),
             tools: Arc::clone(tools),
-            frames: Frames::default(),
+            frames: Frames::new(QueueRole::Frames),
             edit: None,
             blocks: None,
         }
     }
 
-    /// Makes room for records of `slots` indices, and brings an edit.
+    /// Makes room for records of `slots` indices, and brings an edit, and queries that are no entries of it.
     pub fn place(
         &mut self,
         sets: GatheredSets<'_>,
         marks: &[[u32; 2]],
+        queries: &[Aabb],
         slots: u64,
         names: Names,
         threads: usize,
-    ) -> Result<(), GpuError> {
+    ) -> Result<Placed, GpuError> {
         let mut replaced = false;
         self.blocks = None;
         self.memory.make_records(&self.tools, slots, &mut replaced)?;
@@ -79,41 +75,50 @@ impl Replica {
         if names == Names::Forgotten || names == Names::Given && !self.memory.has_named() {
             self.memory.forget_named(&self.tools, &mut replaced)?;
         }
-        let placed = self.upload.place(&self.tools.gpu, sets, marks, threads, &mut replaced);
-        self.edit = Some(placed?);
+        let gpu = &self.tools.gpu;
+        let queries = (!queries.is_empty())
+            .then(|| self.upload.place_queries(gpu, queries, threads, &mut replaced))
+            .transpose()?;
+        self.edit = Some(self.upload.place(gpu, sets, marks, threads, &mut replaced)?);
         if replaced {
             self.frames.clear();
         }
-        Ok(())
+        Ok(Placed { queries, replaced })
     }
 
     /// Has the GPU begin. Returns what there is room for. [`Self::wait`] comes next.
-    pub fn submit(&mut self, asked: &Asked) -> Result<Room, GpuError> {
+    pub fn submit(&mut self, asked: &Asked<'_>) -> Result<Room, GpuError> {
         let Self { tools, memory, frames, edit, blocks, .. } = self;
         let edit = edit.as_ref().ok_or(GpuError::Lost)?;
         *blocks = None;
-        let mut replaced = false;
+        let (mut asked, mut replaced) = (*asked, false);
         let made = memory.blocks(tools, &asked.sizes, asked.room, &mut replaced)?;
         if replaced {
             frames.clear();
+            asked.search.build();
         }
-        let &Asked { question, search, layout, sizes, epoch, naming, applies, .. } = asked;
-        let task =
-            Task { question, search, layout, sizes, epoch, naming, edit, applies, blocks: &made };
-        frames.submit(tools, &task)?;
-        let room = task.room_made(tools);
+        let task = Task { asked, edit, blocks: &made };
+        task.submit(tools, frames)?;
+        let room = task.room_made();
         *blocks = Some(made);
         Ok(room)
     }
 
     /// Waits for what was begun, and reads what the host learns of a search.
-    pub fn wait(&mut self, asked: &Asked) -> Result<SceneSummary, GpuError> {
-        self.frames.wait(&self.tools)?;
+    pub fn wait(&mut self, asked: &Asked<'_>) -> Result<SceneSummary, GpuError> {
+        let Self { tools, frames, .. } = self;
+        frames.last_mut().map_or(Ok(()), |frame| frame.end(tools.wait, patience(tools)))?;
         let mut summary = [bytemuck::Zeroable::zeroed()];
-        if let (Some(blocks), Search::Pairs(_)) = (&self.blocks, asked.search) {
-            blocks.summary.read(0, &mut summary);
+        if let (Some(blocks), Search::Pairs(_) | Search::Queries(_)) = (&self.blocks, asked.search)
+        {
+            blocks.summary.block.read(0, &mut summary);
         }
         Ok(summary[0])
+    }
+
+    /// Times of the last task's steps, if frames are profiled.
+    pub fn step_times(&self) -> Result<Vec<StepTime>, GpuError> {
+        self.frames.last().map_or(Ok(Vec::new()), Frame::step_times)
     }
 }
 

@@ -1,20 +1,16 @@
 //! A submission of a scene: an edit is applied, and what it leads to is searched for.
 
-use std::sync::Arc;
 use std::time::Duration;
 
 use pairmask_shaders::constants::CONTROL_HEADER_WORDS;
-use pairmask_shaders::layouts::{GridLayout, GridParams, SceneMode, SceneParams, SceneSummary};
+use pairmask_shaders::layouts::{GridLayout, GridParams, SceneMode, SceneParams};
 use pairmask_shaders::{GridStage, SceneStage, Stage};
 
-use super::memory::{Blocks, RECORD_BYTES, StageBlocks};
+use super::memory::{Blocks, RECORD_BYTES, StageParts};
 use super::plan;
 use super::plan::{Question, Room, Sizes};
-use super::upload::{SetIndices, Uploaded};
-use crate::execute::gpu::{
-    Block, Command, Frame, FrameCache, GpuError, Order, Part, Place, QueueRole, SceneTools,
-    StepTime,
-};
+use super::upload::Uploaded;
+use crate::execute::gpu::{Command, FrameCache, GpuError, Order, Part, Place, SceneTools};
 
 /// Most tests of a search, in 2^32: 17 thousand million take an H200 tens of milliseconds. A scene that
 /// crowds more in one place is another engine's.
@@ -47,6 +43,15 @@ pub(super) enum Search<'a> {
     Pairs(Share),
     /// The boxes that queries overlap.
     Queries(Queries<'a>),
+}
+
+impl Search<'_> {
+    /// Has queries build their grid: what stood is gone.
+    pub fn build(&mut self) {
+        if let Self::Queries(Queries { way: Way::Grid { builds, .. }, .. }) = self {
+            *builds = true;
+        }
+    }
 }
 
 /// Which part of a search a GPU does.
@@ -82,26 +87,34 @@ pub(super) enum Way<'a> {
     Grid { boxes: &'a Part, builds: bool },
 }
 
-/// What a submission does.
-pub(super) struct Task<'a> {
+/// What a GPU is asked to do with an edit.
+#[derive(Clone, Copy)]
+pub(super) struct Asked<'a> {
     pub question: Question,
     pub search: Search<'a>,
     pub layout: GridLayout,
     pub sizes: Sizes,
+    /// What there is to be room for.
+    pub room: Room,
     /// The number of the history under way, of 56 bits.
     pub epoch: u64,
     /// The number that named boxes get; 0 where none is named.
     pub naming: u32,
+    /// Whether the edit is applied first: not again, where a search is repeated.
+    pub applies: bool,
+}
+
+/// A submission.
+pub(super) struct Task<'a> {
+    pub asked: Asked<'a>,
     /// What is applied first.
     pub edit: &'a Uploaded,
-    /// Whether it is applied: not again, where a search is repeated.
-    pub applies: bool,
     pub blocks: &'a Blocks,
 }
 
 /// All that a recording depends on, but for blocks that are kept until all recordings are dropped.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Shape {
+pub(super) struct Shape {
     apply: u32,
     mark: u32,
     slots: u32,
@@ -130,6 +143,13 @@ enum SearchShape {
     },
 }
 
+impl SearchShape {
+    /// Whether it searches a grid that stands since the last submission.
+    const fn is_in_standing_grid(&self) -> bool {
+        matches!(self, Self::Queries { way: WayShape::Grid { builds: false, .. }, .. })
+    }
+}
+
 /// What is recorded of the way of queries.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum WayShape {
@@ -143,13 +163,7 @@ enum WayShape {
 }
 
 /// Recorded frames.
-pub(super) struct Frames(FrameCache<Shape>);
-
-impl Default for Frames {
-    fn default() -> Self {
-        Self(FrameCache::new(QueueRole::Frames))
-    }
-}
+pub(super) type Frames = FrameCache<Shape>;
 
 /// Rows that a thread looks at a time: one where it may not take many rounds.
 fn rows_together(tools: &SceneTools) -> u64 {
@@ -158,47 +172,44 @@ fn rows_together(tools: &SceneTools) -> u64 {
 
 impl Task<'_> {
     /// Items that found pairs and entries have room for: what lies in their blocks.
-    pub fn room_made(&self, tools: &SceneTools) -> Room {
-        let items = |block: &Block, bytes: u64| block.bytes().min(tools.binding_bytes) / bytes;
-        let found = items(&self.blocks.found, 8);
-        let StageBlocks { unsorted, rows, .. } = &self.blocks.stages;
-        let pairs = match self.search {
-            Search::Queries(_) => found.min(items(unsorted, 8)).min(items(rows, 8)),
-            Search::Nothing | Search::Pairs(_) => found,
+    pub fn room_made(&self) -> Room {
+        let StageParts { unsorted, rows, entries, sorted, found, .. } = &self.blocks.stages;
+        let items = |part: &Part, bytes: u64| part.bytes / bytes;
+        let pairs = match self.asked.search {
+            Search::Queries(_) => items(found, 8).min(items(unsorted, 8)).min(items(rows, 8)),
+            Search::Nothing | Search::Pairs(_) => items(found, 8),
         };
-        Room { entries: items(&self.blocks.entries, 16).min(items(&self.blocks.sorted, 32)), pairs }
+        Room { entries: items(entries, 16).min(items(sorted, 32)), pairs }
     }
 
     fn params(&self, tools: &SceneTools) -> SceneParams {
-        let SetIndices { count, first } = self.edit.sets;
-        let room = self.room_made(tools);
-        let share = match self.search {
-            Search::Pairs(share) => share,
-            Search::Nothing | Search::Queries(_) => Share::WHOLE,
+        let Asked { question, search, sizes, epoch, naming, applies, .. } = self.asked;
+        let &Uploaded { set_count, set_first, mark_count, .. } = self.edit;
+        let room = self.room_made();
+        let (share, query_count) = match search {
+            Search::Nothing => (Share::WHOLE, 0),
+            Search::Pairs(share) => (share, 0),
+            Search::Queries(queries) => (Share::WHOLE, queries.count),
         };
-        let (set_count, mark_count) =
-            if self.applies { (count, self.edit.mark_count) } else { (0, 0) };
+        let (set_count, mark_count) = if applies { (set_count, mark_count) } else { (0, 0) };
         SceneParams {
-            slots: self.question.slots as u32,
-            mode: self.question.mode as u32,
-            dense: u32::from(self.question.is_dense()),
-            epoch_low: self.epoch as u32,
-            epoch_high: (self.epoch >> 32) as u32,
+            slots: question.slots as u32,
+            mode: question.mode as u32,
+            dense: u32::from(question.is_dense()),
+            epoch_low: epoch as u32,
+            epoch_high: (epoch >> 32) as u32,
             set_count,
-            set_first: first.unwrap_or(0),
-            set_is_range: u32::from(first.is_some()),
+            set_first: set_first.unwrap_or(0),
+            set_is_range: u32::from(set_first.is_some()),
             mark_count,
-            naming: if self.question.mode == SceneMode::Moved { self.naming } else { 0 },
+            naming: if question.mode == SceneMode::Moved { naming } else { 0 },
             entry_capacity: room.entries as u32,
             pair_capacity: room.pairs as u32,
-            table_words: self.sizes.table_words as u32,
-            filter_words: self.sizes.filter_words as u32,
-            control_words: self.sizes.control_words as u32,
+            table_words: sizes.table_words as u32,
+            filter_words: sizes.filter_words as u32,
+            control_words: sizes.control_words as u32,
             budget: BUDGET,
-            query_count: match self.search {
-                Search::Queries(queries) => queries.count,
-                Search::Nothing | Search::Pairs(_) => 0,
-            },
+            query_count,
             thread_rounds: self.row_rounds(tools),
             rows_together: rows_together(tools) as u32,
             share_count: share.count,
@@ -212,20 +223,20 @@ impl Task<'_> {
         if of_thread == u32::MAX {
             return of_thread;
         }
-        of_thread / self.question.rows_a_thread(rows_together(tools))
+        of_thread / self.asked.question.rows_a_thread(rows_together(tools))
     }
 
     fn shape(&self, tools: &SceneTools) -> Shape {
-        let Self { question, sizes, edit, .. } = self;
+        let (edit, Asked { question, search, sizes, applies, .. }) = (self.edit, &self.asked);
         let items = question.items(rows_together(tools));
-        let search = match self.search {
+        let search = match *search {
             Search::Nothing => SearchShape::Nothing,
             Search::Pairs(share) => SearchShape::Pairs { is_shared: share.count > 1 },
             Search::Queries(Queries { count, way }) => {
                 let count = u64::from(count);
                 let (way, looking) = match way {
                     Way::Entries => {
-                        let first = u64::from(edit.sets.first.unwrap_or(0));
+                        let first = u64::from(edit.set_first.unwrap_or(0));
                         let bytes = [first, count].map(|records| records * RECORD_BYTES);
                         (WayShape::Entries(bytes), items)
                     }
@@ -242,8 +253,8 @@ impl Task<'_> {
         };
         // A thread zeroes four words in the time that it takes to set a box.
         let zeroing = if search == SearchShape::Nothing { 0 } else { sizes.zeroed_words() / 16 };
-        let sets = if self.applies { u64::from(edit.sets.count) } else { 0 };
-        let marks = if self.applies { edit.mark_count } else { 0 };
+        let sets = if *applies { u64::from(edit.set_count) } else { 0 };
+        let marks = if *applies { edit.mark_count } else { 0 };
         Shape {
             apply: plan::groups(sets.max(zeroing)),
             mark: if marks == 0 { 0 } else { plan::groups(u64::from(marks)) },
@@ -259,141 +270,88 @@ impl Task<'_> {
         }
     }
 
-    /// The edit, and the grid of its search.
-    fn first_steps(&self, tools: &SceneTools, shape: &Shape) -> Result<Vec<Command>, GpuError> {
-        let b = self.blocks;
-        let whole = |block: &Arc<Block>| whole(tools, block);
-        let [params, layout, table, control] =
-            [&b.params, &b.layout, &b.table, &b.control].map(whole);
-        let [now, then, named] = [&b.now, &b.then, &b.named].map(whole);
-        let [entries, sorted] = [&b.entries, &b.sorted].map(whole);
-        let Uploaded { boxes, indices, marks, .. } = self.edit;
-        let scene = |of, groups, parts: &[&Part]| stage(tools, Stage::Scene(of), groups, parts);
-        let parts = [boxes, &params, indices, &now, &then, &named, &table, &control];
-        let mut steps = vec![scene(SceneStage::Apply, shape.apply, &parts)?];
-        if shape.mark != 0 {
-            let parts = [&params, marks, &now, &then, &named];
-            steps.push(scene(SceneStage::Mark, shape.mark, &parts)?);
+    /// All that stages bind, by their names.
+    fn named(&self) -> Vec<(&'static str, &Part)> {
+        let (edit, blocks) = (self.edit, self.blocks);
+        let mut parts = blocks.stages.named();
+        parts.extend([("now", &blocks.now), ("then", &blocks.then), ("named", &blocks.named)]);
+        parts.extend([("boxes", &edit.boxes), ("indices", &edit.indices), ("marks", &edit.marks)]);
+        // When pairs are dealt, where those of each query begin has become where they end.
+        parts.push(("ends", &blocks.starts));
+        if let Search::Queries(Queries { way: Way::Grid { boxes, .. }, .. }) = self.asked.search {
+            parts.push(("queries", boxes));
         }
-        if shape.search == SearchShape::Nothing {
-            return Ok(steps);
-        }
-        let parts = [&params, &layout, &now, &then, &named, &table, &control, &entries];
-        steps.push(scene(SceneStage::Cells, shape.slots, &parts)?);
-        let scan = Stage::Grid(GridStage::Scan);
-        steps.push(stage(tools, scan, shape.scan, &[&layout, &table, &control])?);
-        let parts = [&params, &now, &then, &table, &control, &entries, &sorted];
-        steps.push(scene(SceneStage::Place, shape.entries, &parts)?);
-        Ok(steps)
+        parts
     }
 
     fn steps(&self, tools: &SceneTools, shape: &Shape) -> Result<Vec<Command>, GpuError> {
-        let b = self.blocks;
-        let whole = |block: &Arc<Block>| whole(tools, block);
-        let [params, layout, table, sorted] =
-            [&b.params, &b.layout, &b.table, &b.sorted].map(whole);
-        let [control, found, summary] = [&b.control, &b.found, &b.summary].map(whole);
-        let [now, then] = [&b.now, &b.then].map(whole);
-        let scene = |of, groups, parts: &[&Part]| stage(tools, Stage::Scene(of), groups, parts);
-        let mut steps = match self.search {
-            Search::Queries(Queries { way: Way::Grid { builds: false, .. }, .. }) => {
-                let tally = Part::of(&b.control, TALLY_OFFSET, TALLY_BYTES);
-                vec![Command::Fill { part: tally, word: 0 }]
-            }
-            _ => self.first_steps(tools, shape)?,
+        use SceneStage::{Apply, Cells, Mark, Pairs, Place, SharedPairs};
+        use SceneStage::{Query, QueryDeal, QueryRows, QuerySort, QueryStarts};
+        let parts = self.named();
+        // What queries find is put in order first.
+        let query_parts = [parts.as_slice(), &[("found", &self.blocks.unsorted)]].concat();
+        let stage = |stage: Stage, groups: u32| {
+            let finds_of_queries = matches!(stage, Stage::Scene(Query | QueryRows));
+            let parts = if finds_of_queries { &query_parts } else { &parts };
+            // The scan's text declares parameters, and none of them is read.
+            let params = GridParams::default();
+            Command::stage(tools.pipeline(stage)?, parts, &params, [groups, 1])
         };
-        let (SearchShape::Queries { way, groups }, Search::Queries(queries)) =
-            (shape.search, self.search)
-        else {
-            if let SearchShape::Pairs { is_shared } = shape.search {
-                let of = if is_shared { SceneStage::SharedPairs } else { SceneStage::Pairs };
-                let parts =
-                    [&params, &layout, &table, &sorted, &now, &then, &control, &found, &summary];
-                steps.push(scene(of, shape.rows, &parts)?);
-            }
-            return Ok(steps);
-        };
-        let StageBlocks { unsorted, rows, counts, starts, .. } = &b.stages;
-        let [unsorted, rows, counts, starts] = [unsorted, rows, counts, starts].map(whole);
-        let [looking, one_a_query, sorting] = groups;
-        let mut parts =
-            [&params, &layout, &table, &sorted, &now, &counts, &control, &unsorted, &summary];
-        if let Way::Grid { boxes, .. } = queries.way {
-            parts[4] = boxes;
-            steps.push(scene(SceneStage::Query, looking, &parts)?);
+        let scene = |of: SceneStage, groups: u32| stage(Stage::Scene(of), groups);
+        let zero = |part: Part| Command::Fill { part, word: 0 };
+        let control = &self.blocks.control.block;
+        let mut steps = Vec::new();
+        let stands = shape.search.is_in_standing_grid();
+        if stands {
+            steps.push(zero(Part::of(control, TALLY_OFFSET, TALLY_BYTES)));
         } else {
-            steps.push(Command::Fill { part: counts.clone(), word: 0 });
-            steps.push(scene(SceneStage::QueryRows, looking, &parts)?);
+            steps.push(scene(Apply, shape.apply)?);
+            if shape.mark != 0 {
+                steps.push(scene(Mark, shape.mark)?);
+            }
         }
-        steps.push(scene(SceneStage::QueryStarts, one_a_query, &[&params, &counts, &starts])?);
-        let parts = [&params, &control, &unsorted, &starts, &rows];
-        steps.push(scene(SceneStage::QueryDeal, sorting, &parts)?);
-        let parts = [&params, &control, &counts, &starts, &rows, &found];
-        steps.push(scene(SceneStage::QuerySort, sorting, &parts)?);
-        if let WayShape::Entries([first, bytes]) = way {
-            // Their records are without a box again, as all behind the scene's are.
-            steps.push(Command::Fill { part: Part::of(&b.now, first, bytes), word: 0 });
+        if !stands && shape.search != SearchShape::Nothing {
+            steps.push(scene(Cells, shape.slots)?);
+            steps.push(stage(Stage::Grid(GridStage::Scan), shape.scan)?);
+            steps.push(scene(Place, shape.entries)?);
+        }
+        match shape.search {
+            SearchShape::Nothing => {}
+            SearchShape::Pairs { is_shared } => {
+                steps.push(scene(if is_shared { SharedPairs } else { Pairs }, shape.rows)?);
+            }
+            SearchShape::Queries { way, groups: [looking, one_a_query, sorting] } => {
+                if let WayShape::Entries(_) = way {
+                    steps.push(zero(self.blocks.counts.clone()));
+                    steps.push(scene(QueryRows, looking)?);
+                } else {
+                    steps.push(scene(Query, looking)?);
+                }
+                steps.push(scene(QueryStarts, one_a_query)?);
+                steps.push(scene(QueryDeal, sorting)?);
+                steps.push(scene(QuerySort, sorting)?);
+                if let WayShape::Entries([first, bytes]) = way {
+                    // Their records are without a box again, as all behind the scene's are.
+                    steps.push(zero(Part::of(&self.blocks.now.block, first, bytes)));
+                }
+            }
         }
         Ok(steps)
     }
-}
 
-/// As much of a block as a stage sees.
-fn whole(tools: &SceneTools, block: &Arc<Block>) -> Part {
-    Part::of(block, 0, block.bytes().min(tools.binding_bytes))
-}
-
-fn stage(
-    tools: &SceneTools,
-    stage: Stage,
-    groups: u32,
-    parts: &[&Part],
-) -> Result<Command, GpuError> {
-    Ok(Command::Stage {
-        pipeline: tools.pipeline(stage)?,
-        parts: parts.iter().copied().cloned().collect(),
-        // The scan's text declares parameters, and none of them is read.
-        immediates: bytemuck::bytes_of(&GridParams::default()).to_vec(),
-        groups: [groups, 1],
-    })
-}
-
-impl Frames {
-    /// Forgets all recordings: a block that they use was replaced.
-    pub fn clear(&mut self) {
-        self.0.clear();
-    }
-
-    /// Runs a task and waits for it. What the search found lies in its blocks then.
-    pub fn run(&mut self, tools: &SceneTools, task: &Task<'_>) -> Result<SceneSummary, GpuError> {
-        self.submit(tools, task)?;
-        self.wait(tools)?;
-        let mut summary = [bytemuck::Zeroable::zeroed()];
-        if !matches!(task.search, Search::Nothing) {
-            task.blocks.summary.read(0, &mut summary);
+    /// Has the GPU begin.
+    pub fn submit(&self, tools: &SceneTools, frames: &mut Frames) -> Result<(), GpuError> {
+        self.blocks.params.block.write(0, &[self.params(tools)]);
+        if !matches!(self.asked.search, Search::Nothing) {
+            self.blocks.grid.block.write(0, &[self.asked.layout]);
         }
-        Ok(summary[0])
+        let shape = self.shape(tools);
+        let steps = || self.steps(tools, &shape);
+        frames.frame(&tools.gpu, shape, tools.profiled, steps)?.submit_in(Order::Alone)
     }
+}
 
-    /// Has the GPU begin a task. [`Self::wait`] comes next.
-    pub fn submit(&mut self, tools: &SceneTools, task: &Task<'_>) -> Result<(), GpuError> {
-        task.blocks.params.write(0, &[task.params(tools)]);
-        if !matches!(task.search, Search::Nothing) {
-            task.blocks.layout.write(0, &[task.layout]);
-        }
-        let shape = task.shape(tools);
-        let steps = || task.steps(tools, &shape);
-        self.0.frame(&tools.gpu, shape, tools.profiled, steps)?.submit_in(Order::Alone)
-    }
-
-    /// Waits for the task that was begun last.
-    pub fn wait(&mut self, tools: &SceneTools) -> Result<(), GpuError> {
-        let patience = PATIENCE[usize::from(tools.gpu.info().is_software())];
-        self.0.last_mut().map_or(Ok(()), |frame| frame.end(tools.wait, patience))
-    }
-
-    /// Times of the last task's steps, if frames are profiled.
-    pub fn step_times(&self) -> Result<Vec<StepTime>, GpuError> {
-        self.0.last().map_or(Ok(Vec::new()), Frame::step_times)
-    }
+/// How long a search within the budget may take before the device counts as hung.
+pub(super) fn patience(tools: &SceneTools) -> Duration {
+    PATIENCE[usize::from(tools.gpu.info().is_software())]
 }

@@ -8,7 +8,7 @@ use pairmask_core::scene::{Edit, Indices, Sets};
 use rayon::iter::{IndexedParallelIterator as _, ParallelIterator as _};
 use rayon::slice::ParallelSlice as _;
 
-use crate::execute::gpu::{Access, Block, Gpu, GpuError, Growing, Home, Part, SharedImports};
+use crate::execute::gpu::{Access, Gpu, GpuError, Growing, Home, Part, SharedImports};
 
 /// Boxes up to this many bytes are stored by the CPU even where the GPU could read them across the link.
 const STORED_FIRST_BYTES: u64 = 32 << 10;
@@ -34,20 +34,11 @@ impl Staging {
         gpu: &Arc<Gpu>,
         bytes: u64,
         replaced: &mut bool,
-    ) -> Result<Arc<Block>, GpuError> {
+    ) -> Result<Part, GpuError> {
         let is_mapped = gpu.limits().mapped_video_memory && bytes <= MAPPED_BYTES;
         let growing = if is_mapped { &mut self.mapped } else { &mut self.host };
-        growing.at_least(gpu, bytes.max(1), replaced).map(Arc::clone)
+        growing.part(gpu, bytes.max(1), replaced)
     }
-}
-
-/// Where the sets of an edit belong.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) struct SetIndices {
-    /// How many.
-    pub count: u32,
-    /// The first, where they are a range.
-    pub first: Option<u32>,
 }
 
 /// An edit where the GPU sees it.
@@ -56,8 +47,10 @@ pub(super) struct Uploaded {
     pub boxes: Part,
     /// Their indices, where they are a list.
     pub indices: Part,
-    /// Where they belong.
-    pub sets: SetIndices,
+    /// How many.
+    pub set_count: u32,
+    /// The index of the first, where they are a range.
+    pub set_first: Option<u32>,
     /// Boxes that are removed or flagged.
     pub marks: Part,
     /// How many.
@@ -149,7 +142,8 @@ impl Upload {
         Ok(Uploaded {
             boxes: place_boxes(gpu, &self.imports, &mut self.boxes, boxes, threads, replaced)?,
             indices: copied(gpu, &mut self.indices, indices, threads, replaced)?,
-            sets: SetIndices { count: boxes.len() as u32, first },
+            set_count: boxes.len() as u32,
+            set_first: first,
             marks: copied(gpu, &mut self.marks, mark_bytes, threads, replaced)?,
             mark_count: marks.len() as u32,
         })
@@ -177,13 +171,10 @@ fn place_boxes(
     replaced: &mut bool,
 ) -> Result<Part, GpuError> {
     let bytes = size_of_val(boxes) as u64;
-    if bytes > STORED_FIRST_BYTES {
-        let imports = imports.lock();
-        let found = imports.find(boxes.as_ptr() as usize, bytes as usize, Access::Read);
-        let align = gpu.limits().storage_offset_align_bytes.max(size_of::<u32>() as u64);
-        if let Some((block, offset)) = found.filter(|(_, at)| at.is_multiple_of(align)) {
-            return Ok(Part::of(block, offset, bytes));
-        }
+    if bytes > STORED_FIRST_BYTES
+        && let Some(part) = imports.part(gpu, boxes.as_ptr() as usize, bytes, Access::Read)
+    {
+        return Ok(part);
     }
     copied(gpu, staging, bytemuck::cast_slice(boxes), threads, replaced)
 }
@@ -198,7 +189,7 @@ fn copied(
     threads: usize,
     replaced: &mut bool,
 ) -> Result<Part, GpuError> {
-    let block = staging.at_least(gpu, bytes.len() as u64, replaced)?;
+    let Part { block, .. } = staging.at_least(gpu, bytes.len() as u64, replaced)?;
     let most = gpu.limits().storage_binding_bytes;
     if bytes.len() as u64 > most {
         return Err(GpuError::OutOfMemory { bytes: bytes.len() as u64 });

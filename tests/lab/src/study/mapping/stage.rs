@@ -127,35 +127,29 @@ pub const MASK_VARIANT: Variant =
 pub struct File {
     pub label: &'static str,
     text: &'static str,
-    /// Storage buffers, numbered from 0.
-    bindings: u32,
 }
 
 macro_rules! file {
-    ($name:literal, $bindings:literal) => {
-        File {
-            label: $name,
-            text: include_str!(concat!("../../../shaders/", $name, ".wgsl")),
-            bindings: $bindings,
-        }
+    ($name:literal) => {
+        File { label: $name, text: include_str!(concat!("../../../shaders/", $name, ".wgsl")) }
     };
 }
 
 /// Ids to pairs.
 #[cfg(test)]
-pub const PAIRS: File = file!("mapping_pairs", 2);
+pub const PAIRS: File = file!("mapping_pairs");
 /// Wrong ids and named pairs, counted.
-pub const ERRORS: File = file!("mapping_errors", 2);
+pub const ERRORS: File = file!("mapping_errors");
 /// Ids mapped, without output.
-pub const TIME: File = file!("mapping_time", 1);
+pub const TIME: File = file!("mapping_time");
 /// Wrong integer parts of roots, counted.
-pub const ROOT_ERRORS: File = file!("mapping_root_errors", 1);
+pub const ROOT_ERRORS: File = file!("mapping_root_errors");
 /// Roots computed, without output.
-pub const ROOT_TIME: File = file!("mapping_root_time", 1);
+pub const ROOT_TIME: File = file!("mapping_root_time");
 /// All pairs of boxes; one thread a word of output.
-pub const MASK: File = file!("mapping_mask", 2);
+pub const MASK: File = file!("mapping_mask");
 /// All pairs of boxes; one thread a pair, which ORs its result in.
-pub const MASK_OR: File = file!("mapping_mask_or", 2);
+pub const MASK_OR: File = file!("mapping_mask_or");
 
 /// A stage of the study: a file and what it is composed with.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -218,15 +212,15 @@ impl MappingStage {
         })
     }
 
-    /// The stage as one WGSL module, with its name and bindings.
+    /// The stage as one WGSL module, with its name.
     pub fn composed(self) -> Result<ComposedStage, ComposeError> {
-        let File { label, text, bindings: binding_count } = self.file();
+        let File { label, text } = self.file();
         let unknown =
             |name: &str| ComposeError::UnknownImport { stage: label, import: name.to_owned() };
         let part = |name: &str| {
             self.shared(name).or_else(|| shared_part(name)).ok_or_else(|| unknown(name))
         };
-        Ok(ComposedStage { label, binding_count, wgsl: compose(text, &part)? })
+        Ok(ComposedStage { label, wgsl: compose(text, &part)? })
     }
 }
 

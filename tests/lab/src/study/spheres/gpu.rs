@@ -4,6 +4,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use pairmask_core::engine::{CullError, CullInput, HeapReply};
+use pairmask_core::objects::Objects;
 use pairmask_core::sphere::{Sphere, SphereAllPairs};
 use pairmask_core::{BoxCount, Encoding, PairIndex};
 use pairmaskd::execute::gpu::{AllPairs, AllPairsOptions, Gpu, Grid, GridOptions, SharedImports};
@@ -64,7 +65,8 @@ fn timed(gpu: &Arc<Gpu>, n: usize, budget: Duration, seed: u64) -> Result<Fields
     let options = GridOptions { imports: imports.clone(), ..GridOptions::default() };
     let mut grid = Grid::new(gpu, &options)?;
     let mut by_grid = || {
-        grid.cull_spheres(spheres.objects(n), encoding, &mut reply).map(|report| report.pair_count)
+        grid.cull_objects(Objects::Spheres(spheres.objects(n)), encoding, &mut reply)
+            .map(|report| report.pair_count)
     };
     let (grid_fps, pairs) = timed(&mut by_grid)?;
     let mut counts = vec![pairs];
@@ -76,7 +78,11 @@ fn timed(gpu: &Arc<Gpu>, n: usize, budget: Duration, seed: u64) -> Result<Fields
         let mut all_pairs = AllPairs::new(gpu, options)?;
         let mut stage_ns = f64::INFINITY;
         let (fps, count) = timed(&mut || {
-            let report = all_pairs.cull_spheres(spheres.objects(n), encoding, &mut reply)?;
+            let report = all_pairs.cull_objects(
+                Objects::Spheres(spheres.objects(n)),
+                encoding,
+                &mut reply,
+            )?;
             let steps = all_pairs.step_times().iter().filter(|step| step.label == "pairs");
             stage_ns = stage_ns.min(steps.map(|step| step.ns).sum());
             Ok(report.pair_count)
@@ -179,7 +185,11 @@ pub fn count_errors(
         for first in (0..scenes).step_by(SCENES as usize) {
             let batch = (first..scenes.min(first + SCENES)).into_par_iter().map(make);
             for scene in batch.collect::<Result<Vec<Decided>, CullError>>()? {
-                engine.cull_spheres(&scene.spheres, Encoding::Dense, &mut reply)?;
+                engine.cull_objects(
+                    Objects::Spheres(&scene.spheres),
+                    Encoding::Dense,
+                    &mut reply,
+                )?;
                 row.note(&scene, &dense_words(&scene.spheres, &reply));
                 watch(scene.truth.len() as u64);
             }
