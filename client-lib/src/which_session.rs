@@ -385,8 +385,6 @@
 //! * narrow forms: `README.md`, section `2026-11-21-h200`.
 
 #[cfg(doc)]
-use crate::scene::{SceneOptions, Want};
+use crate::scene::{MarginedPairs, SceneOptions, Want};
 #[cfg(doc)]
-use crate::{
-    Aabb, Backend, CommitError, FrameError, MarginedPairs, Scene, SceneAnswer, SceneEdit, Session,
-};
+use crate::{Aabb, Backend, CommitError, FrameError, Scene, SceneAnswer, SceneEdit, Session};

@@ -29,10 +29,14 @@ impl Frames for Session {
 }
 
 /// Asks until the expected side answers. A session of `Backend::Auto` answers by itself where the machine
-/// is so busy that the daemon's heartbeat stands still; it has a daemon's answer again soon after.
+/// is so busy that the daemon's heartbeat stands still; it has a daemon's answer again soon after. All answers have as
+/// many pairs.
 pub fn served_by(expected: ServedBy, mut ask: impl FnMut() -> PairMask) -> PairMask {
+    let mut count = None;
     eventually("the expected side answers", || {
-        Some(ask()).filter(|mask| mask.info().served_by == expected)
+        let mask = ask();
+        assert_eq!(*count.get_or_insert(mask.count()), mask.count(), "whoever answers");
+        Some(mask).filter(|mask| mask.info().served_by == expected)
     })
 }
 

@@ -208,8 +208,8 @@ def test_what_is_wrong_with_edits(session: pairmask.Session) -> None:
             use()
     with pytest.raises(ValueError, match="changes, moved, all or nothing"):
         scene.edit().commit("some")  # type: ignore[arg-type]
-    with pytest.raises(ValueError, match="no margins"):
-        scene.edit().set(0, boxes[0], margin=0.5)
+    with pytest.raises(pairmask.CommitError, match="no margins"):
+        scene.edit().set(0, boxes[0], margin=0.5).commit()
     scene.close()
     with pytest.raises(pairmask.PairmaskError, match="closed"):
         scene.edit().commit()

@@ -180,6 +180,9 @@ pub enum WaitError {
     /// The transport failed.
     #[error(transparent)]
     Transport(#[from] TransportError),
+    /// The daemon has lost the scene, which could not be sent again.
+    #[error("the daemon has lost the scene, and it was not sent again: {0}")]
+    NotSentAgain(#[source] Box<FrameError>),
     /// The in-process engine, which answers when the daemon cannot, failed too.
     #[error(transparent)]
     Cull(#[from] CullError),
@@ -201,20 +204,11 @@ pub enum CommitError {
     /// As a later version of the engines says.
     #[error(transparent)]
     Scene(SceneError),
-    /// What a scene that several processes write refuses, or for want of which its edit has no answer.
+    /// An edit of a scene that several processes write. Nothing of it was applied where it names what is not leased
+    /// ([`SharedError::NotLeased`]) or asks for pairs of moved boxes ([`SharedError::Moved`]). Else it is applied, and
+    /// has no answer.
     #[error(transparent)]
     Shared(SharedError),
-}
-
-impl From<SharedError> for CommitError {
-    fn from(error: SharedError) -> Self {
-        match error {
-            SharedError::Edit(error) => Self::Edit(error),
-            SharedError::Frame(error) => Self::Frame(error),
-            SharedError::Wait(error) => Self::Wait(error),
-            error => Self::Shared(error),
-        }
-    }
 }
 
 /// Why a query of a scene has no answer.

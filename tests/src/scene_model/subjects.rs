@@ -363,11 +363,25 @@ impl Grouped<'_> {
         margins: &'a [Vec<Margin>],
     ) -> SceneEdit<'s, 'a> {
         let groups = self.0.iter().zip(margins);
-        groups.fold(edit, |edit, ((op, group), margins)| match (&group.boxes[..], &margins[..]) {
-            (_, []) => edit.step(group.step(op)),
-            ([b], [margin]) => edit.set_margined(group.indices[0], *b, *margin),
-            (boxes, [margin]) => edit.set_all_margined(group.named(), boxes, *margin),
-            (boxes, margins) => edit.set_all_margined(group.named(), boxes, margins),
+        groups.fold(edit, |edit, ((op, group), margins)| {
+            let (boxes, singly) = (&group.boxes[..], group.boxes.len() % 3 == 1);
+            let mut each = group.indices.iter().copied().zip(boxes.iter().copied());
+            match &margins[..] {
+                [] if boxes.is_empty() || boxes.len() % 3 == 0 => edit.step(group.step(op)),
+                [] if singly => each.fold(edit, |edit, (index, b)| edit.set(index, b)),
+                [] => edit.set_with(group.named(), |_| each.next().map_or(Aabb::EMPTY, |(_, b)| b)),
+                [margin] if singly => {
+                    each.fold(edit, |edit, (index, b)| edit.set_margined(index, b, *margin))
+                }
+                [margin] => edit.set_all_margined(group.named(), boxes, *margin),
+                margins if singly => {
+                    let mut margins = margins.iter();
+                    each.fold(edit, |edit, (index, b)| {
+                        edit.set_margined(index, b, *margins.next().expect("one for each"))
+                    })
+                }
+                margins => edit.set_all_margined(group.named(), boxes, margins),
+            }
         })
     }
 }

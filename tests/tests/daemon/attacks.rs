@@ -331,9 +331,10 @@ fn memory_cut_while_it_is_read_kills_a_worker_at_most() {
 fn scribbled_queues_kill_processes_at_most() {
     let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
     let start = || {
-        let mut honest = FaultClient::start(FAULT_CLIENT, &daemon, &["right", "auto"]);
-        honest.go();
-        honest
+        eventually("an honest client begins", || {
+            let honest = FaultClient::try_start(FAULT_CLIENT, &daemon, &["right", "auto"]);
+            honest.and_then(|mut honest| honest.is_ready().then_some(honest))
+        })
     };
     let (mut honest, mut said, mut died) = (start(), Vec::new(), 0);
     let attacker = Attacker::start(daemon.path(), "scribble");
@@ -357,7 +358,10 @@ fn scribbled_queues_kill_processes_at_most() {
     said.extend(honest.end());
     println!("honest: {said:?}, {died} died; attacker {counts:?}");
     assert!(counts["rounds"] > 0, "{counts:?}");
-    assert!(said.iter().all(|line| line.ends_with(" answers")), "{said:?}");
+    let answers = said.iter().map(|line| line.strip_suffix(" answers")?.parse::<u64>().ok());
+    // Who died has not said how many it had: they were right. The last one lives.
+    let answers: Option<Vec<u64>> = answers.collect();
+    assert!(answers.is_some_and(|answers| answers.iter().sum::<u64>() > 0), "{said:?}");
 }
 
 /// Frames answered to an honest client beside an attacker, and to the attacker.

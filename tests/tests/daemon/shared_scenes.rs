@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use pairmask::filters::{Filter, FilterTable};
 use pairmask::scene::shared::{AtEnd, Hears, LeaseError, NotLeased};
-use pairmask::scene::{EndReason, Ended};
+use pairmask::scene::{EditError, EndReason, Ended};
 use pairmask::{CommitError, JoinOptions, PendingAnswer, Scene, SceneAnswer, SharedError};
 use pairmask_tests::fault_client::FaultClient;
 use pairmask_tests::prelude::*;
@@ -234,10 +234,26 @@ fn nothing_of_a_commit_with_a_refused_table_is_applied() {
         } else {
             drop(pending);
         }
-        let answer = one.scene.edit().set(13, at(0.2)).commit(Want::Changes).unwrap().take();
+        // Beyond what the refused commit had room for, and not of a box that it alone set.
+        let absent = one.scene.edit().remove(14).commit(Want::Changes).map(drop);
+        assert!(matches!(absent, Err(CommitError::Edit(EditError::Absent { index: 14 }))));
+        let edit = one.scene.edit().set(13, at(0.2)).set(16, at(9.0));
+        let answer = edit.commit(Want::Changes).unwrap().take();
         assert!(!answer.is_resync());
         assert_eq!(answer.begun(), [[11, 13], [12, 13]]);
         assert_eq!(answer.ended().len(), 0);
+        drop(answer);
+
+        // A resync that was asked for outlives a refused commit.
+        let edit = one.scene.edit().step(Step::Filters(&table));
+        let pending = edit.submit(Want::Changes).unwrap();
+        drop(pending);
+        one.scene.lose();
+        let answer = one.scene.edit().commit(Want::Changes).unwrap().take();
+        assert!(answer.is_resync());
+        assert_eq!(answer.pairs(), [[11, 12], [11, 13], [12, 13]]);
+        drop(answer);
+        assert!(!one.scene.edit().commit(Want::Changes).unwrap().take().is_resync());
     }
 }
 

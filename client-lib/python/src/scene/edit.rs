@@ -43,9 +43,6 @@ impl PyEdit {
     }
 
     fn add(&self, op: Op) -> PyResult<()> {
-        if matches!(op, Op::Set(_, _, Some(_))) && !self.scene.get().has_margins() {
-            return Err(PyValueError::new_err("this scene's boxes have no margins"));
-        }
         let mut ops = self.ops.lock().unwrap_or_else(PoisonError::into_inner);
         ops.as_mut().map(|ops| ops.push(op)).ok_or_else(committed)
     }

@@ -48,13 +48,11 @@ fn box_array(py: Python<'_>, found: Option<pairmask::Aabb>) -> PyResult<Option<B
 #[pyclass(frozen, name = "Scene", module = "pairmask")]
 pub struct PyScene {
     edited: Guarded<Edited>,
-    has_margins: bool,
 }
 
 impl PyScene {
     pub fn new(scene: Scene) -> Self {
-        let has_margins = scene.margin_stats().is_some();
-        Self { edited: Guarded::new(Edited::new(scene), "the scene was closed"), has_margins }
+        Self { edited: Guarded::new(Edited::new(scene), "the scene was closed") }
     }
 
     /// Calls `f` with the scene, where no edit of it is under way. `f` is quick.
@@ -69,10 +67,6 @@ impl PyScene {
         f: impl FnOnce(&mut Scene) -> PyResult<R> + Send,
     ) -> PyResult<R> {
         self.edited.with_detached(py, |edited| f(edited.scene()?))?
-    }
-
-    const fn has_margins(&self) -> bool {
-        self.has_margins
     }
 
     /// Fails where an edit of the scene is under way.

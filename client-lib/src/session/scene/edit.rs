@@ -156,10 +156,12 @@ impl<'s, 'a> SceneEdit<'s, 'a> {
         margins: impl Into<Margins<'a>>,
     ) -> Self {
         let (indices, margins) = (indices.into(), margins.into());
+        let sets = MarginedSets { indices, boxes, margins };
+        self.refused = self.refused.or(sets.check().err());
         if self.own_margins(margins).is_none() {
-            return self.step(Step::Set(Sets { indices, boxes }));
+            return self.step(sets.step());
         }
-        self.given.margined.push(MarginedSets { indices, boxes, margins });
+        self.given.margined.push(sets);
         self
     }
 
@@ -284,7 +286,8 @@ impl<'s, 'a> SceneEdit<'s, 'a> {
     /// answered before this returns.
     ///
     /// # Errors
-    /// [`CommitError`]. The scene is then what it was, but for [`CommitError::Wait`].
+    /// [`CommitError`]. The scene is then what it was, but for [`CommitError::Wait`] and as
+    /// [`CommitError::Shared`] says.
     pub fn submit(self, want: Want) -> Result<PendingAnswer<'s, 'a>, CommitError> {
         let Self { scene, given, refused } = self;
         if let Some(error) = refused {

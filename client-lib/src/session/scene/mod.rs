@@ -47,7 +47,7 @@ use super::unread::Awaited;
 /// it lives on without the session.
 ///
 /// Boxes may have [rules](crate::filters) of which others they meet: [`SceneEdit::tag`]. They may have
-/// [margins](SceneMargins): then only boxes that left theirs are sent.
+/// [margins](crate::scene::SceneMargins): then only boxes that left theirs are sent.
 ///
 /// A daemon keeps the scene where the session has one. This process keeps boxes and flags, 25 bytes an
 /// index and with tags 12 more, and sends them again by itself where the daemon has lost them; where no daemon answers, it
@@ -100,7 +100,7 @@ impl Kept {
             Self::Remote(scene) => (scene.end(awaited, edit)?, None),
             Self::Here(_) => (Found::Here, None),
             Self::Shared(member) => {
-                let (from, marks) = member.end(awaited)?;
+                let (from, marks) = member.end(awaited).map_err(CommitError::Shared)?;
                 let late = marks.late_in(words_in(from.answer.response.pages()));
                 (Found::Daemon(from), Some(Tick { number: marks.tick, late }))
             }

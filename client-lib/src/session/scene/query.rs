@@ -29,7 +29,8 @@ impl Scene {
     /// boxes touch ([`Aabb::swept`]). Boxes that are switched off are not found.
     ///
     /// It asks the scene as the last edit made it, with the boxes as they were set, and changes nothing that edits
-    /// tell. Where the daemon has lost the scene, it is sent again.
+    /// tell. Where the daemon has lost the scene, it is sent again. Of boxes with margins, the inflated ones are looked
+    /// at first: their pairs have to fit the limits of an answer.
     ///
     /// ```
     /// use pairmask::scene::{SceneOptions, Want};

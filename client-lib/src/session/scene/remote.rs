@@ -223,7 +223,11 @@ impl RemoteScene {
                     if let CommitError::Wait(error) = &error {
                         self.note_failure(error);
                     }
-                    self.stay(error)?;
+                    // The copy has the edit: it is not as if nothing had happened.
+                    self.stay(error).map_err(|error| match error {
+                        CommitError::Frame(error) => WaitError::NotSentAgain(error.into()).into(),
+                        other => other,
+                    })?;
                 }
             }
         } else {

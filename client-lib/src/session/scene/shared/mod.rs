@@ -45,9 +45,10 @@ impl Scene {
     /// [`SharedError::Lease`], among others. The indices of a writer that has died are free within about a
     /// second.
     pub fn lease(&mut self, range: Range<u32>) -> Result<(), SharedError> {
+        let member = self.member()?;
         let count = range.end.checked_sub(range.start).filter(|count| *count > 0);
         let count = count.ok_or(LeaseError::Empty)?;
-        self.member()?.lease_by(LeaseAction::Take { first: range.start, count }).map(drop)
+        member.lease_by(LeaseAction::Take { first: range.start, count }).map(drop)
     }
 
     /// Leases the lowest free range of so many indices. Which one that is depends on who came first.
@@ -340,7 +341,8 @@ impl Member {
 
     /// The daemon has refused a commit, and applied nothing of it: neither has this member.
     fn undo(&mut self, before: Before) {
-        Before { copy: self.copy, gave_filters: self.gave_filters, forgets: self.forgets } = before;
+        (self.copy, self.gave_filters) = (before.copy, before.gave_filters);
+        self.forgets |= before.forgets;
         if let Some(there) = &mut self.there {
             (there.revision, there.is_taken) = there.before;
         }
@@ -372,13 +374,14 @@ impl Member {
     /// Checks an edit, and sends it.
     pub fn begin<'s>(&mut self, edit: Edit<'_>, want: Want) -> Result<Awaited<'s>, CommitError> {
         if want == Want::Moved {
-            return Err(SharedError::Moved.into());
+            return Err(CommitError::Shared(SharedError::Moved));
         }
         let own: Ranges = self.leases.iter().cloned().collect();
         // Whether this is the first writer, the daemon knows.
-        own.allow(edit, true).map_err(SharedError::from)?;
-        self.copy.check(edit)?;
+        own.allow(edit, true).map_err(|error| CommitError::Shared(error.into()))?;
+        // First, since a commit that was refused meanwhile takes back what it did to the copy.
         self.settle();
+        self.copy.check(edit)?;
         let was_there = self.there.is_some();
         let link = match self.present() {
             Ok(link) => link,
@@ -396,10 +399,10 @@ impl Member {
         }
         let sent = if was_there && !is_new {
             let sent = self.send(&link, edit, want);
-            if let Err(error @ SharedError::Frame(_)) = sent {
+            if let Err(SharedError::Frame(error)) = sent {
                 // The daemon has heard nothing, and has all that came before.
                 self.copy.cancel(edit);
-                return Err(error.into());
+                return Err(CommitError::Frame(error));
             }
             self.apply(edit);
             sent

@@ -159,6 +159,7 @@ impl Recording<'_> {
         let section =
             |span: Span| Part::of(&mask.block, mask.offset + 4 * span.start, 4 * span.len);
         let sections: Vec<Part> = shape.spans().map(section).collect();
+        debug_assert_eq!(names.len(), sections.len(), "a section for each part");
         let mut own: Vec<_> = names.iter().copied().zip(&sections).collect();
         let (matrix, masks) = (self.matrix(band), self.masks(band));
         own.extend([("matrix", &matrix), ("strip_masks", &masks)]);

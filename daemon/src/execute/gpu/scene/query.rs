@@ -139,7 +139,7 @@ impl GpuScene {
             // Until the queries have their answer: an error leaves nothing to rely on.
             let standing = self.standing.take();
             let layout = standing.unwrap_or_else(|| self.layouts.layout(&question));
-            let builds = standing.is_none() || std::mem::take(&mut replaced);
+            let builds = std::mem::take(&mut replaced) || standing.is_none();
             let way = apart.as_ref().map_or(Way::Entries, |boxes| Way::Grid { boxes, builds });
             let asked = Asked {
                 question,
@@ -204,9 +204,9 @@ impl GpuScene {
         found.try_reserve(count).map_err(no_memory)?;
         found.resize(before + count, [0; 2]);
         let found = &mut found[before..];
-        if let Some(blocks) = &self.replicas.first().blocks {
-            blocks.found.block.read(0, found);
-        }
+        let first_replica = self.replicas.first();
+        let lost = || first_replica.tools.gpu.cull_error(ENGINE, &GpuError::Lost);
+        first_replica.blocks.as_ref().ok_or_else(lost)?.found.block.read(0, found);
         sort_long_rows(found);
         if first > 0 {
             for pair in found.iter_mut() {

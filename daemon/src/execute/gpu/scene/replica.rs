@@ -109,9 +109,8 @@ impl Replica {
         let Self { tools, frames, .. } = self;
         frames.last_mut().map_or(Ok(()), |frame| frame.end(tools.wait, patience(tools)))?;
         let mut summary = [bytemuck::Zeroable::zeroed()];
-        if let (Some(blocks), Search::Pairs(_) | Search::Queries(_)) = (&self.blocks, asked.search)
-        {
-            blocks.summary.block.read(0, &mut summary);
+        if let Search::Pairs(_) | Search::Queries(_) = asked.search {
+            self.blocks.as_ref().ok_or(GpuError::Lost)?.summary.block.read(0, &mut summary);
         }
         Ok(summary[0])
     }
