@@ -1,6 +1,5 @@
 //! The configuration file: the lowest layer of settings above the defaults.
 
-use std::io::ErrorKind;
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
@@ -10,7 +9,6 @@ use pairmask_core::{EncodingChoice, EngineChoice};
 use pairmask_wire::InstanceName;
 use serde::{Deserialize, Deserializer};
 
-use super::program::WrongUsage;
 use super::whole_number::{WholeNumber, whole_number};
 use crate::audit::AuditRate;
 use crate::execute::gpu::GpuChoices;
@@ -48,6 +46,40 @@ pub struct Config {
     pub(super) isa: Option<AvailableIsa>,
     #[serde(deserialize_with = "parsed")]
     pub(super) audit: Option<AuditRate>,
+}
+
+/// Why the configuration cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum ConfigError {
+    /// A file that the user named cannot be read.
+    #[error("configuration {0}")]
+    Read(FileError),
+    /// The user's default file exists and cannot be read.
+    #[error("your configuration {0}; or name another by --config, /dev/null for none")]
+    ReadOwn(FileError),
+    /// The default file cannot be read, because it would be another user's (`sudo`, a service's user).
+    #[error(
+        "{variable} is {}, which belongs to user {owner} and not to you: set it to a directory of your own, or name a configuration by --config, /dev/null for none",
+        path.display()
+    )]
+    OtherUser {
+        /// The variable that names the directory.
+        variable: &'static str,
+        /// The directory.
+        path: PathBuf,
+        /// Its owner's user id.
+        owner: u32,
+    },
+    /// The file is not TOML, or has an unknown key or a wrong value.
+    #[error("configuration {}, {}", path.display(), one_line(text, source))]
+    Parse {
+        /// The file.
+        path: PathBuf,
+        /// Its contents.
+        text: String,
+        /// The parser's error.
+        source: Box<toml::de::Error>,
+    },
 }
 
 /// Most characters of a wrong line that are quoted.
@@ -96,34 +128,32 @@ impl Config {
     /// Reads the file that the user named, else the user's default file if it exists.
     ///
     /// # Errors
-    /// [`WrongUsage`]. A missing default file is no error.
-    pub fn load(named: Option<&Path>) -> Result<Self, WrongUsage> {
+    /// [`ConfigError`]. A missing default file is no error.
+    pub fn load(named: Option<&Path>) -> Result<Self, ConfigError> {
         let Some(path) = named.map(Path::to_owned).or_else(default_path) else {
             return Ok(Self::default());
         };
-        let is_own = named.is_none();
         let text = match std::fs::read_to_string(&path) {
             Ok(text) => text,
-            Err(error) if is_own && error.kind() == ErrorKind::NotFound => {
+            Err(error) if named.is_none() && error.kind() == std::io::ErrorKind::NotFound => {
                 return Ok(Self::default());
             }
-            Err(error) => {
+            Err(error)
+                if named.is_none() && error.kind() == std::io::ErrorKind::PermissionDenied =>
+            {
                 // Whether there is such a file is not known either, in a home that is closed to this user.
-                let is_closed = is_own && error.kind() == ErrorKind::PermissionDenied;
-                let is_unseen = is_closed && std::fs::symlink_metadata(&path).is_err();
-                let other = if is_unseen { other_users_home() } else { None };
+                let other = std::fs::symlink_metadata(&path).err().and_then(|_| other_users_home());
                 let error = FileError::of(path, Access::Read)(error);
-                let or =
-                    if is_own { "; or name another by --config, /dev/null for none" } else { "" };
-                let whose = if is_own { "your " } else { "" };
-                let own = || format!("{whose}configuration {error}{or}");
-                return Err(WrongUsage(other.unwrap_or_else(own)));
+                return Err(other.unwrap_or(ConfigError::ReadOwn(error)));
+            }
+            Err(source) => {
+                let error = FileError::of(path, Access::Read)(source);
+                let is_own = named.is_none();
+                return Err(if is_own { ConfigError::ReadOwn } else { ConfigError::Read }(error));
             }
         };
-        toml::from_str(&text).map_err(|error| {
-            let wrong = one_line(&text, &error);
-            WrongUsage(format!("configuration {}, {wrong}", path.display()))
-        })
+        let wrong = |source| ConfigError::Parse { path, text: text.clone(), source };
+        toml::from_str(&text).map_err(|source| wrong(Box::new(source)))
     }
 }
 
@@ -137,19 +167,13 @@ fn default_path() -> Option<PathBuf> {
     Some(home.join("pairmask").join("config.toml"))
 }
 
-/// What is wrong with the default file, where it would be another user's (`sudo`, a service's user).
-fn other_users_home() -> Option<String> {
+/// The variable behind the default file, where it names another user's directory.
+fn other_users_home() -> Option<ConfigError> {
     let mut named = ["XDG_CONFIG_HOME", "HOME"].into_iter().filter_map(|v| Some((v, set(v)?)));
     let (variable, path) = named.next()?;
     let owner = std::fs::metadata(&path).ok()?.uid();
     let is_own = owner == rustix::process::geteuid().as_raw();
-    let path = path.display();
-    (!is_own).then(|| {
-        format!(
-            "{variable} is {path}, which belongs to user {owner} and not to you: set it to a \
-             directory of your own, or name a configuration by --config, /dev/null for none"
-        )
-    })
+    (!is_own).then_some(ConfigError::OtherUser { variable, path, owner })
 }
 
 #[cfg(test)]

@@ -4,11 +4,10 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::output::{print_json, print_text, spinner};
-use super::program::Fault;
-use super::raw_objects::RawBoxes;
+use super::output::{OutputError, print_json, print_text, spinner};
+use super::raw_objects::{RawBoxes, RawObjectsError};
 use super::whole_number::whole_number;
-use crate::explain::{Explanation, SentBoxes};
+use crate::explain::{ExplainError, Explanation, SentBoxes};
 use crate::precision::PrecisionChoice;
 
 /// Say why two boxes of a file are a pair or not
@@ -40,15 +39,27 @@ pub struct Explain {
     json: bool,
 }
 
+/// Why `explain` failed.
+#[derive(Debug, thiserror::Error)]
+pub enum ExplainCommandError {
+    #[error(transparent)]
+    Boxes(#[from] RawObjectsError),
+    #[error("{}: {source}", path.display())]
+    Pair { path: PathBuf, source: ExplainError },
+    #[error(transparent)]
+    Output(#[from] OutputError),
+}
+
 impl Explain {
     /// Reads the file and explains the pair.
-    pub fn run(&self) -> Result<(), Fault> {
+    pub fn run(&self) -> Result<(), ExplainCommandError> {
         let progress = spinner("reading and explaining");
         let boxes = RawBoxes::open(&self.boxes)?.read()?;
         let sent = SentBoxes::of(self.precision, &boxes);
         let why = Explanation::of_sent(&boxes, &sent, self.i, self.j)
-            .map_err(|error| format!("{}: {error}", self.boxes.display()))?;
+            .map_err(|source| ExplainCommandError::Pair { path: self.boxes.clone(), source })?;
         progress.finish_and_clear();
-        Ok(if self.json { print_json(&why) } else { print_text(why.to_string().trim_end()) }?)
+        if self.json { print_json(&why) } else { print_text(why.to_string().trim_end()) }?;
+        Ok(())
     }
 }

@@ -11,7 +11,6 @@ use std::path::{Path, PathBuf};
 use bytemuck::Pod;
 use pairmask_core::{Aabb, Sphere};
 
-use super::program::Fault;
 use crate::file_error::{Access, FileError};
 
 const _: () = assert!(cfg!(target_endian = "little"), "objects are read as they lie in the file");
@@ -31,6 +30,37 @@ impl RawObject for Aabb {
 
 impl RawObject for Sphere {
     const PLURAL: &'static str = "spheres";
+}
+
+/// Why a file cannot be read.
+#[derive(Debug, thiserror::Error)]
+pub enum RawObjectsError {
+    /// The system refused.
+    #[error(transparent)]
+    Io(#[from] FileError),
+    /// The file's size is not a multiple of an object's.
+    #[error(
+        "{} has {bytes} bytes, which is {} {plural} of {each} bytes and {} bytes more: is it truncated, or no file of {plural}?",
+        path.display(), bytes / each, bytes % each
+    )]
+    OddSize {
+        /// The file.
+        path: PathBuf,
+        /// Its size.
+        bytes: u64,
+        /// Size of an object.
+        each: u64,
+        /// What it should hold.
+        plural: &'static str,
+    },
+    /// A device like /dev/zero, which ends nowhere.
+    #[error("{}: it is a device without an end: name a file or a pipe of {plural}", path.display())]
+    Endless {
+        /// The device.
+        path: PathBuf,
+        /// What it should hold.
+        plural: &'static str,
+    },
 }
 
 /// An open file of objects whose number is known. A regular file is not read yet.
@@ -57,8 +87,8 @@ impl<T: RawObject> RawObjects<T> {
     /// Opens a file, or stdin for `-`.
     ///
     /// # Errors
-    /// The file cannot be opened or read, or does not hold such objects.
-    pub fn open(path: &Path) -> Result<Self, Fault> {
+    /// [`RawObjectsError`].
+    pub fn open(path: &Path) -> Result<Self, RawObjectsError> {
         let failed = |source| FileError::of(path, Access::Read)(source);
         let is_stdin = path == Path::new(STDIN);
         let mut file = if is_stdin {
@@ -76,8 +106,8 @@ impl<T: RawObject> RawObjects<T> {
                 // /dev/null has nothing to read; what has something there has it without end.
                 (&file).take(1).read_to_end(&mut bytes).map_err(failed)?;
                 if !bytes.is_empty() {
-                    let what = "it is a device without an end: name a file or a pipe of";
-                    return Err(format!("{}: {what} {}", path.display(), T::PLURAL).into());
+                    let (path, plural) = (path.to_owned(), T::PLURAL);
+                    return Err(RawObjectsError::Endless { path, plural });
                 }
             }
             file.read_to_end(&mut bytes).map_err(failed)?;
@@ -85,12 +115,7 @@ impl<T: RawObject> RawObjects<T> {
         };
         let (each, plural) = (size_of::<T>() as u64, T::PLURAL);
         if !bytes.is_multiple_of(each) {
-            let (path, whole, more) = (path.display(), bytes / each, bytes % each);
-            return Err(format!(
-                "{path} has {bytes} bytes, which is {whole} {plural} of {each} bytes and {more} \
-                 bytes more: is it truncated, or no file of {plural}?"
-            )
-            .into());
+            return Err(RawObjectsError::OddSize { path: path.to_owned(), bytes, each, plural });
         }
         let (path, len) = (path.to_owned(), (bytes / each) as usize);
         Ok(Self { path, len, source, objects: PhantomData })
@@ -104,22 +129,22 @@ impl<T: RawObject> RawObjects<T> {
     /// Reads the objects into `objects`, which holds [`RawObjects::count`] of them.
     ///
     /// # Errors
-    /// [`FileError`], also where the file has become shorter.
-    pub fn read_into(self, objects: &mut [T]) -> Result<(), FileError> {
+    /// [`RawObjectsError::Io`], also where the file has become shorter.
+    pub fn read_into(self, objects: &mut [T]) -> Result<(), RawObjectsError> {
         let Self { path, source, .. } = self;
         let memory: &mut [u8] = bytemuck::cast_slice_mut(objects);
         match source {
             Source::File(mut file) => file.read_exact(memory),
             Source::Bytes(bytes) => bytes.as_slice().read_exact(memory),
         }
-        .map_err(FileError::of(path, Access::Read))
+        .map_err(|source| FileError::of(path, Access::Read)(source).into())
     }
 
     /// Reads the objects into new memory.
     ///
     /// # Errors
     /// As [`RawObjects::read_into`].
-    pub fn read(self) -> Result<Vec<T>, FileError> {
+    pub fn read(self) -> Result<Vec<T>, RawObjectsError> {
         let mut objects = vec![T::default(); self.count()];
         self.read_into(&mut objects)?;
         Ok(objects)

@@ -4,8 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::output::{is_stdout, print_bytes, spinner};
-use super::program::Fault;
+use super::output::{OutputError, is_stdout, print_bytes, spinner};
 use super::whole_number::whole_number;
 use crate::file_error::{Access, FileError};
 use crate::scene::{Scene as Boxes, SceneName};
@@ -35,9 +34,18 @@ pub struct Scene {
     seed: u64,
 }
 
+/// The file was not written.
+#[derive(Debug, thiserror::Error)]
+pub enum SceneCommandError {
+    #[error(transparent)]
+    File(#[from] FileError),
+    #[error(transparent)]
+    Output(#[from] OutputError),
+}
+
 impl Scene {
     /// Writes the file.
-    pub fn run(&self) -> Result<(), Fault> {
+    pub fn run(&self) -> Result<(), SceneCommandError> {
         let progress = spinner(&format!("{} boxes", self.n));
         let scene = Boxes::new(self.name, self.n as usize, self.seed);
         let bytes = bytemuck::cast_slice::<_, u8>(scene.boxes());

@@ -14,8 +14,7 @@ use serde::Serialize;
 
 use super::config::Config;
 use super::options::Place;
-use super::output::{print_json, print_text, time_text};
-use super::program::Fault;
+use super::output::{OutputError, print_json, print_text, time_text};
 use super::skipped::Skipped;
 
 /// A living daemon writes its status file within a second, or after the frame that it works on.
@@ -36,6 +35,19 @@ pub struct Status {
     /// Print one JSON object
     #[arg(long)]
     json: bool,
+}
+
+/// Why `status` failed.
+#[derive(Debug, thiserror::Error)]
+pub enum StatusCommandError {
+    #[error("no daemon answers under {}: start one with `pairmaskd serve`", dir.path().display())]
+    NoDaemon { dir: RuntimeDir },
+    #[error("no daemon of instance '{instance}' answers under {}: start one with `pairmaskd serve --instance {instance}`", dir.path().display())]
+    NoInstance { instance: InstanceName, dir: RuntimeDir },
+    #[error(transparent)]
+    Place(#[from] InstanceError),
+    #[error(transparent)]
+    Output(#[from] OutputError),
 }
 
 /// The JSON object of `status --json`, whose fields `CLI.md` explains. Fields may be added, never changed or taken away.
@@ -114,7 +126,7 @@ struct ErrorReport {
 
 impl Status {
     /// Looks through the runtime directory and asks every instance.
-    pub fn run(&self, place: &Place, config: &Config) -> Result<(), Fault> {
+    pub fn run(&self, place: &Place, config: &Config) -> Result<(), StatusCommandError> {
         let dir = place.runtime_dir(config);
         match dir.check() {
             Err(InstanceError::Io { source, .. }) if source.kind() == ErrorKind::NotFound => {}
@@ -128,16 +140,13 @@ impl Status {
             print_text(report.text().trim_end())?;
         }
         if report.instances.iter().any(|instance| instance.state == State::Alive) {
-            return Ok(());
+            Ok(())
+        } else {
+            Err(match named {
+                Some(instance) => StatusCommandError::NoInstance { instance, dir },
+                None => StatusCommandError::NoDaemon { dir },
+            })
         }
-        let (whose, serve) = named.map_or_else(Default::default, |name| {
-            (format!(" of instance '{name}'"), format!(" --instance {name}"))
-        });
-        let dir = dir.path().display();
-        Err(format!(
-            "no daemon{whose} answers under {dir}: start one with `pairmaskd serve{serve}`"
-        )
-        .into())
     }
 }
 

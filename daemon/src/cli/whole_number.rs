@@ -29,20 +29,42 @@ impl_whole_number! {
     NonZeroUsize: 1 to usize::MAX;
 }
 
+/// Why a text is refused as a number.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum WholeNumberError {
+    /// The text is no number, or has a fraction, an exponent or a unit.
+    #[error("must be a whole number in digits alone, such as 1000")]
+    NoNumber,
+    /// Below the smallest.
+    #[error("must be at least {least}")]
+    TooSmall {
+        /// The smallest.
+        least: u64,
+    },
+    /// Above the largest.
+    #[error("must be at most {most}")]
+    TooLarge {
+        /// The largest.
+        most: u64,
+    },
+}
+
 /// Parses a whole number.
 ///
 /// # Errors
-/// What it must be.
-pub fn whole_number<T: WholeNumber>(text: &str) -> Result<T, String> {
+/// [`WholeNumberError`], which states the allowed range.
+pub fn whole_number<T: WholeNumber>(text: &str) -> Result<T, WholeNumberError> {
     let is_negative = || {
         let digits = text.strip_prefix('-').unwrap_or_default();
         !digits.is_empty() && digits.bytes().all(|b| b.is_ascii_digit())
     };
     text.parse().map_err(|error: ParseIntError| match error.kind() {
-        IntErrorKind::PosOverflow => format!("must be at most {}", T::MOST),
-        IntErrorKind::Zero | IntErrorKind::NegOverflow => format!("must be at least {}", T::LEAST),
-        _ if is_negative() => format!("must be at least {}", T::LEAST),
-        _ => "must be a whole number in digits alone, such as 1000".to_owned(),
+        IntErrorKind::Zero | IntErrorKind::NegOverflow => {
+            WholeNumberError::TooSmall { least: T::LEAST }
+        }
+        IntErrorKind::PosOverflow => WholeNumberError::TooLarge { most: T::MOST },
+        _ if is_negative() => WholeNumberError::TooSmall { least: T::LEAST },
+        _ => WholeNumberError::NoNumber,
     })
 }
 
@@ -50,24 +72,23 @@ pub fn whole_number<T: WholeNumber>(text: &str) -> Result<T, String> {
 mod tests {
     use super::*;
 
-    fn wrong<T>(what: &str) -> Result<T, String> {
-        Err(format!("must be {what}"))
-    }
-
     #[test]
     fn a_wrong_number_is_told_what_it_must_be() {
+        let least = |least| WholeNumberError::TooSmall { least };
         assert_eq!(whole_number::<u32>("7"), Ok(7));
-        assert_eq!(whole_number::<NonZeroUsize>("0").map(NonZeroUsize::get), wrong("at least 1"));
-        assert_eq!(whole_number::<NonZeroU64>("-1").map(NonZeroU64::get), wrong("at least 1"));
-        assert_eq!(whole_number::<u32>("-1"), wrong("at least 0"));
-        assert_eq!(whole_number::<u32>("5000000000"), wrong("at most 4294967295"));
+        assert_eq!(whole_number::<NonZeroUsize>("0"), Err(least(1)));
+        assert_eq!(whole_number::<NonZeroU64>("-1"), Err(least(1)));
+        assert_eq!(whole_number::<u32>("-1"), Err(least(0)));
         assert_eq!(
-            whole_number::<NonZeroU16>("70000").map(NonZeroU16::get),
-            wrong("at most 65535")
+            whole_number::<u32>("5000000000"),
+            Err(WholeNumberError::TooLarge { most: 4_294_967_295 })
         );
-        let no_number = "a whole number in digits alone, such as 1000";
+        assert_eq!(
+            whole_number::<NonZeroU16>("70000"),
+            Err(WholeNumberError::TooLarge { most: 65_535 })
+        );
         for text in ["", "x", "1e6", "1.5", "-", "10k", "1_000", "--2"] {
-            assert_eq!(whole_number::<u64>(text), wrong(no_number), "{text}");
+            assert_eq!(whole_number::<u64>(text), Err(WholeNumberError::NoNumber), "{text}");
         }
     }
 }

@@ -7,14 +7,15 @@ pub use self::report::{Figures, LatencyRow};
 use std::fmt;
 use std::num::{NonZeroU64, NonZeroUsize};
 use std::path::PathBuf;
+use std::str::FromStr;
 use std::time::Duration;
 
-use clap::{Args, Subcommand, ValueEnum};
-use pairmask::{Backend, SessionBuilder};
+use clap::{Args, Subcommand};
+use pairmask::{Backend, ConnectError, SessionBuilder};
 use pairmask_core::BoxCount;
+use pairmask_core::engine::UnknownName;
 use pairmask_transport::RuntimeDir;
 use pairmask_wire::InstanceName;
-use rustix::io::Errno;
 use rustix::process::Pid;
 use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
 
@@ -23,24 +24,29 @@ use super::config::Config;
 use super::daemon_cpu::DaemonCpu;
 use super::machine::Machine;
 use super::options::{CullFlags, DaemonOptions, Place};
-use super::output::{print_json, print_text, progress_bar, spinner};
-use super::program::{Fault, WrongUsage};
-use super::raw_objects::RawBoxes;
+use super::output::{OutputError, print_json, print_text, progress_bar, spinner};
+use super::raw_objects::{RawBoxes, RawObjectsError};
 use super::scene_look;
 use super::target::Target;
 use super::whole_number::whole_number;
 use crate::precision::PrecisionChoice;
 use crate::scene::{Scene, SceneName};
 use crate::serve::DEFAULT_SPIN;
-use crate::timed_client::{Decoders, Decoding, TimedClient};
+use crate::spawn::SpawnError;
+use crate::timed_client::{Decoders, Decoding, TimedClient, TimedError};
 
 /// Measure what frames cost on this machine
-#[derive(Debug, Subcommand)]
+#[derive(Debug, Args)]
 #[command(
     after_help = "Engines, precision modes, clients at a pace and pair numberings are measured by `pairmask-lab` (tests/lab)."
 )]
-pub enum Bench {
-    /// Latency of frames by stage, of one client in a closed loop
+pub struct Bench {
+    #[command(subcommand)]
+    what: What,
+}
+
+#[derive(Debug, Subcommand)]
+enum What {
     Latency(Latency),
 }
 
@@ -48,10 +54,11 @@ impl Bench {
     /// Measures.
     ///
     /// # Errors
-    /// [`Fault`].
-    pub fn run(&self, place: &Place, config: &Config) -> Result<(), Fault> {
-        let Self::Latency(latency) = self;
-        latency.run(place, config)
+    /// [`BenchError`].
+    pub fn run(&self, place: &Place, config: &Config) -> Result<(), BenchError> {
+        match &self.what {
+            What::Latency(latency) => latency.run(place, config),
+        }
     }
 }
 
@@ -122,7 +129,7 @@ pub struct Latency {
 }
 
 /// How the two sides wait for each other.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Wait {
     /// Both spin and hold a core each.
     Spin,
@@ -133,6 +140,8 @@ pub enum Wait {
 }
 
 impl Wait {
+    const ALL: [Self; 3] = [Self::Spin, Self::Event, Self::Serve];
+
     /// How long a waiting thread spins.
     pub const fn spin(self) -> Duration {
         match self {
@@ -153,29 +162,73 @@ impl fmt::Display for Wait {
     }
 }
 
-/// The daemon died or started during the measurement: the row would mix two backends.
+impl FromStr for Wait {
+    type Err = UnknownName;
+
+    fn from_str(s: &str) -> Result<Self, UnknownName> {
+        Self::ALL
+            .into_iter()
+            .find(|wait| wait.to_string() == s)
+            .ok_or_else(|| UnknownName { name: s.to_owned(), known: "spin, event, serve".into() })
+    }
+}
+
+/// Why a measurement failed.
 #[derive(Debug, thiserror::Error)]
-#[error("the daemon came or went during the measurement: name a --backend, and try again")]
-pub struct Changed;
+pub enum BenchError {
+    /// The file of boxes cannot be read.
+    #[error(transparent)]
+    Boxes(#[from] RawObjectsError),
+    /// The daemon did not start.
+    #[error(transparent)]
+    Spawn(#[from] SpawnError),
+    /// There is no session.
+    #[error(transparent)]
+    Connect(#[from] ConnectError),
+    /// A frame failed.
+    #[error(transparent)]
+    Timed(#[from] TimedError),
+    /// Threads cannot be pinned.
+    #[error(transparent)]
+    Pin(#[from] PinError),
+    /// The daemon died or started during the measurement: the row would mix two backends.
+    #[error("the daemon came or went during the measurement: name a --backend, and try again")]
+    Changed,
+    /// There is no daemon to pin.
+    #[error("--pin keeps a daemon on a core of its own: leave it out with --backend in-process")]
+    PinAlone,
+    /// The system started no decoding threads.
+    #[error("the decoding threads cannot be started: {0}")]
+    Threads(#[from] rayon::ThreadPoolBuildError),
+    /// The result cannot be printed.
+    #[error(transparent)]
+    Output(#[from] OutputError),
+}
+
+impl BenchError {
+    /// Whether the command line is wrong.
+    pub const fn is_usage(&self) -> bool {
+        matches!(self, Self::PinAlone)
+    }
+}
 
 impl Latency {
     /// Measures a row for every wait, scene and precision, and prints them.
     ///
     /// # Errors
-    /// [`Fault`].
-    pub fn run(&self, place: &Place, config: &Config) -> Result<(), Fault> {
+    /// [`BenchError`].
+    pub fn run(&self, place: &Place, config: &Config) -> Result<(), BenchError> {
         let is_alone = self.options.backend(config, Backend::Daemon) == Backend::InProcess;
         if self.pin && is_alone {
-            let why =
-                "--pin keeps a daemon on a core of its own: leave it out with --backend in-process";
-            return Err(WrongUsage(why.into()).into());
+            return Err(BenchError::PinAlone);
         }
         let machine = Machine::this();
         let report = LatencyReport { machine, rows: self.rows(place, config)? };
-        Ok(if self.json { print_json(&report) } else { print_text(&report.to_string()) }?)
+        if self.json { print_json(&report) } else { print_text(&report.to_string()) }?;
+        Ok(())
     }
 
-    fn rows(&self, place: &Place, config: &Config) -> Result<Vec<LatencyRow>, Fault> {
+    fn rows(&self, place: &Place, config: &Config) -> Result<Vec<LatencyRow>, BenchError> {
         let making = spinner("making scenes");
         let scenes = self.scenes()?;
         making.finish_and_clear();
@@ -205,7 +258,7 @@ impl Latency {
         Ok(rows)
     }
 
-    fn scenes(&self) -> Result<Vec<Scene>, Fault> {
+    fn scenes(&self) -> Result<Vec<Scene>, BenchError> {
         if let Some(path) = &self.scene {
             let boxes = RawBoxes::open(path)?.read()?;
             if let Some(warning) = scene_look::of_boxes(&boxes) {
@@ -226,7 +279,7 @@ impl Latency {
         decoding: &mut Decoding,
         session: SessionBuilder,
         daemon: Option<&DaemonCpu>,
-    ) -> Result<LatencyRow, Fault> {
+    ) -> Result<LatencyRow, BenchError> {
         let n = u32::try_from(scene.boxes().len()).unwrap_or(u32::MAX);
         let decode_threads = self.decode_threads.get();
         let session = session.capacity(BoxCount::new(n)).visit_threads(decode_threads).connect()?;
@@ -261,19 +314,29 @@ impl Latency {
 /// The threads of a client. They are kept awake while frames are under way.
 ///
 /// # Errors
-/// The system started no threads.
-pub fn threads_of(threads: NonZeroUsize) -> Result<Decoding, Fault> {
-    if threads.get() == 1 {
-        return Ok(Decoding::Serial);
-    }
-    let decoders = Decoders::start(threads);
-    let failed = |error| format!("the decoding threads cannot be started: {error}");
-    Ok(Decoding::Parallel(decoders.map_err(failed)?))
+/// [`BenchError::Threads`].
+pub fn threads_of(threads: NonZeroUsize) -> Result<Decoding, BenchError> {
+    Ok(match threads.get() {
+        1 => Decoding::Serial,
+        _ => Decoding::Parallel(Decoders::start(threads)?),
+    })
 }
 
-/// For `map_err`: the system did not pin a thread.
-fn not_pinned(error: Errno) -> Fault {
-    format!("--pin: {error}").into()
+/// Why threads were not pinned.
+#[derive(Debug, thiserror::Error)]
+pub enum PinError {
+    /// Two spinning threads cannot share one core.
+    #[error("--pin needs two cores, one for the client and one for the daemon: leave it out")]
+    TooFewCores,
+    /// No daemon to pin.
+    #[error("--pin: no daemon serves instance '{instance}'")]
+    NoDaemon {
+        /// The instance.
+        instance: InstanceName,
+    },
+    /// The system refused.
+    #[error("--pin: {0}")]
+    System(#[from] rustix::io::Errno),
 }
 
 /// Cores that this process could use when it started.
@@ -288,38 +351,36 @@ impl Cores {
     /// The cores of the calling thread, which must not be pinned yet.
     ///
     /// # Errors
-    /// There is one core alone, which two spinning threads cannot share, or the system refuses.
-    pub fn of_this_thread() -> Result<Self, Fault> {
-        let all = sched_getaffinity(None).map_err(not_pinned)?;
+    /// [`PinError::TooFewCores`], [`PinError::System`].
+    pub fn of_this_thread() -> Result<Self, PinError> {
+        let all = sched_getaffinity(None)?;
         let mut cores = (0..CpuSet::MAX_CPU).filter(|core| all.is_set(*core));
-        let too_few =
-            "--pin needs two cores, one for the client and one for the daemon: leave it out";
-        let (client, daemon) = cores.next().zip(cores.next()).ok_or(too_few)?;
+        let (client, daemon) = cores.next().zip(cores.next()).ok_or(PinError::TooFewCores)?;
         Ok(Self { all, client, daemon })
     }
 
     /// Gives the calling thread all cores back: a process that it starts inherits them.
     ///
     /// # Errors
-    /// The system's.
-    pub fn unpin(&self) -> Result<(), Fault> {
-        sched_setaffinity(None, &self.all).map_err(not_pinned)
+    /// [`PinError::System`].
+    pub fn unpin(&self) -> Result<(), PinError> {
+        Ok(sched_setaffinity(None, &self.all)?)
     }
 
     /// Keeps the calling thread on one core, and the thread that serves the instance on another.
     ///
     /// # Errors
-    /// No daemon serves the instance, or the system refuses.
-    pub fn pin(&self, dir: &RuntimeDir, instance: &InstanceName) -> Result<(), Fault> {
+    /// [`PinError::NoDaemon`], [`PinError::System`].
+    pub fn pin(&self, dir: &RuntimeDir, instance: &InstanceName) -> Result<(), PinError> {
         // The serving thread is its process's first, so it has the process's number. The engines'
         // other threads stay free.
         let serving = dir
             .serving(instance)
             .read_record(instance)
             .and_then(|record| Pid::from_raw(i32::try_from(record.worker_pid).ok()?))
-            .ok_or_else(|| format!("--pin: no daemon serves instance '{instance}'"))?;
-        sched_setaffinity(Some(serving), &only(self.daemon)).map_err(not_pinned)?;
-        sched_setaffinity(None, &only(self.client)).map_err(not_pinned)
+            .ok_or_else(|| PinError::NoDaemon { instance: instance.clone() })?;
+        sched_setaffinity(Some(serving), &only(self.daemon))?;
+        Ok(sched_setaffinity(None, &only(self.client))?)
     }
 }
 

@@ -7,7 +7,7 @@ use pairmask::FrameInfo;
 use pairmask_core::engine::EngineId;
 use serde::{Deserialize, Serialize};
 
-use super::{Changed, Wait};
+use super::{BenchError, Wait};
 use crate::cli::cull::backend_name;
 use crate::cli::machine::Machine;
 use crate::cli::percentiles::{Percentiles, Recorder};
@@ -192,11 +192,11 @@ impl Figures {
     /// Adds a frame.
     ///
     /// # Errors
-    /// [`Changed`] where another backend answered it.
-    pub fn record(&mut self, times: &TimedFrame) -> Result<(), Changed> {
+    /// [`BenchError::Changed`] where another backend answered it.
+    pub fn record(&mut self, times: &TimedFrame) -> Result<(), BenchError> {
         let info = &times.info;
         if backend_name(info.served_by) != self.backend {
-            return Err(Changed);
+            return Err(BenchError::Changed);
         }
         if self.engine_id.is_some_and(|engine| engine != info.engine) {
             self.engine_id = None;
@@ -222,10 +222,10 @@ impl Figures {
     /// Adds those of another client.
     ///
     /// # Errors
-    /// [`Changed`] where another backend answered it.
-    pub fn add(&mut self, other: &Self) -> Result<(), Changed> {
+    /// [`BenchError::Changed`] where another backend answered it.
+    pub fn add(&mut self, other: &Self) -> Result<(), BenchError> {
         if self.backend != other.backend {
-            return Err(Changed);
+            return Err(BenchError::Changed);
         }
         if self.engine != other.engine {
             SEVERAL.clone_into(&mut self.engine);

@@ -11,7 +11,8 @@ use std::time::{Duration, Instant};
 use std::{fmt, io};
 
 use clap::{Args, ValueEnum};
-use pairmask::{Backend, ConnectError, PairMask, PendingFrame, Session};
+use pairmask::{Backend, ConnectError, FrameError, PairMask, PendingFrame, Session, WaitError};
+use pairmask_core::engine::EngineId;
 use pairmask_core::mask::WordAddress;
 use pairmask_core::{Aabb, Bounds, MaskView, Sphere};
 use rayon::slice::ParallelSliceMut;
@@ -20,12 +21,11 @@ use self::report::{CullReport, Explanation, Planned, Timings};
 use super::config::Config;
 use super::options::{CullFlags, DaemonOptions, Place};
 use super::output::{OutputError, is_stdout, print_aside, print_json, print_text, spinner};
-use super::program::{Fault, WrongUsage};
-use super::raw_objects::{RawBoxes, RawObjects};
+use super::raw_objects::{RawBoxes, RawObjects, RawObjectsError};
 use super::scene_look::{Look, Useless};
 use crate::file_error::{Access, FileError};
 use crate::precision::PrecisionChoice;
-use crate::spawn::PrivateDaemon;
+use crate::spawn::{PrivateDaemon, SpawnError};
 
 /// How long one frame may take. Any scene that fits into memory is done by then.
 const DEADLINE: Duration = Duration::from_secs(600);
@@ -87,9 +87,43 @@ enum Shape {
     Spheres,
 }
 
+/// Why `cull` failed.
+#[derive(Debug, thiserror::Error)]
+pub enum CullCommandError {
+    #[error("{flag} is about boxes: leave it out with --shape spheres")]
+    AboutBoxes { flag: &'static str },
+    #[error("{first} and {second} would both write to stdout: name a file for one of them")]
+    TwoOnStdout { first: &'static str, second: &'static str },
+    #[error("--pairs and --mask name the same file, {}: name two", path.display())]
+    SameFile { path: PathBuf },
+    #[error(transparent)]
+    Objects(#[from] RawObjectsError),
+    #[error(transparent)]
+    Spawn(#[from] SpawnError),
+    #[error(transparent)]
+    Connect(#[from] ConnectError),
+    #[error(transparent)]
+    Frame(#[from] FrameError),
+    #[error(transparent)]
+    Wait(#[from] WaitError),
+    #[error("{engine} counted {counted} pairs and its mask holds {decoded}: please report this")]
+    Miscounted { engine: EngineId, counted: u64, decoded: u64 },
+    #[error(transparent)]
+    Result(#[from] ResultError),
+    #[error(transparent)]
+    Output(#[from] OutputError),
+}
+
+impl CullCommandError {
+    /// Whether the command line is wrong.
+    pub const fn is_usage(&self) -> bool {
+        matches!(self, Self::AboutBoxes { .. } | Self::TwoOnStdout { .. } | Self::SameFile { .. })
+    }
+}
+
 impl Cull {
     /// Reads the file, culls, decodes, and writes the results.
-    pub fn run(&self, place: &Place, config: &Config) -> Result<(), Fault> {
+    pub fn run(&self, place: &Place, config: &Config) -> Result<(), CullCommandError> {
         self.check()?;
         let scene = self.open()?;
         let progress = spinner(&scene.to_string());
@@ -127,16 +161,16 @@ impl Cull {
             print_aside(&report.to_string());
             return Ok(());
         }
-        Ok(if self.json { print_json(&report) } else { print_text(&report.to_string()) }?)
+        if self.json { print_json(&report) } else { print_text(&report.to_string()) }?;
+        Ok(())
     }
 
     /// Checks that the options do not contradict each other.
-    fn check(&self) -> Result<(), WrongUsage> {
+    fn check(&self) -> Result<(), CullCommandError> {
         let is_precise = self.precision == PrecisionChoice::Exact;
         for (flag, allowed) in [("--precision", is_precise), ("--explain", !self.explain)] {
             if self.shape == Shape::Spheres && !allowed {
-                let what = "is about boxes: leave it out with --shape spheres";
-                return Err(WrongUsage(format!("{flag} {what}")));
+                return Err(CullCommandError::AboutBoxes { flag });
             }
         }
         let to_stdout = |path: &Option<PathBuf>| path.as_deref().is_some_and(is_stdout);
@@ -147,14 +181,11 @@ impl Cull {
         ];
         let mut on_stdout = results.iter().filter(|(_, is_there)| *is_there);
         if let (Some((first, _)), Some((second, _))) = (on_stdout.next(), on_stdout.next()) {
-            let what = "would both write to stdout: name a file for one of them";
-            return Err(WrongUsage(format!("{first} and {second} {what}")));
+            return Err(CullCommandError::TwoOnStdout { first, second });
         }
         match (&self.pairs, &self.mask) {
             (Some(path), Some(mask)) if path == mask => {
-                let path = path.display();
-                let what = "name the same file";
-                Err(WrongUsage(format!("--pairs and --mask {what}, {path}: name two")))
+                Err(CullCommandError::SameFile { path: path.clone() })
             }
             _ => Ok(()),
         }
@@ -175,7 +206,7 @@ impl Cull {
         warning.into_iter().collect()
     }
 
-    fn open(&self) -> Result<RawScene, Fault> {
+    fn open(&self) -> Result<RawScene, CullCommandError> {
         Ok(match self.shape {
             Shape::Boxes => RawScene::Boxes(RawObjects::open(&self.file)?),
             Shape::Spheres => RawScene::Spheres(RawObjects::open(&self.file)?),
@@ -230,7 +261,7 @@ fn ask_boxes(
     boxes: RawBoxes,
     precision: PrecisionChoice,
     planner: Option<impl FnOnce(&[Aabb]) -> Planned>,
-) -> Result<Asked, Fault> {
+) -> Result<Asked, CullCommandError> {
     let start = Instant::now();
     if precision == PrecisionChoice::Exact {
         let mut exact = session.frame(boxes.count())?;
@@ -255,7 +286,10 @@ fn ask_boxes(
     Ok(Asked { times, frame: narrow.submit()?, planned, look, world })
 }
 
-fn ask_spheres(session: &mut Session, spheres: RawObjects<Sphere>) -> Result<Asked, Fault> {
+fn ask_spheres(
+    session: &mut Session,
+    spheres: RawObjects<Sphere>,
+) -> Result<Asked, CullCommandError> {
     let start = Instant::now();
     let mut frame = session.sphere_frame(spheres.count())?;
     spheres.read_into(frame.spheres_mut())?;
@@ -268,7 +302,7 @@ fn ask_spheres(session: &mut Session, spheres: RawObjects<Sphere>) -> Result<Ask
 fn answer(
     frame: PendingFrame,
     [start, read, submitted]: [Instant; 3],
-) -> Result<(PairMask, Timings), Fault> {
+) -> Result<(PairMask, Timings), CullCommandError> {
     let mask = frame.wait()?;
     let answered = Instant::now();
     let mut decoded = 0;
@@ -277,8 +311,7 @@ fn answer(
 
     let (engine, counted) = (mask.info().engine, mask.count());
     if counted != decoded {
-        let what = format!("{engine} counted {counted} pairs and its mask holds {decoded}");
-        return Err(format!("{what}: please report this").into());
+        return Err(CullCommandError::Miscounted { engine, counted, decoded });
     }
     let timings = Timings {
         read: read - start,
@@ -289,14 +322,24 @@ fn answer(
     Ok((mask, timings))
 }
 
+/// Why a result file was not written.
+#[derive(Debug, thiserror::Error)]
+pub enum ResultError {
+    #[error(transparent)]
+    File(#[from] FileError),
+    #[error(transparent)]
+    Output(#[from] OutputError),
+    #[error("no memory to sort {pairs} pairs: write the mask instead (--mask)")]
+    TooManyPairs { pairs: u64 },
+}
+
 /// Writes the pairs, the lower index first, in ascending order; to stdout for `-`.
-pub fn write_pairs(path: &Path, mask: &PairMask) -> Result<(), Fault> {
+pub fn write_pairs(path: &Path, mask: &PairMask) -> Result<(), ResultError> {
+    let too_many = ResultError::TooManyPairs { pairs: mask.count() };
     let mut pairs: Vec<[u32; 2]> = Vec::new();
     let room = usize::try_from(mask.count()).ok();
     if room.is_none_or(|room| pairs.try_reserve_exact(room).is_err()) {
-        let pairs = mask.count();
-        let what = format!("no memory to sort {pairs} pairs: write the mask instead (--mask)");
-        return Err(what.into());
+        return Err(too_many);
     }
     mask.view().for_each(|a, b| pairs.push([a, b]));
     if !pairs.is_sorted() {
@@ -309,7 +352,7 @@ pub fn write_pairs(path: &Path, mask: &PairMask) -> Result<(), Fault> {
 /// blocks and the bits of its words. The order comes first and is always written, so that the
 /// number of words follows from the file's length; of a list its pairs, in its own order. Of any
 /// other mask the sections, as they lie in the reply. To stdout for `-`.
-pub fn write_mask(path: &Path, mask: &PairMask) -> Result<(), Fault> {
+pub fn write_mask(path: &Path, mask: &PairMask) -> Result<(), ResultError> {
     let view = mask.view();
     write_file(path, |file| match &view {
         MaskView::Dense(dense) => file.write_all(bytemuck::cast_slice(dense.as_words())),
@@ -354,7 +397,7 @@ fn write_words(file: &mut dyn Write, words: impl Iterator<Item = u32>) -> io::Re
 fn write_file(
     path: &Path,
     write: impl FnOnce(&mut dyn Write) -> io::Result<()>,
-) -> Result<(), Fault> {
+) -> Result<(), ResultError> {
     let whole = |mut file: BufWriter<&mut dyn Write>| write(&mut file).and_then(|()| file.flush());
     if is_stdout(path) {
         return Ok(whole(BufWriter::new(&mut std::io::stdout().lock())).map_err(OutputError::Io)?);

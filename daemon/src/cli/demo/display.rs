@@ -5,10 +5,9 @@ use std::time::{Duration, Instant};
 use indicatif::{ProgressBar, ProgressStyle};
 use pairmask_core::engine::EngineId;
 
-use super::BadPair;
+use super::{BadPair, DemoError};
 use crate::cli::output::{OutputError, is_watched, print_text, time_text};
 use crate::cli::percentiles::Recorder;
-use crate::cli::program::Fault;
 
 /// Time between two changes of the line on a terminal: faster figures cannot be read.
 const LIVE_INTERVAL: Duration = Duration::from_millis(250);
@@ -106,12 +105,11 @@ impl Progress {
     }
 
     /// Returns an error if a checked frame was wrong.
-    pub fn verdict(&self) -> Result<(), Fault> {
-        let Self { wrong, checked, .. } = self;
-        if *wrong == 0 {
-            return Ok(());
+    pub fn verdict(&self) -> Result<(), DemoError> {
+        match self.wrong {
+            0 => Ok(()),
+            wrong => Err(DemoError::Wrong { wrong, checked: self.checked }),
         }
-        Err(format!("{wrong} of {checked} sampled frames were wrong: please report this").into())
     }
 
     fn checks_text(&self) -> String {
@@ -218,7 +216,6 @@ mod tests {
         progress.note_check(Some(BadPair::Missing(3, 9)));
         let text = progress.summary_text();
         assert!(text.contains("frame 2") && text.contains("(3, 9)"), "{text}");
-        let verdict = progress.verdict().map_err(|fault| fault.to_string());
-        assert_eq!(verdict, Err("1 of 2 sampled frames were wrong: please report this".into()));
+        assert!(matches!(progress.verdict(), Err(DemoError::Wrong { wrong: 1, checked: 2 })));
     }
 }

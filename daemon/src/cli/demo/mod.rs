@@ -3,15 +3,15 @@
 mod display;
 mod world;
 
+use std::fmt;
 use std::num::{NonZeroU32, NonZeroU64};
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
-use std::{fmt, io};
 
 use clap::Args;
-use pairmask::{Backend, ServedBy, Session};
+use pairmask::{Backend, ConnectError, FrameError, ServedBy, Session, WaitError};
 use pairmask_core::Aabb;
 use pairmask_core::oracle::truth;
 use rustix::process::{Pid, Signal, kill_process, set_parent_process_death_signal};
@@ -20,9 +20,9 @@ use self::display::{Display, Progress};
 use self::world::World;
 use super::config::Config;
 use super::options::{DaemonOptions, Place};
-use super::program::{ClientFailed, Fault};
+use super::output::OutputError;
 use super::whole_number::whole_number;
-use crate::spawn::{PrivateDaemon, own_binary};
+use crate::spawn::{PrivateDaemon, SpawnError, own_binary};
 
 /// A client that still runs this long after its time counts as hanging.
 const PATIENCE: Duration = Duration::from_secs(60);
@@ -65,22 +65,46 @@ impl DemoOptions {
     }
 }
 
-/// For `map_err`: names the step at which the system refused.
-fn at<E: fmt::Display>(step: &'static str) -> impl FnOnce(E) -> Fault {
-    move |error| format!("{step}: {error}").into()
+/// Why the demo failed.
+#[derive(Debug, thiserror::Error)]
+pub enum DemoError {
+    #[error(transparent)]
+    Spawn(#[from] SpawnError),
+    #[error("{step}: {source}")]
+    System { step: &'static str, source: std::io::Error },
+    #[error("the client process failed ({status})")]
+    Client { status: ExitStatus },
+    #[error("the client process was not done {PATIENCE:?} after its time")]
+    Hangs,
+    #[error("{wrong} of {checked} sampled frames were wrong: please report this")]
+    Wrong { wrong: u64, checked: u64 },
+    #[error(transparent)]
+    Connect(#[from] ConnectError),
+    #[error(transparent)]
+    Frame(#[from] FrameError),
+    #[error(transparent)]
+    Wait(#[from] WaitError),
+    #[error(transparent)]
+    Output(#[from] OutputError),
+}
+
+impl DemoError {
+    fn system(step: &'static str) -> impl FnOnce(std::io::Error) -> Self {
+        move |source| Self::System { step, source }
+    }
 }
 
 impl Demo {
     /// Starts both processes and waits for the client.
-    pub fn run(&self, place: &Place, config: &Config) -> Result<(), Fault> {
+    pub fn run(&self, place: &Place, config: &Config) -> Result<(), DemoError> {
         let stop = stop_flag()?;
         let daemon = PrivateDaemon::start_self(&self.daemon.private(place, config))?;
         let client = self.start_client(&daemon)?;
         let status = wait_for(client, self.options.duration() + PATIENCE, &stop)?;
-        if status.success() { Ok(()) } else { Err(ClientFailed(status).into()) }
+        if status.success() { Ok(()) } else { Err(DemoError::Client { status }) }
     }
 
-    fn start_client(&self, daemon: &PrivateDaemon) -> Result<Child, Fault> {
+    fn start_client(&self, daemon: &PrivateDaemon) -> Result<Child, DemoError> {
         let DemoOptions { seconds, boxes } = &self.options;
         Command::new(own_binary()?)
             .args(["demo-client", "--seconds", &seconds.to_string()])
@@ -90,27 +114,31 @@ impl Demo {
             .arg(daemon.dir().path())
             .stdin(Stdio::null())
             .spawn()
-            .map_err(at("starting the client process"))
+            .map_err(DemoError::system("starting the client process"))
     }
 }
 
 /// A flag that Ctrl-C and SIGTERM set: the demo then ends early, with its summary.
-fn stop_flag() -> Result<Arc<AtomicBool>, Fault> {
+fn stop_flag() -> Result<Arc<AtomicBool>, DemoError> {
     let stop = Arc::new(AtomicBool::new(false));
     for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
         signal_hook::flag::register(signal, Arc::clone(&stop))
-            .map_err(at("installing signal handlers"))?;
+            .map_err(DemoError::system("installing signal handlers"))?;
     }
     Ok(stop)
 }
 
 /// Waits for the client's end. Passes on a request to stop, and kills a client that hangs.
-fn wait_for(mut client: Child, patience: Duration, stop: &AtomicBool) -> Result<ExitStatus, Fault> {
+fn wait_for(
+    mut client: Child,
+    patience: Duration,
+    stop: &AtomicBool,
+) -> Result<ExitStatus, DemoError> {
     let watching = "watching the client process";
     let deadline = Instant::now() + patience;
     let mut told = false;
     while Instant::now() < deadline {
-        if let Some(status) = client.try_wait().map_err(at(watching))? {
+        if let Some(status) = client.try_wait().map_err(DemoError::system(watching))? {
             return Ok(status);
         }
         if stop.load(Ordering::Relaxed) && !std::mem::replace(&mut told, true) {
@@ -118,8 +146,8 @@ fn wait_for(mut client: Child, patience: Duration, stop: &AtomicBool) -> Result<
         }
         std::thread::sleep(LOOK_INTERVAL);
     }
-    client.kill().and_then(|()| client.wait()).map_err(at(watching))?;
-    Err(format!("the client process was not done {PATIENCE:?} after its time").into())
+    client.kill().and_then(|()| client.wait()).map_err(DemoError::system(watching))?;
+    Err(DemoError::Hangs)
 }
 
 /// Time between two checked frames. A check of all pairs of 10,000 boxes takes 0.1 s.
@@ -142,12 +170,11 @@ fn ask_to_stop(client: &Child) {
 
 impl DemoClient {
     /// Runs frames until the demo's time is over.
-    pub fn run(&self, place: &Place, config: &Config) -> Result<(), Fault> {
+    pub fn run(&self, place: &Place, config: &Config) -> Result<(), DemoError> {
         let stop = stop_flag()?;
         // If the demo's process is killed, this process has to end with it.
         set_parent_process_death_signal(Some(Signal::KILL))
-            .map_err(io::Error::from)
-            .map_err(at("binding to the demo"))?;
+            .map_err(|errno| DemoError::system("binding to the demo")(errno.into()))?;
         let mut session = connect(place, config)?;
         let mut world = World::new(self.options.boxes.get());
         let mut display = Display::new();
@@ -168,7 +195,7 @@ impl DemoClient {
 }
 
 /// A session that starts with the daemon, and falls back to this process if the daemon is killed.
-fn connect(place: &Place, config: &Config) -> Result<Session, Fault> {
+fn connect(place: &Place, config: &Config) -> Result<Session, DemoError> {
     let builder = || {
         Session::builder()
             .runtime_dir(place.runtime_dir(config))
@@ -184,7 +211,7 @@ fn run_frame(
     world: &mut World,
     progress: &mut Progress,
     is_checked: bool,
-) -> Result<Option<BadPair>, Fault> {
+) -> Result<Option<BadPair>, DemoError> {
     let mut frame = session.frame(world.len())?;
     world.write_boxes(frame.boxes_mut());
     let sample: Option<Vec<Aabb>> = is_checked.then(|| frame.boxes().to_vec());

@@ -10,18 +10,17 @@ use std::sync::mpsc::{Receiver, channel};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
-use clap::{Args, ValueEnum as _};
+use clap::Args;
 use pairmask::{Backend, SessionBuilder};
 use pairmask_core::BoxCount;
 use pairmask_core::spinner::Spinner;
-use pairmaskd::cli::bench::{Figures, LatencyRow, SEED, Wait, threads_of};
+use pairmaskd::cli::bench::{BenchError, Figures, LatencyRow, SEED, Wait, threads_of};
 use pairmaskd::cli::config::Config;
 use pairmaskd::cli::daemon_cpu::DaemonCpu;
 use pairmaskd::cli::machine::Machine;
 use pairmaskd::cli::options::{CullFlags, DaemonOptions, Place};
 use pairmaskd::cli::output::spinner;
 use pairmaskd::cli::percentiles::{Percentiles, Recorder};
-use pairmaskd::cli::program::WrongUsage;
 use pairmaskd::cli::raw_objects::RawBoxes;
 use pairmaskd::cli::target::{DEADLINE, Target};
 use pairmaskd::cli::whole_number::whole_number;
@@ -112,6 +111,11 @@ pub struct Group {
     n: u32,
     clients: u32,
 }
+
+/// Why a mix is refused.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("--mix has {0} clients: leave some out, {MOST_CLIENTS} are the most")]
+pub struct TooManyClients(u32);
 
 /// A number from 1 to `most`, in digits alone.
 fn number(text: &str, most: u32) -> Option<NonZeroU32> {
@@ -242,10 +246,9 @@ struct Paced {
 impl Load {
     /// Measures a row for every wait, rate, size, number of clients and precision.
     pub fn run(&self, place: &Place, config: &Config) -> Result<()> {
-        let clients: u32 = self.mix.iter().map(|group| group.clients).sum();
+        let clients = self.mix.iter().map(|group| group.clients).sum();
         if clients > MOST_CLIENTS {
-            let what = format!("--mix has {clients} clients: leave some out");
-            return Err(WrongUsage(format!("{what}, {MOST_CLIENTS} are the most")).into());
+            return Err(TooManyClients(clients).into());
         }
         let sizes = match &self.scene {
             Some(path) => vec![u32::try_from(RawBoxes::open(path)?.count()).unwrap_or(u32::MAX)],
@@ -444,7 +447,7 @@ impl ClientSettings {
     /// `None` where the parent gave up before the start.
     fn measure(&self, mut builder: SessionBuilder) -> Result<Option<Paced>> {
         // Names that the parent has written.
-        let wait = Wait::from_str(&self.wait, false).unwrap_or(Wait::Serve);
+        let wait: Wait = self.wait.parse().unwrap_or(Wait::Serve);
         let precision = self.precision.parse().unwrap_or(PrecisionChoice::Exact);
         let seed = SEED + u64::from(self.index);
         let mut scene = match &self.scene {
@@ -464,12 +467,13 @@ impl ClientSettings {
             .deadline(DEADLINE)
             .capacity(BoxCount::new(n))
             .visit_threads(self.decode_threads.get())
-            .connect()?;
+            .connect()
+            .map_err(BenchError::from)?;
         let mut decoding = threads_of(self.decode_threads)?;
         let mut client = TimedClient::new(session, precision, scene.boxes());
         // The backend of this frame has to serve all frames. It touches all memory too.
         let first = client.frame_decoded(scene.boxes(), &mut decoding, |_| ());
-        let mut figures = Figures::of(&first?.info);
+        let mut figures = Figures::of(&first.map_err(BenchError::from)?.info);
         tell(&Said::Ready);
         if !is_told_to_begin() {
             return Ok(None);
@@ -488,7 +492,8 @@ impl ClientSettings {
                 break;
             }
             await_time(begins);
-            let times = client.frame_decoded(scene.boxes(), &mut decoding, |_| ())?;
+            let times = client.frame_decoded(scene.boxes(), &mut decoding, |_| ());
+            let times = times.map_err(BenchError::from)?;
             if begins < from {
                 continue;
             }

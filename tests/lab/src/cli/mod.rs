@@ -12,12 +12,16 @@ mod studies;
 use std::process::ExitCode;
 
 use clap::{CommandFactory, Parser, Subcommand};
-use pairmaskd::cli::config::Config;
+use pairmaskd::cli::config::{Config, ConfigError};
 use pairmaskd::cli::options::Place;
+use pairmaskd::cli::output::OutputError;
+use pairmaskd::cli::program::{FAILED, Failure, USAGE, WrongUsage, says_why};
 use pairmaskd::cli::shape::{ALL, Shape, shaped};
 use pairmaskd::cli::{build, output, program, serve};
+use pairmaskd::serve::ServeError;
+use pairmaskd::spawn::SpawnError;
 
-use crate::processes;
+use crate::{Fault, processes};
 
 /// Measures and stresses the engines of pairmask.
 #[derive(Debug, Parser)]
@@ -93,7 +97,7 @@ fn command() -> clap::Command {
 ///
 /// Call it first in `main`: it sets the process up.
 pub fn main() -> ExitCode {
-    program::run(&command(), run)
+    program::run(&command(), |cli| run(cli).map_err(LabError))
 }
 
 fn run(Cli { place, command }: &Cli) -> crate::Result<()> {
@@ -131,6 +135,37 @@ impl Command {
                 | Self::Client { .. }
                 | Self::Serve(_)
         )
+    }
+}
+
+/// Why a measurement failed; its type decides the exit status.
+#[derive(Debug, thiserror::Error)]
+#[error(transparent)]
+struct LabError(Fault);
+
+impl From<WrongUsage> for LabError {
+    fn from(error: WrongUsage) -> Self {
+        Self(error.into())
+    }
+}
+
+impl From<OutputError> for LabError {
+    fn from(error: OutputError) -> Self {
+        Self(error.into())
+    }
+}
+
+impl Failure for LabError {
+    fn exit_code(&self) -> u8 {
+        let is_usage = self.0.is::<WrongUsage>() || self.0.is::<ConfigError>();
+        if is_usage || self.0.is::<load::TooManyClients>() { USAGE } else { FAILED }
+    }
+
+    fn was_said(&self) -> bool {
+        says_why(match self.0.downcast_ref() {
+            Some(ServeError::Worker { code }) => Some(*code),
+            _ => self.0.downcast_ref().and_then(SpawnError::exit_code),
+        })
     }
 }
 
