@@ -78,9 +78,8 @@ pub enum SharedError {
     /// The edit that gives back a lease is wrong.
     #[error(transparent)]
     Edit(#[from] EditError),
-    /// The request could not be sent. For want of a daemon: the next commit joins again, and has this edit. Else, for
-    /// want of a place or of memory ([`FrameError::TooManyFrames`]), nothing has happened while the membership stood,
-    /// and the edit can be made again; the first commit after joining has it.
+    /// The request could not be sent, for want of a daemon for one. The edit of a commit is applied all the same: the
+    /// next commit joins again, and has it.
     #[error(transparent)]
     Frame(#[from] FrameError),
     /// There is no answer. The next commit joins again where that is needed, and has this edit.
