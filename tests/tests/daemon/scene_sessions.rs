@@ -1,6 +1,7 @@
 //! Scenes of sessions, kept by a daemon: where they are kept, limits, and daemons that die. What they tell is held to
 //! the model.
 
+use pairmask::filters::{Filter, FilterId, FilterTable, Tag};
 use pairmask::{CommitError, Scene};
 use pairmask_core::oracle::truth;
 use pairmask_core::scene as core_scene;
@@ -138,6 +139,35 @@ fn a_resync_that_was_asked_for_outlives_the_daemon() {
             Some((told.is_resync(), told.pairs().to_vec()))
         });
         assert_eq!(told, (true, vec![[1, 2]]), "{backend:?}");
+    }
+}
+
+/// Filters and lists that a scene has before it has boxes are sent again too.
+#[test]
+fn rules_without_boxes_outlive_the_daemon() {
+    for backend in [Backend::Daemon, Backend::Auto] {
+        let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+        let mut session = daemon.session().backend(backend).connect().unwrap();
+        let mut scene = session.scene(SceneOptions::default());
+        let apart = FilterTable::new(&[Filter::new(1, 2)]).unwrap();
+        let edit = scene.edit().exclude(&[[1, 2]], true).filters(&apart);
+        drop(edit.commit(Want::Changes).unwrap().take());
+        let died = daemon.worker();
+        daemon.signal_worker(Signal::KILL);
+        eventually("another worker serves", || (daemon.worker() != died).then_some(()));
+        // So that the next edit goes to the next daemon at once, and is not sent again with its boxes.
+        eventually("the session has the next daemon", || {
+            let mask = session.frame(1).ok()?.submit().ok()?.wait().ok()?;
+            (mask.info().served_by == ServedBy::Daemon).then_some(())
+        });
+        let boxes = [at(0.0); 4];
+        // Those of 3 and 4 have the first filter, which does not admit itself; the others are in no category of it.
+        let pairs = eventually("the scene is answered", || {
+            let tags = [Tag::default().with_filter(FilterId(7)); 2];
+            let edit = scene.edit().set_all(1..5, &boxes).tag_all(1..3, &tags);
+            Some(edit.commit(Want::All).ok()?.take().pairs().to_vec())
+        });
+        assert!(!pairs.contains(&[1, 2]) && !pairs.contains(&[3, 4]), "{backend:?}: {pairs:?}");
     }
 }
 

@@ -393,7 +393,8 @@ impl RemoteScene {
 
     fn send_whole(&mut self, link: &Arc<Link>) -> Result<(), CommitError> {
         self.forgets |= self.resyncs_anew;
-        if self.copy.is_empty() {
+        // Filters and lists are there without boxes as well.
+        if self.copy.is_empty() && !self.copy.filters().is_used() {
             return Ok(());
         }
         let sent = {
