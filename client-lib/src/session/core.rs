@@ -514,8 +514,16 @@ impl Core {
 
     pub(super) fn daemon_status(&self) -> Result<StatusBody, StatusError> {
         let link = self.link()?;
-        let (exchange, asked) = self.status_exchange(self.loan(&link, 0)?)?;
-        let answer = exchange.end(link.expect(0), &self.settings)?;
+        let asked = self.status_exchange(self.loan(&link, 0)?);
+        let answered = asked.and_then(|(exchange, asked)| {
+            Ok((exchange.end(link.expect(0), &self.settings)?, asked))
+        });
+        if let Err(StatusError::Wait(error)) = &answered
+            && let Some(how) = Loss::of(error)
+        {
+            let _ = self.lose(&link, how);
+        }
+        let (answer, asked) = answered?;
         let payload = bytemuck::cast_slice(answer.response.pages());
         Ok(StatusBody::parse(&answer.header, &asked, payload).map_err(WaitError::from)?)
     }
