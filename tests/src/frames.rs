@@ -35,7 +35,7 @@ pub fn served_by(expected: ServedBy, mut ask: impl FnMut() -> PairMask) -> PairM
     let mut count = None;
     eventually("the expected side answers", || {
         let mask = ask();
-        assert_eq!(*count.get_or_insert(mask.count()), mask.count(), "whoever answers");
+        assert_eq!(*count.get_or_insert(mask.count()), mask.count(), "from either side");
         Some(mask).filter(|mask| mask.info().served_by == expected)
     })
 }

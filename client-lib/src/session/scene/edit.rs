@@ -53,11 +53,11 @@ impl Draft {
 
     /// What functions gave.
     fn filled<'a>(&'a self, given: &Given<'a>) -> impl Iterator<Item = Sets<'a>> {
-        let sets = |(indices, place): &(Indices<'a>, Range<usize>)| Sets {
+        let sets = move |(indices, place): &(Indices<'a>, Range<usize>)| Sets {
             indices: *indices,
             boxes: &self.filled[place.clone()],
         };
-        given.fills.iter().map(sets).collect::<Vec<_>>().into_iter()
+        given.fills.iter().map(sets)
     }
 
     /// All steps of an edit.

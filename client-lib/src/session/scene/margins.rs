@@ -46,7 +46,7 @@ enum Pairs {
     Exact(Exact),
 }
 
-/// Near pairs are told by the scene.
+/// Near pairs are reported by the scene.
 #[derive(Default)]
 struct Near {
     /// Whether there may be changes that were not taken.
@@ -57,7 +57,7 @@ struct Near {
     told: Told,
 }
 
-/// Exact pairs are told here.
+/// Exact pairs are reported here.
 #[derive(Default)]
 struct Exact {
     pairs: ExactPairs,
@@ -102,7 +102,7 @@ impl Margined {
         self.now.allocated_bytes() + self.outgoing.allocated_bytes() + pairs
     }
 
-    /// Forgets what was told. Whether the scene of what was sent has to forget it too.
+    /// Requests a resync. Whether one is to be requested of the scene of what was sent too.
     pub fn lose(&mut self) -> bool {
         match &mut self.pairs {
             Pairs::Near(near) => {
@@ -128,7 +128,7 @@ impl Margined {
         let Self { now, pairs, outgoing, threads, .. } = self;
         sets.iter().try_for_each(MarginedSets::check)?;
         now.check(edit)?;
-        // A daemon tells pairs of the boxes that it is sent, also where they did not leave their margin.
+        // A daemon reports pairs of the boxes that it is sent, also where they did not leave their margin.
         let needs_all = matches!(pairs, Pairs::Near(_)) && want == Want::Moved;
         outgoing.clear();
         for sets in sets {
@@ -176,8 +176,8 @@ impl Margined {
         self.stats.sent += self.outgoing.len() as u64;
     }
 
-    /// Answers, by what the scene has answered to what it was asked. Whether the answer is [here](Self::told), and not
-    /// the scene's.
+    /// Answers an edit, by the scene's answer to the request, if one was made. Whether the answer is
+    /// [here](Self::told), and not the scene's.
     pub fn answer(&mut self, want: Want, found: Option<(Want, Source<'_>)>) -> bool {
         let Self { now, pairs, threads, .. } = self;
         match pairs {

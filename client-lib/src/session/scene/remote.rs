@@ -186,7 +186,7 @@ impl RemoteScene {
         };
         match &begun {
             Err(CommitError::Edit(_) | CommitError::Frame(_)) => self.copy.cancel(edit),
-            // Perhaps without an answer, as the error says: the copy has it, and whoever keeps the scene next.
+            // Perhaps without an answer, as the error says: the copy has it, and the scene's next keeper.
             Ok(_) | Err(_) => self.copy.apply(edit),
         }
         begun

@@ -121,7 +121,7 @@ pub(in crate::session) struct Member {
     revisions: u64,
     /// Whether the next request asks for a resync.
     forgets: bool,
-    /// What a member hears before its first answer.
+    /// An answer without pairs, for a member that has none yet.
     nothing: Told,
     /// Until the commit of a table of filters is answered.
     before: Option<Box<Before>>,
