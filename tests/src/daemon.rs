@@ -117,9 +117,11 @@ impl TestDaemon {
         self.dir.path()
     }
 
-    /// A session builder for this daemon.
+    /// A session builder for this daemon. Its deadline is that of a test that hangs: on a busy machine a software GPU
+    /// takes longer than a session's own five seconds.
     pub fn session(&self) -> SessionBuilder {
-        Session::builder().runtime_dir(self.dir()).backend(Backend::Daemon)
+        let builder = Session::builder().runtime_dir(self.dir()).backend(Backend::Daemon);
+        builder.deadline(Duration::from_secs(60))
     }
 
     /// The record of the processes that serve now, if any.

@@ -317,7 +317,8 @@ fn a_device_is_kept_awake_while_frames_come_and_answers_them() {
         let started = Awake::start(&gpu, DEFAULT_HOLD).expect("no fault");
         assert!(started.is_none(), "it would take the cores that frames run on");
     }
-    let awake = Awake::launch(&gpu, Duration::from_millis(1)).expect("a frame");
+    // Longer than a busy machine takes to wake the thread.
+    let awake = Awake::launch(&gpu, Duration::from_millis(500)).expect("a frame");
     let mut engine = Grid::new(&gpu, &GridOptions::default()).expect("an engine");
     let boxes = stress_scenes::named("uniform").boxes(1234, 6);
     for _ in 0..5 {
