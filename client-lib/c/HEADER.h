@@ -12,7 +12,7 @@
  *     pm_session_connect(NULL, &session);
  *     pm_session_frame(session, 3, &frame, &boxes);     shared memory where a daemon serves
  *     ... write boxes[0] to boxes[2] ...
- *     pm_frame_submit(frame, &pending);
+ *     pm_frame_submit(frame, NULL, &pending);
  *     pm_pending_wait(pending, &mask);
  *     pm_mask_pairs(mask, &pairs, &count);
  *     pm_mask_drop(mask);

@@ -14,7 +14,7 @@
 //! }
 //!
 //! let mask = frame.submit()?.wait()?; // or try_take(), wait_timeout(d)
-//! for (a, b) in mask.pairs() {
+//! for [a, b] in mask.pairs() {
 //!     println!("boxes {a} and {b} overlap");
 //! }
 //! assert!(mask.contains(0, 1) && mask.contains(1, 2) && mask.count() == 2);
@@ -62,7 +62,7 @@
 //! | the same with [margins](scene::SceneMargins) | what leaves its margin | where many boxes move a little |
 //! | [`Session::join_scene`] | what changes | one scene that several processes write, each its own boxes |
 //!
-//! Frames of boxes may have rules ([`filters`], [`Frame::submit_with`]): worlds side by side, owners,
+//! Frames of boxes may have collision filters ([`filters`], [`FrameOptions`]): worlds side by side, owners,
 //! categories and masks, groups, and lists of pairs.
 //!
 //! Worlds in f64 go through [`Aabb::outward_from_f64`], relative to an origin.
@@ -117,7 +117,7 @@ pub use pairmask_core::units::BoxCount;
 pub use pairmask_wire::{InstanceName, StatusBody as DaemonStatus};
 pub use session::{
     Backend, CommitError, ConnectError, EndedIter, EndedList, FindError, Frame, FrameError,
-    FrameInfo, JoinOptions, NarrowFrame, PairList, PairListIter, PairMask, PendingAnswer,
-    PendingFrame, QueryAnswer, Scene, SceneAnswer, SceneEdit, SceneQuery, ServedBy, Session,
-    SessionBuilder, SharedError, SphereFrame, StatusError, WaitError,
+    FrameInfo, FrameObject, FrameOptions, JoinOptions, PairList, PairListIter, PairMask,
+    PendingAnswer, PendingFrame, Quantized, QueryAnswer, Scene, SceneAnswer, SceneEdit, SceneQuery,
+    ServedBy, Session, SessionBuilder, SharedError, StatusError, WaitError,
 };

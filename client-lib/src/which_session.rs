@@ -35,9 +35,9 @@
 //! | A city: static buildings, traffic | a scene. [Buildings are static](#static-worlds-and-traffic), and are set and removed by blocks | [`Want::Moved`] |
 //! | Projectiles, pickups: spawned and gone in great number | a scene with a [pool of indices](#pools-and-answers-that-are-not-taken) that are switched off | [`Want::Changes`] |
 //! | Trigger volumes: who came in, who left | a scene. Triggers are static, if they need not meet one another | [`Want::Changes`] |
-//! | Reinforcement learning: thousands of small worlds in step | one frame of all worlds, each box with the [tag](crate::filters::Tag) of its world: [`Frame::submit_with`](crate::Frame::submit_with) | all pairs, [world by world](crate::PairMask::pairs_of_world) |
+//! | Reinforcement learning: thousands of small worlds in step | one frame of all worlds, each box with the [tag](crate::filters::Tag) of its world: [`FrameOptions::filters`](crate::FrameOptions::filters) | all pairs, [world by world](crate::PairMask::pairs_of_world) |
 //! | Bullets, cameras, triggers that are asked now and then: many boxes against a large world | a scene, and [queries](crate::Scene::query) of it: boxes, points ([`Aabb::point`](crate::Aabb::point)) and sweeps ([`Aabb::swept`](crate::Aabb::swept)), which cost by what they find | [`Want::Nothing`] |
-//! | Players against scenery: a few against many | a frame, [`Frame::submit_between`](crate::Frame::submit_between) | |
+//! | Players against scenery: a few against many | a frame, [`FrameOptions::split_at`](crate::FrameOptions::split_at) | |
 //! | A level editor | a scene; hidden layers are switched off | [`Want::Moved`]: what the dragged object touches now |
 //! | A server with several processes | a daemon, and a session in each process. A scene belongs to its session; one that several write is [joined](Session::join_scene) by name | any |
 //! | A tool that looks at a level once | a frame, [`Backend::InProcess`] | |

@@ -56,7 +56,7 @@ impl Margined {
         let tasks = boxes.par_chunks(TASK_BOXES).zip(self.inflated.par_chunks_mut(TASK_BOXES));
         tasks.for_each(|(boxes, out)| self.margin.inflate_all(boxes, out));
         let mut frame = self.session.narrow_frame(boxes.len(), Precision::Exact)?;
-        frame.fill(&self.inflated);
+        frame.write(&self.inflated)?;
         Ok(frame.submit()?.wait()?)
     }
 
@@ -123,7 +123,7 @@ impl Looked {
         Self { pairs: pairs.len() as u64, indices }
     }
 
-    const fn at(self, (a, b): (u32, u32)) -> Self {
+    const fn at(self, [a, b]: [u32; 2]) -> Self {
         Self { pairs: self.pairs + 1, indices: self.indices ^ a ^ b }
     }
 
@@ -279,7 +279,7 @@ impl TimedClient {
             }
             Self::Narrow(session, precision) => {
                 let mut frame = session.narrow_frame(boxes.len(), *precision)?;
-                frame.fill(boxes);
+                frame.write(boxes)?;
                 let filled = Instant::now();
                 (frame.submit()?, filled)
             }

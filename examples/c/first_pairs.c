@@ -31,7 +31,7 @@ int main(void) {
   boxes[1] = (pm_box){{0.5f, 0.5f, 0.5f}, {1.5f, 1.5f, 1.5f}};
   boxes[2] = (pm_box){{1, 0, 0}, {2, 1, 1}};
 
-  if (failed("submit", pm_frame_submit(frame, &pending)) ||
+  if (failed("submit", pm_frame_submit(frame, NULL, &pending)) ||
       failed("wait", pm_pending_wait(pending, &mask)) ||
       failed("pairs", pm_mask_pairs(mask, &pairs, &count))) {
     return 1;

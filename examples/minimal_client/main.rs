@@ -29,7 +29,7 @@ fn run() -> Result<(), Box<dyn std::error::Error>> {
 
     let mask = frame.submit()?.wait()?;
     println!("served by: {:?}", mask.info().served_by);
-    for (a, b) in mask.pairs() {
+    for [a, b] in mask.pairs() {
         println!("boxes {a} and {b} overlap");
     }
     Ok(())

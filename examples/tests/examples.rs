@@ -171,7 +171,7 @@ fn fresh_pairs(session: &mut Session, simulation: &Simulation) -> Vec<Pair> {
     let mask = frame.submit().unwrap().wait().unwrap();
     let first_static = simulation.world.statics().start;
     let mut pairs: Vec<Pair> =
-        mask.pairs().map(|(a, b)| [a, b]).filter(|[a, _]| *a < first_static).collect();
+        mask.pairs().map(|[a, b]| [a, b]).filter(|[a, _]| *a < first_static).collect();
     pairs.sort_unstable();
     pairs
 }

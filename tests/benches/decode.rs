@@ -120,7 +120,7 @@ fn decode(title: &str, written: &WrittenMask, expected: usize) {
         "for_each, push",
         median_of(|| {
             list.clear();
-            mask.for_each(|a, b| list.push((a, b)));
+            mask.for_each(|a, b| list.push([a, b]));
         }),
     );
     row(
@@ -134,7 +134,7 @@ fn decode(title: &str, written: &WrittenMask, expected: usize) {
         "for loop, sum",
         median_of(|| {
             let mut sum = 0u64;
-            for (a, b) in mask.pairs() {
+            for [a, b] in mask.pairs() {
                 sum += u64::from(a ^ b);
             }
             sum
@@ -143,7 +143,7 @@ fn decode(title: &str, written: &WrittenMask, expected: usize) {
     row("count", median_of(|| mask.count()));
     row(
         "par_pairs, sum",
-        median_of(|| mask.par_pairs().map(|(a, b)| u64::from(a ^ b)).sum::<u64>()),
+        median_of(|| mask.par_pairs().map(|[a, b]| u64::from(a ^ b)).sum::<u64>()),
     );
 }
 

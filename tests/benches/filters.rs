@@ -17,6 +17,7 @@ use std::time::Instant;
 
 use clap::Parser;
 use pairmask_core::filters::{Filter, FilterId, FilterTable, Rules, Tag, World};
+use pairmask_tests::frames::filtered;
 use pairmask_tests::measure::percentile;
 use pairmask_tests::prelude::*;
 use pairmaskd::execute::gpu::GpuChoice;
@@ -80,10 +81,10 @@ impl Way {
     ) -> Result<(u64, u64), Box<dyn Error>> {
         // Boxes are written where they are sent from: in a game that is no copy.
         let mut frame = self.session.frame(boxes.len())?;
-        frame.write(boxes);
+        frame.write(boxes)?;
         let begin = Instant::now();
         let pending = match rules {
-            Some(rules) => frame.submit_with_kept(rules)?,
+            Some(rules) => frame.submit_with(&filtered(rules))?,
             None => frame.submit()?,
         };
         let (mut sum, mut count) = (0u64, 0);

@@ -129,10 +129,13 @@ fn two_sets(
         for turn in 0..2 {
             let who = (round + turn) % 2;
             let mut frame = session.frame(n)?;
-            frame.write(scene.boxes());
+            frame.write(scene.boxes())?;
             let begin = Instant::now();
             let pending = match who {
-                0 => frame.submit_between(BoxCount::new(u32::try_from(first)?))?,
+                0 => frame.submit_with(&pairmask::FrameOptions {
+                    filters: None,
+                    split_at: Some(first),
+                })?,
                 _ => frame.submit()?,
             };
             let mask: PairMask = pending.wait()?;

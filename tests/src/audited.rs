@@ -2,12 +2,13 @@
 
 use pairmask::{Backend, Session};
 use pairmask_core::scene::{SceneOptions, Want};
-use pairmask_core::{Aabb, BoxCount, Encoding, EncodingChoice, Sphere};
+use pairmask_core::{Aabb, Encoding, EncodingChoice, Sphere};
 use pairmask_transport::RuntimeDir;
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 
 use crate::command_line::{Place, Program, eventually, finish};
+use crate::frames::two_sets;
 
 /// The objects of frames.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -55,9 +56,9 @@ pub fn audit<P: Program>(encoding: Encoding, shape: Shape) -> (Value, String) {
             frame.submit()
         } else {
             let mut frame = session.frame(OBJECTS).expect("memory for a frame");
-            frame.write(&boxes);
+            frame.write(&boxes).unwrap();
             match shape {
-                Shape::Sets => frame.submit_between(BoxCount::new(FIRST as u32)),
+                Shape::Sets => frame.submit_with(&two_sets(FIRST)),
                 _ => frame.submit(),
             }
         };

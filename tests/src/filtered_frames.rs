@@ -82,7 +82,7 @@ impl FilteredFrame {
         }
         let mut model = Model::default();
         model.apply(0, &ops);
-        let pairs = model.pairs().into_keys().map(|[a, b]| (a, b)).collect();
+        let pairs = model.pairs().into_keys().collect();
         Self { boxes, rules, pairs }
     }
 }

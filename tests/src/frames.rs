@@ -1,6 +1,9 @@
 //! Frames of sessions, as most tests ask for them.
 
-use pairmask::{PairMask, PendingFrame, ServedBy, Session};
+use std::sync::Arc;
+
+use pairmask::filters::Rules;
+use pairmask::{FrameOptions, PairMask, PendingFrame, ServedBy, Session};
 use pairmask_core::Aabb;
 use pairmask_core::mask::MaskView;
 use pairmask_core::oracle::Pair;
@@ -19,13 +22,23 @@ pub trait Frames {
 impl Frames for Session {
     fn ask(&mut self, boxes: &[Aabb]) -> PendingFrame {
         let mut frame = self.frame(boxes.len()).expect("memory for a frame");
-        frame.write(boxes);
+        frame.write(boxes).expect("as many boxes as asked for");
         frame.submit().expect("a frame is sent")
     }
 
     fn answer(&mut self, boxes: &[Aabb]) -> PairMask {
         self.ask(boxes).wait().expect("a frame is answered")
     }
+}
+
+/// Options of a frame with collision filters.
+pub fn filtered(rules: &Arc<Rules>) -> FrameOptions {
+    FrameOptions { filters: Some(Arc::clone(rules)), split_at: None }
+}
+
+/// Options of a frame of two sets.
+pub fn two_sets(first: usize) -> FrameOptions {
+    FrameOptions { filters: None, split_at: Some(first) }
 }
 
 /// Asks until the expected side answers. A session of `Backend::Auto` answers by itself where the machine

@@ -15,14 +15,14 @@ pub fn random_pairs(n: BoxCount, count: usize, seed: u64) -> Vec<Pair> {
         return Vec::new();
     }
     let mut rng = Rng::new(seed);
-    let drawn = (0..count).map(|_| (rng.below(n.get()), rng.below(n.get())));
-    let pairs: BTreeSet<Pair> = drawn.filter(|(a, b)| a != b).map(sorted).collect();
+    let drawn = (0..count).map(|_| [rng.below(n.get()), rng.below(n.get())]);
+    let pairs: BTreeSet<Pair> = drawn.filter(|[a, b]| a != b).map(sorted).collect();
     pairs.into_iter().collect()
 }
 
 /// Every pair of `n` boxes.
 pub fn all_pairs(n: BoxCount) -> Vec<Pair> {
-    (0..n.get()).flat_map(|a| (a + 1..n.get()).map(move |b| (a, b))).collect()
+    (0..n.get()).flat_map(|a| (a + 1..n.get()).map(move |b| [a, b])).collect()
 }
 
 /// About `per_box`·n pairs as a grid finds them, by position in the grid's order: a partner lies
@@ -37,7 +37,7 @@ pub fn grid_like_pairs(n: BoxCount, per_box: f64, seed: u64) -> Vec<Pair> {
         let run = runs[rng.below(5) as usize] as u32;
         let b = a.saturating_add(run + 1 + rng.below(12));
         if b < n.get() {
-            pairs.insert((a, b));
+            pairs.insert([a, b]);
         }
     }
     pairs.into_iter().collect()
@@ -45,14 +45,14 @@ pub fn grid_like_pairs(n: BoxCount, per_box: f64, seed: u64) -> Vec<Pair> {
 
 /// The pairs of positions as pairs of the boxes at them.
 pub fn renamed(pairs: &[Pair], order: &[u32]) -> Vec<Pair> {
-    let named = pairs.iter().map(|&(p, q)| (order[p as usize], order[q as usize]));
+    let named = pairs.iter().map(|&[p, q]| [order[p as usize], order[q as usize]]);
     let mut pairs: Vec<Pair> = named.map(sorted).collect();
     pairs.sort_unstable();
     pairs
 }
 
-fn sorted((a, b): Pair) -> Pair {
-    (a.min(b), a.max(b))
+fn sorted([a, b]: Pair) -> Pair {
+    [a.min(b), a.max(b)]
 }
 
 /// A random order of `n` boxes.
@@ -80,7 +80,7 @@ pub struct WrittenMask {
 pub fn write_dense(n: BoxCount, pairs: &[Pair]) -> WrittenMask {
     let mut reply = vec![0; n.dense_words() as usize];
     let boxes = u64::from(n.get());
-    for &(a, b) in pairs {
+    for &[a, b] in pairs {
         assert!(a < b && b < n.get(), "({a}, {b}) is no pair of {boxes} boxes");
         let (a, b) = (u64::from(a), u64::from(b));
         let k = a * (2 * boxes - a - 1) / 2 + b - a - 1;
@@ -102,7 +102,7 @@ pub fn write_sparse(n: BoxCount, pairs: &[Pair], order: Option<&[u32]>) -> Writt
     });
     let mut bits: Vec<(u32, u32, u32)> = pairs
         .iter()
-        .map(|&(a, b)| {
+        .map(|&[a, b]| {
             assert!(a < b && b < n.get(), "({a}, {b}) is no pair of {} boxes", n.get());
             let (p, q) = position.as_ref().map_or((a, b), |of| (of[a as usize], of[b as usize]));
             let (row, column) = (p.min(q), p.max(q));
@@ -136,7 +136,7 @@ pub fn write_sparse(n: BoxCount, pairs: &[Pair], order: Option<&[u32]>) -> Writt
 /// The list of `pairs`, in the order given.
 pub fn write_list(n: BoxCount, pairs: &[Pair]) -> WrittenMask {
     let mut reply = Vec::with_capacity(2 * pairs.len());
-    for &(a, b) in pairs {
+    for &[a, b] in pairs {
         assert!(a < b && b < n.get(), "({a}, {b}) is no pair of {} boxes", n.get());
         reply.extend([a, b]);
     }

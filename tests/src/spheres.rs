@@ -89,7 +89,7 @@ pub fn whole_scene(n: usize, side: u64, seed: u64) -> (Vec<Sphere>, Truth) {
     let mut pairs: Vec<Pair> = Vec::new();
     for (a, p) in whole.iter().enumerate() {
         let later = whole.iter().enumerate().skip(a + 1).filter(|(_, q)| overlap(p, q));
-        pairs.extend(later.map(|(b, _)| (a as u32, b as u32)));
+        pairs.extend(later.map(|(b, _)| [a as u32, b as u32]));
     }
     let spheres = whole.iter().map(|s| Sphere::from(s.map(|x| x as f32))).collect();
     (spheres, Truth { pairs, census: Census::default() })

@@ -48,7 +48,7 @@ int main(int argc, char **argv) {
       pm_box *boxes;
       must(pm_session_frame(session, 1000, &frame, &boxes));
       memcpy(boxes, given, sizeof given);
-      must(pm_frame_submit(frame, &pending));
+      must(pm_frame_submit(frame, NULL, &pending));
       must(pm_pending_wait(pending, &mask));
       must(pm_mask_for_each(mask, add, &sum));
       must(pm_mask_drop(mask));

@@ -12,7 +12,7 @@
  *     pm_session_connect(NULL, &session);
  *     pm_session_frame(session, 3, &frame, &boxes);     shared memory where a daemon serves
  *     ... write boxes[0] to boxes[2] ...
- *     pm_frame_submit(frame, &pending);
+ *     pm_frame_submit(frame, NULL, &pending);
  *     pm_pending_wait(pending, &mask);
  *     pm_mask_pairs(mask, &pairs, &count);
  *     pm_mask_drop(mask);
@@ -123,18 +123,28 @@ typedef struct {
   float scale[3];
 } pm_placement;
 
-// A frame under way.
-typedef struct {
-  // Zero for none.
-  uint64_t id;
-} pm_pending;
-
 // Which boxes of a frame may be a pair at all. It does not change: a daemon gets it once, however many frames
 // have it.
 typedef struct {
   // Zero for none.
   uint64_t id;
 } pm_rules;
+
+// What is asked of a frame beside its pairs.
+typedef struct {
+  // `sizeof(pm_frame_options)`.
+  size_t struct_size;
+  // Collision filters; zero for none. A daemon gets them once, however many frames have them.
+  pm_rules filters;
+  // Two sets: only pairs of one of the first so many boxes and one of the others count. 0 for one set.
+  size_t split_at;
+} pm_frame_options;
+
+// A frame under way.
+typedef struct {
+  // Zero for none.
+  uint64_t id;
+} pm_pending;
 
 // The overlapping pairs of a frame. It holds one of its session's three places until it is dropped.
 typedef struct {
@@ -819,19 +829,11 @@ pm_code pm_frame_set(pm_frame frame,
                      uint32_t index,
                      const pm_box *b);
 
-// Sends a frame. The handle names nothing any more, and its memory is not the caller's, whatever is returned.
+// Sends a frame. `options` may be null. The handle names nothing any more, and its memory is not the caller's,
+// whatever is returned.
 pm_code pm_frame_submit(pm_frame frame,
+                        const pm_frame_options *options,
                         pm_pending *pending);
-
-// As `pm_frame_submit`, where only pairs of one of the first `first` boxes and one of the others count.
-pm_code pm_frame_submit_between(pm_frame frame,
-                                uint32_t first,
-                                pm_pending *pending);
-
-// As `pm_frame_submit`, with rules. A daemon gets them once, however many frames have them.
-pm_code pm_frame_submit_with(pm_frame frame,
-                             pm_rules rules,
-                             pm_pending *pending);
 
 // Copies boxes, sends them and waits: the shortest way from boxes to pairs. `rules` may be zero.
 pm_code pm_session_cull(pm_session session,

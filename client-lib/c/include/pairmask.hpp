@@ -405,6 +405,13 @@ private:
   detail::Handle<pm_pending, pm_pending_drop> handle_;
 };
 
+// What is asked of a frame beside its pairs: collision filters, which a daemon gets once, or two sets, in which only
+// pairs of one of the first `split_at` boxes and one of the others count.
+struct FrameOptions {
+  const Rules *filters = nullptr;
+  std::size_t split_at = 0;
+};
+
 // Memory for the boxes or spheres of one frame.
 class Frame {
 public:
@@ -446,26 +453,17 @@ public:
   }
 
   // Sends the frame, which is empty then.
-  Result<PendingFrame> submit() && {
+  Result<PendingFrame> submit(const FrameOptions &options = {}) && {
+    pm_frame_options given{sizeof given, {0}, options.split_at};
+    if (options.filters)
+      given.filters = options.filters->get();
     pm_pending pending{};
-    return sent(pm_frame_submit(handle_.release(), &pending), pending);
-  }
-  // Only pairs of one of the first `first` boxes and one of the others count.
-  Result<PendingFrame> submit_between(std::uint32_t first) && {
-    pm_pending pending{};
-    return sent(pm_frame_submit_between(handle_.release(), first, &pending), pending);
-  }
-  Result<PendingFrame> submit_with(const Rules &rules) && {
-    pm_pending pending{};
-    return sent(pm_frame_submit_with(handle_.release(), rules.get(), &pending), pending);
-  }
-
-private:
-  static Result<PendingFrame> sent(pm_code code, pm_pending pending) {
+    pm_code code = pm_frame_submit(handle_.release(), &given, &pending);
     return code == PM_OK ? Result<PendingFrame>(PendingFrame(pending))
                          : Result<PendingFrame>(Error::last(code));
   }
 
+private:
   detail::Handle<pm_frame, pm_frame_drop> handle_;
 };
 

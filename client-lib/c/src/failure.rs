@@ -108,6 +108,7 @@ const fn of_frame(error: &FrameError) -> pm_code {
         FrameError::DaemonTooOld { .. } => PM_ERR_DAEMON_TOO_OLD,
         FrameError::TooManyListedPairs(_) => PM_ERR_TOO_MANY_LISTED_PAIRS,
         FrameError::FirstSet { .. } => PM_ERR_FIRST_SET,
+        FrameError::WrongCount { .. } | FrameError::Unsupported { .. } => PM_ERR_ARGUMENT,
         FrameError::TooManyFrames => PM_ERR_TOO_MANY_FRAMES,
         FrameError::NoMemory { .. } => PM_ERR_OUT_OF_MEMORY,
         FrameError::Connect(error) => of_connect(error),

@@ -2,17 +2,18 @@
 #![allow(unsafe_code)]
 
 use std::ptr::null_mut;
+use std::sync::Arc;
 
 use pairmask::update::{Placement, ToWorld, Transformed, WorldMatrix};
 use pairmask::write::{BoxSource, CenterHalf, MinMax};
-use pairmask::{Bounds, BoxCount, NarrowFrame, PendingFrame, Precision, SphereFrame};
+use pairmask::{Bounds, FrameOptions, Precision, Quantized, Sphere};
 
 use crate::call::call;
 use crate::code::{PM_ERR_STATE, pm_code};
 use crate::failure::Failure;
 use crate::handles::handle;
 use crate::mask::{Pending, pm_pending};
-use crate::memory::{array, check_out, value, write};
+use crate::memory::{Growing, array, check_out, growing, value, write};
 use crate::rules::pm_rules;
 use crate::session::pm_session;
 use crate::spares::Spares;
@@ -37,8 +38,8 @@ pub struct Frame {
 
 enum Filling {
     Boxes(pairmask::Frame),
-    Narrow(NarrowFrame),
-    Spheres(SphereFrame),
+    Narrow(pairmask::Frame<Quantized>),
+    Spheres(pairmask::Frame<Sphere>),
 }
 
 handle!(pm_frame is Frame);
@@ -214,17 +215,10 @@ pub unsafe extern "C" fn pm_frame_spheres(
 }
 
 /// Writes a frame's boxes from whatever holds them. There must be as many.
-fn write_boxes(
-    frame: &mut Frame,
-    count: usize,
-    boxes: &(impl BoxSource + Sync + ?Sized),
-) -> Result<(), Failure> {
-    if count != frame.n {
-        return Err(Failure::argument("not as many boxes as the frame has"));
-    }
+fn write_boxes(frame: &mut Frame, boxes: &(impl BoxSource + Sync + ?Sized)) -> Result<(), Failure> {
     match &mut frame.filling {
-        Filling::Boxes(frame) => frame.write(boxes),
-        Filling::Narrow(frame) => frame.fill(boxes),
+        Filling::Boxes(frame) => frame.write(boxes)?,
+        Filling::Narrow(frame) => frame.write(boxes)?,
         Filling::Spheres(_) => return Err(other_frame()),
     }
     Ok(())
@@ -240,7 +234,7 @@ pub unsafe extern "C" fn pm_frame_write(
     call(|| {
         // SAFETY: the caller's promise about pointers is passed on.
         let boxes = as_boxes(unsafe { array(boxes, n) }?);
-        frame.with(|frame| write_boxes(frame, n, boxes))
+        frame.with(|frame| write_boxes(frame, boxes))
     })
 }
 
@@ -265,7 +259,7 @@ pub unsafe extern "C" fn pm_frame_write_corners(
     call(|| {
         // SAFETY: the caller's promise about pointers is passed on.
         let (min, max) = unsafe { (points(min, n)?, points(max, n)?) };
-        frame.with(|frame| write_boxes(frame, n, &MinMax::points(min, max)))
+        frame.with(|frame| write_boxes(frame, &MinMax::points(min, max)))
     })
 }
 
@@ -280,7 +274,7 @@ pub unsafe extern "C" fn pm_frame_write_centers(
     call(|| {
         // SAFETY: the caller's promise about pointers is passed on.
         let (center, half) = unsafe { (points(center, n)?, points(half, n)?) };
-        frame.with(|frame| write_boxes(frame, n, &CenterHalf::points(center, half)))
+        frame.with(|frame| write_boxes(frame, &CenterHalf::points(center, half)))
     })
 }
 
@@ -325,7 +319,7 @@ pub unsafe extern "C" fn pm_frame_write_placed(
         // SAFETY: the caller's promise about pointers is passed on.
         let (locals, placements) = unsafe { (array(locals, n)?, array(placements, n)?) };
         let boxes = Transformed::new(as_boxes(locals), placements);
-        frame.with(|frame| write_boxes(frame, n, &boxes))
+        frame.with(|frame| write_boxes(frame, &boxes))
     })
 }
 
@@ -348,74 +342,51 @@ pub unsafe extern "C" fn pm_frame_set(frame: pm_frame, index: u32, b: *const pm_
     })
 }
 
-/// Sends a frame by `how` it is sent, and names what is under way. The frame is gone, whatever happens.
-unsafe fn submit(
+/// What is asked of a frame beside its pairs.
+#[derive(Clone, Copy, Debug)]
+#[repr(C)]
+pub struct pm_frame_options {
+    /// `sizeof(pm_frame_options)`.
+    pub struct_size: usize,
+    /// Collision filters; zero for none. A daemon gets them once, however many frames have them.
+    pub filters: pm_rules,
+    /// Two sets: only pairs of one of the first so many boxes and one of the others count. 0 for one set.
+    pub split_at: usize,
+}
+
+// SAFETY: it is `repr(C)` and begins with its size; integers have no invalid bit patterns.
+unsafe impl Growing for pm_frame_options {}
+
+/// Sends a frame. `options` may be null. The handle names nothing any more, and its memory is not the caller's,
+/// whatever is returned.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn pm_frame_submit(
     frame: pm_frame,
+    options: *const pm_frame_options,
     pending: *mut pm_pending,
-    how: impl FnOnce(Filling) -> Result<PendingFrame, Failure>,
 ) -> pm_code {
     call(|| {
         let Frame { filling, spares, .. } = frame.remove()?;
         check_out(pending)?;
-        let made = pm_pending::new(Pending { pending: how(filling)?, spares })?;
+        let filters = pm_rules::default();
+        let none =
+            pm_frame_options { struct_size: size_of::<pm_frame_options>(), filters, split_at: 0 };
+        // SAFETY: the caller's promise about pointers is passed on.
+        let given = if options.is_null() { none } else { unsafe { growing(options, none) }? };
+        let mut options = FrameOptions::default();
+        if given.filters.id != 0 {
+            options.filters = Some(given.filters.with(|rules| Ok(Arc::clone(rules)))?);
+        }
+        options.split_at = Some(given.split_at).filter(|first| *first > 0);
+        let sent = match filling {
+            Filling::Boxes(frame) => frame.submit_with(&options),
+            Filling::Narrow(frame) => frame.submit_with(&options),
+            Filling::Spheres(frame) => frame.submit_with(&options),
+        };
+        let made = pm_pending::new(Pending { pending: sent?, spares })?;
         // SAFETY: the caller's promise about pointers is passed on.
         unsafe { write(pending, made) }
     })
-}
-
-/// Sends a frame. The handle names nothing any more, and its memory is not the caller's, whatever is returned.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn pm_frame_submit(frame: pm_frame, pending: *mut pm_pending) -> pm_code {
-    // SAFETY: the caller's promise about pointers is passed on.
-    unsafe {
-        submit(frame, pending, |filling| {
-            Ok(match filling {
-                Filling::Boxes(frame) => frame.submit(),
-                Filling::Narrow(frame) => frame.submit(),
-                Filling::Spheres(frame) => frame.submit(),
-            }?)
-        })
-    }
-}
-
-/// As `pm_frame_submit`, where only pairs of one of the first `first` boxes and one of the others count.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn pm_frame_submit_between(
-    frame: pm_frame,
-    first: u32,
-    pending: *mut pm_pending,
-) -> pm_code {
-    let first = BoxCount::new(first);
-    // SAFETY: the caller's promise about pointers is passed on.
-    unsafe {
-        submit(frame, pending, |filling| {
-            Ok(match filling {
-                Filling::Boxes(frame) => frame.submit_between(first),
-                Filling::Narrow(frame) => frame.submit_between(first),
-                Filling::Spheres(_) => return Err(other_frame()),
-            }?)
-        })
-    }
-}
-
-/// As `pm_frame_submit`, with rules. A daemon gets them once, however many frames have them.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn pm_frame_submit_with(
-    frame: pm_frame,
-    rules: pm_rules,
-    pending: *mut pm_pending,
-) -> pm_code {
-    // SAFETY: the caller's promise about pointers is passed on.
-    unsafe {
-        submit(frame, pending, |filling| {
-            let rules = rules.with(|rules| Ok(std::sync::Arc::clone(rules)))?;
-            Ok(match filling {
-                Filling::Boxes(frame) => frame.submit_with_kept(&rules),
-                Filling::Narrow(frame) => frame.submit_with_kept(&rules),
-                Filling::Spheres(_) => return Err(other_frame()),
-            }?)
-        })
-    }
 }
 
 /// Copies boxes, sends them and waits: the shortest way from boxes to pairs. `rules` may be zero.
@@ -442,11 +413,9 @@ pub unsafe extern "C" fn pm_session_cull(
             }
         }
         if code == 0 {
-            code = if rules.id == 0 {
-                pm_frame_submit(frame, &raw mut pending)
-            } else {
-                pm_frame_submit_with(frame, rules, &raw mut pending)
-            };
+            let struct_size = size_of::<pm_frame_options>();
+            let options = pm_frame_options { struct_size, filters: rules, split_at: 0 };
+            code = pm_frame_submit(frame, &raw const options, &raw mut pending);
         }
         if code == 0 {
             code = crate::mask::pm_pending_wait(pending, mask);

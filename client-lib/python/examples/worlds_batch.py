@@ -52,7 +52,7 @@ class Batch:
         np.add(self.places, HALF, out=boxes[..., 3:])
         # An array over the frame's memory has to go before the frame does.
         del boxes
-        with frame.submit_with_kept(self.rules).wait() as mask:
+        with frame.submit(filters=self.rules).wait() as mask:
             pairs = mask.pairs()
         # a < b, so that an agent, which is the first box of its world, is always a.
         agents = pairs[pairs[:, 0] % BOXES == 0, 0] // BOXES

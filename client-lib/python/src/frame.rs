@@ -3,11 +3,9 @@
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-use pairmask::{BoxCount, Frame, FrameError, NarrowFrame, PendingFrame, SphereFrame};
-use pyo3::PyClass;
-use pyo3::exceptions::{PyBufferError, PyValueError};
+use pairmask::{Frame, FrameError, FrameOptions, PendingFrame, Quantized, Sphere};
+use pyo3::exceptions::{PyAttributeError, PyBufferError, PyValueError};
 use pyo3::prelude::*;
-use pyo3::pyclass_init::PyClassInitializer;
 
 use crate::arrays::{Rows, check_len};
 use crate::errors::{Raise, misused};
@@ -19,31 +17,31 @@ use crate::rules::PyRules;
 use crate::sources::Boxes;
 
 /// A frame until it is submitted, and how many arrays lie over it.
-struct Filling<F> {
+struct Filling {
     /// `None` once it is submitted.
-    frame: Option<F>,
+    frame: Option<AnyFrame>,
     views: usize,
 }
 
 /// A frame that arrays may lie over. While any does, the frame is neither written nor submitted: an array
 /// would then read or write memory that another process works on.
-struct Viewed<F> {
-    filling: Arc<Mutex<Filling<F>>>,
+struct Viewed {
+    filling: Arc<Mutex<Filling>>,
 }
 
 /// Keeps a frame's memory where it is, for an array.
-struct View<F> {
-    filling: Arc<Mutex<Filling<F>>>,
+struct View {
+    filling: Arc<Mutex<Filling>>,
 }
 
-impl<F> Drop for View<F> {
+impl Drop for View {
     fn drop(&mut self) {
         self.filling.lock().unwrap_or_else(PoisonError::into_inner).views -= 1;
     }
 }
 
-impl<F: Send + 'static> Viewed<F> {
-    fn new(frame: F) -> Self {
+impl Viewed {
+    fn new(frame: AnyFrame) -> Self {
         Self { filling: Arc::new(Mutex::new(Filling { frame: Some(frame), views: 0 })) }
     }
 
@@ -51,53 +49,42 @@ impl<F: Send + 'static> Viewed<F> {
     fn view<'py, T: Number, const N: usize>(
         &self,
         py: Python<'py>,
-        rows: impl FnOnce(&mut F) -> &mut [[T; N]],
+        rows: impl FnOnce(&mut AnyFrame) -> PyResult<&mut [[T; N]]>,
     ) -> PyResult<Bound<'py, PyAny>> {
         let mut filling = self.filling.lock().unwrap_or_else(PoisonError::into_inner);
         let memory = {
             let Filling { frame, views } = &mut *filling;
-            let frame = frame.as_mut().ok_or_else(gone)?;
+            let rows = rows(frame.as_mut().ok_or_else(gone)?)?;
             *views += 1;
             let view = View { filling: Arc::clone(&self.filling) };
-            Memory::of_writable(rows(frame), Box::new(view))
+            Memory::of_writable(rows, Box::new(view))
         };
         drop(filling);
         memory.into_array(py)
     }
 
     /// Calls `f` with the frame where no array lies over it.
-    fn with<R>(&self, f: impl FnOnce(&mut F) -> R) -> PyResult<R> {
+    fn with<R>(&self, f: impl FnOnce(&mut AnyFrame) -> R) -> PyResult<R> {
         let mut filling = self.filling.lock().unwrap_or_else(PoisonError::into_inner);
         filling.check()?;
         filling.frame.as_mut().map(f).ok_or_else(gone)
     }
 
     /// The frame, where no array lies over it.
-    fn take(&self) -> PyResult<F> {
+    fn take(&self) -> PyResult<AnyFrame> {
         let mut filling = self.filling.lock().unwrap_or_else(PoisonError::into_inner);
         filling.check()?;
         filling.frame.take().ok_or_else(gone)
     }
-
-    /// Submits the frame while other Python threads run: in process, the pairs are found meanwhile.
-    fn submit(
-        &self,
-        py: Python<'_>,
-        submit: impl FnOnce(F) -> Result<PendingFrame, FrameError> + Send,
-    ) -> PyResult<PyPendingFrame> {
-        process::check()?;
-        let frame = self.take()?;
-        py.detach(|| submit(frame)).map(PyPendingFrame::new).map_err(Raise::raise)
-    }
 }
 
-impl<F> Drop for Filling<F> {
+impl Drop for Filling {
     fn drop(&mut self) {
         process::drop_here(self.frame.take());
     }
 }
 
-impl<F> Filling<F> {
+impl Filling {
     fn check(&self) -> PyResult<()> {
         if self.views == 0 || self.frame.is_none() {
             return Ok(());
@@ -113,22 +100,68 @@ fn gone() -> PyErr {
     misused("the frame was submitted", "Gone")
 }
 
-/// What frames of all kinds have. Their classes are derived from it.
-#[pyclass(frozen, subclass, name = "_AnyFrame", module = "pairmask")]
-pub struct PyAnyFrame {
-    n: usize,
-    is_shared: bool,
+/// A frame of any objects.
+enum AnyFrame {
+    Boxes(Frame),
+    Spheres(Frame<Sphere>),
+    Quantized(Frame<Quantized>),
 }
 
-impl PyAnyFrame {
-    /// A frame as an object of its own class.
-    fn of_class<C: PyClass<BaseType = Self>>(self, py: Python<'_>, class: C) -> PyResult<Py<C>> {
-        Py::new(py, PyClassInitializer::from(self).add_subclass(class))
+impl AnyFrame {
+    fn submit(self, options: &FrameOptions) -> Result<PendingFrame, FrameError> {
+        match self {
+            Self::Boxes(frame) => frame.submit_with(options),
+            Self::Spheres(frame) => frame.submit_with(options),
+            Self::Quantized(frame) => frame.submit_with(options),
+        }
     }
 }
 
+/// Memory for the boxes or spheres of one frame.
+#[pyclass(frozen, name = "Frame", module = "pairmask")]
+pub struct PyFrame {
+    n: usize,
+    is_shared: bool,
+    kind: Kind,
+    viewed: Viewed,
+}
+
+/// What a frame holds.
+#[derive(Clone, Copy)]
+enum Kind {
+    Boxes,
+    Spheres,
+    Quantized,
+}
+
+impl PyFrame {
+    pub fn of_boxes(frame: Frame) -> Self {
+        let (n, is_shared) = (frame.n().len(), frame.is_shared());
+        Self { n, is_shared, kind: Kind::Boxes, viewed: Viewed::new(AnyFrame::Boxes(frame)) }
+    }
+
+    pub fn of_spheres(frame: Frame<Sphere>) -> Self {
+        let (n, is_shared) = (frame.n().len(), frame.is_shared());
+        Self { n, is_shared, kind: Kind::Spheres, viewed: Viewed::new(AnyFrame::Spheres(frame)) }
+    }
+
+    pub fn of_quantized(frame: Frame<Quantized>) -> Self {
+        let (n, is_shared) = (frame.n().len(), frame.is_shared());
+        Self {
+            n,
+            is_shared,
+            kind: Kind::Quantized,
+            viewed: Viewed::new(AnyFrame::Quantized(frame)),
+        }
+    }
+}
+
+fn other_frame(wanted: &str) -> PyErr {
+    PyAttributeError::new_err(format!("this frame has no array of {wanted}: write() fills it"))
+}
+
 #[pymethods]
-impl PyAnyFrame {
+impl PyFrame {
     /// Boxes or spheres in this frame.
     #[getter]
     fn n(&self) -> usize {
@@ -144,138 +177,69 @@ impl PyAnyFrame {
     fn is_shared(&self) -> bool {
         self.is_shared
     }
-}
 
-/// Memory for the boxes of one frame.
-#[pyclass(frozen, extends = PyAnyFrame, name = "Frame", module = "pairmask")]
-pub struct PyFrame {
-    viewed: Viewed<Frame>,
-}
-
-impl PyFrame {
-    pub fn new(py: Python<'_>, frame: Frame) -> PyResult<Py<Self>> {
-        let any = PyAnyFrame { n: frame.n().len(), is_shared: frame.is_shared() };
-        any.of_class(py, Self { viewed: Viewed::new(frame) })
-    }
-}
-
-#[pymethods]
-impl PyFrame {
-    /// The boxes as a new array over the frame's memory, contents unspecified until written.
+    /// The boxes as a new array over the frame's memory, contents unspecified until written. Boxes that are
+    /// quantized have none.
     #[getter]
     fn boxes<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        self.viewed.view(py, Frame::raw_mut)
-    }
-
-    /// Writes every box.
-    fn write(&self, py: Python<'_>, boxes: &Bound<'_, PyAny>) -> PyResult<()> {
-        let boxes = Boxes::of(boxes)?;
-        self.viewed.with(|frame| boxes.write(py, frame.boxes_mut()))?
-    }
-
-    /// Asks for the pairs.
-    fn submit(&self, py: Python<'_>) -> PyResult<PyPendingFrame> {
-        self.viewed.submit(py, Frame::submit)
-    }
-
-    /// Asks for the pairs of two sets: the first `first` boxes against all others.
-    fn submit_between(&self, py: Python<'_>, first: u32) -> PyResult<PyPendingFrame> {
-        self.viewed.submit(py, move |frame| frame.submit_between(BoxCount::new(first)))
-    }
-
-    /// Asks for the pairs that rules let meet.
-    fn submit_with(&self, py: Python<'_>, rules: &PyRules) -> PyResult<PyPendingFrame> {
-        let rules = rules.shared();
-        self.viewed.submit(py, move |frame| frame.submit_with(&rules))
-    }
-
-    /// As `submit_with`, for rules that stay: a daemon is sent them once.
-    fn submit_with_kept(&self, py: Python<'_>, rules: &PyRules) -> PyResult<PyPendingFrame> {
-        let rules = rules.shared();
-        self.viewed.submit(py, move |frame| frame.submit_with_kept(&rules))
-    }
-}
-
-/// Memory for the spheres of one frame.
-#[pyclass(frozen, extends = PyAnyFrame, name = "SphereFrame", module = "pairmask")]
-pub struct PySphereFrame {
-    viewed: Viewed<SphereFrame>,
-}
-
-impl PySphereFrame {
-    pub fn new(py: Python<'_>, frame: SphereFrame) -> PyResult<Py<Self>> {
-        let any = PyAnyFrame { n: frame.n().len(), is_shared: frame.is_shared() };
-        any.of_class(py, Self { viewed: Viewed::new(frame) })
-    }
-}
-
-#[pymethods]
-impl PySphereFrame {
-    /// The spheres as a new array over the frame's memory, `x y z radius` a row.
-    #[getter]
-    fn spheres<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        self.viewed.view(py, SphereFrame::raw_mut)
-    }
-
-    /// Writes every sphere.
-    fn write(&self, py: Python<'_>, spheres: &Bound<'_, PyAny>) -> PyResult<()> {
-        let rows = Rows::of(spheres, 4)?;
-        self.viewed.with(|frame| rows.write_spheres(py, frame.spheres_mut()))?
-    }
-
-    /// Asks for the pairs.
-    fn submit(&self, py: Python<'_>) -> PyResult<PyPendingFrame> {
-        self.viewed.submit(py, SphereFrame::submit)
-    }
-}
-
-/// Memory for the boxes of one frame in a narrow form. No array lies over it: `write` rounds the boxes.
-#[pyclass(frozen, extends = PyAnyFrame, name = "NarrowFrame", module = "pairmask")]
-pub struct PyNarrowFrame {
-    viewed: Viewed<NarrowFrame>,
-}
-
-impl PyNarrowFrame {
-    pub fn new(py: Python<'_>, frame: NarrowFrame) -> PyResult<Py<Self>> {
-        let any = PyAnyFrame { n: frame.n().len(), is_shared: frame.is_shared() };
-        any.of_class(py, Self { viewed: Viewed::new(frame) })
-    }
-}
-
-#[pymethods]
-impl PyNarrowFrame {
-    /// Writes every box in the frame's form.
-    fn write(&self, py: Python<'_>, boxes: &Bound<'_, PyAny>) -> PyResult<()> {
-        let boxes = Boxes::of(boxes)?.to_vec(py)?;
-        py.detach(|| {
-            self.viewed.with(|frame| {
-                check_len(boxes.len(), frame.n().len())?;
-                frame.fill(&boxes[..]);
-                Ok(())
-            })?
+        self.viewed.view(py, |frame| match frame {
+            AnyFrame::Boxes(frame) => Ok(frame.raw_mut()),
+            _ => Err(other_frame("boxes")),
         })
     }
 
-    /// Asks for the pairs.
-    fn submit(&self, py: Python<'_>) -> PyResult<PyPendingFrame> {
-        self.viewed.submit(py, NarrowFrame::submit)
+    /// The spheres as a new array over the frame's memory, `x y z radius` a row.
+    #[getter]
+    fn spheres<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        self.viewed.view(py, |frame| match frame {
+            AnyFrame::Spheres(frame) => Ok(frame.raw_mut()),
+            _ => Err(other_frame("spheres")),
+        })
     }
 
-    /// Asks for the pairs of two sets.
-    fn submit_between(&self, py: Python<'_>, first: u32) -> PyResult<PyPendingFrame> {
-        self.viewed.submit(py, move |frame| frame.submit_between(BoxCount::new(first)))
+    /// Writes every box or sphere.
+    fn write(&self, py: Python<'_>, objects: &Bound<'_, PyAny>) -> PyResult<()> {
+        // What is written is ready before the frame is locked: nothing waits under the lock.
+        match self.kind {
+            Kind::Boxes => {
+                let boxes = Boxes::of(objects)?;
+                self.viewed.with(|frame| match frame {
+                    AnyFrame::Boxes(frame) => boxes.write(py, frame.boxes_mut()),
+                    _ => Err(other_frame("boxes")),
+                })?
+            }
+            Kind::Spheres => {
+                let rows = Rows::of(objects, 4)?;
+                self.viewed.with(|frame| match frame {
+                    AnyFrame::Spheres(frame) => rows.write_spheres(py, frame.spheres_mut()),
+                    _ => Err(other_frame("spheres")),
+                })?
+            }
+            Kind::Quantized => {
+                let boxes = Boxes::of(objects)?.to_vec(py)?;
+                check_len(boxes.len(), self.n)?;
+                let write = |frame: &mut AnyFrame| match frame {
+                    AnyFrame::Quantized(frame) => frame.write(&boxes[..]).map_err(Raise::raise),
+                    _ => Err(other_frame("boxes")),
+                };
+                py.detach(|| self.viewed.with(write))?
+            }
+        }
     }
 
-    /// Asks for the pairs that rules let meet.
-    fn submit_with(&self, py: Python<'_>, rules: &PyRules) -> PyResult<PyPendingFrame> {
-        let rules = rules.shared();
-        self.viewed.submit(py, move |frame| frame.submit_with(&rules))
-    }
-
-    /// As `submit_with`, for rules that stay.
-    fn submit_with_kept(&self, py: Python<'_>, rules: &PyRules) -> PyResult<PyPendingFrame> {
-        let rules = rules.shared();
-        self.viewed.submit(py, move |frame| frame.submit_with_kept(&rules))
+    /// Asks for the pairs, those that collision filters let meet, or of two sets: the first `split_at` boxes against all
+    /// others. A daemon is sent the same `filters` once.
+    #[pyo3(signature = (*, filters=None, split_at=None))]
+    fn submit(
+        &self,
+        py: Python<'_>,
+        filters: Option<&PyRules>,
+        split_at: Option<usize>,
+    ) -> PyResult<PyPendingFrame> {
+        let options = FrameOptions { filters: filters.map(PyRules::shared), split_at };
+        process::check()?;
+        let frame = self.viewed.take()?;
+        py.detach(|| frame.submit(&options)).map(PyPendingFrame::new).map_err(Raise::raise)
     }
 }
 

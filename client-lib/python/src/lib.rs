@@ -30,7 +30,7 @@ mod _pairmask {
         from_physx_words, from_rapier, owner_of,
     };
     #[pymodule_export]
-    use crate::frame::{PyFrame, PyNarrowFrame, PyPendingFrame, PySphereFrame};
+    use crate::frame::{PyFrame, PyPendingFrame};
     #[pymodule_export]
     use crate::pairs::{PyFrameInfo, PyPairMask};
     #[pymodule_export]

@@ -3,13 +3,13 @@
 use std::path::PathBuf;
 
 use pairmask::error::UnknownName;
-use pairmask::{Backend, BoxCount, FrameError, PendingFrame, Precision, Session};
+use pairmask::{Backend, BoxCount, FrameError, FrameOptions, PendingFrame, Precision, Session};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 use crate::arrays::Rows;
 use crate::errors::Raise;
-use crate::frame::{PyFrame, PyNarrowFrame, PySphereFrame, seconds};
+use crate::frame::{PyFrame, seconds};
 use crate::guarded::Guarded;
 use crate::memory::Memory;
 use crate::pairs::pairs_of;
@@ -90,28 +90,20 @@ impl PySession {
     }
 
     /// Memory for the boxes of a frame of `n` boxes.
-    fn frame(&self, py: Python<'_>, n: usize) -> PyResult<Py<PyFrame>> {
-        let frame = self.begin(py, move |session| session.frame(n))?;
-        PyFrame::new(py, frame)
+    fn frame(&self, py: Python<'_>, n: usize) -> PyResult<PyFrame> {
+        self.begin(py, move |session| session.frame(n)).map(PyFrame::of_boxes)
     }
 
     /// Memory for the boxes of a frame that are written with a precision.
-    fn narrow_frame(
-        &self,
-        py: Python<'_>,
-        n: usize,
-        precision: &PyPrecision,
-    ) -> PyResult<Py<PyNarrowFrame>> {
+    fn narrow_frame(&self, py: Python<'_>, n: usize, precision: &PyPrecision) -> PyResult<PyFrame> {
         let precision: Precision = precision.precision;
         let begin = move |session: &mut Session| session.narrow_frame(n, precision);
-        let frame = self.begin(py, begin)?;
-        PyNarrowFrame::new(py, frame)
+        self.begin(py, begin).map(PyFrame::of_quantized)
     }
 
     /// Memory for the spheres of a frame.
-    fn sphere_frame(&self, py: Python<'_>, n: usize) -> PyResult<Py<PySphereFrame>> {
-        let frame = self.begin(py, move |session| session.sphere_frame(n))?;
-        PySphereFrame::new(py, frame)
+    fn sphere_frame(&self, py: Python<'_>, n: usize) -> PyResult<PyFrame> {
+        self.begin(py, move |session| session.sphere_frame(n)).map(PyFrame::of_spheres)
     }
 
     /// The pairs of an array of boxes: a frame from its memory to its pairs, in one call.
@@ -126,12 +118,8 @@ impl PySession {
         let n = boxes.len();
         let mut frame = self.begin(py, move |session| session.frame(n))?;
         boxes.write(py, frame.boxes_mut())?;
-        let rules = rules.map(PyRules::shared);
-        let submit = || match rules {
-            Some(rules) => frame.submit_with_kept(&rules),
-            None => frame.submit(),
-        };
-        pairs_after(py, submit)
+        let options = FrameOptions { filters: rules.map(PyRules::shared), ..Default::default() };
+        pairs_after(py, || frame.submit_with(&options))
     }
 
     /// The pairs of an array of spheres.

@@ -109,7 +109,7 @@ def test_as_many_boxes_as_the_frame_has(session: pairmask.Session) -> None:
     with pytest.raises(ValueError):
         session.sphere_frame(3).write(np.zeros((2, 4), np.float32))
     with pytest.raises(pairmask.FrameError) as caught:
-        session.frame(3).submit_between(4)
+        session.frame(3).submit(split_at=4)
     assert caught.value.kind == "FirstSet"
 
 

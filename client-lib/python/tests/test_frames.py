@@ -115,7 +115,7 @@ def test_two_sets(session: pairmask.Session) -> None:
     boxes = oracle.boxes_of(500, 4)
     frame = session.frame(500)
     frame.write(boxes)
-    found = frame.submit_between(20).wait().pairs()
+    found = frame.submit(split_at=20).wait().pairs()
     oracle.check(found, {(a, b) for a, b in oracle.pairs_of(boxes) if a < 20 <= b})
 
 

@@ -99,7 +99,7 @@ def check_kinds(session: pairmask.Session, sizes: tuple[int, ...]) -> None:
                 oracle.check(session.cull(boxes, rules), expected, (kind, n))
             frame = session.frame(n)
             frame.boxes[:] = boxes
-            with frame.submit_with(rules).wait() as mask:
+            with frame.submit(filters=rules).wait() as mask:
                 oracle.check(mask.pairs(), expected, (kind, n))
                 check_worlds(mask, ruled, expected)
 
@@ -130,11 +130,10 @@ def test_rules_by_a_daemon(daemon: Daemon) -> None:
 def test_narrow_frames_have_rules(session: pairmask.Session) -> None:
     boxes = oracle.boxes_of(200, 1)
     ruled = Ruled(200, KINDS[1], 1)
-    for submit in ("submit_with", "submit_with_kept"):
-        frame = session.narrow_frame(200, pairmask.Precision.exact())
-        frame.write(boxes)
-        pairs = getattr(frame, submit)(ruled.rules()).wait().pairs()
-        oracle.check(pairs, oracle.pairs_of(boxes, ruled.meet()))
+    frame = session.narrow_frame(200, pairmask.Precision.exact())
+    frame.write(boxes)
+    pairs = frame.submit(filters=ruled.rules()).wait().pairs()
+    oracle.check(pairs, oracle.pairs_of(boxes, ruled.meet()))
 
 
 def test_four_thousand_worlds_in_one_frame(session: pairmask.Session) -> None:

@@ -24,7 +24,7 @@ def test_a_frame_is_neither_written_nor_submitted_under_an_array(daemon: Daemon,
         part = array[10:20, ::2]
         array[:] = boxes
         kept = memoryview(frame.boxes)  # type: ignore[arg-type]
-        for use in (frame.submit, lambda: frame.submit_between(1), lambda: frame.write(boxes)):
+        for use in (frame.submit, lambda: frame.submit(split_at=1), lambda: frame.write(boxes)):
             with pytest.raises(BufferError, match="lie over this frame"):
                 use()
         del array

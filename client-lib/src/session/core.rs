@@ -10,22 +10,21 @@ use pairmask_core::aabb::Aabb;
 use pairmask_core::engine::CullError;
 use pairmask_core::filters::Rules;
 use pairmask_core::objects::Objects;
-use pairmask_core::precision::Precision;
+use pairmask_core::precision::{Encoder, Precision};
 use pairmask_core::scene::{QueryError, Scene};
+use pairmask_core::sphere::Sphere;
 use pairmask_core::units::BoxCount;
 use pairmask_wire::{ReplyFields, RequestHeader, RulesLayout, SceneId, StatusBody};
 
 use super::builder::{Backend, Settings};
 use super::error::{ConnectError, FrameError, StatusError, WaitError};
 use super::exchange::Exchange;
-use super::frame::{Filling, Frame, FrameMemory, Object, Written};
+use super::frame::{Frame, FrameMemory, FrameObject, Quantized, Written};
 use super::link::{LeftDaemon, Link, SharedFrame, no_daemon};
 use super::local::{Local, Spares, lock};
-use super::narrow::NarrowFrame;
 use super::pace::Working;
 use super::pairs::{PairMask, ServedBy};
 use super::scene::Asked;
-use super::sphere::SphereFrame;
 use super::unread::{Ending, Unread, UnreadEdits};
 
 /// A missing daemon is looked for this often at most, which costs 10 µs: one that was killed is back after some 40 ms.
@@ -310,60 +309,58 @@ impl Core {
     }
 
     pub(super) fn frame(self: &Arc<Self>, n: usize) -> Result<Frame, FrameError> {
-        let (filling, _) = self.box_frame(n, Precision::Exact)?;
-        Ok(Frame::new(filling))
+        let n = counted(n)?;
+        let memory = self.memory::<Aabb>(n, || Ok(self.box_memory(n, Precision::Exact)?.0))?;
+        let written = Written::by(&Precision::Exact);
+        Ok(Frame::new(n, memory, written, (), Arc::clone(self)))
     }
 
     pub(super) fn narrow_frame(
         self: &Arc<Self>,
         n: usize,
         asked: Precision,
-    ) -> Result<NarrowFrame, FrameError> {
-        let (filling, precision) = self.box_frame(n, asked)?;
-        Ok(NarrowFrame::new(filling, precision))
-    }
-
-    pub(super) fn sphere_frame(self: &Arc<Self>, n: usize) -> Result<SphereFrame, FrameError> {
-        let n = counted(n)?;
-        let shared = || {
-            let link = self.link_that_knows(Written::SPHERES.since_minor(), "spheres")?;
-            self.loan(&link, Written::SPHERES.scene(n).payload_bytes())
-        };
-        let memory = self.memory(n, shared)?;
-        Ok(SphereFrame::new(Filling::new(n, memory, Written::SPHERES, Arc::clone(self))))
-    }
-
-    /// A frame of boxes, and the precision that it is written with: the one asked for, or exact
-    /// where the daemon does not know that.
-    fn box_frame(
-        self: &Arc<Self>,
-        n: usize,
-        asked: Precision,
-    ) -> Result<(Filling<Aabb>, Precision), FrameError> {
-        let n = counted(n)?;
-        let mut precision = asked;
-        let shared = || {
-            let link = self.link()?;
-            let agreed = link.forms().agree(asked);
-            let bytes = Written::by(&agreed).scene(n).payload_bytes();
-            let shared = self.loan(&link, bytes + self.room_for_rules(n))?;
+    ) -> Result<Frame<Quantized>, FrameError> {
+        let (n, mut precision) = (counted(n)?, asked);
+        let memory = self.memory::<Quantized>(n, || {
+            let (shared, agreed) = self.box_memory(n, asked)?;
             precision = agreed;
             Ok(shared)
-        };
-        let memory = self.memory(n, shared)?;
-        let written = Written::by(&precision);
-        Ok((Filling::new(n, memory, written, Arc::clone(self)), precision))
+        })?;
+        let encoding = (precision, Encoder::new(&precision));
+        Ok(Frame::new(n, memory, Written::by(&precision), encoding, Arc::clone(self)))
+    }
+
+    pub(super) fn sphere_frame(self: &Arc<Self>, n: usize) -> Result<Frame<Sphere>, FrameError> {
+        let n = counted(n)?;
+        let memory = self.memory::<Sphere>(n, || {
+            let link = self.link_that_knows(Written::SPHERES.since_minor(), "spheres")?;
+            self.loan(&link, Written::SPHERES.scene(n).payload_bytes())
+        })?;
+        Ok(Frame::new(n, memory, Written::SPHERES, (), Arc::clone(self)))
+    }
+
+    /// Shared memory for boxes, and the precision that they are written with: the one asked for, or exact where the
+    /// daemon does not know that.
+    fn box_memory(
+        &self,
+        n: BoxCount,
+        asked: Precision,
+    ) -> Result<(SharedFrame, Precision), FrameError> {
+        let link = self.link()?;
+        let agreed = link.forms().agree(asked);
+        let bytes = Written::by(&agreed).scene(n).payload_bytes();
+        Ok((self.loan(&link, bytes + self.room_for_rules(n))?, agreed))
     }
 
     /// Memory for `n` objects, as the backend asks: shared memory from `shared`, or this process's
     /// own.
-    fn memory<T: Object>(
+    fn memory<O: FrameObject>(
         &self,
         n: BoxCount,
         shared: impl FnOnce() -> Result<SharedFrame, FrameError>,
-    ) -> Result<FrameMemory<T>, FrameError> {
+    ) -> Result<FrameMemory<O::Stored>, FrameError> {
         let own = || {
-            let memory = T::spares(self.spares()).take_sized(n);
+            let memory = O::spares(self.spares()).take_sized(n);
             memory.map(FrameMemory::Own).ok_or(FrameError::NoMemory { n: n.get() })
         };
         match self.settings.backend {

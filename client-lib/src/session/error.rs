@@ -122,11 +122,25 @@ pub enum FrameError {
     /// ([`Backend::Daemon`](super::Backend::Daemon) only).
     #[error("{0}: use Backend::Auto")]
     TooManyListedPairs(#[from] TooManyPairs),
+    /// Not as many boxes as the frame has.
+    #[error("{given} boxes for a frame of {n}")]
+    WrongCount {
+        /// Boxes that were given.
+        given: usize,
+        /// Boxes of the frame.
+        n: u32,
+    },
+    /// Options that frames do not have together.
+    #[error("frames of {what} are not supported")]
+    Unsupported {
+        /// What was asked for.
+        what: &'static str,
+    },
     /// The first of two sets has more boxes than the frame.
     #[error("a first set of {first} boxes in a frame of {n}")]
     FirstSet {
         /// Boxes of the first set.
-        first: u32,
+        first: usize,
         /// Boxes of the frame.
         n: u32,
     },

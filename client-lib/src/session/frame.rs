@@ -1,4 +1,4 @@
-//! A frame being filled.
+//! A frame: memory for objects, until it is submitted.
 
 use std::sync::Arc;
 
@@ -6,30 +6,55 @@ use bytemuck::Pod;
 use pairmask_core::aabb::Aabb;
 use pairmask_core::filters::Rules;
 use pairmask_core::objects::{ObjectForm, Objects};
-use pairmask_core::precision::{Precision, Widening};
+use pairmask_core::precision::{BoxForm, Encoder, Precision, Widening};
 use pairmask_core::sphere::Sphere;
 use pairmask_core::units::BoxCount;
 use pairmask_core::write::{BoxSource, par_write_boxes};
 use pairmask_wire::{
-    Page, QUERIES_MINOR, ScenePlace, boxes_in, boxes_in_mut, bytes_in_mut, since_minor, spheres_in,
+    QUERIES_MINOR, ScenePlace, boxes_in, boxes_in_mut, bytes_in_mut, since_minor, spheres_in,
     spheres_in_mut,
 };
 
 use super::core::Core;
 use super::error::FrameError;
-use super::kept_rules::FrameRules;
 use super::link::SharedFrame;
-use super::local::Spares;
+use super::local::{Shelf, Spares};
 use super::pending::PendingFrame;
 
-/// Memory for the boxes of one frame.
+/// Memory for the objects of one frame: boxes ([`Aabb`]), bounding [spheres](Sphere), or boxes that are
+/// [quantized](Quantized) while they are written.
 ///
 /// [`write`](Frame::write) takes all boxes at once, from a slice or from arrays in other layouts.
-/// [`boxes_mut`](Frame::boxes_mut) is a plain slice in object order: index it, iterate it, hand
-/// chunks of it to rayon, or let [`update`](pairmask_core::update) write into it.
+/// [`boxes_mut`](Frame::boxes_mut) and [`spheres_mut`](Frame::spheres_mut) are plain slices in object order: index
+/// them, hand chunks of them to rayon, or let [`update`](pairmask_core::update) write into them.
+pub struct Frame<O: FrameObject = Aabb> {
+    n: BoxCount,
+    /// `None` once it is submitted.
+    memory: Option<FrameMemory<O::Stored>>,
+    written: Written,
+    encoding: O::Encoding,
+    core: Arc<Core>,
+}
+
+/// What a frame may hold: [`Aabb`], [`Sphere`] or [`Quantized`].
+pub trait FrameObject: sealed::Object {}
+
+/// Boxes that are written in the form of a [`Precision`]. Shared memory holds the narrow form alone; a frame in
+/// process holds f32 boxes that are rounded in the same way, so that the answer is the same.
 #[derive(Debug)]
-pub struct Frame {
-    filling: Filling<Aabb>,
+pub enum Quantized {}
+
+/// What is asked of a frame beside its pairs: [`Frame::submit_with`].
+#[derive(Clone, Debug, Default)]
+pub struct FrameOptions {
+    /// Which boxes may be a pair at all: filter data by index of the boxes, a table of collision filters, and lists of
+    /// pairs. In boxes of several worlds, the pairs of each are [found by it](super::PairMask::pairs_of_world).
+    ///
+    /// Those behind the same [`Arc`] are sent to a daemon once, and not looked at again. Filters that change are another
+    /// [`Arc`] ([`Arc::make_mut`] makes one).
+    pub filters: Option<Arc<Rules>>,
+    /// Two sets: only pairs of one of the first so many boxes and one of the others count.
+    pub split_at: Option<usize>,
 }
 
 /// The form in which the objects of a frame are written, and the extra pairs that it may add.
@@ -66,45 +91,56 @@ impl Written {
     }
 }
 
-/// A kind of object that frames are filled with: boxes or spheres.
-pub(super) trait Object: Pod + Default {
-    /// The first `n` objects of a payload.
-    fn in_pages(pages: &[Page], n: BoxCount) -> Option<&[Self]>;
-    /// As [`in_pages`](Self::in_pages), writable.
-    fn in_pages_mut(pages: &mut [Page], n: BoxCount) -> Option<&mut [Self]>;
-    /// Objects in this process's memory as input of an engine.
-    fn as_objects(own: &[Self]) -> Objects<'_>;
-    /// The shelf of spare buffers for these objects.
-    fn spares(spares: &Spares) -> &super::local::Shelf<Vec<Self>>;
-}
+pub(super) mod sealed {
+    use super::*;
 
+    /// How frames hold a kind of object.
+    pub trait Object {
+        /// What this process's own memory holds.
+        type Stored: Pod + Default;
+        /// What is needed to write an object.
+        type Encoding;
+        /// Objects in this process's memory as input of an engine.
+        fn as_objects(own: &[Self::Stored]) -> Objects<'_>;
+        /// The shelf of spare buffers for these objects.
+        fn spares(spares: &Spares) -> &Shelf<Vec<Self::Stored>>;
+    }
+}
+use sealed::Object;
+
+impl FrameObject for Aabb {}
 impl Object for Aabb {
-    fn in_pages(pages: &[Page], n: BoxCount) -> Option<&[Self]> {
-        boxes_in(pages, 0, n)
-    }
-    fn in_pages_mut(pages: &mut [Page], n: BoxCount) -> Option<&mut [Self]> {
-        boxes_in_mut(pages, n)
-    }
+    type Stored = Self;
+    type Encoding = ();
     fn as_objects(own: &[Self]) -> Objects<'_> {
         Objects::Boxes(own.into())
     }
-    fn spares(spares: &Spares) -> &super::local::Shelf<Vec<Self>> {
+    fn spares(spares: &Spares) -> &Shelf<Vec<Self>> {
         &spares.boxes
     }
 }
 
+impl FrameObject for Sphere {}
 impl Object for Sphere {
-    fn in_pages(pages: &[Page], n: BoxCount) -> Option<&[Self]> {
-        spheres_in(pages, 0, n)
-    }
-    fn in_pages_mut(pages: &mut [Page], n: BoxCount) -> Option<&mut [Self]> {
-        spheres_in_mut(pages, n)
-    }
+    type Stored = Self;
+    type Encoding = ();
     fn as_objects(own: &[Self]) -> Objects<'_> {
         Objects::Spheres(own)
     }
-    fn spares(spares: &Spares) -> &super::local::Shelf<Vec<Self>> {
+    fn spares(spares: &Spares) -> &Shelf<Vec<Self>> {
         &spares.spheres
+    }
+}
+
+impl FrameObject for Quantized {}
+impl Object for Quantized {
+    type Stored = Aabb;
+    type Encoding = (Precision, Encoder);
+    fn as_objects(own: &[Aabb]) -> Objects<'_> {
+        Objects::Boxes(own.into())
+    }
+    fn spares(spares: &Spares) -> &Shelf<Vec<Aabb>> {
+        &spares.boxes
     }
 }
 
@@ -117,154 +153,137 @@ pub(super) enum FrameMemory<T> {
     Own(Vec<T>),
 }
 
-/// Memory that boxes of a narrow form are written into.
-pub(super) enum NarrowMemory<'a> {
-    /// Bytes in the narrow form.
-    Bytes(&'a mut [u8]),
-    /// The f32 boxes that the narrow ones stand for.
-    Expanded(&'a mut [Aabb]),
-}
-
-/// A frame of boxes or of spheres, until it is submitted.
-pub(super) struct Filling<T: Object> {
-    n: BoxCount,
-    /// `None` once it is submitted.
-    memory: Option<FrameMemory<T>>,
-    written: Written,
-    core: Arc<Core>,
-}
-
-impl<T: Object> std::fmt::Debug for Filling<T> {
+impl<O: FrameObject> std::fmt::Debug for Frame<O> {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Filling")
+        f.debug_struct("Frame")
             .field("n", &self.n)
             .field("is_shared", &self.is_shared())
             .finish_non_exhaustive()
     }
 }
 
-impl<T: Object> Filling<T> {
+impl<O: FrameObject> Drop for Frame<O> {
+    fn drop(&mut self) {
+        if let Some(FrameMemory::Own(objects)) = self.memory.take() {
+            O::spares(self.core.spares()).give(objects);
+        }
+    }
+}
+
+impl<O: FrameObject> Frame<O> {
     pub(super) const fn new(
         n: BoxCount,
-        memory: FrameMemory<T>,
+        memory: FrameMemory<O::Stored>,
         written: Written,
+        encoding: O::Encoding,
         core: Arc<Core>,
     ) -> Self {
-        Self { n, memory: Some(memory), written, core }
+        Self { n, memory: Some(memory), written, encoding, core }
     }
 
-    pub(super) const fn n(&self) -> BoxCount {
+    /// Boxes or spheres in this frame.
+    pub const fn n(&self) -> BoxCount {
         self.n
     }
 
-    pub(super) const fn is_shared(&self) -> bool {
+    /// Whether they lie in shared memory.
+    pub const fn is_shared(&self) -> bool {
         matches!(self.memory, Some(FrameMemory::Shared(_)))
     }
 
-    pub(super) fn objects_mut(&mut self) -> &mut [T] {
-        match &mut self.memory {
-            Some(FrameMemory::Shared(shared)) => {
-                T::in_pages_mut(shared.loan.pages_mut(), self.n).unwrap_or_default()
-            }
-            Some(FrameMemory::Own(objects)) => objects,
-            None => &mut [],
-        }
-    }
-
-    pub(super) fn objects(&self) -> &[T] {
-        match &self.memory {
-            Some(FrameMemory::Shared(shared)) => {
-                T::in_pages(shared.loan.pages(), self.n).unwrap_or_default()
-            }
-            Some(FrameMemory::Own(objects)) => objects,
-            None => &[],
-        }
-    }
-
-    pub(super) fn submit(self) -> Result<PendingFrame, FrameError> {
+    /// Asks for the pairs. In process they are found before this returns.
+    ///
+    /// # Errors
+    /// [`FrameError`]; the frame's memory is gone then.
+    pub fn submit(self) -> Result<PendingFrame, FrameError> {
         self.submit_by(None)
     }
 
-    fn submit_by(mut self, rules: Option<FrameRules<'_>>) -> Result<PendingFrame, FrameError> {
+    /// As [`submit`](Self::submit), for frames of boxes with collision filters or of two sets.
+    ///
+    /// Boxes of several worlds are culled world by world unless the session asks for a dense or a sparse mask or for an
+    /// engine of all pairs: one frame of thousands of small worlds takes a small part of the time of a frame for each.
+    /// Filters go to a daemon with the boxes, 12 bytes a box, and once. A daemon keeps those that each session sent last.
+    /// One that does not have them, because it was started anew, is sent them again while the frame is waited for.
+    ///
+    /// Of two sets, one that is small beside the other, up to a hundredth of it on two cores, is looked for in cells
+    /// of the other one by a core. Else the whole frame is culled, and the pairs of one set are left out. The mask is one
+    /// of the whole frame.
+    ///
+    /// ```
+    /// use std::sync::Arc;
+    ///
+    /// use pairmask::filters::{Filter, FilterId, FilterTable, Rules, Tag};
+    /// use pairmask::{Aabb, Backend, FrameOptions, Session};
+    ///
+    /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+    /// let mut session = Session::builder().backend(Backend::InProcess).connect()?;
+    /// let mut rules = Rules::default();
+    /// rules.table = FilterTable::new(&[Filter::new(1, 2), Filter::new(2, 3)])?;
+    /// rules.tags = [0, 0, 1].map(|id| Tag::default().with_filter(FilterId(id))).to_vec();
+    /// let filtered = FrameOptions { filters: Some(Arc::new(rules)), ..Default::default() };
+    /// let two_sets = FrameOptions { split_at: Some(1), ..Default::default() };
+    ///
+    /// let boxes = [Aabb::new([0.0; 3], [1.0; 3]); 3];
+    /// for (options, pairs) in [(filtered, [[0, 2], [1, 2]]), (two_sets, [[0, 1], [0, 2]])] {
+    ///     let mut frame = session.frame(3)?;
+    ///     frame.write(&boxes)?;
+    ///     assert_eq!(frame.submit_with(&options)?.wait()?.to_vec(), pairs);
+    /// }
+    /// # Ok(())
+    /// # }
+    /// ```
+    ///
+    /// # Errors
+    /// As [`submit`](Self::submit); [`FrameError::FirstSet`] where there are fewer boxes, [`FrameError::Unsupported`] for
+    /// spheres, and for filters and sets at once. With [`Backend::Daemon`](super::Backend::Daemon),
+    /// [`FrameError::DaemonTooOld`] and [`FrameError::TooManyListedPairs`].
+    pub fn submit_with(mut self, options: &FrameOptions) -> Result<PendingFrame, FrameError> {
+        let FrameOptions { filters, split_at } = options;
+        if self.written.form == ObjectForm::Spheres && (filters.is_some() || split_at.is_some()) {
+            return Err(FrameError::Unsupported { what: "spheres with filters or in two sets" });
+        }
+        if filters.is_some() && split_at.is_some() {
+            return Err(FrameError::Unsupported { what: "two sets with filters" });
+        }
+        if let Some(first) = *split_at {
+            let counted = BoxCount::of_len(first).filter(|first| *first <= self.n);
+            let n = self.n.get();
+            self.written.first_set = Some(counted.ok_or(FrameError::FirstSet { first, n })?);
+        }
+        self.submit_by(filters.as_ref())
+    }
+
+    fn submit_by(mut self, filters: Option<&Arc<Rules>>) -> Result<PendingFrame, FrameError> {
         match self.memory.take() {
             Some(FrameMemory::Shared(shared)) => {
-                PendingFrame::send(shared, self.n, self.written, rules, Arc::clone(&self.core))
+                let kept = shared.slot.link().kept_rules();
+                // Filters that let all boxes meet are none. Those that the daemon keeps were looked at.
+                let matter = |filters: &&Arc<Rules>| {
+                    kept.are_known(filters, self.n) || !filters.let_all_meet(self.n.len())
+                };
+                let filters = filters.filter(matter);
+                PendingFrame::send(shared, self.n, self.written, filters, Arc::clone(&self.core))
             }
             Some(FrameMemory::Own(objects)) => {
-                let rules = rules.map(|of| of.rules);
-                let mask = self.core.cull_here(T::as_objects(&objects), rules, self.written);
+                let rules = filters.map(|filters| &**filters);
+                let rules = rules.filter(|rules| !rules.let_all_meet(self.n.len()));
+                let mask = self.core.cull_here(O::as_objects(&objects), rules, self.written);
                 self.memory = Some(FrameMemory::Own(objects));
                 Ok(PendingFrame::ready(mask?, Arc::clone(&self.core)))
             }
             None => Err(FrameError::TooManyFrames),
         }
     }
-}
 
-impl<T: Object> Drop for Filling<T> {
-    fn drop(&mut self) {
-        if let Some(FrameMemory::Own(objects)) = self.memory.take() {
-            T::spares(self.core.spares()).give(objects);
-        }
-    }
-}
-
-impl Filling<Aabb> {
-    /// Asks for the pairs that rules let meet. Rules that let all meet are none.
-    pub(super) fn submit_with(self, rules: &Rules) -> Result<PendingFrame, FrameError> {
-        let rules = (!rules.let_all_meet(self.n.len())).then_some(rules);
-        self.submit_by(rules.map(|rules| FrameRules { rules, kept: None }))
-    }
-
-    /// The same with rules that the daemon keeps.
-    pub(super) fn submit_with_kept(self, rules: &Arc<Rules>) -> Result<PendingFrame, FrameError> {
-        let are_known = match &self.memory {
-            Some(FrameMemory::Shared(shared)) => {
-                shared.slot.link().kept_rules().are_known(rules, self.n)
-            }
-            _ => false,
-        };
-        let matter = are_known || !rules.let_all_meet(self.n.len());
-        self.submit_by(matter.then_some(FrameRules { rules, kept: Some(rules) }))
-    }
-
-    /// Finds the pairs of a box of the first `first` and one of the others.
-    pub(super) fn submit_between(mut self, first: BoxCount) -> Result<PendingFrame, FrameError> {
-        if first > self.n {
-            return Err(FrameError::FirstSet { first: first.get(), n: self.n.get() });
-        }
-        self.written.first_set = Some(first);
-        self.submit()
-    }
-
-    /// The memory of a frame whose boxes are written in a narrow form.
-    pub(super) fn narrow_memory(&mut self) -> NarrowMemory<'_> {
-        match &mut self.memory {
-            Some(FrameMemory::Shared(shared)) => {
-                let bytes = bytes_in_mut(shared.loan.pages_mut(), self.written.form.bytes(self.n));
-                NarrowMemory::Bytes(bytes.unwrap_or_default())
-            }
-            Some(FrameMemory::Own(boxes)) => NarrowMemory::Expanded(boxes),
-            None => NarrowMemory::Bytes(&mut []),
-        }
+    /// Whether so many objects are as many as the frame has.
+    fn check_count(&self, given: usize) -> Result<(), FrameError> {
+        let n = self.n.get();
+        if given == self.n.len() { Ok(()) } else { Err(FrameError::WrongCount { given, n }) }
     }
 }
 
 impl Frame {
-    pub(super) const fn new(filling: Filling<Aabb>) -> Self {
-        Self { filling }
-    }
-
-    /// Boxes in this frame.
-    pub const fn n(&self) -> BoxCount {
-        self.filling.n()
-    }
-
-    /// Whether the boxes lie in shared memory.
-    pub const fn is_shared(&self) -> bool {
-        self.filling.is_shared()
-    }
-
     /// Writes every box: a slice of boxes, or a source of [`write`](pairmask_core::write), such as
     /// arrays of centres and half extents.
     ///
@@ -278,145 +297,135 @@ impl Frame {
     /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
     /// # let mut session = Session::builder().backend(pairmask::Backend::InProcess).connect()?;
     /// let mut frame = session.frame(2)?;
-    /// frame.write(&[Aabb::new([0.0; 3], [1.0; 3]), Aabb::new([1.0; 3], [2.0; 3])]);
+    /// frame.write(&[Aabb::new([0.0; 3], [1.0; 3]), Aabb::new([1.0; 3], [2.0; 3])])?;
     ///
     /// let (centers, halves) = ([[0.5; 3], [1.5; 3]], [[0.5; 3]; 2]);
-    /// frame.write(&CenterHalf::points(&centers, &halves));
+    /// frame.write(&CenterHalf::points(&centers, &halves))?;
     ///
     /// let (low, high) = ([0.0, 1.0], [1.0, 2.0]);
-    /// frame.write(&MinMax::columns([&low; 3], [&high; 3]));
+    /// frame.write(&MinMax::columns([&low; 3], [&high; 3]))?;
     /// assert_eq!(frame.submit()?.wait()?.count(), 1);
     /// # Ok(())
     /// # }
     /// ```
     ///
-    /// # Panics
-    /// When `boxes` are not as many as the frame has.
-    pub fn write(&mut self, boxes: &(impl BoxSource + Sync + ?Sized)) {
-        assert_eq!(boxes.len(), self.n().len(), "as many boxes as the frame has");
+    /// # Errors
+    /// [`FrameError::WrongCount`] when `boxes` are not as many as the frame has: nothing is written then.
+    pub fn write(&mut self, boxes: &(impl BoxSource + Sync + ?Sized)) -> Result<(), FrameError> {
+        self.check_count(boxes.len())?;
         par_write_boxes(boxes, self.boxes_mut());
+        Ok(())
     }
 
     /// The boxes, contents unspecified until written.
     pub fn boxes_mut(&mut self) -> &mut [Aabb] {
-        self.filling.objects_mut()
+        match &mut self.memory {
+            Some(FrameMemory::Shared(shared)) => {
+                boxes_in_mut(shared.loan.pages_mut(), self.n).unwrap_or_default()
+            }
+            Some(FrameMemory::Own(boxes)) => boxes,
+            None => &mut [],
+        }
     }
 
     /// The boxes as written so far.
     pub fn boxes(&self) -> &[Aabb] {
-        self.filling.objects()
+        match &self.memory {
+            Some(FrameMemory::Shared(shared)) => {
+                boxes_in(shared.loan.pages(), 0, self.n).unwrap_or_default()
+            }
+            Some(FrameMemory::Own(boxes)) => boxes,
+            None => &[],
+        }
     }
 
     /// The boxes as six floats each: `min.x min.y min.z max.x max.y max.z`.
     pub fn raw_mut(&mut self) -> &mut [[f32; 6]] {
         bytemuck::cast_slice_mut(self.boxes_mut())
     }
+}
 
-    /// Asks for the pairs. In process they are found before this returns.
-    ///
-    /// # Errors
-    /// [`FrameError`]; the frame's memory is gone then.
-    pub fn submit(self) -> Result<PendingFrame, FrameError> {
-        self.filling.submit()
+impl Frame<Sphere> {
+    /// The spheres, contents unspecified until written.
+    pub fn spheres_mut(&mut self) -> &mut [Sphere] {
+        match &mut self.memory {
+            Some(FrameMemory::Shared(shared)) => {
+                spheres_in_mut(shared.loan.pages_mut(), self.n).unwrap_or_default()
+            }
+            Some(FrameMemory::Own(spheres)) => spheres,
+            None => &mut [],
+        }
     }
 
-    /// Asks for the pairs of two sets: the first `first` boxes against all others. Boxes of one set are no
-    /// pair. The mask is one of the whole frame.
-    ///
-    /// A set that is small beside the other one, up to a hundredth of it on two cores, is looked for in cells of
-    /// the other one by a core, whichever of the CPU's engines the session names. Else an engine culls the whole
-    /// frame, a GPU's too, and the pairs of one set are left out: that takes about as long as the whole frame.
-    ///
-    /// ```
-    /// use pairmask::{Aabb, Backend, BoxCount, Session};
-    ///
-    /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
-    /// let mut session = Session::builder().backend(Backend::InProcess).connect()?;
-    /// let mut frame = session.frame(4)?;
-    /// frame.boxes_mut().fill(Aabb::new([0.0; 3], [1.0; 3]));
-    /// let mask = frame.submit_between(BoxCount::new(1))?.wait()?;
-    /// assert_eq!(mask.to_vec(), [(0, 1), (0, 2), (0, 3)]);
-    /// # Ok(())
-    /// # }
-    /// ```
-    ///
-    /// # Errors
-    /// As [`submit`](Self::submit), and [`FrameError::FirstSet`] where there are fewer boxes.
-    pub fn submit_between(self, first: BoxCount) -> Result<PendingFrame, FrameError> {
-        self.filling.submit_between(first)
+    /// The spheres as written so far.
+    pub fn spheres(&self) -> &[Sphere] {
+        match &self.memory {
+            Some(FrameMemory::Shared(shared)) => {
+                spheres_in(shared.loan.pages(), 0, self.n).unwrap_or_default()
+            }
+            Some(FrameMemory::Own(spheres)) => spheres,
+            None => &[],
+        }
     }
 
-    /// Asks for the pairs that rules let meet: tags by index of the boxes, filters, and lists. In process
-    /// they are found before this returns.
-    ///
-    /// Boxes of several worlds are culled world by world unless the session insists on a dense or a sparse
-    /// mask or on an engine of all pairs, and the pairs of each are [found by
-    /// it](super::PairMask::pairs_of_world). One frame of thousands of small worlds takes a small part of
-    /// the time that a frame for each of them would.
-    ///
-    /// Rules go to a daemon with the boxes, 12 bytes a tag; those that stay for many frames need not
-    /// ([`submit_with_kept`](Self::submit_with_kept)). A session's first frame with rules moves its
-    /// boxes to memory that has room for both; the memory of later ones has it from the beginning. Rules
-    /// that are equal to those of the frame before are only compared, and rules that let all boxes meet
-    /// are not sent.
-    ///
-    /// ```
-    /// use pairmask::filters::{Filter, FilterId, FilterTable, Rules, Tag};
-    /// use pairmask::{Aabb, Backend, Session};
-    ///
-    /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
-    /// let mut session = Session::builder().backend(Backend::InProcess).connect()?;
-    /// let mut rules = Rules::default();
-    /// rules.table = FilterTable::new(&[Filter::new(1, 2), Filter::new(2, 3)])?;
-    /// rules.tags = [0, 0, 1].map(|id| Tag::default().with_filter(FilterId(id))).to_vec();
-    ///
-    /// let mut frame = session.frame(3)?;
-    /// frame.boxes_mut().fill(Aabb::new([0.0; 3], [1.0; 3]));
-    /// let mask = frame.submit_with(&rules)?.wait()?;
-    /// assert!(mask.contains(0, 2) && mask.contains(1, 2) && mask.count() == 2);
-    /// # Ok(())
-    /// # }
-    /// ```
-    ///
-    /// # Errors
-    /// As [`submit`](Self::submit). With [`Backend::Daemon`](super::Backend::Daemon),
-    /// [`FrameError::DaemonTooOld`] where the daemon knows no rules, and
-    /// [`FrameError::TooManyListedPairs`].
-    pub fn submit_with(self, rules: &Rules) -> Result<PendingFrame, FrameError> {
-        self.filling.submit_with(rules)
+    /// The spheres as four floats each: `x y z radius`.
+    pub fn raw_mut(&mut self) -> &mut [[f32; 4]] {
+        bytemuck::cast_slice_mut(self.spheres_mut())
+    }
+}
+
+impl Frame<Quantized> {
+    /// The precision that the boxes are written with: the one asked for, or exact where the daemon does
+    /// not know that.
+    pub const fn precision(&self) -> &Precision {
+        &self.encoding.0
     }
 
-    /// As [`submit_with`](Self::submit_with), for rules that stay: those behind the same [`Arc`] are sent
-    /// to a daemon once, and not looked at again. Rules that change are another [`Arc`]
-    /// ([`Arc::make_mut`] makes one).
+    /// The form of the boxes.
+    pub const fn form(&self) -> BoxForm {
+        self.encoding.0.form()
+    }
+
+    /// Writes box `index`. All boxes together are written faster by [`write`](Self::write).
     ///
-    /// A daemon keeps the rules that each session sent last. One that does not have them, because it was
-    /// started anew, is sent them again while the frame is waited for.
-    ///
-    /// ```
-    /// use std::sync::Arc;
-    ///
-    /// use pairmask::filters::{Owner, Rules, Tag};
-    /// use pairmask::{Aabb, Backend, Session};
-    ///
-    /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
-    /// let mut session = Session::builder().backend(Backend::InProcess).connect()?;
-    /// let mut rules = Rules::default();
-    /// rules.tags = [7, 7, 8].map(|owner| Tag::default().with_owner(Owner(owner))).to_vec();
-    /// let rules = Arc::new(rules);
-    /// for _ in 0..3 {
-    ///     let mut frame = session.frame(3)?;
-    ///     frame.boxes_mut().fill(Aabb::new([0.0; 3], [1.0; 3]));
-    ///     let mask = frame.submit_with_kept(&rules)?.wait()?;
-    ///     assert!(mask.contains(0, 2) && mask.contains(1, 2) && mask.count() == 2);
-    /// }
-    /// # Ok(())
-    /// # }
-    /// ```
+    /// # Panics
+    /// When there is no box of that index.
+    #[inline]
+    pub fn set(&mut self, index: usize, b: &Aabb) {
+        let box_bytes = self.form().box_bytes();
+        let (encoder, n) = (&self.encoding.1, self.n);
+        match &mut self.memory {
+            Some(FrameMemory::Shared(shared)) => {
+                let bytes = narrow_bytes(shared, self.written, n);
+                encoder.write_one(b, &mut bytes[index * box_bytes..][..box_bytes]);
+            }
+            Some(FrameMemory::Own(boxes)) => {
+                encoder.write_expanded(std::slice::from_ref(b), &mut boxes[index..=index]);
+            }
+            None => {}
+        }
+    }
+
+    /// Writes every box, large scenes on the rayon pool: a slice, or a source of
+    /// [`write`](pairmask_core::write).
     ///
     /// # Errors
-    /// As [`submit_with`](Self::submit_with).
-    pub fn submit_with_kept(self, rules: &Arc<Rules>) -> Result<PendingFrame, FrameError> {
-        self.filling.submit_with_kept(rules)
+    /// [`FrameError::WrongCount`] when `boxes` are not as many as the frame has: nothing is written then.
+    pub fn write(&mut self, boxes: &(impl BoxSource + Sync + ?Sized)) -> Result<(), FrameError> {
+        self.check_count(boxes.len())?;
+        let encoder = &self.encoding.1;
+        match &mut self.memory {
+            Some(FrameMemory::Shared(shared)) => {
+                encoder.write(boxes, narrow_bytes(shared, self.written, self.n));
+            }
+            Some(FrameMemory::Own(out)) => encoder.write_expanded(boxes, out),
+            None => {}
+        }
+        Ok(())
     }
+}
+
+/// The bytes of boxes in a narrow form.
+fn narrow_bytes(shared: &mut SharedFrame, written: Written, n: BoxCount) -> &mut [u8] {
+    bytes_in_mut(shared.loan.pages_mut(), written.form.bytes(n)).unwrap_or_default()
 }

@@ -6,14 +6,6 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use pairmask_core::filters::Rules;
 use pairmask_core::units::BoxCount;
 
-/// The rules of a frame.
-#[derive(Clone, Copy)]
-pub(super) struct FrameRules<'a> {
-    pub rules: &'a Rules,
-    /// The same, where the daemon may keep them.
-    pub kept: Option<&'a Arc<Rules>>,
-}
-
 /// The rules that the daemon of a connection keeps, as far as this process knows.
 #[derive(Debug, Default)]
 pub(super) struct KeptRules {

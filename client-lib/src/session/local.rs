@@ -79,13 +79,13 @@ impl Engines {
 
 /// Spare buffers for the objects of frames.
 #[derive(Default)]
-pub(super) struct Spares {
+pub struct Spares {
     pub boxes: Shelf<Vec<Aabb>>,
     pub spheres: Shelf<Vec<Sphere>>,
 }
 
 /// A few buffers for reuse.
-pub(super) struct Shelf<T>(Mutex<Vec<T>>);
+pub struct Shelf<T>(Mutex<Vec<T>>);
 
 impl<T> Default for Shelf<T> {
     fn default() -> Self {

@@ -12,7 +12,7 @@
 //!     *slot = Aabb::new([x, 0.0, 0.0], [x + 1.0, 1.0, 1.0]);
 //! }
 //! let mask = frame.submit()?.wait()?;
-//! assert_eq!(mask.to_vec(), [(0, 1), (1, 2)]);
+//! assert_eq!(mask.to_vec(), [[0, 1], [1, 2]]);
 //! # Ok(())
 //! # }
 //! ```
@@ -38,31 +38,28 @@ mod link;
 #[allow(dead_code)] // It has no value, so that nothing reads or makes one.
 mod link;
 mod local;
-mod narrow;
 mod pace;
 mod pairs;
 mod pending;
 mod scene;
-mod sphere;
 #[cfg_attr(not(feature = "daemon"), allow(dead_code))]
 mod unread;
 
 pub use builder::{Backend, SessionBuilder};
 pub use error::{CommitError, ConnectError, FindError, FrameError, StatusError, WaitError};
-pub use frame::Frame;
-pub use narrow::NarrowFrame;
+pub use frame::{Frame, FrameObject, FrameOptions, Quantized};
 pub use pairs::{FrameInfo, PairMask, ServedBy};
 pub use pending::PendingFrame;
 pub use scene::{
     EndedIter, EndedList, JoinOptions, MarginStats, PairList, PairListIter, PendingAnswer,
     QueryAnswer, Scene, SceneAnswer, SceneEdit, SceneQuery, SharedError,
 };
-pub use sphere::SphereFrame;
 
 use std::sync::Arc;
 
 use pairmask_core::precision::Precision;
 use pairmask_core::scene::SceneOptions;
+use pairmask_core::sphere::Sphere;
 use pairmask_wire::StatusBody;
 
 /// A client's connection to a daemon or to the engines of this process.
@@ -120,7 +117,7 @@ impl Session {
         &mut self,
         n: usize,
         precision: Precision,
-    ) -> Result<NarrowFrame, FrameError> {
+    ) -> Result<Frame<Quantized>, FrameError> {
         self.core.narrow_frame(n, precision)
     }
 
@@ -143,14 +140,14 @@ impl Session {
     ///     *slot = Sphere::new([2.0 * i as f32, 0.0, 0.0], 1.0);
     /// }
     /// let mask = frame.submit()?.wait()?;
-    /// assert_eq!(mask.to_vec(), [(0, 1), (1, 2)], "touching counts");
+    /// assert_eq!(mask.to_vec(), [[0, 1], [1, 2]], "touching counts");
     /// # Ok(())
     /// # }
     /// ```
     ///
     /// # Errors
     /// As [`frame`](Self::frame), and [`FrameError::DaemonTooOld`] with [`Backend::Daemon`].
-    pub fn sphere_frame(&mut self, n: usize) -> Result<SphereFrame, FrameError> {
+    pub fn sphere_frame(&mut self, n: usize) -> Result<Frame<Sphere>, FrameError> {
         self.core.sphere_frame(n)
     }
 

@@ -244,7 +244,7 @@ impl PairMask {
     }
 
     /// All pairs in a vector.
-    pub fn to_vec(&self) -> Vec<(u32, u32)> {
+    pub fn to_vec(&self) -> Vec<[u32; 2]> {
         self.view().to_vec()
     }
 }

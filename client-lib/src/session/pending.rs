@@ -19,7 +19,7 @@ use super::core::{Core, Loss};
 use super::error::{FrameError, WaitError};
 use super::estimate::Answered;
 use super::frame::Written;
-use super::kept_rules::{FrameRules, RulesNumber};
+use super::kept_rules::RulesNumber;
 use super::link::{Received, SharedFrame, Slot, Ungrown, Unsent, Vigil};
 use super::pairs::{PairMask, ServedBy, Storage};
 use crate::transport::{CheckedResponse, SentRequest};
@@ -82,7 +82,7 @@ fn with_rules(
     shared: SharedFrame,
     n: BoxCount,
     written: Written,
-    given: FrameRules<'_>,
+    given: &Arc<Rules>,
     core: &Core,
 ) -> Result<ToSend, FrameError> {
     let forms = shared.slot.link().forms();
@@ -96,18 +96,16 @@ fn with_rules(
     }
     let kept_rules = shared.slot.link().kept_rules();
     let mut number = 0;
-    if let Some(kept) = given.kept.filter(|_| forms.knows(KEPT_RULES_MINOR)) {
-        number = match kept_rules.number_of(kept, n) {
+    if forms.knows(KEPT_RULES_MINOR) {
+        number = match kept_rules.number_of(given, n) {
             RulesNumber::Known(number) => {
-                return Ok(ToSend::Frame(shared, SentRules::Kept(Arc::clone(kept), number)));
+                return Ok(ToSend::Frame(shared, SentRules::Kept(Arc::clone(given), number)));
             }
             RulesNumber::New(number) => number,
         };
-    } else {
-        kept_rules.forget();
     }
     let link = Arc::clone(shared.slot.link());
-    let to_send = with_written_rules(shared, n, written, given.rules, number, core);
+    let to_send = with_written_rules(shared, n, written, given, number, core);
     if !matches!(to_send, Ok(ToSend::Frame(..))) {
         // The daemon gets none of that number.
         link.kept_rules().forget();
@@ -160,14 +158,14 @@ impl PendingFrame {
         shared: SharedFrame,
         n: BoxCount,
         written: Written,
-        given: Option<FrameRules<'_>>,
+        given: Option<&Arc<Rules>>,
         core: Arc<Core>,
     ) -> Result<Self, FrameError> {
         let to_send = match given {
             Some(given) => with_rules(shared, n, written, given, &core)?,
             None => ToSend::Frame(shared, SentRules::None),
         };
-        let rules = given.map(|given| given.rules);
+        let rules = given.map(|given| &**given);
         let (shared, sent_rules) = match to_send {
             ToSend::Frame(shared, sent_rules) => (shared, sent_rules),
             ToSend::Stays(shared) => {
@@ -387,8 +385,7 @@ impl Sent {
             if let (Some(to), Some(from)) = (to, from) {
                 to.copy_from_slice(from);
             }
-            let rules = FrameRules { rules: kept, kept: Some(kept) };
-            PendingFrame::send(shared, n, written, Some(rules), Arc::clone(core))
+            PendingFrame::send(shared, n, written, Some(kept), Arc::clone(core))
         });
         match again {
             Ok(pending) => Ok(pending.state),

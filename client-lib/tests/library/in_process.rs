@@ -1,12 +1,13 @@
 //! Sessions in process, in every build: with a transport and without.
 
+use std::sync::Arc;
 use std::time::Duration;
 
 use pairmask::filters::{Owner, Rules, Tag, World};
 use pairmask::info::BoxForm;
 use pairmask::{
-    Aabb, AvailableIsa, Backend, Bounds, ConnectError, Encoding, EncodingChoice, FrameError, Isa,
-    Precision, ServedBy, Session, SessionBuilder, Sphere,
+    Aabb, AvailableIsa, Backend, Bounds, ConnectError, Encoding, EncodingChoice, FrameError,
+    FrameOptions, Isa, Precision, ServedBy, Session, SessionBuilder, Sphere,
 };
 use pairmask_core::oracle;
 
@@ -21,12 +22,12 @@ fn scene(n: usize) -> Vec<Aabb> {
         .collect()
 }
 
-fn sorted(mut pairs: Vec<(u32, u32)>) -> Vec<(u32, u32)> {
+fn sorted(mut pairs: Vec<[u32; 2]>) -> Vec<[u32; 2]> {
     pairs.sort_unstable();
     pairs
 }
 
-fn pairs_of(session: &mut Session, boxes: &[Aabb]) -> Vec<(u32, u32)> {
+fn pairs_of(session: &mut Session, boxes: &[Aabb]) -> Vec<[u32; 2]> {
     let mut frame = session.frame(boxes.len()).unwrap();
     assert!(!frame.is_shared());
     frame.boxes_mut().copy_from_slice(boxes);
@@ -68,7 +69,7 @@ fn narrow_frames_lack_no_pair_and_are_those_of_their_form() {
     let exact = oracle::truth(&boxes).pairs;
     for precision in [Precision::Q16(Bounds::around(&boxes)), Precision::F16, Precision::Exact] {
         let mut frame = session.narrow_frame(boxes.len(), precision).unwrap();
-        frame.fill(&boxes);
+        frame.write(&boxes).unwrap();
         let mask = frame.submit().unwrap().wait().unwrap();
         let found = sorted(mask.to_vec());
         let form = precision.form();
@@ -87,7 +88,7 @@ fn frames_of_spheres_have_all_pairs_that_touch() {
         let mut frame = session.sphere_frame(n).unwrap();
         frame.spheres_mut().copy_from_slice(&spheres);
         let found = sorted(frame.submit().unwrap().wait().unwrap().to_vec());
-        let touching: Vec<_> = (1..n as u32).map(|i| (i - 1, i)).collect();
+        let touching: Vec<_> = (1..n as u32).map(|i| [i - 1, i]).collect();
         assert_eq!(found, touching, "{n} spheres");
     }
 }
@@ -134,7 +135,7 @@ fn every_instruction_set_gives_the_same_pairs_in_the_same_order() {
                 let mask = frame.submit().unwrap().wait().unwrap();
                 assert_eq!(mask.pairs().collect::<Vec<_>>(), mask.to_vec());
                 let mut slices = Vec::new();
-                mask.for_each_slice(|pairs| slices.extend(pairs.iter().map(|&[a, b]| (a, b))));
+                mask.for_each_slice(|pairs| slices.extend_from_slice(pairs));
                 assert_eq!(slices, mask.to_vec());
                 mask.to_vec()
             });
@@ -154,12 +155,13 @@ fn frames_with_rules_have_the_pairs_that_these_let_meet() {
             .map(|tag| tag.with_owner(Owner(tag.world.0 as u32 % 3)))
             .collect();
         let mut expected = oracle::truth(&boxes).pairs;
-        expected.retain(|(a, b)| rules.meet(*a, *b));
+        expected.retain(|[a, b]| rules.meet(*a, *b));
+        let options = FrameOptions { filters: Some(Arc::new(rules.clone())), ..Default::default() };
         for encoding in [EncodingChoice::Auto, EncodingChoice::Only(Encoding::Sparse)] {
             let mut session = in_process().encoding(encoding).connect().unwrap();
             let mut frame = session.frame(n).unwrap();
             frame.boxes_mut().copy_from_slice(&boxes);
-            let mask = frame.submit_with(&rules).unwrap().wait().unwrap();
+            let mask = frame.submit_with(&options).unwrap().wait().unwrap();
             assert_eq!(sorted(mask.to_vec()), expected, "{n} boxes, {encoding}");
             if encoding == EncodingChoice::Auto && n > 3 {
                 assert_eq!(mask.worlds().len(), 3);

@@ -50,7 +50,7 @@ fn compare<T>(
             }
             outcome.pairs += 1;
             let is = overlap(one, other) && {
-                let (a, b) = window.pair(row, column);
+                let [a, b] = window.pair(row, column);
                 window.meet(a, b) && may_meet(a, b)
             };
             let said = window.has(row, column);

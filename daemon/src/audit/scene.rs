@@ -214,7 +214,7 @@ impl SceneAudit {
             let mut wrong = |is_wrong: bool, [a, b]: [u32; 2]| {
                 if is_wrong {
                     outcome.extra += 1;
-                    outcome.first.get_or_insert((a, b));
+                    outcome.first.get_or_insert([a, b]);
                 }
             };
             for pair in &told.ended {
@@ -248,7 +248,7 @@ impl SceneAudit {
                 if is != said {
                     outcome.missed += u64::from(is);
                     outcome.extra += u64::from(said);
-                    outcome.first.get_or_insert((row.min(other), row.max(other)));
+                    outcome.first.get_or_insert([row.min(other), row.max(other)]);
                 }
             }
         }

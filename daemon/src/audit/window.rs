@@ -262,9 +262,9 @@ impl Window {
     }
 
     /// The objects of a pair of the window, lower index first.
-    pub(super) fn pair(&self, row: usize, column: usize) -> (u32, u32) {
+    pub(super) fn pair(&self, row: usize, column: usize) -> [u32; 2] {
         let (a, b) = (self.indices[row], self.indices[self.span.rows.len() + column]);
-        (a.min(b), a.max(b))
+        [a.min(b), a.max(b)]
     }
 }
 

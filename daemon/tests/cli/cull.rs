@@ -20,12 +20,12 @@ fn scene() -> Vec<Aabb> {
 
 /// Pairs of a file of pairs.
 fn pairs_of(words: &[u32]) -> Vec<Pair> {
-    words.chunks(2).map(|pair| (pair[0], pair[1])).collect()
+    words.chunks(2).map(|pair| [pair[0], pair[1]]).collect()
 }
 
 /// Pairs of a dense mask file: one bit after the other.
 fn dense_pairs(words: &[u32], n: u32) -> Vec<Pair> {
-    let all = (0..n).flat_map(|a| (a + 1..n).map(move |b| (a, b)));
+    let all = (0..n).flat_map(|a| (a + 1..n).map(move |b| [a, b]));
     let set = all.enumerate().filter(|(k, _)| words[k / 32] >> (k % 32) & 1 == 1);
     set.map(|(_, pair)| pair).collect()
 }
@@ -40,7 +40,7 @@ fn sparse_pairs(words: &[u32], n: u32) -> Vec<Pair> {
         let (row, block, bits) = (rest[word], rest[count + word], rest[2 * count + word]);
         for t in (0..32).filter(|t| bits >> t & 1 == 1) {
             let (a, b) = (order[row as usize], order[(32 * block + t) as usize]);
-            pairs.push((a.min(b), a.max(b)));
+            pairs.push([a.min(b), a.max(b)]);
         }
     }
     pairs.sort_unstable();
@@ -51,7 +51,7 @@ fn sparse_pairs(words: &[u32], n: u32) -> Vec<Pair> {
 fn list_pairs(words: &[u32], n: u32) -> Vec<Pair> {
     let (pairs, rest) = words.as_chunks::<2>();
     assert!(rest.is_empty() && pairs.iter().all(|[a, b]| a < b && *b < n));
-    let mut pairs: Vec<Pair> = pairs.iter().map(|&[a, b]| (a, b)).collect();
+    let mut pairs: Vec<Pair> = pairs.iter().copied().collect();
     pairs.sort_unstable();
     pairs
 }

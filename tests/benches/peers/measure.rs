@@ -187,6 +187,6 @@ fn reference(boxes: &[Aabb]) -> Result<Vec<Pair>, Box<dyn std::error::Error>> {
     let builder = Session::builder().backend(Backend::InProcess);
     let mut session = builder.engine(EngineChoice::Only(engine)).connect()?;
     let mut frame = session.frame(boxes.len())?;
-    frame.write(boxes);
+    frame.write(boxes)?;
     Ok(sorted(frame.submit()?.wait()?.to_vec()))
 }

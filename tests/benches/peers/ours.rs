@@ -38,7 +38,7 @@ impl Contender for Ours {
         // A client holds the mask of a frame until it has the next one's boxes.
         self.mask = None;
         let mut frame = self.session.frame(boxes.len()).map_err(failed)?;
-        frame.write(boxes);
+        frame.write(boxes).map_err(failed)?;
         self.written = Some(frame);
         Ok(())
     }

@@ -48,11 +48,11 @@ fn ask(backend: Backend) -> Result<&'static str, Box<dyn Error>> {
     boxes[9] = boxes[7];
     let mut answer = || -> Result<PairMask, Box<dyn Error>> {
         let mut frame = session.frame(BOXES)?;
-        frame.write(&boxes);
+        frame.write(&boxes)?;
         Ok(frame.submit()?.wait()?)
     };
     match answer() {
-        Ok(mask) if mask.to_vec() != [(7, 9)] => Err("wrong pairs".into()),
+        Ok(mask) if mask.to_vec() != [[7, 9]] => Err("wrong pairs".into()),
         Ok(mask) if mask.info().served_by == ServedBy::Daemon => Ok(SERVED),
         Ok(_) => Ok(IN_PROCESS),
         Err(error) if backend == Backend::Daemon && is_about_memory(&error.to_string()) => {

@@ -19,7 +19,7 @@ impl Tally {
     /// The tally of these pairs.
     pub fn of(pairs: &[Pair]) -> Self {
         let mut tally = Self::default();
-        for &(a, b) in pairs {
+        for &[a, b] in pairs {
             tally.visit(a, b);
         }
         tally
@@ -42,7 +42,7 @@ impl Tally {
 /// Pairs, each with its lower index first, sorted: as the oracle has them.
 pub fn sorted(mut pairs: Vec<Pair>) -> Vec<Pair> {
     for pair in &mut pairs {
-        *pair = (pair.0.min(pair.1), pair.0.max(pair.1));
+        *pair = [pair[0].min(pair[1]), pair[0].max(pair[1])];
     }
     pairs.sort_unstable();
     pairs

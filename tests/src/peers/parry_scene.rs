@@ -198,7 +198,7 @@ impl ParryScene {
             let here = &self.boxes[a as usize];
             let after = partners.iter().filter(|b| **b > a);
             pairs.extend(
-                after.filter(|b| touches(here, &self.boxes[**b as usize])).map(|b| (a, *b)),
+                after.filter(|b| touches(here, &self.boxes[**b as usize])).map(|b| [a, *b]),
             );
         }
         pairs

@@ -75,11 +75,11 @@ impl Rapier {
         for event in &self.events {
             match event {
                 BroadPhasePairEvent::AddPair(pair) => {
-                    let (a, b) = indices(pair);
+                    let [a, b] = indices(pair);
                     self.partners[a as usize].push(b);
                 }
                 BroadPhasePairEvent::DeletePair(pair) => {
-                    let (a, b) = indices(pair);
+                    let [a, b] = indices(pair);
                     let partners = &mut self.partners[a as usize];
                     let place = partners.iter().position(|&other| other == b);
                     let place = place.ok_or_else(|| ContenderError {
@@ -107,7 +107,7 @@ impl Rapier {
 /// Colliders were inserted in object order and none was removed, so a handle's place is its box.
 fn indices(pair: &ColliderPair) -> Pair {
     let (a, b) = (pair.collider1.into_raw_parts().0, pair.collider2.into_raw_parts().0);
-    (a.min(b), a.max(b))
+    [a.min(b), a.max(b)]
 }
 
 /// Closed boxes, compared as floats: what a user of rapier would write.
@@ -126,7 +126,7 @@ impl Contender for Rapier {
 
     fn pairs(&mut self, boxes: &[Aabb]) -> Result<Vec<Pair>, ContenderError> {
         let mut pairs = Vec::new();
-        self.visit(boxes, |a, b| pairs.push((a, b)));
+        self.visit(boxes, |a, b| pairs.push([a, b]));
         Ok(pairs)
     }
 }

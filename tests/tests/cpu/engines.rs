@@ -139,7 +139,7 @@ fn the_oracle_agrees_with_the_box_type() {
         let boxes = scene.boxes(24, 7);
         let overlapping = |a: u32| {
             let overlaps = |b: &u32| boxes[a as usize].overlaps(&boxes[*b as usize]);
-            (a + 1..24).filter(overlaps).map(|b| (a, b)).collect::<Vec<_>>()
+            (a + 1..24).filter(overlaps).map(|b| [a, b]).collect::<Vec<_>>()
         };
         let pairs: Vec<_> = (0..24).flat_map(overlapping).collect();
         assert_eq!(oracle::truth(&boxes).pairs, pairs, "{scene:?}");

@@ -353,7 +353,7 @@ const ENTRY_POINTS: [EntryPoint; 23] = [
         let worlds: Vec<oracle::Faces> =
             numbers.iter().flat_map(|x| numbers.map(|y| [[*x; 3], [y; 3]])).collect();
         let truth = oracle::truth_of_faces(&worlds);
-        let pairs = truth.pairs.iter().map(|(a, b)| u64::from(*a) << 32 | u64::from(*b));
+        let pairs = truth.pairs.iter().map(|[a, b]| u64::from(*a) << 32 | u64::from(*b));
         pairs.chain([u64::from(truth.census.empty)]).collect()
     }),
     ("Sphere::overlaps", |boxes| {
@@ -381,7 +381,7 @@ const ENTRY_POINTS: [EntryPoint; 23] = [
             })
             .collect();
         pairs.extend(modes::allowed_around_origin(&worlds, [0.0; 3]).may);
-        pairs.iter().map(|(a, b)| u64::from(*a) << 32 | u64::from(*b)).collect()
+        pairs.iter().map(|[a, b]| u64::from(*a) << 32 | u64::from(*b)).collect()
     }),
 ];
 
@@ -481,6 +481,6 @@ fn scenes_told_under_changing_flags_add_up_to_the_truth() {
         }
         let truth = oracle::truth(&boxes).pairs;
         assert!(truth.len() > 100, "{} pairs", truth.len());
-        assert!(told.iter().map(|[a, b]| (*a, *b)).eq(truth), "extent {extent:e}");
+        assert!(told.iter().copied().eq(truth), "extent {extent:e}");
     }
 }

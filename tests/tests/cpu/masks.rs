@@ -39,19 +39,19 @@ fn first_wrong_way(mask: &WrittenMask, expected: &[Pair]) -> Option<&'static str
     };
     let listed = view.to_vec();
     let mut each = Vec::new();
-    view.for_each(|a, b| each.push((a, b)));
+    view.for_each(|a, b| each.push([a, b]));
     let mut halves: Vec<Pair> = view.pairs().take(listed.len() / 2).collect();
     halves.extend(view.pairs().skip(listed.len() / 2));
     let mut slices = Vec::new();
     let mut no_slice_is_empty = true;
     view.for_each_slice(|pairs| {
         no_slice_is_empty &= !pairs.is_empty();
-        slices.extend(pairs.iter().map(|&[a, b]| (a, b)));
+        slices.extend_from_slice(pairs);
     });
     let word_bits: u32 = view.words().map(|word| word.bits.count()).sum();
     let found: BTreeSet<Pair> = listed.iter().copied().collect();
     let probe = |a: u32, b: u32| {
-        view.contains(a, b) == found.contains(&(a.min(b), a.max(b)))
+        view.contains(a, b) == found.contains(&[a.min(b), a.max(b)])
             && (a != b || !view.contains(a, b))
     };
     let near = |i: u32| [i, i.wrapping_add(1), mask.n.get().wrapping_sub(i), i / 2, u32::MAX - i];
@@ -66,7 +66,7 @@ fn first_wrong_way(mask: &WrittenMask, expected: &[Pair]) -> Option<&'static str
         ("count", view.count() == expected.len() as u64),
         ("is_empty", view.is_empty() == expected.is_empty()),
         ("words", word_bits as usize == expected.len()),
-        ("contains its pairs", some.all(|&(a, b)| view.contains(a, b) && view.contains(b, a))),
+        ("contains its pairs", some.all(|&[a, b]| view.contains(a, b) && view.contains(b, a))),
         ("contains no other", (0..40).all(|a| near(a).into_iter().all(|b| probe(a, b)))),
         ("verify", view.verify() == Ok(())),
     ];
@@ -119,8 +119,8 @@ fn pairs_come_in_the_order_of_the_index_or_the_words() {
     let ordered = write_sparse(n, &renamed(&pairs, &order), Some(&order));
     let named: Vec<Pair> = pairs
         .iter()
-        .map(|&(p, q)| (order[p as usize], order[q as usize]))
-        .map(|(a, b)| (a.min(b), a.max(b)))
+        .map(|&[p, q]| [order[p as usize], order[q as usize]])
+        .map(|[a, b]| [a.min(b), a.max(b)])
         .collect();
     assert_eq!(view(&ordered).to_vec(), named);
     assert_eq!(view(&write_list(n, &named)).to_vec(), named);
@@ -129,13 +129,13 @@ fn pairs_come_in_the_order_of_the_index_or_the_words() {
 #[test]
 fn words_come_with_their_addresses() {
     let n = BoxCount::new(70);
-    let pairs = [(0, 1), (0, 40), (1, 69)];
+    let pairs = [[0, 1], [0, 40], [1, 69]];
     let sparse = write_sparse(n, &pairs, None);
     let addresses: Vec<_> = view(&sparse).words().map(|word| (word.address, word.bits.0)).collect();
     let at = |row, block| WordAddress::Sparse { row, block };
     assert_eq!(addresses, [(at(0, 0), 1 << 1), (at(0, 1), 1 << 8), (at(1, 2), 1 << 5)]);
     let dense = write_dense(n, &pairs);
-    let list = write_list(n, &[(1, 69), (0, 40)]);
+    let list = write_list(n, &[[1, 69], [0, 40]]);
     let addresses: Vec<_> = view(&list).words().map(|word| (word.address, word.bits.0)).collect();
     assert_eq!(addresses, [(at(1, 2), 1 << 5), (at(0, 1), 1 << 8)]);
     let firsts: Vec<_> = view(&dense)
@@ -192,7 +192,7 @@ fn shapes_that_do_not_fit_are_refused() {
 #[test]
 fn verify_names_each_broken_rule() {
     let n = BoxCount::new(40);
-    let pairs = [(0, 1), (0, 33), (3, 4)];
+    let pairs = [[0, 1], [0, 33], [3, 4]];
     let order: Vec<u32> = (0..40).collect();
     let broken = |written: &WrittenMask, at: usize, value: u32| {
         let mut mask = written.clone();
@@ -219,7 +219,7 @@ fn verify_names_each_broken_rule() {
     let dense = write_dense(n, &pairs);
     assert_eq!(broken(&dense, 24, 0xfff), Ok(()));
     assert_eq!(broken(&dense, 24, 0x1fff), Err(MaskError::TailBits { bits: 0x1000 }));
-    let list = write_list(n, &[(3, 4), (0, 33), (0, 1)]);
+    let list = write_list(n, &[[3, 4], [0, 33], [0, 1]]);
     assert_eq!(broken(&list, 0, 2), Ok(()));
     let not_a_pair = |number, a, b| Err(MaskError::NotAPair { number, a, b, n: 40 });
     assert_eq!(broken(&list, 0, 4), not_a_pair(0, 4, 4));
@@ -277,17 +277,17 @@ proptest! {
         let Ok(mask) = MaskView::new(BoxCount::new(n), &shape, &reply) else { return Ok(()) };
         prop_assert!(extent <= reply.len() as u64 && bytes <= 16 * reply.len() as u64);
         let pairs: Vec<Pair> = mask.pairs().collect();
-        for &(a, b) in &pairs {
+        for &[a, b] in &pairs {
             prop_assert!(a < b && b < n, "({}, {}) of {}", a, b, n);
         }
         prop_assert_eq!(&mask.to_vec(), &pairs);
         prop_assert_eq!(&mask.par_pairs().collect::<Vec<_>>(), &pairs);
         let mut slices = Vec::new();
-        mask.for_each_slice(|some| slices.extend(some.iter().map(|&[a, b]| (a, b))));
+        mask.for_each_slice(|some| slices.extend_from_slice(some));
         prop_assert_eq!(&slices, &pairs);
         if let MaskView::List(list) = mask {
             let mut slices = Vec::new();
-            list.for_each_slice_in_place(|some| slices.extend(some.iter().map(|&[a, b]| (a, b))));
+            list.for_each_slice_in_place(|some| slices.extend_from_slice(some));
             prop_assert_eq!(&slices, &pairs);
         }
         prop_assert_eq!(mask.is_empty(), pairs.is_empty());
@@ -302,7 +302,7 @@ proptest! {
             let held = mask.contains(a, b);
             prop_assert!(!held || (a != b && a.max(b) < n));
             if clean.is_ok() {
-                prop_assert_eq!(held, found.contains(&(a.min(b), a.max(b))));
+                prop_assert_eq!(held, found.contains(&[a.min(b), a.max(b)]));
             }
         }
         if n > 1_000 {

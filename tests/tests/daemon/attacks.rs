@@ -8,6 +8,7 @@
 use std::collections::{BTreeMap, VecDeque};
 use std::io::Read;
 use std::process::{Child, ChildStderr, Command, Stdio};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use pairmask::{JoinOptions, SceneEdit};
@@ -20,6 +21,7 @@ use pairmask_tests::attackers::raw::{
 use pairmask_tests::attackers::shared::SHARED_SCENE;
 use pairmask_tests::fault_client::FaultClient;
 use pairmask_tests::filtered_frames::{FilteredFrame, KINDS};
+use pairmask_tests::frames::filtered;
 use pairmask_tests::prelude::*;
 use pairmask_tests::scene_model::{Edits, Grouped, Kind, SessionScene, hold};
 use pairmask_transport::{ProcessWatch, RuntimeDir, SegmentFiles};
@@ -73,7 +75,7 @@ impl Drop for Attacker {
 }
 
 type Boxes = Vec<Aabb>;
-type IndexPairs = Vec<(u32, u32)>;
+type IndexPairs = Vec<[u32; 2]>;
 
 /// Frames with their pairs, which a client submits in turn.
 struct InTurn {
@@ -189,11 +191,12 @@ fn forged_rules_leave_the_frames_of_others_alone() {
         .map(|(seed, kind)| FilteredFrame::drawn(40 + 50 * seed, kind, seed as u64))
         .collect();
     honest_beside(&daemon, "rules", || {
-        for filtered in &frames {
-            let mut frame = session.frame(filtered.boxes.len()).unwrap();
-            frame.write(&filtered.boxes);
-            let mask = frame.submit_with(&filtered.rules).unwrap().wait().unwrap();
-            assert!(mask.sorted() == filtered.pairs, "{} boxes", filtered.boxes.len());
+        for given in &frames {
+            let mut frame = session.frame(given.boxes.len()).unwrap();
+            frame.write(&given.boxes).unwrap();
+            let options = filtered(&Arc::new(given.rules.clone()));
+            let mask = frame.submit_with(&options).unwrap().wait().unwrap();
+            assert!(mask.sorted() == given.pairs, "{} boxes", given.boxes.len());
         }
     });
 }
@@ -457,7 +460,7 @@ fn a_list_that_changes_while_it_is_read_names_no_box_that_is_not_there() {
     let list = EncodingChoice::Only(Encoding::List);
     let (dir, attacker, mut session) = hostile_daemon("lists", list);
     let n = PAIRS as u32 + 1;
-    let is_pair = |(a, b): (u32, u32)| a < b && b < n;
+    let is_pair = |[a, b]: [u32; 2]| a < b && b < n;
     let end = Instant::now() + attack_time();
     let (mut looks, mut dropped, mut broken) = (0, 0, 0);
     // On a busy machine the attacker may get no core for a while.
@@ -473,16 +476,16 @@ fn a_list_that_changes_while_it_is_read_names_no_box_that_is_not_there() {
         for _ in 0..100 {
             let mut seen = 0;
             mask.for_each(|a, b| {
-                assert!(is_pair((a, b)), "({a}, {b})");
+                assert!(is_pair([a, b]), "({a}, {b})");
                 seen += 1;
             });
-            mask.for_each_slice(|pairs| assert!(pairs.iter().all(|&[a, b]| is_pair((a, b)))));
+            mask.for_each_slice(|pairs| assert!(pairs.iter().all(|&[a, b]| is_pair([a, b]))));
             assert!(mask.pairs().all(is_pair) && mask.par_pairs().all(is_pair));
             assert!(mask.to_vec().into_iter().all(is_pair));
             for word in mask.words() {
                 let WordAddress::Sparse { row, block } = word.address else { panic!("{word:?}") };
                 assert_eq!(word.bits.count(), 1);
-                assert!(is_pair((row, 32 * block + word.bits.0.trailing_zeros())), "{word:?}");
+                assert!(is_pair([row, 32 * block + word.bits.0.trailing_zeros()]), "{word:?}");
             }
             let view = mask.view();
             assert!(view.count() <= PAIRS && !view.contains(n, 0) && !view.contains(3, 3));

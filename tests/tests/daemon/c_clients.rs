@@ -139,7 +139,7 @@ impl Culling {
         let [count, empty, invalid, served_by] = head;
         let mut found = vec![[0u32; 2]; count as usize];
         self.answers.read_exact(bytemuck::cast_slice_mut(&mut found)).expect("the pairs");
-        let mut pairs: Vec<Pair> = found.into_iter().map(|[a, b]| (a, b)).collect();
+        let mut pairs: Vec<Pair> = found.into_iter().collect();
         pairs.sort_unstable();
         Culled { pairs, empty, invalid, served_by }
     }

@@ -8,6 +8,7 @@ use pairmask::error::ReplyError;
 use pairmask::filters::{Owner, Rules, Tag, World};
 use pairmask_tests::daemon::outlive_kills;
 use pairmask_tests::filtered_frames::{FilteredFrame, KINDS};
+use pairmask_tests::frames::filtered;
 use pairmask_tests::prelude::*;
 use pairmask_tests::refuser::beside_refuser;
 
@@ -15,8 +16,8 @@ const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
 
 fn submit(session: &mut Session, frame: &FilteredFrame) -> PendingFrame {
     let mut shared = session.frame(frame.boxes.len()).unwrap();
-    shared.write(&frame.boxes);
-    shared.submit_with(&frame.rules).unwrap()
+    shared.write(&frame.boxes).unwrap();
+    shared.submit_with(&filtered(&Arc::new(frame.rules.clone()))).unwrap()
 }
 
 /// Each pair stands in the range of its world, and ranges stand side by side.
@@ -105,12 +106,12 @@ fn rules_that_stay_go_to_the_gpu_and_change_in_time() {
         let mut frame = FilteredFrame::drawn(700, kind, 21);
         for turn in 0..3 {
             check_mask(&submit(&mut session, &frame).wait().unwrap(), &frame);
-            if let Some((a, _)) = frame.pairs.get(turn).copied() {
+            if let Some([a, _]) = frame.pairs.get(turn).copied() {
                 frame.rules.tags.resize(700, Tag::default());
                 frame.rules.tags[a as usize].world = World(4);
                 let rules = frame.rules.clone();
                 frame.pairs = pairmask_tests::oracle::truth(&frame.boxes).pairs;
-                frame.pairs.retain(|(a, b)| rules.meet(*a, *b));
+                frame.pairs.retain(|[a, b]| rules.meet(*a, *b));
                 frame.pairs.sort_unstable();
             }
             for _ in 0..2 {
@@ -146,7 +147,7 @@ fn a_mask_of_all_pairs_that_has_no_room_becomes_one_of_those_that_meet() {
     frame.rules = Rules::default();
     frame.rules.tags =
         (0..4_201).map(|at| Tag::default().with_owner(Owner(at / 4_200 + 1))).collect();
-    frame.pairs = (0..4_200).map(|a| (a, 4_200)).collect();
+    frame.pairs = (0..4_200).map(|a| [a, 4_200]).collect();
     let builder = daemon.session().engine(EngineChoice::Only(EngineName::GpuGrid));
     let mut session = builder.connect().unwrap();
     for _ in 0..3 {
@@ -163,11 +164,15 @@ fn narrow_frames_have_rules_too() {
         let mut session = daemon.session().backend(backend).connect().unwrap();
         for _ in 0..3 {
             let mut frame = session.narrow_frame(500, Precision::F16).unwrap();
-            frame.fill(&drawn.boxes);
-            let mask = frame.submit_with(&drawn.rules).unwrap().wait().unwrap();
+            frame.write(&drawn.boxes).unwrap();
+            let mask = frame
+                .submit_with(&filtered(&Arc::new(drawn.rules.clone())))
+                .unwrap()
+                .wait()
+                .unwrap();
             let pairs = mask.sorted();
             assert!(drawn.pairs.iter().all(|pair| pairs.binary_search(pair).is_ok()));
-            assert!(pairs.iter().all(|(a, b)| drawn.rules.meet(*a, *b)));
+            assert!(pairs.iter().all(|[a, b]| drawn.rules.meet(*a, *b)));
             answers.push(pairs);
         }
     }
@@ -191,19 +196,19 @@ fn equal_boxes_with_other_rules_are_no_repeat() {
             check(&mut session, &frame);
         }
         // One tag, and then one pair of a list, and then the filters.
-        let (a, b) = frame.pairs[frame.pairs.len() / 2];
+        let [a, b] = frame.pairs[frame.pairs.len() / 2];
         frame.rules.lists.exclude([a, b], true);
         frame.rules.lists.include([a, b], false);
-        frame.pairs.retain(|pair| *pair != (a, b));
+        frame.pairs.retain(|pair| *pair != [a, b]);
         for _ in 0..5 {
             check(&mut session, &frame);
         }
         frame.rules.tags.resize(900, Tag::default());
-        let (a, b) = frame.pairs[0];
+        let [a, b] = frame.pairs[0];
         frame.rules.tags[a as usize].world = World(77);
         frame.rules.tags[b as usize].world = World(78);
         let rules = frame.rules.clone();
-        frame.pairs.retain(|(a, b)| rules.meet(*a, *b));
+        frame.pairs.retain(|[a, b]| rules.meet(*a, *b));
         for _ in 0..5 {
             check(&mut session, &frame);
         }
@@ -231,8 +236,11 @@ fn frames_grow_and_their_rules_come_and_go() {
         let frames: Vec<_> = (0..3).map(|_| session.frame(n).unwrap()).collect();
         for mut shared in frames {
             assert!(shared.is_shared());
-            shared.write(&frame.boxes);
-            pending.push((shared.submit_with(&frame.rules).unwrap(), frame.clone()));
+            shared.write(&frame.boxes).unwrap();
+            pending.push((
+                shared.submit_with(&filtered(&Arc::new(frame.rules.clone()))).unwrap(),
+                frame.clone(),
+            ));
         }
         for (pending, frame) in pending.drain(..) {
             let mask = pending.wait().unwrap();
@@ -240,7 +248,7 @@ fn frames_grow_and_their_rules_come_and_go() {
             check_mask(&mask, &frame);
         }
         let mut shared = session.frame(n).unwrap();
-        shared.write(&frame.boxes);
+        shared.write(&frame.boxes).unwrap();
         let mask = shared.submit().unwrap().wait().unwrap();
         assert_eq!(mask.count(), pairmask_tests::oracle::truth(&frame.boxes).pairs.len() as u64);
     }
@@ -261,18 +269,19 @@ fn lists_of_any_length_are_sent_or_answered_here() {
     }
     let rules = frame.rules.clone();
     frame.pairs = pairmask_tests::oracle::truth(&frame.boxes).pairs;
-    frame.pairs.retain(|(a, b)| rules.meet(*a, *b));
+    frame.pairs.retain(|[a, b]| rules.meet(*a, *b));
     let mut session = daemon.session().backend(Backend::Auto).connect().unwrap();
     let mask = submit(&mut session, &frame).wait().unwrap();
     assert_eq!(mask.info().served_by, ServedBy::InProcess);
     check_mask(&mask, &frame);
     let mut session = daemon.session().backend(Backend::Daemon).connect().unwrap();
-    let refused = session.frame(n as usize).unwrap().submit_with(&frame.rules);
+    let refused =
+        session.frame(n as usize).unwrap().submit_with(&filtered(&Arc::new(frame.rules.clone())));
     assert!(matches!(refused, Err(FrameError::TooManyListedPairs(_))));
     let fewer = FilteredFrame::drawn(300, KINDS[7], 2);
     let mut fewer = FilteredFrame { rules: frame.rules, ..fewer };
     fewer.pairs = pairmask_tests::oracle::truth(&fewer.boxes).pairs;
-    fewer.pairs.retain(|(a, b)| fewer.rules.meet(*a, *b));
+    fewer.pairs.retain(|[a, b]| fewer.rules.meet(*a, *b));
     let mask = submit(&mut session, &fewer).wait().unwrap();
     assert_eq!(mask.info().served_by, ServedBy::Daemon);
     check_mask(&mask, &fewer);
@@ -315,9 +324,13 @@ fn an_older_daemon_gets_no_rules() {
     daemon.pretend_minor(5);
     let frame = FilteredFrame::drawn(300, KINDS[2], 4);
     let mut session = daemon.session().connect().unwrap();
-    let refused = session.frame(300).unwrap().submit_with(&frame.rules).unwrap_err();
+    let refused = session
+        .frame(300)
+        .unwrap()
+        .submit_with(&filtered(&Arc::new(frame.rules.clone())))
+        .unwrap_err();
     assert!(matches!(refused, FrameError::DaemonTooOld { what: "rules of frames" }));
-    let all_meet = session.frame(0).unwrap().submit_with(&Rules::default());
+    let all_meet = session.frame(0).unwrap().submit_with(&filtered(&Arc::default()));
     assert_eq!(all_meet.unwrap().wait().unwrap().info().served_by, ServedBy::Daemon);
     let mut session = daemon.session().backend(Backend::Auto).connect().unwrap();
     for _ in 0..2 {
@@ -340,8 +353,8 @@ fn a_daemon_that_refuses_rules_is_not_asked_again() {
             let next = session.frame(300).unwrap();
             assert!(next.is_shared());
             let mut next = next;
-            next.write(&frame.boxes);
-            let next = next.submit_with(&frame.rules);
+            next.write(&frame.boxes).unwrap();
+            let next = next.submit_with(&filtered(&Arc::new(frame.rules.clone())));
             if backend == Backend::Auto {
                 check_mask(&answer.unwrap(), &frame);
                 check_mask(&next.unwrap().wait().unwrap(), &frame);
@@ -378,8 +391,8 @@ fn audited_frames_are_held_to_their_rules() {
 
 fn submit_kept(session: &mut Session, boxes: &[Aabb], rules: &Arc<Rules>) -> PendingFrame {
     let mut shared = session.frame(boxes.len()).unwrap();
-    shared.write(boxes);
-    shared.submit_with_kept(rules).unwrap()
+    shared.write(boxes).unwrap();
+    shared.submit_with(&filtered(rules)).unwrap()
 }
 
 #[test]

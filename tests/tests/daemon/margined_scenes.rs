@@ -160,13 +160,13 @@ fn near_pairs_are_told_once_and_hold_all_that_overlap() {
 }
 
 /// All exact pairs after an edit that sets everything.
-fn pairs_of(scene: &mut Scene, boxes: &[Aabb], margin: Margin) -> Vec<(u32, u32)> {
+fn pairs_of(scene: &mut Scene, boxes: &[Aabb], margin: Margin) -> Vec<[u32; 2]> {
     let answer = scene
         .edit()
         .set_all_margined(0..boxes.len() as u32, boxes, margin)
         .commit(Want::All)
         .unwrap();
-    answer.pairs().iter().map(|[a, b]| (a, b)).collect()
+    answer.pairs().iter().collect()
 }
 
 #[test]
@@ -188,12 +188,12 @@ fn odd_large_scenes_have_the_oracles_pairs() {
 }
 
 /// The oracle's pairs; in a large scene those of an engine, which the oracle was held to.
-fn oracle_pairs(boxes: &[Aabb]) -> Vec<(u32, u32)> {
+fn oracle_pairs(boxes: &[Aabb]) -> Vec<[u32; 2]> {
     if boxes.len() < 5_000 {
         return oracle::truth(boxes).pairs;
     }
     let mut frame = in_process().frame(boxes.len()).unwrap();
-    frame.write(boxes);
+    frame.write(boxes).unwrap();
     frame.submit().unwrap().wait().unwrap().sorted()
 }
 

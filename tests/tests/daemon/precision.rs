@@ -39,7 +39,7 @@ fn check(
     if one_by_one {
         boxes.iter().enumerate().for_each(|(i, b)| frame.set(i, b));
     } else {
-        frame.fill(boxes);
+        frame.write(boxes).unwrap();
     }
     let mask = frame.submit().unwrap().wait().unwrap();
     let info = mask.info();
@@ -48,7 +48,7 @@ fn check(
     let pairs = mask.sorted();
     let (exact, expected) = (oracle::truth(boxes), naive_modes::truth(boxes, &precision));
     let what = format!("{what}, {} boxes, {precision:?}, {}", boxes.len(), info.engine);
-    assert_eq!(missed(&pairs, &exact.pairs), [], "{what}");
+    assert_eq!(missed(&pairs, &exact.pairs), [] as [Pair; 0], "{what}");
     assert_eq!(check_pairs(&pairs, &expected.pairs), Ok(()), "{what}");
     assert_eq!(info.census, exact.census, "{what}");
 }
@@ -120,13 +120,13 @@ fn large_scenes_miss_nothing_and_add_little() {
         let bounds = Bounds::around(scene.boxes());
         let pairs = |session: &mut Session, precision| {
             let mut frame = session.narrow_frame(100_000, precision).unwrap();
-            frame.fill(scene.boxes());
+            frame.write(scene.boxes()).unwrap();
             frame.submit().unwrap().wait().unwrap().sorted()
         };
         let exact = pairs(&mut sessions[0], Precision::Exact);
         let answers = [0, 1].map(|i| pairs(&mut sessions[i], Precision::Q16(bounds)));
         assert_eq!(answers[0], answers[1], "both backends");
-        assert_eq!(missed(&answers[0], &exact), []);
+        assert_eq!(missed(&answers[0], &exact), [] as [Pair; 0]);
         let extra = answers[0].len() - exact.len();
         assert!(100 * extra <= exact.len(), "{name}: {extra} extra of {}", exact.len());
         println!("{name}: {extra} extra pairs of {} by q16", exact.len());
@@ -139,7 +139,7 @@ fn the_comparator_catches_rounding_inward() {
     let bounds = Bounds::new([-2.0; 3], [6.3; 3]).unwrap();
     let (exact, expected) =
         (oracle::truth(&boxes), naive_modes::truth(&boxes, &Precision::Q8(bounds)));
-    assert_eq!(missed(&expected.pairs, &exact.pairs), []);
+    assert_eq!(missed(&expected.pairs, &exact.pairs), [] as [Pair; 0]);
     // Min to the next cell border and max to the one before: touching boxes are separated.
     let inward = naive_modes::truth_by(&boxes, |x, axis, up| {
         let (low, high) = (f64::from(bounds.low()[axis]), f64::from(bounds.high()[axis]));
@@ -154,7 +154,7 @@ fn the_comparator_catches_rounding_inward() {
         let position = (f64::from(x) - low) * 256.0 / (high - low);
         if up { position.floor() + 40.0 } else { position.floor() }
     });
-    assert_eq!(missed(&outward.pairs, &exact.pairs), []);
+    assert_eq!(missed(&outward.pairs, &exact.pairs), [] as [Pair; 0]);
     assert!(matches!(check_pairs(&outward.pairs, &expected.pairs), Err(Mismatch::Extra(_))));
 }
 
@@ -168,7 +168,7 @@ fn an_older_daemon_gets_exact_boxes() {
         let bounds = Bounds::around(&boxes);
         let mut frame = session.narrow_frame(boxes.len(), Precision::Q8(bounds)).unwrap();
         assert_eq!((frame.form(), frame.is_shared()), (BoxForm::F32, true));
-        frame.fill(&boxes);
+        frame.write(&boxes).unwrap();
         let mask = frame.submit().unwrap().wait().unwrap();
         let info = mask.info();
         assert_eq!((info.form, info.widening), (BoxForm::F32.into(), Widening::None));
@@ -187,7 +187,7 @@ fn a_daemon_that_refuses_a_form_is_not_asked_again() {
             let mut session = builder.clone().backend(backend).connect().unwrap();
             let mut frame = session.narrow_frame(boxes.len(), precision).unwrap();
             assert_eq!((frame.form(), frame.is_shared()), (BoxForm::Q8, true));
-            frame.fill(&boxes);
+            frame.write(&boxes).unwrap();
             let answer = frame.submit().unwrap().wait();
             if backend == Backend::Auto {
                 let mut pairs = answer.unwrap().to_vec();
@@ -211,7 +211,7 @@ fn a_daemon_that_dies_under_a_narrow_frame_costs_no_pair() {
     let expected = naive_modes::truth(&boxes, &precision).pairs;
     let mut frame = session.narrow_frame(boxes.len(), precision).unwrap();
     assert!(frame.is_shared());
-    frame.fill(&boxes);
+    frame.write(&boxes).unwrap();
     daemon.kill();
     let mask = frame.submit().unwrap().wait().unwrap();
     assert_eq!(mask.info().served_by, ServedBy::InProcess);

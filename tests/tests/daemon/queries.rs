@@ -5,6 +5,7 @@ use pairmask::scene::MarginedPairs;
 use pairmask::{FindError, Margin, QueryAnswer, SceneEdit};
 use pairmask_core::filters::Tag;
 use pairmask_core::scene::{QueryError, Scene, between};
+use pairmask_tests::frames::two_sets;
 use pairmask_tests::prelude::*;
 use pairmask_tests::queried::{QueriedScene, Queries, a_query};
 use pairmask_tests::scene_model::{Bare, Kind, hold, options, overlap};
@@ -44,7 +45,7 @@ fn read(answer: &QueryAnswer, queries: u32) -> Vec<[u32; 2]> {
     let mask = answer.mask();
     assert_eq!(mask.n().get(), queries + answer.index_end());
     assert_eq!(mask.view().verify(), Ok(()));
-    let of_mask = mask.pairs().map(|(a, b)| [a, b - queries]);
+    let of_mask = mask.pairs().map(|[a, b]| [a, b - queries]);
     assert!(of_mask.eq(pairs.iter().copied()));
     for [query, index] in pairs.iter().take(5) {
         assert!(mask.contains(*query, queries + index));
@@ -286,8 +287,8 @@ fn check_sets(session: &mut Session, encoding: Encoding, by: (ServedBy, Option<E
     for (a, b) in [(0, 0), (0, 5), (5, 0), (1, 69), (33, 31), (64, 65), (3, 2_000), (901, 700)] {
         let boxes: Vec<Aabb> = (0..a + b).map(|_| a_query(&mut rng, 12.0)).collect();
         let mut frame = session.frame(a + b).unwrap();
-        frame.write(&boxes);
-        let mask = frame.submit_between(BoxCount::new(a as u32)).unwrap().wait().unwrap();
+        frame.write(&boxes).unwrap();
+        let mask = frame.submit_with(&two_sets(a)).unwrap().wait().unwrap();
         let info = mask.info();
         let what = format!("{a} against {b}, {encoding}, {}", info.engine);
         assert!(info.served_by == by.0, "{what}");
@@ -296,8 +297,8 @@ fn check_sets(session: &mut Session, encoding: Encoding, by: (ServedBy, Option<E
         assert_eq!((mask.encoding(), mask.n().len()), (encoding, a + b));
         assert_eq!(mask.view().verify(), Ok(()));
         let (first, second) = boxes.split_at(a);
-        let expected: Vec<(u32, u32)> =
-            naive(first, second).iter().map(|[x, y]| (*x, a as u32 + y)).collect();
+        let expected: Vec<[u32; 2]> =
+            naive(first, second).iter().map(|[x, y]| [*x, a as u32 + y]).collect();
         assert_eq!(mask.sorted(), expected, "{what}");
         assert_eq!(mask.count(), expected.len() as u64);
         let invalid = boxes.iter().filter(|b| b.class() == BoxClass::Invalid).count();
@@ -306,7 +307,7 @@ fn check_sets(session: &mut Session, encoding: Encoding, by: (ServedBy, Option<E
         // The same boxes as one set.
         assert_eq!(session.answer(&boxes).sorted(), oracle::truth(&boxes).pairs);
     }
-    let refused = session.frame(3).unwrap().submit_between(BoxCount::new(4));
+    let refused = session.frame(3).unwrap().submit_with(&two_sets(4));
     assert!(matches!(refused, Err(FrameError::FirstSet { first: 4, n: 3 })));
 }
 
@@ -336,7 +337,7 @@ fn frames_of_two_sets_are_culled_in_process_by_a_daemon_and_by_a_gpu() {
     let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
     let engine = EngineChoice::Only(EngineName::GpuGrid);
     let mut session = daemon.session().engine(engine).connect().unwrap();
-    let pending = session.frame(4).unwrap().submit_between(BoxCount::new(2)).unwrap();
+    let pending = session.frame(4).unwrap().submit_with(&two_sets(2)).unwrap();
     assert!(pending.wait().is_err());
 }
 
@@ -346,12 +347,11 @@ fn frames_of_two_sets_outlive_a_daemon_that_is_killed() {
     let mut session = daemon.session().backend(Backend::Auto).connect().unwrap();
     let boxes = uniform(3, 500, 10.0);
     let (first, second) = boxes.split_at(100);
-    let expected: Vec<(u32, u32)> =
-        naive(first, second).iter().map(|[a, b]| (*a, 100 + b)).collect();
+    let expected: Vec<[u32; 2]> = naive(first, second).iter().map(|[a, b]| [*a, 100 + b]).collect();
     for round in 0..30 {
         let mut frame = session.frame(500).unwrap();
-        frame.write(&boxes);
-        let pending = frame.submit_between(BoxCount::new(100)).unwrap();
+        frame.write(&boxes).unwrap();
+        let pending = frame.submit_with(&two_sets(100)).unwrap();
         if round % 7 == 3 {
             daemon.signal_worker(Signal::KILL);
         }

@@ -84,7 +84,7 @@ fn narrow_boxes_and_spheres_are_answered_again_too() {
         let boxes = &boxes;
         move |session: &mut Session| {
             let mut frame = session.narrow_frame(boxes.len(), precision).unwrap();
-            frame.fill(boxes);
+            frame.write(boxes).unwrap();
             frame.submit().unwrap()
         }
     };
@@ -136,7 +136,7 @@ fn frames_under_way_together_are_answered_each_with_its_own_pairs() {
         let pending = [0, 1].map(|i| {
             let boxes = &scenes[(round + i) / 7 % 2];
             let mut frame = session.frame(boxes.len()).unwrap();
-            frame.write(boxes);
+            frame.write(boxes).unwrap();
             (frame.submit().unwrap(), boxes)
         });
         for (pending, boxes) in pending {

@@ -128,7 +128,7 @@ fn every_cpu_engine_takes_what_fits_and_no_word_more() {
 #[test]
 fn spheres_take_what_fits_and_no_word_more() {
     let same = vec![Sphere::new([1.0; 3], 1.0); 1_234];
-    let all = |n: u32| (0..n).flat_map(move |a| (a + 1..n).map(move |b| (a, b))).collect();
+    let all = |n: u32| (0..n).flat_map(move |a| (a + 1..n).map(move |b| [a, b])).collect();
     let (many, truth) = spheres::whole_scene(2_500, 24, 7);
     let scenes: [(&str, Vec<Sphere>, Vec<Pair>); 2] =
         [("identical", same, all(1_234)), ("many", many, truth.pairs)];

@@ -285,7 +285,7 @@ fn the_model_finds_the_pairs_of_the_oracle() {
                     boxes[*index as usize] = *b;
                 }
             }
-            let truth = oracle::truth(&boxes).pairs.into_iter().map(|(a, b)| [a, b]);
+            let truth = oracle::truth(&boxes).pairs.into_iter().map(|[a, b]| [a, b]);
             assert!(model.pairs().into_keys().eq(truth), "{script}");
         }
     }

@@ -49,7 +49,7 @@ fn an_edit_that_nobody_waits_for_holds_no_place() {
     assert_eq!(session.daemon_status().unwrap().scenes, 5);
     let mut frame = session.frame(2).unwrap();
     frame.boxes_mut().copy_from_slice(&[at(0.0), at(0.5)]);
-    assert_eq!(frame.submit().unwrap().wait().unwrap().to_vec(), [(0, 1)]);
+    assert_eq!(frame.submit().unwrap().wait().unwrap().to_vec(), [[0, 1]]);
 
     let frames: Vec<_> = (0..3).map(|_| session.frame(4).unwrap()).collect();
     assert!(is_full(&session.frame(4)), "three frames hold the three places");
@@ -115,7 +115,7 @@ fn a_place_is_waited_for_while_an_answer_is_under_way() {
         for _ in 0..20 {
             let mut frame = session.frame(2).unwrap();
             frame.boxes_mut().copy_from_slice(&[at(0.0), at(0.5)]);
-            assert_eq!(frame.submit().unwrap().wait().unwrap().to_vec(), [(0, 1)]);
+            assert_eq!(frame.submit().unwrap().wait().unwrap().to_vec(), [[0, 1]]);
         }
     });
     make_up(&mut scenes[2]);
@@ -134,7 +134,7 @@ fn a_daemon_that_answers_no_edit_is_given_up_by_the_frame_that_wants_its_place()
     let silent = strict.frame(2).unwrap_err();
     assert!(matches!(silent, FrameError::Connect(ConnectError::Silent { .. })), "{silent}");
     let mask = session.answer(&[at(0.0), at(0.5)]);
-    assert_eq!((mask.info().served_by, mask.to_vec()), (ServedBy::InProcess, vec![(0, 1)]));
+    assert_eq!((mask.info().served_by, mask.to_vec()), (ServedBy::InProcess, vec![[0, 1]]));
     for scene in &mut scenes {
         let answer = scene.edit().remove(0).commit(Want::Changes).unwrap().take();
         assert_eq!((answer.served_by(), answer.is_resync()), (ServedBy::InProcess, true));

@@ -281,7 +281,7 @@ fn boxes_by_a_function_go_to_a_daemon_and_are_sent_again() {
         let boxes: Vec<Aabb> =
             (0..400).map(|index| at(0.7 * index as f32 + shift)).chain([at(0.0)]).collect();
         let expected: Vec<[u32; 2]> =
-            truth(&boxes).pairs.into_iter().map(|(a, b)| [a, b]).collect();
+            truth(&boxes).pairs.into_iter().map(|[a, b]| [a, b]).collect();
         assert_eq!(answer.pairs().to_vec(), expected);
     }
 }

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use pairmask::write::CenterHalf;
-use pairmask::{Frame, NarrowFrame};
+use pairmask::{Frame, Quantized};
 use pairmask_tests::conformance::check_engine;
 use pairmask_tests::prelude::*;
 use pairmask_tests::session_engine::SessionEngine;
@@ -79,7 +79,7 @@ fn a_frame_is_taken_once_in_whichever_way() {
             assert_eq!(mask.count(), expected.len() as u64);
             let bits: u64 = mask.words().map(|word| u64::from(word.bits.count())).sum();
             assert_eq!(bits, mask.count());
-            let (a, b) = expected[0];
+            let [a, b] = expected[0];
             assert!(mask.contains(a, b) && mask.contains(b, a) && !mask.contains(a, a));
             assert_eq!(mask.par_pairs().count() as u64, mask.count());
         }
@@ -115,13 +115,13 @@ fn a_frame_from_arrays_of_any_layout_holds_their_boxes() {
                     assert_eq!(pairs, oracle::truth(&boxes).pairs);
                 }
             };
-            written(&|frame| frame.write(&boxes));
-            written(&|frame| frame.write(boxes.as_slice()));
-            written(&|frame| frame.write(&CenterHalf::points(&center, &half)));
+            written(&|frame| frame.write(&boxes).unwrap());
+            written(&|frame| frame.write(boxes.as_slice()).unwrap());
+            written(&|frame| frame.write(&CenterHalf::points(&center, &half)).unwrap());
             written(&|frame| {
                 let [center, half] = [&center_columns, &half_columns]
                     .map(|columns| columns.each_ref().map(Vec::as_slice));
-                frame.write(&CenterHalf::columns(center, half));
+                frame.write(&CenterHalf::columns(center, half)).unwrap();
             });
         }
     }
@@ -134,23 +134,28 @@ fn narrow_frames_take_what_exact_ones_take() {
     let half = vec![[0.6f32, 0.8, 1.0]; 345];
     let boxes: Vec<_> = center.iter().map(|c| Aabb::from_center_half(*c, half[0])).collect();
     for precision in [Precision::Exact, Precision::F16, Precision::Q8(Bounds::around(&boxes))] {
-        let mut pairs = |fill: &dyn Fn(&mut NarrowFrame)| {
+        let mut pairs = |fill: &dyn Fn(&mut Frame<Quantized>)| {
             let mut frame = session.narrow_frame(345, precision).unwrap();
             fill(&mut frame);
             frame.submit().unwrap().wait().unwrap().to_vec()
         };
-        let expected = pairs(&|frame| frame.fill(&boxes));
+        let expected = pairs(&|frame| frame.write(&boxes).unwrap());
         assert!(expected.len() > 300, "most neighbours overlap");
-        assert_eq!(pairs(&|frame| frame.fill(&CenterHalf::points(&center, &half))), expected);
+        assert_eq!(
+            pairs(&|frame| frame.write(&CenterHalf::points(&center, &half)).unwrap()),
+            expected
+        );
     }
 }
 
 #[test]
-fn too_few_boxes_are_a_panic() {
+fn too_few_boxes_are_an_error() {
     let mut session = Session::builder().backend(Backend::InProcess).connect().unwrap();
     let mut frame = session.frame(3).unwrap();
-    let write = std::panic::AssertUnwindSafe(|| frame.write(&[Aabb::EMPTY; 2]));
-    assert!(std::panic::catch_unwind(write).is_err());
+    frame.boxes_mut().fill(Aabb::new([0.0; 3], [1.0; 3]));
+    let refused = frame.write(&[Aabb::EMPTY; 2]);
+    assert!(matches!(refused, Err(FrameError::WrongCount { given: 2, n: 3 })));
+    assert_eq!(frame.submit().unwrap().wait().unwrap().count(), 3, "nothing was written");
 }
 
 #[test]

@@ -360,7 +360,7 @@ fn members_commit_join_and_leave_side_by_side() {
     // Guests have left by then.
     eventually("the boxes of the writers alone", || {
         let answer = last.scene.edit().commit(Want::All).unwrap().take();
-        answer.pairs().iter().eq(truth.iter().map(|(a, b)| [*a, *b])).then_some(())
+        answer.pairs().iter().eq(truth.iter().map(|[a, b]| [*a, *b])).then_some(())
     });
     drop(writers);
 }

@@ -14,7 +14,7 @@ const FAULT_CLIENT: &str = env!("CARGO_BIN_EXE_fault_client");
 /// Boxes and their pairs.
 struct Scene {
     boxes: Vec<Aabb>,
-    pairs: Vec<(u32, u32)>,
+    pairs: Vec<[u32; 2]>,
 }
 
 impl Scene {

@@ -115,8 +115,8 @@ fn the_comparator_notices_an_ulp_and_a_class() {
     };
     assert_eq!(verdict(&touching, &touching), Ok(()));
     assert_eq!(verdict(&less, &less), Ok(()));
-    assert_eq!(verdict(&touching, &less), Err(Mismatch::Extra((0, 1))));
-    assert_eq!(verdict(&less, &touching), Err(Mismatch::Missing((0, 1))));
+    assert_eq!(verdict(&touching, &less), Err(Mismatch::Extra([0, 1])));
+    assert_eq!(verdict(&less, &touching), Err(Mismatch::Missing([0, 1])));
     // Only the census tells spheres that touch no other from empty and invalid ones.
     let apart = |radius| vec![Sphere::new([0.0; 3], 1.0), Sphere::new([9.0, 0.0, 0.0], radius)];
     for wrong in [-1.0, f32::NAN] {

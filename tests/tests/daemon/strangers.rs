@@ -26,7 +26,7 @@ fn check_auto(daemon: &TestDaemon, what: &str) {
     let mut session = daemon.session().backend(Backend::Auto).connect().unwrap();
     let mask = session.answer(&[Aabb::from([0.0; 6]); 2]);
     assert_eq!(mask.info().served_by, ServedBy::InProcess, "{what}");
-    assert_eq!(mask.to_vec(), [(0, 1)], "{what}");
+    assert_eq!(mask.to_vec(), [[0, 1]], "{what}");
     // Not a limit for speed: a stranger's daemon could hold a frame up for the session's deadline.
     assert!(start.elapsed() < Duration::from_secs(5), "{what}: it waited for the stranger");
 }

@@ -16,7 +16,7 @@ const SIZES: [u32; 7] = [2, 63, 70, 257, 1_000, 3, 1_025];
 /// Times that a client sends its scenes.
 const ROUNDS: usize = 3;
 
-fn scene(n: u32, seed: u64) -> (Vec<Aabb>, Vec<(u32, u32)>) {
+fn scene(n: u32, seed: u64) -> (Vec<Aabb>, Vec<[u32; 2]>) {
     let boxes = stress_scenes::named("uniform").boxes(n, seed);
     let pairs = oracle::truth(&boxes).pairs;
     (boxes, pairs)

@@ -60,7 +60,7 @@ fn frames_under_way_at_a_time_do_not_mix() {
         for ((boxes, precision), turn) in scenes.iter().zip(precisions).zip([0, 0, 1, 1]) {
             let mut shared = sessions[turn].narrow_frame(boxes.len(), precision).unwrap();
             assert!(shared.is_shared());
-            shared.fill(boxes);
+            shared.write(boxes).unwrap();
             pending.push(shared.submit().unwrap());
         }
         for ((boxes, precision), frame) in scenes.iter().zip(precisions).zip(pending) {
@@ -158,7 +158,7 @@ fn a_list_beyond_the_device_comes_from_the_cpu() {
 
 /// The pairs of boxes as they were sent, by `cpu-grid`, which is fast enough and is tested against the
 /// oracle.
-fn pairs_by_cpu(boxes: &[Aabb], precision: &Precision) -> Vec<(u32, u32)> {
+fn pairs_by_cpu(boxes: &[Aabb], precision: &Precision) -> Vec<[u32; 2]> {
     let mut reply = HeapReply::new();
     let options =
         CullOptions { engine: EngineChoice::Only(EngineName::CpuGrid), ..CullOptions::default() };

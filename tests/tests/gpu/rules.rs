@@ -19,7 +19,7 @@ fn grid() -> Grid {
 /// What the grid finds.
 struct Answer {
     /// Sorted.
-    pairs: Vec<(u32, u32)>,
+    pairs: Vec<[u32; 2]>,
     /// As they stand in a list.
     list: Vec<[u32; 2]>,
     /// Those of each world in the list.
@@ -69,7 +69,7 @@ fn scenes_of_every_kind_in_several_worlds() {
             rules.tags = (0..n).map(|at| Tag::default().with_world(world(at))).collect();
             let marks = Arc::new(Marks::of(&rules, boxes.len(), 1).expect("worlds alone"));
             let mut expected = oracle::truth(&boxes).pairs;
-            expected.retain(|(a, b)| rules.meet(*a, *b));
+            expected.retain(|[a, b]| rules.meet(*a, *b));
             let encoding = ENCODINGS[turn as usize % 2];
             let Answer { pairs, list, ranges } = found(&mut grid, &boxes, &marks, encoding);
             assert_eq!(pairs, expected, "{}, {n} boxes of {worlds} worlds", scene.name());

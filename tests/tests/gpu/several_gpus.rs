@@ -15,7 +15,7 @@ const GRID: EngineChoice = EngineChoice::Only(EngineName::GpuGrid);
 static ALONE: Mutex<()> = Mutex::new(());
 
 /// The pairs of many boxes, by an engine that other tests hold to the oracle.
-fn pairs_by_cpu(boxes: &[Aabb]) -> Vec<(u32, u32)> {
+fn pairs_by_cpu(boxes: &[Aabb]) -> Vec<[u32; 2]> {
     let mut reply = HeapReply::new();
     let engine = EngineChoice::Only(EngineName::CpuGrid);
     let options = CullOptions { engine, ..CullOptions::default() };

@@ -91,7 +91,7 @@ fn holds(expected: u64, allocations: u64) -> bool {
 fn frames(count: usize, mut submit: impl FnMut(usize) -> PendingFrame) -> u64 {
     let mut pairs = 0;
     for i in 0..count {
-        submit(i).wait().unwrap().pairs().for_each(|(a, b)| pairs += u64::from(a < b));
+        submit(i).wait().unwrap().pairs().for_each(|[a, b]| pairs += u64::from(a < b));
     }
     pairs
 }
@@ -100,7 +100,7 @@ fn narrow_frame(session: &mut Session, boxes: &[Aabb], i: usize) -> PendingFrame
     let bounds = Bounds::new([0.0; 3], [100.0; 3]).unwrap();
     let precision = [Precision::Q16(bounds), Precision::Q8(bounds), Precision::F16][i % 3];
     let mut frame = session.narrow_frame(boxes.len(), precision).unwrap();
-    frame.fill(boxes);
+    frame.write(boxes).unwrap();
     frame.submit().unwrap()
 }
 

@@ -61,7 +61,7 @@ fn an_engine_of_a_later_daemon_is_served_and_named_by_its_number() {
                 assert_eq!(mask.info().served_by, ServedBy::Daemon, "{backend}");
                 assert_eq!(mask.info().engine, EngineId::Unknown(17), "{backend}");
                 assert_eq!(mask.info().engine.to_string(), "engine 17");
-                assert_eq!(mask.to_vec(), [(0, 1)], "{backend}");
+                assert_eq!(mask.to_vec(), [[0, 1]], "{backend}");
             }
         },
     );
@@ -78,7 +78,7 @@ fn sections_that_may_be_passed_over_are() {
         },
         |dir| {
             let builder = Session::builder().runtime_dir(dir.clone()).backend(Backend::Daemon);
-            assert_eq!(ask(&mut builder.connect().unwrap()).unwrap().to_vec(), [(0, 1)]);
+            assert_eq!(ask(&mut builder.connect().unwrap()).unwrap().to_vec(), [[0, 1]]);
         },
     );
 }
@@ -130,7 +130,7 @@ fn what_is_no_answer_is_answered_in_process_or_named() {
             for _ in 0..5 {
                 let mask = ask(&mut session).unwrap_or_else(|e| panic!("{said}: {e}"));
                 assert_eq!(mask.info().served_by, ServedBy::InProcess, "{said}");
-                assert_eq!(mask.to_vec(), [(0, 1)], "{said}");
+                assert_eq!(mask.to_vec(), [[0, 1]], "{said}");
             }
             // Other tests of this file have daemons with right answers, which log no warning.
             let warned = library_log::take_captured();
@@ -159,7 +159,7 @@ fn a_list_is_asked_for_and_read() {
         let builder = Session::builder().runtime_dir(dir.clone()).backend(Backend::Daemon);
         let builder = builder.encoding(EncodingChoice::Only(Encoding::List));
         let mask = ask(&mut builder.connect().unwrap()).unwrap();
-        assert_eq!((mask.encoding(), mask.to_vec()), (Encoding::List, vec![(0, 1)]));
+        assert_eq!((mask.encoding(), mask.to_vec()), (Encoding::List, vec![[0, 1]]));
         assert!(mask.contains(1, 0) && !mask.contains(1, 2));
     });
 }
@@ -177,7 +177,7 @@ fn a_list_whose_pairs_are_none_gives_none() {
     beside_daemon(Version::CURRENT, forged, |dir| {
         let builder = Session::builder().runtime_dir(dir.clone()).backend(Backend::Daemon);
         let mask = ask(&mut builder.connect().unwrap()).unwrap();
-        assert_eq!(mask.to_vec(), [(0, 2)]);
+        assert_eq!(mask.to_vec(), [[0, 2]]);
         assert_eq!(mask.view().count(), 1);
         assert!(mask.view().verify().is_err());
     });
@@ -219,6 +219,6 @@ fn a_daemon_that_does_not_know_lists_is_left_to_choose() {
         let builder = Session::builder().runtime_dir(dir.clone()).backend(Backend::Daemon);
         let builder = builder.encoding(EncodingChoice::Only(Encoding::List));
         let mask = ask(&mut builder.connect().unwrap()).unwrap();
-        assert_eq!((mask.encoding(), mask.to_vec()), (Encoding::Dense, vec![(0, 1)]));
+        assert_eq!((mask.encoding(), mask.to_vec()), (Encoding::Dense, vec![[0, 1]]));
     });
 }

@@ -111,7 +111,7 @@ fn falling_back_is_said_once() {
     let mut session = daemon.session().connect().unwrap();
     for _ in 0..10 {
         let mut frame = session.narrow_frame(2, Precision::F16).unwrap();
-        frame.fill(&[Aabb::EMPTY; 2]);
+        frame.write(&[Aabb::EMPTY; 2]).unwrap();
         assert_eq!(frame.submit().unwrap().wait().unwrap().info().form, BoxForm::F32.into());
     }
     let exact = take_captured();

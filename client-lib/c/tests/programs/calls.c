@@ -16,7 +16,7 @@ static void check_pairs(const pm_pair *pairs, size_t count, const pm_pair *expec
 static pm_mask submitted(pm_frame frame) {
   pm_pending pending;
   pm_mask mask;
-  EXPECT(PM_OK, pm_frame_submit(frame, &pending));
+  EXPECT(PM_OK, pm_frame_submit(frame, NULL, &pending));
   EXPECT(PM_OK, pm_pending_wait(pending, &mask));
   return mask;
 }
@@ -206,7 +206,8 @@ static void frames(pm_session session) {
 
   EXPECT(PM_OK, pm_session_frame(session, 3, &frame, &boxes));
   memcpy(boxes, three, sizeof three);
-  EXPECT(PM_OK, pm_frame_submit_between(frame, 1, &pending));
+  pm_frame_options options = {sizeof options, {0}, 1};
+  EXPECT(PM_OK, pm_frame_submit(frame, &options, &pending));
   pm_code code;
   do {
     code = pm_pending_wait_timeout(pending, 1000000, &mask);
@@ -217,12 +218,13 @@ static void frames(pm_session session) {
 
   EXPECT(PM_OK, pm_session_frame(session, 3, &frame, NULL));
   EXPECT(PM_OK, pm_frame_write(frame, three, 3));
-  EXPECT(PM_ERR_FIRST_SET, pm_frame_submit_between(frame, 4, &pending));
+  options.split_at = 4;
+  EXPECT(PM_ERR_FIRST_SET, pm_frame_submit(frame, &options, &pending));
   EXPECT(PM_ERR_HANDLE, pm_frame_drop(frame)); /* it is gone, whatever was returned */
 
   EXPECT(PM_OK, pm_session_frame(session, 3, &frame, NULL));
   EXPECT(PM_OK, pm_frame_write(frame, three, 3));
-  EXPECT(PM_OK, pm_frame_submit(frame, &pending));
+  EXPECT(PM_OK, pm_frame_submit(frame, NULL, &pending));
   EXPECT(PM_OK, pm_pending_drop(pending));
 
   EXPECT(PM_OK, pm_session_frame(session, 0, &frame, &boxes));

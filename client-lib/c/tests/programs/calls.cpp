@@ -65,7 +65,7 @@ void frames(pm::Session &session) {
 
   auto between = session.frame(3).value();
   between.write(three).value();
-  auto first = std::move(between).submit_between(1).value().wait().value();
+  auto first = std::move(between).submit({nullptr, 1}).value().wait().value();
   CHECK(are(first.pairs(), {{0, 1}}));
   first = {};
 
@@ -85,7 +85,7 @@ void frames(pm::Session &session) {
   CHECK(are(session.cull(three, rules).value().pairs(), {{1, 2}}));
   auto with = session.frame(3).value();
   with.write(three).value();
-  CHECK(std::move(with).submit_with(rules).value().wait().value().count() == 1);
+  CHECK(std::move(with).submit({&rules}).value().wait().value().count() == 1);
 
   CHECK(pm::swept(at(0), at(5)).max[0] == 6);
   CHECK(pm::outward({0.1, 0, 0}, {1, 1, 1}, {0, 0, 0}).min[0] <= 0.1f);

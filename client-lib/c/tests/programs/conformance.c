@@ -27,7 +27,7 @@ int main(int argc, char **argv) {
 
     EXPECT(PM_OK, pm_session_frame(session, n, &frame, &boxes));
     CHECK(fread(boxes, sizeof *boxes, n, stdin) == n);
-    EXPECT(PM_OK, pm_frame_submit(frame, &pending));
+    EXPECT(PM_OK, pm_frame_submit(frame, NULL, &pending));
     EXPECT(PM_OK, pm_pending_wait(pending, &mask));
     EXPECT(PM_OK, pm_mask_count(mask, &counted));
     EXPECT(PM_OK, pm_mask_info(mask, &info));

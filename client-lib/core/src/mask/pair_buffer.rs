@@ -42,10 +42,10 @@ impl PairBuffer {
 
     /// Takes one pair.
     #[inline]
-    pub fn take(&mut self) -> Option<(u32, u32)> {
-        let [a, b] = *self.as_slice().first()?;
+    pub fn take(&mut self) -> Option<[u32; 2]> {
+        let pair = *self.as_slice().first()?;
         self.next += 1;
-        Some((a, b))
+        Some(pair)
     }
 
     /// The pairs that were not yet taken.
@@ -99,9 +99,9 @@ impl PairWriter<'_> {
 
     /// Adds a pair if it is real, without a branch. There must be room.
     #[inline(always)]
-    pub const fn put_if(&mut self, real: bool, (a, b): (u32, u32)) {
+    pub const fn put_if(&mut self, real: bool, pair: [u32; 2]) {
         debug_assert!(self.has_room_for(1));
-        self.pairs[self.end % CAPACITY] = [a, b];
+        self.pairs[self.end % CAPACITY] = pair;
         self.end += real as usize;
     }
 

@@ -7,7 +7,7 @@ use rayon::iter::plumbing::Folder;
 use super::encodings::PairSource;
 use super::pair_buffer::PairBuffer;
 
-/// The pairs (a, b) of a mask, a < b < n, from [`MaskView::pairs`](super::MaskView::pairs).
+/// The pairs [a, b] of a mask, a < b < n, from [`MaskView::pairs`](super::MaskView::pairs).
 ///
 /// `for_each` and the other folds are faster than a `for` loop: they look at the buffer of decoded
 /// pairs as a whole.
@@ -39,15 +39,15 @@ impl<'a> Pairs<'a> {
     }
 
     /// Appends the pairs to a vector, a buffer at a time.
-    pub(super) fn append_to(self, pairs: &mut Vec<(u32, u32)>) {
-        self.for_each_slice(|some| pairs.extend(some.iter().map(|&[a, b]| (a, b))));
+    pub(super) fn append_to(self, pairs: &mut Vec<[u32; 2]>) {
+        self.for_each_slice(|some| pairs.extend_from_slice(some));
     }
 
     /// Hands the pairs to a folder, which is asked once a buffer whether it has enough.
-    pub(super) fn feed<F: Folder<(u32, u32)>>(mut self, mut folder: F) -> F {
+    pub(super) fn feed<F: Folder<[u32; 2]>>(mut self, mut folder: F) -> F {
         loop {
-            for &[a, b] in self.buffer.as_slice() {
-                folder = folder.consume((a, b));
+            for pair in self.buffer.as_slice() {
+                folder = folder.consume(*pair);
             }
             if folder.full() || !self.refill() {
                 return folder;
@@ -63,10 +63,10 @@ impl<'a> Pairs<'a> {
 }
 
 impl Iterator for Pairs<'_> {
-    type Item = (u32, u32);
+    type Item = [u32; 2];
 
     #[inline]
-    fn next(&mut self) -> Option<(u32, u32)> {
+    fn next(&mut self) -> Option<[u32; 2]> {
         loop {
             if let Some(pair) = self.buffer.take() {
                 return Some(pair);
@@ -78,11 +78,11 @@ impl Iterator for Pairs<'_> {
     }
 
     #[inline]
-    fn fold<B, F: FnMut(B, (u32, u32)) -> B>(mut self, init: B, mut f: F) -> B {
+    fn fold<B, F: FnMut(B, [u32; 2]) -> B>(mut self, init: B, mut f: F) -> B {
         let mut acc = init;
         loop {
-            for &[a, b] in self.buffer.as_slice() {
-                acc = f(acc, (a, b));
+            for pair in self.buffer.as_slice() {
+                acc = f(acc, *pair);
             }
             if !self.refill() {
                 return acc;

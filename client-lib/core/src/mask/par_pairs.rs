@@ -24,7 +24,7 @@ impl<'a> ParPairs<'a> {
 }
 
 impl ParallelIterator for ParPairs<'_> {
-    type Item = (u32, u32);
+    type Item = [u32; 2];
 
     /// Ranges as short as is worth a thread, however few threads there are: with one range a thread,
     /// the last to finish holds up the others, by half of the time where 15 of them share 16 ranges.
@@ -35,7 +35,7 @@ impl ParallelIterator for ParPairs<'_> {
 
 /// Halves down to single ranges. Rayon's own bridges hand pairs on one by one, which takes longer
 /// than decoding them.
-fn drive<C: UnindexedConsumer<(u32, u32)>>(
+fn drive<C: UnindexedConsumer<[u32; 2]>>(
     mask: &MaskView<'_>,
     parts: Range<usize>,
     consumer: C,

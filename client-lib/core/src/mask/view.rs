@@ -35,7 +35,7 @@ impl<'a> MaskView<'a> {
     /// Calls `f(a, b)` for each pair: the fastest way through a mask on one thread.
     #[inline]
     pub fn for_each(&self, mut f: impl FnMut(u32, u32)) {
-        self.pairs().for_each(|(a, b)| f(a, b));
+        self.pairs().for_each(|[a, b]| f(a, b));
     }
 
     /// Calls `f` with slices of pairs [a, b], a < b < n, none of them empty: all pairs, in the order of
@@ -61,7 +61,7 @@ impl<'a> MaskView<'a> {
 
     /// The pairs in a vector of their own.
     #[must_use]
-    pub fn to_vec(&self) -> Vec<(u32, u32)> {
+    pub fn to_vec(&self) -> Vec<[u32; 2]> {
         let mut pairs = Vec::with_capacity(self.count() as usize);
         self.append_to(&mut pairs);
         pairs
@@ -69,7 +69,7 @@ impl<'a> MaskView<'a> {
 
     /// Appends the pairs to `pairs`: faster than pushing each, and without allocating once the
     /// vector has grown to the size of a frame.
-    pub fn append_to(&self, pairs: &mut Vec<(u32, u32)>) {
+    pub fn append_to(&self, pairs: &mut Vec<[u32; 2]>) {
         self.pairs().append_to(pairs);
     }
 }

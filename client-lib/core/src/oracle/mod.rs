@@ -17,7 +17,7 @@ use crate::aabb::Aabb;
 use crate::engine::{Census, NAMED_INVALID};
 
 /// A pair of box indices, the lower one first.
-pub type Pair = (u32, u32);
+pub type Pair = [u32; 2];
 
 /// The right answer to a scene.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -33,7 +33,7 @@ pub struct Truth {
 /// ```
 /// use pairmask_core::Aabb;
 /// let boxes = [Aabb::from([0.0, 0.0, 0.0, 1.0, 1.0, 1.0]); 3];
-/// assert_eq!(pairmask_core::oracle::truth(&boxes).pairs, [(0, 1), (0, 2), (1, 2)]);
+/// assert_eq!(pairmask_core::oracle::truth(&boxes).pairs, [[0, 1], [0, 2], [1, 2]]);
 /// ```
 ///
 /// # Panics
@@ -86,7 +86,7 @@ fn pairs_of(corners: &[Corners]) -> Vec<Pair> {
     for a in 0..n {
         for b in a + 1..n {
             if corners[a as usize].overlap(&corners[b as usize]) {
-                pairs.push((a, b));
+                pairs.push([a, b]);
             }
         }
     }
@@ -144,7 +144,7 @@ fn census(boxes: &[Faces]) -> Census {
 /// FNV-1a (Fowler, Noll, Vo; 64 bits) over the pairs as little-endian u32: a fingerprint that is
 /// the same on every machine and with every compiler.
 pub fn pair_set_hash(pairs: &[Pair]) -> u64 {
-    let bytes = pairs.iter().flat_map(|&(a, b)| [a, b]).flat_map(u32::to_le_bytes);
+    let bytes = pairs.iter().flat_map(|&[a, b]| [a, b]).flat_map(u32::to_le_bytes);
     bytes.fold(0xcbf2_9ce4_8422_2325, |hash, byte| {
         (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3)
     })
@@ -164,7 +164,7 @@ mod tests {
         invalid.min[2] = f32::NAN;
         let boxes = [unit, touching, apart, plane, Aabb::EMPTY, invalid];
         let truth = truth(&boxes);
-        assert_eq!(truth.pairs, [(0, 1), (0, 3), (1, 2), (1, 3), (2, 3)]);
+        assert_eq!(truth.pairs, [[0, 1], [0, 3], [1, 2], [1, 3], [2, 3]]);
         assert_eq!((truth.census.empty, truth.census.invalid), (1, 1));
         assert_eq!(truth.census.named_invalid(), [5]);
     }
@@ -184,7 +184,7 @@ mod tests {
     #[test]
     fn the_hash_tells_sets_apart() {
         assert_eq!(pair_set_hash(&[]), 0xcbf2_9ce4_8422_2325);
-        assert_ne!(pair_set_hash(&[(0, 1)]), pair_set_hash(&[(0, 2)]));
-        assert_ne!(pair_set_hash(&[(0, 1), (0, 2)]), pair_set_hash(&[(0, 1)]));
+        assert_ne!(pair_set_hash(&[[0, 1]]), pair_set_hash(&[[0, 2]]));
+        assert_ne!(pair_set_hash(&[[0, 1], [0, 2]]), pair_set_hash(&[[0, 1]]));
     }
 }

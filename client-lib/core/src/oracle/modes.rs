@@ -73,7 +73,7 @@ pub fn allowed(boxes: &[Aabb], precision: &Precision) -> Allowed {
 /// use pairmask_core::oracle::modes::allowed_by_margin;
 /// let boxes = [0.0, 1.5, 2.75].map(|x| Aabb::from([x, 0.0, 0.0, x + 1.0, 1.0, 1.0]));
 /// let allowed = allowed_by_margin(&boxes, 0.25 + 1e-6);
-/// assert_eq!((allowed.must.pairs, allowed.may), (vec![(0, 1), (1, 2)], vec![(0, 1), (1, 2)]));
+/// assert_eq!((allowed.must.pairs, allowed.may), (vec![[0, 1], [1, 2]], vec![[0, 1], [1, 2]]));
 /// ```
 pub fn allowed_by_margin(boxes: &[Aabb], margin: f32) -> Allowed {
     let (given, margin) = (boxes.iter().map(faces).collect::<Vec<Faces>>(), exact(margin));
@@ -176,12 +176,12 @@ mod tests {
         let unit = |x: f64| [[x, 0.0, 0.0], [x + 1.0, 1.0, 1.0]];
         let world = [unit(1e9), unit(1e9 + 1.0), unit(1e9 + 2.0 + 2e-7), unit(1e9 + 9.0)];
         let allowed = allowed_around_origin(&world, [1e9, 0.0, 0.0]);
-        assert_eq!(allowed.must.pairs, [(0, 1)]);
-        assert_eq!(allowed.may, [(0, 1), (1, 2)]);
+        assert_eq!(allowed.must.pairs, [[0, 1]]);
+        assert_eq!(allowed.may, [[0, 1], [1, 2]]);
     }
 
     #[test]
     fn missed_pairs_are_those_that_only_the_truth_has() {
-        assert_eq!(missed(&[(0, 1), (2, 3)], &[(0, 1), (0, 2)]), [(0, 2)]);
+        assert_eq!(missed(&[[0, 1], [2, 3]], &[[0, 1], [0, 2]]), [[0, 2]]);
     }
 }

@@ -132,7 +132,7 @@ fn decode_dense(words: &[u32], n: u32) -> Result<Vec<Pair>, BadMask> {
     for a in 0..n {
         for b in a + 1..n {
             if words[k / 32] >> (k % 32) & 1 == 1 {
-                pairs.push((a, b));
+                pairs.push([a, b]);
             }
             k += 1;
         }
@@ -171,7 +171,7 @@ fn decode_sparse([rows, blocks, bits]: [&[u32]; 3], order: &[u32]) -> Result<Vec
                 return Err(BadMask::Column { word, row, column, n });
             }
             let (a, b) = (order[row as usize], order[column as usize]);
-            pairs.push((a.min(b), a.max(b)));
+            pairs.push([a.min(b), a.max(b)]);
         }
     }
     Ok(pairs)
@@ -183,8 +183,8 @@ fn decode_list(words: &[u32], n: u32) -> Result<Vec<Pair>, BadMask> {
     }
     let mut pairs = Vec::new();
     for number in 0..words.len() / 2 {
-        let pair = (words[2 * number], words[2 * number + 1]);
-        if pair.0 >= pair.1 || pair.1 >= n {
+        let pair = [words[2 * number], words[2 * number + 1]];
+        if pair[0] >= pair[1] || pair[1] >= n {
             return Err(BadMask::NotAPair { number, pair, n });
         }
         pairs.push(pair);
@@ -217,7 +217,7 @@ mod tests {
 
     #[test]
     fn a_good_sparse_mask_decodes() {
-        assert_eq!(spoilt(|_| {}), Ok(vec![(0, 1), (0, 33), (3, 4)]));
+        assert_eq!(spoilt(|_| {}), Ok(vec![[0, 1], [0, 33], [3, 4]]));
     }
 
     #[test]
@@ -239,7 +239,7 @@ mod tests {
         reply[..2].copy_from_slice(&[0, 1]);
         reply[32..34].copy_from_slice(&[0b110, 0b100]);
         reply[48..].copy_from_slice(&[2, 0, 1]);
-        assert_eq!(decode(&reply, &shape, 3), Ok(vec![(0, 1), (0, 2), (1, 2)]));
+        assert_eq!(decode(&reply, &shape, 3), Ok(vec![[0, 1], [0, 2], [1, 2]]));
         reply[50] = 0;
         assert_eq!(decode(&reply, &shape, 3), Err(BadMask::Order(2, 0)));
         reply[50] = 3;
@@ -249,7 +249,7 @@ mod tests {
     #[test]
     fn dense_size_and_tail_are_checked() {
         let shape = MaskShape::dense(BoxCount::new(4));
-        assert_eq!(decode(&[0b10_0001], &shape, 4), Ok(vec![(0, 1), (2, 3)]));
+        assert_eq!(decode(&[0b10_0001], &shape, 4), Ok(vec![[0, 1], [2, 3]]));
         assert_eq!(decode(&[0b100_0001], &shape, 4), Err(BadMask::DirtyTail(0b100_0001)));
         let wrong = BadMask::DenseSize { words: 1, pairs: 36 };
         assert_eq!(decode(&[0], &shape, 9), Err(wrong));
@@ -262,13 +262,13 @@ mod tests {
             decode(words, &MaskShape::List { pairs }, N)
         };
         assert_eq!(list(&[]), Ok(vec![]));
-        assert_eq!(list(&[3, 4, 0, 33, 0, 1]), Ok(vec![(0, 1), (0, 33), (3, 4)]));
+        assert_eq!(list(&[3, 4, 0, 33, 0, 1]), Ok(vec![[0, 1], [0, 33], [3, 4]]));
         assert_eq!(list(&[3, 4, 0]), Err(BadMask::HalfPair(3)));
         let no_pair = |number, pair| Err(BadMask::NotAPair { number, pair, n: N });
-        assert_eq!(list(&[3, 4, 7, 7]), no_pair(1, (7, 7)));
-        assert_eq!(list(&[3, 4, 8, 7]), no_pair(1, (8, 7)));
-        assert_eq!(list(&[3, 40, 7, 8]), no_pair(0, (3, 40)));
-        assert_eq!(list(&[3, 4, 0, 33, 3, 4]), Err(BadMask::Doubled((3, 4))));
+        assert_eq!(list(&[3, 4, 7, 7]), no_pair(1, [7, 7]));
+        assert_eq!(list(&[3, 4, 8, 7]), no_pair(1, [8, 7]));
+        assert_eq!(list(&[3, 40, 7, 8]), no_pair(0, [3, 40]));
+        assert_eq!(list(&[3, 4, 0, 33, 3, 4]), Err(BadMask::Doubled([3, 4])));
     }
 
     #[test]

@@ -64,7 +64,7 @@ impl PairIndex {
     /// let n = BoxCount::new(5);
     /// let k = PairIndex::of(n, 1, 3).unwrap();
     /// assert_eq!(k.get(), 5, "row 0 holds pairs 0 to 3; row 1 starts with (1, 2)");
-    /// assert_eq!(k.pair(n), Some((1, 3)));
+    /// assert_eq!(k.pair(n), Some([1, 3]));
     /// assert_eq!(PairIndex::of(n, 3, 1), None);
     /// ```
     #[inline]
@@ -82,12 +82,12 @@ impl PairIndex {
     /// Exact for every `n`; the proof is at the head of [the module](crate::pair_index).
     #[inline]
     #[must_use]
-    pub fn pair(self, n: BoxCount) -> Option<(u32, u32)> {
+    pub fn pair(self, n: BoxCount) -> Option<[u32; 2]> {
         let after = n.pair_count().checked_sub(self.get())?.checked_sub(1)?;
         let x = 2 * after;
         let guess = (x as f64).sqrt() as u64;
         let t = guess - u64::from(guess * (guess + 1) > x);
         let last = n.get() - 1;
-        Some((last - 1 - t as u32, last - (after - t * (t + 1) / 2) as u32))
+        Some([last - 1 - t as u32, last - (after - t * (t + 1) / 2) as u32])
     }
 }

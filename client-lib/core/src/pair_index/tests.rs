@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use super::{PairWalker, row_start};
 use crate::units::{BoxCount, PairIndex};
 
-type Pair = (u32, u32);
+type Pair = [u32; 2];
 
 /// A place where an inverse disagrees with the truth.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -29,7 +29,7 @@ fn first_mismatch(n: u32, inverse: impl Fn(BoxCount, u64) -> Option<Pair>) -> Op
     let mut k = 0;
     for a in 0..n {
         for b in a + 1..n {
-            if let Some(mismatch) = check(k, Some((a, b))) {
+            if let Some(mismatch) = check(k, Some([a, b])) {
                 return Some(mismatch);
             }
             k += 1;
@@ -43,7 +43,7 @@ fn production(n: BoxCount, k: u64) -> Option<Pair> {
 }
 
 /// S(a) + b − a − 1 in u128, as it stands in the module's head.
-fn index_u128(n: u32, (a, b): Pair) -> u128 {
+fn index_u128(n: u32, [a, b]: Pair) -> u128 {
     let (n, a, b) = (u128::from(n), u128::from(a), u128::from(b));
     a * (2 * n - a - 1) / 2 + b - a - 1
 }
@@ -58,7 +58,7 @@ fn paper_f32(n: BoxCount, k: u64) -> Option<Pair> {
     let delta = 4 * n1 * n1 - 4 * n1 - 8 * k + 1;
     let a = ((-((2 * n1 + 1) as f32) + (delta as f32).sqrt()) / -2.0).floor() as u64;
     let before = (a.max(1) - 1) * (2 * n1 - a) / 2;
-    Some((a as u32 - 1, (a + k).wrapping_sub(before) as u32))
+    Some([a as u32 - 1, (a + k).wrapping_sub(before) as u32])
 }
 
 #[test]
@@ -70,12 +70,12 @@ fn inverse_equals_counting_for_every_n_to_2000() {
 #[test]
 fn comparator_finds_one_wrong_pair() {
     let swapped = |n: BoxCount, k: u64| match k {
-        1_000 => Some((3, 2)),
+        1_000 => Some([3, 2]),
         _ => production(n, k),
     };
     let found = first_mismatch(345, swapped);
     let expected = production(BoxCount::new(345), 1_000);
-    assert_eq!(found, Some(Mismatch { n: 345, k: 1_000, expected, found: Some((3, 2)) }));
+    assert_eq!(found, Some(Mismatch { n: 345, k: 1_000, expected, found: Some([3, 2]) }));
 
     let never_ends = |n: BoxCount, k: u64| production(n, k.min(n.pair_count() - 1));
     assert_eq!(first_mismatch(70, never_ends).map(|m| m.k), Some(70 * 69 / 2));
@@ -91,18 +91,18 @@ fn comparator_finds_a_failure_of_the_papers_f32_form() {
 fn check_row_ends(n: u32, a: u32) {
     let count = BoxCount::new(n);
     let first = row_start(count, a);
-    assert_eq!(u128::from(first), index_u128(n, (a, a + 1)), "n {n} row {a}");
+    assert_eq!(u128::from(first), index_u128(n, [a, a + 1]), "n {n} row {a}");
     let last = first + u64::from(n - 2 - a);
-    assert_eq!(production(count, first), Some((a, a + 1)), "n {n} row {a}");
-    assert_eq!(production(count, last), Some((a, n - 1)), "n {n} row {a}");
+    assert_eq!(production(count, first), Some([a, a + 1]), "n {n} row {a}");
+    assert_eq!(production(count, last), Some([a, n - 1]), "n {n} row {a}");
     if a > 0 {
-        assert_eq!(production(count, first - 1), Some((a - 1, n - 1)), "n {n} row {a}");
+        assert_eq!(production(count, first - 1), Some([a - 1, n - 1]), "n {n} row {a}");
     }
-    let next = (a + 2 < n).then_some((a + 1, a + 2));
+    let next = (a + 2 < n).then_some([a + 1, a + 2]);
     assert_eq!(production(count, last + 1), next, "n {n} row {a}");
     if a + 2 < n {
-        assert_eq!(production(count, first + 1), Some((a, a + 2)), "n {n} row {a}");
-        assert_eq!(production(count, last - 1), Some((a, n - 2)), "n {n} row {a}");
+        assert_eq!(production(count, first + 1), Some([a, a + 2]), "n {n} row {a}");
+        assert_eq!(production(count, last - 1), Some([a, n - 2]), "n {n} row {a}");
     }
 }
 
@@ -143,7 +143,7 @@ fn counts_without_a_pair_have_no_index() {
 fn walker_follows_counting_with_every_stride() {
     for n in (0..=20).chain([70]) {
         let count = BoxCount::new(n);
-        let pairs: Vec<Pair> = (0..n).flat_map(|a| (a + 1..n).map(move |b| (a, b))).collect();
+        let pairs: Vec<Pair> = (0..n).flat_map(|a| (a + 1..n).map(move |b| [a, b])).collect();
         for from in 0..=pairs.len() {
             let start = PairWalker::start(count, PairIndex::new(from as u64));
             assert_eq!(start.map(|w| w.pair()), pairs.get(from).copied(), "n {n} from {from}");
@@ -159,7 +159,7 @@ fn walker_follows_counting_with_every_stride() {
 fn count_and_pair() -> impl Strategy<Value = (u32, Pair)> {
     (2u32.., any::<u32>(), any::<u32>()).prop_map(|(n, x, y)| {
         let a = x % (n - 1);
-        (n, (a, a + 1 + y % (n - 1 - a)))
+        (n, [a, a + 1 + y % (n - 1 - a)])
     })
 }
 
@@ -167,7 +167,7 @@ proptest! {
     #[test]
     fn index_and_pair_are_inverse((n, pair) in count_and_pair()) {
         let count = BoxCount::new(n);
-        let k = PairIndex::of(count, pair.0, pair.1).map(PairIndex::get);
+        let k = PairIndex::of(count, pair[0], pair[1]).map(PairIndex::get);
         prop_assert_eq!(k.map(u128::from), Some(index_u128(n, pair)));
         prop_assert_eq!(production(count, k.unwrap_or(u64::MAX)), Some(pair));
     }
@@ -177,7 +177,7 @@ proptest! {
         let count = BoxCount::new(n);
         for k in [k, k % count.pair_count().max(1)] {
             match production(count, k) {
-                Some((a, b)) => {
+                Some([a, b]) => {
                     prop_assert_eq!(PairIndex::of(count, a, b), Some(PairIndex::new(k)));
                 }
                 None => prop_assert!(k >= count.pair_count()),

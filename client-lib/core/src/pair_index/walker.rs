@@ -11,9 +11,9 @@ use crate::units::{BoxCount, PairIndex};
 /// use pairmask_core::{BoxCount, PairIndex};
 /// use pairmask_core::pair_index::PairWalker;
 /// let mut walker = PairWalker::start(BoxCount::new(4), PairIndex::new(2)).unwrap();
-/// assert_eq!(walker.pair(), (0, 3));
+/// assert_eq!(walker.pair(), [0, 3]);
 /// walker = walker.advance(1).unwrap();
-/// assert_eq!(walker.pair(), (1, 2));
+/// assert_eq!(walker.pair(), [1, 2]);
 /// assert_eq!(walker.advance(3), None, "(2, 3) is the last pair, two further");
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -28,14 +28,14 @@ impl PairWalker {
     #[inline]
     #[must_use]
     pub fn start(n: BoxCount, k: PairIndex) -> Option<Self> {
-        k.pair(n).map(|(a, b)| Self { n, a, b })
+        k.pair(n).map(|[a, b]| Self { n, a, b })
     }
 
     /// The pair (a, b), a < b < n.
     #[inline]
     #[must_use]
-    pub const fn pair(&self) -> (u32, u32) {
-        (self.a, self.b)
+    pub const fn pair(&self) -> [u32; 2] {
+        [self.a, self.b]
     }
 
     /// The walker `distance` pairs further, or `None` past the last pair.

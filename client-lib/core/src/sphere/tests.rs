@@ -28,10 +28,10 @@ pub(super) fn hard_spheres(n: usize, seed: u64) -> Vec<Sphere> {
         .collect()
 }
 
-fn truth(spheres: &[Sphere]) -> Vec<(u32, u32)> {
+fn truth(spheres: &[Sphere]) -> Vec<[u32; 2]> {
     let n = spheres.len() as u32;
-    let all = (0..n).flat_map(|a| (a + 1..n).map(move |b| (a, b)));
-    all.filter(|(a, b)| spheres[*a as usize].overlaps(&spheres[*b as usize])).collect()
+    let all = (0..n).flat_map(|a| (a + 1..n).map(move |b| [a, b]));
+    all.filter(|[a, b]| spheres[*a as usize].overlaps(&spheres[*b as usize])).collect()
 }
 
 #[test]

@@ -56,14 +56,14 @@ impl Kept {
         self.scene.take();
     }
 
-    fn all(&mut self) -> Vec<(u32, u32)> {
+    fn all(&mut self) -> Vec<[u32; 2]> {
         self.pairs.note(Edit::NONE, &self.now, Want::All);
         told_pairs(self.pairs.tell(Want::All, &self.now, Some(1)))
     }
 }
 
-fn told_pairs(told: &Told) -> Vec<(u32, u32)> {
-    told.pairs().iter().map(|[a, b]| (*a, *b)).collect()
+fn told_pairs(told: &Told) -> Vec<[u32; 2]> {
+    told.pairs().to_vec()
 }
 
 fn a_box() -> impl Strategy<Value = Aabb> {
@@ -113,11 +113,11 @@ proptest! {
                 }
                 pairs.take();
                 let truth = oracle::truth(&boxes).pairs;
-                prop_assert!(known.iter().map(|[a, b]| (*a, *b)).eq(truth));
+                prop_assert!(known.iter().copied().eq(truth));
             }
             prop_assert_eq!(kept.all(), oracle::truth(&boxes).pairs);
             let near = kept.scene.edit(Edit::NONE, Want::All).expect("right").pairs().to_vec();
-            prop_assert!(kept.all().iter().all(|(a, b)| near.contains(&[*a, *b])));
+            prop_assert!(kept.all().iter().all(|[a, b]| near.contains(&[*a, *b])));
         }
     }
 
@@ -148,7 +148,7 @@ proptest! {
             }
             let told = pairs.tell(Want::Changes, now, Some(1));
             prop_assert!(told.begun().is_sorted_by(|low, high| low < high));
-            let is_true = |[a, b]: &[u32; 2]| truth.binary_search(&(*a, *b)).is_ok();
+            let is_true = |pair: &[u32; 2]| truth.binary_search(pair).is_ok();
             prop_assert!(told.begun().iter().all(is_true));
             if *take {
                 for ended in told.ended() {
@@ -163,7 +163,7 @@ proptest! {
             }
             let all = kept.all();
             prop_assert!(all.is_sorted_by(|low, high| low < high));
-            prop_assert!(all.iter().all(|(a, b)| is_true(&[*a, *b])));
+            prop_assert!(all.iter().all(|[a, b]| is_true(&[*a, *b])));
         }
         // An honest answer puts it right.
         kept.send();

@@ -150,7 +150,7 @@ fn grow_and_shrink(seeds: u64, sizes: &[usize]) {
                 assert!(told.iter().eq(all.pairs()), "seed {seed}, {target} boxes");
                 if target <= 20_000 {
                     let truth = oracle::truth(&boxes).pairs;
-                    assert!(truth.iter().map(|(a, b)| [*a, *b]).eq(told.iter().copied()));
+                    assert!(truth.iter().map(|[a, b]| [*a, *b]).eq(told.iter().copied()));
                 }
             }
         }
@@ -222,7 +222,7 @@ fn scenes_of_every_small_size_are_told_and_ended() {
         let steps = [Step::Set(Sets { indices: (0..n).into(), boxes: &boxes })];
         let told = scene.edit(Edit { steps: &steps }, Want::Changes).expect("an answer");
         let truth: Vec<Pair> =
-            oracle::truth(&boxes).pairs.into_iter().map(|(a, b)| [a, b]).collect();
+            oracle::truth(&boxes).pairs.into_iter().map(|[a, b]| [a, b]).collect();
         assert_eq!(told.begun(), truth, "{n} boxes");
         scene.take();
         let steps = [Step::Remove((0..n).into())];

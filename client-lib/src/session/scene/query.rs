@@ -154,8 +154,8 @@ impl QueryAnswer {
     /// The pairs one by one.
     pub fn iter(&self) -> impl Iterator<Item = [u32; 2]> + '_ {
         let queries = self.queries;
-        let pair = move |(a, b): (u32, u32)| Some([a, b.checked_sub(queries)?]);
-        self.mask.pairs().filter(move |(a, _)| *a < queries).filter_map(pair)
+        let pair = move |[a, b]: [u32; 2]| Some([a, b.checked_sub(queries)?]);
+        self.mask.pairs().filter(move |[a, _]| *a < queries).filter_map(pair)
     }
 
     /// The pairs in slices: the fastest way to visit all.

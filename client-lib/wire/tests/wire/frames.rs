@@ -186,7 +186,7 @@ fn golden_list_response() {
     let words = [4, 9, 0, 99, 0, 1];
     let reply = Reply::parse(&header, &ASKED, 24).unwrap();
     let view = MaskView::new(N, &reply.report.shape, &words).unwrap();
-    assert_eq!(view.to_vec(), [(4, 9), (0, 99), (0, 1)]);
+    assert_eq!(view.to_vec(), [[4, 9], [0, 99], [0, 1]]);
     assert_eq!(view.verify(), Ok(()));
 }
 
@@ -559,7 +559,7 @@ proptest! {
         let header: ResponseHeader = bytemuck::cast(bytes);
         if let Ok(reply) = Reply::parse(&header, &ASKED, 4 * payload.len() as u64) {
             let view = MaskView::new(N, &reply.report.shape, &payload).unwrap();
-            for (a, b) in view.pairs() {
+            for [a, b] in view.pairs() {
                 prop_assert!(a < b && b < N.get());
             }
         }

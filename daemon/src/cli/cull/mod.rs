@@ -278,7 +278,7 @@ fn ask_boxes(
     let world = Bounds::around(if has_margin { &boxes } else { &[] });
     precision.inflate(&mut boxes);
     let mut narrow = session.narrow_frame(boxes.len(), precision.precision(&boxes))?;
-    narrow.fill(&boxes);
+    narrow.write(&boxes)?;
     let read = Instant::now();
     let planned = planner.map(|plan| plan(&boxes));
     let look = Look::at(&boxes);

@@ -243,17 +243,17 @@ impl fmt::Display for BadPair {
 }
 
 /// The first pair, in order, that an answer gets wrong.
-pub fn first_bad_pair(boxes: &[Aabb], mut answer: Vec<(u32, u32)>) -> Option<BadPair> {
+pub fn first_bad_pair(boxes: &[Aabb], mut answer: Vec<[u32; 2]>) -> Option<BadPair> {
     answer.sort_unstable();
     let mut right = truth(boxes).pairs.into_iter();
-    for (a, b) in answer {
+    for [a, b] in answer {
         match right.next() {
-            Some(pair) if pair == (a, b) => {}
-            Some((c, d)) if (c, d) < (a, b) => return Some(BadPair::Missing(c, d)),
+            Some(pair) if pair == [a, b] => {}
+            Some([c, d]) if [c, d] < [a, b] => return Some(BadPair::Missing(c, d)),
             _ => return Some(BadPair::Extra(a, b)),
         }
     }
-    right.next().map(|(a, b)| BadPair::Missing(a, b))
+    right.next().map(|[a, b]| BadPair::Missing(a, b))
 }
 
 #[cfg(test)]
@@ -269,14 +269,14 @@ mod tests {
         assert!(right.len() > 100, "{} pairs", right.len());
         let backwards = right.iter().rev().copied().collect();
         assert_eq!(first_bad_pair(boxes, backwards), None, "the order does not matter");
-        for (at, (a, b)) in right.iter().enumerate() {
+        for (at, [a, b]) in right.iter().enumerate() {
             let mut less = right.clone();
             less.remove(at);
             assert_eq!(first_bad_pair(boxes, less), Some(BadPair::Missing(*a, *b)));
-            let twice = [&right[..], &[(*a, *b)]].concat();
+            let twice = [&right[..], &[[*a, *b]]].concat();
             assert_eq!(first_bad_pair(boxes, twice), Some(BadPair::Extra(*a, *b)));
         }
-        let more = [&right[..], &[(0, 345)]].concat();
+        let more = [&right[..], &[[0, 345]]].concat();
         assert!(first_bad_pair(boxes, more).is_some());
     }
 }

@@ -71,8 +71,8 @@ impl World {
     }
 
     /// Pushes overlapping pairs apart and advances the world by one frame.
-    pub fn step(&mut self, pairs: impl Iterator<Item = (u32, u32)>) {
-        for (a, b) in pairs {
+    pub fn step(&mut self, pairs: impl Iterator<Item = [u32; 2]>) {
+        for [a, b] in pairs {
             self.push_apart(a as usize, b as usize);
         }
         self.drop_the_oldest();
@@ -144,14 +144,14 @@ impl World {
 mod tests {
     use super::*;
 
-    fn all_pairs(world: &World) -> Vec<(u32, u32)> {
+    fn all_pairs(world: &World) -> Vec<[u32; 2]> {
         let mut boxes = vec![Aabb::default(); world.len()];
         world.write_boxes(&mut boxes);
         let mut pairs = Vec::new();
         for a in 0..boxes.len() {
             for b in a + 1..boxes.len() {
                 if boxes[a].overlaps(&boxes[b]) {
-                    pairs.push((a as u32, b as u32));
+                    pairs.push([a as u32, b as u32]);
                 }
             }
         }
@@ -168,7 +168,7 @@ mod tests {
             }
             all_pairs(&world)
                 .iter()
-                .map(|(a, b)| world.least_overlap(*a as usize, *b as usize).1)
+                .map(|[a, b]| world.least_overlap(*a as usize, *b as usize).1)
                 .sum::<f32>()
         };
         let (with, without) = (overlap(true), overlap(false));

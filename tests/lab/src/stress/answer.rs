@@ -191,7 +191,7 @@ impl Case {
     }
 
     /// A pair of objects that an explanation says nothing about, in words.
-    fn objects(&self, form: Form, (a, b): Pair) -> String {
+    fn objects(&self, form: Form, [a, b]: Pair) -> String {
         let (a, b) = (a as usize, b as usize);
         match form {
             Form::Spheres => match &self.spheres().spheres[..] {
@@ -210,7 +210,7 @@ impl Case {
 
     /// Why a pair of the case must be in the answer or not. None about spheres, and of a scene, whose boxes
     /// lie where some edit has put them.
-    pub(super) fn explain(&self, form: Form, (i, j): Pair) -> Option<Explanation> {
+    pub(super) fn explain(&self, form: Form, [i, j]: Pair) -> Option<Explanation> {
         match form {
             Form::Boxes => Explanation::of(&self.boxes, i, j).ok(),
             Form::Mode(usage) => self.in_mode(usage).explain(i, j),
@@ -225,15 +225,15 @@ mod tests {
 
     #[test]
     fn pairs_between_must_and_may_are_right() {
-        let (must, may) = ([(0, 1), (2, 3)], [(0, 1), (0, 2), (2, 3)]);
+        let (must, may) = ([[0, 1], [2, 3]], [[0, 1], [0, 2], [2, 3]]);
         assert_eq!(compare(&must, &must, &may), Ok(()));
         assert_eq!(compare(&may, &must, &may), Ok(()));
         for (got, missed, extra, first, word) in [
-            (&may[..2], 1, 0, (2, 3), "missing"),
-            (&[(0, 1), (0, 3), (2, 3)], 0, 1, (0, 3), "overlap"),
-            (&[(0, 3)], 2, 1, (0, 1), "missing"),
-            (&[(0, 1), (0, 1), (2, 3)], 0, 1, (0, 1), "twice"),
-            (&[(2, 3), (0, 1)], 0, 1, (0, 1), "after"),
+            (&may[..2], 1, 0, [2, 3], "missing"),
+            (&[[0, 1], [0, 3], [2, 3]], 0, 1, [0, 3], "overlap"),
+            (&[[0, 3]], 2, 1, [0, 1], "missing"),
+            (&[[0, 1], [0, 1], [2, 3]], 0, 1, [0, 1], "twice"),
+            (&[[2, 3], [0, 1]], 0, 1, [0, 1], "after"),
         ] {
             let found = compare(got, &must, &may).expect_err(word);
             assert_eq!((found.missed, found.extra, found.first), (missed, extra, Some(first)));
@@ -253,7 +253,7 @@ mod tests {
                 pairs,
                 census: case.census(form).unwrap_or_default(),
             };
-            let (right, no_object) = (of(must.to_vec()), (u32::MAX - 1, u32::MAX));
+            let (right, no_object) = (of(must.to_vec()), [u32::MAX - 1, u32::MAX]);
             let mut census = right.census;
             census.empty += 1;
             assert_eq!(case.check(form, &right), Ok(()), "{form}");

@@ -265,7 +265,7 @@ pub(super) fn check_gaps(case: &ModeCase, got: &[Pair]) -> Result<(), Finding> {
 /// it is.
 fn too_far(case: &ModeCase, got: &[Pair], share: f64) -> Vec<TooFar> {
     let far = |pair: Pair| {
-        let (a, b) = (case.faces(pair.0), case.faces(pair.1));
+        let (a, b) = (case.faces(pair[0]), case.faces(pair[1]));
         (0..3).find_map(|axis| {
             let ends = a[1][axis].min(b[1][axis]);
             let starts = a[0][axis].max(b[0][axis]);

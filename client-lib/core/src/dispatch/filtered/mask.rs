@@ -191,7 +191,7 @@ impl Masked<'_> {
 
     /// Clears bits of the words of a dense mask from a word on.
     fn dense_part(&self, n: BoxCount, first: u64, words: &mut [u32]) -> u64 {
-        let Some((mut row, _)) = PairIndex::new(32 * first).pair(n) else {
+        let Some([mut row, _]) = PairIndex::new(32 * first).pair(n) else {
             words.fill(0);
             return 0;
         };
@@ -338,7 +338,7 @@ mod tests {
             let mut report = CullReport { shape, ..report };
             if filter.filter(&rules, count, &mut words, &mut report, 1).is_ok() {
                 let mask = MaskView::new(count, &report.shape, &words).expect("a mask");
-                let met = |(a, b): (u32, u32)| rules.meet(a, b);
+                let met = |[a, b]: [u32; 2]| rules.meet(a, b);
                 assert!(mask.pairs().all(met), "{shape:?}");
             }
         }

@@ -158,17 +158,17 @@ mod tests {
     use crate::engine::{EngineChoice, EngineName, HeapReply};
     use crate::mask::{Encoding, EncodingChoice, MaskView};
 
-    fn truth(boxes: &[Aabb], first: usize) -> Vec<(u32, u32)> {
+    fn truth(boxes: &[Aabb], first: usize) -> Vec<[u32; 2]> {
         let keys: Vec<KeyBox> = boxes.iter().map(KeyBox::from).collect();
         let of_one = |a: usize| (first..keys.len()).map(move |b| (a, b));
         (0..first)
             .flat_map(of_one)
             .filter(|(a, b)| keys[*a].overlaps(&keys[*b]))
-            .map(|(a, b)| (a as u32, b as u32))
+            .map(|(a, b)| [a as u32, b as u32])
             .collect()
     }
 
-    fn pairs_of(n: BoxCount, report: &crate::engine::CullReport, words: &[u32]) -> Vec<(u32, u32)> {
+    fn pairs_of(n: BoxCount, report: &crate::engine::CullReport, words: &[u32]) -> Vec<[u32; 2]> {
         let mask = MaskView::new(n, &report.shape, words).expect("a mask");
         mask.verify().expect("in order");
         let mut pairs = mask.to_vec();

@@ -103,7 +103,7 @@ pub(super) fn rules(random: &mut Random, n: usize, kind: Kind) -> Rules {
 
 fn truth(boxes: &[Aabb], rules: &Rules) -> Truth {
     let mut truth = oracle::truth(boxes);
-    truth.pairs.retain(|(a, b)| rules.meet(*a, *b));
+    truth.pairs.retain(|[a, b]| rules.meet(*a, *b));
     truth
 }
 
@@ -143,14 +143,14 @@ fn answered_known(
 }
 
 /// Each pair stands in the range of its world, and ranges are side by side, by rising world.
-fn check_ranges(answer: &FilteredAnswer<'_>, pairs: &[(u32, u32)], n: usize, rules: &Rules) {
+fn check_ranges(answer: &FilteredAnswer<'_>, pairs: &[[u32; 2]], n: usize, rules: &Rules) {
     let Some(last) = answer.worlds.last() else { return };
     assert_eq!(last.pairs.end, pairs.len());
     let mut end = 0;
     for range in answer.worlds {
         assert_eq!(range.pairs.start, end);
         end = range.pairs.end;
-        for (a, b) in &pairs[range.pairs.clone()] {
+        for [a, b] in &pairs[range.pairs.clone()] {
             let of = [*a, *b].map(|index| rules.tag(index).world);
             let world = if of[0] == World::ALL { of[1] } else { of[0] };
             assert_eq!(world, range.world, "{a} and {b}");
@@ -173,7 +173,7 @@ fn filtered(
     boxes: &[Aabb],
     rules: &Rules,
     (engine, encoding, threads): (EngineName, Encoding, usize),
-) -> Vec<(u32, u32)> {
+) -> Vec<[u32; 2]> {
     let options = CullOptions {
         engine: EngineChoice::Only(engine),
         encoding: EncodingChoice::Only(encoding),

@@ -45,11 +45,11 @@ fn put_word(n: BoxCount, number: usize, mut bits: u32, writer: &mut PairWriter) 
     let mut at = bits.trailing_zeros();
     let first = PairIndex::new(WORD_PAIRS as u64 * number as u64 + u64::from(at));
     let Some(mut here) = PairWalker::start(n, first) else { return };
-    let (a, b) = here.pair();
+    let [a, b] = here.pair();
     if u64::from(b) + WORD_PAIRS as u64 <= u64::from(n.get()) {
         // All in one row, as nearly always: no pair has to wait for the one before it.
         while bits != 0 {
-            writer.put_if(true, (a, b + (bits.trailing_zeros() - at)));
+            writer.put_if(true, [a, b + (bits.trailing_zeros() - at)]);
             bits &= bits - 1;
         }
         return;
@@ -77,8 +77,8 @@ mod tests {
     use crate::mask::Pairs;
 
     /// The pairs by definition: counting.
-    fn naive(n: u32, words: &[u32]) -> Vec<(u32, u32)> {
-        let pairs = (0..n).flat_map(|a| (a + 1..n).map(move |b| (a, b)));
+    fn naive(n: u32, words: &[u32]) -> Vec<[u32; 2]> {
+        let pairs = (0..n).flat_map(|a| (a + 1..n).map(move |b| [a, b]));
         pairs
             .enumerate()
             .filter(|(k, _)| words[k / 32] >> (k % 32) & 1 != 0)

@@ -247,7 +247,7 @@ impl MaskShape {
 /// let n = BoxCount::new(4);
 /// let reply = [0b10_0001];
 /// let mask = MaskView::new(n, &MaskShape::dense(n), &reply)?;
-/// assert_eq!(mask.to_vec(), [(0, 1), (2, 3)]);
+/// assert_eq!(mask.to_vec(), [[0, 1], [2, 3]]);
 /// assert!(mask.contains(3, 2));
 ///
 /// // The same pairs as two words (row, block, bits), with room for 16.
@@ -255,7 +255,7 @@ impl MaskShape {
 /// (reply[0], reply[16], reply[32]) = (0, 0, 0b0010);
 /// (reply[1], reply[17], reply[33]) = (2, 0, 0b1000);
 /// let mask = MaskView::new(n, &MaskShape::sparse(n, 2, 2, false), &reply)?;
-/// assert_eq!(mask.to_vec(), [(0, 1), (2, 3)]);
+/// assert_eq!(mask.to_vec(), [[0, 1], [2, 3]]);
 /// mask.verify()?;
 /// # Ok::<(), pairmask_core::mask::MaskError>(())
 /// ```

@@ -113,7 +113,7 @@ mod tests {
     use crate::mask::Pairs;
 
     /// The pairs by definition, one bit after the other in u64.
-    fn naive(n: BoxCount, words: &[(u32, u32, u32)], order: Option<&[u32]>) -> Vec<(u32, u32)> {
+    fn naive(n: BoxCount, words: &[(u32, u32, u32)], order: Option<&[u32]>) -> Vec<[u32; 2]> {
         let n = u64::from(n.get());
         let mut pairs = Vec::new();
         for &(row, block, bits) in words {
@@ -125,7 +125,7 @@ mod tests {
                 let name = |at: u64| order.map_or(at as u32, |order| order[at as usize]);
                 let (p, q) = (name(u64::from(row)), name(column));
                 if p != q && u64::from(p.max(q)) < n {
-                    pairs.push((p.min(q), p.max(q)));
+                    pairs.push([p.min(q), p.max(q)]);
                 }
             }
         }

@@ -411,7 +411,7 @@ fn send(session: &mut Session, case: &Case, form: Form) -> Result<PendingFrame, 
         Form::Mode(usage) if let Sending::Narrow(precision) = &case.in_mode(usage).sending => {
             let given = &case.in_mode(usage).given;
             let mut frame = session.narrow_frame(given.len(), *precision)?;
-            frame.fill(&given[..]);
+            frame.write(&given[..])?;
             frame.submit()
         }
         _ => {
@@ -420,7 +420,7 @@ fn send(session: &mut Session, case: &Case, form: Form) -> Result<PendingFrame, 
                 _ => &case.boxes,
             };
             let mut frame = session.frame(boxes.len())?;
-            frame.write(&boxes[..]);
+            frame.write(&boxes[..])?;
             frame.submit()
         }
     })

@@ -102,15 +102,15 @@ impl KeptScene {
             _ => BTreeSet::new(),
         };
         for [a, b] in &heard.ended {
-            if !known.remove(&(*a, *b)) {
+            if !known.remove(&[*a, *b]) {
                 let what = format!("pair ({a}, {b}) ended and was not known");
-                return Err(Finding::extra(what, 1, (*a, *b)));
+                return Err(Finding::extra(what, 1, [*a, *b]));
             }
         }
         for [a, b] in heard.begun.iter().chain(&heard.pairs) {
-            if !known.insert((*a, *b)) {
+            if !known.insert([*a, *b]) {
                 let what = format!("pair ({a}, {b}) began and was known");
-                return Err(Finding::extra(what, 1, (*a, *b)));
+                return Err(Finding::extra(what, 1, [*a, *b]));
             }
         }
         let boxes = self.boxes.iter().map(|b| b.unwrap_or(Aabb::EMPTY));
@@ -133,7 +133,7 @@ mod tests {
         for (slot, x) in scene.boxes.iter_mut().zip([0.0, 0.9, 1.8, 9.0]) {
             *slot = Some(Aabb::from([x, 0.0, 0.0, x + 1.0, 1.0, 1.0]));
         }
-        scene.known = BTreeSet::from([(0, 1), (0, 3)]);
+        scene.known = BTreeSet::from([[0, 1], [0, 3]]);
         let right = Heard { begun: vec![[1, 2]], ended: vec![[0, 3]], ..Heard::default() };
         let mut check = |heard: &Heard, want| scene.check(heard, want, Fate::Dropped);
         assert_eq!(check(&right, Want::Changes), Ok(()));

@@ -364,7 +364,7 @@ fn answers(session: &mut Session) -> bool {
         let mask = frame.submit().ok()?.wait().ok()?;
         let mut pairs = mask.to_vec();
         pairs.sort_unstable();
-        Some(pairs == [(0, 1), (0, 2), (1, 2)] && mask.info().served_by == ServedBy::Daemon)
+        Some(pairs == [[0, 1], [0, 2], [1, 2]] && mask.info().served_by == ServedBy::Daemon)
     };
     ask().unwrap_or(false)
 }

@@ -151,7 +151,7 @@ fn world_pairs(boxes: &[Faces], origin: DVec3, engine: EngineId) -> Result<Vec<P
         max: std::array::from_fn(|axis| outward(max[axis] - origin[axis], true)),
     };
     let mut pairs = truth::pairs(&boxes.iter().map(wide).collect::<Vec<_>>(), engine)?;
-    pairs.retain(|&(a, b)| {
+    pairs.retain(|&[a, b]| {
         let ([p_min, p_max], [q_min, q_max]) = (&boxes[a as usize], &boxes[b as usize]);
         (0..3).all(|axis| {
             let solid = p_min[axis] <= p_max[axis] && q_min[axis] <= q_max[axis];
@@ -249,7 +249,7 @@ fn sphere_pairs(spheres: &[Sphere], engine: EngineId) -> Result<Vec<Pair>, Timed
         BoxClass::Empty | BoxClass::Invalid => Aabb::EMPTY,
     };
     let candidates = truth::pairs(&spheres.iter().map(wide).collect::<Vec<_>>(), engine)?;
-    let overlap = |&(a, b): &Pair| oracle::overlap(&spheres[a as usize], &spheres[b as usize]);
+    let overlap = |&[a, b]: &Pair| oracle::overlap(&spheres[a as usize], &spheres[b as usize]);
     Ok(candidates.into_par_iter().filter(overlap).collect())
 }
 

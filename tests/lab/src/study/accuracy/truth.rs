@@ -7,7 +7,7 @@ use pairmask_core::{Aabb, EngineChoice, EngineName};
 use pairmaskd::timed_client::TimedError;
 
 /// A pair of box indices, the lower one first.
-pub type Pair = (u32, u32);
+pub type Pair = [u32; 2];
 
 /// Most boxes that are compared each with each: 8 million comparisons take some 10 ms.
 pub const NAIVE_LIMIT: usize = 4096;
@@ -74,7 +74,7 @@ mod tests {
 
     #[test]
     fn differences_are_counted_and_outward_is_beyond() {
-        let truth = [(0, 1), (0, 2), (4, 5)];
+        let truth = [[0, 1], [0, 2], [4, 5]];
         let count = |reported: &[Pair]| {
             let found = Difference::between(reported, &truth);
             assert_eq!(found.true_pairs, 3);
@@ -82,8 +82,8 @@ mod tests {
         };
         assert_eq!(count(&truth), (0, 0));
         assert_eq!(count(&[]), (3, 0));
-        assert_eq!(count(&[(0, 1), (0, 3), (4, 5)]), (1, 1));
-        assert_eq!(count(&[(0, 0), (0, 1), (0, 2), (4, 5), (9, 10)]), (0, 2));
+        assert_eq!(count(&[[0, 1], [0, 3], [4, 5]]), (1, 1));
+        assert_eq!(count(&[[0, 0], [0, 1], [0, 2], [4, 5], [9, 10]]), (0, 2));
         for x in [0.0, 1.0, -1.0 / 3.0, 1e-300, 1e300, f64::INFINITY, f64::NEG_INFINITY] {
             assert!(f64::from(outward(x, false)) <= x && x <= f64::from(outward(x, true)), "{x}");
         }

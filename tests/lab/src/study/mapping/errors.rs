@@ -29,11 +29,11 @@ impl Tally {
         self.wrong as f64 / (self.ids - self.skipped).max(1) as f64
     }
 
-    fn note(&mut self, k: u64, n: BoxCount, mapped: Mapped, expected: (u32, u32)) {
-        if mapped != (Mapped { a: i64::from(expected.0), b: i64::from(expected.1) }) {
+    fn note(&mut self, k: u64, n: BoxCount, mapped: Mapped, expected: [u32; 2]) {
+        if mapped != (Mapped { a: i64::from(expected[0]), b: i64::from(expected[1]) }) {
             self.wrong += 1;
             self.wrong_named += u64::from(mapped.named(n).is_some());
-            let off = mapped.a.abs_diff(i64::from(expected.0));
+            let off = mapped.a.abs_diff(i64::from(expected[0]));
             self.largest_row_error = self.largest_row_error.max(off);
             self.first_wrong = Some(self.first_wrong.map_or(k, |first| first.min(k)));
         }
@@ -101,7 +101,7 @@ fn tally_of(
     let chunk = |chunk: u64| {
         let mut tally = Tally::default();
         // The id that was last, and its pair: the next id's is found by a step.
-        let mut last: Option<(u64, (u32, u32))> = None;
+        let mut last: Option<(u64, [u32; 2])> = None;
         let in_row_order = !matches!(variant, Variant::Fold | Variant::Lazy);
         for i in chunk * CHUNK..count.min((chunk + 1) * CHUNK) {
             let k = id(i);
@@ -144,7 +144,7 @@ fn exhaustive_by(
     // A bit for each pair, in row order; set when it is named.
     let named: Vec<AtomicU64> = (0..pairs.div_ceil(64)).map(|_| AtomicU64::new(0)).collect();
     let mark = |mapped: Mapped| {
-        if let Some((a, b)) = mapped.named(n) {
+        if let Some([a, b]) = mapped.named(n) {
             let index = row_start(n, a) + u64::from(b - a - 1);
             named[(index / 64) as usize].fetch_or(1 << (index % 64), Ordering::Relaxed);
         }
@@ -188,7 +188,7 @@ pub fn around_rows(variant: Variant, n: BoxCount) -> Tally {
 /// The id that a variant gives to the pair of index k.
 fn own_id(variant: Variant, n: BoxCount, k: u64) -> u64 {
     match (variant, PairIndex::new(k).pair(n)) {
-        (Variant::Lazy, Some((a, b))) => u64::from(a) * u64::from(n.get()) + u64::from(b),
+        (Variant::Lazy, Some([a, b])) => u64::from(a) * u64::from(n.get()) + u64::from(b),
         // The fold's rows end at other ids. Any ids are good for it, and these are evenly spread.
         _ => k,
     }
@@ -198,13 +198,13 @@ fn own_id(variant: Variant, n: BoxCount, k: u64) -> u64 {
 pub fn first_wrong_count(variant: Variant, limit: u32) -> Option<u32> {
     (2..=limit).into_par_iter().find_first(|n| {
         let n = BoxCount::new(*n);
-        let wrong = |k: u64, (a, b): (u32, u32)| {
+        let wrong = |k: u64, [a, b]: [u32; 2]| {
             let right = Mapped { a: i64::from(a), b: i64::from(b) };
             map(variant, n, own_id(variant, n, k)) != right
         };
         (0..n.get() - 1).rev().any(|a| {
             let (first, end) = (row_start(n, a), row_start(n, a + 1));
-            wrong(first, (a, a + 1)) || wrong(end - 1, (a, n.get() - 1))
+            wrong(first, [a, a + 1]) || wrong(end - 1, [a, n.get() - 1])
         })
     })
 }

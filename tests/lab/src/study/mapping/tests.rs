@@ -221,7 +221,7 @@ fn every_output_form_has_the_bits_of_the_overlaps() {
                 let bit = run.words[(k / per_word) as usize] >> shift & 1 == 1;
                 let pair = PairIndex::new(k).pair(n);
                 let expected =
-                    pair.is_some_and(|(a, b)| boxes[a as usize].overlaps(&boxes[b as usize]));
+                    pair.is_some_and(|[a, b]| boxes[a as usize].overlaps(&boxes[b as usize]));
                 assert_eq!(bit, expected, "{bits} bits, pair {k}");
                 hits += u64::from(bit);
             }

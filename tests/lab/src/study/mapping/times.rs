@@ -42,10 +42,10 @@ pub fn map_all(
         let (mut sum, mut k) = (0, first);
         while k < end {
             let Mapped { a, b } = row_search(n, k);
-            let mut pair = (a as u32, b as u32);
+            let mut pair = [a as u32, b as u32];
             let word_end = end.min(k + 32);
             while k < word_end {
-                sum += u64::from(pair.0 ^ pair.1);
+                sum += u64::from(pair[0] ^ pair[1]);
                 pair = next_pair(n, pair);
                 k += 1;
             }

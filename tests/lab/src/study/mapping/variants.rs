@@ -65,9 +65,9 @@ impl Mapped {
 
     /// The two boxes in ascending order, if they are two different ones: a kernel that tests (b, a)
     /// has tested (a, b).
-    pub fn named(self, n: BoxCount) -> Option<(u32, u32)> {
+    pub fn named(self, n: BoxCount) -> Option<[u32; 2]> {
         let (a, b) = (self.a.min(self.b), self.a.max(self.b));
-        (a >= 0 && a < b && b < i64::from(n.get())).then_some((a as u32, b as u32))
+        (a >= 0 && a < b && b < i64::from(n.get())).then_some([a as u32, b as u32])
     }
 }
 
@@ -158,17 +158,17 @@ pub fn fold(n: BoxCount, k: u64) -> Mapped {
 #[inline(always)]
 pub fn word_step(n: BoxCount, k: u64) -> Mapped {
     let first = row_search(n, k - k % 32);
-    let mut pair = (first.a as u32, first.b as u32);
+    let mut pair = [first.a as u32, first.b as u32];
     for _ in 0..k % 32 {
         pair = next_pair(n, pair);
     }
-    Mapped::of(pair.0, pair.1)
+    Mapped::of(pair[0], pair[1])
 }
 
 /// The pair after `pair` in row order.
 #[inline(always)]
-pub fn next_pair(n: BoxCount, (a, b): (u32, u32)) -> (u32, u32) {
-    if b + 1 < n.get() { (a, b + 1) } else { (a + 1, a + 2) }
+pub fn next_pair(n: BoxCount, [a, b]: [u32; 2]) -> [u32; 2] {
+    if b + 1 < n.get() { [a, b + 1] } else { [a + 1, a + 2] }
 }
 
 /// (k / n, k % n): no pair unless a < b (§3.2.2).
@@ -183,12 +183,12 @@ pub fn lazy(n: BoxCount, k: u64) -> Mapped {
 ///
 /// # Panics
 /// Never for ids below [`Variant::id_count`].
-pub fn truth(variant: Variant, n: BoxCount, k: u64) -> Option<(u32, u32)> {
+pub fn truth(variant: Variant, n: BoxCount, k: u64) -> Option<[u32; 2]> {
     match variant {
         Variant::Fold => fold(n, k).named(n),
         Variant::Lazy => {
             let Mapped { a, b } = lazy(n, k);
-            (a < b).then_some((a as u32, b as u32))
+            (a < b).then_some([a as u32, b as u32])
         }
         _ => PairIndex::new(k).pair(n),
     }
@@ -249,7 +249,7 @@ mod tests {
             for variant in [Variant::Fold, Variant::Lazy] {
                 let mut named: Vec<_> = (0..variant.id_count(n.get()))
                     .filter_map(|k| truth(variant, n, k))
-                    .filter_map(|(a, b)| PairIndex::of(n, a, b))
+                    .filter_map(|[a, b]| PairIndex::of(n, a, b))
                     .collect();
                 named.sort_unstable();
                 let all: Vec<_> = (0..n.pair_count()).map(PairIndex::new).collect();

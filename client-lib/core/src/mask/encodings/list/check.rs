@@ -64,7 +64,7 @@ mod tests {
             n in prop_oneof![2u32..70, Just(1_234), Just(u32::MAX)],
             seeds in vec((any::<u32>(), any::<u32>()), 0..200),
         ) {
-            let pair = |(a, b): (u32, u32)| [a % n, b % n];
+            let pair = |(a, b)| [a % n, b % n];
             let sorted = |[a, b]: [u32; 2]| [a.min(b), a.max(b)];
             let pairs: Vec<[u32; 2]> =
                 seeds.into_iter().map(pair).filter(|[a, b]| a != b).map(sorted).collect();
