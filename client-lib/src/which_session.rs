@@ -7,7 +7,7 @@
 //! | most of them move | [`Session::frame`] | all, 24 bytes a box | all pairs |
 //! | most move, the bytes are the bottleneck, extra pairs do no harm | [`Session::narrow_frame`] | all, 12 or 6 bytes | all pairs, and some that are near |
 //! | bounding spheres, or circles in a plane | [`Session::sphere_frame`] | all, 16 bytes | all pairs, exact |
-//! | few of many move, or you need what began and ended | [`Session::scene`] | those that changed | as you [want](Want) |
+//! | few of many move, or you need what began and ended | [`Session::scene`] | those that changed | as you [want](Report) |
 //! | many or all move a little, some far | [`Session::scene`] with margins | those that left their [margin](#margins-a-box) | as you want, of near or of exact pairs |
 //! | several processes write one world | [`Session::join_scene`]: each leases indices and commits its own boxes, tick by tick | those that changed | changes of its own pairs, or of all |
 //!
@@ -27,18 +27,18 @@
 //!
 //! | game | take | want |
 //! |---|---|---|
-//! | A shooter: 5,000 props, 200 of them move | a scene. Props that lie on the ground are not sent. Level geometry is static | [`Want::Changes`]: [contacts](#contacts) live between frames |
-//! | A physics sandbox in which everything falls | a scene if boxes come to rest and sleep, as in the example `falling_boxes`; else frames | [`Want::Changes`] |
+//! | A shooter: 5,000 props, 200 of them move | a scene. Props that lie on the ground are not sent. Level geometry is static | [`Report::Changes`]: [contacts](#contacts) live between frames |
+//! | A physics sandbox in which everything falls | a scene if boxes come to rest and sleep, as in the example `falling_boxes`; else frames | [`Report::Changes`] |
 //! | A particle system, a fluid: all move, always | frames, narrow ones where near pairs do no harm | |
 //! | A strategy game: 50,000 units, most of them marching | sphere frames: spheres with one height are circles, decided exactly, on cores and on a GPU | |
-//! | The same, most of them standing | a scene, in which only marching units are set | [`Want::Moved`] to part units; [`Want::Changes`] for who came into range |
-//! | A city: static buildings, traffic | a scene. [Buildings are static](#static-worlds-and-traffic), and are set and removed by blocks | [`Want::Moved`] |
-//! | Projectiles, pickups: spawned and gone in great number | a scene with a [pool of indices](#pools-and-answers-that-are-not-taken) that are switched off | [`Want::Changes`] |
-//! | Trigger volumes: who came in, who left | a scene. Triggers are static, if they need not meet one another | [`Want::Changes`] |
+//! | The same, most of them standing | a scene, in which only marching units are set | [`Report::Moved`] to part units; [`Report::Changes`] for who came into range |
+//! | A city: static buildings, traffic | a scene. [Buildings are static](#static-worlds-and-traffic), and are set and removed by blocks | [`Report::Moved`] |
+//! | Projectiles, pickups: spawned and gone in great number | a scene with a [pool of indices](#pools-and-answers-that-are-not-taken) that are switched off | [`Report::Changes`] |
+//! | Trigger volumes: who came in, who left | a scene. Triggers are static, if they need not meet one another | [`Report::Changes`] |
 //! | Reinforcement learning: thousands of small worlds in step | one frame of all worlds, each box with the [tag](crate::filters::Tag) of its world: [`FrameOptions::filters`](crate::FrameOptions::filters) | all pairs, [world by world](crate::PairMask::pairs_of_world) |
-//! | Bullets, cameras, triggers that are asked now and then: many boxes against a large world | a scene, and [queries](crate::Scene::query) of it: boxes, points ([`Aabb::point`](crate::Aabb::point)) and sweeps ([`Aabb::swept`](crate::Aabb::swept)), which cost by what they find | [`Want::Nothing`] |
+//! | Bullets, cameras, triggers that are asked now and then: many boxes against a large world | a scene, and [queries](crate::Scene::query) of it: boxes, points ([`Aabb::point`](crate::Aabb::point)) and sweeps ([`Aabb::swept`](crate::Aabb::swept)), which cost by what they find | [`Report::Nothing`] |
 //! | Players against scenery: a few against many | a frame, [`FrameOptions::split_at`](crate::FrameOptions::split_at) | |
-//! | A level editor | a scene; hidden layers are switched off | [`Want::Moved`]: what the dragged object touches now |
+//! | A level editor | a scene; hidden layers are switched off | [`Report::Moved`]: what the dragged object touches now |
 //! | A server with several processes | a daemon, and a session in each process. A scene belongs to its session; one that several write is [joined](Session::join_scene) by name | any |
 //! | A tool that looks at a level once | a frame, [`Backend::InProcess`] | |
 //!
@@ -73,7 +73,7 @@
 //!   [bitmask](crate::scene::Indices::Mask) one bit for each index of its span: it has fewer bytes where
 //!   more than one in 32 is named.
 //! * A box that is set to the very bits that it has costs its bytes, and nothing is searched around it.
-//!   [`Want::Moved`] counts it as moved.
+//!   [`Report::Moved`] counts it as moved.
 //! * Boxes that physics pushes after the answer have moved. Send them with the next edit, also those that fall
 //!   asleep before it.
 //! * Boxes that jitter: give them [margins](#margins-a-box).
@@ -84,21 +84,21 @@
 //!
 //! # What to want
 //!
-//! * [`Want::Changes`]: pairs that began and ended since the last answer that was taken. You keep the pairs.
-//! * [`Want::Moved`]: all pairs of the boxes that this edit names. You keep nothing. No ends are told.
-//! * [`Want::All`]: all pairs. You keep nothing. It costs what a frame costs, unless nothing has changed
+//! * [`Report::Changes`]: pairs that began and ended since the last answer that was taken. You keep the pairs.
+//! * [`Report::Moved`]: all pairs of the boxes that this edit names. You keep nothing. No ends are told.
+//! * [`Report::All`]: all pairs. You keep nothing. It costs what a frame costs, unless nothing has changed
 //!   since the last one.
-//! * [`Want::Nothing`]: loading, and ticks whose pairs you do not need. What it changes is told later.
+//! * [`Report::Nothing`]: loading, and ticks whose pairs you do not need. What it changes is told later.
 //!
-//! Each edit may want something else. A game may ask for [`Want::Moved`] in each tick of its physics, and
-//! ten times a second for [`Want::Changes`], for its triggers: a pair that began and ended again between
+//! Each edit may want something else. A game may ask for [`Report::Moved`] in each tick of its physics, and
+//! ten times a second for [`Report::Changes`], for its triggers: a pair that began and ended again between
 //! two taken answers is not told.
 //!
 //! # When to take
 //!
-//! * [`SceneAnswer::take`] says that you know what the answer tells. Take [`Want::Changes`] when your
-//!   contacts have it. Take [`Want::All`] only if it replaces your contacts.
-//! * Taking [`Want::Moved`] or [`Want::Nothing`] changes nothing.
+//! * [`SceneAnswer::take`] says that you know what the answer tells. Take [`Report::Changes`] when your
+//!   contacts have it. Take [`Report::All`] only if it replaces your contacts.
+//! * Taking [`Report::Moved`] or [`Report::Nothing`] changes nothing.
 //! * An answer that is dropped, lost or never waited for is not taken. Its edit is applied all the same. The
 //!   next changes are counted from the last answer that was taken: nothing is told twice, nothing never.
 //! * A [`SceneEdit`] that is dropped before [`commit`](SceneEdit::commit) changes nothing.
@@ -124,7 +124,7 @@
 //! ```
 //! use std::collections::{BTreeMap, BTreeSet};
 //!
-//! use pairmask::scene::{SceneOptions, Want};
+//! use pairmask::scene::{SceneOptions, Report};
 //! use pairmask::{Aabb, SceneAnswer, Session};
 //!
 //! /// What the game knows of two boxes that touch.
@@ -160,18 +160,18 @@
 //!
 //! // 5,000 crates in a row, none of which touch.
 //! let crates: Vec<Aabb> = (0..5_000).map(|i| crate_at(2.0 * i as f32)).collect();
-//! update(&mut contacts, &scene.edit().set_all(0..5_000, &crates).commit(Want::Changes)?.take());
+//! update(&mut contacts, &scene.edit().set_all(0..5_000, &crates).commit(Report::Changes)?);
 //! assert!(contacts.is_empty());
 //!
 //! // Two of them are pushed. The others are not sent.
 //! let edit = scene.edit().set(7, crate_at(15.5)).set(20, crate_at(41.25));
-//! update(&mut contacts, &edit.commit(Want::Changes)?.take());
+//! update(&mut contacts, &edit.commit(Report::Changes)?);
 //! assert!(contacts.keys().eq(&[[7, 8], [20, 21]]));
 //! contacts.insert([7, 8], Contact { impulse: 3.0 });
 //!
 //! // A resync: contacts that go on stay what they are.
-//! scene.lose();
-//! let answer = scene.edit().set(20, crate_at(40.0)).commit(Want::Changes)?.take();
+//! scene.resync();
+//! let answer = scene.edit().set(20, crate_at(40.0)).commit(Report::Changes)?;
 //! assert!(answer.is_resync());
 //! update(&mut contacts, &answer);
 //! assert!(contacts.len() == 1 && contacts[&[7, 8]].impulse == 3.0);
@@ -197,7 +197,7 @@
 //! * Boxes that leave their margin in each frame cost more than in a plain scene.
 //!
 //! ```
-//! use pairmask::scene::{MarginedPairs, SceneOptions, Want};
+//! use pairmask::scene::{MarginedPairs, SceneOptions, Report};
 //! use pairmask::{Aabb, Margin, Session};
 //!
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -209,14 +209,14 @@
 //!
 //! // A row of 1,000 that sway, 1.125 units apart. One of them teleports in each frame.
 //! let mut row: Vec<Aabb> = (0..1_000).map(|i| at(1.125 * i as f32)).collect();
-//! drop(scene.edit().set_all(0..1_000, &row).commit(Want::Changes)?.take());
+//! drop(scene.edit().set_all(0..1_000, &row).commit(Report::Changes)?);
 //! for frame in 0..16 {
 //!     let sway = if frame % 2 == 0 { 0.125 } else { 0.0 };
 //!     for (i, b) in row.iter_mut().enumerate().skip(1).step_by(2) {
 //!         *b = at(1.125 * i as f32 + sway);
 //!     }
 //!     row[0] = at(2_000.0 + frame as f32);
-//!     let answer = scene.edit().set_all(0..1_000, &row).commit(Want::Changes)?.take();
+//!     let answer = scene.edit().set_all(0..1_000, &row).commit(Report::Changes)?;
 //!     let touch = if frame % 2 == 0 { answer.begun().len() } else { answer.ended().len() };
 //!     assert_eq!(touch, 499, "each that sways with the one to its right");
 //! }
@@ -229,7 +229,7 @@
 //! # Static worlds and traffic
 //!
 //! ```
-//! use pairmask::scene::{SceneOptions, Want};
+//! use pairmask::scene::{SceneOptions, Report};
 //! use pairmask::{Aabb, Session};
 //!
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -240,17 +240,17 @@
 //! let house = |i: u32| Aabb::new([10.0 * i as f32, 0.0, 0.0], [10.0 * (i + 1) as f32, 20.0, 10.0]);
 //! let houses: Vec<Aabb> = (0..100).map(house).collect();
 //! let edit = city.edit().set_all(0..100, &houses).make_all_static(0..100, true);
-//! drop(edit.commit(Want::Nothing)?);
+//! drop(edit.commit(Report::Nothing)?);
 //!
 //! // Cars are set in each frame, and asked for.
 //! let car = |x: f32| Aabb::new([x, 0.0, 9.0], [x + 4.0, 1.5, 11.0]);
 //! let cars = [car(3.0), car(252.0), car(255.0)];
-//! let answer = city.edit().set_all(100..103, &cars).commit(Want::Moved)?;
+//! let answer = city.edit().set_all(100..103, &cars).commit(Report::Moved)?;
 //! assert_eq!(answer.pairs(), [[0, 100], [25, 101], [25, 102], [101, 102]]);
 //! drop(answer);
 //!
 //! // The block is unloaded. Its indices are free for another one.
-//! drop(city.edit().remove_all(0..100).commit(Want::Nothing)?);
+//! drop(city.edit().remove_all(0..100).commit(Report::Nothing)?);
 //! assert_eq!(city.len(), 3);
 //! # Ok(())
 //! # }
@@ -259,7 +259,7 @@
 //! # Pools, and answers that are not taken
 //!
 //! ```
-//! use pairmask::scene::{EndReason, SceneOptions, Want};
+//! use pairmask::scene::{EndReason, SceneOptions, Report};
 //! use pairmask::{Aabb, Session};
 //!
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -269,21 +269,21 @@
 //! // Indices 0 to 7 are projectiles that nobody has fired, index 8 is a target.
 //! let boxes = [Aabb::new([0.0; 3], [1.0; 3]); 9];
 //! let edit = scene.edit().set_all(0..9, &boxes).switch_all(0..8, false);
-//! let answer = edit.commit(Want::Changes)?.take();
+//! let answer = edit.commit(Report::Changes)?;
 //! assert!(answer.begun().is_empty());
 //! drop(answer);
 //!
 //! // One is fired, in a tick whose pairs nobody asks for.
-//! drop(scene.edit().set(3, boxes[8]).switch(3, true).commit(Want::Nothing)?);
+//! drop(scene.edit().set(3, boxes[8]).switch(3, true).commit(Report::Nothing)?);
 //!
 //! // The next tick is told of it. It does not take the answer, so that the one after is told again.
 //! for _ in 0..2 {
-//!     assert_eq!(scene.edit().commit(Want::Changes)?.begun(), [[3, 8]]);
+//!     assert_eq!(scene.edit().commit(Report::Changes)?.begun(), [[3, 8]]);
 //! }
 //!
 //! // Taken at last. Then the projectile goes back to the pool.
-//! drop(scene.edit().commit(Want::Changes)?.take());
-//! let answer = scene.edit().switch(3, false).commit(Want::Changes)?.take();
+//! drop(scene.edit().commit(Report::Changes)?);
+//! let answer = scene.edit().switch(3, false).commit(Report::Changes)?;
 //! let ended = answer.ended().to_vec();
 //! assert_eq!((ended[0].pair, ended[0].reason), ([3, 8], EndReason::Filtered));
 //! # Ok(())
@@ -299,7 +299,7 @@
 //!
 //! ```
 //! use pairmask::filters::{Filter, FilterId, FilterTable, Owner, Tag};
-//! use pairmask::scene::{SceneOptions, Want};
+//! use pairmask::scene::{SceneOptions, Report};
 //! use pairmask::{Aabb, Session};
 //!
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -317,12 +317,12 @@
 //! let edit = scene.edit().set_all(0..4, &boxes).filters(&table);
 //! let tags = [robot, robot, sensor, sensor];
 //! let edit = edit.tag_all(0..4, &tags);
-//! let answer = edit.commit(Want::Changes)?.take();
+//! let answer = edit.commit(Report::Changes)?;
 //! assert_eq!(answer.begun(), [[0, 2], [0, 3], [1, 2], [1, 3]]);
 //! drop(answer);
 //!
 //! // The robot is taken apart.
-//! let answer = scene.edit().tag(1, robot.with_owner(Owner(2))).commit(Want::Changes)?.take();
+//! let answer = scene.edit().tag(1, robot.with_owner(Owner(2))).commit(Report::Changes)?;
 //! assert_eq!(answer.begun(), [[0, 1]]);
 //! # Ok(())
 //! # }
@@ -385,6 +385,6 @@
 //! * narrow forms: `README.md`, section `2026-11-21-h200`.
 
 #[cfg(doc)]
-use crate::scene::{MarginedPairs, SceneOptions, Want};
+use crate::scene::{MarginedPairs, Report, SceneOptions};
 #[cfg(doc)]
 use crate::{Aabb, Backend, CommitError, FrameError, Scene, SceneAnswer, SceneEdit, Session};

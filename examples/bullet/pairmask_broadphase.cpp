@@ -127,7 +127,7 @@ void PairmaskBroadphase::getAabb(btBroadphaseProxy *proxy, btVector3 &low, btVec
   high = proxy->m_aabbMax;
 }
 
-void PairmaskBroadphase::commit(pairmask::Want want) {
+void PairmaskBroadphase::commit(pairmask::Report report) {
   if (!removed_.empty()) {
     std::sort(removed_.begin(), removed_.end());
     removed_.erase(std::unique(removed_.begin(), removed_.end()), removed_.end());
@@ -137,7 +137,7 @@ void PairmaskBroadphase::commit(pairmask::Want want) {
     scene_.remove(pairmask::list(removed_)).value();
   }
   scene_.set_all(pairmask::list(changed_), boxes_).value();
-  scene_.commit(want).value();
+  scene_.commit(report).value();
   for (const std::uint32_t index : changed_) {
     proxies_[index]->changed = NOWHERE;
   }
@@ -185,7 +185,7 @@ void PairmaskBroadphase::calculateOverlappingPairs(btDispatcher *dispatcher) {
   if (!has_changes() && !is_untold_) {
     return;
   }
-  commit(pairmask::Want::Changes);
+  commit(pairmask::Report::Changes);
   is_untold_ = false;
   if (scene_.is_resync()) {
     resync(scene_.pairs(), dispatcher);
@@ -218,13 +218,12 @@ void PairmaskBroadphase::calculateOverlappingPairs(btDispatcher *dispatcher) {
     }
     told_.swap(next_told_);
   }
-  scene_.take().value();
 }
 
 template <class F> void PairmaskBroadphase::find(const std::vector<pairmask::Box> &boxes, F visit) {
   if (has_changes()) {
     // What began and ended by it is told with the next changes.
-    commit(pairmask::Want::Nothing);
+    commit(pairmask::Report::Nothing);
     is_untold_ = true;
   }
   const auto found = scene_.query(boxes).value();

@@ -59,7 +59,7 @@ private:
   void send(Proxy &proxy);
   bool has_changes() const { return !changed_.empty() || !removed_.empty(); }
   // Sends what has changed, for an answer or for none.
-  void commit(pairmask::Want want);
+  void commit(pairmask::Report report);
   // Calls `visit(proxy)` for the boxes of the scene that some boxes overlap, each once.
   template <class F> void find(const std::vector<pairmask::Box> &boxes, F visit);
   void begin_pair(std::uint32_t a, std::uint32_t b);

@@ -1,6 +1,6 @@
 //! A frame of the simulation: boxes move, the scene tells what changed, contacts push.
 
-use pairmask::scene::{SceneOptions, Want};
+use pairmask::scene::{Report, SceneOptions};
 use pairmask::{CommitError, Scene, ServedBy, Session};
 
 use crate::contacts::Contacts;
@@ -28,7 +28,7 @@ impl Simulation {
         let (boxes, statics) = (world.boxes(), world.statics());
         let edit = scene.edit().set_all(0..boxes.len() as u32, &boxes);
         // Floor and walls overlap at the edges, which is no contact: two static boxes are no pair.
-        drop(edit.make_all_static(statics, true).commit(Want::Nothing)?);
+        drop(edit.make_all_static(statics, true).commit(Report::Nothing)?);
         Ok(Self { world, scene, contacts: Contacts::new() })
     }
 
@@ -39,8 +39,7 @@ impl Simulation {
 
         let (indices, boxes) = world.moved();
         let (sent, edit) = (indices.len(), scene.edit().set_all(indices, boxes));
-        // Taken: the next answer tells what changes from here on.
-        let answer = edit.commit(Want::Changes)?.take();
+        let answer = edit.commit(Report::Changes)?;
         let changed = contacts.update(&answer, |pair| world.contact_axis(pair));
 
         world.wake(&changed);

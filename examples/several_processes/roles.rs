@@ -4,7 +4,7 @@ use std::error::Error;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-use pairmask::scene::Want;
+use pairmask::scene::Report;
 use pairmask::scene::shared::Hears;
 use pairmask::{Aabb, Backend, JoinOptions, Scene, Session, SharedError};
 
@@ -103,15 +103,15 @@ pub fn write(arguments: &Arguments, which: u32) -> Result<(), Box<dyn Error>> {
         std::thread::sleep(Duration::from_millis(20));
     }
     let all: Vec<Aabb> = own.clone().map(|index| place(index, 0, boxes)).collect();
-    drop(scene.edit().set_all(own.clone(), &all).commit(Want::Changes)?.take());
+    drop(scene.edit().set_all(own.clone(), &all).commit(Report::Changes)?);
     for step in 1.. {
         let moving: Vec<u32> = own
             .clone()
             .filter(|index| (u64::from(*index) + step).is_multiple_of(u64::from(MOVING_SHARE)))
             .collect();
         let moved: Vec<Aabb> = moving.iter().map(|index| place(*index, step, boxes)).collect();
-        match scene.edit().set_all(&moving, &moved).commit(Want::Changes) {
-            Ok(answer) => drop(answer.take()),
+        match scene.edit().set_all(&moving, &moved).commit(Report::Changes) {
+            Ok(answer) => drop(answer),
             Err(_) if start.elapsed() < PATIENCE => {}
             Err(error) => return Err(error.into()),
         }
@@ -126,7 +126,7 @@ pub fn listen(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
     let mut printed = Instant::now();
     let mut seen = 0;
     while seen < arguments.ticks {
-        let answer = scene.edit().commit(Want::Changes)?.take();
+        let answer = scene.edit().commit(Report::Changes)?;
         pairs = if answer.is_resync() {
             answer.pairs().len() as u64
         } else {

@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
-use pairmask::scene::Want;
+use pairmask::scene::Report;
 use pairmask::{Aabb, Backend, ServedBy, Session};
 use pairmaskd::spawn::{PrivateDaemon, PrivateSettings};
 
@@ -170,8 +170,7 @@ fn fresh_pairs(session: &mut Session, simulation: &Simulation) -> Vec<Pair> {
     frame.boxes_mut().copy_from_slice(&boxes);
     let mask = frame.submit().unwrap().wait().unwrap();
     let first_static = simulation.world.statics().start;
-    let mut pairs: Vec<Pair> =
-        mask.pairs().map(|[a, b]| [a, b]).filter(|[a, _]| *a < first_static).collect();
+    let mut pairs: Vec<Pair> = mask.pairs().filter(|[a, _]| *a < first_static).collect();
     pairs.sort_unstable();
     pairs
 }
@@ -205,7 +204,7 @@ fn contacts_of_falling_boxes_are_the_pairs_of_a_fresh_frame() {
         }
         if frame % 5 == 0 {
             // A resync in place of changes, to one of them.
-            there.scene.lose();
+            there.scene.resync();
         }
         let by = if daemon.is_some() { ServedBy::Daemon } else { ServedBy::InProcess };
         assert_eq!((step(&mut here), step(&mut there)), (ServedBy::InProcess, by), "{frame}");
@@ -216,7 +215,7 @@ fn contacts_of_falling_boxes_are_the_pairs_of_a_fresh_frame() {
             let kept: Vec<Pair> = simulation.contacts.iter().map(|(pair, _)| pair).collect();
             assert_eq!(kept, fresh_pairs(&mut fresh, simulation), "{frame}");
             // Not taken: the next changes are still counted from the contacts.
-            let all = simulation.scene.edit().commit(Want::All).unwrap();
+            let all = simulation.scene.edit().commit(Report::All).unwrap();
             assert_eq!(kept, all.pairs().to_vec(), "{frame}");
         }
     }

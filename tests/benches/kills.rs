@@ -35,7 +35,7 @@ struct Options {
 
 fn frame(session: &mut Session, boxes: &[Aabb]) -> Result<(), Box<dyn Error>> {
     let mut frame = session.frame(boxes.len())?;
-    frame.write(boxes).unwrap();
+    frame.write(boxes)?;
     black_box(frame.submit()?.wait()?.count());
     Ok(())
 }

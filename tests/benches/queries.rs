@@ -81,7 +81,7 @@ fn ask(
     let mut session = session(daemon, backend, n)?;
     let mut scene = session.scene(SceneOptions::default());
     let edit = scene.edit().set_all(0..u32::try_from(n)?, &boxes);
-    drop(edit.commit(Want::Nothing)?);
+    drop(edit.commit(Report::Nothing)?);
     let begin = Instant::now();
     drop(scene.query(&sets[0]).find()?);
     let first = micros(begin);

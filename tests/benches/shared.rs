@@ -58,7 +58,7 @@ fn moving(range: std::ops::Range<u32>, tick: u64, share: u32) -> Vec<u32> {
 }
 
 fn commit(scene: &mut Scene, indices: &[u32], boxes: &[Aabb]) -> Result<(), pairmask::CommitError> {
-    let answer = scene.edit().set_all(indices, boxes).commit(Want::Changes)?.take();
+    let answer = scene.edit().set_all(indices, boxes).commit(Report::Changes)?;
     black_box((answer.begun().len(), answer.ended().len()));
     Ok(())
 }
@@ -162,9 +162,9 @@ fn measure(
             ends.wait();
             let shared = span.take_us();
             let start = Instant::now();
-            match alone.edit().set_all(&indices, &moved).commit(Want::Changes) {
+            match alone.edit().set_all(&indices, &moved).commit(Report::Changes) {
                 Ok(answer) => {
-                    let answer = answer.take();
+                    let answer = answer;
                     black_box((answer.begun().len(), answer.ended().len()));
                 }
                 // The writers wait for this thread at all barriers.

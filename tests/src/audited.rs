@@ -1,7 +1,7 @@
 //! A daemon whose auditor checks every frame, and its report on some frames.
 
 use pairmask::{Backend, Session};
-use pairmask_core::scene::{SceneOptions, Want};
+use pairmask_core::scene::{Report, SceneOptions};
 use pairmask_core::{Aabb, Encoding, EncodingChoice, Sphere};
 use pairmask_transport::RuntimeDir;
 use rustix::process::{Pid, Signal, kill_process};
@@ -43,7 +43,7 @@ pub fn audit<P: Program>(encoding: Encoding, shape: Shape) -> (Value, String) {
     let mut scene = (shape == Shape::Queries).then(|| session.scene(SceneOptions::default()));
     if let Some(scene) = &mut scene {
         let edit = scene.edit().set_all(0..(OBJECTS - FIRST) as u32, &boxes[FIRST..]);
-        drop(edit.commit(Want::Nothing).expect("an edit is answered"));
+        drop(edit.commit(Report::Nothing).expect("an edit is answered"));
     }
     for _ in 0..5 {
         if let Some(scene) = &mut scene {
@@ -56,7 +56,7 @@ pub fn audit<P: Program>(encoding: Encoding, shape: Shape) -> (Value, String) {
             frame.submit()
         } else {
             let mut frame = session.frame(OBJECTS).expect("memory for a frame");
-            frame.write(&boxes).unwrap();
+            frame.write(&boxes).expect("as many boxes as asked for");
             match shape {
                 Shape::Sets => frame.submit_with(&two_sets(FIRST)),
                 _ => frame.submit(),

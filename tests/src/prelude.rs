@@ -11,7 +11,7 @@ pub use pairmask_core::engine::{
 pub use pairmask_core::mask::{MaskShape, MaskView};
 pub use pairmask_core::oracle::Pair;
 pub use pairmask_core::precision::{BoxSlice, Widening};
-pub use pairmask_core::scene::{Edit, QueryTags, SceneError, SceneOptions, Sets, Step, Want};
+pub use pairmask_core::scene::{Edit, QueryTags, Report, SceneError, SceneOptions, Sets, Step};
 pub use pairmask_core::{
     Aabb, Bounds, BoxClass, BoxCount, BoxForm, Encoding, EncodingChoice, EngineChoice, EngineName,
     Precision, Sphere,

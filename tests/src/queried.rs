@@ -1,7 +1,7 @@
 //! Queries of scenes beside the model, which compares each query with each box, after each of random edits.
 
 use pairmask_core::filters::{FilterId, Owner, Tag, World};
-use pairmask_core::scene::{Edit, QueryTags, Want};
+use pairmask_core::scene::{Edit, QueryTags, Report};
 use pairmask_core::{Aabb, Encoding};
 
 use crate::scene_model::{BareScene, Edits, Grouped};
@@ -19,7 +19,7 @@ pub trait QueriedScene {
 
 impl<S: BareScene> QueriedScene for S {
     fn edit(&mut self, edit: Edit<'_>) {
-        BareScene::edit(self, edit, Want::Nothing).expect("a right edit");
+        BareScene::edit(self, edit, Report::Nothing).expect("a right edit");
     }
 
     fn query(&mut self, queries: &[Aabb], tags: QueryTags<'_>, _: Encoding) -> Vec<Pair> {

@@ -392,8 +392,8 @@ typedef struct {
   const uint32_t *values;
 } pm_indices;
 
-// Which answer is wanted of an edit: one of `PM_WANT_...`.
-typedef uint32_t pm_want;
+// Which answer is wanted of an edit: one of `PM_REPORT_...`.
+typedef uint32_t pm_report;
 
 // What becomes of a dead writer's boxes: one of `PM_AT_END_...`.
 typedef uint32_t pm_at_end;
@@ -660,17 +660,17 @@ typedef struct {
 // The bits of `count` values: bit t of value w is index `first + 32 w + t`.
 #define PM_INDICES_MASK 2
 
-// Pairs that began and ended since the last answer that was taken.
-#define PM_WANT_CHANGES 0
+// Pairs that began and ended since the last answer that was waited for.
+#define PM_REPORT_CHANGES 0
 
 // Pairs of now with at least one box that the edit set, switched or flagged.
-#define PM_WANT_MOVED 1
+#define PM_REPORT_MOVED 1
 
 // All pairs of now.
-#define PM_WANT_ALL 2
+#define PM_REPORT_ALL 2
 
 // Nothing: the edit is applied.
-#define PM_WANT_NOTHING 3
+#define PM_REPORT_NOTHING 3
 
 // As the others say; they are removed where nobody says anything.
 #define PM_AT_END_ANY 0
@@ -939,7 +939,7 @@ pm_code pm_scene_create(pm_session session,
 pm_code pm_scene_drop(pm_scene scene);
 
 // Forgets what was told: the next changes are a resync. The scene's answer ends.
-pm_code pm_scene_lose(pm_scene scene);
+pm_code pm_scene_resync(pm_scene scene);
 
 // The box of an index, also one that is switched off; `PM_ERR_ABSENT` where there is none. The scene's answer
 // ends.
@@ -964,22 +964,18 @@ pm_code pm_scene_query(pm_scene scene,
 pm_code pm_scene_answer(pm_scene scene,
                         pm_answer *answer);
 
-// Takes the answer: what it tells is known from now on, and the next changes are counted from it. An answer that
-// is not taken is told again.
-pm_code pm_scene_take(pm_scene scene);
-
-// Pairs that began, for `PM_WANT_CHANGES`, as an array that lives until the answer ends: with the next call
+// Pairs that began, for `PM_REPORT_CHANGES`, as an array that lives until the answer ends: with the next call
 // that writes an edit or asks the scene something.
 pm_code pm_scene_begun(pm_scene scene,
                        const pm_pair **pairs,
                        size_t *count);
 
-// Pairs of now, for `PM_WANT_ALL`, `PM_WANT_MOVED` and a resync, as an array that lives until the answer ends.
+// Pairs of now, for `PM_REPORT_ALL`, `PM_REPORT_MOVED` and a resync, as an array that lives until the answer ends.
 pm_code pm_scene_pairs(pm_scene scene,
                        const pm_pair **pairs,
                        size_t *count);
 
-// Pairs that ended, for `PM_WANT_CHANGES`, as an array that lives until the answer ends.
+// Pairs that ended, for `PM_REPORT_CHANGES`, as an array that lives until the answer ends.
 pm_code pm_scene_ended(pm_scene scene,
                        const pm_ended **ended,
                        size_t *count);
@@ -1085,7 +1081,7 @@ pm_code pm_scene_discard(pm_scene scene);
 // their order, then what is about rules. A daemon works on it while this thread does something else.
 // Whatever is returned, the edit is written no more.
 pm_code pm_scene_submit(pm_scene scene,
-                        pm_want want);
+                        pm_report report);
 
 // Waits for the answer to what was submitted, as long as the session's deadline allows, and for a shared scene
 // until its tick ends. After an error the edit is applied, and the next answer makes up for this one.
@@ -1093,7 +1089,7 @@ pm_code pm_scene_wait(pm_scene scene);
 
 // `pm_scene_submit` and `pm_scene_wait`.
 pm_code pm_scene_commit(pm_scene scene,
-                        pm_want want);
+                        pm_report report);
 
 // Joins a scene that several processes write, by its name: 1 to 64 letters, digits and `-_.:/`. It needs a daemon.
 // `options` may be null.

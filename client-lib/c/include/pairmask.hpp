@@ -61,11 +61,11 @@ enum class ServedBy : std::uint32_t {
   ThisProcess = PM_SERVED_BY_THIS_PROCESS,
 };
 
-enum class Want : std::uint32_t {
-  Changes = PM_WANT_CHANGES,
-  Moved = PM_WANT_MOVED,
-  All = PM_WANT_ALL,
-  Nothing = PM_WANT_NOTHING,
+enum class Report : std::uint32_t {
+  Changes = PM_REPORT_CHANGES,
+  Moved = PM_REPORT_MOVED,
+  All = PM_REPORT_ALL,
+  Nothing = PM_REPORT_NOTHING,
 };
 
 // An array that somebody else owns. It converts to std::span where there is one.
@@ -531,15 +531,14 @@ public:
   }
   Result<void> discard() { return detail::done(pm_scene_discard(get())); }
 
-  Result<void> submit(Want want) {
-    return detail::done(pm_scene_submit(get(), static_cast<pm_want>(want)));
+  Result<void> submit(Report report) {
+    return detail::done(pm_scene_submit(get(), static_cast<pm_report>(report)));
   }
   Result<void> wait() { return detail::done(pm_scene_wait(get())); }
-  Result<void> commit(Want want) {
-    return detail::done(pm_scene_commit(get(), static_cast<pm_want>(want)));
+  Result<void> commit(Report report) {
+    return detail::done(pm_scene_commit(get(), static_cast<pm_report>(report)));
   }
   // What the answer tells is known from now on.
-  Result<void> take() { return detail::done(pm_scene_take(get())); }
 
   pm_answer answer() const noexcept {
     auto answer = detail::sized<pm_answer>();
@@ -568,7 +567,7 @@ public:
   std::vector<Range> late() const { return ranges(pm_scene_late); }
 
   // The next changes are a resync.
-  Result<void> lose() { return detail::done(pm_scene_lose(get())); }
+  Result<void> resync() { return detail::done(pm_scene_resync(get())); }
   Result<Box> box(std::uint32_t index) {
     Box b{};
     const pm_code code = pm_scene_get(get(), index, &b);

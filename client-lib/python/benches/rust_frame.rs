@@ -33,7 +33,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         for _ in 0..frames {
             let begun = Instant::now();
             let mut frame = session.frame(boxes.len())?;
-            frame.write(&boxes).unwrap();
+            frame.write(&boxes)?;
             let mask = frame.submit()?.wait()?;
             let mut pairs = Vec::with_capacity(mask.count() as usize);
             mask.for_each_slice(|some| pairs.extend_from_slice(some));

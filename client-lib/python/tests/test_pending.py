@@ -73,7 +73,7 @@ def test_a_scene_is_left_alone_while_its_edit_is_under_way(daemon: Daemon, backe
 
 
 @BACKENDS
-@pytest.mark.parametrize("way", ["dropped", "closed", "left", "not taken"])
+@pytest.mark.parametrize("way", ["dropped", "closed", "left"])
 def test_an_answer_that_is_given_up_is_told_again(daemon: Daemon, backend: str, way: str) -> None:
     with daemon.session(backend) as session:
         boxes = oracle.boxes_of(300, 2)
@@ -89,8 +89,6 @@ def test_an_answer_that_is_given_up_is_told_again(daemon: Daemon, backend: str, 
                 elif way == "left":
                     with pending:
                         pass
-                elif way == "not taken":
-                    pending.wait(take=False)
                 del pending
             scene.edit().set(range(300), boxes, *margin).submit().close()
             assert len(scene) == 300

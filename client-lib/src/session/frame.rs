@@ -92,7 +92,7 @@ impl Written {
 }
 
 pub(super) mod sealed {
-    use super::*;
+    use super::{Objects, Pod, Shelf, Spares};
 
     /// How frames hold a kind of object.
     pub trait Object {

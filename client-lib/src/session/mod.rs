@@ -159,7 +159,7 @@ impl Session {
     /// name some.
     ///
     /// ```
-    /// use pairmask::scene::{SceneOptions, Want};
+    /// use pairmask::scene::{SceneOptions, Report};
     /// use pairmask::{Aabb, Backend, Session};
     ///
     /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -167,10 +167,10 @@ impl Session {
     /// let mut scene = session.scene(SceneOptions::default());
     /// let at = |x: f32| Aabb::new([x, 0.0, 0.0], [x + 1.0, 1.0, 1.0]);
     ///
-    /// let told = scene.edit().set(7, at(0.0)).set(9, at(0.5)).commit(Want::Changes)?.take();
+    /// let told = scene.edit().set(7, at(0.0)).set(9, at(0.5)).commit(Report::Changes)?;
     /// assert_eq!(told.begun().to_vec(), [[7, 9]]);
     ///
-    /// let told = scene.edit().set(9, at(5.0)).commit(Want::Changes)?.take();
+    /// let told = scene.edit().set(9, at(5.0)).commit(Report::Changes)?;
     /// assert_eq!(told.ended().to_vec()[0].pair, [7, 9]);
     /// # Ok(())
     /// # }
@@ -179,7 +179,7 @@ impl Session {
     /// Boxes may have [margins](crate::scene::SceneMargins), and are sent only when they have left theirs:
     ///
     /// ```
-    /// use pairmask::scene::{MarginedPairs, SceneOptions, Want};
+    /// use pairmask::scene::{MarginedPairs, SceneOptions, Report};
     /// use pairmask::{Aabb, Backend, Margin, Session};
     ///
     /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -190,10 +190,10 @@ impl Session {
     /// let at = |x: f32| Aabb::new([x, 0.0, 0.0], [x + 1.0, 1.0, 1.0]);
     ///
     /// let edit = scene.edit().set(7, at(0.0)).set(9, at(1.2));
-    /// assert!(edit.commit(Want::Changes)?.take().begun().is_empty());
+    /// assert!(edit.commit(Report::Changes)?.begun().is_empty());
     ///
     /// // Within its margin: no request is made, and the pair is told.
-    /// let answer = scene.edit().set(9, at(0.8)).commit(Want::Changes)?.take();
+    /// let answer = scene.edit().set(9, at(0.8)).commit(Report::Changes)?;
     /// assert_eq!(answer.begun(), [[7, 9]]);
     /// drop(answer);
     /// let stats = scene.margin_stats().expect("it has margins");
@@ -223,10 +223,10 @@ impl Session {
     /// member that has lost its membership and joins again, since it sends all boxes that it knows.
     ///
     /// There is no such scene in process: without a daemon this is an error, with any backend. It answers neither
-    /// [`Want::Moved`](crate::scene::Want::Moved) nor [queries](Scene::query).
+    /// [`Report::Moved`](crate::scene::Report::Moved) nor [queries](Scene::query).
     ///
     /// ```no_run
-    /// use pairmask::scene::Want;
+    /// use pairmask::scene::Report;
     /// use pairmask::{Aabb, JoinOptions, Session};
     ///
     /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -237,7 +237,7 @@ impl Session {
     /// for step in 0..100 {
     ///     let x = step as f32;
     ///     let edit = scene.edit().set(7, Aabb::new([x, 0.0, 0.0], [x + 1.0, 1.0, 1.0]));
-    ///     let told = edit.commit(Want::Changes)?.take();
+    ///     let told = edit.commit(Report::Changes)?;
     ///     println!("tick {:?}: {} pairs began", told.tick(), told.begun().len());
     ///     for range in told.late() {
     ///         println!("the writer of {range:?} was late");

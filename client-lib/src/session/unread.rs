@@ -9,7 +9,7 @@ use std::marker::PhantomData;
 use std::sync::{Arc, Mutex, MutexGuard, TryLockError, Weak};
 use std::time::Instant;
 
-use pairmask_core::scene::Want;
+use pairmask_core::scene::Report;
 use pairmask_core::units::BoxCount;
 use pairmask_wire::{ReplyFields, RequestHeader, SceneReply};
 
@@ -25,7 +25,7 @@ use super::local::lock;
 pub(super) struct SentEdit {
     pub exchange: Exchange,
     pub asked: ReplyFields,
-    pub want: Want,
+    pub report: Report,
     pub expected: Expected,
 }
 
@@ -39,10 +39,10 @@ impl SentEdit {
     /// What the answer tells, if it comes until then; its memory is given back. Else the edit.
     #[allow(clippy::result_large_err)] // Its caller puts it back.
     fn receive_until(self, deadline: Instant) -> Result<Outcome, Self> {
-        let Self { exchange, asked, want, expected } = self;
+        let Self { exchange, asked, report, expected } = self;
         match exchange.end_until(deadline) {
             Ok(answer) => Ok(answer.and_then(|answer| Ok(parse(answer, &asked)?.1))),
-            Err(exchange) => Err(Self { exchange, asked, want, expected }),
+            Err(exchange) => Err(Self { exchange, asked, report, expected }),
         }
     }
 }
@@ -266,7 +266,7 @@ impl UnreadEdits {
                     box_count: BoxCount::default(),
                 };
                 let expected = link.expect(0);
-                let sent = SentEdit { exchange, asked, want: Want::Nothing, expected };
+                let sent = SentEdit { exchange, asked, report: Report::Nothing, expected };
                 lock(&self.ended).sent.push(Arc::new(Unread(Mutex::new(State::Sent(sent)))));
             }
         }

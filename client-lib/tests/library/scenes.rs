@@ -1,6 +1,6 @@
 //! Scenes of a session: the edit as it is written, and answers that are taken or dropped.
 
-use pairmask::scene::{EditError, EndReason, Indices, SceneOptions, Want};
+use pairmask::scene::{EditError, EndReason, Indices, Report, SceneOptions};
 use pairmask::{Aabb, Backend, CommitError, Scene, Session};
 
 fn scene() -> Scene {
@@ -15,16 +15,16 @@ fn at(x: f32) -> Aabb {
 #[test]
 fn an_answer_that_is_dropped_is_made_up_for() {
     let mut scene = scene();
-    drop(scene.edit().set(1, at(0.0)).set(2, at(0.5)).commit(Want::Changes).expect("an answer"));
-    let answer = scene.edit().set(3, at(1.2)).commit(Want::Changes).expect("an answer");
+    drop(scene.edit().set(1, at(0.0)).set(2, at(0.5)).commit(Report::Changes).expect("an answer"));
+    let answer = scene.edit().set(3, at(1.2)).commit(Report::Changes).expect("an answer");
     assert_eq!(answer.begun(), [[1, 2], [2, 3]], "the first one was dropped");
-    assert_eq!(answer.take().begun(), [[1, 2], [2, 3]]);
-    let answer = scene.edit().commit(Want::Changes).expect("an answer");
+    assert_eq!(answer.begun(), [[1, 2], [2, 3]]);
+    let answer = scene.edit().commit(Report::Changes).expect("an answer");
     assert!(answer.begun().is_empty() && answer.ended().is_empty(), "it was taken");
     drop(answer);
     // Begun and ended again in answers that were dropped: nothing to tell.
-    drop(scene.edit().set(1, at(9.0)).commit(Want::Changes).expect("an answer"));
-    let told = scene.edit().set(1, at(0.0)).commit(Want::Changes).expect("an answer").take();
+    drop(scene.edit().set(1, at(9.0)).commit(Report::Changes).expect("an answer"));
+    let told = scene.edit().set(1, at(0.0)).commit(Report::Changes).expect("an answer");
     assert!(told.begun().is_empty() && told.ended().is_empty());
 }
 
@@ -33,7 +33,7 @@ fn an_edit_that_is_not_committed_does_nothing() {
     let mut scene = scene();
     let _ = scene.edit().set(1, at(0.0));
     assert!(scene.is_empty());
-    let answer = scene.edit().set(2, at(0.0)).commit(Want::All).expect("an answer");
+    let answer = scene.edit().set(2, at(0.0)).commit(Report::All).expect("an answer");
     assert_eq!(answer.pair_count(), Some(0));
     drop(answer);
     assert_eq!((scene.len(), scene.get(1), scene.get(2)), (1, None, Some(at(0.0))));
@@ -45,23 +45,23 @@ fn every_step_is_applied() {
     let row = [0, 1, 2, 3].map(|i| at(0.6 * i as f32));
     let edit = scene.edit().set_all(0..2, &row[..2]);
     let edit = edit.set_all(Indices::Mask { first: 2, words: &[0b11] }, &row[2..]);
-    let told = edit.commit(Want::Changes).expect("an answer").take();
+    let told = edit.commit(Report::Changes).expect("an answer");
     assert_eq!(told.begun(), [[0, 1], [1, 2], [2, 3]]);
 
     let edit = scene.edit().switch(0, false).make_all_static(&[1, 2], true).remove(3);
-    let told = edit.commit(Want::Changes).expect("an answer").take();
+    let told = edit.commit(Report::Changes).expect("an answer");
     let ended: Vec<_> = told.ended().into_iter().map(|ended| (ended.pair, ended.reason)).collect();
     let filtered = EndReason::Filtered;
     assert_eq!(ended, [([0, 1], filtered), ([1, 2], filtered), ([2, 3], EndReason::Removed)]);
 
     let edit = scene.edit().switch_all(0..1, true).make_static(2, false).remove_all(&[1]);
-    let told = edit.set(1, at(0.6)).commit(Want::Moved).expect("an answer").take();
+    let told = edit.set(1, at(0.6)).commit(Report::Moved).expect("an answer");
     assert_eq!(told.pairs(), [[0, 1], [1, 2]]);
-    let told = scene.edit().commit(Want::Changes).expect("an answer").take();
+    let told = scene.edit().commit(Report::Changes).expect("an answer");
     assert_eq!(told.begun(), [[0, 1], [1, 2]], "moved pairs are not told: the changes are");
 
-    scene.lose();
-    let told = scene.edit().commit(Want::Changes).expect("an answer").take();
+    scene.resync();
+    let told = scene.edit().commit(Report::Changes).expect("an answer");
     assert!(told.is_resync());
     assert_eq!(told.pairs(), [[0, 1], [1, 2]]);
 }
@@ -95,8 +95,8 @@ fn boxes_by_a_function_are_those_of_an_array() {
             assert_eq!(order, *boxes, "once each, in order");
         }
         let (one, other) = (one.set(49, x(49)), other.set(49, x(49)));
-        let expected = one.commit(Want::Changes).expect("an answer").take();
-        let told = other.commit(Want::Changes).expect("an answer").take();
+        let expected = one.commit(Report::Changes).expect("an answer");
+        let told = other.commit(Report::Changes).expect("an answer");
         assert_eq!(told.begun().to_vec(), expected.begun().to_vec());
         assert_eq!(told.ended().to_vec(), expected.ended().to_vec());
         assert_eq!(told.pair_count(), expected.pair_count());
@@ -117,19 +117,19 @@ fn no_box_is_asked_for_an_index_that_the_scene_cannot_have() {
     ];
     for (indices, index) in wrong {
         let edit = scene.edit().set(1, at(0.0)).set_with(indices, |i| panic!("asked for {i}"));
-        let refused = edit.commit(Want::Changes).map(drop);
+        let refused = edit.commit(Report::Changes).map(drop);
         let beyond = EditError::BeyondLimit { index, limit: 50 };
         assert!(matches!(refused, Err(CommitError::Edit(error)) if error == beyond));
         assert!(scene.is_empty());
     }
-    let twice = scene.edit().set_with(&[3, 3], |_| at(0.0)).commit(Want::Changes).map(drop);
+    let twice = scene.edit().set_with(&[3, 3], |_| at(0.0)).commit(Report::Changes).map(drop);
     assert!(matches!(twice, Err(CommitError::Edit(EditError::SetTwice { index: 3 }))));
 }
 
 #[test]
 fn a_wrong_edit_says_what_is_wrong() {
     let mut scene = scene();
-    let refused = scene.edit().set(50, at(0.0)).commit(Want::Changes).map(drop);
+    let refused = scene.edit().set(50, at(0.0)).commit(Report::Changes).map(drop);
     let beyond = EditError::BeyondLimit { index: 50, limit: 50 };
     assert!(matches!(refused, Err(CommitError::Edit(error)) if error == beyond));
     assert!(beyond.to_string().contains("50"));
@@ -142,7 +142,7 @@ fn threads_of_a_session_are_those_of_its_scenes() {
         let builder = Session::builder().backend(Backend::InProcess).threads(threads);
         let mut scene = builder.connect().expect("a session").scene(SceneOptions::default());
         let boxes: Vec<Aabb> = (0..5_000).map(|i| at(0.7 * i as f32)).collect();
-        let answer = scene.edit().set_all(0..5_000, &boxes).commit(Want::Changes);
-        assert_eq!(answer.expect("an answer").take().begun().len(), 4_999);
+        let answer = scene.edit().set_all(0..5_000, &boxes).commit(Report::Changes);
+        assert_eq!(answer.expect("an answer").begun().len(), 4_999);
     }
 }

@@ -10,7 +10,7 @@ use bytemuck::Zeroable;
 use pairmask_core::filters::Tag;
 use pairmask_core::objects::Objects;
 use pairmask_core::oracle::Corners;
-use pairmask_core::scene::{Edit, QueryTags, SceneCopy, Told, Want};
+use pairmask_core::scene::{Edit, QueryTags, Report, SceneCopy, Told};
 use pairmask_core::{Aabb, EngineChoice};
 use pairmask_wire::{EditLayout, EditScratch, Page, SceneId, SceneRequest, page_count};
 
@@ -28,7 +28,7 @@ pub struct SceneNote {
     pub(super) name: NotedName,
     request: SceneRequest,
     payload: Vec<Page>,
-    want: Want,
+    report: Report,
     is_resync: bool,
     begun: Vec<[u32; 2]>,
     ended: Vec<[u32; 2]>,
@@ -62,7 +62,7 @@ impl SceneNote {
             revision: number + 1,
             is_taken: true,
             is_lost: false,
-            want: told.want(),
+            report: told.report(),
             most_boxes: u32::MAX,
             engine: EngineChoice::Auto,
             threads: None,
@@ -78,7 +78,7 @@ impl SceneNote {
             name,
             request,
             payload,
-            want: told.want(),
+            report: told.report(),
             is_resync: told.is_resync(),
             begun: told.begun().to_vec(),
             ended: told.ended().iter().map(|ended| ended.pair).collect(),
@@ -205,12 +205,12 @@ impl SceneAudit {
     /// Takes an answer, and compares some boxes.
     fn take(&mut self, told: &SceneNote) -> Outcome {
         let mut outcome = Outcome::default();
-        if told.is_resync || told.want == Want::All {
+        if told.is_resync || told.report == Report::All {
             self.known = Known::default();
             for pair in &told.pairs {
                 self.known.insert(*pair);
             }
-        } else if told.want == Want::Changes {
+        } else if told.report == Report::Changes {
             let mut wrong = |is_wrong: bool, [a, b]: [u32; 2]| {
                 if is_wrong {
                     outcome.extra += 1;
@@ -281,9 +281,10 @@ mod tests {
             let ops = edits.next_edit();
             let grouped = Grouped::of(&ops);
             let edit = Edit { steps: &grouped.steps() };
-            let want = [Want::Changes, Want::Changes, Want::All, Want::Moved, Want::Nothing];
-            let want = want[random.below(5) as usize];
-            let mut note = note(edit, scene.edit(edit, want).expect("a right edit"), was_taken);
+            let report =
+                [Report::Changes, Report::Changes, Report::All, Report::Moved, Report::Nothing];
+            let report = report[random.below(5) as usize];
+            let mut note = note(edit, scene.edit(edit, report).expect("a right edit"), was_taken);
             spoil(&mut note);
             let found = audit.follow(note).expect("an edit that can be followed");
             sum.pairs += found.pairs;
@@ -316,7 +317,7 @@ mod tests {
         let ops = Edits::new(1, MOST_BOXES).next_edit();
         let grouped = Grouped::of(&ops);
         let edit = Edit { steps: &grouped.steps() };
-        let told = scene.edit(edit, Want::All).expect("a right edit");
+        let told = scene.edit(edit, Report::All).expect("a right edit");
         let mut wrong = note(edit, told, false);
         bytemuck::cast_slice_mut::<Page, u32>(&mut wrong.payload).fill(u32::MAX);
         assert!(audit.follow(wrong).is_none());

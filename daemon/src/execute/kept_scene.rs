@@ -12,7 +12,7 @@ use pairmask_core::dispatch::{CpuEngines, nanoseconds_since};
 use pairmask_core::engine::CullError;
 use pairmask_core::plan::GpuCost;
 use pairmask_core::scene::{
-    Edit, FilterHistory, QueryError, QueryTags, Scene, SceneError, SceneOptions, Told, Want,
+    Edit, FilterHistory, QueryError, QueryTags, Report, Scene, SceneError, SceneOptions, Told,
 };
 use pairmask_core::{Aabb, EngineChoice, EngineName};
 
@@ -218,13 +218,13 @@ impl SceneKeeper {
     ///
     /// # Errors
     /// [`SceneError`]. After [`SceneError::Cull`] the scene is to be dropped.
-    pub fn edit(&mut self, edit: Edit<'_>, want: Want) -> Result<(), SceneError> {
+    pub fn edit(&mut self, edit: Edit<'_>, report: Report) -> Result<(), SceneError> {
         self.move_if_due();
         let most_gpus = self.most_gpus;
         match &mut self.place {
             Place::Cores(scene) => {
                 let start = Instant::now();
-                scene.edit(edit, want)?;
+                scene.edit(edit, report)?;
                 self.note_cores(edit.boxes(), nanoseconds_since(start) as f64);
             }
             Place::Gpu(scene) => {
@@ -234,7 +234,7 @@ impl SceneKeeper {
                 scene.keep_on(most_gpus);
                 // One session uses a GPU at a time.
                 let _turns = self.gpus.turns(|gpu| scene.is_on(gpu));
-                scene.edit(edit, want)?;
+                scene.edit(edit, report)?;
             }
         }
         Ok(())
@@ -251,8 +251,8 @@ impl SceneKeeper {
     }
 
     /// Forgets what was told.
-    pub fn lose(&mut self) {
-        at_place!(&mut self.place, scene => scene.lose());
+    pub fn resync(&mut self) {
+        at_place!(&mut self.place, scene => scene.resync());
     }
 
     /// Finds the boxes that some other boxes overlap, as [`Scene::query`] does.
@@ -314,7 +314,7 @@ mod tests {
         let auto = SceneKeeper::new(options, CpuEngines::new(), no_gpu, EngineChoice::Auto);
         let mut scene = auto.expect("cores");
         scene.would_have_saved_ns = 1e12;
-        scene.edit(Edit::NONE, Want::All).expect("an answer");
+        scene.edit(Edit::NONE, Report::All).expect("an answer");
         assert_eq!(scene.engine(), EngineName::CpuGrid);
     }
 }

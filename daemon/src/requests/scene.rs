@@ -165,10 +165,10 @@ fn edit_and_answer(
         scene.take();
     }
     if request.is_lost {
-        scene.lose();
+        scene.resync();
     }
     scene.set_threads(threads);
-    let edited = scene.edit(edit, request.want);
+    let edited = scene.edit(edit, request.report);
     room.note(scene, bytes_of(found) + scratch.allocated_bytes() as u64);
     match edited {
         Ok(()) => *revision = request.revision,

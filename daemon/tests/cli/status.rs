@@ -67,7 +67,7 @@ fn a_daemon_tells_what_it_did() {
     assert!(text.stdout.contains("4 frames, 12 boxes, 5 spheres, 18 pairs"), "{text:?}");
     let mut scene = session.scene(pairmask::scene::SceneOptions::default());
     let edit = scene.edit().set(0, pairmask_core::Aabb::EMPTY);
-    drop(edit.commit(pairmask::scene::Want::All).unwrap());
+    drop(edit.commit(pairmask::scene::Report::All).unwrap());
     let text = status(&place, daemon.dir().path(), &[]);
     assert!(text.stdout.contains("1 scenes of 1 MiB"), "{text:?}");
     let other = status(&place, daemon.dir().path(), &["--instance", "other"]);

@@ -5,7 +5,7 @@ use avian3d::collider_tree::{
 };
 use bevy::platform::cell::SyncCell;
 use bevy::prelude::*;
-use pairmask::scene::{SceneOptions, Want};
+use pairmask::scene::{SceneOptions, Report};
 use pairmask::{Aabb, Backend, CommitError, ConnectError, Scene, Session};
 
 /// Why there are no pairs.
@@ -220,7 +220,7 @@ impl PairmaskWorld {
         }
         let edit = self.scene.get().edit().remove_all(removed).set_all(set, boxes);
         let edit = edit.make_all_static(to_static, true).make_all_static(to_moving, false);
-        let answer = edit.commit(Want::Moved)?.take();
+        let answer = edit.commit(Report::Moved)?;
         answer.pairs().for_each_slice(|some| self.pairs.extend_from_slice(some));
         Ok(())
     }

@@ -93,11 +93,11 @@ fn edit(
     if is_spawn {
         edit = edit.remove_all(these);
     }
-    let pending = edit.submit(Want::Changes)?;
+    let pending = edit.submit(Report::Changes)?;
     let write = begin.elapsed().as_nanos() as u64;
     let answer = pending.wait()?;
     let answered = begin.elapsed().as_nanos() as u64;
-    let told = answer.take();
+    let told = answer;
     let mut sum = 0;
     let mut visit = |pairs: &[[u32; 2]]| {
         sum += pairs.iter().fold(0u64, |sum, [a, b]| sum + u64::from(a ^ b));
@@ -198,7 +198,7 @@ impl<'s> Bench<'s> {
     /// Whether scene and peers have as many pairs as a whole frame.
     fn check(&mut self) -> Result<(), Box<dyn Error>> {
         let pair_count = whole_frame(self.session, self.world.boxes())?;
-        let told = self.scene.edit().commit(Want::Changes)?;
+        let told = self.scene.edit().commit(Report::Changes)?;
         assert_eq!(told.pair_count(), Some(pair_count), "the scene and the frame differ");
         for (name, peer) in &mut self.peers {
             let pairs = peer.pairs(self.world.boxes())?;

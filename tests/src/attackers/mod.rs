@@ -24,7 +24,7 @@ use std::time::{Duration, Instant};
 
 use bytemuck::cast_slice_mut;
 use pairmask_core::engine::EngineChoice;
-use pairmask_core::scene::Want;
+use pairmask_core::scene::Report;
 use pairmask_transport::{
     DaemonRecord, Limits, ResponseLoan, RuntimeDir, Services, assume_response_pages,
 };
@@ -161,7 +161,8 @@ fn scene_request(
         revision,
         is_taken: dice.below(2) == 0,
         is_lost: dice.below(9) == 0,
-        want: [Want::Changes, Want::Moved, Want::All, Want::Nothing][dice.below(4) as usize],
+        report: [Report::Changes, Report::Moved, Report::All, Report::Nothing]
+            [dice.below(4) as usize],
         most_boxes,
         engine: EngineChoice::Auto,
         threads: None,

@@ -6,7 +6,7 @@ use std::time::Duration;
 use bytemuck::{cast_slice, cast_slice_mut};
 use pairmask_core::filters::Tag;
 use pairmask_core::precision::BoxForm;
-use pairmask_core::scene::{Edit, QueryMask, QueryTags, Sets, Step, Want};
+use pairmask_core::scene::{Edit, QueryMask, QueryTags, Report, Sets, Step};
 use pairmask_core::{Aabb, BoxCount, Encoding};
 use pairmask_wire::{
     CullRequest, EditLayout, Page, QueryRequest, RequestHeader, SceneId, ScenePlace, SceneRequest,
@@ -45,7 +45,7 @@ fn edit(client: &RawClient, dice: &mut Random, revision: u64) -> Option<bool> {
     let mut loan = client.loan(FORGING.pages)?;
     let _ = layout.write(edit, loan.payload_mut());
     let request = scene_request(dice, [SCENE.0, BOXES], [0, revision], &layout);
-    let request = SceneRequest { want: Want::Nothing, ..request };
+    let request = SceneRequest { report: Report::Nothing, ..request };
     *loan.user_header_mut() = RequestHeader::edit_scene(FORGING.token, revision, &request);
     let answered = answer(&client.send(loan)?, Duration::from_secs(2))?;
     Some(answered.status == 0)

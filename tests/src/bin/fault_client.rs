@@ -24,7 +24,7 @@ use std::fs::{self, OpenOptions};
 use std::io::Write;
 use std::time::Duration;
 
-use pairmask::scene::Want;
+use pairmask::scene::Report;
 use pairmask::{Backend, FrameError, JoinOptions, PendingFrame, Session, SharedError};
 use pairmask_core::{Aabb, EngineChoice, Sphere};
 use pairmask_tests::frames::Sorted;
@@ -129,7 +129,7 @@ fn shared(session: &mut Session) -> Result<(), Box<dyn Error>> {
             let y = (index - 10) as f32 * 0.1;
             Aabb::new([0.0, y, 0.0], [0.5, y + 0.05, 0.5])
         });
-        drop(edit.commit(Want::Nothing)?);
+        drop(edit.commit(Report::Nothing)?);
     }
 }
 

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::ops::Range;
 
 use super::model::{Heard, Listener, Model};
-use super::script::{AtEnd, Event, Fate, Hears, Script, Turn};
+use super::script::{AtEnd, Event, Hears, Script, Turn};
 
 /// A scene that is held to the model. Scripts are right: whatever it refuses is a failure.
 pub trait Subject {
@@ -182,6 +182,7 @@ impl Play {
         for ((turn, heard), named) in told.into_iter().zip(named) {
             self.seen.edits += 1;
             let listener = self.listeners.get_mut(&turn.member).expect("it has joined");
+            // What is read is acknowledged.
             if let Some(heard) = heard {
                 listener.is_lost |= may_resync && heard.is_resync;
                 let expected = listener.expects(&self.model, &now, &named, turn.mode);
@@ -192,8 +193,6 @@ impl Play {
                     ));
                 }
                 self.seen.note(&heard);
-            }
-            if turn.fate == Fate::Acknowledged {
                 listener.acknowledge(&now, turn.mode);
             }
         }

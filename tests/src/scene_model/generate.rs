@@ -231,11 +231,7 @@ impl Maker {
             2 => Mode::Nothing,
             _ => Mode::Changes,
         };
-        let fate = match (self.one_in(self.dropped), self.kind) {
-            (false, _) => Fate::Acknowledged,
-            (true, Kind::Shared) => Fate::Dropped,
-            (true, _) => self.one_of(&[Fate::Dropped, Fate::Abandoned]),
-        };
+        let fate = if self.one_in(self.dropped) { Fate::Unread } else { Fate::Acknowledged };
         Turn { member, ops, mode, fate }
     }
 

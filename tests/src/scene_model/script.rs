@@ -7,7 +7,7 @@ use std::ops::Range;
 use pairmask_core::Aabb;
 use pairmask_core::filters::{Filter, Tag};
 pub use pairmask_core::scene::shared::{AtEnd, Hears};
-pub use pairmask_core::scene::{EndReason, Ended, Want as Mode};
+pub use pairmask_core::scene::{EndReason, Ended, Report as Mode};
 
 /// Indices of two boxes, the smaller one first where they are a pair.
 pub type Pair = [u32; 2];
@@ -66,12 +66,10 @@ impl Op {
 /// What becomes of an answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Fate {
-    /// It is acknowledged.
+    /// It is read, which acknowledges it.
     Acknowledged,
-    /// It is read and not acknowledged.
-    Dropped,
-    /// It is never waited for.
-    Abandoned,
+    /// It is never waited for: the next answer makes up for it.
+    Unread,
 }
 
 /// An edit of a member, and what becomes of its answer.

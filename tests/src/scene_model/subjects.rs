@@ -13,8 +13,8 @@ use pairmask::{
 use pairmask_core::Aabb;
 use pairmask_core::filters::{FilterTable, Tag};
 use pairmask_core::scene::{
-    Edit, Indices, QueryError, QueryTags, Scene as CoreCrateScene, SceneError, SceneOptions, Sets,
-    Step, Tags, Told, Want,
+    Edit, Indices, QueryError, QueryTags, Report, Scene as CoreCrateScene, SceneError,
+    SceneOptions, Sets, Step, Tags, Told,
 };
 use pairmaskd::execute::gpu::GpuScene;
 
@@ -136,11 +136,11 @@ impl From<&SceneAnswer<'_>> for Heard {
 /// A scene without a session, of the cores or of a GPU.
 pub trait BareScene {
     /// As [`CoreCrateScene::edit`].
-    fn edit(&mut self, edit: Edit<'_>, want: Want) -> Result<&Told, SceneError>;
+    fn edit(&mut self, edit: Edit<'_>, report: Report) -> Result<&Told, SceneError>;
     /// The last answer is acknowledged.
     fn take(&mut self);
     /// The pairs are lost.
-    fn lose(&mut self);
+    fn resync(&mut self);
     /// Boxes.
     fn box_count(&self) -> usize;
     /// The pairs [query, index].
@@ -150,14 +150,14 @@ pub trait BareScene {
 macro_rules! bare_scene {
     ($scene:ty) => {
         impl BareScene for $scene {
-            fn edit(&mut self, edit: Edit<'_>, want: Want) -> Result<&Told, SceneError> {
-                <$scene>::edit(self, edit, want)
+            fn edit(&mut self, edit: Edit<'_>, report: Report) -> Result<&Told, SceneError> {
+                <$scene>::edit(self, edit, report)
             }
             fn take(&mut self) {
                 <$scene>::take(self);
             }
-            fn lose(&mut self) {
-                <$scene>::lose(self);
+            fn resync(&mut self) {
+                <$scene>::resync(self);
             }
             fn box_count(&self) -> usize {
                 self.len()
@@ -225,9 +225,11 @@ impl<S: BareScene> Subject for Bare<S> {
         for turn in turns {
             let edit = Grouped::of(&turn.ops);
             let heard = self.scene.edit(Edit { steps: &edit.steps() }, turn.mode);
-            told.push((0, Some(heard.map(Heard::from).map_err(|error| error.to_string())?)));
+            let heard = heard.map(Heard::from).map_err(|error| error.to_string())?;
+            let is_read = turn.fate == Fate::Acknowledged;
+            told.push((0, is_read.then_some(heard)));
             self.ask()?;
-            if turn.fate == Fate::Acknowledged {
+            if is_read {
                 self.scene.take();
             }
             self.ask()?;
@@ -236,7 +238,7 @@ impl<S: BareScene> Subject for Bare<S> {
     }
 
     fn invalidate(&mut self) {
-        self.scene.lose();
+        self.scene.resync();
     }
 
     fn box_count(&self) -> Option<usize> {
@@ -400,14 +402,11 @@ impl Subject for SessionScene<'_> {
             };
             let pending = edit.submit(turn.mode).map_err(|error| error.to_string())?;
             disturb(Moment::UnderWay);
-            if turn.fate == Fate::Abandoned {
+            if turn.fate == Fate::Unread {
                 told.push((0, None));
                 continue;
             }
-            let mut answer = pending.wait().map_err(|error| error.to_string())?;
-            if turn.fate == Fate::Acknowledged {
-                answer = answer.take();
-            }
+            let answer = pending.wait().map_err(|error| error.to_string())?;
             if let Some((by, engine)) = expected
                 && (answer.served_by(), answer.engine()) != (*by, (*engine).into())
             {
@@ -429,7 +428,7 @@ impl Subject for SessionScene<'_> {
     }
 
     fn invalidate(&mut self) {
-        self.scene.lose();
+        self.scene.resync();
     }
 
     fn may_resync(&self) -> bool {
@@ -500,23 +499,32 @@ impl Subject for SharedMembers<'_> {
             let submitted = edit.submit(turn.mode).map_err(|error| error.to_string())?;
             pending.insert(turn.member, submitted);
         }
-        let mut told = Vec::new();
+        let mut told = BTreeMap::new();
         let mut committed: BTreeMap<u64, BTreeSet<u32>> = BTreeMap::new();
-        let mut late = Vec::new();
-        for turn in turns {
-            let pending = pending.remove(&turn.member).ok_or("a second turn")?;
-            let mut answer = pending.wait().map_err(|error| error.to_string())?;
+        let mut late: Vec<(u64, Vec<Range<u32>>)> = Vec::new();
+        let is_unread = |turn: &&Turn| turn.fate == Fate::Unread;
+        for turn in turns.iter().filter(|t| !is_unread(t)).chain(turns.iter().filter(is_unread)) {
+            let (own, pending) = (&owns[&turn.member], pending.remove(&turn.member));
+            let pending = pending.ok_or("a second turn")?;
+            // The others' answers say in which tick a writer's commit was that nobody waits for. Where none of them
+            // does, it is waited for.
+            let others = late.iter().find(|(_, late)| !late.contains(own));
+            if let Some((tick, _)) = others.filter(|_| is_unread(&turn) && !own.is_empty()) {
+                committed.entry(*tick).or_default().insert(turn.member);
+                told.insert(turn.member, (*tick, None));
+                continue;
+            }
+            let answer = pending.wait().map_err(|error| error.to_string())?;
             if self.engine.is_some_and(|engine| answer.engine() != engine) {
                 return Err(answer.engine().to_string());
-            }
-            if turn.fate == Fate::Acknowledged {
-                answer = answer.take();
             }
             let tick = answer.tick().ok_or("an answer of no tick")?;
             committed.entry(tick).or_default().insert(turn.member);
             late.push((tick, answer.late().to_vec()));
-            told.push((tick, Some(heard!(answer))));
+            told.insert(turn.member, (tick, Some(heard!(answer))));
         }
+        let told = turns.iter().map(|turn| told.remove(&turn.member).ok_or("a second turn"));
+        let told = told.collect::<Result<Vec<_>, _>>()?;
         for (tick, late) in late {
             let is_late = |member: &u32| !committed[&tick].contains(member);
             let expected: Vec<Range<u32>> =

@@ -469,7 +469,7 @@ fn scenes_told_under_changing_flags_add_up_to_the_truth() {
             }
             let steps = [Step::Set(Sets { indices: (&indices).into(), boxes: &set })];
             flags.install(&pool, || {
-                scene.edit(Edit { steps: &steps }, Want::Changes).unwrap();
+                scene.edit(Edit { steps: &steps }, Report::Changes).unwrap();
                 scene.take();
             });
             let answer = scene.told();

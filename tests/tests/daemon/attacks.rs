@@ -212,7 +212,7 @@ fn forged_queries_leave_the_scenes_of_others_alone() {
         let ops = source.next_edit();
         let grouped = Grouped::of(&ops);
         let edit = grouped.steps().into_iter().fold(scene.edit(), SceneEdit::step);
-        drop(edit.commit(Want::Nothing).unwrap());
+        drop(edit.commit(Report::Nothing).unwrap());
         let queries: Vec<_> = source.model().boxes().take(40).collect();
         let expected = source.model().query(&queries, QueryTags::None);
         assert_eq!(scene.query(&queries).find().unwrap().to_vec(), expected);
@@ -256,9 +256,9 @@ fn forged_members_leave_the_boxes_of_others_alone() {
             end = Instant::now() + attack_time();
         }
         let x = (ticks % 7) as f32;
-        let pending = first.edit().set(3, at(x)).set(4, at(9.0)).submit(Want::All).unwrap();
-        drop(second.edit().set(13, at(x)).commit(Want::Changes).unwrap().take());
-        let answer = pending.wait().unwrap().take();
+        let pending = first.edit().set(3, at(x)).set(4, at(9.0)).submit(Report::All).unwrap();
+        drop(second.edit().set(13, at(x)).commit(Report::Changes).unwrap());
+        let answer = pending.wait().unwrap();
         let own: Vec<[u32; 2]> = answer.pairs().iter().filter(|[_, b]| *b < 20).collect();
         let is_late = answer.late().iter().any(|range| range.start < 20);
         assert!(is_late || own == [[3, 13]], "{own:?}");

@@ -125,21 +125,21 @@ fn near(session: &mut Session, (seed, most_boxes): (u64, u32), edits: usize) {
         let margins = margins_for(&grouped, &mut rng, source.model().len());
         of_boxes.extend(grouped.margins_of_boxes(&margins, usual));
         let exact: Vec<[u32; 2]> = source.model().pairs().into_keys().collect();
-        let wants = [Want::Changes, Want::Changes, Want::Changes, Want::Moved, Want::All];
-        let want = wants[rng.below(5) as usize];
-        let answer = grouped.with_margins(scene.edit(), &margins).commit(want).unwrap();
-        if want == Want::Moved {
+        let wants = [Report::Changes, Report::Changes, Report::Changes, Report::Moved, Report::All];
+        let report = wants[rng.below(5) as usize];
+        let answer = grouped.with_margins(scene.edit(), &margins).commit(report).unwrap();
+        if report == Report::Moved {
             let named: BTreeSet<u32> = ops.iter().flat_map(Op::indices).copied().collect();
             let mut of_moved = exact.iter().filter(|pair| pair.iter().any(|i| named.contains(i)));
             let told: BTreeSet<_> = answer.pairs().iter().collect();
             assert!(of_moved.all(|pair| told.contains(pair)), "all boxes that the edit names");
             continue;
         }
-        if want == Want::Changes && rng.below(4) == 0 {
+        if report == Report::Changes && rng.below(4) == 0 {
             continue;
         }
-        let answer = answer.take();
-        if answer.is_resync() || want == Want::All {
+        let answer = answer;
+        if answer.is_resync() || report == Report::All {
             known = answer.pairs().iter().collect();
         } else {
             answer.ended().iter().for_each(|ended| assert!(known.remove(&ended.pair)));
@@ -164,7 +164,7 @@ fn pairs_of(scene: &mut Scene, boxes: &[Aabb], margin: Margin) -> Vec<[u32; 2]> 
     let answer = scene
         .edit()
         .set_all_margined(0..boxes.len() as u32, boxes, margin)
-        .commit(Want::All)
+        .commit(Report::All)
         .unwrap();
     answer.pairs().iter().collect()
 }
@@ -205,9 +205,7 @@ fn one_that_teleports_among_thousands_that_drift_is_sent_alone() {
         let mut scene = in_process().scene(with_margins(kind));
         let mut boxes = World::new(SceneName::Uniform, n as usize, 1).boxes().to_vec();
         let (half, step) = (margin(0.5), 0.5 / 101.0);
-        drop(
-            scene.edit().set_all_margined(0..n, &boxes, half).commit(Want::Changes).unwrap().take(),
-        );
+        drop(scene.edit().set_all_margined(0..n, &boxes, half).commit(Report::Changes).unwrap());
         for frame in 0..frames {
             for b in &mut boxes {
                 (b.min[1], b.max[1]) = (b.min[1] + step, b.max[1] + step);
@@ -216,8 +214,8 @@ fn one_that_teleports_among_thousands_that_drift_is_sent_alone() {
             let far = &mut boxes[(frame * 31 % n) as usize];
             (far.min[0], far.max[0]) = (far.min[0] + by, far.max[0] + by);
             let answer =
-                scene.edit().set_all_margined(0..n, &boxes, half).commit(Want::Changes).unwrap();
-            assert!(!answer.take().is_resync());
+                scene.edit().set_all_margined(0..n, &boxes, half).commit(Report::Changes).unwrap();
+            assert!(!answer.is_resync());
         }
         let stats = stats_of(&scene);
         assert_eq!(stats.set, u64::from(n * (frames + 1)));
@@ -238,23 +236,19 @@ fn an_edit_within_margins_needs_no_daemon() {
             at(1.2),
             margin(0.5),
         );
-        let answer = edit.commit(Want::Changes).unwrap().take();
+        let answer = edit.commit(Report::Changes).unwrap();
         assert_eq!(answer.served_by(), ServedBy::Daemon);
         let is_near = kind == MarginedPairs::Near;
         assert_eq!(answer.begun().len(), usize::from(is_near));
         drop(answer);
 
         daemon.signal_worker(Signal::STOP);
-        let answer = scene
-            .edit()
-            .set_margined(2, at(0.9), margin(0.5))
-            .commit(Want::Changes)
-            .unwrap()
-            .take();
+        let answer =
+            scene.edit().set_margined(2, at(0.9), margin(0.5)).commit(Report::Changes).unwrap();
         assert_eq!((answer.served_by(), answer.pair_count()), (ServedBy::InProcess, Some(1)));
         assert_eq!(answer.begun().len(), usize::from(!is_near));
         drop(answer);
-        let answer = scene.edit().commit(Want::Changes).unwrap().take();
+        let answer = scene.edit().commit(Report::Changes).unwrap();
         assert!(
             answer.begun().is_empty()
                 && answer.ended().is_empty()
@@ -263,7 +257,7 @@ fn an_edit_within_margins_needs_no_daemon() {
         drop(answer);
         if !is_near {
             let answer =
-                scene.edit().set_margined(1, at(-0.4), margin(0.5)).commit(Want::All).unwrap();
+                scene.edit().set_margined(1, at(-0.4), margin(0.5)).commit(Report::All).unwrap();
             assert_eq!((answer.pairs().len(), answer.served_by()), (0, ServedBy::InProcess));
         }
         daemon.signal_worker(Signal::CONT);
@@ -276,31 +270,24 @@ fn what_is_wrong_with_an_edit_is_told_and_changes_nothing() {
     let options = with_margins(MarginedPairs::Exact).with_most_boxes(9);
     let mut scene = in_process().scene(options);
     let boxes = [at(0.0), at(0.5), at(3.0)];
-    drop(
-        scene
-            .edit()
-            .set_all_margined(0..3, &boxes, margin(1.0))
-            .commit(Want::Changes)
-            .unwrap()
-            .take(),
-    );
+    drop(scene.edit().set_all_margined(0..3, &boxes, margin(1.0)).commit(Report::Changes).unwrap());
     let far = [at(7.0), at(8.0)];
     let edits: [fn(pairmask::SceneEdit<'_, 'static>) -> Result<(), CommitError>; 5] = [
-        |edit| edit.set_margined(9, at(0.0), margin(0.0)).commit(Want::All).map(drop),
-        |edit| edit.set_margined(1, at(9.0), margin(0.0)).remove(5).commit(Want::All).map(drop),
+        |edit| edit.set_margined(9, at(0.0), margin(0.0)).commit(Report::All).map(drop),
+        |edit| edit.set_margined(1, at(9.0), margin(0.0)).remove(5).commit(Report::All).map(drop),
         // Neither of them has left its margin.
         |edit| {
             edit.set_margined(1, at(0.6), margin(1.0))
                 .set_margined(1, at(0.7), margin(1.0))
-                .commit(Want::All)
+                .commit(Report::All)
                 .map(drop)
         },
         |edit| {
-            edit.set_margined(1, at(0.6), margin(1.0)).switch(4, true).commit(Want::All).map(drop)
+            edit.set_margined(1, at(0.6), margin(1.0)).switch(4, true).commit(Report::All).map(drop)
         },
         |edit| {
             edit.set_all_margined(0..3, &[Aabb::EMPTY; 2], Margin::default())
-                .commit(Want::All)
+                .commit(Report::All)
                 .map(drop)
         },
     ];
@@ -308,13 +295,13 @@ fn what_is_wrong_with_an_edit_is_told_and_changes_nothing() {
         assert!(matches!(wrong(scene.edit()), Err(CommitError::Edit(_))));
     }
     let lengths =
-        scene.edit().set_all_margined(0..2, &far, &[margin(0.0); 3]).commit(Want::All).map(drop);
+        scene.edit().set_all_margined(0..2, &far, &[margin(0.0); 3]).commit(Report::All).map(drop);
     let margins = EditError::Margins { boxes: 2, margins: 3 };
     assert!(matches!(lengths, Err(CommitError::Edit(error)) if error == margins));
     for (index, b) in (0..).zip(boxes) {
         assert_eq!(scene.get(index), Some(b));
     }
-    let answer = scene.edit().commit(Want::All).unwrap();
+    let answer = scene.edit().commit(Report::All).unwrap();
     assert_eq!(answer.pairs(), [[0, 1]]);
 }
 
@@ -325,20 +312,24 @@ fn a_request_that_could_not_be_sent_changes_nothing() {
     let mut scene = session.scene(with_margins(MarginedPairs::Exact));
     let edit =
         scene.edit().set_margined(0, at(0.0), margin(0.1)).set_margined(1, at(0.5), margin(0.1));
-    assert_eq!(edit.commit(Want::Changes).unwrap().take().begun(), [[0, 1]]);
+    assert_eq!(edit.commit(Report::Changes).unwrap().begun(), [[0, 1]]);
     let frames: Vec<_> = (0..3).map(|_| session.frame(4).unwrap()).collect();
-    let full =
-        scene.edit().set_margined(0, at(5.0), margin(0.1)).commit(Want::All).map(drop).unwrap_err();
+    let full = scene
+        .edit()
+        .set_margined(0, at(5.0), margin(0.1))
+        .commit(Report::All)
+        .map(drop)
+        .unwrap_err();
     assert!(matches!(full, CommitError::Frame(pairmask::FrameError::TooManyFrames)), "{full}");
     assert_eq!(scene.get(0), Some(at(0.0)));
     // What needs no request is answered.
     assert_eq!(
-        scene.edit().set_margined(0, at(0.05), margin(0.1)).commit(Want::All).unwrap().pairs(),
+        scene.edit().set_margined(0, at(0.05), margin(0.1)).commit(Report::All).unwrap().pairs(),
         [[0, 1]]
     );
     drop(frames);
     let answer =
-        scene.edit().set_margined(0, at(5.0), margin(0.1)).commit(Want::Changes).unwrap().take();
+        scene.edit().set_margined(0, at(5.0), margin(0.1)).commit(Report::Changes).unwrap();
     assert_eq!(answer.ended().to_vec()[0].pair, [0, 1]);
 }
 
@@ -382,17 +373,21 @@ fn a_daemon_that_died_costs_a_typed_error_and_no_change() {
     let mut scene = session.scene(with_margins(MarginedPairs::Exact));
     let edit =
         scene.edit().set_margined(1, at(0.0), margin(0.1)).set_margined(2, at(0.5), margin(0.1));
-    assert_eq!(edit.commit(Want::Changes).unwrap().take().begun(), [[1, 2]]);
+    assert_eq!(edit.commit(Report::Changes).unwrap().begun(), [[1, 2]]);
     daemon.signal_worker(Signal::STOP);
-    let pending =
-        scene.edit().set_margined(3, at(1.2), margin(0.1)).remove(1).submit(Want::Changes).unwrap();
+    let pending = scene
+        .edit()
+        .set_margined(3, at(1.2), margin(0.1))
+        .remove(1)
+        .submit(Report::Changes)
+        .unwrap();
     daemon.kill();
     let error = pending.wait().map(drop).unwrap_err();
     assert!(matches!(error, CommitError::Wait(pairmask::WaitError::DaemonDied)), "{error}");
     assert_eq!(scene.len(), 2, "the edit was applied");
     daemon.restart();
     eventually("the scene is sent again", || {
-        let answer = scene.edit().commit(Want::Changes).ok()?.take();
+        let answer = scene.edit().commit(Report::Changes).ok()?;
         assert!(!answer.is_resync(), "this process knows what was told");
         assert_eq!((answer.begun().to_vec(), answer.ended().len()), (vec![[2, 3]], 1));
         Some(())

@@ -57,7 +57,7 @@ impl QueriedScene for Remote<'_> {
     fn edit(&mut self, edit: Edit<'_>) {
         (self.before)();
         let edit = edit.steps.iter().copied().fold(self.scene.edit(), SceneEdit::step);
-        drop(edit.commit(Want::Changes).unwrap().take());
+        drop(edit.commit(Report::Changes).unwrap());
     }
 
     fn query(
@@ -120,7 +120,7 @@ fn uniform(seed: u64, count: usize, extent: f32) -> Vec<Aabb> {
 fn scene_of(boxes: &[Aabb], threads: usize) -> Scene {
     let mut scene = Scene::new(SceneOptions::default().with_threads(threads));
     let set = Step::Set(Sets { indices: (0..boxes.len() as u32).into(), boxes });
-    scene.edit(Edit { steps: &[set] }, Want::Nothing).unwrap();
+    scene.edit(Edit { steps: &[set] }, Report::Nothing).unwrap();
     scene
 }
 
@@ -215,7 +215,7 @@ fn a_reply_that_is_too_small_refuses_a_query_and_the_scene_stays() {
         let mut session = daemon.session().backend(backend).connect().unwrap();
         let mut scene = session.scene(SceneOptions::default());
         let set = scene.edit().set_all(0..2_000, &boxes);
-        drop(set.commit(Want::Nothing).unwrap());
+        drop(set.commit(Report::Nothing).unwrap());
         for (queries, fits) in [(2, true), (1_000, false), (3, true)] {
             let found = scene.query(&boxes[..queries]).find();
             match found {

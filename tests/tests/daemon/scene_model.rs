@@ -285,7 +285,7 @@ fn the_model_finds_the_pairs_of_the_oracle() {
                     boxes[*index as usize] = *b;
                 }
             }
-            let truth = oracle::truth(&boxes).pairs.into_iter().map(|[a, b]| [a, b]);
+            let truth = oracle::truth(&boxes).pairs.into_iter();
             assert!(model.pairs().into_keys().eq(truth), "{script}");
         }
     }
@@ -354,7 +354,7 @@ fn a_removal_is_told_that_no_answer_told_before_the_first_rules() {
     let tag = Op::Tag(0, Tag::new(World(0), Owner(1), FilterId(0)));
     let renewed = [Op::Remove(1), Op::Set(1, unit())];
     for removed in [&renewed[..], &renewed[..1]] {
-        for (mode, fate) in [(Mode::Changes, Fate::Dropped), (Mode::Nothing, Fate::Acknowledged)] {
+        for (mode, fate) in [(Mode::Changes, Fate::Unread), (Mode::Nothing, Fate::Acknowledged)] {
             let rules = takes(std::slice::from_ref(&tag));
             plays(2, vec![takes(&boxes), one(removed, mode, fate), rules]);
         }
@@ -390,7 +390,7 @@ fn a_wrong_edit_of_rules_changes_nothing() {
     let mut scene = Scene::new(SceneOptions::default().with_most_boxes(10));
     let boxes = [Aabb::new([0.0; 3], [1.0; 3]); 3];
     let set = Step::Set(Sets { indices: (0..3).into(), boxes: &boxes });
-    scene.edit(Edit { steps: &[set] }, Want::Changes).expect("an answer");
+    scene.edit(Edit { steps: &[set] }, Report::Changes).expect("an answer");
     scene.take();
     let tags = [Tag::default().with_world(World(1)); 3];
     let tag = |indices, count: usize| Step::Tag(Tags { indices, tags: &tags[..count] });
@@ -403,9 +403,9 @@ fn a_wrong_edit_of_rules_changes_nothing() {
         (&[tag((0..1).into(), 1), Step::Remove((5..6).into())], EditError::Absent { index: 5 }),
     ];
     for (steps, expected) in wrong {
-        let refused = scene.edit(Edit { steps }, Want::Changes).map(drop);
+        let refused = scene.edit(Edit { steps }, Report::Changes).map(drop);
         assert_eq!(refused, Err(SceneError::Edit(expected)), "{steps:?}");
-        let told = scene.edit(Edit::NONE, Want::Changes).expect("an answer");
+        let told = scene.edit(Edit::NONE, Report::Changes).expect("an answer");
         assert!(told.begun().is_empty() && told.ended().is_empty(), "{steps:?}");
     }
 }
@@ -429,7 +429,7 @@ fn a_member_is_told_of_a_removal_that_it_has_missed() {
     let away = Op::Set(0, at([9.0, 0.0, 0.0, 10.0, 1.0, 1.0]));
     let scripts = [&[Op::Set(0, unit())][..], &[]].map(|last| {
         let mut events = joined(&[Op::Set(0, unit())], &[Op::Set(3, unit())]);
-        events.push(tick(std::slice::from_ref(&away), Some((&[], Fate::Dropped))));
+        events.push(tick(std::slice::from_ref(&away), Some((&[], Fate::Unread))));
         events.push(tick(&[Op::Remove(0), away.clone()], None));
         events.push(tick(&[], None));
         events.push(tick(last, Some((&[], Fate::Acknowledged))));

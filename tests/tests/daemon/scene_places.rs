@@ -16,19 +16,19 @@ fn told_scenes<const N: usize>(session: &mut Session) -> [Scene; N] {
     std::array::from_fn(|_| {
         let mut scene = session.scene(SceneOptions::default());
         let edit = scene.edit().set(0, at(0.0)).set(1, at(0.5));
-        assert_eq!(edit.commit(Want::Changes).unwrap().take().begun(), [[0, 1]]);
+        assert_eq!(edit.commit(Report::Changes).unwrap().begun(), [[0, 1]]);
         scene
     })
 }
 
 /// Adds a box that touches box 1 alone, and waits for nothing.
 fn leave_an_edit(scene: &mut Scene) {
-    drop(scene.edit().set(2, at(1.2)).submit(Want::Changes).unwrap());
+    drop(scene.edit().set(2, at(1.2)).submit(Report::Changes).unwrap());
 }
 
 /// The answer after [`leave_an_edit`] tells what that would have told, and what is new.
 fn make_up(scene: &mut Scene) {
-    let answer = scene.edit().remove(0).commit(Want::Changes).unwrap().take();
+    let answer = scene.edit().remove(0).commit(Report::Changes).unwrap();
     assert_eq!((answer.served_by(), answer.is_resync()), (ServedBy::Daemon, false));
     assert_eq!(answer.begun(), [[1, 2]]);
     assert_eq!(answer.ended().to_vec()[0].pair, [0, 1]);
@@ -53,7 +53,7 @@ fn an_edit_that_nobody_waits_for_holds_no_place() {
 
     let frames: Vec<_> = (0..3).map(|_| session.frame(4).unwrap()).collect();
     assert!(is_full(&session.frame(4)), "three frames hold the three places");
-    let full = scenes[0].edit().set(7, at(0.0)).commit(Want::All).map(drop).unwrap_err();
+    let full = scenes[0].edit().set(7, at(0.0)).commit(Report::All).map(drop).unwrap_err();
     assert!(matches!(full, CommitError::Frame(FrameError::TooManyFrames)), "{full}");
     assert_eq!(scenes[0].len(), 3, "the edit was not made");
     drop(frames);
@@ -61,8 +61,8 @@ fn an_edit_that_nobody_waits_for_holds_no_place() {
 
     // An edit that somebody waits for keeps its place, and so does an answer.
     let [a, b, c, ..] = &mut scenes;
-    let pending = a.edit().set(0, at(0.0)).submit(Want::All).unwrap();
-    let answer = b.edit().commit(Want::All).unwrap();
+    let pending = a.edit().set(0, at(0.0)).submit(Report::All).unwrap();
+    let answer = b.edit().commit(Report::All).unwrap();
     leave_an_edit(c);
     let frame = session.frame(4).unwrap();
     assert!(is_full(&session.frame(4)));
@@ -136,14 +136,14 @@ fn a_daemon_that_answers_no_edit_is_given_up_by_the_frame_that_wants_its_place()
     let mask = session.answer(&[at(0.0), at(0.5)]);
     assert_eq!((mask.info().served_by, mask.to_vec()), (ServedBy::InProcess, vec![[0, 1]]));
     for scene in &mut scenes {
-        let answer = scene.edit().remove(0).commit(Want::Changes).unwrap().take();
+        let answer = scene.edit().remove(0).commit(Report::Changes).unwrap();
         assert_eq!((answer.served_by(), answer.is_resync()), (ServedBy::InProcess, true));
         assert_eq!(answer.pairs(), [[1, 2]]);
     }
     daemon.signal_worker(Signal::CONT);
     for scene in &mut strict_scenes {
         eventually("the scene is sent again", || {
-            let answer = scene.edit().commit(Want::Changes).ok()?.take();
+            let answer = scene.edit().commit(Report::Changes).ok()?;
             assert_eq!(answer.pairs(), [[0, 1], [1, 2]]);
             Some(())
         });

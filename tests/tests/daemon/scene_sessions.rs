@@ -22,7 +22,7 @@ fn a_scene_asked_of_a_gpu_that_is_not_there_is_refused() {
     let without = TestDaemon::start(DAEMON, &["--gpu", "none"]);
     let mut session = without.session().engine(engine).connect().unwrap();
     let mut scene = session.scene(SceneOptions::default());
-    let refused = scene.edit().set(0, at(0.0)).commit(Want::All).map(drop).unwrap_err();
+    let refused = scene.edit().set(0, at(0.0)).commit(Report::All).map(drop).unwrap_err();
     let CommitError::Wait(WaitError::Reply(ReplyError::Status { status, .. })) = refused else {
         panic!("{refused}");
     };
@@ -47,15 +47,15 @@ fn a_scene_moves_to_the_gpu_by_itself_and_its_answers_stay_right() {
         let boxes = crowds(count, &mut random);
         let sets = core_scene::Sets { indices: (0..count).into(), boxes: &boxes };
         let step = core_scene::Step::Set(sets);
-        let told = here.edit(Edit { steps: &[step] }, Want::Changes).map(Heard::from).unwrap();
-        let answer = scene.edit().step(step).commit(Want::Changes).unwrap();
+        let told = here.edit(Edit { steps: &[step] }, Report::Changes).map(Heard::from).unwrap();
+        let answer = scene.edit().step(step).commit(Report::Changes).unwrap();
         assert_eq!(answer.served_by(), ServedBy::Daemon);
         let engine = answer.engine();
         // Which engine of the cores searches a whole scene goes by what the daemon has measured of them.
         assert!(Heard::from(&answer) == told);
         // A scene stays where it is while an answer is not taken, and the next answer makes up for it.
         if random.below(3) > 0 {
-            assert!(Heard::from(&answer.take()) == told);
+            assert!(Heard::from(&answer) == told);
             here.take();
         }
         engine
@@ -76,20 +76,20 @@ fn a_scene_that_is_only_asked_moves_to_the_gpu_and_tells_what_it_has_not_told() 
     let (mut scene, mut here) = (session.scene(options), core_scene::Scene::new(options));
     let mut random = Random::new(8);
     let boxes = crowds(2_000, &mut random);
-    drop(scene.edit().set_all(0..2_000, &boxes).commit(Want::Nothing).unwrap());
+    drop(scene.edit().set_all(0..2_000, &boxes).commit(Report::Nothing).unwrap());
     let step =
         core_scene::Step::Set(core_scene::Sets { indices: (0..2_000).into(), boxes: &boxes });
-    here.edit(Edit { steps: &[step] }, Want::Nothing).unwrap();
+    here.edit(Edit { steps: &[step] }, Report::Nothing).unwrap();
     let mut expected = Vec::new();
     eventually("the scene moves to the GPU", || {
         let queries = crowds(1_500, &mut random);
         here.query(&queries, QueryTags::None, &mut expected).unwrap();
         assert_eq!(scene.query(&queries).find().unwrap().to_vec(), expected);
-        let answer = scene.edit().commit(Want::Nothing).unwrap();
+        let answer = scene.edit().commit(Report::Nothing).unwrap();
         (answer.engine() == EngineName::GpuGrid).then_some(())
     });
-    here.edit(Edit::NONE, Want::Changes).unwrap();
-    let answer = scene.edit().commit(Want::Changes).unwrap();
+    here.edit(Edit::NONE, Report::Changes).unwrap();
+    let answer = scene.edit().commit(Report::Changes).unwrap();
     assert_eq!(answer.engine(), EngineName::GpuGrid);
     assert!(Heard::from(&answer) == Heard::from(here.told()));
     assert!(answer.begun().len() > 1_000);
@@ -105,8 +105,8 @@ fn scenes_of_a_session_and_of_others_are_kept_apart() {
         for (i, scene) in scenes.iter_mut().enumerate() {
             let shift = 0.1 * i as f32 + round as f32;
             let boxes: Vec<Aabb> = (0..=i).map(|k| at(shift + 0.8 * k as f32)).collect();
-            let answer = scene.edit().set_all(0..i as u32 + 1, &boxes).commit(Want::All).unwrap();
-            assert_eq!(answer.take().pairs().len(), i);
+            let answer = scene.edit().set_all(0..i as u32 + 1, &boxes).commit(Report::All).unwrap();
+            assert_eq!(answer.pairs().len(), i);
         }
     }
     let status = sessions[0].daemon_status().unwrap();
@@ -128,14 +128,14 @@ fn a_resync_that_was_asked_for_outlives_the_daemon() {
         let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
         let mut session = daemon.session().backend(backend).connect().unwrap();
         let mut scene = session.scene(SceneOptions::default());
-        scene.lose();
+        scene.resync();
         let edit = scene.edit().set(1, at(0.0)).set(2, at(0.5));
-        assert_eq!(edit.commit(Want::Moved).unwrap().take().pairs(), [[1, 2]]);
+        assert_eq!(edit.commit(Report::Moved).unwrap().pairs(), [[1, 2]]);
         let died = daemon.worker();
         daemon.signal_worker(Signal::KILL);
         eventually("another worker serves", || (daemon.worker() != died).then_some(()));
         let told = eventually("the scene is answered", || {
-            let told = scene.edit().commit(Want::Changes).ok()?.take();
+            let told = scene.edit().commit(Report::Changes).ok()?;
             Some((told.is_resync(), told.pairs().to_vec()))
         });
         assert_eq!(told, (true, vec![[1, 2]]), "{backend:?}");
@@ -151,7 +151,7 @@ fn rules_without_boxes_outlive_the_daemon() {
         let mut scene = session.scene(SceneOptions::default());
         let apart = FilterTable::new(&[Filter::new(1, 2)]).unwrap();
         let edit = scene.edit().exclude(&[[1, 2]], true).filters(&apart);
-        drop(edit.commit(Want::Changes).unwrap().take());
+        drop(edit.commit(Report::Changes).unwrap());
         let died = daemon.worker();
         daemon.signal_worker(Signal::KILL);
         eventually("another worker serves", || (daemon.worker() != died).then_some(()));
@@ -162,7 +162,7 @@ fn rules_without_boxes_outlive_the_daemon() {
         let pairs = eventually("the scene is answered", || {
             let tags = [Tag::default().with_filter(FilterId(7)); 2];
             let edit = scene.edit().set_all(1..5, &boxes).tag_all(1..3, &tags);
-            Some(edit.commit(Want::All).ok()?.take().pairs().to_vec())
+            Some(edit.commit(Report::All).ok()?.pairs().to_vec())
         });
         assert!(!pairs.contains(&[1, 2]) && !pairs.contains(&[3, 4]), "{backend:?}: {pairs:?}");
     }
@@ -174,26 +174,26 @@ fn a_daemon_that_died_costs_a_typed_error_and_no_edit() {
     let mut session = daemon.session().connect().unwrap();
     let mut scene = session.scene(SceneOptions::default());
     let edit = scene.edit().set(1, at(0.0)).set(2, at(0.5));
-    assert_eq!(edit.commit(Want::Changes).unwrap().take().begun(), [[1, 2]]);
+    assert_eq!(edit.commit(Report::Changes).unwrap().begun(), [[1, 2]]);
 
     daemon.signal_worker(Signal::STOP);
-    let pending = scene.edit().set(3, at(1.2)).submit(Want::Changes).unwrap();
+    let pending = scene.edit().set(3, at(1.2)).submit(Report::Changes).unwrap();
     daemon.kill();
     let error = pending.wait().map(drop).unwrap_err();
     assert!(matches!(error, CommitError::Wait(WaitError::DaemonDied)), "{error}");
     assert_eq!(scene.len(), 3, "the edit was applied");
-    let refused = scene.edit().remove(1).commit(Want::Changes).map(drop).unwrap_err();
+    let refused = scene.edit().remove(1).commit(Report::Changes).map(drop).unwrap_err();
     assert!(matches!(refused, CommitError::Frame(_)), "{refused}");
     assert_eq!(scene.len(), 3, "the edit was not");
 
     daemon.restart();
     eventually("the scene is sent again", || {
-        let answer = scene.edit().commit(Want::Changes).ok()?.take();
+        let answer = scene.edit().commit(Report::Changes).ok()?;
         assert!(answer.is_resync());
         assert_eq!(answer.pairs(), [[1, 2], [2, 3]]);
         Some(())
     });
-    let answer = scene.edit().remove(1).commit(Want::Changes).unwrap().take();
+    let answer = scene.edit().remove(1).commit(Report::Changes).unwrap();
     assert_eq!((answer.is_resync(), answer.ended().to_vec()[0].pair), (false, [1, 2]));
 }
 
@@ -203,33 +203,34 @@ fn a_daemon_without_room_refuses_and_the_client_answers() {
     let boxes: Vec<Aabb> = (0..10_000).map(|i| at(0.7 * i as f32)).collect();
     let mut strict = daemon.session().connect().unwrap();
     let mut scene = strict.scene(SceneOptions::default());
-    let refused = scene.edit().set_all(0..10_000, &boxes).commit(Want::All).map(drop).unwrap_err();
+    let refused =
+        scene.edit().set_all(0..10_000, &boxes).commit(Report::All).map(drop).unwrap_err();
     let CommitError::Wait(WaitError::Reply(ReplyError::Status { status, detail })) = refused else {
         panic!("{refused}");
     };
     assert_eq!((status, detail[1]), (StatusCode::SceneTooLarge, 1 << 20));
     // What was refused was applied here, and so is what makes it fit, though the whole is refused once more.
     assert_eq!(scene.len(), 10_000);
-    let refused = scene.edit().remove_all(5..10_000).commit(Want::All).map(drop);
+    let refused = scene.edit().remove_all(5..10_000).commit(Report::All).map(drop);
     assert!(matches!(refused, Err(CommitError::Wait(_))), "{refused:?}");
     assert_eq!(scene.len(), 5);
-    let answer = scene.edit().commit(Want::All).unwrap();
+    let answer = scene.edit().commit(Report::All).unwrap();
     assert_eq!(answer.pairs().len(), 4);
     drop(answer);
     // An index far away takes as much as the boxes before it would.
     let mut sparse = strict.scene(SceneOptions::default());
-    assert!(sparse.edit().set(1 << 23, at(0.0)).commit(Want::All).is_err());
+    assert!(sparse.edit().set(1 << 23, at(0.0)).commit(Report::All).is_err());
 
     let mut session = daemon.session().backend(Backend::Auto).connect().unwrap();
     let mut scene = session.scene(SceneOptions::default());
-    let answer = scene.edit().set_all(0..10, &boxes[..10]).commit(Want::Changes).unwrap().take();
+    let answer = scene.edit().set_all(0..10, &boxes[..10]).commit(Report::Changes).unwrap();
     assert_eq!((answer.served_by(), answer.begun().len()), (ServedBy::Daemon, 9));
-    let all = scene.edit().set_all(0..10_000, &boxes).commit(Want::Changes).unwrap().take();
+    let all = scene.edit().set_all(0..10_000, &boxes).commit(Report::Changes).unwrap();
     assert_eq!(all.served_by(), ServedBy::InProcess);
     assert!(all.is_resync(), "this process does not know what the daemon told");
     assert_eq!(all.pairs().len(), 9_999);
     drop(all);
-    let fewer = scene.edit().remove_all(5..10_000).commit(Want::Changes).unwrap().take();
+    let fewer = scene.edit().remove_all(5..10_000).commit(Report::Changes).unwrap();
     assert_eq!((fewer.served_by(), fewer.pair_count()), (ServedBy::InProcess, Some(4)));
 }
 
@@ -241,7 +242,7 @@ fn a_scene_that_fills_more_than_half_of_the_room_moves_as_a_whole() {
     let mut scene = session.scene(SceneOptions::default());
     for step in 0..3 {
         let boxes: Vec<Aabb> = (0..2_500).map(|i| at(0.7 * (i + step) as f32)).collect();
-        let answer = scene.edit().set_all(0..2_500, &boxes).commit(Want::All).unwrap();
+        let answer = scene.edit().set_all(0..2_500, &boxes).commit(Report::All).unwrap();
         assert_eq!(answer.pairs().len(), 2_499);
     }
 }
@@ -253,10 +254,10 @@ fn a_daemon_forgets_a_scene_that_it_refused_when_the_client_does() {
     for backend in [Backend::Auto, Backend::Daemon] {
         let mut session = daemon.session().backend(backend).connect().unwrap();
         let mut scene = session.scene(SceneOptions::default());
-        let few = scene.edit().set_all(0..10, &boxes[..10]).commit(Want::Changes).unwrap();
+        let few = scene.edit().set_all(0..10, &boxes[..10]).commit(Report::Changes).unwrap();
         assert_eq!(few.served_by(), ServedBy::Daemon);
         drop(few);
-        let many = scene.edit().set_all(0..10_000, &boxes).commit(Want::Changes).map(drop);
+        let many = scene.edit().set_all(0..10_000, &boxes).commit(Report::Changes).map(drop);
         assert_eq!(many.is_ok(), backend == Backend::Auto, "{many:?}");
         drop(scene);
         eventually("the scene has ended", || {
@@ -273,15 +274,14 @@ fn boxes_by_a_function_go_to_a_daemon_and_are_sent_again() {
     for step in 0..6 {
         let shift = 0.3 * step as f32;
         let edit = scene.edit().set_with(0..400, |index| at(0.7 * index as f32 + shift));
-        let pending = edit.set_with(&[400], |_| at(0.0)).submit(Want::All).unwrap();
+        let pending = edit.set_with(&[400], |_| at(0.0)).submit(Report::All).unwrap();
         if step % 2 == 1 {
             daemon.signal_worker(Signal::KILL);
         }
-        let answer = pending.wait().unwrap().take();
+        let answer = pending.wait().unwrap();
         let boxes: Vec<Aabb> =
             (0..400).map(|index| at(0.7 * index as f32 + shift)).chain([at(0.0)]).collect();
-        let expected: Vec<[u32; 2]> =
-            truth(&boxes).pairs.into_iter().map(|[a, b]| [a, b]).collect();
+        let expected: Vec<[u32; 2]> = truth(&boxes).pairs.into_iter().collect();
         assert_eq!(answer.pairs().to_vec(), expected);
     }
 }
@@ -292,9 +292,9 @@ fn a_wrong_edit_is_refused_before_it_is_sent() {
     let mut session = daemon.session().connect().unwrap();
     let mut scene = session.scene(SceneOptions::default().with_most_boxes(9));
     for _ in 0..2 {
-        let wrong = scene.edit().set(3, at(0.0)).remove(2).commit(Want::All).map(drop);
+        let wrong = scene.edit().set(3, at(0.0)).remove(2).commit(Report::All).map(drop);
         assert!(matches!(wrong, Err(CommitError::Edit(_))));
-        let beyond = scene.edit().set(9, at(0.0)).commit(Want::All).map(drop);
+        let beyond = scene.edit().set(9, at(0.0)).commit(Report::All).map(drop);
         assert!(matches!(beyond, Err(CommitError::Edit(_))));
     }
     assert_eq!(session.daemon_status().unwrap().errors, 0, "nothing was sent");

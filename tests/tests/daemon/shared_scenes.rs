@@ -69,12 +69,12 @@ fn a_late_writer_is_named_and_keeps_its_boxes() {
     other.scene.lease(30..35).unwrap();
     let third = Member::join(&daemon, "late", 35..40, JoinOptions::default());
     assert_eq!(other.scene.tick_deadline(), Some(deadline), "who says nothing agrees");
-    let pending = other.scene.edit().set(15, at(0.0)).submit(Want::Changes).unwrap();
-    drop(one.scene.edit().set(3, at(0.5)).commit(Want::Changes).unwrap().take());
-    drop(pending.wait().unwrap().take());
+    let pending = other.scene.edit().set(15, at(0.0)).submit(Report::Changes).unwrap();
+    drop(one.scene.edit().set(3, at(0.5)).commit(Report::Changes).unwrap());
+    drop(pending.wait().unwrap());
     for tick in 2..5 {
         let start = Instant::now();
-        let answer = one.scene.edit().set(4, at(0.2)).commit(Want::All).unwrap().take();
+        let answer = one.scene.edit().set(4, at(0.2)).commit(Report::All).unwrap();
         let took = start.elapsed();
         assert!(took >= deadline && took < deadline + Duration::from_secs(2), "{took:?}");
         assert_eq!((answer.late(), answer.tick()), (&[10..30, 30..35, 35..40][..], Some(tick)));
@@ -82,8 +82,8 @@ fn a_late_writer_is_named_and_keeps_its_boxes() {
     }
     drop(third);
     // Its next commit is part of the next tick, and has all that it missed.
-    let pending = one.scene.edit().submit(Want::Changes).unwrap();
-    let answer = other.scene.edit().remove(15).commit(Want::Changes).unwrap().take();
+    let pending = one.scene.edit().submit(Report::Changes).unwrap();
+    let answer = other.scene.edit().remove(15).commit(Report::Changes).unwrap();
     assert_eq!((answer.tick(), answer.late()), (Some(5), &[][..]));
     assert_eq!(answer.ended().to_vec(), [Ended { pair: [3, 15], reason: EndReason::Removed }]);
     drop(answer);
@@ -126,23 +126,23 @@ fn what_is_not_its_own_a_member_is_refused() {
     assert_eq!(other.lease_any(10).unwrap(), 10..20);
     let full = other.lease_any(71).unwrap_err();
     assert!(matches!(full, SharedError::Lease(LeaseError::Full { count: 71 })));
-    let not_own = other.edit().set(9, at(0.0)).commit(Want::Nothing).unwrap_err();
+    let not_own = other.edit().set(9, at(0.0)).commit(Report::Nothing).unwrap_err();
     assert!(matches!(
         not_own,
         CommitError::Shared(SharedError::NotLeased(NotLeased::Index { index: 9 }))
     ));
-    let moved = other.edit().commit(Want::Moved).unwrap_err();
+    let moved = other.edit().commit(Report::Moved).unwrap_err();
     assert!(matches!(moved, CommitError::Shared(SharedError::Moved)));
     // What was refused holds nobody up, and a lease that was given back is free.
-    let pending = one.scene.edit().set(1, at(0.0)).submit(Want::All).unwrap();
-    drop(other.edit().set(12, at(0.0)).set(25, at(0.0)).commit(Want::Nothing).unwrap());
-    assert_eq!(pending.wait().unwrap().take().pairs(), [[1, 12], [1, 25], [12, 25]]);
+    let pending = one.scene.edit().set(1, at(0.0)).submit(Report::All).unwrap();
+    drop(other.edit().set(12, at(0.0)).set(25, at(0.0)).commit(Report::Nothing).unwrap());
+    assert_eq!(pending.wait().unwrap().pairs(), [[1, 12], [1, 25], [12, 25]]);
     other.give_back(10).unwrap();
     assert_eq!((other.len(), other.leases()), (1, &[20..30][..]));
     one.scene.lease(10..15).unwrap();
-    let pending = one.scene.edit().set(12, at(7.0)).submit(Want::All).unwrap();
-    drop(other.edit().commit(Want::Nothing).unwrap());
-    assert_eq!(pending.wait().unwrap().take().pairs(), [[1, 25]]);
+    let pending = one.scene.edit().set(12, at(7.0)).submit(Report::All).unwrap();
+    drop(other.edit().commit(Report::Nothing).unwrap());
+    assert_eq!(pending.wait().unwrap().pairs(), [[1, 25]]);
 }
 
 #[test]
@@ -153,19 +153,19 @@ fn a_tick_has_one_table_of_filters() {
     let mut other = Member::join(&daemon, "tables", 20..30, options);
     let (none_meet, boxes) = (FilterTable::new(&[Filter::new(1, 2)]).unwrap(), [at(0.0); 2]);
     let edit = one.scene.edit().set_all(10..12, &boxes).step(Step::Filters(&none_meet));
-    let pending = edit.submit(Want::All).unwrap();
+    let pending = edit.submit(Report::All).unwrap();
     // The daemon has the first table by now.
     one.session.daemon_status().unwrap();
     other.scene.lease(0..5).unwrap();
     let all_meet = FilterTable::new(&[Filter::new(1, 1)]).unwrap();
     let edit = other.scene.edit().step(Step::Filters(&all_meet));
-    let refused = edit.commit(Want::Nothing).map(drop).unwrap_err();
+    let refused = edit.commit(Report::Nothing).map(drop).unwrap_err();
     assert!(
         matches!(refused, CommitError::Shared(SharedError::NotLeased(NotLeased::Filters))),
         "{refused:?}"
     );
     drop(other);
-    assert_eq!(pending.wait().unwrap().take().pairs().len(), 0);
+    assert_eq!(pending.wait().unwrap().pairs().len(), 0);
 }
 
 /// Answers that hold all places of a session.
@@ -180,16 +180,16 @@ fn an_edit_without_a_place_has_not_happened() {
     let options = JoinOptions::default().with_tick_deadline(LONG).hearing(Hears::All);
     let mut one = Member::join(&daemon, "unsent", 0..10, options);
     let edit = one.scene.edit().set(1, at(0.0)).set(2, at(0.5));
-    assert_eq!(edit.commit(Want::Changes).unwrap().take().pairs(), [[1, 2]]);
+    assert_eq!(edit.commit(Report::Changes).unwrap().pairs(), [[1, 2]]);
     let places = hold_all_places(&mut one.session);
-    let unsent = one.scene.edit().set(3, at(0.2)).remove(2).commit(Want::Changes).map(drop);
+    let unsent = one.scene.edit().set(3, at(0.2)).remove(2).commit(Report::Changes).map(drop);
     assert!(matches!(unsent, Err(CommitError::Frame(FrameError::TooManyFrames))), "{unsent:?}");
     drop(places);
-    let answer = one.scene.edit().set(4, at(0.4)).commit(Want::Changes).unwrap().take();
+    let answer = one.scene.edit().set(4, at(0.4)).commit(Report::Changes).unwrap();
     assert!(!answer.is_resync());
     assert_eq!(answer.begun(), [[1, 4], [2, 4]]);
     let edit = one.scene.edit().set(3, at(0.2)).remove(2);
-    let answer = edit.commit(Want::All).unwrap().take();
+    let answer = edit.commit(Report::All).unwrap();
     assert_eq!(answer.pairs(), [[1, 3], [1, 4], [3, 4]]);
 }
 
@@ -204,7 +204,7 @@ fn boxes_that_were_applied_take_no_more_room() {
     let boxes: Vec<Aabb> = (0..1_000).map(|i| at(3.0 * i as f32)).collect();
     for tick in 0..600 {
         let edit = one.scene.edit().set_all(own.clone(), &boxes);
-        let answered = edit.commit(Want::Nothing).map(drop);
+        let answered = edit.commit(Report::Nothing).map(drop);
         assert!(answered.is_ok(), "tick {tick}: {answered:?}");
     }
 }
@@ -221,9 +221,9 @@ fn nothing_of_a_commit_with_a_refused_table_is_applied() {
         let _first = Member::join(&daemon, &name, 0..5, options.hearing(Hears::All));
         let mut one = Member::join(&daemon, &name, 10..20, options.hearing(Hears::All));
         let edit = one.scene.edit().set(11, at(0.0)).set(12, at(0.5));
-        assert_eq!(edit.commit(Want::Changes).unwrap().take().pairs(), [[11, 12]]);
+        assert_eq!(edit.commit(Report::Changes).unwrap().pairs(), [[11, 12]]);
         let edit = one.scene.edit().remove(12).set(14, at(0.1)).step(Step::Filters(&table));
-        let pending = edit.submit(Want::Changes).unwrap();
+        let pending = edit.submit(Report::Changes).unwrap();
         if waits {
             let refused = pending.wait().map(drop).unwrap_err();
             assert!(
@@ -235,10 +235,10 @@ fn nothing_of_a_commit_with_a_refused_table_is_applied() {
             drop(pending);
         }
         // Beyond what the refused commit had room for, and not of a box that it alone set.
-        let absent = one.scene.edit().remove(14).commit(Want::Changes).map(drop);
+        let absent = one.scene.edit().remove(14).commit(Report::Changes).map(drop);
         assert!(matches!(absent, Err(CommitError::Edit(EditError::Absent { index: 14 }))));
         let edit = one.scene.edit().set(13, at(0.2)).set(16, at(9.0));
-        let answer = edit.commit(Want::Changes).unwrap().take();
+        let answer = edit.commit(Report::Changes).unwrap();
         assert!(!answer.is_resync());
         assert_eq!(answer.begun(), [[11, 13], [12, 13]]);
         assert_eq!(answer.ended().len(), 0);
@@ -246,14 +246,14 @@ fn nothing_of_a_commit_with_a_refused_table_is_applied() {
 
         // A resync that was asked for outlives a refused commit.
         let edit = one.scene.edit().step(Step::Filters(&table));
-        let pending = edit.submit(Want::Changes).unwrap();
+        let pending = edit.submit(Report::Changes).unwrap();
         drop(pending);
-        one.scene.lose();
-        let answer = one.scene.edit().commit(Want::Changes).unwrap().take();
+        one.scene.resync();
+        let answer = one.scene.edit().commit(Report::Changes).unwrap();
         assert!(answer.is_resync());
         assert_eq!(answer.pairs(), [[11, 12], [11, 13], [12, 13]]);
         drop(answer);
-        assert!(!one.scene.edit().commit(Want::Changes).unwrap().take().is_resync());
+        assert!(!one.scene.edit().commit(Report::Changes).unwrap().is_resync());
     }
 }
 
@@ -266,10 +266,10 @@ fn lists_of_pairs_end_with_their_lease() {
     for (gives_back, removes) in [(true, false), (true, true), (false, false), (false, true)] {
         let mut one = Member::join(&daemon, "lists", 0..10, options);
         let edit = one.scene.edit().set_all(1..3, &boxes).step(Step::Exclude(&[[1, 2]], true));
-        assert_eq!(edit.commit(Want::All).unwrap().take().pairs().len(), 0);
+        assert_eq!(edit.commit(Report::All).unwrap().pairs().len(), 0);
         if removes {
             // Lists are there without boxes as well.
-            drop(one.scene.edit().remove_all(1..3).commit(Want::Nothing).unwrap());
+            drop(one.scene.edit().remove_all(1..3).commit(Report::Nothing).unwrap());
         }
         let listens = if gives_back {
             one.scene.give_back(0).unwrap();
@@ -281,7 +281,7 @@ fn lists_of_pairs_end_with_their_lease() {
         let mut other = Member::join(&daemon, "lists", 0..0, options);
         eventually("the lease is free", || other.scene.lease(0..10).ok());
         let edit = other.scene.edit().set_all(1..3, &boxes);
-        assert_eq!(edit.commit(Want::All).unwrap().take().pairs(), [[1, 2]]);
+        assert_eq!(edit.commit(Report::All).unwrap().pairs(), [[1, 2]]);
         other.scene.give_back(0).unwrap();
         drop(listens);
     }
@@ -299,14 +299,14 @@ fn a_member_joins_again_without_the_lists_of_a_lease_that_it_gave_back() {
     let edit = one.scene.edit().set_all(&indices, &boxes);
     let edit = edit.step(Step::Exclude(&[[1, 2], [2, 11], [11, 12]], true));
     let edit = edit.step(Step::Include(&[[1, 11]], true));
-    let answer = edit.commit(Want::All).unwrap().take();
+    let answer = edit.commit(Report::All).unwrap();
     assert_eq!(answer.pairs(), [[1, 11], [1, 12], [2, 12]]);
     drop(answer);
     one.scene.give_back(1).unwrap();
     daemon.signal_worker(Signal::KILL);
     let answer = eventually("the member joins again", || {
-        let answer = one.scene.edit().set(13, at(0.0)).commit(Want::All).ok()?;
-        Some(answer.take().pairs().to_vec())
+        let answer = one.scene.edit().set(13, at(0.0)).commit(Report::All).ok()?;
+        Some(answer.pairs().to_vec())
     });
     assert_eq!(answer, [[11, 13], [12, 13]]);
 }
@@ -333,7 +333,7 @@ fn members_commit_join_and_leave_side_by_side() {
                     // The guest before may still be on its way out.
                     eventually("the lease is free", || guest.scene.lease(own.clone()).ok());
                     let boxes = all_at(0, &own);
-                    drop(guest.scene.edit().set_all(own, &boxes).commit(Want::Changes).unwrap());
+                    drop(guest.scene.edit().set_all(own, &boxes).commit(Report::Changes).unwrap());
                 }
             })
         });
@@ -344,7 +344,7 @@ fn members_commit_join_and_leave_side_by_side() {
                     let own = member.own.clone();
                     let boxes = all_at(tick, &own);
                     let edit = member.scene.edit().set_all(own, &boxes);
-                    let answer = edit.commit(Want::Changes).unwrap().take();
+                    let answer = edit.commit(Report::Changes).unwrap();
                     learn(&mut member.known, &answer);
                 }
                 member
@@ -359,7 +359,7 @@ fn members_commit_join_and_leave_side_by_side() {
     let truth = oracle::truth(&all_at(TICKS - 1, &(0..1_800))).pairs;
     // Guests have left by then.
     eventually("the boxes of the writers alone", || {
-        let answer = last.scene.edit().commit(Want::All).unwrap().take();
+        let answer = last.scene.edit().commit(Report::All).unwrap();
         answer.pairs().iter().eq(truth.iter().map(|[a, b]| [*a, *b])).then_some(())
     });
     drop(writers);
@@ -372,16 +372,16 @@ fn a_scene_that_is_left_during_a_tick_holds_nobody_up() {
     let mut one = Member::join(&daemon, "left", 0..10, options);
     for round in 0..5 {
         let mut other = Member::join(&daemon, "left", 10..20, options);
-        drop(other.scene.edit().set(10, at(0.0)).submit(Want::Changes).unwrap());
+        drop(other.scene.edit().set(10, at(0.0)).submit(Report::Changes).unwrap());
         let Member { mut session, scene, .. } = other;
         drop(scene);
         // The place of the commit that nobody waits for is free again.
         let boxes = session.frame(3).unwrap().submit().unwrap().wait().unwrap();
         assert_eq!(boxes.n().get(), 3);
         let start = Instant::now();
-        let answer = one.scene.edit().set(round, at(0.0)).commit(Want::All).unwrap();
+        let answer = one.scene.edit().set(round, at(0.0)).commit(Report::All).unwrap();
         assert!(start.elapsed() < LONG, "it waits for nobody");
-        assert_eq!(answer.take().pairs().len(), (round * (round + 1) / 2) as usize);
+        assert_eq!(answer.pairs().len(), (round * (round + 1) / 2) as usize);
     }
 }
 
@@ -398,7 +398,7 @@ fn kill_writers(times: usize, at_end: AtEnd) {
         if edit {
             next = next.set(0, at(0.0));
         }
-        let answer = next.commit(Want::Changes).unwrap().take();
+        let answer = next.commit(Report::Changes).unwrap();
         assert!(start.elapsed() < deadline + Duration::from_secs(2), "a tick is stuck");
         learn(&mut member.known, &answer);
         (member.known.len(), answer.ended().to_vec())
@@ -468,16 +468,16 @@ fn a_restarted_daemon_is_joined_again() {
         let x = round as f32;
         // Both commit, until a tick has both.
         eventually("a tick of both", || {
-            let first = one.scene.edit().set(2, at(x)).set(3, at(9.0)).submit(Want::All);
-            let second = other.scene.edit().set(12, at(x)).commit(Want::Changes);
+            let first = one.scene.edit().set(2, at(x)).set(3, at(9.0)).submit(Report::All);
+            let second = other.scene.edit().set(12, at(x)).commit(Report::Changes);
             let answered = first.and_then(PendingAnswer::wait);
             match (answered, second) {
                 // A daemon that has just started may know one of them alone.
                 (Ok(first), Ok(second)) if first.late().is_empty() && first.pairs().len() == 1 => {
                     assert_eq!(first.pairs(), [[2, 12]], "round {round}");
-                    learn(&mut other.known, &second.take());
+                    learn(&mut other.known, &second);
                     assert_eq!(other.known.len(), 1);
-                    drop(first.take());
+                    drop(first);
                     Some(())
                 }
                 (first, second) => {

@@ -79,11 +79,11 @@ impl Both {
     }
 
     /// Sets boxes from an index on; whether the GPU told what the cores tell. Else it refused.
-    fn set(&mut self, first: u32, boxes: &[Aabb], want: Want) -> bool {
+    fn set(&mut self, first: u32, boxes: &[Aabb], report: Report) -> bool {
         let indices = first..first + boxes.len() as u32;
         let steps = [Step::Set(Sets { indices: indices.into(), boxes })];
-        self.core.edit(Edit { steps: &steps }, want).expect("an answer");
-        match self.gpu.edit(Edit { steps: &steps }, want) {
+        self.core.edit(Edit { steps: &steps }, report).expect("an answer");
+        match self.gpu.edit(Edit { steps: &steps }, report) {
             Ok(_) => {
                 assert!(Heard::from(self.gpu.told()) == Heard::from(self.core.told()));
                 true
@@ -98,21 +98,21 @@ impl Both {
 fn a_scene_that_is_crowded_tells_what_the_cores_tell_or_nothing() {
     let boxes = needles(MANY);
     let mut both = Both::new();
-    assert!(both.set(0, &boxes[..FEW], Want::Changes));
-    assert!(both.set(7, &boxes[FEW..FEW + 40], Want::Changes));
+    assert!(both.set(0, &boxes[..FEW], Report::Changes));
+    assert!(both.set(7, &boxes[FEW..FEW + 40], Report::Changes));
     let mut both = Both::new();
-    assert_eq!(both.set(0, &boxes, Want::Changes), both.has_no_limit);
+    assert_eq!(both.set(0, &boxes, Report::Changes), both.has_no_limit);
     // Few rows beside many, and one at a time.
     let mut both = Both::new();
-    assert!(both.set(0, &boxes, Want::Nothing));
-    assert_eq!(both.set(5, &boxes[..20_000], Want::Moved), both.has_no_limit);
+    assert!(both.set(0, &boxes, Report::Nothing));
+    assert_eq!(both.set(5, &boxes[..20_000], Report::Moved), both.has_no_limit);
 }
 
 #[test]
 fn queries_of_a_crowd_find_what_the_cores_find_or_nothing() {
     let boxes = needles(MANY);
     let mut both = Both::new();
-    assert!(both.set(0, &boxes, Want::Nothing));
+    assert!(both.set(0, &boxes, Report::Nothing));
     // As few as are entries; more, which the grid of all boxes answers; in the crowd all the same.
     for (count, is_answered) in [(50, true), (20_000, both.has_no_limit)] {
         let queries = needles(count);

@@ -28,9 +28,9 @@ fn begin(executor: &Executor, copy: &SceneCopy) -> SceneKeeper {
         let scene = SceneKeeper::new(options, CpuEngines::new(), share, engine);
         let made = scene.and_then(|mut scene| {
             let whole = copy.whole();
-            match scene.edit(Edit { steps: &whole.steps() }, Want::Nothing) {
+            match scene.edit(Edit { steps: &whole.steps() }, Report::Nothing) {
                 Ok(()) => {
-                    scene.lose();
+                    scene.resync();
                     Ok(scene)
                 }
                 Err(SceneError::Cull(error)) => Err(error),
@@ -75,7 +75,7 @@ struct Surviving<'l> {
 
 impl Surviving<'_> {
     /// What is told; nothing where only boxes that a lost scene knew were asked for.
-    fn edit(&mut self, edit: Edit<'_>, want: Want) -> Result<Option<Heard>, SceneError> {
+    fn edit(&mut self, edit: Edit<'_>, report: Report) -> Result<Option<Heard>, SceneError> {
         let mut losses = self.losses.borrow_mut();
         if losses.destroyer.is_none() {
             let gpu = losses.executor.gpu().and_then(|mut gpu| gpu.device()).expect("a device");
@@ -87,14 +87,14 @@ impl Surviving<'_> {
         }
         self.copy.check(edit)?;
         self.copy.apply(edit);
-        match self.scene.edit(edit, want) {
+        match self.scene.edit(edit, report) {
             Err(SceneError::Cull(CullError::DeviceLost { .. })) => {
                 losses.count += 1;
                 losses.destroyer.take().map(std::thread::JoinHandle::join).expect("one").unwrap();
                 // The copy has the edit: what follows is all pairs.
                 self.scene = begin(&losses.executor, &self.copy);
-                self.scene.edit(Edit::NONE, want)?;
-                Ok((want != Want::Moved).then(|| Heard::from(self.scene.told())))
+                self.scene.edit(Edit::NONE, report)?;
+                Ok((report != Report::Moved).then(|| Heard::from(self.scene.told())))
             }
             edited => edited.map(|()| Some(Heard::from(self.scene.told()))),
         }
@@ -116,7 +116,7 @@ impl Subject for Surviving<'_> {
     }
 
     fn invalidate(&mut self) {
-        self.scene.lose();
+        self.scene.resync();
     }
 
     fn may_resync(&self) -> bool {
@@ -164,8 +164,8 @@ fn goes_on_without_one_of_its_devices(rounds: u64) {
             let ops = source.next_edit();
             let grouped = Grouped::of(&ops);
             let edit = Edit { steps: &grouped.steps() };
-            core.edit(edit, Want::Changes).map(drop).expect("a right edit");
-            scene.edit(edit, Want::Changes).map(drop).expect("another device has it");
+            core.edit(edit, Report::Changes).map(drop).expect("a right edit");
+            scene.edit(edit, Report::Changes).map(drop).expect("another device has it");
             assert!(Heard::from(scene.told()) == Heard::from(core.told()), "round {round}");
             core.take();
             scene.take();
@@ -197,11 +197,11 @@ fn a_shared_scene_ends_with_the_last_of_its_devices() {
     let mut scene = GpuScene::shared(&tools, SceneOptions::default());
     let boxes = stress_scenes::named("uniform").boxes(50, 1);
     let steps = [Step::Set(Sets { indices: (0..50).into(), boxes: &boxes })];
-    scene.edit(Edit { steps: &steps }, Want::All).map(drop).expect("an answer");
+    scene.edit(Edit { steps: &steps }, Report::All).map(drop).expect("an answer");
     for tools in &tools {
         tools.gpu().destroy();
     }
-    let lost = scene.edit(Edit { steps: &steps }, Want::All).map(drop);
+    let lost = scene.edit(Edit { steps: &steps }, Report::All).map(drop);
     assert!(matches!(lost, Err(SceneError::Cull(CullError::DeviceLost { .. }))), "{lost:?}");
 }
 
@@ -221,9 +221,9 @@ fn a_keeper_shares_large_scenes() {
             indices: (5..n / 100).into(),
             boxes: &boxes[10..n as usize / 100 + 5],
         })];
-        for (steps, want) in [(&all, Want::Nothing), (&few, Want::Moved)] {
-            scene.edit(Edit { steps }, want).expect("an answer");
-            core.edit(Edit { steps }, want).map(drop).expect("an answer");
+        for (steps, report) in [(&all, Report::Nothing), (&few, Report::Moved)] {
+            scene.edit(Edit { steps }, report).expect("an answer");
+            core.edit(Edit { steps }, report).map(drop).expect("an answer");
         }
         assert_eq!(scene.gpu_count(), gpus, "{n} boxes");
         let (got, expected) = (scene.told().pairs(), core.told().pairs());

@@ -55,7 +55,7 @@ fn queries_change_nothing_that_edits_tell() {
 fn scene_of(tools: &Arc<SceneTools>, boxes: &[Aabb]) -> GpuScene {
     let mut scene = GpuScene::new(tools, SceneOptions::default());
     let steps = [Step::Set(Sets { indices: (0..boxes.len() as u32).into(), boxes })];
-    scene.edit(Edit { steps: &steps }, Want::Nothing).expect("an answer");
+    scene.edit(Edit { steps: &steps }, Report::Nothing).expect("an answer");
     scene
 }
 

@@ -79,12 +79,12 @@ fn scenes_that_move_to_a_gpu_go_on() {
 }
 
 /// Makes an edit of a scene of each kind, and compares what they tell.
-fn edit_both(core: &mut Scene, gpu: &mut GpuScene, steps: &[Step<'_>], want: Want, what: &str) {
-    core.edit(Edit { steps }, want).expect("an answer");
-    let got = gpu.edit(Edit { steps }, want).map(Heard::from);
-    let got = got.unwrap_or_else(|error| panic!("{what}, {want:?}: {error}"));
+fn edit_both(core: &mut Scene, gpu: &mut GpuScene, steps: &[Step<'_>], report: Report, what: &str) {
+    core.edit(Edit { steps }, report).expect("an answer");
+    let got = gpu.edit(Edit { steps }, report).map(Heard::from);
+    let got = got.unwrap_or_else(|error| panic!("{what}, {report:?}: {error}"));
     // Not `assert_eq`, which would print thousands of pairs.
-    assert!(got == Heard::from(core.told()), "{what}, {want:?}");
+    assert!(got == Heard::from(core.told()), "{what}, {report:?}");
 }
 
 /// All boxes of each scene are set, moved a little, moved far, and removed.
@@ -123,10 +123,10 @@ fn check_hard_scenes(tools: &[Arc<SceneTools>], sizes: &[u32]) {
                 [Step::Switch((0..0).into(), true)],
             ];
             for (number, steps) in steps.iter().enumerate() {
-                for want in [Want::Changes, Want::All, Want::Moved] {
-                    let steps = if want == Want::Changes { &steps[..] } else { &[] };
+                for report in [Report::Changes, Report::All, Report::Moved] {
+                    let steps = if report == Report::Changes { &steps[..] } else { &[] };
                     let what = format!("{scene:?}, {n} boxes, edit {number}");
-                    edit_both(&mut core, &mut gpu, steps, want, &what);
+                    edit_both(&mut core, &mut gpu, steps, report, &what);
                     core.take();
                     gpu.take();
                 }
@@ -150,8 +150,8 @@ fn a_scene_grows_and_shrinks() {
                 Step::Remove((target.min(held)..held).into()),
                 Step::Set(Sets { indices: (0..target).into(), boxes: &boxes }),
             ];
-            let want = if round == 1 { Want::Moved } else { Want::Changes };
-            edit_both(&mut core, &mut gpu, &steps, want, &format!("{target} boxes"));
+            let report = if round == 1 { Report::Moved } else { Report::Changes };
+            edit_both(&mut core, &mut gpu, &steps, report, &format!("{target} boxes"));
             // What a size was reached by is told together with what follows.
             if round > 0 {
                 core.take();
@@ -177,7 +177,7 @@ fn moved_pairs_are_told_where_records_are_made_anew() {
                 Step::Remove((n.min(core.len() as u32)..core.len() as u32).into()),
                 Step::Set(Sets { indices: (0..n).into(), boxes: &boxes }),
             ];
-            edit_both(&mut core, &mut gpu, &steps, Want::Moved, &format!("{n} boxes"));
+            edit_both(&mut core, &mut gpu, &steps, Report::Moved, &format!("{n} boxes"));
             assert!(n < 1_000 || core.told().pairs().len() > 1_000);
         }
     }
@@ -195,7 +195,7 @@ fn long_and_short_lists_take_turns() {
     let mut core = Scene::new(SceneOptions::default());
     let mut gpu = GpuScene::new(&tools, SceneOptions::default());
     let mut check = |steps: &[Step<'_>], count: u32| {
-        edit_both(&mut core, &mut gpu, steps, Want::All, &format!("{count} boxes"));
+        edit_both(&mut core, &mut gpu, steps, Report::All, &format!("{count} boxes"));
     };
     check(&[Step::Set(Sets { indices: (0..n).into(), boxes: &uniform.boxes(n, 1) })], n);
     for (round, count) in [100_000u32, 300_000, 100_000, 300_000].into_iter().enumerate() {
@@ -221,7 +221,7 @@ fn a_scene_is_on_each_gpu_once() {
         let set = [Step::Set(Sets { indices: (0..3_000).into(), boxes: &boxes })];
         let remove = [Step::Remove((0..3_000).into())];
         for steps in [&set[..], &remove, &[]] {
-            edit_both(&mut core, &mut gpu, steps, Want::Changes, "on each GPU once");
+            edit_both(&mut core, &mut gpu, steps, Report::Changes, "on each GPU once");
             core.take();
             gpu.take();
         }
@@ -235,8 +235,8 @@ fn a_dropped_scene_gives_its_memory_back() {
     let mut gpu = GpuScene::new(&tools, SceneOptions::default());
     let boxes = stress_scenes::named("uniform").boxes(1_000, 3);
     let steps = [Step::Set(Sets { indices: (0..1_000).into(), boxes: &boxes })];
-    for want in [Want::Changes, Want::Moved, Want::All] {
-        gpu.edit(Edit { steps: &steps }, want).expect("an answer");
+    for report in [Report::Changes, Report::Moved, Report::All] {
+        gpu.edit(Edit { steps: &steps }, report).expect("an answer");
     }
     assert!(Arc::strong_count(tools.gpu()) > holders, "blocks and frames hold the device");
     drop(gpu);
@@ -253,7 +253,7 @@ fn a_lost_device_and_memory_that_is_not_to_be_had_are_errors() {
     {
         let indices = [index];
         let steps = [Step::Set(Sets { indices: (&indices).into(), boxes: &[Aabb::EMPTY] })];
-        let refused = gpu.edit(Edit { steps: &steps }, Want::Changes).map(|_| ());
+        let refused = gpu.edit(Edit { steps: &steps }, Report::Changes).map(|_| ());
         assert!(
             matches!(refused, Err(SceneError::Cull(CullError::DeviceMemory { .. }))),
             "{refused:?}"
@@ -262,7 +262,7 @@ fn a_lost_device_and_memory_that_is_not_to_be_had_are_errors() {
     let mut gpu = GpuScene::new(&tools, SceneOptions::default());
     tools.gpu().destroy();
     let steps = [Step::Set(Sets { indices: (0..1).into(), boxes: &[Aabb::EMPTY] })];
-    let lost = gpu.edit(Edit { steps: &steps }, Want::Changes).map(|_| ());
+    let lost = gpu.edit(Edit { steps: &steps }, Report::Changes).map(|_| ());
     assert!(matches!(lost, Err(SceneError::Cull(CullError::DeviceLost { .. }))), "{lost:?}");
 }
 
@@ -272,8 +272,8 @@ fn rows(tools: &Arc<SceneTools>) -> (Scene, GpuScene) {
     let (mut core, mut gpu) = (Scene::new(options), GpuScene::new(tools, options));
     let boxes = [0.0f32, 0.8, 1.6].map(|x| Aabb::from([x, 0.0, 0.0, x + 1.0, 1.0, 1.0]));
     let steps = [Step::Set(Sets { indices: (0..3).into(), boxes: &boxes })];
-    core.edit(Edit { steps: &steps }, Want::Changes).expect("an answer");
-    gpu.edit(Edit { steps: &steps }, Want::Changes).expect("an answer");
+    core.edit(Edit { steps: &steps }, Report::Changes).expect("an answer");
+    gpu.edit(Edit { steps: &steps }, Report::Changes).expect("an answer");
     (core, gpu)
 }
 
@@ -298,19 +298,23 @@ fn wrong_edits_are_refused_as_by_the_core_and_change_nothing() {
         &[Step::Remove((&[7, 8, 0]).into())],
     ];
     for (number, steps) in cases.into_iter().enumerate() {
-        let expected = core.edit(Edit { steps }, Want::Changes).map(|_| ());
+        let expected = core.edit(Edit { steps }, Report::Changes).map(|_| ());
         assert!(matches!(expected, Err(SceneError::Edit(_))), "case {number}");
-        assert_eq!(gpu.edit(Edit { steps }, Want::Changes).map(|_| ()), expected, "case {number}");
+        assert_eq!(
+            gpu.edit(Edit { steps }, Report::Changes).map(|_| ()),
+            expected,
+            "case {number}"
+        );
         assert_eq!(gpu.len(), 3);
         assert_eq!(Heard::from(gpu.told()), Heard::from(core.told()), "the last answer stays");
     }
     // A refused edit leaves the last answer to be taken.
     core.take();
     gpu.take();
-    for want in [Want::Changes, Want::All] {
-        edit_both(&mut core, &mut gpu, &[], want, "after refused edits");
+    for report in [Report::Changes, Report::All] {
+        edit_both(&mut core, &mut gpu, &[], report, "after refused edits");
     }
     assert_eq!(gpu.told().pairs(), [[0, 1], [1, 2]]);
-    let twice = gpu.edit(Edit { steps: cases[5] }, Want::All).map(|_| ());
+    let twice = gpu.edit(Edit { steps: cases[5] }, Report::All).map(|_| ());
     assert_eq!(twice, Err(SceneError::Edit(EditError::SetTwice { index: 1 })));
 }

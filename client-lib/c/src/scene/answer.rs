@@ -71,13 +71,6 @@ pub unsafe extern "C" fn pm_scene_answer(scene: pm_scene, answer: *mut pm_answer
     })
 }
 
-/// Takes the answer: what it tells is known from now on, and the next changes are counted from it. An answer that
-/// is not taken is told again.
-#[unsafe(no_mangle)]
-pub extern "C" fn pm_scene_take(scene: pm_scene) -> pm_code {
-    call(|| scene.with(|scene| scene.state.take()))
-}
-
 /// Which list of pairs.
 #[derive(Clone, Copy)]
 enum Which {
@@ -122,7 +115,7 @@ unsafe fn read(
     })
 }
 
-/// Pairs that began, for `PM_WANT_CHANGES`, as an array that lives until the answer ends: with the next call
+/// Pairs that began, for `PM_REPORT_CHANGES`, as an array that lives until the answer ends: with the next call
 /// that writes an edit or asks the scene something.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn pm_scene_begun(
@@ -134,7 +127,7 @@ pub unsafe extern "C" fn pm_scene_begun(
     unsafe { read(scene, Which::Begun, pairs, count) }
 }
 
-/// Pairs of now, for `PM_WANT_ALL`, `PM_WANT_MOVED` and a resync, as an array that lives until the answer ends.
+/// Pairs of now, for `PM_REPORT_ALL`, `PM_REPORT_MOVED` and a resync, as an array that lives until the answer ends.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn pm_scene_pairs(
     scene: pm_scene,
@@ -145,7 +138,7 @@ pub unsafe extern "C" fn pm_scene_pairs(
     unsafe { read(scene, Which::Pairs, pairs, count) }
 }
 
-/// Pairs that ended, for `PM_WANT_CHANGES`, as an array that lives until the answer ends.
+/// Pairs that ended, for `PM_REPORT_CHANGES`, as an array that lives until the answer ends.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn pm_scene_ended(
     scene: pm_scene,

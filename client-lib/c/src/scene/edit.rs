@@ -2,7 +2,7 @@
 #![allow(unsafe_code)]
 
 use pairmask::Margin;
-use pairmask::scene::{Indices, Sets, Step, Want};
+use pairmask::scene::{Indices, Report, Sets, Step};
 
 use super::draft::{Draft, Given};
 use super::pm_scene;
@@ -264,23 +264,23 @@ pub extern "C" fn pm_scene_discard(scene: pm_scene) -> pm_code {
     })
 }
 
-/// Which answer is wanted of an edit: one of `PM_WANT_...`.
-pub type pm_want = u32;
-/// Pairs that began and ended since the last answer that was taken.
-pub const PM_WANT_CHANGES: pm_want = 0;
+/// Which answer is wanted of an edit: one of `PM_REPORT_...`.
+pub type pm_report = u32;
+/// Pairs that began and ended since the last answer that was waited for.
+pub const PM_REPORT_CHANGES: pm_report = 0;
 /// Pairs of now with at least one box that the edit set, switched or flagged.
-pub const PM_WANT_MOVED: pm_want = 1;
+pub const PM_REPORT_MOVED: pm_report = 1;
 /// All pairs of now.
-pub const PM_WANT_ALL: pm_want = 2;
+pub const PM_REPORT_ALL: pm_report = 2;
 /// Nothing: the edit is applied.
-pub const PM_WANT_NOTHING: pm_want = 3;
+pub const PM_REPORT_NOTHING: pm_report = 3;
 
-fn want_of(want: pm_want) -> Result<Want, Failure> {
-    Ok(match want {
-        PM_WANT_CHANGES => Want::Changes,
-        PM_WANT_MOVED => Want::Moved,
-        PM_WANT_ALL => Want::All,
-        PM_WANT_NOTHING => Want::Nothing,
+fn want_of(report: pm_report) -> Result<Report, Failure> {
+    Ok(match report {
+        PM_REPORT_CHANGES => Report::Changes,
+        PM_REPORT_MOVED => Report::Moved,
+        PM_REPORT_ALL => Report::All,
+        PM_REPORT_NOTHING => Report::Nothing,
         _ => return Err(Failure::argument("no such answer")),
     })
 }
@@ -289,8 +289,8 @@ fn want_of(want: pm_want) -> Result<Want, Failure> {
 /// their order, then what is about rules. A daemon works on it while this thread does something else.
 /// Whatever is returned, the edit is written no more.
 #[unsafe(no_mangle)]
-pub extern "C" fn pm_scene_submit(scene: pm_scene, want: pm_want) -> pm_code {
-    call(|| scene.with(|scene| scene.state.submit(want_of(want)?)))
+pub extern "C" fn pm_scene_submit(scene: pm_scene, report: pm_report) -> pm_code {
+    call(|| scene.with(|scene| scene.state.submit(want_of(report)?)))
 }
 
 /// Waits for the answer to what was submitted, as long as the session's deadline allows, and for a shared scene
@@ -302,10 +302,10 @@ pub extern "C" fn pm_scene_wait(scene: pm_scene) -> pm_code {
 
 /// `pm_scene_submit` and `pm_scene_wait`.
 #[unsafe(no_mangle)]
-pub extern "C" fn pm_scene_commit(scene: pm_scene, want: pm_want) -> pm_code {
+pub extern "C" fn pm_scene_commit(scene: pm_scene, report: pm_report) -> pm_code {
     call(|| {
         scene.with(|scene| {
-            scene.state.submit(want_of(want)?)?;
+            scene.state.submit(want_of(report)?)?;
             scene.state.wait()
         })
     })

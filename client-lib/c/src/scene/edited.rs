@@ -1,7 +1,7 @@
 //! A scene with its edit under way, or answered. The answer borrows the scene, so that the two are kept in one
 //! cell.
 
-use pairmask::scene::{Indices, Step, Want};
+use pairmask::scene::{Indices, Report, Step};
 use pairmask::{PendingAnswer, SceneAnswer};
 use self_cell::{MutBorrow, self_cell};
 
@@ -65,13 +65,13 @@ impl State {
     }
 
     /// Sends the edit that was written.
-    pub fn submit(&mut self, want: Want) -> Result<(), Failure> {
+    pub fn submit(&mut self, report: Report) -> Result<(), Failure> {
         self.end()?;
         let Place::Idle(edited) = std::mem::replace(&mut self.0, Place::Moved) else {
             return Err(NO_ANSWER);
         };
         let sent = Cell::try_new_or_recover(MutBorrow::new(edited), |owner| {
-            send(owner.borrow_mut(), want).map(Borrower::Pending)
+            send(owner.borrow_mut(), report).map(Borrower::Pending)
         });
         match sent {
             Ok(cell) => {
@@ -100,19 +100,6 @@ impl State {
         })
     }
 
-    /// Takes the answer: what it tells is known from now on.
-    pub fn take(&mut self) -> Result<(), Failure> {
-        let Place::Borrowed(cell) = &mut self.0 else { return Err(NO_ANSWER) };
-        cell.with_dependent_mut(|_, borrower| {
-            let (kept, is_answer) = match std::mem::replace(borrower, Borrower::Nothing) {
-                Borrower::Answer(answer) => (Borrower::Answer(answer.take()), true),
-                other => (other, false),
-            };
-            *borrower = kept;
-            if is_answer { Ok(()) } else { Err(NO_ANSWER) }
-        })
-    }
-
     /// Reads the answer.
     pub fn read<R>(&self, read: impl FnOnce(&SceneAnswer<'_>) -> R) -> Result<R, Failure> {
         let Place::Borrowed(cell) = &self.0 else { return Err(NO_ANSWER) };
@@ -124,7 +111,7 @@ impl State {
 }
 
 /// Sends an edit.
-fn send(edited: &mut Edited, want: Want) -> Result<PendingAnswer<'_, '_>, Failure> {
+fn send(edited: &mut Edited, report: Report) -> Result<PendingAnswer<'_, '_>, Failure> {
     let Edited { scene, draft } = edited;
     let draft = &*draft;
     let mut edit = draft.given.iter().fold(scene.edit(), |edit, given| match given {
@@ -144,5 +131,5 @@ fn send(edited: &mut Edited, want: Want) -> Result<PendingAnswer<'_, '_>, Failur
         let indices = Indices::List(&draft.indices);
         edit = edit.set_all(indices, &draft.boxes);
     }
-    Ok(edit.submit(want)?)
+    Ok(edit.submit(report)?)
 }

@@ -168,10 +168,10 @@ pub extern "C" fn pm_scene_drop(scene: pm_scene) -> pm_code {
 
 /// Forgets what was told: the next changes are a resync. The scene's answer ends.
 #[unsafe(no_mangle)]
-pub extern "C" fn pm_scene_lose(scene: pm_scene) -> pm_code {
+pub extern "C" fn pm_scene_resync(scene: pm_scene) -> pm_code {
     call(|| {
         scene.with(|scene| {
-            scene.edited()?.scene.lose();
+            scene.edited()?.scene.resync();
             Ok(())
         })
     })

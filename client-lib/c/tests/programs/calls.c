@@ -401,39 +401,35 @@ static void scenes(pm_session session) {
 
   EXPECT(PM_OK, pm_scene_create(session, &options, &scene));
   EXPECT(PM_ERR_STATE, pm_scene_answer(scene, &answer));
-  EXPECT(PM_ERR_STATE, pm_scene_take(scene));
   EXPECT(PM_ERR_STATE, pm_scene_wait(scene));
 
   EXPECT(PM_OK, pm_scene_set(scene, 7, &a));
   EXPECT(PM_OK, pm_scene_set(scene, 9, &b));
   EXPECT(PM_ERR_ARGUMENT, pm_scene_commit(scene, 9));
-  EXPECT(PM_OK, pm_scene_commit(scene, PM_WANT_CHANGES));
+  EXPECT(PM_OK, pm_scene_commit(scene, PM_REPORT_CHANGES));
   EXPECT(PM_OK, pm_scene_answer(scene, &answer));
   CHECK(answer.begun == 1 && answer.ended == 0 && answer.pair_count == 1 && answer.served_by != 0);
   expect_list(scene, pm_scene_begun, expected, 1);
   size_t visited = 0;
   EXPECT(PM_OK, pm_scene_for_each_begun(scene, count_pairs, &visited));
   CHECK(visited == 1);
-  EXPECT(PM_OK, pm_scene_take(scene));
-  expect_list(scene, pm_scene_begun, expected, 1); /* it is read after it was taken, too */
+  expect_list(scene, pm_scene_begun, expected, 1);
 
   EXPECT(PM_OK, pm_scene_set(scene, 9, &far_away));
   EXPECT(PM_ERR_STATE, pm_scene_begun(scene, &pairs, &count)); /* the answer has ended */
-  EXPECT(PM_OK, pm_scene_submit(scene, PM_WANT_CHANGES));
+  EXPECT(PM_OK, pm_scene_submit(scene, PM_REPORT_CHANGES));
   EXPECT(PM_ERR_STATE, pm_scene_ended(scene, &ended, &count)); /* not waited for */
   EXPECT(PM_OK, pm_scene_wait(scene));
   EXPECT(PM_OK, pm_scene_ended(scene, &ended, &count));
   CHECK(count == 1 && ended[0].a == 7 && ended[0].b == 9);
   CHECK(ended[0].reason == PM_ENDED_SEPARATED);
-  EXPECT(PM_OK, pm_scene_take(scene));
 
   EXPECT(PM_OK, pm_scene_set_all(scene, pm_index_list(both, 2), boxes, 2));
-  EXPECT(PM_OK, pm_scene_commit(scene, PM_WANT_ALL));
+  EXPECT(PM_OK, pm_scene_commit(scene, PM_REPORT_ALL));
   expect_list(scene, pm_scene_pairs, expected, 1);
   visited = 0;
   EXPECT(PM_OK, pm_scene_for_each_pair(scene, count_pairs, &visited));
   CHECK(visited == 1);
-  EXPECT(PM_OK, pm_scene_take(scene));
 
   EXPECT(PM_OK, pm_scene_query(scene, &a, 1, NULL, 0, &found));
   EXPECT(PM_OK, pm_found_pairs(found, &pairs, &count));
@@ -451,56 +447,51 @@ static void scenes(pm_session session) {
   EXPECT(PM_ERR_QUERY_TAGS, pm_scene_query(scene, &a, 1, tags, 3, &found));
 
   EXPECT(PM_OK, pm_scene_switch(scene, pm_index(7), false));
-  EXPECT(PM_OK, pm_scene_commit(scene, PM_WANT_CHANGES));
+  EXPECT(PM_OK, pm_scene_commit(scene, PM_REPORT_CHANGES));
   EXPECT(PM_OK, pm_scene_ended(scene, &ended, &count));
   CHECK(count == 1 && ended[0].reason == PM_ENDED_FILTERED);
-  EXPECT(PM_OK, pm_scene_take(scene));
   EXPECT(PM_OK, pm_scene_switch(scene, pm_index(7), true));
   EXPECT(PM_OK, pm_scene_make_static(scene, pm_index_list(both, 2), true));
-  EXPECT(PM_OK, pm_scene_commit(scene, PM_WANT_CHANGES));
+  EXPECT(PM_OK, pm_scene_commit(scene, PM_REPORT_CHANGES));
   expect_list(scene, pm_scene_begun, expected, 0);
-  EXPECT(PM_OK, pm_scene_take(scene));
   const uint32_t mask[] = {1u << 7 | 1u << 9};
   const pm_indices masked = {PM_INDICES_MASK, 0, 1, mask};
   EXPECT(PM_OK, pm_scene_make_static(scene, masked, false));
-  EXPECT(PM_OK, pm_scene_commit(scene, PM_WANT_CHANGES));
+  EXPECT(PM_OK, pm_scene_commit(scene, PM_REPORT_CHANGES));
   expect_list(scene, pm_scene_begun, expected, 1);
-  EXPECT(PM_OK, pm_scene_take(scene));
 
   const pm_filter filters[] = {pm_filter_all(), {1, 1, 0, 0, 0}, {2, 2, 0, 0, 0}};
   const pm_tag kinds[] = {{0, 0, 1, 0}, {0, 0, 2, 0}};
   EXPECT(PM_OK, pm_scene_filters(scene, filters, 3));
   EXPECT(PM_OK, pm_scene_tag(scene, pm_index_list(both, 2), kinds, 2));
-  EXPECT(PM_OK, pm_scene_commit(scene, PM_WANT_CHANGES));
+  EXPECT(PM_OK, pm_scene_commit(scene, PM_REPORT_CHANGES));
   EXPECT(PM_OK, pm_scene_ended(scene, &ended, &count));
   CHECK(count == 1 && ended[0].reason == PM_ENDED_FILTERED);
-  EXPECT(PM_OK, pm_scene_take(scene));
   EXPECT(PM_OK, pm_scene_include(scene, expected, 1, true));
-  EXPECT(PM_OK, pm_scene_commit(scene, PM_WANT_CHANGES));
+  EXPECT(PM_OK, pm_scene_commit(scene, PM_REPORT_CHANGES));
   expect_list(scene, pm_scene_begun, expected, 1);
-  EXPECT(PM_OK, pm_scene_take(scene));
   EXPECT(PM_OK, pm_scene_include(scene, expected, 1, false));
   EXPECT(PM_OK, pm_scene_exclude(scene, expected, 1, true));
-  EXPECT(PM_OK, pm_scene_commit(scene, PM_WANT_NOTHING));
+  EXPECT(PM_OK, pm_scene_commit(scene, PM_REPORT_NOTHING));
   EXPECT(PM_OK, pm_scene_exclude(scene, expected, 1, false));
   EXPECT(PM_OK, pm_scene_tag(scene, pm_index_range(7, 1), &other_world, 1));
   EXPECT(PM_OK, pm_scene_discard(scene));
 
   /* What is wrong with an edit: nothing of it is applied. */
   EXPECT(PM_OK, pm_scene_set(scene, 1000, &a));
-  EXPECT(PM_ERR_BEYOND_LIMIT, pm_scene_commit(scene, PM_WANT_CHANGES));
+  EXPECT(PM_ERR_BEYOND_LIMIT, pm_scene_commit(scene, PM_REPORT_CHANGES));
   EXPECT(PM_OK, pm_scene_set(scene, 3, &a));
   EXPECT(PM_OK, pm_scene_set(scene, 3, &a));
-  EXPECT(PM_ERR_SET_TWICE, pm_scene_commit(scene, PM_WANT_CHANGES));
+  EXPECT(PM_ERR_SET_TWICE, pm_scene_commit(scene, PM_REPORT_CHANGES));
   EXPECT(PM_OK, pm_scene_remove(scene, pm_index(3)));
-  EXPECT(PM_ERR_ABSENT, pm_scene_commit(scene, PM_WANT_CHANGES));
+  EXPECT(PM_ERR_ABSENT, pm_scene_commit(scene, PM_REPORT_CHANGES));
   EXPECT(PM_OK, pm_scene_set_all(scene, pm_index_range(0, 3), boxes, 2));
-  EXPECT(PM_ERR_LENGTHS, pm_scene_commit(scene, PM_WANT_CHANGES));
+  EXPECT(PM_ERR_LENGTHS, pm_scene_commit(scene, PM_REPORT_CHANGES));
   EXPECT(PM_ERR_ARGUMENT, pm_scene_remove(scene, (pm_indices){9, 0, 0, NULL}));
   EXPECT(PM_ERR_ARGUMENT, pm_scene_remove(scene, pm_index_list(NULL, 3)));
   const float margin = 1;
   EXPECT(PM_OK, pm_scene_set_all_margined(scene, pm_index(1), &a, 1, &margin, 1));
-  EXPECT(PM_ERR_NO_MARGINS, pm_scene_commit(scene, PM_WANT_CHANGES));
+  EXPECT(PM_ERR_NO_MARGINS, pm_scene_commit(scene, PM_REPORT_CHANGES));
   EXPECT(PM_ERR_ABSENT, pm_scene_get(scene, 3, &got));
   EXPECT(PM_OK, pm_scene_get(scene, 9, &got));
   CHECK(memcmp(&got, &b, sizeof got) == 0);
@@ -508,14 +499,13 @@ static void scenes(pm_session session) {
   CHECK(info.boxes == 2 && info.allocated_bytes > 0);
   EXPECT(PM_ERR_STATE, pm_scene_lease(scene, (pm_range){0, 1}));
 
-  EXPECT(PM_OK, pm_scene_lose(scene));
-  EXPECT(PM_OK, pm_scene_commit(scene, PM_WANT_CHANGES));
+  EXPECT(PM_OK, pm_scene_resync(scene));
+  EXPECT(PM_OK, pm_scene_commit(scene, PM_REPORT_CHANGES));
   EXPECT(PM_OK, pm_scene_answer(scene, &answer));
   CHECK(answer.is_resync == 1);
   EXPECT(PM_OK, pm_scene_remove(scene, pm_index(7)));
-  EXPECT(PM_OK, pm_scene_submit(scene, PM_WANT_NOTHING));
+  EXPECT(PM_OK, pm_scene_submit(scene, PM_REPORT_NOTHING));
   EXPECT(PM_OK, pm_scene_drop(scene)); /* while an edit is under way */
-  EXPECT(PM_ERR_HANDLE, pm_scene_take(scene));
 }
 
 static void margins(pm_session session) {
@@ -545,22 +535,21 @@ static void margins(pm_session session) {
     } else {
       EXPECT(PM_OK, pm_scene_set_all_margined(scene, pm_index_range(0, 2), boxes, 2, margin, 2));
     }
-    EXPECT(PM_OK, pm_scene_commit(scene, PM_WANT_CHANGES));
+    EXPECT(PM_OK, pm_scene_commit(scene, PM_REPORT_CHANGES));
     expect_list(scene, pm_scene_begun, expected, step == 2 ? 1 : 0);
-    EXPECT(PM_OK, pm_scene_take(scene));
   }
   EXPECT(PM_OK, pm_scene_get_info(scene, &info));
   CHECK(info.set == 6 && info.sent == 2 && info.edits == 3);
   EXPECT(PM_ERR_MARGINS, pm_scene_set_margined(scene, 0, boxes, -1));
   EXPECT(PM_OK, pm_scene_set_all_margined(scene, pm_index_range(0, 2), boxes, 2, margin, 0));
-  EXPECT(PM_ERR_MARGINS, pm_scene_commit(scene, PM_WANT_CHANGES));
+  EXPECT(PM_ERR_MARGINS, pm_scene_commit(scene, PM_REPORT_CHANGES));
   /* Queries and rules are of the boxes as they were set. */
   EXPECT(PM_OK, pm_scene_query(scene, &boxes[1], 1, NULL, 0, &found));
   EXPECT(PM_OK, pm_found_pairs(found, &rows, &count));
   CHECK(count == 2);
   EXPECT(PM_OK, pm_found_drop(found));
   EXPECT(PM_OK, pm_scene_exclude(scene, expected, 1, true));
-  EXPECT(PM_OK, pm_scene_commit(scene, PM_WANT_ALL));
+  EXPECT(PM_OK, pm_scene_commit(scene, PM_REPORT_ALL));
   expect_list(scene, pm_scene_pairs, expected, 0);
   EXPECT(PM_OK, pm_scene_drop(scene));
 }
@@ -593,16 +582,15 @@ static void shared(pm_session session, bool is_daemon) {
   CHECK(count == 2 && ranges[0].first == 3 && ranges[1].count == 3);
   EXPECT(PM_OK, pm_scene_give_back(scene, 0));
   EXPECT(PM_OK, pm_scene_set_all(scene, pm_index_range(3, 2), boxes, 2));
-  EXPECT(PM_OK, pm_scene_commit(scene, PM_WANT_ALL));
+  EXPECT(PM_OK, pm_scene_commit(scene, PM_REPORT_ALL));
   EXPECT(PM_OK, pm_scene_answer(scene, &answer));
   CHECK(answer.tick > 0 && answer.late == 0);
   EXPECT(PM_OK, pm_scene_late(scene, NULL, 0, &count));
   CHECK(count == 0);
   expect_list(scene, pm_scene_pairs, expected, 1);
-  EXPECT(PM_OK, pm_scene_take(scene));
   EXPECT(PM_OK, pm_scene_set(scene, 50, boxes));
-  EXPECT(PM_ERR_NOT_LEASED, pm_scene_commit(scene, PM_WANT_CHANGES));
-  EXPECT(PM_ERR_MOVED, pm_scene_commit(scene, PM_WANT_MOVED));
+  EXPECT(PM_ERR_NOT_LEASED, pm_scene_commit(scene, PM_REPORT_CHANGES));
+  EXPECT(PM_ERR_MOVED, pm_scene_commit(scene, PM_REPORT_MOVED));
   EXPECT(PM_OK, pm_scene_drop(scene));
 }
 

@@ -95,25 +95,22 @@ void scenes(pm::Session &session) {
   auto scene = session.scene({1000}).value();
   scene.set(7, at(0)).value();
   scene.set(9, at(0.5f)).value();
-  scene.commit(pm::Want::Changes).value();
+  scene.commit(pm::Report::Changes).value();
   CHECK(are(scene.begun(), {{7, 9}}) && scene.ended().empty());
   CHECK(scene.is_resync() || scene.answer().begun == 1);
   std::size_t visited = 0;
   scene.for_each_begun([&](auto pairs) { visited += pairs.size(); }).value();
   CHECK(visited == 1);
-  scene.take().value();
   CHECK(scene.query(std::vector<pm::Box>{at(0)}).value().pairs().size() == 2);
   scene.switch_to(pm::index(7), false).value();
-  scene.submit(pm::Want::Changes).value();
+  scene.submit(pm::Report::Changes).value();
   scene.wait().value();
   CHECK(scene.ended().size() == 1 && scene.ended()[0].reason == PM_ENDED_FILTERED);
-  scene.take().value();
   CHECK(scene.box(9).value().min[0] == 0.5f && !scene.box(8));
   CHECK(scene.info().boxes == 2);
-  CHECK(!scene.take() && scene.take().error().code() == PM_ERR_STATE);
   const std::uint32_t both[] = {7, 9};
   scene.remove(pm::list(both)).value();
-  scene.commit(pm::Want::All).value();
+  scene.commit(pm::Report::All).value();
   CHECK(scene.pairs().empty() && scene.answer().pair_count == 0);
 
   pm::SceneOptions with_margins;
@@ -122,7 +119,7 @@ void scenes(pm::Session &session) {
   const pm::Box boxes[] = {at(0), at(1.25f)};
   const float margin[] = {0.5f};
   margined.set_all(pm::range(0, 2), boxes, margin).value();
-  margined.commit(pm::Want::All).value();
+  margined.commit(pm::Report::All).value();
   CHECK(margined.pairs().empty());
 }
 
@@ -138,9 +135,8 @@ void shared(pm::Session &session, bool is_daemon) {
   CHECK(range.count == 2 && scene.leases().size() == 1);
   scene.set(range.first, at(0)).value();
   scene.set(range.first + 1, at(0.5f)).value();
-  scene.commit(pm::Want::All).value();
+  scene.commit(pm::Report::All).value();
   CHECK(scene.pairs().size() == 1 && scene.late().empty() && scene.answer().tick > 0);
-  scene.take().value();
   scene.give_back(range.first).value();
 }
 

@@ -16,7 +16,7 @@ pub const fn is_resync_due(changes: u64, pair_count: u64) -> bool {
 /// Which answer a client wants of an edit.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[non_exhaustive]
-pub enum Want {
+pub enum Report {
     /// Pairs that began and ended since the last answer that was taken.
     #[default]
     Changes,
@@ -108,7 +108,7 @@ impl SceneSkips {
 /// threads, and however the pairs were found.
 #[derive(Debug, Default)]
 pub struct Told {
-    pub(super) want: Want,
+    pub(super) report: Report,
     pub(super) resync: bool,
     pub(super) begun: Vec<Pair>,
     pub(super) ended: Vec<Ended>,
@@ -119,20 +119,20 @@ pub struct Told {
 
 /// Answers of a scene that is kept elsewhere, as on a GPU: for who keeps it. Lists are sorted.
 impl Told {
-    /// Pairs that began and ended, for [`Want::Changes`].
+    /// Pairs that began and ended, for [`Report::Changes`].
     pub fn of_changes(begun: Vec<[u32; 2]>, ended: Vec<Ended>, pair_count: u64) -> Self {
-        Self { want: Want::Changes, begun, ended, pair_count, ..Self::default() }
+        Self { report: Report::Changes, begun, ended, pair_count, ..Self::default() }
     }
 
-    /// Pairs of now, for [`Want::All`], [`Want::Moved`], and [`Want::Changes`] where it is a resync.
+    /// Pairs of now, for [`Report::All`], [`Report::Moved`], and [`Report::Changes`] where it is a resync.
     /// `pair_count` are those of the whole scene, where the answer tells them.
-    pub fn of_pairs(want: Want, pairs: Arc<Vec<[u32; 2]>>, pair_count: u64) -> Self {
-        Self { want, resync: want == Want::Changes, pairs, pair_count, ..Self::default() }
+    pub fn of_pairs(report: Report, pairs: Arc<Vec<[u32; 2]>>, pair_count: u64) -> Self {
+        Self { report, resync: report == Report::Changes, pairs, pair_count, ..Self::default() }
     }
 
     /// An answer without pairs.
-    pub fn of_none(want: Want, pair_count: u64) -> Self {
-        Self { want, pair_count, ..Self::default() }
+    pub fn of_none(report: Report, pair_count: u64) -> Self {
+        Self { report, pair_count, ..Self::default() }
     }
 
     /// The same with a skip meter.
@@ -149,8 +149,8 @@ impl Told {
 
 impl Told {
     /// Which answer was asked for.
-    pub const fn want(&self) -> Want {
-        self.want
+    pub const fn report(&self) -> Report {
+        self.report
     }
 
     /// Whether changes were asked for and [`pairs`](Self::pairs) holds all pairs instead: because those
@@ -160,24 +160,24 @@ impl Told {
         self.resync
     }
 
-    /// Pairs that began, for [`Want::Changes`].
+    /// Pairs that began, for [`Report::Changes`].
     pub fn begun(&self) -> &[[u32; 2]] {
         &self.begun
     }
 
-    /// Pairs that ended, for [`Want::Changes`].
+    /// Pairs that ended, for [`Report::Changes`].
     pub fn ended(&self) -> &[Ended] {
         &self.ended
     }
 
-    /// Pairs of now, for [`Want::All`], [`Want::Moved`] and a [resync](Self::is_resync).
+    /// Pairs of now, for [`Report::All`], [`Report::Moved`] and a [resync](Self::is_resync).
     pub fn pairs(&self) -> &[[u32; 2]] {
         &self.pairs
     }
 
-    /// Pairs of the whole scene, if the answer knows: [`Want::Moved`] and [`Want::Nothing`] do not.
+    /// Pairs of the whole scene, if the answer knows: [`Report::Moved`] and [`Report::Nothing`] do not.
     pub fn pair_count(&self) -> Option<u64> {
-        matches!(self.want, Want::Changes | Want::All).then_some(self.pair_count)
+        matches!(self.report, Report::Changes | Report::All).then_some(self.pair_count)
     }
 
     /// Work left out.
@@ -191,8 +191,8 @@ impl Told {
     }
 
     /// An empty answer.
-    pub(super) fn begin(&mut self, want: Want) {
-        (self.want, self.resync, self.pair_count) = (want, false, 0);
+    pub(super) fn begin(&mut self, report: Report) {
+        (self.report, self.resync, self.pair_count) = (report, false, 0);
         self.skipped = SceneSkips::default();
         self.begun.clear();
         self.ended.clear();

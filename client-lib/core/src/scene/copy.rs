@@ -21,7 +21,7 @@ const STATIC: u8 = 1 << 2;
 ///
 /// ```
 /// use pairmask_core::Aabb;
-/// use pairmask_core::scene::{Edit, Scene, SceneCopy, SceneOptions, Sets, Step, Want};
+/// use pairmask_core::scene::{Edit, Scene, SceneCopy, SceneOptions, Sets, Step, Report};
 ///
 /// let boxes = [[0.0, 1.0], [0.5, 2.0]].map(|[a, b]| Aabb::new([a; 3], [b; 3]));
 /// let steps = [Step::Set(Sets { indices: (7..9).into(), boxes: &boxes })];
@@ -31,7 +31,7 @@ const STATIC: u8 = 1 << 2;
 /// copy.apply(edit);
 ///
 /// let mut scene = Scene::new(SceneOptions::default());
-/// let told = scene.edit(Edit { steps: &copy.whole().steps() }, Want::Changes)?;
+/// let told = scene.edit(Edit { steps: &copy.whole().steps() }, Report::Changes)?;
 /// assert_eq!(told.begun(), [[7, 8]]);
 /// # Ok::<(), pairmask_core::scene::SceneError>(())
 /// ```
@@ -207,7 +207,7 @@ impl SceneCopy {
         self.table.has(index, EDIT_REMOVES)
     }
 
-    /// Boxes that an edit [names](super::Want::Moved) by its table of filters alone, before it is applied.
+    /// Boxes that an edit [names](super::Report::Moved) by its table of filters alone, before it is applied.
     pub fn named_by_table(&self, edit: Edit<'_>) -> Vec<u32> {
         let tables = edit.steps.iter().filter_map(|step| match step {
             Step::Filters(table) => Some(*table),
@@ -381,7 +381,7 @@ fn set_sorted(
 
 #[cfg(test)]
 mod tests {
-    use super::super::{Scene, SceneOptions, Want};
+    use super::super::{Report, Scene, SceneOptions};
     use super::*;
 
     fn at(x: f32) -> Aabb {
@@ -391,7 +391,7 @@ mod tests {
     /// Applies an edit to both; whether it was right.
     fn both(copy: &mut SceneCopy, scene: &mut Scene, steps: &[Step<'_>]) -> bool {
         let edit = Edit { steps };
-        let (checked, edited) = (copy.check(edit), scene.edit(edit, Want::Nothing).map(drop));
+        let (checked, edited) = (copy.check(edit), scene.edit(edit, Report::Nothing).map(drop));
         assert_eq!(checked.map_err(Into::into), edited);
         if checked.is_ok() {
             copy.apply(edit);
@@ -433,8 +433,8 @@ mod tests {
             let mut again = Scene::new(SceneOptions::default());
             let whole = copy.whole();
             let edit = Edit { steps: &whole.steps() };
-            let told = again.edit(edit, Want::All).expect("a right edit");
-            let all = scene.edit(Edit::NONE, Want::All).expect("a right edit");
+            let told = again.edit(edit, Report::All).expect("a right edit");
+            let all = scene.edit(Edit::NONE, Report::All).expect("a right edit");
             assert_eq!(told.pairs(), all.pairs());
             assert_eq!(told.skipped().static_pairs, all.skipped().static_pairs);
         }

@@ -1,6 +1,6 @@
 //! Scenes that persist: boxes stay from answer to answer, edits go in, changes of pairs come out.
 //!
-//! A client gives each box an index of its own, tells by an [`Edit`] what changes, and [wants](Want) to
+//! A client gives each box an index of its own, tells by an [`Edit`] what changes, and [wants](Report) to
 //! know which pairs began and ended, which there are around the boxes that moved, or all. A small edit
 //! costs what it changes, not what the scene holds.
 //!
@@ -8,9 +8,9 @@
 //!
 //! * Pairs are those of boxes that overlap by the rules of [`aabb`](crate::aabb), that are switched on,
 //!   and that their [collision filters](crate::filters) let meet: two static boxes are no pair.
-//! * [`Want::Changes`] tells what differs from the pairs of the last answer that was **taken**
+//! * [`Report::Changes`] tells what differs from the pairs of the last answer that was **taken**
 //!   ([`Scene::take`]): each change exactly once, however many answers were dropped between. What began
-//!   and ended again in between is not told. [`Want::All`], taken, counts as told too. [`Want::Moved`]
+//!   and ended again in between is not told. [`Report::All`], taken, counts as told too. [`Report::Moved`]
 //!   tells of no end, so taking it changes nothing: the next changes hold its news as well.
 //! * A pair is named by its indices and their incarnations. So a pair of an index whose box was removed
 //!   meanwhile is told as ended, and as begun where the index has a new box that overlaps too. Flags, filter data
@@ -57,7 +57,7 @@ pub mod shared;
 mod store;
 mod whole;
 
-pub use self::answer::{EndReason, Ended, SceneSkips, Told, Want, is_resync_due};
+pub use self::answer::{EndReason, Ended, Report, SceneSkips, Told, is_resync_due};
 pub use self::copy::{SceneCopy, WholeScene};
 pub use self::edit::{Edit, Indices, Sets, Step, Tags};
 pub use self::error::{EditError, SceneError};
@@ -109,17 +109,17 @@ enum Known {
 ///
 /// ```
 /// use pairmask_core::Aabb;
-/// use pairmask_core::scene::{Edit, EndReason, Scene, SceneOptions, Sets, Step, Want};
+/// use pairmask_core::scene::{Edit, EndReason, Scene, SceneOptions, Sets, Step, Report};
 ///
 /// let boxes = [[0.0, 1.0], [0.5, 2.0], [1.5, 3.0]].map(|[a, b]| Aabb::new([a; 3], [b; 3]));
 /// let mut scene = Scene::new(SceneOptions::default());
 /// let all = [Step::Set(Sets { indices: (0..3).into(), boxes: &boxes })];
-/// let told = scene.edit(Edit { steps: &all }, Want::Changes)?;
+/// let told = scene.edit(Edit { steps: &all }, Report::Changes)?;
 /// assert_eq!(told.begun(), [[0, 1], [1, 2]]);
 /// scene.take();
 ///
 /// let off = [Step::Switch((&[2]).into(), false)];
-/// let told = scene.edit(Edit { steps: &off }, Want::Changes)?;
+/// let told = scene.edit(Edit { steps: &off }, Report::Changes)?;
 /// assert!(told.begun().is_empty());
 /// assert_eq!(told.ended()[0].pair, [1, 2]);
 /// assert_eq!(told.ended()[0].reason, EndReason::Filtered);
@@ -224,7 +224,7 @@ impl Scene {
     /// What the scene holds, for who keeps it from now on; `None` where it has changed since the last taken
     /// answer, and pairs were told in that or may be taken still.
     pub fn kept(&self) -> Option<Kept<'_>> {
-        let is_untaken = self.is_open && matches!(self.told.want, Want::Changes | Want::All);
+        let is_untaken = self.is_open && matches!(self.told.report, Report::Changes | Report::All);
         let history = match self.known {
             Known::Same => KeptHistory::Told(self.count_then),
             _ if is_untaken => return None,
@@ -261,18 +261,18 @@ impl Scene {
     /// ```
     /// use pairmask_core::Aabb;
     /// use pairmask_core::filters::{Owner, Tag};
-    /// use pairmask_core::scene::{Edit, EndReason, Scene, SceneOptions, Sets, Step, Tags, Want};
+    /// use pairmask_core::scene::{Edit, EndReason, Scene, SceneOptions, Sets, Step, Tags, Report};
     ///
     /// let boxes = [Aabb::new([0.0; 3], [1.0; 3]); 3];
     /// let mut scene = Scene::new(SceneOptions::default());
     /// let all = [Step::Set(Sets { indices: (0..3).into(), boxes: &boxes })];
-    /// assert_eq!(scene.edit(Edit { steps: &all }, Want::Changes)?.begun().len(), 3);
+    /// assert_eq!(scene.edit(Edit { steps: &all }, Report::Changes)?.begun().len(), 3);
     /// scene.take();
     ///
     /// // Two of them are parts of one body.
     /// let tags = [Tag::default().with_owner(Owner(7)); 2];
     /// let body = [Step::Tag(Tags { indices: (&[0, 2]).into(), tags: &tags })];
-    /// let told = scene.edit(Edit { steps: &body }, Want::Changes)?;
+    /// let told = scene.edit(Edit { steps: &body }, Report::Changes)?;
     /// assert!(told.begun().is_empty());
     /// assert_eq!(told.ended()[0].pair, [0, 2]);
     /// assert_eq!(told.ended()[0].reason, EndReason::Filtered);
@@ -282,15 +282,15 @@ impl Scene {
     /// # Errors
     /// [`SceneError::Edit`] for an edit that is wrong: nothing is applied, and the last answer stays.
     /// [`SceneError::Cull`] where all pairs are needed and cannot be found: the edit is applied.
-    pub fn edit(&mut self, edit: Edit<'_>, want: Want) -> Result<&Told, SceneError> {
+    pub fn edit(&mut self, edit: Edit<'_>, report: Report) -> Result<&Told, SceneError> {
         let threads = self.threads();
         self.store.apply(edit, self.options.most_boxes, threads)?;
         self.is_open = false;
         self.tested = 0;
-        self.told.begin(want);
+        self.told.begin(report);
         self.note_changes();
-        if let Err(error) = self.answer(want) {
-            self.lose();
+        if let Err(error) = self.answer(report) {
+            self.resync();
             return Err(error.into());
         }
         self.is_open = true;
@@ -298,10 +298,10 @@ impl Scene {
     }
 
     /// Takes the last answer: what it told is what the next changes are counted from. Without effect
-    /// on an answer that was taken, and on [`Want::Moved`] and [`Want::Nothing`].
+    /// on an answer that was taken, and on [`Report::Moved`] and [`Report::Nothing`].
     pub fn take(&mut self) {
         if !std::mem::take(&mut self.is_open)
-            || !matches!(self.told.want, Want::Changes | Want::All)
+            || !matches!(self.told.report, Report::Changes | Report::All)
         {
             return;
         }
@@ -314,14 +314,14 @@ impl Scene {
     }
 
     /// Forgets what was told: the next changes are a resync. A client that has lost its pairs asks so.
-    pub fn lose(&mut self) {
+    pub fn resync(&mut self) {
         self.known = Known::Lost;
         self.is_open = false;
         self.cells = None;
         self.store.forget();
         let now = self.list_now.take();
         self.recycle(now);
-        self.told.begin(Want::Nothing);
+        self.told.begin(Report::Nothing);
     }
 
     /// Keeps the memory of a list, unless the last answer still shows it.
@@ -387,13 +387,13 @@ impl Scene {
         }
     }
 
-    fn answer(&mut self, want: Want) -> Result<(), CullError> {
-        match want {
-            Want::Nothing => {}
-            Want::Moved => self.tell_moved()?,
-            Want::All => self.tell_all()?,
-            Want::Changes => match self.known {
-                Known::Lost => self.resync()?,
+    fn answer(&mut self, report: Report) -> Result<(), CullError> {
+        match report {
+            Report::Nothing => {}
+            Report::Moved => self.tell_moved()?,
+            Report::All => self.tell_all()?,
+            Report::Changes => match self.known {
+                Known::Lost => self.report_all_pairs()?,
                 Known::Same => self.told.pair_count = self.count_then,
                 Known::Few => {
                     let threads = self.threads();
@@ -426,7 +426,7 @@ impl Scene {
         let (more, less) = (begun.len() as u64, ended.len() as u64);
         self.told.pair_count = (self.count_then + more).saturating_sub(less);
         if is_resync_due(more + less, self.told.pair_count) {
-            return self.resync();
+            return self.report_all_pairs();
         }
         let store = &self.store;
         self.told
@@ -436,7 +436,7 @@ impl Scene {
         Ok(())
     }
 
-    fn resync(&mut self) -> Result<(), CullError> {
+    fn report_all_pairs(&mut self) -> Result<(), CullError> {
         self.tell_all()?;
         self.told.resync = true;
         Ok(())

@@ -26,7 +26,7 @@ pub trait FilteredBoxes {
     fn set_still(&mut self, index: u32, is_still: bool);
     /// Whether a box is still and was not when the history began, or the other way round.
     fn has_flipped(&self, index: u32) -> bool;
-    /// The edit names a box: its pairs are those of [`Want::Moved`](super::Want::Moved).
+    /// The edit names a box: its pairs are those of [`Report::Moved`](super::Report::Moved).
     fn name(&mut self, index: u32);
     /// Filter data of a box change: its pairs are to be decided anew.
     fn refilter(&mut self, index: u32);

@@ -6,8 +6,8 @@ use pairmask_core::aabb::Aabb;
 use pairmask_core::oracle;
 use pairmask_core::precision::Margin;
 use pairmask_core::scene::{
-    Edit, ExactPairs, Indices, MarginedSets, Outgoing, Scene, SceneCopy, SceneOptions, Sets, Step,
-    Told, Want,
+    Edit, ExactPairs, Indices, MarginedSets, Outgoing, Report, Scene, SceneCopy, SceneOptions,
+    Sets, Step, Told,
 };
 use proptest::prelude::*;
 
@@ -30,7 +30,7 @@ impl Kept {
     }
 
     /// Sets boxes; what is to be sent of them.
-    fn set(&mut self, indices: Indices<'_>, boxes: &[Aabb], margins: &[Margin], want: Want) {
+    fn set(&mut self, indices: Indices<'_>, boxes: &[Aabb], margins: &[Margin], report: Report) {
         let sets = MarginedSets { indices, boxes, margins: margins.into() };
         sets.check().expect("a margin each");
         let steps = [sets.step()];
@@ -38,7 +38,7 @@ impl Kept {
         self.now.check(edit).expect("right");
         self.outgoing.clear();
         self.outgoing.choose(&sets, &self.now, (&self.scene).into(), false, Some(1));
-        self.pairs.note(edit, &self.now, want);
+        self.pairs.note(edit, &self.now, report);
         self.now.apply(edit);
     }
 
@@ -46,7 +46,7 @@ impl Kept {
     fn send(&mut self) {
         let (indices, boxes) = (self.outgoing.indices(), self.outgoing.boxes());
         let steps = [Step::Set(Sets { indices, boxes })];
-        let told = self.scene.edit(Edit { steps: &steps }, Want::Changes).expect("right");
+        let told = self.scene.edit(Edit { steps: &steps }, Report::Changes).expect("right");
         if told.is_resync() {
             self.pairs.resync_near(told.pairs().iter().copied(), &self.now);
         } else {
@@ -57,8 +57,8 @@ impl Kept {
     }
 
     fn all(&mut self) -> Vec<[u32; 2]> {
-        self.pairs.note(Edit::NONE, &self.now, Want::All);
-        told_pairs(self.pairs.tell(Want::All, &self.now, Some(1)))
+        self.pairs.note(Edit::NONE, &self.now, Report::All);
+        told_pairs(self.pairs.tell(Report::All, &self.now, Some(1)))
     }
 }
 
@@ -99,10 +99,10 @@ proptest! {
         let mut known = BTreeSet::new();
         for (at, frame) in frames.iter().enumerate() {
             let (boxes, margins): (Vec<Aabb>, Vec<Margin>) = frame.iter().copied().unzip();
-            kept.set((0..boxes.len() as u32).into(), &boxes, &margins, Want::Changes);
+            kept.set((0..boxes.len() as u32).into(), &boxes, &margins, Report::Changes);
             kept.send();
             let Kept { pairs, now, .. } = &mut kept;
-            let told = pairs.tell(Want::Changes, now, Some(1));
+            let told = pairs.tell(Report::Changes, now, Some(1));
             prop_assert!(!told.is_resync());
             if taken >> at & 1 == 1 {
                 for ended in told.ended() {
@@ -116,7 +116,7 @@ proptest! {
                 prop_assert!(known.iter().copied().eq(truth));
             }
             prop_assert_eq!(kept.all(), oracle::truth(&boxes).pairs);
-            let near = kept.scene.edit(Edit::NONE, Want::All).expect("right").pairs().to_vec();
+            let near = kept.scene.edit(Edit::NONE, Report::All).expect("right").pairs().to_vec();
             prop_assert!(kept.all().iter().all(|[a, b]| near.contains(&[*a, *b])));
         }
     }
@@ -134,7 +134,7 @@ proptest! {
         let mut kept = Kept::new(64);
         let n = boxes.len() as u32;
         let margins = vec![Margin::new(0.3).expect("not negative"); boxes.len()];
-        kept.set((0..n).into(), &boxes, &margins, Want::Changes);
+        kept.set((0..n).into(), &boxes, &margins, Report::Changes);
         let truth = oracle::truth(&boxes).pairs;
         let mut known = BTreeSet::new();
         for (some, wild, resync, take) in &lists {
@@ -146,7 +146,7 @@ proptest! {
             } else {
                 pairs.change_near(begun, ended, now);
             }
-            let told = pairs.tell(Want::Changes, now, Some(1));
+            let told = pairs.tell(Report::Changes, now, Some(1));
             prop_assert!(told.begun().is_sorted_by(|low, high| low < high));
             let is_true = |pair: &[u32; 2]| truth.binary_search(pair).is_ok();
             prop_assert!(told.begun().iter().all(is_true));
@@ -167,7 +167,7 @@ proptest! {
         }
         // An honest answer puts it right.
         kept.send();
-        let near = kept.scene.edit(Edit::NONE, Want::All).expect("right").pairs().to_vec();
+        let near = kept.scene.edit(Edit::NONE, Report::All).expect("right").pairs().to_vec();
         let Kept { pairs, now, .. } = &mut kept;
         pairs.resync_near(near.iter().copied(), now);
         prop_assert_eq!(kept.all(), truth);
@@ -184,7 +184,7 @@ fn what_follows_each_other_is_sent_as_a_range_and_threads_choose_the_same() {
     let mut kept = Kept::new(1 << 20);
     let boxes: Vec<Aabb> = (0..n).map(|i| at(i, 0.0)).collect();
     let margins = vec![margin; n];
-    kept.set((0..n as u32).into(), &boxes, &margins, Want::Changes);
+    kept.set((0..n as u32).into(), &boxes, &margins, Report::Changes);
     assert!(
         matches!(kept.outgoing.indices(), Indices::Range { first: 0, count } if count as usize == n)
     );

@@ -11,7 +11,7 @@ use std::collections::BTreeSet;
 use pairmask_core::Aabb;
 use pairmask_core::oracle;
 use pairmask_core::scene::{
-    Edit, EditError, EndReason, Ended, Indices, Scene, SceneError, SceneOptions, Sets, Step, Want,
+    Edit, EditError, EndReason, Ended, Indices, Report, Scene, SceneError, SceneOptions, Sets, Step,
 };
 use rayon::ThreadPoolBuilder;
 
@@ -131,7 +131,7 @@ fn grow_and_shrink(seeds: u64, sizes: &[usize]) {
                         Step::Remove((&removed).into()),
                         Step::Set(Sets { indices: (&indices).into(), boxes: &set }),
                     ];
-                    scene.edit(Edit { steps: &steps }, Want::Changes).expect("an answer");
+                    scene.edit(Edit { steps: &steps }, Report::Changes).expect("an answer");
                     let answer = scene.told();
                     if answer.is_resync() {
                         told = answer.pairs().iter().copied().collect();
@@ -146,7 +146,7 @@ fn grow_and_shrink(seeds: u64, sizes: &[usize]) {
                 }
                 let mut fresh = Scene::new(SceneOptions::default());
                 let steps = [Step::Set(Sets { indices: (0..target as u32).into(), boxes: &boxes })];
-                let all = fresh.edit(Edit { steps: &steps }, Want::All).expect("an answer");
+                let all = fresh.edit(Edit { steps: &steps }, Report::All).expect("an answer");
                 assert!(told.iter().eq(all.pairs()), "seed {seed}, {target} boxes");
                 if target <= 20_000 {
                     let truth = oracle::truth(&boxes).pairs;
@@ -162,7 +162,7 @@ fn row() -> Scene {
     let boxes = [0.0, 0.8, 1.6].map(|x| Aabb::from([x, 0.0, 0.0, x + 1.0, 1.0, 1.0]));
     let mut scene = Scene::new(SceneOptions::default().with_most_boxes(100));
     let steps = [Step::Set(Sets { indices: (0..3).into(), boxes: &boxes })];
-    scene.edit(Edit { steps: &steps }, Want::Changes).expect("an answer");
+    scene.edit(Edit { steps: &steps }, Report::Changes).expect("an answer");
     scene
 }
 
@@ -198,15 +198,15 @@ fn a_wrong_edit_is_refused_and_changes_nothing() {
         ),
     ];
     for (steps, expected) in cases {
-        let refused = scene.edit(Edit { steps }, Want::Changes).map(|_| ());
+        let refused = scene.edit(Edit { steps }, Report::Changes).map(|_| ());
         assert_eq!(refused, Err(SceneError::Edit(expected)));
         assert_eq!((scene.len(), scene.get(9)), (3, None));
         assert_eq!(scene.told().begun(), before, "the last answer stays");
     }
-    let told = scene.edit(Edit::NONE, Want::Changes).expect("an answer");
+    let told = scene.edit(Edit::NONE, Report::Changes).expect("an answer");
     assert_eq!(told.begun(), before, "it was not taken");
     scene.take();
-    assert_eq!(scene.edit(Edit::NONE, Want::Changes).expect("an answer").begun(), [[0u32; 2]; 0]);
+    assert_eq!(scene.edit(Edit::NONE, Report::Changes).expect("an answer").begun(), [[0u32; 2]; 0]);
 }
 
 #[test]
@@ -220,13 +220,12 @@ fn scenes_of_every_small_size_are_told_and_ended() {
             .collect();
         let mut scene = Scene::new(SceneOptions::default());
         let steps = [Step::Set(Sets { indices: (0..n).into(), boxes: &boxes })];
-        let told = scene.edit(Edit { steps: &steps }, Want::Changes).expect("an answer");
-        let truth: Vec<Pair> =
-            oracle::truth(&boxes).pairs.into_iter().map(|[a, b]| [a, b]).collect();
+        let told = scene.edit(Edit { steps: &steps }, Report::Changes).expect("an answer");
+        let truth: Vec<Pair> = oracle::truth(&boxes).pairs.into_iter().collect();
         assert_eq!(told.begun(), truth, "{n} boxes");
         scene.take();
         let steps = [Step::Remove((0..n).into())];
-        let told = scene.edit(Edit { steps: &steps }, Want::Changes).expect("an answer");
+        let told = scene.edit(Edit { steps: &steps }, Report::Changes).expect("an answer");
         let ended: Vec<Pair> = told.ended().iter().map(|ended| ended.pair).collect();
         assert_eq!(ended, truth, "{n} boxes");
         assert!(told.ended().iter().all(|ended| ended.reason == EndReason::Removed));
@@ -238,12 +237,12 @@ fn static_pairs_are_not_looked_for_and_the_meter_says_so() {
     let mut scene = row();
     scene.take();
     let steps = [Step::Static((0..2).into(), true)];
-    let told = scene.edit(Edit { steps: &steps }, Want::Changes).expect("an answer");
+    let told = scene.edit(Edit { steps: &steps }, Report::Changes).expect("an answer");
     let ended = Ended { pair: [0, 1], reason: EndReason::Filtered };
     assert_eq!((told.ended(), told.pair_count()), (&[ended][..], Some(1)));
     assert_eq!((told.skipped().static_pairs, told.skipped().boxes), (1, 1));
     scene.take();
-    let told = scene.edit(Edit::NONE, Want::Changes).expect("an answer");
+    let told = scene.edit(Edit::NONE, Report::Changes).expect("an answer");
     assert_eq!((told.skipped().static_pairs, told.skipped().unmoved_pairs), (1, 2));
     assert_eq!((told.skipped().boxes, told.skipped().tested), (3, 0));
 }

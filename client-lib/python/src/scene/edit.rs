@@ -3,7 +3,7 @@
 use std::sync::{Mutex, PoisonError};
 
 use pairmask::Margin;
-use pairmask::scene::Want;
+use pairmask::scene::Report;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
@@ -25,12 +25,12 @@ pub struct PyEdit {
 }
 
 /// What an answer is asked to hold.
-fn want_named(name: &str) -> PyResult<Want> {
+fn report_named(name: &str) -> PyResult<Report> {
     match name {
-        "changes" => Ok(Want::Changes),
-        "moved" => Ok(Want::Moved),
-        "all" => Ok(Want::All),
-        "nothing" => Ok(Want::Nothing),
+        "changes" => Ok(Report::Changes),
+        "moved" => Ok(Report::Moved),
+        "all" => Ok(Report::All),
+        "nothing" => Ok(Report::Nothing),
         _ => Err(PyValueError::new_err(format!(
             "no answer '{name}': changes, moved, all or nothing"
         ))),
@@ -160,22 +160,22 @@ impl PyEdit {
         Ok(slf)
     }
 
-    /// Applies the edit and answers, while other Python threads run. An answer that is not taken counts as
-    /// never given: the next one makes up for it.
-    #[pyo3(signature = (want="changes", *, take=true))]
-    fn commit(&self, py: Python<'_>, want: &str, take: bool) -> PyResult<PySceneAnswer> {
-        let want = want_named(want)?;
+    /// Applies the edit and answers, while other Python threads run. The answer is acknowledged by that: what it
+    /// reports is not reported again.
+    #[pyo3(signature = (report="changes"))]
+    fn commit(&self, py: Python<'_>, report: &str) -> PyResult<PySceneAnswer> {
+        let report = report_named(report)?;
         let ops = self.take(py)?;
-        PySceneAnswer::new(py, self.scene.get().commit(py, &ops, want, take)?)
+        PySceneAnswer::new(py, self.scene.get().commit(py, &ops, report)?)
     }
 
     /// Applies the edit and sends it. A daemon works on it while this thread does something else; in process it
     /// is answered before this returns.
-    #[pyo3(signature = (want="changes"))]
-    fn submit(&self, py: Python<'_>, want: &str) -> PyResult<PyPendingAnswer> {
-        let want = want_named(want)?;
+    #[pyo3(signature = (report="changes"))]
+    fn submit(&self, py: Python<'_>, report: &str) -> PyResult<PyPendingAnswer> {
+        let report = report_named(report)?;
         let ops = self.take(py)?;
-        let ticket = self.scene.get().submit(py, ops, want)?;
+        let ticket = self.scene.get().submit(py, ops, report)?;
         Ok(PyPendingAnswer::new(self.scene.clone_ref(py), ticket))
     }
 }

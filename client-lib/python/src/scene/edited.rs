@@ -1,6 +1,6 @@
 //! A scene with its edit under way. The edit borrows the scene, so that the two are kept in one cell.
 
-use pairmask::scene::Want;
+use pairmask::scene::Report;
 use pairmask::{PendingAnswer, Scene};
 use pyo3::{PyErr, PyResult};
 use self_cell::{MutBorrow, self_cell};
@@ -48,17 +48,17 @@ impl Edited {
         self.idle.as_deref_mut().ok_or_else(is_under_way)
     }
 
-    /// Applies an edit and waits for what it tells.
-    pub fn commit(&mut self, ops: &[Op], want: Want, take: bool) -> PyResult<Read> {
-        answered(sent(self.scene()?, ops, want)?, take)
+    /// Applies an edit and waits for what it reports.
+    pub fn commit(&mut self, ops: &[Op], report: Report) -> PyResult<Read> {
+        answered(sent(self.scene()?, ops, report)?)
     }
 
     /// Applies an edit, and sends it where a daemon has the scene.
-    pub fn submit(&mut self, ops: Vec<Op>, want: Want) -> PyResult<Ticket> {
+    pub fn submit(&mut self, ops: Vec<Op>, report: Report) -> PyResult<Ticket> {
         let scene = self.idle.take().ok_or_else(is_under_way)?;
         let sent = Cell::try_new_or_recover(MutBorrow::new((scene, ops)), |owner| {
             let (scene, ops) = owner.borrow_mut();
-            sent(scene, ops, want).map(Some)
+            sent(scene, ops, report).map(Some)
         });
         match sent {
             Ok(cell) => {
@@ -73,13 +73,12 @@ impl Edited {
         }
     }
 
-    /// Waits for what an edit tells.
-    pub fn wait(&mut self, ticket: Ticket, take: bool) -> PyResult<Read> {
+    /// Waits for what an edit reports.
+    pub fn wait(&mut self, ticket: Ticket) -> PyResult<Read> {
         let gone = || misused("the answer of this edit was waited for, or given up", "Gone");
         let mut cell = self.under_way.take_if(|_| self.last == ticket).ok_or_else(gone)?;
-        let told = cell.with_dependent_mut(|_, pending| {
-            pending.take().ok_or_else(gone).and_then(|pending| answered(pending, take))
-        });
+        let told = cell
+            .with_dependent_mut(|_, pending| pending.take().ok_or_else(gone).and_then(answered));
         self.end(cell);
         told
     }
@@ -98,13 +97,16 @@ impl Edited {
 }
 
 /// Applies an edit, and sends it where a daemon has the scene.
-fn sent<'s>(scene: &'s mut Scene, ops: &'s [Op], want: Want) -> PyResult<PendingAnswer<'s, 's>> {
+fn sent<'s>(
+    scene: &'s mut Scene,
+    ops: &'s [Op],
+    report: Report,
+) -> PyResult<PendingAnswer<'s, 's>> {
     let edit = ops.iter().fold(scene.edit(), |edit, op| op.add_to(edit));
-    edit.submit(want).map_err(Raise::raise)
+    edit.submit(report).map_err(Raise::raise)
 }
 
-/// Waits for the answer, takes it where that is asked for, and reads it.
-fn answered(pending: PendingAnswer<'_, '_>, take: bool) -> PyResult<Read> {
-    let answer = pending.wait().map_err(Raise::raise)?;
-    Ok(Read::of(&if take { answer.take() } else { answer }))
+/// Waits for the answer and reads it.
+fn answered(pending: PendingAnswer<'_, '_>) -> PyResult<Read> {
+    Ok(Read::of(&pending.wait().map_err(Raise::raise)?))
 }

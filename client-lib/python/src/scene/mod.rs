@@ -19,7 +19,7 @@ use std::ops::Range;
 use pairmask::Scene;
 use pairmask::filters::Tag;
 use pairmask::info::MarginStats;
-use pairmask::scene::Want;
+use pairmask::scene::Report;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyRange;
@@ -74,16 +74,16 @@ impl PyScene {
         self.with(py, |_| Ok(()))
     }
 
-    fn commit(&self, py: Python<'_>, ops: &[Op], want: Want, take: bool) -> PyResult<Read> {
-        self.edited.with_detached(py, |edited| edited.commit(ops, want, take))?
+    fn commit(&self, py: Python<'_>, ops: &[Op], report: Report) -> PyResult<Read> {
+        self.edited.with_detached(py, |edited| edited.commit(ops, report))?
     }
 
-    fn submit(&self, py: Python<'_>, ops: Vec<Op>, want: Want) -> PyResult<Ticket> {
-        self.edited.with_detached(py, |edited| edited.submit(ops, want))?
+    fn submit(&self, py: Python<'_>, ops: Vec<Op>, report: Report) -> PyResult<Ticket> {
+        self.edited.with_detached(py, |edited| edited.submit(ops, report))?
     }
 
-    fn wait(&self, py: Python<'_>, ticket: Ticket, take: bool) -> PyResult<Read> {
-        self.edited.with_detached(py, |edited| edited.wait(ticket, take))?
+    fn wait(&self, py: Python<'_>, ticket: Ticket) -> PyResult<Read> {
+        self.edited.with_detached(py, |edited| edited.wait(ticket))?
     }
 
     fn leave(&self, ticket: Ticket) {
@@ -141,7 +141,7 @@ impl PyScene {
     /// Forgets what was told: the next changes are a resync.
     fn lose(&self, py: Python<'_>) -> PyResult<()> {
         self.with(py, |scene| {
-            scene.lose();
+            scene.resync();
             Ok(())
         })
     }

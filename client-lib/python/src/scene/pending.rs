@@ -38,11 +38,9 @@ impl Drop for PyPendingAnswer {
 
 #[pymethods]
 impl PyPendingAnswer {
-    /// Waits for the answer, while other Python threads run. An answer that is not taken counts as never given:
-    /// the next one makes up for it.
-    #[pyo3(signature = (*, take=true))]
-    fn wait(&self, py: Python<'_>, take: bool) -> PyResult<PySceneAnswer> {
-        let told = self.scene.get().wait(py, self.ticket, take);
+    /// Waits for the answer, while other Python threads run. It is acknowledged by that.
+    fn wait(&self, py: Python<'_>) -> PyResult<PySceneAnswer> {
+        let told = self.scene.get().wait(py, self.ticket);
         self.is_open.store(false, Ordering::Relaxed);
         PySceneAnswer::new(py, told?)
     }

@@ -208,7 +208,7 @@ impl Iterator for PairListIter<'_> {
     fn next(&mut self) -> Option<[u32; 2]> {
         match &mut self.0 {
             Pass::Own(pairs) => pairs.next().copied(),
-            Pass::Shared(pairs) => pairs.next().map(|[a, b]| [a, b]),
+            Pass::Shared(pairs) => pairs.next(),
         }
     }
 }

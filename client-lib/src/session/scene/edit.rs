@@ -5,7 +5,7 @@ use std::ops::Range;
 use pairmask_core::aabb::Aabb;
 use pairmask_core::filters::{FilterTable, Tag};
 use pairmask_core::precision::Margin;
-use pairmask_core::scene::{EditError, Indices, MarginedSets, Margins, Sets, Step, Tags, Want};
+use pairmask_core::scene::{EditError, Indices, MarginedSets, Margins, Report, Sets, Step, Tags};
 
 use super::{PendingAnswer, Scene, SceneAnswer};
 use crate::session::error::CommitError;
@@ -186,7 +186,7 @@ impl<'s, 'a> SceneEdit<'s, 'a> {
     /// is committed.
     ///
     /// ```
-    /// use pairmask::scene::{SceneOptions, Want};
+    /// use pairmask::scene::{SceneOptions, Report};
     /// use pairmask::{Aabb, Backend, Session};
     ///
     /// let bodies: Vec<([f32; 3], f32)> = vec![([0.0; 3], 1.0), ([1.5; 3], 1.0), ([9.0; 3], 1.0)];
@@ -196,7 +196,7 @@ impl<'s, 'a> SceneEdit<'s, 'a> {
     ///     let (centre, half) = bodies[index as usize];
     ///     Aabb::new(centre.map(|x| x - half), centre.map(|x| x + half))
     /// });
-    /// assert_eq!(edit.commit(Want::Changes)?.take().begun(), [[0, 1]]);
+    /// assert_eq!(edit.commit(Report::Changes)?.begun(), [[0, 1]]);
     /// # Ok::<(), Box<dyn std::error::Error>>(())
     /// ```
     pub fn set_with(mut self, indices: impl Into<Indices<'a>>, f: impl FnMut(u32) -> Aabb) -> Self {
@@ -278,8 +278,8 @@ impl<'s, 'a> SceneEdit<'s, 'a> {
     ///
     /// # Errors
     /// [`CommitError`]. After [`CommitError::Edit`] and [`CommitError::Frame`] the scene is what it was.
-    pub fn commit(self, want: Want) -> Result<SceneAnswer<'s>, CommitError> {
-        self.submit(want)?.wait()
+    pub fn commit(self, report: Report) -> Result<SceneAnswer<'s>, CommitError> {
+        self.submit(report)?.wait()
     }
 
     /// Sends the edit. The daemon works on it while this thread does something else; in process it is
@@ -288,13 +288,13 @@ impl<'s, 'a> SceneEdit<'s, 'a> {
     /// # Errors
     /// [`CommitError`]. The scene is then what it was, but for [`CommitError::Wait`] and as
     /// [`CommitError::Shared`] says.
-    pub fn submit(self, want: Want) -> Result<PendingAnswer<'s, 'a>, CommitError> {
+    pub fn submit(self, report: Report) -> Result<PendingAnswer<'s, 'a>, CommitError> {
         let Self { scene, given, refused } = self;
         if let Some(error) = refused {
             return Err(error.into());
         }
-        let (asked, awaited) = scene.begin(&given, want)?;
-        Ok(PendingAnswer { scene, given, want, asked, awaited })
+        let (asked, awaited) = scene.begin(&given, report)?;
+        Ok(PendingAnswer { scene, given, report, asked, awaited })
     }
 }
 

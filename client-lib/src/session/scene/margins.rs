@@ -6,8 +6,8 @@
 
 use pairmask_core::precision::Margin;
 use pairmask_core::scene::{
-    Edit, EditError, ExactPairs, MarginedPairs, MarginedSets, Outgoing, SceneCopy, SceneMargins,
-    Sent, Sets, Step, Told, Want,
+    Edit, EditError, ExactPairs, MarginedPairs, MarginedSets, Outgoing, Report, SceneCopy,
+    SceneMargins, Sent, Sets, Step, Told,
 };
 
 use super::answer::Source;
@@ -103,14 +103,14 @@ impl Margined {
     }
 
     /// Requests a resync. Whether one is to be requested of the scene of what was sent too.
-    pub fn lose(&mut self) -> bool {
+    pub fn resync(&mut self) -> bool {
         match &mut self.pairs {
             Pairs::Near(near) => {
                 near.is_open = true;
                 true
             }
             Pairs::Exact(exact) => {
-                exact.pairs.lose();
+                exact.pairs.resync();
                 false
             }
         }
@@ -122,14 +122,14 @@ impl Margined {
         &mut self,
         edit: Edit<'_>,
         sets: &[MarginedSets<'_>],
-        want: Want,
+        report: Report,
         sent: Sent<'_>,
-    ) -> Result<Option<Want>, EditError> {
+    ) -> Result<Option<Report>, EditError> {
         let Self { now, pairs, outgoing, threads, .. } = self;
         sets.iter().try_for_each(MarginedSets::check)?;
         now.check(edit)?;
         // A daemon reports pairs of the boxes that it is sent, also where they did not leave their margin.
-        let needs_all = matches!(pairs, Pairs::Near(_)) && want == Want::Moved;
+        let needs_all = matches!(pairs, Pairs::Near(_)) && report == Report::Moved;
         outgoing.clear();
         for sets in sets {
             outgoing.choose(sets, now, sent, needs_all, *threads);
@@ -137,11 +137,11 @@ impl Margined {
         self.sends = !outgoing.is_empty() || edit.steps.iter().any(is_sent);
         Ok(match &self.pairs {
             Pairs::Near(near) => {
-                let tells = want == Want::All || (want == Want::Changes && near.is_open);
-                (self.sends || tells).then_some(want)
+                let tells = report == Report::All || (report == Report::Changes && near.is_open);
+                (self.sends || tells).then_some(report)
             }
-            Pairs::Exact(_) if want == Want::Nothing => self.sends.then_some(want),
-            Pairs::Exact(exact) => (self.sends || exact.is_behind).then_some(Want::Changes),
+            Pairs::Exact(_) if report == Report::Nothing => self.sends.then_some(report),
+            Pairs::Exact(exact) => (self.sends || exact.is_behind).then_some(Report::Changes),
         })
     }
 
@@ -161,12 +161,12 @@ impl Margined {
     }
 
     /// Applies an edit.
-    pub fn apply(&mut self, edit: Edit<'_>, want: Want, is_request: bool) {
+    pub fn apply(&mut self, edit: Edit<'_>, report: Report, is_request: bool) {
         match &mut self.pairs {
             Pairs::Near(near) => near.is_open |= self.sends,
             Pairs::Exact(exact) => {
                 exact.is_behind |= self.sends;
-                exact.pairs.note(edit, &self.now, want);
+                exact.pairs.note(edit, &self.now, report);
             }
         }
         self.now.apply(edit);
@@ -178,20 +178,20 @@ impl Margined {
 
     /// Answers an edit, by the scene's answer to the request, if one was made. Whether the answer is
     /// [here](Self::told), and not the scene's.
-    pub fn answer(&mut self, want: Want, found: Option<(Want, Source<'_>)>) -> bool {
+    pub fn answer(&mut self, report: Report, found: Option<(Report, Source<'_>)>) -> bool {
         let Self { now, pairs, threads, .. } = self;
         match pairs {
             Pairs::Near(near) => {
                 if found.is_none() {
-                    near.told = Told::of_none(want, near.pair_count);
+                    near.told = Told::of_none(report, near.pair_count);
                 }
                 found.is_none()
             }
             Pairs::Exact(exact) => {
-                if let Some((Want::Changes, source)) = found {
+                if let Some((Report::Changes, source)) = found {
                     exact.learn(&source, now);
                 }
-                exact.pairs.tell(want, now, *threads);
+                exact.pairs.tell(report, now, *threads);
                 true
             }
         }
@@ -206,10 +206,10 @@ impl Margined {
     }
 
     /// Notes that the last answer is taken, which knew so many pairs.
-    pub fn take(&mut self, want: Want, pair_count: Option<u64>) {
-        match (&mut self.pairs, want, pair_count) {
+    pub fn take(&mut self, report: Report, pair_count: Option<u64>) {
+        match (&mut self.pairs, report, pair_count) {
             (Pairs::Exact(exact), ..) => exact.pairs.take(),
-            (Pairs::Near(near), Want::Changes | Want::All, Some(count)) => {
+            (Pairs::Near(near), Report::Changes | Report::All, Some(count)) => {
                 (near.is_open, near.pair_count) = (false, count);
             }
             _ => {}

@@ -21,7 +21,7 @@ use std::sync::Arc;
 
 use pairmask_core::aabb::Aabb;
 use pairmask_core::engine::{EngineId, EngineName};
-use pairmask_core::scene::{Edit, Scene as CoreScene, SceneOptions, SceneSkips, Sent, Want};
+use pairmask_core::scene::{Edit, Report, Scene as CoreScene, SceneOptions, SceneSkips, Sent};
 use pairmask_wire::words_in;
 
 use self::answer::Source;
@@ -80,14 +80,14 @@ impl Kept {
         }
     }
 
-    fn begin<'s>(&mut self, edit: Edit<'_>, want: Want) -> Result<Awaited<'s>, CommitError> {
+    fn begin<'s>(&mut self, edit: Edit<'_>, report: Report) -> Result<Awaited<'s>, CommitError> {
         match self {
-            Self::Remote(scene) => scene.begin(edit, want),
+            Self::Remote(scene) => scene.begin(edit, report),
             Self::Here(scene) => {
-                scene.edit(edit, want).map_err(commit_error)?;
+                scene.edit(edit, report).map_err(commit_error)?;
                 Ok(Awaited::default())
             }
-            Self::Shared(member) => member.begin(edit, want),
+            Self::Shared(member) => member.begin(edit, report),
         }
     }
 
@@ -118,19 +118,19 @@ impl Kept {
         }
     }
 
-    fn take(&mut self, want: Want) {
+    fn take(&mut self, report: Report) {
         match self {
-            Self::Remote(scene) => scene.take(want),
+            Self::Remote(scene) => scene.take(report),
             Self::Here(scene) => scene.take(),
-            Self::Shared(member) => member.take(want),
+            Self::Shared(member) => member.take(report),
         }
     }
 
-    fn lose(&mut self) {
+    fn resync(&mut self) {
         match self {
-            Self::Remote(scene) => scene.lose(),
-            Self::Here(scene) => scene.lose(),
-            Self::Shared(member) => member.lose(),
+            Self::Remote(scene) => scene.resync(),
+            Self::Here(scene) => scene.resync(),
+            Self::Shared(member) => member.resync(),
         }
     }
 }
@@ -179,9 +179,9 @@ impl Scene {
     }
 
     /// Forgets what was told: the next changes are a [resync](SceneAnswer::is_resync).
-    pub fn lose(&mut self) {
-        if self.margins.as_mut().is_none_or(|margins| margins.lose()) {
-            self.kept.lose();
+    pub fn resync(&mut self) {
+        if self.margins.as_mut().is_none_or(|margins| margins.resync()) {
+            self.kept.resync();
         }
     }
 
@@ -245,21 +245,21 @@ impl Scene {
     fn begin<'s>(
         &mut self,
         given: &Given<'_>,
-        want: Want,
-    ) -> Result<(Option<Want>, Awaited<'s>), CommitError> {
+        report: Report,
+    ) -> Result<(Option<Report>, Awaited<'s>), CommitError> {
         let Self { kept, margins, draft, .. } = self;
         let all = draft.steps(given);
         let edit = Edit { steps: &all };
         let Some(margins) = margins else {
-            return Ok((Some(want), kept.begin(edit, want)?));
+            return Ok((Some(report), kept.begin(edit, report)?));
         };
         let sets = draft.margined(given, margins.usual());
-        let ask = margins.choose(edit, &sets, want, kept.sent())?;
-        let sent = ask.map(|want| kept.begin(Edit { steps: &margins.request(&all) }, want));
+        let ask = margins.choose(edit, &sets, report, kept.sent())?;
+        let sent = ask.map(|report| kept.begin(Edit { steps: &margins.request(&all) }, report));
         if let Some(Err(CommitError::Edit(_) | CommitError::Frame(_))) = &sent {
             margins.cancel(edit);
         } else {
-            margins.apply(edit, want, ask.is_some());
+            margins.apply(edit, report, ask.is_some());
         }
         Ok((ask, sent.transpose()?.unwrap_or_default()))
     }
@@ -273,25 +273,26 @@ impl Scene {
 pub struct PendingAnswer<'s, 'a> {
     scene: &'s mut Scene,
     given: Given<'a>,
-    want: Want,
+    report: Report,
     /// What was asked; `None` where no request was needed.
-    asked: Option<Want>,
+    asked: Option<Report>,
     awaited: Awaited<'s>,
 }
 
 impl std::fmt::Debug for PendingAnswer<'_, '_> {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("PendingAnswer").field("want", &self.want).finish_non_exhaustive()
+        f.debug_struct("PendingAnswer").field("report", &self.report).finish_non_exhaustive()
     }
 }
 
 impl<'s> PendingAnswer<'s, '_> {
-    /// Waits for the answer, as long as the session's deadline allows.
+    /// Waits for the answer, as long as the session's deadline allows. It is acknowledged by that: what it reports is
+    /// not reported again. What the answer to a dropped edit would have reported, the next answer does.
     ///
     /// # Errors
     /// [`CommitError`]. The edit is applied; the next answer makes up for this one.
     pub fn wait(self) -> Result<SceneAnswer<'s>, CommitError> {
-        let Self { scene, given, want, asked, awaited } = self;
+        let Self { scene, given, report, asked, awaited } = self;
         let Scene { kept, draft, margins, .. } = &mut *scene;
         let (mut by, mut found) = (Answerer::default(), None);
         if let Some(asked) = asked {
@@ -304,13 +305,16 @@ impl<'s> PendingAnswer<'s, '_> {
             found = Some((asked, answered));
         }
         if let Some(margins) = margins
-            && margins.answer(want, found.as_ref().map(|(of, found)| (*of, kept.source(found))))
+            && margins.answer(report, found.as_ref().map(|(of, found)| (*of, kept.source(found))))
             && let Some((asked, _)) = found.take()
         {
             // What this process knows of near pairs is the history of what it sent.
             kept.take(asked);
         }
-        Ok(SceneAnswer { scene, want, found: found.map(|(_, found)| found), by })
+        let found = found.map(|(_, found)| found);
+        let mut answer = SceneAnswer { scene, report, found, by };
+        answer.acknowledge();
+        Ok(answer)
     }
 }
 
@@ -350,10 +354,10 @@ impl Answerer {
 ///
 /// An answer of a daemon holds one of the three places for frames until it is dropped; one of exact pairs of a
 /// scene with margins holds none.
-#[must_use = "an answer that is not taken is told again"]
+#[must_use = "what an answer reports is not reported again"]
 pub struct SceneAnswer<'s> {
     scene: &'s mut Scene,
-    want: Want,
+    report: Report,
     /// `None` where the answer is what the scene's margins tell.
     found: Option<Found>,
     by: Answerer,
@@ -362,7 +366,7 @@ pub struct SceneAnswer<'s> {
 impl std::fmt::Debug for SceneAnswer<'_> {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("SceneAnswer")
-            .field("want", &self.want)
+            .field("report", &self.report)
             .field("begun", &self.begun().len())
             .field("ended", &self.ended().len())
             .field("pairs", &self.pairs().len())
@@ -371,22 +375,21 @@ impl std::fmt::Debug for SceneAnswer<'_> {
 }
 
 impl SceneAnswer<'_> {
-    /// Takes the answer: what it tells is known from now on.
-    pub fn take(self) -> Self {
+    /// What the answer reports is known from now on, and not reported again.
+    fn acknowledge(&mut self) {
         let count = self.pair_count();
         let Scene { kept, margins, .. } = &mut *self.scene;
         if let Some(margins) = margins {
-            margins.take(self.want, count);
+            margins.take(self.report, count);
         }
         if self.found.is_some() {
-            kept.take(self.want);
+            kept.take(self.report);
         }
-        self
     }
 
     /// Which answer was asked for.
-    pub const fn want(&self) -> Want {
-        self.want
+    pub const fn report(&self) -> Report {
+        self.report
     }
 
     /// Whether changes were asked for and [`pairs`](Self::pairs) holds all pairs instead: because those
@@ -396,22 +399,22 @@ impl SceneAnswer<'_> {
         self.source().is_resync()
     }
 
-    /// Pairs that began, for [`Want::Changes`].
+    /// Pairs that began, for [`Report::Changes`].
     pub fn begun(&self) -> PairList<'_> {
         self.source().begun()
     }
 
-    /// Pairs that ended, for [`Want::Changes`].
+    /// Pairs that ended, for [`Report::Changes`].
     pub fn ended(&self) -> EndedList<'_> {
         self.source().ended()
     }
 
-    /// Pairs of now, for [`Want::All`], [`Want::Moved`] and a [resync](Self::is_resync).
+    /// Pairs of now, for [`Report::All`], [`Report::Moved`] and a [resync](Self::is_resync).
     pub fn pairs(&self) -> PairList<'_> {
         self.source().pairs()
     }
 
-    /// Pairs of the whole scene, if the answer knows: [`Want::Moved`] and [`Want::Nothing`] do not. Of a shared scene,
+    /// Pairs of the whole scene, if the answer knows: [`Report::Moved`] and [`Report::Nothing`] do not. Of a shared scene,
     /// whatever this member hears of.
     pub fn pair_count(&self) -> Option<u64> {
         self.source().pair_count()
@@ -463,7 +466,7 @@ mod tests {
         let mut fill = |step: usize| {
             let at = |index: u32| Aabb::new([index as f32; 3], [index as f32 + step as f32; 3]);
             let edit = scene.edit().set_with(0..600, at).set_with(600..1_000, at);
-            drop(edit.commit(Want::Nothing).expect("an answer"));
+            drop(edit.commit(Report::Nothing).expect("an answer"));
             assert_eq!(scene.get(999), Some(at(999)));
             (scene.draft.filled.as_ptr(), scene.draft.filled.capacity())
         };

@@ -33,14 +33,14 @@ impl Scene {
     /// at first: their pairs have to fit the limits of an answer.
     ///
     /// ```
-    /// use pairmask::scene::{SceneOptions, Want};
+    /// use pairmask::scene::{SceneOptions, Report};
     /// use pairmask::{Aabb, Backend, Session};
     ///
     /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
     /// let mut session = Session::builder().backend(Backend::InProcess).connect()?;
     /// let mut scene = session.scene(SceneOptions::default());
     /// let at = |x: f32| Aabb::new([x; 3], [x + 1.0; 3]);
-    /// scene.edit().set(7, at(0.0)).set(9, at(5.0)).commit(Want::Nothing)?;
+    /// scene.edit().set(7, at(0.0)).set(9, at(5.0)).commit(Report::Nothing)?;
     ///
     /// let bullet = at(3.0).swept_by([2.5, 2.5, 2.5]);
     /// let found = scene.query(&[Aabb::point([0.5; 3]), bullet]).find()?;

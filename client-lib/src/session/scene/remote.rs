@@ -16,7 +16,7 @@ use pairmask_core::mask::MaskView;
 use pairmask_core::plan::Calibration;
 use pairmask_core::precision::Precision;
 use pairmask_core::scene::{
-    Edit, Scene, SceneCopy, SceneError, SceneOptions, Step, Tags, Told, Want,
+    Edit, Report, Scene, SceneCopy, SceneError, SceneOptions, Step, Tags, Told,
 };
 use pairmask_core::units::BoxCount;
 use pairmask_wire::{
@@ -135,8 +135,8 @@ impl RemoteScene {
     }
 
     /// Takes the last answer to an edit that wanted this.
-    pub fn take(&mut self, want: Want) {
-        if !matches!(want, Want::Changes | Want::All) {
+    pub fn take(&mut self, report: Report) {
+        if !matches!(report, Report::Changes | Report::All) {
             return;
         }
         self.resyncs_anew = true;
@@ -147,11 +147,11 @@ impl RemoteScene {
         }
     }
 
-    pub fn lose(&mut self) {
+    pub fn resync(&mut self) {
         // A daemon that is asked may die before it reports pairs.
         self.resyncs_anew = true;
         match &mut self.keeper {
-            Keeper::Here(scene) => scene.lose(),
+            Keeper::Here(scene) => scene.resync(),
             _ => self.forgets = true,
         }
     }
@@ -168,20 +168,24 @@ impl RemoteScene {
 
     /// Checks an edit, and sends it or applies it here. The caller binds what is returned to its borrow of
     /// the scene.
-    pub fn begin<'s>(&mut self, edit: Edit<'_>, want: Want) -> Result<Awaited<'s>, CommitError> {
+    pub fn begin<'s>(
+        &mut self,
+        edit: Edit<'_>,
+        report: Report,
+    ) -> Result<Awaited<'s>, CommitError> {
         self.copy.check(edit)?;
         self.settle();
         self.named_by_table.clear();
-        if want == Want::Moved {
+        if report == Report::Moved {
             self.named_by_table = self.copy.named_by_table(edit);
         }
         let begun = if self.stays_here() {
-            self.edit_here(edit, want).map(|()| Awaited::default())
+            self.edit_here(edit, report).map(|()| Awaited::default())
         } else {
-            let sent = self.send(edit, want);
+            let sent = self.send(edit, report);
             sent.map(|sent| Awaited::new(sent, Arc::clone(&self.unread))).or_else(|error| {
                 self.stay(error)?;
-                self.edit_here(edit, want).map(|()| Awaited::default())
+                self.edit_here(edit, report).map(|()| Awaited::default())
             })
         };
         match &begun {
@@ -196,7 +200,7 @@ impl RemoteScene {
     /// or answered here.
     pub fn end(&mut self, awaited: Awaited<'_>, edit: Edit<'_>) -> Result<Found, CommitError> {
         let Some(sent) = awaited.take() else { return Ok(Found::Here) };
-        let want = sent.want;
+        let report = sent.report;
         let error = match self.receive(sent) {
             Ok(found) => return Ok(Found::Daemon(found)),
             Err(error) => error,
@@ -216,7 +220,7 @@ impl RemoteScene {
         let again = Edit { steps: &steps };
         if is_stale {
             // A daemon that has restarted, or has forgotten the scene.
-            let answered = self.send(again, want).and_then(|sent| Ok(self.receive(sent)?));
+            let answered = self.send(again, report).and_then(|sent| Ok(self.receive(sent)?));
             match answered {
                 Ok(found) => return Ok(Found::Daemon(found)),
                 Err(error) => {
@@ -233,7 +237,7 @@ impl RemoteScene {
         } else {
             self.stay(error.into())?;
         }
-        self.edit_here(again, want)?;
+        self.edit_here(again, report)?;
         Ok(Found::Here)
     }
 
@@ -360,13 +364,13 @@ impl RemoteScene {
     }
 
     /// Sends an edit to the daemon, after the scene where that does not have it.
-    fn send(&mut self, edit: Edit<'_>, want: Want) -> Result<SentEdit, CommitError> {
+    fn send(&mut self, edit: Edit<'_>, report: Report) -> Result<SentEdit, CommitError> {
         let has_rules = edit.has_rules() || self.copy.filters().is_used();
         let (minor, what) =
             if has_rules { (RULES_MINOR, "rules of scenes") } else { (SCENES_MINOR, "scenes") };
         let link = self.core.link_that_knows(minor, what)?;
         self.load_once(&link)?;
-        self.send_to(&link, edit, want)
+        self.send_to(&link, edit, report)
     }
 
     /// Sends the whole scene, unless the daemon has it.
@@ -401,7 +405,7 @@ impl RemoteScene {
             // The copy cannot be borrowed while the scene is: it is given back at once.
             let copy = std::mem::replace(&mut self.copy, SceneCopy::new(0));
             let whole = copy.whole();
-            let sent = self.send_to(link, Edit { steps: &whole.steps() }, Want::Nothing);
+            let sent = self.send_to(link, Edit { steps: &whole.steps() }, Report::Nothing);
             drop(whole);
             self.copy = copy;
             sent?
@@ -420,7 +424,7 @@ impl RemoteScene {
         &mut self,
         link: &Arc<Link>,
         edit: Edit<'_>,
-        want: Want,
+        report: Report,
     ) -> Result<SentEdit, CommitError> {
         let too_large = || FrameError::TooManyBoxes { n: edit.boxes(), limit: u64::from(u32::MAX) };
         let layout = EditLayout::of(edit).ok_or_else(too_large)?;
@@ -439,7 +443,7 @@ impl RemoteScene {
             revision: self.revisions,
             is_taken: there.is_taken,
             is_lost: self.forgets,
-            want,
+            report,
             most_boxes: self.options.most_boxes,
             engine: self.core.settings().engine,
             threads: self.options.threads.or(self.core.settings().threads),
@@ -459,7 +463,7 @@ impl RemoteScene {
                 (there.revision, there.is_taken, self.forgets) = (self.revisions, false, false);
                 self.sent_to = Some(Arc::clone(link));
                 let expected = self.estimate.expect(asked.box_count.get());
-                Ok(SentEdit { exchange, asked, want, expected })
+                Ok(SentEdit { exchange, asked, report, expected })
             }
             Err(error) => {
                 self.forgets |= self.resyncs_anew;
@@ -485,11 +489,11 @@ impl RemoteScene {
     }
 
     /// Applies an edit in this process, where the scene is made from the copy if need be.
-    fn edit_here(&mut self, edit: Edit<'_>, want: Want) -> Result<(), CommitError> {
+    fn edit_here(&mut self, edit: Edit<'_>, report: Report) -> Result<(), CommitError> {
         let core = Arc::clone(&self.core);
         let mut working = core.begin_here();
         let scene = self.here()?;
-        let edited = scene.edit(edit, want).map(drop).map_err(commit_error);
+        let edited = scene.edit(edit, report).map(drop).map_err(commit_error);
         working.may_have_used(scene.threads());
         edited
     }
@@ -502,7 +506,7 @@ impl RemoteScene {
             let mut scene = self.copied()?;
             self.forgets = false;
             if self.resyncs_anew {
-                scene.lose();
+                scene.resync();
             }
             self.keeper = Keeper::Here(scene);
         }
@@ -517,7 +521,7 @@ impl RemoteScene {
         let mut scene = Box::new(new_scene(self.options, &self.core));
         let whole = self.copy.whole();
         let edit = Edit { steps: &whole.steps() };
-        scene.edit(edit, Want::Nothing).map_err(commit_error)?;
+        scene.edit(edit, Report::Nothing).map_err(commit_error)?;
         Ok(scene)
     }
 }

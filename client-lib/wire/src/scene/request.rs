@@ -1,7 +1,7 @@
 //! The header of an edit.
 
 use pairmask_core::engine::{EngineChoice, EngineName};
-use pairmask_core::scene::Want;
+use pairmask_core::scene::Report;
 
 use crate::header::{Operation, RequestHeader};
 use crate::reject::Reject;
@@ -33,7 +33,7 @@ pub struct SceneRequest {
     /// Whether the client knows pairs that this scene has not told.
     pub is_lost: bool,
     /// What it wants to be told.
-    pub want: Want,
+    pub report: Report,
     /// Indices are below this.
     pub most_boxes: u32,
     /// The engine asked for: one of a GPU keeps the scene in video memory.
@@ -49,20 +49,20 @@ pub struct SceneRequest {
 }
 
 /// The wire's number of what an edit wants.
-const fn want_number(want: Want) -> u32 {
-    match want {
-        Want::Changes => 1,
-        Want::Moved => 2,
-        Want::All => 3,
+const fn report_number(report: Report) -> u32 {
+    match report {
+        Report::Changes => 1,
+        Report::Moved => 2,
+        Report::All => 3,
         // Whatever a later core adds is of a later wire version.
         _ => 4,
     }
 }
 
-fn want_of(number: u32) -> Option<Want> {
-    [Want::Changes, Want::Moved, Want::All, Want::Nothing]
+fn report_of(number: u32) -> Option<Report> {
+    [Report::Changes, Report::Moved, Report::All, Report::Nothing]
         .into_iter()
-        .find(|want| want_number(*want) == number)
+        .find(|report| report_number(*report) == number)
 }
 
 impl RequestHeader {
@@ -77,7 +77,7 @@ impl RequestHeader {
                 EngineChoice::Auto => 0,
                 EngineChoice::Only(name) => name as u32,
             },
-            encoding: want_number(request.want),
+            encoding: report_number(request.report),
             threads: request.threads.map_or(0, |t| u32::try_from(t).unwrap_or(u32::MAX)),
             sections,
             scene: request.scene.0,
@@ -109,7 +109,7 @@ impl SceneRequest {
             let found = Version { major: header.version_major, minor: header.version_minor };
             return Err(Reject::Version { found });
         }
-        let want = want_of(header.encoding).ok_or(wrong("want"))?;
+        let report = report_of(header.encoding).ok_or(wrong("report"))?;
         let engine = match header.engine {
             0 => EngineChoice::Auto,
             found => {
@@ -134,7 +134,7 @@ impl SceneRequest {
             revision: header.revision,
             is_taken: header.scene_flags & TAKEN != 0,
             is_lost: header.scene_flags & LOST != 0,
-            want,
+            report,
             most_boxes: header.most_boxes,
             engine,
             threads: (header.threads != 0).then_some(header.threads as usize),

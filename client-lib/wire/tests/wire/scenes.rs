@@ -6,7 +6,7 @@ use pairmask_core::dispatch::StageTimes;
 use pairmask_core::engine::{EngineChoice, EngineId, EngineName};
 use pairmask_core::filters::{Filter, FilterId, FilterTable, Owner, Tag, World};
 use pairmask_core::scene::{
-    Edit, EndReason, Ended, Indices, Scene, SceneOptions, Sets, Step, Tags, Want,
+    Edit, EndReason, Ended, Indices, Report, Scene, SceneOptions, Sets, Step, Tags,
 };
 use pairmask_core::units::BoxCount;
 use pairmask_wire::{
@@ -34,7 +34,7 @@ fn request(layout: &EditLayout, most_boxes: u32) -> SceneRequest {
         revision: 7,
         is_taken: true,
         is_lost: false,
-        want: Want::Moved,
+        report: Report::Moved,
         most_boxes,
         engine: EngineChoice::Only(EngineName::GpuGrid),
         threads: Some(3),
@@ -318,18 +318,18 @@ fn forged_edits_are_refused() {
 const ASKED: ReplyFields = ReplyFields { client_token: 3, frame: 4, box_count: BoxCount::new(2) };
 
 /// A scene that has told of pairs that began and ended, and its answer.
-fn answer(want: Want) -> (Scene, ResponseHeader, Vec<u32>) {
+fn answer(report: Report) -> (Scene, ResponseHeader, Vec<u32>) {
     let mut scene = Scene::new(SceneOptions::default());
     let row: Vec<Aabb> = (0..6).map(|i| at(0.7 * i as f32)).collect();
     let all = [Step::Set(Sets { indices: (0..6).into(), boxes: &row })];
-    scene.edit(Edit { steps: &all }, Want::Changes).unwrap();
+    scene.edit(Edit { steps: &all }, Report::Changes).unwrap();
     scene.take();
     let steps = [
         Step::Set(Sets { indices: (0..1).into(), boxes: &row[3..4] }),
         Step::Remove((5..6).into()),
         Step::Switch((1..2).into(), false),
     ];
-    scene.edit(Edit { steps: &steps }, want).unwrap();
+    scene.edit(Edit { steps: &steps }, report).unwrap();
     let layout = SceneAnswerLayout::of(scene.told());
     let mut words = vec![u32::MAX; layout.words() as usize];
     layout.write(scene.told(), &mut words);
@@ -340,8 +340,8 @@ fn answer(want: Want) -> (Scene, ResponseHeader, Vec<u32>) {
 
 #[test]
 fn an_answer_is_read_as_it_was_written() {
-    for want in [Want::Changes, Want::Moved, Want::All, Want::Nothing] {
-        let (scene, header, words) = answer(want);
+    for report in [Report::Changes, Report::Moved, Report::All, Report::Nothing] {
+        let (scene, header, words) = answer(report);
         let told = scene.told();
         let reply = SceneReply::parse(&header, &ASKED, 4 * words.len() as u64).unwrap();
         assert_eq!(reply.engine, EngineId::Known(EngineName::CpuGrid));
@@ -352,13 +352,13 @@ fn an_answer_is_read_as_it_was_written() {
         assert_eq!(SceneAnswerLayout::pairs_in(&layout.begun, &words), told.begun());
         assert_eq!(SceneAnswerLayout::pairs_in(&layout.pairs, &words), told.pairs());
         assert!(layout.ended_in(&words, 6).eq(told.ended().iter().copied()));
-        if want == Want::Changes {
+        if report == Report::Changes {
             assert!(!told.begun().is_empty() && told.ended().len() == 3);
             let below = layout.ended_in(&words, 5).count();
             assert!(below < 3, "indices that the scene does not have are passed over");
         }
     }
-    let (_, header, words) = answer(Want::Changes);
+    let (_, header, words) = answer(Report::Changes);
     for change in [
         (|h| h.sections[0].bytes -= 4) as fn(&mut ResponseHeader),
         |h| h.sections[0].kind = 0,
@@ -382,7 +382,7 @@ fn an_answer_is_read_as_it_was_written() {
 
 #[test]
 fn reasons_that_are_unknown_are_passed_over() {
-    let (_, header, mut words) = answer(Want::Changes);
+    let (_, header, mut words) = answer(Report::Changes);
     let reply = SceneReply::parse(&header, &ASKED, 4 * words.len() as u64).unwrap();
     let start = reply.layout.reasons.start as usize;
     let before: Vec<Ended> = reply.layout.ended_in(&words, 6).collect();
@@ -438,7 +438,7 @@ proptest! {
             let options = SceneOptions::default().with_most_boxes(most_boxes).with_threads(1);
             let mut scene = Scene::new(options);
             for _ in 0..2 {
-                let _ = scene.edit(Edit { steps: &steps }, Want::Changes).map(drop);
+                let _ = scene.edit(Edit { steps: &steps }, Report::Changes).map(drop);
             }
         }
     }

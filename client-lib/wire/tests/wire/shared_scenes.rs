@@ -10,7 +10,7 @@ use pairmask_core::filters::{FilterId, Owner, Tag, World};
 use pairmask_core::mask::Encoding;
 use pairmask_core::precision::BoxForm;
 use pairmask_core::scene::shared::{AtEnd, Hears};
-use pairmask_core::scene::{Edit, QueryMask, QueryTags, Scene, SceneOptions, Sets, Step, Want};
+use pairmask_core::scene::{Edit, QueryMask, QueryTags, Report, Scene, SceneOptions, Sets, Step};
 use pairmask_core::units::BoxCount;
 use pairmask_wire::{
     AgreedTerms, CullRequest, EditLayout, JoinRequest, LeaseAction, LeaseRequest, Page,
@@ -195,7 +195,7 @@ fn golden_commit_and_leave() {
         revision: 7,
         is_taken: true,
         is_lost: false,
-        want: Want::Changes,
+        report: Report::Changes,
         most_boxes: 0,
         engine: EngineChoice::Auto,
         threads: None,
@@ -257,7 +257,7 @@ fn golden_answers_of_shared_scenes() {
     let mut scene = Scene::new(SceneOptions::default());
     let boxes = [at(0.0), at(0.5)];
     let steps = [Step::Set(Sets { indices: (0..2).into(), boxes: &boxes })];
-    let told = scene.edit(Edit { steps: &steps }, Want::Changes).unwrap();
+    let told = scene.edit(Edit { steps: &steps }, Report::Changes).unwrap();
     let layout = SceneAnswerLayout::of(told);
     let late = [10..20, 40..41];
     let marks = TickMarks::after(&layout, 77, &late);

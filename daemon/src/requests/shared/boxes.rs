@@ -7,7 +7,7 @@ use pairmask_core::EngineChoice;
 use pairmask_core::scene::shared::{
     Incarnations, KeptBoxes, NamedPair, Ranges, Remains, TickChanges,
 };
-use pairmask_core::scene::{Edit, EndReason, SceneCopy, SceneError, Told, Want};
+use pairmask_core::scene::{Edit, EndReason, Report, SceneCopy, SceneError, Told};
 
 use super::SceneTools;
 use crate::audit::{AuditedScene, Auditor, SceneNote};
@@ -182,7 +182,7 @@ impl Boxes {
             return Err(error);
         }
         scene.set_threads(threads);
-        let mut search = || scene.edit(edit, Want::Changes);
+        let mut search = || scene.edit(edit, Report::Changes);
         let edited = if threads == 1 {
             let edited = search();
             copy.apply(edit);
@@ -215,7 +215,7 @@ impl Boxes {
         self.scene.set_threads(threads);
         self.scene.limit_pairs(self.most_pairs);
         let whole = self.copy.whole();
-        self.scene.edit(Edit { steps: &whole.steps() }, Want::All)?;
+        self.scene.edit(Edit { steps: &whole.steps() }, Report::All)?;
         self.scene.take();
         self.is_broken = false;
         Ok(true)
@@ -223,7 +223,7 @@ impl Boxes {
 
     /// All pairs of now.
     pub fn whole(&mut self) -> Result<Arc<Vec<[u32; 2]>>, SceneError> {
-        match self.scene.edit(Edit::NONE, Want::All) {
+        match self.scene.edit(Edit::NONE, Report::All) {
             Ok(()) => {
                 let told = self.scene.told();
                 let pairs = Arc::new(told.pairs().to_vec());

@@ -6,7 +6,7 @@ use std::ops::Range;
 use std::sync::{Arc, Mutex};
 use std::time::Instant;
 
-use pairmask_core::scene::Want;
+use pairmask_core::scene::Report;
 use pairmask_core::scene::shared::{
     Committed, Hears, Leases, MemberId, NotLeased, Ranges, TickChanges, Ticks, Unreported,
 };
@@ -122,7 +122,7 @@ impl Seats {
             hearer.own = Arc::new(self.leases.of(id));
             // It hears of other pairs from now on.
             if hearer.hears == Hears::Own {
-                locked(&hearer.unreported).lose();
+                locked(&hearer.unreported).resync();
             }
         }
     }
@@ -146,8 +146,8 @@ impl Seats {
         if member.revision != request.base {
             return Err(Refusal::stale_scene(member.revision));
         }
-        if request.want == Want::Moved {
-            return Err(wrong("want"));
+        if request.report == Report::Moved {
+            return Err(wrong("report"));
         }
         if member.commits() {
             return Err(wrong("second commit of a tick"));
@@ -191,11 +191,11 @@ impl Seats {
         let mut unreported = locked(&member.hearer.unreported);
         unreported.acknowledge(request.is_taken);
         if request.is_lost {
-            unreported.lose();
+            unreported.resync();
         }
         let work = &mut self.work;
         work.boxes += u64::from(commit.open.fields().box_count.get());
-        work.needs_whole |= unreported.needs_whole(request.want);
+        work.needs_whole |= unreported.needs_whole(request.report);
         work.threads = work.threads.max(request.threads);
         drop(unreported);
         member.revision = request.revision;
@@ -311,8 +311,8 @@ impl Hearer {
     }
 
     /// It does not know what it was told.
-    pub fn lose(&self) {
-        locked(&self.unreported).lose();
+    pub fn resync(&self) {
+        locked(&self.unreported).resync();
     }
 
     /// Bytes that are kept of it.

@@ -78,7 +78,7 @@ pub(super) fn apply(
 /// Nobody knows what these were told.
 fn lose(hearers: &[&Hearer]) {
     for hearer in hearers {
-        hearer.lose();
+        hearer.resync();
     }
 }
 
@@ -130,7 +130,7 @@ impl ClosedTick {
 fn whole_for(boxes: &mut Boxes, commits: &[(Hearer, Commit)]) -> Result<Whole, SceneError> {
     let needs_whole = commits
         .iter()
-        .any(|(hearer, commit)| locked(&hearer.unreported).needs_whole(commit.request.want));
+        .any(|(hearer, commit)| locked(&hearer.unreported).needs_whole(commit.request.report));
     if needs_whole { boxes.whole().map(Some) } else { Ok(None) }
 }
 
@@ -145,9 +145,9 @@ fn told_to(
     let reasons = boxes.reasons();
     let tell = |(hearer, commit): (Hearer, Commit)| {
         let told = whole.as_ref().map_err(|error| Refusal::from(error.clone())).map(|whole| {
-            let want = commit.request.want;
+            let report = commit.request.report;
             let mut unreported = locked(&hearer.unreported);
-            let needed = whole.as_ref().filter(|_| unreported.needs_whole(want));
+            let needed = whole.as_ref().filter(|_| unreported.needs_whole(report));
             let whole = needed.map(|whole| match hearer.hears {
                 Hears::All => Arc::clone(whole),
                 Hears::Own => {
@@ -155,7 +155,7 @@ fn told_to(
                     Arc::new(pairs.filter(|pair| hearer.hears_of(*pair)).collect())
                 }
             });
-            unreported.answer(want, whole, pair_count, |named| reasons.of(named))
+            unreported.answer(report, whole, pair_count, |named| reasons.of(named))
         });
         Answer { hearer, commit, told }
     };
@@ -185,7 +185,7 @@ impl Facts {
     fn answer(&self, answer: Answer, outbox: &Outbox) {
         let Answer { hearer, mut commit, told } = answer;
         if let Err(refusal) = told.and_then(|told| self.send(&told, &mut commit, outbox)) {
-            hearer.lose();
+            hearer.resync();
             outbox.refuse(&mut commit.open, &refusal);
         }
         commit.open.close();

@@ -32,7 +32,7 @@ use serde::{Deserialize, Serialize};
 use super::studies::Output;
 use crate::Result;
 use crate::processes::{Daemon, Work, Worker, is_told_to_begin, tell};
-use crate::study::harness::Report;
+use crate::study::harness::StudyReport;
 use crate::study::harness::document::Part;
 use crate::study::harness::table::{Fields, Table, row};
 
@@ -193,7 +193,7 @@ const COLUMNS: &str = "n,backend,wait,engine,precision,rate,clients,clients_in_a
     late_frames,from_due_ns.p99,total_ns.p50,total_ns.p99,round_trip_ns.p50,round_trip_ns.p99,\
     worst_client_p50_ns,daemon_cpu_percent";
 
-impl Report for LoadReport {
+impl StudyReport for LoadReport {
     const NAME: &'static str = "load";
 
     fn parts(&self) -> Vec<Part> {

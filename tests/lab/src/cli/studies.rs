@@ -17,7 +17,7 @@ use crate::gpu_stages::scenes::{
     Case as SceneCase, Effort, GpuSceneReport, measure as measure_scene,
 };
 use crate::study::harness::document::markdown;
-use crate::study::harness::{Report, write_files};
+use crate::study::harness::{StudyReport, write_files};
 use crate::study::moving::{Motion, World};
 use crate::study::papers::{PapersOptions, STEPS, make};
 use crate::study::spheres::errors::pairs_decided;
@@ -46,7 +46,7 @@ impl Output {
     }
 
     /// Measures, writes the files and prints. The folder is made first, so that a wrong name fails at once.
-    pub fn of<R: Report>(
+    pub fn of<R: StudyReport>(
         &self,
         progress: impl FnOnce() -> ProgressBar,
         measure: impl FnOnce(&ProgressBar) -> Result<R>,

@@ -9,7 +9,9 @@ use std::time::{Duration, Instant};
 use clap::Args;
 use pairmask_core::Aabb;
 use pairmask_core::aabb::KeyBox;
-use pairmask_core::scene::{Edit, Indices, QueryTags, Scene, SceneOptions, Sets, Step, Told, Want};
+use pairmask_core::scene::{
+    Edit, Indices, QueryTags, Report, Scene, SceneOptions, Sets, Step, Told,
+};
 use pairmaskd::cli::whole_number::whole_number;
 use pairmaskd::execute::gpu::{
     Awake, EditTimes, Gpu, GpuScene, GridOptions, SceneTools, SharedImports, user_cache_folder,
@@ -22,7 +24,7 @@ use super::wrong_pairs;
 use crate::Result;
 use crate::study::harness::document::Part;
 use crate::study::harness::table::{Fields, Table, row};
-use crate::study::harness::{Report, median, percentile};
+use crate::study::harness::{StudyReport, median, percentile};
 use crate::study::moving::{Motion, World};
 
 /// Edits that are not counted: memory is taken, layouts are chosen, frames are recorded.
@@ -71,7 +73,7 @@ pub struct GpuSceneReport {
     pub rows: Vec<Fields>,
 }
 
-impl Report for GpuSceneReport {
+impl StudyReport for GpuSceneReport {
     const NAME: &'static str = "gpu-scene";
 
     fn parts(&self) -> Vec<Part> {
@@ -159,7 +161,7 @@ impl Rig {
         let steps = if is_spawn { &both[..] } else { &both[1..] };
         let steps = if indices.is_empty() { &[] } else { steps };
         let start = Instant::now();
-        let told = self.scene.edit(Edit { steps }, Want::Changes)?;
+        let told = self.scene.edit(Edit { steps }, Report::Changes)?;
         let took = start.elapsed();
         self.known.take(told);
         self.scene.take();
@@ -290,7 +292,7 @@ fn check(rig: &Rig, world: &World, case: &Case) -> Result<()> {
     let mut fresh = Scene::new(SceneOptions::default());
     let indices = Indices::from(0..case.n as u32);
     let steps = [Step::Set(Sets { indices, boxes: world.boxes() })];
-    let told = fresh.edit(Edit { steps: &steps }, Want::All)?;
+    let told = fresh.edit(Edit { steps: &steps }, Report::All)?;
     if PairSum::of(told.pairs()) == rig.known {
         return Ok(());
     }

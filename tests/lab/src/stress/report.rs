@@ -64,7 +64,7 @@ impl Failure {
             what: found.what,
             missed: found.missed,
             extra: found.extra,
-            pair: found.first.map(|[i, j]| [i, j]),
+            pair: found.first,
             explain: found.first.and_then(|pair| case.explain(form, pair)),
         }
     }

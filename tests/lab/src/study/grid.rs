@@ -21,7 +21,7 @@ use serde::Serialize;
 use super::harness::document::Part;
 use super::harness::machine::Machine;
 use super::harness::table::{Fields, row};
-use super::harness::{Report, median, median_ms};
+use super::harness::{StudyReport, median, median_ms};
 use super::mapping::gpu::Bench;
 use super::papers::figure;
 use crate::Result;
@@ -279,7 +279,7 @@ fn stages_of(row: &Fields, bandwidth: &Bandwidth) -> Vec<Fields> {
     timed_stages(row).map(stage).collect()
 }
 
-impl Report for GridReport {
+impl StudyReport for GridReport {
     const NAME: &'static str = "grid";
 
     fn parts(&self) -> Vec<Part> {

@@ -9,7 +9,7 @@ use pairmask_core::plan::{Calibration, Capabilities, plan};
 use pairmaskd::cli::machine::Machine;
 use serde::Serialize;
 
-use super::harness::Report;
+use super::harness::StudyReport;
 use super::harness::document::Part;
 use super::harness::table::{Fields, Table, row};
 use super::ways::{Case, CaseTimes, Effort, Way, core_count, measure_case, pools, thread_counts};
@@ -99,7 +99,7 @@ pub fn measure(
     Ok(PlanReport { machine, calibration, rows })
 }
 
-impl Report for PlanReport {
+impl StudyReport for PlanReport {
     const NAME: &'static str = "plan";
 
     fn parts(&self) -> Vec<Part> {

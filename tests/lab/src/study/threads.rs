@@ -19,7 +19,7 @@ use pairmaskd::cli::machine::Machine;
 use pairmaskd::scene::{Random, Scene, SceneName};
 use serde::Serialize;
 
-use super::harness::Report;
+use super::harness::StudyReport;
 use super::harness::document::Part;
 use super::harness::table::{Fields, Table, row};
 use super::papers::figure;
@@ -178,7 +178,7 @@ fn series(
     series.into_iter().map(of).collect()
 }
 
-impl Report for ThreadsReport {
+impl StudyReport for ThreadsReport {
     const NAME: &'static str = "threads";
 
     fn parts(&self) -> Vec<Part> {

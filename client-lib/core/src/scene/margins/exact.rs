@@ -6,7 +6,7 @@
 
 use std::sync::Arc;
 
-use super::super::answer::{EndReason, Ended, Told, Want, is_resync_due};
+use super::super::answer::{EndReason, Ended, Report, Told, is_resync_due};
 use super::super::copy::SceneCopy;
 use super::super::edit::Edit;
 use super::super::pair_list::{Pair, pair};
@@ -44,17 +44,17 @@ const MANY_SHARE: usize = 8;
 ///
 /// ```
 /// use pairmask_core::Aabb;
-/// use pairmask_core::scene::{Edit, ExactPairs, Indices, SceneCopy, Sets, Step, Want};
+/// use pairmask_core::scene::{Edit, ExactPairs, Indices, SceneCopy, Sets, Step, Report};
 ///
 /// let boxes = [[0.0, 1.0], [1.5, 2.0]].map(|[a, b]| Aabb::new([a; 3], [b; 3]));
 /// let (mut now, mut pairs) = (SceneCopy::new(9), ExactPairs::default());
 /// let mut edit = |steps: &[Step<'_>], near: &[[u32; 2]]| {
 ///     let edit = Edit { steps };
 ///     now.check(edit)?;
-///     pairs.note(edit, &now, Want::Changes);
+///     pairs.note(edit, &now, Report::Changes);
 ///     now.apply(edit);
 ///     pairs.change_near(near.iter().copied(), std::iter::empty(), &now);
-///     Ok::<_, pairmask_core::scene::EditError>(pairs.tell(Want::Changes, &now, None).begun().to_vec())
+///     Ok::<_, pairmask_core::scene::EditError>(pairs.tell(Report::Changes, &now, None).begun().to_vec())
 /// };
 /// // Near, by what was sent of them, and apart.
 /// assert!(edit(&[Step::Set(Sets { indices: (0..2).into(), boxes: &boxes })], &[[0, 1]])?.is_empty());
@@ -90,8 +90,8 @@ pub struct ExactPairs {
 
 impl ExactPairs {
     /// Notes an edit that is right, before it is applied to the boxes of now, which have
-    /// [checked](SceneCopy::check) it. `want` is what will be asked of it.
-    pub fn note(&mut self, edit: Edit<'_>, before: &SceneCopy, want: Want) {
+    /// [checked](SceneCopy::check) it. `report` is what will be asked of it.
+    pub fn note(&mut self, edit: Edit<'_>, before: &SceneCopy, report: Report) {
         self.is_open = false;
         self.rows.grow(before.index_end());
         self.flags.resize(self.rows.len(), 0);
@@ -104,7 +104,7 @@ impl ExactPairs {
         for index in self.named.drain(..) {
             self.flags[index as usize] &= !NAMED;
         }
-        if want == Want::Moved {
+        if report == Report::Moved {
             let Self { named, flags, .. } = self;
             let mut note = |index: u32| {
                 // A list may name indices that have no box.
@@ -292,24 +292,24 @@ impl ExactPairs {
 
     /// Answers, as the last edit was [noted](Self::note) to want. Unless that is nothing, near pairs are
     /// those of now.
-    pub fn tell(&mut self, want: Want, now: &SceneCopy, threads: Option<usize>) -> &Told {
-        if want != Want::Nothing {
+    pub fn tell(&mut self, report: Report, now: &SceneCopy, threads: Option<usize>) -> &Told {
+        if report != Report::Nothing {
             self.settle(now, threads);
         }
-        self.told = match want {
-            Want::Nothing => Told::of_none(want, 0),
-            Want::Moved => Told::of_pairs(want, Arc::new(self.pairs_of_named()), 0),
-            Want::Changes if !self.is_lost => self.changes(now),
-            Want::Changes | Want::All => self.all(want),
+        self.told = match report {
+            Report::Nothing => Told::of_none(report, 0),
+            Report::Moved => Told::of_pairs(report, Arc::new(self.pairs_of_named()), 0),
+            Report::Changes if !self.is_lost => self.changes(now),
+            Report::Changes | Report::All => self.all(report),
         };
         self.is_open = true;
         &self.told
     }
 
-    fn all(&self, want: Want) -> Told {
+    fn all(&self, report: Report) -> Told {
         let mut pairs = Vec::with_capacity(self.pair_count as usize);
         pairs.extend(self.rows.iter().filter(|(_, state)| is_pair(*state)).map(|(pair, _)| pair));
-        Told::of_pairs(want, Arc::new(pairs), self.pair_count)
+        Told::of_pairs(report, Arc::new(pairs), self.pair_count)
     }
 
     fn changes(&mut self, now: &SceneCopy) -> Told {
@@ -328,7 +328,7 @@ impl ExactPairs {
         ended.extend(ends.drain(..).map(|pair| Ended { pair, reason: self.reason(pair, now) }));
         self.ends = ends;
         if is_resync_due((begun.len() + ended.len()) as u64, self.pair_count) {
-            return self.all(Want::Changes);
+            return self.all(Report::Changes);
         }
         Told::of_changes(begun, ended, self.pair_count)
     }
@@ -370,7 +370,7 @@ impl ExactPairs {
     /// Takes the last answer, as [`Scene::take`](super::super::Scene::take) does.
     pub fn take(&mut self) {
         let is_open = std::mem::take(&mut self.is_open);
-        if !is_open || !matches!(self.told.want(), Want::Changes | Want::All) {
+        if !is_open || !matches!(self.told.report(), Report::Changes | Report::All) {
             return;
         }
         let told = |state: u32| if is_pair(state) { state | WAS } else { state & !WAS };
@@ -390,7 +390,7 @@ impl ExactPairs {
     }
 
     /// Forgets what was told: the next changes are a [resync](Told::is_resync).
-    pub fn lose(&mut self) {
+    pub fn resync(&mut self) {
         (self.is_lost, self.is_open) = (true, false);
         self.touched.clear();
         self.touched_kept = 0;

@@ -129,14 +129,14 @@ impl Scene {
     /// ```
     /// use pairmask_core::Aabb;
     /// use pairmask_core::filters::{Tag, World};
-    /// use pairmask_core::scene::{Edit, QueryTags, Scene, SceneOptions, Sets, Step, Tags, Want};
+    /// use pairmask_core::scene::{Edit, QueryTags, Scene, SceneOptions, Sets, Step, Tags, Report};
     ///
     /// let boxes = [Aabb::new([0.0; 3], [1.0; 3]); 2];
     /// let tags = [3, 4].map(|world| Tag::default().with_world(World(world)));
     /// let mut scene = Scene::new(SceneOptions::default());
     /// let set = Step::Set(Sets { indices: (7..9).into(), boxes: &boxes });
     /// let tag = Step::Tag(Tags { indices: (7..9).into(), tags: &tags });
-    /// scene.edit(Edit { steps: &[set, tag] }, Want::Nothing)?;
+    /// scene.edit(Edit { steps: &[set, tag] }, Report::Nothing)?;
     ///
     /// let mut found = Vec::new();
     /// scene.query(&[Aabb::point([0.5; 3]), Aabb::point([9.0; 3])], QueryTags::None, &mut found)?;

@@ -6,7 +6,7 @@
 use std::collections::{HashMap, HashSet};
 use std::sync::Arc;
 
-use crate::scene::answer::{EndReason, Ended, Told, Want, is_resync_due};
+use crate::scene::answer::{EndReason, Ended, Report, Told, is_resync_due};
 use crate::scene::edit::{Edit, Step};
 use crate::scene::pair_list::Pair;
 
@@ -160,7 +160,7 @@ impl Default for Unreported {
 
 impl Unreported {
     /// It is not known what the member knows: it gets a resync.
-    pub fn lose(&mut self) {
+    pub fn resync(&mut self) {
         *self = Self::default();
     }
 
@@ -184,33 +184,33 @@ impl Unreported {
         let later = Changes { begun: heard(&changes.begun), ended: heard(&changes.ended) };
         let joined = std::mem::take(&mut self.since).then(later);
         if is_resync_due(joined.len(), changes.pair_count) {
-            self.lose();
+            self.resync();
         } else {
             self.since = joined;
         }
     }
 
     /// Whether an answer needs all pairs.
-    pub fn needs_whole(&self, want: Want) -> bool {
-        want == Want::All || want == Want::Changes && self.is_lost
+    pub fn needs_whole(&self, report: Report) -> bool {
+        report == Report::All || report == Report::Changes && self.is_lost
     }
 
     /// The answer to the member. `whole` are the pairs that it is to know, where that is
     /// [needed](Self::needs_whole); `reason` says why a pair ended, by the boxes of now.
     pub fn answer(
         &mut self,
-        want: Want,
+        report: Report,
         whole: Option<Arc<Vec<Pair>>>,
         pair_count: u64,
         reason: impl Fn(NamedPair) -> EndReason,
     ) -> Told {
-        let is_whole = self.needs_whole(want);
-        if !matches!(want, Want::Changes | Want::All) {
-            return Told::of_none(Want::Nothing, pair_count);
+        let is_whole = self.needs_whole(report);
+        if !matches!(report, Report::Changes | Report::All) {
+            return Told::of_none(Report::Nothing, pair_count);
         }
         let reported = std::mem::take(&mut self.since);
         let told = if is_whole {
-            Told::of_pairs(want, whole.unwrap_or_default(), pair_count)
+            Told::of_pairs(report, whole.unwrap_or_default(), pair_count)
         } else {
             let ended = |named: &NamedPair| Ended { pair: named.pair, reason: reason(*named) };
             let begun = reported.begun.iter().map(|named| named.pair).collect();
@@ -244,7 +244,7 @@ mod tests {
     fn apply(
         scene: &mut Scene,
         does: &[(u8, u8)],
-        want: Want,
+        report: Report,
         incarnations: Option<&mut Incarnations>,
     ) {
         let has = |index: &u32| scene.get(*index).is_some();
@@ -270,7 +270,7 @@ mod tests {
             Step::Switch((&on).into(), true),
         ];
         let edit = Edit { steps: &steps };
-        scene.edit(edit, want).expect("a right edit");
+        scene.edit(edit, report).expect("a right edit");
         if let Some(incarnations) = incarnations {
             incarnations.apply(edit);
         }
@@ -290,17 +290,17 @@ mod tests {
             let heard = |[a, b]: Pair| own.has(a) || own.has(b);
             let mut incarnations = Incarnations::default();
             let (mut all, mut some) = (Unreported::default(), Unreported::default());
-            asked.lose();
+            asked.resync();
             for (does, choice) in ticks {
-                let want = if choice == 0 { Want::All } else { Want::Changes };
-                apply(&mut asked, &does, want, None);
-                apply(&mut ticking, &does, Want::Changes, Some(&mut incarnations));
+                let report = if choice == 0 { Report::All } else { Report::Changes };
+                apply(&mut asked, &does, report, None);
+                apply(&mut ticking, &does, Report::Changes, Some(&mut incarnations));
                 let pair_count = ticking.told().pair_count;
                 let changes = TickChanges::of(ticking.told(), &incarnations);
                 all.note(&changes, |_| true);
                 some.note(&changes, heard);
                 ticking.take();
-                ticking.edit(Edit::NONE, Want::All).expect("all pairs");
+                ticking.edit(Edit::NONE, Report::All).expect("all pairs");
                 let pairs = ticking.told().pairs().to_vec();
                 ticking.take();
                 if choice == 1 {
@@ -319,7 +319,7 @@ mod tests {
                 for (unreported, wanted) in [(&mut all, None), (&mut some, Some(&own))] {
                     let heard = |[a, b]: &Pair| wanted.is_none_or(|own| own.has(*a) || own.has(*b));
                     let of_now: Vec<Pair> = pairs.iter().copied().filter(heard).collect();
-                    let answer = unreported.answer(want, Some(Arc::new(of_now)), pair_count, reason);
+                    let answer = unreported.answer(report, Some(Arc::new(of_now)), pair_count, reason);
                     prop_assert_eq!(answer.is_resync(), expected.is_resync());
                     prop_assert_eq!(answer.pair_count(), expected.pair_count());
                     let of = |pairs: &[Pair]| -> Vec<Pair> {
@@ -341,9 +341,9 @@ mod tests {
 
     fn knows_all() -> Unreported {
         let mut unreported = Unreported::default();
-        unreported.answer(Want::All, None, 0, |_| EndReason::Separated);
+        unreported.answer(Report::All, None, 0, |_| EndReason::Separated);
         unreported.acknowledge(true);
-        assert!(!unreported.needs_whole(Want::Changes));
+        assert!(!unreported.needs_whole(Report::Changes));
         unreported
     }
 
@@ -358,11 +358,11 @@ mod tests {
         let of = Incarnations::default();
         for other in 1..=4_096 {
             unreported.note(&tick(&[[0, other]], &[], &of), |_| true);
-            assert!(!unreported.needs_whole(Want::Changes), "{other}");
+            assert!(!unreported.needs_whole(Report::Changes), "{other}");
         }
         unreported.note(&tick(&[[1, 2]], &[], &of), |_| true);
         assert!(
-            unreported.needs_whole(Want::Changes),
+            unreported.needs_whole(Report::Changes),
             "no more changes are kept than are worth it"
         );
         assert_eq!(unreported.allocated_bytes(), 0);
@@ -373,10 +373,10 @@ mod tests {
         let mut of = Incarnations::default();
         let mut unreported = knows_all();
         unreported.note(&tick(&[[0, 1]], &[], &of), |_| true);
-        unreported.answer(Want::Changes, None, 1, |_| EndReason::Separated);
+        unreported.answer(Report::Changes, None, 1, |_| EndReason::Separated);
         unreported.acknowledge(true);
         unreported.note(&tick(&[], &[[0, 1]], &of), |_| true);
-        unreported.answer(Want::Changes, None, 0, |_| EndReason::Separated);
+        unreported.answer(Report::Changes, None, 0, |_| EndReason::Separated);
         unreported.acknowledge(false);
         // Index 0 gets another box, apart; then nothing happens; then it meets the old partner.
         of.apply(Edit { steps: &[Step::Remove((&[0]).into())] });
@@ -387,7 +387,7 @@ mod tests {
         let removed = |named| {
             if of.is_current(named) { EndReason::Separated } else { EndReason::Removed }
         };
-        let told = unreported.answer(Want::Changes, None, 1, removed);
+        let told = unreported.answer(Report::Changes, None, 1, removed);
         assert_eq!(told.begun(), [[0, 1]]);
         assert_eq!(told.ended(), [Ended { pair: [0, 1], reason: EndReason::Removed }]);
     }

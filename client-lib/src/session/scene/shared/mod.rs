@@ -12,7 +12,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use pairmask_core::scene::shared::{LeaseError, Ranges, Remains};
-use pairmask_core::scene::{Edit, SceneCopy, Step, Told, Want};
+use pairmask_core::scene::{Edit, Report, SceneCopy, Step, Told};
 use pairmask_core::units::BoxCount;
 use pairmask_wire::{
     AgreedTerms, EditLayout, JoinRequest, LeaseAction, LeaseRequest, Page, ReplyError, ReplyFields,
@@ -195,15 +195,15 @@ impl Member {
     }
 
     /// The last answer is taken, which was asked for with this want.
-    pub fn take(&mut self, want: Want) {
-        if matches!(want, Want::Changes | Want::All)
+    pub fn take(&mut self, report: Report) {
+        if matches!(report, Report::Changes | Report::All)
             && let Some(there) = &mut self.there
         {
             there.is_taken = true;
         }
     }
 
-    pub const fn lose(&mut self) {
+    pub const fn resync(&mut self) {
         self.forgets = true;
     }
 
@@ -372,8 +372,12 @@ impl Member {
     }
 
     /// Checks an edit, and sends it.
-    pub fn begin<'s>(&mut self, edit: Edit<'_>, want: Want) -> Result<Awaited<'s>, CommitError> {
-        if want == Want::Moved {
+    pub fn begin<'s>(
+        &mut self,
+        edit: Edit<'_>,
+        report: Report,
+    ) -> Result<Awaited<'s>, CommitError> {
+        if report == Report::Moved {
             return Err(CommitError::Shared(SharedError::Moved));
         }
         let own: Ranges = self.leases.iter().cloned().collect();
@@ -398,7 +402,7 @@ impl Member {
             self.before = Some(Box::new(Before { copy, gave_filters, forgets }));
         }
         let sent = if was_there && !is_new {
-            let sent = self.send(&link, edit, want);
+            let sent = self.send(&link, edit, report);
             if let Err(SharedError::Frame(error)) = sent {
                 // The daemon has heard nothing, and has all that came before.
                 self.copy.cancel(edit);
@@ -408,7 +412,7 @@ impl Member {
             sent
         } else {
             self.apply(edit);
-            self.send_whole(&link, want)
+            self.send_whole(&link, report)
         };
         let sent = sent.map_err(CommitError::Shared)?;
         Ok(Awaited::new(sent, Arc::clone(&self.unread)))
@@ -421,14 +425,14 @@ impl Member {
     }
 
     /// Sends all boxes of this member as one commit.
-    fn send_whole(&mut self, link: &Arc<Link>, want: Want) -> Result<SentEdit, SharedError> {
+    fn send_whole(&mut self, link: &Arc<Link>, report: Report) -> Result<SentEdit, SharedError> {
         // The copy cannot be borrowed while the scene is: it is given back at once.
         let copy = std::mem::replace(&mut self.copy, SceneCopy::new(0));
         let sent = {
             let whole = copy.whole();
             let mut steps = whole.steps();
             steps.retain(|step| self.gave_filters || !matches!(step, Step::Filters(_)));
-            self.send(link, Edit { steps: &steps }, want)
+            self.send(link, Edit { steps: &steps }, report)
         };
         self.copy = copy;
         sent
@@ -438,7 +442,7 @@ impl Member {
         &mut self,
         link: &Arc<Link>,
         edit: Edit<'_>,
-        want: Want,
+        report: Report,
     ) -> Result<SentEdit, SharedError> {
         let too_large = || FrameError::TooManyBoxes { n: edit.boxes(), limit: u64::from(u32::MAX) };
         let layout = EditLayout::of(edit).ok_or_else(too_large)?;
@@ -455,7 +459,7 @@ impl Member {
             revision: self.revisions,
             is_taken: there.is_taken,
             is_lost: self.forgets,
-            want,
+            report,
             most_boxes: self.terms.most_boxes,
             engine: self.core.settings().engine,
             threads: self.core.settings().threads,
@@ -475,7 +479,7 @@ impl Member {
                 (there.revision, there.is_taken) = (self.revisions, false);
                 self.forgets = false;
                 // Others decide when the tick ends: there is nothing to nap by.
-                Ok(SentEdit { exchange, asked, want, expected: Expected::default() })
+                Ok(SentEdit { exchange, asked, report, expected: Expected::default() })
             }
             Err(error) => {
                 self.lost(link, &error);
@@ -491,14 +495,14 @@ impl Member {
         awaited: Awaited<'_>,
     ) -> Result<(Box<FromDaemon>, TickMarks), SharedError> {
         let Some(sent) = awaited.take() else { return Err(WaitError::Taken.into()) };
-        let want = sent.want;
+        let report = sent.report;
         match self.receive(sent) {
             Err(SharedError::Wait(WaitError::Reply(ReplyError::Status {
                 status: StatusCode::StaleScene,
                 ..
             }))) => {
                 let link = self.present()?;
-                let sent = self.send_whole(&link, want)?;
+                let sent = self.send_whole(&link, report)?;
                 self.receive(sent)
             }
             received => received,

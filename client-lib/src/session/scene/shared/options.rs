@@ -60,7 +60,7 @@ pub enum SharedError {
     #[error("a shared scene needs a daemon: use Backend::Auto or Backend::Daemon")]
     InProcess,
     /// Shared scenes do not tell pairs of moved boxes alone.
-    #[error("a shared scene does not answer Want::Moved: ask for changes")]
+    #[error("a shared scene does not answer Report::Moved: ask for changes")]
     Moved,
     /// The scene has other terms than this member asks for.
     #[error(transparent)]

@@ -25,8 +25,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 use pairmask_core::EngineName;
 use pairmask_core::engine::{CullError, ReserveError};
 use pairmask_core::scene::{
-    Edit, Ended, FilterHistory, Kept, KeptHistory, SceneError, SceneOptions, SceneSkips, Step,
-    Told, Want, decide_changes, is_resync_due,
+    Edit, Ended, FilterHistory, Kept, KeptHistory, Report, SceneError, SceneOptions, SceneSkips,
+    Step, Told, decide_changes, is_resync_due,
 };
 use pairmask_shaders::Stage;
 use pairmask_shaders::layouts::{GridLayout, SceneMode, SceneSummary};
@@ -212,7 +212,7 @@ impl GpuScene {
         let mut scene = Self::shared(tools, options);
         let whole = kept.whole();
         let steps = whole.steps();
-        scene.edit(Edit { steps: &steps }, Want::Nothing)?;
+        scene.edit(Edit { steps: &steps }, Report::Nothing)?;
         match kept.history() {
             KeptHistory::Told(count) => {
                 scene.begin_history();
@@ -295,14 +295,14 @@ impl GpuScene {
     /// [`SceneError::Edit`] for an edit that is wrong: nothing is applied, and the last answer stays.
     /// [`SceneError::Cull`] where the device is lost, or has no memory, or the scene is too crowded for
     /// it: the scene is to be dropped.
-    pub fn edit(&mut self, edit: Edit<'_>, want: Want) -> Result<&Told, SceneError> {
+    pub fn edit(&mut self, edit: Edit<'_>, report: Report) -> Result<&Told, SceneError> {
         let mut clock = Clock::start();
         self.roster.check(edit, self.options.most_boxes)?;
         self.times = EditTimes::default();
         self.is_open = false;
         self.roster.apply(edit);
         clock.lap(&mut self.times.check);
-        if let Err(error) = self.answer(edit, want, &mut clock) {
+        if let Err(error) = self.answer(edit, report, &mut clock) {
             self.known = Known::Lost;
             return Err(SceneError::Cull(error));
         }
@@ -311,10 +311,10 @@ impl GpuScene {
     }
 
     /// Takes the last answer: what it told is what the next changes are counted from. Without effect
-    /// on an answer that was taken, and on [`Want::Moved`] and [`Want::Nothing`].
+    /// on an answer that was taken, and on [`Report::Moved`] and [`Report::Nothing`].
     pub fn take(&mut self) {
         if !std::mem::take(&mut self.is_open)
-            || !matches!(self.told.want(), Want::Changes | Want::All)
+            || !matches!(self.told.report(), Report::Changes | Report::All)
         {
             return;
         }
@@ -323,11 +323,11 @@ impl GpuScene {
     }
 
     /// Forgets what was told: the next changes are a resync. A client that has lost its pairs asks so.
-    pub fn lose(&mut self) {
+    pub fn resync(&mut self) {
         self.begin_history();
         self.known = Known::Lost;
         self.is_open = false;
-        self.told = Told::of_none(Want::Nothing, 0);
+        self.told = Told::of_none(Report::Nothing, 0);
     }
 
     fn begin_history(&mut self) {
@@ -340,7 +340,12 @@ impl GpuScene {
     }
 
     /// Applies a checked edit on the GPU and finds the answer.
-    fn answer(&mut self, edit: Edit<'_>, want: Want, clock: &mut Clock) -> Result<(), CullError> {
+    fn answer(
+        &mut self,
+        edit: Edit<'_>,
+        report: Report,
+        clock: &mut Clock,
+    ) -> Result<(), CullError> {
         let sets: u64 = edit.sets().map(|sets| sets.boxes.len() as u64).sum();
         let elements = sets + self.roster.marks().len() as u64;
         self.changed += elements;
@@ -349,22 +354,22 @@ impl GpuScene {
         }
         let is_named = |step: &Step<'_>| !matches!(step, Step::Remove(_));
         let names = elements > 0 && edit.steps.iter().any(is_named);
-        let mode = match want {
-            Want::Changes if self.known == Known::Lost => Some(SceneMode::All),
-            Want::Changes => (self.known == Known::Changed).then_some(SceneMode::Changes),
-            Want::Moved => names.then_some(SceneMode::Moved),
-            Want::All => Some(SceneMode::All),
+        let mode = match report {
+            Report::Changes if self.known == Known::Lost => Some(SceneMode::All),
+            Report::Changes => (self.known == Known::Changed).then_some(SceneMode::Changes),
+            Report::Moved => names.then_some(SceneMode::Moved),
+            Report::All => Some(SceneMode::All),
             _ => None,
         };
         // A scene without records has no pairs.
         let mode = mode.filter(|_| self.roster.len() > 0);
         if elements == 0 && mode.is_none() {
-            let pair_count = if want == Want::Changes { self.count_then } else { 0 };
-            let is_resync = want == Want::Changes && self.known == Known::Lost;
+            let pair_count = if report == Report::Changes { self.count_then } else { 0 };
+            let is_resync = report == Report::Changes && self.known == Known::Lost;
             self.told = if is_resync {
-                Told::of_pairs(want, Arc::default(), 0)
+                Told::of_pairs(report, Arc::default(), 0)
             } else {
-                Told::of_none(want, pair_count)
+                Told::of_none(report, pair_count)
             };
             self.told_skips(None);
             return Ok(());
@@ -373,7 +378,7 @@ impl GpuScene {
         (self.was_asked, self.standing, self.is_second_grid) = (false, None, false);
         self.place_edit(edit, mode)?;
         clock.lap(&mut self.times.upload);
-        let answered = self.search(elements, want, mode, clock);
+        let answered = self.search(elements, report, mode, clock);
         self.replicas.end_edit();
         let summary = answered?;
         self.told_skips(summary.as_ref());
@@ -406,7 +411,7 @@ impl GpuScene {
     fn search(
         &mut self,
         elements: u64,
-        want: Want,
+        report: Report,
         mode: Option<SceneMode>,
         clock: &mut Clock,
     ) -> Result<Option<SceneSummary>, CullError> {
@@ -454,7 +459,7 @@ impl GpuScene {
             }
             self.note_stages()?;
             if mode.is_none() {
-                self.told = Told::of_none(want, 0);
+                self.told = Told::of_none(report, 0);
                 return Ok(None);
             }
             let (rooms, summaries) = (&rooms[..shares], &summaries[..shares]);
@@ -489,7 +494,7 @@ impl GpuScene {
             let looked = entries + u64::from(summary.rows);
             self.layouts.note_search(&question, &summary, looked, wide(summary.tested));
             self.rooms.0[question.mode as usize] = Room { entries, pairs: most };
-            self.tell(want, question.mode, ended, &counts)?;
+            self.tell(report, question.mode, ended, &counts)?;
             if is_filtered && self.filter_told() {
                 question.mode = SceneMode::All;
                 continue;
@@ -512,7 +517,7 @@ impl GpuScene {
     /// Reads what was found, so many pairs by each GPU, sorts it, and tells it.
     fn tell(
         &mut self,
-        want: Want,
+        report: Report,
         mode: SceneMode,
         ended: u64,
         counts: &[u64],
@@ -530,7 +535,7 @@ impl GpuScene {
             let mut pairs = Vec::new();
             pairs.try_reserve(found as usize).map_err(no_memory)?;
             self.sorter.pairs(&list, threads, &mut pairs);
-            self.told = Told::of_pairs(want, Arc::new(pairs), found);
+            self.told = Told::of_pairs(report, Arc::new(pairs), found);
             return Ok(());
         }
         let (mut begun, mut ends) = std::mem::take(&mut self.told).into_changes();
@@ -546,12 +551,12 @@ impl GpuScene {
     /// Takes what the filters keep apart out of the answer. Whether it is to be a resync instead.
     fn filter_told(&mut self) -> bool {
         let told = std::mem::take(&mut self.told);
-        let (want, roster) = (told.want(), &self.roster);
-        if want != Want::Changes || told.is_resync() {
+        let (report, roster) = (told.report(), &self.roster);
+        if report != Report::Changes || told.is_resync() {
             let mut pairs = told.pairs().to_vec();
             pairs.retain(|pair| roster.filters().meet(*pair));
-            let pair_count = if want == Want::Moved { 0 } else { pairs.len() as u64 };
-            self.told = Told::of_pairs(want, Arc::new(pairs), pair_count);
+            let pair_count = if report == Report::Moved { 0 } else { pairs.len() as u64 };
+            self.told = Told::of_pairs(report, Arc::new(pairs), pair_count);
             return false;
         }
         let (mut begun, mut ended) = told.into_changes();
@@ -624,7 +629,7 @@ mod tests {
     use crate::execute::gpu::{GpuChoice, HostImport};
 
     /// Two boxes that touch, apart, and together again.
-    fn check_rounds(mut gpu: GpuScene, want: Want) {
+    fn check_rounds(mut gpu: GpuScene, report: Report) {
         let mut core = Scene::new(SceneOptions::default());
         for round in 0..6u32 {
             let x = if round % 2 == 0 { 1.0 } else { 1.5 };
@@ -633,8 +638,8 @@ mod tests {
             let named = if round < 2 { 0..2 } else { 1..2 };
             let boxes = &boxes[named.start as usize..];
             let steps = [Step::Set(Sets { indices: named.into(), boxes })];
-            core.edit(Edit { steps: &steps }, want).expect("an answer");
-            gpu.edit(Edit { steps: &steps }, want).expect("an answer");
+            core.edit(Edit { steps: &steps }, report).expect("an answer");
+            gpu.edit(Edit { steps: &steps }, report).expect("an answer");
             assert_eq!(gpu.told().begun(), core.told().begun(), "{round}");
             assert_eq!(gpu.told().ended(), core.told().ended(), "{round}");
             assert_eq!(gpu.told().pairs(), core.told().pairs(), "{round}");
@@ -650,11 +655,11 @@ mod tests {
         let tools = SceneTools::new(&gpu, &GridOptions::default()).expect("stages");
         let mut scene = GpuScene::new(&tools, SceneOptions::default());
         scene.epoch = (1 << 32) - 3;
-        check_rounds(scene, Want::Changes);
+        check_rounds(scene, Report::Changes);
         let mut scene = GpuScene::new(&tools, SceneOptions::default());
         // So that there is memory for names whose numbers come again.
-        scene.edit(Edit::NONE, Want::Moved).expect("an answer");
+        scene.edit(Edit::NONE, Report::Moved).expect("an answer");
         scene.naming = u32::MAX - 2;
-        check_rounds(scene, Want::Moved);
+        check_rounds(scene, Report::Moved);
     }
 }

@@ -331,10 +331,7 @@ impl Client<'_> {
                 if fate == Fate::Unread {
                     return Ok(None);
                 }
-                let mut answer = pending.wait()?;
-                if fate == Fate::Taken {
-                    answer = answer.take();
-                }
+                let answer = pending.wait()?;
                 by = answer.served_by();
                 Ok(Some(Heard {
                     begun: answer.begun().to_vec(),

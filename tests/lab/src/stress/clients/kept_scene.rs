@@ -7,7 +7,7 @@
 use std::collections::BTreeSet;
 
 use pairmask::Aabb;
-use pairmask::scene::{SceneOptions, Want};
+use pairmask::scene::{Report, SceneOptions};
 use pairmask_core::oracle::{Pair, truth};
 use pairmask_core::scene::{Sets, Step};
 use pairmaskd::scene::Random;
@@ -23,8 +23,7 @@ const MANY_ONE_IN: u64 = 8;
 /// What is done about an answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Fate {
-    Taken,
-    Dropped,
+    Read,
     Unread,
 }
 
@@ -59,7 +58,7 @@ impl KeptScene {
         &mut self,
         case: &Case,
         random: &mut Random,
-        ask: impl FnOnce(&[Step<'_>], Want, Fate) -> Result<Option<Heard>, E>,
+        ask: impl FnOnce(&[Step<'_>], Report, Fate) -> Result<Option<Heard>, E>,
     ) -> Result<Result<bool, Finding>, E> {
         let (mut removed, mut set, mut boxes) = (Vec::new(), Vec::new(), Vec::new());
         let n = case.boxes.len();
@@ -83,22 +82,21 @@ impl KeptScene {
                 boxes.push(b);
             }
         }
-        let want = if random.below(6) == 0 { Want::All } else { Want::Changes };
+        let report = if random.below(6) == 0 { Report::All } else { Report::Changes };
         let fate = match random.below(8) {
-            0 => Fate::Unread,
-            1..=2 => Fate::Dropped,
-            _ => Fate::Taken,
+            0..=2 => Fate::Unread,
+            _ => Fate::Read,
         };
         let sets = Sets { indices: (&set).into(), boxes: &boxes };
         let steps = [Step::Remove((&removed).into()), Step::Set(sets)];
-        let Some(heard) = ask(&steps, want, fate)? else { return Ok(Ok(false)) };
-        Ok(self.check(&heard, want, fate).map(|()| true))
+        let Some(heard) = ask(&steps, report, fate)? else { return Ok(Ok(false)) };
+        Ok(self.check(&heard, report).map(|()| true))
     }
 
     /// Compares what a client knows from an answer with the pairs of now.
-    fn check(&mut self, heard: &Heard, want: Want, fate: Fate) -> Result<(), Finding> {
-        let mut known = match want {
-            Want::Changes if !heard.is_resync => self.known.clone(),
+    fn check(&mut self, heard: &Heard, report: Report) -> Result<(), Finding> {
+        let mut known = match report {
+            Report::Changes if !heard.is_resync => self.known.clone(),
             _ => BTreeSet::new(),
         };
         for [a, b] in &heard.ended {
@@ -116,9 +114,7 @@ impl KeptScene {
         let boxes = self.boxes.iter().map(|b| b.unwrap_or(Aabb::EMPTY));
         let pairs = truth(&boxes.collect::<Vec<_>>()).pairs;
         compare(&known.iter().copied().collect::<Vec<_>>(), &pairs, &pairs)?;
-        if fate == Fate::Taken {
-            self.known = known;
-        }
+        self.known = known;
         Ok(())
     }
 }
@@ -135,8 +131,12 @@ mod tests {
         }
         scene.known = BTreeSet::from([[0, 1], [0, 3]]);
         let right = Heard { begun: vec![[1, 2]], ended: vec![[0, 3]], ..Heard::default() };
-        let mut check = |heard: &Heard, want| scene.check(heard, want, Fate::Dropped);
-        assert_eq!(check(&right, Want::Changes), Ok(()));
+        let known = scene.known.clone();
+        let mut check = |heard: &Heard, report| {
+            scene.known.clone_from(&known);
+            scene.check(heard, report)
+        };
+        assert_eq!(check(&right, Report::Changes), Ok(()));
         let spoils: [fn(&mut Heard); 6] = [
             |heard| heard.begun.clear(),
             |heard| heard.begun.push([0, 1]),
@@ -148,12 +148,12 @@ mod tests {
         for (number, spoil) in spoils.into_iter().enumerate() {
             let mut heard = right.clone();
             spoil(&mut heard);
-            assert!(check(&heard, Want::Changes).is_err(), "{number}");
+            assert!(check(&heard, Report::Changes).is_err(), "{number}");
         }
         let all = Heard { pairs: vec![[0, 1], [1, 2]], is_resync: true, ..Heard::default() };
-        assert_eq!((check(&all, Want::All), check(&all, Want::Changes)), (Ok(()), Ok(())));
-        assert!(check(&Heard::default(), Want::All).is_err());
+        assert_eq!((check(&all, Report::All), check(&all, Report::Changes)), (Ok(()), Ok(())));
+        assert!(check(&Heard::default(), Report::All).is_err());
         scene.boxes[0] = None;
-        assert!(scene.check(&all, Want::All, Fate::Taken).is_err());
+        assert!(scene.check(&all, Report::All).is_err());
     }
 }

@@ -4,13 +4,13 @@ use serde_json::json;
 
 use super::judge::{ModeVerdict, Setting, in_order, modes, settings, title};
 use super::rows::{AccuracyReport, AccuracyRow, AgainstBoxes, STAGES, ratio};
-use crate::study::harness::Report;
+use crate::study::harness::StudyReport;
 use crate::study::harness::document::{Part, html};
 use crate::study::harness::plot::{Look, Plot, Series, Unit};
 use crate::study::harness::table::Table;
 use crate::study::papers;
 
-impl Report for AccuracyReport {
+impl StudyReport for AccuracyReport {
     const NAME: &'static str = "accuracy";
 
     fn parts(&self) -> Vec<Part> {

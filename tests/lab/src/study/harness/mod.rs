@@ -19,7 +19,7 @@ use self::table::Table;
 use crate::Result;
 
 /// The results of a study.
-pub(crate) trait Report: Serialize + Sized {
+pub(crate) trait StudyReport: Serialize + Sized {
     /// The name of its files.
     const NAME: &'static str;
 
@@ -44,7 +44,7 @@ pub(crate) trait Report: Serialize + Sized {
 }
 
 /// Writes the files of a report into a folder, which is made.
-pub(crate) fn write_files<R: Report>(report: &R, folder: &Path) -> Result<()> {
+pub(crate) fn write_files<R: StudyReport>(report: &R, folder: &Path) -> Result<()> {
     let json = serde_json::to_string_pretty(report)? + "\n";
     fs::create_dir_all(folder).map_err(FileError::of(folder, Access::WriteInto))?;
     for (name, content) in report.files().into_iter().chain([(format!("{}.json", R::NAME), json)]) {

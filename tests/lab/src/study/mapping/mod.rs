@@ -36,7 +36,7 @@ use super::harness::document::{Part, html, markdown};
 use super::harness::machine::Machine;
 use super::harness::plot::{Look, Plot};
 use super::harness::table::{Fields, Table, row};
-use super::harness::{Report, open_if_any};
+use super::harness::{StudyReport, open_if_any};
 use super::papers::{self, figure};
 use crate::Result;
 
@@ -366,7 +366,7 @@ fn growth(plan: &Plan, bench: &mut Bench) -> Result<Vec<Fields>, GpuError> {
     Ok(rows)
 }
 
-impl Report for MappingReport {
+impl StudyReport for MappingReport {
     const NAME: &'static str = "mapping";
 
     fn parts(&self) -> Vec<Part> {

@@ -8,7 +8,7 @@ use super::claims::{Claim, Item, Row, Source};
 use super::records::Figures;
 use super::rule::Verdict;
 use crate::Result;
-use crate::study::harness::Report;
+use crate::study::harness::StudyReport;
 use crate::study::harness::document::{Part, html, markdown};
 use crate::study::harness::machine::Machine;
 use crate::study::harness::table::{Fields, Table, number_text, row};
@@ -97,7 +97,7 @@ impl PapersReport {
     }
 }
 
-impl Report for PapersReport {
+impl StudyReport for PapersReport {
     const NAME: &'static str = "papers";
 
     fn parts(&self) -> Vec<Part> {

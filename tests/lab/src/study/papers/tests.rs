@@ -11,7 +11,7 @@ use super::page::Paper;
 use super::records::ms_on_gpus;
 use super::rule::{Rule, Verdict};
 use super::*;
-use crate::study::harness::Report;
+use crate::study::harness::StudyReport;
 
 /// A report of no record: what the code alone decides.
 fn empty() -> PapersReport {

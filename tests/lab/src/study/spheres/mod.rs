@@ -20,7 +20,7 @@ use pairmaskd::cli::whole_number::whole_number;
 use pairmaskd::execute::gpu::{Gpu, GpuChoice, HostImport};
 use serde::Serialize;
 
-use super::harness::Report;
+use super::harness::StudyReport;
 use super::harness::document::Part;
 use super::harness::machine::Machine;
 use super::harness::table::{Fields, row};
@@ -93,7 +93,7 @@ impl SphereReport {
     }
 }
 
-impl Report for SphereReport {
+impl StudyReport for SphereReport {
     const NAME: &'static str = "spheres";
 
     fn parts(&self) -> Vec<Part> {
