@@ -835,11 +835,12 @@ pm_code pm_frame_submit(pm_frame frame,
                         const pm_frame_options *options,
                         pm_pending *pending);
 
-// Copies boxes, sends them and waits: the shortest way from boxes to pairs. `rules` may be zero.
+// Copies boxes, sends them and waits: the shortest way from boxes to pairs. `filters` may be zero. Where frames of
+// other threads hold all of the session's places, it waits for one.
 pm_code pm_session_cull(pm_session session,
                         const pm_box *boxes,
                         size_t n,
-                        pm_rules rules,
+                        pm_rules filters,
                         pm_mask *mask);
 
 // Hands the library's log to the program. It can be set once: `PM_ERR_STATE` after that.

@@ -1,7 +1,6 @@
 //! Frames that are being filled: `pm_frame`.
 #![allow(unsafe_code)]
 
-use std::ptr::null_mut;
 use std::sync::Arc;
 
 use pairmask::update::{Placement, ToWorld, Transformed, WorldMatrix};
@@ -12,7 +11,7 @@ use crate::call::call;
 use crate::code::{PM_ERR_STATE, pm_code};
 use crate::failure::Failure;
 use crate::handles::handle;
-use crate::mask::{Pending, pm_pending};
+use crate::mask::{Mask, Pending, pm_mask, pm_pending};
 use crate::memory::{Growing, array, check_out, growing, value, write};
 use crate::rules::pm_rules;
 use crate::session::pm_session;
@@ -389,37 +388,32 @@ pub unsafe extern "C" fn pm_frame_submit(
     })
 }
 
-/// Copies boxes, sends them and waits: the shortest way from boxes to pairs. `rules` may be zero.
+/// Copies boxes, sends them and waits: the shortest way from boxes to pairs. `filters` may be zero. Where frames of
+/// other threads hold all of the session's places, it waits for one.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn pm_session_cull(
     session: pm_session,
     boxes: *const pm_box,
     n: usize,
-    rules: pm_rules,
-    mask: *mut crate::mask::pm_mask,
+    filters: pm_rules,
+    mask: *mut pm_mask,
 ) -> pm_code {
-    let mut frame = pm_frame::default();
-    let mut pending = pm_pending::default();
-    // SAFETY: the caller's promise about pointers is passed on; `frame` and `pending` are this function's.
-    unsafe {
-        let mut code = call(|| index_count(n).and(check_out(mask)));
-        if code == 0 {
-            code = pm_session_frame(session, n, &raw mut frame, null_mut());
+    call(|| {
+        index_count(n)?;
+        check_out(mask)?;
+        // SAFETY: the caller's promise about pointers is passed on.
+        let boxes = as_boxes(unsafe { array(boxes, n) }?);
+        let mut options = FrameOptions::default();
+        if filters.id != 0 {
+            options.filters = Some(filters.with(|rules| Ok(Arc::clone(rules)))?);
         }
-        if code == 0 {
-            code = pm_frame_write(frame, boxes, n);
-            if code != 0 {
-                frame.drop();
-            }
-        }
-        if code == 0 {
-            let struct_size = size_of::<pm_frame_options>();
-            let options = pm_frame_options { struct_size, filters: rules, split_at: 0 };
-            code = pm_frame_submit(frame, &raw const options, &raw mut pending);
-        }
-        if code == 0 {
-            code = crate::mask::pm_pending_wait(pending, mask);
-        }
-        code
-    }
+        let (mut frame, spares) = session.with(|s| {
+            let frame = s.session.in_time(|session| session.frame(n))?;
+            Ok((frame, s.spares.clone()))
+        })?;
+        frame.write(boxes)?;
+        let made = Mask::new(frame.submit_with(&options)?.wait()?, spares);
+        // SAFETY: the caller's promise about pointers is passed on.
+        unsafe { write(mask, pm_mask::new(made)?) }
+    })
 }

@@ -48,6 +48,12 @@ pub struct Mask {
     decoded: Decoded,
 }
 
+impl Mask {
+    pub fn new(mask: PairMask, spares: Spares) -> Self {
+        Self { mask, decoded: Decoded::new(spares) }
+    }
+}
+
 handle!(pm_mask is Mask);
 
 /// Called with some pairs at a time. The pairs are the callback's until it returns. It may not throw, nor use
@@ -69,7 +75,7 @@ pub unsafe extern "C" fn pm_pending_wait(pending: pm_pending, mask: *mut pm_mask
     call(|| {
         let Pending { pending, spares } = pending.remove()?;
         check_out(mask)?;
-        let made = Mask { mask: pending.wait()?, decoded: Decoded::new(spares) };
+        let made = Mask::new(pending.wait()?, spares);
         // SAFETY: the caller's promise about pointers is passed on.
         unsafe { write(mask, pm_mask::new(made)?) }
     })
@@ -88,7 +94,7 @@ pub unsafe extern "C" fn pm_pending_wait_timeout(
         check_out(mask)?;
         let answer = pending.with(|pending| {
             let answer = pending.pending.wait_timeout(Duration::from_nanos(timeout_ns));
-            Ok(answer.map(|mask| Mask { mask, decoded: Decoded::new(pending.spares.clone()) }))
+            Ok(answer.map(|mask| Mask::new(mask, pending.spares.clone())))
         })?;
         if !matches!(answer, Err(WaitError::Timeout { .. })) {
             drop(pending.remove()?);

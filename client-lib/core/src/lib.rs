@@ -27,6 +27,7 @@ mod stats;
 pub mod units;
 mod unknown_name;
 pub mod update;
+pub mod usable_memory;
 pub mod write;
 
 pub use aabb::{Aabb, BoxClass};

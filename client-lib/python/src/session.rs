@@ -1,10 +1,11 @@
 //! Sessions.
 
+use std::ffi::CString;
 use std::path::PathBuf;
 
 use pairmask::error::UnknownName;
 use pairmask::{Backend, BoxCount, FrameError, FrameOptions, PendingFrame, Precision, Session};
-use pyo3::exceptions::PyValueError;
+use pyo3::exceptions::{PyRuntimeWarning, PyValueError};
 use pyo3::prelude::*;
 
 use crate::arrays::Rows;
@@ -106,7 +107,8 @@ impl PySession {
         self.begin(py, move |session| session.sphere_frame(n)).map(PyFrame::of_spheres)
     }
 
-    /// The pairs of an array of boxes: a frame from its memory to its pairs, in one call.
+    /// The pairs of an array of boxes: a frame from its memory to its pairs, in one call. Where other threads have all
+    /// of the session's places for frames, it waits for one, as long as the deadline allows.
     #[pyo3(signature = (boxes, rules=None))]
     fn cull<'py>(
         &self,
@@ -116,7 +118,8 @@ impl PySession {
     ) -> PyResult<Bound<'py, PyAny>> {
         let boxes = Boxes::of(boxes)?;
         let n = boxes.len();
-        let mut frame = self.begin(py, move |session| session.frame(n))?;
+        let in_time = move |session: &mut Session| session.in_time(|session| session.frame(n));
+        let mut frame = self.begin(py, in_time)?;
         boxes.write(py, frame.boxes_mut())?;
         let options = FrameOptions { filters: rules.map(PyRules::shared), ..Default::default() };
         pairs_after(py, || frame.submit_with(&options))
@@ -130,7 +133,9 @@ impl PySession {
     ) -> PyResult<Bound<'py, PyAny>> {
         let rows = Rows::of(spheres, 4)?;
         let n = rows.len();
-        let mut frame = self.begin(py, move |session| session.sphere_frame(n))?;
+        let in_time =
+            move |session: &mut Session| session.in_time(|session| session.sphere_frame(n));
+        let mut frame = self.begin(py, in_time)?;
         rows.write_spheres(py, frame.spheres_mut())?;
         pairs_after(py, || frame.submit())
     }
@@ -227,10 +232,17 @@ fn pairs_after(
     py: Python<'_>,
     submit: impl FnOnce() -> Result<PendingFrame, FrameError> + Send,
 ) -> PyResult<Bound<'_, PyAny>> {
-    let pairs = py.detach(|| {
+    let (pairs, census) = py.detach(|| {
         let pending = submit().map_err(Raise::raise)?;
         let mask = pending.wait().map_err(Raise::raise)?;
-        Ok::<_, PyErr>(pairs_of(&mask))
-    });
-    Memory::of_rows(pairs?).into_array(py)
+        Ok::<_, PyErr>((pairs_of(&mask), mask.info().census))
+    })?;
+    if census.invalid > 0 {
+        let (count, first) = (census.invalid, census.first_invalid[0]);
+        let text =
+            format!("{count} boxes or spheres have a NaN and overlap nothing: {first} first");
+        let text = CString::new(text).unwrap_or_default();
+        PyErr::warn(py, &py.get_type::<PyRuntimeWarning>(), &text, 2)?;
+    }
+    Memory::of_rows(pairs).into_array(py)
 }

@@ -178,6 +178,8 @@ def test_the_census_counts(session: pairmask.Session) -> None:
     frame.write(boxes)
     info = frame.submit().wait().info
     assert (info.invalid, info.empty, info.first_invalid) == (1, 1, [7])
+    with pytest.warns(RuntimeWarning, match="1 boxes or spheres have a NaN and overlap nothing: 7 first"):
+        session.cull(boxes)
 
 
 def test_a_daemon_finds_the_same_pairs_in_its_memory(daemon: Daemon) -> None:

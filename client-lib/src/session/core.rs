@@ -37,6 +37,9 @@ const LONGEST_PAUSE: Duration = Duration::from_secs(10);
 /// A daemon that does not answer a trial within this time is still silent. No frame waits for it.
 const TRIAL_WITHIN: Duration = Duration::from_secs(1);
 
+/// A place for a frame that other threads hold is looked for this often: about the time of a small frame.
+const PLACE_INTERVAL: Duration = Duration::from_micros(50);
+
 /// The end of a scene waits this long at most for the daemon.
 const END_WITHIN: Duration = Duration::from_millis(20);
 
@@ -352,6 +355,22 @@ impl Core {
         Ok((self.loan(&link, bytes + self.room_for_rules(n))?, agreed))
     }
 
+    /// Begins a frame again until a place is free, as long as the deadline allows.
+    pub(super) fn in_time<T>(
+        &self,
+        mut begin: impl FnMut() -> Result<T, FrameError>,
+    ) -> Result<T, FrameError> {
+        let deadline = Instant::now() + self.settings.deadline;
+        loop {
+            match begin() {
+                Err(FrameError::TooManyFrames) if Instant::now() < deadline => {
+                    std::thread::sleep(PLACE_INTERVAL);
+                }
+                begun => return begun,
+            }
+        }
+    }
+
     /// Memory for `n` objects, as the backend asks: shared memory from `shared`, or this process's
     /// own.
     fn memory<O: FrameObject>(
@@ -368,9 +387,9 @@ impl Core {
             Backend::Daemon => Ok(FrameMemory::Shared(shared()?)),
             Backend::Auto => match shared() {
                 Ok(shared) => Ok(FrameMemory::Shared(shared)),
-                Err(FrameError::TooManyFrames) => Err(FrameError::TooManyFrames),
-                // The log already says so, and frames of boxes still go to the daemon.
-                Err(FrameError::DaemonTooOld { .. }) => own(),
+                // The log already says so, and frames of boxes still go to the daemon; or the next frame finds a
+                // place there.
+                Err(FrameError::DaemonTooOld { .. } | FrameError::TooManyFrames) => own(),
                 Err(error) => {
                     self.say_in_process(&error);
                     own()

@@ -123,7 +123,7 @@ pub enum FrameError {
     #[error("{0}: use Backend::Auto")]
     TooManyListedPairs(#[from] TooManyPairs),
     /// Not as many boxes as the frame has.
-    #[error("{given} boxes for a frame of {n}")]
+    #[error("{given} boxes for a frame of {n}: give as many as it has")]
     WrongCount {
         /// Boxes that were given.
         given: usize,
@@ -144,7 +144,7 @@ pub enum FrameError {
         /// Boxes of the frame.
         n: u32,
     },
-    /// Too many frames are under way.
+    /// Too many frames are under way ([`Backend::Daemon`](super::Backend::Daemon) only).
     #[error("three frames are being filled, under way or held as masks: drop one before the next")]
     TooManyFrames,
     /// This process has no memory for the frame.

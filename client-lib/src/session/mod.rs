@@ -79,14 +79,39 @@ impl Session {
     /// Memory for the boxes of a frame of `n` boxes: shared memory where a daemon serves, else
     /// the process's own. Its contents are unspecified: write every box.
     ///
-    /// A session has three frames at a time, in any mix of being filled, under way, and held as
-    /// masks.
+    /// A daemon has three frames of a session at a time, in any mix of being filled, under way, and held as masks.
+    /// With [`Backend::Auto`] further ones are answered in process, with [`Backend::Daemon`] they are an error: see
+    /// [`in_time`](Self::in_time).
     ///
     /// # Errors
     /// [`FrameError`]. With [`Backend::Auto`] a daemon that is gone or full is no error: the frame
     /// is then answered in process.
     pub fn frame(&mut self, n: usize) -> Result<Frame, FrameError> {
         self.core.frame(n)
+    }
+
+    /// Begins a frame, and waits, as long as the session's deadline allows, until another thread has given a place for
+    /// frames back.
+    ///
+    /// ```
+    /// use pairmask::{Backend, Session};
+    ///
+    /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+    /// let mut session = Session::builder().backend(Backend::InProcess).connect()?;
+    /// let frame = session.in_time(|session| session.frame(3))?;
+    /// assert_eq!(frame.n().get(), 3);
+    /// # Ok(())
+    /// # }
+    /// ```
+    ///
+    /// # Errors
+    /// As `begin`. [`FrameError::TooManyFrames`] where no place became free.
+    pub fn in_time<T>(
+        &mut self,
+        mut begin: impl FnMut(&mut Self) -> Result<T, FrameError>,
+    ) -> Result<T, FrameError> {
+        let core = Arc::clone(&self.core);
+        core.in_time(|| begin(self))
     }
 
     /// As [`frame`](Self::frame), for boxes that are written with less precision and fewer bytes.

@@ -93,6 +93,18 @@ fn frames_of_spheres_have_all_pairs_that_touch() {
     }
 }
 
+/// The kernel would lend the memory, and kill who touches it.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_frame_beyond_the_memory_of_the_machine_is_an_error() {
+    let usable = pairmask_core::usable_memory::bytes().unwrap();
+    let mut session = in_process().connect().unwrap();
+    let n = usable * 9 / 10 / size_of::<Aabb>() as u64;
+    let refused = session.frame(n as usize).unwrap_err();
+    assert!(matches!(refused, FrameError::NoMemory { .. } | FrameError::TooManyBoxes { .. }));
+    assert!(session.frame(1_000_000).is_ok());
+}
+
 #[test]
 fn names_of_instances_are_checked_in_every_build() {
     let error = in_process().instance("no name").connect().unwrap_err();

@@ -13,17 +13,16 @@ fn at(x: f32) -> Aabb {
 }
 
 #[test]
-fn an_answer_that_is_dropped_is_made_up_for() {
+fn an_answer_that_nobody_waits_for_is_made_up_for() {
     let mut scene = scene();
-    drop(scene.edit().set(1, at(0.0)).set(2, at(0.5)).commit(Report::Changes).expect("an answer"));
+    drop(scene.edit().set(1, at(0.0)).set(2, at(0.5)).submit(Report::Changes).expect("an edit"));
     let answer = scene.edit().set(3, at(1.2)).commit(Report::Changes).expect("an answer");
-    assert_eq!(answer.begun(), [[1, 2], [2, 3]], "the first one was dropped");
-    assert_eq!(answer.begun(), [[1, 2], [2, 3]]);
+    assert_eq!(answer.begun(), [[1, 2], [2, 3]], "nobody waited for the first one");
     let answer = scene.edit().commit(Report::Changes).expect("an answer");
-    assert!(answer.begun().is_empty() && answer.ended().is_empty(), "it was taken");
+    assert!(answer.begun().is_empty() && answer.ended().is_empty(), "it was waited for");
     drop(answer);
-    // Begun and ended again in answers that were dropped: nothing to tell.
-    drop(scene.edit().set(1, at(9.0)).commit(Report::Changes).expect("an answer"));
+    // Begun and ended again in answers that nobody waited for: nothing to report.
+    drop(scene.edit().set(1, at(9.0)).submit(Report::Changes).expect("an edit"));
     let told = scene.edit().set(1, at(0.0)).commit(Report::Changes).expect("an answer");
     assert!(told.begun().is_empty() && told.ended().is_empty());
 }

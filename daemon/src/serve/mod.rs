@@ -13,13 +13,13 @@ mod worker;
 pub use self::supervisor::{FILES_PER_CLIENT, supervise};
 pub use self::worker::work;
 
-use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
 use pairmask_core::engine::AvailableIsa;
+use pairmask_core::usable_memory;
 use pairmask_transport::{LimitError, Limits, RuntimeDir, TransportError};
 use pairmask_wire::{InstanceError, InstanceName};
 
@@ -183,7 +183,7 @@ const MIB: u64 = 1 << 20;
 /// Bytes that all scenes together may take on this machine, where nothing else is set; `otherwise` where the system
 /// does not say how much memory there is.
 pub(crate) fn default_scene_bytes(otherwise: u64) -> u64 {
-    usable_bytes().map_or(otherwise, scene_part)
+    usable_memory::bytes().map_or(otherwise, scene_part)
 }
 
 /// The scenes' part of so many bytes, in whole MiB.
@@ -191,67 +191,9 @@ fn scene_part(bytes: u64) -> u64 {
     (bytes / SCENE_PART / MIB).max(1) * MIB
 }
 
-/// Bytes of memory that this process may use.
-fn usable_bytes() -> Option<u64> {
-    let machine = std::fs::read_to_string("/proc/meminfo").ok().as_deref().and_then(total_bytes);
-    let groups = std::fs::read_to_string("/proc/self/cgroup").unwrap_or_default();
-    let limits = limit_files(&groups).filter_map(|file| std::fs::read_to_string(file).ok());
-    // A group without a limit says `max`, or a number beyond any memory.
-    let limits = limits.filter_map(|text| text.trim().parse().ok());
-    limits.chain(machine).min()
-}
-
-/// The memory of the machine, by the text of `/proc/meminfo`.
-fn total_bytes(meminfo: &str) -> Option<u64> {
-    let line = meminfo.lines().find_map(|line| line.strip_prefix("MemTotal:"))?;
-    line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok()?.checked_mul(1024)
-}
-
-/// Files that may hold a limit of the groups in the text of `/proc/self/cgroup`: of each group, and of those that it
-/// is in, by the second and the first version of control groups.
-fn limit_files(groups: &str) -> impl Iterator<Item = PathBuf> {
-    groups.lines().flat_map(|line| {
-        let mut fields = line.splitn(3, ':').skip(1);
-        let (controllers, group) = (fields.next().unwrap_or("-"), fields.next().unwrap_or("/"));
-        let place = match controllers {
-            "" => Some(("/sys/fs/cgroup", "memory.max")),
-            all if all.split(',').any(|one| one == "memory") => {
-                Some(("/sys/fs/cgroup/memory", "memory.limit_in_bytes"))
-            }
-            _ => None,
-        };
-        let group = Path::new(group.trim_start_matches('/'));
-        let up =
-            move |(root, name)| group.ancestors().map(move |g| Path::new(root).join(g).join(name));
-        place.into_iter().flat_map(up)
-    })
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn the_size_of_memory_is_read() {
-        let text = "MemFree:  1 kB\nMemTotal:       24601460 kB\nMemAvailable: 3 kB\n";
-        assert_eq!(total_bytes(text), Some(24_601_460 * 1024));
-        assert_eq!(total_bytes("MemTotal: many kB"), None);
-        assert_eq!(total_bytes(""), None);
-        assert!(usable_bytes().is_some_and(|bytes| bytes > 1 << 20), "this machine has some");
-    }
-
-    #[test]
-    fn a_group_and_those_around_it_may_limit_memory() {
-        let files: Vec<_> = limit_files("0::/a/b\n").collect();
-        let expected = ["a/b/memory.max", "a/memory.max", "memory.max"];
-        assert_eq!(files, expected.map(|file| Path::new("/sys/fs/cgroup").join(file)));
-        let files: Vec<_> =
-            limit_files("5:cpu,memory:/x\n4:cpuset:/\n1:name=systemd:/\n").collect();
-        let expected = ["x/memory.limit_in_bytes", "memory.limit_in_bytes"];
-        assert_eq!(files, expected.map(|file| Path::new("/sys/fs/cgroup/memory").join(file)));
-        assert_eq!(limit_files("0::/\n").count(), 1);
-        assert_eq!(limit_files("nonsense\n\n").count(), 0);
-    }
 
     #[test]
     fn scenes_take_a_third_in_whole_mebibytes() {

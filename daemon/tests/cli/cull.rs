@@ -51,7 +51,7 @@ fn sparse_pairs(words: &[u32], n: u32) -> Vec<Pair> {
 fn list_pairs(words: &[u32], n: u32) -> Vec<Pair> {
     let (pairs, rest) = words.as_chunks::<2>();
     assert!(rest.is_empty() && pairs.iter().all(|[a, b]| a < b && *b < n));
-    let mut pairs: Vec<Pair> = pairs.iter().copied().collect();
+    let mut pairs: Vec<Pair> = pairs.to_vec();
     pairs.sort_unstable();
     pairs
 }

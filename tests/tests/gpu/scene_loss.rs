@@ -107,8 +107,10 @@ impl Subject for Surviving<'_> {
         for turn in turns {
             let grouped = Grouped::of(&turn.ops);
             let heard = self.edit(Edit { steps: &grouped.steps() }, turn.mode);
-            told.push((0, heard.map_err(|error| error.to_string())?));
-            if turn.fate == Fate::Acknowledged {
+            let heard = heard.map_err(|error| error.to_string())?;
+            let is_read = turn.fate == Fate::Acknowledged;
+            told.push((0, heard.filter(|_| is_read)));
+            if is_read {
                 self.scene.take();
             }
         }
