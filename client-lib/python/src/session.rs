@@ -242,7 +242,7 @@ fn pairs_after(
         let text =
             format!("{count} boxes or spheres have a NaN and overlap nothing: {first} first");
         let text = CString::new(text).unwrap_or_default();
-        PyErr::warn(py, &py.get_type::<PyRuntimeWarning>(), &text, 2)?;
+        PyErr::warn(py, &py.get_type::<PyRuntimeWarning>(), &text, 1)?;
     }
     Memory::of_rows(pairs).into_array(py)
 }

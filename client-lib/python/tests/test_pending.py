@@ -58,7 +58,7 @@ def test_a_scene_is_left_alone_while_its_edit_is_under_way(daemon: Daemon, backe
             uses: list[Callable[[], object]] = [
                 next_edit.commit,
                 next_edit.submit,
-                scene.lose,
+                scene.resync,
                 lambda: len(scene),
                 lambda: scene.get(0),
                 lambda: scene.allocated_bytes,

@@ -139,7 +139,7 @@ impl PyScene {
     }
 
     /// Forgets what was told: the next changes are a resync.
-    fn lose(&self, py: Python<'_>) -> PyResult<()> {
+    fn resync(&self, py: Python<'_>) -> PyResult<()> {
         self.with(py, |scene| {
             scene.resync();
             Ok(())
