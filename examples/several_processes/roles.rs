@@ -5,7 +5,7 @@ use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
 use pairmask::scene::Report;
-use pairmask::scene::shared::Hears;
+use pairmask::scene::shared::Scope;
 use pairmask::{Aabb, Backend, JoinOptions, Scene, Session, SharedError};
 
 use crate::arguments::Arguments;
@@ -21,9 +21,9 @@ const MOVING_SHARE: u32 = 10;
 /// A member waits so long for a range of indices, or for the daemon.
 const PATIENCE: Duration = Duration::from_secs(10);
 
-fn join(hears: Hears) -> Result<(Session, Scene), Box<dyn Error>> {
+fn join(scope: Scope) -> Result<(Session, Scene), Box<dyn Error>> {
     let mut session = Session::builder().backend(Backend::Daemon).connect()?;
-    let options = JoinOptions::default().with_tick_deadline(DEADLINE).hearing(hears);
+    let options = JoinOptions::default().with_tick_deadline(DEADLINE).with_scope(scope);
     let scene = session.join_scene(SCENE, options)?;
     Ok((session, scene))
 }
@@ -31,7 +31,7 @@ fn join(hears: Hears) -> Result<(Session, Scene), Box<dyn Error>> {
 /// Starts all others, kills a writer on the way and starts it again. Ends with the listener.
 pub fn start_all(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
     // A wrong setup is told here, and not by five processes.
-    drop(join(Hears::All)?);
+    drop(join(Scope::All)?);
     let mut listener = start(arguments, &["--listen".into()], Stdio::inherit())?;
     let mut writers = Vec::new();
     for which in 0..WRITERS {
@@ -91,7 +91,7 @@ fn place(index: u32, step: u64, boxes: u32) -> Aabb {
 
 /// Writes the boxes of one range, until it is killed or the scene has no listener any more.
 pub fn write(arguments: &Arguments, which: u32) -> Result<(), Box<dyn Error>> {
-    let (_session, mut scene) = join(Hears::Own)?;
+    let (_session, mut scene) = join(Scope::Own)?;
     let boxes = arguments.boxes;
     let own = which * boxes..(which + 1) * boxes;
     let start = Instant::now();
@@ -121,7 +121,7 @@ pub fn write(arguments: &Arguments, which: u32) -> Result<(), Box<dyn Error>> {
 
 /// Counts what the ticks tell, and prints a line now and then.
 pub fn listen(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
-    let (_session, mut scene) = join(Hears::All)?;
+    let (_session, mut scene) = join(Scope::All)?;
     let (mut pairs, mut begun, mut ended, mut late) = (0u64, 0u64, 0u64, 0u64);
     let mut printed = Instant::now();
     let mut seen = 0;

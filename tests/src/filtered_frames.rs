@@ -28,7 +28,7 @@ pub const KINDS: [Kind; 9] = [
     Kind { worlds: &[5], filters: 3, lists: false },
 ];
 
-/// A frame, and what a client hears of it.
+/// A frame, and what is reported of it.
 #[derive(Clone, Debug)]
 pub struct FilteredFrame {
     /// Its boxes.

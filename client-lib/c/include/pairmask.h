@@ -409,7 +409,7 @@ typedef struct {
   // `PM_AT_END_...`.
   pm_at_end at_end;
   // 1 for a member that is told of all pairs; 0 for those of its own boxes.
-  uint32_t hears_all;
+  uint32_t all_pairs;
   // Zero.
   uint32_t reserved;
 } pm_join_options;

@@ -650,7 +650,7 @@ struct JoinOptions {
   std::uint64_t tick_deadline_ns = 0;
   std::uint32_t most_boxes = 0;
   pm_at_end at_end = PM_AT_END_ANY;
-  bool hears_all = false;
+  bool all_pairs = false;
 };
 
 // A client's connection to a daemon or to the engines of this process.
@@ -720,7 +720,7 @@ public:
     given.tick_deadline_ns = options.tick_deadline_ns;
     given.most_boxes = options.most_boxes;
     given.at_end = options.at_end;
-    given.hears_all = options.hears_all ? 1 : 0;
+    given.all_pairs = options.all_pairs ? 1 : 0;
     pm_scene scene{};
     return made<Scene>(pm_scene_join(get(), name, &given, &scene), scene);
   }

@@ -156,7 +156,7 @@ impl PySession {
     }
 
     /// Joins a scene that several processes write, each its own boxes.
-    #[pyo3(signature = (name, *, most_boxes=None, tick_deadline=None, at_end=None, hears="own"))]
+    #[pyo3(signature = (name, *, most_boxes=None, tick_deadline=None, at_end=None, scope="own"))]
     fn join_scene(
         &self,
         py: Python<'_>,
@@ -164,9 +164,9 @@ impl PySession {
         most_boxes: Option<u32>,
         tick_deadline: Option<f64>,
         at_end: Option<&str>,
-        hears: &str,
+        scope: &str,
     ) -> PyResult<PyScene> {
-        let options = join_options(most_boxes, tick_deadline, at_end, hears)?;
+        let options = join_options(most_boxes, tick_deadline, at_end, scope)?;
         let scene = self.with(py, move |session| session.join_scene(name, options))?;
         scene.map(PyScene::new).map_err(Raise::raise)
     }

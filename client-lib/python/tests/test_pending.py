@@ -160,7 +160,7 @@ def test_a_daemon_that_dies_while_an_edit_is_under_way(daemon: Daemon) -> None:
 
 def test_a_tick_of_a_shared_scene_is_waited_for(daemon: Daemon) -> None:
     with daemon.session("daemon") as session, daemon.session("daemon") as other:
-        scenes = [s.join_scene("pending", hears="all", tick_deadline=10) for s in (session, other)]
+        scenes = [s.join_scene("pending", scope="all", tick_deadline=10) for s in (session, other)]
         boxes = oracle.boxes_of(40, 6)
         for at, scene in enumerate(scenes):
             scene.lease(range(20 * at, 20 * at + 20))

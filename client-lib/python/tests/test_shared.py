@@ -15,7 +15,7 @@ WRITER = """
 import sys, numpy as np, oracle, pairmask
 folder, first, count, ticks = sys.argv[1], *map(int, sys.argv[2:])
 session = pairmask.Session("daemon", runtime_dir=folder)
-scene = session.join_scene("arena", hears="all", tick_deadline=10)
+scene = session.join_scene("arena", scope="all", tick_deadline=10)
 scene.lease(range(first, first + count))
 print("joined", flush=True)
 sys.stdin.readline()
@@ -49,7 +49,7 @@ def test_two_processes_write_one_scene(daemon: Daemon) -> None:
 
 def test_a_writer_that_is_late_is_named(daemon: Daemon) -> None:
     with daemon.session("daemon") as session, daemon.session("daemon") as other:
-        scene = session.join_scene("late", tick_deadline=0.05, most_boxes=1000, hears="all")
+        scene = session.join_scene("late", tick_deadline=0.05, most_boxes=1000, scope="all")
         late = other.join_scene("late")
         assert late.most_boxes == 1000 and late.tick_deadline == pytest.approx(0.05)
         assert scene.lease_any(10) == range(10)
@@ -87,7 +87,7 @@ def test_what_is_wrong_with_shared_scenes(daemon: Daemon) -> None:
         with pytest.raises(TypeError):
             scene.lease((20, 30))  # type: ignore[arg-type]
         with pytest.raises(ValueError):
-            session.join_scene("b", hears="some")  # type: ignore[arg-type]
+            session.join_scene("b", scope="some")  # type: ignore[arg-type]
         with pytest.raises(ValueError):
             session.join_scene("b", at_end="burn")  # type: ignore[arg-type]
     with pairmask.Session("in-process") as here:

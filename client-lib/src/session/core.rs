@@ -216,7 +216,7 @@ impl Core {
     }
 
     /// Shared memory for `bytes` bytes of a request. Where no place is free, waits for one that is held by
-    /// an edit that nobody else waits for. The daemon hears of ended scenes before.
+    /// an edit that nobody else waits for. Ended scenes are reported to the daemon before.
     pub(super) fn loan(&self, link: &Arc<Link>, bytes: u64) -> Result<SharedFrame, FrameError> {
         match self.unread.tell_ended(link, || self.place(link, 0)) {
             // Frames hold all places, as those of this request will say unless one was dropped just now.

@@ -7,7 +7,7 @@
 //! One that hangs ends itself (`heartbeat`).
 //!
 //! A worker that dies is replaced as soon as the kernel has closed its files. Its process ends later: a
-//! driver may need 90 ms to take down what the process had on a GPU, and the parent hears of its end then.
+//! driver may need 90 ms to take down what the process had on a GPU, and its end is reported to the parent then.
 //!
 //! A worker that was killed is started again at once, so that its clients miss a few frames. A request
 //! that kills every worker must not make a busy loop: restarts beyond a burst are spread over time.

@@ -65,7 +65,7 @@ impl Daemon {
 /// Does what the process that started this one has asked for.
 pub(crate) fn work(job: &str) -> io::Result<()> {
     let (daemon, work): (Daemon, Work) = serde_json::from_str(job)?;
-    // Nobody hears what it says without a parent.
+    // Nobody reads what it reports without a parent.
     set_parent_process_death_signal(Some(Signal::KILL))?;
     match work {
         Work::Load(settings) => settings.run(daemon.session()),

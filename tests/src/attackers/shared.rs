@@ -6,7 +6,7 @@ use std::time::Duration;
 use bytemuck::cast_slice_mut;
 use pairmask_core::engine::EngineChoice;
 use pairmask_core::scene::Edit;
-use pairmask_core::scene::shared::{AtEnd, Hears};
+use pairmask_core::scene::shared::{AtEnd, Scope};
 use pairmask_wire::{
     EditLayout, JoinRequest, LeaseAction, LeaseRequest, RequestHeader, SceneId, Section,
     SectionKind, SharedTerms, page_count,
@@ -57,7 +57,7 @@ pub(super) fn attack(until: &Until, tally: &mut Tally) {
                     scene,
                     name: Section::required(SectionKind::SceneName, 0, name.len() as u64),
                     terms,
-                    hears: if dice.below(2) == 0 { Hears::All } else { Hears::Own },
+                    scope: if dice.below(2) == 0 { Scope::All } else { Scope::Own },
                     engine: EngineChoice::Auto,
                 };
                 *revision = 0;

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::ops::Range;
 
 use super::model::{Heard, Listener, Model};
-use super::script::{AtEnd, Event, Hears, Script, Turn};
+use super::script::{AtEnd, Event, Scope, Script, Turn};
 
 /// A scene that is held to the model. Scripts are right: whatever it refuses is a failure.
 pub trait Subject {
@@ -16,7 +16,7 @@ pub trait Subject {
     fn invalidate(&mut self) {}
 
     /// A member joins, and leases a range.
-    fn join(&mut self, _member: u32, _hears: Hears, _own: Range<u32>) -> Result<(), String> {
+    fn join(&mut self, _member: u32, _scope: Scope, _own: Range<u32>) -> Result<(), String> {
         Err("not shared".into())
     }
 
@@ -130,12 +130,12 @@ impl Play {
         subject: &mut dyn Subject,
     ) -> Result<(), (&'static str, String)> {
         match event {
-            Event::Join(member, hears) => {
+            Event::Join(member, scope) => {
                 let own = script.own(*member);
-                let told_of = (*hears == Hears::Own).then(|| own.clone());
+                let told_of = (*scope == Scope::Own).then(|| own.clone());
                 self.memberships += 1;
                 self.listeners.insert(*member, Listener::new(self.memberships, true, told_of));
-                subject.join(*member, *hears, own).map_err(|error| ("refused", error))
+                subject.join(*member, *scope, own).map_err(|error| ("refused", error))
             }
             Event::Leave(member) => {
                 self.listeners.remove(member);

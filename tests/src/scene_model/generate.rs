@@ -10,7 +10,7 @@ use pairmask_core::Aabb;
 use pairmask_core::filters::{Filter, FilterId, Owner, Tag, World};
 
 use super::model::Model;
-use super::script::{AtEnd, Event, Fate, Hears, Mode, Op, Script, Turn, repair_edit};
+use super::script::{AtEnd, Event, Fate, Mode, Op, Scope, Script, Turn, repair_edit};
 use crate::stress_scenes::Rng;
 
 /// What a script is of.
@@ -195,8 +195,8 @@ impl Maker {
     fn event(&mut self, script: &mut Script, number: u32) {
         let members: Vec<u32> = if self.kind == Kind::Shared {
             if number == 0 || self.one_in(5) {
-                let (member, hears) = (self.below(MEMBERS), self.one_of(&[Hears::Own, Hears::All]));
-                script.events.push(Event::Join(member, hears));
+                let (member, scope) = (self.below(MEMBERS), self.one_of(&[Scope::Own, Scope::All]));
+                script.events.push(Event::Join(member, scope));
             } else if self.one_in(8) {
                 let member = self.below(MEMBERS);
                 script.events.push(Event::Leave(member));

@@ -19,7 +19,7 @@ pub use self::check::{Failure, Seen, Subject, check};
 pub use self::generate::{Edits, Kind, script_of};
 pub use self::model::{Heard, Listener, Model, PairsByGeneration, overlap};
 pub use self::script::{
-    AtEnd, EndReason, Ended, Event, Fate, Hears, Mode, Op, Pair, Script, Turn, at, one, turn,
+    AtEnd, EndReason, Ended, Event, Fate, Mode, Op, Pair, Scope, Script, Turn, at, one, turn,
 };
 pub use self::shrink::{hold, hold_without_rules, shrunk};
 pub use self::subjects::{

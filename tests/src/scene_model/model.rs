@@ -274,7 +274,7 @@ impl Listener {
         Self { id, then: BTreeMap::new(), is_lost, own }
     }
 
-    fn hears(&self, pairs: &PairsByGeneration) -> PairsByGeneration {
+    fn scope(&self, pairs: &PairsByGeneration) -> PairsByGeneration {
         let is_own = |index: &u32| self.own.as_ref().is_none_or(|own| own.contains(index));
         let heard = pairs.iter().filter(|(pair, _)| pair.iter().any(is_own));
         heard.map(|(pair, generations)| (*pair, *generations)).collect()
@@ -289,7 +289,7 @@ impl Listener {
         mode: Mode,
     ) -> Heard {
         let pair_count = Some(now.len() as u64);
-        let heard = self.hears(now);
+        let heard = self.scope(now);
         let all = || heard.keys().copied().collect::<Vec<Pair>>();
         match mode {
             Mode::Changes => {
@@ -321,7 +321,7 @@ impl Listener {
     /// It acknowledges an answer that told the pairs of now.
     pub fn acknowledge(&mut self, now: &PairsByGeneration, mode: Mode) {
         if matches!(mode, Mode::Changes | Mode::All) {
-            (self.then, self.is_lost) = (self.hears(now), false);
+            (self.then, self.is_lost) = (self.scope(now), false);
         }
     }
 }

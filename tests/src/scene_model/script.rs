@@ -6,7 +6,7 @@ use std::ops::Range;
 
 use pairmask_core::Aabb;
 use pairmask_core::filters::{Filter, Tag};
-pub use pairmask_core::scene::shared::{AtEnd, Hears};
+pub use pairmask_core::scene::shared::{AtEnd, Scope};
 pub use pairmask_core::scene::{EndReason, Ended, Report as Mode};
 
 /// Indices of two boxes, the smaller one first where they are a pair.
@@ -89,7 +89,7 @@ pub struct Turn {
 #[derive(Clone, Debug, PartialEq)]
 pub enum Event {
     /// A member joins, and leases its indices.
-    Join(u32, Hears),
+    Join(u32, Scope),
     /// A member leaves.
     Leave(u32),
     /// The listener of a scene that is not shared has lost its pairs.
@@ -148,7 +148,7 @@ impl Script {
         if self.shared.is_none() {
             joined.insert(HOST, BTreeSet::new());
         } else if !matches!(self.events.first(), Some(Event::Join(HOST, _))) {
-            self.events.insert(0, Event::Join(HOST, Hears::All));
+            self.events.insert(0, Event::Join(HOST, Scope::All));
         }
         let owns: BTreeMap<u32, Range<u32>> = (0..8).map(|m| (m, self.own(m))).collect();
         self.events.retain_mut(|event| match event {
@@ -216,8 +216,8 @@ impl fmt::Display for Script {
         writeln!(f, "Script {{ limit: {}, shared: {shared}, events: vec![", self.limit)?;
         for event in &self.events {
             match event {
-                Event::Join(member, hears) => {
-                    writeln!(f, "    Event::Join({member}, Hears::{hears:?}),")?;
+                Event::Join(member, scope) => {
+                    writeln!(f, "    Event::Join({member}, Scope::{scope:?}),")?;
                 }
                 Event::Leave(member) => writeln!(f, "    Event::Leave({member}),")?,
                 Event::Invalidate => writeln!(f, "    Event::Invalidate,")?,

@@ -21,7 +21,7 @@ use pairmaskd::execute::gpu::GpuScene;
 use super::check::Subject;
 use super::generate::MEMBERS;
 use super::model::Heard;
-use super::script::{Fate, Hears, Op, Pair, Script, Turn};
+use super::script::{Fate, Op, Pair, Scope, Script, Turn};
 use crate::heard;
 use crate::queried::a_query;
 use crate::stress_scenes::Rng;
@@ -536,9 +536,9 @@ impl Subject for SharedMembers<'_> {
         Ok(told)
     }
 
-    fn join(&mut self, member: u32, hears: Hears, own: Range<u32>) -> Result<(), String> {
+    fn join(&mut self, member: u32, scope: Scope, own: Range<u32>) -> Result<(), String> {
         let session = &mut self.sessions.of_members.borrow_mut()[member as usize];
-        let joined = session.join_scene(&self.name, self.options.hearing(hears));
+        let joined = session.join_scene(&self.name, self.options.with_scope(scope));
         let mut scene = joined.map_err(|error| error.to_string())?;
         if !own.is_empty() {
             scene.lease(own.clone()).map_err(|error| error.to_string())?;

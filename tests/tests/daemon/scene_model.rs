@@ -13,7 +13,7 @@ use pairmask_core::scene::{EditError, Scene, Tags};
 use pairmask_tests::gpu;
 use pairmask_tests::prelude::*;
 use pairmask_tests::scene_model::{
-    AtEnd, Bare, CoreScene, EndReason, Event, Fate, Heard, Hears, Kind, Mode, Model, Moment, Op,
+    AtEnd, Bare, CoreScene, EndReason, Event, Fate, Heard, Kind, Mode, Model, Moment, Op, Scope,
     Script, Seen, SessionScene, Sessions, SharedMembers, Subject, Turn, at, check, hold,
     hold_without_rules, one, options, script_of, turn,
 };
@@ -419,7 +419,7 @@ fn tick(host: &[Op], other: Option<(&[Op], Fate)>) -> Event {
 
 /// Boxes 0 and 1 are the host's, 3 and 4 the other member's.
 fn joined(host: &[Op], other: &[Op]) -> Vec<Event> {
-    let joins = [Event::Join(0, Hears::All), Event::Join(1, Hears::All)];
+    let joins = [Event::Join(0, Scope::All), Event::Join(1, Scope::All)];
     let first = tick(host, Some((other, Fate::Acknowledged)));
     joins.into_iter().chain([first]).collect()
 }
@@ -451,7 +451,7 @@ fn kept_boxes_are_what_their_next_member_says() {
     for (flag, plain) in flags.into_iter().zip(plain) {
         for (says, is_first) in [(true, true), (false, true), (false, false)] {
             let mut events = joined(&host(&flag), &[Op::Set(3, unit()), flag.clone()]);
-            events.extend([Event::Leave(1), Event::Join(1, Hears::All)]);
+            events.extend([Event::Leave(1), Event::Join(1, Scope::All)]);
             if !is_first {
                 events.push(tick(&[], Some((&[], Fate::Acknowledged))));
             }

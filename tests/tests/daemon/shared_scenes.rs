@@ -7,7 +7,7 @@ use std::ops::Range;
 use std::time::{Duration, Instant};
 
 use pairmask::filters::{Filter, FilterTable};
-use pairmask::scene::shared::{AtEnd, Hears, LeaseError, NotLeased};
+use pairmask::scene::shared::{AtEnd, LeaseError, NotLeased, Scope};
 use pairmask::scene::{EditError, EndReason, Ended};
 use pairmask::{CommitError, JoinOptions, PendingAnswer, Scene, SceneAnswer, SharedError};
 use pairmask_tests::fault_client::FaultClient;
@@ -62,7 +62,7 @@ fn at(x: f32) -> Aabb {
 fn a_late_writer_is_named_and_keeps_its_boxes() {
     let daemon = daemon();
     let deadline = Duration::from_millis(150);
-    let options = JoinOptions::default().with_tick_deadline(deadline).hearing(Hears::All);
+    let options = JoinOptions::default().with_tick_deadline(deadline).with_scope(Scope::All);
     let mut one = Member::join(&daemon, "late", 0..10, options);
     let mut other = Member::join(&daemon, "late", 10..30, JoinOptions::default());
     // Behind its first lease, and one of somebody else behind that.
@@ -98,7 +98,7 @@ fn what_is_not_its_own_a_member_is_refused() {
     let refused = here.join_scene("rules", JoinOptions::default());
     assert!(matches!(refused, Err(SharedError::InProcess)));
     let options = JoinOptions::default().with_most_boxes(100).with_tick_deadline(LONG);
-    let mut one = Member::join(&daemon, "rules", 0..10, options.hearing(Hears::All));
+    let mut one = Member::join(&daemon, "rules", 0..10, options.with_scope(Scope::All));
     let mut session = daemon.session().connect().unwrap();
     for name in ["", "a b", &"x".repeat(65)] {
         let refused = session.join_scene(name, JoinOptions::default());
@@ -148,7 +148,7 @@ fn what_is_not_its_own_a_member_is_refused() {
 #[test]
 fn a_tick_has_one_table_of_filters() {
     let daemon = daemon();
-    let options = JoinOptions::default().with_tick_deadline(LONG).hearing(Hears::All);
+    let options = JoinOptions::default().with_tick_deadline(LONG).with_scope(Scope::All);
     let mut one = Member::join(&daemon, "tables", 10..20, options);
     let mut other = Member::join(&daemon, "tables", 20..30, options);
     let (none_meet, boxes) = (FilterTable::new(&[Filter::new(1, 2)]).unwrap(), [at(0.0); 2]);
@@ -177,7 +177,7 @@ fn hold_all_places(session: &mut Session) -> Vec<PairMask> {
 #[test]
 fn an_edit_without_a_place_has_not_happened() {
     let daemon = daemon();
-    let options = JoinOptions::default().with_tick_deadline(LONG).hearing(Hears::All);
+    let options = JoinOptions::default().with_tick_deadline(LONG).with_scope(Scope::All);
     let mut one = Member::join(&daemon, "unsent", 0..10, options);
     let edit = one.scene.edit().set(1, at(0.0)).set(2, at(0.5));
     assert_eq!(edit.commit(Report::Changes).unwrap().pairs(), [[1, 2]]);
@@ -218,8 +218,8 @@ fn nothing_of_a_commit_with_a_refused_table_is_applied() {
     for waits in [true, false] {
         let options = JoinOptions::default().with_tick_deadline(Duration::from_millis(50));
         let name = format!("refused-{waits}");
-        let _first = Member::join(&daemon, &name, 0..5, options.hearing(Hears::All));
-        let mut one = Member::join(&daemon, &name, 10..20, options.hearing(Hears::All));
+        let _first = Member::join(&daemon, &name, 0..5, options.with_scope(Scope::All));
+        let mut one = Member::join(&daemon, &name, 10..20, options.with_scope(Scope::All));
         let edit = one.scene.edit().set(11, at(0.0)).set(12, at(0.5));
         assert_eq!(edit.commit(Report::Changes).unwrap().pairs(), [[11, 12]]);
         let edit = one.scene.edit().remove(12).set(14, at(0.1)).step(Step::Filters(&table));
@@ -260,7 +260,7 @@ fn nothing_of_a_commit_with_a_refused_table_is_applied() {
 #[test]
 fn lists_of_pairs_end_with_their_lease() {
     let daemon = daemon();
-    let options = JoinOptions::default().with_tick_deadline(LONG).hearing(Hears::All);
+    let options = JoinOptions::default().with_tick_deadline(LONG).with_scope(Scope::All);
     let _listener = Member::join(&daemon, "lists", 0..0, options);
     let boxes = [at(0.0); 2];
     for (gives_back, removes) in [(true, false), (true, true), (false, false), (false, true)] {
@@ -291,7 +291,7 @@ fn lists_of_pairs_end_with_their_lease() {
 fn a_member_joins_again_without_the_lists_of_a_lease_that_it_gave_back() {
     let daemon = daemon();
     let options = JoinOptions::default().with_tick_deadline(Duration::from_millis(50));
-    let options = options.hearing(Hears::All);
+    let options = options.with_scope(Scope::All);
     let _first = Member::join(&daemon, "lists-again", 0..1, options);
     let mut one = Member::join(&daemon, "lists-again", 1..10, options);
     one.scene.lease(10..20).unwrap();
@@ -322,7 +322,7 @@ fn members_commit_join_and_leave_side_by_side() {
     let writers: Vec<Member> = (0..3)
         .map(|which| Member::join(&daemon, "side", which * 600..(which + 1) * 600, options))
         .collect();
-    let mut last = Member::join(&daemon, "side", 0..0, options.hearing(Hears::All));
+    let mut last = Member::join(&daemon, "side", 0..0, options.with_scope(Scope::All));
     let writers: Vec<Member> = std::thread::scope(|scope| {
         let guests = (0..2).map(|which| {
             let daemon = &daemon;
@@ -368,7 +368,7 @@ fn members_commit_join_and_leave_side_by_side() {
 #[test]
 fn a_scene_that_is_left_during_a_tick_holds_nobody_up() {
     let daemon = daemon();
-    let options = JoinOptions::default().with_tick_deadline(LONG).hearing(Hears::All);
+    let options = JoinOptions::default().with_tick_deadline(LONG).with_scope(Scope::All);
     let mut one = Member::join(&daemon, "left", 0..10, options);
     for round in 0..5 {
         let mut other = Member::join(&daemon, "left", 10..20, options);
@@ -461,7 +461,7 @@ fn boxes_of_many_killed_writers_are_removed() {
 fn a_restarted_daemon_is_joined_again() {
     let mut daemon = daemon();
     let deadline = Duration::from_millis(300);
-    let options = JoinOptions::default().with_tick_deadline(deadline).hearing(Hears::All);
+    let options = JoinOptions::default().with_tick_deadline(deadline).with_scope(Scope::All);
     let mut one = Member::join(&daemon, "again", 0..10, options);
     let mut other = Member::join(&daemon, "again", 10..20, options);
     for round in 0..6 {

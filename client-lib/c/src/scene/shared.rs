@@ -5,7 +5,7 @@ use std::ffi::c_char;
 use std::ops::Range;
 use std::time::Duration;
 
-use pairmask::scene::shared::{AtEnd, Hears};
+use pairmask::scene::shared::{AtEnd, Scope};
 use pairmask::{JoinOptions, SharedError};
 
 use super::{Scene, pm_scene};
@@ -38,7 +38,7 @@ pub struct pm_join_options {
     /// `PM_AT_END_...`.
     pub at_end: pm_at_end,
     /// 1 for a member that is told of all pairs; 0 for those of its own boxes.
-    pub hears_all: u32,
+    pub all_pairs: u32,
     /// Zero.
     pub reserved: u32,
 }
@@ -60,7 +60,7 @@ fn options_of(given: &pm_join_options) -> Result<JoinOptions, Failure> {
         PM_AT_END_KEEP => options.with_at_end(AtEnd::Keep),
         _ => return Err(Failure::argument("no such end")),
     };
-    Ok(if given.hears_all == 0 { options } else { options.hearing(Hears::All) })
+    Ok(if given.all_pairs == 0 { options } else { options.with_scope(Scope::All) })
 }
 
 /// Joins a scene that several processes write, by its name: 1 to 64 letters, digits and `-_.:/`. It needs a daemon.
@@ -79,7 +79,7 @@ pub unsafe extern "C" fn pm_scene_join(
             tick_deadline_ns: 0,
             most_boxes: 0,
             at_end: PM_AT_END_ANY,
-            hears_all: 0,
+            all_pairs: 0,
             reserved: 0,
         };
         // SAFETY: the caller's promise about pointers is passed on.

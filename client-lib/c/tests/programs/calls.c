@@ -557,7 +557,7 @@ static void margins(pm_session session) {
 static void shared(pm_session session, bool is_daemon) {
   const pm_pair expected[] = {{3, 4}};
   const pm_box boxes[] = {at(0), at(0.5f)};
-  pm_join_options options = {.struct_size = sizeof options, .most_boxes = 100, .hears_all = 1};
+  pm_join_options options = {.struct_size = sizeof options, .most_boxes = 100, .all_pairs = 1};
   pm_answer answer = {.struct_size = sizeof answer};
   pm_range range, ranges[2];
   pm_scene scene;

@@ -21,7 +21,7 @@ pub(crate) trait PairTest: Sync {
     /// Asks for the memory that [`Self::passing`] will read for a row, a block and bits.
     fn ask_for(&self, _word: [u32; 3]) {}
 
-    /// Hears how many boxes there are and their order, empty where positions are indices, before any word is
+    /// Notes how many boxes there are and their order, empty where positions are indices, before any word is
     /// tested, so that what the test reads may be laid out by position. Engines say it for scenes that are
     /// not small; `threads` is theirs.
     fn prepare(&self, _count: usize, _order: &[u32], _threads: usize) {}

@@ -1,6 +1,6 @@
 //! Settings of scenes, by their names in Python.
 
-use pairmask::scene::shared::{AtEnd, Hears};
+use pairmask::scene::shared::{AtEnd, Scope};
 use pairmask::scene::{MarginedPairs, SceneOptions};
 use pairmask::{JoinOptions, Margin};
 use pyo3::exceptions::PyValueError;
@@ -35,15 +35,15 @@ pub fn join_options(
     most_boxes: Option<u32>,
     tick_deadline: Option<f64>,
     at_end: Option<&str>,
-    hears: &str,
+    scope: &str,
 ) -> PyResult<JoinOptions> {
     let unknown = |name: &str, known: &str| {
         Err(PyValueError::new_err(format!("'{name}' is none of these: {known}")))
     };
-    let mut options = JoinOptions::default().hearing(match hears {
-        "own" => Hears::Own,
-        "all" => Hears::All,
-        _ => return unknown(hears, "own, all"),
+    let mut options = JoinOptions::default().with_scope(match scope {
+        "own" => Scope::Own,
+        "all" => Scope::All,
+        _ => return unknown(scope, "own, all"),
     });
     if let Some(most) = most_boxes {
         options = options.with_most_boxes(most);

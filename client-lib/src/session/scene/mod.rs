@@ -415,7 +415,7 @@ impl SceneAnswer<'_> {
     }
 
     /// Pairs of the whole scene, if the answer knows: [`Report::Moved`] and [`Report::Nothing`] do not. Of a shared scene,
-    /// whatever this member hears of.
+    /// whatever the scope of this member's reports.
     pub fn pair_count(&self) -> Option<u64> {
         self.source().pair_count()
     }

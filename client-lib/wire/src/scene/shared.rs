@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use pairmask_core::engine::{EngineChoice, EngineName};
 use pairmask_core::mask::Span;
-use pairmask_core::scene::shared::{AtEnd, Hears, LeaseError, NotLeased};
+use pairmask_core::scene::shared::{AtEnd, LeaseError, NotLeased, Scope};
 
 use super::answer::SceneAnswerLayout;
 use super::request::{SceneId, SceneRequest};
@@ -28,8 +28,8 @@ pub const LONGEST_TICK: Duration = Duration::from_secs(10);
 /// Flags of a join: what becomes of a dead writer's boxes, where the member says so.
 const REMOVES: u32 = 1;
 const KEEPS: u32 = 1 << 1;
-/// Flag of a join: the member hears of all pairs.
-const HEARS_ALL: u32 = 1 << 2;
+/// Flag of a join: all pairs are reported to the member.
+const SCOPE_ALL: u32 = 1 << 2;
 
 /// What a lease does.
 const TAKE: u32 = 1;
@@ -251,8 +251,8 @@ pub struct JoinRequest {
     pub name: Section,
     /// What is asked of the scene.
     pub terms: SharedTerms,
-    /// Of which pairs the member hears.
-    pub hears: Hears,
+    /// Which pairs are reported to the member.
+    pub scope: Scope,
     /// The engine, where the member is the first.
     pub engine: EngineChoice,
 }
@@ -295,7 +295,7 @@ impl RequestHeader {
         let SharedTerms { most_boxes, deadline, at_end } = request.terms;
         let mut sections = [Section::default(); SECTION_COUNT];
         sections[0] = request.name;
-        let hears = if request.hears == Hears::All { HEARS_ALL } else { 0 };
+        let scope = if request.scope == Scope::All { SCOPE_ALL } else { 0 };
         Self {
             engine: match request.engine {
                 EngineChoice::Auto => 0,
@@ -308,7 +308,7 @@ impl RequestHeader {
                 u64::try_from(deadline.as_nanos()).unwrap_or(u64::MAX).max(1)
             }),
             most_boxes: most_boxes.unwrap_or(0),
-            scene_flags: at_end.map_or(0, at_end_number) | hears,
+            scene_flags: at_end.map_or(0, at_end_number) | scope,
             ..Self::envelope(Operation::JoinShared, client_token, frame)
         }
     }
@@ -376,12 +376,12 @@ impl JoinRequest {
             number => Some(at_end_of(u64::from(number)).ok_or(wrong("flags"))?),
         };
         let most_boxes = (header.most_boxes != 0).then_some(header.most_boxes);
-        let hears_all = header.scene_flags & HEARS_ALL != 0;
+        let all_pairs = header.scene_flags & SCOPE_ALL != 0;
         Ok(Self {
             scene: SceneId(header.scene),
             name,
             terms: SharedTerms { most_boxes, deadline, at_end },
-            hears: if hears_all { Hears::All } else { Hears::Own },
+            scope: if all_pairs { Scope::All } else { Scope::Own },
             engine,
         })
     }

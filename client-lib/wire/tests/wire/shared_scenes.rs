@@ -9,7 +9,7 @@ use pairmask_core::engine::{EngineChoice, EngineName};
 use pairmask_core::filters::{FilterId, Owner, Tag, World};
 use pairmask_core::mask::Encoding;
 use pairmask_core::precision::BoxForm;
-use pairmask_core::scene::shared::{AtEnd, Hears};
+use pairmask_core::scene::shared::{AtEnd, Scope};
 use pairmask_core::scene::{Edit, QueryMask, QueryTags, Report, Scene, SceneOptions, Sets, Step};
 use pairmask_core::units::BoxCount;
 use pairmask_wire::{
@@ -134,10 +134,10 @@ fn golden_join() {
     let name: SceneName = "level:3".parse().unwrap();
     let terms = |most_boxes, deadline, at_end| SharedTerms { most_boxes, deadline, at_end };
     let all = terms(Some(1_000), Some(Duration::from_millis(20)), Some(AtEnd::Keep));
-    for (terms, hears, engine, expected) in [
+    for (terms, scope, engine, expected) in [
         (
             all,
-            Hears::All,
+            Scope::All,
             EngineChoice::Only(EngineName::GpuGrid),
             Fields {
                 engine: 5,
@@ -149,13 +149,13 @@ fn golden_join() {
         ),
         (
             terms(None, None, Some(AtEnd::Remove)),
-            Hears::Own,
+            Scope::Own,
             EngineChoice::Auto,
             Fields { scene_flags: 1, ..Fields::default() },
         ),
-        (terms(None, None, None), Hears::Own, EngineChoice::Auto, Fields::default()),
+        (terms(None, None, None), Scope::Own, EngineChoice::Auto, Fields::default()),
     ] {
-        let request = JoinRequest { scene: SceneId(5), name: name.section(), terms, hears, engine };
+        let request = JoinRequest { scene: SceneId(5), name: name.section(), terms, scope, engine };
         let header = RequestHeader::join_shared(TOKEN, FRAME, &request);
         let fields = Fields { operation: 7, sections: vec![(24, 0, 7)], scene: 5, ..expected };
         assert_eq!(bytemuck::bytes_of(&header), fields.bytes(), "{terms:?}");

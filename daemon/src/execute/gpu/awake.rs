@@ -130,7 +130,7 @@ fn keep_awake(mut frame: Frame, shared: &Shared) {
         if shared.now_us() >= shared.until_us.load(Ordering::Relaxed) {
             std::thread::park();
         } else if let Err(error) = frame.run(Wait::Block, PATIENCE) {
-            // Of a lost device everybody hears; the next one gets a thread of its own.
+            // A lost device is reported elsewhere; the next one gets a thread of its own.
             log::debug!("the GPU is not kept awake any more: {error}");
             break;
         } else {

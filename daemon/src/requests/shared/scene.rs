@@ -12,7 +12,7 @@ use pairmask_core::scene::{Edit, SceneOptions};
 use pairmask_wire::{AgreedTerms, EditScratch, JoinRequest, LeaseAction, SceneName, SceneRequest};
 
 use super::boxes::Boxes;
-use super::seats::{Begun, Commit, Hearer, Seats};
+use super::seats::{Begun, Commit, Recipient, Seats};
 use super::{SceneTools, locked, tick};
 use crate::execute::EnginePool;
 use crate::publish::{OpenRequest, Outbox, Refusal};
@@ -104,9 +104,9 @@ impl SharedScene {
         let mut boxes = locked(&self.boxes);
         let mut seats = locked(&self.seats);
         let range = seats.give_back(id, first)?;
-        let hearers = seats.hearers();
+        let recipients = seats.recipients();
         drop(seats);
-        self.remove(&mut boxes, std::slice::from_ref(&range), &hearers);
+        self.remove(&mut boxes, std::slice::from_ref(&range), &recipients);
         Ok(range)
     }
 
@@ -202,28 +202,28 @@ impl SharedScene {
         let (member, ended) = seats.end(id)?;
         // Nobody may join a scene whose last boxes stay because nobody is there.
         let has_ended = seats.end_without_members();
-        let hearers = seats.hearers();
+        let recipients = seats.recipients();
         drop(seats);
         if let Some(commit) = &member.commit {
             cancel(&mut boxes, &commit.edit);
         }
         match at_end {
             _ if has_ended => {}
-            AtEnd::Remove => self.remove(&mut boxes, &ended, &hearers),
+            AtEnd::Remove => self.remove(&mut boxes, &ended, &recipients),
             AtEnd::Keep => boxes.keep(&ended),
         }
         member.commit.map(|commit| commit.open)
     }
 
     /// Removes the boxes of ranges that are nobody's any more, and takes pairs that name them off the lists.
-    fn remove(&self, boxes: &mut Boxes, ranges: &[Range<u32>], hearers: &[Hearer]) {
+    fn remove(&self, boxes: &mut Boxes, ranges: &[Range<u32>], recipients: &[Recipient]) {
         let remains = boxes.remains(ranges);
         let steps = remains.steps();
         if steps.is_empty() {
             return;
         }
-        let hearers: Vec<&Hearer> = hearers.iter().collect();
-        if let Err(error) = tick::apply(boxes, &hearers, Edit { steps: &steps }, 1) {
+        let recipients: Vec<&Recipient> = recipients.iter().collect();
+        if let Err(error) = tick::apply(boxes, &recipients, Edit { steps: &steps }, 1) {
             log::warn!("scene '{}': removing boxes of a member that is gone: {error}", self.name);
         }
     }

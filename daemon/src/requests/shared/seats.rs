@@ -8,7 +8,7 @@ use std::time::Instant;
 
 use pairmask_core::scene::Report;
 use pairmask_core::scene::shared::{
-    Committed, Hears, Leases, MemberId, NotLeased, Ranges, TickChanges, Ticks, Unreported,
+    Committed, Leases, MemberId, NotLeased, Ranges, Scope, TickChanges, Ticks, Unreported,
 };
 use pairmask_wire::{EditScratch, JoinRequest, Reject, SceneRequest};
 
@@ -56,9 +56,9 @@ pub(super) struct ClosedTick {
     /// Leases of writers that had not committed, rising, each as it was leased.
     pub late: Vec<Range<u32>>,
     /// Commits in the order of their writers' indices, then those of listeners.
-    pub commits: Vec<(Hearer, Commit)>,
+    pub commits: Vec<(Recipient, Commit)>,
     /// All others, who hear of it later.
-    pub others: Vec<Hearer>,
+    pub others: Vec<Recipient>,
     /// Bytes that members keep for reading their next edits.
     pub scratch_bytes: u64,
 }
@@ -111,18 +111,18 @@ impl Seats {
         }
         self.last_member += 1;
         let id = MemberId(self.last_member);
-        self.members.insert(id, Member::new(id, request.hears));
+        self.members.insert(id, Member::new(id, request.scope));
         Ok(id)
     }
 
     /// Notes that the leases of a member have changed.
     pub fn note_leases(&mut self, id: MemberId) {
         self.ticks.wait_for(self.leases.writers());
-        if let Some(Member { hearer, .. }) = self.members.get_mut(&id) {
-            hearer.own = Arc::new(self.leases.of(id));
-            // It hears of other pairs from now on.
-            if hearer.hears == Hears::Own {
-                locked(&hearer.unreported).resync();
+        if let Some(Member { recipient, .. }) = self.members.get_mut(&id) {
+            recipient.own = Arc::new(self.leases.of(id));
+            // Other pairs are reported to it from now on.
+            if recipient.scope == Scope::Own {
+                locked(&recipient.unreported).resync();
             }
         }
     }
@@ -154,7 +154,7 @@ impl Seats {
         }
         member.is_reading = true;
         let scratch = std::mem::take(&mut member.scratch);
-        Ok(Begun { own: Arc::clone(&member.hearer.own), is_first, scratch })
+        Ok(Begun { own: Arc::clone(&member.recipient.own), is_first, scratch })
     }
 
     /// The edit of a member is refused.
@@ -188,7 +188,7 @@ impl Seats {
             return gone(commit);
         }
         let request = &commit.request;
-        let mut unreported = locked(&member.hearer.unreported);
+        let mut unreported = locked(&member.recipient.unreported);
         unreported.acknowledge(request.is_taken);
         if request.is_lost {
             unreported.resync();
@@ -209,18 +209,18 @@ impl Seats {
         let closed = self.ticks.close(now)?;
         self.work = TickWork::default();
         let late = closed.late.iter().filter_map(|id| self.members.get(id));
-        let late = late.flat_map(|member| member.hearer.own.as_slice().to_vec());
+        let late = late.flat_map(|member| member.recipient.own.as_slice().to_vec());
         let mut late: Vec<Range<u32>> = late.collect();
         late.sort_unstable_by_key(|range| range.start);
         let (mut commits, mut others) = (Vec::new(), Vec::new());
         let mut take = |member: &mut Member| match member.commit.take() {
-            Some(commit) => commits.push((member.hearer.clone(), commit)),
-            None => others.push(member.hearer.clone()),
+            Some(commit) => commits.push((member.recipient.clone(), commit)),
+            None => others.push(member.recipient.clone()),
         };
         for id in self.leases.writers() {
             self.members.get_mut(&id).into_iter().for_each(&mut take);
         }
-        let listeners = self.members.values_mut().filter(|member| member.hearer.own.is_empty());
+        let listeners = self.members.values_mut().filter(|member| member.recipient.own.is_empty());
         listeners.for_each(take);
         // That of those who have committed went into their commits.
         let scratches = self.members.values().map(|member| &member.scratch);
@@ -236,8 +236,8 @@ impl Seats {
     }
 
     /// All who are to hear of changes.
-    pub fn hearers(&self) -> Vec<Hearer> {
-        self.members.values().map(|member| member.hearer.clone()).collect()
+    pub fn recipients(&self) -> Vec<Recipient> {
+        self.members.values().map(|member| member.recipient.clone()).collect()
     }
 
     /// A member has left, or its session is gone. Returns it, and what it had leased.
@@ -252,7 +252,7 @@ impl Seats {
 
 /// A member.
 pub(super) struct Member {
-    pub hearer: Hearer,
+    pub recipient: Recipient,
     /// The number of its last commit.
     pub revision: u64,
     /// Whether a lane reads an edit of it.
@@ -265,9 +265,9 @@ pub(super) struct Member {
 
 /// Of what a member is to be told. Whoever ends a tick has it without its seat.
 #[derive(Clone)]
-pub(super) struct Hearer {
+pub(super) struct Recipient {
     pub id: MemberId,
-    pub hears: Hears,
+    pub scope: Scope,
     /// Its leases.
     pub own: Arc<Ranges>,
     /// Locked for a moment, and nothing is locked meanwhile.
@@ -283,10 +283,10 @@ pub(super) struct Commit {
 }
 
 impl Member {
-    pub fn new(id: MemberId, hears: Hears) -> Self {
-        let hearer = Hearer { id, hears, own: Arc::default(), unreported: Arc::default() };
+    pub fn new(id: MemberId, scope: Scope) -> Self {
+        let recipient = Recipient { id, scope, own: Arc::default(), unreported: Arc::default() };
         let scratch = EditScratch::default();
-        Self { hearer, revision: 0, is_reading: false, commit: None, scratch }
+        Self { recipient, revision: 0, is_reading: false, commit: None, scratch }
     }
 
     /// Whether it has a commit in the open tick, or one that is being read.
@@ -295,18 +295,18 @@ impl Member {
     }
 }
 
-impl Hearer {
-    /// Whether it hears of a pair.
-    pub fn hears_of(&self, [a, b]: [u32; 2]) -> bool {
-        self.hears == Hears::All || self.own.has(a) || self.own.has(b)
+impl Recipient {
+    /// Whether a pair is reported to it.
+    pub fn has_pair(&self, [a, b]: [u32; 2]) -> bool {
+        self.scope == Scope::All || self.own.has(a) || self.own.has(b)
     }
 
     /// Notes what it is to be told.
     pub fn note(&self, changes: &TickChanges) {
         let mut unreported = locked(&self.unreported);
-        match self.hears {
-            Hears::All => unreported.note(changes, |_| true),
-            Hears::Own => unreported.note(changes, |pair| self.hears_of(pair)),
+        match self.scope {
+            Scope::All => unreported.note(changes, |_| true),
+            Scope::Own => unreported.note(changes, |pair| self.has_pair(pair)),
         }
     }
 

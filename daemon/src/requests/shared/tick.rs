@@ -7,14 +7,14 @@ use std::time::Instant;
 use pairmask_core::EngineName;
 use pairmask_core::dispatch::StageTimes;
 use pairmask_core::engine::{CullError, ReplyBuffer};
-use pairmask_core::scene::shared::{Hears, MemberId};
+use pairmask_core::scene::shared::{MemberId, Scope};
 use pairmask_core::scene::{Edit, SceneError, Told};
 use pairmask_wire::{EditScratch, SceneAnswerLayout, TickMarks, response_scene};
 use rayon::prelude::*;
 
 use super::boxes::{Boxes, Changed};
 use super::locked;
-use super::seats::{ClosedTick, Commit, Hearer};
+use super::seats::{ClosedTick, Commit, Recipient};
 use crate::publish::{Outbox, Refusal};
 
 /// All pairs of the scene, where a member needs them.
@@ -39,7 +39,7 @@ struct Facts {
 
 /// What a member is answered with.
 struct Answer {
-    hearer: Hearer,
+    recipient: Recipient,
     commit: Commit,
     told: Result<Told, Refusal>,
 }
@@ -56,18 +56,18 @@ fn for_each<T: Send>(list: Vec<T>, threads: usize, f: impl Fn(T) + Send + Sync) 
 /// Applies an edit that was checked, and notes what these are to be told of it.
 pub(super) fn apply(
     boxes: &mut Boxes,
-    hearers: &[&Hearer],
+    recipients: &[&Recipient],
     edit: Edit<'_>,
     threads: usize,
 ) -> Result<(), SceneError> {
     match boxes.apply(edit, threads) {
         Ok(Changed::Told) => {
             let changes = boxes.changes();
-            for_each(hearers.to_vec(), threads, |hearer| hearer.note(&changes));
+            for_each(recipients.to_vec(), threads, |recipient| recipient.note(&changes));
         }
-        Ok(Changed::Lost) => lose(hearers),
+        Ok(Changed::Lost) => lose(recipients),
         Err(error) => {
-            lose(hearers);
+            lose(recipients);
             return Err(error);
         }
     }
@@ -76,9 +76,9 @@ pub(super) fn apply(
 }
 
 /// Nobody knows what these were told.
-fn lose(hearers: &[&Hearer]) {
-    for hearer in hearers {
-        hearer.resync();
+fn lose(recipients: &[&Recipient]) {
+    for recipient in recipients {
+        recipient.resync();
     }
 }
 
@@ -87,8 +87,8 @@ impl ClosedTick {
     pub fn apply(self, boxes: &mut Boxes, threads: usize) -> AppliedTick {
         let start = Instant::now();
         let Self { number, late, commits, others, scratch_bytes } = self;
-        let hearers: Vec<&Hearer> =
-            commits.iter().map(|(hearer, _)| hearer).chain(&others).collect();
+        let recipients: Vec<&Recipient> =
+            commits.iter().map(|(recipient, _)| recipient).chain(&others).collect();
         let mut steps = Vec::new();
         for (_, commit) in &commits {
             // They were right when they were read, and are the same now.
@@ -98,18 +98,18 @@ impl ClosedTick {
             // As for a scene of one session.
             boxes.limit_pairs(commit.open.limit_pairs());
         }
-        let applied = apply(boxes, &hearers, Edit { steps: &steps }, threads);
+        let applied = apply(boxes, &recipients, Edit { steps: &steps }, threads);
         drop(steps);
         let whole = applied.and_then(|()| whole_for(boxes, &commits));
         if whole.is_err() {
-            lose(&hearers);
+            lose(&recipients);
         }
         let answers = told_to(commits, boxes, &whole, threads);
-        let hearers = answers.iter().map(|answer| &answer.hearer).chain(&others);
+        let recipients = answers.iter().map(|answer| &answer.recipient).chain(&others);
         // Members keep the memory of their edits for the next.
         let edits = answers.iter().map(|answer| answer.commit.edit.allocated_bytes() as u64);
         let edit_bytes = edits.sum::<u64>() + scratch_bytes;
-        boxes.note_room(hearers.map(Hearer::bytes).sum::<u64>() + edit_bytes);
+        boxes.note_room(recipients.map(Recipient::bytes).sum::<u64>() + edit_bytes);
         let scene = &boxes.scene;
         let facts = Facts {
             number,
@@ -127,37 +127,37 @@ impl ClosedTick {
 }
 
 /// All pairs, where one who has committed needs them.
-fn whole_for(boxes: &mut Boxes, commits: &[(Hearer, Commit)]) -> Result<Whole, SceneError> {
-    let needs_whole = commits
-        .iter()
-        .any(|(hearer, commit)| locked(&hearer.unreported).needs_whole(commit.request.report));
+fn whole_for(boxes: &mut Boxes, commits: &[(Recipient, Commit)]) -> Result<Whole, SceneError> {
+    let needs_whole = commits.iter().any(|(recipient, commit)| {
+        locked(&recipient.unreported).needs_whole(commit.request.report)
+    });
     if needs_whole { boxes.whole().map(Some) } else { Ok(None) }
 }
 
 /// What each member is told.
 fn told_to(
-    commits: Vec<(Hearer, Commit)>,
+    commits: Vec<(Recipient, Commit)>,
     boxes: &Boxes,
     whole: &Result<Whole, SceneError>,
     threads: usize,
 ) -> Vec<Answer> {
     let pair_count = boxes.told().pair_count().unwrap_or(0);
     let reasons = boxes.reasons();
-    let tell = |(hearer, commit): (Hearer, Commit)| {
+    let tell = |(recipient, commit): (Recipient, Commit)| {
         let told = whole.as_ref().map_err(|error| Refusal::from(error.clone())).map(|whole| {
             let report = commit.request.report;
-            let mut unreported = locked(&hearer.unreported);
+            let mut unreported = locked(&recipient.unreported);
             let needed = whole.as_ref().filter(|_| unreported.needs_whole(report));
-            let whole = needed.map(|whole| match hearer.hears {
-                Hears::All => Arc::clone(whole),
-                Hears::Own => {
+            let whole = needed.map(|whole| match recipient.scope {
+                Scope::All => Arc::clone(whole),
+                Scope::Own => {
                     let pairs = whole.iter().copied();
-                    Arc::new(pairs.filter(|pair| hearer.hears_of(*pair)).collect())
+                    Arc::new(pairs.filter(|pair| recipient.has_pair(*pair)).collect())
                 }
             });
             unreported.answer(report, whole, pair_count, |named| reasons.of(named))
         });
-        Answer { hearer, commit, told }
+        Answer { recipient, commit, told }
     };
     if threads == 1 {
         commits.into_iter().map(tell).collect()
@@ -170,7 +170,7 @@ impl AppliedTick {
     /// The members that have committed, and the memory of their edits.
     pub fn scratches(&mut self) -> impl Iterator<Item = (MemberId, EditScratch)> {
         let answers = self.answers.iter_mut();
-        answers.map(|answer| (answer.hearer.id, std::mem::take(&mut answer.commit.edit)))
+        answers.map(|answer| (answer.recipient.id, std::mem::take(&mut answer.commit.edit)))
     }
 
     /// Answers all of them.
@@ -183,9 +183,9 @@ impl AppliedTick {
 impl Facts {
     /// Answers one member.
     fn answer(&self, answer: Answer, outbox: &Outbox) {
-        let Answer { hearer, mut commit, told } = answer;
+        let Answer { recipient, mut commit, told } = answer;
         if let Err(refusal) = told.and_then(|told| self.send(&told, &mut commit, outbox)) {
-            hearer.resync();
+            recipient.resync();
             outbox.refuse(&mut commit.open, &refusal);
         }
         commit.open.close();

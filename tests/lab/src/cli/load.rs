@@ -362,7 +362,7 @@ struct Ran {
 }
 
 impl Ran {
-    /// Starts all clients, lets them begin together, and hears what they measured.
+    /// Starts all clients, lets them begin together, and reads what they measured.
     fn new(
         groups: &[Group],
         settings: &ClientSettings,
@@ -380,7 +380,7 @@ impl Ran {
         for (index, n) in (0..).zip(sizes) {
             let work = Work::Load(ClientSettings { n, index, ..settings.clone() });
             let (heard, ears) = channel();
-            // Nobody hears what a client says after the run.
+            // Nobody reads what a client reports after the run.
             clients.push((at.start(&work, move |said| drop(heard.send(said)))?, ears));
         }
         for (_, ears) in &clients {

@@ -22,9 +22,9 @@ pub use self::unreported::{Incarnations, NamedPair, TickChanges, Unreported};
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct MemberId(pub u64);
 
-/// Of which pairs a member of a shared scene is told.
+/// Which pairs are reported to a member of a shared scene.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-pub enum Hears {
+pub enum Scope {
     /// Those that touch a box of its own leases.
     #[default]
     Own,

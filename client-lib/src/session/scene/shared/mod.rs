@@ -228,12 +228,12 @@ impl Member {
     fn join_again(&mut self) -> Result<(), SharedError> {
         self.there = None;
         let link = self.core.link_that_knows(SHARED_MINOR, "shared scenes")?;
-        let JoinOptions { most_boxes, tick_deadline, at_end, hears } = self.options;
+        let JoinOptions { most_boxes, tick_deadline, at_end, scope } = self.options;
         let request = JoinRequest {
             scene: self.id,
             name: self.name.section(),
             terms: SharedTerms { most_boxes, deadline: tick_deadline, at_end },
-            hears,
+            scope,
             engine: self.core.settings().engine,
         };
         let name = self.name.clone();

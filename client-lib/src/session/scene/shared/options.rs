@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use pairmask_core::scene::EditError;
-use pairmask_core::scene::shared::{AtEnd, Hears, LeaseError, NotLeased};
+use pairmask_core::scene::shared::{AtEnd, LeaseError, NotLeased, Scope};
 use pairmask_wire::{SceneNameError, TermsDiffer};
 
 use crate::session::error::{FrameError, WaitError};
@@ -19,8 +19,8 @@ pub struct JoinOptions {
     pub tick_deadline: Option<Duration>,
     /// What becomes of a dead writer's boxes; unless anybody says so, they are removed.
     pub at_end: Option<AtEnd>,
-    /// Of which pairs this member is told.
-    pub hears: Hears,
+    /// Which pairs are reported to this member.
+    pub scope: Scope,
 }
 
 impl JoinOptions {
@@ -42,10 +42,10 @@ impl JoinOptions {
         Self { at_end: Some(at_end), ..self }
     }
 
-    /// The same for a member that is told of such pairs.
+    /// The same for a member to which such pairs are reported.
     #[must_use]
-    pub const fn hearing(self, hears: Hears) -> Self {
-        Self { hears, ..self }
+    pub const fn with_scope(self, scope: Scope) -> Self {
+        Self { scope, ..self }
     }
 }
 

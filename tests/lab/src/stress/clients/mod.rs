@@ -210,7 +210,7 @@ impl Crowd<'_> {
         Ok(())
     }
 
-    /// Tells all clients to end, and hears them out.
+    /// Tells all clients to end, and reads what they report.
     fn end(&mut self) {
         self.clients.iter_mut().for_each(|client| client.worker.end());
         let deadline = Instant::now() + ENDS_WITHIN;
@@ -234,7 +234,7 @@ impl Crowd<'_> {
         };
         let (number, heard) = (self.started, self.heard.clone());
         self.started += 1;
-        // Nobody hears what a client says after the run.
+        // Nobody reads what a client reports after the run.
         let hear = move |said| drop(heard.send((number, said)));
         let worker = self.run.daemon.start(&Work::Stress(settings), hear)?;
         self.clients.push(Client { number, worker, ended: None });
