@@ -7,8 +7,8 @@
 //! | most of them move | [`Session::frame`] | all, 24 bytes a box | all pairs |
 //! | most move, the bytes are the bottleneck, extra pairs do no harm | [`Session::narrow_frame`] | all, 12 or 6 bytes | all pairs, and some that are near |
 //! | bounding spheres, or circles in a plane | [`Session::sphere_frame`] | all, 16 bytes | all pairs, exact |
-//! | few of many move, or you need what began and ended | [`Session::scene`] | those that changed | as you [want](Report) |
-//! | many or all move a little, some far | [`Session::scene`] with margins | those that left their [margin](#margins-a-box) | as you want, of near or of exact pairs |
+//! | few of many move, or you need what began and ended | [`Session::scene`] | those that changed | as the [report](Report) says |
+//! | many or all move a little, some far | [`Session::scene`] with margins | those that left their [margin](#margins-a-box) | the same, of near or of exact pairs |
 //! | several processes write one world | [`Session::join_scene`]: each leases indices and commits its own boxes, tick by tick | those that changed | changes of its own pairs, or of all |
 //!
 //! * A frame looks at every box. Its time does not depend on how many of them moved, unless none did: a
@@ -25,7 +25,7 @@
 //!
 //! # By game
 //!
-//! | game | take | want |
+//! | game | session | report |
 //! |---|---|---|
 //! | A shooter: 5,000 props, 200 of them move | a scene. Props that lie on the ground are not sent. Level geometry is static | [`Report::Changes`]: [contacts](#contacts) live between frames |
 //! | A physics sandbox in which everything falls | a scene if boxes come to rest and sleep, as in the example `falling_boxes`; else frames | [`Report::Changes`] |
@@ -33,7 +33,7 @@
 //! | A strategy game: 50,000 units, most of them marching | sphere frames: spheres with one height are circles, decided exactly, on cores and on a GPU | |
 //! | The same, most of them standing | a scene, in which only marching units are set | [`Report::Moved`] to part units; [`Report::Changes`] for who came into range |
 //! | A city: static buildings, traffic | a scene. [Buildings are static](#static-worlds-and-traffic), and are set and removed by blocks | [`Report::Moved`] |
-//! | Projectiles, pickups: spawned and gone in great number | a scene with a [pool of indices](#pools-and-answers-that-are-not-taken) that are switched off | [`Report::Changes`] |
+//! | Projectiles, pickups: spawned and gone in great number | a scene with a [pool of indices](#pools-and-answers-that-nobody-waits-for) that are switched off | [`Report::Changes`] |
 //! | Trigger volumes: who came in, who left | a scene. Triggers are static, if they need not meet one another | [`Report::Changes`] |
 //! | Reinforcement learning: thousands of small worlds in step | one frame of all worlds, each box with the [tag](crate::filters::Tag) of its world: [`FrameOptions::filters`](crate::FrameOptions::filters) | all pairs, [world by world](crate::PairMask::pairs_of_world) |
 //! | Bullets, cameras, triggers that are asked now and then: many boxes against a large world | a scene, and [queries](crate::Scene::query) of it: boxes, points ([`Aabb::point`](crate::Aabb::point)) and sweeps ([`Aabb::swept`](crate::Aabb::swept)), which cost by what they find | [`Report::Nothing`] |
@@ -82,25 +82,25 @@
 //! * An edit is applied as a whole or not at all. Removals go first, then sets, then flags.
 //! * An edit without steps is allowed: it asks, and changes nothing.
 //!
-//! # What to want
+//! # What to report
 //!
-//! * [`Report::Changes`]: pairs that began and ended since the last answer that was taken. You keep the pairs.
-//! * [`Report::Moved`]: all pairs of the boxes that this edit names. You keep nothing. No ends are told.
+//! * [`Report::Changes`]: pairs that began and ended since the last answer that was waited for. You keep the pairs.
+//! * [`Report::Moved`]: all pairs of the boxes that this edit names. You keep nothing. No ends are reported.
 //! * [`Report::All`]: all pairs. You keep nothing. It costs what a frame costs, unless nothing has changed
 //!   since the last one.
-//! * [`Report::Nothing`]: loading, and ticks whose pairs you do not need. What it changes is told later.
+//! * [`Report::Nothing`]: loading, and ticks whose pairs you do not need. What it changes is reported later.
 //!
-//! Each edit may want something else. A game may ask for [`Report::Moved`] in each tick of its physics, and
+//! Each edit may ask for something else. A game may ask for [`Report::Moved`] in each tick of its physics, and
 //! ten times a second for [`Report::Changes`], for its triggers: a pair that began and ended again between
-//! two taken answers is not told.
+//! two answers is not reported.
 //!
-//! # When to take
+//! # When to wait
 //!
-//! * [`SceneAnswer::take`] says that you know what the answer tells. Take [`Report::Changes`] when your
-//!   contacts have it. Take [`Report::All`] only if it replaces your contacts.
-//! * Taking [`Report::Moved`] or [`Report::Nothing`] changes nothing.
-//! * An answer that is dropped, lost or never waited for is not taken. Its edit is applied all the same. The
-//!   next changes are counted from the last answer that was taken: nothing is told twice, nothing never.
+//! * An answer that was waited for counts as received. The next changes are counted from it: apply those of
+//!   [`Report::Changes`] to your contacts, and let [`Report::All`] replace them.
+//! * Waiting for [`Report::Moved`] or [`Report::Nothing`] changes nothing of that.
+//! * An answer that is lost or never waited for is not received. Its edit is applied all the same, and the next
+//!   answer makes up for it: each change is reported exactly once.
 //! * A [`SceneEdit`] that is dropped before [`commit`](SceneEdit::commit) changes nothing.
 //! * A daemon's answer holds one of a session's three places for frames until it is dropped.
 //!
@@ -116,8 +116,8 @@
 //! * A resync does not say which boxes were removed. Drop the contacts of a box when you remove it, and
 //!   ignore the end of a pair that you no longer have.
 //! * A resync comes when there are more changes than pairs (and more than 4,096), when a daemon has lost
-//!   the scene or another process answers, and after [`Scene::lose`].
-//! * Call [`Scene::lose`] when your own contacts are lost, as after loading a saved game.
+//!   the scene or another process answers, and after [`Scene::resync`].
+//! * Call [`Scene::resync`] when your own contacts are lost, as after loading a saved game.
 //!
 //! # Contacts
 //!
@@ -256,7 +256,7 @@
 //! # }
 //! ```
 //!
-//! # Pools, and answers that are not taken
+//! # Pools, and answers that nobody waits for
 //!
 //! ```
 //! use pairmask::scene::{EndReason, SceneOptions, Report};
@@ -276,13 +276,11 @@
 //! // One is fired, in a tick whose pairs nobody asks for.
 //! drop(scene.edit().set(3, boxes[8]).switch(3, true).commit(Report::Nothing)?);
 //!
-//! // The next tick is told of it. It does not take the answer, so that the one after is told again.
-//! for _ in 0..2 {
-//!     assert_eq!(scene.edit().commit(Report::Changes)?.begun(), [[3, 8]]);
-//! }
+//! // Nobody waits for the answer of the next tick. The one after makes up for it.
+//! drop(scene.edit().submit(Report::Changes)?);
+//! assert_eq!(scene.edit().commit(Report::Changes)?.begun(), [[3, 8]]);
 //!
-//! // Taken at last. Then the projectile goes back to the pool.
-//! drop(scene.edit().commit(Report::Changes)?);
+//! // Then the projectile goes back to the pool.
 //! let answer = scene.edit().switch(3, false).commit(Report::Changes)?;
 //! let ended = answer.ended().to_vec();
 //! assert_eq!((ended[0].pair, ended[0].reason), ([3, 8], EndReason::Filtered));
@@ -353,7 +351,7 @@
 //!
 //! * This process keeps 25 bytes for each index up to the highest ([`Scene::allocated_bytes`]).
 //! * The daemon keeps 90 to 125 bytes a box where up to a tenth of the boxes move, 260 to 360 where a third or
-//!   all do, and 300 to 540 right after all pairs were told. That is what CPU engines kept of 10,000 to a
+//!   all do, and 300 to 540 right after all pairs were reported. That is what CPU engines kept of 10,000 to a
 //!   million boxes, 2 and 10 pairs a box. [`Scene::daemon_bytes`] tells yours.
 //! * Where this process answers, it keeps what the daemon would, and with [`Backend::Auto`] the 25 bytes too.
 //! * [Margins](#margins-a-box) add 25 bytes for each index, with exact pairs 50, and 8 to 16 for each near pair.

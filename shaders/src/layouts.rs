@@ -306,7 +306,7 @@ pub struct SceneParams {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
 pub struct SceneSummary {
-    /// Pairs to be told.
+    /// Pairs to be reported.
     pub found: [u32; 2],
     /// Those of them that ended.
     pub ended: [u32; 2],

@@ -164,7 +164,6 @@ fn measure(
             let start = Instant::now();
             match alone.edit().set_all(&indices, &moved).commit(Report::Changes) {
                 Ok(answer) => {
-                    let answer = answer;
                     black_box((answer.begun().len(), answer.ended().len()));
                 }
                 // The writers wait for this thread at all barriers.

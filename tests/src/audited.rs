@@ -67,9 +67,9 @@ pub fn audit<P: Program>(encoding: Encoding, shape: Shape) -> (Value, String) {
     let frames = 5 + u64::from(scene.is_some());
     let report = eventually("frames are checked", || {
         let report = place.run(&["status", "--json"]).json();
-        let told = report["instances"][0]["daemon"]["audit"].clone();
-        let count = |field: &str| told[field].as_u64().expect("a count");
-        (count("frames") > 0 && count("frames") + count("skipped") == frames).then_some(told)
+        let reported = report["instances"][0]["daemon"]["audit"].clone();
+        let count = |field: &str| reported[field].as_u64().expect("a count");
+        (count("frames") > 0 && count("frames") + count("skipped") == frames).then_some(reported)
     });
     let text = place.run(&["status"]).stdout;
     let pid = Pid::from_raw(child.id().cast_signed()).expect("not zero");

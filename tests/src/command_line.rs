@@ -49,8 +49,8 @@ impl Finished {
     pub fn error(&self, code: i32) -> &str {
         assert_eq!(self.code, Some(code), "{self:?}");
         let line = self.stderr.trim_end();
-        let told = line.strip_prefix(self.name).is_some_and(|rest| rest.starts_with(": "));
-        assert!(told && !line.contains('\n'), "{self:?}");
+        let reported = line.strip_prefix(self.name).is_some_and(|rest| rest.starts_with(": "));
+        assert!(reported && !line.contains('\n'), "{self:?}");
         line
     }
 }

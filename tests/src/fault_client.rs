@@ -39,8 +39,8 @@ impl FaultClient {
 
     /// Lets it begin; whether it has before it ended.
     pub fn is_ready(&mut self) -> bool {
-        let told = self.process.stdin.as_mut().expect("open").write_all(b"go\n");
-        told.is_ok() && self.said.next().is_some_and(|said| said.expect("text") == "ready")
+        let reported = self.process.stdin.as_mut().expect("open").write_all(b"go\n");
+        reported.is_ok() && self.said.next().is_some_and(|said| said.expect("text") == "ready")
     }
 
     /// Whether it has ended by itself.

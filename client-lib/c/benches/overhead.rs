@@ -33,7 +33,7 @@ fn boxes() -> Vec<Aabb> {
 /// A program that culls frames when it is told to.
 struct Program {
     child: Child,
-    told: ChildStdin,
+    reported: ChildStdin,
     says: BufReader<ChildStdout>,
 }
 
@@ -53,14 +53,14 @@ impl Program {
         let mut command = Command::new(&binary);
         command.arg(boxes).stdin(Stdio::piped()).stdout(Stdio::piped());
         let mut child = command.spawn().expect("the program runs");
-        let told = child.stdin.take().expect("piped");
+        let reported = child.stdin.take().expect("piped");
         let says = BufReader::new(child.stdout.take().expect("piped"));
-        Self { child, told, says }
+        Self { child, reported, says }
     }
 
     /// Nanoseconds of a frame, and what the pairs add up to.
     fn turn(&mut self) -> (f64, u64) {
-        writeln!(self.told, "{FRAMES}").expect("the program reads");
+        writeln!(self.reported, "{FRAMES}").expect("the program reads");
         let mut line = String::new();
         self.says.read_line(&mut line).expect("the program answers");
         let (ns, sum) = line.trim().split_once(' ').expect("two numbers");
@@ -68,7 +68,7 @@ impl Program {
     }
 
     fn end(mut self) {
-        drop(self.told);
+        drop(self.reported);
         assert!(self.child.wait().expect("the program ends").success());
     }
 }

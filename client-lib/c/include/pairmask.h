@@ -87,8 +87,8 @@ typedef struct {
 } pm_session;
 
 // Memory for the boxes or spheres of one frame: shared memory where a daemon serves. Its contents are
-// unspecified: write every box. A session has three frames at a time, in any mix of being filled, under way
-// and held as masks.
+// unspecified: write every box. A daemon has three frames of a session at a time, in any mix of being filled, under
+// way and held as masks.
 typedef struct {
   // Zero for none.
   uint64_t id;
@@ -136,8 +136,10 @@ typedef struct {
   size_t struct_size;
   // Collision filters; zero for none. A daemon gets them once, however many frames have them.
   pm_rules filters;
-  // Two sets: only pairs of one of the first so many boxes and one of the others count. 0 for one set.
-  size_t split_at;
+  // Not 0: two sets. Only pairs of one of the first `split_at` boxes and one of the others count.
+  uint32_t two_sets;
+  // Boxes of the first set.
+  uint32_t split_at;
 } pm_frame_options;
 
 // A frame under way.
@@ -402,7 +404,7 @@ typedef uint32_t pm_at_end;
 typedef struct {
   // `sizeof(pm_join_options)`.
   size_t struct_size;
-  // How long a tick is open after its first commit, at the most, ns.
+  // How long a tick is open after its first commit, at the most, ns: 100 ms unless a member says so, 10 s at most.
   uint64_t tick_deadline_ns;
   // Indices are below this.
   uint32_t most_boxes;
@@ -835,8 +837,8 @@ pm_code pm_frame_submit(pm_frame frame,
                         const pm_frame_options *options,
                         pm_pending *pending);
 
-// Copies boxes, sends them and waits: the shortest way from boxes to pairs. `filters` may be zero. Where frames of
-// other threads hold all of the session's places, it waits for one.
+// Copies boxes, sends them and waits: the shortest way from boxes to pairs. `filters` may be zero. Where frames and
+// masks hold all of the session's places at a daemon, it waits for one, as long as the session's deadline allows.
 pm_code pm_session_cull(pm_session session,
                         const pm_box *boxes,
                         size_t n,
@@ -943,12 +945,13 @@ pm_code pm_scene_drop(pm_scene scene);
 pm_code pm_scene_resync(pm_scene scene);
 
 // The box of an index, also one that is switched off; `PM_ERR_ABSENT` where there is none. The scene's answer
-// ends.
+// stays; an edit under way is not waited for any more.
 pm_code pm_scene_get(pm_scene scene,
                      uint32_t index,
                      pm_box *b);
 
-// Facts about a scene. Set `info->struct_size` first. The scene's answer ends.
+// Facts about a scene. Set `info->struct_size` first. The scene's answer stays; an edit under way is not waited for
+// any more.
 pm_code pm_scene_get_info(pm_scene scene,
                           pm_scene_info *info);
 
@@ -1084,7 +1087,7 @@ pm_code pm_scene_discard(pm_scene scene);
 pm_code pm_scene_submit(pm_scene scene,
                         pm_report report);
 
-// Waits for the answer to what was submitted, as long as the session's deadline allows, and for a shared scene
+// Waits for the answer to what was submitted, which acknowledges it: what it reports is not reported again. Waits as long as the session's deadline allows, and for a shared scene
 // until its tick ends. After an error the edit is applied, and the next answer makes up for this one.
 pm_code pm_scene_wait(pm_scene scene);
 

@@ -22,6 +22,7 @@
 #include <cstdint>
 #include <cstdio>
 #include <cstdlib>
+#include <optional>
 #include <string>
 #include <type_traits>
 #include <utility>
@@ -409,7 +410,7 @@ private:
 // pairs of one of the first `split_at` boxes and one of the others count.
 struct FrameOptions {
   const Rules *filters = nullptr;
-  std::size_t split_at = 0;
+  std::optional<std::uint32_t> split_at;
 };
 
 // Memory for the boxes or spheres of one frame.
@@ -454,9 +455,13 @@ public:
 
   // Sends the frame, which is empty then.
   Result<PendingFrame> submit(const FrameOptions &options = {}) && {
-    pm_frame_options given{sizeof given, {0}, options.split_at};
-    if (options.filters)
+    pm_frame_options given{sizeof given, {0}, options.split_at ? 1u : 0u, options.split_at.value_or(0)};
+    if (options.filters) {
       given.filters = options.filters->get();
+      // No filters at all would be another question than the empty object's.
+      if (given.filters.id == 0)
+        return Result<PendingFrame>(Error::last(pm_rules_drop(given.filters)));
+    }
     pm_pending pending{};
     pm_code code = pm_frame_submit(handle_.release(), &given, &pending);
     return code == PM_OK ? Result<PendingFrame>(PendingFrame(pending))
@@ -489,7 +494,9 @@ private:
 };
 
 // A scene that persists: edits go in, changes of pairs come out. What is set and so on is the edit that commit()
-// sends; arrays are read where they lie until it is answered. An answer lives until the next edit is begun.
+// sends; arrays are read where they lie until it is answered. An answer lives until the next call
+// that writes an edit, or that asks the scene something: query() or resync(). Read begun() and ended() before: an answer
+// that was waited for is acknowledged, and without one they fail.
 class Scene {
 public:
   Scene() = default;
@@ -538,22 +545,17 @@ public:
   Result<void> commit(Report report) {
     return detail::done(pm_scene_commit(get(), static_cast<pm_report>(report)));
   }
-  // What the answer tells is known from now on.
-
-  pm_answer answer() const noexcept {
+  pm_answer answer() const {
     auto answer = detail::sized<pm_answer>();
-    pm_scene_answer(get(), &answer);
+    const pm_code code = pm_scene_answer(get(), &answer);
+    if (code != PM_OK)
+      detail::fail(Error::last(code));
     return answer;
   }
-  bool is_resync() const noexcept { return answer().is_resync != 0; }
-  Span<const Pair> begun() const noexcept { return listed(pm_scene_begun); }
-  Span<const Pair> pairs() const noexcept { return listed(pm_scene_pairs); }
-  Span<const Ended> ended() const noexcept {
-    const Ended *ended = nullptr;
-    std::size_t count = 0;
-    pm_scene_ended(get(), &ended, &count);
-    return {ended, count};
-  }
+  bool is_resync() const { return answer().is_resync != 0; }
+  Span<const Pair> begun() const { return listed<Pair>(pm_scene_begun); }
+  Span<const Pair> pairs() const { return listed<Pair>(pm_scene_pairs); }
+  Span<const Ended> ended() const { return listed<Ended>(pm_scene_ended); }
   template <class F> Result<void> for_each_begun(F &&visit) const {
     detail::Visit<Pair, F> visitor{visit};
     return visitor.end(
@@ -601,11 +603,14 @@ public:
   std::vector<Range> leases() const { return ranges(pm_scene_leases); }
 
 private:
-  Span<const Pair> listed(pm_code (*read)(pm_scene, const Pair **, std::size_t *)) const noexcept {
-    const Pair *pairs = nullptr;
+  template <class T>
+  Span<const T> listed(pm_code (*read)(pm_scene, const T **, std::size_t *)) const {
+    const T *items = nullptr;
     std::size_t count = 0;
-    read(get(), &pairs, &count);
-    return {pairs, count};
+    const pm_code code = read(get(), &items, &count);
+    if (code != PM_OK)
+      detail::fail(Error::last(code));
+    return {items, count};
   }
   std::vector<Range> ranges(pm_code (*read)(pm_scene, Range *, std::size_t, std::size_t *)) const {
     std::size_t count = 0;

@@ -2,10 +2,12 @@
 #![allow(unsafe_code)]
 
 use std::sync::Arc;
+use std::thread::sleep;
+use std::time::{Duration, Instant};
 
 use pairmask::update::{Placement, ToWorld, Transformed, WorldMatrix};
 use pairmask::write::{BoxSource, CenterHalf, MinMax};
-use pairmask::{Bounds, FrameOptions, Precision, Quantized, Sphere};
+use pairmask::{Bounds, FrameError, FrameOptions, Precision, Quantized, Sphere};
 
 use crate::call::call;
 use crate::code::{PM_ERR_STATE, pm_code};
@@ -19,8 +21,8 @@ use crate::spares::Spares;
 use crate::values::{boxes as as_boxes, index_count, pm_box, pm_sphere, spheres_mut};
 
 /// Memory for the boxes or spheres of one frame: shared memory where a daemon serves. Its contents are
-/// unspecified: write every box. A session has three frames at a time, in any mix of being filled, under way
-/// and held as masks.
+/// unspecified: write every box. A daemon has three frames of a session at a time, in any mix of being filled, under
+/// way and held as masks.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[repr(C)]
 pub struct pm_frame {
@@ -349,8 +351,10 @@ pub struct pm_frame_options {
     pub struct_size: usize,
     /// Collision filters; zero for none. A daemon gets them once, however many frames have them.
     pub filters: pm_rules,
-    /// Two sets: only pairs of one of the first so many boxes and one of the others count. 0 for one set.
-    pub split_at: usize,
+    /// Not 0: two sets. Only pairs of one of the first `split_at` boxes and one of the others count.
+    pub two_sets: u32,
+    /// Boxes of the first set.
+    pub split_at: u32,
 }
 
 // SAFETY: it is `repr(C)` and begins with its size; integers have no invalid bit patterns.
@@ -368,15 +372,15 @@ pub unsafe extern "C" fn pm_frame_submit(
         let Frame { filling, spares, .. } = frame.remove()?;
         check_out(pending)?;
         let filters = pm_rules::default();
-        let none =
-            pm_frame_options { struct_size: size_of::<pm_frame_options>(), filters, split_at: 0 };
+        let struct_size = size_of::<pm_frame_options>();
+        let none = pm_frame_options { struct_size, filters, two_sets: 0, split_at: 0 };
         // SAFETY: the caller's promise about pointers is passed on.
         let given = if options.is_null() { none } else { unsafe { growing(options, none) }? };
         let mut options = FrameOptions::default();
         if given.filters.id != 0 {
             options.filters = Some(given.filters.with(|rules| Ok(Arc::clone(rules)))?);
         }
-        options.split_at = Some(given.split_at).filter(|first| *first > 0);
+        options.split_at = (given.two_sets != 0).then_some(given.split_at as usize);
         let sent = match filling {
             Filling::Boxes(frame) => frame.submit_with(&options),
             Filling::Narrow(frame) => frame.submit_with(&options),
@@ -388,8 +392,11 @@ pub unsafe extern "C" fn pm_frame_submit(
     })
 }
 
-/// Copies boxes, sends them and waits: the shortest way from boxes to pairs. `filters` may be zero. Where frames of
-/// other threads hold all of the session's places, it waits for one.
+/// A place for a frame that others hold is looked for this often: about the time of a small frame.
+const PLACE_INTERVAL: Duration = Duration::from_micros(50);
+
+/// Copies boxes, sends them and waits: the shortest way from boxes to pairs. `filters` may be zero. Where frames and
+/// masks hold all of the session's places at a daemon, it waits for one, as long as the session's deadline allows.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn pm_session_cull(
     session: pm_session,
@@ -407,10 +414,16 @@ pub unsafe extern "C" fn pm_session_cull(
         if filters.id != 0 {
             options.filters = Some(filters.with(|rules| Ok(Arc::clone(rules)))?);
         }
-        let (mut frame, spares) = session.with(|s| {
-            let frame = s.session.in_time(|session| session.frame(n))?;
-            Ok((frame, s.spares.clone()))
-        })?;
+        let begin = || session.with(|s| Ok((s.session.frame(n), s.spares.clone())));
+        let until = Instant::now() + session.with(|s| Ok(s.session.deadline()))?;
+        let (mut frame, spares) = loop {
+            match begin()? {
+                (Err(FrameError::TooManyFrames), _) if Instant::now() < until => {
+                    sleep(PLACE_INTERVAL)
+                }
+                (frame, spares) => break (frame?, spares),
+            }
+        };
         frame.write(boxes)?;
         let made = Mask::new(frame.submit_with(&options)?.wait()?, spares);
         // SAFETY: the caller's promise about pointers is passed on.

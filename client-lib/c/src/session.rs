@@ -238,19 +238,19 @@ pub unsafe extern "C" fn pm_session_daemon_status(
 ) -> pm_code {
     call(|| {
         check_out(status)?;
-        let told = session.with(|s| Ok(s.session.daemon_status()?))?;
+        let reported = session.with(|s| Ok(s.session.daemon_status()?))?;
         let facts = pm_daemon_status {
             struct_size: 0,
-            pid: told.pid,
-            client_count: told.client_count,
-            uptime_ns: told.uptime_ns,
-            frames: told.frames,
-            boxes: told.boxes,
-            pairs: told.pairs,
-            spheres: told.spheres,
-            errors: told.errors,
-            scenes: told.scenes,
-            scene_mib: told.scene_mib,
+            pid: reported.pid,
+            client_count: reported.client_count,
+            uptime_ns: reported.uptime_ns,
+            frames: reported.frames,
+            boxes: reported.boxes,
+            pairs: reported.pairs,
+            spheres: reported.spheres,
+            errors: reported.errors,
+            scenes: reported.scenes,
+            scene_mib: reported.scene_mib,
         };
         // SAFETY: the caller's promise about pointers is passed on.
         unsafe { write_growing(status, &facts) }

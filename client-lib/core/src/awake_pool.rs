@@ -212,7 +212,7 @@ mod tests {
     }
 
     #[test]
-    fn threads_stay_until_they_are_told_to_go() {
+    fn threads_stay_until_they_are_asked_to_go() {
         in_pool(3, || {
             let mut awake = AwakePool::default();
             awake.keep_until(3, Instant::now() + LONG);

@@ -31,7 +31,7 @@ pub trait Raise {
 }
 
 /// The text of an error, and the name of its variant in Rust.
-fn told<E: Error + Debug>(error: &E) -> (String, String) {
+fn reported<E: Error + Debug>(error: &E) -> (String, String) {
     let debug = format!("{error:?}");
     let end = debug.find(|c: char| !c.is_alphanumeric()).unwrap_or(debug.len());
     (error.to_string(), debug[..end].to_owned())
@@ -42,7 +42,7 @@ macro_rules! raise {
         $(
             impl Raise for $error {
                 fn raise(self) -> PyErr {
-                    classes::$error::new_err(told(&self))
+                    classes::$error::new_err(reported(&self))
                 }
             }
         )*
@@ -54,7 +54,7 @@ impl Raise for CommitError {
     fn raise(self) -> PyErr {
         match self {
             Self::Shared(error) => error.raise(),
-            _ => classes::CommitError::new_err(told(&self)),
+            _ => classes::CommitError::new_err(reported(&self)),
         }
     }
 }
@@ -63,7 +63,7 @@ impl Raise for FrameError {
     fn raise(self) -> PyErr {
         match self {
             Self::NoMemory { .. } => PyMemoryError::new_err(self.to_string()),
-            _ => classes::FrameError::new_err(told(&self)),
+            _ => classes::FrameError::new_err(reported(&self)),
         }
     }
 }
@@ -71,8 +71,8 @@ impl Raise for FrameError {
 impl Raise for WaitError {
     fn raise(self) -> PyErr {
         match self {
-            Self::Timeout { .. } => classes::WaitTimeout::new_err(told(&self)),
-            _ => classes::WaitError::new_err(told(&self)),
+            Self::Timeout { .. } => classes::WaitTimeout::new_err(reported(&self)),
+            _ => classes::WaitError::new_err(reported(&self)),
         }
     }
 }

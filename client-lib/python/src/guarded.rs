@@ -48,11 +48,11 @@ impl<T> Guarded<T> {
         T: Send,
     {
         process::check()?;
-        let told = py.detach(|| match self.held.lock() {
+        let reported = py.detach(|| match self.held.lock() {
             Ok(mut held) => Ok(held.as_mut().map(f)),
             Err(_) => Err(()),
         });
-        told.map_err(|()| panicked())?.ok_or_else(|| misused(self.gone, "Gone"))
+        reported.map_err(|()| panicked())?.ok_or_else(|| misused(self.gone, "Gone"))
     }
 
     /// Calls `f` with the object, if it is still there, from a drop: no Python thread is told to run meanwhile.

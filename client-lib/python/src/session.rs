@@ -2,6 +2,7 @@
 
 use std::ffi::CString;
 use std::path::PathBuf;
+use std::time::{Duration, Instant};
 
 use pairmask::error::UnknownName;
 use pairmask::{Backend, BoxCount, FrameError, FrameOptions, PendingFrame, Precision, Session};
@@ -107,8 +108,8 @@ impl PySession {
         self.begin(py, move |session| session.sphere_frame(n)).map(PyFrame::of_spheres)
     }
 
-    /// The pairs of an array of boxes: a frame from its memory to its pairs, in one call. Where other threads have all
-    /// of the session's places for frames, it waits for one, as long as the deadline allows.
+    /// The pairs of an array of boxes: a frame from its memory to its pairs, in one call. Where frames
+    /// and masks hold all of the session's places at a daemon, it waits for one, as long as the deadline allows.
     #[pyo3(signature = (boxes, rules=None))]
     fn cull<'py>(
         &self,
@@ -118,8 +119,7 @@ impl PySession {
     ) -> PyResult<Bound<'py, PyAny>> {
         let boxes = Boxes::of(boxes)?;
         let n = boxes.len();
-        let in_time = move |session: &mut Session| session.in_time(|session| session.frame(n));
-        let mut frame = self.begin(py, in_time)?;
+        let mut frame = self.begin_in_time(py, |session| session.frame(n))?;
         boxes.write(py, frame.boxes_mut())?;
         let options = FrameOptions { filters: rules.map(PyRules::shared), ..Default::default() };
         pairs_after(py, || frame.submit_with(&options))
@@ -133,9 +133,7 @@ impl PySession {
     ) -> PyResult<Bound<'py, PyAny>> {
         let rows = Rows::of(spheres, 4)?;
         let n = rows.len();
-        let in_time =
-            move |session: &mut Session| session.in_time(|session| session.sphere_frame(n));
-        let mut frame = self.begin(py, in_time)?;
+        let mut frame = self.begin_in_time(py, |session| session.sphere_frame(n))?;
         rows.write_spheres(py, frame.spheres_mut())?;
         pairs_after(py, || frame.submit())
     }
@@ -155,7 +153,10 @@ impl PySession {
         self.with(py, move |session| session.scene(options)).map(PyScene::new)
     }
 
-    /// Joins a scene that several processes write, each its own boxes.
+    /// Joins a scene that several processes write, each its own boxes, by its name. `tick_deadline` (seconds; 0.1 unless
+    /// a member says so): how long a tick waits for writers. `at_end`, "remove" or "keep": what becomes of the boxes of a
+    /// writer that ends. `scope`, "own" or "all": which pairs are reported. The first answer, and the one after a lease,
+    /// is a resync: `pairs`, not `begun`.
     #[pyo3(signature = (name, *, most_boxes=None, tick_deadline=None, at_end=None, scope="own"))]
     fn join_scene(
         &self,
@@ -179,18 +180,18 @@ impl PySession {
     /// The daemon's status, by name.
     fn daemon_status<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, pyo3::types::PyDict>> {
         let status = self.with(py, Session::daemon_status)?.map_err(Raise::raise)?;
-        let told = pyo3::types::PyDict::new(py);
-        told.set_item("pid", status.pid)?;
-        told.set_item("clients", status.client_count)?;
-        told.set_item("uptime_ns", status.uptime_ns)?;
-        told.set_item("frames", status.frames)?;
-        told.set_item("boxes", status.boxes)?;
-        told.set_item("spheres", status.spheres)?;
-        told.set_item("pairs", status.pairs)?;
-        told.set_item("errors", status.errors)?;
-        told.set_item("scenes", status.scenes)?;
-        told.set_item("scene_mib", status.scene_mib)?;
-        Ok(told)
+        let reported = pyo3::types::PyDict::new(py);
+        reported.set_item("pid", status.pid)?;
+        reported.set_item("clients", status.client_count)?;
+        reported.set_item("uptime_ns", status.uptime_ns)?;
+        reported.set_item("frames", status.frames)?;
+        reported.set_item("boxes", status.boxes)?;
+        reported.set_item("spheres", status.spheres)?;
+        reported.set_item("pairs", status.pairs)?;
+        reported.set_item("errors", status.errors)?;
+        reported.set_item("scenes", status.scenes)?;
+        reported.set_item("scene_mib", status.scene_mib)?;
+        Ok(reported)
     }
 
     /// Ends the session. Frames, masks, scenes and arrays live on.
@@ -225,7 +226,28 @@ impl PySession {
     ) -> PyResult<F> {
         self.with(py, f)?.map_err(Raise::raise)
     }
+
+    /// Memory for a frame. Where frames and masks hold all of the session's places at a daemon, waits for one.
+    fn begin_in_time<F: Send>(
+        &self,
+        py: Python<'_>,
+        f: impl Fn(&mut Session) -> Result<F, FrameError> + Send + Copy,
+    ) -> PyResult<F> {
+        let until = Instant::now() + self.with(py, |session| session.deadline())?;
+        loop {
+            match self.with(py, f)? {
+                Err(FrameError::TooManyFrames) if Instant::now() < until => {
+                    py.check_signals()?;
+                    py.detach(|| std::thread::sleep(PLACE_INTERVAL));
+                }
+                begun => return begun.map_err(Raise::raise),
+            }
+        }
+    }
 }
+
+/// A place for a frame that others hold is looked for this often: about the time of a small frame.
+const PLACE_INTERVAL: Duration = Duration::from_micros(50);
 
 /// Submits a frame, waits and decodes while other Python threads run.
 fn pairs_after(
@@ -240,7 +262,7 @@ fn pairs_after(
     if census.invalid > 0 {
         let (count, first) = (census.invalid, census.first_invalid[0]);
         let text =
-            format!("{count} boxes or spheres have a NaN and overlap nothing: {first} first");
+            format!("{count} boxes or spheres are invalid and overlap nothing: {first} first");
         let text = CString::new(text).unwrap_or_default();
         PyErr::warn(py, &py.get_type::<PyRuntimeWarning>(), &text, 1)?;
     }

@@ -178,7 +178,7 @@ def test_the_census_counts(session: pairmask.Session) -> None:
     frame.write(boxes)
     info = frame.submit().wait().info
     assert (info.invalid, info.empty, info.first_invalid) == (1, 1, [7])
-    with pytest.warns(RuntimeWarning, match="1 boxes or spheres have a NaN and overlap nothing: 7 first"):
+    with pytest.warns(RuntimeWarning, match="1 boxes or spheres are invalid and overlap nothing: 7 first"):
         session.cull(boxes)
 
 

@@ -85,6 +85,13 @@ pub(super) struct Settings {
     pub capacity: Option<BoxCount>,
 }
 
+impl Settings {
+    /// Whether only a GPU, and so only a daemon, has the engine that was named.
+    pub fn needs_gpu(&self) -> bool {
+        matches!(self.engine, EngineChoice::Only(engine) if engine.is_gpu())
+    }
+}
+
 /// Describes a session; [`connect`](SessionBuilder::connect) makes it.
 #[derive(Clone, Debug)]
 #[must_use]

@@ -37,9 +37,6 @@ const LONGEST_PAUSE: Duration = Duration::from_secs(10);
 /// A daemon that does not answer a trial within this time is still silent. No frame waits for it.
 const TRIAL_WITHIN: Duration = Duration::from_secs(1);
 
-/// A place for a frame that other threads hold is looked for this often: about the time of a small frame.
-const PLACE_INTERVAL: Duration = Duration::from_micros(50);
-
 /// The end of a scene waits this long at most for the daemon.
 const END_WITHIN: Duration = Duration::from_millis(20);
 
@@ -71,7 +68,7 @@ struct Connection {
     /// How often in a row a daemon did not answer.
     silences: u32,
     /// The kinds of causes for which the log already says that frames are answered in process.
-    told: Vec<Kind>,
+    reported: Vec<Kind>,
 }
 
 /// A daemon that did not answer, and is not asked again before it runs.
@@ -210,7 +207,7 @@ impl Core {
         // The scene's last edit may hold the last place: the end goes out once that is answered.
         for _ in 0..2 {
             // Without a place the next request tells it.
-            let _ = self.unread.tell_ended(link, || self.place_now(link, 0));
+            let _ = self.unread.report_ended(link, || self.place_now(link, 0));
             self.unread.wait_for_ended(link, deadline);
         }
     }
@@ -218,7 +215,7 @@ impl Core {
     /// Shared memory for `bytes` bytes of a request. Where no place is free, waits for one that is held by
     /// an edit that nobody else waits for. Ended scenes are reported to the daemon before.
     pub(super) fn loan(&self, link: &Arc<Link>, bytes: u64) -> Result<SharedFrame, FrameError> {
-        match self.unread.tell_ended(link, || self.place(link, 0)) {
+        match self.unread.report_ended(link, || self.place(link, 0)) {
             // Frames hold all places, as those of this request will say unless one was dropped just now.
             Ok(()) | Err(FrameError::TooManyFrames) => self.place(link, bytes),
             Err(error) => Err(error),
@@ -355,22 +352,6 @@ impl Core {
         Ok((self.loan(&link, bytes + self.room_for_rules(n))?, agreed))
     }
 
-    /// Begins a frame again until a place is free, as long as the deadline allows.
-    pub(super) fn in_time<T>(
-        &self,
-        mut begin: impl FnMut() -> Result<T, FrameError>,
-    ) -> Result<T, FrameError> {
-        let deadline = Instant::now() + self.settings.deadline;
-        loop {
-            match begin() {
-                Err(FrameError::TooManyFrames) if Instant::now() < deadline => {
-                    std::thread::sleep(PLACE_INTERVAL);
-                }
-                begun => return begun,
-            }
-        }
-    }
-
     /// Memory for `n` objects, as the backend asks: shared memory from `shared`, or this process's
     /// own.
     fn memory<O: FrameObject>(
@@ -387,9 +368,11 @@ impl Core {
             Backend::Daemon => Ok(FrameMemory::Shared(shared()?)),
             Backend::Auto => match shared() {
                 Ok(shared) => Ok(FrameMemory::Shared(shared)),
-                // The log already says so, and frames of boxes still go to the daemon; or the next frame finds a
-                // place there.
-                Err(FrameError::DaemonTooOld { .. } | FrameError::TooManyFrames) => own(),
+                // The log already says so, and frames of boxes still go to the daemon.
+                Err(FrameError::DaemonTooOld { .. }) => own(),
+                // The next frame may find a place there. Only the daemon has a GPU.
+                Err(FrameError::TooManyFrames) if !self.settings.needs_gpu() => own(),
+                Err(FrameError::TooManyFrames) => Err(FrameError::TooManyFrames),
                 Err(error) => {
                     self.say_in_process(&error);
                     own()
@@ -472,7 +455,7 @@ impl Core {
     fn establish(&self, connection: &mut Connection, link: Arc<Link>) -> Arc<Link> {
         connection.silence = None;
         connection.link = Some(Arc::clone(&link));
-        if !std::mem::take(&mut connection.told).is_empty() {
+        if !std::mem::take(&mut connection.reported).is_empty() {
             log::info!("instance '{}' answers again", self.settings.instance);
         }
         link
@@ -510,9 +493,9 @@ impl Core {
     /// Logs that frames are answered in process, once for each kind of cause until the daemon
     /// answers again.
     pub(super) fn say_in_process(&self, why: &FrameError) {
-        let told = &mut lock(&self.connection).told;
-        if !told.contains(&kind_of(why)) {
-            told.push(kind_of(why));
+        let reported = &mut lock(&self.connection).reported;
+        if !reported.contains(&kind_of(why)) {
+            reported.push(kind_of(why));
             log::warn!("frames are answered in process: {why}");
         }
     }

@@ -10,13 +10,13 @@ use pairmask_wire::Version;
 pub(super) struct KnownEncodings {
     known: ReadableEncodings,
     /// Whether the log says that the daemon chooses the encoding.
-    told: AtomicBool,
+    reported: AtomicBool,
 }
 
 impl KnownEncodings {
     /// The encodings of a daemon, by the version that it states.
     pub(super) fn of(version: Version) -> Self {
-        Self { known: ReadableEncodings::at_minor(version.minor), told: AtomicBool::new(false) }
+        Self { known: ReadableEncodings::at_minor(version.minor), reported: AtomicBool::new(false) }
     }
 
     /// The choice that the daemon can be sent: an older daemon is left to choose where it does not
@@ -24,7 +24,7 @@ impl KnownEncodings {
     pub(super) fn agree(&self, asked: EncodingChoice) -> EncodingChoice {
         match asked {
             EncodingChoice::Only(encoding) if !self.known.contains(encoding) => {
-                if !self.told.swap(true, Ordering::Relaxed) {
+                if !self.reported.swap(true, Ordering::Relaxed) {
                     log::warn!(
                         "the daemon does not know {encoding} masks: it chooses the encoding"
                     );

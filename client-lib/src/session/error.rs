@@ -144,7 +144,8 @@ pub enum FrameError {
         /// Boxes of the frame.
         n: u32,
     },
-    /// Too many frames are under way ([`Backend::Daemon`](super::Backend::Daemon) only).
+    /// All places for frames are held. With [`Backend::Auto`](super::Backend::Auto) frames are answered in process then,
+    /// and this is the error of edits and queries of scenes that the daemon has.
     #[error("three frames are being filled, under way or held as masks: drop one before the next")]
     TooManyFrames,
     /// This process has no memory for the frame.

@@ -14,9 +14,9 @@ pub(super) struct KnownForms {
     /// The minor wire version up to which the daemon knows forms.
     minor: AtomicU16,
     /// Whether the log says that frames are exact.
-    told_exact: AtomicBool,
+    reported_exact: AtomicBool,
     /// The minor versions, a bit each, of which the log says that such frames are answered in process.
-    told_stay: AtomicU64,
+    reported_stay: AtomicU64,
 }
 
 impl KnownForms {
@@ -24,8 +24,8 @@ impl KnownForms {
     pub(super) const fn of(version: Version) -> Self {
         Self {
             minor: AtomicU16::new(version.minor),
-            told_exact: AtomicBool::new(false),
-            told_stay: AtomicU64::new(0),
+            reported_exact: AtomicBool::new(false),
+            reported_stay: AtomicU64::new(0),
         }
     }
 
@@ -36,8 +36,8 @@ impl KnownForms {
 
     /// Logs once that frames with what a minor version added are answered in process.
     pub(super) fn say_stay(&self, since_minor: u16, what: &'static str) {
-        let told = 1 << (since_minor % u64::BITS as u16);
-        if self.told_stay.fetch_or(told, Ordering::Relaxed) & told == 0 {
+        let reported = 1 << (since_minor % u64::BITS as u16);
+        if self.reported_stay.fetch_or(reported, Ordering::Relaxed) & reported == 0 {
             log::warn!("the daemon does not know {what}: their frames are answered in process");
         }
     }
@@ -71,7 +71,7 @@ impl KnownForms {
     }
 
     fn say_exact(&self, form: BoxForm) {
-        if !self.told_exact.swap(true, Ordering::Relaxed) {
+        if !self.reported_exact.swap(true, Ordering::Relaxed) {
             log::warn!("the daemon does not know {form} boxes: frames are exact");
         }
     }

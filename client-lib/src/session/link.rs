@@ -78,7 +78,7 @@ pub(super) struct Link {
     kept_rules: KeptRules,
     encodings: KnownEncodings,
     /// Whether the log says that responses of this daemon are refused.
-    told_refused: AtomicBool,
+    reported_refused: AtomicBool,
     files: SegmentFiles,
     /// The daemon's segment, known from the first response on.
     segment: Mutex<Option<(u128, Segment)>>,
@@ -200,7 +200,7 @@ impl Link {
             forms: KnownForms::of(record.version),
             kept_rules: KeptRules::default(),
             encodings: KnownEncodings::of(record.version),
-            told_refused: AtomicBool::new(false),
+            reported_refused: AtomicBool::new(false),
             files: SegmentFiles::new(&dir, instance),
             segment: Mutex::default(),
         };
@@ -257,18 +257,14 @@ impl Link {
     /// Logs once that a frame is answered in process, because the daemon's response is an error or
     /// malformed.
     pub(super) fn say_refused(&self, why: &ReplyError) {
-        if !self.told_refused.swap(true, Ordering::Relaxed) {
+        if !self.reported_refused.swap(true, Ordering::Relaxed) {
             log::warn!("a frame is answered in process, and others may be: {why}");
         }
     }
 
     /// Memory for `bytes` bytes of objects, populated.
     pub(super) fn loan(self: &Arc<Self>, bytes: u64) -> Result<SharedFrame, FrameError> {
-        let slot = Slot::take(self).ok_or(FrameError::TooManyFrames)?;
-        let pages = pages_of(bytes);
-        let port = self.port_for(pages)?;
-        let loan = self.lend(&port, pages)?;
-        Ok(SharedFrame { loan, port, slot })
+        SharedFrame::lend(Slot::take(self).ok_or(FrameError::TooManyFrames)?, bytes)
     }
 
     /// Populated pages of a port.
@@ -514,6 +510,14 @@ pub(super) enum Unsent {
 }
 
 impl SharedFrame {
+    /// Memory for `bytes` bytes, in the place of a frame.
+    pub(super) fn lend(slot: Slot, bytes: u64) -> Result<Self, FrameError> {
+        let pages = pages_of(bytes);
+        let port = slot.link.port_for(pages)?;
+        let loan = slot.link.lend(&port, pages)?;
+        Ok(Self { loan, port, slot })
+    }
+
     /// The frame in memory of so many bytes, with a copy of the first `used` bytes, where it has fewer.
     #[allow(clippy::result_large_err)] // The error holds the frame, which its caller goes on with.
     pub(super) fn grown(self, bytes: u64, used: u64) -> Result<Self, Ungrown> {

@@ -25,7 +25,7 @@ use super::scene::Asked;
 /// Bytes of the largest mask where another encoding may be smaller: a daemon's default.
 const MOST_REPLY_BYTES: u64 = 1 << 30;
 /// Memory from this size on is compared with what the process may use, which takes the reading of some files.
-const LARGE_BYTES: u64 = 1 << 30;
+const LARGE_BYTES: u64 = 64 << 20;
 /// Buffers of each kind that are kept for reuse: those of two frames under way and of one being
 /// filled, and one of a mask that is held.
 const KEPT_BUFFERS: usize = 4;
@@ -113,13 +113,14 @@ impl<T: Default> Shelf<T> {
 impl<T: Clone + Default> Shelf<Vec<T>> {
     /// Memory for `n` items, contents unspecified; `None` where the system has none.
     pub(super) fn take_sized(&self, n: BoxCount) -> Option<Vec<T>> {
+        let mut things = self.take();
         // A system that lends more than it has kills whoever touches it. An engine needs as much again.
         let bytes = size_of::<T>() as u64 * u64::from(n.get());
         let is_too_much = |usable| 2 * bytes > usable;
-        if bytes > LARGE_BYTES && usable_memory::bytes().is_some_and(is_too_much) {
+        let is_new = n.len() > things.capacity();
+        if is_new && bytes > LARGE_BYTES && usable_memory::bytes().is_some_and(is_too_much) {
             return None;
         }
-        let mut things = self.take();
         things.try_reserve_exact(n.len().saturating_sub(things.len())).ok()?;
         things.resize(n.len(), T::default());
         Some(things)

@@ -56,6 +56,7 @@ pub use scene::{
 };
 
 use std::sync::Arc;
+use std::time::Duration;
 
 use pairmask_core::precision::Precision;
 use pairmask_core::scene::SceneOptions;
@@ -80,38 +81,14 @@ impl Session {
     /// the process's own. Its contents are unspecified: write every box.
     ///
     /// A daemon has three frames of a session at a time, in any mix of being filled, under way, and held as masks.
-    /// With [`Backend::Auto`] further ones are answered in process, with [`Backend::Daemon`] they are an error: see
-    /// [`in_time`](Self::in_time).
+    /// With [`Backend::Auto`] further ones are answered in process, with [`Backend::Daemon`] they are
+    /// [`FrameError::TooManyFrames`].
     ///
     /// # Errors
     /// [`FrameError`]. With [`Backend::Auto`] a daemon that is gone or full is no error: the frame
     /// is then answered in process.
     pub fn frame(&mut self, n: usize) -> Result<Frame, FrameError> {
         self.core.frame(n)
-    }
-
-    /// Begins a frame, and waits, as long as the session's deadline allows, until another thread has given a place for
-    /// frames back.
-    ///
-    /// ```
-    /// use pairmask::{Backend, Session};
-    ///
-    /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
-    /// let mut session = Session::builder().backend(Backend::InProcess).connect()?;
-    /// let frame = session.in_time(|session| session.frame(3))?;
-    /// assert_eq!(frame.n().get(), 3);
-    /// # Ok(())
-    /// # }
-    /// ```
-    ///
-    /// # Errors
-    /// As `begin`. [`FrameError::TooManyFrames`] where no place became free.
-    pub fn in_time<T>(
-        &mut self,
-        mut begin: impl FnMut(&mut Self) -> Result<T, FrameError>,
-    ) -> Result<T, FrameError> {
-        let core = Arc::clone(&self.core);
-        core.in_time(|| begin(self))
     }
 
     /// As [`frame`](Self::frame), for boxes that are written with less precision and fewer bytes.
@@ -192,11 +169,11 @@ impl Session {
     /// let mut scene = session.scene(SceneOptions::default());
     /// let at = |x: f32| Aabb::new([x, 0.0, 0.0], [x + 1.0, 1.0, 1.0]);
     ///
-    /// let told = scene.edit().set(7, at(0.0)).set(9, at(0.5)).commit(Report::Changes)?;
-    /// assert_eq!(told.begun().to_vec(), [[7, 9]]);
+    /// let reported = scene.edit().set(7, at(0.0)).set(9, at(0.5)).commit(Report::Changes)?;
+    /// assert_eq!(reported.begun().to_vec(), [[7, 9]]);
     ///
-    /// let told = scene.edit().set(9, at(5.0)).commit(Report::Changes)?;
-    /// assert_eq!(told.ended().to_vec()[0].pair, [7, 9]);
+    /// let reported = scene.edit().set(9, at(5.0)).commit(Report::Changes)?;
+    /// assert_eq!(reported.ended().to_vec()[0].pair, [7, 9]);
     /// # Ok(())
     /// # }
     /// ```
@@ -217,7 +194,7 @@ impl Session {
     /// let edit = scene.edit().set(7, at(0.0)).set(9, at(1.2));
     /// assert!(edit.commit(Report::Changes)?.begun().is_empty());
     ///
-    /// // Within its margin: no request is made, and the pair is told.
+    /// // Within its margin: no request is made, and the pair is reported.
     /// let answer = scene.edit().set(9, at(0.8)).commit(Report::Changes)?;
     /// assert_eq!(answer.begun(), [[7, 9]]);
     /// drop(answer);
@@ -262,9 +239,9 @@ impl Session {
     /// for step in 0..100 {
     ///     let x = step as f32;
     ///     let edit = scene.edit().set(7, Aabb::new([x, 0.0, 0.0], [x + 1.0, 1.0, 1.0]));
-    ///     let told = edit.commit(Report::Changes)?;
-    ///     println!("tick {:?}: {} pairs began", told.tick(), told.begun().len());
-    ///     for range in told.late() {
+    ///     let reported = edit.commit(Report::Changes)?;
+    ///     println!("tick {:?}: {} pairs began", reported.tick(), reported.begun().len());
+    ///     for range in reported.late() {
     ///         println!("the writer of {range:?} was late");
     ///     }
     /// }
@@ -276,6 +253,11 @@ impl Session {
     /// [`SharedError`].
     pub fn join_scene(&mut self, name: &str, options: JoinOptions) -> Result<Scene, SharedError> {
         Scene::join(&self.core, name, options)
+    }
+
+    /// How long the session waits for the daemon.
+    pub fn deadline(&self) -> Duration {
+        self.core.settings().deadline
     }
 
     /// What would serve the next frame by the present state: the daemon or this process.

@@ -161,6 +161,10 @@ impl Link {
 }
 
 impl SharedFrame {
+    pub(super) fn lend(slot: Slot, _: u64) -> Result<Self, FrameError> {
+        match slot.link.0 {}
+    }
+
     pub(super) fn grown(self, _: u64, _: u64) -> Result<Self, Ungrown> {
         match self.slot.link.0 {}
     }

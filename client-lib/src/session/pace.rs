@@ -128,9 +128,9 @@ impl Pace {
         if state.at_work > 0 || threads < 2 || !state.rhythm.is_known() {
             return;
         }
-        let is_told = !std::mem::take(&mut state.awaits_rhythm);
+        let is_reported = !std::mem::take(&mut state.awaits_rhythm);
         drop(state);
-        if !is_told {
+        if !is_reported {
             self.shared.changed.notify_one();
         }
         let mut caller = lock(&self.thread);

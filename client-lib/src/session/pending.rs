@@ -370,26 +370,29 @@ impl Sent {
             && matches!(self.rules, SentRules::Kept(..))
     }
 
-    /// Sends the frame once more, with its rules. Where there is no memory for that, the frame is answered
-    /// in process, if the backend allows that, or with the error.
+    /// Sends the frame once more, with its rules and in its own place: other frames may hold all others. Where there is
+    /// no memory for that, the frame is answered in process, if the backend allows that, or with the error.
     fn send_again(self, error: WaitError, core: &Arc<Core>) -> Result<State, WaitError> {
-        let SentRules::Kept(kept, _) = &self.rules else { return Err(error) };
-        let link = self.slot.link();
-        link.kept_rules().forget();
-        let (n, written) = (self.asked.box_count, self.written);
+        let Self { pending, asked, written, rules, slot, .. } = self;
+        let SentRules::Kept(kept, _) = &rules else { return Err(error) };
+        slot.link().kept_rules().forget();
+        let n = asked.box_count;
         let bytes = written.scene(n).payload_bytes();
-        let again = core.loan(link, bytes).and_then(|mut shared| {
-            let pages = page_count(bytes) as usize;
-            let (to, from) =
-                (shared.loan.pages_mut().get_mut(..pages), self.pending.pages().get(..pages));
-            if let (Some(to), Some(from)) = (to, from) {
-                to.copy_from_slice(from);
+        let pages = page_count(bytes) as usize;
+        let boxes = pending.pages().get(..pages).unwrap_or_default().to_vec();
+        // The transport has no room for a request beside this one where the session has all of its places.
+        drop(pending);
+        let again = SharedFrame::lend(slot, bytes).and_then(|mut shared| {
+            if let Some(to) = shared.loan.pages_mut().get_mut(..boxes.len()) {
+                to.copy_from_slice(&boxes);
             }
             PendingFrame::send(shared, n, written, Some(kept), Arc::clone(core))
         });
         match again {
             Ok(pending) => Ok(pending.state),
-            Err(_) if core.may_cull_here() => self.cull_here(core).map(State::Ready),
+            Err(_) if core.may_cull_here() => {
+                Ok(State::Ready(cull_shared(core, &boxes, n, written, Some(kept))?))
+            }
             Err(_) => Err(error),
         }
     }

@@ -204,9 +204,9 @@ impl Ending {
 /// What ended scenes leave to their session.
 #[derive(Default)]
 struct Ended {
-    /// What the daemon has yet to be told.
-    untold: Vec<Ending>,
-    /// Their last edits, and ends that the daemon was told.
+    /// What the daemon has yet to be reported.
+    unreported: Vec<Ending>,
+    /// Their last edits, and ends that the daemon was reported.
     sent: Vec<Arc<Unread>>,
 }
 
@@ -236,7 +236,7 @@ impl UnreadEdits {
     /// Keeps what a scene leaves behind that has ended: the daemon is told when there is a place for that.
     pub fn end(&self, ending: Ending, last_edit: &Arc<Unread>) {
         let mut ended = lock(&self.ended);
-        ended.untold.push(ending);
+        ended.unreported.push(ending);
         ended.sent.push(Arc::clone(last_edit));
     }
 
@@ -244,16 +244,16 @@ impl UnreadEdits {
     ///
     /// # Errors
     /// Why there is no place. What is left to tell is told by the next call.
-    pub fn tell_ended<E>(
+    pub fn report_ended<E>(
         &self,
         link: &Arc<Link>,
         mut place: impl FnMut() -> Result<SharedFrame, E>,
     ) -> Result<(), E> {
-        while let Some(ending) = self.next_untold(link) {
+        while let Some(ending) = self.next_unreported(link) {
             let shared = match place() {
                 Ok(shared) => shared,
                 Err(error) => {
-                    lock(&self.ended).untold.push(ending);
+                    lock(&self.ended).unreported.push(ending);
                     return Err(error);
                 }
             };
@@ -283,11 +283,11 @@ impl UnreadEdits {
 
     /// An ended scene that the daemon has yet to be told of. Gives up what is answered, and what belongs to
     /// another connection: a scene ends with it.
-    fn next_untold(&self, link: &Arc<Link>) -> Option<Ending> {
+    fn next_unreported(&self, link: &Arc<Link>) -> Option<Ending> {
         let mut ended = lock(&self.ended);
         ended.sent.retain(|sent| !sent.try_receive(link) && sent.may_hold_place(link));
-        ended.untold.retain(|ending| ending.is_on(link));
-        ended.untold.pop()
+        ended.unreported.retain(|ending| ending.is_on(link));
+        ended.unreported.pop()
     }
 
     /// Receives an answer that has come. Returns whether that freed a place of this connection.

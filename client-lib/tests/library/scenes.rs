@@ -23,8 +23,8 @@ fn an_answer_that_nobody_waits_for_is_made_up_for() {
     drop(answer);
     // Begun and ended again in answers that nobody waited for: nothing to report.
     drop(scene.edit().set(1, at(9.0)).submit(Report::Changes).expect("an edit"));
-    let told = scene.edit().set(1, at(0.0)).commit(Report::Changes).expect("an answer");
-    assert!(told.begun().is_empty() && told.ended().is_empty());
+    let reported = scene.edit().set(1, at(0.0)).commit(Report::Changes).expect("an answer");
+    assert!(reported.begun().is_empty() && reported.ended().is_empty());
 }
 
 #[test]
@@ -44,25 +44,26 @@ fn every_step_is_applied() {
     let row = [0, 1, 2, 3].map(|i| at(0.6 * i as f32));
     let edit = scene.edit().set_all(0..2, &row[..2]);
     let edit = edit.set_all(Indices::Mask { first: 2, words: &[0b11] }, &row[2..]);
-    let told = edit.commit(Report::Changes).expect("an answer");
-    assert_eq!(told.begun(), [[0, 1], [1, 2], [2, 3]]);
+    let reported = edit.commit(Report::Changes).expect("an answer");
+    assert_eq!(reported.begun(), [[0, 1], [1, 2], [2, 3]]);
 
     let edit = scene.edit().switch(0, false).make_all_static(&[1, 2], true).remove(3);
-    let told = edit.commit(Report::Changes).expect("an answer");
-    let ended: Vec<_> = told.ended().into_iter().map(|ended| (ended.pair, ended.reason)).collect();
+    let reported = edit.commit(Report::Changes).expect("an answer");
+    let ended: Vec<_> =
+        reported.ended().into_iter().map(|ended| (ended.pair, ended.reason)).collect();
     let filtered = EndReason::Filtered;
     assert_eq!(ended, [([0, 1], filtered), ([1, 2], filtered), ([2, 3], EndReason::Removed)]);
 
     let edit = scene.edit().switch_all(0..1, true).make_static(2, false).remove_all(&[1]);
-    let told = edit.set(1, at(0.6)).commit(Report::Moved).expect("an answer");
-    assert_eq!(told.pairs(), [[0, 1], [1, 2]]);
-    let told = scene.edit().commit(Report::Changes).expect("an answer");
-    assert_eq!(told.begun(), [[0, 1], [1, 2]], "moved pairs are not told: the changes are");
+    let reported = edit.set(1, at(0.6)).commit(Report::Moved).expect("an answer");
+    assert_eq!(reported.pairs(), [[0, 1], [1, 2]]);
+    let reported = scene.edit().commit(Report::Changes).expect("an answer");
+    assert_eq!(reported.begun(), [[0, 1], [1, 2]], "moved pairs are not told: the changes are");
 
     scene.resync();
-    let told = scene.edit().commit(Report::Changes).expect("an answer");
-    assert!(told.is_resync());
-    assert_eq!(told.pairs(), [[0, 1], [1, 2]]);
+    let reported = scene.edit().commit(Report::Changes).expect("an answer");
+    assert!(reported.is_resync());
+    assert_eq!(reported.pairs(), [[0, 1], [1, 2]]);
 }
 
 #[test]
@@ -95,11 +96,11 @@ fn boxes_by_a_function_are_those_of_an_array() {
         }
         let (one, other) = (one.set(49, x(49)), other.set(49, x(49)));
         let expected = one.commit(Report::Changes).expect("an answer");
-        let told = other.commit(Report::Changes).expect("an answer");
-        assert_eq!(told.begun().to_vec(), expected.begun().to_vec());
-        assert_eq!(told.ended().to_vec(), expected.ended().to_vec());
-        assert_eq!(told.pair_count(), expected.pair_count());
-        drop((told, expected));
+        let reported = other.commit(Report::Changes).expect("an answer");
+        assert_eq!(reported.begun().to_vec(), expected.begun().to_vec());
+        assert_eq!(reported.ended().to_vec(), expected.ended().to_vec());
+        assert_eq!(reported.pair_count(), expected.pair_count());
+        drop((reported, expected));
         assert!((0..50).all(|index| by_array.get(index) == by_function.get(index)));
     }
     assert!(by_array.len() > 20);

@@ -81,9 +81,9 @@ impl SkipTotals {
     }
 
     /// What the answer to an edit of a scene left out. Of `pair_count` pairs, where that is known, it names
-    /// `told` or their changes.
-    pub fn of_scene(meter: &SceneSkips, pair_count: Option<u64>, told: u64) -> Self {
-        let words = pair_count.unwrap_or(0).saturating_sub(told).saturating_mul(2);
+    /// `reported` or their changes.
+    pub fn of_scene(meter: &SceneSkips, pair_count: Option<u64>, reported: u64) -> Self {
+        let words = pair_count.unwrap_or(0).saturating_sub(reported).saturating_mul(2);
         Self { boxes: meter.boxes, words, ..Self::default() }.with_pairs(&meter.why())
     }
 

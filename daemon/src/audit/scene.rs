@@ -10,7 +10,7 @@ use bytemuck::Zeroable;
 use pairmask_core::filters::Tag;
 use pairmask_core::objects::Objects;
 use pairmask_core::oracle::Corners;
-use pairmask_core::scene::{Edit, QueryTags, Report, SceneCopy, Told};
+use pairmask_core::scene::{Edit, QueryTags, Report, Reported, SceneCopy};
 use pairmask_core::{Aabb, EngineChoice};
 use pairmask_wire::{EditLayout, EditScratch, Page, SceneId, SceneRequest, page_count};
 
@@ -41,15 +41,15 @@ impl SceneNote {
         (client_token, frame): (u64, u64),
         request: &SceneRequest,
         payload: &[Page],
-        told: &Told,
+        reported: &Reported,
     ) -> Self {
         let name = NotedName::Request { client_token, frame };
-        Self::of(name, *request, payload.to_vec(), told)
+        Self::of(name, *request, payload.to_vec(), reported)
     }
 
     /// Copies an edit of a scene that several sessions write, and what it changed. Each is taken before the next.
     /// `None` where it has a step of a later core.
-    pub fn of_tick(number: u64, edit: Edit<'_>, told: &Told) -> Option<Self> {
+    pub fn of_tick(number: u64, edit: Edit<'_>, reported: &Reported) -> Option<Self> {
         let layout = EditLayout::of(edit)?;
         let mut payload = vec![Page::zeroed(); page_count(layout.payload_bytes()) as usize];
         if !layout.write(edit, &mut payload) {
@@ -60,9 +60,9 @@ impl SceneNote {
             scene: SceneId(0),
             base: number,
             revision: number + 1,
-            is_taken: true,
+            is_acknowledged: true,
             is_lost: false,
-            report: told.report(),
+            report: reported.report(),
             most_boxes: u32::MAX,
             engine: EngineChoice::Auto,
             threads: None,
@@ -70,19 +70,19 @@ impl SceneNote {
             steps,
             indices,
         };
-        Some(Self::of(NotedName::Tick(number), request, payload, told))
+        Some(Self::of(NotedName::Tick(number), request, payload, reported))
     }
 
-    fn of(name: NotedName, request: SceneRequest, payload: Vec<Page>, told: &Told) -> Self {
+    fn of(name: NotedName, request: SceneRequest, payload: Vec<Page>, reported: &Reported) -> Self {
         Self {
             name,
             request,
             payload,
-            report: told.report(),
-            is_resync: told.is_resync(),
-            begun: told.begun().to_vec(),
-            ended: told.ended().iter().map(|ended| ended.pair).collect(),
-            pairs: told.pairs().to_vec(),
+            report: reported.report(),
+            is_resync: reported.is_resync(),
+            begun: reported.begun().to_vec(),
+            ended: reported.ended().iter().map(|ended| ended.pair).collect(),
+            pairs: reported.pairs().to_vec(),
         }
     }
 }
@@ -180,7 +180,7 @@ impl SceneAudit {
     /// `None` where the edit cannot be followed: its client changed it after it was answered.
     pub fn follow(&mut self, note: SceneNote) -> Option<Outcome> {
         let outcome = match self.open.take() {
-            Some(told) if note.request.is_taken => self.take(&told),
+            Some(reported) if note.request.is_acknowledged => self.take(&reported),
             _ => Outcome::default(),
         };
         let steps = self.scratch.read(&note.request, &note.payload).ok()?;
@@ -203,24 +203,24 @@ impl SceneAudit {
     }
 
     /// Takes an answer, and compares some boxes.
-    fn take(&mut self, told: &SceneNote) -> Outcome {
+    fn take(&mut self, reported: &SceneNote) -> Outcome {
         let mut outcome = Outcome::default();
-        if told.is_resync || told.report == Report::All {
+        if reported.is_resync || reported.report == Report::All {
             self.known = Known::default();
-            for pair in &told.pairs {
+            for pair in &reported.pairs {
                 self.known.insert(*pair);
             }
-        } else if told.report == Report::Changes {
+        } else if reported.report == Report::Changes {
             let mut wrong = |is_wrong: bool, [a, b]: [u32; 2]| {
                 if is_wrong {
                     outcome.extra += 1;
                     outcome.first.get_or_insert([a, b]);
                 }
             };
-            for pair in &told.ended {
+            for pair in &reported.ended {
                 wrong(!self.known.remove(*pair), *pair);
             }
-            for pair in &told.begun {
+            for pair in &reported.begun {
                 wrong(!self.known.insert(*pair), *pair);
             }
         } else {
@@ -264,9 +264,9 @@ mod tests {
 
     const MOST_BOXES: u32 = 120;
 
-    fn note(edit: Edit<'_>, told: &Told, is_taken: bool) -> SceneNote {
-        let mut note = SceneNote::of_tick(1, edit, told).expect("steps of this core");
-        note.request.is_taken = is_taken;
+    fn note(edit: Edit<'_>, reported: &Reported, is_acknowledged: bool) -> SceneNote {
+        let mut note = SceneNote::of_tick(1, edit, reported).expect("steps of this core");
+        note.request.is_acknowledged = is_acknowledged;
         note
     }
 
@@ -292,7 +292,7 @@ mod tests {
             sum.extra += found.extra;
             was_taken = random.below(3) > 0;
             if was_taken {
-                scene.take();
+                scene.acknowledge();
             }
         }
         sum
@@ -317,8 +317,8 @@ mod tests {
         let ops = Edits::new(1, MOST_BOXES).next_edit();
         let grouped = Grouped::of(&ops);
         let edit = Edit { steps: &grouped.steps() };
-        let told = scene.edit(edit, Report::All).expect("a right edit");
-        let mut wrong = note(edit, told, false);
+        let reported = scene.edit(edit, Report::All).expect("a right edit");
+        let mut wrong = note(edit, reported, false);
         bytemuck::cast_slice_mut::<Page, u32>(&mut wrong.payload).fill(u32::MAX);
         assert!(audit.follow(wrong).is_none());
         assert_eq!(audit.copy.get(0), None::<Aabb>);

@@ -154,10 +154,10 @@ impl Auditor {
             let _ = back.try_send(Box::default());
         }
         let found = Arc::new(Found::default());
-        let told = Arc::clone(&found);
+        let reported = Arc::clone(&found);
         let thread = std::thread::Builder::new()
             .name("auditor".into())
-            .spawn(move || check_all(&to_check, &back, &told))?;
+            .spawn(move || check_all(&to_check, &back, &reported))?;
         // Each process has its own seed, and draws are random: frames in a rhythm are drawn evenly
         // too.
         let random = Random::new(u64::from(std::process::id()));

@@ -73,7 +73,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_wrong_number_is_told_what_it_must_be() {
+    fn a_wrong_number_is_reported_what_it_must_be() {
         let least = |least| WholeNumberError::TooSmall { least };
         assert_eq!(whole_number::<u32>("7"), Ok(7));
         assert_eq!(whole_number::<NonZeroUsize>("0"), Err(least(1)));

@@ -12,7 +12,7 @@ use pairmask_core::dispatch::{CpuEngines, nanoseconds_since};
 use pairmask_core::engine::CullError;
 use pairmask_core::plan::GpuCost;
 use pairmask_core::scene::{
-    Edit, FilterHistory, QueryError, QueryTags, Report, Scene, SceneError, SceneOptions, Told,
+    Edit, FilterHistory, QueryError, QueryTags, Report, Reported, Scene, SceneError, SceneOptions,
 };
 use pairmask_core::{Aabb, EngineChoice, EngineName};
 
@@ -241,16 +241,16 @@ impl SceneKeeper {
     }
 
     /// The last answer.
-    pub const fn told(&self) -> &Told {
-        at_place!(&self.place, scene => scene.told())
+    pub const fn reported(&self) -> &Reported {
+        at_place!(&self.place, scene => scene.reported())
     }
 
     /// Takes the last answer.
-    pub fn take(&mut self) {
-        at_place!(&mut self.place, scene => scene.take());
+    pub fn acknowledge(&mut self) {
+        at_place!(&mut self.place, scene => scene.acknowledge());
     }
 
-    /// Forgets what was told.
+    /// Forgets what was reported.
     pub fn resync(&mut self) {
         at_place!(&mut self.place, scene => scene.resync());
     }

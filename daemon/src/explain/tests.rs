@@ -8,7 +8,7 @@ fn explain(boxes: &[[f32; 6]]) -> Explanation {
 }
 
 #[test]
-fn gaps_are_told_in_units_and_in_ulps() {
+fn gaps_are_reported_in_units_and_in_ulps() {
     let one_ulp = 1.0f32.next_up();
     let apart = explain(&[UNIT, [one_ulp, 0.0, 0.0, 2.0, 1.0, 1.0]]);
     assert!(!apart.overlaps);
@@ -94,7 +94,7 @@ fn a_mode_says_what_it_makes_of_the_two() {
 }
 
 #[test]
-fn a_box_with_itself_is_told_once() {
+fn a_box_with_itself_is_reported_once() {
     let boxes = [UNIT, [3.0, 0.0, 0.0, 4.0, 1.0, 1.0]].map(Aabb::from);
     for mode in ["exact", "q16", "q8", "f16", "margin=1"] {
         let sent = SentBoxes::of(mode.parse().expect("a mode"), &boxes);
@@ -109,7 +109,7 @@ fn a_box_with_itself_is_told_once() {
 }
 
 #[test]
-fn gaps_of_cells_are_told_in_cells_and_in_units() {
+fn gaps_of_cells_are_reported_in_cells_and_in_units() {
     let boxes = [UNIT, [2.0, 0.0, 0.0, 3.0, 1.0, 1.0], [9.0, 0.0, 0.0, 10.0, 1.0, 1.0]];
     let boxes = boxes.map(Aabb::from);
     let explain = |mode: &str| {

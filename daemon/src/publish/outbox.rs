@@ -6,7 +6,7 @@ use std::time::Instant;
 use iceoryx2::service::ipc_threadsafe;
 use pairmask_core::dispatch::{CullAnswer, StageTimes};
 use pairmask_core::engine::CullReport;
-use pairmask_core::scene::Told;
+use pairmask_core::scene::Reported;
 use pairmask_core::{BoxCount, BoxForm, ObjectForm};
 use pairmask_transport::Services;
 use pairmask_wire::{
@@ -152,9 +152,10 @@ impl Outbox {
     }
 
     /// Counts what an edit of a scene is answered with.
-    pub(crate) fn count_edit(&self, fields: &ReplyFields, told: &Told) {
-        let pairs = (told.begun().len() + told.ended().len() + told.pairs().len()) as u64;
-        let skips = SkipTotals::of_scene(told.skipped(), told.pair_count(), pairs);
+    pub(crate) fn count_edit(&self, fields: &ReplyFields, reported: &Reported) {
+        let pairs =
+            (reported.begun().len() + reported.ended().len() + reported.pairs().len()) as u64;
+        let skips = SkipTotals::of_scene(reported.skipped(), reported.pair_count(), pairs);
         let mut counters = self.counters();
         counters.note_frame(fields, ObjectForm::Boxes(BoxForm::F32), pairs);
         counters.note_skips(&skips);

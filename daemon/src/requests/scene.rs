@@ -161,8 +161,8 @@ fn edit_and_answer(
     let edit = Edit { steps: &steps };
     room.make(scene, edit, PendingBoxes::default(), bytes_of(found))?;
     let ingested = Instant::now();
-    if request.is_taken {
-        scene.take();
+    if request.is_acknowledged {
+        scene.acknowledge();
     }
     if request.is_lost {
         scene.resync();
@@ -185,10 +185,10 @@ fn edit_and_answer(
     }
     let executed = Instant::now();
 
-    let layout = SceneAnswerLayout::of(scene.told());
+    let layout = SceneAnswerLayout::of(scene.reported());
     let (_, mut reply) = open.parts();
     let reserved = reply.reserve(layout.words());
-    layout.write(scene.told(), reserved.map_err(|e| Failed::Gone(CullError::from(e).into()))?);
+    layout.write(scene.reported(), reserved.map_err(|e| Failed::Gone(CullError::from(e).into()))?);
     let ns = |from: Instant, to: Instant| to.duration_since(from).as_nanos() as u64;
     let times = StageTimes {
         ingest_ns: ns(start, ingested),
@@ -197,16 +197,16 @@ fn edit_and_answer(
         total_ns: open.taken_at().elapsed().as_nanos() as u64,
         ..StageTimes::default()
     };
-    let told = scene.told();
+    let reported = scene.reported();
     let kept_bytes = scene.bytes();
     let engine = scene.engine();
-    let header = response_scene(open.fields(), engine, threads, told, kept_bytes, &times);
-    outbox.count_edit(open.fields(), told);
+    let header = response_scene(open.fields(), engine, threads, reported, kept_bytes, &times);
+    outbox.count_edit(open.fields(), reported);
     outbox.send(open, &header);
     if let Some(audited) = audited {
         // Its payload is ours to read as long as the request is.
         let named = (open.fields().client_token, open.fields().frame);
-        let note = || Some(SceneNote::new(named, request, open.pages(), told));
+        let note = || Some(SceneNote::new(named, request, open.pages(), reported));
         outbox.auditor.follow(audited, note);
     }
     Ok(())

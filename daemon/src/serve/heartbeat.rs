@@ -63,7 +63,7 @@ fn beat(
     stop: &AtomicBool,
     instance: &InstanceName,
 ) {
-    let (mut lanes, mut look_at, mut is_told) = (LaneWatch::new(), Instant::now(), false);
+    let (mut lanes, mut look_at, mut is_reported) = (LaneWatch::new(), Instant::now(), false);
     let (mut last_round, mut full_until) = (0, None);
     while !stop.load(Ordering::Relaxed) {
         if has_no_files.swap(false, Ordering::Relaxed) {
@@ -74,7 +74,7 @@ fn beat(
             }
         }
         if let Err(error) = heart.beat(full_until.is_some_and(|until| Instant::now() < until))
-            && !std::mem::replace(&mut is_told, true)
+            && !std::mem::replace(&mut is_reported, true)
         {
             log::warn!(
                 "clients will take this daemon for silent, its heartbeat cannot be written: {error}"

@@ -72,7 +72,7 @@ fn sweep(
     let node = Services::janitor_node(dir, instance)
         .inspect_err(|error| log::error!("dead clients will not be cleaned up: {error}"))
         .ok();
-    let mut is_told = false;
+    let mut is_reported = false;
     while !stop.load(Ordering::Relaxed) {
         let status = posted.lock().unwrap_or_else(PoisonError::into_inner).take();
         if let Some(file) = segment.get()
@@ -83,7 +83,7 @@ fn sweep(
             std::process::abort();
         }
         if let Some(Err(error)) = status.map(|status| dir.write_status(instance, &status))
-            && !std::mem::replace(&mut is_told, true)
+            && !std::mem::replace(&mut is_reported, true)
         {
             log::warn!("`pairmaskd status` will not know of this daemon: {error}");
         }

@@ -76,8 +76,8 @@ impl StoppedThread {
         work: impl FnOnce(&AtomicBool) + Send + 'static,
     ) -> Result<Self, ServeError> {
         let stop = Arc::new(AtomicBool::new(false));
-        let told = Arc::clone(&stop);
-        let thread = std::thread::Builder::new().name(name.into()).spawn(move || work(&told));
+        let reported = Arc::clone(&stop);
+        let thread = std::thread::Builder::new().name(name.into()).spawn(move || work(&reported));
         Ok(Self { stop, thread: Some(thread.map_err(ServeError::system(step))?) })
     }
 

@@ -160,11 +160,11 @@ enum Waited {
 
 impl StopSignals {
     fn install() -> std::io::Result<Self> {
-        let (told, teller) = UnixStream::pair()?;
+        let (reported, teller) = UnixStream::pair()?;
         for signal in [SIGINT, SIGTERM] {
             pipe::register(signal, teller.try_clone()?)?;
         }
-        Ok(Self(told))
+        Ok(Self(reported))
     }
 
     /// Waits for a signal, or for an event of `worker` (a process, or a pipe to it), for so long at most.
@@ -307,7 +307,7 @@ impl HeartWatch {
     }
 }
 
-/// Whether a child is stopped by a signal, as the kernel tells its parent. A debugger's stops are not told.
+/// Whether a child is stopped by a signal, as the kernel tells its parent. A debugger's stops are not reported.
 fn is_stopped(child: Pid) -> bool {
     let options = WaitIdOptions::STOPPED | WaitIdOptions::NOHANG | WaitIdOptions::NOWAIT;
     matches!(waitid(WaitId::Pid(child), options), Ok(Some(_)))
@@ -380,7 +380,7 @@ mod tests {
     }
 
     #[test]
-    fn the_kernel_tells_of_a_stopped_child() {
+    fn the_kernel_reports_of_a_stopped_child() {
         let mut child = Command::new("sleep").arg("60").spawn().unwrap();
         let pid = Pid::from_raw(child.id() as i32).unwrap();
         let is_soon = |expected| {

@@ -29,7 +29,7 @@ fn scene() -> Vec<Aabb> {
 }
 
 #[test]
-fn a_wrong_command_line_is_told_in_one_line() {
+fn a_wrong_command_line_is_reported_in_one_line() {
     let place = Place::new();
     place.boxes(&scene());
     for (line, expected) in [
@@ -158,7 +158,7 @@ fn what_belongs_to_others_says_what_to_do() {
 }
 
 #[test]
-fn a_wrong_configuration_is_told_with_its_line() {
+fn a_wrong_configuration_is_reported_with_its_line() {
     let place = Place::new();
     for (text, expected) in [
         ("threads = 0", "config.toml, line 1 (threads = 0): must be at least 1"),
@@ -184,7 +184,7 @@ fn a_wrong_configuration_is_told_with_its_line() {
 }
 
 #[test]
-fn a_process_that_failed_is_told_of_once() {
+fn a_process_that_failed_is_reported_of_once() {
     let place = Place::new();
     place.boxes(&scene());
     for line in ["serve --gpu 99", "cull boxes.f32 --spawn --gpu 99", "demo --seconds 1 --gpu 99"] {
@@ -298,7 +298,7 @@ fn a_device_without_an_end_is_refused() {
 }
 
 #[test]
-fn output_that_finds_no_room_is_told_in_one_line() {
+fn output_that_finds_no_room_is_reported_in_one_line() {
     let place = Place::new();
     place.boxes(&scene());
     for line in [

@@ -25,7 +25,7 @@ fn no_daemon_serves() {
 }
 
 #[test]
-fn a_daemon_tells_what_it_did() {
+fn a_daemon_reports_what_it_did() {
     let place = Place::new();
     let daemon = daemon();
     let mut session = daemon.session().connect().unwrap();
@@ -40,22 +40,22 @@ fn a_daemon_tells_what_it_did() {
     assert_eq!(keys(instance), names(fields));
     assert_eq!((&instance["instance"], &instance["state"]), (&"default".into(), &"alive".into()));
     assert_eq!(instance["pid"], daemon.record().unwrap().worker_pid);
-    let told = &instance["daemon"];
+    let reported = &instance["daemon"];
     let fields = "age_ns uptime_ns clients gpus_opening gpus frames boxes spheres pairs scenes \
                   scene_mib repeats skipped errors last_errors audit";
-    assert_eq!(keys(told), names(fields));
-    assert_eq!((&told["spheres"], &told["scenes"]), (&0.into(), &0.into()));
-    assert_eq!((&told["frames"], &told["pairs"]), (&3.into(), &18.into()));
-    assert_eq!(told["boxes"], 12);
-    assert_eq!((&told["clients"], &told["errors"]), (&1.into(), &0.into()));
-    assert_eq!((&told["gpus"], &told["gpus_opening"]), (&0.into(), &0.into()));
+    assert_eq!(keys(reported), names(fields));
+    assert_eq!((&reported["spheres"], &reported["scenes"]), (&0.into(), &0.into()));
+    assert_eq!((&reported["frames"], &reported["pairs"]), (&3.into(), &18.into()));
+    assert_eq!(reported["boxes"], 12);
+    assert_eq!((&reported["clients"], &reported["errors"]), (&1.into(), &0.into()));
+    assert_eq!((&reported["gpus"], &reported["gpus_opening"]), (&0.into(), &0.into()));
 
     // The third frame is equal to the second.
-    let skipped = &told["skipped"];
-    assert_eq!((&told["repeats"], &skipped["boxes"]), (&1.into(), &4.into()));
+    let skipped = &reported["skipped"];
+    assert_eq!((&reported["repeats"], &skipped["boxes"]), (&1.into(), &4.into()));
     assert_eq!((&skipped["pairs"], &skipped["why"]["unmoved"]), (&6.into(), &6.into()));
 
-    assert_eq!(told["audit"], Value::Null);
+    assert_eq!(reported["audit"], Value::Null);
 
     let text = status(&place, daemon.dir().path(), &[]);
     assert!(text.stdout.contains("default: alive"), "{text:?}");
@@ -83,12 +83,12 @@ fn refused_requests_are_remembered() {
     let mut session = daemon.session().engine(engine).connect().unwrap();
     session.frame(1).unwrap().submit().unwrap().wait().unwrap_err();
     let report = status(&place, daemon.dir().path(), &["--json"]).json();
-    let told = &report["instances"][0]["daemon"];
-    assert_eq!(told["errors"], 1);
-    let error = &told["last_errors"][0];
+    let reported = &report["instances"][0]["daemon"];
+    assert_eq!(reported["errors"], 1);
+    let error = &reported["last_errors"][0];
     assert_eq!(keys(error), names("status ago_ns client frame"));
     assert_eq!(error["status"], "engine-unavailable");
-    assert_eq!(told["last_errors"].as_array().unwrap().len(), 1);
+    assert_eq!(reported["last_errors"].as_array().unwrap().len(), 1);
 }
 
 #[test]

@@ -47,7 +47,7 @@ impl Contender for Ours {
         let frame = self.written.take().ok_or_else(|| failed("no boxes were written"))?;
         let mask = frame.submit().map_err(failed)?.wait().map_err(failed)?;
         let tally = if self.threads > 1 && mask.count() >= PARALLEL_PAIRS {
-            let visited = |mut tally: Tally, (a, b)| {
+            let visited = |mut tally: Tally, [a, b]: [u32; 2]| {
                 tally.visit(a, b);
                 tally
             };

@@ -77,7 +77,11 @@ impl Contender for Parry {
         self.follow();
         if self.threads > 1 {
             let pairs = self.tree.traverse_bvtt_single_tree_parallel::<false>();
-            Ok(pairs.par_chunks(65_536).map(Tally::of).reduce(Tally::default, Tally::plus))
+            let tally = |pairs: &[(u32, u32)]| {
+                let pairs: Vec<Pair> = pairs.iter().map(|(a, b)| [*a, *b]).collect();
+                Tally::of(&pairs)
+            };
+            Ok(pairs.par_chunks(65_536).map(tally).reduce(Tally::default, Tally::plus))
         } else {
             let mut tally = Tally::default();
             self.tree.traverse_bvtt_single_tree::<false>(&mut self.workspace, &mut |a, b| {

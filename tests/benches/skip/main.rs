@@ -97,17 +97,16 @@ fn edit(
     let write = begin.elapsed().as_nanos() as u64;
     let answer = pending.wait()?;
     let answered = begin.elapsed().as_nanos() as u64;
-    let told = answer;
     let mut sum = 0;
     let mut visit = |pairs: &[[u32; 2]]| {
         sum += pairs.iter().fold(0u64, |sum, [a, b]| sum + u64::from(a ^ b));
     };
-    told.begun().for_each_slice(&mut visit);
-    told.pairs().for_each_slice(&mut visit);
-    sum += told.ended().iter().fold(0u64, |sum, e| sum + u64::from(e.pair[0] ^ e.pair[1]));
+    answer.begun().for_each_slice(&mut visit);
+    answer.pairs().for_each_slice(&mut visit);
+    sum += answer.ended().iter().fold(0u64, |sum, e| sum + u64::from(e.pair[0] ^ e.pair[1]));
     black_box(sum);
     let times = [write, answered - write, begin.elapsed().as_nanos() as u64 - answered];
-    Ok((times, told.begun().len() + told.ended().len(), told.engine()))
+    Ok((times, answer.begun().len() + answer.ended().len(), answer.engine()))
 }
 
 /// What a scene took, and what it said last.
@@ -198,8 +197,8 @@ impl<'s> Bench<'s> {
     /// Whether scene and peers have as many pairs as a whole frame.
     fn check(&mut self) -> Result<(), Box<dyn Error>> {
         let pair_count = whole_frame(self.session, self.world.boxes())?;
-        let told = self.scene.edit().commit(Report::Changes)?;
-        assert_eq!(told.pair_count(), Some(pair_count), "the scene and the frame differ");
+        let reported = self.scene.edit().commit(Report::Changes)?;
+        assert_eq!(reported.pair_count(), Some(pair_count), "the scene and the frame differ");
         for (name, peer) in &mut self.peers {
             let pairs = peer.pairs(self.world.boxes())?;
             assert!(pairs.is_none_or(|pairs| pairs == pair_count), "{name:?} has other pairs");

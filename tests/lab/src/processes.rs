@@ -112,13 +112,13 @@ impl Drop for Worker {
 }
 
 /// Says a line to the process that started this child, which is there as long as this one is.
-pub(crate) fn tell(said: &impl Serialize) {
+pub(crate) fn report(said: &impl Serialize) {
     let mut out = io::stdout().lock();
     let _ = writeln!(out, "{}", serde_json::to_string(said).unwrap_or_default());
     let _ = out.flush();
 }
 
 /// Waits until this child is told to begin; `false`: to end.
-pub(crate) fn is_told_to_begin() -> bool {
+pub(crate) fn is_reported_to_begin() -> bool {
     io::stdin().lock().read_line(&mut String::new()).is_ok_and(|bytes| bytes > 0)
 }

@@ -46,10 +46,10 @@ impl Until {
     /// An attack until the standard input ends.
     fn input_ends() -> Self {
         let ended = Arc::new(AtomicBool::new(false));
-        let tell = Arc::clone(&ended);
+        let report = Arc::clone(&ended);
         std::thread::spawn(move || {
             let _ = std::io::stdin().read_to_end(&mut Vec::new());
-            tell.store(true, Ordering::Relaxed);
+            report.store(true, Ordering::Relaxed);
         });
         Self(ended)
     }
@@ -159,7 +159,7 @@ fn scene_request(
         scene: SceneId(scene),
         base,
         revision,
-        is_taken: dice.below(2) == 0,
+        is_acknowledged: dice.below(2) == 0,
         is_lost: dice.below(9) == 0,
         report: [Report::Changes, Report::Moved, Report::All, Report::Nothing]
             [dice.below(4) as usize],

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::ops::Range;
 
 use super::model::{Heard, Listener, Model};
-use super::script::{AtEnd, Event, Scope, Script, Turn};
+use super::script::{AtEnd, Event, Fate, Scope, Script, Turn};
 
 /// A scene that is held to the model. Scripts are right: whatever it refuses is a failure.
 pub trait Subject {
@@ -26,6 +26,11 @@ pub trait Subject {
     /// Whether any changes may come as a resync, as where daemons are killed.
     fn may_resync(&self) -> bool {
         false
+    }
+
+    /// Whether an answer is acknowledged by being read, whatever its fate was to be; else by its fate alone.
+    fn reading_acknowledges(&self) -> bool {
+        true
     }
 
     /// Boxes, where it knows.
@@ -132,9 +137,9 @@ impl Play {
         match event {
             Event::Join(member, scope) => {
                 let own = script.own(*member);
-                let told_of = (*scope == Scope::Own).then(|| own.clone());
+                let reported_of = (*scope == Scope::Own).then(|| own.clone());
                 self.memberships += 1;
-                self.listeners.insert(*member, Listener::new(self.memberships, true, told_of));
+                self.listeners.insert(*member, Listener::new(self.memberships, true, reported_of));
                 subject.join(*member, *scope, own).map_err(|error| ("refused", error))
             }
             Event::Leave(member) => {
@@ -151,14 +156,16 @@ impl Play {
                 Ok(())
             }
             Event::Tick(turns) => {
-                let told = subject.tick(turns).map_err(|error| ("refused", error))?;
+                let reported = subject.tick(turns).map_err(|error| ("refused", error))?;
                 // One that came too late under load is part of the next tick.
                 let mut by_tick: BTreeMap<u64, Vec<(&Turn, Option<Heard>)>> = BTreeMap::new();
-                for (turn, (tick, heard)) in turns.iter().zip(told) {
+                for (turn, (tick, heard)) in turns.iter().zip(reported) {
                     by_tick.entry(tick).or_default().push((turn, heard));
                 }
-                let may_resync = subject.may_resync();
-                by_tick.into_values().try_for_each(|told| self.tick(told, may_resync))?;
+                let (may_resync, by_reading) =
+                    (subject.may_resync(), subject.reading_acknowledges());
+                let mut ticks = by_tick.into_values();
+                ticks.try_for_each(|reported| self.tick(reported, may_resync, by_reading))?;
                 match subject.box_count() {
                     Some(len) if len != self.model.len() => {
                         Err(("boxes", format!("{len} for {}", self.model.len())))
@@ -171,18 +178,18 @@ impl Play {
 
     fn tick(
         &mut self,
-        told: Vec<(&Turn, Option<Heard>)>,
+        reported: Vec<(&Turn, Option<Heard>)>,
         may_resync: bool,
+        reading_acknowledges: bool,
     ) -> Result<(), (&'static str, String)> {
-        let named = told
+        let named = reported
             .iter()
             .map(|(turn, _)| self.model.apply(self.listeners[&turn.member].id, &turn.ops));
         let named: Vec<_> = named.collect();
         let now = self.model.pairs();
-        for ((turn, heard), named) in told.into_iter().zip(named) {
+        for ((turn, heard), named) in reported.into_iter().zip(named) {
             self.seen.edits += 1;
             let listener = self.listeners.get_mut(&turn.member).expect("it has joined");
-            // What is read is acknowledged.
             if let Some(heard) = heard {
                 listener.is_lost |= may_resync && heard.is_resync;
                 let expected = listener.expects(&self.model, &now, &named, turn.mode);
@@ -193,7 +200,9 @@ impl Play {
                     ));
                 }
                 self.seen.note(&heard);
-                listener.acknowledge(&now, turn.mode);
+                if reading_acknowledges || turn.fate == Fate::Acknowledged {
+                    listener.acknowledge(&now, turn.mode);
+                }
             }
         }
         Ok(())

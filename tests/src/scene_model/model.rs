@@ -1,4 +1,4 @@
-//! The model: what boxes and filters there are, all pairs of now, and what a listener is to be told.
+//! The model: what boxes and filters there are, all pairs of now, and what a listener is to be reported.
 //!
 //! A pair is named by the indices of its boxes and their generations: a box that is removed ends, and one that
 //! is set at its index is another. What a listener is told is the difference of two sets of such pairs.
@@ -226,12 +226,12 @@ fn put(list: &mut BTreeMap<Pair, u64>, [a, b]: Pair, by: Option<u64>) {
     }
 }
 
-/// What a listener is told.
+/// What a listener is reported.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Heard {
     /// Whether `pairs` holds all pairs in place of changes.
     pub is_resync: bool,
-    /// Pairs of the whole scene, where that is told.
+    /// Pairs of the whole scene, where that is reported.
     pub pair_count: Option<u64>,
     /// Pairs that began.
     pub begun: Vec<Pair>,

@@ -13,8 +13,8 @@ use pairmask::{
 use pairmask_core::Aabb;
 use pairmask_core::filters::{FilterTable, Tag};
 use pairmask_core::scene::{
-    Edit, Indices, QueryError, QueryTags, Report, Scene as CoreCrateScene, SceneError,
-    SceneOptions, Sets, Step, Tags, Told,
+    Edit, Indices, QueryError, QueryTags, Report, Reported, Scene as CoreCrateScene, SceneError,
+    SceneOptions, Sets, Step, Tags,
 };
 use pairmaskd::execute::gpu::GpuScene;
 
@@ -121,9 +121,9 @@ impl<'o> Grouped<'o> {
     }
 }
 
-impl From<&Told> for Heard {
-    fn from(told: &Told) -> Self {
-        heard!(told)
+impl From<&Reported> for Heard {
+    fn from(reported: &Reported) -> Self {
+        heard!(reported)
     }
 }
 
@@ -136,9 +136,9 @@ impl From<&SceneAnswer<'_>> for Heard {
 /// A scene without a session, of the cores or of a GPU.
 pub trait BareScene {
     /// As [`CoreCrateScene::edit`].
-    fn edit(&mut self, edit: Edit<'_>, report: Report) -> Result<&Told, SceneError>;
+    fn edit(&mut self, edit: Edit<'_>, report: Report) -> Result<&Reported, SceneError>;
     /// The last answer is acknowledged.
-    fn take(&mut self);
+    fn acknowledge(&mut self);
     /// The pairs are lost.
     fn resync(&mut self);
     /// Boxes.
@@ -150,11 +150,11 @@ pub trait BareScene {
 macro_rules! bare_scene {
     ($scene:ty) => {
         impl BareScene for $scene {
-            fn edit(&mut self, edit: Edit<'_>, report: Report) -> Result<&Told, SceneError> {
+            fn edit(&mut self, edit: Edit<'_>, report: Report) -> Result<&Reported, SceneError> {
                 <$scene>::edit(self, edit, report)
             }
-            fn take(&mut self) {
-                <$scene>::take(self);
+            fn acknowledge(&mut self) {
+                <$scene>::acknowledge(self);
             }
             fn resync(&mut self) {
                 <$scene>::resync(self);
@@ -180,7 +180,7 @@ bare_scene!(GpuScene);
 pub struct Bare<S> {
     /// The scene.
     pub scene: S,
-    /// Draws queries that are asked before an answer is taken, and after: they change nothing that is told.
+    /// Draws queries that are asked before an answer is taken, and after: they change nothing that is reported.
     asks: Option<Rng>,
 }
 
@@ -221,20 +221,23 @@ pub fn options(script: &Script) -> SceneOptions {
 
 impl<S: BareScene> Subject for Bare<S> {
     fn tick(&mut self, turns: &[Turn]) -> Result<Vec<(u64, Option<Heard>)>, String> {
-        let mut told = Vec::new();
+        let mut reported = Vec::new();
         for turn in turns {
             let edit = Grouped::of(&turn.ops);
             let heard = self.scene.edit(Edit { steps: &edit.steps() }, turn.mode);
             let heard = heard.map(Heard::from).map_err(|error| error.to_string())?;
-            let is_read = turn.fate == Fate::Acknowledged;
-            told.push((0, is_read.then_some(heard)));
+            reported.push((0, Some(heard)));
             self.ask()?;
-            if is_read {
-                self.scene.take();
+            if turn.fate == Fate::Acknowledged {
+                self.scene.acknowledge();
             }
             self.ask()?;
         }
-        Ok(told)
+        Ok(reported)
+    }
+
+    fn reading_acknowledges(&self) -> bool {
+        false
     }
 
     fn invalidate(&mut self) {
@@ -390,7 +393,7 @@ impl Grouped<'_> {
 
 impl Subject for SessionScene<'_> {
     fn tick(&mut self, turns: &[Turn]) -> Result<Vec<(u64, Option<Heard>)>, String> {
-        let mut told = Vec::new();
+        let mut reported = Vec::new();
         for turn in turns {
             let Self { scene, expected, margins, disturb, .. } = self;
             let requests = |scene: &Scene| scene.margin_stats().map(|stats| stats.requests);
@@ -403,7 +406,7 @@ impl Subject for SessionScene<'_> {
             let pending = edit.submit(turn.mode).map_err(|error| error.to_string())?;
             disturb(Moment::UnderWay);
             if turn.fate == Fate::Unread {
-                told.push((0, None));
+                reported.push((0, None));
                 continue;
             }
             let answer = pending.wait().map_err(|error| error.to_string())?;
@@ -413,7 +416,7 @@ impl Subject for SessionScene<'_> {
                 return Err(format!("{:?}, {}", answer.served_by(), answer.engine()));
             }
             let (by, engine) = (answer.served_by(), answer.engine());
-            told.push((0, Some(Heard::from(&answer))));
+            reported.push((0, Some(Heard::from(&answer))));
             drop(answer);
             if before.is_none() || before != requests(scene) {
                 disturb(Moment::Answered(by, engine));
@@ -424,7 +427,7 @@ impl Subject for SessionScene<'_> {
             }
             self.check_boxes(&turn.ops)?;
         }
-        Ok(told)
+        Ok(reported)
     }
 
     fn invalidate(&mut self) {
@@ -499,7 +502,7 @@ impl Subject for SharedMembers<'_> {
             let submitted = edit.submit(turn.mode).map_err(|error| error.to_string())?;
             pending.insert(turn.member, submitted);
         }
-        let mut told = BTreeMap::new();
+        let mut reported = BTreeMap::new();
         let mut committed: BTreeMap<u64, BTreeSet<u32>> = BTreeMap::new();
         let mut late: Vec<(u64, Vec<Range<u32>>)> = Vec::new();
         let is_unread = |turn: &&Turn| turn.fate == Fate::Unread;
@@ -511,7 +514,7 @@ impl Subject for SharedMembers<'_> {
             let others = late.iter().find(|(_, late)| !late.contains(own));
             if let Some((tick, _)) = others.filter(|_| is_unread(&turn) && !own.is_empty()) {
                 committed.entry(*tick).or_default().insert(turn.member);
-                told.insert(turn.member, (*tick, None));
+                reported.insert(turn.member, (*tick, None));
                 continue;
             }
             let answer = pending.wait().map_err(|error| error.to_string())?;
@@ -521,10 +524,11 @@ impl Subject for SharedMembers<'_> {
             let tick = answer.tick().ok_or("an answer of no tick")?;
             committed.entry(tick).or_default().insert(turn.member);
             late.push((tick, answer.late().to_vec()));
-            told.insert(turn.member, (tick, Some(heard!(answer))));
+            reported.insert(turn.member, (tick, Some(heard!(answer))));
         }
-        let told = turns.iter().map(|turn| told.remove(&turn.member).ok_or("a second turn"));
-        let told = told.collect::<Result<Vec<_>, _>>()?;
+        let reported =
+            turns.iter().map(|turn| reported.remove(&turn.member).ok_or("a second turn"));
+        let reported = reported.collect::<Result<Vec<_>, _>>()?;
         for (tick, late) in late {
             let is_late = |member: &u32| !committed[&tick].contains(member);
             let expected: Vec<Range<u32>> =
@@ -533,7 +537,7 @@ impl Subject for SharedMembers<'_> {
                 return Err(format!("late: {late:?} for {expected:?}"));
             }
         }
-        Ok(told)
+        Ok(reported)
     }
 
     fn join(&mut self, member: u32, scope: Scope, own: Range<u32>) -> Result<(), String> {

@@ -10,7 +10,7 @@ use pairmask_wire::VERSION_MINOR;
 const WIRE: &str = include_str!("../../../client-lib/wire/WIRE.md");
 
 #[test]
-fn names_and_numbers_tell_engines_apart() {
+fn names_and_numbers_distinguish_engines() {
     let all = EngineName::ALL;
     let names: BTreeSet<_> = all.map(EngineName::as_str).into();
     let numbers: BTreeSet<_> = all.map(|engine| engine as u32).into();

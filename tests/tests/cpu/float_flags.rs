@@ -451,13 +451,13 @@ fn threads_of_all_flags_write_one_frame() {
 
 /// Edits under one kind of flags after another, few boxes at a time and many.
 #[test]
-fn scenes_told_under_changing_flags_add_up_to_the_truth() {
+fn scenes_reported_under_changing_flags_add_up_to_the_truth() {
     let pool = pool(2);
     let flags = mixed_flags();
     for extent in EXTENTS {
         let mut boxes = boxes_within(extent, BOXES / 4, 5);
         let mut scene = PersistentScene::new(SceneOptions::default());
-        let mut told = BTreeSet::new();
+        let mut reported = BTreeSet::new();
         for (frame, flags) in (0u64..).zip(&flags) {
             let share = [1, 97, 3, 61][frame as usize % 4];
             let moved = boxes_within(extent, boxes.len(), 100 + frame);
@@ -470,17 +470,20 @@ fn scenes_told_under_changing_flags_add_up_to_the_truth() {
             let steps = [Step::Set(Sets { indices: (&indices).into(), boxes: &set })];
             flags.install(&pool, || {
                 scene.edit(Edit { steps: &steps }, Report::Changes).unwrap();
-                scene.take();
+                scene.acknowledge();
             });
-            let answer = scene.told();
+            let answer = scene.reported();
             if answer.is_resync() {
-                told = answer.pairs().iter().copied().collect();
+                reported = answer.pairs().iter().copied().collect();
             }
-            answer.ended().iter().for_each(|ended| assert!(told.remove(&ended.pair), "{flags}"));
-            answer.begun().iter().for_each(|begun| assert!(told.insert(*begun), "{flags}"));
+            answer
+                .ended()
+                .iter()
+                .for_each(|ended| assert!(reported.remove(&ended.pair), "{flags}"));
+            answer.begun().iter().for_each(|begun| assert!(reported.insert(*begun), "{flags}"));
         }
         let truth = oracle::truth(&boxes).pairs;
         assert!(truth.len() > 100, "{} pairs", truth.len());
-        assert!(told.iter().copied().eq(truth), "extent {extent:e}");
+        assert!(reported.iter().copied().eq(truth), "extent {extent:e}");
     }
 }

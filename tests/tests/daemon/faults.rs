@@ -10,6 +10,7 @@ use std::time::{Duration, Instant};
 use pairmask_core::objects::ObjectForm;
 use pairmask_tests::daemon::outlive_kills;
 use pairmask_tests::fault_client::FaultClient;
+use pairmask_tests::frames::served_by;
 use pairmask_tests::prelude::*;
 use pairmask_tests::spheres::{check_mask, cull, whole_scene};
 use pairmask_transport::{DaemonRecord, Heartbeat, RuntimeDir, Services};
@@ -488,7 +489,7 @@ fn a_mask_larger_than_a_reply_is_answered_in_process_or_named() {
 }
 
 #[test]
-fn a_missing_daemon_and_another_version_are_told_apart() {
+fn a_missing_daemon_and_another_version_are_distinguished() {
     let dir = tempfile::tempdir().unwrap();
     let connect = || {
         Session::builder()
@@ -590,7 +591,7 @@ fn sessions_that_connect_at_once_leave_the_umask_alone() {
 }
 
 #[test]
-fn one_client_too_many_is_told_so() {
+fn one_client_too_many_is_reported_so() {
     let daemon = TestDaemon::start(DAEMON, &["--max-clients", "2"]);
     let connect = || daemon.session().connect();
     let _first = connect().unwrap();
@@ -622,6 +623,26 @@ fn three_frames_at_a_time_and_no_fourth() {
     assert!(matches!(session.frame(1).unwrap_err(), FrameError::TooManyFrames));
     drop(masks);
     check_frame(&mut session, &boxes);
+}
+
+#[test]
+fn an_auto_session_answers_a_fourth_frame_itself() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    let builder = daemon.session().backend(Backend::Auto);
+    let mut session = builder.clone().connect().unwrap();
+    let boxes = scene(64, 6);
+    let held = [(); 3].map(|()| served_by(ServedBy::Daemon, || session.answer(&boxes)));
+    for _ in 0..2 {
+        assert_eq!(check_frame(&mut session, &boxes), ServedBy::InProcess);
+    }
+    drop(held);
+    comes_back(&mut session, &boxes);
+    // This process has no GPU.
+    let engine = EngineChoice::Only(EngineName::GpuGrid);
+    let mut session = builder.engine(engine).connect().unwrap();
+    let _held: Vec<_> = (0..3).map(|_| session.frame(9).unwrap()).collect();
+    let is_refused = matches!(session.frame(9), Err(FrameError::TooManyFrames));
+    assert!(is_refused || session.served_by() == ServedBy::InProcess);
 }
 
 #[test]

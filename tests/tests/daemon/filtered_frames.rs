@@ -413,6 +413,16 @@ fn kept_rules_are_those_of_their_frame() {
         check_mask(&submit(&mut session, other).wait().unwrap(), other);
         session.answer(&other.boxes);
     }
+    // A daemon that keeps no rules is sent them with each frame.
+    daemon.pretend_minor(8);
+    let mut old = daemon.session().answer_repeats(false).connect().unwrap();
+    for (rules, frame) in &frames {
+        for _ in 0..2 {
+            let mask = submit_kept(&mut old, &frame.boxes, rules).wait().unwrap();
+            assert_eq!(mask.info().served_by, ServedBy::Daemon);
+            check_mask(&mask, frame);
+        }
+    }
     // Two under way: the second names what the first one brings.
     let (rules, frame) = &frames[1];
     let pending = [(); 2].map(|()| submit_kept(&mut session, &frame.boxes, rules));
@@ -436,11 +446,14 @@ fn a_daemon_that_has_forgotten_rules_is_sent_them_again() {
     // Longer than a daemon keeps what no frame asks for.
     std::thread::sleep(std::time::Duration::from_secs(13));
     for session in &mut sessions {
-        for _ in 0..2 {
-            let mask = submit_kept(session, &frame.boxes, &rules).wait().unwrap();
+        // The first of three frames that hold all places brings the rules, in its own place.
+        let pending = [(); 3].map(|()| submit_kept(session, &frame.boxes, &rules));
+        for pending in pending {
+            let mask = pending.wait().unwrap();
             assert_eq!(mask.info().served_by, ServedBy::Daemon);
             check_mask(&mask, &frame);
         }
+        check_mask(&submit_kept(session, &frame.boxes, &rules).wait().unwrap(), &frame);
     }
     let status = daemon.session().connect().unwrap().daemon_status().unwrap();
     assert_eq!(status.errors, 2, "each was told once");

@@ -137,8 +137,8 @@ fn near(session: &mut Session, (seed, most_boxes): (u64, u32), edits: usize) {
         if report == Report::Moved {
             let named: BTreeSet<u32> = ops.iter().flat_map(Op::indices).copied().collect();
             let mut of_moved = exact.iter().filter(|pair| pair.iter().any(|i| named.contains(i)));
-            let told: BTreeSet<_> = answer.pairs().iter().collect();
-            assert!(of_moved.all(|pair| told.contains(pair)), "all boxes that the edit names");
+            let reported: BTreeSet<_> = answer.pairs().iter().collect();
+            assert!(of_moved.all(|pair| reported.contains(pair)), "all boxes that the edit names");
             continue;
         }
         if answer.is_resync() || report == Report::All {
@@ -153,7 +153,7 @@ fn near(session: &mut Session, (seed, most_boxes): (u64, u32), edits: usize) {
 }
 
 #[test]
-fn near_pairs_are_told_once_and_hold_all_that_overlap() {
+fn near_pairs_are_reported_once_and_hold_all_that_overlap() {
     for of in [(1, 70), (2, 600), (3, 2_000)] {
         near(&mut in_process(), of, if of.1 == 70 { 800 } else { 200 });
     }
@@ -268,7 +268,7 @@ fn an_edit_within_margins_needs_no_daemon() {
 }
 
 #[test]
-fn what_is_wrong_with_an_edit_is_told_and_changes_nothing() {
+fn what_is_wrong_with_an_edit_is_reported_and_changes_nothing() {
     let options = with_margins(MarginedPairs::Exact).with_most_boxes(9);
     let mut scene = in_process().scene(options);
     let boxes = [at(0.0), at(0.5), at(3.0)];

@@ -102,7 +102,7 @@ fn larger_scenes_are_queried_by_few_and_by_many() {
 }
 
 #[test]
-fn a_query_changes_nothing_that_edits_tell() {
+fn a_query_changes_nothing_that_edits_report() {
     for (kind, edits) in [(Kind::Small, 1_000), (Kind::Large, 40)] {
         hold(kind, 100_000, edits, |script| Bare::asked(Scene::new(options(script)), 1));
     }

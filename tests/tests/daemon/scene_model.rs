@@ -244,9 +244,13 @@ struct Liar<F>(CoreScene, F);
 
 impl<F: FnMut(&mut Heard)> Subject for Liar<F> {
     fn tick(&mut self, turns: &[Turn]) -> Result<Vec<(u64, Option<Heard>)>, String> {
-        let mut told = self.0.tick(turns)?;
-        told.iter_mut().filter_map(|(_, heard)| heard.as_mut()).for_each(&mut self.1);
-        Ok(told)
+        let mut reported = self.0.tick(turns)?;
+        reported.iter_mut().filter_map(|(_, heard)| heard.as_mut()).for_each(&mut self.1);
+        Ok(reported)
+    }
+
+    fn reading_acknowledges(&self) -> bool {
+        false
     }
 
     fn invalidate(&mut self) {
@@ -296,8 +300,8 @@ type Lie = fn(&mut Heard);
 
 #[test]
 fn the_model_notices_each_falsified_answer() {
-    let told = check(&three(), &mut CoreScene::new(&three(), 1)).unwrap();
-    assert_eq!((told.edits, told.ended, told.resyncs), (5, [0, 0, 2], 1));
+    let reported = check(&three(), &mut CoreScene::new(&three(), 1)).unwrap();
+    assert_eq!((reported.edits, reported.ended, reported.resyncs), (5, [0, 0, 2], 1));
     let lies: [(&str, Lie); 9] = [
         ("begun", |heard| heard.begun.truncate(heard.begun.len().saturating_sub(1))),
         ("begun", |heard| heard.begun.extend(heard.begun.first().copied())),
@@ -332,8 +336,8 @@ fn a_script_that_fails_is_printed_as_small_as_it_can_be() {
 /// Plays a script that was found once, as the shrinker printed it.
 fn plays(limit: u32, events: Vec<Event>) {
     let script = Script { limit, shared: None, events };
-    let told = check(&script, &mut CoreScene::new(&script, 1));
-    assert!(told.is_ok(), "{}", told.unwrap_err().text);
+    let reported = check(&script, &mut CoreScene::new(&script, 1));
+    assert!(reported.is_ok(), "{}", reported.unwrap_err().text);
 }
 
 fn takes(ops: &[Op]) -> Event {
@@ -349,7 +353,7 @@ fn a_pair_ends_that_becomes_static_in_the_first_edit_that_lists_pairs() {
 }
 
 #[test]
-fn a_removal_is_told_that_no_answer_told_before_the_first_rules() {
+fn a_removal_is_reported_that_no_answer_reported_before_the_first_rules() {
     let boxes = [Op::Set(0, unit()), Op::Set(1, unit())];
     let tag = Op::Tag(0, Tag::new(World(0), Owner(1), FilterId(0)));
     let renewed = [Op::Remove(1), Op::Set(1, unit())];
@@ -380,8 +384,8 @@ fn plays_shared(at_end: AtEnd, scripts: Vec<Vec<Event>>) {
     let sessions = Sessions::new(&daemon.session());
     for events in scripts {
         let script = Script { limit: 2, shared: Some(at_end), events };
-        let told = check(&script, &mut SharedMembers::new(&sessions, &script, None));
-        assert!(told.is_ok(), "{}\n{script}", told.unwrap_err().text);
+        let reported = check(&script, &mut SharedMembers::new(&sessions, &script, None));
+        assert!(reported.is_ok(), "{}\n{script}", reported.unwrap_err().text);
     }
 }
 
@@ -391,7 +395,7 @@ fn a_wrong_edit_of_rules_changes_nothing() {
     let boxes = [Aabb::new([0.0; 3], [1.0; 3]); 3];
     let set = Step::Set(Sets { indices: (0..3).into(), boxes: &boxes });
     scene.edit(Edit { steps: &[set] }, Report::Changes).expect("an answer");
-    scene.take();
+    scene.acknowledge();
     let tags = [Tag::default().with_world(World(1)); 3];
     let tag = |indices, count: usize| Step::Tag(Tags { indices, tags: &tags[..count] });
     let wrong: [(&[Step<'_>], EditError); 6] = [
@@ -405,8 +409,8 @@ fn a_wrong_edit_of_rules_changes_nothing() {
     for (steps, expected) in wrong {
         let refused = scene.edit(Edit { steps }, Report::Changes).map(drop);
         assert_eq!(refused, Err(SceneError::Edit(expected)), "{steps:?}");
-        let told = scene.edit(Edit::NONE, Report::Changes).expect("an answer");
-        assert!(told.begun().is_empty() && told.ended().is_empty(), "{steps:?}");
+        let reported = scene.edit(Edit::NONE, Report::Changes).expect("an answer");
+        assert!(reported.begun().is_empty() && reported.ended().is_empty(), "{steps:?}");
     }
 }
 
@@ -425,7 +429,7 @@ fn joined(host: &[Op], other: &[Op]) -> Vec<Event> {
 }
 
 #[test]
-fn a_member_is_told_of_a_removal_that_it_has_missed() {
+fn a_member_is_reported_of_a_removal_that_it_has_missed() {
     let away = Op::Set(0, at([9.0, 0.0, 0.0, 10.0, 1.0, 1.0]));
     let scripts = [&[Op::Set(0, unit())][..], &[]].map(|last| {
         let mut events = joined(&[Op::Set(0, unit())], &[Op::Set(3, unit())]);

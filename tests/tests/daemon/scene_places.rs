@@ -11,8 +11,8 @@ fn at(x: f32) -> Aabb {
     Aabb::new([x, 0.0, 0.0], [x + 1.0, 1.0, 1.0])
 }
 
-/// Scenes of two boxes each, whose one pair was told.
-fn told_scenes<const N: usize>(session: &mut Session) -> [Scene; N] {
+/// Scenes of two boxes each, whose one pair was reported.
+fn reported_scenes<const N: usize>(session: &mut Session) -> [Scene; N] {
     std::array::from_fn(|_| {
         let mut scene = session.scene(SceneOptions::default());
         let edit = scene.edit().set(0, at(0.0)).set(1, at(0.5));
@@ -43,7 +43,7 @@ fn is_full<T>(result: &Result<T, FrameError>) -> bool {
 fn an_edit_that_nobody_waits_for_holds_no_place() {
     let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
     let mut session = daemon.session().connect().unwrap();
-    let mut scenes: [Scene; 5] = told_scenes(&mut session);
+    let mut scenes: [Scene; 5] = reported_scenes(&mut session);
     // The fourth and fifth edit want places too.
     scenes.iter_mut().for_each(leave_an_edit);
     assert_eq!(session.daemon_status().unwrap().scenes, 5);
@@ -80,14 +80,14 @@ fn an_edit_that_nobody_waits_for_holds_no_place() {
 fn a_scene_that_ends_while_there_is_no_place_ends_in_the_daemon_too() {
     let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
     let mut session = daemon.session().deadline(PATIENCE).connect().unwrap();
-    let scenes: [Scene; 5] = told_scenes(&mut session);
+    let scenes: [Scene; 5] = reported_scenes(&mut session);
     let frames: Vec<_> = (0..3).map(|_| session.frame(4).unwrap()).collect();
     drop(scenes);
     drop(frames);
     assert_eq!(session.daemon_status().unwrap().scenes, 0);
 
     // Nor is it lost where the daemon does nothing for longer than the end waits.
-    let mut scenes: [Scene; 5] = told_scenes(&mut session);
+    let mut scenes: [Scene; 5] = reported_scenes(&mut session);
     daemon.signal_worker(Signal::STOP);
     scenes[..2].iter_mut().for_each(leave_an_edit);
     drop(scenes);
@@ -99,7 +99,7 @@ fn a_scene_that_ends_while_there_is_no_place_ends_in_the_daemon_too() {
 fn a_place_is_waited_for_while_an_answer_is_under_way() {
     let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
     let mut session = daemon.session().deadline(PATIENCE).connect().unwrap();
-    let mut scenes: [Scene; 3] = told_scenes(&mut session);
+    let mut scenes: [Scene; 3] = reported_scenes(&mut session);
     daemon.signal_worker(Signal::STOP);
     scenes.iter_mut().for_each(leave_an_edit);
     std::thread::scope(|threads| {
@@ -127,8 +127,8 @@ fn a_daemon_that_answers_no_edit_is_given_up_by_the_frame_that_wants_its_place()
     let deadline = Duration::from_millis(100);
     let mut strict = daemon.session().deadline(deadline).connect().unwrap();
     let mut session = daemon.session().deadline(deadline).backend(Backend::Auto).connect().unwrap();
-    let mut strict_scenes: [Scene; 3] = told_scenes(&mut strict);
-    let mut scenes: [Scene; 3] = told_scenes(&mut session);
+    let mut strict_scenes: [Scene; 3] = reported_scenes(&mut strict);
+    let mut scenes: [Scene; 3] = reported_scenes(&mut session);
     daemon.signal_worker(Signal::STOP);
     strict_scenes.iter_mut().chain(&mut scenes).for_each(leave_an_edit);
     let silent = strict.frame(2).unwrap_err();

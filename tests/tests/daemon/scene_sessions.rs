@@ -48,7 +48,8 @@ fn a_scene_moves_to_the_gpu_by_itself_and_its_answers_stay_right() {
         let boxes = crowds(count, &mut random);
         let sets = core_scene::Sets { indices: (0..count).into(), boxes: &boxes };
         let step = core_scene::Step::Set(sets);
-        let told = here.edit(Edit { steps: &[step] }, Report::Changes).map(Heard::from).unwrap();
+        let reported =
+            here.edit(Edit { steps: &[step] }, Report::Changes).map(Heard::from).unwrap();
         // A scene stays where it is while an answer is not read, and the next answer makes up for it.
         if !is_read {
             drop(scene.edit().step(step).submit(Report::Changes).unwrap());
@@ -57,8 +58,8 @@ fn a_scene_moves_to_the_gpu_by_itself_and_its_answers_stay_right() {
         let answer = scene.edit().step(step).commit(Report::Changes).unwrap();
         assert_eq!(answer.served_by(), ServedBy::Daemon);
         // Which engine of the cores searches a whole scene goes by what the daemon has measured of them.
-        assert!(Heard::from(&answer) == told);
-        here.take();
+        assert!(Heard::from(&answer) == reported);
+        here.acknowledge();
         Some(answer.engine())
     };
     assert!(edit(BOXES, true).unwrap() == EngineName::CpuGrid, "a scene begins with the cores");
@@ -73,7 +74,7 @@ fn a_scene_moves_to_the_gpu_by_itself_and_its_answers_stay_right() {
 }
 
 #[test]
-fn a_scene_that_is_only_asked_moves_to_the_gpu_and_tells_what_it_has_not_told() {
+fn a_scene_that_is_only_asked_moves_to_the_gpu_and_reports_what_it_has_not_reported() {
     let daemon = TestDaemon::start(DAEMON, &["--gpu", "software"]);
     let mut session = daemon.session().connect().unwrap();
     let options = SceneOptions::default().with_threads(1);
@@ -95,7 +96,7 @@ fn a_scene_that_is_only_asked_moves_to_the_gpu_and_tells_what_it_has_not_told() 
     here.edit(Edit::NONE, Report::Changes).unwrap();
     let answer = scene.edit().commit(Report::Changes).unwrap();
     assert_eq!(answer.engine(), EngineName::GpuGrid);
-    assert!(Heard::from(&answer) == Heard::from(here.told()));
+    assert!(Heard::from(&answer) == Heard::from(here.reported()));
     assert!(answer.begun().len() > 1_000);
 }
 
@@ -138,11 +139,11 @@ fn a_resync_that_was_asked_for_outlives_the_daemon() {
         let died = daemon.worker();
         daemon.signal_worker(Signal::KILL);
         eventually("another worker serves", || (daemon.worker() != died).then_some(()));
-        let told = eventually("the scene is answered", || {
-            let told = scene.edit().commit(Report::Changes).ok()?;
-            Some((told.is_resync(), told.pairs().to_vec()))
+        let reported = eventually("the scene is answered", || {
+            let reported = scene.edit().commit(Report::Changes).ok()?;
+            Some((reported.is_resync(), reported.pairs().to_vec()))
         });
-        assert_eq!(told, (true, vec![[1, 2]]), "{backend:?}");
+        assert_eq!(reported, (true, vec![[1, 2]]), "{backend:?}");
     }
 }
 

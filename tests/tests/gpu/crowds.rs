@@ -85,7 +85,7 @@ impl Both {
         self.core.edit(Edit { steps: &steps }, report).expect("an answer");
         match self.gpu.edit(Edit { steps: &steps }, report) {
             Ok(_) => {
-                assert!(Heard::from(self.gpu.told()) == Heard::from(self.core.told()));
+                assert!(Heard::from(self.gpu.reported()) == Heard::from(self.core.reported()));
                 true
             }
             Err(SceneError::Cull(CullError::TooCrowded { .. })) => false,
@@ -95,7 +95,7 @@ impl Both {
 }
 
 #[test]
-fn a_scene_that_is_crowded_tells_what_the_cores_tell_or_nothing() {
+fn a_scene_that_is_crowded_reports_what_the_cores_report_or_nothing() {
     let boxes = needles(MANY);
     let mut both = Both::new();
     assert!(both.set(0, &boxes[..FEW], Report::Changes));

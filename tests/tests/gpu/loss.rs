@@ -40,20 +40,20 @@ fn opened(open: Opener, if_missing: IfMissing) -> SlotState {
 }
 
 #[test]
-fn a_slot_does_without_its_first_device_or_tells_why_or_goes_on_trying() {
+fn a_slot_does_without_its_first_device_or_reports_why_or_goes_on_trying() {
     let none = || -> Opener { Arc::new(|| Err(OpenError::SwitchedOff)) };
     let there: Opener = Arc::new(|| Ok(open(HostImport::IfPossible)));
     assert_eq!(opened(there, IfMissing::DoWithout), SlotState::Ready);
     assert_eq!(opened(none(), IfMissing::DoWithout), SlotState::Missing);
     assert!(matches!(opened(none(), IfMissing::TryAgain), SlotState::Lost { .. }));
-    let told = Arc::new(AtomicUsize::new(0));
-    let counts = Arc::clone(&told);
+    let reported = Arc::new(AtomicUsize::new(0));
+    let counts = Arc::clone(&reported);
     let report = IfMissing::Report(Arc::new(move |error| {
         assert!(matches!(error, OpenError::SwitchedOff), "{error}");
         counts.fetch_add(1, Ordering::Relaxed);
     }));
     assert_eq!(opened(none(), report), SlotState::Missing);
-    assert_eq!(told.load(Ordering::Relaxed), 1);
+    assert_eq!(reported.load(Ordering::Relaxed), 1);
     // A driver that panics has no device.
     let panics: Opener = Arc::new(|| panic!("meant"));
     assert_eq!(opened(panics, IfMissing::DoWithout), SlotState::Missing);

@@ -94,27 +94,29 @@ impl Surviving<'_> {
                 // The copy has the edit: what follows is all pairs.
                 self.scene = begin(&losses.executor, &self.copy);
                 self.scene.edit(Edit::NONE, report)?;
-                Ok((report != Report::Moved).then(|| Heard::from(self.scene.told())))
+                Ok((report != Report::Moved).then(|| Heard::from(self.scene.reported())))
             }
-            edited => edited.map(|()| Some(Heard::from(self.scene.told()))),
+            edited => edited.map(|()| Some(Heard::from(self.scene.reported()))),
         }
     }
 }
 
 impl Subject for Surviving<'_> {
     fn tick(&mut self, turns: &[Turn]) -> Result<Vec<(u64, Option<Heard>)>, String> {
-        let mut told = Vec::new();
+        let mut reported = Vec::new();
         for turn in turns {
             let grouped = Grouped::of(&turn.ops);
             let heard = self.edit(Edit { steps: &grouped.steps() }, turn.mode);
-            let heard = heard.map_err(|error| error.to_string())?;
-            let is_read = turn.fate == Fate::Acknowledged;
-            told.push((0, heard.filter(|_| is_read)));
-            if is_read {
-                self.scene.take();
+            reported.push((0, heard.map_err(|error| error.to_string())?));
+            if turn.fate == Fate::Acknowledged {
+                self.scene.acknowledge();
             }
         }
-        Ok(told)
+        Ok(reported)
+    }
+
+    fn reading_acknowledges(&self) -> bool {
+        false
     }
 
     fn invalidate(&mut self) {
@@ -168,9 +170,9 @@ fn goes_on_without_one_of_its_devices(rounds: u64) {
             let edit = Edit { steps: &grouped.steps() };
             core.edit(edit, Report::Changes).map(drop).expect("a right edit");
             scene.edit(edit, Report::Changes).map(drop).expect("another device has it");
-            assert!(Heard::from(scene.told()) == Heard::from(core.told()), "round {round}");
-            core.take();
-            scene.take();
+            assert!(Heard::from(scene.reported()) == Heard::from(core.reported()), "round {round}");
+            core.acknowledge();
+            scene.acknowledge();
             if random.below(3) == 0 {
                 core.query(&queries, QueryTags::None, &mut expected).expect("an answer");
                 scene.query(&queries, QueryTags::None, &mut found).expect("another device has it");
@@ -228,7 +230,7 @@ fn a_keeper_shares_large_scenes() {
             core.edit(Edit { steps }, report).map(drop).expect("an answer");
         }
         assert_eq!(scene.gpu_count(), gpus, "{n} boxes");
-        let (got, expected) = (scene.told().pairs(), core.told().pairs());
+        let (got, expected) = (scene.reported().pairs(), core.reported().pairs());
         assert!(got == expected && !got.is_empty(), "{n} boxes, {} pairs", got.len());
     }
 }

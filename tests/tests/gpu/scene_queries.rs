@@ -42,7 +42,7 @@ fn queries_between_edits_are_right() {
 }
 
 #[test]
-fn queries_change_nothing_that_edits_tell() {
+fn queries_change_nothing_that_edits_report() {
     let tools = scene_tools(0, &GridOptions::default());
     for (kind, edits) in [(Kind::Small, 300), (Kind::Large, 8)] {
         hold_without_rules(kind, 100_000, edits, |script| {

@@ -50,7 +50,7 @@ struct Moving<'t> {
 impl Subject for Moving<'_> {
     fn tick(&mut self, turns: &[Turn]) -> Result<Vec<(u64, Option<Heard>)>, String> {
         self.core.tick(turns)?;
-        let told = self.gpu.tick(turns)?;
+        let reported = self.gpu.tick(turns)?;
         self.edits += 1;
         if self.edits.is_multiple_of(5)
             && let Some(kept) = self.core.scene.kept()
@@ -58,7 +58,11 @@ impl Subject for Moving<'_> {
             let made = GpuScene::from_kept(self.tools, SceneOptions::default(), &kept);
             self.gpu = Bare::of(made.map_err(|error| error.to_string())?);
         }
-        Ok(told)
+        Ok(reported)
+    }
+
+    fn reading_acknowledges(&self) -> bool {
+        false
     }
 
     fn invalidate(&mut self) {
@@ -84,12 +88,12 @@ fn edit_both(core: &mut Scene, gpu: &mut GpuScene, steps: &[Step<'_>], report: R
     let got = gpu.edit(Edit { steps }, report).map(Heard::from);
     let got = got.unwrap_or_else(|error| panic!("{what}, {report:?}: {error}"));
     // Not `assert_eq`, which would print thousands of pairs.
-    assert!(got == Heard::from(core.told()), "{what}, {report:?}");
+    assert!(got == Heard::from(core.reported()), "{what}, {report:?}");
 }
 
 /// All boxes of each scene are set, moved a little, moved far, and removed.
 #[test]
-fn every_hard_scene_is_told_as_the_core_tells_it() {
+fn every_hard_scene_is_reported_as_the_core_reports_it() {
     let tools = [scene_tools(0, &GridOptions::default())];
     let sizes = if tier::is_nightly() { &[0, 23, 46, 69, 345, 1_234][..] } else { &[69, 1_234] };
     check_hard_scenes(&tools, sizes);
@@ -99,7 +103,7 @@ fn every_hard_scene_is_told_as_the_core_tells_it() {
 /// so most scenes have some of each.
 #[test]
 #[ignore = "slow: the nightly tier runs it"]
-fn every_hard_scene_is_told_by_several_gpus_as_by_the_core() {
+fn every_hard_scene_is_reported_by_several_gpus_as_by_the_core() {
     check_hard_scenes(&shared_tools(3), &[2, 70, 1_234]);
 }
 
@@ -127,8 +131,8 @@ fn check_hard_scenes(tools: &[Arc<SceneTools>], sizes: &[u32]) {
                     let steps = if report == Report::Changes { &steps[..] } else { &[] };
                     let what = format!("{scene:?}, {n} boxes, edit {number}");
                     edit_both(&mut core, &mut gpu, steps, report, &what);
-                    core.take();
-                    gpu.take();
+                    core.acknowledge();
+                    gpu.acknowledge();
                 }
             }
         }
@@ -154,8 +158,8 @@ fn a_scene_grows_and_shrinks() {
             edit_both(&mut core, &mut gpu, &steps, report, &format!("{target} boxes"));
             // What a size was reached by is told together with what follows.
             if round > 0 {
-                core.take();
-                gpu.take();
+                core.acknowledge();
+                gpu.acknowledge();
             }
             held = target;
         }
@@ -165,7 +169,7 @@ fn a_scene_grows_and_shrinks() {
 
 /// Records that are made anew have no names of boxes: an edit that asks for moved pairs finds them all the same.
 #[test]
-fn moved_pairs_are_told_where_records_are_made_anew() {
+fn moved_pairs_are_reported_where_records_are_made_anew() {
     let uniform = stress_scenes::named("uniform");
     for tools in [vec![scene_tools(0, &GridOptions::default())], shared_tools(3)] {
         let mut core = Scene::new(SceneOptions::default());
@@ -178,7 +182,7 @@ fn moved_pairs_are_told_where_records_are_made_anew() {
                 Step::Set(Sets { indices: (0..n).into(), boxes: &boxes }),
             ];
             edit_both(&mut core, &mut gpu, &steps, Report::Moved, &format!("{n} boxes"));
-            assert!(n < 1_000 || core.told().pairs().len() > 1_000);
+            assert!(n < 1_000 || core.reported().pairs().len() > 1_000);
         }
     }
 }
@@ -222,8 +226,8 @@ fn a_scene_is_on_each_gpu_once() {
         let remove = [Step::Remove((0..3_000).into())];
         for steps in [&set[..], &remove, &[]] {
             edit_both(&mut core, &mut gpu, steps, Report::Changes, "on each GPU once");
-            core.take();
-            gpu.take();
+            core.acknowledge();
+            gpu.acknowledge();
         }
     }
 }
@@ -306,15 +310,19 @@ fn wrong_edits_are_refused_as_by_the_core_and_change_nothing() {
             "case {number}"
         );
         assert_eq!(gpu.len(), 3);
-        assert_eq!(Heard::from(gpu.told()), Heard::from(core.told()), "the last answer stays");
+        assert_eq!(
+            Heard::from(gpu.reported()),
+            Heard::from(core.reported()),
+            "the last answer stays"
+        );
     }
     // A refused edit leaves the last answer to be taken.
-    core.take();
-    gpu.take();
+    core.acknowledge();
+    gpu.acknowledge();
     for report in [Report::Changes, Report::All] {
         edit_both(&mut core, &mut gpu, &[], report, "after refused edits");
     }
-    assert_eq!(gpu.told().pairs(), [[0, 1], [1, 2]]);
+    assert_eq!(gpu.reported().pairs(), [[0, 1], [1, 2]]);
     let twice = gpu.edit(Edit { steps: cases[5] }, Report::All).map(|_| ());
     assert_eq!(twice, Err(SceneError::Edit(EditError::SetTwice { index: 1 })));
 }

@@ -150,9 +150,9 @@ pub unsafe extern "C" fn pm_scene_ended(
             scene.with(|scene| {
                 let Scene { state, lists } = &mut **scene;
                 if lists.ended.is_none() {
-                    let told =
+                    let reported =
                         state.read(|answer| answer.ended().into_iter().map(to_ended).collect())?;
-                    lists.ended = Some(told);
+                    lists.ended = Some(reported);
                 }
                 state.read(|_| {
                     lists

@@ -293,7 +293,7 @@ pub extern "C" fn pm_scene_submit(scene: pm_scene, report: pm_report) -> pm_code
     call(|| scene.with(|scene| scene.state.submit(want_of(report)?)))
 }
 
-/// Waits for the answer to what was submitted, as long as the session's deadline allows, and for a shared scene
+/// Waits for the answer to what was submitted, which acknowledges it: what it reports is not reported again. Waits as long as the session's deadline allows, and for a shared scene
 /// until its tick ends. After an error the edit is applied, and the next answer makes up for this one.
 #[unsafe(no_mangle)]
 pub extern "C" fn pm_scene_wait(scene: pm_scene) -> pm_code {

@@ -2,7 +2,7 @@
 //! cell.
 
 use pairmask::scene::{Indices, Report, Step};
-use pairmask::{PendingAnswer, SceneAnswer};
+use pairmask::{PendingAnswer, Scene, SceneAnswer};
 use self_cell::{MutBorrow, self_cell};
 
 use super::Edited;
@@ -98,6 +98,20 @@ impl State {
             }
             Ok(())
         })
+    }
+
+    /// Looks at the scene. An answer that was waited for stays; an edit under way is not waited for any more.
+    pub fn look<R>(&mut self, look: impl Fn(&Scene) -> R) -> Result<R, Failure> {
+        if let Place::Borrowed(cell) = &self.0 {
+            let looked = cell.with_dependent(|_, borrower| match borrower {
+                Borrower::Answer(answer) => Some(look(answer.scene())),
+                _ => None,
+            });
+            if let Some(looked) = looked {
+                return Ok(looked);
+            }
+        }
+        Ok(look(&self.end()?.scene))
     }
 
     /// Reads the answer.

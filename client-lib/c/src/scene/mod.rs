@@ -178,11 +178,11 @@ pub extern "C" fn pm_scene_resync(scene: pm_scene) -> pm_code {
 }
 
 /// The box of an index, also one that is switched off; `PM_ERR_ABSENT` where there is none. The scene's answer
-/// ends.
+/// stays; an edit under way is not waited for any more.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn pm_scene_get(scene: pm_scene, index: u32, b: *mut pm_box) -> pm_code {
     call(|| {
-        let found = scene.with(|scene| Ok(scene.edited()?.scene.get(index)))?;
+        let found = scene.with(|scene| scene.state.look(|scene| scene.get(index)))?;
         let absent = Failure::new(crate::code::PM_ERR_ABSENT, "the index has no box");
         let found = found.ok_or(absent)?;
         // SAFETY: the caller's promise about pointers is passed on.
@@ -212,15 +212,15 @@ pub struct pm_scene_info {
     pub sent: u64,
 }
 
-/// Facts about a scene. Set `info->struct_size` first. The scene's answer ends.
+/// Facts about a scene. Set `info->struct_size` first. The scene's answer stays; an edit under way is not waited for
+/// any more.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn pm_scene_get_info(scene: pm_scene, info: *mut pm_scene_info) -> pm_code {
     call(|| {
         check_out(info)?;
-        let facts = scene.with(|scene| {
-            let scene = &scene.edited()?.scene;
+        let look = |scene: &pairmask::Scene| {
             let stats = scene.margin_stats().unwrap_or_default();
-            Ok(pm_scene_info {
+            pm_scene_info {
                 struct_size: 0,
                 boxes: scene.len() as u64,
                 allocated_bytes: scene.allocated_bytes() as u64,
@@ -229,8 +229,9 @@ pub unsafe extern "C" fn pm_scene_get_info(scene: pm_scene, info: *mut pm_scene_
                 requests: stats.requests,
                 set: stats.set,
                 sent: stats.sent,
-            })
-        })?;
+            }
+        };
+        let facts = scene.with(|scene| scene.state.look(look))?;
         // SAFETY: the caller's promise about pointers is passed on.
         unsafe { write_growing(info, &facts) }
     })

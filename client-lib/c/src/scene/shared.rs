@@ -31,7 +31,7 @@ pub const PM_AT_END_KEEP: pm_at_end = 2;
 pub struct pm_join_options {
     /// `sizeof(pm_join_options)`.
     pub struct_size: usize,
-    /// How long a tick is open after its first commit, at the most, ns.
+    /// How long a tick is open after its first commit, at the most, ns: 100 ms unless a member says so, 10 s at most.
     pub tick_deadline_ns: u64,
     /// Indices are below this.
     pub most_boxes: u32,

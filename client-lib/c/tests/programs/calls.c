@@ -206,7 +206,7 @@ static void frames(pm_session session) {
 
   EXPECT(PM_OK, pm_session_frame(session, 3, &frame, &boxes));
   memcpy(boxes, three, sizeof three);
-  pm_frame_options options = {sizeof options, {0}, 1};
+  pm_frame_options options = {sizeof options, {0}, 1, 1};
   EXPECT(PM_OK, pm_frame_submit(frame, &options, &pending));
   pm_code code;
   do {

@@ -108,6 +108,17 @@ void scenes(pm::Session &session) {
   CHECK(scene.ended().size() == 1 && scene.ended()[0].reason == PM_ENDED_FILTERED);
   CHECK(scene.box(9).value().min[0] == 0.5f && !scene.box(8));
   CHECK(scene.info().boxes == 2);
+  CHECK(scene.ended().size() == 1); // box() and info() leave the answer alone
+#if PAIRMASK_HAS_EXCEPTIONS
+  scene.resync().value();
+  bool is_loud = false;
+  try {
+    (void)scene.ended();
+  } catch (const pm::Error &error) {
+    is_loud = error.code() == PM_ERR_STATE;
+  }
+  CHECK(is_loud);
+#endif
   const std::uint32_t both[] = {7, 9};
   scene.remove(pm::list(both)).value();
   scene.commit(pm::Report::All).value();

@@ -182,7 +182,7 @@ mod tests {
     }
 
     #[test]
-    fn the_hash_tells_sets_apart() {
+    fn the_hash_distinguishes_sets() {
         assert_eq!(pair_set_hash(&[]), 0xcbf2_9ce4_8422_2325);
         assert_ne!(pair_set_hash(&[[0, 1]]), pair_set_hash(&[[0, 2]]));
         assert_ne!(pair_set_hash(&[[0, 1], [0, 2]]), pair_set_hash(&[[0, 1]]));

@@ -172,7 +172,7 @@ mod tests {
     }
 
     #[test]
-    fn an_origin_keeps_what_touches_and_adds_what_f32_cannot_tell() {
+    fn an_origin_keeps_what_touches_and_adds_what_f32_cannot_report() {
         let unit = |x: f64| [[x, 0.0, 0.0], [x + 1.0, 1.0, 1.0]];
         let world = [unit(1e9), unit(1e9 + 1.0), unit(1e9 + 2.0 + 2e-7), unit(1e9 + 9.0)];
         let allowed = allowed_around_origin(&world, [1e9, 0.0, 0.0]);

@@ -74,7 +74,7 @@ impl Widening {
         };
         let face = |[near, far]: [f64; 2]| {
             let step = self.face_step(axis, near).max(self.face_step(axis, far));
-            step + self.untold(axis, near).max(self.untold(axis, far))
+            step + self.unreported(axis, near).max(self.unreported(axis, far))
         };
         common + face(ends) + face(starts)
     }
@@ -91,7 +91,7 @@ impl Widening {
     }
 
     /// Distance of a face at `x` beyond the form's range: the form does not see that part of a gap.
-    fn untold(&self, axis: usize, x: f64) -> f64 {
+    fn unreported(&self, axis: usize, x: f64) -> f64 {
         let (x, low, high) = match self {
             Self::None => return 0.0,
             Self::Cells { bounds, .. } => {
@@ -161,7 +161,7 @@ mod tests {
     }
 
     #[test]
-    fn what_lies_outside_of_the_range_is_not_told_apart() {
+    fn what_lies_outside_of_the_range_is_not_distinguished() {
         let bounds = Bounds::new(Vec3::ZERO, Vec3::splat(256.0)).expect("bounds");
         let cells = Precision::Q8(bounds).widening();
         assert!((1.0..1.001).contains(&cells.gap_limit(0, 3.0, 4.0)));

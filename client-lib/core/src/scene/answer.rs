@@ -107,7 +107,7 @@ impl SceneSkips {
 /// An answer. All its lists are sorted by (a, b), a < b: the bytes are the same whatever the number of
 /// threads, and however the pairs were found.
 #[derive(Debug, Default)]
-pub struct Told {
+pub struct Reported {
     pub(super) report: Report,
     pub(super) resync: bool,
     pub(super) begun: Vec<Pair>,
@@ -118,7 +118,7 @@ pub struct Told {
 }
 
 /// Answers of a scene that is kept elsewhere, as on a GPU: for who keeps it. Lists are sorted.
-impl Told {
+impl Reported {
     /// Pairs that began and ended, for [`Report::Changes`].
     pub fn of_changes(begun: Vec<[u32; 2]>, ended: Vec<Ended>, pair_count: u64) -> Self {
         Self { report: Report::Changes, begun, ended, pair_count, ..Self::default() }
@@ -147,14 +147,14 @@ impl Told {
     }
 }
 
-impl Told {
+impl Reported {
     /// Which answer was asked for.
     pub const fn report(&self) -> Report {
         self.report
     }
 
     /// Whether changes were asked for and [`pairs`](Self::pairs) holds all pairs instead: because those
-    /// are fewer than the changes, or the scene has lost track of what it told. The client forgets the
+    /// are fewer than the changes, or the scene has lost track of what it reported. The client forgets the
     /// pairs that it knows.
     pub const fn is_resync(&self) -> bool {
         self.resync

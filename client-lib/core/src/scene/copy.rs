@@ -31,8 +31,8 @@ const STATIC: u8 = 1 << 2;
 /// copy.apply(edit);
 ///
 /// let mut scene = Scene::new(SceneOptions::default());
-/// let told = scene.edit(Edit { steps: &copy.whole().steps() }, Report::Changes)?;
-/// assert_eq!(told.begun(), [[7, 8]]);
+/// let reported = scene.edit(Edit { steps: &copy.whole().steps() }, Report::Changes)?;
+/// assert_eq!(reported.begun(), [[7, 8]]);
 /// # Ok::<(), pairmask_core::scene::SceneError>(())
 /// ```
 #[derive(Clone, Debug)]
@@ -433,10 +433,10 @@ mod tests {
             let mut again = Scene::new(SceneOptions::default());
             let whole = copy.whole();
             let edit = Edit { steps: &whole.steps() };
-            let told = again.edit(edit, Report::All).expect("a right edit");
+            let reported = again.edit(edit, Report::All).expect("a right edit");
             let all = scene.edit(Edit::NONE, Report::All).expect("a right edit");
-            assert_eq!(told.pairs(), all.pairs());
-            assert_eq!(told.skipped().static_pairs, all.skipped().static_pairs);
+            assert_eq!(reported.pairs(), all.pairs());
+            assert_eq!(reported.skipped().static_pairs, all.skipped().static_pairs);
         }
     }
 

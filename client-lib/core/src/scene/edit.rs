@@ -166,8 +166,8 @@ impl Step<'_> {
 /// let boxes = [[0.0, 1.0], [0.5, 2.0]].map(|[a, b]| Aabb::new([a; 3], [b; 3]));
 /// let mut scene = Scene::new(SceneOptions::default());
 /// let steps = [Step::Set(Sets { indices: (7..9).into(), boxes: &boxes })];
-/// let told = scene.edit(Edit { steps: &steps }, Report::Changes)?;
-/// assert_eq!(told.begun(), [[7, 8]]);
+/// let reported = scene.edit(Edit { steps: &steps }, Report::Changes)?;
+/// assert_eq!(reported.begun(), [[7, 8]]);
 /// # Ok::<(), pairmask_core::scene::SceneError>(())
 /// ```
 #[derive(Clone, Copy, Debug, Default)]

@@ -10,7 +10,7 @@ pub enum SceneError {
     #[error(transparent)]
     Edit(#[from] EditError),
     /// The edit was applied, and the pairs of the whole scene could not be found. The next answer is a
-    /// [resync](super::Told::is_resync).
+    /// [resync](super::Reported::is_resync).
     #[error("the edit was applied and has no answer: {0}")]
     Cull(#[from] CullError),
 }

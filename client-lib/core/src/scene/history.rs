@@ -180,7 +180,7 @@ impl Centre {
 
     /// Tells whether its pair with a candidate began or ended.
     #[inline]
-    fn tell_changes(
+    fn report_changes(
         &self,
         seen: Seen,
         &Candidate { word, is_sure, .. }: &Candidate,
@@ -245,7 +245,7 @@ impl Search {
             }
             if let Some(number) = earlier(3) {
                 for ((centre, seen), candidate) in batches[number].found() {
-                    centre.tell_changes(*seen, candidate, store, found);
+                    centre.report_changes(*seen, candidate, store, found);
                 }
             }
         }
@@ -302,10 +302,10 @@ pub(super) fn pairs_of_named(cells: &Cells, store: &Store, pairs: &mut Vec<Pair>
             tested += around.finish(cells, store);
             for ((centre, _), Candidate { word, .. }) in around.found() {
                 let (index, other) = (centre.index, word & INDEX);
-                let is_told = other == index || store.is_named(other) && other < index;
+                let is_reported = other == index || store.is_named(other) && other < index;
                 let pair = pair(index, other);
                 let is_pair = || overlap(&centre.b.is, &store.now(other));
-                if !is_told && is_pair() && store.filters().meet(pair) {
+                if !is_reported && is_pair() && store.filters().meet(pair) {
                     pairs.push(pair);
                 }
             }

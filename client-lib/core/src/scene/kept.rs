@@ -19,9 +19,9 @@ pub struct KeptBox {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum KeptHistory {
     /// All of them, so many.
-    Told(u64),
+    Reported(u64),
     /// Not one, and there was none when the history began: the next changes tell all.
-    Untold,
+    Unreported,
     /// The scene has lost track of them: the next changes are a resync.
     Lost,
 }
@@ -49,7 +49,7 @@ impl<'a> Kept<'a> {
         WholeScene::of(store.boxes().len(), None, kept, store.filters())
     }
 
-    /// What was told.
+    /// What was reported.
     pub const fn history(&self) -> KeptHistory {
         self.history
     }

@@ -9,8 +9,8 @@
 //! * Pairs are those of boxes that overlap by the rules of [`aabb`](crate::aabb), that are switched on,
 //!   and that their [collision filters](crate::filters) let meet: two static boxes are no pair.
 //! * [`Report::Changes`] tells what differs from the pairs of the last answer that was **taken**
-//!   ([`Scene::take`]): each change exactly once, however many answers were dropped between. What began
-//!   and ended again in between is not told. [`Report::All`], taken, counts as told too. [`Report::Moved`]
+//!   ([`Scene::acknowledge`]): each change exactly once, however many answers were dropped between. What began
+//!   and ended again in between is not reported. [`Report::All`], taken, counts as told too. [`Report::Moved`]
 //!   tells of no end, so taking it changes nothing: the next changes hold its news as well.
 //! * A pair is named by its indices and their incarnations. So a pair of an index whose box was removed
 //!   meanwhile is told as ended, and as begun where the index has a new box that overlaps too. Flags, filter data
@@ -19,7 +19,7 @@
 //!   now, and which were removed between. All lists are sorted, so that the bytes do not depend on
 //!   threads, nor on how the pairs were found.
 //!
-//! [`Scene::query`] asks which boxes some other boxes overlap, and changes nothing that is told.
+//! [`Scene::query`] asks which boxes some other boxes overlap, and changes nothing that is reported.
 //!
 //! # How
 //!
@@ -57,7 +57,7 @@ pub mod shared;
 mod store;
 mod whole;
 
-pub use self::answer::{EndReason, Ended, Report, SceneSkips, Told, is_resync_due};
+pub use self::answer::{EndReason, Ended, Report, Reported, SceneSkips, is_resync_due};
 pub use self::copy::{SceneCopy, WholeScene};
 pub use self::edit::{Edit, Indices, Sets, Step, Tags};
 pub use self::error::{EditError, SceneError};
@@ -92,7 +92,7 @@ const MANY_SHARE: usize = 6;
 /// stand between large ones, which keep no cells: it is answered as they are, and the next one builds cells.
 const CELLS_AT_ONCE: usize = 4_096;
 
-/// What a scene knows of the pairs that were told.
+/// What a scene knows of the pairs that were reported.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Known {
     /// They are the pairs of now.
@@ -114,15 +114,15 @@ enum Known {
 /// let boxes = [[0.0, 1.0], [0.5, 2.0], [1.5, 3.0]].map(|[a, b]| Aabb::new([a; 3], [b; 3]));
 /// let mut scene = Scene::new(SceneOptions::default());
 /// let all = [Step::Set(Sets { indices: (0..3).into(), boxes: &boxes })];
-/// let told = scene.edit(Edit { steps: &all }, Report::Changes)?;
-/// assert_eq!(told.begun(), [[0, 1], [1, 2]]);
-/// scene.take();
+/// let reported = scene.edit(Edit { steps: &all }, Report::Changes)?;
+/// assert_eq!(reported.begun(), [[0, 1], [1, 2]]);
+/// scene.acknowledge();
 ///
 /// let off = [Step::Switch((&[2]).into(), false)];
-/// let told = scene.edit(Edit { steps: &off }, Report::Changes)?;
-/// assert!(told.begun().is_empty());
-/// assert_eq!(told.ended()[0].pair, [1, 2]);
-/// assert_eq!(told.ended()[0].reason, EndReason::Filtered);
+/// let reported = scene.edit(Edit { steps: &off }, Report::Changes)?;
+/// assert!(reported.begun().is_empty());
+/// assert_eq!(reported.ended()[0].pair, [1, 2]);
+/// assert_eq!(reported.ended()[0].reason, EndReason::Filtered);
 /// # Ok::<(), pairmask_core::scene::SceneError>(())
 /// ```
 pub struct Scene {
@@ -135,9 +135,9 @@ pub struct Scene {
     known: Known,
     /// All pairs of now, where there is a list of them.
     list_now: Option<Arc<Vec<Pair>>>,
-    /// How many were told.
+    /// How many were reported.
     count_then: u64,
-    told: Told,
+    reported: Reported,
     /// Whether the last answer can be taken.
     is_open: bool,
     whole: Whole,
@@ -176,7 +176,7 @@ impl Scene {
             known: Known::Same,
             list_now: None,
             count_then: 0,
-            told: Told::default(),
+            reported: Reported::default(),
             is_open: false,
             whole: Whole::new(engines),
             spare: Vec::new(),
@@ -224,20 +224,21 @@ impl Scene {
     /// What the scene holds, for who keeps it from now on; `None` where it has changed since the last taken
     /// answer, and pairs were told in that or may be taken still.
     pub fn kept(&self) -> Option<Kept<'_>> {
-        let is_untaken = self.is_open && matches!(self.told.report, Report::Changes | Report::All);
+        let is_untaken =
+            self.is_open && matches!(self.reported.report, Report::Changes | Report::All);
         let history = match self.known {
-            Known::Same => KeptHistory::Told(self.count_then),
+            Known::Same => KeptHistory::Reported(self.count_then),
             _ if is_untaken => return None,
             Known::Lost => KeptHistory::Lost,
-            Known::Few | Known::Many if self.count_then == 0 => KeptHistory::Untold,
+            Known::Few | Known::Many if self.count_then == 0 => KeptHistory::Unreported,
             Known::Few | Known::Many => return None,
         };
         Some(Kept::new(&self.store, history))
     }
 
     /// The last answer.
-    pub const fn told(&self) -> &Told {
-        &self.told
+    pub const fn reported(&self) -> &Reported {
+        &self.reported
     }
 
     /// Bytes that the scene keeps, but for engines' tasks and what is below a KiB.
@@ -250,12 +251,12 @@ impl Scene {
             + self.asked.allocated_bytes()
             + self.changes.allocated_bytes()
             + list(&self.list_now)
-            + self.told.allocated_bytes()
+            + self.reported.allocated_bytes()
             + self.spare.capacity() * size_of::<Pair>()
             + self.whole.allocated_bytes()
     }
 
-    /// Applies an edit and answers. The answer counts as told when it is [taken](Self::take); else the
+    /// Applies an edit and answers. The answer counts as reported when it is [acknowledged](Self::acknowledge); else the
     /// next one makes up for it.
     ///
     /// ```
@@ -267,45 +268,45 @@ impl Scene {
     /// let mut scene = Scene::new(SceneOptions::default());
     /// let all = [Step::Set(Sets { indices: (0..3).into(), boxes: &boxes })];
     /// assert_eq!(scene.edit(Edit { steps: &all }, Report::Changes)?.begun().len(), 3);
-    /// scene.take();
+    /// scene.acknowledge();
     ///
     /// // Two of them are parts of one body.
     /// let tags = [Tag::default().with_owner(Owner(7)); 2];
     /// let body = [Step::Tag(Tags { indices: (&[0, 2]).into(), tags: &tags })];
-    /// let told = scene.edit(Edit { steps: &body }, Report::Changes)?;
-    /// assert!(told.begun().is_empty());
-    /// assert_eq!(told.ended()[0].pair, [0, 2]);
-    /// assert_eq!(told.ended()[0].reason, EndReason::Filtered);
+    /// let reported = scene.edit(Edit { steps: &body }, Report::Changes)?;
+    /// assert!(reported.begun().is_empty());
+    /// assert_eq!(reported.ended()[0].pair, [0, 2]);
+    /// assert_eq!(reported.ended()[0].reason, EndReason::Filtered);
     /// # Ok::<(), pairmask_core::scene::SceneError>(())
     /// ```
     ///
     /// # Errors
     /// [`SceneError::Edit`] for an edit that is wrong: nothing is applied, and the last answer stays.
     /// [`SceneError::Cull`] where all pairs are needed and cannot be found: the edit is applied.
-    pub fn edit(&mut self, edit: Edit<'_>, report: Report) -> Result<&Told, SceneError> {
+    pub fn edit(&mut self, edit: Edit<'_>, report: Report) -> Result<&Reported, SceneError> {
         let threads = self.threads();
         self.store.apply(edit, self.options.most_boxes, threads)?;
         self.is_open = false;
         self.tested = 0;
-        self.told.begin(report);
+        self.reported.begin(report);
         self.note_changes();
         if let Err(error) = self.answer(report) {
             self.resync();
             return Err(error.into());
         }
         self.is_open = true;
-        Ok(&self.told)
+        Ok(&self.reported)
     }
 
     /// Takes the last answer: what it told is what the next changes are counted from. Without effect
     /// on an answer that was taken, and on [`Report::Moved`] and [`Report::Nothing`].
-    pub fn take(&mut self) {
+    pub fn acknowledge(&mut self) {
         if !std::mem::take(&mut self.is_open)
-            || !matches!(self.told.report, Report::Changes | Report::All)
+            || !matches!(self.reported.report, Report::Changes | Report::All)
         {
             return;
         }
-        self.count_then = self.told.pair_count;
+        self.count_then = self.reported.pair_count;
         self.known = Known::Same;
         if let Some(cells) = &mut self.cells {
             cells.forget(self.store.changed());
@@ -321,7 +322,7 @@ impl Scene {
         self.store.forget();
         let now = self.list_now.take();
         self.recycle(now);
-        self.told.begin(Report::Nothing);
+        self.reported.begin(Report::Nothing);
     }
 
     /// Keeps the memory of a list, unless the last answer still shows it.
@@ -390,62 +391,62 @@ impl Scene {
     fn answer(&mut self, report: Report) -> Result<(), CullError> {
         match report {
             Report::Nothing => {}
-            Report::Moved => self.tell_moved()?,
-            Report::All => self.tell_all()?,
+            Report::Moved => self.report_moved()?,
+            Report::All => self.report_all()?,
             Report::Changes => match self.known {
                 Known::Lost => self.report_all_pairs()?,
-                Known::Same => self.told.pair_count = self.count_then,
+                Known::Same => self.reported.pair_count = self.count_then,
                 Known::Few => {
                     let threads = self.threads();
                     if let Some(cells) = &mut self.cells {
                         let (found, tested) = self.changes.find(cells, &self.store, threads);
                         cells.note_searches(self.store.changed().len() as u64, tested);
                         self.tested += tested;
-                        self.tell(found, false)?;
+                        self.report(found, false)?;
                     }
                 }
                 Known::Many => {
                     let threads = self.threads();
                     let (found, compared) = self.whole.changes(&self.store, threads)?;
                     self.tested += compared;
-                    self.tell(found, true)?;
+                    self.report(found, true)?;
                 }
             },
         }
-        self.told.skipped = self.skips();
+        self.reported.skipped = self.skips();
         Ok(())
     }
 
     /// Tells what changed, or all pairs where they are fewer.
-    fn tell(&mut self, mut found: Difference, is_sorted: bool) -> Result<(), CullError> {
+    fn report(&mut self, mut found: Difference, is_sorted: bool) -> Result<(), CullError> {
         if !is_sorted {
             let threads = self.threads();
             found.sort(self.whole.sorter(), self.store.boxes().len(), threads);
         }
         let Difference { begun, ended } = found;
         let (more, less) = (begun.len() as u64, ended.len() as u64);
-        self.told.pair_count = (self.count_then + more).saturating_sub(less);
-        if is_resync_due(more + less, self.told.pair_count) {
+        self.reported.pair_count = (self.count_then + more).saturating_sub(less);
+        if is_resync_due(more + less, self.reported.pair_count) {
             return self.report_all_pairs();
         }
         let store = &self.store;
-        self.told
+        self.reported
             .ended
             .extend(ended.into_iter().map(|pair| Ended { pair, reason: reason(store, pair) }));
-        self.told.begun = begun;
+        self.reported.begun = begun;
         Ok(())
     }
 
     fn report_all_pairs(&mut self) -> Result<(), CullError> {
-        self.tell_all()?;
-        self.told.resync = true;
+        self.report_all()?;
+        self.reported.resync = true;
         Ok(())
     }
 
-    fn tell_all(&mut self) -> Result<(), CullError> {
+    fn report_all(&mut self) -> Result<(), CullError> {
         let now = self.list_now()?;
-        self.told.pair_count = now.len() as u64;
-        self.told.pairs = now;
+        self.reported.pair_count = now.len() as u64;
+        self.reported.pairs = now;
         Ok(())
     }
 
@@ -468,7 +469,7 @@ impl Scene {
     }
 
     /// Tells the pairs of the boxes that the edit named.
-    fn tell_moved(&mut self) -> Result<(), CullError> {
+    fn report_moved(&mut self) -> Result<(), CullError> {
         let is_few = self.store.named().len() * MANY_SHARE <= self.store.present();
         let mut pairs = Vec::new();
         if let (Some(cells), true) = (&mut self.cells, is_few) {
@@ -484,7 +485,7 @@ impl Scene {
             let is_named = |[a, b]: &Pair| self.store.is_named(*a) || self.store.is_named(*b);
             pairs.extend(now.iter().copied().filter(is_named));
         }
-        self.told.pairs = Arc::new(pairs);
+        self.reported.pairs = Arc::new(pairs);
         Ok(())
     }
 

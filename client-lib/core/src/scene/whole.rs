@@ -181,7 +181,7 @@ fn list_of<'a>(
 mod tests {
     use crate::aabb::Aabb;
     use crate::engine::{CullError, ReserveError};
-    use crate::scene::{Edit, Report, Scene, SceneError, SceneOptions, Sets, Step, Told};
+    use crate::scene::{Edit, Report, Reported, Scene, SceneError, SceneOptions, Sets, Step};
 
     /// Most pairs of the whole scene are an error before there is memory for them, and those within the limit an
     /// answer.
@@ -190,17 +190,17 @@ mod tests {
         let boxes = vec![Aabb::new([0.0; 3], [1.0; 3]); 2_000];
         let all = [Step::Set(Sets { indices: (0..2_000).into(), boxes: &boxes })];
         let pairs = 2_000 * 1_999 / 2;
-        let tell = |report: Report, most: u64| {
+        let answer = |report: Report, most: u64| {
             let mut scene = Scene::new(SceneOptions::default().with_threads(1));
             scene.limit_pairs(most);
-            scene.edit(Edit { steps: &all }, report).map(Told::pair_count)
+            scene.edit(Edit { steps: &all }, report).map(Reported::pair_count)
         };
         for report in [Report::All, Report::Changes] {
             let too_large = |error| {
                 matches!(error, SceneError::Cull(CullError::Reserve(ReserveError::TooLarge { .. })))
             };
-            assert!(tell(report, pairs - 1).is_err_and(too_large), "{report:?}");
-            assert_eq!(tell(report, pairs), Ok(Some(pairs)), "{report:?}");
+            assert!(answer(report, pairs - 1).is_err_and(too_large), "{report:?}");
+            assert_eq!(answer(report, pairs), Ok(Some(pairs)), "{report:?}");
         }
     }
 }

@@ -6,8 +6,8 @@ use pairmask_core::aabb::Aabb;
 use pairmask_core::oracle;
 use pairmask_core::precision::Margin;
 use pairmask_core::scene::{
-    Edit, ExactPairs, Indices, MarginedSets, Outgoing, Report, Scene, SceneCopy, SceneOptions,
-    Sets, Step, Told,
+    Edit, ExactPairs, Indices, MarginedSets, Outgoing, Report, Reported, Scene, SceneCopy,
+    SceneOptions, Sets, Step,
 };
 use proptest::prelude::*;
 
@@ -46,24 +46,24 @@ impl Kept {
     fn send(&mut self) {
         let (indices, boxes) = (self.outgoing.indices(), self.outgoing.boxes());
         let steps = [Step::Set(Sets { indices, boxes })];
-        let told = self.scene.edit(Edit { steps: &steps }, Report::Changes).expect("right");
-        if told.is_resync() {
-            self.pairs.resync_near(told.pairs().iter().copied(), &self.now);
+        let reported = self.scene.edit(Edit { steps: &steps }, Report::Changes).expect("right");
+        if reported.is_resync() {
+            self.pairs.resync_near(reported.pairs().iter().copied(), &self.now);
         } else {
-            let ended = told.ended().iter().map(|ended| ended.pair);
-            self.pairs.change_near(told.begun().iter().copied(), ended, &self.now);
+            let ended = reported.ended().iter().map(|ended| ended.pair);
+            self.pairs.change_near(reported.begun().iter().copied(), ended, &self.now);
         }
-        self.scene.take();
+        self.scene.acknowledge();
     }
 
     fn all(&mut self) -> Vec<[u32; 2]> {
         self.pairs.note(Edit::NONE, &self.now, Report::All);
-        told_pairs(self.pairs.tell(Report::All, &self.now, Some(1)))
+        reported_pairs(self.pairs.report(Report::All, &self.now, Some(1)))
     }
 }
 
-fn told_pairs(told: &Told) -> Vec<[u32; 2]> {
-    told.pairs().to_vec()
+fn reported_pairs(reported: &Reported) -> Vec<[u32; 2]> {
+    reported.pairs().to_vec()
 }
 
 fn a_box() -> impl Strategy<Value = Aabb> {
@@ -102,16 +102,16 @@ proptest! {
             kept.set((0..boxes.len() as u32).into(), &boxes, &margins, Report::Changes);
             kept.send();
             let Kept { pairs, now, .. } = &mut kept;
-            let told = pairs.tell(Report::Changes, now, Some(1));
-            prop_assert!(!told.is_resync());
+            let reported = pairs.report(Report::Changes, now, Some(1));
+            prop_assert!(!reported.is_resync());
             if taken >> at & 1 == 1 {
-                for ended in told.ended() {
+                for ended in reported.ended() {
                     prop_assert!(known.remove(&ended.pair));
                 }
-                for pair in told.begun() {
+                for pair in reported.begun() {
                     prop_assert!(known.insert(*pair));
                 }
-                pairs.take();
+                pairs.acknowledge();
                 let truth = oracle::truth(&boxes).pairs;
                 prop_assert!(known.iter().copied().eq(truth));
             }
@@ -122,7 +122,7 @@ proptest! {
     }
 
     #[test]
-    fn whatever_another_process_says_is_near_only_pairs_that_overlap_are_told(
+    fn whatever_another_process_says_is_near_only_pairs_that_overlap_are_reported(
         boxes in prop::collection::vec(a_box(), 0..30),
         lists in prop::collection::vec(
             (prop::collection::vec(prop::array::uniform2(0u32..40), 0..60),
@@ -146,19 +146,19 @@ proptest! {
             } else {
                 pairs.change_near(begun, ended, now);
             }
-            let told = pairs.tell(Report::Changes, now, Some(1));
-            prop_assert!(told.begun().is_sorted_by(|low, high| low < high));
+            let reported = pairs.report(Report::Changes, now, Some(1));
+            prop_assert!(reported.begun().is_sorted_by(|low, high| low < high));
             let is_true = |pair: &[u32; 2]| truth.binary_search(pair).is_ok();
-            prop_assert!(told.begun().iter().all(is_true));
+            prop_assert!(reported.begun().iter().all(is_true));
             if *take {
-                for ended in told.ended() {
+                for ended in reported.ended() {
                     prop_assert!(known.remove(&ended.pair));
                 }
-                for pair in told.begun() {
+                for pair in reported.begun() {
                     prop_assert!(known.insert(*pair));
                 }
-                let count = told.pair_count();
-                pairs.take();
+                let count = reported.pair_count();
+                pairs.acknowledge();
                 prop_assert_eq!(count, Some(known.len() as u64));
             }
             let all = kept.all();

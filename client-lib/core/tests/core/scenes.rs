@@ -99,7 +99,7 @@ fn grow_and_shrink(seeds: u64, sizes: &[usize]) {
     in_pool(|| {
         for seed in 0..seeds {
             let random = &mut Random(seed);
-            let (mut scene, mut told) = (Scene::new(SceneOptions::default()), BTreeSet::new());
+            let (mut scene, mut reported) = (Scene::new(SceneOptions::default()), BTreeSet::new());
             let mut boxes: Vec<Aabb> = Vec::new();
             for &target in sizes {
                 for round in 0..6 {
@@ -132,13 +132,13 @@ fn grow_and_shrink(seeds: u64, sizes: &[usize]) {
                         Step::Set(Sets { indices: (&indices).into(), boxes: &set }),
                     ];
                     scene.edit(Edit { steps: &steps }, Report::Changes).expect("an answer");
-                    let answer = scene.told();
+                    let answer = scene.reported();
                     if answer.is_resync() {
-                        told = answer.pairs().iter().copied().collect();
+                        reported = answer.pairs().iter().copied().collect();
                     }
-                    answer.ended().iter().for_each(|ended| assert!(told.remove(&ended.pair)));
-                    answer.begun().iter().for_each(|begun| assert!(told.insert(*begun)));
-                    scene.take();
+                    answer.ended().iter().for_each(|ended| assert!(reported.remove(&ended.pair)));
+                    answer.begun().iter().for_each(|begun| assert!(reported.insert(*begun)));
+                    scene.acknowledge();
                 }
                 for (index, b) in (0..).zip(&boxes) {
                     let kept = scene.get(index).expect("it has a box");
@@ -147,10 +147,10 @@ fn grow_and_shrink(seeds: u64, sizes: &[usize]) {
                 let mut fresh = Scene::new(SceneOptions::default());
                 let steps = [Step::Set(Sets { indices: (0..target as u32).into(), boxes: &boxes })];
                 let all = fresh.edit(Edit { steps: &steps }, Report::All).expect("an answer");
-                assert!(told.iter().eq(all.pairs()), "seed {seed}, {target} boxes");
+                assert!(reported.iter().eq(all.pairs()), "seed {seed}, {target} boxes");
                 if target <= 20_000 {
                     let truth = oracle::truth(&boxes).pairs;
-                    assert!(truth.iter().map(|[a, b]| [*a, *b]).eq(told.iter().copied()));
+                    assert!(truth.iter().map(|[a, b]| [*a, *b]).eq(reported.iter().copied()));
                 }
             }
         }
@@ -169,7 +169,7 @@ fn row() -> Scene {
 #[test]
 fn a_wrong_edit_is_refused_and_changes_nothing() {
     let mut scene = row();
-    let before = scene.told().begun().to_vec();
+    let before = scene.reported().begun().to_vec();
     let b = Aabb::EMPTY;
     let set = |indices, boxes| Step::Set(Sets { indices, boxes });
     let (one, two) = ([b], [b, b]);
@@ -201,16 +201,16 @@ fn a_wrong_edit_is_refused_and_changes_nothing() {
         let refused = scene.edit(Edit { steps }, Report::Changes).map(|_| ());
         assert_eq!(refused, Err(SceneError::Edit(expected)));
         assert_eq!((scene.len(), scene.get(9)), (3, None));
-        assert_eq!(scene.told().begun(), before, "the last answer stays");
+        assert_eq!(scene.reported().begun(), before, "the last answer stays");
     }
-    let told = scene.edit(Edit::NONE, Report::Changes).expect("an answer");
-    assert_eq!(told.begun(), before, "it was not taken");
-    scene.take();
+    let reported = scene.edit(Edit::NONE, Report::Changes).expect("an answer");
+    assert_eq!(reported.begun(), before, "it was not taken");
+    scene.acknowledge();
     assert_eq!(scene.edit(Edit::NONE, Report::Changes).expect("an answer").begun(), [[0u32; 2]; 0]);
 }
 
 #[test]
-fn scenes_of_every_small_size_are_told_and_ended() {
+fn scenes_of_every_small_size_are_reported_and_ended() {
     for n in 0..=70u32 {
         let boxes: Vec<Aabb> = (0..n)
             .map(|i| {
@@ -220,29 +220,29 @@ fn scenes_of_every_small_size_are_told_and_ended() {
             .collect();
         let mut scene = Scene::new(SceneOptions::default());
         let steps = [Step::Set(Sets { indices: (0..n).into(), boxes: &boxes })];
-        let told = scene.edit(Edit { steps: &steps }, Report::Changes).expect("an answer");
+        let reported = scene.edit(Edit { steps: &steps }, Report::Changes).expect("an answer");
         let truth: Vec<Pair> = oracle::truth(&boxes).pairs.into_iter().collect();
-        assert_eq!(told.begun(), truth, "{n} boxes");
-        scene.take();
+        assert_eq!(reported.begun(), truth, "{n} boxes");
+        scene.acknowledge();
         let steps = [Step::Remove((0..n).into())];
-        let told = scene.edit(Edit { steps: &steps }, Report::Changes).expect("an answer");
-        let ended: Vec<Pair> = told.ended().iter().map(|ended| ended.pair).collect();
+        let reported = scene.edit(Edit { steps: &steps }, Report::Changes).expect("an answer");
+        let ended: Vec<Pair> = reported.ended().iter().map(|ended| ended.pair).collect();
         assert_eq!(ended, truth, "{n} boxes");
-        assert!(told.ended().iter().all(|ended| ended.reason == EndReason::Removed));
+        assert!(reported.ended().iter().all(|ended| ended.reason == EndReason::Removed));
     }
 }
 
 #[test]
 fn static_pairs_are_not_looked_for_and_the_meter_says_so() {
     let mut scene = row();
-    scene.take();
+    scene.acknowledge();
     let steps = [Step::Static((0..2).into(), true)];
-    let told = scene.edit(Edit { steps: &steps }, Report::Changes).expect("an answer");
+    let reported = scene.edit(Edit { steps: &steps }, Report::Changes).expect("an answer");
     let ended = Ended { pair: [0, 1], reason: EndReason::Filtered };
-    assert_eq!((told.ended(), told.pair_count()), (&[ended][..], Some(1)));
-    assert_eq!((told.skipped().static_pairs, told.skipped().boxes), (1, 1));
-    scene.take();
-    let told = scene.edit(Edit::NONE, Report::Changes).expect("an answer");
-    assert_eq!((told.skipped().static_pairs, told.skipped().unmoved_pairs), (1, 2));
-    assert_eq!((told.skipped().boxes, told.skipped().tested), (3, 0));
+    assert_eq!((reported.ended(), reported.pair_count()), (&[ended][..], Some(1)));
+    assert_eq!((reported.skipped().static_pairs, reported.skipped().boxes), (1, 1));
+    scene.acknowledge();
+    let reported = scene.edit(Edit::NONE, Report::Changes).expect("an answer");
+    assert_eq!((reported.skipped().static_pairs, reported.skipped().unmoved_pairs), (1, 2));
+    assert_eq!((reported.skipped().boxes, reported.skipped().tested), (3, 0));
 }

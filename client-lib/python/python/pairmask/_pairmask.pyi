@@ -115,7 +115,6 @@ class Session:
         traceback: TracebackType | None = None,
     ) -> None: ...
 
-# Not there by this name: what frames of all kinds have.
 @final
 class Frame:
     @property
@@ -292,7 +291,7 @@ class SceneAnswer:
     @property
     def ended(self) -> _Pairs: ...
     @property
-    def ended_reasons(self) -> NDArray[np.uint8]: ...
+    def ended_reasons(self) -> NDArray[np.uint8]: ...  # values of EndReason
     @property
     def pairs(self) -> _Pairs: ...
     @property

@@ -77,10 +77,10 @@ impl Edited {
     pub fn wait(&mut self, ticket: Ticket) -> PyResult<Read> {
         let gone = || misused("the answer of this edit was waited for, or given up", "Gone");
         let mut cell = self.under_way.take_if(|_| self.last == ticket).ok_or_else(gone)?;
-        let told = cell
+        let reported = cell
             .with_dependent_mut(|_, pending| pending.take().ok_or_else(gone).and_then(answered));
         self.end(cell);
-        told
+        reported
     }
 
     /// Gives up the answer of an edit, if it is under way: the edit is applied, and the next answer makes up

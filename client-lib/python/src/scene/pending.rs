@@ -40,9 +40,9 @@ impl Drop for PyPendingAnswer {
 impl PyPendingAnswer {
     /// Waits for the answer, while other Python threads run. It is acknowledged by that.
     fn wait(&self, py: Python<'_>) -> PyResult<PySceneAnswer> {
-        let told = self.scene.get().wait(py, self.ticket);
+        let reported = self.scene.get().wait(py, self.ticket);
         self.is_open.store(false, Ordering::Relaxed);
-        PySceneAnswer::new(py, told?)
+        PySceneAnswer::new(py, reported?)
     }
 
     /// Gives the answer up, if it was not waited for: the edit is applied, and the next answer makes up for

@@ -4,7 +4,7 @@ use std::slice;
 
 use pairmask_core::engine::{AvailableIsa, EngineId, EngineName};
 use pairmask_core::mask::{MaskShape, MaskView, Pairs, Span};
-use pairmask_core::scene::{Ended, SceneSkips, Told};
+use pairmask_core::scene::{Ended, Reported, SceneSkips};
 use pairmask_core::units::BoxCount;
 use pairmask_wire::{EndedPairs, SceneReply, words_in};
 
@@ -23,49 +23,49 @@ pub(super) struct FromDaemon {
 /// Where an answer lies.
 pub(super) enum Source<'a> {
     Daemon(&'a FromDaemon),
-    Here(&'a Told),
+    Here(&'a Reported),
 }
 
 impl<'a> Source<'a> {
     pub fn begun(&self) -> PairList<'a> {
         match self {
             Self::Daemon(from) => from.list(&from.reply.layout.begun),
-            Self::Here(told) => PairList(List::Own(told.begun())),
+            Self::Here(reported) => PairList(List::Own(reported.begun())),
         }
     }
 
     pub fn ended(&self) -> EndedList<'a> {
         EndedList(match self {
             Self::Daemon(from) => Ends::Shared(from),
-            Self::Here(told) => Ends::Own(told.ended()),
+            Self::Here(reported) => Ends::Own(reported.ended()),
         })
     }
 
     pub fn pairs(&self) -> PairList<'a> {
         match self {
             Self::Daemon(from) => from.list(&from.reply.layout.pairs),
-            Self::Here(told) => PairList(List::Own(told.pairs())),
+            Self::Here(reported) => PairList(List::Own(reported.pairs())),
         }
     }
 
     pub const fn is_resync(&self) -> bool {
         match self {
             Self::Daemon(from) => from.reply.is_resync,
-            Self::Here(told) => told.is_resync(),
+            Self::Here(reported) => reported.is_resync(),
         }
     }
 
     pub fn pair_count(&self) -> Option<u64> {
         match self {
             Self::Daemon(from) => from.reply.pair_count,
-            Self::Here(told) => told.pair_count(),
+            Self::Here(reported) => reported.pair_count(),
         }
     }
 
     pub const fn skipped(&self) -> &'a SceneSkips {
         match self {
             Self::Daemon(from) => &from.reply.skipped,
-            Self::Here(told) => told.skipped(),
+            Self::Here(reported) => reported.skipped(),
         }
     }
 

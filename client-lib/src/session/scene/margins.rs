@@ -6,8 +6,8 @@
 
 use pairmask_core::precision::Margin;
 use pairmask_core::scene::{
-    Edit, EditError, ExactPairs, MarginedPairs, MarginedSets, Outgoing, Report, SceneCopy,
-    SceneMargins, Sent, Sets, Step, Told,
+    Edit, EditError, ExactPairs, MarginedPairs, MarginedSets, Outgoing, Report, Reported,
+    SceneCopy, SceneMargins, Sent, Sets, Step,
 };
 
 use super::answer::Source;
@@ -54,7 +54,7 @@ struct Near {
     /// Pairs at the last taken answer.
     pair_count: u64,
     /// An answer that needed no request.
-    told: Told,
+    reported: Reported,
 }
 
 /// Exact pairs are reported here.
@@ -137,8 +137,8 @@ impl Margined {
         self.sends = !outgoing.is_empty() || edit.steps.iter().any(is_sent);
         Ok(match &self.pairs {
             Pairs::Near(near) => {
-                let tells = report == Report::All || (report == Report::Changes && near.is_open);
-                (self.sends || tells).then_some(report)
+                let reports = report == Report::All || (report == Report::Changes && near.is_open);
+                (self.sends || reports).then_some(report)
             }
             Pairs::Exact(_) if report == Report::Nothing => self.sends.then_some(report),
             Pairs::Exact(exact) => (self.sends || exact.is_behind).then_some(Report::Changes),
@@ -177,13 +177,13 @@ impl Margined {
     }
 
     /// Answers an edit, by the scene's answer to the request, if one was made. Whether the answer is
-    /// [here](Self::told), and not the scene's.
+    /// [here](Self::reported), and not the scene's.
     pub fn answer(&mut self, report: Report, found: Option<(Report, Source<'_>)>) -> bool {
         let Self { now, pairs, threads, .. } = self;
         match pairs {
             Pairs::Near(near) => {
                 if found.is_none() {
-                    near.told = Told::of_none(report, near.pair_count);
+                    near.reported = Reported::of_none(report, near.pair_count);
                 }
                 found.is_none()
             }
@@ -191,24 +191,24 @@ impl Margined {
                 if let Some((Report::Changes, source)) = found {
                     exact.learn(&source, now);
                 }
-                exact.pairs.tell(report, now, *threads);
+                exact.pairs.report(report, now, *threads);
                 true
             }
         }
     }
 
     /// The last answer, where it is here.
-    pub const fn told(&self) -> &Told {
+    pub const fn reported(&self) -> &Reported {
         match &self.pairs {
-            Pairs::Near(near) => &near.told,
-            Pairs::Exact(exact) => exact.pairs.told(),
+            Pairs::Near(near) => &near.reported,
+            Pairs::Exact(exact) => exact.pairs.reported(),
         }
     }
 
     /// Notes that the last answer is taken, which knew so many pairs.
-    pub fn take(&mut self, report: Report, pair_count: Option<u64>) {
+    pub fn acknowledge(&mut self, report: Report, pair_count: Option<u64>) {
         match (&mut self.pairs, report, pair_count) {
-            (Pairs::Exact(exact), ..) => exact.pairs.take(),
+            (Pairs::Exact(exact), ..) => exact.pairs.acknowledge(),
             (Pairs::Near(near), Report::Changes | Report::All, Some(count)) => {
                 (near.is_open, near.pair_count) = (false, count);
             }

@@ -112,17 +112,17 @@ impl Kept {
     fn source<'a>(&'a self, found: &'a Found) -> Source<'a> {
         match (found, self) {
             (Found::Daemon(from), _) => Source::Daemon(from),
-            (Found::Here, Self::Here(scene)) => Source::Here(scene.told()),
-            (Found::Here, Self::Remote(scene)) => Source::Here(scene.told_here()),
-            (Found::Here, Self::Shared(member)) => Source::Here(member.told_here()),
+            (Found::Here, Self::Here(scene)) => Source::Here(scene.reported()),
+            (Found::Here, Self::Remote(scene)) => Source::Here(scene.reported_here()),
+            (Found::Here, Self::Shared(member)) => Source::Here(member.reported_here()),
         }
     }
 
-    fn take(&mut self, report: Report) {
+    fn acknowledge(&mut self, report: Report) {
         match self {
-            Self::Remote(scene) => scene.take(report),
-            Self::Here(scene) => scene.take(),
-            Self::Shared(member) => member.take(report),
+            Self::Remote(scene) => scene.acknowledge(report),
+            Self::Here(scene) => scene.acknowledge(),
+            Self::Shared(member) => member.acknowledge(report),
         }
     }
 
@@ -309,7 +309,7 @@ impl<'s> PendingAnswer<'s, '_> {
             && let Some((asked, _)) = found.take()
         {
             // What this process knows of near pairs is the history of what it sent.
-            kept.take(asked);
+            kept.acknowledge(asked);
         }
         let found = found.map(|(_, found)| found);
         let mut answer = SceneAnswer { scene, report, found, by };
@@ -349,8 +349,7 @@ impl Answerer {
 
 /// The answer to an edit. All its lists are sorted: the bytes are the same whoever answered.
 ///
-/// [`take`](Self::take) acknowledges it: the next changes are counted from it. An answer that is dropped
-/// instead counts as never given, and the next one makes up for it.
+/// It was acknowledged by being waited for: the next changes are counted from it.
 ///
 /// An answer of a daemon holds one of the three places for frames until it is dropped; one of exact pairs of a
 /// scene with margins holds none.
@@ -380,10 +379,10 @@ impl SceneAnswer<'_> {
         let count = self.pair_count();
         let Scene { kept, margins, .. } = &mut *self.scene;
         if let Some(margins) = margins {
-            margins.take(self.report, count);
+            margins.acknowledge(self.report, count);
         }
         if self.found.is_some() {
-            kept.take(self.report);
+            kept.acknowledge(self.report);
         }
     }
 
@@ -393,7 +392,7 @@ impl SceneAnswer<'_> {
     }
 
     /// Whether changes were asked for and [`pairs`](Self::pairs) holds all pairs instead: because those
-    /// are fewer than the changes, or because it is not known any more what was told. The client forgets
+    /// are fewer than the changes, or because it is not known any more what was reported. The client forgets
     /// the pairs that it knows.
     pub fn is_resync(&self) -> bool {
         self.source().is_resync()
@@ -445,9 +444,14 @@ impl SceneAnswer<'_> {
         self.by.tick.as_ref().map_or(&[], |tick| &tick.late)
     }
 
+    /// The scene, to look at its boxes beside the answer.
+    pub const fn scene(&self) -> &Scene {
+        self.scene
+    }
+
     fn source(&self) -> Source<'_> {
         match (&self.found, &self.scene.margins) {
-            (None, Some(margins)) => Source::Here(margins.told()),
+            (None, Some(margins)) => Source::Here(margins.reported()),
             (found, _) => self.scene.kept.source(found.as_ref().unwrap_or(&Found::Here)),
         }
     }

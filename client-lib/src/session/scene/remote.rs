@@ -16,7 +16,7 @@ use pairmask_core::mask::MaskView;
 use pairmask_core::plan::Calibration;
 use pairmask_core::precision::Precision;
 use pairmask_core::scene::{
-    Edit, Report, Scene, SceneCopy, SceneError, SceneOptions, Step, Tags, Told,
+    Edit, Report, Reported, Scene, SceneCopy, SceneError, SceneOptions, Step, Tags,
 };
 use pairmask_core::units::BoxCount;
 use pairmask_wire::{
@@ -44,7 +44,7 @@ struct There {
     /// The last edit's.
     revision: u64,
     /// Whether its answer was taken.
-    is_taken: bool,
+    is_acknowledged: bool,
 }
 
 /// Who answers now.
@@ -80,7 +80,7 @@ pub(super) struct RemoteScene {
     /// The edit that the daemon works on and nobody waits for.
     unread: Arc<Unread>,
     /// What a scene tells that is not here.
-    nothing: Told,
+    nothing: Reported,
 }
 
 /// Where the answer to an edit lies.
@@ -108,7 +108,7 @@ impl RemoteScene {
             daemon_bytes: 0,
             named_by_table: Vec::new(),
             stays_until: None,
-            nothing: Told::default(),
+            nothing: Reported::default(),
         }
     }
 
@@ -126,23 +126,23 @@ impl RemoteScene {
         (self.copy.allocated_bytes() + here, there)
     }
 
-    /// What the scene of this process has told.
-    pub fn told_here(&self) -> &Told {
+    /// What the scene of this process has reported.
+    pub fn reported_here(&self) -> &Reported {
         match &self.keeper {
-            Keeper::Here(scene) => scene.told(),
+            Keeper::Here(scene) => scene.reported(),
             _ => &self.nothing,
         }
     }
 
     /// Takes the last answer to an edit that wanted this.
-    pub fn take(&mut self, report: Report) {
+    pub fn acknowledge(&mut self, report: Report) {
         if !matches!(report, Report::Changes | Report::All) {
             return;
         }
         self.resyncs_anew = true;
         match &mut self.keeper {
-            Keeper::Daemon(there) => there.is_taken = true,
-            Keeper::Here(scene) => scene.take(),
+            Keeper::Daemon(there) => there.is_acknowledged = true,
+            Keeper::Here(scene) => scene.acknowledge(),
             Keeper::Nobody => {}
         }
     }
@@ -384,7 +384,7 @@ impl RemoteScene {
     fn load(&mut self, link: &Arc<Link>) -> Result<(), CommitError> {
         // Another connection's scenes ended with it.
         self.sent_to = self.sent_to.take().filter(|sent_to| Arc::ptr_eq(sent_to, link));
-        let there = There { link: Arc::clone(link), revision: 0, is_taken: false };
+        let there = There { link: Arc::clone(link), revision: 0, is_acknowledged: false };
         let before = std::mem::replace(&mut self.keeper, Keeper::Daemon(there));
         let loaded = self.send_whole(link);
         if loaded.is_err() {
@@ -441,7 +441,7 @@ impl RemoteScene {
             scene: self.id,
             base: there.revision,
             revision: self.revisions,
-            is_taken: there.is_taken,
+            is_acknowledged: there.is_acknowledged,
             is_lost: self.forgets,
             report,
             most_boxes: self.options.most_boxes,
@@ -460,7 +460,8 @@ impl RemoteScene {
         match Exchange::begin(shared, &header) {
             Ok(exchange) => {
                 // Whether it is received or not: a daemon at another revision says so.
-                (there.revision, there.is_taken, self.forgets) = (self.revisions, false, false);
+                (there.revision, there.is_acknowledged, self.forgets) =
+                    (self.revisions, false, false);
                 self.sent_to = Some(Arc::clone(link));
                 let expected = self.estimate.expect(asked.box_count.get());
                 Ok(SentEdit { exchange, asked, report, expected })

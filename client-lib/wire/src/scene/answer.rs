@@ -6,7 +6,7 @@ use std::slice;
 use pairmask_core::dispatch::StageTimes;
 use pairmask_core::engine::{EngineId, EngineName};
 use pairmask_core::mask::Span;
-use pairmask_core::scene::{EndReason, Ended, SceneSkips, Told};
+use pairmask_core::scene::{EndReason, Ended, Reported, SceneSkips};
 
 use crate::reply::{Reply, ReplyError, ReplyFields, ResponseHeader, envelope};
 use crate::section::{Section, SectionKind, find};
@@ -53,19 +53,19 @@ pub struct SceneAnswerLayout {
 
 impl SceneAnswerLayout {
     /// The layout of what a scene tells.
-    pub fn of(told: &Told) -> Self {
+    pub fn of(reported: &Reported) -> Self {
         let mut end = 0u64;
         let mut next = |len: u64| {
             let start = end.next_multiple_of(LINE_WORDS);
             end = start + len;
             Span { start, len }
         };
-        let ended = told.ended().len() as u64;
+        let ended = reported.ended().len() as u64;
         Self {
-            begun: next(PAIR_WORDS * told.begun().len() as u64),
+            begun: next(PAIR_WORDS * reported.begun().len() as u64),
             ended: next(PAIR_WORDS * ended),
             reasons: next(ended.div_ceil(4)),
-            pairs: next(PAIR_WORDS * told.pairs().len() as u64),
+            pairs: next(PAIR_WORDS * reported.pairs().len() as u64),
         }
     }
 
@@ -78,15 +78,15 @@ impl SceneAnswerLayout {
     ///
     /// # Panics
     /// With fewer.
-    pub fn write(&self, told: &Told, words: &mut [u32]) {
+    pub fn write(&self, reported: &Reported, words: &mut [u32]) {
         let range = |span: &Span| span.start as usize..(span.start + span.len) as usize;
-        words[range(&self.begun)].copy_from_slice(told.begun().as_flattened());
+        words[range(&self.begun)].copy_from_slice(reported.begun().as_flattened());
         let to = words[range(&self.ended)].as_chunks_mut().0;
-        to.iter_mut().zip(told.ended()).for_each(|(to, ended)| *to = ended.pair);
+        to.iter_mut().zip(reported.ended()).for_each(|(to, ended)| *to = ended.pair);
         words[range(&self.reasons)].fill(0);
         let to = bytemuck::cast_slice_mut::<u32, u8>(&mut words[range(&self.reasons)]);
-        to.iter_mut().zip(told.ended()).for_each(|(to, e)| *to = reason_number(e.reason));
-        words[range(&self.pairs)].copy_from_slice(told.pairs().as_flattened());
+        to.iter_mut().zip(reported.ended()).for_each(|(to, e)| *to = reason_number(e.reason));
+        words[range(&self.pairs)].copy_from_slice(reported.pairs().as_flattened());
     }
 
     fn sections(&self) -> [Section; 4] {
@@ -105,17 +105,18 @@ pub fn response_scene(
     fields: &ReplyFields,
     engine: EngineName,
     threads: usize,
-    told: &Told,
+    reported: &Reported,
     scene_bytes: u64,
     times: &StageTimes,
 ) -> ResponseHeader {
     let mut header = envelope(fields, StatusCode::Ok);
     let flag = |on: bool, flag: u32| if on { flag } else { 0 };
-    header.flags = flag(told.is_resync(), RESYNC) | flag(told.pair_count().is_some(), COUNTED);
+    header.flags =
+        flag(reported.is_resync(), RESYNC) | flag(reported.pair_count().is_some(), COUNTED);
     header.engine = engine as u32;
     header.threads = u32::try_from(threads).unwrap_or(u32::MAX);
-    header.pair_count = told.pair_count().unwrap_or(0);
-    header.skipped[..5].copy_from_slice(&told.skipped().to_array());
+    header.pair_count = reported.pair_count().unwrap_or(0);
+    header.skipped[..5].copy_from_slice(&reported.skipped().to_array());
     header.stages_ns[..5].copy_from_slice(&[
         times.ingest_ns,
         times.plan_ns,
@@ -124,7 +125,7 @@ pub fn response_scene(
         times.total_ns,
     ]);
     header.detail[0] = scene_bytes;
-    header.sections[..4].copy_from_slice(&SceneAnswerLayout::of(told).sections());
+    header.sections[..4].copy_from_slice(&SceneAnswerLayout::of(reported).sections());
     header
 }
 

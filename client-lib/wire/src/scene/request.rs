@@ -29,10 +29,10 @@ pub struct SceneRequest {
     /// The revision that it makes: not 0, and not the base.
     pub revision: u64,
     /// Whether the client took the answer to the edit that made the base.
-    pub is_taken: bool,
-    /// Whether the client knows pairs that this scene has not told.
+    pub is_acknowledged: bool,
+    /// Whether the client knows pairs that this scene has not reported.
     pub is_lost: bool,
-    /// What it wants to be told.
+    /// What it wants to be reported.
     pub report: Report,
     /// Indices are below this.
     pub most_boxes: u32,
@@ -84,7 +84,7 @@ impl RequestHeader {
             base: request.base,
             revision: request.revision,
             most_boxes: request.most_boxes,
-            scene_flags: flag(request.is_taken, TAKEN) | flag(request.is_lost, LOST),
+            scene_flags: flag(request.is_acknowledged, TAKEN) | flag(request.is_lost, LOST),
             ..Self::envelope(Operation::EditScene, client_token, frame)
         }
     }
@@ -132,7 +132,7 @@ impl SceneRequest {
             scene: SceneId(header.scene),
             base: header.base,
             revision: header.revision,
-            is_taken: header.scene_flags & TAKEN != 0,
+            is_acknowledged: header.scene_flags & TAKEN != 0,
             is_lost: header.scene_flags & LOST != 0,
             report,
             most_boxes: header.most_boxes,

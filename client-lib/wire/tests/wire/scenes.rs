@@ -32,7 +32,7 @@ fn request(layout: &EditLayout, most_boxes: u32) -> SceneRequest {
         scene: SceneId(5),
         base: 6,
         revision: 7,
-        is_taken: true,
+        is_acknowledged: true,
         is_lost: false,
         report: Report::Moved,
         most_boxes,
@@ -323,18 +323,18 @@ fn answer(report: Report) -> (Scene, ResponseHeader, Vec<u32>) {
     let row: Vec<Aabb> = (0..6).map(|i| at(0.7 * i as f32)).collect();
     let all = [Step::Set(Sets { indices: (0..6).into(), boxes: &row })];
     scene.edit(Edit { steps: &all }, Report::Changes).unwrap();
-    scene.take();
+    scene.acknowledge();
     let steps = [
         Step::Set(Sets { indices: (0..1).into(), boxes: &row[3..4] }),
         Step::Remove((5..6).into()),
         Step::Switch((1..2).into(), false),
     ];
     scene.edit(Edit { steps: &steps }, report).unwrap();
-    let layout = SceneAnswerLayout::of(scene.told());
+    let layout = SceneAnswerLayout::of(scene.reported());
     let mut words = vec![u32::MAX; layout.words() as usize];
-    layout.write(scene.told(), &mut words);
+    layout.write(scene.reported(), &mut words);
     let times = StageTimes { total_ns: 9, ..StageTimes::default() };
-    let header = response_scene(&ASKED, EngineName::CpuGrid, 2, scene.told(), 77, &times);
+    let header = response_scene(&ASKED, EngineName::CpuGrid, 2, scene.reported(), 77, &times);
     (scene, header, words)
 }
 
@@ -342,18 +342,21 @@ fn answer(report: Report) -> (Scene, ResponseHeader, Vec<u32>) {
 fn an_answer_is_read_as_it_was_written() {
     for report in [Report::Changes, Report::Moved, Report::All, Report::Nothing] {
         let (scene, header, words) = answer(report);
-        let told = scene.told();
+        let reported = scene.reported();
         let reply = SceneReply::parse(&header, &ASKED, 4 * words.len() as u64).unwrap();
         assert_eq!(reply.engine, EngineId::Known(EngineName::CpuGrid));
         assert_eq!((reply.threads, reply.scene_bytes, reply.total_ns), (2, 77, 9));
-        assert_eq!((reply.is_resync, reply.pair_count), (told.is_resync(), told.pair_count()));
-        assert_eq!(&reply.skipped, told.skipped());
+        assert_eq!(
+            (reply.is_resync, reply.pair_count),
+            (reported.is_resync(), reported.pair_count())
+        );
+        assert_eq!(&reply.skipped, reported.skipped());
         let layout = reply.layout;
-        assert_eq!(SceneAnswerLayout::pairs_in(&layout.begun, &words), told.begun());
-        assert_eq!(SceneAnswerLayout::pairs_in(&layout.pairs, &words), told.pairs());
-        assert!(layout.ended_in(&words, 6).eq(told.ended().iter().copied()));
+        assert_eq!(SceneAnswerLayout::pairs_in(&layout.begun, &words), reported.begun());
+        assert_eq!(SceneAnswerLayout::pairs_in(&layout.pairs, &words), reported.pairs());
+        assert!(layout.ended_in(&words, 6).eq(reported.ended().iter().copied()));
         if report == Report::Changes {
-            assert!(!told.begun().is_empty() && told.ended().len() == 3);
+            assert!(!reported.begun().is_empty() && reported.ended().len() == 3);
             let below = layout.ended_in(&words, 5).count();
             assert!(below < 3, "indices that the scene does not have are passed over");
         }

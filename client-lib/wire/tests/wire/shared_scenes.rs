@@ -193,7 +193,7 @@ fn golden_commit_and_leave() {
         scene: SceneId(5),
         base: 6,
         revision: 7,
-        is_taken: true,
+        is_acknowledged: true,
         is_lost: false,
         report: Report::Changes,
         most_boxes: 0,
@@ -257,12 +257,12 @@ fn golden_answers_of_shared_scenes() {
     let mut scene = Scene::new(SceneOptions::default());
     let boxes = [at(0.0), at(0.5)];
     let steps = [Step::Set(Sets { indices: (0..2).into(), boxes: &boxes })];
-    let told = scene.edit(Edit { steps: &steps }, Report::Changes).unwrap();
-    let layout = SceneAnswerLayout::of(told);
+    let reported = scene.edit(Edit { steps: &steps }, Report::Changes).unwrap();
+    let layout = SceneAnswerLayout::of(reported);
     let late = [10..20, 40..41];
     let marks = TickMarks::after(&layout, 77, &late);
     let (engine, times) = (EngineName::CpuGrid, StageTimes::default());
-    let header = marks.mark(response_scene(&ASKED, engine, 1, told, 4_096, &times));
+    let header = marks.mark(response_scene(&ASKED, engine, 1, reported, 4_096, &times));
     // Its pair count is that of the whole scene.
     compare(&header, 2, [4_096, 77, 0, 0], &[(4, [4 * layout.words(), 16])]);
     let mut words = vec![0; marks.words() as usize];

@@ -136,12 +136,12 @@ fn wait_for(
 ) -> Result<ExitStatus, DemoError> {
     let watching = "watching the client process";
     let deadline = Instant::now() + patience;
-    let mut told = false;
+    let mut reported = false;
     while Instant::now() < deadline {
         if let Some(status) = client.try_wait().map_err(DemoError::system(watching))? {
             return Ok(status);
         }
-        if stop.load(Ordering::Relaxed) && !std::mem::replace(&mut told, true) {
+        if stop.load(Ordering::Relaxed) && !std::mem::replace(&mut reported, true) {
             ask_to_stop(&client);
         }
         std::thread::sleep(LOOK_INTERVAL);

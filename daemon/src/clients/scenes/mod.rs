@@ -28,7 +28,7 @@ pub(crate) struct KeptScene {
     pub(crate) id: SceneId,
     /// The number of the last edit.
     pub(crate) revision: u64,
-    /// Its boxes, and what was told.
+    /// Its boxes, and what was reported.
     pub(crate) scene: SceneKeeper,
     /// Memory for reading edits.
     pub(crate) scratch: EditScratch,

@@ -206,13 +206,13 @@ impl<T: Send + 'static> DriverThread<T> {
     /// The system starts no thread.
     pub fn start(name: &str, mut work: impl FnMut() -> T + Send + 'static) -> io::Result<Self> {
         let (ask, asked) = sync_channel(1);
-        let (tell, done) = sync_channel(1);
+        let (report, done) = sync_channel(1);
         let thread = std::thread::Builder::new().name(name.into()).spawn(move || {
             // Dropped last: who is told of a panic asks in vain.
-            let tell = tell;
+            let report = report;
             let asked = asked;
             loop {
-                if tell.send(work()).is_err() || asked.recv().is_err() {
+                if report.send(work()).is_err() || asked.recv().is_err() {
                     return;
                 }
             }
@@ -284,7 +284,7 @@ mod tests {
     }
 
     #[test]
-    fn work_that_panics_is_told_and_not_asked_for_again() {
+    fn work_that_panics_is_reported_and_not_asked_for_again() {
         let thread = DriverThread::<()>::start("test", || panic!("meant")).expect("a thread");
         assert_eq!(wait(&thread), None);
         assert!(!thread.ask());

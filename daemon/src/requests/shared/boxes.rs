@@ -7,7 +7,7 @@ use pairmask_core::EngineChoice;
 use pairmask_core::scene::shared::{
     Incarnations, KeptBoxes, NamedPair, Ranges, Remains, TickChanges,
 };
-use pairmask_core::scene::{Edit, EndReason, Report, SceneCopy, SceneError, Told};
+use pairmask_core::scene::{Edit, EndReason, Report, Reported, SceneCopy, SceneError};
 
 use super::SceneTools;
 use crate::audit::{AuditedScene, Auditor, SceneNote};
@@ -44,7 +44,7 @@ pub(super) struct Boxes {
     audit: Option<TickAudit>,
 }
 
-/// The audit of the scene, while it can be followed, and the edits that it was told.
+/// The audit of the scene, while it can be followed, and the edits that it was reported.
 struct TickAudit {
     scene: AuditedScene,
     edits: u64,
@@ -94,17 +94,22 @@ impl Pending {
 /// What an edit has changed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Changed {
-    /// What the scene [tells](Boxes::told).
-    Told,
+    /// What the scene [tells](Boxes::reported).
+    Reported,
     /// Nobody knows.
     Lost,
 }
 
 /// Has an edit, and what the scene told of it, audited.
-fn audit_edit(auditor: &Auditor, audit: &mut Option<TickAudit>, edit: Edit<'_>, told: &Told) {
+fn audit_edit(
+    auditor: &Auditor,
+    audit: &mut Option<TickAudit>,
+    edit: Edit<'_>,
+    reported: &Reported,
+) {
     if let Some(TickAudit { scene, edits }) = audit {
         *edits += 1;
-        auditor.follow(scene, || SceneNote::of_tick(*edits, edit, told));
+        auditor.follow(scene, || SceneNote::of_tick(*edits, edit, reported));
     }
 }
 
@@ -130,12 +135,12 @@ impl Boxes {
     }
 
     /// What the last edit has changed, until it is [taken](Self::take).
-    pub fn told(&self) -> &Told {
-        self.scene.told()
+    pub fn reported(&self) -> &Reported {
+        self.scene.reported()
     }
 
-    pub fn take(&mut self) {
-        self.scene.take();
+    pub fn acknowledge(&mut self) {
+        self.scene.acknowledge();
     }
 
     /// Bytes that are kept beside the scene.
@@ -196,9 +201,9 @@ impl Boxes {
             self.mend(threads)?;
             return Ok(Changed::Lost);
         }
-        audit_edit(&self.tools.auditor, &mut self.audit, edit, self.scene.told());
-        let is_lost = was_made == Ok(true) || self.scene.told().is_resync();
-        Ok(if is_lost { Changed::Lost } else { Changed::Told })
+        audit_edit(&self.tools.auditor, &mut self.audit, edit, self.scene.reported());
+        let is_lost = was_made == Ok(true) || self.scene.reported().is_resync();
+        Ok(if is_lost { Changed::Lost } else { Changed::Reported })
     }
 
     /// Notes that the scene missed an edit: who follows it cannot follow the next.
@@ -216,7 +221,7 @@ impl Boxes {
         self.scene.limit_pairs(self.most_pairs);
         let whole = self.copy.whole();
         self.scene.edit(Edit { steps: &whole.steps() }, Report::All)?;
-        self.scene.take();
+        self.scene.acknowledge();
         self.is_broken = false;
         Ok(true)
     }
@@ -225,10 +230,10 @@ impl Boxes {
     pub fn whole(&mut self) -> Result<Arc<Vec<[u32; 2]>>, SceneError> {
         match self.scene.edit(Edit::NONE, Report::All) {
             Ok(()) => {
-                let told = self.scene.told();
-                let pairs = Arc::new(told.pairs().to_vec());
-                audit_edit(&self.tools.auditor, &mut self.audit, Edit::NONE, told);
-                self.scene.take();
+                let reported = self.scene.reported();
+                let pairs = Arc::new(reported.pairs().to_vec());
+                audit_edit(&self.tools.auditor, &mut self.audit, Edit::NONE, reported);
+                self.scene.acknowledge();
                 Ok(pairs)
             }
             Err(error) => {
@@ -240,7 +245,7 @@ impl Boxes {
 
     /// What the last edit has changed, until it is [taken](Self::take).
     pub fn changes(&self) -> TickChanges {
-        TickChanges::of(self.scene.told(), &self.incarnations)
+        TickChanges::of(self.scene.reported(), &self.incarnations)
     }
 
     /// Why pairs ended.

@@ -189,7 +189,7 @@ impl Seats {
         }
         let request = &commit.request;
         let mut unreported = locked(&member.recipient.unreported);
-        unreported.acknowledge(request.is_taken);
+        unreported.acknowledge(request.is_acknowledged);
         if request.is_lost {
             unreported.resync();
         }
@@ -263,7 +263,7 @@ pub(super) struct Member {
     pub scratch: EditScratch,
 }
 
-/// Of what a member is to be told. Whoever ends a tick has it without its seat.
+/// Of what a member is to be reported. Whoever ends a tick has it without its seat.
 #[derive(Clone)]
 pub(super) struct Recipient {
     pub id: MemberId,
@@ -301,7 +301,7 @@ impl Recipient {
         self.scope == Scope::All || self.own.has(a) || self.own.has(b)
     }
 
-    /// Notes what it is to be told.
+    /// Notes what it is to be reported.
     pub fn note(&self, changes: &TickChanges) {
         let mut unreported = locked(&self.unreported);
         match self.scope {
@@ -310,7 +310,7 @@ impl Recipient {
         }
     }
 
-    /// It does not know what it was told.
+    /// It does not know what it was reported.
     pub fn resync(&self) {
         locked(&self.unreported).resync();
     }

@@ -8,7 +8,7 @@ use pairmask_core::EngineName;
 use pairmask_core::dispatch::StageTimes;
 use pairmask_core::engine::{CullError, ReplyBuffer};
 use pairmask_core::scene::shared::{MemberId, Scope};
-use pairmask_core::scene::{Edit, SceneError, Told};
+use pairmask_core::scene::{Edit, Reported, SceneError};
 use pairmask_wire::{EditScratch, SceneAnswerLayout, TickMarks, response_scene};
 use rayon::prelude::*;
 
@@ -41,7 +41,7 @@ struct Facts {
 struct Answer {
     recipient: Recipient,
     commit: Commit,
-    told: Result<Told, Refusal>,
+    reported: Result<Reported, Refusal>,
 }
 
 /// Does something for each of a list, side by side where there are threads for it.
@@ -61,7 +61,7 @@ pub(super) fn apply(
     threads: usize,
 ) -> Result<(), SceneError> {
     match boxes.apply(edit, threads) {
-        Ok(Changed::Told) => {
+        Ok(Changed::Reported) => {
             let changes = boxes.changes();
             for_each(recipients.to_vec(), threads, |recipient| recipient.note(&changes));
         }
@@ -71,11 +71,11 @@ pub(super) fn apply(
             return Err(error);
         }
     }
-    boxes.take();
+    boxes.acknowledge();
     Ok(())
 }
 
-/// Nobody knows what these were told.
+/// Nobody knows what these were reported.
 fn lose(recipients: &[&Recipient]) {
     for recipient in recipients {
         recipient.resync();
@@ -104,7 +104,7 @@ impl ClosedTick {
         if whole.is_err() {
             lose(&recipients);
         }
-        let answers = told_to(commits, boxes, &whole, threads);
+        let answers = reported_to(commits, boxes, &whole, threads);
         let recipients = answers.iter().map(|answer| &answer.recipient).chain(&others);
         // Members keep the memory of their edits for the next.
         let edits = answers.iter().map(|answer| answer.commit.edit.allocated_bytes() as u64);
@@ -134,17 +134,17 @@ fn whole_for(boxes: &mut Boxes, commits: &[(Recipient, Commit)]) -> Result<Whole
     if needs_whole { boxes.whole().map(Some) } else { Ok(None) }
 }
 
-/// What each member is told.
-fn told_to(
+/// What each member is reported.
+fn reported_to(
     commits: Vec<(Recipient, Commit)>,
     boxes: &Boxes,
     whole: &Result<Whole, SceneError>,
     threads: usize,
 ) -> Vec<Answer> {
-    let pair_count = boxes.told().pair_count().unwrap_or(0);
+    let pair_count = boxes.reported().pair_count().unwrap_or(0);
     let reasons = boxes.reasons();
-    let tell = |(recipient, commit): (Recipient, Commit)| {
-        let told = whole.as_ref().map_err(|error| Refusal::from(error.clone())).map(|whole| {
+    let report = |(recipient, commit): (Recipient, Commit)| {
+        let reported = whole.as_ref().map_err(|error| Refusal::from(error.clone())).map(|whole| {
             let report = commit.request.report;
             let mut unreported = locked(&recipient.unreported);
             let needed = whole.as_ref().filter(|_| unreported.needs_whole(report));
@@ -157,12 +157,12 @@ fn told_to(
             });
             unreported.answer(report, whole, pair_count, |named| reasons.of(named))
         });
-        Answer { recipient, commit, told }
+        Answer { recipient, commit, reported }
     };
     if threads == 1 {
-        commits.into_iter().map(tell).collect()
+        commits.into_iter().map(report).collect()
     } else {
-        commits.into_par_iter().map(tell).collect()
+        commits.into_par_iter().map(report).collect()
     }
 }
 
@@ -183,21 +183,28 @@ impl AppliedTick {
 impl Facts {
     /// Answers one member.
     fn answer(&self, answer: Answer, outbox: &Outbox) {
-        let Answer { recipient, mut commit, told } = answer;
-        if let Err(refusal) = told.and_then(|told| self.send(&told, &mut commit, outbox)) {
+        let Answer { recipient, mut commit, reported } = answer;
+        if let Err(refusal) =
+            reported.and_then(|reported| self.send(&reported, &mut commit, outbox))
+        {
             recipient.resync();
             outbox.refuse(&mut commit.open, &refusal);
         }
         commit.open.close();
     }
 
-    fn send(&self, told: &Told, commit: &mut Commit, outbox: &Outbox) -> Result<(), Refusal> {
+    fn send(
+        &self,
+        reported: &Reported,
+        commit: &mut Commit,
+        outbox: &Outbox,
+    ) -> Result<(), Refusal> {
         let publish = Instant::now();
-        let layout = SceneAnswerLayout::of(told);
+        let layout = SceneAnswerLayout::of(reported);
         let marks = TickMarks::after(&layout, self.number, &self.late);
         let (_, mut reply) = commit.open.parts();
         let words = reply.reserve(marks.words()).map_err(CullError::from)?;
-        layout.write(told, words);
+        layout.write(reported, words);
         marks.write(&self.late, words);
         let times = StageTimes {
             publish_ns: publish.elapsed().as_nanos() as u64,
@@ -205,8 +212,8 @@ impl Facts {
             ..self.times
         };
         let (fields, threads) = (commit.open.fields(), self.threads);
-        let header = response_scene(fields, self.engine, threads, told, self.bytes, &times);
-        outbox.count_edit(fields, told);
+        let header = response_scene(fields, self.engine, threads, reported, self.bytes, &times);
+        outbox.count_edit(fields, reported);
         outbox.send(&mut commit.open, &marks.mark(header));
         Ok(())
     }

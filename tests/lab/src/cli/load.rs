@@ -31,7 +31,7 @@ use serde::{Deserialize, Serialize};
 
 use super::studies::Output;
 use crate::Result;
-use crate::processes::{Daemon, Work, Worker, is_told_to_begin, tell};
+use crate::processes::{Daemon, Work, Worker, is_reported_to_begin, report};
 use crate::study::harness::StudyReport;
 use crate::study::harness::document::Part;
 use crate::study::harness::table::{Fields, Table, row};
@@ -440,8 +440,8 @@ impl ClientSettings {
             Ok(None) => return,
             Err(error) => Said::Failed(error.to_string()),
         };
-        tell(&said);
-        is_told_to_begin();
+        report(&said);
+        is_reported_to_begin();
     }
 
     /// `None` where the parent gave up before the start.
@@ -474,8 +474,8 @@ impl ClientSettings {
         // The backend of this frame has to serve all frames. It touches all memory too.
         let first = client.frame_decoded(scene.boxes(), &mut decoding, |_| ());
         let mut figures = Figures::of(&first.map_err(BenchError::from)?.info);
-        tell(&Said::Ready);
-        if !is_told_to_begin() {
+        report(&Said::Ready);
+        if !is_reported_to_begin() {
             return Ok(None);
         }
         let (mut late_frames, mut from_due) = (0, Recorder::new());

@@ -142,7 +142,7 @@ impl Grid {
 #[command(after_help = "\
 Times are µs: edit in, sorted changes out (median and 99 of 100), then the medians of its parts: the edit
 checked, brought to the GPU, blocks made ready, the GPU with submission and wait, changes read and sorted.
-Boxes of an edit are read where they lie (`imported`) or copied. What was told is compared with a fresh
+Boxes of an edit are read where they lie (`imported`) or copied. What was reported is compared with a fresh
 search on the CPU at the end of each line. Between edits there are queries: their whole time (1, 50 and
 99 of 100) and its parts. Needs a GPU; no daemon is between. Several GPUs (--gpu 0,1) keep each scene together;
 times of stages are those of the first.

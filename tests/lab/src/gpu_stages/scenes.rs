@@ -10,7 +10,7 @@ use clap::Args;
 use pairmask_core::Aabb;
 use pairmask_core::aabb::KeyBox;
 use pairmask_core::scene::{
-    Edit, Indices, QueryTags, Report, Scene, SceneOptions, Sets, Step, Told,
+    Edit, Indices, QueryTags, Report, Reported, Scene, SceneOptions, Sets, Step,
 };
 use pairmaskd::cli::whole_number::whole_number;
 use pairmaskd::execute::gpu::{
@@ -103,15 +103,15 @@ impl PairSum {
     }
 
     /// The client that knows these pairs takes an answer.
-    fn take(&mut self, told: &Told) {
-        if told.is_resync() {
-            *self = Self::of(told.pairs());
+    fn take(&mut self, reported: &Reported) {
+        if reported.is_resync() {
+            *self = Self::of(reported.pairs());
             return;
         }
-        for pair in told.begun() {
+        for pair in reported.begun() {
             self.add(*pair);
         }
-        for ended in told.ended() {
+        for ended in reported.ended() {
             self.count = self.count.wrapping_sub(1);
             self.sum = self.sum.wrapping_sub(mixed(ended.pair));
         }
@@ -161,10 +161,10 @@ impl Rig {
         let steps = if is_spawn { &both[..] } else { &both[1..] };
         let steps = if indices.is_empty() { &[] } else { steps };
         let start = Instant::now();
-        let told = self.scene.edit(Edit { steps }, Report::Changes)?;
+        let reported = self.scene.edit(Edit { steps }, Report::Changes)?;
         let took = start.elapsed();
-        self.known.take(told);
-        self.scene.take();
+        self.known.take(reported);
+        self.scene.acknowledge();
         Ok(took)
     }
 }
@@ -247,7 +247,7 @@ pub fn measure(gpus: &[Arc<Gpu>], world: &mut World, case: &Case) -> Result<Fiel
         check(&rig, world, case)?;
         check_queries(world.boxes(), &queries, &found, case)?;
     }
-    let told = rig.scene.told();
+    let reported = rig.scene.reported();
     let [stage_us, query_stage_us] = if effort.stages {
         let timed = Run::new(gpus, &mut world.clone(), case, TIMED_STAGES, true)?;
         [stages(&timed.edits), stages(&timed.asked)]
@@ -269,8 +269,8 @@ pub fn measure(gpus: &[Arc<Gpu>], world: &mut World, case: &Case) -> Result<Fiel
         sort_us: part(&edits, |times| times.sort),
         submissions: edits.iter().map(|(_, times)| times.submissions).max().unwrap_or(0),
         repeated: edits.iter().filter(|(_, times)| times.submissions > 1).count(),
-        changes: told.begun().len() + told.ended().len(),
-        tested: told.skipped().tested,
+        changes: reported.begun().len() + reported.ended().len(),
+        tested: reported.skipped().tested,
         pairs: rig.known.count,
         queries: queries.len(),
         query_us: [1, 50, 99].map(|percent| whole(&asked, percent)),
@@ -292,8 +292,8 @@ fn check(rig: &Rig, world: &World, case: &Case) -> Result<()> {
     let mut fresh = Scene::new(SceneOptions::default());
     let indices = Indices::from(0..case.n as u32);
     let steps = [Step::Set(Sets { indices, boxes: world.boxes() })];
-    let told = fresh.edit(Edit { steps: &steps }, Report::All)?;
-    if PairSum::of(told.pairs()) == rig.known {
+    let reported = fresh.edit(Edit { steps: &steps }, Report::All)?;
+    if PairSum::of(reported.pairs()) == rig.known {
         return Ok(());
     }
     Err(wrong_pairs(case.n as u32, case.scene))
@@ -344,7 +344,7 @@ mod tests {
         assert_ne!(sum, PairSum::of(&pairs[1..]));
         assert_ne!(sum, PairSum::of(&[[0, 1], [0, 2], [0, 2]]));
         let mut known = PairSum::default();
-        known.take(&Told::of_changes(pairs.to_vec(), Vec::new(), 3));
+        known.take(&Reported::of_changes(pairs.to_vec(), Vec::new(), 3));
         assert_eq!(known, sum);
     }
 }

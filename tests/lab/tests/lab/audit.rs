@@ -16,11 +16,11 @@ fn a_broken_engine_is_counted() {
         (Encoding::Sparse, Shape::Queries),
         (Encoding::List, Shape::Queries),
     ] {
-        let (told, log) = audit::<LosingDaemon>(encoding, shape);
+        let (reported, log) = audit::<LosingDaemon>(encoding, shape);
         let edits = u64::from(shape == Shape::Queries);
-        let frames = told["frames"].as_u64().expect("a count") - edits;
-        assert_eq!(told["missed"], frames, "a pair is lost in every frame: {told}");
-        assert_eq!(told["extra"], 0);
+        let frames = reported["frames"].as_u64().expect("a count") - edits;
+        assert_eq!(reported["missed"], frames, "a pair is lost in every frame: {reported}");
+        assert_eq!(reported["extra"], 0);
         assert!(log.contains("1 missed and 0 extra pairs"), "{log}");
     }
 }

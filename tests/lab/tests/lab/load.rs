@@ -74,7 +74,7 @@ fn clients_are_counted_together_and_of_differing_sizes_apart() {
 }
 
 #[test]
-fn the_text_says_who_asked_and_clients_that_cannot_connect_are_told_of_once() {
+fn the_text_says_who_asked_and_clients_that_cannot_connect_are_reported_of_once() {
     let place = Place::new();
     let finished =
         place.run(&["load", "--seconds", "1", "--rate", "50", "--n", "70", "--out", "load"]);

@@ -5,7 +5,7 @@ use std::process::Stdio;
 use super::support::Place;
 
 #[test]
-fn a_mistake_is_told_in_one_line() {
+fn a_mistake_is_reported_in_one_line() {
     let place = Place::new();
     place.boxes(&pairmask_tests::stress_scenes::named("uniform").boxes(70, 1));
     for (line, code, expected) in [

@@ -54,12 +54,12 @@ impl Kinds {
         for (kind, place) in places.iter().enumerate() {
             kinds[*place] = kind as u8;
         }
-        let tell = |work: &mut [(u32, &mut [u8])]| {
+        let report = |work: &mut [(u32, &mut [u8])]| {
             for (first, of) in work {
                 (*first..).zip(&mut **of).for_each(|(index, of)| *of = kinds[place(tag(index))]);
             }
         };
-        in_parts(work.as_mut_slice(), parts, &tell, &|(), ()| ());
+        in_parts(work.as_mut_slice(), parts, &report, &|(), ()| ());
         let kind = |place: &usize| (FilterId((place / 2) as u16), place % 2 == 1);
         Some(Self(places.iter().map(kind).collect()))
     }

@@ -35,14 +35,14 @@ pub(super) fn admit(
     blocks: &[Block],
     questions: &[Question],
     spans: &[Span],
-    tell: &mut dyn FnMut(&[Hit]),
+    report: &mut dyn FnMut(&[Hit]),
 ) {
     #[cfg(target_arch = "x86_64")]
     if Isa::Avx2.is_available() {
         // SAFETY: the processor has AVX2 and the others, as was just asked.
-        return unsafe { admit_avx2(blocks, questions, spans, tell) };
+        return unsafe { admit_avx2(blocks, questions, spans, report) };
     }
-    admit_with(blocks, questions, spans, tell, Question::admitted);
+    admit_with(blocks, questions, spans, report, Question::admitted);
 }
 
 #[cfg(target_arch = "x86_64")]
@@ -51,9 +51,9 @@ fn admit_avx2(
     blocks: &[Block],
     questions: &[Question],
     spans: &[Span],
-    tell: &mut dyn FnMut(&[Hit]),
+    report: &mut dyn FnMut(&[Hit]),
 ) {
-    admit_with(blocks, questions, spans, tell, |question, block| {
+    admit_with(blocks, questions, spans, report, |question, block| {
         // SAFETY: this function is called where there is AVX2.
         unsafe { question.admitted_avx2(block) }
     });
@@ -64,7 +64,7 @@ fn admit_with(
     blocks: &[Block],
     questions: &[Question],
     spans: &[Span],
-    tell: &mut dyn FnMut(&[Hit]),
+    report: &mut dyn FnMut(&[Hit]),
     admitted: impl Fn(&Question, &Block) -> u32,
 ) {
     let (mut hits, mut count) = ([Hit::default(); TOLD], 0);
@@ -78,7 +78,7 @@ fn admit_with(
             hits[count] = Hit { question, block: number, admitted };
             count += usize::from(admitted != 0);
             if count == TOLD {
-                tell(&hits);
+                report(&hits);
                 count = 0;
             }
             if rest <= SLOTS {
@@ -87,5 +87,5 @@ fn admit_with(
             (number, rest) = (number + 1, rest - SLOTS);
         }
     }
-    tell(&hits[..count]);
+    report(&hits[..count]);
 }

@@ -6,7 +6,7 @@
 
 use std::sync::Arc;
 
-use super::super::answer::{EndReason, Ended, Report, Told, is_resync_due};
+use super::super::answer::{EndReason, Ended, Report, Reported, is_resync_due};
 use super::super::copy::SceneCopy;
 use super::super::edit::Edit;
 use super::super::pair_list::{Pair, pair};
@@ -37,7 +37,7 @@ const MANY_SHARE: usize = 8;
 /// bit, but for the meter of work left out.
 ///
 /// It is told of each edit before it is applied ([`note`](Self::note)), and of the changes of the near
-/// pairs. [`tell`](Self::tell) needs to have all of them. An edit whose near pairs are not known yet may
+/// pairs. [`report`](Self::report) needs to have all of them. An edit whose near pairs are not known yet may
 /// wait: nothing is asked of it.
 ///
 /// Memory: 25 bytes for each index, and 8 to 16 for each near pair.
@@ -76,10 +76,10 @@ pub struct ExactPairs {
     touched: Vec<Pair>,
     /// How many of them there were when they were last looked through.
     touched_kept: usize,
-    /// Whether it is not known what was told.
+    /// Whether it is not known what was reported.
     is_lost: bool,
     pair_count: u64,
-    told: Told,
+    reported: Reported,
     /// Whether the last answer can be taken.
     is_open: bool,
     /// Pairs that became near.
@@ -138,8 +138,8 @@ impl ExactPairs {
         self.flags[index as usize] |= REMOVED;
         self.removed.push(index);
         if !self.is_lost {
-            let told = self.rows.of(index).filter(|(_, state)| state & WAS != 0);
-            self.touched.extend(told.map(|(other, _)| pair(index, other)));
+            let reported = self.rows.of(index).filter(|(_, state)| state & WAS != 0);
+            self.touched.extend(reported.map(|(other, _)| pair(index, other)));
         }
     }
 
@@ -292,28 +292,28 @@ impl ExactPairs {
 
     /// Answers, as the last edit was [noted](Self::note) to want. Unless that is nothing, near pairs are
     /// those of now.
-    pub fn tell(&mut self, report: Report, now: &SceneCopy, threads: Option<usize>) -> &Told {
+    pub fn report(&mut self, report: Report, now: &SceneCopy, threads: Option<usize>) -> &Reported {
         if report != Report::Nothing {
             self.settle(now, threads);
         }
-        self.told = match report {
-            Report::Nothing => Told::of_none(report, 0),
-            Report::Moved => Told::of_pairs(report, Arc::new(self.pairs_of_named()), 0),
+        self.reported = match report {
+            Report::Nothing => Reported::of_none(report, 0),
+            Report::Moved => Reported::of_pairs(report, Arc::new(self.pairs_of_named()), 0),
             Report::Changes if !self.is_lost => self.changes(now),
             Report::Changes | Report::All => self.all(report),
         };
         self.is_open = true;
-        &self.told
+        &self.reported
     }
 
-    fn all(&self, report: Report) -> Told {
+    fn all(&self, report: Report) -> Reported {
         let mut pairs = Vec::with_capacity(self.pair_count as usize);
         pairs.extend(self.rows.iter().filter(|(_, state)| is_pair(*state)).map(|(pair, _)| pair));
-        Told::of_pairs(report, Arc::new(pairs), self.pair_count)
+        Reported::of_pairs(report, Arc::new(pairs), self.pair_count)
     }
 
-    fn changes(&mut self, now: &SceneCopy) -> Told {
-        let (mut begun, mut ended) = std::mem::take(&mut self.told).into_changes();
+    fn changes(&mut self, now: &SceneCopy) -> Reported {
+        let (mut begun, mut ended) = std::mem::take(&mut self.reported).into_changes();
         begun.clear();
         ended.clear();
         let mut ends = std::mem::take(&mut self.ends);
@@ -330,7 +330,7 @@ impl ExactPairs {
         if is_resync_due((begun.len() + ended.len()) as u64, self.pair_count) {
             return self.all(Report::Changes);
         }
-        Told::of_changes(begun, ended, self.pair_count)
+        Reported::of_changes(begun, ended, self.pair_count)
     }
 
     /// Why a pair ended, by the boxes of now.
@@ -363,22 +363,22 @@ impl ExactPairs {
     }
 
     /// The last answer.
-    pub const fn told(&self) -> &Told {
-        &self.told
+    pub const fn reported(&self) -> &Reported {
+        &self.reported
     }
 
-    /// Takes the last answer, as [`Scene::take`](super::super::Scene::take) does.
-    pub fn take(&mut self) {
+    /// Acknowledges the last answer, as [`Scene::acknowledge`](super::super::Scene::acknowledge) does.
+    pub fn acknowledge(&mut self) {
         let is_open = std::mem::take(&mut self.is_open);
-        if !is_open || !matches!(self.told.report(), Report::Changes | Report::All) {
+        if !is_open || !matches!(self.reported.report(), Report::Changes | Report::All) {
             return;
         }
-        let told = |state: u32| if is_pair(state) { state | WAS } else { state & !WAS };
+        let reported = |state: u32| if is_pair(state) { state | WAS } else { state & !WAS };
         if std::mem::take(&mut self.is_lost) {
-            self.rows.set_all(told);
+            self.rows.set_all(reported);
         } else {
             for &pair in &self.touched {
-                self.rows.update(pair, told);
+                self.rows.update(pair, reported);
             }
             self.rows.tidy();
         }
@@ -389,7 +389,7 @@ impl ExactPairs {
         }
     }
 
-    /// Forgets what was told: the next changes are a [resync](Told::is_resync).
+    /// Forgets what was told: the next changes are a [resync](Reported::is_resync).
     pub fn resync(&mut self) {
         (self.is_lost, self.is_open) = (true, false);
         self.touched.clear();
@@ -404,7 +404,7 @@ impl ExactPairs {
             + self.flags.capacity()
             + indices * size_of::<u32>()
             + pairs * size_of::<Pair>()
-            + self.told.allocated_bytes()
+            + self.reported.allocated_bytes()
     }
 }
 

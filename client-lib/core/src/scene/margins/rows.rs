@@ -96,7 +96,7 @@ impl Rows {
         }
     }
 
-    /// Brings rows in order, and takes out pairs that are neither near nor were told. A row is gone through
+    /// Brings rows in order, and takes out pairs that are neither near nor were reported. A row is gone through
     /// once, however many of its pairs have changed.
     pub fn tidy(&mut self) {
         let Self { links, unsorted, dead } = self;
@@ -134,7 +134,7 @@ impl Rows {
     }
 
     /// Sets the state of every pair to what `to` makes of it, and takes out those that are neither near nor
-    /// were told.
+    /// were reported.
     pub fn set_all(&mut self, to: impl Fn(u32) -> u32) {
         for row in &mut self.links {
             for link in row.iter_mut() {

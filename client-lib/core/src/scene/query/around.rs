@@ -177,7 +177,7 @@ impl Task {
                 let is_within = if batch.is_large() {
                     batch.find_one_by_one(cells, boxes, room, tested, found)
                 } else {
-                    batch.tell_within(boxes, room, found)
+                    batch.report_within(boxes, room, found)
                 };
                 if !is_within {
                     return;
@@ -226,7 +226,7 @@ impl Batch {
             cells.begin_around(&self.here, &mut self.searches);
             cells.go_on(&mut self.searches);
             *tested += self.finish(cells, boxes);
-            self.tell_within(boxes, room, found)
+            self.report_within(boxes, room, found)
         });
         (self.numbers, self.here) = (numbers, here);
         self.give_back();
@@ -265,14 +265,14 @@ impl Batch {
     }
 
     /// Adds the pairs, in order. Whether there was room for them.
-    fn tell_within(&self, boxes: &[Aabb], room: &Room, found: &mut Vec<Pair>) -> bool {
+    fn report_within(&self, boxes: &[Aabb], room: &Room, found: &mut Vec<Pair>) -> bool {
         let before = found.len();
-        self.tell(boxes, found);
+        self.report(boxes, found);
         room.take(found.len() - before)
     }
 
     /// Adds the pairs, in order. The candidates of a query stand together.
-    fn tell(&self, boxes: &[Aabb], found: &mut Vec<Pair>) {
+    fn report(&self, boxes: &[Aabb], found: &mut Vec<Pair>) {
         for of_one in self.candidates.chunk_by(|a, b| a.probe == b.probe) {
             let at = of_one[0].probe as usize;
             let (number, here, start) = (self.numbers[at], &self.here[at], found.len());

@@ -60,7 +60,7 @@ impl Ticks {
         self.closes_at
     }
 
-    /// The members that are waited for from now on, each once, in the order in which they are told.
+    /// The members that are waited for from now on, each once, in the order in which they are reported.
     pub fn wait_for(&mut self, writers: Vec<MemberId>) {
         let missing = writers.iter().filter(|writer| !self.committed.contains(writer));
         self.missing = missing.copied().collect();

@@ -6,7 +6,7 @@
 use std::collections::{HashMap, HashSet};
 use std::sync::Arc;
 
-use crate::scene::answer::{EndReason, Ended, Report, Told, is_resync_due};
+use crate::scene::answer::{EndReason, Ended, Report, Reported, is_resync_due};
 use crate::scene::edit::{Edit, Step};
 use crate::scene::pair_list::Pair;
 
@@ -77,13 +77,13 @@ pub struct TickChanges {
 
 impl TickChanges {
     /// By the answer to an edit that was [noted](Incarnations::apply), to which all before were acknowledged.
-    pub fn of(told: &Told, incarnations: &Incarnations) -> Self {
-        let begun = told.begun().iter().map(|pair| incarnations.now(*pair));
-        let ended = told.ended().iter().map(|ended| incarnations.before(ended.pair));
+    pub fn of(reported: &Reported, incarnations: &Incarnations) -> Self {
+        let begun = reported.begun().iter().map(|pair| incarnations.now(*pair));
+        let ended = reported.ended().iter().map(|ended| incarnations.before(ended.pair));
         Self {
             begun: begun.collect(),
             ended: ended.collect(),
-            pair_count: told.pair_count().unwrap_or(0),
+            pair_count: reported.pair_count().unwrap_or(0),
         }
     }
 }
@@ -165,9 +165,9 @@ impl Unreported {
     }
 
     /// The member says whether it received the last answer.
-    pub fn acknowledge(&mut self, is_taken: bool) {
+    pub fn acknowledge(&mut self, is_acknowledged: bool) {
         let Some(answered) = self.answered.take() else { return };
-        if !is_taken {
+        if !is_acknowledged {
             let since = std::mem::take(&mut self.since);
             self.since = answered.reported.then(since);
         } else if answered.is_whole {
@@ -203,22 +203,22 @@ impl Unreported {
         whole: Option<Arc<Vec<Pair>>>,
         pair_count: u64,
         reason: impl Fn(NamedPair) -> EndReason,
-    ) -> Told {
+    ) -> Reported {
         let is_whole = self.needs_whole(report);
         if !matches!(report, Report::Changes | Report::All) {
-            return Told::of_none(Report::Nothing, pair_count);
+            return Reported::of_none(Report::Nothing, pair_count);
         }
-        let reported = std::mem::take(&mut self.since);
-        let told = if is_whole {
-            Told::of_pairs(report, whole.unwrap_or_default(), pair_count)
+        let since = std::mem::take(&mut self.since);
+        let reported = if is_whole {
+            Reported::of_pairs(report, whole.unwrap_or_default(), pair_count)
         } else {
             let ended = |named: &NamedPair| Ended { pair: named.pair, reason: reason(*named) };
-            let begun = reported.begun.iter().map(|named| named.pair).collect();
-            let ended = reported.ended.iter().map(ended).collect();
-            Told::of_changes(begun, ended, pair_count)
+            let begun = since.begun.iter().map(|named| named.pair).collect();
+            let ended = since.ended.iter().map(ended).collect();
+            Reported::of_changes(begun, ended, pair_count)
         };
-        self.answered = Some(Answered { reported, is_whole });
-        told
+        self.answered = Some(Answered { reported: since, is_whole });
+        reported
     }
 
     /// Bytes that are kept.
@@ -279,7 +279,7 @@ mod tests {
     proptest! {
         /// Several ticks, put together, are what a scene tells whose answers were not taken.
         #[test]
-        fn ticks_put_together_are_what_a_scene_tells(
+        fn ticks_put_together_are_what_a_scene_reports(
             ticks in prop::collection::vec(
                 (prop::collection::vec(any::<(u8, u8)>(), INDICES as usize), 0u8..8), 1..30),
             own in 0u32..INDICES,
@@ -295,14 +295,14 @@ mod tests {
                 let report = if choice == 0 { Report::All } else { Report::Changes };
                 apply(&mut asked, &does, report, None);
                 apply(&mut ticking, &does, Report::Changes, Some(&mut incarnations));
-                let pair_count = ticking.told().pair_count;
-                let changes = TickChanges::of(ticking.told(), &incarnations);
+                let pair_count = ticking.reported().pair_count;
+                let changes = TickChanges::of(ticking.reported(), &incarnations);
                 all.note(&changes, |_| true);
                 some.note(&changes, heard);
-                ticking.take();
+                ticking.acknowledge();
                 ticking.edit(Edit::NONE, Report::All).expect("all pairs");
-                let pairs = ticking.told().pairs().to_vec();
-                ticking.take();
+                let pairs = ticking.reported().pairs().to_vec();
+                ticking.acknowledge();
                 if choice == 1 {
                     // Nobody asks in this tick.
                     continue;
@@ -314,8 +314,8 @@ mod tests {
                         EndReason::Removed
                     }
                 };
-                let expected = asked.told();
-                let is_taken = choice > 3;
+                let expected = asked.reported();
+                let is_acknowledged = choice > 3;
                 for (unreported, wanted) in [(&mut all, None), (&mut some, Some(&own))] {
                     let heard = |[a, b]: &Pair| wanted.is_none_or(|own| own.has(*a) || own.has(*b));
                     let of_now: Vec<Pair> = pairs.iter().copied().filter(heard).collect();
@@ -330,10 +330,10 @@ mod tests {
                     let ended: Vec<Ended> =
                         expected.ended().iter().copied().filter(|e| heard(&e.pair)).collect();
                     prop_assert_eq!(answer.ended(), ended);
-                    unreported.acknowledge(is_taken);
+                    unreported.acknowledge(is_acknowledged);
                 }
-                if is_taken {
-                    asked.take();
+                if is_acknowledged {
+                    asked.acknowledge();
                 }
             }
         }
@@ -349,7 +349,7 @@ mod tests {
 
     fn tick(begun: &[Pair], ended: &[Pair], of: &Incarnations) -> TickChanges {
         let ended = ended.iter().map(|pair| Ended { pair: *pair, reason: EndReason::Separated });
-        TickChanges::of(&Told::of_changes(begun.to_vec(), ended.collect(), 1), of)
+        TickChanges::of(&Reported::of_changes(begun.to_vec(), ended.collect(), 1), of)
     }
 
     #[test]
@@ -387,8 +387,8 @@ mod tests {
         let removed = |named| {
             if of.is_current(named) { EndReason::Separated } else { EndReason::Removed }
         };
-        let told = unreported.answer(Report::Changes, None, 1, removed);
-        assert_eq!(told.begun(), [[0, 1]]);
-        assert_eq!(told.ended(), [Ended { pair: [0, 1], reason: EndReason::Removed }]);
+        let reported = unreported.answer(Report::Changes, None, 1, removed);
+        assert_eq!(reported.begun(), [[0, 1]]);
+        assert_eq!(reported.ended(), [Ended { pair: [0, 1], reason: EndReason::Removed }]);
     }
 }

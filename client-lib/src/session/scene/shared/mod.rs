@@ -12,7 +12,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use pairmask_core::scene::shared::{LeaseError, Ranges, Remains};
-use pairmask_core::scene::{Edit, Report, SceneCopy, Step, Told};
+use pairmask_core::scene::{Edit, Report, Reported, SceneCopy, Step};
 use pairmask_core::units::BoxCount;
 use pairmask_wire::{
     AgreedTerms, EditLayout, JoinRequest, LeaseAction, LeaseRequest, Page, ReplyError, ReplyFields,
@@ -89,7 +89,7 @@ impl Scene {
 struct There {
     link: Arc<Link>,
     revision: u64,
-    is_taken: bool,
+    is_acknowledged: bool,
     /// Both before the last commit was sent.
     before: (u64, bool),
 }
@@ -122,7 +122,7 @@ pub(in crate::session) struct Member {
     /// Whether the next request asks for a resync.
     forgets: bool,
     /// An answer without pairs, for a member that has none yet.
-    nothing: Told,
+    nothing: Reported,
     /// Until the commit of a table of filters is answered.
     before: Option<Box<Before>>,
     /// The commit that the daemon works on and nobody waits for.
@@ -153,7 +153,7 @@ impl Member {
             asked_of: None,
             revisions: 0,
             forgets: false,
-            nothing: Told::default(),
+            nothing: Reported::default(),
             before: None,
             unread: core.unread_of_scene(),
             core: Arc::clone(core),
@@ -194,12 +194,12 @@ impl Member {
         Ok(())
     }
 
-    /// The last answer is taken, which was asked for with this want.
-    pub fn take(&mut self, report: Report) {
+    /// The last answer is acknowledged, which was asked for with this report.
+    pub fn acknowledge(&mut self, report: Report) {
         if matches!(report, Report::Changes | Report::All)
             && let Some(there) = &mut self.there
         {
-            there.is_taken = true;
+            there.is_acknowledged = true;
         }
     }
 
@@ -208,7 +208,7 @@ impl Member {
     }
 
     /// What a scene tells that is not here.
-    pub const fn told_here(&self) -> &Told {
+    pub const fn reported_here(&self) -> &Reported {
         &self.nothing
     }
 
@@ -255,7 +255,7 @@ impl Member {
             let (first, count) = (range.start, range.end - range.start);
             self.ask_lease(&link, LeaseAction::Take { first, count })?;
         }
-        self.there = Some(There { link, revision: 0, is_taken: false, before: (0, false) });
+        self.there = Some(There { link, revision: 0, is_acknowledged: false, before: (0, false) });
         Ok(())
     }
 
@@ -344,7 +344,7 @@ impl Member {
         (self.copy, self.gave_filters) = (before.copy, before.gave_filters);
         self.forgets |= before.forgets;
         if let Some(there) = &mut self.there {
-            (there.revision, there.is_taken) = there.before;
+            (there.revision, there.is_acknowledged) = there.before;
         }
     }
 
@@ -457,7 +457,7 @@ impl Member {
             scene: self.id,
             base: there.revision,
             revision: self.revisions,
-            is_taken: there.is_taken,
+            is_acknowledged: there.is_acknowledged,
             is_lost: self.forgets,
             report,
             most_boxes: self.terms.most_boxes,
@@ -475,8 +475,8 @@ impl Member {
         let header = RequestHeader::commit_shared(asked.client_token, asked.frame, &request);
         match Exchange::begin(shared, &header) {
             Ok(exchange) => {
-                there.before = (there.revision, there.is_taken);
-                (there.revision, there.is_taken) = (self.revisions, false);
+                there.before = (there.revision, there.is_acknowledged);
+                (there.revision, there.is_acknowledged) = (self.revisions, false);
                 self.forgets = false;
                 // Others decide when the tick ends: there is nothing to nap by.
                 Ok(SentEdit { exchange, asked, report, expected: Expected::default() })

@@ -321,8 +321,8 @@ fn sort_by_digits(pairs: &mut [Pair], other: &mut [Pair], counts: &mut Vec<u32>,
     }
 }
 
-const fn has_begun([_, told]: Pair) -> bool {
-    told & 3 == TOLD_BEGUN
+const fn has_begun([_, reported]: Pair) -> bool {
+    reported & 3 == TOLD_BEGUN
 }
 
 /// Writes changes to the next places of both lists. Returns how many began.
@@ -397,15 +397,15 @@ mod tests {
                 assert!(list == expected, "{count} changes of {n} boxes, {threads} threads");
                 let (mut begun, mut ended) = (vec![[7; 2]; 3], Vec::new());
                 sorter.changes(&found, threads, &mut begun, &mut ended);
-                let told = |change: &&Pair| has_begun(**change);
+                let reported = |change: &&Pair| has_begun(**change);
                 let plain = |change: &Pair| [change[0], change[1] >> 2];
-                assert!(list.iter().filter(told).map(plain).eq(begun), "{count} of {n}");
+                assert!(list.iter().filter(reported).map(plain).eq(begun), "{count} of {n}");
                 let ends = list.iter().filter(|change| !has_begun(**change));
                 let reasons = [TOLD_REMOVED, TOLD_FILTERED].into_iter();
                 let reasons: Vec<(u32, EndReason)> =
                     reasons.zip([EndReason::Removed, EndReason::Filtered]).collect();
                 let expected = ends.map(|change| {
-                    let reason = reasons.iter().find(|(told, _)| *told == change[1] & 3);
+                    let reason = reasons.iter().find(|(reported, _)| *reported == change[1] & 3);
                     let reason = reason.map_or(EndReason::Separated, |(_, reason)| *reason);
                     Ended { pair: plain(change), reason }
                 });

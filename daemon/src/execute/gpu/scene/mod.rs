@@ -25,8 +25,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 use pairmask_core::EngineName;
 use pairmask_core::engine::{CullError, ReserveError};
 use pairmask_core::scene::{
-    Edit, Ended, FilterHistory, Kept, KeptHistory, Report, SceneError, SceneOptions, SceneSkips,
-    Step, Told, decide_changes, is_resync_due,
+    Edit, Ended, FilterHistory, Kept, KeptHistory, Report, Reported, SceneError, SceneOptions,
+    SceneSkips, Step, decide_changes, is_resync_due,
 };
 use pairmask_shaders::Stage;
 use pairmask_shaders::layouts::{GridLayout, SceneMode, SceneSummary};
@@ -91,7 +91,7 @@ impl SceneTools {
     }
 }
 
-/// What a scene knows of the pairs that were told.
+/// What a scene knows of the pairs that were reported.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Known {
     /// They are the pairs of now.
@@ -133,9 +133,9 @@ pub struct GpuScene {
     known: Known,
     /// Elements of edits since the history began: as many boxes have changed at most.
     changed: u64,
-    /// Pairs that were told.
+    /// Pairs that were reported.
     count_then: u64,
-    told: Told,
+    reported: Reported,
     /// Whether the last answer can be taken.
     is_open: bool,
     sorter: ChangeSorter,
@@ -172,7 +172,7 @@ impl GpuScene {
             known: Known::Same,
             changed: 0,
             count_then: 0,
-            told: Told::default(),
+            reported: Reported::default(),
             is_open: false,
             sorter: ChangeSorter::default(),
             times: EditTimes::default(),
@@ -197,7 +197,7 @@ impl GpuScene {
         self.roster.len() == 0
     }
 
-    /// A scene that goes on where another one stands: its boxes, flags, filters, and what it has told.
+    /// A scene that goes on where another one stands: its boxes, flags, filters, and what it has reported.
     ///
     /// # Errors
     /// [`SceneError`], as [`Self::edit`].
@@ -214,12 +214,12 @@ impl GpuScene {
         let steps = whole.steps();
         scene.edit(Edit { steps: &steps }, Report::Nothing)?;
         match kept.history() {
-            KeptHistory::Told(count) => {
+            KeptHistory::Reported(count) => {
                 scene.begin_history();
                 scene.count_then = count;
             }
             // All that there is has changed since there was nothing.
-            KeptHistory::Untold => {}
+            KeptHistory::Unreported => {}
             KeptHistory::Lost => {
                 scene.begin_history();
                 scene.known = Known::Lost;
@@ -249,8 +249,8 @@ impl GpuScene {
     }
 
     /// The last answer.
-    pub const fn told(&self) -> &Told {
-        &self.told
+    pub const fn reported(&self) -> &Reported {
+        &self.reported
     }
 
     /// Bytes of host memory that the scene keeps, without what the driver maps.
@@ -258,8 +258,8 @@ impl GpuScene {
         self.roster.allocated_bytes()
             + self.gathered.allocated_bytes()
             + self.sorter.allocated_bytes()
-            + (self.told.begun().len() + self.told.pairs().len()) * size_of::<Pair>()
-            + size_of_val(self.told.ended())
+            + (self.reported.begun().len() + self.reported.pairs().len()) * size_of::<Pair>()
+            + size_of_val(self.reported.ended())
     }
 
     /// Bytes of video memory that the scene keeps on all GPUs, with what the host maps of it, but for copies of edits.
@@ -295,7 +295,7 @@ impl GpuScene {
     /// [`SceneError::Edit`] for an edit that is wrong: nothing is applied, and the last answer stays.
     /// [`SceneError::Cull`] where the device is lost, or has no memory, or the scene is too crowded for
     /// it: the scene is to be dropped.
-    pub fn edit(&mut self, edit: Edit<'_>, report: Report) -> Result<&Told, SceneError> {
+    pub fn edit(&mut self, edit: Edit<'_>, report: Report) -> Result<&Reported, SceneError> {
         let mut clock = Clock::start();
         self.roster.check(edit, self.options.most_boxes)?;
         self.times = EditTimes::default();
@@ -307,18 +307,18 @@ impl GpuScene {
             return Err(SceneError::Cull(error));
         }
         self.is_open = true;
-        Ok(&self.told)
+        Ok(&self.reported)
     }
 
     /// Takes the last answer: what it told is what the next changes are counted from. Without effect
     /// on an answer that was taken, and on [`Report::Moved`] and [`Report::Nothing`].
-    pub fn take(&mut self) {
+    pub fn acknowledge(&mut self) {
         if !std::mem::take(&mut self.is_open)
-            || !matches!(self.told.report(), Report::Changes | Report::All)
+            || !matches!(self.reported.report(), Report::Changes | Report::All)
         {
             return;
         }
-        self.count_then = self.told.pair_count().unwrap_or(0);
+        self.count_then = self.reported.pair_count().unwrap_or(0);
         self.begin_history();
     }
 
@@ -327,7 +327,7 @@ impl GpuScene {
         self.begin_history();
         self.known = Known::Lost;
         self.is_open = false;
-        self.told = Told::of_none(Report::Nothing, 0);
+        self.reported = Reported::of_none(Report::Nothing, 0);
     }
 
     fn begin_history(&mut self) {
@@ -366,12 +366,12 @@ impl GpuScene {
         if elements == 0 && mode.is_none() {
             let pair_count = if report == Report::Changes { self.count_then } else { 0 };
             let is_resync = report == Report::Changes && self.known == Known::Lost;
-            self.told = if is_resync {
-                Told::of_pairs(report, Arc::default(), 0)
+            self.reported = if is_resync {
+                Reported::of_pairs(report, Arc::default(), 0)
             } else {
-                Told::of_none(report, pair_count)
+                Reported::of_none(report, pair_count)
             };
-            self.told_skips(None);
+            self.reported_skips(None);
             return Ok(());
         }
         // Boxes are elsewhere, or the blocks of the grid are another search's.
@@ -381,7 +381,7 @@ impl GpuScene {
         let answered = self.search(elements, report, mode, clock);
         self.replicas.end_edit();
         let summary = answered?;
-        self.told_skips(summary.as_ref());
+        self.reported_skips(summary.as_ref());
         clock.lap(&mut self.times.sort);
         Ok(())
     }
@@ -459,7 +459,7 @@ impl GpuScene {
             }
             self.note_stages()?;
             if mode.is_none() {
-                self.told = Told::of_none(report, 0);
+                self.reported = Reported::of_none(report, 0);
                 return Ok(None);
             }
             let (rooms, summaries) = (&rooms[..shares], &summaries[..shares]);
@@ -494,8 +494,8 @@ impl GpuScene {
             let looked = entries + u64::from(summary.rows);
             self.layouts.note_search(&question, &summary, looked, wide(summary.tested));
             self.rooms.0[question.mode as usize] = Room { entries, pairs: most };
-            self.tell(report, question.mode, ended, &counts)?;
-            if is_filtered && self.filter_told() {
+            self.report(report, question.mode, ended, &counts)?;
+            if is_filtered && self.filter_reported() {
                 question.mode = SceneMode::All;
                 continue;
             }
@@ -515,7 +515,7 @@ impl GpuScene {
     }
 
     /// Reads what was found, so many pairs by each GPU, sorts it, and tells it.
-    fn tell(
+    fn report(
         &mut self,
         report: Report,
         mode: SceneMode,
@@ -535,31 +535,31 @@ impl GpuScene {
             let mut pairs = Vec::new();
             pairs.try_reserve(found as usize).map_err(no_memory)?;
             self.sorter.pairs(&list, threads, &mut pairs);
-            self.told = Told::of_pairs(report, Arc::new(pairs), found);
+            self.reported = Reported::of_pairs(report, Arc::new(pairs), found);
             return Ok(());
         }
-        let (mut begun, mut ends) = std::mem::take(&mut self.told).into_changes();
+        let (mut begun, mut ends) = std::mem::take(&mut self.reported).into_changes();
         let more = |len: usize, wanted: u64| (wanted as usize).saturating_sub(len);
         begun.try_reserve(more(begun.len(), found - ended)).map_err(no_memory)?;
         ends.try_reserve(more(ends.len(), ended)).map_err(no_memory)?;
         self.sorter.changes(&list, threads, &mut begun, &mut ends);
         let pair_count = (self.count_then + begun.len() as u64).saturating_sub(ends.len() as u64);
-        self.told = Told::of_changes(begun, ends, pair_count);
+        self.reported = Reported::of_changes(begun, ends, pair_count);
         Ok(())
     }
 
     /// Takes what the filters keep apart out of the answer. Whether it is to be a resync instead.
-    fn filter_told(&mut self) -> bool {
-        let told = std::mem::take(&mut self.told);
-        let (report, roster) = (told.report(), &self.roster);
-        if report != Report::Changes || told.is_resync() {
-            let mut pairs = told.pairs().to_vec();
+    fn filter_reported(&mut self) -> bool {
+        let reported = std::mem::take(&mut self.reported);
+        let (report, roster) = (reported.report(), &self.roster);
+        if report != Report::Changes || reported.is_resync() {
+            let mut pairs = reported.pairs().to_vec();
             pairs.retain(|pair| roster.filters().meet(*pair));
             let pair_count = if report == Report::Moved { 0 } else { pairs.len() as u64 };
-            self.told = Told::of_pairs(report, Arc::new(pairs), pair_count);
+            self.reported = Reported::of_pairs(report, Arc::new(pairs), pair_count);
             return false;
         }
-        let (mut begun, mut ended) = told.into_changes();
+        let (mut begun, mut ended) = reported.into_changes();
         let is_replaced = |pair| roster.was_removed(pair);
         decide_changes(roster.filters(), is_replaced, &mut begun, &mut ended);
         for Ended { pair, reason } in &mut ended {
@@ -567,16 +567,16 @@ impl GpuScene {
         }
         let pair_count = (self.count_then + begun.len() as u64).saturating_sub(ended.len() as u64);
         let is_resync = is_resync_due((begun.len() + ended.len()) as u64, pair_count);
-        self.told = Told::of_changes(begun, ended, pair_count);
+        self.reported = Reported::of_changes(begun, ended, pair_count);
         is_resync
     }
 
     /// Adds the skip meter to the answer.
-    fn told_skips(&mut self, summary: Option<&SceneSummary>) {
+    fn reported_skips(&mut self, summary: Option<&SceneSummary>) {
         let pairs = |n: u64| n * n.saturating_sub(1) / 2;
         let (active, statics) = (self.roster.active() as u64, self.roster.statics() as u64);
         let (moved, moved_statics, tested) = match summary {
-            Some(s) if self.known == Known::Changed && self.told.pairs().is_empty() => {
+            Some(s) if self.known == Known::Changed && self.reported.pairs().is_empty() => {
                 (u64::from(s.moved), u64::from(s.moved_static), wide(s.tested))
             }
             Some(s) => (active, statics, wide(s.tested)),
@@ -587,7 +587,7 @@ impl GpuScene {
         let unmoved_pairs = pairs(active - moved).saturating_sub(pairs(statics - moved_statics));
         let rest = pairs(active).saturating_sub(static_pairs + unmoved_pairs);
         let skips = SceneSkips::of(active - moved, static_pairs, unmoved_pairs, rest, tested);
-        self.told = std::mem::take(&mut self.told).with_skips(skips);
+        self.reported = std::mem::take(&mut self.reported).with_skips(skips);
     }
 
     fn threads(&self) -> usize {
@@ -640,11 +640,11 @@ mod tests {
             let steps = [Step::Set(Sets { indices: named.into(), boxes })];
             core.edit(Edit { steps: &steps }, report).expect("an answer");
             gpu.edit(Edit { steps: &steps }, report).expect("an answer");
-            assert_eq!(gpu.told().begun(), core.told().begun(), "{round}");
-            assert_eq!(gpu.told().ended(), core.told().ended(), "{round}");
-            assert_eq!(gpu.told().pairs(), core.told().pairs(), "{round}");
-            core.take();
-            gpu.take();
+            assert_eq!(gpu.reported().begun(), core.reported().begun(), "{round}");
+            assert_eq!(gpu.reported().ended(), core.reported().ended(), "{round}");
+            assert_eq!(gpu.reported().pairs(), core.reported().pairs(), "{round}");
+            core.acknowledge();
+            gpu.acknowledge();
         }
     }
 

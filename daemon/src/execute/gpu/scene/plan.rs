@@ -1,6 +1,6 @@
 //! Sizes of a search: blocks, dispatches, and whether all boxes or few are its entries. Pure.
 //!
-//! The grid's levels for a scene whose boxes the host does not have are chosen by some of them, and kept. A layout only steers: with any, the same pairs are told.
+//! The grid's levels for a scene whose boxes the host does not have are chosen by some of them, and kept. A layout only steers: with any, the same pairs are reported.
 
 use pairmask_core::Aabb;
 use pairmask_shaders::constants::{

@@ -15,7 +15,7 @@ use serde::{Deserialize, Serialize};
 
 use super::kept_scene::{Fate, Heard, KeptScene};
 use super::offer::{MOST_UNDER_WAY, Offer, Way, pick};
-use crate::processes::tell;
+use crate::processes::report;
 use crate::stress::modes::Sending;
 use crate::stress::{Answer, Case, Finding, Form, Wanted};
 
@@ -149,7 +149,7 @@ struct Client<'a> {
     failures: u32,
     gave_up: Option<String>,
     counts: Counts,
-    told_at: Instant,
+    reported_at: Instant,
 }
 
 impl ClientSettings {
@@ -170,11 +170,11 @@ impl ClientSettings {
             failures: 0,
             gave_up: None,
             counts: Counts::default(),
-            told_at: Instant::now(),
+            reported_at: Instant::now(),
         };
         client.work();
-        client.tell();
-        tell(&Said::Ended(client.gave_up));
+        client.report();
+        report(&Said::Ended(client.gave_up));
     }
 }
 
@@ -193,8 +193,8 @@ impl Client<'_> {
             if !self.step(session) {
                 break;
             }
-            if self.told_at.elapsed() >= TELL_INTERVAL {
-                self.tell();
+            if self.reported_at.elapsed() >= TELL_INTERVAL {
+                self.report();
             }
         }
         (0..self.sessions.len()).for_each(|session| self.read_all(session));
@@ -242,9 +242,9 @@ impl Client<'_> {
         true
     }
 
-    fn tell(&mut self) {
-        self.told_at = Instant::now();
-        tell(&Said::Counted(std::mem::take(&mut self.counts)));
+    fn report(&mut self) {
+        self.reported_at = Instant::now();
+        report(&Said::Counted(std::mem::take(&mut self.counts)));
     }
 
     /// Reads all that a session has under way, and the answer to one frame more: then the daemon has
@@ -390,7 +390,7 @@ impl Client<'_> {
     fn fail(&mut self, session: usize, case: CaseId, form: Form, finding: Finding) {
         self.failures += 1;
         let way = self.sessions[session].way.to_string();
-        tell(&Said::Failed(Box::new(FailedFrame { case, form, way, finding })));
+        report(&Said::Failed(Box::new(FailedFrame { case, form, way, finding })));
     }
 }
 

@@ -124,7 +124,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_told_twice_or_never_is_noticed() {
+    fn what_is_reported_twice_or_never_is_noticed() {
         let mut scene = KeptScene::new(&mut Random::new(1));
         for (slot, x) in scene.boxes.iter_mut().zip([0.0, 0.9, 1.8, 9.0]) {
             *slot = Some(Aabb::from([x, 0.0, 0.0, x + 1.0, 1.0, 1.0]));

@@ -266,7 +266,7 @@ mod tests {
     }
 
     #[test]
-    fn a_page_loads_nothing_and_tells_what_was_missed_first() {
+    fn a_page_loads_nothing_and_reports_what_was_missed_first() {
         let page = page_of(vec![of_mode("exact", 2000, 0, 0), of_mode("q16", 1000, 3, 0)]);
         let without_namespace = page.replace("xmlns=\"http://www.w3.org/2000/svg\"", "");
         for outside in ["http:", "https:", "src=", "href=", "url(", "@import", "<script"] {
