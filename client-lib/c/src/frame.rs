@@ -419,7 +419,7 @@ pub unsafe extern "C" fn pm_session_cull(
         let (mut frame, spares) = loop {
             match begin()? {
                 (Err(FrameError::TooManyFrames), _) if Instant::now() < until => {
-                    sleep(PLACE_INTERVAL)
+                    sleep(PLACE_INTERVAL);
                 }
                 (frame, spares) => break (frame?, spares),
             }

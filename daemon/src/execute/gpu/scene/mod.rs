@@ -288,7 +288,7 @@ impl GpuScene {
         &self.times
     }
 
-    /// Applies an edit and answers. The answer counts as told when it is [taken](Self::take); else the
+    /// Applies an edit and answers. The answer counts as reported when it is [acknowledged](Self::acknowledge); else the
     /// next one makes up for it.
     ///
     /// # Errors
