@@ -161,6 +161,7 @@ impl Link {
 }
 
 impl SharedFrame {
+    #[allow(clippy::needless_pass_by_value)] // As with a transport.
     pub(super) fn lend(slot: Slot, _: u64) -> Result<Self, FrameError> {
         match slot.link.0 {}
     }

@@ -379,9 +379,9 @@ impl Sent {
         let n = asked.box_count;
         let bytes = written.scene(n).payload_bytes();
         let pages = page_count(bytes) as usize;
-        let boxes = pending.pages().get(..pages).unwrap_or_default().to_vec();
-        // The transport has no room for a request beside this one where the session has all of its places.
-        drop(pending);
+        // The request ends here: beside it the transport has no room for another one where the session has all of its
+        // places.
+        let boxes = { pending }.pages().get(..pages).unwrap_or_default().to_vec();
         let again = SharedFrame::lend(slot, bytes).and_then(|mut shared| {
             if let Some(to) = shared.loan.pages_mut().get_mut(..boxes.len()) {
                 to.copy_from_slice(&boxes);
