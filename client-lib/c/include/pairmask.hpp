@@ -410,7 +410,7 @@ private:
 // pairs of one of the first `split_at` boxes and one of the others count.
 struct FrameOptions {
   const Rules *filters = nullptr;
-  std::optional<std::uint32_t> split_at;
+  std::optional<std::uint32_t> split_at = std::nullopt;
 };
 
 // Memory for the boxes or spheres of one frame.
