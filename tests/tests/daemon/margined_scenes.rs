@@ -74,7 +74,7 @@ fn a_daemon_is_sent_few_boxes_and_the_pairs_are_the_same() {
 fn a_gpu_is_sent_few_boxes_and_the_pairs_are_the_same() {
     let daemon = TestDaemon::start(DAEMON, &["--gpu", "software"]);
     let engine = pairmask::EngineChoice::Only(pairmask::EngineName::GpuGrid);
-    let mut session = daemon.session().engine(engine).deadline(PATIENCE).connect().unwrap();
+    let mut session = daemon.session().engine(engine).deadline(4 * PATIENCE).connect().unwrap();
     hold_exact(&mut session, 83_000, [(Kind::Small, 60), (Kind::Large, 8)]);
 }
 
