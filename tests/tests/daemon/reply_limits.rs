@@ -440,7 +440,7 @@ fn a_worker_with_a_limit_stays_within_a_few_times_of_it() {
         // A driver that is loaded meanwhile would count, too.
         let daemon = TestDaemon::start(DAEMON, &["--max-reply-mib", "64", "--gpu", "none"]);
         // What an engine takes for each thread is not of the limit.
-        let session = daemon.session().engine(engine).threads(2).deadline(PATIENCE);
+        let session = daemon.session().engine(engine).threads(2);
         let mut session = session.connect().unwrap();
         assert_eq!(count(&mut session, &boxes[..70]).unwrap(), 70 * 69 / 2);
         let pid = daemon.record().unwrap().worker_pid;

@@ -105,7 +105,7 @@ fn scenes_of_a_daemon_are_those_of_the_model() {
 fn hold_gpu(seed: u64, kinds: [(Kind, usize); 3]) {
     let daemon = TestDaemon::start(DAEMON, &["--gpu", &gpu::name()]);
     let engine = EngineName::GpuGrid;
-    let session = daemon.session().engine(EngineChoice::Only(engine)).deadline(PATIENCE);
+    let session = daemon.session().engine(EngineChoice::Only(engine));
     let mut session = session.connect().unwrap();
     hold_all(seed, kinds, |script| {
         SessionScene::of(&mut session, script, ServedBy::Daemon, engine)
@@ -189,7 +189,7 @@ fn shared_scenes_are_those_of_the_model() {
 fn shared_scenes_of_a_gpu_are_those_of_the_model() {
     let daemon = TestDaemon::start(DAEMON, &["--gpu", &gpu::name()]);
     let engine = EngineName::GpuGrid;
-    let builder = daemon.session().engine(EngineChoice::Only(engine)).deadline(PATIENCE);
+    let builder = daemon.session().engine(EngineChoice::Only(engine));
     let sessions = Sessions::new(&builder);
     hold(Kind::Shared, 70_000, 200, |script| SharedMembers::new(&sessions, script, Some(engine)));
 }
@@ -212,7 +212,7 @@ fn a_million_edits_are_those_of_the_model() {
 fn a_hundred_thousand_edits_of_a_daemon_are_those_of_the_model() {
     let (seed, kinds) = nightly(100_000);
     let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
-    let mut session = daemon.session().deadline(PATIENCE).connect().unwrap();
+    let mut session = daemon.session().connect().unwrap();
     hold_all(seed, kinds, |script| {
         SessionScene::of(&mut session, script, ServedBy::Daemon, EngineName::CpuGrid)
     });

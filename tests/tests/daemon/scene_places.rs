@@ -79,7 +79,7 @@ fn an_edit_that_nobody_waits_for_holds_no_place() {
 #[test]
 fn a_scene_that_ends_while_there_is_no_place_ends_in_the_daemon_too() {
     let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
-    let mut session = daemon.session().deadline(PATIENCE).connect().unwrap();
+    let mut session = daemon.session().connect().unwrap();
     let scenes: [Scene; 5] = reported_scenes(&mut session);
     let frames: Vec<_> = (0..3).map(|_| session.frame(4).unwrap()).collect();
     drop(scenes);
@@ -98,7 +98,7 @@ fn a_scene_that_ends_while_there_is_no_place_ends_in_the_daemon_too() {
 #[test]
 fn a_place_is_waited_for_while_an_answer_is_under_way() {
     let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
-    let mut session = daemon.session().deadline(PATIENCE).connect().unwrap();
+    let mut session = daemon.session().connect().unwrap();
     let mut scenes: [Scene; 3] = reported_scenes(&mut session);
     daemon.signal_worker(Signal::STOP);
     scenes.iter_mut().for_each(leave_an_edit);
