@@ -83,7 +83,8 @@ impl Program {
                 command
             }
         };
-        command.args(arguments);
+        // Cargo's own path would prefer the library of an earlier build as a package to the one that was linked.
+        command.args(arguments).env_remove("LD_LIBRARY_PATH");
         command
     }
 
