@@ -969,7 +969,7 @@ pm_code pm_scene_answer(pm_scene scene,
                         pm_answer *answer);
 
 // Pairs that began, for `PM_REPORT_CHANGES`, as an array that lives until the answer ends: with the next call
-// that writes an edit or asks the scene something.
+// that writes or sends an edit, queries the scene, or leases.
 pm_code pm_scene_begun(pm_scene scene,
                        const pm_pair **pairs,
                        size_t *count);
@@ -1087,8 +1087,8 @@ pm_code pm_scene_discard(pm_scene scene);
 pm_code pm_scene_submit(pm_scene scene,
                         pm_report report);
 
-// Waits for the answer to what was submitted, which acknowledges it: what it reports is not reported again. Waits as long as the session's deadline allows, and for a shared scene
-// until its tick ends. After an error the edit is applied, and the next answer makes up for this one.
+// Waits for the answer to what was submitted, as long as the session's deadline allows, and for a shared scene
+// until its tick ends. That acknowledges it: what it reports is not reported again. After an error the edit is applied, and the next answer makes up for this one.
 pm_code pm_scene_wait(pm_scene scene);
 
 // `pm_scene_submit` and `pm_scene_wait`.

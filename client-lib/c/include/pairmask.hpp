@@ -453,14 +453,14 @@ public:
     return detail::done(pm_frame_set(handle_.get(), index, &box));
   }
 
-  // Sends the frame, which is empty then.
+  // Sends the frame, which is empty then, but where the filters are.
   Result<PendingFrame> submit(const FrameOptions &options = {}) && {
     pm_frame_options given{sizeof given, {0}, options.split_at ? 1u : 0u, options.split_at.value_or(0)};
     if (options.filters) {
       given.filters = options.filters->get();
       // No filters at all would be another question than the empty object's.
       if (given.filters.id == 0)
-        return Result<PendingFrame>(Error::last(pm_rules_drop(given.filters)));
+        return Result<PendingFrame>(Error(PM_ERR_HANDLE, "the filters are empty"));
     }
     pm_pending pending{};
     pm_code code = pm_frame_submit(handle_.release(), &given, &pending);
@@ -495,7 +495,7 @@ private:
 
 // A scene that persists: edits go in, changes of pairs come out. What is set and so on is the edit that commit()
 // sends; arrays are read where they lie until it is answered. An answer lives until the next call
-// that writes an edit, or that asks the scene something: query() or resync(). Read begun() and ended() before: an answer
+// that writes or sends an edit, or that asks the scene something: query(), resync(), or a lease. Read begun() and ended() before: an answer
 // that was waited for is acknowledged, and without one they fail.
 class Scene {
 public:

@@ -81,7 +81,7 @@ impl Session {
     /// the process's own. Its contents are unspecified: write every box.
     ///
     /// A daemon has three frames of a session at a time, in any mix of being filled, under way, and held as masks.
-    /// With [`Backend::Auto`] further ones are answered in process, with [`Backend::Daemon`] they are
+    /// With [`Backend::Auto`] further ones are answered in process, unless the engine that was named needs a GPU; with [`Backend::Daemon`] they are
     /// [`FrameError::TooManyFrames`].
     ///
     /// # Errors

@@ -591,7 +591,7 @@ fn sessions_that_connect_at_once_leave_the_umask_alone() {
 }
 
 #[test]
-fn one_client_too_many_is_reported_so() {
+fn one_client_too_many_is_an_error() {
     let daemon = TestDaemon::start(DAEMON, &["--max-clients", "2"]);
     let connect = || daemon.session().connect();
     let _first = connect().unwrap();

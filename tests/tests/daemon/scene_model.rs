@@ -429,7 +429,7 @@ fn joined(host: &[Op], other: &[Op]) -> Vec<Event> {
 }
 
 #[test]
-fn a_member_is_reported_of_a_removal_that_it_has_missed() {
+fn a_removal_that_a_member_has_missed_is_reported() {
     let away = Op::Set(0, at([9.0, 0.0, 0.0, 10.0, 1.0, 1.0]));
     let scripts = [&[Op::Set(0, unit())][..], &[]].map(|last| {
         let mut events = joined(&[Op::Set(0, unit())], &[Op::Set(3, unit())]);

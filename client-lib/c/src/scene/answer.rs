@@ -116,7 +116,7 @@ unsafe fn read(
 }
 
 /// Pairs that began, for `PM_REPORT_CHANGES`, as an array that lives until the answer ends: with the next call
-/// that writes an edit or asks the scene something.
+/// that writes or sends an edit, queries the scene, or leases.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn pm_scene_begun(
     scene: pm_scene,

@@ -275,7 +275,7 @@ pub const PM_REPORT_ALL: pm_report = 2;
 /// Nothing: the edit is applied.
 pub const PM_REPORT_NOTHING: pm_report = 3;
 
-fn want_of(report: pm_report) -> Result<Report, Failure> {
+fn report_of(report: pm_report) -> Result<Report, Failure> {
     Ok(match report {
         PM_REPORT_CHANGES => Report::Changes,
         PM_REPORT_MOVED => Report::Moved,
@@ -285,16 +285,23 @@ fn want_of(report: pm_report) -> Result<Report, Failure> {
     })
 }
 
+/// Sends the edit that was written. The answer before ends, and with it its lists.
+fn send(scene: &mut super::Scene, report: pm_report) -> Result<(), Failure> {
+    let report = report_of(report)?;
+    scene.edited()?;
+    scene.state.submit(report)
+}
+
 /// Sends the edit that was written: removals first, then boxes that are set, then switches and static flags in
 /// their order, then what is about rules. A daemon works on it while this thread does something else.
 /// Whatever is returned, the edit is written no more.
 #[unsafe(no_mangle)]
 pub extern "C" fn pm_scene_submit(scene: pm_scene, report: pm_report) -> pm_code {
-    call(|| scene.with(|scene| scene.state.submit(want_of(report)?)))
+    call(|| scene.with(|scene| send(scene, report)))
 }
 
-/// Waits for the answer to what was submitted, which acknowledges it: what it reports is not reported again. Waits as long as the session's deadline allows, and for a shared scene
-/// until its tick ends. After an error the edit is applied, and the next answer makes up for this one.
+/// Waits for the answer to what was submitted, as long as the session's deadline allows, and for a shared scene
+/// until its tick ends. That acknowledges it: what it reports is not reported again. After an error the edit is applied, and the next answer makes up for this one.
 #[unsafe(no_mangle)]
 pub extern "C" fn pm_scene_wait(scene: pm_scene) -> pm_code {
     call(|| scene.with(|scene| scene.state.wait()))
@@ -305,7 +312,7 @@ pub extern "C" fn pm_scene_wait(scene: pm_scene) -> pm_code {
 pub extern "C" fn pm_scene_commit(scene: pm_scene, report: pm_report) -> pm_code {
     call(|| {
         scene.with(|scene| {
-            scene.state.submit(want_of(report)?)?;
+            send(scene, report)?;
             scene.state.wait()
         })
     })

@@ -145,7 +145,7 @@ pub unsafe extern "C" fn pm_scene_leases(
 ) -> pm_code {
     call(|| {
         check_out(count)?;
-        let leases = with_scene(scene, |scene| Ok(scene.leases().to_vec()))?;
+        let leases = scene.with(|scene| scene.state.look(|scene| scene.leases().to_vec()))?;
         // SAFETY: the caller's promise about pointers is passed on.
         unsafe {
             write_ranges(&leases, ranges, capacity)?;

@@ -423,6 +423,9 @@ static void scenes(pm_session session) {
   EXPECT(PM_OK, pm_scene_ended(scene, &ended, &count));
   CHECK(count == 1 && ended[0].a == 7 && ended[0].b == 9);
   CHECK(ended[0].reason == PM_ENDED_SEPARATED);
+  EXPECT(PM_OK, pm_scene_commit(scene, PM_REPORT_CHANGES)); /* nothing was written: nothing changes */
+  EXPECT(PM_OK, pm_scene_ended(scene, &ended, &count));
+  CHECK(count == 0);
 
   EXPECT(PM_OK, pm_scene_set_all(scene, pm_index_list(both, 2), boxes, 2));
   EXPECT(PM_OK, pm_scene_commit(scene, PM_REPORT_ALL));

@@ -86,6 +86,9 @@ void frames(pm::Session &session) {
   auto with = session.frame(3).value();
   with.write(three).value();
   CHECK(std::move(with).submit({&rules}).value().wait().value().count() == 1);
+  const pm::Rules empty;
+  auto refused = session.frame(3).value().submit({&empty});
+  CHECK(!refused && refused.error().code() == PM_ERR_HANDLE);
 
   CHECK(pm::swept(at(0), at(5)).max[0] == 6);
   CHECK(pm::outward({0.1, 0, 0}, {1, 1, 1}, {0, 0, 0}).min[0] <= 0.1f);

@@ -17,7 +17,7 @@ pub const fn is_resync_due(changes: u64, pair_count: u64) -> bool {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[non_exhaustive]
 pub enum Report {
-    /// Pairs that began and ended since the last answer that was taken.
+    /// Pairs that began and ended since the last answer that was acknowledged: by a session, waited for.
     #[default]
     Changes,
     /// Pairs of now with at least one box that this edit named: that it set, switched, made static or not, or gave
@@ -60,7 +60,7 @@ pub struct SceneSkips {
     pub boxes: u64,
     /// Pairs of two static boxes.
     pub static_pairs: u64,
-    /// Pairs of two boxes that have not changed since the last answer that was taken.
+    /// Pairs of two boxes that have not changed since the last answer that was acknowledged: by a session, waited for.
     pub unmoved_pairs: u64,
     /// Pairs of boxes in cells too far apart, and those that an engine left out.
     pub cell_pairs: u64,

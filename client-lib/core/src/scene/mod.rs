@@ -8,14 +8,14 @@
 //!
 //! * Pairs are those of boxes that overlap by the rules of [`aabb`](crate::aabb), that are switched on,
 //!   and that their [collision filters](crate::filters) let meet: two static boxes are no pair.
-//! * [`Report::Changes`] tells what differs from the pairs of the last answer that was **taken**
+//! * [`Report::Changes`] reports what differs from the pairs of the last answer that was **acknowledged**
 //!   ([`Scene::acknowledge`]): each change exactly once, however many answers were dropped between. What began
-//!   and ended again in between is not reported. [`Report::All`], taken, counts as told too. [`Report::Moved`]
-//!   tells of no end, so taking it changes nothing: the next changes hold its news as well.
+//!   and ended again in between is not reported. [`Report::All`], acknowledged, counts as reported too. [`Report::Moved`]
+//!   reports no end, so acknowledging it changes nothing: the next changes hold its news as well.
 //! * A pair is named by its indices and their incarnations. So a pair of an index whose box was removed
 //!   meanwhile is told as ended, and as begun where the index has a new box that overlaps too. Flags, filter data
 //!   and entries in pair lists are those of the box, and end with it.
-//! * History never shows: an answer depends on the states of the boxes at the last taken answer, those of
+//! * History never shows: an answer depends on the states of the boxes at the last acknowledged answer, those of
 //!   now, and which were removed between. All lists are sorted, so that the bytes do not depend on
 //!   threads, nor on how the pairs were found.
 //!

@@ -19,7 +19,7 @@ use crate::engine::strips::in_parts;
 
 /// The box has changed since its near pairs were tested.
 const CHANGED: u8 = 1;
-/// A box of this index was removed since the last taken answer.
+/// A box of this index was removed since the last acknowledged answer.
 const REMOVED: u8 = 1 << 1;
 /// The last edit named it.
 const NAMED: u8 = 1 << 2;
@@ -54,7 +54,7 @@ const MANY_SHARE: usize = 8;
 ///     pairs.note(edit, &now, Report::Changes);
 ///     now.apply(edit);
 ///     pairs.change_near(near.iter().copied(), std::iter::empty(), &now);
-///     Ok::<_, pairmask_core::scene::EditError>(pairs.tell(Report::Changes, &now, None).begun().to_vec())
+///     Ok::<_, pairmask_core::scene::EditError>(pairs.report(Report::Changes, &now, None).begun().to_vec())
 /// };
 /// // Near, by what was sent of them, and apart.
 /// assert!(edit(&[Step::Set(Sets { indices: (0..2).into(), boxes: &boxes })], &[[0, 1]])?.is_empty());
@@ -68,7 +68,7 @@ pub struct ExactPairs {
     flags: Vec<u8>,
     /// Indices whose box has changed since near pairs were tested.
     changed: Vec<u32>,
-    /// Indices that lost a box since the last taken answer.
+    /// Indices that lost a box since the last acknowledged answer.
     removed: Vec<u32>,
     /// Indices that the last edit set, switched or flagged, where pairs of these are wanted.
     named: Vec<u32>,
