@@ -204,9 +204,9 @@ impl Ending {
 /// What ended scenes leave to their session.
 #[derive(Default)]
 struct Ended {
-    /// What the daemon has yet to be reported.
+    /// What has yet to be reported to the daemon.
     unreported: Vec<Ending>,
-    /// Their last edits, and ends that the daemon was reported.
+    /// Their last edits, and ends that were reported to the daemon.
     sent: Vec<Arc<Unread>>,
 }
 

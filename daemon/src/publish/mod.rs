@@ -1,4 +1,4 @@
-//! Answers on their way out: the memory of a reply, what goes with it, and who is reported.
+//! Answers on their way out: the memory of a reply, what goes with it, and who is woken.
 
 mod frame_memory;
 mod open_request;

@@ -9,7 +9,7 @@ use pairmask_wire::{
 
 use crate::clients::NoRoom;
 
-/// Why a request is not answered with what it asks for, as its client is reported.
+/// Why a request is not answered with what it asks for, as its client reads it.
 #[derive(Debug)]
 pub(crate) struct Refusal {
     pub(super) status: StatusCode,

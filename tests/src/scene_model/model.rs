@@ -1,4 +1,4 @@
-//! The model: what boxes and filters there are, all pairs of now, and what a listener is to be reported.
+//! The model: what boxes and filters there are, all pairs of now, and what is to be reported to a listener.
 //!
 //! A pair is named by the indices of its boxes and their generations: a box that is removed ends, and one that
 //! is set at its index is another. What a listener is told is the difference of two sets of such pairs.
@@ -226,7 +226,7 @@ fn put(list: &mut BTreeMap<Pair, u64>, [a, b]: Pair, by: Option<u64>) {
     }
 }
 
-/// What a listener is reported.
+/// What is reported to a listener.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Heard {
     /// Whether `pairs` holds all pairs in place of changes.

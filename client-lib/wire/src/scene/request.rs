@@ -32,7 +32,7 @@ pub struct SceneRequest {
     pub is_acknowledged: bool,
     /// Whether the client knows pairs that this scene has not reported.
     pub is_lost: bool,
-    /// What it wants to be reported.
+    /// What is to be reported to it.
     pub report: Report,
     /// Indices are below this.
     pub most_boxes: u32,

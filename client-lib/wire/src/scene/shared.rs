@@ -329,7 +329,7 @@ impl RequestHeader {
         }
     }
 
-    /// A member's commit: an edit, and what it wants to be reported. The scene's `most_boxes` counts.
+    /// A member's commit: an edit, and what is to be reported to it. The scene's `most_boxes` counts.
     pub fn commit_shared(client_token: u64, frame: u64, request: &SceneRequest) -> Self {
         Self {
             operation: Operation::CommitShared as u32,

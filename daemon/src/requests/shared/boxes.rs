@@ -44,7 +44,7 @@ pub(super) struct Boxes {
     audit: Option<TickAudit>,
 }
 
-/// The audit of the scene, while it can be followed, and the edits that it was reported.
+/// The audit of the scene, while it can be followed, and the edits that were reported to it.
 struct TickAudit {
     scene: AuditedScene,
     edits: u64,

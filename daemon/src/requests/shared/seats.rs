@@ -263,7 +263,7 @@ pub(super) struct Member {
     pub scratch: EditScratch,
 }
 
-/// Of what a member is to be reported. Whoever ends a tick has it without its seat.
+/// What is to be reported to a member. Whoever ends a tick has it without its seat.
 #[derive(Clone)]
 pub(super) struct Recipient {
     pub id: MemberId,
@@ -301,7 +301,7 @@ impl Recipient {
         self.scope == Scope::All || self.own.has(a) || self.own.has(b)
     }
 
-    /// Notes what it is to be reported.
+    /// Notes what is to be reported to it.
     pub fn note(&self, changes: &TickChanges) {
         let mut unreported = locked(&self.unreported);
         match self.scope {
@@ -310,7 +310,7 @@ impl Recipient {
         }
     }
 
-    /// It does not know what it was reported.
+    /// It has lost what was reported to it.
     pub fn resync(&self) {
         locked(&self.unreported).resync();
     }

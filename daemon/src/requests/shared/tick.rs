@@ -75,7 +75,7 @@ pub(super) fn apply(
     Ok(())
 }
 
-/// Nobody knows what these were reported.
+/// What was reported to these is not known any more.
 fn lose(recipients: &[&Recipient]) {
     for recipient in recipients {
         recipient.resync();
@@ -134,7 +134,7 @@ fn whole_for(boxes: &mut Boxes, commits: &[(Recipient, Commit)]) -> Result<Whole
     if needs_whole { boxes.whole().map(Some) } else { Ok(None) }
 }
 
-/// What each member is reported.
+/// What is reported to each member.
 fn reported_to(
     commits: Vec<(Recipient, Commit)>,
     boxes: &Boxes,
