@@ -1088,7 +1088,8 @@ pm_code pm_scene_submit(pm_scene scene,
                         pm_report report);
 
 // Waits for the answer to what was submitted, as long as the session's deadline allows, and for a shared scene
-// until its tick ends. That acknowledges it: what it reports is not reported again. After an error the edit is applied, and the next answer makes up for this one.
+// until its tick ends. That acknowledges it: what it reports is not reported again. After an error the edit is applied,
+// and the next answer makes up for this one.
 pm_code pm_scene_wait(pm_scene scene);
 
 // `pm_scene_submit` and `pm_scene_wait`.

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
+use pairmask::filters::Rules;
 use pairmask::update::{Placement, ToWorld, Transformed, WorldMatrix};
 use pairmask::write::{BoxSource, CenterHalf, MinMax};
 use pairmask::{Bounds, FrameError, FrameOptions, Precision, Quantized, Sphere};
@@ -360,6 +361,11 @@ pub struct pm_frame_options {
 // SAFETY: it is `repr(C)` and begins with its size; integers have no invalid bit patterns.
 unsafe impl Growing for pm_frame_options {}
 
+/// The filters that a handle names; none for zero.
+fn filters_named(filters: pm_rules) -> Result<Option<Arc<Rules>>, Failure> {
+    (filters.id != 0).then(|| filters.with(|rules| Ok(Arc::clone(rules)))).transpose()
+}
+
 /// Sends a frame. `options` may be null. The handle names nothing any more, and its memory is not the caller's,
 /// whatever is returned.
 #[unsafe(no_mangle)]
@@ -376,11 +382,8 @@ pub unsafe extern "C" fn pm_frame_submit(
         let none = pm_frame_options { struct_size, filters, two_sets: 0, split_at: 0 };
         // SAFETY: the caller's promise about pointers is passed on.
         let given = if options.is_null() { none } else { unsafe { growing(options, none) }? };
-        let mut options = FrameOptions::default();
-        if given.filters.id != 0 {
-            options.filters = Some(given.filters.with(|rules| Ok(Arc::clone(rules)))?);
-        }
-        options.split_at = (given.two_sets != 0).then_some(given.split_at as usize);
+        let split_at = (given.two_sets != 0).then_some(given.split_at as usize);
+        let options = FrameOptions { filters: filters_named(given.filters)?, split_at };
         let sent = match filling {
             Filling::Boxes(frame) => frame.submit_with(&options),
             Filling::Narrow(frame) => frame.submit_with(&options),
@@ -410,10 +413,7 @@ pub unsafe extern "C" fn pm_session_cull(
         check_out(mask)?;
         // SAFETY: the caller's promise about pointers is passed on.
         let boxes = as_boxes(unsafe { array(boxes, n) }?);
-        let mut options = FrameOptions::default();
-        if filters.id != 0 {
-            options.filters = Some(filters.with(|rules| Ok(Arc::clone(rules)))?);
-        }
+        let options = FrameOptions { filters: filters_named(filters)?, split_at: None };
         let begin = || session.with(|s| Ok((s.session.frame(n), s.spares.clone())));
         let until = Instant::now() + session.with(|s| Ok(s.session.deadline()))?;
         let (mut frame, spares) = loop {

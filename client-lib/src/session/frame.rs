@@ -11,7 +11,7 @@ use pairmask_core::sphere::Sphere;
 use pairmask_core::units::BoxCount;
 use pairmask_core::write::{BoxSource, par_write_boxes};
 use pairmask_wire::{
-    QUERIES_MINOR, ScenePlace, boxes_in, boxes_in_mut, bytes_in_mut, since_minor, spheres_in,
+    Page, QUERIES_MINOR, ScenePlace, boxes_in, boxes_in_mut, bytes_in_mut, since_minor, spheres_in,
     spheres_in_mut,
 };
 
@@ -92,7 +92,7 @@ impl Written {
 }
 
 pub(super) mod sealed {
-    use super::{Objects, Pod, Shelf, Spares};
+    use super::{BoxCount, FrameObject, Objects, Page, Pod, Shelf, Spares};
 
     /// How frames hold a kind of object.
     pub trait Object {
@@ -105,8 +105,56 @@ pub(super) mod sealed {
         /// The shelf of spare buffers for these objects.
         fn spares(spares: &Spares) -> &Shelf<Vec<Self::Stored>>;
     }
+
+    /// Objects that lie in shared memory as in this process's own.
+    pub trait Plain: FrameObject<Stored = Self> + Sized {
+        /// The first `n` objects of a payload.
+        fn in_pages(pages: &[Page], n: BoxCount) -> Option<&[Self]>;
+        /// As [`in_pages`](Self::in_pages), writable.
+        fn in_pages_mut(pages: &mut [Page], n: BoxCount) -> Option<&mut [Self]>;
+    }
 }
-use sealed::Object;
+use sealed::{Object, Plain};
+
+impl Plain for Aabb {
+    fn in_pages(pages: &[Page], n: BoxCount) -> Option<&[Self]> {
+        boxes_in(pages, 0, n)
+    }
+    fn in_pages_mut(pages: &mut [Page], n: BoxCount) -> Option<&mut [Self]> {
+        boxes_in_mut(pages, n)
+    }
+}
+
+impl Plain for Sphere {
+    fn in_pages(pages: &[Page], n: BoxCount) -> Option<&[Self]> {
+        spheres_in(pages, 0, n)
+    }
+    fn in_pages_mut(pages: &mut [Page], n: BoxCount) -> Option<&mut [Self]> {
+        spheres_in_mut(pages, n)
+    }
+}
+
+impl<O: Plain> Frame<O> {
+    fn objects(&self) -> &[O] {
+        match &self.memory {
+            Some(FrameMemory::Shared(shared)) => {
+                O::in_pages(shared.loan.pages(), self.n).unwrap_or_default()
+            }
+            Some(FrameMemory::Own(objects)) => objects,
+            None => &[],
+        }
+    }
+
+    fn objects_mut(&mut self) -> &mut [O] {
+        match &mut self.memory {
+            Some(FrameMemory::Shared(shared)) => {
+                O::in_pages_mut(shared.loan.pages_mut(), self.n).unwrap_or_default()
+            }
+            Some(FrameMemory::Own(objects)) => objects,
+            None => &mut [],
+        }
+    }
+}
 
 impl FrameObject for Aabb {}
 impl Object for Aabb {
@@ -319,24 +367,12 @@ impl Frame {
 
     /// The boxes, contents unspecified until written.
     pub fn boxes_mut(&mut self) -> &mut [Aabb] {
-        match &mut self.memory {
-            Some(FrameMemory::Shared(shared)) => {
-                boxes_in_mut(shared.loan.pages_mut(), self.n).unwrap_or_default()
-            }
-            Some(FrameMemory::Own(boxes)) => boxes,
-            None => &mut [],
-        }
+        self.objects_mut()
     }
 
     /// The boxes as written so far.
     pub fn boxes(&self) -> &[Aabb] {
-        match &self.memory {
-            Some(FrameMemory::Shared(shared)) => {
-                boxes_in(shared.loan.pages(), 0, self.n).unwrap_or_default()
-            }
-            Some(FrameMemory::Own(boxes)) => boxes,
-            None => &[],
-        }
+        self.objects()
     }
 
     /// The boxes as six floats each: `min.x min.y min.z max.x max.y max.z`.
@@ -348,24 +384,12 @@ impl Frame {
 impl Frame<Sphere> {
     /// The spheres, contents unspecified until written.
     pub fn spheres_mut(&mut self) -> &mut [Sphere] {
-        match &mut self.memory {
-            Some(FrameMemory::Shared(shared)) => {
-                spheres_in_mut(shared.loan.pages_mut(), self.n).unwrap_or_default()
-            }
-            Some(FrameMemory::Own(spheres)) => spheres,
-            None => &mut [],
-        }
+        self.objects_mut()
     }
 
     /// The spheres as written so far.
     pub fn spheres(&self) -> &[Sphere] {
-        match &self.memory {
-            Some(FrameMemory::Shared(shared)) => {
-                spheres_in(shared.loan.pages(), 0, self.n).unwrap_or_default()
-            }
-            Some(FrameMemory::Own(spheres)) => spheres,
-            None => &[],
-        }
+        self.objects()
     }
 
     /// The spheres as four floats each: `x y z radius`.

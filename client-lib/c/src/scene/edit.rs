@@ -301,7 +301,8 @@ pub extern "C" fn pm_scene_submit(scene: pm_scene, report: pm_report) -> pm_code
 }
 
 /// Waits for the answer to what was submitted, as long as the session's deadline allows, and for a shared scene
-/// until its tick ends. That acknowledges it: what it reports is not reported again. After an error the edit is applied, and the next answer makes up for this one.
+/// until its tick ends. That acknowledges it: what it reports is not reported again. After an error the edit is applied,
+/// and the next answer makes up for this one.
 #[unsafe(no_mangle)]
 pub extern "C" fn pm_scene_wait(scene: pm_scene) -> pm_code {
     call(|| scene.with(|scene| scene.state.wait()))
