@@ -33,14 +33,12 @@
 //! | connect | [`Session`], made by a [`SessionBuilder`] |
 //! | fill | [`Frame::write`]: a slice of [`Aabb`], arrays of corners or of centres and half extents ([`write`](mod@write)), or local boxes and transforms ([`update`]); or write in place, [`Frame::boxes_mut`] |
 //! | submit, wait | [`PendingFrame`]: the frame is under way while you do something else |
-//! | decode | [`PairMask`]: [`pairs`](PairMask::pairs), [`par_pairs`](PairMask::par_pairs), [`contains`](PairMask::contains); [`words`](PairMask::words) for AND masks of your own ([`mask`]) |
+//! | decode | [`PairMask`]: [`pairs`](PairMask::pairs), [`par_pairs`](PairMask::par_pairs), [`contains`](PairMask::contains); [`words`](PairMask::words) for AND masks of your own |
 //!
 //! Engines, the plan and the wire contract are in the crates `pairmask-core`, `pairmask-wire` and
 //! `pairmask-transport`. Engines can be used without a session.
 //!
 //! # Which session
-//!
-//! [`which_session`] goes through games and simulations, one by one. In short:
 //!
 //! Who answers ([`Backend`]; the pairs are the same):
 //!
@@ -59,7 +57,7 @@
 //! | [`Session::narrow_frame`] | 12 or 6 | boxes with less [`Precision`]: fewer bytes, some extra pairs, none missed |
 //! | [`Session::sphere_frame`] | 16 | bounding spheres in place of boxes, exact |
 //! | [`Session::scene`] | what changes | scenes that persist: edits in, pairs that began and ended out; few boxes move, or changes are what you need |
-//! | the same with [margins](scene::SceneMargins) | what leaves its margin | where many boxes move a little |
+//! | the same with [margins](SceneMargins) | what leaves its margin | where many boxes move a little |
 //! | [`Session::join_scene`] | what changes | one scene that several processes write, each its own boxes |
 //!
 //! Frames of boxes may have collision filters ([`filters`], [`FrameOptions`]): worlds side by side, owners,
@@ -98,26 +96,22 @@ mod transport;
 #[cfg(feature = "daemon")]
 use pairmask_transport as transport;
 
-pub mod error;
-pub mod info;
-pub mod mask;
-pub mod scene;
-pub mod which_session;
 pub use pairmask_core::filters;
 pub use pairmask_core::update;
 pub use pairmask_core::write;
 
 pub use pairmask_core::aabb::Aabb;
-pub use pairmask_core::dispatch::WorldRange;
-pub use pairmask_core::engine::{AvailableIsa, EngineChoice, EngineId, EngineName, Isa, IsaError};
-pub use pairmask_core::mask::{Encoding, EncodingChoice};
+pub use pairmask_core::engine::EngineChoice;
+pub use pairmask_core::mask::EncodingChoice;
 pub use pairmask_core::precision::{Bounds, Margin, Precision};
+pub use pairmask_core::scene::shared::{AtEnd, Scope};
+pub use pairmask_core::scene::{
+    EditError, EndReason, Ended, MarginedPairs, Report, SceneMargins, SceneOptions,
+};
 pub use pairmask_core::sphere::Sphere;
-pub use pairmask_core::units::BoxCount;
-pub use pairmask_wire::{InstanceName, StatusBody as DaemonStatus};
+pub use pairmask_wire::StatusBody as DaemonStatus;
 pub use session::{
-    Backend, CommitError, ConnectError, EndedIter, EndedList, FindError, Frame, FrameError,
-    FrameInfo, FrameObject, FrameOptions, JoinOptions, PairList, PairListIter, PairMask,
-    PendingAnswer, PendingFrame, Quantized, QueryAnswer, Scene, SceneAnswer, SceneEdit, SceneQuery,
-    ServedBy, Session, SessionBuilder, SharedError, StatusError, WaitError,
+    Backend, ConnectError, EndedList, Error, Frame, FrameInfo, FrameObject, FrameOptions,
+    JoinOptions, MarginStats, PairList, PairMask, PendingAnswer, PendingFrame, Quantized,
+    QueryAnswer, Scene, SceneAnswer, SceneEdit, SceneQuery, ServedBy, Session, SessionBuilder,
 };

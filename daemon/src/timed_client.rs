@@ -5,7 +5,7 @@ use std::num::NonZeroUsize;
 use std::thread;
 use std::time::{Duration, Instant};
 
-use pairmask::{FrameError, FrameInfo, Margin, PairMask, Session, WaitError};
+use pairmask::{Error, FrameInfo, Margin, PairMask, Session};
 use pairmask_core::aabb::KeyBox;
 use pairmask_core::engine::CullError;
 use pairmask_core::mask::MaskError;
@@ -189,12 +189,9 @@ impl TimedFrame {
 /// Why a frame could not be timed.
 #[derive(Debug, thiserror::Error)]
 pub enum TimedError {
-    /// The frame could not be sent.
+    /// The frame could not be sent, or was not answered.
     #[error(transparent)]
-    Frame(#[from] FrameError),
-    /// The frame was not answered.
-    #[error(transparent)]
-    Wait(#[from] WaitError),
+    Session(#[from] Error),
     /// An engine without a session could not answer.
     #[error(transparent)]
     Cull(#[from] CullError),

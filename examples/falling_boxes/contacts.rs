@@ -19,7 +19,7 @@ impl<T> Contacts<T> {
         Self { kept: BTreeMap::new() }
     }
 
-    /// Brings the contacts up to date by a taken answer to [`Report::Changes`](pairmask::scene::Report).
+    /// Brings the contacts up to date by a taken answer to [`Report::Changes`](pairmask::Report).
     /// `begin` makes the contact of a pair that begins. Returns the pairs that began or ended.
     pub fn update(
         &mut self,

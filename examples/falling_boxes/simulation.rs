@@ -1,7 +1,7 @@
 //! A frame of the simulation: boxes move, the scene tells what changed, contacts push.
 
-use pairmask::scene::{Report, SceneOptions};
-use pairmask::{CommitError, Scene, ServedBy, Session};
+use pairmask::{Error, Scene, ServedBy, Session};
+use pairmask::{Report, SceneOptions};
 
 use crate::contacts::Contacts;
 use crate::world::World;
@@ -23,7 +23,7 @@ pub struct Frame {
 
 impl Simulation {
     /// Sends all boxes. They are at the same indices in the world and in the scene.
-    pub fn new(session: &mut Session, world: World) -> Result<Self, CommitError> {
+    pub fn new(session: &mut Session, world: World) -> Result<Self, Error> {
         let mut scene = session.scene(SceneOptions::default());
         let (boxes, statics) = (world.boxes(), world.statics());
         let edit = scene.edit().set_all(0..boxes.len() as u32, &boxes);
@@ -33,7 +33,7 @@ impl Simulation {
     }
 
     /// Advances the world by one frame.
-    pub fn step(&mut self) -> Result<Frame, CommitError> {
+    pub fn step(&mut self) -> Result<Frame, Error> {
         let Self { world, scene, contacts } = self;
         world.fall();
 

@@ -4,9 +4,9 @@ use std::error::Error;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-use pairmask::scene::Report;
-use pairmask::scene::shared::Scope;
-use pairmask::{Aabb, Backend, JoinOptions, Scene, Session, SharedError};
+use pairmask::Report;
+use pairmask::Scope;
+use pairmask::{Aabb, Backend, JoinOptions, Scene, Session};
 
 use crate::arguments::Arguments;
 
@@ -97,7 +97,7 @@ pub fn write(arguments: &Arguments, which: u32) -> Result<(), Box<dyn Error>> {
     let start = Instant::now();
     // The range of a writer that was killed is free a moment later.
     while let Err(error) = scene.lease(own.clone()) {
-        if !matches!(error, SharedError::Lease(_)) || start.elapsed() > PATIENCE {
+        if !matches!(error, pairmask::Error::Lease(_)) || start.elapsed() > PATIENCE {
             return Err(error.into());
         }
         std::thread::sleep(Duration::from_millis(20));

@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
-use pairmask::scene::Report;
+use pairmask::Report;
 use pairmask::{Aabb, Backend, ServedBy, Session};
 use pairmaskd::spawn::{PrivateDaemon, PrivateSettings};
 

@@ -57,7 +57,7 @@ fn moving(range: std::ops::Range<u32>, tick: u64, share: u32) -> Vec<u32> {
     range.filter(|index| (u64::from(*index) * 37 + tick) % 100 < u64::from(share)).collect()
 }
 
-fn commit(scene: &mut Scene, indices: &[u32], boxes: &[Aabb]) -> Result<(), pairmask::CommitError> {
+fn commit(scene: &mut Scene, indices: &[u32], boxes: &[Aabb]) -> Result<(), pairmask::Error> {
     let answer = scene.edit().set_all(indices, boxes).commit(Report::Changes)?;
     black_box((answer.begun().len(), answer.ended().len()));
     Ok(())

@@ -18,6 +18,27 @@ pub fn eventually<T>(what: &str, check: impl FnMut() -> Option<T>) -> T {
     within(PATIENCE, what, check)
 }
 
+/// Stops a process, and waits until it stands still: on a busy machine its other threads run on for a moment after the
+/// signal.
+///
+/// # Panics
+/// If it cannot be stopped.
+pub fn stop(pid: Pid) {
+    kill_process(pid, Signal::STOP).expect("a process to stop");
+    let threads = format!("/proc/{}/task", pid.as_raw_nonzero());
+    let is_stopped = |thread: std::io::Result<std::fs::DirEntry>| {
+        // The state follows the name, which is in brackets. A thread that is gone runs no more.
+        let stat = thread.and_then(|thread| std::fs::read_to_string(thread.path().join("stat")));
+        stat.map_or(true, |stat| {
+            stat.rsplit_once(") ").is_some_and(|(_, state)| state.starts_with('T'))
+        })
+    };
+    eventually("all its threads are stopped", || {
+        let mut threads = std::fs::read_dir(&threads).ok()?;
+        threads.all(is_stopped).then_some(())
+    });
+}
+
 /// As [`eventually`], with another limit.
 pub(crate) fn within<T>(patience: Duration, what: &str, mut check: impl FnMut() -> Option<T>) -> T {
     let start = Instant::now();
@@ -159,7 +180,13 @@ impl TestDaemon {
         if signal == Signal::STOP {
             self.signal_supervisor(signal);
         }
-        eventually("a worker lives", || kill_process(self.worker(), signal).ok());
+        let worker = eventually("a worker lives", || {
+            let worker = self.worker();
+            kill_process(worker, signal).ok().map(|()| worker)
+        });
+        if signal == Signal::STOP {
+            stop(worker);
+        }
         if signal == Signal::CONT {
             self.signal_supervisor(signal);
         }

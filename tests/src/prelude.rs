@@ -1,8 +1,7 @@
 //! What most tests and benches name.
 
 pub use pairmask::{
-    Backend, ConnectError, FrameError, PairMask, PendingFrame, ServedBy, Session, SessionBuilder,
-    WaitError,
+    Backend, ConnectError, Error, PairMask, PendingFrame, ServedBy, Session, SessionBuilder,
 };
 pub use pairmask_core::dispatch::{CpuEngines, CullOptions};
 pub use pairmask_core::engine::{

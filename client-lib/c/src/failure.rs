@@ -3,12 +3,11 @@
 use std::borrow::Cow;
 use std::fmt::Display;
 
-use pairmask::error::{BoundsError, CullError, MarginError};
 use pairmask::filters::TooManyFilters;
-use pairmask::scene::{EditError, QueryError, SceneError};
-use pairmask::{
-    CommitError, ConnectError, FindError, FrameError, IsaError, SharedError, StatusError, WaitError,
-};
+use pairmask::{ConnectError, EditError, Error};
+use pairmask_core::engine::{CullError, IsaError};
+use pairmask_core::precision::{BoundsError, MarginError};
+use pairmask_core::scene::QueryError;
 
 #[allow(clippy::wildcard_imports)] // Every code is one of an error.
 use crate::code::*;
@@ -51,12 +50,7 @@ macro_rules! failure_by {
 
 failure_by! {
     ConnectError => of_connect,
-    FrameError => of_frame,
-    WaitError => of_wait,
-    CommitError => of_commit,
-    FindError => of_find,
-    SharedError => of_shared,
-    StatusError => of_status,
+    Error => of_error,
     EditError => of_edit,
 }
 
@@ -76,7 +70,7 @@ failure_of! {
     BoundsError => PM_ERR_BOUNDS,
     MarginError => PM_ERR_MARGINS,
     IsaError => PM_ERR_ISA,
-    pairmask::error::UnknownName => PM_ERR_ARGUMENT,
+    pairmask_core::engine::UnknownName => PM_ERR_ARGUMENT,
 }
 
 const fn of_connect(error: &ConnectError) -> pm_code {
@@ -102,35 +96,6 @@ const fn of_cull(error: &CullError) -> pm_code {
     }
 }
 
-const fn of_frame(error: &FrameError) -> pm_code {
-    match error {
-        FrameError::TooManyBoxes { .. } => PM_ERR_TOO_MANY_BOXES,
-        FrameError::DaemonTooOld { .. } => PM_ERR_DAEMON_TOO_OLD,
-        FrameError::TooManyListedPairs(_) => PM_ERR_TOO_MANY_LISTED_PAIRS,
-        FrameError::FirstSet { .. } => PM_ERR_FIRST_SET,
-        FrameError::WrongCount { .. } | FrameError::Unsupported { .. } => PM_ERR_ARGUMENT,
-        FrameError::TooManyFrames => PM_ERR_TOO_MANY_FRAMES,
-        FrameError::NoMemory { .. } => PM_ERR_OUT_OF_MEMORY,
-        FrameError::Connect(error) => of_connect(error),
-        FrameError::OutOfMemory(_) => PM_ERR_OUT_OF_SHARED_MEMORY,
-        FrameError::Transport(_) => PM_ERR_TRANSPORT,
-        FrameError::Cull(error) => of_cull(error),
-        _ => PM_ERR_OTHER,
-    }
-}
-
-const fn of_wait(error: &WaitError) -> pm_code {
-    match error {
-        WaitError::Timeout { .. } => PM_ERR_TIMEOUT,
-        WaitError::Taken => PM_ERR_TAKEN,
-        WaitError::DaemonDied => PM_ERR_DAEMON_DIED,
-        WaitError::Reply(_) => PM_ERR_REPLY,
-        WaitError::Transport(_) => PM_ERR_TRANSPORT,
-        WaitError::Cull(error) => of_cull(error),
-        _ => PM_ERR_OTHER,
-    }
-}
-
 const fn of_edit(error: &EditError) -> pm_code {
     match error {
         EditError::BeyondLimit { .. } => PM_ERR_BEYOND_LIMIT,
@@ -144,59 +109,34 @@ const fn of_edit(error: &EditError) -> pm_code {
     }
 }
 
-const fn of_scene(error: &SceneError) -> pm_code {
+const fn of_error(error: &Error) -> pm_code {
     match error {
-        SceneError::Edit(error) => of_edit(error),
-        SceneError::Cull(error) => of_cull(error),
-        _ => PM_ERR_OTHER,
-    }
-}
-
-const fn of_commit(error: &CommitError) -> pm_code {
-    match error {
-        CommitError::Edit(error) => of_edit(error),
-        CommitError::Frame(error) => of_frame(error),
-        CommitError::Wait(error) => of_wait(error),
-        CommitError::Scene(error) => of_scene(error),
-        CommitError::Shared(error) => of_shared(error),
-        _ => PM_ERR_OTHER,
-    }
-}
-
-const fn of_find(error: &FindError) -> pm_code {
-    match error {
-        FindError::TooMany { .. } => PM_ERR_TOO_MANY_QUERIES,
-        FindError::Query(QueryError::Tags { .. }) => PM_ERR_QUERY_TAGS,
-        FindError::Query(QueryError::Cull(error)) => of_cull(error),
-        FindError::Frame(error) => of_frame(error),
-        FindError::Wait(error) => of_wait(error),
-        FindError::Scene(error) => of_scene(error),
-        FindError::Shared => PM_ERR_STATE,
-        _ => PM_ERR_OTHER,
-    }
-}
-
-const fn of_shared(error: &SharedError) -> pm_code {
-    match error {
-        SharedError::Name(_) => PM_ERR_SCENE_NAME,
-        SharedError::InProcess => PM_ERR_IN_PROCESS,
-        SharedError::Moved => PM_ERR_MOVED,
-        SharedError::Differs(_) => PM_ERR_TERMS_DIFFER,
-        SharedError::Lease(_) => PM_ERR_LEASE,
-        SharedError::NotLeased(_) => PM_ERR_NOT_LEASED,
-        SharedError::NotShared => PM_ERR_STATE,
-        SharedError::Edit(error) => of_edit(error),
-        SharedError::Frame(error) => of_frame(error),
-        SharedError::Wait(error) => of_wait(error),
-        _ => PM_ERR_OTHER,
-    }
-}
-
-const fn of_status(error: &StatusError) -> pm_code {
-    match error {
-        StatusError::Connect(error) => of_connect(error),
-        StatusError::Frame(error) => of_frame(error),
-        StatusError::Wait(error) => of_wait(error),
+        Error::TooManyBoxes { .. } => PM_ERR_TOO_MANY_BOXES,
+        Error::WrongCount { .. } | Error::Unsupported { .. } => PM_ERR_ARGUMENT,
+        Error::FirstSet { .. } => PM_ERR_FIRST_SET,
+        Error::Edit(error) => of_edit(error),
+        Error::Query(QueryError::Tags { .. }) => PM_ERR_QUERY_TAGS,
+        Error::Query(QueryError::Cull(error)) | Error::Cull(error) => of_cull(error),
+        Error::TooManyQueries { .. } => PM_ERR_TOO_MANY_QUERIES,
+        Error::SceneName(_) => PM_ERR_SCENE_NAME,
+        Error::NeedsDaemon => PM_ERR_IN_PROCESS,
+        Error::MovedOfShared => PM_ERR_MOVED,
+        Error::QueryOfShared | Error::NotShared => PM_ERR_STATE,
+        Error::TermsDiffer(_) => PM_ERR_TERMS_DIFFER,
+        Error::Lease(_) => PM_ERR_LEASE,
+        Error::NotLeased(_) => PM_ERR_NOT_LEASED,
+        Error::TooManyFrames => PM_ERR_TOO_MANY_FRAMES,
+        Error::NoMemory { .. } => PM_ERR_OUT_OF_MEMORY,
+        Error::OutOfMemory(_) => PM_ERR_OUT_OF_SHARED_MEMORY,
+        Error::Connect(error) => of_connect(error),
+        Error::DaemonTooOld { .. } => PM_ERR_DAEMON_TOO_OLD,
+        Error::TooManyListedPairs(_) => PM_ERR_TOO_MANY_LISTED_PAIRS,
+        Error::NotSent(_) | Error::Transport(_) => PM_ERR_TRANSPORT,
+        Error::Timeout { .. } => PM_ERR_TIMEOUT,
+        Error::Taken => PM_ERR_TAKEN,
+        Error::DaemonDied => PM_ERR_DAEMON_DIED,
+        Error::Reply(_) => PM_ERR_REPLY,
+        Error::Unanswered(error) => of_error(error),
         _ => PM_ERR_OTHER,
     }
 }

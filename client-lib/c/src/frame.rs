@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use pairmask::filters::Rules;
 use pairmask::update::{Placement, ToWorld, Transformed, WorldMatrix};
 use pairmask::write::{BoxSource, CenterHalf, MinMax};
-use pairmask::{Bounds, FrameError, FrameOptions, Precision, Quantized, Sphere};
+use pairmask::{Bounds, Error, FrameOptions, Precision, Quantized, Sphere};
 
 use crate::call::call;
 use crate::code::{PM_ERR_STATE, pm_code};
@@ -418,7 +418,7 @@ pub unsafe extern "C" fn pm_session_cull(
         let until = Instant::now() + session.with(|s| Ok(s.session.deadline()))?;
         let (mut frame, spares) = loop {
             match begin()? {
-                (Err(FrameError::TooManyFrames), _) if Instant::now() < until => {
+                (Err(Error::TooManyFrames), _) if Instant::now() < until => {
                     sleep(PLACE_INTERVAL);
                 }
                 (frame, spares) => break (frame?, spares),

@@ -6,8 +6,9 @@ use std::ptr::null;
 use std::time::Duration;
 
 use pairmask::filters::World;
-use pairmask::mask::MaskView;
-use pairmask::{Encoding, PairMask, PendingFrame, WaitError};
+use pairmask::{Error, PairMask, PendingFrame};
+use pairmask_core::mask::Encoding;
+use pairmask_core::mask::MaskView;
 
 use crate::call::call;
 use crate::code::pm_code;
@@ -96,7 +97,7 @@ pub unsafe extern "C" fn pm_pending_wait_timeout(
             let answer = pending.pending.wait_timeout(Duration::from_nanos(timeout_ns));
             Ok(answer.map(|mask| Mask::new(mask, pending.spares.clone())))
         })?;
-        if !matches!(answer, Err(WaitError::Timeout { .. })) {
+        if !matches!(answer, Err(Error::Timeout { .. })) {
             drop(pending.remove()?);
         }
         // SAFETY: the caller's promise about pointers is passed on.

@@ -6,7 +6,8 @@ use std::ptr::null;
 use std::time::Duration;
 
 use bytemuck::{Pod, Zeroable};
-use pairmask::{Backend, BoxCount, ServedBy};
+use pairmask::{Backend, ServedBy};
+use pairmask_core::units::BoxCount;
 
 use crate::call::call;
 use crate::code::pm_code;

@@ -2,8 +2,8 @@
 
 use bytemuck::{Pod, Zeroable};
 use pairmask::filters::{Filter, Tag, World};
-use pairmask::scene::{EndReason, Ended};
 use pairmask::{Aabb, Sphere};
+use pairmask::{EndReason, Ended};
 
 use crate::failure::Failure;
 

@@ -1,12 +1,10 @@
 //! Errors of the library as exceptions of `pairmask._errors`, which have the library's text.
 
-use std::error::Error;
-use std::fmt::Debug;
+use std::fmt::{Debug, Display};
 
-use pairmask::error::{BoundsError, MarginError, UnknownName};
-use pairmask::{
-    CommitError, ConnectError, FindError, FrameError, SharedError, StatusError, WaitError,
-};
+use pairmask::{ConnectError, Error};
+use pairmask_core::engine::UnknownName;
+use pairmask_core::precision::{BoundsError, MarginError};
 use pyo3::exceptions::{PyMemoryError, PyValueError};
 use pyo3::prelude::*;
 
@@ -15,13 +13,7 @@ mod classes {
     use pyo3::import_exception;
     import_exception!(pairmask._errors, PairmaskError);
     import_exception!(pairmask._errors, ConnectError);
-    import_exception!(pairmask._errors, FrameError);
-    import_exception!(pairmask._errors, WaitError);
     import_exception!(pairmask._errors, WaitTimeout);
-    import_exception!(pairmask._errors, CommitError);
-    import_exception!(pairmask._errors, FindError);
-    import_exception!(pairmask._errors, SharedError);
-    import_exception!(pairmask._errors, StatusError);
 }
 
 /// An error of the library that has an exception.
@@ -31,48 +23,25 @@ pub trait Raise {
 }
 
 /// The text of an error, and the name of its variant in Rust.
-fn reported<E: Error + Debug>(error: &E) -> (String, String) {
+fn reported<E: Display + Debug>(error: &E) -> (String, String) {
     let debug = format!("{error:?}");
     let end = debug.find(|c: char| !c.is_alphanumeric()).unwrap_or(debug.len());
     (error.to_string(), debug[..end].to_owned())
 }
 
-macro_rules! raise {
-    ($($error:ident),* $(,)?) => {
-        $(
-            impl Raise for $error {
-                fn raise(self) -> PyErr {
-                    classes::$error::new_err(reported(&self))
-                }
-            }
-        )*
-    };
-}
-raise!(ConnectError, FindError, SharedError, StatusError);
-
-impl Raise for CommitError {
+impl Raise for ConnectError {
     fn raise(self) -> PyErr {
-        match self {
-            Self::Shared(error) => error.raise(),
-            _ => classes::CommitError::new_err(reported(&self)),
-        }
+        classes::ConnectError::new_err(reported(&self))
     }
 }
 
-impl Raise for FrameError {
+impl Raise for Error {
     fn raise(self) -> PyErr {
         match self {
             Self::NoMemory { .. } => PyMemoryError::new_err(self.to_string()),
-            _ => classes::FrameError::new_err(reported(&self)),
-        }
-    }
-}
-
-impl Raise for WaitError {
-    fn raise(self) -> PyErr {
-        match self {
             Self::Timeout { .. } => classes::WaitTimeout::new_err(reported(&self)),
-            _ => classes::WaitError::new_err(reported(&self)),
+            Self::Connect(error) => error.raise(),
+            _ => classes::PairmaskError::new_err(reported(&self)),
         }
     }
 }

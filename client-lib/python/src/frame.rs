@@ -3,7 +3,7 @@
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-use pairmask::{Frame, FrameError, FrameOptions, PendingFrame, Quantized, Sphere};
+use pairmask::{Error, Frame, FrameOptions, PendingFrame, Quantized, Sphere};
 use pyo3::exceptions::{PyAttributeError, PyBufferError, PyValueError};
 use pyo3::prelude::*;
 
@@ -108,7 +108,7 @@ enum AnyFrame {
 }
 
 impl AnyFrame {
-    fn submit(self, options: &FrameOptions) -> Result<PendingFrame, FrameError> {
+    fn submit(self, options: &FrameOptions) -> Result<PendingFrame, Error> {
         match self {
             Self::Boxes(frame) => frame.submit_with(options),
             Self::Spheres(frame) => frame.submit_with(options),

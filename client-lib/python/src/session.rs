@@ -4,8 +4,9 @@ use std::ffi::CString;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-use pairmask::error::UnknownName;
-use pairmask::{Backend, BoxCount, FrameError, FrameOptions, PendingFrame, Precision, Session};
+use pairmask::{Backend, Error, FrameOptions, PendingFrame, Precision, Session};
+use pairmask_core::engine::UnknownName;
+use pairmask_core::units::BoxCount;
 use pyo3::exceptions::{PyRuntimeWarning, PyValueError};
 use pyo3::prelude::*;
 
@@ -75,7 +76,8 @@ impl PySession {
         }
         if let Some(isa) = isa {
             let isa = isa.parse();
-            let refused = |error: pairmask::IsaError| PyValueError::new_err(error.to_string());
+            let refused =
+                |error: pairmask_core::engine::IsaError| PyValueError::new_err(error.to_string());
             builder = builder.isa(isa.map_err(refused)?);
         }
         if let Some(spin) = spin {
@@ -222,7 +224,7 @@ impl PySession {
     fn begin<F: Send>(
         &self,
         py: Python<'_>,
-        f: impl FnOnce(&mut Session) -> Result<F, FrameError> + Send,
+        f: impl FnOnce(&mut Session) -> Result<F, Error> + Send,
     ) -> PyResult<F> {
         self.with(py, f)?.map_err(Raise::raise)
     }
@@ -231,12 +233,12 @@ impl PySession {
     fn begin_in_time<F: Send>(
         &self,
         py: Python<'_>,
-        f: impl Fn(&mut Session) -> Result<F, FrameError> + Send + Copy,
+        f: impl Fn(&mut Session) -> Result<F, Error> + Send + Copy,
     ) -> PyResult<F> {
         let until = Instant::now() + self.with(py, |session| session.deadline())?;
         loop {
             match self.with(py, f)? {
-                Err(FrameError::TooManyFrames) if Instant::now() < until => {
+                Err(Error::TooManyFrames) if Instant::now() < until => {
                     py.check_signals()?;
                     py.detach(|| std::thread::sleep(PLACE_INTERVAL));
                 }
@@ -252,7 +254,7 @@ const PLACE_INTERVAL: Duration = Duration::from_micros(50);
 /// Submits a frame, waits and decodes while other Python threads run.
 fn pairs_after(
     py: Python<'_>,
-    submit: impl FnOnce() -> Result<PendingFrame, FrameError> + Send,
+    submit: impl FnOnce() -> Result<PendingFrame, Error> + Send,
 ) -> PyResult<Bound<'_, PyAny>> {
     let (pairs, census) = py.detach(|| {
         let pending = submit().map_err(Raise::raise)?;

@@ -19,7 +19,7 @@ def test_a_session_without_a_daemon(tmp_path: Any) -> None:
     assert isinstance(caught.value, pairmask.PairmaskError)
     with pairmask.Session("auto", instance="none", runtime_dir=tmp_path) as session:
         assert session.served_by() == "in-process"
-        with pytest.raises(pairmask.StatusError):
+        with pytest.raises(pairmask.PairmaskError):
             session.daemon_status()
     copy = pickle.loads(pickle.dumps(caught.value))
     assert (type(copy), str(copy), copy.kind) == (type(caught.value), str(caught.value), "NoDaemon")
@@ -48,13 +48,13 @@ def test_options_are_checked() -> None:
 def test_a_session_has_three_frames(daemon: Daemon) -> None:
     with daemon.session("daemon") as session:
         frames = [session.frame(10) for _ in range(3)]
-        with pytest.raises(pairmask.FrameError, match="three frames") as caught:
+        with pytest.raises(pairmask.PairmaskError, match="three frames") as caught:
             session.frame(10)
         assert caught.value.kind == "TooManyFrames"
         frames[0].boxes[:] = 0
         mask = frames.pop(0).submit().wait()
         pairs = mask.pairs()
-        with pytest.raises(pairmask.FrameError):
+        with pytest.raises(pairmask.PairmaskError):
             session.frame(10)
         mask.release()
         session.frame(10)
@@ -65,7 +65,7 @@ def test_a_session_has_three_frames(daemon: Daemon) -> None:
 
 @pytest.mark.parametrize("n", [2**32, 2**40, 2**63])
 def test_too_many_boxes(session: pairmask.Session, n: int) -> None:
-    with pytest.raises(pairmask.FrameError) as caught:
+    with pytest.raises(pairmask.PairmaskError) as caught:
         session.frame(n)
     assert caught.value.kind == "TooManyBoxes"
     with pytest.raises(OverflowError):
@@ -108,7 +108,7 @@ def test_as_many_boxes_as_the_frame_has(session: pairmask.Session) -> None:
                 frame.write(np.zeros((n, 6), np.float32))
     with pytest.raises(ValueError):
         session.sphere_frame(3).write(np.zeros((2, 4), np.float32))
-    with pytest.raises(pairmask.FrameError) as caught:
+    with pytest.raises(pairmask.PairmaskError) as caught:
         session.frame(3).submit(split_at=4)
     assert caught.value.kind == "FirstSet"
 
@@ -121,10 +121,10 @@ def test_what_is_used_up_says_so(session: pairmask.Session) -> None:
         with pytest.raises(pairmask.PairmaskError, match="submitted"):
             use()
     assert pending.try_take() is not None
-    with pytest.raises(pairmask.WaitError, match="taken already") as caught:
+    with pytest.raises(pairmask.PairmaskError, match="taken already") as caught:
         pending.try_take()
     assert caught.value.kind == "Taken"
-    with pytest.raises(pairmask.WaitError):
+    with pytest.raises(pairmask.PairmaskError):
         pending.wait(timeout=0.1)
     for timeout in (-1.0, float("nan")):
         with pytest.raises(ValueError, match="seconds"):
@@ -154,7 +154,7 @@ def test_no_time_is_a_timeout(daemon: Daemon) -> None:
 
 def test_gpu_engines_are_not_here(session: pairmask.Session) -> None:
     with pairmask.Session("in-process", engine="gpu-grid") as insists:
-        with pytest.raises(pairmask.FrameError) as caught:
+        with pytest.raises(pairmask.PairmaskError) as caught:
             insists.cull(oracle.boxes_of(5, 1))
         assert caught.value.kind == "Cull"
 

@@ -128,7 +128,7 @@ def test_what_is_wrong_with_submitted_edits(session: pairmask.Session) -> None:
     boxes = oracle.boxes_of(3, 4)
     for scene, margin in scenes_of(session):
         scene.edit().set(range(3), boxes, *margin).commit()
-        with pytest.raises(pairmask.CommitError, match="has no box") as caught:
+        with pytest.raises(pairmask.PairmaskError, match="has no box") as caught:
             scene.edit().remove(9).submit()
         assert caught.value.kind == "Edit"
         with pytest.raises(ValueError, match="changes, moved, all or nothing"):
@@ -150,7 +150,7 @@ def test_a_daemon_that_dies_while_an_edit_is_under_way(daemon: Daemon) -> None:
         oracle.check(pending[0].wait().pairs, oracle.pairs_of(boxes))
         try:
             oracle.check(pending[1].wait().pairs, oracle.pairs_of(boxes))
-        except pairmask.CommitError as error:
+        except pairmask.PairmaskError as error:
             assert error.kind in ("Wait", "Frame")
         assert kind_of(pending[1].wait) == "Gone" and len(other) == 500
         answer = scene.edit().submit("all").wait()
@@ -174,7 +174,7 @@ def test_a_tick_of_a_shared_scene_is_waited_for(daemon: Daemon) -> None:
         assert {answer.tick for answer in answers} == {1} and not any(answer.late for answer in answers)
         for answer in answers:
             oracle.check(answer.pairs, oracle.pairs_of(boxes))
-        with pytest.raises(pairmask.SharedError) as caught:
+        with pytest.raises(pairmask.PairmaskError) as caught:
             scenes[0].edit().submit("moved")
         assert caught.value.kind == "Moved"
 

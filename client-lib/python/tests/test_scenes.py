@@ -155,7 +155,7 @@ def test_near_pairs_and_what_is_sent(session: pairmask.Session) -> None:
     assert scene.query(at(1.05)).tolist() == [[0, 1]]
     assert scene.edit().tag(0, world=1).tag(1, world=2).commit().ended.tolist() == [[0, 1]]
     for wrong in (-1.0, float("nan"), [0.1, 0.2]):
-        with pytest.raises((ValueError, pairmask.CommitError)):
+        with pytest.raises((ValueError, pairmask.PairmaskError)):
             scene.edit().set(0, at(0), wrong).commit()
 
 
@@ -200,7 +200,7 @@ def test_what_is_wrong_with_edits(session: pairmask.Session) -> None:
         "index 9 has no box": lambda e: e.tag(9, world=1),
     }
     for text, wrong in edits.items():
-        with pytest.raises(pairmask.CommitError, match=text) as caught:
+        with pytest.raises(pairmask.PairmaskError, match=text) as caught:
             wrong(scene.edit()).commit()
         assert caught.value.kind == "Edit"
     oracle.check(scene.edit().commit("all").pairs, oracle.pairs_of(boxes))
@@ -211,7 +211,7 @@ def test_what_is_wrong_with_edits(session: pairmask.Session) -> None:
             use()
     with pytest.raises(ValueError, match="changes, moved, all or nothing"):
         scene.edit().commit("some")  # type: ignore[arg-type]
-    with pytest.raises(pairmask.CommitError, match="no margins"):
+    with pytest.raises(pairmask.PairmaskError, match="no margins"):
         scene.edit().set(0, boxes[0], margin=0.5).commit()
     scene.close()
     with pytest.raises(pairmask.PairmaskError, match="closed"):

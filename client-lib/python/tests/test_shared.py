@@ -65,7 +65,7 @@ def test_a_writer_that_is_late_is_named(daemon: Daemon) -> None:
 def test_what_is_wrong_with_shared_scenes(daemon: Daemon) -> None:
     def kind(call: object) -> str:
         assert callable(call)
-        with pytest.raises(pairmask.SharedError) as caught:
+        with pytest.raises(pairmask.PairmaskError) as caught:
             call()
         return caught.value.kind
 
@@ -78,7 +78,7 @@ def test_what_is_wrong_with_shared_scenes(daemon: Daemon) -> None:
         assert kind(lambda: scene.lease(range(5, 5))) == "Lease"
         assert kind(lambda: scene.edit().set(10, [0, 0, 0, 1, 1, 1]).commit()) == "NotLeased"
         assert kind(lambda: scene.edit().commit("moved")) == "Moved"
-        with pytest.raises(pairmask.CommitError, match="set twice"):
+        with pytest.raises(pairmask.PairmaskError, match="set twice"):
             scene.edit().set([1, 1], np.zeros((2, 6))).commit()
         with pytest.raises(ValueError, match="gaps"):
             scene.lease(range(20, 30, 2))

@@ -69,7 +69,7 @@ def test_threads_share_a_session_and_a_scene(daemon: Daemon) -> None:
                     oracle.check(session.cull(scenes[at]), expected[at])
                     try:
                         scene.edit().set(range(50 * seed, 50 * seed + 50), scenes[0]).commit()
-                    except pairmask.CommitError as error:
+                    except pairmask.PairmaskError as error:
                         # All places for frames may be taken by the other threads.
                         assert error.kind == "Frame", error
             except BaseException as error:  # noqa: BLE001

@@ -115,7 +115,7 @@ def storm(session: pairmask.Session, frames: int, seed: int, daemon: Daemon | No
         at = choose.randrange(len(scenes))
         try:
             pairs = one_frame(session, scenes[at], choose, kept)
-        except pairmask.FrameError as error:
+        except pairmask.PairmaskError as error:
             # What is kept takes the session's places for frames.
             assert error.kind == "TooManyFrames"
             kept = [one for one in kept if isinstance(one, np.ndarray) and not one.flags.writeable]

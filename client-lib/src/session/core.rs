@@ -17,7 +17,7 @@ use pairmask_core::units::BoxCount;
 use pairmask_wire::{ReplyFields, RequestHeader, RulesLayout, SceneId, StatusBody};
 
 use super::builder::{Backend, Settings};
-use super::error::{ConnectError, FrameError, StatusError, WaitError};
+use super::error::{ConnectError, Error};
 use super::exchange::Exchange;
 use super::frame::{Frame, FrameMemory, FrameObject, Quantized, Written};
 use super::link::{LeftDaemon, Link, SharedFrame, no_daemon};
@@ -49,10 +49,10 @@ pub(super) enum Loss {
 
 impl Loss {
     /// What an error of a wait says; `None` where the daemon answered.
-    pub(super) const fn of(error: &WaitError) -> Option<Self> {
+    pub(super) const fn of(error: &Error) -> Option<Self> {
         match error {
-            WaitError::DaemonDied | WaitError::Transport(_) => Some(Self::Died),
-            WaitError::Timeout { .. } | WaitError::DaemonFull => Some(Self::Silent),
+            Error::DaemonDied | Error::Transport(_) => Some(Self::Died),
+            Error::Timeout { .. } | Error::DaemonFull => Some(Self::Silent),
             _ => None,
         }
     }
@@ -115,11 +115,11 @@ fn pause_after(silences: u32) -> Duration {
 }
 
 /// The variants of an error without their fields.
-type Kind = (Discriminant<FrameError>, Option<Discriminant<ConnectError>>);
+type Kind = (Discriminant<Error>, Option<Discriminant<ConnectError>>);
 
-fn kind_of(error: &FrameError) -> Kind {
+fn kind_of(error: &Error) -> Kind {
     let connect = match error {
-        FrameError::Connect(error) => Some(discriminant(error)),
+        Error::Connect(error) => Some(discriminant(error)),
         _ => None,
     };
     (discriminant(error), connect)
@@ -214,18 +214,18 @@ impl Core {
 
     /// Shared memory for `bytes` bytes of a request. Where no place is free, waits for one that is held by
     /// an edit that nobody else waits for. Ended scenes are reported to the daemon before.
-    pub(super) fn loan(&self, link: &Arc<Link>, bytes: u64) -> Result<SharedFrame, FrameError> {
+    pub(super) fn loan(&self, link: &Arc<Link>, bytes: u64) -> Result<SharedFrame, Error> {
         match self.unread.report_ended(link, || self.place(link, 0)) {
             // Frames hold all places, as those of this request will say unless one was dropped just now.
-            Ok(()) | Err(FrameError::TooManyFrames) => self.place(link, bytes),
+            Ok(()) | Err(Error::TooManyFrames) => self.place(link, bytes),
             Err(error) => Err(error),
         }
     }
 
-    fn place(&self, link: &Arc<Link>, bytes: u64) -> Result<SharedFrame, FrameError> {
+    fn place(&self, link: &Arc<Link>, bytes: u64) -> Result<SharedFrame, Error> {
         loop {
             match self.place_now(link, bytes) {
-                Err(FrameError::TooManyFrames) => {}
+                Err(Error::TooManyFrames) => {}
                 loaned => return loaned,
             }
             match self.unread.receive_oldest(link, &self.settings) {
@@ -238,10 +238,10 @@ impl Core {
     }
 
     /// A place that is free, or held by an edit whose answer has come and that nobody waits for.
-    fn place_now(&self, link: &Arc<Link>, bytes: u64) -> Result<SharedFrame, FrameError> {
+    fn place_now(&self, link: &Arc<Link>, bytes: u64) -> Result<SharedFrame, Error> {
         loop {
             match link.loan(bytes) {
-                Err(FrameError::TooManyFrames) if self.unread.receive_landed(link) => {}
+                Err(Error::TooManyFrames) if self.unread.receive_landed(link) => {}
                 loaned => return loaned,
             }
         }
@@ -308,7 +308,7 @@ impl Core {
         }
     }
 
-    pub(super) fn frame(self: &Arc<Self>, n: usize) -> Result<Frame, FrameError> {
+    pub(super) fn frame(self: &Arc<Self>, n: usize) -> Result<Frame, Error> {
         let n = counted(n)?;
         let memory = self.memory::<Aabb>(n, || Ok(self.box_memory(n, Precision::Exact)?.0))?;
         let written = Written::by(&Precision::Exact);
@@ -319,7 +319,7 @@ impl Core {
         self: &Arc<Self>,
         n: usize,
         asked: Precision,
-    ) -> Result<Frame<Quantized>, FrameError> {
+    ) -> Result<Frame<Quantized>, Error> {
         let (n, mut precision) = (counted(n)?, asked);
         let memory = self.memory::<Quantized>(n, || {
             let (shared, agreed) = self.box_memory(n, asked)?;
@@ -330,7 +330,7 @@ impl Core {
         Ok(Frame::new(n, memory, Written::by(&precision), encoding, Arc::clone(self)))
     }
 
-    pub(super) fn sphere_frame(self: &Arc<Self>, n: usize) -> Result<Frame<Sphere>, FrameError> {
+    pub(super) fn sphere_frame(self: &Arc<Self>, n: usize) -> Result<Frame<Sphere>, Error> {
         let n = counted(n)?;
         let memory = self.memory::<Sphere>(n, || {
             let link = self.link_that_knows(Written::SPHERES.since_minor(), "spheres")?;
@@ -341,11 +341,7 @@ impl Core {
 
     /// Shared memory for boxes, and the precision that they are written with: the one asked for, or exact where the
     /// daemon does not know that.
-    fn box_memory(
-        &self,
-        n: BoxCount,
-        asked: Precision,
-    ) -> Result<(SharedFrame, Precision), FrameError> {
+    fn box_memory(&self, n: BoxCount, asked: Precision) -> Result<(SharedFrame, Precision), Error> {
         let link = self.link()?;
         let agreed = link.forms().agree(asked);
         let bytes = Written::by(&agreed).scene(n).payload_bytes();
@@ -357,11 +353,11 @@ impl Core {
     fn memory<O: FrameObject>(
         &self,
         n: BoxCount,
-        shared: impl FnOnce() -> Result<SharedFrame, FrameError>,
-    ) -> Result<FrameMemory<O::Stored>, FrameError> {
+        shared: impl FnOnce() -> Result<SharedFrame, Error>,
+    ) -> Result<FrameMemory<O::Stored>, Error> {
         let own = || {
             let memory = O::spares(self.spares()).take_sized(n);
-            memory.map(FrameMemory::Own).ok_or(FrameError::NoMemory { n: n.get() })
+            memory.map(FrameMemory::Own).ok_or(Error::NoMemory { n: n.get() })
         };
         match self.settings.backend {
             Backend::InProcess => own(),
@@ -369,10 +365,10 @@ impl Core {
             Backend::Auto => match shared() {
                 Ok(shared) => Ok(FrameMemory::Shared(shared)),
                 // The log already says so, and frames of boxes still go to the daemon.
-                Err(FrameError::DaemonTooOld { .. }) => own(),
+                Err(Error::DaemonTooOld { .. }) => own(),
                 // The next frame may find a place there. Only the daemon has a GPU.
-                Err(FrameError::TooManyFrames) if !self.settings.needs_gpu() => own(),
-                Err(FrameError::TooManyFrames) => Err(FrameError::TooManyFrames),
+                Err(Error::TooManyFrames) if !self.settings.needs_gpu() => own(),
+                Err(Error::TooManyFrames) => Err(Error::TooManyFrames),
                 Err(error) => {
                     self.say_in_process(&error);
                     own()
@@ -386,7 +382,7 @@ impl Core {
         &self,
         since_minor: u16,
         what: &'static str,
-    ) -> Result<Arc<Link>, FrameError> {
+    ) -> Result<Arc<Link>, Error> {
         let link = self.link()?;
         if link.forms().knows(since_minor) {
             return Ok(link);
@@ -394,7 +390,7 @@ impl Core {
         if self.may_cull_here() {
             link.forms().say_stay(since_minor, what);
         }
-        Err(FrameError::DaemonTooOld { what })
+        Err(Error::DaemonTooOld { what })
     }
 
     /// The connection. A lost one is made again once its interval has passed, and one to a daemon that did
@@ -435,7 +431,7 @@ impl Core {
             }
         };
         if self.may_cull_here() && connection.silence.is_some() {
-            let begun = link.loan(0).map_err(StatusError::from);
+            let begun = link.loan(0).map_err(Error::from);
             match begun.and_then(|shared| self.status_exchange(shared)) {
                 Ok((exchange, _)) => {
                     connection.try_by(Trial { link, exchange, until: now + TRIAL_WITHIN });
@@ -462,8 +458,8 @@ impl Core {
     }
 
     /// Gives a connection up. Frames that are under way on it are answered in process.
-    pub(super) fn lose(&self, lost: &Arc<Link>, how: Loss) -> Result<(), FrameError> {
-        let error = FrameError::from(self.give_up(lost, how));
+    pub(super) fn lose(&self, lost: &Arc<Link>, how: Loss) -> Result<(), Error> {
+        let error = Error::from(self.give_up(lost, how));
         if self.may_cull_here() {
             self.say_in_process(&error);
             Ok(())
@@ -492,7 +488,7 @@ impl Core {
 
     /// Logs that frames are answered in process, once for each kind of cause until the daemon
     /// answers again.
-    pub(super) fn say_in_process(&self, why: &FrameError) {
+    pub(super) fn say_in_process(&self, why: &Error) {
         let reported = &mut lock(&self.connection).reported;
         if !reported.contains(&kind_of(why)) {
             reported.push(kind_of(why));
@@ -501,7 +497,7 @@ impl Core {
     }
 
     /// Asks for the daemon's status.
-    fn status_exchange(&self, shared: SharedFrame) -> Result<(Exchange, ReplyFields), StatusError> {
+    fn status_exchange(&self, shared: SharedFrame) -> Result<(Exchange, ReplyFields), Error> {
         let asked = ReplyFields {
             client_token: shared.slot.link().token(),
             frame: self.next_frame(),
@@ -511,26 +507,26 @@ impl Core {
         Ok((Exchange::begin(shared, &header)?, asked))
     }
 
-    pub(super) fn daemon_status(&self) -> Result<StatusBody, StatusError> {
+    pub(super) fn daemon_status(&self) -> Result<StatusBody, Error> {
         let link = self.link()?;
         let asked = self.status_exchange(self.loan(&link, 0)?);
         let answered = asked.and_then(|(exchange, asked)| {
             Ok((exchange.end(link.expect(0), &self.settings)?, asked))
         });
-        if let Err(StatusError::Wait(error)) = &answered
+        if let Err(error) = &answered
             && let Some(how) = Loss::of(error)
         {
             let _ = self.lose(&link, how);
         }
         let (answer, asked) = answered?;
         let payload = bytemuck::cast_slice(answer.response.pages());
-        Ok(StatusBody::parse(&answer.header, &asked, payload).map_err(WaitError::from)?)
+        Ok(StatusBody::parse(&answer.header, &asked, payload).map_err(Error::from)?)
     }
 }
 
 /// The number of objects of a frame, checked against the largest index.
-fn counted(n: usize) -> Result<BoxCount, FrameError> {
-    let too_many = FrameError::TooManyBoxes { n, limit: u64::from(u32::MAX) };
+fn counted(n: usize) -> Result<BoxCount, Error> {
+    let too_many = Error::TooManyBoxes { n, limit: u64::from(u32::MAX) };
     BoxCount::of_len(n).ok_or(too_many)
 }
 

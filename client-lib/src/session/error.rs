@@ -1,13 +1,15 @@
-//! One error enum for each operation of a session.
+//! Why there is no session, and why a session gives no answer.
 
 use std::path::PathBuf;
 use std::time::Duration;
 
 use pairmask_core::engine::{CullError, IsaError};
+use pairmask_core::scene::shared::{LeaseError, NotLeased};
 use pairmask_core::scene::{EditError, QueryError, SceneError};
-use pairmask_wire::{InstanceError, InstanceName, ReplyError, TooManyPairs, Version};
+use pairmask_wire::{
+    InstanceError, InstanceName, ReplyError, SceneNameError, TermsDiffer, TooManyPairs, Version,
+};
 
-use super::scene::SharedError;
 use crate::transport::{LimitError, PopulateError, TransportError};
 
 fn paths(all: &[PathBuf]) -> String {
@@ -97,10 +99,12 @@ pub enum ConnectError {
     Transport(#[from] TransportError),
 }
 
-/// Why there is no memory for a frame, or why it could not be submitted.
+/// Why a frame, an edit or a query was not sent, or has no answer.
+///
+/// Of an edit, [`is_applied`](Self::is_applied) says whether the scene has it nevertheless.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
-pub enum FrameError {
+pub enum Error {
     /// More boxes or spheres than an index can name.
     #[error("{n} boxes or spheres are too many: a frame holds at most {limit}")]
     TooManyBoxes {
@@ -109,19 +113,6 @@ pub enum FrameError {
         /// How many are allowed.
         limit: u64,
     },
-    /// The daemon is older than what the frame needs ([`Backend::Daemon`](super::Backend::Daemon)
-    /// only).
-    #[error(
-        "the daemon is too old to know {what}: install a newer pairmaskd, or use Backend::Auto"
-    )]
-    DaemonTooOld {
-        /// What it does not know: spheres, for one.
-        what: &'static str,
-    },
-    /// The include and exclude lists of a frame's rules are too long to be sent
-    /// ([`Backend::Daemon`](super::Backend::Daemon) only).
-    #[error("{0}: use Backend::Auto")]
-    TooManyListedPairs(#[from] TooManyPairs),
     /// Not as many boxes as the frame has.
     #[error("{given} boxes for a frame of {n}: give as many as it has")]
     WrongCount {
@@ -144,8 +135,49 @@ pub enum FrameError {
         /// Boxes of the frame.
         n: u32,
     },
-    /// All places for frames are held. With [`Backend::Auto`](super::Backend::Auto) frames are answered in process then,
-    /// and this is the error of edits and queries of scenes that the daemon has.
+    /// The edit is wrong.
+    #[error(transparent)]
+    Edit(#[from] EditError),
+    /// The query is wrong, or this process cannot answer it.
+    #[error(transparent)]
+    Query(#[from] QueryError),
+    /// More queries and indices than a mask has objects.
+    #[error(
+        "{queries} queries of a scene with indices below {index_end} are too many: ask in parts"
+    )]
+    TooManyQueries {
+        /// Queries.
+        queries: usize,
+        /// Indices are below this.
+        index_end: u32,
+    },
+    /// No name of a shared scene.
+    #[error(transparent)]
+    SceneName(#[from] SceneNameError),
+    /// The session answers in process, where there is no shared scene.
+    #[error("a shared scene needs a daemon: use Backend::Auto or Backend::Daemon")]
+    NeedsDaemon,
+    /// Shared scenes do not report pairs of moved boxes alone.
+    #[error("a shared scene does not answer Report::Moved: ask for changes")]
+    MovedOfShared,
+    /// Shared scenes answer no queries.
+    #[error("a shared scene answers no queries: ask a scene of this session alone")]
+    QueryOfShared,
+    /// The scene is no shared one.
+    #[error("this scene is not shared: join one to lease indices")]
+    NotShared,
+    /// The shared scene has other terms than this member asks for.
+    #[error(transparent)]
+    TermsDiffer(#[from] TermsDiffer),
+    /// The lease is refused.
+    #[error(transparent)]
+    Lease(#[from] LeaseError),
+    /// The edit names what is not leased. A table of filters is refused by the daemon where another writer's
+    /// lease begins lower.
+    #[error(transparent)]
+    NotLeased(#[from] NotLeased),
+    /// All places for frames are held. With [`Backend::Auto`](super::Backend::Auto) frames are answered in process
+    /// then, and this is the error of edits and queries of scenes that the daemon has.
     #[error("three frames are being filled, under way or held as masks: drop one before the next")]
     TooManyFrames,
     /// This process has no memory for the frame.
@@ -154,24 +186,27 @@ pub enum FrameError {
         /// Boxes or spheres of the frame.
         n: u32,
     },
-    /// There is no daemon any more ([`Backend::Daemon`](super::Backend::Daemon) only).
-    #[error(transparent)]
-    Connect(#[from] ConnectError),
     /// /dev/shm is full.
     #[error(transparent)]
     OutOfMemory(#[from] PopulateError),
-    /// The transport failed.
+    /// There is no daemon any more ([`Backend::Daemon`](super::Backend::Daemon) only).
     #[error(transparent)]
-    Transport(#[from] TransportError),
-    /// The in-process engine failed.
+    Connect(#[from] ConnectError),
+    /// The daemon is older than what is asked of it ([`Backend::Daemon`](super::Backend::Daemon) only).
+    #[error(
+        "the daemon is too old to know {what}: install a newer pairmaskd, or use Backend::Auto"
+    )]
+    DaemonTooOld {
+        /// What it does not know: spheres, for one.
+        what: &'static str,
+    },
+    /// The include and exclude lists of a frame's rules are too long to be sent
+    /// ([`Backend::Daemon`](super::Backend::Daemon) only).
+    #[error("{0}: use Backend::Auto")]
+    TooManyListedPairs(#[from] TooManyPairs),
+    /// The transport gave no memory for the request.
     #[error(transparent)]
-    Cull(#[from] CullError),
-}
-
-/// Why a submitted frame has no answer.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-pub enum WaitError {
+    NotSent(TransportError),
     /// The deadline passed. The frame is still under way and may be awaited again.
     #[error("no answer within {waited:?}: wait again, or check the daemon with `pairmaskd status`")]
     Timeout {
@@ -195,91 +230,46 @@ pub enum WaitError {
     /// The transport failed.
     #[error(transparent)]
     Transport(#[from] TransportError),
-    /// The daemon has lost the scene, which could not be sent again.
-    #[error("the daemon has lost the scene, and it was not sent again: {0}")]
-    NotSentAgain(#[source] Box<FrameError>),
-    /// The in-process engine, which answers when the daemon cannot, failed too.
+    /// The in-process engine failed.
     #[error(transparent)]
     Cull(#[from] CullError),
-}
-
-/// Why an edit of a scene has no answer.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-pub enum CommitError {
-    /// The edit is wrong. Nothing of it was applied.
-    #[error(transparent)]
-    Edit(#[from] EditError),
-    /// The edit could not be sent. Nothing of it was applied.
-    #[error(transparent)]
-    Frame(#[from] FrameError),
-    /// The edit was applied and has no answer. The next answer makes up for it.
-    #[error(transparent)]
-    Wait(#[from] WaitError),
+    /// The scene has the edit, which was not sent: for want of a daemon, for one. The next edit sends both.
+    #[error("the edit is applied and was not sent: {0}")]
+    Unanswered(#[source] Box<Self>),
     /// As a later version of the engines says.
     #[error(transparent)]
     Scene(SceneError),
-    /// An edit of a scene that several processes write. Nothing of it was applied where it names what is not leased
-    /// ([`SharedError::NotLeased`]) or asks for pairs of moved boxes ([`SharedError::Moved`]). Else it is applied, and
-    /// has no answer.
-    #[error(transparent)]
-    Shared(SharedError),
 }
 
-/// Why a query of a scene has no answer.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-pub enum FindError {
-    /// More queries and indices than a mask has objects.
-    #[error(
-        "{queries} queries of a scene with indices below {index_end} are too many: ask in parts"
-    )]
-    TooMany {
-        /// Queries.
-        queries: usize,
-        /// Indices are below this.
-        index_end: u32,
-    },
-    /// The query is wrong, or this process cannot answer it.
-    #[error(transparent)]
-    Query(#[from] QueryError),
-    /// The query could not be sent.
-    #[error(transparent)]
-    Frame(#[from] FrameError),
-    /// The daemon has not answered.
-    #[error(transparent)]
-    Wait(#[from] WaitError),
-    /// The scene could not be made in this process.
-    #[error(transparent)]
-    Scene(#[from] SceneError),
-    /// A scene that several processes write answers no queries.
-    #[error("a shared scene answers no queries: ask a scene of this session alone")]
-    Shared,
-}
+impl Error {
+    /// Of an edit, whether the scene has it all the same: it has no answer, and the next one makes up for that.
+    /// Otherwise nothing of it was applied.
+    pub const fn is_applied(&self) -> bool {
+        matches!(
+            self,
+            Self::Timeout { .. }
+                | Self::Taken
+                | Self::DaemonDied
+                | Self::DaemonFull
+                | Self::Reply(_)
+                | Self::Transport(_)
+                | Self::Cull(_)
+                | Self::Unanswered(_)
+        )
+    }
 
-impl From<CommitError> for FindError {
-    fn from(error: CommitError) -> Self {
-        match error {
-            CommitError::Edit(error) => Self::Scene(error.into()),
-            CommitError::Frame(error) => Self::Frame(error),
-            CommitError::Wait(error) => Self::Wait(error),
-            CommitError::Scene(error) => Self::Scene(error),
-            CommitError::Shared(_) => Self::Shared,
-        }
+    /// The same, of an edit that the scene has.
+    pub(super) fn unanswered(self) -> Self {
+        if self.is_applied() { self } else { Self::Unanswered(Box::new(self)) }
     }
 }
 
-/// Why the daemon's status is not known.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-pub enum StatusError {
-    /// No connection.
-    #[error(transparent)]
-    Connect(#[from] ConnectError),
-    /// The request could not be sent.
-    #[error(transparent)]
-    Frame(#[from] FrameError),
-    /// No answer.
-    #[error(transparent)]
-    Wait(#[from] WaitError),
+impl From<SceneError> for Error {
+    fn from(error: SceneError) -> Self {
+        match error {
+            SceneError::Edit(error) => Self::Edit(error),
+            SceneError::Cull(error) => Self::Cull(error),
+            error => Self::Scene(error),
+        }
+    }
 }

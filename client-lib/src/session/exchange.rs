@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use pairmask_wire::{ReplyError, RequestHeader, ResponseHeader};
 
 use super::builder::Settings;
-use super::error::WaitError;
+use super::error::Error;
 use super::estimate::Expected;
 use super::link::{Link, Received, SharedFrame, Slot, Unsent, Vigil};
 use super::pairs::Storage;
@@ -43,17 +43,15 @@ impl Exchange {
     /// Sends a request.
     ///
     /// # Errors
-    /// [`WaitError::DaemonDied`], or [`WaitError::Timeout`] where the daemon receives nothing.
-    pub(super) fn begin(shared: SharedFrame, header: &RequestHeader) -> Result<Self, WaitError> {
+    /// [`Error::DaemonDied`], or [`Error::Timeout`] where the daemon receives nothing.
+    pub(super) fn begin(shared: SharedFrame, header: &RequestHeader) -> Result<Self, Error> {
         let at = Instant::now();
         match shared.send(header) {
             Ok((pending, slot)) if pending.is_delivered() => {
                 Ok(Self { pending, slot, at, vigil: Vigil::default() })
             }
-            Ok((_, slot)) if slot.link().is_alive() => {
-                Err(WaitError::Timeout { waited: at.elapsed() })
-            }
-            Ok(_) | Err(Unsent::Saved(_)) => Err(WaitError::DaemonDied),
+            Ok((_, slot)) if slot.link().is_alive() => Err(Error::Timeout { waited: at.elapsed() }),
+            Ok(_) | Err(Unsent::Saved(_)) => Err(Error::DaemonDied),
             Err(Unsent::Lost(error)) => Err(error.into()),
         }
     }
@@ -61,23 +59,16 @@ impl Exchange {
     /// Waits for the answer, as long as the deadline allows.
     ///
     /// # Errors
-    /// [`WaitError`].
-    pub(super) fn end(
-        mut self,
-        expected: Expected,
-        settings: &Settings,
-    ) -> Result<Answer, WaitError> {
+    /// [`Error`].
+    pub(super) fn end(mut self, expected: Expected, settings: &Settings) -> Result<Answer, Error> {
         let deadline = Instant::now() + settings.deadline;
         let received = self.receive(expected, settings.spin, deadline)?;
-        self.accept(received.ok_or(WaitError::Timeout { waited: settings.deadline })?)
+        self.accept(received.ok_or(Error::Timeout { waited: settings.deadline })?)
     }
 
     /// The answer if it comes until then, or why there will be none; else the exchange.
     #[allow(clippy::result_large_err)] // Its caller puts it back.
-    pub(super) fn end_until(
-        mut self,
-        deadline: Instant,
-    ) -> Result<Result<Answer, WaitError>, Self> {
+    pub(super) fn end_until(mut self, deadline: Instant) -> Result<Result<Answer, Error>, Self> {
         match self.receive(Expected::default(), Duration::ZERO, deadline) {
             Ok(Some(sample)) => Ok(self.accept(sample)),
             Ok(None) => Err(self),
@@ -88,8 +79,8 @@ impl Exchange {
     /// Whether the daemon has answered, for whom the answer does not matter.
     ///
     /// # Errors
-    /// [`WaitError`].
-    pub(super) fn is_answered(&mut self) -> Result<bool, WaitError> {
+    /// [`Error`].
+    pub(super) fn is_answered(&mut self) -> Result<bool, Error> {
         let now = Instant::now();
         Ok(self.receive(Expected::default(), Duration::ZERO, now)?.is_some())
     }
@@ -104,18 +95,18 @@ impl Exchange {
         expected: Expected,
         spin: Duration,
         deadline: Instant,
-    ) -> Result<Option<ResponseSample>, WaitError> {
+    ) -> Result<Option<ResponseSample>, Error> {
         let Self { pending, slot, at, vigil } = self;
         match slot.link().receive(pending, *at, expected, spin, deadline, vigil)? {
             Received::Sample(sample) => Ok(Some(sample)),
             Received::Nothing => Ok(None),
-            Received::Dead => Err(WaitError::DaemonDied),
-            Received::Silent => Err(WaitError::Timeout { waited: at.elapsed() }),
-            Received::Full => Err(WaitError::DaemonFull),
+            Received::Dead => Err(Error::DaemonDied),
+            Received::Silent => Err(Error::Timeout { waited: at.elapsed() }),
+            Received::Full => Err(Error::DaemonFull),
         }
     }
 
-    fn accept(self, sample: ResponseSample) -> Result<Answer, WaitError> {
+    fn accept(self, sample: ResponseSample) -> Result<Answer, Error> {
         let Self { pending, slot, at, .. } = self;
         let misplaced = ReplyError::Malformed { field: "place" };
         let (header, response) = slot.link().check(sample).ok_or(misplaced)?;

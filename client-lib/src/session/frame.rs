@@ -16,7 +16,7 @@ use pairmask_wire::{
 };
 
 use super::core::Core;
-use super::error::FrameError;
+use super::error::Error;
 use super::link::SharedFrame;
 use super::local::{Shelf, Spares};
 use super::pending::PendingFrame;
@@ -242,8 +242,8 @@ impl<O: FrameObject> Frame<O> {
     /// Asks for the pairs. In process they are found before this returns.
     ///
     /// # Errors
-    /// [`FrameError`]; the frame's memory is gone then.
-    pub fn submit(self) -> Result<PendingFrame, FrameError> {
+    /// [`Error`]; the frame's memory is gone then.
+    pub fn submit(self) -> Result<PendingFrame, Error> {
         self.submit_by(None)
     }
 
@@ -283,26 +283,26 @@ impl<O: FrameObject> Frame<O> {
     /// ```
     ///
     /// # Errors
-    /// As [`submit`](Self::submit); [`FrameError::FirstSet`] where there are fewer boxes, [`FrameError::Unsupported`] for
+    /// As [`submit`](Self::submit); [`Error::FirstSet`] where there are fewer boxes, [`Error::Unsupported`] for
     /// spheres, and for filters and sets at once. With [`Backend::Daemon`](super::Backend::Daemon),
-    /// [`FrameError::DaemonTooOld`] and [`FrameError::TooManyListedPairs`].
-    pub fn submit_with(mut self, options: &FrameOptions) -> Result<PendingFrame, FrameError> {
+    /// [`Error::DaemonTooOld`] and [`Error::TooManyListedPairs`].
+    pub fn submit_with(mut self, options: &FrameOptions) -> Result<PendingFrame, Error> {
         let FrameOptions { filters, split_at } = options;
         if self.written.form == ObjectForm::Spheres && (filters.is_some() || split_at.is_some()) {
-            return Err(FrameError::Unsupported { what: "spheres with filters or in two sets" });
+            return Err(Error::Unsupported { what: "spheres with filters or in two sets" });
         }
         if filters.is_some() && split_at.is_some() {
-            return Err(FrameError::Unsupported { what: "two sets with filters" });
+            return Err(Error::Unsupported { what: "two sets with filters" });
         }
         if let Some(first) = *split_at {
             let counted = BoxCount::of_len(first).filter(|first| *first <= self.n);
             let n = self.n.get();
-            self.written.first_set = Some(counted.ok_or(FrameError::FirstSet { first, n })?);
+            self.written.first_set = Some(counted.ok_or(Error::FirstSet { first, n })?);
         }
         self.submit_by(filters.as_ref())
     }
 
-    fn submit_by(mut self, filters: Option<&Arc<Rules>>) -> Result<PendingFrame, FrameError> {
+    fn submit_by(mut self, filters: Option<&Arc<Rules>>) -> Result<PendingFrame, Error> {
         match self.memory.take() {
             Some(FrameMemory::Shared(shared)) => {
                 let kept = shared.slot.link().kept_rules();
@@ -320,14 +320,14 @@ impl<O: FrameObject> Frame<O> {
                 self.memory = Some(FrameMemory::Own(objects));
                 Ok(PendingFrame::ready(mask?, Arc::clone(&self.core)))
             }
-            None => Err(FrameError::TooManyFrames),
+            None => Err(Error::TooManyFrames),
         }
     }
 
     /// Whether so many objects are as many as the frame has.
-    fn check_count(&self, given: usize) -> Result<(), FrameError> {
+    fn check_count(&self, given: usize) -> Result<(), Error> {
         let n = self.n.get();
-        if given == self.n.len() { Ok(()) } else { Err(FrameError::WrongCount { given, n }) }
+        if given == self.n.len() { Ok(()) } else { Err(Error::WrongCount { given, n }) }
     }
 }
 
@@ -358,8 +358,8 @@ impl Frame {
     /// ```
     ///
     /// # Errors
-    /// [`FrameError::WrongCount`] when `boxes` are not as many as the frame has: nothing is written then.
-    pub fn write(&mut self, boxes: &(impl BoxSource + Sync + ?Sized)) -> Result<(), FrameError> {
+    /// [`Error::WrongCount`] when `boxes` are not as many as the frame has: nothing is written then.
+    pub fn write(&mut self, boxes: &(impl BoxSource + Sync + ?Sized)) -> Result<(), Error> {
         self.check_count(boxes.len())?;
         par_write_boxes(boxes, self.boxes_mut());
         Ok(())
@@ -434,8 +434,8 @@ impl Frame<Quantized> {
     /// [`write`](pairmask_core::write).
     ///
     /// # Errors
-    /// [`FrameError::WrongCount`] when `boxes` are not as many as the frame has: nothing is written then.
-    pub fn write(&mut self, boxes: &(impl BoxSource + Sync + ?Sized)) -> Result<(), FrameError> {
+    /// [`Error::WrongCount`] when `boxes` are not as many as the frame has: nothing is written then.
+    pub fn write(&mut self, boxes: &(impl BoxSource + Sync + ?Sized)) -> Result<(), Error> {
         self.check_count(boxes.len())?;
         let encoder = &self.encoding.1;
         match &mut self.memory {

@@ -20,7 +20,7 @@ use pairmask_wire::{
 
 use super::builder::{Backend, Settings};
 use super::encodings::KnownEncodings;
-use super::error::{ConnectError, FrameError};
+use super::error::{ConnectError, Error};
 use super::estimate::{Answered, Estimate, Expected};
 use super::forms::KnownForms;
 use super::kept_rules::KeptRules;
@@ -263,29 +263,29 @@ impl Link {
     }
 
     /// Memory for `bytes` bytes of objects, populated.
-    pub(super) fn loan(self: &Arc<Self>, bytes: u64) -> Result<SharedFrame, FrameError> {
-        SharedFrame::lend(Slot::take(self).ok_or(FrameError::TooManyFrames)?, bytes)
+    pub(super) fn loan(self: &Arc<Self>, bytes: u64) -> Result<SharedFrame, Error> {
+        SharedFrame::lend(Slot::take(self).ok_or(Error::TooManyFrames)?, bytes)
     }
 
     /// Populated pages of a port.
-    fn lend(&self, port: &ClientPort, pages: usize) -> Result<OwnRequest, FrameError> {
-        let mut loan = OwnRequest::lend(port, pages)?;
+    fn lend(&self, port: &ClientPort, pages: usize) -> Result<OwnRequest, Error> {
+        let mut loan = OwnRequest::lend(port, pages).map_err(Error::NotSent)?;
         lock(&self.populated).ensure(loan.pages_mut())?;
         Ok(loan)
     }
 
-    fn port_for(&self, pages: usize) -> Result<Arc<ClientPort>, FrameError> {
+    fn port_for(&self, pages: usize) -> Result<Arc<ClientPort>, Error> {
         let mut sized = lock(&self.sized);
         if sized.pages < pages {
             // Doubling: a scene that grows box by box makes few segments.
             let grown = pages.next_power_of_two();
             let port = self.services.client_port(grown).map_err(|e| match e {
-                OpenError::Transport(e) => FrameError::Transport(e),
+                OpenError::Transport(e) => Error::NotSent(e),
                 OpenError::OutOfMemory => {
                     PopulateError { bytes: (grown * PAGE_BYTES) as u64 }.into()
                 }
                 OpenError::Limit(limit) => ConnectError::from(limit).into(),
-                other => TransportError::new("making a larger segment", &other).into(),
+                other => Error::NotSent(TransportError::new("making a larger segment", &other)),
             })?;
             *sized = SizedPort { port: Arc::new(port), pages: grown };
             // The new port's chunks are new memory, perhaps at addresses that were populated
@@ -499,8 +499,8 @@ pub(super) fn no_daemon(settings: &Settings) -> ConnectError {
 
 /// A frame that has no room for more, with its memory where that is kept.
 pub(super) enum Ungrown {
-    Saved(SharedFrame, FrameError),
-    Lost(FrameError),
+    Saved(SharedFrame, Error),
+    Lost(Error),
 }
 
 /// A request that could not be sent, with its memory where that is kept.
@@ -511,7 +511,7 @@ pub(super) enum Unsent {
 
 impl SharedFrame {
     /// Memory for `bytes` bytes, in the place of a frame.
-    pub(super) fn lend(slot: Slot, bytes: u64) -> Result<Self, FrameError> {
+    pub(super) fn lend(slot: Slot, bytes: u64) -> Result<Self, Error> {
         let pages = pages_of(bytes);
         let port = slot.link.port_for(pages)?;
         let loan = slot.link.lend(&port, pages)?;

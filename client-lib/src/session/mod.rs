@@ -46,13 +46,13 @@ mod scene;
 mod unread;
 
 pub use builder::{Backend, SessionBuilder};
-pub use error::{CommitError, ConnectError, FindError, FrameError, StatusError, WaitError};
+pub use error::{ConnectError, Error};
 pub use frame::{Frame, FrameObject, FrameOptions, Quantized};
 pub use pairs::{FrameInfo, PairMask, ServedBy};
 pub use pending::PendingFrame;
 pub use scene::{
-    EndedIter, EndedList, JoinOptions, MarginStats, PairList, PairListIter, PendingAnswer,
-    QueryAnswer, Scene, SceneAnswer, SceneEdit, SceneQuery, SharedError,
+    EndedList, JoinOptions, MarginStats, PairList, PendingAnswer, QueryAnswer, Scene, SceneAnswer,
+    SceneEdit, SceneQuery,
 };
 
 use std::sync::Arc;
@@ -82,12 +82,12 @@ impl Session {
     ///
     /// A daemon has three frames of a session at a time, in any mix of being filled, under way, and held as masks.
     /// With [`Backend::Auto`] further ones are answered in process, unless the engine that was named needs a GPU; with [`Backend::Daemon`] they are
-    /// [`FrameError::TooManyFrames`].
+    /// [`Error::TooManyFrames`].
     ///
     /// # Errors
-    /// [`FrameError`]. With [`Backend::Auto`] a daemon that is gone or full is no error: the frame
+    /// [`Error`]. With [`Backend::Auto`] a daemon that is gone or full is no error: the frame
     /// is then answered in process.
-    pub fn frame(&mut self, n: usize) -> Result<Frame, FrameError> {
+    pub fn frame(&mut self, n: usize) -> Result<Frame, Error> {
         self.core.frame(n)
     }
 
@@ -119,7 +119,7 @@ impl Session {
         &mut self,
         n: usize,
         precision: Precision,
-    ) -> Result<Frame<Quantized>, FrameError> {
+    ) -> Result<Frame<Quantized>, Error> {
         self.core.narrow_frame(n, precision)
     }
 
@@ -148,8 +148,8 @@ impl Session {
     /// ```
     ///
     /// # Errors
-    /// As [`frame`](Self::frame), and [`FrameError::DaemonTooOld`] with [`Backend::Daemon`].
-    pub fn sphere_frame(&mut self, n: usize) -> Result<Frame<Sphere>, FrameError> {
+    /// As [`frame`](Self::frame), and [`Error::DaemonTooOld`] with [`Backend::Daemon`].
+    pub fn sphere_frame(&mut self, n: usize) -> Result<Frame<Sphere>, Error> {
         self.core.sphere_frame(n)
     }
 
@@ -178,7 +178,7 @@ impl Session {
     /// # }
     /// ```
     ///
-    /// Boxes may have [margins](crate::scene::SceneMargins), and are sent only when they have left theirs:
+    /// Boxes may have [margins](crate::SceneMargins), and are sent only when they have left theirs:
     ///
     /// ```
     /// use pairmask::scene::{MarginedPairs, SceneOptions, Report};
@@ -225,7 +225,7 @@ impl Session {
     /// member that has lost its membership and joins again, since it sends all boxes that it knows.
     ///
     /// There is no such scene in process: without a daemon this is an error, with any backend. It answers neither
-    /// [`Report::Moved`](crate::scene::Report::Moved) nor [queries](Scene::query).
+    /// [`Report::Moved`](crate::Report::Moved) nor [queries](Scene::query).
     ///
     /// ```no_run
     /// use pairmask::scene::Report;
@@ -250,8 +250,8 @@ impl Session {
     /// ```
     ///
     /// # Errors
-    /// [`SharedError`].
-    pub fn join_scene(&mut self, name: &str, options: JoinOptions) -> Result<Scene, SharedError> {
+    /// [`Error`].
+    pub fn join_scene(&mut self, name: &str, options: JoinOptions) -> Result<Scene, Error> {
         Scene::join(&self.core, name, options)
     }
 
@@ -268,8 +268,8 @@ impl Session {
     /// Asks the daemon for its status.
     ///
     /// # Errors
-    /// [`StatusError`], also where the session has no daemon.
-    pub fn daemon_status(&mut self) -> Result<StatusBody, StatusError> {
+    /// [`Error`], also where the session has no daemon.
+    pub fn daemon_status(&mut self) -> Result<StatusBody, Error> {
         self.core.daemon_status()
     }
 }

@@ -9,7 +9,7 @@ use pairmask_wire::{ReplyError, RequestHeader, ResponseHeader};
 
 use super::builder::{Backend, Settings};
 use super::encodings::KnownEncodings;
-use super::error::{ConnectError, FrameError};
+use super::error::{ConnectError, Error};
 use super::estimate::{Answered, Expected};
 use super::forms::KnownForms;
 use super::kept_rules::KeptRules;
@@ -66,8 +66,8 @@ pub(super) const fn no_daemon(_: &Settings) -> ConnectError {
 
 /// A frame that has no room for more.
 pub(super) enum Ungrown {
-    Saved(SharedFrame, FrameError),
-    Lost(FrameError),
+    Saved(SharedFrame, Error),
+    Lost(Error),
 }
 
 /// A request that could not be sent.
@@ -128,7 +128,7 @@ impl Link {
         match self.0 {}
     }
 
-    pub(super) fn loan(self: &Arc<Self>, _: u64) -> Result<SharedFrame, FrameError> {
+    pub(super) fn loan(self: &Arc<Self>, _: u64) -> Result<SharedFrame, Error> {
         match self.0 {}
     }
 
@@ -162,7 +162,7 @@ impl Link {
 
 impl SharedFrame {
     #[allow(clippy::needless_pass_by_value)] // As with a transport.
-    pub(super) fn lend(slot: Slot, _: u64) -> Result<Self, FrameError> {
+    pub(super) fn lend(slot: Slot, _: u64) -> Result<Self, Error> {
         match slot.link.0 {}
     }
 

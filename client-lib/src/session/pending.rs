@@ -16,7 +16,7 @@ use pairmask_wire::{
 
 use super::builder::LONGEST_WAIT;
 use super::core::{Core, Loss};
-use super::error::{FrameError, WaitError};
+use super::error::Error;
 use super::estimate::Answered;
 use super::frame::Written;
 use super::kept_rules::RulesNumber;
@@ -84,12 +84,12 @@ fn with_rules(
     written: Written,
     given: &Arc<Rules>,
     core: &Core,
-) -> Result<ToSend, FrameError> {
+) -> Result<ToSend, Error> {
     let forms = shared.slot.link().forms();
     if !forms.knows(FRAME_RULES_MINOR) {
         let what = "rules of frames";
         if !core.may_cull_here() {
-            return Err(FrameError::DaemonTooOld { what });
+            return Err(Error::DaemonTooOld { what });
         }
         forms.say_stay(FRAME_RULES_MINOR, what);
         return Ok(ToSend::Stays(shared));
@@ -121,7 +121,7 @@ fn with_written_rules(
     rules: &Rules,
     number: u64,
     core: &Core,
-) -> Result<ToSend, FrameError> {
+) -> Result<ToSend, Error> {
     let stays = |shared, error| {
         if core.may_cull_here() {
             core.say_in_process(&error);
@@ -160,7 +160,7 @@ impl PendingFrame {
         written: Written,
         given: Option<&Arc<Rules>>,
         core: Arc<Core>,
-    ) -> Result<Self, FrameError> {
+    ) -> Result<Self, Error> {
         let to_send = match given {
             Some(given) => with_rules(shared, n, written, given, &core)?,
             None => ToSend::Frame(shared, SentRules::None),
@@ -178,7 +178,7 @@ impl PendingFrame {
         if written.first_set.is_some() && !link.forms().knows(written.since_minor()) {
             let what = "frames of two sets";
             if !core.may_cull_here() {
-                return Err(FrameError::DaemonTooOld { what });
+                return Err(Error::DaemonTooOld { what });
             }
             link.forms().say_stay(written.since_minor(), what);
             let mask = cull_shared(&core, shared.loan.pages(), n, written, None)?;
@@ -232,17 +232,17 @@ impl PendingFrame {
     /// Waits for the pairs, as long as the session's deadline allows.
     ///
     /// # Errors
-    /// [`WaitError`]. With [`Backend::Auto`](super::Backend::Auto), no failure of the daemon is an
+    /// [`Error`]. With [`Backend::Auto`](super::Backend::Auto), no failure of the daemon is an
     /// error: the frame is then answered in process.
-    pub fn wait(mut self) -> Result<PairMask, WaitError> {
+    pub fn wait(mut self) -> Result<PairMask, Error> {
         let deadline = self.core.settings().deadline;
         match self.wait_timeout(deadline) {
-            Err(WaitError::Timeout { waited }) => match &self.state {
+            Err(Error::Timeout { waited }) => match &self.state {
                 State::Sent(sent) if self.core.may_cull_here() => {
                     let _ = self.core.lose(sent.slot.link(), Loss::Silent);
                     sent.cull_here(&self.core)
                 }
-                _ => Err(WaitError::Timeout { waited }),
+                _ => Err(Error::Timeout { waited }),
             },
             other => other,
         }
@@ -251,10 +251,10 @@ impl PendingFrame {
     /// The pairs if the answer has come.
     ///
     /// # Errors
-    /// [`WaitError`], [`WaitError::Taken`] where the pairs were taken before.
-    pub fn try_take(&mut self) -> Result<Option<PairMask>, WaitError> {
+    /// [`Error`], [`Error::Taken`] where the pairs were taken before.
+    pub fn try_take(&mut self) -> Result<Option<PairMask>, Error> {
         match self.wait_timeout(Duration::ZERO) {
-            Err(WaitError::Timeout { .. }) => Ok(None),
+            Err(Error::Timeout { .. }) => Ok(None),
             other => other.map(Some),
         }
     }
@@ -262,18 +262,18 @@ impl PendingFrame {
     /// Waits for the pairs, at most `timeout`. More than a day is a day.
     ///
     /// # Errors
-    /// [`WaitError::Timeout`] when `timeout` passed: the frame is still under way. Else
-    /// [`WaitError`].
-    pub fn wait_timeout(&mut self, timeout: Duration) -> Result<PairMask, WaitError> {
+    /// [`Error::Timeout`] when `timeout` passed: the frame is still under way. Else
+    /// [`Error`].
+    pub fn wait_timeout(&mut self, timeout: Duration) -> Result<PairMask, Error> {
         let (started, timeout) = (Instant::now(), timeout.min(LONGEST_WAIT));
         let result = match std::mem::replace(&mut self.state, State::Taken) {
             State::Ready(mask) => return Ok(mask),
-            State::Taken => return Err(WaitError::Taken),
+            State::Taken => return Err(Error::Taken),
             State::Sent(sent) => sent.wait(&self.core, timeout),
         };
         match result {
             Ok(mask) => Ok(mask),
-            Err((WaitError::Reply(error), Some(sent))) => {
+            Err((Error::Reply(error), Some(sent))) => {
                 let waited = started.elapsed();
                 self.state = sent.send_again(error.into(), &self.core)?;
                 self.wait_timeout(timeout.saturating_sub(waited))
@@ -290,13 +290,9 @@ impl PendingFrame {
 
 impl Sent {
     /// Waits for the answer. The error holds the frame where it is still under way, or, after a
-    /// [`WaitError::Reply`], where it is to be sent again.
+    /// [`Error::Reply`], where it is to be sent again.
     #[allow(clippy::result_large_err)] // The error holds the frame, which its caller puts back.
-    fn wait(
-        mut self,
-        core: &Core,
-        timeout: Duration,
-    ) -> Result<PairMask, (WaitError, Option<Self>)> {
+    fn wait(mut self, core: &Core, timeout: Duration) -> Result<PairMask, (Error, Option<Self>)> {
         let deadline = Instant::now() + timeout;
         let spin = core.settings().spin;
         let n = self.asked.box_count.get();
@@ -314,13 +310,13 @@ impl Sent {
                         .map_err(|e| (e, None)),
                 }
             }
-            Ok(Received::Nothing) => Err((WaitError::Timeout { waited: timeout }, Some(self))),
-            Ok(Received::Dead) => self.stand_in(core, Loss::Died, WaitError::DaemonDied),
+            Ok(Received::Nothing) => Err((Error::Timeout { waited: timeout }, Some(self))),
+            Ok(Received::Dead) => self.stand_in(core, Loss::Died, Error::DaemonDied),
             Ok(Received::Silent) => {
                 let waited = self.at.elapsed();
-                self.stand_in(core, Loss::Silent, WaitError::Timeout { waited })
+                self.stand_in(core, Loss::Silent, Error::Timeout { waited })
             }
-            Ok(Received::Full) => self.stand_in(core, Loss::Silent, WaitError::DaemonFull),
+            Ok(Received::Full) => self.stand_in(core, Loss::Silent, Error::DaemonFull),
             Err(error) => self.stand_in(core, Loss::Died, error.into()),
         }
     }
@@ -332,7 +328,7 @@ impl Sent {
         response: CheckedResponse,
         answered_after: Duration,
         core: &Core,
-    ) -> Result<PairMask, (WaitError, Option<Self>)> {
+    ) -> Result<PairMask, (Error, Option<Self>)> {
         let words = words_in(response.pages());
         let payload_bytes = size_of_val(words) as u64;
         let checked = Reply::parse(header, &self.asked, payload_bytes).and_then(|reply| {
@@ -372,7 +368,7 @@ impl Sent {
 
     /// Sends the frame once more, with its rules and in its own place: other frames may hold all others. Where there is
     /// no memory for that, the frame is answered in process, if the backend allows that, or with the error.
-    fn send_again(self, error: WaitError, core: &Arc<Core>) -> Result<State, WaitError> {
+    fn send_again(self, error: Error, core: &Arc<Core>) -> Result<State, Error> {
         let Self { pending, asked, written, rules, slot, .. } = self;
         let SentRules::Kept(kept, _) = &rules else { return Err(error) };
         slot.link().kept_rules().forget();
@@ -399,7 +395,7 @@ impl Sent {
 
     /// The daemon's response is an error or malformed: answers in process where the backend allows
     /// that.
-    fn answer_refused(&self, refused: ReplyError, core: &Core) -> Result<PairMask, WaitError> {
+    fn answer_refused(&self, refused: ReplyError, core: &Core) -> Result<PairMask, Error> {
         let is_bad_request =
             matches!(refused, ReplyError::Status { status: StatusCode::BadRequest, .. });
         if is_bad_request {
@@ -419,7 +415,7 @@ impl Sent {
         }
         match self.cull_here(core) {
             // Only the daemon has the engine: its own error is the cause to report.
-            Err(WaitError::Cull(CullError::Unavailable { .. })) => Err(refused.into()),
+            Err(Error::Cull(CullError::Unavailable { .. })) => Err(refused.into()),
             answer => answer,
         }
     }
@@ -430,14 +426,14 @@ impl Sent {
         self,
         core: &Core,
         how: Loss,
-        error: WaitError,
-    ) -> Result<PairMask, (WaitError, Option<Self>)> {
+        error: Error,
+    ) -> Result<PairMask, (Error, Option<Self>)> {
         let allowed = core.may_cull_here();
         let _ = core.lose(self.slot.link(), how);
         if allowed { self.cull_here(core).map_err(|e| (e, None)) } else { Err((error, None)) }
     }
 
-    fn cull_here(&self, core: &Core) -> Result<PairMask, WaitError> {
+    fn cull_here(&self, core: &Core) -> Result<PairMask, Error> {
         let (pages, n) = (self.pending.pages(), self.asked.box_count);
         let mut reader = RulesReader::default();
         let rules = match &self.rules {

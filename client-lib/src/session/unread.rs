@@ -15,7 +15,7 @@ use pairmask_wire::{ReplyFields, RequestHeader, SceneReply};
 
 use super::builder::Settings;
 use super::core::Loss;
-use super::error::WaitError;
+use super::error::Error;
 use super::estimate::Expected;
 use super::exchange::{Answer, Exchange};
 use super::link::{Link, SharedFrame};
@@ -31,7 +31,7 @@ pub(super) struct SentEdit {
 
 impl SentEdit {
     /// Waits for the answer, as long as the deadline allows.
-    pub fn receive(self, settings: &Settings) -> Result<(Answer, SceneReply), WaitError> {
+    pub fn receive(self, settings: &Settings) -> Result<(Answer, SceneReply), Error> {
         let Self { exchange, asked, expected, .. } = self;
         parse(exchange.end(expected, settings)?, &asked)
     }
@@ -47,7 +47,7 @@ impl SentEdit {
     }
 }
 
-fn parse(answer: Answer, asked: &ReplyFields) -> Result<(Answer, SceneReply), WaitError> {
+fn parse(answer: Answer, asked: &ReplyFields) -> Result<(Answer, SceneReply), Error> {
     let payload_bytes = size_of_val(answer.response.pages()) as u64;
     let reply = SceneReply::parse(&answer.header, asked, payload_bytes)?;
     Ok((answer, reply))
@@ -82,7 +82,7 @@ impl Drop for Awaited<'_> {
 }
 
 /// What became of an edit that nobody waits for.
-pub(super) type Outcome = Result<SceneReply, WaitError>;
+pub(super) type Outcome = Result<SceneReply, Error>;
 
 /// The last edit of a scene, where nobody waits for its answer.
 ///

@@ -4,12 +4,14 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use pairmask::filters::{Owner, Rules, Tag, World};
-use pairmask::info::BoxForm;
 use pairmask::{
-    Aabb, AvailableIsa, Backend, Bounds, ConnectError, Encoding, EncodingChoice, FrameError,
-    FrameOptions, Isa, Precision, ServedBy, Session, SessionBuilder, Sphere,
+    Aabb, Backend, Bounds, ConnectError, EncodingChoice, Error, FrameOptions, Precision, ServedBy,
+    Session, SessionBuilder, Sphere,
 };
+use pairmask_core::engine::{AvailableIsa, Isa};
+use pairmask_core::mask::Encoding;
 use pairmask_core::oracle;
+use pairmask_core::precision::BoxForm;
 
 /// Boxes a scene, on both sides of the sizes at which engines change.
 const SIZES: [usize; 4] = [0, 3, 345, 1234];
@@ -101,7 +103,7 @@ fn a_frame_beyond_the_memory_of_the_machine_is_an_error() {
     let mut session = in_process().connect().unwrap();
     let n = usable * 9 / 10 / size_of::<Aabb>() as u64;
     let refused = session.frame(n as usize).unwrap_err();
-    assert!(matches!(refused, FrameError::NoMemory { .. } | FrameError::TooManyBoxes { .. }));
+    assert!(matches!(refused, Error::NoMemory { .. } | Error::TooManyBoxes { .. }));
     assert!(session.frame(1_000_000).is_ok());
 }
 
@@ -114,14 +116,14 @@ fn names_of_instances_are_checked_in_every_build() {
 #[test]
 #[cfg(not(feature = "daemon"))]
 fn without_a_transport_auto_is_in_process() {
-    use pairmask::StatusError;
+    use pairmask::Error;
 
     let mut session = Session::builder().connect().unwrap();
     assert_eq!(session.served_by(), ServedBy::InProcess);
     let boxes = scene(345);
     assert_eq!(pairs_of(&mut session, &boxes), oracle::truth(&boxes).pairs);
     let status = session.daemon_status().unwrap_err();
-    assert!(matches!(&status, StatusError::Connect(ConnectError::NotBuiltIn)), "{status}");
+    assert!(matches!(&status, Error::Connect(ConnectError::NotBuiltIn)), "{status}");
 }
 
 #[test]
@@ -210,7 +212,7 @@ fn a_frame_beyond_memory_is_an_error_and_the_session_goes_on() {
     let mut session = Session::builder().backend(Backend::InProcess).connect().expect("a session");
     if kib * 1024 < n as u64 * 24 && overcommit.trim() != "1" {
         let error = session.frame(n).expect_err("more than memory");
-        assert!(matches!(error, FrameError::NoMemory { n: u32::MAX }), "{error}");
+        assert!(matches!(error, Error::NoMemory { n: u32::MAX }), "{error}");
     }
     assert!(session.frame(3).is_ok());
 }

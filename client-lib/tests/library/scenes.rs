@@ -1,7 +1,8 @@
 //! Scenes of a session: the edit as it is written, and answers that are taken or dropped.
 
-use pairmask::scene::{EditError, EndReason, Indices, Report, SceneOptions};
-use pairmask::{Aabb, Backend, CommitError, Scene, Session};
+use pairmask::{Aabb, Backend, Error, Scene, Session};
+use pairmask::{EditError, EndReason, Report, SceneOptions};
+use pairmask_core::scene::Indices;
 
 fn scene() -> Scene {
     let session = Session::builder().backend(Backend::InProcess).connect();
@@ -119,11 +120,11 @@ fn no_box_is_asked_for_an_index_that_the_scene_cannot_have() {
         let edit = scene.edit().set(1, at(0.0)).set_with(indices, |i| panic!("asked for {i}"));
         let refused = edit.commit(Report::Changes).map(drop);
         let beyond = EditError::BeyondLimit { index, limit: 50 };
-        assert!(matches!(refused, Err(CommitError::Edit(error)) if error == beyond));
+        assert!(matches!(refused, Err(Error::Edit(error)) if error == beyond));
         assert!(scene.is_empty());
     }
     let twice = scene.edit().set_with(&[3, 3], |_| at(0.0)).commit(Report::Changes).map(drop);
-    assert!(matches!(twice, Err(CommitError::Edit(EditError::SetTwice { index: 3 }))));
+    assert!(matches!(twice, Err(Error::Edit(EditError::SetTwice { index: 3 }))));
 }
 
 #[test]
@@ -131,7 +132,7 @@ fn a_wrong_edit_says_what_is_wrong() {
     let mut scene = scene();
     let refused = scene.edit().set(50, at(0.0)).commit(Report::Changes).map(drop);
     let beyond = EditError::BeyondLimit { index: 50, limit: 50 };
-    assert!(matches!(refused, Err(CommitError::Edit(error)) if error == beyond));
+    assert!(matches!(refused, Err(Error::Edit(error)) if error == beyond));
     assert!(beyond.to_string().contains("50"));
     assert!(scene.is_empty());
 }

@@ -4,7 +4,8 @@ use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
-use pairmask::{AvailableIsa, Backend};
+use pairmask::Backend;
+use pairmask_core::engine::AvailableIsa;
 use pairmask_core::{EncodingChoice, EngineChoice};
 use pairmask_wire::InstanceName;
 use serde::{Deserialize, Deserializer};
@@ -195,7 +196,7 @@ mod tests {
         assert_eq!(config.encoding, Some(EncodingChoice::Only(Encoding::Sparse)));
         assert_eq!(config.spin_us, Some(0));
         assert_eq!(config.gpu_awake_ms, Some(0));
-        assert_eq!(config.isa, AvailableIsa::new(pairmask::Isa::Portable));
+        assert_eq!(config.isa, AvailableIsa::new(pairmask_core::engine::Isa::Portable));
         assert_eq!(config.engine, None);
     }
 }

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use pairmask::info::SkipMeter;
+use pairmask_core::engine::SkipMeter;
 use pairmask_wire::SkipTotals;
 use serde::{Deserialize, Serialize};
 

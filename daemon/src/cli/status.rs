@@ -5,7 +5,7 @@ use std::io::ErrorKind;
 use std::time::{Duration, Instant};
 
 use clap::Args;
-use pairmask::{Backend, Session, StatusError};
+use pairmask::{Backend, Error, Session};
 use pairmask_transport::{DaemonRecord, GpuCounts, RuntimeDir};
 use pairmask_wire::{
     AuditCounts, InstanceError, InstanceName, RecordedError, SkipTotals, StatusBody, StatusCode,
@@ -300,7 +300,7 @@ fn ask(dir: &RuntimeDir, name: &InstanceName, record: &DaemonRecord) -> Answer {
 /// Asks a daemon without a status file over the wire: it is of an earlier version, or could not
 /// write one.
 fn ask_over_wire(dir: &RuntimeDir, name: &InstanceName) -> Answer {
-    let ask = || -> Result<StatusBody, StatusError> {
+    let ask = || -> Result<StatusBody, Error> {
         Session::builder()
             .runtime_dir(dir.clone())
             .instance(name.as_str())

@@ -4,7 +4,7 @@ use pairmask_core::Aabb;
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 
-use crate::support::{Finished, PAIRMASKD, Place, daemon, eventually, keys, names};
+use crate::support::{Finished, PAIRMASKD, Place, daemon, eventually, keys, names, stop};
 
 fn status(place: &Place, dir: &std::path::Path, more: &[&str]) -> Finished {
     let mut arguments = vec!["status", "--runtime-dir", dir.to_str().unwrap()];
@@ -65,9 +65,9 @@ fn a_daemon_reports_what_it_did() {
     frame.submit().unwrap().wait().unwrap();
     let text = status(&place, daemon.dir().path(), &[]);
     assert!(text.stdout.contains("4 frames, 12 boxes, 5 spheres, 18 pairs"), "{text:?}");
-    let mut scene = session.scene(pairmask::scene::SceneOptions::default());
+    let mut scene = session.scene(pairmask::SceneOptions::default());
     let edit = scene.edit().set(0, pairmask_core::Aabb::EMPTY);
-    drop(edit.commit(pairmask::scene::Report::All).unwrap());
+    drop(edit.commit(pairmask::Report::All).unwrap());
     let text = status(&place, daemon.dir().path(), &[]);
     assert!(text.stdout.contains("1 scenes of 1 MiB"), "{text:?}");
     let other = status(&place, daemon.dir().path(), &["--instance", "other"]);
@@ -119,7 +119,7 @@ fn a_hanging_daemon_is_silent() {
     let processes = [record.supervisor_pid, record.worker_pid]
         .map(|pid| Pid::from_raw(pid.cast_signed()).unwrap());
     for pid in processes {
-        kill_process(pid, Signal::STOP).unwrap();
+        stop(pid);
     }
     let finished = status(&place, daemon.dir().path(), &["--json"]);
     for pid in processes {

@@ -9,6 +9,7 @@ use pairmaskd::execute::gpu::GpuChoice;
 use pairmaskd::spawn::{PrivateDaemon, PrivateSettings};
 
 pub use pairmask_tests::command_line::{Finished, eventually, keys};
+pub use pairmask_tests::daemon::stop;
 
 pub const PAIRMASKD: &str = env!("CARGO_BIN_EXE_pairmaskd");
 

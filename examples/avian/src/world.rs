@@ -5,8 +5,8 @@ use avian3d::collider_tree::{
 };
 use bevy::platform::cell::SyncCell;
 use bevy::prelude::*;
-use pairmask::scene::{SceneOptions, Report};
-use pairmask::{Aabb, Backend, CommitError, ConnectError, Scene, Session};
+use pairmask::{SceneOptions, Report};
+use pairmask::{Aabb, Backend, Error, ConnectError, Scene, Session};
 
 /// Why there are no pairs.
 #[derive(Debug)]
@@ -15,7 +15,7 @@ pub enum WorldError {
     /// No session, not even in this process.
     Connect(ConnectError),
     /// No answer, not even in this process.
-    Commit(CommitError),
+    Commit(Error),
 }
 
 impl core::fmt::Display for WorldError {
@@ -212,7 +212,7 @@ impl PairmaskWorld {
     }
 
     /// Sends what was collected, and keeps the pairs of the answer.
-    fn ask(&mut self) -> Result<(), CommitError> {
+    fn ask(&mut self) -> Result<(), Error> {
         self.pairs.clear();
         let Changes { set, boxes, removed, to_static, to_moving } = &self.changes;
         if set.is_empty() && removed.is_empty() && to_static.is_empty() && to_moving.is_empty() {

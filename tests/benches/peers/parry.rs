@@ -94,7 +94,7 @@ impl Contender for Parry {
     fn pairs(&mut self, _: &[Aabb]) -> Result<Vec<Pair>, ContenderError> {
         let mut pairs = Vec::new();
         self.tree.traverse_bvtt_single_tree::<false>(&mut self.workspace, &mut |a, b| {
-            pairs.push((a, b));
+            pairs.push([a, b]);
         });
         Ok(pairs)
     }

@@ -22,8 +22,9 @@ use std::hint::black_box;
 use std::time::Instant;
 
 use clap::{Parser, ValueEnum};
-use pairmask::scene::Indices;
-use pairmask::{EngineId, Scene};
+use pairmask::Scene;
+use pairmask_core::engine::EngineId;
+use pairmask_core::scene::Indices;
 use pairmask_lab::study::moving::{Motion, World};
 use pairmask_tests::measure::{Pace, percentile};
 use pairmask_tests::prelude::*;

@@ -24,8 +24,8 @@ use std::fs::{self, OpenOptions};
 use std::io::Write;
 use std::time::Duration;
 
-use pairmask::scene::Report;
-use pairmask::{Backend, FrameError, JoinOptions, PendingFrame, Session, SharedError};
+use pairmask::Report;
+use pairmask::{Backend, JoinOptions, PendingFrame, Session};
 use pairmask_core::{Aabb, EngineChoice, Sphere};
 use pairmask_tests::frames::Sorted;
 use pairmask_tests::{oracle, stress_scenes};
@@ -117,7 +117,7 @@ fn shared(session: &mut Session) -> Result<(), Box<dyn Error>> {
     let mut scene = session.join_scene(&name, JoinOptions::default())?;
     // Those of a writer that was killed are free a moment later.
     while let Err(error) = scene.lease(10..20) {
-        if !matches!(error, SharedError::Lease(_)) {
+        if !matches!(error, pairmask::Error::Lease(_)) {
             return Err(error.into());
         }
         std::thread::sleep(Duration::from_millis(20));
@@ -149,8 +149,8 @@ fn greedy(session: &mut Session) -> Result<(), Box<dyn Error>> {
 /// Frames of twice as many objects each, until one is refused.
 fn fill_up(
     session: &mut Session,
-    fill: fn(&mut Session, usize) -> Result<(), FrameError>,
-) -> FrameError {
+    fill: fn(&mut Session, usize) -> Result<(), pairmask::Error>,
+) -> pairmask::Error {
     let mut n = 1000;
     loop {
         if let Err(error) = fill(session, n) {
@@ -160,11 +160,11 @@ fn fill_up(
     }
 }
 
-fn fill_boxes(session: &mut Session, n: usize) -> Result<(), FrameError> {
+fn fill_boxes(session: &mut Session, n: usize) -> Result<(), pairmask::Error> {
     session.frame(n).map(|mut frame| frame.boxes_mut().fill(Aabb::EMPTY))
 }
 
-fn fill_spheres(session: &mut Session, n: usize) -> Result<(), FrameError> {
+fn fill_spheres(session: &mut Session, n: usize) -> Result<(), pairmask::Error> {
     session.sphere_frame(n).map(|mut frame| frame.spheres_mut().fill(Sphere::EMPTY))
 }
 

@@ -5,12 +5,12 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 use std::time::Duration;
 
-use pairmask::scene::MarginedPairs;
+use pairmask::MarginedPairs;
 use pairmask::{
-    EngineId, EngineName, JoinOptions, Margin, Scene, SceneAnswer, SceneEdit, ServedBy, Session,
-    SessionBuilder,
+    JoinOptions, Margin, Scene, SceneAnswer, SceneEdit, ServedBy, Session, SessionBuilder,
 };
 use pairmask_core::Aabb;
+use pairmask_core::engine::{EngineId, EngineName};
 use pairmask_core::filters::{FilterTable, Tag};
 use pairmask_core::scene::{
     Edit, Indices, QueryError, QueryTags, Report, Reported, Scene as CoreCrateScene, SceneError,

@@ -94,7 +94,7 @@ impl InTurn {
     }
 
     /// Submits the next frame and compares its pairs.
-    fn check(&mut self, session: &mut Session) -> Result<ServedBy, WaitError> {
+    fn check(&mut self, session: &mut Session) -> Result<ServedBy, Error> {
         let (boxes, expected) = &self.frames[self.asked % self.frames.len()];
         self.asked += 1;
         let mask = session.ask(boxes).wait()?;
@@ -390,7 +390,7 @@ fn shares(mode: &'static str) -> (u64, u64) {
                 assert!(mask.sorted() == *expected, "a wrong answer");
                 honest += 1;
             }
-            Err(WaitError::Timeout { .. }) => break,
+            Err(Error::Timeout { .. }) => break,
             Err(error) => panic!("{error}"),
         }
     }
@@ -445,7 +445,7 @@ fn an_answer_longer_than_its_memory_is_refused() {
         match frame.submit().unwrap().wait() {
             // The whole of its segment has not so many bytes as the least of these masks.
             Ok(mask) => accepted += u64::from(mask.reply_words().len() > 1),
-            Err(WaitError::Reply(ReplyError::Malformed { .. })) => refused += 1,
+            Err(Error::Reply(ReplyError::Malformed { .. })) => refused += 1,
             Err(error) => println!("daemon: {error}"),
         }
     }

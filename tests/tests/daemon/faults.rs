@@ -8,14 +8,14 @@ use std::process::Command;
 use std::time::{Duration, Instant};
 
 use pairmask_core::objects::ObjectForm;
-use pairmask_tests::daemon::outlive_kills;
+use pairmask_tests::daemon::{outlive_kills, stop};
 use pairmask_tests::fault_client::FaultClient;
 use pairmask_tests::frames::served_by;
 use pairmask_tests::prelude::*;
 use pairmask_tests::spheres::{check_mask, cull, whole_scene};
 use pairmask_transport::{DaemonRecord, Heartbeat, RuntimeDir, Services};
 use pairmask_wire::{CullRequest, InstanceName, RequestHeader, ScenePlace, StatusCode, Version};
-use rustix::process::{Pid, getpid, kill_process};
+use rustix::process::{Pid, getpid};
 
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
 const FAULT_CLIENT: &str = env!("CARGO_BIN_EXE_fault_client");
@@ -89,7 +89,7 @@ fn a_daemon_killed_with_frames_under_way_costs_no_answer() {
     let pending = [strict.ask(&boxes), fill(&mut strict).submit().unwrap()];
     daemon.kill();
     for pending in pending {
-        assert!(matches!(pending.wait(), Err(WaitError::DaemonDied)));
+        assert!(matches!(pending.wait(), Err(Error::DaemonDied)));
     }
 }
 
@@ -117,7 +117,7 @@ fn a_stopped_worker_is_replaced_and_no_frame_waits_for_it() {
     for round in 0..3 {
         comes_back(&mut session, &boxes);
         let stopped = daemon.worker();
-        kill_process(stopped, Signal::STOP).unwrap();
+        stop(stopped);
         let mut slowest = Duration::ZERO;
         eventually("another worker serves", || {
             let start = Instant::now();
@@ -614,13 +614,13 @@ fn three_frames_at_a_time_and_no_fourth() {
         frame.boxes_mut().copy_from_slice(&boxes);
         pending.push(frame.submit().unwrap());
     }
-    assert!(matches!(session.frame(1).unwrap_err(), FrameError::TooManyFrames));
+    assert!(matches!(session.frame(1).unwrap_err(), Error::TooManyFrames));
     let masks: Vec<_> = pending.into_iter().map(|frame| frame.wait().unwrap()).collect();
     for mask in &masks {
         let pairs = mask.sorted();
         assert_eq!(pairs, expected);
     }
-    assert!(matches!(session.frame(1).unwrap_err(), FrameError::TooManyFrames));
+    assert!(matches!(session.frame(1).unwrap_err(), Error::TooManyFrames));
     drop(masks);
     check_frame(&mut session, &boxes);
 }
@@ -641,7 +641,7 @@ fn an_auto_session_answers_a_fourth_frame_itself() {
     let engine = EngineChoice::Only(EngineName::GpuGrid);
     let mut session = builder.engine(engine).connect().unwrap();
     let _held: Vec<_> = (0..3).map(|_| session.frame(9).unwrap()).collect();
-    let is_refused = matches!(session.frame(9), Err(FrameError::TooManyFrames));
+    let is_refused = matches!(session.frame(9), Err(Error::TooManyFrames));
     assert!(is_refused || session.served_by() == ServedBy::InProcess);
 }
 

@@ -4,13 +4,13 @@
 
 use std::sync::Arc;
 
-use pairmask::error::ReplyError;
 use pairmask::filters::{Owner, Rules, Tag, World};
 use pairmask_tests::daemon::outlive_kills;
 use pairmask_tests::filtered_frames::{FilteredFrame, KINDS};
 use pairmask_tests::frames::filtered;
 use pairmask_tests::prelude::*;
 use pairmask_tests::refuser::beside_refuser;
+use pairmask_wire::ReplyError;
 
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
 
@@ -277,7 +277,7 @@ fn lists_of_any_length_are_sent_or_answered_here() {
     let mut session = daemon.session().backend(Backend::Daemon).connect().unwrap();
     let refused =
         session.frame(n as usize).unwrap().submit_with(&filtered(&Arc::new(frame.rules.clone())));
-    assert!(matches!(refused, Err(FrameError::TooManyListedPairs(_))));
+    assert!(matches!(refused, Err(Error::TooManyListedPairs(_))));
     let fewer = FilteredFrame::drawn(300, KINDS[7], 2);
     let mut fewer = FilteredFrame { rules: frame.rules, ..fewer };
     fewer.pairs = pairmask_tests::oracle::truth(&fewer.boxes).pairs;
@@ -329,7 +329,7 @@ fn an_older_daemon_gets_no_rules() {
         .unwrap()
         .submit_with(&filtered(&Arc::new(frame.rules.clone())))
         .unwrap_err();
-    assert!(matches!(refused, FrameError::DaemonTooOld { what: "rules of frames" }));
+    assert!(matches!(refused, Error::DaemonTooOld { what: "rules of frames" }));
     let all_meet = session.frame(0).unwrap().submit_with(&filtered(&Arc::default()));
     assert_eq!(all_meet.unwrap().wait().unwrap().info().served_by, ServedBy::Daemon);
     let mut session = daemon.session().backend(Backend::Auto).connect().unwrap();
@@ -359,8 +359,8 @@ fn a_daemon_that_refuses_rules_is_not_asked_again() {
                 check_mask(&answer.unwrap(), &frame);
                 check_mask(&next.unwrap().wait().unwrap(), &frame);
             } else {
-                assert!(matches!(answer, Err(WaitError::Reply(ReplyError::Status { .. }))));
-                assert!(matches!(next, Err(FrameError::DaemonTooOld { .. })));
+                assert!(matches!(answer, Err(Error::Reply(ReplyError::Status { .. }))));
+                assert!(matches!(next, Err(Error::DaemonTooOld { .. })));
             }
         }
     });

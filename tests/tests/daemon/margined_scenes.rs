@@ -4,9 +4,9 @@ use std::cell::{Cell, RefCell};
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
-use pairmask::info::MarginStats;
-use pairmask::scene::{EditError, MarginedPairs};
-use pairmask::{CommitError, Margin, Scene};
+use pairmask::MarginStats;
+use pairmask::{EditError, MarginedPairs};
+use pairmask::{Error, Margin, Scene};
 use pairmask_lab::stress::{FloatFlags, Rounding};
 use pairmask_tests::prelude::*;
 use pairmask_tests::scene_model::{
@@ -73,7 +73,7 @@ fn a_daemon_is_sent_few_boxes_and_the_pairs_are_the_same() {
 #[test]
 fn a_gpu_is_sent_few_boxes_and_the_pairs_are_the_same() {
     let daemon = TestDaemon::start(DAEMON, &["--gpu", "software"]);
-    let engine = pairmask::EngineChoice::Only(pairmask::EngineName::GpuGrid);
+    let engine = pairmask::EngineChoice::Only(pairmask_core::engine::EngineName::GpuGrid);
     let mut session = daemon.session().engine(engine).deadline(4 * PATIENCE).connect().unwrap();
     hold_exact(&mut session, 83_000, [(Kind::Small, 60), (Kind::Large, 8)]);
 }
@@ -274,7 +274,7 @@ fn what_is_wrong_with_an_edit_is_reported_and_changes_nothing() {
     let boxes = [at(0.0), at(0.5), at(3.0)];
     drop(scene.edit().set_all_margined(0..3, &boxes, margin(1.0)).commit(Report::Changes).unwrap());
     let far = [at(7.0), at(8.0)];
-    let edits: [fn(pairmask::SceneEdit<'_, 'static>) -> Result<(), CommitError>; 5] = [
+    let edits: [fn(pairmask::SceneEdit<'_, 'static>) -> Result<(), Error>; 5] = [
         |edit| edit.set_margined(9, at(0.0), margin(0.0)).commit(Report::All).map(drop),
         |edit| edit.set_margined(1, at(9.0), margin(0.0)).remove(5).commit(Report::All).map(drop),
         // Neither of them has left its margin.
@@ -294,12 +294,12 @@ fn what_is_wrong_with_an_edit_is_reported_and_changes_nothing() {
         },
     ];
     for wrong in edits {
-        assert!(matches!(wrong(scene.edit()), Err(CommitError::Edit(_))));
+        assert!(matches!(wrong(scene.edit()), Err(Error::Edit(_))));
     }
     let lengths =
         scene.edit().set_all_margined(0..2, &far, &[margin(0.0); 3]).commit(Report::All).map(drop);
     let margins = EditError::Margins { boxes: 2, margins: 3 };
-    assert!(matches!(lengths, Err(CommitError::Edit(error)) if error == margins));
+    assert!(matches!(lengths, Err(Error::Edit(error)) if error == margins));
     for (index, b) in (0..).zip(boxes) {
         assert_eq!(scene.get(index), Some(b));
     }
@@ -322,7 +322,7 @@ fn a_request_that_could_not_be_sent_changes_nothing() {
         .commit(Report::All)
         .map(drop)
         .unwrap_err();
-    assert!(matches!(full, CommitError::Frame(pairmask::FrameError::TooManyFrames)), "{full}");
+    assert!(matches!(full, Error::TooManyFrames), "{full}");
     assert_eq!(scene.get(0), Some(at(0.0)));
     // What needs no request is answered.
     assert_eq!(
@@ -385,7 +385,7 @@ fn a_daemon_that_died_costs_a_typed_error_and_no_change() {
         .unwrap();
     daemon.kill();
     let error = pending.wait().map(drop).unwrap_err();
-    assert!(matches!(error, CommitError::Wait(pairmask::WaitError::DaemonDied)), "{error}");
+    assert!(matches!(error, Error::DaemonDied), "{error}");
     assert_eq!(scene.len(), 2, "the edit was applied");
     daemon.restart();
     eventually("the scene is sent again", || {

@@ -194,7 +194,7 @@ fn a_daemon_that_refuses_a_form_is_not_asked_again() {
                 pairs.sort_unstable();
                 assert_eq!(pairs, naive_modes::truth(&boxes, &precision).pairs);
             } else {
-                assert!(matches!(answer, Err(WaitError::Reply(ReplyError::Status { .. }))));
+                assert!(matches!(answer, Err(Error::Reply(ReplyError::Status { .. }))));
             }
             let next = session.narrow_frame(boxes.len(), precision).unwrap();
             assert_eq!(next.form(), BoxForm::F32, "{backend}");

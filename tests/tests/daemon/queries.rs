@@ -1,8 +1,8 @@
 //! Queries of scenes and frames of two sets: in process, by a daemon, and when the daemon is killed. Every
 //! answer is what comparing each with each gives.
 
-use pairmask::scene::MarginedPairs;
-use pairmask::{FindError, Margin, QueryAnswer, SceneEdit};
+use pairmask::MarginedPairs;
+use pairmask::{Error, Margin, QueryAnswer, SceneEdit};
 use pairmask_core::filters::Tag;
 use pairmask_core::scene::{QueryError, Scene, between};
 use pairmask_tests::frames::two_sets;
@@ -227,7 +227,7 @@ fn a_reply_that_is_too_small_refuses_a_query_and_the_scene_stays() {
                 }
                 Err(error) => {
                     assert!(!fits && !is_answered, "{error}");
-                    assert!(matches!(error, FindError::Wait(_)));
+                    assert!(matches!(error, Error::Reply(_)), "{error}");
                 }
             }
         }
@@ -308,7 +308,7 @@ fn check_sets(session: &mut Session, encoding: Encoding, by: (ServedBy, Option<E
         assert_eq!(session.answer(&boxes).sorted(), oracle::truth(&boxes).pairs);
     }
     let refused = session.frame(3).unwrap().submit_with(&two_sets(4));
-    assert!(matches!(refused, Err(FrameError::FirstSet { first: 4, n: 3 })));
+    assert!(matches!(refused, Err(Error::FirstSet { first: 4, n: 3 })));
 }
 
 #[test]

@@ -422,7 +422,7 @@ fn peak_bytes(pid: u32) -> u64 {
     line.trim().trim_end_matches(" kB").parse::<u64>().unwrap() << 10
 }
 
-fn count(session: &mut Session, boxes: &[Aabb]) -> Result<u64, pairmask::WaitError> {
+fn count(session: &mut Session, boxes: &[Aabb]) -> Result<u64, pairmask::Error> {
     let mut frame = session.frame(boxes.len()).unwrap();
     frame.boxes_mut().copy_from_slice(boxes);
     Ok(frame.submit().unwrap().wait()?.count())

@@ -3,7 +3,7 @@
 use pairmask_tests::prelude::*;
 use std::time::Duration;
 
-use pairmask::{CommitError, Scene};
+use pairmask::{Error, Scene};
 
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
 
@@ -35,8 +35,8 @@ fn make_up(scene: &mut Scene) {
     assert_eq!(answer.pair_count(), Some(1));
 }
 
-fn is_full<T>(result: &Result<T, FrameError>) -> bool {
-    matches!(result, Err(FrameError::TooManyFrames))
+fn is_full<T>(result: &Result<T, Error>) -> bool {
+    matches!(result, Err(Error::TooManyFrames))
 }
 
 #[test]
@@ -54,7 +54,7 @@ fn an_edit_that_nobody_waits_for_holds_no_place() {
     let frames: Vec<_> = (0..3).map(|_| session.frame(4).unwrap()).collect();
     assert!(is_full(&session.frame(4)), "three frames hold the three places");
     let full = scenes[0].edit().set(7, at(0.0)).commit(Report::All).map(drop).unwrap_err();
-    assert!(matches!(full, CommitError::Frame(FrameError::TooManyFrames)), "{full}");
+    assert!(matches!(full, Error::TooManyFrames), "{full}");
     assert_eq!(scenes[0].len(), 3, "the edit was not made");
     drop(frames);
     scenes.iter_mut().for_each(make_up);
@@ -132,7 +132,7 @@ fn a_daemon_that_answers_no_edit_is_given_up_by_the_frame_that_wants_its_place()
     daemon.signal_worker(Signal::STOP);
     strict_scenes.iter_mut().chain(&mut scenes).for_each(leave_an_edit);
     let silent = strict.frame(2).unwrap_err();
-    assert!(matches!(silent, FrameError::Connect(ConnectError::Silent { .. })), "{silent}");
+    assert!(matches!(silent, Error::Connect(ConnectError::Silent { .. })), "{silent}");
     let mask = session.answer(&[at(0.0), at(0.5)]);
     assert_eq!((mask.info().served_by, mask.to_vec()), (ServedBy::InProcess, vec![[0, 1]]));
     for scene in &mut scenes {

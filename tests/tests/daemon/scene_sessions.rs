@@ -2,7 +2,7 @@
 //! the model.
 
 use pairmask::filters::{Filter, FilterId, FilterTable, Tag};
-use pairmask::{CommitError, Scene};
+use pairmask::{Error, Scene};
 use pairmask_core::oracle::truth;
 use pairmask_core::scene as core_scene;
 use pairmask_tests::prelude::*;
@@ -23,7 +23,7 @@ fn a_scene_asked_of_a_gpu_that_is_not_there_is_refused() {
     let mut session = without.session().engine(engine).connect().unwrap();
     let mut scene = session.scene(SceneOptions::default());
     let refused = scene.edit().set(0, at(0.0)).commit(Report::All).map(drop).unwrap_err();
-    let CommitError::Wait(WaitError::Reply(ReplyError::Status { status, .. })) = refused else {
+    let Error::Reply(ReplyError::Status { status, .. }) = refused else {
         panic!("{refused}");
     };
     assert_eq!(status, StatusCode::EngineUnavailable);
@@ -185,10 +185,10 @@ fn a_daemon_that_died_costs_a_typed_error_and_no_edit() {
     let pending = scene.edit().set(3, at(1.2)).submit(Report::Changes).unwrap();
     daemon.kill();
     let error = pending.wait().map(drop).unwrap_err();
-    assert!(matches!(error, CommitError::Wait(WaitError::DaemonDied)), "{error}");
+    assert!(matches!(error, Error::DaemonDied), "{error}");
     assert_eq!(scene.len(), 3, "the edit was applied");
     let refused = scene.edit().remove(1).commit(Report::Changes).map(drop).unwrap_err();
-    assert!(matches!(refused, CommitError::Frame(_)), "{refused}");
+    assert!(matches!(refused, Error::Connect(_)), "{refused}");
     assert_eq!(scene.len(), 3, "the edit was not");
 
     daemon.restart();
@@ -210,14 +210,14 @@ fn a_daemon_without_room_refuses_and_the_client_answers() {
     let mut scene = strict.scene(SceneOptions::default());
     let refused =
         scene.edit().set_all(0..10_000, &boxes).commit(Report::All).map(drop).unwrap_err();
-    let CommitError::Wait(WaitError::Reply(ReplyError::Status { status, detail })) = refused else {
+    let Error::Reply(ReplyError::Status { status, detail }) = refused else {
         panic!("{refused}");
     };
     assert_eq!((status, detail[1]), (StatusCode::SceneTooLarge, 1 << 20));
     // What was refused was applied here, and so is what makes it fit, though the whole is refused once more.
     assert_eq!(scene.len(), 10_000);
     let refused = scene.edit().remove_all(5..10_000).commit(Report::All).map(drop);
-    assert!(matches!(refused, Err(CommitError::Wait(_))), "{refused:?}");
+    assert!(matches!(refused, Err(Error::Reply(_))), "{refused:?}");
     assert_eq!(scene.len(), 5);
     let answer = scene.edit().commit(Report::All).unwrap();
     assert_eq!(answer.pairs().len(), 4);
@@ -298,9 +298,9 @@ fn a_wrong_edit_is_refused_before_it_is_sent() {
     let mut scene = session.scene(SceneOptions::default().with_most_boxes(9));
     for _ in 0..2 {
         let wrong = scene.edit().set(3, at(0.0)).remove(2).commit(Report::All).map(drop);
-        assert!(matches!(wrong, Err(CommitError::Edit(_))));
+        assert!(matches!(wrong, Err(Error::Edit(_))));
         let beyond = scene.edit().set(9, at(0.0)).commit(Report::All).map(drop);
-        assert!(matches!(beyond, Err(CommitError::Edit(_))));
+        assert!(matches!(beyond, Err(Error::Edit(_))));
     }
     assert_eq!(session.daemon_status().unwrap().errors, 0, "nothing was sent");
 }

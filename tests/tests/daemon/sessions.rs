@@ -83,8 +83,8 @@ fn a_frame_is_taken_once_in_whichever_way() {
             assert!(mask.contains(a, b) && mask.contains(b, a) && !mask.contains(a, a));
             assert_eq!(mask.par_pairs().count() as u64, mask.count());
         }
-        assert!(matches!(first.try_take(), Err(WaitError::Taken)));
-        assert!(matches!(second.wait(), Err(WaitError::Taken)));
+        assert!(matches!(first.try_take(), Err(Error::Taken)));
+        assert!(matches!(second.wait(), Err(Error::Taken)));
     }
 }
 
@@ -154,7 +154,7 @@ fn too_few_boxes_are_an_error() {
     let mut frame = session.frame(3).unwrap();
     frame.boxes_mut().fill(Aabb::new([0.0; 3], [1.0; 3]));
     let refused = frame.write(&[Aabb::EMPTY; 2]);
-    assert!(matches!(refused, Err(FrameError::WrongCount { given: 2, n: 3 })));
+    assert!(matches!(refused, Err(Error::WrongCount { given: 2, n: 3 })));
     assert_eq!(frame.submit().unwrap().wait().unwrap().count(), 3, "nothing was written");
 }
 

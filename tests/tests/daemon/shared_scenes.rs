@@ -7,9 +7,10 @@ use std::ops::Range;
 use std::time::{Duration, Instant};
 
 use pairmask::filters::{Filter, FilterTable};
-use pairmask::scene::shared::{AtEnd, LeaseError, NotLeased, Scope};
-use pairmask::scene::{EditError, EndReason, Ended};
-use pairmask::{CommitError, JoinOptions, PendingAnswer, Scene, SceneAnswer, SharedError};
+use pairmask::{AtEnd, Scope};
+use pairmask::{EditError, EndReason, Ended};
+use pairmask::{Error, JoinOptions, PendingAnswer, Scene, SceneAnswer};
+use pairmask_core::scene::shared::{LeaseError, NotLeased};
 use pairmask_tests::fault_client::FaultClient;
 use pairmask_tests::prelude::*;
 use pairmaskd::scene::Random;
@@ -96,13 +97,13 @@ fn what_is_not_its_own_a_member_is_refused() {
     let daemon = daemon();
     let mut here = Session::builder().backend(Backend::InProcess).connect().unwrap();
     let refused = here.join_scene("rules", JoinOptions::default());
-    assert!(matches!(refused, Err(SharedError::InProcess)));
+    assert!(matches!(refused, Err(Error::NeedsDaemon)));
     let options = JoinOptions::default().with_most_boxes(100).with_tick_deadline(LONG);
     let mut one = Member::join(&daemon, "rules", 0..10, options.with_scope(Scope::All));
     let mut session = daemon.session().connect().unwrap();
     for name in ["", "a b", &"x".repeat(65)] {
         let refused = session.join_scene(name, JoinOptions::default());
-        assert!(matches!(refused, Err(SharedError::Name(_))), "{name}");
+        assert!(matches!(refused, Err(Error::SceneName(_))), "{name}");
     }
     for other in [
         options.with_most_boxes(101),
@@ -110,11 +111,11 @@ fn what_is_not_its_own_a_member_is_refused() {
         options.with_at_end(AtEnd::Keep),
     ] {
         let refused = session.join_scene("rules", other);
-        assert!(matches!(refused, Err(SharedError::Differs(_))), "{other:?}: {refused:?}");
+        assert!(matches!(refused, Err(Error::TermsDiffer(_))), "{other:?}: {refused:?}");
     }
     let mut other = session.join_scene("rules", JoinOptions::default()).unwrap();
     let lease = |scene: &mut Scene, range| match scene.lease(range) {
-        Err(SharedError::Lease(error)) => Some(error),
+        Err(Error::Lease(error)) => Some(error),
         Ok(()) => None,
         Err(error) => panic!("{error}"),
     };
@@ -125,14 +126,11 @@ fn what_is_not_its_own_a_member_is_refused() {
     assert_eq!(lease(&mut other, 20..30), None);
     assert_eq!(other.lease_any(10).unwrap(), 10..20);
     let full = other.lease_any(71).unwrap_err();
-    assert!(matches!(full, SharedError::Lease(LeaseError::Full { count: 71 })));
+    assert!(matches!(full, Error::Lease(LeaseError::Full { count: 71 })));
     let not_own = other.edit().set(9, at(0.0)).commit(Report::Nothing).unwrap_err();
-    assert!(matches!(
-        not_own,
-        CommitError::Shared(SharedError::NotLeased(NotLeased::Index { index: 9 }))
-    ));
+    assert!(matches!(not_own, Error::NotLeased(NotLeased::Index { index: 9 })));
     let moved = other.edit().commit(Report::Moved).unwrap_err();
-    assert!(matches!(moved, CommitError::Shared(SharedError::Moved)));
+    assert!(matches!(moved, Error::MovedOfShared));
     // What was refused holds nobody up, and a lease that was given back is free.
     let pending = one.scene.edit().set(1, at(0.0)).submit(Report::All).unwrap();
     drop(other.edit().set(12, at(0.0)).set(25, at(0.0)).commit(Report::Nothing).unwrap());
@@ -160,10 +158,7 @@ fn a_tick_has_one_table_of_filters() {
     let all_meet = FilterTable::new(&[Filter::new(1, 1)]).unwrap();
     let edit = other.scene.edit().step(Step::Filters(&all_meet));
     let refused = edit.commit(Report::Nothing).map(drop).unwrap_err();
-    assert!(
-        matches!(refused, CommitError::Shared(SharedError::NotLeased(NotLeased::Filters))),
-        "{refused:?}"
-    );
+    assert!(matches!(refused, Error::NotLeased(NotLeased::Filters)), "{refused:?}");
     drop(other);
     assert_eq!(pending.wait().unwrap().pairs().len(), 0);
 }
@@ -183,7 +178,7 @@ fn an_edit_without_a_place_has_not_happened() {
     assert_eq!(edit.commit(Report::Changes).unwrap().pairs(), [[1, 2]]);
     let places = hold_all_places(&mut one.session);
     let unsent = one.scene.edit().set(3, at(0.2)).remove(2).commit(Report::Changes).map(drop);
-    assert!(matches!(unsent, Err(CommitError::Frame(FrameError::TooManyFrames))), "{unsent:?}");
+    assert!(matches!(unsent, Err(Error::TooManyFrames)), "{unsent:?}");
     drop(places);
     let answer = one.scene.edit().set(4, at(0.4)).commit(Report::Changes).unwrap();
     assert!(!answer.is_resync());
@@ -226,17 +221,14 @@ fn nothing_of_a_commit_with_a_refused_table_is_applied() {
         let pending = edit.submit(Report::Changes).unwrap();
         if waits {
             let refused = pending.wait().map(drop).unwrap_err();
-            assert!(
-                matches!(refused, CommitError::Shared(SharedError::NotLeased(NotLeased::Filters))),
-                "{refused:?}"
-            );
+            assert!(matches!(refused, Error::NotLeased(NotLeased::Filters)), "{refused:?}");
             assert_eq!((one.scene.get(12), one.scene.get(14)), (Some(at(0.5)), None));
         } else {
             drop(pending);
         }
         // Beyond what the refused commit had room for, and not of a box that it alone set.
         let absent = one.scene.edit().remove(14).commit(Report::Changes).map(drop);
-        assert!(matches!(absent, Err(CommitError::Edit(EditError::Absent { index: 14 }))));
+        assert!(matches!(absent, Err(Error::Edit(EditError::Absent { index: 14 }))));
         let edit = one.scene.edit().set(13, at(0.2)).set(16, at(9.0));
         let answer = edit.commit(Report::Changes).unwrap();
         assert!(!answer.is_resync());

@@ -163,7 +163,7 @@ fn an_older_daemon_gets_no_spheres() {
         let mut session = daemon.session().connect().unwrap();
         assert!(matches!(
             session.sphere_frame(3).unwrap_err(),
-            FrameError::DaemonTooOld { what: "spheres" }
+            Error::DaemonTooOld { what: "spheres" }
         ));
         let sparse = EncodingChoice::Only(Encoding::Sparse);
         let builder = daemon.session().backend(Backend::Auto).encoding(sparse);
@@ -198,8 +198,8 @@ fn a_daemon_that_refuses_spheres_is_not_asked_again() {
                 assert_eq!(check_mask(&answer.unwrap(), Encoding::Sparse, &truth), Ok(()));
                 assert!(!next.unwrap().is_shared());
             } else {
-                assert!(matches!(answer, Err(WaitError::Reply(ReplyError::Status { .. }))));
-                assert!(matches!(next, Err(FrameError::DaemonTooOld { what: "spheres" })));
+                assert!(matches!(answer, Err(Error::Reply(ReplyError::Status { .. }))));
+                assert!(matches!(next, Err(Error::DaemonTooOld { what: "spheres" })));
             }
             assert!(session.frame(1).unwrap().is_shared(), "boxes are asked for all the same");
         }
@@ -215,15 +215,13 @@ fn engines_of_a_gpu_that_is_not_there_take_no_spheres() {
         let mut frame = session.sphere_frame(2).unwrap();
         frame.spheres_mut().fill(Sphere::EMPTY);
         let answer = frame.submit().unwrap().wait().unwrap_err();
-        let WaitError::Reply(ReplyError::Status { status, .. }) = answer else {
-            panic!("{answer}")
-        };
+        let Error::Reply(ReplyError::Status { status, .. }) = answer else { panic!("{answer}") };
         assert_eq!(status, StatusCode::EngineUnavailable);
         let mut session = builder.backend(Backend::InProcess).connect().unwrap();
         let mut frame = session.sphere_frame(2).unwrap();
         frame.spheres_mut().fill(Sphere::EMPTY);
         let answer = frame.submit().unwrap_err();
-        assert!(matches!(answer, FrameError::Cull(CullError::Unavailable { .. })), "{answer}");
+        assert!(matches!(answer, Error::Cull(CullError::Unavailable { .. })), "{answer}");
     }
 }
 

@@ -32,7 +32,7 @@ fn boxes() -> [Aabb; 3] {
     [0.0, 0.5, 9.0].map(|x| Aabb::from([x, 0.0, 0.0, x + 1.0, 1.0, 1.0]))
 }
 
-fn ask(session: &mut Session) -> Result<PairMask, WaitError> {
+fn ask(session: &mut Session) -> Result<PairMask, Error> {
     let mut frame = session.frame(N.len()).unwrap();
     assert!(frame.is_shared(), "the daemon is asked all the same");
     frame.boxes_mut().copy_from_slice(&boxes());
@@ -122,7 +122,7 @@ fn what_is_no_answer_is_answered_in_process_or_named() {
             let mut strict = builder.clone().backend(Backend::Daemon).connect().unwrap();
             let error = ask(&mut strict).unwrap_err();
             assert!(error.to_string().contains(said), "{said}: {error}");
-            let WaitError::Reply(error) = error else { panic!("{said}: {error:?}") };
+            let Error::Reply(error) = error else { panic!("{said}: {error:?}") };
             assert!(is_named(&error), "{said}: {error:?}");
 
             let mut session = builder.backend(Backend::Auto).connect().unwrap();
@@ -201,7 +201,7 @@ fn a_list_that_is_malformed_is_named() {
         beside_daemon(Version::CURRENT, forged, |dir| {
             let builder = Session::builder().runtime_dir(dir.clone()).backend(Backend::Daemon);
             let error = ask(&mut builder.connect().unwrap()).unwrap_err();
-            assert!(matches!(error, WaitError::Reply(ReplyError::Malformed { .. })), "{error:?}");
+            assert!(matches!(error, Error::Reply(ReplyError::Malformed { .. })), "{error:?}");
             assert!(error.to_string().contains("list pairs"), "{error}");
         });
     }

@@ -4,7 +4,7 @@ use std::sync::{Mutex, Once, PoisonError};
 use std::time::Duration;
 
 use log::{Level, LevelFilter, Log, Metadata, Record};
-use pairmask::StatusError;
+use pairmask::Error;
 use pairmask_tests::prelude::*;
 use pairmask_transport::{DaemonRecord, RuntimeDir};
 use pairmask_wire::{InstanceName, Version};
@@ -27,7 +27,7 @@ fn check(builder: SessionBuilder, cause: fn(&ConnectError) -> bool, text: &str) 
     for _ in 0..20 {
         assert_eq!(frame(&mut session), ServedBy::InProcess, "{text}");
         let error = session.daemon_status().unwrap_err();
-        let StatusError::Connect(error) = error else { panic!("{text}: {error:?}") };
+        let Error::Connect(error) = error else { panic!("{text}: {error:?}") };
         assert!(cause(&error), "{text}: {error:?}");
         std::thread::sleep(Duration::from_millis(10));
     }
@@ -62,7 +62,7 @@ fn the_cause_is_named() {
     assert_eq!(frame(&mut session), ServedBy::InProcess);
     let error = session.daemon_status().unwrap_err();
     daemon.signal_worker(Signal::CONT);
-    assert!(matches!(error, StatusError::Connect(ConnectError::Silent { .. })), "{error:?}");
+    assert!(matches!(error, Error::Connect(ConnectError::Silent { .. })), "{error:?}");
     let hung = said();
     assert!(hung.len() == 1 && hung[0].contains("did not answer in time"), "{hung:?}");
 

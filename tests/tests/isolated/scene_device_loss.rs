@@ -7,7 +7,7 @@ use std::cell::{Cell, RefCell};
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::time::Duration;
 
-use pairmask::EngineId;
+use pairmask_core::engine::EngineId;
 use pairmask_tests::gpu;
 use pairmask_tests::prelude::*;
 use pairmask_tests::scene_model::{Kind, Moment, SessionScene, hold};
@@ -149,7 +149,7 @@ fn a_session_outlives_a_hundred_losses_of_the_daemons_device() {
 }
 
 /// Frames of a session, by whatever engine the daemon has for it.
-fn frame(session: &mut Session, boxes: &[Aabb]) -> Result<EngineId, WaitError> {
+fn frame(session: &mut Session, boxes: &[Aabb]) -> Result<EngineId, Error> {
     let mask = session.ask(boxes).wait()?;
     assert_eq!(mask.info().served_by, ServedBy::Daemon);
     assert_eq!(mask.count(), oracle::truth(boxes).pairs.len() as u64);
@@ -169,7 +169,7 @@ fn cores_serve_while_the_gpu_is_being_opened() {
         let by = frame(&mut any, &boxes).unwrap();
         assert!(matches!(by, EngineId::Known(name) if !name.is_gpu()), "{by:?}");
         let refused = frame(&mut only, &boxes).unwrap_err();
-        let WaitError::Reply(ReplyError::Status { status, detail }) = refused else {
+        let Error::Reply(ReplyError::Status { status, detail }) = refused else {
             panic!("{refused}");
         };
         assert_eq!((status, detail[1]), (StatusCode::EngineUnavailable, ENGINE_IS_OPENING));

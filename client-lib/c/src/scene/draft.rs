@@ -1,8 +1,8 @@
 //! What an edit says, until it is answered.
 
 use pairmask::filters::{FilterTable, Tag};
-use pairmask::scene::{Indices, Step, Tags};
 use pairmask::{Aabb, Margin};
+use pairmask_core::scene::{Indices, Step, Tags};
 
 /// What an edit says. Arrays of the program are read where they lie.
 #[derive(Default)]

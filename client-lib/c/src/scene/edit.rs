@@ -2,7 +2,8 @@
 #![allow(unsafe_code)]
 
 use pairmask::Margin;
-use pairmask::scene::{Indices, Report, Sets, Step};
+use pairmask::Report;
+use pairmask_core::scene::{Indices, Sets, Step};
 
 use super::draft::{Draft, Given};
 use super::pm_scene;

@@ -17,7 +17,7 @@ mod shared;
 
 use bytemuck::{Pod, Zeroable};
 use pairmask::Margin;
-use pairmask::scene::{MarginedPairs, SceneOptions};
+use pairmask::{MarginedPairs, SceneOptions};
 
 use self::draft::Draft;
 use self::edited::State;

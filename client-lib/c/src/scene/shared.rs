@@ -5,8 +5,8 @@ use std::ffi::c_char;
 use std::ops::Range;
 use std::time::Duration;
 
-use pairmask::scene::shared::{AtEnd, Scope};
-use pairmask::{JoinOptions, SharedError};
+use pairmask::{AtEnd, Scope};
+use pairmask::{Error, JoinOptions};
 
 use super::{Scene, pm_scene};
 use crate::call::call;
@@ -98,7 +98,7 @@ pub unsafe extern "C" fn pm_scene_join(
 /// Uses a scene. Its answer ends.
 fn with_scene<R>(
     scene: pm_scene,
-    work: impl FnOnce(&mut pairmask::Scene) -> Result<R, SharedError>,
+    work: impl FnOnce(&mut pairmask::Scene) -> Result<R, Error>,
 ) -> Result<R, Failure> {
     scene.with(|scene| Ok(work(&mut scene.edited()?.scene)?))
 }
@@ -166,7 +166,7 @@ pub unsafe extern "C" fn pm_scene_terms(
         check_out(most_boxes)?;
         check_out(tick_deadline_ns)?;
         let (most, deadline) = with_scene(scene, |scene| {
-            let deadline = scene.tick_deadline().ok_or(SharedError::NotShared)?;
+            let deadline = scene.tick_deadline().ok_or(Error::NotShared)?;
             Ok((scene.most_boxes(), deadline))
         })?;
         // SAFETY: the caller's promise about pointers is passed on.

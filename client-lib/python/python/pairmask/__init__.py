@@ -10,17 +10,7 @@
 from enum import IntEnum
 
 from . import filters
-from ._errors import (
-    CommitError,
-    ConnectError,
-    FindError,
-    FrameError,
-    PairmaskError,
-    SharedError,
-    StatusError,
-    WaitError,
-    WaitTimeout,
-)
+from ._errors import ConnectError, PairmaskError, WaitTimeout
 from ._pairmask import (
     BoxSource,
     Filter,
@@ -58,14 +48,11 @@ class EndReason(IntEnum):
 __all__ = [
     "ALL_WORLDS",
     "BoxSource",
-    "CommitError",
     "ConnectError",
     "EndReason",
     "Filter",
     "FilterTable",
-    "FindError",
     "Frame",
-    "FrameError",
     "FrameInfo",
     "MarginStats",
     "PairMask",
@@ -78,9 +65,6 @@ __all__ = [
     "SceneAnswer",
     "SceneEdit",
     "Session",
-    "SharedError",
-    "StatusError",
-    "WaitError",
     "WaitTimeout",
     "filters",
     "outward_from_f64",

@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use pairmask::SceneAnswer;
-use pairmask::scene::{EndReason, Ended};
+use pairmask::{EndReason, Ended};
 use pyo3::prelude::*;
 use pyo3::types::PyRange;
 

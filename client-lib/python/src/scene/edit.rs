@@ -3,7 +3,7 @@
 use std::sync::{Mutex, PoisonError};
 
 use pairmask::Margin;
-use pairmask::scene::Report;
+use pairmask::Report;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 

@@ -16,10 +16,10 @@ mod pending;
 
 use std::ops::Range;
 
+use pairmask::MarginStats;
+use pairmask::Report;
 use pairmask::Scene;
 use pairmask::filters::Tag;
-use pairmask::info::MarginStats;
-use pairmask::scene::Report;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyRange;

@@ -3,8 +3,8 @@
 use std::sync::Arc;
 
 use pairmask::filters::{FilterTable, Tag};
-use pairmask::scene::{Indices, Margins};
 use pairmask::{Aabb, Margin, SceneEdit};
+use pairmask_core::scene::{Indices, Margins};
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 

@@ -1,8 +1,8 @@
 //! Settings of scenes, by their names in Python.
 
-use pairmask::scene::shared::{AtEnd, Scope};
-use pairmask::scene::{MarginedPairs, SceneOptions};
+use pairmask::{AtEnd, Scope};
 use pairmask::{JoinOptions, Margin};
+use pairmask::{MarginedPairs, SceneOptions};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 

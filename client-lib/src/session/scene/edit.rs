@@ -8,7 +8,7 @@ use pairmask_core::precision::Margin;
 use pairmask_core::scene::{EditError, Indices, MarginedSets, Margins, Report, Sets, Step, Tags};
 
 use super::{PendingAnswer, Scene, SceneAnswer};
-use crate::session::error::CommitError;
+use crate::session::error::Error;
 
 /// What an edit sets one by one, or by a function; kept, so that steady edits allocate nothing.
 #[derive(Debug, Default)]
@@ -277,8 +277,8 @@ impl<'s, 'a> SceneEdit<'s, 'a> {
     /// Applies the edit and answers.
     ///
     /// # Errors
-    /// [`CommitError`]. After [`CommitError::Edit`] and [`CommitError::Frame`] the scene is what it was.
-    pub fn commit(self, report: Report) -> Result<SceneAnswer<'s>, CommitError> {
+    /// [`Error`], of which [`is_applied`](Error::is_applied) says whether the scene has the edit.
+    pub fn commit(self, report: Report) -> Result<SceneAnswer<'s>, Error> {
         self.submit(report)?.wait()
     }
 
@@ -286,9 +286,8 @@ impl<'s, 'a> SceneEdit<'s, 'a> {
     /// answered before this returns.
     ///
     /// # Errors
-    /// [`CommitError`]. The scene is then what it was, but for [`CommitError::Wait`] and as
-    /// [`CommitError::Shared`] says.
-    pub fn submit(self, report: Report) -> Result<PendingAnswer<'s, 'a>, CommitError> {
+    /// [`Error`], of which [`is_applied`](Error::is_applied) says whether the scene has the edit.
+    pub fn submit(self, report: Report) -> Result<PendingAnswer<'s, 'a>, Error> {
         let Self { scene, given, refused } = self;
         if let Some(error) = refused {
             return Err(error.into());

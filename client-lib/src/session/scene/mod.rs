@@ -25,29 +25,29 @@ use pairmask_core::scene::{Edit, Report, Scene as CoreScene, SceneOptions, Scene
 use pairmask_wire::words_in;
 
 use self::answer::Source;
-pub use self::answer::{EndedIter, EndedList, PairList, PairListIter};
+pub use self::answer::{EndedList, PairList};
 pub use self::edit::SceneEdit;
 use self::edit::{Draft, Given};
 pub use self::margins::MarginStats;
 use self::margins::Margined;
 pub(super) use self::query::Asked;
 pub use self::query::{QueryAnswer, SceneQuery};
-use self::remote::{Found, RemoteScene, commit_error, new_scene};
+use self::remote::{Found, RemoteScene, new_scene};
+pub use self::shared::JoinOptions;
 use self::shared::Member;
-pub use self::shared::{JoinOptions, SharedError};
 use super::builder::Backend;
 use super::core::Core;
-use super::error::CommitError;
+use super::error::Error;
 use super::pairs::ServedBy;
 use super::unread::Awaited;
 
 /// Boxes that persist from answer to answer, by indices of the client's own.
 ///
-/// [`scene`](crate::scene) says what is reported. Made by [`Session::scene`](super::Session::scene);
+/// [`pairmask_core::scene`] says what is reported. Made by [`Session::scene`](super::Session::scene);
 /// it lives on without the session.
 ///
 /// Boxes may have [rules](crate::filters) of which others they meet: [`SceneEdit::tag`]. They may have
-/// [margins](crate::scene::SceneMargins): then only boxes that left theirs are sent.
+/// [margins](crate::SceneMargins): then only boxes that left theirs are sent.
 ///
 /// A daemon keeps the scene where the session has one. This process keeps boxes and flags, 25 bytes an
 /// index and with tags 12 more, and sends them again by itself where the daemon has lost them; where no daemon answers, it
@@ -80,27 +80,23 @@ impl Kept {
         }
     }
 
-    fn begin<'s>(&mut self, edit: Edit<'_>, report: Report) -> Result<Awaited<'s>, CommitError> {
+    fn begin<'s>(&mut self, edit: Edit<'_>, report: Report) -> Result<Awaited<'s>, Error> {
         match self {
             Self::Remote(scene) => scene.begin(edit, report),
             Self::Here(scene) => {
-                scene.edit(edit, report).map_err(commit_error)?;
+                scene.edit(edit, report)?;
                 Ok(Awaited::default())
             }
             Self::Shared(member) => member.begin(edit, report),
         }
     }
 
-    fn end(
-        &mut self,
-        awaited: Awaited<'_>,
-        edit: Edit<'_>,
-    ) -> Result<(Found, Answerer), CommitError> {
+    fn end(&mut self, awaited: Awaited<'_>, edit: Edit<'_>) -> Result<(Found, Answerer), Error> {
         let (found, tick) = match self {
             Self::Remote(scene) => (scene.end(awaited, edit)?, None),
             Self::Here(_) => (Found::Here, None),
             Self::Shared(member) => {
-                let (from, marks) = member.end(awaited).map_err(CommitError::Shared)?;
+                let (from, marks) = member.end(awaited)?;
                 let late = marks.late_in(words_in(from.answer.response.pages()));
                 (Found::Daemon(from), Some(Tick { number: marks.tick, late }))
             }
@@ -156,11 +152,7 @@ impl Scene {
         Self { core: Arc::clone(core), kept, margins, draft: Draft::default(), index_limit }
     }
 
-    pub(super) fn join(
-        core: &Arc<Core>,
-        name: &str,
-        options: JoinOptions,
-    ) -> Result<Self, SharedError> {
+    pub(super) fn join(core: &Arc<Core>, name: &str, options: JoinOptions) -> Result<Self, Error> {
         let member = Box::new(Member::join(core, name, options)?);
         let (index_limit, kept) = (member.most_boxes(), Kept::Shared(member));
         let draft = Draft::default();
@@ -246,7 +238,7 @@ impl Scene {
         &mut self,
         given: &Given<'_>,
         report: Report,
-    ) -> Result<(Option<Report>, Awaited<'s>), CommitError> {
+    ) -> Result<(Option<Report>, Awaited<'s>), Error> {
         let Self { kept, margins, draft, .. } = self;
         let all = draft.steps(given);
         let edit = Edit { steps: &all };
@@ -256,7 +248,7 @@ impl Scene {
         let sets = draft.margined(given, margins.usual());
         let ask = margins.choose(edit, &sets, report, kept.sent())?;
         let sent = ask.map(|report| kept.begin(Edit { steps: &margins.request(&all) }, report));
-        if let Some(Err(CommitError::Edit(_) | CommitError::Frame(_))) = &sent {
+        if matches!(&sent, Some(Err(error)) if !error.is_applied()) {
             margins.cancel(edit);
         } else {
             margins.apply(edit, report, ask.is_some());
@@ -290,8 +282,8 @@ impl<'s> PendingAnswer<'s, '_> {
     /// not reported again. What the answer to a dropped edit would have reported, the next answer does.
     ///
     /// # Errors
-    /// [`CommitError`]. The edit is applied; the next answer makes up for this one.
-    pub fn wait(self) -> Result<SceneAnswer<'s>, CommitError> {
+    /// [`Error`]. The edit is applied; the next answer makes up for this one.
+    pub fn wait(self) -> Result<SceneAnswer<'s>, Error> {
         let Self { scene, given, report, asked, awaited } = self;
         let Scene { kept, draft, margins, .. } = &mut *scene;
         let (mut by, mut found) = (Answerer::default(), None);

@@ -8,7 +8,7 @@ use pairmask_core::scene::{QueryMask, QueryTags};
 
 use super::{Kept, Scene};
 use crate::session::FrameInfo;
-use crate::session::error::FindError;
+use crate::session::error::Error;
 use crate::session::pairs::{PairMask, ServedBy};
 
 /// Pairs that are handed out at a time.
@@ -74,16 +74,16 @@ impl<'a> SceneQuery<'a> {
     /// Finds them.
     ///
     /// # Errors
-    /// [`FindError`].
-    pub fn find(self) -> Result<QueryAnswer, FindError> {
+    /// [`Error`].
+    pub fn find(self) -> Result<QueryAnswer, Error> {
         let Self { scene, boxes, tags, encoding } = self;
         tags.check(boxes)?;
         let index_end = match &scene.kept {
             Kept::Remote(remote) => remote.copy().index_end() as u32,
             Kept::Here(here) => here.index_end(),
-            Kept::Shared(_) => return Err(FindError::Shared),
+            Kept::Shared(_) => return Err(Error::QueryOfShared),
         };
-        let too_many = FindError::TooMany { queries: boxes.len(), index_end };
+        let too_many = Error::TooManyQueries { queries: boxes.len(), index_end };
         let asked = Asked {
             boxes,
             tags,
@@ -93,7 +93,7 @@ impl<'a> SceneQuery<'a> {
         let mask = match &mut scene.kept {
             Kept::Remote(remote) => remote.query(&asked)?,
             Kept::Here(here) => scene.core.query_here(here, &asked)?,
-            Kept::Shared(_) => return Err(FindError::Shared),
+            Kept::Shared(_) => return Err(Error::QueryOfShared),
         };
         let FrameInfo { served_by, engine, .. } = *mask.info();
         let mut answer = QueryAnswer { mask, queries: asked.mask.queries(), served_by, engine };

@@ -15,9 +15,7 @@ use pairmask_core::filters::Tag;
 use pairmask_core::mask::MaskView;
 use pairmask_core::plan::Calibration;
 use pairmask_core::precision::Precision;
-use pairmask_core::scene::{
-    Edit, Report, Reported, Scene, SceneCopy, SceneError, SceneOptions, Step, Tags,
-};
+use pairmask_core::scene::{Edit, Report, Reported, Scene, SceneCopy, SceneOptions, Step, Tags};
 use pairmask_core::units::BoxCount;
 use pairmask_wire::{
     EditLayout, QUERIES_MINOR, QueryRequest, RULES_MINOR, Reply, ReplyError, ReplyFields,
@@ -27,7 +25,7 @@ use pairmask_wire::{
 use super::answer::FromDaemon;
 use super::query::Asked;
 use crate::session::core::{Core, Loss};
-use crate::session::error::{CommitError, FindError, FrameError, WaitError};
+use crate::session::error::Error;
 use crate::session::estimate::{Answered, Estimate};
 use crate::session::exchange::Exchange;
 use crate::session::frame::Written;
@@ -168,11 +166,7 @@ impl RemoteScene {
 
     /// Checks an edit, and sends it or applies it here. The caller binds what is returned to its borrow of
     /// the scene.
-    pub fn begin<'s>(
-        &mut self,
-        edit: Edit<'_>,
-        report: Report,
-    ) -> Result<Awaited<'s>, CommitError> {
+    pub fn begin<'s>(&mut self, edit: Edit<'_>, report: Report) -> Result<Awaited<'s>, Error> {
         self.copy.check(edit)?;
         self.settle();
         self.named_by_table.clear();
@@ -189,7 +183,7 @@ impl RemoteScene {
             })
         };
         match &begun {
-            Err(CommitError::Edit(_) | CommitError::Frame(_)) => self.copy.cancel(edit),
+            Err(error) if !error.is_applied() => self.copy.cancel(edit),
             // Perhaps without an answer, as the error says: the copy has it, and the scene's next keeper.
             Ok(_) | Err(_) => self.copy.apply(edit),
         }
@@ -198,7 +192,7 @@ impl RemoteScene {
 
     /// Waits for the answer to the edit that was begun. Where the daemon has none, the scene is sent again,
     /// or answered here.
-    pub fn end(&mut self, awaited: Awaited<'_>, edit: Edit<'_>) -> Result<Found, CommitError> {
+    pub fn end(&mut self, awaited: Awaited<'_>, edit: Edit<'_>) -> Result<Found, Error> {
         let Some(sent) = awaited.take() else { return Ok(Found::Here) };
         let report = sent.report;
         let error = match self.receive(sent) {
@@ -224,14 +218,9 @@ impl RemoteScene {
             match answered {
                 Ok(found) => return Ok(Found::Daemon(found)),
                 Err(error) => {
-                    if let CommitError::Wait(error) = &error {
-                        self.note_failure(error);
-                    }
+                    self.note_failure(&error);
                     // The copy has the edit: it is not as if nothing had happened.
-                    self.stay(error).map_err(|error| match error {
-                        CommitError::Frame(error) => WaitError::NotSentAgain(error.into()).into(),
-                        other => other,
-                    })?;
+                    self.stay(error).map_err(Error::unanswered)?;
                 }
             }
         } else {
@@ -242,7 +231,7 @@ impl RemoteScene {
     }
 
     /// Asks the scene as the last edit made it.
-    pub fn query(&mut self, asked: &Asked<'_>) -> Result<PairMask, FindError> {
+    pub fn query(&mut self, asked: &Asked<'_>) -> Result<PairMask, Error> {
         self.settle();
         if self.copy.is_empty() || asked.boxes.is_empty() {
             return Ok(self.core.query_here(&mut new_scene(self.options, &self.core), asked)?);
@@ -251,7 +240,7 @@ impl RemoteScene {
             return self.query_here(asked);
         }
         let mut answered = self.ask(asked);
-        if let Err(CommitError::Wait(error)) = &answered
+        if let Err(error) = &answered
             && is_stale(error)
         {
             // A daemon that has restarted, or has forgotten the scene.
@@ -262,24 +251,22 @@ impl RemoteScene {
             Ok(mask) => return Ok(mask),
             Err(error) => error,
         };
-        if let CommitError::Wait(WaitError::Reply(ReplyError::Status { .. })) = &error {
+        if let Error::Reply(ReplyError::Status { .. }) = &error {
             // Refused, for this query is too large for instance: the daemon keeps the scene.
             self.stay(error)?;
             return Ok(self.core.query_here(&mut *self.copied()?, asked)?);
         }
-        if let CommitError::Wait(error) = &error {
-            self.note_failure(error);
-        }
+        self.note_failure(&error);
         self.stay(error)?;
         self.query_here(asked)
     }
 
     /// Asks the daemon, which gets the scene first where it does not have it.
-    fn ask(&mut self, asked: &Asked<'_>) -> Result<PairMask, CommitError> {
+    fn ask(&mut self, asked: &Asked<'_>) -> Result<PairMask, Error> {
         let link = self.core.link_that_knows(QUERIES_MINOR, "queries of scenes")?;
         self.load_once(&link)?;
         let Keeper::Daemon(there) = &self.keeper else {
-            return Err(WaitError::DaemonDied.into());
+            return Err(Error::DaemonDied.into());
         };
         let Asked { boxes, tags, encoding, mask } = *asked;
         let mut request = QueryRequest::new(self.id, there.revision, mask, encoding, &tags);
@@ -287,7 +274,7 @@ impl RemoteScene {
         let mut shared = self.core.loan(&link, request.payload_bytes())?;
         if !request.write(boxes, &tags, shared.loan.pages_mut()) {
             let limit = u64::from(u32::MAX);
-            return Err(FrameError::TooManyBoxes { n: boxes.len(), limit }.into());
+            return Err(Error::TooManyBoxes { n: boxes.len(), limit }.into());
         }
         let asked = ReplyFields {
             client_token: link.token(),
@@ -299,9 +286,9 @@ impl RemoteScene {
         let settings = self.core.settings();
         let answer = exchange.end(self.query_estimate.expect(mask.queries()), settings)?;
         let payload_bytes = size_of_val(answer.response.pages()) as u64;
-        let reply = Reply::parse(&answer.header, &asked, payload_bytes).map_err(WaitError::from)?;
+        let reply = Reply::parse(&answer.header, &asked, payload_bytes).map_err(Error::from)?;
         MaskView::new(mask.n(), &reply.report.shape, words_in(answer.response.pages()))
-            .map_err(|_| WaitError::from(ReplyError::Malformed { field: "mask" }))?;
+            .map_err(|_| Error::from(ReplyError::Malformed { field: "mask" }))?;
         self.query_estimate.note(Answered {
             n: mask.queries(),
             round_trip: answer.sent_at.elapsed(),
@@ -313,7 +300,7 @@ impl RemoteScene {
     }
 
     /// Asks the scene of this process, which is made from the copy if need be.
-    fn query_here(&mut self, asked: &Asked<'_>) -> Result<PairMask, FindError> {
+    fn query_here(&mut self, asked: &Asked<'_>) -> Result<PairMask, Error> {
         let core = Arc::clone(&self.core);
         Ok(core.query_here(self.here()?, asked)?)
     }
@@ -325,28 +312,28 @@ impl RemoteScene {
     }
 
     /// Whether this process may answer in place of the daemon; else the error.
-    fn stay(&self, error: CommitError) -> Result<(), CommitError> {
+    fn stay(&self, error: Error) -> Result<(), Error> {
         match &error {
-            CommitError::Frame(FrameError::TooManyFrames)
-            | CommitError::Edit(_)
-            | CommitError::Scene(_)
-            | CommitError::Shared(_) => Err(error),
+            Error::TooManyFrames | Error::Edit(_) | Error::Scene(_) => Err(error),
             _ if !self.core.may_cull_here() => Err(error),
             // The log already says so.
-            CommitError::Frame(FrameError::DaemonTooOld { .. }) => Ok(()),
-            CommitError::Frame(error) => {
-                self.core.say_in_process(error);
+            Error::DaemonTooOld { .. } => Ok(()),
+            error if error.is_applied() => {
+                log::debug!("a scene is answered in process: {error}");
                 Ok(())
             }
-            CommitError::Wait(error) => {
-                log::debug!("a scene is answered in process: {error}");
+            error => {
+                self.core.say_in_process(error);
                 Ok(())
             }
         }
     }
 
-    /// Gives up what a failure says is lost.
-    fn note_failure(&mut self, error: &WaitError) {
+    /// Gives up what a failure after sending says is lost.
+    fn note_failure(&mut self, error: &Error) {
+        if !error.is_applied() {
+            return;
+        }
         let keeper = std::mem::replace(&mut self.keeper, Keeper::Nobody);
         let Keeper::Daemon(there) = keeper else { return };
         match (error, Loss::of(error)) {
@@ -355,7 +342,7 @@ impl RemoteScene {
                 self.sent_to = None;
                 let _ = self.core.lose(&there.link, how);
             }
-            (WaitError::Reply(refused), None) if !is_stale(error) => {
+            (Error::Reply(refused), None) if !is_stale(error) => {
                 there.link.say_refused(refused);
                 self.stays_until = Some(Instant::now() + REFUSED_FOR);
             }
@@ -364,7 +351,7 @@ impl RemoteScene {
     }
 
     /// Sends an edit to the daemon, after the scene where that does not have it.
-    fn send(&mut self, edit: Edit<'_>, report: Report) -> Result<SentEdit, CommitError> {
+    fn send(&mut self, edit: Edit<'_>, report: Report) -> Result<SentEdit, Error> {
         let has_rules = edit.has_rules() || self.copy.filters().is_used();
         let (minor, what) =
             if has_rules { (RULES_MINOR, "rules of scenes") } else { (SCENES_MINOR, "scenes") };
@@ -374,14 +361,14 @@ impl RemoteScene {
     }
 
     /// Sends the whole scene, unless the daemon has it.
-    fn load_once(&mut self, link: &Arc<Link>) -> Result<(), CommitError> {
+    fn load_once(&mut self, link: &Arc<Link>) -> Result<(), Error> {
         let has_scene =
             matches!(&self.keeper, Keeper::Daemon(there) if Arc::ptr_eq(&there.link, link));
         if has_scene { Ok(()) } else { self.load(link) }
     }
 
     /// Sends the whole scene.
-    fn load(&mut self, link: &Arc<Link>) -> Result<(), CommitError> {
+    fn load(&mut self, link: &Arc<Link>) -> Result<(), Error> {
         // Another connection's scenes ended with it.
         self.sent_to = self.sent_to.take().filter(|sent_to| Arc::ptr_eq(sent_to, link));
         let there = There { link: Arc::clone(link), revision: 0, is_acknowledged: false };
@@ -395,7 +382,7 @@ impl RemoteScene {
         loaded
     }
 
-    fn send_whole(&mut self, link: &Arc<Link>) -> Result<(), CommitError> {
+    fn send_whole(&mut self, link: &Arc<Link>) -> Result<(), Error> {
         self.forgets |= self.resyncs_anew;
         // Filters and lists are there without boxes as well.
         if self.copy.is_empty() && !self.copy.filters().is_used() {
@@ -425,15 +412,15 @@ impl RemoteScene {
         link: &Arc<Link>,
         edit: Edit<'_>,
         report: Report,
-    ) -> Result<SentEdit, CommitError> {
-        let too_large = || FrameError::TooManyBoxes { n: edit.boxes(), limit: u64::from(u32::MAX) };
+    ) -> Result<SentEdit, Error> {
+        let too_large = || Error::TooManyBoxes { n: edit.boxes(), limit: u64::from(u32::MAX) };
         let layout = EditLayout::of(edit).ok_or_else(too_large)?;
         let mut shared = self.core.loan(link, layout.payload_bytes())?;
         if !layout.write(edit, shared.loan.pages_mut()) {
             return Err(too_large().into());
         }
         let Keeper::Daemon(there) = &mut self.keeper else {
-            return Err(WaitError::DaemonDied.into());
+            return Err(Error::DaemonDied.into());
         };
         self.revisions += 1;
         let [boxes, steps, indices] = layout.sections();
@@ -475,7 +462,7 @@ impl RemoteScene {
     }
 
     /// Waits for the daemon's answer.
-    fn receive(&mut self, sent: SentEdit) -> Result<Box<FromDaemon>, WaitError> {
+    fn receive(&mut self, sent: SentEdit) -> Result<Box<FromDaemon>, Error> {
         let n = sent.asked.box_count.get();
         let (answer, reply) = sent.receive(self.core.settings())?;
         self.estimate.note(Answered {
@@ -490,17 +477,17 @@ impl RemoteScene {
     }
 
     /// Applies an edit in this process, where the scene is made from the copy if need be.
-    fn edit_here(&mut self, edit: Edit<'_>, report: Report) -> Result<(), CommitError> {
+    fn edit_here(&mut self, edit: Edit<'_>, report: Report) -> Result<(), Error> {
         let core = Arc::clone(&self.core);
         let mut working = core.begin_here();
         let scene = self.here()?;
-        let edited = scene.edit(edit, report).map(drop).map_err(commit_error);
+        let edited = scene.edit(edit, report).map(drop).map_err(Error::from);
         working.may_have_used(scene.threads());
         edited
     }
 
     /// The scene of this process, which is made from the copy if need be.
-    fn here(&mut self) -> Result<&mut Scene, CommitError> {
+    fn here(&mut self) -> Result<&mut Scene, Error> {
         // What belongs to a connection is freed with it.
         self.sent_to = self.sent_to.take().filter(|link| link.is_alive());
         if !matches!(self.keeper, Keeper::Here(_)) {
@@ -513,16 +500,16 @@ impl RemoteScene {
         }
         match &mut self.keeper {
             Keeper::Here(scene) => Ok(scene),
-            _ => Err(WaitError::DaemonDied.into()),
+            _ => Err(Error::DaemonDied.into()),
         }
     }
 
     /// A scene of this process with the boxes of the copy, which has told nothing.
-    fn copied(&self) -> Result<Box<Scene>, CommitError> {
+    fn copied(&self) -> Result<Box<Scene>, Error> {
         let mut scene = Box::new(new_scene(self.options, &self.core));
         let whole = self.copy.whole();
         let edit = Edit { steps: &whole.steps() };
-        scene.edit(edit, Report::Nothing).map_err(commit_error)?;
+        scene.edit(edit, Report::Nothing)?;
         Ok(scene)
     }
 }
@@ -537,9 +524,9 @@ impl Drop for RemoteScene {
 }
 
 /// Whether the daemon says that it has no scene of this revision.
-const fn is_stale(error: &WaitError) -> bool {
+const fn is_stale(error: &Error) -> bool {
     let stale = StatusCode::StaleScene;
-    matches!(error, WaitError::Reply(ReplyError::Status { status, .. }) if *status as u32 == stale as u32)
+    matches!(error, Error::Reply(ReplyError::Status { status, .. }) if *status as u32 == stale as u32)
 }
 
 /// A scene of this process, with the settings of a session.
@@ -551,13 +538,4 @@ pub(super) fn new_scene(options: SceneOptions, core: &Core) -> Scene {
         options,
         CpuEngines::on(settings.isa, Calibration::built_in(settings.isa.get())),
     )
-}
-
-/// An error of a scene of this process.
-pub(super) fn commit_error(error: SceneError) -> CommitError {
-    match error {
-        SceneError::Edit(error) => CommitError::Edit(error),
-        SceneError::Cull(error) => CommitError::Wait(WaitError::Cull(error)),
-        error => CommitError::Scene(error),
-    }
 }

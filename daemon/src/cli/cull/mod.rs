@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 use std::{fmt, io};
 
 use clap::{Args, ValueEnum};
-use pairmask::{Backend, ConnectError, FrameError, PairMask, PendingFrame, Session, WaitError};
+use pairmask::{Backend, ConnectError, Error, PairMask, PendingFrame, Session};
 use pairmask_core::engine::EngineId;
 use pairmask_core::mask::WordAddress;
 use pairmask_core::{Aabb, Bounds, MaskView, Sphere};
@@ -103,9 +103,7 @@ pub enum CullCommandError {
     #[error(transparent)]
     Connect(#[from] ConnectError),
     #[error(transparent)]
-    Frame(#[from] FrameError),
-    #[error(transparent)]
-    Wait(#[from] WaitError),
+    Session(#[from] Error),
     #[error("{engine} counted {counted} pairs and its mask holds {decoded}: please report this")]
     Miscounted { engine: EngineId, counted: u64, decoded: u64 },
     #[error(transparent)]

@@ -11,7 +11,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use clap::Args;
-use pairmask::{Backend, ConnectError, FrameError, ServedBy, Session, WaitError};
+use pairmask::{Backend, ConnectError, Error, ServedBy, Session};
 use pairmask_core::Aabb;
 use pairmask_core::oracle::truth;
 use rustix::process::{Pid, Signal, kill_process, set_parent_process_death_signal};
@@ -81,9 +81,7 @@ pub enum DemoError {
     #[error(transparent)]
     Connect(#[from] ConnectError),
     #[error(transparent)]
-    Frame(#[from] FrameError),
-    #[error(transparent)]
-    Wait(#[from] WaitError),
+    Session(#[from] Error),
     #[error(transparent)]
     Output(#[from] OutputError),
 }

@@ -5,7 +5,7 @@
 
 use std::fmt;
 
-use pairmask::info::Census;
+use pairmask_core::engine::Census;
 use pairmask_core::oracle::Pair;
 use pairmaskd::explain::Explanation;
 use serde::{Deserialize, Serialize};

@@ -5,7 +5,7 @@
 
 mod options;
 
-pub use self::options::{JoinOptions, SharedError};
+pub use self::options::JoinOptions;
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -24,7 +24,7 @@ use super::answer::FromDaemon;
 use super::{Kept, Scene};
 use crate::session::builder::{Backend, Settings};
 use crate::session::core::{Core, Loss};
-use crate::session::error::{CommitError, FrameError, WaitError};
+use crate::session::error::Error;
 use crate::session::estimate::Expected;
 use crate::session::exchange::{Answer, Exchange};
 use crate::session::link::Link;
@@ -32,19 +32,19 @@ use crate::session::unread::{Awaited, SentEdit, Unread};
 
 /// A scene that several processes write: [`Session::join_scene`](crate::Session::join_scene) makes it.
 impl Scene {
-    fn member(&mut self) -> Result<&mut Member, SharedError> {
+    fn member(&mut self) -> Result<&mut Member, Error> {
         match &mut self.kept {
             Kept::Shared(member) => Ok(member),
-            _ => Err(SharedError::NotShared),
+            _ => Err(Error::NotShared),
         }
     }
 
     /// Leases a range of indices of a shared scene: this member alone may set boxes there.
     ///
     /// # Errors
-    /// [`SharedError::Lease`], among others. The indices of a writer that has died are free within about a
+    /// [`Error::Lease`], among others. The indices of a writer that has died are free within about a
     /// second.
-    pub fn lease(&mut self, range: Range<u32>) -> Result<(), SharedError> {
+    pub fn lease(&mut self, range: Range<u32>) -> Result<(), Error> {
         let member = self.member()?;
         let count = range.end.checked_sub(range.start).filter(|count| *count > 0);
         let count = count.ok_or(LeaseError::Empty)?;
@@ -55,7 +55,7 @@ impl Scene {
     ///
     /// # Errors
     /// As [`lease`](Self::lease).
-    pub fn lease_any(&mut self, count: u32) -> Result<Range<u32>, SharedError> {
+    pub fn lease_any(&mut self, count: u32) -> Result<Range<u32>, Error> {
         self.member()?.lease_by(LeaseAction::TakeAny { count })
     }
 
@@ -63,8 +63,8 @@ impl Scene {
     /// exclude list that name one of its indices.
     ///
     /// # Errors
-    /// [`SharedError`].
-    pub fn give_back(&mut self, first: u32) -> Result<(), SharedError> {
+    /// [`Error`].
+    pub fn give_back(&mut self, first: u32) -> Result<(), Error> {
         self.member()?.give_back(first)
     }
 
@@ -130,10 +130,10 @@ pub(in crate::session) struct Member {
 }
 
 impl Member {
-    pub fn join(core: &Arc<Core>, name: &str, options: JoinOptions) -> Result<Self, SharedError> {
+    pub fn join(core: &Arc<Core>, name: &str, options: JoinOptions) -> Result<Self, Error> {
         let name: SceneName = name.parse()?;
         if core.settings().backend == Backend::InProcess {
-            return Err(SharedError::InProcess);
+            return Err(Error::NeedsDaemon);
         }
         let nothing = AgreedTerms {
             most_boxes: 0,
@@ -172,7 +172,7 @@ impl Member {
         &self.copy
     }
 
-    fn lease_by(&mut self, action: LeaseAction) -> Result<Range<u32>, SharedError> {
+    fn lease_by(&mut self, action: LeaseAction) -> Result<Range<u32>, Error> {
         self.settle();
         let link = self.present()?;
         let range = self.ask_lease(&link, action)?;
@@ -180,7 +180,7 @@ impl Member {
         Ok(range)
     }
 
-    fn give_back(&mut self, first: u32) -> Result<(), SharedError> {
+    fn give_back(&mut self, first: u32) -> Result<(), Error> {
         self.settle();
         let link = self.present()?;
         let range = self.ask_lease(&link, LeaseAction::GiveBack { first })?;
@@ -213,7 +213,7 @@ impl Member {
     }
 
     /// The connection, with a membership.
-    fn present(&mut self) -> Result<Arc<Link>, SharedError> {
+    fn present(&mut self) -> Result<Arc<Link>, Error> {
         let link = self.core.link_that_knows(SHARED_MINOR, "shared scenes")?;
         match &self.there {
             Some(there) if Arc::ptr_eq(&there.link, &link) => Ok(link),
@@ -225,7 +225,7 @@ impl Member {
     }
 
     /// Joins, and leases what this member had. Its boxes are sent with the next commit.
-    fn join_again(&mut self) -> Result<(), SharedError> {
+    fn join_again(&mut self) -> Result<(), Error> {
         self.there = None;
         let link = self.core.link_that_knows(SHARED_MINOR, "shared scenes")?;
         let JoinOptions { most_boxes, tick_deadline, at_end, scope } = self.options;
@@ -259,11 +259,7 @@ impl Member {
         Ok(())
     }
 
-    fn ask_lease(
-        &mut self,
-        link: &Arc<Link>,
-        action: LeaseAction,
-    ) -> Result<Range<u32>, SharedError> {
+    fn ask_lease(&mut self, link: &Arc<Link>, action: LeaseAction) -> Result<Range<u32>, Error> {
         let request = LeaseRequest { scene: self.id, action };
         let (answer, asked) = self.ask(
             link,
@@ -291,10 +287,10 @@ impl Member {
         bytes: u64,
         header: impl FnOnce(u64, u64) -> RequestHeader,
         write: impl FnOnce(&mut [Page]) -> bool,
-    ) -> Result<(Answer, ReplyFields), SharedError> {
+    ) -> Result<(Answer, ReplyFields), Error> {
         let mut shared = self.core.loan(link, bytes)?;
         if !write(shared.loan.pages_mut()) {
-            return Err(FrameError::TooManyFrames.into());
+            return Err(Error::TooManyFrames.into());
         }
         let asked = ReplyFields {
             client_token: link.token(),
@@ -314,15 +310,15 @@ impl Member {
     }
 
     /// What the daemon refused, by its status.
-    fn refused(&mut self, link: &Arc<Link>, error: ReplyError) -> SharedError {
+    fn refused(&mut self, link: &Arc<Link>, error: ReplyError) -> Error {
         if let ReplyError::Status { status, detail } = &error {
             let (status, detail) = (*status, *detail);
             let typed = match status {
                 StatusCode::SharedDiffers => TermsDiffer::of_detail(detail).map(Into::into),
                 StatusCode::LeaseRefused => {
-                    lease_error(detail, self.terms.most_boxes).map(SharedError::Lease)
+                    lease_error(detail, self.terms.most_boxes).map(Error::Lease)
                 }
-                StatusCode::NotLeased => not_leased(detail).map(SharedError::NotLeased),
+                StatusCode::NotLeased => not_leased(detail).map(Error::NotLeased),
                 _ => None,
             };
             match (status, self.before.take()) {
@@ -334,7 +330,7 @@ impl Member {
                 return typed;
             }
         }
-        let error = WaitError::from(error);
+        let error = Error::from(error);
         self.lost(link, &error);
         error.into()
     }
@@ -349,7 +345,7 @@ impl Member {
     }
 
     /// Notes what a failure says is lost.
-    fn lost(&mut self, link: &Arc<Link>, error: &WaitError) {
+    fn lost(&mut self, link: &Arc<Link>, error: &Error) {
         self.there = None;
         if let Some(how) = Loss::of(error) {
             let _ = self.core.lose(link, how);
@@ -359,7 +355,7 @@ impl Member {
     /// Receives the answer to a commit that nobody waited for.
     fn settle(&mut self) {
         match self.unread.settle(&self.settings) {
-            Some(Err(WaitError::Reply(error))) => {
+            Some(Err(Error::Reply(error))) => {
                 if let Some(link) = self.there.as_ref().map(|there| Arc::clone(&there.link)) {
                     // Nobody waited for this commit, and nobody is told of its refusal.
                     let _ = self.refused(&link, error);
@@ -372,17 +368,13 @@ impl Member {
     }
 
     /// Checks an edit, and sends it.
-    pub fn begin<'s>(
-        &mut self,
-        edit: Edit<'_>,
-        report: Report,
-    ) -> Result<Awaited<'s>, CommitError> {
+    pub fn begin<'s>(&mut self, edit: Edit<'_>, report: Report) -> Result<Awaited<'s>, Error> {
         if report == Report::Moved {
-            return Err(CommitError::Shared(SharedError::Moved));
+            return Err(Error::MovedOfShared);
         }
         let own: Ranges = self.leases.iter().cloned().collect();
         // Whether this is the first writer, the daemon knows.
-        own.allow(edit, true).map_err(|error| CommitError::Shared(error.into()))?;
+        own.allow(edit, true)?;
         // First, since a commit that was refused meanwhile takes back what it did to the copy.
         self.settle();
         self.copy.check(edit)?;
@@ -391,7 +383,7 @@ impl Member {
             Ok(link) => link,
             Err(error) => {
                 self.apply(edit);
-                return Err(CommitError::Shared(error));
+                return Err(error.unanswered());
             }
         };
         let is_new = self.there.as_ref().is_some_and(|there| there.revision == 0);
@@ -402,19 +394,22 @@ impl Member {
             self.before = Some(Box::new(Before { copy, gave_filters, forgets }));
         }
         let sent = if was_there && !is_new {
-            let sent = self.send(&link, edit, report);
-            if let Err(SharedError::Frame(error)) = sent {
-                // The daemon has heard nothing, and has all that came before.
-                self.copy.cancel(edit);
-                return Err(CommitError::Frame(error));
+            match self.send(&link, edit, report) {
+                Err(error) if !error.is_applied() => {
+                    // The daemon has heard nothing, and has all that came before.
+                    self.copy.cancel(edit);
+                    return Err(error);
+                }
+                sent => {
+                    self.apply(edit);
+                    sent
+                }
             }
-            self.apply(edit);
-            sent
         } else {
             self.apply(edit);
-            self.send_whole(&link, report)
+            self.send_whole(&link, report).map_err(Error::unanswered)
         };
-        let sent = sent.map_err(CommitError::Shared)?;
+        let sent = sent?;
         Ok(Awaited::new(sent, Arc::clone(&self.unread)))
     }
 
@@ -425,7 +420,7 @@ impl Member {
     }
 
     /// Sends all boxes of this member as one commit.
-    fn send_whole(&mut self, link: &Arc<Link>, report: Report) -> Result<SentEdit, SharedError> {
+    fn send_whole(&mut self, link: &Arc<Link>, report: Report) -> Result<SentEdit, Error> {
         // The copy cannot be borrowed while the scene is: it is given back at once.
         let copy = std::mem::replace(&mut self.copy, SceneCopy::new(0));
         let sent = {
@@ -443,14 +438,14 @@ impl Member {
         link: &Arc<Link>,
         edit: Edit<'_>,
         report: Report,
-    ) -> Result<SentEdit, SharedError> {
-        let too_large = || FrameError::TooManyBoxes { n: edit.boxes(), limit: u64::from(u32::MAX) };
+    ) -> Result<SentEdit, Error> {
+        let too_large = || Error::TooManyBoxes { n: edit.boxes(), limit: u64::from(u32::MAX) };
         let layout = EditLayout::of(edit).ok_or_else(too_large)?;
         let mut shared = self.core.loan(link, layout.payload_bytes())?;
         if !layout.write(edit, shared.loan.pages_mut()) {
             return Err(too_large().into());
         }
-        let Some(there) = &mut self.there else { return Err(WaitError::DaemonDied.into()) };
+        let Some(there) = &mut self.there else { return Err(Error::DaemonDied.into()) };
         self.revisions += 1;
         let [boxes, steps, indices] = layout.sections();
         let request = SceneRequest {
@@ -490,17 +485,11 @@ impl Member {
 
     /// Waits for the answer to a commit. A daemon that has lost the membership is joined again, and sent all
     /// boxes.
-    pub fn end(
-        &mut self,
-        awaited: Awaited<'_>,
-    ) -> Result<(Box<FromDaemon>, TickMarks), SharedError> {
-        let Some(sent) = awaited.take() else { return Err(WaitError::Taken.into()) };
+    pub fn end(&mut self, awaited: Awaited<'_>) -> Result<(Box<FromDaemon>, TickMarks), Error> {
+        let Some(sent) = awaited.take() else { return Err(Error::Taken.into()) };
         let report = sent.report;
         match self.receive(sent) {
-            Err(SharedError::Wait(WaitError::Reply(ReplyError::Status {
-                status: StatusCode::StaleScene,
-                ..
-            }))) => {
+            Err(Error::Reply(ReplyError::Status { status: StatusCode::StaleScene, .. })) => {
                 let link = self.present()?;
                 let sent = self.send_whole(&link, report)?;
                 self.receive(sent)
@@ -509,13 +498,13 @@ impl Member {
         }
     }
 
-    fn receive(&mut self, sent: SentEdit) -> Result<(Box<FromDaemon>, TickMarks), SharedError> {
+    fn receive(&mut self, sent: SentEdit) -> Result<(Box<FromDaemon>, TickMarks), Error> {
         let Some(link) = self.there.as_ref().map(|there| Arc::clone(&there.link)) else {
-            return Err(WaitError::DaemonDied.into());
+            return Err(Error::DaemonDied.into());
         };
         let (answer, reply) = match sent.receive(&self.settings) {
             Ok(received) => received,
-            Err(WaitError::Reply(error)) => return Err(self.refused(&link, error)),
+            Err(Error::Reply(error)) => return Err(self.refused(&link, error)),
             Err(error) => {
                 self.lost(&link, &error);
                 return Err(error.into());

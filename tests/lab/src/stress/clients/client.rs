@@ -6,10 +6,7 @@ use std::rc::Rc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use pairmask::{
-    CommitError, FrameError, PendingFrame, Scene, SceneEdit, ServedBy, Session, SessionBuilder,
-    WaitError,
-};
+use pairmask::{Error, PendingFrame, Scene, SceneEdit, ServedBy, Session, SessionBuilder};
 use pairmaskd::scene::Random;
 use serde::{Deserialize, Serialize};
 
@@ -348,7 +345,7 @@ impl Client<'_> {
             }
             Ok(compared) => self.answered(by, compared.map(drop)),
             Err(error) => {
-                let is_late = matches!(error, CommitError::Wait(WaitError::Timeout { .. }));
+                let is_late = matches!(error, Error::Timeout { .. });
                 self.counts.unanswered += u64::from(is_late);
                 Err(Finding::other(&error))
             }
@@ -365,7 +362,7 @@ impl Client<'_> {
         let found = match receive(pending, &case.1) {
             Ok((answer, by)) => self.answered(by, case.1.check(form, &answer)),
             Err(error) => {
-                let is_late = matches!(error, WaitError::Timeout { .. });
+                let is_late = matches!(error, Error::Timeout { .. });
                 self.counts.unanswered += u64::from(is_late);
                 Err(Finding::other(&error))
             }
@@ -395,7 +392,7 @@ impl Client<'_> {
 }
 
 /// Writes and sends a frame, on a thread with the floating-point flags of the case's caller.
-fn send(session: &mut Session, case: &Case, form: Form) -> Result<PendingFrame, FrameError> {
+fn send(session: &mut Session, case: &Case, form: Form) -> Result<PendingFrame, Error> {
     // Its truth is computed with the default flags, if it is not there yet.
     case.allowed(form);
     case.flags.caller.run(|| match form {
@@ -424,11 +421,11 @@ fn send(session: &mut Session, case: &Case, form: Form) -> Result<PendingFrame, 
 }
 
 /// Awaits a frame and decodes it, on a thread with the floating-point flags of the case's caller.
-fn receive(pending: PendingFrame, case: &Case) -> Result<(Answer, ServedBy), WaitError> {
+fn receive(pending: PendingFrame, case: &Case) -> Result<(Answer, ServedBy), Error> {
     let (mut answer, by) = case.flags.caller.run(|| {
         let mask = pending.wait()?;
         let (pairs, count, info) = (mask.to_vec(), mask.count(), mask.info());
-        Ok::<_, WaitError>((Answer { pairs, count, census: info.census }, info.served_by))
+        Ok::<_, Error>((Answer { pairs, count, census: info.census }, info.served_by))
     })?;
     answer.pairs.sort_unstable();
     Ok((answer, by))

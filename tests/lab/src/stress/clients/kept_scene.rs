@@ -7,7 +7,7 @@
 use std::collections::BTreeSet;
 
 use pairmask::Aabb;
-use pairmask::scene::{Report, SceneOptions};
+use pairmask::{Report, SceneOptions};
 use pairmask_core::oracle::{Pair, truth};
 use pairmask_core::scene::{Sets, Step};
 use pairmaskd::scene::Random;

@@ -31,7 +31,7 @@ use std::num::NonZeroU16;
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::{Duration, Instant};
 
-use pairmask::{Aabb, Backend, ServedBy, Session, SessionBuilder, StatusError};
+use pairmask::{Aabb, Backend, Error, ServedBy, Session, SessionBuilder};
 use pairmask_core::engine::{EngineChoice, EngineName};
 use pairmask_transport::Limits;
 use pairmask_wire::StatusBody;
@@ -311,7 +311,7 @@ struct Look {
 
 impl Look {
     /// Looks at a daemon before a run.
-    fn before(daemon: &SessionBuilder) -> Result<Self, StatusError> {
+    fn before(daemon: &SessionBuilder) -> Result<Self, Error> {
         let daemon = daemon.clone().backend(Backend::Daemon).deadline(DEADLINE);
         let engine = EngineChoice::Only(EngineName::GpuBrute);
         let has_gpu = answers(&mut daemon.clone().engine(engine).connect()?);

@@ -5,7 +5,7 @@ use std::hint::black_box;
 use std::time::Instant;
 
 use glam::{DVec3, Vec3};
-use pairmask::{Backend, FrameError, PairMask, Session};
+use pairmask::{Backend, Error, PairMask, Session};
 use pairmask_core::dispatch::CullOptions;
 use pairmask_core::engine::EngineId;
 use pairmask_core::oracle::{Faces, truth_of_faces};
@@ -60,7 +60,7 @@ pub fn client(
                 own = own.threads(threads);
             }
             let own = own.engine(options.engine).encoding(options.encoding).connect();
-            Box::new(SphereClient { fit, session: own.map_err(FrameError::from)? })
+            Box::new(SphereClient { fit, session: own.map_err(Error::from)? })
         }
     })
 }

@@ -23,7 +23,7 @@ pub fn pairs(boxes: &[Aabb], checked: EngineId) -> Result<Vec<Pair>, TimedError>
     }
     let engine = CHECKERS.into_iter().find(|e| checked != *e).unwrap_or(EngineName::CpuBrute);
     let builder = Session::builder().backend(Backend::InProcess).engine(EngineChoice::Only(engine));
-    let mut session = builder.connect().map_err(pairmask::FrameError::from)?;
+    let mut session = builder.connect().map_err(pairmask::Error::from)?;
     let mut frame = session.frame(boxes.len())?;
     frame.boxes_mut().copy_from_slice(boxes);
     let mut pairs = frame.submit()?.wait()?.to_vec();
