@@ -31,7 +31,7 @@
 //! | step | what |
 //! |---|---|
 //! | connect | [`Session`], made by a [`SessionBuilder`] |
-//! | fill | [`Frame::write`]: a slice of [`Aabb`], arrays of corners or of centres and half extents ([`write`](mod@write)), or local boxes and transforms ([`update`]); or write in place, [`Frame::boxes_mut`] |
+//! | fill | [`Frame::write`]: a slice of [`Aabb`], arrays of corners or of centres and half extents ([`MinMax`], [`CenterHalf`]), or local boxes and transforms ([`Transformed`]); or write in place, [`Frame::boxes_mut`] |
 //! | submit, wait | [`PendingFrame`]: the frame is under way while you do something else |
 //! | decode | [`PairMask`]: [`pairs`](PairMask::pairs), [`par_pairs`](PairMask::par_pairs), [`contains`](PairMask::contains); [`words`](PairMask::words) for AND masks of your own |
 //!
@@ -57,7 +57,7 @@
 //! | [`Session::narrow_frame`] | 12 or 6 | boxes with less [`Precision`]: fewer bytes, some extra pairs, none missed |
 //! | [`Session::sphere_frame`] | 16 | bounding spheres in place of boxes, exact |
 //! | [`Session::scene`] | what changes | scenes that persist: edits in, pairs that began and ended out; few boxes move, or changes are what you need |
-//! | the same with [margins](SceneMargins) | what leaves its margin | where many boxes move a little |
+//! | the same with [margins](SceneOptions::with_margins) | what leaves its margin | where many boxes move a little |
 //! | [`Session::join_scene`] | what changes | one scene that several processes write, each its own boxes |
 //!
 //! Frames of boxes may have collision filters ([`filters`], [`FrameOptions`]): worlds side by side, owners,
@@ -76,7 +76,7 @@
 //! | feature | default | what it adds |
 //! |---|---|---|
 //! | `daemon` | yes | the transport: sessions with a daemon. Linux only |
-//! | `glam` | no | glam's transforms for [`update`], and pairs of its vectors from boxes. Any version from 0.29 to 0.34: Cargo takes the newest unless told otherwise (`cargo update -p glam@NEWEST --precise YOURS`) |
+//! | `glam` | no | glam's transforms for [`Transformed`], and pairs of its vectors from boxes. Any version from 0.29 to 0.34: Cargo takes the newest unless told otherwise (`cargo update -p glam@NEWEST --precise YOURS`) |
 //! | `mint` | no | the same for mint 0.5 |
 //!
 //! Without `daemon`, sessions answer in process, [`Backend::Auto`] is [`Backend::InProcess`], and
@@ -96,19 +96,20 @@ mod transport;
 #[cfg(feature = "daemon")]
 use pairmask_transport as transport;
 
-pub use pairmask_core::filters;
-pub use pairmask_core::update;
-pub use pairmask_core::write;
+/// Which boxes meet: tags, filters and listed pairs. [`pairmask_core::filters`] has the rule and worked examples.
+pub mod filters {
+    pub use pairmask_core::filters::{
+        Filter, FilterId, FilterTable, Owner, PairLists, Rules, Tag, World, engines,
+    };
+}
 
 pub use pairmask_core::aabb::Aabb;
-pub use pairmask_core::engine::EngineChoice;
-pub use pairmask_core::mask::EncodingChoice;
 pub use pairmask_core::precision::{Bounds, Margin, Precision};
 pub use pairmask_core::scene::shared::{AtEnd, Scope};
-pub use pairmask_core::scene::{
-    EditError, EndReason, Ended, MarginedPairs, Report, SceneMargins, SceneOptions,
-};
+pub use pairmask_core::scene::{EditError, EndReason, Ended, MarginedPairs, Report, SceneOptions};
 pub use pairmask_core::sphere::Sphere;
+pub use pairmask_core::update::{Placement, ToWorld, Transformed};
+pub use pairmask_core::write::{BoxSource, CenterHalf, MinMax};
 pub use pairmask_wire::StatusBody as DaemonStatus;
 pub use session::{
     Backend, ConnectError, EndedList, Error, Frame, FrameInfo, FrameObject, FrameOptions,

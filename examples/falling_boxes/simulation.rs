@@ -1,7 +1,6 @@
 //! A frame of the simulation: boxes move, the scene tells what changed, contacts push.
 
-use pairmask::{Error, Scene, ServedBy, Session};
-use pairmask::{Report, SceneOptions};
+use pairmask::{Error, Report, Scene, SceneOptions, ServedBy, Session};
 
 use crate::contacts::Contacts;
 use crate::world::World;

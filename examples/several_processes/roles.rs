@@ -4,9 +4,7 @@ use std::error::Error;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-use pairmask::Report;
-use pairmask::Scope;
-use pairmask::{Aabb, Backend, JoinOptions, Scene, Session};
+use pairmask::{Aabb, Backend, JoinOptions, Report, Scene, Scope, Session};
 
 use crate::arguments::Arguments;
 

@@ -12,8 +12,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
-use pairmask::Report;
-use pairmask::{Aabb, Backend, ServedBy, Session};
+use pairmask::{Aabb, Backend, Report, ServedBy, Session};
 use pairmaskd::spawn::{PrivateDaemon, PrivateSettings};
 
 use contacts::Pair;

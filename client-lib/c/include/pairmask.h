@@ -134,7 +134,8 @@ typedef struct {
 typedef struct {
   // `sizeof(pm_frame_options)`.
   size_t struct_size;
-  // Collision filters; zero for none. A daemon gets them once, however many frames have them.
+  // Collision filters, with a tag for each box or with none; zero for none. A daemon gets them once, however many
+  // frames have them.
   pm_rules filters;
   // Not 0: two sets. Only pairs of one of the first `split_at` boxes and one of the others count.
   uint32_t two_sets;

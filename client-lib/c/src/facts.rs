@@ -5,8 +5,7 @@ use std::ffi::c_char;
 use bytemuck::{Pod, Zeroable};
 use pairmask::PairMask;
 use pairmask_core::engine::EngineId;
-use pairmask_core::mask::Encoding;
-use pairmask_core::mask::{AddressedWord, WordAddress};
+use pairmask_core::mask::{AddressedWord, Encoding, WordAddress};
 
 use crate::session::{pm_served_by, served_by_number};
 

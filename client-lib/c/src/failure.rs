@@ -3,9 +3,9 @@
 use std::borrow::Cow;
 use std::fmt::Display;
 
-use pairmask::filters::TooManyFilters;
 use pairmask::{ConnectError, EditError, Error};
 use pairmask_core::engine::{CullError, IsaError};
+use pairmask_core::filters::TooManyFilters;
 use pairmask_core::precision::{BoundsError, MarginError};
 use pairmask_core::scene::QueryError;
 
@@ -112,7 +112,10 @@ const fn of_edit(error: &EditError) -> pm_code {
 const fn of_error(error: &Error) -> pm_code {
     match error {
         Error::TooManyBoxes { .. } => PM_ERR_TOO_MANY_BOXES,
-        Error::WrongCount { .. } | Error::Unsupported { .. } => PM_ERR_ARGUMENT,
+        Error::WrongCount { .. }
+        | Error::Unsupported { .. }
+        | Error::Tags { .. }
+        | Error::Listed { .. } => PM_ERR_ARGUMENT,
         Error::FirstSet { .. } => PM_ERR_FIRST_SET,
         Error::Edit(error) => of_edit(error),
         Error::Query(QueryError::Tags { .. }) => PM_ERR_QUERY_TAGS,

@@ -6,9 +6,11 @@ use std::thread::sleep;
 use std::time::{Duration, Instant};
 
 use pairmask::filters::Rules;
-use pairmask::update::{Placement, ToWorld, Transformed, WorldMatrix};
-use pairmask::write::{BoxSource, CenterHalf, MinMax};
-use pairmask::{Bounds, Error, FrameOptions, Precision, Quantized, Sphere};
+use pairmask::{
+    Bounds, BoxSource, CenterHalf, Error, FrameOptions, MinMax, Placement, Precision, Quantized,
+    Sphere, ToWorld, Transformed,
+};
+use pairmask_core::update::WorldMatrix;
 
 use crate::call::call;
 use crate::code::{PM_ERR_STATE, pm_code};
@@ -350,7 +352,8 @@ pub unsafe extern "C" fn pm_frame_set(frame: pm_frame, index: u32, b: *const pm_
 pub struct pm_frame_options {
     /// `sizeof(pm_frame_options)`.
     pub struct_size: usize,
-    /// Collision filters; zero for none. A daemon gets them once, however many frames have them.
+    /// Collision filters, with a tag for each box or with none; zero for none. A daemon gets them once, however many
+    /// frames have them.
     pub filters: pm_rules,
     /// Not 0: two sets. Only pairs of one of the first `split_at` boxes and one of the others count.
     pub two_sets: u32,

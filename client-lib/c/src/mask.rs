@@ -7,8 +7,7 @@ use std::time::Duration;
 
 use pairmask::filters::World;
 use pairmask::{Error, PairMask, PendingFrame};
-use pairmask_core::mask::Encoding;
-use pairmask_core::mask::MaskView;
+use pairmask_core::mask::{Encoding, MaskView};
 
 use crate::call::call;
 use crate::code::pm_code;

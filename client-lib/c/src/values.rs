@@ -2,8 +2,7 @@
 
 use bytemuck::{Pod, Zeroable};
 use pairmask::filters::{Filter, Tag, World};
-use pairmask::{Aabb, Sphere};
-use pairmask::{EndReason, Ended};
+use pairmask::{Aabb, EndReason, Ended, Sphere};
 
 use crate::failure::Failure;
 

@@ -8,6 +8,7 @@ use pyo3::buffer::{Element, PyBuffer};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
+use pyo3::types::PyType;
 
 /// Rows of numbers.
 pub enum Rows {
@@ -18,6 +19,12 @@ pub enum Rows {
 /// The buffer of an object with numbers of this type, if it has one. pyo3 takes numbers of the other byte order
 /// for this machine's: those are left to `pairmask._convert`.
 fn buffer_of<T: Element>(given: &Bound<'_, PyAny>) -> Option<PyBuffer<T>> {
+    static PLAIN: PyOnceLock<Py<PyType>> = PyOnceLock::new();
+    let plain = PLAIN.import(given.py(), "numpy", "ndarray").ok()?;
+    // A masked array has a buffer that knows nothing of its mask: `pairmask._convert` refuses it.
+    if !given.get_type().is(plain) && given.hasattr("mask").unwrap_or(true) {
+        return None;
+    }
     let buffer = PyBuffer::<T>::get(given).ok()?;
     (!matches!(buffer.format().to_bytes(), [b'>' | b'<' | b'!' | b'=', ..])).then_some(buffer)
 }
@@ -92,14 +99,19 @@ impl Rows {
         Ok(boxes)
     }
 
-    /// Writes spheres. Those of f64 are refused: rounding could make them smaller.
+    /// Writes spheres, those of f64 rounded outward.
     pub fn write_spheres(&self, py: Python<'_>, out: &mut [Sphere]) -> PyResult<()> {
         self.check_len(out.len())?;
         match self {
             Self::F32(rows) => rows.copy_to_slice(py, bytemuck::cast_slice_mut(out)),
-            Self::F64(_) => Err(PyValueError::new_err(
-                "spheres of float64: convert them to float32 with radii that still hold them",
-            )),
+            Self::F64(rows) => {
+                let mut wide = vec![[0.0; 4]; out.len()];
+                rows.copy_to_slice(py, wide.as_flattened_mut())?;
+                for (to, [x, y, z, radius]) in out.iter_mut().zip(wide) {
+                    *to = Sphere::outward_from_f64([x, y, z], radius);
+                }
+                Ok(())
+            }
         }
     }
 

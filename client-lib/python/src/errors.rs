@@ -39,6 +39,7 @@ impl Raise for Error {
     fn raise(self) -> PyErr {
         match self {
             Self::NoMemory { .. } => PyMemoryError::new_err(self.to_string()),
+            Self::Tags { .. } | Self::Listed { .. } => PyValueError::new_err(self.to_string()),
             Self::Timeout { .. } => classes::WaitTimeout::new_err(reported(&self)),
             Self::Connect(error) => error.raise(),
             _ => classes::PairmaskError::new_err(reported(&self)),

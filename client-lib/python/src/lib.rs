@@ -22,6 +22,10 @@ mod sources;
 /// The extension module.
 #[pyo3::pymodule]
 mod _pairmask {
+    /// The version of the package.
+    #[pymodule_export]
+    #[allow(non_upper_case_globals)] // The name is Python's.
+    const __version__: &str = env!("CARGO_PKG_VERSION");
     #[pymodule_export]
     use crate::arrays::{outward_from_f64, points, swept, swept_by};
     #[pymodule_export]

@@ -3,6 +3,7 @@
 use pairmask::filters::World;
 use pairmask::{FrameInfo, PairMask};
 use pyo3::prelude::*;
+use pyo3::types::PyIterator;
 
 use crate::guarded::Guarded;
 use crate::memory::Memory;
@@ -63,6 +64,10 @@ impl PyPairMask {
 
     fn __len__(&self) -> usize {
         self.count as usize
+    }
+
+    fn __iter__<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyIterator>> {
+        self.pairs(py)?.try_iter()
     }
 
     /// How the mask is written.

@@ -2,9 +2,10 @@
 
 use std::ffi::CString;
 use std::path::PathBuf;
+use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-use pairmask::{Backend, Error, FrameOptions, PendingFrame, Precision, Session};
+use pairmask::{Backend, Error, FrameOptions, PendingFrame, Precision, Scene, Session};
 use pairmask_core::engine::UnknownName;
 use pairmask_core::units::BoxCount;
 use pyo3::exceptions::{PyRuntimeWarning, PyValueError};
@@ -19,7 +20,7 @@ use crate::pairs::pairs_of;
 use crate::precision::PyPrecision;
 use crate::process;
 use crate::rules::PyRules;
-use crate::scene::{PyScene, join_options, scene_options};
+use crate::scene::{OpenScene, PyScene, join_options, scene_options};
 use crate::sources::Boxes;
 
 /// Parses a name that an option has.
@@ -31,6 +32,7 @@ fn named<T: std::str::FromStr<Err = UnknownName>>(name: &str) -> PyResult<T> {
 #[pyclass(frozen, name = "Session", module = "pairmask")]
 pub struct PySession {
     session: Guarded<Session>,
+    scenes: Mutex<Vec<OpenScene>>,
 }
 
 #[pymethods]
@@ -90,7 +92,8 @@ impl PySession {
             builder = builder.capacity(BoxCount::new(capacity));
         }
         let session = py.detach(|| builder.connect()).map_err(Raise::raise)?;
-        Ok(Self { session: Guarded::new(session, "the session was closed") })
+        let session = Guarded::new(session, "the session was closed");
+        Ok(Self { session, scenes: Mutex::default() })
     }
 
     /// Memory for the boxes of a frame of `n` boxes.
@@ -152,7 +155,7 @@ impl PySession {
         usual_margin: f32,
     ) -> PyResult<PyScene> {
         let options = scene_options(most_boxes, threads, margins, usual_margin)?;
-        self.with(py, move |session| session.scene(options)).map(PyScene::new)
+        self.with(py, move |session| session.scene(options)).map(|scene| self.keep(scene))
     }
 
     /// Joins a scene that several processes write, each its own boxes, by its name. `tick_deadline` (seconds; 0.1 unless
@@ -171,7 +174,7 @@ impl PySession {
     ) -> PyResult<PyScene> {
         let options = join_options(most_boxes, tick_deadline, at_end, scope)?;
         let scene = self.with(py, move |session| session.join_scene(name, options))?;
-        scene.map(PyScene::new).map_err(Raise::raise)
+        scene.map(|scene| self.keep(scene)).map_err(Raise::raise)
     }
 
     /// What would serve the next frame: `daemon` or `in-process`.
@@ -196,9 +199,17 @@ impl PySession {
         Ok(reported)
     }
 
-    /// Ends the session. Frames, masks, scenes and arrays live on.
+    /// Ends the session and its scenes. Frames, masks and arrays live on.
     fn close(&self, py: Python<'_>) -> PyResult<()> {
+        let scenes =
+            std::mem::take(&mut *self.scenes.lock().unwrap_or_else(PoisonError::into_inner));
+        scenes.iter().try_for_each(|scene| scene.close(py))?;
         self.session.close(py)
+    }
+
+    fn __repr__(&self, py: Python<'_>) -> String {
+        let served_by = self.served_by(py);
+        served_by.map_or_else(|_| "<Session, closed>".to_owned(), |by| format!("<Session, {by}>"))
     }
 
     fn __enter__(slf: Py<Self>) -> Py<Self> {
@@ -212,6 +223,15 @@ impl PySession {
 }
 
 impl PySession {
+    /// A new scene, which ends with the session.
+    fn keep(&self, scene: Scene) -> PyScene {
+        let scene = PyScene::new(scene);
+        let mut scenes = self.scenes.lock().unwrap_or_else(PoisonError::into_inner);
+        scenes.retain(OpenScene::is_there);
+        scenes.push(scene.open());
+        scene
+    }
+
     fn with<R: Send>(
         &self,
         py: Python<'_>,

@@ -1,8 +1,7 @@
 //! Boxes that are given: rows of six numbers, or what boxes are made of while they are written.
 
-use pairmask::Aabb;
-use pairmask::update::{Placement, Transformed};
-use pairmask::write::{CenterHalf, MinMax, par_write_boxes};
+use pairmask::{Aabb, CenterHalf, MinMax, Placement, Transformed};
+use pairmask_core::write::par_write_boxes;
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 

@@ -78,6 +78,8 @@ def test_any_layout_is_taken(session: pairmask.Session) -> None:
     layouts = [
         unaligned,
         boxes.tolist(),
+        boxes.reshape(-1, 2, 3),
+        boxes.reshape(-1, 2, 3).astype(np.float64).tolist(),
         np.asfortranarray(boxes),
         boxes.astype(">f4"),
         strided[::2, ::2],
@@ -129,8 +131,43 @@ def test_spheres(session: pairmask.Session) -> None:
     frame.spheres[:] = spheres
     oracle.check(frame.submit().wait().pairs(), expected)
     oracle.check(session.cull_spheres(spheres), expected)
-    with pytest.raises(ValueError, match="float64"):
-        session.cull_spheres(spheres.astype(np.float64))
+    oracle.check(session.cull_spheres(spheres.astype(np.float64)), expected)
+    # Touching in float64: rounded to nearest they would part.
+    thirds = np.array([[1 / 3, 0, 0, 1 / 3], [1, 0, 0, 1 / 3]])
+    assert session.cull_spheres(thirds).tolist() == [[0, 1]]
+
+
+def test_what_is_no_array_of_boxes_is_refused(session: pairmask.Session) -> None:
+    boxes = oracle.boxes_of(4, 7)
+    with pytest.raises(TypeError, match="masked"):
+        session.cull(np.ma.masked_array(boxes, mask=np.zeros((4, 6))))  # type: ignore[no-untyped-call]
+    with pytest.raises(ValueError, match=r"\(4, 5\)"):
+        session.cull(boxes[:, :5])
+    for rules, text in [
+        (pairmask.Rules(worlds=[1, 2, 3]), "3 tags for 4 boxes"),
+        (pairmask.Rules(worlds=[1, 2, 3, 4, 5]), "5 tags for 4 boxes"),
+        (pairmask.Rules(exclude=[[0, 4]]), "box 4 of a frame of 4"),
+    ]:
+        with pytest.raises(ValueError, match=text):
+            session.cull(boxes, rules)
+        frame = session.frame(4)
+        frame.write(boxes)
+        with pytest.raises(ValueError, match=text):
+            frame.submit(filters=rules)
+    assert repr(session).startswith("<Session, ")
+    mask = session.frame(3).submit().wait()
+    assert repr(mask).startswith("PairMask(3 boxes, 0 pairs") and list(mask) == []
+
+
+def test_a_session_closes_its_scenes() -> None:
+    session = pairmask.Session("in-process")
+    scene = session.scene()
+    scene.edit().set(3, [0, 0, 0, 1, 1, 1]).commit("nothing")
+    assert repr(scene) == "<Scene of 1 boxes>"
+    session.close()
+    with pytest.raises(pairmask.PairmaskError, match="the scene was closed"):
+        scene.edit().set(3, [0, 0, 0, 1, 1, 1]).commit("nothing")
+    assert repr(scene) == "<Scene, closed or being edited>" and repr(session) == "<Session, closed>"
 
 
 def test_narrow_frames_miss_nothing(session: pairmask.Session) -> None:

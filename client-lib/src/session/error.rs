@@ -127,6 +127,22 @@ pub enum Error {
         /// What was asked for.
         what: &'static str,
     },
+    /// Not as many tags as boxes.
+    #[error("{tags} tags for {n} boxes: give one for each, or none")]
+    Tags {
+        /// Tags of the filters.
+        tags: usize,
+        /// Boxes of the frame.
+        n: u32,
+    },
+    /// A listed pair of the filters names no box of the frame.
+    #[error("a listed pair names box {index} of a frame of {n}")]
+    Listed {
+        /// What it names.
+        index: u32,
+        /// Boxes of the frame.
+        n: u32,
+    },
     /// The first of two sets has more boxes than the frame.
     #[error("a first set of {first} boxes in a frame of {n}")]
     FirstSet {

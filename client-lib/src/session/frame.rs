@@ -283,7 +283,8 @@ impl<O: FrameObject> Frame<O> {
     /// ```
     ///
     /// # Errors
-    /// As [`submit`](Self::submit); [`Error::FirstSet`] where there are fewer boxes, [`Error::Unsupported`] for
+    /// As [`submit`](Self::submit); [`Error::FirstSet`] where there are fewer boxes, [`Error::Tags`] and
+    /// [`Error::Listed`] where filters are not those of so many boxes, [`Error::Unsupported`] for
     /// spheres, and for filters and sets at once. With [`Backend::Daemon`](super::Backend::Daemon),
     /// [`Error::DaemonTooOld`] and [`Error::TooManyListedPairs`].
     pub fn submit_with(mut self, options: &FrameOptions) -> Result<PendingFrame, Error> {
@@ -293,6 +294,15 @@ impl<O: FrameObject> Frame<O> {
         }
         if filters.is_some() && split_at.is_some() {
             return Err(Error::Unsupported { what: "two sets with filters" });
+        }
+        if let Some(filters) = filters {
+            let (tags, n) = (filters.tags.len(), self.n.get());
+            if tags != 0 && tags != self.n.len() {
+                return Err(Error::Tags { tags, n });
+            }
+            if let Some(index) = filters.lists.beyond(n) {
+                return Err(Error::Listed { index, n });
+            }
         }
         if let Some(first) = *split_at {
             let counted = BoxCount::of_len(first).filter(|first| *first <= self.n);
@@ -339,7 +349,7 @@ impl Frame {
     /// faster than a copy into [`boxes_mut`](Self::boxes_mut).
     ///
     /// ```
-    /// use pairmask::write::{CenterHalf, MinMax};
+    /// use pairmask::{CenterHalf, MinMax};
     /// use pairmask::{Aabb, Session};
     ///
     /// # fn main() -> Result<(), Box<dyn std::error::Error>> {

@@ -178,7 +178,7 @@ impl Session {
     /// # }
     /// ```
     ///
-    /// Boxes may have [margins](crate::SceneMargins), and are sent only when they have left theirs:
+    /// Boxes may have [margins](pairmask_core::scene::SceneMargins), and are sent only when they have left theirs:
     ///
     /// ```
     /// use pairmask::scene::{MarginedPairs, SceneOptions, Report};

@@ -5,11 +5,11 @@ use std::time::Duration;
 
 use pairmask::filters::{Owner, Rules, Tag, World};
 use pairmask::{
-    Aabb, Backend, Bounds, ConnectError, EncodingChoice, Error, FrameOptions, Precision, ServedBy,
-    Session, SessionBuilder, Sphere,
+    Aabb, Backend, Bounds, ConnectError, Error, FrameOptions, Precision, ServedBy, Session,
+    SessionBuilder, Sphere,
 };
 use pairmask_core::engine::{AvailableIsa, Isa};
-use pairmask_core::mask::Encoding;
+use pairmask_core::mask::{Encoding, EncodingChoice};
 use pairmask_core::oracle;
 use pairmask_core::precision::BoxForm;
 
@@ -78,6 +78,26 @@ fn narrow_frames_lack_no_pair_and_are_those_of_their_form() {
         assert!(exact.iter().all(|pair| found.binary_search(pair).is_ok()), "{form}");
         assert!(form != BoxForm::F32 || found == exact);
         assert_eq!(mask.info().form, form.into());
+    }
+}
+
+#[test]
+fn filters_of_another_number_of_boxes_are_refused() {
+    let mut session = in_process().connect().unwrap();
+    let mut refused = |tags: usize, pair: [u32; 2]| {
+        let mut rules = Rules::default();
+        rules.tags = vec![Tag::default(); tags];
+        rules.lists.exclude(pair, true);
+        let filters = Some(Arc::new(rules));
+        let frame = session.frame(4).unwrap();
+        frame.submit_with(&FrameOptions { filters, ..Default::default() }).err()
+    };
+    for tags in [1, 3, 5] {
+        assert!(matches!(refused(tags, [0, 1]), Some(Error::Tags { n: 4, .. })), "{tags}");
+    }
+    for tags in [0, 4] {
+        assert!(refused(tags, [3, 0]).is_none(), "{tags}");
+        assert!(matches!(refused(tags, [9, 0]), Some(Error::Listed { index: 9, n: 4 })), "{tags}");
     }
 }
 

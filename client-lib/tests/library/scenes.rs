@@ -1,7 +1,6 @@
 //! Scenes of a session: the edit as it is written, and answers that are taken or dropped.
 
-use pairmask::{Aabb, Backend, Error, Scene, Session};
-use pairmask::{EditError, EndReason, Report, SceneOptions};
+use pairmask::{Aabb, Backend, EditError, EndReason, Error, Report, Scene, SceneOptions, Session};
 use pairmask_core::scene::Indices;
 
 fn scene() -> Scene {

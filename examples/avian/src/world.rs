@@ -5,8 +5,7 @@ use avian3d::collider_tree::{
 };
 use bevy::platform::cell::SyncCell;
 use bevy::prelude::*;
-use pairmask::{SceneOptions, Report};
-use pairmask::{Aabb, Backend, Error, ConnectError, Scene, Session};
+use pairmask::{Aabb, Backend, ConnectError, Error, Report, Scene, SceneOptions, Session};
 
 /// Why there are no pairs.
 #[derive(Debug)]

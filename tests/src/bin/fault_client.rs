@@ -24,8 +24,7 @@ use std::fs::{self, OpenOptions};
 use std::io::Write;
 use std::time::Duration;
 
-use pairmask::Report;
-use pairmask::{Backend, JoinOptions, PendingFrame, Session};
+use pairmask::{Backend, JoinOptions, PendingFrame, Report, Session};
 use pairmask_core::{Aabb, EngineChoice, Sphere};
 use pairmask_tests::frames::Sorted;
 use pairmask_tests::{oracle, stress_scenes};

@@ -5,9 +5,9 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 use std::time::Duration;
 
-use pairmask::MarginedPairs;
 use pairmask::{
-    JoinOptions, Margin, Scene, SceneAnswer, SceneEdit, ServedBy, Session, SessionBuilder,
+    JoinOptions, Margin, MarginedPairs, Scene, SceneAnswer, SceneEdit, ServedBy, Session,
+    SessionBuilder,
 };
 use pairmask_core::Aabb;
 use pairmask_core::engine::{EngineId, EngineName};

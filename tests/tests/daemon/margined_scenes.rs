@@ -4,9 +4,7 @@ use std::cell::{Cell, RefCell};
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
-use pairmask::MarginStats;
-use pairmask::{EditError, MarginedPairs};
-use pairmask::{Error, Margin, Scene};
+use pairmask::{EditError, Error, Margin, MarginStats, MarginedPairs, Scene};
 use pairmask_lab::stress::{FloatFlags, Rounding};
 use pairmask_tests::prelude::*;
 use pairmask_tests::scene_model::{
@@ -73,7 +71,8 @@ fn a_daemon_is_sent_few_boxes_and_the_pairs_are_the_same() {
 #[test]
 fn a_gpu_is_sent_few_boxes_and_the_pairs_are_the_same() {
     let daemon = TestDaemon::start(DAEMON, &["--gpu", "software"]);
-    let engine = pairmask::EngineChoice::Only(pairmask_core::engine::EngineName::GpuGrid);
+    let engine =
+        pairmask_core::engine::EngineChoice::Only(pairmask_core::engine::EngineName::GpuGrid);
     let mut session = daemon.session().engine(engine).deadline(4 * PATIENCE).connect().unwrap();
     hold_exact(&mut session, 83_000, [(Kind::Small, 60), (Kind::Large, 8)]);
 }

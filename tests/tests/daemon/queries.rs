@@ -1,8 +1,7 @@
 //! Queries of scenes and frames of two sets: in process, by a daemon, and when the daemon is killed. Every
 //! answer is what comparing each with each gives.
 
-use pairmask::MarginedPairs;
-use pairmask::{Error, Margin, QueryAnswer, SceneEdit};
+use pairmask::{Error, Margin, MarginedPairs, QueryAnswer, SceneEdit};
 use pairmask_core::filters::Tag;
 use pairmask_core::scene::{QueryError, Scene, between};
 use pairmask_tests::frames::two_sets;

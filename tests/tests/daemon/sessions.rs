@@ -2,8 +2,7 @@
 
 use std::time::Duration;
 
-use pairmask::write::CenterHalf;
-use pairmask::{Frame, Quantized};
+use pairmask::{CenterHalf, Frame, Quantized};
 use pairmask_tests::conformance::check_engine;
 use pairmask_tests::prelude::*;
 use pairmask_tests::session_engine::SessionEngine;

@@ -7,9 +7,10 @@ use std::ops::Range;
 use std::time::{Duration, Instant};
 
 use pairmask::filters::{Filter, FilterTable};
-use pairmask::{AtEnd, Scope};
-use pairmask::{EditError, EndReason, Ended};
-use pairmask::{Error, JoinOptions, PendingAnswer, Scene, SceneAnswer};
+use pairmask::{
+    AtEnd, EditError, EndReason, Ended, Error, JoinOptions, PendingAnswer, Scene, SceneAnswer,
+    Scope,
+};
 use pairmask_core::scene::shared::{LeaseError, NotLeased};
 use pairmask_tests::fault_client::FaultClient;
 use pairmask_tests::prelude::*;

@@ -1,8 +1,7 @@
 //! The functions that write an edit, send it and wait.
 #![allow(unsafe_code)]
 
-use pairmask::Margin;
-use pairmask::Report;
+use pairmask::{Margin, Report};
 use pairmask_core::scene::{Indices, Sets, Step};
 
 use super::draft::{Draft, Given};

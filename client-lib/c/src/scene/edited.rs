@@ -1,8 +1,7 @@
 //! A scene with its edit under way, or answered. The answer borrows the scene, so that the two are kept in one
 //! cell.
 
-use pairmask::Report;
-use pairmask::{PendingAnswer, Scene, SceneAnswer};
+use pairmask::{PendingAnswer, Report, Scene, SceneAnswer};
 use pairmask_core::scene::{Indices, Step};
 use self_cell::{MutBorrow, self_cell};
 

@@ -16,8 +16,7 @@ mod edited;
 mod shared;
 
 use bytemuck::{Pod, Zeroable};
-use pairmask::Margin;
-use pairmask::{MarginedPairs, SceneOptions};
+use pairmask::{Margin, MarginedPairs, SceneOptions};
 
 use self::draft::Draft;
 use self::edited::State;

@@ -5,8 +5,7 @@ use std::ffi::c_char;
 use std::ops::Range;
 use std::time::Duration;
 
-use pairmask::{AtEnd, Scope};
-use pairmask::{Error, JoinOptions};
+use pairmask::{AtEnd, Error, JoinOptions, Scope};
 
 use super::{Scene, pm_scene};
 use crate::call::call;

@@ -20,6 +20,8 @@ pub struct PairLists {
     partners: Option<BTreeSet<[u32; 2]>>,
     /// Indices that any pair named since they were last removed.
     named: HashSet<u32>,
+    /// All indices that any pair named are below this.
+    end: u64,
     /// A bit for each of them, by its low bits: most pairs are not looked up.
     sieve: Vec<u64>,
 }
@@ -67,6 +69,12 @@ impl PairLists {
     /// The pairs of the exclude list, in no order.
     pub fn excluded(&self) -> impl Iterator<Item = [u32; 2]> {
         self.listed.iter().filter(|(_, listed)| listed.is_excluded).map(|(pair, _)| *pair)
+    }
+
+    /// An index beyond the first `n` that a listed pair names.
+    pub fn beyond(&self, n: u32) -> Option<u32> {
+        let pairs = (self.end > u64::from(n)).then(|| self.listed.keys().flatten());
+        pairs.into_iter().flatten().copied().find(|index| *index >= n)
     }
 
     /// Ends all entries of an index whose box is removed. `ended` is called with each of them before.
@@ -126,6 +134,7 @@ impl PairLists {
         }
         if on {
             self.named.extend(pair);
+            self.end = self.end.max(u64::from(pair[1]) + 1);
             self.sieve.resize(SIEVE_WORDS, 0);
             for index in pair {
                 let (word, bit) = sieved(index);

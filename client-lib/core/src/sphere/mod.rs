@@ -71,6 +71,27 @@ impl Sphere {
         Self { center: center.into(), radius }
     }
 
+    /// The smallest sphere in f32 around a sphere in f64 that is sure to hold it: the centre is rounded, and the radius
+    /// grows by as much. What f32 holds is as it was.
+    ///
+    /// ```
+    /// use pairmask_core::sphere::Sphere;
+    /// assert_eq!(Sphere::outward_from_f64([1.0; 3], 2.0), Sphere::new([1.0; 3], 2.0));
+    /// assert!(f64::from(Sphere::outward_from_f64([0.1; 3], 2.0).radius) > 2.0);
+    /// ```
+    pub fn outward_from_f64(center: [f64; 3], radius: f64) -> Self {
+        let rounded = center.map(|x| x as f32);
+        // Per axis at most half a unit in the last place, which f64 holds exactly.
+        let off: f64 =
+            center.iter().zip(rounded).map(|(x, near)| (x - f64::from(near)).abs()).sum();
+        let grown = if off > 0.0 && radius >= 0.0 { (radius + off).next_up() } else { radius };
+        let near = grown as f32;
+        Self {
+            center: rounded,
+            radius: if f64::from(near) < grown { near.next_up() } else { near },
+        }
+    }
+
     /// Solid, empty or invalid, by the rules at the head of this module.
     #[inline]
     pub fn class(&self) -> BoxClass {

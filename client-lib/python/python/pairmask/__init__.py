@@ -7,7 +7,7 @@
         pairs = session.cull(np.array([[0, 0, 0, 1, 1, 1], [1, 0, 0, 2, 1, 1]], np.float32))
 """
 
-from enum import IntEnum
+from enum import IntEnum as _IntEnum
 
 from . import filters
 from ._errors import ConnectError, PairmaskError, WaitTimeout
@@ -27,6 +27,7 @@ from ._pairmask import (
     SceneAnswer,
     SceneEdit,
     Session,
+    __version__,
     outward_from_f64,
     points,
     swept,
@@ -37,7 +38,7 @@ from ._pairmask import (
 ALL_WORLDS = -1
 
 
-class EndReason(IntEnum):
+class EndReason(_IntEnum):
     """Why a pair ended: the numbers of `SceneAnswer.ended_reasons`."""
 
     REMOVED = 0
@@ -66,6 +67,7 @@ __all__ = [
     "SceneEdit",
     "Session",
     "WaitTimeout",
+    "__version__",
     "filters",
     "outward_from_f64",
     "points",

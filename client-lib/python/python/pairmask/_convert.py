@@ -19,8 +19,17 @@ def _in_rows(array: Any, dtype: Any) -> Any:
     return np.require(array, dtype=dtype, requirements=["C", "A"])
 
 
+def _array(given: Any) -> Any:
+    if isinstance(given, np.ma.MaskedArray):
+        raise TypeError("a masked array: give its filled() or compressed() values")
+    return np.asarray(given)
+
+
 def _numbers(given: Any, columns: int, may_be_one: bool) -> Any:
-    array = np.asarray(given)
+    array = _array(given)
+    # Corners may have a dimension of their own.
+    if columns == 6 and array.shape[-2:] == (2, 3) and array.ndim in ((2, 3) if may_be_one else (3,)):
+        array = array.reshape(-1, 6)
     if array.ndim == 1 and (array.size == 0 or (may_be_one and array.size == columns)):
         array = array.reshape(-1, columns)
     if array.ndim != 2 or array.shape[1] != columns:
@@ -52,7 +61,7 @@ def _doubles(array: Any) -> Any:
 
 def integers(given: Any, numpy_type: str) -> Any:
     """Integers in one row, each of them within a type. Truth values are 0 and 1."""
-    array = np.asarray(given)
+    array = _array(given)
     if array.ndim == 0:
         array = array.reshape(1)
     if array.ndim != 1:
@@ -76,7 +85,7 @@ def indices(given: Any) -> Any:
         return _in_range(int(given), 1)
     if isinstance(given, range) and given.step == 1:
         return _in_range(given.start, len(given)) if len(given) else (0, 0)
-    array = np.asarray(given)
+    array = _array(given)
     if array.dtype.kind == "b" and array.ndim == 1:
         array = np.flatnonzero(array)
     return integers(array, "uint32")
@@ -92,7 +101,7 @@ def _in_range(first: int, count: int) -> tuple[int, int]:
 
 def pairs(given: Any) -> Any:
     """Pairs of indices as uint32 (n, 2); a single pair may come without the brackets around it."""
-    array = np.asarray(given)
+    array = _array(given)
     if array.ndim == 1 and array.size in (0, 2):
         array = array.reshape(-1, 2)
     if array.ndim != 2 or array.shape[1] != 2:
@@ -102,7 +111,7 @@ def pairs(given: Any) -> Any:
 
 def matrices(given: Any) -> Any:
     """Matrices (n, 3, 4) or (n, 4, 4), of which the last row is left out, as rows of twelve numbers."""
-    array = np.asarray(given)
+    array = _array(given)
     if array.ndim != 3 or array.shape[1] not in (3, 4) or array.shape[2] != 4:
         raise ValueError(f"matrices of shape {array.shape}: give (n, 3, 4) or (n, 4, 4)")
     return array[:, :3].reshape(-1, 12)

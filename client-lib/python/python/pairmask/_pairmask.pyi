@@ -1,4 +1,4 @@
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from os import PathLike
 from types import TracebackType
 from typing import Literal, Self, TypeAlias, TypedDict, final
@@ -6,7 +6,10 @@ from typing import Literal, Self, TypeAlias, TypedDict, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+__version__: str
+
 __all__ = [
+    "__version__",
     "outward_from_f64",
     "points",
     "swept",
@@ -152,6 +155,7 @@ class PairMask:
     def pairs_of_world(self, world: int) -> _Pairs | None: ...
     def release(self) -> None: ...
     def __len__(self) -> int: ...
+    def __iter__(self) -> Iterator[_Pairs]: ...
     def __contains__(self, key: tuple[int, int], /) -> bool: ...
     def __enter__(self) -> Self: ...
     def __exit__(

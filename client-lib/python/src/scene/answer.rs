@@ -2,8 +2,7 @@
 
 use std::ops::Range;
 
-use pairmask::SceneAnswer;
-use pairmask::{EndReason, Ended};
+use pairmask::{EndReason, Ended, SceneAnswer};
 use pyo3::prelude::*;
 use pyo3::types::PyRange;
 

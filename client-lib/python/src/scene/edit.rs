@@ -2,8 +2,7 @@
 
 use std::sync::{Mutex, PoisonError};
 
-use pairmask::Margin;
-use pairmask::Report;
+use pairmask::{Margin, Report};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 

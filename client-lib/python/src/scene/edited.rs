@@ -1,7 +1,6 @@
 //! A scene with its edit under way. The edit borrows the scene, so that the two are kept in one cell.
 
-use pairmask::Report;
-use pairmask::{PendingAnswer, Scene};
+use pairmask::{PendingAnswer, Report, Scene};
 use pyo3::{PyErr, PyResult};
 use self_cell::{MutBorrow, self_cell};
 

@@ -15,11 +15,10 @@ mod options;
 mod pending;
 
 use std::ops::Range;
+use std::sync::{Arc, Weak};
 
-use pairmask::MarginStats;
-use pairmask::Report;
-use pairmask::Scene;
 use pairmask::filters::Tag;
+use pairmask::{MarginStats, Report, Scene};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyRange;
@@ -47,12 +46,32 @@ fn box_array(py: Python<'_>, found: Option<pairmask::Aabb>) -> PyResult<Option<B
 /// Boxes that persist from answer to answer, by indices of the client's own.
 #[pyclass(frozen, name = "Scene", module = "pairmask")]
 pub struct PyScene {
-    edited: Guarded<Edited>,
+    edited: Arc<Guarded<Edited>>,
+}
+
+/// A scene that its session closes with itself.
+pub struct OpenScene(Weak<Guarded<Edited>>);
+
+impl OpenScene {
+    /// Closes the scene, if it is still there.
+    pub fn close(&self, py: Python<'_>) -> PyResult<()> {
+        self.0.upgrade().map_or(Ok(()), |edited| edited.close(py))
+    }
+
+    /// Whether it is still there.
+    pub fn is_there(&self) -> bool {
+        self.0.strong_count() > 0
+    }
 }
 
 impl PyScene {
     pub fn new(scene: Scene) -> Self {
-        Self { edited: Guarded::new(Edited::new(scene), "the scene was closed") }
+        Self { edited: Arc::new(Guarded::new(Edited::new(scene), "the scene was closed")) }
+    }
+
+    /// The scene, as its session keeps it.
+    pub fn open(&self) -> OpenScene {
+        OpenScene(Arc::downgrade(&self.edited))
     }
 
     /// Calls `f` with the scene, where no edit of it is under way. `f` is quick.
@@ -110,6 +129,14 @@ impl PyScene {
 
     fn __bool__(&self) -> bool {
         true
+    }
+
+    fn __repr__(&self, py: Python<'_>) -> String {
+        let boxes = self.with(py, |scene| Ok(scene.len()));
+        boxes.map_or_else(
+            |_| "<Scene, closed or being edited>".to_owned(),
+            |n| format!("<Scene of {n} boxes>"),
+        )
     }
 
     /// Which boxes of the scene some other boxes overlap: rows (query, index), sorted.

@@ -1,8 +1,6 @@
 //! Settings of scenes, by their names in Python.
 
-use pairmask::{AtEnd, Scope};
-use pairmask::{JoinOptions, Margin};
-use pairmask::{MarginedPairs, SceneOptions};
+use pairmask::{AtEnd, JoinOptions, Margin, MarginedPairs, SceneOptions, Scope};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 

@@ -47,7 +47,7 @@ use super::unread::Awaited;
 /// it lives on without the session.
 ///
 /// Boxes may have [rules](crate::filters) of which others they meet: [`SceneEdit::tag`]. They may have
-/// [margins](crate::SceneMargins): then only boxes that left theirs are sent.
+/// [margins](pairmask_core::scene::SceneMargins): then only boxes that left theirs are sent.
 ///
 /// A daemon keeps the scene where the session has one. This process keeps boxes and flags, 25 bytes an
 /// index and with tags 12 more, and sends them again by itself where the daemon has lost them; where no daemon answers, it

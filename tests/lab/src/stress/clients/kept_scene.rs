@@ -6,8 +6,7 @@
 
 use std::collections::BTreeSet;
 
-use pairmask::Aabb;
-use pairmask::{Report, SceneOptions};
+use pairmask::{Aabb, Report, SceneOptions};
 use pairmask_core::oracle::{Pair, truth};
 use pairmask_core::scene::{Sets, Step};
 use pairmaskd::scene::Random;

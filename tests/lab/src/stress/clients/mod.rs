@@ -25,11 +25,10 @@ mod offer;
 
 pub use client::{ClientSettings, Counts};
 
-use std::fmt;
-use std::io;
 use std::num::NonZeroU16;
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::{Duration, Instant};
+use std::{fmt, io};
 
 use pairmask::{Aabb, Backend, Error, ServedBy, Session, SessionBuilder};
 use pairmask_core::engine::{EngineChoice, EngineName};
