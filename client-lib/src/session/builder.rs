@@ -1,60 +1,17 @@
-//! The settings of a session, and the builder that connects it.
+//! Describes a session.
 
 use std::ffi::OsStr;
-use std::fmt;
-use std::str::FromStr;
-use std::sync::Arc;
 use std::time::Duration;
 
-use pairmask_core::engine::{AvailableIsa, EngineChoice, IsaError, UnknownName};
+use pairmask_core::engine::{AvailableIsa, EngineChoice, IsaError};
 use pairmask_core::mask::EncodingChoice;
 use pairmask_core::units::BoxCount;
 use pairmask_wire::{InstanceError, InstanceName};
 
-use super::Session;
-use super::core::Core;
 use super::error::ConnectError;
+use super::settings::{Backend, LONGEST_WAIT, Settings};
 #[cfg(feature = "daemon")]
 use crate::transport::RuntimeDir;
-
-/// Where the pairs are found. The results are identical.
-///
-/// A build without the feature `daemon` answers in process: there `Auto` is `InProcess`, and a
-/// session that insists on `Daemon` gets [`ConnectError::NotBuiltIn`].
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-pub enum Backend {
-    /// The daemon where one answers, else in process. The session returns to the daemon by itself.
-    #[default]
-    Auto,
-    /// The daemon, or an error.
-    Daemon,
-    /// The CPU engines of this library.
-    InProcess,
-}
-
-impl fmt::Display for Backend {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Auto => "auto",
-            Self::Daemon => "daemon",
-            Self::InProcess => "in-process",
-        })
-    }
-}
-
-impl FromStr for Backend {
-    type Err = UnknownName;
-
-    fn from_str(s: &str) -> Result<Self, UnknownName> {
-        [Self::Auto, Self::Daemon, Self::InProcess]
-            .into_iter()
-            .find(|b| b.to_string() == s)
-            .ok_or_else(|| UnknownName {
-                name: s.to_owned(),
-                known: "auto, daemon, in-process".into(),
-            })
-    }
-}
 
 /// How long a waiting client spins beyond the time when it expects the answer, before it sleeps. A
 /// spinning thread sees the answer within 1 µs and holds a core; a sleeping one is woken in 3 to 70
@@ -63,35 +20,6 @@ const DEFAULT_SPIN: Duration = Duration::from_micros(50);
 /// How long [`PendingFrame::wait`](super::PendingFrame::wait) waits for a daemon that lives but
 /// does not answer. No scene that fits a default reply takes as long.
 const DEFAULT_DEADLINE: Duration = Duration::from_secs(5);
-/// Longest time of any wait: instants of a clock overflow beyond some time ahead, and nobody waits a day.
-pub(super) const LONGEST_WAIT: Duration = Duration::from_secs(24 * 60 * 60);
-
-/// Settings of a session.
-#[derive(Clone, Debug)]
-pub(super) struct Settings {
-    pub backend: Backend,
-    pub instance: InstanceName,
-    #[cfg(feature = "daemon")]
-    pub dir: RuntimeDir,
-    pub engine: EngineChoice,
-    pub encoding: EncodingChoice,
-    pub threads: Option<usize>,
-    pub visit_threads: Option<usize>,
-    pub answer_repeats: bool,
-    pub isa: AvailableIsa,
-    pub spin: Duration,
-    pub deadline: Duration,
-    /// Boxes of the frames that memory is made present for before the first one; `None` for none.
-    pub capacity: Option<BoxCount>,
-}
-
-impl Settings {
-    /// Whether only a GPU, and so only a daemon, has the engine that was named.
-    pub fn needs_gpu(&self) -> bool {
-        matches!(self.engine, EngineChoice::Only(engine) if engine.is_gpu())
-    }
-}
-
 /// Describes a session; [`connect`](SessionBuilder::connect) makes it.
 #[derive(Clone, Debug)]
 #[must_use]
@@ -221,14 +149,11 @@ impl SessionBuilder {
         self
     }
 
-    /// Makes the session.
-    ///
-    /// # Errors
-    /// [`ConnectError`]. With [`Backend::Auto`] a missing daemon is no error.
-    pub fn connect(mut self) -> Result<Session, ConnectError> {
+    /// What was asked for, checked.
+    pub(super) fn settings(mut self) -> Result<Settings, ConnectError> {
         self.settings.isa = self.isa?;
         self.settings.instance = self.instance.map_err(|name| InstanceError::Name { name })?;
-        Ok(Session { core: Arc::new(Core::new(self.settings)?) })
+        Ok(self.settings)
     }
 }
 

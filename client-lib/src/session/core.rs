@@ -6,26 +6,23 @@ use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-use pairmask_core::aabb::Aabb;
 use pairmask_core::engine::CullError;
 use pairmask_core::filters::Rules;
 use pairmask_core::objects::Objects;
-use pairmask_core::precision::{Encoder, Precision};
 use pairmask_core::scene::{QueryError, Scene};
-use pairmask_core::sphere::Sphere;
 use pairmask_core::units::BoxCount;
 use pairmask_wire::{ReplyFields, RequestHeader, RulesLayout, SceneId, StatusBody};
 
-use super::builder::{Backend, Settings};
-use super::error::{ConnectError, Error};
+use super::error::{ConnectError, Error, Loss};
 use super::exchange::Exchange;
-use super::frame::{Frame, FrameMemory, FrameObject, Quantized, Written};
 use super::link::{LeftDaemon, Link, SharedFrame, no_daemon};
-use super::local::{Local, Spares, lock};
+use super::local::{Asked, Local};
 use super::pace::Working;
 use super::pairs::{PairMask, ServedBy};
-use super::scene::Asked;
+use super::settings::{Backend, Settings};
+use super::spares::{Spares, lock};
 use super::unread::{Ending, Unread, UnreadEdits};
+use super::written::Written;
 
 /// A missing daemon is looked for this often at most, which costs 10 µs: one that was killed is back after some 40 ms.
 const LOOK_INTERVAL: Duration = Duration::from_millis(10);
@@ -39,24 +36,6 @@ const TRIAL_WITHIN: Duration = Duration::from_secs(1);
 
 /// The end of a scene waits this long at most for the daemon.
 const END_WITHIN: Duration = Duration::from_millis(20);
-
-/// How a daemon was lost.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Loss {
-    Died,
-    Silent,
-}
-
-impl Loss {
-    /// What an error of a wait says; `None` where the daemon answered.
-    pub(super) const fn of(error: &Error) -> Option<Self> {
-        match error {
-            Error::DaemonDied | Error::Transport(_) => Some(Self::Died),
-            Error::Timeout { .. } | Error::DaemonFull => Some(Self::Silent),
-            _ => None,
-        }
-    }
-}
 
 #[derive(Debug, Default)]
 struct Connection {
@@ -146,7 +125,7 @@ impl Connection {
 #[derive(Debug)]
 pub(super) struct Core {
     settings: Settings,
-    local: Arc<Local>,
+    local: Local,
     connection: Mutex<Connection>,
     frames: AtomicU64,
     /// Bytes that frames have room for behind boxes and tags; 0 before the first frame with rules.
@@ -158,7 +137,7 @@ pub(super) struct Core {
 impl Core {
     pub(super) fn new(mut settings: Settings) -> Result<Self, ConnectError> {
         settings.backend = Link::backend(settings.backend)?;
-        let local = Arc::new(Local::new(settings.isa));
+        let local = Local::new(settings.isa);
         let core = Self {
             settings,
             local,
@@ -266,7 +245,7 @@ impl Core {
     }
 
     /// Bytes behind `n` boxes for rules like those of the session's last frame that had any.
-    fn room_for_rules(&self, n: BoxCount) -> u64 {
+    pub(super) fn room_for_rules(&self, n: BoxCount) -> u64 {
         match self.rules_room.load(Ordering::Relaxed) {
             0 => 0,
             beside_tags => RulesLayout::tag_bytes(n) + beside_tags,
@@ -308,75 +287,6 @@ impl Core {
         }
     }
 
-    pub(super) fn frame(self: &Arc<Self>, n: usize) -> Result<Frame, Error> {
-        let n = counted(n)?;
-        let memory = self.memory::<Aabb>(n, || Ok(self.box_memory(n, Precision::Exact)?.0))?;
-        let written = Written::by(&Precision::Exact);
-        Ok(Frame::new(n, memory, written, (), Arc::clone(self)))
-    }
-
-    pub(super) fn narrow_frame(
-        self: &Arc<Self>,
-        n: usize,
-        asked: Precision,
-    ) -> Result<Frame<Quantized>, Error> {
-        let (n, mut precision) = (counted(n)?, asked);
-        let memory = self.memory::<Quantized>(n, || {
-            let (shared, agreed) = self.box_memory(n, asked)?;
-            precision = agreed;
-            Ok(shared)
-        })?;
-        let encoding = (precision, Encoder::new(&precision));
-        Ok(Frame::new(n, memory, Written::by(&precision), encoding, Arc::clone(self)))
-    }
-
-    pub(super) fn sphere_frame(self: &Arc<Self>, n: usize) -> Result<Frame<Sphere>, Error> {
-        let n = counted(n)?;
-        let memory = self.memory::<Sphere>(n, || {
-            let link = self.link_that_knows(Written::SPHERES.since_minor(), "spheres")?;
-            self.loan(&link, Written::SPHERES.scene(n).payload_bytes())
-        })?;
-        Ok(Frame::new(n, memory, Written::SPHERES, (), Arc::clone(self)))
-    }
-
-    /// Shared memory for boxes, and the precision that they are written with: the one asked for, or exact where the
-    /// daemon does not know that.
-    fn box_memory(&self, n: BoxCount, asked: Precision) -> Result<(SharedFrame, Precision), Error> {
-        let link = self.link()?;
-        let agreed = link.forms().agree(asked);
-        let bytes = Written::by(&agreed).scene(n).payload_bytes();
-        Ok((self.loan(&link, bytes + self.room_for_rules(n))?, agreed))
-    }
-
-    /// Memory for `n` objects, as the backend asks: shared memory from `shared`, or this process's
-    /// own.
-    fn memory<O: FrameObject>(
-        &self,
-        n: BoxCount,
-        shared: impl FnOnce() -> Result<SharedFrame, Error>,
-    ) -> Result<FrameMemory<O::Stored>, Error> {
-        let own = || {
-            let memory = O::spares(self.spares()).take_sized(n);
-            memory.map(FrameMemory::Own).ok_or(Error::NoMemory { n: n.get() })
-        };
-        match self.settings.backend {
-            Backend::InProcess => own(),
-            Backend::Daemon => Ok(FrameMemory::Shared(shared()?)),
-            Backend::Auto => match shared() {
-                Ok(shared) => Ok(FrameMemory::Shared(shared)),
-                // The log already says so, and frames of boxes still go to the daemon.
-                Err(Error::DaemonTooOld { .. }) => own(),
-                // The next frame may find a place there. Only the daemon has a GPU.
-                Err(Error::TooManyFrames) if !self.settings.needs_gpu() => own(),
-                Err(Error::TooManyFrames) => Err(Error::TooManyFrames),
-                Err(error) => {
-                    self.say_in_process(&error);
-                    own()
-                }
-            },
-        }
-    }
-
     /// The connection, where its daemon knows what a minor version added.
     pub(super) fn link_that_knows(
         &self,
@@ -395,7 +305,7 @@ impl Core {
 
     /// The connection. A lost one is made again once its interval has passed, and one to a daemon that did
     /// not answer once that runs again.
-    fn link(&self) -> Result<Arc<Link>, ConnectError> {
+    pub(super) fn link(&self) -> Result<Arc<Link>, ConnectError> {
         let mut connection = lock(&self.connection);
         if let Some(link) = &connection.link {
             return Ok(Arc::clone(link));
@@ -522,12 +432,6 @@ impl Core {
         let payload = bytemuck::cast_slice(answer.response.pages());
         Ok(StatusBody::parse(&answer.header, &asked, payload).map_err(Error::from)?)
     }
-}
-
-/// The number of objects of a frame, checked against the largest index.
-fn counted(n: usize) -> Result<BoxCount, Error> {
-    let too_many = Error::TooManyBoxes { n, limit: u64::from(u32::MAX) };
-    BoxCount::of_len(n).ok_or(too_many)
 }
 
 #[cfg(test)]

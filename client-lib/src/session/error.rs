@@ -289,3 +289,21 @@ impl From<SceneError> for Error {
         }
     }
 }
+
+/// How a daemon was lost.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Loss {
+    Died,
+    Silent,
+}
+
+impl Loss {
+    /// What an error of a wait says; `None` where the daemon answered.
+    pub(super) const fn of(error: &Error) -> Option<Self> {
+        match error {
+            Error::DaemonDied | Error::Transport(_) => Some(Self::Died),
+            Error::Timeout { .. } | Error::DaemonFull => Some(Self::Silent),
+            _ => None,
+        }
+    }
+}

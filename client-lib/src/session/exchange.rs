@@ -5,11 +5,11 @@ use std::time::{Duration, Instant};
 
 use pairmask_wire::{ReplyError, RequestHeader, ResponseHeader};
 
-use super::builder::Settings;
 use super::error::Error;
 use super::estimate::Expected;
 use super::link::{Link, Received, SharedFrame, Slot, Unsent, Vigil};
 use super::pairs::Storage;
+use super::settings::Settings;
 use crate::transport::{CheckedResponse, ResponseSample, SentRequest};
 
 /// A request that was sent. Dropping it discards the answer.

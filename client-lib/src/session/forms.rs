@@ -6,7 +6,7 @@ use pairmask_core::objects::ObjectForm;
 use pairmask_core::precision::{BoxForm, Precision};
 use pairmask_wire::{FRAME_RULES_MINOR, Version, since_minor};
 
-use super::frame::Written;
+use super::written::Written;
 
 /// The forms of objects that the daemon of a connection knows.
 #[derive(Debug)]

@@ -6,20 +6,19 @@ use bytemuck::Pod;
 use pairmask_core::aabb::Aabb;
 use pairmask_core::filters::Rules;
 use pairmask_core::objects::{ObjectForm, Objects};
-use pairmask_core::precision::{BoxForm, Encoder, Precision, Widening};
+use pairmask_core::precision::{BoxForm, Encoder, Precision};
 use pairmask_core::sphere::Sphere;
 use pairmask_core::units::BoxCount;
 use pairmask_core::write::{BoxSource, par_write_boxes};
-use pairmask_wire::{
-    Page, QUERIES_MINOR, ScenePlace, boxes_in, boxes_in_mut, bytes_in_mut, since_minor, spheres_in,
-    spheres_in_mut,
-};
+use pairmask_wire::{Page, boxes_in, boxes_in_mut, bytes_in_mut, spheres_in, spheres_in_mut};
 
 use super::core::Core;
 use super::error::Error;
 use super::link::SharedFrame;
-use super::local::{Shelf, Spares};
 use super::pending::PendingFrame;
+use super::settings::Backend;
+use super::spares::{Shelf, Spares};
+use super::written::Written;
 
 /// Memory for the objects of one frame: boxes ([`Aabb`]), bounding [spheres](Sphere), or boxes that are
 /// [quantized](Quantized) while they are written.
@@ -55,40 +54,6 @@ pub struct FrameOptions {
     pub filters: Option<Arc<Rules>>,
     /// Two sets: only pairs of one of the first so many boxes and one of the others count.
     pub split_at: Option<usize>,
-}
-
-/// The form in which the objects of a frame are written, and the extra pairs that it may add.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Written {
-    pub form: ObjectForm,
-    pub widening: Widening,
-    /// So many boxes are set A, and the others set B; `None` where all pairs count.
-    pub first_set: Option<BoxCount>,
-}
-
-impl Written {
-    /// Spheres, exact.
-    pub(super) const SPHERES: Self =
-        Self { form: ObjectForm::Spheres, widening: Widening::None, first_set: None };
-
-    /// Boxes written with a precision.
-    pub(super) fn by(precision: &Precision) -> Self {
-        let (form, widening) = (precision.form().into(), precision.widening());
-        Self { form, widening, first_set: None }
-    }
-
-    /// Where all of it lies in the memory of a frame of `n` objects.
-    pub(super) fn scene(self, n: BoxCount) -> ScenePlace {
-        ScenePlace::first(self.form, n)
-    }
-
-    /// Minor wire version from which daemons know all of it.
-    pub(super) const fn since_minor(self) -> u16 {
-        match self.first_set {
-            Some(_) => QUERIES_MINOR,
-            None => since_minor(self.form),
-        }
-    }
 }
 
 pub(super) mod sealed {
@@ -193,7 +158,7 @@ impl Object for Quantized {
 }
 
 /// Where the objects lie.
-pub(super) enum FrameMemory<T> {
+enum FrameMemory<T> {
     /// In shared memory, in the form of the frame.
     Shared(SharedFrame),
     /// In this process's memory. Boxes of a narrow form are kept as the f32 boxes that they stand
@@ -218,15 +183,99 @@ impl<O: FrameObject> Drop for Frame<O> {
     }
 }
 
+/// The number of objects of a frame, checked against the largest index.
+fn counted(n: usize) -> Result<BoxCount, Error> {
+    BoxCount::of_len(n).ok_or(Error::TooManyBoxes { n, limit: u64::from(u32::MAX) })
+}
+
+/// Shared memory for boxes, and the precision that they are written with: the one asked for, or exact where the
+/// daemon does not know that.
+fn box_memory(
+    core: &Core,
+    n: BoxCount,
+    asked: Precision,
+) -> Result<(SharedFrame, Precision), Error> {
+    let link = core.link()?;
+    let agreed = link.forms().agree(asked);
+    let bytes = Written::by(&agreed).scene(n).payload_bytes();
+    Ok((core.loan(&link, bytes + core.room_for_rules(n))?, agreed))
+}
+
+impl Frame {
+    pub(super) fn of_boxes(core: &Arc<Core>, n: usize) -> Result<Self, Error> {
+        let n = counted(n)?;
+        let memory = Self::lend(core, n, || Ok(box_memory(core, n, Precision::Exact)?.0))?;
+        Ok(Self::new(n, memory, Written::by(&Precision::Exact), (), core))
+    }
+}
+
+impl Frame<Quantized> {
+    pub(super) fn of_quantized(
+        core: &Arc<Core>,
+        n: usize,
+        asked: Precision,
+    ) -> Result<Self, Error> {
+        let (n, mut precision) = (counted(n)?, asked);
+        let memory = Self::lend(core, n, || {
+            let (shared, agreed) = box_memory(core, n, asked)?;
+            precision = agreed;
+            Ok(shared)
+        })?;
+        let encoding = (precision, Encoder::new(&precision));
+        Ok(Self::new(n, memory, Written::by(&precision), encoding, core))
+    }
+}
+
+impl Frame<Sphere> {
+    pub(super) fn of_spheres(core: &Arc<Core>, n: usize) -> Result<Self, Error> {
+        let n = counted(n)?;
+        let memory = Self::lend(core, n, || {
+            let link = core.link_that_knows(Written::SPHERES.since_minor(), "spheres")?;
+            core.loan(&link, Written::SPHERES.scene(n).payload_bytes())
+        })?;
+        Ok(Self::new(n, memory, Written::SPHERES, (), core))
+    }
+}
+
 impl<O: FrameObject> Frame<O> {
-    pub(super) const fn new(
+    fn new(
         n: BoxCount,
         memory: FrameMemory<O::Stored>,
         written: Written,
         encoding: O::Encoding,
-        core: Arc<Core>,
+        core: &Arc<Core>,
     ) -> Self {
-        Self { n, memory: Some(memory), written, encoding, core }
+        Self { n, memory: Some(memory), written, encoding, core: Arc::clone(core) }
+    }
+
+    /// Memory for `n` objects, as the backend asks: shared memory from `shared`, or this process's own.
+    fn lend(
+        core: &Core,
+        n: BoxCount,
+        shared: impl FnOnce() -> Result<SharedFrame, Error>,
+    ) -> Result<FrameMemory<O::Stored>, Error> {
+        let own = || {
+            let memory = O::spares(core.spares()).take_sized(n);
+            memory.map(FrameMemory::Own).ok_or(Error::NoMemory { n: n.get() })
+        };
+        match core.settings().backend {
+            Backend::InProcess => own(),
+            Backend::Daemon => Ok(FrameMemory::Shared(shared()?)),
+            Backend::Auto => match shared() {
+                Ok(shared) => Ok(FrameMemory::Shared(shared)),
+                // The log already says so, and frames of boxes still go to the daemon.
+                Err(Error::DaemonTooOld { .. }) => own(),
+                // The next frame may find a place there. Only the daemon has a GPU.
+                Err(Error::TooManyFrames) if core.settings().needs_gpu() => {
+                    Err(Error::TooManyFrames)
+                }
+                Err(Error::TooManyFrames) => own(),
+                Err(error) => {
+                    core.say_in_process(&error);
+                    own()
+                }
+            },
+        }
     }
 
     /// Boxes or spheres in this frame.

@@ -18,13 +18,13 @@ use pairmask_wire::{
     InstanceError, PAGE_BYTES, ReplyError, RequestHeader, ResponseHeader, Version, page_count,
 };
 
-use super::builder::{Backend, Settings};
 use super::encodings::KnownEncodings;
 use super::error::{ConnectError, Error};
 use super::estimate::{Answered, Estimate, Expected};
 use super::forms::KnownForms;
 use super::kept_rules::KeptRules;
-use super::local::lock;
+use super::settings::{Backend, Settings};
+use super::spares::lock;
 use crate::transport::{
     CheckedResponse, Client, ClientPort, DaemonWatch, FRAMES_AT_A_TIME, OpenError, OwnRequest,
     PopulateError, Populated, ResponseSample, SILENT_AFTER, Segment, SegmentFiles, SentRequest,

@@ -1,42 +1,41 @@
-//! The in-process side of a session: engines, and buffers that are reused.
+//! The in-process side of a session: its engines.
 
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex};
 
 use pairmask_core::aabb::Aabb;
 use pairmask_core::dispatch::{CpuEngines, CullAnswer, CullOptions, SphereWays, WorldRange};
 use pairmask_core::engine::{AvailableIsa, CullError, HeapReply, ReserveError};
 use pairmask_core::filters::Rules;
+use pairmask_core::mask::Encoding;
 use pairmask_core::objects::Objects;
 use pairmask_core::plan::Calibration;
 use pairmask_core::precision::{ExpandScratch, Precision};
 use pairmask_core::repeat::{Repeats, Seen};
-use pairmask_core::scene::{QueryError, cull_between};
-use pairmask_core::sphere::Sphere;
+use pairmask_core::scene::{QueryError, QueryMask, QueryTags, cull_between};
 use pairmask_core::units::BoxCount;
-use pairmask_core::usable_memory;
 use pairmask_wire::Reply;
 
-use super::builder::Settings;
-use super::frame::Written;
 use super::pace::{Pace, Working};
 use super::pairs::{PairMask, ServedBy, Storage};
-use super::scene::Asked;
+use super::settings::Settings;
+use super::spares::{Spares, lock};
+use super::written::Written;
 
 /// Bytes of the largest mask where another encoding may be smaller: a daemon's default.
 const MOST_REPLY_BYTES: u64 = 1 << 30;
-/// Memory from this size on is compared with what the process may use, which takes the reading of some files.
-const LARGE_BYTES: u64 = 64 << 20;
-/// Buffers of each kind that are kept for reuse: those of two frames under way and of one being
-/// filled, and one of a mask that is held.
-const KEPT_BUFFERS: usize = 4;
+/// What a query of a scene asks.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Asked<'a> {
+    pub boxes: &'a [Aabb],
+    pub tags: QueryTags<'a>,
+    pub encoding: Encoding,
+    pub mask: QueryMask,
+}
 
 /// Engines and spare buffers of one session.
 pub(super) struct Local {
     engines: Mutex<Engines>,
-    replies: Shelf<HeapReply>,
-    spares: Spares,
-    /// Memory for what queries find, so that it is not mapped for each anew.
-    found: Shelf<Vec<[u32; 2]>>,
+    spares: Arc<Spares>,
     last_pairs: Mutex<Option<u64>>,
     pace: Pace,
 }
@@ -80,63 +79,10 @@ impl Engines {
     }
 }
 
-/// Spare buffers for the objects of frames.
-#[derive(Default)]
-pub struct Spares {
-    pub boxes: Shelf<Vec<Aabb>>,
-    pub spheres: Shelf<Vec<Sphere>>,
-}
-
-/// A few buffers for reuse.
-pub struct Shelf<T>(Mutex<Vec<T>>);
-
-impl<T> Default for Shelf<T> {
-    fn default() -> Self {
-        Self(Mutex::new(Vec::with_capacity(KEPT_BUFFERS)))
-    }
-}
-
-impl<T: Default> Shelf<T> {
-    fn take(&self) -> T {
-        lock(&self.0).pop().unwrap_or_default()
-    }
-
-    /// Keeps a buffer, unless [`KEPT_BUFFERS`] are kept.
-    pub(super) fn give(&self, item: T) {
-        let mut kept = lock(&self.0);
-        if kept.len() < KEPT_BUFFERS {
-            kept.push(item);
-        }
-    }
-}
-
-impl<T: Clone + Default> Shelf<Vec<T>> {
-    /// Memory for `n` items, contents unspecified; `None` where the system has none.
-    pub(super) fn take_sized(&self, n: BoxCount) -> Option<Vec<T>> {
-        let mut things = self.take();
-        // A system that lends more than it has kills whoever touches it. An engine needs as much again.
-        let bytes = size_of::<T>() as u64 * u64::from(n.get());
-        let is_too_much = |usable| 2 * bytes > usable;
-        let is_new = n.len() > things.capacity();
-        if is_new && bytes > LARGE_BYTES && usable_memory::bytes().is_some_and(is_too_much) {
-            return None;
-        }
-        things.try_reserve_exact(n.len().saturating_sub(things.len())).ok()?;
-        things.resize(n.len(), T::default());
-        Some(things)
-    }
-}
-
 impl std::fmt::Debug for Local {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str("Local")
     }
-}
-
-/// Locks a mutex, a poisoned one too: the next frame overwrites the scratch memory that a panicking
-/// engine left.
-pub(super) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 impl Local {
@@ -148,15 +94,13 @@ impl Local {
                 spheres: SphereWays::on(isa),
                 repeats: Repeats::default(),
             }),
-            replies: Shelf::default(),
-            spares: Spares::default(),
-            found: Shelf::default(),
+            spares: Arc::default(),
             last_pairs: Mutex::default(),
             pace: Pace::default(),
         }
     }
 
-    pub(super) const fn spares(&self) -> &Spares {
+    pub(super) fn spares(&self) -> &Spares {
         &self.spares
     }
 
@@ -165,20 +109,16 @@ impl Local {
         self.pace.begin()
     }
 
-    pub(super) fn give_reply(&self, reply: HeapReply) {
-        self.replies.give(reply);
-    }
-
     /// Finds the pairs with the engines of this process. Rules are for boxes.
     pub(super) fn cull(
-        self: &Arc<Self>,
+        &self,
         objects: Objects<'_>,
         rules: Option<&Rules>,
         written: Written,
         settings: &Settings,
     ) -> Result<PairMask, CullError> {
         let mut working = self.begin();
-        let mut memory = self.replies.take();
+        let mut memory = self.spares.replies.take();
         let options = CullOptions {
             engine: settings.engine,
             encoding: settings.encoding,
@@ -243,7 +183,7 @@ impl Local {
 
     /// The mask of what `find` finds for queries, with so many threads.
     pub(super) fn query(
-        self: &Arc<Self>,
+        &self,
         asked: &Asked<'_>,
         threads: usize,
         settings: &Settings,
@@ -251,9 +191,9 @@ impl Local {
     ) -> Result<PairMask, QueryError> {
         let mut working = self.begin();
         let Asked { boxes, encoding, mask, .. } = *asked;
-        let (mut memory, mut found) = (self.replies.take(), self.found.take());
+        let (mut memory, mut found) = (self.spares.replies.take(), self.spares.found.take());
         let answer = mask.answer(boxes, encoding, threads, &mut found, &mut memory, find)?;
-        self.found.give(found);
+        self.spares.found.give(found);
         working.used(answer.threads);
         let written = Written::by(&Precision::Exact);
         Ok(self.mask(memory, mask.n(), &answer, written, settings))
@@ -261,7 +201,7 @@ impl Local {
 
     /// The mask of an answer of this process.
     fn mask(
-        self: &Arc<Self>,
+        &self,
         memory: HeapReply,
         n: BoxCount,
         answer: &CullAnswer,
@@ -275,7 +215,7 @@ impl Local {
             report: answer.report,
             times: answer.times,
         };
-        let storage = Storage::Own { memory, home: Arc::clone(self) };
+        let storage = Storage::Own { memory, home: Arc::clone(&self.spares) };
         PairMask::new(storage, &reply, ServedBy::InProcess, written, settings.isa)
     }
 }

@@ -42,10 +42,13 @@ mod pace;
 mod pairs;
 mod pending;
 mod scene;
+mod settings;
+mod spares;
 #[cfg_attr(not(feature = "daemon"), allow(dead_code))]
 mod unread;
+mod written;
 
-pub use builder::{Backend, SessionBuilder};
+pub use builder::SessionBuilder;
 pub use error::{ConnectError, Error};
 pub use frame::{Frame, FrameObject, FrameOptions, Quantized};
 pub use pairs::{FrameInfo, PairMask, ServedBy};
@@ -54,6 +57,7 @@ pub use scene::{
     EndedList, JoinOptions, MarginStats, PairList, PendingAnswer, QueryAnswer, Scene, SceneAnswer,
     SceneEdit, SceneQuery,
 };
+pub use settings::Backend;
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -69,6 +73,16 @@ use pairmask_wire::StatusBody;
 #[derive(Debug)]
 pub struct Session {
     core: Arc<core::Core>,
+}
+
+impl SessionBuilder {
+    /// Makes the session.
+    ///
+    /// # Errors
+    /// [`ConnectError`]. With [`Backend::Auto`] a missing daemon is no error.
+    pub fn connect(self) -> Result<Session, ConnectError> {
+        Ok(Session { core: Arc::new(core::Core::new(self.settings()?)?) })
+    }
 }
 
 impl Session {
@@ -88,7 +102,7 @@ impl Session {
     /// [`Error`]. With [`Backend::Auto`] a daemon that is gone or full is no error: the frame
     /// is then answered in process.
     pub fn frame(&mut self, n: usize) -> Result<Frame, Error> {
-        self.core.frame(n)
+        Frame::of_boxes(&self.core, n)
     }
 
     /// As [`frame`](Self::frame), for boxes that are written with less precision and fewer bytes.
@@ -120,7 +134,7 @@ impl Session {
         n: usize,
         precision: Precision,
     ) -> Result<Frame<Quantized>, Error> {
-        self.core.narrow_frame(n, precision)
+        Frame::of_quantized(&self.core, n, precision)
     }
 
     /// As [`frame`](Self::frame), for bounding spheres, 16 bytes each, in place of boxes. The mask is
@@ -150,7 +164,7 @@ impl Session {
     /// # Errors
     /// As [`frame`](Self::frame), and [`Error::DaemonTooOld`] with [`Backend::Daemon`].
     pub fn sphere_frame(&mut self, n: usize) -> Result<Frame<Sphere>, Error> {
-        self.core.sphere_frame(n)
+        Frame::of_spheres(&self.core, n)
     }
 
     /// A scene that persists: boxes stay from answer to answer, edits go in, changes of pairs come out.

@@ -7,12 +7,12 @@ use std::time::{Duration, Instant};
 
 use pairmask_wire::{ReplyError, RequestHeader, ResponseHeader};
 
-use super::builder::{Backend, Settings};
 use super::encodings::KnownEncodings;
 use super::error::{ConnectError, Error};
 use super::estimate::{Answered, Expected};
 use super::forms::KnownForms;
 use super::kept_rules::KeptRules;
+use super::settings::{Backend, Settings};
 use crate::transport::{
     CheckedResponse, Never, OwnRequest, ResponseSample, SentRequest, TransportError,
 };

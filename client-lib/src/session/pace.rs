@@ -18,7 +18,7 @@ use std::time::{Duration, Instant};
 use pairmask_core::rhythm::Rhythm;
 use pairmask_core::spinner::Spinner;
 
-use super::local::lock;
+use super::spares::lock;
 
 /// How long a thread of the pool is held before it looks for other work again. It looks for 10 to 20 µs before it
 /// sleeps, and is called again within that time.

@@ -11,9 +11,9 @@ use pairmask_core::precision::Widening;
 use pairmask_core::units::BoxCount;
 use pairmask_wire::{Reply, words_in};
 
-use super::frame::Written;
 use super::link::Slot;
-use super::local::Local;
+use super::spares::Spares;
+use super::written::Written;
 use crate::transport::{CheckedResponse, SentRequest};
 
 /// What answered a frame.
@@ -67,7 +67,7 @@ pub struct FrameInfo {
 /// borrowed beside this one.
 pub(super) enum Storage {
     Shared { response: CheckedResponse, _pending: SentRequest, _slot: Slot },
-    Own { memory: HeapReply, home: Arc<Local> },
+    Own { memory: HeapReply, home: Arc<Spares> },
 }
 
 /// The overlapping pairs of a frame. Holds the memory that the mask lies in until dropped.
@@ -95,7 +95,7 @@ impl std::fmt::Debug for PairMask {
 impl Drop for PairMask {
     fn drop(&mut self) {
         if let Storage::Own { memory, home } = &mut self.storage {
-            home.give_reply(std::mem::take(memory));
+            home.replies.give(std::mem::take(memory));
         }
     }
 }

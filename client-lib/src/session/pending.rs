@@ -14,14 +14,14 @@ use pairmask_wire::{
     words_in, world_ranges_in,
 };
 
-use super::builder::LONGEST_WAIT;
-use super::core::{Core, Loss};
-use super::error::Error;
+use super::core::Core;
+use super::error::{Error, Loss};
 use super::estimate::Answered;
-use super::frame::Written;
 use super::kept_rules::RulesNumber;
 use super::link::{Received, SharedFrame, Slot, Ungrown, Unsent, Vigil};
 use super::pairs::{PairMask, ServedBy, Storage};
+use super::settings::LONGEST_WAIT;
+use super::written::Written;
 use crate::transport::{CheckedResponse, SentRequest};
 
 /// A frame that was submitted. Dropping it discards the answer.

@@ -13,13 +13,12 @@ use pairmask_core::scene::Report;
 use pairmask_core::units::BoxCount;
 use pairmask_wire::{ReplyFields, RequestHeader, SceneReply};
 
-use super::builder::Settings;
-use super::core::Loss;
-use super::error::Error;
+use super::error::{Error, Loss};
 use super::estimate::Expected;
 use super::exchange::{Answer, Exchange};
 use super::link::{Link, SharedFrame};
-use super::local::lock;
+use super::settings::Settings;
+use super::spares::lock;
 
 /// An edit, or a scene's end, that the daemon works on.
 pub(super) struct SentEdit {

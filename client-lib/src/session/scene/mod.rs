@@ -30,15 +30,14 @@ pub use self::edit::SceneEdit;
 use self::edit::{Draft, Given};
 pub use self::margins::MarginStats;
 use self::margins::Margined;
-pub(super) use self::query::Asked;
 pub use self::query::{QueryAnswer, SceneQuery};
 use self::remote::{Found, RemoteScene, new_scene};
 pub use self::shared::JoinOptions;
 use self::shared::Member;
-use super::builder::Backend;
 use super::core::Core;
 use super::error::Error;
 use super::pairs::ServedBy;
+use super::settings::Backend;
 use super::unread::Awaited;
 
 /// Boxes that persist from answer to answer, by indices of the client's own.

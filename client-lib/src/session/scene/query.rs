@@ -9,6 +9,7 @@ use pairmask_core::scene::{QueryMask, QueryTags};
 use super::{Kept, Scene};
 use crate::session::FrameInfo;
 use crate::session::error::Error;
+use crate::session::local::Asked;
 use crate::session::pairs::{PairMask, ServedBy};
 
 /// Pairs that are handed out at a time.
@@ -107,15 +108,6 @@ impl<'a> SceneQuery<'a> {
         }
         Ok(answer)
     }
-}
-
-/// What is asked.
-#[derive(Clone, Copy, Debug)]
-pub(in crate::session) struct Asked<'a> {
-    pub boxes: &'a [Aabb],
-    pub tags: QueryTags<'a>,
-    pub encoding: Encoding,
-    pub mask: QueryMask,
 }
 
 /// The boxes of a scene that some other boxes overlap: pairs [query, index], by query and then by index.

@@ -23,15 +23,15 @@ use pairmask_wire::{
 };
 
 use super::answer::FromDaemon;
-use super::query::Asked;
-use crate::session::core::{Core, Loss};
-use crate::session::error::Error;
+use crate::session::core::Core;
+use crate::session::error::{Error, Loss};
 use crate::session::estimate::{Answered, Estimate};
 use crate::session::exchange::Exchange;
-use crate::session::frame::Written;
 use crate::session::link::Link;
+use crate::session::local::Asked;
 use crate::session::pairs::{PairMask, ServedBy};
 use crate::session::unread::{Awaited, SentEdit, Unread};
+use crate::session::written::Written;
 
 /// A daemon that refuses a scene is not sent it again for this long, where this process can answer.
 const REFUSED_FOR: Duration = Duration::from_secs(2);

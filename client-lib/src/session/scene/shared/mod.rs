@@ -22,12 +22,12 @@ use pairmask_wire::{
 
 use super::answer::FromDaemon;
 use super::{Kept, Scene};
-use crate::session::builder::{Backend, Settings};
-use crate::session::core::{Core, Loss};
-use crate::session::error::Error;
+use crate::session::core::Core;
+use crate::session::error::{Error, Loss};
 use crate::session::estimate::Expected;
 use crate::session::exchange::{Answer, Exchange};
 use crate::session::link::Link;
+use crate::session::settings::{Backend, Settings};
 use crate::session::unread::{Awaited, SentEdit, Unread};
 
 /// A scene that several processes write: [`Session::join_scene`](crate::Session::join_scene) makes it.
