@@ -4,7 +4,6 @@
 //! configuration file, default. Results go to stdout; progress, logs and errors to stderr.
 
 mod accuracy;
-mod chart;
 pub(crate) mod load;
 mod stress;
 mod studies;
@@ -46,7 +45,6 @@ Examples:
   pairmask-lab gpu-scene --moving 1 --stages   scenes that persist in video memory
   pairmask-lab spheres --errors                what plain f32 gets wrong
   pairmask-lab papers --only-records           the papers' tables and figures, theirs beside ours
-  pairmask-lab chart r.json --x n --y p50      rows of a report as lines of an SVG file
 
 Exit status: 0 done; 1 it failed or a check failed; 2 the command line or configuration is wrong.";
 
@@ -62,7 +60,6 @@ enum Command {
     Threads(studies::ThreadsBench),
     Spheres(studies::Spheres),
     Papers(studies::Papers),
-    Chart(chart::Chart),
     /// A client process of `load` and `stress`.
     #[command(hide = true)]
     Client {
@@ -84,7 +81,6 @@ const SHAPE: Shape = Shape {
         ("threads", ALL),
         ("spheres", ALL),
         ("papers", ALL),
-        ("chart", ALL),
     ],
     measuring: &["accuracy", "load"],
 };
@@ -115,7 +111,6 @@ fn run(Cli { place, command }: &Cli) -> crate::Result<()> {
         Command::Threads(threads) => threads.run(),
         Command::Spheres(spheres) => spheres.run(),
         Command::Papers(papers) => papers.run(),
-        Command::Chart(chart) => chart.run(),
         Command::Client { job } => Ok(processes::work(job)?),
         Command::Serve(serve) => Ok(serve.run(place, &config, None)?),
     }
@@ -131,7 +126,6 @@ impl Command {
             Self::Threads(_)
                 | Self::Spheres(_)
                 | Self::Papers(_)
-                | Self::Chart(_)
                 | Self::Client { .. }
                 | Self::Serve(_)
         )

@@ -40,11 +40,6 @@ pub struct Output {
 }
 
 impl Output {
-    /// Whether stdout is for programs.
-    pub const fn is_for_programs(&self) -> bool {
-        self.json || self.csv
-    }
-
     /// Measures, writes the files and prints. The folder is made first, so that a wrong name fails at once.
     pub fn of<R: StudyReport>(
         &self,

@@ -80,14 +80,9 @@ fn verdicts_and_files() {
     let place = Place::new();
     let base = ["--scene", "uniform", "--n", "345", "--backend", "in-process", "--precision", "q8"];
     let with = |more: &[&str]| run(&place, &[&base[..], more].concat());
-    let kept = with(&["--assert", "missed=0,p99<600s", "--out", "before"]);
+    let kept = with(&["--out", "before"]);
     assert_eq!(kept.code, Some(0), "{kept:?}");
     assert!(kept.stdout.contains("q8") && kept.stdout.contains("p99"), "{kept:?}");
-    let broken = with(&["--assert", "missed=0,extra=0"]);
-    assert_eq!(broken.code, Some(1), "{broken:?}");
-    assert!(broken.stdout.contains("not kept: uniform 345 q8 in-process auto: extra=0"));
-    assert!(broken.stderr.contains("1 limits are not kept"), "{broken:?}");
-    assert_eq!(with(&["--assert", "quality=1"]).code, Some(2));
     assert_eq!(with(&["--precision", "f64=-1"]).code, Some(2));
 
     assert!(kept.stdout.contains("| everywhere"), "{kept:?}");

@@ -13,7 +13,7 @@ use pairmaskd::scene::{Scene, SceneName};
 use pairmaskd::timed_client::{TimedError, TimedFrame};
 
 use super::clients::client;
-use super::mode::{StudyMode, World};
+use super::mode::{CIRCUMSCRIBED, StudyMode, World};
 use super::rows::{AccuracyRow, AgainstBoxes, Percentiles, STAGES};
 use super::truth::{self, Difference};
 
@@ -96,7 +96,7 @@ pub fn row(
         }
         StudyMode::Sent(_) => (None, None, None),
         StudyMode::World(world) => (None, Some(world.offset), None),
-        StudyMode::Spheres(fit) => (None, None, Some(fit.as_str().to_owned())),
+        StudyMode::Spheres => (None, None, Some(CIRCUMSCRIBED.to_owned())),
     };
     let AgainstBoxes { true_pairs, missed, extra, extra_ratio } = found.into();
     let percentiles = |(stage, times)| (stage, Percentiles::of(times));
@@ -154,7 +154,7 @@ pub fn is_reasonable(subject: &Subject) -> bool {
     let (engine, mode) = (subject.options.engine, subject.mode);
     // No GPU engine takes spheres.
     let is_on_gpu = matches!(engine, EngineChoice::Only(name) if name.is_gpu());
-    let is_able = !(is_on_gpu && matches!(mode, StudyMode::Spheres(_)));
+    let is_able = !(is_on_gpu && mode == StudyMode::Spheres);
     let is_brute = engine == EngineChoice::Only(EngineName::CpuBrute);
     let limit = match mode {
         StudyMode::World(World { is_plain: true, .. }) => PLAIN_LIMIT,

@@ -127,7 +127,7 @@ fn plots(rows: &[AccuracyRow]) -> Vec<Part> {
             "Whole frame (boxes written, pairs found, every pair looked at), median, ms, against extra \
              pairs, %. The dashed line is the front of these two; what missed a pair is not drawn. \
              Spheres are culled in the client's process, and stand for boxes: their extra pairs are \
-             those that the boxes do not have. Spheres within the boxes lose pairs of boxes.",
+             those that the boxes do not have.",
             settings(&near).iter().map(speed_against_error).collect(),
         ),
         (
@@ -249,7 +249,7 @@ mod tests {
         let boxes = AgainstBoxes { true_pairs: 100, missed: 2, extra: 7, extra_ratio: Some(0.07) };
         let spheres = AccuracyRow {
             margin: None,
-            spheres: Some("inscribed".to_owned()),
+            spheres: Some("circumscribed".to_owned()),
             extra_ratio: None,
             against_boxes: Some(boxes),
             ..of_mode("spheres", 500_000, 0, 0)
@@ -260,7 +260,8 @@ mod tests {
         assert_eq!(counts, [42; 3]);
         assert!(csv.contains(",times.total_ns.p50,times.total_ns.p99,"), "{csv}");
         let text = markdown(&report.parts());
-        for part in ["margin=0.1", "40/200", "spheres=inscribed", "+7.000 -2.000", "| nowhere"] {
+        for part in ["margin=0.1", "40/200", "spheres=circumscribed", "+7.000 -2.000", "| nowhere"]
+        {
             assert!(text.contains(part), "{part}: {text}");
         }
     }

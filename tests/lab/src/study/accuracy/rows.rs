@@ -136,12 +136,6 @@ impl AccuracyRow {
     pub fn missed_of_boxes(&self) -> u64 {
         self.missed + self.against_boxes.map_or(0, |boxes| boxes.missed)
     }
-
-    /// Name of the row, for messages.
-    pub fn name(&self) -> String {
-        let Self { scene, n, backend, engine, .. } = self;
-        format!("{scene} {n} {} {backend} {engine}", self.mode_text())
-    }
 }
 
 #[cfg(test)]

@@ -193,13 +193,15 @@ impl Plot {
         self.series.iter().filter(|series| series.look != Look::Front)
     }
 
-    fn height(&self) -> u32 {
-        SIZE.1 + ROW * self.key().count().div_ceil(KEY_COLUMNS) as u32
-    }
-
     /// The plot as one `<svg>` element.
     pub(crate) fn svg(&self) -> String {
-        drawn_as_svg(self.height(), |area| self.draw(area))
+        let mut svg = String::new();
+        let height = SIZE.1 + ROW * self.key().count().div_ceil(KEY_COLUMNS) as u32;
+        let area = SVGBackend::with_string(&mut svg, (SIZE.0, height)).into_drawing_area();
+        // Writing to a String cannot fail.
+        let _ = area.fill(&WHITE).and_then(|()| self.draw(&area)).and_then(|()| area.present());
+        drop(area);
+        svg
     }
 
     fn draw(&self, area: &Area<'_>) -> Drawn {
@@ -251,31 +253,6 @@ impl Plot {
     }
 }
 
-fn drawn_as_svg(height: u32, draw: impl FnOnce(&Area<'_>) -> Drawn) -> String {
-    let mut svg = String::new();
-    let area = SVGBackend::with_string(&mut svg, (SIZE.0, height)).into_drawing_area();
-    // Writing to a String cannot fail.
-    let _ = area.fill(&WHITE).and_then(|()| draw(&area)).and_then(|()| area.present());
-    drop(area);
-    svg
-}
-
-/// A plot as the text of an SVG file, below a title and lines that say what is shown.
-pub fn standalone(title: &str, lines: &[String], plot: &Plot) -> String {
-    let head = 48 + 17 * lines.len() as u32;
-    drawn_as_svg(head + plot.height(), |area| {
-        let text = |text: &str, y: u32, size: u32| {
-            let style = ("sans-serif", size).into_font().color(&INK);
-            area.draw(&Text::new(text.to_owned(), (24, y as i32), style))
-        };
-        text(title, 10, 21)?;
-        for (i, line) in lines.iter().enumerate() {
-            text(line, 36 + 17 * i as u32, 15)?;
-        }
-        plot.draw(&area.split_vertically(head).1)
-    })
-}
-
 /// For each point, whether it is on the Pareto front: no other point is at most as large on every axis and
 /// smaller on one. Equal points are on the front together; a NaN never is.
 pub(crate) fn pareto_front<const AXES: usize>(points: &[[f64; AXES]]) -> Vec<bool> {
@@ -308,7 +285,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_has_all_names_and_escaped_text() {
+    fn a_plot_has_all_names_and_escaped_text() {
         let plot = Plot {
             title: "a < b".to_owned(),
             x: ("boxes".to_owned(), Unit::Count),
@@ -319,11 +296,11 @@ mod tests {
                 Series::line("nothing", 1, Look::Points, &[]),
             ],
         };
-        let file = standalone("all & sundry", &["a line".to_owned()], &plot);
-        for text in ["<svg", "a &lt; b", "all &amp; sundry", "a line", "theirs", "nothing"] {
-            assert_eq!(file.matches(text).count(), 1, "{text}: {file}");
+        let svg = plot.svg();
+        for text in ["<svg", "a &lt; b", "theirs", "nothing"] {
+            assert_eq!(svg.matches(text).count(), 1, "{text}: {svg}");
         }
-        assert!(file.trim_end().ends_with("</svg>") && !file.contains("NaN"));
+        assert!(svg.trim_end().ends_with("</svg>") && !svg.contains("NaN"));
     }
 
     #[test]
