@@ -10,7 +10,6 @@ use rayon::slice::ParallelSlice;
 use pairmask_tests::oracle::Pair;
 use pairmask_tests::peers::contender::{Contender, ContenderError, Tally};
 
-/// How the tree follows the boxes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Upkeep {
     /// Boxes of inner nodes follow; the tree's shape stays.
@@ -19,7 +18,6 @@ pub enum Upkeep {
     OptimizeRefit,
 }
 
-/// A tree.
 pub struct Parry {
     tree: Bvh,
     workspace: BvhWorkspace,
@@ -34,7 +32,6 @@ fn parry_box(b: &Aabb) -> ParryBox {
 }
 
 impl Parry {
-    /// A tree of the first frame's boxes.
     pub fn new(boxes: &[Aabb], upkeep: Upkeep, threads: usize) -> Self {
         let leaves: Vec<ParryBox> = boxes.iter().map(parry_box).collect();
         Self {
@@ -94,7 +91,7 @@ impl Contender for Parry {
     fn pairs(&mut self, _: &[Aabb]) -> Result<Vec<Pair>, ContenderError> {
         let mut pairs = Vec::new();
         self.tree.traverse_bvtt_single_tree::<false>(&mut self.workspace, &mut |a, b| {
-            pairs.push((a, b));
+            pairs.push([a, b]);
         });
         Ok(pairs)
     }
