@@ -60,7 +60,6 @@ fn of_tests(argument: &str) -> String {
     if argument == "software" { crate::gpu::name() } else { argument.into() }
 }
 
-/// A running daemon.
 #[derive(Debug)]
 pub struct TestDaemon {
     dir: tempfile::TempDir,
@@ -107,12 +106,10 @@ impl TestDaemon {
         });
     }
 
-    /// The directory that its clients need.
     pub fn dir(&self) -> RuntimeDir {
         RuntimeDir::at(self.dir.path())
     }
 
-    /// The path of that directory.
     pub fn path(&self) -> &Path {
         self.dir.path()
     }
@@ -136,7 +133,6 @@ impl TestDaemon {
         self.dir().write_record(&InstanceName::default(), &record).expect("a record");
     }
 
-    /// The process that serves now.
     pub fn worker(&self) -> Pid {
         let record = eventually("the daemon has a worker", || self.record());
         Pid::from_raw(i32::try_from(record.worker_pid).expect("a pid")).expect("not zero")
@@ -188,7 +184,6 @@ impl TestDaemon {
         self.shared_files().into_iter().map(bytes).sum()
     }
 
-    /// Files of this daemon and its clients in /dev/shm.
     pub fn shared_files(&self) -> Vec<PathBuf> {
         let prefix = self.dir().shm_prefix(&InstanceName::default());
         let mut files: Vec<PathBuf> = std::fs::read_dir("/dev/shm")

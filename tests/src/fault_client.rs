@@ -32,7 +32,6 @@ impl FaultClient {
         (client.said.next()?.expect("text") == "connected").then_some(client)
     }
 
-    /// Lets it cause its fault.
     pub fn go(&mut self) {
         assert!(self.is_ready(), "it ends before its fault");
     }
@@ -43,7 +42,6 @@ impl FaultClient {
         reported.is_ok() && self.said.next().is_some_and(|said| said.expect("text") == "ready")
     }
 
-    /// Whether it has ended by itself.
     pub fn has_ended(&mut self) -> bool {
         self.process.try_wait().expect("a child").is_some()
     }
@@ -54,7 +52,6 @@ impl FaultClient {
         self.said.by_ref().map_while(Result::ok).collect()
     }
 
-    /// The next line that it prints.
     pub fn next_line(&mut self) -> String {
         self.said.next().expect("a line").expect("text")
     }

@@ -7,7 +7,6 @@ use pairmask_core::oracle::Pair;
 use crate::scene_model::{Model, Op};
 use crate::stress_scenes::Rng;
 
-/// What kinds of rules a frame has.
 #[derive(Clone, Copy, Debug)]
 pub struct Kind {
     worlds: &'static [i32],
@@ -28,14 +27,10 @@ pub const KINDS: [Kind; 9] = [
     Kind { worlds: &[5], filters: 3, lists: false },
 ];
 
-/// A frame, and what is reported of it.
 #[derive(Clone, Debug)]
 pub struct FilteredFrame {
-    /// Its boxes.
     pub boxes: Vec<Aabb>,
-    /// Its rules.
     pub rules: Rules,
-    /// Its pairs, sorted.
     pub pairs: Vec<Pair>,
 }
 

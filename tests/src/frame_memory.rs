@@ -14,9 +14,7 @@ use crate::narrow::NarrowMemory;
 
 /// Boxes and a reply, with a token whose [`Arc::strong_count`] shows whether they still exist.
 pub struct TestFrame<R> {
-    /// The boxes.
     pub boxes: NarrowMemory,
-    /// The reply.
     pub reply: R,
     /// Dropped with the memory.
     pub token: Arc<()>,
@@ -70,7 +68,6 @@ impl SharedReply {
         (Self { imports: imports.clone(), import, mapping }, Watcher(map()))
     }
 
-    /// All words of the reply.
     pub fn words(&self) -> &[u32] {
         let first = self.mapping.pointer().as_ptr().cast();
         // SAFETY: a live mapping of whole pages; the GPU writes to it within a frame alone, which
@@ -104,7 +101,6 @@ impl ReplyBuffer for SharedReply {
 pub struct Watcher(ReadWriteMapping);
 
 impl Watcher {
-    /// Overwrites all words with one.
     pub fn fill(&self, word: u32) {
         for place in 0..self.0.bytes() / 4 {
             // SAFETY: within a live mapping, aligned.
@@ -112,7 +108,6 @@ impl Watcher {
         }
     }
 
-    /// Whether all words are this one.
     pub fn is_all(&self, word: u32) -> bool {
         // SAFETY: as in `fill`.
         (0..self.0.bytes() / 4).all(|place| unsafe { self.word(place).read_volatile() } == word)

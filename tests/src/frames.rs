@@ -10,12 +10,9 @@ use pairmask_core::oracle::Pair;
 
 use crate::daemon::eventually;
 
-/// Whole frames in a call.
 pub trait Frames {
-    /// Submits boxes.
     fn ask(&mut self, boxes: &[Aabb]) -> PendingFrame;
 
-    /// Submits boxes and waits.
     fn answer(&mut self, boxes: &[Aabb]) -> PairMask;
 }
 
@@ -53,9 +50,7 @@ pub fn served_by(expected: ServedBy, mut ask: impl FnMut() -> PairMask) -> PairM
     })
 }
 
-/// What a mask holds, in the oracle's order.
 pub trait Sorted {
-    /// The pairs, sorted.
     fn sorted(&self) -> Vec<Pair>;
 }
 

@@ -32,7 +32,6 @@ pub fn name_at(place: usize) -> String {
     names.split(',').nth(place % count).unwrap_or_default().trim().to_owned()
 }
 
-/// The GPU of tests that need one.
 pub fn choice() -> GpuChoice {
     choice_at(0)
 }
@@ -42,7 +41,6 @@ pub fn choice_at(place: usize) -> GpuChoice {
     name_at(place).parse().unwrap_or_default()
 }
 
-/// The GPU of tests that need one.
 pub fn open(host_import: HostImport) -> Arc<Gpu> {
     open_at(0, host_import)
 }
@@ -53,23 +51,19 @@ pub fn open_at(place: usize, host_import: HostImport) -> Arc<Gpu> {
         .unwrap_or_else(|error| panic!("the GPU tests need a Vulkan adapter: {error}"))
 }
 
-/// An engine on a device of its own.
 pub fn engine(options: AllPairsOptions) -> AllPairs {
     AllPairs::new(&open(HostImport::IfPossible), options).unwrap_or_else(|error| panic!("{error}"))
 }
 
-/// A grid on a device of its own.
 pub fn grid(options: &GridOptions) -> Grid {
     Grid::new(&open(HostImport::IfPossible), options).unwrap_or_else(|error| panic!("{error}"))
 }
 
-/// What scenes need on the device at a place.
 pub fn scene_tools(place: usize, options: &GridOptions) -> Arc<SceneTools> {
     SceneTools::new(&open_at(place, HostImport::IfPossible), options)
         .unwrap_or_else(|error| panic!("{error}"))
 }
 
-/// So many devices that share every search.
 pub fn shared_tools(gpus: usize) -> Vec<Arc<SceneTools>> {
     let options = GridOptions { shares_always: true, ..GridOptions::default() };
     (0..gpus).map(|at| scene_tools(at, &options)).collect()

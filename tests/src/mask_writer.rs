@@ -65,14 +65,11 @@ pub fn random_order(n: BoxCount, seed: u64) -> Vec<u32> {
     order
 }
 
-/// A reply and where its mask lies.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct WrittenMask {
-    /// Boxes of the scene.
     pub n: BoxCount,
     /// Where the sections lie.
     pub shape: MaskShape,
-    /// The words of the reply.
     pub reply: Vec<u32>,
 }
 

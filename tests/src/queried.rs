@@ -9,9 +9,7 @@ use crate::stress_scenes::Rng;
 
 type Pair = [u32; 2];
 
-/// A scene that is edited and queried.
 pub trait QueriedScene {
-    /// Applies an edit, which is right.
     fn edit(&mut self, edit: Edit<'_>);
     /// The pairs [query, index].
     fn query(&mut self, queries: &[Aabb], tags: QueryTags<'_>, encoding: Encoding) -> Vec<Pair>;
@@ -52,7 +50,6 @@ pub fn a_query(rng: &mut Rng, extent: f32) -> Aabb {
     }
 }
 
-/// Random edits of a scene, and queries between them.
 pub struct Queries {
     edits: Edits,
     rng: Rng,

@@ -15,7 +15,6 @@ use rapier3d::prelude::{
 use super::contender::{Contender, ContenderError, Tally};
 use crate::oracle::Pair;
 
-/// A broad phase.
 pub struct Rapier {
     broad_phase: BroadPhaseBvh,
     parameters: IntegrationParameters,

@@ -6,7 +6,6 @@ use serde_json::json;
 
 use super::line::{Comparison, PeerRow, Spread, Who};
 
-/// The text above every table.
 pub const HEAD: &str = "\
 Ratio: our time over the peer's, medians. Time: from the user's boxes to all pairs visited (ours: \
 write, submit, wait, decode; theirs: update from the boxes, visit every pair), µs, with the tenth and \
@@ -69,7 +68,6 @@ fn text_line<S: AsRef<str>>(cells: &[S]) -> String {
     line.trim_end().to_owned() + "\n"
 }
 
-/// The line over the text table.
 pub fn text_head() -> String {
     text_line(&COLUMNS)
 }

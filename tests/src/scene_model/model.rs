@@ -18,18 +18,15 @@ const RESYNC_LEAST: usize = 4_096;
 /// Pairs, with the generations of their indices.
 pub type PairsByGeneration = BTreeMap<Pair, [u32; 2]>;
 
-/// A box and what is said of it.
 #[derive(Clone, Copy, Debug)]
 struct Body {
     b: Aabb,
     is_on: bool,
     is_static: bool,
     tag: Tag,
-    /// The membership that has set it.
     holder: u64,
 }
 
-/// Boxes and filters as plain tables.
 #[derive(Clone, Debug, Default)]
 pub struct Model {
     bodies: BTreeMap<u32, Body>,
@@ -41,12 +38,10 @@ pub struct Model {
 }
 
 impl Model {
-    /// Boxes.
     pub fn len(&self) -> usize {
         self.bodies.len()
     }
 
-    /// Whether there are none.
     pub fn is_empty(&self) -> bool {
         self.bodies.is_empty()
     }
@@ -139,7 +134,6 @@ impl Model {
         if f.either && g.either { one || other } else { one && other }
     }
 
-    /// All pairs of now.
     pub fn pairs(&self) -> PairsByGeneration {
         let is_solid = |body: &Body| (0..3).all(|i| body.b.min[i] <= body.b.max[i]);
         let mut solid: Vec<(u32, Aabb)> = self
@@ -184,7 +178,6 @@ impl Model {
         pairs
     }
 
-    /// The boxes.
     pub fn boxes(&self) -> impl Iterator<Item = Aabb> {
         self.bodies.values().map(|body| body.b)
     }
@@ -193,7 +186,6 @@ impl Model {
         pair.map(|index| self.generations.get(&index).copied().unwrap_or(0))
     }
 
-    /// Why a pair of then is none now.
     fn reason(&self, pair: Pair, generations: [u32; 2]) -> EndReason {
         let are_on = || pair.iter().all(|index| self.bodies[index].is_on);
         if self.generations_of(pair) != generations {
@@ -226,18 +218,14 @@ fn put(list: &mut BTreeMap<Pair, u64>, [a, b]: Pair, by: Option<u64>) {
     }
 }
 
-/// What is reported to a listener.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Heard {
     /// Whether `pairs` holds all pairs in place of changes.
     pub is_resync: bool,
     /// Pairs of the whole scene, where that is reported.
     pub pair_count: Option<u64>,
-    /// Pairs that began.
     pub begun: Vec<Pair>,
-    /// Pairs that ended.
     pub ended: Vec<Ended>,
-    /// Pairs of now.
     pub pairs: Vec<Pair>,
 }
 
@@ -255,14 +243,10 @@ macro_rules! heard {
     };
 }
 
-/// Who is told of changes.
 #[derive(Clone, Debug)]
 pub struct Listener {
-    /// Names the membership.
     pub id: u64,
-    /// Pairs of the last answer that was acknowledged.
     then: PairsByGeneration,
-    /// Whether those are not known.
     pub is_lost: bool,
     /// It is told of pairs that touch these indices; `None`: of all.
     pub own: Option<Range<u32>>,

@@ -99,7 +99,6 @@ impl<S: Subject, F: FnMut(&Script) -> S> Shrinker<'_, F> {
         self.tries >= MOST_TRIES || self.started.elapsed() > MOST_TIME
     }
 
-    /// Takes a change over if the script still fails.
     fn tries(&mut self, change: impl FnOnce(&mut Script)) -> bool {
         let mut smaller = self.script.clone();
         change(&mut smaller);
@@ -165,7 +164,6 @@ impl<S: Subject, F: FnMut(&Script) -> S> Shrinker<'_, F> {
         self.simplify();
     }
 
-    /// The plainest form of each edit.
     fn simplify(&mut self) {
         for number in 0..self.script.turns().count() {
             let plain: [fn(&mut Turn); 2] =

@@ -97,7 +97,6 @@ impl Group {
     }
 }
 
-/// Whether two ops can be one step.
 fn are_one_step(a: &Op, b: &Op) -> bool {
     let on = |op: &Op| match op {
         Op::Switch(_, on) | Op::Static(_, on) | Op::Include(_, on) | Op::Exclude(_, on) => *on,
@@ -106,16 +105,13 @@ fn are_one_step(a: &Op, b: &Op) -> bool {
     std::mem::discriminant(a) == std::mem::discriminant(b) && on(a) == on(b)
 }
 
-/// An edit as steps of several ops each.
 pub struct Grouped<'o>(Vec<(&'o Op, Group)>);
 
 impl<'o> Grouped<'o> {
-    /// The steps of these ops.
     pub fn of(ops: &'o [Op]) -> Self {
         Self(ops.chunk_by(are_one_step).map(|ops| (&ops[0], Group::of(ops))).collect())
     }
 
-    /// The steps.
     pub fn steps(&self) -> Vec<Step<'_>> {
         self.0.iter().map(|(op, group)| group.step(op)).collect()
     }
@@ -137,11 +133,8 @@ impl From<&SceneAnswer<'_>> for Heard {
 pub trait BareScene {
     /// As [`CoreCrateScene::edit`].
     fn edit(&mut self, edit: Edit<'_>, report: Report) -> Result<&Reported, SceneError>;
-    /// The last answer is acknowledged.
     fn acknowledge(&mut self);
-    /// The pairs are lost.
     fn resync(&mut self);
-    /// Boxes.
     fn box_count(&self) -> usize;
     /// The pairs [query, index].
     fn query(&mut self, queries: &[Aabb], tags: QueryTags<'_>) -> Result<Vec<Pair>, QueryError>;
@@ -176,15 +169,12 @@ macro_rules! bare_scene {
 bare_scene!(CoreCrateScene);
 bare_scene!(GpuScene);
 
-/// A scene without a session, as a subject.
 pub struct Bare<S> {
-    /// The scene.
     pub scene: S,
     /// Draws queries that are asked before an answer is taken, and after: they change nothing that is reported.
     asks: Option<Rng>,
 }
 
-/// A scene of the core.
 pub type CoreScene = Bare<CoreCrateScene>;
 
 impl<S: BareScene> Bare<S> {
@@ -193,7 +183,6 @@ impl<S: BareScene> Bare<S> {
         Self { scene, asks: None }
     }
 
-    /// One that is asked between its edits as well.
     pub fn asked(scene: S, seed: u64) -> Self {
         Self { scene, asks: Some(Rng::new(seed)) }
     }
@@ -252,16 +241,13 @@ impl<S: BareScene> Subject for Bare<S> {
 /// When something may be done to a scene of a session.
 #[derive(Clone, Copy, Debug)]
 pub enum Moment {
-    /// An edit was sent.
     UnderWay,
-    /// It was answered.
     Answered(ServedBy, EngineId),
 }
 
 /// A scene of a session, in process or of a daemon.
 pub struct SessionScene<'a> {
     scene: Scene,
-    /// What has to answer.
     expected: Option<(ServedBy, EngineName)>,
     /// Whether a resync may come at any time, as where daemons are killed.
     may_resync: bool,
@@ -272,7 +258,6 @@ pub struct SessionScene<'a> {
 }
 
 impl<'a> SessionScene<'a> {
-    /// One that these have to answer for.
     pub fn of(session: &mut Session, script: &Script, by: ServedBy, engine: EngineName) -> Self {
         let expected = Some((by, engine));
         Self { expected, may_resync: false, ..Self::disturbed(session, script, |_| ()) }
@@ -459,14 +444,12 @@ impl Sessions {
     }
 }
 
-/// The members of a shared scene.
 #[derive(Debug)]
 pub struct SharedMembers<'s> {
     sessions: &'s Sessions,
     name: String,
     options: JoinOptions,
     members: BTreeMap<u32, (Scene, Range<u32>)>,
-    /// What has to answer.
     engine: Option<EngineName>,
     ticks: usize,
 }

@@ -148,7 +148,6 @@ fn spheres_are_found_through_the_boxes_of_any_thread() {
     }
 }
 
-/// Boxes with floats of every class and magnitude.
 fn hard_boxes() -> Vec<Aabb> {
     let mut random = Random::new(6);
     let mut boxes: Vec<Aabb> = EXTENTS.iter().flat_map(|e| boxes_within(*e, 60, 7)).collect();
@@ -165,7 +164,6 @@ fn hard_boxes() -> Vec<Aabb> {
     boxes
 }
 
-/// Bits of boxes.
 fn bits(boxes: &[Aabb]) -> Vec<u64> {
     bytemuck::cast_slice::<Aabb, u32>(boxes).iter().map(|x| u64::from(*x)).collect()
 }

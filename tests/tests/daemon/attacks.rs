@@ -93,7 +93,6 @@ impl InTurn {
         Self { frames: sizes.iter().enumerate().map(with_pairs).collect(), asked: 0 }
     }
 
-    /// Submits the next frame and compares its pairs.
     fn check(&mut self, session: &mut Session) -> Result<ServedBy, WaitError> {
         let (boxes, expected) = &self.frames[self.asked % self.frames.len()];
         self.asked += 1;
@@ -103,7 +102,6 @@ impl InTurn {
     }
 }
 
-/// Counts of an honest client beside an attack.
 #[derive(Debug, Default)]
 struct Lived {
     there: u64,
@@ -418,7 +416,6 @@ fn many_ports_win_no_turns() {
     assert_fair("ports");
 }
 
-/// An attacker that serves, and a session of it.
 fn hostile_daemon(
     mode: &'static str,
     encoding: EncodingChoice,
@@ -525,7 +522,6 @@ fn a_segment_reaches_as_far_as_its_file() {
     std::mem::forget(loan);
 }
 
-/// An address on the heap, outside of shared memory.
 fn loan_on_heap() -> usize {
     std::ptr::from_ref(&*Box::new(0u64)) as usize
 }

@@ -28,7 +28,6 @@ fn check_frame(session: &mut Session, boxes: &[Aabb]) -> ServedBy {
     mask.info().served_by
 }
 
-/// Waits until the daemon answers a session.
 fn comes_back(session: &mut Session, boxes: &[Aabb]) {
     eventually("the session comes back to the daemon", || {
         (check_frame(session, boxes) == ServedBy::Daemon).then_some(())
@@ -384,7 +383,6 @@ fn truncate_a_segment(engine: &str) {
     comes_back(&mut other, &boxes);
 }
 
-/// A change of a request.
 type Change = fn(&mut RequestHeader);
 
 /// Sends changed requests of ten objects over the transport, and checks their statuses. Returns the daemon's counts.
@@ -565,7 +563,6 @@ fn another_users_daemon_is_named() {
     }
 }
 
-/// The umask of a process.
 fn umask(process: Pid) -> String {
     let status = std::fs::read_to_string(format!("/proc/{}/status", process.as_raw_nonzero()));
     let status = status.expect("a process that lives");

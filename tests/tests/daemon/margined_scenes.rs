@@ -161,7 +161,6 @@ fn near_pairs_are_reported_once_and_hold_all_that_overlap() {
     near(&mut daemon.session().connect().unwrap(), (4, 600), 200);
 }
 
-/// All exact pairs after an edit that sets everything.
 fn pairs_of(scene: &mut Scene, boxes: &[Aabb], margin: Margin) -> Vec<[u32; 2]> {
     let answer = scene
         .edit()

@@ -168,7 +168,6 @@ fn a_tick_has_one_table_of_filters() {
     assert_eq!(pending.wait().unwrap().pairs().len(), 0);
 }
 
-/// Answers that hold all places of a session.
 fn hold_all_places(session: &mut Session) -> Vec<PairMask> {
     (0..3).map(|_| session.frame(4).unwrap().submit().unwrap().wait().unwrap()).collect()
 }
@@ -385,7 +384,6 @@ fn a_scene_that_is_left_during_a_tick_holds_nobody_up() {
     }
 }
 
-/// Writers that are killed and come back.
 fn kill_writers(times: usize, at_end: AtEnd) {
     let daemon = daemon();
     let deadline = Duration::from_millis(50);

@@ -36,7 +36,6 @@ impl Lane {
     }
 }
 
-/// Every backend with every engine and encoding.
 fn lanes(daemon: &TestDaemon) -> Vec<Lane> {
     let mut lanes = Vec::new();
     for (backend, expected) in [

@@ -71,7 +71,6 @@ enum Command {
     Serve(serve::Serve),
 }
 
-/// Changes to the derived command line that clap has no attributes for.
 const SHAPE: Shape = Shape {
     without_use: &[
         ("mapping", &["instance", "runtime_dir", "isa"]),
@@ -89,9 +88,7 @@ fn command() -> clap::Command {
     shaped(Cli::command(), &SHAPE)
 }
 
-/// Runs the command that the process was started with.
-///
-/// Call it first in `main`: it sets the process up.
+/// Runs the command of this process. Call it first in `main`: it sets the process up.
 pub fn main() -> ExitCode {
     program::run(&command(), |cli| run(cli).map_err(LabError))
 }
@@ -117,9 +114,7 @@ fn run(Cli { place, command }: &Cli) -> crate::Result<()> {
 }
 
 impl Command {
-    /// Whether the command uses a setting of the configuration file. A command that uses none does
-    /// not fail by a wrong file. The process that starts a daemon or a client passes every setting as a
-    /// flag.
+    /// A command that uses no setting does not fail by a wrong file; a child gets every setting as a flag.
     const fn reads_config(&self) -> bool {
         !matches!(
             self,
@@ -132,7 +127,6 @@ impl Command {
     }
 }
 
-/// Why a measurement failed; its type decides the exit status.
 #[derive(Debug, thiserror::Error)]
 #[error(transparent)]
 struct LabError(Fault);

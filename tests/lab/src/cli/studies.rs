@@ -25,7 +25,6 @@ use crate::study::spheres::{self, SphereOptions};
 use crate::study::ways::Case;
 use crate::study::{grid, judge, mapping, threads};
 
-/// What becomes of the results.
 #[derive(Debug, Args)]
 pub struct Output {
     /// Folder for the results as files
@@ -64,7 +63,6 @@ impl Output {
     }
 }
 
-/// What studies on a GPU take.
 #[derive(Debug, Args)]
 struct OnGpu {
     #[command(flatten)]
@@ -204,7 +202,6 @@ impl GpuSceneBench {
     }
 }
 
-/// Scenes, sizes and threads of the benches that run engines in this process.
 #[derive(Debug, Args)]
 struct Cases {
     /// Scenes, as `pairmaskd scene` names them [default: see below]
@@ -222,8 +219,7 @@ impl Cases {
     /// Most pairs of a scene where all boxes overlap: larger ones are left out.
     const MOST_QUADRATIC_PAIRS: u64 = 10_000_000;
 
-    /// Every scene in every size. Scenes whose pairs grow with the square of n are left out at
-    /// sizes with more than [`Self::MOST_QUADRATIC_PAIRS`].
+    /// Every scene in every size; quadratic ones up to [`Self::MOST_QUADRATIC_PAIRS`].
     fn of(&self, scenes: &[SceneName], sizes: &[u32]) -> Vec<Case> {
         let scenes = if self.scene.is_empty() { scenes } else { &self.scene };
         let sizes = if self.n.is_empty() { sizes } else { &self.n };

@@ -31,12 +31,10 @@ use crate::study::moving::{Motion, World};
 const WARM_UP: usize = 6;
 /// Edits whose stages are timed: timestamps cost about a microsecond a stage.
 const TIMED_STAGES: usize = 20;
-/// Queries that are compared with all boxes, about.
 const CHECKED_QUERIES: usize = 100;
 /// How long the clocks are kept up between edits, while the next one is made.
 const HOLD: Duration = Duration::from_secs(5);
 
-/// How much of each case is measured.
 #[derive(Clone, Copy, Debug, Args)]
 pub struct Effort {
     /// Edits of each line
@@ -53,7 +51,6 @@ pub struct Effort {
     unchecked: bool,
 }
 
-/// What is measured.
 #[derive(Clone, Copy, Debug)]
 pub struct Case {
     pub scene: SceneName,
@@ -102,7 +99,6 @@ impl PairSum {
         self.sum = self.sum.wrapping_add(mixed(pair));
     }
 
-    /// The client that knows these pairs takes an answer.
     fn take(&mut self, reported: &Reported) {
         if reported.is_resync() {
             *self = Self::of(reported.pairs());
@@ -151,7 +147,6 @@ impl Rig {
         Ok(Self { scene, segment, known: PairSum::default() })
     }
 
-    /// Sets boxes and takes the changes; how long the answer took.
     fn edit(&mut self, indices: &[u32], boxes: &[Aabb], is_spawn: bool) -> Result<Duration> {
         self.segment.write(boxes);
         let boxes = self.segment.objects(boxes.len());
@@ -175,7 +170,6 @@ struct Run {
     edits: Vec<(f64, EditTimes)>,
     asked: Vec<(f64, EditTimes)>,
     queries: Vec<Aabb>,
-    /// The answer to the last queries.
     found: Vec<[u32; 2]>,
 }
 
@@ -219,17 +213,14 @@ impl Run {
     }
 }
 
-/// So many of a hundred of the whole times.
 fn whole(times: &[(f64, EditTimes)], percent: usize) -> f64 {
     percentile(times.iter().map(|(whole, _)| *whole).collect(), percent)
 }
 
-/// Medians of a part of the times, µs.
 fn part(times: &[(f64, EditTimes)], part: fn(&EditTimes) -> Duration) -> f64 {
     median(times.iter().map(|(_, times)| us(part(times))).collect())
 }
 
-/// Medians of the stages, µs.
 fn stages(times: &[(f64, EditTimes)]) -> BTreeMap<&'static str, f64> {
     let mut stages: BTreeMap<&'static str, Vec<f64>> = BTreeMap::new();
     for step in times.iter().flat_map(|(_, times)| &times.stages) {
@@ -238,7 +229,6 @@ fn stages(times: &[(f64, EditTimes)]) -> BTreeMap<&'static str, f64> {
     stages.into_iter().map(|(label, us)| (label, median(us))).collect()
 }
 
-/// Measures a case.
 pub fn measure(gpus: &[Arc<Gpu>], world: &mut World, case: &Case) -> Result<Fields> {
     let effort = &case.effort;
     let Run { rig, edits, asked, queries, found } =
@@ -287,7 +277,6 @@ pub fn measure(gpus: &[Arc<Gpu>], world: &mut World, case: &Case) -> Result<Fiel
     ))
 }
 
-/// Compares what the client knows with a fresh search.
 fn check(rig: &Rig, world: &World, case: &Case) -> Result<()> {
     let mut fresh = Scene::new(SceneOptions::default());
     let indices = Indices::from(0..case.n as u32);
@@ -311,7 +300,6 @@ fn queries(boxes: &[Aabb], count: usize) -> Vec<Aabb> {
     (0..count).map(moved).collect()
 }
 
-/// Compares the pairs of some queries with those of all boxes.
 fn check_queries(boxes: &[Aabb], queries: &[Aabb], found: &[[u32; 2]], case: &Case) -> Result<()> {
     let keys =
         |boxes: &[Aabb]| -> Vec<KeyBox> { boxes.iter().map(|b| KeyBox::classify(b).0).collect() };

@@ -47,11 +47,8 @@ use pairmaskd::scene::Random;
 const MOST_FAILURES: usize = 10;
 
 pub(crate) struct Subject {
-    /// For messages: engine, instruction set, form, encoding, threads.
     pub(crate) name: String,
-    /// The value of `--engine` that runs it.
     pub(crate) engine: &'static str,
-    /// How it is asked.
     pub(crate) form: Form,
     /// Answers a case; [`Finding`] where it cannot, or where the answer was compared already and is wrong.
     answer: Box<Answering>,
@@ -92,7 +89,6 @@ pub(crate) fn run(
     report
 }
 
-/// Asks all subjects, and compares their answers.
 fn ask(case: &Case, subjects: &mut [Subject], report: &mut StressReport) {
     report.cases += 1;
     for subject in subjects {

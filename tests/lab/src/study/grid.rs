@@ -29,7 +29,6 @@ use crate::gpu_stages::grid::{
     SCENES, all_pairs_rig, frames_a_second, grid_rig, measure as measure_scene, median_us,
 };
 
-/// All figures of a study. Fields that begin with `paper_` are the paper's.
 #[derive(Clone, Debug, Serialize)]
 pub struct GridReport {
     pub machine: Machine,
@@ -46,7 +45,6 @@ pub struct GridReport {
 
 /// The paper's scene: a column of objects of one size falls on a plane.
 const PAPER_SCENE: SceneName = SceneName::Cubes;
-/// Seed of all scenes.
 const SEED: u64 = 1;
 
 /// Boxes of table 7, and between them to find the crossing.
@@ -110,18 +108,15 @@ pub fn measure(choice: &GpuChoice, counts: &[u32], quick: bool) -> Result<GridRe
     })
 }
 
-/// A number of a measured scene.
 fn number(row: &Fields, name: &str) -> f64 {
     row[name].as_f64().unwrap_or(f64::NAN)
 }
 
-/// The stages of a measured scene, µs.
 fn timed_stages(row: &Fields) -> impl Iterator<Item = (&str, f64)> {
     let stages = row["stage_us"].as_array().into_iter().flatten();
     stages.filter_map(|stage| Some((stage[0].as_str()?, stage[1].as_f64()?)))
 }
 
-/// The fewest boxes from which on the grid is faster.
 fn crossing(rows: &[Fields]) -> Option<u64> {
     let slower = rows.iter().rposition(|row| row["with_ms"].as_f64() >= row["without_ms"].as_f64());
     rows.get(slower.map_or(0, |place| place + 1)).and_then(|row| row["n"].as_u64())
@@ -206,7 +201,6 @@ fn moving_row(gpu: &Arc<Gpu>, n: u32, moving_percent: u32, budget: Duration) -> 
     Ok(row!(n, moving_percent, frame_ms: median(times) / 1e3))
 }
 
-/// Highest bandwidths of a device, by its copy engine, GB/s.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct Bandwidth {
     #[serde(rename = "up_gbs")]
@@ -219,9 +213,7 @@ pub struct Bandwidth {
 
 /// Bytes of a copy that is timed: several times a second-level cache.
 const COPY_BYTES: u64 = 256 << 20;
-/// The same on a software adapter.
 const SOFTWARE_COPY_BYTES: u64 = 16 << 20;
-/// Copies of which the fastest counts.
 const COPIES: usize = 5;
 impl Bandwidth {
     pub fn measure(gpu: &Arc<Gpu>) -> Result<Self, GpuError> {
@@ -247,7 +239,6 @@ impl Bandwidth {
     }
 }
 
-/// The stages of a measured scene.
 fn stages_of(row: &Fields, bandwidth: &Bandwidth) -> Vec<Fields> {
     let [n, cells, words] = ["n", "cells", "words"].map(|name| number(row, name) as u64);
     let stage = |(stage, us): (&str, f64)| {

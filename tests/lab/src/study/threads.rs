@@ -24,16 +24,13 @@ use super::harness::document::Part;
 use super::harness::table::{Fields, Table, row};
 use super::papers::figure;
 
-/// Default sizes beside the paper's own.
 pub const SIZES: [u32; 2] = [10_000, 100_000];
-/// Scenes of those sizes.
 pub const SCENES: [SceneName; 3] = [SceneName::Uniform, SceneName::Torus, SceneName::Letters];
 /// Calls of the watcher for each case: one a stage.
 pub const STEPS_A_CASE: u64 = 2;
 const EFFORT: Effort =
     Effort { least_frames: 7, most_frames: 200, time: Duration::from_millis(400) };
 
-/// The scenes of the 2014 paper in its own sizes.
 pub fn papers_cases() -> impl Iterator<Item = Case> {
     let cases =
         [(SceneName::Cubes, 20_000), (SceneName::Balls, 10_000), (SceneName::Skittles, 3_500)];
@@ -76,7 +73,6 @@ pub fn measure(cases: &[Case], threads: &[usize], watch: impl Fn()) -> Result<Th
     Ok(ThreadsReport { machine, rows })
 }
 
-/// Rows of the second stage: one for every engine and number of threads.
 fn pair_rows(measured: &CaseTimes) -> Vec<Fields> {
     let mut rows = Vec::new();
     for engine in EngineName::ALL {
@@ -88,9 +84,6 @@ fn pair_rows(measured: &CaseTimes) -> Vec<Fields> {
     rows
 }
 
-/// Times of `update_boxes` and `par_update_boxes`, ns a frame, for each number of threads.
-///
-/// The objects have the sizes of a scene's boxes and turn about their centres.
 fn update_times(
     scene: SceneName,
     n: usize,
@@ -147,7 +140,6 @@ pub struct ThreadsReport {
     pub rows: Vec<Fields>,
 }
 
-/// The rows of one stage of a case: (threads, times), of which one has one thread.
 fn series(
     (stage, table): (&str, &str),
     case: Case,

@@ -48,14 +48,11 @@ use crate::processes::{Daemon, Work, Worker};
 /// Slots for sessions beside those of the living clients: slots of killed clients are free again after
 /// about a second.
 const SPARE_SLOTS: usize = 32;
-/// Time between two kills, ms.
 const BETWEEN_KILLS_MS: std::ops::Range<u64> = 200..1_500;
-/// How often the time is looked at.
 const TICK: Duration = Duration::from_millis(50);
 /// A client that has not ended this long after it was told to hangs: it waits for a few frames first.
 const ENDS_WITHIN: Duration = DEADLINE.saturating_add(Duration::from_secs(30));
 
-/// The limits that a daemon needs for so many clients.
 pub fn limits(clients: NonZeroU16) -> Limits {
     let default = Limits::default();
     let needed = usize::from(clients.get()) * MOST_SESSIONS as usize + SPARE_SLOTS;
@@ -108,7 +105,6 @@ impl fmt::Display for ClientsReport {
     }
 }
 
-/// A run with clients.
 #[derive(Clone, Debug)]
 pub struct ClientsRun {
     pub clients: NonZeroU16,
@@ -166,7 +162,6 @@ impl ClientsRun {
     }
 }
 
-/// A client process. One that takes the place of a killed one has a number of its own.
 struct Client {
     number: u64,
     worker: Worker,
@@ -187,7 +182,6 @@ struct Crowd<'a> {
 }
 
 impl Crowd<'_> {
-    /// Starts the clients, and lets them work until the time is over or too much is wrong.
     fn work(&mut self, mut watch: impl FnMut(u64, Duration)) -> io::Result<()> {
         for _ in 0..self.run.clients.get() {
             self.start()?;
@@ -210,7 +204,6 @@ impl Crowd<'_> {
         Ok(())
     }
 
-    /// Tells all clients to end, and reads what they report.
     fn end(&mut self) {
         self.clients.iter_mut().for_each(|client| client.worker.end());
         let deadline = Instant::now() + ENDS_WITHIN;
@@ -277,10 +270,8 @@ impl Crowd<'_> {
 /// The auditor's counts are final when they have not changed for this long: it has the lowest priority, and
 /// beside busy threads a check of 10 ms takes half a second and more.
 const SETTLED: Duration = Duration::from_secs(1);
-/// Longest wait for that.
 const SETTLES_WITHIN: Duration = Duration::from_secs(10);
 
-/// What the daemon says of a run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct DaemonReport {
     pub serves: bool,
@@ -290,7 +281,6 @@ pub struct DaemonReport {
     pub audit: Option<AuditReport>,
 }
 
-/// The auditor's counts.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct AuditReport {
     pub frames: u64,
@@ -300,7 +290,6 @@ pub struct AuditReport {
     pub extra: u64,
 }
 
-/// Looks at a daemon before and after a run.
 #[derive(Debug)]
 struct Look {
     daemon: SessionBuilder,
@@ -310,7 +299,6 @@ struct Look {
 }
 
 impl Look {
-    /// Looks at a daemon before a run.
     fn before(daemon: &SessionBuilder) -> Result<Self, StatusError> {
         let daemon = daemon.clone().backend(Backend::Daemon).deadline(DEADLINE);
         let engine = EngineChoice::Only(EngineName::GpuBrute);
@@ -356,7 +344,6 @@ impl Look {
     }
 }
 
-/// Whether the daemon finds the three pairs of three boxes.
 fn answers(session: &mut Session) -> bool {
     let mut ask = || {
         let mut frame = session.frame(3).ok()?;

@@ -26,18 +26,14 @@ pub trait Client {
     /// The right pairs of the last frame, sorted, found in another way than by `engine`.
     fn truth(&self, boxes: &[Aabb], engine: EngineId) -> Result<Vec<Pair>, TimedError>;
 
-    /// Whether other objects stand for the boxes, so that the answers are also compared with the
-    /// boxes' own pairs.
     fn stands_for_boxes(&self) -> bool {
         false
     }
 }
 
-/// An answered frame.
 #[derive(Clone, Debug)]
 pub struct Answer {
     pub frame: TimedFrame,
-    /// The pairs, sorted, if they were wanted.
     pub pairs: Option<Vec<Pair>>,
 }
 
@@ -65,7 +61,6 @@ pub fn client(
     })
 }
 
-/// The scene's boxes in a precision.
 struct BoxClient(TimedClient);
 
 impl Client for BoxClient {
@@ -161,7 +156,6 @@ fn world_pairs(boxes: &[Faces], origin: DVec3, engine: EngineId) -> Result<Vec<P
     Ok(pairs)
 }
 
-/// Spheres of the boxes, culled in this process.
 struct SphereClient(Session);
 
 impl Client for SphereClient {

@@ -15,7 +15,6 @@ pub fn title(setting: &Setting<'_>) -> String {
     format!("{scene}, {} boxes{far}", Unit::Count.text(f64::from(*n)))
 }
 
-/// Rows by setting: scenes in the order in which they were measured, then sizes, then distances.
 pub fn settings(rows: &[AccuracyRow]) -> Vec<Setting<'_>> {
     let scenes = in_order(rows.iter().map(|row| row.scene.as_str()));
     let place = |row: &AccuracyRow| (scenes.iter().position(|scene| *scene == row.scene), row.n);
@@ -29,7 +28,6 @@ pub fn settings(rows: &[AccuracyRow]) -> Vec<Setting<'_>> {
     settings.map(<[_]>::to_vec).collect()
 }
 
-/// Each value once, in the order of first occurrence.
 pub fn in_order<T: PartialEq>(values: impl Iterator<Item = T>) -> Vec<T> {
     let mut seen = Vec::new();
     for value in values {
@@ -40,12 +38,10 @@ pub fn in_order<T: PartialEq>(values: impl Iterator<Item = T>) -> Vec<T> {
     seen
 }
 
-/// Modes in the order in which they were measured.
 pub fn modes(rows: &[AccuracyRow]) -> Vec<String> {
     in_order(rows.iter().map(AccuracyRow::mode_text))
 }
 
-/// The axes of the front: smaller is better.
 const AXES: [&str; 3] = ["p50", "extra_ratio", "bytes_up"];
 
 /// The Pareto front of time, extra pairs and bytes. A mode that is nowhere on it is beaten in every
@@ -57,7 +53,6 @@ pub struct Pareto {
     pub nowhere: Vec<String>,
 }
 
-/// The results of a mode over all settings.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct ModeVerdict {
     pub mode: String,
@@ -67,13 +62,11 @@ pub struct ModeVerdict {
     pub at: Vec<String>,
 }
 
-/// Time, extra pairs and bytes up of a row that may be compared.
 pub fn costs(row: &AccuracyRow) -> Option<[f64; AXES.len()]> {
     Some([row.p50() as f64, row.error()?, row.bytes_up as f64])
 }
 
 impl Pareto {
-    /// Where each mode of the rows is on the front.
     pub fn of(rows: &[AccuracyRow]) -> Self {
         let settings = settings(rows);
         let modes: Vec<ModeVerdict> =

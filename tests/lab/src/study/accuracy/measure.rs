@@ -17,18 +17,15 @@ use super::mode::{CIRCUMSCRIBED, StudyMode, World};
 use super::rows::{AccuracyRow, AgainstBoxes, Percentiles, STAGES};
 use super::truth::{self, Difference};
 
-/// The subject of a row.
 #[derive(Clone, Copy, Debug)]
 pub struct Subject {
     pub scene: SceneName,
     pub n: u32,
     pub mode: StudyMode,
-    /// The engine, encoding and threads that are asked for.
     pub options: CullOptions,
     pub seed: u64,
 }
 
-/// Numbers of frames.
 #[derive(Clone, Copy, Debug, Args)]
 pub struct Lengths {
     /// Frames that are timed
@@ -43,14 +40,12 @@ pub struct Lengths {
 }
 
 impl Lengths {
-    /// Whether a timed frame is checked: the first, and others at even intervals.
     fn is_checked(&self, frame: u32) -> bool {
         let interval = self.frames.get().div_ceil(self.checked.max(1)).max(1);
         self.checked > 0 && frame.is_multiple_of(interval)
     }
 }
 
-/// Runs a row in a session with the subject's choice of engine.
 pub fn row(
     session: Session,
     subject: &Subject,
@@ -125,7 +120,6 @@ pub fn row(
     })
 }
 
-/// Times of a frame, ns, in the order of [`STAGES`].
 fn stages(frame: &TimedFrame) -> [u64; STAGES.len()] {
     let ns = |time: Duration| time.as_nanos() as u64;
     let engine = if frame.was_asked { frame.info.times } else { StageTimes::default() };

@@ -8,7 +8,6 @@ use std::str::FromStr;
 
 use pairmaskd::precision::{PrecisionChoice, UnknownPrecision};
 
-/// A value of `--precision`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum StudyMode {
     Sent(PrecisionChoice),
@@ -18,7 +17,6 @@ pub enum StudyMode {
     Spheres,
 }
 
-/// A world in f64.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct World {
     /// How far from the origin the scene lies on every axis, units.

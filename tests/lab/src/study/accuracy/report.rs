@@ -62,14 +62,12 @@ impl StudyReport for AccuracyReport {
     }
 }
 
-/// Columns for a terminal.
 const TEXT_COLUMNS: &str = "scene,n,mode,backend,engine,p50,p99,fill,engine time,round trip,decode,\
     bytes up,down,requests,missed,extra %,against boxes %,MiB";
 
 /// Stages that share a frame.
 const PARTS: [&str; 6] = ["fill", "ingest", "plan", "execute", "publish", "decode"];
 
-/// The rows for readers, times in ms.
 fn readable(rows: &[AccuracyRow]) -> Table {
     let percent = |x: Option<f64>| x.map(|x| (1e5 * x).round() / 1e3);
     let line = |row: &AccuracyRow| {
@@ -100,7 +98,6 @@ fn readable(rows: &[AccuracyRow]) -> Table {
     Table::of(&rows.iter().map(line).collect::<Vec<_>>())
 }
 
-/// Extra and missed pairs against the boxes', in percent.
 fn against(boxes: &AgainstBoxes) -> String {
     let text = |x: Option<f64>| x.map_or_else(|| "-".to_owned(), |x| format!("{:.3}", 100.0 * x));
     let missed = ratio(boxes.missed, boxes.true_pairs).filter(|_| boxes.missed > 0);
@@ -151,7 +148,6 @@ fn plots(rows: &[AccuracyRow]) -> Vec<Part> {
     shown.flat_map(parts).collect()
 }
 
-/// The first sentence of the page.
 fn missed(rows: &[AccuracyRow]) -> String {
     let sum = |of: fn(&AccuracyRow) -> u64| rows.iter().map(of).sum::<u64>();
     let checked = sum(|row| row.checked_frames);
@@ -166,7 +162,6 @@ fn missed(rows: &[AccuracyRow]) -> String {
     }
 }
 
-/// Every mode with its cost and gain in these rows.
 fn choices(rows: &[AccuracyRow]) -> Table {
     let line = |mode: &String| {
         let its = || rows.iter().filter(|row| row.mode_text() == *mode);

@@ -10,7 +10,6 @@ use super::judge::Pareto;
 use super::truth::Difference;
 use crate::study::harness::machine::Machine;
 
-/// The results of one run of the study.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct AccuracyReport {
     pub machine: Machine,
@@ -19,7 +18,6 @@ pub struct AccuracyReport {
     pub pareto: Pareto,
 }
 
-/// Percentiles of a time, ns.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Percentiles {
     pub p50: u64,
@@ -79,7 +77,6 @@ pub struct AccuracyRow {
     pub memory_bytes: u64,
 }
 
-/// Pairs of objects that stand for boxes, against the boxes' pairs.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct AgainstBoxes {
     pub true_pairs: u64,
@@ -104,7 +101,6 @@ pub fn ratio(extra: u64, true_pairs: u64) -> Option<f64> {
 }
 
 impl AccuracyRow {
-    /// Times of a stage.
     pub fn time(&self, stage: &str) -> Percentiles {
         self.times.get(stage).copied().unwrap_or_default()
     }
@@ -113,7 +109,6 @@ impl AccuracyRow {
         self.time("total_ns").p50
     }
 
-    /// The mode as the command line has it.
     pub fn mode_text(&self) -> String {
         let mode = &self.mode;
         match (self.margin, self.offset, &self.spheres) {
@@ -132,7 +127,6 @@ impl AccuracyRow {
         ratio.filter(|_| self.missed_of_boxes() == 0 && self.checked_frames > 0)
     }
 
-    /// Pairs missed, those of the boxes that spheres stand for included.
     pub fn missed_of_boxes(&self) -> u64 {
         self.missed + self.against_boxes.map_or(0, |boxes| boxes.missed)
     }
@@ -142,7 +136,6 @@ impl AccuracyRow {
 pub(super) mod tests {
     use super::*;
 
-    /// A row with a number everywhere.
     pub fn row() -> AccuracyRow {
         AccuracyRow {
             margin: Some(0.1),

@@ -6,7 +6,6 @@ use pairmask_core::oracle::truth;
 use pairmask_core::{Aabb, EngineChoice, EngineName};
 use pairmaskd::timed_client::TimedError;
 
-/// A pair of box indices, the lower one first.
 pub type Pair = [u32; 2];
 
 /// Most boxes that are compared each with each: 8 million comparisons take some 10 ms.
@@ -58,7 +57,6 @@ impl Difference {
         Self { true_pairs, missed: true_pairs - found, extra: reported.len() as u64 - found }
     }
 
-    /// Adds the counts of another frame.
     pub fn add(&mut self, other: &Self) {
         self.true_pairs += other.true_pairs;
         self.missed += other.missed;

@@ -52,7 +52,6 @@ pub fn markdown(parts: &[Part]) -> String {
     parts.join("\n")
 }
 
-/// The style of all pages.
 const STYLE: &str = "\
 :root{color-scheme:light dark}\
 body{font:15px/1.5 system-ui,sans-serif;max-width:1320px;margin:2rem auto;padding:0 1rem}\
@@ -118,7 +117,6 @@ fn escaped(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
-/// A text with its code and what stands out.
 fn marked(text: &str) -> String {
     let mut out = String::new();
     for (i, part) in escaped(text).split("**").enumerate() {

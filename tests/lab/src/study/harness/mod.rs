@@ -18,9 +18,7 @@ use self::document::{Part, markdown};
 use self::table::Table;
 use crate::Result;
 
-/// The results of a study.
 pub(crate) trait StudyReport: Serialize + Sized {
-    /// The name of its files.
     const NAME: &'static str;
 
     fn parts(&self) -> Vec<Part>;
@@ -43,7 +41,6 @@ pub(crate) trait StudyReport: Serialize + Sized {
     }
 }
 
-/// Writes the files of a report into a folder, which is made.
 pub(crate) fn write_files<R: StudyReport>(report: &R, folder: &Path) -> Result<()> {
     let json = serde_json::to_string_pretty(report)? + "\n";
     fs::create_dir_all(folder).map_err(FileError::of(folder, Access::WriteInto))?;
@@ -84,7 +81,6 @@ pub(crate) fn median(values: Vec<f64>) -> f64 {
     percentile(values, 50)
 }
 
-/// The results of as many runs as the budget has time for, `least` at least.
 pub(crate) fn repeated<T, E>(
     budget: Duration,
     least: usize,

@@ -26,27 +26,20 @@ const INK: RGBColor = RGBColor(0x22, 0x22, 0x22);
 const SIZE: (u32, u32) = (640, 400);
 /// Height of a row of the key, px.
 const ROW: u32 = 20;
-/// Names in a row of the key.
 const KEY_COLUMNS: usize = 2;
 
 type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 type Drawn = Result<(), DrawingAreaErrorKind<std::io::Error>>;
 
-/// The unit of the numbers on an axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Unit {
-    /// Time, ns.
     Nanoseconds,
-    /// Memory, bytes.
     Bytes,
-    /// Things.
     Count,
-    /// A ratio, as it is.
     Ratio,
 }
 
 impl Unit {
-    /// That of a field, by its name.
     fn of_field(field: &str) -> Self {
         if field.split('.').any(|part| part.ends_with("_ns")) {
             Self::Nanoseconds
@@ -59,7 +52,6 @@ impl Unit {
         }
     }
 
-    /// The number in the unit that leaves the fewest digits.
     pub fn text(self, value: f64) -> String {
         let steps: &[(f64, &str)] = match self {
             Self::Nanoseconds => &[(1e9, " s"), (1e6, " ms"), (1e3, " µs"), (1.0, " ns")],
@@ -74,34 +66,26 @@ impl Unit {
     }
 }
 
-/// How a series looks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Look {
-    /// A line through points, in the series' colour.
     Line,
     /// Other authors' line: grey and dashed.
     Others,
-    /// Points alone.
     Points,
     /// A dashed line through the corners between points, which stands in no key.
     Front,
 }
 
-/// Points of one colour.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Series {
-    /// Its name in the key.
     pub name: String,
     /// Its colour: series of the same number look the same in every plot of a page.
     pub colour: usize,
-    /// How it looks.
     pub look: Look,
-    /// Its points, in order.
     pub points: Vec<(f64, f64)>,
 }
 
 impl Series {
-    /// A line.
     pub fn line(name: &str, colour: usize, look: Look, points: &[(f64, f64)]) -> Self {
         Self { name: name.to_owned(), colour, look, points: points.to_vec() }
     }
@@ -115,14 +99,11 @@ impl Series {
     }
 }
 
-/// Series on logarithmic axes.
 #[derive(Clone, Debug)]
 pub struct Plot {
     pub title: String,
-    /// What the axes count, in words and in a unit.
     pub x: (String, Unit),
     pub y: (String, Unit),
-    /// What is drawn, the first first.
     pub series: Vec<Series>,
 }
 
@@ -193,7 +174,6 @@ impl Plot {
         self.series.iter().filter(|series| series.look != Look::Front)
     }
 
-    /// The plot as one `<svg>` element.
     pub(crate) fn svg(&self) -> String {
         let mut svg = String::new();
         let height = SIZE.1 + ROW * self.key().count().div_ceil(KEY_COLUMNS) as u32;

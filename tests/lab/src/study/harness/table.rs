@@ -21,7 +21,6 @@ macro_rules! row {
 }
 pub(crate) use row;
 
-/// Cells under a head.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Table {
     pub head: Vec<String>,
@@ -38,7 +37,6 @@ impl Table {
         Self::of_fields(rows)
     }
 
-    /// The lists of a report, each a table with the name of its field.
     pub fn all_of(report: &impl Serialize) -> Vec<(String, Self)> {
         #[derive(Deserialize)]
         #[serde(untagged)]
@@ -99,7 +97,6 @@ impl Table {
         self.head.iter().position(|head| head == name)
     }
 
-    /// The cell of a row under a name; null where there is none.
     pub fn cell<'a>(&self, row: &'a [Value], name: &str) -> &'a Value {
         self.column(name).and_then(|at| row.get(at)).unwrap_or(&Value::Null)
     }
@@ -122,7 +119,6 @@ impl Table {
         }
     }
 
-    /// Head and cells for readers: numbers with four digits that count.
     pub(super) fn lines(&self) -> Vec<Vec<String>> {
         let text = |cell: &Value| match cell {
             Value::Number(number) if number.is_f64() => number_text(number.as_f64().unwrap_or(0.0)),
@@ -132,7 +128,6 @@ impl Table {
         std::iter::once(self.head.clone()).chain(rows).collect()
     }
 
-    /// Whether a column holds text, which stands on the left.
     pub(super) fn is_left(&self, column: usize) -> bool {
         self.rows.iter().any(|row| row.get(column).is_some_and(Value::is_string))
     }

@@ -40,7 +40,6 @@ use super::harness::{StudyReport, open_if_any};
 use super::papers::{self, figure};
 use crate::Result;
 
-/// Limits of a measurement's time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Budget {
     /// Runs are repeated for this long, three times at least.
@@ -56,14 +55,12 @@ pub struct Budget {
 pub struct Plan {
     /// Numbers whose roots are compared (table 3).
     pub root_counts: Vec<u64>,
-    /// Numbers of boxes of the error study.
     pub error_counts: Vec<u32>,
     /// Largest of them that is counted id by id on the CPU, and on the GPU.
     pub exhaustive: [u32; 2],
     pub sample_ids: u64,
     /// Words of 32 ids of a sample on the GPU.
     pub sample_words: u32,
-    /// Most boxes in the search for the first wrong number of boxes.
     pub first_wrong_limit: u32,
     /// Numbers of boxes whose ids are mapped by every variant, for time (the paper's table 2
     /// among them).
@@ -73,17 +70,13 @@ pub struct Plan {
     /// Numbers of boxes of the output study (table 5).
     pub output_counts: Vec<u32>,
     pub growth_counts: Vec<u32>,
-    /// Budget of each measurement on the CPU.
     pub cpu: Budget,
-    /// Budget of each measurement on the GPU.
     pub gpu: Budget,
 }
 
-/// Fewest threads of a machine that counts as large.
 const MANY_THREADS: usize = 8;
 
 impl Plan {
-    /// The plan for a machine. `software` means that the adapter is a software one.
     pub fn new(quick: bool, software: bool, threads: usize) -> Self {
         let tens = |from: u32, to: u32| (from..=to).map(|e| 10u64.pow(e)).collect();
         let budget = |time_ms, longest_ms, most_cpu_ids| Budget {
@@ -132,7 +125,6 @@ impl Plan {
     }
 }
 
-/// The processor that computed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Processor {
@@ -141,7 +133,6 @@ pub enum Processor {
     Gpu,
 }
 
-/// All figures of a study.
 #[derive(Clone, Debug, Serialize)]
 pub struct MappingReport {
     pub machine: Machine,
@@ -431,7 +422,6 @@ impl StudyReport for MappingReport {
         parts
     }
 
-    /// Beside the others a page with a plot of time against error.
     fn files(&self) -> Vec<(String, String)> {
         let mut parts = self.parts();
         let by = ["variant", "n", "processor"];

@@ -121,7 +121,6 @@ pub fn far_end(n: BoxCount, k: u64) -> Mapped {
     Mapped { a: last as i64 - j as i64, b: last as i64 - (after - triangle(j)) as i64 }
 }
 
-/// Binary search for the last row that starts at or before k.
 #[inline(always)]
 pub fn row_search(n: BoxCount, k: u64) -> Mapped {
     let (mut low, mut high) = (0, n.get() - 1);
@@ -165,7 +164,6 @@ pub fn word_step(n: BoxCount, k: u64) -> Mapped {
     Mapped::of(pair[0], pair[1])
 }
 
-/// The pair after `pair` in row order.
 #[inline(always)]
 pub fn next_pair(n: BoxCount, [a, b]: [u32; 2]) -> [u32; 2] {
     if b + 1 < n.get() { [a, b + 1] } else { [a + 1, a + 2] }

@@ -26,7 +26,6 @@ pub struct PapersReport {
     pub sources: Vec<Source>,
 }
 
-/// A paper.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Paper {
     pub name: &'static str,
@@ -36,7 +35,6 @@ pub struct Paper {
 }
 
 impl Paper {
-    /// Claims of all tables and figures.
     pub fn claims(&self) -> impl Iterator<Item = (&Item, &Claim)> {
         self.items.iter().flat_map(|item| item.claims.iter().map(move |claim| (item, claim)))
     }
@@ -56,7 +54,6 @@ impl Paper {
 }
 
 impl PapersReport {
-    /// Judges all claims of all papers.
     pub fn of(machine: Machine, only_records: bool, figures: &Figures) -> Result<Self> {
         let mut papers = Vec::new();
         for paper in &DATA.paper {
@@ -149,7 +146,6 @@ impl StudyReport for PapersReport {
     }
 }
 
-/// How the page is to be read, one sentence each.
 const HOW_TO_READ: [&str; 3] = [
     "Each claim of a table or figure has a rule, and the rule alone gives the verdict: it holds where \
      all its figures are there and keep the rule, it breaks where one does not, and it is not measured \
@@ -177,7 +173,6 @@ fn row_table(rows: &[Row]) -> Table {
     Table::of_texts(["", "paper", "ours", "ratio", "from"], rows.iter().map(line))
 }
 
-/// Place, claim and the figure that decided, or the reason.
 fn sentences(papers: &[Paper], verdict: Verdict) -> Vec<String> {
     let mut found = Vec::new();
     for paper in papers {

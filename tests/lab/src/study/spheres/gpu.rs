@@ -23,16 +23,13 @@ use crate::study::harness::table::{Fields, row};
 /// Numbers of spheres: the paper's, and larger ones.
 const SIZES: [usize; 11] =
     [64, 128, 192, 256, 320, 1_000, 3_200, 10_000, 32_768, 100_000, 1_000_000];
-/// Numbers of a quick look.
 const QUICK_SIZES: usize = 7;
 /// Up to so many spheres one pair after the other is timed: 10,000 take 50 ms.
 const PLAIN_SPHERES: usize = 10_000;
 /// Up to so many spheres all pairs is timed: 100,000 take 10 ms on an H200.
 const ALL_PAIRS_SPHERES: usize = 100_000;
-/// Words a sphere of the memory for replies.
 const REPLY_WORDS: usize = 20;
 
-/// Pairs of a family, decided by a GPU.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct GpuErrorRow {
     pub family: &'static str,

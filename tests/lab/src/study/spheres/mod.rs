@@ -27,7 +27,6 @@ use super::harness::table::{Fields, row};
 use super::papers::figure;
 use crate::Result;
 
-/// Options of the study.
 #[derive(Clone, Copy, Debug, Args)]
 pub(crate) struct SphereOptions {
     /// Count wrong decisions instead: of so many random pairs, a hundredth as many that touch, and
@@ -64,7 +63,6 @@ pub(crate) fn measure(
     Ok(report)
 }
 
-/// The paper's row for so many spheres: frames a second of the sequential and the parallel approach, speed-up.
 fn papers_row(n: usize) -> Fields {
     let of = |column: &str| figure(&format!("spheres[n={n}].{column}"));
     row!(
