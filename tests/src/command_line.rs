@@ -31,7 +31,6 @@ pub struct Finished {
 }
 
 impl Finished {
-    /// The JSON document on stdout, of a process that succeeded.
     pub fn json(&self) -> Value {
         assert_eq!(self.code, Some(0), "{self:?}");
         serde_json::from_str(&self.stdout).unwrap_or_else(|e| panic!("{e}: {self:?}"))
@@ -89,12 +88,10 @@ impl<P: Program> Place<P> {
         command
     }
 
-    /// Runs it to its end.
     pub fn run(&self, arguments: &[&str]) -> Finished {
         finish(self.command(arguments).spawn().expect("the program starts"), P::NAME)
     }
 
-    /// Runs it to its end with `input` on stdin.
     pub fn run_with_input(&self, arguments: &[&str], input: &[u8]) -> Finished {
         let child = self.command(arguments).stdin(Stdio::piped()).spawn();
         let mut child = child.expect("the program starts");
@@ -167,7 +164,6 @@ fn collect(stream: Option<impl Read + Send + 'static>) -> JoinHandle<String> {
     })
 }
 
-/// Waits until `check` gives something.
 pub fn eventually<T>(what: &str, check: impl FnMut() -> Option<T>) -> T {
     within(PATIENCE, what, check)
 }

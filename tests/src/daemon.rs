@@ -13,12 +13,10 @@ use rustix::process::{Pid, Signal, kill_process};
 /// A wait that takes longer than this counts as a hang.
 pub const PATIENCE: Duration = Duration::from_secs(30);
 
-/// Waits until `check` gives something.
 pub fn eventually<T>(what: &str, check: impl FnMut() -> Option<T>) -> T {
     within(PATIENCE, what, check)
 }
 
-/// As [`eventually`], with another limit.
 pub(crate) fn within<T>(patience: Duration, what: &str, mut check: impl FnMut() -> Option<T>) -> T {
     let start = Instant::now();
     loop {
@@ -82,7 +80,6 @@ impl TestDaemon {
         daemon
     }
 
-    /// Starts the daemon again after [`TestDaemon::kill`].
     pub fn restart(&mut self) {
         assert!(self.supervisor.is_none(), "the daemon is running");
         let child = Command::new(&self.binary)
@@ -121,12 +118,10 @@ impl TestDaemon {
         builder.deadline(Duration::from_secs(60))
     }
 
-    /// The record of the processes that serve now, if any.
     pub fn record(&self) -> Option<DaemonRecord> {
         self.dir().read_record(&InstanceName::default())
     }
 
-    /// Has the daemon's record state another minor version of the wire.
     pub fn pretend_minor(&self, minor: u16) {
         let mut record = self.record().expect("the daemon serves");
         record.version.minor = minor;
@@ -138,7 +133,6 @@ impl TestDaemon {
         Pid::from_raw(i32::try_from(record.worker_pid).expect("a pid")).expect("not zero")
     }
 
-    /// Waits until the auditor has seen enough, and checks that it has found nothing wrong.
     pub fn audit_is_clean(&self, mut is_enough: impl FnMut(&AuditCounts) -> bool) {
         let mut session = self.session().connect().expect("the daemon answers");
         let audit = eventually("answers are audited", || {
@@ -176,7 +170,6 @@ impl TestDaemon {
         supervisor.wait().expect("the supervisor's end");
     }
 
-    /// Bytes of shared memory that this daemon and its clients have.
     pub fn shared_bytes(&self) -> u64 {
         use std::os::unix::fs::MetadataExt;
         // Of 512 bytes, whatever the file system's blocks are.

@@ -5,7 +5,6 @@ use std::process::{Child, ChildStdout, Command, Stdio};
 
 use crate::daemon::TestDaemon;
 
-/// A client that fails on purpose; killed when dropped.
 #[derive(Debug)]
 pub struct FaultClient {
     process: Child,
@@ -18,7 +17,6 @@ impl FaultClient {
         Self::try_start(binary, daemon, arguments).expect("it connects")
     }
 
-    /// The same; `None` where it ends before it is connected.
     pub fn try_start(binary: &str, daemon: &TestDaemon, arguments: &[&str]) -> Option<Self> {
         let mut process = Command::new(binary)
             .args(arguments)
@@ -36,7 +34,6 @@ impl FaultClient {
         assert!(self.is_ready(), "it ends before its fault");
     }
 
-    /// Lets it begin; whether it has before it ended.
     pub fn is_ready(&mut self) -> bool {
         let reported = self.process.stdin.as_mut().expect("open").write_all(b"go\n");
         reported.is_ok() && self.said.next().is_some_and(|said| said.expect("text") == "ready")
@@ -46,7 +43,6 @@ impl FaultClient {
         self.process.try_wait().expect("a child").is_some()
     }
 
-    /// Ends its input, and returns what else it prints.
     pub fn end(mut self) -> Vec<String> {
         drop(self.process.stdin.take());
         self.said.by_ref().map_while(Result::ok).collect()

@@ -14,7 +14,6 @@ pub struct Kind {
     lists: bool,
 }
 
-/// All kinds: worlds, filters and lists, alone and together.
 pub const KINDS: [Kind; 9] = [
     Kind { worlds: &[0], filters: 70, lists: false },
     Kind { worlds: &[0], filters: 15, lists: false },

@@ -21,7 +21,6 @@ pub struct TestFrame<R> {
 }
 
 impl TestFrame<HeapReply> {
-    /// Boxes in a precision, with a reply on the heap.
     pub fn on_heap(precision: &Precision, boxes: &[Aabb]) -> Self {
         let boxes = NarrowMemory::write(precision, boxes);
         Self { boxes, reply: HeapReply::new(), token: Arc::default() }
@@ -53,7 +52,6 @@ pub struct SharedReply {
 }
 
 impl SharedReply {
-    /// A reply of `pages` pages, and another view of the same pages.
     pub fn new(gpu: &Arc<Gpu>, imports: &SharedImports, pages: usize) -> (Self, Watcher) {
         let flags = rustix::fs::MemfdFlags::CLOEXEC;
         let file = rustix::fs::memfd_create("pairmask-test-reply", flags).expect("a memfd");
@@ -97,7 +95,6 @@ impl ReplyBuffer for SharedReply {
     }
 }
 
-/// Another view of a reply's pages, which outlives the reply.
 pub struct Watcher(ReadWriteMapping);
 
 impl Watcher {

@@ -19,7 +19,6 @@ fn names() -> String {
     std::env::var("PAIRMASK_TEST_GPU").unwrap_or_else(|_| "software".into())
 }
 
-/// The name of the GPU of tests that need one: the first of the list.
 pub fn name() -> String {
     name_at(0)
 }
@@ -36,7 +35,6 @@ pub fn choice() -> GpuChoice {
     choice_at(0)
 }
 
-/// The GPU at a place of tests that need several.
 pub fn choice_at(place: usize) -> GpuChoice {
     name_at(place).parse().unwrap_or_default()
 }
@@ -45,7 +43,6 @@ pub fn open(host_import: HostImport) -> Arc<Gpu> {
     open_at(0, host_import)
 }
 
-/// The GPU at a place of tests that need several: a device of its own for each.
 pub fn open_at(place: usize, host_import: HostImport) -> Arc<Gpu> {
     Gpu::open(&choice_at(place), host_import)
         .unwrap_or_else(|error| panic!("the GPU tests need a Vulkan adapter: {error}"))
@@ -69,14 +66,12 @@ pub fn shared_tools(gpus: usize) -> Vec<Arc<SceneTools>> {
     (0..gpus).map(|at| scene_tools(at, &options)).collect()
 }
 
-/// An executor with so many devices of the GPUs of the tests.
 pub fn executor(gpus: usize) -> Executor {
     let open = |place| GpuService::open(&choice_at(place), Duration::ZERO);
     let open = |place| open(place).unwrap_or_else(|error| panic!("a Vulkan adapter: {error}"));
     Executor::new((0..gpus).map(open).collect::<Vec<_>>())
 }
 
-/// The sorted pairs of an answer to so many boxes.
 pub fn pairs_of(n: usize, answer: &CullAnswer, words: &[u32]) -> Vec<Pair> {
     let n = BoxCount::new(n as u32);
     MaskView::new(n, &answer.report.shape, words).expect("a mask").sorted()

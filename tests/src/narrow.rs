@@ -39,7 +39,6 @@ impl NarrowMemory {
         BoxSlice::new(self.form, &bytes[..self.bytes]).expect("whole boxes, aligned")
     }
 
-    /// Their bytes, writable.
     pub fn bytes_mut(&mut self) -> &mut [u8] {
         &mut bytemuck::cast_slice_mut(&mut self.words)[..self.bytes]
     }

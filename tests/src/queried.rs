@@ -11,7 +11,6 @@ type Pair = [u32; 2];
 
 pub trait QueriedScene {
     fn edit(&mut self, edit: Edit<'_>);
-    /// The pairs [query, index].
     fn query(&mut self, queries: &[Aabb], tags: QueryTags<'_>, encoding: Encoding) -> Vec<Pair>;
 }
 
@@ -57,7 +56,6 @@ pub struct Queries {
 }
 
 impl Queries {
-    /// Of a scene of so many boxes at most, with rules or without.
     pub fn new(seed: u64, largest: u32, has_tags: bool) -> Self {
         let edits = Edits::new(seed, largest);
         let edits = if has_tags { edits } else { edits.without_rules() };

@@ -23,7 +23,6 @@ pub const REQUEST_ID: usize = 5;
 pub const PAGE_COUNT: usize = 6;
 pub const SENT_BYTES: usize = 64;
 
-/// The ports of a client, and the services that they belong to.
 pub struct RawClient {
     pub ports: Client,
     pub services: Services<ipc_threadsafe::Service>,
@@ -66,14 +65,12 @@ impl RawClient {
     }
 }
 
-/// The header of a request for the pairs of `n` plain boxes.
 pub fn cull(token: u64, frame: u64, n: u32, engine: EngineChoice) -> RequestHeader {
     let scene = ScenePlace::first(BoxForm::F32, BoxCount::new(n));
     let request = CullRequest { engine, threads: Some(1), ..CullRequest::of(scene) };
     RequestHeader::cull(token, frame, &request)
 }
 
-/// The header of the answer, if one comes in time.
 pub fn answer(pending: &PendingResponse, within: Duration) -> Option<ResponseHeader> {
     let give_up_at = Instant::now() + within;
     loop {

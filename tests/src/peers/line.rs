@@ -24,7 +24,6 @@ impl fmt::Display for PeerName {
     }
 }
 
-/// Median and spread of frame times, ns.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Spread {
     pub p10_ns: u64,
@@ -33,7 +32,6 @@ pub struct Spread {
 }
 
 impl Spread {
-    /// The spread of these times, zeros where there is none.
     pub fn of(times_ns: &[u64]) -> Self {
         let [p10_ns, median_ns, p90_ns] = [0.1, 0.5, 0.9].map(|share| percentile(times_ns, share));
         Self { p10_ns, median_ns, p90_ns }
@@ -57,7 +55,6 @@ pub struct Line {
     pub threads: usize,
     /// Time of a whole frame, from the user's boxes to visited pairs, all frames.
     pub frame: Spread,
-    /// The same over the last tenth of the frames, which shows drift.
     pub late: Spread,
     /// The part of `frame` that writes the boxes where they can be read; 0 for peers, whose update
     /// reads the user's boxes.
@@ -118,7 +115,6 @@ impl Comparison {
         rows
     }
 
-    /// Whether one of our own lines had other pairs than the reference.
     pub fn is_wrong(&self) -> bool {
         self.lines.iter().any(|l| matches!(l.who, Who::Ours { .. }) && l.fault.is_some())
     }

@@ -27,7 +27,6 @@ pub struct Rapier {
 }
 
 impl Rapier {
-    /// A broad phase for `n` boxes that are not set yet.
     pub fn new(n: usize) -> Self {
         let mut colliders = ColliderSet::new();
         let collider =

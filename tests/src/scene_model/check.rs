@@ -14,7 +14,6 @@ pub trait Subject {
 
     fn invalidate(&mut self) {}
 
-    /// A member joins, and leases a range.
     fn join(&mut self, _member: u32, _scope: Scope, _own: Range<u32>) -> Result<(), String> {
         Err("not shared".into())
     }
@@ -89,7 +88,6 @@ fn difference(heard: &Heard, expected: &Heard) -> Option<(&'static str, String)>
     })
 }
 
-/// The model, and who listens.
 #[derive(Default)]
 struct Play {
     model: Model,

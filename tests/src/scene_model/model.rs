@@ -85,7 +85,6 @@ impl Model {
         self.bodies.get_mut(&index).map(change).expect("scripts name boxes that there are");
     }
 
-    /// Removes a box, and the listed pairs that name it.
     pub fn remove(&mut self, index: u32) {
         if self.bodies.remove(&index).is_some() {
             *self.generations.entry(index).or_default() += 1;
@@ -98,13 +97,11 @@ impl Model {
         self.excluded.retain(|pair, by| stays(pair, *by));
     }
 
-    /// Removes the boxes of a range, and the listed pairs that name one of its indices.
     pub fn clear(&mut self, range: Range<u32>) {
         range.clone().for_each(|index| self.remove(index));
         self.retain_listed(|pair, _| !pair.iter().any(|index| range.contains(index)));
     }
 
-    /// Whether filters and flags let two boxes be a pair, wherever they are.
     fn may_meet(&self, a: u32, b: u32) -> bool {
         let [included, excluded] =
             [&self.included, &self.excluded].map(|list| list.contains_key(&[a, b]));
@@ -209,7 +206,6 @@ fn filter(filters: &[Filter], body: &Body) -> Filter {
     filters.get(usize::from(body.tag.filter.0)).copied().unwrap_or(Filter::ALL)
 }
 
-/// Lists a pair by a membership, or takes it off.
 fn put(list: &mut BTreeMap<Pair, u64>, [a, b]: Pair, by: Option<u64>) {
     let pair = [a.min(b), a.max(b)];
     match by {
@@ -220,7 +216,6 @@ fn put(list: &mut BTreeMap<Pair, u64>, [a, b]: Pair, by: Option<u64>) {
 
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Heard {
-    /// Whether `pairs` holds all pairs in place of changes.
     pub is_resync: bool,
     /// Pairs of the whole scene, where that is reported.
     pub pair_count: Option<u64>,
@@ -229,7 +224,6 @@ pub struct Heard {
     pub pairs: Vec<Pair>,
 }
 
-/// What the answer of a session's scene tells, of whatever kind it is.
 #[macro_export]
 macro_rules! heard {
     ($answer:expr) => {

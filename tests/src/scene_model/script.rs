@@ -20,14 +20,11 @@ pub enum Op {
     Static(u32, bool),
     Tag(u32, Tag),
     Filters(Vec<Filter>),
-    /// Puts a pair on the include list, or takes it off.
     Include(Pair, bool),
-    /// Puts a pair on the exclude list, or takes it off.
     Exclude(Pair, bool),
 }
 
 impl Op {
-    /// When it is applied: removals, sets, flags, filters.
     pub const fn rank(&self) -> u32 {
         match self {
             Self::Remove(_) => 0,
@@ -61,7 +58,6 @@ pub enum Fate {
     Unread,
 }
 
-/// An edit of a member, and what becomes of its answer.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Turn {
     /// Who edits: 0 in a scene that is not shared.
@@ -74,7 +70,6 @@ pub struct Turn {
 /// What happens.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Event {
-    /// A member joins, and leases its indices.
     Join(u32, Scope),
     Leave(u32),
     /// The listener of a scene that is not shared has lost its pairs.

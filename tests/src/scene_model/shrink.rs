@@ -24,7 +24,6 @@ pub fn hold<S: Subject>(
     hold_scripts(kind, |seed| script_of(kind, seed), seed, edits, subject)
 }
 
-/// As [`hold`], without tags, filters and lists of pairs.
 pub fn hold_without_rules<S: Subject>(
     kind: Kind,
     seed: u64,
@@ -69,7 +68,6 @@ fn play<S: Subject>(
     })
 }
 
-/// Tries smaller scripts while they fail as the first one did.
 struct Shrinker<'s, F> {
     script: Script,
     failure: Failure,
@@ -193,7 +191,6 @@ impl<S: Subject, F: FnMut(&Script) -> S> Shrinker<'_, F> {
     }
 }
 
-/// The turns of each tick.
 fn ticks(script: &mut Script) -> impl Iterator<Item = &mut Vec<Turn>> {
     script.events.iter_mut().filter_map(|event| match event {
         Event::Tick(turns) => Some(turns),

@@ -131,12 +131,10 @@ impl From<&SceneAnswer<'_>> for Heard {
 
 /// A scene without a session, of the cores or of a GPU.
 pub trait BareScene {
-    /// As [`CoreCrateScene::edit`].
     fn edit(&mut self, edit: Edit<'_>, report: Report) -> Result<&Reported, SceneError>;
     fn acknowledge(&mut self);
     fn resync(&mut self);
     fn box_count(&self) -> usize;
-    /// The pairs [query, index].
     fn query(&mut self, queries: &[Aabb], tags: QueryTags<'_>) -> Result<Vec<Pair>, QueryError>;
 }
 
@@ -178,7 +176,6 @@ pub struct Bare<S> {
 pub type CoreScene = Bare<CoreCrateScene>;
 
 impl<S: BareScene> Bare<S> {
-    /// A scene that is edited alone.
     pub const fn of(scene: S) -> Self {
         Self { scene, asks: None }
     }
@@ -197,13 +194,11 @@ impl<S: BareScene> Bare<S> {
 }
 
 impl CoreScene {
-    /// One that uses so many threads of the caller's pool.
     pub fn new(script: &Script, threads: usize) -> Self {
         Self::of(CoreCrateScene::new(options(script).with_threads(threads)))
     }
 }
 
-/// The options of a script's scene.
 pub fn options(script: &Script) -> SceneOptions {
     SceneOptions::default().with_most_boxes(script.limit.max(1))
 }
@@ -245,7 +240,6 @@ pub enum Moment {
     Answered(ServedBy, EngineId),
 }
 
-/// A scene of a session, in process or of a daemon.
 pub struct SessionScene<'a> {
     scene: Scene,
     expected: Option<(ServedBy, EngineName)>,
@@ -253,7 +247,6 @@ pub struct SessionScene<'a> {
     may_resync: bool,
     /// Draws margins, of a scene that has some.
     margins: Option<Rng>,
-    /// What is done while an edit is under way, and when it is answered.
     disturb: Box<dyn FnMut(Moment) + 'a>,
 }
 
@@ -346,7 +339,6 @@ impl Grouped<'_> {
         all
     }
 
-    /// Adds the steps to an edit, with margins for each.
     pub fn with_margins<'s, 'a>(
         &'a self,
         edit: SceneEdit<'s, 'a>,
@@ -428,7 +420,6 @@ impl Subject for SessionScene<'_> {
     }
 }
 
-/// Sessions of the members of shared scenes, one scene after the other.
 #[derive(Debug)]
 pub struct Sessions {
     of_members: RefCell<Vec<Session>>,
@@ -436,7 +427,6 @@ pub struct Sessions {
 }
 
 impl Sessions {
-    /// Sessions of a daemon.
     pub fn new(builder: &SessionBuilder) -> Self {
         let connect = |_| builder.clone().connect().expect("a daemon");
         let of_members = RefCell::new((0..MEMBERS).map(connect).collect());

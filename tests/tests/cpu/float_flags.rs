@@ -101,8 +101,7 @@ fn a_pool_that_a_flagged_thread_started_serves_plain_callers() {
                 assert_eq!(answer.report.pair_count, truth.pairs.len() as u64, "{engine}, {flags}");
             }
             let mask = pool.install(|| FloatFlags::DEFAULT.run(|| session.answer(&boxes)));
-            let pairs = mask.sorted();
-            assert_eq!(pairs, truth.pairs, "{flags}");
+            assert_eq!(mask.sorted(), truth.pairs, "{flags}");
         }
     }
 }

@@ -37,7 +37,6 @@ fn scene(n: u32, seed: u64) -> Vec<Aabb> {
     stress_scenes::named("uniform").boxes(n, seed)
 }
 
-/// A process that attacks; killed when dropped.
 struct Attacker {
     process: Child,
     mode: &'static str,
@@ -55,7 +54,6 @@ impl Attacker {
         Self { process, mode }
     }
 
-    /// Ends the attack and returns the attacker's counts.
     fn end(mut self) -> BTreeMap<String, u64> {
         drop(self.process.stdin.take());
         let mut said = String::new();
@@ -77,7 +75,6 @@ impl Drop for Attacker {
 type Boxes = Vec<Aabb>;
 type IndexPairs = Vec<[u32; 2]>;
 
-/// Frames with their pairs, which a client submits in turn.
 struct InTurn {
     frames: Vec<(Boxes, IndexPairs)>,
     asked: usize,

@@ -23,12 +23,10 @@ const SIZES: [u32; 10] = [0, 1, 2, 3, 31, 32, 33, 64, 70, 345];
 
 #[derive(Clone, Copy, PartialEq)]
 enum Watch {
-    /// With the sanitizers of the compiler for addresses and undefined behaviour.
     Sanitizers,
     Valgrind,
 }
 
-/// A program that was built, in a folder of its own.
 struct Program {
     folder: tempfile::TempDir,
     watch: Watch,
@@ -85,7 +83,6 @@ impl Program {
         command
     }
 
-    /// Runs the program to its end, and returns what it printed.
     fn run(&self, arguments: &[&str]) -> String {
         let mut command = self.command(arguments);
         let done = command.output().unwrap_or_else(|error| panic!("{command:?}: {error}"));

@@ -420,9 +420,7 @@ fn peak_bytes(pid: u32) -> u64 {
 }
 
 fn count(session: &mut Session, boxes: &[Aabb]) -> Result<u64, pairmask::WaitError> {
-    let mut frame = session.frame(boxes.len()).unwrap();
-    frame.boxes_mut().copy_from_slice(boxes);
-    Ok(frame.submit().unwrap().wait()?.count())
+    Ok(session.ask(boxes).wait()?.count())
 }
 
 #[test]

@@ -56,10 +56,6 @@ fn in_pool<R: Send>(work: impl FnOnce() -> R + Send) -> R {
     rayon::ThreadPoolBuilder::new().num_threads(3).build().unwrap().install(work)
 }
 
-fn in_process() -> Session {
-    Session::builder().backend(Backend::InProcess).connect().unwrap()
-}
-
 #[test]
 fn scenes_of_one_thread_are_those_of_the_model() {
     let kinds = [(Kind::Small, 8_000), (Kind::Crowd, 100), (Kind::Large, 60)];

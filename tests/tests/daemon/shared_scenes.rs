@@ -54,10 +54,6 @@ fn learn(known: &mut BTreeSet<Pair>, answer: &SceneAnswer<'_>) {
     answer.begun().iter().for_each(|begun| assert!(known.insert(begun), "{begun:?} began twice"));
 }
 
-fn at(x: f32) -> Aabb {
-    Aabb::new([x, 0.0, 0.0], [x + 1.0, 1.0, 1.0])
-}
-
 #[test]
 fn a_late_writer_is_named_and_keeps_its_boxes() {
     let daemon = daemon();
@@ -94,7 +90,7 @@ fn a_late_writer_is_named_and_keeps_its_boxes() {
 #[test]
 fn what_is_not_its_own_a_member_is_refused() {
     let daemon = daemon();
-    let mut here = Session::builder().backend(Backend::InProcess).connect().unwrap();
+    let mut here = in_process();
     let refused = here.join_scene("rules", JoinOptions::default());
     assert!(matches!(refused, Err(SharedError::InProcess)));
     let options = JoinOptions::default().with_most_boxes(100).with_tick_deadline(LONG);
