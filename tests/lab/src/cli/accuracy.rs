@@ -16,10 +16,10 @@ use pairmaskd::scene::SceneName;
 
 use super::studies::Output;
 use crate::Result;
-use crate::study::accuracy::judge::Pareto;
 use crate::study::accuracy::measure::{self, Lengths, Subject};
 use crate::study::accuracy::mode::StudyMode;
-use crate::study::accuracy::rows::AccuracyReport;
+use crate::study::accuracy::report::report;
+use crate::study::harness::Report;
 use crate::study::harness::machine::Machine;
 
 /// Spin time of both sides. Longer than any pause between two frames, so that no thread sleeps.
@@ -86,7 +86,7 @@ impl Accuracy {
         }
         let steps = subjects.len() as u64;
         let measure = |progress: &ProgressBar| self.measure(&subjects, progress, place, config);
-        self.output.of(|| progress_bar(steps, "rows"), measure).map(drop)
+        self.output.of(|| progress_bar(steps, "rows"), measure)
     }
 
     fn subjects(&self, config: &Config) -> Vec<Subject> {
@@ -115,7 +115,7 @@ impl Accuracy {
         progress: &ProgressBar,
         place: &Place,
         config: &Config,
-    ) -> Result<AccuracyReport> {
+    ) -> Result<Report> {
         let machine = machine(&self.daemon.gpu(config));
         let target = Target::new(&self.options, &self.daemon, SPIN, place, config)?;
         let mut rows = Vec::new();
@@ -126,7 +126,7 @@ impl Accuracy {
             rows.push(measure::row(builder.connect()?, subject, &self.lengths, memory_bytes)?);
             progress.inc(1);
         }
-        Ok(AccuracyReport { machine, seed: self.seed, pareto: Pareto::of(&rows), rows })
+        Ok(report(&machine, self.seed, &rows))
     }
 }
 

@@ -32,7 +32,7 @@ use serde::{Deserialize, Serialize};
 use super::studies::Output;
 use crate::Result;
 use crate::processes::{Daemon, Work, Worker, is_reported_to_begin, report};
-use crate::study::harness::StudyReport;
+use crate::study::harness::Report;
 use crate::study::harness::document::Part;
 use crate::study::harness::table::{Fields, Table, row};
 
@@ -160,15 +160,6 @@ impl FromStr for Group {
 
 const NO_FRAME: &str = "no frame began within the measured time: give more --seconds";
 
-/// The JSON object of `load --json`. Fields may be added, never changed or taken away.
-#[derive(Debug, Serialize)]
-struct LoadReport {
-    machine: Machine,
-    rows: Vec<LoadRow>,
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    idle: Vec<Fields>,
-}
-
 #[derive(Debug, Serialize)]
 struct LoadRow {
     #[serde(flatten)]
@@ -185,17 +176,6 @@ struct LoadRow {
 const COLUMNS: &str = "n,backend,wait,engine,precision,rate,clients,clients_in_all,frames_per_second,\
     late_frames,from_due_ns.p99,total_ns.p50,total_ns.p99,round_trip_ns.p50,round_trip_ns.p99,\
     worst_client_p50_ns,daemon_cpu_percent";
-
-impl StudyReport for LoadReport {
-    const NAME: &'static str = "load";
-
-    fn parts(&self) -> Vec<Part> {
-        let mut parts = vec![Part::heading(1, "Load"), Part::text(self.machine.to_string())];
-        parts.extend(Part::section_of("Frames", "", Table::of(&self.rows).only(COLUMNS)));
-        parts.extend(Part::section("Clients that send nothing", "", &self.idle));
-        parts
-    }
-}
 
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(crate) struct ClientSettings {
@@ -251,19 +231,27 @@ impl Load {
             }
         }
         let measure = |_: &_| {
-            let mut report =
-                LoadReport { machine: Machine::this(), rows: Vec::new(), idle: Vec::new() };
+            let (mut rows, mut idle) = (Vec::new(), Vec::new());
             for wait in &self.wait {
-                self.measure(&mut report, *wait, &runs, place, config)?;
+                self.measure((&mut rows, &mut idle), *wait, &runs, place, config)?;
+            }
+            let machine = Machine::this();
+            let mut report = Report::new("load", vec![Part::heading(1, "Load")]);
+            report.parts.push(Part::text(machine.to_string()));
+            report.value("machine", &machine);
+            report.parts.extend(Part::section("Frames", "", Table::of(&rows).only(COLUMNS)));
+            report.list("rows", &rows);
+            if !idle.is_empty() {
+                report.section("idle", "Clients that send nothing", "", &idle);
             }
             Ok(report)
         };
-        self.output.of(|| spinner("measuring"), measure).map(drop)
+        self.output.of(|| spinner("measuring"), measure)
     }
 
     fn measure(
         &self,
-        report: &mut LoadReport,
+        (rows, idle): (&mut Vec<LoadRow>, &mut Vec<Fields>),
         wait: Wait,
         runs: &[(Rate, &[Group], PrecisionChoice)],
         place: &Place,
@@ -298,14 +286,14 @@ impl Load {
             let is_last = i + 1 == runs.len();
             let ran = Ran::new(groups, &settings, &at, target.cpu().as_ref(), is_last)?;
             let (clients_in_all, used) = (all_of(groups), ran.daemon_percent);
-            report.idle.extend(ran.idle_percent.map(|daemon_cpu_percent| {
+            idle.extend(ran.idle_percent.map(|daemon_cpu_percent| {
                 row!(wait: wait.to_string(), clients: clients_in_all, daemon_cpu_percent)
             }));
             let mut measured = ran.clients.into_iter();
             for Group { n, clients } in *groups {
                 let (sum, worst_client_p50_ns) =
                     together(measured.by_ref().take(*clients as usize))?;
-                report.rows.push(LoadRow {
+                rows.push(LoadRow {
                     row: LatencyRow::new(*n, *precision, wait, threads, &sum.figures, used),
                     rate: rate.to_string(),
                     clients: *clients,

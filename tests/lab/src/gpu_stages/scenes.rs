@@ -17,14 +17,12 @@ use pairmaskd::execute::gpu::{
     Awake, EditTimes, Gpu, GpuScene, GridOptions, SceneTools, SharedImports, user_cache_folder,
 };
 use pairmaskd::scene::{Random, SceneName};
-use serde::Serialize;
 
 use super::shared::Segment;
 use super::wrong_pairs;
 use crate::Result;
-use crate::study::harness::document::Part;
-use crate::study::harness::table::{Fields, Table, row};
-use crate::study::harness::{StudyReport, median, percentile};
+use crate::study::harness::table::{Fields, row};
+use crate::study::harness::{median, percentile};
 use crate::study::moving::{Motion, World};
 
 /// Edits that are not counted: memory is taken, layouts are chosen, frames are recorded.
@@ -61,21 +59,6 @@ pub struct Case {
     /// Whether the boxes of an edit lie in imported memory; else they are copied.
     pub imported: bool,
     pub effort: Effort,
-}
-
-/// The JSON object of `gpu-scene --json`. Fields may be added, never changed or taken away.
-#[derive(Clone, Debug, Serialize)]
-pub struct GpuSceneReport {
-    pub gpus: Vec<String>,
-    pub rows: Vec<Fields>,
-}
-
-impl StudyReport for GpuSceneReport {
-    const NAME: &'static str = "gpu-scene";
-
-    fn parts(&self) -> Vec<Part> {
-        vec![Part::text(self.gpus.join(", ")), Part::Table(Table::of(&self.rows))]
-    }
 }
 
 /// Pairs, as a number and a sum of hashes that depends on no order.

@@ -17,9 +17,8 @@ use pairmask_core::update::{Placement, UpdateError, par_update_boxes, update_box
 use pairmask_core::{Aabb, Encoding, EngineName};
 use pairmaskd::cli::machine::Machine;
 use pairmaskd::scene::{Random, Scene, SceneName};
-use serde::Serialize;
 
-use super::harness::StudyReport;
+use super::harness::Report;
 use super::harness::document::Part;
 use super::harness::table::{Fields, Table, row};
 use super::papers::figure;
@@ -50,7 +49,7 @@ const PAIRS: (&str, &str) = ("overlapping-pairs", "pairs");
 
 /// Measures both stages of every case; `threads` empty means 1, 2, 4 … all cores. `watch` is called
 /// [`STEPS_A_CASE`] times for each case.
-pub fn measure(cases: &[Case], threads: &[usize], watch: impl Fn()) -> Result<ThreadsReport> {
+pub fn measure(cases: &[Case], threads: &[usize], watch: impl Fn()) -> Result<Report> {
     let machine = Machine::this();
     let mut threads = threads.to_vec();
     if threads.is_empty() {
@@ -70,7 +69,18 @@ pub fn measure(cases: &[Case], threads: &[usize], watch: impl Fn()) -> Result<Th
         rows.extend(pair_rows(&measured));
         watch();
     }
-    Ok(ThreadsReport { machine, rows })
+    let Machine { cpu, cores, commit, command, .. } = &machine;
+    let parts = vec![
+        Part::heading(1, "Speed-up by threads"),
+        Part::text(format!("{cpu}, {cores} cores; commit {commit}.")),
+        Part::text(format!("`{command}`")),
+        Part::text("The paper's machine: two Xeon X5482."),
+        Part::Table(Table::of(&rows)),
+    ];
+    let mut report = Report::new("threads", parts);
+    report.value("machine", &machine);
+    report.list("rows", &rows);
+    Ok(report)
 }
 
 fn pair_rows(measured: &CaseTimes) -> Vec<Fields> {
@@ -133,13 +143,6 @@ fn object(world: &Aabb, random: &mut Random) -> (Aabb, Placement) {
     (Aabb::new(-half, half), Placement::rigid(min + half, turn))
 }
 
-/// The JSON object of `threads --json`. Fields may be added, never changed or taken away.
-#[derive(Debug, Serialize)]
-pub struct ThreadsReport {
-    pub machine: Machine,
-    pub rows: Vec<Fields>,
-}
-
 fn series(
     (stage, table): (&str, &str),
     case: Case,
@@ -168,21 +171,6 @@ fn series(
         )
     };
     series.into_iter().map(of).collect()
-}
-
-impl StudyReport for ThreadsReport {
-    const NAME: &'static str = "threads";
-
-    fn parts(&self) -> Vec<Part> {
-        let Machine { cpu, cores, commit, command, .. } = &self.machine;
-        vec![
-            Part::heading(1, "Speed-up by threads"),
-            Part::text(format!("{cpu}, {cores} cores; commit {commit}.")),
-            Part::text(format!("`{command}`")),
-            Part::text("The paper's machine: two Xeon X5482."),
-            Part::Table(Table::of(&self.rows)),
-        ]
-    }
 }
 
 #[cfg(test)]

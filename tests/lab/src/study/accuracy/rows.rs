@@ -6,17 +6,7 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
-use super::judge::Pareto;
 use super::truth::Difference;
-use crate::study::harness::machine::Machine;
-
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct AccuracyReport {
-    pub machine: Machine,
-    pub seed: u64,
-    pub rows: Vec<AccuracyRow>,
-    pub pareto: Pareto,
-}
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Percentiles {
@@ -179,11 +169,6 @@ pub(super) mod tests {
             (stage, if stage == "total_ns" { times } else { Percentiles::default() })
         };
         STAGES.map(stage).into()
-    }
-
-    pub fn report(rows: Vec<AccuracyRow>) -> AccuracyReport {
-        let (machine, pareto) = (Machine::here(None), Pareto::of(&rows));
-        AccuracyReport { machine, seed: 1, rows, pareto }
     }
 
     #[test]

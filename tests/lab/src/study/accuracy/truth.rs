@@ -66,8 +66,6 @@ impl Difference {
 
 #[cfg(test)]
 mod tests {
-    use pairmaskd::scene::{Scene, SceneName};
-
     use super::*;
 
     #[test]
@@ -86,13 +84,5 @@ mod tests {
             assert!(f64::from(outward(x, false)) <= x && x <= f64::from(outward(x, true)), "{x}");
         }
         assert!(outward(1.0, true) > 1.0 && outward(1.0, false) < 1.0);
-    }
-
-    #[test]
-    fn both_ways_agree() -> Result<(), TimedError> {
-        let scene = Scene::new(SceneName::Pile, NAIVE_LIMIT + 1, 1);
-        let by_engine = pairs(scene.boxes(), EngineName::CpuGrid.into())?;
-        assert_eq!(by_engine, truth(scene.boxes()).pairs);
-        Ok(())
     }
 }

@@ -126,8 +126,8 @@ fn measure(figures: &mut Figures, options: &PapersOptions, watch: impl Fn()) -> 
     if let Some(gpu) = gpu {
         let speed = SphereOptions { errors: None, ..errors };
         let on_gpu = spheres::measure(&speed, Some(gpu), |_| ())?;
-        report.machine = on_gpu.machine;
-        report.gpu_speed = on_gpu.gpu_speed;
+        report.values = on_gpu.values;
+        report.list("gpu_speed", &on_gpu.lists["gpu_speed"]);
     }
     figures.add_run(Kind::Spheres, &report)?;
     watch();
