@@ -80,11 +80,7 @@ impl Finding {
     }
 }
 
-/// Checks a sorted list of pairs: nothing twice, all of `must`, none outside `may`. Both are sorted, and
-/// `must` is part of `may`.
-///
-/// # Errors
-/// [`Finding`] counts the wrong pairs and names the lowest.
+/// Checks a sorted list of pairs: nothing twice, all of `must`, none outside `may`, of which `must` is a part.
 pub fn compare(got: &[Pair], must: &[Pair], may: &[Pair]) -> Result<(), Finding> {
     if let Some(two) = got.windows(2).find(|two| two[0] >= two[1]) {
         let what = if two[0] == two[1] {

@@ -207,8 +207,7 @@ impl MixedFlags {
         }
     }
 
-    /// Gives all threads of the pool their flags, and runs `work` on one of them with the caller's
-    /// flags. The pool keeps its flags.
+    /// The pool's threads keep their flags.
     pub fn install<R: Send>(&self, pool: &ThreadPool, work: impl FnOnce() -> R + Send) -> R {
         pool.broadcast(|thread| self.pool[thread.index() % self.pool.len()].set());
         pool.install(|| self.caller.run(work))

@@ -193,10 +193,8 @@ const fn scene(
     StressScene { name, overlaps, make }
 }
 
-/// The scene of that name.
-///
 /// # Panics
-/// Where there is none.
+/// Where there is no scene of that name.
 pub fn named(name: &str) -> &'static StressScene {
     ALL.iter().find(|scene| scene.name == name).expect("a scene of that name")
 }

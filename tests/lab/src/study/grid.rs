@@ -45,8 +45,7 @@ fn paper<const N: usize>(table: &str, n: u32, columns: [&str; N]) -> Option<[f64
     found.iter().all(Option::is_some).then(|| found.map(Option::unwrap_or_default))
 }
 
-/// Measures everything; `counts` are the numbers of boxes of table 6, figure 5 and the stages. With `quick` short runs
-/// of small scenes, in seconds; times mean little.
+/// `counts` are the numbers of boxes of table 6, figure 5 and the stages; with `quick` times mean little.
 pub fn measure(choice: &GpuChoice, counts: &[u32], quick: bool) -> Result<Report> {
     let gpu = &Gpu::open(choice, HostImport::IfPossible)?;
     let budget = Duration::from_millis(if quick { 50 } else { 500 });

@@ -59,8 +59,7 @@ fn judge(measured: &CaseTimes, threads: usize, calibration: &Calibration) -> Fie
     )
 }
 
-/// Measures the cases; `threads`, which the plan may use, empty means 1 and all cores. `watch` is called after each
-/// case.
+/// `threads`, which the plan may use, empty means 1 and all cores. `watch` is called after each case.
 pub fn measure(
     cases: &[Case],
     threads: &[usize],

@@ -1,17 +1,9 @@
 //! The same hard scenes through a daemon: frames of several client processes at a time.
 //!
-//! Each client is a process, because the daemon shares its time by process. From its seed it opens
-//! sessions that ask for any engine, encoding and number of threads, sends scenes in any form (boxes,
-//! spheres, precision modes), some thousands of boxes large, and compares the answers with the oracle. It
-//! has several frames under way, reads them in any order, drops some unread, pauses, closes sessions and
-//! opens others. Between its frames each session edits a scene that persists, whose answers are taken or
-//! dropped by chance; the pairs that it knows are compared with the oracle. On request clients are killed
-//! and started again, and close sessions with frames under way. The transport loses a place of 128 with
-//! each port that goes while the daemon has not received its requests, and its server panics when the last
-//! one is lost: the daemon's supervisor starts another worker, and such a run ends as failed.
-//!
-//! A client's seed gives its frames again; the time at which they meet those of others is not given
-//! again. So a failure's replay command sends its case many times, among others.
+//! Each client is a process, because the daemon shares its time by process. Its seed gives its frames again, but not
+//! when they meet those of others: a failure's replay command sends its case many times, among others. The transport
+//! loses a place of 128 with each port that goes while the daemon has not received its requests, and its server panics
+//! when the last one is lost: the daemon's supervisor starts another worker, and such a run ends as failed.
 //!
 //! ```text
 //! offer       what clients may ask for, and what a session asks for       (pure)
@@ -121,8 +113,6 @@ pub struct ClientsRun {
 }
 
 impl ClientsRun {
-    /// Runs clients of the daemon for the time of the run. `watch` is called now and then with the number of answers
-    /// and the time since the start.
     pub fn run(&self, watch: impl FnMut(u64, Duration)) -> Result<StressReport> {
         let start = Instant::now();
         let look = Look::before(&self.daemon.session())?;

@@ -37,8 +37,7 @@ pub struct Answer {
     pub pairs: Option<Vec<Pair>>,
 }
 
-/// The client of a mode. Spheres are culled in this process, by the engine of `options`; all others
-/// in the session, which has its own choice of engine.
+/// Spheres are culled in this process, by the engine of `options`; all others in the session.
 pub fn client(
     mode: StudyMode,
     options: &CullOptions,

@@ -129,7 +129,7 @@ mod tests {
             of("exact", 10, 100, 0, 24),
             of("q16", 10, 120, 3, 12),
             of("q8", 10, 130, 9, 12),
-            AccuracyRow { missed: 1, ..of("f16", 10, 1, 0, 12) },
+            AccuracyRow { n: 10, bytes_up: 12, ..of_mode("f16", 1, 0, 1) },
             AccuracyRow { offset: Some(1e9), ..of("f64", 10, 900, 9, 24) },
             of("exact", 20, 100, 0, 24),
             of("q16", 20, 90, 0, 12),

@@ -14,7 +14,7 @@ use pairmaskd::timed_client::{TimedError, TimedFrame};
 
 use super::clients::client;
 use super::mode::{CIRCUMSCRIBED, StudyMode, World};
-use super::rows::{AccuracyRow, AgainstBoxes, Percentiles, STAGES};
+use super::rows::{AccuracyRow, Percentiles, STAGES};
 use super::truth::{self, Difference};
 
 #[derive(Clone, Copy, Debug)]
@@ -61,8 +61,8 @@ pub fn row(
     }
     let mut times: [Vec<u64>; STAGES.len()] = Default::default();
     let (mut requests, mut mask_bytes) = (0, 0);
-    let (mut found, mut checked_frames) = (Difference::default(), 0);
-    let mut of_boxes = client.stands_for_boxes().then(Difference::default);
+    let (mut found, mut checked_frames) = (Difference::NONE, 0);
+    let mut against_boxes = client.stands_for_boxes().then_some(Difference::NONE);
     for frame in 0..lengths.frames.get() {
         scene.step();
         let answer = client.frame(scene.boxes(), lengths.is_checked(frame))?;
@@ -77,9 +77,9 @@ pub fn row(
                 &reported,
                 &client.truth(scene.boxes(), last.info.engine)?,
             ));
-            if let Some(of_boxes) = &mut of_boxes {
+            if let Some(against_boxes) = &mut against_boxes {
                 let truth = truth::pairs(scene.boxes(), last.info.engine)?;
-                of_boxes.add(&Difference::between(&reported, &truth));
+                against_boxes.add(&Difference::between(&reported, &truth));
             }
             checked_frames += 1;
         }
@@ -93,7 +93,6 @@ pub fn row(
         StudyMode::World(world) => (None, Some(world.offset), None),
         StudyMode::Spheres => (None, None, Some(CIRCUMSCRIBED.to_owned())),
     };
-    let AgainstBoxes { true_pairs, missed, extra, extra_ratio } = found.into();
     let percentiles = |(stage, times)| (stage, Percentiles::of(times));
     Ok(AccuracyRow {
         scene: subject.scene.to_string(),
@@ -111,11 +110,8 @@ pub fn row(
         bytes_up: last.info.box_bytes,
         bytes_down: mask_bytes.checked_div(requests).unwrap_or(last.info.mask_bytes),
         checked_frames,
-        true_pairs,
-        missed,
-        extra,
-        extra_ratio,
-        against_boxes: of_boxes.map(AgainstBoxes::from),
+        found,
+        against_boxes,
         memory_bytes: memory_bytes(),
     })
 }

@@ -3,7 +3,8 @@
 use serde_json::json;
 
 use super::judge::{ModeVerdict, Pareto, Setting, in_order, modes, settings, title};
-use super::rows::{AccuracyRow, AgainstBoxes, STAGES, ratio};
+use super::rows::{AccuracyRow, STAGES};
+use super::truth::Difference;
 use crate::study::harness::Report;
 use crate::study::harness::document::Part;
 use crate::study::harness::machine::Machine;
@@ -80,10 +81,10 @@ fn readable(rows: &[AccuracyRow]) -> Table {
         }
         // What nobody looked at is not known.
         if row.checked_frames > 0 {
-            line["true pairs"] = row.true_pairs.into();
-            line["missed"] = row.missed.into();
-            line["extra"] = row.extra.into();
-            line["extra %"] = percent(row.extra_ratio).into();
+            line["true pairs"] = row.found.true_pairs.into();
+            line["missed"] = row.found.missed.into();
+            line["extra"] = row.found.extra.into();
+            line["extra %"] = percent(row.found.extra_ratio).into();
         }
         line["against boxes %"] = row.against_boxes.map(|boxes| against(&boxes)).into();
         line
@@ -91,10 +92,10 @@ fn readable(rows: &[AccuracyRow]) -> Table {
     Table::of(&rows.iter().map(line).collect::<Vec<_>>())
 }
 
-fn against(boxes: &AgainstBoxes) -> String {
+fn against(boxes: &Difference) -> String {
     let text = |x: Option<f64>| x.map_or_else(|| "-".to_owned(), |x| format!("{:.3}", 100.0 * x));
-    let missed = ratio(boxes.missed, boxes.true_pairs).filter(|_| boxes.missed > 0);
-    let minus = missed.map_or_else(String::new, |_| format!(" -{}", text(missed)));
+    let missed = boxes.missed as f64 / boxes.true_pairs as f64;
+    let minus = if boxes.missed > 0 { format!(" -{}", text(Some(missed))) } else { String::new() };
     format!("+{}{minus}", text(boxes.extra_ratio))
 }
 
@@ -144,10 +145,10 @@ fn plots(rows: &[AccuracyRow]) -> Vec<Part> {
 fn missed(rows: &[AccuracyRow]) -> String {
     let sum = |of: fn(&AccuracyRow) -> u64| rows.iter().map(of).sum::<u64>();
     let checked = sum(|row| row.checked_frames);
-    match (checked, sum(|row| row.missed)) {
+    match (checked, sum(|row| row.found.missed)) {
         (0, _) => "**No frame was checked**: what is missed and extra is not known.".to_owned(),
         (_, 0) => {
-            let pairs = sum(|row| row.true_pairs);
+            let pairs = sum(|row| row.found.true_pairs);
             let frames = format!("in {checked} checked frames with {pairs} overlapping pairs");
             format!("**No pair was missed** {frames}.")
         }
@@ -238,11 +239,11 @@ mod tests {
 
     #[test]
     fn lines_have_as_many_fields_as_the_head_and_text_all_columns() {
-        let boxes = AgainstBoxes { true_pairs: 100, missed: 2, extra: 7, extra_ratio: Some(0.07) };
+        let boxes = Difference::of(100, 2, 7);
         let spheres = AccuracyRow {
             margin: None,
             spheres: Some("circumscribed".to_owned()),
-            extra_ratio: None,
+            found: Difference { extra_ratio: None, ..Difference::NONE },
             against_boxes: Some(boxes),
             ..of_mode("spheres", 500_000, 0, 0)
         };

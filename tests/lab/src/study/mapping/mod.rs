@@ -133,8 +133,7 @@ pub enum Processor {
     Gpu,
 }
 
-/// Measures, on the GPU too if the choice has one. With `quick` small sizes and few runs, in seconds; times mean
-/// little.
+/// With `quick` small sizes and few runs, in seconds; times mean little.
 pub fn measure(choice: &GpuChoice, quick: bool) -> Result<Report> {
     let gpu = open_if_any(choice, HostImport::Never)?;
     let software = gpu.as_ref().is_some_and(|gpu| gpu.info().is_software());

@@ -1,10 +1,7 @@
 //! The stages of the mapping study: every way to turn an id k into a pair (a, b), by name.
 //!
-//! Sources: Q. Avril, V. Gouranton, B. Arnaldi, "Fast collision culling in large-scale
-//! environments using GPU mapping function", EGPGV 2012, §3 (closed form, corrections, lazy way,
-//! table 3's constants); C. Lomont, "Fast inverse square root", 2003; C. A. Navarro et al. on
-//! folding a triangle. None of these stages serves a client: production uses
-//! `pairmask_core::pair_index` and integer searches only.
+//! Sources: Avril et al. 2012, §3 (closed form, corrections, lazy way, table 3's constants); C. Lomont, "Fast inverse
+//! square root", 2003; C. A. Navarro et al. on folding a triangle.
 
 use std::fmt;
 
