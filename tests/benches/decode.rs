@@ -68,7 +68,6 @@ fn one_a_box(n: BoxCount) -> Vec<Pair> {
     random_pairs(n, n.len(), 1)
 }
 
-/// All ways through one mask.
 fn decode(title: &str, written: &WrittenMask, expected: usize) {
     let mask = MaskView::new(written.n, &written.shape, &written.reply).expect("shape and reply");
     let mask = match std::env::var("PAIRMASK_SPARSE_KERNEL") {

@@ -27,11 +27,9 @@ use serde_json::{Value, json};
 
 /// The daemon's own main, which cargo builds beside this bench.
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
-/// Worlds of each row of worlds.
 const WORLDS: usize = 4_096;
 /// Worlds in a line of the scene in which they lie side by side.
 const LINE: usize = 16;
-/// Kinds of the scene that is filtered.
 const KINDS: usize = 10;
 
 /// Frames with rules beside frames without.
@@ -61,7 +59,6 @@ fn cube(random: &mut Random, n: usize) -> Vec<Aabb> {
     (0..n).map(|_| corner()).map(|low| Aabb::new(low, low.map(|x| x + 1.0))).collect()
 }
 
-/// One way to answer a frame.
 struct Way {
     session: Session,
     times: Vec<u64>,
@@ -97,13 +94,11 @@ impl Way {
         Ok((took, count))
     }
 
-    /// The median and the quartiles.
     fn spread(&self) -> [u64; 3] {
         [0.5, 0.25, 0.75].map(|share| percentile(&self.times, share))
     }
 }
 
-/// What is answered one way or the other.
 type Frame<'a> = dyn FnMut(&mut Way) -> Result<(u64, u64), Box<dyn Error>> + 'a;
 
 /// A row of two ways, in turns.

@@ -40,7 +40,6 @@ fn frame(session: &mut Session, boxes: &[Aabb]) -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// Time until the daemon has answered a frame.
 fn answered(session: &mut Session, boxes: &[Aabb]) -> Result<Duration, Box<dyn Error>> {
     let start = Instant::now();
     loop {

@@ -22,7 +22,6 @@ use serde_json::{Value, json};
 
 /// The daemon's own main, which cargo builds beside this bench.
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
-/// Rounds that are not counted.
 const WARM_UP: usize = 5;
 /// Sets of queries that take turns, so that no answer lies in the caches from the one before.
 const SETS: usize = 8;
@@ -56,7 +55,6 @@ fn session(daemon: &PrivateDaemon, backend: Backend, n: usize) -> Result<Session
     Ok(daemon.session().backend(backend).capacity(capacity).answer_repeats(false).connect()?)
 }
 
-/// Looks at all pairs.
 fn visit(slices: impl FnOnce(&mut dyn FnMut(&[[u32; 2]]))) {
     let mut sum = 0u64;
     slices(&mut |pairs| sum = pairs.iter().fold(sum, |sum, [a, b]| sum + u64::from(a ^ b)));

@@ -19,9 +19,7 @@ use pairmaskd::spawn::{PrivateDaemon, PrivateSettings};
 
 /// The daemon's own main, which cargo builds beside this bench.
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
-/// Writers of the shared scene.
 const WRITERS: u32 = 4;
-/// Ticks that are not counted.
 const WARM_UP: u64 = 10;
 /// Shares of the boxes that move, %.
 const SHARES: [u32; 3] = [1, 10, 100];

@@ -10,22 +10,16 @@ use serde_json::Value;
 use crate::command_line::{Place, Program, eventually, finish};
 use crate::frames::two_sets;
 
-/// The objects of frames.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Shape {
-    /// Boxes.
     Boxes,
-    /// Spheres.
     Spheres,
-    /// Boxes of two sets.
     Sets,
     /// Queries of a scene. Its one edit is a frame beside them.
     Queries,
 }
 
-/// The objects of a frame, queries and boxes together.
 const OBJECTS: usize = 40;
-/// Those of them in the first set, or queries.
 const FIRST: usize = 10;
 
 /// The auditor's counts by `status --json` after five frames of 40 objects that all overlap, or queries of so many,

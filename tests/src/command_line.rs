@@ -17,29 +17,20 @@ use crate::daemon::within;
 /// A process that runs longer than this counts as hanging.
 pub const PATIENCE: Duration = Duration::from_secs(120);
 
-/// A binary with a command line.
 pub trait Program {
-    /// Path of the binary.
     const BINARY: &str;
-    /// The program's name in its error messages.
     const NAME: &str;
 }
 
-/// The results of a finished process.
 #[derive(Debug)]
 pub struct Finished {
-    /// The program's name in its error messages.
     pub name: &'static str,
-    /// Its exit status, if it has one.
     pub code: Option<i32>,
-    /// Its output on stdout.
     pub stdout: String,
-    /// Its output on stderr.
     pub stderr: String,
 }
 
 impl Finished {
-    /// The JSON document on stdout, of a process that succeeded.
     pub fn json(&self) -> Value {
         assert_eq!(self.code, Some(0), "{self:?}");
         serde_json::from_str(&self.stdout).unwrap_or_else(|e| panic!("{e}: {self:?}"))
@@ -68,22 +59,18 @@ impl<P: Program> Default for Place<P> {
 }
 
 impl<P: Program> Place<P> {
-    /// An empty directory.
     pub fn new() -> Self {
         Self { dir: tempfile::tempdir().expect("a temporary directory"), program: PhantomData }
     }
 
-    /// The directory.
     pub fn path(&self) -> &Path {
         self.dir.path()
     }
 
-    /// A file in it.
     pub fn file(&self, name: &str) -> PathBuf {
         self.path().join(name)
     }
 
-    /// Writes a file of boxes.
     pub fn boxes(&self, boxes: &[Aabb]) -> PathBuf {
         let path = self.file("boxes.f32");
         std::fs::write(&path, bytemuck::cast_slice(boxes)).expect("the directory can be written");
@@ -101,12 +88,10 @@ impl<P: Program> Place<P> {
         command
     }
 
-    /// Runs it to its end.
     pub fn run(&self, arguments: &[&str]) -> Finished {
         finish(self.command(arguments).spawn().expect("the program starts"), P::NAME)
     }
 
-    /// Runs it to its end with `input` on stdin.
     pub fn run_with_input(&self, arguments: &[&str], input: &[u8]) -> Finished {
         let child = self.command(arguments).stdin(Stdio::piped()).spawn();
         let mut child = child.expect("the program starts");
@@ -115,7 +100,6 @@ impl<P: Program> Place<P> {
         finish(child, P::NAME)
     }
 
-    /// Names of the directory's entries.
     pub fn entries(&self) -> BTreeSet<String> {
         let entries = std::fs::read_dir(self.path()).expect("the directory can be read");
         let name = |entry: std::io::Result<std::fs::DirEntry>| {
@@ -180,12 +164,10 @@ fn collect(stream: Option<impl Read + Send + 'static>) -> JoinHandle<String> {
     })
 }
 
-/// Waits until `check` gives something.
 pub fn eventually<T>(what: &str, check: impl FnMut() -> Option<T>) -> T {
     within(PATIENCE, what, check)
 }
 
-/// Names of an object's fields.
 pub fn keys(value: &Value) -> BTreeSet<&str> {
     value.as_object().expect("an object").keys().map(String::as_str).collect()
 }

@@ -13,29 +13,23 @@ use crate::oracle;
 use crate::stress_scenes::{self, Overlaps};
 use crate::tier;
 
-/// A new engine, with the best instruction set.
 pub fn best_engine(name: EngineName) -> Box<dyn Engine> {
     cpu_engine(name, Isa::best()).expect("of the CPU")
 }
 
-/// A new engine of each.
 pub fn cpu_engines() -> Vec<Box<dyn Engine>> {
     EngineName::CPU.map(best_engine).into()
 }
 
-/// The frames on which an engine is tested.
 #[derive(Clone, Debug)]
 pub struct Suite {
-    /// Numbers of boxes.
     pub sizes: Vec<u32>,
     /// Most boxes of a scene in which a fixed share of all pairs overlaps: the naive side of the
     /// suite takes seconds beyond.
     pub quadratic_limit: u32,
-    /// Encodings.
     pub encodings: Vec<Encoding>,
     /// Thread counts; each gets a rayon pool of its own.
     pub threads: Vec<usize>,
-    /// Seed of the scenes.
     pub seed: u64,
     /// Floating-point flags of the caller and of its pool, frame by frame in turn.
     pub flags: Vec<MixedFlags>,

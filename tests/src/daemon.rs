@@ -13,7 +13,6 @@ use rustix::process::{Pid, Signal, kill_process};
 /// A wait that takes longer than this counts as a hang.
 pub const PATIENCE: Duration = Duration::from_secs(30);
 
-/// Waits until `check` gives something.
 pub fn eventually<T>(what: &str, check: impl FnMut() -> Option<T>) -> T {
     within(PATIENCE, what, check)
 }
@@ -81,7 +80,6 @@ fn of_tests(argument: &str) -> String {
     if argument == "software" { crate::gpu::name() } else { argument.into() }
 }
 
-/// A running daemon.
 #[derive(Debug)]
 pub struct TestDaemon {
     dir: tempfile::TempDir,
@@ -104,7 +102,6 @@ impl TestDaemon {
         daemon
     }
 
-    /// Starts the daemon again after [`TestDaemon::kill`].
     pub fn restart(&mut self) {
         assert!(self.supervisor.is_none(), "the daemon is running");
         let child = Command::new(&self.binary)
@@ -128,12 +125,10 @@ impl TestDaemon {
         });
     }
 
-    /// The directory that its clients need.
     pub fn dir(&self) -> RuntimeDir {
         RuntimeDir::at(self.dir.path())
     }
 
-    /// The path of that directory.
     pub fn path(&self) -> &Path {
         self.dir.path()
     }
@@ -145,25 +140,21 @@ impl TestDaemon {
         builder.deadline(Duration::from_secs(60))
     }
 
-    /// The record of the processes that serve now, if any.
     pub fn record(&self) -> Option<DaemonRecord> {
         self.dir().read_record(&InstanceName::default())
     }
 
-    /// Has the daemon's record state another minor version of the wire.
     pub fn pretend_minor(&self, minor: u16) {
         let mut record = self.record().expect("the daemon serves");
         record.version.minor = minor;
         self.dir().write_record(&InstanceName::default(), &record).expect("a record");
     }
 
-    /// The process that serves now.
     pub fn worker(&self) -> Pid {
         let record = eventually("the daemon has a worker", || self.record());
         Pid::from_raw(i32::try_from(record.worker_pid).expect("a pid")).expect("not zero")
     }
 
-    /// Waits until the auditor has seen enough, and checks that it has found nothing wrong.
     pub fn audit_is_clean(&self, mut is_enough: impl FnMut(&AuditCounts) -> bool) {
         let mut session = self.session().connect().expect("the daemon answers");
         let audit = eventually("answers are audited", || {
@@ -207,7 +198,6 @@ impl TestDaemon {
         supervisor.wait().expect("the supervisor's end");
     }
 
-    /// Bytes of shared memory that this daemon and its clients have.
     pub fn shared_bytes(&self) -> u64 {
         use std::os::unix::fs::MetadataExt;
         // Of 512 bytes, whatever the file system's blocks are.
@@ -215,7 +205,6 @@ impl TestDaemon {
         self.shared_files().into_iter().map(bytes).sum()
     }
 
-    /// Files of this daemon and its clients in /dev/shm.
     pub fn shared_files(&self) -> Vec<PathBuf> {
         let prefix = self.dir().shm_prefix(&InstanceName::default());
         let mut files: Vec<PathBuf> = std::fs::read_dir("/dev/shm")

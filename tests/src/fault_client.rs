@@ -5,7 +5,6 @@ use std::process::{Child, ChildStdout, Command, Stdio};
 
 use crate::daemon::TestDaemon;
 
-/// A client that fails on purpose; killed when dropped.
 #[derive(Debug)]
 pub struct FaultClient {
     process: Child,
@@ -18,7 +17,6 @@ impl FaultClient {
         Self::try_start(binary, daemon, arguments).expect("it connects")
     }
 
-    /// The same; `None` where it ends before it is connected.
     pub fn try_start(binary: &str, daemon: &TestDaemon, arguments: &[&str]) -> Option<Self> {
         let mut process = Command::new(binary)
             .args(arguments)
@@ -32,29 +30,24 @@ impl FaultClient {
         (client.said.next()?.expect("text") == "connected").then_some(client)
     }
 
-    /// Lets it cause its fault.
     pub fn go(&mut self) {
         assert!(self.is_ready(), "it ends before its fault");
     }
 
-    /// Lets it begin; whether it has before it ended.
     pub fn is_ready(&mut self) -> bool {
         let reported = self.process.stdin.as_mut().expect("open").write_all(b"go\n");
         reported.is_ok() && self.said.next().is_some_and(|said| said.expect("text") == "ready")
     }
 
-    /// Whether it has ended by itself.
     pub fn has_ended(&mut self) -> bool {
         self.process.try_wait().expect("a child").is_some()
     }
 
-    /// Ends its input, and returns what else it prints.
     pub fn end(mut self) -> Vec<String> {
         drop(self.process.stdin.take());
         self.said.by_ref().map_while(Result::ok).collect()
     }
 
-    /// The next line that it prints.
     pub fn next_line(&mut self) -> String {
         self.said.next().expect("a line").expect("text")
     }

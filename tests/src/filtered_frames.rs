@@ -7,7 +7,6 @@ use pairmask_core::oracle::Pair;
 use crate::scene_model::{Model, Op};
 use crate::stress_scenes::Rng;
 
-/// What kinds of rules a frame has.
 #[derive(Clone, Copy, Debug)]
 pub struct Kind {
     worlds: &'static [i32],
@@ -15,7 +14,6 @@ pub struct Kind {
     lists: bool,
 }
 
-/// All kinds: worlds, filters and lists, alone and together.
 pub const KINDS: [Kind; 9] = [
     Kind { worlds: &[0], filters: 70, lists: false },
     Kind { worlds: &[0], filters: 15, lists: false },
@@ -28,14 +26,10 @@ pub const KINDS: [Kind; 9] = [
     Kind { worlds: &[5], filters: 3, lists: false },
 ];
 
-/// A frame, and what is reported of it.
 #[derive(Clone, Debug)]
 pub struct FilteredFrame {
-    /// Its boxes.
     pub boxes: Vec<Aabb>,
-    /// Its rules.
     pub rules: Rules,
-    /// Its pairs, sorted.
     pub pairs: Vec<Pair>,
 }
 

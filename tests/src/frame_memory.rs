@@ -14,16 +14,13 @@ use crate::narrow::NarrowMemory;
 
 /// Boxes and a reply, with a token whose [`Arc::strong_count`] shows whether they still exist.
 pub struct TestFrame<R> {
-    /// The boxes.
     pub boxes: NarrowMemory,
-    /// The reply.
     pub reply: R,
     /// Dropped with the memory.
     pub token: Arc<()>,
 }
 
 impl TestFrame<HeapReply> {
-    /// Boxes in a precision, with a reply on the heap.
     pub fn on_heap(precision: &Precision, boxes: &[Aabb]) -> Self {
         let boxes = NarrowMemory::write(precision, boxes);
         Self { boxes, reply: HeapReply::new(), token: Arc::default() }
@@ -55,7 +52,6 @@ pub struct SharedReply {
 }
 
 impl SharedReply {
-    /// A reply of `pages` pages, and another view of the same pages.
     pub fn new(gpu: &Arc<Gpu>, imports: &SharedImports, pages: usize) -> (Self, Watcher) {
         let flags = rustix::fs::MemfdFlags::CLOEXEC;
         let file = rustix::fs::memfd_create("pairmask-test-reply", flags).expect("a memfd");
@@ -70,7 +66,6 @@ impl SharedReply {
         (Self { imports: imports.clone(), import, mapping }, Watcher(map()))
     }
 
-    /// All words of the reply.
     pub fn words(&self) -> &[u32] {
         let first = self.mapping.pointer().as_ptr().cast();
         // SAFETY: a live mapping of whole pages; the GPU writes to it within a frame alone, which
@@ -100,11 +95,9 @@ impl ReplyBuffer for SharedReply {
     }
 }
 
-/// Another view of a reply's pages, which outlives the reply.
 pub struct Watcher(ReadWriteMapping);
 
 impl Watcher {
-    /// Overwrites all words with one.
     pub fn fill(&self, word: u32) {
         for place in 0..self.0.bytes() / 4 {
             // SAFETY: within a live mapping, aligned.
@@ -112,7 +105,6 @@ impl Watcher {
         }
     }
 
-    /// Whether all words are this one.
     pub fn is_all(&self, word: u32) -> bool {
         // SAFETY: as in `fill`.
         (0..self.0.bytes() / 4).all(|place| unsafe { self.word(place).read_volatile() } == word)

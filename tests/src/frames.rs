@@ -3,19 +3,25 @@
 use std::sync::Arc;
 
 use pairmask::filters::Rules;
-use pairmask::{FrameOptions, PairMask, PendingFrame, ServedBy, Session};
+use pairmask::{Backend, FrameOptions, PairMask, PendingFrame, ServedBy, Session};
 use pairmask_core::Aabb;
 use pairmask_core::mask::MaskView;
 use pairmask_core::oracle::Pair;
 
 use crate::daemon::eventually;
 
-/// Whole frames in a call.
+/// A box of one unit.
+pub fn at(x: f32) -> Aabb {
+    Aabb::new([x, 0.0, 0.0], [x + 1.0, 1.0, 1.0])
+}
+
+pub fn in_process() -> Session {
+    Session::builder().backend(Backend::InProcess).connect().expect("no daemon is needed")
+}
+
 pub trait Frames {
-    /// Submits boxes.
     fn ask(&mut self, boxes: &[Aabb]) -> PendingFrame;
 
-    /// Submits boxes and waits.
     fn answer(&mut self, boxes: &[Aabb]) -> PairMask;
 }
 
@@ -31,12 +37,10 @@ impl Frames for Session {
     }
 }
 
-/// Options of a frame with collision filters.
 pub fn filtered(rules: &Arc<Rules>) -> FrameOptions {
     FrameOptions { filters: Some(Arc::clone(rules)), split_at: None }
 }
 
-/// Options of a frame of two sets.
 pub fn two_sets(first: usize) -> FrameOptions {
     FrameOptions { filters: None, split_at: Some(first) }
 }
@@ -53,9 +57,7 @@ pub fn served_by(expected: ServedBy, mut ask: impl FnMut() -> PairMask) -> PairM
     })
 }
 
-/// What a mask holds, in the oracle's order.
 pub trait Sorted {
-    /// The pairs, sorted.
     fn sorted(&self) -> Vec<Pair>;
 }
 

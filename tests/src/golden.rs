@@ -2,7 +2,6 @@
 
 use pairmaskd::scene::{Scene, SceneName};
 
-/// The scene that a golden hash is of.
 pub fn scene(name: SceneName) -> Scene {
     let mut scene = Scene::new(name, 3_000, 7);
     scene.step();

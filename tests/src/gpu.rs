@@ -19,7 +19,6 @@ fn names() -> String {
     std::env::var("PAIRMASK_TEST_GPU").unwrap_or_else(|_| "software".into())
 }
 
-/// The name of the GPU of tests that need one: the first of the list.
 pub fn name() -> String {
     name_at(0)
 }
@@ -32,57 +31,47 @@ pub fn name_at(place: usize) -> String {
     names.split(',').nth(place % count).unwrap_or_default().trim().to_owned()
 }
 
-/// The GPU of tests that need one.
 pub fn choice() -> GpuChoice {
     choice_at(0)
 }
 
-/// The GPU at a place of tests that need several.
 pub fn choice_at(place: usize) -> GpuChoice {
     name_at(place).parse().unwrap_or_default()
 }
 
-/// The GPU of tests that need one.
 pub fn open(host_import: HostImport) -> Arc<Gpu> {
     open_at(0, host_import)
 }
 
-/// The GPU at a place of tests that need several: a device of its own for each.
 pub fn open_at(place: usize, host_import: HostImport) -> Arc<Gpu> {
     Gpu::open(&choice_at(place), host_import)
         .unwrap_or_else(|error| panic!("the GPU tests need a Vulkan adapter: {error}"))
 }
 
-/// An engine on a device of its own.
 pub fn engine(options: AllPairsOptions) -> AllPairs {
     AllPairs::new(&open(HostImport::IfPossible), options).unwrap_or_else(|error| panic!("{error}"))
 }
 
-/// A grid on a device of its own.
 pub fn grid(options: &GridOptions) -> Grid {
     Grid::new(&open(HostImport::IfPossible), options).unwrap_or_else(|error| panic!("{error}"))
 }
 
-/// What scenes need on the device at a place.
 pub fn scene_tools(place: usize, options: &GridOptions) -> Arc<SceneTools> {
     SceneTools::new(&open_at(place, HostImport::IfPossible), options)
         .unwrap_or_else(|error| panic!("{error}"))
 }
 
-/// So many devices that share every search.
 pub fn shared_tools(gpus: usize) -> Vec<Arc<SceneTools>> {
     let options = GridOptions { shares_always: true, ..GridOptions::default() };
     (0..gpus).map(|at| scene_tools(at, &options)).collect()
 }
 
-/// An executor with so many devices of the GPUs of the tests.
 pub fn executor(gpus: usize) -> Executor {
     let open = |place| GpuService::open(&choice_at(place), Duration::ZERO);
     let open = |place| open(place).unwrap_or_else(|error| panic!("a Vulkan adapter: {error}"));
     Executor::new((0..gpus).map(open).collect::<Vec<_>>())
 }
 
-/// The sorted pairs of an answer to so many boxes.
 pub fn pairs_of(n: usize, answer: &CullAnswer, words: &[u32]) -> Vec<Pair> {
     let n = BoxCount::new(n as u32);
     MaskView::new(n, &answer.report.shape, words).expect("a mask").sorted()

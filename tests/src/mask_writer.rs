@@ -20,7 +20,6 @@ pub fn random_pairs(n: BoxCount, count: usize, seed: u64) -> Vec<Pair> {
     pairs.into_iter().collect()
 }
 
-/// Every pair of `n` boxes.
 pub fn all_pairs(n: BoxCount) -> Vec<Pair> {
     (0..n.get()).flat_map(|a| (a + 1..n.get()).map(move |b| [a, b])).collect()
 }
@@ -55,7 +54,6 @@ fn sorted([a, b]: Pair) -> Pair {
     [a.min(b), a.max(b)]
 }
 
-/// A random order of `n` boxes.
 pub fn random_order(n: BoxCount, seed: u64) -> Vec<u32> {
     let mut rng = Rng::new(seed);
     let mut order: Vec<u32> = (0..n.get()).collect();
@@ -65,14 +63,10 @@ pub fn random_order(n: BoxCount, seed: u64) -> Vec<u32> {
     order
 }
 
-/// A reply and where its mask lies.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct WrittenMask {
-    /// Boxes of the scene.
     pub n: BoxCount,
-    /// Where the sections lie.
     pub shape: MaskShape,
-    /// The words of the reply.
     pub reply: Vec<u32>,
 }
 

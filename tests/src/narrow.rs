@@ -3,7 +3,6 @@
 use pairmask_core::precision::BoxSlice;
 use pairmask_core::{Aabb, BoxForm, Precision};
 
-/// Boxes of one form in memory of their own.
 #[derive(Clone, Debug)]
 pub struct NarrowMemory {
     form: BoxForm,
@@ -13,7 +12,6 @@ pub struct NarrowMemory {
 }
 
 impl NarrowMemory {
-    /// Boxes as a client writes them in a precision.
     pub fn write(precision: &Precision, boxes: &[Aabb]) -> Self {
         let mut memory = Self::zeroed(precision.form(), boxes.len());
         precision.write(boxes, memory.bytes_mut());
@@ -36,13 +34,11 @@ impl NarrowMemory {
         Self { form, words: vec![0; bytes.div_ceil(4)], bytes }
     }
 
-    /// The boxes.
     pub fn boxes(&self) -> BoxSlice<'_> {
         let bytes: &[u8] = bytemuck::cast_slice(&self.words);
         BoxSlice::new(self.form, &bytes[..self.bytes]).expect("whole boxes, aligned")
     }
 
-    /// Their bytes, writable.
     pub fn bytes_mut(&mut self) -> &mut [u8] {
         &mut bytemuck::cast_slice_mut(&mut self.words)[..self.bytes]
     }

@@ -21,6 +21,6 @@ pub use crate::conformance::{
     Mismatch, Suite, best_engine, check_frame, check_pairs, check_reply, conform, cpu_engines,
 };
 pub use crate::daemon::{PATIENCE, TestDaemon, eventually};
-pub use crate::frames::{Frames, Sorted};
+pub use crate::frames::{Frames, Sorted, at, in_process};
 pub use crate::narrow::NarrowMemory;
 pub use crate::{naive_decoder, oracle, stress_scenes, tier};

@@ -9,11 +9,8 @@ use crate::stress_scenes::Rng;
 
 type Pair = [u32; 2];
 
-/// A scene that is edited and queried.
 pub trait QueriedScene {
-    /// Applies an edit, which is right.
     fn edit(&mut self, edit: Edit<'_>);
-    /// The pairs [query, index].
     fn query(&mut self, queries: &[Aabb], tags: QueryTags<'_>, encoding: Encoding) -> Vec<Pair>;
 }
 
@@ -52,7 +49,6 @@ pub fn a_query(rng: &mut Rng, extent: f32) -> Aabb {
     }
 }
 
-/// Random edits of a scene, and queries between them.
 pub struct Queries {
     edits: Edits,
     rng: Rng,
@@ -60,7 +56,6 @@ pub struct Queries {
 }
 
 impl Queries {
-    /// Of a scene of so many boxes at most, with rules or without.
     pub fn new(seed: u64, largest: u32, has_tags: bool) -> Self {
         let edits = Edits::new(seed, largest);
         let edits = if has_tags { edits } else { edits.without_rules() };

@@ -17,7 +17,6 @@ use pairmask_wire::{
 
 use crate::daemon::eventually;
 
-/// The fields of a request that every response echoes.
 pub fn fields_of(header: &RequestHeader) -> ReplyFields {
     ReplyFields {
         client_token: header.client_token,

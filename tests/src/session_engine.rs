@@ -9,7 +9,6 @@ use pairmask_core::mask::EncodingChoice;
 
 use crate::frames::{Frames, served_by};
 
-/// A session for each encoding, and the side that must serve it.
 #[derive(Debug)]
 pub struct SessionEngine {
     sessions: [Session; Encoding::ALL.len()],

@@ -95,14 +95,12 @@ pub fn whole_scene(n: usize, side: u64, seed: u64) -> (Vec<Sphere>, Truth) {
     (spheres, Truth { pairs, census: Census::default() })
 }
 
-/// Culls spheres.
 pub fn cull(session: &mut Session, spheres: &[Sphere]) -> PairMask {
     let mut frame = session.sphere_frame(spheres.len()).expect("memory for a frame");
     frame.spheres_mut().copy_from_slice(spheres);
     frame.submit().expect("a frame is sent").wait().expect("a frame is answered")
 }
 
-/// Checks a mask with its report against the truth.
 pub fn check_mask(mask: &PairMask, encoding: Encoding, truth: &Truth) -> Result<(), Mismatch> {
     let FrameInfo { census, mut skipped, times, .. } = *mask.info();
     if skipped.is_repeat() {

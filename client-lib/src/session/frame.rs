@@ -398,8 +398,7 @@ impl Frame {
     /// faster than a copy into [`boxes_mut`](Self::boxes_mut).
     ///
     /// ```
-    /// use pairmask::{CenterHalf, MinMax};
-    /// use pairmask::{Aabb, Session};
+    /// use pairmask::{Aabb, CenterHalf, MinMax, Session};
     ///
     /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
     /// # let mut session = Session::builder().backend(pairmask::Backend::InProcess).connect()?;

@@ -175,8 +175,7 @@ impl Session {
     /// name some.
     ///
     /// ```
-    /// use pairmask::scene::{SceneOptions, Report};
-    /// use pairmask::{Aabb, Backend, Session};
+    /// use pairmask::{Aabb, Backend, Report, SceneOptions, Session};
     ///
     /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
     /// let mut session = Session::builder().backend(Backend::InProcess).connect()?;
@@ -195,8 +194,7 @@ impl Session {
     /// Boxes may have [margins](pairmask_core::scene::SceneMargins), and are sent only when they have left theirs:
     ///
     /// ```
-    /// use pairmask::scene::{MarginedPairs, SceneOptions, Report};
-    /// use pairmask::{Aabb, Backend, Margin, Session};
+    /// use pairmask::{Aabb, Backend, Margin, MarginedPairs, Report, SceneOptions, Session};
     ///
     /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
     /// let mut session = Session::builder().backend(Backend::InProcess).connect()?;
@@ -242,8 +240,7 @@ impl Session {
     /// [`Report::Moved`](crate::Report::Moved) nor [queries](Scene::query).
     ///
     /// ```no_run
-    /// use pairmask::scene::Report;
-    /// use pairmask::{Aabb, JoinOptions, Session};
+    /// use pairmask::{Aabb, JoinOptions, Report, Session};
     ///
     /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
     /// let mut session = Session::builder().connect()?;

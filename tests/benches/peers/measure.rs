@@ -22,7 +22,6 @@ const TURNS_BETWEEN_CHECKS: usize = 10;
 /// takes seconds a frame where others take milliseconds.
 const PATIENCE: Duration = Duration::from_secs(60);
 
-/// A contender and its times.
 pub struct Lane {
     pub who: Who,
     pub threads: usize,
@@ -31,11 +30,9 @@ pub struct Lane {
     frame_ns: Vec<u64>,
     write_ns: Vec<u64>,
     fault: Option<String>,
-    /// All its frames so far.
     spent: Duration,
 }
 
-/// The results of a turn.
 struct Turn {
     frame_ns: Vec<u64>,
     write_ns: Vec<u64>,

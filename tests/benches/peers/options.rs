@@ -79,7 +79,6 @@ pub struct Options {
     bench: bool,
 }
 
-/// Scenes by name, each once.
 #[derive(Clone, Debug)]
 pub struct Scenes(pub Vec<SceneName>);
 

@@ -12,7 +12,6 @@ use pairmask_tests::prelude::*;
 /// decoding some 60,000.
 const PARALLEL_PAIRS: u64 = 131_072;
 
-/// A session.
 #[derive(Debug)]
 pub struct Ours {
     session: Session,

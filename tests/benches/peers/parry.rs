@@ -10,7 +10,6 @@ use rayon::slice::ParallelSlice;
 use pairmask_tests::oracle::Pair;
 use pairmask_tests::peers::contender::{Contender, ContenderError, Tally};
 
-/// How the tree follows the boxes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Upkeep {
     /// Boxes of inner nodes follow; the tree's shape stays.
@@ -19,7 +18,6 @@ pub enum Upkeep {
     OptimizeRefit,
 }
 
-/// A tree.
 pub struct Parry {
     tree: Bvh,
     workspace: BvhWorkspace,
@@ -34,7 +32,6 @@ fn parry_box(b: &Aabb) -> ParryBox {
 }
 
 impl Parry {
-    /// A tree of the first frame's boxes.
     pub fn new(boxes: &[Aabb], upkeep: Upkeep, threads: usize) -> Self {
         let leaves: Vec<ParryBox> = boxes.iter().map(parry_box).collect();
         Self {

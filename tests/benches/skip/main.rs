@@ -110,7 +110,6 @@ fn edit(
     Ok((times, answer.begun().len() + answer.ended().len(), answer.engine()))
 }
 
-/// What a scene took, and what it said last.
 struct Taken {
     /// The edit written and sent, until the answer is there, every change read and taken, and all of it: the sum of
     /// these, or more where the frame began late; ns a frame.

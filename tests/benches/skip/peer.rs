@@ -33,7 +33,6 @@ pub enum Peer {
 }
 
 impl Peer {
-    /// A peer that has these boxes.
     #[cfg_attr(not(feature = "peers"), expect(clippy::unnecessary_wraps))]
     pub fn new(
         name: PeerName,
@@ -80,7 +79,6 @@ impl Peer {
         Ok(())
     }
 
-    /// How many pairs it has, where it keeps them.
     #[cfg_attr(not(feature = "peers"), expect(clippy::unnecessary_wraps, unused))]
     pub fn pairs(&mut self, boxes: &[Aabb]) -> Result<Option<u64>, Box<dyn Error>> {
         Ok(match self {

@@ -17,14 +17,12 @@ use serde::{Deserialize, Serialize};
 use crate::cli::load;
 use crate::stress::clients;
 
-/// What a process is to do.
 #[derive(Serialize, Deserialize)]
 pub(crate) enum Work {
     Load(load::ClientSettings),
     Stress(clients::ClientSettings),
 }
 
-/// The daemon of client processes, and their instruction set.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(crate) struct Daemon {
     pub(crate) dir: PathBuf,
@@ -33,7 +31,6 @@ pub(crate) struct Daemon {
 }
 
 impl Daemon {
-    /// A session builder for it.
     pub(crate) fn session(&self) -> SessionBuilder {
         let isa = self.isa.parse().unwrap_or_else(|_| AvailableIsa::best());
         Session::builder().runtime_dir(RuntimeDir::at(&self.dir)).instance(&self.instance).isa(isa)
@@ -62,7 +59,6 @@ impl Daemon {
     }
 }
 
-/// Does what the process that started this one has asked for.
 pub(crate) fn work(job: &str) -> io::Result<()> {
     let (daemon, work): (Daemon, Work) = serde_json::from_str(job)?;
     // Nobody reads what it reports without a parent.
@@ -83,7 +79,6 @@ pub(crate) fn work(job: &str) -> io::Result<()> {
     Ok(())
 }
 
-/// A running child; killed when dropped.
 #[derive(Debug)]
 pub(crate) struct Worker {
     child: Child,
@@ -118,7 +113,6 @@ pub(crate) fn report(said: &impl Serialize) {
     let _ = out.flush();
 }
 
-/// Waits until this child is told to begin; `false`: to end.
 pub(crate) fn is_reported_to_begin() -> bool {
     io::stdin().lock().read_line(&mut String::new()).is_ok_and(|bytes| bytes > 0)
 }

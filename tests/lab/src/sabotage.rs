@@ -52,9 +52,7 @@ pub fn shrink(b: &Aabb) -> Aabb {
     if smaller.class() == BoxClass::Solid { smaller } else { *b }
 }
 
-/// An engine whose right answers are spoilt.
 pub struct Spoiler<S> {
-    /// The engine that answers.
     pub engine: Box<dyn Engine>,
     /// The change of the reply and its report, for instance [`lose_a_pair`].
     pub spoil: S,

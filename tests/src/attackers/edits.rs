@@ -6,7 +6,6 @@ use pairmask_wire::{EditLayout, RequestHeader, page_count};
 use super::{Forging, Tally, Until, scene_request};
 use crate::scene_model::{Edits, Grouped};
 
-/// Boxes of its scenes.
 const MOST_BOXES: u32 = 600;
 
 const FORGING: Forging = Forging {

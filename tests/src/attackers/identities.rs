@@ -84,7 +84,6 @@ pub fn attack(until: &Until, tally: &mut Tally) {
     }
 }
 
-/// The requests in another port's memory.
 fn seen(port: u128) -> Vec<Seen> {
     let Some(bytes) = segment_file(port).and_then(|file| fs::read(file).ok()) else {
         return Vec::new();

@@ -35,15 +35,12 @@ use pairmaskd::scene::Random;
 
 use self::raw::{RawClient, answer, dice, write};
 
-/// Counts of an attacker, by name.
 pub type Tally = BTreeMap<String, u64>;
 
-/// The end of an attack.
 #[derive(Clone, Debug)]
 pub struct Until(Arc<AtomicBool>);
 
 impl Until {
-    /// An attack until the standard input ends.
     fn input_ends() -> Self {
         let ended = Arc::new(AtomicBool::new(false));
         let report = Arc::clone(&ended);
@@ -54,18 +51,15 @@ impl Until {
         Self(ended)
     }
 
-    /// Whether the attack is over.
     pub fn is_over(&self) -> bool {
         self.0.load(Ordering::Relaxed)
     }
 }
 
-/// How an attacker forges requests.
 struct Forging {
     token: u64,
     /// Of a request.
     pages: usize,
-    /// Requests of a client.
     requests: u64,
     /// So many of four requests are forged.
     forged_of_four: u64,
@@ -129,7 +123,6 @@ impl Forging {
         }
     }
 
-    /// Changes some words of a request.
     fn forge(&self, header: &mut RequestHeader, payload: &mut [Page], dice: &mut Random) {
         let some = |dice: &mut Random| (dice.below(u64::MAX) >> dice.below(64)) as u32;
         for _ in 0..dice.below(3) {
@@ -288,7 +281,6 @@ fn repeat_in_children(mode: &str, until: &Until, tally: &mut Tally) -> Result<()
 /// A child that runs longer hangs in memory that it broke itself; a round takes a tenth of this.
 const CHILD_PATIENCE: Duration = Duration::from_secs(2);
 
-/// Adds one to a count.
 fn count(tally: &mut Tally, name: &str) {
     *tally.entry(name.to_owned()).or_default() += 1;
 }

@@ -9,7 +9,6 @@ use pairmask_core::engine::EngineChoice;
 use super::raw::{CHANNEL_ID, RawClient, answer, cull, dice, segment_file, word, write};
 use super::{Tally, count};
 
-/// Boxes of the memory that is cut.
 const BOXES: u32 = 20_000;
 const PAGES: usize = 20_000 * 24 / 4096 + 1;
 

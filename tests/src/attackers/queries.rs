@@ -36,7 +36,6 @@ fn boxes(dice: &mut Random, count: u32) -> Vec<Aabb> {
     (0..count).map(a_box).collect()
 }
 
-/// A scene of the revision, whole.
 fn edit(client: &RawClient, dice: &mut Random, revision: u64) -> Option<bool> {
     let boxes = boxes(dice, BOXES);
     let steps = [Step::Set(Sets { indices: (0..BOXES).into(), boxes: &boxes })];

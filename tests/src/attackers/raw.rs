@@ -19,18 +19,12 @@ use pairmaskd::scene::Random;
 pub const CLIENT_ID: usize = 2;
 /// Index of the channel on which the answer is expected.
 pub const CHANNEL_ID: usize = 4;
-/// Index of the request's number.
 pub const REQUEST_ID: usize = 5;
-/// Index of the payload's length.
 pub const PAGE_COUNT: usize = 6;
-/// Bytes of that header.
 pub const SENT_BYTES: usize = 64;
 
-/// The ports of a client, and the services that they belong to.
 pub struct RawClient {
-    /// Its ports.
     pub ports: Client,
-    /// The services of the ports.
     pub services: Services<ipc_threadsafe::Service>,
 }
 
@@ -60,12 +54,10 @@ impl RawClient {
         None
     }
 
-    /// Memory for a request.
     pub fn loan(&self, pages: usize) -> Option<RequestLoan> {
         self.ports.port.loan_slice_uninit(pages).ok().map(assume_pages)
     }
 
-    /// Sends a request, and wakes the daemon.
     pub fn send(&self, loan: RequestLoan) -> Option<PendingResponse> {
         let pending = loan.send().ok()?;
         let _ = self.ports.notifier.notify();
@@ -73,14 +65,12 @@ impl RawClient {
     }
 }
 
-/// The header of a request for the pairs of `n` plain boxes.
 pub fn cull(token: u64, frame: u64, n: u32, engine: EngineChoice) -> RequestHeader {
     let scene = ScenePlace::first(BoxForm::F32, BoxCount::new(n));
     let request = CullRequest { engine, threads: Some(1), ..CullRequest::of(scene) };
     RequestHeader::cull(token, frame, &request)
 }
 
-/// The header of the answer, if one comes in time.
 pub fn answer(pending: &PendingResponse, within: Duration) -> Option<ResponseHeader> {
     let give_up_at = Instant::now() + within;
     loop {
@@ -94,25 +84,21 @@ pub fn answer(pending: &PendingResponse, within: Duration) -> Option<ResponseHea
     }
 }
 
-/// The address of a word of a header.
 pub fn word<H>(header: &H, index: usize) -> usize {
     std::ptr::from_ref(header) as usize + 8 * index
 }
 
-/// Writes a word of this process's own shared memory.
 pub fn write(address: usize, value: u64) {
     // SAFETY: callers take the address from a message of their own, which they still hold, and whose
     // memory is mapped for writing; other processes treat it as shared memory.
     unsafe { std::ptr::with_exposed_provenance_mut::<u64>(address).write_volatile(value) }
 }
 
-/// Reads a word of this process's own shared memory.
 pub fn read(address: usize) -> u64 {
     // SAFETY: as in `write`.
     unsafe { std::ptr::with_exposed_provenance::<u64>(address).read_volatile() }
 }
 
-/// The file of a port's segment.
 pub fn segment_file(port: u128) -> Option<PathBuf> {
     let prefix = RuntimeDir::from_env().shm_prefix(&InstanceName::default());
     let ending = format!("_{port}.data");

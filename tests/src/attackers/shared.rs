@@ -15,9 +15,7 @@ use pairmask_wire::{
 use super::{Forging, Tally, Until, scene_request};
 use crate::scene_model::{Edits, Grouped};
 
-/// Boxes of its scenes.
 const MOST_BOXES: u32 = 200;
-/// The scene of the honest members beside it.
 pub const SHARED_SCENE: &str = "attacked";
 
 const FORGING: Forging = Forging {

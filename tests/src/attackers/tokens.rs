@@ -12,7 +12,6 @@ use super::{Tally, Until, count};
 /// Boxes of a frame, all empty, and pages for them: a frame takes longer than a client's way back.
 const BOXES: u32 = 2_000;
 const PAGES: usize = 2_000 * 24 / 4096 + 1;
-/// Requests that wait at a port.
 const AT_A_TIME: usize = 3;
 
 /// With a token for each request, the one after the last: it would be served next by a daemon that serves tokens in a

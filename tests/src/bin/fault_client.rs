@@ -98,7 +98,6 @@ fn main() -> Result<(), Box<dyn Error>> {
 
 /// Boxes of the client with a pile: a second on a core.
 const PILED_BOXES: usize = 300_000;
-/// Boxes of a greedy client's frame.
 const GREEDY_BOXES: u32 = 600_000;
 
 /// Boxes in a row, each of which touches the next.

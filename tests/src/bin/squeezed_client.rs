@@ -17,7 +17,6 @@ use pairmask_core::Aabb;
 const FILLER: &str = "/dev/shm/filler";
 /// Boxes of a frame: two pages of them.
 const BOXES: usize = 300;
-/// Output of a client that the daemon served.
 const SERVED: &str = "served";
 /// Output of a client that got an error about missing memory.
 const REFUSED: &str = "refused";
@@ -36,7 +35,6 @@ fn main() -> Result<(), Box<dyn Error>> {
     }
 }
 
-/// Connects and submits a frame.
 fn ask(backend: Backend) -> Result<&'static str, Box<dyn Error>> {
     let mut session = match Session::builder().backend(backend).connect() {
         Ok(session) => session,

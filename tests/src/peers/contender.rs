@@ -8,7 +8,6 @@ use crate::oracle::Pair;
 /// number, and a sum that depends on each pair but not on the order.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Tally {
-    /// Pairs.
     pub count: u64,
     /// Sum of a ^ b, less than 1 ns a pair. Different sets may have the same sum; a comparison of sets, pair by pair,
     /// is done apart.
@@ -16,7 +15,6 @@ pub struct Tally {
 }
 
 impl Tally {
-    /// The tally of these pairs.
     pub fn of(pairs: &[Pair]) -> Self {
         let mut tally = Self::default();
         for &[a, b] in pairs {
@@ -25,14 +23,12 @@ impl Tally {
         tally
     }
 
-    /// Visits a pair.
     #[inline(always)]
     pub fn visit(&mut self, a: u32, b: u32) {
         self.count += 1;
         self.sum += u64::from(a ^ b);
     }
 
-    /// The tally of two parts of the pairs together.
     #[must_use]
     pub const fn plus(self, other: Self) -> Self {
         Self { count: self.count + other.count, sum: self.sum + other.sum }
@@ -48,13 +44,10 @@ pub fn sorted(mut pairs: Vec<Pair>) -> Vec<Pair> {
     pairs
 }
 
-/// Why a contender failed on a frame.
 #[derive(Debug, thiserror::Error)]
 #[error("{name}: {reason}")]
 pub struct ContenderError {
-    /// The contender.
     pub name: String,
-    /// Its error.
     pub reason: String,
 }
 

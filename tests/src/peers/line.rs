@@ -24,84 +24,62 @@ impl fmt::Display for PeerName {
     }
 }
 
-/// Median and spread of frame times, ns.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Spread {
-    /// A tenth of the frames was faster.
     pub p10_ns: u64,
-    /// Half of the frames was faster.
     pub median_ns: u64,
-    /// A tenth of the frames was slower.
     pub p90_ns: u64,
 }
 
 impl Spread {
-    /// The spread of these times, zeros where there is none.
     pub fn of(times_ns: &[u64]) -> Self {
         let [p10_ns, median_ns, p90_ns] = [0.1, 0.5, 0.9].map(|share| percentile(times_ns, share));
         Self { p10_ns, median_ns, p90_ns }
     }
 }
 
-/// The contender that was measured.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Who {
-    /// A session.
     Ours {
         /// `daemon` or `in-process`.
         backend: &'static str,
         /// The engine that answered, behind `auto:` where the plan chose it.
         engine: String,
     },
-    /// Another library.
     Peer(PeerName),
 }
 
-/// One contender on a number of threads.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Line {
-    /// The contender.
     pub who: Who,
-    /// Threads that the contender could use.
     pub threads: usize,
     /// Time of a whole frame, from the user's boxes to visited pairs, all frames.
     pub frame: Spread,
-    /// The same over the last tenth of the frames, which shows drift.
     pub late: Spread,
     /// The part of `frame` that writes the boxes where they can be read; 0 for peers, whose update
     /// reads the user's boxes.
     pub write: Spread,
     /// Whether the contender was so slow that it was left out of most frames.
     pub is_given_up: bool,
-    /// The mistake in its pairs, if any.
     pub fault: Option<String>,
 }
 
-/// All contenders on one scene and size.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Comparison {
-    /// The scene.
     pub scene: SceneName,
-    /// Boxes.
     pub n: usize,
-    /// Pairs of the last frame.
     pub pairs: u64,
-    /// The contenders.
     pub lines: Vec<Line>,
 }
 
-/// One of our lines against one peer.
 #[derive(Clone, Debug)]
 pub struct PeerRow<'c> {
-    /// Scene and size.
     pub of: &'c Comparison,
     /// `daemon` or `in-process`.
     pub backend: &'static str,
-    /// What answered.
     pub engine: &'c str,
     /// Ours. A peer that is faster on fewer threads counts with that time.
     pub ours: &'c Line,
-    /// The peer.
     pub peer: PeerName,
     /// The peer's, with its best number of threads up to ours.
     pub theirs: &'c Line,
@@ -123,7 +101,6 @@ impl PeerRow<'_> {
 }
 
 impl Comparison {
-    /// Our lines against each peer, the fastest first.
     pub fn rows(&self) -> Vec<PeerRow<'_>> {
         let mut rows = Vec::new();
         for ours in &self.lines {
@@ -138,7 +115,6 @@ impl Comparison {
         rows
     }
 
-    /// Whether one of our own lines had other pairs than the reference.
     pub fn is_wrong(&self) -> bool {
         self.lines.iter().any(|l| matches!(l.who, Who::Ours { .. }) && l.fault.is_some())
     }

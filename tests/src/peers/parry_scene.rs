@@ -18,7 +18,6 @@ use rayon::iter::{IntoParallelRefIterator, ParallelIterator};
 use super::contender::ContenderError;
 use crate::oracle::Pair;
 
-/// How pairs of leaves that moved are found.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ParryWay {
     /// By traversing what changed of the tree against itself.
@@ -34,7 +33,6 @@ const BULK_SHARE: usize = 16;
 /// From so many queries on they run on all threads.
 const PARALLEL_QUERIES: usize = 256;
 
-/// A tree, and the list of pairs.
 pub struct ParryScene {
     tree: Bvh,
     workspace: BvhWorkspace,
@@ -58,7 +56,6 @@ fn touches(p: &Aabb, q: &Aabb) -> bool {
 }
 
 impl ParryScene {
-    /// A tree of these boxes, its list complete.
     pub fn new(boxes: &[Aabb], way: ParryWay, threads: usize) -> Self {
         let margin = if way == ParryWay::Changes { MARGIN } else { 0.0 };
         let leaves: Vec<ParryBox> = boxes.iter().map(|b| parry_box(b, margin)).collect();
@@ -191,7 +188,6 @@ impl ParryScene {
         Ok(count)
     }
 
-    /// The boxes' own pairs, from the list.
     pub fn pairs(&self) -> Vec<Pair> {
         let mut pairs = Vec::new();
         for (a, partners) in (0u32..).zip(&self.partners) {

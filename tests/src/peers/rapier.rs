@@ -15,7 +15,6 @@ use rapier3d::prelude::{
 use super::contender::{Contender, ContenderError, Tally};
 use crate::oracle::Pair;
 
-/// A broad phase.
 pub struct Rapier {
     broad_phase: BroadPhaseBvh,
     parameters: IntegrationParameters,
@@ -28,7 +27,6 @@ pub struct Rapier {
 }
 
 impl Rapier {
-    /// A broad phase for `n` boxes that are not set yet.
     pub fn new(n: usize) -> Self {
         let mut colliders = ColliderSet::new();
         let collider =

@@ -6,7 +6,6 @@ use serde_json::json;
 
 use super::line::{Comparison, PeerRow, Spread, Who};
 
-/// The text above every table.
 pub const HEAD: &str = "\
 Ratio: our time over the peer's, medians. Time: from the user's boxes to all pairs visited (ours: \
 write, submit, wait, decode; theirs: update from the boxes, visit every pair), µs, with the tenth and \
@@ -22,7 +21,6 @@ fn spread(times: &Spread) -> String {
     format!("{:.1} [{:.1} {:.1}]", us(times.median_ns), us(times.p10_ns), us(times.p90_ns))
 }
 
-/// The cells of a row, as text and Markdown show them.
 fn cells(row: &PeerRow<'_>) -> [String; 13] {
     let [ratio, late] = row.ratios();
     [
@@ -69,12 +67,10 @@ fn text_line<S: AsRef<str>>(cells: &[S]) -> String {
     line.trim_end().to_owned() + "\n"
 }
 
-/// The line over the text table.
 pub fn text_head() -> String {
     text_line(&COLUMNS)
 }
 
-/// The rows of one comparison for a terminal, and the mistakes found.
 pub fn text(comparison: &Comparison) -> String {
     let mut text: String = comparison.rows().iter().map(|row| text_line(&cells(row))).collect();
     for line in &comparison.lines {
@@ -100,7 +96,6 @@ fn name(who: &Who) -> String {
     }
 }
 
-/// All comparisons as one Markdown table below its text.
 pub fn markdown(comparisons: &[Comparison]) -> String {
     let mut text = format!("{HEAD}\n\n| {} |\n|{}\n", COLUMNS.join(" | "), "---|".repeat(13));
     for row in comparisons.iter().flat_map(Comparison::rows) {

@@ -12,15 +12,12 @@ pub trait Subject {
     /// if it was waited for.
     fn tick(&mut self, turns: &[Turn]) -> Result<Vec<(u64, Option<Heard>)>, String>;
 
-    /// The listener has lost its pairs.
     fn invalidate(&mut self) {}
 
-    /// A member joins, and leases a range.
     fn join(&mut self, _member: u32, _scope: Scope, _own: Range<u32>) -> Result<(), String> {
         Err("not shared".into())
     }
 
-    /// A member leaves.
     fn leave(&mut self, _member: u32) {}
 
     /// Whether any changes may come as a resync, as where daemons are killed.
@@ -33,38 +30,28 @@ pub trait Subject {
         true
     }
 
-    /// Boxes, where it knows.
     fn box_count(&self) -> Option<usize> {
         None
     }
 }
 
-/// Where a scene differs from the model.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Failure {
-    /// The event.
     pub event: usize,
-    /// What differs first.
     pub kind: &'static str,
-    /// How.
     pub text: String,
 }
 
-/// How much was compared.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Seen {
-    /// Edits.
     pub edits: usize,
-    /// Pairs that ended, by reason.
     pub ended: [usize; 3],
-    /// Resyncs.
     pub resyncs: usize,
     /// Pairs that began, and pairs of now.
     pub pairs: usize,
 }
 
 impl Seen {
-    /// Both.
     pub fn add(&mut self, other: Self) {
         self.edits += other.edits;
         self.resyncs += other.resyncs;
@@ -79,7 +66,6 @@ impl Seen {
     }
 }
 
-/// What differs first between two answers.
 fn difference(heard: &Heard, expected: &Heard) -> Option<(&'static str, String)> {
     fn first<T: PartialEq + std::fmt::Debug>(heard: &[T], expected: &[T]) -> Option<String> {
         let longest = heard.len().max(expected.len());
@@ -102,7 +88,6 @@ fn difference(heard: &Heard, expected: &Heard) -> Option<(&'static str, String)>
     })
 }
 
-/// The model, and who listens.
 #[derive(Default)]
 struct Play {
     model: Model,
@@ -111,7 +96,6 @@ struct Play {
     seen: Seen,
 }
 
-/// Plays a script, and compares every answer.
 pub fn check(script: &Script, subject: &mut dyn Subject) -> Result<Seen, Failure> {
     let mut play = Play::default();
     if script.shared.is_none() {

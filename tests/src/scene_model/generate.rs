@@ -13,10 +13,8 @@ use super::model::Model;
 use super::script::{AtEnd, Event, Fate, Mode, Op, Scope, Script, Turn, repair_edit};
 use crate::stress_scenes::Rng;
 
-/// What a script is of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
-    /// Few indices, many corners.
     Small,
     /// Some hundred boxes in one place, told apart by filters: changes by the thousand.
     Crowd,
@@ -24,13 +22,10 @@ pub enum Kind {
     Large,
     /// Up to 100,000 boxes, in few edits.
     Huge,
-    /// Several members.
     Shared,
 }
 
-/// Verbs that a script may have.
 const VERBS: usize = 8;
-/// Members of a shared scene, at most.
 pub(super) const MEMBERS: u32 = 3;
 
 struct Maker {
@@ -54,7 +49,6 @@ struct Maker {
     events: u32,
 }
 
-/// The script of a seed.
 pub fn script_of(kind: Kind, seed: u64) -> Script {
     let mut maker = Maker::new(kind, seed, None);
     let shared = (kind == Kind::Shared).then(|| maker.one_of(&[AtEnd::Remove, AtEnd::Keep]));
@@ -79,7 +73,6 @@ pub struct Edits {
 const STRETCH: u32 = 30;
 
 impl Edits {
-    /// Edits of a scene of so many indices.
     pub fn new(seed: u64, limit: u32) -> Self {
         let kind = if limit > 70 { Kind::Large } else { Kind::Small };
         let maker = Maker::new(kind, seed, Some(limit));
@@ -87,14 +80,12 @@ impl Edits {
         Self { maker, present, model, number: 0, has_rules: true }
     }
 
-    /// The same without tags, filters and lists of pairs.
     #[must_use]
     pub fn without_rules(mut self) -> Self {
         self.has_rules = false;
         self
     }
 
-    /// The scene after the last edit.
     pub const fn model(&self) -> &Model {
         &self.model
     }
@@ -235,7 +226,6 @@ impl Maker {
         Turn { member, ops, mode, fate }
     }
 
-    /// Most of the boxes at once.
     fn fill(&mut self, ops: &mut Vec<Op>) {
         let first = if self.one_in(2) { self.below(self.limit) / 8 } else { 0 };
         for index in first..self.limit {
@@ -248,7 +238,6 @@ impl Maker {
         if self.one_in(2) { self.one_of(&self.focus.clone()) } else { self.below(self.limit) }
     }
 
-    /// How many boxes a group of ops names.
     fn count(&mut self) -> u32 {
         if self.limit <= 16 {
             return if self.one_in(6) { self.limit } else { 1 + self.below(2) };
@@ -264,7 +253,6 @@ impl Maker {
         }
     }
 
-    /// Some groups of ops, or none.
     fn edit(&mut self, ops: &mut Vec<Op>) {
         self.focus = [(); 2].map(|()| self.below(self.limit));
         let groups = self.below(self.groups + 1).min(self.below(self.groups + 1));
@@ -273,7 +261,6 @@ impl Maker {
         }
     }
 
-    /// Some ops of one verb.
     fn group(&mut self, ops: &mut Vec<Op>) {
         let verb = self.below(VERBS as u32) as usize;
         if !self.verbs[verb] || self.limit == 0 {
@@ -364,7 +351,6 @@ impl Maker {
     }
 }
 
-/// Names the indices of another member.
 fn move_by(op: &mut Op, by: u32) {
     match op {
         Op::Remove(index)

@@ -18,18 +18,15 @@ const RESYNC_LEAST: usize = 4_096;
 /// Pairs, with the generations of their indices.
 pub type PairsByGeneration = BTreeMap<Pair, [u32; 2]>;
 
-/// A box and what is said of it.
 #[derive(Clone, Copy, Debug)]
 struct Body {
     b: Aabb,
     is_on: bool,
     is_static: bool,
     tag: Tag,
-    /// The membership that has set it.
     holder: u64,
 }
 
-/// Boxes and filters as plain tables.
 #[derive(Clone, Debug, Default)]
 pub struct Model {
     bodies: BTreeMap<u32, Body>,
@@ -41,12 +38,10 @@ pub struct Model {
 }
 
 impl Model {
-    /// Boxes.
     pub fn len(&self) -> usize {
         self.bodies.len()
     }
 
-    /// Whether there are none.
     pub fn is_empty(&self) -> bool {
         self.bodies.is_empty()
     }
@@ -90,7 +85,6 @@ impl Model {
         self.bodies.get_mut(&index).map(change).expect("scripts name boxes that there are");
     }
 
-    /// Removes a box, and the listed pairs that name it.
     pub fn remove(&mut self, index: u32) {
         if self.bodies.remove(&index).is_some() {
             *self.generations.entry(index).or_default() += 1;
@@ -103,13 +97,11 @@ impl Model {
         self.excluded.retain(|pair, by| stays(pair, *by));
     }
 
-    /// Removes the boxes of a range, and the listed pairs that name one of its indices.
     pub fn clear(&mut self, range: Range<u32>) {
         range.clone().for_each(|index| self.remove(index));
         self.retain_listed(|pair, _| !pair.iter().any(|index| range.contains(index)));
     }
 
-    /// Whether filters and flags let two boxes be a pair, wherever they are.
     fn may_meet(&self, a: u32, b: u32) -> bool {
         let [included, excluded] =
             [&self.included, &self.excluded].map(|list| list.contains_key(&[a, b]));
@@ -139,7 +131,6 @@ impl Model {
         if f.either && g.either { one || other } else { one && other }
     }
 
-    /// All pairs of now.
     pub fn pairs(&self) -> PairsByGeneration {
         let is_solid = |body: &Body| (0..3).all(|i| body.b.min[i] <= body.b.max[i]);
         let mut solid: Vec<(u32, Aabb)> = self
@@ -184,7 +175,6 @@ impl Model {
         pairs
     }
 
-    /// The boxes.
     pub fn boxes(&self) -> impl Iterator<Item = Aabb> {
         self.bodies.values().map(|body| body.b)
     }
@@ -193,7 +183,6 @@ impl Model {
         pair.map(|index| self.generations.get(&index).copied().unwrap_or(0))
     }
 
-    /// Why a pair of then is none now.
     fn reason(&self, pair: Pair, generations: [u32; 2]) -> EndReason {
         let are_on = || pair.iter().all(|index| self.bodies[index].is_on);
         if self.generations_of(pair) != generations {
@@ -217,7 +206,6 @@ fn filter(filters: &[Filter], body: &Body) -> Filter {
     filters.get(usize::from(body.tag.filter.0)).copied().unwrap_or(Filter::ALL)
 }
 
-/// Lists a pair by a membership, or takes it off.
 fn put(list: &mut BTreeMap<Pair, u64>, [a, b]: Pair, by: Option<u64>) {
     let pair = [a.min(b), a.max(b)];
     match by {
@@ -226,22 +214,16 @@ fn put(list: &mut BTreeMap<Pair, u64>, [a, b]: Pair, by: Option<u64>) {
     }
 }
 
-/// What is reported to a listener.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Heard {
-    /// Whether `pairs` holds all pairs in place of changes.
     pub is_resync: bool,
     /// Pairs of the whole scene, where that is reported.
     pub pair_count: Option<u64>,
-    /// Pairs that began.
     pub begun: Vec<Pair>,
-    /// Pairs that ended.
     pub ended: Vec<Ended>,
-    /// Pairs of now.
     pub pairs: Vec<Pair>,
 }
 
-/// What the answer of a session's scene tells, of whatever kind it is.
 #[macro_export]
 macro_rules! heard {
     ($answer:expr) => {
@@ -255,14 +237,10 @@ macro_rules! heard {
     };
 }
 
-/// Who is told of changes.
 #[derive(Clone, Debug)]
 pub struct Listener {
-    /// Names the membership.
     pub id: u64,
-    /// Pairs of the last answer that was acknowledged.
     then: PairsByGeneration,
-    /// Whether those are not known.
     pub is_lost: bool,
     /// It is told of pairs that touch these indices; `None`: of all.
     pub own: Option<Range<u32>>,

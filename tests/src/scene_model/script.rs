@@ -12,29 +12,19 @@ pub use pairmask_core::scene::{EndReason, Ended, Report as Mode};
 /// Indices of two boxes, the smaller one first where they are a pair.
 pub type Pair = [u32; 2];
 
-/// One change of a scene.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Op {
-    /// Removes a box.
     Remove(u32),
-    /// Sets a box.
     Set(u32, Aabb),
-    /// Enables or disables a box.
     Switch(u32, bool),
-    /// Makes a box static or not.
     Static(u32, bool),
-    /// Gives a box its filter data.
     Tag(u32, Tag),
-    /// The filters that tags name.
     Filters(Vec<Filter>),
-    /// Puts a pair on the include list, or takes it off.
     Include(Pair, bool),
-    /// Puts a pair on the exclude list, or takes it off.
     Exclude(Pair, bool),
 }
 
 impl Op {
-    /// When it is applied: removals, sets, flags, filters.
     pub const fn rank(&self) -> u32 {
         match self {
             Self::Remove(_) => 0,
@@ -44,12 +34,10 @@ impl Op {
         }
     }
 
-    /// Whether it is about which pairs may meet.
     pub const fn is_rule(&self) -> bool {
         self.rank() == 3
     }
 
-    /// The indices that it names.
     pub fn indices(&self) -> &[u32] {
         match self {
             Self::Remove(index)
@@ -63,34 +51,26 @@ impl Op {
     }
 }
 
-/// What becomes of an answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Fate {
-    /// It is read, which acknowledges it.
     Acknowledged,
     /// It is never waited for: the next answer makes up for it.
     Unread,
 }
 
-/// An edit of a member, and what becomes of its answer.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Turn {
     /// Who edits: 0 in a scene that is not shared.
     pub member: u32,
-    /// What changes.
     pub ops: Vec<Op>,
-    /// Which answer is wanted.
     pub mode: Mode,
-    /// What becomes of it.
     pub fate: Fate,
 }
 
 /// What happens.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Event {
-    /// A member joins, and leases its indices.
     Join(u32, Scope),
-    /// A member leaves.
     Leave(u32),
     /// The listener of a scene that is not shared has lost its pairs.
     Invalidate,
@@ -119,7 +99,6 @@ impl Script {
         first..first + self.limit
     }
 
-    /// The edits.
     pub fn turns(&self) -> impl Iterator<Item = &Turn> {
         let turns = self.events.iter().filter_map(|event| match event {
             Event::Tick(turns) => Some(turns),
@@ -128,7 +107,6 @@ impl Script {
         turns.flatten()
     }
 
-    /// The same without tags, filters and lists of pairs.
     #[must_use]
     pub fn without_rules(mut self) -> Self {
         for event in &mut self.events {
@@ -172,7 +150,6 @@ impl Script {
     }
 }
 
-/// Takes out of an edit what no scene accepts.
 pub(super) fn repair_edit(
     ops: &mut Vec<Op>,
     present: &mut BTreeSet<u32>,
@@ -194,17 +171,14 @@ pub(super) fn repair_edit(
     ops.retain(|op| !matches!(op, Op::Filters(_)) || !std::mem::replace(&mut has_table, true));
 }
 
-/// A box by its corners.
 pub const fn at([x, y, z, u, v, w]: [f32; 6]) -> Aabb {
     Aabb { min: [x, y, z], max: [u, v, w] }
 }
 
-/// A tick of one edit.
 pub fn one(ops: &[Op], mode: Mode, fate: Fate) -> Event {
     Event::Tick(vec![turn(HOST, ops, mode, fate)])
 }
 
-/// An edit of a member.
 pub fn turn(member: u32, ops: &[Op], mode: Mode, fate: Fate) -> Turn {
     Turn { member, ops: ops.to_vec(), mode, fate }
 }

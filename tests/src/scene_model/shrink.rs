@@ -24,7 +24,6 @@ pub fn hold<S: Subject>(
     hold_scripts(kind, |seed| script_of(kind, seed), seed, edits, subject)
 }
 
-/// As [`hold`], without tags, filters and lists of pairs.
 pub fn hold_without_rules<S: Subject>(
     kind: Kind,
     seed: u64,
@@ -69,7 +68,6 @@ fn play<S: Subject>(
     })
 }
 
-/// Tries smaller scripts while they fail as the first one did.
 struct Shrinker<'s, F> {
     script: Script,
     failure: Failure,
@@ -99,7 +97,6 @@ impl<S: Subject, F: FnMut(&Script) -> S> Shrinker<'_, F> {
         self.tries >= MOST_TRIES || self.started.elapsed() > MOST_TIME
     }
 
-    /// Takes a change over if the script still fails.
     fn tries(&mut self, change: impl FnOnce(&mut Script)) -> bool {
         let mut smaller = self.script.clone();
         change(&mut smaller);
@@ -165,7 +162,6 @@ impl<S: Subject, F: FnMut(&Script) -> S> Shrinker<'_, F> {
         self.simplify();
     }
 
-    /// The plainest form of each edit.
     fn simplify(&mut self) {
         for number in 0..self.script.turns().count() {
             let plain: [fn(&mut Turn); 2] =
@@ -195,7 +191,6 @@ impl<S: Subject, F: FnMut(&Script) -> S> Shrinker<'_, F> {
     }
 }
 
-/// The turns of each tick.
 fn ticks(script: &mut Script) -> impl Iterator<Item = &mut Vec<Turn>> {
     script.events.iter_mut().filter_map(|event| match event {
         Event::Tick(turns) => Some(turns),

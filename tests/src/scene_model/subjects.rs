@@ -97,7 +97,6 @@ impl Group {
     }
 }
 
-/// Whether two ops can be one step.
 fn are_one_step(a: &Op, b: &Op) -> bool {
     let on = |op: &Op| match op {
         Op::Switch(_, on) | Op::Static(_, on) | Op::Include(_, on) | Op::Exclude(_, on) => *on,
@@ -106,16 +105,13 @@ fn are_one_step(a: &Op, b: &Op) -> bool {
     std::mem::discriminant(a) == std::mem::discriminant(b) && on(a) == on(b)
 }
 
-/// An edit as steps of several ops each.
 pub struct Grouped<'o>(Vec<(&'o Op, Group)>);
 
 impl<'o> Grouped<'o> {
-    /// The steps of these ops.
     pub fn of(ops: &'o [Op]) -> Self {
         Self(ops.chunk_by(are_one_step).map(|ops| (&ops[0], Group::of(ops))).collect())
     }
 
-    /// The steps.
     pub fn steps(&self) -> Vec<Step<'_>> {
         self.0.iter().map(|(op, group)| group.step(op)).collect()
     }
@@ -135,15 +131,10 @@ impl From<&SceneAnswer<'_>> for Heard {
 
 /// A scene without a session, of the cores or of a GPU.
 pub trait BareScene {
-    /// As [`CoreCrateScene::edit`].
     fn edit(&mut self, edit: Edit<'_>, report: Report) -> Result<&Reported, SceneError>;
-    /// The last answer is acknowledged.
     fn acknowledge(&mut self);
-    /// The pairs are lost.
     fn resync(&mut self);
-    /// Boxes.
     fn box_count(&self) -> usize;
-    /// The pairs [query, index].
     fn query(&mut self, queries: &[Aabb], tags: QueryTags<'_>) -> Result<Vec<Pair>, QueryError>;
 }
 
@@ -176,24 +167,19 @@ macro_rules! bare_scene {
 bare_scene!(CoreCrateScene);
 bare_scene!(GpuScene);
 
-/// A scene without a session, as a subject.
 pub struct Bare<S> {
-    /// The scene.
     pub scene: S,
     /// Draws queries that are asked before an answer is taken, and after: they change nothing that is reported.
     asks: Option<Rng>,
 }
 
-/// A scene of the core.
 pub type CoreScene = Bare<CoreCrateScene>;
 
 impl<S: BareScene> Bare<S> {
-    /// A scene that is edited alone.
     pub const fn of(scene: S) -> Self {
         Self { scene, asks: None }
     }
 
-    /// One that is asked between its edits as well.
     pub fn asked(scene: S, seed: u64) -> Self {
         Self { scene, asks: Some(Rng::new(seed)) }
     }
@@ -208,13 +194,11 @@ impl<S: BareScene> Bare<S> {
 }
 
 impl CoreScene {
-    /// One that uses so many threads of the caller's pool.
     pub fn new(script: &Script, threads: usize) -> Self {
         Self::of(CoreCrateScene::new(options(script).with_threads(threads)))
     }
 }
 
-/// The options of a script's scene.
 pub fn options(script: &Script) -> SceneOptions {
     SceneOptions::default().with_most_boxes(script.limit.max(1))
 }
@@ -252,27 +236,21 @@ impl<S: BareScene> Subject for Bare<S> {
 /// When something may be done to a scene of a session.
 #[derive(Clone, Copy, Debug)]
 pub enum Moment {
-    /// An edit was sent.
     UnderWay,
-    /// It was answered.
     Answered(ServedBy, EngineId),
 }
 
-/// A scene of a session, in process or of a daemon.
 pub struct SessionScene<'a> {
     scene: Scene,
-    /// What has to answer.
     expected: Option<(ServedBy, EngineName)>,
     /// Whether a resync may come at any time, as where daemons are killed.
     may_resync: bool,
     /// Draws margins, of a scene that has some.
     margins: Option<Rng>,
-    /// What is done while an edit is under way, and when it is answered.
     disturb: Box<dyn FnMut(Moment) + 'a>,
 }
 
 impl<'a> SessionScene<'a> {
-    /// One that these have to answer for.
     pub fn of(session: &mut Session, script: &Script, by: ServedBy, engine: EngineName) -> Self {
         let expected = Some((by, engine));
         Self { expected, may_resync: false, ..Self::disturbed(session, script, |_| ()) }
@@ -361,7 +339,6 @@ impl Grouped<'_> {
         all
     }
 
-    /// Adds the steps to an edit, with margins for each.
     pub fn with_margins<'s, 'a>(
         &'a self,
         edit: SceneEdit<'s, 'a>,
@@ -443,7 +420,6 @@ impl Subject for SessionScene<'_> {
     }
 }
 
-/// Sessions of the members of shared scenes, one scene after the other.
 #[derive(Debug)]
 pub struct Sessions {
     of_members: RefCell<Vec<Session>>,
@@ -451,7 +427,6 @@ pub struct Sessions {
 }
 
 impl Sessions {
-    /// Sessions of a daemon.
     pub fn new(builder: &SessionBuilder) -> Self {
         let connect = |_| builder.clone().connect().expect("a daemon");
         let of_members = RefCell::new((0..MEMBERS).map(connect).collect());
@@ -459,14 +434,12 @@ impl Sessions {
     }
 }
 
-/// The members of a shared scene.
 #[derive(Debug)]
 pub struct SharedMembers<'s> {
     sessions: &'s Sessions,
     name: String,
     options: JoinOptions,
     members: BTreeMap<u32, (Scene, Range<u32>)>,
-    /// What has to answer.
     engine: Option<EngineName>,
     ticks: usize,
 }

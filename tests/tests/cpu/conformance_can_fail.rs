@@ -5,7 +5,6 @@ use pairmask_lab::sabotage::Spoiler;
 use pairmask_tests::conformance::check_engine;
 use pairmask_tests::prelude::*;
 
-/// An engine that spoils a right answer.
 fn spoiler<S>(spoil: S) -> Spoiler<S> {
     Spoiler { engine: Box::new(BruteForce::new()), spoil }
 }
@@ -17,7 +16,6 @@ fn boxes() -> Vec<Aabb> {
     boxes
 }
 
-/// The suite's verdict on a spoilt answer.
 fn verdict(
     encoding: Encoding,
     spoil: impl FnMut(&mut [u32], &mut CullReport) + Send,
@@ -50,7 +48,6 @@ fn shorten(report: &mut CullReport, by: u64) {
     }
 }
 
-/// Names a word of a sparse mask twice.
 fn double(words: &mut [u32], report: &CullReport) {
     if let MaskShape::Sparse { rows, blocks, bits, .. } = report.shape {
         for span in [rows, blocks, bits] {
@@ -142,7 +139,6 @@ fn a_second_run_that_differs_is_noticed() {
 
 #[test]
 fn a_word_that_is_not_written_is_noticed() {
-    /// Leaves the reply memory as it was handed out.
     struct Lazy;
     impl Engine for Lazy {
         fn name(&self) -> EngineName {

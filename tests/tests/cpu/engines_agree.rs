@@ -26,7 +26,6 @@ fn pools() -> Vec<ThreadPool> {
     THREADS.map(pool).into()
 }
 
-/// All pairs, sorted.
 fn pairs(engine: &mut dyn Engine, boxes: &[Aabb], pool: &ThreadPool) -> Vec<Pair> {
     pool.install(|| pairs_here(engine, boxes))
 }

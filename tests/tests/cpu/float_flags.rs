@@ -101,8 +101,7 @@ fn a_pool_that_a_flagged_thread_started_serves_plain_callers() {
                 assert_eq!(answer.report.pair_count, truth.pairs.len() as u64, "{engine}, {flags}");
             }
             let mask = pool.install(|| FloatFlags::DEFAULT.run(|| session.answer(&boxes)));
-            let pairs = mask.sorted();
-            assert_eq!(pairs, truth.pairs, "{flags}");
+            assert_eq!(mask.sorted(), truth.pairs, "{flags}");
         }
     }
 }
@@ -148,7 +147,6 @@ fn spheres_are_found_through_the_boxes_of_any_thread() {
     }
 }
 
-/// Boxes with floats of every class and magnitude.
 fn hard_boxes() -> Vec<Aabb> {
     let mut random = Random::new(6);
     let mut boxes: Vec<Aabb> = EXTENTS.iter().flat_map(|e| boxes_within(*e, 60, 7)).collect();
@@ -165,7 +163,6 @@ fn hard_boxes() -> Vec<Aabb> {
     boxes
 }
 
-/// Bits of boxes.
 fn bits(boxes: &[Aabb]) -> Vec<u64> {
     bytemuck::cast_slice::<Aabb, u32>(boxes).iter().map(|x| u64::from(*x)).collect()
 }

@@ -63,7 +63,6 @@ fn a_worker_that_hangs_before_it_serves_is_replaced() {
     assert_eq!(frame(&mut session, Aabb::EMPTY).unwrap(), (0, ServedBy::Daemon));
 }
 
-/// The file limit of a process, from now on.
 fn limit_files(process: Pid, files: Option<u64>) {
     let own = getrlimit(Resource::Nofile);
     prlimit(Some(process), Resource::Nofile, Rlimit { current: files.or(own.current), ..own })

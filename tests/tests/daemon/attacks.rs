@@ -37,7 +37,6 @@ fn scene(n: u32, seed: u64) -> Vec<Aabb> {
     stress_scenes::named("uniform").boxes(n, seed)
 }
 
-/// A process that attacks; killed when dropped.
 struct Attacker {
     process: Child,
     mode: &'static str,
@@ -55,7 +54,6 @@ impl Attacker {
         Self { process, mode }
     }
 
-    /// Ends the attack and returns the attacker's counts.
     fn end(mut self) -> BTreeMap<String, u64> {
         drop(self.process.stdin.take());
         let mut said = String::new();
@@ -77,7 +75,6 @@ impl Drop for Attacker {
 type Boxes = Vec<Aabb>;
 type IndexPairs = Vec<[u32; 2]>;
 
-/// Frames with their pairs, which a client submits in turn.
 struct InTurn {
     frames: Vec<(Boxes, IndexPairs)>,
     asked: usize,
@@ -93,7 +90,6 @@ impl InTurn {
         Self { frames: sizes.iter().enumerate().map(with_pairs).collect(), asked: 0 }
     }
 
-    /// Submits the next frame and compares its pairs.
     fn check(&mut self, session: &mut Session) -> Result<ServedBy, Error> {
         let (boxes, expected) = &self.frames[self.asked % self.frames.len()];
         self.asked += 1;
@@ -103,7 +99,6 @@ impl InTurn {
     }
 }
 
-/// Counts of an honest client beside an attack.
 #[derive(Debug, Default)]
 struct Lived {
     there: u64,
@@ -418,7 +413,6 @@ fn many_ports_win_no_turns() {
     assert_fair("ports");
 }
 
-/// An attacker that serves, and a session of it.
 fn hostile_daemon(
     mode: &'static str,
     encoding: EncodingChoice,
@@ -525,7 +519,6 @@ fn a_segment_reaches_as_far_as_its_file() {
     std::mem::forget(loan);
 }
 
-/// An address on the heap, outside of shared memory.
 fn loan_on_heap() -> usize {
     std::ptr::from_ref(&*Box::new(0u64)) as usize
 }

@@ -21,16 +21,12 @@ const IN_PROCESS: u32 = 2;
 /// Sizes of the suite that a program answers under a watch within seconds.
 const SIZES: [u32; 10] = [0, 1, 2, 3, 31, 32, 33, 64, 70, 345];
 
-/// How a program is built and run.
 #[derive(Clone, Copy, PartialEq)]
 enum Watch {
-    /// With the sanitizers of the compiler for addresses and undefined behaviour.
     Sanitizers,
-    /// By valgrind.
     Valgrind,
 }
 
-/// A program that was built, in a folder of its own.
 struct Program {
     folder: tempfile::TempDir,
     watch: Watch,
@@ -68,7 +64,6 @@ impl Program {
         Self { folder, watch }
     }
 
-    /// The program with its arguments, as it is watched.
     fn command(&self, arguments: &[&str]) -> Command {
         let binary = self.folder.path().join("program");
         let mut command = match self.watch {
@@ -88,7 +83,6 @@ impl Program {
         command
     }
 
-    /// Runs the program to its end, and returns what it printed.
     fn run(&self, arguments: &[&str]) -> String {
         let mut command = self.command(arguments);
         let done = command.output().unwrap_or_else(|error| panic!("{command:?}: {error}"));
@@ -108,27 +102,21 @@ impl Program {
     }
 }
 
-/// A program that culls frames.
 struct Culling {
     child: Child,
     frames: Option<ChildStdin>,
     answers: ChildStdout,
 }
 
-/// What such a program answers.
 struct Culled {
-    /// The pairs, sorted.
     pairs: Vec<Pair>,
-    /// Boxes that are empty.
     empty: u32,
-    /// Boxes that are invalid.
     invalid: u32,
     /// `PM_SERVED_BY_...`.
     served_by: u32,
 }
 
 impl Culling {
-    /// Culls a frame.
     fn frame(&mut self, boxes: &[Aabb]) -> Culled {
         let frames = self.frames.as_mut().expect("not ended");
         let n = u32::try_from(boxes.len()).expect("indices are u32");
@@ -145,7 +133,6 @@ impl Culling {
         Culled { pairs, empty, invalid, served_by }
     }
 
-    /// Ends the program.
     fn end(mut self) {
         drop(self.frames.take());
         let status = self.child.wait().expect("the program ends");
@@ -161,7 +148,6 @@ impl Drop for Culling {
     }
 }
 
-/// Asserts that a program finds the oracle's pairs.
 fn check_suite(program: &mut Culling, sizes: &[u32], served_by: u32) {
     for scene in stress_scenes::ALL {
         for &n in sizes {
@@ -176,7 +162,6 @@ fn check_suite(program: &mut Culling, sizes: &[u32], served_by: u32) {
     }
 }
 
-/// Asserts that a program finds the golden pair sets.
 fn check_golden(program: &mut Culling) {
     let found = GOLDEN.map(|(name, _)| {
         let pairs = program.frame(golden::scene(name).boxes()).pairs;
@@ -285,7 +270,6 @@ fn a_daemon_that_is_killed_costs_no_frame() {
     culling.end();
 }
 
-/// The watch and the comparison can fail.
 #[test]
 #[should_panic(expected = "assertion")]
 fn a_lost_pair_is_seen() {

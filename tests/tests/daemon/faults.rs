@@ -23,12 +23,10 @@ const FAULT_CLIENT: &str = env!("CARGO_BIN_EXE_fault_client");
 /// Submits a frame and compares with the oracle. Returns what served it.
 fn check_frame(session: &mut Session, boxes: &[Aabb]) -> ServedBy {
     let mask = session.answer(boxes);
-    let pairs = mask.sorted();
-    assert_eq!(pairs, oracle::truth(boxes).pairs);
+    assert_eq!(mask.sorted(), oracle::truth(boxes).pairs);
     mask.info().served_by
 }
 
-/// Waits until the daemon answers a session.
 fn comes_back(session: &mut Session, boxes: &[Aabb]) {
     eventually("the session comes back to the daemon", || {
         (check_frame(session, boxes) == ServedBy::Daemon).then_some(())
@@ -384,7 +382,6 @@ fn truncate_a_segment(engine: &str) {
     comes_back(&mut other, &boxes);
 }
 
-/// A change of a request.
 type Change = fn(&mut RequestHeader);
 
 /// Sends changed requests of ten objects over the transport, and checks their statuses. Returns the daemon's counts.
@@ -565,7 +562,6 @@ fn another_users_daemon_is_named() {
     }
 }
 
-/// The umask of a process.
 fn umask(process: Pid) -> String {
     let status = std::fs::read_to_string(format!("/proc/{}/status", process.as_raw_nonzero()));
     let status = status.expect("a process that lives");
@@ -608,18 +604,10 @@ fn three_frames_at_a_time_and_no_fourth() {
     let mut session = daemon.session().connect().unwrap();
     let boxes = scene(64, 6);
     let expected = oracle::truth(&boxes).pairs;
-    let mut pending = Vec::new();
-    for _ in 0..3 {
-        let mut frame = session.frame(boxes.len()).unwrap();
-        frame.boxes_mut().copy_from_slice(&boxes);
-        pending.push(frame.submit().unwrap());
-    }
+    let pending = [(); 3].map(|()| session.ask(&boxes));
     assert!(matches!(session.frame(1).unwrap_err(), Error::TooManyFrames));
-    let masks: Vec<_> = pending.into_iter().map(|frame| frame.wait().unwrap()).collect();
-    for mask in &masks {
-        let pairs = mask.sorted();
-        assert_eq!(pairs, expected);
-    }
+    let masks = pending.map(|frame| frame.wait().unwrap());
+    assert!(masks.iter().all(|mask| mask.sorted() == expected));
     assert!(matches!(session.frame(1).unwrap_err(), Error::TooManyFrames));
     drop(masks);
     check_frame(&mut session, &boxes);

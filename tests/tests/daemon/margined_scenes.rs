@@ -15,10 +15,6 @@ use pairmaskd::scene::{Random, Scene as World, SceneName};
 
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
 
-fn at(x: f32) -> Aabb {
-    Aabb::new([x, 0.0, 0.0], [x + 1.0, 1.0, 1.0])
-}
-
 fn margin(units: f32) -> Margin {
     Margin::new(units).unwrap()
 }
@@ -30,10 +26,6 @@ fn with_margins(pairs: MarginedPairs) -> SceneOptions {
 
 fn stats_of(scene: &Scene) -> MarginStats {
     scene.margin_stats().unwrap()
-}
-
-fn in_process() -> Session {
-    Session::builder().backend(Backend::InProcess).connect().unwrap()
 }
 
 /// Holds scenes with margins to the model of scenes without.
@@ -160,7 +152,6 @@ fn near_pairs_are_reported_once_and_hold_all_that_overlap() {
     near(&mut daemon.session().connect().unwrap(), (4, 600), 200);
 }
 
-/// All exact pairs after an edit that sets everything.
 fn pairs_of(scene: &mut Scene, boxes: &[Aabb], margin: Margin) -> Vec<[u32; 2]> {
     let answer = scene
         .edit()
@@ -193,9 +184,7 @@ fn oracle_pairs(boxes: &[Aabb]) -> Vec<[u32; 2]> {
     if boxes.len() < 5_000 {
         return oracle::truth(boxes).pairs;
     }
-    let mut frame = in_process().frame(boxes.len()).unwrap();
-    frame.write(boxes).unwrap();
-    frame.submit().unwrap().wait().unwrap().sorted()
+    in_process().answer(boxes).sorted()
 }
 
 #[test]

@@ -173,8 +173,7 @@ fn an_older_daemon_gets_exact_boxes() {
         let info = mask.info();
         assert_eq!((info.form, info.widening), (BoxForm::F32.into(), Widening::None));
         assert_eq!(info.served_by, ServedBy::Daemon);
-        let pairs = mask.sorted();
-        assert_eq!(pairs, oracle::truth(&boxes).pairs);
+        assert_eq!(mask.sorted(), oracle::truth(&boxes).pairs);
     }
 }
 
@@ -216,6 +215,5 @@ fn a_daemon_that_dies_under_a_narrow_frame_costs_no_pair() {
     let mask = frame.submit().unwrap().wait().unwrap();
     assert_eq!(mask.info().served_by, ServedBy::InProcess);
     assert_eq!(mask.info().form, BoxForm::Q8.into());
-    let pairs = mask.sorted();
-    assert_eq!(pairs, expected);
+    assert_eq!(mask.sorted(), expected);
 }

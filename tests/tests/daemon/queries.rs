@@ -19,10 +19,8 @@ fn check(scene: &mut impl QueriedScene, seed: u64, largest: u32, rounds: usize) 
     counts.map(|count| queries.check(scene, count)).sum()
 }
 
-/// A scene of a session.
 struct Remote<'a> {
     scene: pairmask::Scene,
-    /// What is done before each request.
     before: Box<dyn FnMut() + 'a>,
     served: Vec<ServedBy>,
 }

@@ -8,8 +8,7 @@ const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
 /// Whether a mask was another frame's; its meter says so, and its pairs are those of the boxes.
 fn is_repeat(mask: &PairMask, boxes: &[Aabb]) -> bool {
     let truth = oracle::truth(boxes);
-    let pairs = mask.sorted();
-    assert_eq!(pairs, truth.pairs);
+    assert_eq!(mask.sorted(), truth.pairs);
     let info = mask.info();
     assert_eq!(info.census, truth.census);
     let (meter, n) = (&info.skipped, boxes.len() as u64);
@@ -135,9 +134,7 @@ fn frames_under_way_together_are_answered_each_with_its_own_pairs() {
         // Runs of equal frames of two scenes, two frames at a time.
         let pending = [0, 1].map(|i| {
             let boxes = &scenes[(round + i) / 7 % 2];
-            let mut frame = session.frame(boxes.len()).unwrap();
-            frame.write(boxes).unwrap();
-            (frame.submit().unwrap(), boxes)
+            (session.ask(boxes), boxes)
         });
         for (pending, boxes) in pending {
             is_repeat(&pending.wait().unwrap(), boxes);

@@ -51,7 +51,6 @@ impl ReplyBuffer for Witness {
     }
 }
 
-/// One way to cull one scene.
 type Cull<'a> = &'a mut dyn FnMut(&mut Witness) -> Result<CullReport, CullError>;
 
 /// Whether a mask was refused for its size, with true numbers in the error.
@@ -93,7 +92,6 @@ fn below(need: u64) -> [u64; 5] {
     [need - 1, need - need / 8, need / 2, need / 16, 1]
 }
 
-/// Scenes with several chunks of words a task.
 fn scenes() -> impl Iterator<Item = (&'static str, Vec<Aabb>)> {
     let of = |(name, n)| (name, stress_scenes::named(name).boxes(n, 5));
     [("identical", 1_234), ("clustered", 2_500), ("sizes over 20 octaves", 2_100)]
@@ -202,7 +200,6 @@ fn candidates_that_are_no_pairs_count_for_nothing() {
     }
 }
 
-/// Every form that boxes come in.
 fn forms() -> [Precision; 4] {
     let bounds = Bounds::new([-2048.0; 3], [2048.0; 3]).unwrap();
     [Precision::Exact, Precision::Q16(bounds), Precision::Q8(bounds), Precision::F16]
@@ -423,9 +420,7 @@ fn peak_bytes(pid: u32) -> u64 {
 }
 
 fn count(session: &mut Session, boxes: &[Aabb]) -> Result<u64, pairmask::Error> {
-    let mut frame = session.frame(boxes.len()).unwrap();
-    frame.boxes_mut().copy_from_slice(boxes);
-    Ok(frame.submit().unwrap().wait()?.count())
+    Ok(session.ask(boxes).wait()?.count())
 }
 
 #[test]

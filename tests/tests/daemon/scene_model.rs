@@ -21,7 +21,6 @@ use pairmaskd::execute::gpu::{GpuScene, GridOptions};
 
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
 
-/// A number that the environment may give.
 fn given(variable: &str, usual: usize) -> usize {
     std::env::var(variable).map_or(usual, |text| text.parse().unwrap())
 }
@@ -32,7 +31,6 @@ fn of_kinds(edits: usize) -> [(Kind, usize); 3] {
     [(Kind::Small, edits - crowds - large), (Kind::Crowd, crowds), (Kind::Large, large)]
 }
 
-/// Holds scenes to scripts of each kind.
 fn hold_all<S: Subject>(
     seed: u64,
     kinds: [(Kind, usize); 3],
@@ -56,10 +54,6 @@ fn nightly(edits: usize) -> (u64, [(Kind, usize); 3]) {
 
 fn in_pool<R: Send>(work: impl FnOnce() -> R + Send) -> R {
     rayon::ThreadPoolBuilder::new().num_threads(3).build().unwrap().install(work)
-}
-
-fn in_process() -> Session {
-    Session::builder().backend(Backend::InProcess).connect().unwrap()
 }
 
 #[test]
@@ -101,7 +95,6 @@ fn scenes_of_a_daemon_are_those_of_the_model() {
     });
 }
 
-/// Scenes in video memory.
 fn hold_gpu(seed: u64, kinds: [(Kind, usize); 3]) {
     let daemon = TestDaemon::start(DAEMON, &["--gpu", &gpu::name()]);
     let engine = EngineName::GpuGrid;
@@ -239,7 +232,6 @@ fn huge_scenes_are_those_of_the_model() {
     });
 }
 
-/// A scene whose answers somebody falsifies.
 struct Liar<F>(CoreScene, F);
 
 impl<F: FnMut(&mut Heard)> Subject for Liar<F> {
@@ -258,7 +250,6 @@ impl<F: FnMut(&mut Heard)> Subject for Liar<F> {
     }
 }
 
-/// Three boxes that overlap, one of which moves away.
 fn three() -> Script {
     let boxes = [0, 1, 2].map(|index| Op::Set(index, unit()));
     let away = Op::Set(2, at([9.0, 0.0, 0.0, 10.0, 1.0, 1.0]));
@@ -295,7 +286,6 @@ fn the_model_finds_the_pairs_of_the_oracle() {
     }
 }
 
-/// What falsifies an answer.
 type Lie = fn(&mut Heard);
 
 #[test]

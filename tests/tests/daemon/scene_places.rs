@@ -7,10 +7,6 @@ use pairmask::{Error, Scene};
 
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
 
-fn at(x: f32) -> Aabb {
-    Aabb::new([x, 0.0, 0.0], [x + 1.0, 1.0, 1.0])
-}
-
 /// Scenes of two boxes each, whose one pair was reported.
 fn reported_scenes<const N: usize>(session: &mut Session) -> [Scene; N] {
     std::array::from_fn(|_| {
@@ -47,9 +43,7 @@ fn an_edit_that_nobody_waits_for_holds_no_place() {
     // The fourth and fifth edit want places too.
     scenes.iter_mut().for_each(leave_an_edit);
     assert_eq!(session.daemon_status().unwrap().scenes, 5);
-    let mut frame = session.frame(2).unwrap();
-    frame.boxes_mut().copy_from_slice(&[at(0.0), at(0.5)]);
-    assert_eq!(frame.submit().unwrap().wait().unwrap().to_vec(), [[0, 1]]);
+    assert_eq!(session.answer(&[at(0.0), at(0.5)]).to_vec(), [[0, 1]]);
 
     let frames: Vec<_> = (0..3).map(|_| session.frame(4).unwrap()).collect();
     assert!(is_full(&session.frame(4)), "three frames hold the three places");
@@ -113,9 +107,7 @@ fn a_place_is_waited_for_while_an_answer_is_under_way() {
             threads.spawn(|| make_up(scene));
         }
         for _ in 0..20 {
-            let mut frame = session.frame(2).unwrap();
-            frame.boxes_mut().copy_from_slice(&[at(0.0), at(0.5)]);
-            assert_eq!(frame.submit().unwrap().wait().unwrap().to_vec(), [[0, 1]]);
+            assert_eq!(session.answer(&[at(0.0), at(0.5)]).to_vec(), [[0, 1]]);
         }
     });
     make_up(&mut scenes[2]);

@@ -12,10 +12,6 @@ use pairmaskd::scene::Random;
 
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
 
-fn at(x: f32) -> Aabb {
-    Aabb::new([x, 0.0, 0.0], [x + 1.0, 1.0, 1.0])
-}
-
 #[test]
 fn a_scene_asked_of_a_gpu_that_is_not_there_is_refused() {
     let engine = EngineChoice::Only(EngineName::GpuGrid);

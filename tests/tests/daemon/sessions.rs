@@ -73,8 +73,7 @@ fn a_frame_is_taken_once_in_whichever_way() {
         let waited = second.wait_timeout(PATIENCE).unwrap();
         let tried = eventually("the first frame is there", || first.try_take().unwrap());
         for mask in [&waited, &tried] {
-            let pairs = mask.sorted();
-            assert_eq!(pairs, expected);
+            assert_eq!(mask.sorted(), expected);
             assert_eq!(mask.count(), expected.len() as u64);
             let bits: u64 = mask.words().map(|word| u64::from(word.bits.count())).sum();
             assert_eq!(bits, mask.count());
@@ -110,8 +109,10 @@ fn a_frame_from_arrays_of_any_layout_holds_their_boxes() {
                 write(&mut frame);
                 assert!(frame.boxes() == boxes, "{n} boxes, {backend:?}");
                 if n < 2000 {
-                    let pairs = frame.submit().unwrap().wait().unwrap().sorted();
-                    assert_eq!(pairs, oracle::truth(&boxes).pairs);
+                    assert_eq!(
+                        frame.submit().unwrap().wait().unwrap().sorted(),
+                        oracle::truth(&boxes).pairs
+                    );
                 }
             };
             written(&|frame| frame.write(&boxes).unwrap());
@@ -169,8 +170,7 @@ fn whatever_the_plan_chooses_the_pairs_are_the_same() {
             let boxes = scene.boxes(n, 9);
             let expected = oracle::truth(&boxes).pairs;
             for session in &mut sessions {
-                let pairs = session.answer(&boxes).sorted();
-                assert_eq!(pairs, expected, "{scene:?}, {n} boxes");
+                assert_eq!(session.answer(&boxes).sorted(), expected, "{scene:?}, {n} boxes");
             }
         }
     }

@@ -56,10 +56,6 @@ fn learn(known: &mut BTreeSet<Pair>, answer: &SceneAnswer<'_>) {
     answer.begun().iter().for_each(|begun| assert!(known.insert(begun), "{begun:?} began twice"));
 }
 
-fn at(x: f32) -> Aabb {
-    Aabb::new([x, 0.0, 0.0], [x + 1.0, 1.0, 1.0])
-}
-
 #[test]
 fn a_late_writer_is_named_and_keeps_its_boxes() {
     let daemon = daemon();
@@ -96,7 +92,7 @@ fn a_late_writer_is_named_and_keeps_its_boxes() {
 #[test]
 fn what_is_not_its_own_a_member_is_refused() {
     let daemon = daemon();
-    let mut here = Session::builder().backend(Backend::InProcess).connect().unwrap();
+    let mut here = in_process();
     let refused = here.join_scene("rules", JoinOptions::default());
     assert!(matches!(refused, Err(Error::NeedsDaemon)));
     let options = JoinOptions::default().with_most_boxes(100).with_tick_deadline(LONG);
@@ -164,7 +160,6 @@ fn a_tick_has_one_table_of_filters() {
     assert_eq!(pending.wait().unwrap().pairs().len(), 0);
 }
 
-/// Answers that hold all places of a session.
 fn hold_all_places(session: &mut Session) -> Vec<PairMask> {
     (0..3).map(|_| session.frame(4).unwrap().submit().unwrap().wait().unwrap()).collect()
 }
@@ -378,7 +373,6 @@ fn a_scene_that_is_left_during_a_tick_holds_nobody_up() {
     }
 }
 
-/// Writers that are killed and come back.
 fn kill_writers(times: usize, at_end: AtEnd) {
     let daemon = daemon();
     let deadline = Duration::from_millis(50);

@@ -11,7 +11,6 @@ use pairmask_tests::prelude::*;
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
 const FAULT_CLIENT: &str = env!("CARGO_BIN_EXE_fault_client");
 
-/// Boxes and their pairs.
 struct Scene {
     boxes: Vec<Aabb>,
     pairs: Vec<[u32; 2]>,
@@ -24,7 +23,6 @@ impl Scene {
         Self { boxes, pairs }
     }
 
-    /// Submits the scene, and compares the answer.
     fn check(&self, session: &mut Session) {
         let pairs = session.answer(&self.boxes).sorted();
         // Not `assert_eq`, which would print thousands of pairs.
@@ -32,7 +30,6 @@ impl Scene {
     }
 }
 
-/// Frames of a client in the test of eight.
 const ROUNDS: usize = 3;
 
 /// Scenes of eight clients: five with all sizes up to 70, each beginning at another, two with 1,000 and

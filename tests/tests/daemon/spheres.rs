@@ -36,7 +36,6 @@ impl Lane {
     }
 }
 
-/// Every backend with every engine and encoding.
 fn lanes(daemon: &TestDaemon) -> Vec<Lane> {
     let mut lanes = Vec::new();
     for (backend, expected) in [
@@ -104,7 +103,7 @@ fn scenes_by_every_backend_engine_and_encoding() {
 
 #[test]
 fn the_comparator_notices_an_ulp_and_a_class() {
-    let mut session = Session::builder().backend(Backend::InProcess).connect().unwrap();
+    let mut session = in_process();
     let row = |radius| {
         let [a, b] = [0.0, 4.0].map(|x| Sphere::new([x, 0.0, 0.0], 1.0));
         vec![a, Sphere::new([2.0, 0.0, 0.0], radius), b]
@@ -146,8 +145,7 @@ fn boxes_and_spheres_may_be_under_way_at_once() {
             let (first, second) = (first.submit().unwrap(), second.submit().unwrap());
             let (second, first) = (second.wait().unwrap(), first.wait().unwrap());
             assert_eq!(first.info().form, BoxForm::F32.into());
-            let pairs = first.sorted();
-            assert_eq!(pairs, expected.pairs);
+            assert_eq!(first.sorted(), expected.pairs);
             assert_eq!(check_mask(&second, Encoding::Sparse, &truth), Ok(()));
         }
     }
@@ -172,9 +170,7 @@ fn an_older_daemon_gets_no_spheres() {
             let mask = cull(&mut session, &spheres);
             assert_eq!(mask.info().served_by, ServedBy::InProcess);
             assert_eq!(check_mask(&mask, Encoding::Sparse, &truth), Ok(()));
-            let mut frame = session.frame(2).unwrap();
-            frame.boxes_mut().copy_from_slice(&boxes);
-            let mask = frame.submit().unwrap().wait().unwrap();
+            let mask = session.answer(&boxes);
             assert_eq!(mask.info().served_by, ServedBy::Daemon, "boxes still go there");
         }
     }
@@ -233,7 +229,7 @@ fn spheres_pass_boxes_that_a_gpu_works_on() {
     let mut busy = daemon.session().engine(grid).connect().unwrap();
     let boxes = stress_scenes::named("uniform").boxes(33_000, 1);
     let submit = |session: &mut Session| session.ask(&boxes);
-    let mut here = Session::builder().backend(Backend::InProcess).connect().unwrap();
+    let mut here = in_process();
     let expected = submit(&mut here).wait().unwrap().sorted();
     let mut session = daemon.session().connect().unwrap();
     let scene = whole_scene(700, 15, 2);
@@ -243,8 +239,7 @@ fn spheres_pass_boxes_that_a_gpu_works_on() {
         for frame in pending {
             let mask = frame.wait().unwrap();
             assert_eq!(mask.info().engine, EngineName::GpuGrid);
-            let pairs = mask.sorted();
-            assert_eq!(pairs, expected);
+            assert_eq!(mask.sorted(), expected);
         }
     }
 }

@@ -35,7 +35,6 @@ fn set_mode(path: &Path, mode: u32) {
     fs::set_permissions(path, Permissions::from_mode(mode)).unwrap();
 }
 
-/// The paths of an instance.
 fn places(daemon: &TestDaemon) -> [PathBuf; 4] {
     let name = InstanceName::default();
     let root = daemon.dir().transport_root(&name);

@@ -13,7 +13,6 @@ const GRID: EngineChoice = EngineChoice::Only(EngineName::GpuGrid);
 
 /// Scenes of the clients, of which each begins at another one.
 const SIZES: [u32; 7] = [2, 63, 70, 257, 1_000, 3, 1_025];
-/// Times that a client sends its scenes.
 const ROUNDS: usize = 3;
 
 fn scene(n: u32, seed: u64) -> (Vec<Aabb>, Vec<[u32; 2]>) {

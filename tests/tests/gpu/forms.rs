@@ -21,19 +21,14 @@ use pairmaskd::execute::gpu::{
 /// A watchdog, no measure of speed.
 const PATIENCE: Duration = Duration::from_secs(120);
 
-/// The output of a first stage.
 #[derive(Clone, Debug, PartialEq)]
 struct Seen {
-    /// Keys of every box.
     keys: Vec<KeyBox>,
-    /// Whether a box has a NaN.
     invalid: Vec<bool>,
-    /// Boxes with min > max.
     empty: u32,
 }
 
 impl Seen {
-    /// By the library, box by box.
     fn expected(boxes: BoxSlice<'_>) -> Self {
         let expanded = (0..boxes.len()).filter_map(|i| boxes.get(i));
         let classified: Vec<_> = expanded.map(|b| KeyBox::classify(&b)).collect();
@@ -259,11 +254,8 @@ type CullNarrow<E> =
 
 /// An engine that gets boxes in a precision's form, as an [`Engine`] of f32 boxes.
 struct Narrowed<E> {
-    /// The engine.
     engine: E,
-    /// The call of the engine.
     cull: CullNarrow<E>,
-    /// The precision of the boxes.
     precision: Precision,
 }
 
@@ -320,7 +312,6 @@ fn check_forms<E: Engine>(
     frames
 }
 
-/// What the grid answers in.
 const LISTED: [Encoding; 2] = [Encoding::Sparse, Encoding::List];
 
 /// Scenes with boxes of every class, touching faces, and few enough pairs for the oracle.

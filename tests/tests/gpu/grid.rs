@@ -14,7 +14,6 @@ use pairmaskd::execute::gpu::{
 };
 use pairmaskd::scene::{Scene, SceneName};
 
-/// What the grid answers in.
 const LISTED: [Encoding; 2] = [Encoding::Sparse, Encoding::List];
 
 fn run(engine: &mut Grid, suite: Suite) {

@@ -16,13 +16,9 @@ fn grid() -> Grid {
     gpu::grid(&GridOptions { poison: Some(0x5a5a_0007), ..GridOptions::default() })
 }
 
-/// What the grid finds.
 struct Answer {
-    /// Sorted.
     pairs: Vec<[u32; 2]>,
-    /// As they stand in a list.
     list: Vec<[u32; 2]>,
-    /// Those of each world in the list.
     ranges: Vec<WorldRange>,
 }
 

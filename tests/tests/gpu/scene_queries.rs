@@ -9,7 +9,6 @@ use pairmask_tests::queried::Queries;
 use pairmask_tests::scene_model::{Bare, Kind, hold_without_rules, options, overlap};
 use pairmaskd::execute::gpu::{Checks, GpuScene, GridOptions, SceneTools};
 
-/// Every box against every query.
 fn expected(queries: &[Aabb], boxes: &[Aabb]) -> Vec<[u32; 2]> {
     let pairs = (0..).zip(queries).flat_map(|(number, query)| {
         let met = (0..).zip(boxes).filter(|(_, b)| overlap(query, b));

@@ -10,7 +10,6 @@ use pairmask_tests::scene_model::{
 };
 use pairmaskd::execute::gpu::{Checks, GpuScene, GridOptions, SceneTools};
 
-/// Holds scenes on these devices to the model.
 fn hold_bare(tools: &[Arc<SceneTools>], seed: u64, kinds: [(Kind, usize); 3]) {
     for (kind, edits) in kinds {
         hold_without_rules(kind, seed, edits, |script| {

@@ -89,7 +89,6 @@ fn a_frame_whose_gpu_is_lost_under_way_is_answered_by_the_other() {
     assert!(pairs_of(boxes.len(), &answer, memory.reply.words()) == expected);
 }
 
-/// Rounds in which a device is destroyed under load.
 fn devices_are_lost_under_load(rounds: usize) {
     let model = executor(2);
     let boxes = stress_scenes::named("uniform").boxes(1_234, 3);

@@ -29,7 +29,6 @@ use crate::grid::check_mirrored;
 const SOFTWARE_SPHERES: usize = 16;
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
 
-/// Both engines, as one.
 struct Both {
     all_pairs: AllPairs,
     grid: Grid,

@@ -12,7 +12,6 @@ use pairmaskd::execute::gpu::{Gpu, Grid, GridOptions, GridUnderWay, HostImport, 
 
 /// Boxes of a frame that takes a software adapter some milliseconds.
 const MANY: u32 = 20_000;
-/// Pages that hold its reply.
 const PAGES: usize = 1024;
 /// Pattern that is written over a reply that was given back.
 const OURS: u32 = 0x6d69_6e65;
@@ -70,7 +69,6 @@ impl Rig {
         begun.zip(watched).map(|(frame, (watcher, token))| (frame, watcher, token)).collect()
     }
 
-    /// Checks a frame of few boxes against the oracle.
     fn serves(&mut self) {
         let boxes = stress_scenes::named("uniform").boxes(345, 5);
         let memory = TestFrame::on_heap(&Precision::Exact, &boxes);

@@ -139,7 +139,6 @@ fn what_is_no_answer_is_answered_in_process_or_named() {
     }
 }
 
-/// The right answer as a list.
 fn right_list(header: &RequestHeader, words: &mut [u32]) -> ResponseHeader {
     let mut response = right(header, words);
     words[..2].copy_from_slice(&[0, 1]);

@@ -75,7 +75,6 @@ fn the_cause_is_named() {
     check(at(&empty), is_other, "wire version 9.0");
 }
 
-/// The last of some frames.
 fn frames(session: &mut Session, count: usize) -> ServedBy {
     (0..count).map(|_| frame(session)).last().unwrap()
 }

@@ -30,7 +30,6 @@ fn note_device(gpu: &Arc<Gpu>) {
 /// Whether devices may be opened.
 static GATE: (Mutex<bool>, Condvar) = (Mutex::new(false), Condvar::new());
 
-/// Keeps a device from being open.
 fn wait_at_gate(_: &Arc<Gpu>) {
     let is_open = GATE.0.lock().unwrap_or_else(PoisonError::into_inner);
     drop(GATE.1.wait_while(is_open, |is_open| !*is_open));
@@ -45,7 +44,6 @@ fn newest_device() -> Option<Arc<Gpu>> {
     OPENED.lock().unwrap_or_else(PoisonError::into_inner).take()
 }
 
-/// A worker in a thread of this process.
 struct Worker {
     dir: tempfile::TempDir,
     thread: std::thread::JoinHandle<Result<(), ServeError>>,

@@ -1,5 +1,5 @@
 //! The plan's choices on made-up statistics. That they are the right ones is measured by the
-//! bench `engines`.
+//! laboratory: `pairmask-lab plan`.
 
 use super::*;
 use crate::dispatch::CpuEngines;

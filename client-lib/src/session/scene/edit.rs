@@ -186,8 +186,7 @@ impl<'s, 'a> SceneEdit<'s, 'a> {
     /// is committed.
     ///
     /// ```
-    /// use pairmask::scene::{SceneOptions, Report};
-    /// use pairmask::{Aabb, Backend, Session};
+    /// use pairmask::{Aabb, Backend, Report, SceneOptions, Session};
     ///
     /// let bodies: Vec<([f32; 3], f32)> = vec![([0.0; 3], 1.0), ([1.5; 3], 1.0), ([9.0; 3], 1.0)];
     /// let mut session = Session::builder().backend(Backend::InProcess).connect()?;

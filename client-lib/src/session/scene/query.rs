@@ -34,8 +34,7 @@ impl Scene {
     /// at first: their pairs have to fit the limits of an answer.
     ///
     /// ```
-    /// use pairmask::scene::{SceneOptions, Report};
-    /// use pairmask::{Aabb, Backend, Session};
+    /// use pairmask::{Aabb, Backend, Report, SceneOptions, Session};
     ///
     /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
     /// let mut session = Session::builder().backend(Backend::InProcess).connect()?;

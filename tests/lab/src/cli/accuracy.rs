@@ -8,7 +8,7 @@ use pairmask_core::dispatch::CullOptions;
 use pairmask_core::{BoxCount, EngineChoice};
 use pairmaskd::cli::config::Config;
 use pairmaskd::cli::options::{CullFlags, DaemonOptions, Place};
-use pairmaskd::cli::output::{print_text, progress_bar};
+use pairmaskd::cli::output::progress_bar;
 use pairmaskd::cli::target::Target;
 use pairmaskd::cli::whole_number::whole_number;
 use pairmaskd::execute::gpu::{GpuChoice, choose, list_adapters};
@@ -16,10 +16,10 @@ use pairmaskd::scene::SceneName;
 
 use super::studies::Output;
 use crate::Result;
-use crate::study::accuracy::judge::{Assertion, Pareto};
 use crate::study::accuracy::measure::{self, Lengths, Subject};
 use crate::study::accuracy::mode::StudyMode;
-use crate::study::accuracy::rows::AccuracyReport;
+use crate::study::accuracy::report::report;
+use crate::study::harness::Report;
 use crate::study::harness::machine::Machine;
 
 /// Spin time of both sides. Longer than any pause between two frames, so that no thread sleeps.
@@ -35,20 +35,14 @@ Modes beside those of a session:
   f64=X                  the scene X units from the origin of a world in f64, its boxes sent relative
                          to an origin among them and compared with the exact pairs in f64 [X: 1e9]
   plain-f32=X            the same, each coordinate rounded to the nearest f32, as a warning
-  spheres=circumscribed  spheres around the boxes, culled in this process, compared with the exact
+  spheres                spheres around the boxes, culled in this process, compared with the exact
                          pairs of spheres, and with the boxes' pairs apart
-  spheres=inscribed      spheres within the boxes
 
 Above the rows stands what each mode costs, and where it is on the Pareto front of time, extra pairs and
 bytes up.
 
---assert takes limits that every row but plain-f32's has to keep, and the exit status is 1 where one does not:
-FIGURE=X, FIGURE<X or FIGURE<=X with the figures missed, extra, extra_ratio, p50, p99 (of whole
-frames), bytes_up, bytes_down, memory and the units ns, us, ms, s, %, KiB, MiB, GiB.
-
 Examples:
   pairmask-lab accuracy --scene uniform,pile --n 10000,100000
-  pairmask-lab accuracy --n 1000 --assert 'missed=0,p99<2ms'
   pairmask-lab accuracy --precision f64=1e6,plain-f32=1e6
   pairmask-lab accuracy --out report")]
 pub struct Accuracy {
@@ -63,7 +57,7 @@ pub struct Accuracy {
     /// Numbers of boxes
     #[arg(long, value_parser = whole_number::<u32>, value_name = "N,..", value_delimiter = ',', default_values_t = [1000, 10_000, 100_000])]
     n: Vec<u32>,
-    /// exact, q16, q8, f16, margin=X, f64=X, plain-f32=X, spheres=circumscribed, spheres=inscribed
+    /// exact, q16, q8, f16, margin=X, f64=X, plain-f32=X, spheres
     #[arg(
         long,
         value_name = "MODE,..",
@@ -79,39 +73,20 @@ pub struct Accuracy {
     /// Seed of the scenes
     #[arg(long, value_parser = whole_number::<u64>, value_name = "N", default_value_t = 1)]
     seed: u64,
-    /// Limits that every row has to keep, such as 'missed=0,p99<2ms'
-    #[arg(long, value_name = "LIMITS")]
-    assert: Option<Assertion>,
     #[command(flatten)]
     output: Output,
 }
 
 impl Accuracy {
-    /// Measures every row, writes the report, and checks it against limits. `--out` writes accuracy.json,
-    /// accuracy.csv and report.html.
+    /// Measures every row. `--out` writes accuracy.json, accuracy.csv and report.html.
     pub fn run(&self, place: &Place, config: &Config) -> Result<()> {
         let subjects = self.subjects(config);
         if subjects.is_empty() {
             return Err("no row: every engine asked for would take too long on every scene".into());
         }
         let steps = subjects.len() as u64;
-        let report = self.output.of(
-            || progress_bar(steps, "rows"),
-            |progress| self.measure(&subjects, progress, place, config),
-        )?;
-        let failures = self.assert.as_ref().map(|a| a.failures(&report.rows)).unwrap_or_default();
-        for failure in &failures {
-            // Below the table, or on stderr where stdout is for programs.
-            if self.output.is_for_programs() {
-                log::warn!("not kept: {failure}");
-            } else {
-                print_text(&format!("not kept: {failure}"))?;
-            }
-        }
-        let count = failures.len();
-        failures.first().map_or(Ok(()), |first| {
-            Err(format!("{count} limits are not kept, the first: {first}").into())
-        })
+        let measure = |progress: &ProgressBar| self.measure(&subjects, progress, place, config);
+        self.output.of(|| progress_bar(steps, "rows"), measure)
     }
 
     fn subjects(&self, config: &Config) -> Vec<Subject> {
@@ -140,7 +115,7 @@ impl Accuracy {
         progress: &ProgressBar,
         place: &Place,
         config: &Config,
-    ) -> Result<AccuracyReport> {
+    ) -> Result<Report> {
         let machine = machine(&self.daemon.gpu(config));
         let target = Target::new(&self.options, &self.daemon, SPIN, place, config)?;
         let mut rows = Vec::new();
@@ -151,7 +126,7 @@ impl Accuracy {
             rows.push(measure::row(builder.connect()?, subject, &self.lengths, memory_bytes)?);
             progress.inc(1);
         }
-        Ok(AccuracyReport { machine, seed: self.seed, pareto: Pareto::of(&rows), rows })
+        Ok(report(&machine, self.seed, &rows))
     }
 }
 

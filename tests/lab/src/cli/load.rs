@@ -32,7 +32,7 @@ use serde::{Deserialize, Serialize};
 use super::studies::Output;
 use crate::Result;
 use crate::processes::{Daemon, Work, Worker, is_reported_to_begin, report};
-use crate::study::harness::StudyReport;
+use crate::study::harness::Report;
 use crate::study::harness::document::Part;
 use crate::study::harness::table::{Fields, Table, row};
 
@@ -101,18 +101,15 @@ pub struct Load {
     output: Output,
 }
 
-/// Frames a second of one client; `None`: each frame when the one before it is done.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Rate(Option<NonZeroU32>);
 
-/// Clients of one size.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Group {
     n: u32,
     clients: u32,
 }
 
-/// Why a mix is refused.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("--mix has {0} clients: leave some out, {MOST_CLIENTS} are the most")]
 pub struct TooManyClients(u32);
@@ -161,20 +158,8 @@ impl FromStr for Group {
     }
 }
 
-/// What a client says that measured nothing.
 const NO_FRAME: &str = "no frame began within the measured time: give more --seconds";
 
-/// The JSON object of `load --json`. Fields may be added, never changed or taken away.
-#[derive(Debug, Serialize)]
-struct LoadReport {
-    machine: Machine,
-    rows: Vec<LoadRow>,
-    /// The daemon whose clients send nothing.
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    idle: Vec<Fields>,
-}
-
-/// The clients of one size.
 #[derive(Debug, Serialize)]
 struct LoadRow {
     #[serde(flatten)]
@@ -188,23 +173,10 @@ struct LoadRow {
     from_due_ns: Percentiles,
 }
 
-/// Columns for a terminal.
 const COLUMNS: &str = "n,backend,wait,engine,precision,rate,clients,clients_in_all,frames_per_second,\
     late_frames,from_due_ns.p99,total_ns.p50,total_ns.p99,round_trip_ns.p50,round_trip_ns.p99,\
     worst_client_p50_ns,daemon_cpu_percent";
 
-impl StudyReport for LoadReport {
-    const NAME: &'static str = "load";
-
-    fn parts(&self) -> Vec<Part> {
-        let mut parts = vec![Part::heading(1, "Load"), Part::text(self.machine.to_string())];
-        parts.extend(Part::section_of("Frames", "", Table::of(&self.rows).only(COLUMNS)));
-        parts.extend(Part::section("Clients that send nothing", "", &self.idle));
-        parts
-    }
-}
-
-/// What a client process gets.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(crate) struct ClientSettings {
     backend: String,
@@ -223,14 +195,10 @@ pub(crate) struct ClientSettings {
     seconds: NonZeroU32,
 }
 
-/// A line that a client says.
 #[derive(Debug, Serialize, Deserialize)]
 enum Said {
-    /// It is connected, and waits for the start.
     Ready,
-    /// What it measured.
     Done(Box<Paced>),
-    /// It could not measure, and why.
     Failed(String),
 }
 
@@ -244,7 +212,6 @@ struct Paced {
 }
 
 impl Load {
-    /// Measures a row for every wait, rate, size, number of clients and precision.
     pub fn run(&self, place: &Place, config: &Config) -> Result<()> {
         let clients = self.mix.iter().map(|group| group.clients).sum();
         if clients > MOST_CLIENTS {
@@ -264,20 +231,27 @@ impl Load {
             }
         }
         let measure = |_: &_| {
-            let mut report =
-                LoadReport { machine: Machine::this(), rows: Vec::new(), idle: Vec::new() };
+            let (mut rows, mut idle) = (Vec::new(), Vec::new());
             for wait in &self.wait {
-                self.measure(&mut report, *wait, &runs, place, config)?;
+                self.measure((&mut rows, &mut idle), *wait, &runs, place, config)?;
+            }
+            let machine = Machine::this();
+            let mut report = Report::new("load", vec![Part::heading(1, "Load")]);
+            report.parts.push(Part::text(machine.to_string()));
+            report.value("machine", &machine);
+            report.parts.extend(Part::section("Frames", "", Table::of(&rows).only(COLUMNS)));
+            report.list("rows", &rows);
+            if !idle.is_empty() {
+                report.section("idle", "Clients that send nothing", "", &idle);
             }
             Ok(report)
         };
-        self.output.of(|| spinner("measuring"), measure).map(drop)
+        self.output.of(|| spinner("measuring"), measure)
     }
 
-    /// The rows of a way to wait.
     fn measure(
         &self,
-        report: &mut LoadReport,
+        (rows, idle): (&mut Vec<LoadRow>, &mut Vec<Fields>),
         wait: Wait,
         runs: &[(Rate, &[Group], PrecisionChoice)],
         place: &Place,
@@ -312,14 +286,14 @@ impl Load {
             let is_last = i + 1 == runs.len();
             let ran = Ran::new(groups, &settings, &at, target.cpu().as_ref(), is_last)?;
             let (clients_in_all, used) = (all_of(groups), ran.daemon_percent);
-            report.idle.extend(ran.idle_percent.map(|daemon_cpu_percent| {
+            idle.extend(ran.idle_percent.map(|daemon_cpu_percent| {
                 row!(wait: wait.to_string(), clients: clients_in_all, daemon_cpu_percent)
             }));
             let mut measured = ran.clients.into_iter();
             for Group { n, clients } in *groups {
                 let (sum, worst_client_p50_ns) =
                     together(measured.by_ref().take(*clients as usize))?;
-                report.rows.push(LoadRow {
+                rows.push(LoadRow {
                     row: LatencyRow::new(*n, *precision, wait, threads, &sum.figures, used),
                     rate: rate.to_string(),
                     clients: *clients,
@@ -351,18 +325,16 @@ fn all_of(groups: &[Group]) -> u32 {
     groups.iter().map(|group| group.clients).sum()
 }
 
-/// What clients that ran together measured.
 struct Ran {
     /// In the order of the groups.
     clients: Vec<Paced>,
-    /// What the daemon used of a core, percent; `None` where none serves.
+    /// Of a core; `None` where no daemon serves.
     daemon_percent: Option<f64>,
     /// The same after the clients' last frame, while they stayed connected.
     idle_percent: Option<f64>,
 }
 
 impl Ran {
-    /// Starts all clients, lets them begin together, and reads what they measured.
     fn new(
         groups: &[Group],
         settings: &ClientSettings,
@@ -514,17 +486,13 @@ impl ClientSettings {
     }
 }
 
-/// When a frame is due after the first one, an open loop: a frame that takes long moves no later one.
-///
-/// A frame whose predecessor was not done by its due time begins late, and its latency still counts from
-/// when it was due. Counted from its own beginning, one stall of many periods would appear as a single slow
-/// frame (coordinated omission). Computed from the first frame on: the rounding of a period does not add up.
+/// When a frame is due after the first one: counted from its own beginning, one stall of many periods would appear as
+/// a single slow frame (coordinated omission). Computed from the first frame on: rounding does not add up.
 fn due(frame: u64, hertz: NonZeroU32) -> Duration {
     let ns = u128::from(frame) * 1_000_000_000 / u128::from(hertz.get());
     Duration::from_nanos(u64::try_from(ns).unwrap_or(u64::MAX))
 }
 
-/// Sleeps until shortly before `at`, then spins.
 fn await_time(at: Instant) {
     let left = at.saturating_duration_since(Instant::now());
     if let Some(nap) = left.checked_sub(AWAKE_BEFORE) {

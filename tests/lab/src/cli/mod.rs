@@ -4,7 +4,6 @@
 //! configuration file, default. Results go to stdout; progress, logs and errors to stderr.
 
 mod accuracy;
-mod chart;
 pub(crate) mod load;
 mod stress;
 mod studies;
@@ -46,7 +45,6 @@ Examples:
   pairmask-lab gpu-scene --moving 1 --stages   scenes that persist in video memory
   pairmask-lab spheres --errors                what plain f32 gets wrong
   pairmask-lab papers --only-records           the papers' tables and figures, theirs beside ours
-  pairmask-lab chart r.json --x n --y p50      rows of a report as lines of an SVG file
 
 Exit status: 0 done; 1 it failed or a check failed; 2 the command line or configuration is wrong.";
 
@@ -62,7 +60,6 @@ enum Command {
     Threads(studies::ThreadsBench),
     Spheres(studies::Spheres),
     Papers(studies::Papers),
-    Chart(chart::Chart),
     /// A client process of `load` and `stress`.
     #[command(hide = true)]
     Client {
@@ -74,7 +71,6 @@ enum Command {
     Serve(serve::Serve),
 }
 
-/// Changes to the derived command line that clap has no attributes for.
 const SHAPE: Shape = Shape {
     without_use: &[
         ("mapping", &["instance", "runtime_dir", "isa"]),
@@ -84,7 +80,6 @@ const SHAPE: Shape = Shape {
         ("threads", ALL),
         ("spheres", ALL),
         ("papers", ALL),
-        ("chart", ALL),
     ],
     measuring: &["accuracy", "load"],
 };
@@ -93,9 +88,7 @@ fn command() -> clap::Command {
     shaped(Cli::command(), &SHAPE)
 }
 
-/// Runs the command that the process was started with.
-///
-/// Call it first in `main`: it sets the process up.
+/// Runs the command of this process. Call it first in `main`: it sets the process up.
 pub fn main() -> ExitCode {
     program::run(&command(), |cli| run(cli).map_err(LabError))
 }
@@ -115,30 +108,25 @@ fn run(Cli { place, command }: &Cli) -> crate::Result<()> {
         Command::Threads(threads) => threads.run(),
         Command::Spheres(spheres) => spheres.run(),
         Command::Papers(papers) => papers.run(),
-        Command::Chart(chart) => chart.run(),
         Command::Client { job } => Ok(processes::work(job)?),
         Command::Serve(serve) => Ok(serve.run(place, &config, None)?),
     }
 }
 
 impl Command {
-    /// Whether the command uses a setting of the configuration file. A command that uses none does
-    /// not fail by a wrong file. The process that starts a daemon or a client passes every setting as a
-    /// flag.
+    /// A command that uses no setting does not fail by a wrong file; a child gets every setting as a flag.
     const fn reads_config(&self) -> bool {
         !matches!(
             self,
             Self::Threads(_)
                 | Self::Spheres(_)
                 | Self::Papers(_)
-                | Self::Chart(_)
                 | Self::Client { .. }
                 | Self::Serve(_)
         )
     }
 }
 
-/// Why a measurement failed; its type decides the exit status.
 #[derive(Debug, thiserror::Error)]
 #[error(transparent)]
 struct LabError(Fault);

@@ -169,7 +169,6 @@ impl Stress {
         self.seed.unwrap_or_else(seed_of_the_clock)
     }
 
-    /// The command that sends a case through a daemon again, without the case.
     fn replay(&self, clients: NonZeroU16, place: &Place, config: &Config) -> String {
         let Wanted { engines, modes, threads } = self.wanted();
         let (engines, modes) = (engines.join(","), modes.join(","));
@@ -188,7 +187,6 @@ impl Stress {
     }
 }
 
-/// A seed from the clock, short enough to be typed again.
 fn seed_of_the_clock() -> u64 {
     let now = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
     now.map_or(1, |time| u64::from(time.subsec_micros()) + 1_000_000 * (time.as_secs() % 1_000))

@@ -13,11 +13,10 @@ use pairmaskd::execute::gpu::{Gpu, GpuChoice, HostImport, OpenError};
 use pairmaskd::scene::SceneName;
 
 use crate::Result;
-use crate::gpu_stages::scenes::{
-    Case as SceneCase, Effort, GpuSceneReport, measure as measure_scene,
-};
-use crate::study::harness::document::markdown;
-use crate::study::harness::{StudyReport, write_files};
+use crate::gpu_stages::scenes::{Case as SceneCase, Effort, measure as measure_scene};
+use crate::study::harness::Report;
+use crate::study::harness::document::{Part, markdown};
+use crate::study::harness::table::Table;
 use crate::study::moving::{Motion, World};
 use crate::study::papers::{PapersOptions, STEPS, make};
 use crate::study::spheres::errors::pairs_decided;
@@ -25,7 +24,6 @@ use crate::study::spheres::{self, SphereOptions};
 use crate::study::ways::Case;
 use crate::study::{grid, judge, mapping, threads};
 
-/// What becomes of the results.
 #[derive(Debug, Args)]
 pub struct Output {
     /// Folder for the results as files
@@ -40,36 +38,30 @@ pub struct Output {
 }
 
 impl Output {
-    /// Whether stdout is for programs.
-    pub const fn is_for_programs(&self) -> bool {
-        self.json || self.csv
-    }
-
     /// Measures, writes the files and prints. The folder is made first, so that a wrong name fails at once.
-    pub fn of<R: StudyReport>(
+    pub fn of(
         &self,
         progress: impl FnOnce() -> ProgressBar,
-        measure: impl FnOnce(&ProgressBar) -> Result<R>,
-    ) -> Result<R> {
+        measure: impl FnOnce(&ProgressBar) -> Result<Report>,
+    ) -> Result<()> {
         make_folder(self.out.as_deref())?;
         let progress = progress();
         let report = measure(&progress)?;
         progress.finish_and_clear();
         if let Some(folder) = &self.out {
-            write_files(&report, folder)?;
+            report.write(folder)?;
         }
         if self.json {
             print_json(&report)?;
         } else if self.csv {
             print_text(report.csv().trim_end())?;
         } else {
-            print_text(markdown(&report.parts()).trim_end())?;
+            print_text(markdown(&report.parts).trim_end())?;
         }
-        Ok(report)
+        Ok(())
     }
 }
 
-/// What studies on a GPU take.
 #[derive(Debug, Args)]
 struct OnGpu {
     #[command(flatten)]
@@ -104,7 +96,7 @@ impl Mapping {
     pub fn run(&self, config: &Config) -> Result<()> {
         let OnGpu { options, quick, output } = &self.on;
         let measure = |_: &_| mapping::measure(&options.gpu(config), *quick);
-        output.of(|| spinner("measuring"), measure).map(drop)
+        output.of(|| spinner("measuring"), measure)
     }
 }
 
@@ -133,7 +125,7 @@ impl Grid {
         let OnGpu { options, quick, output } = &self.on;
         let counts = if *quick { &[1_000][..] } else { &self.n };
         let measure = |_: &_| grid::measure(&options.gpu(config), counts, *quick);
-        output.of(|| spinner("measuring"), measure).map(drop)
+        output.of(|| spinner("measuring"), measure)
     }
 }
 
@@ -186,21 +178,25 @@ impl GpuSceneBench {
             return Err(OpenError::SwitchedOff.into());
         }
         let measure = |_: &_| {
-            let names = gpus.iter().map(|gpu| gpu.info().name.clone()).collect();
-            let mut report = GpuSceneReport { gpus: names, rows: Vec::new() };
+            let mut rows = Vec::new();
             for (scene, n, motion) in self.worlds() {
                 let mut world = World::new(scene, n);
                 for &percent in &self.moving {
                     for imported in [true, false] {
                         let effort = self.effort;
                         let case = SceneCase { scene, n, motion, percent, imported, effort };
-                        report.rows.push(measure_scene(&gpus, &mut world, &case)?);
+                        rows.push(measure_scene(&gpus, &mut world, &case)?);
                     }
                 }
             }
+            let names: Vec<_> = gpus.iter().map(|gpu| gpu.info().name.clone()).collect();
+            let mut report = Report::new("gpu-scene", vec![Part::text(names.join(", "))]);
+            report.parts.push(Part::Table(Table::of(&rows)));
+            report.value("gpus", names);
+            report.list("rows", &rows);
             Ok(report)
         };
-        self.output.of(|| spinner("measuring"), measure).map(drop)
+        self.output.of(|| spinner("measuring"), measure)
     }
 
     fn worlds(&self) -> impl Iterator<Item = (SceneName, usize, Motion)> {
@@ -209,7 +205,6 @@ impl GpuSceneBench {
     }
 }
 
-/// Scenes, sizes and threads of the benches that run engines in this process.
 #[derive(Debug, Args)]
 struct Cases {
     /// Scenes, as `pairmaskd scene` names them [default: see below]
@@ -227,8 +222,7 @@ impl Cases {
     /// Most pairs of a scene where all boxes overlap: larger ones are left out.
     const MOST_QUADRATIC_PAIRS: u64 = 10_000_000;
 
-    /// Every scene in every size. Scenes whose pairs grow with the square of n are left out at
-    /// sizes with more than [`Self::MOST_QUADRATIC_PAIRS`].
+    /// Every scene in every size; quadratic ones up to [`Self::MOST_QUADRATIC_PAIRS`].
     fn of(&self, scenes: &[SceneName], sizes: &[u32]) -> Vec<Case> {
         let scenes = if self.scene.is_empty() { scenes } else { &self.scene };
         let sizes = if self.n.is_empty() { sizes } else { &self.n };
@@ -271,7 +265,7 @@ impl PlanBench {
             let threads = self.cases.threads();
             judge::measure(&cases, &threads, place.isa(config), || progress.inc(1))
         };
-        self.output.of(|| progress_bar(cases.len() as u64, "measuring"), measure).map(drop)
+        self.output.of(|| progress_bar(cases.len() as u64, "measuring"), measure)
     }
 }
 
@@ -308,7 +302,7 @@ impl ThreadsBench {
         let measure = |progress: &ProgressBar| {
             threads::measure(&cases, &self.cases.threads(), || progress.inc(1))
         };
-        self.output.of(|| progress_bar(steps, "measuring"), measure).map(drop)
+        self.output.of(|| progress_bar(steps, "measuring"), measure)
     }
 }
 
@@ -344,10 +338,14 @@ impl Spheres {
             Some(pairs) => progress_bar(pairs_decided(pairs), "pairs of spheres"),
             None => spinner("spheres"),
         };
-        let report = self.output.of(progress, |progress| {
-            spheres::measure(&self.options, self.gpu.as_ref(), |pairs| progress.inc(pairs))
+        let mut is_exact = true;
+        self.output.of(progress, |progress| {
+            let watch = |pairs| progress.inc(pairs);
+            let report = spheres::measure(&self.options, self.gpu.as_ref(), watch)?;
+            is_exact = spheres::is_exact(&report);
+            Ok(report)
         })?;
-        if report.is_exact() {
+        if is_exact {
             Ok(())
         } else {
             Err("pairs of spheres were decided wrongly: please report this".into())
@@ -377,7 +375,9 @@ pub struct Papers {
 
 impl Papers {
     pub fn run(&self) -> Result<()> {
-        let measure = |progress: &ProgressBar| make(&self.options, || progress.inc(1));
-        self.output.of(|| progress_bar(STEPS, "studies"), measure).map(drop)
+        let measure = |progress: &ProgressBar| {
+            make(&self.options, || progress.inc(1)).map(|page| page.report())
+        };
+        self.output.of(|| progress_bar(STEPS, "studies"), measure)
     }
 }

@@ -21,13 +21,10 @@ use crate::Result;
 use crate::study::harness::table::{Fields, row};
 use crate::study::harness::{median, percentile, repeated};
 
-/// The scenes of the anchors.
 pub const SCENES: [SceneName; 4] =
     [SceneName::Uniform, SceneName::Mixed, SceneName::Pile, SceneName::Plane];
 
-/// Fewest frames with percentiles.
 const LEAST_FRAMES: usize = 3;
-/// Frames from the same boxes.
 const ROUNDS: usize = 16;
 /// Mask words a box that the reply has room for.
 const WORDS_A_BOX: u64 = 20;
@@ -79,7 +76,6 @@ pub fn measure(gpu: &Arc<Gpu>, name: SceneName, n: u32, budget: Duration) -> Res
     ))
 }
 
-/// The grid with boxes and replies in shared memory.
 pub(crate) fn grid_rig(gpu: &Arc<Gpu>, boxes: &[Aabb], profiled: bool) -> Result<Rig<Grid>> {
     let imports = SharedImports::default();
     let options = GridOptions { profiled, imports: imports.clone(), ..GridOptions::default() };
@@ -87,7 +83,6 @@ pub(crate) fn grid_rig(gpu: &Arc<Gpu>, boxes: &[Aabb], profiled: bool) -> Result
     Ok(Rig { engine: Grid::new(gpu, &options)?, memory })
 }
 
-/// All pairs in the same way.
 pub(crate) fn all_pairs_rig(gpu: &Arc<Gpu>, boxes: &[Aabb]) -> Result<Rig<AllPairs>> {
     let n = BoxCount::of_len(boxes.len()).unwrap_or_default();
     let capacity = Counted::Sparse.first_capacity(n).max(WORDS_A_BOX * u64::from(n.get()));
@@ -109,7 +104,6 @@ pub(crate) fn median_us(rig: &mut Rig<impl Engine>, budget: Duration) -> Result<
     Ok(median(times.split_off(times.len() / 2)))
 }
 
-/// Frames a second of unmoved boxes, with 1 or 2 frames under way at a time.
 pub fn frames_a_second(
     gpu: &Arc<Gpu>,
     boxes: &[Aabb],
@@ -146,14 +140,12 @@ fn begin(grid: &mut Grid, memory: FrameSegments) -> Result<GridUnderWay<FrameSeg
     Ok(grid.begin(memory, Encoding::Sparse).map_err(|(error, _)| error)?)
 }
 
-/// Words of a reply that every scene of the study fits in.
 fn reply_words(n: usize) -> u64 {
     let n = BoxCount::of_len(n).unwrap_or_default();
     let items = WORDS_A_BOX * u64::from(n.get());
     Sizes::of(n).reply_words(Capacity { found: Found::Words, items })
 }
 
-/// GPU time by stage, medians, µs.
 fn stages(gpu: &Arc<Gpu>, scene: &mut Scene, budget: Duration) -> Result<Vec<(String, f64)>> {
     let mut rig = grid_rig(gpu, scene.boxes(), true)?;
     let mut frame = 0;

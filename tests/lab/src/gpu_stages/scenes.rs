@@ -17,26 +17,22 @@ use pairmaskd::execute::gpu::{
     Awake, EditTimes, Gpu, GpuScene, GridOptions, SceneTools, SharedImports, user_cache_folder,
 };
 use pairmaskd::scene::{Random, SceneName};
-use serde::Serialize;
 
 use super::shared::Segment;
 use super::wrong_pairs;
 use crate::Result;
-use crate::study::harness::document::Part;
-use crate::study::harness::table::{Fields, Table, row};
-use crate::study::harness::{StudyReport, median, percentile};
+use crate::study::harness::table::{Fields, row};
+use crate::study::harness::{median, percentile};
 use crate::study::moving::{Motion, World};
 
 /// Edits that are not counted: memory is taken, layouts are chosen, frames are recorded.
 const WARM_UP: usize = 6;
 /// Edits whose stages are timed: timestamps cost about a microsecond a stage.
 const TIMED_STAGES: usize = 20;
-/// Queries that are compared with all boxes, about.
 const CHECKED_QUERIES: usize = 100;
 /// How long the clocks are kept up between edits, while the next one is made.
 const HOLD: Duration = Duration::from_secs(5);
 
-/// How much of each case is measured.
 #[derive(Clone, Copy, Debug, Args)]
 pub struct Effort {
     /// Edits of each line
@@ -53,7 +49,6 @@ pub struct Effort {
     unchecked: bool,
 }
 
-/// What is measured.
 #[derive(Clone, Copy, Debug)]
 pub struct Case {
     pub scene: SceneName,
@@ -64,21 +59,6 @@ pub struct Case {
     /// Whether the boxes of an edit lie in imported memory; else they are copied.
     pub imported: bool,
     pub effort: Effort,
-}
-
-/// The JSON object of `gpu-scene --json`. Fields may be added, never changed or taken away.
-#[derive(Clone, Debug, Serialize)]
-pub struct GpuSceneReport {
-    pub gpus: Vec<String>,
-    pub rows: Vec<Fields>,
-}
-
-impl StudyReport for GpuSceneReport {
-    const NAME: &'static str = "gpu-scene";
-
-    fn parts(&self) -> Vec<Part> {
-        vec![Part::text(self.gpus.join(", ")), Part::Table(Table::of(&self.rows))]
-    }
 }
 
 /// Pairs, as a number and a sum of hashes that depends on no order.
@@ -102,7 +82,6 @@ impl PairSum {
         self.sum = self.sum.wrapping_add(mixed(pair));
     }
 
-    /// The client that knows these pairs takes an answer.
     fn take(&mut self, reported: &Reported) {
         if reported.is_resync() {
             *self = Self::of(reported.pairs());
@@ -151,7 +130,6 @@ impl Rig {
         Ok(Self { scene, segment, known: PairSum::default() })
     }
 
-    /// Sets boxes and takes the changes; how long the answer took.
     fn edit(&mut self, indices: &[u32], boxes: &[Aabb], is_spawn: bool) -> Result<Duration> {
         self.segment.write(boxes);
         let boxes = self.segment.objects(boxes.len());
@@ -175,7 +153,6 @@ struct Run {
     edits: Vec<(f64, EditTimes)>,
     asked: Vec<(f64, EditTimes)>,
     queries: Vec<Aabb>,
-    /// The answer to the last queries.
     found: Vec<[u32; 2]>,
 }
 
@@ -219,17 +196,14 @@ impl Run {
     }
 }
 
-/// So many of a hundred of the whole times.
 fn whole(times: &[(f64, EditTimes)], percent: usize) -> f64 {
     percentile(times.iter().map(|(whole, _)| *whole).collect(), percent)
 }
 
-/// Medians of a part of the times, µs.
 fn part(times: &[(f64, EditTimes)], part: fn(&EditTimes) -> Duration) -> f64 {
     median(times.iter().map(|(_, times)| us(part(times))).collect())
 }
 
-/// Medians of the stages, µs.
 fn stages(times: &[(f64, EditTimes)]) -> BTreeMap<&'static str, f64> {
     let mut stages: BTreeMap<&'static str, Vec<f64>> = BTreeMap::new();
     for step in times.iter().flat_map(|(_, times)| &times.stages) {
@@ -238,7 +212,6 @@ fn stages(times: &[(f64, EditTimes)]) -> BTreeMap<&'static str, f64> {
     stages.into_iter().map(|(label, us)| (label, median(us))).collect()
 }
 
-/// Measures a case.
 pub fn measure(gpus: &[Arc<Gpu>], world: &mut World, case: &Case) -> Result<Fields> {
     let effort = &case.effort;
     let Run { rig, edits, asked, queries, found } =
@@ -287,7 +260,6 @@ pub fn measure(gpus: &[Arc<Gpu>], world: &mut World, case: &Case) -> Result<Fiel
     ))
 }
 
-/// Compares what the client knows with a fresh search.
 fn check(rig: &Rig, world: &World, case: &Case) -> Result<()> {
     let mut fresh = Scene::new(SceneOptions::default());
     let indices = Indices::from(0..case.n as u32);
@@ -311,7 +283,6 @@ fn queries(boxes: &[Aabb], count: usize) -> Vec<Aabb> {
     (0..count).map(moved).collect()
 }
 
-/// Compares the pairs of some queries with those of all boxes.
 fn check_queries(boxes: &[Aabb], queries: &[Aabb], found: &[[u32; 2]], case: &Case) -> Result<()> {
     let keys =
         |boxes: &[Aabb]| -> Vec<KeyBox> { boxes.iter().map(|b| KeyBox::classify(b).0).collect() };

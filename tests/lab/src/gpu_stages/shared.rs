@@ -35,7 +35,6 @@ impl Segment {
         Ok(segment)
     }
 
-    /// Imports the segment, for boxes and replies.
     pub(crate) fn import(
         &mut self,
         gpu: &Arc<Gpu>,
@@ -80,12 +79,10 @@ impl Drop for Segment {
     }
 }
 
-/// The memory of a frame: its objects, and the reply.
 pub(crate) struct FrameSegments {
     n: usize,
     pub(crate) boxes: Segment,
     pub(crate) reply: Segment,
-    /// Whether both were imported.
     pub(crate) imported: bool,
 }
 
@@ -123,14 +120,12 @@ unsafe impl FrameMemory for FrameSegments {
     }
 }
 
-/// An engine with its shared memory.
 pub(crate) struct Rig<E> {
     pub(super) engine: E,
     pub(crate) memory: FrameSegments,
 }
 
 impl<E: Engine> Rig<E> {
-    /// A frame of the boxes in shared memory.
     pub(super) fn frame(&mut self) -> Result<CullReport, CullError> {
         let FrameSegments { n, boxes, reply, .. } = &mut self.memory;
         self.engine.cull(&CullInput::boxes(boxes.objects(*n)).encoding(Encoding::Sparse), reply)

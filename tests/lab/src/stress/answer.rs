@@ -13,23 +13,18 @@ use serde::{Deserialize, Serialize};
 use super::case::Case;
 use super::modes::{self, Sending, Usage};
 
-/// How a case is asked.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Form {
     /// Boxes in f32, in one frame.
     Boxes,
-    /// Spheres of the same seed, in one frame.
     Spheres,
-    /// Boxes in one usage of a precision mode, in one frame.
     Mode(Usage),
     /// Edits of a scene that persists, towards the boxes: by the clients of a daemon.
     Scene,
-    /// Placements of the boxes, for the update stage.
     Updates,
 }
 
 impl Form {
-    /// The value of `--mode` that asks it.
     pub const fn mode(self) -> &'static str {
         match self {
             Self::Mode(usage) => usage.mode(),
@@ -50,21 +45,15 @@ impl fmt::Display for Form {
     }
 }
 
-/// The answer to a frame, decoded.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Answer {
-    /// The pairs, sorted.
     pub pairs: Vec<Pair>,
-    /// Pairs as the engine counted them.
     pub count: u64,
-    /// Empty and invalid objects as the engine counted them.
     pub census: Census,
 }
 
-/// What became of a case.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Reply {
-    /// Pairs, which are to be compared.
     Pairs(Answer),
     /// An answer that was compared where it was given, and is right.
     Right,
@@ -73,36 +62,25 @@ pub enum Reply {
     Declined,
 }
 
-/// A mistake in an answer.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Finding {
-    /// In words.
     pub what: String,
-    /// Pairs that must be in the answer and are not.
     pub missed: u64,
-    /// Pairs that are in the answer and may not be.
     pub extra: u64,
-    /// The lowest wrong pair, if it is about pairs.
     pub first: Option<Pair>,
 }
 
 impl Finding {
-    /// A finding that is not about pairs.
     pub fn other(what: &impl ToString) -> Self {
         Self { what: what.to_string(), missed: 0, extra: 0, first: None }
     }
 
-    /// A finding about pairs that may not be in the answer.
     pub(super) const fn extra(what: String, extra: u64, first: Pair) -> Self {
         Self { what, missed: 0, extra, first: Some(first) }
     }
 }
 
-/// Checks a sorted list of pairs: nothing twice, all of `must`, none outside `may`. Both are sorted, and
-/// `must` is part of `may`.
-///
-/// # Errors
-/// [`Finding`] counts the wrong pairs and names the lowest.
+/// Checks a sorted list of pairs: nothing twice, all of `must`, none outside `may`, of which `must` is a part.
 pub fn compare(got: &[Pair], must: &[Pair], may: &[Pair]) -> Result<(), Finding> {
     if let Some(two) = got.windows(2).find(|two| two[0] >= two[1]) {
         let what = if two[0] == two[1] {
@@ -123,19 +101,16 @@ pub fn compare(got: &[Pair], must: &[Pair], may: &[Pair]) -> Result<(), Finding>
     Err(Finding { what, missed, extra, first: Some(first) })
 }
 
-/// Those of `these` that are not in `those`. Both are sorted.
 pub(super) fn absent(these: &[Pair], those: &[Pair]) -> impl Iterator<Item = Pair> {
     these.iter().filter(|pair| those.binary_search(pair).is_err()).copied()
 }
 
-/// The number of pairs, and the first of them.
 fn count(mut pairs: impl Iterator<Item = Pair>) -> (u64, Option<Pair>) {
     let first = pairs.next();
     (u64::from(first.is_some()) + pairs.count() as u64, first)
 }
 
 impl Case {
-    /// Compares the answer to a frame of this form with the oracle.
     pub fn check(&self, form: Form, answer: &Answer) -> Result<(), Finding> {
         let Answer { pairs, count, census } = answer;
         let (must, may) = self.allowed(form);
@@ -160,7 +135,6 @@ impl Case {
         }
     }
 
-    /// The pairs that must be in the answer to a frame, and those that may be.
     pub(super) fn allowed(&self, form: Form) -> (&[Pair], &[Pair]) {
         match form {
             Form::Mode(usage) => {
@@ -181,7 +155,6 @@ impl Case {
         }
     }
 
-    /// Number of objects in this form, and how they were made.
     pub(super) fn scene(&self, form: Form) -> (usize, String) {
         match form {
             Form::Spheres => (self.spheres().spheres.len(), "spheres".to_owned()),
@@ -190,7 +163,6 @@ impl Case {
         }
     }
 
-    /// A pair of objects that an explanation says nothing about, in words.
     fn objects(&self, form: Form, [a, b]: Pair) -> String {
         let (a, b) = (a as usize, b as usize);
         match form {

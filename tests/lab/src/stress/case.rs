@@ -26,23 +26,19 @@ const LARGE: Range<u64> = 5_000..12_000;
 /// Makes the random numbers of large cases independent of those of others.
 const LARGE_STREAM: u64 = 0x4c41_5247_4500;
 
-/// A scene, how it was made, and its truth.
 #[derive(Clone, Debug)]
 pub struct Case {
-    /// The seed, which determines the whole case.
     pub seed: u64,
     pub recipe: String,
     pub boxes: Vec<Aabb>,
     /// By the oracle, on a thread of the caller's flags.
     pub truth: Truth,
-    /// Floating-point flags of the threads that take part.
     pub flags: MixedFlags,
     spheres: OnceLock<SphereCase>,
     modes: [OnceLock<ModeCase>; Usage::ALL.len()],
 }
 
 impl Case {
-    /// The case of a seed; the same on every machine.
     pub fn new(seed: u64) -> Self {
         let mut random = Random::new(seed);
         let n = box_count(&mut random);
@@ -92,13 +88,11 @@ impl Case {
         self.spheres.get_or_init(|| SphereCase::new(self.seed))
     }
 
-    /// The boxes in one usage of a precision mode, made on first use.
     pub fn in_mode(&self, usage: Usage) -> &ModeCase {
         self.modes[usage as usize]
             .get_or_init(|| ModeCase::new(self.seed, &self.boxes, usage, &self.flags))
     }
 
-    /// The seed of the next case of a run.
     pub fn next_seed(run: &mut Random) -> u64 {
         run.bits() >> (u64::BITS - CASE_SEED_BITS)
     }
@@ -137,7 +131,6 @@ fn draw(n: usize, random: &mut Random) -> (Vec<Aabb>, &'static str) {
     (make(n, random), name)
 }
 
-/// One scene, or two scenes one after the other or interleaved.
 fn compose(n: usize, random: &mut Random) -> (Vec<Aabb>, String) {
     match random.below(5) {
         0 => {

@@ -8,7 +8,6 @@ use super::hard::{power_of_ten, ulps};
 /// Changes the boxes of a scene in place; their number stays.
 type Apply = fn(&mut [Aabb], &mut Random);
 
-/// All of them, with their names.
 pub const ALL: &[(&str, Apply)] = &[
     ("sorted", |boxes, random| sort(boxes, random, false)),
     ("sorted in reverse", |boxes, random| sort(boxes, random, true)),
@@ -113,7 +112,6 @@ fn sort(boxes: &mut [Aabb], random: &mut Random, reverse: bool) {
     });
 }
 
-/// Changes every coordinate of an axis.
 fn map_axis(boxes: &mut [Aabb], axis: usize, change: impl Fn(f32) -> f32) {
     for one in boxes {
         one.min[axis] = change(one.min[axis]);

@@ -9,7 +9,6 @@ use std::fmt;
 use pairmaskd::scene::Random;
 use rayon::ThreadPool;
 
-/// The rounding mode of a thread.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Rounding {
     /// To the nearest, ties to even: the default.
@@ -24,14 +23,11 @@ pub enum Rounding {
 }
 
 impl Rounding {
-    /// Every mode.
     pub const ALL: [Self; 4] = [Self::Nearest, Self::Down, Self::Up, Self::TowardZero];
 }
 
-/// The flags of a thread that change results.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct FloatFlags {
-    /// Rounding mode.
     pub rounding: Rounding,
     /// Results that are subnormal become zero (FTZ).
     pub flush_to_zero: bool,
@@ -118,7 +114,6 @@ mod register {
     pub fn write((): Control) {}
 }
 
-/// Puts the flags back when dropped.
 struct Restore(register::Control);
 
 impl Drop for Restore {
@@ -145,7 +140,6 @@ impl FloatFlags {
         })
     }
 
-    /// Flags of a rounding mode.
     pub const fn rounding(rounding: Rounding) -> Self {
         Self { rounding, ..Self::DEFAULT }
     }
@@ -190,10 +184,8 @@ impl fmt::Display for FloatFlags {
     }
 }
 
-/// Flags of all threads that take part in a frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct MixedFlags {
-    /// The calling thread.
     pub caller: FloatFlags,
     /// The pool's threads, in turn.
     pub pool: [FloatFlags; 2],
@@ -205,7 +197,6 @@ pub struct MixedFlags {
 const STREAM: u64 = 0x464c_4147_5300;
 
 impl MixedFlags {
-    /// The flags of a case.
     pub fn of_seed(seed: u64) -> Self {
         let mut random = Random::new(seed ^ STREAM);
         let mut draw = || FloatFlags::draw(&mut random);
@@ -216,8 +207,7 @@ impl MixedFlags {
         }
     }
 
-    /// Gives all threads of the pool their flags, and runs `work` on one of them with the caller's
-    /// flags. The pool keeps its flags.
+    /// The pool's threads keep their flags.
     pub fn install<R: Send>(&self, pool: &ThreadPool, work: impl FnOnce() -> R + Send) -> R {
         pool.broadcast(|thread| self.pool[thread.index() % self.pool.len()].set());
         pool.install(|| self.caller.run(work))

@@ -8,10 +8,8 @@
 use pairmask_core::Aabb;
 use pairmaskd::scene::Random;
 
-/// Makes a scene of so many boxes.
 type Make = fn(usize, &mut Random) -> Vec<Aabb>;
 
-/// All of them, with their names.
 pub const ALL: &[(&str, Make)] = &[
     // Boxes along one axis, each touching the next or one ulp away from it.
     ("chain of touching boxes", |n, random| {

@@ -1,18 +1,10 @@
-//! Stress: thousands of hard scenes a minute, each answered by every engine and compared with the
-//! oracle.
+//! Stress: thousands of hard scenes a minute, each answered by every engine and compared with the oracle.
 //!
-//! A run's seed gives each `Case` a seed of its own, which determines the number of boxes, one or two
-//! scenes ([`scenes`], `hard`), up to three changes, and the floating-point flags ([`MixedFlags`]) of the
-//! caller, the pool's threads and the writers of boxes: no answer may depend on them. A case is asked in a
-//! `Form`: as boxes, spheres, in a precision mode, as placements. Each
-//! `Subject` answers every case in its form; one comparison (`Case::check`) holds the answer to the
-//! oracle. A wrong one names the case's seed, the first wrong pair and why that pair is in the mask or not.
-//!
-//! Precision modes must find the overlapping pairs and may find those that their definition adds; no extra
-//! pair may have a larger gap than the mode states (`modes`). What an engine leaves to another one because
-//! a scene is crowded (`Reply::Declined`) is counted and printed: a run without answers proves nothing.
-//!
-//! The same cases go through a daemon, as frames and as edits of scenes, by several client processes (`clients`).
+//! A run's seed gives each `Case` a seed of its own, which determines the boxes and the floating-point flags
+//! ([`MixedFlags`]) of all threads that take part: no answer may depend on them. Each `Subject` answers every case in
+//! its `Form` (boxes, spheres, a precision mode, placements), and `Case::check` holds the answer to the oracle. What
+//! an engine leaves to another one because a scene is crowded (`Reply::Declined`) is counted and printed: a run
+//! without answers proves nothing. The same cases go through a daemon (`clients`).
 //!
 //! To add another way to find pairs, list another `Subject` in `roster.rs`.
 
@@ -47,11 +39,8 @@ use pairmaskd::scene::Random;
 const MOST_FAILURES: usize = 10;
 
 pub(crate) struct Subject {
-    /// For messages: engine, instruction set, form, encoding, threads.
     pub(crate) name: String,
-    /// The value of `--engine` that runs it.
     pub(crate) engine: &'static str,
-    /// How it is asked.
     pub(crate) form: Form,
     /// Answers a case; [`Finding`] where it cannot, or where the answer was compared already and is wrong.
     answer: Box<Answering>,
@@ -66,8 +55,6 @@ pub(crate) struct Cases {
     pub(crate) time: Option<Duration>,
 }
 
-/// Runs cases through all subjects. `watch` is called after each case with the number of cases and
-/// the time since the start.
 pub(crate) fn run(
     cases: &Cases,
     subjects: &mut [Subject],
@@ -92,7 +79,6 @@ pub(crate) fn run(
     report
 }
 
-/// Asks all subjects, and compares their answers.
 fn ask(case: &Case, subjects: &mut [Subject], report: &mut StressReport) {
     report.cases += 1;
     for subject in subjects {

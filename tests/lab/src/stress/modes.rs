@@ -23,7 +23,6 @@ const MOST_BOXES: usize = 1_100;
 /// Makes the random numbers of modes independent of those of boxes.
 const STREAM: u64 = 0x4d4f_4445_5300;
 
-/// One way to use a mode other than exact.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Usage {
     Q16,
@@ -39,7 +38,6 @@ pub enum Usage {
 }
 
 impl Usage {
-    /// All of them.
     pub const ALL: [Self; 7] = [
         Self::Q16,
         Self::Q16SmallBounds,
@@ -50,7 +48,6 @@ impl Usage {
         Self::F64,
     ];
 
-    /// The mode, as `--mode` names it.
     pub const fn mode(self) -> &'static str {
         match self {
             Self::Q16 | Self::Q16SmallBounds => "q16",
@@ -69,12 +66,10 @@ impl fmt::Display for Usage {
     }
 }
 
-/// The way in which boxes were sent, with its parameters.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Sending {
     Narrow(Precision),
     Inflated(Margin),
-    /// Boxes of a world.
     World {
         boxes: Vec<Faces>,
         /// The origin that the sent boxes are relative to.
@@ -82,7 +77,6 @@ pub enum Sending {
     },
 }
 
-/// A case in one usage of a mode.
 #[derive(Clone, Debug)]
 pub struct ModeCase {
     /// The given boxes: the first ones of the case. For a world, the f32 boxes that it was made
@@ -97,7 +91,6 @@ pub struct ModeCase {
 }
 
 impl ModeCase {
-    /// The boxes of a case in one usage.
     pub fn new(seed: u64, boxes: &[Aabb], usage: Usage, flags: &MixedFlags) -> Self {
         let mut given = &boxes[..boxes.len().min(MOST_BOXES)];
         loop {
@@ -181,7 +174,6 @@ impl ModeCase {
     }
 }
 
-/// The first box whose bits differ.
 pub(super) fn first_unlike(these: &[Aabb], those: &[Aabb]) -> Option<usize> {
     let bits = |b: &Aabb| <[f32; 6]>::from(*b).map(f32::to_bits);
     these.iter().zip(those).position(|(a, b)| bits(a) != bits(b))
@@ -242,7 +234,6 @@ fn world(boxes: &[Aabb], random: &mut Random) -> (Vec<Faces>, [f64; 3]) {
     (faces, origin)
 }
 
-/// An extra pair with a larger gap than stated.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct TooFar {
     pair: Pair,

@@ -32,7 +32,6 @@ pub struct Skipped {
     pub answers: u64,
 }
 
-/// A wrong answer.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Failure {
     pub case: u64,
@@ -50,7 +49,6 @@ pub struct Failure {
 }
 
 impl Failure {
-    /// A mistake in the answer to a case that was asked in a form.
     pub fn new(case: &Case, form: Form, subject: String, replay: String, found: Finding) -> Self {
         let (boxes, scene) = case.scene(form);
         Self {
@@ -75,7 +73,6 @@ impl StressReport {
         Self { seed, subjects, ..Self::default() }
     }
 
-    /// Counts a case that a subject left to others.
     pub(super) fn skip(&mut self, subject: &str) {
         match self.skipped.iter_mut().find(|skipped| skipped.subject == subject) {
             Some(skipped) => skipped.answers += 1,

@@ -25,7 +25,6 @@ use crate::Result;
 use crate::sabotage::{Sabotage, Spoiler, lose_a_pair, shrink};
 use crate::study::harness::open_if_any;
 
-/// What takes part.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Wanted {
     pub engines: Vec<String>,
@@ -35,7 +34,6 @@ pub struct Wanted {
 }
 
 impl Wanted {
-    /// The values of `--mode`.
     pub const MODES: [&str; 7] = ["all", "exact", "q16", "q8", "f16", "margin", "f64"];
 
     pub fn engine_names() -> Vec<&'static str> {
@@ -49,14 +47,12 @@ impl Wanted {
         names(&self.engines, engine) && names(&self.modes, form.mode())
     }
 
-    /// The forms of boxes in which an engine takes part.
     pub fn forms_of_boxes(&self, engine: &str) -> Vec<Form> {
         let forms = [Form::Boxes].into_iter().chain(Usage::ALL.map(Form::Mode));
         forms.filter(|form| self.has(engine, *form)).collect()
     }
 }
 
-/// The subjects of a run, and their settings.
 #[derive(Clone, Debug)]
 pub struct Roster {
     pub wanted: Wanted,
@@ -142,7 +138,6 @@ impl Roster {
         Ok(())
     }
 
-    /// Every way to find pairs of spheres.
     fn add_spheres(
         &self,
         subjects: &mut Vec<Subject>,
@@ -226,10 +221,8 @@ fn threads_of(pool: &ThreadPool) -> String {
     }
 }
 
-/// What finds the pairs of a frame.
 pub enum Culls {
     Boxes(Box<dyn Engine>),
-    /// All pairs of spheres, with one instruction set.
     AllPairs(SphereAllPairs),
     /// Spheres through the engine that a frame's options name.
     Through(EngineChoice, Box<SphereEngines>),
@@ -257,7 +250,6 @@ impl Culls {
     }
 }
 
-/// What finds the pairs of a frame, on the threads of a pool.
 struct Culler {
     culls: Culls,
     form: Form,
@@ -268,7 +260,6 @@ struct Culler {
 }
 
 impl Culler {
-    /// Culls once, and decodes the mask.
     fn cull(&mut self, case: &Case, boxes: &[Aabb]) -> Result<Reply, Finding> {
         let Self { culls, encoding, pool, reply, .. } = self;
         let (encoding, threads) = (*encoding, pool.current_num_threads());

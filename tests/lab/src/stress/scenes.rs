@@ -9,7 +9,6 @@ use std::fmt;
 use pairmask_core::Aabb;
 use pairmaskd::scene::Random;
 
-/// A way to make boxes.
 #[derive(Clone, Copy)]
 pub struct StressScene {
     name: &'static str,
@@ -17,7 +16,6 @@ pub struct StressScene {
     make: fn(u32, u32, &mut Rng) -> Aabb,
 }
 
-/// How the number of pairs grows with the number of boxes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Overlaps {
     /// About as many pairs as boxes.
@@ -27,12 +25,10 @@ pub enum Overlaps {
 }
 
 impl StressScene {
-    /// The name in messages.
     pub fn name(&self) -> &'static str {
         self.name
     }
 
-    /// The expected growth of the number of pairs.
     pub fn overlaps(&self) -> Overlaps {
         self.overlaps
     }
@@ -197,10 +193,8 @@ const fn scene(
     StressScene { name, overlaps, make }
 }
 
-/// The scene of that name.
-///
 /// # Panics
-/// Where there is none.
+/// Where there is no scene of that name.
 pub fn named(name: &str) -> &'static StressScene {
     ALL.iter().find(|scene| scene.name == name).expect("a scene of that name")
 }

@@ -7,12 +7,9 @@ use pairmaskd::scene::Random;
 
 use crate::study::spheres::{families, oracle};
 
-/// The spheres of a case and their pairs.
 #[derive(Clone, Debug)]
 pub struct SphereCase {
-    /// The spheres.
     pub spheres: Vec<Sphere>,
-    /// By the oracle.
     pub pairs: Vec<Pair>,
 }
 
@@ -57,7 +54,6 @@ fn lattice(n: usize, random: &mut Random) -> Vec<Sphere> {
     (0..n).map(one).collect()
 }
 
-/// Pairs of the families, one after the other.
 fn of_families(n: usize, random: &mut Random) -> Vec<Sphere> {
     let mut spheres = Vec::with_capacity(n + 1);
     while spheres.len() < n {
@@ -69,7 +65,6 @@ fn of_families(n: usize, random: &mut Random) -> Vec<Sphere> {
     spheres
 }
 
-/// Replaces some spheres by empty, invalid, infinite and point-like ones.
 fn spoil(spheres: &mut [Sphere], random: &mut Random) {
     for sphere in spheres {
         let axis = random.below(3) as usize;

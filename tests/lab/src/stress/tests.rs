@@ -59,7 +59,6 @@ fn right_subjects_pass_and_broken_ones_are_caught_and_replayed() {
     }
 }
 
-/// A subject that declines every scene.
 struct Decliner;
 
 impl Engine for Decliner {

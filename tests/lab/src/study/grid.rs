@@ -21,7 +21,7 @@ use serde::Serialize;
 use super::harness::document::Part;
 use super::harness::machine::Machine;
 use super::harness::table::{Fields, row};
-use super::harness::{StudyReport, median, median_ms};
+use super::harness::{Report, median, median_ms};
 use super::mapping::gpu::Bench;
 use super::papers::figure;
 use crate::Result;
@@ -29,24 +29,8 @@ use crate::gpu_stages::grid::{
     SCENES, all_pairs_rig, frames_a_second, grid_rig, measure as measure_scene, median_us,
 };
 
-/// All figures of a study. Fields that begin with `paper_` are the paper's.
-#[derive(Clone, Debug, Serialize)]
-pub struct GridReport {
-    pub machine: Machine,
-    pub bandwidth: Bandwidth,
-    pub scenes: Vec<Fields>,
-    pub stages: Vec<Fields>,
-    pub parts: Vec<Fields>,
-    pub with_and_without: Vec<Fields>,
-    pub crossing: Option<u64>,
-    pub engines: Vec<Fields>,
-    pub moving: Vec<Fields>,
-    pub under_way: Vec<Fields>,
-}
-
 /// The paper's scene: a column of objects of one size falls on a plane.
 const PAPER_SCENE: SceneName = SceneName::Cubes;
-/// Seed of all scenes.
 const SEED: u64 = 1;
 
 /// Boxes of table 7, and between them to find the crossing.
@@ -61,9 +45,8 @@ fn paper<const N: usize>(table: &str, n: u32, columns: [&str; N]) -> Option<[f64
     found.iter().all(Option::is_some).then(|| found.map(Option::unwrap_or_default))
 }
 
-/// Measures everything; `counts` are the numbers of boxes of table 6, figure 5 and the stages. With `quick` short runs
-/// of small scenes, in seconds; times mean little.
-pub fn measure(choice: &GpuChoice, counts: &[u32], quick: bool) -> Result<GridReport> {
+/// `counts` are the numbers of boxes of table 6, figure 5 and the stages; with `quick` times mean little.
+pub fn measure(choice: &GpuChoice, counts: &[u32], quick: bool) -> Result<Report> {
     let gpu = &Gpu::open(choice, HostImport::IfPossible)?;
     let budget = Duration::from_millis(if quick { 50 } else { 500 });
     let bandwidth = Bandwidth::measure(gpu)?;
@@ -96,32 +79,63 @@ pub fn measure(choice: &GpuChoice, counts: &[u32], quick: bool) -> Result<GridRe
         .into_iter()
         .map(|percent| moving_row(gpu, moving_n, percent, budget))
         .collect::<Result<Vec<_>, _>>()?;
-    Ok(GridReport {
-        machine: Machine::here(Some(gpu.info())),
-        bandwidth,
-        scenes,
-        stages,
-        parts,
-        crossing: crossing(&with_and_without),
-        with_and_without,
-        engines,
-        moving,
-        under_way,
-    })
+    let mut report = Report::new(
+        "grid",
+        vec![
+            Part::heading(1, "The grid, stage by stage"),
+            Part::text("Papers' figures: Avril et al. 2012, on an NVIDIA Quadro FX 3600M."),
+        ],
+    );
+    report.machine(&Machine::here(Some(gpu.info())));
+    let Bandwidth { up, down, memory } = bandwidth;
+    report.value("bandwidth", bandwidth);
+    let crossing = crossing(&with_and_without);
+    report.value("crossing", crossing);
+    report.section(
+        "parts",
+        "Table 6: update of boxes (α), update of the grid (β), pairs (δ), the whole",
+        "α on the CPU, β and δ by the GPU's clock with the transfers, the whole by the host's. \
+         `paper_ms` are α, β, δ and the whole.",
+        &parts,
+    );
+    let crossing = match crossing {
+        Some(n) => format!("The grid is faster from {n} boxes on (paper: beyond 1,000)."),
+        None => "The grid is not faster at any of these (paper: beyond 1,000).".to_owned(),
+    };
+    report.section(
+        "with_and_without",
+        "Table 7: without and with the grid, ms a frame",
+        &format!("{crossing} `paper_ms` are without and with."),
+        &with_and_without,
+    );
+    report.section("engines", "Figure 5: engines by number of boxes, ms a frame", "", &engines);
+    report.section(
+        "moving",
+        "Figure 6: share of boxes that move",
+        "The paper's time does not depend on it either.",
+        &moving,
+    );
+    report.section(
+        "stages",
+        "Stages of a uniform scene against their memory traffic, µs",
+        &format!("Link {up:.1} GB/s up, {down:.1} down; video memory {memory:.0} GB/s (copies by the device)."),
+        &stages,
+    );
+    let under_way_title = "Frames under way, uniform scene, frames a second";
+    report.section("under_way", under_way_title, "", &under_way);
+    report.section("scenes", "Scenes: boxes in shared memory → mask in shared memory", "", &scenes);
+    Ok(report)
 }
 
-/// A number of a measured scene.
 fn number(row: &Fields, name: &str) -> f64 {
     row[name].as_f64().unwrap_or(f64::NAN)
 }
 
-/// The stages of a measured scene, µs.
 fn timed_stages(row: &Fields) -> impl Iterator<Item = (&str, f64)> {
     let stages = row["stage_us"].as_array().into_iter().flatten();
     stages.filter_map(|stage| Some((stage[0].as_str()?, stage[1].as_f64()?)))
 }
 
-/// The fewest boxes from which on the grid is faster.
 fn crossing(rows: &[Fields]) -> Option<u64> {
     let slower = rows.iter().rposition(|row| row["with_ms"].as_f64() >= row["without_ms"].as_f64());
     rows.get(slower.map_or(0, |place| place + 1)).and_then(|row| row["n"].as_u64())
@@ -206,7 +220,6 @@ fn moving_row(gpu: &Arc<Gpu>, n: u32, moving_percent: u32, budget: Duration) -> 
     Ok(row!(n, moving_percent, frame_ms: median(times) / 1e3))
 }
 
-/// Highest bandwidths of a device, by its copy engine, GB/s.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct Bandwidth {
     #[serde(rename = "up_gbs")]
@@ -219,9 +232,7 @@ pub struct Bandwidth {
 
 /// Bytes of a copy that is timed: several times a second-level cache.
 const COPY_BYTES: u64 = 256 << 20;
-/// The same on a software adapter.
 const SOFTWARE_COPY_BYTES: u64 = 16 << 20;
-/// Copies of which the fastest counts.
 const COPIES: usize = 5;
 impl Bandwidth {
     pub fn measure(gpu: &Arc<Gpu>) -> Result<Self, GpuError> {
@@ -247,7 +258,6 @@ impl Bandwidth {
     }
 }
 
-/// The stages of a measured scene.
 fn stages_of(row: &Fields, bandwidth: &Bandwidth) -> Vec<Fields> {
     let [n, cells, words] = ["n", "cells", "words"].map(|name| number(row, name) as u64);
     let stage = |(stage, us): (&str, f64)| {
@@ -279,62 +289,9 @@ fn stages_of(row: &Fields, bandwidth: &Bandwidth) -> Vec<Fields> {
     timed_stages(row).map(stage).collect()
 }
 
-impl StudyReport for GridReport {
-    const NAME: &'static str = "grid";
-
-    fn parts(&self) -> Vec<Part> {
-        let crossing = match self.crossing {
-            Some(n) => format!("The grid is faster from {n} boxes on (paper: beyond 1,000)."),
-            None => "The grid is not faster at any of these (paper: beyond 1,000).".to_owned(),
-        };
-        let Bandwidth { up, down, memory } = self.bandwidth;
-        let link = format!(
-            "Link {up:.1} GB/s up, {down:.1} down; video memory {memory:.0} GB/s (copies by the device)."
-        );
-        let parts = [
-            Part::section(
-                "Table 6: update of boxes (α), update of the grid (β), pairs (δ), the whole",
-                "α on the CPU, β and δ by the GPU's clock with the transfers, the whole by the host's. \
-                 `paper_ms` are α, β, δ and the whole.",
-                &self.parts,
-            ),
-            Part::section(
-                "Table 7: without and with the grid, ms a frame",
-                &format!("{crossing} `paper_ms` are without and with."),
-                &self.with_and_without,
-            ),
-            Part::section("Figure 5: engines by number of boxes, ms a frame", "", &self.engines),
-            Part::section(
-                "Figure 6: share of boxes that move",
-                "The paper's time does not depend on it either.",
-                &self.moving,
-            ),
-            Part::section(
-                "Stages of a uniform scene against their memory traffic, µs",
-                &link,
-                &self.stages,
-            ),
-            Part::section("Frames under way, uniform scene, frames a second", "", &self.under_way),
-            Part::section(
-                "Scenes: boxes in shared memory → mask in shared memory",
-                "",
-                &self.scenes,
-            ),
-        ];
-        let mut all = vec![
-            Part::heading(1, "The grid, stage by stage"),
-            Part::text("Papers' figures: Avril et al. 2012, on an NVIDIA Quadro FX 3600M."),
-        ];
-        all.extend(self.machine.parts());
-        all.extend(parts.concat());
-        all
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::study::harness::write_files;
 
     #[test]
     fn the_crossing_is_behind_the_last_row_that_all_pairs_win() {
@@ -349,15 +306,17 @@ mod tests {
     fn a_quick_study_fills_every_table_and_compares_every_mask() -> Result<()> {
         let folder = tempfile::tempdir()?;
         let report = measure(&GpuChoice::Software, &[700], true)?;
-        write_files(&report, &folder.path().join("records"))?;
-        assert_eq!(report.scenes.len(), 4);
+        report.write(&folder.path().join("records"))?;
+        let list = |name: &str| &report.lists[name];
+        assert_eq!(list("scenes").len(), 4);
         let is_measured =
             |row: &Fields| number(row, "pairs") > 0.0 && number(row, "frame_us") > 0.0;
-        assert!(report.scenes.iter().all(|row| row["checked"] == true && is_measured(row)));
-        assert!(report.stages.iter().all(|row| row["floor_us"].as_f64() > Some(0.0)));
-        let counts = [report.stages.len(), report.parts.len(), report.engines.len()];
-        assert_eq!((counts, report.under_way.len(), report.moving.len()), ([6, 1, 1], 1, 6));
-        assert!(report.with_and_without.iter().any(|row| row["paper_ms"].is_array()));
+        assert!(list("scenes").iter().all(|row| row["checked"] == true && is_measured(row)));
+        assert!(list("stages").iter().all(|row| row["floor_us"].as_f64() > Some(0.0)));
+        let counts =
+            ["stages", "parts", "engines", "under_way", "moving"].map(|name| list(name).len());
+        assert_eq!(counts, [6, 1, 1, 1, 6]);
+        assert!(list("with_and_without").iter().any(|row| row["paper_ms"].is_array()));
         let text = std::fs::read_to_string(folder.path().join("records/grid.md"))?;
         for heading in ["Table 6", "Table 7", "Figure 5", "Figure 6", "Stages", "Frames under way"]
         {

@@ -7,9 +7,8 @@ use pairmask_core::dispatch::CullOptions;
 use pairmask_core::engine::AvailableIsa;
 use pairmask_core::plan::{Calibration, Capabilities, plan};
 use pairmaskd::cli::machine::Machine;
-use serde::Serialize;
 
-use super::harness::StudyReport;
+use super::harness::Report;
 use super::harness::document::Part;
 use super::harness::table::{Fields, Table, row};
 use super::ways::{Case, CaseTimes, Effort, Way, core_count, measure_case, pools, thread_counts};
@@ -25,14 +24,6 @@ const LIMIT: f64 = 1.3;
 const DENSE_BOXES: usize = 4_096;
 const EFFORT: Effort =
     Effort { least_frames: 5, most_frames: 200, time: Duration::from_millis(200) };
-
-/// The JSON object of `plan --json`. Fields may be added, never changed or taken away.
-#[derive(Debug, Serialize)]
-pub struct PlanReport {
-    machine: Machine,
-    calibration: String,
-    rows: Vec<Fields>,
-}
 
 /// Judges the plan of a measured case with a number of threads. All that is about the planned way is null where the plan
 /// chose one that was not measured because its prediction was hopeless: a miss.
@@ -68,14 +59,13 @@ fn judge(measured: &CaseTimes, threads: usize, calibration: &Calibration) -> Fie
     )
 }
 
-/// Measures the cases; `threads`, which the plan may use, empty means 1 and all cores. `watch` is called after each
-/// case.
+/// `threads`, which the plan may use, empty means 1 and all cores. `watch` is called after each case.
 pub fn measure(
     cases: &[Case],
     threads: &[usize],
     isa: AvailableIsa,
     watch: impl Fn(),
-) -> Result<PlanReport> {
+) -> Result<Report> {
     let (machine, calibration) = (Machine::this(), Calibration::built_in(isa.get()));
     let mut allowed = threads.to_vec();
     if allowed.is_empty() {
@@ -96,22 +86,18 @@ pub fn measure(
         watch();
     }
     let calibration = format!("built in for {}", isa.get());
-    Ok(PlanReport { machine, calibration, rows })
-}
-
-impl StudyReport for PlanReport {
-    const NAME: &'static str = "plan";
-
-    fn parts(&self) -> Vec<Part> {
-        let Machine { cpu, cores, .. } = &self.machine;
-        let ratios = || self.rows.iter().map(|row| row["ratio"].as_f64());
-        let misses = ratios().filter(|ratio| ratio.is_none_or(|ratio| ratio > LIMIT)).count();
-        let worst = ratios().flatten().fold(0.0, f64::max);
-        let rows = self.rows.len();
-        vec![
-            Part::text(format!("{cpu}, {cores} cores; constants: {}", self.calibration)),
-            Part::Table(Table::of(&self.rows)),
-            Part::text(format!("{misses} of {rows} above {LIMIT}; worst {worst:.2}")),
-        ]
-    }
+    let ratios = || rows.iter().map(|row| row["ratio"].as_f64());
+    let misses = ratios().filter(|ratio| ratio.is_none_or(|ratio| ratio > LIMIT)).count();
+    let (worst, count) = (ratios().flatten().fold(0.0, f64::max), rows.len());
+    let Machine { cpu, cores, .. } = &machine;
+    let parts = vec![
+        Part::text(format!("{cpu}, {cores} cores; constants: {calibration}")),
+        Part::Table(Table::of(&rows)),
+        Part::text(format!("{misses} of {count} above {LIMIT}; worst {worst:.2}")),
+    ];
+    let mut report = Report::new("plan", parts);
+    report.value("machine", &machine);
+    report.value("calibration", &calibration);
+    report.list("rows", &rows);
+    Ok(report)
 }

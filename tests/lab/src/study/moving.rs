@@ -21,13 +21,11 @@ pub enum Motion {
 }
 
 impl Motion {
-    /// Its name.
     pub fn name(self) -> String {
         format!("{self:?}").to_lowercase()
     }
 }
 
-/// A scene, and what moves in it.
 #[derive(Clone)]
 pub struct World {
     boxes: Vec<Aabb>,
@@ -38,7 +36,6 @@ pub struct World {
 }
 
 impl World {
-    /// A scene at rest.
     pub fn new(name: SceneName, n: usize) -> Self {
         let mut random = Random::new(3);
         let mut shuffled: Vec<u32> = (0..n as u32).collect();
@@ -48,7 +45,6 @@ impl World {
         Self { boxes: Scene::new(name, n, 1).boxes().to_vec(), random, shuffled, next: 0 }
     }
 
-    /// The boxes as they are now.
     pub fn boxes(&self) -> &[Aabb] {
         &self.boxes
     }

@@ -17,23 +17,19 @@ use pairmask_core::update::{Placement, UpdateError, par_update_boxes, update_box
 use pairmask_core::{Aabb, Encoding, EngineName};
 use pairmaskd::cli::machine::Machine;
 use pairmaskd::scene::{Random, Scene, SceneName};
-use serde::Serialize;
 
-use super::harness::StudyReport;
+use super::harness::Report;
 use super::harness::document::Part;
 use super::harness::table::{Fields, Table, row};
 use super::papers::figure;
 
-/// Default sizes beside the paper's own.
 pub const SIZES: [u32; 2] = [10_000, 100_000];
-/// Scenes of those sizes.
 pub const SCENES: [SceneName; 3] = [SceneName::Uniform, SceneName::Torus, SceneName::Letters];
 /// Calls of the watcher for each case: one a stage.
 pub const STEPS_A_CASE: u64 = 2;
 const EFFORT: Effort =
     Effort { least_frames: 7, most_frames: 200, time: Duration::from_millis(400) };
 
-/// The scenes of the 2014 paper in its own sizes.
 pub fn papers_cases() -> impl Iterator<Item = Case> {
     let cases =
         [(SceneName::Cubes, 20_000), (SceneName::Balls, 10_000), (SceneName::Skittles, 3_500)];
@@ -53,7 +49,7 @@ const PAIRS: (&str, &str) = ("overlapping-pairs", "pairs");
 
 /// Measures both stages of every case; `threads` empty means 1, 2, 4 … all cores. `watch` is called
 /// [`STEPS_A_CASE`] times for each case.
-pub fn measure(cases: &[Case], threads: &[usize], watch: impl Fn()) -> Result<ThreadsReport> {
+pub fn measure(cases: &[Case], threads: &[usize], watch: impl Fn()) -> Result<Report> {
     let machine = Machine::this();
     let mut threads = threads.to_vec();
     if threads.is_empty() {
@@ -73,10 +69,20 @@ pub fn measure(cases: &[Case], threads: &[usize], watch: impl Fn()) -> Result<Th
         rows.extend(pair_rows(&measured));
         watch();
     }
-    Ok(ThreadsReport { machine, rows })
+    let Machine { cpu, cores, commit, command, .. } = &machine;
+    let parts = vec![
+        Part::heading(1, "Speed-up by threads"),
+        Part::text(format!("{cpu}, {cores} cores; commit {commit}.")),
+        Part::text(format!("`{command}`")),
+        Part::text("The paper's machine: two Xeon X5482."),
+        Part::Table(Table::of(&rows)),
+    ];
+    let mut report = Report::new("threads", parts);
+    report.value("machine", &machine);
+    report.list("rows", &rows);
+    Ok(report)
 }
 
-/// Rows of the second stage: one for every engine and number of threads.
 fn pair_rows(measured: &CaseTimes) -> Vec<Fields> {
     let mut rows = Vec::new();
     for engine in EngineName::ALL {
@@ -88,9 +94,6 @@ fn pair_rows(measured: &CaseTimes) -> Vec<Fields> {
     rows
 }
 
-/// Times of `update_boxes` and `par_update_boxes`, ns a frame, for each number of threads.
-///
-/// The objects have the sizes of a scene's boxes and turn about their centres.
 fn update_times(
     scene: SceneName,
     n: usize,
@@ -140,14 +143,6 @@ fn object(world: &Aabb, random: &mut Random) -> (Aabb, Placement) {
     (Aabb::new(-half, half), Placement::rigid(min + half, turn))
 }
 
-/// The JSON object of `threads --json`. Fields may be added, never changed or taken away.
-#[derive(Debug, Serialize)]
-pub struct ThreadsReport {
-    pub machine: Machine,
-    pub rows: Vec<Fields>,
-}
-
-/// The rows of one stage of a case: (threads, times), of which one has one thread.
 fn series(
     (stage, table): (&str, &str),
     case: Case,
@@ -176,21 +171,6 @@ fn series(
         )
     };
     series.into_iter().map(of).collect()
-}
-
-impl StudyReport for ThreadsReport {
-    const NAME: &'static str = "threads";
-
-    fn parts(&self) -> Vec<Part> {
-        let Machine { cpu, cores, commit, command, .. } = &self.machine;
-        vec![
-            Part::heading(1, "Speed-up by threads"),
-            Part::text(format!("{cpu}, {cores} cores; commit {commit}.")),
-            Part::text(format!("`{command}`")),
-            Part::text("The paper's machine: two Xeon X5482."),
-            Part::Table(Table::of(&self.rows)),
-        ]
-    }
 }
 
 #[cfg(test)]

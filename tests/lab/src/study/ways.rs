@@ -28,14 +28,12 @@ const HOPELESS: f64 = 12.0;
 /// … and above this, ns.
 const HOPELESS_NS: f64 = 2.0e6;
 
-/// A named scene of some size.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Case {
     pub scene: SceneName,
     pub n: usize,
 }
 
-/// Limits of the frames and the time that a case is measured.
 #[derive(Clone, Copy, Debug)]
 pub struct Effort {
     pub least_frames: usize,
@@ -44,7 +42,6 @@ pub struct Effort {
     pub time: Duration,
 }
 
-/// The measurements of a case.
 #[derive(Clone, Debug)]
 pub struct CaseTimes {
     pub case: Case,
@@ -77,7 +74,6 @@ fn ways(
     ways
 }
 
-/// Measures a case with engines and decoders that use `isa`.
 pub fn measure_case(
     case: Case,
     encodings: &[Encoding],
@@ -123,7 +119,6 @@ pub fn measure_case(
     Ok(CaseTimes { case, stats, plan_ns, ways })
 }
 
-/// The number of pairs that all ways found.
 fn agreed_pairs(case: Case, timed_ways: &[TimedWay]) -> Result<Option<u64>> {
     let mut counts = timed_ways.iter().map(|timed| (timed.way, timed.times.pair_count));
     let Some((first, pairs)) = counts.next() else { return Ok(None) };
@@ -140,7 +135,6 @@ fn agreed_pairs(case: Case, timed_ways: &[TimedWay]) -> Result<Option<u64>> {
     }
 }
 
-/// An engine, an encoding and a number of threads.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Way {
     pub engine: EngineName,
@@ -148,7 +142,6 @@ pub struct Way {
     pub threads: usize,
 }
 
-/// Times of a way's frames, ns, and its last mask.
 #[derive(Clone, Debug, Default)]
 pub struct WayTimes {
     /// From the boxes in memory to the mask, every frame.
@@ -159,14 +152,12 @@ pub struct WayTimes {
 }
 
 impl WayTimes {
-    /// The shortest frame, engine and decode, ns.
     pub fn least_ns(&self) -> u64 {
         let frames = self.engine_ns.iter().zip(&self.decode_ns);
         frames.map(|(engine, decode)| engine + decode).min().unwrap_or(0)
     }
 }
 
-/// A way with its engine and its memory.
 pub struct TimedWay {
     pub way: Way,
     pub times: WayTimes,
@@ -178,14 +169,12 @@ pub struct TimedWay {
 }
 
 impl TimedWay {
-    /// A way with a new engine, `None` for a GPU engine. More than one thread needs a pool.
     pub fn new(way: Way, pool: Option<Arc<ThreadPool>>, isa: AvailableIsa) -> Option<Self> {
         let engine = cpu_engine(way.engine, isa.get()).ok()?;
         let (times, reply) = (WayTimes::default(), HeapReply::new());
         Some(Self { way, times, engine, isa, reply, pool })
     }
 
-    /// Culls and decodes one frame, and stores its times if `is_noted`.
     pub fn frame(&mut self, boxes: &[Aabb], is_noted: bool) -> Result<()> {
         let (engine, reply) = (&mut self.engine, &mut self.reply);
         let mut cull = || -> Result<_, CullError> {
@@ -231,7 +220,6 @@ pub fn thread_counts(most: usize) -> Vec<usize> {
     doubled.chain([most]).collect()
 }
 
-/// Threads that this process may use.
 pub fn core_count() -> usize {
     std::thread::available_parallelism().map_or(1, usize::from)
 }

@@ -29,8 +29,10 @@ fn check_rows(report: &Value, expected: usize, backend: &str) {
         assert_eq!((&row["backend"], &row["frames"]), (&backend.into(), &8.into()), "{row}");
         assert!(row["true_pairs"].as_u64().unwrap() > 0 && row["memory_bytes"].as_u64() > Some(0));
         assert_eq!(row["times"].as_object().unwrap().len(), 9, "{row}");
-        let is_exact = row["mode"] == "exact";
-        assert!(!is_exact || row["extra"] == 0, "{row}");
+        assert!(row["mode"] != "exact" || row["extra"] == 0, "{row}");
+        let requests = row["requests"].as_u64().unwrap();
+        assert!(requests > 0 && (requests < 8) == (row["mode"] == "margin"), "{row}");
+        assert!(row["bytes_up"].as_u64() > Some(0) && row["bytes_down"].as_u64() > Some(0));
         let margin = if row["mode"] == "margin" { 0.1.into() } else { Value::Null };
         assert_eq!(row["margin"], margin, "{row}");
         let mode = row["mode"].as_str().unwrap();
@@ -62,7 +64,7 @@ fn rows_for_every_mode_scene_and_engine() {
         let rows = report["rows"].as_array().unwrap().iter().filter(|row| row["mode"] == mode);
         rows.map(|row| row["extra"].as_u64().unwrap()).sum()
     };
-    assert!(extra_of("f64") * 1000 < extra_of("plain-f32"), "{report}");
+    assert!(extra_of("f64") * 1000 < extra_of("plain-f32") && extra_of("q8") > 0, "{report}");
     let fields = "mode settings disqualified on_front at";
     for verdict in report["pareto"]["modes"].as_array().unwrap() {
         assert_eq!(keys(verdict), names(fields), "{verdict}");
@@ -80,14 +82,9 @@ fn verdicts_and_files() {
     let place = Place::new();
     let base = ["--scene", "uniform", "--n", "345", "--backend", "in-process", "--precision", "q8"];
     let with = |more: &[&str]| run(&place, &[&base[..], more].concat());
-    let kept = with(&["--assert", "missed=0,p99<600s", "--out", "before"]);
+    let kept = with(&["--out", "before"]);
     assert_eq!(kept.code, Some(0), "{kept:?}");
     assert!(kept.stdout.contains("q8") && kept.stdout.contains("p99"), "{kept:?}");
-    let broken = with(&["--assert", "missed=0,extra=0"]);
-    assert_eq!(broken.code, Some(1), "{broken:?}");
-    assert!(broken.stdout.contains("not kept: uniform 345 q8 in-process auto: extra=0"));
-    assert!(broken.stderr.contains("1 limits are not kept"), "{broken:?}");
-    assert_eq!(with(&["--assert", "quality=1"]).code, Some(2));
     assert_eq!(with(&["--precision", "f64=-1"]).code, Some(2));
 
     assert!(kept.stdout.contains("| everywhere"), "{kept:?}");

@@ -6,7 +6,6 @@ use pairmask_tests::command_line::{self, Program};
 
 pub use pairmask_tests::command_line::{Finished, keys};
 
-/// The laboratory's binary.
 pub struct PairmaskLab;
 
 impl Program for PairmaskLab {
@@ -14,10 +13,8 @@ impl Program for PairmaskLab {
     const NAME: &str = "pairmask-lab";
 }
 
-/// A directory for one test of the laboratory.
 pub type Place = command_line::Place<PairmaskLab>;
 
-/// The daemon that loses a pair of most frames.
 pub struct LosingDaemon;
 
 impl Program for LosingDaemon {
@@ -25,7 +22,6 @@ impl Program for LosingDaemon {
     const NAME: &str = "pairmaskd";
 }
 
-/// Names between spaces.
 pub fn names(text: &str) -> BTreeSet<&str> {
     text.split_whitespace().collect()
 }

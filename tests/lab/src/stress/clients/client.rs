@@ -19,9 +19,7 @@ use crate::stress::{Answer, Case, Finding, Form, Wanted};
 /// A frame without an answer for this long is lost. Software GPUs and all pairs of a large scene take
 /// a second on a machine that has less cores than clients.
 pub(super) const DEADLINE: Duration = Duration::from_secs(30);
-/// Time between two attempts to open a session.
 const RETRY_INTERVAL: Duration = Duration::from_millis(20);
-/// Most sessions of a client.
 pub(super) const MOST_SESSIONS: u64 = 3;
 /// Scenes that a client draws frames from: each is sent several times, because its truth takes longer
 /// than the daemon's answer.
@@ -30,14 +28,12 @@ const STOCK: usize = 5;
 const LARGE_ONE_IN: u64 = 10;
 /// One edit in so many begins a scene anew.
 const NEW_SCENE_ONE_IN: u64 = 60;
-/// How often a client tells its counts.
 const TELL_INTERVAL: Duration = Duration::from_millis(200);
 /// Lost or wrong frames after which a client ends: more of them say nothing new.
 const MOST_FAILURES: u32 = 10;
 /// Longest pause: frames of a game at 60 Hz are this far apart.
 const LONGEST_PAUSE_US: u64 = 17_000;
 
-/// What tells a client from others.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct ClientSettings {
     pub seed: u64,
@@ -47,17 +43,14 @@ pub struct ClientSettings {
     pub is_abrupt: bool,
 }
 
-/// A line that a client says.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(super) enum Said {
     Counted(Counts),
-    /// An answer was wrong, or did not come from the daemon.
     Failed(Box<FailedFrame>),
     /// Its last words: why it could not go on, or nothing where it was told to end.
     Ended(Option<String>),
 }
 
-/// What clients did.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Counts {
     #[serde(default, skip_serializing_if = "is_zero")]
@@ -78,7 +71,6 @@ const fn is_zero(count: &u64) -> bool {
 }
 
 impl Counts {
-    /// Adds those of another client, or of a later time.
     pub(super) const fn add(&mut self, other: &Self) {
         self.cases += other.cases;
         self.answers += other.answers;
@@ -100,7 +92,6 @@ pub(super) struct FailedFrame {
     pub(super) finding: Finding,
 }
 
-/// Which case a frame is of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub(super) struct CaseId {
     pub(super) seed: u64,
@@ -113,7 +104,6 @@ impl CaseId {
     }
 }
 
-/// A scene, which frames under way share.
 type SharedCase = Rc<(CaseId, Case)>;
 
 fn shared_case(id: CaseId) -> SharedCase {
@@ -150,7 +140,6 @@ struct Client<'a> {
 }
 
 impl ClientSettings {
-    /// Runs the client until `is_over`.
     pub(crate) fn run(&self, daemon: &SessionBuilder, is_over: &AtomicBool) {
         let kept = self.case.iter().flat_map(|seed| {
             [false, true].map(|is_large| shared_case(CaseId { seed: *seed, is_large }))
@@ -176,7 +165,6 @@ impl ClientSettings {
 }
 
 impl Client<'_> {
-    /// Works until it is told to end, or cannot go on.
     fn work(&mut self) {
         self.counts.cases += self.kept.len() as u64;
         for _ in 0..=self.random.below(MOST_SESSIONS) {

@@ -19,14 +19,12 @@ const FEW_BOXES: usize = 250;
 const MANY_BOXES: usize = 2_000;
 const MANY_ONE_IN: u64 = 8;
 
-/// What is done about an answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Fate {
     Read,
     Unread,
 }
 
-/// What an answer tells of pairs.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Heard {
     pub(super) begun: Vec<[u32; 2]>,
@@ -37,7 +35,6 @@ pub(super) struct Heard {
 
 pub(super) struct KeptScene {
     boxes: Vec<Option<Aabb>>,
-    /// The pairs that the client knows from the answers that it took.
     known: BTreeSet<Pair>,
 }
 

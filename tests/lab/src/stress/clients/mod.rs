@@ -1,17 +1,9 @@
 //! The same hard scenes through a daemon: frames of several client processes at a time.
 //!
-//! Each client is a process, because the daemon shares its time by process. From its seed it opens
-//! sessions that ask for any engine, encoding and number of threads, sends scenes in any form (boxes,
-//! spheres, precision modes), some thousands of boxes large, and compares the answers with the oracle. It
-//! has several frames under way, reads them in any order, drops some unread, pauses, closes sessions and
-//! opens others. Between its frames each session edits a scene that persists, whose answers are taken or
-//! dropped by chance; the pairs that it knows are compared with the oracle. On request clients are killed
-//! and started again, and close sessions with frames under way. The transport loses a place of 128 with
-//! each port that goes while the daemon has not received its requests, and its server panics when the last
-//! one is lost: the daemon's supervisor starts another worker, and such a run ends as failed.
-//!
-//! A client's seed gives its frames again; the time at which they meet those of others is not given
-//! again. So a failure's replay command sends its case many times, among others.
+//! Each client is a process, because the daemon shares its time by process. Its seed gives its frames again, but not
+//! when they meet those of others: a failure's replay command sends its case many times, among others. The transport
+//! loses a place of 128 with each port that goes while the daemon has not received its requests, and its server panics
+//! when the last one is lost: the daemon's supervisor starts another worker, and such a run ends as failed.
 //!
 //! ```text
 //! offer       what clients may ask for, and what a session asks for       (pure)
@@ -47,14 +39,11 @@ use crate::processes::{Daemon, Work, Worker};
 /// Slots for sessions beside those of the living clients: slots of killed clients are free again after
 /// about a second.
 const SPARE_SLOTS: usize = 32;
-/// Time between two kills, ms.
 const BETWEEN_KILLS_MS: std::ops::Range<u64> = 200..1_500;
-/// How often the time is looked at.
 const TICK: Duration = Duration::from_millis(50);
 /// A client that has not ended this long after it was told to hangs: it waits for a few frames first.
 const ENDS_WITHIN: Duration = DEADLINE.saturating_add(Duration::from_secs(30));
 
-/// The limits that a daemon needs for so many clients.
 pub fn limits(clients: NonZeroU16) -> Limits {
     let default = Limits::default();
     let needed = usize::from(clients.get()) * MOST_SESSIONS as usize + SPARE_SLOTS;
@@ -107,7 +96,6 @@ impl fmt::Display for ClientsReport {
     }
 }
 
-/// A run with clients.
 #[derive(Clone, Debug)]
 pub struct ClientsRun {
     pub clients: NonZeroU16,
@@ -124,8 +112,6 @@ pub struct ClientsRun {
 }
 
 impl ClientsRun {
-    /// Runs clients of the daemon for the time of the run. `watch` is called now and then with the number of answers
-    /// and the time since the start.
     pub fn run(&self, watch: impl FnMut(u64, Duration)) -> Result<StressReport> {
         let start = Instant::now();
         let look = Look::before(&self.daemon.session())?;
@@ -165,7 +151,6 @@ impl ClientsRun {
     }
 }
 
-/// A client process. One that takes the place of a killed one has a number of its own.
 struct Client {
     number: u64,
     worker: Worker,
@@ -186,7 +171,6 @@ struct Crowd<'a> {
 }
 
 impl Crowd<'_> {
-    /// Starts the clients, and lets them work until the time is over or too much is wrong.
     fn work(&mut self, mut watch: impl FnMut(u64, Duration)) -> io::Result<()> {
         for _ in 0..self.run.clients.get() {
             self.start()?;
@@ -209,7 +193,6 @@ impl Crowd<'_> {
         Ok(())
     }
 
-    /// Tells all clients to end, and reads what they report.
     fn end(&mut self) {
         self.clients.iter_mut().for_each(|client| client.worker.end());
         let deadline = Instant::now() + ENDS_WITHIN;
@@ -276,10 +259,8 @@ impl Crowd<'_> {
 /// The auditor's counts are final when they have not changed for this long: it has the lowest priority, and
 /// beside busy threads a check of 10 ms takes half a second and more.
 const SETTLED: Duration = Duration::from_secs(1);
-/// Longest wait for that.
 const SETTLES_WITHIN: Duration = Duration::from_secs(10);
 
-/// What the daemon says of a run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct DaemonReport {
     pub serves: bool,
@@ -289,7 +270,6 @@ pub struct DaemonReport {
     pub audit: Option<AuditReport>,
 }
 
-/// The auditor's counts.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct AuditReport {
     pub frames: u64,
@@ -299,7 +279,6 @@ pub struct AuditReport {
     pub extra: u64,
 }
 
-/// Looks at a daemon before and after a run.
 #[derive(Debug)]
 struct Look {
     daemon: SessionBuilder,
@@ -309,7 +288,6 @@ struct Look {
 }
 
 impl Look {
-    /// Looks at a daemon before a run.
     fn before(daemon: &SessionBuilder) -> Result<Self, Error> {
         let daemon = daemon.clone().backend(Backend::Daemon).deadline(DEADLINE);
         let engine = EngineChoice::Only(EngineName::GpuBrute);
@@ -355,7 +333,6 @@ impl Look {
     }
 }
 
-/// Whether the daemon finds the three pairs of three boxes.
 fn answers(session: &mut Session) -> bool {
     let mut ask = || {
         let mut frame = session.frame(3).ok()?;

@@ -18,7 +18,6 @@ const EDIT_ONE_IN: u64 = 4;
 #[derive(Clone, Debug)]
 pub(super) struct Offer {
     forms: Vec<(EngineChoice, Vec<Form>)>,
-    /// Most threads that a frame may ask for.
     most_threads: usize,
 }
 
@@ -49,12 +48,10 @@ impl Offer {
         Self { forms, most_threads: wanted.threads.max(1) }
     }
 
-    /// Whether there is nothing to ask for.
     pub(super) const fn is_empty(&self) -> bool {
         self.forms.is_empty()
     }
 
-    /// Forms and engines by name, for the report.
     pub(super) fn names(&self) -> Vec<String> {
         let names = |(engine, forms): &(EngineChoice, Vec<Form>)| -> Vec<String> {
             forms.iter().map(|form| format!("{form} by {engine}")).collect()
@@ -62,7 +59,6 @@ impl Offer {
         self.forms.iter().flat_map(names).collect()
     }
 
-    /// What a session asks for. The offer is not empty.
     pub(super) fn draw(&self, random: &mut Random) -> Way {
         let (engine, forms) = pick(&self.forms, random).clone();
         let encodings = match engine {
@@ -83,14 +79,12 @@ impl Offer {
     }
 }
 
-/// What one session asks for.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Way {
     engine: EngineChoice,
     encoding: EncodingChoice,
     threads: Option<usize>,
     backend: Backend,
-    /// Most frames that it has under way.
     pub(super) depth: usize,
     forms: Vec<Form>,
 }

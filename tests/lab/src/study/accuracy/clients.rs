@@ -14,7 +14,7 @@ use pairmask_core::{Aabb, Bounds, BoxClass};
 use pairmaskd::timed_client::{Decoding, TimedClient, TimedError, TimedFrame};
 use rayon::prelude::*;
 
-use super::mode::{Fit, StudyMode, World};
+use super::mode::{StudyMode, World};
 use super::truth::{self, Pair, outward};
 use crate::study::spheres::oracle;
 
@@ -26,23 +26,18 @@ pub trait Client {
     /// The right pairs of the last frame, sorted, found in another way than by `engine`.
     fn truth(&self, boxes: &[Aabb], engine: EngineId) -> Result<Vec<Pair>, TimedError>;
 
-    /// Whether other objects stand for the boxes, so that the answers are also compared with the
-    /// boxes' own pairs.
     fn stands_for_boxes(&self) -> bool {
         false
     }
 }
 
-/// An answered frame.
 #[derive(Clone, Debug)]
 pub struct Answer {
     pub frame: TimedFrame,
-    /// The pairs, sorted, if they were wanted.
     pub pairs: Option<Vec<Pair>>,
 }
 
-/// The client of a mode. Spheres are culled in this process, by the engine of `options`; all others
-/// in the session, which has its own choice of engine.
+/// Spheres are culled in this process, by the engine of `options`; all others in the session.
 pub fn client(
     mode: StudyMode,
     options: &CullOptions,
@@ -54,18 +49,17 @@ pub fn client(
             Box::new(BoxClient(TimedClient::new(session, precision, boxes)))
         }
         StudyMode::World(world) => Box::new(WorldClient::new(session, world, boxes)),
-        StudyMode::Spheres(fit) => {
+        StudyMode::Spheres => {
             let mut own = Session::builder().backend(Backend::InProcess).answer_repeats(false);
             if let Some(threads) = options.threads {
                 own = own.threads(threads);
             }
             let own = own.engine(options.engine).encoding(options.encoding).connect();
-            Box::new(SphereClient { fit, session: own.map_err(Error::from)? })
+            Box::new(SphereClient(own.map_err(Error::from)?))
         }
     })
 }
 
-/// The scene's boxes in a precision.
 struct BoxClient(TimedClient);
 
 impl Client for BoxClient {
@@ -161,19 +155,15 @@ fn world_pairs(boxes: &[Faces], origin: DVec3, engine: EngineId) -> Result<Vec<P
     Ok(pairs)
 }
 
-/// Spheres of the boxes, culled in this process.
-struct SphereClient {
-    fit: Fit,
-    session: Session,
-}
+struct SphereClient(Session);
 
 impl Client for SphereClient {
     /// The fill is the time to make spheres of the boxes.
     fn frame(&mut self, boxes: &[Aabb], wants_pairs: bool) -> Result<Answer, TimedError> {
         let start = Instant::now();
-        let mut frame = self.session.sphere_frame(boxes.len())?;
+        let mut frame = self.0.sphere_frame(boxes.len())?;
         for (to, b) in frame.spheres_mut().iter_mut().zip(boxes) {
-            *to = sphere(b, self.fit);
+            *to = sphere(b);
         }
         let filled = Instant::now();
         let mask = frame.submit()?.wait()?;
@@ -195,7 +185,7 @@ impl Client for SphereClient {
     }
 
     fn truth(&self, boxes: &[Aabb], engine: EngineId) -> Result<Vec<Pair>, TimedError> {
-        sphere_pairs(&boxes.iter().map(|b| sphere(b, self.fit)).collect::<Vec<_>>(), engine)
+        sphere_pairs(&boxes.iter().map(sphere).collect::<Vec<_>>(), engine)
     }
 
     fn stands_for_boxes(&self) -> bool {
@@ -203,9 +193,9 @@ impl Client for SphereClient {
     }
 }
 
-/// The sphere of a box. Around: it holds the box. Within: the box holds it. Empty and invalid boxes
-/// become spheres of the same class. The sphere around a box with an infinite face is all of space.
-fn sphere(b: &Aabb, fit: Fit) -> Sphere {
+/// A sphere that holds a box. Empty and invalid boxes become spheres of the same class; around a box with an infinite
+/// face it is all of space.
+fn sphere(b: &Aabb) -> Sphere {
     match b.class() {
         BoxClass::Empty => return Sphere::EMPTY,
         BoxClass::Invalid => return Sphere::new([f32::NAN; 3], 0.0),
@@ -218,21 +208,11 @@ fn sphere(b: &Aabb, fit: Fit) -> Sphere {
         if middle.is_finite() { middle } else { 0f32.clamp(min, max).clamp(f32::MIN, f32::MAX) }
     });
     // f64 holds the difference of two f32 to 2^−53 of it, far below a step of f32.
-    let reaches = (0..3).map(|axis| {
+    let corner = (0..3).map(|axis| {
         let [min, max, middle] = [b.min[axis], b.max[axis], center[axis]].map(f64::from);
-        [middle - min, max - middle]
+        f64::max(middle - min, max - middle).powi(2)
     });
-    let radius = match fit {
-        Fit::Circumscribed => {
-            let corner = reaches.map(|[low, high]| low.max(high).powi(2)).sum::<f64>();
-            outward(corner.sqrt(), true)
-        }
-        Fit::Inscribed => {
-            let nearest = reaches.map(|[low, high]| low.min(high)).fold(f64::INFINITY, f64::min);
-            outward(nearest, false).max(0.0)
-        }
-    };
-    Sphere::new(center, radius)
+    Sphere::new(center, outward(corner.sum::<f64>().sqrt(), true))
 }
 
 /// The exact pairs of spheres: each compared with each; in a large scene, candidates are the pairs of
@@ -313,30 +293,22 @@ mod tests {
     }
 
     #[test]
-    fn spheres_around_hold_the_box_and_spheres_within_are_held() {
+    fn spheres_hold_their_boxes() {
         let scene = Scene::new(SceneName::Mixed, 2_000, 3);
         for b in scene.boxes() {
-            let (around, within) = (sphere(b, Fit::Circumscribed), sphere(b, Fit::Inscribed));
+            let around = sphere(b);
             for corner in 0..8 {
                 let corner: [f32; 3] = std::array::from_fn(|axis| {
                     if corner >> axis & 1 == 0 { b.min[axis] } else { b.max[axis] }
                 });
                 assert!(oracle::overlap(&around, &Sphere::new(corner, 0.0)), "{b:?} {around:?}");
             }
-            for axis in 0..3 {
-                let [c, r] = [within.center[axis], within.radius].map(f64::from);
-                let inside = f64::from(b.min[axis]) <= c - r && c + r <= f64::from(b.max[axis]);
-                assert!(inside && r > 0.0, "{b:?} {within:?}");
-            }
         }
-        for fit in [Fit::Circumscribed, Fit::Inscribed] {
-            assert_eq!(sphere(&Aabb::EMPTY, fit).class(), BoxClass::Empty);
-            let nan = Aabb { min: [f32::NAN; 3], max: [1.0; 3] };
-            assert_eq!(sphere(&nan, fit).class(), BoxClass::Invalid);
-            let half = Aabb { min: [f32::NEG_INFINITY, 1.0, 1.0], max: [-3.0, 2.0, f32::INFINITY] };
-            let s = sphere(&half, fit);
-            assert_eq!(s.class(), BoxClass::Solid, "{s:?}");
-            assert_eq!(s.radius == f32::INFINITY, fit == Fit::Circumscribed, "{s:?}");
-        }
+        assert_eq!(sphere(&Aabb::EMPTY).class(), BoxClass::Empty);
+        let nan = Aabb { min: [f32::NAN; 3], max: [1.0; 3] };
+        assert_eq!(sphere(&nan).class(), BoxClass::Invalid);
+        let half = Aabb { min: [f32::NEG_INFINITY, 1.0, 1.0], max: [-3.0, 2.0, f32::INFINITY] };
+        let s = sphere(&half);
+        assert_eq!((s.class(), s.radius), (BoxClass::Solid, f32::INFINITY), "{s:?}");
     }
 }

@@ -1,10 +1,7 @@
-//! What rows are worth: settings, the Pareto front, limits (`--assert`).
-
-use std::str::FromStr;
+//! What rows are worth: settings, and the Pareto front.
 
 use serde::Serialize;
 
-use super::mode::PLAIN_F32;
 use super::rows::AccuracyRow;
 use crate::study::harness::plot::{Unit, pareto_front};
 
@@ -18,7 +15,6 @@ pub fn title(setting: &Setting<'_>) -> String {
     format!("{scene}, {} boxes{far}", Unit::Count.text(f64::from(*n)))
 }
 
-/// Rows by setting: scenes in the order in which they were measured, then sizes, then distances.
 pub fn settings(rows: &[AccuracyRow]) -> Vec<Setting<'_>> {
     let scenes = in_order(rows.iter().map(|row| row.scene.as_str()));
     let place = |row: &AccuracyRow| (scenes.iter().position(|scene| *scene == row.scene), row.n);
@@ -32,7 +28,6 @@ pub fn settings(rows: &[AccuracyRow]) -> Vec<Setting<'_>> {
     settings.map(<[_]>::to_vec).collect()
 }
 
-/// Each value once, in the order of first occurrence.
 pub fn in_order<T: PartialEq>(values: impl Iterator<Item = T>) -> Vec<T> {
     let mut seen = Vec::new();
     for value in values {
@@ -43,12 +38,10 @@ pub fn in_order<T: PartialEq>(values: impl Iterator<Item = T>) -> Vec<T> {
     seen
 }
 
-/// Modes in the order in which they were measured.
 pub fn modes(rows: &[AccuracyRow]) -> Vec<String> {
     in_order(rows.iter().map(AccuracyRow::mode_text))
 }
 
-/// The axes of the front: smaller is better.
 const AXES: [&str; 3] = ["p50", "extra_ratio", "bytes_up"];
 
 /// The Pareto front of time, extra pairs and bytes. A mode that is nowhere on it is beaten in every
@@ -60,7 +53,6 @@ pub struct Pareto {
     pub nowhere: Vec<String>,
 }
 
-/// The results of a mode over all settings.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct ModeVerdict {
     pub mode: String,
@@ -70,13 +62,11 @@ pub struct ModeVerdict {
     pub at: Vec<String>,
 }
 
-/// Time, extra pairs and bytes up of a row that may be compared.
 pub fn costs(row: &AccuracyRow) -> Option<[f64; AXES.len()]> {
     Some([row.p50() as f64, row.error()?, row.bytes_up as f64])
 }
 
 impl Pareto {
-    /// Where each mode of the rows is on the front.
     pub fn of(rows: &[AccuracyRow]) -> Self {
         let settings = settings(rows);
         let modes: Vec<ModeVerdict> =
@@ -103,100 +93,6 @@ fn verdict(mode: String, settings: &[Setting<'_>]) -> ModeVerdict {
         verdict.at.extend(wins.then(|| title(setting)));
     }
     verdict
-}
-
-/// A figure of a row that can be limited: its name, its value, whether it is about pairs.
-type Figure = (&'static str, fn(&AccuracyRow) -> f64, bool);
-
-const FIGURES: [Figure; 8] = [
-    ("missed", |row| row.missed as f64, true),
-    ("extra", |row| row.extra as f64, true),
-    // Infinite where there is no exact pair to compare with.
-    ("extra_ratio", |row| row.extra_ratio.unwrap_or(f64::INFINITY), true),
-    ("p50", |row| row.p50() as f64, false),
-    ("p99", |row| row.time("total_ns").p99 as f64, false),
-    ("bytes_up", |row| row.bytes_up as f64, false),
-    ("bytes_down", |row| row.bytes_down as f64, false),
-    ("memory", |row| row.memory_bytes as f64, false),
-];
-
-type Relation = (&'static str, fn(&f64, &f64) -> bool);
-const RELATIONS: [Relation; 3] = [("<=", f64::le), ("<", f64::lt), ("=", f64::eq)];
-
-/// Limits, all of which every row has to keep.
-#[derive(Clone, Debug)]
-pub struct Assertion(Vec<Limit>);
-
-#[derive(Clone, Debug)]
-struct Limit {
-    figure: Figure,
-    relation: Relation,
-    value: f64,
-    text: String,
-}
-
-/// Suffixes of a value, and their factors.
-const UNITS: [(&str, f64); 8] = [
-    ("ns", 1.0),
-    ("us", 1e3),
-    ("ms", 1e6),
-    ("KiB", 1024.0),
-    ("MiB", 1_048_576.0),
-    ("GiB", 1_073_741_824.0),
-    ("%", 0.01),
-    ("s", 1e9),
-];
-
-fn value(text: &str) -> Option<f64> {
-    let with_unit =
-        UNITS.iter().find_map(|(unit, factor)| Some((text.strip_suffix(unit)?, factor)));
-    let (number, factor) = with_unit.unwrap_or((text, &1.0));
-    let value = number.trim().parse::<f64>().ok()? * factor;
-    (!value.is_nan()).then_some(value)
-}
-
-impl FromStr for Assertion {
-    type Err = String;
-
-    fn from_str(s: &str) -> Result<Self, String> {
-        let limit = |text: &str| {
-            let split = |relation: Relation| Some((text.split_once(relation.0)?, relation));
-            let ((name, number), relation) = RELATIONS.into_iter().find_map(split)?;
-            let figure = FIGURES.into_iter().find(|(known, ..)| *known == name.trim())?;
-            let text = text.trim().to_owned();
-            Some(Limit { figure, relation, value: value(number.trim())?, text })
-        };
-        let bad = |text: &str| {
-            format!(
-                "'{text}' is no limit: write FIGURE=X, FIGURE<X or FIGURE<=X; figures are missed, extra, \
-                 extra_ratio, p50, p99, bytes_up, bytes_down, memory; X may end in ns, us, ms, s, %, KiB, \
-                 MiB or GiB"
-            )
-        };
-        let limits = s.split(',').map(|text| limit(text).ok_or_else(|| bad(text)));
-        limits.collect::<Result<_, _>>().map(Self)
-    }
-}
-
-impl Assertion {
-    /// One line for each limit that a row does not keep. Rows of which no frame was checked keep no
-    /// limit on pairs. Rows of plain rounding to f32, which stand there as a warning, are not
-    /// limited.
-    pub fn failures(&self, rows: &[AccuracyRow]) -> Vec<String> {
-        let mut failures = Vec::new();
-        for row in rows.iter().filter(|row| row.mode != PLAIN_F32) {
-            for Limit { figure: (_, of, about_pairs), relation: (_, keeps), value, text } in &self.0
-            {
-                let found = of(row);
-                if *about_pairs && row.checked_frames == 0 {
-                    failures.push(format!("{}: {text} was not checked", row.name()));
-                } else if !keeps(&found, value) {
-                    failures.push(format!("{}: {text} is {found}", row.name()));
-                }
-            }
-        }
-        failures
-    }
 }
 
 #[cfg(test)]
@@ -233,7 +129,7 @@ mod tests {
             of("exact", 10, 100, 0, 24),
             of("q16", 10, 120, 3, 12),
             of("q8", 10, 130, 9, 12),
-            AccuracyRow { missed: 1, ..of("f16", 10, 1, 0, 12) },
+            AccuracyRow { n: 10, bytes_up: 12, ..of_mode("f16", 1, 0, 1) },
             AccuracyRow { offset: Some(1e9), ..of("f64", 10, 900, 9, 24) },
             of("exact", 20, 100, 0, 24),
             of("q16", 20, 90, 0, 12),
@@ -254,30 +150,5 @@ mod tests {
             (pareto.nowhere, Pareto::of(&[]).nowhere.len()),
             (["q8", "f16"].map(str::to_owned).to_vec(), 0)
         );
-    }
-
-    #[test]
-    fn limits_hold_or_do_not() {
-        let count = |limits: &str, row: AccuracyRow| {
-            let assertion: Assertion = limits.parse().unwrap_or_else(|e| panic!("{e}"));
-            assertion.failures(&[row]).len()
-        };
-        for (limits, failures) in [
-            ("missed=0,p99<2ms", 0),
-            ("missed=0,p99<1ms,extra_ratio<=2.5%", 1),
-            ("extra_ratio<2.5%", 1),
-            ("extra=0", 1),
-            ("memory<=1GiB,bytes_up<24001,p50<0.6ms", 0),
-        ] {
-            assert_eq!(count(limits, row()), failures, "{limits}");
-        }
-        let missing = |mode: &str| AccuracyRow { mode: mode.to_owned(), missed: 1, ..row() };
-        assert_eq!(count("missed=0", missing(PLAIN_F32)), 0, "a warning has no limits");
-        assert_eq!(count("missed=0", missing("f64")), 1);
-        let unchecked = AccuracyRow { checked_frames: 0, ..row() };
-        assert_eq!(count("missed=0", unchecked), 1, "nothing looked at proves nothing");
-        for wrong in ["", "missed", "missed=", "speed<1", "p99<2 hours", "p99>1", "p99<nan"] {
-            assert!(wrong.parse::<Assertion>().is_err(), "{wrong}");
-        }
     }
 }

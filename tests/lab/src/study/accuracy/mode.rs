@@ -1,23 +1,22 @@
 //! The subjects of rows: a precision mode of the sessions, or one of three others.
 //!
 //! The others: the scene in a world of f64 coordinates, far from their origin; the same rounded to
-//! the nearest f32, as is often done; and bounding spheres in place of the boxes.
+//! the nearest f32, as is often done; and spheres around the boxes in place of them.
 
 use std::fmt;
 use std::str::FromStr;
 
 use pairmaskd::precision::{PrecisionChoice, UnknownPrecision};
 
-/// A value of `--precision`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum StudyMode {
     Sent(PrecisionChoice),
     /// The scene moved away from the origin of a world in f64.
     World(World),
-    Spheres(Fit),
+    /// Spheres around the boxes: boxes that overlap have spheres that overlap.
+    Spheres,
 }
 
-/// A world in f64.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct World {
     /// How far from the origin the scene lies on every axis, units.
@@ -27,27 +26,11 @@ pub struct World {
     pub is_plain: bool,
 }
 
-/// How a sphere stands for a box.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Fit {
-    /// Around the box: boxes that overlap have spheres that overlap.
-    Circumscribed,
-    /// Within the box: spheres that overlap have boxes that overlap.
-    Inscribed,
-}
-
-impl Fit {
-    /// The name on the command line and in reports.
-    pub const fn as_str(self) -> &'static str {
-        match self {
-            Self::Circumscribed => "circumscribed",
-            Self::Inscribed => "inscribed",
-        }
-    }
-}
-
 /// Default distance from the origin: steps of f32 are 64 units there.
 const FAR: f64 = 1e9;
+
+/// What spheres are to the boxes, in reports.
+pub(super) const CIRCUMSCRIBED: &str = "circumscribed";
 
 /// The mode that is a warning.
 pub(super) const PLAIN_F32: &str = "plain-f32";
@@ -58,7 +41,7 @@ impl StudyMode {
             Self::Sent(precision) => precision.mode(),
             Self::World(World { is_plain: false, .. }) => "f64",
             Self::World(World { is_plain: true, .. }) => PLAIN_F32,
-            Self::Spheres(_) => "spheres",
+            Self::Spheres => "spheres",
         }
     }
 }
@@ -68,7 +51,7 @@ impl fmt::Display for StudyMode {
         match self {
             Self::Sent(precision) => precision.fmt(f),
             Self::World(world) => write!(f, "{}={:e}", self.name(), world.offset),
-            Self::Spheres(fit) => write!(f, "{}={}", self.name(), fit.as_str()),
+            Self::Spheres => write!(f, "spheres={CIRCUMSCRIBED}"),
         }
     }
 }
@@ -84,16 +67,14 @@ impl FromStr for StudyMode {
                 let offset = offset.filter(|offset| *offset >= 0.0 && offset.is_finite());
                 offset.map(|offset| Self::World(World { offset, is_plain: name == PLAIN_F32 }))
             }
-            ("spheres", None | Some("circumscribed")) => Some(Self::Spheres(Fit::Circumscribed)),
-            ("spheres", Some("inscribed")) => Some(Self::Spheres(Fit::Inscribed)),
+            ("spheres", None | Some(CIRCUMSCRIBED)) => Some(Self::Spheres),
             ("spheres", _) => None,
             _ => s.parse().map(Self::Sent).map_err(|_: UnknownPrecision| ()).ok(),
         };
         mode.ok_or_else(|| {
             format!(
                 "'{s}' is no mode: choose one of exact, q16, q8, f16, margin=X with X >= 0 in units, \
-                 f64=X and plain-f32=X with X >= 0 units from the origin, spheres=circumscribed, \
-                 spheres=inscribed"
+                 f64=X and plain-f32=X with X >= 0 units from the origin, spheres"
             )
         })
     }
@@ -110,7 +91,6 @@ mod tests {
             ("margin=0.25", "margin=0.25"),
             ("plain-f32=1.5e6", "plain-f32=1.5e6"),
             ("f64=0e0", "f64=0e0"),
-            ("spheres=inscribed", "spheres=inscribed"),
             ("f64", "f64=1e9"),
             ("plain-f32", "plain-f32=1e9"),
             ("spheres", "spheres=circumscribed"),

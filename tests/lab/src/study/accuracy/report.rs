@@ -2,74 +2,66 @@
 
 use serde_json::json;
 
-use super::judge::{ModeVerdict, Setting, in_order, modes, settings, title};
-use super::rows::{AccuracyReport, AccuracyRow, AgainstBoxes, STAGES, ratio};
-use crate::study::harness::StudyReport;
-use crate::study::harness::document::{Part, html};
+use super::judge::{ModeVerdict, Pareto, Setting, in_order, modes, settings, title};
+use super::rows::{AccuracyRow, STAGES};
+use super::truth::Difference;
+use crate::study::harness::Report;
+use crate::study::harness::document::Part;
+use crate::study::harness::machine::Machine;
 use crate::study::harness::plot::{Look, Plot, Series, Unit};
 use crate::study::harness::table::Table;
 use crate::study::papers;
 
-impl StudyReport for AccuracyReport {
-    const NAME: &'static str = "accuracy";
-
-    fn parts(&self) -> Vec<Part> {
-        let Self { machine, seed, rows, pareto } = self;
-        let far: Vec<AccuracyRow> =
-            rows.iter().filter(|row| row.offset.is_some()).cloned().collect();
-        // A table of the two ways is clearer than plots.
-        let columns = "scene,n,mode,engine,p50,p99,down,true pairs,missed,extra,extra %";
-        let sections = [
-            Part::section_of(
-                "What modes cost",
-                "Modes against exact frames of the same scene, size and engine: a time below 1 is faster. \
-                 Extra pairs are reported though the boxes do not overlap, in percent of the pairs that do. \
-                 No mode may miss a pair.",
-                choices(rows),
-            ),
-            Part::section_of(
-                "Which mode pays where",
-                "A mode is on the Pareto front of a scene, size and distance from the origin if no other one \
-                 that misses nothing is at least as fast (median of a whole frame), with no more extra pairs \
-                 and no more bytes up, and better in one of the three. Medians count as they were measured: a \
-                 nanosecond decides where all else is equal.",
-                verdicts(&pareto.modes),
-            ),
-            Part::section_of(
-                "Far from the origin",
-                "The scene in a world of f64 coordinates, held to the exact overlaps in f64. `f64` sends \
-                 boxes relative to an origin among them, rounded outward; `plain-f32` rounds every \
-                 coordinate to the nearest f32, and is there as a warning. Of large scenes it is left \
-                 out: its pairs would be nearly all there are.",
-                readable(&far).only(columns),
-            ),
-            Part::section_of(
-                "All rows",
-                "Times are medians, ms.",
-                readable(rows).only(TEXT_COLUMNS),
-            ),
-        ];
-        let mut parts = vec![Part::heading(1, "Run time against error"), Part::text(missed(rows))];
-        parts.extend(machine.parts());
-        parts.push(Part::text(format!("Seed: {seed}.")));
-        parts.extend(sections.concat());
-        parts
-    }
-
-    fn files(&self) -> Vec<(String, String)> {
-        let page = html(&[self.parts(), plots(&self.rows)].concat());
-        vec![("accuracy.csv".to_owned(), self.csv()), ("report.html".to_owned(), page)]
-    }
+/// The report of these rows.
+pub fn report(machine: &Machine, seed: u64, rows: &[AccuracyRow]) -> Report {
+    let pareto = Pareto::of(rows);
+    let far: Vec<AccuracyRow> = rows.iter().filter(|row| row.offset.is_some()).cloned().collect();
+    // A table of the two ways is clearer than plots.
+    let columns = "scene,n,mode,engine,p50,p99,down,true pairs,missed,extra,extra %";
+    let sections = [
+        Part::section(
+            "What modes cost",
+            "Modes against exact frames of the same scene, size and engine: a time below 1 is faster. \
+             Extra pairs are reported though the boxes do not overlap, in percent of the pairs that do. \
+             No mode may miss a pair.",
+            choices(rows),
+        ),
+        Part::section(
+            "Which mode pays where",
+            "A mode is on the Pareto front of a scene, size and distance from the origin if no other one \
+             that misses nothing is at least as fast (median of a whole frame), with no more extra pairs \
+             and no more bytes up, and better in one of the three. Medians count as they were measured: a \
+             nanosecond decides where all else is equal.",
+            verdicts(&pareto.modes),
+        ),
+        Part::section(
+            "Far from the origin",
+            "The scene in a world of f64 coordinates, held to the exact overlaps in f64. `f64` sends \
+             boxes relative to an origin among them, rounded outward; `plain-f32` rounds every \
+             coordinate to the nearest f32, and is there as a warning. Of large scenes it is left \
+             out: its pairs would be nearly all there are.",
+            readable(&far).only(columns),
+        ),
+        Part::section("All rows", "Times are medians, ms.", readable(rows).only(TEXT_COLUMNS)),
+    ];
+    let title = vec![Part::heading(1, "Run time against error"), Part::text(missed(rows))];
+    let mut report = Report::new("accuracy", title);
+    report.machine(machine);
+    report.parts.push(Part::text(format!("Seed: {seed}.")));
+    report.parts.extend(sections.concat());
+    report.page = Some(("report.html", plots(rows)));
+    report.value("seed", seed);
+    report.list("rows", rows);
+    report.value("pareto", pareto);
+    report
 }
 
-/// Columns for a terminal.
 const TEXT_COLUMNS: &str = "scene,n,mode,backend,engine,p50,p99,fill,engine time,round trip,decode,\
     bytes up,down,requests,missed,extra %,against boxes %,MiB";
 
 /// Stages that share a frame.
 const PARTS: [&str; 6] = ["fill", "ingest", "plan", "execute", "publish", "decode"];
 
-/// The rows for readers, times in ms.
 fn readable(rows: &[AccuracyRow]) -> Table {
     let percent = |x: Option<f64>| x.map(|x| (1e5 * x).round() / 1e3);
     let line = |row: &AccuracyRow| {
@@ -89,10 +81,10 @@ fn readable(rows: &[AccuracyRow]) -> Table {
         }
         // What nobody looked at is not known.
         if row.checked_frames > 0 {
-            line["true pairs"] = row.true_pairs.into();
-            line["missed"] = row.missed.into();
-            line["extra"] = row.extra.into();
-            line["extra %"] = percent(row.extra_ratio).into();
+            line["true pairs"] = row.found.true_pairs.into();
+            line["missed"] = row.found.missed.into();
+            line["extra"] = row.found.extra.into();
+            line["extra %"] = percent(row.found.extra_ratio).into();
         }
         line["against boxes %"] = row.against_boxes.map(|boxes| against(&boxes)).into();
         line
@@ -100,11 +92,10 @@ fn readable(rows: &[AccuracyRow]) -> Table {
     Table::of(&rows.iter().map(line).collect::<Vec<_>>())
 }
 
-/// Extra and missed pairs against the boxes', in percent.
-fn against(boxes: &AgainstBoxes) -> String {
+fn against(boxes: &Difference) -> String {
     let text = |x: Option<f64>| x.map_or_else(|| "-".to_owned(), |x| format!("{:.3}", 100.0 * x));
-    let missed = ratio(boxes.missed, boxes.true_pairs).filter(|_| boxes.missed > 0);
-    let minus = missed.map_or_else(String::new, |_| format!(" -{}", text(missed)));
+    let missed = boxes.missed as f64 / boxes.true_pairs as f64;
+    let minus = if boxes.missed > 0 { format!(" -{}", text(Some(missed))) } else { String::new() };
     format!("+{}{minus}", text(boxes.extra_ratio))
 }
 
@@ -127,7 +118,7 @@ fn plots(rows: &[AccuracyRow]) -> Vec<Part> {
             "Whole frame (boxes written, pairs found, every pair looked at), median, ms, against extra \
              pairs, %. The dashed line is the front of these two; what missed a pair is not drawn. \
              Spheres are culled in the client's process, and stand for boxes: their extra pairs are \
-             those that the boxes do not have. Spheres within the boxes lose pairs of boxes.",
+             those that the boxes do not have.",
             settings(&near).iter().map(speed_against_error).collect(),
         ),
         (
@@ -151,14 +142,13 @@ fn plots(rows: &[AccuracyRow]) -> Vec<Part> {
     shown.flat_map(parts).collect()
 }
 
-/// The first sentence of the page.
 fn missed(rows: &[AccuracyRow]) -> String {
     let sum = |of: fn(&AccuracyRow) -> u64| rows.iter().map(of).sum::<u64>();
     let checked = sum(|row| row.checked_frames);
-    match (checked, sum(|row| row.missed)) {
+    match (checked, sum(|row| row.found.missed)) {
         (0, _) => "**No frame was checked**: what is missed and extra is not known.".to_owned(),
         (_, 0) => {
-            let pairs = sum(|row| row.true_pairs);
+            let pairs = sum(|row| row.found.true_pairs);
             let frames = format!("in {checked} checked frames with {pairs} overlapping pairs");
             format!("**No pair was missed** {frames}.")
         }
@@ -166,7 +156,6 @@ fn missed(rows: &[AccuracyRow]) -> String {
     }
 }
 
-/// Every mode with its cost and gain in these rows.
 fn choices(rows: &[AccuracyRow]) -> Table {
     let line = |mode: &String| {
         let its = || rows.iter().filter(|row| row.mode_text() == *mode);
@@ -235,39 +224,44 @@ fn scaling(scene: &str, rows: &[AccuracyRow]) -> Plot {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::study::accuracy::rows::tests::{of_mode, report, row};
-    use crate::study::harness::document::markdown;
+    use crate::study::accuracy::rows::tests::{of_mode, row};
+    use crate::study::harness::document::{html, markdown};
 
-    fn page_of(rows: Vec<AccuracyRow>) -> String {
-        let mut report = report(rows);
-        "bench <accuracy>".clone_into(&mut report.machine.command);
-        report.files().swap_remove(1).1
+    fn report_of(rows: &[AccuracyRow]) -> Report {
+        let command = "bench <accuracy>".to_owned();
+        report(&Machine { command, ..Machine::here(None) }, 1, rows)
+    }
+
+    fn page_of(rows: &[AccuracyRow]) -> String {
+        let report = report_of(rows);
+        html(&[report.parts, report.page.map(|(_, plots)| plots).unwrap_or_default()].concat())
     }
 
     #[test]
     fn lines_have_as_many_fields_as_the_head_and_text_all_columns() {
-        let boxes = AgainstBoxes { true_pairs: 100, missed: 2, extra: 7, extra_ratio: Some(0.07) };
+        let boxes = Difference::of(100, 2, 7);
         let spheres = AccuracyRow {
             margin: None,
-            spheres: Some("inscribed".to_owned()),
-            extra_ratio: None,
+            spheres: Some("circumscribed".to_owned()),
+            found: Difference { extra_ratio: None, ..Difference::NONE },
             against_boxes: Some(boxes),
             ..of_mode("spheres", 500_000, 0, 0)
         };
-        let report = report(vec![row(), spheres]);
+        let report = report_of(&[row(), spheres]);
         let csv = report.csv();
         let counts: Vec<usize> = csv.lines().map(|line| line.split(',').count()).collect();
         assert_eq!(counts, [42; 3]);
         assert!(csv.contains(",times.total_ns.p50,times.total_ns.p99,"), "{csv}");
-        let text = markdown(&report.parts());
-        for part in ["margin=0.1", "40/200", "spheres=inscribed", "+7.000 -2.000", "| nowhere"] {
+        let text = markdown(&report.parts);
+        for part in ["margin=0.1", "40/200", "spheres=circumscribed", "+7.000 -2.000", "| nowhere"]
+        {
             assert!(text.contains(part), "{part}: {text}");
         }
     }
 
     #[test]
     fn a_page_loads_nothing_and_reports_what_was_missed_first() {
-        let page = page_of(vec![of_mode("exact", 2000, 0, 0), of_mode("q16", 1000, 3, 0)]);
+        let page = page_of(&[of_mode("exact", 2000, 0, 0), of_mode("q16", 1000, 3, 0)]);
         let without_namespace = page.replace("xmlns=\"http://www.w3.org/2000/svg\"", "");
         for outside in ["http:", "https:", "src=", "href=", "url(", "@import", "<script"] {
             assert!(!without_namespace.contains(outside), "{outside}");
@@ -276,14 +270,13 @@ mod tests {
         assert_eq!(page.matches("<svg").count(), 4);
         assert!(page.contains("No pair was missed") && page.contains(">0.5<"), "{page}");
         assert!(page.contains("bench &lt;accuracy&gt;"), "the command is escaped");
-        let rows = vec![of_mode("exact", 2000, 0, 0), of_mode("q16", 1000, 3, 1)];
-        let missing = page_of(rows);
+        let missing = page_of(&[of_mode("exact", 2000, 0, 0), of_mode("q16", 1000, 3, 1)]);
         assert!(missing.contains("1 pairs were missed") && missing.contains("misses pairs"));
         let unchecked = AccuracyRow { checked_frames: 0, ..of_mode("exact", 2000, 0, 0) };
-        let unchecked = page_of(vec![unchecked]);
+        let unchecked = page_of(&[unchecked]);
         assert!(unchecked.contains("No frame was checked") && !unchecked.contains("No pair was"));
         let far = |mode: &str| AccuracyRow { offset: Some(1e9), ..of_mode(mode, 2000, 7, 0) };
-        let page = page_of(vec![far("f64"), far("plain-f32")]);
+        let page = page_of(&[far("f64"), far("plain-f32")]);
         assert!(page.contains("Far from the origin") && page.contains("1e9"));
         for absent in ["Speed against error", "Scaling", "Percentiles", "Where the time goes"] {
             assert!(!page.contains(absent), "{absent}");

@@ -6,20 +6,8 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
-use super::judge::Pareto;
 use super::truth::Difference;
-use crate::study::harness::machine::Machine;
 
-/// The results of one run of the study.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct AccuracyReport {
-    pub machine: Machine,
-    pub seed: u64,
-    pub rows: Vec<AccuracyRow>,
-    pub pareto: Pareto,
-}
-
-/// Percentiles of a time, ns.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Percentiles {
     pub p50: u64,
@@ -71,40 +59,14 @@ pub struct AccuracyRow {
     pub bytes_up: u64,
     pub bytes_down: u64,
     pub checked_frames: u64,
-    pub true_pairs: u64,
-    pub missed: u64,
-    pub extra: u64,
-    pub extra_ratio: Option<f64>,
-    pub against_boxes: Option<AgainstBoxes>,
+    #[serde(flatten)]
+    pub found: Difference,
+    /// Of objects that stand for boxes, against the boxes' pairs.
+    pub against_boxes: Option<Difference>,
     pub memory_bytes: u64,
 }
 
-/// Pairs of objects that stand for boxes, against the boxes' pairs.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct AgainstBoxes {
-    pub true_pairs: u64,
-    pub missed: u64,
-    pub extra: u64,
-    pub extra_ratio: Option<f64>,
-}
-
-impl From<Difference> for AgainstBoxes {
-    fn from(Difference { true_pairs, missed, extra }: Difference) -> Self {
-        Self { true_pairs, missed, extra, extra_ratio: ratio(extra, true_pairs) }
-    }
-}
-
-/// `extra / true_pairs` where that is a number.
-pub fn ratio(extra: u64, true_pairs: u64) -> Option<f64> {
-    match (extra, true_pairs) {
-        (0, _) => Some(0.0),
-        (_, 0) => None,
-        _ => Some(extra as f64 / true_pairs as f64),
-    }
-}
-
 impl AccuracyRow {
-    /// Times of a stage.
     pub fn time(&self, stage: &str) -> Percentiles {
         self.times.get(stage).copied().unwrap_or_default()
     }
@@ -113,7 +75,6 @@ impl AccuracyRow {
         self.time("total_ns").p50
     }
 
-    /// The mode as the command line has it.
     pub fn mode_text(&self) -> String {
         let mode = &self.mode;
         match (self.margin, self.offset, &self.spheres) {
@@ -128,19 +89,12 @@ impl AccuracyRow {
     /// compared with the boxes' pairs. `None` where a pair was missed, no frame was checked, or
     /// there is no true pair.
     pub fn error(&self) -> Option<f64> {
-        let ratio = self.against_boxes.map_or(self.extra_ratio, |boxes| boxes.extra_ratio);
+        let ratio = self.against_boxes.unwrap_or(self.found).extra_ratio;
         ratio.filter(|_| self.missed_of_boxes() == 0 && self.checked_frames > 0)
     }
 
-    /// Pairs missed, those of the boxes that spheres stand for included.
     pub fn missed_of_boxes(&self) -> u64 {
-        self.missed + self.against_boxes.map_or(0, |boxes| boxes.missed)
-    }
-
-    /// Name of the row, for messages.
-    pub fn name(&self) -> String {
-        let Self { scene, n, backend, engine, .. } = self;
-        format!("{scene} {n} {} {backend} {engine}", self.mode_text())
+        self.found.missed + self.against_boxes.map_or(0, |boxes| boxes.missed)
     }
 }
 
@@ -148,13 +102,11 @@ impl AccuracyRow {
 pub(super) mod tests {
     use super::*;
 
-    /// A row with a number everywhere.
     pub fn row() -> AccuracyRow {
         AccuracyRow {
             margin: Some(0.1),
             times: totals(500_000, 1_500_000),
-            true_pairs: 4000,
-            extra_ratio: ratio(100, 4000),
+            found: Difference::of(4000, 0, 100),
             ..of_mode("margin", 0, 100, 0)
         }
     }
@@ -177,10 +129,7 @@ pub(super) mod tests {
             bytes_up: 24_000,
             bytes_down: 12_000,
             checked_frames: 4,
-            true_pairs: 1000,
-            missed,
-            extra,
-            extra_ratio: ratio(extra, 1000),
+            found: Difference::of(1000, missed, extra),
             against_boxes: None,
             memory_bytes: 1 << 30,
         }
@@ -194,21 +143,18 @@ pub(super) mod tests {
         STAGES.map(stage).into()
     }
 
-    pub fn report(rows: Vec<AccuracyRow>) -> AccuracyReport {
-        let (machine, pareto) = (Machine::here(None), Pareto::of(&rows));
-        AccuracyReport { machine, seed: 1, rows, pareto }
-    }
-
     #[test]
     fn spheres_are_judged_by_the_boxes_a_missed_pair_by_nothing_and_percentiles_are_measured() {
-        let boxes = AgainstBoxes { true_pairs: 10, missed: 0, extra: 5, extra_ratio: Some(0.5) };
+        let boxes = Difference::of(10, 0, 5);
         assert_eq!(row().error(), Some(0.025));
         let with = |against_boxes| AccuracyRow { against_boxes, ..row() }.error();
         assert_eq!(with(Some(boxes)), Some(0.5));
-        assert_eq!(with(Some(AgainstBoxes { missed: 1, ..boxes })), None);
-        assert_eq!(AccuracyRow { missed: 1, ..row() }.error(), None);
+        assert_eq!(with(Some(Difference { missed: 1, ..boxes })), None);
+        let found = Difference { missed: 1, ..row().found };
+        assert_eq!(AccuracyRow { found, ..row() }.error(), None);
         assert_eq!(AccuracyRow { checked_frames: 0, ..row() }.error(), None);
-        assert_eq!((ratio(0, 0), ratio(1, 0), ratio(1, 4)), (Some(0.0), None, Some(0.25)));
+        assert_eq!(Difference::of(0, 0, 0), Difference::NONE);
+        assert_eq!((Difference::of(0, 0, 1).extra_ratio, boxes.extra_ratio), (None, Some(0.5)));
         assert_eq!(Percentiles::of(vec![]), Percentiles::default());
         let hundred: Vec<u64> = (1..=100).rev().collect();
         assert_eq!(Percentiles::of(hundred), Percentiles { p50: 50, p99: 99 });

@@ -2,8 +2,6 @@
 
 use std::fmt::Write as _;
 
-use serde::Serialize;
-
 use super::table::Table;
 
 /// A part of a document. Texts may have `code` and **words that stand out**.
@@ -27,12 +25,8 @@ impl Part {
         Self::Text(text.into())
     }
 
-    /// A heading, a note, and a table with a column for each field of the rows; nothing without rows.
-    pub fn section<R: Serialize>(title: &str, note: &str, rows: &[R]) -> Vec<Self> {
-        Self::section_of(title, note, Table::of(rows))
-    }
-
-    pub fn section_of(title: &str, note: &str, table: Table) -> Vec<Self> {
+    /// A heading, a note, and a table; nothing without rows.
+    pub fn section(title: &str, note: &str, table: Table) -> Vec<Self> {
         if table.rows.is_empty() {
             return Vec::new();
         }
@@ -52,7 +46,6 @@ pub fn markdown(parts: &[Part]) -> String {
     parts.join("\n")
 }
 
-/// The style of all pages.
 const STYLE: &str = "\
 :root{color-scheme:light dark}\
 body{font:15px/1.5 system-ui,sans-serif;max-width:1320px;margin:2rem auto;padding:0 1rem}\
@@ -118,7 +111,6 @@ fn escaped(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
-/// A text with its code and what stands out.
 fn marked(text: &str) -> String {
     let mut out = String::new();
     for (i, part) in escaped(text).split("**").enumerate() {
@@ -161,6 +153,6 @@ mod tests {
         ] {
             assert!(page.contains(part), "{part}: {page}");
         }
-        assert!(Part::section::<String>("none", "", &[]).is_empty());
+        assert!(Part::section("none", "", Table::default()).is_empty());
     }
 }

@@ -6,7 +6,6 @@ use serde::Serialize;
 
 use super::document::Part;
 
-/// Machine, build and command of a record.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Machine {
     pub cpu: String,
@@ -21,7 +20,6 @@ pub struct Machine {
 }
 
 impl Machine {
-    /// This machine, with the adapter in use.
     pub fn here(adapter: Option<&AdapterInfo>) -> Self {
         let this = machine::Machine::this();
         Self {

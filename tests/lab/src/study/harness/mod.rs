@@ -10,48 +10,101 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use indexmap::IndexMap;
 use pairmaskd::execute::gpu::{Gpu, GpuChoice, HostImport, OpenError};
 use pairmaskd::file_error::{Access, FileError};
 use serde::Serialize;
+use serde_json::json;
 
-use self::document::{Part, markdown};
-use self::table::Table;
+use self::document::{Part, html, markdown};
+use self::machine::Machine;
+use self::table::{Fields, Table, fields};
 use crate::Result;
 
-/// The results of a study.
-pub(crate) trait StudyReport: Serialize + Sized {
+/// The results of a study: values and lists of rows, which are its JSON object, and the document that shows them.
+#[derive(Clone, Debug, Default, Serialize)]
+pub(crate) struct Report {
     /// The name of its files.
-    const NAME: &'static str;
+    #[serde(skip)]
+    name: &'static str,
+    #[serde(flatten)]
+    pub values: Fields,
+    #[serde(flatten)]
+    pub lists: IndexMap<&'static str, Vec<Fields>>,
+    #[serde(skip)]
+    pub parts: Vec<Part>,
+    /// A page beside the document: its file, and what it has behind the parts.
+    #[serde(skip)]
+    pub page: Option<(&'static str, Vec<Part>)>,
+    /// The rows of its CSV, where those are not its lists.
+    #[serde(skip)]
+    pub csv_rows: Option<Table>,
+}
 
-    fn parts(&self) -> Vec<Part>;
+impl Report {
+    pub fn new(name: &'static str, parts: Vec<Part>) -> Self {
+        Self { name, parts, ..Self::default() }
+    }
 
-    /// All its lists of rows as CSV, each below a line with its name where there are several.
-    fn csv(&self) -> String {
-        match &Table::all_of(self)[..] {
-            [(_, one)] => one.csv(),
+    pub fn value(&mut self, name: &str, value: impl Serialize) {
+        self.values.insert(name.to_owned(), json!(value));
+    }
+
+    pub fn machine(&mut self, machine: &Machine) {
+        self.parts.extend(machine.parts());
+        self.value("machine", machine);
+    }
+
+    /// A list of rows that no section shows as it is.
+    pub fn list<R: Serialize>(&mut self, name: &'static str, rows: &[R]) {
+        self.lists.insert(name, rows.iter().map(fields).collect());
+    }
+
+    /// A list of rows, and a section that shows it, unless it is empty.
+    pub fn section<R: Serialize>(
+        &mut self,
+        name: &'static str,
+        title: &str,
+        note: &str,
+        rows: &[R],
+    ) {
+        self.parts.extend(Part::section(title, note, Table::of(rows)));
+        self.list(name, rows);
+    }
+
+    /// All its lists as CSV, each below a line with its name where there are several.
+    pub fn csv(&self) -> String {
+        if let Some(rows) = &self.csv_rows {
+            return rows.csv();
+        }
+        let filled = self.lists.iter().filter(|(_, rows)| !rows.is_empty());
+        match &filled.collect::<Vec<_>>()[..] {
+            [(_, one)] => Table::of(one).csv(),
             all => {
-                let text = |(name, table): &(_, Table)| format!("# {name}\n{}", table.csv());
+                let text = |(name, rows): &(&&str, &Vec<Fields>)| {
+                    format!("# {name}\n{}", Table::of(rows).csv())
+                };
                 all.iter().map(text).collect::<Vec<_>>().concat()
             }
         }
     }
 
-    /// Its files beside `NAME.json`: name and content.
-    fn files(&self) -> Vec<(String, String)> {
-        let file = |kind: &str, text| (format!("{}.{kind}", Self::NAME), text);
-        vec![file("md", markdown(&self.parts())), file("csv", self.csv())]
+    /// Writes its files into a folder, which is made.
+    pub fn write(&self, folder: &Path) -> Result<()> {
+        fs::create_dir_all(folder).map_err(FileError::of(folder, Access::WriteInto))?;
+        let json = serde_json::to_string_pretty(self)? + "\n";
+        let texts = [("json", json), ("csv", self.csv()), ("md", markdown(&self.parts))];
+        let files = texts.map(|(kind, text)| (format!("{}.{kind}", self.name), text));
+        let page = self
+            .page
+            .iter()
+            .map(|(file, more)| ((*file).to_owned(), html(&[&self.parts[..], &more[..]].concat())));
+        for (file, text) in files.into_iter().chain(page) {
+            let path = folder.join(file);
+            fs::write(&path, text).map_err(FileError::of(path, Access::Write))?;
+        }
+        Ok(())
     }
-}
-
-/// Writes the files of a report into a folder, which is made.
-pub(crate) fn write_files<R: StudyReport>(report: &R, folder: &Path) -> Result<()> {
-    let json = serde_json::to_string_pretty(report)? + "\n";
-    fs::create_dir_all(folder).map_err(FileError::of(folder, Access::WriteInto))?;
-    for (name, content) in report.files().into_iter().chain([(format!("{}.json", R::NAME), json)]) {
-        let path = folder.join(name);
-        fs::write(&path, content).map_err(FileError::of(path, Access::Write))?;
-    }
-    Ok(())
 }
 
 /// The GPU of a run that goes on without one: `None` with [`GpuChoice::None`], and with
@@ -84,7 +137,6 @@ pub(crate) fn median(values: Vec<f64>) -> f64 {
     percentile(values, 50)
 }
 
-/// The results of as many runs as the budget has time for, `least` at least.
 pub(crate) fn repeated<T, E>(
     budget: Duration,
     least: usize,

@@ -26,27 +26,20 @@ const INK: RGBColor = RGBColor(0x22, 0x22, 0x22);
 const SIZE: (u32, u32) = (640, 400);
 /// Height of a row of the key, px.
 const ROW: u32 = 20;
-/// Names in a row of the key.
 const KEY_COLUMNS: usize = 2;
 
 type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 type Drawn = Result<(), DrawingAreaErrorKind<std::io::Error>>;
 
-/// The unit of the numbers on an axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Unit {
-    /// Time, ns.
     Nanoseconds,
-    /// Memory, bytes.
     Bytes,
-    /// Things.
     Count,
-    /// A ratio, as it is.
     Ratio,
 }
 
 impl Unit {
-    /// That of a field, by its name.
     fn of_field(field: &str) -> Self {
         if field.split('.').any(|part| part.ends_with("_ns")) {
             Self::Nanoseconds
@@ -59,7 +52,6 @@ impl Unit {
         }
     }
 
-    /// The number in the unit that leaves the fewest digits.
     pub fn text(self, value: f64) -> String {
         let steps: &[(f64, &str)] = match self {
             Self::Nanoseconds => &[(1e9, " s"), (1e6, " ms"), (1e3, " µs"), (1.0, " ns")],
@@ -74,34 +66,26 @@ impl Unit {
     }
 }
 
-/// How a series looks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Look {
-    /// A line through points, in the series' colour.
     Line,
     /// Other authors' line: grey and dashed.
     Others,
-    /// Points alone.
     Points,
     /// A dashed line through the corners between points, which stands in no key.
     Front,
 }
 
-/// Points of one colour.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Series {
-    /// Its name in the key.
     pub name: String,
     /// Its colour: series of the same number look the same in every plot of a page.
     pub colour: usize,
-    /// How it looks.
     pub look: Look,
-    /// Its points, in order.
     pub points: Vec<(f64, f64)>,
 }
 
 impl Series {
-    /// A line.
     pub fn line(name: &str, colour: usize, look: Look, points: &[(f64, f64)]) -> Self {
         Self { name: name.to_owned(), colour, look, points: points.to_vec() }
     }
@@ -115,14 +99,11 @@ impl Series {
     }
 }
 
-/// Series on logarithmic axes.
 #[derive(Clone, Debug)]
 pub struct Plot {
     pub title: String,
-    /// What the axes count, in words and in a unit.
     pub x: (String, Unit),
     pub y: (String, Unit),
-    /// What is drawn, the first first.
     pub series: Vec<Series>,
 }
 
@@ -193,13 +174,14 @@ impl Plot {
         self.series.iter().filter(|series| series.look != Look::Front)
     }
 
-    fn height(&self) -> u32 {
-        SIZE.1 + ROW * self.key().count().div_ceil(KEY_COLUMNS) as u32
-    }
-
-    /// The plot as one `<svg>` element.
     pub(crate) fn svg(&self) -> String {
-        drawn_as_svg(self.height(), |area| self.draw(area))
+        let mut svg = String::new();
+        let height = SIZE.1 + ROW * self.key().count().div_ceil(KEY_COLUMNS) as u32;
+        let area = SVGBackend::with_string(&mut svg, (SIZE.0, height)).into_drawing_area();
+        // Writing to a String cannot fail.
+        let _ = area.fill(&WHITE).and_then(|()| self.draw(&area)).and_then(|()| area.present());
+        drop(area);
+        svg
     }
 
     fn draw(&self, area: &Area<'_>) -> Drawn {
@@ -251,31 +233,6 @@ impl Plot {
     }
 }
 
-fn drawn_as_svg(height: u32, draw: impl FnOnce(&Area<'_>) -> Drawn) -> String {
-    let mut svg = String::new();
-    let area = SVGBackend::with_string(&mut svg, (SIZE.0, height)).into_drawing_area();
-    // Writing to a String cannot fail.
-    let _ = area.fill(&WHITE).and_then(|()| draw(&area)).and_then(|()| area.present());
-    drop(area);
-    svg
-}
-
-/// A plot as the text of an SVG file, below a title and lines that say what is shown.
-pub fn standalone(title: &str, lines: &[String], plot: &Plot) -> String {
-    let head = 48 + 17 * lines.len() as u32;
-    drawn_as_svg(head + plot.height(), |area| {
-        let text = |text: &str, y: u32, size: u32| {
-            let style = ("sans-serif", size).into_font().color(&INK);
-            area.draw(&Text::new(text.to_owned(), (24, y as i32), style))
-        };
-        text(title, 10, 21)?;
-        for (i, line) in lines.iter().enumerate() {
-            text(line, 36 + 17 * i as u32, 15)?;
-        }
-        plot.draw(&area.split_vertically(head).1)
-    })
-}
-
 /// For each point, whether it is on the Pareto front: no other point is at most as large on every axis and
 /// smaller on one. Equal points are on the front together; a NaN never is.
 pub(crate) fn pareto_front<const AXES: usize>(points: &[[f64; AXES]]) -> Vec<bool> {
@@ -308,7 +265,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_has_all_names_and_escaped_text() {
+    fn a_plot_has_all_names_and_escaped_text() {
         let plot = Plot {
             title: "a < b".to_owned(),
             x: ("boxes".to_owned(), Unit::Count),
@@ -319,11 +276,11 @@ mod tests {
                 Series::line("nothing", 1, Look::Points, &[]),
             ],
         };
-        let file = standalone("all & sundry", &["a line".to_owned()], &plot);
-        for text in ["<svg", "a &lt; b", "all &amp; sundry", "a line", "theirs", "nothing"] {
-            assert_eq!(file.matches(text).count(), 1, "{text}: {file}");
+        let svg = plot.svg();
+        for text in ["<svg", "a &lt; b", "theirs", "nothing"] {
+            assert_eq!(svg.matches(text).count(), 1, "{text}: {svg}");
         }
-        assert!(file.trim_end().ends_with("</svg>") && !file.contains("NaN"));
+        assert!(svg.trim_end().ends_with("</svg>") && !svg.contains("NaN"));
     }
 
     #[test]

@@ -2,8 +2,7 @@
 //! the field is, so that every form of a result has the same words.
 
 use indexmap::IndexMap;
-use serde::de::IgnoredAny;
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 use serde_json::Value;
 
 /// A row of a table: fields in the order in which they are written.
@@ -21,47 +20,26 @@ macro_rules! row {
 }
 pub(crate) use row;
 
-/// Cells under a head.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Table {
     pub head: Vec<String>,
     pub rows: Vec<Vec<Value>>,
 }
 
+/// The fields of a row, in their order. Rows are objects that have a JSON form: reports are printed as such.
+pub fn fields(row: &impl Serialize) -> Fields {
+    let text = serde_json::to_string(row).unwrap_or_default();
+    serde_json::from_str(&text).unwrap_or_default()
+}
+
 impl Table {
     /// A table with a column for every field of the rows, those of inner objects and lists with the outer names
     /// before theirs. A row that lacks a field of others has an empty cell there.
     pub fn of<R: Serialize>(rows: &[R]) -> Self {
-        // Rows are objects that have a JSON form: reports are printed as such.
-        let fields = |row| serde_json::from_str(&serde_json::to_string(row)?);
-        let rows = rows.iter().map(|row: &R| fields(row).unwrap_or_default());
-        Self::of_fields(rows)
-    }
-
-    /// The lists of a report, each a table with the name of its field.
-    pub fn all_of(report: &impl Serialize) -> Vec<(String, Self)> {
-        #[derive(Deserialize)]
-        #[serde(untagged)]
-        enum Field {
-            Rows(Vec<Fields>),
-            Other(IgnoredAny),
-        }
-        let text = serde_json::to_string(report).unwrap_or_default();
-        let fields: IndexMap<String, Field> = serde_json::from_str(&text).unwrap_or_default();
-        let table = |(name, field)| match field {
-            Field::Rows(rows) if !rows.is_empty() => {
-                Some((name, Self::of_fields(rows.into_iter())))
-            }
-            Field::Rows(_) | Field::Other(IgnoredAny) => None,
-        };
-        fields.into_iter().filter_map(table).collect()
-    }
-
-    fn of_fields(rows: impl Iterator<Item = Fields>) -> Self {
         let mut table = Self::default();
-        for fields in rows {
+        for row in rows {
             let mut cells = Vec::new();
-            for (name, value) in fields {
+            for (name, value) in fields(row) {
                 table.add(&mut cells, name, value);
             }
             table.rows.push(cells);
@@ -99,7 +77,6 @@ impl Table {
         self.head.iter().position(|head| head == name)
     }
 
-    /// The cell of a row under a name; null where there is none.
     pub fn cell<'a>(&self, row: &'a [Value], name: &str) -> &'a Value {
         self.column(name).and_then(|at| row.get(at)).unwrap_or(&Value::Null)
     }
@@ -122,7 +99,6 @@ impl Table {
         }
     }
 
-    /// Head and cells for readers: numbers with four digits that count.
     pub(super) fn lines(&self) -> Vec<Vec<String>> {
         let text = |cell: &Value| match cell {
             Value::Number(number) if number.is_f64() => number_text(number.as_f64().unwrap_or(0.0)),
@@ -132,7 +108,6 @@ impl Table {
         std::iter::once(self.head.clone()).chain(rows).collect()
     }
 
-    /// Whether a column holds text, which stands on the left.
     pub(super) fn is_left(&self, column: usize) -> bool {
         self.rows.iter().any(|row| row.get(column).is_some_and(Value::is_string))
     }
@@ -214,8 +189,6 @@ mod tests {
         ];
         let table = Table::of(&rows);
         assert_eq!(table.head, ["name", "ms", "at.p50", "at.p99.0", "at.p99.1"]);
-        let lists = Table::all_of(&json!({"n": 1, "none": [], "numbers": [1], "rows": rows}));
-        assert_eq!(lists.iter().map(|(name, _)| name).collect::<Vec<_>>(), ["rows"]);
         let short = table.only("name,at.p50,ms");
         let text = "\
 | name | at.p50 |     ms |

@@ -12,7 +12,6 @@ use serde::Serialize;
 use super::stage::{Root, Variant};
 use super::variants::{Mapped, map, next_pair, truth, with_root};
 
-/// Counts over some ids.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Tally {
     pub ids: u64,
@@ -24,7 +23,6 @@ pub struct Tally {
 }
 
 impl Tally {
-    /// Wrong ids as a share of those that are not left out.
     pub fn wrong_share(&self) -> f64 {
         self.wrong as f64 / (self.ids - self.skipped).max(1) as f64
     }
@@ -55,7 +53,6 @@ impl Tally {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case", tag = "kind")]
 pub enum Coverage {
-    /// Counted over all ids.
     Counted {
         missed: f64,
         /// Tests of a pair that was tested before, as a share of all pairs.
@@ -86,7 +83,6 @@ impl Coverage {
 /// Step of the streams of [`Random`].
 const GOLDEN: u64 = 0x9e37_79b9_7f4a_7c15;
 
-/// Ids of one parallel task.
 const CHUNK: u64 = 1 << 15;
 
 /// Checks `count` ids, chunk by chunk: `id` gives them, `map` answers, `see` is called with each right id's answer.
@@ -155,7 +151,6 @@ fn exhaustive_by(
     (tally, counted(&tally, pairs, distinct))
 }
 
-/// Coverage from the number of different pairs named.
 pub fn counted(tally: &Tally, pairs: u64, distinct: u64) -> Coverage {
     let tests = tally.ids - tally.skipped - (tally.wrong - tally.wrong_named);
     Coverage::Counted {
@@ -185,7 +180,6 @@ pub fn around_rows(variant: Variant, n: BoxCount) -> Tally {
     tally_of(variant, n, 2 * rows, id, |k| map(variant, n, k), |_| ())
 }
 
-/// The id that a variant gives to the pair of index k.
 fn own_id(variant: Variant, n: BoxCount, k: u64) -> u64 {
     match (variant, PairIndex::new(k).pair(n)) {
         (Variant::Lazy, Some([a, b])) => u64::from(a) * u64::from(n.get()) + u64::from(b),
@@ -217,7 +211,6 @@ pub struct RootTally {
     pub inexact: u64,
 }
 
-/// Counts the wrong integer parts of the roots of 1 to `count`.
 pub fn count_roots(root: Root, count: u64) -> RootTally {
     with_root!(root, root => count_roots_by(root, count))
 }

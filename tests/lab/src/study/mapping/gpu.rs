@@ -21,7 +21,6 @@ use super::stage::{
 };
 use crate::study::harness::{median, repeated};
 
-/// Ids and numbers of a word.
 const WORD_IDS: u64 = 32;
 
 /// Time after which a study frame is given up: a thousand times a GPU's need, and enough for a
@@ -45,12 +44,10 @@ impl Bench {
         &self.gpu
     }
 
-    /// Whether the ids of a variant for `n` boxes fit this device's integers.
     fn fits(&self, variant: Variant, n: u32) -> bool {
         !variant.is_wide(n) || self.gpu.limits().int64
     }
 
-    /// A step that runs a stage on whole blocks.
     fn command(
         &mut self,
         stage: MappingStage,
@@ -77,14 +74,12 @@ impl Bench {
         })
     }
 
-    /// Steps that are recorded, to be run any number of times.
     pub(crate) fn frame(&self, steps: Vec<Command>) -> Result<Frame, GpuError> {
         let mut frame = Frame::new(&self.gpu, true)?;
         frame.record(steps)?;
         Ok(frame)
     }
 
-    /// Runs steps once and gives the time of each by the GPU's clock.
     pub(crate) fn run(&self, frame: &mut Frame) -> Result<Vec<StepTime>, GpuError> {
         let wait = if self.gpu.info().is_software() { Wait::Block } else { Wait::Spin };
         frame.run(wait, PATIENCE)?;
@@ -117,7 +112,6 @@ impl Bench {
     }
 }
 
-/// The ids of a variant that are checked.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Ids {
     All,
@@ -173,7 +167,6 @@ pub fn count(
     Ok(Some((tally, coverage)))
 }
 
-/// Counts wrong integer parts of the roots of 1 to `count`.
 pub fn count_roots(
     bench: &mut Bench,
     root: Root,

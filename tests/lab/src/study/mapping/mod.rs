@@ -32,15 +32,14 @@ use serde::Serialize;
 use self::errors::{Coverage, Tally};
 use self::gpu::{Bench, Ids};
 use self::stage::{PAPERS_OWN, Root, Variant};
-use super::harness::document::{Part, html, markdown};
+use super::harness::document::Part;
 use super::harness::machine::Machine;
 use super::harness::plot::{Look, Plot};
 use super::harness::table::{Fields, Table, row};
-use super::harness::{StudyReport, open_if_any};
+use super::harness::{Report, open_if_any};
 use super::papers::{self, figure};
 use crate::Result;
 
-/// Limits of a measurement's time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Budget {
     /// Runs are repeated for this long, three times at least.
@@ -56,14 +55,12 @@ pub struct Budget {
 pub struct Plan {
     /// Numbers whose roots are compared (table 3).
     pub root_counts: Vec<u64>,
-    /// Numbers of boxes of the error study.
     pub error_counts: Vec<u32>,
     /// Largest of them that is counted id by id on the CPU, and on the GPU.
     pub exhaustive: [u32; 2],
     pub sample_ids: u64,
     /// Words of 32 ids of a sample on the GPU.
     pub sample_words: u32,
-    /// Most boxes in the search for the first wrong number of boxes.
     pub first_wrong_limit: u32,
     /// Numbers of boxes whose ids are mapped by every variant, for time (the paper's table 2
     /// among them).
@@ -73,17 +70,13 @@ pub struct Plan {
     /// Numbers of boxes of the output study (table 5).
     pub output_counts: Vec<u32>,
     pub growth_counts: Vec<u32>,
-    /// Budget of each measurement on the CPU.
     pub cpu: Budget,
-    /// Budget of each measurement on the GPU.
     pub gpu: Budget,
 }
 
-/// Fewest threads of a machine that counts as large.
 const MANY_THREADS: usize = 8;
 
 impl Plan {
-    /// The plan for a machine. `software` means that the adapter is a software one.
     pub fn new(quick: bool, software: bool, threads: usize) -> Self {
         let tens = |from: u32, to: u32| (from..=to).map(|e| 10u64.pow(e)).collect();
         let budget = |time_ms, longest_ms, most_cpu_ids| Budget {
@@ -132,7 +125,6 @@ impl Plan {
     }
 }
 
-/// The processor that computed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Processor {
@@ -141,50 +133,95 @@ pub enum Processor {
     Gpu,
 }
 
-/// All figures of a study.
-#[derive(Clone, Debug, Serialize)]
-pub struct MappingReport {
-    pub machine: Machine,
-    pub claims: Vec<Fields>,
-    pub root_errors: Vec<Fields>,
-    pub pair_errors: Vec<Fields>,
-    pub first_wrong: Vec<Fields>,
-    pub map_times: Vec<Fields>,
-    pub root_times: Vec<Fields>,
-    pub outputs: Vec<Fields>,
-    pub growth: Vec<Fields>,
-}
-
-/// Measures, on the GPU too if the choice has one. With `quick` small sizes and few runs, in seconds; times mean
-/// little.
-pub fn measure(choice: &GpuChoice, quick: bool) -> Result<MappingReport> {
+/// With `quick` small sizes and few runs, in seconds; times mean little.
+pub fn measure(choice: &GpuChoice, quick: bool) -> Result<Report> {
     let gpu = open_if_any(choice, HostImport::Never)?;
     let software = gpu.as_ref().is_some_and(|gpu| gpu.info().is_software());
     let plan = Plan::new(quick, software, rayon::current_num_threads());
     let mut bench = gpu.as_ref().map(|gpu| Bench::new(gpu, Checks::Off)).transpose()?;
     let map_times = map_times(&plan, bench.as_mut())?;
-    let mut report = MappingReport {
-        machine: Machine::here(gpu.as_ref().map(|gpu| gpu.info())),
-        claims: Vec::new(),
-        root_errors: root_errors(&plan, bench.as_mut())?,
-        pair_errors: pair_errors(&plan, bench.as_mut(), &map_times)?,
-        first_wrong: first_wrong(plan.first_wrong_limit),
-        map_times,
-        root_times: root_times(&plan, bench.as_mut())?,
-        outputs: Vec::new(),
-        growth: Vec::new(),
-    };
+    let mut report = Report::new("mapping", Vec::new());
+    report.section(
+        "first_wrong",
+        "Numbers of boxes from which a row starts or ends wrongly",
+        "By the f32 arithmetic of a CPU (correctly rounded, no fused operations).",
+        &first_wrong(plan.first_wrong_limit),
+    );
+    report.section(
+        "root_errors",
+        "Table 3: integer parts of roots that are wrong",
+        "Of √1 to √N in f32, against the built-in root of the same processor (`other`) and the exact \
+         integer root (`inexact`). The paper says that four steps give the figures of three.",
+        &root_errors(&plan, bench.as_mut())?,
+    );
+    let pair_errors = pair_errors(&plan, bench.as_mut(), &map_times)?;
+    report.section(
+        "pair_errors",
+        "Wrong pairs by number of boxes",
+        "Ids that are mapped to another pair or to none, the largest distance from the right row, and \
+         shares of pairs that are missed and tested again. Beside a sample, the first and last id of \
+         every row are looked at (on the GPU 16 on either side). Ids are counted in the variant's own \
+         order (fold, lazy); on the GPU they have 32 bits as long as they fit, then 64.",
+        &pair_errors,
+    );
+    report.section(
+        "map_times",
+        "Table 2: time to map all ids, ms",
+        "With the paper's closed form (`closed sqrt`), the lazy way, and all others. One thread of \
+         the GPU takes 32 ids. CPU times past 2^24 ids are scaled up from so many. Where there is no \
+         time, it would take longer than the study waits. The paper's kernel tests boxes too, and its \
+         times grow as n and not as n², so only the ratio compares.",
+        &map_times,
+    );
+    report.section(
+        "root_times",
+        "Table 4: time to take roots, ms",
+        "The integer parts of √1 to √N, summed. The paper does not say how many steps it timed; \
+         its figure stands beside each.",
+        &root_times(&plan, bench.as_mut())?,
+    );
+    let (mut outputs_rows, mut growth_rows) = (Vec::new(), Vec::new());
     if let Some(bench) = &mut bench {
-        report.outputs = outputs(&plan, bench)?;
-        report.growth = growth(&plan, bench)?;
+        outputs_rows = outputs(&plan, bench)?;
+        growth_rows = growth(&plan, bench)?;
     }
+    report.section(
+        "outputs",
+        "Table 5: one byte or one bit a pair",
+        "The corrected closed form, keys in video memory, output copied to host memory. As in the \
+         paper each thread has one pair and ORs its result into the output; beside it, each thread \
+         computes a whole word and no word has two writers. WGSL has no byte stores, so bytes are \
+         written four to a word.",
+        &outputs_rows,
+    );
+    report.section(
+        "growth",
+        "Figure 4: kernel, input and output by number of boxes",
+        "One bit a pair, one thread a word. The figure has no numbers; table 5's stand here.",
+        &growth_rows,
+    );
     let claims = papers::mapping_claims(&serde_json::to_value(&report)?)?;
     let claim = |(place, claim): (String, papers::Claim)| {
         let papers::Claim { says, rule, verdict, why, .. } = claim;
         let evidence = if why.is_empty() { rule } else { format!("{rule}: {why}") };
         row!(place, claim: says, verdict, evidence)
     };
-    report.claims = claims.into_iter().map(claim).collect();
+    let claims: Vec<Fields> = claims.into_iter().map(claim).collect();
+    report.page = Some(("mapping.html", time_against_error(&pair_errors)));
+    // The head and the claims, which are judged by all that follows.
+    let sections = std::mem::replace(
+        &mut report.parts,
+        vec![
+            Part::heading(1, "The mapping function: run time against error"),
+            Part::text(
+                "Avril, Gouranton and Arnaldi, EGPGV 2012, §3, measured again. `paper_` are the paper's \
+             figures (Quadro FX 3600M, Core 2 Duo X7900).",
+            ),
+        ],
+    );
+    report.machine(&Machine::here(gpu.as_ref().map(|gpu| gpu.info())));
+    report.section("claims", "What holds and what breaks", "", &claims);
+    report.parts.extend(sections);
     Ok(report)
 }
 
@@ -366,89 +403,16 @@ fn growth(plan: &Plan, bench: &mut Bench) -> Result<Vec<Fields>, GpuError> {
     Ok(rows)
 }
 
-impl StudyReport for MappingReport {
-    const NAME: &'static str = "mapping";
-
-    fn parts(&self) -> Vec<Part> {
-        let mut parts = vec![
-            Part::heading(1, "The mapping function: run time against error"),
-            Part::text(
-                "Avril, Gouranton and Arnaldi, EGPGV 2012, §3, measured again. `paper_` are the paper's \
-                 figures (Quadro FX 3600M, Core 2 Duo X7900).",
-            ),
-        ];
-        parts.extend(self.machine.parts());
-        let sections = [
-            Part::section("What holds and what breaks", "", &self.claims),
-            Part::section(
-                "Numbers of boxes from which a row starts or ends wrongly",
-                "By the f32 arithmetic of a CPU (correctly rounded, no fused operations).",
-                &self.first_wrong,
-            ),
-            Part::section(
-                "Table 3: integer parts of roots that are wrong",
-                "Of √1 to √N in f32, against the built-in root of the same processor (`other`) and the exact \
-                 integer root (`inexact`). The paper says that four steps give the figures of three.",
-                &self.root_errors,
-            ),
-            Part::section(
-                "Wrong pairs by number of boxes",
-                "Ids that are mapped to another pair or to none, the largest distance from the right row, and \
-                 shares of pairs that are missed and tested again. Beside a sample, the first and last id of \
-                 every row are looked at (on the GPU 16 on either side). Ids are counted in the variant's own \
-                 order (fold, lazy); on the GPU they have 32 bits as long as they fit, then 64.",
-                &self.pair_errors,
-            ),
-            Part::section(
-                "Table 2: time to map all ids, ms",
-                "With the paper's closed form (`closed sqrt`), the lazy way, and all others. One thread of \
-                 the GPU takes 32 ids. CPU times past 2^24 ids are scaled up from so many. Where there is no \
-                 time, it would take longer than the study waits. The paper's kernel tests boxes too, and its \
-                 times grow as n and not as n², so only the ratio compares.",
-                &self.map_times,
-            ),
-            Part::section(
-                "Table 4: time to take roots, ms",
-                "The integer parts of √1 to √N, summed. The paper does not say how many steps it timed; \
-                 its figure stands beside each.",
-                &self.root_times,
-            ),
-            Part::section(
-                "Table 5: one byte or one bit a pair",
-                "The corrected closed form, keys in video memory, output copied to host memory. As in the \
-                 paper each thread has one pair and ORs its result into the output; beside it, each thread \
-                 computes a whole word and no word has two writers. WGSL has no byte stores, so bytes are \
-                 written four to a word.",
-                &self.outputs,
-            ),
-            Part::section(
-                "Figure 4: kernel, input and output by number of boxes",
-                "One bit a pair, one thread a word. The figure has no numbers; table 5's stand here.",
-                &self.growth,
-            ),
-        ];
-        parts.extend(sections.concat());
-        parts
-    }
-
-    /// Beside the others a page with a plot of time against error.
-    fn files(&self) -> Vec<(String, String)> {
-        let mut parts = self.parts();
-        let by = ["variant", "n", "processor"];
-        let table = Table::of(&self.pair_errors);
-        let plot = Plot::of(&table, "wrong_share", &["ps_per_pair"], &by, Look::Points);
-        parts.extend([
-            Part::heading(2, "Time against error"),
-            Part::text(
-                "Time a pair against the share of numbers that become another pair or none, each of which is \
-                 a pair missed or tested twice; the dashed line is the front of these two.",
-            ),
-            Part::Plots(vec![plot.with_front().svg()]),
-        ]);
-        vec![
-            ("mapping.md".to_owned(), markdown(&self.parts())),
-            ("mapping.csv".to_owned(), self.csv()),
-            ("mapping.html".to_owned(), html(&parts)),
-        ]
-    }
+fn time_against_error(pair_errors: &[Fields]) -> Vec<Part> {
+    let by = ["variant", "n", "processor"];
+    let table = Table::of(pair_errors);
+    let plot = Plot::of(&table, "wrong_share", &["ps_per_pair"], &by, Look::Points);
+    vec![
+        Part::heading(2, "Time against error"),
+        Part::text(
+            "Time a pair against the share of numbers that become another pair or none, each of which is \
+             a pair missed or tested twice; the dashed line is the front of these two.",
+        ),
+        Part::Plots(vec![plot.with_front().svg()]),
+    ]
 }

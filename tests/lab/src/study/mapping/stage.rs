@@ -1,10 +1,7 @@
 //! The stages of the mapping study: every way to turn an id k into a pair (a, b), by name.
 //!
-//! Sources: Q. Avril, V. Gouranton, B. Arnaldi, "Fast collision culling in large-scale
-//! environments using GPU mapping function", EGPGV 2012, §3 (closed form, corrections, lazy way,
-//! table 3's constants); C. Lomont, "Fast inverse square root", 2003; C. A. Navarro et al. on
-//! folding a triangle. None of these stages serves a client: production uses
-//! `pairmask_core::pair_index` and integer searches only.
+//! Sources: Avril et al. 2012, §3 (closed form, corrections, lazy way, table 3's constants); C. Lomont, "Fast inverse
+//! square root", 2003; C. A. Navarro et al. on folding a triangle.
 
 use std::fmt;
 
@@ -19,7 +16,6 @@ pub enum Magic {
     Lomont = 0x5f37_5a86,
 }
 
-/// The way to compute a square root.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Root {
     /// The language's: correctly rounded on CPUs, nearly so on GPUs.
@@ -29,7 +25,6 @@ pub enum Root {
 }
 
 impl Root {
-    /// All roots: the built-in one first.
     pub fn all() -> impl Iterator<Item = Self> + Clone {
         let steps = |magic| (1..=4).map(move |steps| Self::Newton(magic, steps));
         std::iter::once(Self::BuiltIn).chain(steps(Magic::Carmack)).chain(steps(Magic::Lomont))
@@ -46,10 +41,8 @@ impl fmt::Display for Root {
     }
 }
 
-/// A way from an id to a pair.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Variant {
-    /// The paper's closed form.
     Closed {
         root: Root,
         /// Whether the discriminant 4n² − 4n − 8k + 1 is subtracted in integers, then converted once: off by one
@@ -61,7 +54,6 @@ pub enum Variant {
     },
     /// Closed form from the far end, where nothing cancels, with one integer fix-up.
     FarEnd,
-    /// Binary search on the first ids of rows.
     RowSearch,
     /// Triangle folded into a rectangle; another order of ids.
     Fold,
@@ -72,7 +64,6 @@ pub enum Variant {
 }
 
 impl Variant {
-    /// Every variant, in the order of the report.
     pub fn all() -> impl Iterator<Item = Self> + Clone {
         let closed = |root, integer| {
             [false, true].map(|corrected| Self::Closed { root, integer, corrected })
@@ -122,7 +113,6 @@ pub const PAPERS_OWN: Variant =
 pub const MASK_VARIANT: Variant =
     Variant::Closed { root: Root::BuiltIn, integer: false, corrected: true };
 
-/// A file of WGSL.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct File {
     pub label: &'static str,
@@ -135,16 +125,11 @@ macro_rules! file {
     };
 }
 
-/// Ids to pairs.
 #[cfg(test)]
 pub const PAIRS: File = file!("mapping_pairs");
-/// Wrong ids and named pairs, counted.
 pub const ERRORS: File = file!("mapping_errors");
-/// Ids mapped, without output.
 pub const TIME: File = file!("mapping_time");
-/// Wrong integer parts of roots, counted.
 pub const ROOT_ERRORS: File = file!("mapping_root_errors");
-/// Roots computed, without output.
 pub const ROOT_TIME: File = file!("mapping_root_time");
 /// All pairs of boxes; one thread a word of output.
 pub const MASK: File = file!("mapping_mask");
@@ -157,7 +142,6 @@ pub enum MappingStage {
     /// A way, and whether ids have 64 bits, for which a device needs such integers.
     Map(File, Variant, bool),
     Root(File, Root),
-    /// Bits of a pair in the output.
     Mask(File, u32),
 }
 
@@ -212,7 +196,6 @@ impl MappingStage {
         })
     }
 
-    /// The stage as one WGSL module, with its name.
     pub fn composed(self) -> Result<ComposedStage, ComposeError> {
         let File { label, text } = self.file();
         let unknown =

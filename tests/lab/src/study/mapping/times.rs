@@ -11,7 +11,6 @@ use super::variants::{Mapped, next_pair, row_search, with_map, with_root};
 use super::{Budget, Processor};
 use crate::study::harness::{median, repeated};
 
-/// Ids of a task.
 const CHUNK: u64 = 1 << 15;
 
 /// Most ids that are timed: with more, the time of each stays the same.
@@ -54,7 +53,6 @@ pub fn map_all(
     }))
 }
 
-/// Time to take the roots of 1 to `count`, in ms.
 pub fn roots(root: Root, count: u64, processor: Processor, budget: &Budget) -> f64 {
     with_root!(root, root => ms(count, processor, budget, |first, end| {
         // 32-bit numbers: converting a 64-bit one costs more than a root.

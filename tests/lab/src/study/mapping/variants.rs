@@ -9,9 +9,7 @@ use pairmask_core::{BoxCount, PairIndex};
 
 use super::stage::Variant;
 
-/// √x as x · 1/√x: a first guess from the bits of x, then `STEPS` steps of Newton.
-///
-/// Source: Avril et al. 2012, §3.3, after Quake III (`Q_rsqrt`).
+/// √x as x · 1/√x: a first guess from the bits of x, then `STEPS` steps of Newton (§3.3, after Quake III).
 #[inline(always)]
 pub fn newton<const MAGIC: u32, const STEPS: u32>(x: f32) -> f32 {
     let half = 0.5 * x;
@@ -71,8 +69,7 @@ impl Mapped {
     }
 }
 
-/// The closed form of Avril et al. 2012, formulas 1 and 2, with the corrections of §3.3 if
-/// `CORRECTED`.
+/// Formulas 1 and 2 of Avril et al. 2012, with the corrections of §3.3 if `CORRECTED`.
 #[inline(always)]
 pub fn closed<const INTEGER: bool, const CORRECTED: bool>(
     n: BoxCount,
@@ -121,7 +118,6 @@ pub fn far_end(n: BoxCount, k: u64) -> Mapped {
     Mapped { a: last as i64 - j as i64, b: last as i64 - (after - triangle(j)) as i64 }
 }
 
-/// Binary search for the last row that starts at or before k.
 #[inline(always)]
 pub fn row_search(n: BoxCount, k: u64) -> Mapped {
     let (mut low, mut high) = (0, n.get() - 1);
@@ -165,7 +161,6 @@ pub fn word_step(n: BoxCount, k: u64) -> Mapped {
     Mapped::of(pair[0], pair[1])
 }
 
-/// The pair after `pair` in row order.
 #[inline(always)]
 pub fn next_pair(n: BoxCount, [a, b]: [u32; 2]) -> [u32; 2] {
     if b + 1 < n.get() { [a, b + 1] } else { [a + 1, a + 2] }
@@ -178,11 +173,7 @@ pub fn lazy(n: BoxCount, k: u64) -> Mapped {
     Mapped { a: (k / n) as i64, b: (k % n) as i64 }
 }
 
-/// The pair that an id stands for in the variant's own numbering; `None` for ids that the lazy
-/// way leaves out.
-///
-/// # Panics
-/// Never for ids below [`Variant::id_count`].
+/// The pair that an id stands for in the variant's own numbering; `None` for ids that the lazy way leaves out.
 pub fn truth(variant: Variant, n: BoxCount, k: u64) -> Option<[u32; 2]> {
     match variant {
         Variant::Fold => fold(n, k).named(n),
@@ -230,10 +221,7 @@ macro_rules! with_map {
 }
 pub(super) use with_map;
 
-/// One id by one variant.
-///
-/// # Panics
-/// With fewer than two boxes, or an id past the last one.
+/// One id by one variant: of two boxes at least.
 pub fn map(variant: Variant, n: BoxCount, k: u64) -> Mapped {
     assert!(n.get() > 1 && k < variant.id_count(n.get()), "id {k} of {} boxes", n.get());
     with_map!(variant, map => map(n, k))

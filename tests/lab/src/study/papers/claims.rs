@@ -51,7 +51,6 @@ pub struct ItemData {
     defaults: Map<String, Value>,
 }
 
-/// The kind of a record.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Kind {
@@ -66,7 +65,6 @@ pub enum Kind {
     Build,
 }
 
-/// Rows that stay.
 #[derive(Clone, Copy, Debug, Deserialize)]
 #[serde(rename_all = "snake_case")]
 enum Measured {
@@ -108,13 +106,11 @@ struct ClaimData {
     unit: String,
     #[serde(default)]
     counts_other_things: bool,
-    /// A number or an expression.
     paper: Option<Value>,
     #[serde(default)]
     ours: String,
 }
 
-/// One figure of a paper beside ours.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Row {
     pub what: String,
@@ -125,7 +121,6 @@ pub struct Row {
     pub from: Option<String>,
 }
 
-/// A claim of a table or figure with its figures and its verdict.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Claim {
     pub says: String,
@@ -136,7 +131,6 @@ pub struct Claim {
     pub rows: Vec<Row>,
 }
 
-/// A table or a figure.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Item {
     pub place: String,
@@ -145,7 +139,6 @@ pub struct Item {
     pub claims: Vec<Claim>,
 }
 
-/// Figures of ours that a claim may take.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Source {
     /// The record's path below the folder, or "this run".
@@ -156,7 +149,6 @@ pub struct Source {
 }
 
 impl Data {
-    /// The value of an expression over the papers' figures.
     pub fn paper_figure(&self, expression: &str) -> Result<Option<f64>, String> {
         Scope { root: &self.figures, defined: &self.define }.value(expression)
     }

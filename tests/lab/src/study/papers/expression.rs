@@ -13,7 +13,6 @@ use serde_json::Value;
 /// Boxes of `pair_number`: those of the example of Avril et al. 2012, §3.1.
 const PAIR_NUMBER_BOXES: u32 = 1_000;
 
-/// What names in expressions mean.
 #[derive(Clone, Copy, Debug)]
 pub struct Scope<'a> {
     pub root: &'a Value,

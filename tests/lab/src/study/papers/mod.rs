@@ -38,7 +38,6 @@ use super::ways::Case;
 use super::{grid, mapping, threads};
 use crate::Result;
 
-/// The table of claims.
 static DATA: LazyLock<Data> = LazyLock::new(|| {
     let read = toml::from_str(include_str!("../../../data/papers.toml"));
     // The file is part of this build, and tests read it.
@@ -67,7 +66,6 @@ pub fn mapping_claims(report: &Value) -> Result<Vec<(String, Claim)>> {
     Ok(found)
 }
 
-/// Options of the page.
 #[derive(Clone, Debug, Default, Args)]
 pub struct PapersOptions {
     /// The GPU to measure on: auto, software, a number of `pairmaskd status`, or part of a name
@@ -85,7 +83,6 @@ pub struct PapersOptions {
     from: Option<PathBuf>,
 }
 
-/// The records of the checkout that the command runs in.
 fn records_of_checkout() -> Option<PathBuf> {
     let here = std::env::current_dir().ok()?;
     let records = here.ancestors().map(|folder: &Path| folder.join("tests/records"));
@@ -111,7 +108,6 @@ const GRID_COUNTS: [u32; 5] = [1_000, 10_000, 20_000, 100_000, 1_000_000];
 /// Boxes of the 2009 paper, in place of its cubes.
 const CASE_2009: Case = Case { scene: SceneName::Uniform, n: 100_000 };
 
-/// Runs the studies and puts their figures before those of records.
 fn measure(figures: &mut Figures, options: &PapersOptions, watch: impl Fn()) -> Result<()> {
     // `none` is no GPU to measure on.
     let gpu = options.gpu.as_ref().filter(|gpu| **gpu != GpuChoice::None);
@@ -130,8 +126,8 @@ fn measure(figures: &mut Figures, options: &PapersOptions, watch: impl Fn()) -> 
     if let Some(gpu) = gpu {
         let speed = SphereOptions { errors: None, ..errors };
         let on_gpu = spheres::measure(&speed, Some(gpu), |_| ())?;
-        report.machine = on_gpu.machine;
-        report.gpu_speed = on_gpu.gpu_speed;
+        report.values = on_gpu.values;
+        report.list("gpu_speed", &on_gpu.lists["gpu_speed"]);
     }
     figures.add_run(Kind::Spheres, &report)?;
     watch();

@@ -8,13 +8,12 @@ use super::claims::{Claim, Item, Row, Source};
 use super::records::Figures;
 use super::rule::Verdict;
 use crate::Result;
-use crate::study::harness::StudyReport;
-use crate::study::harness::document::{Part, html, markdown};
+use crate::study::harness::Report;
+use crate::study::harness::document::Part;
 use crate::study::harness::machine::Machine;
 use crate::study::harness::table::{Fields, Table, number_text, row};
 
-/// The JSON object of `papers --json`. Fields may be added, never changed or taken away.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct PapersReport {
     pub machine: Machine,
     pub only_records: bool,
@@ -26,7 +25,6 @@ pub struct PapersReport {
     pub sources: Vec<Source>,
 }
 
-/// A paper.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Paper {
     pub name: &'static str,
@@ -36,7 +34,6 @@ pub struct Paper {
 }
 
 impl Paper {
-    /// Claims of all tables and figures.
     pub fn claims(&self) -> impl Iterator<Item = (&Item, &Claim)> {
         self.items.iter().flat_map(|item| item.claims.iter().map(move |claim| (item, claim)))
     }
@@ -56,7 +53,6 @@ impl Paper {
 }
 
 impl PapersReport {
-    /// Judges all claims of all papers.
     pub fn of(machine: Machine, only_records: bool, figures: &Figures) -> Result<Self> {
         let mut papers = Vec::new();
         for paper in &DATA.paper {
@@ -97,8 +93,22 @@ impl PapersReport {
     }
 }
 
-impl StudyReport for PapersReport {
-    const NAME: &'static str = "papers";
+impl PapersReport {
+    /// As it is printed and written.
+    pub fn report(&self) -> Report {
+        let mut report = Report::new("papers", self.parts());
+        report.page = Some(("papers.html", Vec::new()));
+        report.csv_rows = Some(self.rows());
+        report.value("machine", &self.machine);
+        report.value("only_records", self.only_records);
+        report.list("summary", &self.summary);
+        report.value("breaks", &self.breaks);
+        report.value("holds", &self.holds);
+        report.value("not_measured", &self.not_measured);
+        report.value("papers", &self.papers);
+        report.list("sources", &self.sources);
+        report
+    }
 
     fn parts(&self) -> Vec<Part> {
         let made_of = if self.only_records { "Made of records alone, by:" } else { "This run:" };
@@ -132,7 +142,7 @@ impl StudyReport for PapersReport {
         parts
     }
 
-    fn csv(&self) -> String {
+    fn rows(&self) -> Table {
         let line = |(item, claim): (&Item, &Claim)| {
             let rows = claim.rows.iter();
             let rows =
@@ -140,16 +150,10 @@ impl StudyReport for PapersReport {
             rows.collect::<Vec<_>>()
         };
         let rows = self.papers.iter().flat_map(Paper::claims).flat_map(line);
-        Table::of(&rows.collect::<Vec<_>>()).csv()
-    }
-
-    fn files(&self) -> Vec<(String, String)> {
-        let parts = self.parts();
-        vec![("papers.md".to_owned(), markdown(&parts)), ("papers.html".to_owned(), html(&parts))]
+        Table::of(&rows.collect::<Vec<_>>())
     }
 }
 
-/// How the page is to be read, one sentence each.
 const HOW_TO_READ: [&str; 3] = [
     "Each claim of a table or figure has a rule, and the rule alone gives the verdict: it holds where \
      all its figures are there and keep the rule, it breaks where one does not, and it is not measured \
@@ -177,7 +181,6 @@ fn row_table(rows: &[Row]) -> Table {
     Table::of_texts(["", "paper", "ours", "ratio", "from"], rows.iter().map(line))
 }
 
-/// Place, claim and the figure that decided, or the reason.
 fn sentences(papers: &[Paper], verdict: Verdict) -> Vec<String> {
     let mut found = Vec::new();
     for paper in papers {

@@ -90,14 +90,12 @@ impl Figures {
         all.iter().filter(|source| !on_gpu || source.is_on_gpu()).collect()
     }
 
-    /// Every record and this run with its machine.
     pub fn machines(&self) -> impl Iterator<Item = (&str, &str)> {
         let kinds = [Kind::Mapping, Kind::Grid, Kind::Threads, Kind::Spheres, Kind::TwoGpus];
         let all = kinds.into_iter().flat_map(|kind| self.all(kind));
         all.map(|source| (source.from.as_str(), source.machine.as_str()))
     }
 
-    /// Why there is no figure on so many cores.
     pub fn without_cores(&self, wanted: &MissingCores) -> String {
         let MissingCores { scene, n, cores } = wanted;
         let row = format!("rows[stage=update-aabbs,scene={scene},n={n},threads=1]");
@@ -158,7 +156,6 @@ fn checked(kind: Kind, mut data: Value, lists: &[&str]) -> Result<Value, String>
     Ok(data)
 }
 
-/// The folders of a folder, by name: names begin with the day.
 fn newest_first(records: &Path) -> Result<Vec<PathBuf>, FileError> {
     let entries = fs::read_dir(records).map_err(FileError::of(records, Access::Read))?;
     let paths = entries.map(|entry| entry.map(|entry| entry.path()));
@@ -173,7 +170,6 @@ fn newest_first(records: &Path) -> Result<Vec<PathBuf>, FileError> {
 const ANOTHER_GPU_MS: f64 = 0.035;
 /// A link's bandwidth, bytes a millisecond: 54 GB/s, measured (`several-gpus.txt`).
 const LINK_BYTES_A_MS: f64 = 54e6;
-/// Bytes of a box.
 const BOX_BYTES: f64 = 24.0;
 
 /// Time of a frame of n boxes on so many GPUs, ms, simulated from the measured times of one and of two.

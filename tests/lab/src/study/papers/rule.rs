@@ -10,7 +10,6 @@ use super::claims::Row;
 use super::expression::{Scope, filled_in};
 use crate::study::harness::table::number_text;
 
-/// Whether a claim holds here.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Verdict {
@@ -52,7 +51,6 @@ impl Rule {
         Ok(rule)
     }
 
-    /// The verdict over the rows, and the rows that break the rule.
     pub fn judge<'a>(&self, rows: &'a [Row]) -> Result<(Verdict, Vec<&'a Row>), String> {
         let mut figures = Map::new();
         let least = rows.iter().filter_map(|row| row.ours).reduce(f64::min);
@@ -83,7 +81,6 @@ impl Rule {
         Ok((verdict, breaking))
     }
 
-    /// The figures that decided, in words: of a broken rule the first row that breaks it, else the last.
     pub fn evidence(&self, rows: &[Row], breaking: &[&Row]) -> String {
         let Some(row) = breaking.first().copied().or(rows.last()) else { return String::new() };
         let mut text = in_words(row);

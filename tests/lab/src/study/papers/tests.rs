@@ -11,7 +11,7 @@ use super::page::Paper;
 use super::records::ms_on_gpus;
 use super::rule::{Rule, Verdict};
 use super::*;
-use crate::study::harness::StudyReport;
+use crate::study::harness::document::{html, markdown};
 
 /// A report of no record: what the code alone decides.
 fn empty() -> PapersReport {
@@ -58,8 +58,8 @@ fn without_records_nothing_is_invented() {
 #[test]
 fn the_pages_show_every_table_and_figure_and_load_nothing() {
     let report = empty();
-    let files = report.files();
-    let [(_, text), (_, html)] = &files[..] else { panic!("{files:?}") };
+    let parts = report.report().parts;
+    let (text, html) = (markdown(&parts), html(&parts));
     for loading in ["http://", "https://", "src=", "<link", "<script", "@import", "url("] {
         assert!(!html.contains(loading), "{loading}");
     }

@@ -8,14 +8,11 @@ use super::families::{ALL, Family};
 use super::oracle::overlap;
 use crate::study::harness::table::{Fields, row};
 
-/// Pairs of one stream of random numbers.
 const CHUNK: u64 = 10_000;
 
-/// What is counted of a family.
 const COUNTS: [&str; 7] =
     ["pairs", "overlapping", "exact_wrong", "f32_missed", "f32_extra", "root_missed", "root_extra"];
 
-/// The counts of one pair.
 fn judged(a: &Sphere, b: &Sphere) -> [u64; COUNTS.len()] {
     let truth = overlap(a, b);
     let (squared, root) = (squared_f32(a, b), root_f32(a, b));
@@ -72,7 +69,6 @@ pub(super) fn share(family: &Family, pairs: u64) -> u64 {
     if family.tangent { pairs.div_ceil(100) } else { pairs.div_ceil(random) }
 }
 
-/// Pairs that [`measure`] decides.
 pub fn pairs_decided(pairs: u64) -> u64 {
     ALL.iter().map(|family| share(family, pairs)).sum()
 }

@@ -3,18 +3,14 @@
 use pairmask_core::sphere::Sphere;
 use pairmaskd::scene::Random;
 
-/// A kind of pairs.
 #[derive(Clone, Copy)]
 pub struct Family {
-    /// The name in reports.
     pub name: &'static str,
     /// Whether its pairs touch, or miss touching by one ulp, by construction.
     pub tangent: bool,
-    /// Makes a pair.
     pub make: fn(&mut Random) -> (Sphere, Sphere),
 }
 
-/// All families.
 pub const ALL: &[Family] = &[
     Family { name: "unit scene", tangent: false, make: unit_scene },
     Family { name: "any f32", tangent: false, make: any_numbers },

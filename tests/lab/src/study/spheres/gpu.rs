@@ -10,7 +10,6 @@ use pairmask_core::{BoxCount, Encoding, PairIndex};
 use pairmaskd::execute::gpu::{AllPairs, AllPairsOptions, Gpu, Grid, GridOptions, SharedImports};
 use pairmaskd::scene::Random;
 use rayon::prelude::*;
-use serde::Serialize;
 
 use super::families::{ALL, Family};
 use super::oracle::overlap;
@@ -23,24 +22,12 @@ use crate::study::harness::table::{Fields, row};
 /// Numbers of spheres: the paper's, and larger ones.
 const SIZES: [usize; 11] =
     [64, 128, 192, 256, 320, 1_000, 3_200, 10_000, 32_768, 100_000, 1_000_000];
-/// Numbers of a quick look.
 const QUICK_SIZES: usize = 7;
 /// Up to so many spheres one pair after the other is timed: 10,000 take 50 ms.
 const PLAIN_SPHERES: usize = 10_000;
 /// Up to so many spheres all pairs is timed: 100,000 take 10 ms on an H200.
 const ALL_PAIRS_SPHERES: usize = 100_000;
-/// Words a sphere of the memory for replies.
 const REPLY_WORDS: usize = 20;
-
-/// Pairs of a family, decided by a GPU.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
-pub struct GpuErrorRow {
-    pub family: &'static str,
-    pub pairs: u64,
-    pub wrong: u64,
-    pub beside: u64,
-    pub beside_wrong: u64,
-}
 
 pub fn measure(gpu: &Arc<Gpu>, quick: bool, seed: u64) -> Result<Vec<Fields>> {
     let sizes = if quick { &SIZES[..QUICK_SIZES] } else { &SIZES[..] };
@@ -146,20 +133,17 @@ fn dense_words(spheres: &[Sphere], reply: &HeapReply) -> Vec<u32> {
     reply.words()[..words].to_vec()
 }
 
-impl GpuErrorRow {
-    fn note(&mut self, scene: &Decided, gpu: &[u32]) {
-        let n = BoxCount::new(scene.spheres.len() as u32);
-        self.pairs += scene.truth.len() as u64;
-        self.beside += n.pair_count();
-        let differs =
-            scene.words.iter().zip(gpu).map(|(cpu, gpu)| u64::from((cpu ^ gpu).count_ones()));
-        self.beside_wrong += differs.sum::<u64>();
-        for (is_pair, first) in scene.truth.iter().zip((0..).step_by(2)) {
-            let said = PairIndex::of(n, first, first + 1)
-                .is_some_and(|k| gpu[(k.get() / 32) as usize] >> (k.get() % 32) & 1 == 1);
-            self.wrong += u64::from(said != *is_pair);
-        }
-    }
+/// Pairs of the family that were decided otherwise than by exact arithmetic, and all pairs otherwise than by the CPU.
+fn wrong(scene: &Decided, gpu: &[u32]) -> [u64; 2] {
+    let n = BoxCount::new(scene.spheres.len() as u32);
+    let is_wrong = |(is_pair, first): &(&bool, u32)| {
+        let said = PairIndex::of(n, *first, first + 1)
+            .is_some_and(|k| gpu[(k.get() / 32) as usize] >> (k.get() % 32) & 1 == 1);
+        said != **is_pair
+    };
+    let wrong = scene.truth.iter().zip((0..).step_by(2)).filter(is_wrong).count();
+    let differs = scene.words.iter().zip(gpu).map(|(cpu, gpu)| u64::from((cpu ^ gpu).count_ones()));
+    [wrong as u64, differs.sum()]
 }
 
 /// Has a GPU decide `pairs` random pairs of all families together, and a hundredth of them in each tangent
@@ -170,13 +154,13 @@ pub fn count_errors(
     pairs: u64,
     seed: u64,
     watch: impl Fn(u64),
-) -> Result<Vec<GpuErrorRow>> {
+) -> Result<Vec<Fields>> {
     let mut engine = AllPairs::new(gpu, AllPairsOptions::default())?;
     let mut reply = HeapReply::new();
     let mut rows = Vec::new();
     for family in ALL {
         let share = super::errors::share(family, pairs);
-        let mut row = GpuErrorRow { family: family.name, ..GpuErrorRow::default() };
+        let (mut wrong_pairs, mut beside, mut beside_wrong) = (0, 0, 0);
         let scenes = share.div_ceil(SCENE_PAIRS);
         let make = |scene: u64| {
             let pairs = SCENE_PAIRS.min(share - scene * SCENE_PAIRS);
@@ -190,11 +174,20 @@ pub fn count_errors(
                     Encoding::Dense,
                     &mut reply,
                 )?;
-                row.note(&scene, &dense_words(&scene.spheres, &reply));
+                let found = wrong(&scene, &dense_words(&scene.spheres, &reply));
+                wrong_pairs += found[0];
+                beside_wrong += found[1];
+                beside += BoxCount::new(scene.spheres.len() as u32).pair_count();
                 watch(scene.truth.len() as u64);
             }
         }
-        rows.push(row);
+        rows.push(row!(
+            family: family.name,
+            pairs: share,
+            wrong: wrong_pairs,
+            beside,
+            beside_wrong,
+        ));
     }
     Ok(rows)
 }

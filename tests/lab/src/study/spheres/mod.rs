@@ -15,19 +15,16 @@ pub mod oracle;
 pub(crate) mod speed;
 
 use clap::Args;
-use gpu::GpuErrorRow;
 use pairmaskd::cli::whole_number::whole_number;
 use pairmaskd::execute::gpu::{Gpu, GpuChoice, HostImport};
-use serde::Serialize;
 
-use super::harness::StudyReport;
+use super::harness::Report;
 use super::harness::document::Part;
 use super::harness::machine::Machine;
 use super::harness::table::{Fields, row};
 use super::papers::figure;
 use crate::Result;
 
-/// Options of the study.
 #[derive(Clone, Copy, Debug, Args)]
 pub(crate) struct SphereOptions {
     /// Count wrong decisions instead: of so many random pairs, a hundredth as many that touch, and
@@ -48,23 +45,35 @@ pub(crate) fn measure(
     options: &SphereOptions,
     on: Option<&GpuChoice>,
     watch: impl Fn(u64) + Sync,
-) -> Result<SphereReport> {
+) -> Result<Report> {
     let SphereOptions { errors, quick, seed } = *options;
     let device = on.map(|choice| Gpu::open(choice, HostImport::IfPossible)).transpose()?;
-    let machine = Machine::here(device.as_ref().map(|device| device.info()));
-    let mut report = SphereReport { machine, ..SphereReport::default() };
+    let [mut speed, mut on_cpu, mut gpu_speed, mut on_gpu] = <[Vec<Fields>; 4]>::default();
     match (&device, errors) {
-        (None, None) => report.speed = speed::measure(quick, seed),
-        (None, Some(pairs)) => report.errors = errors::measure(pairs, seed, watch),
-        (Some(device), None) => report.gpu_speed = gpu::measure(device, quick, seed)?,
-        (Some(device), Some(pairs)) => {
-            report.gpu_errors = gpu::count_errors(device, pairs, seed, watch)?;
-        }
+        (None, None) => speed = speed::measure(quick, seed),
+        (None, Some(pairs)) => on_cpu = errors::measure(pairs, seed, watch),
+        (Some(device), None) => gpu_speed = gpu::measure(device, quick, seed)?,
+        (Some(device), Some(pairs)) => on_gpu = gpu::count_errors(device, pairs, seed, watch)?,
     }
+    let mut report = Report::new("spheres", vec![Part::heading(1, "Spheres")]);
+    report.machine(&Machine::here(device.as_ref().map(|device| device.info())));
+    let table_1 = "frames a second (Suaib et al. 2015, table 1)";
+    report.section("speed", &format!("All pairs of spheres, {table_1}"), "", &speed);
+    report.section("errors", "Wrong decisions, against exact arithmetic", "", &on_cpu);
+    report.section("gpu_speed", &format!("Spheres on the GPU, {table_1}"), "", &gpu_speed);
+    let decided = "Decided by the GPU, against exact arithmetic and the CPU";
+    report.section("gpu_errors", decided, "", &on_gpu);
     Ok(report)
 }
 
-/// The paper's row for so many spheres: frames a second of the sequential and the parallel approach, speed-up.
+/// Whether every pair was decided rightly, by the client library and on the GPU.
+pub(crate) fn is_exact(report: &Report) -> bool {
+    let all = |list: &str, is_right: fn(&Fields) -> bool| report.lists[list].iter().all(is_right);
+    all("errors", |row| row["exact_wrong"] == 0)
+        && all("gpu_speed", |row| row["is_right"] == true)
+        && all("gpu_errors", |row| row["wrong"] == 0 && row["beside_wrong"] == 0)
+}
+
 fn papers_row(n: usize) -> Fields {
     let of = |column: &str| figure(&format!("spheres[n={n}].{column}"));
     row!(
@@ -72,41 +81,4 @@ fn papers_row(n: usize) -> Fields {
         paper_parallel_fps: of("parallel"),
         paper_speed_up: of("speed_up"),
     )
-}
-
-/// The JSON object of `spheres --json`. Fields may be added, never changed or taken away.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub(crate) struct SphereReport {
-    pub machine: Machine,
-    pub speed: Vec<Fields>,
-    pub errors: Vec<Fields>,
-    pub gpu_speed: Vec<Fields>,
-    pub gpu_errors: Vec<GpuErrorRow>,
-}
-
-impl SphereReport {
-    /// Whether every pair was decided rightly, by the client library and on the GPU.
-    pub fn is_exact(&self) -> bool {
-        self.errors.iter().all(|row| row["exact_wrong"] == 0)
-            && self.gpu_speed.iter().all(|row| row["is_right"] == true)
-            && self.gpu_errors.iter().all(|row| row.wrong + row.beside_wrong == 0)
-    }
-}
-
-impl StudyReport for SphereReport {
-    const NAME: &'static str = "spheres";
-
-    fn parts(&self) -> Vec<Part> {
-        let mut parts = vec![Part::heading(1, "Spheres")];
-        parts.extend(self.machine.parts());
-        let table_1 = "frames a second (Suaib et al. 2015, table 1)";
-        let on_cpu = format!("All pairs of spheres, {table_1}");
-        parts.extend(Part::section(&on_cpu, "", &self.speed));
-        parts.extend(Part::section("Wrong decisions, against exact arithmetic", "", &self.errors));
-        let on_gpu = format!("Spheres on the GPU, {table_1}");
-        parts.extend(Part::section(&on_gpu, "", &self.gpu_speed));
-        let decided = "Decided by the GPU, against exact arithmetic and the CPU";
-        parts.extend(Part::section(decided, "", &self.gpu_errors));
-        parts
-    }
 }

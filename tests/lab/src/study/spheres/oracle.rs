@@ -4,7 +4,6 @@ use pairmask_core::sphere::Sphere;
 
 pub use pairmaskd::audit::sphere_oracle::overlap;
 
-/// The pairs of a scene of spheres, sorted.
 pub fn pairs(spheres: &[Sphere]) -> Vec<[u32; 2]> {
     let n = spheres.len() as u32;
     let all = (0..n).flat_map(|a| (a + 1..n).map(move |b| [a, b]));

@@ -16,7 +16,6 @@ use crate::study::harness::table::{Fields, row};
 
 /// Numbers of spheres: the paper's, and larger ones.
 const SIZES: [usize; 10] = [64, 128, 192, 256, 320, 1_000, 3_200, 10_000, 32_000, 100_000];
-/// Numbers of a quick look.
 const QUICK_SIZES: usize = 6;
 
 /// How long each figure is measured: at least three frames, and this, unless a frame is long.
@@ -64,7 +63,6 @@ fn timed(n: usize, budget: Duration, seed: u64) -> Fields {
     row
 }
 
-/// One pair after the other, in plain f32.
 pub(super) fn plain_fps(spheres: &[Sphere], budget: Duration) -> f64 {
     let mut found = Vec::new();
     frames_a_second(budget, || {
@@ -73,7 +71,6 @@ pub(super) fn plain_fps(spheres: &[Sphere], budget: Duration) -> f64 {
     })
 }
 
-/// What the library chooses on cores, and the number of pairs.
 pub(super) fn engines_fps(spheres: &[Sphere], budget: Duration) -> (f64, u64) {
     let (mut engines, mut reply, mut pairs) = (SphereEngines::new(), HeapReply::new(), 0);
     let encoding = EncodingChoice::Only(Encoding::Sparse);
