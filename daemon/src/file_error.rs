@@ -7,7 +7,6 @@ use std::path::PathBuf;
 /// The access to a file that failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Access {
-    /// Read it.
     Read,
     /// Create it, and write it.
     Write,
@@ -15,15 +14,11 @@ pub enum Access {
     WriteInto,
 }
 
-/// A file cannot be used.
 #[derive(Debug, thiserror::Error)]
 #[error("{}: {}", path.display(), advice(*access, source))]
 pub struct FileError {
-    /// The file, as it was named.
     pub path: PathBuf,
-    /// The access that failed.
     pub access: Access,
-    /// The system's error.
     pub source: io::Error,
 }
 

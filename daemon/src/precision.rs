@@ -22,7 +22,6 @@ pub enum PrecisionChoice {
     Margin(Margin),
 }
 
-/// Prefix of a margin's number.
 const MARGIN_PREFIX: &str = "margin=";
 
 impl PrecisionChoice {

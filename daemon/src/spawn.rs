@@ -34,13 +34,10 @@ const DIR_PREFIX: &str = ".pairmask.";
 /// Settings of a private daemon.
 #[derive(Clone, Debug)]
 pub struct PrivateSettings {
-    /// The limits of the instance.
     pub limits: Limits,
     /// How long the worker spins for the next request before it sleeps.
     pub spin: Duration,
-    /// The GPUs to use.
     pub gpu: GpuChoices,
-    /// The instruction set of the CPU's engines.
     pub isa: AvailableIsa,
     /// The share of the frames that are checked again.
     pub audit: AuditRate,
@@ -60,32 +57,16 @@ impl Default for PrivateSettings {
     }
 }
 
-/// Why a private daemon did not start.
 #[derive(Debug, thiserror::Error)]
 pub enum SpawnError {
-    /// No private directory could be created.
     #[error("no temporary directory for a daemon: {0} (set TMPDIR to one that can be written)")]
     Dir(#[source] io::Error),
-    /// The process does not start, or cannot be watched.
     #[error("starting {}: {source}", binary.display())]
-    Start {
-        /// The daemon's binary.
-        binary: PathBuf,
-        /// The system's error.
-        source: io::Error,
-    },
-    /// The daemon ended before it served, and printed the reason on stderr.
+    Start { binary: PathBuf, source: io::Error },
     #[error("the daemon ended before it served ({status}); see its own message")]
-    Ended {
-        /// Its exit status.
-        status: ExitStatus,
-    },
-    /// The daemon runs and does not answer.
+    Ended { status: ExitStatus },
     #[error("the daemon does not answer within {START_WITHIN:?}: {source}")]
-    Silent {
-        /// The last attempt to connect.
-        source: Box<ConnectError>,
-    },
+    Silent { source: Box<ConnectError> },
 }
 
 impl SpawnError {
@@ -162,7 +143,6 @@ impl PrivateDaemon {
         Self::start(&own_binary()?, settings)
     }
 
-    /// Whether the process lives.
     fn check(&mut self, binary: &Path) -> Result<(), SpawnError> {
         let failed = |source| SpawnError::Start { binary: binary.to_owned(), source };
         match self.child.try_wait().map_err(failed)? {
@@ -205,12 +185,10 @@ impl PrivateDaemon {
         RuntimeDir::at(self.dir.path())
     }
 
-    /// The name of the instance in that directory.
     pub fn instance(&self) -> InstanceName {
         InstanceName::default()
     }
 
-    /// A session builder for this daemon.
     pub fn session(&self) -> SessionBuilder {
         Session::builder()
             .instance(self.instance().as_str())
@@ -264,7 +242,6 @@ fn gpus_of(dir: &RuntimeDir, instance: &InstanceName) -> GpuCounts {
     status.map(|status| status.gpus()).unwrap_or_default()
 }
 
-/// Path of this process's binary.
 pub(crate) fn own_binary() -> Result<PathBuf, SpawnError> {
     std::env::current_exe()
         .map_err(|source| SpawnError::Start { binary: "/proc/self/exe".into(), source })

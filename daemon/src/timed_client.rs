@@ -35,7 +35,6 @@ pub struct Margined {
     margin: Margin,
     /// The boxes that were sent last.
     inflated: Vec<Aabb>,
-    /// Its answer.
     answer: Option<PairMask>,
 }
 
@@ -133,7 +132,6 @@ impl Looked {
 }
 
 impl Decoding {
-    /// Writes boxes into the memory of a frame.
     fn write(&self, boxes: &[Aabb], out: &mut [Aabb]) {
         match self {
             Self::Serial => write_boxes(boxes, out),
@@ -166,7 +164,6 @@ impl Decoding {
 /// The times of a frame, and facts about its answer.
 #[derive(Clone, Copy, Debug)]
 pub struct TimedFrame {
-    /// Facts about the answer.
     pub info: FrameInfo,
     /// Whether a request was made: else an earlier answer held.
     pub was_asked: bool,
@@ -186,29 +183,18 @@ impl TimedFrame {
     }
 }
 
-/// Why a frame could not be timed.
 #[derive(Debug, thiserror::Error)]
 pub enum TimedError {
-    /// The frame could not be sent.
     #[error(transparent)]
     Frame(#[from] FrameError),
-    /// The frame was not answered.
     #[error(transparent)]
     Wait(#[from] WaitError),
-    /// An engine without a session could not answer.
     #[error(transparent)]
     Cull(#[from] CullError),
-    /// An engine without a session wrote no mask.
     #[error(transparent)]
     Mask(#[from] MaskError),
-    /// An engine is broken.
     #[error("a frame has {counted} pairs and its mask holds {decoded}: please report this")]
-    Miscounted {
-        /// The engine's count.
-        counted: u64,
-        /// Pairs in the mask.
-        decoded: u64,
-    },
+    Miscounted { counted: u64, decoded: u64 },
 }
 
 impl TimedClient {
@@ -226,9 +212,6 @@ impl TimedClient {
 
     /// Runs a frame of `n` boxes that `write` writes into the frame's memory. `look` gets the mask
     /// after the clock has stopped.
-    ///
-    /// # Errors
-    /// [`TimedError`].
     pub fn written_frame(
         session: &mut Session,
         n: usize,
@@ -247,9 +230,6 @@ impl TimedClient {
     }
 
     /// Runs a frame of boxes. `look` gets the mask after the clock has stopped.
-    ///
-    /// # Errors
-    /// [`TimedError`].
     pub fn frame(
         &mut self,
         boxes: &[Aabb],
@@ -259,9 +239,6 @@ impl TimedClient {
     }
 
     /// As [`Self::frame`], decoded by the threads of `decoding`.
-    ///
-    /// # Errors
-    /// [`TimedError`].
     pub fn frame_decoded(
         &mut self,
         boxes: &[Aabb],

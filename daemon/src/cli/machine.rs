@@ -17,9 +17,7 @@ pub struct Machine {
     pub os: String,
     /// Kernel release.
     pub kernel: String,
-    /// Compiler of this build.
     pub toolchain: String,
-    /// Commit of this build.
     pub commit: String,
     /// The command line, without the binary's path.
     pub command: String,

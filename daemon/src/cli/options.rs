@@ -39,7 +39,6 @@ impl Place {
         self.instance.clone().or_else(|| config.instance.clone())
     }
 
-    /// The instance to use.
     pub fn instance(&self, config: &Config) -> InstanceName {
         self.named_instance(config).unwrap_or_default()
     }
@@ -52,7 +51,6 @@ impl Place {
             .map_or_else(RuntimeDir::from_env, RuntimeDir::at)
     }
 
-    /// The instruction set that engines and decoders use.
     pub fn isa(&self, config: &Config) -> AvailableIsa {
         self.isa.or(config.isa).unwrap_or_else(AvailableIsa::best)
     }
@@ -73,7 +71,6 @@ pub struct DaemonOptions {
 }
 
 impl DaemonOptions {
-    /// The GPUs to use.
     pub fn gpus(&self, config: &Config) -> GpuChoices {
         self.gpu.clone().or_else(|| config.gpu.clone()).unwrap_or_default()
     }
@@ -130,7 +127,6 @@ impl CullFlags {
         }
     }
 
-    /// The engine to use.
     pub fn engine(&self, config: &Config) -> EngineChoice {
         self.engine.or(config.engine).unwrap_or_default()
     }

@@ -37,7 +37,6 @@ pub struct Status {
     json: bool,
 }
 
-/// Why `status` failed.
 #[derive(Debug, thiserror::Error)]
 pub enum StatusCommandError {
     #[error("no daemon answers under {}: start one with `pairmaskd serve`", dir.path().display())]
@@ -125,7 +124,6 @@ struct ErrorReport {
 }
 
 impl Status {
-    /// Looks through the runtime directory and asks every instance.
     pub fn run(&self, place: &Place, config: &Config) -> Result<(), StatusCommandError> {
         let dir = place.runtime_dir(config);
         match dir.check() {

@@ -16,9 +16,7 @@ pub const DEADLINE: Duration = Duration::from_secs(600);
 
 /// The instance that is measured.
 pub struct Target {
-    /// The directory that holds the instance.
     pub dir: RuntimeDir,
-    /// The instance.
     pub instance: InstanceName,
     backend: Backend,
     /// A daemon of the measurement's own, stopped with it.
@@ -28,9 +26,6 @@ pub struct Target {
 impl Target {
     /// The instance that the user named, else a new private daemon: this process's binary as
     /// `serve`, which spins for `spin` before it sleeps.
-    ///
-    /// # Errors
-    /// [`SpawnError`] where the daemon does not start.
     pub fn new(
         options: &CullFlags,
         daemon: &DaemonOptions,
@@ -42,9 +37,6 @@ impl Target {
     }
 
     /// As [`Self::new`], for so many clients at a time.
-    ///
-    /// # Errors
-    /// [`SpawnError`] where the daemon does not start.
     pub fn for_clients(
         options: &CullFlags,
         daemon: &DaemonOptions,

@@ -3,11 +3,8 @@
 use std::num::{IntErrorKind, NonZeroU16, NonZeroU32, NonZeroU64, NonZeroUsize, ParseIntError};
 use std::str::FromStr;
 
-/// A type of whole numbers.
 pub trait WholeNumber: FromStr<Err = ParseIntError> {
-    /// The smallest.
     const LEAST: u64;
-    /// The largest.
     const MOST: u64;
 }
 
@@ -29,24 +26,14 @@ impl_whole_number! {
     NonZeroUsize: 1 to usize::MAX;
 }
 
-/// Why a text is refused as a number.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum WholeNumberError {
-    /// The text is no number, or has a fraction, an exponent or a unit.
     #[error("must be a whole number in digits alone, such as 1000")]
     NoNumber,
-    /// Below the smallest.
     #[error("must be at least {least}")]
-    TooSmall {
-        /// The smallest.
-        least: u64,
-    },
-    /// Above the largest.
+    TooSmall { least: u64 },
     #[error("must be at most {most}")]
-    TooLarge {
-        /// The largest.
-        most: u64,
-    },
+    TooLarge { most: u64 },
 }
 
 /// Parses a whole number.

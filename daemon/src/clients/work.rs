@@ -43,7 +43,6 @@ impl RequestKind {
 /// What a frame took.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct FrameWork {
-    /// Objects.
     pub(crate) objects: u32,
     /// CPU time on one core.
     pub(crate) work: Duration,

@@ -24,7 +24,6 @@ pub(super) struct CpuSide {
 }
 
 impl CpuSide {
-    /// The same with other engines.
     pub fn with_engines(self, engines: CpuEngines) -> Self {
         Self { engines, ..self }
     }
@@ -96,7 +95,6 @@ impl CpuSide {
     }
 }
 
-/// A frame with its plan.
 pub struct Planned {
     pub(super) plan: Plan,
     pub(super) options: CullOptions,
@@ -120,7 +118,6 @@ impl Planned {
         self.one_core_ns.filter(|_| !is_gpu).map(Duration::from_nanos)
     }
 
-    /// Whether the plan is a GPU's.
     pub fn is_gpu(&self) -> bool {
         self.plan.engine.is_gpu()
     }

@@ -21,7 +21,6 @@ use super::offers::{Offers, Owner};
 use super::shared_gpu::Outlook;
 use super::spheres::takes_spheres;
 
-/// The engines of a device.
 struct Engines {
     all_pairs: AllPairs,
     grid: Grid,
@@ -195,7 +194,6 @@ impl GpuService {
         self.engines().map(|engines| Arc::clone(&engines.scenes))
     }
 
-    /// What frames cost on the device of now.
     pub fn cost(&self) -> Option<GpuCost> {
         self.engines.as_ref()?.cost
     }

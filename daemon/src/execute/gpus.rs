@@ -52,12 +52,10 @@ impl Gpus {
         self.all.len()
     }
 
-    /// Whether there are none.
     pub fn is_empty(&self) -> bool {
         self.all.is_empty()
     }
 
-    /// Each of them.
     pub fn iter(&self) -> impl Iterator<Item = &Arc<SharedGpu>> {
         self.all.iter()
     }

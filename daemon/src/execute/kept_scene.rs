@@ -104,7 +104,6 @@ impl SceneKeeper {
         at_place!(&self.place, scene => scene.len())
     }
 
-    /// Whether there are none.
     pub const fn is_empty(&self) -> bool {
         self.len() == 0
     }
@@ -114,7 +113,6 @@ impl SceneKeeper {
         at_place!(&self.place, scene => scene.index_end())
     }
 
-    /// The engine that answers.
     pub const fn engine(&self) -> EngineName {
         match &self.place {
             Place::Cores(_) => EngineName::CpuGrid,
@@ -166,7 +164,6 @@ impl SceneKeeper {
         }
     }
 
-    /// Most pairs that later queries may find.
     pub fn limit_query_pairs(&mut self, most: u64) {
         self.most_query_pairs = most;
         at_place!(&mut self.place, scene => scene.limit_query_pairs(most));
@@ -209,7 +206,6 @@ impl SceneKeeper {
         }
     }
 
-    /// The collision filters.
     pub const fn filters(&self) -> &FilterHistory {
         at_place!(&self.place, scene => scene.filters())
     }
@@ -240,7 +236,6 @@ impl SceneKeeper {
         Ok(())
     }
 
-    /// The last answer.
     pub const fn reported(&self) -> &Reported {
         at_place!(&self.place, scene => scene.reported())
     }
@@ -256,9 +251,6 @@ impl SceneKeeper {
     }
 
     /// Finds the boxes that some other boxes overlap, as [`Scene::query`] does.
-    ///
-    /// # Errors
-    /// [`QueryError`].
     pub fn query(
         &mut self,
         queries: &[Aabb],

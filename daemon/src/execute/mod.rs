@@ -70,7 +70,6 @@ const fn no_gpu(engine: EngineName) -> CullError {
 const IDLE: Duration = Duration::from_secs(10);
 
 impl Executor {
-    /// The CPU engines, and those of GPUs.
     pub fn new(gpus: impl IntoIterator<Item = GpuService>) -> Self {
         Self::with_gpus(Gpus::new(gpus))
     }
@@ -110,7 +109,6 @@ impl Executor {
         }
     }
 
-    /// The instruction set and the calibration of its CPU engines.
     pub fn cpu_settings(&self) -> (AvailableIsa, Calibration) {
         let built_in = || Calibration::built_in(self.isa.get());
         (self.isa, self.calibration.unwrap_or_else(built_in))
@@ -121,7 +119,6 @@ impl Executor {
         self.gpus.turn(self.home)
     }
 
-    /// The GPUs of this daemon.
     pub const fn gpus(&self) -> &Gpus {
         &self.gpus
     }
@@ -133,9 +130,6 @@ impl Executor {
     /// A GPU that is lost, or has no memory for the scene, leaves the frame to the CPU: the answer
     /// is the same. A scene that crowds the GPU's grid goes to all pairs. Where the client left the
     /// encoding open, a mask that fits into the reply in any encoding is found.
-    ///
-    /// # Errors
-    /// [`CullError`].
     pub fn cull(
         &mut self,
         boxes: BoxSlice<'_>,
@@ -221,9 +215,6 @@ impl Executor {
 
     /// Runs a plan for the boxes of this memory, which belong to `owner`, as [`Self::cull`]. The reply
     /// that it lends is imported, so that a GPU writes the next one without a copy.
-    ///
-    /// # Errors
-    /// [`CullError`].
     pub fn run<M: FrameMemory>(
         &mut self,
         planned: Planned,

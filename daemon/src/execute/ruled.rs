@@ -26,7 +26,6 @@ pub(super) struct KeptMarks {
     ranges: Vec<WorldRange>,
 }
 
-/// Marks of rules.
 #[derive(Clone, Default)]
 enum MarksOfRules {
     /// The rules came for the first time.
@@ -76,7 +75,6 @@ pub struct RuledFrame {
 }
 
 impl RuledFrame {
-    /// The rules.
     pub fn rules(&self) -> &SentRules {
         &self.rules
     }
@@ -191,9 +189,6 @@ impl ReplyBuffer for RoomBehind<'_> {
 
 impl Executor {
     /// The rules of a frame of `n` boxes, from its payload, to be kept under the client's number.
-    ///
-    /// # Errors
-    /// [`Reject`].
     pub fn read_rules(
         &mut self,
         place: &RulesPlace,
@@ -205,9 +200,6 @@ impl Executor {
     }
 
     /// The rules that are kept under the client's number.
-    ///
-    /// # Errors
-    /// [`Reject::UnknownRules`].
     pub fn kept_rules(&self, number: u64, n: BoxCount) -> Result<Arc<SentRules>, Reject> {
         self.rules.named(number, n).map(Arc::clone)
     }
@@ -223,9 +215,6 @@ impl Executor {
     }
 
     /// Finds the pairs of a box of the first `first` and one of the others, with the engines of the CPU.
-    ///
-    /// # Errors
-    /// [`CullError`].
     pub fn cull_between(
         &mut self,
         boxes: BoxSlice<'_>,
@@ -246,9 +235,6 @@ impl Executor {
 
     /// Finds the pairs that rules let meet, with the engines of the CPU. Where the list is ordered by
     /// world, the reply has room for the ranges behind it.
-    ///
-    /// # Errors
-    /// [`CullError`].
     pub fn cull_filtered(
         &mut self,
         boxes: BoxSlice<'_>,

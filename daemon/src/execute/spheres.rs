@@ -40,9 +40,6 @@ impl Executor {
     /// Finds the pairs of the spheres of this memory, which belong to `owner`, as
     /// [`Self::cull_spheres`]. The reply that it lends is imported, so that a GPU writes the next one
     /// without a copy.
-    ///
-    /// # Errors
-    /// [`CullError`].
     pub fn run_spheres<M: FrameMemory>(
         &mut self,
         owner: Owner,

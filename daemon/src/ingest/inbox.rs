@@ -110,12 +110,10 @@ impl<R> Inbox<R> {
         self.serving.iter().any(|serving| serving.sender.session == session)
     }
 
-    /// Sessions that are being served.
     pub fn serving(&self) -> usize {
         self.serving.len()
     }
 
-    /// Requests that wait.
     pub fn waiting(&self) -> usize {
         self.waiting.len()
     }
@@ -209,7 +207,6 @@ impl<R> Inbox<R> {
         turn.map(|(turn, _)| turn)
     }
 
-    /// Gives out the request that waits there.
     fn give(&mut self, turn: usize) -> (Sender, R) {
         let served = self.waiting.remove(turn);
         self.last_turn += 1;

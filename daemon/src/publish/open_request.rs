@@ -2,7 +2,7 @@
 //! known.
 
 use std::ops::Range;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::time::Instant;
 
 use pairmask_core::BoxCount;
@@ -23,10 +23,9 @@ use pairmask_wire::{
 
 use super::reply_memory::ReplyMemory;
 use crate::ingest::Incoming;
+use crate::locked;
 
-/// Words of a pair.
 const PAIR_WORDS: u64 = 2;
-/// Bytes of a word of a mask.
 const WORD_BYTES: u64 = size_of::<u32>() as u64;
 
 /// What lends the memory of replies, to several threads.
@@ -48,7 +47,7 @@ impl ReplyLender {
     /// Gives memory of replies back that no session needs; to be called now and then. `release` has others let go of a
     /// range of addresses, and says whether they did.
     pub(crate) fn tidy(&self, sessions: &[u128], release: impl FnMut(&Range<usize>) -> bool) {
-        let free = self.free.lock().unwrap_or_else(PoisonError::into_inner);
+        let free = locked(&self.free);
         if let Some(free) = &*free {
             let is_gone = |session| !sessions.contains(&session);
             self.memory.give_back(free, &self.turn, is_gone, release);
@@ -123,7 +122,6 @@ impl OpenRequest {
         Ok(())
     }
 
-    /// Who sent it.
     pub(crate) const fn sender(&self) -> Sender {
         self.incoming.sender
     }
@@ -133,7 +131,6 @@ impl OpenRequest {
         &self.fields
     }
 
-    /// When it was taken in.
     pub(crate) const fn taken_at(&self) -> Instant {
         self.taken_at
     }
@@ -148,7 +145,6 @@ impl OpenRequest {
         self.limit_words() / PAIR_WORDS
     }
 
-    /// The payload.
     pub(crate) fn pages(&self) -> &[Page] {
         self.request().pages()
     }
@@ -158,13 +154,11 @@ impl OpenRequest {
         objects_at(&self.incoming.request, self.scene)
     }
 
-    /// The objects and the memory of the reply.
     pub(crate) fn parts(&mut self) -> (Objects<'_>, LoanReply<'_>) {
         let Self { incoming, scene, loan, lender, .. } = self;
         (objects_at(&incoming.request, *scene), LoanReply { incoming, loan, lender })
     }
 
-    /// The payload and the memory of the reply.
     pub(crate) fn payload_and_reply(&mut self) -> (&[Page], LoanReply<'_>) {
         let Self { incoming, loan, lender, .. } = self;
         (incoming.request.pages(), LoanReply { incoming, loan, lender })
@@ -188,12 +182,10 @@ impl OpenRequest {
         self.rules = Some(FrameRules { sent, options, found_pairs: None, is_done });
     }
 
-    /// Its rules, if it has any.
     pub(crate) const fn rules(&self) -> Option<&FrameRules> {
         self.rules.as_ref()
     }
 
-    /// As [`Self::rules`], to be changed.
     pub(crate) const fn rules_mut(&mut self) -> Option<&mut FrameRules> {
         self.rules.as_mut()
     }
@@ -284,7 +276,6 @@ fn objects_at(request: &CheckedRequest, scene: ScenePlace) -> Objects<'_> {
     scene.objects_in(request.pages()).unwrap_or(Objects::Boxes(BoxSlice::default()))
 }
 
-/// The memory of a request's reply.
 pub(crate) struct LoanReply<'a> {
     incoming: &'a Incoming,
     loan: &'a mut Option<ResponseLoan>,
@@ -316,7 +307,6 @@ impl ReplyBuffer for LoanReply<'_> {
     }
 }
 
-/// The words of a response's memory.
 fn response_words(loan: &mut ResponseLoan) -> &mut [u32] {
     words_in_mut(loan.payload_mut())
 }

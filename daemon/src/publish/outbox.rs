@@ -1,6 +1,6 @@
 //! Where answers go out: counted, sent, their client woken, some of them checked again.
 
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::time::Instant;
 
 use iceoryx2::service::ipc_threadsafe;
@@ -17,6 +17,7 @@ use pairmask_wire::{
 use super::{OpenRequest, Refusal};
 use crate::audit::{AuditedFrame, AuditedScene, Auditor, Window};
 use crate::clients::{Clients, SceneMemory};
+use crate::locked;
 use crate::requests::Served;
 
 /// What changes the words of a finished answer and their report. A daemon that serves clients has
@@ -51,7 +52,6 @@ impl Outbox {
         self.alter_answers = alter;
     }
 
-    /// What the daemon keeps of its clients.
     pub(crate) const fn clients(&self) -> &Clients {
         &self.clients
     }
@@ -61,22 +61,19 @@ impl Outbox {
         self.clients.tidy(|| self.sessions());
     }
 
-    /// The sessions that there are.
     pub(crate) fn sessions(&self) -> Vec<u128> {
         let mut sessions = Vec::new();
         self.services.for_each_sender(|sender| sessions.push(sender.session));
         sessions
     }
 
-    /// What the daemon has done so far.
     pub(crate) fn status(&self) -> StatusBody {
         let (clients, audit) = (self.services.client_count(), self.auditor.counts());
-        self.counters().body(clients, audit, self.scene_memory.used())
+        locked(&self.counters).body(clients, audit, self.scene_memory.used())
     }
 
-    /// What all answers left out so far.
     pub(crate) fn skips(&self) -> SkipTotals {
-        self.counters().skips
+        locked(&self.counters).skips
     }
 
     /// Answers with the pairs of the request's objects, whose mask its reply holds: of one and the other set, where
@@ -143,7 +140,7 @@ impl Outbox {
         let (fields, report) = (open.fields(), &answer.report);
         let total_ns = open.taken_at().elapsed().as_nanos() as u64;
         let times = StageTimes { total_ns, ..answer.times };
-        let mut counters = self.counters();
+        let mut counters = locked(&self.counters);
         let counted = ReplyFields { box_count: objects, ..*fields };
         counters.note_frame(&counted, form, report.pair_count);
         counters.note_skips(&SkipTotals::of_frame(&report.skipped));
@@ -156,16 +153,15 @@ impl Outbox {
         let pairs =
             (reported.begun().len() + reported.ended().len() + reported.pairs().len()) as u64;
         let skips = SkipTotals::of_scene(reported.skipped(), reported.pair_count(), pairs);
-        let mut counters = self.counters();
+        let mut counters = locked(&self.counters);
         counters.note_frame(fields, ObjectForm::Boxes(BoxForm::F32), pairs);
         counters.note_skips(&skips);
     }
 
-    /// Answers with an error.
     pub(crate) fn refuse(&self, open: &mut OpenRequest, refusal: &Refusal) {
         let fields = *open.fields();
         log::debug!("client {:016x}: {}", fields.client_token, refusal.text);
-        self.counters().note_error(&fields, refusal.status);
+        locked(&self.counters).note_error(&fields, refusal.status);
         self.send(open, &response_error(&fields, refusal.status, refusal.detail));
     }
 
@@ -197,13 +193,8 @@ impl Outbox {
         }
         self.clients.wake(open.sender(), open.fields().client_token);
     }
-
-    fn counters(&self) -> MutexGuard<'_, Counters> {
-        self.counters.lock().unwrap_or_else(PoisonError::into_inner)
-    }
 }
 
-/// An answer, as the auditor draws it.
 fn frame_of<'a>(
     open: &'a OpenRequest,
     form: ObjectForm,
@@ -227,7 +218,6 @@ impl Counters {
         Self { start: Instant::now(), body, skips: SkipTotals::default() }
     }
 
-    /// Counts an answer.
     pub(super) fn note_frame(&mut self, fields: &ReplyFields, form: ObjectForm, pair_count: u64) {
         self.body.frames += 1;
         let objects = match form {
@@ -238,7 +228,6 @@ impl Counters {
         self.body.pairs = self.body.pairs.saturating_add(pair_count);
     }
 
-    /// Adds what an answer left out.
     pub(super) fn note_skips(&mut self, skips: &SkipTotals) {
         self.skips = self.skips.plus(skips);
     }

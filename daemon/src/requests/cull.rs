@@ -1,7 +1,7 @@
 //! Requests for the pairs of a scene.
 
 use std::ops::Range;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 
 use pairmask_core::dispatch::{CullAnswer, CullOptions};
 use pairmask_core::engine::CullError;
@@ -17,6 +17,7 @@ use crate::clients::GpuNeed;
 use crate::execute::{
     BUNDLE_FRAMES, Ended, EnginePool, Executor, Gpus, Joining, Owner, RuledFrame, Unserved,
 };
+use crate::locked;
 use crate::publish::{OpenRequest, Outbox};
 
 /// Engines for sessions that have none yet, and the frames that GPUs have not ended.
@@ -40,12 +41,10 @@ impl Culls {
         }
     }
 
-    /// The GPUs that frames may go to.
     pub(super) fn gpus(&self) -> Gpus {
-        self.model.lock().unwrap_or_else(PoisonError::into_inner).gpus().clone()
+        locked(&self.model).gpus().clone()
     }
 
-    /// Whether a frame is under way.
     pub(super) fn is_busy(&self) -> bool {
         self.lines.iter().any(GpuLine::is_busy)
     }
@@ -371,11 +370,10 @@ impl Culls {
     }
 
     fn new_engines(&self) -> Executor {
-        self.model.lock().unwrap_or_else(PoisonError::into_inner).beside()
+        locked(&self.model).beside()
     }
 }
 
-/// How a frame is served.
 struct Way<'a> {
     options: CullOptions,
     /// Whether other clients are busy.

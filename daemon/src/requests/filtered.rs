@@ -1,7 +1,7 @@
 //! Frames with rules: culled with them by cores, or by a GPU that takes them into account, or by one that does
 //! not, whose mask is filtered when it has ended.
 
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use pairmask_core::dispatch::{CullAnswer, CullOptions, MaskFilter, nanoseconds_since};
@@ -13,11 +13,11 @@ use pairmask_wire::SentRules;
 use super::Served;
 use crate::clients::GpuNeed;
 use crate::execute::{Executor, Owner, Planned, RuledFrame, boxes_of};
+use crate::locked;
 use crate::publish::{OpenRequest, Outbox};
 
 /// Words of a mask from which several threads filter it: a thread takes some 0.1 ms for them.
 const SHARED_WORDS: u64 = 1 << 15;
-/// Bytes of a pair in a list.
 const PAIR_BYTES: u64 = 8;
 /// Memory of a filter that no frame needed for so long is given back.
 const IDLE: Duration = Duration::from_secs(10);
@@ -107,9 +107,9 @@ impl MaskFilters {
         work: impl FnOnce(&mut MaskFilter, &mut [u32], &mut CullReport) -> bool,
     ) -> bool {
         let start = Instant::now();
-        let mut filter = std::mem::take(&mut self.kept().filter);
+        let mut filter = std::mem::take(&mut locked(&self.0).filter);
         let is_done = work(&mut filter, open.words_mut(), &mut answer.report);
-        *self.kept() = Kept { filter, last_frame: Some(start) };
+        *locked(&self.0) = Kept { filter, last_frame: Some(start) };
         let filter_ns = nanoseconds_since(start);
         answer.times.publish_ns += filter_ns;
         answer.times.total_ns += filter_ns;
@@ -118,14 +118,10 @@ impl MaskFilters {
 
     /// Gives memory back that has not been used for long; to be called now and then.
     pub(super) fn tidy(&self) {
-        let mut kept = self.kept();
+        let mut kept = locked(&self.0);
         if kept.last_frame.is_some_and(|last| last.elapsed() >= IDLE) {
             *kept = Kept::default();
         }
-    }
-
-    fn kept(&self) -> MutexGuard<'_, Kept> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
@@ -179,7 +175,6 @@ pub(super) fn cull_there(
     }
 }
 
-/// A frame of two sets.
 pub(super) struct Sets<'a> {
     /// Boxes of the first.
     pub first: BoxCount,
@@ -189,7 +184,6 @@ pub(super) struct Sets<'a> {
 }
 
 impl MaskFilters {
-    /// Answers a frame of two sets.
     pub(super) fn cull_between(
         &self,
         mut open: OpenRequest,

@@ -42,7 +42,6 @@ impl Drop for EndWithPanic {
     }
 }
 
-/// Answers requests.
 pub struct Responder {
     culls: Culls,
     scenes: SceneEdits,
@@ -55,7 +54,6 @@ pub struct Responder {
 /// How a request was served.
 #[derive(Clone, Copy, Debug)]
 pub struct Served {
-    /// Threads that took part.
     pub threads: usize,
     /// What it was predicted to take on one core, where several threads took part.
     pub on_one_core: Option<Duration>,
@@ -71,7 +69,6 @@ impl Served {
     /// A frame that was begun or refused by one thread.
     pub(crate) const BEGUN: Self =
         Self { threads: 1, on_one_core: None, on_gpu: false, gpu: GpuNeed::None, is_frame: true };
-    /// Another request.
     const OTHER: Self = Self { is_frame: false, ..Self::BEGUN };
 }
 
@@ -186,7 +183,6 @@ impl Responder {
         Err(Served::OTHER)
     }
 
-    /// What is known of the clients.
     pub(crate) fn clients(&self) -> &Clients {
         self.outbox.clients()
     }
@@ -215,12 +211,10 @@ impl Responder {
         self.lender.tidy(&self.outbox.sessions(), |range| self.culls.release_reply(range));
     }
 
-    /// What the daemon has done so far.
     pub fn status(&self) -> StatusBody {
         self.outbox.status()
     }
 
-    /// What all answers left out so far.
     pub fn skips(&self) -> SkipTotals {
         self.outbox.skips()
     }

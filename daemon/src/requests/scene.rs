@@ -48,7 +48,6 @@ impl SceneTools {
 pub(super) struct SceneEdits(pub(super) SceneTools);
 
 impl SceneEdits {
-    /// Answers an edit.
     pub(super) fn take(
         &self,
         open: OpenRequest,
@@ -104,7 +103,6 @@ impl SceneEdits {
         Served { threads, on_gpu: gpu != GpuNeed::None, gpu, ..Served::BEGUN }
     }
 
-    /// Forgets a scene.
     pub(super) fn end(open: &mut OpenRequest, scene: SceneId, outbox: &Outbox) {
         drop(outbox.clients().take_scene(open.sender().session, scene));
         let header = response_scene_ended(open.fields());
@@ -147,7 +145,6 @@ impl SceneEdits {
     }
 }
 
-/// Applies an edit and answers.
 fn edit_and_answer(
     kept: &mut KeptScene,
     open: &mut OpenRequest,
@@ -235,7 +232,6 @@ const MOST_KEPT_PAIRS: usize = 1 << 20;
 const FEW_QUERIES: u32 = 1 << 15;
 
 impl SceneEdits {
-    /// Answers a query.
     pub(super) fn query(
         &self,
         open: OpenRequest,
@@ -256,7 +252,6 @@ impl SceneEdits {
     }
 }
 
-/// Bytes that found pairs take.
 const fn bytes_of(found: &Vec<[u32; 2]>) -> u64 {
     (found.capacity() * size_of::<[u32; 2]>()) as u64
 }

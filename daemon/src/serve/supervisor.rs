@@ -215,7 +215,6 @@ fn spawn_worker(settings: &ServeSettings, restarted: bool) -> Result<Child, Serv
 
 /// Why a worker is watched no longer.
 enum End {
-    /// This process was asked to stop.
     Asked,
     Status(ExitStatus),
     /// It served and is dying. One that stops by itself takes its record away first, and its status is

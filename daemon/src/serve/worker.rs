@@ -5,7 +5,7 @@
 
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use iceoryx2::service::ipc_threadsafe;
@@ -30,6 +30,7 @@ use crate::audit::Auditor;
 use crate::execute::gpu::{GpuChoices, IfMissing, OpenError};
 use crate::execute::{EnginePool, Executor, GpuService};
 use crate::ingest::{Gate, Intake};
+use crate::locked;
 use crate::requests::Responder;
 use crate::scene::{Scene, SceneName};
 
@@ -118,7 +119,7 @@ pub fn work(settings: &ServeSettings, supervisor: u32) -> Result<(), ServeError>
     // Its threads may have used the devices, which are gone now: until then they stay (`gpu::slot`).
     drop(pool);
     drop(janitor);
-    if let Some(error) = missing.lock().unwrap_or_else(PoisonError::into_inner).take() {
+    if let Some(error) = locked(&missing).take() {
         // The supervisor takes a worker without a record for one that never served, and ends with its message.
         return Err(error.into());
     }
@@ -253,7 +254,7 @@ fn open_gpus(
     } else {
         let (missing, stop) = (Arc::clone(missing), Arc::clone(stop));
         IfMissing::Report(Arc::new(move |error| {
-            missing.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(error);
+            locked(&missing).get_or_insert(error);
             stop.store(true, Ordering::Relaxed);
         }))
     };
@@ -280,9 +281,6 @@ type Ratio = (Option<EngineName>, f64);
 
 /// The constants of `start` scaled to this machine and `isa`: each engine by itself on one thread, and those of masks
 /// by the time of visiting their pairs.
-///
-/// # Errors
-/// [`CullError`] of an engine.
 pub(super) fn glance(start: &Calibration, isa: AvailableIsa) -> Result<Calibration, CullError> {
     let mut ratios: Vec<Ratio> = Vec::new();
     for n in SIZES {

@@ -17,28 +17,22 @@ use crate::timed_client::TimedFrame;
 /// The JSON object of `bench latency --json`. Fields may be added, never changed or taken away.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct LatencyReport {
-    /// The machine of the measurement.
     pub machine: Machine,
-    /// One row for every wait, scene and precision.
     pub rows: Vec<LatencyRow>,
 }
 
-/// Latencies of one scene.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct LatencyRow {
-    /// Boxes.
     pub n: u32,
     /// Where the pairs were found: `daemon` or `in-process`.
     pub backend: String,
     /// How both sides waited: `spin`, `event` or `serve`.
     pub wait: String,
-    /// The engine.
     pub engine: String,
     /// Precision of the boxes: `exact`, `q16`, `q8`, `f16` or `margin=X`.
     pub precision: String,
     /// Bytes of the boxes of one request.
     pub box_bytes: u64,
-    /// Frames measured.
     pub frames: u64,
     /// Frames for which a request was made; `margin=X` answers the others from an earlier mask.
     pub requests: u64,
@@ -64,7 +58,6 @@ pub struct LatencyRow {
 }
 
 impl LatencyRow {
-    /// The row of a finished measurement.
     pub fn new(
         n: u32,
         precision: PrecisionChoice,
@@ -98,9 +91,6 @@ impl LatencyRow {
 
     /// Writes the row: a line of what was measured, `more` about it, and a table, above whose stages stands
     /// `first`.
-    ///
-    /// # Errors
-    /// That of the formatter.
     pub fn write(
         &self,
         f: &mut fmt::Formatter<'_>,
@@ -159,17 +149,13 @@ const SEVERAL: &str = "auto";
 /// Frames under measurement, all of one backend.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Figures {
-    /// `daemon` or `in-process`.
     pub backend: String,
     /// The engine; `auto` where frames had different engines.
     pub engine: String,
     #[serde(skip)]
     engine_id: Option<EngineId>,
-    /// Bytes of the boxes of a frame.
     pub box_bytes: u64,
-    /// Frames.
     pub frames: u64,
-    /// Frames for which a request was made.
     pub requests: u64,
     /// Of each frame: total, fill, answer, round trip, engine, added, decode.
     pub(super) stages: [Recorder; 7],

@@ -79,7 +79,6 @@ pub struct Cull {
     json: bool,
 }
 
-/// The kind of objects in a file.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
 enum Shape {
     #[default]
@@ -87,7 +86,6 @@ enum Shape {
     Spheres,
 }
 
-/// Why `cull` failed.
 #[derive(Debug, thiserror::Error)]
 pub enum CullCommandError {
     #[error("{flag} is about boxes: leave it out with --shape spheres")]
@@ -115,14 +113,12 @@ pub enum CullCommandError {
 }
 
 impl CullCommandError {
-    /// Whether the command line is wrong.
     pub const fn is_usage(&self) -> bool {
         matches!(self, Self::AboutBoxes { .. } | Self::TwoOnStdout { .. } | Self::SameFile { .. })
     }
 }
 
 impl Cull {
-    /// Reads the file, culls, decodes, and writes the results.
     pub fn run(&self, place: &Place, config: &Config) -> Result<(), CullCommandError> {
         self.check()?;
         let scene = self.open()?;
@@ -230,7 +226,6 @@ impl Cull {
     }
 }
 
-/// The input file, opened.
 enum RawScene {
     Boxes(RawBoxes),
     Spheres(RawObjects<Sphere>),
@@ -322,7 +317,6 @@ fn answer(
     Ok((mask, timings))
 }
 
-/// Why a result file was not written.
 #[derive(Debug, thiserror::Error)]
 pub enum ResultError {
     #[error(transparent)]

@@ -62,7 +62,6 @@ pub struct StagesNs {
     pub decode: u64,
 }
 
-/// The backend's name in reports.
 pub const fn backend_name(served_by: ServedBy) -> &'static str {
     served_by.as_str()
 }
@@ -72,7 +71,6 @@ const fn ns(duration: Duration) -> u64 {
 }
 
 impl CullReport {
-    /// The report of a mask.
     pub fn new(
         mask: &PairMask,
         precision: PrecisionChoice,
@@ -178,7 +176,6 @@ pub struct Explanation {
 }
 
 impl Explanation {
-    /// The explanation of an answered frame.
     pub fn new(planned: &Planned, mask: &PairMask, decode: Duration) -> Self {
         let Planned { plan, calibration } = planned;
         let (info, stats) = (mask.info(), &plan.stats);

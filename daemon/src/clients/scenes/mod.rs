@@ -23,7 +23,6 @@ const BYTES_A_TAG: u64 = 12;
 /// Bytes that any scene takes: without them, empty ones would be free.
 const BYTES_A_SCENE: u64 = 64 << 10;
 
-/// A scene of a client.
 pub(crate) struct KeptScene {
     pub(crate) id: SceneId,
     /// The number of the last edit.
@@ -47,14 +46,12 @@ pub(crate) struct SceneRoom(Charge);
 /// Boxes that edits set which wait to be applied.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct PendingBoxes {
-    /// How many.
     pub(crate) count: u64,
     /// Their indices are below this.
     pub(crate) index_end: u64,
 }
 
 impl KeptScene {
-    /// A scene without boxes, before its first edit.
     pub(crate) fn begin(
         id: SceneId,
         scene: SceneKeeper,
@@ -116,7 +113,6 @@ impl SceneRoom {
     }
 }
 
-/// Bytes of a pair.
 const BYTES_A_PAIR: u64 = 8;
 
 /// The memory of all scenes of a daemon.
@@ -130,7 +126,6 @@ struct Shared {
     scenes: AtomicU64,
 }
 
-/// There is no room for a scene.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
     "scenes would take {needed_bytes} bytes, and may take {limit_bytes}: serve with a larger --max-scene-mib"
@@ -148,7 +143,6 @@ impl SceneMemory {
         Self(Arc::new(Shared { limit, used: AtomicU64::new(0), scenes: AtomicU64::new(0) }))
     }
 
-    /// Memory of a new scene.
     pub(crate) fn charge(&self, bytes: u64) -> Result<Charge, NoRoom> {
         self.0.take(bytes)?;
         self.0.scenes.fetch_add(1, Ordering::Relaxed);

@@ -16,29 +16,23 @@ use super::{Block, Gpu, GpuError, Order, Part, Pipeline, QueueRole, StageFault};
 
 /// One step of a frame. Each step sees all that the steps before it wrote.
 pub enum Command {
-    /// Runs a stage.
     Stage {
-        /// The compiled stage.
         pipeline: Arc<Pipeline>,
         /// What it binds, from binding 0 on.
         parts: Vec<Part>,
-        /// Its parameters.
         immediates: Vec<u8>,
         /// Workgroups along x and y.
         groups: [u32; 2],
     },
     /// Copies by the copy engine.
     Copy {
-        /// From here.
         from: Part,
         /// To here, of the same size.
         to: Part,
     },
-    /// Fills memory.
     Fill {
         /// All of this, a multiple of four bytes.
         part: Part,
-        /// Each word of it.
         word: u32,
     },
 }
@@ -73,9 +67,7 @@ impl Command {
 /// Time of one step, by the GPU's clock.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StepTime {
-    /// The stage's name.
     pub label: &'static str,
-    /// Nanoseconds.
     pub ns: f64,
 }
 
@@ -127,9 +119,6 @@ unsafe impl Send for Frame {}
 
 impl Frame {
     /// An empty frame. `profiled` frames take timestamps, which costs about a microsecond a step.
-    ///
-    /// # Errors
-    /// [`GpuError`].
     pub fn new(gpu: &Arc<Gpu>, profiled: bool) -> Result<Self, GpuError> {
         Self::of_role(gpu, QueueRole::Frames, profiled)
     }
@@ -188,9 +177,6 @@ impl Frame {
 
     /// Records steps in place of the former ones.
     ///
-    /// # Errors
-    /// [`GpuError`].
-    ///
     /// # Panics
     /// With more than [`MAX_STEPS`] steps, a binding too many or too large immediates: faults of
     /// this crate.
@@ -201,9 +187,6 @@ impl Frame {
     /// Records the steps of several frames, none of which uses what another one writes, in place of the
     /// former ones: all first steps, then all second ones, and so on. A barrier is then waited for once
     /// for all of them, and what waits for the link in one frame is covered by the others.
-    ///
-    /// # Errors
-    /// [`GpuError`].
     ///
     /// # Panics
     /// As [`Self::record`], for the steps of all frames together; and with several frames where steps
@@ -263,7 +246,6 @@ impl Frame {
         frame.run(wait, ONCE_PATIENCE)
     }
 
-    /// Fills blocks with a word.
     pub(super) fn fill<'a>(
         gpu: &Arc<Gpu>,
         blocks: impl IntoIterator<Item = &'a Arc<Block>>,
@@ -389,9 +371,6 @@ impl Frame {
     /// Submits the frame, before or after another frame of another queue. Nothing that it reads or
     /// writes may be touched until it has ended.
     ///
-    /// # Errors
-    /// [`GpuError`].
-    ///
     /// # Panics
     /// While it is under way: a fault of this crate.
     pub(super) fn submit_in(&mut self, order: Order) -> Result<(), GpuError> {
@@ -488,9 +467,6 @@ impl Frame {
     }
 
     /// Times of the last run, if the frame is profiled.
-    ///
-    /// # Errors
-    /// [`GpuError`].
     pub fn step_times(&self) -> Result<Vec<StepTime>, GpuError> {
         let Some(queries) = self.queries else { return Ok(Vec::new()) };
         let mut ticks = vec![0u64; self.steps.len() + 1];

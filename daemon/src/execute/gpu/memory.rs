@@ -23,7 +23,6 @@ pub enum Home {
     MappedVideo,
     /// Host memory made by the driver, cached by the CPU.
     Host,
-    /// Host memory that was there before, imported.
     Imported,
 }
 
@@ -191,7 +190,6 @@ impl Block {
         }))
     }
 
-    /// Its size.
     pub fn bytes(&self) -> u64 {
         self.bytes
     }
@@ -303,18 +301,15 @@ impl Drop for BufferGuard<'_> {
     }
 }
 
-/// A range of a block.
 #[derive(Clone)]
 pub struct Part {
     pub(super) block: Arc<Block>,
-    /// First byte.
     pub(super) offset: u64,
     /// How many: the range lies within the block ([`Part::of`]).
     pub(super) bytes: u64,
 }
 
 impl Part {
-    /// All of a block.
     pub fn whole(block: &Arc<Block>) -> Self {
         Self { block: Arc::clone(block), offset: 0, bytes: block.bytes }
     }
@@ -353,7 +348,6 @@ macro_rules! frame_blocks {
         }
 
         impl $blocks {
-            /// All of it.
             pub(super) fn named(&self) -> Vec<(&'static str, &Part)> {
                 vec![$((stringify!($name), &self.$name),)+]
             }
@@ -374,7 +368,6 @@ impl Growing {
         Self { home, block: None, need: RecentNeed::NONE }
     }
 
-    /// Bytes that are allocated.
     pub(super) fn held_bytes(&self) -> u64 {
         self.block.as_ref().map_or(0, |block| block.bytes())
     }

@@ -51,20 +51,16 @@ pub struct GpuSlot {
 /// The slot's state, for reports.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SlotState {
-    /// The first device is being opened.
     Opening,
     /// There is no device, and none will come.
     Missing,
-    /// A device is there.
     Ready,
     /// No device; the next try comes soon.
     Lost {
-        /// For how long.
         since: Instant,
     },
     /// The device that follows a lost one is being opened.
     Rebuilding {
-        /// For how long there has been none.
         since: Instant,
     },
 }
@@ -191,9 +187,7 @@ pub struct DriverThread<T> {
 /// What has come of the work.
 #[derive(Debug)]
 pub enum Progress<T> {
-    /// It is under way.
     UnderWay,
-    /// It is done.
     Done(T),
     /// It panicked, and the thread has ended.
     Panicked,
@@ -201,9 +195,6 @@ pub enum Progress<T> {
 
 impl<T: Send + 'static> DriverThread<T> {
     /// A thread that begins with its work at once.
-    ///
-    /// # Errors
-    /// The system starts no thread.
     pub fn start(name: &str, mut work: impl FnMut() -> T + Send + 'static) -> io::Result<Self> {
         let (ask, asked) = sync_channel(1);
         let (report, done) = sync_channel(1);

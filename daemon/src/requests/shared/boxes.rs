@@ -37,7 +37,6 @@ pub(super) struct Boxes {
     members_bytes: u64,
     /// Of the open tick.
     pending: Pending,
-    /// Most pairs of all.
     most_pairs: u64,
     /// Whether the scene is to be made again before it is asked.
     is_broken: bool,
@@ -57,7 +56,6 @@ pub(super) struct Reasons<'a> {
 }
 
 impl Reasons<'_> {
-    /// Why a pair ended.
     pub fn of(&self, named: NamedPair) -> EndReason {
         if self.incarnations.is_current(named) {
             self.copy.end_reason(named.pair)
@@ -72,7 +70,6 @@ impl Reasons<'_> {
 struct Pending {
     /// Bytes of the edits, and of rules that they add.
     bytes: u64,
-    /// Boxes that they set.
     boxes: PendingBoxes,
 }
 
@@ -243,12 +240,10 @@ impl Boxes {
         }
     }
 
-    /// What the last edit has changed, until it is [taken](Self::take).
     pub fn changes(&self) -> TickChanges {
         TickChanges::of(self.scene.reported(), &self.incarnations)
     }
 
-    /// Why pairs ended.
     pub const fn reasons(&self) -> Reasons<'_> {
         Reasons { copy: &self.copy, incarnations: &self.incarnations }
     }

@@ -16,7 +16,7 @@ mod seats;
 mod tick;
 
 use std::collections::{BTreeMap, HashMap};
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, OnceLock, PoisonError, Weak};
+use std::sync::{Arc, Condvar, Mutex, OnceLock, PoisonError, Weak};
 use std::thread::JoinHandle;
 use std::time::Instant;
 
@@ -31,6 +31,7 @@ use self::scene::SharedScene;
 use super::scene::SceneTools;
 use super::{EndWithPanic, Served};
 use crate::execute::{CpuTimer, EnginePool};
+use crate::locked;
 use crate::publish::{OpenRequest, Outbox, Refusal};
 
 /// Why a membership ends.
@@ -38,25 +39,18 @@ use crate::publish::{OpenRequest, Outbox, Refusal};
 enum End {
     /// Its session joins again: it has lost what it knew, and sends all of its boxes next.
     JoinsAgain,
-    /// It has left.
     Left,
-    /// Its session is gone.
     SessionGone,
 }
 
 /// A membership: by session and by the client's own number.
 type MemberKey = (u128, SceneId);
 
-/// All shared scenes.
 pub(super) struct SharedScenes {
     tools: SceneTools,
     by_name: Mutex<BTreeMap<SceneName, Arc<SharedScene>>>,
     joined: Mutex<HashMap<MemberKey, (Arc<SharedScene>, MemberId)>>,
     alarm: Alarm,
-}
-
-fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 impl SharedScenes {
@@ -65,7 +59,6 @@ impl SharedScenes {
         Self { tools, by_name: Mutex::default(), joined: Mutex::default(), alarm }
     }
 
-    /// Answers a request to join.
     pub(super) fn join(&self, open: OpenRequest, request: &JoinRequest, outbox: &Arc<Outbox>) {
         let session = open.sender().session;
         self.end((session, request.scene), End::JoinsAgain, outbox);
@@ -119,7 +112,6 @@ impl SharedScenes {
         Ok(scene)
     }
 
-    /// Answers a request about a lease.
     pub(super) fn lease(&self, open: OpenRequest, request: &LeaseRequest, outbox: &Outbox) {
         let found = self.find((open.sender().session, request.scene));
         let leased = found.ok_or_else(|| Refusal::stale_scene(0)).and_then(|(scene, member)| {
@@ -157,7 +149,6 @@ impl SharedScenes {
         Served { threads, on_one_core, ..Served::BEGUN }
     }
 
-    /// Answers a request to leave.
     pub(super) fn leave(&self, open: &mut OpenRequest, scene: SceneId, outbox: &Outbox) {
         self.end((open.sender().session, scene), End::Left, outbox);
         let header = response_scene_ended(open.fields());
@@ -251,9 +242,6 @@ impl Alarm {
     }
 
     /// Starts the thread, once.
-    ///
-    /// # Errors
-    /// Where the system has no thread.
     fn start(&self, outbox: &Arc<Outbox>) -> Result<(), Refusal> {
         let thread = self.thread.get_or_init(|| {
             let (shared, pool) = (Arc::clone(&self.shared), Arc::clone(&self.pool));
@@ -266,7 +254,6 @@ impl Alarm {
         thread.as_ref().map(drop).ok_or_else(|| no_thread.into())
     }
 
-    /// Has a scene's tick end at a time.
     fn set(&self, at: Instant, scene: &Arc<SharedScene>) {
         let is_sooner = locked(&self.shared.due).set(at, Arc::downgrade(scene));
         if is_sooner {

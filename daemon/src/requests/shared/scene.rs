@@ -53,17 +53,14 @@ impl SharedScene {
         })
     }
 
-    /// Whether it is no longer to be found: its last member has left.
     pub fn has_ended(&self) -> bool {
         locked(&self.seats).has_ended()
     }
 
-    /// Ends the scene where it has no members. Whether it has ended.
     pub fn end_without_members(&self) -> bool {
         locked(&self.seats).end_without_members()
     }
 
-    /// When the open tick closes at the latest.
     pub fn closes_at(&self) -> Option<Instant> {
         locked(&self.seats).closes_at()
     }
@@ -229,7 +226,6 @@ impl SharedScene {
     }
 }
 
-/// Forgets an edit that was checked.
 fn cancel(boxes: &mut Boxes, edit: &EditScratch) {
     let steps = edit.steps().unwrap_or_default();
     boxes.cancel(Edit { steps: &steps }, edit.allocated_bytes() as u64);

@@ -32,7 +32,6 @@ pub(super) struct Seats {
 /// What a tick is expected to need.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct TickWork {
-    /// Boxes that its edits set.
     boxes: u64,
     /// Whether a member asks for all pairs.
     needs_whole: bool,
@@ -250,7 +249,6 @@ impl Seats {
     }
 }
 
-/// A member.
 pub(super) struct Member {
     pub recipient: Recipient,
     /// The number of its last commit.
@@ -268,7 +266,6 @@ pub(super) struct Member {
 pub(super) struct Recipient {
     pub id: MemberId,
     pub scope: Scope,
-    /// Its leases.
     pub own: Arc<Ranges>,
     /// Locked for a moment, and nothing is locked meanwhile.
     pub unreported: Arc<Mutex<Unreported>>,
@@ -296,7 +293,6 @@ impl Member {
 }
 
 impl Recipient {
-    /// Whether a pair is reported to it.
     pub fn has_pair(&self, [a, b]: [u32; 2]) -> bool {
         self.scope == Scope::All || self.own.has(a) || self.own.has(b)
     }

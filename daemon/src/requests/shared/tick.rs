@@ -134,7 +134,6 @@ fn whole_for(boxes: &mut Boxes, commits: &[(Recipient, Commit)]) -> Result<Whole
     if needs_whole { boxes.whole().map(Some) } else { Ok(None) }
 }
 
-/// What is reported to each member.
 fn reported_to(
     commits: Vec<(Recipient, Commit)>,
     boxes: &Boxes,
@@ -173,7 +172,6 @@ impl AppliedTick {
         answers.map(|answer| (answer.recipient.id, std::mem::take(&mut answer.commit.edit)))
     }
 
-    /// Answers all of them.
     pub fn answer(self, outbox: &Outbox) {
         let Self { facts, answers } = self;
         for_each(answers, facts.threads, |answer| facts.answer(answer, outbox));
@@ -181,7 +179,6 @@ impl AppliedTick {
 }
 
 impl Facts {
-    /// Answers one member.
     fn answer(&self, answer: Answer, outbox: &Outbox) {
         let Answer { recipient, mut commit, reported } = answer;
         if let Err(refusal) =

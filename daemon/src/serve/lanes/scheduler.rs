@@ -78,7 +78,6 @@ impl Scheduler {
         }
     }
 
-    /// Requests that it has room for.
     pub(super) fn room(&self) -> usize {
         self.inbox.room()
     }
@@ -89,7 +88,6 @@ impl Scheduler {
         self.workers.sessions(now).any(|session| !self.inbox.is_served(session))
     }
 
-    /// Takes in a request.
     pub(super) fn put(&mut self, arrived: Arrived, now: Instant) {
         let sender = arrived.incoming.sender;
         let resource = resource_for(&arrived.expected);
@@ -166,7 +164,6 @@ impl Scheduler {
         self.sleep_at
     }
 
-    /// An answer went out.
     pub(super) fn note_answer(&mut self, now: Instant) {
         self.sleep_at = self.patience.note_answer(now);
     }
@@ -255,7 +252,6 @@ impl<C: PartialEq> Patience<C> {
         }
     }
 
-    /// A request of a client has come.
     pub(super) fn note_request(&mut self, client: C, now: Instant) {
         // Several may come between two answers: the first ended the gap.
         if let Some(answered_at) = self.answered_at.take() {

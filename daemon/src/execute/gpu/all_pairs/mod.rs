@@ -36,7 +36,6 @@ use crate::execute::frame_memory::end_process;
 /// How the engine works. The default is what the daemon uses.
 #[derive(Clone, Default)]
 pub struct AllPairsOptions {
-    /// Shader checks.
     pub checks: Checks,
     /// Way of the boxes; `None` chooses by where they are and how many.
     pub upload: Option<Upload>,
@@ -76,9 +75,6 @@ const ENGINE: EngineName = EngineName::GpuBrute;
 
 impl AllPairs {
     /// An engine on `gpu`, with the pipelines of all sizes compiled.
-    ///
-    /// # Errors
-    /// [`GpuError`].
     pub fn new(gpu: &Arc<Gpu>, options: AllPairsOptions) -> Result<Self, GpuError> {
         let binding_bytes = gpu.limits().storage_binding_bytes.min(1 << 31);
         let matrix_bytes = options.matrix_bytes.unwrap_or(MATRIX_BYTES).min(binding_bytes);
@@ -112,7 +108,6 @@ impl AllPairs {
         })
     }
 
-    /// The device.
     pub fn gpu(&self) -> &Arc<Gpu> {
         &self.gpu
     }
@@ -267,9 +262,6 @@ impl AllPairs {
     }
 
     /// Finds the pairs of boxes in any form, or of spheres, which are decided exactly.
-    ///
-    /// # Errors
-    /// As [`Engine::cull`].
     pub fn cull_objects(
         &mut self,
         objects: Objects<'_>,

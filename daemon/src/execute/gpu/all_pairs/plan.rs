@@ -6,7 +6,6 @@ use pairmask_core::{BoxCount, Encoding};
 use pairmask_shaders::RowsPerThread;
 use pairmask_shaders::constants::{BATCH_BOXES, PADDING, WORD_BITS};
 
-/// Bytes of a word of the reply.
 const WORD_BYTES: u64 = size_of::<u32>() as u64;
 
 /// Shape of the pairs stage's tiles.
@@ -65,17 +64,14 @@ pub struct Band {
 }
 
 impl Band {
-    /// Words of the band's matrix.
     pub const fn matrix_words(&self) -> u64 {
         self.blocks as u64 * self.matrix_rows as u64
     }
 
-    /// Words of the band's strip masks.
     pub const fn mask_words(&self) -> u64 {
         (self.strip_end - self.strip0) as u64 * self.matrix_rows as u64
     }
 
-    /// Index of the band's first pair.
     pub const fn first_pair(&self, n: BoxCount) -> u64 {
         row_start(n, self.row0)
     }
@@ -100,11 +96,9 @@ const DENSE_BAND_PAIRS: u64 = 1 << 31;
 /// What the device allows a band.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct BandLimits {
-    /// Words of the matrix.
     pub matrix_words: u64,
     /// Words of a dense band's part of the reply.
     pub output_words: u64,
-    /// Bytes of a storage binding.
     pub binding_bytes: u64,
 }
 

@@ -36,9 +36,7 @@ fn variant(tuning: Tuning, store_zeros: bool) -> PairsVariant {
     PairsVariant { rows: tuning.rows, strip_blocks: tuning.strip_blocks, store_zeros }
 }
 
-/// Where the mask goes.
 pub(super) struct Output {
-    /// The reserved memory.
     pub(super) mask: Part,
     /// The sections in it; a sparse mask or a list at its full capacity.
     pub(super) shape: MaskShape,
@@ -106,12 +104,10 @@ impl Recording<'_> {
         self.stage(pipelines, stage, &[("boxes", boxes)], &params, groups)
     }
 
-    /// The matrix of a band.
     fn matrix(&self, band: &Band) -> Part {
         Part::of(&self.stages.matrix.block, 0, 4 * band.matrix_words())
     }
 
-    /// Its strip masks.
     fn masks(&self, band: &Band) -> Part {
         Part::of(&self.stages.strip_masks.block, 0, 4 * band.mask_words())
     }

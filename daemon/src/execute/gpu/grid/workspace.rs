@@ -42,13 +42,10 @@ pub(super) struct Tools {
 
 /// What a frame led to.
 pub(super) enum Ended {
-    /// An answer.
     Report(CullReport),
     /// A mask that its reply had no room for.
     Again {
-        /// Boxes.
         n: BoxCount,
-        /// What was looked for.
         found: Found,
         /// Words, or pairs, of the mask.
         items: u64,
@@ -73,7 +70,6 @@ pub(super) struct Wanted<'a> {
 struct Placed {
     n: BoxCount,
     capacity: Capacity,
-    /// Where the boxes lie.
     boxes: PlacedBoxes,
     /// Where they are copied to before the frame; else the first stage reads them where they lie.
     ahead: Option<PlacedBoxes>,
@@ -99,7 +95,6 @@ impl Placed {
     }
 }
 
-/// A workspace with its blocks and recorded frames.
 pub(super) struct Workspace {
     transfers: Transfers,
     ahead: Option<UploadAhead>,
@@ -138,7 +133,6 @@ impl Workspace {
         }
     }
 
-    /// Whether no frame is under way.
     pub(super) fn is_free(&self) -> bool {
         self.under_way.is_none()
     }
@@ -150,7 +144,6 @@ impl Workspace {
         }
     }
 
-    /// Submits a frame.
     pub(super) fn begin(
         &mut self,
         tools: &mut Tools,

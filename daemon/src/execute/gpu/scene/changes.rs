@@ -81,7 +81,6 @@ struct Task<'a> {
 }
 
 impl ChangeSorter {
-    /// Bytes that are allocated.
     pub fn allocated_bytes(&self) -> usize {
         let pairs = self.parts.iter().map(|part| part.read.capacity() + part.dealt.capacity());
         let more = self.scratch.iter().map(|of| of.pairs.capacity() + of.other.capacity());
@@ -206,7 +205,6 @@ impl Part {
         }
     }
 
-    /// The pairs of a bucket.
     fn bucket(&self, bucket: usize) -> &[Pair] {
         let start = if bucket == 0 { 0 } else { self.buckets[bucket - 1].end };
         &self.dealt[start as usize..self.buckets[bucket].end as usize]

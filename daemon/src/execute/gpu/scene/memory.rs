@@ -32,7 +32,6 @@ struct Records {
     then: Arc<Block>,
 }
 
-/// All video memory of a scene.
 pub(super) struct Memory {
     records: Option<Records>,
     /// There once pairs of moved boxes were asked for.
@@ -164,7 +163,6 @@ impl Memory {
         self.named.is_some()
     }
 
-    /// The blocks of a search.
     pub fn blocks(
         &mut self,
         tools: &SceneTools,

@@ -20,7 +20,7 @@ mod upload;
 
 pub use self::replica::EditTimes;
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 
 use pairmask_core::EngineName;
 use pairmask_core::engine::{CullError, ReserveError};
@@ -38,6 +38,7 @@ use self::roster::Roster;
 use self::search::{Asked, Search, Share};
 use self::upload::Gathered;
 use super::{Block, Gpu, GpuError, GridOptions, Pipeline, Pipelines, SharedImports, Wait};
+use crate::locked;
 
 /// What errors name: scenes on the GPU are a grid there.
 const ENGINE: EngineName = EngineName::GpuGrid;
@@ -61,9 +62,6 @@ pub struct SceneTools {
 
 impl SceneTools {
     /// Compiles the stages.
-    ///
-    /// # Errors
-    /// [`GpuError`].
     pub fn new(gpu: &Arc<Gpu>, options: &GridOptions) -> Result<Arc<Self>, GpuError> {
         let mut pipelines = Pipelines::new(gpu, options.checks, options.cache_folder.as_deref())?;
         search::stages().try_for_each(|stage| pipelines.get(stage).map(drop))?;
@@ -80,14 +78,12 @@ impl SceneTools {
         }))
     }
 
-    /// The device.
     pub fn gpu(&self) -> &Arc<Gpu> {
         &self.gpu
     }
 
-    /// A compiled stage.
     fn pipeline(&self, stage: Stage) -> Result<Arc<Pipeline>, GpuError> {
-        self.pipelines.lock().unwrap_or_else(PoisonError::into_inner).get(stage)
+        locked(&self.pipelines).get(stage)
     }
 }
 
@@ -143,7 +139,6 @@ pub struct GpuScene {
 }
 
 impl GpuScene {
-    /// A scene without boxes.
     pub fn new(tools: &Arc<SceneTools>, options: SceneOptions) -> Self {
         Self::shared(std::slice::from_ref(tools), options)
     }
@@ -199,9 +194,6 @@ impl GpuScene {
 
     /// A scene that goes on where another one stands: its boxes, flags, filters, and what it has reported.
     ///
-    /// # Errors
-    /// [`SceneError`], as [`Self::edit`].
-    ///
     /// # Panics
     /// As [`Self::shared`].
     pub fn from_kept(
@@ -233,7 +225,6 @@ impl GpuScene {
         self.roster.present()
     }
 
-    /// Whether there are none.
     pub const fn is_empty(&self) -> bool {
         self.len() == 0
     }
@@ -243,12 +234,10 @@ impl GpuScene {
         self.roster.len() as u32
     }
 
-    /// The collision filters.
     pub const fn filters(&self) -> &FilterHistory {
         self.roster.filters()
     }
 
-    /// The last answer.
     pub const fn reported(&self) -> &Reported {
         &self.reported
     }
@@ -267,7 +256,6 @@ impl GpuScene {
         self.replicas.iter().map(|replica| replica.memory.bytes()).sum()
     }
 
-    /// GPUs that have it.
     pub const fn gpu_count(&self) -> usize {
         self.replicas.len()
     }

@@ -240,14 +240,12 @@ pub struct EditTimes {
     pub gpu: Duration,
     /// What it found was read and sorted.
     pub sort: Duration,
-    /// Submissions.
     pub submissions: u32,
     /// Times of the stages of the last submission, if they are taken.
     pub stages: Vec<StepTime>,
 }
 
 impl EditTimes {
-    /// All of it.
     pub fn total(&self) -> Duration {
         self.check + self.upload + self.plan + self.gpu + self.sort
     }

@@ -91,7 +91,6 @@ pub(super) struct Roster {
 }
 
 impl Roster {
-    /// Indices below this have a place.
     pub fn len(&self) -> usize {
         self.len
     }
@@ -106,12 +105,10 @@ impl Roster {
         self.present_count - self.off_count
     }
 
-    /// The collision filters.
     pub const fn filters(&self) -> &FilterHistory {
         &self.filters
     }
 
-    /// The marks of the last edit.
     pub fn marks(&self) -> &[[u32; 2]] {
         &self.marks
     }
@@ -139,7 +136,6 @@ impl Roster {
         self.static_count
     }
 
-    /// Bytes that are allocated.
     pub fn allocated_bytes(&self) -> usize {
         let Self { present, off, statics, flipped, lost, seen, removed, touched, marked, .. } =
             self;
@@ -150,9 +146,6 @@ impl Roster {
     }
 
     /// Checks an edit. Nothing is applied, but places are made for all that it sets.
-    ///
-    /// # Errors
-    /// [`EditError`].
     pub fn check(&mut self, edit: Edit<'_>, limit: u32) -> Result<(), EditError> {
         if let Some((indices, boxes)) = edit.uneven() {
             return Err(EditError::Lengths { indices, boxes });

@@ -39,9 +39,7 @@ pub(super) fn stages() -> impl Iterator<Item = Stage> {
 pub(super) enum Search<'a> {
     /// Nothing: an edit is applied.
     Nothing,
-    /// The pairs of the question.
     Pairs(Share),
-    /// The boxes that queries overlap.
     Queries(Queries<'a>),
 }
 
@@ -71,7 +69,6 @@ impl Share {
 /// Queries of a submission.
 #[derive(Clone, Copy)]
 pub(super) struct Queries<'a> {
-    /// How many.
     pub count: u32,
     pub way: Way<'a>,
 }
@@ -104,7 +101,6 @@ pub(super) struct Asked<'a> {
     pub applies: bool,
 }
 
-/// A submission.
 pub(super) struct Task<'a> {
     pub asked: Asked<'a>,
     /// What is applied first.
@@ -162,7 +158,6 @@ enum WayShape {
     },
 }
 
-/// Recorded frames.
 pub(super) type Frames = FrameCache<Shape>;
 
 /// Rows that a thread looks at a time: one where it may not take many rounds.

@@ -47,13 +47,11 @@ pub(super) struct Uploaded {
     pub boxes: Part,
     /// Their indices, where they are a list.
     pub indices: Part,
-    /// How many.
     pub set_count: u32,
     /// The index of the first, where they are a range.
     pub set_first: Option<u32>,
     /// Boxes that are removed or flagged.
     pub marks: Part,
-    /// How many.
     pub mark_count: u32,
 }
 
@@ -75,7 +73,6 @@ pub(super) struct GatheredSets<'a> {
 }
 
 impl Gathered {
-    /// Bytes that are kept.
     pub fn allocated_bytes(&self) -> usize {
         self.indices.capacity() * size_of::<u32>() + self.boxes.capacity() * size_of::<Aabb>()
     }
@@ -108,7 +105,6 @@ impl Gathered {
     }
 }
 
-/// Brings edits to a GPU.
 pub(super) struct Upload {
     imports: SharedImports,
     boxes: Staging,
