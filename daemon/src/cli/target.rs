@@ -24,20 +24,9 @@ pub struct Target {
 }
 
 impl Target {
-    /// The instance that the user named, else a new private daemon: this process's binary as
-    /// `serve`, which spins for `spin` before it sleeps.
+    /// For so many clients at a time, the instance that the user named, else a new private daemon: this process's
+    /// binary as `serve`, which spins for `spin` before it sleeps.
     pub fn new(
-        options: &CullFlags,
-        daemon: &DaemonOptions,
-        spin: Duration,
-        place: &Place,
-        config: &Config,
-    ) -> Result<Self, SpawnError> {
-        Self::for_clients(options, daemon, spin, 1, place, config)
-    }
-
-    /// As [`Self::new`], for so many clients at a time.
-    pub fn for_clients(
         options: &CullFlags,
         daemon: &DaemonOptions,
         spin: Duration,

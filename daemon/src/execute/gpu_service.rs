@@ -323,7 +323,7 @@ impl GpuService {
             return (Err(CullError::DeviceLost { engine: plan.engine }), frame.give_up());
         };
         let ended = engines.grid.wait_for(&mut frame);
-        let mut lent = frame.lent();
+        let mut lent = frame.lent;
         let mut memory = frame.give_up();
         let answered = match (ended, &mut memory) {
             (Err(CullError::TooCrowded { .. }), Some(memory)) => {

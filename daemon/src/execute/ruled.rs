@@ -15,7 +15,7 @@ use pairmask_wire::{Page, Reject, RulesPlace, SentRules, WORLD_RANGE_WORDS};
 
 use super::frame_memory::{FrameMemory, LentReply, boxes_of, with_lent};
 use super::gpu::takes_worlds;
-use super::{CpuSide, Executor, Owner, Planned};
+use super::{Executor, Owner, Planned};
 
 /// The rules of a session's last frames as a GPU takes them.
 #[derive(Default)]
@@ -222,11 +222,8 @@ impl Executor {
         options: &CullOptions,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullAnswer, CullError> {
-        let start = Instant::now();
-        self.last_frame = Some(start);
-        let CpuSide { engines, expanded, .. } = self.cpu.with_room_for(boxes);
-        let boxes = boxes.expand(expanded, options.threads != Some(1));
-        let expand_ns = nanoseconds_since(start);
+        self.last_frame = Some(Instant::now());
+        let (engines, boxes, expand_ns) = self.cpu.expand(boxes, options);
         let mut done = scene::cull_between(engines, boxes, first, options, reply)?;
         done.times.ingest_ns += expand_ns;
         done.times.total_ns += expand_ns;
@@ -242,13 +239,10 @@ impl Executor {
         options: &CullOptions,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<FilteredAnswer<'_>, CullError> {
-        let start = Instant::now();
-        self.last_frame = Some(start);
+        self.last_frame = Some(Instant::now());
         let words = WORLD_RANGE_WORDS as u64 * rules.most_worlds();
         let reply = &mut RoomBehind { reply, words };
-        let CpuSide { engines, expanded, .. } = self.cpu.with_room_for(boxes);
-        let boxes = boxes.expand(expanded, options.threads != Some(1));
-        let expand_ns = nanoseconds_since(start);
+        let (engines, boxes, expand_ns) = self.cpu.expand(boxes, options);
         // These engines see the rules of one reader alone, or of one frame.
         let known = NonZeroU64::new(rules.number());
         let mut done = engines.cull_filtered_known(boxes, rules.rules(), known, options, reply)?;

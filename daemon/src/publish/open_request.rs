@@ -58,16 +58,18 @@ impl ReplyLender {
 /// A request in hand. Dropped without an answer, it leaves its client to its deadline.
 pub(crate) struct OpenRequest {
     incoming: Incoming,
-    fields: ReplyFields,
-    taken_at: Instant,
+    pub(crate) sender: Sender,
+    /// What its answer echoes.
+    pub(crate) fields: ReplyFields,
+    pub(crate) taken_at: Instant,
     scene: ScenePlace,
     loan: Option<ResponseLoan>,
     lender: Arc<ReplyLender>,
     /// Where its objects and its answer are to be kept.
-    keep: Option<KeepTicket>,
-    rules: Option<FrameRules>,
+    pub(crate) keep: Option<KeepTicket>,
+    pub(crate) rules: Option<FrameRules>,
     /// Where the ranges of worlds stand in the reply.
-    world_ranges: Option<Span>,
+    pub(crate) world_ranges: Option<Span>,
 }
 
 /// The rules of a frame that waits for its answer.
@@ -92,6 +94,7 @@ impl OpenRequest {
             box_count: BoxCount::new(header.box_count),
         };
         Self {
+            sender: incoming.sender,
             incoming,
             fields,
             taken_at,
@@ -120,19 +123,6 @@ impl OpenRequest {
         }
         self.scene = scene;
         Ok(())
-    }
-
-    pub(crate) const fn sender(&self) -> Sender {
-        self.incoming.sender
-    }
-
-    /// What its answer echoes.
-    pub(crate) const fn fields(&self) -> &ReplyFields {
-        &self.fields
-    }
-
-    pub(crate) const fn taken_at(&self) -> Instant {
-        self.taken_at
     }
 
     /// The most words of its reply.
@@ -164,11 +154,6 @@ impl OpenRequest {
         (incoming.request.pages(), LoanReply { incoming, loan, lender })
     }
 
-    /// Has its objects and its answer be kept for frames that are equal to it.
-    pub(crate) fn keep_with(&mut self, ticket: Option<KeepTicket>) {
-        self.keep = ticket;
-    }
-
     /// Keeps objects and answer where that is wanted. The reply holds the mask.
     pub(crate) fn keep(&mut self, answer: &CullAnswer) {
         if let Some(ticket) = self.keep.take() {
@@ -180,14 +165,6 @@ impl OpenRequest {
     /// Gives it rules. The mask is that of the rules already, or will be.
     pub(crate) fn put_rules(&mut self, sent: Arc<SentRules>, options: CullOptions, is_done: bool) {
         self.rules = Some(FrameRules { sent, options, found_pairs: None, is_done });
-    }
-
-    pub(crate) const fn rules(&self) -> Option<&FrameRules> {
-        self.rules.as_ref()
-    }
-
-    pub(crate) const fn rules_mut(&mut self) -> Option<&mut FrameRules> {
-        self.rules.as_mut()
     }
 
     /// Writes where the pairs of each world stand behind a mask of this shape, for which the reply has room.
@@ -204,11 +181,6 @@ impl OpenRequest {
     /// Notes that the reply has so many words of ranges of worlds behind a mask of this shape.
     pub(crate) fn note_world_ranges(&mut self, shape: &MaskShape, words: u64) {
         self.world_ranges = (words > 0).then(|| world_range_span(shape, words));
-    }
-
-    /// Where the ranges of worlds stand in the reply, if it has any.
-    pub(crate) const fn world_ranges(&self) -> Option<Span> {
-        self.world_ranges
     }
 
     /// Puts a few bytes that are not a mask.

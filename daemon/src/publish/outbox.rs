@@ -27,7 +27,8 @@ pub type AlterAnswer = fn(&mut [u32], &mut CullReport);
 /// What every answer passes, on the thread that made it.
 pub(crate) struct Outbox {
     services: Arc<Services<ipc_threadsafe::Service>>,
-    clients: Clients,
+    /// What the daemon keeps of its clients.
+    pub(crate) clients: Clients,
     counters: Mutex<Counters>,
     pub(crate) auditor: Arc<Auditor>,
     scene_memory: SceneMemory,
@@ -50,10 +51,6 @@ impl Outbox {
     /// Changes every answer from now on, or none. For tests of the auditor.
     pub(crate) fn alter_answers(&mut self, alter: Option<AlterAnswer>) {
         self.alter_answers = alter;
-    }
-
-    pub(crate) const fn clients(&self) -> &Clients {
-        &self.clients
     }
 
     /// Gives up what belonged to clients that are gone; to be called now and then.
@@ -85,22 +82,22 @@ impl Outbox {
         mut answer: CullAnswer,
     ) {
         self.alter(open, &mut answer);
-        let (fields, form) = (*open.fields(), open.objects().form());
+        let (fields, form) = (open.fields, open.objects().form());
         let audited = self.auditor.draw(&fields, &frame_of(open, form, first_set, &answer));
         if first_set.is_none() {
             // What an engine without rules will find in the next frame.
-            let found_pairs = open.rules().and_then(|rules| rules.found_pairs);
+            let found_pairs = open.rules.as_ref().and_then(|rules| rules.found_pairs);
             let found_pairs = found_pairs.unwrap_or(answer.report.pair_count);
-            self.clients.note_pairs(open.sender().session, found_pairs);
+            self.clients.note_pairs(open.sender.session, found_pairs);
         }
         let mut header = self.count(open, fields.box_count, form, &answer);
-        if let Some(span) = open.world_ranges() {
+        if let Some(span) = open.world_ranges {
             header.place_world_ranges(span);
         }
         self.send(open, &header);
         if let Some(window) = audited {
             // The objects are ours to read as long as the request is.
-            let rules = open.rules().map(|rules| Arc::clone(&rules.sent));
+            let rules = open.rules.as_ref().map(|rules| Arc::clone(&rules.sent));
             self.auditor.submit(window, open.objects(), rules);
         }
     }
@@ -117,7 +114,7 @@ impl Outbox {
         self.alter(open, &mut answer);
         let form = ObjectForm::Boxes(BoxForm::F32);
         let frame = frame_of(open, form, Some(queries), &answer);
-        let audited = scene.and_then(|scene| self.auditor.draw_query(scene, open.fields(), &frame));
+        let audited = scene.and_then(|scene| self.auditor.draw_query(scene, &open.fields, &frame));
         let header = self.count(open, queries, form, &answer);
         self.send(open, &header);
         audited
@@ -137,8 +134,8 @@ impl Outbox {
         form: ObjectForm,
         answer: &CullAnswer,
     ) -> ResponseHeader {
-        let (fields, report) = (open.fields(), &answer.report);
-        let total_ns = open.taken_at().elapsed().as_nanos() as u64;
+        let (fields, report) = (&open.fields, &answer.report);
+        let total_ns = open.taken_at.elapsed().as_nanos() as u64;
         let times = StageTimes { total_ns, ..answer.times };
         let mut counters = locked(&self.counters);
         let counted = ReplyFields { box_count: objects, ..*fields };
@@ -159,7 +156,7 @@ impl Outbox {
     }
 
     pub(crate) fn refuse(&self, open: &mut OpenRequest, refusal: &Refusal) {
-        let fields = *open.fields();
+        let fields = open.fields;
         log::debug!("client {:016x}: {}", fields.client_token, refusal.text);
         locked(&self.counters).note_error(&fields, refusal.status);
         self.send(open, &response_error(&fields, refusal.status, refusal.detail));
@@ -191,7 +188,7 @@ impl Outbox {
         if let Err(error) = open.send(header) {
             log::debug!("sending a response: {error}");
         }
-        self.clients.wake(open.sender(), open.fields().client_token);
+        self.clients.wake(open.sender, open.fields.client_token);
     }
 }
 

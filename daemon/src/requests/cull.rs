@@ -113,8 +113,8 @@ impl Culls {
         joining: Option<&mut Vec<Joining<OpenRequest>>>,
         outbox: &Outbox,
     ) -> Served {
-        let session = open.sender().session;
-        let kept = outbox.clients().take_engines(session);
+        let session = open.sender.session;
+        let kept = outbox.clients.take_engines(session);
         let mut engines = kept.unwrap_or_else(|| Box::new(self.new_engines()));
         // A client that is alone may have all of them.
         let beside_others = threads < self.pool.threads();
@@ -124,13 +124,13 @@ impl Culls {
             encoding: request.encoding,
             threads: Some(threads),
             visit_threads: request.visit_threads,
-            last_pairs: outbox.clients().last_pairs(session),
+            last_pairs: outbox.clients.last_pairs(session),
             readable: ReadableEncodings::at_minor(request.client_minor),
         };
         let way = Way { options, beside_others, joining };
         let cull = || self.cull(open, request, way, &mut engines, outbox);
         let used = self.work(Place::Lane, options.threads, cull);
-        outbox.clients().keep_engines(session, engines);
+        outbox.clients.keep_engines(session, engines);
         used
     }
 
@@ -153,7 +153,7 @@ impl Culls {
             let sets = Sets { first, options, beside_others };
             return self.filters.cull_between(open, &sets, engines, outbox);
         }
-        let sender = open.sender();
+        let sender = open.sender;
         let limit_words = open.limit_words();
         let mut seen = Seen::New;
         if request.may_repeat {
@@ -182,7 +182,7 @@ impl Culls {
         let on_gpu = rules.as_ref().is_none_or(|rules| engines.may_use_gpu(rules, options));
         if let Some(rules) = rules.as_ref().filter(|_| !on_gpu) {
             let answer = filtered::cull_here(&mut open, engines, rules, options);
-            open.keep_with(engines.ticket(is_alike));
+            open.keep = engines.ticket(is_alike);
             return publish(open, answer, outbox);
         }
         let boxes = match open.parts() {
@@ -190,7 +190,7 @@ impl Culls {
             (Objects::Spheres(_), _) => {
                 let owner = Owner::Client(sender.port);
                 let answer = engines.run_spheres(owner, options, &mut open);
-                open.keep_with(engines.ticket(is_alike));
+                open.keep = engines.ticket(is_alike);
                 return publish(open, answer, outbox);
             }
         };
@@ -201,19 +201,19 @@ impl Culls {
             engines.plan(boxes, options, limit_words)
         };
         if let Some(rules) = rules.filter(|_| !planned.is_gpu()) {
-            open.keep_with(engines.ticket(is_alike));
+            open.keep = engines.ticket(is_alike);
             let on_one_core = planned.on_one_core();
             let answer = filtered::cull_here(&mut open, engines, &rules, options);
             return Served { on_one_core, ..publish(open, answer, outbox) };
         }
-        if let Some(rules) = open.rules().map(|rules| Arc::clone(&rules.sent))
+        if let Some(rules) = open.rules.as_ref().map(|rules| Arc::clone(&rules.sent))
             && let Some(frame) = engines.plan_ruled(&rules, &planned, options)
         {
             let gpu = if planned.needs_gpu() { GpuNeed::Alone } else { GpuNeed::None };
             return self.run_ruled(open, &frame, (options, is_alike, gpu), engines, outbox);
         }
         let keeps = is_alike && planned.is_sooner_compared(open.objects());
-        open.keep_with(engines.ticket(keeps));
+        open.keep = engines.ticket(keeps);
         let can_join = engines.can_join(&planned);
         let gpu = match planned.needs_gpu() {
             false => GpuNeed::None,
@@ -253,8 +253,8 @@ impl Culls {
         engines: &mut Executor,
         outbox: &Outbox,
     ) -> Served {
-        let owner = Owner::Client(open.sender().port);
-        open.keep_with(engines.ticket(is_alike));
+        let owner = Owner::Client(open.sender.port);
+        open.keep = engines.ticket(is_alike);
         let answer = filtered::cull_there(&mut open, engines, frame, owner, options);
         Served { gpu, ..self.finish(open, answer, Place::of(options), outbox) }
     }

@@ -49,7 +49,7 @@ impl MaskFilters {
         answer: Result<CullAnswer, CullError>,
         in_pool: impl FnOnce(&mut (dyn FnMut(usize) + Send)),
     ) -> Filtered {
-        let (n, Some(rules)) = (open.fields().box_count, open.rules_mut()) else {
+        let (n, Some(rules)) = (open.fields.box_count, open.rules.as_mut()) else {
             return Filtered::Done(answer);
         };
         if rules.is_done {
@@ -92,7 +92,7 @@ impl MaskFilters {
         mut answer: CullAnswer,
         sets: &Sets<'_>,
     ) -> Option<CullAnswer> {
-        let (n, threads) = (open.fields().box_count, sets.options.threads.unwrap_or(1));
+        let (n, threads) = (open.fields.box_count, sets.options.threads.unwrap_or(1));
         let is_done = self.filter(open, &mut answer, |filter, words, report| {
             filter.filter_sets(sets.first, n, words, report, threads).is_ok()
         });
@@ -141,7 +141,7 @@ pub(super) fn cull_here(
     sent: &SentRules,
     options: &CullOptions,
 ) -> Result<CullAnswer, CullError> {
-    if let Some(rules) = open.rules_mut() {
+    if let Some(rules) = open.rules.as_mut() {
         rules.is_done = true;
     }
     let (objects, mut reply) = open.parts();
@@ -162,7 +162,7 @@ pub(super) fn cull_there(
 ) -> Result<CullAnswer, CullError> {
     match engines.run_ruled(frame, owner, open) {
         Ok((answer, worlds)) => {
-            if let Some(rules) = open.rules_mut() {
+            if let Some(rules) = open.rules.as_mut() {
                 rules.is_done = !frame.has_lists();
             }
             open.put_world_ranges(&answer.report.shape, worlds);
@@ -215,7 +215,7 @@ impl MaskFilters {
         sets: &Sets<'_>,
         engines: &mut Executor,
     ) -> Result<CullAnswer, CullError> {
-        let owner = Owner::Client(open.sender().port);
+        let owner = Owner::Client(open.sender.port);
         let answer = match engines.run(planned, owner, open) {
             Ok(answer) => answer,
             Err(CullError::Reserve(_)) => return sets.cull_here(open, engines),

@@ -172,7 +172,7 @@ impl Responder {
             Ok(Request::EndScene(scene)) => SceneEdits::end(&mut open, scene, &self.outbox),
             Ok(Request::Status) => match open.put(bytemuck::bytes_of(&self.status())) {
                 Ok(()) => {
-                    let header = response_status(open.fields());
+                    let header = response_status(&open.fields);
                     self.outbox.send(&mut open, &header);
                 }
                 Err(error) => self.outbox.refuse(&mut open, &CullError::from(error).into()),
@@ -184,7 +184,7 @@ impl Responder {
     }
 
     pub(crate) fn clients(&self) -> &Clients {
-        self.outbox.clients()
+        &self.outbox.clients
     }
 
     /// Whether a frame is under way: then [`Self::publish_ended`] is to be called soon.

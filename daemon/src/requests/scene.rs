@@ -56,7 +56,7 @@ impl SceneEdits {
         outbox: &Outbox,
     ) -> Served {
         let threads = request.threads.map_or(threads, |asked| asked.min(threads)).max(1);
-        let found = self.find(open.sender().session, request, outbox);
+        let found = self.find(open.sender.session, request, outbox);
         Self::serve(open, found, threads, outbox, |kept, open| {
             // More would be found in memory that nobody has counted.
             kept.scene.limit_pairs(self.0.memory.most_pairs(open.limit_pairs()));
@@ -92,7 +92,7 @@ impl SceneEdits {
                 gpu = GpuNeed::Alone;
             }
             if !matches!(done, Err(Failed::Gone(_))) {
-                outbox.clients().keep_scene(open.sender().session, kept);
+                outbox.clients.keep_scene(open.sender.session, kept);
             }
             done.map_err(|(Failed::Refused(refusal) | Failed::Gone(refusal))| refusal)
         });
@@ -104,8 +104,8 @@ impl SceneEdits {
     }
 
     pub(super) fn end(open: &mut OpenRequest, scene: SceneId, outbox: &Outbox) {
-        drop(outbox.clients().take_scene(open.sender().session, scene));
-        let header = response_scene_ended(open.fields());
+        drop(outbox.clients.take_scene(open.sender.session, scene));
+        let header = response_scene_ended(&open.fields);
         outbox.send(open, &header);
     }
 
@@ -117,7 +117,7 @@ impl SceneEdits {
         outbox: &Outbox,
     ) -> Result<KeptScene, Refusal> {
         if request.base == 0 {
-            drop(outbox.clients().take_scene(session, request.scene));
+            drop(outbox.clients.take_scene(session, request.scene));
             let scene = self.0.new_scene(request.most_boxes, request.engine)?;
             let audited = outbox.auditor.draw_scene(request.most_boxes);
             return Ok(KeptScene::begin(request.scene, scene, audited, &self.0.memory)?);
@@ -132,12 +132,12 @@ impl SceneEdits {
         revision: u64,
         outbox: &Outbox,
     ) -> Result<KeptScene, Refusal> {
-        match outbox.clients().take_scene(session, scene) {
+        match outbox.clients.take_scene(session, scene) {
             Some(kept) if kept.revision == revision => Ok(kept),
             kept => {
                 let revision = kept.as_ref().map_or(0, |kept| kept.revision);
                 if let Some(kept) = kept {
-                    outbox.clients().keep_scene(session, kept);
+                    outbox.clients.keep_scene(session, kept);
                 }
                 Err(Refusal::stale_scene(revision))
             }
@@ -191,18 +191,18 @@ fn edit_and_answer(
         ingest_ns: ns(start, ingested),
         execute_ns: ns(ingested, executed),
         publish_ns: executed.elapsed().as_nanos() as u64,
-        total_ns: open.taken_at().elapsed().as_nanos() as u64,
+        total_ns: open.taken_at.elapsed().as_nanos() as u64,
         ..StageTimes::default()
     };
     let reported = scene.reported();
     let kept_bytes = scene.bytes();
     let engine = scene.engine();
-    let header = response_scene(open.fields(), engine, threads, reported, kept_bytes, &times);
-    outbox.count_edit(open.fields(), reported);
+    let header = response_scene(&open.fields, engine, threads, reported, kept_bytes, &times);
+    outbox.count_edit(&open.fields, reported);
     outbox.send(open, &header);
     if let Some(audited) = audited {
         // Its payload is ours to read as long as the request is.
-        let named = (open.fields().client_token, open.fields().frame);
+        let named = (open.fields.client_token, open.fields.frame);
         let note = || Some(SceneNote::new(named, request, open.pages(), reported));
         outbox.auditor.follow(audited, note);
     }
@@ -240,7 +240,7 @@ impl SceneEdits {
         outbox: &Outbox,
     ) -> Served {
         let threads = request.threads.map_or(threads, |asked| asked.min(threads)).max(1);
-        let session = open.sender().session;
+        let session = open.sender.session;
         let found = Self::find_at(session, request.scene, request.revision, outbox);
         Self::serve(open, found, threads, outbox, |kept, open| {
             // A scene in video memory has work for the pool only where its queries fill a copy of several
@@ -277,7 +277,7 @@ fn query_and_answer(
     let KeptScene { scene, scratch, found, room, audited, .. } = kept;
     scene.set_threads(threads);
     scene.limit_query_pairs(open.limit_pairs());
-    let taken_at = open.taken_at();
+    let taken_at = open.taken_at;
     let begun = Instant::now();
     let answer = {
         let (pages, mut reply) = open.payload_and_reply();

@@ -225,7 +225,7 @@ impl Latency {
                 // The daemon of this wait must not inherit the client's one core.
                 cores.unpin()?;
             }
-            let target = Target::new(&self.options, &self.daemon, wait.spin(), place, config)?;
+            let target = Target::new(&self.options, &self.daemon, wait.spin(), 1, place, config)?;
             if let Some(cores) = &cores {
                 cores.pin(&target.dir, &target.instance)?;
             }

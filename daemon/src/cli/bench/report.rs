@@ -8,7 +8,6 @@ use pairmask_core::engine::EngineId;
 use serde::{Deserialize, Serialize};
 
 use super::{BenchError, Wait};
-use crate::cli::cull::backend_name;
 use crate::cli::machine::Machine;
 use crate::cli::percentiles::{Percentiles, Recorder};
 use crate::precision::PrecisionChoice;
@@ -165,7 +164,7 @@ impl Figures {
     /// No frame yet. All will have the backend of `info`.
     pub fn of(info: &FrameInfo) -> Self {
         Self {
-            backend: backend_name(info.served_by).to_owned(),
+            backend: info.served_by.as_str().to_owned(),
             engine: info.engine.to_string(),
             engine_id: Some(info.engine),
             box_bytes: info.box_bytes,
@@ -181,7 +180,7 @@ impl Figures {
     /// [`BenchError::Changed`] where another backend answered it.
     pub fn record(&mut self, times: &TimedFrame) -> Result<(), BenchError> {
         let info = &times.info;
-        if backend_name(info.served_by) != self.backend {
+        if info.served_by.as_str() != self.backend {
             return Err(BenchError::Changed);
         }
         if self.engine_id.is_some_and(|engine| engine != info.engine) {

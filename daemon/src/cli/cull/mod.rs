@@ -2,8 +2,6 @@
 
 mod report;
 
-pub use self::report::backend_name;
-
 use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};

@@ -62,10 +62,6 @@ pub struct StagesNs {
     pub decode: u64,
 }
 
-pub const fn backend_name(served_by: ServedBy) -> &'static str {
-    served_by.as_str()
-}
-
 const fn ns(duration: Duration) -> u64 {
     duration.as_nanos() as u64
 }
@@ -90,7 +86,7 @@ impl CullReport {
             pairs: mask.count(),
             invalid: info.census.invalid,
             empty: info.census.empty,
-            backend: backend_name(info.served_by).to_owned(),
+            backend: info.served_by.as_str().to_owned(),
             engine: info.engine.to_string(),
             encoding: mask.encoding().to_string(),
             mask_bytes: info.mask_bytes,

@@ -50,3 +50,8 @@ use self::frame_cache::{FrameCache, FrameKey, Place};
 use self::import::Access;
 use self::memory::{Growing, frame_blocks};
 use self::transfers::{MaskPlace, PlacedBoxes, Transfers};
+
+/// A number of 64 bits as stages write it, the low word first.
+fn wide([low, high]: [u32; 2]) -> u64 {
+    u64::from(low) | u64::from(high) << 32
+}

@@ -56,13 +56,9 @@ pub enum SlotState {
     Missing,
     Ready,
     /// No device; the next try comes soon.
-    Lost {
-        since: Instant,
-    },
+    Lost,
     /// The device that follows a lost one is being opened.
-    Rebuilding {
-        since: Instant,
-    },
+    Rebuilding,
 }
 
 impl GpuSlot {
@@ -98,8 +94,8 @@ impl GpuSlot {
             State::Opening(_) => SlotState::Opening,
             State::Missing => SlotState::Missing,
             State::Ready(_) => SlotState::Ready,
-            State::Lost { since, .. } => SlotState::Lost { since: *since },
-            State::Rebuilding { since } => SlotState::Rebuilding { since: *since },
+            State::Lost { .. } => SlotState::Lost,
+            State::Rebuilding { .. } => SlotState::Rebuilding,
         }
     }
 

@@ -71,7 +71,7 @@ impl SharedImports {
 /// An engine's way to the boxes and back to the reply.
 pub(super) struct Transfers {
     gpu: Arc<Gpu>,
-    imports: SharedImports,
+    pub(super) imports: SharedImports,
     upload: Option<Upload>,
     staged_boxes: Growing,
     mapped_boxes: Growing,
@@ -117,10 +117,6 @@ impl Transfers {
             mapped_boxes: Growing::new(Home::MappedVideo),
             staged_mask: Growing::new(Home::Host),
         }
-    }
-
-    pub(super) fn imports(&self) -> MutexGuard<'_, Imports> {
-        self.imports.lock()
     }
 
     /// Brings the objects where the GPU sees them, as they are. `replaced` is set if a block was.

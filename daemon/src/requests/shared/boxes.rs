@@ -91,7 +91,7 @@ impl Pending {
 /// What an edit has changed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Changed {
-    /// What the scene [tells](Boxes::reported).
+    /// What the scene tells.
     Reported,
     /// Nobody knows.
     Lost,
@@ -129,15 +129,6 @@ impl Boxes {
             most_pairs: u64::MAX,
             is_broken: false,
         })
-    }
-
-    /// What the last edit has changed, until it is [taken](Self::take).
-    pub fn reported(&self) -> &Reported {
-        self.scene.reported()
-    }
-
-    pub fn acknowledge(&mut self) {
-        self.scene.acknowledge();
     }
 
     /// Bytes that are kept beside the scene.

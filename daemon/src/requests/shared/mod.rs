@@ -60,13 +60,13 @@ impl SharedScenes {
     }
 
     pub(super) fn join(&self, open: OpenRequest, request: &JoinRequest, outbox: &Arc<Outbox>) {
-        let session = open.sender().session;
+        let session = open.sender.session;
         self.end((session, request.scene), End::JoinsAgain, outbox);
         let joined = match SceneName::read(request, open.pages()) {
             Some(name) => self.join_named(&name, session, request, outbox),
             None => Err(Reject::Edit { field: "name" }.into()),
         };
-        let header = joined.map(|terms| response_joined(open.fields(), &terms));
+        let header = joined.map(|terms| response_joined(&open.fields, &terms));
         outbox.send_and_close(open, header);
     }
 
@@ -113,14 +113,14 @@ impl SharedScenes {
     }
 
     pub(super) fn lease(&self, open: OpenRequest, request: &LeaseRequest, outbox: &Outbox) {
-        let found = self.find((open.sender().session, request.scene));
+        let found = self.find((open.sender.session, request.scene));
         let leased = found.ok_or_else(|| Refusal::stale_scene(0)).and_then(|(scene, member)| {
             let leased = scene.lease(member, request.action);
             // A writer less may end the tick.
             scene.end_tick(&self.tools.pool, outbox);
             leased
         });
-        let header = leased.map(|range| response_leased(open.fields(), &range));
+        let header = leased.map(|range| response_leased(&open.fields, &range));
         outbox.send_and_close(open, header);
     }
 
@@ -133,7 +133,7 @@ impl SharedScenes {
         outbox: &Outbox,
     ) -> Served {
         let timer = CpuTimer::start();
-        let Some((scene, member)) = self.find((open.sender().session, request.scene)) else {
+        let Some((scene, member)) = self.find((open.sender.session, request.scene)) else {
             return outbox.refuse_and_close(open, Refusal::stale_scene(0));
         };
         if let Err(refused) = scene.commit(member, open, request) {
@@ -150,8 +150,8 @@ impl SharedScenes {
     }
 
     pub(super) fn leave(&self, open: &mut OpenRequest, scene: SceneId, outbox: &Outbox) {
-        self.end((open.sender().session, scene), End::Left, outbox);
-        let header = response_scene_ended(open.fields());
+        self.end((open.sender.session, scene), End::Left, outbox);
+        let header = response_scene_ended(&open.fields);
         outbox.send(open, &header);
     }
 

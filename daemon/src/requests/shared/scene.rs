@@ -54,7 +54,7 @@ impl SharedScene {
     }
 
     pub fn has_ended(&self) -> bool {
-        locked(&self.seats).has_ended()
+        locked(&self.seats).has_ended
     }
 
     pub fn end_without_members(&self) -> bool {
@@ -69,7 +69,7 @@ impl SharedScene {
     pub fn join(&self, request: &JoinRequest) -> Option<Result<MemberId, Refusal>> {
         let mut seats = locked(&self.seats);
         let agreed = self.terms.agree(&request.terms).map_err(Refusal::from);
-        (!seats.has_ended()).then(|| agreed.and_then(|()| seats.join(request)))
+        (!seats.has_ended).then(|| agreed.and_then(|()| seats.join(request)))
     }
 
     /// A member leases indices, or gives them back with their boxes.

@@ -24,7 +24,8 @@ pub(super) struct Seats {
     ticks: Ticks,
     members: BTreeMap<MemberId, Member>,
     last_member: u64,
-    has_ended: bool,
+    /// Whether the scene is no longer to be found: its last member has left.
+    pub has_ended: bool,
     /// Of the open tick.
     work: TickWork,
 }
@@ -81,11 +82,6 @@ impl Seats {
     pub fn new(ticks: Ticks) -> Self {
         let (leases, members) = (Leases::default(), BTreeMap::new());
         Self { leases, ticks, members, last_member: 0, has_ended: false, work: TickWork::default() }
-    }
-
-    /// Whether the scene is no longer to be found: its last member has left.
-    pub const fn has_ended(&self) -> bool {
-        self.has_ended
     }
 
     /// Ends the scene where it has no members. Whether it has ended.
@@ -193,7 +189,7 @@ impl Seats {
             unreported.resync();
         }
         let work = &mut self.work;
-        work.boxes += u64::from(commit.open.fields().box_count.get());
+        work.boxes += u64::from(commit.open.fields.box_count.get());
         work.needs_whole |= unreported.needs_whole(request.report);
         work.threads = work.threads.max(request.threads);
         drop(unreported);

@@ -71,7 +71,7 @@ pub(super) fn apply(
             return Err(error);
         }
     }
-    boxes.acknowledge();
+    boxes.scene.acknowledge();
     Ok(())
 }
 
@@ -140,7 +140,7 @@ fn reported_to(
     whole: &Result<Whole, SceneError>,
     threads: usize,
 ) -> Vec<Answer> {
-    let pair_count = boxes.reported().pair_count().unwrap_or(0);
+    let pair_count = boxes.scene.reported().pair_count().unwrap_or(0);
     let reasons = boxes.reasons();
     let report = |(recipient, commit): (Recipient, Commit)| {
         let reported = whole.as_ref().map_err(|error| Refusal::from(error.clone())).map(|whole| {
@@ -205,10 +205,10 @@ impl Facts {
         marks.write(&self.late, words);
         let times = StageTimes {
             publish_ns: publish.elapsed().as_nanos() as u64,
-            total_ns: commit.open.taken_at().elapsed().as_nanos() as u64,
+            total_ns: commit.open.taken_at.elapsed().as_nanos() as u64,
             ..self.times
         };
-        let (fields, threads) = (commit.open.fields(), self.threads);
+        let (fields, threads) = (&commit.open.fields, self.threads);
         let header = response_scene(fields, self.engine, threads, reported, self.bytes, &times);
         outbox.count_edit(fields, reported);
         outbox.send(&mut commit.open, &marks.mark(header));

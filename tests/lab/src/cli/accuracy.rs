@@ -142,7 +142,7 @@ impl Accuracy {
         config: &Config,
     ) -> Result<AccuracyReport> {
         let machine = machine(&self.daemon.gpu(config));
-        let target = Target::new(&self.options, &self.daemon, SPIN, place, config)?;
+        let target = Target::new(&self.options, &self.daemon, SPIN, 1, place, config)?;
         let mut rows = Vec::new();
         for subject in subjects {
             let builder = self.options.session(place, config).engine(subject.options.engine);

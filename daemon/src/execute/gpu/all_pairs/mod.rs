@@ -118,12 +118,12 @@ impl AllPairs {
     /// # Errors
     /// [`ImportError`]; the staged path serves then.
     pub fn import_boxes(&mut self, address: usize, bytes: usize) -> Result<ImportId, ImportError> {
-        self.transfers.imports().import_boxes(&self.gpu, address, bytes)
+        self.transfers.imports.lock().import_boxes(&self.gpu, address, bytes)
     }
 
     /// Ends an import. Call it when the mapping of the range ends.
     pub fn forget(&mut self, id: ImportId) {
-        let forgotten = self.transfers.imports().take(id);
+        let forgotten = self.transfers.imports.lock().take(id);
         if let Some(block) = forgotten {
             self.drop_frames_of(&block);
         }

@@ -44,7 +44,7 @@ pub struct GridUnderWay<M: FrameMemory> {
     /// There until it was given back.
     memory: Option<M>,
     /// Where the mask goes.
-    lent: LentReply,
+    pub(in crate::execute) lent: LentReply,
 }
 
 impl<M: FrameMemory> GridUnderWay<M> {
@@ -67,11 +67,6 @@ impl<M: FrameMemory> GridUnderWay<M> {
     /// Whether it is in that workspace.
     pub(super) fn is_in(&self, workspace: &SharedWorkspace) -> bool {
         Arc::ptr_eq(&self.workspace.0, &workspace.0)
-    }
-
-    /// The memory that its reply lent last.
-    pub(in crate::execute) fn lent(&self) -> LentReply {
-        self.lent
     }
 
     /// Whether the GPU is done with it, or never will be: ending it does not wait.

@@ -20,7 +20,7 @@ use crate::execute::gpu::all_pairs::engine_times;
 use crate::execute::gpu::transfers::UploadAhead;
 use crate::execute::gpu::{
     Block, Capacity, Command, Frame, FrameCache, FrameKey, Gpu, GpuError, GridOptions, MaskPlace,
-    Order, Part, Pipelines, Place, PlacedBoxes, QueueRole, Sizes, StepTime, Transfers, Wait,
+    Order, Part, Pipelines, Place, PlacedBoxes, QueueRole, Sizes, StepTime, Transfers, Wait, wide,
 };
 
 /// What the workspaces share.
@@ -374,11 +374,6 @@ fn patience(gpu: &Gpu, n: BoxCount) -> Duration {
     let (seconds, tests_a_second) =
         if gpu.info().is_software() { (60, 50_000_000) } else { (10, 20_000_000_000) };
     Duration::from_secs(seconds + n.pair_count() / tests_a_second)
-}
-
-/// A number of 64 bits, the low word first.
-fn wide([low, high]: [u32; 2]) -> u64 {
-    u64::from(low) | u64::from(high) << 32
 }
 
 /// The census of a frame; the bits of invalid boxes are looked at only where there are some.

@@ -35,7 +35,7 @@ struct Records {
 pub(super) struct Memory {
     records: Option<Records>,
     /// There once pairs of moved boxes were asked for.
-    named: Option<Arc<Block>>,
+    pub named: Option<Arc<Block>>,
     stages: Stages,
 }
 
@@ -156,11 +156,6 @@ impl Memory {
         Frame::fill(&tools.gpu, [&block], 0, tools.wait)?;
         self.named = Some(block);
         Ok(())
-    }
-
-    /// Whether there is memory for names.
-    pub const fn has_named(&self) -> bool {
-        self.named.is_some()
     }
 
     pub fn blocks(

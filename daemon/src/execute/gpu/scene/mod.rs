@@ -37,7 +37,7 @@ use self::replica::{Clock, Names, Replicas, sum};
 use self::roster::Roster;
 use self::search::{Asked, Search, Share};
 use self::upload::Gathered;
-use super::{Block, Gpu, GpuError, GridOptions, Pipeline, Pipelines, SharedImports, Wait};
+use super::{Block, Gpu, GpuError, GridOptions, Pipeline, Pipelines, SharedImports, Wait, wide};
 use crate::locked;
 
 /// What errors name: scenes on the GPU are a grid there.
@@ -235,7 +235,7 @@ impl GpuScene {
     }
 
     pub const fn filters(&self) -> &FilterHistory {
-        self.roster.filters()
+        &self.roster.filters
     }
 
     pub const fn reported(&self) -> &Reported {
@@ -335,7 +335,7 @@ impl GpuScene {
         clock: &mut Clock,
     ) -> Result<(), CullError> {
         let sets: u64 = edit.sets().map(|sets| sets.boxes.len() as u64).sum();
-        let elements = sets + self.roster.marks().len() as u64;
+        let elements = sets + self.roster.marks.len() as u64;
         self.changed += elements;
         if elements > 0 && self.known == Known::Same {
             self.known = Known::Changed;
@@ -386,7 +386,7 @@ impl GpuScene {
             }
         }
         let threads = self.threads();
-        let (sets, marks) = (self.gathered.sets(edit), self.roster.marks());
+        let (sets, marks) = (self.gathered.sets(edit), &self.roster.marks);
         self.replicas
             .on_each(|_, replica| replica.place(sets, marks, &[], slots as u64, names, threads))?;
         if let Some(most) = edit.sets().max_by_key(|sets| sets.boxes.len()) {
@@ -542,14 +542,14 @@ impl GpuScene {
         let (report, roster) = (reported.report(), &self.roster);
         if report != Report::Changes || reported.is_resync() {
             let mut pairs = reported.pairs().to_vec();
-            pairs.retain(|pair| roster.filters().meet(*pair));
+            pairs.retain(|pair| roster.filters.meet(*pair));
             let pair_count = if report == Report::Moved { 0 } else { pairs.len() as u64 };
             self.reported = Reported::of_pairs(report, Arc::new(pairs), pair_count);
             return false;
         }
         let (mut begun, mut ended) = reported.into_changes();
         let is_replaced = |pair| roster.was_removed(pair);
-        decide_changes(roster.filters(), is_replaced, &mut begun, &mut ended);
+        decide_changes(&roster.filters, is_replaced, &mut begun, &mut ended);
         for Ended { pair, reason } in &mut ended {
             *reason = roster.end_reason(*pair);
         }
@@ -562,7 +562,7 @@ impl GpuScene {
     /// Adds the skip meter to the answer.
     fn reported_skips(&mut self, summary: Option<&SceneSummary>) {
         let pairs = |n: u64| n * n.saturating_sub(1) / 2;
-        let (active, statics) = (self.roster.active() as u64, self.roster.statics() as u64);
+        let (active, statics) = (self.roster.active() as u64, self.roster.static_count as u64);
         let (moved, moved_statics, tested) = match summary {
             Some(s) if self.known == Known::Changed && self.reported.pairs().is_empty() => {
                 (u64::from(s.moved), u64::from(s.moved_static), wide(s.tested))
@@ -601,11 +601,6 @@ fn read_lists(lists: &[(&Block, usize)], at: usize, to: &mut [Pair]) {
         }
         skipped = skipped.saturating_sub(*count);
     }
-}
-
-/// A number of two words.
-fn wide([low, high]: [u32; 2]) -> u64 {
-    u64::from(low) | u64::from(high) << 32
 }
 
 #[cfg(test)]

@@ -72,7 +72,7 @@ impl Replica {
         self.blocks = None;
         self.memory.make_records(&self.tools, slots, &mut replaced)?;
         // Records that were made anew have no names, and those that there were matter to no later edit.
-        if names == Names::Forgotten || names == Names::Given && !self.memory.has_named() {
+        if names == Names::Forgotten || names == Names::Given && self.memory.named.is_none() {
             self.memory.forget_named(&self.tools, &mut replaced)?;
         }
         let gpu = &self.tools.gpu;

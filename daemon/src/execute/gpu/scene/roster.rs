@@ -77,17 +77,18 @@ pub(super) struct Roster {
     flipped: Bits,
     lost: Bits,
     has_history: bool,
-    filters: FilterHistory,
+    pub filters: FilterHistory,
     /// Of the edit under way: what it sets (while it is checked), then what it names; what it removes; whose filter
     /// data change; which have a mark.
     seen: Bits,
     removed: Bits,
     touched: Bits,
     marked: Bits,
-    marks: Marks,
+    pub marks: Marks,
     present_count: usize,
     off_count: usize,
-    static_count: usize,
+    /// Of those that are switched on.
+    pub static_count: usize,
 }
 
 impl Roster {
@@ -103,14 +104,6 @@ impl Roster {
     /// Boxes that are switched on.
     pub const fn active(&self) -> usize {
         self.present_count - self.off_count
-    }
-
-    pub const fn filters(&self) -> &FilterHistory {
-        &self.filters
-    }
-
-    pub fn marks(&self) -> &[[u32; 2]] {
-        &self.marks
     }
 
     /// Whether a box of a pair was removed since the history began.
@@ -129,11 +122,6 @@ impl Roster {
         } else {
             EndReason::Separated
         }
-    }
-
-    /// Static boxes that are switched on.
-    pub const fn statics(&self) -> usize {
-        self.static_count
     }
 
     pub fn allocated_bytes(&self) -> usize {
