@@ -59,28 +59,3 @@ fn without_number(error: &io::Error) -> String {
     let text = error.to_string();
     text.split(" (os error").next().unwrap_or_default().to_owned()
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn an_error_names_the_file_and_what_to_do() {
-        let text =
-            |access, kind: ErrorKind| FileError::of("some/file", access)(kind.into()).to_string();
-        for (access, kind, advice) in [
-            (Access::Read, ErrorKind::NotFound, "check its name"),
-            (Access::Write, ErrorKind::NotFound, "create it"),
-            (Access::Read, ErrorKind::PermissionDenied, "you may not read it: change"),
-            (Access::Write, ErrorKind::PermissionDenied, "you may not write there: change"),
-            (Access::Read, ErrorKind::IsADirectory, "name a file"),
-            (Access::WriteInto, ErrorKind::AlreadyExists, "no directory"),
-            (Access::Write, ErrorKind::StorageFull, "free space"),
-        ] {
-            let text = text(access, kind);
-            assert!(text.starts_with("some/file: ") && text.contains(advice), "{text}");
-        }
-        let other = FileError::of("x", Access::Read)(io::Error::from_raw_os_error(5)).to_string();
-        assert_eq!(other, "x: Input/output error");
-    }
-}

@@ -144,15 +144,4 @@ mod tests {
         assert!(gap[0] >= 0.125, "{gap:?}");
         assert!((0.002..0.0021).contains(&gap[1]), "{gap:?}");
     }
-
-    #[test]
-    fn names_parse_back() {
-        for name in ["exact", "q16", "q8", "f16", "margin=0", "margin=0.25"] {
-            let parsed = name.parse::<PrecisionChoice>();
-            assert_eq!(parsed.map(|p| p.to_string()).as_deref(), Ok(name));
-        }
-        for wrong in ["q17", "", "margin", "margin=", "margin=-1", "margin=inf", "margin=nan"] {
-            assert!(wrong.parse::<PrecisionChoice>().is_err(), "{wrong}");
-        }
-    }
 }

@@ -31,7 +31,6 @@ const LOOK_INTERVAL: Duration = Duration::from_millis(2);
 /// directories begin: those are searched for instances.
 const DIR_PREFIX: &str = ".pairmask.";
 
-/// Settings of a private daemon.
 #[derive(Clone, Debug)]
 pub struct PrivateSettings {
     pub limits: Limits,
@@ -180,7 +179,6 @@ impl PrivateDaemon {
         }
     }
 
-    /// The runtime directory, for clients.
     pub fn dir(&self) -> RuntimeDir {
         RuntimeDir::at(self.dir.path())
     }
@@ -196,7 +194,6 @@ impl PrivateDaemon {
             .backend(Backend::Daemon)
     }
 
-    /// The record of the processes that serve now, if any.
     pub fn record(&self) -> Option<DaemonRecord> {
         self.dir().read_record(&self.instance())
     }

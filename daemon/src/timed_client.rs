@@ -161,7 +161,6 @@ impl Decoding {
     }
 }
 
-/// The times of a frame, and facts about its answer.
 #[derive(Clone, Copy, Debug)]
 pub struct TimedFrame {
     pub info: FrameInfo,

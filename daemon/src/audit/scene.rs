@@ -198,7 +198,6 @@ impl SceneAudit {
         })
     }
 
-    /// Takes an answer, and compares some boxes.
     fn take(&mut self, reported: &SceneNote) -> Outcome {
         let mut outcome = Outcome::default();
         if reported.is_resync || reported.report == Report::All {

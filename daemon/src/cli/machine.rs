@@ -24,7 +24,6 @@ pub struct Machine {
 }
 
 impl Machine {
-    /// The machine, the build and the command line of this process.
     pub fn this() -> Self {
         let unknown = || "unknown".to_owned();
         Self {

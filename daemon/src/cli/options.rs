@@ -43,7 +43,6 @@ impl Place {
         self.named_instance(config).unwrap_or_default()
     }
 
-    /// The directory that holds the instance.
     pub fn runtime_dir(&self, config: &Config) -> RuntimeDir {
         let named = self.runtime_dir.as_ref().or(config.runtime_dir.as_ref());
         named
@@ -55,7 +54,6 @@ impl Place {
         self.isa.or(config.isa).unwrap_or_else(AvailableIsa::best)
     }
 
-    /// The configuration file that the user named, if any.
     pub fn config_file(&self) -> Option<&Path> {
         self.config.as_deref().filter(|path| !path.as_os_str().is_empty())
     }
@@ -80,7 +78,6 @@ impl DaemonOptions {
         self.gpus(config).first()
     }
 
-    /// Settings of a private daemon.
     pub fn private(&self, place: &Place, config: &Config) -> PrivateSettings {
         PrivateSettings {
             gpu: self.gpus(config),
@@ -112,7 +109,6 @@ pub struct CullFlags {
 }
 
 impl CullFlags {
-    /// The backend, or `default` where none is set.
     pub fn backend(&self, config: &Config, default: Backend) -> Backend {
         self.backend.or(config.backend).unwrap_or(default)
     }

@@ -61,7 +61,6 @@ pub fn is_stdout(path: &Path) -> bool {
     path == Path::new("-")
 }
 
-/// A time as text, with a suitable unit.
 pub fn time_text(ns: u64) -> String {
     match ns {
         0..1_000 => format!("{ns} ns"),

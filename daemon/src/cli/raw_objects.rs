@@ -18,9 +18,7 @@ const _: () = assert!(cfg!(target_endian = "little"), "objects are read as they 
 /// Name that stands for stdin.
 const STDIN: &str = "-";
 
-/// A kind of object that files hold.
 pub trait RawObject: Pod + Default {
-    /// The plural, for messages.
     const PLURAL: &'static str;
 }
 
@@ -55,7 +53,6 @@ pub struct RawObjects<T> {
     objects: PhantomData<T>,
 }
 
-/// A file of boxes.
 pub type RawBoxes = RawObjects<Aabb>;
 
 #[derive(Debug)]

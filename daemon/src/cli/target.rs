@@ -14,7 +14,6 @@ use crate::spawn::{PrivateDaemon, PrivateSettings, SpawnError};
 /// How long one frame of a measurement may take: all pairs of a million boxes on one thread.
 pub const DEADLINE: Duration = Duration::from_secs(600);
 
-/// The instance that is measured.
 pub struct Target {
     pub dir: RuntimeDir,
     pub instance: InstanceName,

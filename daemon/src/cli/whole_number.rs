@@ -54,28 +54,3 @@ pub fn whole_number<T: WholeNumber>(text: &str) -> Result<T, WholeNumberError> {
         _ => WholeNumberError::NoNumber,
     })
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_wrong_number_is_reported_what_it_must_be() {
-        let least = |least| WholeNumberError::TooSmall { least };
-        assert_eq!(whole_number::<u32>("7"), Ok(7));
-        assert_eq!(whole_number::<NonZeroUsize>("0"), Err(least(1)));
-        assert_eq!(whole_number::<NonZeroU64>("-1"), Err(least(1)));
-        assert_eq!(whole_number::<u32>("-1"), Err(least(0)));
-        assert_eq!(
-            whole_number::<u32>("5000000000"),
-            Err(WholeNumberError::TooLarge { most: 4_294_967_295 })
-        );
-        assert_eq!(
-            whole_number::<NonZeroU16>("70000"),
-            Err(WholeNumberError::TooLarge { most: 65_535 })
-        );
-        for text in ["", "x", "1e6", "1.5", "-", "10k", "1_000", "--2"] {
-            assert_eq!(whole_number::<u64>(text), Err(WholeNumberError::NoNumber), "{text}");
-        }
-    }
-}

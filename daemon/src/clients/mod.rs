@@ -21,7 +21,6 @@ use self::work::LastWork;
 use crate::execute::Executor;
 use crate::locked;
 
-/// The clients, and the port that wakes them.
 pub(crate) struct Clients {
     notifier: WakeClient,
     known: Mutex<Known>,
@@ -46,7 +45,6 @@ impl Clients {
         locked(&self.known).of(session).last_work.note(kind, work);
     }
 
-    /// What is expected of a session's request with so many objects.
     pub(crate) fn expected_work(
         &self,
         session: u128,
@@ -126,7 +124,6 @@ impl Known {
         Self { clients: Vec::with_capacity(capacity), capacity, looks: 0, forgotten: Vec::new() }
     }
 
-    /// A client that is remembered.
     fn find(&self, session: u128) -> Option<&Client> {
         self.clients.iter().find(|client| client.session == session)
     }

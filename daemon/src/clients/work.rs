@@ -40,7 +40,6 @@ impl RequestKind {
     }
 }
 
-/// What a frame took.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct FrameWork {
     pub(crate) objects: u32,

@@ -374,7 +374,6 @@ const LINK_NS_A_BYTE: f64 = 0.04;
 /// the lines ahead fetched.
 const FAR_NS_A_BYTE: f64 = 0.02;
 
-/// Times small frames on a device that was just opened.
 fn measure(engines: &mut Engines, grid: &GridOptions) -> Option<GpuCost> {
     let apart = |i: usize| {
         let [x, y, z] = [i % 64, i / 64 % 64, i / 4096].map(|x| x as f32 * 2.0);

@@ -382,7 +382,6 @@ impl<'a> Frame<'a> {
         boxes_of(self.objects)
     }
 
-    /// Finds its pairs on a GPU, as soon as it is its turn.
     fn cull_on(
         &mut self,
         gpu: &SharedGpu,

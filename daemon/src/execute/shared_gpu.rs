@@ -231,7 +231,6 @@ impl Turns {
     }
 }
 
-/// A turn, which ends when it is dropped.
 #[derive(Debug)]
 struct Turn<'a>(&'a Turns);
 
@@ -241,7 +240,6 @@ impl Drop for Turn<'_> {
     }
 }
 
-/// A frame in the queue of a GPU.
 #[derive(Debug)]
 pub(super) struct Queued {
     queued_ns: Arc<AtomicU64>,

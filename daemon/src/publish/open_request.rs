@@ -196,7 +196,6 @@ impl OpenRequest {
         self.loan.as_ref().map_or(&[], |loan| words_in(loan.payload()))
     }
 
-    /// What was written, to be changed.
     pub(crate) fn words_mut(&mut self) -> &mut [u32] {
         self.loan.as_mut().map_or(&mut [], response_words)
     }

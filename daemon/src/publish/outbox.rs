@@ -43,14 +43,10 @@ impl Outbox {
         clients: Clients,
         auditor: Arc<Auditor>,
         scene_memory: SceneMemory,
+        alter_answers: Option<AlterAnswer>,
     ) -> Self {
         let counters = Mutex::new(Counters::new());
-        Self { services, clients, counters, auditor, scene_memory, alter_answers: None }
-    }
-
-    /// Changes every answer from now on, or none. For tests of the auditor.
-    pub(crate) fn alter_answers(&mut self, alter: Option<AlterAnswer>) {
-        self.alter_answers = alter;
+        Self { services, clients, counters, auditor, scene_memory, alter_answers }
     }
 
     /// Gives up what belonged to clients that are gone; to be called now and then.
@@ -201,7 +197,6 @@ fn frame_of<'a>(
     AuditedFrame { form, first_set, shape: &answer.report.shape, reply: open.words() }
 }
 
-/// Counters since the worker began to serve.
 pub(super) struct Counters {
     start: Instant,
     body: StatusBody,
@@ -209,7 +204,6 @@ pub(super) struct Counters {
 }
 
 impl Counters {
-    /// All zero; time counts from now.
     pub(super) fn new() -> Self {
         let body = StatusBody { pid: std::process::id(), ..StatusBody::default() };
         Self { start: Instant::now(), body, skips: SkipTotals::default() }

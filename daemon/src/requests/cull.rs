@@ -28,16 +28,18 @@ pub(super) struct Culls {
     lines: Vec<GpuLine>,
     filters: MaskFilters,
     pool: Arc<EnginePool>,
+    outbox: Arc<Outbox>,
 }
 
 impl Culls {
     /// No frame yet. Sessions get engines like `model`.
-    pub(super) fn new(model: Executor, pool: Arc<EnginePool>) -> Self {
+    pub(super) fn new(model: Executor, pool: Arc<EnginePool>, outbox: Arc<Outbox>) -> Self {
         Self {
             lines: model.gpus().iter().cloned().map(GpuLine::new).collect(),
             model: Mutex::new(model),
             filters: MaskFilters::default(),
             pool,
+            outbox,
         }
     }
 
@@ -67,19 +69,12 @@ impl Culls {
         self.lines.iter().all(|line| line.gpu.release_reply(range))
     }
 
-    /// Answers a request, or leaves it under way.
-    pub(super) fn take(
-        &self,
-        open: OpenRequest,
-        request: &CullRequest,
-        threads: usize,
-        outbox: &Outbox,
-    ) -> Served {
+    pub(super) fn take(&self, open: OpenRequest, request: &CullRequest, threads: usize) -> Served {
         let mut joining = Vec::new();
         // A submission that is under way need not be waited for: this thread can do more meanwhile.
         let joins = self.is_busy().then_some(&mut joining);
-        let served = self.take_one(open, request, threads, joins, outbox);
-        self.begin_bundle(joining, outbox);
+        let served = self.take_one(open, request, threads, joins);
+        self.begin_bundle(joining);
         served
     }
 
@@ -89,18 +84,17 @@ impl Culls {
         &self,
         requests: impl IntoIterator<Item = Result<(OpenRequest, CullRequest), Served>>,
         threads: usize,
-        outbox: &Outbox,
     ) -> Vec<Served> {
         let mut joining = Vec::with_capacity(BUNDLE_FRAMES);
         let mut take = |(open, request): (OpenRequest, CullRequest)| {
             if joining.len() == BUNDLE_FRAMES {
-                self.begin_bundle(std::mem::take(&mut joining), outbox);
+                self.begin_bundle(std::mem::take(&mut joining));
             }
-            self.take_one(open, &request, threads, Some(&mut joining), outbox)
+            self.take_one(open, &request, threads, Some(&mut joining))
         };
         let served = requests.into_iter().map(|request| request.map_or_else(|s| s, &mut take));
         let served = served.collect();
-        self.begin_bundle(joining, outbox);
+        self.begin_bundle(joining);
         served
     }
 
@@ -111,10 +105,9 @@ impl Culls {
         request: &CullRequest,
         threads: usize,
         joining: Option<&mut Vec<Joining<OpenRequest>>>,
-        outbox: &Outbox,
     ) -> Served {
         let session = open.sender.session;
-        let kept = outbox.clients.take_engines(session);
+        let kept = self.outbox.clients.take_engines(session);
         let mut engines = kept.unwrap_or_else(|| Box::new(self.new_engines()));
         // A client that is alone may have all of them.
         let beside_others = threads < self.pool.threads();
@@ -124,13 +117,13 @@ impl Culls {
             encoding: request.encoding,
             threads: Some(threads),
             visit_threads: request.visit_threads,
-            last_pairs: outbox.clients.last_pairs(session),
+            last_pairs: self.outbox.clients.last_pairs(session),
             readable: ReadableEncodings::at_minor(request.client_minor),
         };
         let way = Way { options, beside_others, joining };
-        let cull = || self.cull(open, request, way, &mut engines, outbox);
+        let cull = || self.cull(open, request, way, &mut engines);
         let used = self.work(Place::Lane, options.threads, cull);
-        outbox.clients.keep_engines(session, engines);
+        self.outbox.clients.keep_engines(session, engines);
         used
     }
 
@@ -140,18 +133,17 @@ impl Culls {
         request: &CullRequest,
         way: Way<'_>,
         engines: &mut Executor,
-        outbox: &Outbox,
     ) -> Served {
         let Way { options, beside_others, joining } = way;
         let options = &options;
         let placed = open.place_scene(request.scene);
         let rules = match placed.and_then(|()| read_rules(&open, request, engines)) {
             Ok(rules) => rules,
-            Err(reject) => return outbox.refuse_and_close(open, reject.into()),
+            Err(reject) => return self.outbox.refuse_and_close(open, reject.into()),
         };
         if let Some(first) = request.first_set {
             let sets = Sets { first, options, beside_others };
-            return self.filters.cull_between(open, &sets, engines, outbox);
+            return self.filters.cull_between(open, &sets, engines, &self.outbox);
         }
         let sender = open.sender;
         let limit_words = open.limit_words();
@@ -167,7 +159,7 @@ impl Culls {
                 open.put_rules(rules, *options, true);
             }
             // The next frame is judged by the last one that was culled.
-            return Served { is_frame: false, ..publish(open, Ok(answer), outbox) };
+            return Served { is_frame: false, ..self.publish(open, Ok(answer)) };
         }
         let is_alike = seen == Seen::Alike;
         if let Some(rules) = &rules {
@@ -177,13 +169,13 @@ impl Culls {
             && let Some(frame) = engines.plan_worlds(rules, request.scene.count, options)
         {
             let way = (options, is_alike, GpuNeed::Alone);
-            return self.run_ruled(open, &frame, way, engines, outbox);
+            return self.run_ruled(open, &frame, way, engines);
         }
         let on_gpu = rules.as_ref().is_none_or(|rules| engines.may_use_gpu(rules, options));
         if let Some(rules) = rules.as_ref().filter(|_| !on_gpu) {
             let answer = filtered::cull_here(&mut open, engines, rules, options);
             open.keep = engines.ticket(is_alike);
-            return publish(open, answer, outbox);
+            return self.publish(open, answer);
         }
         let boxes = match open.parts() {
             (Objects::Boxes(boxes), _) => boxes,
@@ -191,7 +183,7 @@ impl Culls {
                 let owner = Owner::Client(sender.port);
                 let answer = engines.run_spheres(owner, options, &mut open);
                 open.keep = engines.ticket(is_alike);
-                return publish(open, answer, outbox);
+                return self.publish(open, answer);
             }
         };
         let owner = Owner::Client(sender.port);
@@ -204,13 +196,13 @@ impl Culls {
             open.keep = engines.ticket(is_alike);
             let on_one_core = planned.on_one_core();
             let answer = filtered::cull_here(&mut open, engines, &rules, options);
-            return Served { on_one_core, ..publish(open, answer, outbox) };
+            return Served { on_one_core, ..self.publish(open, answer) };
         }
         if let Some(rules) = open.rules.as_ref().map(|rules| Arc::clone(&rules.sent))
             && let Some(frame) = engines.plan_ruled(&rules, &planned, options)
         {
             let gpu = if planned.needs_gpu() { GpuNeed::Alone } else { GpuNeed::None };
-            return self.run_ruled(open, &frame, (options, is_alike, gpu), engines, outbox);
+            return self.run_ruled(open, &frame, (options, is_alike, gpu), engines);
         }
         let keeps = is_alike && planned.is_sooner_compared(open.objects());
         open.keep = engines.ticket(keeps);
@@ -226,7 +218,7 @@ impl Culls {
         }
         let line = self.lines.get(planned.gpu_place());
         if let Some(line) = line.filter(|_| engines.can_begin(&planned)) {
-            self.claim_place(line, Place::of(options), outbox);
+            self.claim_place(line, Place::of(options));
             match engines.begin(planned, owner, open) {
                 Ok(first) => {
                     line.put(Submission { first, others: Vec::new() });
@@ -234,13 +226,13 @@ impl Culls {
                 }
                 Err(ended) => {
                     line.give_place_back();
-                    self.publish_all(ended, Place::of(options), outbox)
+                    self.publish_all(ended, Place::of(options))
                 }
             }
         } else {
             let on_one_core = planned.on_one_core();
             let answer = engines.run(planned, owner, &mut open);
-            Served { on_one_core, gpu, ..self.finish(open, answer, Place::of(options), outbox) }
+            Served { on_one_core, gpu, ..self.finish(open, answer, Place::of(options)) }
         }
     }
 
@@ -251,19 +243,18 @@ impl Culls {
         frame: &RuledFrame,
         (options, is_alike, gpu): (&CullOptions, bool, GpuNeed),
         engines: &mut Executor,
-        outbox: &Outbox,
     ) -> Served {
         let owner = Owner::Client(open.sender.port);
         open.keep = engines.ticket(is_alike);
         let answer = filtered::cull_there(&mut open, engines, frame, owner, options);
-        Served { gpu, ..self.finish(open, answer, Place::of(options), outbox) }
+        Served { gpu, ..self.finish(open, answer, Place::of(options)) }
     }
 
     /// Leaves frames to the GPU of the first of them, in one submission, if there are any.
-    fn begin_bundle(&self, joining: Vec<Joining<OpenRequest>>, outbox: &Outbox) {
+    fn begin_bundle(&self, joining: Vec<Joining<OpenRequest>>) {
         let first = joining.first();
         let Some(line) = first.and_then(|frame| self.lines.get(frame.gpu_place())) else { return };
-        self.claim_place(line, Place::Lane, outbox);
+        self.claim_place(line, Place::Lane);
         let (mut begun, mut unserved) = (Vec::with_capacity(joining.len()), Vec::new());
         for frame in line.gpu.begin_bundle(joining) {
             match frame {
@@ -278,17 +269,17 @@ impl Culls {
             line.put(Submission { first, others: begun });
         }
         for frame in unserved {
-            self.publish_all(self.answer(frame, Place::Lane), Place::Lane, outbox);
+            self.publish_all(self.answer(frame, Place::Lane), Place::Lane);
         }
     }
 
     /// Publishes the oldest frame under way on each GPU if it has ended, and no other thread is about to.
     /// Whether one had.
-    pub(super) fn publish_ended(&self, outbox: &Outbox) -> bool {
+    pub(super) fn publish_ended(&self) -> bool {
         let mut any = false;
         for line in &self.lines {
             if let Some(submission) = line.take_ended() {
-                self.end(line, submission, Place::Lane, outbox);
+                self.end(line, submission, Place::Lane);
                 any = true;
             }
         }
@@ -296,17 +287,17 @@ impl Culls {
     }
 
     /// Claims one of the places for frames under way. Ends frames until one is free.
-    fn claim_place(&self, line: &GpuLine, place: Place, outbox: &Outbox) {
+    fn claim_place(&self, line: &GpuLine, place: Place) {
         while !line.claim_place() {
             match line.take_oldest() {
-                Some(submission) => self.end(line, submission, place, outbox),
+                Some(submission) => self.end(line, submission, place),
                 // Other threads end them, or are about to begin theirs.
                 None => std::thread::yield_now(),
             }
         }
     }
 
-    fn end(&self, line: &GpuLine, submission: Submission, place: Place, outbox: &Outbox) {
+    fn end(&self, line: &GpuLine, submission: Submission, place: Place) {
         let Submission { first, others } = submission;
         // Its workspaces are free when the last frame has ended.
         let frames = others.len() + 1;
@@ -316,19 +307,14 @@ impl Culls {
                 line.give_place_back();
             }
             let ended = ended.unwrap_or_else(|unserved| self.answer(unserved, place));
-            self.publish_all(ended, place, outbox);
+            self.publish_all(ended, place);
         }
     }
 
     /// Publishes what became of a frame. A device that hangs may keep the request: then its client's
     /// deadline ends its wait.
-    fn publish_all(
-        &self,
-        (answer, open): Ended<OpenRequest>,
-        place: Place,
-        outbox: &Outbox,
-    ) -> Served {
-        open.map_or(Served::BEGUN, |open| self.finish(open, answer, place, outbox))
+    fn publish_all(&self, (answer, open): Ended<OpenRequest>, place: Place) -> Served {
+        open.map_or(Served::BEGUN, |open| self.finish(open, answer, place))
     }
 
     /// Publishes an answer that was found without the frame's rules, if it has any.
@@ -337,7 +323,6 @@ impl Culls {
         mut open: OpenRequest,
         answer: Result<CullAnswer, CullError>,
         place: Place,
-        outbox: &Outbox,
     ) -> Served {
         let finished = self.filters.finish(&mut open, answer, |work| {
             self.work(place, None, || work(self.pool.threads()));
@@ -350,7 +335,21 @@ impl Culls {
                 self.work(place, options.threads, cull)
             }
         };
-        publish(open, answer, outbox)
+        self.publish(open, answer)
+    }
+
+    fn publish(&self, mut open: OpenRequest, answer: Result<CullAnswer, CullError>) -> Served {
+        let threads = answer.as_ref().map_or(1, |answer| answer.threads);
+        let on_gpu = answer.as_ref().is_ok_and(|answer| answer.engine.is_gpu());
+        match answer {
+            Ok(answer) => {
+                open.keep(&answer);
+                self.outbox.answer(&mut open, None, answer);
+            }
+            Err(error) => self.outbox.refuse(&mut open, &error.into()),
+        }
+        open.close();
+        Served { threads, on_gpu, ..Served::BEGUN }
     }
 
     /// Answers a frame that the GPU could not serve.
@@ -411,22 +410,4 @@ fn read_rules(
         None => engines.kept_rules(number, n)?,
     };
     Ok((!rules.let_all_meet()).then_some(rules))
-}
-
-fn publish(
-    mut open: OpenRequest,
-    answer: Result<CullAnswer, CullError>,
-    outbox: &Outbox,
-) -> Served {
-    let threads = answer.as_ref().map_or(1, |answer| answer.threads);
-    let on_gpu = answer.as_ref().is_ok_and(|answer| answer.engine.is_gpu());
-    match answer {
-        Ok(answer) => {
-            open.keep(&answer);
-            outbox.answer(&mut open, None, answer);
-        }
-        Err(error) => outbox.refuse(&mut open, &error.into()),
-    }
-    open.close();
-    Served { threads, on_gpu, ..Served::BEGUN }
 }

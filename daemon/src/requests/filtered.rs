@@ -134,7 +134,6 @@ pub(super) fn without_gpu(options: &CullOptions) -> CullOptions {
     CullOptions { engine, ..*options }
 }
 
-/// Culls a frame with rules on the engines of the CPU.
 pub(super) fn cull_here(
     open: &mut OpenRequest,
     engines: &mut Executor,

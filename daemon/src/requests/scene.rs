@@ -32,7 +32,6 @@ pub(super) struct SceneTools {
 }
 
 impl SceneTools {
-    /// A scene without boxes.
     pub(super) fn new_scene(
         &self,
         most_boxes: u32,
@@ -44,26 +43,22 @@ impl SceneTools {
     }
 }
 
-/// Scenes of one session.
-pub(super) struct SceneEdits(pub(super) SceneTools);
+pub(super) struct SceneEdits {
+    pub(super) tools: SceneTools,
+    pub(super) outbox: Arc<Outbox>,
+}
 
 impl SceneEdits {
-    pub(super) fn take(
-        &self,
-        open: OpenRequest,
-        request: &SceneRequest,
-        threads: usize,
-        outbox: &Outbox,
-    ) -> Served {
+    pub(super) fn take(&self, open: OpenRequest, request: &SceneRequest, threads: usize) -> Served {
         let threads = request.threads.map_or(threads, |asked| asked.min(threads)).max(1);
-        let found = self.find(open.sender.session, request, outbox);
-        Self::serve(open, found, threads, outbox, |kept, open| {
+        let found = self.find(open.sender.session, request);
+        self.serve(open, found, threads, |kept, open| {
             // More would be found in memory that nobody has counted.
-            kept.scene.limit_pairs(self.0.memory.most_pairs(open.limit_pairs()));
+            kept.scene.limit_pairs(self.tools.memory.most_pairs(open.limit_pairs()));
             let edited = if threads == 1 {
-                edit_and_answer(kept, open, request, 1, outbox)
+                edit_and_answer(kept, open, request, 1, &self.outbox)
             } else {
-                self.0.pool.work(|| edit_and_answer(kept, open, request, threads, outbox))
+                self.tools.pool.work(|| edit_and_answer(kept, open, request, threads, &self.outbox))
             };
             if edited.is_err() {
                 // What it was read into may be large, and nothing was charged for it.
@@ -79,10 +74,10 @@ impl SceneEdits {
 
     /// Works with a scene that was found, and keeps it unless it is gone.
     fn serve(
+        &self,
         mut open: OpenRequest,
         found: Result<KeptScene, Refusal>,
         threads: usize,
-        outbox: &Outbox,
         work: impl FnOnce(&mut KeptScene, &mut OpenRequest) -> Result<(), Failed>,
     ) -> Served {
         let mut gpu = GpuNeed::None;
@@ -92,52 +87,47 @@ impl SceneEdits {
                 gpu = GpuNeed::Alone;
             }
             if !matches!(done, Err(Failed::Gone(_))) {
-                outbox.clients.keep_scene(open.sender.session, kept);
+                self.outbox.clients.keep_scene(open.sender.session, kept);
             }
             done.map_err(|(Failed::Refused(refusal) | Failed::Gone(refusal))| refusal)
         });
         if let Err(refusal) = &done {
-            outbox.refuse(&mut open, refusal);
+            self.outbox.refuse(&mut open, refusal);
         }
         open.close();
         Served { threads, on_gpu: gpu != GpuNeed::None, gpu, ..Served::BEGUN }
     }
 
-    pub(super) fn end(open: &mut OpenRequest, scene: SceneId, outbox: &Outbox) {
-        drop(outbox.clients.take_scene(open.sender.session, scene));
+    pub(super) fn end(&self, open: &mut OpenRequest, scene: SceneId) {
+        drop(self.outbox.clients.take_scene(open.sender.session, scene));
         let header = response_scene_ended(&open.fields);
-        outbox.send(open, &header);
+        self.outbox.send(open, &header);
     }
 
     /// The scene that an edit is for, taken from where it is kept.
-    fn find(
-        &self,
-        session: u128,
-        request: &SceneRequest,
-        outbox: &Outbox,
-    ) -> Result<KeptScene, Refusal> {
+    fn find(&self, session: u128, request: &SceneRequest) -> Result<KeptScene, Refusal> {
         if request.base == 0 {
-            drop(outbox.clients.take_scene(session, request.scene));
-            let scene = self.0.new_scene(request.most_boxes, request.engine)?;
-            let audited = outbox.auditor.draw_scene(request.most_boxes);
-            return Ok(KeptScene::begin(request.scene, scene, audited, &self.0.memory)?);
+            drop(self.outbox.clients.take_scene(session, request.scene));
+            let scene = self.tools.new_scene(request.most_boxes, request.engine)?;
+            let audited = self.outbox.auditor.draw_scene(request.most_boxes);
+            return Ok(KeptScene::begin(request.scene, scene, audited, &self.tools.memory)?);
         }
-        Self::find_at(session, request.scene, request.base, outbox)
+        self.find_at(session, request.scene, request.base)
     }
 
     /// A scene at a revision, taken from where it is kept.
     pub(super) fn find_at(
+        &self,
         session: u128,
         scene: SceneId,
         revision: u64,
-        outbox: &Outbox,
     ) -> Result<KeptScene, Refusal> {
-        match outbox.clients.take_scene(session, scene) {
+        match self.outbox.clients.take_scene(session, scene) {
             Some(kept) if kept.revision == revision => Ok(kept),
             kept => {
                 let revision = kept.as_ref().map_or(0, |kept| kept.revision);
                 if let Some(kept) = kept {
-                    outbox.clients.keep_scene(session, kept);
+                    self.outbox.clients.keep_scene(session, kept);
                 }
                 Err(Refusal::stale_scene(revision))
             }
@@ -237,17 +227,16 @@ impl SceneEdits {
         open: OpenRequest,
         request: &QueryRequest,
         threads: usize,
-        outbox: &Outbox,
     ) -> Served {
         let threads = request.threads.map_or(threads, |asked| asked.min(threads)).max(1);
         let session = open.sender.session;
-        let found = Self::find_at(session, request.scene, request.revision, outbox);
-        Self::serve(open, found, threads, outbox, |kept, open| {
+        let found = self.find_at(session, request.scene, request.revision);
+        self.serve(open, found, threads, |kept, open| {
             // A scene in video memory has work for the pool only where its queries fill a copy of several
             // threads. Else a thread of it would be woken for nothing.
             let are_few = kept.scene.engine().is_gpu() && request.mask.queries() <= FEW_QUERIES;
-            let mut answer = || query_and_answer(kept, open, request, threads, outbox);
-            if threads == 1 || are_few { answer() } else { self.0.pool.work(answer) }
+            let mut answer = || query_and_answer(kept, open, request, threads, &self.outbox);
+            if threads == 1 || are_few { answer() } else { self.tools.pool.work(answer) }
         })
     }
 }

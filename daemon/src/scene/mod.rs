@@ -64,7 +64,6 @@ impl Scene {
         Self::drifting(boxes, walls, &mut Random::new(seed))
     }
 
-    /// The boxes of this frame, in object order.
     pub fn boxes(&self) -> &[Aabb] {
         &self.boxes
     }
@@ -114,7 +113,6 @@ fn bound(
     })
 }
 
-/// A box of three edges around a centre.
 fn around(centre: [f32; 3], edges: [f32; 3]) -> Aabb {
     Aabb {
         min: std::array::from_fn(|axis| centre[axis] - 0.5 * edges[axis]),
@@ -269,7 +267,6 @@ fn reflect(b: &mut Aabb, v: &mut [f32; 3], low: &[f32; 3], high: &[f32; 3]) {
     }
 }
 
-/// A stream of pseudorandom numbers.
 #[derive(Clone, Debug)]
 pub struct Random {
     state: u64,

@@ -28,7 +28,6 @@ use crate::execute::WatchDevice;
 use crate::execute::gpu::{GpuChoices, OpenError};
 use crate::publish::AlterAnswer;
 
-/// How to serve an instance.
 #[derive(Clone, Debug)]
 pub struct ServeSettings {
     pub instance: InstanceName,

@@ -337,7 +337,6 @@ const BURST: u32 = 100;
 /// core at the most.
 const INTERVAL: Duration = Duration::from_millis(250);
 
-/// Spreads restarts over time.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct RestartDelay {
     /// The time that the restarts so far have used up, at one [`INTERVAL`] each.
@@ -376,38 +375,6 @@ mod tests {
         assert_eq!(killed_at(&|i| (Some(7), i % 8 != 7), tick), None, "it goes on now and then");
         let suspended = Duration::from_secs(3600);
         assert_eq!(killed_at(&|_| (Some(7), true), suspended), Some(4), "its own looks count");
-    }
-
-    #[test]
-    fn the_kernel_reports_of_a_stopped_child() {
-        let mut child = Command::new("sleep").arg("60").spawn().unwrap();
-        let pid = Pid::from_raw(child.id() as i32).unwrap();
-        let is_soon = |expected| {
-            (0..10_000).any(|_| {
-                std::thread::sleep(Duration::from_millis(1));
-                is_stopped(pid) == expected
-            })
-        };
-        assert!(!is_stopped(pid));
-        for _ in 0..2 {
-            kill_process(pid, Signal::STOP).unwrap();
-            assert!(is_soon(true));
-            assert!(is_stopped(pid), "a look changes nothing");
-            kill_process(pid, Signal::CONT).unwrap();
-            assert!(is_soon(false));
-        }
-        child.kill().unwrap();
-        child.wait().unwrap();
-    }
-
-    #[test]
-    fn more_clients_than_open_files_are_refused_with_a_number_that_fits() {
-        let refused = check_file_limit(usize::MAX >> 8);
-        // Where there is no limit there is nothing to refuse.
-        if let Err(error) = refused {
-            assert!(error.to_string().contains("--max-clients"), "{error}");
-        }
-        check_file_limit(16).unwrap();
     }
 
     /// The pauses of workers that die `apart` after their start.

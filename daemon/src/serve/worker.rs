@@ -100,16 +100,15 @@ pub fn work(settings: &ServeSettings, supervisor: u32) -> Result<(), ServeError>
     let files = SegmentFiles::new(&settings.dir, &settings.instance);
     let gate = Gate::new(Arc::clone(&services), files);
     let intake = Intake::new(server, Arc::clone(&turn), gate, early);
-    let mut responder = Responder::new(
+    let responder = Responder::new(
         services,
         (turn, free),
         wake_clients,
-        &settings.limits,
+        settings,
         executor,
         Arc::clone(&pool),
         auditor,
     );
-    responder.alter_answers(settings.alter_answers);
     let lanes = Lanes::new(intake, wake, responder, Arc::clone(&pool), settings, &janitor, &stop);
     lanes.run()?;
     // Without a record it is no worker that died: the supervisor waits for its status.

@@ -125,7 +125,6 @@ pub struct Latency {
     json: bool,
 }
 
-/// How the two sides wait for each other.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Wait {
     /// Both spin and hold a core each.

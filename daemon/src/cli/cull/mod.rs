@@ -159,7 +159,6 @@ impl Cull {
         Ok(())
     }
 
-    /// Checks that the options do not contradict each other.
     fn check(&self) -> Result<(), CullCommandError> {
         let is_precise = self.precision == PrecisionChoice::Exact;
         for (flag, allowed) in [("--precision", is_precise), ("--explain", !self.explain)] {

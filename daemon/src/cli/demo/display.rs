@@ -163,7 +163,6 @@ impl Display {
         if self.live.is_some() { LIVE_INTERVAL } else { PLAIN_INTERVAL }
     }
 
-    /// Shows the latest figures if the interval has passed.
     pub fn update(&mut self, progress: &mut Progress) -> Result<(), OutputError> {
         if Instant::now() < self.due {
             return Ok(());

@@ -27,13 +27,11 @@ pub(crate) struct KeptScene {
     pub(crate) id: SceneId,
     /// The number of the last edit.
     pub(crate) revision: u64,
-    /// Its boxes, and what was reported.
     pub(crate) scene: SceneKeeper,
     /// Memory for reading edits.
     pub(crate) scratch: EditScratch,
     /// Memory for what queries find, kept so that it is not mapped for each anew.
     pub(crate) found: Vec<[u32; 2]>,
-    /// Its share of the memory of all scenes.
     pub(crate) room: SceneRoom,
     /// Where it is audited.
     pub(crate) audited: Option<AuditedScene>,
@@ -115,7 +113,6 @@ impl SceneRoom {
 
 const BYTES_A_PAIR: u64 = 8;
 
-/// The memory of all scenes of a daemon.
 #[derive(Clone, Debug)]
 pub(crate) struct SceneMemory(Arc<Shared>);
 
@@ -131,14 +128,11 @@ struct Shared {
     "scenes would take {needed_bytes} bytes, and may take {limit_bytes}: serve with a larger --max-scene-mib"
 )]
 pub(crate) struct NoRoom {
-    /// What all scenes together would take.
     pub(crate) needed_bytes: u64,
-    /// What they may take.
     pub(crate) limit_bytes: u64,
 }
 
 impl SceneMemory {
-    /// At most so many bytes.
     pub(crate) fn new(limit: u64) -> Self {
         Self(Arc::new(Shared { limit, used: AtomicU64::new(0), scenes: AtomicU64::new(0) }))
     }
@@ -155,7 +149,6 @@ impl SceneMemory {
         of_answer.max(self.0.limit / BYTES_A_PAIR)
     }
 
-    /// Scenes, and the bytes that they take.
     pub(crate) fn used(&self) -> (u64, u64) {
         (self.0.scenes.load(Ordering::Relaxed), self.0.used.load(Ordering::Relaxed))
     }
@@ -198,7 +191,6 @@ impl Charge {
         (1..=most).rev().find(fits).unwrap_or(1)
     }
 
-    /// Notes how much it is by now.
     pub(crate) fn set(&mut self, bytes: u64) {
         self.of.used.fetch_add(bytes, Ordering::Relaxed);
         self.of.used.fetch_sub(self.bytes, Ordering::Relaxed);

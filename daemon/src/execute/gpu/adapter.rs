@@ -121,7 +121,6 @@ pub(super) fn best_of_kind(adapters: &[AdapterInfo]) -> impl Iterator<Item = usi
     (0..adapters.len()).filter(move |place| Some(adapters[*place].kind) == best)
 }
 
-/// The Vulkan adapters of this machine.
 pub(super) struct AdapterList {
     pub(super) infos: Vec<AdapterInfo>,
     adapters: Vec<wgpu::Adapter>,
@@ -140,7 +139,6 @@ impl AdapterList {
         Self { infos, adapters }
     }
 
-    /// The adapter that `choice` means.
     pub(super) fn take(
         mut self,
         choice: &GpuChoice,

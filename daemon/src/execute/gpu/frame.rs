@@ -24,7 +24,6 @@ pub enum Command {
         /// Workgroups along x and y.
         groups: [u32; 2],
     },
-    /// Copies by the copy engine.
     Copy {
         from: Part,
         /// To here, of the same size.
@@ -64,14 +63,12 @@ impl Command {
     }
 }
 
-/// Time of one step, by the GPU's clock.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StepTime {
     pub label: &'static str,
     pub ns: f64,
 }
 
-/// How to wait for the end of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Wait {
     /// Asks again and again: 15 µs less than sleeping, for the price of a core meanwhile.
@@ -235,7 +232,6 @@ impl Frame {
         Ok(())
     }
 
-    /// Runs some steps once, and waits for them.
     pub(super) fn run_once(
         gpu: &Arc<Gpu>,
         steps: Vec<Command>,

@@ -243,7 +243,6 @@ impl Drop for Block {
     }
 }
 
-/// The families whose queues use blocks.
 struct Families(Vec<u32>);
 
 impl Families {
@@ -260,7 +259,6 @@ impl Families {
     }
 }
 
-/// Destroys a buffer unless it is kept.
 struct BufferGuard<'a> {
     gpu: &'a Arc<Gpu>,
     buffer: vk::Buffer,

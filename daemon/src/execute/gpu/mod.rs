@@ -28,7 +28,7 @@ mod slot;
 mod transfers;
 
 pub use self::adapter::{AdapterInfo, GpuChoice, GpuChoices, choose, list_adapters};
-pub use self::all_pairs::plan::{Counted, Tuning};
+pub use self::all_pairs::plan::{Tuning, first_capacity};
 pub use self::all_pairs::{AllPairs, AllPairsOptions};
 pub use self::awake::{Awake, DEFAULT_HOLD};
 pub use self::device::{Gpu, GpuLimits, HostImport, SUBMISSIONS};

@@ -88,7 +88,6 @@ impl GpuSlot {
         }
     }
 
-    /// The state, without a step.
     pub fn state(&self) -> SlotState {
         match &self.state {
             State::Opening(_) => SlotState::Opening,
@@ -126,7 +125,6 @@ impl GpuSlot {
         }
     }
 
-    /// Has the next device opened.
     fn begin(&mut self) -> io::Result<()> {
         if self.opening.as_ref().is_some_and(DriverThread::ask) {
             return Ok(());
@@ -136,7 +134,6 @@ impl GpuSlot {
         Ok(())
     }
 
-    /// Takes in what the thread that opens a device came to, if it has.
     fn take_in(&mut self, now: Instant) {
         let Some(opening) = &self.opening else { return };
         let opened = match opening.progress() {
@@ -268,13 +265,6 @@ mod tests {
             assert_eq!(wait(&thread), Some((expected, first)));
         }
         assert!(matches!(thread.progress(), Progress::UnderWay), "told once");
-    }
-
-    #[test]
-    fn work_that_panics_is_reported_and_not_asked_for_again() {
-        let thread = DriverThread::<()>::start("test", || panic!("meant")).expect("a thread");
-        assert_eq!(wait(&thread), None);
-        assert!(!thread.ask());
     }
 
     #[test]

@@ -85,7 +85,6 @@ pub(super) struct PlacedBoxes {
     pub(super) form: ObjectForm,
 }
 
-/// Where a mask is written to.
 pub(super) struct MaskPlace {
     pub(super) part: Part,
     /// Whether it is the reply itself; otherwise the mask must be copied from here to there.

@@ -131,7 +131,6 @@ impl Boxes {
         })
     }
 
-    /// Bytes that are kept beside the scene.
     fn own_bytes(&self) -> u64 {
         (self.copy.allocated_bytes() + self.incarnations.allocated_bytes()) as u64
     }
@@ -214,7 +213,6 @@ impl Boxes {
         Ok(true)
     }
 
-    /// All pairs of now.
     pub fn whole(&mut self) -> Result<Arc<Vec<[u32; 2]>>, SceneError> {
         match self.scene.edit(Edit::NONE, Report::All) {
             Ok(()) => {

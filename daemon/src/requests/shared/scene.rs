@@ -22,7 +22,6 @@ const MOST_BOXES: u32 = 1 << 24;
 /// The deadline of its ticks where nobody says so: six frames of a game.
 const DEADLINE: Duration = Duration::from_millis(100);
 
-/// A scene that several sessions write.
 pub(super) struct SharedScene {
     pub(super) name: SceneName,
     pub(super) terms: AgreedTerms,

@@ -18,7 +18,6 @@ use crate::publish::{OpenRequest, Refusal};
 /// Members that a scene may have.
 const MOST_MEMBERS: usize = 1_024;
 
-/// Members, leases, and the open tick.
 pub(super) struct Seats {
     pub leases: Leases,
     ticks: Ticks,
@@ -50,7 +49,6 @@ pub(super) struct Begun {
     pub scratch: EditScratch,
 }
 
-/// A tick that was closed.
 pub(super) struct ClosedTick {
     pub number: u64,
     /// Leases of writers that had not committed, rising, each as it was leased.
@@ -199,7 +197,6 @@ impl Seats {
         Ok(())
     }
 
-    /// Closes the open tick if that is due.
     pub fn close(&mut self, now: Instant) -> Option<ClosedTick> {
         let closed = self.ticks.close(now)?;
         self.work = TickWork::default();

@@ -37,7 +37,6 @@ struct Facts {
     times: StageTimes,
 }
 
-/// What a member is answered with.
 struct Answer {
     recipient: Recipient,
     commit: Commit,

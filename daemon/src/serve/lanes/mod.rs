@@ -61,7 +61,6 @@ const MOST_ENGINES_AWAKE: usize = 4;
 /// Between two looks whether a GPU that is being opened is there: so much later it joins at the most.
 const OPENING_LOOK: Duration = Duration::from_millis(20);
 
-/// What the lanes share.
 pub(super) struct Lanes<'a> {
     // Engines before the port whose memory they write to: fields drop in this order.
     responder: Responder,
@@ -77,7 +76,6 @@ pub(super) struct Lanes<'a> {
     stop: &'a AtomicBool,
 }
 
-/// What the lane that leads uses.
 struct Lead {
     intake: Intake,
     wake: WakeDaemon,
@@ -190,7 +188,6 @@ impl<'a> Lanes<'a> {
         }
     }
 
-    /// What the daemon's status file is to say.
     fn status(&self) -> StatusFile {
         let Self { responder, .. } = self;
         StatusFile::now(responder.status(), responder.skips(), responder.gpu_counts())

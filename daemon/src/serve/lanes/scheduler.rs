@@ -23,14 +23,12 @@ const LARGE_WORK: Duration = Duration::from_millis(2);
 /// coarse clock may make 10 ms of it.
 const WAITING_LOOK: Duration = Duration::from_millis(1);
 
-/// A request, and the work that is expected of it.
 #[derive(Debug)]
 pub(super) struct Arrived {
     pub(super) incoming: Incoming,
     pub(super) expected: FrameWork,
 }
 
-/// A request that a worker thread is to serve.
 #[derive(Debug)]
 pub(super) struct Task {
     pub(super) incoming: Incoming,
@@ -184,7 +182,6 @@ impl Scheduler {
     }
 }
 
-/// What a frame is to be served by.
 fn resource_for(expected: &FrameWork) -> Resource {
     match expected {
         FrameWork { gpu: GpuNeed::Alone | GpuNeed::Shared, .. } => Resource::Gpu,
@@ -213,7 +210,6 @@ const ROOM: u32 = 2;
 /// are noticed at the latest. Two wake-ups a second cost nothing that can be measured.
 pub(super) const LONGEST_SLEEP: Duration = Duration::from_millis(500);
 
-/// What to do without a request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Rest {
     /// Look for requests all the time: a client that was answered may come back at once.

@@ -68,7 +68,6 @@ impl Workers {
         }
     }
 
-    /// Sessions that were active a moment ago.
     pub(super) fn sessions(&self, now: Instant) -> impl Iterator<Item = u128> {
         self.sessions_within(ACTIVE_FOR, now)
     }
@@ -160,7 +159,6 @@ impl Workers {
         is_needed
     }
 
-    /// Whether more threads are awake than are wanted.
     pub(super) fn is_too_many(&self, now: Instant) -> bool {
         self.awake() > self.wanted(now)
     }

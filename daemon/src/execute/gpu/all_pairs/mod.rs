@@ -21,15 +21,16 @@ use pairmask_core::engine::{
 use pairmask_core::mask::MaskShape;
 use pairmask_core::objects::Objects;
 use pairmask_core::{BoxCount, Encoding, EngineName, MaskWord};
+use pairmask_shaders::Found;
 use pairmask_shaders::constants::BATCH_BOXES;
 use pairmask_shaders::layouts::BatchReport;
 
 use self::plan::BandLimits;
 use self::steps::{Output, Recording, Scratch};
 use super::{
-    Block, Checks, Counted, Frame, FrameCache, FrameKey, Gpu, GpuError, Growing, Home, ImportError,
-    ImportId, MaskPlace, Pipelines, Place, PlacedBoxes, QueueRole, SharedImports, StepTime,
-    Transfers, Tuning, Upload, Wait,
+    Block, Checks, Frame, FrameCache, FrameKey, Gpu, GpuError, ImportError, ImportId, MaskPlace,
+    Pipelines, Place, PlacedBoxes, QueueRole, SharedImports, StepTime, Transfers, Tuning, Upload,
+    Wait,
 };
 use crate::execute::frame_memory::end_process;
 
@@ -37,7 +38,7 @@ use crate::execute::frame_memory::end_process;
 #[derive(Clone, Default)]
 pub struct AllPairsOptions {
     pub checks: Checks,
-    /// Way of the boxes; `None` chooses by where they are and how many.
+    /// Way of the boxes; `None` chooses by where they are and how many. None are brought ahead here.
     pub upload: Option<Upload>,
     /// Tile shape; `None` chooses by count.
     pub tuning: Option<Tuning>,
@@ -65,7 +66,6 @@ pub struct AllPairs {
     pipelines: Pipelines,
     transfers: Transfers,
     scratch: Scratch,
-    video_boxes: Growing,
     frames: FrameCache,
     reports: Vec<BatchReport>,
     step_times: Vec<StepTime>,
@@ -101,7 +101,6 @@ impl AllPairs {
             pipelines,
             transfers,
             scratch: Scratch::new(),
-            video_boxes: Growing::new(Home::Video),
             frames: FrameCache::new(QueueRole::Frames),
             reports: Vec::new(),
             step_times: Vec::new(),
@@ -154,11 +153,6 @@ impl AllPairs {
         let tuning = self.options.tuning.unwrap_or_else(|| Tuning::for_frame(n, encoding));
         let bands = plan::bands(n, tuning, encoding, &self.limits);
         let stages = self.scratch.stages(&self.gpu, n, &bands, &mut replaced)?;
-        let video_boxes = if self.options.upload == Some(Upload::DmaCopy) {
-            Some(self.video_boxes.part(&self.gpu, boxes.part.bytes, &mut replaced)?)
-        } else {
-            None
-        };
         if replaced {
             self.frames.clear();
         }
@@ -187,8 +181,7 @@ impl AllPairs {
             };
             let pipelines = &mut self.pipelines;
             let frame = self.frames.frame(&self.gpu, key, self.options.profiled, || {
-                let boxes = (chunk == 0).then_some((&boxes.part, video_boxes.as_ref()));
-                recording.steps(pipelines, boxes, bands)
+                recording.steps(pipelines, (chunk == 0).then_some(&boxes.part), bands)
             })?;
             let run = LentRun { frame, writes_reply: mask.is_reply };
             run.frame.run(wait, patience(pairs_per_band * bands.len() as u64))?;
@@ -208,12 +201,12 @@ impl AllPairs {
         &mut self,
         n: BoxCount,
         objects: Objects<'_>,
-        counted: Option<Counted>,
+        found: Option<Found>,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullReport, CullError> {
         let limit = reply.limit_words();
-        let room = match counted {
-            Some(counted) => counted.room(n, limit)?,
+        let room = match found {
+            Some(found) => plan::room(found, n, limit)?,
             None if n.dense_words() > limit => {
                 return Err(plan::refusal(n.dense_words(), limit).into());
             }
@@ -224,14 +217,14 @@ impl AllPairs {
         let boxes =
             self.transfers.place(objects, &mut replaced).map_err(|e| self.cull_error(&e))?;
         let ingested = start.elapsed();
-        let mut capacity = counted.map_or(0, |counted| counted.first_capacity(n).min(room));
+        let mut capacity = found.map_or(0, |found| plan::first_capacity(found, n).min(room));
         loop {
-            let shape = |items| match counted {
-                Some(counted) => counted.shape(n, capacity, items),
+            let shape = |items| match found {
+                Some(found) => plan::shape(found, n, capacity, items),
                 None => MaskShape::dense(n),
             };
             let whole = shape(capacity);
-            let section_bytes = counted.map_or(0, |counted| counted.section_bytes(capacity));
+            let section_bytes = found.map_or(0, |found| plan::section_bytes(found, capacity));
             if section_bytes > self.limits.binding_bytes {
                 // More than this device writes at a time; a CPU engine may.
                 let needed_bytes = whole.mask_bytes();
@@ -245,9 +238,9 @@ impl AllPairs {
                 Ok((outcome, mask))
             })();
             let (outcome, mask) = done.map_err(|e: GpuError| self.cull_error(&e))?;
-            let items = counted.map_or(0, |counted| outcome.items(counted));
-            if let Some(counted) = counted.filter(|_| items > room) {
-                return Err(plan::refusal(counted.words(n, items), limit).into());
+            let items = found.map_or(0, |found| outcome.items(found));
+            if let Some(found) = found.filter(|_| items > room) {
+                return Err(plan::refusal(plan::words(found, n, items), limit).into());
             }
             if items > capacity {
                 // Counted, not written: come back with room for exactly that many.
@@ -273,12 +266,10 @@ impl AllPairs {
             .filter(|n| u64::from(n.get()) <= limit)
             .ok_or(CullError::TooManyBoxes { engine: ENGINE, n: objects.len() as u64, limit })?;
         self.gpu.health().check().map_err(|e| self.cull_error(&e))?;
-        match encoding {
-            _ if n.get() < 2 => no_pairs(n, objects, encoding, reply),
-            Encoding::Dense => self.cull_two(n, objects, None, reply),
-            Encoding::List => self.cull_two(n, objects, Some(Counted::List), reply),
-            _ => self.cull_two(n, objects, Some(Counted::Sparse), reply),
+        if n.get() < 2 {
+            return no_pairs(n, objects, encoding, reply);
         }
+        self.cull_two(n, objects, Found::of(encoding), reply)
     }
 
     fn cull_error(&self, error: &GpuError) -> CullError {
@@ -335,7 +326,6 @@ pub(in crate::execute::gpu) struct Outcome {
 }
 
 impl Outcome {
-    /// The sum of all batches, in order.
     pub(in crate::execute::gpu) fn of(reports: &[BatchReport]) -> Self {
         let mut outcome = Self { census: Census::default(), words: 0, pairs: 0 };
         for (batch, first) in reports.iter().zip((0..).step_by(BATCH_BOXES as usize)) {
@@ -358,10 +348,10 @@ impl Outcome {
     }
 
     /// What a mask of a kind holds: words, or pairs.
-    pub(in crate::execute::gpu) const fn items(&self, counted: Counted) -> u64 {
-        match counted {
-            Counted::Sparse => self.words,
-            Counted::List => self.pairs,
+    pub(in crate::execute::gpu) const fn items(&self, found: Found) -> u64 {
+        match found {
+            Found::Words => self.words,
+            Found::Pairs => self.pairs,
         }
     }
 }

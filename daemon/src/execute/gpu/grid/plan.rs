@@ -78,7 +78,6 @@ impl Sizes {
         (self.n as u64).next_multiple_of(SECTION_ALIGN_WORDS)
     }
 
-    /// Words of a reply with room for `capacity`.
     pub const fn reply_words(&self, capacity: Capacity) -> u64 {
         let Capacity { found, items } = capacity;
         match found {

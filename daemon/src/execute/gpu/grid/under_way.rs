@@ -53,7 +53,6 @@ impl<M: FrameMemory> GridUnderWay<M> {
         Self { workspace, memory: Some(memory), lent: LentReply::default() }
     }
 
-    /// Gives the workspace, the objects and the reply to `work`.
     pub(super) fn with<R>(
         &mut self,
         work: impl FnOnce(&mut Workspace, Objects<'_>, &mut dyn ReplyBuffer) -> Result<R, CullError>,
@@ -64,7 +63,6 @@ impl<M: FrameMemory> GridUnderWay<M> {
         with_lent(memory, &mut self.lent, |objects, reply| work(&mut workspace, objects, reply))
     }
 
-    /// Whether it is in that workspace.
     pub(super) fn is_in(&self, workspace: &SharedWorkspace) -> bool {
         Arc::ptr_eq(&self.workspace.0, &workspace.0)
     }

@@ -23,7 +23,6 @@ use crate::execute::gpu::{
     Order, Part, Pipelines, Place, PlacedBoxes, QueueRole, Sizes, StepTime, Transfers, Wait, wide,
 };
 
-/// What the workspaces share.
 pub(super) struct Tools {
     pub(super) gpu: Arc<Gpu>,
     pub(super) pipelines: Pipelines,
@@ -40,7 +39,6 @@ pub(super) struct Tools {
     pub(super) binding_bytes: u64,
 }
 
-/// What a frame led to.
 pub(super) enum Ended {
     Report(CullReport),
     /// A mask that its reply had no room for.
@@ -54,7 +52,6 @@ pub(super) enum Ended {
     },
 }
 
-/// A frame that is to be placed.
 pub(super) struct Wanted<'a> {
     pub(super) n: BoxCount,
     pub(super) objects: Objects<'a>,
@@ -66,7 +63,6 @@ pub(super) struct Wanted<'a> {
     pub(super) marks: Option<&'a Arc<Marks>>,
 }
 
-/// A frame, and all that its stages use.
 struct Placed {
     n: BoxCount,
     capacity: Capacity,
@@ -345,7 +341,6 @@ impl Drop for Workspace {
     }
 }
 
-/// Steps of a frame, recorded if they are not yet.
 fn recorded<'a>(
     frames: &'a mut FrameCache,
     tools: &mut Tools,

@@ -54,7 +54,6 @@ frame_blocks! { Stages, StageParts:
     starts in Video,
 }
 
-/// What one search has of them.
 #[derive(Clone)]
 pub(super) struct Blocks {
     pub now: Part,

@@ -260,7 +260,6 @@ impl GpuScene {
         self.replicas.len()
     }
 
-    /// Whether it is in the memory of a device.
     pub fn is_on(&self, gpu: &Gpu) -> bool {
         self.replicas.iter().any(|replica| std::ptr::eq(Arc::as_ptr(replica.tools.gpu()), gpu))
     }
@@ -327,7 +326,6 @@ impl GpuScene {
         self.roster.forget();
     }
 
-    /// Applies a checked edit on the GPU and finds the answer.
     fn answer(
         &mut self,
         edit: Edit<'_>,
@@ -491,7 +489,6 @@ impl GpuScene {
         }
     }
 
-    /// Notes what the stages of the first GPU took, where they are timed.
     fn note_stages(&mut self) -> Result<(), CullError> {
         let first = self.replicas.first();
         if first.tools.profiled {
@@ -559,7 +556,6 @@ impl GpuScene {
         is_resync
     }
 
-    /// Adds the skip meter to the answer.
     fn reported_skips(&mut self, summary: Option<&SceneSummary>) {
         let pairs = |n: u64| n * n.saturating_sub(1) / 2;
         let (active, statics) = (self.roster.active() as u64, self.roster.static_count as u64);

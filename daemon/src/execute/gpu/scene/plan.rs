@@ -75,7 +75,6 @@ impl Question {
         }
     }
 
-    /// Entries that are expected.
     pub fn entries(&self) -> u64 {
         if self.is_dense() { self.active.max(self.changed) } else { self.changed }
     }
@@ -226,7 +225,6 @@ struct Chosen {
     serves: u32,
 }
 
-/// What is known of one kind of search.
 #[derive(Default)]
 struct Kind {
     chosen: Option<Chosen>,

@@ -15,7 +15,6 @@ use super::upload::{GatheredSets, Upload, Uploaded};
 use super::{ENGINE, wide};
 use crate::execute::gpu::{Frame, GpuError, Part, QueueRole, SceneTools, StepTime};
 
-/// All that a scene keeps on a GPU.
 pub(super) struct Replica {
     pub tools: Arc<SceneTools>,
     pub upload: Upload,
@@ -27,7 +26,6 @@ pub(super) struct Replica {
     pub blocks: Option<Blocks>,
 }
 
-/// What was brought to a GPU.
 pub(super) struct Placed {
     /// Queries, where the GPU sees them.
     pub queries: Option<Part>,
@@ -115,7 +113,6 @@ impl Replica {
         Ok(summary[0])
     }
 
-    /// Times of the last task's steps, if frames are profiled.
     pub fn step_times(&self) -> Result<Vec<StepTime>, GpuError> {
         self.frames.last().map_or(Ok(Vec::new()), Frame::step_times)
     }
@@ -202,7 +199,6 @@ impl Replicas {
         }
     }
 
-    /// Forgets the edit that was answered.
     pub fn end_edit(&mut self) {
         for replica in &mut self.0 {
             replica.edit = None;

@@ -15,7 +15,6 @@ const STATIC: u32 = 1 << 2;
 /// Indices of a list that are looked at before it is known whether they rise.
 const CHECKED_TOGETHER: usize = 1 << 12;
 
-/// Bits by index.
 #[derive(Debug, Default)]
 struct Bits(Vec<u64>);
 
@@ -111,7 +110,6 @@ impl Roster {
         pair.iter().any(|index| self.lost.has(*index))
     }
 
-    /// Why a pair that ended is none now.
     pub fn end_reason(&self, pair: [u32; 2]) -> EndReason {
         let any_off = pair.iter().any(|index| self.off.has(*index));
         let are_still = pair.iter().all(|index| self.statics.has(*index));
@@ -213,7 +211,6 @@ impl Roster {
         wrong.map_or(Ok(()), Err)
     }
 
-    /// Applies an edit that was checked.
     pub fn apply(&mut self, edit: Edit<'_>) {
         self.marks.clear();
         let mut filters = std::mem::take(&mut self.filters);
@@ -268,7 +265,6 @@ impl Roster {
         }
     }
 
-    /// The flags of an index.
     fn flags(&self, index: u32) -> u32 {
         let flag = |bits: &Bits, flag| if bits.has(index) { flag } else { 0 };
         flag(&self.present, PRESENT) | flag(&self.off, OFF) | flag(&self.statics, STATIC)

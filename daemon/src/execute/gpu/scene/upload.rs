@@ -41,7 +41,6 @@ impl Staging {
     }
 }
 
-/// An edit where the GPU sees it.
 pub(super) struct Uploaded {
     /// Boxes that are set.
     pub boxes: Part,
@@ -77,7 +76,6 @@ impl Gathered {
         self.indices.capacity() * size_of::<u32>() + self.boxes.capacity() * size_of::<Aabb>()
     }
 
-    /// The sets of an edit that was checked.
     pub fn sets<'a>(&'a mut self, edit: Edit<'a>) -> GatheredSets<'a> {
         self.indices.clear();
         self.boxes.clear();
@@ -157,7 +155,6 @@ impl Upload {
     }
 }
 
-/// Boxes where they lie, or a copy.
 fn place_boxes(
     gpu: &Arc<Gpu>,
     imports: &SharedImports,
