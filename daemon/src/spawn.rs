@@ -13,12 +13,12 @@ use pairmask::{Backend, ConnectError, Session, SessionBuilder};
 use pairmask_core::engine::AvailableIsa;
 use pairmask_transport::{DaemonRecord, GpuCounts, Limits, RuntimeDir};
 use pairmask_wire::InstanceName;
-use rustix::process::{Pid, Signal, getppid, kill_process, set_parent_process_death_signal};
+use rustix::process::{Signal, getppid, set_parent_process_death_signal};
 use tempfile::TempDir;
 
 use crate::audit::AuditRate;
 use crate::execute::gpu::GpuChoices;
-use crate::serve::{DEFAULT_SPIN, ServeError, ServeSettings, default_scene_bytes, supervise};
+use crate::serve::{DEFAULT_SPIN, ServeError, ServeSettings, default_scene_bytes, stop, supervise};
 
 /// A daemon that does not answer within this time counts as failed: starting takes 50 ms on an idle
 /// machine.
@@ -129,9 +129,16 @@ impl PrivateDaemon {
             .spawn()
             .map_err(|source| SpawnError::Start { binary: binary.to_owned(), source })?;
         let mut daemon = Self { child, dir };
-        daemon.wait_until_it_answers(binary)?;
+        let answers = daemon.wait_for(binary, |daemon| daemon.session().connect().map(drop))?;
+        answers.map_err(|source| SpawnError::Silent { source: Box::new(source) })?;
         if !settings.gpu.is_none() {
-            daemon.wait_for_gpus(binary, &settings.gpu)?;
+            // One that the user named is there then, or the daemon ends. What takes too long is done without: cores
+            // serve.
+            let _ = daemon.wait_for(binary, |daemon| {
+                let GpuCounts { opening, open } = gpus_of(&daemon.dir(), &daemon.instance());
+                let is_settled = opening == 0 && (open > 0 || settings.gpu.is_optional());
+                is_settled.then_some(()).ok_or(())
+            })?;
         }
         Ok(daemon)
     }
@@ -142,40 +149,23 @@ impl PrivateDaemon {
         Self::start(&own_binary()?, settings)
     }
 
-    fn check(&mut self, binary: &Path) -> Result<(), SpawnError> {
-        let failed = |source| SpawnError::Start { binary: binary.to_owned(), source };
-        match self.child.try_wait().map_err(failed)? {
-            Some(status) => Err(SpawnError::Ended { status }),
-            None => Ok(()),
-        }
-    }
-
-    /// Waits until no GPU is being opened any more. One that the user named is there then, or the daemon ends. What
-    /// takes too long is done without: cores serve.
-    fn wait_for_gpus(&mut self, binary: &Path, wanted: &GpuChoices) -> Result<(), SpawnError> {
+    /// Tries something until it is done, as long as a daemon may take to start. Returns how the last try went.
+    fn wait_for<E>(
+        &mut self,
+        binary: &Path,
+        attempt: impl Fn(&Self) -> Result<(), E>,
+    ) -> Result<Result<(), E>, SpawnError> {
         let deadline = Instant::now() + START_WITHIN;
+        let failed = |source| SpawnError::Start { binary: binary.to_owned(), source };
         loop {
-            self.check(binary)?;
-            let GpuCounts { opening, open } = gpus_of(&self.dir(), &self.instance());
-            let is_settled = opening == 0 && (open > 0 || wanted.is_optional());
-            if is_settled || Instant::now() >= deadline {
-                return Ok(());
+            if let Some(status) = self.child.try_wait().map_err(failed)? {
+                return Err(SpawnError::Ended { status });
+            }
+            let done = attempt(self);
+            if done.is_ok() || Instant::now() >= deadline {
+                return Ok(done);
             }
             std::thread::sleep(LOOK_INTERVAL);
-        }
-    }
-
-    fn wait_until_it_answers(&mut self, binary: &Path) -> Result<(), SpawnError> {
-        let deadline = Instant::now() + START_WITHIN;
-        loop {
-            self.check(binary)?;
-            match self.session().connect() {
-                Ok(_) => return Ok(()),
-                Err(error) if Instant::now() >= deadline => {
-                    return Err(SpawnError::Silent { source: Box::new(error) });
-                }
-                Err(_) => std::thread::sleep(LOOK_INTERVAL),
-            }
         }
     }
 
@@ -205,21 +195,8 @@ impl PrivateDaemon {
     }
 
     fn stop_now(&mut self) -> ExitStatus {
-        // Sending fails if the process has ended already, which is what is wanted.
-        if let Some(pid) = i32::try_from(self.child.id()).ok().and_then(Pid::from_raw)
-            && matches!(self.child.try_wait(), Ok(None))
-        {
-            let _ = kill_process(pid, Signal::TERM);
-        }
-        let deadline = Instant::now() + STOP_WITHIN;
-        while Instant::now() < deadline {
-            if let Ok(Some(status)) = self.child.try_wait() {
-                return status;
-            }
-            std::thread::sleep(LOOK_INTERVAL);
-        }
-        let _ = self.child.kill();
-        self.child.wait().unwrap_or_else(|_| ExitStatus::from_raw(Signal::KILL.as_raw()))
+        let stopped = stop(&mut self.child, STOP_WITHIN);
+        stopped.unwrap_or_else(|_| ExitStatus::from_raw(Signal::KILL.as_raw()))
     }
 }
 

@@ -75,16 +75,6 @@ enum State {
     Dead,
 }
 
-impl State {
-    const fn as_str(self) -> &'static str {
-        match self {
-            Self::Alive => "alive",
-            Self::Silent => "silent",
-            Self::Dead => "dead",
-        }
-    }
-}
-
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 struct DaemonReport {
     age_ns: u64,
@@ -203,7 +193,8 @@ impl InstanceReport {
 
     fn write_to(&self, text: &mut String) -> std::fmt::Result {
         let Self { instance, state, version, pid, .. } = self;
-        writeln!(text, "{instance}: {}, process {pid}, wire {version}", state.as_str())?;
+        let state = format!("{state:?}").to_lowercase();
+        writeln!(text, "{instance}: {state}, process {pid}, wire {version}")?;
         if let Some(problem) = &self.problem {
             writeln!(text, "  {problem}")?;
         }

@@ -37,12 +37,9 @@ impl Clients {
         locked(&self.known).find(session)?.last_pairs
     }
 
-    pub(crate) fn note_pairs(&self, session: u128, pair_count: u64) {
-        locked(&self.known).of(session).last_pairs = Some(pair_count);
-    }
-
-    pub(crate) fn note_work(&self, session: u128, kind: RequestKind, work: FrameWork) {
-        locked(&self.known).of(session).last_work.note(kind, work);
+    /// Changes what is kept of a session, which is remembered from now on.
+    pub(crate) fn of<R>(&self, session: u128, change: impl FnOnce(&mut Client) -> R) -> R {
+        change(locked(&self.known).of(session))
     }
 
     pub(crate) fn expected_work(
@@ -56,25 +53,12 @@ impl Clients {
         expected.unwrap_or_else(|| LastWork::default().expected(kind, objects))
     }
 
-    /// Takes a session's engines, which no other thread has meanwhile. `None` where it has none yet.
-    pub(crate) fn take_engines(&self, session: u128) -> Option<Box<Executor>> {
-        locked(&self.known).of(session).engines.take()
-    }
-
-    pub(crate) fn keep_engines(&self, session: u128, engines: Box<Executor>) {
-        locked(&self.known).of(session).engines = Some(engines);
-    }
-
     /// Takes a session's scene, which no other thread has meanwhile. `None` where it has no such scene.
     pub(crate) fn take_scene(&self, session: u128, id: SceneId) -> Option<KeptScene> {
         let mut known = locked(&self.known);
         let scenes = &mut known.of(session).scenes;
         let place = scenes.iter().position(|kept| kept.id == id)?;
         Some(scenes.swap_remove(place))
-    }
-
-    pub(crate) fn keep_scene(&self, session: u128, scene: KeptScene) {
-        locked(&self.known).of(session).scenes.push(scene);
     }
 
     /// Wakes the client that sent a request with this token, and no other: by the listener of its
@@ -100,7 +84,8 @@ impl Clients {
         let is_gone = |session: u128| candidates.contains(&session) && !sessions.contains(&session);
         let mut known = locked(&self.known);
         let gone = known.remove_gone(is_gone);
-        known.iter_mut().filter_map(|client| client.engines.as_mut()).for_each(|e| e.tidy());
+        let engines = known.clients.iter_mut().filter_map(|client| client.engines.as_mut());
+        engines.for_each(|engines| engines.tidy());
         drop(known);
         // Large scenes take a while to free.
         drop(gone);
@@ -126,10 +111,6 @@ impl Known {
 
     fn find(&self, session: u128) -> Option<&Client> {
         self.clients.iter().find(|client| client.session == session)
-    }
-
-    fn iter_mut(&mut self) -> impl Iterator<Item = &mut Client> {
-        self.clients.iter_mut()
     }
 
     fn sessions(&self) -> Vec<u128> {
@@ -166,18 +147,18 @@ impl Known {
 }
 
 /// What is kept of a client. Everything that belongs to one session and outlives a request goes here.
-struct Client {
+pub(crate) struct Client {
     session: u128,
     /// The number of the last look for it.
     looked_at: u64,
     /// What wakes it, once it was found.
     listener: Option<ListenerKey>,
-    last_pairs: Option<u64>,
-    last_work: LastWork,
+    pub(crate) last_pairs: Option<u64>,
+    pub(crate) last_work: LastWork,
     /// Its engines, while no frame of it is being culled.
-    engines: Option<Box<Executor>>,
+    pub(crate) engines: Option<Box<Executor>>,
     /// Its scenes, but for one that is being changed.
-    scenes: Vec<KeptScene>,
+    pub(crate) scenes: Vec<KeptScene>,
 }
 
 impl Client {

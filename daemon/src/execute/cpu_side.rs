@@ -86,17 +86,19 @@ impl CpuSide {
         boxes: BoxSlice<'_>,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullAnswer, CullError> {
-        match error {
-            CullError::DeviceLost { .. }
-            | CullError::DeviceMemory { .. }
-            | CullError::TooCrowded { .. } => {
-                let options = CullOptions { engine: EngineChoice::Auto, ..planned.options };
-                planned.plan = self.engines.plan(boxes, &options, None);
-                self.run(planned, boxes, reply)
-            }
-            error => Err(error),
+        if !is_left_to_cores(&error) {
+            return Err(error);
         }
+        let options = CullOptions { engine: EngineChoice::Auto, ..planned.options };
+        planned.plan = self.engines.plan(boxes, &options, None);
+        self.run(planned, boxes, reply)
     }
+}
+
+/// Whether a GPU could not serve a frame that cores can.
+pub(crate) const fn is_left_to_cores(error: &CullError) -> bool {
+    use CullError::{DeviceLost, DeviceMemory, TooCrowded};
+    matches!(error, DeviceLost { .. } | DeviceMemory { .. } | TooCrowded { .. })
 }
 
 pub struct Planned {

@@ -13,6 +13,7 @@ mod shared_gpu;
 mod spheres;
 
 pub use self::cpu_side::Planned;
+pub(crate) use self::cpu_side::is_left_to_cores;
 pub use self::engine_pool::{CpuTimer, EnginePool};
 pub use self::frame_memory::FrameMemory;
 pub(crate) use self::frame_memory::boxes_of;
@@ -159,15 +160,17 @@ impl Executor {
         plan(stats, &Capabilities { threads, gpu }, &calibration, options)
     }
 
-    /// As [`Self::plan`], while other clients are busy: a frame that does not need the GPU gets a core.
-    pub fn plan_beside_others(
+    /// As [`Self::plan`]. While other clients are busy, a frame that does not need the GPU gets a core.
+    pub fn plan_beside(
         &mut self,
+        others: bool,
         boxes: BoxSlice<'_>,
         options: &CullOptions,
         limit_words: u64,
     ) -> Planned {
         let planned = self.plan(boxes, options, limit_words);
-        if !planned.plan.engine.is_gpu()
+        if !others
+            || !planned.is_gpu()
             || planned.needs_gpu()
             || options.engine != EngineChoice::Auto
         {

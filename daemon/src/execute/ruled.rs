@@ -109,7 +109,9 @@ impl Executor {
         // As one world with as many boxes, which are not looked at: those of all worlds may share a place.
         let stats = SceneStats::unseen(n, options.last_pairs);
         let plan = self.plan_unseen(&stats, Some(gpu), options);
-        self.ruled(rules, &plan, options, start)
+        let (plan_ns, one_core_ns, gpu) = (0, None, None);
+        let planned = Planned { plan, options: *options, start, plan_ns, one_core_ns, gpu };
+        self.plan_ruled(rules, &planned, options)
     }
 
     /// The same for a frame whose boxes are of one world, by its plan without rules.
@@ -119,16 +121,7 @@ impl Executor {
         planned: &Planned,
         options: &CullOptions,
     ) -> Option<RuledFrame> {
-        self.ruled(rules, &planned.plan, options, planned.start)
-    }
-
-    fn ruled(
-        &mut self,
-        rules: &Arc<SentRules>,
-        plan: &Plan,
-        options: &CullOptions,
-        start: Instant,
-    ) -> Option<RuledFrame> {
+        let Planned { plan, start, .. } = planned;
         let n = plan.stats.n;
         let is_grid = plan.engine == EngineName::GpuGrid && plan.encoding != Encoding::Dense;
         if !is_grid || n.get() < 2 {
@@ -136,7 +129,7 @@ impl Executor {
         }
         let is_asked = options.engine != EngineChoice::Auto;
         let marks = self.marks.of(rules, n, options.threads.unwrap_or(1), is_asked)?;
-        Some(RuledFrame { marks, rules: Arc::clone(rules), plan: *plan, start })
+        Some(RuledFrame { marks, rules: Arc::clone(rules), plan: *plan, start: *start })
     }
 
     /// Finds the pairs of the boxes of this memory, which belong to `owner`, on a GPU, and where the pairs of
@@ -169,25 +162,7 @@ impl Executor {
         gpu.lock().offer_reply(lent);
         Ok((CullAnswer::new(plan, report, *start, plan_ns), ranges))
     }
-}
 
-/// A reply that has room for some words more than an engine asks for.
-pub(super) struct RoomBehind<'a> {
-    pub(super) reply: &'a mut dyn ReplyBuffer,
-    pub(super) words: u64,
-}
-
-impl ReplyBuffer for RoomBehind<'_> {
-    fn limit_words(&self) -> u64 {
-        self.reply.limit_words().saturating_sub(self.words)
-    }
-
-    fn reserve(&mut self, words: u64) -> Result<&mut [u32], ReserveError> {
-        self.reply.reserve(words.saturating_add(self.words))
-    }
-}
-
-impl Executor {
     /// The rules of a frame of `n` boxes, from its payload, to be kept under the client's number.
     pub fn read_rules(
         &mut self,
@@ -249,5 +224,21 @@ impl Executor {
         done.answer.times.ingest_ns += expand_ns;
         done.answer.times.total_ns += expand_ns;
         Ok(done)
+    }
+}
+
+/// A reply that has room for some words more than an engine asks for.
+pub(super) struct RoomBehind<'a> {
+    pub(super) reply: &'a mut dyn ReplyBuffer,
+    pub(super) words: u64,
+}
+
+impl ReplyBuffer for RoomBehind<'_> {
+    fn limit_words(&self) -> u64 {
+        self.reply.limit_words().saturating_sub(self.words)
+    }
+
+    fn reserve(&mut self, words: u64) -> Result<&mut [u32], ReserveError> {
+        self.reply.reserve(words.saturating_add(self.words))
     }
 }

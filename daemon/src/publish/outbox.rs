@@ -84,7 +84,7 @@ impl Outbox {
             // What an engine without rules will find in the next frame.
             let found_pairs = open.rules.as_ref().and_then(|rules| rules.found_pairs);
             let found_pairs = found_pairs.unwrap_or(answer.report.pair_count);
-            self.clients.note_pairs(open.sender.session, found_pairs);
+            self.clients.of(open.sender.session, |client| client.last_pairs = Some(found_pairs));
         }
         let mut header = self.count(open, fields.box_count, form, &answer);
         if let Some(span) = open.world_ranges {

@@ -3,6 +3,7 @@
 use std::ops::Range;
 use std::sync::{Arc, Mutex};
 
+use pairmask_core::BoxCount;
 use pairmask_core::dispatch::{CullAnswer, CullOptions};
 use pairmask_core::engine::CullError;
 use pairmask_core::mask::ReadableEncodings;
@@ -107,7 +108,7 @@ impl Culls {
         joining: Option<&mut Vec<Joining<OpenRequest>>>,
     ) -> Served {
         let session = open.sender.session;
-        let kept = self.outbox.clients.take_engines(session);
+        let kept = self.outbox.clients.of(session, |client| client.engines.take());
         let mut engines = kept.unwrap_or_else(|| Box::new(self.new_engines()));
         // A client that is alone may have all of them.
         let beside_others = threads < self.pool.threads();
@@ -123,7 +124,7 @@ impl Culls {
         let way = Way { options, beside_others, joining };
         let cull = || self.cull(open, request, way, &mut engines);
         let used = self.work(Place::Lane, options.threads, cull);
-        self.outbox.clients.keep_engines(session, engines);
+        self.outbox.clients.of(session, |client| client.engines = Some(engines));
         used
     }
 
@@ -143,7 +144,8 @@ impl Culls {
         };
         if let Some(first) = request.first_set {
             let sets = Sets { first, options, beside_others };
-            return self.filters.cull_between(open, &sets, engines, &self.outbox);
+            let (gpu, answer) = self.filters.cull_between(&mut open, &sets, engines);
+            return Served { gpu, ..self.publish(open, Some(first), answer) };
         }
         let sender = open.sender;
         let limit_words = open.limit_words();
@@ -159,7 +161,7 @@ impl Culls {
                 open.put_rules(rules, *options, true);
             }
             // The next frame is judged by the last one that was culled.
-            return Served { is_frame: false, ..self.publish(open, Ok(answer)) };
+            return Served { is_frame: false, ..self.publish(open, None, Ok(answer)) };
         }
         let is_alike = seen == Seen::Alike;
         if let Some(rules) = &rules {
@@ -175,7 +177,7 @@ impl Culls {
         if let Some(rules) = rules.as_ref().filter(|_| !on_gpu) {
             let answer = filtered::cull_here(&mut open, engines, rules, options);
             open.keep = engines.ticket(is_alike);
-            return self.publish(open, answer);
+            return self.publish(open, None, answer);
         }
         let boxes = match open.parts() {
             (Objects::Boxes(boxes), _) => boxes,
@@ -183,20 +185,16 @@ impl Culls {
                 let owner = Owner::Client(sender.port);
                 let answer = engines.run_spheres(owner, options, &mut open);
                 open.keep = engines.ticket(is_alike);
-                return self.publish(open, answer);
+                return self.publish(open, None, answer);
             }
         };
         let owner = Owner::Client(sender.port);
-        let planned = if beside_others {
-            engines.plan_beside_others(boxes, options, limit_words)
-        } else {
-            engines.plan(boxes, options, limit_words)
-        };
+        let planned = engines.plan_beside(beside_others, boxes, options, limit_words);
         if let Some(rules) = rules.filter(|_| !planned.is_gpu()) {
             open.keep = engines.ticket(is_alike);
             let on_one_core = planned.on_one_core();
             let answer = filtered::cull_here(&mut open, engines, &rules, options);
-            return Served { on_one_core, ..self.publish(open, answer) };
+            return Served { on_one_core, ..self.publish(open, None, answer) };
         }
         if let Some(rules) = open.rules.as_ref().map(|rules| Arc::clone(&rules.sent))
             && let Some(frame) = engines.plan_ruled(&rules, &planned, options)
@@ -335,16 +333,22 @@ impl Culls {
                 self.work(place, options.threads, cull)
             }
         };
-        self.publish(open, answer)
+        self.publish(open, None, answer)
     }
 
-    fn publish(&self, mut open: OpenRequest, answer: Result<CullAnswer, CullError>) -> Served {
+    /// Publishes the answer to a frame, which may be one of two sets.
+    fn publish(
+        &self,
+        mut open: OpenRequest,
+        first_set: Option<BoxCount>,
+        answer: Result<CullAnswer, CullError>,
+    ) -> Served {
         let threads = answer.as_ref().map_or(1, |answer| answer.threads);
         let on_gpu = answer.as_ref().is_ok_and(|answer| answer.engine.is_gpu());
         match answer {
             Ok(answer) => {
                 open.keep(&answer);
-                self.outbox.answer(&mut open, None, answer);
+                self.outbox.answer(&mut open, first_set, answer);
             }
             Err(error) => self.outbox.refuse(&mut open, &error.into()),
         }

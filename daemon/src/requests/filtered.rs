@@ -10,11 +10,10 @@ use pairmask_core::scene::is_small_set;
 use pairmask_core::{BoxCount, EngineChoice};
 use pairmask_wire::SentRules;
 
-use super::Served;
 use crate::clients::GpuNeed;
 use crate::execute::{Executor, Owner, Planned, RuledFrame, boxes_of};
 use crate::locked;
-use crate::publish::{OpenRequest, Outbox};
+use crate::publish::OpenRequest;
 
 /// Words of a mask from which several threads filter it: a thread takes some 0.1 ms for them.
 const SHARED_WORDS: u64 = 1 << 15;
@@ -183,26 +182,17 @@ pub(super) struct Sets<'a> {
 }
 
 impl MaskFilters {
+    /// The pairs of a box of the first set and one of the second, and whether that needed a GPU.
     pub(super) fn cull_between(
         &self,
-        mut open: OpenRequest,
+        open: &mut OpenRequest,
         sets: &Sets<'_>,
         engines: &mut Executor,
-        outbox: &Outbox,
-    ) -> Served {
-        let planned = sets.plan_for_gpu(&open, engines);
-        let gpu = if planned.is_some() { GpuNeed::Alone } else { GpuNeed::None };
-        let answered = match planned {
-            Some(planned) => self.cull_on_gpu(&mut open, planned, sets, engines),
-            None => sets.cull_here(&mut open, engines),
-        };
-        let threads = answered.as_ref().map_or(1, |answer| answer.threads);
-        match answered {
-            Ok(answer) => outbox.answer(&mut open, Some(sets.first), answer),
-            Err(error) => outbox.refuse(&mut open, &error.into()),
+    ) -> (GpuNeed, Result<CullAnswer, CullError>) {
+        match sets.plan_for_gpu(open, engines) {
+            Some(planned) => (GpuNeed::Alone, self.cull_on_gpu(open, planned, sets, engines)),
+            None => (GpuNeed::None, sets.cull_here(open, engines)),
         }
-        open.close();
-        Served { threads, on_gpu: gpu != GpuNeed::None, gpu, ..Served::BEGUN }
     }
 
     /// Has a GPU cull the whole frame, and takes the pairs of one set out. Where all pairs have no room, cores
@@ -240,11 +230,7 @@ impl Sets<'_> {
             _ => {}
         }
         let limit_words = open.limit_words();
-        let planned = if *beside_others {
-            engines.plan_beside_others(boxes, options, limit_words)
-        } else {
-            engines.plan(boxes, options, limit_words)
-        };
+        let planned = engines.plan_beside(*beside_others, boxes, options, limit_words);
         Some(planned).filter(Planned::is_gpu)
     }
 

@@ -16,7 +16,7 @@ use pairmask_wire::{
 use super::Served;
 use crate::audit::{Auditor, SceneNote};
 use crate::clients::{GpuNeed, KeptScene, PendingBoxes, SceneMemory};
-use crate::execute::{EnginePool, Gpus, SceneKeeper};
+use crate::execute::{EnginePool, Gpus, SceneKeeper, is_left_to_cores};
 use crate::publish::{OpenRequest, Outbox, Refusal};
 
 /// What scenes are made and changed with.
@@ -72,6 +72,23 @@ impl SceneEdits {
         })
     }
 
+    pub(super) fn query(
+        &self,
+        open: OpenRequest,
+        request: &QueryRequest,
+        threads: usize,
+    ) -> Served {
+        let threads = request.threads.map_or(threads, |asked| asked.min(threads)).max(1);
+        let session = open.sender.session;
+        let found = self.find_at(session, request.scene, request.revision);
+        self.serve(open, found, threads, |kept, open| {
+            // A scene in video memory has work for the pool only where its queries fill a copy of several
+            // threads. Else a thread of it would be woken for nothing.
+            let are_few = kept.scene.engine().is_gpu() && request.mask.queries() <= FEW_QUERIES;
+            let mut answer = || query_and_answer(kept, open, request, threads, &self.outbox);
+            if threads == 1 || are_few { answer() } else { self.tools.pool.work(answer) }
+        })
+    }
     /// Works with a scene that was found, and keeps it unless it is gone.
     fn serve(
         &self,
@@ -87,7 +104,7 @@ impl SceneEdits {
                 gpu = GpuNeed::Alone;
             }
             if !matches!(done, Err(Failed::Gone(_))) {
-                self.outbox.clients.keep_scene(open.sender.session, kept);
+                self.outbox.clients.of(open.sender.session, |client| client.scenes.push(kept));
             }
             done.map_err(|(Failed::Refused(refusal) | Failed::Gone(refusal))| refusal)
         });
@@ -127,7 +144,7 @@ impl SceneEdits {
             kept => {
                 let revision = kept.as_ref().map_or(0, |kept| kept.revision);
                 if let Some(kept) = kept {
-                    self.outbox.clients.keep_scene(session, kept);
+                    self.outbox.clients.of(session, |client| client.scenes.push(kept));
                 }
                 Err(Refusal::stale_scene(revision))
             }
@@ -162,11 +179,9 @@ fn edit_and_answer(
         // The scene is what it was.
         Err(SceneError::Edit(error)) => return Err(error.into()),
         // Its boxes are gone with the device's memory: the client sends them again.
-        Err(SceneError::Cull(
-            CullError::DeviceLost { .. }
-            | CullError::DeviceMemory { .. }
-            | CullError::TooCrowded { .. },
-        )) => return Err(Failed::Gone(Refusal::stale_scene(0))),
+        Err(SceneError::Cull(error)) if is_left_to_cores(&error) => {
+            return Err(Failed::Gone(Refusal::stale_scene(0)));
+        }
         Err(SceneError::Cull(error)) => return Err(Failed::Gone(error.into())),
         Err(error) => return Err(Failed::Gone(Refusal::engine_failed(&error))),
     }
@@ -220,26 +235,6 @@ const MOST_KEPT_PAIRS: usize = 1 << 20;
 /// Most queries of a scene in video memory that are answered without the pool: 24 bytes each, so that the copy
 /// to where the GPU sees them is one thread's.
 const FEW_QUERIES: u32 = 1 << 15;
-
-impl SceneEdits {
-    pub(super) fn query(
-        &self,
-        open: OpenRequest,
-        request: &QueryRequest,
-        threads: usize,
-    ) -> Served {
-        let threads = request.threads.map_or(threads, |asked| asked.min(threads)).max(1);
-        let session = open.sender.session;
-        let found = self.find_at(session, request.scene, request.revision);
-        self.serve(open, found, threads, |kept, open| {
-            // A scene in video memory has work for the pool only where its queries fill a copy of several
-            // threads. Else a thread of it would be woken for nothing.
-            let are_few = kept.scene.engine().is_gpu() && request.mask.queries() <= FEW_QUERIES;
-            let mut answer = || query_and_answer(kept, open, request, threads, &self.outbox);
-            if threads == 1 || are_few { answer() } else { self.tools.pool.work(answer) }
-        })
-    }
-}
 
 const fn bytes_of(found: &Vec<[u32; 2]>) -> u64 {
     (found.capacity() * size_of::<[u32; 2]>()) as u64

@@ -10,6 +10,7 @@ mod lanes;
 mod supervisor;
 mod worker;
 
+pub(crate) use self::supervisor::stop;
 pub use self::supervisor::{FILES_PER_CLIENT, supervise};
 pub use self::worker::work;
 

@@ -12,6 +12,7 @@
 //! A worker that was killed is started again at once, so that its clients miss a few frames. A request
 //! that kills every worker must not make a busy loop: restarts beyond a burst are spread over time.
 
+use std::io;
 use std::os::fd::{AsFd, BorrowedFd};
 use std::os::unix::net::UnixStream;
 use std::process::{Child, Command, ExitStatus, Stdio};
@@ -108,7 +109,11 @@ fn keep_working(settings: &ServeSettings) -> Result<(), ServeError> {
         served_before |= settings.dir.read_record(&settings.instance).is_some();
         settings.dir.remove_record(&settings.instance);
         match end {
-            End::Asked => return stop(&mut worker),
+            End::Asked => {
+                stop(&mut worker, STOP_WITHIN)
+                    .map_err(ServeError::system("stopping the worker"))?;
+                return Ok(());
+            }
             End::Status(status) => match status.code() {
                 Some(0) => return Ok(()),
                 Some(code) if !served_before => return Err(ServeError::Worker { code }),
@@ -312,21 +317,23 @@ fn is_stopped(child: Pid) -> bool {
     matches!(waitid(WaitId::Pid(child), options), Ok(Some(_)))
 }
 
-fn stop(worker: &mut Child) -> Result<(), ServeError> {
-    if let Some(pid) = i32::try_from(worker.id()).ok().and_then(Pid::from_raw) {
-        // A worker that has ended by itself meanwhile needs no signal.
+/// Asks a child to stop, kills it where it does not in time, and returns how it has ended.
+pub(crate) fn stop(child: &mut Child, within: Duration) -> io::Result<ExitStatus> {
+    if let Some(pid) = i32::try_from(child.id()).ok().and_then(Pid::from_raw)
+        && matches!(child.try_wait(), Ok(None))
+    {
+        // Sending fails if the process has ended already, which is what is wanted.
         let _ = kill_process(pid, Signal::TERM);
     }
-    let deadline = Instant::now() + STOP_WITHIN;
+    let deadline = Instant::now() + within;
     while Instant::now() < deadline {
-        if worker.try_wait().map_err(ServeError::system("watching the worker"))?.is_some() {
-            return Ok(());
+        if let Ok(Some(status)) = child.try_wait() {
+            return Ok(status);
         }
-        std::thread::sleep(Duration::from_millis(5));
+        std::thread::sleep(Duration::from_millis(2));
     }
-    worker.kill().map_err(ServeError::system("killing the worker"))?;
-    worker.wait().map_err(ServeError::system("watching the worker"))?;
-    Ok(())
+    child.kill()?;
+    child.wait()
 }
 
 /// Restarts that may follow each other without a pause: more than an operator, a test or a client that

@@ -72,7 +72,7 @@ pub struct Gpu {
     raw: ash::Device,
     /// By role; `None` where the device has no such family.
     queues: Mutex<[Option<RoleQueue>; ROLES]>,
-    families: [Option<u32>; ROLES],
+    pub(super) families: [Option<u32>; ROLES],
     memory: vk::PhysicalDeviceMemoryProperties,
     host_import: Option<ash::ext::external_memory_host::Device>,
     cache_key: String,
@@ -267,10 +267,6 @@ impl Gpu {
     /// The family of the queue that does a role's work.
     pub(super) fn family(&self, role: QueueRole) -> Option<u32> {
         self.families[role as usize].or(self.families[QueueRole::Frames as usize])
-    }
-
-    pub(super) fn all_families(&self) -> impl Iterator<Item = u32> {
-        self.families.into_iter().flatten()
     }
 
     pub(super) fn host_import(&self) -> Option<&ash::ext::external_memory_host::Device> {

@@ -81,13 +81,7 @@ impl Block {
             }
         };
         let raw = gpu.raw();
-        let families = Families::of(gpu);
-        let info = families.share(vk::BufferCreateInfo::default().size(bytes).usage(USAGE));
-        // SAFETY: a plain buffer on a device that outlives it (`gpu` is kept).
-        let buffer = gpu.noticed(unsafe { raw.create_buffer(&info, None) })?;
-        let guard = BufferGuard { gpu, buffer };
-        // SAFETY: the buffer was made above.
-        let requirements = unsafe { raw.get_buffer_memory_requirements(buffer) };
+        let (guard, requirements) = BufferGuard::new(gpu, bytes, None)?;
         let memory_type = gpu
             .memory_type(requirements.memory_type_bits, needed, wished)
             .ok_or(GpuError::OutOfMemory { bytes })?;
@@ -153,15 +147,7 @@ impl Block {
             .result()
         })?;
         let mut external = vk::ExternalMemoryBufferCreateInfo::default().handle_types(handle_type);
-        let families = Families::of(gpu);
-        let info = families
-            .share(vk::BufferCreateInfo::default().size(bytes).usage(USAGE))
-            .push_next(&mut external);
-        // SAFETY: a plain buffer for external memory; the extension is enabled (`import`).
-        let buffer = gpu.noticed(unsafe { raw.create_buffer(&info, None) })?;
-        let guard = BufferGuard { gpu, buffer };
-        // SAFETY: the buffer was made above.
-        let requirements = unsafe { raw.get_buffer_memory_requirements(buffer) };
+        let (guard, requirements) = BufferGuard::new(gpu, bytes, Some(&mut external))?;
         let memory_type = gpu
             .memory_type(
                 requirements.memory_type_bits & properties.memory_type_bits,
@@ -243,28 +229,35 @@ impl Drop for Block {
     }
 }
 
-struct Families(Vec<u32>);
-
-impl Families {
-    fn of(gpu: &Gpu) -> Self {
-        Self(gpu.all_families().collect())
-    }
-
-    /// Lets all of them use a buffer without handing it over, which costs buffers nothing.
-    fn share<'a>(&'a self, info: vk::BufferCreateInfo<'a>) -> vk::BufferCreateInfo<'a> {
-        if self.0.len() < 2 {
-            return info;
-        }
-        info.sharing_mode(vk::SharingMode::CONCURRENT).queue_family_indices(&self.0)
-    }
-}
-
 struct BufferGuard<'a> {
     gpu: &'a Arc<Gpu>,
     buffer: vk::Buffer,
 }
 
-impl BufferGuard<'_> {
+impl<'a> BufferGuard<'a> {
+    /// Makes a buffer, and tells what memory fits it.
+    fn new(
+        gpu: &'a Arc<Gpu>,
+        bytes: u64,
+        external: Option<&mut vk::ExternalMemoryBufferCreateInfo<'_>>,
+    ) -> Result<(Self, vk::MemoryRequirements), GpuError> {
+        let families: Vec<u32> = gpu.families.into_iter().flatten().collect();
+        let mut info = vk::BufferCreateInfo::default().size(bytes).usage(USAGE);
+        if families.len() > 1 {
+            // All of them use it without handing it over, which costs buffers nothing.
+            info = info.sharing_mode(vk::SharingMode::CONCURRENT).queue_family_indices(&families);
+        }
+        if let Some(external) = external {
+            info = info.push_next(external);
+        }
+        // SAFETY: a plain buffer on a device that outlives it (`gpu` is kept); who imports external memory has
+        // the extension.
+        let buffer = gpu.noticed(unsafe { gpu.raw().create_buffer(&info, None) })?;
+        // SAFETY: the buffer was made above.
+        let requirements = unsafe { gpu.raw().get_buffer_memory_requirements(buffer) };
+        Ok((Self { gpu, buffer }, requirements))
+    }
+
     fn allocate_and_bind(
         &self,
         info: &vk::MemoryAllocateInfo<'_>,

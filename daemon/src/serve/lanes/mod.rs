@@ -36,7 +36,7 @@ use self::scheduler::{Arrived, LONGEST_SLEEP, Rest, Scheduler, Task};
 use self::workers::Workers;
 use super::janitor::Janitor;
 use super::{ServeError, ServeSettings};
-use crate::clients::{FrameWork, GpuNeed, RequestKind};
+use crate::clients::{Client, FrameWork, GpuNeed, RequestKind};
 use crate::execute::{CpuTimer, EnginePool};
 use crate::ingest::{Inbox, Incoming, Intake};
 use crate::locked;
@@ -468,7 +468,8 @@ impl<'a> Lanes<'a> {
         let work = at_most(served.on_one_core.unwrap_or(took));
         if served.is_frame {
             let work = FrameWork { objects: asked.objects, work, gpu: served.gpu };
-            self.responder.clients().note_work(asked.sender.session, asked.kind, work);
+            let note = |client: &mut Client| client.last_work.note(asked.kind, work);
+            self.responder.clients().of(asked.sender.session, note);
         }
         locked(&self.scheduler).note_used(asked.sender, served.threads, used);
     }
