@@ -96,9 +96,6 @@ pub struct Decoders {
 
 impl Decoders {
     /// Starts `threads` threads, of which the calling one is the first.
-    ///
-    /// # Errors
-    /// [`ThreadPoolBuildError`] where the system has no more threads, or the thread is in a pool.
     pub fn start(threads: NonZeroUsize) -> Result<Self, ThreadPoolBuildError> {
         let threads = threads.get();
         let cores = thread::available_parallelism().map_or(1, usize::from);

@@ -103,9 +103,6 @@ impl<T: RawObject> RawObjects<T> {
     }
 
     /// Reads the objects into `objects`, which holds [`RawObjects::count`] of them.
-    ///
-    /// # Errors
-    /// [`RawObjectsError::Io`], also where the file has become shorter.
     pub fn read_into(self, objects: &mut [T]) -> Result<(), RawObjectsError> {
         let Self { path, source, .. } = self;
         let memory: &mut [u8] = bytemuck::cast_slice_mut(objects);

@@ -37,9 +37,6 @@ pub enum WholeNumberError {
 }
 
 /// Parses a whole number.
-///
-/// # Errors
-/// [`WholeNumberError`], which states the allowed range.
 pub fn whole_number<T: WholeNumber>(text: &str) -> Result<T, WholeNumberError> {
     let is_negative = || {
         let digits = text.strip_prefix('-').unwrap_or_default();

@@ -23,9 +23,6 @@ pub struct EnginePool {
 
 impl EnginePool {
     /// A pool of `threads` threads, with this one as its first.
-    ///
-    /// # Errors
-    /// The system starts no thread, or this one belongs to a pool.
     pub fn with_this_thread(threads: usize) -> Result<Self, ThreadPoolBuildError> {
         let pool = ThreadPoolBuilder::new()
             .num_threads(threads)

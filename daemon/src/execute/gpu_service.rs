@@ -142,9 +142,6 @@ const UNDER_WAY_SOFTWARE_BOXES: u32 = 32_768;
 impl GpuService {
     /// Opens the GPU of a choice. Its clocks are kept up for `hold` after each frame, where it has a
     /// queue for that; zero leaves them alone.
-    ///
-    /// # Errors
-    /// [`OpenError`]; [`OpenError::NoAdapter`] where nothing fits the choice.
     pub fn open(choice: &GpuChoice, hold: Duration) -> Result<Self, OpenError> {
         let open = opener(choice, None);
         let gpu = open()?;
@@ -287,9 +284,6 @@ impl GpuService {
     }
 
     /// Starts frames of several memories, with the owners of their boxes, in one submission.
-    ///
-    /// # Errors
-    /// As [`Self::begin`], for each frame.
     ///
     /// # Panics
     /// With more than [`BUNDLE_FRAMES`](super::gpu::BUNDLE_FRAMES).

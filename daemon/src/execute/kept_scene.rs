@@ -69,9 +69,6 @@ fn gpu_ns(cost: &GpuCost, boxes: usize, searched: usize) -> Option<f64> {
 
 impl SceneKeeper {
     /// A scene without boxes.
-    ///
-    /// # Errors
-    /// [`CullError::Unavailable`] where an engine of a GPU is asked for and there is none.
     pub fn new(
         options: SceneOptions,
         engines: CpuEngines,

@@ -63,9 +63,6 @@ impl Executor {
     ///
     /// A GPU that is lost, or has no memory for the scene, leaves the frame to the CPU: the answer is the
     /// same. A scene that crowds the GPU's grid goes to all pairs.
-    ///
-    /// # Errors
-    /// [`CullError`]; [`CullError::Unavailable`] where an engine of the GPU is asked for and there is none.
     pub fn cull_spheres(
         &mut self,
         spheres: &[Sphere],

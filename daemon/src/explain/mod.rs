@@ -104,9 +104,6 @@ impl Explanation {
     /// assert!(why.overlaps && why.reason.ends_with("their cells meet: an extra pair of q8"));
     /// # Ok::<(), Box<dyn std::error::Error>>(())
     /// ```
-    ///
-    /// # Errors
-    /// [`ExplainError::NoSuchBox`], also where fewer boxes are sent than given.
     pub fn of_sent(
         boxes: &[Aabb],
         sent: &SentBoxes<'_>,

@@ -113,9 +113,6 @@ impl OpenRequest {
     }
 
     /// Notes where its scene lies.
-    ///
-    /// # Errors
-    /// [`Reject::Objects`] where the objects are not all in the payload.
     pub(crate) fn place_scene(&mut self, scene: ScenePlace) -> Result<(), Reject> {
         if scene.objects_in(self.request().pages()).is_none() {
             let payload_bytes = self.payload_bytes();

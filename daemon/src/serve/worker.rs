@@ -43,9 +43,6 @@ const PREDECESSOR_LOOK: Duration = Duration::from_millis(10);
 
 /// Serves an instance in this process until SIGINT or SIGTERM, or until its parent, the process
 /// `supervisor`, ends.
-///
-/// # Errors
-/// [`ServeError`] where the services cannot be made, and where `supervisor` is not the parent.
 pub fn work(settings: &ServeSettings, supervisor: u32) -> Result<(), ServeError> {
     quiet_transport_log();
     let stop = Arc::new(AtomicBool::new(false));

@@ -175,9 +175,6 @@ impl Figures {
     }
 
     /// Adds a frame.
-    ///
-    /// # Errors
-    /// [`BenchError::Changed`] where another backend answered it.
     pub fn record(&mut self, times: &TimedFrame) -> Result<(), BenchError> {
         let info = &times.info;
         if info.served_by.as_str() != self.backend {
@@ -205,9 +202,6 @@ impl Figures {
     }
 
     /// Adds those of another client.
-    ///
-    /// # Errors
-    /// [`BenchError::Changed`] where another backend answered it.
     pub fn add(&mut self, other: &Self) -> Result<(), BenchError> {
         if self.backend != other.backend {
             return Err(BenchError::Changed);

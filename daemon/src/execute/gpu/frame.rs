@@ -395,9 +395,6 @@ impl Frame {
     /// Where the wait fails, the frame is given [`LAST_PATIENCE`] more: a device that was given up
     /// while it works must not write into memory that its owner takes back. One that does not end
     /// even then stays pending, for ever.
-    ///
-    /// # Errors
-    /// [`GpuError::Lost`] when the device is gone, [`GpuError::Hung`] when time is up.
     pub(super) fn end(&mut self, wait: Wait, patience: Duration) -> Result<(), GpuError> {
         match self.wait(wait, patience) {
             Ok(()) => {

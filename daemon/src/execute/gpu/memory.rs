@@ -62,9 +62,6 @@ const LARGE_PAGE_BYTES: u64 = 2 << 20;
 
 impl Block {
     /// Makes a block of at least `bytes`, contents unspecified.
-    ///
-    /// # Errors
-    /// [`GpuError::OutOfMemory`], also when the device has no memory of that kind.
     pub fn new(gpu: &Arc<Gpu>, home: Home, bytes: u64) -> Result<Arc<Self>, GpuError> {
         use vk::MemoryPropertyFlags as Flags;
         // Whole pages, so that no two blocks share one and nothing is empty; large ones for large
@@ -117,10 +114,6 @@ impl Block {
     }
 
     /// Imports a mapping, so that the GPU reads and writes its pages themselves.
-    ///
-    /// # Errors
-    /// [`GpuError::Driver`] where the driver refuses: files on disk, read-only pages, no
-    /// extension.
     pub(super) fn import(gpu: &Arc<Gpu>, mapping: ReadWriteMapping) -> Result<Arc<Self>, GpuError> {
         let refused = GpuError::Driver(vk::Result::ERROR_INVALID_EXTERNAL_HANDLE);
         let (Some(import), Some(align)) = (gpu.host_import(), gpu.limits().import_align_bytes)

@@ -113,9 +113,6 @@ impl AllPairs {
 
     /// Imports shared memory at an address range of this process, so that boxes within it need no
     /// copy. See [`Imports::import_boxes`](super::import::Imports::import_boxes).
-    ///
-    /// # Errors
-    /// [`ImportError`]; the staged path serves then.
     pub fn import_boxes(&mut self, address: usize, bytes: usize) -> Result<ImportId, ImportError> {
         self.transfers.imports.lock().import_boxes(&self.gpu, address, bytes)
     }

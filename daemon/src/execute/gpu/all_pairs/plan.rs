@@ -196,9 +196,6 @@ pub fn first_capacity(found: Found, n: BoxCount) -> u64 {
 }
 
 /// Items that a mask may have, at least 1.
-///
-/// # Errors
-/// [`ReserveError::TooLarge`] where there is no room for a single one.
 pub fn room(found: Found, n: BoxCount, limit_words: u64) -> Result<u64, ReserveError> {
     let room = match found {
         Found::Words => MaskShape::sparse_words_within(n, limit_words, false),

@@ -148,10 +148,6 @@ impl Grid {
     }
 
     /// Starts a frame of memory.
-    ///
-    /// # Errors
-    /// [`CullError`], as [`Engine::cull`], with the memory: nothing is under way then.
-    /// [`CullError::Unavailable`] where all submissions are under way.
     pub fn begin<M: FrameMemory>(&mut self, memory: M, encoding: Encoding) -> Begun<M> {
         match self.free_workspaces() {
             Some([workspace, ..]) => self.begin_in(workspace, memory, encoding, None),
@@ -181,9 +177,6 @@ impl Grid {
 
     /// Starts frames of several memories in one submission. The answers are those of frames that are
     /// begun one by one.
-    ///
-    /// # Errors
-    /// Those of [`Self::begin`], for each frame.
     ///
     /// # Panics
     /// With more than [`BUNDLE_FRAMES`], and where steps are timed.
@@ -275,9 +268,6 @@ impl Grid {
 
     /// Waits for a frame and gives its memory back. The memory is `None` where the GPU keeps it, after
     /// [`CullError::DeviceLost`]. A frame of another engine is given up: its device is gone.
-    ///
-    /// # Errors
-    /// [`CullError`], as [`Engine::cull`].
     pub fn end<M: FrameMemory>(
         &mut self,
         mut frame: GridUnderWay<M>,
