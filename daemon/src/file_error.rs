@@ -7,7 +7,6 @@ use std::path::PathBuf;
 /// The access to a file that failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Access {
-    /// Read it.
     Read,
     /// Create it, and write it.
     Write,
@@ -15,15 +14,11 @@ pub enum Access {
     WriteInto,
 }
 
-/// A file cannot be used.
 #[derive(Debug, thiserror::Error)]
 #[error("{}: {}", path.display(), advice(*access, source))]
 pub struct FileError {
-    /// The file, as it was named.
     pub path: PathBuf,
-    /// The access that failed.
     pub access: Access,
-    /// The system's error.
     pub source: io::Error,
 }
 
@@ -63,29 +58,4 @@ pub fn advice(access: Access, error: &io::Error) -> impl fmt::Display {
 fn without_number(error: &io::Error) -> String {
     let text = error.to_string();
     text.split(" (os error").next().unwrap_or_default().to_owned()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn an_error_names_the_file_and_what_to_do() {
-        let text =
-            |access, kind: ErrorKind| FileError::of("some/file", access)(kind.into()).to_string();
-        for (access, kind, advice) in [
-            (Access::Read, ErrorKind::NotFound, "check its name"),
-            (Access::Write, ErrorKind::NotFound, "create it"),
-            (Access::Read, ErrorKind::PermissionDenied, "you may not read it: change"),
-            (Access::Write, ErrorKind::PermissionDenied, "you may not write there: change"),
-            (Access::Read, ErrorKind::IsADirectory, "name a file"),
-            (Access::WriteInto, ErrorKind::AlreadyExists, "no directory"),
-            (Access::Write, ErrorKind::StorageFull, "free space"),
-        ] {
-            let text = text(access, kind);
-            assert!(text.starts_with("some/file: ") && text.contains(advice), "{text}");
-        }
-        let other = FileError::of("x", Access::Read)(io::Error::from_raw_os_error(5)).to_string();
-        assert_eq!(other, "x: Input/output error");
-    }
 }

@@ -2,6 +2,9 @@
 //! benches and the tests share.
 // Whether a device of wgpu may go to another thread is found out through 130 types, one within the other.
 #![recursion_limit = "256"]
+// A library for this package's binary, its tests and the laboratory: what a name, a signature or an error's message says
+// is not said again.
+#![allow(missing_docs, clippy::missing_errors_doc)]
 
 pub mod audit;
 pub mod cli;
@@ -17,3 +20,10 @@ pub mod scene;
 pub mod serve;
 pub mod spawn;
 pub mod timed_client;
+
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+/// What a mutex guards, also after a thread panicked with it: whoever may not go on then has ended the process.
+fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}

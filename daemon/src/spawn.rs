@@ -13,12 +13,12 @@ use pairmask::{Backend, ConnectError, Session, SessionBuilder};
 use pairmask_core::engine::AvailableIsa;
 use pairmask_transport::{DaemonRecord, GpuCounts, Limits, RuntimeDir};
 use pairmask_wire::InstanceName;
-use rustix::process::{Pid, Signal, getppid, kill_process, set_parent_process_death_signal};
+use rustix::process::{Signal, getppid, set_parent_process_death_signal};
 use tempfile::TempDir;
 
 use crate::audit::AuditRate;
 use crate::execute::gpu::GpuChoices;
-use crate::serve::{DEFAULT_SPIN, ServeError, ServeSettings, default_scene_bytes, supervise};
+use crate::serve::{DEFAULT_SPIN, ServeError, ServeSettings, default_scene_bytes, stop, supervise};
 
 /// A daemon that does not answer within this time counts as failed: starting takes 50 ms on an idle
 /// machine.
@@ -31,16 +31,12 @@ const LOOK_INTERVAL: Duration = Duration::from_millis(2);
 /// directories begin: those are searched for instances.
 const DIR_PREFIX: &str = ".pairmask.";
 
-/// Settings of a private daemon.
 #[derive(Clone, Debug)]
 pub struct PrivateSettings {
-    /// The limits of the instance.
     pub limits: Limits,
     /// How long the worker spins for the next request before it sleeps.
     pub spin: Duration,
-    /// The GPUs to use.
     pub gpu: GpuChoices,
-    /// The instruction set of the CPU's engines.
     pub isa: AvailableIsa,
     /// The share of the frames that are checked again.
     pub audit: AuditRate,
@@ -60,32 +56,16 @@ impl Default for PrivateSettings {
     }
 }
 
-/// Why a private daemon did not start.
 #[derive(Debug, thiserror::Error)]
 pub enum SpawnError {
-    /// No private directory could be created.
     #[error("no temporary directory for a daemon: {0} (set TMPDIR to one that can be written)")]
     Dir(#[source] io::Error),
-    /// The process does not start, or cannot be watched.
     #[error("starting {}: {source}", binary.display())]
-    Start {
-        /// The daemon's binary.
-        binary: PathBuf,
-        /// The system's error.
-        source: io::Error,
-    },
-    /// The daemon ended before it served, and printed the reason on stderr.
+    Start { binary: PathBuf, source: io::Error },
     #[error("the daemon ended before it served ({status}); see its own message")]
-    Ended {
-        /// Its exit status.
-        status: ExitStatus,
-    },
-    /// The daemon runs and does not answer.
+    Ended { status: ExitStatus },
     #[error("the daemon does not answer within {START_WITHIN:?}: {source}")]
-    Silent {
-        /// The last attempt to connect.
-        source: Box<ConnectError>,
-    },
+    Silent { source: Box<ConnectError> },
 }
 
 impl SpawnError {
@@ -149,9 +129,16 @@ impl PrivateDaemon {
             .spawn()
             .map_err(|source| SpawnError::Start { binary: binary.to_owned(), source })?;
         let mut daemon = Self { child, dir };
-        daemon.wait_until_it_answers(binary)?;
+        let answers = daemon.wait_for(binary, |daemon| daemon.session().connect().map(drop))?;
+        answers.map_err(|source| SpawnError::Silent { source: Box::new(source) })?;
         if !settings.gpu.is_none() {
-            daemon.wait_for_gpus(binary, &settings.gpu)?;
+            // One that the user named is there then, or the daemon ends. What takes too long is done without: cores
+            // serve.
+            let _ = daemon.wait_for(binary, |daemon| {
+                let GpuCounts { opening, open } = gpus_of(&daemon.dir(), &daemon.instance());
+                let is_settled = opening == 0 && (open > 0 || settings.gpu.is_optional());
+                is_settled.then_some(()).ok_or(())
+            })?;
         }
         Ok(daemon)
     }
@@ -162,55 +149,34 @@ impl PrivateDaemon {
         Self::start(&own_binary()?, settings)
     }
 
-    /// Whether the process lives.
-    fn check(&mut self, binary: &Path) -> Result<(), SpawnError> {
-        let failed = |source| SpawnError::Start { binary: binary.to_owned(), source };
-        match self.child.try_wait().map_err(failed)? {
-            Some(status) => Err(SpawnError::Ended { status }),
-            None => Ok(()),
-        }
-    }
-
-    /// Waits until no GPU is being opened any more. One that the user named is there then, or the daemon ends. What
-    /// takes too long is done without: cores serve.
-    fn wait_for_gpus(&mut self, binary: &Path, wanted: &GpuChoices) -> Result<(), SpawnError> {
+    /// Tries something until it is done, as long as a daemon may take to start. Returns how the last try went.
+    fn wait_for<E>(
+        &mut self,
+        binary: &Path,
+        attempt: impl Fn(&Self) -> Result<(), E>,
+    ) -> Result<Result<(), E>, SpawnError> {
         let deadline = Instant::now() + START_WITHIN;
+        let failed = |source| SpawnError::Start { binary: binary.to_owned(), source };
         loop {
-            self.check(binary)?;
-            let GpuCounts { opening, open } = gpus_of(&self.dir(), &self.instance());
-            let is_settled = opening == 0 && (open > 0 || wanted.is_optional());
-            if is_settled || Instant::now() >= deadline {
-                return Ok(());
+            if let Some(status) = self.child.try_wait().map_err(failed)? {
+                return Err(SpawnError::Ended { status });
+            }
+            let done = attempt(self);
+            if done.is_ok() || Instant::now() >= deadline {
+                return Ok(done);
             }
             std::thread::sleep(LOOK_INTERVAL);
         }
     }
 
-    fn wait_until_it_answers(&mut self, binary: &Path) -> Result<(), SpawnError> {
-        let deadline = Instant::now() + START_WITHIN;
-        loop {
-            self.check(binary)?;
-            match self.session().connect() {
-                Ok(_) => return Ok(()),
-                Err(error) if Instant::now() >= deadline => {
-                    return Err(SpawnError::Silent { source: Box::new(error) });
-                }
-                Err(_) => std::thread::sleep(LOOK_INTERVAL),
-            }
-        }
-    }
-
-    /// The runtime directory, for clients.
     pub fn dir(&self) -> RuntimeDir {
         RuntimeDir::at(self.dir.path())
     }
 
-    /// The name of the instance in that directory.
     pub fn instance(&self) -> InstanceName {
         InstanceName::default()
     }
 
-    /// A session builder for this daemon.
     pub fn session(&self) -> SessionBuilder {
         Session::builder()
             .instance(self.instance().as_str())
@@ -218,7 +184,6 @@ impl PrivateDaemon {
             .backend(Backend::Daemon)
     }
 
-    /// The record of the processes that serve now, if any.
     pub fn record(&self) -> Option<DaemonRecord> {
         self.dir().read_record(&self.instance())
     }
@@ -230,21 +195,8 @@ impl PrivateDaemon {
     }
 
     fn stop_now(&mut self) -> ExitStatus {
-        // Sending fails if the process has ended already, which is what is wanted.
-        if let Some(pid) = i32::try_from(self.child.id()).ok().and_then(Pid::from_raw)
-            && matches!(self.child.try_wait(), Ok(None))
-        {
-            let _ = kill_process(pid, Signal::TERM);
-        }
-        let deadline = Instant::now() + STOP_WITHIN;
-        while Instant::now() < deadline {
-            if let Ok(Some(status)) = self.child.try_wait() {
-                return status;
-            }
-            std::thread::sleep(LOOK_INTERVAL);
-        }
-        let _ = self.child.kill();
-        self.child.wait().unwrap_or_else(|_| ExitStatus::from_raw(Signal::KILL.as_raw()))
+        let stopped = stop(&mut self.child, STOP_WITHIN);
+        stopped.unwrap_or_else(|_| ExitStatus::from_raw(Signal::KILL.as_raw()))
     }
 }
 
@@ -264,7 +216,6 @@ fn gpus_of(dir: &RuntimeDir, instance: &InstanceName) -> GpuCounts {
     status.map(|status| status.gpus()).unwrap_or_default()
 }
 
-/// Path of this process's binary.
 pub(crate) fn own_binary() -> Result<PathBuf, SpawnError> {
     std::env::current_exe()
         .map_err(|source| SpawnError::Start { binary: "/proc/self/exe".into(), source })

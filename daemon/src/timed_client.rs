@@ -35,7 +35,6 @@ pub struct Margined {
     margin: Margin,
     /// The boxes that were sent last.
     inflated: Vec<Aabb>,
-    /// Its answer.
     answer: Option<PairMask>,
 }
 
@@ -97,9 +96,6 @@ pub struct Decoders {
 
 impl Decoders {
     /// Starts `threads` threads, of which the calling one is the first.
-    ///
-    /// # Errors
-    /// [`ThreadPoolBuildError`] where the system has no more threads, or the thread is in a pool.
     pub fn start(threads: NonZeroUsize) -> Result<Self, ThreadPoolBuildError> {
         let threads = threads.get();
         let cores = thread::available_parallelism().map_or(1, usize::from);
@@ -133,7 +129,6 @@ impl Looked {
 }
 
 impl Decoding {
-    /// Writes boxes into the memory of a frame.
     fn write(&self, boxes: &[Aabb], out: &mut [Aabb]) {
         match self {
             Self::Serial => write_boxes(boxes, out),
@@ -163,10 +158,8 @@ impl Decoding {
     }
 }
 
-/// The times of a frame, and facts about its answer.
 #[derive(Clone, Copy, Debug)]
 pub struct TimedFrame {
-    /// Facts about the answer.
     pub info: FrameInfo,
     /// Whether a request was made: else an earlier answer held.
     pub was_asked: bool,
@@ -186,26 +179,16 @@ impl TimedFrame {
     }
 }
 
-/// Why a frame could not be timed.
 #[derive(Debug, thiserror::Error)]
 pub enum TimedError {
-    /// The frame could not be sent, or was not answered.
     #[error(transparent)]
     Session(#[from] Error),
-    /// An engine without a session could not answer.
     #[error(transparent)]
     Cull(#[from] CullError),
-    /// An engine without a session wrote no mask.
     #[error(transparent)]
     Mask(#[from] MaskError),
-    /// An engine is broken.
     #[error("a frame has {counted} pairs and its mask holds {decoded}: please report this")]
-    Miscounted {
-        /// The engine's count.
-        counted: u64,
-        /// Pairs in the mask.
-        decoded: u64,
-    },
+    Miscounted { counted: u64, decoded: u64 },
 }
 
 impl TimedClient {
@@ -223,9 +206,6 @@ impl TimedClient {
 
     /// Runs a frame of `n` boxes that `write` writes into the frame's memory. `look` gets the mask
     /// after the clock has stopped.
-    ///
-    /// # Errors
-    /// [`TimedError`].
     pub fn written_frame(
         session: &mut Session,
         n: usize,
@@ -244,9 +224,6 @@ impl TimedClient {
     }
 
     /// Runs a frame of boxes. `look` gets the mask after the clock has stopped.
-    ///
-    /// # Errors
-    /// [`TimedError`].
     pub fn frame(
         &mut self,
         boxes: &[Aabb],
@@ -256,9 +233,6 @@ impl TimedClient {
     }
 
     /// As [`Self::frame`], decoded by the threads of `decoding`.
-    ///
-    /// # Errors
-    /// [`TimedError`].
     pub fn frame_decoded(
         &mut self,
         boxes: &[Aabb],

@@ -5,7 +5,6 @@ use pairmask_core::oracle::{Corners, Pair};
 use super::sphere_oracle;
 use super::window::Window;
 
-/// The result of a check.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Outcome {
     /// Pairs compared.

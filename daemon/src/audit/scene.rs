@@ -94,7 +94,6 @@ pub struct QueryNote {
     tags: OwnedTags,
 }
 
-/// The tags of queries.
 #[derive(Debug)]
 enum OwnedTags {
     None,
@@ -103,7 +102,6 @@ enum OwnedTags {
 }
 
 impl QueryNote {
-    /// Takes a window of the answer to a query, and copies what was asked.
     pub fn new(mut window: Box<Window>, queries: &[Aabb], tags: &QueryTags<'_>) -> Self {
         window.take_objects(Objects::Boxes(queries.into()));
         let tags = match tags {
@@ -153,7 +151,6 @@ impl Known {
     }
 }
 
-/// A scene that is audited.
 #[derive(Debug)]
 pub struct SceneAudit {
     copy: SceneCopy,
@@ -165,7 +162,6 @@ pub struct SceneAudit {
 }
 
 impl SceneAudit {
-    /// A scene before its first edit.
     pub fn new(most_boxes: u32, seed: u64) -> Self {
         Self {
             copy: SceneCopy::new(most_boxes),
@@ -202,7 +198,6 @@ impl SceneAudit {
         })
     }
 
-    /// Takes an answer, and compares some boxes.
     fn take(&mut self, reported: &SceneNote) -> Outcome {
         let mut outcome = Outcome::default();
         if reported.is_resync || reported.report == Report::All {

@@ -3,7 +3,7 @@
 use std::io;
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 
 use pairmask_core::mask::MaskShape;
@@ -16,6 +16,7 @@ use super::check::{Outcome, check};
 use super::scene::{QueryNote, SceneAudit, SceneNote};
 use super::window::{Reach, Span2, Window};
 use super::{AuditRate, NotedName};
+use crate::locked;
 use crate::scene::Random;
 
 /// Windows in circulation: one being checked while the next is filled.
@@ -44,9 +45,7 @@ struct Running {
 /// What is to be checked.
 enum Work {
     Window(Box<Window>),
-    /// An edit of a scene.
     Edit(Arc<SceneToken>, Box<SceneNote>),
-    /// A query of a scene.
     Query(Arc<SceneToken>, QueryNote),
 }
 
@@ -71,13 +70,10 @@ impl SceneToken {
 
 /// A frame, or a query of a scene, whose answer may be drawn.
 pub struct AuditedFrame<'a> {
-    /// What its objects are.
     pub form: ObjectForm,
     /// Objects of the first set, where it is of two; the queries of a scene.
     pub first_set: Option<BoxCount>,
-    /// How its mask is written.
     pub shape: &'a MaskShape,
-    /// Its mask.
     pub reply: &'a [u32],
 }
 
@@ -91,7 +87,6 @@ struct Lots {
     scenes: u64,
 }
 
-/// The counts of the thread.
 #[derive(Default)]
 struct Found {
     frames: AtomicU64,
@@ -134,17 +129,10 @@ impl Running {
     fn send(&self, work: Work) -> bool {
         self.full.as_ref().is_some_and(|full| full.try_send(work).is_ok())
     }
-
-    fn lots(&self) -> MutexGuard<'_, Lots> {
-        self.lots.lock().unwrap_or_else(PoisonError::into_inner)
-    }
 }
 
 impl Auditor {
     /// Starts the thread, if there is a rate.
-    ///
-    /// # Errors
-    /// The system's error, where it starts no thread.
     pub fn start(rate: AuditRate) -> io::Result<Self> {
         let AuditRate::OneIn(one_in) = rate else { return Ok(Self { running: None }) };
         let (full, to_check) = sync_channel(WINDOWS + NOTES);
@@ -177,7 +165,7 @@ impl Auditor {
     pub fn draw(&self, fields: &ReplyFields, frame: &AuditedFrame<'_>) -> Option<Box<Window>> {
         let running = self.running.as_ref()?;
         let drawn = {
-            let mut lots = running.lots();
+            let mut lots = locked(&running.lots);
             let is_drawn = lots.random.below(u64::from(running.one_in)) == 0;
             if is_drawn { lots.window(fields.box_count.get(), frame)? } else { return None }
         };
@@ -193,7 +181,7 @@ impl Auditor {
         frame: &AuditedFrame<'_>,
     ) -> Option<Box<Window>> {
         let running = self.running.as_ref().filter(|_| !scene.0.is_lost())?;
-        let drawn = running.lots().window(fields.box_count.get(), frame)?;
+        let drawn = locked(&running.lots).window(fields.box_count.get(), frame)?;
         Some(frame.take(fields, drawn))
     }
 
@@ -227,7 +215,7 @@ impl Auditor {
     /// Draws whether a scene that begins is audited.
     pub fn draw_scene(&self, most_boxes: u32) -> Option<AuditedScene> {
         let running = self.running.as_ref()?;
-        let mut lots = running.lots();
+        let mut lots = locked(&running.lots);
         if lots.random.below(u64::from(running.one_in)) != 0 {
             return None;
         }
@@ -248,18 +236,17 @@ impl Auditor {
         if !(has_room && sent()) {
             waiting.fetch_sub(1, Ordering::Relaxed);
             token.is_lost.store(true, Ordering::Relaxed);
-            running.lots().skipped += 1;
+            locked(&running.lots).skipped += 1;
         }
     }
 
-    /// The auditor's counts.
     pub fn counts(&self) -> AuditCounts {
         let Some(running) = &self.running else { return AuditCounts::default() };
         let found = |counter: &AtomicU64| counter.load(Ordering::Relaxed);
         AuditCounts {
             one_in: u64::from(running.one_in),
             frames: found(&running.found.frames),
-            skipped: running.lots().skipped,
+            skipped: locked(&running.lots).skipped,
             pairs: found(&running.found.pairs),
             missed: found(&running.found.missed),
             extra: found(&running.found.extra),

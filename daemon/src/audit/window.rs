@@ -28,7 +28,6 @@ impl Reach {
     /// Limits for spheres, whose oracle takes a microsecond a pair: about 30 ms of it.
     pub const SPHERES: Self = Self { tests: 1 << 15, columns: 1 << 12, whole_frame: 256 };
 
-    /// The limits for objects of a form.
     pub const fn of(form: ObjectForm) -> Self {
         match form {
             ObjectForm::Boxes(_) => Self::BOXES,
@@ -40,7 +39,6 @@ impl Reach {
 /// Rows and columns, as positions in the mask's order; as indices of objects where it has none.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Span2 {
-    /// Rows.
     pub rows: Range<u32>,
     /// Columns; the first is a multiple of 32.
     pub columns: Range<u32>,
@@ -84,7 +82,6 @@ impl Span2 {
         Self { rows: first_row..first_row + rows, columns: first_column..end }
     }
 
-    /// Words of a row.
     fn row_words(&self) -> usize {
         (self.columns.len()).div_ceil(32)
     }
@@ -107,9 +104,7 @@ pub struct Window {
     rules: Option<Arc<SentRules>>,
     /// Boxes of the first set, where the frame is of two: those of one set do not meet.
     first_set: Option<BoxCount>,
-    /// Token of the client, for the log.
     pub client_token: u64,
-    /// The client's number of the frame.
     pub frame: u64,
 }
 
@@ -181,7 +176,6 @@ impl Window {
         }
     }
 
-    /// Takes the rules of the frame, or none.
     pub fn take_rules(&mut self, rules: Option<Arc<SentRules>>) {
         self.rules = rules;
     }

@@ -49,38 +49,19 @@ pub struct Config {
     pub(super) audit: Option<AuditRate>,
 }
 
-/// Why the configuration cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum ConfigError {
-    /// A file that the user named cannot be read.
     #[error("configuration {0}")]
     Read(FileError),
-    /// The user's default file exists and cannot be read.
     #[error("your configuration {0}; or name another by --config, /dev/null for none")]
     ReadOwn(FileError),
-    /// The default file cannot be read, because it would be another user's (`sudo`, a service's user).
     #[error(
         "{variable} is {}, which belongs to user {owner} and not to you: set it to a directory of your own, or name a configuration by --config, /dev/null for none",
         path.display()
     )]
-    OtherUser {
-        /// The variable that names the directory.
-        variable: &'static str,
-        /// The directory.
-        path: PathBuf,
-        /// Its owner's user id.
-        owner: u32,
-    },
-    /// The file is not TOML, or has an unknown key or a wrong value.
+    OtherUser { variable: &'static str, path: PathBuf, owner: u32 },
     #[error("configuration {}, {}", path.display(), one_line(text, source))]
-    Parse {
-        /// The file.
-        path: PathBuf,
-        /// Its contents.
-        text: String,
-        /// The parser's error.
-        source: Box<toml::de::Error>,
-    },
+    Parse { path: PathBuf, text: String, source: Box<toml::de::Error> },
 }
 
 /// Most characters of a wrong line that are quoted.

@@ -30,7 +30,6 @@ impl DaemonCpu {
         })
     }
 
-    /// Begins to count.
     pub fn since_now(&self) -> Since {
         Since { at: Instant::now(), used: self.used() }
     }

@@ -39,7 +39,6 @@ pub struct Explain {
     json: bool,
 }
 
-/// Why `explain` failed.
 #[derive(Debug, thiserror::Error)]
 pub enum ExplainCommandError {
     #[error(transparent)]
@@ -51,7 +50,6 @@ pub enum ExplainCommandError {
 }
 
 impl Explain {
-    /// Reads the file and explains the pair.
     pub fn run(&self) -> Result<(), ExplainCommandError> {
         let progress = spinner("reading and explaining");
         let boxes = RawBoxes::open(&self.boxes)?.read()?;

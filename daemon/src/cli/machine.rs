@@ -17,16 +17,13 @@ pub struct Machine {
     pub os: String,
     /// Kernel release.
     pub kernel: String,
-    /// Compiler of this build.
     pub toolchain: String,
-    /// Commit of this build.
     pub commit: String,
     /// The command line, without the binary's path.
     pub command: String,
 }
 
 impl Machine {
-    /// The machine, the build and the command line of this process.
     pub fn this() -> Self {
         let unknown = || "unknown".to_owned();
         Self {

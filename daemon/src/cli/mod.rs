@@ -129,13 +129,10 @@ impl Command {
     }
 }
 
-/// Why a command failed.
 #[derive(Debug, thiserror::Error)]
 enum CliError {
-    /// The command line is wrong.
     #[error(transparent)]
     Usage(#[from] WrongUsage),
-    /// Help or version could not be printed.
     #[error(transparent)]
     Output(#[from] OutputError),
     #[error(transparent)]

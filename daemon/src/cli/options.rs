@@ -39,12 +39,10 @@ impl Place {
         self.instance.clone().or_else(|| config.instance.clone())
     }
 
-    /// The instance to use.
     pub fn instance(&self, config: &Config) -> InstanceName {
         self.named_instance(config).unwrap_or_default()
     }
 
-    /// The directory that holds the instance.
     pub fn runtime_dir(&self, config: &Config) -> RuntimeDir {
         let named = self.runtime_dir.as_ref().or(config.runtime_dir.as_ref());
         named
@@ -52,12 +50,10 @@ impl Place {
             .map_or_else(RuntimeDir::from_env, RuntimeDir::at)
     }
 
-    /// The instruction set that engines and decoders use.
     pub fn isa(&self, config: &Config) -> AvailableIsa {
         self.isa.or(config.isa).unwrap_or_else(AvailableIsa::best)
     }
 
-    /// The configuration file that the user named, if any.
     pub fn config_file(&self) -> Option<&Path> {
         self.config.as_deref().filter(|path| !path.as_os_str().is_empty())
     }
@@ -73,7 +69,6 @@ pub struct DaemonOptions {
 }
 
 impl DaemonOptions {
-    /// The GPUs to use.
     pub fn gpus(&self, config: &Config) -> GpuChoices {
         self.gpu.clone().or_else(|| config.gpu.clone()).unwrap_or_default()
     }
@@ -83,7 +78,6 @@ impl DaemonOptions {
         self.gpus(config).first()
     }
 
-    /// Settings of a private daemon.
     pub fn private(&self, place: &Place, config: &Config) -> PrivateSettings {
         PrivateSettings {
             gpu: self.gpus(config),
@@ -115,7 +109,6 @@ pub struct CullFlags {
 }
 
 impl CullFlags {
-    /// The backend, or `default` where none is set.
     pub fn backend(&self, config: &Config, default: Backend) -> Backend {
         self.backend.or(config.backend).unwrap_or(default)
     }
@@ -130,7 +123,6 @@ impl CullFlags {
         }
     }
 
-    /// The engine to use.
     pub fn engine(&self, config: &Config) -> EngineChoice {
         self.engine.or(config.engine).unwrap_or_default()
     }

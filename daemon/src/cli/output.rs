@@ -9,13 +9,10 @@ use serde::Serialize;
 
 use crate::file_error::{Access, FileError, advice};
 
-/// Why a result could not be written.
 #[derive(Debug, thiserror::Error)]
 pub enum OutputError {
-    /// stdout is closed or full.
     #[error("standard output: {}", advice(Access::Write, .0))]
     Io(#[from] std::io::Error),
-    /// The result cannot be written as JSON.
     #[error("writing the result as JSON: {0}")]
     Json(#[from] serde_json::Error),
 }
@@ -27,17 +24,11 @@ pub fn start_log(default_level: &str) {
 }
 
 /// Prints one JSON document and a line's end on stdout.
-///
-/// # Errors
-/// [`OutputError`].
 pub fn print_json(value: &impl Serialize) -> Result<(), OutputError> {
     print_text(&serde_json::to_string_pretty(value)?)
 }
 
 /// Prints text and a line's end on stdout.
-///
-/// # Errors
-/// [`OutputError::Io`].
 pub fn print_text(text: &str) -> Result<(), OutputError> {
     let mut stdout = std::io::stdout().lock();
     writeln!(stdout, "{text}")?;
@@ -46,9 +37,6 @@ pub fn print_text(text: &str) -> Result<(), OutputError> {
 }
 
 /// Writes bytes to stdout.
-///
-/// # Errors
-/// [`OutputError::Io`].
 pub fn print_bytes(bytes: &[u8]) -> Result<(), OutputError> {
     let mut stdout = std::io::stdout().lock();
     stdout.write_all(bytes)?;
@@ -57,9 +45,6 @@ pub fn print_bytes(bytes: &[u8]) -> Result<(), OutputError> {
 }
 
 /// Creates the folder of the results before a long run, so that a wrong name fails at once.
-///
-/// # Errors
-/// [`FileError`], which names the folder.
 pub fn make_folder(folder: Option<&Path>) -> Result<(), FileError> {
     let made =
         |folder| std::fs::create_dir_all(folder).map_err(FileError::of(folder, Access::WriteInto));
@@ -72,12 +57,10 @@ pub fn print_aside(text: &str) {
     let _ = writeln!(std::io::stderr(), "{text}");
 }
 
-/// Whether the name of an output file means stdout.
 pub fn is_stdout(path: &Path) -> bool {
     path == Path::new("-")
 }
 
-/// A time as text, with a suitable unit.
 pub fn time_text(ns: u64) -> String {
     match ns {
         0..1_000 => format!("{ns} ns"),

@@ -11,15 +11,10 @@ const DIGITS: u8 = 3;
 /// Percentiles of a latency, ns.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Percentiles {
-    /// Of half of them.
     pub p50: u64,
-    /// Of 90 of 100.
     pub p90: u64,
-    /// Of 99 of 100.
     pub p99: u64,
-    /// Of 999 of 1,000.
     pub p999: u64,
-    /// The longest.
     pub max: u64,
 }
 
@@ -62,19 +57,16 @@ impl Recorder {
         Self(histogram.expect("constant bounds, checked by a test"))
     }
 
-    /// Adds one latency.
     pub fn record(&mut self, ns: u64) {
         self.0.saturating_record(ns);
     }
 
-    /// Adds all latencies of another.
     pub fn add(&mut self, other: &Self) {
         for step in other.0.iter_recorded() {
             self.0.saturating_record_n(step.value_iterated_to(), step.count_at_value());
         }
     }
 
-    /// Removes all latencies.
     pub fn clear(&mut self) {
         self.0.reset();
     }

@@ -18,9 +18,7 @@ const _: () = assert!(cfg!(target_endian = "little"), "objects are read as they 
 /// Name that stands for stdin.
 const STDIN: &str = "-";
 
-/// A kind of object that files hold.
 pub trait RawObject: Pod + Default {
-    /// The plural, for messages.
     const PLURAL: &'static str;
 }
 
@@ -32,35 +30,18 @@ impl RawObject for Sphere {
     const PLURAL: &'static str = "spheres";
 }
 
-/// Why a file cannot be read.
 #[derive(Debug, thiserror::Error)]
 pub enum RawObjectsError {
-    /// The system refused.
     #[error(transparent)]
     Io(#[from] FileError),
-    /// The file's size is not a multiple of an object's.
     #[error(
         "{} has {bytes} bytes, which is {} {plural} of {each} bytes and {} bytes more: is it truncated, or no file of {plural}?",
         path.display(), bytes / each, bytes % each
     )]
-    OddSize {
-        /// The file.
-        path: PathBuf,
-        /// Its size.
-        bytes: u64,
-        /// Size of an object.
-        each: u64,
-        /// What it should hold.
-        plural: &'static str,
-    },
+    OddSize { path: PathBuf, bytes: u64, each: u64, plural: &'static str },
     /// A device like /dev/zero, which ends nowhere.
     #[error("{}: it is a device without an end: name a file or a pipe of {plural}", path.display())]
-    Endless {
-        /// The device.
-        path: PathBuf,
-        /// What it should hold.
-        plural: &'static str,
-    },
+    Endless { path: PathBuf, plural: &'static str },
 }
 
 /// An open file of objects whose number is known. A regular file is not read yet.
@@ -72,7 +53,6 @@ pub struct RawObjects<T> {
     objects: PhantomData<T>,
 }
 
-/// A file of boxes.
 pub type RawBoxes = RawObjects<Aabb>;
 
 #[derive(Debug)]
@@ -85,9 +65,6 @@ enum Source {
 
 impl<T: RawObject> RawObjects<T> {
     /// Opens a file, or stdin for `-`.
-    ///
-    /// # Errors
-    /// [`RawObjectsError`].
     pub fn open(path: &Path) -> Result<Self, RawObjectsError> {
         let failed = |source| FileError::of(path, Access::Read)(source);
         let is_stdin = path == Path::new(STDIN);
@@ -121,15 +98,11 @@ impl<T: RawObject> RawObjects<T> {
         Ok(Self { path, len, source, objects: PhantomData })
     }
 
-    /// Number of objects.
     pub const fn count(&self) -> usize {
         self.len
     }
 
     /// Reads the objects into `objects`, which holds [`RawObjects::count`] of them.
-    ///
-    /// # Errors
-    /// [`RawObjectsError::Io`], also where the file has become shorter.
     pub fn read_into(self, objects: &mut [T]) -> Result<(), RawObjectsError> {
         let Self { path, source, .. } = self;
         let memory: &mut [u8] = bytemuck::cast_slice_mut(objects);
@@ -141,9 +114,6 @@ impl<T: RawObject> RawObjects<T> {
     }
 
     /// Reads the objects into new memory.
-    ///
-    /// # Errors
-    /// As [`RawObjects::read_into`].
     pub fn read(self) -> Result<Vec<T>, RawObjectsError> {
         let mut objects = vec![T::default(); self.count()];
         self.read_into(&mut objects)?;

@@ -34,7 +34,6 @@ pub struct Scene {
     seed: u64,
 }
 
-/// The file was not written.
 #[derive(Debug, thiserror::Error)]
 pub enum SceneCommandError {
     #[error(transparent)]
@@ -44,7 +43,6 @@ pub enum SceneCommandError {
 }
 
 impl Scene {
-    /// Writes the file.
     pub fn run(&self) -> Result<(), SceneCommandError> {
         let progress = spinner(&format!("{} boxes", self.n));
         let scene = Boxes::new(self.name, self.n as usize, self.seed);

@@ -48,7 +48,6 @@ impl Look {
         }
     }
 
-    /// The warning about a file of `n` boxes, if any.
     pub fn warning_of_boxes(self, n: u32, useless: Useless) -> Option<String> {
         let Useless { empty, invalid } = useless;
         let count = u64::from(empty) + u64::from(invalid);
@@ -70,7 +69,6 @@ impl Look {
         }
     }
 
-    /// The warning about a file of `n` spheres, if any.
     pub fn warning_of_spheres(self, n: u32, useless: Useless) -> Option<String> {
         let Useless { empty, invalid } = useless;
         let hint = "the file reads as boxes: try it without --shape spheres";
@@ -86,7 +84,6 @@ impl Look {
     }
 }
 
-/// The warning about boxes in memory, if any.
 pub fn of_boxes(boxes: &[Aabb]) -> Option<String> {
     let count = |class| boxes.iter().filter(|one| one.class() == class).count() as u32;
     let useless = Useless { empty: count(BoxClass::Empty), invalid: count(BoxClass::Invalid) };

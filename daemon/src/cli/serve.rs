@@ -68,9 +68,6 @@ impl Serve {
     }
 
     /// Serves until told to stop. `alter_answers` is for tests of the auditor.
-    ///
-    /// # Errors
-    /// [`ServeError`].
     pub fn run(
         &self,
         place: &Place,

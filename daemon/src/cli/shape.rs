@@ -87,11 +87,6 @@ mod tests {
     }
 
     #[test]
-    fn the_command_line_is_consistent() {
-        command().debug_assert();
-    }
-
-    #[test]
     fn help_lists_what_a_command_uses_and_every_command_takes_what_is_shared() {
         let mut built = command();
         built.build();

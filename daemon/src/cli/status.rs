@@ -37,7 +37,6 @@ pub struct Status {
     json: bool,
 }
 
-/// Why `status` failed.
 #[derive(Debug, thiserror::Error)]
 pub enum StatusCommandError {
     #[error("no daemon answers under {}: start one with `pairmaskd serve`", dir.path().display())]
@@ -74,16 +73,6 @@ enum State {
     Alive,
     Silent,
     Dead,
-}
-
-impl State {
-    const fn as_str(self) -> &'static str {
-        match self {
-            Self::Alive => "alive",
-            Self::Silent => "silent",
-            Self::Dead => "dead",
-        }
-    }
 }
 
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
@@ -125,7 +114,6 @@ struct ErrorReport {
 }
 
 impl Status {
-    /// Looks through the runtime directory and asks every instance.
     pub fn run(&self, place: &Place, config: &Config) -> Result<(), StatusCommandError> {
         let dir = place.runtime_dir(config);
         match dir.check() {
@@ -205,7 +193,8 @@ impl InstanceReport {
 
     fn write_to(&self, text: &mut String) -> std::fmt::Result {
         let Self { instance, state, version, pid, .. } = self;
-        writeln!(text, "{instance}: {}, process {pid}, wire {version}", state.as_str())?;
+        let state = format!("{state:?}").to_lowercase();
+        writeln!(text, "{instance}: {state}, process {pid}, wire {version}")?;
         if let Some(problem) = &self.problem {
             writeln!(text, "  {problem}")?;
         }

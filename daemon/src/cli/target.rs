@@ -14,11 +14,8 @@ use crate::spawn::{PrivateDaemon, PrivateSettings, SpawnError};
 /// How long one frame of a measurement may take: all pairs of a million boxes on one thread.
 pub const DEADLINE: Duration = Duration::from_secs(600);
 
-/// The instance that is measured.
 pub struct Target {
-    /// The directory that holds the instance.
     pub dir: RuntimeDir,
-    /// The instance.
     pub instance: InstanceName,
     backend: Backend,
     /// A daemon of the measurement's own, stopped with it.
@@ -26,26 +23,9 @@ pub struct Target {
 }
 
 impl Target {
-    /// The instance that the user named, else a new private daemon: this process's binary as
-    /// `serve`, which spins for `spin` before it sleeps.
-    ///
-    /// # Errors
-    /// [`SpawnError`] where the daemon does not start.
+    /// For so many clients at a time, the instance that the user named, else a new private daemon: this process's
+    /// binary as `serve`, which spins for `spin` before it sleeps.
     pub fn new(
-        options: &CullFlags,
-        daemon: &DaemonOptions,
-        spin: Duration,
-        place: &Place,
-        config: &Config,
-    ) -> Result<Self, SpawnError> {
-        Self::for_clients(options, daemon, spin, 1, place, config)
-    }
-
-    /// As [`Self::new`], for so many clients at a time.
-    ///
-    /// # Errors
-    /// [`SpawnError`] where the daemon does not start.
-    pub fn for_clients(
         options: &CullFlags,
         daemon: &DaemonOptions,
         spin: Duration,

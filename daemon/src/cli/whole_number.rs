@@ -3,11 +3,8 @@
 use std::num::{IntErrorKind, NonZeroU16, NonZeroU32, NonZeroU64, NonZeroUsize, ParseIntError};
 use std::str::FromStr;
 
-/// A type of whole numbers.
 pub trait WholeNumber: FromStr<Err = ParseIntError> {
-    /// The smallest.
     const LEAST: u64;
-    /// The largest.
     const MOST: u64;
 }
 
@@ -29,30 +26,17 @@ impl_whole_number! {
     NonZeroUsize: 1 to usize::MAX;
 }
 
-/// Why a text is refused as a number.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum WholeNumberError {
-    /// The text is no number, or has a fraction, an exponent or a unit.
     #[error("must be a whole number in digits alone, such as 1000")]
     NoNumber,
-    /// Below the smallest.
     #[error("must be at least {least}")]
-    TooSmall {
-        /// The smallest.
-        least: u64,
-    },
-    /// Above the largest.
+    TooSmall { least: u64 },
     #[error("must be at most {most}")]
-    TooLarge {
-        /// The largest.
-        most: u64,
-    },
+    TooLarge { most: u64 },
 }
 
 /// Parses a whole number.
-///
-/// # Errors
-/// [`WholeNumberError`], which states the allowed range.
 pub fn whole_number<T: WholeNumber>(text: &str) -> Result<T, WholeNumberError> {
     let is_negative = || {
         let digits = text.strip_prefix('-').unwrap_or_default();
@@ -66,29 +50,4 @@ pub fn whole_number<T: WholeNumber>(text: &str) -> Result<T, WholeNumberError> {
         _ if is_negative() => WholeNumberError::TooSmall { least: T::LEAST },
         _ => WholeNumberError::NoNumber,
     })
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_wrong_number_is_reported_what_it_must_be() {
-        let least = |least| WholeNumberError::TooSmall { least };
-        assert_eq!(whole_number::<u32>("7"), Ok(7));
-        assert_eq!(whole_number::<NonZeroUsize>("0"), Err(least(1)));
-        assert_eq!(whole_number::<NonZeroU64>("-1"), Err(least(1)));
-        assert_eq!(whole_number::<u32>("-1"), Err(least(0)));
-        assert_eq!(
-            whole_number::<u32>("5000000000"),
-            Err(WholeNumberError::TooLarge { most: 4_294_967_295 })
-        );
-        assert_eq!(
-            whole_number::<NonZeroU16>("70000"),
-            Err(WholeNumberError::TooLarge { most: 65_535 })
-        );
-        for text in ["", "x", "1e6", "1.5", "-", "10k", "1_000", "--2"] {
-            assert_eq!(whole_number::<u64>(text), Err(WholeNumberError::NoNumber), "{text}");
-        }
-    }
 }

@@ -40,10 +40,8 @@ impl RequestKind {
     }
 }
 
-/// What a frame took.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct FrameWork {
-    /// Objects.
     pub(crate) objects: u32,
     /// CPU time on one core.
     pub(crate) work: Duration,
@@ -64,11 +62,11 @@ pub enum GpuNeed {
 
 /// What the last request of each kind took, the latest kind last.
 #[derive(Debug, Default)]
-pub(super) struct LastWork(Vec<(RequestKind, FrameWork)>);
+pub(crate) struct LastWork(Vec<(RequestKind, FrameWork)>);
 
 impl LastWork {
     /// Notes what a request took. The kind that was silent longest makes room.
-    pub(super) fn note(&mut self, kind: RequestKind, work: FrameWork) {
+    pub(crate) fn note(&mut self, kind: RequestKind, work: FrameWork) {
         if let Some(at) = self.0.iter().position(|(known, _)| *known == kind) {
             self.0.remove(at);
         } else if self.0.len() == MOST_KINDS {

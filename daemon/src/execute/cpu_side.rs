@@ -24,7 +24,6 @@ pub(super) struct CpuSide {
 }
 
 impl CpuSide {
-    /// The same with other engines.
     pub fn with_engines(self, engines: CpuEngines) -> Self {
         Self { engines, ..self }
     }
@@ -56,23 +55,27 @@ impl CpuSide {
         boxes: BoxSlice<'_>,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullAnswer, CullError> {
-        let start = Instant::now();
-        let Self { engines, expanded, .. } = self.with_room_for(boxes);
-        let boxes = boxes.expand(expanded, planned.options.threads != Some(1));
-        let expand_ns = nanoseconds_since(start);
+        let (engines, boxes, expand_ns) = self.expand(boxes, &planned.options);
         let mut report = engines.run(planned.plan.engine, &planned.plan.input(boxes), reply)?;
         report.times.ingest_ns += expand_ns;
         let engine = planned.plan.engine;
         Ok(planned.answer(report, engine))
     }
 
-    /// Itself, before boxes are expanded: memory goes back where frames of the past needed much more.
-    pub fn with_room_for(&mut self, boxes: BoxSlice<'_>) -> &mut Self {
+    /// The engines, f32 boxes for them, and the time that expanding took. Memory goes back where frames of the past
+    /// needed much more.
+    pub fn expand<'s: 'b, 'b>(
+        &'s mut self,
+        boxes: BoxSlice<'b>,
+        options: &CullOptions,
+    ) -> (&'s mut CpuEngines, BoxSlice<'b>, u64) {
+        let start = Instant::now();
         let expanded = if boxes.form() == BoxForm::F32 { 0 } else { AABB_BYTES * boxes.len() };
         if self.expanded_need.note(expanded, || self.expanded.allocated_bytes()) {
             self.expanded = ExpandScratch::default();
         }
-        self
+        let boxes = boxes.expand(&mut self.expanded, options.threads != Some(1));
+        (&mut self.engines, boxes, nanoseconds_since(start))
     }
 
     /// The answer to a frame that the GPU could not serve, or the error.
@@ -83,20 +86,21 @@ impl CpuSide {
         boxes: BoxSlice<'_>,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullAnswer, CullError> {
-        match error {
-            CullError::DeviceLost { .. }
-            | CullError::DeviceMemory { .. }
-            | CullError::TooCrowded { .. } => {
-                let options = CullOptions { engine: EngineChoice::Auto, ..planned.options };
-                planned.plan = self.engines.plan(boxes, &options, None);
-                self.run(planned, boxes, reply)
-            }
-            error => Err(error),
+        if !is_left_to_cores(&error) {
+            return Err(error);
         }
+        let options = CullOptions { engine: EngineChoice::Auto, ..planned.options };
+        planned.plan = self.engines.plan(boxes, &options, None);
+        self.run(planned, boxes, reply)
     }
 }
 
-/// A frame with its plan.
+/// Whether a GPU could not serve a frame that cores can.
+pub(crate) const fn is_left_to_cores(error: &CullError) -> bool {
+    use CullError::{DeviceLost, DeviceMemory, TooCrowded};
+    matches!(error, DeviceLost { .. } | DeviceMemory { .. } | TooCrowded { .. })
+}
+
 pub struct Planned {
     pub(super) plan: Plan,
     pub(super) options: CullOptions,
@@ -120,7 +124,6 @@ impl Planned {
         self.one_core_ns.filter(|_| !is_gpu).map(Duration::from_nanos)
     }
 
-    /// Whether the plan is a GPU's.
     pub fn is_gpu(&self) -> bool {
         self.plan.engine.is_gpu()
     }

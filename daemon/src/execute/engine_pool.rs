@@ -5,9 +5,10 @@
 //! thread was interrupted would be taken for one with large frames.
 
 use std::cell::Cell;
-use std::sync::{Mutex, MutexGuard, PoisonError, TryLockError};
+use std::sync::{Mutex, TryLockError};
 use std::time::{Duration, Instant};
 
+use crate::locked;
 use pairmask_core::AwakePool;
 use rayon::{ThreadPool, ThreadPoolBuildError, ThreadPoolBuilder};
 use rustix::time::{ClockId, clock_gettime};
@@ -22,9 +23,6 @@ pub struct EnginePool {
 
 impl EnginePool {
     /// A pool of `threads` threads, with this one as its first.
-    ///
-    /// # Errors
-    /// The system starts no thread, or this one belongs to a pool.
     pub fn with_this_thread(threads: usize) -> Result<Self, ThreadPoolBuildError> {
         let pool = ThreadPoolBuilder::new()
             .num_threads(threads)
@@ -34,7 +32,6 @@ impl EnginePool {
         Ok(Self { pool, awake: Mutex::default() })
     }
 
-    /// Threads.
     pub fn threads(&self) -> usize {
         self.pool.current_num_threads()
     }
@@ -42,7 +39,7 @@ impl EnginePool {
     /// Does work in the pool, as soon as no other thread does: on this thread where it is the pool's
     /// own, else on one that is handed the work.
     pub fn work<R: Send>(&self, work: impl FnOnce() -> R + Send) -> R {
-        self.work_in(&self.awake(), work)
+        self.work_in(&locked(&self.awake), work)
     }
 
     /// Does work in the pool with `true`, or where another thread works there with `false` on this thread, at once:
@@ -77,10 +74,6 @@ impl EnginePool {
             Err(TryLockError::WouldBlock) => {}
         }
     }
-
-    fn awake(&self) -> MutexGuard<'_, AwakePool> {
-        self.awake.lock().unwrap_or_else(PoisonError::into_inner)
-    }
 }
 
 thread_local! {
@@ -95,7 +88,6 @@ pub struct CpuTimer {
 }
 
 impl CpuTimer {
-    /// Begins to measure, on this thread.
     pub fn start() -> Self {
         Self { start: used_by_this_thread() + IN_POOL.get() }
     }

@@ -45,7 +45,6 @@ pub(super) struct LentReply {
 }
 
 impl LentReply {
-    /// First byte.
     pub(super) const fn start(self) -> usize {
         self.start
     }
@@ -66,7 +65,6 @@ pub(super) fn with_lent<M: FrameMemory, R>(
     memory.with(|objects, reply| work(objects, &mut NotedReply { inner: reply, lent }))
 }
 
-/// Takes note of the memory that was reserved.
 struct NotedReply<'a> {
     inner: &'a mut dyn ReplyBuffer,
     lent: &'a mut LentReply,
@@ -84,7 +82,6 @@ impl ReplyBuffer for NotedReply<'_> {
     }
 }
 
-/// The boxes of a frame of boxes.
 pub(crate) fn boxes_of(objects: Objects<'_>) -> BoxSlice<'_> {
     match objects {
         Objects::Boxes(boxes) => boxes,

@@ -21,7 +21,6 @@ use super::offers::{Offers, Owner};
 use super::shared_gpu::Outlook;
 use super::spheres::takes_spheres;
 
-/// The engines of a device.
 struct Engines {
     all_pairs: AllPairs,
     grid: Grid,
@@ -143,9 +142,6 @@ const UNDER_WAY_SOFTWARE_BOXES: u32 = 32_768;
 impl GpuService {
     /// Opens the GPU of a choice. Its clocks are kept up for `hold` after each frame, where it has a
     /// queue for that; zero leaves them alone.
-    ///
-    /// # Errors
-    /// [`OpenError`]; [`OpenError::NoAdapter`] where nothing fits the choice.
     pub fn open(choice: &GpuChoice, hold: Duration) -> Result<Self, OpenError> {
         let open = opener(choice, None);
         let gpu = open()?;
@@ -195,7 +191,6 @@ impl GpuService {
         self.engines().map(|engines| Arc::clone(&engines.scenes))
     }
 
-    /// What frames cost on the device of now.
     pub fn cost(&self) -> Option<GpuCost> {
         self.engines.as_ref()?.cost
     }
@@ -290,9 +285,6 @@ impl GpuService {
 
     /// Starts frames of several memories, with the owners of their boxes, in one submission.
     ///
-    /// # Errors
-    /// As [`Self::begin`], for each frame.
-    ///
     /// # Panics
     /// With more than [`BUNDLE_FRAMES`](super::gpu::BUNDLE_FRAMES).
     pub fn begin_bundle<M: FrameMemory>(
@@ -325,7 +317,7 @@ impl GpuService {
             return (Err(CullError::DeviceLost { engine: plan.engine }), frame.give_up());
         };
         let ended = engines.grid.wait_for(&mut frame);
-        let mut lent = frame.lent();
+        let mut lent = frame.lent;
         let mut memory = frame.give_up();
         let answered = match (ended, &mut memory) {
             (Err(CullError::TooCrowded { .. }), Some(memory)) => {
@@ -376,7 +368,6 @@ const LINK_NS_A_BYTE: f64 = 0.04;
 /// the lines ahead fetched.
 const FAR_NS_A_BYTE: f64 = 0.02;
 
-/// Times small frames on a device that was just opened.
 fn measure(engines: &mut Engines, grid: &GridOptions) -> Option<GpuCost> {
     let apart = |i: usize| {
         let [x, y, z] = [i % 64, i / 64 % 64, i / 4096].map(|x| x as f32 * 2.0);

@@ -37,7 +37,6 @@ impl Gpus {
         devices.windows(2).all(|two| two[0].info().computes_as(two[1].info()))
     }
 
-    /// How many are being opened, and how many are there.
     pub fn counts(&self) -> GpuCounts {
         let count =
             |is: fn(&SharedGpu) -> bool| self.all.iter().filter(|gpu| is(gpu)).count() as u32;
@@ -52,12 +51,10 @@ impl Gpus {
         self.all.len()
     }
 
-    /// Whether there are none.
     pub fn is_empty(&self) -> bool {
         self.all.is_empty()
     }
 
-    /// Each of them.
     pub fn iter(&self) -> impl Iterator<Item = &Arc<SharedGpu>> {
         self.all.iter()
     }

@@ -69,9 +69,6 @@ fn gpu_ns(cost: &GpuCost, boxes: usize, searched: usize) -> Option<f64> {
 
 impl SceneKeeper {
     /// A scene without boxes.
-    ///
-    /// # Errors
-    /// [`CullError::Unavailable`] where an engine of a GPU is asked for and there is none.
     pub fn new(
         options: SceneOptions,
         engines: CpuEngines,
@@ -104,7 +101,6 @@ impl SceneKeeper {
         at_place!(&self.place, scene => scene.len())
     }
 
-    /// Whether there are none.
     pub const fn is_empty(&self) -> bool {
         self.len() == 0
     }
@@ -114,7 +110,6 @@ impl SceneKeeper {
         at_place!(&self.place, scene => scene.index_end())
     }
 
-    /// The engine that answers.
     pub const fn engine(&self) -> EngineName {
         match &self.place {
             Place::Cores(_) => EngineName::CpuGrid,
@@ -166,7 +161,6 @@ impl SceneKeeper {
         }
     }
 
-    /// Most pairs that later queries may find.
     pub fn limit_query_pairs(&mut self, most: u64) {
         self.most_query_pairs = most;
         at_place!(&mut self.place, scene => scene.limit_query_pairs(most));
@@ -209,7 +203,6 @@ impl SceneKeeper {
         }
     }
 
-    /// The collision filters.
     pub const fn filters(&self) -> &FilterHistory {
         at_place!(&self.place, scene => scene.filters())
     }
@@ -240,7 +233,6 @@ impl SceneKeeper {
         Ok(())
     }
 
-    /// The last answer.
     pub const fn reported(&self) -> &Reported {
         at_place!(&self.place, scene => scene.reported())
     }
@@ -256,9 +248,6 @@ impl SceneKeeper {
     }
 
     /// Finds the boxes that some other boxes overlap, as [`Scene::query`] does.
-    ///
-    /// # Errors
-    /// [`QueryError`].
     pub fn query(
         &mut self,
         queries: &[Aabb],

@@ -13,6 +13,7 @@ mod shared_gpu;
 mod spheres;
 
 pub use self::cpu_side::Planned;
+pub(crate) use self::cpu_side::is_left_to_cores;
 pub use self::engine_pool::{CpuTimer, EnginePool};
 pub use self::frame_memory::FrameMemory;
 pub(crate) use self::frame_memory::boxes_of;
@@ -70,7 +71,6 @@ const fn no_gpu(engine: EngineName) -> CullError {
 const IDLE: Duration = Duration::from_secs(10);
 
 impl Executor {
-    /// The CPU engines, and those of GPUs.
     pub fn new(gpus: impl IntoIterator<Item = GpuService>) -> Self {
         Self::with_gpus(Gpus::new(gpus))
     }
@@ -110,7 +110,6 @@ impl Executor {
         }
     }
 
-    /// The instruction set and the calibration of its CPU engines.
     pub fn cpu_settings(&self) -> (AvailableIsa, Calibration) {
         let built_in = || Calibration::built_in(self.isa.get());
         (self.isa, self.calibration.unwrap_or_else(built_in))
@@ -121,7 +120,6 @@ impl Executor {
         self.gpus.turn(self.home)
     }
 
-    /// The GPUs of this daemon.
     pub const fn gpus(&self) -> &Gpus {
         &self.gpus
     }
@@ -133,9 +131,6 @@ impl Executor {
     /// A GPU that is lost, or has no memory for the scene, leaves the frame to the CPU: the answer
     /// is the same. A scene that crowds the GPU's grid goes to all pairs. Where the client left the
     /// encoding open, a mask that fits into the reply in any encoding is found.
-    ///
-    /// # Errors
-    /// [`CullError`].
     pub fn cull(
         &mut self,
         boxes: BoxSlice<'_>,
@@ -165,15 +160,17 @@ impl Executor {
         plan(stats, &Capabilities { threads, gpu }, &calibration, options)
     }
 
-    /// As [`Self::plan`], while other clients are busy: a frame that does not need the GPU gets a core.
-    pub fn plan_beside_others(
+    /// As [`Self::plan`]. While other clients are busy, a frame that does not need the GPU gets a core.
+    pub fn plan_beside(
         &mut self,
+        others: bool,
         boxes: BoxSlice<'_>,
         options: &CullOptions,
         limit_words: u64,
     ) -> Planned {
         let planned = self.plan(boxes, options, limit_words);
-        if !planned.plan.engine.is_gpu()
+        if !others
+            || !planned.is_gpu()
             || planned.needs_gpu()
             || options.engine != EngineChoice::Auto
         {
@@ -221,9 +218,6 @@ impl Executor {
 
     /// Runs a plan for the boxes of this memory, which belong to `owner`, as [`Self::cull`]. The reply
     /// that it lends is imported, so that a GPU writes the next one without a copy.
-    ///
-    /// # Errors
-    /// [`CullError`].
     pub fn run<M: FrameMemory>(
         &mut self,
         planned: Planned,
@@ -391,7 +385,6 @@ impl<'a> Frame<'a> {
         boxes_of(self.objects)
     }
 
-    /// Finds its pairs on a GPU, as soon as it is its turn.
     fn cull_on(
         &mut self,
         gpu: &SharedGpu,

@@ -22,7 +22,6 @@ pub enum Owner {
     Daemon,
 }
 
-/// Memory that was offered to the GPU.
 struct Offered {
     owner: Owner,
     start: usize,
@@ -54,7 +53,6 @@ type Leaving = Vec<(Range<usize>, Weak<Block>)>;
 /// many replies. The oldest is forgotten beyond, and imported again when it comes back.
 const OFFERED_LIMIT: usize = 128;
 
-/// What was offered to a device.
 pub(super) struct Offers {
     gpu: Arc<Gpu>,
     imports: SharedImports,

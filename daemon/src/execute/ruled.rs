@@ -15,7 +15,7 @@ use pairmask_wire::{Page, Reject, RulesPlace, SentRules, WORLD_RANGE_WORDS};
 
 use super::frame_memory::{FrameMemory, LentReply, boxes_of, with_lent};
 use super::gpu::takes_worlds;
-use super::{CpuSide, Executor, Owner, Planned};
+use super::{Executor, Owner, Planned};
 
 /// The rules of a session's last frames as a GPU takes them.
 #[derive(Default)]
@@ -26,7 +26,6 @@ pub(super) struct KeptMarks {
     ranges: Vec<WorldRange>,
 }
 
-/// Marks of rules.
 #[derive(Clone, Default)]
 enum MarksOfRules {
     /// The rules came for the first time.
@@ -76,7 +75,6 @@ pub struct RuledFrame {
 }
 
 impl RuledFrame {
-    /// The rules.
     pub fn rules(&self) -> &SentRules {
         &self.rules
     }
@@ -111,7 +109,9 @@ impl Executor {
         // As one world with as many boxes, which are not looked at: those of all worlds may share a place.
         let stats = SceneStats::unseen(n, options.last_pairs);
         let plan = self.plan_unseen(&stats, Some(gpu), options);
-        self.ruled(rules, &plan, options, start)
+        let (plan_ns, one_core_ns, gpu) = (0, None, None);
+        let planned = Planned { plan, options: *options, start, plan_ns, one_core_ns, gpu };
+        self.plan_ruled(rules, &planned, options)
     }
 
     /// The same for a frame whose boxes are of one world, by its plan without rules.
@@ -121,16 +121,7 @@ impl Executor {
         planned: &Planned,
         options: &CullOptions,
     ) -> Option<RuledFrame> {
-        self.ruled(rules, &planned.plan, options, planned.start)
-    }
-
-    fn ruled(
-        &mut self,
-        rules: &Arc<SentRules>,
-        plan: &Plan,
-        options: &CullOptions,
-        start: Instant,
-    ) -> Option<RuledFrame> {
+        let Planned { plan, start, .. } = planned;
         let n = plan.stats.n;
         let is_grid = plan.engine == EngineName::GpuGrid && plan.encoding != Encoding::Dense;
         if !is_grid || n.get() < 2 {
@@ -138,7 +129,7 @@ impl Executor {
         }
         let is_asked = options.engine != EngineChoice::Auto;
         let marks = self.marks.of(rules, n, options.threads.unwrap_or(1), is_asked)?;
-        Some(RuledFrame { marks, rules: Arc::clone(rules), plan: *plan, start })
+        Some(RuledFrame { marks, rules: Arc::clone(rules), plan: *plan, start: *start })
     }
 
     /// Finds the pairs of the boxes of this memory, which belong to `owner`, on a GPU, and where the pairs of
@@ -171,29 +162,8 @@ impl Executor {
         gpu.lock().offer_reply(lent);
         Ok((CullAnswer::new(plan, report, *start, plan_ns), ranges))
     }
-}
 
-/// A reply that has room for some words more than an engine asks for.
-pub(super) struct RoomBehind<'a> {
-    pub(super) reply: &'a mut dyn ReplyBuffer,
-    pub(super) words: u64,
-}
-
-impl ReplyBuffer for RoomBehind<'_> {
-    fn limit_words(&self) -> u64 {
-        self.reply.limit_words().saturating_sub(self.words)
-    }
-
-    fn reserve(&mut self, words: u64) -> Result<&mut [u32], ReserveError> {
-        self.reply.reserve(words.saturating_add(self.words))
-    }
-}
-
-impl Executor {
     /// The rules of a frame of `n` boxes, from its payload, to be kept under the client's number.
-    ///
-    /// # Errors
-    /// [`Reject`].
     pub fn read_rules(
         &mut self,
         place: &RulesPlace,
@@ -205,9 +175,6 @@ impl Executor {
     }
 
     /// The rules that are kept under the client's number.
-    ///
-    /// # Errors
-    /// [`Reject::UnknownRules`].
     pub fn kept_rules(&self, number: u64, n: BoxCount) -> Result<Arc<SentRules>, Reject> {
         self.rules.named(number, n).map(Arc::clone)
     }
@@ -223,9 +190,6 @@ impl Executor {
     }
 
     /// Finds the pairs of a box of the first `first` and one of the others, with the engines of the CPU.
-    ///
-    /// # Errors
-    /// [`CullError`].
     pub fn cull_between(
         &mut self,
         boxes: BoxSlice<'_>,
@@ -233,11 +197,8 @@ impl Executor {
         options: &CullOptions,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullAnswer, CullError> {
-        let start = Instant::now();
-        self.last_frame = Some(start);
-        let CpuSide { engines, expanded, .. } = self.cpu.with_room_for(boxes);
-        let boxes = boxes.expand(expanded, options.threads != Some(1));
-        let expand_ns = nanoseconds_since(start);
+        self.last_frame = Some(Instant::now());
+        let (engines, boxes, expand_ns) = self.cpu.expand(boxes, options);
         let mut done = scene::cull_between(engines, boxes, first, options, reply)?;
         done.times.ingest_ns += expand_ns;
         done.times.total_ns += expand_ns;
@@ -246,9 +207,6 @@ impl Executor {
 
     /// Finds the pairs that rules let meet, with the engines of the CPU. Where the list is ordered by
     /// world, the reply has room for the ranges behind it.
-    ///
-    /// # Errors
-    /// [`CullError`].
     pub fn cull_filtered(
         &mut self,
         boxes: BoxSlice<'_>,
@@ -256,18 +214,31 @@ impl Executor {
         options: &CullOptions,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<FilteredAnswer<'_>, CullError> {
-        let start = Instant::now();
-        self.last_frame = Some(start);
+        self.last_frame = Some(Instant::now());
         let words = WORLD_RANGE_WORDS as u64 * rules.most_worlds();
         let reply = &mut RoomBehind { reply, words };
-        let CpuSide { engines, expanded, .. } = self.cpu.with_room_for(boxes);
-        let boxes = boxes.expand(expanded, options.threads != Some(1));
-        let expand_ns = nanoseconds_since(start);
+        let (engines, boxes, expand_ns) = self.cpu.expand(boxes, options);
         // These engines see the rules of one reader alone, or of one frame.
         let known = NonZeroU64::new(rules.number());
         let mut done = engines.cull_filtered_known(boxes, rules.rules(), known, options, reply)?;
         done.answer.times.ingest_ns += expand_ns;
         done.answer.times.total_ns += expand_ns;
         Ok(done)
+    }
+}
+
+/// A reply that has room for some words more than an engine asks for.
+pub(super) struct RoomBehind<'a> {
+    pub(super) reply: &'a mut dyn ReplyBuffer,
+    pub(super) words: u64,
+}
+
+impl ReplyBuffer for RoomBehind<'_> {
+    fn limit_words(&self) -> u64 {
+        self.reply.limit_words().saturating_sub(self.words)
+    }
+
+    fn reserve(&mut self, words: u64) -> Result<&mut [u32], ReserveError> {
+        self.reply.reserve(words.saturating_add(self.words))
     }
 }

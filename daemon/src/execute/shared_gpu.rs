@@ -2,7 +2,7 @@
 
 use std::ops::{Deref, DerefMut, Range};
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
+use std::sync::{Arc, Mutex, MutexGuard, Weak};
 use std::time::{Duration, Instant};
 
 use pairmask_core::dispatch::CullAnswer;
@@ -14,6 +14,7 @@ use pairmask_core::{Encoding, EngineName};
 use super::cpu_side::engine_ns;
 use super::gpu::{Gpu, GridUnderWay};
 use super::{FrameMemory, GpuService, Owner, Planned, gpu, no_gpu};
+use crate::locked;
 
 /// How long a look at a software adapter's frame waits for the next.
 const SOFTWARE_REST: Duration = Duration::from_micros(200);
@@ -90,7 +91,7 @@ impl SharedGpu {
     /// The GPU, when it is this thread's turn: threads have it in the order in which they asked.
     pub(super) fn lock(&self) -> GpuTurn<'_> {
         let turn = self.turns.take(self.is_software());
-        let service = self.service.lock().unwrap_or_else(PoisonError::into_inner);
+        let service = locked(&self.service);
         GpuTurn { service, _turn: turn }
     }
 
@@ -105,12 +106,12 @@ impl SharedGpu {
     /// Notes what device its service has: it may be another one by now, or none.
     pub(super) fn note_device(&self, service: &GpuService) {
         let outlook = service.outlook();
-        *self.outlook.lock().unwrap_or_else(PoisonError::into_inner) = outlook;
+        *locked(&self.outlook) = outlook;
     }
 
     /// The device that was there when it was used last.
     pub(super) fn device(&self) -> Option<Arc<Gpu>> {
-        self.outlook.lock().unwrap_or_else(PoisonError::into_inner).1.upgrade()
+        locked(&self.outlook).1.upgrade()
     }
 
     /// Whether its first device is still being opened: it is not to be waited for.
@@ -144,7 +145,7 @@ impl SharedGpu {
 
     /// What is known of it, without waiting for it.
     pub(super) fn outlook(&self) -> Outlook {
-        self.outlook.lock().unwrap_or_else(PoisonError::into_inner).0
+        locked(&self.outlook).0
     }
 
     /// Whether its adapter is a program on the cores; also `false` where there is none now.
@@ -230,7 +231,6 @@ impl Turns {
     }
 }
 
-/// A turn, which ends when it is dropped.
 #[derive(Debug)]
 struct Turn<'a>(&'a Turns);
 
@@ -240,7 +240,6 @@ impl Drop for Turn<'_> {
     }
 }
 
-/// A frame in the queue of a GPU.
 #[derive(Debug)]
 pub(super) struct Queued {
     queued_ns: Arc<AtomicU64>,
@@ -294,7 +293,6 @@ pub type Ended<M> = (Result<CullAnswer, CullError>, Option<M>);
 /// Submissions that may be under way at a time, of one frame or of several.
 pub const SUBMISSIONS_UNDER_WAY: usize = gpu::SUBMISSIONS;
 
-/// Most frames of a submission.
 pub const BUNDLE_FRAMES: usize = gpu::BUNDLE_FRAMES;
 
 /// A frame that is to share a submission with others: made by [`Executor::join`](super::Executor::join),

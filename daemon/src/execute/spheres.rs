@@ -11,7 +11,7 @@ use pairmask_core::sphere::SPHERE_BYTES;
 use pairmask_core::{BoxCount, EngineChoice, EngineName, Sphere};
 
 use super::frame_memory::{FrameMemory, LentReply, with_lent};
-use super::{Executor, Frame, Owner, no_gpu};
+use super::{Executor, Frame, Owner, is_left_to_cores, no_gpu};
 
 /// Scratch that a frame takes, bytes a sphere: its bounds and its ball, 24 and 32, or four columns and
 /// the order, 36.
@@ -40,9 +40,6 @@ impl Executor {
     /// Finds the pairs of the spheres of this memory, which belong to `owner`, as
     /// [`Self::cull_spheres`]. The reply that it lends is imported, so that a GPU writes the next one
     /// without a copy.
-    ///
-    /// # Errors
-    /// [`CullError`].
     pub fn run_spheres<M: FrameMemory>(
         &mut self,
         owner: Owner,
@@ -66,9 +63,6 @@ impl Executor {
     ///
     /// A GPU that is lost, or has no memory for the scene, leaves the frame to the CPU: the answer is the
     /// same. A scene that crowds the GPU's grid goes to all pairs.
-    ///
-    /// # Errors
-    /// [`CullError`]; [`CullError::Unavailable`] where an engine of the GPU is asked for and there is none.
     pub fn cull_spheres(
         &mut self,
         spheres: &[Sphere],
@@ -83,23 +77,15 @@ impl Executor {
             return self.cull_spheres_here(spheres, &options, reply);
         };
         let frame = Frame { objects: spheres.into(), owner, reply };
-        let error = match self.cull_spheres_there(frame, &plan) {
-            Err(error) => error,
-            done => return done,
-        };
-        match error {
-            CullError::DeviceLost { .. }
-            | CullError::DeviceMemory { .. }
-            | CullError::TooCrowded { .. } => {
+        self.cull_spheres_there(frame, &plan).or_else(|error| {
+            if is_left_to_cores(&error) {
                 let here = CullOptions { engine: EngineChoice::Auto, ..options };
-                self.cull_spheres_here(spheres, &here, reply)
+                return self.cull_spheres_here(spheres, &here, reply);
             }
-            error => match options.after(plan.encoding, &error, len, limit_words) {
-                // It names its encoding, so that there is no third time.
-                Some(other) => self.cull_spheres(spheres, owner, &other, reply),
-                None => Err(error),
-            },
-        }
+            // It names its encoding, so that there is no third time.
+            let other = options.after(plan.encoding, &error, len, limit_words).ok_or(error)?;
+            self.cull_spheres(spheres, owner, &other, reply)
+        })
     }
 
     /// The plan of a frame of so many spheres that goes to the GPU; `None` for one that does not: also where

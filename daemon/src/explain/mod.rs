@@ -16,7 +16,6 @@ use serde::Serialize;
 pub struct Explanation {
     /// The indices of the two boxes, in the order given.
     pub pair: [u32; 2],
-    /// Boxes of the scene.
     pub boxes: u32,
     /// Whether the pair is in the mask.
     pub overlaps: bool,
@@ -26,7 +25,6 @@ pub struct Explanation {
     pub mode: String,
     /// The pair index k, the pair's bit in a dense mask; null for a box with itself.
     pub pair_index: Option<u64>,
-    /// The two boxes.
     pub box_reports: [BoxReport; 2],
     /// The three axes; null unless both boxes are solid.
     pub axes: Option<[AxisReport; 3]>,
@@ -36,10 +34,8 @@ pub struct Explanation {
     pub grid: GridReport,
 }
 
-/// One of the two boxes.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct BoxReport {
-    /// Its index.
     pub index: u32,
     /// `solid`, `empty` or `invalid`.
     pub class: &'static str,
@@ -74,17 +70,10 @@ pub struct PlaceReport {
     pub cell_edges: [f32; 3],
 }
 
-/// Why a pair cannot be explained.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ExplainError {
-    /// The scene has no box of that index.
     #[error("there is no box {index}: the scene has {boxes}, numbered from 0")]
-    NoSuchBox {
-        /// The index given.
-        index: u32,
-        /// Boxes of the scene.
-        boxes: usize,
-    },
+    NoSuchBox { index: u32, boxes: usize },
 }
 
 impl Explanation {
@@ -99,9 +88,6 @@ impl Explanation {
     /// assert_eq!(why.reason, "a gap of 1 on x keeps the boxes apart");
     /// # Ok::<(), pairmaskd::explain::ExplainError>(())
     /// ```
-    ///
-    /// # Errors
-    /// [`ExplainError::NoSuchBox`].
     pub fn of(boxes: &[Aabb], i: u32, j: u32) -> Result<Self, ExplainError> {
         Self::of_sent(boxes, &SentBoxes::exact(boxes), i, j)
     }
@@ -118,9 +104,6 @@ impl Explanation {
     /// assert!(why.overlaps && why.reason.ends_with("their cells meet: an extra pair of q8"));
     /// # Ok::<(), Box<dyn std::error::Error>>(())
     /// ```
-    ///
-    /// # Errors
-    /// [`ExplainError::NoSuchBox`], also where fewer boxes are sent than given.
     pub fn of_sent(
         boxes: &[Aabb],
         sent: &SentBoxes<'_>,
@@ -230,11 +213,8 @@ fn reason(i: u32, j: u32, two: [&Aabb; 2], axes: Option<&[AxisReport; 3]>) -> St
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Separation {
-    /// The intervals share more than a point.
     Overlapping,
-    /// The intervals share one point.
     Touching,
-    /// The intervals share no point.
     Apart,
 }
 
@@ -243,7 +223,6 @@ pub enum Separation {
 pub struct AxisReport {
     /// `x`, `y` or `z`.
     pub axis: &'static str,
-    /// How the intervals relate.
     pub state: Separation,
     /// Distance from the end of the interval that ends first to the start of the other, units.
     /// Below 0 the length of the overlap. Null where that is not finite.

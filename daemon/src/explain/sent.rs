@@ -93,7 +93,6 @@ impl<'a> SentBoxes<'a> {
         }
     }
 
-    /// Boxes inflated by a margin.
     pub fn inflated(margin: Margin, sent: impl Into<Cow<'a, [Aabb]>>) -> Self {
         let rule = format!("boxes are inflated by {}", margin.get());
         let mode = PrecisionChoice::Margin(margin).to_string();

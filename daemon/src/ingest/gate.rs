@@ -13,12 +13,9 @@ use pairmask_transport::{
 /// is not heard of again until others did.
 const MOST_KEPT: usize = 48;
 
-/// A request that was let in.
 #[derive(Debug)]
 pub struct Incoming {
-    /// Who sent it.
     pub sender: Sender,
-    /// What it says.
     pub request: CheckedRequest,
 }
 
@@ -63,7 +60,6 @@ impl Gate {
         }
     }
 
-    /// Forgets the ports that are gone.
     pub fn tidy(&mut self) {
         if self.ports.is_empty() {
             return;
@@ -160,7 +156,6 @@ impl Intake {
         }
     }
 
-    /// Forgets the ports that are gone.
     pub fn tidy(&mut self) {
         self.gate.tidy();
     }

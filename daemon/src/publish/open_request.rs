@@ -2,7 +2,7 @@
 //! known.
 
 use std::ops::Range;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::time::Instant;
 
 use pairmask_core::BoxCount;
@@ -23,10 +23,9 @@ use pairmask_wire::{
 
 use super::reply_memory::ReplyMemory;
 use crate::ingest::Incoming;
+use crate::locked;
 
-/// Words of a pair.
 const PAIR_WORDS: u64 = 2;
-/// Bytes of a word of a mask.
 const WORD_BYTES: u64 = size_of::<u32>() as u64;
 
 /// What lends the memory of replies, to several threads.
@@ -48,7 +47,7 @@ impl ReplyLender {
     /// Gives memory of replies back that no session needs; to be called now and then. `release` has others let go of a
     /// range of addresses, and says whether they did.
     pub(crate) fn tidy(&self, sessions: &[u128], release: impl FnMut(&Range<usize>) -> bool) {
-        let free = self.free.lock().unwrap_or_else(PoisonError::into_inner);
+        let free = locked(&self.free);
         if let Some(free) = &*free {
             let is_gone = |session| !sessions.contains(&session);
             self.memory.give_back(free, &self.turn, is_gone, release);
@@ -59,16 +58,18 @@ impl ReplyLender {
 /// A request in hand. Dropped without an answer, it leaves its client to its deadline.
 pub(crate) struct OpenRequest {
     incoming: Incoming,
-    fields: ReplyFields,
-    taken_at: Instant,
+    pub(crate) sender: Sender,
+    /// What its answer echoes.
+    pub(crate) fields: ReplyFields,
+    pub(crate) taken_at: Instant,
     scene: ScenePlace,
     loan: Option<ResponseLoan>,
     lender: Arc<ReplyLender>,
     /// Where its objects and its answer are to be kept.
-    keep: Option<KeepTicket>,
-    rules: Option<FrameRules>,
+    pub(crate) keep: Option<KeepTicket>,
+    pub(crate) rules: Option<FrameRules>,
     /// Where the ranges of worlds stand in the reply.
-    world_ranges: Option<Span>,
+    pub(crate) world_ranges: Option<Span>,
 }
 
 /// The rules of a frame that waits for its answer.
@@ -93,6 +94,7 @@ impl OpenRequest {
             box_count: BoxCount::new(header.box_count),
         };
         Self {
+            sender: incoming.sender,
             incoming,
             fields,
             taken_at,
@@ -111,9 +113,6 @@ impl OpenRequest {
     }
 
     /// Notes where its scene lies.
-    ///
-    /// # Errors
-    /// [`Reject::Objects`] where the objects are not all in the payload.
     pub(crate) fn place_scene(&mut self, scene: ScenePlace) -> Result<(), Reject> {
         if scene.objects_in(self.request().pages()).is_none() {
             let payload_bytes = self.payload_bytes();
@@ -121,21 +120,6 @@ impl OpenRequest {
         }
         self.scene = scene;
         Ok(())
-    }
-
-    /// Who sent it.
-    pub(crate) const fn sender(&self) -> Sender {
-        self.incoming.sender
-    }
-
-    /// What its answer echoes.
-    pub(crate) const fn fields(&self) -> &ReplyFields {
-        &self.fields
-    }
-
-    /// When it was taken in.
-    pub(crate) const fn taken_at(&self) -> Instant {
-        self.taken_at
     }
 
     /// The most words of its reply.
@@ -148,7 +132,6 @@ impl OpenRequest {
         self.limit_words() / PAIR_WORDS
     }
 
-    /// The payload.
     pub(crate) fn pages(&self) -> &[Page] {
         self.request().pages()
     }
@@ -158,21 +141,14 @@ impl OpenRequest {
         objects_at(&self.incoming.request, self.scene)
     }
 
-    /// The objects and the memory of the reply.
     pub(crate) fn parts(&mut self) -> (Objects<'_>, LoanReply<'_>) {
         let Self { incoming, scene, loan, lender, .. } = self;
         (objects_at(&incoming.request, *scene), LoanReply { incoming, loan, lender })
     }
 
-    /// The payload and the memory of the reply.
     pub(crate) fn payload_and_reply(&mut self) -> (&[Page], LoanReply<'_>) {
         let Self { incoming, loan, lender, .. } = self;
         (incoming.request.pages(), LoanReply { incoming, loan, lender })
-    }
-
-    /// Has its objects and its answer be kept for frames that are equal to it.
-    pub(crate) fn keep_with(&mut self, ticket: Option<KeepTicket>) {
-        self.keep = ticket;
     }
 
     /// Keeps objects and answer where that is wanted. The reply holds the mask.
@@ -186,16 +162,6 @@ impl OpenRequest {
     /// Gives it rules. The mask is that of the rules already, or will be.
     pub(crate) fn put_rules(&mut self, sent: Arc<SentRules>, options: CullOptions, is_done: bool) {
         self.rules = Some(FrameRules { sent, options, found_pairs: None, is_done });
-    }
-
-    /// Its rules, if it has any.
-    pub(crate) const fn rules(&self) -> Option<&FrameRules> {
-        self.rules.as_ref()
-    }
-
-    /// As [`Self::rules`], to be changed.
-    pub(crate) const fn rules_mut(&mut self) -> Option<&mut FrameRules> {
-        self.rules.as_mut()
     }
 
     /// Writes where the pairs of each world stand behind a mask of this shape, for which the reply has room.
@@ -214,11 +180,6 @@ impl OpenRequest {
         self.world_ranges = (words > 0).then(|| world_range_span(shape, words));
     }
 
-    /// Where the ranges of worlds stand in the reply, if it has any.
-    pub(crate) const fn world_ranges(&self) -> Option<Span> {
-        self.world_ranges
-    }
-
     /// Puts a few bytes that are not a mask.
     pub(crate) fn put(&mut self, bytes: &[u8]) -> Result<(), ReserveError> {
         let (_, mut reply) = self.parts();
@@ -232,7 +193,6 @@ impl OpenRequest {
         self.loan.as_ref().map_or(&[], |loan| words_in(loan.payload()))
     }
 
-    /// What was written, to be changed.
     pub(crate) fn words_mut(&mut self) -> &mut [u32] {
         self.loan.as_mut().map_or(&mut [], response_words)
     }
@@ -284,7 +244,6 @@ fn objects_at(request: &CheckedRequest, scene: ScenePlace) -> Objects<'_> {
     scene.objects_in(request.pages()).unwrap_or(Objects::Boxes(BoxSlice::default()))
 }
 
-/// The memory of a request's reply.
 pub(crate) struct LoanReply<'a> {
     incoming: &'a Incoming,
     loan: &'a mut Option<ResponseLoan>,
@@ -316,7 +275,6 @@ impl ReplyBuffer for LoanReply<'_> {
     }
 }
 
-/// The words of a response's memory.
 fn response_words(loan: &mut ResponseLoan) -> &mut [u32] {
     words_in_mut(loan.payload_mut())
 }

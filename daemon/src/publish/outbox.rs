@@ -1,6 +1,6 @@
 //! Where answers go out: counted, sent, their client woken, some of them checked again.
 
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::time::Instant;
 
 use iceoryx2::service::ipc_threadsafe;
@@ -17,6 +17,7 @@ use pairmask_wire::{
 use super::{OpenRequest, Refusal};
 use crate::audit::{AuditedFrame, AuditedScene, Auditor, Window};
 use crate::clients::{Clients, SceneMemory};
+use crate::locked;
 use crate::requests::Served;
 
 /// What changes the words of a finished answer and their report. A daemon that serves clients has
@@ -26,7 +27,8 @@ pub type AlterAnswer = fn(&mut [u32], &mut CullReport);
 /// What every answer passes, on the thread that made it.
 pub(crate) struct Outbox {
     services: Arc<Services<ipc_threadsafe::Service>>,
-    clients: Clients,
+    /// What the daemon keeps of its clients.
+    pub(crate) clients: Clients,
     counters: Mutex<Counters>,
     pub(crate) auditor: Arc<Auditor>,
     scene_memory: SceneMemory,
@@ -41,19 +43,10 @@ impl Outbox {
         clients: Clients,
         auditor: Arc<Auditor>,
         scene_memory: SceneMemory,
+        alter_answers: Option<AlterAnswer>,
     ) -> Self {
         let counters = Mutex::new(Counters::new());
-        Self { services, clients, counters, auditor, scene_memory, alter_answers: None }
-    }
-
-    /// Changes every answer from now on, or none. For tests of the auditor.
-    pub(crate) fn alter_answers(&mut self, alter: Option<AlterAnswer>) {
-        self.alter_answers = alter;
-    }
-
-    /// What the daemon keeps of its clients.
-    pub(crate) const fn clients(&self) -> &Clients {
-        &self.clients
+        Self { services, clients, counters, auditor, scene_memory, alter_answers }
     }
 
     /// Gives up what belonged to clients that are gone; to be called now and then.
@@ -61,22 +54,19 @@ impl Outbox {
         self.clients.tidy(|| self.sessions());
     }
 
-    /// The sessions that there are.
     pub(crate) fn sessions(&self) -> Vec<u128> {
         let mut sessions = Vec::new();
         self.services.for_each_sender(|sender| sessions.push(sender.session));
         sessions
     }
 
-    /// What the daemon has done so far.
     pub(crate) fn status(&self) -> StatusBody {
         let (clients, audit) = (self.services.client_count(), self.auditor.counts());
-        self.counters().body(clients, audit, self.scene_memory.used())
+        locked(&self.counters).body(clients, audit, self.scene_memory.used())
     }
 
-    /// What all answers left out so far.
     pub(crate) fn skips(&self) -> SkipTotals {
-        self.counters().skips
+        locked(&self.counters).skips
     }
 
     /// Answers with the pairs of the request's objects, whose mask its reply holds: of one and the other set, where
@@ -88,22 +78,22 @@ impl Outbox {
         mut answer: CullAnswer,
     ) {
         self.alter(open, &mut answer);
-        let (fields, form) = (*open.fields(), open.objects().form());
+        let (fields, form) = (open.fields, open.objects().form());
         let audited = self.auditor.draw(&fields, &frame_of(open, form, first_set, &answer));
         if first_set.is_none() {
             // What an engine without rules will find in the next frame.
-            let found_pairs = open.rules().and_then(|rules| rules.found_pairs);
+            let found_pairs = open.rules.as_ref().and_then(|rules| rules.found_pairs);
             let found_pairs = found_pairs.unwrap_or(answer.report.pair_count);
-            self.clients.note_pairs(open.sender().session, found_pairs);
+            self.clients.of(open.sender.session, |client| client.last_pairs = Some(found_pairs));
         }
         let mut header = self.count(open, fields.box_count, form, &answer);
-        if let Some(span) = open.world_ranges() {
+        if let Some(span) = open.world_ranges {
             header.place_world_ranges(span);
         }
         self.send(open, &header);
         if let Some(window) = audited {
             // The objects are ours to read as long as the request is.
-            let rules = open.rules().map(|rules| Arc::clone(&rules.sent));
+            let rules = open.rules.as_ref().map(|rules| Arc::clone(&rules.sent));
             self.auditor.submit(window, open.objects(), rules);
         }
     }
@@ -120,7 +110,7 @@ impl Outbox {
         self.alter(open, &mut answer);
         let form = ObjectForm::Boxes(BoxForm::F32);
         let frame = frame_of(open, form, Some(queries), &answer);
-        let audited = scene.and_then(|scene| self.auditor.draw_query(scene, open.fields(), &frame));
+        let audited = scene.and_then(|scene| self.auditor.draw_query(scene, &open.fields, &frame));
         let header = self.count(open, queries, form, &answer);
         self.send(open, &header);
         audited
@@ -140,10 +130,10 @@ impl Outbox {
         form: ObjectForm,
         answer: &CullAnswer,
     ) -> ResponseHeader {
-        let (fields, report) = (open.fields(), &answer.report);
-        let total_ns = open.taken_at().elapsed().as_nanos() as u64;
+        let (fields, report) = (&open.fields, &answer.report);
+        let total_ns = open.taken_at.elapsed().as_nanos() as u64;
         let times = StageTimes { total_ns, ..answer.times };
-        let mut counters = self.counters();
+        let mut counters = locked(&self.counters);
         let counted = ReplyFields { box_count: objects, ..*fields };
         counters.note_frame(&counted, form, report.pair_count);
         counters.note_skips(&SkipTotals::of_frame(&report.skipped));
@@ -156,16 +146,15 @@ impl Outbox {
         let pairs =
             (reported.begun().len() + reported.ended().len() + reported.pairs().len()) as u64;
         let skips = SkipTotals::of_scene(reported.skipped(), reported.pair_count(), pairs);
-        let mut counters = self.counters();
+        let mut counters = locked(&self.counters);
         counters.note_frame(fields, ObjectForm::Boxes(BoxForm::F32), pairs);
         counters.note_skips(&skips);
     }
 
-    /// Answers with an error.
     pub(crate) fn refuse(&self, open: &mut OpenRequest, refusal: &Refusal) {
-        let fields = *open.fields();
+        let fields = open.fields;
         log::debug!("client {:016x}: {}", fields.client_token, refusal.text);
-        self.counters().note_error(&fields, refusal.status);
+        locked(&self.counters).note_error(&fields, refusal.status);
         self.send(open, &response_error(&fields, refusal.status, refusal.detail));
     }
 
@@ -195,15 +184,10 @@ impl Outbox {
         if let Err(error) = open.send(header) {
             log::debug!("sending a response: {error}");
         }
-        self.clients.wake(open.sender(), open.fields().client_token);
-    }
-
-    fn counters(&self) -> MutexGuard<'_, Counters> {
-        self.counters.lock().unwrap_or_else(PoisonError::into_inner)
+        self.clients.wake(open.sender, open.fields.client_token);
     }
 }
 
-/// An answer, as the auditor draws it.
 fn frame_of<'a>(
     open: &'a OpenRequest,
     form: ObjectForm,
@@ -213,7 +197,6 @@ fn frame_of<'a>(
     AuditedFrame { form, first_set, shape: &answer.report.shape, reply: open.words() }
 }
 
-/// Counters since the worker began to serve.
 pub(super) struct Counters {
     start: Instant,
     body: StatusBody,
@@ -221,13 +204,11 @@ pub(super) struct Counters {
 }
 
 impl Counters {
-    /// All zero; time counts from now.
     pub(super) fn new() -> Self {
         let body = StatusBody { pid: std::process::id(), ..StatusBody::default() };
         Self { start: Instant::now(), body, skips: SkipTotals::default() }
     }
 
-    /// Counts an answer.
     pub(super) fn note_frame(&mut self, fields: &ReplyFields, form: ObjectForm, pair_count: u64) {
         self.body.frames += 1;
         let objects = match form {
@@ -238,7 +219,6 @@ impl Counters {
         self.body.pairs = self.body.pairs.saturating_add(pair_count);
     }
 
-    /// Adds what an answer left out.
     pub(super) fn note_skips(&mut self, skips: &SkipTotals) {
         self.skips = self.skips.plus(skips);
     }

@@ -2,9 +2,10 @@
 
 use std::collections::{BTreeSet, HashMap};
 use std::ops::Range;
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
+use crate::locked;
 use pairmask_transport::{ChunkLook, FreeChunks, PopulateError, PortTurn, populate_beyond};
 use pairmask_wire::Page;
 
@@ -53,7 +54,7 @@ impl ReplyMemory {
     pub(super) fn ensure(&self, chunk: &mut [Page], session: u128) -> Result<(), PopulateError> {
         let (address, bytes) = (chunk.as_ptr() as usize, size_of_val(chunk));
         let now = Instant::now();
-        let mut chunks = self.chunks();
+        let mut chunks = locked(&self.chunks);
         let known = chunks.entry(address).or_insert(Chunk { bytes: 0, session, at: now });
         let known_bytes = known.bytes;
         if bytes <= known_bytes {
@@ -62,7 +63,7 @@ impl ReplyMemory {
         }
         drop(chunks);
         populate_beyond(chunk, known_bytes)?;
-        if let Some(known) = self.chunks().get_mut(&address) {
+        if let Some(known) = locked(&self.chunks).get_mut(&address) {
             known.note(bytes, session, now);
         }
         Ok(())
@@ -79,14 +80,14 @@ impl ReplyMemory {
     ) {
         let now = Instant::now();
         let mut due: BTreeSet<usize> = {
-            let chunks = self.chunks();
+            let chunks = locked(&self.chunks);
             let due = chunks.iter().filter(|(_, chunk)| chunk.is_due(now, &is_gone));
             due.map(|(address, _)| *address).collect()
         };
         let look = |due: &BTreeSet<usize>, address: usize| {
             if due.contains(&address) {
                 ChunkLook::Wanted
-            } else if self.chunks().contains_key(&address) {
+            } else if locked(&self.chunks).contains_key(&address) {
                 ChunkLook::Other
             } else {
                 ChunkLook::Unused
@@ -98,9 +99,9 @@ impl ReplyMemory {
         {
             let address = chunk.address();
             due.remove(&address);
-            let bytes = self.chunks().get(&address).map_or(0, |chunk| chunk.bytes);
+            let bytes = locked(&self.chunks).get(&address).map_or(0, |chunk| chunk.bytes);
             if release(&(address..address + bytes)) {
-                if let Some(known) = self.chunks().get_mut(&address) {
+                if let Some(known) = locked(&self.chunks).get_mut(&address) {
                     known.bytes = 0;
                 }
                 if !free.remove_pages(&mut chunk, bytes) {
@@ -109,10 +110,6 @@ impl ReplyMemory {
             }
             turn.take(|| free.put_below(chunk, |address| look(&BTreeSet::new(), address)));
         }
-    }
-
-    fn chunks(&self) -> MutexGuard<'_, HashMap<usize, Chunk>> {
-        self.chunks.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 

@@ -1,8 +1,9 @@
 //! Requests for the pairs of a scene.
 
 use std::ops::Range;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 
+use pairmask_core::BoxCount;
 use pairmask_core::dispatch::{CullAnswer, CullOptions};
 use pairmask_core::engine::CullError;
 use pairmask_core::mask::ReadableEncodings;
@@ -17,6 +18,7 @@ use crate::clients::GpuNeed;
 use crate::execute::{
     BUNDLE_FRAMES, Ended, EnginePool, Executor, Gpus, Joining, Owner, RuledFrame, Unserved,
 };
+use crate::locked;
 use crate::publish::{OpenRequest, Outbox};
 
 /// Engines for sessions that have none yet, and the frames that GPUs have not ended.
@@ -27,25 +29,25 @@ pub(super) struct Culls {
     lines: Vec<GpuLine>,
     filters: MaskFilters,
     pool: Arc<EnginePool>,
+    outbox: Arc<Outbox>,
 }
 
 impl Culls {
     /// No frame yet. Sessions get engines like `model`.
-    pub(super) fn new(model: Executor, pool: Arc<EnginePool>) -> Self {
+    pub(super) fn new(model: Executor, pool: Arc<EnginePool>, outbox: Arc<Outbox>) -> Self {
         Self {
             lines: model.gpus().iter().cloned().map(GpuLine::new).collect(),
             model: Mutex::new(model),
             filters: MaskFilters::default(),
             pool,
+            outbox,
         }
     }
 
-    /// The GPUs that frames may go to.
     pub(super) fn gpus(&self) -> Gpus {
-        self.model.lock().unwrap_or_else(PoisonError::into_inner).gpus().clone()
+        locked(&self.model).gpus().clone()
     }
 
-    /// Whether a frame is under way.
     pub(super) fn is_busy(&self) -> bool {
         self.lines.iter().any(GpuLine::is_busy)
     }
@@ -68,19 +70,12 @@ impl Culls {
         self.lines.iter().all(|line| line.gpu.release_reply(range))
     }
 
-    /// Answers a request, or leaves it under way.
-    pub(super) fn take(
-        &self,
-        open: OpenRequest,
-        request: &CullRequest,
-        threads: usize,
-        outbox: &Outbox,
-    ) -> Served {
+    pub(super) fn take(&self, open: OpenRequest, request: &CullRequest, threads: usize) -> Served {
         let mut joining = Vec::new();
         // A submission that is under way need not be waited for: this thread can do more meanwhile.
         let joins = self.is_busy().then_some(&mut joining);
-        let served = self.take_one(open, request, threads, joins, outbox);
-        self.begin_bundle(joining, outbox);
+        let served = self.take_one(open, request, threads, joins);
+        self.begin_bundle(joining);
         served
     }
 
@@ -90,18 +85,17 @@ impl Culls {
         &self,
         requests: impl IntoIterator<Item = Result<(OpenRequest, CullRequest), Served>>,
         threads: usize,
-        outbox: &Outbox,
     ) -> Vec<Served> {
         let mut joining = Vec::with_capacity(BUNDLE_FRAMES);
         let mut take = |(open, request): (OpenRequest, CullRequest)| {
             if joining.len() == BUNDLE_FRAMES {
-                self.begin_bundle(std::mem::take(&mut joining), outbox);
+                self.begin_bundle(std::mem::take(&mut joining));
             }
-            self.take_one(open, &request, threads, Some(&mut joining), outbox)
+            self.take_one(open, &request, threads, Some(&mut joining))
         };
         let served = requests.into_iter().map(|request| request.map_or_else(|s| s, &mut take));
         let served = served.collect();
-        self.begin_bundle(joining, outbox);
+        self.begin_bundle(joining);
         served
     }
 
@@ -112,10 +106,9 @@ impl Culls {
         request: &CullRequest,
         threads: usize,
         joining: Option<&mut Vec<Joining<OpenRequest>>>,
-        outbox: &Outbox,
     ) -> Served {
-        let session = open.sender().session;
-        let kept = outbox.clients().take_engines(session);
+        let session = open.sender.session;
+        let kept = self.outbox.clients.of(session, |client| client.engines.take());
         let mut engines = kept.unwrap_or_else(|| Box::new(self.new_engines()));
         // A client that is alone may have all of them.
         let beside_others = threads < self.pool.threads();
@@ -125,13 +118,13 @@ impl Culls {
             encoding: request.encoding,
             threads: Some(threads),
             visit_threads: request.visit_threads,
-            last_pairs: outbox.clients().last_pairs(session),
+            last_pairs: self.outbox.clients.last_pairs(session),
             readable: ReadableEncodings::at_minor(request.client_minor),
         };
         let way = Way { options, beside_others, joining };
-        let cull = || self.cull(open, request, way, &mut engines, outbox);
+        let cull = || self.cull(open, request, way, &mut engines);
         let used = self.work(Place::Lane, options.threads, cull);
-        outbox.clients().keep_engines(session, engines);
+        self.outbox.clients.of(session, |client| client.engines = Some(engines));
         used
     }
 
@@ -141,20 +134,20 @@ impl Culls {
         request: &CullRequest,
         way: Way<'_>,
         engines: &mut Executor,
-        outbox: &Outbox,
     ) -> Served {
         let Way { options, beside_others, joining } = way;
         let options = &options;
         let placed = open.place_scene(request.scene);
         let rules = match placed.and_then(|()| read_rules(&open, request, engines)) {
             Ok(rules) => rules,
-            Err(reject) => return outbox.refuse_and_close(open, reject.into()),
+            Err(reject) => return self.outbox.refuse_and_close(open, reject.into()),
         };
         if let Some(first) = request.first_set {
             let sets = Sets { first, options, beside_others };
-            return self.filters.cull_between(open, &sets, engines, outbox);
+            let (gpu, answer) = self.filters.cull_between(&mut open, &sets, engines);
+            return Served { gpu, ..self.publish(open, Some(first), answer) };
         }
-        let sender = open.sender();
+        let sender = open.sender;
         let limit_words = open.limit_words();
         let mut seen = Seen::New;
         if request.may_repeat {
@@ -168,7 +161,7 @@ impl Culls {
                 open.put_rules(rules, *options, true);
             }
             // The next frame is judged by the last one that was culled.
-            return Served { is_frame: false, ..publish(open, Ok(answer), outbox) };
+            return Served { is_frame: false, ..self.publish(open, None, Ok(answer)) };
         }
         let is_alike = seen == Seen::Alike;
         if let Some(rules) = &rules {
@@ -178,43 +171,39 @@ impl Culls {
             && let Some(frame) = engines.plan_worlds(rules, request.scene.count, options)
         {
             let way = (options, is_alike, GpuNeed::Alone);
-            return self.run_ruled(open, &frame, way, engines, outbox);
+            return self.run_ruled(open, &frame, way, engines);
         }
         let on_gpu = rules.as_ref().is_none_or(|rules| engines.may_use_gpu(rules, options));
         if let Some(rules) = rules.as_ref().filter(|_| !on_gpu) {
             let answer = filtered::cull_here(&mut open, engines, rules, options);
-            open.keep_with(engines.ticket(is_alike));
-            return publish(open, answer, outbox);
+            open.keep = engines.ticket(is_alike);
+            return self.publish(open, None, answer);
         }
         let boxes = match open.parts() {
             (Objects::Boxes(boxes), _) => boxes,
             (Objects::Spheres(_), _) => {
                 let owner = Owner::Client(sender.port);
                 let answer = engines.run_spheres(owner, options, &mut open);
-                open.keep_with(engines.ticket(is_alike));
-                return publish(open, answer, outbox);
+                open.keep = engines.ticket(is_alike);
+                return self.publish(open, None, answer);
             }
         };
         let owner = Owner::Client(sender.port);
-        let planned = if beside_others {
-            engines.plan_beside_others(boxes, options, limit_words)
-        } else {
-            engines.plan(boxes, options, limit_words)
-        };
+        let planned = engines.plan_beside(beside_others, boxes, options, limit_words);
         if let Some(rules) = rules.filter(|_| !planned.is_gpu()) {
-            open.keep_with(engines.ticket(is_alike));
+            open.keep = engines.ticket(is_alike);
             let on_one_core = planned.on_one_core();
             let answer = filtered::cull_here(&mut open, engines, &rules, options);
-            return Served { on_one_core, ..publish(open, answer, outbox) };
+            return Served { on_one_core, ..self.publish(open, None, answer) };
         }
-        if let Some(rules) = open.rules().map(|rules| Arc::clone(&rules.sent))
+        if let Some(rules) = open.rules.as_ref().map(|rules| Arc::clone(&rules.sent))
             && let Some(frame) = engines.plan_ruled(&rules, &planned, options)
         {
             let gpu = if planned.needs_gpu() { GpuNeed::Alone } else { GpuNeed::None };
-            return self.run_ruled(open, &frame, (options, is_alike, gpu), engines, outbox);
+            return self.run_ruled(open, &frame, (options, is_alike, gpu), engines);
         }
         let keeps = is_alike && planned.is_sooner_compared(open.objects());
-        open.keep_with(engines.ticket(keeps));
+        open.keep = engines.ticket(keeps);
         let can_join = engines.can_join(&planned);
         let gpu = match planned.needs_gpu() {
             false => GpuNeed::None,
@@ -227,7 +216,7 @@ impl Culls {
         }
         let line = self.lines.get(planned.gpu_place());
         if let Some(line) = line.filter(|_| engines.can_begin(&planned)) {
-            self.claim_place(line, Place::of(options), outbox);
+            self.claim_place(line, Place::of(options));
             match engines.begin(planned, owner, open) {
                 Ok(first) => {
                     line.put(Submission { first, others: Vec::new() });
@@ -235,13 +224,13 @@ impl Culls {
                 }
                 Err(ended) => {
                     line.give_place_back();
-                    self.publish_all(ended, Place::of(options), outbox)
+                    self.publish_all(ended, Place::of(options))
                 }
             }
         } else {
             let on_one_core = planned.on_one_core();
             let answer = engines.run(planned, owner, &mut open);
-            Served { on_one_core, gpu, ..self.finish(open, answer, Place::of(options), outbox) }
+            Served { on_one_core, gpu, ..self.finish(open, answer, Place::of(options)) }
         }
     }
 
@@ -252,19 +241,18 @@ impl Culls {
         frame: &RuledFrame,
         (options, is_alike, gpu): (&CullOptions, bool, GpuNeed),
         engines: &mut Executor,
-        outbox: &Outbox,
     ) -> Served {
-        let owner = Owner::Client(open.sender().port);
-        open.keep_with(engines.ticket(is_alike));
+        let owner = Owner::Client(open.sender.port);
+        open.keep = engines.ticket(is_alike);
         let answer = filtered::cull_there(&mut open, engines, frame, owner, options);
-        Served { gpu, ..self.finish(open, answer, Place::of(options), outbox) }
+        Served { gpu, ..self.finish(open, answer, Place::of(options)) }
     }
 
     /// Leaves frames to the GPU of the first of them, in one submission, if there are any.
-    fn begin_bundle(&self, joining: Vec<Joining<OpenRequest>>, outbox: &Outbox) {
+    fn begin_bundle(&self, joining: Vec<Joining<OpenRequest>>) {
         let first = joining.first();
         let Some(line) = first.and_then(|frame| self.lines.get(frame.gpu_place())) else { return };
-        self.claim_place(line, Place::Lane, outbox);
+        self.claim_place(line, Place::Lane);
         let (mut begun, mut unserved) = (Vec::with_capacity(joining.len()), Vec::new());
         for frame in line.gpu.begin_bundle(joining) {
             match frame {
@@ -279,17 +267,17 @@ impl Culls {
             line.put(Submission { first, others: begun });
         }
         for frame in unserved {
-            self.publish_all(self.answer(frame, Place::Lane), Place::Lane, outbox);
+            self.publish_all(self.answer(frame, Place::Lane), Place::Lane);
         }
     }
 
     /// Publishes the oldest frame under way on each GPU if it has ended, and no other thread is about to.
     /// Whether one had.
-    pub(super) fn publish_ended(&self, outbox: &Outbox) -> bool {
+    pub(super) fn publish_ended(&self) -> bool {
         let mut any = false;
         for line in &self.lines {
             if let Some(submission) = line.take_ended() {
-                self.end(line, submission, Place::Lane, outbox);
+                self.end(line, submission, Place::Lane);
                 any = true;
             }
         }
@@ -297,17 +285,17 @@ impl Culls {
     }
 
     /// Claims one of the places for frames under way. Ends frames until one is free.
-    fn claim_place(&self, line: &GpuLine, place: Place, outbox: &Outbox) {
+    fn claim_place(&self, line: &GpuLine, place: Place) {
         while !line.claim_place() {
             match line.take_oldest() {
-                Some(submission) => self.end(line, submission, place, outbox),
+                Some(submission) => self.end(line, submission, place),
                 // Other threads end them, or are about to begin theirs.
                 None => std::thread::yield_now(),
             }
         }
     }
 
-    fn end(&self, line: &GpuLine, submission: Submission, place: Place, outbox: &Outbox) {
+    fn end(&self, line: &GpuLine, submission: Submission, place: Place) {
         let Submission { first, others } = submission;
         // Its workspaces are free when the last frame has ended.
         let frames = others.len() + 1;
@@ -317,19 +305,14 @@ impl Culls {
                 line.give_place_back();
             }
             let ended = ended.unwrap_or_else(|unserved| self.answer(unserved, place));
-            self.publish_all(ended, place, outbox);
+            self.publish_all(ended, place);
         }
     }
 
     /// Publishes what became of a frame. A device that hangs may keep the request: then its client's
     /// deadline ends its wait.
-    fn publish_all(
-        &self,
-        (answer, open): Ended<OpenRequest>,
-        place: Place,
-        outbox: &Outbox,
-    ) -> Served {
-        open.map_or(Served::BEGUN, |open| self.finish(open, answer, place, outbox))
+    fn publish_all(&self, (answer, open): Ended<OpenRequest>, place: Place) -> Served {
+        open.map_or(Served::BEGUN, |open| self.finish(open, answer, place))
     }
 
     /// Publishes an answer that was found without the frame's rules, if it has any.
@@ -338,7 +321,6 @@ impl Culls {
         mut open: OpenRequest,
         answer: Result<CullAnswer, CullError>,
         place: Place,
-        outbox: &Outbox,
     ) -> Served {
         let finished = self.filters.finish(&mut open, answer, |work| {
             self.work(place, None, || work(self.pool.threads()));
@@ -351,7 +333,27 @@ impl Culls {
                 self.work(place, options.threads, cull)
             }
         };
-        publish(open, answer, outbox)
+        self.publish(open, None, answer)
+    }
+
+    /// Publishes the answer to a frame, which may be one of two sets.
+    fn publish(
+        &self,
+        mut open: OpenRequest,
+        first_set: Option<BoxCount>,
+        answer: Result<CullAnswer, CullError>,
+    ) -> Served {
+        let threads = answer.as_ref().map_or(1, |answer| answer.threads);
+        let on_gpu = answer.as_ref().is_ok_and(|answer| answer.engine.is_gpu());
+        match answer {
+            Ok(answer) => {
+                open.keep(&answer);
+                self.outbox.answer(&mut open, first_set, answer);
+            }
+            Err(error) => self.outbox.refuse(&mut open, &error.into()),
+        }
+        open.close();
+        Served { threads, on_gpu, ..Served::BEGUN }
     }
 
     /// Answers a frame that the GPU could not serve.
@@ -371,11 +373,10 @@ impl Culls {
     }
 
     fn new_engines(&self) -> Executor {
-        self.model.lock().unwrap_or_else(PoisonError::into_inner).beside()
+        locked(&self.model).beside()
     }
 }
 
-/// How a frame is served.
 struct Way<'a> {
     options: CullOptions,
     /// Whether other clients are busy.
@@ -413,22 +414,4 @@ fn read_rules(
         None => engines.kept_rules(number, n)?,
     };
     Ok((!rules.let_all_meet()).then_some(rules))
-}
-
-fn publish(
-    mut open: OpenRequest,
-    answer: Result<CullAnswer, CullError>,
-    outbox: &Outbox,
-) -> Served {
-    let threads = answer.as_ref().map_or(1, |answer| answer.threads);
-    let on_gpu = answer.as_ref().is_ok_and(|answer| answer.engine.is_gpu());
-    match answer {
-        Ok(answer) => {
-            open.keep(&answer);
-            outbox.answer(&mut open, None, answer);
-        }
-        Err(error) => outbox.refuse(&mut open, &error.into()),
-    }
-    open.close();
-    Served { threads, on_gpu, ..Served::BEGUN }
 }

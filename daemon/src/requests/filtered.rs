@@ -1,7 +1,7 @@
 //! Frames with rules: culled with them by cores, or by a GPU that takes them into account, or by one that does
 //! not, whose mask is filtered when it has ended.
 
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use pairmask_core::dispatch::{CullAnswer, CullOptions, MaskFilter, nanoseconds_since};
@@ -10,14 +10,13 @@ use pairmask_core::scene::is_small_set;
 use pairmask_core::{BoxCount, EngineChoice};
 use pairmask_wire::SentRules;
 
-use super::Served;
 use crate::clients::GpuNeed;
 use crate::execute::{Executor, Owner, Planned, RuledFrame, boxes_of};
-use crate::publish::{OpenRequest, Outbox};
+use crate::locked;
+use crate::publish::OpenRequest;
 
 /// Words of a mask from which several threads filter it: a thread takes some 0.1 ms for them.
 const SHARED_WORDS: u64 = 1 << 15;
-/// Bytes of a pair in a list.
 const PAIR_BYTES: u64 = 8;
 /// Memory of a filter that no frame needed for so long is given back.
 const IDLE: Duration = Duration::from_secs(10);
@@ -49,7 +48,7 @@ impl MaskFilters {
         answer: Result<CullAnswer, CullError>,
         in_pool: impl FnOnce(&mut (dyn FnMut(usize) + Send)),
     ) -> Filtered {
-        let (n, Some(rules)) = (open.fields().box_count, open.rules_mut()) else {
+        let (n, Some(rules)) = (open.fields.box_count, open.rules.as_mut()) else {
             return Filtered::Done(answer);
         };
         if rules.is_done {
@@ -92,7 +91,7 @@ impl MaskFilters {
         mut answer: CullAnswer,
         sets: &Sets<'_>,
     ) -> Option<CullAnswer> {
-        let (n, threads) = (open.fields().box_count, sets.options.threads.unwrap_or(1));
+        let (n, threads) = (open.fields.box_count, sets.options.threads.unwrap_or(1));
         let is_done = self.filter(open, &mut answer, |filter, words, report| {
             filter.filter_sets(sets.first, n, words, report, threads).is_ok()
         });
@@ -107,9 +106,9 @@ impl MaskFilters {
         work: impl FnOnce(&mut MaskFilter, &mut [u32], &mut CullReport) -> bool,
     ) -> bool {
         let start = Instant::now();
-        let mut filter = std::mem::take(&mut self.kept().filter);
+        let mut filter = std::mem::take(&mut locked(&self.0).filter);
         let is_done = work(&mut filter, open.words_mut(), &mut answer.report);
-        *self.kept() = Kept { filter, last_frame: Some(start) };
+        *locked(&self.0) = Kept { filter, last_frame: Some(start) };
         let filter_ns = nanoseconds_since(start);
         answer.times.publish_ns += filter_ns;
         answer.times.total_ns += filter_ns;
@@ -118,14 +117,10 @@ impl MaskFilters {
 
     /// Gives memory back that has not been used for long; to be called now and then.
     pub(super) fn tidy(&self) {
-        let mut kept = self.kept();
+        let mut kept = locked(&self.0);
         if kept.last_frame.is_some_and(|last| last.elapsed() >= IDLE) {
             *kept = Kept::default();
         }
-    }
-
-    fn kept(&self) -> MutexGuard<'_, Kept> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
@@ -138,14 +133,13 @@ pub(super) fn without_gpu(options: &CullOptions) -> CullOptions {
     CullOptions { engine, ..*options }
 }
 
-/// Culls a frame with rules on the engines of the CPU.
 pub(super) fn cull_here(
     open: &mut OpenRequest,
     engines: &mut Executor,
     sent: &SentRules,
     options: &CullOptions,
 ) -> Result<CullAnswer, CullError> {
-    if let Some(rules) = open.rules_mut() {
+    if let Some(rules) = open.rules.as_mut() {
         rules.is_done = true;
     }
     let (objects, mut reply) = open.parts();
@@ -166,7 +160,7 @@ pub(super) fn cull_there(
 ) -> Result<CullAnswer, CullError> {
     match engines.run_ruled(frame, owner, open) {
         Ok((answer, worlds)) => {
-            if let Some(rules) = open.rules_mut() {
+            if let Some(rules) = open.rules.as_mut() {
                 rules.is_done = !frame.has_lists();
             }
             open.put_world_ranges(&answer.report.shape, worlds);
@@ -179,7 +173,6 @@ pub(super) fn cull_there(
     }
 }
 
-/// A frame of two sets.
 pub(super) struct Sets<'a> {
     /// Boxes of the first.
     pub first: BoxCount,
@@ -189,27 +182,17 @@ pub(super) struct Sets<'a> {
 }
 
 impl MaskFilters {
-    /// Answers a frame of two sets.
+    /// The pairs of a box of the first set and one of the second, and whether that needed a GPU.
     pub(super) fn cull_between(
         &self,
-        mut open: OpenRequest,
+        open: &mut OpenRequest,
         sets: &Sets<'_>,
         engines: &mut Executor,
-        outbox: &Outbox,
-    ) -> Served {
-        let planned = sets.plan_for_gpu(&open, engines);
-        let gpu = if planned.is_some() { GpuNeed::Alone } else { GpuNeed::None };
-        let answered = match planned {
-            Some(planned) => self.cull_on_gpu(&mut open, planned, sets, engines),
-            None => sets.cull_here(&mut open, engines),
-        };
-        let threads = answered.as_ref().map_or(1, |answer| answer.threads);
-        match answered {
-            Ok(answer) => outbox.answer(&mut open, Some(sets.first), answer),
-            Err(error) => outbox.refuse(&mut open, &error.into()),
+    ) -> (GpuNeed, Result<CullAnswer, CullError>) {
+        match sets.plan_for_gpu(open, engines) {
+            Some(planned) => (GpuNeed::Alone, self.cull_on_gpu(open, planned, sets, engines)),
+            None => (GpuNeed::None, sets.cull_here(open, engines)),
         }
-        open.close();
-        Served { threads, on_gpu: gpu != GpuNeed::None, gpu, ..Served::BEGUN }
     }
 
     /// Has a GPU cull the whole frame, and takes the pairs of one set out. Where all pairs have no room, cores
@@ -221,7 +204,7 @@ impl MaskFilters {
         sets: &Sets<'_>,
         engines: &mut Executor,
     ) -> Result<CullAnswer, CullError> {
-        let owner = Owner::Client(open.sender().port);
+        let owner = Owner::Client(open.sender.port);
         let answer = match engines.run(planned, owner, open) {
             Ok(answer) => answer,
             Err(CullError::Reserve(_)) => return sets.cull_here(open, engines),
@@ -247,11 +230,7 @@ impl Sets<'_> {
             _ => {}
         }
         let limit_words = open.limit_words();
-        let planned = if *beside_others {
-            engines.plan_beside_others(boxes, options, limit_words)
-        } else {
-            engines.plan(boxes, options, limit_words)
-        };
+        let planned = engines.plan_beside(*beside_others, boxes, options, limit_words);
         Some(planned).filter(Planned::is_gpu)
     }
 

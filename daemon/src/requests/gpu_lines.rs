@@ -2,10 +2,11 @@
 
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 
 use crate::execute::gpu::{DriverThread, Progress};
 use crate::execute::{CullUnderWay, SUBMISSIONS_UNDER_WAY, SharedGpu};
+use crate::locked;
 use crate::publish::OpenRequest;
 
 /// A frame, or several, that end together.
@@ -41,7 +42,7 @@ impl GpuLine {
         if self.gpu.is_missing() {
             return;
         }
-        let mut returning = self.returning.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut returning = locked(&self.returning);
         if let Some(thread) = returning.as_ref()
             && (matches!(thread.progress(), Progress::UnderWay) || thread.ask())
         {
@@ -54,7 +55,6 @@ impl GpuLine {
         }
     }
 
-    /// Whether a frame is under way.
     pub(super) fn is_busy(&self) -> bool {
         self.claimed.load(Ordering::Relaxed) > 0
     }
@@ -72,12 +72,11 @@ impl GpuLine {
 
     /// Puts a submission behind the others. Its place is claimed.
     pub(super) fn put(&self, submission: Submission) {
-        self.under_way().push_back(submission);
+        locked(&self.under_way).push_back(submission);
     }
 
-    /// The oldest submission.
     pub(super) fn take_oldest(&self) -> Option<Submission> {
-        self.under_way().pop_front()
+        locked(&self.under_way).pop_front()
     }
 
     /// The oldest submission if it has ended, and no other thread is about to take it.
@@ -88,10 +87,6 @@ impl GpuLine {
         let mut under_way = self.under_way.try_lock().ok()?;
         let has_ended = under_way.front().is_some_and(|oldest| oldest.first.has_ended());
         if has_ended { under_way.pop_front() } else { None }
-    }
-
-    fn under_way(&self) -> MutexGuard<'_, VecDeque<Submission>> {
-        self.under_way.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 

@@ -16,7 +16,7 @@ use std::time::Duration;
 
 use iceoryx2::service::ipc_threadsafe;
 use pairmask_core::engine::CullError;
-use pairmask_transport::{FreeChunks, GpuCounts, Limits, PortTurn, Services, WakeClient};
+use pairmask_transport::{FreeChunks, GpuCounts, PortTurn, Services, WakeClient};
 use pairmask_wire::{CullRequest, PAGE_BYTES, Request, SkipTotals, StatusBody, response_status};
 
 use self::cull::Culls;
@@ -26,7 +26,8 @@ use crate::audit::Auditor;
 use crate::clients::{Clients, SceneMemory};
 use crate::execute::{EnginePool, Executor};
 use crate::ingest::Incoming;
-use crate::publish::{AlterAnswer, OpenRequest, Outbox, ReplyLender};
+use crate::publish::{OpenRequest, Outbox, ReplyLender};
+use crate::serve::ServeSettings;
 
 const _: () = assert!(size_of::<StatusBody>() <= PAGE_BYTES, "a status fits one page");
 
@@ -42,7 +43,6 @@ impl Drop for EndWithPanic {
     }
 }
 
-/// Answers requests.
 pub struct Responder {
     culls: Culls,
     scenes: SceneEdits,
@@ -55,7 +55,6 @@ pub struct Responder {
 /// How a request was served.
 #[derive(Clone, Copy, Debug)]
 pub struct Served {
-    /// Threads that took part.
     pub threads: usize,
     /// What it was predicted to take on one core, where several threads took part.
     pub on_one_core: Option<Duration>,
@@ -71,7 +70,6 @@ impl Served {
     /// A frame that was begun or refused by one thread.
     pub(crate) const BEGUN: Self =
         Self { threads: 1, on_one_core: None, on_gpu: false, gpu: GpuNeed::None, is_frame: true };
-    /// Another request.
     const OTHER: Self = Self { is_frame: false, ..Self::BEGUN };
 }
 
@@ -82,51 +80,46 @@ impl Responder {
         services: Arc<Services<ipc_threadsafe::Service>>,
         (turn, free): (Arc<PortTurn>, Option<FreeChunks>),
         wake_clients: WakeClient,
-        limits: &Limits,
+        settings: &ServeSettings,
         executor: Executor,
         pool: Arc<EnginePool>,
         auditor: Auditor,
     ) -> Self {
+        let limits = &settings.limits;
         let clients = Clients::new(wake_clients, limits.max_clients);
         let memory = SceneMemory::new(limits.max_scene_bytes);
         let auditor = Arc::new(auditor);
+        let alter = settings.alter_answers;
+        let outbox = Outbox::new(services, clients, Arc::clone(&auditor), memory.clone(), alter);
+        let outbox = Arc::new(outbox);
         let (isa, calibration) = executor.cpu_settings();
         let tools = SceneTools {
             isa,
             calibration,
             gpus: executor.gpus().clone(),
-            memory: memory.clone(),
+            memory,
             pool: Arc::clone(&pool),
-            auditor: Arc::clone(&auditor),
+            auditor,
         };
         Self {
             gpus: executor.gpus().len(),
-            shared: SharedScenes::new(tools.clone()),
-            scenes: SceneEdits(tools),
-            culls: Culls::new(executor, pool),
-            outbox: Arc::new(Outbox::new(services, clients, auditor, memory)),
+            shared: SharedScenes::new(tools.clone(), Arc::clone(&outbox)),
+            scenes: SceneEdits { tools, outbox: Arc::clone(&outbox) },
+            culls: Culls::new(executor, pool, Arc::clone(&outbox)),
+            outbox,
             lender: Arc::new(ReplyLender::new(turn, free, limits.max_reply_bytes)),
         }
     }
 
-    /// How many GPUs are being opened, and how many serve.
     pub fn gpu_counts(&self) -> GpuCounts {
         self.culls.gpus().counts()
-    }
-
-    /// Changes every answer from now on, or none. For tests of the auditor.
-    pub fn alter_answers(&mut self, alter: Option<AlterAnswer>) {
-        // The thread of deadlines shares it from the first shared scene on: answers are altered before.
-        if let Some(outbox) = Arc::get_mut(&mut self.outbox) {
-            outbox.alter_answers(alter);
-        }
     }
 
     /// Takes in one request, whatever it holds, and answers it now, or leaves it under way. A CPU engine
     /// may use so many threads.
     pub fn take(&self, incoming: Incoming, threads: usize) -> Served {
         match self.open(incoming, threads) {
-            Ok((open, request)) => self.culls.take(open, &request, threads, &self.outbox),
+            Ok((open, request)) => self.culls.take(open, &request, threads),
             Err(served) => served,
         }
     }
@@ -139,7 +132,7 @@ impl Responder {
         threads: usize,
     ) -> Vec<Served> {
         let opened = requests.into_iter().map(|incoming| self.open(incoming, threads));
-        self.culls.take_bundle(opened, threads, &self.outbox)
+        self.culls.take_bundle(opened, threads)
     }
 
     /// A request for pairs.
@@ -155,27 +148,27 @@ impl Responder {
         match open.parse() {
             Ok(Request::Cull(request)) => return Ok((open, request)),
             Ok(Request::EditScene(request)) => {
-                return Err(self.scenes.take(open, &request, threads, &self.outbox));
+                return Err(self.scenes.take(open, &request, threads));
             }
             Ok(Request::QueryScene(request)) => {
-                return Err(self.scenes.query(open, &request, threads, &self.outbox));
+                return Err(self.scenes.query(open, &request, threads));
             }
             Ok(Request::CommitShared(request)) => {
-                return Err(self.shared.commit(open, &request, &self.outbox));
+                return Err(self.shared.commit(open, &request));
             }
             Ok(Request::JoinShared(request)) => {
-                self.shared.join(open, &request, &self.outbox);
+                self.shared.join(open, &request);
                 return Err(Served::OTHER);
             }
             Ok(Request::LeaseShared(request)) => {
-                self.shared.lease(open, &request, &self.outbox);
+                self.shared.lease(open, &request);
                 return Err(Served::OTHER);
             }
-            Ok(Request::LeaveShared(scene)) => self.shared.leave(&mut open, scene, &self.outbox),
-            Ok(Request::EndScene(scene)) => SceneEdits::end(&mut open, scene, &self.outbox),
+            Ok(Request::LeaveShared(scene)) => self.shared.leave(&mut open, scene),
+            Ok(Request::EndScene(scene)) => self.scenes.end(&mut open, scene),
             Ok(Request::Status) => match open.put(bytemuck::bytes_of(&self.status())) {
                 Ok(()) => {
-                    let header = response_status(open.fields());
+                    let header = response_status(&open.fields);
                     self.outbox.send(&mut open, &header);
                 }
                 Err(error) => self.outbox.refuse(&mut open, &CullError::from(error).into()),
@@ -186,9 +179,8 @@ impl Responder {
         Err(Served::OTHER)
     }
 
-    /// What is known of the clients.
     pub(crate) fn clients(&self) -> &Clients {
-        self.outbox.clients()
+        &self.outbox.clients
     }
 
     /// Whether a frame is under way: then [`Self::publish_ended`] is to be called soon.
@@ -199,7 +191,7 @@ impl Responder {
     /// Publishes the oldest frame under way if it has ended, and no other thread is about to. Whether it
     /// had.
     pub fn publish_ended(&self) -> bool {
-        self.culls.publish_ended(&self.outbox)
+        self.culls.publish_ended()
     }
 
     /// Lets the engines work for a moment.
@@ -211,16 +203,14 @@ impl Responder {
     pub fn tidy(&self) {
         self.culls.tidy();
         self.outbox.tidy();
-        self.shared.tidy(&self.outbox);
+        self.shared.tidy();
         self.lender.tidy(&self.outbox.sessions(), |range| self.culls.release_reply(range));
     }
 
-    /// What the daemon has done so far.
     pub fn status(&self) -> StatusBody {
         self.outbox.status()
     }
 
-    /// What all answers left out so far.
     pub fn skips(&self) -> SkipTotals {
         self.outbox.skips()
     }

@@ -16,7 +16,7 @@ use pairmask_wire::{
 use super::Served;
 use crate::audit::{Auditor, SceneNote};
 use crate::clients::{GpuNeed, KeptScene, PendingBoxes, SceneMemory};
-use crate::execute::{EnginePool, Gpus, SceneKeeper};
+use crate::execute::{EnginePool, Gpus, SceneKeeper, is_left_to_cores};
 use crate::publish::{OpenRequest, Outbox, Refusal};
 
 /// What scenes are made and changed with.
@@ -32,7 +32,6 @@ pub(super) struct SceneTools {
 }
 
 impl SceneTools {
-    /// A scene without boxes.
     pub(super) fn new_scene(
         &self,
         most_boxes: u32,
@@ -44,27 +43,22 @@ impl SceneTools {
     }
 }
 
-/// Scenes of one session.
-pub(super) struct SceneEdits(pub(super) SceneTools);
+pub(super) struct SceneEdits {
+    pub(super) tools: SceneTools,
+    pub(super) outbox: Arc<Outbox>,
+}
 
 impl SceneEdits {
-    /// Answers an edit.
-    pub(super) fn take(
-        &self,
-        open: OpenRequest,
-        request: &SceneRequest,
-        threads: usize,
-        outbox: &Outbox,
-    ) -> Served {
+    pub(super) fn take(&self, open: OpenRequest, request: &SceneRequest, threads: usize) -> Served {
         let threads = request.threads.map_or(threads, |asked| asked.min(threads)).max(1);
-        let found = self.find(open.sender().session, request, outbox);
-        Self::serve(open, found, threads, outbox, |kept, open| {
+        let found = self.find(open.sender.session, request);
+        self.serve(open, found, threads, |kept, open| {
             // More would be found in memory that nobody has counted.
-            kept.scene.limit_pairs(self.0.memory.most_pairs(open.limit_pairs()));
+            kept.scene.limit_pairs(self.tools.memory.most_pairs(open.limit_pairs()));
             let edited = if threads == 1 {
-                edit_and_answer(kept, open, request, 1, outbox)
+                edit_and_answer(kept, open, request, 1, &self.outbox)
             } else {
-                self.0.pool.work(|| edit_and_answer(kept, open, request, threads, outbox))
+                self.tools.pool.work(|| edit_and_answer(kept, open, request, threads, &self.outbox))
             };
             if edited.is_err() {
                 // What it was read into may be large, and nothing was charged for it.
@@ -78,12 +72,29 @@ impl SceneEdits {
         })
     }
 
+    pub(super) fn query(
+        &self,
+        open: OpenRequest,
+        request: &QueryRequest,
+        threads: usize,
+    ) -> Served {
+        let threads = request.threads.map_or(threads, |asked| asked.min(threads)).max(1);
+        let session = open.sender.session;
+        let found = self.find_at(session, request.scene, request.revision);
+        self.serve(open, found, threads, |kept, open| {
+            // A scene in video memory has work for the pool only where its queries fill a copy of several
+            // threads. Else a thread of it would be woken for nothing.
+            let are_few = kept.scene.engine().is_gpu() && request.mask.queries() <= FEW_QUERIES;
+            let mut answer = || query_and_answer(kept, open, request, threads, &self.outbox);
+            if threads == 1 || are_few { answer() } else { self.tools.pool.work(answer) }
+        })
+    }
     /// Works with a scene that was found, and keeps it unless it is gone.
     fn serve(
+        &self,
         mut open: OpenRequest,
         found: Result<KeptScene, Refusal>,
         threads: usize,
-        outbox: &Outbox,
         work: impl FnOnce(&mut KeptScene, &mut OpenRequest) -> Result<(), Failed>,
     ) -> Served {
         let mut gpu = GpuNeed::None;
@@ -93,53 +104,47 @@ impl SceneEdits {
                 gpu = GpuNeed::Alone;
             }
             if !matches!(done, Err(Failed::Gone(_))) {
-                outbox.clients().keep_scene(open.sender().session, kept);
+                self.outbox.clients.of(open.sender.session, |client| client.scenes.push(kept));
             }
             done.map_err(|(Failed::Refused(refusal) | Failed::Gone(refusal))| refusal)
         });
         if let Err(refusal) = &done {
-            outbox.refuse(&mut open, refusal);
+            self.outbox.refuse(&mut open, refusal);
         }
         open.close();
         Served { threads, on_gpu: gpu != GpuNeed::None, gpu, ..Served::BEGUN }
     }
 
-    /// Forgets a scene.
-    pub(super) fn end(open: &mut OpenRequest, scene: SceneId, outbox: &Outbox) {
-        drop(outbox.clients().take_scene(open.sender().session, scene));
-        let header = response_scene_ended(open.fields());
-        outbox.send(open, &header);
+    pub(super) fn end(&self, open: &mut OpenRequest, scene: SceneId) {
+        drop(self.outbox.clients.take_scene(open.sender.session, scene));
+        let header = response_scene_ended(&open.fields);
+        self.outbox.send(open, &header);
     }
 
     /// The scene that an edit is for, taken from where it is kept.
-    fn find(
-        &self,
-        session: u128,
-        request: &SceneRequest,
-        outbox: &Outbox,
-    ) -> Result<KeptScene, Refusal> {
+    fn find(&self, session: u128, request: &SceneRequest) -> Result<KeptScene, Refusal> {
         if request.base == 0 {
-            drop(outbox.clients().take_scene(session, request.scene));
-            let scene = self.0.new_scene(request.most_boxes, request.engine)?;
-            let audited = outbox.auditor.draw_scene(request.most_boxes);
-            return Ok(KeptScene::begin(request.scene, scene, audited, &self.0.memory)?);
+            drop(self.outbox.clients.take_scene(session, request.scene));
+            let scene = self.tools.new_scene(request.most_boxes, request.engine)?;
+            let audited = self.outbox.auditor.draw_scene(request.most_boxes);
+            return Ok(KeptScene::begin(request.scene, scene, audited, &self.tools.memory)?);
         }
-        Self::find_at(session, request.scene, request.base, outbox)
+        self.find_at(session, request.scene, request.base)
     }
 
     /// A scene at a revision, taken from where it is kept.
     pub(super) fn find_at(
+        &self,
         session: u128,
         scene: SceneId,
         revision: u64,
-        outbox: &Outbox,
     ) -> Result<KeptScene, Refusal> {
-        match outbox.clients().take_scene(session, scene) {
+        match self.outbox.clients.take_scene(session, scene) {
             Some(kept) if kept.revision == revision => Ok(kept),
             kept => {
                 let revision = kept.as_ref().map_or(0, |kept| kept.revision);
                 if let Some(kept) = kept {
-                    outbox.clients().keep_scene(session, kept);
+                    self.outbox.clients.of(session, |client| client.scenes.push(kept));
                 }
                 Err(Refusal::stale_scene(revision))
             }
@@ -147,7 +152,6 @@ impl SceneEdits {
     }
 }
 
-/// Applies an edit and answers.
 fn edit_and_answer(
     kept: &mut KeptScene,
     open: &mut OpenRequest,
@@ -175,11 +179,9 @@ fn edit_and_answer(
         // The scene is what it was.
         Err(SceneError::Edit(error)) => return Err(error.into()),
         // Its boxes are gone with the device's memory: the client sends them again.
-        Err(SceneError::Cull(
-            CullError::DeviceLost { .. }
-            | CullError::DeviceMemory { .. }
-            | CullError::TooCrowded { .. },
-        )) => return Err(Failed::Gone(Refusal::stale_scene(0))),
+        Err(SceneError::Cull(error)) if is_left_to_cores(&error) => {
+            return Err(Failed::Gone(Refusal::stale_scene(0)));
+        }
         Err(SceneError::Cull(error)) => return Err(Failed::Gone(error.into())),
         Err(error) => return Err(Failed::Gone(Refusal::engine_failed(&error))),
     }
@@ -194,18 +196,18 @@ fn edit_and_answer(
         ingest_ns: ns(start, ingested),
         execute_ns: ns(ingested, executed),
         publish_ns: executed.elapsed().as_nanos() as u64,
-        total_ns: open.taken_at().elapsed().as_nanos() as u64,
+        total_ns: open.taken_at.elapsed().as_nanos() as u64,
         ..StageTimes::default()
     };
     let reported = scene.reported();
     let kept_bytes = scene.bytes();
     let engine = scene.engine();
-    let header = response_scene(open.fields(), engine, threads, reported, kept_bytes, &times);
-    outbox.count_edit(open.fields(), reported);
+    let header = response_scene(&open.fields, engine, threads, reported, kept_bytes, &times);
+    outbox.count_edit(&open.fields, reported);
     outbox.send(open, &header);
     if let Some(audited) = audited {
         // Its payload is ours to read as long as the request is.
-        let named = (open.fields().client_token, open.fields().frame);
+        let named = (open.fields.client_token, open.fields.frame);
         let note = || Some(SceneNote::new(named, request, open.pages(), reported));
         outbox.auditor.follow(audited, note);
     }
@@ -234,29 +236,6 @@ const MOST_KEPT_PAIRS: usize = 1 << 20;
 /// to where the GPU sees them is one thread's.
 const FEW_QUERIES: u32 = 1 << 15;
 
-impl SceneEdits {
-    /// Answers a query.
-    pub(super) fn query(
-        &self,
-        open: OpenRequest,
-        request: &QueryRequest,
-        threads: usize,
-        outbox: &Outbox,
-    ) -> Served {
-        let threads = request.threads.map_or(threads, |asked| asked.min(threads)).max(1);
-        let session = open.sender().session;
-        let found = Self::find_at(session, request.scene, request.revision, outbox);
-        Self::serve(open, found, threads, outbox, |kept, open| {
-            // A scene in video memory has work for the pool only where its queries fill a copy of several
-            // threads. Else a thread of it would be woken for nothing.
-            let are_few = kept.scene.engine().is_gpu() && request.mask.queries() <= FEW_QUERIES;
-            let mut answer = || query_and_answer(kept, open, request, threads, outbox);
-            if threads == 1 || are_few { answer() } else { self.0.pool.work(answer) }
-        })
-    }
-}
-
-/// Bytes that found pairs take.
 const fn bytes_of(found: &Vec<[u32; 2]>) -> u64 {
     (found.capacity() * size_of::<[u32; 2]>()) as u64
 }
@@ -282,7 +261,7 @@ fn query_and_answer(
     let KeptScene { scene, scratch, found, room, audited, .. } = kept;
     scene.set_threads(threads);
     scene.limit_query_pairs(open.limit_pairs());
-    let taken_at = open.taken_at();
+    let taken_at = open.taken_at;
     let begun = Instant::now();
     let answer = {
         let (pages, mut reply) = open.payload_and_reply();

@@ -86,7 +86,6 @@ pub(super) fn pile(n: usize, random: &mut Random) -> Scene {
     Scene::drifting(boxes, Walls::Cage { home: homes, radius: BRICK_JITTER }, random)
 }
 
-/// Boxes of a blob of the plane.
 const BLOB_BOXES: usize = 2_000;
 /// Standard deviation of a blob. Pairs inside one blob: 1,000 / (π σ²) a box, that is 2.5.
 const BLOB_SIGMA: f32 = 11.3;
@@ -125,7 +124,6 @@ fn shuffle<T>(items: &mut [T], random: &mut Random) {
     }
 }
 
-/// Objects in a column.
 const COLUMN_HEIGHT: usize = 32;
 /// Distance between columns, in units of the objects' nominal size 1.
 const COLUMN_STEP: f32 = 1.3;

@@ -35,7 +35,6 @@ pub struct Scene {
 }
 
 impl Scene {
-    /// `n` boxes of the named kind.
     pub fn new(name: SceneName, n: usize, seed: u64) -> Self {
         let mut random = Random::new(seed);
         match name {
@@ -65,7 +64,6 @@ impl Scene {
         Self::drifting(boxes, walls, &mut Random::new(seed))
     }
 
-    /// The boxes of this frame, in object order.
     pub fn boxes(&self) -> &[Aabb] {
         &self.boxes
     }
@@ -115,7 +113,6 @@ fn bound(
     })
 }
 
-/// A box of three edges around a centre.
 fn around(centre: [f32; 3], edges: [f32; 3]) -> Aabb {
     Aabb {
         min: std::array::from_fn(|axis| centre[axis] - 0.5 * edges[axis]),
@@ -123,10 +120,8 @@ fn around(centre: [f32; 3], edges: [f32; 3]) -> Aabb {
     }
 }
 
-/// Declares the kinds of scenes with their names.
 macro_rules! scene_names {
     ($($(#[$doc:meta])* $name:ident = $text:literal,)+) => {
-        /// A kind of scene.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
         pub enum SceneName {
             $($(#[$doc])* $name,)+
@@ -226,12 +221,7 @@ pub enum Walls {
         radius: f32,
     },
     /// Boxes reflect at the sides; one that falls below the floor comes back at the top.
-    Falling {
-        /// Lowest centre.
-        low: [f32; 3],
-        /// Highest centre.
-        high: [f32; 3],
-    },
+    Falling { low: [f32; 3], high: [f32; 3] },
 }
 
 /// Moves every box by its velocity, turning it round where it would leave its walls.
@@ -277,19 +267,16 @@ fn reflect(b: &mut Aabb, v: &mut [f32; 3], low: &[f32; 3], high: &[f32; 3]) {
     }
 }
 
-/// A stream of pseudorandom numbers.
 #[derive(Clone, Debug)]
 pub struct Random {
     state: u64,
 }
 
 impl Random {
-    /// The stream of `seed`.
     pub const fn new(seed: u64) -> Self {
         Self { state: seed }
     }
 
-    /// 64 random bits.
     pub const fn bits(&mut self) -> u64 {
         self.state = self.state.wrapping_add(0x9e37_79b9_7f4a_7c15);
         let mut z = self.state;

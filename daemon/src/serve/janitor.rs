@@ -5,7 +5,7 @@
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use std::sync::{Arc, Mutex, OnceLock};
 
 use pairmask_transport::{
     DaemonNode, JANITOR_INTERVAL, RuntimeDir, Services, StatusFile, remove_hollow_files,
@@ -14,6 +14,7 @@ use pairmask_wire::InstanceName;
 
 use super::heartbeat::Rounds;
 use super::{ServeError, StoppedThread};
+use crate::locked;
 
 /// The thread, until this is dropped.
 pub(super) struct Janitor {
@@ -47,7 +48,7 @@ impl Janitor {
     /// Has the status file written, by this thread and not by the one that serves, which looks for requests.
     pub(super) fn post(&self, status: &StatusFile) {
         self.rounds.count();
-        *self.posted.lock().unwrap_or_else(PoisonError::into_inner) = Some(*status);
+        *locked(&self.posted) = Some(*status);
         self.thread.wake();
     }
 }
@@ -74,7 +75,7 @@ fn sweep(
         .ok();
     let mut is_reported = false;
     while !stop.load(Ordering::Relaxed) {
-        let status = posted.lock().unwrap_or_else(PoisonError::into_inner).take();
+        let status = locked(posted).take();
         if let Some(file) = segment.get()
             && matches!(file.try_exists(), Ok(false))
         {

@@ -10,6 +10,7 @@ mod lanes;
 mod supervisor;
 mod worker;
 
+pub(crate) use self::supervisor::stop;
 pub use self::supervisor::{FILES_PER_CLIENT, supervise};
 pub use self::worker::work;
 
@@ -28,20 +29,16 @@ use crate::execute::WatchDevice;
 use crate::execute::gpu::{GpuChoices, OpenError};
 use crate::publish::AlterAnswer;
 
-/// How to serve an instance.
 #[derive(Clone, Debug)]
 pub struct ServeSettings {
-    /// Which instance.
     pub instance: InstanceName,
     /// Where instances live.
     pub dir: RuntimeDir,
-    /// What the instance allows.
     pub limits: Limits,
     /// How long the worker spins for the next request before it sleeps: longer for a client that comes
     /// back within a millisecond, and from shortly before a steady client's next frame is due; not at all
     /// where this is zero.
     pub spin: Duration,
-    /// Which GPUs.
     pub gpu: GpuChoices,
     /// Whether this process takes the place of a worker that has served.
     pub restarted: bool,
@@ -99,66 +96,34 @@ impl Drop for StoppedThread {
     }
 }
 
-/// Why an instance is not served any more.
 #[derive(Debug, thiserror::Error)]
 pub enum ServeError {
-    /// The instance's place on disk cannot be used, or another daemon has it.
     #[error(transparent)]
     Instance(#[from] InstanceError),
-    /// The transport failed.
     #[error(transparent)]
     Transport(#[from] TransportError),
-    /// The GPU that was asked for is not to be had.
     #[error(transparent)]
     Gpu(#[from] OpenError),
-    /// No thread pool.
     #[error("the engines' threads cannot be started: {0}")]
     Threads(#[from] rayon::ThreadPoolBuildError),
-    /// The system refused a process, a signal handler or a thread.
     #[error("{step}: {source}")]
-    System {
-        /// What was tried.
-        step: &'static str,
-        /// What the system said.
-        source: std::io::Error,
-    },
+    System { step: &'static str, source: std::io::Error },
     /// The supervisor ended before its worker could bind itself to it.
     #[error("the supervisor, process {supervisor}, is gone: its worker does not serve without it")]
-    Orphaned {
-        /// The process that should have been the parent.
-        supervisor: u32,
-    },
+    Orphaned { supervisor: u32 },
     /// A process without a supervisor, or one that does not die, still has the server port.
     #[error(
         "process {pid} ({name}) still serves instance '{instance}' and does not go: end it \
          (kill -9 {pid}) and serve again"
     )]
-    Blocked {
-        /// The instance.
-        instance: InstanceName,
-        /// The process in the way.
-        pid: u32,
-        /// What it calls itself.
-        name: String,
-    },
-    /// A limit of this process is too low for what is to be served.
+    Blocked { instance: InstanceName, pid: u32, name: String },
     #[error(transparent)]
     Limit(#[from] LimitError),
-    /// So many clients need more open files than a process may have.
     #[error(
         "{clients} clients need up to {needed} open files, and a process may have {limit} (RLIMIT_NOFILE): raise the hard limit (`ulimit -Hn`){}",
         if *fit > 0 { format!(", or serve with --max-clients {fit}") } else { String::new() }
     )]
-    Files {
-        /// Clients at a time.
-        clients: usize,
-        /// Open files of a worker with so many.
-        needed: u64,
-        /// The hard limit.
-        limit: u64,
-        /// Clients for whom there are enough.
-        fit: u64,
-    },
+    Files { clients: usize, needed: u64, limit: u64, fit: u64 },
     /// The worker gave up before it served at all; it said why itself.
     #[error("the worker could not serve (exit code {code})")]
     Worker {
@@ -177,7 +142,6 @@ impl ServeError {
 /// many bytes of pairs for a moment, and the last third is left to clients and to all else.
 const SCENE_PART: u64 = 3;
 
-/// Bytes of a MiB, the unit of the setting.
 const MIB: u64 = 1 << 20;
 
 /// Bytes that all scenes together may take on this machine, where nothing else is set; `otherwise` where the system

@@ -12,6 +12,7 @@
 //! A worker that was killed is started again at once, so that its clients miss a few frames. A request
 //! that kills every worker must not make a busy loop: restarts beyond a burst are spread over time.
 
+use std::io;
 use std::os::fd::{AsFd, BorrowedFd};
 use std::os::unix::net::UnixStream;
 use std::process::{Child, Command, ExitStatus, Stdio};
@@ -108,7 +109,11 @@ fn keep_working(settings: &ServeSettings) -> Result<(), ServeError> {
         served_before |= settings.dir.read_record(&settings.instance).is_some();
         settings.dir.remove_record(&settings.instance);
         match end {
-            End::Asked => return stop(&mut worker),
+            End::Asked => {
+                stop(&mut worker, STOP_WITHIN)
+                    .map_err(ServeError::system("stopping the worker"))?;
+                return Ok(());
+            }
             End::Status(status) => match status.code() {
                 Some(0) => return Ok(()),
                 Some(code) if !served_before => return Err(ServeError::Worker { code }),
@@ -215,7 +220,6 @@ fn spawn_worker(settings: &ServeSettings, restarted: bool) -> Result<Child, Serv
 
 /// Why a worker is watched no longer.
 enum End {
-    /// This process was asked to stop.
     Asked,
     Status(ExitStatus),
     /// It served and is dying. One that stops by itself takes its record away first, and its status is
@@ -313,21 +317,23 @@ fn is_stopped(child: Pid) -> bool {
     matches!(waitid(WaitId::Pid(child), options), Ok(Some(_)))
 }
 
-fn stop(worker: &mut Child) -> Result<(), ServeError> {
-    if let Some(pid) = i32::try_from(worker.id()).ok().and_then(Pid::from_raw) {
-        // A worker that has ended by itself meanwhile needs no signal.
+/// Asks a child to stop, kills it where it does not in time, and returns how it has ended.
+pub(crate) fn stop(child: &mut Child, within: Duration) -> io::Result<ExitStatus> {
+    if let Some(pid) = i32::try_from(child.id()).ok().and_then(Pid::from_raw)
+        && matches!(child.try_wait(), Ok(None))
+    {
+        // Sending fails if the process has ended already, which is what is wanted.
         let _ = kill_process(pid, Signal::TERM);
     }
-    let deadline = Instant::now() + STOP_WITHIN;
+    let deadline = Instant::now() + within;
     while Instant::now() < deadline {
-        if worker.try_wait().map_err(ServeError::system("watching the worker"))?.is_some() {
-            return Ok(());
+        if let Ok(Some(status)) = child.try_wait() {
+            return Ok(status);
         }
-        std::thread::sleep(Duration::from_millis(5));
+        std::thread::sleep(Duration::from_millis(2));
     }
-    worker.kill().map_err(ServeError::system("killing the worker"))?;
-    worker.wait().map_err(ServeError::system("watching the worker"))?;
-    Ok(())
+    child.kill()?;
+    child.wait()
 }
 
 /// Restarts that may follow each other without a pause: more than an operator, a test or a client that
@@ -338,7 +344,6 @@ const BURST: u32 = 100;
 /// core at the most.
 const INTERVAL: Duration = Duration::from_millis(250);
 
-/// Spreads restarts over time.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct RestartDelay {
     /// The time that the restarts so far have used up, at one [`INTERVAL`] each.
@@ -377,38 +382,6 @@ mod tests {
         assert_eq!(killed_at(&|i| (Some(7), i % 8 != 7), tick), None, "it goes on now and then");
         let suspended = Duration::from_secs(3600);
         assert_eq!(killed_at(&|_| (Some(7), true), suspended), Some(4), "its own looks count");
-    }
-
-    #[test]
-    fn the_kernel_reports_of_a_stopped_child() {
-        let mut child = Command::new("sleep").arg("60").spawn().unwrap();
-        let pid = Pid::from_raw(child.id() as i32).unwrap();
-        let is_soon = |expected| {
-            (0..10_000).any(|_| {
-                std::thread::sleep(Duration::from_millis(1));
-                is_stopped(pid) == expected
-            })
-        };
-        assert!(!is_stopped(pid));
-        for _ in 0..2 {
-            kill_process(pid, Signal::STOP).unwrap();
-            assert!(is_soon(true));
-            assert!(is_stopped(pid), "a look changes nothing");
-            kill_process(pid, Signal::CONT).unwrap();
-            assert!(is_soon(false));
-        }
-        child.kill().unwrap();
-        child.wait().unwrap();
-    }
-
-    #[test]
-    fn more_clients_than_open_files_are_refused_with_a_number_that_fits() {
-        let refused = check_file_limit(usize::MAX >> 8);
-        // Where there is no limit there is nothing to refuse.
-        if let Err(error) = refused {
-            assert!(error.to_string().contains("--max-clients"), "{error}");
-        }
-        check_file_limit(16).unwrap();
     }
 
     /// The pauses of workers that die `apart` after their start.

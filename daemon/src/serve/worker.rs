@@ -5,7 +5,7 @@
 
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use iceoryx2::service::ipc_threadsafe;
@@ -30,6 +30,7 @@ use crate::audit::Auditor;
 use crate::execute::gpu::{GpuChoices, IfMissing, OpenError};
 use crate::execute::{EnginePool, Executor, GpuService};
 use crate::ingest::{Gate, Intake};
+use crate::locked;
 use crate::requests::Responder;
 use crate::scene::{Scene, SceneName};
 
@@ -42,9 +43,6 @@ const PREDECESSOR_LOOK: Duration = Duration::from_millis(10);
 
 /// Serves an instance in this process until SIGINT or SIGTERM, or until its parent, the process
 /// `supervisor`, ends.
-///
-/// # Errors
-/// [`ServeError`] where the services cannot be made, and where `supervisor` is not the parent.
 pub fn work(settings: &ServeSettings, supervisor: u32) -> Result<(), ServeError> {
     quiet_transport_log();
     let stop = Arc::new(AtomicBool::new(false));
@@ -99,16 +97,15 @@ pub fn work(settings: &ServeSettings, supervisor: u32) -> Result<(), ServeError>
     let files = SegmentFiles::new(&settings.dir, &settings.instance);
     let gate = Gate::new(Arc::clone(&services), files);
     let intake = Intake::new(server, Arc::clone(&turn), gate, early);
-    let mut responder = Responder::new(
+    let responder = Responder::new(
         services,
         (turn, free),
         wake_clients,
-        &settings.limits,
+        settings,
         executor,
         Arc::clone(&pool),
         auditor,
     );
-    responder.alter_answers(settings.alter_answers);
     let lanes = Lanes::new(intake, wake, responder, Arc::clone(&pool), settings, &janitor, &stop);
     lanes.run()?;
     // Without a record it is no worker that died: the supervisor waits for its status.
@@ -118,7 +115,7 @@ pub fn work(settings: &ServeSettings, supervisor: u32) -> Result<(), ServeError>
     // Its threads may have used the devices, which are gone now: until then they stay (`gpu::slot`).
     drop(pool);
     drop(janitor);
-    if let Some(error) = missing.lock().unwrap_or_else(PoisonError::into_inner).take() {
+    if let Some(error) = locked(&missing).take() {
         // The supervisor takes a worker without a record for one that never served, and ends with its message.
         return Err(error.into());
     }
@@ -253,7 +250,7 @@ fn open_gpus(
     } else {
         let (missing, stop) = (Arc::clone(missing), Arc::clone(stop));
         IfMissing::Report(Arc::new(move |error| {
-            missing.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(error);
+            locked(&missing).get_or_insert(error);
             stop.store(true, Ordering::Relaxed);
         }))
     };
@@ -280,9 +277,6 @@ type Ratio = (Option<EngineName>, f64);
 
 /// The constants of `start` scaled to this machine and `isa`: each engine by itself on one thread, and those of masks
 /// by the time of visiting their pairs.
-///
-/// # Errors
-/// [`CullError`] of an engine.
 pub(super) fn glance(start: &Calibration, isa: AvailableIsa) -> Result<Calibration, CullError> {
     let mut ratios: Vec<Ratio> = Vec::new();
     for n in SIZES {

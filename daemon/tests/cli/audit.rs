@@ -3,7 +3,7 @@
 use pairmask_core::Encoding;
 use pairmask_tests::audited::{Shape, audit};
 
-use crate::support::{Pairmaskd, Place};
+use crate::support::Pairmaskd;
 
 #[test]
 fn right_frames_pass() {
@@ -19,9 +19,4 @@ fn right_frames_pass() {
         assert_eq!(reported["one_in"], 1);
         assert!(!log.contains("audit"), "{log}");
     }
-}
-
-#[test]
-fn a_rate_that_is_none_is_refused() {
-    assert_eq!(Place::new().run(&["serve", "--audit", "often"]).code, Some(2));
 }

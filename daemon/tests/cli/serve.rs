@@ -56,18 +56,6 @@ fn a_second_daemon_is_refused_and_another_instance_is_not() {
 }
 
 #[test]
-fn a_crashed_worker_is_replaced() {
-    let place = Place::new();
-    let child = serve(&place, &[]);
-    let dir = RuntimeDir::at(place.path());
-    let worker = || dir.read_record(&InstanceName::default()).map(|record| record.worker_pid);
-    let first = worker().unwrap();
-    kill_process(Pid::from_raw(first.cast_signed()).unwrap(), Signal::KILL).unwrap();
-    eventually("another worker serves", || worker().filter(|pid| *pid != first));
-    assert_eq!(stop(child, Signal::TERM).code, Some(0));
-}
-
-#[test]
 fn a_directory_that_cannot_be_used_is_named() {
     let place = Place::new();
     std::fs::write(place.file("file"), "").unwrap();

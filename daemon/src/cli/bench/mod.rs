@@ -52,9 +52,6 @@ enum What {
 
 impl Bench {
     /// Measures.
-    ///
-    /// # Errors
-    /// [`BenchError`].
     pub fn run(&self, place: &Place, config: &Config) -> Result<(), BenchError> {
         match &self.what {
             What::Latency(latency) => latency.run(place, config),
@@ -128,7 +125,6 @@ pub struct Latency {
     json: bool,
 }
 
-/// How the two sides wait for each other.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Wait {
     /// Both spin and hold a core each.
@@ -173,40 +169,30 @@ impl FromStr for Wait {
     }
 }
 
-/// Why a measurement failed.
 #[derive(Debug, thiserror::Error)]
 pub enum BenchError {
-    /// The file of boxes cannot be read.
     #[error(transparent)]
     Boxes(#[from] RawObjectsError),
-    /// The daemon did not start.
     #[error(transparent)]
     Spawn(#[from] SpawnError),
-    /// There is no session.
     #[error(transparent)]
     Connect(#[from] ConnectError),
-    /// A frame failed.
     #[error(transparent)]
     Timed(#[from] TimedError),
-    /// Threads cannot be pinned.
     #[error(transparent)]
     Pin(#[from] PinError),
     /// The daemon died or started during the measurement: the row would mix two backends.
     #[error("the daemon came or went during the measurement: name a --backend, and try again")]
     Changed,
-    /// There is no daemon to pin.
     #[error("--pin keeps a daemon on a core of its own: leave it out with --backend in-process")]
     PinAlone,
-    /// The system started no decoding threads.
     #[error("the decoding threads cannot be started: {0}")]
     Threads(#[from] rayon::ThreadPoolBuildError),
-    /// The result cannot be printed.
     #[error(transparent)]
     Output(#[from] OutputError),
 }
 
 impl BenchError {
-    /// Whether the command line is wrong.
     pub const fn is_usage(&self) -> bool {
         matches!(self, Self::PinAlone)
     }
@@ -214,9 +200,6 @@ impl BenchError {
 
 impl Latency {
     /// Measures a row for every wait, scene and precision, and prints them.
-    ///
-    /// # Errors
-    /// [`BenchError`].
     pub fn run(&self, place: &Place, config: &Config) -> Result<(), BenchError> {
         let is_alone = self.options.backend(config, Backend::Daemon) == Backend::InProcess;
         if self.pin && is_alone {
@@ -241,7 +224,7 @@ impl Latency {
                 // The daemon of this wait must not inherit the client's one core.
                 cores.unpin()?;
             }
-            let target = Target::new(&self.options, &self.daemon, wait.spin(), place, config)?;
+            let target = Target::new(&self.options, &self.daemon, wait.spin(), 1, place, config)?;
             if let Some(cores) = &cores {
                 cores.pin(&target.dir, &target.instance)?;
             }
@@ -312,9 +295,6 @@ impl Latency {
 }
 
 /// The threads of a client. They are kept awake while frames are under way.
-///
-/// # Errors
-/// [`BenchError::Threads`].
 pub fn threads_of(threads: NonZeroUsize) -> Result<Decoding, BenchError> {
     Ok(match threads.get() {
         1 => Decoding::Serial,
@@ -322,19 +302,12 @@ pub fn threads_of(threads: NonZeroUsize) -> Result<Decoding, BenchError> {
     })
 }
 
-/// Why threads were not pinned.
 #[derive(Debug, thiserror::Error)]
 pub enum PinError {
-    /// Two spinning threads cannot share one core.
     #[error("--pin needs two cores, one for the client and one for the daemon: leave it out")]
     TooFewCores,
-    /// No daemon to pin.
     #[error("--pin: no daemon serves instance '{instance}'")]
-    NoDaemon {
-        /// The instance.
-        instance: InstanceName,
-    },
-    /// The system refused.
+    NoDaemon { instance: InstanceName },
     #[error("--pin: {0}")]
     System(#[from] rustix::io::Errno),
 }
@@ -349,9 +322,6 @@ pub struct Cores {
 
 impl Cores {
     /// The cores of the calling thread, which must not be pinned yet.
-    ///
-    /// # Errors
-    /// [`PinError::TooFewCores`], [`PinError::System`].
     pub fn of_this_thread() -> Result<Self, PinError> {
         let all = sched_getaffinity(None)?;
         let mut cores = (0..CpuSet::MAX_CPU).filter(|core| all.is_set(*core));
@@ -360,17 +330,11 @@ impl Cores {
     }
 
     /// Gives the calling thread all cores back: a process that it starts inherits them.
-    ///
-    /// # Errors
-    /// [`PinError::System`].
     pub fn unpin(&self) -> Result<(), PinError> {
         Ok(sched_setaffinity(None, &self.all)?)
     }
 
     /// Keeps the calling thread on one core, and the thread that serves the instance on another.
-    ///
-    /// # Errors
-    /// [`PinError::NoDaemon`], [`PinError::System`].
     pub fn pin(&self, dir: &RuntimeDir, instance: &InstanceName) -> Result<(), PinError> {
         // The serving thread is its process's first, so it has the process's number. The engines'
         // other threads stay free.

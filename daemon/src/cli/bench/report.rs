@@ -8,7 +8,6 @@ use pairmask_core::engine::EngineId;
 use serde::{Deserialize, Serialize};
 
 use super::{BenchError, Wait};
-use crate::cli::cull::backend_name;
 use crate::cli::machine::Machine;
 use crate::cli::percentiles::{Percentiles, Recorder};
 use crate::precision::PrecisionChoice;
@@ -17,28 +16,22 @@ use crate::timed_client::TimedFrame;
 /// The JSON object of `bench latency --json`. Fields may be added, never changed or taken away.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct LatencyReport {
-    /// The machine of the measurement.
     pub machine: Machine,
-    /// One row for every wait, scene and precision.
     pub rows: Vec<LatencyRow>,
 }
 
-/// Latencies of one scene.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct LatencyRow {
-    /// Boxes.
     pub n: u32,
     /// Where the pairs were found: `daemon` or `in-process`.
     pub backend: String,
     /// How both sides waited: `spin`, `event` or `serve`.
     pub wait: String,
-    /// The engine.
     pub engine: String,
     /// Precision of the boxes: `exact`, `q16`, `q8`, `f16` or `margin=X`.
     pub precision: String,
     /// Bytes of the boxes of one request.
     pub box_bytes: u64,
-    /// Frames measured.
     pub frames: u64,
     /// Frames for which a request was made; `margin=X` answers the others from an earlier mask.
     pub requests: u64,
@@ -64,7 +57,6 @@ pub struct LatencyRow {
 }
 
 impl LatencyRow {
-    /// The row of a finished measurement.
     pub fn new(
         n: u32,
         precision: PrecisionChoice,
@@ -98,9 +90,6 @@ impl LatencyRow {
 
     /// Writes the row: a line of what was measured, `more` about it, and a table, above whose stages stands
     /// `first`.
-    ///
-    /// # Errors
-    /// That of the formatter.
     pub fn write(
         &self,
         f: &mut fmt::Formatter<'_>,
@@ -159,17 +148,13 @@ const SEVERAL: &str = "auto";
 /// Frames under measurement, all of one backend.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Figures {
-    /// `daemon` or `in-process`.
     pub backend: String,
     /// The engine; `auto` where frames had different engines.
     pub engine: String,
     #[serde(skip)]
     engine_id: Option<EngineId>,
-    /// Bytes of the boxes of a frame.
     pub box_bytes: u64,
-    /// Frames.
     pub frames: u64,
-    /// Frames for which a request was made.
     pub requests: u64,
     /// Of each frame: total, fill, answer, round trip, engine, added, decode.
     pub(super) stages: [Recorder; 7],
@@ -179,7 +164,7 @@ impl Figures {
     /// No frame yet. All will have the backend of `info`.
     pub fn of(info: &FrameInfo) -> Self {
         Self {
-            backend: backend_name(info.served_by).to_owned(),
+            backend: info.served_by.as_str().to_owned(),
             engine: info.engine.to_string(),
             engine_id: Some(info.engine),
             box_bytes: info.box_bytes,
@@ -190,12 +175,9 @@ impl Figures {
     }
 
     /// Adds a frame.
-    ///
-    /// # Errors
-    /// [`BenchError::Changed`] where another backend answered it.
     pub fn record(&mut self, times: &TimedFrame) -> Result<(), BenchError> {
         let info = &times.info;
-        if backend_name(info.served_by) != self.backend {
+        if info.served_by.as_str() != self.backend {
             return Err(BenchError::Changed);
         }
         if self.engine_id.is_some_and(|engine| engine != info.engine) {
@@ -220,9 +202,6 @@ impl Figures {
     }
 
     /// Adds those of another client.
-    ///
-    /// # Errors
-    /// [`BenchError::Changed`] where another backend answered it.
     pub fn add(&mut self, other: &Self) -> Result<(), BenchError> {
         if self.backend != other.backend {
             return Err(BenchError::Changed);

@@ -2,8 +2,6 @@
 
 mod report;
 
-pub use self::report::backend_name;
-
 use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
@@ -79,7 +77,6 @@ pub struct Cull {
     json: bool,
 }
 
-/// The kind of objects in a file.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
 enum Shape {
     #[default]
@@ -87,7 +84,6 @@ enum Shape {
     Spheres,
 }
 
-/// Why `cull` failed.
 #[derive(Debug, thiserror::Error)]
 pub enum CullCommandError {
     #[error("{flag} is about boxes: leave it out with --shape spheres")]
@@ -113,14 +109,12 @@ pub enum CullCommandError {
 }
 
 impl CullCommandError {
-    /// Whether the command line is wrong.
     pub const fn is_usage(&self) -> bool {
         matches!(self, Self::AboutBoxes { .. } | Self::TwoOnStdout { .. } | Self::SameFile { .. })
     }
 }
 
 impl Cull {
-    /// Reads the file, culls, decodes, and writes the results.
     pub fn run(&self, place: &Place, config: &Config) -> Result<(), CullCommandError> {
         self.check()?;
         let scene = self.open()?;
@@ -163,7 +157,6 @@ impl Cull {
         Ok(())
     }
 
-    /// Checks that the options do not contradict each other.
     fn check(&self) -> Result<(), CullCommandError> {
         let is_precise = self.precision == PrecisionChoice::Exact;
         for (flag, allowed) in [("--precision", is_precise), ("--explain", !self.explain)] {
@@ -228,7 +221,6 @@ impl Cull {
     }
 }
 
-/// The input file, opened.
 enum RawScene {
     Boxes(RawBoxes),
     Spheres(RawObjects<Sphere>),
@@ -320,7 +312,6 @@ fn answer(
     Ok((mask, timings))
 }
 
-/// Why a result file was not written.
 #[derive(Debug, thiserror::Error)]
 pub enum ResultError {
     #[error(transparent)]

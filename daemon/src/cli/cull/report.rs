@@ -62,17 +62,11 @@ pub struct StagesNs {
     pub decode: u64,
 }
 
-/// The backend's name in reports.
-pub const fn backend_name(served_by: ServedBy) -> &'static str {
-    served_by.as_str()
-}
-
 const fn ns(duration: Duration) -> u64 {
     duration.as_nanos() as u64
 }
 
 impl CullReport {
-    /// The report of a mask.
     pub fn new(
         mask: &PairMask,
         precision: PrecisionChoice,
@@ -92,7 +86,7 @@ impl CullReport {
             pairs: mask.count(),
             invalid: info.census.invalid,
             empty: info.census.empty,
-            backend: backend_name(info.served_by).to_owned(),
+            backend: info.served_by.as_str().to_owned(),
             engine: info.engine.to_string(),
             encoding: mask.encoding().to_string(),
             mask_bytes: info.mask_bytes,
@@ -178,7 +172,6 @@ pub struct Explanation {
 }
 
 impl Explanation {
-    /// The explanation of an answered frame.
     pub fn new(planned: &Planned, mask: &PairMask, decode: Duration) -> Self {
         let Planned { plan, calibration } = planned;
         let (info, stats) = (mask.info(), &plan.stats);

@@ -62,7 +62,6 @@ pub struct Progress {
 }
 
 impl Progress {
-    /// Counts of zero.
     pub fn new() -> Self {
         Self {
             all: Tally::new(),
@@ -75,12 +74,10 @@ impl Progress {
         }
     }
 
-    /// Time since the start.
     pub fn elapsed(&self) -> Duration {
         self.all.since.elapsed()
     }
 
-    /// Counts a frame.
     pub fn note_frame(
         &mut self,
         pairs: u64,
@@ -143,7 +140,6 @@ impl Progress {
     }
 }
 
-/// The display itself.
 #[derive(Debug)]
 pub struct Display {
     /// The line on the terminal, if stderr is one.
@@ -152,7 +148,6 @@ pub struct Display {
 }
 
 impl Display {
-    /// A display that shows nothing yet.
     pub fn new() -> Self {
         let live = is_watched().then(|| {
             let style = ProgressStyle::with_template("{spinner} {msg}");
@@ -168,7 +163,6 @@ impl Display {
         if self.live.is_some() { LIVE_INTERVAL } else { PLAIN_INTERVAL }
     }
 
-    /// Shows the latest figures if the interval has passed.
     pub fn update(&mut self, progress: &mut Progress) -> Result<(), OutputError> {
         if Instant::now() < self.due {
             return Ok(());
@@ -191,7 +185,6 @@ impl Display {
         }
     }
 
-    /// Shows the whole run.
     pub fn summary(&self, progress: &Progress) -> Result<(), OutputError> {
         if let Some(line) = &self.live {
             line.finish_and_clear();

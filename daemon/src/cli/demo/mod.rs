@@ -65,7 +65,6 @@ impl DemoOptions {
     }
 }
 
-/// Why the demo failed.
 #[derive(Debug, thiserror::Error)]
 pub enum DemoError {
     #[error(transparent)]
@@ -93,7 +92,6 @@ impl DemoError {
 }
 
 impl Demo {
-    /// Starts both processes and waits for the client.
     pub fn run(&self, place: &Place, config: &Config) -> Result<(), DemoError> {
         let stop = stop_flag()?;
         let daemon = PrivateDaemon::start_self(&self.daemon.private(place, config))?;
@@ -158,7 +156,6 @@ pub struct DemoClient {
     options: DemoOptions,
 }
 
-/// Asks a client to end early.
 fn ask_to_stop(client: &Child) {
     if let Some(pid) = i32::try_from(client.id()).ok().and_then(Pid::from_raw) {
         // Sending fails if the client has just ended, which is what is wanted.
@@ -167,7 +164,6 @@ fn ask_to_stop(client: &Child) {
 }
 
 impl DemoClient {
-    /// Runs frames until the demo's time is over.
     pub fn run(&self, place: &Place, config: &Config) -> Result<(), DemoError> {
         let stop = stop_flag()?;
         // If the demo's process is killed, this process has to end with it.

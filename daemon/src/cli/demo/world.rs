@@ -58,12 +58,10 @@ impl World {
         }
     }
 
-    /// Number of boxes.
     pub fn len(&self) -> usize {
         self.centres.len()
     }
 
-    /// Writes the boxes into a frame's memory.
     pub fn write_boxes(&self, boxes: &mut [Aabb]) {
         for ((slot, centre), half) in boxes.iter_mut().zip(&self.centres).zip(&self.halves) {
             *slot = Aabb::from_center_half(*centre, *half);

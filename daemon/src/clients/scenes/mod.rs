@@ -23,18 +23,15 @@ const BYTES_A_TAG: u64 = 12;
 /// Bytes that any scene takes: without them, empty ones would be free.
 const BYTES_A_SCENE: u64 = 64 << 10;
 
-/// A scene of a client.
 pub(crate) struct KeptScene {
     pub(crate) id: SceneId,
     /// The number of the last edit.
     pub(crate) revision: u64,
-    /// Its boxes, and what was reported.
     pub(crate) scene: SceneKeeper,
     /// Memory for reading edits.
     pub(crate) scratch: EditScratch,
     /// Memory for what queries find, kept so that it is not mapped for each anew.
     pub(crate) found: Vec<[u32; 2]>,
-    /// Its share of the memory of all scenes.
     pub(crate) room: SceneRoom,
     /// Where it is audited.
     pub(crate) audited: Option<AuditedScene>,
@@ -47,14 +44,12 @@ pub(crate) struct SceneRoom(Charge);
 /// Boxes that edits set which wait to be applied.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct PendingBoxes {
-    /// How many.
     pub(crate) count: u64,
     /// Their indices are below this.
     pub(crate) index_end: u64,
 }
 
 impl KeptScene {
-    /// A scene without boxes, before its first edit.
     pub(crate) fn begin(
         id: SceneId,
         scene: SceneKeeper,
@@ -116,10 +111,8 @@ impl SceneRoom {
     }
 }
 
-/// Bytes of a pair.
 const BYTES_A_PAIR: u64 = 8;
 
-/// The memory of all scenes of a daemon.
 #[derive(Clone, Debug)]
 pub(crate) struct SceneMemory(Arc<Shared>);
 
@@ -130,25 +123,20 @@ struct Shared {
     scenes: AtomicU64,
 }
 
-/// There is no room for a scene.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
     "scenes would take {needed_bytes} bytes, and may take {limit_bytes}: serve with a larger --max-scene-mib"
 )]
 pub(crate) struct NoRoom {
-    /// What all scenes together would take.
     pub(crate) needed_bytes: u64,
-    /// What they may take.
     pub(crate) limit_bytes: u64,
 }
 
 impl SceneMemory {
-    /// At most so many bytes.
     pub(crate) fn new(limit: u64) -> Self {
         Self(Arc::new(Shared { limit, used: AtomicU64::new(0), scenes: AtomicU64::new(0) }))
     }
 
-    /// Memory of a new scene.
     pub(crate) fn charge(&self, bytes: u64) -> Result<Charge, NoRoom> {
         self.0.take(bytes)?;
         self.0.scenes.fetch_add(1, Ordering::Relaxed);
@@ -161,7 +149,6 @@ impl SceneMemory {
         of_answer.max(self.0.limit / BYTES_A_PAIR)
     }
 
-    /// Scenes, and the bytes that they take.
     pub(crate) fn used(&self) -> (u64, u64) {
         (self.0.scenes.load(Ordering::Relaxed), self.0.used.load(Ordering::Relaxed))
     }
@@ -204,7 +191,6 @@ impl Charge {
         (1..=most).rev().find(fits).unwrap_or(1)
     }
 
-    /// Notes how much it is by now.
     pub(crate) fn set(&mut self, bytes: u64) {
         self.of.used.fetch_add(bytes, Ordering::Relaxed);
         self.of.used.fetch_sub(self.bytes, Ordering::Relaxed);

@@ -11,7 +11,6 @@ pub enum GpuChoice {
     /// The best real GPU; never a software adapter, which the CPU engines beat.
     #[default]
     Auto,
-    /// No GPU.
     None,
     /// A software adapter, for tests.
     Software,
@@ -59,25 +58,19 @@ pub enum AdapterKind {
     Discrete,
 }
 
-/// One adapter of the list.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct AdapterInfo {
-    /// Marketing name.
     pub name: String,
     /// Driver and its version.
     pub driver: String,
     /// PCI address, `domain:bus:device.function`; empty when it has none.
     pub pci_address: String,
-    /// PCI vendor.
     pub vendor_id: u32,
-    /// PCI device.
     pub device_id: u32,
-    /// Kind of adapter.
     pub kind: AdapterKind,
 }
 
 impl AdapterInfo {
-    /// Runs on the CPU.
     pub fn is_software(&self) -> bool {
         self.kind == AdapterKind::Software
     }
@@ -128,7 +121,6 @@ pub(super) fn best_of_kind(adapters: &[AdapterInfo]) -> impl Iterator<Item = usi
     (0..adapters.len()).filter(move |place| Some(adapters[*place].kind) == best)
 }
 
-/// The Vulkan adapters of this machine.
 pub(super) struct AdapterList {
     pub(super) infos: Vec<AdapterInfo>,
     adapters: Vec<wgpu::Adapter>,
@@ -147,7 +139,6 @@ impl AdapterList {
         Self { infos, adapters }
     }
 
-    /// The adapter that `choice` means.
     pub(super) fn take(
         mut self,
         choice: &GpuChoice,
@@ -213,7 +204,6 @@ impl fmt::Display for GpuChoices {
 }
 
 impl GpuChoices {
-    /// Whether no GPU is wanted.
     pub fn is_none(&self) -> bool {
         matches!(self, Self::Each(choices) if choices.iter().all(|choice| *choice == GpuChoice::None))
     }
@@ -223,7 +213,6 @@ impl GpuChoices {
         *self == Self::All || *self == Self::default()
     }
 
-    /// A choice for each device.
     pub fn each(&self) -> Vec<GpuChoice> {
         match self {
             Self::Each(choices) => {

@@ -49,18 +49,12 @@ pub struct Awake {
 impl Awake {
     /// Starts the thread, asleep. `None` where `hold` is zero, and on devices that have no queue
     /// for it: software adapters, and those whose stages would wait for it.
-    ///
-    /// # Errors
-    /// [`GpuError`].
     pub fn start(gpu: &Arc<Gpu>, hold: Duration) -> Result<Option<Self>, GpuError> {
         let pays = !gpu.info().is_software() && gpu.has_own_queue(QueueRole::Awake);
         if hold.is_zero() || !pays { Ok(None) } else { Self::launch(gpu, hold).map(Some) }
     }
 
     /// As [`Self::start`], on any device, where its dispatches may hold up frames. For tests.
-    ///
-    /// # Errors
-    /// [`GpuError`].
     pub fn launch(gpu: &Arc<Gpu>, hold: Duration) -> Result<Self, GpuError> {
         let frame = recorded(gpu)?;
         let shared = Arc::new(Shared {
@@ -79,7 +73,6 @@ impl Awake {
         Ok(Self { gpu: Arc::clone(gpu), shared, hold_us: hold.as_micros() as u64, thread })
     }
 
-    /// Dispatches that have ended so far.
     pub fn dispatches(&self) -> u64 {
         self.shared.dispatches.load(Ordering::Relaxed)
     }

@@ -30,7 +30,6 @@ pub struct GpuLimits {
     pub mapped_video_memory: bool,
     /// Nanoseconds of a timestamp tick.
     pub timestamp_period_ns: f32,
-    /// Whether stages may use 64-bit integers.
     pub int64: bool,
     /// Rounds of all its loops that a thread may take; [`u32::MAX`] where there is no limit.
     pub thread_rounds: u32,
@@ -56,7 +55,6 @@ pub enum QueueRole {
     Awake,
 }
 
-/// Queues by role.
 const ROLES: usize = 3;
 
 /// A queue and the family that command buffers for it are made for.
@@ -74,7 +72,7 @@ pub struct Gpu {
     raw: ash::Device,
     /// By role; `None` where the device has no such family.
     queues: Mutex<[Option<RoleQueue>; ROLES]>,
-    families: [Option<u32>; ROLES],
+    pub(super) families: [Option<u32>; ROLES],
     memory: vk::PhysicalDeviceMemoryProperties,
     host_import: Option<ash::ext::external_memory_host::Device>,
     cache_key: String,
@@ -104,9 +102,6 @@ pub enum HostImport {
 
 impl Gpu {
     /// Opens the GPU that `choice` means.
-    ///
-    /// # Errors
-    /// [`OpenError`].
     pub fn open(choice: &GpuChoice, host_import: HostImport) -> Result<Arc<Self>, OpenError> {
         let (adapter, info) = AdapterList::find().take(choice)?;
         // Drivers start threads here, which inherit the floating-point flags of this one. A software
@@ -235,17 +230,14 @@ impl Gpu {
         })
     }
 
-    /// The adapter.
     pub fn info(&self) -> &AdapterInfo {
         &self.info
     }
 
-    /// What the device allows.
     pub fn limits(&self) -> &GpuLimits {
         &self.limits
     }
 
-    /// Whether the device is still there.
     pub fn health(&self) -> &DeviceHealth {
         &self.health
     }
@@ -277,11 +269,6 @@ impl Gpu {
         self.families[role as usize].or(self.families[QueueRole::Frames as usize])
     }
 
-    /// All families that a block may be used by.
-    pub(super) fn all_families(&self) -> impl Iterator<Item = u32> {
-        self.families.into_iter().flatten()
-    }
-
     pub(super) fn host_import(&self) -> Option<&ash::ext::external_memory_host::Device> {
         self.host_import.as_ref()
     }
@@ -296,7 +283,6 @@ impl Gpu {
         find_memory_type(&self.memory, allowed, needed, wished)
     }
 
-    /// Submits recorded commands.
     pub(super) fn submit(
         &self,
         role: QueueRole,

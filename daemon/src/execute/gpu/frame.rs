@@ -16,29 +16,22 @@ use super::{Block, Gpu, GpuError, Order, Part, Pipeline, QueueRole, StageFault};
 
 /// One step of a frame. Each step sees all that the steps before it wrote.
 pub enum Command {
-    /// Runs a stage.
     Stage {
-        /// The compiled stage.
         pipeline: Arc<Pipeline>,
         /// What it binds, from binding 0 on.
         parts: Vec<Part>,
-        /// Its parameters.
         immediates: Vec<u8>,
         /// Workgroups along x and y.
         groups: [u32; 2],
     },
-    /// Copies by the copy engine.
     Copy {
-        /// From here.
         from: Part,
         /// To here, of the same size.
         to: Part,
     },
-    /// Fills memory.
     Fill {
         /// All of this, a multiple of four bytes.
         part: Part,
-        /// Each word of it.
         word: u32,
     },
 }
@@ -70,16 +63,12 @@ impl Command {
     }
 }
 
-/// Time of one step, by the GPU's clock.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StepTime {
-    /// The stage's name.
     pub label: &'static str,
-    /// Nanoseconds.
     pub ns: f64,
 }
 
-/// How to wait for the end of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Wait {
     /// Asks again and again: 15 µs less than sleeping, for the price of a core meanwhile.
@@ -127,9 +116,6 @@ unsafe impl Send for Frame {}
 
 impl Frame {
     /// An empty frame. `profiled` frames take timestamps, which costs about a microsecond a step.
-    ///
-    /// # Errors
-    /// [`GpuError`].
     pub fn new(gpu: &Arc<Gpu>, profiled: bool) -> Result<Self, GpuError> {
         Self::of_role(gpu, QueueRole::Frames, profiled)
     }
@@ -188,9 +174,6 @@ impl Frame {
 
     /// Records steps in place of the former ones.
     ///
-    /// # Errors
-    /// [`GpuError`].
-    ///
     /// # Panics
     /// With more than [`MAX_STEPS`] steps, a binding too many or too large immediates: faults of
     /// this crate.
@@ -201,9 +184,6 @@ impl Frame {
     /// Records the steps of several frames, none of which uses what another one writes, in place of the
     /// former ones: all first steps, then all second ones, and so on. A barrier is then waited for once
     /// for all of them, and what waits for the link in one frame is covered by the others.
-    ///
-    /// # Errors
-    /// [`GpuError`].
     ///
     /// # Panics
     /// As [`Self::record`], for the steps of all frames together; and with several frames where steps
@@ -252,7 +232,6 @@ impl Frame {
         Ok(())
     }
 
-    /// Runs some steps once, and waits for them.
     pub(super) fn run_once(
         gpu: &Arc<Gpu>,
         steps: Vec<Command>,
@@ -263,7 +242,6 @@ impl Frame {
         frame.run(wait, ONCE_PATIENCE)
     }
 
-    /// Fills blocks with a word.
     pub(super) fn fill<'a>(
         gpu: &Arc<Gpu>,
         blocks: impl IntoIterator<Item = &'a Arc<Block>>,
@@ -389,9 +367,6 @@ impl Frame {
     /// Submits the frame, before or after another frame of another queue. Nothing that it reads or
     /// writes may be touched until it has ended.
     ///
-    /// # Errors
-    /// [`GpuError`].
-    ///
     /// # Panics
     /// While it is under way: a fault of this crate.
     pub(super) fn submit_in(&mut self, order: Order) -> Result<(), GpuError> {
@@ -420,9 +395,6 @@ impl Frame {
     /// Where the wait fails, the frame is given [`LAST_PATIENCE`] more: a device that was given up
     /// while it works must not write into memory that its owner takes back. One that does not end
     /// even then stays pending, for ever.
-    ///
-    /// # Errors
-    /// [`GpuError::Lost`] when the device is gone, [`GpuError::Hung`] when time is up.
     pub(super) fn end(&mut self, wait: Wait, patience: Duration) -> Result<(), GpuError> {
         match self.wait(wait, patience) {
             Ok(()) => {
@@ -488,9 +460,6 @@ impl Frame {
     }
 
     /// Times of the last run, if the frame is profiled.
-    ///
-    /// # Errors
-    /// [`GpuError`].
     pub fn step_times(&self) -> Result<Vec<StepTime>, GpuError> {
         let Some(queries) = self.queries else { return Ok(Vec::new()) };
         let mut ticks = vec![0u64; self.steps.len() + 1];

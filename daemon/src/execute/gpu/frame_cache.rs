@@ -35,7 +35,6 @@ pub(super) struct FrameKey {
     pub(super) chunk: usize,
     pub(super) input: Place,
     pub(super) output: Place,
-    /// The rules of its boxes, if it has any.
     pub(super) rules: Option<Place>,
 }
 
@@ -78,12 +77,10 @@ impl<K: PartialEq> FrameCache<K> {
         self.frames.last_mut().map(|(_, frame)| frame).ok_or(GpuError::Lost)
     }
 
-    /// The frame that was asked for last.
     pub(super) fn last(&self) -> Option<&Frame> {
         self.frames.last().map(|(_, frame)| frame)
     }
 
-    /// As [`Self::last`].
     pub(super) fn last_mut(&mut self) -> Option<&mut Frame> {
         self.frames.last_mut().map(|(_, frame)| frame)
     }
@@ -93,7 +90,6 @@ impl<K: PartialEq> FrameCache<K> {
         self.frames.iter_mut().fold(true, |settled, (_, frame)| frame.settle() && settled)
     }
 
-    /// Drops all frames.
     pub(super) fn clear(&mut self) {
         self.frames.clear();
     }

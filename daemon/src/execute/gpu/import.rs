@@ -42,9 +42,6 @@ pub const PAGE_BYTES: usize = 4096;
 
 impl ReadWriteMapping {
     /// A shared mapping of a file, from byte `offset`, a multiple of a page.
-    ///
-    /// # Errors
-    /// The system's.
     pub fn of_file(file: &File, offset: u64, bytes: usize) -> io::Result<Self> {
         let bytes = bytes.max(1).next_multiple_of(PAGE_BYTES);
         let (prot, flags) = (ProtFlags::READ | ProtFlags::WRITE, MapFlags::SHARED);
@@ -57,9 +54,6 @@ impl ReadWriteMapping {
 
     /// The pages behind an address range of this process, read-write whatever the first mapping
     /// allows. Covers whole pages around the range.
-    ///
-    /// # Errors
-    /// [`SegmentError`].
     pub fn behind(address: usize, bytes: usize) -> Result<Self, SegmentError> {
         let start = address / PAGE_BYTES * PAGE_BYTES;
         let end = address.checked_add(bytes).ok_or(SegmentError::NotMapped)?;
@@ -82,7 +76,6 @@ impl ReadWriteMapping {
         Ok(Self { pointer, bytes, file: None })
     }
 
-    /// First byte.
     pub fn pointer(&self) -> NonNull<u8> {
         self.pointer
     }
@@ -102,19 +95,15 @@ impl Drop for ReadWriteMapping {
     }
 }
 
-/// An address range cannot be mapped a second time.
 #[derive(Debug, thiserror::Error)]
 pub enum SegmentError {
-    /// The range is not mapped, or spans several mappings.
     #[error("the address range is not within one mapping")]
     NotMapped,
     /// Private memory: it has no file, so it cannot be mapped twice.
     #[error("the address range is not shared memory")]
     NotShared,
-    /// The file behind it is gone and no descriptor of it is open here.
     #[error("the file behind the mapping is not to be found: {0}")]
     FileGone(PathBuf),
-    /// The system refused.
     #[error(transparent)]
     Io(#[from] io::Error),
 }
@@ -188,16 +177,13 @@ fn parse_line(line: &str) -> Option<(Segment, bool)> {
     Some((segment, permissions.ends_with('s')))
 }
 
-/// Names an import.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct ImportId(u64);
 
 /// What stages do with imported memory.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Access {
-    /// They read it.
     Read,
-    /// They read and write it.
     Write,
 }
 
@@ -221,10 +207,8 @@ pub struct Imports {
 /// An address range was not imported; the staged path serves it.
 #[derive(Debug, thiserror::Error)]
 pub enum ImportError {
-    /// Its pages cannot be mapped read-write.
     #[error(transparent)]
     Segment(#[from] SegmentError),
-    /// The GPU's driver does not take them.
     #[error(transparent)]
     Gpu(#[from] GpuError),
 }
@@ -237,9 +221,6 @@ impl Imports {
     /// Until [`Self::forget`], boxes at these addresses are taken to be these pages. Where the
     /// range is mapped anew before, frames read what lies in the former pages: a wrong answer, and
     /// no harm to memory.
-    ///
-    /// # Errors
-    /// [`ImportError`].
     pub fn import_boxes(
         &mut self,
         gpu: &Arc<Gpu>,
@@ -255,9 +236,6 @@ impl Imports {
     /// Until [`Self::forget`], the range stays mapped to the pages that it is mapped to now,
     /// or no reply lends memory at these addresses. Otherwise a frame writes to pages that
     /// its reply does not borrow.
-    ///
-    /// # Errors
-    /// [`ImportError`].
     pub unsafe fn import_replies(
         &mut self,
         gpu: &Arc<Gpu>,

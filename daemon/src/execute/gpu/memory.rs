@@ -23,7 +23,6 @@ pub enum Home {
     MappedVideo,
     /// Host memory made by the driver, cached by the CPU.
     Host,
-    /// Host memory that was there before, imported.
     Imported,
 }
 
@@ -63,9 +62,6 @@ const LARGE_PAGE_BYTES: u64 = 2 << 20;
 
 impl Block {
     /// Makes a block of at least `bytes`, contents unspecified.
-    ///
-    /// # Errors
-    /// [`GpuError::OutOfMemory`], also when the device has no memory of that kind.
     pub fn new(gpu: &Arc<Gpu>, home: Home, bytes: u64) -> Result<Arc<Self>, GpuError> {
         use vk::MemoryPropertyFlags as Flags;
         // Whole pages, so that no two blocks share one and nothing is empty; large ones for large
@@ -82,13 +78,7 @@ impl Block {
             }
         };
         let raw = gpu.raw();
-        let families = Families::of(gpu);
-        let info = families.share(vk::BufferCreateInfo::default().size(bytes).usage(USAGE));
-        // SAFETY: a plain buffer on a device that outlives it (`gpu` is kept).
-        let buffer = gpu.noticed(unsafe { raw.create_buffer(&info, None) })?;
-        let guard = BufferGuard { gpu, buffer };
-        // SAFETY: the buffer was made above.
-        let requirements = unsafe { raw.get_buffer_memory_requirements(buffer) };
+        let (guard, requirements) = BufferGuard::new(gpu, bytes, None)?;
         let memory_type = gpu
             .memory_type(requirements.memory_type_bits, needed, wished)
             .ok_or(GpuError::OutOfMemory { bytes })?;
@@ -124,10 +114,6 @@ impl Block {
     }
 
     /// Imports a mapping, so that the GPU reads and writes its pages themselves.
-    ///
-    /// # Errors
-    /// [`GpuError::Driver`] where the driver refuses: files on disk, read-only pages, no
-    /// extension.
     pub(super) fn import(gpu: &Arc<Gpu>, mapping: ReadWriteMapping) -> Result<Arc<Self>, GpuError> {
         let refused = GpuError::Driver(vk::Result::ERROR_INVALID_EXTERNAL_HANDLE);
         let (Some(import), Some(align)) = (gpu.host_import(), gpu.limits().import_align_bytes)
@@ -154,15 +140,7 @@ impl Block {
             .result()
         })?;
         let mut external = vk::ExternalMemoryBufferCreateInfo::default().handle_types(handle_type);
-        let families = Families::of(gpu);
-        let info = families
-            .share(vk::BufferCreateInfo::default().size(bytes).usage(USAGE))
-            .push_next(&mut external);
-        // SAFETY: a plain buffer for external memory; the extension is enabled (`import`).
-        let buffer = gpu.noticed(unsafe { raw.create_buffer(&info, None) })?;
-        let guard = BufferGuard { gpu, buffer };
-        // SAFETY: the buffer was made above.
-        let requirements = unsafe { raw.get_buffer_memory_requirements(buffer) };
+        let (guard, requirements) = BufferGuard::new(gpu, bytes, Some(&mut external))?;
         let memory_type = gpu
             .memory_type(
                 requirements.memory_type_bits & properties.memory_type_bits,
@@ -191,7 +169,6 @@ impl Block {
         }))
     }
 
-    /// Its size.
     pub fn bytes(&self) -> u64 {
         self.bytes
     }
@@ -245,30 +222,35 @@ impl Drop for Block {
     }
 }
 
-/// The families whose queues use blocks.
-struct Families(Vec<u32>);
-
-impl Families {
-    fn of(gpu: &Gpu) -> Self {
-        Self(gpu.all_families().collect())
-    }
-
-    /// Lets all of them use a buffer without handing it over, which costs buffers nothing.
-    fn share<'a>(&'a self, info: vk::BufferCreateInfo<'a>) -> vk::BufferCreateInfo<'a> {
-        if self.0.len() < 2 {
-            return info;
-        }
-        info.sharing_mode(vk::SharingMode::CONCURRENT).queue_family_indices(&self.0)
-    }
-}
-
-/// Destroys a buffer unless it is kept.
 struct BufferGuard<'a> {
     gpu: &'a Arc<Gpu>,
     buffer: vk::Buffer,
 }
 
-impl BufferGuard<'_> {
+impl<'a> BufferGuard<'a> {
+    /// Makes a buffer, and tells what memory fits it.
+    fn new(
+        gpu: &'a Arc<Gpu>,
+        bytes: u64,
+        external: Option<&mut vk::ExternalMemoryBufferCreateInfo<'_>>,
+    ) -> Result<(Self, vk::MemoryRequirements), GpuError> {
+        let families: Vec<u32> = gpu.families.into_iter().flatten().collect();
+        let mut info = vk::BufferCreateInfo::default().size(bytes).usage(USAGE);
+        if families.len() > 1 {
+            // All of them use it without handing it over, which costs buffers nothing.
+            info = info.sharing_mode(vk::SharingMode::CONCURRENT).queue_family_indices(&families);
+        }
+        if let Some(external) = external {
+            info = info.push_next(external);
+        }
+        // SAFETY: a plain buffer on a device that outlives it (`gpu` is kept); who imports external memory has
+        // the extension.
+        let buffer = gpu.noticed(unsafe { gpu.raw().create_buffer(&info, None) })?;
+        // SAFETY: the buffer was made above.
+        let requirements = unsafe { gpu.raw().get_buffer_memory_requirements(buffer) };
+        Ok((Self { gpu, buffer }, requirements))
+    }
+
     fn allocate_and_bind(
         &self,
         info: &vk::MemoryAllocateInfo<'_>,
@@ -303,18 +285,15 @@ impl Drop for BufferGuard<'_> {
     }
 }
 
-/// A range of a block.
 #[derive(Clone)]
 pub struct Part {
     pub(super) block: Arc<Block>,
-    /// First byte.
     pub(super) offset: u64,
     /// How many: the range lies within the block ([`Part::of`]).
     pub(super) bytes: u64,
 }
 
 impl Part {
-    /// All of a block.
     pub fn whole(block: &Arc<Block>) -> Self {
         Self { block: Arc::clone(block), offset: 0, bytes: block.bytes }
     }
@@ -353,7 +332,6 @@ macro_rules! frame_blocks {
         }
 
         impl $blocks {
-            /// All of it.
             pub(super) fn named(&self) -> Vec<(&'static str, &Part)> {
                 vec![$((stringify!($name), &self.$name),)+]
             }
@@ -374,7 +352,6 @@ impl Growing {
         Self { home, block: None, need: RecentNeed::NONE }
     }
 
-    /// Bytes that are allocated.
     pub(super) fn held_bytes(&self) -> u64 {
         self.block.as_ref().map_or(0, |block| block.bytes())
     }

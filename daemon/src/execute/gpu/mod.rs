@@ -28,7 +28,7 @@ mod slot;
 mod transfers;
 
 pub use self::adapter::{AdapterInfo, GpuChoice, GpuChoices, choose, list_adapters};
-pub use self::all_pairs::plan::{Counted, Tuning};
+pub use self::all_pairs::plan::{Tuning, first_capacity};
 pub use self::all_pairs::{AllPairs, AllPairsOptions};
 pub use self::awake::{Awake, DEFAULT_HOLD};
 pub use self::device::{Gpu, GpuLimits, HostImport, SUBMISSIONS};
@@ -50,3 +50,8 @@ use self::frame_cache::{FrameCache, FrameKey, Place};
 use self::import::Access;
 use self::memory::{Growing, frame_blocks};
 use self::transfers::{MaskPlace, PlacedBoxes, Transfers};
+
+/// A number of 64 bits as stages write it, the low word first.
+fn wide([low, high]: [u32; 2]) -> u64 {
+    u64::from(low) | u64::from(high) << 32
+}

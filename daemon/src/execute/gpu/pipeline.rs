@@ -27,7 +27,6 @@ pub fn user_cache_folder() -> Option<PathBuf> {
     Some(base.join("pairmask"))
 }
 
-/// A compiled stage.
 pub struct Pipeline {
     gpu: Arc<Gpu>,
     label: &'static str,
@@ -94,7 +93,6 @@ impl Pipeline {
         Ok(Arc::new(made))
     }
 
-    /// The stage's name.
     pub fn label(&self) -> &'static str {
         self.label
     }
@@ -112,7 +110,6 @@ impl Drop for Pipeline {
     }
 }
 
-/// All pipelines made so far.
 pub struct Pipelines {
     gpu: Arc<Gpu>,
     checks: Checks,
@@ -137,9 +134,6 @@ impl Pipelines {
     }
 
     /// The pipeline of a stage, compiled when first asked for.
-    ///
-    /// # Errors
-    /// [`GpuError`].
     pub fn get(&mut self, stage: Stage) -> Result<Arc<Pipeline>, GpuError> {
         if let Some(pipeline) = self.made.get(&stage) {
             return Ok(Arc::clone(pipeline));
@@ -154,9 +148,6 @@ impl Pipelines {
     }
 
     /// A pipeline of a stage that no engine has, compiled anew: for measurements, which keep it.
-    ///
-    /// # Errors
-    /// [`GpuError`].
     pub fn compile(&self, stage: &ComposedStage) -> Result<Arc<Pipeline>, GpuError> {
         Pipeline::new(&self.gpu, stage, false, self.checks, self.cache)
     }

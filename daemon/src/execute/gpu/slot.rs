@@ -51,22 +51,14 @@ pub struct GpuSlot {
 /// The slot's state, for reports.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SlotState {
-    /// The first device is being opened.
     Opening,
     /// There is no device, and none will come.
     Missing,
-    /// A device is there.
     Ready,
     /// No device; the next try comes soon.
-    Lost {
-        /// For how long.
-        since: Instant,
-    },
+    Lost,
     /// The device that follows a lost one is being opened.
-    Rebuilding {
-        /// For how long there has been none.
-        since: Instant,
-    },
+    Rebuilding,
 }
 
 impl GpuSlot {
@@ -96,14 +88,13 @@ impl GpuSlot {
         }
     }
 
-    /// The state, without a step.
     pub fn state(&self) -> SlotState {
         match &self.state {
             State::Opening(_) => SlotState::Opening,
             State::Missing => SlotState::Missing,
             State::Ready(_) => SlotState::Ready,
-            State::Lost { since, .. } => SlotState::Lost { since: *since },
-            State::Rebuilding { since } => SlotState::Rebuilding { since: *since },
+            State::Lost { .. } => SlotState::Lost,
+            State::Rebuilding { .. } => SlotState::Rebuilding,
         }
     }
 
@@ -134,7 +125,6 @@ impl GpuSlot {
         }
     }
 
-    /// Has the next device opened.
     fn begin(&mut self) -> io::Result<()> {
         if self.opening.as_ref().is_some_and(DriverThread::ask) {
             return Ok(());
@@ -144,7 +134,6 @@ impl GpuSlot {
         Ok(())
     }
 
-    /// Takes in what the thread that opens a device came to, if it has.
     fn take_in(&mut self, now: Instant) {
         let Some(opening) = &self.opening else { return };
         let opened = match opening.progress() {
@@ -191,9 +180,7 @@ pub struct DriverThread<T> {
 /// What has come of the work.
 #[derive(Debug)]
 pub enum Progress<T> {
-    /// It is under way.
     UnderWay,
-    /// It is done.
     Done(T),
     /// It panicked, and the thread has ended.
     Panicked,
@@ -201,9 +188,6 @@ pub enum Progress<T> {
 
 impl<T: Send + 'static> DriverThread<T> {
     /// A thread that begins with its work at once.
-    ///
-    /// # Errors
-    /// The system starts no thread.
     pub fn start(name: &str, mut work: impl FnMut() -> T + Send + 'static) -> io::Result<Self> {
         let (ask, asked) = sync_channel(1);
         let (report, done) = sync_channel(1);
@@ -281,13 +265,6 @@ mod tests {
             assert_eq!(wait(&thread), Some((expected, first)));
         }
         assert!(matches!(thread.progress(), Progress::UnderWay), "told once");
-    }
-
-    #[test]
-    fn work_that_panics_is_reported_and_not_asked_for_again() {
-        let thread = DriverThread::<()>::start("test", || panic!("meant")).expect("a thread");
-        assert_eq!(wait(&thread), None);
-        assert!(!thread.ask());
     }
 
     #[test]

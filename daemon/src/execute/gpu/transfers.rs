@@ -5,7 +5,7 @@
 //! stages work at the same time instead, and a queue that only copies brings the boxes (the revised pipeline of Avril et al. 2009).
 #![allow(unsafe_code)]
 
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::Duration;
 
 use ash::vk;
@@ -17,6 +17,7 @@ use super::{
     Access, Block, Command, FrameCache, FrameKey, Gpu, GpuError, Growing, Home, Imports, Order,
     Part, Place, QueueRole, Wait,
 };
+use crate::locked;
 
 /// How boxes reach the GPU.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -48,7 +49,7 @@ impl SharedImports {
     /// The imports, for as long as the guard lives. A panic of another holder leaves them whole:
     /// each change of the list is one call.
     pub fn lock(&self) -> MutexGuard<'_, Imports> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+        locked(&self.0)
     }
 
     /// The part of an imported block at an address, if it can be bound there.
@@ -70,7 +71,7 @@ impl SharedImports {
 /// An engine's way to the boxes and back to the reply.
 pub(super) struct Transfers {
     gpu: Arc<Gpu>,
-    imports: SharedImports,
+    pub(super) imports: SharedImports,
     upload: Option<Upload>,
     staged_boxes: Growing,
     mapped_boxes: Growing,
@@ -81,13 +82,10 @@ pub(super) struct Transfers {
 pub(super) struct PlacedBoxes {
     /// The memory, whole words.
     pub(super) part: Part,
-    /// What is in it.
     pub(super) form: ObjectForm,
 }
 
-/// Where a mask is written to.
 pub(super) struct MaskPlace {
-    /// The memory.
     pub(super) part: Part,
     /// Whether it is the reply itself; otherwise the mask must be copied from here to there.
     pub(super) is_reply: bool,
@@ -118,11 +116,6 @@ impl Transfers {
             mapped_boxes: Growing::new(Home::MappedVideo),
             staged_mask: Growing::new(Home::Host),
         }
-    }
-
-    /// What is imported.
-    pub(super) fn imports(&self) -> MutexGuard<'_, Imports> {
-        self.imports.lock()
     }
 
     /// Brings the objects where the GPU sees them, as they are. `replaced` is set if a block was.

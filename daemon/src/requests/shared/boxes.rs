@@ -37,7 +37,6 @@ pub(super) struct Boxes {
     members_bytes: u64,
     /// Of the open tick.
     pending: Pending,
-    /// Most pairs of all.
     most_pairs: u64,
     /// Whether the scene is to be made again before it is asked.
     is_broken: bool,
@@ -57,7 +56,6 @@ pub(super) struct Reasons<'a> {
 }
 
 impl Reasons<'_> {
-    /// Why a pair ended.
     pub fn of(&self, named: NamedPair) -> EndReason {
         if self.incarnations.is_current(named) {
             self.copy.end_reason(named.pair)
@@ -72,7 +70,6 @@ impl Reasons<'_> {
 struct Pending {
     /// Bytes of the edits, and of rules that they add.
     bytes: u64,
-    /// Boxes that they set.
     boxes: PendingBoxes,
 }
 
@@ -94,7 +91,7 @@ impl Pending {
 /// What an edit has changed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Changed {
-    /// What the scene [tells](Boxes::reported).
+    /// What the scene tells.
     Reported,
     /// Nobody knows.
     Lost,
@@ -134,16 +131,6 @@ impl Boxes {
         })
     }
 
-    /// What the last edit has changed, until it is [taken](Self::take).
-    pub fn reported(&self) -> &Reported {
-        self.scene.reported()
-    }
-
-    pub fn acknowledge(&mut self) {
-        self.scene.acknowledge();
-    }
-
-    /// Bytes that are kept beside the scene.
     fn own_bytes(&self) -> u64 {
         (self.copy.allocated_bytes() + self.incarnations.allocated_bytes()) as u64
     }
@@ -226,7 +213,6 @@ impl Boxes {
         Ok(true)
     }
 
-    /// All pairs of now.
     pub fn whole(&mut self) -> Result<Arc<Vec<[u32; 2]>>, SceneError> {
         match self.scene.edit(Edit::NONE, Report::All) {
             Ok(()) => {
@@ -243,12 +229,10 @@ impl Boxes {
         }
     }
 
-    /// What the last edit has changed, until it is [taken](Self::take).
     pub fn changes(&self) -> TickChanges {
         TickChanges::of(self.scene.reported(), &self.incarnations)
     }
 
-    /// Why pairs ended.
     pub const fn reasons(&self) -> Reasons<'_> {
         Reasons { copy: &self.copy, incarnations: &self.incarnations }
     }

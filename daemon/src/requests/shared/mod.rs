@@ -16,7 +16,7 @@ mod seats;
 mod tick;
 
 use std::collections::{BTreeMap, HashMap};
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, OnceLock, PoisonError, Weak};
+use std::sync::{Arc, Condvar, Mutex, OnceLock, PoisonError, Weak};
 use std::thread::JoinHandle;
 use std::time::Instant;
 
@@ -31,50 +31,43 @@ use self::scene::SharedScene;
 use super::scene::SceneTools;
 use super::{EndWithPanic, Served};
 use crate::execute::{CpuTimer, EnginePool};
+use crate::locked;
 use crate::publish::{OpenRequest, Outbox, Refusal};
 
-/// Why a membership ends.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum End {
     /// Its session joins again: it has lost what it knew, and sends all of its boxes next.
     JoinsAgain,
-    /// It has left.
     Left,
-    /// Its session is gone.
     SessionGone,
 }
 
 /// A membership: by session and by the client's own number.
 type MemberKey = (u128, SceneId);
 
-/// All shared scenes.
 pub(super) struct SharedScenes {
     tools: SceneTools,
+    outbox: Arc<Outbox>,
     by_name: Mutex<BTreeMap<SceneName, Arc<SharedScene>>>,
     joined: Mutex<HashMap<MemberKey, (Arc<SharedScene>, MemberId)>>,
     alarm: Alarm,
 }
 
-fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
 impl SharedScenes {
-    pub(super) fn new(tools: SceneTools) -> Self {
-        let alarm = Alarm::new(Arc::clone(&tools.pool));
-        Self { tools, by_name: Mutex::default(), joined: Mutex::default(), alarm }
+    pub(super) fn new(tools: SceneTools, outbox: Arc<Outbox>) -> Self {
+        let alarm = Alarm::new(Arc::clone(&tools.pool), Arc::clone(&outbox));
+        Self { tools, outbox, by_name: Mutex::default(), joined: Mutex::default(), alarm }
     }
 
-    /// Answers a request to join.
-    pub(super) fn join(&self, open: OpenRequest, request: &JoinRequest, outbox: &Arc<Outbox>) {
-        let session = open.sender().session;
-        self.end((session, request.scene), End::JoinsAgain, outbox);
+    pub(super) fn join(&self, open: OpenRequest, request: &JoinRequest) {
+        let session = open.sender.session;
+        self.end((session, request.scene), End::JoinsAgain);
         let joined = match SceneName::read(request, open.pages()) {
-            Some(name) => self.join_named(&name, session, request, outbox),
+            Some(name) => self.join_named(&name, session, request),
             None => Err(Reject::Edit { field: "name" }.into()),
         };
-        let header = joined.map(|terms| response_joined(open.fields(), &terms));
-        outbox.send_and_close(open, header);
+        let header = joined.map(|terms| response_joined(&open.fields, &terms));
+        self.outbox.send_and_close(open, header);
     }
 
     fn join_named(
@@ -82,9 +75,8 @@ impl SharedScenes {
         name: &SceneName,
         session: u128,
         request: &JoinRequest,
-        outbox: &Arc<Outbox>,
     ) -> Result<AgreedTerms, Refusal> {
-        self.alarm.start(outbox)?;
+        self.alarm.start()?;
         loop {
             let scene = self.of_name(name, request)?;
             // Its last member may have left since it was found.
@@ -119,67 +111,60 @@ impl SharedScenes {
         Ok(scene)
     }
 
-    /// Answers a request about a lease.
-    pub(super) fn lease(&self, open: OpenRequest, request: &LeaseRequest, outbox: &Outbox) {
-        let found = self.find((open.sender().session, request.scene));
+    pub(super) fn lease(&self, open: OpenRequest, request: &LeaseRequest) {
+        let found = self.find((open.sender.session, request.scene));
         let leased = found.ok_or_else(|| Refusal::stale_scene(0)).and_then(|(scene, member)| {
             let leased = scene.lease(member, request.action);
             // A writer less may end the tick.
-            scene.end_tick(&self.tools.pool, outbox);
+            scene.end_tick(&self.tools.pool, &self.outbox);
             leased
         });
-        let header = leased.map(|range| response_leased(open.fields(), &range));
-        outbox.send_and_close(open, header);
+        let header = leased.map(|range| response_leased(&open.fields, &range));
+        self.outbox.send_and_close(open, header);
     }
 
     /// Takes a commit in. It is answered when its tick ends, by this call where it is the last one: by all
     /// threads, as all who have committed wait for it.
-    pub(super) fn commit(
-        &self,
-        open: OpenRequest,
-        request: &SceneRequest,
-        outbox: &Outbox,
-    ) -> Served {
+    pub(super) fn commit(&self, open: OpenRequest, request: &SceneRequest) -> Served {
         let timer = CpuTimer::start();
-        let Some((scene, member)) = self.find((open.sender().session, request.scene)) else {
-            return outbox.refuse_and_close(open, Refusal::stale_scene(0));
+        let Some((scene, member)) = self.find((open.sender.session, request.scene)) else {
+            return self.outbox.refuse_and_close(open, Refusal::stale_scene(0));
         };
         if let Err(refused) = scene.commit(member, open, request) {
             let (open, refusal) = *refused;
-            return outbox.refuse_and_close(open, refusal);
+            return self.outbox.refuse_and_close(open, refusal);
         }
         // By this its next commit is judged, which may be another one than the last of its tick.
         let on_one_core = Some(timer.elapsed());
-        let threads = scene.end_tick(&self.tools.pool, outbox);
+        let threads = scene.end_tick(&self.tools.pool, &self.outbox);
         if let Some(closes_at) = scene.closes_at() {
             self.alarm.set(closes_at, &scene);
         }
         Served { threads, on_one_core, ..Served::BEGUN }
     }
 
-    /// Answers a request to leave.
-    pub(super) fn leave(&self, open: &mut OpenRequest, scene: SceneId, outbox: &Outbox) {
-        self.end((open.sender().session, scene), End::Left, outbox);
-        let header = response_scene_ended(open.fields());
-        outbox.send(open, &header);
+    pub(super) fn leave(&self, open: &mut OpenRequest, scene: SceneId) {
+        self.end((open.sender.session, scene), End::Left);
+        let header = response_scene_ended(&open.fields);
+        self.outbox.send(open, &header);
     }
 
     /// Ends members whose sessions are gone; to be called now and then.
-    pub(super) fn tidy(&self, outbox: &Outbox) {
+    pub(super) fn tidy(&self) {
         let mut members: Vec<MemberKey> = locked(&self.joined).keys().copied().collect();
         if members.is_empty() {
             return;
         }
         // After the members: a session that comes meanwhile is none of theirs.
-        let sessions = outbox.sessions();
+        let sessions = self.outbox.sessions();
         members.retain(|(session, _)| !sessions.contains(session));
         for key in members {
-            self.end(key, End::SessionGone, outbox);
+            self.end(key, End::SessionGone);
         }
     }
 
     /// Ends a membership, if there is one. A session that lives is told that a commit has no answer.
-    fn end(&self, key: MemberKey, why: End, outbox: &Outbox) {
+    fn end(&self, key: MemberKey, why: End) {
         let Some((scene, member)) = locked(&self.joined).remove(&key) else { return };
         let at_end = match why {
             // What it does not send again is to be gone: it may have removed that in an edit that was lost.
@@ -188,11 +173,11 @@ impl SharedScenes {
         };
         if let Some(mut open) = scene.end_member(member, at_end) {
             if why != End::SessionGone {
-                outbox.refuse(&mut open, &Refusal::stale_scene(0));
+                self.outbox.refuse(&mut open, &Refusal::stale_scene(0));
             }
             open.close();
         }
-        scene.end_tick(&self.tools.pool, outbox);
+        scene.end_tick(&self.tools.pool, &self.outbox);
         self.forget_if_ended(&scene);
     }
 
@@ -215,6 +200,7 @@ impl SharedScenes {
 struct Alarm {
     shared: Arc<Shared>,
     pool: Arc<EnginePool>,
+    outbox: Arc<Outbox>,
     thread: OnceLock<Option<JoinHandle<()>>>,
 }
 
@@ -246,18 +232,15 @@ impl Due {
 }
 
 impl Alarm {
-    fn new(pool: Arc<EnginePool>) -> Self {
-        Self { shared: Arc::default(), pool, thread: OnceLock::new() }
+    fn new(pool: Arc<EnginePool>, outbox: Arc<Outbox>) -> Self {
+        Self { shared: Arc::default(), pool, outbox, thread: OnceLock::new() }
     }
 
     /// Starts the thread, once.
-    ///
-    /// # Errors
-    /// Where the system has no thread.
-    fn start(&self, outbox: &Arc<Outbox>) -> Result<(), Refusal> {
+    fn start(&self) -> Result<(), Refusal> {
         let thread = self.thread.get_or_init(|| {
             let (shared, pool) = (Arc::clone(&self.shared), Arc::clone(&self.pool));
-            let outbox = Arc::clone(outbox);
+            let outbox = Arc::clone(&self.outbox);
             let builder = std::thread::Builder::new().name("deadlines".into());
             builder.spawn(move || watch(&shared, &pool, &outbox)).ok()
         });
@@ -266,7 +249,6 @@ impl Alarm {
         thread.as_ref().map(drop).ok_or_else(|| no_thread.into())
     }
 
-    /// Has a scene's tick end at a time.
     fn set(&self, at: Instant, scene: &Arc<SharedScene>) {
         let is_sooner = locked(&self.shared.due).set(at, Arc::downgrade(scene));
         if is_sooner {

@@ -22,7 +22,6 @@ const MOST_BOXES: u32 = 1 << 24;
 /// The deadline of its ticks where nobody says so: six frames of a game.
 const DEADLINE: Duration = Duration::from_millis(100);
 
-/// A scene that several sessions write.
 pub(super) struct SharedScene {
     pub(super) name: SceneName,
     pub(super) terms: AgreedTerms,
@@ -53,17 +52,14 @@ impl SharedScene {
         })
     }
 
-    /// Whether it is no longer to be found: its last member has left.
     pub fn has_ended(&self) -> bool {
-        locked(&self.seats).has_ended()
+        locked(&self.seats).has_ended
     }
 
-    /// Ends the scene where it has no members. Whether it has ended.
     pub fn end_without_members(&self) -> bool {
         locked(&self.seats).end_without_members()
     }
 
-    /// When the open tick closes at the latest.
     pub fn closes_at(&self) -> Option<Instant> {
         locked(&self.seats).closes_at()
     }
@@ -72,7 +68,7 @@ impl SharedScene {
     pub fn join(&self, request: &JoinRequest) -> Option<Result<MemberId, Refusal>> {
         let mut seats = locked(&self.seats);
         let agreed = self.terms.agree(&request.terms).map_err(Refusal::from);
-        (!seats.has_ended()).then(|| agreed.and_then(|()| seats.join(request)))
+        (!seats.has_ended).then(|| agreed.and_then(|()| seats.join(request)))
     }
 
     /// A member leases indices, or gives them back with their boxes.
@@ -229,7 +225,6 @@ impl SharedScene {
     }
 }
 
-/// Forgets an edit that was checked.
 fn cancel(boxes: &mut Boxes, edit: &EditScratch) {
     let steps = edit.steps().unwrap_or_default();
     boxes.cancel(Edit { steps: &steps }, edit.allocated_bytes() as u64);

@@ -18,13 +18,13 @@ use crate::publish::{OpenRequest, Refusal};
 /// Members that a scene may have.
 const MOST_MEMBERS: usize = 1_024;
 
-/// Members, leases, and the open tick.
 pub(super) struct Seats {
     pub leases: Leases,
     ticks: Ticks,
     members: BTreeMap<MemberId, Member>,
     last_member: u64,
-    has_ended: bool,
+    /// Whether the scene is no longer to be found: its last member has left.
+    pub has_ended: bool,
     /// Of the open tick.
     work: TickWork,
 }
@@ -32,7 +32,6 @@ pub(super) struct Seats {
 /// What a tick is expected to need.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct TickWork {
-    /// Boxes that its edits set.
     boxes: u64,
     /// Whether a member asks for all pairs.
     needs_whole: bool,
@@ -50,7 +49,6 @@ pub(super) struct Begun {
     pub scratch: EditScratch,
 }
 
-/// A tick that was closed.
 pub(super) struct ClosedTick {
     pub number: u64,
     /// Leases of writers that had not committed, rising, each as it was leased.
@@ -82,11 +80,6 @@ impl Seats {
     pub fn new(ticks: Ticks) -> Self {
         let (leases, members) = (Leases::default(), BTreeMap::new());
         Self { leases, ticks, members, last_member: 0, has_ended: false, work: TickWork::default() }
-    }
-
-    /// Whether the scene is no longer to be found: its last member has left.
-    pub const fn has_ended(&self) -> bool {
-        self.has_ended
     }
 
     /// Ends the scene where it has no members. Whether it has ended.
@@ -194,7 +187,7 @@ impl Seats {
             unreported.resync();
         }
         let work = &mut self.work;
-        work.boxes += u64::from(commit.open.fields().box_count.get());
+        work.boxes += u64::from(commit.open.fields.box_count.get());
         work.needs_whole |= unreported.needs_whole(request.report);
         work.threads = work.threads.max(request.threads);
         drop(unreported);
@@ -204,7 +197,6 @@ impl Seats {
         Ok(())
     }
 
-    /// Closes the open tick if that is due.
     pub fn close(&mut self, now: Instant) -> Option<ClosedTick> {
         let closed = self.ticks.close(now)?;
         self.work = TickWork::default();
@@ -250,7 +242,6 @@ impl Seats {
     }
 }
 
-/// A member.
 pub(super) struct Member {
     pub recipient: Recipient,
     /// The number of its last commit.
@@ -268,7 +259,6 @@ pub(super) struct Member {
 pub(super) struct Recipient {
     pub id: MemberId,
     pub scope: Scope,
-    /// Its leases.
     pub own: Arc<Ranges>,
     /// Locked for a moment, and nothing is locked meanwhile.
     pub unreported: Arc<Mutex<Unreported>>,
@@ -296,7 +286,6 @@ impl Member {
 }
 
 impl Recipient {
-    /// Whether a pair is reported to it.
     pub fn has_pair(&self, [a, b]: [u32; 2]) -> bool {
         self.scope == Scope::All || self.own.has(a) || self.own.has(b)
     }

@@ -37,7 +37,6 @@ struct Facts {
     times: StageTimes,
 }
 
-/// What a member is answered with.
 struct Answer {
     recipient: Recipient,
     commit: Commit,
@@ -71,7 +70,7 @@ pub(super) fn apply(
             return Err(error);
         }
     }
-    boxes.acknowledge();
+    boxes.scene.acknowledge();
     Ok(())
 }
 
@@ -134,14 +133,13 @@ fn whole_for(boxes: &mut Boxes, commits: &[(Recipient, Commit)]) -> Result<Whole
     if needs_whole { boxes.whole().map(Some) } else { Ok(None) }
 }
 
-/// What is reported to each member.
 fn reported_to(
     commits: Vec<(Recipient, Commit)>,
     boxes: &Boxes,
     whole: &Result<Whole, SceneError>,
     threads: usize,
 ) -> Vec<Answer> {
-    let pair_count = boxes.reported().pair_count().unwrap_or(0);
+    let pair_count = boxes.scene.reported().pair_count().unwrap_or(0);
     let reasons = boxes.reasons();
     let report = |(recipient, commit): (Recipient, Commit)| {
         let reported = whole.as_ref().map_err(|error| Refusal::from(error.clone())).map(|whole| {
@@ -173,7 +171,6 @@ impl AppliedTick {
         answers.map(|answer| (answer.recipient.id, std::mem::take(&mut answer.commit.edit)))
     }
 
-    /// Answers all of them.
     pub fn answer(self, outbox: &Outbox) {
         let Self { facts, answers } = self;
         for_each(answers, facts.threads, |answer| facts.answer(answer, outbox));
@@ -181,7 +178,6 @@ impl AppliedTick {
 }
 
 impl Facts {
-    /// Answers one member.
     fn answer(&self, answer: Answer, outbox: &Outbox) {
         let Answer { recipient, mut commit, reported } = answer;
         if let Err(refusal) =
@@ -208,10 +204,10 @@ impl Facts {
         marks.write(&self.late, words);
         let times = StageTimes {
             publish_ns: publish.elapsed().as_nanos() as u64,
-            total_ns: commit.open.taken_at().elapsed().as_nanos() as u64,
+            total_ns: commit.open.taken_at.elapsed().as_nanos() as u64,
             ..self.times
         };
-        let (fields, threads) = (commit.open.fields(), self.threads);
+        let (fields, threads) = (&commit.open.fields, self.threads);
         let header = response_scene(fields, self.engine, threads, reported, self.bytes, &times);
         outbox.count_edit(fields, reported);
         outbox.send(&mut commit.open, &marks.mark(header));

@@ -23,7 +23,7 @@ mod scheduler;
 mod workers;
 
 use std::sync::atomic::{AtomicBool, Ordering, fence};
-use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock};
 use std::thread::Thread;
 use std::time::{Duration, Instant};
 
@@ -36,9 +36,10 @@ use self::scheduler::{Arrived, LONGEST_SLEEP, Rest, Scheduler, Task};
 use self::workers::Workers;
 use super::janitor::Janitor;
 use super::{ServeError, ServeSettings};
-use crate::clients::{FrameWork, GpuNeed, RequestKind};
+use crate::clients::{Client, FrameWork, GpuNeed, RequestKind};
 use crate::execute::{CpuTimer, EnginePool};
 use crate::ingest::{Inbox, Incoming, Intake};
+use crate::locked;
 use crate::requests::{EndWithPanic, Responder, Served};
 
 /// A lane that stands by while others serve long frames looks for requests this often: 1 % of a core, and
@@ -60,7 +61,6 @@ const MOST_ENGINES_AWAKE: usize = 4;
 /// Between two looks whether a GPU that is being opened is there: so much later it joins at the most.
 const OPENING_LOOK: Duration = Duration::from_millis(20);
 
-/// What the lanes share.
 pub(super) struct Lanes<'a> {
     // Engines before the port whose memory they write to: fields drop in this order.
     responder: Responder,
@@ -76,7 +76,6 @@ pub(super) struct Lanes<'a> {
     stop: &'a AtomicBool,
 }
 
-/// What the lane that leads uses.
 struct Lead {
     intake: Intake,
     wake: WakeDaemon,
@@ -110,7 +109,6 @@ enum Led {
     StandBy,
     /// It goes to rest.
     Rest,
-    /// The daemon stops.
     Stop,
 }
 
@@ -145,9 +143,6 @@ impl<'a> Lanes<'a> {
     }
 
     /// Serves until told to stop. This thread is lane 0.
-    ///
-    /// # Errors
-    /// The system starts no thread.
     pub(super) fn run(&self) -> Result<(), ServeError> {
         std::thread::scope(|scope| {
             let mut others = Vec::with_capacity(self.threads.len());
@@ -193,7 +188,6 @@ impl<'a> Lanes<'a> {
         }
     }
 
-    /// What the daemon's status file is to say.
     fn status(&self) -> StatusFile {
         let Self { responder, .. } = self;
         StatusFile::now(responder.status(), responder.skips(), responder.gpu_counts())
@@ -212,7 +206,7 @@ impl<'a> Lanes<'a> {
                 continue;
             }
             // Who led before gives it back in a moment.
-            let mut lead = self.lead.lock().unwrap_or_else(PoisonError::into_inner);
+            let mut lead = locked(&self.lead);
             let led = self.lead(lane, &mut lead);
             drop(lead);
             match led {
@@ -227,7 +221,7 @@ impl<'a> Lanes<'a> {
 
     /// An idle thread leads from now on, unless another one does. Whether it does.
     fn takes_lead(&self, lane: usize) -> bool {
-        let mut scheduler = self.scheduler();
+        let mut scheduler = locked(&self.scheduler);
         let leads = scheduler.workers.lead(lane);
         self.note_lead(&scheduler);
         leads
@@ -259,7 +253,7 @@ impl<'a> Lanes<'a> {
                 lead.tidy_at = now + JANITOR_INTERVAL;
             }
             if published || now >= look_at {
-                let mut scheduler = self.scheduler();
+                let mut scheduler = locked(&self.scheduler);
                 if published {
                     scheduler.note_answer(now);
                 }
@@ -290,7 +284,7 @@ impl<'a> Lanes<'a> {
     /// Lane 0 sleeps until a request comes, at most until shortly before one is due. Returns at once, with
     /// `true`, where one is due now.
     fn pause(&self, wake: &WakeDaemon, now: Instant) -> bool {
-        let mut scheduler = self.scheduler();
+        let mut scheduler = locked(&self.scheduler);
         let (rest, last_threads) = (scheduler.rest(now), scheduler.last_threads);
         drop(scheduler);
         match rest {
@@ -341,7 +335,7 @@ impl<'a> Lanes<'a> {
 
     /// What a lane beside lane 0 does instead of sleeping: while lane 0 is away, it looks now and then.
     fn stand_by(&self, lane: usize) -> Led {
-        let mut scheduler = self.scheduler();
+        let mut scheduler = locked(&self.scheduler);
         if scheduler.workers.is_resting(0) {
             return self.leave(lane, scheduler);
         }
@@ -360,7 +354,7 @@ impl<'a> Lanes<'a> {
         while self.is_led.load(Ordering::Acquire) && !self.stop.load(Ordering::Relaxed) {
             if self.is_asleep.load(Ordering::Relaxed) && self.responder.is_busy() {
                 if self.responder.publish_ended() {
-                    self.scheduler().note_answer(Instant::now());
+                    locked(&self.scheduler).note_answer(Instant::now());
                 }
                 self.responder.rest();
                 continue;
@@ -371,7 +365,7 @@ impl<'a> Lanes<'a> {
                 continue;
             }
             look_at = now + SCHEDULER_LOOK;
-            let mut scheduler = self.scheduler();
+            let mut scheduler = locked(&self.scheduler);
             let (sleep_at, workers) = (scheduler.sleep_at, &mut scheduler.workers);
             let may_rest = now >= sleep_at || lane > 0 && workers.is_too_many(now);
             if may_rest && workers.rest(lane) {
@@ -386,7 +380,7 @@ impl<'a> Lanes<'a> {
         let (mut served_before, mut until_look) = (0, RELIEF_LOOK);
         while !self.stop.load(Ordering::Relaxed) {
             std::thread::park_timeout(until_look);
-            let mut scheduler = self.scheduler();
+            let mut scheduler = locked(&self.scheduler);
             if !scheduler.workers.is_resting(lane)
                 || scheduler.workers.relieve(lane, Instant::now())
             {
@@ -415,14 +409,14 @@ impl<'a> Lanes<'a> {
         for incoming in arrived.drain(..) {
             let Asked { sender, kind, objects } = Asked::of(&incoming);
             let expected = self.responder.clients().expected_work(sender.session, kind, objects);
-            self.scheduler().put(Arrived { incoming, expected }, now);
+            locked(&self.scheduler).put(Arrived { incoming, expected }, now);
         }
         true
     }
 
     /// A request that this thread serves from now on; it leads no longer then.
     fn next_task(&self, lane: usize) -> Option<Task> {
-        let mut scheduler = self.scheduler();
+        let mut scheduler = locked(&self.scheduler);
         let task = scheduler.next(lane, Instant::now())?;
         self.note_lead(&scheduler);
         drop(scheduler);
@@ -457,7 +451,7 @@ impl<'a> Lanes<'a> {
             served.iter().map(|served| served.threads).max().unwrap_or(1)
         };
         let now = Instant::now();
-        let sleep_at = self.scheduler().note_served(lane, first.sender, has_turns, now);
+        let sleep_at = locked(&self.scheduler).note_served(lane, first.sender, has_turns, now);
         if lane == 0 {
             self.pool.keep_until(threads.min(self.most_awake()), sleep_at);
         }
@@ -474,9 +468,10 @@ impl<'a> Lanes<'a> {
         let work = at_most(served.on_one_core.unwrap_or(took));
         if served.is_frame {
             let work = FrameWork { objects: asked.objects, work, gpu: served.gpu };
-            self.responder.clients().note_work(asked.sender.session, asked.kind, work);
+            let note = |client: &mut Client| client.last_work.note(asked.kind, work);
+            self.responder.clients().of(asked.sender.session, note);
         }
-        self.scheduler().note_used(asked.sender, served.threads, used);
+        locked(&self.scheduler).note_used(asked.sender, served.threads, used);
     }
 
     fn unpark(&self, lane: usize) {
@@ -484,9 +479,5 @@ impl<'a> Lanes<'a> {
         if let Some(thread) = self.threads[lane].get() {
             thread.unpark();
         }
-    }
-
-    fn scheduler(&self) -> MutexGuard<'_, Scheduler> {
-        self.scheduler.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }

@@ -23,14 +23,12 @@ const LARGE_WORK: Duration = Duration::from_millis(2);
 /// coarse clock may make 10 ms of it.
 const WAITING_LOOK: Duration = Duration::from_millis(1);
 
-/// A request, and the work that is expected of it.
 #[derive(Debug)]
 pub(super) struct Arrived {
     pub(super) incoming: Incoming,
     pub(super) expected: FrameWork,
 }
 
-/// A request that a worker thread is to serve.
 #[derive(Debug)]
 pub(super) struct Task {
     pub(super) incoming: Incoming,
@@ -78,7 +76,6 @@ impl Scheduler {
         }
     }
 
-    /// Requests that it has room for.
     pub(super) fn room(&self) -> usize {
         self.inbox.room()
     }
@@ -89,7 +86,6 @@ impl Scheduler {
         self.workers.sessions(now).any(|session| !self.inbox.is_served(session))
     }
 
-    /// Takes in a request.
     pub(super) fn put(&mut self, arrived: Arrived, now: Instant) {
         let sender = arrived.incoming.sender;
         let resource = resource_for(&arrived.expected);
@@ -166,7 +162,6 @@ impl Scheduler {
         self.sleep_at
     }
 
-    /// An answer went out.
     pub(super) fn note_answer(&mut self, now: Instant) {
         self.sleep_at = self.patience.note_answer(now);
     }
@@ -187,7 +182,6 @@ impl Scheduler {
     }
 }
 
-/// What a frame is to be served by.
 fn resource_for(expected: &FrameWork) -> Resource {
     match expected {
         FrameWork { gpu: GpuNeed::Alone | GpuNeed::Shared, .. } => Resource::Gpu,
@@ -216,7 +210,6 @@ const ROOM: u32 = 2;
 /// are noticed at the latest. Two wake-ups a second cost nothing that can be measured.
 pub(super) const LONGEST_SLEEP: Duration = Duration::from_millis(500);
 
-/// What to do without a request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Rest {
     /// Look for requests all the time: a client that was answered may come back at once.
@@ -255,7 +248,6 @@ impl<C: PartialEq> Patience<C> {
         }
     }
 
-    /// A request of a client has come.
     pub(super) fn note_request(&mut self, client: C, now: Instant) {
         // Several may come between two answers: the first ended the gap.
         if let Some(answered_at) = self.answered_at.take() {

@@ -21,15 +21,16 @@ const KNOWN_FOR: Duration = Duration::from_millis(100);
 /// A thread that has served a frame for so long, though it was expected to be short, is not waited for any longer.
 const OVERDUE: Duration = Duration::from_millis(5);
 
-/// What a worker thread does.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 enum Activity {
     /// Nothing: it is awake, and looks what to do.
     Idle,
-    /// It looks for requests.
     Leads,
     /// It serves a frame that it began at this time, and is away meanwhile if that is a long one.
-    Serves { is_long: bool, since: Instant },
+    Serves {
+        is_long: bool,
+        since: Instant,
+    },
     /// It sleeps until it is woken.
     Rests,
 }
@@ -67,7 +68,6 @@ impl Workers {
         }
     }
 
-    /// Sessions that were active a moment ago.
     pub(super) fn sessions(&self, now: Instant) -> impl Iterator<Item = u128> {
         self.sessions_within(ACTIVE_FOR, now)
     }
@@ -84,7 +84,6 @@ impl Workers {
         self.seen.iter().filter(is_active).map(|(session, _)| *session)
     }
 
-    /// Whether a thread leads.
     pub(super) fn is_led(&self) -> bool {
         self.activities.contains(&Activity::Leads)
     }
@@ -160,12 +159,10 @@ impl Workers {
         is_needed
     }
 
-    /// Whether more threads are awake than are wanted.
     pub(super) fn is_too_many(&self, now: Instant) -> bool {
         self.awake() > self.wanted(now)
     }
 
-    /// Whether a thread rests.
     pub(super) fn is_resting(&self, thread: usize) -> bool {
         self.activities[thread] == Activity::Rests
     }

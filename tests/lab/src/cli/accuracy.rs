@@ -117,7 +117,7 @@ impl Accuracy {
         config: &Config,
     ) -> Result<Report> {
         let machine = machine(&self.daemon.gpu(config));
-        let target = Target::new(&self.options, &self.daemon, SPIN, place, config)?;
+        let target = Target::new(&self.options, &self.daemon, SPIN, 1, place, config)?;
         let mut rows = Vec::new();
         for subject in subjects {
             let builder = self.options.session(place, config).engine(subject.options.engine);

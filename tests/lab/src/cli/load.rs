@@ -259,7 +259,7 @@ impl Load {
     ) -> Result<()> {
         let most = runs.iter().map(|(_, groups, _)| all_of(groups)).max().unwrap_or(1);
         let (options, threads) = (&self.options, self.decode_threads.get());
-        let target = Target::for_clients(options, &self.daemon, wait.spin(), most, place, config)?;
+        let target = Target::new(options, &self.daemon, wait.spin(), most, place, config)?;
         let at = Daemon {
             dir: target.dir.path().to_owned(),
             instance: target.instance.to_string(),

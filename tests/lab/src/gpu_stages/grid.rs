@@ -9,8 +9,8 @@ use pairmask_core::mask::{MaskShape, MaskView};
 use pairmask_core::{Aabb, BoxCount, Encoding};
 use pairmask_shaders::Found;
 use pairmaskd::execute::gpu::{
-    AllPairs, AllPairsOptions, Capacity, Counted, Gpu, Grid, GridOptions, GridUnderWay,
-    SUBMISSIONS, SharedImports, Sizes, cell_count,
+    AllPairs, AllPairsOptions, Capacity, Gpu, Grid, GridOptions, GridUnderWay, SUBMISSIONS,
+    SharedImports, Sizes, cell_count, first_capacity,
 };
 use pairmaskd::scene::{Scene, SceneName};
 
@@ -85,7 +85,7 @@ pub(crate) fn grid_rig(gpu: &Arc<Gpu>, boxes: &[Aabb], profiled: bool) -> Result
 
 pub(crate) fn all_pairs_rig(gpu: &Arc<Gpu>, boxes: &[Aabb]) -> Result<Rig<AllPairs>> {
     let n = BoxCount::of_len(boxes.len()).unwrap_or_default();
-    let capacity = Counted::Sparse.first_capacity(n).max(WORDS_A_BOX * u64::from(n.get()));
+    let capacity = first_capacity(Found::Words, n).max(WORDS_A_BOX * u64::from(n.get()));
     let words = MaskShape::exact(Encoding::Sparse, n, capacity, false).extent_words();
     let imports = SharedImports::default();
     let options = AllPairsOptions { imports: imports.clone(), ..AllPairsOptions::default() };

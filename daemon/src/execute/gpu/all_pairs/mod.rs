@@ -21,24 +21,24 @@ use pairmask_core::engine::{
 use pairmask_core::mask::MaskShape;
 use pairmask_core::objects::Objects;
 use pairmask_core::{BoxCount, Encoding, EngineName, MaskWord};
+use pairmask_shaders::Found;
 use pairmask_shaders::constants::BATCH_BOXES;
 use pairmask_shaders::layouts::BatchReport;
 
 use self::plan::BandLimits;
 use self::steps::{Output, Recording, Scratch};
 use super::{
-    Block, Checks, Counted, Frame, FrameCache, FrameKey, Gpu, GpuError, Growing, Home, ImportError,
-    ImportId, MaskPlace, Pipelines, Place, PlacedBoxes, QueueRole, SharedImports, StepTime,
-    Transfers, Tuning, Upload, Wait,
+    Block, Checks, Frame, FrameCache, FrameKey, Gpu, GpuError, ImportError, ImportId, MaskPlace,
+    Pipelines, Place, PlacedBoxes, QueueRole, SharedImports, StepTime, Transfers, Tuning, Upload,
+    Wait,
 };
 use crate::execute::frame_memory::end_process;
 
 /// How the engine works. The default is what the daemon uses.
 #[derive(Clone, Default)]
 pub struct AllPairsOptions {
-    /// Shader checks.
     pub checks: Checks,
-    /// Way of the boxes; `None` chooses by where they are and how many.
+    /// Way of the boxes; `None` chooses by where they are and how many. None are brought ahead here.
     pub upload: Option<Upload>,
     /// Tile shape; `None` chooses by count.
     pub tuning: Option<Tuning>,
@@ -66,7 +66,6 @@ pub struct AllPairs {
     pipelines: Pipelines,
     transfers: Transfers,
     scratch: Scratch,
-    video_boxes: Growing,
     frames: FrameCache,
     reports: Vec<BatchReport>,
     step_times: Vec<StepTime>,
@@ -76,9 +75,6 @@ const ENGINE: EngineName = EngineName::GpuBrute;
 
 impl AllPairs {
     /// An engine on `gpu`, with the pipelines of all sizes compiled.
-    ///
-    /// # Errors
-    /// [`GpuError`].
     pub fn new(gpu: &Arc<Gpu>, options: AllPairsOptions) -> Result<Self, GpuError> {
         let binding_bytes = gpu.limits().storage_binding_bytes.min(1 << 31);
         let matrix_bytes = options.matrix_bytes.unwrap_or(MATRIX_BYTES).min(binding_bytes);
@@ -105,30 +101,25 @@ impl AllPairs {
             pipelines,
             transfers,
             scratch: Scratch::new(),
-            video_boxes: Growing::new(Home::Video),
             frames: FrameCache::new(QueueRole::Frames),
             reports: Vec::new(),
             step_times: Vec::new(),
         })
     }
 
-    /// The device.
     pub fn gpu(&self) -> &Arc<Gpu> {
         &self.gpu
     }
 
     /// Imports shared memory at an address range of this process, so that boxes within it need no
     /// copy. See [`Imports::import_boxes`](super::import::Imports::import_boxes).
-    ///
-    /// # Errors
-    /// [`ImportError`]; the staged path serves then.
     pub fn import_boxes(&mut self, address: usize, bytes: usize) -> Result<ImportId, ImportError> {
-        self.transfers.imports().import_boxes(&self.gpu, address, bytes)
+        self.transfers.imports.lock().import_boxes(&self.gpu, address, bytes)
     }
 
     /// Ends an import. Call it when the mapping of the range ends.
     pub fn forget(&mut self, id: ImportId) {
-        let forgotten = self.transfers.imports().take(id);
+        let forgotten = self.transfers.imports.lock().take(id);
         if let Some(block) = forgotten {
             self.drop_frames_of(&block);
         }
@@ -159,11 +150,6 @@ impl AllPairs {
         let tuning = self.options.tuning.unwrap_or_else(|| Tuning::for_frame(n, encoding));
         let bands = plan::bands(n, tuning, encoding, &self.limits);
         let stages = self.scratch.stages(&self.gpu, n, &bands, &mut replaced)?;
-        let video_boxes = if self.options.upload == Some(Upload::DmaCopy) {
-            Some(self.video_boxes.part(&self.gpu, boxes.part.bytes, &mut replaced)?)
-        } else {
-            None
-        };
         if replaced {
             self.frames.clear();
         }
@@ -192,8 +178,7 @@ impl AllPairs {
             };
             let pipelines = &mut self.pipelines;
             let frame = self.frames.frame(&self.gpu, key, self.options.profiled, || {
-                let boxes = (chunk == 0).then_some((&boxes.part, video_boxes.as_ref()));
-                recording.steps(pipelines, boxes, bands)
+                recording.steps(pipelines, (chunk == 0).then_some(&boxes.part), bands)
             })?;
             let run = LentRun { frame, writes_reply: mask.is_reply };
             run.frame.run(wait, patience(pairs_per_band * bands.len() as u64))?;
@@ -213,12 +198,12 @@ impl AllPairs {
         &mut self,
         n: BoxCount,
         objects: Objects<'_>,
-        counted: Option<Counted>,
+        found: Option<Found>,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullReport, CullError> {
         let limit = reply.limit_words();
-        let room = match counted {
-            Some(counted) => counted.room(n, limit)?,
+        let room = match found {
+            Some(found) => plan::room(found, n, limit)?,
             None if n.dense_words() > limit => {
                 return Err(plan::refusal(n.dense_words(), limit).into());
             }
@@ -229,14 +214,14 @@ impl AllPairs {
         let boxes =
             self.transfers.place(objects, &mut replaced).map_err(|e| self.cull_error(&e))?;
         let ingested = start.elapsed();
-        let mut capacity = counted.map_or(0, |counted| counted.first_capacity(n).min(room));
+        let mut capacity = found.map_or(0, |found| plan::first_capacity(found, n).min(room));
         loop {
-            let shape = |items| match counted {
-                Some(counted) => counted.shape(n, capacity, items),
+            let shape = |items| match found {
+                Some(found) => plan::shape(found, n, capacity, items),
                 None => MaskShape::dense(n),
             };
             let whole = shape(capacity);
-            let section_bytes = counted.map_or(0, |counted| counted.section_bytes(capacity));
+            let section_bytes = found.map_or(0, |found| plan::section_bytes(found, capacity));
             if section_bytes > self.limits.binding_bytes {
                 // More than this device writes at a time; a CPU engine may.
                 let needed_bytes = whole.mask_bytes();
@@ -250,9 +235,9 @@ impl AllPairs {
                 Ok((outcome, mask))
             })();
             let (outcome, mask) = done.map_err(|e: GpuError| self.cull_error(&e))?;
-            let items = counted.map_or(0, |counted| outcome.items(counted));
-            if let Some(counted) = counted.filter(|_| items > room) {
-                return Err(plan::refusal(counted.words(n, items), limit).into());
+            let items = found.map_or(0, |found| outcome.items(found));
+            if let Some(found) = found.filter(|_| items > room) {
+                return Err(plan::refusal(plan::words(found, n, items), limit).into());
             }
             if items > capacity {
                 // Counted, not written: come back with room for exactly that many.
@@ -267,9 +252,6 @@ impl AllPairs {
     }
 
     /// Finds the pairs of boxes in any form, or of spheres, which are decided exactly.
-    ///
-    /// # Errors
-    /// As [`Engine::cull`].
     pub fn cull_objects(
         &mut self,
         objects: Objects<'_>,
@@ -281,12 +263,10 @@ impl AllPairs {
             .filter(|n| u64::from(n.get()) <= limit)
             .ok_or(CullError::TooManyBoxes { engine: ENGINE, n: objects.len() as u64, limit })?;
         self.gpu.health().check().map_err(|e| self.cull_error(&e))?;
-        match encoding {
-            _ if n.get() < 2 => no_pairs(n, objects, encoding, reply),
-            Encoding::Dense => self.cull_two(n, objects, None, reply),
-            Encoding::List => self.cull_two(n, objects, Some(Counted::List), reply),
-            _ => self.cull_two(n, objects, Some(Counted::Sparse), reply),
+        if n.get() < 2 {
+            return no_pairs(n, objects, encoding, reply);
         }
+        self.cull_two(n, objects, Found::of(encoding), reply)
     }
 
     fn cull_error(&self, error: &GpuError) -> CullError {
@@ -343,7 +323,6 @@ pub(in crate::execute::gpu) struct Outcome {
 }
 
 impl Outcome {
-    /// The sum of all batches, in order.
     pub(in crate::execute::gpu) fn of(reports: &[BatchReport]) -> Self {
         let mut outcome = Self { census: Census::default(), words: 0, pairs: 0 };
         for (batch, first) in reports.iter().zip((0..).step_by(BATCH_BOXES as usize)) {
@@ -366,10 +345,10 @@ impl Outcome {
     }
 
     /// What a mask of a kind holds: words, or pairs.
-    pub(in crate::execute::gpu) const fn items(&self, counted: Counted) -> u64 {
-        match counted {
-            Counted::Sparse => self.words,
-            Counted::List => self.pairs,
+    pub(in crate::execute::gpu) const fn items(&self, found: Found) -> u64 {
+        match found {
+            Found::Words => self.words,
+            Found::Pairs => self.pairs,
         }
     }
 }

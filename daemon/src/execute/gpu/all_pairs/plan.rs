@@ -3,10 +3,11 @@
 use pairmask_core::engine::ReserveError;
 use pairmask_core::mask::MaskShape;
 use pairmask_core::{BoxCount, Encoding};
-use pairmask_shaders::RowsPerThread;
 use pairmask_shaders::constants::{BATCH_BOXES, PADDING, WORD_BITS};
+use pairmask_shaders::{Found, RowsPerThread};
 
-/// Bytes of a word of the reply.
+use crate::execute::gpu::grid::plan::most_items;
+
 const WORD_BYTES: u64 = size_of::<u32>() as u64;
 
 /// Shape of the pairs stage's tiles.
@@ -65,17 +66,14 @@ pub struct Band {
 }
 
 impl Band {
-    /// Words of the band's matrix.
     pub const fn matrix_words(&self) -> u64 {
         self.blocks as u64 * self.matrix_rows as u64
     }
 
-    /// Words of the band's strip masks.
     pub const fn mask_words(&self) -> u64 {
         (self.strip_end - self.strip0) as u64 * self.matrix_rows as u64
     }
 
-    /// Index of the band's first pair.
     pub const fn first_pair(&self, n: BoxCount) -> u64 {
         row_start(n, self.row0)
     }
@@ -97,14 +95,11 @@ const fn row_start(n: BoxCount, a: u32) -> u64 {
 /// and the doubled products on the way to them fit in u32.
 const DENSE_BAND_PAIRS: u64 = 1 << 31;
 
-/// What the device allows a band.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct BandLimits {
-    /// Words of the matrix.
     pub matrix_words: u64,
     /// Words of a dense band's part of the reply.
     pub output_words: u64,
-    /// Bytes of a storage binding.
     pub binding_bytes: u64,
 }
 
@@ -172,62 +167,41 @@ pub fn bands(n: BoxCount, tuning: Tuning, encoding: Encoding, limits: &BandLimit
     bands
 }
 
-/// A mask whose size is known when it was found.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Counted {
-    /// A sparse mask, without an order, of mask words.
-    Sparse,
-    /// A list, of pairs.
-    List,
+/// A mask of a kind with room for `capacity` items (mask words without an order, pairs), of which `items` are used.
+pub const fn shape(found: Found, n: BoxCount, capacity: u64, items: u64) -> MaskShape {
+    match found {
+        Found::Words => MaskShape::sparse(n, capacity, items, false),
+        Found::Pairs => MaskShape::list(items),
+    }
 }
 
-impl Counted {
-    /// The mask with room for `capacity` items (mask words, pairs), of which `items` are used.
-    pub const fn shape(self, n: BoxCount, capacity: u64, items: u64) -> MaskShape {
-        match self {
-            Self::Sparse => MaskShape::sparse(n, capacity, items, false),
-            Self::List => MaskShape::list(items),
-        }
-    }
+/// Words of a reply that a mask of so many items takes.
+pub fn words(found: Found, n: BoxCount, items: u64) -> u64 {
+    shape(found, n, items, items).extent_words()
+}
 
-    /// Words of a reply that such a mask takes.
-    pub fn words(self, n: BoxCount, items: u64) -> u64 {
-        self.shape(n, items, items).extent_words()
+/// Bytes of the largest section of such a mask: each is one binding.
+pub const fn section_bytes(found: Found, items: u64) -> u64 {
+    match found {
+        Found::Words => WORD_BYTES * items,
+        Found::Pairs => 2 * WORD_BYTES * items,
     }
+}
 
-    /// Bytes of the largest of its sections, each of which is one binding.
-    pub const fn section_bytes(self, items: u64) -> u64 {
-        match self {
-            Self::Sparse => WORD_BYTES * items,
-            Self::List => 2 * WORD_BYTES * items,
-        }
-    }
+/// Items that a reply has room for before the mask's size is known, less where the reply holds less: a
+/// function of n and that limit alone, so that the same boxes give the same bytes. Scenes with at
+/// most a few neighbours a box fit; others cost a second run.
+pub fn first_capacity(found: Found, n: BoxCount) -> u64 {
+    (8 * u64::from(n.get())).min(most_items(n, found)).max(1)
+}
 
-    /// Items that a reply has room for before its size is known, less where the reply holds less: a
-    /// function of n and that limit alone, so that the same boxes give the same bytes. Scenes with at
-    /// most a few neighbours a box fit; others cost a second run.
-    pub fn first_capacity(self, n: BoxCount) -> u64 {
-        let most = match self {
-            Self::Sparse => n.sparse_words_max(),
-            Self::List => n.pair_count(),
-        };
-        (8 * u64::from(n.get())).min(most).max(1)
-    }
-
-    /// Items that the mask may have, at least 1.
-    ///
-    /// # Errors
-    /// [`ReserveError::TooLarge`] where there is no room for a single one.
-    pub fn room(self, n: BoxCount, limit_words: u64) -> Result<u64, ReserveError> {
-        let room = match self {
-            Self::Sparse => MaskShape::sparse_words_within(n, limit_words, false),
-            Self::List => Some(limit_words / 2),
-        };
-        match room {
-            None | Some(0) => Err(refusal(self.words(n, 1), limit_words)),
-            Some(room) => Ok(room),
-        }
-    }
+/// Items that a mask may have, at least 1.
+pub fn room(found: Found, n: BoxCount, limit_words: u64) -> Result<u64, ReserveError> {
+    let room = match found {
+        Found::Words => MaskShape::sparse_words_within(n, limit_words, false),
+        Found::Pairs => Some(limit_words / 2),
+    };
+    room.filter(|room| *room > 0).ok_or_else(|| refusal(words(found, n, 1), limit_words))
 }
 
 /// The refusal of a mask that takes so many words of a reply, which has fewer.
@@ -299,30 +273,27 @@ mod tests {
 
     #[test]
     fn the_first_capacity_depends_on_the_count_alone_and_fits_the_triangle() {
-        for counted in [Counted::Sparse, Counted::List] {
-            let first = |n| counted.first_capacity(BoxCount::new(n));
+        for found in Found::ALL {
+            let first = |n| first_capacity(found, BoxCount::new(n));
             assert_eq!(first(0), 1, "an empty section cannot be bound");
             assert_eq!(first(10_000), 80_000);
+            assert_eq!(first(16), most_items(BoxCount::new(16), found));
         }
-        let n = BoxCount::new(16);
-        assert_eq!(Counted::Sparse.first_capacity(n), n.sparse_words_max());
-        assert_eq!(Counted::List.first_capacity(n), n.pair_count());
     }
 
     #[test]
     fn a_reply_holds_the_items_that_there_is_room_for_and_no_more() {
         let n = BoxCount::new(1_000);
-        for counted in [Counted::Sparse, Counted::List] {
-            let least = counted.words(n, 1);
+        for found in Found::ALL {
+            let least = words(found, n, 1);
             for limit in (least..).step_by(7).take(100) {
-                let room = counted.room(n, limit).expect("an item at least");
-                assert!(counted.words(n, room) <= limit, "{counted:?}, {limit}");
-                assert!(counted.words(n, room + 1) > limit, "{counted:?}, {limit}");
-                let shape = counted.shape(n, room, room);
-                let largest = shape.spans().map(|span| 4 * span.len).max();
-                assert_eq!(largest, Some(counted.section_bytes(room)), "{counted:?}");
+                let room = room(found, n, limit).expect("an item at least");
+                assert!(words(found, n, room) <= limit, "{found:?}, {limit}");
+                assert!(words(found, n, room + 1) > limit, "{found:?}, {limit}");
+                let largest = shape(found, n, room, room).spans().map(|span| 4 * span.len).max();
+                assert_eq!(largest, Some(section_bytes(found, room)), "{found:?}");
             }
-            assert_eq!(counted.room(n, least - 1), Err(refusal(least, least - 1)), "{counted:?}");
+            assert_eq!(room(found, n, least - 1), Err(refusal(least, least - 1)), "{found:?}");
         }
     }
 }

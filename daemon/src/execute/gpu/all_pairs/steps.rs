@@ -16,8 +16,8 @@ use crate::execute::gpu::{
     Command, Gpu, GpuError, Growing, Home, MAX_STEPS, Part, Pipelines, Tuning, frame_blocks,
 };
 
-/// Bands of a frame: two steps each, after a copy and the keys.
-pub(super) const BANDS_PER_FRAME: usize = (MAX_STEPS - 2) / 2;
+/// Bands of a frame: two steps each, after the keys.
+pub(super) const BANDS_PER_FRAME: usize = (MAX_STEPS - 1) / 2;
 
 /// Workgroups along x when one dimension does not hold them all.
 const GROUPS_X: u32 = 32_768;
@@ -36,9 +36,7 @@ fn variant(tuning: Tuning, store_zeros: bool) -> PairsVariant {
     PairsVariant { rows: tuning.rows, strip_blocks: tuning.strip_blocks, store_zeros }
 }
 
-/// Where the mask goes.
 pub(super) struct Output {
-    /// The reserved memory.
     pub(super) mask: Part,
     /// The sections in it; a sparse mask or a list at its full capacity.
     pub(super) shape: MaskShape,
@@ -57,20 +55,16 @@ pub(super) struct Recording<'a> {
 }
 
 impl Recording<'_> {
-    /// The steps over some bands, after the keys if `boxes` are given: where they are, and where
-    /// in video memory they are copied to before, if they are.
+    /// The steps over some bands, after the keys if `boxes` are given.
     pub(super) fn steps(
         &self,
         pipelines: &mut Pipelines,
-        boxes: Option<(&Part, Option<&Part>)>,
+        boxes: Option<&Part>,
         bands: &[Band],
     ) -> Result<Vec<Command>, GpuError> {
-        let mut steps = Vec::with_capacity(2 + 2 * bands.len());
-        if let Some((boxes, copied_to)) = boxes {
-            if let Some(to) = copied_to {
-                steps.push(Command::Copy { from: boxes.clone(), to: to.clone() });
-            }
-            steps.push(self.keys(pipelines, copied_to.unwrap_or(boxes))?);
+        let mut steps = Vec::with_capacity(1 + 2 * bands.len());
+        if let Some(boxes) = boxes {
+            steps.push(self.keys(pipelines, boxes)?);
         }
         for band in bands {
             steps.push(self.pairs(pipelines, band)?);
@@ -82,7 +76,6 @@ impl Recording<'_> {
         Ok(steps)
     }
 
-    /// A stage that binds its own parts beside those of all stages.
     fn stage(
         &self,
         pipelines: &mut Pipelines,
@@ -106,12 +99,10 @@ impl Recording<'_> {
         self.stage(pipelines, stage, &[("boxes", boxes)], &params, groups)
     }
 
-    /// The matrix of a band.
     fn matrix(&self, band: &Band) -> Part {
         Part::of(&self.stages.matrix.block, 0, 4 * band.matrix_words())
     }
 
-    /// Its strip masks.
     fn masks(&self, band: &Band) -> Part {
         Part::of(&self.stages.strip_masks.block, 0, 4 * band.mask_words())
     }
@@ -202,7 +193,6 @@ frame_blocks! { Scratch, Stages:
 }
 
 impl Scratch {
-    /// Blocks that hold `n` boxes and the largest of `bands`.
     pub(super) fn stages(
         &mut self,
         gpu: &Arc<Gpu>,

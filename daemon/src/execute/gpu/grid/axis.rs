@@ -37,7 +37,6 @@ pub(super) const CELL_LIMIT: f32 = 2_097_152.0;
 /// Fewest cells of a folded axis.
 pub(super) const FOLDED_LEAST: u32 = 4;
 
-/// The cells of one axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Axis {
     pub origin: f32,
@@ -75,7 +74,6 @@ impl Axis {
     }
 }
 
-/// A level of three axes.
 pub(super) fn level([x, y, z]: [Axis; 3], first_cell: u32) -> GridLevel {
     let of = |get: fn(&Axis) -> f32| [&x, &y, &z].map(get);
     GridLevel {

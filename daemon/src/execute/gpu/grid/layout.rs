@@ -274,7 +274,6 @@ fn level_cost(sample: &Sample, group: &Group, finer: f32) -> f32 {
     group.count * own + finer * across
 }
 
-/// Cells for boxes of edges up to `edges`.
 fn cell_edges(sample: &Sample, edges: [f32; 3], margin: f32) -> [f32; 3] {
     std::array::from_fn(|axis| {
         // Flat boxes: any cell holds them, so take what the scene has room for.

@@ -58,12 +58,10 @@ pub fn cell_count(boxes: &[Aabb]) -> u32 {
 /// How the engine works. The default is what the daemon uses.
 #[derive(Clone, Default)]
 pub struct GridOptions {
-    /// Shader checks.
     pub checks: Checks,
     /// Way of the boxes; `None` chooses by where they are, how many, and whether another frame is
     /// under way. [`Upload::DmaCopy`] brings all of them ahead.
     pub upload: Option<Upload>,
-    /// Take timestamps of each step.
     pub profiled: bool,
     /// Folder of the pipeline cache; `None` keeps none.
     pub cache_folder: Option<PathBuf>,
@@ -104,9 +102,6 @@ pub struct Grid {
 impl Grid {
     /// An engine on `gpu`, with the stages of whole frames of boxes compiled. Those of spheres are
     /// compiled when the first of them comes.
-    ///
-    /// # Errors
-    /// [`GpuError`].
     pub fn new(gpu: &Arc<Gpu>, options: &GridOptions) -> Result<Self, GpuError> {
         let mut pipelines = Pipelines::new(gpu, options.checks, options.cache_folder.as_deref())?;
         for found in Found::ALL {
@@ -136,7 +131,6 @@ impl Grid {
         })
     }
 
-    /// The device.
     pub fn gpu(&self) -> &Arc<Gpu> {
         &self.gpu
     }
@@ -154,10 +148,6 @@ impl Grid {
     }
 
     /// Starts a frame of memory.
-    ///
-    /// # Errors
-    /// [`CullError`], as [`Engine::cull`], with the memory: nothing is under way then.
-    /// [`CullError::Unavailable`] where all submissions are under way.
     pub fn begin<M: FrameMemory>(&mut self, memory: M, encoding: Encoding) -> Begun<M> {
         match self.free_workspaces() {
             Some([workspace, ..]) => self.begin_in(workspace, memory, encoding, None),
@@ -187,9 +177,6 @@ impl Grid {
 
     /// Starts frames of several memories in one submission. The answers are those of frames that are
     /// begun one by one.
-    ///
-    /// # Errors
-    /// Those of [`Self::begin`], for each frame.
     ///
     /// # Panics
     /// With more than [`BUNDLE_FRAMES`], and where steps are timed.
@@ -281,9 +268,6 @@ impl Grid {
 
     /// Waits for a frame and gives its memory back. The memory is `None` where the GPU keeps it, after
     /// [`CullError::DeviceLost`]. A frame of another engine is given up: its device is gone.
-    ///
-    /// # Errors
-    /// [`CullError`], as [`Engine::cull`].
     pub fn end<M: FrameMemory>(
         &mut self,
         mut frame: GridUnderWay<M>,
@@ -331,9 +315,6 @@ impl Grid {
 
 impl Grid {
     /// Finds the pairs of boxes in any form, or of spheres, which are decided exactly: the boxes around them have cells.
-    ///
-    /// # Errors
-    /// As [`Engine::cull`].
     pub fn cull_objects(
         &mut self,
         objects: Objects<'_>,
@@ -375,7 +356,6 @@ impl Engine for Grid {
 const NONE_FREE: CullError =
     CullError::Unavailable { engine: ENGINE, why: "all of its submissions are under way" };
 
-/// An array of what `make` gives, or its first error.
 fn try_array<T, const N: usize>(
     mut make: impl FnMut() -> Result<T, GpuError>,
 ) -> Result<[T; N], GpuError> {

@@ -36,7 +36,6 @@ const SPARSE_WORDS: u64 = 3;
 /// Sizes that follow from the number of boxes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Sizes {
-    /// Boxes.
     pub n: u32,
     /// Batches of boxes, and of rows.
     pub batches: u32,
@@ -61,12 +60,10 @@ impl Sizes {
         self.batches * BATCH_BOXES
     }
 
-    /// Bytes of the table of cells.
     pub const fn table_bytes(&self) -> u64 {
         4 * self.sums as u64 * SCAN_CELLS as u64
     }
 
-    /// Bytes of the control block.
     pub const fn control_bytes(&self) -> u64 {
         4 * (CONTROL_HEADER_WORDS as u64 + SUPERS_MOST as u64 + self.sums as u64)
     }
@@ -81,7 +78,6 @@ impl Sizes {
         (self.n as u64).next_multiple_of(SECTION_ALIGN_WORDS)
     }
 
-    /// Words of a reply with room for `capacity`.
     pub const fn reply_words(&self, capacity: Capacity) -> u64 {
         let Capacity { found, items } = capacity;
         match found {
@@ -141,7 +137,6 @@ pub const fn max_boxes(binding_bytes: u64) -> u64 {
 /// What a frame finds, and how much of it the reply and the block of found items have room for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Capacity {
-    /// What is found.
     pub found: Found,
     /// Mask words, or pairs. At least 1: an empty block cannot be bound.
     pub items: u64,
@@ -158,7 +153,6 @@ impl Capacity {
         Self { found, items: rounded.min(most_items(n, found)).min(room).max(1) }
     }
 
-    /// Bytes of the block of found items.
     pub const fn found_bytes(&self) -> u64 {
         let words = match self.found {
             Found::Words => SPARSE_WORDS,

@@ -52,7 +52,6 @@ impl RuleBlocks {
     }
 }
 
-/// The blocks of frames with rules.
 pub(super) struct Ruled {
     /// Marks in video memory, those used last first.
     kept: Vec<(Arc<Marks>, Arc<Block>)>,

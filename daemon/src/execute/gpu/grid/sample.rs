@@ -43,7 +43,6 @@ pub(super) struct Sample {
 }
 
 impl Sample {
-    /// Looks at a scene.
     pub fn take(&mut self, objects: Objects<'_>) {
         let n = objects.len();
         let wanted = n.min(if n < LARGE_SCENE { SAMPLE / 2 } else { SAMPLE });

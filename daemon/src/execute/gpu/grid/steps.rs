@@ -17,18 +17,14 @@ pub(super) struct Recording<'a> {
     pub(super) sizes: Sizes,
     pub(super) capacity: Capacity,
     pub(super) blocks: &'a Blocks,
-    /// Where the boxes are.
     pub(super) boxes: &'a PlacedBoxes,
-    /// Where the reply is.
     pub(super) reply: &'a Part,
-    /// The rules of the boxes, if the frame has any.
     pub(super) rules: Option<&'a RuleBlocks>,
     /// Rounds of loops that a thread may take.
     pub(super) thread_rounds: u32,
 }
 
 impl Recording<'_> {
-    /// All steps, in order.
     pub(super) fn steps(&self, pipelines: &mut Pipelines) -> Result<Vec<Command>, GpuError> {
         let rules = if self.rules.is_some() { Rules::With } else { Rules::Without };
         let stages = GridStage::of_frame(self.boxes.form, self.capacity.found, rules);
@@ -45,7 +41,6 @@ impl Recording<'_> {
     }
 }
 
-/// Bytes of the levels.
 const LAYOUT_BYTES: u64 = size_of::<GridLayout>() as u64;
 
 frame_blocks! { Scratch, Blocks:

@@ -4,7 +4,7 @@
 //! same stage of all frames runs between the same two barriers. Each frame keeps its own workspace, so
 //! the stages know nothing of bundles.
 
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::Duration;
 
 use pairmask_core::engine::{CullError, ReplyBuffer};
@@ -15,6 +15,7 @@ use super::workspace::Workspace;
 use crate::execute::FrameMemory;
 use crate::execute::frame_memory::{LentReply, with_lent};
 use crate::execute::gpu::{Command, Frame, Gpu, GpuError, Order, Wait};
+use crate::locked;
 
 /// A workspace that its engine and the frame in it share. The frame outlives the engine where it must.
 #[derive(Clone)]
@@ -28,7 +29,7 @@ impl SharedWorkspace {
     /// The workspace, for as long as the guard lives. One thread uses an engine and its frames, so no
     /// thread waits here; after a panic the frame is given up with whatever it had.
     pub(super) fn lock(&self) -> MutexGuard<'_, Workspace> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+        locked(&self.0)
     }
 }
 
@@ -43,7 +44,7 @@ pub struct GridUnderWay<M: FrameMemory> {
     /// There until it was given back.
     memory: Option<M>,
     /// Where the mask goes.
-    lent: LentReply,
+    pub(in crate::execute) lent: LentReply,
 }
 
 impl<M: FrameMemory> GridUnderWay<M> {
@@ -52,7 +53,6 @@ impl<M: FrameMemory> GridUnderWay<M> {
         Self { workspace, memory: Some(memory), lent: LentReply::default() }
     }
 
-    /// Gives the workspace, the objects and the reply to `work`.
     pub(super) fn with<R>(
         &mut self,
         work: impl FnOnce(&mut Workspace, Objects<'_>, &mut dyn ReplyBuffer) -> Result<R, CullError>,
@@ -63,14 +63,8 @@ impl<M: FrameMemory> GridUnderWay<M> {
         with_lent(memory, &mut self.lent, |objects, reply| work(&mut workspace, objects, reply))
     }
 
-    /// Whether it is in that workspace.
     pub(super) fn is_in(&self, workspace: &SharedWorkspace) -> bool {
         Arc::ptr_eq(&self.workspace.0, &workspace.0)
-    }
-
-    /// The memory that its reply lent last.
-    pub(in crate::execute) fn lent(&self) -> LentReply {
-        self.lent
     }
 
     /// Whether the GPU is done with it, or never will be: ending it does not wait.
@@ -115,7 +109,6 @@ struct Submission {
 }
 
 impl Bundle {
-    /// An empty one.
     pub(super) fn new(gpu: &Arc<Gpu>) -> Result<Self, GpuError> {
         let frame = Frame::new(gpu, false)?;
         Ok(Self(Arc::new(Mutex::new(Submission { frame, is_given_up: false }))))
@@ -126,7 +119,6 @@ impl Bundle {
         Arc::strong_count(&self.0) == 1 && !self.lock().frame.is_pending()
     }
 
-    /// Submits the steps of several frames.
     pub(super) fn submit(&self, frames: Vec<Vec<Command>>) -> Result<(), GpuError> {
         let mut submission = self.lock();
         submission.frame.record_side_by_side(frames)?;
@@ -163,6 +155,6 @@ impl Bundle {
     /// The submission, for as long as the guard lives. One thread uses an engine and its frames; after a
     /// panic the frames are given up.
     fn lock(&self) -> MutexGuard<'_, Submission> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+        locked(&self.0)
     }
 }

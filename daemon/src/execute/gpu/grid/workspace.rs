@@ -20,10 +20,9 @@ use crate::execute::gpu::all_pairs::engine_times;
 use crate::execute::gpu::transfers::UploadAhead;
 use crate::execute::gpu::{
     Block, Capacity, Command, Frame, FrameCache, FrameKey, Gpu, GpuError, GridOptions, MaskPlace,
-    Order, Part, Pipelines, Place, PlacedBoxes, QueueRole, Sizes, StepTime, Transfers, Wait,
+    Order, Part, Pipelines, Place, PlacedBoxes, QueueRole, Sizes, StepTime, Transfers, Wait, wide,
 };
 
-/// What the workspaces share.
 pub(super) struct Tools {
     pub(super) gpu: Arc<Gpu>,
     pub(super) pipelines: Pipelines,
@@ -40,15 +39,11 @@ pub(super) struct Tools {
     pub(super) binding_bytes: u64,
 }
 
-/// What a frame led to.
 pub(super) enum Ended {
-    /// An answer.
     Report(CullReport),
     /// A mask that its reply had no room for.
     Again {
-        /// Boxes.
         n: BoxCount,
-        /// What was looked for.
         found: Found,
         /// Words, or pairs, of the mask.
         items: u64,
@@ -57,7 +52,6 @@ pub(super) enum Ended {
     },
 }
 
-/// A frame that is to be placed.
 pub(super) struct Wanted<'a> {
     pub(super) n: BoxCount,
     pub(super) objects: Objects<'a>,
@@ -69,11 +63,9 @@ pub(super) struct Wanted<'a> {
     pub(super) marks: Option<&'a Arc<Marks>>,
 }
 
-/// A frame, and all that its stages use.
 struct Placed {
     n: BoxCount,
     capacity: Capacity,
-    /// Where the boxes lie.
     boxes: PlacedBoxes,
     /// Where they are copied to before the frame; else the first stage reads them where they lie.
     ahead: Option<PlacedBoxes>,
@@ -99,7 +91,6 @@ impl Placed {
     }
 }
 
-/// A workspace with its blocks and recorded frames.
 pub(super) struct Workspace {
     transfers: Transfers,
     ahead: Option<UploadAhead>,
@@ -138,7 +129,6 @@ impl Workspace {
         }
     }
 
-    /// Whether no frame is under way.
     pub(super) fn is_free(&self) -> bool {
         self.under_way.is_none()
     }
@@ -150,7 +140,6 @@ impl Workspace {
         }
     }
 
-    /// Submits a frame.
     pub(super) fn begin(
         &mut self,
         tools: &mut Tools,
@@ -352,7 +341,6 @@ impl Drop for Workspace {
     }
 }
 
-/// Steps of a frame, recorded if they are not yet.
 fn recorded<'a>(
     frames: &'a mut FrameCache,
     tools: &mut Tools,
@@ -381,11 +369,6 @@ fn patience(gpu: &Gpu, n: BoxCount) -> Duration {
     let (seconds, tests_a_second) =
         if gpu.info().is_software() { (60, 50_000_000) } else { (10, 20_000_000_000) };
     Duration::from_secs(seconds + n.pair_count() / tests_a_second)
-}
-
-/// A number of 64 bits, the low word first.
-fn wide([low, high]: [u32; 2]) -> u64 {
-    u64::from(low) | u64::from(high) << 32
 }
 
 /// The census of a frame; the bits of invalid boxes are looked at only where there are some.

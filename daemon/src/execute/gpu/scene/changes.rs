@@ -34,7 +34,6 @@ pub(super) struct ChangeSorter {
     scratch: Vec<Scratch>,
 }
 
-/// A list that comes down.
 pub(super) struct Found<'a, R> {
     /// Copies pairs from a place of the list on.
     pub read: &'a R,
@@ -59,7 +58,6 @@ struct Dealt {
     begun: u32,
 }
 
-/// Memory of a task that sorts buckets.
 #[derive(Debug, Default)]
 struct Scratch {
     pairs: Vec<Pair>,
@@ -67,13 +65,11 @@ struct Scratch {
     counts: Vec<u32>,
 }
 
-/// Where sorted pairs go.
 enum Places<'a> {
     Pairs(&'a mut [Pair]),
     Changes { begun: &'a mut [Pair], ended: &'a mut [Ended] },
 }
 
-/// Some buckets, and the places of their pairs.
 struct Task<'a> {
     buckets: Range<usize>,
     places: Places<'a>,
@@ -81,7 +77,6 @@ struct Task<'a> {
 }
 
 impl ChangeSorter {
-    /// Bytes that are allocated.
     pub fn allocated_bytes(&self) -> usize {
         let pairs = self.parts.iter().map(|part| part.read.capacity() + part.dealt.capacity());
         let more = self.scratch.iter().map(|of| of.pairs.capacity() + of.other.capacity());
@@ -117,7 +112,6 @@ impl ChangeSorter {
         self.sort(found.n, threads, Places::Changes { begun, ended });
     }
 
-    /// Deals a list into buckets, part by part.
     fn deal(&mut self, found: &Found<'_, impl Fn(usize, &mut [Pair]) + Sync>, threads: usize) {
         let &Found { read, count, n } = found;
         let (parts, shift) = if threads > 1 && count >= MANY_PAIRS {
@@ -140,7 +134,6 @@ impl ChangeSorter {
         }
     }
 
-    /// Sorts the buckets into their places.
     fn sort(&mut self, n: u32, threads: usize, places: Places<'_>) {
         let Self { parts, scratch } = self;
         let buckets = parts.first().map_or(0, |part| part.buckets.len());
@@ -206,7 +199,6 @@ impl Part {
         }
     }
 
-    /// The pairs of a bucket.
     fn bucket(&self, bucket: usize) -> &[Pair] {
         let start = if bucket == 0 { 0 } else { self.buckets[bucket - 1].end };
         &self.dealt[start as usize..self.buckets[bucket].end as usize]

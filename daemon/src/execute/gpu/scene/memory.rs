@@ -32,11 +32,10 @@ struct Records {
     then: Arc<Block>,
 }
 
-/// All video memory of a scene.
 pub(super) struct Memory {
     records: Option<Records>,
     /// There once pairs of moved boxes were asked for.
-    named: Option<Arc<Block>>,
+    pub named: Option<Arc<Block>>,
     stages: Stages,
 }
 
@@ -55,7 +54,6 @@ frame_blocks! { Stages, StageParts:
     starts in Video,
 }
 
-/// What one search has of them.
 #[derive(Clone)]
 pub(super) struct Blocks {
     pub now: Part,
@@ -159,12 +157,6 @@ impl Memory {
         Ok(())
     }
 
-    /// Whether there is memory for names.
-    pub const fn has_named(&self) -> bool {
-        self.named.is_some()
-    }
-
-    /// The blocks of a search.
     pub fn blocks(
         &mut self,
         tools: &SceneTools,

@@ -20,7 +20,7 @@ mod upload;
 
 pub use self::replica::EditTimes;
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 
 use pairmask_core::EngineName;
 use pairmask_core::engine::{CullError, ReserveError};
@@ -37,7 +37,8 @@ use self::replica::{Clock, Names, Replicas, sum};
 use self::roster::Roster;
 use self::search::{Asked, Search, Share};
 use self::upload::Gathered;
-use super::{Block, Gpu, GpuError, GridOptions, Pipeline, Pipelines, SharedImports, Wait};
+use super::{Block, Gpu, GpuError, GridOptions, Pipeline, Pipelines, SharedImports, Wait, wide};
+use crate::locked;
 
 /// What errors name: scenes on the GPU are a grid there.
 const ENGINE: EngineName = EngineName::GpuGrid;
@@ -61,9 +62,6 @@ pub struct SceneTools {
 
 impl SceneTools {
     /// Compiles the stages.
-    ///
-    /// # Errors
-    /// [`GpuError`].
     pub fn new(gpu: &Arc<Gpu>, options: &GridOptions) -> Result<Arc<Self>, GpuError> {
         let mut pipelines = Pipelines::new(gpu, options.checks, options.cache_folder.as_deref())?;
         search::stages().try_for_each(|stage| pipelines.get(stage).map(drop))?;
@@ -80,14 +78,12 @@ impl SceneTools {
         }))
     }
 
-    /// The device.
     pub fn gpu(&self) -> &Arc<Gpu> {
         &self.gpu
     }
 
-    /// A compiled stage.
     fn pipeline(&self, stage: Stage) -> Result<Arc<Pipeline>, GpuError> {
-        self.pipelines.lock().unwrap_or_else(PoisonError::into_inner).get(stage)
+        locked(&self.pipelines).get(stage)
     }
 }
 
@@ -143,7 +139,6 @@ pub struct GpuScene {
 }
 
 impl GpuScene {
-    /// A scene without boxes.
     pub fn new(tools: &Arc<SceneTools>, options: SceneOptions) -> Self {
         Self::shared(std::slice::from_ref(tools), options)
     }
@@ -199,9 +194,6 @@ impl GpuScene {
 
     /// A scene that goes on where another one stands: its boxes, flags, filters, and what it has reported.
     ///
-    /// # Errors
-    /// [`SceneError`], as [`Self::edit`].
-    ///
     /// # Panics
     /// As [`Self::shared`].
     pub fn from_kept(
@@ -233,7 +225,6 @@ impl GpuScene {
         self.roster.present()
     }
 
-    /// Whether there are none.
     pub const fn is_empty(&self) -> bool {
         self.len() == 0
     }
@@ -243,12 +234,10 @@ impl GpuScene {
         self.roster.len() as u32
     }
 
-    /// The collision filters.
     pub const fn filters(&self) -> &FilterHistory {
-        self.roster.filters()
+        &self.roster.filters
     }
 
-    /// The last answer.
     pub const fn reported(&self) -> &Reported {
         &self.reported
     }
@@ -267,12 +256,10 @@ impl GpuScene {
         self.replicas.iter().map(|replica| replica.memory.bytes()).sum()
     }
 
-    /// GPUs that have it.
     pub const fn gpu_count(&self) -> usize {
         self.replicas.len()
     }
 
-    /// Whether it is in the memory of a device.
     pub fn is_on(&self, gpu: &Gpu) -> bool {
         self.replicas.iter().any(|replica| std::ptr::eq(Arc::as_ptr(replica.tools.gpu()), gpu))
     }
@@ -339,7 +326,6 @@ impl GpuScene {
         self.roster.forget();
     }
 
-    /// Applies a checked edit on the GPU and finds the answer.
     fn answer(
         &mut self,
         edit: Edit<'_>,
@@ -347,7 +333,7 @@ impl GpuScene {
         clock: &mut Clock,
     ) -> Result<(), CullError> {
         let sets: u64 = edit.sets().map(|sets| sets.boxes.len() as u64).sum();
-        let elements = sets + self.roster.marks().len() as u64;
+        let elements = sets + self.roster.marks.len() as u64;
         self.changed += elements;
         if elements > 0 && self.known == Known::Same {
             self.known = Known::Changed;
@@ -398,7 +384,7 @@ impl GpuScene {
             }
         }
         let threads = self.threads();
-        let (sets, marks) = (self.gathered.sets(edit), self.roster.marks());
+        let (sets, marks) = (self.gathered.sets(edit), &self.roster.marks);
         self.replicas
             .on_each(|_, replica| replica.place(sets, marks, &[], slots as u64, names, threads))?;
         if let Some(most) = edit.sets().max_by_key(|sets| sets.boxes.len()) {
@@ -503,7 +489,6 @@ impl GpuScene {
         }
     }
 
-    /// Notes what the stages of the first GPU took, where they are timed.
     fn note_stages(&mut self) -> Result<(), CullError> {
         let first = self.replicas.first();
         if first.tools.profiled {
@@ -554,14 +539,14 @@ impl GpuScene {
         let (report, roster) = (reported.report(), &self.roster);
         if report != Report::Changes || reported.is_resync() {
             let mut pairs = reported.pairs().to_vec();
-            pairs.retain(|pair| roster.filters().meet(*pair));
+            pairs.retain(|pair| roster.filters.meet(*pair));
             let pair_count = if report == Report::Moved { 0 } else { pairs.len() as u64 };
             self.reported = Reported::of_pairs(report, Arc::new(pairs), pair_count);
             return false;
         }
         let (mut begun, mut ended) = reported.into_changes();
         let is_replaced = |pair| roster.was_removed(pair);
-        decide_changes(roster.filters(), is_replaced, &mut begun, &mut ended);
+        decide_changes(&roster.filters, is_replaced, &mut begun, &mut ended);
         for Ended { pair, reason } in &mut ended {
             *reason = roster.end_reason(*pair);
         }
@@ -571,10 +556,9 @@ impl GpuScene {
         is_resync
     }
 
-    /// Adds the skip meter to the answer.
     fn reported_skips(&mut self, summary: Option<&SceneSummary>) {
         let pairs = |n: u64| n * n.saturating_sub(1) / 2;
-        let (active, statics) = (self.roster.active() as u64, self.roster.statics() as u64);
+        let (active, statics) = (self.roster.active() as u64, self.roster.static_count as u64);
         let (moved, moved_statics, tested) = match summary {
             Some(s) if self.known == Known::Changed && self.reported.pairs().is_empty() => {
                 (u64::from(s.moved), u64::from(s.moved_static), wide(s.tested))
@@ -613,11 +597,6 @@ fn read_lists(lists: &[(&Block, usize)], at: usize, to: &mut [Pair]) {
         }
         skipped = skipped.saturating_sub(*count);
     }
-}
-
-/// A number of two words.
-fn wide([low, high]: [u32; 2]) -> u64 {
-    u64::from(low) | u64::from(high) << 32
 }
 
 #[cfg(test)]

@@ -54,10 +54,8 @@ const SHARE_ROWS: u64 = 600_000;
 /// An entry of a search takes as long as so many rows: it is placed, and looked for by others (an H200: 3 ns).
 const ENTRY_ROWS: u64 = 40;
 
-/// What a search is for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Question {
-    /// What is looked for.
     pub mode: SceneMode,
     /// Indices that have a record.
     pub slots: u64,
@@ -77,7 +75,6 @@ impl Question {
         }
     }
 
-    /// Entries that are expected.
     pub fn entries(&self) -> u64 {
         if self.is_dense() { self.active.max(self.changed) } else { self.changed }
     }
@@ -115,12 +112,10 @@ impl Question {
     }
 }
 
-/// What there is room for.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Room {
     /// Entries of the grid.
     pub entries: u64,
-    /// Found pairs.
     pub pairs: u64,
 }
 
@@ -147,13 +142,10 @@ pub(super) struct Sizes {
     pub sums: u32,
     /// Words of the table of cells.
     pub table_words: u64,
-    /// Words of the filter.
     pub filter_words: u64,
     /// Words of the rows beside the grid.
     pub row_words: u64,
-    /// Words of the control block.
     pub control_words: u64,
-    /// Queries.
     pub queries: u64,
 }
 
@@ -233,7 +225,6 @@ struct Chosen {
     serves: u32,
 }
 
-/// What is known of one kind of search.
 #[derive(Default)]
 struct Kind {
     chosen: Option<Chosen>,
@@ -257,7 +248,6 @@ const fn are_alike(a: u32, b: u32) -> bool {
     a / 2 <= b && b / 2 <= a
 }
 
-/// The kind of a search.
 fn kind_of(question: &Question) -> usize {
     match question.mode {
         SceneMode::Query => 2,
@@ -289,7 +279,6 @@ impl Layouts {
         kind.sampled_of = question.grid_boxes();
     }
 
-    /// The layout for a search.
     pub fn layout(&mut self, question: &Question) -> GridLayout {
         let boxes = question.grid_boxes();
         let kind = &mut self.kinds[kind_of(question)];

@@ -43,7 +43,7 @@ impl GpuScene {
         tags.check(queries)?;
         let tested = self.query_all(queries, found)?;
         let roster = &self.roster;
-        tags.filter(roster.filters(), |index| roster.is_still(index), found);
+        tags.filter(&roster.filters, |index| roster.is_still(index), found);
         Ok(tested)
     }
 

@@ -15,7 +15,6 @@ use super::upload::{GatheredSets, Upload, Uploaded};
 use super::{ENGINE, wide};
 use crate::execute::gpu::{Frame, GpuError, Part, QueueRole, SceneTools, StepTime};
 
-/// All that a scene keeps on a GPU.
 pub(super) struct Replica {
     pub tools: Arc<SceneTools>,
     pub upload: Upload,
@@ -27,7 +26,6 @@ pub(super) struct Replica {
     pub blocks: Option<Blocks>,
 }
 
-/// What was brought to a GPU.
 pub(super) struct Placed {
     /// Queries, where the GPU sees them.
     pub queries: Option<Part>,
@@ -72,7 +70,7 @@ impl Replica {
         self.blocks = None;
         self.memory.make_records(&self.tools, slots, &mut replaced)?;
         // Records that were made anew have no names, and those that there were matter to no later edit.
-        if names == Names::Forgotten || names == Names::Given && !self.memory.has_named() {
+        if names == Names::Forgotten || names == Names::Given && self.memory.named.is_none() {
             self.memory.forget_named(&self.tools, &mut replaced)?;
         }
         let gpu = &self.tools.gpu;
@@ -115,7 +113,6 @@ impl Replica {
         Ok(summary[0])
     }
 
-    /// Times of the last task's steps, if frames are profiled.
     pub fn step_times(&self) -> Result<Vec<StepTime>, GpuError> {
         self.frames.last().map_or(Ok(Vec::new()), Frame::step_times)
     }
@@ -202,7 +199,6 @@ impl Replicas {
         }
     }
 
-    /// Forgets the edit that was answered.
     pub fn end_edit(&mut self) {
         for replica in &mut self.0 {
             replica.edit = None;
@@ -240,14 +236,12 @@ pub struct EditTimes {
     pub gpu: Duration,
     /// What it found was read and sorted.
     pub sort: Duration,
-    /// Submissions.
     pub submissions: u32,
     /// Times of the stages of the last submission, if they are taken.
     pub stages: Vec<StepTime>,
 }
 
 impl EditTimes {
-    /// All of it.
     pub fn total(&self) -> Duration {
         self.check + self.upload + self.plan + self.gpu + self.sort
     }

@@ -15,7 +15,6 @@ const STATIC: u32 = 1 << 2;
 /// Indices of a list that are looked at before it is known whether they rise.
 const CHECKED_TOGETHER: usize = 1 << 12;
 
-/// Bits by index.
 #[derive(Debug, Default)]
 struct Bits(Vec<u64>);
 
@@ -77,21 +76,21 @@ pub(super) struct Roster {
     flipped: Bits,
     lost: Bits,
     has_history: bool,
-    filters: FilterHistory,
+    pub filters: FilterHistory,
     /// Of the edit under way: what it sets (while it is checked), then what it names; what it removes; whose filter
     /// data change; which have a mark.
     seen: Bits,
     removed: Bits,
     touched: Bits,
     marked: Bits,
-    marks: Marks,
+    pub marks: Marks,
     present_count: usize,
     off_count: usize,
-    static_count: usize,
+    /// Of those that are switched on.
+    pub static_count: usize,
 }
 
 impl Roster {
-    /// Indices below this have a place.
     pub fn len(&self) -> usize {
         self.len
     }
@@ -106,22 +105,11 @@ impl Roster {
         self.present_count - self.off_count
     }
 
-    /// The collision filters.
-    pub const fn filters(&self) -> &FilterHistory {
-        &self.filters
-    }
-
-    /// The marks of the last edit.
-    pub fn marks(&self) -> &[[u32; 2]] {
-        &self.marks
-    }
-
     /// Whether a box of a pair was removed since the history began.
     pub fn was_removed(&self, pair: [u32; 2]) -> bool {
         pair.iter().any(|index| self.lost.has(*index))
     }
 
-    /// Why a pair that ended is none now.
     pub fn end_reason(&self, pair: [u32; 2]) -> EndReason {
         let any_off = pair.iter().any(|index| self.off.has(*index));
         let are_still = pair.iter().all(|index| self.statics.has(*index));
@@ -134,12 +122,6 @@ impl Roster {
         }
     }
 
-    /// Static boxes that are switched on.
-    pub const fn statics(&self) -> usize {
-        self.static_count
-    }
-
-    /// Bytes that are allocated.
     pub fn allocated_bytes(&self) -> usize {
         let Self { present, off, statics, flipped, lost, seen, removed, touched, marked, .. } =
             self;
@@ -150,9 +132,6 @@ impl Roster {
     }
 
     /// Checks an edit. Nothing is applied, but places are made for all that it sets.
-    ///
-    /// # Errors
-    /// [`EditError`].
     pub fn check(&mut self, edit: Edit<'_>, limit: u32) -> Result<(), EditError> {
         if let Some((indices, boxes)) = edit.uneven() {
             return Err(EditError::Lengths { indices, boxes });
@@ -232,7 +211,6 @@ impl Roster {
         wrong.map_or(Ok(()), Err)
     }
 
-    /// Applies an edit that was checked.
     pub fn apply(&mut self, edit: Edit<'_>) {
         self.marks.clear();
         let mut filters = std::mem::take(&mut self.filters);
@@ -287,7 +265,6 @@ impl Roster {
         }
     }
 
-    /// The flags of an index.
     fn flags(&self, index: u32) -> u32 {
         let flag = |bits: &Bits, flag| if bits.has(index) { flag } else { 0 };
         flag(&self.present, PRESENT) | flag(&self.off, OFF) | flag(&self.statics, STATIC)

@@ -39,9 +39,7 @@ pub(super) fn stages() -> impl Iterator<Item = Stage> {
 pub(super) enum Search<'a> {
     /// Nothing: an edit is applied.
     Nothing,
-    /// The pairs of the question.
     Pairs(Share),
-    /// The boxes that queries overlap.
     Queries(Queries<'a>),
 }
 
@@ -71,7 +69,6 @@ impl Share {
 /// Queries of a submission.
 #[derive(Clone, Copy)]
 pub(super) struct Queries<'a> {
-    /// How many.
     pub count: u32,
     pub way: Way<'a>,
 }
@@ -87,7 +84,6 @@ pub(super) enum Way<'a> {
     Grid { boxes: &'a Part, builds: bool },
 }
 
-/// What a GPU is asked to do with an edit.
 #[derive(Clone, Copy)]
 pub(super) struct Asked<'a> {
     pub question: Question,
@@ -104,7 +100,6 @@ pub(super) struct Asked<'a> {
     pub applies: bool,
 }
 
-/// A submission.
 pub(super) struct Task<'a> {
     pub asked: Asked<'a>,
     /// What is applied first.
@@ -129,40 +124,26 @@ pub(super) struct Shape {
     marks: Place,
 }
 
-/// What is recorded of a search.
+/// What is recorded of a search; of queries the workgroups that look, that prepare the sorting, and that sort.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum SearchShape {
     Nothing,
     Pairs {
         is_shared: bool,
     },
-    Queries {
-        way: WayShape,
-        /// Workgroups that look, that prepare the sorting, and that sort.
+    /// Where the records of the queries are, and how many bytes.
+    Entries {
+        records: [u64; 2],
         groups: [u32; 3],
     },
-}
-
-impl SearchShape {
-    /// Whether it searches a grid that stands since the last submission.
-    const fn is_in_standing_grid(&self) -> bool {
-        matches!(self, Self::Queries { way: WayShape::Grid { builds: false, .. }, .. })
-    }
-}
-
-/// What is recorded of the way of queries.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum WayShape {
-    /// Bytes of their records: where, and how many.
-    Entries([u64; 2]),
     Grid {
         boxes: Place,
         box_bytes: u64,
         builds: bool,
+        groups: [u32; 3],
     },
 }
 
-/// Recorded frames.
 pub(super) type Frames = FrameCache<Shape>;
 
 /// Rows that a thread looks at a time: one where it may not take many rounds.
@@ -234,21 +215,22 @@ impl Task<'_> {
             Search::Pairs(share) => SearchShape::Pairs { is_shared: share.count > 1 },
             Search::Queries(Queries { count, way }) => {
                 let count = u64::from(count);
-                let (way, looking) = match way {
+                let groups = |looking| {
+                    [plan::groups(looking), plan::groups(count), plan::groups_of_rows(count)]
+                };
+                match way {
                     Way::Entries => {
                         let first = u64::from(edit.set_first.unwrap_or(0));
-                        let bytes = [first, count].map(|records| records * RECORD_BYTES);
-                        (WayShape::Entries(bytes), items)
+                        let records = [first, count].map(|records| records * RECORD_BYTES);
+                        SearchShape::Entries { records, groups: groups(items) }
                     }
-                    Way::Grid { boxes, builds } => {
-                        let (place, box_bytes) = (Place::of(boxes), boxes.bytes);
-                        let way = WayShape::Grid { boxes: place, box_bytes, builds };
-                        (way, count * u64::from(QUERY_LANES))
-                    }
-                };
-                let [looking, one_a_query] = [looking, count].map(plan::groups);
-                let groups = [looking, one_a_query, plan::groups_of_rows(count)];
-                SearchShape::Queries { way, groups }
+                    Way::Grid { boxes, builds } => SearchShape::Grid {
+                        boxes: Place::of(boxes),
+                        box_bytes: boxes.bytes,
+                        builds,
+                        groups: groups(count * u64::from(QUERY_LANES)),
+                    },
+                }
             }
         };
         // A thread zeroes four words in the time that it takes to set a box.
@@ -301,7 +283,8 @@ impl Task<'_> {
         let zero = |part: Part| Command::Fill { part, word: 0 };
         let control = &self.blocks.control.block;
         let mut steps = Vec::new();
-        let stands = shape.search.is_in_standing_grid();
+        // Whether the grid stands since the last submission.
+        let stands = matches!(shape.search, SearchShape::Grid { builds: false, .. });
         if stands {
             steps.push(zero(Part::of(control, TALLY_OFFSET, TALLY_BYTES)));
         } else {
@@ -320,26 +303,28 @@ impl Task<'_> {
             SearchShape::Pairs { is_shared } => {
                 steps.push(scene(if is_shared { SharedPairs } else { Pairs }, shape.rows)?);
             }
-            SearchShape::Queries { way, groups: [looking, one_a_query, sorting] } => {
-                if let WayShape::Entries(_) = way {
-                    steps.push(zero(self.blocks.counts.clone()));
-                    steps.push(scene(QueryRows, looking)?);
-                } else {
-                    steps.push(scene(Query, looking)?);
-                }
-                steps.push(scene(QueryStarts, one_a_query)?);
-                steps.push(scene(QueryDeal, sorting)?);
-                steps.push(scene(QuerySort, sorting)?);
-                if let WayShape::Entries([first, bytes]) = way {
-                    // Their records are without a box again, as all behind the scene's are.
-                    steps.push(zero(Part::of(&self.blocks.now.block, first, bytes)));
-                }
+            SearchShape::Entries { groups: [looking, ..], .. } => {
+                steps.push(zero(self.blocks.counts.clone()));
+                steps.push(scene(QueryRows, looking)?);
             }
+            SearchShape::Grid { groups: [looking, ..], .. } => {
+                steps.push(scene(Query, looking)?);
+            }
+        }
+        if let SearchShape::Entries { groups: [_, one_a_query, sorting], .. }
+        | SearchShape::Grid { groups: [_, one_a_query, sorting], .. } = shape.search
+        {
+            steps.push(scene(QueryStarts, one_a_query)?);
+            steps.push(scene(QueryDeal, sorting)?);
+            steps.push(scene(QuerySort, sorting)?);
+        }
+        if let SearchShape::Entries { records: [first, bytes], .. } = shape.search {
+            // Their records are without a box again, as all behind the scene's are.
+            steps.push(zero(Part::of(&self.blocks.now.block, first, bytes)));
         }
         Ok(steps)
     }
 
-    /// Has the GPU begin.
     pub fn submit(&self, tools: &SceneTools, frames: &mut Frames) -> Result<(), GpuError> {
         self.blocks.params.block.write(0, &[self.params(tools)]);
         if !matches!(self.asked.search, Search::Nothing) {

@@ -41,19 +41,16 @@ impl Staging {
     }
 }
 
-/// An edit where the GPU sees it.
 pub(super) struct Uploaded {
     /// Boxes that are set.
     pub boxes: Part,
     /// Their indices, where they are a list.
     pub indices: Part,
-    /// How many.
     pub set_count: u32,
     /// The index of the first, where they are a range.
     pub set_first: Option<u32>,
     /// Boxes that are removed or flagged.
     pub marks: Part,
-    /// How many.
     pub mark_count: u32,
 }
 
@@ -75,12 +72,10 @@ pub(super) struct GatheredSets<'a> {
 }
 
 impl Gathered {
-    /// Bytes that are kept.
     pub fn allocated_bytes(&self) -> usize {
         self.indices.capacity() * size_of::<u32>() + self.boxes.capacity() * size_of::<Aabb>()
     }
 
-    /// The sets of an edit that was checked.
     pub fn sets<'a>(&'a mut self, edit: Edit<'a>) -> GatheredSets<'a> {
         self.indices.clear();
         self.boxes.clear();
@@ -108,7 +103,6 @@ impl Gathered {
     }
 }
 
-/// Brings edits to a GPU.
 pub(super) struct Upload {
     imports: SharedImports,
     boxes: Staging,
@@ -161,7 +155,6 @@ impl Upload {
     }
 }
 
-/// Boxes where they lie, or a copy.
 fn place_boxes(
     gpu: &Arc<Gpu>,
     imports: &SharedImports,
