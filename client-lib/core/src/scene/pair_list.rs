@@ -4,7 +4,7 @@
 //! two passes over memory, whatever the number of pairs.
 
 use crate::engine::RecentNeed;
-use crate::engine::strips::{in_parts, part_count};
+use crate::engine::strips::{for_each_in_parts, in_parts, part_count};
 
 /// A pair of box indices, the lower one first.
 pub(super) type Pair = [u32; 2];
@@ -111,12 +111,7 @@ impl Sorter {
             .zip(outs)
             .map(|(pairs, dealt)| Deal { pairs, dealt, ends: vec![0; buckets] })
             .collect();
-        let deal = |deals: &mut [Deal<'_>]| {
-            for deal in deals {
-                deal.run(shift, wanted);
-            }
-        };
-        in_parts(deals.as_mut_slice(), parts, &deal, &|(), ()| ());
+        for_each_in_parts(&mut deals, parts, |deal| deal.run(shift, wanted));
 
         let deals = deals.as_slice();
         let total: usize = deals.iter().map(|deal| deal.ends[buckets - 1] as usize).sum();

@@ -8,7 +8,7 @@ use super::kinds::{Kinds, MOST_KINDS};
 use super::sift_avx512;
 #[cfg(target_arch = "x86_64")]
 use crate::engine::Isa;
-use crate::engine::strips::{in_parts, part_count};
+use crate::engine::strips::{for_each_in_parts, part_count};
 use crate::engine::{AvailableIsa, sift_each};
 use crate::filters::{Owner, Rules, Tag, World};
 
@@ -93,12 +93,9 @@ impl Laid {
             .collect();
         let culled = |position: usize| order.get(position).map_or(position as u32, |index| *index);
         let kind_of = self.kind_of.as_slice();
-        let run = |work: &mut [Part<'_>]| {
-            for part in work {
-                part.lay_out(|at| kind_of[culled(at) as usize], &meets, |at| tag(culled(at)));
-            }
-        };
-        in_parts(work.as_mut_slice(), parts, &run, &|(), ()| ());
+        for_each_in_parts(&mut work, parts, |part| {
+            part.lay_out(|at| kind_of[culled(at) as usize], &meets, |at| tag(culled(at)));
+        });
         true
     }
 

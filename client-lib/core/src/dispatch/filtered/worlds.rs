@@ -13,7 +13,7 @@ use super::test::{FilterTest, Indices};
 use crate::aabb::Aabb;
 use crate::dispatch::boxes::{BOX_BYTES, WORD_BYTES, threads_for};
 use crate::dispatch::{CpuEngines, CullAnswer, CullOptions, StageTimes, nanoseconds_since};
-use crate::engine::strips::{in_parts, part_count};
+use crate::engine::strips::{for_each_in_parts, in_parts, part_count};
 use crate::engine::{
     AvailableIsa, Census, CullError, CullInput, CullReport, Engine, EngineChoice, EngineName,
     EngineTimes, HeapReply, PairRules, ReplyBuffer, ReserveError, counted, cpu_engines,
@@ -170,13 +170,10 @@ impl Worlds {
                 start = end;
             }
         }
-        let copy = |parts: &mut [Copied<'_>]| {
-            for (to, from) in parts {
-                to.copy_from_slice(from);
-            }
-        };
         let part_count = parts.len();
-        in_parts(parts.as_mut_slice(), part_count, &copy, &|(), ()| ());
+        for_each_in_parts(&mut parts, part_count, |(to, from): &mut Copied<'_>| {
+            to.copy_from_slice(from);
+        });
         Ok(count as u64)
     }
 }

@@ -22,11 +22,11 @@ mod words;
 use self::task::{Scene, Task};
 use crate::engine::encode::{self, DenseRows, DenseWindow};
 use crate::engine::gather::Gather;
-use crate::engine::strips::{Split, in_parts};
+use crate::engine::strips::{Split, for_each_in_parts, in_parts};
 use crate::engine::word_budget::WordBudget;
 use crate::engine::{
     AvailableIsa, CpuEngine, CullError, CullInput, CullReport, Engine, EngineDescriptor,
-    EngineName, EnginePlace, Isa, KeyColumns, ReplyBuffer, StageClock, available,
+    EngineName, EnginePlace, KeyColumns, ReplyBuffer, StageClock,
 };
 use crate::mask::{Encoding, MaskShape};
 use crate::precision::BoxForm;
@@ -73,34 +73,12 @@ pub struct BruteForce {
     tasks: Vec<Task>,
 }
 
-impl Default for BruteForce {
-    fn default() -> Self {
-        Self::new()
-    }
-}
+made_by_isa!(BruteForce, EngineName::CpuBrute);
 
 impl BruteForce {
-    /// The engine with the widest instruction set of this machine.
-    pub fn new() -> Self {
-        Self::on(AvailableIsa::best())
-    }
-
     /// The engine with one instruction set that this machine has.
     fn on(isa: AvailableIsa) -> Self {
         Self { isa, columns: KeyColumns::default(), tasks: Vec::new() }
-    }
-
-    /// The engine with one instruction set, for tests and measurements.
-    ///
-    /// # Errors
-    /// [`CullError::Unavailable`] when this machine does not have it.
-    pub fn with_isa(isa: Isa) -> Result<Self, CullError> {
-        available(isa, EngineName::CpuBrute).map(Self::on)
-    }
-
-    /// The instruction set in use.
-    pub fn isa(&self) -> Isa {
-        self.isa.get()
     }
 
     /// Shares the rows out, one range a task.
@@ -137,12 +115,7 @@ impl BruteForce {
     ) -> Result<MaskShape, CullError> {
         let (scene, isa) = (scene(&self.columns), self.isa);
         let parts = self.tasks.len();
-        let run = |tasks: &mut [Task]| {
-            for task in tasks {
-                task.run(&scene, gather, isa);
-            }
-        };
-        in_parts(self.tasks.as_mut_slice(), parts, &run, &|(), ()| ());
+        for_each_in_parts(&mut self.tasks, parts, |task| task.run(&scene, gather, isa));
         clock.executed();
         encode::write(self.tasks.iter().map(Task::found), gather, encoding, false, reply)
     }

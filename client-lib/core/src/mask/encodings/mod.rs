@@ -232,6 +232,17 @@ impl MaskShape {
     }
 }
 
+/// What each encoding's mask, by that name, is asked for.
+macro_rules! of_each {
+    ($view:expr, $mask:ident => $of:expr) => {
+        match $view {
+            MaskView::Dense($mask) => $of,
+            MaskView::Sparse($mask) => $of,
+            MaskView::List($mask) => $of,
+        }
+    };
+}
+
 /// A pair mask in a reply, of any encoding: nothing is copied.
 ///
 /// The reply is data from another process. [`MaskView::new`] checks in O(1) that the sections lie
@@ -310,11 +321,7 @@ impl<'a> MaskView<'a> {
     /// Number of boxes.
     #[inline]
     pub const fn n(&self) -> BoxCount {
-        match self {
-            Self::Dense(mask) => mask.n(),
-            Self::Sparse(mask) => mask.n(),
-            Self::List(mask) => mask.n(),
-        }
+        of_each!(self, mask => mask.n())
     }
 
     /// How the mask is written.
@@ -333,11 +340,7 @@ impl<'a> MaskView<'a> {
     /// order is not read here.
     #[must_use]
     pub fn count(&self) -> u64 {
-        match self {
-            Self::Dense(mask) => mask.count(),
-            Self::Sparse(mask) => mask.count(),
-            Self::List(mask) => mask.count(),
-        }
+        of_each!(self, mask => mask.count())
     }
 
     /// Whether boxes `a` and `b`, in any order, are a pair of the mask. False for equal and for
@@ -348,11 +351,7 @@ impl<'a> MaskView<'a> {
     #[inline]
     #[must_use]
     pub fn contains(&self, a: u32, b: u32) -> bool {
-        match self {
-            Self::Dense(mask) => mask.contains(a, b),
-            Self::Sparse(mask) => mask.contains(a, b),
-            Self::List(mask) => mask.contains(a, b),
-        }
+        of_each!(self, mask => mask.contains(a, b))
     }
 
     /// The non-zero words with their addresses, without bits that name no pair. Each pair of a list is
@@ -378,11 +377,7 @@ impl<'a> MaskView<'a> {
     /// # Errors
     /// The first rule broken, and where: [`MaskError`].
     pub fn verify(&self) -> Result<(), MaskError> {
-        match self {
-            Self::Dense(mask) => mask.verify(),
-            Self::Sparse(mask) => mask.verify(),
-            Self::List(mask) => mask.verify(),
-        }
+        of_each!(self, mask => mask.verify())
     }
 
     /// Words of the mask as it lies in the reply, or pairs of a list.

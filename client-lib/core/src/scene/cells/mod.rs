@@ -30,7 +30,7 @@ use self::runs::{NOWHERE, Runs};
 use super::fetch::ask_for;
 use super::store::Store;
 use crate::aabb::Aabb;
-use crate::engine::strips::{in_parts, part_count};
+use crate::engine::strips::zip_in_parts;
 
 /// Boxes whose moves are found before any is made: 384 KiB.
 const STRETCH: usize = 8_192;
@@ -216,22 +216,15 @@ impl Cells {
         threads: usize,
     ) {
         moves.resize(indices.len(), Move::NONE);
-        let parts = part_count(indices.len(), TASK_MOVES, threads);
-        let step = indices.len().div_ceil(parts).max(1);
-        let mut work: Vec<(&mut [Move], &[u32])> =
-            moves.chunks_mut(step).zip(indices.chunks(step)).collect();
-        let run = |work: &mut [(&mut [Move], &[u32])]| {
-            for (moves, indices) in work {
-                for (at, (slot, index)) in moves.iter_mut().zip(*indices).enumerate() {
-                    if let Some(ahead) = indices.get(at + BATCH) {
-                        store.ask_for(*ahead);
-                    }
-                    let found = move_of(self, store, *index);
-                    *slot = found.unwrap_or(Move { index: *index, ..Move::NONE });
+        zip_in_parts(moves, indices, TASK_MOVES, threads, |moves, indices| {
+            for (at, (slot, index)) in moves.iter_mut().zip(indices).enumerate() {
+                if let Some(ahead) = indices.get(at + BATCH) {
+                    store.ask_for(*ahead);
                 }
+                let found = move_of(self, store, *index);
+                *slot = found.unwrap_or(Move { index: *index, ..Move::NONE });
             }
-        };
-        in_parts(work.as_mut_slice(), parts, &run, &|(), ()| ());
+        });
     }
 
     /// The move of a box to what it is alone, unless it has changed.
