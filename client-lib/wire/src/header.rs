@@ -118,7 +118,6 @@ impl RequestHeader {
         if found.minor < since { Err(Reject::Version { found }) } else { Ok(()) }
     }
 
-    /// The engine that is asked for.
     pub(crate) fn engine_choice(&self) -> Result<EngineChoice, Reject> {
         let found = self.engine;
         if found == 0 {

@@ -122,7 +122,6 @@ pub fn response_ok(
     header
 }
 
-/// Times by stage as a header has them.
 pub(crate) fn stages(times: &StageTimes) -> [u64; 8] {
     let StageTimes { ingest_ns, plan_ns, execute_ns, publish_ns, total_ns } = *times;
     [ingest_ns, plan_ns, execute_ns, publish_ns, total_ns, 0, 0, 0]

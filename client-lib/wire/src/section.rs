@@ -163,7 +163,6 @@ pub(crate) fn find_unknown(sections: &[Section; SECTION_COUNT]) -> Option<u32> {
     sections.iter().find(is_unknown).map(|s| s.kind)
 }
 
-/// The sections of a mask.
 pub(crate) fn mask_sections(shape: &MaskShape) -> [Section; SECTION_COUNT] {
     let section = |(kind, span): (_, Span)| Section::required(kind, 4 * span.start, 4 * span.len);
     match *shape {

@@ -81,7 +81,6 @@ impl StatusCode {
     }
 }
 
-/// Bytes of a MiB.
 const MIB: u64 = 1 << 20;
 
 /// Second number of [`StatusCode::EngineUnavailable`] where the engine will be available soon: its device is being

@@ -87,7 +87,6 @@ pub(crate) fn sift_each(
 /// that they find to [`PairRules::sift`], some thousand at a time, by way of `Gather`.
 #[derive(Clone, Copy)]
 pub(crate) struct PairRules<'a> {
-    /// A test of each pair.
     test: Option<&'a dyn PairTest>,
 }
 

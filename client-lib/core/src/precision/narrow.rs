@@ -84,7 +84,6 @@ impl From<&Aabb> for BoxF16 {
 /// first-level cache (6 KiB).
 const STAGED_BOXES: usize = 256;
 
-/// A narrow form of a box.
 pub(super) trait NarrowBox: Pod + Send + Sync {
     /// The data that the conversion to this form needs.
     type Encoder: Copy + Send + Sync;
@@ -190,7 +189,6 @@ impl<'a, B: AsRef<[Aabb]> + ?Sized> From<&'a B> for BoxSlice<'a> {
 }
 
 impl Default for BoxSlice<'_> {
-    /// No boxes.
     fn default() -> Self {
         Self { numbers: Numbers::F32(&[]) }
     }

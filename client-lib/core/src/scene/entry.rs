@@ -91,7 +91,6 @@ impl Entry {
         self.0[1][3] as u32
     }
 
-    /// The keys of the box.
     #[inline]
     pub fn key(&self) -> KeyBox {
         let [[x, y, z, _], [far_x, far_y, far_z, _]] = self.0;

@@ -69,14 +69,11 @@ struct Centre {
 enum Seen {
     /// What it was and is, at once.
     Both,
-    /// What it was.
     Was,
-    /// What it is.
     Is,
 }
 
 impl Changes {
-    /// Bytes that are allocated.
     pub fn allocated_bytes(&self) -> usize {
         let of_task = |task: &Search| {
             (task.found.begun.capacity() + task.found.ended.capacity()) * size_of::<Pair>()

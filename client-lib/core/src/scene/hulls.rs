@@ -17,7 +17,6 @@ use crate::aabb::Aabb;
 use crate::engine::strips::{appended, in_parts, part_count, zip_in_parts};
 use crate::engine::{PairTest, Prepared};
 
-/// Boxes of a task, at least.
 const TASK_BOXES: usize = 8_192;
 /// Boxes up to which cores are computed where they are needed.
 const FEW_BOXES: usize = 4_096;
@@ -91,7 +90,6 @@ pub(super) struct HullMemory {
 }
 
 impl HullMemory {
-    /// Bytes that are allocated.
     pub fn allocated_bytes(&self) -> usize {
         self.boxes.capacity() * size_of::<Aabb>()
             + self.states.capacity() * size_of::<State>()
@@ -134,12 +132,10 @@ impl<'a> Hulls<'a> {
         Self { store, boxes, states, left, cores: Prepared::new(cores) }
     }
 
-    /// What is to be culled.
     pub fn boxes(&self) -> &[Aabb] {
         &self.boxes
     }
 
-    /// The index of a culled box.
     #[inline]
     fn index(&self, culled: u32) -> u32 {
         match (culled as usize).checked_sub(self.store.boxes().len()) {

@@ -51,7 +51,6 @@ pub(super) struct Ball {
 }
 
 impl Ball {
-    /// Overlaps nothing.
     pub const NOTHING: Self = Self { center: [0.0; 3], radius: f64::NAN };
 
     /// The sphere, exactly; [`Ball::NOTHING`] if it is empty or invalid.

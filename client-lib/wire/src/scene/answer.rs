@@ -17,7 +17,6 @@ const RESYNC: u32 = 1;
 /// Flag of an answer: it says how many pairs there are.
 const COUNTED: u32 = 1 << 1;
 
-/// Words of a pair.
 const PAIR_WORDS: u64 = 2;
 /// Sections begin on a cache line, words.
 const LINE_WORDS: u64 = 16;

@@ -16,7 +16,6 @@ use crate::rules::items::{
 };
 use crate::section::{Section, SectionKind};
 
-/// A step of an edit.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
 struct StepRecord {
@@ -34,7 +33,6 @@ struct StepRecord {
     items_at: u32,
 }
 
-/// Bytes of a step.
 pub(super) const STEP_BYTES: u64 = 24;
 const _: () = assert!(size_of::<StepRecord>() as u64 == STEP_BYTES);
 
@@ -196,7 +194,6 @@ impl EditLayout {
     }
 }
 
-/// What a step names.
 enum Names<'a> {
     Indices(Indices<'a>),
     /// No indices, but so many items of its own.

@@ -14,7 +14,6 @@ use crate::pages::boxes_in;
 use crate::reject::Reject;
 use crate::section::{Section, SectionKind, find, slots};
 
-/// Bytes of a tag.
 const TAG_BYTES: u64 = size_of::<Tag>() as u64;
 /// Tags begin on a cache line.
 const LINE_BYTES: u64 = 64;

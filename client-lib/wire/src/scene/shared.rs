@@ -20,7 +20,6 @@ use crate::reply::{Reply, ReplyError, ReplyFields, ResponseHeader, envelope};
 use crate::section::{Section, SectionKind, find, slots};
 use crate::status_code::StatusCode;
 
-/// Bytes of the longest name.
 const MAX_NAME_BYTES: usize = 64;
 /// The longest deadline of a tick. A client waits for its session's deadline on top.
 pub const LONGEST_TICK: Duration = Duration::from_secs(10);

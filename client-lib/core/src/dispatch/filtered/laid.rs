@@ -14,7 +14,6 @@ use crate::filters::{Owner, Rules, Tag, World};
 
 /// Boxes of a task that lays tags out, at least. A whole number of blocks.
 const TASK_BOXES: usize = 8_192;
-/// Columns of a block.
 pub const BLOCK: usize = 32;
 /// Kinds behind the last, so that the kind of each position can be read as the lowest of four bytes.
 const KINDS_BEHIND: usize = 3;
@@ -22,7 +21,6 @@ const KINDS_BEHIND: usize = 3;
 /// What parts boxes beside their kinds.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ByPair {
-    /// Boxes have owners.
     pub owners: bool,
     /// Boxes are of several worlds.
     pub worlds: bool,
@@ -46,7 +44,6 @@ pub struct Laid {
 }
 
 impl Laid {
-    /// Bytes that are allocated.
     pub fn allocated_bytes(&self) -> usize {
         (self.owners.capacity() + self.worlds.capacity() + self.columns.capacity())
             * size_of::<u32>()

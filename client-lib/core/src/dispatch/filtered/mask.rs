@@ -15,7 +15,6 @@ use crate::units::{BoxCount, PairIndex};
 
 /// Words of a mask, or pairs of a list, of a task, at least: some 20 µs.
 const TASK_ITEMS: usize = 4_096;
-/// Columns of a block.
 const BLOCK: u32 = 32;
 
 /// Takes the pairs out of masks that rules part, in place. What it allocates is kept for the next.

@@ -42,7 +42,6 @@ impl SetsTest {
     }
 }
 
-/// The bit of an item of a word.
 fn bit(word: u32, at: u32) -> bool {
     word >> (at % BLOCK as u32) & 1 != 0
 }

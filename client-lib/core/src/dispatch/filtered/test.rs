@@ -10,7 +10,6 @@ const FEW_BOXES: usize = 64;
 /// Which boxes of a frame are culled.
 #[derive(Clone, Copy, Debug)]
 pub enum Indices<'a> {
-    /// All, as they are.
     Same,
     /// Those of a world, then those of all worlds, which do not meet one another here.
     Of(&'a [u32], &'a [u32]),

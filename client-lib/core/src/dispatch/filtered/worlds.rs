@@ -27,7 +27,6 @@ use crate::units::BoxCount;
 const TASK_BOXES: usize = 1_024;
 /// Boxes of a world from which several threads may cull it.
 const SHARED_BOXES: usize = 1 << 14;
-/// Words of a pair in a list.
 const PAIR_WORDS: u64 = 2;
 
 /// Where the pairs of a world stand in a list that is ordered by world.
@@ -117,7 +116,6 @@ impl Worlds {
         &self.ranges
     }
 
-    /// Bytes of scratch that are kept.
     pub fn scratch_bytes(&self) -> usize {
         self.groups.allocated_bytes()
             + self.ranges.capacity() * size_of::<WorldRange>()

@@ -27,9 +27,7 @@ const BATCH_ROWS: usize = 64;
 pub(super) struct Task {
     rows: Range<usize>,
     found: WordList,
-    /// Pairs compared.
     pub compared: u64,
-    /// Pairs found.
     pub pair_count: u64,
     /// Bits for the word after this task's window.
     pub carry: u32,
@@ -43,17 +41,14 @@ impl Task {
         (self.compared, self.pair_count, self.carry) = (0, 0, 0);
     }
 
-    /// Bytes that are allocated.
     pub fn allocated_bytes(&self) -> usize {
         self.found.allocated_bytes()
     }
 
-    /// The rows of this task.
     pub fn rows(&self) -> Range<usize> {
         self.rows.clone()
     }
 
-    /// The words found, where they are kept.
     pub fn found(&self) -> &WordList {
         &self.found
     }

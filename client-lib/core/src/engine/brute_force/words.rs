@@ -73,7 +73,6 @@ impl WordList {
         self.pair_count -= gone;
     }
 
-    /// Bytes that are allocated.
     pub fn allocated_bytes(&self) -> usize {
         (self.rows.capacity() + self.blocks.capacity() + self.bits.capacity()) * size_of::<u32>()
     }

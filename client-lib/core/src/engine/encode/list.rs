@@ -9,7 +9,6 @@ use crate::mask::MaskShape;
 use crate::stats::SceneStats;
 
 terms! {
-    /// A list.
     LIST = CostTerm::new("list", 70.2);
     /// A pair of boxes in their own order: kept, and written.
     PAIR = CostTerm::new("list-pair", 1.26);
@@ -24,7 +23,6 @@ pub(super) const COST: EncodingCost = EncodingCost {
     bytes: |stats, _| PAIR_BYTES * stats.expected_pairs(),
 };
 
-/// Bytes of a pair.
 const PAIR_BYTES: f64 = 8.0;
 
 fn amounts(stats: &SceneStats, has_order: bool, amounts: &mut [f64]) {
@@ -39,9 +37,7 @@ mod visit {
     use super::{CostTerm, SceneStats, terms};
 
     terms! {
-        /// A list.
         LIST = CostTerm::new("list-visit", 87.3);
-        /// A pair.
         PAIR = CostTerm::by_lanes("list-visit-pair", 0.365);
     }
 
@@ -91,7 +87,6 @@ where
     W: FoundWords + 'a,
     T: Iterator<Item = &'a W> + Clone,
 {
-    /// The tasks from one of the part on.
     fn tasks(&self, from: usize, count: usize) -> impl Iterator<Item = &'a W> + use<'a, W, T> {
         self.tasks.clone().skip(self.first + from).take(count)
     }

@@ -31,7 +31,6 @@ pub(crate) struct EncodingCost {
 /// Work that a mask takes, of some kinds.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct MaskWork {
-    /// The kinds.
     pub terms: &'static [CostTerm],
     /// How much of each a frame holds, of an engine that has an order of its own or not: writes the
     /// amounts to the places of the terms, which hold zeros.
@@ -52,7 +51,6 @@ pub(crate) trait FoundWords: Sync {
     /// Rows, blocks and bits, some words at a time.
     fn chunks(&self) -> impl Iterator<Item = [&[u32]; 3]>;
 
-    /// Words in all chunks.
     fn word_count(&self) -> usize;
 
     /// Set bits of these words.
@@ -116,7 +114,6 @@ pub fn write_no_pairs(
     write(std::iter::empty::<&NoWords>(), gather, encoding, false, reply)
 }
 
-/// No words.
 struct NoWords;
 
 impl FoundWords for NoWords {

@@ -22,7 +22,6 @@ pub(super) const COST: EncodingCost = EncodingCost {
 
 /// Bytes of a word: row, block and bits.
 const WORD_BYTES: f64 = 12.0;
-/// Bytes of a box in the order.
 const ORDER_BYTES: f64 = 4.0;
 
 /// Words hold about a pair each.
@@ -40,7 +39,6 @@ mod visit {
     use super::{CostTerm, SceneStats, terms};
 
     terms! {
-        /// A mask.
         MASK = CostTerm::new("sparse-visit", 122.0);
         /// A pair of boxes in their own order.
         PAIR = CostTerm::new("sparse-visit-pair", 1.15);
@@ -94,11 +92,9 @@ where
     Ok(shape)
 }
 
-/// A section of the reply.
 enum Section {
     /// One of the three arrays of words.
     Words(usize),
-    /// The order of the boxes.
     Order,
 }
 

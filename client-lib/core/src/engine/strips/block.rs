@@ -29,7 +29,6 @@ pub(crate) type RowSet = u16;
 /// Consecutive rows, the strips that they are tested against, and what was found.
 #[derive(Default)]
 pub(crate) struct RowBlock {
-    /// Position of the first row.
     pub(super) first_row: u32,
     /// At most [`BLOCK_LANES`], all before the next multiple of it.
     pub(super) row_count: usize,
@@ -68,7 +67,6 @@ impl RowBlock {
         self.add(rows.start + 1..own_end, self.all_rows())
     }
 
-    /// All rows.
     #[inline(always)]
     pub fn all_rows(&self) -> RowSet {
         RowSet::MAX >> (BLOCK_LANES - self.row_count)
@@ -136,7 +134,6 @@ impl RowBlock {
         compared
     }
 
-    /// Columns of a strip that come after a row.
     fn columns_after(&self, row: usize, strip: usize) -> u16 {
         let next = self.first_row + row as u32 + 1;
         let before = next.saturating_sub(self.starts[strip]).min(STRIP_COLUMNS as u32);

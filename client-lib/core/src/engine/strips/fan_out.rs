@@ -22,7 +22,6 @@ pub(crate) fn part_count(items: usize, least: usize, threads: usize) -> usize {
 
 /// Work on a sequence of items that can be cut between any two of them.
 pub(crate) trait Split: Sized + Send {
-    /// Items.
     fn len(&self) -> usize;
     /// The first `at` items, and the rest.
     fn split_at(self, at: usize) -> (Self, Self);

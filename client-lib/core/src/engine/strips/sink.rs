@@ -23,7 +23,6 @@ const NO_ADDRESS: u32 = u32::MAX;
 
 /// Words in the three arrays of the sparse encoding.
 pub(super) struct WordChunk {
-    /// Position of the row.
     pub rows: Vec<u32>,
     /// Columns 32·block to 32·block + 31.
     pub blocks: Vec<u32>,
@@ -89,7 +88,6 @@ impl WordChunk {
         gone
     }
 
-    /// Words.
     fn word_count(&self) -> usize {
         self.len - self.start
     }
@@ -201,7 +199,6 @@ impl WordSink {
         self.used += 1;
     }
 
-    /// Pairs of all hits.
     pub fn pair_count(&self) -> u64 {
         self.pair_count
     }
@@ -274,7 +271,6 @@ mod tests {
         }
     }
 
-    /// A budget without a limit.
     fn no_limit() -> WordBudget {
         let n = BoxCount::new(u32::MAX);
         WordBudget::new(n, Encoding::Sparse, true, &HeapReply::new()).expect("no limit")

@@ -4,7 +4,6 @@
 
 use std::arch::x86_64::*;
 
-/// Lanes of a register.
 pub(super) const LANES: usize = 8;
 
 /// Byte k of entry `set`: the k-th lane of `set`. Those behind the last one are 0. 2 KiB.

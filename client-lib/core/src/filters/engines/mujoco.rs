@@ -88,7 +88,6 @@ pub fn from_mujoco_bodies(
     Ok((owners, lists))
 }
 
-/// Geoms by body.
 type Geoms = HashMap<u32, Vec<u32>>;
 
 /// Puts all geoms of two bodies on the exclude list.

@@ -389,7 +389,6 @@ impl<'a> MaskView<'a> {
         }
     }
 
-    /// The pairs of a range of words.
     pub(super) fn pairs_in(&self, range: Range<usize>) -> Pairs<'a> {
         match self {
             Self::Dense(mask) => Pairs::of(PairSource::Dense(mask.pairs_in(range))),
@@ -449,7 +448,6 @@ pub(super) enum WordSource<'a> {
 }
 
 impl WordSource<'_> {
-    /// The next word that is not zero.
     #[inline]
     pub fn next(&mut self) -> Option<AddressedWord> {
         match self {

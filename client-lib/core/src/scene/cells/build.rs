@@ -8,12 +8,10 @@ use super::{Cells, level_of};
 use crate::aabb::Aabb;
 use crate::engine::strips::{for_each_in_parts, part_count, zip_in_parts};
 
-/// Boxes of a task, at least.
 const TASK_BOXES: usize = 16_384;
 
 /// Some blocks of all, which one task fills.
 struct Fill<'a> {
-    /// The first place of them.
     first: u32,
     blocks: &'a mut [Block],
 }
@@ -56,7 +54,6 @@ impl Cells {
         self.places = places;
     }
 
-    /// The cell of each box.
     fn find_homes(&self, boxes: &[Aabb], homes: &mut [u32], threads: usize) {
         zip_in_parts(homes, boxes, TASK_BOXES, threads, |homes, boxes| {
             for (home, b) in homes.iter_mut().zip(boxes).filter(|(_, b)| is_solid(b)) {

@@ -47,7 +47,6 @@ const MOVES_A_BOX: u64 = 16;
 /// Boxes that may always move before the layout is chosen again.
 const BOXES_LEAST: u64 = 4_096;
 
-/// The cells of a scene.
 #[derive(Debug, Default)]
 pub(super) struct Cells {
     /// Finest first.
@@ -73,7 +72,6 @@ pub(super) struct Cells {
 /// What becomes of a box.
 #[derive(Clone, Copy, Debug)]
 enum Action {
-    /// It stays as it is.
     Stay,
     /// It overlaps nothing any more.
     Leave,
@@ -123,7 +121,6 @@ impl Cells {
         cells
     }
 
-    /// Bytes that are allocated.
     pub fn allocated_bytes(&self) -> usize {
         let words = self.places.capacity() + self.settling.capacity();
         words * size_of::<u32>()
@@ -243,7 +240,6 @@ impl Cells {
         Some(Move { slot: Slot::new(&q, word), index, action: Action::Settle, ..Move::NONE })
     }
 
-    /// The move of a box to what it is.
     #[allow(clippy::unnecessary_wraps)] // As the others: a `MoveOf`.
     fn arrived(&self, store: &Store, index: u32) -> Option<Move> {
         let b = store.boxes().get(index as usize).copied().unwrap_or(Aabb::EMPTY);
@@ -350,7 +346,6 @@ impl Cells {
         }
     }
 
-    /// Puts a box into a cell.
     fn put(&mut self, slot: Slot, cell: u32, level: u32) {
         let Self { runs, places, ghosts, .. } = self;
         let place = runs.push(cell, slot).unwrap_or_else(|| {

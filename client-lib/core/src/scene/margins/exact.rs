@@ -84,7 +84,6 @@ pub struct ExactPairs {
     is_open: bool,
     /// Pairs that became near.
     fresh: Vec<Pair>,
-    /// Pairs that ended.
     ends: Vec<Pair>,
 }
 

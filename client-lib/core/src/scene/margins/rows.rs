@@ -14,7 +14,6 @@ pub(super) mod state {
 
     /// It is near: a pair of the boxes that were sent.
     pub const NEAR: u32 = MOST_BOXES;
-    /// Its boxes overlap.
     pub const IS: u32 = MOST_BOXES << 1;
     /// It was told: it was a pair at the last taken answer.
     pub const WAS: u32 = MOST_BOXES << 2;
@@ -113,7 +112,6 @@ impl Rows {
         }
     }
 
-    /// Asks for the pairs of an index.
     #[inline]
     pub fn ask_for(&self, index: u32) {
         ask_for(&self.links[index as usize], 0);

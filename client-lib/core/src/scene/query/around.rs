@@ -216,7 +216,6 @@ impl Batch {
         }
     }
 
-    /// Bytes that are allocated.
     fn allocated_bytes(&self) -> usize {
         self.numbers.capacity() * size_of::<u32>()
             + self.here.capacity() * size_of::<Aabb>()

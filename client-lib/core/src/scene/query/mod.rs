@@ -113,7 +113,6 @@ pub(super) struct Asked {
     compared: u64,
     /// Boxes that were moved in the cells since the last query.
     moved: usize,
-    /// Most pairs of an answer.
     most_pairs: u64,
     memory: around::Memory,
 }
@@ -131,7 +130,6 @@ impl Default for Asked {
 }
 
 impl Asked {
-    /// Bytes that are allocated.
     pub fn allocated_bytes(&self) -> usize {
         self.cells.as_ref().map_or(0, Cells::allocated_bytes) + self.memory.allocated_bytes()
     }

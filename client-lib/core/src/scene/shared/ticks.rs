@@ -14,7 +14,6 @@ pub struct Ticks {
     committed: HashSet<MemberId>,
     /// Who is waited for, in the order of their lowest indices.
     writers: Vec<MemberId>,
-    /// Those of them that have not committed.
     missing: HashSet<MemberId>,
     closes_at: Option<Instant>,
 }
