@@ -50,17 +50,3 @@ pub(super) fn store(words: &mut [u32], at: usize, register: __m256i) {
     // SAFETY: 8 u32, exclusively borrowed, are the 32 bytes of a register.
     unsafe { _mm256_storeu_si256(words.as_mut_ptr().cast(), register) }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::LANES_OF;
-
-    #[test]
-    fn lanes_of_a_set_stand_first() {
-        for (set, lanes) in LANES_OF.iter().enumerate() {
-            let expected: Vec<u8> = (0..8).filter(|lane| set >> lane & 1 != 0).collect();
-            assert_eq!(lanes[..expected.len()], expected, "{set:#b}");
-            assert!(lanes[expected.len()..].iter().all(|lane| *lane == 0));
-        }
-    }
-}

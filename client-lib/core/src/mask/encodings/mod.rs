@@ -63,11 +63,7 @@ impl Encoding {
 
     /// Its place in [`Self::ALL`].
     pub const fn place(self) -> usize {
-        match self {
-            Self::Dense => 0,
-            Self::Sparse => 1,
-            Self::List => 2,
-        }
+        self as usize - 1
     }
 
     /// The encoding of a wire number, if there is one.

@@ -161,36 +161,6 @@ mod tests {
     use super::*;
 
     #[test]
-    fn rows_keep_pairs_in_order_and_let_dead_ones_go() {
-        let mut rows = Rows::default();
-        rows.grow(10);
-        for pair in [[0, 5], [2, 5], [5, 9]] {
-            rows.add(pair, NEAR | IS);
-        }
-        rows.tidy();
-        for pair in [[0, 1], [1, 5], [3, 5], [5, 6]] {
-            rows.add(pair, NEAR);
-        }
-        rows.tidy();
-        assert!(rows.of(5).map(|(other, _)| other).eq([0, 1, 2, 3, 6, 9]));
-        assert_eq!(
-            [rows.state([2, 5]), rows.state([1, 5]), rows.state([1, 2])],
-            [NEAR | IS, NEAR, 0]
-        );
-        assert_eq!(rows.update([2, 5], |_| WAS), Some(NEAR | IS));
-        rows.update([0, 5], |_| 0);
-        assert_eq!(rows.update([2, 9], |_| WAS), None);
-        rows.tidy();
-        let all: Vec<_> = rows.iter().collect();
-        let near = |pair| (pair, NEAR);
-        let expected = [near([0, 1]), near([1, 5]), ([2, 5], WAS), near([3, 5]), near([5, 6])];
-        assert_eq!(all[..5], expected);
-        assert_eq!(all[5..], [([5, 9], NEAR | IS)]);
-        rows.set_all(|state| if is_pair(state) { WAS } else { 0 });
-        assert!(rows.iter().eq([([5, 9], WAS)]));
-    }
-
-    #[test]
     fn a_row_that_was_long_gives_its_memory_back() {
         let mut rows = Rows::default();
         rows.grow(2_000);

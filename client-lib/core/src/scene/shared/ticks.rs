@@ -76,11 +76,6 @@ impl Ticks {
         Committed::Waits
     }
 
-    /// Whether a member has committed in the open tick.
-    pub fn has_committed(&self, member: MemberId) -> bool {
-        self.committed.contains(&member)
-    }
-
     /// A member is gone, and its commit with it; [`wait_for`](Self::wait_for) is to follow where it was a
     /// writer. A tick that nobody else has committed in is no longer open.
     pub fn forget(&mut self, member: MemberId) {
