@@ -118,7 +118,7 @@ mod tests {
 
     #[test]
     fn mujoco_models_meet_as_in_mujoco() {
-        let mut random = Random::new(17);
+        let mut random = Random(17 << 40);
         let mut reasons = [0; 5];
         for round in 0..40 {
             let bodies = 12;
