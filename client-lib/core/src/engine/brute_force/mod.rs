@@ -20,6 +20,7 @@ mod task;
 mod words;
 
 use self::task::{Scene, Task};
+use self::words::WordList;
 use crate::engine::encode::{self, DenseRows, DenseWindow};
 use crate::engine::gather::Gather;
 use crate::engine::strips::{Split, for_each_in_parts, in_parts};
@@ -117,7 +118,7 @@ impl BruteForce {
         let parts = self.tasks.len();
         for_each_in_parts(&mut self.tasks, parts, |task| task.run(&scene, gather, isa));
         clock.executed();
-        encode::write(self.tasks.iter().map(Task::found), gather, encoding, false, reply)
+        encode::write(self.tasks.iter().map(|task| &task.found), gather, encoding, false, reply)
     }
 
     /// Writes the words of each task where they belong, as they are found.
@@ -138,7 +139,7 @@ impl BruteForce {
         in_parts(work, parts, &run, &|(), ()| ());
         clock.executed();
         for task in &self.tasks {
-            mask.add_carry(task.rows().end, task.carry);
+            mask.add_carry(task.rows.end, task.carry);
         }
         mask.shape()
     }
@@ -157,7 +158,7 @@ impl Split for InWindow<'_> {
 
     fn split_at(self, at: usize) -> (Self, Self) {
         let (tasks, rest) = self.tasks.split_at_mut(at);
-        let (window, rest_window) = self.window.split_at_row(rest[0].rows().start);
+        let (window, rest_window) = self.window.split_at_row(rest[0].rows.start);
         (Self { tasks, window }, Self { tasks: rest, window: rest_window })
     }
 }
@@ -186,7 +187,9 @@ impl Engine for BruteForce {
         input.rules.prepare(boxes.len(), &[], input.threads);
         clock.ingested();
         let published = self.publish(gather, input.encoding, &mut clock, reply);
-        let shape = published.inspect_err(|_| self.tasks.iter_mut().for_each(Task::give_back))?;
+        let shape = published.inspect_err(|_| {
+            self.tasks.iter_mut().for_each(|task| task.found = WordList::default());
+        })?;
         let pair_count = self.tasks.iter().map(|task| task.pair_count).sum();
         let compared = self.tasks.iter().map(|task| task.compared).sum();
         let times = clock.published();
@@ -194,7 +197,8 @@ impl Engine for BruteForce {
     }
 
     fn scratch_bytes(&self) -> usize {
-        self.columns.allocated_bytes() + self.tasks.iter().map(Task::allocated_bytes).sum::<usize>()
+        self.columns.allocated_bytes()
+            + self.tasks.iter().map(|task| task.found.allocated_bytes()).sum::<usize>()
     }
 
     fn give_back(&mut self) {

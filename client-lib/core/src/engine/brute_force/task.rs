@@ -5,7 +5,7 @@ use std::ops::Range;
 use super::search;
 use super::words::WordList;
 use crate::engine::AvailableIsa;
-use crate::engine::encode::DenseWindow;
+use crate::engine::encode::{DenseWindow, FoundWords};
 use crate::engine::gather::Gather;
 use crate::engine::ingest::ColumnWords;
 
@@ -25,8 +25,8 @@ const BATCH_ROWS: usize = 64;
 /// A range of rows, what was found in them, and the scratch for it.
 #[derive(Default)]
 pub(super) struct Task {
-    rows: Range<usize>,
-    found: WordList,
+    pub rows: Range<usize>,
+    pub found: WordList,
     pub compared: u64,
     pub pair_count: u64,
     /// Bits for the word after this task's window.
@@ -41,18 +41,6 @@ impl Task {
         (self.compared, self.pair_count, self.carry) = (0, 0, 0);
     }
 
-    pub fn allocated_bytes(&self) -> usize {
-        self.found.allocated_bytes()
-    }
-
-    pub fn rows(&self) -> Range<usize> {
-        self.rows.clone()
-    }
-
-    pub fn found(&self) -> &WordList {
-        &self.found
-    }
-
     /// Finds the words of all rows and keeps them, until the budget is spent.
     pub fn run(&mut self, scene: &Scene<'_>, gather: &Gather<'_>, isa: AvailableIsa) {
         for rows in batches(self.rows.clone()) {
@@ -64,11 +52,6 @@ impl Task {
             }
         }
         self.pair_count = self.found.pair_count();
-    }
-
-    /// Gives the memory of the words back.
-    pub fn give_back(&mut self) {
-        self.found = WordList::default();
     }
 
     /// Finds the words of all rows and writes them into the window of this task.

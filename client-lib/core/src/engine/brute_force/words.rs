@@ -21,10 +21,6 @@ impl FoundWords for WordList {
         std::iter::once(self.arrays())
     }
 
-    fn word_count(&self) -> usize {
-        self.len
-    }
-
     fn pair_count(&self) -> u64 {
         self.pair_count
     }
@@ -80,11 +76,6 @@ impl WordList {
     /// Words appended.
     pub fn len(&self) -> usize {
         self.len
-    }
-
-    /// Set bits of all words.
-    pub fn pair_count(&self) -> u64 {
-        self.pair_count
     }
 
     /// Rows, blocks and bits.

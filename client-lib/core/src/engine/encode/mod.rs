@@ -11,6 +11,7 @@ mod sparse;
 pub(crate) use dense::{DenseRows, DenseWindow};
 
 use super::gather::Gather;
+use super::strips::WordSink;
 use super::word_budget::WordBudget;
 use super::{AvailableIsa, CostTerm, CullError, PairRules, ReplyBuffer};
 use crate::mask::{Encoding, MaskShape};
@@ -51,7 +52,9 @@ pub(crate) trait FoundWords: Sync {
     /// Rows, blocks and bits, some words at a time.
     fn chunks(&self) -> impl Iterator<Item = [&[u32]; 3]>;
 
-    fn word_count(&self) -> usize;
+    fn word_count(&self) -> usize {
+        self.chunks().map(|[_, _, bits]| bits.len()).sum()
+    }
 
     /// Set bits of these words.
     fn pair_count(&self) -> u64;
@@ -111,21 +114,5 @@ pub fn write_no_pairs(
     let budget = &WordBudget::new(n, encoding, false, reply)?;
     let isa = AvailableIsa::best();
     let gather = &Gather { budget, rules: PairRules::NONE, order: &[], isa };
-    write(std::iter::empty::<&NoWords>(), gather, encoding, false, reply)
-}
-
-struct NoWords;
-
-impl FoundWords for NoWords {
-    fn chunks(&self) -> impl Iterator<Item = [&[u32]; 3]> {
-        std::iter::empty()
-    }
-
-    fn word_count(&self) -> usize {
-        0
-    }
-
-    fn pair_count(&self) -> u64 {
-        0
-    }
+    write(std::iter::empty::<&WordSink>(), gather, encoding, false, reply)
 }

@@ -88,10 +88,6 @@ impl WordChunk {
         gone
     }
 
-    fn word_count(&self) -> usize {
-        self.len - self.start
-    }
-
     /// Rows, blocks and bits.
     fn arrays(&self) -> [&[u32]; 3] {
         [&self.rows, &self.blocks, &self.bits].map(|array| &array[self.start..self.len])
@@ -212,10 +208,6 @@ impl WordSink {
 impl FoundWords for WordSink {
     fn chunks(&self) -> impl Iterator<Item = [&[u32]; 3]> {
         self.chunks[..self.used].iter().map(WordChunk::arrays)
-    }
-
-    fn word_count(&self) -> usize {
-        self.chunks[..self.used].iter().map(WordChunk::word_count).sum()
     }
 
     fn pair_count(&self) -> u64 {

@@ -48,7 +48,7 @@ pub fn check<T: Debug>(
     convert: impl Fn(&T) -> Filter,
     meet: impl Fn(&T, &T) -> bool,
 ) {
-    let mut random = Random(1 << 40);
+    let mut random = Random((1 << 40) + 1);
     let fields: Vec<T> = (0..300).map(|_| field(&mut random)).collect();
     let filters: Vec<Filter> = fields.iter().map(&convert).collect();
     let mut rules = Rules::default();
