@@ -13,7 +13,6 @@ struct CacheLine([u8; LINE_BYTES]);
 /// Bytes of a cache line on every machine that the engines have kernels for.
 const LINE_BYTES: usize = 64;
 
-/// No memory for so many bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("no memory for {0} bytes")]
 pub(crate) struct NoMemory(pub u64);
@@ -64,7 +63,6 @@ impl<T: NoUninit + AnyBitPattern> AlignedBuffer<T> {
         }
     }
 
-    /// The words.
     pub fn as_slice(&self) -> &[T] {
         &bytemuck::cast_slice(&self.lines)[..self.len]
     }
@@ -74,7 +72,6 @@ impl<T: NoUninit + AnyBitPattern> AlignedBuffer<T> {
         &mut bytemuck::cast_slice_mut(&mut self.lines)[..self.len]
     }
 
-    /// Bytes that are allocated.
     pub fn allocated_bytes(&self) -> usize {
         self.lines.len() * LINE_BYTES
     }

@@ -34,7 +34,6 @@ mod register {
     /// Flags that say which exceptions have occurred: they do not change any result.
     const OCCURRED: Control = 0x3f;
 
-    /// MXCSR.
     pub type Control = u32;
 
     #[inline(always)]
@@ -68,7 +67,6 @@ mod register {
     /// Exceptions do not trap, rounding to nearest, subnormals as they are.
     pub const DEFAULT: Control = 0;
 
-    /// FPCR.
     pub type Control = u64;
 
     #[inline(always)]

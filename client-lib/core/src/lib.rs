@@ -17,6 +17,8 @@ pub mod oracle;
 pub mod pair_index;
 pub mod plan;
 pub mod precision;
+#[cfg(test)]
+mod random;
 pub mod repeat;
 pub mod rhythm;
 pub mod scene;

@@ -141,8 +141,9 @@ pub trait ToWorld {
 macro_rules! world_matrix_whatever_the_flags {
     () => {
         #[inline]
-        fn world_matrix(&self) -> WorldMatrix {
-            $crate::floats::with_default(|| self.world_matrix_with_default_flags())
+        fn world_matrix(&self) -> $crate::update::WorldMatrix {
+            let matrix = || $crate::update::ToWorld::world_matrix_with_default_flags(self);
+            $crate::floats::with_default(matrix)
         }
     };
 }

@@ -63,7 +63,6 @@ pub fn segment_file(dir: &RuntimeDir, name: &InstanceName, port: u128) -> Option
     paths.find(|path| path.to_str().is_some_and(|path| path.ends_with(&ending)))
 }
 
-/// Files of an instance in shared memory.
 fn shared_files(dir: &RuntimeDir, name: &InstanceName) -> impl Iterator<Item = fs::DirEntry> {
     let prefix = dir.shm_prefix(name);
     let is_ours = move |file: &fs::DirEntry| {

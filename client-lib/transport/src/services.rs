@@ -472,7 +472,6 @@ pub struct Sender {
     pub process: u32,
 }
 
-/// Id of the process of a node.
 fn process_of(node: UniqueNodeId) -> Option<u32> {
     u32::try_from(node.pid::<ipc_threadsafe::Service>().ok()?.value()).ok()
 }

@@ -23,9 +23,7 @@ const OTHERS_USE: u32 = 0o077;
 /// What other users may do with a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Others {
-    /// Read it.
     MayRead,
-    /// Nothing.
     MayNothing,
 }
 

@@ -1,11 +1,14 @@
 //! The header of a request.
 
-use bytemuck::{Pod, Zeroable};
+use bytemuck::{CheckedBitPattern, Pod, Zeroable};
 #[cfg(feature = "transport")]
 use iceoryx2::prelude::ZeroCopySend;
 
+use pairmask_core::engine::{EngineChoice, EngineName};
+
+use crate::reject::Reject;
 use crate::section::{SECTION_COUNT, Section};
-use crate::{REQUEST_MAGIC, VERSION_MAJOR, VERSION_MINOR};
+use crate::{REQUEST_MAGIC, VERSION_MAJOR, VERSION_MINOR, Version};
 
 /// Header of a request, 272 bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
@@ -65,7 +68,7 @@ impl Default for RequestHeader {
 }
 
 /// The operation that a request asks for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, CheckedBitPattern)]
 #[repr(u32)]
 pub enum Operation {
     /// Find the overlapping pairs of the boxes or spheres.
@@ -103,4 +106,41 @@ impl RequestHeader {
             ..Self::zeroed()
         }
     }
+
+    /// The client's version.
+    pub(crate) const fn version(&self) -> Version {
+        Version { major: self.version_major, minor: self.version_minor }
+    }
+
+    /// Refuses a client that is older than what it asks for.
+    pub(crate) fn check_minor(&self, since: u16) -> Result<(), Reject> {
+        let found = self.version();
+        if found.minor < since { Err(Reject::Version { found }) } else { Ok(()) }
+    }
+
+    pub(crate) fn engine_choice(&self) -> Result<EngineChoice, Reject> {
+        let found = self.engine;
+        if found == 0 {
+            return Ok(EngineChoice::Auto);
+        }
+        EngineName::from_wire(found).map(EngineChoice::Only).ok_or(Reject::Engine { found })
+    }
+}
+
+/// The wire's number of an engine that is asked for.
+pub(crate) const fn engine_number(choice: EngineChoice) -> u32 {
+    match choice {
+        EngineChoice::Auto => 0,
+        EngineChoice::Only(name) => name as u32,
+    }
+}
+
+/// The wire's number of threads: 0 leaves them open.
+pub(crate) fn thread_number(threads: Option<usize>) -> u32 {
+    threads.map_or(0, |threads| u32::try_from(threads).unwrap_or(u32::MAX))
+}
+
+/// Threads by the wire's number.
+pub(crate) fn threads_of(number: u32) -> Option<usize> {
+    (number != 0).then_some(number as usize)
 }

@@ -117,15 +117,14 @@ pub fn response_ok(
     let skipped = &report.skipped;
     let PairSkips { unmoved, empty, axis, .. } = skipped.why;
     header.skipped = [skipped.boxes, skipped.pairs, skipped.zero_words, unmoved, empty, axis];
-    header.stages_ns[..5].copy_from_slice(&[
-        times.ingest_ns,
-        times.plan_ns,
-        times.execute_ns,
-        times.publish_ns,
-        times.total_ns,
-    ]);
+    header.stages_ns = stages(times);
     header.sections = mask_sections(&report.shape);
     header
+}
+
+pub(crate) fn stages(times: &StageTimes) -> [u64; 8] {
+    let StageTimes { ingest_ns, plan_ns, execute_ns, publish_ns, total_ns } = *times;
+    [ingest_ns, plan_ns, execute_ns, publish_ns, total_ns, 0, 0, 0]
 }
 
 /// The header of a refused or failed request. The status defines `detail`.

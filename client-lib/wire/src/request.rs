@@ -1,22 +1,20 @@
 //! Requests of a client.
 
-use pairmask_core::engine::{EngineChoice, EngineName};
+use pairmask_core::engine::EngineChoice;
 use pairmask_core::mask::{Encoding, EncodingChoice};
 use pairmask_core::objects::{ObjectForm, Objects};
 use pairmask_core::precision::BoxForm;
 use pairmask_core::units::BoxCount;
 
-use crate::header::{Operation, RequestHeader};
+use crate::header::{Operation, RequestHeader, engine_number, thread_number, threads_of};
 use crate::page::Page;
 use crate::pages::objects_in;
 use crate::reject::Reject;
 use crate::rules::RulesPlace;
-use crate::scene::{
-    JoinRequest, LeaseRequest, QueryRequest, SceneId, SceneRequest, check_shared_minor,
-};
-use crate::section::{SECTION_COUNT, Section, SectionKind};
+use crate::scene::{JoinRequest, LeaseRequest, QueryRequest, SceneId, SceneRequest};
+use crate::section::{SECTION_COUNT, Section, SectionKind, slots};
 use crate::{
-    FRAME_RULES_MINOR, KEPT_RULES_MINOR, REQUEST_MAGIC, VERSION_MAJOR, VERSION_MINOR, Version,
+    FRAME_RULES_MINOR, KEPT_RULES_MINOR, REQUEST_MAGIC, SHARED_MINOR, VERSION_MAJOR, VERSION_MINOR,
 };
 
 /// Where the objects of a scene lie in a payload, and what they are. What else each object has for all
@@ -48,12 +46,10 @@ impl ScenePlace {
         self.offset as u64 + self.form.bytes(self.count)
     }
 
-    /// The sections that say so in a header.
-    fn sections(self) -> [Section; SECTION_COUNT] {
+    /// The section that says so in a header.
+    fn section(self) -> Section {
         let (kind, bytes) = (SectionKind::of(self.form), self.form.bytes(self.count));
-        let mut sections = [Section::default(); SECTION_COUNT];
-        sections[0] = Section::required(kind, self.offset as u64, bytes);
-        sections
+        Section::required(kind, self.offset as u64, bytes)
     }
 
     /// The objects, or `None` where they are not all in the payload.
@@ -138,34 +134,25 @@ const CULL_ANEW: u32 = 1;
 impl RequestHeader {
     /// A request to cull a scene, with what the client asks for.
     pub fn cull(client_token: u64, frame: u64, request: &CullRequest) -> Self {
-        let CullRequest { scene, engine, encoding, threads, visit_threads, .. } = *request;
-        let number =
-            |threads: Option<usize>| threads.map_or(0, |t| u32::try_from(t).unwrap_or(u32::MAX));
-        let mut sections = scene.sections();
+        let scene = request.scene;
         let rules = request.rules.unwrap_or_default();
-        for (slot, section) in sections[1..].iter_mut().zip(rules.sections()) {
-            *slot = section;
-        }
-        if request.rules.is_none() && request.rules_number != 0 {
-            sections[1] = Section::required(SectionKind::KeptRules, 0, 0);
-        }
+        let are_kept = request.rules.is_none() && request.rules_number != 0;
+        let kept = are_kept.then(|| Section::required(SectionKind::KeptRules, 0, 0));
+        let sections = [scene.section()].into_iter().chain(rules.sections()).chain(kept);
         let operation =
             if request.first_set.is_some() { Operation::CullBetween } else { Operation::Cull };
         Self {
             version_minor: request.client_minor,
             flags: if request.may_repeat { 0 } else { CULL_ANEW },
             box_count: scene.count.get(),
-            engine: match engine {
-                EngineChoice::Auto => 0,
-                EngineChoice::Only(name) => name as u32,
-            },
-            encoding: match encoding {
+            engine: engine_number(request.engine),
+            encoding: match request.encoding {
                 EncodingChoice::Auto => 0,
                 EncodingChoice::Only(encoding) => encoding as u32,
             },
-            threads: number(threads),
-            visit_threads: number(visit_threads),
-            sections,
+            threads: thread_number(request.threads),
+            visit_threads: thread_number(request.visit_threads),
+            sections: slots(sections),
             revision: request.rules_number,
             most_boxes: request.first_set.map_or(0, BoxCount::get),
             ..Self::envelope(operation, client_token, frame)
@@ -188,8 +175,7 @@ impl Request {
             return Err(Reject::Magic { found: header.magic });
         }
         if header.version_major != VERSION_MAJOR {
-            let found = Version { major: header.version_major, minor: header.version_minor };
-            return Err(Reject::Version { found });
+            return Err(Reject::Version { found: header.version() });
         }
         let unknown = |s: &&Section| {
             s.is_used() && s.flags & Section::REQUIRED != 0 && !is_known(s, header.operation)
@@ -197,34 +183,29 @@ impl Request {
         if let Some(section) = header.sections.iter().find(unknown) {
             return Err(Reject::UnknownSection { found: section.kind });
         }
-        match header.operation {
-            op if op == Operation::Status as u32 => Ok(Self::Status),
-            op if op == Operation::Cull as u32 => Self::parse_cull(header, None, payload_bytes),
-            op if op == Operation::CullBetween as u32 => {
+        let unknown = Reject::Operation { found: header.operation };
+        let scene = SceneId(header.scene);
+        match bytemuck::checked::try_cast(header.operation).map_err(|_| unknown)? {
+            Operation::Status => Ok(Self::Status),
+            Operation::Cull => Self::parse_cull(header, None, payload_bytes),
+            Operation::CullBetween => {
                 let first = BoxCount::new(header.most_boxes);
                 Self::parse_cull(header, Some(first), payload_bytes)
             }
-            op if op == Operation::EditScene as u32 => {
-                SceneRequest::parse(header, payload_bytes).map(Self::EditScene)
-            }
-            op if op == Operation::QueryScene as u32 => {
+            Operation::EditScene => SceneRequest::parse(header, payload_bytes).map(Self::EditScene),
+            Operation::QueryScene => {
                 QueryRequest::parse(header, payload_bytes).map(Self::QueryScene)
             }
-            op if op == Operation::EndScene as u32 => Ok(Self::EndScene(SceneId(header.scene))),
-            op if op == Operation::JoinShared as u32 => {
+            Operation::EndScene => Ok(Self::EndScene(scene)),
+            Operation::JoinShared => {
                 JoinRequest::parse(header, payload_bytes).map(Self::JoinShared)
             }
-            op if op == Operation::LeaseShared as u32 => {
-                LeaseRequest::parse(header).map(Self::LeaseShared)
-            }
-            op if op == Operation::CommitShared as u32 => {
-                check_shared_minor(header)?;
+            Operation::LeaseShared => LeaseRequest::parse(header).map(Self::LeaseShared),
+            Operation::CommitShared => {
+                header.check_minor(SHARED_MINOR)?;
                 SceneRequest::parse(header, payload_bytes).map(Self::CommitShared)
             }
-            op if op == Operation::LeaveShared as u32 => {
-                Ok(Self::LeaveShared(SceneId(header.scene)))
-            }
-            found => Err(Reject::Operation { found }),
+            Operation::LeaveShared => Ok(Self::LeaveShared(scene)),
         }
     }
 
@@ -233,12 +214,7 @@ impl Request {
         first_set: Option<BoxCount>,
         payload_bytes: u64,
     ) -> Result<Self, Reject> {
-        let engine = match header.engine {
-            0 => EngineChoice::Auto,
-            found => {
-                EngineChoice::Only(EngineName::from_wire(found).ok_or(Reject::Engine { found })?)
-            }
-        };
+        let engine = header.engine_choice()?;
         let encoding = match header.encoding {
             0 => EncodingChoice::Auto,
             found => {
@@ -257,36 +233,33 @@ impl Request {
         let are_kept = header.sections.iter().any(is_kept);
         let has_rules = rules.is_some() || are_kept;
         let since = if are_kept { KEPT_RULES_MINOR } else { FRAME_RULES_MINOR };
-        if has_rules && header.version_minor < since {
-            let found = Version { major: header.version_major, minor: header.version_minor };
-            return Err(Reject::Version { found });
+        if has_rules {
+            header.check_minor(since)?;
         }
         let knows_numbers = has_rules && header.version_minor >= KEPT_RULES_MINOR;
         let rules_number = if knows_numbers { header.revision } else { 0 };
         if are_kept && (rules.is_some() || rules_number == 0) {
             return Err(Reject::Rules { field: "number" });
         }
-        if has_rules && form == ObjectForm::Spheres {
+        let are_spheres = form == ObjectForm::Spheres;
+        if has_rules && are_spheres {
             return Err(Reject::Rules { field: "form of objects" });
         }
-        if first_set.is_some() && form == ObjectForm::Spheres {
-            return Err(Reject::Query { field: "form" });
+        if let Some(first) = first_set {
+            let wrong =
+                [(are_spheres, "form"), (has_rules, "rules"), (first > box_count, "first set")];
+            if let Some((_, field)) = wrong.into_iter().find(|(is_wrong, _)| *is_wrong) {
+                return Err(Reject::Query { field });
+            }
         }
-        if first_set.is_some() && has_rules {
-            return Err(Reject::Query { field: "rules" });
-        }
-        if first_set.is_some_and(|first| first > box_count) {
-            return Err(Reject::Query { field: "first set" });
-        }
-        let some = |threads: u32| (threads != 0).then_some(threads as usize);
         Ok(Self::Cull(CullRequest {
             scene: ScenePlace { form, count: box_count, offset },
             rules,
             rules_number,
             engine,
             encoding,
-            threads: some(header.threads),
-            visit_threads: some(header.visit_threads),
+            threads: threads_of(header.threads),
+            visit_threads: threads_of(header.visit_threads),
             may_repeat: header.flags & CULL_ANEW == 0,
             first_set,
             client_minor: header.version_minor,

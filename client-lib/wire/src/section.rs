@@ -1,12 +1,14 @@
 //! Sections: named byte ranges of a payload.
 
-use bytemuck::{Pod, Zeroable};
+use bytemuck::{CheckedBitPattern, Pod, Zeroable};
 #[cfg(feature = "transport")]
 use iceoryx2::prelude::ZeroCopySend;
 use pairmask_core::mask::{Encoding, MaskShape, Span};
 use pairmask_core::objects::ObjectForm;
 use pairmask_core::precision::BoxForm;
 use pairmask_core::units::BoxCount;
+
+use crate::page::Page;
 
 /// Section slots in a header. At most five are in use; the rest is room for later kinds.
 pub const SECTION_COUNT: usize = 8;
@@ -29,7 +31,7 @@ pub struct Section {
 const _: () = assert!(size_of::<Section>() == 24 && align_of::<Section>() == 8);
 
 /// The kind of a section's contents.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, CheckedBitPattern)]
 #[repr(u32)]
 pub enum SectionKind {
     /// Boxes, f32, 24 bytes each, in object order.
@@ -87,39 +89,9 @@ pub enum SectionKind {
 }
 
 impl SectionKind {
-    /// Every kind, in the order of their numbers.
-    pub const ALL: [Self; 26] = [
-        Self::Boxes,
-        Self::DenseWords,
-        Self::SparseRows,
-        Self::SparseBlocks,
-        Self::SparseBits,
-        Self::Order,
-        Self::Status,
-        Self::BoxesQ16,
-        Self::BoxesQ8,
-        Self::BoxesF16,
-        Self::Spheres,
-        Self::ListPairs,
-        Self::SceneSteps,
-        Self::SceneIndices,
-        Self::BegunPairs,
-        Self::EndedPairs,
-        Self::EndReasons,
-        Self::RuleTags,
-        Self::RuleFilters,
-        Self::IncludedPairs,
-        Self::ExcludedPairs,
-        Self::WorldRanges,
-        Self::QueryTags,
-        Self::SceneName,
-        Self::LateRanges,
-        Self::KeptRules,
-    ];
-
     /// The kind of a wire number, if there is one.
     pub fn from_wire(value: u32) -> Option<Self> {
-        Self::ALL.into_iter().find(|kind| *kind as u32 == value)
+        bytemuck::checked::try_cast(value).ok()
     }
 
     /// The kind of the section that holds objects of a form.
@@ -149,11 +121,31 @@ impl Section {
         self.kind != 0
     }
 
+    /// The bytes of the section; `None` where they are not all in the payload.
+    pub(crate) fn bytes_in<'a>(&self, pages: &'a [Page]) -> Option<&'a [u8]> {
+        let all: &[u8] = bytemuck::cast_slice(pages);
+        all.get(usize::try_from(self.offset).ok()?..)?.get(..usize::try_from(self.bytes).ok()?)
+    }
+
+    /// Writes bytes to where the section begins. Returns `false` where the pages are too few.
+    pub(crate) fn put(&self, from: &[u8], pages: &mut [Page]) -> bool {
+        let all: &mut [u8] = bytemuck::cast_slice_mut(pages);
+        let place = all.get_mut(self.offset as usize..).and_then(|to| to.get_mut(..from.len()));
+        place.map(|to| to.copy_from_slice(from)).is_some()
+    }
+
     /// Whether the range lies within a payload and is aligned for u32 words.
     pub fn fits(&self, payload_bytes: u64) -> bool {
         self.offset.is_multiple_of(4)
             && self.offset.checked_add(self.bytes).is_some_and(|end| end <= payload_bytes)
     }
+}
+
+/// The slots of a header that begin with some sections.
+pub(crate) fn slots(used: impl IntoIterator<Item = Section>) -> [Section; SECTION_COUNT] {
+    let mut sections = [Section::default(); SECTION_COUNT];
+    sections.iter_mut().zip(used).for_each(|(slot, section)| *slot = section);
+    sections
 }
 
 /// The one section of `kind`, or `None` where it is missing or named twice.
@@ -171,27 +163,23 @@ pub(crate) fn find_unknown(sections: &[Section; SECTION_COUNT]) -> Option<u32> {
     sections.iter().find(is_unknown).map(|s| s.kind)
 }
 
-/// The sections of a mask.
 pub(crate) fn mask_sections(shape: &MaskShape) -> [Section; SECTION_COUNT] {
-    let section = |kind, span: Span| Section::required(kind, 4 * span.start, 4 * span.len);
-    let mut sections = [Section::default(); SECTION_COUNT];
+    let section = |(kind, span): (_, Span)| Section::required(kind, 4 * span.start, 4 * span.len);
     match *shape {
-        MaskShape::Dense { words } => {
-            sections[0] = section(SectionKind::DenseWords, words);
-        }
+        MaskShape::Dense { words } => slots([(SectionKind::DenseWords, words)].map(section)),
         MaskShape::Sparse { rows, blocks, bits, order } => {
-            sections[0] = section(SectionKind::SparseRows, rows);
-            sections[1] = section(SectionKind::SparseBlocks, blocks);
-            sections[2] = section(SectionKind::SparseBits, bits);
-            if let Some(order) = order {
-                sections[3] = section(SectionKind::Order, order);
-            }
+            let words = [
+                (SectionKind::SparseRows, rows),
+                (SectionKind::SparseBlocks, blocks),
+                (SectionKind::SparseBits, bits),
+            ];
+            let order = order.map(|order| (SectionKind::Order, order));
+            slots(words.into_iter().chain(order).map(section))
         }
-        MaskShape::List { pairs } => sections[0] = section(SectionKind::ListPairs, pairs),
+        MaskShape::List { pairs } => slots([(SectionKind::ListPairs, pairs)].map(section)),
         // An encoding of the core that the wire contract does not have: readers find no mask.
-        _ => {}
+        _ => slots([]),
     }
-    sections
 }
 
 /// Why sections are refused as a mask.

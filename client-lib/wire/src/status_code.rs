@@ -1,7 +1,9 @@
 //! Status codes of responses.
 
+use bytemuck::CheckedBitPattern;
+
 /// Outcome of a request.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, CheckedBitPattern)]
 #[repr(u32)]
 pub enum StatusCode {
     /// Answered.
@@ -37,27 +39,9 @@ pub enum StatusCode {
 }
 
 impl StatusCode {
-    /// Every code, in the order of their numbers.
-    pub const ALL: [Self; 14] = [
-        Self::Ok,
-        Self::BadRequest,
-        Self::VersionMismatch,
-        Self::TooManyBoxes,
-        Self::ReplyTooLarge,
-        Self::OutOfMemory,
-        Self::EngineUnavailable,
-        Self::EngineFailed,
-        Self::StaleScene,
-        Self::SceneTooLarge,
-        Self::SharedDiffers,
-        Self::LeaseRefused,
-        Self::NotLeased,
-        Self::UnknownRules,
-    ];
-
     /// The code of a wire number, if there is one.
     pub fn from_wire(value: u32) -> Option<Self> {
-        Self::ALL.into_iter().find(|c| *c as u32 == value)
+        bytemuck::checked::try_cast(value).ok()
     }
 
     /// A short name for reports.
@@ -97,7 +81,6 @@ impl StatusCode {
     }
 }
 
-/// Bytes of a MiB.
 const MIB: u64 = 1 << 20;
 
 /// Second number of [`StatusCode::EngineUnavailable`] where the engine will be available soon: its device is being

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeSet;
 
+use pairmask_core::engine::AvailableIsa;
 use pairmask_core::mask::{MaskError, Section, Span, WordAddress};
 use pairmask_tests::mask_writer::{
     WrittenMask, all_pairs, random_order, random_pairs, renamed, write_dense, write_list,
@@ -30,9 +31,17 @@ fn view(mask: &WrittenMask) -> MaskView<'_> {
     MaskView::new(mask.n, &mask.shape, &mask.reply).expect("the writer's own shape")
 }
 
+/// The mask, once for every instruction set of this machine.
+fn each_isa(view: MaskView<'_>) -> impl Iterator<Item = MaskView<'_>> {
+    Isa::ALL.into_iter().filter_map(AvailableIsa::new).map(move |isa| view.with_isa(isa))
+}
+
 /// Compares all ways to decode a mask with `expected`; returns the first that differs.
 fn first_wrong_way(mask: &WrittenMask, expected: &[Pair]) -> Option<&'static str> {
-    let view = view(mask);
+    each_isa(view(mask)).find_map(|view| wrong_way(view, expected))
+}
+
+fn wrong_way(view: MaskView<'_>, expected: &[Pair]) -> Option<&'static str> {
     let sorted = |mut pairs: Vec<Pair>| {
         pairs.sort_unstable();
         pairs
@@ -54,7 +63,7 @@ fn first_wrong_way(mask: &WrittenMask, expected: &[Pair]) -> Option<&'static str
         view.contains(a, b) == found.contains(&[a.min(b), a.max(b)])
             && (a != b || !view.contains(a, b))
     };
-    let near = |i: u32| [i, i.wrapping_add(1), mask.n.get().wrapping_sub(i), i / 2, u32::MAX - i];
+    let near = |i: u32| [i, i.wrapping_add(1), view.n().get().wrapping_sub(i), i / 2, u32::MAX - i];
     // A list is searched from its start for each: of many pairs some thousands.
     let mut some = expected.iter().step_by(1 + expected.len() / 4_000);
     let checks = [
@@ -280,7 +289,10 @@ proptest! {
         for &[a, b] in &pairs {
             prop_assert!(a < b && b < n, "({}, {}) of {}", a, b, n);
         }
-        prop_assert_eq!(&mask.to_vec(), &pairs);
+        for mask in each_isa(mask) {
+            prop_assert_eq!(&mask.pairs().collect::<Vec<_>>(), &pairs);
+            prop_assert_eq!(&mask.to_vec(), &pairs);
+        }
         prop_assert_eq!(&mask.par_pairs().collect::<Vec<_>>(), &pairs);
         let mut slices = Vec::new();
         mask.for_each_slice(|some| slices.extend_from_slice(some));

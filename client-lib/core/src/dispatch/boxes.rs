@@ -186,18 +186,33 @@ impl CpuEngines {
         options: &CullOptions,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullAnswer, CullError> {
-        let start = Instant::now();
         let boxes = boxes.into();
+        self.cull_by(boxes, options, reply, |engines, plan, reply| {
+            engines.run(plan.engine, &plan.input(boxes), reply)
+        })
+    }
+
+    /// Plans a frame, and has `run` find its pairs: in other encodings where the reply has no room for the
+    /// planned one, and the encoding is left open.
+    pub(super) fn cull_by(
+        &mut self,
+        boxes: BoxSlice<'_>,
+        options: &CullOptions,
+        reply: &mut dyn ReplyBuffer,
+        mut run: impl FnMut(&mut Self, &Plan, &mut dyn ReplyBuffer) -> Result<CullReport, CullError>,
+    ) -> Result<CullAnswer, CullError> {
         let (n, limit_words) = (boxes.len(), reply.limit_words());
-        let options = options.within(n, limit_words);
-        let plan = self.plan(boxes, &options, None);
-        let plan_ns = nanoseconds_since(start);
-        match self.run(plan.engine, &plan.input(boxes), reply) {
-            Ok(report) => Ok(CullAnswer::new(&plan, report, start, plan_ns)),
-            Err(error) => match options.after(plan.encoding, &error, n, limit_words) {
-                Some(other) => self.cull(boxes, &other, reply),
-                None => Err(error),
-            },
+        let mut options = options.within(n, limit_words);
+        loop {
+            let start = Instant::now();
+            let plan = self.plan(boxes, &options, None);
+            let plan_ns = nanoseconds_since(start);
+            match run(self, &plan, reply) {
+                Ok(report) => return Ok(CullAnswer::new(&plan, report, start, plan_ns)),
+                Err(error) => {
+                    options = options.after(plan.encoding, &error, n, limit_words).ok_or(error)?;
+                }
+            }
         }
     }
 }

@@ -105,13 +105,10 @@ impl SphereWays {
             }
             EncodingChoice::Auto => Encoding::Sparse,
         };
-        match self.cull_in(boxes, spheres, &options, encoding, reply) {
-            Err(error) => match options.after(encoding, &error, n, limit_words) {
-                Some(dense) => self.cull_in(boxes, spheres, &dense, Encoding::Dense, reply),
-                None => Err(error),
-            },
-            done => done,
-        }
+        self.cull_in(boxes, spheres, &options, encoding, reply).or_else(|error| {
+            let dense = options.after(encoding, &error, n, limit_words).ok_or(error)?;
+            self.cull_in(boxes, spheres, &dense, Encoding::Dense, reply)
+        })
     }
 
     /// Bytes of scratch that is kept from frame to frame, beside that of the box engines.

@@ -52,7 +52,6 @@ macro_rules! terms {
         #[allow(clippy::upper_case_acronyms, non_camel_case_types)]
         enum Place { $($name),+ }
         $($(#[$doc])* const $name: usize = Place::$name as usize;)+
-        /// All terms, each at its place.
         pub(super) const TERMS: &[$crate::engine::CostTerm] = &[$($term),+];
     };
 }

@@ -3,7 +3,6 @@
 use crate::aligned::{AlignedBuffer, NoMemory};
 use crate::engine::{RecentNeed, ReplyBuffer, ReserveError};
 
-/// Bytes of a word.
 const WORD_BYTES: u64 = size_of::<u32>() as u64;
 
 /// Memory for one mask, kept from frame to frame: a steady scene allocates nothing. What much larger

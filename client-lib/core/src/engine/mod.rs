@@ -9,6 +9,33 @@
 //! list and their [descriptors](EngineDescriptor): the command line, plan, calibration, `stress`, the
 //! conformance suite. A new engine is a folder with a descriptor, and a line of the list.
 
+/// How an engine is made: on the widest instruction set, or on one that is asked for. It has a function `on`.
+macro_rules! made_by_isa {
+    ($engine:ident, $name:expr) => {
+        impl Default for $engine {
+            fn default() -> Self {
+                Self::new()
+            }
+        }
+
+        impl $engine {
+            /// The engine with the widest instruction set of this machine.
+            pub fn new() -> Self {
+                Self::on($crate::isa::AvailableIsa::best())
+            }
+
+            /// The engine with one instruction set, for tests and measurements.
+            ///
+            /// # Errors
+            /// [`CullError::Unavailable`] when this machine does not have it.
+            pub fn with_isa(isa: $crate::isa::Isa) -> Result<Self, CullError> {
+                $crate::engine::available(isa, $name).map(Self::on)
+            }
+        }
+    };
+}
+pub(crate) use made_by_isa;
+
 pub mod brute_force;
 mod census;
 mod choice;
@@ -50,7 +77,7 @@ pub use list::EngineName;
 pub(crate) use name::cpu_engines;
 pub use reply::{ReplyBuffer, ReserveError};
 pub use report::{CullReport, EngineTimes, PairSkips, SkipMeter, StageClock};
-pub(crate) use rules::{PairRules, PairTest, sift_each};
+pub(crate) use rules::{PairRules, PairTest, Prepared, sift_each};
 pub use scratch::RecentNeed;
 pub use sweep_and_prune::SweepAndPrune;
 

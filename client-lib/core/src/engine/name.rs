@@ -111,7 +111,6 @@ impl fmt::Display for EngineName {
     }
 }
 
-/// Engines of the CPU.
 const fn cpu_count() -> usize {
     let (mut i, mut count) = (0, 0);
     while i < EngineName::ALL.len() {

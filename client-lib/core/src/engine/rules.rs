@@ -1,5 +1,7 @@
 //! Which pairs count, beyond those whose boxes overlap.
 
+use std::sync::{Mutex, OnceLock, PoisonError};
+
 use super::AvailableIsa;
 
 /// Words from one that is tested to one whose memory is asked for meanwhile.
@@ -27,6 +29,39 @@ pub(crate) trait PairTest: Sync {
     fn prepare(&self, _count: usize, _order: &[u32], _threads: usize) {}
 }
 
+/// What a test lays out once the engine has said its order, in memory that is kept from frame to frame.
+pub(crate) struct Prepared<T> {
+    ready: OnceLock<T>,
+    memory: Mutex<T>,
+}
+
+impl<T: Default> Prepared<T> {
+    /// Nothing yet, in the memory of an earlier frame.
+    pub const fn new(memory: T) -> Self {
+        Self { ready: OnceLock::new(), memory: Mutex::new(memory) }
+    }
+
+    /// What was laid out.
+    #[inline]
+    pub fn get(&self) -> Option<&T> {
+        self.ready.get()
+    }
+
+    /// Lays out by `fill`, unless that says that it cannot. One engine runs, and says its order once.
+    pub fn prepare(&self, fill: impl FnOnce(&mut T) -> bool) {
+        let mut memory = self.memory.lock().unwrap_or_else(PoisonError::into_inner);
+        if fill(&mut memory) {
+            let _ = self.ready.set(std::mem::take(&mut *memory));
+        }
+    }
+
+    /// Gives the memory back for the next frame.
+    pub fn into_memory(self) -> T {
+        let kept = self.memory.into_inner().unwrap_or_else(PoisonError::into_inner);
+        self.ready.into_inner().unwrap_or(kept)
+    }
+}
+
 /// Sifts words one after the other; see [`PairTest::sift`].
 pub(crate) fn sift_each(
     [rows, blocks, bits]: [&mut [u32]; 3],
@@ -52,7 +87,6 @@ pub(crate) fn sift_each(
 /// that they find to [`PairRules::sift`], some thousand at a time, by way of `Gather`.
 #[derive(Clone, Copy)]
 pub(crate) struct PairRules<'a> {
-    /// A test of each pair.
     test: Option<&'a dyn PairTest>,
 }
 
@@ -68,22 +102,19 @@ impl<'a> PairRules<'a> {
     /// Whether all pairs pass: then no word need be looked at.
     #[inline]
     pub fn pass_all(&self) -> bool {
-        let Self { test } = self;
-        test.is_none()
+        self.test.is_none()
     }
 
     /// Tells the test, if there is one, how many boxes there are and their order.
     pub fn prepare(&self, count: usize, order: &[u32], threads: usize) {
-        let Self { test } = self;
-        if let Some(test) = test {
+        if let Some(test) = self.test {
             test.prepare(count, order, threads);
         }
     }
 
     /// Keeps what passes of some words; see [`PairTest::sift`].
     pub fn sift(&self, words: [&mut [u32]; 3], order: &[u32], isa: AvailableIsa) -> (usize, u64) {
-        let Self { test } = self;
         let all = words[2].len();
-        test.map_or((all, 0), |test| test.sift(words, order, isa))
+        self.test.map_or((all, 0), |test| test.sift(words, order, isa))
     }
 }

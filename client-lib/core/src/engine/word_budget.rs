@@ -7,7 +7,6 @@ use super::{ReplyBuffer, ReserveError};
 use crate::mask::{Encoding, MaskShape};
 use crate::units::BoxCount;
 
-/// Bytes of a word of the reply.
 const WORD_BYTES: u64 = size_of::<u32>() as u64;
 
 /// The words that the tasks of a frame may still keep; for a list, the pairs.
@@ -43,7 +42,6 @@ impl WordBudget {
         if most.is_some() { Ok(budget) } else { Err(budget.refusal_of(0)) }
     }
 
-    /// Boxes of the frame.
     pub const fn n(&self) -> BoxCount {
         self.n
     }

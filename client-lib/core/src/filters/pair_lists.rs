@@ -2,7 +2,6 @@
 
 use std::collections::{BTreeSet, HashMap, HashSet};
 
-/// What lists a pair is on.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Listed {
     pub is_included: bool,
@@ -96,7 +95,6 @@ impl PairLists {
         }
     }
 
-    /// What lists a pair is on.
     #[inline]
     pub(crate) fn listed(&self, a: u32, b: u32) -> Listed {
         if !self.listed.is_empty() && self.may_be_named(a) && self.may_be_named(b) {

@@ -7,6 +7,7 @@ use std::collections::HashMap;
 
 use super::*;
 use crate::filters::pair_lists::PairLists;
+use crate::random::Random;
 
 /// Which line of the order decided, and that they meet or do not.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -64,18 +65,6 @@ fn meets(reason: Reason) -> bool {
         Reason::Included | Reason::PositiveGroup => true,
         Reason::Masks { meet, .. } => meet,
         _ => false,
-    }
-}
-
-/// A small generator: xorshift.
-struct Random(u64);
-
-impl Random {
-    fn below(&mut self, n: u64) -> u64 {
-        self.0 ^= self.0 << 13;
-        self.0 ^= self.0 >> 7;
-        self.0 ^= self.0 << 17;
-        (self.0 >> 11) % n
     }
 }
 

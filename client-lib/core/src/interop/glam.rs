@@ -2,47 +2,12 @@
 
 use glam::{Affine3A, Mat4, Vec3, Vec3A};
 
-use crate::aabb::Aabb;
-use crate::sphere::Sphere;
-use crate::update::{ToWorld, WorldMatrix, world_matrix_whatever_the_flags};
-
-impl ToWorld for Affine3A {
-    world_matrix_whatever_the_flags!();
-
-    #[inline]
-    fn world_matrix_with_default_flags(&self) -> WorldMatrix {
-        self.to_cols_array_2d().world_matrix_with_default_flags()
-    }
+matrices! {
+    Affine3A: |matrix| matrix.to_cols_array_2d();
+    /// The affine part: the bottom row is taken for 0 0 0 1.
+    Mat4: |matrix| matrix.to_cols_array_2d();
 }
-
-/// The affine part: the bottom row is taken for 0 0 0 1.
-impl ToWorld for Mat4 {
-    world_matrix_whatever_the_flags!();
-
-    #[inline]
-    fn world_matrix_with_default_flags(&self) -> WorldMatrix {
-        self.to_cols_array_2d().world_matrix_with_default_flags()
-    }
-}
-
-macro_rules! out {
-    ($($vector:ty),*) => {$(
-        impl From<Aabb> for ($vector, $vector) {
-            #[inline]
-            fn from(b: Aabb) -> Self {
-                (b.min.into(), b.max.into())
-            }
-        }
-
-        impl From<Sphere> for ($vector, f32) {
-            #[inline]
-            fn from(sphere: Sphere) -> Self {
-                (sphere.center.into(), sphere.radius)
-            }
-        }
-    )*};
-}
-out!(Vec3, Vec3A);
+vectors!(Vec3, Vec3A);
 
 #[cfg(test)]
 mod tests {
@@ -50,6 +15,7 @@ mod tests {
 
     use super::*;
     use crate::update::{Placement, world_box};
+    use crate::{Aabb, Sphere};
 
     #[test]
     fn vectors_go_in_and_come_out() {

@@ -2,66 +2,15 @@
 
 use mint::{ColumnMatrix3x4, ColumnMatrix4, Point3, RowMatrix3x4, RowMatrix4, Vector3};
 
-use crate::aabb::Aabb;
-use crate::sphere::Sphere;
-use crate::update::{ToWorld, WorldMatrix, world_matrix_whatever_the_flags};
-
-impl ToWorld for ColumnMatrix3x4<f32> {
-    world_matrix_whatever_the_flags!();
-
-    #[inline]
-    fn world_matrix_with_default_flags(&self) -> WorldMatrix {
-        <[[f32; 3]; 4]>::from(*self).world_matrix_with_default_flags()
-    }
+matrices! {
+    ColumnMatrix3x4<f32>: |matrix| <[[f32; 3]; 4]>::from(matrix);
+    RowMatrix3x4<f32>: |matrix| ColumnMatrix3x4::from(matrix);
+    /// The affine part: the bottom row is taken for 0 0 0 1.
+    ColumnMatrix4<f32>: |matrix| <[[f32; 4]; 4]>::from(matrix);
+    /// The affine part: the bottom row is taken for 0 0 0 1.
+    RowMatrix4<f32>: |matrix| ColumnMatrix4::from(matrix);
 }
-
-impl ToWorld for RowMatrix3x4<f32> {
-    world_matrix_whatever_the_flags!();
-
-    #[inline]
-    fn world_matrix_with_default_flags(&self) -> WorldMatrix {
-        ColumnMatrix3x4::from(*self).world_matrix_with_default_flags()
-    }
-}
-
-/// The affine part: the bottom row is taken for 0 0 0 1.
-impl ToWorld for ColumnMatrix4<f32> {
-    world_matrix_whatever_the_flags!();
-
-    #[inline]
-    fn world_matrix_with_default_flags(&self) -> WorldMatrix {
-        <[[f32; 4]; 4]>::from(*self).world_matrix_with_default_flags()
-    }
-}
-
-/// The affine part: the bottom row is taken for 0 0 0 1.
-impl ToWorld for RowMatrix4<f32> {
-    world_matrix_whatever_the_flags!();
-
-    #[inline]
-    fn world_matrix_with_default_flags(&self) -> WorldMatrix {
-        ColumnMatrix4::from(*self).world_matrix_with_default_flags()
-    }
-}
-
-macro_rules! out {
-    ($($vector:ty),*) => {$(
-        impl From<Aabb> for ($vector, $vector) {
-            #[inline]
-            fn from(b: Aabb) -> Self {
-                (b.min.into(), b.max.into())
-            }
-        }
-
-        impl From<Sphere> for ($vector, f32) {
-            #[inline]
-            fn from(sphere: Sphere) -> Self {
-                (sphere.center.into(), sphere.radius)
-            }
-        }
-    )*};
-}
-out!(Point3<f32>, Vector3<f32>);
+vectors!(Point3<f32>, Vector3<f32>);
 
 #[cfg(test)]
 mod tests {
@@ -69,6 +18,7 @@ mod tests {
 
     use super::*;
     use crate::update::{Placement, world_box};
+    use crate::{Aabb, Sphere};
 
     #[test]
     fn points_go_in_and_come_out() {

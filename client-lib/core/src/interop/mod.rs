@@ -4,6 +4,43 @@
 //! vectors of such crates implement in any version. This module converts pairs of vectors and
 //! matrices, each crate behind a feature of its name.
 
+/// Transforms of matrices that give their columns.
+#[cfg(any(feature = "glam", feature = "mint"))]
+macro_rules! matrices {
+    ($($(#[$doc:meta])* $matrix:ty: |$it:ident| $columns:expr;)+) => {$(
+        $(#[$doc])*
+        impl crate::update::ToWorld for $matrix {
+            crate::update::world_matrix_whatever_the_flags!();
+
+            #[inline]
+            fn world_matrix_with_default_flags(&self) -> crate::update::WorldMatrix {
+                let $it = *self;
+                crate::update::ToWorld::world_matrix_with_default_flags(&$columns)
+            }
+        }
+    )+};
+}
+
+/// Corners and spheres to vectors.
+#[cfg(any(feature = "glam", feature = "mint"))]
+macro_rules! vectors {
+    ($($vector:ty),+) => {$(
+        impl From<crate::Aabb> for ($vector, $vector) {
+            #[inline]
+            fn from(b: crate::Aabb) -> Self {
+                (b.min.into(), b.max.into())
+            }
+        }
+
+        impl From<crate::Sphere> for ($vector, f32) {
+            #[inline]
+            fn from(sphere: crate::Sphere) -> Self {
+                (sphere.center.into(), sphere.radius)
+            }
+        }
+    )+};
+}
+
 #[cfg(feature = "glam")]
 mod glam;
 #[cfg(feature = "mint")]

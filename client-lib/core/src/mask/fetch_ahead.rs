@@ -44,21 +44,3 @@ fn fetch(line: &[[u32; 2]; LINE]) {
     #[cfg(not(target_arch = "x86_64"))]
     let _ = line;
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::isa::{AvailableIsa, Isa};
-
-    #[test]
-    fn every_instruction_set_copies_every_pair() {
-        let from: Vec<[u32; 2]> = (0..345).map(|i| [i, 7 * i]).collect();
-        for isa in Isa::ALL.into_iter().filter_map(AvailableIsa::new) {
-            for len in (0..70).chain([256, 345]) {
-                let mut to = vec![[u32::MAX; 2]; len];
-                copy(&from[..len], &mut to, isa);
-                assert_eq!(to, from[..len], "{isa:?}");
-            }
-        }
-    }
-}

@@ -7,7 +7,6 @@ use crate::simd::Simd;
 /// them is straight vector code without a branch. Smaller chunks branch more often.
 pub(super) const CHUNK_WORDS: usize = 64;
 
-/// The words of one step.
 pub(super) type Chunk = [u32; CHUNK_WORDS];
 
 /// A way to find the non-zero words of a chunk.

@@ -45,7 +45,6 @@ pub fn truth(boxes: &[Aabb]) -> Truth {
 /// Min and max of a box in f64, which holds every f32 exactly.
 pub type Faces = [[f64; 3]; 2];
 
-/// The faces of a box.
 fn faces(b: &Aabb) -> Faces {
     [b.min.map(exact), b.max.map(exact)]
 }

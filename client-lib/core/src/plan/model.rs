@@ -42,7 +42,6 @@ impl Model<'_> {
         Some(Candidate { engine, encoding, threads, predicted_ns: cull_ns + visit_ns, visit_ns })
     }
 
-    /// One thread or all of them.
     fn on_threads(&self, engine: EngineName, one_ns: f64) -> (f64, usize) {
         let threads = self.capabilities.threads.max(1);
         let all_ns = self.calibration.threads_of(engine).on(threads, one_ns);

@@ -43,7 +43,6 @@ pub(super) fn mask_ns(
     dot(amounts, &constants[Term::first_of_mask(encoding, side)..])
 }
 
-/// What one side has to do with a mask.
 const fn mask_work(encoding: Encoding, side: Side) -> &'static MaskWork {
     let cost = encoding_cost(encoding);
     match side {

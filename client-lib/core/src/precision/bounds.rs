@@ -10,7 +10,6 @@ use crate::aabb::{Aabb, BoxClass, KeyBox, coordinate, order_key};
 /// Boxes that one task of [`Bounds::around`] reads: fewer take less time than a task costs.
 const TASK_BOXES: usize = 16_384;
 
-/// Keys of finite numbers.
 const FINITE_KEYS: std::ops::RangeInclusive<i32> =
     order_key(f32::MIN.to_bits())..=order_key(f32::MAX.to_bits());
 

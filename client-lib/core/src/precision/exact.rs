@@ -15,7 +15,7 @@ const LEAST_NORMAL: u32 = 0x0080_0000;
 /// The same number as an f64, independent of the thread's denormal flags. The f64 of an f32 is
 /// never subnormal, so that no flag changes it.
 #[inline(always)]
-pub(super) fn widen(x: f32) -> f64 {
+pub(crate) fn widen(x: f32) -> f64 {
     let bits = x.to_bits();
     let magnitude = bits & 0x7fff_ffff;
     let signed = if bits == magnitude { magnitude as i32 } else { -(magnitude as i32) };

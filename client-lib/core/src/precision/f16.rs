@@ -9,7 +9,6 @@ use super::exact::{GROUP_WORDS, Group, is_solid, widen, without_points};
 use super::narrow::BoxF16;
 use crate::aabb::{Aabb, INFINITY_BITS};
 
-/// Bits of the half +∞.
 const HALF_INFINITY: u16 = 0x7c00;
 /// Bits of f32 2⁻¹⁴, the smallest normal half.
 const LEAST_NORMAL: u32 = 0x3880_0000;
@@ -79,7 +78,6 @@ pub(super) fn narrow_group(group: &Group) -> [u16; GROUP_WORDS] {
     halves
 }
 
-/// A box in halves.
 #[inline(always)]
 pub(super) fn narrow(b: &Aabb) -> BoxF16 {
     let (min, max) = (b.min.map(widen), b.max.map(widen));

@@ -43,6 +43,7 @@ mod simd;
 mod widening;
 
 pub use bounds::{Bounds, BoundsError};
+pub(crate) use exact::widen;
 pub use form::{BoxForm, Precision};
 pub use margin::{Margin, MarginError};
 pub use narrow::{BoxF16, BoxQ8, BoxQ16, BoxSlice, Encoder, ExpandScratch};

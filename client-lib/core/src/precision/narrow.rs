@@ -52,20 +52,6 @@ const _: () = assert!(size_of::<BoxQ16>() == 12 && align_of::<BoxQ16>() == 2);
 const _: () = assert!(size_of::<BoxQ8>() == 6 && align_of::<BoxQ8>() == 1);
 const _: () = assert!(size_of::<BoxF16>() == 12 && align_of::<BoxF16>() == 2);
 
-impl BoxQ16 {
-    /// What empty boxes are written as.
-    pub const EMPTY: Self = Self { min: [1; 3], max: [0; 3] };
-    /// What invalid boxes are written as.
-    pub const INVALID: Self = Self { min: [u16::MAX; 3], max: [0; 3] };
-}
-
-impl BoxQ8 {
-    /// What empty boxes are written as.
-    pub const EMPTY: Self = Self { min: [1; 3], max: [0; 3] };
-    /// What invalid boxes are written as.
-    pub const INVALID: Self = Self { min: [u8::MAX; 3], max: [0; 3] };
-}
-
 impl BoxF16 {
     /// The form of empty boxes: from +∞ to −∞.
     pub const EMPTY: Self = Self { min: [0x7c00; 3], max: [0xfc00; 3] };
@@ -84,7 +70,6 @@ impl From<&Aabb> for BoxF16 {
 /// first-level cache (6 KiB).
 const STAGED_BOXES: usize = 256;
 
-/// A narrow form of a box.
 pub(super) trait NarrowBox: Pod + Send + Sync {
     /// The data that the conversion to this form needs.
     type Encoder: Copy + Send + Sync;
@@ -108,44 +93,41 @@ fn expand_cells<T: Copy + Into<f32>>(min: [T; 3], max: [T; 3], invalid: bool) ->
     b
 }
 
-impl NarrowBox for BoxQ16 {
-    type Encoder = Quantizer;
-    type Lanes = Lanes;
-    fn lanes(encoder: &Quantizer) -> Lanes {
-        Lanes::new(encoder)
-    }
-    #[inline(always)]
-    fn narrow_group(group: &Group, lanes: &Lanes) -> [Self; GROUP] {
-        bytemuck::cast(lanes.q16(group))
-    }
-    #[inline(always)]
-    fn narrow(b: &Aabb, encoder: &Quantizer) -> Self {
-        encoder.q16_with_default_flags(b)
-    }
-    #[inline(always)]
-    fn expand(&self) -> Aabb {
-        expand_cells(self.min, self.max, self.min[0] == u16::MAX && self.max[0] == 0)
-    }
+/// Forms of cells, and what writes one box and a group of them.
+macro_rules! cells {
+    ($($form:ident of $cell:ident by $one:ident and $group:ident;)+) => {$(
+        impl $form {
+            /// What empty boxes are written as.
+            pub const EMPTY: Self = Self { min: [1; 3], max: [0; 3] };
+            /// What invalid boxes are written as.
+            pub const INVALID: Self = Self { min: [$cell::MAX; 3], max: [0; 3] };
+        }
+
+        impl NarrowBox for $form {
+            type Encoder = Quantizer;
+            type Lanes = Lanes;
+            fn lanes(encoder: &Quantizer) -> Lanes {
+                Lanes::new(encoder)
+            }
+            #[inline(always)]
+            fn narrow_group(group: &Group, lanes: &Lanes) -> [Self; GROUP] {
+                bytemuck::cast(lanes.$group(group))
+            }
+            #[inline(always)]
+            fn narrow(b: &Aabb, encoder: &Quantizer) -> Self {
+                encoder.$one(b)
+            }
+            #[inline(always)]
+            fn expand(&self) -> Aabb {
+                expand_cells(self.min, self.max, self.min[0] == $cell::MAX && self.max[0] == 0)
+            }
+        }
+    )+};
 }
 
-impl NarrowBox for BoxQ8 {
-    type Encoder = Quantizer;
-    type Lanes = Lanes;
-    fn lanes(encoder: &Quantizer) -> Lanes {
-        Lanes::new(encoder)
-    }
-    #[inline(always)]
-    fn narrow_group(group: &Group, lanes: &Lanes) -> [Self; GROUP] {
-        bytemuck::cast(lanes.q8(group))
-    }
-    #[inline(always)]
-    fn narrow(b: &Aabb, encoder: &Quantizer) -> Self {
-        encoder.q8_with_default_flags(b)
-    }
-    #[inline(always)]
-    fn expand(&self) -> Aabb {
-        expand_cells(self.min, self.max, self.min[0] == u8::MAX && self.max[0] == 0)
-    }
+cells! {
+    BoxQ16 of u16 by q16_with_default_flags and q16;
+    BoxQ8 of u8 by q8_with_default_flags and q8;
 }
 
 impl NarrowBox for BoxF16 {
@@ -182,6 +164,18 @@ enum Numbers<'a> {
     F16(&'a [BoxF16]),
 }
 
+/// Does the same with boxes of any form.
+macro_rules! of_each {
+    ($numbers:expr, $boxes:ident => $what:expr) => {
+        match $numbers {
+            Numbers::F32($boxes) => $what,
+            Numbers::Q16($boxes) => $what,
+            Numbers::Q8($boxes) => $what,
+            Numbers::F16($boxes) => $what,
+        }
+    };
+}
+
 /// f32 boxes, used where they lie.
 impl<'a, B: AsRef<[Aabb]> + ?Sized> From<&'a B> for BoxSlice<'a> {
     fn from(boxes: &'a B) -> Self {
@@ -190,7 +184,6 @@ impl<'a, B: AsRef<[Aabb]> + ?Sized> From<&'a B> for BoxSlice<'a> {
 }
 
 impl Default for BoxSlice<'_> {
-    /// No boxes.
     fn default() -> Self {
         Self { numbers: Numbers::F32(&[]) }
     }
@@ -221,12 +214,7 @@ impl<'a> BoxSlice<'a> {
 
     /// Number of boxes.
     pub const fn len(&self) -> usize {
-        match self.numbers {
-            Numbers::F32(boxes) => boxes.len(),
-            Numbers::Q16(boxes) => boxes.len(),
-            Numbers::Q8(boxes) => boxes.len(),
-            Numbers::F16(boxes) => boxes.len(),
-        }
+        of_each!(self.numbers, boxes => boxes.len())
     }
 
     /// Whether there are no boxes.
@@ -244,12 +232,7 @@ impl<'a> BoxSlice<'a> {
 
     /// Their bytes: [`BoxForm::bytes`] of as many boxes.
     pub fn as_bytes(&self) -> &'a [u8] {
-        match self.numbers {
-            Numbers::F32(boxes) => bytemuck::cast_slice(boxes),
-            Numbers::Q16(boxes) => bytemuck::cast_slice(boxes),
-            Numbers::Q8(boxes) => bytemuck::cast_slice(boxes),
-            Numbers::F16(boxes) => bytemuck::cast_slice(boxes),
-        }
+        of_each!(self.numbers, boxes => bytemuck::cast_slice(boxes))
     }
 
     /// The f32 box that stands for one of them, as [`BoxSlice::expand`] has it; `None` beyond

@@ -163,18 +163,6 @@ mod tests {
     }
 
     #[test]
-    fn a_beat_that_does_not_come_is_awaited_twice_more() {
-        let known = pulse(Instant::now(), [10 * MS; REMEMBERED]);
-        let after = |ms: u32| known.last() + ms * MS;
-        for (now, expected) in [(0, 10), (10, 10), (11, 20), (20, 20), (21, 30), (30, 30)] {
-            let found = known.next(after(now), MS);
-            assert_eq!(found, Some(after(expected)), "{now} ms after the last beat");
-        }
-        assert_eq!(known.next(after(31), MS), None);
-        assert_eq!(known.next(after(100_000), MS), None);
-    }
-
-    #[test]
     fn time_that_goes_backwards_is_no_beat() {
         let start = Instant::now() + 100 * MS;
         let mut known = pulse(start, [10 * MS; REMEMBERED]);

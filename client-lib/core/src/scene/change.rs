@@ -12,7 +12,6 @@ pub(super) struct WasIs {
 }
 
 impl WasIs {
-    /// The box of an index.
     #[inline]
     pub fn of(index: u32, store: &Store) -> Self {
         let is = store.now(index);
@@ -23,7 +22,6 @@ impl WasIs {
         }
     }
 
-    /// A box that has not changed.
     #[inline]
     pub const fn unchanged(is: BoxState) -> Self {
         Self { was: is, is, is_touched: false }

@@ -108,7 +108,6 @@ struct WholeRules<'a> {
     excluded: Vec<[u32; 2]>,
 }
 
-/// The boxes of a scene.
 #[derive(Debug)]
 enum Boxes<'a> {
     /// Of every index from 0.

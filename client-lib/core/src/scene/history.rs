@@ -12,7 +12,7 @@ use super::fetch::ask_for;
 use super::pair_list::{Difference, Pair, pair};
 use super::store::{BoxState, Store};
 use crate::aabb::Aabb;
-use crate::engine::strips::{in_parts, part_count};
+use crate::engine::strips::{for_each_in_parts, part_count, zip_in_parts};
 use crate::floats;
 
 /// Boxes of a task: a search takes about 0.2 µs.
@@ -69,14 +69,11 @@ struct Centre {
 enum Seen {
     /// What it was and is, at once.
     Both,
-    /// What it was.
     Was,
-    /// What it is.
     Is,
 }
 
 impl Changes {
-    /// Bytes that are allocated.
     pub fn allocated_bytes(&self) -> usize {
         let of_task = |task: &Search| {
             (task.found.begun.capacity() + task.found.ended.capacity()) * size_of::<Pair>()
@@ -103,12 +100,7 @@ impl Changes {
             task.boxes = border(part)..border(part + 1);
         }
         let (centres, order) = (centres.as_slice(), order.as_slice());
-        let run = |tasks: &mut [Search]| {
-            for task in tasks {
-                task.run(centres, order, cells, store);
-            }
-        };
-        in_parts(tasks.as_mut_slice(), parts, &run, &|(), ()| ());
+        for_each_in_parts(tasks, parts, |task| task.run(centres, order, cells, store));
         let mut all = Difference::default();
         let mut tested = 0;
         for task in tasks {
@@ -123,21 +115,14 @@ impl Changes {
 /// What changed boxes were and are.
 fn centres_of(changed: &[u32], store: &Store, centres: &mut Vec<Centre>, threads: usize) {
     centres.resize(changed.len(), Centre::NONE);
-    let parts = part_count(changed.len(), TASK_BOXES, threads);
-    let step = changed.len().div_ceil(parts).max(1);
-    let mut work: Vec<(&mut [Centre], &[u32])> =
-        centres.chunks_mut(step).zip(changed.chunks(step)).collect();
-    let run = |work: &mut [(&mut [Centre], &[u32])]| {
-        for (centres, changed) in work {
-            for (at, (centre, index)) in centres.iter_mut().zip(*changed).enumerate() {
-                if let Some(ahead) = changed.get(at + BATCH) {
-                    store.ask_for(*ahead);
-                }
-                *centre = Centre { index: *index, b: WasIs::of(*index, store) };
+    zip_in_parts(centres, changed, TASK_BOXES, threads, |centres, changed| {
+        for (at, (centre, index)) in centres.iter_mut().zip(changed).enumerate() {
+            if let Some(ahead) = changed.get(at + BATCH) {
+                store.ask_for(*ahead);
             }
+            *centre = Centre { index: *index, b: WasIs::of(*index, store) };
         }
-    };
-    in_parts(work.as_mut_slice(), parts, &run, &|(), ()| ());
+    });
 }
 
 /// Whether two solid boxes overlap, about: whether they are better looked around at once.

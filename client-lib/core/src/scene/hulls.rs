@@ -8,18 +8,15 @@
 //! and as a begin, which cancel out. Where many have left, hulls do not pay: all pairs of then and of
 //! now are found ([`Whole`](super::whole::Whole)).
 
-use std::sync::{Mutex, OnceLock, PoisonError};
-
 use super::change::change;
 use super::entry::{Entry, Question};
 use super::fetch::ask_for;
 use super::pair_list::{Difference, Pair, pair};
 use super::store::Store;
 use crate::aabb::Aabb;
-use crate::engine::PairTest;
-use crate::engine::strips::{in_parts, part_count};
+use crate::engine::strips::{appended, in_parts, part_count, zip_in_parts};
+use crate::engine::{PairTest, Prepared};
 
-/// Boxes of a task, at least.
 const TASK_BOXES: usize = 8_192;
 /// Boxes up to which cores are computed where they are needed.
 const FEW_BOXES: usize = 4_096;
@@ -80,9 +77,8 @@ pub(super) struct Hulls<'a> {
     states: Vec<State>,
     /// Indices that have left their place.
     left: Vec<u32>,
-    /// Cores by the engine's position, once it has said its order.
-    cores: OnceLock<Vec<Entry>>,
-    memory: Mutex<Vec<Entry>>,
+    /// Cores by the engine's position.
+    cores: Prepared<Vec<Entry>>,
 }
 
 /// Memory that is kept from answer to answer.
@@ -94,7 +90,6 @@ pub(super) struct HullMemory {
 }
 
 impl HullMemory {
-    /// Bytes that are allocated.
     pub fn allocated_bytes(&self) -> usize {
         self.boxes.capacity() * size_of::<Aabb>()
             + self.states.capacity() * size_of::<State>()
@@ -130,22 +125,17 @@ impl<'a> Hulls<'a> {
             }
             left
         };
-        let left = in_parts(work.as_mut_slice(), parts, &run, &|mut low: Vec<Left>, high| {
-            low.extend(high);
-            low
-        });
+        let left = in_parts(work.as_mut_slice(), parts, &run, &appended);
         boxes.extend(left.iter().map(|left| left.was));
         states.extend(left.iter().map(|left| left.state));
         let left = left.iter().map(|left| left.index).collect();
-        Self { store, boxes, states, left, cores: OnceLock::new(), memory: Mutex::new(cores) }
+        Self { store, boxes, states, left, cores: Prepared::new(cores) }
     }
 
-    /// What is to be culled.
     pub fn boxes(&self) -> &[Aabb] {
         &self.boxes
     }
 
-    /// The index of a culled box.
     #[inline]
     fn index(&self, culled: u32) -> u32 {
         match (culled as usize).checked_sub(self.store.boxes().len()) {
@@ -210,8 +200,7 @@ impl<'a> Hulls<'a> {
         let (mut boxes, mut states) = (self.boxes, self.states);
         boxes.truncate(n);
         states.truncate(n);
-        let kept = self.memory.into_inner().unwrap_or_else(PoisonError::into_inner);
-        HullMemory { boxes, states, cores: self.cores.into_inner().unwrap_or(kept) }
+        HullMemory { boxes, states, cores: self.cores.into_memory() }
     }
 }
 
@@ -275,26 +264,18 @@ impl PairTest for Hulls<'_> {
         if order.len() <= FEW_BOXES {
             return;
         }
-        let mut cores =
-            std::mem::take(&mut *self.memory.lock().unwrap_or_else(PoisonError::into_inner));
-        cores.resize(order.len(), Entry::FREE);
-        let parts = part_count(order.len(), TASK_BOXES, threads);
-        let step = order.len().div_ceil(parts).max(1);
-        let mut work: Vec<(&mut [Entry], &[u32])> =
-            cores.chunks_mut(step).zip(order.chunks(step)).collect();
-        let run = |work: &mut [(&mut [Entry], &[u32])]| {
-            for (cores, order) in work {
-                for (at, (core, index)) in cores.iter_mut().zip(*order).enumerate() {
+        self.cores.prepare(|cores| {
+            cores.resize(order.len(), Entry::FREE);
+            zip_in_parts(cores, order, TASK_BOXES, threads, |cores, order| {
+                for (at, (core, index)) in cores.iter_mut().zip(order).enumerate() {
                     if let Some(ahead) = order.get(at + AHEAD) {
                         ask_for(&self.states, *ahead);
                     }
                     *core = self.states[*index as usize].core();
                 }
-            }
-        };
-        in_parts(work.as_mut_slice(), parts, &run, &|(), ()| ());
-        // One engine runs, and says its order once.
-        let _ = self.cores.set(cores);
+            });
+            true
+        });
     }
 }
 

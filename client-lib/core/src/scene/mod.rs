@@ -450,7 +450,6 @@ impl Scene {
         Ok(())
     }
 
-    /// All pairs of now.
     fn list_now(&mut self) -> Result<Arc<Vec<Pair>>, CullError> {
         if let Some(now) = &self.list_now {
             return Ok(Arc::clone(now));

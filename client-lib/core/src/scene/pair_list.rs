@@ -4,12 +4,11 @@
 //! two passes over memory, whatever the number of pairs.
 
 use crate::engine::RecentNeed;
-use crate::engine::strips::{in_parts, part_count};
+use crate::engine::strips::{for_each_in_parts, in_parts, part_count};
 
 /// A pair of box indices, the lower one first.
 pub(super) type Pair = [u32; 2];
 
-/// Bytes of a pair.
 pub(super) const PAIR_BYTES: u64 = size_of::<Pair>() as u64;
 
 /// The pair of two boxes.
@@ -33,7 +32,6 @@ const BUCKET_PAIRS: usize = 4;
 /// A bucket with fewer pairs than a row in so many has one is sorted by comparing: to count by rows would
 /// take as long as there are rows.
 const SPARSE_ROWS: usize = 4;
-/// Pairs of a task, at least.
 const TASK_PAIRS: usize = 16_384;
 /// Pairs of a row from which it is not sorted by insertion.
 const LONG_ROW: usize = 24;
@@ -61,7 +59,6 @@ struct Gather<'a> {
 }
 
 impl Sorter {
-    /// Bytes that are allocated.
     pub fn allocated_bytes(&self) -> usize {
         self.dealt.capacity() * size_of::<Pair>()
     }
@@ -111,12 +108,7 @@ impl Sorter {
             .zip(outs)
             .map(|(pairs, dealt)| Deal { pairs, dealt, ends: vec![0; buckets] })
             .collect();
-        let deal = |deals: &mut [Deal<'_>]| {
-            for deal in deals {
-                deal.run(shift, wanted);
-            }
-        };
-        in_parts(deals.as_mut_slice(), parts, &deal, &|(), ()| ());
+        for_each_in_parts(&mut deals, parts, |deal| deal.run(shift, wanted));
 
         let deals = deals.as_slice();
         let total: usize = deals.iter().map(|deal| deal.ends[buckets - 1] as usize).sum();
@@ -160,7 +152,6 @@ impl Deal<'_> {
         }
     }
 
-    /// The pairs of some buckets.
     fn range(&self, first: usize, count: usize) -> &[Pair] {
         let start = if first == 0 { 0 } else { self.ends[first - 1] };
         &self.dealt[start as usize..self.ends[first + count - 1] as usize]
@@ -258,7 +249,6 @@ pub(super) struct Difference {
 }
 
 impl Difference {
-    /// Both.
     pub fn with(mut self, mut other: Self) -> Self {
         self.begun.append(&mut other.begun);
         self.ended.append(&mut other.ended);

@@ -14,7 +14,6 @@ use super::rules::{FilterHistory, FilteredBoxes};
 use crate::aabb::Aabb;
 use crate::filters::Tag;
 
-/// It is switched off.
 const OFF: u8 = 1 << 1;
 /// It is [still](super::rules): static, as far as searches may skip pairs of two such boxes.
 const STATIC: u8 = 1 << 2;
@@ -107,7 +106,6 @@ impl Store {
         has.then(|| self.parked.get(&index).copied().unwrap_or(self.boxes[i]))
     }
 
-    /// The collision filters.
     #[inline]
     pub const fn filters(&self) -> &FilterHistory {
         &self.filters
@@ -170,7 +168,6 @@ impl Store {
         self.flags[index as usize] & CHANGED != 0
     }
 
-    /// What collides at an index.
     #[inline]
     pub fn now(&self, index: u32) -> BoxState {
         BoxState { b: self.boxes[index as usize], is_static: self.is_static(index) }
@@ -209,7 +206,6 @@ impl Store {
         }
     }
 
-    /// Asks for what is kept of an index.
     #[inline]
     pub fn ask_for(&self, index: u32) {
         self.ask_for_box(index);
@@ -255,7 +251,6 @@ impl Store {
         self.flags[index as usize] & NAMED != 0
     }
 
-    /// Bytes that are allocated.
     pub fn allocated_bytes(&self) -> usize {
         let lists = self.removed.capacity()
             + self.named.capacity()

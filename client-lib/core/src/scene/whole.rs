@@ -16,7 +16,6 @@ const MOST_PAIRS: u64 = u32::MAX as u64;
 pub(super) struct Whole {
     engines: CpuEngines,
     reply: HeapReply,
-    /// Most pairs of a list.
     most_pairs: u64,
     sorter: Sorter,
     hulls: HullMemory,
@@ -136,7 +135,6 @@ impl Whole {
         &mut self.sorter
     }
 
-    /// Bytes that are kept.
     pub fn allocated_bytes(&self) -> usize {
         self.engines.scratch_bytes()
             + self.sorter.allocated_bytes()

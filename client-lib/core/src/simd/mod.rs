@@ -15,14 +15,11 @@ pub(crate) mod portable;
 
 use crate::aabb::Aabb;
 
-/// Most lanes of a register.
 pub(crate) const MOST_LANES: usize = 16;
 
 /// An instruction set that the processor has.
 pub(crate) trait Simd: Copy {
-    /// A register of keys.
     type Keys: Copy;
-    /// Some lanes of a register.
     type Lanes: Copy;
     /// The lanes whose intervals met on every axis so far.
     type Met: Copy;
@@ -85,7 +82,6 @@ pub(crate) trait Simd: Copy {
     /// changes the answer.
     fn unordered(self, a: Self::Keys, b: Self::Keys) -> Self::Lanes;
 
-    /// The lanes of either.
     fn either(self, a: Self::Lanes, b: Self::Lanes) -> Self::Lanes;
 
     /// Bit i: lane i is one of them.

@@ -14,7 +14,6 @@ const LANES: usize = 16;
 /// Some lanes: those whose bits are all ones, of which the others have none.
 type Flags = [u32; LANES];
 
-/// All ones, or none.
 #[inline(always)]
 fn flag(is_one: bool) -> u32 {
     0u32.wrapping_sub(u32::from(is_one))

@@ -8,11 +8,11 @@ use super::kernel;
 use crate::engine::brute_force::split;
 use crate::engine::encode;
 use crate::engine::gather::Gather;
-use crate::engine::strips::{WordSink, in_parts};
+use crate::engine::strips::{WordSink, for_each_in_parts};
 use crate::engine::word_budget::WordBudget;
 use crate::engine::{
-    AvailableIsa, CullError, CullInput, CullReport, EngineName, Isa, ReplyBuffer, StageClock,
-    available, counted,
+    AvailableIsa, CullError, CullInput, CullReport, EngineName, ReplyBuffer, StageClock, counted,
+    made_by_isa,
 };
 
 /// All pairs of spheres. Rows are shared out among threads, each with storage of its own.
@@ -52,29 +52,12 @@ impl<'a> CullInput<'a, &'a [Sphere]> {
     }
 }
 
-impl Default for SphereAllPairs {
-    fn default() -> Self {
-        Self::new()
-    }
-}
+made_by_isa!(SphereAllPairs, EngineName::CpuBrute);
 
 impl SphereAllPairs {
-    /// The engine with the widest instruction set of this machine.
-    pub fn new() -> Self {
-        Self::on(AvailableIsa::best())
-    }
-
     /// The engine with one instruction set that this machine has.
     pub(crate) fn on(isa: AvailableIsa) -> Self {
         Self { isa, columns: BallColumns::default(), order: Vec::new(), tasks: Vec::new() }
-    }
-
-    /// The engine with one instruction set, for tests and measurements.
-    ///
-    /// # Errors
-    /// [`CullError::Unavailable`] when this machine does not have it.
-    pub fn with_isa(isa: Isa) -> Result<Self, CullError> {
-        available(isa, EngineName::CpuBrute).map(Self::on)
     }
 
     /// Writes the pair mask of `spheres` into memory of `reply`. A sparse mask has an order, which
@@ -99,8 +82,7 @@ impl SphereAllPairs {
 
         let (columns, isa, parts) = (&self.columns, self.isa, self.tasks.len());
         let gather = &Gather { budget, rules: input.rules, order: &self.order, isa };
-        let run = |tasks: &mut [Task]| tasks.iter_mut().for_each(|task| task.run(columns, gather));
-        in_parts(self.tasks.as_mut_slice(), parts, &run, &|(), ()| ());
+        for_each_in_parts(&mut self.tasks, parts, |task| task.run(columns, gather));
         clock.executed();
 
         let sinks = self.tasks.iter().map(|task| &task.found);

@@ -1,8 +1,8 @@
 //! The box around a sphere, rounded outward.
 
 use super::Sphere;
-use super::exact::widen;
 use crate::aabb::{Aabb, BoxClass};
+use crate::precision::widen;
 
 /// A box that holds the sphere. It does whatever the flags of the thread, and it is the same box where
 /// they are the default ones, with which callers call it.

@@ -21,7 +21,6 @@ pub(super) struct BallColumns {
 }
 
 impl BallColumns {
-    /// Bytes that are allocated.
     pub fn allocated_bytes(&self) -> usize {
         self.components.allocated_bytes()
     }
@@ -55,7 +54,6 @@ impl BallColumns {
         self.len
     }
 
-    /// One sphere.
     #[inline]
     pub fn ball(&self, index: usize) -> Ball {
         let [x, y, z, radius] = self.arrays().map(|component| component[index]);

@@ -31,7 +31,6 @@ impl Fixed {
         Self(add(&self.0, &other.0))
     }
 
-    /// |self − other|.
     pub fn difference(&self, other: &Self) -> Self {
         let (large, small) = match compare(&self.0, &other.0) {
             Ordering::Less => (other, self),

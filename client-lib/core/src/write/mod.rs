@@ -72,7 +72,6 @@ pub trait BoxSource {
     }
 }
 
-/// Packed boxes.
 impl BoxSource for [Aabb] {
     fn len(&self) -> usize {
         self.len()
@@ -87,7 +86,6 @@ impl BoxSource for [Aabb] {
     }
 }
 
-/// As a slice.
 impl BoxSource for Vec<Aabb> {
     fn len(&self) -> usize {
         self.len()
@@ -102,7 +100,6 @@ impl BoxSource for Vec<Aabb> {
     }
 }
 
-/// As a slice.
 impl<const N: usize> BoxSource for [Aabb; N] {
     fn len(&self) -> usize {
         N

@@ -15,8 +15,6 @@ use pairmask_core::scene::{
 };
 use rayon::ThreadPoolBuilder;
 
-type Pair = [u32; 2];
-
 /// `SplitMix64`.
 struct Random(u64);
 
@@ -207,29 +205,6 @@ fn a_wrong_edit_is_refused_and_changes_nothing() {
     assert_eq!(reported.begun(), before, "it was not taken");
     scene.acknowledge();
     assert_eq!(scene.edit(Edit::NONE, Report::Changes).expect("an answer").begun(), [[0u32; 2]; 0]);
-}
-
-#[test]
-fn scenes_of_every_small_size_are_reported_and_ended() {
-    for n in 0..=70u32 {
-        let boxes: Vec<Aabb> = (0..n)
-            .map(|i| {
-                let [x, y] = [i % 7, i / 7].map(|x| 0.9 * x as f32);
-                Aabb::from([x, y, 0.0, x + 1.0, y + 1.0, 1.0])
-            })
-            .collect();
-        let mut scene = Scene::new(SceneOptions::default());
-        let steps = [Step::Set(Sets { indices: (0..n).into(), boxes: &boxes })];
-        let reported = scene.edit(Edit { steps: &steps }, Report::Changes).expect("an answer");
-        let truth: Vec<Pair> = oracle::truth(&boxes).pairs.into_iter().collect();
-        assert_eq!(reported.begun(), truth, "{n} boxes");
-        scene.acknowledge();
-        let steps = [Step::Remove((0..n).into())];
-        let reported = scene.edit(Edit { steps: &steps }, Report::Changes).expect("an answer");
-        let ended: Vec<Pair> = reported.ended().iter().map(|ended| ended.pair).collect();
-        assert_eq!(ended, truth, "{n} boxes");
-        assert!(reported.ended().iter().all(|ended| ended.reason == EndReason::Removed));
-    }
 }
 
 #[test]

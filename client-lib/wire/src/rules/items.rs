@@ -13,11 +13,9 @@ const _: () = assert!(size_of::<Tag>() == 4 * TAG_WORDS);
 /// limit, one request could be work without end.
 pub(crate) const NAMED_PER_BOX: u64 = 16;
 
-/// Flags of a filter.
 const FILTER_STATIC: u32 = 1;
 const FILTER_EITHER: u32 = 1 << 1;
 
-/// A filter as it is written.
 pub(crate) fn words_of(filter: &Filter) -> [u32; FILTER_WORDS] {
     let flag = |on: bool, flag: u32| if on { flag } else { 0 };
     let flags = flag(filter.is_static, FILTER_STATIC) | flag(filter.either, FILTER_EITHER);

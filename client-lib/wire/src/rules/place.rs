@@ -26,7 +26,6 @@ pub(super) const fn most_pairs(n: BoxCount) -> u64 {
 pub struct RulesPlace {
     /// Tags of the first boxes; those beyond have the default tag.
     pub(super) tags: Section,
-    /// The table of filters.
     pub(super) filters: Section,
     /// The include list.
     pub(super) included: Section,
@@ -35,7 +34,6 @@ pub struct RulesPlace {
 }
 
 impl RulesPlace {
-    /// The kinds of its sections.
     pub(crate) const KINDS: [SectionKind; 4] = [
         SectionKind::RuleTags,
         SectionKind::RuleFilters,
@@ -43,7 +41,6 @@ impl RulesPlace {
         SectionKind::ExcludedPairs,
     ];
 
-    /// The sections that are in use.
     pub(crate) fn sections(&self) -> impl Iterator<Item = Section> {
         let Self { tags, filters, included, excluded } = *self;
         [tags, filters, included, excluded].into_iter().filter(Section::is_used)

@@ -79,14 +79,8 @@ impl RulesReader {
         pages: &[Page],
     ) -> Result<&Arc<SentRules>, Reject> {
         self.named = 0;
-        let all: &[u8] = bytemuck::cast_slice(pages);
-        let bytes_of = |section: &Section, field| {
-            let end = section.offset.checked_add(section.bytes);
-            let range = end.and_then(|end| {
-                all.get(usize::try_from(section.offset).ok()?..usize::try_from(end).ok()?)
-            });
-            range.ok_or(Reject::Rules { field })
-        };
+        let bytes_of =
+            |section: &Section, field| section.bytes_in(pages).ok_or(Reject::Rules { field });
         let tags = bytes_of(&place.tags, "tags")?;
         let filters = bytes_of(&place.filters, "filters")?;
         let included = bytes_of(&place.included, "include list")?;

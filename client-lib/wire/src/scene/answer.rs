@@ -8,8 +8,8 @@ use pairmask_core::engine::{EngineId, EngineName};
 use pairmask_core::mask::Span;
 use pairmask_core::scene::{EndReason, Ended, Reported, SceneSkips};
 
-use crate::reply::{Reply, ReplyError, ReplyFields, ResponseHeader, envelope};
-use crate::section::{Section, SectionKind, find};
+use crate::reply::{Reply, ReplyError, ReplyFields, ResponseHeader, envelope, stages};
+use crate::section::{Section, SectionKind, find, slots};
 use crate::status_code::StatusCode;
 
 /// Flag of an answer: the pairs are all there are, in place of changes.
@@ -17,7 +17,6 @@ const RESYNC: u32 = 1;
 /// Flag of an answer: it says how many pairs there are.
 const COUNTED: u32 = 1 << 1;
 
-/// Words of a pair.
 const PAIR_WORDS: u64 = 2;
 /// Sections begin on a cache line, words.
 const LINE_WORDS: u64 = 16;
@@ -117,15 +116,9 @@ pub fn response_scene(
     header.threads = u32::try_from(threads).unwrap_or(u32::MAX);
     header.pair_count = reported.pair_count().unwrap_or(0);
     header.skipped[..5].copy_from_slice(&reported.skipped().to_array());
-    header.stages_ns[..5].copy_from_slice(&[
-        times.ingest_ns,
-        times.plan_ns,
-        times.execute_ns,
-        times.publish_ns,
-        times.total_ns,
-    ]);
+    header.stages_ns = stages(times);
     header.detail[0] = scene_bytes;
-    header.sections[..4].copy_from_slice(&SceneAnswerLayout::of(reported).sections());
+    header.sections = slots(SceneAnswerLayout::of(reported).sections());
     header
 }
 

@@ -16,7 +16,6 @@ use crate::rules::items::{
 };
 use crate::section::{Section, SectionKind};
 
-/// A step of an edit.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
 struct StepRecord {
@@ -34,7 +33,6 @@ struct StepRecord {
     items_at: u32,
 }
 
-/// Bytes of a step.
 pub(super) const STEP_BYTES: u64 = 24;
 const _: () = assert!(size_of::<StepRecord>() as u64 == STEP_BYTES);
 
@@ -196,7 +194,6 @@ impl EditLayout {
     }
 }
 
-/// What a step names.
 enum Names<'a> {
     Indices(Indices<'a>),
     /// No indices, but so many items of its own.
@@ -310,17 +307,12 @@ impl EditScratch {
     /// Copies what an edit says, but for boxes.
     fn copy_steps(&mut self, request: &SceneRequest, pages: &[Page]) -> Result<(), Reject> {
         let wrong = |field| Reject::Edit { field };
-        let all: &[u8] = bytemuck::cast_slice(pages);
-        let bytes = |section: &Section| {
-            let end = section.offset.checked_add(section.bytes)?;
-            all.get(usize::try_from(section.offset).ok()?..usize::try_from(end).ok()?)
-        };
         self.most_boxes = request.most_boxes;
-        let records = bytes(&request.steps).ok_or(wrong("steps"))?;
+        let records = request.steps.bytes_in(pages).ok_or(wrong("steps"))?;
         self.records.clear();
         self.records.resize(records.len() / size_of::<StepRecord>(), StepRecord::zeroed());
         bytemuck::cast_slice_mut(&mut self.records).copy_from_slice(records);
-        let words = bytes(&request.indices).ok_or(wrong("indices"))?;
+        let words = request.indices.bytes_in(pages).ok_or(wrong("indices"))?;
         self.words.clear();
         self.words.extend_from_slice(bytemuck::cast_slice(words));
 

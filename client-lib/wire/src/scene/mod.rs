@@ -18,7 +18,6 @@ pub use answer::{EndedPairs, SceneAnswerLayout, SceneReply, response_scene, resp
 pub use body::{EditLayout, EditScratch};
 pub use query::QueryRequest;
 pub use request::{SceneId, SceneRequest};
-pub(crate) use shared::check_minor as check_shared_minor;
 pub use shared::{
     AgreedTerms, JoinRequest, LONGEST_TICK, LeaseAction, LeaseRequest, SceneName, SceneNameError,
     SharedTerms, TermsDiffer, TickMarks, lease_detail, lease_error, not_leased, not_leased_detail,

@@ -7,14 +7,13 @@ use pairmask_core::scene::{QueryMask, QueryTags};
 use pairmask_core::units::BoxCount;
 
 use super::request::{BOX_BYTES, SceneId};
-use crate::header::{Operation, RequestHeader};
+use crate::QUERIES_MINOR;
+use crate::header::{Operation, RequestHeader, thread_number, threads_of};
 use crate::page::Page;
 use crate::pages::boxes_in;
 use crate::reject::Reject;
-use crate::section::{SECTION_COUNT, Section, SectionKind, find};
-use crate::{QUERIES_MINOR, Version};
+use crate::section::{Section, SectionKind, find, slots};
 
-/// Bytes of a tag.
 const TAG_BYTES: u64 = size_of::<Tag>() as u64;
 /// Tags begin on a cache line.
 const LINE_BYTES: u64 = 64;
@@ -84,20 +83,14 @@ impl QueryRequest {
     /// Where they are not as many as the request says.
     #[must_use]
     pub fn write(&self, boxes: &[Aabb], tags: &QueryTags<'_>, pages: &mut [Page]) -> bool {
-        let payload: &mut [u8] = bytemuck::cast_slice_mut(pages);
         let mut put = |section: &Section, bytes: &[u8]| {
-            let start = section.offset as usize;
-            let to = payload.get_mut(start..start + section.bytes as usize);
-            to.map(|to| to.copy_from_slice(bytes)).is_some()
+            assert_eq!(section.bytes, bytes.len() as u64, "as many as the request says");
+            section.put(bytes, pages)
         };
-        let one;
         let tags: &[Tag] = match tags {
             QueryTags::None => &[],
             QueryTags::Each(tags) => tags,
-            QueryTags::One(tag) => {
-                one = [*tag];
-                &one
-            }
+            QueryTags::One(tag) => std::slice::from_ref(tag),
         };
         let tags_fit =
             self.tag_section().is_none_or(|section| put(&section, bytemuck::cast_slice(tags)));
@@ -109,10 +102,8 @@ impl QueryRequest {
     pub fn read<'a>(&self, pages: &'a [Page]) -> Option<(&'a [Aabb], QueryTags<'a>)> {
         let boxes =
             boxes_in(pages, self.boxes.offset as usize, BoxCount::new(self.mask.queries()))?;
-        let payload: &[u8] = bytemuck::cast_slice(pages);
         let tags = |section: &Section| -> Option<&'a [Tag]> {
-            let (start, bytes) = (section.offset as usize, section.bytes as usize);
-            bytemuck::try_cast_slice(payload.get(start..start.checked_add(bytes)?)?).ok()
+            bytemuck::try_cast_slice(section.bytes_in(pages)?).ok()
         };
         let tags = match &self.tags {
             TagPlace::None => QueryTags::None,
@@ -128,10 +119,7 @@ impl QueryRequest {
     /// [`Reject`] with the first thing that is wrong.
     pub(crate) fn parse(header: &RequestHeader, payload_bytes: u64) -> Result<Self, Reject> {
         let wrong = |field| Reject::Query { field };
-        if header.version_minor < QUERIES_MINOR {
-            let found = Version { major: header.version_major, minor: header.version_minor };
-            return Err(Reject::Version { found });
-        }
+        header.check_minor(QUERIES_MINOR)?;
         let found = header.encoding;
         let encoding = Encoding::from_wire(found).ok_or(Reject::Encoding { found })?;
         if header.base == 0 {
@@ -165,7 +153,7 @@ impl QueryRequest {
             revision: header.base,
             mask,
             encoding,
-            threads: (header.threads != 0).then_some(header.threads as usize),
+            threads: threads_of(header.threads),
             boxes,
             tags,
         })
@@ -175,16 +163,11 @@ impl QueryRequest {
 impl RequestHeader {
     /// A query of a scene.
     pub fn query_scene(client_token: u64, frame: u64, request: &QueryRequest) -> Self {
-        let mut sections = [Section::default(); SECTION_COUNT];
-        sections[0] = request.boxes;
-        if let Some(tags) = request.tag_section() {
-            sections[1] = tags;
-        }
         Self {
             box_count: request.mask.n().get(),
             encoding: request.encoding as u32,
-            threads: request.threads.map_or(0, |t| u32::try_from(t).unwrap_or(u32::MAX)),
-            sections,
+            threads: thread_number(request.threads),
+            sections: slots([request.boxes].into_iter().chain(request.tag_section())),
             scene: request.scene.0,
             base: request.revision,
             ..Self::envelope(Operation::QueryScene, client_token, frame)

@@ -1,12 +1,12 @@
 //! The header of an edit.
 
-use pairmask_core::engine::{EngineChoice, EngineName};
+use pairmask_core::engine::EngineChoice;
 use pairmask_core::scene::Report;
 
-use crate::header::{Operation, RequestHeader};
+use crate::SCENES_MINOR;
+use crate::header::{Operation, RequestHeader, engine_number, thread_number, threads_of};
 use crate::reject::Reject;
-use crate::section::{SECTION_COUNT, Section, SectionKind, find};
-use crate::{SCENES_MINOR, Version};
+use crate::section::{Section, SectionKind, find, slots};
 
 /// A client's number of one of its scenes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -69,17 +69,12 @@ impl RequestHeader {
     /// An edit of a scene.
     pub fn edit_scene(client_token: u64, frame: u64, request: &SceneRequest) -> Self {
         let flag = |on: bool, flag: u32| if on { flag } else { 0 };
-        let mut sections = [Section::default(); SECTION_COUNT];
-        sections[..3].copy_from_slice(&[request.boxes, request.steps, request.indices]);
         Self {
             box_count: (request.boxes.bytes / BOX_BYTES) as u32,
-            engine: match request.engine {
-                EngineChoice::Auto => 0,
-                EngineChoice::Only(name) => name as u32,
-            },
+            engine: engine_number(request.engine),
             encoding: report_number(request.report),
-            threads: request.threads.map_or(0, |t| u32::try_from(t).unwrap_or(u32::MAX)),
-            sections,
+            threads: thread_number(request.threads),
+            sections: slots([request.boxes, request.steps, request.indices]),
             scene: request.scene.0,
             base: request.base,
             revision: request.revision,
@@ -105,17 +100,9 @@ impl SceneRequest {
     /// [`Reject`] with the first thing that is wrong.
     pub(crate) fn parse(header: &RequestHeader, payload_bytes: u64) -> Result<Self, Reject> {
         let wrong = |field| Reject::Edit { field };
-        if header.version_minor < SCENES_MINOR {
-            let found = Version { major: header.version_major, minor: header.version_minor };
-            return Err(Reject::Version { found });
-        }
+        header.check_minor(SCENES_MINOR)?;
         let report = report_of(header.encoding).ok_or(wrong("report"))?;
-        let engine = match header.engine {
-            0 => EngineChoice::Auto,
-            found => {
-                EngineChoice::Only(EngineName::from_wire(found).ok_or(Reject::Engine { found })?)
-            }
-        };
+        let engine = header.engine_choice()?;
         if header.revision == 0 || header.revision == header.base {
             return Err(wrong("revision"));
         }
@@ -137,7 +124,7 @@ impl SceneRequest {
             report,
             most_boxes: header.most_boxes,
             engine,
-            threads: (header.threads != 0).then_some(header.threads as usize),
+            threads: threads_of(header.threads),
             boxes,
             steps: section(SectionKind::SceneSteps, super::body::STEP_BYTES, "steps")?,
             indices: section(SectionKind::SceneIndices, 4, "indices")?,

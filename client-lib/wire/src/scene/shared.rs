@@ -6,21 +6,20 @@ use std::ops::Range;
 use std::str::FromStr;
 use std::time::Duration;
 
-use pairmask_core::engine::{EngineChoice, EngineName};
+use pairmask_core::engine::EngineChoice;
 use pairmask_core::mask::Span;
 use pairmask_core::scene::shared::{AtEnd, LeaseError, NotLeased, Scope};
 
 use super::answer::SceneAnswerLayout;
 use super::request::{SceneId, SceneRequest};
-use crate::header::{Operation, RequestHeader};
+use crate::SHARED_MINOR;
+use crate::header::{Operation, RequestHeader, engine_number};
 use crate::page::Page;
 use crate::reject::Reject;
 use crate::reply::{Reply, ReplyError, ReplyFields, ResponseHeader, envelope};
-use crate::section::{SECTION_COUNT, Section, SectionKind, find};
+use crate::section::{Section, SectionKind, find, slots};
 use crate::status_code::StatusCode;
-use crate::{SHARED_MINOR, Version};
 
-/// Bytes of the longest name.
 const MAX_NAME_BYTES: usize = 64;
 /// The longest deadline of a tick. A client waits for its session's deadline on top.
 pub const LONGEST_TICK: Duration = Duration::from_secs(10);
@@ -56,18 +55,13 @@ impl SceneName {
 
     /// Reads the name of a request, once. `None` where it is none.
     pub fn read(request: &JoinRequest, pages: &[Page]) -> Option<Self> {
-        let all: &[u8] = bytemuck::cast_slice(pages);
-        let start = usize::try_from(request.name.offset).ok()?;
-        let bytes = all.get(start..)?.get(..usize::try_from(request.name.bytes).ok()?)?;
-        String::from_utf8(bytes.to_vec()).ok()?.parse().ok()
+        String::from_utf8(request.name.bytes_in(pages)?.to_vec()).ok()?.parse().ok()
     }
 
     /// Writes the name at the start of a payload. Returns `false` where there is no page.
     #[must_use]
     pub fn write(&self, pages: &mut [Page]) -> bool {
-        let all: &mut [u8] = bytemuck::cast_slice_mut(pages);
-        let place = all.get_mut(..self.0.len());
-        place.map(|place| place.copy_from_slice(self.0.as_bytes())).is_some()
+        self.section().put(self.0.as_bytes(), pages)
     }
 
     /// The section of a name at the start of a payload.
@@ -293,15 +287,10 @@ impl RequestHeader {
     /// A request to join a shared scene. Its name lies in the payload.
     pub fn join_shared(client_token: u64, frame: u64, request: &JoinRequest) -> Self {
         let SharedTerms { most_boxes, deadline, at_end } = request.terms;
-        let mut sections = [Section::default(); SECTION_COUNT];
-        sections[0] = request.name;
         let scope = if request.scope == Scope::All { SCOPE_ALL } else { 0 };
         Self {
-            engine: match request.engine {
-                EngineChoice::Auto => 0,
-                EngineChoice::Only(name) => name as u32,
-            },
-            sections,
+            engine: engine_number(request.engine),
+            sections: slots([request.name]),
             scene: request.scene.0,
             // 0 leaves it open, and one that is too long for a number is too long for the daemon.
             base: deadline.map_or(0, |deadline| {
@@ -343,26 +332,15 @@ impl RequestHeader {
     }
 }
 
-/// Refuses what is older than shared scenes.
-pub(crate) fn check_minor(header: &RequestHeader) -> Result<(), Reject> {
-    let found = Version { major: header.version_major, minor: header.version_minor };
-    if found.minor < SHARED_MINOR { Err(Reject::Version { found }) } else { Ok(()) }
-}
-
 impl JoinRequest {
     /// Checks a copied header against the payload's length.
     ///
     /// # Errors
     /// [`Reject`] with the first thing that is wrong.
     pub(crate) fn parse(header: &RequestHeader, payload_bytes: u64) -> Result<Self, Reject> {
-        check_minor(header)?;
+        header.check_minor(SHARED_MINOR)?;
         let wrong = |field| Reject::Edit { field };
-        let engine = match header.engine {
-            0 => EngineChoice::Auto,
-            found => {
-                EngineChoice::Only(EngineName::from_wire(found).ok_or(Reject::Engine { found })?)
-            }
-        };
+        let engine = header.engine_choice()?;
         let name = find(&header.sections, SectionKind::SceneName).ok_or(wrong("name"))?;
         if !name.fits(payload_bytes) || name.bytes == 0 || name.bytes > MAX_NAME_BYTES as u64 {
             return Err(wrong("name"));
@@ -393,7 +371,7 @@ impl LeaseRequest {
     /// # Errors
     /// [`Reject`] with the first thing that is wrong.
     pub(crate) fn parse(header: &RequestHeader) -> Result<Self, Reject> {
-        check_minor(header)?;
+        header.check_minor(SHARED_MINOR)?;
         let wrong = |field| Reject::Edit { field };
         let first = u32::try_from(header.base).map_err(|_| wrong("first index"));
         let count = u32::try_from(header.revision).map_err(|_| wrong("count"));

@@ -16,15 +16,7 @@ use pairmask_wire::{
 };
 use proptest::prelude::*;
 
-const TOKEN: u64 = 0x1122_3344_5566_7788;
-
-fn at(x: f32) -> Aabb {
-    Aabb::new([x, 0.0, 0.0], [x + 1.0, 1.0, 1.0])
-}
-
-fn pages(bytes: u64) -> Vec<Page> {
-    vec![bytemuck::Zeroable::zeroed(); page_count(bytes) as usize]
-}
+use crate::{Bytes, TOKEN, at, pages};
 
 fn request(layout: &EditLayout, most_boxes: u32) -> SceneRequest {
     let [boxes, steps, indices] = layout.sections();
@@ -84,36 +76,25 @@ fn golden_edit() {
     let edit = Edit { steps: &steps };
     let layout = EditLayout::of(edit).unwrap();
     let header = RequestHeader::edit_scene(TOKEN, 8, &request(&layout, 100));
-    let mut expected: Vec<u8> = b"PMRQ\x01\x00\x0a\x00".to_vec();
-    let u32s = |expected: &mut Vec<u8>, values: &[u32]| {
-        expected.extend(values.iter().flat_map(|v| v.to_le_bytes()));
-    };
-    let u64s = |expected: &mut Vec<u8>, values: &[u64]| {
-        expected.extend(values.iter().flat_map(|v| v.to_le_bytes()));
-    };
-    u32s(&mut expected, &[3, 0]);
-    u64s(&mut expected, &[TOKEN, 8]);
-    u32s(&mut expected, &[2, 5, 2, 3]);
-    for (kind, offset, bytes) in [(1, 0, 48), (13, 128, 48), (14, 64, 8)] {
-        u32s(&mut expected, &[kind, 1]);
-        u64s(&mut expected, &[offset, bytes]);
-    }
-    expected.resize(240, 0);
-    u32s(&mut expected, &[0, 5]);
-    u64s(&mut expected, &[6, 7]);
-    u32s(&mut expected, &[100, 1]);
-    assert_eq!(bytemuck::bytes_of(&header), expected);
+    let expected = Bytes::of_magic(b"PMRQ")
+        .u32(&[3, 0])
+        .u64(&[TOKEN, 8])
+        .u32(&[2, 5, 2, 3])
+        .section((1, 0, 48))
+        .section((13, 128, 48))
+        .section((14, 64, 8))
+        .zeros_to(240)
+        .u32(&[0, 5])
+        .u64(&[6, 7])
+        .u32(&[100, 1]);
+    assert_eq!(bytemuck::bytes_of(&header), expected.0);
 
     let mut payload = pages(layout.payload_bytes());
     assert!(layout.write(edit, &mut payload));
-    let bytes: &[u8] = bytemuck::cast_slice(&payload);
-    assert_eq!(&bytes[..48], bytemuck::cast_slice::<Aabb, u8>(&boxes));
-    let mut expected = Vec::new();
-    u32s(&mut expected, &[9, 4]);
-    assert_eq!(&bytes[64..72], expected);
-    expected.clear();
-    u32s(&mut expected, &[2, 1, 0, 2, 0, 0, 5, 2, 10, 3, 2, 2]);
-    assert_eq!(&bytes[128..176], expected);
+    let words: &[u32] = bytemuck::cast_slice(&payload);
+    assert_eq!(&words[..12], bytemuck::cast_slice::<Aabb, u32>(&boxes));
+    assert_eq!(words[16..18], [9, 4]);
+    assert_eq!(words[32..44], [2, 1, 0, 2, 0, 0, 5, 2, 10, 3, 2, 2]);
 
     let end = RequestHeader::end_scene(TOKEN, 9, SceneId(5));
     assert_eq!((end.operation, end.scene), (4, 5));

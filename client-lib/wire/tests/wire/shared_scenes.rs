@@ -15,11 +15,12 @@ use pairmask_core::units::BoxCount;
 use pairmask_wire::{
     AgreedTerms, CullRequest, EditLayout, JoinRequest, LeaseAction, LeaseRequest, Page,
     QueryRequest, ReplyFields, Request, RequestHeader, ResponseHeader, SceneAnswerLayout, SceneId,
-    SceneName, ScenePlace, SceneRequest, SharedTerms, TickMarks, page_count, parse_joined,
-    parse_leased, response_joined, response_leased, response_scene,
+    SceneName, ScenePlace, SceneRequest, SharedTerms, TickMarks, parse_joined, parse_leased,
+    response_joined, response_leased, response_scene,
 };
 
-const TOKEN: u64 = 0x1122_3344_5566_7788;
+use crate::{Bytes, TOKEN, at, pages};
+
 const FRAME: u64 = 9;
 const ASKED: ReplyFields =
     ReplyFields { client_token: TOKEN, frame: FRAME, box_count: BoxCount::new(0) };
@@ -45,34 +46,20 @@ struct Fields {
 
 impl Fields {
     fn bytes(&self) -> Vec<u8> {
-        let mut bytes: Vec<u8> = b"PMRQ\x01\x00\x0a\x00".to_vec();
-        let u32s = |bytes: &mut Vec<u8>, values: &[u32]| {
-            bytes.extend(values.iter().flat_map(|v| v.to_le_bytes()));
-        };
-        let u64s = |bytes: &mut Vec<u8>, values: &[u64]| {
-            bytes.extend(values.iter().flat_map(|v| v.to_le_bytes()));
-        };
-        u32s(&mut bytes, &[self.operation, 0]);
-        u64s(&mut bytes, &[TOKEN, FRAME]);
-        u32s(&mut bytes, &[self.boxes, self.engine, self.encoding, self.threads]);
-        for (kind, offset, long) in &self.sections {
-            u32s(&mut bytes, &[*kind, 1]);
-            u64s(&mut bytes, &[*offset, *long]);
-        }
-        bytes.resize(240, 0);
-        u32s(&mut bytes, &[0, self.scene]);
-        u64s(&mut bytes, &[self.base, self.revision]);
-        u32s(&mut bytes, &[self.most_boxes, self.scene_flags]);
+        let bytes = Bytes::of_magic(b"PMRQ").u32(&[self.operation, 0]).u64(&[TOKEN, FRAME]).u32(&[
+            self.boxes,
+            self.engine,
+            self.encoding,
+            self.threads,
+        ]);
+        let bytes = self.sections.iter().fold(bytes, |bytes, section| bytes.section(*section));
         bytes
+            .zeros_to(240)
+            .u32(&[0, self.scene])
+            .u64(&[self.base, self.revision])
+            .u32(&[self.most_boxes, self.scene_flags])
+            .0
     }
-}
-
-fn pages(bytes: u64) -> Vec<Page> {
-    vec![bytemuck::Zeroable::zeroed(); page_count(bytes) as usize]
-}
-
-fn at(x: f32) -> Aabb {
-    Aabb::new([x, 0.0, 0.0], [x + 1.0, 1.0, 1.0])
 }
 
 #[test]

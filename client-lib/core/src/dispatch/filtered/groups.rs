@@ -103,7 +103,6 @@ impl Groups {
         found.map_or(&[], |at| self.members(&self.worlds[at]))
     }
 
-    /// Bytes that are allocated.
     pub fn allocated_bytes(&self) -> usize {
         (self.members.capacity() + self.starts.capacity()) * size_of::<u32>()
             + self.worlds.capacity() * size_of::<Group>()

@@ -1,6 +1,6 @@
 //! The kinds of a frame's boxes, and which of them meet.
 
-use crate::engine::strips::{in_parts, part_count};
+use crate::engine::strips::{for_each_in_parts, in_parts, part_count};
 use crate::filters::{FilterId, Rules, Tag};
 
 /// Kinds up to which each block of columns has a word a kind: those of its columns that the kind meets.
@@ -54,12 +54,9 @@ impl Kinds {
         for (kind, place) in places.iter().enumerate() {
             kinds[*place] = kind as u8;
         }
-        let report = |work: &mut [(u32, &mut [u8])]| {
-            for (first, of) in work {
-                (*first..).zip(&mut **of).for_each(|(index, of)| *of = kinds[place(tag(index))]);
-            }
-        };
-        in_parts(work.as_mut_slice(), parts, &report, &|(), ()| ());
+        for_each_in_parts(&mut work, parts, |(first, of)| {
+            (*first..).zip(&mut **of).for_each(|(index, of)| *of = kinds[place(tag(index))]);
+        });
         let kind = |place: &usize| (FilterId((place / 2) as u16), place % 2 == 1);
         Some(Self(places.iter().map(kind).collect()))
     }

@@ -8,13 +8,12 @@ use super::kinds::{Kinds, MOST_KINDS};
 use super::sift_avx512;
 #[cfg(target_arch = "x86_64")]
 use crate::engine::Isa;
-use crate::engine::strips::{in_parts, part_count};
+use crate::engine::strips::{for_each_in_parts, part_count};
 use crate::engine::{AvailableIsa, sift_each};
 use crate::filters::{Owner, Rules, Tag, World};
 
 /// Boxes of a task that lays tags out, at least. A whole number of blocks.
 const TASK_BOXES: usize = 8_192;
-/// Columns of a block.
 pub const BLOCK: usize = 32;
 /// Kinds behind the last, so that the kind of each position can be read as the lowest of four bytes.
 const KINDS_BEHIND: usize = 3;
@@ -22,7 +21,6 @@ const KINDS_BEHIND: usize = 3;
 /// What parts boxes beside their kinds.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ByPair {
-    /// Boxes have owners.
     pub owners: bool,
     /// Boxes are of several worlds.
     pub worlds: bool,
@@ -46,7 +44,6 @@ pub struct Laid {
 }
 
 impl Laid {
-    /// Bytes that are allocated.
     pub fn allocated_bytes(&self) -> usize {
         (self.owners.capacity() + self.worlds.capacity() + self.columns.capacity())
             * size_of::<u32>()
@@ -93,12 +90,9 @@ impl Laid {
             .collect();
         let culled = |position: usize| order.get(position).map_or(position as u32, |index| *index);
         let kind_of = self.kind_of.as_slice();
-        let run = |work: &mut [Part<'_>]| {
-            for part in work {
-                part.lay_out(|at| kind_of[culled(at) as usize], &meets, |at| tag(culled(at)));
-            }
-        };
-        in_parts(work.as_mut_slice(), parts, &run, &|(), ()| ());
+        for_each_in_parts(&mut work, parts, |part| {
+            part.lay_out(|at| kind_of[culled(at) as usize], &meets, |at| tag(culled(at)));
+        });
         true
     }
 

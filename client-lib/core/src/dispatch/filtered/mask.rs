@@ -6,7 +6,7 @@ use super::laid::Laid;
 use super::look::Look;
 use super::sets::SetsTest;
 use super::test::{FilterTest, Indices};
-use crate::engine::strips::{in_parts, part_count};
+use crate::engine::strips::{for_each_in_parts, in_parts, part_count};
 use crate::engine::{CullReport, PairTest};
 use crate::filters::Rules;
 use crate::mask::{MaskShape, Span};
@@ -15,7 +15,6 @@ use crate::units::{BoxCount, PairIndex};
 
 /// Words of a mask, or pairs of a list, of a task, at least: some 20 µs.
 const TASK_ITEMS: usize = 4_096;
-/// Columns of a block.
 const BLOCK: u32 = 32;
 
 /// Takes the pairs out of masks that rules part, in place. What it allocates is kept for the next.
@@ -234,18 +233,15 @@ impl Masked<'_> {
         let chunks = rows.chunks_mut(step).zip(chunks);
         let part = |(rows, (blocks, bits))| Part { items: [rows, blocks, bits], kept: 0, pairs: 0 };
         let mut work: Vec<Part<[&mut [u32]; 3]>> = chunks.map(part).collect();
-        let run = |work: &mut [Part<[&mut [u32]; 3]>]| {
-            for Part { items: [rows, blocks, bits], kept, pairs } in work {
-                for at in 0..rows.len() {
-                    let (row, block) = (rows[at], blocks[at]);
-                    let left = self.passing(row, block, bits[at]);
-                    (rows[*kept], blocks[*kept], bits[*kept]) = (row, block, left);
-                    *kept += usize::from(left != 0);
-                    *pairs += u64::from(left.count_ones());
-                }
+        for_each_in_parts(&mut work, parts, |Part { items: [rows, blocks, bits], kept, pairs }| {
+            for at in 0..rows.len() {
+                let (row, block) = (rows[at], blocks[at]);
+                let left = self.passing(row, block, bits[at]);
+                (rows[*kept], blocks[*kept], bits[*kept]) = (row, block, left);
+                *kept += usize::from(left != 0);
+                *pairs += u64::from(left.count_ones());
             }
-        };
-        in_parts(work.as_mut_slice(), parts, &run, &|(), ()| ());
+        });
         let pairs = work.iter().map(|part| part.pairs).sum();
         let kept: Vec<usize> = work.iter().map(|part| part.kept).collect();
         drop(work);
@@ -261,16 +257,13 @@ impl Masked<'_> {
         let step = pairs.len().div_ceil(parts).max(1);
         let part = |items| Part { items, kept: 0, pairs: 0 };
         let mut work: Vec<Part<&mut [[u32; 2]]>> = pairs.chunks_mut(step).map(part).collect();
-        let run = |work: &mut [Part<&mut [[u32; 2]]>]| {
-            for Part { items, kept, .. } in work {
-                for at in 0..items.len() {
-                    let [a, b] = items[at];
-                    items[*kept] = [a, b];
-                    *kept += usize::from(self.passing(a, b / BLOCK, 1 << (b % BLOCK)) != 0);
-                }
+        for_each_in_parts(&mut work, parts, |Part { items, kept, .. }| {
+            for at in 0..items.len() {
+                let [a, b] = items[at];
+                items[*kept] = [a, b];
+                *kept += usize::from(self.passing(a, b / BLOCK, 1 << (b % BLOCK)) != 0);
             }
-        };
-        in_parts(work.as_mut_slice(), parts, &run, &|(), ()| ());
+        });
         let kept: Vec<usize> = work.iter().map(|part| part.kept).collect();
         drop(work);
         close_gaps(pairs, step, &kept);

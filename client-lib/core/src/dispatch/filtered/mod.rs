@@ -32,11 +32,10 @@ pub(super) use self::worlds::Worlds;
 
 use std::num::NonZeroU64;
 use std::ops::Range;
-use std::time::Instant;
 
 use self::look::Look;
 use self::test::{FilterTest, Indices};
-use super::{CpuEngines, CullAnswer, CullOptions, nanoseconds_since};
+use super::{CpuEngines, CullAnswer, CullOptions};
 use crate::engine::{CullError, PairRules, ReplyBuffer};
 use crate::filters::{Rules, World};
 use crate::mask::{Encoding, EncodingChoice};
@@ -146,22 +145,13 @@ impl CpuEngines {
         options: &CullOptions,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullAnswer, CullError> {
-        let start = Instant::now();
-        let (n, limit_words) = (boxes.len(), reply.limit_words());
-        let options = options.within(n, limit_words);
-        let plan = self.plan(boxes, &options, None);
-        let plan_ns = nanoseconds_since(start);
-        let memory = std::mem::take(&mut self.filter_memory);
-        let test = FilterTest::new(rules, look, Indices::Same, memory);
-        let input = plan.input(boxes).rules(PairRules::tested_by(&test));
-        let done = self.run(plan.engine, &input, reply);
-        self.filter_memory = test.into_memory();
-        match done {
-            Ok(report) => Ok(CullAnswer::new(&plan, report, start, plan_ns)),
-            Err(error) => match options.after(plan.encoding, &error, n, limit_words) {
-                Some(other) => self.cull_tested(boxes, rules, look, &other, reply),
-                None => Err(error),
-            },
-        }
+        self.cull_by(boxes, options, reply, |engines, plan, reply| {
+            let memory = std::mem::take(&mut engines.filter_memory);
+            let test = FilterTest::new(rules, look, Indices::Same, memory);
+            let input = plan.input(boxes).rules(PairRules::tested_by(&test));
+            let done = engines.run(plan.engine, &input, reply);
+            engines.filter_memory = test.into_memory();
+            done
+        })
     }
 }

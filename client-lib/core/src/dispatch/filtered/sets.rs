@@ -1,12 +1,9 @@
 //! Frames of two sets: of the pairs of the whole frame, those of a box of one set and a box of the other.
 
-use std::sync::{Mutex, OnceLock, PoisonError};
-use std::time::Instant;
-
 use super::laid::BLOCK;
-use crate::dispatch::{CpuEngines, CullAnswer, CullOptions, nanoseconds_since};
-use crate::engine::strips::{in_parts, part_count};
-use crate::engine::{CullError, PairRules, PairTest, ReplyBuffer};
+use crate::dispatch::{CpuEngines, CullAnswer, CullOptions};
+use crate::engine::strips::zip_in_parts;
+use crate::engine::{CullError, PairRules, PairTest, Prepared, ReplyBuffer};
 use crate::precision::BoxSlice;
 use crate::units::BoxCount;
 
@@ -18,20 +15,18 @@ pub struct SetsTest {
     first: u32,
     /// A bit for each position of the engine's order, once it has said it: whether the box there is of the
     /// first set.
-    laid: OnceLock<Vec<u32>>,
-    memory: Mutex<Vec<u32>>,
+    laid: Prepared<Vec<u32>>,
 }
 
 impl SetsTest {
     /// The test of a frame whose first `first` boxes are a set. `memory` is what an earlier test gave back.
     pub const fn new(first: BoxCount, memory: Vec<u32>) -> Self {
-        Self { first: first.get(), laid: OnceLock::new(), memory: Mutex::new(memory) }
+        Self { first: first.get(), laid: Prepared::new(memory) }
     }
 
     /// Gives the memory back for the next frame.
     pub fn into_memory(self) -> Vec<u32> {
-        let kept = self.memory.into_inner().unwrap_or_else(PoisonError::into_inner);
-        self.laid.into_inner().unwrap_or(kept)
+        self.laid.into_memory()
     }
 
     /// Whether the box at a position is of the first set.
@@ -47,7 +42,6 @@ impl SetsTest {
     }
 }
 
-/// The bit of an item of a word.
 fn bit(word: u32, at: u32) -> bool {
     word >> (at % BLOCK as u32) & 1 != 0
 }
@@ -76,27 +70,18 @@ impl PairTest for SetsTest {
         if order.is_empty() {
             return;
         }
-        let mut memory = self.memory.lock().unwrap_or_else(PoisonError::into_inner);
-        let mut laid = std::mem::take(&mut *memory);
-        drop(memory);
-        laid.resize(count.div_ceil(BLOCK), 0);
-        let parts = part_count(laid.len(), TASK_BLOCKS, threads);
-        let step = laid.len().div_ceil(parts).max(1);
-        let order = &order[..count.min(order.len())];
-        let mut work: Vec<(&mut [u32], &[u32])> =
-            laid.chunks_mut(step).zip(order.chunks(step * BLOCK)).collect();
-        let run = |work: &mut [(&mut [u32], &[u32])]| {
-            for (words, order) in work {
-                for (word, some) in words.iter_mut().zip(order.chunks(BLOCK)) {
-                    let bits = (0..).zip(some);
-                    *word = bits
+        let blocks: Vec<&[u32]> = order[..count.min(order.len())].chunks(BLOCK).collect();
+        self.laid.prepare(|laid| {
+            laid.resize(count.div_ceil(BLOCK), 0);
+            zip_in_parts(laid, &blocks, TASK_BLOCKS, threads, |words, blocks| {
+                for (word, some) in words.iter_mut().zip(blocks) {
+                    *word = (0..)
+                        .zip(*some)
                         .fold(0, |word, (bit, index)| word | u32::from(*index < self.first) << bit);
                 }
-            }
-        };
-        in_parts(work.as_mut_slice(), parts, &run, &|(), ()| ());
-        // One engine runs, and says its order once.
-        let _ = self.laid.set(laid);
+            });
+            true
+        });
     }
 }
 
@@ -129,23 +114,12 @@ impl CpuEngines {
         options: &CullOptions,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullAnswer, CullError> {
-        let (start, boxes) = (Instant::now(), boxes.into());
-        let (n, limit_words) = (boxes.len(), reply.limit_words());
-        let mut options = options.within(n, limit_words);
-        let mut memory = Vec::new();
-        loop {
-            let begun = Instant::now();
-            let plan = self.plan(boxes, &options, None);
-            let plan_ns = nanoseconds_since(begun);
-            let test = SetsTest::new(first, memory);
+        let boxes = boxes.into();
+        self.cull_by(boxes, options, reply, |engines, plan, reply| {
+            let test = SetsTest::new(first, Vec::new());
             let input = plan.input(boxes).rules(PairRules::tested_by(&test));
-            let error = match self.run(plan.engine, &input, reply) {
-                Ok(report) => return Ok(CullAnswer::new(&plan, report, start, plan_ns)),
-                Err(error) => error,
-            };
-            memory = test.into_memory();
-            options = options.after(plan.encoding, &error, n, limit_words).ok_or(error)?;
-        }
+            engines.run(plan.engine, &input, reply)
+        })
     }
 }
 

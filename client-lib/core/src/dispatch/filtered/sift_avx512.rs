@@ -9,7 +9,6 @@ use super::laid::{BLOCK, Laid};
 use crate::engine::{AvailableIsa, Isa};
 use crate::filters::{Owner, World};
 
-/// Lanes of a register.
 const LANES: usize = 16;
 
 /// Whether all positions and places fit the signed 32 bits that the kernel gathers by.
@@ -34,7 +33,6 @@ fn sift_both(laid: &Laid, [rows, blocks, bits]: [&mut [u32]; 3]) -> (usize, u64)
     (kept, before - pair_count(&bits[..kept]))
 }
 
-/// Bits of words.
 #[target_feature(enable = "popcnt")]
 fn pair_count(words: &[u32]) -> u64 {
     // A plain loop: closures are not compiled for the instruction.
@@ -131,7 +129,6 @@ fn both(low: __mmask16, high: __mmask16) -> u32 {
     u32::from(low) | u32::from(high) << LANES
 }
 
-/// The columns of a block.
 #[target_feature(enable = "avx512f")]
 #[inline]
 fn halves(columns: &[i32]) -> [__m512i; 2] {

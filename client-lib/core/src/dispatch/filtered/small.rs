@@ -44,7 +44,6 @@ pub struct SmallWorlds {
 }
 
 impl SmallWorlds {
-    /// Bytes that are allocated.
     pub fn allocated_bytes(&self) -> usize {
         self.worlds.capacity() * size_of::<Small>()
             + self.members.capacity() * size_of::<u32>()

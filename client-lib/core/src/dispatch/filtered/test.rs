@@ -1,10 +1,8 @@
 //! The rules as a test that engines hand their words to.
 
-use std::sync::{Mutex, OnceLock, PoisonError};
-
 use super::laid::{ByPair, Laid};
 use super::look::Look;
-use crate::engine::{AvailableIsa, PairTest, sift_each};
+use crate::engine::{AvailableIsa, PairTest, Prepared, sift_each};
 use crate::filters::{Rules, decide};
 
 /// Boxes up to which pairs are decided one by one: to lay tags out would take longer.
@@ -12,7 +10,6 @@ const FEW_BOXES: usize = 64;
 /// Which boxes of a frame are culled.
 #[derive(Clone, Copy, Debug)]
 pub enum Indices<'a> {
-    /// All, as they are.
     Same,
     /// Those of a world, then those of all worlds, which do not meet one another here.
     Of(&'a [u32], &'a [u32]),
@@ -46,9 +43,7 @@ pub struct FilterTest<'a> {
     rules: &'a Rules,
     indices: Indices<'a>,
     by_pair: ByPair,
-    /// What the engine's order is laid out in, once it has said it.
-    laid: OnceLock<Laid>,
-    memory: Mutex<Laid>,
+    laid: Prepared<Laid>,
 }
 
 impl<'a> FilterTest<'a> {
@@ -57,13 +52,12 @@ impl<'a> FilterTest<'a> {
         // Boxes that are culled by world are all of one.
         let worlds_matter = look.worlds.is_some() && matches!(indices, Indices::Same);
         let by_pair = ByPair { owners: look.has_owners, worlds: worlds_matter };
-        Self { rules, indices, by_pair, laid: OnceLock::new(), memory: Mutex::new(memory) }
+        Self { rules, indices, by_pair, laid: Prepared::new(memory) }
     }
 
     /// Gives the memory back for the next frame.
     pub fn into_memory(self) -> Laid {
-        let kept = self.memory.into_inner().unwrap_or_else(PoisonError::into_inner);
-        self.laid.into_inner().unwrap_or(kept)
+        self.laid.into_memory()
     }
 
     /// The bits whose pairs pass, one by one.
@@ -119,14 +113,8 @@ impl PairTest for FilterTest<'_> {
         if count <= FEW_BOXES || !is_plain {
             return;
         }
-        let mut memory = self.memory.lock().unwrap_or_else(PoisonError::into_inner);
-        let mut laid = std::mem::take(&mut *memory);
         let tag = |culled: u32| self.rules.tag(self.indices.global(culled));
-        if laid.lay_out((self.rules, self.by_pair), count, order, tag, threads) {
-            // One engine runs, and says its order once.
-            let _ = self.laid.set(laid);
-        } else {
-            *memory = laid;
-        }
+        let rules = (self.rules, self.by_pair);
+        self.laid.prepare(|laid| laid.lay_out(rules, count, order, tag, threads));
     }
 }

@@ -9,19 +9,10 @@ use crate::engine::{EngineChoice, EngineName, HeapReply};
 use crate::filters::{Filter, FilterId, FilterTable, Owner, Tag};
 use crate::mask::MaskView;
 use crate::oracle::{self, Truth};
+pub(super) use crate::random::Random;
 use crate::units::BoxCount;
 
-/// A small generator: xorshift.
-pub(super) struct Random(pub u64);
-
 impl Random {
-    pub fn below(&mut self, n: u64) -> u64 {
-        self.0 ^= self.0 << 13;
-        self.0 ^= self.0 >> 7;
-        self.0 ^= self.0 << 17;
-        (self.0 >> 11) % n
-    }
-
     pub fn boxes(&mut self, n: usize) -> Vec<Aabb> {
         let side = (n as f64).cbrt().ceil() as u64 * 2 + 4;
         let mut corner = || [0; 3].map(|_| self.below(side * 16) as f32 / 16.0);

@@ -13,7 +13,7 @@ use super::test::{FilterTest, Indices};
 use crate::aabb::Aabb;
 use crate::dispatch::boxes::{BOX_BYTES, WORD_BYTES, threads_for};
 use crate::dispatch::{CpuEngines, CullAnswer, CullOptions, StageTimes, nanoseconds_since};
-use crate::engine::strips::{in_parts, part_count};
+use crate::engine::strips::{for_each_in_parts, in_parts, part_count};
 use crate::engine::{
     AvailableIsa, Census, CullError, CullInput, CullReport, Engine, EngineChoice, EngineName,
     EngineTimes, HeapReply, PairRules, ReplyBuffer, ReserveError, counted, cpu_engines,
@@ -27,7 +27,6 @@ use crate::units::BoxCount;
 const TASK_BOXES: usize = 1_024;
 /// Boxes of a world from which several threads may cull it.
 const SHARED_BOXES: usize = 1 << 14;
-/// Words of a pair in a list.
 const PAIR_WORDS: u64 = 2;
 
 /// Where the pairs of a world stand in a list that is ordered by world.
@@ -117,7 +116,6 @@ impl Worlds {
         &self.ranges
     }
 
-    /// Bytes of scratch that are kept.
     pub fn scratch_bytes(&self) -> usize {
         self.groups.allocated_bytes()
             + self.ranges.capacity() * size_of::<WorldRange>()
@@ -170,13 +168,10 @@ impl Worlds {
                 start = end;
             }
         }
-        let copy = |parts: &mut [Copied<'_>]| {
-            for (to, from) in parts {
-                to.copy_from_slice(from);
-            }
-        };
         let part_count = parts.len();
-        in_parts(parts.as_mut_slice(), part_count, &copy, &|(), ()| ());
+        for_each_in_parts(&mut parts, part_count, |(to, from): &mut Copied<'_>| {
+            to.copy_from_slice(from);
+        });
         Ok(count as u64)
     }
 }

@@ -7,9 +7,7 @@ use crate::stats::SceneStats;
 
 // With AVX2 and less: of an EPYC 7003 (Zen 3, AVX2), whose other terms are those of the built-in figures.
 terms! {
-    /// A frame.
     FRAME = CostTerm::new("brute-frame", 366.0);
-    /// A box.
     BOX = CostTerm::avx512_or("brute-box", 11.9, 20.0);
     /// A column that is compared, of words that are compared whole.
     TEST = CostTerm::by_lanes("brute-test", 0.17);

@@ -20,13 +20,14 @@ mod task;
 mod words;
 
 use self::task::{Scene, Task};
+use self::words::WordList;
 use crate::engine::encode::{self, DenseRows, DenseWindow};
 use crate::engine::gather::Gather;
-use crate::engine::strips::{Split, in_parts};
+use crate::engine::strips::{Split, for_each_in_parts, in_parts};
 use crate::engine::word_budget::WordBudget;
 use crate::engine::{
     AvailableIsa, CpuEngine, CullError, CullInput, CullReport, Engine, EngineDescriptor,
-    EngineName, EnginePlace, Isa, KeyColumns, ReplyBuffer, StageClock, available,
+    EngineName, EnginePlace, KeyColumns, ReplyBuffer, StageClock,
 };
 use crate::mask::{Encoding, MaskShape};
 use crate::precision::BoxForm;
@@ -73,34 +74,12 @@ pub struct BruteForce {
     tasks: Vec<Task>,
 }
 
-impl Default for BruteForce {
-    fn default() -> Self {
-        Self::new()
-    }
-}
+made_by_isa!(BruteForce, EngineName::CpuBrute);
 
 impl BruteForce {
-    /// The engine with the widest instruction set of this machine.
-    pub fn new() -> Self {
-        Self::on(AvailableIsa::best())
-    }
-
     /// The engine with one instruction set that this machine has.
     fn on(isa: AvailableIsa) -> Self {
         Self { isa, columns: KeyColumns::default(), tasks: Vec::new() }
-    }
-
-    /// The engine with one instruction set, for tests and measurements.
-    ///
-    /// # Errors
-    /// [`CullError::Unavailable`] when this machine does not have it.
-    pub fn with_isa(isa: Isa) -> Result<Self, CullError> {
-        available(isa, EngineName::CpuBrute).map(Self::on)
-    }
-
-    /// The instruction set in use.
-    pub fn isa(&self) -> Isa {
-        self.isa.get()
     }
 
     /// Shares the rows out, one range a task.
@@ -137,14 +116,9 @@ impl BruteForce {
     ) -> Result<MaskShape, CullError> {
         let (scene, isa) = (scene(&self.columns), self.isa);
         let parts = self.tasks.len();
-        let run = |tasks: &mut [Task]| {
-            for task in tasks {
-                task.run(&scene, gather, isa);
-            }
-        };
-        in_parts(self.tasks.as_mut_slice(), parts, &run, &|(), ()| ());
+        for_each_in_parts(&mut self.tasks, parts, |task| task.run(&scene, gather, isa));
         clock.executed();
-        encode::write(self.tasks.iter().map(Task::found), gather, encoding, false, reply)
+        encode::write(self.tasks.iter().map(|task| &task.found), gather, encoding, false, reply)
     }
 
     /// Writes the words of each task where they belong, as they are found.
@@ -165,7 +139,7 @@ impl BruteForce {
         in_parts(work, parts, &run, &|(), ()| ());
         clock.executed();
         for task in &self.tasks {
-            mask.add_carry(task.rows().end, task.carry);
+            mask.add_carry(task.rows.end, task.carry);
         }
         mask.shape()
     }
@@ -184,7 +158,7 @@ impl Split for InWindow<'_> {
 
     fn split_at(self, at: usize) -> (Self, Self) {
         let (tasks, rest) = self.tasks.split_at_mut(at);
-        let (window, rest_window) = self.window.split_at_row(rest[0].rows().start);
+        let (window, rest_window) = self.window.split_at_row(rest[0].rows.start);
         (Self { tasks, window }, Self { tasks: rest, window: rest_window })
     }
 }
@@ -213,7 +187,9 @@ impl Engine for BruteForce {
         input.rules.prepare(boxes.len(), &[], input.threads);
         clock.ingested();
         let published = self.publish(gather, input.encoding, &mut clock, reply);
-        let shape = published.inspect_err(|_| self.tasks.iter_mut().for_each(Task::give_back))?;
+        let shape = published.inspect_err(|_| {
+            self.tasks.iter_mut().for_each(|task| task.found = WordList::default());
+        })?;
         let pair_count = self.tasks.iter().map(|task| task.pair_count).sum();
         let compared = self.tasks.iter().map(|task| task.compared).sum();
         let times = clock.published();
@@ -221,7 +197,8 @@ impl Engine for BruteForce {
     }
 
     fn scratch_bytes(&self) -> usize {
-        self.columns.allocated_bytes() + self.tasks.iter().map(Task::allocated_bytes).sum::<usize>()
+        self.columns.allocated_bytes()
+            + self.tasks.iter().map(|task| task.found.allocated_bytes()).sum::<usize>()
     }
 
     fn give_back(&mut self) {

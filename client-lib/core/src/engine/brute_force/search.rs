@@ -52,7 +52,6 @@ per_isa! {
     }
 }
 
-/// The six keys of a box.
 #[inline(always)]
 fn key_box(columns: &ColumnWords<'_>, index: usize) -> KeyBox {
     let (word, lane) = (index / WORD_COLUMNS, index % WORD_COLUMNS);

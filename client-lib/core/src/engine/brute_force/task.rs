@@ -5,7 +5,7 @@ use std::ops::Range;
 use super::search;
 use super::words::WordList;
 use crate::engine::AvailableIsa;
-use crate::engine::encode::DenseWindow;
+use crate::engine::encode::{DenseWindow, FoundWords};
 use crate::engine::gather::Gather;
 use crate::engine::ingest::ColumnWords;
 
@@ -25,11 +25,9 @@ const BATCH_ROWS: usize = 64;
 /// A range of rows, what was found in them, and the scratch for it.
 #[derive(Default)]
 pub(super) struct Task {
-    rows: Range<usize>,
-    found: WordList,
-    /// Pairs compared.
+    pub rows: Range<usize>,
+    pub found: WordList,
     pub compared: u64,
-    /// Pairs found.
     pub pair_count: u64,
     /// Bits for the word after this task's window.
     pub carry: u32,
@@ -43,21 +41,6 @@ impl Task {
         (self.compared, self.pair_count, self.carry) = (0, 0, 0);
     }
 
-    /// Bytes that are allocated.
-    pub fn allocated_bytes(&self) -> usize {
-        self.found.allocated_bytes()
-    }
-
-    /// The rows of this task.
-    pub fn rows(&self) -> Range<usize> {
-        self.rows.clone()
-    }
-
-    /// The words found, where they are kept.
-    pub fn found(&self) -> &WordList {
-        &self.found
-    }
-
     /// Finds the words of all rows and keeps them, until the budget is spent.
     pub fn run(&mut self, scene: &Scene<'_>, gather: &Gather<'_>, isa: AvailableIsa) {
         for rows in batches(self.rows.clone()) {
@@ -69,11 +52,6 @@ impl Task {
             }
         }
         self.pair_count = self.found.pair_count();
-    }
-
-    /// Gives the memory of the words back.
-    pub fn give_back(&mut self) {
-        self.found = WordList::default();
     }
 
     /// Finds the words of all rows and writes them into the window of this task.

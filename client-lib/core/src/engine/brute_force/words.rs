@@ -21,10 +21,6 @@ impl FoundWords for WordList {
         std::iter::once(self.arrays())
     }
 
-    fn word_count(&self) -> usize {
-        self.len
-    }
-
     fn pair_count(&self) -> u64 {
         self.pair_count
     }
@@ -73,7 +69,6 @@ impl WordList {
         self.pair_count -= gone;
     }
 
-    /// Bytes that are allocated.
     pub fn allocated_bytes(&self) -> usize {
         (self.rows.capacity() + self.blocks.capacity() + self.bits.capacity()) * size_of::<u32>()
     }
@@ -81,11 +76,6 @@ impl WordList {
     /// Words appended.
     pub fn len(&self) -> usize {
         self.len
-    }
-
-    /// Set bits of all words.
-    pub fn pair_count(&self) -> u64 {
-        self.pair_count
     }
 
     /// Rows, blocks and bits.

@@ -12,9 +12,7 @@ use crate::stats::SceneStats;
 use crate::units::BoxCount;
 
 terms! {
-    /// A byte of the mask.
     BYTE = CostTerm::new("dense-byte", 0.0178);
-    /// A pair.
     PAIR = CostTerm::new("dense-pair", 1.16);
     /// More for a pair of an engine that has an order of its own.
     SCATTERED_PAIR = CostTerm::new("scattered-pair", 1.54);
@@ -43,11 +41,8 @@ mod visit {
     use super::{CostTerm, SceneStats, bytes, terms};
 
     terms! {
-        /// A mask.
         MASK = CostTerm::new("dense-visit", 101.0);
-        /// A byte that is scanned.
         BYTE = CostTerm::new("dense-visit-byte", 0.0351);
-        /// A pair.
         PAIR = CostTerm::new("dense-visit-pair", 3.33);
     }
 
@@ -121,7 +116,6 @@ impl<'a> DenseRows<'a> {
         }
     }
 
-    /// Where the mask lies.
     pub fn shape(&self) -> MaskShape {
         MaskShape::dense(self.n)
     }

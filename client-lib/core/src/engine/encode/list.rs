@@ -9,7 +9,6 @@ use crate::mask::MaskShape;
 use crate::stats::SceneStats;
 
 terms! {
-    /// A list.
     LIST = CostTerm::new("list", 70.2);
     /// A pair of boxes in their own order: kept, and written.
     PAIR = CostTerm::new("list-pair", 1.26);
@@ -24,7 +23,6 @@ pub(super) const COST: EncodingCost = EncodingCost {
     bytes: |stats, _| PAIR_BYTES * stats.expected_pairs(),
 };
 
-/// Bytes of a pair.
 const PAIR_BYTES: f64 = 8.0;
 
 fn amounts(stats: &SceneStats, has_order: bool, amounts: &mut [f64]) {
@@ -39,9 +37,7 @@ mod visit {
     use super::{CostTerm, SceneStats, terms};
 
     terms! {
-        /// A list.
         LIST = CostTerm::new("list-visit", 87.3);
-        /// A pair.
         PAIR = CostTerm::by_lanes("list-visit-pair", 0.365);
     }
 
@@ -91,7 +87,6 @@ where
     W: FoundWords + 'a,
     T: Iterator<Item = &'a W> + Clone,
 {
-    /// The tasks from one of the part on.
     fn tasks(&self, from: usize, count: usize) -> impl Iterator<Item = &'a W> + use<'a, W, T> {
         self.tasks.clone().skip(self.first + from).take(count)
     }
@@ -132,47 +127,9 @@ where
 
 #[cfg(test)]
 mod tests {
+    use crate::Aabb;
     use crate::engine::{CullInput, EngineName, HeapReply, Isa, ReplyBuffer, cpu_engine};
-    use crate::mask::{Encoding, MaskView};
-    use crate::units::BoxCount;
-    use crate::{Aabb, oracle};
-
-    #[test]
-    fn a_small_scene_comes_back_as_a_list() {
-        let boxes: Vec<Aabb> = (0..345)
-            .map(|i| {
-                let [x, y, z] = [i * 37 % 29, i * 53 % 31, i * 71 % 23].map(|x| x as f32);
-                Aabb::from([x, y, z, x + 4.0, y + 5.0, z + 6.0])
-            })
-            .collect();
-        let expected = oracle::truth(&boxes).pairs;
-        assert!(expected.len() > 300);
-        for name in EngineName::CPU {
-            let mut engine = cpu_engine(name, Isa::best()).expect("of the CPU");
-            for threads in [1, 2] {
-                let mut reply = HeapReply::new();
-                let input = CullInput::boxes(&boxes).encoding(Encoding::List).threads(threads);
-                let report = engine.cull(&input, &mut reply).expect("a list");
-                assert_eq!(report.shape.encoding(), Encoding::List);
-                let mask = MaskView::new(BoxCount::new(345), &report.shape, reply.words());
-                let mask = mask.expect("a list");
-                assert_eq!(mask.verify(), Ok(()));
-                let mut pairs = mask.to_vec();
-                pairs.sort_unstable();
-                assert_eq!(pairs, expected, "{name}");
-                assert_eq!(mask.count(), expected.len() as u64);
-                assert_eq!(mask.words().count(), expected.len());
-                for a in 0..345 {
-                    for b in 0..345 {
-                        let is_pair = expected.contains(&[a.min(b), a.max(b)]);
-                        assert_eq!(mask.contains(a, b), is_pair, "{a} {b}");
-                    }
-                }
-                let naive = oracle::naive_decoder::decode(reply.words(), &report.shape, 345);
-                assert_eq!(naive.as_ref(), Ok(&expected));
-            }
-        }
-    }
+    use crate::mask::Encoding;
 
     #[test]
     fn a_list_that_does_not_fit_is_refused() {

@@ -11,6 +11,7 @@ mod sparse;
 pub(crate) use dense::{DenseRows, DenseWindow};
 
 use super::gather::Gather;
+use super::strips::WordSink;
 use super::word_budget::WordBudget;
 use super::{AvailableIsa, CostTerm, CullError, PairRules, ReplyBuffer};
 use crate::mask::{Encoding, MaskShape};
@@ -31,7 +32,6 @@ pub(crate) struct EncodingCost {
 /// Work that a mask takes, of some kinds.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct MaskWork {
-    /// The kinds.
     pub terms: &'static [CostTerm],
     /// How much of each a frame holds, of an engine that has an order of its own or not: writes the
     /// amounts to the places of the terms, which hold zeros.
@@ -52,8 +52,9 @@ pub(crate) trait FoundWords: Sync {
     /// Rows, blocks and bits, some words at a time.
     fn chunks(&self) -> impl Iterator<Item = [&[u32]; 3]>;
 
-    /// Words in all chunks.
-    fn word_count(&self) -> usize;
+    fn word_count(&self) -> usize {
+        self.chunks().map(|[_, _, bits]| bits.len()).sum()
+    }
 
     /// Set bits of these words.
     fn pair_count(&self) -> u64;
@@ -113,22 +114,5 @@ pub fn write_no_pairs(
     let budget = &WordBudget::new(n, encoding, false, reply)?;
     let isa = AvailableIsa::best();
     let gather = &Gather { budget, rules: PairRules::NONE, order: &[], isa };
-    write(std::iter::empty::<&NoWords>(), gather, encoding, false, reply)
-}
-
-/// No words.
-struct NoWords;
-
-impl FoundWords for NoWords {
-    fn chunks(&self) -> impl Iterator<Item = [&[u32]; 3]> {
-        std::iter::empty()
-    }
-
-    fn word_count(&self) -> usize {
-        0
-    }
-
-    fn pair_count(&self) -> u64 {
-        0
-    }
+    write(std::iter::empty::<&WordSink>(), gather, encoding, false, reply)
 }

@@ -3,7 +3,7 @@
 use super::{EncodingCost, FoundWords, MaskWork};
 use crate::engine::cost::terms;
 use crate::engine::gather::Gather;
-use crate::engine::strips::in_parts;
+use crate::engine::strips::for_each_in_parts;
 use crate::engine::{CostTerm, CullError, ReplyBuffer};
 use crate::mask::{MaskShape, SECTION_ALIGN_WORDS};
 use crate::stats::SceneStats;
@@ -22,7 +22,6 @@ pub(super) const COST: EncodingCost = EncodingCost {
 
 /// Bytes of a word: row, block and bits.
 const WORD_BYTES: f64 = 12.0;
-/// Bytes of a box in the order.
 const ORDER_BYTES: f64 = 4.0;
 
 /// Words hold about a pair each.
@@ -40,7 +39,6 @@ mod visit {
     use super::{CostTerm, SceneStats, terms};
 
     terms! {
-        /// A mask.
         MASK = CostTerm::new("sparse-visit", 122.0);
         /// A pair of boxes in their own order.
         PAIR = CostTerm::new("sparse-visit-pair", 1.15);
@@ -85,25 +83,18 @@ where
         (Section::Words(2), bits),
         (Section::Order, &mut rest[..order.len()]),
     ];
-    let write = |jobs: &mut [(Section, &mut [u32])]| {
-        for (section, out) in jobs {
-            match section {
-                Section::Words(array) => copy_words(tasks.clone(), *array, out),
-                Section::Order => out.copy_from_slice(order),
-            }
-        }
-    };
     let parallel = parallel && word_count as usize + order.len() >= PARALLEL_WORDS;
     let parts = if parallel { jobs.len() } else { 1 };
-    in_parts(jobs.as_mut_slice(), parts, &write, &|(), ()| ());
+    for_each_in_parts(&mut jobs, parts, |(section, out)| match section {
+        Section::Words(array) => copy_words(tasks.clone(), *array, out),
+        Section::Order => out.copy_from_slice(order),
+    });
     Ok(shape)
 }
 
-/// A section of the reply.
 enum Section {
     /// One of the three arrays of words.
     Words(usize),
-    /// The order of the boxes.
     Order,
 }
 

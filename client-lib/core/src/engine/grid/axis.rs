@@ -33,7 +33,6 @@ const ROUND: f32 = 12_582_912.0;
 /// Largest magnitude of a cell number. Coordinates beyond share the outermost cell.
 pub(crate) const CELL_LIMIT: f32 = 2_097_152.0;
 
-/// The cells of one axis.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Axis {
     origin: f32,

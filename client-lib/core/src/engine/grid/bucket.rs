@@ -17,7 +17,6 @@ pub(super) struct Buckets<'a> {
     pub keys: KeyArraysMut<'a>,
     pub order: &'a mut [u32],
     pub reach: &'a mut [Reach],
-    /// Where each cell of the range ends.
     pub cell_ends: &'a mut [u32],
     pub deal: Deal,
     pub isa: AvailableIsa,

@@ -41,7 +41,6 @@ pub(super) fn in_stages(needs: impl Iterator<Item = Reach> + Clone) -> bool {
 }
 
 impl CellStrips {
-    /// No strips.
     pub const fn new() -> Self {
         Self { starts: [0; ALLOCATED], lanes: [[0; ALLOCATED]; 2], len: 0, firsts: [0; 4] }
     }

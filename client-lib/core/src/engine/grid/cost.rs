@@ -5,13 +5,11 @@ use crate::engine::cost::{spills, terms};
 use crate::stats::SceneStats;
 
 terms! {
-    /// A frame.
     FRAME = CostTerm::new("grid-frame", 1_300.0);
     /// A box that is looked at to lay out the cells.
     SAMPLE = CostTerm::new("grid-sample", 13.0);
     /// More for a box that is looked at where sizes differ so much that levels are chosen.
     LEVELS = CostTerm::new("grid-levels", 13.1);
-    /// A box.
     BOX = CostTerm::by_lanes("grid-box", 25.5);
     /// A box and doubling of a scene above what the caches hold.
     SPILL = CostTerm::new("grid-spill", 2.93);
@@ -25,7 +23,6 @@ terms! {
 const SAMPLE_SHARE: f64 = 16.0;
 /// … but as many as this, if there are …
 const SAMPLE_LEAST: f64 = 256.0;
-/// … and no more than this.
 const SAMPLE_MOST: f64 = 1_024.0;
 /// Doublings of the large sizes over the median that are counted: beyond, giants have levels of
 /// their own.

@@ -24,7 +24,6 @@ const LEVEL_COST: f32 = 4.0;
 const LINE_COST: f32 = 0.7;
 /// Looking up the runs of a cell that has boxes.
 const CELL_COST: f32 = 4.0;
-/// Passing by an empty cell.
 const EMPTY_CELL_COST: f32 = 0.25;
 /// Columns that a strip beyond the first of a run takes.
 const STRIP_COLUMNS: f32 = 16.0;
@@ -53,7 +52,6 @@ const SPANS: usize = BORDERS.len() + 1;
 pub(super) struct Layout {
     /// Finest first. The last one takes everything.
     pub levels: Vec<Level>,
-    /// Cells of all levels.
     pub cell_count: u32,
     sample: Sample,
 }
@@ -61,7 +59,6 @@ pub(super) struct Layout {
 /// Boxes of about one size.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct SizeClass {
-    /// Their share of all boxes.
     pub share: f32,
     /// Their mean edge on each axis.
     pub mean_edges: [f32; 3],
@@ -84,7 +81,6 @@ pub(crate) fn size_classes(sample: &Sample, density: &Density) -> Vec<SizeClass>
 /// Boxes `from..to` of the sample as one level: what the model needs of them.
 #[derive(Clone, Copy)]
 struct Group {
-    /// Share of all boxes.
     share: f32,
     mean_edges: [f32; 3],
     /// The shortest edges of cells for the group.
@@ -269,7 +265,6 @@ struct GroupModel<'a> {
     share: f32,
     mean_edges: [f32; 3],
     least_edges: [f32; 3],
-    /// Boxes of the group.
     boxes: f32,
 }
 

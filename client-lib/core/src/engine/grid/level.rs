@@ -2,7 +2,6 @@
 
 use super::axis::Axis;
 
-/// One grid.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Level {
     /// The cells of x, y and z.
@@ -18,7 +17,6 @@ impl Level {
     /// A level of one cell for whatever no other level takes. Every box spans one cell there.
     pub const EVERYTHING: Self = Self { axes: [Axis::WHOLE; 3], first_cell: 0 };
 
-    /// Cells of the level.
     pub fn cell_count(&self) -> u32 {
         self.axes.iter().map(|a| a.cell_count).product()
     }

@@ -31,11 +31,11 @@ pub(crate) use self::sample::{Density, Sample};
 use self::sort::SortedBoxes;
 use crate::engine::encode;
 use crate::engine::gather::Gather;
-use crate::engine::strips::{BLOCK_LANES, in_parts, part_count};
+use crate::engine::strips::{BLOCK_LANES, for_each_in_parts, part_count};
 use crate::engine::word_budget::WordBudget;
 use crate::engine::{
     AvailableIsa, CpuEngine, CullError, CullInput, CullReport, Engine, EngineDescriptor,
-    EngineName, EnginePlace, Isa, ReplyBuffer, StageClock, available,
+    EngineName, EnginePlace, ReplyBuffer, StageClock,
 };
 use crate::mask::Encoding;
 use crate::precision::BoxForm;
@@ -83,29 +83,12 @@ pub struct Grid {
     tasks: Vec<RowTask>,
 }
 
-impl Default for Grid {
-    fn default() -> Self {
-        Self::new()
-    }
-}
+made_by_isa!(Grid, EngineName::CpuGrid);
 
 impl Grid {
-    /// The engine with the widest instruction set of this machine.
-    pub fn new() -> Self {
-        Self::on(AvailableIsa::best())
-    }
-
     /// The engine with one instruction set that this machine has.
     fn on(isa: AvailableIsa) -> Self {
         Self { isa, layout: Layout::default(), sorted: SortedBoxes::default(), tasks: Vec::new() }
-    }
-
-    /// The engine with one instruction set, for tests and measurements.
-    ///
-    /// # Errors
-    /// [`CullError::Unavailable`] when this machine does not have it.
-    pub fn with_isa(isa: Isa) -> Result<Self, CullError> {
-        available(isa, EngineName::CpuGrid).map(Self::on)
     }
 
     /// Shares the rows out, in whole blocks, so that no block depends on how many threads there are.
@@ -150,8 +133,7 @@ impl Engine for Grid {
         let levels = &self.layout.levels;
         let scene = Scene { sorted: &self.sorted, levels, gather };
         let parts = self.tasks.len();
-        let run = |tasks: &mut [RowTask]| tasks.iter_mut().for_each(|task| task.run(scene));
-        in_parts(self.tasks.as_mut_slice(), parts, &run, &|(), ()| ());
+        for_each_in_parts(&mut self.tasks, parts, |task| task.run(scene));
         clock.executed();
 
         let sinks = self.tasks.iter().map(|task| &task.found);

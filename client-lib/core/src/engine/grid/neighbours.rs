@@ -17,7 +17,6 @@ pub(super) const REACH_Z: Reach = 4;
 /// A neighbouring line of cells.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Line {
-    /// Its first cell in the table.
     pub first_cell: u32,
     /// What a box of the lower line must reach to overlap a box there.
     pub needs: Reach,
@@ -56,7 +55,6 @@ impl LaterLines {
         found
     }
 
-    /// The lines.
     pub fn as_slice(&self) -> &[Line] {
         &self.lines[..self.count]
     }

@@ -28,11 +28,8 @@ const ROW_STRIPS: usize = 1 + GROUP;
 /// A range of positions and what was found in its rows. Memory is kept from frame to frame.
 #[derive(Default)]
 pub(super) struct RowTask {
-    /// Positions of the rows.
     pub rows: Range<u32>,
-    /// What was found.
     pub found: WordSink,
-    /// Pairs compared.
     pub compared: u64,
     batch: StripBatch,
     block: RowBlock,
@@ -54,7 +51,6 @@ impl Scene<'_> {
         self.sorted.cell_starts[cell as usize]
     }
 
-    /// Positions of a level.
     fn positions(&self, level: &Level) -> Range<u32> {
         self.start(level.first_cell)..self.start(level.first_cell + level.cell_count())
     }
@@ -65,14 +61,12 @@ impl Scene<'_> {
         self.gather.budget.is_spent()
     }
 
-    /// The cell that holds a position.
     fn cell_of(&self, position: u32) -> u32 {
         self.sorted.cell_starts.partition_point(|start| *start <= position) as u32 - 1
     }
 }
 
 impl RowTask {
-    /// Bytes that are allocated.
     pub fn allocated_bytes(&self) -> usize {
         self.found.allocated_bytes() + self.batch.allocated_bytes()
     }
@@ -116,7 +110,6 @@ impl RowTask {
         }
     }
 
-    /// Rows of one line.
     fn run_line(
         &mut self,
         scene: Scene<'_>,

@@ -20,7 +20,6 @@ const SAMPLE_NEIGHBOURS: f32 = 1.5;
 /// Rounds of making the cell smaller: each halves at least one edge, most do ten times as much.
 const DENSITY_ROUNDS: usize = 32;
 
-/// What is kept of a sampled box.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct SampledBox {
     pub min: [f32; 3],

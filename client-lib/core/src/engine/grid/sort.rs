@@ -109,7 +109,6 @@ impl SortedBoxes {
         census
     }
 
-    /// Bytes that are allocated.
     pub fn allocated_bytes(&self) -> usize {
         let words = self.cell_starts.capacity()
             + self.bucket_ends.capacity()

@@ -15,9 +15,7 @@ const SMALL_TILE: usize = 1_024;
 #[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C)]
 pub(super) struct Record {
-    /// As in the input.
     pub aabb: Aabb,
-    /// Box index.
     pub index: u32,
     /// Cell and reach, see [`CELL_MASK`].
     pub home: u32,

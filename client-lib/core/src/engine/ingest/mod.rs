@@ -196,7 +196,6 @@ fn note_group(census: &mut Census, first: usize, nan: u32, empty: u32) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::aabb::BoxClass;
     use crate::engine::Isa;
     use proptest::prelude::*;
 
@@ -233,30 +232,6 @@ mod tests {
         assert_eq!(census, expected, "{isa:?}");
         for i in boxes.len()..columns.padded_len() {
             assert_eq!(columns.key_box(i), KeyBox::NOTHING, "{isa:?}, padding {i}");
-        }
-    }
-
-    #[test]
-    fn every_length_is_padded_with_boxes_that_overlap_nothing() {
-        for isa in Isa::ALL {
-            for n in (0..=70).chain([345, 1234]) {
-                let boxes: Vec<Aabb> = (0..n)
-                    .map(|i| Aabb::from([i as f32, -1.0, -0.0, (i + i % 3) as f32 - 1.0, 0.0, 2.0]))
-                    .collect();
-                check(&boxes, isa);
-            }
-        }
-    }
-
-    #[test]
-    fn many_invalid_boxes_are_counted_and_eight_are_named() {
-        for isa in Isa::ALL {
-            let mut boxes = vec![Aabb::EMPTY; 100];
-            for i in [3, 5, 17, 18, 19, 33, 34, 50, 51, 99] {
-                boxes[i].max[i % 3] = f32::NAN;
-                assert_eq!(boxes[i].class(), BoxClass::Invalid);
-            }
-            check(&boxes, isa);
         }
     }
 

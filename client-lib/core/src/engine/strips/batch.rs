@@ -174,7 +174,6 @@ impl StripBatch {
         )
     }
 
-    /// Bytes that are allocated.
     pub fn allocated_bytes(&self) -> usize {
         size_of_val(&*self.rows) + size_of_val(&*self.starts) + size_of_val(&*self.lanes)
     }
@@ -190,7 +189,6 @@ impl StripBatch {
         batch
     }
 
-    /// Strips.
     #[cfg(target_arch = "x86_64")]
     pub(super) fn len(&self) -> usize {
         self.len

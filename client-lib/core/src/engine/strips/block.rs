@@ -7,11 +7,11 @@
 
 use std::ops::Range;
 
+use super::STRIP_COLUMNS;
 #[cfg(target_arch = "x86_64")]
 use super::block_avx512;
-use super::ordered::{KeyArrays, OrderedBoxes};
+use super::ordered::OrderedBoxes;
 use super::sink::WordChunk;
-use super::{STRIP_COLUMNS, batch};
 use crate::engine::{AvailableIsa, Isa};
 
 /// Most rows of a block, and most strips: the lanes of a register, and columns of a strip.
@@ -23,13 +23,15 @@ const AT_A_TIME: usize = 4;
 /// Room for those behind the last one that were not wanted.
 const ALLOCATED: usize = BLOCK_LANES + AT_A_TIME;
 
+/// See [`RowBlock::pays`].
+const NO_BLOCKS: &str = "blocks are for AVX-512";
+
 /// Some rows of a block: bit i is its row i.
 pub(crate) type RowSet = u16;
 
 /// Consecutive rows, the strips that they are tested against, and what was found.
 #[derive(Default)]
 pub(crate) struct RowBlock {
-    /// Position of the first row.
     pub(super) first_row: u32,
     /// At most [`BLOCK_LANES`], all before the next multiple of it.
     pub(super) row_count: usize,
@@ -68,7 +70,6 @@ impl RowBlock {
         self.add(rows.start + 1..own_end, self.all_rows())
     }
 
-    /// All rows.
     #[inline(always)]
     pub fn all_rows(&self) -> RowSet {
         RowSet::MAX >> (BLOCK_LANES - self.row_count)
@@ -113,34 +114,11 @@ impl RowBlock {
     /// # Panics
     /// When a row or a strip is none of the boxes.
     pub fn test(&mut self, boxes: &OrderedBoxes, isa: AvailableIsa) -> u64 {
-        let keys = boxes.keys();
         match isa.get() {
             #[cfg(target_arch = "x86_64")]
-            Isa::Avx512 => block_avx512::test(&keys, self, isa),
-            _ => self.test_strips(&keys, isa),
+            Isa::Avx512 => block_avx512::test(&boxes.keys(), self, isa),
+            _ => unreachable!("{NO_BLOCKS}"),
         }
-    }
-
-    fn test_strips(&mut self, keys: &KeyArrays<'_>, isa: AvailableIsa) -> u64 {
-        self.overlaps = Default::default();
-        let mut compared = 0;
-        for i in 0..self.row_count {
-            for strip in (0..self.strip_count).filter(|s| self.rows[*s] >> i & 1 != 0) {
-                let lanes = self.lanes[strip] & self.columns_after(i, strip);
-                let row = [self.first_row + i as u32];
-                let mut overlaps = [lanes];
-                compared += batch::test(keys, &row, &[self.starts[strip]], &mut overlaps, isa);
-                self.overlaps[i][strip] = overlaps[0];
-            }
-        }
-        compared
-    }
-
-    /// Columns of a strip that come after a row.
-    fn columns_after(&self, row: usize, strip: usize) -> u16 {
-        let next = self.first_row + row as u32 + 1;
-        let before = next.saturating_sub(self.starts[strip]).min(STRIP_COLUMNS as u32);
-        (u32::from(u16::MAX) << before) as u16
     }
 
     /// Adds the words of rows from `from` on while the chunk has room; returns the next row, and the
@@ -154,134 +132,14 @@ impl RowBlock {
         match isa.get() {
             #[cfg(target_arch = "x86_64")]
             Isa::Avx512 => block_avx512::append(self, from, chunk, isa),
-            _ => self.append_portable(from, chunk),
+            _ => unreachable!("{NO_BLOCKS}"),
         }
-    }
-
-    fn append_portable(&self, from: usize, chunk: &mut WordChunk) -> (usize, u64) {
-        let (mut row, mut pairs) = (from, 0);
-        while row < self.row_count && chunk.has_room() {
-            for (&overlaps, &start) in self.overlaps[row].iter().zip(&self.starts) {
-                let bits = u32::from(overlaps) << (start % 32);
-                chunk.push(self.first_row + row as u32, start / 32, bits);
-                pairs += u64::from(bits.count_ones());
-            }
-            row += 1;
-        }
-        (row, pairs)
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use std::collections::BTreeSet;
-
-    use proptest::prelude::*;
-
-    use super::super::WordSink;
     use super::*;
-    use crate::engine::encode::FoundWords;
-    use crate::engine::gather::Gather;
-    use crate::engine::word_budget::WordBudget;
-    use crate::engine::{HeapReply, PairRules};
-    use crate::mask::Encoding;
-    use crate::units::BoxCount;
-
-    const N: usize = 345;
-
-    /// Boxes of which about every second two overlap.
-    fn boxes() -> OrderedBoxes {
-        let mut boxes = OrderedBoxes::default();
-        boxes.resize(N);
-        let (keys, order) = boxes.parts_mut();
-        for (i, index) in (0u32..).zip(order) {
-            *index = i;
-        }
-        for (component, array) in (0u32..).zip(keys) {
-            for (i, key) in (0u32..).zip(array) {
-                let place = (6 * i + component % 3).wrapping_mul(0x9e37_79b9) >> 25;
-                *key = place as i32 + if component < 3 { 0 } else { 90 };
-            }
-        }
-        boxes
-    }
-
-    /// A block: first row and rows, columns of its own run behind the rows, and gap, columns and rows of
-    /// the others.
-    type Case = (u32, u32, u32, Vec<(u32, u32, RowSet)>);
-
-    fn case() -> impl Strategy<Value = Case> {
-        let run = (0u32..40, 0u32..40, any::<RowSet>());
-        (0u32..150, 1u32..17, 0u32..40, prop::collection::vec(run, 0..6))
-    }
-
-    /// The block, as far as there is room, and the pairs of positions that it has to test.
-    fn block((first, count, own, runs): &Case) -> Option<(RowBlock, BTreeSet<(u32, u32)>)> {
-        let rows = *first..(first + count).min(RowBlock::border(*first));
-        let mut tested = BTreeSet::new();
-        let mut add = |rows: Range<u32>, set: RowSet, columns: Range<u32>| {
-            for (i, row) in rows.enumerate().filter(|(i, _)| set >> i & 1 != 0) {
-                debug_assert!(i < BLOCK_LANES);
-                tested.extend(columns.clone().filter(|c| *c > row).map(|column| (row, column)));
-            }
-        };
-        let mut block = RowBlock::default();
-        let mut end = rows.end + own;
-        let mut fits = block.begin(rows.clone(), end);
-        add(rows.clone(), RowSet::MAX, rows.start + 1..end);
-        for &(gap, len, set) in runs {
-            let columns = end + gap..(end + gap + len).min(N as u32);
-            if columns.start < columns.end {
-                fits &= block.add(columns.clone(), set & block.all_rows());
-                add(rows.clone(), set, columns.clone());
-                end = columns.end;
-            }
-        }
-        fits.then_some((block, tested))
-    }
-
-    proptest! {
-        #[test]
-        fn every_instruction_set_finds_what_a_block_overlaps(case in case()) {
-            let boxes = boxes();
-            let Some((_, tested)) = block(&case) else { return Ok(()) };
-            let keys = boxes.keys();
-            let overlaps = |a: usize, b: usize| {
-                (0..3).all(|x| keys[x][a] <= keys[x + 3][b] && keys[x][b] <= keys[x + 3][a])
-            };
-            let mut compared = BTreeSet::new();
-            let n = BoxCount::new(N as u32);
-            let budget = WordBudget::new(n, Encoding::Sparse, true, &HeapReply::new());
-            let budget = budget.expect("no limit");
-            for isa in Isa::ALL.into_iter().filter_map(AvailableIsa::new) {
-                let Some((mut block, _)) = block(&case) else { return Ok(()) };
-                compared.insert(block.test(&boxes, isa));
-                let mut sink = WordSink::default();
-                let (budget, rules) = (&budget, PairRules::NONE);
-                sink.take_block(&block, &Gather { budget, rules, order: &[], isa });
-                let mut pairs = Vec::new();
-                let mut addresses = Vec::new();
-                for [rows, blocks, bits] in sink.chunks() {
-                    for ((&row, &block), &bits) in rows.iter().zip(blocks).zip(bits) {
-                        prop_assert!(bits != 0);
-                        addresses.push((row, block));
-                        pairs.extend(
-                            (0..32).filter(|t| bits >> t & 1 != 0).map(|t| (row, 32 * block + t)),
-                        );
-                    }
-                }
-                prop_assert!(addresses.is_sorted_by(|a, b| a < b), "{}", isa.get());
-                prop_assert_eq!(sink.pair_count(), pairs.len() as u64);
-                prop_assert!(pairs.iter().all(|(a, b)| overlaps(*a as usize, *b as usize)));
-                // Where runs meet in a strip more may be tested than was asked for.
-                let pairs: BTreeSet<_> = pairs.into_iter().collect();
-                let wanted = tested.iter().filter(|(a, b)| overlaps(*a as usize, *b as usize));
-                prop_assert!(wanted.copied().all(|pair| pairs.contains(&pair)), "{}", isa.get());
-            }
-            prop_assert_eq!(compared.len(), 1, "one number of columns compared");
-            prop_assert!(compared.first().is_some_and(|c| *c >= tested.len() as u64));
-        }
-    }
 
     #[test]
     fn a_block_without_room_says_so() {

@@ -12,7 +12,6 @@ use super::sink::WordChunk;
 use super::words_avx512::{load_at, store};
 use crate::engine::{AvailableIsa, Isa};
 
-/// Lanes of half a register.
 const LANES_OF_HALF: usize = BLOCK_LANES / 2;
 
 /// Tests the rows against their strips; see [`RowBlock::test`]. Returns the columns compared.

@@ -22,7 +22,6 @@ pub(crate) fn part_count(items: usize, least: usize, threads: usize) -> usize {
 
 /// Work on a sequence of items that can be cut between any two of them.
 pub(crate) trait Split: Sized + Send {
-    /// Items.
     fn len(&self) -> usize;
     /// The first `at` items, and the rest.
     fn split_at(self, at: usize) -> (Self, Self);
@@ -59,6 +58,35 @@ pub(crate) fn in_parts<W: Split, R: Send>(
     join(low, high)
 }
 
+/// Calls `run` with each item of a slice, in so many parts.
+pub(crate) fn for_each_in_parts<T: Send>(
+    items: &mut [T],
+    parts: usize,
+    run: impl Fn(&mut T) + Sync,
+) {
+    in_parts(items, parts, &|items: &mut [T]| items.iter_mut().for_each(&run), &|(), ()| ());
+}
+
+/// Calls `run` with stretches of two slices of one length, of which a part should have `least` items or more.
+pub(crate) fn zip_in_parts<T: Send, U: Sync>(
+    out: &mut [T],
+    of: &[U],
+    least: usize,
+    threads: usize,
+    run: impl Fn(&mut [T], &[U]) + Sync,
+) {
+    let parts = part_count(out.len(), least, threads);
+    let step = out.len().div_ceil(parts).max(1);
+    let mut work: Vec<_> = out.chunks_mut(step).zip(of.chunks(step)).collect();
+    for_each_in_parts(&mut work, parts, |(out, of)| run(out, of));
+}
+
+/// The end of one list, then the other: how parts join what they have found.
+pub(crate) fn appended<T>(mut low: Vec<T>, mut high: Vec<T>) -> Vec<T> {
+    low.append(&mut high);
+    low
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -72,10 +100,7 @@ mod tests {
                     items.as_mut_slice(),
                     parts,
                     &|part: &mut [usize]| part.to_vec(),
-                    &|mut low, high| {
-                        low.extend(high);
-                        low
-                    },
+                    &appended,
                 );
                 assert_eq!(seen, items);
             }

@@ -13,7 +13,6 @@ pub(super) const HITS_ALLOCATED: usize = BATCH_STRIPS + STRIP_COLUMNS;
 
 /// Strips with an overlap, in the order of the batch. Behind the last one stand 16 without bits.
 pub(super) struct Hits {
-    /// Position of the row.
     pub rows: Box<[u32; HITS_ALLOCATED]>,
     /// First column.
     pub starts: Box<[u32; HITS_ALLOCATED]>,
@@ -63,12 +62,10 @@ impl Hits {
         (self.rows[at], self.starts[at], self.bits[at])
     }
 
-    /// Hits.
     pub fn len(&self) -> usize {
         self.len
     }
 
-    /// Bytes that are allocated.
     pub fn allocated_bytes(&self) -> usize {
         3 * size_of_val(&*self.rows)
     }

@@ -30,6 +30,6 @@ mod words_avx512;
 
 pub(crate) use batch::{BATCH_STRIPS, GROUP, STRIP_COLUMNS, StripBatch, StripGroup};
 pub(crate) use block::{BLOCK_LANES, RowBlock, RowSet};
-pub(crate) use fan_out::{Split, in_parts, part_count};
+pub(crate) use fan_out::{Split, appended, for_each_in_parts, in_parts, part_count, zip_in_parts};
 pub(crate) use ordered::{KeyArraysMut, OrderedBoxes};
 pub(crate) use sink::WordSink;

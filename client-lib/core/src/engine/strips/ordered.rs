@@ -43,7 +43,6 @@ impl OrderedBoxes {
         }
     }
 
-    /// Bytes that are allocated.
     pub fn allocated_bytes(&self) -> usize {
         self.keys.allocated_bytes() + self.order.allocated_bytes()
     }

@@ -23,7 +23,6 @@ const NO_ADDRESS: u32 = u32::MAX;
 
 /// Words in the three arrays of the sparse encoding.
 pub(super) struct WordChunk {
-    /// Position of the row.
     pub rows: Vec<u32>,
     /// Columns 32·block to 32·block + 31.
     pub blocks: Vec<u32>,
@@ -87,11 +86,6 @@ impl WordChunk {
         self.len = self.sifted + kept;
         self.sifted = self.len;
         gone
-    }
-
-    /// Words.
-    fn word_count(&self) -> usize {
-        self.len - self.start
     }
 
     /// Rows, blocks and bits.
@@ -201,7 +195,6 @@ impl WordSink {
         self.used += 1;
     }
 
-    /// Pairs of all hits.
     pub fn pair_count(&self) -> u64 {
         self.pair_count
     }
@@ -215,10 +208,6 @@ impl WordSink {
 impl FoundWords for WordSink {
     fn chunks(&self) -> impl Iterator<Item = [&[u32]; 3]> {
         self.chunks[..self.used].iter().map(WordChunk::arrays)
-    }
-
-    fn word_count(&self) -> usize {
-        self.chunks[..self.used].iter().map(WordChunk::word_count).sum()
     }
 
     fn pair_count(&self) -> u64 {
@@ -274,7 +263,6 @@ mod tests {
         }
     }
 
-    /// A budget without a limit.
     fn no_limit() -> WordBudget {
         let n = BoxCount::new(u32::MAX);
         WordBudget::new(n, Encoding::Sparse, true, &HeapReply::new()).expect("no limit")

@@ -4,7 +4,6 @@
 
 use std::arch::x86_64::*;
 
-/// Lanes of a register.
 pub(super) const LANES: usize = 8;
 
 /// Byte k of entry `set`: the k-th lane of `set`. Those behind the last one are 0. 2 KiB.
@@ -50,18 +49,4 @@ pub(super) fn store(words: &mut [u32], at: usize, register: __m256i) {
     let words = &mut words[at..at + LANES];
     // SAFETY: 8 u32, exclusively borrowed, are the 32 bytes of a register.
     unsafe { _mm256_storeu_si256(words.as_mut_ptr().cast(), register) }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::LANES_OF;
-
-    #[test]
-    fn lanes_of_a_set_stand_first() {
-        for (set, lanes) in LANES_OF.iter().enumerate() {
-            let expected: Vec<u8> = (0..8).filter(|lane| set >> lane & 1 != 0).collect();
-            assert_eq!(lanes[..expected.len()], expected, "{set:#b}");
-            assert!(lanes[expected.len()..].iter().all(|lane| *lane == 0));
-        }
-    }
 }

@@ -124,7 +124,6 @@ fn behind(v: __m256i, first: u32) -> __m256i {
     _mm256_blend_epi32::<1>(moved, _mm256_set1_epi32(first as i32))
 }
 
-/// The lanes that are zero.
 #[target_feature(enable = "avx2")]
 #[inline]
 fn zero_lanes(v: __m256i) -> u8 {

@@ -10,7 +10,6 @@ use super::hits::Hits;
 use super::sink::WordChunk;
 use crate::engine::{AvailableIsa, Isa};
 
-/// Lanes of a register.
 const LANES: usize = 16;
 
 /// Squeezes the strips with an overlap together; returns hits and pairs.

@@ -42,7 +42,6 @@ fn spreads(columns: &KeyColumns) -> [f64; 3] {
     sums.map(|sums| sums.spread())
 }
 
-/// Some intervals of an axis.
 #[derive(Clone, Copy)]
 struct Intervals {
     lows: [f32; BLOCK],

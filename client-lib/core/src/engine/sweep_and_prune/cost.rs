@@ -5,7 +5,6 @@ use crate::engine::cost::{spills, terms};
 use crate::stats::SceneStats;
 
 terms! {
-    /// A frame.
     FRAME = CostTerm::new("sap-frame", 390.0);
     /// A box: read, sorted, put in order.
     BOX = CostTerm::new("sap-box", 14.8);

@@ -16,11 +16,11 @@ use self::sweep::SweepTask;
 use crate::aabb::Aabb;
 use crate::engine::encode;
 use crate::engine::gather::Gather;
-use crate::engine::strips::{OrderedBoxes, in_parts, part_count};
+use crate::engine::strips::{OrderedBoxes, for_each_in_parts, part_count};
 use crate::engine::word_budget::WordBudget;
 use crate::engine::{
     AvailableIsa, Census, CpuEngine, CullError, CullInput, CullReport, Engine, EngineDescriptor,
-    EngineName, EnginePlace, Isa, KeyColumns, ReplyBuffer, StageClock, available,
+    EngineName, EnginePlace, KeyColumns, ReplyBuffer, StageClock,
 };
 use crate::mask::Encoding;
 use crate::precision::BoxForm;
@@ -69,18 +69,9 @@ pub struct SweepAndPrune {
     tasks: Vec<SweepTask>,
 }
 
-impl Default for SweepAndPrune {
-    fn default() -> Self {
-        Self::new()
-    }
-}
+made_by_isa!(SweepAndPrune, EngineName::CpuSap);
 
 impl SweepAndPrune {
-    /// The engine with the widest instruction set of this machine.
-    pub fn new() -> Self {
-        Self::on(AvailableIsa::best())
-    }
-
     /// The engine with one instruction set that this machine has.
     fn on(isa: AvailableIsa) -> Self {
         Self {
@@ -90,14 +81,6 @@ impl SweepAndPrune {
             boxes: OrderedBoxes::default(),
             tasks: Vec::new(),
         }
-    }
-
-    /// The engine with one instruction set, for tests and measurements.
-    ///
-    /// # Errors
-    /// [`CullError::Unavailable`] when this machine does not have it.
-    pub fn with_isa(isa: Isa) -> Result<Self, CullError> {
-        available(isa, EngineName::CpuSap).map(Self::on)
     }
 
     /// Reads and sorts the boxes; returns the sweep axis.
@@ -155,12 +138,8 @@ impl Engine for SweepAndPrune {
         let order = ordered.order();
         input.rules.prepare(boxes.len(), order, threads);
         let gather = Gather { budget, rules: input.rules, order, isa };
-        let run = |tasks: &mut [SweepTask]| {
-            for task in tasks {
-                task.run(ordered, &gather, axis, solid as u32);
-            }
-        };
-        in_parts(self.tasks.as_mut_slice(), parts, &run, &|(), ()| ());
+        let run = |task: &mut SweepTask| task.run(ordered, &gather, axis, solid as u32);
+        for_each_in_parts(&mut self.tasks, parts, run);
         clock.executed();
 
         let sinks = self.tasks.iter().map(|task| &task.found);

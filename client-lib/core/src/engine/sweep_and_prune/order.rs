@@ -62,7 +62,6 @@ impl SweepOrder {
         }
     }
 
-    /// Bytes that are allocated.
     pub fn allocated_bytes(&self) -> usize {
         (self.entries.capacity() + self.scratch.capacity()) * size_of::<Entry>()
             + self.counts.capacity() * size_of::<[u32; BUCKETS]>()

@@ -8,17 +8,13 @@ use crate::engine::strips::{OrderedBoxes, STRIP_COLUMNS, StripBatch, WordSink};
 /// A range of positions and what was found in its rows. Memory is kept from frame to frame.
 #[derive(Default)]
 pub(super) struct SweepTask {
-    /// Positions of the rows.
     pub rows: Range<u32>,
-    /// What was found.
     pub found: WordSink,
-    /// Pairs compared.
     pub compared: u64,
     batch: StripBatch,
 }
 
 impl SweepTask {
-    /// Bytes that are allocated.
     pub fn allocated_bytes(&self) -> usize {
         self.found.allocated_bytes() + self.batch.allocated_bytes()
     }

@@ -6,22 +6,9 @@
 use std::fmt::Debug;
 
 use crate::filters::{Filter, FilterId, FilterTable, Owner, Rules, Tag, World};
-
-/// A small generator: xorshift.
-pub struct Random(u64);
+pub use crate::random::Random;
 
 impl Random {
-    pub const fn new(seed: u64) -> Self {
-        Self(seed | 1 << 40)
-    }
-
-    pub fn next(&mut self) -> u64 {
-        self.0 ^= self.0 << 13;
-        self.0 ^= self.0 >> 7;
-        self.0 ^= self.0 << 17;
-        self.0 >> 11
-    }
-
     pub fn flag(&mut self) -> bool {
         self.next().is_multiple_of(2)
     }
@@ -61,7 +48,7 @@ pub fn check<T: Debug>(
     convert: impl Fn(&T) -> Filter,
     meet: impl Fn(&T, &T) -> bool,
 ) {
-    let mut random = Random::new(1);
+    let mut random = Random((1 << 40) + 1);
     let fields: Vec<T> = (0..300).map(|_| field(&mut random)).collect();
     let filters: Vec<Filter> = fields.iter().map(&convert).collect();
     let mut rules = Rules::default();

@@ -76,7 +76,6 @@ impl<'a> DenseMask<'a> {
         DenseWords::new(self.words, range, self.last_mask())
     }
 
-    /// The pairs of a range of words.
     pub(super) fn pairs_in(&self, range: Range<usize>) -> DensePairs<'a> {
         DensePairs::new(self.n, self.words_in(range), self.isa)
     }

@@ -91,33 +91,3 @@ impl Iterator for DenseWords<'_> {
 }
 
 impl FusedIterator for DenseWords<'_> {}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn every_range_gives_its_non_zero_words() {
-        let mask: Vec<u32> =
-            (0..345u32).map(|i| if i % 7 == 3 || i == 344 { i + 1 } else { 0 }).collect();
-        for start in 0..=mask.len() {
-            for end in [start, start + 1, start + 63, start + 64, start + 65, start + 130, 345] {
-                let expected: Vec<_> = (0..mask.len())
-                    .filter(|i| (start..end).contains(i) && mask[*i] != 0)
-                    .map(|i| (i, mask[i]))
-                    .collect();
-                let found: Vec<_> = DenseWords::new(&mask, start..end.min(345), u32::MAX).collect();
-                assert_eq!(found, expected, "{start}..{end}");
-            }
-        }
-    }
-
-    #[test]
-    fn bits_behind_the_last_pair_are_dropped() {
-        let mut mask = vec![0; 100];
-        mask[99] = 0xf0;
-        let numbers = |last_mask| DenseWords::new(&mask, 0..100, last_mask).collect::<Vec<_>>();
-        assert_eq!(numbers(0x1f), [(99, 0x10)]);
-        assert_eq!(numbers(0x0f), []);
-    }
-}

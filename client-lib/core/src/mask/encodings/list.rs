@@ -94,7 +94,6 @@ impl<'a> ListMask<'a> {
         self.pairs.chunks(STRETCH).map(|pairs| u64::from(count(pairs))).sum()
     }
 
-    /// The pairs of a range of the list.
     pub(super) fn pairs_in(&self, range: Range<usize>) -> ListPairs<'a> {
         ListPairs::new(self.n, self.pairs.get(range).unwrap_or(&[]), self.isa)
     }

@@ -63,11 +63,7 @@ impl Encoding {
 
     /// Its place in [`Self::ALL`].
     pub const fn place(self) -> usize {
-        match self {
-            Self::Dense => 0,
-            Self::Sparse => 1,
-            Self::List => 2,
-        }
+        self as usize - 1
     }
 
     /// The encoding of a wire number, if there is one.
@@ -232,6 +228,17 @@ impl MaskShape {
     }
 }
 
+/// What each encoding's mask, by that name, is asked for.
+macro_rules! of_each {
+    ($view:expr, $mask:ident => $of:expr) => {
+        match $view {
+            MaskView::Dense($mask) => $of,
+            MaskView::Sparse($mask) => $of,
+            MaskView::List($mask) => $of,
+        }
+    };
+}
+
 /// A pair mask in a reply, of any encoding: nothing is copied.
 ///
 /// The reply is data from another process. [`MaskView::new`] checks in O(1) that the sections lie
@@ -310,11 +317,7 @@ impl<'a> MaskView<'a> {
     /// Number of boxes.
     #[inline]
     pub const fn n(&self) -> BoxCount {
-        match self {
-            Self::Dense(mask) => mask.n(),
-            Self::Sparse(mask) => mask.n(),
-            Self::List(mask) => mask.n(),
-        }
+        of_each!(self, mask => mask.n())
     }
 
     /// How the mask is written.
@@ -333,11 +336,7 @@ impl<'a> MaskView<'a> {
     /// order is not read here.
     #[must_use]
     pub fn count(&self) -> u64 {
-        match self {
-            Self::Dense(mask) => mask.count(),
-            Self::Sparse(mask) => mask.count(),
-            Self::List(mask) => mask.count(),
-        }
+        of_each!(self, mask => mask.count())
     }
 
     /// Whether boxes `a` and `b`, in any order, are a pair of the mask. False for equal and for
@@ -348,11 +347,7 @@ impl<'a> MaskView<'a> {
     #[inline]
     #[must_use]
     pub fn contains(&self, a: u32, b: u32) -> bool {
-        match self {
-            Self::Dense(mask) => mask.contains(a, b),
-            Self::Sparse(mask) => mask.contains(a, b),
-            Self::List(mask) => mask.contains(a, b),
-        }
+        of_each!(self, mask => mask.contains(a, b))
     }
 
     /// The non-zero words with their addresses, without bits that name no pair. Each pair of a list is
@@ -378,11 +373,7 @@ impl<'a> MaskView<'a> {
     /// # Errors
     /// The first rule broken, and where: [`MaskError`].
     pub fn verify(&self) -> Result<(), MaskError> {
-        match self {
-            Self::Dense(mask) => mask.verify(),
-            Self::Sparse(mask) => mask.verify(),
-            Self::List(mask) => mask.verify(),
-        }
+        of_each!(self, mask => mask.verify())
     }
 
     /// Words of the mask as it lies in the reply, or pairs of a list.
@@ -394,7 +385,6 @@ impl<'a> MaskView<'a> {
         }
     }
 
-    /// The pairs of a range of words.
     pub(super) fn pairs_in(&self, range: Range<usize>) -> Pairs<'a> {
         match self {
             Self::Dense(mask) => Pairs::of(PairSource::Dense(mask.pairs_in(range))),
@@ -454,7 +444,6 @@ pub(super) enum WordSource<'a> {
 }
 
 impl WordSource<'_> {
-    /// The next word that is not zero.
     #[inline]
     pub fn next(&mut self) -> Option<AddressedWord> {
         match self {

@@ -137,7 +137,6 @@ impl<'a> SparseMask<'a> {
         SparseWords::new(of(self.rows), of(self.blocks), of(self.bits))
     }
 
-    /// The pairs of a range of words.
     pub(super) fn pairs_in(&self, range: Range<usize>) -> SparsePairs<'a> {
         SparsePairs::new(self.n, self.order, self.words_in(range), self.kernel)
     }

@@ -55,7 +55,6 @@ impl<'a> SparseWords<'a> {
         Self { rows: cut(rows), blocks: cut(blocks), bits: cut(bits) }
     }
 
-    /// The first word and those after it.
     #[inline(always)]
     pub fn split_first(&self) -> Option<(SparseWord, Self)> {
         let (row, rows) = self.rows.split_first()?;

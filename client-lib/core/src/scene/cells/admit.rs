@@ -16,7 +16,6 @@ pub(super) struct Span {
     pub question: u32,
     /// The first block.
     pub start: u32,
-    /// Boxes.
     pub len: u32,
 }
 

@@ -18,7 +18,6 @@ pub(super) const SLOTS: u32 = 4;
 pub(in crate::scene) const CHANGED: u32 = 1 << 31;
 /// Flag of a word: the box is static.
 pub(in crate::scene) const STATIC: u32 = 1 << 30;
-/// The index in a word.
 pub(in crate::scene) const INDEX: u32 = STATIC - 1;
 
 /// Mins, negated maxes, and the word: lanes of one comparison.

@@ -2,18 +2,16 @@
 
 use super::block::{Block, SLOTS, STATIC, Slot};
 use super::layout::{self, Level};
-use super::quanta::{Quanta, is_solid};
+use super::quanta::is_solid;
 use super::runs::{NOWHERE, Runs};
 use super::{Cells, level_of};
 use crate::aabb::Aabb;
-use crate::engine::strips::{in_parts, part_count};
+use crate::engine::strips::{for_each_in_parts, part_count, zip_in_parts};
 
-/// Boxes of a task, at least.
 const TASK_BOXES: usize = 16_384;
 
 /// Some blocks of all, which one task fills.
 struct Fill<'a> {
-    /// The first place of them.
     first: u32,
     blocks: &'a mut [Block],
 }
@@ -51,39 +49,19 @@ impl Cells {
         let mut fills: Vec<Fill<'_>> =
             fills.map(|(first, blocks)| Fill { first, blocks }).collect();
         let levels = self.levels.as_slice();
-        let run = |fills: &mut [Fill<'_>]| {
-            for fill in fills {
-                fill.run(levels, boxes, &places, &is_static);
-            }
-        };
-        in_parts(fills.as_mut_slice(), fill_threads, &run, &|(), ()| ());
+        let run = |fill: &mut Fill<'_>| fill.run(levels, boxes, &places, &is_static);
+        for_each_in_parts(&mut fills, fill_threads, run);
         self.places = places;
     }
 
-    /// The cell of each box.
     fn find_homes(&self, boxes: &[Aabb], homes: &mut [u32], threads: usize) {
-        let parts = part_count(boxes.len(), TASK_BOXES, threads);
-        let step = boxes.len().div_ceil(parts).max(1);
-        let mut work: Vec<(&mut [u32], &[Aabb])> =
-            homes.chunks_mut(step).zip(boxes.chunks(step)).collect();
-        let run = |work: &mut [(&mut [u32], &[Aabb])]| {
-            for (home, b) in work.iter_mut().flat_map(|(homes, boxes)| homes.iter_mut().zip(*boxes))
-            {
-                if is_solid(b) {
-                    let (level, q) = taker(&self.levels, b);
-                    *home = level.home(&q);
-                }
+        zip_in_parts(homes, boxes, TASK_BOXES, threads, |homes, boxes| {
+            for (home, b) in homes.iter_mut().zip(boxes).filter(|(_, b)| is_solid(b)) {
+                let (level, q) = level_of(&self.levels, b);
+                *home = self.levels[level].home(&q);
             }
-        };
-        in_parts(work.as_mut_slice(), parts, &run, &|(), ()| ());
+        });
     }
-}
-
-/// The first level that takes a solid box, and the box in its quanta.
-#[inline]
-fn taker<'a>(levels: &'a [Level], b: &Aabb) -> (&'a Level, Quanta) {
-    let (number, q) = level_of(levels, b);
-    (&levels[number], q)
 }
 
 impl Fill<'_> {
@@ -99,7 +77,7 @@ impl Fill<'_> {
             // That of a box elsewhere, or nowhere, is beyond the end.
             let at = place.wrapping_sub(self.first);
             if at < count {
-                let (_, q) = taker(levels, b);
+                let (_, q) = level_of(levels, b);
                 let word = index | if is_static(index) { STATIC } else { 0 };
                 self.blocks[(at / SLOTS) as usize].0[(at % SLOTS) as usize] = Slot::new(&q, word);
             }

@@ -31,7 +31,6 @@ const SPARE_GROWTH: f32 = 4.0;
 /// Most spare levels: 4^8 = 65,536 times the size of the largest box that the sample saw.
 const SPARE_MOST: usize = 8;
 
-/// One grid.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Level {
     pub axes: [Axis; 3],
@@ -94,7 +93,6 @@ impl Level {
         Self::of_axes(axes)
     }
 
-    /// Cells of the level.
     pub fn cell_count(&self) -> u32 {
         self.axes.iter().map(|axis| axis.count).product()
     }
@@ -141,7 +139,6 @@ impl Level {
         self.cell_at(x, y, z)
     }
 
-    /// The cell of the table at x, y, z.
     #[inline(always)]
     pub fn cell_at(&self, x: u32, y: u32, z: u32) -> u32 {
         self.first_cell + (z * self.axes[1].count + y) * self.axes[0].count + x

@@ -30,7 +30,7 @@ use self::runs::{NOWHERE, Runs};
 use super::fetch::ask_for;
 use super::store::Store;
 use crate::aabb::Aabb;
-use crate::engine::strips::{in_parts, part_count};
+use crate::engine::strips::zip_in_parts;
 
 /// Boxes whose moves are found before any is made: 384 KiB.
 const STRETCH: usize = 8_192;
@@ -47,7 +47,6 @@ const MOVES_A_BOX: u64 = 16;
 /// Boxes that may always move before the layout is chosen again.
 const BOXES_LEAST: u64 = 4_096;
 
-/// The cells of a scene.
 #[derive(Debug, Default)]
 pub(super) struct Cells {
     /// Finest first.
@@ -73,7 +72,6 @@ pub(super) struct Cells {
 /// What becomes of a box.
 #[derive(Clone, Copy, Debug)]
 enum Action {
-    /// It stays as it is.
     Stay,
     /// It overlaps nothing any more.
     Leave,
@@ -123,7 +121,6 @@ impl Cells {
         cells
     }
 
-    /// Bytes that are allocated.
     pub fn allocated_bytes(&self) -> usize {
         let words = self.places.capacity() + self.settling.capacity();
         words * size_of::<u32>()
@@ -216,22 +213,15 @@ impl Cells {
         threads: usize,
     ) {
         moves.resize(indices.len(), Move::NONE);
-        let parts = part_count(indices.len(), TASK_MOVES, threads);
-        let step = indices.len().div_ceil(parts).max(1);
-        let mut work: Vec<(&mut [Move], &[u32])> =
-            moves.chunks_mut(step).zip(indices.chunks(step)).collect();
-        let run = |work: &mut [(&mut [Move], &[u32])]| {
-            for (moves, indices) in work {
-                for (at, (slot, index)) in moves.iter_mut().zip(*indices).enumerate() {
-                    if let Some(ahead) = indices.get(at + BATCH) {
-                        store.ask_for(*ahead);
-                    }
-                    let found = move_of(self, store, *index);
-                    *slot = found.unwrap_or(Move { index: *index, ..Move::NONE });
+        zip_in_parts(moves, indices, TASK_MOVES, threads, |moves, indices| {
+            for (at, (slot, index)) in moves.iter_mut().zip(indices).enumerate() {
+                if let Some(ahead) = indices.get(at + BATCH) {
+                    store.ask_for(*ahead);
                 }
+                let found = move_of(self, store, *index);
+                *slot = found.unwrap_or(Move { index: *index, ..Move::NONE });
             }
-        };
-        in_parts(work.as_mut_slice(), parts, &run, &|(), ()| ());
+        });
     }
 
     /// The move of a box to what it is alone, unless it has changed.
@@ -250,7 +240,6 @@ impl Cells {
         Some(Move { slot: Slot::new(&q, word), index, action: Action::Settle, ..Move::NONE })
     }
 
-    /// The move of a box to what it is.
     #[allow(clippy::unnecessary_wraps)] // As the others: a `MoveOf`.
     fn arrived(&self, store: &Store, index: u32) -> Option<Move> {
         let b = store.boxes().get(index as usize).copied().unwrap_or(Aabb::EMPTY);
@@ -357,7 +346,6 @@ impl Cells {
         }
     }
 
-    /// Puts a box into a cell.
     fn put(&mut self, slot: Slot, cell: u32, level: u32) {
         let Self { runs, places, ghosts, .. } = self;
         let place = runs.push(cell, slot).unwrap_or_else(|| {

@@ -79,7 +79,6 @@ impl Quanta {
         }
     }
 
-    /// Lengths.
     #[inline(always)]
     pub fn lengths(&self) -> [i32; 4] {
         std::array::from_fn(|axis| self.max[axis] - self.min[axis])

@@ -17,16 +17,12 @@ const SPARE_LEAST: usize = 1_024;
 /// The blocks of a cell.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Run {
-    /// The first one.
     pub start: u32,
-    /// Boxes.
     pub len: u32,
-    /// Blocks that there are.
     room: u32,
 }
 
 impl Run {
-    /// The places of its boxes.
     #[inline(always)]
     pub const fn places(&self) -> std::ops::Range<u32> {
         let first = self.start * SLOTS;
@@ -40,7 +36,6 @@ impl Run {
     }
 }
 
-/// The runs of all cells.
 #[derive(Debug, Default)]
 pub(super) struct Runs {
     of_cells: Vec<Run>,
@@ -84,7 +79,6 @@ impl Runs {
         place
     }
 
-    /// All blocks.
     pub fn blocks_mut(&mut self) -> &mut [Block] {
         &mut self.blocks
     }
@@ -95,38 +89,32 @@ impl Runs {
         &self.of_cells[first as usize..(first + count) as usize]
     }
 
-    /// Asks for the run of a cell.
     #[inline(always)]
     pub fn ask_for_run(&self, cell: u32) {
         ask_for(&self.of_cells, cell);
     }
 
-    /// Asks for a block.
     #[inline(always)]
     pub fn ask_for_block(&self, block: u32) {
         ask_for(&self.blocks, block);
     }
 
-    /// Asks for a place and its cell.
     #[inline(always)]
     pub fn ask_for_place(&self, place: u32) {
         ask_for(&self.owners, place / SLOTS);
         ask_for(&self.blocks, place / SLOTS);
     }
 
-    /// All blocks.
     #[inline(always)]
     pub fn blocks(&self) -> &[Block] {
         &self.blocks
     }
 
-    /// The cell of a place.
     #[inline(always)]
     pub fn cell_of(&self, place: u32) -> u32 {
         self.owners[(place / SLOTS) as usize]
     }
 
-    /// The box at a place.
     #[inline(always)]
     pub fn slot_mut(&mut self, place: u32) -> &mut Slot {
         &mut self.blocks[(place / SLOTS) as usize].0[(place % SLOTS) as usize]
@@ -189,7 +177,6 @@ impl Runs {
         self.blocks.len() > self.built + self.built / SPARE_SHARE + SPARE_LEAST
     }
 
-    /// Bytes that are allocated.
     pub fn allocated_bytes(&self) -> usize {
         self.of_cells.capacity() * size_of::<Run>()
             + self.blocks.capacity() * size_of::<Block>()

@@ -53,7 +53,6 @@ pub(in crate::scene) struct Searches {
     span_count: usize,
     /// Boxes of the spans.
     tested: u64,
-    /// Levels that have boxes.
     levels: Vec<usize>,
 }
 
@@ -70,7 +69,6 @@ struct Line {
 enum Sure {
     /// None: they are of no interest.
     None,
-    /// All.
     All,
     /// Those that a question does not admit.
     Unless(Question),
@@ -89,7 +87,6 @@ impl Searches {
         self.tested
     }
 
-    /// Bytes that are allocated.
     pub fn allocated_bytes(&self) -> usize {
         self.questions.capacity() * size_of::<Question>()
             + self.sure.capacity() * size_of::<Sure>()

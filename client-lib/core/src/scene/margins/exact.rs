@@ -15,7 +15,7 @@ use super::parts_of;
 use super::rows::state::{IS, NEAR, WAS};
 use super::rows::{Rows, is_pair};
 use crate::aabb::KeyBox;
-use crate::engine::strips::in_parts;
+use crate::engine::strips::{appended, in_parts};
 
 /// The box has changed since its near pairs were tested.
 const CHANGED: u8 = 1;
@@ -84,7 +84,6 @@ pub struct ExactPairs {
     is_open: bool,
     /// Pairs that became near.
     fresh: Vec<Pair>,
-    /// Pairs that ended.
     ends: Vec<Pair>,
 }
 
@@ -235,11 +234,7 @@ impl ExactPairs {
         let mut changed = std::mem::take(&mut self.changed);
         let parts = parts_of(changed.len(), TASK_BOXES, threads);
         let run = |indices: &mut [u32]| self.flips(indices, now);
-        let flips =
-            in_parts(changed.as_mut_slice(), parts, &run, &|mut low: Vec<Pair>, mut high| {
-                low.append(&mut high);
-                low
-            });
+        let flips = in_parts(changed.as_mut_slice(), parts, &run, &appended);
         for pair in flips {
             self.set_state(pair, |state| state ^ IS);
         }

@@ -14,7 +14,6 @@ pub(super) mod state {
 
     /// It is near: a pair of the boxes that were sent.
     pub const NEAR: u32 = MOST_BOXES;
-    /// Its boxes overlap.
     pub const IS: u32 = MOST_BOXES << 1;
     /// It was told: it was a pair at the last taken answer.
     pub const WAS: u32 = MOST_BOXES << 2;
@@ -113,7 +112,6 @@ impl Rows {
         }
     }
 
-    /// Asks for the pairs of an index.
     #[inline]
     pub fn ask_for(&self, index: u32) {
         ask_for(&self.links[index as usize], 0);
@@ -161,36 +159,6 @@ pub(super) const fn is_pair(state: u32) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn rows_keep_pairs_in_order_and_let_dead_ones_go() {
-        let mut rows = Rows::default();
-        rows.grow(10);
-        for pair in [[0, 5], [2, 5], [5, 9]] {
-            rows.add(pair, NEAR | IS);
-        }
-        rows.tidy();
-        for pair in [[0, 1], [1, 5], [3, 5], [5, 6]] {
-            rows.add(pair, NEAR);
-        }
-        rows.tidy();
-        assert!(rows.of(5).map(|(other, _)| other).eq([0, 1, 2, 3, 6, 9]));
-        assert_eq!(
-            [rows.state([2, 5]), rows.state([1, 5]), rows.state([1, 2])],
-            [NEAR | IS, NEAR, 0]
-        );
-        assert_eq!(rows.update([2, 5], |_| WAS), Some(NEAR | IS));
-        rows.update([0, 5], |_| 0);
-        assert_eq!(rows.update([2, 9], |_| WAS), None);
-        rows.tidy();
-        let all: Vec<_> = rows.iter().collect();
-        let near = |pair| (pair, NEAR);
-        let expected = [near([0, 1]), near([1, 5]), ([2, 5], WAS), near([3, 5]), near([5, 6])];
-        assert_eq!(all[..5], expected);
-        assert_eq!(all[5..], [([5, 9], NEAR | IS)]);
-        rows.set_all(|state| if is_pair(state) { WAS } else { 0 });
-        assert!(rows.iter().eq([([5, 9], WAS)]));
-    }
 
     #[test]
     fn a_row_that_was_long_gives_its_memory_back() {

@@ -5,7 +5,7 @@ use std::ops::Range;
 use super::Room;
 use crate::aabb::{Aabb, KeyBox};
 use crate::engine::CullError;
-use crate::engine::strips::{in_parts, part_count};
+use crate::engine::strips::{for_each_in_parts, part_count};
 use crate::floats;
 use crate::scene::cells::{CHANGED, Candidate, Cells, INDEX, Searches, is_solid};
 use crate::scene::fetch::ask_for;
@@ -98,17 +98,12 @@ pub(super) fn find(
         task.queries = border(part)..border(part + 1);
     }
     let order = order.as_slice();
-    let run = |tasks: &mut [Task]| {
-        for task in tasks {
-            task.run(order, cells, boxes, queries, room);
-        }
-    };
-    in_parts(tasks.as_mut_slice(), parts, &run, &|(), ()| ());
+    for_each_in_parts(tasks, parts, |task| task.run(order, cells, boxes, queries, room));
     tasks.iter_mut().flat_map(|task| &mut task.batches).for_each(Batch::give_back);
     room.check()?;
     super::reserve(found, tasks.iter().map(|task| task.found.len()).sum())?;
     if is_sorted {
-        by_query(tasks, count, starts, found);
+        super::by_query(|| tasks.iter().flat_map(|task| &task.found), count, starts, found);
     } else {
         for task in tasks.iter() {
             found.extend_from_slice(&task.found);
@@ -122,26 +117,6 @@ fn by_place(cells: &Cells, queries: &[Aabb], order: &mut Vec<u32>) {
     let place = |(number, query)| [cells.near(query), number];
     let places = floats::with_default(|| (0u32..).zip(queries).map(place).collect());
     in_order_of(places, order);
-}
-
-/// Puts the pairs of all tasks in the order of their queries. Those of a query stand together.
-fn by_query(tasks: &[Task], queries: usize, starts: &mut Vec<u32>, found: &mut Vec<Pair>) {
-    starts.clear();
-    starts.resize(queries, 0);
-    let pairs = || tasks.iter().flat_map(|task| &task.found);
-    for [query, _] in pairs() {
-        starts[*query as usize] += 1;
-    }
-    let mut next = 0;
-    for start in starts.iter_mut() {
-        next += std::mem::replace(start, next);
-    }
-    found.resize(next as usize, [0; 2]);
-    for pair in pairs() {
-        let start = &mut starts[pair[0] as usize];
-        found[*start as usize] = *pair;
-        *start += 1;
-    }
 }
 
 impl Task {
@@ -241,7 +216,6 @@ impl Batch {
         }
     }
 
-    /// Bytes that are allocated.
     fn allocated_bytes(&self) -> usize {
         self.numbers.capacity() * size_of::<u32>()
             + self.here.capacity() * size_of::<Aabb>()

@@ -18,7 +18,6 @@ use crate::scene::pair_list::{Pair, Sorter};
 pub(super) const MOST_OF_A_SET: usize = (1 << 29) - 1;
 /// Comparisons up to which each is made: some 100 µs.
 const FEW_TESTS: u64 = 1 << 17;
-/// Boxes of a task, at least.
 const TASK_BOXES: usize = 16_384;
 /// Cells of the sieve along an axis: a row of them is a word.
 const SIEVE: usize = 64;

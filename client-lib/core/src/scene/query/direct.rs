@@ -3,7 +3,7 @@
 use super::Room;
 use crate::aabb::{Aabb, KeyBox};
 use crate::engine::CullError;
-use crate::engine::strips::{in_parts, part_count};
+use crate::engine::strips::{appended, in_parts, part_count};
 use crate::scene::pair_list::Pair;
 
 /// Queries that are compared with a box at a time.
@@ -71,12 +71,10 @@ pub(super) fn find(
         }
         pairs
     };
-    let by_index = in_parts(work.as_mut_slice(), parts, &run, &|mut low: Vec<Pair>, high| {
-        low.extend(high);
-        low
-    });
+    let by_index = in_parts(work.as_mut_slice(), parts, &run, &appended);
     room.check()?;
-    by_query(&by_index, queries.len(), found)?;
+    super::reserve(found, by_index.len())?;
+    super::by_query(|| by_index.iter(), queries.len(), &mut Vec::new(), found);
     Ok(boxes.len() as u64 * queries.len() as u64)
 }
 
@@ -90,24 +88,4 @@ fn add_pairs(blocks: &[Block], index: u32, keys: &KeyBox, pairs: &mut Vec<Pair>)
             pairs.extend(lanes.map(|(query, _)| [query, index]));
         }
     }
-}
-
-/// Puts pairs that rise by index in order of their queries first: by counting.
-fn by_query(pairs: &[Pair], queries: usize, found: &mut Vec<Pair>) -> Result<(), CullError> {
-    super::reserve(found, pairs.len())?;
-    let mut starts = vec![0u32; queries];
-    for [query, _] in pairs {
-        starts[*query as usize] += 1;
-    }
-    let mut next = 0;
-    for start in &mut starts {
-        next += std::mem::replace(start, next);
-    }
-    found.resize(pairs.len(), [0; 2]);
-    for pair in pairs {
-        let start = &mut starts[pair[0] as usize];
-        found[*start as usize] = *pair;
-        *start += 1;
-    }
-    Ok(())
 }

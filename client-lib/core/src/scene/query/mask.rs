@@ -241,10 +241,6 @@ impl FoundWords for Words {
         std::iter::once([&self.rows[..], &self.blocks[..], &self.bits[..]])
     }
 
-    fn word_count(&self) -> usize {
-        self.bits.len()
-    }
-
     fn pair_count(&self) -> u64 {
         self.pairs
     }

@@ -80,6 +80,30 @@ fn reserve(found: &mut Vec<Pair>, pairs: usize) -> Result<(), CullError> {
     found.try_reserve(pairs).map_err(|_| ReserveError::OutOfMemory { needed_bytes }.into())
 }
 
+/// Puts pairs in the order of so many queries, and leaves those of a query in theirs: by counting.
+fn by_query<'a, I: Iterator<Item = &'a Pair>>(
+    pairs: impl Fn() -> I,
+    queries: usize,
+    starts: &mut Vec<u32>,
+    found: &mut Vec<Pair>,
+) {
+    starts.clear();
+    starts.resize(queries, 0);
+    for [query, _] in pairs() {
+        starts[*query as usize] += 1;
+    }
+    let mut next = 0;
+    for start in starts.iter_mut() {
+        next += std::mem::replace(start, next);
+    }
+    found.resize(next as usize, [0; 2]);
+    for pair in pairs() {
+        let start = &mut starts[pair[0] as usize];
+        found[*start as usize] = *pair;
+        *start += 1;
+    }
+}
+
 /// What a scene keeps for queries.
 #[derive(Debug)]
 pub(super) struct Asked {
@@ -89,7 +113,6 @@ pub(super) struct Asked {
     compared: u64,
     /// Boxes that were moved in the cells since the last query.
     moved: usize,
-    /// Most pairs of an answer.
     most_pairs: u64,
     memory: around::Memory,
 }
@@ -107,7 +130,6 @@ impl Default for Asked {
 }
 
 impl Asked {
-    /// Bytes that are allocated.
     pub fn allocated_bytes(&self) -> usize {
         self.cells.as_ref().map_or(0, Cells::allocated_bytes) + self.memory.allocated_bytes()
     }

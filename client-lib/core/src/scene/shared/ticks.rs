@@ -14,7 +14,6 @@ pub struct Ticks {
     committed: HashSet<MemberId>,
     /// Who is waited for, in the order of their lowest indices.
     writers: Vec<MemberId>,
-    /// Those of them that have not committed.
     missing: HashSet<MemberId>,
     closes_at: Option<Instant>,
 }
@@ -75,11 +74,6 @@ impl Ticks {
         self.missing.remove(&member);
         self.closes_at.get_or_insert(now + self.deadline);
         Committed::Waits
-    }
-
-    /// Whether a member has committed in the open tick.
-    pub fn has_committed(&self, member: MemberId) -> bool {
-        self.committed.contains(&member)
     }
 
     /// A member is gone, and its commit with it; [`wait_for`](Self::wait_for) is to follow where it was a

@@ -41,7 +41,6 @@ impl Incarnations {
         }
     }
 
-    /// The name of a pair of now.
     fn now(&self, pair: Pair) -> NamedPair {
         let of = |index| self.lost.get(&index).copied().unwrap_or(0);
         NamedPair { pair, incarnations: pair.map(of) }
@@ -96,7 +95,6 @@ struct Changes {
 }
 
 impl Changes {
-    /// These, and then others.
     fn then(self, later: Self) -> Self {
         if self.begun.is_empty() && self.ended.is_empty() {
             return later;

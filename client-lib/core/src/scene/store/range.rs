@@ -6,7 +6,6 @@ use crate::engine::strips::{in_parts, part_count};
 
 /// Fewest boxes of an edit that is applied so.
 const BOXES_LEAST: usize = 8_192;
-/// Boxes of a task, at least.
 const TASK_BOXES: usize = 4_096;
 
 /// Some indices of the range, and what is kept of them.

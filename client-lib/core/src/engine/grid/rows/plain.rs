@@ -25,7 +25,6 @@ const TWO_STRIPS: u32 = 2 * STRIP_COLUMNS as u32;
 #[derive(Default)]
 pub(super) struct PlainCells {
     cells: [PlainCell; CELLS],
-    /// End of the rows of each.
     ends: [u32; CELLS],
     len: usize,
     /// Most strips that a row may have.

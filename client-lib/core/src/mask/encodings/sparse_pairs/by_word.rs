@@ -62,10 +62,8 @@ trait Names {
     where
         Self: 'c;
 
-    /// The name of a row.
     fn row(&self, row: u32) -> u32;
 
-    /// The names of the columns of a block.
     fn columns(&self, block: u32) -> Self::Columns<'_>;
 
     /// The name of column `bit`, at most 32.
