@@ -72,12 +72,12 @@ def test_what_is_wrong_with_shared_scenes(daemon: Daemon) -> None:
     with daemon.session("daemon") as session:
         scene = session.join_scene("a", most_boxes=100)
         scene.lease(range(0, 10))
-        assert kind(lambda: session.join_scene("no spaces")) == "Name"
-        assert kind(lambda: session.join_scene("a", most_boxes=7)) == "Differs"
+        assert kind(lambda: session.join_scene("no spaces")) == "SceneName"
+        assert kind(lambda: session.join_scene("a", most_boxes=7)) == "TermsDiffer"
         assert kind(lambda: scene.lease(range(5, 20))) == "Lease"
         assert kind(lambda: scene.lease(range(5, 5))) == "Lease"
         assert kind(lambda: scene.edit().set(10, [0, 0, 0, 1, 1, 1]).commit()) == "NotLeased"
-        assert kind(lambda: scene.edit().commit("moved")) == "Moved"
+        assert kind(lambda: scene.edit().commit("moved")) == "MovedOfShared"
         with pytest.raises(pairmask.PairmaskError, match="set twice"):
             scene.edit().set([1, 1], np.zeros((2, 6))).commit()
         with pytest.raises(ValueError, match="gaps"):
@@ -91,4 +91,4 @@ def test_what_is_wrong_with_shared_scenes(daemon: Daemon) -> None:
         with pytest.raises(ValueError):
             session.join_scene("b", at_end="burn")  # type: ignore[arg-type]
     with pairmask.Session("in-process") as here:
-        assert kind(lambda: here.join_scene("a")) == "InProcess"
+        assert kind(lambda: here.join_scene("a")) == "NeedsDaemon"

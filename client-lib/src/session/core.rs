@@ -341,7 +341,7 @@ impl Core {
             }
         };
         if self.may_cull_here() && connection.silence.is_some() {
-            let begun = link.loan(0).map_err(Error::from);
+            let begun = link.loan(0);
             match begun.and_then(|shared| self.status_exchange(shared)) {
                 Ok((exchange, _)) => {
                     connection.try_by(Trial { link, exchange, until: now + TRIAL_WITHIN });
@@ -430,7 +430,7 @@ impl Core {
         }
         let (answer, asked) = answered?;
         let payload = bytemuck::cast_slice(answer.response.pages());
-        Ok(StatusBody::parse(&answer.header, &asked, payload).map_err(Error::from)?)
+        StatusBody::parse(&answer.header, &asked, payload).map_err(Error::from)
     }
 }
 

@@ -263,13 +263,12 @@ impl<O: FrameObject> Frame<O> {
             Backend::Daemon => Ok(FrameMemory::Shared(shared()?)),
             Backend::Auto => match shared() {
                 Ok(shared) => Ok(FrameMemory::Shared(shared)),
-                // The log already says so, and frames of boxes still go to the daemon.
-                Err(Error::DaemonTooOld { .. }) => own(),
-                // The next frame may find a place there. Only the daemon has a GPU.
+                // Only the daemon has a GPU.
                 Err(Error::TooManyFrames) if core.settings().needs_gpu() => {
                     Err(Error::TooManyFrames)
                 }
-                Err(Error::TooManyFrames) => own(),
+                // The next frame may go to the daemon: the log already says so of an old one.
+                Err(Error::DaemonTooOld { .. } | Error::TooManyFrames) => own(),
                 Err(error) => {
                     core.say_in_process(&error);
                     own()

@@ -214,7 +214,7 @@ impl RemoteScene {
         let again = Edit { steps: &steps };
         if is_stale {
             // A daemon that has restarted, or has forgotten the scene.
-            let answered = self.send(again, report).and_then(|sent| Ok(self.receive(sent)?));
+            let answered = self.send(again, report).and_then(|sent| self.receive(sent));
             match answered {
                 Ok(found) => return Ok(Found::Daemon(found)),
                 Err(error) => {
@@ -224,7 +224,7 @@ impl RemoteScene {
                 }
             }
         } else {
-            self.stay(error.into())?;
+            self.stay(error)?;
         }
         self.edit_here(again, report)?;
         Ok(Found::Here)
@@ -266,7 +266,7 @@ impl RemoteScene {
         let link = self.core.link_that_knows(QUERIES_MINOR, "queries of scenes")?;
         self.load_once(&link)?;
         let Keeper::Daemon(there) = &self.keeper else {
-            return Err(Error::DaemonDied.into());
+            return Err(Error::DaemonDied);
         };
         let Asked { boxes, tags, encoding, mask } = *asked;
         let mut request = QueryRequest::new(self.id, there.revision, mask, encoding, &tags);
@@ -274,7 +274,7 @@ impl RemoteScene {
         let mut shared = self.core.loan(&link, request.payload_bytes())?;
         if !request.write(boxes, &tags, shared.loan.pages_mut()) {
             let limit = u64::from(u32::MAX);
-            return Err(Error::TooManyBoxes { n: boxes.len(), limit }.into());
+            return Err(Error::TooManyBoxes { n: boxes.len(), limit });
         }
         let asked = ReplyFields {
             client_token: link.token(),
@@ -401,7 +401,7 @@ impl RemoteScene {
             Ok(_) => Ok(()),
             Err(error) => {
                 self.note_failure(&error);
-                Err(error.into())
+                Err(error)
             }
         }
     }
@@ -417,10 +417,10 @@ impl RemoteScene {
         let layout = EditLayout::of(edit).ok_or_else(too_large)?;
         let mut shared = self.core.loan(link, layout.payload_bytes())?;
         if !layout.write(edit, shared.loan.pages_mut()) {
-            return Err(too_large().into());
+            return Err(too_large());
         }
         let Keeper::Daemon(there) = &mut self.keeper else {
-            return Err(Error::DaemonDied.into());
+            return Err(Error::DaemonDied);
         };
         self.revisions += 1;
         let [boxes, steps, indices] = layout.sections();
@@ -456,7 +456,7 @@ impl RemoteScene {
             Err(error) => {
                 self.forgets |= self.resyncs_anew;
                 self.note_failure(&error);
-                Err(error.into())
+                Err(error)
             }
         }
     }
@@ -500,7 +500,7 @@ impl RemoteScene {
         }
         match &mut self.keeper {
             Keeper::Here(scene) => Ok(scene),
-            _ => Err(Error::DaemonDied.into()),
+            _ => Err(Error::DaemonDied),
         }
     }
 

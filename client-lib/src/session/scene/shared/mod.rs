@@ -290,7 +290,7 @@ impl Member {
     ) -> Result<(Answer, ReplyFields), Error> {
         let mut shared = self.core.loan(link, bytes)?;
         if !write(shared.loan.pages_mut()) {
-            return Err(Error::TooManyFrames.into());
+            return Err(Error::TooManyFrames);
         }
         let asked = ReplyFields {
             client_token: link.token(),
@@ -304,7 +304,7 @@ impl Member {
             Ok(answer) => Ok((answer, asked)),
             Err(error) => {
                 self.lost(link, &error);
-                Err(error.into())
+                Err(error)
             }
         }
     }
@@ -332,7 +332,7 @@ impl Member {
         }
         let error = Error::from(error);
         self.lost(link, &error);
-        error.into()
+        error
     }
 
     /// The daemon has refused a commit, and applied nothing of it: neither has this member.
@@ -443,9 +443,9 @@ impl Member {
         let layout = EditLayout::of(edit).ok_or_else(too_large)?;
         let mut shared = self.core.loan(link, layout.payload_bytes())?;
         if !layout.write(edit, shared.loan.pages_mut()) {
-            return Err(too_large().into());
+            return Err(too_large());
         }
-        let Some(there) = &mut self.there else { return Err(Error::DaemonDied.into()) };
+        let Some(there) = &mut self.there else { return Err(Error::DaemonDied) };
         self.revisions += 1;
         let [boxes, steps, indices] = layout.sections();
         let request = SceneRequest {
@@ -478,7 +478,7 @@ impl Member {
             }
             Err(error) => {
                 self.lost(link, &error);
-                Err(error.into())
+                Err(error)
             }
         }
     }
@@ -486,7 +486,7 @@ impl Member {
     /// Waits for the answer to a commit. A daemon that has lost the membership is joined again, and sent all
     /// boxes.
     pub fn end(&mut self, awaited: Awaited<'_>) -> Result<(Box<FromDaemon>, TickMarks), Error> {
-        let Some(sent) = awaited.take() else { return Err(Error::Taken.into()) };
+        let Some(sent) = awaited.take() else { return Err(Error::Taken) };
         let report = sent.report;
         match self.receive(sent) {
             Err(Error::Reply(ReplyError::Status { status: StatusCode::StaleScene, .. })) => {
@@ -500,14 +500,14 @@ impl Member {
 
     fn receive(&mut self, sent: SentEdit) -> Result<(Box<FromDaemon>, TickMarks), Error> {
         let Some(link) = self.there.as_ref().map(|there| Arc::clone(&there.link)) else {
-            return Err(Error::DaemonDied.into());
+            return Err(Error::DaemonDied);
         };
         let (answer, reply) = match sent.receive(&self.settings) {
             Ok(received) => received,
             Err(Error::Reply(error)) => return Err(self.refused(&link, error)),
             Err(error) => {
                 self.lost(&link, &error);
-                return Err(error.into());
+                return Err(error);
             }
         };
         self.before = None;
