@@ -1,10 +1,7 @@
-//! Checks of the documents: the targets of links exist, and the tour is short.
+//! Checks of the documents: the targets of links exist.
 
 use std::path::{Path, PathBuf};
 use std::{fs, io};
-
-/// Words of a page that is read in ten minutes, at 180 words a minute.
-const TOUR_WORDS: usize = 1_800;
 
 fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
@@ -55,11 +52,4 @@ fn links_lead_to_files() {
 fn a_broken_link_is_seen() {
     let links: Vec<&str> = file_links("[a](x/y.rs#l) [b](https://z) [c](#d) ![e](f.svg)").collect();
     assert_eq!(links, ["x/y.rs", "f.svg"]);
-}
-
-#[test]
-fn the_tour_takes_ten_minutes() {
-    let text = fs::read_to_string(root().join("ARCHITECTURE.md")).expect("the page");
-    let words = text.split_whitespace().count();
-    assert!((500..=TOUR_WORDS).contains(&words), "{words} words");
 }
