@@ -50,7 +50,7 @@ impl FilteredFrame {
         let mut rules = Rules::default();
         rules.table = FilterTable::new(&filters).expect("few filters");
         ops.push(Op::Filters(filters));
-        // The last boxes have no tag, and some tags name a filter that is not in the table.
+        // The last boxes have the usual tag, and some tags name a filter that is not in the table.
         for index in 0..(n - n / 9) as u32 {
             let world = World(kind.worlds[rng.below(kind.worlds.len() as u32) as usize]);
             let mut tag = Tag::default().with_world(world);
@@ -63,6 +63,7 @@ impl FilteredFrame {
             // In a frame a tag says whether its box is static, in a scene a step does.
             ops.extend([Op::Tag(index, tag), Op::Static(index, tag.is_static())]);
         }
+        rules.tags.resize(n, Tag::default());
         for _ in 0..if kind.lists && n > 1 { n } else { 0 } {
             let [a, b] = [0; 2].map(|_| rng.below(n as u32));
             let pair = [a.min(b), a.max(b)];

@@ -86,8 +86,8 @@ impl std::fmt::Debug for PairMask {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("PairMask")
             .field("n", &self.n)
-            .field("shape", &self.shape)
-            .field("info", &self.info)
+            .field("encoding", &self.encoding())
+            .field("pairs", &self.to_vec())
             .finish_non_exhaustive()
     }
 }

@@ -107,10 +107,10 @@ impl FromDaemon {
 
 /// Pairs of a scene, smaller index first, sorted. A list in the daemon's memory is checked as it is
 /// read: whatever another process writes there, no index is one that the scene cannot have.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy)]
 pub struct PairList<'a>(List<'a>);
 
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy)]
 enum List<'a> {
     Own(&'a [[u32; 2]]),
     Shared(MaskView<'a>),
@@ -160,6 +160,12 @@ impl<'a> PairList<'a> {
         let mut pairs = Vec::with_capacity(self.len());
         self.for_each_slice(|some| pairs.extend_from_slice(some));
         pairs
+    }
+}
+
+impl std::fmt::Debug for PairList<'_> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_list().entries(self.iter()).finish()
     }
 }
 

@@ -357,9 +357,9 @@ impl std::fmt::Debug for SceneAnswer<'_> {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("SceneAnswer")
             .field("report", &self.report)
-            .field("begun", &self.begun().len())
-            .field("ended", &self.ended().len())
-            .field("pairs", &self.pairs().len())
+            .field("begun", &self.begun())
+            .field("ended", &self.ended())
+            .field("pairs", &self.pairs())
             .finish_non_exhaustive()
     }
 }
