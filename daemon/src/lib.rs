@@ -23,7 +23,7 @@ pub mod timed_client;
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-/// What a mutex guards, also after a thread panicked with it: whoever may not go on then has ended the process.
+/// What a mutex guards, also after a thread panicked with it: a thread that may not go on then has ended the process.
 fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

@@ -57,7 +57,7 @@ impl<T: Clone + Default> Shelf<Vec<T>> {
     /// Memory for `n` items, contents unspecified; `None` where the system has none.
     pub(super) fn take_sized(&self, n: BoxCount) -> Option<Vec<T>> {
         let mut things = self.take();
-        // A system that lends more than it has kills whoever touches it. An engine needs as much again.
+        // A system that lends more than it has kills the process that touches it. An engine needs as much again.
         let bytes = size_of::<T>() as u64 * u64::from(n.get());
         let is_too_much = |usable| 2 * bytes > usable;
         let is_new = n.len() > things.capacity();

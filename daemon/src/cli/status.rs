@@ -75,6 +75,16 @@ enum State {
     Dead,
 }
 
+impl State {
+    const fn as_str(self) -> &'static str {
+        match self {
+            Self::Alive => "alive",
+            Self::Silent => "silent",
+            Self::Dead => "dead",
+        }
+    }
+}
+
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 struct DaemonReport {
     age_ns: u64,
@@ -193,7 +203,7 @@ impl InstanceReport {
 
     fn write_to(&self, text: &mut String) -> std::fmt::Result {
         let Self { instance, state, version, pid, .. } = self;
-        let state = format!("{state:?}").to_lowercase();
+        let state = state.as_str();
         writeln!(text, "{instance}: {state}, process {pid}, wire {version}")?;
         if let Some(problem) = &self.problem {
             writeln!(text, "  {problem}")?;

@@ -71,8 +71,8 @@ impl Sphere {
         Self { center: center.into(), radius }
     }
 
-    /// The smallest sphere in f32 around a sphere in f64 that is sure to hold it: the centre is rounded, and the radius
-    /// grows by as much. What f32 holds is as it was.
+    /// A sphere in f32 around a sphere in f64: the centre is rounded, and the radius grows by as much at least. What f32
+    /// holds is as it was. A centre beyond f32 becomes infinite, and the sphere invalid.
     ///
     /// ```
     /// use pairmask_core::sphere::Sphere;

@@ -254,7 +254,7 @@ pub(super) struct Member {
     pub scratch: EditScratch,
 }
 
-/// What is to be reported to a member. Whoever ends a tick has it without its seat.
+/// What is to be reported to a member. The lane that ends a tick has it without its seat.
 #[derive(Clone)]
 pub(super) struct Recipient {
     pub id: MemberId,
