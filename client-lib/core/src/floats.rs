@@ -24,6 +24,9 @@
 
 use std::hint::black_box;
 
+#[doc(hidden)]
+pub use self::register::{Control, DEFAULT, write as set};
+
 #[cfg(target_arch = "x86_64")]
 #[allow(unsafe_code)]
 mod register {
@@ -33,7 +36,10 @@ mod register {
     pub const DEFAULT: Control = 0x1f80;
     /// Flags that say which exceptions have occurred: they do not change any result.
     const OCCURRED: Control = 0x3f;
+    /// Bits that must be zero.
+    const RESERVED: Control = 0xffff_0000;
 
+    /// The register's content.
     pub type Control = u32;
 
     #[inline(always)]
@@ -51,10 +57,11 @@ mod register {
         control & !OCCURRED == DEFAULT
     }
 
+    /// Sets this thread's flags.
     pub fn write(control: Control) {
-        // SAFETY: reads four bytes. Reserved bits are zero, since `control` was read from the
-        // register or is `DEFAULT`. This function is called in pairs, around code that is to run
-        // with the default flags.
+        let control = control & !RESERVED;
+        // SAFETY: reads four bytes, whose reserved bits are zero. This function is called around code
+        // that is to run with other flags, and before and after it.
         unsafe { asm!("ldmxcsr [{}]", in(reg) &raw const control, options(nostack)) };
     }
 }
@@ -67,6 +74,7 @@ mod register {
     /// Exceptions do not trap, rounding to nearest, subnormals as they are.
     pub const DEFAULT: Control = 0;
 
+    /// The register's content.
     pub type Control = u64;
 
     #[inline(always)]
@@ -82,9 +90,10 @@ mod register {
         control == DEFAULT
     }
 
+    /// Sets this thread's flags.
     pub fn write(control: Control) {
-        // SAFETY: a value that was read from the register, or `DEFAULT`. This function is called in
-        // pairs, around code that is to run with the default flags.
+        // SAFETY: a register that every thread may write, and whose reserved bits are ignored. This
+        // function is called around code that is to run with other flags, and before and after it.
         unsafe { asm!("msr fpcr, {}", in(reg) control, options(nostack)) };
     }
 }
@@ -93,6 +102,7 @@ mod register {
 #[cfg(not(any(target_arch = "x86_64", target_arch = "aarch64")))]
 mod register {
     pub const DEFAULT: Control = ();
+    /// Nothing is known of it.
     pub type Control = ();
     pub fn read() {}
     pub fn is_default((): Control) -> bool {
@@ -118,11 +128,20 @@ pub fn are_default() -> bool {
 #[inline(always)]
 pub fn with_default<R>(work: impl FnOnce() -> R) -> R {
     let given = register::read();
-    if register::is_default(given) { work() } else { with_default_in_place_of(given, work) }
+    if register::is_default(given) { work() } else { with_in_place_of(given, DEFAULT, work) }
+}
+
+/// Runs `work` with these flags, as on a host program's thread, and puts this thread's flags back: for tests.
+///
+/// Rust assumes the default flags: results of float arithmetic in `work` itself, outside of functions that set their
+/// own flags, are not defined.
+#[doc(hidden)]
+pub fn with<R>(control: Control, work: impl FnOnce() -> R) -> R {
+    with_in_place_of(register::read(), control, work)
 }
 
 /// Puts the flags back when dropped.
-struct Restore(register::Control);
+struct Restore(Control);
 
 impl Drop for Restore {
     fn drop(&mut self) {
@@ -130,7 +149,7 @@ impl Drop for Restore {
     }
 }
 
-/// The rare case of other flags, out of line.
+/// The rare case of a change of flags, out of line.
 ///
 /// The compiler treats float arithmetic as independent of the register, and could move it across the
 /// instruction that writes it. The work therefore runs in a function that is not inlined. Its input
@@ -138,9 +157,9 @@ impl Drop for Restore {
 /// call can neither begin before the flags are set nor end after they are put back.
 #[cold]
 #[inline(never)]
-fn with_default_in_place_of<R>(given: register::Control, work: impl FnOnce() -> R) -> R {
+fn with_in_place_of<R>(given: Control, control: Control, work: impl FnOnce() -> R) -> R {
     let _restore = Restore(given);
-    register::write(register::DEFAULT);
+    register::write(control);
     black_box(apart(black_box(work)))
 }
 

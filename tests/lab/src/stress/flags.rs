@@ -6,12 +6,13 @@
 
 use std::fmt;
 
+use pairmask_core::floats;
 use pairmaskd::scene::Random;
 use rayon::ThreadPool;
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Rounding {
-    /// To the nearest, ties to even: the default.
+    /// To the nearest, ties to even: the default. In the order of x86-64's register.
     #[default]
     Nearest,
     /// Towards −∞.
@@ -33,93 +34,6 @@ pub struct FloatFlags {
     pub flush_to_zero: bool,
     /// Operands that are subnormal count as zero (DAZ). On aarch64 one flag does both.
     pub denormals_are_zero: bool,
-}
-
-#[cfg(target_arch = "x86_64")]
-#[allow(unsafe_code)]
-mod register {
-    use std::arch::asm;
-
-    use super::{FloatFlags, Rounding};
-
-    pub type Control = u32;
-
-    /// All exceptions masked, all flags off.
-    const DEFAULT: Control = 0x1f80;
-
-    pub fn of(flags: FloatFlags) -> Control {
-        let rounding = match flags.rounding {
-            Rounding::Nearest => 0,
-            Rounding::Down => 1,
-            Rounding::Up => 2,
-            Rounding::TowardZero => 3,
-        };
-        let (ftz, daz) = (u32::from(flags.flush_to_zero), u32::from(flags.denormals_are_zero));
-        DEFAULT | rounding << 13 | ftz << 15 | daz << 6
-    }
-
-    pub fn read() -> Control {
-        let mut control: Control = 0;
-        // SAFETY: writes four bytes to a place of four bytes, and nothing else.
-        unsafe { asm!("stmxcsr [{}]", in(reg) &raw mut control, options(nostack)) };
-        control
-    }
-
-    pub fn write(control: Control) {
-        // SAFETY: reads four bytes; reserved bits are zero. Float arithmetic after it gives other
-        // results, which is what the callers are for.
-        unsafe { asm!("ldmxcsr [{}]", in(reg) &raw const control, options(nostack)) };
-    }
-}
-
-#[cfg(target_arch = "aarch64")]
-#[allow(unsafe_code)]
-mod register {
-    use std::arch::asm;
-
-    use super::{FloatFlags, Rounding};
-
-    pub type Control = u64;
-
-    pub fn of(flags: FloatFlags) -> Control {
-        let rounding = match flags.rounding {
-            Rounding::Nearest => 0,
-            Rounding::Up => 1,
-            Rounding::Down => 2,
-            Rounding::TowardZero => 3,
-        };
-        u64::from(flags.flush_to_zero || flags.denormals_are_zero) << 24 | rounding << 22
-    }
-
-    pub fn read() -> Control {
-        let control: Control;
-        // SAFETY: reads a register that every thread may read.
-        unsafe { asm!("mrs {}, fpcr", out(reg) control, options(nostack)) };
-        control
-    }
-
-    pub fn write(control: Control) {
-        // SAFETY: only bits that the architecture defines are set. Float arithmetic after it gives
-        // other results, which is what the callers are for.
-        unsafe { asm!("msr fpcr, {}", in(reg) control, options(nostack)) };
-    }
-}
-
-/// Other processors: this program knows no flags of theirs.
-#[cfg(not(any(target_arch = "x86_64", target_arch = "aarch64")))]
-mod register {
-    pub type Control = ();
-    pub fn of(_: super::FloatFlags) -> Control {}
-    pub fn read() -> Control {}
-    pub fn write((): Control) {}
-}
-
-struct Restore(register::Control);
-
-impl Drop for Restore {
-    fn drop(&mut self) {
-        register::write(self.0);
-    }
 }
 
 impl FloatFlags {
@@ -150,24 +64,27 @@ impl FloatFlags {
         Self::all().nth(which).unwrap_or(Self::DEFAULT)
     }
 
-    /// Runs `work` with these flags, as on a host program's thread, and puts this thread's flags
-    /// back.
-    ///
-    /// Rust assumes the default flags: results of float arithmetic in `work` itself, outside of
-    /// functions that set their own flags, are not defined.
-    pub fn run<R>(self, work: impl FnOnce() -> R) -> R {
-        #[inline(never)]
-        fn apart<R>(work: impl FnOnce() -> R) -> R {
-            work()
-        }
-        let _restore = Restore(register::read());
-        register::write(register::of(self));
-        std::hint::black_box(apart(std::hint::black_box(work)))
+    #[cfg(target_arch = "x86_64")]
+    fn control(self) -> floats::Control {
+        let (ftz, daz) = (u32::from(self.flush_to_zero), u32::from(self.denormals_are_zero));
+        floats::DEFAULT | (self.rounding as u32) << 13 | ftz << 15 | daz << 6
     }
 
-    /// Sets the flags of this thread for good: for threads that have no other use.
-    pub fn set(self) {
-        register::write(register::of(self));
+    #[cfg(target_arch = "aarch64")]
+    fn control(self) -> floats::Control {
+        let rounding = [0, 2, 1, 3][self.rounding as usize];
+        u64::from(self.flush_to_zero || self.denormals_are_zero) << 24 | rounding << 22
+    }
+
+    /// Other processors: this program knows no flags of theirs.
+    #[cfg(not(any(target_arch = "x86_64", target_arch = "aarch64")))]
+    fn control(self) -> floats::Control {
+        floats::DEFAULT
+    }
+
+    /// Runs `work` with these flags ([`floats::with`]), and puts this thread's back.
+    pub fn run<R>(self, work: impl FnOnce() -> R) -> R {
+        floats::with(self.control(), work)
     }
 }
 
@@ -209,7 +126,7 @@ impl MixedFlags {
 
     /// The pool's threads keep their flags.
     pub fn install<R: Send>(&self, pool: &ThreadPool, work: impl FnOnce() -> R + Send) -> R {
-        pool.broadcast(|thread| self.pool[thread.index() % self.pool.len()].set());
+        pool.broadcast(|thread| floats::set(self.pool[thread.index() % self.pool.len()].control()));
         pool.install(|| self.caller.run(work))
     }
 
