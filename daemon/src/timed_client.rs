@@ -7,8 +7,6 @@ use std::time::{Duration, Instant};
 
 use pairmask::{Error, FrameInfo, Margin, PairMask, Session};
 use pairmask_core::aabb::KeyBox;
-use pairmask_core::engine::CullError;
-use pairmask_core::mask::MaskError;
 use pairmask_core::write::{par_write_boxes, write_boxes};
 use pairmask_core::{Aabb, AwakePool, Precision};
 use rayon::prelude::*;
@@ -173,6 +171,24 @@ pub struct TimedFrame {
 }
 
 impl TimedFrame {
+    /// Visits every pair. The times are those at which the frame began, was filled and was answered.
+    pub fn of(
+        mask: &PairMask,
+        decoding: &Decoding,
+        was_asked: bool,
+        [start, filled, answered]: [Instant; 3],
+    ) -> Result<Self, TimedError> {
+        let looked = decoding.look(mask);
+        black_box(looked.indices);
+        let decode = answered.elapsed();
+        let (counted, decoded) = (mask.count(), looked.pairs);
+        if counted != decoded {
+            return Err(TimedError::Miscounted { counted, decoded });
+        }
+        let (fill, round_trip) = (filled - start, answered - filled);
+        Ok(Self { info: *mask.info(), was_asked, fill, round_trip, decode })
+    }
+
     /// The engine's part of the round trip, ns; 0 where no request was made.
     pub const fn engine_ns(&self) -> u64 {
         if self.was_asked { self.info.times.total_ns } else { 0 }
@@ -183,10 +199,6 @@ impl TimedFrame {
 pub enum TimedError {
     #[error(transparent)]
     Session(#[from] Error),
-    #[error(transparent)]
-    Cull(#[from] CullError),
-    #[error(transparent)]
-    Mask(#[from] MaskError),
     #[error("a frame has {counted} pairs and its mask holds {decoded}: please report this")]
     Miscounted { counted: u64, decoded: u64 },
 }
@@ -202,25 +214,6 @@ impl TimedClient {
             }
             narrow => Self::Narrow(session, narrow.precision(boxes)),
         }
-    }
-
-    /// Runs a frame of `n` boxes that `write` writes into the frame's memory. `look` gets the mask
-    /// after the clock has stopped.
-    pub fn written_frame(
-        session: &mut Session,
-        n: usize,
-        write: impl FnOnce(&mut [Aabb]),
-        decoding: &mut Decoding,
-        look: impl FnOnce(&PairMask),
-    ) -> Result<TimedFrame, TimedError> {
-        decoding.expect();
-        let start = Instant::now();
-        let mut frame = session.frame(n)?;
-        write(frame.boxes_mut());
-        let filled = Instant::now();
-        let mask = frame.submit()?.wait()?;
-        let times = [start, filled, Instant::now()];
-        decode(&mask, decoding, true, times).inspect(|_| look(&mask))
     }
 
     /// Runs a frame of boxes. `look` gets the mask after the clock has stopped.
@@ -257,29 +250,11 @@ impl TimedClient {
             Self::Margined(margined) => {
                 let (mask, was_asked) = margined.cull(boxes)?;
                 let times = [start, start, Instant::now()];
-                return decode(mask, decoding, was_asked, times).inspect(|_| look(mask));
+                return TimedFrame::of(mask, decoding, was_asked, times).inspect(|_| look(mask));
             }
         };
         let mask = pending.wait()?;
         let times = [start, filled, Instant::now()];
-        decode(&mask, decoding, true, times).inspect(|_| look(&mask))
+        TimedFrame::of(&mask, decoding, true, times).inspect(|_| look(&mask))
     }
-}
-
-/// Visits every pair. The times are those at which the frame began, was filled and was answered.
-fn decode(
-    mask: &PairMask,
-    decoding: &mut Decoding,
-    was_asked: bool,
-    [start, filled, answered]: [Instant; 3],
-) -> Result<TimedFrame, TimedError> {
-    let looked = decoding.look(mask);
-    black_box(looked.indices);
-    let decode = answered.elapsed();
-    let (counted, decoded) = (mask.count(), looked.pairs);
-    if counted != decoded {
-        return Err(TimedError::Miscounted { counted, decoded });
-    }
-    let (fill, round_trip) = (filled - start, answered - filled);
-    Ok(TimedFrame { info: *mask.info(), was_asked, fill, round_trip, decode })
 }

@@ -1,6 +1,7 @@
 //! Runs a binary with a command line, under a watchdog, in a directory of its own.
 
 use std::collections::BTreeSet;
+use std::ffi::OsString;
 use std::io::{Read, Write};
 use std::marker::PhantomData;
 use std::path::{Path, PathBuf};
@@ -9,6 +10,7 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use pairmask_core::Aabb;
+use pairmaskd::cli::usage::one_line;
 use serde_json::Value;
 use tempfile::TempDir;
 
@@ -170,4 +172,56 @@ pub fn eventually<T>(what: &str, check: impl FnMut() -> Option<T>) -> T {
 
 pub fn keys(value: &Value) -> BTreeSet<&str> {
     value.as_object().expect("an object").keys().map(String::as_str).collect()
+}
+
+/// Names in a text, for a comparison with [`keys`].
+pub fn names(text: &str) -> BTreeSet<&str> {
+    text.split_whitespace().collect()
+}
+
+/// The commands of a command line that have none below them, with the words that name them.
+pub fn leaves(command: &clap::Command) -> Vec<(String, clap::Command)> {
+    fn visit(command: &clap::Command, path: &str, found: &mut Vec<(String, clap::Command)>) {
+        for inner in command.get_subcommands().filter(|inner| inner.get_name() != "help") {
+            let path = format!("{path} {}", inner.get_name());
+            visit(inner, &path, found);
+            if !inner.has_subcommands() {
+                found.push((path.trim_start().to_owned(), inner.clone()));
+            }
+        }
+    }
+    let (mut built, mut found) = (command.clone(), Vec::new());
+    built.build();
+    visit(&built, "", &mut found);
+    found
+}
+
+/// Checks that no message about a wrong number has Rust's words; how many messages there were.
+pub fn check_numbers(command: &clap::Command) -> usize {
+    let mut tried = 0;
+    for (path, inner) in leaves(command) {
+        for arg in inner.get_arguments().filter(|arg| arg.get_action().takes_values()) {
+            let Some(long) = arg.get_long() else { continue };
+            for value in ["0", "-1", "x", "", "99999999999999999999999"] {
+                let line = format!("{} {path} --{long}={value}", command.get_name());
+                let words: Vec<OsString> = line.split(' ').map(OsString::from).collect();
+                let Err(error) = command.clone().try_get_matches_from(&words) else { continue };
+                let text = one_line(&error, command, &words);
+                for jargon in [" type", "digit found", "cannot parse", "zero for", "not in "] {
+                    assert!(!text.contains(jargon), "{line}: {text}");
+                }
+                tried += 1;
+            }
+        }
+    }
+    tried
+}
+
+/// Checks that a command takes settings that others share, whether it uses them or not.
+pub fn check_shared(command: &clap::Command, path: &str) {
+    for flag in ["--runtime-dir", "--config", "--instance", "--isa"] {
+        let line = format!("{} {flag} x {path} --help", command.get_name());
+        let error = command.clone().try_get_matches_from(line.split(' ')).expect_err("help");
+        assert_eq!(error.kind(), clap::error::ErrorKind::DisplayHelp, "{line}");
+    }
 }

@@ -4,10 +4,11 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::output::{OutputError, print_json, print_text, spinner};
-use super::raw_objects::{RawBoxes, RawObjectsError};
+use super::output::{print_json, print_text, spinner};
+use super::program::Result;
+use super::raw_objects::RawBoxes;
 use super::whole_number::whole_number;
-use crate::explain::{ExplainError, Explanation, SentBoxes};
+use crate::explain::{Explanation, SentBoxes};
 use crate::precision::PrecisionChoice;
 
 /// Say why two boxes of a file are a pair or not
@@ -39,23 +40,13 @@ pub struct Explain {
     json: bool,
 }
 
-#[derive(Debug, thiserror::Error)]
-pub enum ExplainCommandError {
-    #[error(transparent)]
-    Boxes(#[from] RawObjectsError),
-    #[error("{}: {source}", path.display())]
-    Pair { path: PathBuf, source: ExplainError },
-    #[error(transparent)]
-    Output(#[from] OutputError),
-}
-
 impl Explain {
-    pub fn run(&self) -> Result<(), ExplainCommandError> {
+    pub fn run(&self) -> Result {
         let progress = spinner("reading and explaining");
         let boxes = RawBoxes::open(&self.boxes)?.read()?;
         let sent = SentBoxes::of(self.precision, &boxes);
         let why = Explanation::of_sent(&boxes, &sent, self.i, self.j)
-            .map_err(|source| ExplainCommandError::Pair { path: self.boxes.clone(), source })?;
+            .map_err(|error| format!("{}: {error}", self.boxes.display()))?;
         progress.finish_and_clear();
         if self.json { print_json(&why) } else { print_text(why.to_string().trim_end()) }?;
         Ok(())

@@ -30,18 +30,10 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
-use self::bench::BenchError;
-use self::config::{Config, ConfigError};
-use self::cull::CullCommandError;
-use self::demo::DemoError;
-use self::explain::ExplainCommandError;
+use self::config::Config;
 use self::options::Place;
-use self::output::OutputError;
-use self::program::{FAILED, Failure, USAGE, WrongUsage, says_why};
-use self::scene::SceneCommandError;
-use self::status::StatusCommandError;
+use self::program::Result;
 use crate::publish::AlterAnswer;
-use crate::serve::ServeError;
 
 /// Finds the overlapping pairs of boxes for other processes, through shared memory.
 #[derive(Debug, Parser)]
@@ -90,7 +82,7 @@ pub fn main_altering(alter: AlterAnswer) -> ExitCode {
     program::run(&shape::command(), |cli| run(cli, Some(alter)))
 }
 
-fn run(cli: &Cli, alter_answers: Option<AlterAnswer>) -> Result<(), CliError> {
+fn run(cli: &Cli, alter_answers: Option<AlterAnswer>) -> Result {
     let Cli { place, command } = cli;
     output::start_log(command.log_level());
     if let Command::Serve(serve) = command
@@ -103,13 +95,13 @@ fn run(cli: &Cli, alter_answers: Option<AlterAnswer>) -> Result<(), CliError> {
         if command.reads_config() { Config::load(place.config_file())? } else { Config::default() };
     match command {
         Command::Serve(serve) => Ok(serve.run(place, &config, alter_answers)?),
-        Command::Cull(cull) => Ok(cull.run(place, &config)?),
-        Command::Demo(demo) => Ok(demo.run(place, &config)?),
-        Command::DemoClient(client) => Ok(client.run(place, &config)?),
-        Command::Bench(bench) => Ok(bench.run(place, &config)?),
-        Command::Scene(scene) => Ok(scene.run()?),
-        Command::Status(status) => Ok(status.run(place, &config)?),
-        Command::Explain(explain) => Ok(explain.run()?),
+        Command::Cull(cull) => cull.run(place, &config),
+        Command::Demo(demo) => demo.run(place, &config),
+        Command::DemoClient(client) => client.run(place, &config),
+        Command::Bench(bench) => bench.run(place, &config),
+        Command::Scene(scene) => scene.run(),
+        Command::Status(status) => status.run(place, &config),
+        Command::Explain(explain) => explain.run(),
     }
 }
 
@@ -126,51 +118,5 @@ impl Command {
             Self::Serve(_) => "info",
             _ => "warn",
         }
-    }
-}
-
-#[derive(Debug, thiserror::Error)]
-enum CliError {
-    #[error(transparent)]
-    Usage(#[from] WrongUsage),
-    #[error(transparent)]
-    Output(#[from] OutputError),
-    #[error(transparent)]
-    Config(#[from] ConfigError),
-    #[error(transparent)]
-    Serve(#[from] ServeError),
-    #[error(transparent)]
-    Cull(#[from] CullCommandError),
-    #[error(transparent)]
-    Demo(#[from] DemoError),
-    #[error(transparent)]
-    Bench(#[from] BenchError),
-    #[error(transparent)]
-    Scene(#[from] SceneCommandError),
-    #[error(transparent)]
-    Status(#[from] StatusCommandError),
-    #[error(transparent)]
-    Explain(#[from] ExplainCommandError),
-}
-
-impl Failure for CliError {
-    fn exit_code(&self) -> u8 {
-        match self {
-            Self::Usage(_) | Self::Config(_) => USAGE,
-            Self::Bench(error) if error.is_usage() => USAGE,
-            Self::Cull(error) if error.is_usage() => USAGE,
-            _ => FAILED,
-        }
-    }
-
-    fn was_said(&self) -> bool {
-        says_why(match self {
-            Self::Serve(ServeError::Worker { code }) => Some(*code),
-            Self::Demo(DemoError::Client { status }) => status.code(),
-            Self::Cull(CullCommandError::Spawn(error))
-            | Self::Demo(DemoError::Spawn(error))
-            | Self::Bench(BenchError::Spawn(error)) => error.exit_code(),
-            _ => None,
-        })
     }
 }

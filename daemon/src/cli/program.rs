@@ -3,35 +3,48 @@
 
 use std::error::Error;
 use std::ffi::OsString;
-use std::process::ExitCode;
+use std::process::{ExitCode, ExitStatus};
 
 use clap::{Command, FromArgMatches};
 
+use super::config::ConfigError;
 use super::output::{OutputError, print_aside};
 use super::usage;
+use crate::serve::ServeError;
+use crate::spawn::SpawnError;
 
 /// Exit status: the command failed, or no daemon serves.
 pub const FAILED: u8 = 1;
 /// Exit status: the command line or the configuration is wrong; clap uses the same number.
 pub const USAGE: u8 = 2;
 
+/// Why a command failed, of whatever type: it is printed. The exit status depends on few types.
+pub type Fault = Box<dyn Error + Send + Sync>;
+
+/// The result of a command.
+pub type Result<T = (), E = Fault> = std::result::Result<T, E>;
+
 /// A wrong command line, as one line of text.
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]
-pub struct WrongUsage(String);
+pub struct WrongUsage(pub String);
 
-/// What the program has to know of a command's error.
-pub trait Failure: Error + From<WrongUsage> + From<OutputError> {
-    /// The exit status: [`FAILED`] or [`USAGE`].
-    fn exit_code(&self) -> u8;
+/// A client process of the command failed, which printed the reason.
+#[derive(Debug, thiserror::Error)]
+#[error("the client process failed ({0})")]
+pub struct ClientFailed(pub ExitStatus);
 
-    /// Whether a child process failed and printed the reason on the same stderr: a second line
-    /// would add nothing.
-    fn was_said(&self) -> bool;
+fn exit_code(fault: &Fault) -> u8 {
+    if fault.is::<WrongUsage>() || fault.is::<ConfigError>() { USAGE } else { FAILED }
 }
 
-/// Whether a child process of these programs that ended with `code` printed the reason on stderr.
-pub fn says_why(code: Option<i32>) -> bool {
+/// Whether a child process failed and printed the reason on the same stderr: a second line would add nothing.
+fn was_said(fault: &Fault) -> bool {
+    let code = match (fault.downcast_ref(), fault.downcast_ref(), fault.downcast_ref()) {
+        (Some(ServeError::Worker { code }), ..) => Some(*code),
+        (_, Some(ClientFailed(status)), _) => status.code(),
+        (.., spawn) => spawn.and_then(SpawnError::exit_code),
+    };
     code.is_some_and(|code| [FAILED, USAGE].map(i32::from).contains(&code))
 }
 
@@ -39,32 +52,26 @@ pub fn says_why(code: Option<i32>) -> bool {
 /// that begins with the program's name.
 ///
 /// Call it first in `main`: it sets the process up.
-pub fn run<C: FromArgMatches, E: Failure>(
-    command: &Command,
-    run: impl FnOnce(&C) -> Result<(), E>,
-) -> ExitCode {
+pub fn run<C: FromArgMatches>(command: &Command, run: impl FnOnce(&C) -> Result) -> ExitCode {
     silence();
     let arguments: Vec<OsString> = std::env::args_os().collect();
     let done = parse(command, &arguments).and_then(|parsed| parsed.map_or(Ok(()), |cli| run(&cli)));
     match done {
         Ok(()) => ExitCode::SUCCESS,
-        Err(error) if is_closed_pipe(&error) => ExitCode::SUCCESS,
+        Err(error) if is_closed_pipe(error.as_ref()) => ExitCode::SUCCESS,
         Err(error) => {
-            if !error.was_said() {
+            if !was_said(&error) {
                 let name = command.get_name();
                 print_aside(&format!("{name}: {}", on_one_line(&error.to_string())));
             }
-            ExitCode::from(error.exit_code())
+            ExitCode::from(exit_code(&error))
         }
     }
 }
 
 /// The parsed arguments; `None` where they ask for help or version, which are then printed on
 /// stdout.
-fn parse<C: FromArgMatches, E: Failure>(
-    command: &Command,
-    arguments: &[OsString],
-) -> Result<Option<C>, E> {
+fn parse<C: FromArgMatches>(command: &Command, arguments: &[OsString]) -> Result<Option<C>> {
     let matches = command.clone().try_get_matches_from(arguments);
     match matches.and_then(|matches| C::from_arg_matches(&matches)) {
         Ok(cli) => Ok(Some(cli)),
@@ -85,7 +92,7 @@ fn on_one_line(text: &str) -> String {
 }
 
 /// Whether the reader of stdout has gone (`| head`), which is no failure of the command.
-fn is_closed_pipe(error: &dyn Error) -> bool {
+fn is_closed_pipe(error: &(dyn Error + 'static)) -> bool {
     let mut cause = error.source();
     while let Some(error) = cause {
         let io = error.downcast_ref::<std::io::Error>();

@@ -4,7 +4,8 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::output::{OutputError, is_stdout, print_bytes, spinner};
+use super::output::{is_stdout, print_bytes, spinner};
+use super::program::Result;
 use super::whole_number::whole_number;
 use crate::file_error::{Access, FileError};
 use crate::scene::{Scene as Boxes, SceneName};
@@ -34,16 +35,8 @@ pub struct Scene {
     seed: u64,
 }
 
-#[derive(Debug, thiserror::Error)]
-pub enum SceneCommandError {
-    #[error(transparent)]
-    File(#[from] FileError),
-    #[error(transparent)]
-    Output(#[from] OutputError),
-}
-
 impl Scene {
-    pub fn run(&self) -> Result<(), SceneCommandError> {
+    pub fn run(&self) -> Result {
         let progress = spinner(&format!("{} boxes", self.n));
         let scene = Boxes::new(self.name, self.n as usize, self.seed);
         let bytes = bytemuck::cast_slice::<_, u8>(scene.boxes());

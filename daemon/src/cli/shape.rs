@@ -74,29 +74,20 @@ fn shaped_at(command: Command, path: &str, shared: &[Arg], shape: &Shape) -> Com
 
 #[cfg(test)]
 mod tests {
-    use super::*;
+    use pairmask_tests::command_line::{check_numbers, check_shared, leaves};
 
-    fn leaves(command: &Command, path: &str, found: &mut Vec<(String, Command)>) {
-        for inner in command.get_subcommands() {
-            let path = format!("{path} {}", inner.get_name());
-            leaves(inner, &path, found);
-            if !inner.has_subcommands() {
-                found.push((path.trim_start().to_owned(), inner.clone()));
-            }
-        }
-    }
+    use super::*;
 
     #[test]
     fn help_lists_what_a_command_uses_and_every_command_takes_what_is_shared() {
-        let mut built = command();
-        built.build();
-        let mut found = Vec::new();
-        leaves(&built, "", &mut found);
+        let found = leaves(&command());
+        let named = |path: &str| {
+            let command = found.iter().find(|(name, _)| name == path);
+            command.unwrap_or_else(|| panic!("no command {path}")).1.clone()
+        };
         for (path, _) in PAIRMASKD.without_use {
-            assert!(found.iter().any(|(name, _)| name == path), "no command {path}");
+            named(path);
         }
-        let named =
-            |path: &str| found.iter().find(|(name, _)| name == path).map(|(_, c)| c.clone());
         for (path, flag, is_listed) in [
             ("cull", "--instance", true),
             ("serve", "--isa", true),
@@ -108,50 +99,20 @@ mod tests {
             ("demo", "--config", true),
             ("demo", "--instance", false),
             ("cull", "--isa", true),
-            ("status", "--isa", false),
         ] {
-            let mut command = named(path).expect(path);
-            let help = command.render_long_help().to_string();
+            let help = named(path).render_long_help().to_string();
             assert_eq!(help.contains(flag), is_listed, "{path}: {help}");
-            let line: Vec<&str> = path.split(' ').collect();
-            let words = [&["pairmaskd", flag, "x"], &line[..], &["--help"]].concat();
-            let error = super::command().try_get_matches_from(words).expect_err("help");
-            assert_eq!(error.kind(), clap::error::ErrorKind::DisplayHelp, "{path} {flag}");
+            check_shared(&command(), path);
         }
         for path in PAIRMASKD.measuring {
-            let help = named(path).expect(path).render_help().to_string();
+            let help = named(path).render_help().to_string();
             assert!(help.contains("[default: daemon]"), "{help}");
         }
     }
 
-    /// No message about a wrong number has Rust's words.
     #[test]
     fn every_number_says_what_it_must_be() {
-        let mut built = command();
-        built.build();
-        let mut found = Vec::new();
-        leaves(&built, "", &mut found);
-        let mut tried = 0;
-        for (path, command) in found.iter().filter(|(path, _)| !path.contains("help")) {
-            for arg in command.get_arguments().filter(|arg| arg.get_action().takes_values()) {
-                let Some(long) = arg.get_long() else { continue };
-                for value in ["0", "-1", "x", "", "99999999999999999999999"] {
-                    let line = path.split(' ').map(str::to_owned);
-                    let words = std::iter::once("pairmaskd".to_owned()).chain(line);
-                    let words: Vec<_> = words.chain([format!("--{long}={value}")]).collect();
-                    let Err(error) = super::command().try_get_matches_from(&words) else {
-                        continue;
-                    };
-                    let words: Vec<std::ffi::OsString> =
-                        words.into_iter().map(Into::into).collect();
-                    let text = super::super::usage::one_line(&error, &super::command(), &words);
-                    for jargon in [" type", "digit found", "cannot parse", "zero for", "not in "] {
-                        assert!(!text.contains(jargon), "{path} --{long}={value}: {text}");
-                    }
-                    tried += 1;
-                }
-            }
-        }
+        let tried = check_numbers(&command());
         assert!(tried > 100, "{tried}");
     }
 }

@@ -11,10 +11,12 @@ use pairmask_wire::{
     AuditCounts, InstanceError, InstanceName, RecordedError, SkipTotals, StatusBody, StatusCode,
 };
 use serde::Serialize;
+use serde_json::{Value, json};
 
 use super::config::Config;
 use super::options::Place;
-use super::output::{OutputError, print_json, print_text, time_text};
+use super::output::{print_json, print_text, time_text};
+use super::program::Result;
 use super::skipped::Skipped;
 
 /// A living daemon writes its status file within a second, or after the frame that it works on.
@@ -37,34 +39,13 @@ pub struct Status {
     json: bool,
 }
 
+/// No daemon answers.
 #[derive(Debug, thiserror::Error)]
-pub enum StatusCommandError {
+enum Nobody {
     #[error("no daemon answers under {}: start one with `pairmaskd serve`", dir.path().display())]
-    NoDaemon { dir: RuntimeDir },
+    AtAll { dir: RuntimeDir },
     #[error("no daemon of instance '{instance}' answers under {}: start one with `pairmaskd serve --instance {instance}`", dir.path().display())]
-    NoInstance { instance: InstanceName, dir: RuntimeDir },
-    #[error(transparent)]
-    Place(#[from] InstanceError),
-    #[error(transparent)]
-    Output(#[from] OutputError),
-}
-
-/// The JSON object of `status --json`, whose fields `CLI.md` explains. Fields may be added, never changed or taken away.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-struct StatusReport {
-    runtime_dir: String,
-    instances: Vec<InstanceReport>,
-}
-
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-struct InstanceReport {
-    instance: String,
-    state: State,
-    version: String,
-    pid: u32,
-    supervisor_pid: u32,
-    daemon: Option<DaemonReport>,
-    problem: Option<String>,
+    OfInstance { instance: InstanceName, dir: RuntimeDir },
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -75,183 +56,209 @@ enum State {
     Dead,
 }
 
-impl State {
-    const fn as_str(self) -> &'static str {
-        match self {
-            Self::Alive => "alive",
-            Self::Silent => "silent",
-            Self::Dead => "dead",
-        }
-    }
+/// An instance, as far as it is known.
+struct Instance {
+    name: InstanceName,
+    record: DaemonRecord,
+    state: State,
+    counters: Option<Counters>,
+    problem: Option<String>,
 }
 
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-struct DaemonReport {
-    age_ns: u64,
-    uptime_ns: u64,
-    clients: u32,
-    gpus_opening: u32,
-    gpus: u32,
-    frames: u64,
-    boxes: u64,
-    spheres: u64,
-    pairs: u64,
-    scenes: u32,
-    scene_mib: u32,
-    repeats: u64,
-    skipped: Skipped,
-    errors: u64,
-    last_errors: Vec<ErrorReport>,
-    audit: Option<AuditReport>,
-}
-
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-struct AuditReport {
-    one_in: u64,
-    frames: u64,
-    skipped: u64,
-    pairs: u64,
-    missed: u64,
-    extra: u64,
-}
-
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-struct ErrorReport {
-    status: String,
-    ago_ns: u64,
-    client: String,
-    frame: u64,
+/// What a daemon has counted.
+struct Counters {
+    body: StatusBody,
+    skips: SkipTotals,
+    gpus: GpuCounts,
+    age: Duration,
 }
 
 impl Status {
-    pub fn run(&self, place: &Place, config: &Config) -> Result<(), StatusCommandError> {
+    pub fn run(&self, place: &Place, config: &Config) -> Result {
         let dir = place.runtime_dir(config);
         match dir.check() {
             Err(InstanceError::Io { source, .. }) if source.kind() == ErrorKind::NotFound => {}
             checked => checked?,
         }
         let named = place.named_instance(config);
-        let report = StatusReport::of(&dir, named.as_ref());
+        let instances = instances(&dir, named.as_ref());
         if self.json {
-            print_json(&report)?;
-        } else if !report.instances.is_empty() {
-            print_text(report.text().trim_end())?;
+            let reports: Vec<Value> = instances.iter().map(Instance::json).collect();
+            let runtime_dir = dir.path().display().to_string();
+            print_json(&json!({"runtime_dir": runtime_dir, "instances": reports}))?;
+        } else if !instances.is_empty() {
+            let mut text = String::new();
+            // Writing to a string cannot fail.
+            let _ = instances.iter().try_for_each(|instance| instance.write_to(&mut text));
+            print_text(text.trim_end())?;
         }
-        if report.instances.iter().any(|instance| instance.state == State::Alive) {
+        if instances.iter().any(|instance| instance.state == State::Alive) {
             Ok(())
         } else {
-            Err(match named {
-                Some(instance) => StatusCommandError::NoInstance { instance, dir },
-                None => StatusCommandError::NoDaemon { dir },
-            })
+            let nobody = match named {
+                Some(instance) => Nobody::OfInstance { instance, dir },
+                None => Nobody::AtAll { dir },
+            };
+            Err(nobody.into())
         }
     }
 }
 
-impl StatusReport {
-    fn of(dir: &RuntimeDir, only: Option<&InstanceName>) -> Self {
-        let mut found: Vec<(RuntimeDir, InstanceName, DaemonRecord)> = Vec::new();
-        for dir in dir.all().filter(|dir| dir.check().is_ok()) {
-            for (name, record) in dir.instances() {
-                let is_wanted = only.is_none_or(|only| *only == name);
-                match found.iter_mut().find(|(_, known, _)| *known == name) {
-                    _ if !is_wanted => {}
-                    None => found.push((dir.clone(), name, record)),
-                    // Of two records of one name, the one that clients find.
-                    Some(known) if !known.0.is_served(&name) && dir.is_served(&name) => {
-                        *known = (dir.clone(), name, record);
-                    }
-                    Some(_) => {}
+fn instances(dir: &RuntimeDir, only: Option<&InstanceName>) -> Vec<Instance> {
+    let mut found: Vec<(RuntimeDir, InstanceName, DaemonRecord)> = Vec::new();
+    for dir in dir.all().filter(|dir| dir.check().is_ok()) {
+        for (name, record) in dir.instances() {
+            let is_wanted = only.is_none_or(|only| *only == name);
+            match found.iter_mut().find(|(_, known, _)| *known == name) {
+                _ if !is_wanted => {}
+                None => found.push((dir.clone(), name, record)),
+                // Of two records of one name, the one that clients find.
+                Some(known) if !known.0.is_served(&name) && dir.is_served(&name) => {
+                    *known = (dir.clone(), name, record);
                 }
+                Some(_) => {}
             }
         }
-        let report = |(dir, name, record)| InstanceReport::of(&dir, &name, &record);
-        let instances = found.into_iter().map(report).collect();
-        Self { runtime_dir: dir.path().display().to_string(), instances }
     }
-
-    fn text(&self) -> String {
-        let mut text = String::new();
-        for instance in &self.instances {
-            // Writing to a string cannot fail.
-            let _ = instance.write_to(&mut text);
-        }
-        text
-    }
+    found.into_iter().map(|(dir, name, record)| Instance::of(&dir, name, record)).collect()
 }
 
-impl InstanceReport {
-    fn of(dir: &RuntimeDir, name: &InstanceName, record: &DaemonRecord) -> Self {
-        let (state, daemon, problem) = match ask(dir, name, record) {
-            Answer::Alive(daemon) => (State::Alive, Some(daemon), None),
-            Answer::Silent(daemon, problem) => (State::Silent, daemon, Some(problem)),
+impl Instance {
+    fn of(dir: &RuntimeDir, name: InstanceName, record: DaemonRecord) -> Self {
+        let (state, counters, problem) = match ask(dir, &name, &record) {
+            Answer::Alive(counters) => (State::Alive, Some(counters), None),
+            Answer::Silent(counters, problem) => (State::Silent, counters, Some(problem)),
             Answer::Dead => {
                 let problem = format!("process {} of instance '{name}' is gone", record.worker_pid);
                 (State::Dead, None, Some(problem))
             }
         };
-        Self {
-            instance: name.to_string(),
-            state,
-            version: record.version.to_string(),
-            pid: record.worker_pid,
-            supervisor_pid: record.supervisor_pid,
-            daemon,
-            problem,
-        }
+        Self { name, record, state, counters, problem }
+    }
+
+    /// An element of `instances` of `status --json`, whose fields `CLI.md` explains. Fields may be added, never
+    /// changed or taken away.
+    fn json(&self) -> Value {
+        json!({
+            "instance": self.name.as_str(),
+            "state": self.state,
+            "version": self.record.version.to_string(),
+            "pid": self.record.worker_pid,
+            "supervisor_pid": self.record.supervisor_pid,
+            "daemon": self.counters.as_ref().map(Counters::json),
+            "problem": self.problem,
+        })
     }
 
     fn write_to(&self, text: &mut String) -> std::fmt::Result {
-        let Self { instance, state, version, pid, .. } = self;
-        let state = state.as_str();
-        writeln!(text, "{instance}: {state}, process {pid}, wire {version}")?;
+        let state = match self.state {
+            State::Alive => "alive",
+            State::Silent => "silent",
+            State::Dead => "dead",
+        };
+        let DaemonRecord { worker_pid, version, .. } = &self.record;
+        writeln!(text, "{}: {state}, process {worker_pid}, wire {version}", self.name)?;
         if let Some(problem) = &self.problem {
             writeln!(text, "  {problem}")?;
         }
-        let Some(daemon) = &self.daemon else { return Ok(()) };
-        let DaemonReport { clients, frames, boxes, spheres, pairs, errors, uptime_ns, .. } = daemon;
-        let gpus = match (daemon.gpus_opening, daemon.gpus) {
+        self.counters.as_ref().map_or(Ok(()), |counters| counters.write_to(text))
+    }
+}
+
+impl Counters {
+    fn json(&self) -> Value {
+        let Self { body, skips, gpus, age } = self;
+        let AuditCounts { one_in, frames, skipped, pairs, missed, extra } = body.audit;
+        let audit = json!({
+            "one_in": one_in,
+            "frames": frames,
+            "skipped": skipped,
+            "pairs": pairs,
+            "missed": missed,
+            "extra": extra,
+        });
+        let error = |error: &RecordedError| {
+            json!({
+                "status": status_text(error),
+                "ago_ns": body.uptime_ns.saturating_sub(error.at_ns),
+                "client": format!("{:016x}", error.client_token),
+                "frame": error.frame,
+            })
+        };
+        json!({
+            "age_ns": age.as_nanos() as u64,
+            "uptime_ns": body.uptime_ns,
+            "clients": body.client_count,
+            "gpus_opening": gpus.opening,
+            "gpus": gpus.open,
+            "frames": body.frames,
+            "boxes": body.boxes,
+            "spheres": body.spheres,
+            "pairs": body.pairs,
+            "scenes": body.scenes,
+            "scene_mib": body.scene_mib,
+            "repeats": skips.repeats,
+            "skipped": Skipped::from(skips),
+            "errors": body.errors,
+            "last_errors": self.last_errors().map(error).collect::<Vec<_>>(),
+            "audit": (one_in != 0).then_some(audit),
+        })
+    }
+
+    fn last_errors(&self) -> impl Iterator<Item = &RecordedError> {
+        self.body.last_errors.iter().filter(|error| error.status != StatusCode::Ok as u32)
+    }
+
+    fn write_to(&self, text: &mut String) -> std::fmt::Result {
+        let Self { body, skips, gpus, .. } = self;
+        let StatusBody { client_count, frames, boxes, spheres, pairs, errors, .. } = body;
+        let gpus = match (gpus.opening, gpus.open) {
             (0, 0) => String::new(),
             (0, open) => format!(", {open} GPU(s)"),
             (opening, 0) => format!(", opening {opening} GPU(s)"),
             (opening, open) => format!(", {open} GPU(s), opening {opening} more"),
         };
-        writeln!(text, "  serving for {}, {clients} clients{gpus}", time_text(*uptime_ns))?;
+        let uptime = time_text(body.uptime_ns);
+        writeln!(text, "  serving for {uptime}, {client_count} clients{gpus}")?;
         let spheres = if *spheres == 0 { String::new() } else { format!(" {spheres} spheres,") };
         writeln!(
             text,
             "  {frames} frames, {boxes} boxes,{spheres} {pairs} pairs, {errors} errors"
         )?;
-        if daemon.skipped != Skipped::default() {
-            writeln!(
-                text,
-                "  skipped {}; {} frames equal to the last",
-                daemon.skipped, daemon.repeats
-            )?;
+        let skipped = Skipped::from(skips);
+        if skipped != Skipped::default() {
+            writeln!(text, "  skipped {skipped}; {} frames equal to the last", skips.repeats)?;
         }
-        if daemon.scenes > 0 {
-            writeln!(text, "  {} scenes of {} MiB", daemon.scenes, daemon.scene_mib)?;
+        if body.scenes > 0 {
+            writeln!(text, "  {} scenes of {} MiB", body.scenes, body.scene_mib)?;
         }
-        if let Some(AuditReport { one_in, frames, skipped, pairs, missed, extra }) = &daemon.audit {
+        let AuditCounts { one_in, frames, skipped, pairs, missed, extra } = body.audit;
+        if one_in != 0 {
             writeln!(
                 text,
                 "  audit of 1/{one_in}: {frames} frames, {pairs} pairs, {missed} missed, {extra} extra, {skipped} frames skipped"
             )?;
         }
-        for error in &daemon.last_errors {
-            let ErrorReport { status, ago_ns, client, frame } = error;
-            let ago = time_text(*ago_ns);
-            writeln!(text, "  {status} {ago} ago, client {client}, frame {frame}")?;
+        for error in self.last_errors() {
+            let ago = time_text(body.uptime_ns.saturating_sub(error.at_ns));
+            let RecordedError { client_token, frame, .. } = error;
+            let status = status_text(error);
+            writeln!(text, "  {status} {ago} ago, client {client_token:016x}, frame {frame}")?;
         }
         Ok(())
     }
 }
 
+fn status_text(error: &RecordedError) -> String {
+    let code = StatusCode::from_wire(error.status);
+    code.map_or_else(|| format!("code {}", error.status), |code| code.as_str().into())
+}
+
 /// What was learned of a daemon.
 enum Answer {
-    Alive(DaemonReport),
+    Alive(Counters),
     /// The last known figures, and why the daemon counts as silent.
-    Silent(Option<DaemonReport>, String),
+    Silent(Option<Counters>, String),
     Dead,
 }
 
@@ -274,13 +281,13 @@ fn ask(dir: &RuntimeDir, name: &InstanceName, record: &DaemonRecord) -> Answer {
             Ok(_) => return ask_over_wire(dir, name),
             Err(error) => return Answer::Silent(None, error.to_string()),
         };
-        let age = dir.status_age(name);
-        let report = DaemonReport::of(status.body(), status.skips(), status.gpus(), age);
+        let (body, skips, gpus) = (*status.body(), *status.skips(), status.gpus());
+        let counters = Counters { body, skips, gpus, age: dir.status_age(name) };
         if *before.get_or_insert(status) != status {
-            return Answer::Alive(report);
+            return Answer::Alive(counters);
         }
         if asked.elapsed() >= DEADLINE {
-            let age = time_text(report.age_ns);
+            let age = time_text(counters.age.as_nanos() as u64);
             let how = match beats {
                 None => "its process lives",
                 Some(_) if watch.beats() == beats => {
@@ -290,7 +297,7 @@ fn ask(dir: &RuntimeDir, name: &InstanceName, record: &DaemonRecord) -> Answer {
             };
             let problem =
                 format!("instance '{name}' does not answer: {how}; its counters are {age} old");
-            return Answer::Silent(Some(report), problem);
+            return Answer::Silent(Some(counters), problem);
         }
         std::thread::sleep(LOOK);
     }
@@ -314,55 +321,8 @@ fn ask_over_wire(dir: &RuntimeDir, name: &InstanceName) -> Answer {
             let client_count = body.client_count.saturating_sub(1);
             let body = StatusBody { client_count, ..body };
             let (skips, gpus) = Default::default();
-            Answer::Alive(DaemonReport::of(&body, &skips, gpus, Duration::ZERO))
+            Answer::Alive(Counters { body, skips, gpus, age: Duration::ZERO })
         }
         Err(error) => Answer::Silent(None, error.to_string()),
-    }
-}
-
-impl DaemonReport {
-    fn of(body: &StatusBody, skips: &SkipTotals, gpus: GpuCounts, age: Duration) -> Self {
-        Self {
-            age_ns: age.as_nanos() as u64,
-            uptime_ns: body.uptime_ns,
-            clients: body.client_count,
-            gpus_opening: gpus.opening,
-            gpus: gpus.open,
-            frames: body.frames,
-            boxes: body.boxes,
-            spheres: body.spheres,
-            pairs: body.pairs,
-            scenes: body.scenes,
-            scene_mib: body.scene_mib,
-            repeats: skips.repeats,
-            skipped: skips.into(),
-            errors: body.errors,
-            last_errors: body
-                .last_errors
-                .iter()
-                .filter(|error| error.status != StatusCode::Ok as u32)
-                .map(|error| ErrorReport::of(error, body.uptime_ns))
-                .collect(),
-            audit: (body.audit.one_in != 0).then(|| AuditReport::of(&body.audit)),
-        }
-    }
-}
-
-impl AuditReport {
-    fn of(counts: &AuditCounts) -> Self {
-        let AuditCounts { one_in, frames, skipped, pairs, missed, extra } = *counts;
-        Self { one_in, frames, skipped, pairs, missed, extra }
-    }
-}
-
-impl ErrorReport {
-    fn of(error: &RecordedError, uptime_ns: u64) -> Self {
-        let code = StatusCode::from_wire(error.status);
-        Self {
-            status: code.map_or_else(|| format!("code {}", error.status), |c| c.as_str().into()),
-            ago_ns: uptime_ns.saturating_sub(error.at_ns),
-            client: format!("{:016x}", error.client_token),
-            frame: error.frame,
-        }
     }
 }

@@ -1,6 +1,5 @@
 //! `pairmaskd`, as the tests run it.
 
-use std::collections::BTreeSet;
 use std::path::Path;
 use std::process::Child;
 
@@ -8,7 +7,7 @@ use pairmask_tests::command_line::{self, Program};
 use pairmaskd::execute::gpu::GpuChoice;
 use pairmaskd::spawn::{PrivateDaemon, PrivateSettings};
 
-pub use pairmask_tests::command_line::{Finished, eventually, keys};
+pub use pairmask_tests::command_line::{Finished, eventually, keys, names};
 pub use pairmask_tests::daemon::stop;
 
 pub const PAIRMASKD: &str = env!("CARGO_BIN_EXE_pairmaskd");
@@ -33,11 +32,6 @@ pub fn finish(child: Child) -> Finished {
 pub fn daemon() -> PrivateDaemon {
     let settings = PrivateSettings { gpu: GpuChoice::None.into(), ..PrivateSettings::default() };
     PrivateDaemon::start(PAIRMASKD.as_ref(), &settings).unwrap()
-}
-
-/// Names in a text, for a comparison with [`keys`].
-pub fn names(text: &str) -> BTreeSet<&str> {
-    text.split_whitespace().collect()
 }
 
 /// Runs the binary with the words of a line.

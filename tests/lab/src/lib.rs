@@ -21,7 +21,4 @@ pub mod sabotage;
 pub mod stress;
 pub mod study;
 
-/// Why a measurement failed, of whatever type. The exit status depends on few types, see [`cli`].
-pub type Fault = Box<dyn std::error::Error + Send + Sync>;
-
-pub type Result<T, E = Fault> = std::result::Result<T, E>;
+pub use pairmaskd::cli::program::{Fault, Result};

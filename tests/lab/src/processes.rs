@@ -10,6 +10,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use pairmask::{Session, SessionBuilder};
 use pairmask_core::engine::AvailableIsa;
 use pairmask_transport::RuntimeDir;
+use pairmask_wire::InstanceName;
 use rustix::process::{Signal, set_parent_process_death_signal};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
@@ -31,6 +32,11 @@ pub(crate) struct Daemon {
 }
 
 impl Daemon {
+    pub(crate) fn new(dir: &RuntimeDir, instance: &InstanceName, isa: AvailableIsa) -> Self {
+        let (instance, isa) = (instance.to_string(), isa.to_string());
+        Self { dir: dir.path().to_owned(), instance, isa }
+    }
+
     pub(crate) fn session(&self) -> SessionBuilder {
         let isa = self.isa.parse().unwrap_or_else(|_| AvailableIsa::best());
         Session::builder().runtime_dir(RuntimeDir::at(&self.dir)).instance(&self.instance).isa(isa)

@@ -11,7 +11,7 @@ use std::str::FromStr;
 use std::time::Duration;
 
 use clap::{Args, Subcommand};
-use pairmask::{Backend, ConnectError, SessionBuilder};
+use pairmask::{Backend, SessionBuilder};
 use pairmask_core::BoxCount;
 use pairmask_core::engine::UnknownName;
 use pairmask_transport::RuntimeDir;
@@ -24,16 +24,16 @@ use super::config::Config;
 use super::daemon_cpu::DaemonCpu;
 use super::machine::Machine;
 use super::options::{CullFlags, DaemonOptions, Place};
-use super::output::{OutputError, print_json, print_text, progress_bar, spinner};
-use super::raw_objects::{RawBoxes, RawObjectsError};
+use super::output::{print_json, print_text, progress_bar, spinner};
+use super::program::{Result, WrongUsage};
+use super::raw_objects::RawBoxes;
 use super::scene_look;
 use super::target::Target;
 use super::whole_number::whole_number;
 use crate::precision::PrecisionChoice;
 use crate::scene::{Scene, SceneName};
 use crate::serve::DEFAULT_SPIN;
-use crate::spawn::SpawnError;
-use crate::timed_client::{Decoders, Decoding, TimedClient, TimedError};
+use crate::timed_client::{Decoders, Decoding, TimedClient};
 
 /// Measure what frames cost on this machine
 #[derive(Debug, Args)]
@@ -52,7 +52,7 @@ enum What {
 
 impl Bench {
     /// Measures.
-    pub fn run(&self, place: &Place, config: &Config) -> Result<(), BenchError> {
+    pub fn run(&self, place: &Place, config: &Config) -> Result {
         match &self.what {
             What::Latency(latency) => latency.run(place, config),
         }
@@ -66,6 +66,27 @@ pub const SEED: u64 = 1;
 /// Frames between two moves of the progress bar: its cost is then nothing beside that of the
 /// frames.
 const FRAMES_PER_TICK: u64 = 64;
+
+/// What frames are timed, and how they are culled and decoded.
+#[derive(Debug, Args)]
+pub struct FramesOf {
+    #[command(flatten)]
+    pub options: CullFlags,
+    #[command(flatten)]
+    pub daemon: DaemonOptions,
+    /// Numbers of boxes of a uniform scene with about one pair a box
+    #[arg(long, value_parser = whole_number::<u32>, value_name = "N,..", value_delimiter = ',', default_values_t = [1000, 4096, 10_000])]
+    pub n: Vec<u32>,
+    /// File of boxes instead, each then moving 2 % of its size a frame
+    #[arg(long, value_name = "FILE", conflicts_with = "n")]
+    pub scene: Option<PathBuf>,
+    /// Precision of the boxes: exact, q16, q8, f16, margin=X; one row each
+    #[arg(long, value_name = "MODE,..", value_delimiter = ',', default_values_t = [PrecisionChoice::Exact])]
+    pub precision: Vec<PrecisionChoice>,
+    /// Threads of a client: they look at the pairs of a mask, and write exact boxes
+    #[arg(long, value_parser = whole_number::<NonZeroUsize>, value_name = "N", default_value = "1")]
+    pub decode_threads: NonZeroUsize,
+}
 
 /// Latency of frames by stage, of one client in a closed loop
 #[derive(Debug, Args)]
@@ -93,27 +114,13 @@ Examples:
 Clients at a pace, several at a time or of differing sizes: `pairmask-lab load` (tests/lab).")]
 pub struct Latency {
     #[command(flatten)]
-    options: CullFlags,
-    #[command(flatten)]
-    daemon: DaemonOptions,
-    /// Numbers of boxes of a uniform scene with about one pair a box
-    #[arg(long, value_parser = whole_number::<u32>, value_name = "N,..", value_delimiter = ',', default_values_t = [1000, 4096, 10_000])]
-    n: Vec<u32>,
-    /// File of boxes instead, each then moving 2 % of its size a frame
-    #[arg(long, value_name = "FILE", conflicts_with = "n")]
-    scene: Option<PathBuf>,
-    /// Precision of the boxes: exact, q16, q8, f16, margin=X; one row each
-    #[arg(long, value_name = "MODE,..", value_delimiter = ',', default_values_t = [PrecisionChoice::Exact])]
-    precision: Vec<PrecisionChoice>,
+    frames_of: FramesOf,
     /// Frames that are measured
     #[arg(long, value_parser = whole_number::<NonZeroU64>, value_name = "N", default_value = "2000")]
     frames: NonZeroU64,
     /// Frames before those [default: a fifth of them, at least 20]
     #[arg(long, value_parser = whole_number::<u64>, value_name = "N")]
     warm_up: Option<u64>,
-    /// Threads of the client: they look at the pairs of a mask, and write exact boxes
-    #[arg(long, value_parser = whole_number::<NonZeroUsize>, value_name = "N", default_value = "1")]
-    decode_threads: NonZeroUsize,
     /// How client and daemon wait for each other: spin, event, or serve, as they do by themselves
     #[arg(long, value_name = "HOW,..", value_delimiter = ',', default_values_t = [Wait::Spin])]
     wait: Vec<Wait>,
@@ -169,41 +176,15 @@ impl FromStr for Wait {
     }
 }
 
-#[derive(Debug, thiserror::Error)]
-pub enum BenchError {
-    #[error(transparent)]
-    Boxes(#[from] RawObjectsError),
-    #[error(transparent)]
-    Spawn(#[from] SpawnError),
-    #[error(transparent)]
-    Connect(#[from] ConnectError),
-    #[error(transparent)]
-    Timed(#[from] TimedError),
-    #[error(transparent)]
-    Pin(#[from] PinError),
-    /// The daemon died or started during the measurement: the row would mix two backends.
-    #[error("the daemon came or went during the measurement: name a --backend, and try again")]
-    Changed,
-    #[error("--pin keeps a daemon on a core of its own: leave it out with --backend in-process")]
-    PinAlone,
-    #[error("the decoding threads cannot be started: {0}")]
-    Threads(#[from] rayon::ThreadPoolBuildError),
-    #[error(transparent)]
-    Output(#[from] OutputError),
-}
-
-impl BenchError {
-    pub const fn is_usage(&self) -> bool {
-        matches!(self, Self::PinAlone)
-    }
-}
-
 impl Latency {
     /// Measures a row for every wait, scene and precision, and prints them.
-    pub fn run(&self, place: &Place, config: &Config) -> Result<(), BenchError> {
-        let is_alone = self.options.backend(config, Backend::Daemon) == Backend::InProcess;
+    pub fn run(&self, place: &Place, config: &Config) -> Result {
+        let is_alone =
+            self.frames_of.options.backend(config, Backend::Daemon) == Backend::InProcess;
         if self.pin && is_alone {
-            return Err(BenchError::PinAlone);
+            let what =
+                "--pin keeps a daemon on a core of its own: leave it out with --backend in-process";
+            return Err(WrongUsage(what.to_owned()).into());
         }
         let machine = Machine::this();
         let report = LatencyReport { machine, rows: self.rows(place, config)? };
@@ -211,12 +192,12 @@ impl Latency {
         Ok(())
     }
 
-    fn rows(&self, place: &Place, config: &Config) -> Result<Vec<LatencyRow>, BenchError> {
+    fn rows(&self, place: &Place, config: &Config) -> Result<Vec<LatencyRow>> {
         let making = spinner("making scenes");
         let scenes = self.scenes()?;
         making.finish_and_clear();
         // Before any thread is pinned: threads that start later inherit its cores.
-        let mut decoding = threads_of(self.decode_threads)?;
+        let mut decoding = threads_of(self.frames_of.decode_threads)?;
         let cores = self.pin.then(Cores::of_this_thread).transpose()?;
         let mut rows = Vec::new();
         for wait in &self.wait {
@@ -224,13 +205,21 @@ impl Latency {
                 // The daemon of this wait must not inherit the client's one core.
                 cores.unpin()?;
             }
-            let target = Target::new(&self.options, &self.daemon, wait.spin(), 1, place, config)?;
+            let target = Target::new(
+                &self.frames_of.options,
+                &self.frames_of.daemon,
+                wait.spin(),
+                1,
+                place,
+                config,
+            )?;
             if let Some(cores) = &cores {
                 cores.pin(&target.dir, &target.instance)?;
             }
             for scene in &scenes {
-                for precision in &self.precision {
-                    let session = target.session(self.options.session(place, config), wait.spin());
+                for precision in &self.frames_of.precision {
+                    let session =
+                        target.session(self.frames_of.options.session(place, config), wait.spin());
                     let (scene, daemon) = (scene.clone(), target.cpu());
                     let row =
                         self.row(scene, *precision, *wait, &mut decoding, session, daemon.as_ref());
@@ -241,8 +230,8 @@ impl Latency {
         Ok(rows)
     }
 
-    fn scenes(&self) -> Result<Vec<Scene>, BenchError> {
-        if let Some(path) = &self.scene {
+    fn scenes(&self) -> Result<Vec<Scene>> {
+        if let Some(path) = &self.frames_of.scene {
             let boxes = RawBoxes::open(path)?.read()?;
             if let Some(warning) = scene_look::of_boxes(&boxes) {
                 log::warn!("{}: {warning}", path.display());
@@ -250,7 +239,7 @@ impl Latency {
             return Ok(vec![Scene::from_boxes(boxes, SEED)]);
         }
         let uniform = |n: &u32| Scene::new(SceneName::Uniform, *n as usize, SEED);
-        Ok(self.n.iter().map(uniform).collect())
+        Ok(self.frames_of.n.iter().map(uniform).collect())
     }
 
     /// The measured loop: it holds only the frame and the clock.
@@ -262,9 +251,9 @@ impl Latency {
         decoding: &mut Decoding,
         session: SessionBuilder,
         daemon: Option<&DaemonCpu>,
-    ) -> Result<LatencyRow, BenchError> {
+    ) -> Result<LatencyRow> {
         let n = u32::try_from(scene.boxes().len()).unwrap_or(u32::MAX);
-        let decode_threads = self.decode_threads.get();
+        let decode_threads = self.frames_of.decode_threads.get();
         let session = session.capacity(BoxCount::new(n)).visit_threads(decode_threads).connect()?;
         let mut client = TimedClient::new(session, precision, scene.boxes());
         // Before the first recorded frame memory is touched, estimates settle, clocks rise.
@@ -295,10 +284,13 @@ impl Latency {
 }
 
 /// The threads of a client. They are kept awake while frames are under way.
-pub fn threads_of(threads: NonZeroUsize) -> Result<Decoding, BenchError> {
+pub fn threads_of(threads: NonZeroUsize) -> Result<Decoding> {
     Ok(match threads.get() {
         1 => Decoding::Serial,
-        _ => Decoding::Parallel(Decoders::start(threads)?),
+        _ => Decoding::Parallel(
+            Decoders::start(threads)
+                .map_err(|error| format!("the decoding threads cannot be started: {error}"))?,
+        ),
     })
 }
 

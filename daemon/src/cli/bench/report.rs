@@ -7,9 +7,10 @@ use pairmask::FrameInfo;
 use pairmask_core::engine::EngineId;
 use serde::{Deserialize, Serialize};
 
-use super::{BenchError, Wait};
+use super::Wait;
 use crate::cli::machine::Machine;
 use crate::cli::percentiles::{Percentiles, Recorder};
+use crate::cli::program::Result;
 use crate::precision::PrecisionChoice;
 use crate::timed_client::TimedFrame;
 
@@ -87,21 +88,23 @@ impl LatencyRow {
             daemon_cpu_percent,
         }
     }
+}
 
-    /// Writes the row: a line of what was measured, `more` about it, and a table, above whose stages stands
-    /// `first`.
-    pub fn write(
-        &self,
-        f: &mut fmt::Formatter<'_>,
-        more: &str,
-        first: Option<(&str, &Percentiles)>,
-    ) -> fmt::Result {
+impl fmt::Display for LatencyReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}", self.machine)?;
+        self.rows.iter().try_for_each(|row| write!(f, "\n\n{row}"))
+    }
+}
+
+impl fmt::Display for LatencyRow {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { n, backend, wait, engine, precision, frames, requests, .. } = self;
         write!(f, "{n} boxes, {backend} ({wait}), {engine}, {precision}, {frames} frames")?;
         if requests != frames {
             write!(f, ", {requests} asked for")?;
         }
-        writeln!(f, "{more}")?;
+        writeln!(f)?;
         if let Some(percent) = self.daemon_cpu_percent {
             writeln!(f, "the daemon used {percent} % of a core")?;
         }
@@ -118,7 +121,7 @@ impl LatencyRow {
             ("      added", &self.added_ns),
             ("    decode", &self.decode_ns),
         ];
-        for (stage, found) in first.into_iter().chain(stages) {
+        for (stage, found) in stages {
             let Percentiles { p50, p90, p99, p999, max } = found;
             write!(f, "\n{stage:<14}")?;
             for ns in [p50, p90, p99, p999, max] {
@@ -129,21 +132,12 @@ impl LatencyRow {
     }
 }
 
-impl fmt::Display for LatencyReport {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}", self.machine)?;
-        self.rows.iter().try_for_each(|row| write!(f, "\n\n{row}"))
-    }
-}
-
-impl fmt::Display for LatencyRow {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        self.write(f, "", None)
-    }
-}
-
 /// The engine's name where frames had different engines.
 const SEVERAL: &str = "auto";
+
+/// The daemon died or started during the measurement: the row would mix two backends.
+const CHANGED: &str =
+    "the daemon came or went during the measurement: name a --backend, and try again";
 
 /// Frames under measurement, all of one backend.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -175,10 +169,10 @@ impl Figures {
     }
 
     /// Adds a frame.
-    pub fn record(&mut self, times: &TimedFrame) -> Result<(), BenchError> {
+    pub fn record(&mut self, times: &TimedFrame) -> Result {
         let info = &times.info;
         if info.served_by.as_str() != self.backend {
-            return Err(BenchError::Changed);
+            return Err(CHANGED.into());
         }
         if self.engine_id.is_some_and(|engine| engine != info.engine) {
             self.engine_id = None;
@@ -202,9 +196,9 @@ impl Figures {
     }
 
     /// Adds those of another client.
-    pub fn add(&mut self, other: &Self) -> Result<(), BenchError> {
+    pub fn add(&mut self, other: &Self) -> Result {
         if self.backend != other.backend {
-            return Err(BenchError::Changed);
+            return Err(CHANGED.into());
         }
         if self.engine != other.engine {
             SEVERAL.clone_into(&mut self.engine);

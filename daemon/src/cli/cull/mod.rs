@@ -9,21 +9,22 @@ use std::time::{Duration, Instant};
 use std::{fmt, io};
 
 use clap::{Args, ValueEnum};
-use pairmask::{Backend, ConnectError, Error, PairMask, PendingFrame, Session};
+use pairmask::{Backend, ConnectError, PairMask, PendingFrame, Session};
 use pairmask_core::engine::EngineId;
 use pairmask_core::mask::WordAddress;
 use pairmask_core::{Aabb, Bounds, MaskView, Sphere};
 use rayon::slice::ParallelSliceMut;
 
-use self::report::{CullReport, Explanation, Planned, Timings};
+use self::report::{Planned, Timings, explanation, report};
 use super::config::Config;
 use super::options::{CullFlags, DaemonOptions, Place};
 use super::output::{OutputError, is_stdout, print_aside, print_json, print_text, spinner};
-use super::raw_objects::{RawBoxes, RawObjects, RawObjectsError};
+use super::program::{Result, WrongUsage};
+use super::raw_objects::{RawBoxes, RawObjects};
 use super::scene_look::{Look, Useless};
 use crate::file_error::{Access, FileError};
 use crate::precision::PrecisionChoice;
-use crate::spawn::{PrivateDaemon, SpawnError};
+use crate::spawn::PrivateDaemon;
 
 /// How long one frame may take. Any scene that fits into memory is done by then.
 const DEADLINE: Duration = Duration::from_secs(600);
@@ -85,38 +86,22 @@ enum Shape {
 }
 
 #[derive(Debug, thiserror::Error)]
-pub enum CullCommandError {
+enum CullFault {
     #[error("{flag} is about boxes: leave it out with --shape spheres")]
     AboutBoxes { flag: &'static str },
     #[error("{first} and {second} would both write to stdout: name a file for one of them")]
     TwoOnStdout { first: &'static str, second: &'static str },
     #[error("--pairs and --mask name the same file, {}: name two", path.display())]
     SameFile { path: PathBuf },
-    #[error(transparent)]
-    Objects(#[from] RawObjectsError),
-    #[error(transparent)]
-    Spawn(#[from] SpawnError),
-    #[error(transparent)]
-    Connect(#[from] ConnectError),
-    #[error(transparent)]
-    Session(#[from] Error),
     #[error("{engine} counted {counted} pairs and its mask holds {decoded}: please report this")]
     Miscounted { engine: EngineId, counted: u64, decoded: u64 },
-    #[error(transparent)]
-    Result(#[from] ResultError),
-    #[error(transparent)]
-    Output(#[from] OutputError),
-}
-
-impl CullCommandError {
-    pub const fn is_usage(&self) -> bool {
-        matches!(self, Self::AboutBoxes { .. } | Self::TwoOnStdout { .. } | Self::SameFile { .. })
-    }
+    #[error("no memory to sort {pairs} pairs: write the mask instead (--mask)")]
+    TooManyPairs { pairs: u64 },
 }
 
 impl Cull {
-    pub fn run(&self, place: &Place, config: &Config) -> Result<(), CullCommandError> {
-        self.check()?;
+    pub fn run(&self, place: &Place, config: &Config) -> Result {
+        self.check().map_err(|fault| WrongUsage(fault.to_string()))?;
         let scene = self.open()?;
         let progress = spinner(&scene.to_string());
         let spawn = || PrivateDaemon::start_self(&self.daemon.private(place, config));
@@ -135,10 +120,9 @@ impl Cull {
         }?;
         let (mask, timings) = answer(frame, times)?;
 
-        let explanation = planned.map(|planned| Explanation::new(&planned, &mask, timings.decode));
+        let explain = planned.map(|planned| explanation(&planned, &mask, timings.decode));
         let warnings = self.warnings(look, &mask);
-        let report =
-            CullReport::new(&mask, self.precision, &world, &timings, explanation, warnings);
+        let report = report(&mask, self.precision, &world, &timings, explain, &warnings);
         if let Some(path) = &self.pairs {
             write_pairs(path, &mask)?;
         }
@@ -146,7 +130,7 @@ impl Cull {
             write_mask(path, &mask)?;
         }
         progress.finish_and_clear();
-        for warning in &report.warnings {
+        for warning in &warnings {
             log::warn!("{}: {warning}", self.file.display());
         }
         if self.stdout_is_for_results() {
@@ -157,11 +141,12 @@ impl Cull {
         Ok(())
     }
 
-    fn check(&self) -> Result<(), CullCommandError> {
+    /// What is wrong about the command line.
+    fn check(&self) -> Result<(), CullFault> {
         let is_precise = self.precision == PrecisionChoice::Exact;
         for (flag, allowed) in [("--precision", is_precise), ("--explain", !self.explain)] {
             if self.shape == Shape::Spheres && !allowed {
-                return Err(CullCommandError::AboutBoxes { flag });
+                return Err(CullFault::AboutBoxes { flag });
             }
         }
         let to_stdout = |path: &Option<PathBuf>| path.as_deref().is_some_and(is_stdout);
@@ -172,11 +157,11 @@ impl Cull {
         ];
         let mut on_stdout = results.iter().filter(|(_, is_there)| *is_there);
         if let (Some((first, _)), Some((second, _))) = (on_stdout.next(), on_stdout.next()) {
-            return Err(CullCommandError::TwoOnStdout { first, second });
+            return Err(CullFault::TwoOnStdout { first, second });
         }
         match (&self.pairs, &self.mask) {
             (Some(path), Some(mask)) if path == mask => {
-                Err(CullCommandError::SameFile { path: path.clone() })
+                Err(CullFault::SameFile { path: path.clone() })
             }
             _ => Ok(()),
         }
@@ -197,7 +182,7 @@ impl Cull {
         warning.into_iter().collect()
     }
 
-    fn open(&self) -> Result<RawScene, CullCommandError> {
+    fn open(&self) -> Result<RawScene> {
         Ok(match self.shape {
             Shape::Boxes => RawScene::Boxes(RawObjects::open(&self.file)?),
             Shape::Spheres => RawScene::Spheres(RawObjects::open(&self.file)?),
@@ -251,7 +236,7 @@ fn ask_boxes(
     boxes: RawBoxes,
     precision: PrecisionChoice,
     planner: Option<impl FnOnce(&[Aabb]) -> Planned>,
-) -> Result<Asked, CullCommandError> {
+) -> Result<Asked> {
     let start = Instant::now();
     if precision == PrecisionChoice::Exact {
         let mut exact = session.frame(boxes.count())?;
@@ -276,10 +261,7 @@ fn ask_boxes(
     Ok(Asked { times, frame: narrow.submit()?, planned, look, world })
 }
 
-fn ask_spheres(
-    session: &mut Session,
-    spheres: RawObjects<Sphere>,
-) -> Result<Asked, CullCommandError> {
+fn ask_spheres(session: &mut Session, spheres: RawObjects<Sphere>) -> Result<Asked> {
     let start = Instant::now();
     let mut frame = session.sphere_frame(spheres.count())?;
     spheres.read_into(frame.spheres_mut())?;
@@ -292,7 +274,7 @@ fn ask_spheres(
 fn answer(
     frame: PendingFrame,
     [start, read, submitted]: [Instant; 3],
-) -> Result<(PairMask, Timings), CullCommandError> {
+) -> Result<(PairMask, Timings)> {
     let mask = frame.wait()?;
     let answered = Instant::now();
     let mut decoded = 0;
@@ -301,7 +283,7 @@ fn answer(
 
     let (engine, counted) = (mask.info().engine, mask.count());
     if counted != decoded {
-        return Err(CullCommandError::Miscounted { engine, counted, decoded });
+        return Err(CullFault::Miscounted { engine, counted, decoded }.into());
     }
     let timings = Timings {
         read: read - start,
@@ -312,23 +294,12 @@ fn answer(
     Ok((mask, timings))
 }
 
-#[derive(Debug, thiserror::Error)]
-pub enum ResultError {
-    #[error(transparent)]
-    File(#[from] FileError),
-    #[error(transparent)]
-    Output(#[from] OutputError),
-    #[error("no memory to sort {pairs} pairs: write the mask instead (--mask)")]
-    TooManyPairs { pairs: u64 },
-}
-
 /// Writes the pairs, the lower index first, in ascending order; to stdout for `-`.
-pub fn write_pairs(path: &Path, mask: &PairMask) -> Result<(), ResultError> {
-    let too_many = ResultError::TooManyPairs { pairs: mask.count() };
+pub fn write_pairs(path: &Path, mask: &PairMask) -> Result {
     let mut pairs: Vec<[u32; 2]> = Vec::new();
     let room = usize::try_from(mask.count()).ok();
     if room.is_none_or(|room| pairs.try_reserve_exact(room).is_err()) {
-        return Err(too_many);
+        return Err(CullFault::TooManyPairs { pairs: mask.count() }.into());
     }
     mask.view().for_each(|a, b| pairs.push([a, b]));
     if !pairs.is_sorted() {
@@ -341,7 +312,7 @@ pub fn write_pairs(path: &Path, mask: &PairMask) -> Result<(), ResultError> {
 /// blocks and the bits of its words. The order comes first and is always written, so that the
 /// number of words follows from the file's length; of a list its pairs, in its own order. Of any
 /// other mask the sections, as they lie in the reply. To stdout for `-`.
-pub fn write_mask(path: &Path, mask: &PairMask) -> Result<(), ResultError> {
+pub fn write_mask(path: &Path, mask: &PairMask) -> Result {
     let view = mask.view();
     write_file(path, |file| match &view {
         MaskView::Dense(dense) => file.write_all(bytemuck::cast_slice(dense.as_words())),
@@ -383,10 +354,7 @@ fn write_words(file: &mut dyn Write, words: impl Iterator<Item = u32>) -> io::Re
     Ok(())
 }
 
-fn write_file(
-    path: &Path,
-    write: impl FnOnce(&mut dyn Write) -> io::Result<()>,
-) -> Result<(), ResultError> {
+fn write_file(path: &Path, write: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> Result {
     let whole = |mut file: BufWriter<&mut dyn Write>| write(&mut file).and_then(|()| file.flush());
     if is_stdout(path) {
         return Ok(whole(BufWriter::new(&mut std::io::stdout().lock())).map_err(OutputError::Io)?);

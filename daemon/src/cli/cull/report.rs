@@ -4,7 +4,7 @@ use std::fmt;
 use std::fmt::Write as _;
 use std::time::Duration;
 
-use pairmask::{PairMask, ServedBy};
+use pairmask::{FrameInfo, PairMask, ServedBy};
 use pairmask_core::dispatch::{CpuEngines, CullOptions};
 use pairmask_core::engine::AvailableIsa;
 use pairmask_core::plan::{Calibration, Candidate, Plan};
@@ -25,125 +25,105 @@ pub struct Timings {
     pub total: Duration,
 }
 
-/// The JSON object of `cull --json`, whose fields `CLI.md` explains. Fields may be added, never changed or taken away.
+/// A JSON object, whose fields `CLI.md` explains, and the same as text. Fields may be added, never changed or taken
+/// away.
 #[derive(Clone, Debug, Serialize)]
-pub struct CullReport {
-    pub shape: &'static str,
-    pub boxes: u32,
-    pub pairs: u64,
-    pub invalid: u32,
-    pub empty: u32,
-    pub backend: String,
-    pub engine: String,
-    pub encoding: String,
-    pub mask_bytes: u64,
-    pub precision: String,
-    pub box_form: String,
-    pub box_bytes: u64,
-    pub gap_below: Option<[f64; 3]>,
-    pub stages_ns: StagesNs,
-    pub total_ns: u64,
-    pub skipped: Skipped,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub explain: Option<Explanation>,
-    pub warnings: Vec<String>,
+#[serde(transparent)]
+pub struct Shown {
+    fields: Value,
+    #[serde(skip)]
+    text: String,
 }
 
-/// Times of a frame, ns. `round_trip` holds `engine`, which holds the four stages before it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-pub struct StagesNs {
-    pub read: u64,
-    pub ingest: u64,
-    pub plan: u64,
-    pub execute: u64,
-    pub publish: u64,
-    pub engine: u64,
-    pub round_trip: u64,
-    pub decode: u64,
+impl fmt::Display for Shown {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.text)
+    }
 }
 
 const fn ns(duration: Duration) -> u64 {
     duration.as_nanos() as u64
 }
 
-impl CullReport {
-    pub fn new(
-        mask: &PairMask,
-        precision: PrecisionChoice,
-        world: &Bounds,
-        timings: &Timings,
-        explain: Option<Explanation>,
-        warnings: Vec<String>,
-    ) -> Self {
-        let info = mask.info();
-        let times = &info.times;
-        Self {
-            shape: match info.form {
-                ObjectForm::Boxes(_) => "boxes",
-                ObjectForm::Spheres => "spheres",
-            },
-            boxes: mask.n().get(),
-            pairs: mask.count(),
-            invalid: info.census.invalid,
-            empty: info.census.empty,
-            backend: info.served_by.as_str().to_owned(),
-            engine: info.engine.to_string(),
-            encoding: mask.encoding().to_string(),
-            mask_bytes: info.mask_bytes,
-            precision: precision.to_string(),
-            box_form: info.form.to_string(),
-            box_bytes: info.box_bytes,
-            gap_below: precision.gap_below(&info.widening, world),
-            stages_ns: StagesNs {
-                read: ns(timings.read),
-                ingest: times.ingest_ns,
-                plan: times.plan_ns,
-                execute: times.execute_ns,
-                publish: times.publish_ns,
-                engine: times.total_ns,
-                round_trip: ns(timings.round_trip),
-                decode: ns(timings.decode),
-            },
-            total_ns: ns(timings.total),
-            skipped: Skipped::from(&info.skipped),
-            explain,
-            warnings,
+/// The report on a frame.
+pub fn report(
+    mask: &PairMask,
+    precision: PrecisionChoice,
+    world: &Bounds,
+    timings: &Timings,
+    explain: Option<Shown>,
+    warnings: &[String],
+) -> Shown {
+    let (info, n, pairs) = (mask.info(), mask.n().get(), mask.count());
+    let FrameInfo { form, times, served_by, engine, box_bytes, mask_bytes, .. } = info;
+    let (invalid, empty) = (info.census.invalid, info.census.empty);
+    let (encoding, skipped) = (mask.encoding(), Skipped::from(&info.skipped));
+    let gap_below = precision.gap_below(&info.widening, world);
+    let shape = match form {
+        ObjectForm::Boxes(_) => "boxes",
+        ObjectForm::Spheres => "spheres",
+    };
+    let mut fields = json!({
+        "shape": shape,
+        "boxes": n,
+        "pairs": pairs,
+        "invalid": invalid,
+        "empty": empty,
+        "backend": served_by.as_str(),
+        "engine": engine.to_string(),
+        "encoding": encoding.to_string(),
+        "mask_bytes": mask_bytes,
+        "precision": precision.to_string(),
+        "box_form": form.to_string(),
+        "box_bytes": box_bytes,
+        "gap_below": gap_below,
+        // `round_trip` holds `engine`, which holds the four stages before it.
+        "stages_ns": {
+            "read": ns(timings.read),
+            "ingest": times.ingest_ns,
+            "plan": times.plan_ns,
+            "execute": times.execute_ns,
+            "publish": times.publish_ns,
+            "engine": times.total_ns,
+            "round_trip": ns(timings.round_trip),
+            "decode": ns(timings.decode),
+        },
+        "total_ns": ns(timings.total),
+        "skipped": skipped,
+        "warnings": warnings,
+    });
+    let gaps = match gap_below {
+        Some([0.0, 0.0, 0.0]) => String::new(),
+        Some(gaps) => {
+            // The shortest digits of an f32: cells of a small world are far below 0.0001.
+            let [x, y, z] = gaps.map(|gap| gap as f32);
+            format!(", gaps below {x} x {y} x {z} are not seen")
         }
+        None => ", gaps below 1/512 of a coordinate are not seen".to_owned(),
+    };
+    let backend = served_by.as_str();
+    let mut text = format!(
+        "{shape:<10} {n} ({empty} empty, {invalid} invalid)\n\
+         pairs      {pairs}\n\
+         engine     {engine} ({backend})\n\
+         precision  {precision}, {box_bytes} bytes as {form}{gaps}\n\
+         mask       {encoding}, {mask_bytes} bytes\n\
+         skipped    {skipped}"
+    );
+    for (name, ns) in [
+        ("read", ns(timings.read)),
+        ("round trip", ns(timings.round_trip)),
+        ("  engine", times.total_ns),
+        ("decode", ns(timings.decode)),
+        ("total", ns(timings.total)),
+    ] {
+        let _ = write!(text, "\n{name:<10} {}", time_text(ns));
     }
-}
-
-impl fmt::Display for CullReport {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { shape, boxes, pairs, invalid, empty, stages_ns: stages, skipped, .. } = self;
-        writeln!(f, "{shape:<10} {boxes} ({empty} empty, {invalid} invalid)")?;
-        writeln!(f, "pairs      {pairs}")?;
-        writeln!(f, "engine     {} ({})", self.engine, self.backend)?;
-        write!(f, "precision  {}, {} bytes as {}", self.precision, self.box_bytes, self.box_form)?;
-        match self.gap_below {
-            Some([0.0, 0.0, 0.0]) => writeln!(f),
-            Some(gaps) => {
-                // The shortest digits of an f32: cells of a small world are far below 0.0001.
-                let [x, y, z] = gaps.map(|gap| gap as f32);
-                writeln!(f, ", gaps below {x} x {y} x {z} are not seen")
-            }
-            None => writeln!(f, ", gaps below 1/512 of a coordinate are not seen"),
-        }?;
-        writeln!(f, "mask       {}, {} bytes", self.encoding, self.mask_bytes)?;
-        writeln!(f, "skipped    {skipped}")?;
-        for (name, time) in [
-            ("read", stages.read),
-            ("round trip", stages.round_trip),
-            ("  engine", stages.engine),
-            ("decode", stages.decode),
-        ] {
-            writeln!(f, "{name:<10} {}", time_text(time))?;
-        }
-        write!(f, "{:<10} {}", "total", time_text(self.total_ns))?;
-        if let Some(explanation) = &self.explain {
-            write!(f, "\n\n{explanation}")?;
-        }
-        Ok(())
+    if let Some(explain) = explain {
+        let _ = write!(text, "\n\n{explain}");
+        fields["explain"] = explain.fields;
     }
+    Shown { fields, text }
 }
 
 /// A second plan of the same frame, made for the report.
@@ -161,78 +141,61 @@ impl Planned {
     }
 }
 
-/// The object `explain` of `cull --json --explain`, whose fields CLI.md has, and the same as text. Fields may be added,
-/// never changed or taken away.
-#[derive(Clone, Debug, Serialize)]
-#[serde(transparent)]
-pub struct Explanation {
-    fields: Value,
-    #[serde(skip)]
-    text: String,
-}
-
-impl Explanation {
-    pub fn new(planned: &Planned, mask: &PairMask, decode: Duration) -> Self {
-        let Planned { plan, calibration } = planned;
-        let (info, stats) = (mask.info(), &plan.stats);
-        let candidates: Vec<_> = plan.candidates.iter().flatten().collect();
-        let chosen = candidates.iter().find(|c| c.engine == plan.engine);
-        let predicted_ns = chosen.map(|c| c.predicted_ns as u64);
-        // Of engine and decode, without planning.
-        let measured_ns =
-            info.times.total_ns.saturating_sub(info.times.plan_ns) + decode.as_nanos() as u64;
-        // What this process cannot know about the answer.
-        let note = (info.served_by == ServedBy::Daemon).then(|| {
-            format!(
-                "the daemon took {}; planned here, with this process's constants and without a GPU: \
-                 what a daemon plans, it logs with PAIRMASK_LOG=debug",
-                info.engine
-            )
-        });
-        let candidate = |c: &&Candidate| {
-            json!({
-                "engine": c.engine.as_str(),
-                "encoding": c.encoding.as_str(),
-                "threads": c.threads,
-                "predicted_ns": c.predicted_ns as u64,
-            })
-        };
-        let fields = json!({
-            "stats": {
-                "boxes": stats.n.get(),
-                "looked_at": stats.is_looked_at,
-                "solid_share": stats.solid_share,
-                "median_size": stats.median_size,
-                "large_size": stats.large_size,
-                "window_share": stats.window_share,
-                "elongation": stats.elongation,
-                "expected_pairs": stats.expected_pairs() as u64,
-            },
-            "calibration": calibration,
-            "candidates": candidates.iter().map(candidate).collect::<Vec<_>>(),
-            "engine": plan.engine.as_str(),
-            "encoding": plan.encoding.as_str(),
-            "threads": plan.threads,
-            "why": plan.why(),
-            "predicted_ns": predicted_ns,
-            "measured_ns": measured_ns,
-            "note": note,
-        });
-        let mut text = format!("{}\nconstants  {calibration}\n", plan.explain());
-        if let Some(ns) = predicted_ns {
-            let _ = writeln!(text, "predicted  {}", time_text(ns));
-        }
-        let measured = time_text(measured_ns);
-        let _ = write!(text, "measured   {measured} (engine and decode; a first frame is cold)");
-        if let Some(note) = note {
-            let _ = write!(text, "\nnote       {note}");
-        }
-        Self { fields, text }
+/// The object `explain` of `cull --json --explain`.
+pub fn explanation(planned: &Planned, mask: &PairMask, decode: Duration) -> Shown {
+    let Planned { plan, calibration } = planned;
+    let (info, stats) = (mask.info(), &plan.stats);
+    let candidates: Vec<_> = plan.candidates.iter().flatten().collect();
+    let chosen = candidates.iter().find(|c| c.engine == plan.engine);
+    let predicted_ns = chosen.map(|c| c.predicted_ns as u64);
+    // Of engine and decode, without planning.
+    let measured_ns =
+        info.times.total_ns.saturating_sub(info.times.plan_ns) + decode.as_nanos() as u64;
+    // What this process cannot know about the answer.
+    let note = (info.served_by == ServedBy::Daemon).then(|| {
+        format!(
+            "the daemon took {}; planned here, with this process's constants and without a GPU: \
+             what a daemon plans, it logs with PAIRMASK_LOG=debug",
+            info.engine
+        )
+    });
+    let candidate = |c: &&Candidate| {
+        json!({
+            "engine": c.engine.as_str(),
+            "encoding": c.encoding.as_str(),
+            "threads": c.threads,
+            "predicted_ns": c.predicted_ns as u64,
+        })
+    };
+    let fields = json!({
+        "stats": {
+            "boxes": stats.n.get(),
+            "looked_at": stats.is_looked_at,
+            "solid_share": stats.solid_share,
+            "median_size": stats.median_size,
+            "large_size": stats.large_size,
+            "window_share": stats.window_share,
+            "elongation": stats.elongation,
+            "expected_pairs": stats.expected_pairs() as u64,
+        },
+        "calibration": calibration,
+        "candidates": candidates.iter().map(candidate).collect::<Vec<_>>(),
+        "engine": plan.engine.as_str(),
+        "encoding": plan.encoding.as_str(),
+        "threads": plan.threads,
+        "why": plan.why(),
+        "predicted_ns": predicted_ns,
+        "measured_ns": measured_ns,
+        "note": note,
+    });
+    let mut text = format!("{}\nconstants  {calibration}\n", plan.explain());
+    if let Some(ns) = predicted_ns {
+        let _ = writeln!(text, "predicted  {}", time_text(ns));
     }
-}
-
-impl fmt::Display for Explanation {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(&self.text)
+    let measured = time_text(measured_ns);
+    let _ = write!(text, "measured   {measured} (engine and decode; a first frame is cold)");
+    if let Some(note) = note {
+        let _ = write!(text, "\nnote       {note}");
     }
+    Shown { fields, text }
 }

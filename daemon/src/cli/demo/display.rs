@@ -4,8 +4,8 @@ use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
 use pairmask_core::engine::EngineId;
+use pairmask_core::oracle::check::Mismatch;
 
-use super::{BadPair, DemoError};
 use crate::cli::output::{OutputError, is_watched, print_text, time_text};
 use crate::cli::percentiles::Recorder;
 
@@ -58,7 +58,7 @@ pub struct Progress {
     engine: Option<EngineId>,
     checked: u64,
     wrong: u64,
-    first_wrong: Option<(u64, BadPair)>,
+    first_wrong: Option<(u64, Mismatch)>,
 }
 
 impl Progress {
@@ -93,7 +93,7 @@ impl Progress {
     }
 
     /// Counts a checked frame: the last one.
-    pub fn note_check(&mut self, bad: Option<BadPair>) {
+    pub fn note_check(&mut self, bad: Option<Mismatch>) {
         self.checked += 1;
         if let Some(bad) = bad {
             self.wrong += 1;
@@ -102,10 +102,10 @@ impl Progress {
     }
 
     /// Returns an error if a checked frame was wrong.
-    pub fn verdict(&self) -> Result<(), DemoError> {
+    pub fn verdict(&self) -> Result<(), WrongFrames> {
         match self.wrong {
             0 => Ok(()),
-            wrong => Err(DemoError::Wrong { wrong, checked: self.checked }),
+            wrong => Err(WrongFrames { wrong, checked: self.checked }),
         }
     }
 
@@ -138,6 +138,13 @@ impl Progress {
             self.checks_text(),
         )
     }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{wrong} of {checked} sampled frames were wrong: please report this")]
+pub struct WrongFrames {
+    wrong: u64,
+    checked: u64,
 }
 
 #[derive(Debug)]
@@ -206,9 +213,9 @@ mod tests {
         assert!(progress.verdict().is_ok());
         assert!(progress.summary_text().contains("1 frames checked, all right"));
         progress.note_frame(3, Duration::from_micros(40), engine, false);
-        progress.note_check(Some(BadPair::Missing(3, 9)));
+        progress.note_check(Some(Mismatch::Missing([3, 9])));
         let text = progress.summary_text();
-        assert!(text.contains("frame 2") && text.contains("(3, 9)"), "{text}");
-        assert!(matches!(progress.verdict(), Err(DemoError::Wrong { wrong: 1, checked: 2 })));
+        assert!(text.contains("frame 2") && text.contains("[3, 9]"), "{text}");
+        assert_eq!(progress.verdict(), Err(WrongFrames { wrong: 1, checked: 2 }));
     }
 }

@@ -3,7 +3,6 @@
 mod display;
 mod world;
 
-use std::fmt;
 use std::num::{NonZeroU32, NonZeroU64};
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::Arc;
@@ -11,8 +10,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use clap::Args;
-use pairmask::{Backend, ConnectError, Error, ServedBy, Session};
+use pairmask::{Backend, ServedBy, Session};
 use pairmask_core::Aabb;
+use pairmask_core::oracle::check::{Mismatch, check_pairs};
 use pairmask_core::oracle::truth;
 use rustix::process::{Pid, Signal, kill_process, set_parent_process_death_signal};
 
@@ -20,9 +20,9 @@ use self::display::{Display, Progress};
 use self::world::World;
 use super::config::Config;
 use super::options::{DaemonOptions, Place};
-use super::output::OutputError;
+use super::program::{ClientFailed, Fault, Result};
 use super::whole_number::whole_number;
-use crate::spawn::{PrivateDaemon, SpawnError, own_binary};
+use crate::spawn::{PrivateDaemon, own_binary};
 
 /// A client that still runs this long after its time counts as hanging.
 const PATIENCE: Duration = Duration::from_secs(60);
@@ -65,42 +65,21 @@ impl DemoOptions {
     }
 }
 
-#[derive(Debug, thiserror::Error)]
-pub enum DemoError {
-    #[error(transparent)]
-    Spawn(#[from] SpawnError),
-    #[error("{step}: {source}")]
-    System { step: &'static str, source: std::io::Error },
-    #[error("the client process failed ({status})")]
-    Client { status: ExitStatus },
-    #[error("the client process was not done {PATIENCE:?} after its time")]
-    Hangs,
-    #[error("{wrong} of {checked} sampled frames were wrong: please report this")]
-    Wrong { wrong: u64, checked: u64 },
-    #[error(transparent)]
-    Connect(#[from] ConnectError),
-    #[error(transparent)]
-    Session(#[from] Error),
-    #[error(transparent)]
-    Output(#[from] OutputError),
-}
-
-impl DemoError {
-    fn system(step: &'static str) -> impl FnOnce(std::io::Error) -> Self {
-        move |source| Self::System { step, source }
-    }
+/// An error of the system, and what was done.
+fn while_at(step: &str) -> impl FnOnce(std::io::Error) -> Fault {
+    move |error| format!("{step}: {error}").into()
 }
 
 impl Demo {
-    pub fn run(&self, place: &Place, config: &Config) -> Result<(), DemoError> {
+    pub fn run(&self, place: &Place, config: &Config) -> Result {
         let stop = stop_flag()?;
         let daemon = PrivateDaemon::start_self(&self.daemon.private(place, config))?;
         let client = self.start_client(&daemon)?;
         let status = wait_for(client, self.options.duration() + PATIENCE, &stop)?;
-        if status.success() { Ok(()) } else { Err(DemoError::Client { status }) }
+        if status.success() { Ok(()) } else { Err(ClientFailed(status).into()) }
     }
 
-    fn start_client(&self, daemon: &PrivateDaemon) -> Result<Child, DemoError> {
+    fn start_client(&self, daemon: &PrivateDaemon) -> Result<Child> {
         let DemoOptions { seconds, boxes } = &self.options;
         Command::new(own_binary()?)
             .args(["demo-client", "--seconds", &seconds.to_string()])
@@ -110,31 +89,27 @@ impl Demo {
             .arg(daemon.dir().path())
             .stdin(Stdio::null())
             .spawn()
-            .map_err(DemoError::system("starting the client process"))
+            .map_err(while_at("starting the client process"))
     }
 }
 
 /// A flag that Ctrl-C and SIGTERM set: the demo then ends early, with its summary.
-fn stop_flag() -> Result<Arc<AtomicBool>, DemoError> {
+fn stop_flag() -> Result<Arc<AtomicBool>> {
     let stop = Arc::new(AtomicBool::new(false));
     for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
         signal_hook::flag::register(signal, Arc::clone(&stop))
-            .map_err(DemoError::system("installing signal handlers"))?;
+            .map_err(while_at("installing signal handlers"))?;
     }
     Ok(stop)
 }
 
 /// Waits for the client's end. Passes on a request to stop, and kills a client that hangs.
-fn wait_for(
-    mut client: Child,
-    patience: Duration,
-    stop: &AtomicBool,
-) -> Result<ExitStatus, DemoError> {
+fn wait_for(mut client: Child, patience: Duration, stop: &AtomicBool) -> Result<ExitStatus> {
     let watching = "watching the client process";
     let deadline = Instant::now() + patience;
     let mut reported = false;
     while Instant::now() < deadline {
-        if let Some(status) = client.try_wait().map_err(DemoError::system(watching))? {
+        if let Some(status) = client.try_wait().map_err(while_at(watching))? {
             return Ok(status);
         }
         if stop.load(Ordering::Relaxed) && !std::mem::replace(&mut reported, true) {
@@ -142,8 +117,8 @@ fn wait_for(
         }
         std::thread::sleep(LOOK_INTERVAL);
     }
-    client.kill().and_then(|()| client.wait()).map_err(DemoError::system(watching))?;
-    Err(DemoError::Hangs)
+    client.kill().and_then(|()| client.wait()).map_err(while_at(watching))?;
+    Err(format!("the client process was not done {PATIENCE:?} after its time").into())
 }
 
 /// Time between two checked frames. A check of all pairs of 10,000 boxes takes 0.1 s.
@@ -164,11 +139,11 @@ fn ask_to_stop(client: &Child) {
 }
 
 impl DemoClient {
-    pub fn run(&self, place: &Place, config: &Config) -> Result<(), DemoError> {
+    pub fn run(&self, place: &Place, config: &Config) -> Result {
         let stop = stop_flag()?;
         // If the demo's process is killed, this process has to end with it.
         set_parent_process_death_signal(Some(Signal::KILL))
-            .map_err(|errno| DemoError::system("binding to the demo")(errno.into()))?;
+            .map_err(|errno| while_at("binding to the demo")(errno.into()))?;
         let mut session = connect(place, config)?;
         let mut world = World::new(self.options.boxes.get());
         let mut display = Display::new();
@@ -184,12 +159,12 @@ impl DemoClient {
             display.update(&mut progress)?;
         }
         display.summary(&progress)?;
-        progress.verdict()
+        Ok(progress.verdict()?)
     }
 }
 
 /// A session that starts with the daemon, and falls back to this process if the daemon is killed.
-fn connect(place: &Place, config: &Config) -> Result<Session, DemoError> {
+fn connect(place: &Place, config: &Config) -> Result<Session> {
     let builder = || {
         Session::builder()
             .runtime_dir(place.runtime_dir(config))
@@ -205,7 +180,7 @@ fn run_frame(
     world: &mut World,
     progress: &mut Progress,
     is_checked: bool,
-) -> Result<Option<BadPair>, DemoError> {
+) -> Result<Option<Mismatch>> {
     let mut frame = session.frame(world.len())?;
     world.write_boxes(frame.boxes_mut());
     let sample: Option<Vec<Aabb>> = is_checked.then(|| frame.boxes().to_vec());
@@ -215,39 +190,12 @@ fn run_frame(
     let in_process = mask.info().served_by == ServedBy::InProcess;
     progress.note_frame(mask.count(), round_trip, mask.info().engine, in_process);
     world.step(mask.pairs());
-    Ok(sample.and_then(|boxes| first_bad_pair(&boxes, mask.to_vec())))
-}
-
-/// A pair that an answer gets wrong.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum BadPair {
-    /// The boxes overlap and the answer lacks the pair.
-    Missing(u32, u32),
-    /// The answer has the pair and the boxes do not overlap, or it has the pair twice.
-    Extra(u32, u32),
-}
-
-impl fmt::Display for BadPair {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Missing(a, b) => write!(f, "pair ({a}, {b}) is missing"),
-            Self::Extra(a, b) => write!(f, "pair ({a}, {b}) is not one, or named twice"),
-        }
-    }
-}
-
-/// The first pair, in order, that an answer gets wrong.
-pub fn first_bad_pair(boxes: &[Aabb], mut answer: Vec<[u32; 2]>) -> Option<BadPair> {
-    answer.sort_unstable();
-    let mut right = truth(boxes).pairs.into_iter();
-    for [a, b] in answer {
-        match right.next() {
-            Some(pair) if pair == [a, b] => {}
-            Some([c, d]) if [c, d] < [a, b] => return Some(BadPair::Missing(c, d)),
-            _ => return Some(BadPair::Extra(a, b)),
-        }
-    }
-    right.next().map(|[a, b]| BadPair::Missing(a, b))
+    let check = |boxes: Vec<Aabb>| {
+        let mut pairs = mask.to_vec();
+        pairs.sort_unstable();
+        check_pairs(&pairs, &truth(&boxes).pairs).err()
+    };
+    Ok(sample.and_then(check))
 }
 
 #[cfg(test)]
@@ -257,20 +205,15 @@ mod tests {
 
     #[test]
     fn notices_one_pair_too_few_or_too_many() {
-        let scene = Scene::new(SceneName::Uniform, 345, 7);
-        let boxes = scene.boxes();
-        let right = truth(boxes).pairs;
+        let right = truth(Scene::new(SceneName::Uniform, 345, 7).boxes()).pairs;
         assert!(right.len() > 100, "{} pairs", right.len());
-        let backwards = right.iter().rev().copied().collect();
-        assert_eq!(first_bad_pair(boxes, backwards), None, "the order does not matter");
-        for (at, [a, b]) in right.iter().enumerate() {
-            let mut less = right.clone();
+        assert_eq!(check_pairs(&right, &right), Ok(()));
+        for (at, pair) in right.iter().enumerate() {
+            let (mut less, mut twice) = (right.clone(), right.clone());
             less.remove(at);
-            assert_eq!(first_bad_pair(boxes, less), Some(BadPair::Missing(*a, *b)));
-            let twice = [&right[..], &[[*a, *b]]].concat();
-            assert_eq!(first_bad_pair(boxes, twice), Some(BadPair::Extra(*a, *b)));
+            twice.insert(at, *pair);
+            assert_eq!(check_pairs(&less, &right), Err(Mismatch::Missing(*pair)));
+            assert_eq!(check_pairs(&twice, &right), Err(Mismatch::Extra(*pair)));
         }
-        let more = [&right[..], &[[0, 345]]].concat();
-        assert!(first_bad_pair(boxes, more).is_some());
     }
 }

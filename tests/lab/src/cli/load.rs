@@ -2,10 +2,8 @@
 //! together, while this process reads what the daemon uses. One file, because the command and its client
 //! processes are two ends of one protocol.
 
-use std::fmt;
 use std::num::{NonZeroU32, NonZeroUsize};
 use std::path::PathBuf;
-use std::str::FromStr;
 use std::sync::mpsc::{Receiver, channel};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
@@ -14,13 +12,14 @@ use clap::Args;
 use pairmask::{Backend, SessionBuilder};
 use pairmask_core::BoxCount;
 use pairmask_core::spinner::Spinner;
-use pairmaskd::cli::bench::{BenchError, Figures, LatencyRow, SEED, Wait, threads_of};
+use pairmaskd::cli::bench::{Figures, FramesOf, LatencyRow, SEED, Wait, threads_of};
 use pairmaskd::cli::config::Config;
 use pairmaskd::cli::daemon_cpu::DaemonCpu;
 use pairmaskd::cli::machine::Machine;
-use pairmaskd::cli::options::{CullFlags, DaemonOptions, Place};
+use pairmaskd::cli::options::Place;
 use pairmaskd::cli::output::spinner;
-use pairmaskd::cli::percentiles::{Percentiles, Recorder};
+use pairmaskd::cli::percentiles::Recorder;
+use pairmaskd::cli::program::WrongUsage;
 use pairmaskd::cli::raw_objects::RawBoxes;
 use pairmaskd::cli::target::{DEADLINE, Target};
 use pairmaskd::cli::whole_number::whole_number;
@@ -34,7 +33,7 @@ use crate::Result;
 use crate::processes::{Daemon, Work, Worker, is_reported_to_begin, report};
 use crate::study::harness::Report;
 use crate::study::harness::document::Part;
-use crate::study::harness::table::{Fields, Table, row};
+use crate::study::harness::table::{Fields, Table, fields, row};
 
 /// The highest rate, Hz: a frame every 10 µs, which is shorter than any frame.
 const MOST_HERTZ: u32 = 100_000;
@@ -66,34 +65,20 @@ Examples:
   pairmask-lab load --mix 1000x7,1000000x1 --seconds 10")]
 pub struct Load {
     #[command(flatten)]
-    options: CullFlags,
-    #[command(flatten)]
-    daemon: DaemonOptions,
-    /// Numbers of boxes of a uniform scene with about one pair a box
-    #[arg(long, value_parser = whole_number::<u32>, value_name = "N,..", value_delimiter = ',', default_values_t = [1000, 4096, 10_000])]
-    n: Vec<u32>,
-    /// File of boxes instead, each then moving 2 % of its size a frame
-    #[arg(long, value_name = "FILE", conflicts_with = "n")]
-    scene: Option<PathBuf>,
+    frames_of: FramesOf,
     /// Frames a second of each client, due at their times whatever became of those before; `closed`
     /// sends each when the one before is done
-    #[arg(long, value_name = "HZ,..", value_delimiter = ',', default_value = "closed")]
+    #[arg(long, value_parser = rate, value_name = "HZ,..", value_delimiter = ',', default_value = "closed")]
     rate: Vec<Rate>,
     /// Client processes at a time, each with a session of its own
     #[arg(long, value_parser = client_count, value_name = "N,..", value_delimiter = ',', default_values_t = [1])]
     clients: Vec<u32>,
     /// Clients of differing sizes at a time: boxes x clients; one row each
-    #[arg(long, value_name = "NxCLIENTS,..", value_delimiter = ',', conflicts_with_all = ["n", "scene", "clients"])]
+    #[arg(long, value_parser = group, value_name = "NxCLIENTS,..", value_delimiter = ',', conflicts_with_all = ["n", "scene", "clients"])]
     mix: Vec<Group>,
     /// Seconds that are measured
     #[arg(long, value_parser = whole_number::<NonZeroU32>, value_name = "N", default_value = "3")]
     seconds: NonZeroU32,
-    /// Precision of the boxes: exact, q16, q8, f16, margin=X; one row each
-    #[arg(long, value_name = "MODE,..", value_delimiter = ',', default_values_t = [PrecisionChoice::Exact])]
-    precision: Vec<PrecisionChoice>,
-    /// Threads of a client: they look at the pairs of a mask, and write exact boxes
-    #[arg(long, value_parser = whole_number::<NonZeroUsize>, value_name = "N", default_value = "1")]
-    decode_threads: NonZeroUsize,
     /// How clients and daemon wait for each other: spin, event, or serve, as they do by themselves
     #[arg(long, value_name = "HOW,..", value_delimiter = ',', default_values_t = [Wait::Serve])]
     wait: Vec<Wait>,
@@ -101,18 +86,14 @@ pub struct Load {
     output: Output,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Rate(Option<NonZeroU32>);
+/// Frames a second; `None` is a closed loop.
+type Rate = Option<NonZeroU32>;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Group {
+struct Group {
     n: u32,
     clients: u32,
 }
-
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("--mix has {0} clients: leave some out, {MOST_CLIENTS} are the most")]
-pub struct TooManyClients(u32);
 
 /// A number from 1 to `most`, in digits alone.
 fn number(text: &str, most: u32) -> Option<NonZeroU32> {
@@ -124,54 +105,24 @@ fn client_count(text: &str) -> Result<u32, String> {
     count.ok_or_else(|| format!("must be a whole number of clients from 1 to {MOST_CLIENTS}"))
 }
 
-impl FromStr for Rate {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        let hertz = number(text, MOST_HERTZ);
-        if hertz.is_none() && text != "closed" {
-            return Err(format!("must be a whole number of Hz from 1 to {MOST_HERTZ}, or closed"));
-        }
-        Ok(Self(hertz))
+fn rate(text: &str) -> Result<Rate, String> {
+    let hertz = number(text, MOST_HERTZ);
+    if hertz.is_none() && text != "closed" {
+        return Err(format!("must be a whole number of Hz from 1 to {MOST_HERTZ}, or closed"));
     }
+    Ok(hertz)
 }
 
-impl fmt::Display for Rate {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self.0 {
-            Some(hertz) => hertz.fmt(f),
-            None => f.write_str("closed"),
-        }
-    }
-}
-
-impl FromStr for Group {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        let parts = text.split_once('x').and_then(|(n, clients)| {
-            Some(Self { n: whole_number::<u32>(n).ok()?, clients: client_count(clients).ok()? })
-        });
-        parts.ok_or_else(|| {
-            "must be boxes x clients, such as 1000x7 for seven clients of 1,000 boxes".to_owned()
-        })
-    }
+fn group(text: &str) -> Result<Group, String> {
+    let parts = text.split_once('x').and_then(|(n, clients)| {
+        Some(Group { n: whole_number::<u32>(n).ok()?, clients: client_count(clients).ok()? })
+    });
+    parts.ok_or_else(|| {
+        "must be boxes x clients, such as 1000x7 for seven clients of 1,000 boxes".to_owned()
+    })
 }
 
 const NO_FRAME: &str = "no frame began within the measured time: give more --seconds";
-
-#[derive(Debug, Serialize)]
-struct LoadRow {
-    #[serde(flatten)]
-    row: LatencyRow,
-    rate: String,
-    clients: u32,
-    clients_in_all: u32,
-    frames_per_second: f64,
-    worst_client_p50_ns: u64,
-    late_frames: u64,
-    from_due_ns: Percentiles,
-}
 
 const COLUMNS: &str = "n,backend,wait,engine,precision,rate,clients,clients_in_all,frames_per_second,\
     late_frames,from_due_ns.p99,total_ns.p50,total_ns.p99,round_trip_ns.p50,round_trip_ns.p99,\
@@ -195,12 +146,8 @@ pub(crate) struct ClientSettings {
     seconds: NonZeroU32,
 }
 
-#[derive(Debug, Serialize, Deserialize)]
-enum Said {
-    Ready,
-    Done(Box<Paced>),
-    Failed(String),
-}
+/// What a client reports: first that it is ready, then its frames; or why it failed.
+type Said = Result<Option<Box<Paced>>, String>;
 
 /// Frames of a client, or of several of one size.
 #[derive(Debug, Serialize, Deserialize)]
@@ -213,20 +160,24 @@ struct Paced {
 
 impl Load {
     pub fn run(&self, place: &Place, config: &Config) -> Result<()> {
-        let clients = self.mix.iter().map(|group| group.clients).sum();
+        let clients = all_of(&self.mix);
         if clients > MOST_CLIENTS {
-            return Err(TooManyClients(clients).into());
+            let most = format!("leave some out, {MOST_CLIENTS} are the most");
+            return Err(WrongUsage(format!("--mix has {clients} clients: {most}")).into());
         }
-        let sizes = match &self.scene {
+        let sizes = match &self.frames_of.scene {
             Some(path) => vec![u32::try_from(RawBoxes::open(path)?.count()).unwrap_or(u32::MAX)],
-            None => self.n.clone(),
+            None => self.frames_of.n.clone(),
         };
         let groups = self.groups(&sizes);
         let mut runs = Vec::new();
         for rate in &self.rate {
             for groups in &groups {
                 runs.extend(
-                    self.precision.iter().map(|precision| (*rate, &groups[..], *precision)),
+                    self.frames_of
+                        .precision
+                        .iter()
+                        .map(|precision| (*rate, &groups[..], *precision)),
                 );
             }
         }
@@ -251,20 +202,17 @@ impl Load {
 
     fn measure(
         &self,
-        (rows, idle): (&mut Vec<LoadRow>, &mut Vec<Fields>),
+        (rows, idle): (&mut Vec<Fields>, &mut Vec<Fields>),
         wait: Wait,
         runs: &[(Rate, &[Group], PrecisionChoice)],
         place: &Place,
         config: &Config,
     ) -> Result<()> {
         let most = runs.iter().map(|(_, groups, _)| all_of(groups)).max().unwrap_or(1);
-        let (options, threads) = (&self.options, self.decode_threads.get());
-        let target = Target::new(options, &self.daemon, wait.spin(), most, place, config)?;
-        let at = Daemon {
-            dir: target.dir.path().to_owned(),
-            instance: target.instance.to_string(),
-            isa: place.isa(config).to_string(),
-        };
+        let (options, threads) = (&self.frames_of.options, self.frames_of.decode_threads.get());
+        let target =
+            Target::new(options, &self.frames_of.daemon, wait.spin(), most, place, config)?;
+        let at = Daemon::new(&target.dir, &target.instance, place.isa(config));
         let cull = options.cull_options(config);
         let warm_up_ms = self.seconds.get().saturating_mul(1000) / WARM_UP_SHARE;
         for (i, (rate, groups, precision)) in runs.iter().enumerate() {
@@ -274,35 +222,39 @@ impl Load {
                 encoding: cull.encoding.to_string(),
                 threads: cull.threads,
                 n: 0,
-                scene: self.scene.clone(),
+                scene: self.frames_of.scene.clone(),
                 index: 0,
                 rate: *rate,
                 precision: precision.to_string(),
                 wait: wait.to_string(),
-                decode_threads: self.decode_threads,
+                decode_threads: self.frames_of.decode_threads,
                 warm_up_ms: warm_up_ms.max(LEAST_WARM_UP_MS),
                 seconds: self.seconds,
             };
             let is_last = i + 1 == runs.len();
-            let ran = Ran::new(groups, &settings, &at, target.cpu().as_ref(), is_last)?;
-            let (clients_in_all, used) = (all_of(groups), ran.daemon_percent);
-            idle.extend(ran.idle_percent.map(|daemon_cpu_percent| {
+            let cpu = target.cpu();
+            let (clients, [used, idle_percent]) =
+                run_together(groups, &settings, &at, cpu.as_ref(), is_last)?;
+            let clients_in_all = all_of(groups);
+            idle.extend(idle_percent.map(|daemon_cpu_percent| {
                 row!(wait: wait.to_string(), clients: clients_in_all, daemon_cpu_percent)
             }));
-            let mut measured = ran.clients.into_iter();
+            let mut measured = clients.into_iter();
             for Group { n, clients } in *groups {
                 let (sum, worst_client_p50_ns) =
                     together(measured.by_ref().take(*clients as usize))?;
-                rows.push(LoadRow {
-                    row: LatencyRow::new(*n, *precision, wait, threads, &sum.figures, used),
-                    rate: rate.to_string(),
-                    clients: *clients,
+                let latency = LatencyRow::new(*n, *precision, wait, threads, &sum.figures, used);
+                let mut row = fields(&latency);
+                row.extend(row!(
+                    rate: rate.map_or("closed".to_owned(), |hertz| hertz.to_string()),
+                    clients,
                     clients_in_all,
                     frames_per_second: (sum.frames_per_second * 10.0).round() / 10.0,
                     worst_client_p50_ns,
                     late_frames: sum.late_frames,
                     from_due_ns: sum.from_due.percentiles(),
-                });
+                ));
+                rows.push(row);
             }
         }
         Ok(())
@@ -325,68 +277,55 @@ fn all_of(groups: &[Group]) -> u32 {
     groups.iter().map(|group| group.clients).sum()
 }
 
-struct Ran {
-    /// In the order of the groups.
-    clients: Vec<Paced>,
-    /// Of a core; `None` where no daemon serves.
-    daemon_percent: Option<f64>,
-    /// The same after the clients' last frame, while they stayed connected.
-    idle_percent: Option<f64>,
-}
-
-impl Ran {
-    fn new(
-        groups: &[Group],
-        settings: &ClientSettings,
-        at: &Daemon,
-        daemon: Option<&DaemonCpu>,
-        with_idle: bool,
-    ) -> Result<Self> {
-        let watch = |window: Duration| {
-            let since = daemon.map(DaemonCpu::since_now);
-            sleep(window);
-            daemon.zip(since).map(|(daemon, since)| daemon.percent(&since))
-        };
-        let sizes = groups.iter().flat_map(|g| std::iter::repeat_n(g.n, g.clients as usize));
-        let mut clients: Vec<(Worker, Receiver<Option<Said>>)> = Vec::new();
-        for (index, n) in (0..).zip(sizes) {
-            let work = Work::Load(ClientSettings { n, index, ..settings.clone() });
-            let (heard, ears) = channel();
-            // Nobody reads what a client reports after the run.
-            clients.push((at.start(&work, move |said| drop(heard.send(said)))?, ears));
-        }
-        for (_, ears) in &clients {
-            hear(ears, |said| matches!(said, Said::Ready).then_some(()))?;
-        }
-        for (client, _) in &mut clients {
-            client.begin();
-        }
-        sleep(Duration::from_millis(settings.warm_up_ms.into()));
-        let daemon_percent = watch(Duration::from_secs(settings.seconds.get().into()));
-        let done = |said| if let Said::Done(paced) = said { Some(*paced) } else { None };
-        let measured = clients.iter().map(|(_, ears)| hear(ears, done)).collect::<Result<_>>()?;
-        let mut idle_percent = None;
-        if with_idle {
-            sleep(SETTLE);
-            idle_percent = watch(IDLE_WINDOW);
-        }
-        for (client, _) in &mut clients {
-            client.end();
-        }
-        Ok(Self { clients: measured, daemon_percent, idle_percent })
-    }
-}
-
-fn hear<T>(ears: &Receiver<Option<Said>>, expected: impl Fn(Said) -> Option<T>) -> Result<T> {
-    let why = match ears.recv().ok().flatten() {
-        None => "it ended without a word".to_owned(),
-        Some(Said::Failed(why)) => why,
-        Some(said) => match expected(said) {
-            Some(said) => return Ok(said),
-            None => "it spoke out of turn: please report this".to_owned(),
-        },
+/// The frames of clients that run at the same time, in the order of the groups, and what the daemon used of a core
+/// meanwhile, and `with_idle` after their last frame, while they stayed connected; `None` where no daemon serves.
+fn run_together(
+    groups: &[Group],
+    settings: &ClientSettings,
+    at: &Daemon,
+    daemon: Option<&DaemonCpu>,
+    with_idle: bool,
+) -> Result<(Vec<Paced>, [Option<f64>; 2])> {
+    let watch = |window: Duration| {
+        let since = daemon.map(DaemonCpu::since_now);
+        sleep(window);
+        daemon.zip(since).map(|(daemon, since)| daemon.percent(&since))
     };
-    Err(format!("a client process failed: {why}").into())
+    let sizes = groups.iter().flat_map(|g| std::iter::repeat_n(g.n, g.clients as usize));
+    let mut clients: Vec<(Worker, Receiver<Option<Said>>)> = Vec::new();
+    for (index, n) in (0..).zip(sizes) {
+        let work = Work::Load(ClientSettings { n, index, ..settings.clone() });
+        let (heard, ears) = channel();
+        // Nobody reads what a client reports after the run.
+        clients.push((at.start(&work, move |said| drop(heard.send(said)))?, ears));
+    }
+    for (_, ears) in &clients {
+        next_report(ears)?;
+    }
+    for (client, _) in &mut clients {
+        client.begin();
+    }
+    sleep(Duration::from_millis(settings.warm_up_ms.into()));
+    let used = watch(Duration::from_secs(settings.seconds.get().into()));
+    let done = |(_, ears): &(Worker, Receiver<Option<Said>>)| {
+        next_report(ears)?.map(|paced| *paced).ok_or_else(|| NO_FRAME.into())
+    };
+    let measured = clients.iter().map(done).collect::<Result<_>>()?;
+    let mut idle = None;
+    if with_idle {
+        sleep(SETTLE);
+        idle = watch(IDLE_WINDOW);
+    }
+    for (client, _) in &mut clients {
+        client.end();
+    }
+    Ok((measured, [used, idle]))
+}
+
+fn next_report(ears: &Receiver<Option<Said>>) -> Result<Option<Box<Paced>>> {
+    let said = ears.recv().ok().flatten();
+    let said = said.unwrap_or_else(|| Err("it ended without a report".to_owned()));
+    said.map_err(|why| format!("a client process failed: {why}").into())
 }
 
 /// The figures of all clients of a group as one, and the median round trip of the worst of them, ns.
@@ -407,10 +346,10 @@ impl ClientSettings {
     /// Connects, says so, waits for the start, measures, tells the figures, and stays connected until
     /// stdin ends. A failure is told to the parent, which says why the measurement failed.
     pub(crate) fn run(&self, builder: SessionBuilder) {
-        let said = match self.measure(builder) {
-            Ok(Some(paced)) => Said::Done(Box::new(paced)),
+        let said: Said = match self.measure(builder) {
+            Ok(Some(paced)) => Ok(Some(Box::new(paced))),
             Ok(None) => return,
-            Err(error) => Said::Failed(error.to_string()),
+            Err(error) => Err(error.to_string()),
         };
         report(&said);
         is_reported_to_begin();
@@ -439,14 +378,13 @@ impl ClientSettings {
             .deadline(DEADLINE)
             .capacity(BoxCount::new(n))
             .visit_threads(self.decode_threads.get())
-            .connect()
-            .map_err(BenchError::from)?;
+            .connect()?;
         let mut decoding = threads_of(self.decode_threads)?;
         let mut client = TimedClient::new(session, precision, scene.boxes());
         // The backend of this frame has to serve all frames. It touches all memory too.
         let first = client.frame_decoded(scene.boxes(), &mut decoding, |_| ());
-        let mut figures = Figures::of(&first.map_err(BenchError::from)?.info);
-        report(&Said::Ready);
+        let mut figures = Figures::of(&first?.info);
+        report(&Said::Ok(None));
         if !is_reported_to_begin() {
             return Ok(None);
         }
@@ -458,14 +396,13 @@ impl ClientSettings {
         for frame in 0.. {
             scene.step();
             let asked = Instant::now();
-            let due = self.rate.0.map(|hertz| start + due(frame, hertz));
+            let due = self.rate.map(|hertz| start + due(frame, hertz));
             let begins = due.unwrap_or(asked);
             if begins >= until {
                 break;
             }
             await_time(begins);
-            let times = client.frame_decoded(scene.boxes(), &mut decoding, |_| ());
-            let times = times.map_err(BenchError::from)?;
+            let times = client.frame_decoded(scene.boxes(), &mut decoding, |_| ())?;
             if begins < from {
                 continue;
             }
@@ -511,20 +448,20 @@ mod tests {
 
     #[test]
     fn rates_counts_and_mixes_are_whole_numbers_within_bounds() {
-        for text in ["closed", "1", "60", "100000"] {
-            assert_eq!(text.parse::<Rate>().unwrap().to_string(), text);
+        for (text, hertz) in [("closed", None), ("1", Some(1)), ("100000", Some(100_000))] {
+            assert_eq!(rate(text), Ok(hertz.and_then(NonZeroU32::new)));
         }
         for text in ["", "0", "-1", "+60", "59.94", "100001", "60Hz", "4294967296", "open"] {
-            assert!(text.parse::<Rate>().is_err(), "{text}");
+            assert!(rate(text).is_err(), "{text}");
         }
         assert_eq!(client_count("256"), Ok(256));
         for text in ["0", "257", "many", "", "99999999999"] {
             assert!(client_count(text).is_err(), "{text}");
         }
-        assert_eq!("1000x7".parse(), Ok(Group { n: 1000, clients: 7 }));
-        assert_eq!("0x1".parse(), Ok(Group { n: 0, clients: 1 }));
+        assert_eq!(group("1000x7"), Ok(Group { n: 1000, clients: 7 }));
+        assert_eq!(group("0x1"), Ok(Group { n: 0, clients: 1 }));
         for text in ["", "x", "1000", "1000x", "x7", "1000x0", "-1x1", "1000x7x1", "4294967296x1"] {
-            assert!(text.parse::<Group>().is_err(), "{text}");
+            assert!(group(text).is_err(), "{text}");
         }
         // Frames are due at multiples of the period, without drift.
         let hertz = |hertz| NonZeroU32::new(hertz).unwrap();

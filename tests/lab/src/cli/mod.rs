@@ -11,16 +11,12 @@ mod studies;
 use std::process::ExitCode;
 
 use clap::{CommandFactory, Parser, Subcommand};
-use pairmaskd::cli::config::{Config, ConfigError};
+use pairmaskd::cli::config::Config;
 use pairmaskd::cli::options::Place;
-use pairmaskd::cli::output::OutputError;
-use pairmaskd::cli::program::{FAILED, Failure, USAGE, WrongUsage, says_why};
 use pairmaskd::cli::shape::{ALL, Shape, shaped};
 use pairmaskd::cli::{build, output, program, serve};
-use pairmaskd::serve::ServeError;
-use pairmaskd::spawn::SpawnError;
 
-use crate::{Fault, processes};
+use crate::processes;
 
 /// Measures and stresses the engines of pairmask.
 #[derive(Debug, Parser)]
@@ -90,7 +86,7 @@ fn command() -> clap::Command {
 
 /// Runs the command of this process. Call it first in `main`: it sets the process up.
 pub fn main() -> ExitCode {
-    program::run(&command(), |cli| run(cli).map_err(LabError))
+    program::run(&command(), run)
 }
 
 fn run(Cli { place, command }: &Cli) -> crate::Result<()> {
@@ -127,77 +123,17 @@ impl Command {
     }
 }
 
-#[derive(Debug, thiserror::Error)]
-#[error(transparent)]
-struct LabError(Fault);
-
-impl From<WrongUsage> for LabError {
-    fn from(error: WrongUsage) -> Self {
-        Self(error.into())
-    }
-}
-
-impl From<OutputError> for LabError {
-    fn from(error: OutputError) -> Self {
-        Self(error.into())
-    }
-}
-
-impl Failure for LabError {
-    fn exit_code(&self) -> u8 {
-        let is_usage = self.0.is::<WrongUsage>() || self.0.is::<ConfigError>();
-        if is_usage || self.0.is::<load::TooManyClients>() { USAGE } else { FAILED }
-    }
-
-    fn was_said(&self) -> bool {
-        says_why(match self.0.downcast_ref() {
-            Some(ServeError::Worker { code }) => Some(*code),
-            _ => self.0.downcast_ref().and_then(SpawnError::exit_code),
-        })
-    }
-}
-
 #[cfg(test)]
 mod tests {
-    use std::ffi::OsString;
-
-    use pairmaskd::cli::usage::one_line;
+    use pairmask_tests::command_line::{check_numbers, check_shared};
 
     use super::*;
 
     #[test]
-    fn every_command_takes_what_is_shared() {
+    fn every_command_takes_what_is_shared_and_every_number_says_what_it_must_be() {
         command().debug_assert();
-        for (name, _) in SHAPE.without_use {
-            for flag in ["--runtime-dir", "--config", "--instance", "--isa"] {
-                let words = ["pairmask-lab", flag, "x", name, "--help"];
-                let error = command().try_get_matches_from(words).expect_err("help");
-                assert_eq!(error.kind(), clap::error::ErrorKind::DisplayHelp, "{name} {flag}");
-            }
-        }
-    }
-
-    /// No message about a wrong number has Rust's words.
-    #[test]
-    fn every_number_says_what_it_must_be() {
-        let mut built = command();
-        built.build();
-        let mut tried = 0;
-        for inner in built.get_subcommands().filter(|inner| inner.get_name() != "help") {
-            for arg in inner.get_arguments().filter(|arg| arg.get_action().takes_values()) {
-                let Some(long) = arg.get_long() else { continue };
-                for value in ["0", "-1", "x", "", "99999999999999999999999"] {
-                    let words = ["pairmask-lab", inner.get_name(), &format!("--{long}={value}")];
-                    let words = words.map(OsString::from);
-                    let Err(error) = command().try_get_matches_from(&words) else { continue };
-                    let text = one_line(&error, &command(), &words);
-                    for jargon in [" type", "digit found", "cannot parse", "zero for", "not in "] {
-                        assert!(!text.contains(jargon), "{words:?}: {text}");
-                    }
-                    tried += 1;
-                }
-            }
-        }
+        SHAPE.without_use.iter().for_each(|(name, _)| check_shared(&command(), name));
+        let tried = check_numbers(&command());
         assert!(tried > 60, "{tried}");
     }
 }

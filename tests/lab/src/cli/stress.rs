@@ -138,11 +138,7 @@ impl Stress {
         };
         let run = ClientsRun {
             clients,
-            daemon: Daemon {
-                dir: dir.path().to_owned(),
-                instance: instance.to_string(),
-                isa: place.isa(config).to_string(),
-            },
+            daemon: Daemon::new(&dir, &instance, place.isa(config)),
             with_kills: self.kills,
             seed: self.case.unwrap_or_else(|| self.seed()),
             case: self.case,

@@ -1,10 +1,8 @@
 //! `pairmask-lab`, and the daemon that loses pairs, as the tests run them.
 
-use std::collections::BTreeSet;
-
 use pairmask_tests::command_line::{self, Program};
 
-pub use pairmask_tests::command_line::{Finished, keys};
+pub use pairmask_tests::command_line::{Finished, keys, names};
 
 pub struct PairmaskLab;
 
@@ -20,8 +18,4 @@ pub struct LosingDaemon;
 impl Program for LosingDaemon {
     const BINARY: &str = env!("CARGO_BIN_EXE_pairmaskd_losing_pairs");
     const NAME: &str = "pairmaskd";
-}
-
-pub fn names(text: &str) -> BTreeSet<&str> {
-    text.split_whitespace().collect()
 }

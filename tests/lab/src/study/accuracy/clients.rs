@@ -1,7 +1,6 @@
 //! Who answers the frames of a row: boxes through a session, a world in f64 through a session, or spheres in this
 //! process.
 
-use std::hint::black_box;
 use std::time::Instant;
 
 use glam::{DVec3, Vec3};
@@ -35,6 +34,13 @@ pub trait Client {
 pub struct Answer {
     pub frame: TimedFrame,
     pub pairs: Option<Vec<Pair>>,
+}
+
+impl Answer {
+    fn of(mask: &PairMask, times: [Instant; 3], wants_pairs: bool) -> Result<Self, TimedError> {
+        let frame = TimedFrame::of(mask, &Decoding::Serial, true, times)?;
+        Ok(Self { frame, pairs: wants_pairs.then(|| sorted(mask)) })
+    }
 }
 
 /// Spheres are culled in this process, by the engine of `options`; all others in the session.
@@ -112,20 +118,18 @@ impl Client for WorldClient {
     fn frame(&mut self, boxes: &[Aabb], wants_pairs: bool) -> Result<Answer, TimedError> {
         self.place(boxes);
         let Self { session, world, origin, boxes } = self;
-        let write = |to: &mut [Aabb]| {
-            for (to, [min, max]) in to.iter_mut().zip(&*boxes) {
-                *to = if world.is_plain {
-                    Aabb { min: min.map(|x| x as f32), max: max.map(|x| x as f32) }
-                } else {
-                    Aabb::outward_from_f64(*min, *max, *origin)
-                };
-            }
-        };
-        let mut pairs = None;
-        let look = |mask: &_| pairs = wants_pairs.then(|| sorted(mask));
-        let frame =
-            TimedClient::written_frame(session, boxes.len(), write, &mut Decoding::Serial, look)?;
-        Ok(Answer { frame, pairs })
+        let start = Instant::now();
+        let mut frame = session.frame(boxes.len())?;
+        for (to, [min, max]) in frame.boxes_mut().iter_mut().zip(&*boxes) {
+            *to = if world.is_plain {
+                Aabb { min: min.map(|x| x as f32), max: max.map(|x| x as f32) }
+            } else {
+                Aabb::outward_from_f64(*min, *max, *origin)
+            };
+        }
+        let filled = Instant::now();
+        let mask = frame.submit()?.wait()?;
+        Answer::of(&mask, [start, filled, Instant::now()], wants_pairs)
     }
 
     fn truth(&self, _: &[Aabb], engine: EngineId) -> Result<Vec<Pair>, TimedError> {
@@ -167,21 +171,7 @@ impl Client for SphereClient {
         }
         let filled = Instant::now();
         let mask = frame.submit()?.wait()?;
-        let answered = Instant::now();
-        let (mut decoded, mut indices) = (0, 0);
-        mask.for_each_slice(|pairs| {
-            decoded += pairs.len() as u64;
-            indices = pairs.iter().fold(indices, |indices, [a, b]| indices ^ a ^ b);
-        });
-        black_box(indices);
-        let (fill, round_trip, decode) = (filled - start, answered - filled, answered.elapsed());
-        let counted = mask.count();
-        if counted != decoded {
-            return Err(TimedError::Miscounted { counted, decoded });
-        }
-        let info = *mask.info();
-        let frame = TimedFrame { info, was_asked: true, fill, round_trip, decode };
-        Ok(Answer { frame, pairs: wants_pairs.then(|| sorted(&mask)) })
+        Answer::of(&mask, [start, filled, Instant::now()], wants_pairs)
     }
 
     fn truth(&self, boxes: &[Aabb], engine: EngineId) -> Result<Vec<Pair>, TimedError> {
