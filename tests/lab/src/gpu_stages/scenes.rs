@@ -101,15 +101,27 @@ fn mixed([a, b]: [u32; 2]) -> u64 {
     Random::new(u64::from(a) << 32 | u64::from(b)).bits()
 }
 
-/// A scene on a device, and the memory from which its boxes come.
-struct Rig {
+/// A scene on some devices, the memory from which its boxes come, and times of edits and of the queries after each, µs.
+struct Run {
     scene: GpuScene,
     segment: Segment,
     known: PairSum,
+    edits: Vec<(f64, EditTimes)>,
+    asked: Vec<(f64, EditTimes)>,
+    queries: Vec<Aabb>,
+    found: Vec<[u32; 2]>,
 }
 
-impl Rig {
-    fn new(gpus: &[Arc<Gpu>], case: &Case, profiled: bool) -> Result<Self> {
+impl Run {
+    fn new(
+        gpus: &[Arc<Gpu>],
+        world: &mut World,
+        case: &Case,
+        frames: usize,
+        profiled: bool,
+    ) -> Result<Self> {
+        let awake =
+            gpus.iter().map(|gpu| Awake::start(gpu, HOLD)).collect::<Result<Vec<_>, _>>()?;
         let mut segment = Segment::new((case.n * size_of::<Aabb>()).max(1))?;
         let mut tools = Vec::with_capacity(gpus.len());
         for gpu in gpus {
@@ -126,11 +138,39 @@ impl Rig {
             };
             tools.push(SceneTools::new(gpu, &options)?);
         }
-        let scene = GpuScene::shared(&tools, SceneOptions::default());
-        Ok(Self { scene, segment, known: PairSum::default() })
+        let mut run = Self {
+            scene: GpuScene::shared(&tools, SceneOptions::default()),
+            segment,
+            known: PairSum::default(),
+            edits: Vec::new(),
+            asked: Vec::new(),
+            queries: queries(world.boxes(), case.effort.queries as usize),
+            found: Vec::new(),
+        };
+        let all: Vec<u32> = (0..case.n as u32).collect();
+        run.edit(&all, world.boxes(), false)?;
+        let moving = (case.n as f64 * case.percent / 100.0).round() as usize;
+        for frame in 0..frames + WARM_UP {
+            for awake in awake.iter().flatten() {
+                awake.note_frame();
+            }
+            let (indices, boxes) = world.step(moving, case.motion);
+            let edit = run.edit(&indices, &boxes, case.motion == Motion::Spawn)?;
+            let asked = (!run.queries.is_empty()).then(|| run.ask()).transpose()?;
+            if frame >= WARM_UP {
+                run.edits.push(edit);
+                run.asked.extend(asked);
+            }
+        }
+        Ok(run)
     }
 
-    fn edit(&mut self, indices: &[u32], boxes: &[Aabb], is_spawn: bool) -> Result<Duration> {
+    fn edit(
+        &mut self,
+        indices: &[u32],
+        boxes: &[Aabb],
+        is_spawn: bool,
+    ) -> Result<(f64, EditTimes)> {
         self.segment.write(boxes);
         let boxes = self.segment.objects(boxes.len());
         let is_all = !indices.is_empty() && indices.len() == self.scene.len();
@@ -143,56 +183,14 @@ impl Rig {
         let took = start.elapsed();
         self.known.take(reported);
         self.scene.acknowledge();
-        Ok(took)
+        Ok((us(took), self.scene.times().clone()))
     }
-}
 
-/// Times of edits, and of the queries after each, µs.
-struct Run {
-    rig: Rig,
-    edits: Vec<(f64, EditTimes)>,
-    asked: Vec<(f64, EditTimes)>,
-    queries: Vec<Aabb>,
-    found: Vec<[u32; 2]>,
-}
-
-impl Run {
-    fn new(
-        gpus: &[Arc<Gpu>],
-        world: &mut World,
-        case: &Case,
-        frames: usize,
-        profiled: bool,
-    ) -> Result<Self> {
-        let all: Vec<u32> = (0..case.n as u32).collect();
-        let moving = (case.n as f64 * case.percent / 100.0).round() as usize;
-        let awake =
-            gpus.iter().map(|gpu| Awake::start(gpu, HOLD)).collect::<Result<Vec<_>, _>>()?;
-        let mut rig = Rig::new(gpus, case, profiled)?;
-        rig.edit(&all, world.boxes(), false)?;
-        let queries = queries(world.boxes(), case.effort.queries as usize);
-        let (edits, asked, found) = Default::default();
-        let mut run = Self { rig, edits, asked, queries, found };
-        for frame in 0..frames + WARM_UP {
-            for awake in awake.iter().flatten() {
-                awake.note_frame();
-            }
-            let (indices, boxes) = world.step(moving, case.motion);
-            let took = run.rig.edit(&indices, &boxes, case.motion == Motion::Spawn)?;
-            if frame >= WARM_UP {
-                run.edits.push((us(took), run.rig.scene.times().clone()));
-            }
-            if run.queries.is_empty() {
-                continue;
-            }
-            let start = Instant::now();
-            run.rig.scene.query(&run.queries, QueryTags::None, &mut run.found)?;
-            let took = start.elapsed();
-            if frame >= WARM_UP {
-                run.asked.push((us(took), run.rig.scene.times().clone()));
-            }
-        }
-        Ok(run)
+    fn ask(&mut self) -> Result<(f64, EditTimes)> {
+        let start = Instant::now();
+        self.scene.query(&self.queries, QueryTags::None, &mut self.found)?;
+        let took = start.elapsed();
+        Ok((us(took), self.scene.times().clone()))
     }
 }
 
@@ -214,13 +212,13 @@ fn stages(times: &[(f64, EditTimes)]) -> BTreeMap<&'static str, f64> {
 
 pub fn measure(gpus: &[Arc<Gpu>], world: &mut World, case: &Case) -> Result<Fields> {
     let effort = &case.effort;
-    let Run { rig, edits, asked, queries, found } =
-        Run::new(gpus, world, case, effort.frames.get() as usize, false)?;
+    let run = Run::new(gpus, world, case, effort.frames.get() as usize, false)?;
     if !effort.unchecked {
-        check(&rig, world, case)?;
-        check_queries(world.boxes(), &queries, &found, case)?;
+        check(run.known, world, case)?;
+        check_queries(world.boxes(), &run.queries, &run.found, case)?;
     }
-    let reported = rig.scene.reported();
+    let Run { scene, known, edits, asked, queries, found, .. } = run;
+    let reported = scene.reported();
     let [stage_us, query_stage_us] = if effort.stages {
         let timed = Run::new(gpus, &mut world.clone(), case, TIMED_STAGES, true)?;
         [stages(&timed.edits), stages(&timed.asked)]
@@ -244,7 +242,7 @@ pub fn measure(gpus: &[Arc<Gpu>], world: &mut World, case: &Case) -> Result<Fiel
         repeated: edits.iter().filter(|(_, times)| times.submissions > 1).count(),
         changes: reported.begun().len() + reported.ended().len(),
         tested: reported.skipped().tested,
-        pairs: rig.known.count,
+        pairs: known.count,
         queries: queries.len(),
         query_us: [1, 50, 99].map(|percent| whole(&asked, percent)),
         query_parts_us: [
@@ -254,18 +252,18 @@ pub fn measure(gpus: &[Arc<Gpu>], world: &mut World, case: &Case) -> Result<Fiel
         ],
         query_pairs: found.len(),
         query_stage_us,
-        video_bytes_a_box: rig.scene.video_bytes() as f64 / case.n.max(1) as f64,
+        video_bytes_a_box: scene.video_bytes() as f64 / case.n.max(1) as f64,
         stage_us,
         checked: !effort.unchecked,
     ))
 }
 
-fn check(rig: &Rig, world: &World, case: &Case) -> Result<()> {
+fn check(known: PairSum, world: &World, case: &Case) -> Result<()> {
     let mut fresh = Scene::new(SceneOptions::default());
     let indices = Indices::from(0..case.n as u32);
     let steps = [Step::Set(Sets { indices, boxes: world.boxes() })];
     let reported = fresh.edit(Edit { steps: &steps }, Report::All)?;
-    if PairSum::of(reported.pairs()) == rig.known {
+    if PairSum::of(reported.pairs()) == known {
         return Ok(());
     }
     Err(wrong_pairs(case.n as u32, case.scene))

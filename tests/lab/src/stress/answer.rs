@@ -67,16 +67,17 @@ pub struct Finding {
     pub what: String,
     pub missed: u64,
     pub extra: u64,
-    pub first: Option<Pair>,
+    /// The first wrong one.
+    pub pair: Option<Pair>,
 }
 
 impl Finding {
     pub fn other(what: &impl ToString) -> Self {
-        Self { what: what.to_string(), missed: 0, extra: 0, first: None }
+        Self { what: what.to_string(), missed: 0, extra: 0, pair: None }
     }
 
-    pub(super) const fn extra(what: String, extra: u64, first: Pair) -> Self {
-        Self { what, missed: 0, extra, first: Some(first) }
+    pub(super) const fn extra(what: String, extra: u64, pair: Pair) -> Self {
+        Self { what, missed: 0, extra, pair: Some(pair) }
     }
 }
 
@@ -98,7 +99,7 @@ pub fn compare(got: &[Pair], must: &[Pair], may: &[Pair]) -> Result<(), Finding>
         (Some(pair), Some(extra)) if pair <= extra => (format!("pair {pair:?} is missing"), pair),
         (_, Some(pair)) => (format!("pair {pair:?} does not overlap"), pair),
     };
-    Err(Finding { what, missed, extra, first: Some(first) })
+    Err(Finding { what, missed, extra, pair: Some(first) })
 }
 
 pub(super) fn absent(these: &[Pair], those: &[Pair]) -> impl Iterator<Item = Pair> {
@@ -119,7 +120,7 @@ impl Case {
             _ => Ok(()),
         });
         compared.map_err(|found| {
-            let about = found.first.map(|pair| self.objects(form, pair)).unwrap_or_default();
+            let about = found.pair.map(|pair| self.objects(form, pair)).unwrap_or_default();
             Finding { what: format!("{form}: {}{about}", found.what), ..found }
         })?;
         if *count != pairs.len() as u64 {
@@ -208,7 +209,7 @@ mod tests {
             (&[[2, 3], [0, 1]], 0, 1, [0, 1], "after"),
         ] {
             let found = compare(got, &must, &may).expect_err(word);
-            assert_eq!((found.missed, found.extra, found.first), (missed, extra, Some(first)));
+            assert_eq!((found.missed, found.extra, found.pair), (missed, extra, Some(first)));
             assert!(found.what.contains(word), "{}", found.what);
         }
     }

@@ -41,10 +41,8 @@ pub struct Failure {
     pub boxes: u64,
     pub scene: String,
     pub flags: String,
-    pub what: String,
-    pub missed: u64,
-    pub extra: u64,
-    pub pair: Option<[u32; 2]>,
+    #[serde(flatten)]
+    pub found: Finding,
     pub explain: Option<Explanation>,
 }
 
@@ -59,11 +57,8 @@ impl Failure {
             boxes: boxes as u64,
             scene,
             flags: case.flags.to_string(),
-            what: found.what,
-            missed: found.missed,
-            extra: found.extra,
-            pair: found.first,
-            explain: found.first.and_then(|pair| case.explain(form, pair)),
+            explain: found.pair.and_then(|pair| case.explain(form, pair)),
+            found,
         }
     }
 }
@@ -82,8 +77,8 @@ impl StressReport {
 
     /// Counts a wrong answer, and keeps the first ten.
     pub(super) fn fail(&mut self, failure: Failure) {
-        self.missed += failure.missed;
-        self.extra += failure.extra;
+        self.missed += failure.found.missed;
+        self.extra += failure.found.extra;
         if self.failures.len() < MOST_FAILURES {
             self.failures.push(failure);
         }
@@ -135,7 +130,7 @@ impl fmt::Display for StressReport {
 impl fmt::Display for Failure {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(f, "WRONG: {}", self.subject)?;
-        writeln!(f, "  {}", self.what)?;
+        writeln!(f, "  {}", self.found.what)?;
         writeln!(f, "  mode {}", self.mode)?;
         writeln!(f, "  {} boxes: {}", self.boxes, self.scene)?;
         writeln!(f, "  floating-point flags: {}", self.flags)?;

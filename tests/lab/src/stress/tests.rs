@@ -44,11 +44,11 @@ fn right_subjects_pass_and_broken_ones_are_caught_and_replayed() {
         assert!(!report.is_clean() && report.extra == 0, "{engines:?} {mode}: {report}");
         assert_eq!(report.missed > 0, engines != ["updates"], "{report}");
         let failure = &report.failures[0];
-        assert!(failure.what.contains(word), "{report}");
+        assert!(failure.found.what.contains(word), "{report}");
         assert!(report.to_string().contains(&failure.replay));
         match &failure.explain {
             Some(explain) => {
-                assert!(explain.overlaps && Some(explain.pair) == failure.pair, "{report}");
+                assert!(explain.overlaps && Some(explain.pair) == failure.found.pair, "{report}");
                 assert!(mode == "all" || explain.mode.starts_with(mode), "{report}");
             }
             None => assert!(["spheres", "updates"].contains(&engines[0]), "{report}"),

@@ -16,7 +16,6 @@ use pairmaskd::execute::gpu::{
     Block, Checks, Command, Gpu, GpuChoice, GpuError, Home, HostImport, Part as BlockPart,
 };
 use pairmaskd::scene::{Scene, SceneName};
-use serde::Serialize;
 
 use super::harness::document::Part;
 use super::harness::machine::Machine;
@@ -49,17 +48,14 @@ fn paper<const N: usize>(table: &str, n: u32, columns: [&str; N]) -> Option<[f64
 pub fn measure(choice: &GpuChoice, counts: &[u32], quick: bool) -> Result<Report> {
     let gpu = &Gpu::open(choice, HostImport::IfPossible)?;
     let budget = Duration::from_millis(if quick { 50 } else { 500 });
-    let bandwidth = Bandwidth::measure(gpu)?;
-    let mut scenes = Vec::new();
-    let mut stages = Vec::new();
-    let mut parts = Vec::new();
-    let mut engines = Vec::new();
-    let mut under_way = Vec::new();
+    let bandwidth = bandwidth(gpu)?;
+    let [mut scenes, mut stages, mut parts, mut engines, mut under_way] =
+        <[Vec<Fields>; 5]>::default();
     for &n in counts {
         for name in SCENES {
             let row = measure_scene(gpu, name, n, budget)?;
             if name == SceneName::Uniform {
-                stages.extend(stages_of(&row, &bandwidth));
+                stages.extend(stages_of(&row, bandwidth));
             }
             scenes.push(row);
         }
@@ -79,16 +75,12 @@ pub fn measure(choice: &GpuChoice, counts: &[u32], quick: bool) -> Result<Report
         .into_iter()
         .map(|percent| moving_row(gpu, moving_n, percent, budget))
         .collect::<Result<Vec<_>, _>>()?;
-    let mut report = Report::new(
-        "grid",
-        vec![
-            Part::heading(1, "The grid, stage by stage"),
-            Part::text("Papers' figures: Avril et al. 2012, on an NVIDIA Quadro FX 3600M."),
-        ],
-    );
+    let title = Part::heading(1, "The grid, stage by stage");
+    let papers = "Papers' figures: Avril et al. 2012, on an NVIDIA Quadro FX 3600M.";
+    let mut report = Report::new("grid", vec![title, Part::text(papers)]);
     report.machine(&Machine::here(Some(gpu.info())));
-    let Bandwidth { up, down, memory } = bandwidth;
-    report.value("bandwidth", bandwidth);
+    let [up, down, memory] = bandwidth;
+    report.value("bandwidth", row!(up_gbs: up, down_gbs: down, memory_gbs: memory));
     let crossing = crossing(&with_and_without);
     report.value("crossing", crossing);
     report.section(
@@ -220,45 +212,30 @@ fn moving_row(gpu: &Arc<Gpu>, n: u32, moving_percent: u32, budget: Duration) -> 
     Ok(row!(n, moving_percent, frame_ms: median(times) / 1e3))
 }
 
-#[derive(Clone, Copy, Debug, Serialize)]
-pub struct Bandwidth {
-    #[serde(rename = "up_gbs")]
-    pub up: f64,
-    #[serde(rename = "down_gbs")]
-    pub down: f64,
-    #[serde(rename = "memory_gbs")]
-    pub memory: f64,
-}
-
 /// Bytes of a copy that is timed: several times a second-level cache.
 const COPY_BYTES: u64 = 256 << 20;
 const SOFTWARE_COPY_BYTES: u64 = 16 << 20;
 const COPIES: usize = 5;
-impl Bandwidth {
-    pub fn measure(gpu: &Arc<Gpu>) -> Result<Self, GpuError> {
-        let bytes = if gpu.info().is_software() { SOFTWARE_COPY_BYTES } else { COPY_BYTES };
-        let bench = Bench::new(gpu, Checks::Off)?;
-        let block = |home| bench.block(home, bytes);
-        let (host, video, other) = (block(Home::Host)?, block(Home::Video)?, block(Home::Video)?);
-        let copy = |from: &Arc<Block>, to: &Arc<Block>| -> Result<f64, GpuError> {
-            let part = |block| BlockPart::of(block, 0, bytes);
-            let mut frame = bench.frame(vec![Command::Copy { from: part(from), to: part(to) }])?;
-            let mut least_ns = f64::INFINITY;
-            for _ in 0..COPIES {
-                let ns: f64 = bench.run(&mut frame)?.iter().map(|step| step.ns).sum();
-                least_ns = least_ns.min(ns);
-            }
-            Ok(bytes as f64 / least_ns)
-        };
-        Ok(Self {
-            up: copy(&host, &video)?,
-            down: copy(&video, &host)?,
-            memory: 2.0 * copy(&video, &other)?,
-        })
-    }
+
+/// Of copies by the device: up, down, and within its memory, GB/s.
+fn bandwidth(gpu: &Arc<Gpu>) -> Result<[f64; 3], GpuError> {
+    let bytes = if gpu.info().is_software() { SOFTWARE_COPY_BYTES } else { COPY_BYTES };
+    let bench = Bench::new(gpu, Checks::Off)?;
+    let block = |home| bench.block(home, bytes);
+    let (host, video, other) = (block(Home::Host)?, block(Home::Video)?, block(Home::Video)?);
+    let copy = |from: &Arc<Block>, to: &Arc<Block>| -> Result<f64, GpuError> {
+        let part = |block| BlockPart::of(block, 0, bytes);
+        let mut frame = bench.frame(vec![Command::Copy { from: part(from), to: part(to) }])?;
+        let mut least_ns = f64::INFINITY;
+        for _ in 0..COPIES {
+            least_ns = least_ns.min(bench.run(&mut frame)?.iter().map(|step| step.ns).sum());
+        }
+        Ok(bytes as f64 / least_ns)
+    };
+    Ok([copy(&host, &video)?, copy(&video, &host)?, 2.0 * copy(&video, &other)?])
 }
 
-fn stages_of(row: &Fields, bandwidth: &Bandwidth) -> Vec<Fields> {
+fn stages_of(row: &Fields, bandwidth: [f64; 3]) -> Vec<Fields> {
     let [n, cells, words] = ["n", "cells", "words"].map(|name| number(row, name) as u64);
     let stage = |(stage, us): (&str, f64)| {
         // Up, down and video memory. Each box and each word counts once, each cell 4 bytes;
@@ -272,18 +249,15 @@ fn stages_of(row: &Fields, bandwidth: &Bandwidth) -> Vec<Fields> {
             "grid_write" => (0, 12 * words, 12 * words + 4 * cells),
             _ => (0, 0, 0),
         };
-        let ns = [
-            up as f64 / bandwidth.up,
-            down as f64 / bandwidth.down,
-            memory as f64 / bandwidth.memory,
-        ];
+        let ns =
+            [up, down, memory].into_iter().zip(bandwidth).map(|(bytes, gbs)| bytes as f64 / gbs);
         row!(
             n,
             stage,
             us,
             link_bytes: up + down,
             memory_bytes: memory,
-            floor_us: ns.into_iter().fold(0.0, f64::max) / 1e3,
+            floor_us: ns.fold(0.0, f64::max) / 1e3,
         )
     };
     timed_stages(row).map(stage).collect()

@@ -1,7 +1,5 @@
 //! Judges the plan's choice: the planned way beside the fastest measured one.
 
-use std::time::Duration;
-
 use pairmask_core::Encoding;
 use pairmask_core::dispatch::CullOptions;
 use pairmask_core::engine::AvailableIsa;
@@ -11,7 +9,9 @@ use pairmaskd::cli::machine::Machine;
 use super::harness::Report;
 use super::harness::document::Part;
 use super::harness::table::{Fields, Table, row};
-use super::ways::{Case, CaseTimes, Effort, Way, core_count, measure_case, pools, thread_counts};
+use super::ways::{
+    Case, CaseTimes, TimedWay, Way, core_count, distinct, measure_case, pools, thread_counts,
+};
 use crate::Result;
 
 /// Default sizes: dense where the fastest engine changes.
@@ -22,8 +22,6 @@ const LIMIT: f64 = 1.3;
 /// Largest scene whose dense mask is measured, boxes: the mask has 1 MiB, and no plan chooses it
 /// for one pair a box.
 const DENSE_BOXES: usize = 4_096;
-const EFFORT: Effort =
-    Effort { least_frames: 5, most_frames: 200, time: Duration::from_millis(200) };
 
 /// Judges the plan of a measured case with a number of threads. All that is about the planned way is null where the plan
 /// chose one that was not measured because its prediction was hopeless: a miss.
@@ -32,11 +30,11 @@ fn judge(measured: &CaseTimes, threads: usize, calibration: &Calibration) -> Fie
     let capabilities = Capabilities { threads, gpu: None };
     let plan = plan(&measured.stats, &capabilities, calibration, &CullOptions::default());
     let planned = Way { engine: plan.engine, encoding: plan.encoding, threads: plan.threads };
-    let allowed = measured.ways.iter().filter(|(way, _)| way.threads <= threads);
-    let best = allowed.map(|(way, times)| (*way, times.least_ns())).min_by_key(|(_, ns)| *ns);
-    let of_planned = measured.ways.iter().find(|(way, _)| *way == planned);
+    let allowed = measured.ways.iter().filter(|timed| timed.way.threads <= threads);
+    let best = allowed.map(|timed| (timed.way, timed.least_ns())).min_by_key(|(_, ns)| *ns);
+    let of_planned = measured.ways.iter().find(|timed| timed.way == planned);
     let candidate = plan.candidates.iter().flatten().find(|c| c.engine == plan.engine);
-    let found = best.zip(of_planned.map(|(_, times)| times.least_ns())).zip(candidate);
+    let found = best.zip(of_planned.map(TimedWay::least_ns)).zip(candidate);
     let found = found.map(|((best, ns), candidate)| (best, ns, candidate.predicted_ns as u64));
     let best = found.map(|(best, ..)| best);
     let ratio =
@@ -67,21 +65,16 @@ pub fn measure(
     watch: impl Fn(),
 ) -> Result<Report> {
     let (machine, calibration) = (Machine::this(), Calibration::built_in(isa.get()));
-    let mut allowed = threads.to_vec();
-    if allowed.is_empty() {
-        allowed = vec![1, core_count()];
-        allowed.dedup();
-    }
-    let mut lanes = thread_counts(allowed.iter().max().copied().unwrap_or(1));
-    lanes.extend(&allowed);
-    lanes.sort_unstable();
-    lanes.dedup();
+    let allowed: &[usize] =
+        if threads.is_empty() { &distinct(vec![1, core_count()]) } else { threads };
+    let lanes = thread_counts(allowed.iter().max().copied().unwrap_or(1));
+    let lanes = distinct([&lanes[..], allowed].concat());
     let pools = pools(&lanes)?;
     let mut rows = Vec::new();
     for case in cases {
         let fits = |encoding: &Encoding| *encoding != Encoding::Dense || case.n <= DENSE_BOXES;
         let encodings: Vec<Encoding> = Encoding::ALL.into_iter().filter(fits).collect();
-        let measured = measure_case(*case, &encodings, &lanes, &pools, &EFFORT, isa)?;
+        let measured = measure_case(*case, &encodings, &lanes, &pools, isa)?;
         rows.extend(allowed.iter().map(|threads| judge(&measured, *threads, &calibration)));
         watch();
     }

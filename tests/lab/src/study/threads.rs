@@ -4,12 +4,8 @@
 //! multi-core to multi-GPU architecture", 2014, §4, and their paper of 2009.
 
 use std::hint::black_box;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
-use crate::Result;
-use crate::study::ways::{
-    Case, CaseTimes, Effort, Pools, core_count, measure_case, pools, thread_counts,
-};
 use glam::{Quat, Vec3};
 use pairmask_core::dispatch::nanoseconds_since;
 use pairmask_core::engine::AvailableIsa;
@@ -22,13 +18,15 @@ use super::harness::Report;
 use super::harness::document::Part;
 use super::harness::table::{Fields, Table, row};
 use super::papers::figure;
+use super::ways::{
+    Case, CaseTimes, Pools, core_count, distinct, frames, measure_case, pools, thread_counts,
+};
+use crate::Result;
 
 pub const SIZES: [u32; 2] = [10_000, 100_000];
 pub const SCENES: [SceneName; 3] = [SceneName::Uniform, SceneName::Torus, SceneName::Letters];
 /// Calls of the watcher for each case: one a stage.
 pub const STEPS_A_CASE: u64 = 2;
-const EFFORT: Effort =
-    Effort { least_frames: 7, most_frames: 200, time: Duration::from_millis(400) };
 
 pub fn papers_cases() -> impl Iterator<Item = Case> {
     let cases =
@@ -51,21 +49,16 @@ const PAIRS: (&str, &str) = ("overlapping-pairs", "pairs");
 /// [`STEPS_A_CASE`] times for each case.
 pub fn measure(cases: &[Case], threads: &[usize], watch: impl Fn()) -> Result<Report> {
     let machine = Machine::this();
-    let mut threads = threads.to_vec();
-    if threads.is_empty() {
-        threads = thread_counts(core_count());
-    }
+    let all: &[usize] = if threads.is_empty() { &thread_counts(core_count()) } else { threads };
     // Speed-ups are over one thread.
-    threads.push(1);
-    threads.sort_unstable();
-    threads.dedup();
+    let threads = distinct([&[1][..], all].concat());
     let pools = pools(&threads)?;
     let (mut rows, isa) = (Vec::new(), AvailableIsa::best());
     for case in cases {
-        let updates = update_times(case.scene, case.n, &threads, &pools, &EFFORT)?;
+        let updates = update_times(case.scene, case.n, &threads, &pools)?;
         rows.extend(series(UPDATE, *case, None, updates));
         watch();
-        let measured = measure_case(*case, &[Encoding::Sparse], &threads, &pools, &EFFORT, isa)?;
+        let measured = measure_case(*case, &[Encoding::Sparse], &threads, &pools, isa)?;
         rows.extend(pair_rows(&measured));
         watch();
     }
@@ -84,14 +77,12 @@ pub fn measure(cases: &[Case], threads: &[usize], watch: impl Fn()) -> Result<Re
 }
 
 fn pair_rows(measured: &CaseTimes) -> Vec<Fields> {
-    let mut rows = Vec::new();
-    for engine in EngineName::ALL {
-        let ways = measured.ways.iter().filter(|(way, _)| way.engine == engine);
-        let of_engine: Vec<_> =
-            ways.map(|(way, times)| (way.threads, times.engine_ns.clone())).collect();
-        rows.extend(series(PAIRS, measured.case, Some(engine), of_engine));
-    }
-    rows
+    let of = |engine| {
+        let ways = measured.ways.iter().filter(|timed| timed.way.engine == engine);
+        let times = ways.map(|timed| (timed.way.threads, timed.engine_ns.clone())).collect();
+        series(PAIRS, measured.case, Some(engine), times)
+    };
+    EngineName::ALL.into_iter().flat_map(of).collect()
 }
 
 fn update_times(
@@ -99,7 +90,6 @@ fn update_times(
     n: usize,
     threads: &[usize],
     pools: &Pools,
-    effort: &Effort,
 ) -> Result<Vec<(usize, Vec<u64>)>, UpdateError> {
     let scene = Scene::new(scene, n, 1);
     let mut random = Random::new(2);
@@ -107,11 +97,7 @@ fn update_times(
         scene.boxes().iter().map(|world| object(world, &mut random)).unzip();
     let mut out = vec![Aabb::EMPTY; n];
     let mut times: Vec<(usize, Vec<u64>)> = threads.iter().map(|t| (*t, Vec::new())).collect();
-    let start = Instant::now();
-    for frame in 0..effort.most_frames {
-        if frame >= effort.least_frames && start.elapsed() > effort.time {
-            break;
-        }
+    for _ in frames(0) {
         for (threads, times) in &mut times {
             let (locals, placements) = (black_box(&locals), black_box(&placements));
             let out = &mut out;

@@ -23,6 +23,10 @@ use crate::Result;
 const SEED: u64 = 1;
 /// Frames before the first measured one: they touch memory and settle orders.
 const WARM_UP: usize = 2;
+/// Frames that are measured: at least so many, and until this time is over, at most so many.
+const LEAST_FRAMES: usize = 7;
+const MOST_FRAMES: usize = 200;
+const TIME: Duration = Duration::from_millis(400);
 /// A way is left out when its prediction is this many times the fastest …
 const HOPELESS: f64 = 12.0;
 /// … and above this, ns.
@@ -34,15 +38,13 @@ pub struct Case {
     pub n: usize,
 }
 
-#[derive(Clone, Copy, Debug)]
-pub struct Effort {
-    pub least_frames: usize,
-    pub most_frames: usize,
-    /// No further frame begins after this time.
-    pub time: Duration,
+/// The numbers of the frames of a measurement, as long as it lasts, after some that warm up.
+pub fn frames(warm_up: usize) -> impl Iterator<Item = usize> {
+    let start = Instant::now();
+    let least = LEAST_FRAMES + warm_up;
+    (0..MOST_FRAMES + warm_up).take_while(move |frame| *frame < least || start.elapsed() <= TIME)
 }
 
-#[derive(Clone, Debug)]
 pub struct CaseTimes {
     pub case: Case,
     /// Statistics of the last frame, as the plan gets them.
@@ -50,7 +52,7 @@ pub struct CaseTimes {
     /// Time of planning a frame of a steady scene, ns: to take a plan again, and a share of what a look and a
     /// new plan take. Each is the shortest seen.
     pub plan_ns: u64,
-    pub ways: Vec<(Way, WayTimes)>,
+    pub ways: Vec<TimedWay>,
 }
 
 /// Every engine with these encodings and numbers of threads, without those of [`HOPELESS`] predictions.
@@ -79,7 +81,6 @@ pub fn measure_case(
     encodings: &[Encoding],
     threads: &[usize],
     pools: &Pools,
-    effort: &Effort,
     isa: AvailableIsa,
 ) -> Result<CaseTimes> {
     let mut scene = Scene::new(case.scene, case.n, SEED);
@@ -87,22 +88,18 @@ pub fn measure_case(
     let calibration = Calibration::built_in(isa.get());
     let timed = |way: Way| TimedWay::new(way, pools.get(&way.threads).cloned(), isa);
     let ways = ways(&stats, encodings, threads, &calibration);
-    let mut timed_ways: Vec<TimedWay> = ways.into_iter().filter_map(timed).collect();
+    let mut ways: Vec<TimedWay> = ways.into_iter().filter_map(timed).collect();
     let capabilities =
         Capabilities { threads: threads.iter().max().copied().unwrap_or(1), gpu: None };
     let (mut anew_ns, mut again_ns) = (u64::MAX, u64::MAX);
-    let start = Instant::now();
-    for frame in 0..effort.most_frames + WARM_UP {
-        if frame >= effort.least_frames + WARM_UP && start.elapsed() > effort.time {
-            break;
-        }
+    for frame in frames(WARM_UP) {
         // Each frame starts with another way, so that each way runs first equally often: the first
         // finds the caches as the last frame left them.
-        let count = timed_ways.len().max(1);
-        for turn in 0..timed_ways.len() {
-            timed_ways[(turn + frame) % count].frame(scene.boxes(), frame >= WARM_UP)?;
+        let count = ways.len();
+        for turn in 0..count {
+            ways[(turn + frame) % count].frame(scene.boxes(), frame >= WARM_UP)?;
         }
-        let pairs = agreed_pairs(case, &timed_ways)?;
+        let pairs = agreed_pairs(case, &ways)?;
         let mut plans = PlanMemory::default();
         let options = CullOptions { last_pairs: pairs, ..CullOptions::default() };
         let planning = Instant::now();
@@ -114,13 +111,12 @@ pub fn measure_case(
         again_ns = again_ns.min(nanoseconds_since(planning));
         scene.step();
     }
-    let ways = timed_ways.into_iter().map(|timed| (timed.way, timed.times)).collect();
     let plan_ns = again_ns.saturating_add(anew_ns / u64::from(PlanMemory::FRAMES));
     Ok(CaseTimes { case, stats, plan_ns, ways })
 }
 
-fn agreed_pairs(case: Case, timed_ways: &[TimedWay]) -> Result<Option<u64>> {
-    let mut counts = timed_ways.iter().map(|timed| (timed.way, timed.times.pair_count));
+fn agreed_pairs(case: Case, ways: &[TimedWay]) -> Result<Option<u64>> {
+    let mut counts = ways.iter().map(|timed| (timed.way, timed.pair_count));
     let Some((first, pairs)) = counts.next() else { return Ok(None) };
     match counts.find(|(_, other)| *other != pairs) {
         None => Ok(Some(pairs)),
@@ -142,25 +138,13 @@ pub struct Way {
     pub threads: usize,
 }
 
-#[derive(Clone, Debug, Default)]
-pub struct WayTimes {
+pub struct TimedWay {
+    pub way: Way,
     /// From the boxes in memory to the mask, every frame.
     pub engine_ns: Vec<u64>,
     /// From the mask to the last pair on one thread, every frame.
-    pub decode_ns: Vec<u64>,
-    pub pair_count: u64,
-}
-
-impl WayTimes {
-    pub fn least_ns(&self) -> u64 {
-        let frames = self.engine_ns.iter().zip(&self.decode_ns);
-        frames.map(|(engine, decode)| engine + decode).min().unwrap_or(0)
-    }
-}
-
-pub struct TimedWay {
-    pub way: Way,
-    pub times: WayTimes,
+    decode_ns: Vec<u64>,
+    pair_count: u64,
     engine: Box<dyn Engine>,
     isa: AvailableIsa,
     reply: HeapReply,
@@ -169,13 +153,18 @@ pub struct TimedWay {
 }
 
 impl TimedWay {
-    pub fn new(way: Way, pool: Option<Arc<ThreadPool>>, isa: AvailableIsa) -> Option<Self> {
+    fn new(way: Way, pool: Option<Arc<ThreadPool>>, isa: AvailableIsa) -> Option<Self> {
         let engine = cpu_engine(way.engine, isa.get()).ok()?;
-        let (times, reply) = (WayTimes::default(), HeapReply::new());
-        Some(Self { way, times, engine, isa, reply, pool })
+        let (engine_ns, decode_ns, reply) = (Vec::new(), Vec::new(), HeapReply::new());
+        Some(Self { way, engine_ns, decode_ns, pair_count: 0, engine, isa, reply, pool })
     }
 
-    pub fn frame(&mut self, boxes: &[Aabb], is_noted: bool) -> Result<()> {
+    pub fn least_ns(&self) -> u64 {
+        let frames = self.engine_ns.iter().zip(&self.decode_ns);
+        frames.map(|(engine, decode)| engine + decode).min().unwrap_or(0)
+    }
+
+    fn frame(&mut self, boxes: &[Aabb], is_noted: bool) -> Result<()> {
         let (engine, reply) = (&mut self.engine, &mut self.reply);
         let mut cull = || -> Result<_, CullError> {
             let start = Instant::now();
@@ -206,15 +195,23 @@ impl TimedWay {
             )
             .into());
         }
-        self.times.pair_count = decoded;
+        self.pair_count = decoded;
         if is_noted {
-            self.times.engine_ns.push(engine_ns);
-            self.times.decode_ns.push(decode_ns);
+            self.engine_ns.push(engine_ns);
+            self.decode_ns.push(decode_ns);
         }
         Ok(())
     }
 }
 
+/// The numbers in order, each once.
+pub fn distinct(mut numbers: Vec<usize>) -> Vec<usize> {
+    numbers.sort_unstable();
+    numbers.dedup();
+    numbers
+}
+
+/// 1, 2, 4 … and the most.
 pub fn thread_counts(most: usize) -> Vec<usize> {
     let doubled = std::iter::successors(Some(1), |n| Some(2 * n)).take_while(|n| *n < most);
     doubled.chain([most]).collect()

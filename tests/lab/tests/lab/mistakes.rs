@@ -12,6 +12,11 @@ fn a_mistake_is_reported_in_one_line() {
         ("", 2, "a command is missing, one of stress, accuracy"),
         ("stress --case 1 --seed 2", 2, "--case and --seed exclude each other"),
         ("stress --kills", 2, "--clients"),
+        ("stress --engine nobody", 2, "'nobody' for --engine: choose one of"),
+        ("stress --mode q17", 2, "'q17' for --mode: choose one of"),
+        ("stress --engine spheres --mode q16", 1, "nothing to run"),
+        ("stress --engine gpu-brute --gpu none", 1, "GPU"),
+        ("stress --engine gpu-grid --gpu none", 1, "GPU"),
         ("stress --clients 2 --engine updates", 1, "nothing to ask the daemon for"),
         ("stress --clients 2 --engine gpu-grid", 1, "nothing to ask the daemon for"),
         ("stress --clients 2 --instance nobody", 1, "no daemon serves instance 'nobody'"),
@@ -25,6 +30,9 @@ fn a_mistake_is_reported_in_one_line() {
         ("accuracy --out boxes.f32", 1, "boxes.f32: it is no directory"),
         ("accuracy --gpu 99 --n 10", 1, "no GPU fits '99'"),
         ("mapping --gpu none --quick --out boxes.f32", 1, "boxes.f32: it is no directory"),
+        ("papers --only-records --from nowhere", 1, "nowhere"),
+        ("papers --only-records --quick", 2, "--only-records and --quick exclude each other"),
+        ("accuracy --precision f64=-1", 2, "is no mode"),
         ("stress --config absent", 2, "configuration absent: there is no such file"),
     ] {
         let words: Vec<&str> = line.split_whitespace().collect();

@@ -45,11 +45,3 @@ fn a_quick_run_measures_what_a_cpu_can() {
     assert_eq!(report["only_records"], false);
     assert_eq!(claim(&report, 1, "Table 7", 0)["verdict"], "not_measured");
 }
-
-#[test]
-fn a_missing_folder_is_a_failure_and_nothing_is_measured_of_records_alone() {
-    let place = Place::new();
-    let run = |from: &str| place.run(&["papers", "--only-records", "--from", from]);
-    assert_eq!(run("nowhere").code, Some(1));
-    assert_eq!(place.run(&["papers", "--only-records", "--quick"]).code, Some(2));
-}

@@ -61,18 +61,6 @@ fn what_is_broken_is_caught_within_seconds_and_replayed() {
     }
 }
 
-#[test]
-fn an_engine_that_is_not_there_is_an_error() {
-    let place = Place::new();
-    assert_eq!(place.run(&["stress", "--engine", "nobody"]).code, Some(2));
-    assert_eq!(place.run(&["stress", "--mode", "q17"]).code, Some(2));
-    let without_subject = place.run(&["stress", "--engine", "spheres", "--mode", "q16"]);
-    assert!(without_subject.error(1).contains("nothing to run"), "{without_subject:?}");
-    for engine in ["gpu-brute", "gpu-grid"] {
-        place.run(&["stress", "--engine", engine, "--gpu", "none"]).error(1);
-    }
-}
-
 /// The fields of `clients`, and of its `daemon`.
 const CLIENTS: &str =
     "count sessions frames edits unread in_process unanswered killed broken daemon";

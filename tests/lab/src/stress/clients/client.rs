@@ -332,11 +332,7 @@ impl Client<'_> {
                 return;
             }
             Ok(compared) => self.answered(by, compared.map(drop)),
-            Err(error) => {
-                let is_late = matches!(error, Error::Timeout { .. });
-                self.counts.unanswered += u64::from(is_late);
-                Err(Finding::other(&error))
-            }
+            Err(error) => self.unanswered(&error),
         };
         if let Err(finding) = found {
             self.sessions[session].kept = None;
@@ -349,15 +345,16 @@ impl Client<'_> {
         let Some(UnderWay { pending, case, form }) = frames.remove(frame) else { return };
         let found = match receive(pending, &case.1) {
             Ok((answer, by)) => self.answered(by, case.1.check(form, &answer)),
-            Err(error) => {
-                let is_late = matches!(error, Error::Timeout { .. });
-                self.counts.unanswered += u64::from(is_late);
-                Err(Finding::other(&error))
-            }
+            Err(error) => self.unanswered(&error),
         };
         if let Err(finding) = found {
             self.fail(session, case.0, form, finding);
         }
+    }
+
+    fn unanswered(&mut self, error: &Error) -> Result<(), Finding> {
+        self.counts.unanswered += u64::from(matches!(error, Error::Timeout { .. }));
+        Err(Finding::other(error))
     }
 
     /// Counts an answer. One of the client's own process is a mistake, even where it is right.

@@ -1,5 +1,6 @@
 //! One row: a scene in motion, culled in one mode.
 
+use std::collections::BTreeMap;
 use std::num::NonZeroU32;
 use std::time::Duration;
 
@@ -14,8 +15,24 @@ use pairmaskd::timed_client::{TimedError, TimedFrame};
 
 use super::clients::client;
 use super::mode::{CIRCUMSCRIBED, StudyMode, World};
-use super::rows::{AccuracyRow, Percentiles, STAGES};
 use super::truth::{self, Difference};
+use crate::study::harness::percentile;
+use crate::study::harness::table::{Fields, fields, row};
+
+/// Stages of a frame. `round_trip` holds `engine`, which holds `ingest`, `plan`, `execute` and `publish`; `total` is
+/// `fill` (memory borrowed, boxes written), `round_trip` and `decode` (every pair of the mask visited once).
+/// Percentiles do not add up; stages of one frame do.
+pub const STAGES: [&str; 9] = [
+    "fill_ns",
+    "ingest_ns",
+    "plan_ns",
+    "execute_ns",
+    "publish_ns",
+    "engine_ns",
+    "round_trip_ns",
+    "decode_ns",
+    "total_ns",
+];
 
 #[derive(Clone, Copy, Debug)]
 pub struct Subject {
@@ -46,12 +63,14 @@ impl Lengths {
     }
 }
 
+/// A row of the report: one scene of n boxes in motion, culled in one mode by one engine. `README.md` says what
+/// its fields mean.
 pub fn row(
     session: Session,
     subject: &Subject,
     lengths: &Lengths,
     memory_bytes: impl FnOnce() -> u64,
-) -> Result<AccuracyRow, TimedError> {
+) -> Result<Fields, TimedError> {
     let mut scene = Scene::new(subject.scene, subject.n as usize, subject.seed);
     let mut client = client(subject.mode, &subject.options, session, scene.boxes())?;
     let mut last = client.frame(scene.boxes(), false)?.frame;
@@ -59,16 +78,16 @@ pub fn row(
         scene.step();
         last = client.frame(scene.boxes(), false)?.frame;
     }
-    let mut times: [Vec<u64>; STAGES.len()] = Default::default();
+    let mut times: [Vec<f64>; STAGES.len()] = Default::default();
     let (mut requests, mut mask_bytes) = (0, 0);
-    let (mut found, mut checked_frames) = (Difference::NONE, 0);
+    let (mut found, mut checked_frames) = (Difference::NONE, 0u64);
     let mut against_boxes = client.stands_for_boxes().then_some(Difference::NONE);
     for frame in 0..lengths.frames.get() {
         scene.step();
         let answer = client.frame(scene.boxes(), lengths.is_checked(frame))?;
         last = answer.frame;
         for (times, ns) in times.iter_mut().zip(stages(&last)) {
-            times.push(ns);
+            times.push(ns as f64);
         }
         requests += u64::from(last.was_asked);
         mask_bytes += u64::from(last.was_asked) * last.info.mask_bytes;
@@ -87,33 +106,55 @@ pub fn row(
     let (margin, offset, spheres) = match subject.mode {
         // The shortest number, 0.1, not the f64 value of the f32 0.1.
         StudyMode::Sent(PrecisionChoice::Margin(margin)) => {
-            (margin.get().to_string().parse().ok(), None, None)
+            (margin.get().to_string().parse::<f64>().ok(), None, None)
         }
         StudyMode::Sent(_) => (None, None, None),
         StudyMode::World(world) => (None, Some(world.offset), None),
-        StudyMode::Spheres => (None, None, Some(CIRCUMSCRIBED.to_owned())),
+        StudyMode::Spheres => (None, None, Some(CIRCUMSCRIBED)),
     };
-    let percentiles = |(stage, times)| (stage, Percentiles::of(times));
-    Ok(AccuracyRow {
-        scene: subject.scene.to_string(),
+    let percentiles = |(stage, times): (&'static str, Vec<f64>)| {
+        // Each is a measured time, of whole nanoseconds.
+        let at = |percent| percentile(times.clone(), percent) as u64;
+        (stage, row!(p50: at(50), p99: at(99)))
+    };
+    let times: BTreeMap<_, _> = STAGES.into_iter().zip(times).map(percentiles).collect();
+    let mut row = row!(
+        scene: subject.scene.as_str(),
         n: subject.n,
-        mode: subject.mode.name().to_owned(),
+        mode: subject.mode.name(),
         margin,
         offset,
         spheres,
-        backend: last.info.served_by.as_str().to_owned(),
+        precision: subject.mode.to_string(),
+        backend: last.info.served_by.as_str(),
         engine: subject.options.engine.to_string(),
         served_by_engine: last.info.engine.to_string(),
-        frames: lengths.frames.get().into(),
+        frames: lengths.frames,
         requests,
-        times: STAGES.into_iter().zip(times).map(percentiles).collect(),
+        times,
         bytes_up: last.info.box_bytes,
         bytes_down: mask_bytes.checked_div(requests).unwrap_or(last.info.mask_bytes),
         checked_frames,
-        found,
+    );
+    row.extend(fields(&found));
+    row.extend(row!(
+        error_percent: error_percent(checked_frames, found, against_boxes),
         against_boxes,
         memory_bytes: memory_bytes(),
-    })
+    ));
+    Ok(row)
+}
+
+/// Extra pairs for a hundred true ones, for a user who wants the pairs of the boxes: spheres are compared with the
+/// boxes' pairs. `None` where a pair was missed, no frame was checked, or there is no true pair.
+pub(super) fn error_percent(
+    checked_frames: u64,
+    found: Difference,
+    against_boxes: Option<Difference>,
+) -> Option<f64> {
+    let missed = found.missed + against_boxes.map_or(0, |boxes| boxes.missed);
+    let ratio = against_boxes.unwrap_or(found).extra_ratio;
+    ratio.filter(|_| missed == 0 && checked_frames > 0).map(|ratio| 100.0 * ratio)
 }
 
 fn stages(frame: &TimedFrame) -> [u64; STAGES.len()] {
@@ -163,6 +204,16 @@ mod tests {
         let engine = engine.parse().unwrap_or_else(|e| panic!("{e}"));
         let options = CullOptions { engine, ..CullOptions::default() };
         Subject { scene: SceneName::Pile, n, mode, options, seed: 1 }
+    }
+
+    #[test]
+    fn spheres_are_judged_by_the_boxes_and_a_missed_pair_by_nothing() {
+        let (found, boxes) = (Difference::of(4000, 0, 100), Difference::of(10, 0, 5));
+        assert_eq!(error_percent(4, found, None), Some(2.5));
+        assert_eq!(error_percent(4, found, Some(boxes)), Some(50.0));
+        assert_eq!(error_percent(4, found, Some(Difference { missed: 1, ..boxes })), None);
+        assert_eq!(error_percent(4, Difference { missed: 1, ..found }, None), None);
+        assert_eq!(error_percent(0, found, None), None);
     }
 
     #[test]

@@ -4,13 +4,11 @@
 //! and a missed pair disqualifies it.
 //!
 //! The parts: [`mode`] names the subject of a row, [`clients`] answer its frames, [`measure`] runs the row,
-//! [`truth`] finds the right pairs. [`rows`] holds the figures, [`judge`] says what they are worth, [`report`]
-//! writes them down.
+//! [`truth`] finds the right pairs. [`judge`] says what rows are worth, [`report`] writes them down.
 
 pub mod clients;
 pub mod judge;
 pub mod measure;
 pub mod mode;
 pub mod report;
-pub mod rows;
 pub mod truth;

@@ -1,23 +1,19 @@
 //! The report as text, as CSV, and as one page of plots and tables that loads nothing.
 
-use serde_json::json;
+use serde_json::Value;
 
-use super::judge::{ModeVerdict, Pareto, Setting, in_order, modes, settings, title};
-use super::rows::{AccuracyRow, STAGES};
-use super::truth::Difference;
+use super::judge::{Setting, in_order, p50, pareto, settings, text, title};
 use crate::study::harness::Report;
 use crate::study::harness::document::Part;
 use crate::study::harness::machine::Machine;
 use crate::study::harness::plot::{Look, Plot, Series, Unit};
-use crate::study::harness::table::Table;
+use crate::study::harness::table::{Fields, Table};
 use crate::study::papers;
 
 /// The report of these rows.
-pub fn report(machine: &Machine, seed: u64, rows: &[AccuracyRow]) -> Report {
-    let pareto = Pareto::of(rows);
-    let far: Vec<AccuracyRow> = rows.iter().filter(|row| row.offset.is_some()).cloned().collect();
-    // A table of the two ways is clearer than plots.
-    let columns = "scene,n,mode,engine,p50,p99,down,true pairs,missed,extra,extra %";
+pub fn report(machine: &Machine, seed: u64, rows: &[Fields]) -> Report {
+    let (modes, pareto) = pareto(rows);
+    let far: Vec<&Fields> = rows.iter().filter(|row| !row["offset"].is_null()).collect();
     let sections = [
         Part::section(
             "What modes cost",
@@ -32,7 +28,7 @@ pub fn report(machine: &Machine, seed: u64, rows: &[AccuracyRow]) -> Report {
              that misses nothing is at least as fast (median of a whole frame), with no more extra pairs \
              and no more bytes up, and better in one of the three. Medians count as they were measured: a \
              nanosecond decides where all else is equal.",
-            verdicts(&pareto.modes),
+            verdicts(&modes),
         ),
         Part::section(
             "Far from the origin",
@@ -40,9 +36,13 @@ pub fn report(machine: &Machine, seed: u64, rows: &[AccuracyRow]) -> Report {
              boxes relative to an origin among them, rounded outward; `plain-f32` rounds every \
              coordinate to the nearest f32, and is there as a warning. Of large scenes it is left \
              out: its pairs would be nearly all there are.",
-            readable(&far).only(columns),
+            Table::of(&far).only(FAR_COLUMNS),
         ),
-        Part::section("All rows", "Times are medians, ms.", readable(rows).only(TEXT_COLUMNS)),
+        Part::section(
+            "All rows",
+            "Pairs are those of the checked frames.",
+            Table::of(rows).only(COLUMNS),
+        ),
     ];
     let title = vec![Part::heading(1, "Run time against error"), Part::text(missed(rows))];
     let mut report = Report::new("accuracy", title);
@@ -56,80 +56,63 @@ pub fn report(machine: &Machine, seed: u64, rows: &[AccuracyRow]) -> Report {
     report
 }
 
-const TEXT_COLUMNS: &str = "scene,n,mode,backend,engine,p50,p99,fill,engine time,round trip,decode,\
-    bytes up,down,requests,missed,extra %,against boxes %,MiB";
+const TIME: &str = "times.total_ns.p50";
+
+const COLUMNS: &str = "scene,n,precision,backend,served_by_engine,times.total_ns.p50,\
+    times.total_ns.p99,times.fill_ns.p50,times.engine_ns.p50,times.round_trip_ns.p50,\
+    times.decode_ns.p50,bytes_up,bytes_down,requests,frames,checked_frames,missed,extra_ratio,\
+    against_boxes.missed,against_boxes.extra_ratio,memory_bytes";
+
+/// Of the two ways far from the origin: a table is clearer than plots.
+const FAR_COLUMNS: &str = "scene,n,precision,served_by_engine,times.total_ns.p50,\
+    times.total_ns.p99,bytes_down,checked_frames,true_pairs,missed,extra,extra_ratio";
 
 /// Stages that share a frame.
-const PARTS: [&str; 6] = ["fill", "ingest", "plan", "execute", "publish", "decode"];
-
-fn readable(rows: &[AccuracyRow]) -> Table {
-    let percent = |x: Option<f64>| x.map(|x| (1e5 * x).round() / 1e3);
-    let line = |row: &AccuracyRow| {
-        let mut line = json!({
-            "scene": row.scene, "n": row.n, "mode": row.mode_text(), "backend": row.backend,
-            "engine": row.served_by_engine, "asked": row.engine, "bytes up": row.bytes_up,
-            "down": row.bytes_down, "requests": format!("{}/{}", row.requests, row.frames),
-            "MiB": row.memory_bytes >> 20, "p50": row.p50() as f64 / 1e6,
-            "p99": row.time("total_ns").p99 as f64 / 1e6,
-            // What missed a pair of the boxes, or was not checked, is not drawn.
-            "error %": percent(row.error()),
-        });
-        for stage in STAGES {
-            let name =
-                stage.trim_end_matches("_ns").replace('_', " ").replace("engine", "engine time");
-            line[name] = (row.time(stage).p50 as f64 / 1e6).into();
-        }
-        // What nobody looked at is not known.
-        if row.checked_frames > 0 {
-            line["true pairs"] = row.found.true_pairs.into();
-            line["missed"] = row.found.missed.into();
-            line["extra"] = row.found.extra.into();
-            line["extra %"] = percent(row.found.extra_ratio).into();
-        }
-        line["against boxes %"] = row.against_boxes.map(|boxes| against(&boxes)).into();
-        line
-    };
-    Table::of(&rows.iter().map(line).collect::<Vec<_>>())
-}
-
-fn against(boxes: &Difference) -> String {
-    let text = |x: Option<f64>| x.map_or_else(|| "-".to_owned(), |x| format!("{:.3}", 100.0 * x));
-    let missed = boxes.missed as f64 / boxes.true_pairs as f64;
-    let minus = if boxes.missed > 0 { format!(" -{}", text(Some(missed))) } else { String::new() };
-    format!("+{}{minus}", text(boxes.extra_ratio))
-}
+const PARTS: [&str; 6] = [
+    "times.fill_ns.p50",
+    "times.ingest_ns.p50",
+    "times.plan_ns.p50",
+    "times.execute_ns.p50",
+    "times.publish_ns.p50",
+    "times.decode_ns.p50",
+];
 
 /// Plots of the rows that do not lie far from the origin, and how to read them.
-fn plots(rows: &[AccuracyRow]) -> Vec<Part> {
-    let near: Vec<AccuracyRow> = rows.iter().filter(|row| row.offset.is_none()).cloned().collect();
-    let scenes = || in_order(near.iter().map(|row| row.scene.as_str())).into_iter();
+fn plots(rows: &[Fields]) -> Vec<Part> {
+    let near: Vec<Fields> = rows.iter().filter(|row| row["offset"].is_null()).cloned().collect();
+    let scenes = || in_order(&near, "scene").into_iter();
+    let of_scene = |scene: &str| {
+        let rows = near.iter().filter(|row| row["scene"] == scene);
+        Table::of(&rows.collect::<Vec<_>>())
+    };
     let over_n = |y: &[&str]| {
         let of = |scene| {
-            let here = near.iter().filter(|row| row.scene == scene).cloned();
-            let table = readable(&here.collect::<Vec<_>>());
             let title = format!("{scene}: {}", y.join(", "));
-            Plot { title, ..Plot::of(&table, "n", y, &["mode", "asked"], Look::Line) }
+            Plot {
+                title,
+                ..Plot::of(&of_scene(scene), "n", y, &["precision", "engine"], Look::Line)
+            }
         };
         scenes().map(of).collect::<Vec<_>>()
     };
     let sections = [
         (
             "Speed against error",
-            "Whole frame (boxes written, pairs found, every pair looked at), median, ms, against extra \
-             pairs, %. The dashed line is the front of these two; what missed a pair is not drawn. \
+            "Whole frame (boxes written, pairs found, every pair looked at), median, against extra pairs, \
+             %. The dashed line is the front of these two; what missed a pair is not drawn. \
              Spheres are culled in the client's process, and stand for boxes: their extra pairs are \
              those that the boxes do not have.",
             settings(&near).iter().map(speed_against_error).collect(),
         ),
         (
             "Scaling, with the papers beside",
-            "The papers' lines are theirs: their scenes, their machines, what they counted as a frame. ms.",
+            "The papers' lines are theirs: their scenes, their machines, what they counted as a frame.",
             scenes().map(|scene| scaling(scene, &near)).collect(),
         ),
-        ("Percentiles", "Whole frames, ms.", over_n(&["p50", "p99"])),
+        ("Percentiles", "Whole frames.", over_n(&[TIME, "times.total_ns.p99"])),
         (
             "Where the time goes",
-            "Medians of the stages, ms; they do not add up exactly. What the round trip has beside the \
+            "Medians of the stages; they do not add up exactly. What the round trip has beside the \
              engine is the transport and both sides' waiting.",
             over_n(&PARTS),
         ),
@@ -142,13 +125,13 @@ fn plots(rows: &[AccuracyRow]) -> Vec<Part> {
     shown.flat_map(parts).collect()
 }
 
-fn missed(rows: &[AccuracyRow]) -> String {
-    let sum = |of: fn(&AccuracyRow) -> u64| rows.iter().map(of).sum::<u64>();
-    let checked = sum(|row| row.checked_frames);
-    match (checked, sum(|row| row.found.missed)) {
+fn missed(rows: &[Fields]) -> String {
+    let sum = |name: &str| rows.iter().filter_map(|row| row[name].as_u64()).sum::<u64>();
+    let checked = sum("checked_frames");
+    match (checked, sum("missed")) {
         (0, _) => "**No frame was checked**: what is missed and extra is not known.".to_owned(),
         (_, 0) => {
-            let pairs = sum(|row| row.found.true_pairs);
+            let pairs = sum("true_pairs");
             let frames = format!("in {checked} checked frames with {pairs} overlapping pairs");
             format!("**No pair was missed** {frames}.")
         }
@@ -156,104 +139,135 @@ fn missed(rows: &[AccuracyRow]) -> String {
     }
 }
 
-fn choices(rows: &[AccuracyRow]) -> Table {
-    let line = |mode: &String| {
-        let its = || rows.iter().filter(|row| row.mode_text() == *mode);
+fn choices(rows: &[Fields]) -> Table {
+    let line = |mode: &str| {
+        let its = || rows.iter().filter(|row| row["precision"] == mode);
         let ratios = || its().filter_map(|row| against_exact(row, rows));
         let text = |ratio: Option<f64>| ratio.map_or("-".to_owned(), |x| Unit::Ratio.text(x));
-        let errors = its().filter_map(AccuracyRow::error).max_by(f64::total_cmp);
-        let extra = if its().any(|row| row.missed_of_boxes() > 0) {
+        let errors = its().filter_map(|row| row["error_percent"].as_f64());
+        let misses = |found: &Value| found["missed"].as_u64() > Some(0);
+        let extra = if its().any(|row| row["missed"] != 0 || misses(&row["against_boxes"])) {
             "misses pairs".to_owned()
         } else {
-            text(errors.map(|share| 100.0 * share))
+            text(errors.reduce(f64::max))
         };
-        let largest = its().max_by_key(|row| row.n);
-        let bytes = largest.and_then(|row| row.bytes_up.checked_div(u64::from(row.n)));
+        let largest = its().max_by_key(|row| row["n"].as_u64());
+        let bytes =
+            largest.and_then(|row| row["bytes_up"].as_u64()?.checked_div(row["n"].as_u64()?));
         let (least, most) = (ratios().reduce(f64::min), ratios().reduce(f64::max));
-        [mode.clone(), text(least), text(most), extra, text(bytes.map(|bytes| bytes as f64))]
+        [mode.to_owned(), text(least), text(most), extra, text(bytes.map(|bytes| bytes as f64))]
     };
     let head = ["mode", "frame time, exact = 1, from", "to", "extra %, at most", "bytes a box"];
-    Table::of_texts(head, modes(rows).iter().map(line))
+    Table::of_texts(head, in_order(rows, "precision").into_iter().map(line))
 }
 
 /// Median frame of a row over that of the exact row of its scene, size and engine.
-fn against_exact(row: &AccuracyRow, rows: &[AccuracyRow]) -> Option<f64> {
-    let is_its = |other: &&AccuracyRow| {
-        other.mode == "exact"
-            && (&other.scene, other.n, &other.engine) == (&row.scene, row.n, &row.engine)
+fn against_exact(row: &Fields, rows: &[Fields]) -> Option<f64> {
+    let is_its = |other: &&Fields| {
+        let is_same = |name: &&str| other[*name] == row[*name];
+        other["mode"] == "exact" && ["scene", "n", "engine"].iter().all(is_same)
     };
-    let base = rows.iter().find(is_its)?.p50();
-    (base > 0).then(|| row.p50() as f64 / base as f64)
+    let base = p50(rows.iter().find(is_its)?);
+    (base > 0.0).then(|| p50(row) / base)
 }
 
-fn verdicts(modes: &[ModeVerdict]) -> Table {
-    let line = |verdict: &ModeVerdict| {
-        let ModeVerdict { mode, settings, disqualified, on_front, at } = verdict;
-        let at = match *on_front {
+fn verdicts(modes: &[Fields]) -> Table {
+    let line = |verdict: &Fields| {
+        let at: Vec<&str> =
+            verdict["at"].as_array().into_iter().flatten().filter_map(Value::as_str).collect();
+        let at = match at.len() as u64 {
             0 => "nowhere".to_owned(),
-            on_front if on_front == *settings => "everywhere".to_owned(),
+            all if verdict["settings"] == all => "everywhere".to_owned(),
             _ => at.join("; "),
         };
-        let numbers = [settings, on_front, disqualified].map(u64::to_string);
-        let [settings, on_front, disqualified] = numbers;
-        [mode.clone(), settings, on_front, disqualified, at]
+        let [settings, on_front, disqualified] =
+            ["settings", "on_front", "disqualified"].map(|name| verdict[name].to_string());
+        [text(verdict, "mode").to_owned(), settings, on_front, disqualified, at]
     };
     let head = ["mode", "settings", "on the front", "missed pairs or not checked in", "where"];
     Table::of_texts(head, modes.iter().map(line))
 }
 
 fn speed_against_error(setting: &Setting<'_>) -> Plot {
-    let rows: Vec<AccuracyRow> = setting.iter().copied().cloned().collect();
-    let plot = Plot::of(&readable(&rows), "error %", &["p50"], &["mode"], Look::Points);
+    let plot =
+        Plot::of(&Table::of(setting), "error_percent", &[TIME], &["precision"], Look::Points);
     Plot { title: title(setting), ..plot.with_front() }
 }
 
 /// Exact frames of a scene over n, a line an engine, beside the papers'.
-fn scaling(scene: &str, rows: &[AccuracyRow]) -> Plot {
-    let exact = rows.iter().filter(|row| row.mode == "exact" && row.scene == scene).cloned();
-    let table = readable(&exact.collect::<Vec<_>>());
-    let mut plot = Plot::of(&table, "n", &["p50"], &["asked", "backend"], Look::Line);
+fn scaling(scene: &str, rows: &[Fields]) -> Plot {
+    let exact = rows.iter().filter(|row| row["mode"] == "exact" && row["scene"] == scene);
+    let table = Table::of(&exact.collect::<Vec<_>>());
+    let mut plot = Plot::of(&table, "n", &[TIME], &["engine", "backend"], Look::Line);
     plot.title = format!("{scene}, exact");
-    plot.series.extend(papers::lines().map(|(name, line)| {
-        let line: Vec<_> = line.iter().map(|(n, ns)| (*n, ns / 1e6)).collect();
-        Series::line(name, 0, Look::Others, &line)
-    }));
+    let papers = papers::lines();
+    plot.series.extend(papers.map(|(name, line)| Series::line(name, 0, Look::Others, line)));
     plot
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::study::accuracy::rows::tests::{of_mode, row};
-    use crate::study::harness::document::{html, markdown};
+pub(super) mod tests {
+    use serde_json::json;
 
-    fn report_of(rows: &[AccuracyRow]) -> Report {
+    use super::super::measure::{STAGES, error_percent};
+    use super::super::truth::Difference;
+    use super::*;
+    use crate::study::harness::document::{html, markdown};
+    use crate::study::harness::table::{fields, row};
+
+    /// A row of a mode, of 1,000 true pairs.
+    pub fn row(precision: &str, p50: u64, extra: u64, missed: u64) -> Fields {
+        let found = Difference::of(1000, missed, extra);
+        let times = |stage: &'static str| {
+            let p50 = if stage == "total_ns" { p50 } else { 0 };
+            (stage, json!({"p50": p50, "p99": 2 * p50}))
+        };
+        let null = Value::Null;
+        let mut row = row!(
+            scene: "uniform",
+            n: 1000,
+            mode: precision.split('=').next(),
+            margin: null,
+            offset: null,
+            spheres: null,
+            precision,
+            backend: "daemon",
+            engine: "auto",
+            served_by_engine: "cpu-grid",
+            frames: 200,
+            requests: 40,
+            times: std::collections::BTreeMap::from(STAGES.map(times)),
+            bytes_up: 24_000,
+            bytes_down: 12_000,
+            checked_frames: 4,
+        );
+        row.extend(fields(&found));
+        let error_percent = error_percent(4, found, None);
+        row.extend(row!(error_percent, against_boxes: null, memory_bytes: 1 << 30));
+        row
+    }
+
+    fn report_of(rows: &[Fields]) -> Report {
         let command = "bench <accuracy>".to_owned();
         report(&Machine { command, ..Machine::here(None) }, 1, rows)
     }
 
-    fn page_of(rows: &[AccuracyRow]) -> String {
+    fn page_of(rows: &[Fields]) -> String {
         let report = report_of(rows);
         html(&[report.parts, report.page.map(|(_, plots)| plots).unwrap_or_default()].concat())
     }
 
     #[test]
     fn lines_have_as_many_fields_as_the_head_and_text_all_columns() {
-        let boxes = Difference::of(100, 2, 7);
-        let spheres = AccuracyRow {
-            margin: None,
-            spheres: Some("circumscribed".to_owned()),
-            found: Difference { extra_ratio: None, ..Difference::NONE },
-            against_boxes: Some(boxes),
-            ..of_mode("spheres", 500_000, 0, 0)
-        };
-        let report = report_of(&[row(), spheres]);
+        let mut spheres = row("spheres=circumscribed", 500_000, 0, 0);
+        spheres.extend(row!(against_boxes: Difference::of(100, 2, 7)));
+        let report = report_of(&[row("margin=0.1", 500_000, 25, 0), spheres]);
         let csv = report.csv();
         let counts: Vec<usize> = csv.lines().map(|line| line.split(',').count()).collect();
-        assert_eq!(counts, [42; 3]);
+        assert_eq!(counts, [44; 3]);
         assert!(csv.contains(",times.total_ns.p50,times.total_ns.p99,"), "{csv}");
         let text = markdown(&report.parts);
-        for part in ["margin=0.1", "40/200", "spheres=circumscribed", "+7.000 -2.000", "| nowhere"]
+        for part in ["margin=0.1", "spheres=circumscribed", "misses pairs", " 0.07 |", "| nowhere"]
         {
             assert!(text.contains(part), "{part}: {text}");
         }
@@ -261,7 +275,7 @@ mod tests {
 
     #[test]
     fn a_page_loads_nothing_and_reports_what_was_missed_first() {
-        let page = page_of(&[of_mode("exact", 2000, 0, 0), of_mode("q16", 1000, 3, 0)]);
+        let page = page_of(&[row("exact", 2000, 0, 0), row("q16", 1000, 3, 0)]);
         let without_namespace = page.replace("xmlns=\"http://www.w3.org/2000/svg\"", "");
         for outside in ["http:", "https:", "src=", "href=", "url(", "@import", "<script"] {
             assert!(!without_namespace.contains(outside), "{outside}");
@@ -270,13 +284,18 @@ mod tests {
         assert_eq!(page.matches("<svg").count(), 4);
         assert!(page.contains("No pair was missed") && page.contains(">0.5<"), "{page}");
         assert!(page.contains("bench &lt;accuracy&gt;"), "the command is escaped");
-        let missing = page_of(&[of_mode("exact", 2000, 0, 0), of_mode("q16", 1000, 3, 1)]);
+        let missing = page_of(&[row("exact", 2000, 0, 0), row("q16", 1000, 3, 1)]);
         assert!(missing.contains("1 pairs were missed") && missing.contains("misses pairs"));
-        let unchecked = AccuracyRow { checked_frames: 0, ..of_mode("exact", 2000, 0, 0) };
+        let mut unchecked = row("exact", 2000, 0, 0);
+        unchecked.extend(row!(checked_frames: 0, error_percent: Value::Null));
         let unchecked = page_of(&[unchecked]);
         assert!(unchecked.contains("No frame was checked") && !unchecked.contains("No pair was"));
-        let far = |mode: &str| AccuracyRow { offset: Some(1e9), ..of_mode(mode, 2000, 7, 0) };
-        let page = page_of(&[far("f64"), far("plain-f32")]);
+        let far = |precision: &str| {
+            let mut row = row(precision, 2000, 7, 0);
+            row.extend(row!(offset: 1e9));
+            row
+        };
+        let page = page_of(&[far("f64=1e9"), far("plain-f32=1e9")]);
         assert!(page.contains("Far from the origin") && page.contains("1e9"));
         for absent in ["Speed against error", "Scaling", "Percentiles", "Where the time goes"] {
             assert!(!page.contains(absent), "{absent}");

@@ -88,6 +88,9 @@ mod tests {
             assert_eq!(found.true_pairs, 3);
             (found.missed, found.extra)
         };
+        assert_eq!(Difference::of(0, 0, 0), Difference::NONE);
+        let ratio = |extra| Difference::of(10 - extra, 0, extra).extra_ratio;
+        assert_eq!((ratio(10), ratio(5)), (None, Some(1.0)));
         assert_eq!(count(&truth), (0, 0));
         assert_eq!(count(&[]), (3, 0));
         assert_eq!(count(&[[0, 1], [0, 3], [4, 5]]), (1, 1));

@@ -127,10 +127,11 @@ pub(crate) fn open_if_any(
     }
 }
 
-/// A value that so many of a hundred are not above; NaN of none.
+/// The value that so many of a hundred are not above, by nearest rank: one of the values; NaN of none.
 pub(crate) fn percentile(mut values: Vec<f64>, percent: usize) -> f64 {
     values.sort_by(f64::total_cmp);
-    values.get(values.len() * percent / 100).copied().unwrap_or(f64::NAN)
+    let rank = (values.len() * percent).div_ceil(100);
+    values.get(rank.saturating_sub(1)).copied().unwrap_or(f64::NAN)
 }
 
 pub(crate) fn median(values: Vec<f64>) -> f64 {

@@ -197,9 +197,8 @@ pub fn map_ms(
     if !bench.fits(variant, n) {
         return Ok(None);
     }
-    let params = |groups_x, word_count| [n, word_count, groups_x, NEVER];
     let stage = MappingStage::Map(TIME, variant, variant.is_wide(n));
-    timed(bench, stage, variant.id_count(n).div_ceil(WORD_IDS), budget, params)
+    timed(bench, stage, n, variant.id_count(n), budget)
 }
 
 /// Time to take the roots of 1 to `count`, in ms. `None` where that does not fit the device or the budget.
@@ -209,26 +208,26 @@ pub fn root_ms(
     count: u32,
     budget: &Budget,
 ) -> Result<Option<f64>, GpuError> {
-    let params = |groups_x, word_count| [count, word_count, groups_x, NEVER];
-    let words = u64::from(count).div_ceil(WORD_IDS);
-    timed(bench, MappingStage::Root(ROOT_TIME, root), words, budget, params)
+    timed(bench, MappingStage::Root(ROOT_TIME, root), count, count.into(), budget)
 }
 
 /// Words of a trial run, from which it is estimated whether the whole run fits the budget.
 const TRIAL_WORDS: u64 = 1 << 15;
 
-/// Median time of a stage; `None` when it would take longer than the budget allows.
+/// Median time of a stage for so many boxes or numbers, which have `ids`; `None` when it would take longer than the
+/// budget allows.
 fn timed(
     bench: &mut Bench,
     stage: MappingStage,
-    words: u64,
+    n: u32,
+    ids: u64,
     budget: &Budget,
-    params: impl Fn(u32, u32) -> [u32; 4],
 ) -> Result<Option<f64>, GpuError> {
+    let words = ids.div_ceil(WORD_IDS);
     let sink = bench.block(Home::Video, 4)?;
     let frame_of = |bench: &mut Bench, words: u64| {
         let Some(groups) = bench.groups(words).filter(|_| words > 0) else { return Ok(None) };
-        let step = bench.command(stage, &[&sink], &params(groups[0], words as u32), groups)?;
+        let step = bench.command(stage, &[&sink], &[n, words as u32, groups[0], NEVER], groups)?;
         bench.frame(vec![step]).map(Some)
     };
     if words > TRIAL_WORDS

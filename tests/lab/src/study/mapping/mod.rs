@@ -24,7 +24,7 @@ mod tests;
 
 use std::time::Duration;
 
-use pairmask_core::{Aabb, BoxCount};
+use pairmask_core::BoxCount;
 use pairmaskd::execute::gpu::{Checks, GpuChoice, GpuError, HostImport};
 use pairmaskd::scene::{Scene, SceneName};
 use serde::Serialize;
@@ -44,7 +44,7 @@ use crate::Result;
 pub struct Budget {
     /// Runs are repeated for this long, three times at least.
     pub time: Duration,
-    /// A single run that is expected to take longer is left out.
+    /// A single run on the GPU that is expected to take longer is left out.
     pub longest_run: Duration,
     /// Most ids that a CPU measurement maps; the time of more is scaled up.
     pub most_cpu_ids: u64,
@@ -354,53 +354,47 @@ fn root_times(plan: &Plan, mut bench: Option<&mut Bench>) -> Result<Vec<Fields>,
     Ok(rows)
 }
 
-fn uniform(n: u32) -> Vec<Aabb> {
-    Scene::new(SceneName::Uniform, n as usize, 1).boxes().to_vec()
-}
-
 fn outputs(plan: &Plan, bench: &mut Bench) -> Result<Vec<Fields>, GpuError> {
     let mut rows = Vec::new();
     for &n in &plan.output_counts {
-        let boxes = uniform(n);
-        for thread_a_pair in [true, false] {
-            for bits_per_pair in [8, 1] {
-                let run = gpu::mask(bench, bits_per_pair, thread_a_pair, &boxes, &plan.gpu)?;
-                let Some(run) = run else { continue };
-                let paper =
-                    |column| figure(&format!("table_5[bits={bits_per_pair},n={n}].{column}"));
-                let [_, kernel_ms, transfer_ms] = run.ms;
-                rows.push(row!(
-                    n,
-                    bits_per_pair,
-                    thread_a_pair,
-                    kernel_ms,
-                    transfer_us: transfer_ms * 1e3,
-                    output_bytes: run.output_bytes,
-                    paper_kernel_ms: paper("kernel_ms"),
-                    paper_transfer_us: paper("transfer_us"),
-                ));
-            }
+        for (thread_a_pair, bits) in [(true, 8), (true, 1), (false, 8), (false, 1)] {
+            rows.extend(mask_row(plan, bench, n, thread_a_pair, bits)?);
         }
     }
     Ok(rows)
 }
 
 fn growth(plan: &Plan, bench: &mut Bench) -> Result<Vec<Fields>, GpuError> {
-    let mut rows = Vec::new();
-    for &n in &plan.growth_counts {
-        let Some(run) = gpu::mask(bench, 1, false, &uniform(n), &plan.gpu)? else { continue };
+    let rows = plan.growth_counts.iter().map(|n| mask_row(plan, bench, *n, false, 1));
+    Ok(rows.collect::<Result<Vec<_>, _>>()?.into_iter().flatten().collect())
+}
+
+fn mask_row(
+    plan: &Plan,
+    bench: &mut Bench,
+    n: u32,
+    thread_a_pair: bool,
+    bits_per_pair: u32,
+) -> Result<Option<Fields>, GpuError> {
+    let scene = Scene::new(SceneName::Uniform, n as usize, 1);
+    let run = gpu::mask(bench, bits_per_pair, thread_a_pair, scene.boxes(), &plan.gpu)?;
+    let paper = |column| figure(&format!("table_5[bits={bits_per_pair},n={n}].{column}"));
+    let row = |run: gpu::MaskRun| {
         let [upload_ms, kernel_ms, transfer_ms] = run.ms;
-        rows.push(row!(
+        row!(
             n,
+            bits_per_pair,
+            thread_a_pair,
             kernel_ms,
             upload_us: upload_ms * 1e3,
             transfer_us: transfer_ms * 1e3,
             input_bytes: run.input_bytes,
             output_bytes: run.output_bytes,
-            paper_kernel_ms: figure(&format!("table_5[bits=1,n={n}].kernel_ms")),
-        ));
-    }
-    Ok(rows)
+            paper_kernel_ms: paper("kernel_ms"),
+            paper_transfer_us: paper("transfer_us"),
+        )
+    };
+    Ok(run.map(row))
 }
 
 fn time_against_error(pair_errors: &[Fields]) -> Vec<Part> {

@@ -1,4 +1,4 @@
-//! Expressions over JSON: numbers, `+ - * /`, brackets, and look-ups such as
+//! Expressions over JSON: numbers, `+ - * /`, comparisons, brackets, and look-ups such as
 //! `root_times[processor=gpu,count=1000].ms`, the field `ms` of the first row of `root_times` that fits.
 //!
 //! Operators stand between spaces, since names may have a `-`. A condition is `field=value`, of several values
@@ -13,6 +13,21 @@ use serde_json::Value;
 /// Boxes of `pair_number`: those of the example of Avril et al. 2012, §3.1.
 const PAIR_NUMBER_BOXES: u32 = 1_000;
 
+type Apply = fn(f64, f64) -> f64;
+type Operator = (&'static str, Apply);
+
+/// By rank, the lowest first. A comparison is 1 where it holds, else 0.
+const OPERATORS: [&[Operator]; 3] = [
+    &[
+        (" <= ", |a, b| f64::from(a <= b)),
+        (" >= ", |a, b| f64::from(a >= b)),
+        (" < ", |a, b| f64::from(a < b)),
+        (" > ", |a, b| f64::from(a > b)),
+    ],
+    &[(" + ", |a, b| a + b), (" - ", |a, b| a - b)],
+    &[(" * ", |a, b| a * b), (" / ", |a, b| a / b)],
+];
+
 #[derive(Clone, Copy, Debug)]
 pub struct Scope<'a> {
     pub root: &'a Value,
@@ -25,15 +40,11 @@ impl Scope<'_> {
         let text = text.trim();
         let bad = || format!("'{text}' is no expression");
         // The last operator of the lowest rank comes last.
-        for operators in [[" + ", " - "], [" * ", " / "]] {
-            let Some((left, operator, right)) = split_at_last(text, operators) else { continue };
+        if let Some((left, apply, right)) =
+            OPERATORS.iter().find_map(|rank| split_at_last(text, rank))
+        {
             let both = self.value(left)?.zip(self.value(right)?);
-            return Ok(both.map(|(a, b)| match operator {
-                " + " => a + b,
-                " - " => a - b,
-                " * " => a * b,
-                _ => a / b,
-            }));
+            return Ok(both.map(|(a, b)| apply(a, b)));
         }
         if text.starts_with(|c: char| c.is_ascii_digit() || c == '-') {
             return text.parse().map(Some).map_err(|_| bad());
@@ -57,23 +68,6 @@ impl Scope<'_> {
         Ok(found.and_then(Value::as_f64))
     }
 
-    /// Whether a condition holds, `left <= right` and the like; `None` where a figure is missing.
-    pub fn holds(&self, condition: &str) -> Result<Option<bool>, String> {
-        for operators in [[" <= ", " >= "], [" < ", " > "]] {
-            let Some((left, operator, right)) = split_at_last(condition, operators) else {
-                continue;
-            };
-            let both = self.value(left)?.zip(self.value(right)?);
-            return Ok(both.map(|(a, b)| match operator {
-                " <= " => a <= b,
-                " >= " => a >= b,
-                " < " => a < b,
-                _ => a > b,
-            }));
-        }
-        Err(format!("'{condition}' is no condition"))
-    }
-
     fn call(&self, name: &str, list: &str) -> Result<Option<f64>, String> {
         let bad = || format!("'{name}({list})' is no expression");
         if name == "pair_number" {
@@ -94,17 +88,14 @@ pub fn filled_in(text: &str, list: &str) -> String {
         .fold(text.to_owned(), |text, (at, argument)| text.replace(&format!("@{at}"), argument))
 }
 
-/// A text before and behind its last operator that stands in no bracket.
-fn split_at_last<'a>(
-    text: &'a str,
-    operators: [&'a str; 2],
-) -> Option<(&'a str, &'a str, &'a str)> {
+/// A text before and behind its last operator of a rank that stands in no bracket.
+fn split_at_last<'a>(text: &'a str, rank: &[Operator]) -> Option<(&'a str, Apply, &'a str)> {
     let (mut depth, mut found) = (0, None);
     for (at, c) in text.char_indices() {
         depth += i32::from(['(', '['].contains(&c)) - i32::from([')', ']'].contains(&c));
-        let operator = operators.into_iter().find(|operator| text[at..].starts_with(operator));
-        if let Some(operator) = operator.filter(|_| depth == 0) {
-            found = Some((&text[..at], operator, &text[at + operator.len()..]));
+        let operator = rank.iter().find(|(name, _)| text[at..].starts_with(name));
+        if let Some((name, apply)) = operator.filter(|_| depth == 0) {
+            found = Some((&text[..at], *apply, &text[at + name.len()..]));
         }
     }
     found

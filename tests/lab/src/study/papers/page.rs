@@ -15,12 +15,8 @@ use crate::study::harness::table::{Fields, Table, number_text, row};
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct PapersReport {
-    pub machine: Machine,
-    pub only_records: bool,
-    pub summary: Vec<Fields>,
-    pub breaks: Vec<String>,
-    pub holds: Vec<String>,
-    pub not_measured: Vec<String>,
+    machine: Machine,
+    only_records: bool,
     pub papers: Vec<Paper>,
     pub sources: Vec<Source>,
 }
@@ -80,49 +76,37 @@ impl PapersReport {
                 sources.push(source);
             }
         }
-        Ok(Self {
-            machine,
-            only_records,
-            summary: papers.iter().map(Paper::summary).collect(),
-            breaks: sentences(&papers, Verdict::Breaks),
-            holds: sentences(&papers, Verdict::Holds),
-            not_measured: sentences(&papers, Verdict::NotMeasured),
-            papers,
-            sources,
-        })
+        Ok(Self { machine, only_records, papers, sources })
     }
-}
 
-impl PapersReport {
+    pub fn summary(&self) -> Vec<Fields> {
+        self.papers.iter().map(Paper::summary).collect()
+    }
+
     /// As it is printed and written.
     pub fn report(&self) -> Report {
-        let mut report = Report::new("papers", self.parts());
+        let made_of = if self.only_records { "Made of records alone, by:" } else { "This run:" };
+        let title = Part::heading(1, "The papers, theirs beside ours");
+        let mut report = Report::new("papers", vec![title, Part::text(made_of)]);
         report.page = Some(("papers.html", Vec::new()));
         report.csv_rows = Some(self.rows());
-        report.value("machine", &self.machine);
+        report.machine(&self.machine);
         report.value("only_records", self.only_records);
-        report.list("summary", &self.summary);
-        report.value("breaks", &self.breaks);
-        report.value("holds", &self.holds);
-        report.value("not_measured", &self.not_measured);
-        report.value("papers", &self.papers);
-        report.list("sources", &self.sources);
-        report
-    }
-
-    fn parts(&self) -> Vec<Part> {
-        let made_of = if self.only_records { "Made of records alone, by:" } else { "This run:" };
-        let mut parts =
-            vec![Part::heading(1, "The papers, theirs beside ours"), Part::text(made_of)];
-        parts.extend(self.machine.parts());
-        parts.extend([Part::Table(Table::of(&self.summary)), Part::text(HOW_TO_READ.join(" "))]);
-        for (title, sentences) in [
-            ("What breaks", &self.breaks),
-            ("What holds", &self.holds),
-            ("What is not measured", &self.not_measured),
+        let summary = self.summary();
+        report.parts.push(Part::Table(Table::of(&summary)));
+        report.list("summary", &summary);
+        report.parts.push(Part::text(HOW_TO_READ.join(" ")));
+        for (name, title, verdict) in [
+            ("breaks", "What breaks", Verdict::Breaks),
+            ("holds", "What holds", Verdict::Holds),
+            ("not_measured", "What is not measured", Verdict::NotMeasured),
         ] {
-            parts.extend([Part::heading(2, title), Part::List(sentences.clone())]);
+            let sentences = self.sentences(verdict);
+            report.value(name, &sentences);
+            report.parts.extend([Part::heading(2, title), Part::List(sentences)]);
         }
+        report.value("papers", &self.papers);
+        let parts = &mut report.parts;
         for Paper { name, title, machine, items } in &self.papers {
             let about = Part::text(format!("{title}. Measured on: {machine}."));
             parts.extend([Part::heading(2, *name), about]);
@@ -139,7 +123,21 @@ impl PapersReport {
             }
         }
         parts.extend([Part::heading(2, "Sources"), Part::Table(Table::of(&self.sources))]);
-        parts
+        report.list("sources", &self.sources);
+        report
+    }
+
+    /// A sentence for each claim of a verdict.
+    pub fn sentences(&self, verdict: Verdict) -> Vec<String> {
+        let of = |paper: &Paper| {
+            let claims = paper.claims().filter(|(_, claim)| claim.verdict == verdict);
+            let sentence = |(item, claim): (&Item, &Claim)| {
+                let why = if claim.why.is_empty() { &claim.rule } else { &claim.why };
+                format!("{}, {}: {}; {why}.", paper.name, item.place, claim.says)
+            };
+            claims.map(sentence).collect::<Vec<_>>()
+        };
+        self.papers.iter().flat_map(of).collect()
     }
 
     fn rows(&self) -> Table {
@@ -179,15 +177,4 @@ fn row_table(rows: &[Row]) -> Table {
         ]
     };
     Table::of_texts(["", "paper", "ours", "ratio", "from"], rows.iter().map(line))
-}
-
-fn sentences(papers: &[Paper], verdict: Verdict) -> Vec<String> {
-    let mut found = Vec::new();
-    for paper in papers {
-        for (item, claim) in paper.claims().filter(|(_, claim)| claim.verdict == verdict) {
-            let why = if claim.why.is_empty() { &claim.rule } else { &claim.why };
-            found.push(format!("{}, {}: {}; {why}.", paper.name, item.place, claim.says));
-        }
-    }
-    found
 }

@@ -62,7 +62,7 @@ impl Rule {
             root["paper"] = json!(row.paper);
             let scope = Scope { root: &root, defined: &BTreeMap::new() };
             for condition in &self.keeps {
-                if scope.holds(condition)? == Some(false) {
+                if scope.value(condition)? == Some(0.0) {
                     breaking.push(row);
                     break;
                 }

@@ -25,7 +25,7 @@ fn every_table_and_figure_is_listed_once_and_has_claims_or_a_reason() {
     let report = empty();
     // Figures 1 to 15; tables 1 to 7 and figures 1 to 6; figures 1 to 15; table 1, figures 1 to 8.
     let counts: Vec<_> =
-        report.summary.iter().map(|row| row["tables_and_figures"].clone()).collect();
+        report.summary().iter().map(|row| row["tables_and_figures"].clone()).collect();
     assert_eq!(counts, [15, 13, 15, 9]);
     for paper in &report.papers {
         let places: BTreeSet<_> = paper.items.iter().map(|item| &item.place).collect();
@@ -52,7 +52,11 @@ fn without_records_nothing_is_invented() {
     let expected = [(Verdict::Holds, Some(46_108.0)), (Verdict::Breaks, Some(499_499.0))];
     assert_eq!(table_1, expected);
     let claims: usize = report.papers.iter().map(|paper| paper.claims().count()).sum();
-    assert_eq!(report.breaks.len() + report.holds.len() + report.not_measured.len(), claims);
+    let verdicts = [Verdict::Breaks, Verdict::Holds, Verdict::NotMeasured];
+    assert_eq!(
+        verdicts.map(|verdict| report.sentences(verdict).len()).iter().sum::<usize>(),
+        claims
+    );
 }
 
 #[test]
@@ -81,6 +85,8 @@ fn every_expression_is_one_and_names_what_there_is() {
     for (text, value) in [
         ("1 + 2 * 3 - 4 / 2", Some(5.0)),
         ("(1 + 2) * 3", Some(9.0)),
+        ("1 + 2 <= 3", Some(1.0)),
+        ("1 + 2 < 3", Some(0.0)),
         ("half(b c) + list[name=a].deep.y", Some(11.0)),
         ("list[name=a|b c,x<=8,is=true].x", Some(8.0)),
         ("list[name=d].x + 1", None),
@@ -158,6 +164,12 @@ fn the_evidence_is_what_decided_and_a_missing_figure_hides_no_break() {
     assert_eq!(judge(rises, &[]), Verdict::NotMeasured);
 }
 
+/// The page of the records in the folders of a folder.
+fn page_of(records: &Path) -> Result<PapersReport> {
+    let from = Some(records.to_owned());
+    make(&PapersOptions { only_records: true, from, ..PapersOptions::default() }, || ())
+}
+
 fn claim<'a>(report: &'a PapersReport, paper: usize, place: &str, index: usize) -> &'a Claim {
     let item = report.papers[paper].items.iter().find(|item| item.place == place);
     &item.expect("an item").claims[index]
@@ -185,12 +197,7 @@ fn records_are_read_newest_first_and_a_broken_one_is_an_error() {
         fs::create_dir(place.path().join(day)).expect("a folder");
         fs::write(place.path().join(day).join("threads.json"), threads(times)).expect("a file");
     }
-    let options = PapersOptions {
-        only_records: true,
-        from: Some(place.path().to_owned()),
-        ..PapersOptions::default()
-    };
-    let report = make(&options, || ()).expect("a page");
+    let report = page_of(place.path()).expect("a page");
     let halved = claim(&report, 0, "Figure 12", 0);
     assert_eq!((halved.verdict, halved.rows[0].ours), (Verdict::Holds, Some(2.0)));
     let more = claim(&report, 0, "Figure 12", 1);
@@ -200,7 +207,7 @@ fn records_are_read_newest_first_and_a_broken_one_is_an_error() {
     assert!(more.why.ends_with("the largest has 4"), "{}", more.why);
     assert_eq!(report.sources.len(), 1);
     fs::write(place.path().join("2026-01-01-a/grid.json"), "{}").expect("a file");
-    let error = make(&options, || ()).expect_err("no grid");
+    let error = page_of(place.path()).expect_err("no grid");
     assert!(error.to_string().contains("grid.json"), "{error}");
 }
 
@@ -213,9 +220,7 @@ fn the_scene_that_gains_most_from_a_second_gpu_decides() {
             |scene, two_ms| json!({"scene": scene, "n": 1e6, "one_ms": 1.0, "two_ms": two_ms});
         let text = json!({"scenes": [scene("a", 0.98), scene("b", two_ms)]}).to_string();
         fs::write(place.path().join("r/several-gpus.json"), text).expect("a file");
-        let from = Some(place.path().to_owned());
-        let options = PapersOptions { only_records: true, from, ..PapersOptions::default() };
-        let report = make(&options, || ()).expect("a page");
+        let report = page_of(place.path()).expect("a page");
         let large = claim(&report, 2, "Figure 14", 2);
         let best = if two_ms < 0.98 { "b" } else { "a" };
         assert_eq!(large.rows[0].what, format!("{best}, 2 GPUs over 1"));

@@ -3,6 +3,8 @@
 use pairmask_core::sphere::Sphere;
 use pairmaskd::scene::Random;
 
+use crate::stress::hard::{any_finite, power_of_ten, ulps};
+
 #[derive(Clone, Copy)]
 pub struct Family {
     pub name: &'static str,
@@ -32,9 +34,8 @@ fn unit_scene(random: &mut Random) -> (Sphere, Sphere) {
 /// Finite numbers of any magnitude, radii not below 0.
 fn any_numbers(random: &mut Random) -> (Sphere, Sphere) {
     let mut one = || {
-        let mut number = || crate::stress::hard::any_finite(random);
-        let center = std::array::from_fn(|_| number());
-        Sphere::new(center, number().abs())
+        let center = std::array::from_fn(|_| any_finite(random));
+        Sphere::new(center, any_finite(random).abs())
     };
     (one(), one())
 }
@@ -55,13 +56,13 @@ fn near_ties(random: &mut Random) -> (Sphere, Sphere) {
     let distance = distance.sqrt();
     let first = (distance * f64::from(random.unit())) as f32;
     let second = (distance - f64::from(first)) as f32;
-    let second = crate::stress::hard::ulps(second, random.below(5) as i32 - 2).max(0.0);
+    let second = ulps(second, random.below(5) as i32 - 2).max(0.0);
     (Sphere::new(p, first), Sphere::new(q, second))
 }
 
 /// Spheres of about a unit, 10^3 to 10^7 from the origin.
 fn far(random: &mut Random) -> (Sphere, Sphere) {
-    let offset = crate::stress::hard::power_of_ten(3 + random.below(5) as u32);
+    let offset = power_of_ten(3 + random.below(5) as u32);
     let mut one = || {
         let center = std::array::from_fn(|_| offset + 4.0 * random.unit());
         Sphere::new(center, 1.0 + random.unit())
@@ -69,12 +70,12 @@ fn far(random: &mut Random) -> (Sphere, Sphere) {
     (one(), one())
 }
 
-/// Spheres that touch in exactly one point, the second radius then moved by `ulps`.
+/// Spheres that touch in exactly one point, the second radius then moved by so many `steps` of f32.
 ///
 /// a² + b² + c² = d² in whole numbers (Lebesgue's quadruples: a = m² + n² − p² − q²,
 /// b = 2(mq + np), c = 2(nq − mp), d = m² + n² + p² + q²), all below 2^24, so that centres and radii
 /// are exact; all of it times a power of two.
-pub fn tangent(random: &mut Random, ulps: i32) -> (Sphere, Sphere) {
+pub fn tangent(random: &mut Random, steps: i32) -> (Sphere, Sphere) {
     // d < 4·1023² < 2^22, and an offset below 2^23 keeps every centre below 2^24.
     let limit = 1 << (1 + random.below(10));
     let [m, n, p, q] = std::array::from_fn(|_| random.below(limit) as i32);
@@ -89,13 +90,13 @@ pub fn tangent(random: &mut Random, ulps: i32) -> (Sphere, Sphere) {
     let start: [i32; 3] = std::array::from_fn(|_| random.below(1 << 23) as i32 - (1 << 22));
     let end: [i32; 3] = std::array::from_fn(|axis| start[axis] + step[axes[axis]]);
     let first = random.below(d as u64 + 1) as i32;
-    let second = crate::stress::hard::ulps(exact(d - first), ulps);
+    let second = ulps(exact(d - first), steps);
     (Sphere::new(start.map(exact), exact(first)), Sphere::new(end.map(exact), second.max(0.0)))
 }
 
 fn nearly_tangent(random: &mut Random) -> (Sphere, Sphere) {
-    let ulps = if random.below(2) == 0 { -1 } else { 1 };
-    tangent(random, ulps)
+    let steps = if random.below(2) == 0 { -1 } else { 1 };
+    tangent(random, steps)
 }
 
 #[cfg(test)]

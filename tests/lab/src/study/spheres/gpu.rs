@@ -14,7 +14,7 @@ use rayon::prelude::*;
 use super::families::{ALL, Family};
 use super::oracle::overlap;
 use super::papers_row;
-use super::speed::{engines_fps, frames_a_second, plain_fps, scene};
+use super::speed::{by_engines, plain_fps, scene, timed};
 use crate::Result;
 use crate::gpu_stages::shared::FrameSegments;
 use crate::study::harness::table::{Fields, row};
@@ -32,10 +32,10 @@ const REPLY_WORDS: usize = 20;
 pub fn measure(gpu: &Arc<Gpu>, quick: bool, seed: u64) -> Result<Vec<Fields>> {
     let sizes = if quick { &SIZES[..QUICK_SIZES] } else { &SIZES[..] };
     let budget = Duration::from_millis(if quick { 20 } else { 500 });
-    sizes.iter().map(|n| timed(gpu, *n, budget, seed)).collect()
+    sizes.iter().map(|n| row(gpu, *n, budget, seed)).collect()
 }
 
-fn timed(gpu: &Arc<Gpu>, n: usize, budget: Duration, seed: u64) -> Result<Fields> {
+fn row(gpu: &Arc<Gpu>, n: usize, budget: Duration, seed: u64) -> Result<Fields> {
     let objects = scene(n, seed);
     let imports = SharedImports::default();
     let words = (REPLY_WORDS * n.max(1_000)) as u64;
@@ -43,19 +43,11 @@ fn timed(gpu: &Arc<Gpu>, n: usize, budget: Duration, seed: u64) -> Result<Fields
     let FrameSegments { boxes: spheres, mut reply, imported, .. } = memory;
     let encoding = Encoding::Sparse;
 
-    let timed = |cull: &mut dyn FnMut() -> Result<u64, CullError>| -> Result<(f64, u64)> {
-        let mut pairs = Ok(0);
-        let fps = frames_a_second(budget, || pairs = cull());
-        Ok((fps, pairs?))
-    };
-
     let options = GridOptions { imports: imports.clone(), ..GridOptions::default() };
     let mut grid = Grid::new(gpu, &options)?;
-    let mut by_grid = || {
-        grid.cull_objects(Objects::Spheres(spheres.objects(n)), encoding, &mut reply)
-            .map(|report| report.pair_count)
-    };
-    let (grid_fps, pairs) = timed(&mut by_grid)?;
+    let objects_of = || Objects::Spheres(spheres.objects(n));
+    let by_grid = || Ok(grid.cull_objects(objects_of(), encoding, &mut reply)?.pair_count);
+    let (grid_fps, pairs) = timed(budget, by_grid)?;
     let mut counts = vec![pairs];
 
     let (mut all_pairs_fps, mut tests_a_second) = (None, None);
@@ -64,12 +56,8 @@ fn timed(gpu: &Arc<Gpu>, n: usize, budget: Duration, seed: u64) -> Result<Fields
             AllPairsOptions { imports: imports.clone(), profiled: true, ..Default::default() };
         let mut all_pairs = AllPairs::new(gpu, options)?;
         let mut stage_ns = f64::INFINITY;
-        let (fps, count) = timed(&mut || {
-            let report = all_pairs.cull_objects(
-                Objects::Spheres(spheres.objects(n)),
-                encoding,
-                &mut reply,
-            )?;
+        let (fps, count) = timed(budget, || {
+            let report = all_pairs.cull_objects(objects_of(), encoding, &mut reply)?;
             let steps = all_pairs.step_times().iter().filter(|step| step.label == "pairs");
             stage_ns = stage_ns.min(steps.map(|step| step.ns).sum());
             Ok(report.pair_count)
@@ -79,9 +67,10 @@ fn timed(gpu: &Arc<Gpu>, n: usize, budget: Duration, seed: u64) -> Result<Fields
         tests_a_second = Some(BoxCount::new(n as u32).pair_count() as f64 / (1e-9 * stage_ns));
     }
 
-    let (cpu_fps, count) = engines_fps(&objects, budget);
+    let (cpu_fps, count) = by_engines(&objects, budget)?;
     counts.push(count);
-    let plain_fps = (n <= PLAIN_SPHERES).then(|| plain_fps(&objects, budget));
+    let plain = (n <= PLAIN_SPHERES).then(|| plain_fps(&objects, budget));
+    let plain_fps = plain.transpose()?;
     let mut row = row!(
         n: n as u64,
         pairs,

@@ -50,7 +50,7 @@ pub(crate) fn measure(
     let device = on.map(|choice| Gpu::open(choice, HostImport::IfPossible)).transpose()?;
     let [mut speed, mut on_cpu, mut gpu_speed, mut on_gpu] = <[Vec<Fields>; 4]>::default();
     match (&device, errors) {
-        (None, None) => speed = speed::measure(quick, seed),
+        (None, None) => speed = speed::measure(quick, seed)?,
         (None, Some(pairs)) => on_cpu = errors::measure(pairs, seed, watch),
         (Some(device), None) => gpu_speed = gpu::measure(device, quick, seed)?,
         (Some(device), Some(pairs)) => on_gpu = gpu::count_errors(device, pairs, seed, watch)?,

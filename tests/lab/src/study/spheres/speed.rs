@@ -4,7 +4,7 @@ use std::hint::black_box;
 use std::time::{Duration, Instant};
 
 use pairmask_core::dispatch::{CullOptions, SphereEngines};
-use pairmask_core::engine::{CullInput, HeapReply};
+use pairmask_core::engine::{CullError, CullInput, HeapReply};
 use pairmask_core::sphere::{Sphere, SphereAllPairs};
 use pairmask_core::{Encoding, EncodingChoice};
 use pairmaskd::scene::{Scene, SceneName};
@@ -21,10 +21,10 @@ const QUICK_SIZES: usize = 6;
 /// How long each figure is measured: at least three frames, and this, unless a frame is long.
 const BUDGET: Duration = Duration::from_millis(300);
 
-pub fn measure(quick: bool, seed: u64) -> Vec<Fields> {
+pub fn measure(quick: bool, seed: u64) -> Result<Vec<Fields>, CullError> {
     let sizes = if quick { &SIZES[..QUICK_SIZES] } else { &SIZES[..] };
     let budget = if quick { BUDGET / 30 } else { BUDGET };
-    sizes.iter().map(|n| timed(*n, budget, seed)).collect()
+    sizes.iter().map(|n| row(*n, budget, seed)).collect()
 }
 
 /// Spheres in the boxes of a uniform scene: about half a pair a sphere.
@@ -36,50 +36,44 @@ pub fn scene(n: usize, seed: u64) -> Vec<Sphere> {
     Scene::new(SceneName::Uniform, n, seed).boxes().iter().map(inscribed).collect()
 }
 
-fn timed(n: usize, budget: Duration, seed: u64) -> Fields {
+fn row(n: usize, budget: Duration, seed: u64) -> Result<Fields, CullError> {
     let spheres = scene(n, seed);
-    let mut reply = HeapReply::new();
-    let mut all_pairs = SphereAllPairs::new();
-    let mut pairs = 0;
+    let (mut reply, mut all_pairs) = (HeapReply::new(), SphereAllPairs::new());
     let mut with = |threads| {
-        frames_a_second(budget, || {
-            // Heap memory does not run out at this size; a report of 0 pairs would show it.
-            pairs = all_pairs
-                .cull(&CullInput::spheres(&spheres).threads(threads), &mut reply)
-                .map_or(0, |r| r.pair_count);
-        })
+        let input = CullInput::spheres(&spheres).threads(threads);
+        timed(budget, || Ok(all_pairs.cull(&input, &mut reply)?.pair_count))
     };
-    let (sequential_fps, parallel_fps) = (with(1), with(rayon::current_num_threads()));
+    let (sequential_fps, _) = with(1)?;
+    let (parallel_fps, pairs) = with(rayon::current_num_threads())?;
     let mut row = row!(
         n: n as u64,
         pairs,
-        plain_fps: plain_fps(&spheres, budget),
+        plain_fps: plain_fps(&spheres, budget)?,
         sequential_fps,
         parallel_fps,
         speed_up: parallel_fps / sequential_fps,
-        engines_fps: engines_fps(&spheres, budget).0,
+        engines_fps: by_engines(&spheres, budget)?.0,
     );
     row.extend(papers_row(n));
-    row
+    Ok(row)
 }
 
-pub(super) fn plain_fps(spheres: &[Sphere], budget: Duration) -> f64 {
+pub(super) fn plain_fps(spheres: &[Sphere], budget: Duration) -> Result<f64, CullError> {
     let mut found = Vec::new();
-    frames_a_second(budget, || {
+    let plain = || {
         found.clear();
         plain(black_box(spheres), &mut found);
-    })
+        Ok(found.len() as u64)
+    };
+    timed(budget, plain).map(|(fps, _)| fps)
 }
 
-pub(super) fn engines_fps(spheres: &[Sphere], budget: Duration) -> (f64, u64) {
-    let (mut engines, mut reply, mut pairs) = (SphereEngines::new(), HeapReply::new(), 0);
+/// Frames a second, and pairs, of the engines that the library chooses.
+pub(super) fn by_engines(spheres: &[Sphere], budget: Duration) -> Result<(f64, u64), CullError> {
+    let (mut engines, mut reply) = (SphereEngines::new(), HeapReply::new());
     let encoding = EncodingChoice::Only(Encoding::Sparse);
     let options = CullOptions { encoding, ..CullOptions::default() };
-    let fps = frames_a_second(budget, || {
-        let answer = black_box(engines.cull(spheres, &options, &mut reply));
-        pairs = answer.map_or(0, |answer| answer.report.pair_count);
-    });
-    (fps, pairs)
+    timed(budget, || Ok(engines.cull(spheres, &options, &mut reply)?.report.pair_count))
 }
 
 /// The paper's algorithm 1, without the root: the pairs in a list.
@@ -96,12 +90,18 @@ fn plain(spheres: &[Sphere], found: &mut Vec<(u32, u32)>) {
 /// A frame that takes longer than this is run once.
 const LONG_FRAME: Duration = Duration::from_secs(1);
 
-/// From the median time of a frame. The first frame, which allocates, counts only if it is long.
-pub(super) fn frames_a_second(budget: Duration, mut frame: impl FnMut()) -> f64 {
+/// Frames a second, from the median time of a frame, and the pairs of the last one. The first frame, which allocates,
+/// counts only if it is long.
+pub(super) fn timed(
+    budget: Duration,
+    mut frame: impl FnMut() -> Result<u64, CullError>,
+) -> Result<(f64, u64), CullError> {
     let start = Instant::now();
-    frame();
-    if start.elapsed() >= LONG_FRAME {
-        return 1.0 / start.elapsed().as_secs_f64();
+    let mut pairs = frame();
+    let first = start.elapsed().as_secs_f64();
+    if first >= LONG_FRAME.as_secs_f64() {
+        return Ok((1.0 / first, pairs?));
     }
-    1e3 / median_ms(budget, frame).max(1e-6)
+    let ms = median_ms(budget, || pairs = black_box(frame()));
+    Ok((1e3 / ms.max(1e-6), pairs?))
 }
