@@ -94,6 +94,11 @@ impl<P: Program> Place<P> {
         finish(self.command(arguments).spawn().expect("the program starts"), P::NAME)
     }
 
+    /// Runs the program with the words of a line.
+    pub fn run_line(&self, line: &str) -> Finished {
+        self.run(&line.split_whitespace().collect::<Vec<_>>())
+    }
+
     pub fn run_with_input(&self, arguments: &[&str], input: &[u8]) -> Finished {
         let child = self.command(arguments).stdin(Stdio::piped()).spawn();
         let mut child = child.expect("the program starts");

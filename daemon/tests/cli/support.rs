@@ -36,7 +36,7 @@ pub fn daemon() -> PrivateDaemon {
 
 /// Runs the binary with the words of a line.
 pub fn run(place: &Place, line: &str) -> Finished {
-    place.run(&line.split_whitespace().collect::<Vec<_>>())
+    place.run_line(line)
 }
 
 /// The same with variables.

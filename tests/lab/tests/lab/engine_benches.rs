@@ -12,8 +12,8 @@ fn rows(report: &Value) -> &[Value] {
 #[test]
 fn the_plan_is_judged_scene_by_scene() {
     let place = Place::new();
-    let arguments = ["plan", "--scene", "uniform,rods", "--n", "70,600", "--threads", "1"];
-    let report = place.run(&[&arguments[..], &["--json"]].concat()).json();
+    let line = "plan --scene uniform,rods --n 70,600 --threads 1";
+    let report = place.run_line(&format!("{line} --json")).json();
     assert!(report["calibration"].as_str().unwrap().starts_with("built in"), "{report}");
     assert_eq!(rows(&report).len(), 4);
     for row in rows(&report) {
@@ -23,7 +23,7 @@ fn the_plan_is_judged_scene_by_scene() {
         let ratio = (ns("planned_ns") + ns("plan_ns")) as f64 / ns("best_ns") as f64;
         assert!((row["ratio"].as_f64().unwrap() - ratio).abs() < 1e-9, "{row}");
     }
-    let text = place.run(&arguments).stdout;
+    let text = place.run_line(line).stdout;
     assert!(text.contains("of 4 above 1.3"), "{text}");
 }
 
@@ -31,7 +31,7 @@ fn the_plan_is_judged_scene_by_scene() {
 fn speed_ups_stand_beside_the_papers() {
     let place = Place::new();
     let line = "threads --scene cubes,uniform --n 300 --threads 2 --json --out figures";
-    let report = place.run(&line.split(' ').collect::<Vec<_>>()).json();
+    let report = place.run_line(line).json();
     let fields = "stage scene n engine threads frames least_ns median_ns speed_up paper_ns \
         paper_speed_up";
     // Two scenes, one or two threads: the first stage, and the second with three engines.

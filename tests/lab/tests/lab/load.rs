@@ -6,8 +6,7 @@ use super::support::{Place, keys, names};
 
 /// Runs a load for a second, and returns its report.
 fn load(place: &Place, flags: &str) -> Value {
-    let line = format!("load --seconds 1 --json {flags}");
-    place.run(&line.split_whitespace().collect::<Vec<_>>()).json()
+    place.run_line(&format!("load --seconds 1 --json {flags}")).json()
 }
 
 fn rows(report: &Value) -> &Vec<Value> {

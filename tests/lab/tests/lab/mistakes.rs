@@ -35,8 +35,7 @@ fn a_mistake_is_reported_in_one_line() {
         ("accuracy --precision f64=-1", 2, "is no mode"),
         ("stress --config absent", 2, "configuration absent: there is no such file"),
     ] {
-        let words: Vec<&str> = line.split_whitespace().collect();
-        let finished = place.run(&words);
+        let finished = place.run_line(line);
         assert!(finished.error(code).contains(expected), "{line}: {finished:?}");
         assert_eq!(finished.stdout, "", "{line}");
     }
@@ -58,8 +57,7 @@ fn help_lists_what_works() {
         ("load --help", &["--instance", "[default: daemon]"], &[]),
         ("--help", &["stress", "accuracy", "load"], &["\n  serve", "\n  client"]),
     ] {
-        let words: Vec<&str> = line.split_whitespace().collect();
-        let help = place.run(&words).stdout;
+        let help = place.run_line(line).stdout;
         assert!(listed.iter().all(|flag| help.contains(flag)), "{line}: {help}");
         assert!(!absent.iter().any(|flag| help.contains(flag)), "{line}: {help}");
     }
@@ -83,7 +81,6 @@ fn a_reader_that_has_gone_is_no_failure() {
 fn driver_warnings_are_not_shown() {
     let place = Place::new();
     let line = "accuracy --scene uniform --n 10 --frames 1 --precision exact --backend in-process --gpu auto";
-    let words: Vec<&str> = line.split_whitespace().collect();
-    let finished = place.run(&words);
+    let finished = place.run_line(line);
     assert_eq!((finished.code, finished.stderr.as_str()), (Some(0), ""));
 }

@@ -38,7 +38,7 @@ fn what_is_broken_is_caught_within_seconds_and_replayed() {
         ("--mode q8,f16,f64", "--break-engine=inward", &["q8", "f16", "f64"], "mode"),
     ] {
         let line = format!("stress --seconds 60 {line} {broken} --json");
-        let finished = place.run(&line.split(' ').collect::<Vec<_>>());
+        let finished = place.run_line(&line);
         assert_eq!(finished.code, Some(1), "{finished:?}");
         let report: Value = serde_json::from_str(&finished.stdout).unwrap();
         // Ten wrong answers end a run long before its time.

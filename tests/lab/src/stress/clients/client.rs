@@ -10,7 +10,7 @@ use pairmask::{Error, PendingFrame, Scene, SceneEdit, ServedBy, Session, Session
 use pairmaskd::scene::Random;
 use serde::{Deserialize, Serialize};
 
-use super::kept_scene::{Fate, Heard, KeptScene};
+use super::kept_scene::{Heard, KeptScene};
 use super::offer::{MOST_UNDER_WAY, Offer, Way, pick};
 use crate::processes::report;
 use crate::stress::modes::Sending;
@@ -309,11 +309,11 @@ impl Client<'_> {
         });
         self.counts.edits += 1;
         let mut by = ServedBy::Daemon;
-        let edited = model.edit(&case.1, random, |steps, want, fate| {
+        let edited = model.edit(&case.1, random, |steps, report, is_read| {
             case.1.flags.caller.run(|| {
                 let edit = steps.iter().copied().fold(scene.edit(), SceneEdit::step);
-                let pending = edit.submit(want)?;
-                if fate == Fate::Unread {
+                let pending = edit.submit(report)?;
+                if !is_read {
                     return Ok(None);
                 }
                 let answer = pending.wait()?;

@@ -19,12 +19,6 @@ const FEW_BOXES: usize = 250;
 const MANY_BOXES: usize = 2_000;
 const MANY_ONE_IN: u64 = 8;
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Fate {
-    Read,
-    Unread,
-}
-
 #[derive(Clone, Debug, Default)]
 pub(super) struct Heard {
     pub(super) begun: Vec<[u32; 2]>,
@@ -48,13 +42,13 @@ impl KeptScene {
         SceneOptions::default().with_most_boxes(self.boxes.len() as u32)
     }
 
-    /// Draws an edit towards the boxes of a case, which `ask` has answered, and compares the answer. Says
-    /// whether there was one.
+    /// Draws an edit towards the boxes of a case, which `ask` has answered, if the answer is to be read, and compares
+    /// it. Says whether there was one.
     pub(super) fn edit<E>(
         &mut self,
         case: &Case,
         random: &mut Random,
-        ask: impl FnOnce(&[Step<'_>], Report, Fate) -> Result<Option<Heard>, E>,
+        ask: impl FnOnce(&[Step<'_>], Report, bool) -> Result<Option<Heard>, E>,
     ) -> Result<Result<bool, Finding>, E> {
         let (mut removed, mut set, mut boxes) = (Vec::new(), Vec::new(), Vec::new());
         let n = case.boxes.len();
@@ -79,13 +73,10 @@ impl KeptScene {
             }
         }
         let report = if random.below(6) == 0 { Report::All } else { Report::Changes };
-        let fate = match random.below(8) {
-            0..=2 => Fate::Unread,
-            _ => Fate::Read,
-        };
+        let is_read = random.below(8) > 2;
         let sets = Sets { indices: (&set).into(), boxes: &boxes };
         let steps = [Step::Remove((&removed).into()), Step::Set(sets)];
-        let Some(heard) = ask(&steps, report, fate)? else { return Ok(Ok(false)) };
+        let Some(heard) = ask(&steps, report, is_read)? else { return Ok(Ok(false)) };
         Ok(self.check(&heard, report).map(|()| true))
     }
 
