@@ -30,7 +30,6 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
-use self::config::Config;
 use self::options::Place;
 use self::program::Result;
 use crate::publish::AlterAnswer;
@@ -85,31 +84,28 @@ pub fn main_altering(alter: AlterAnswer) -> ExitCode {
 fn run(cli: &Cli, alter_answers: Option<AlterAnswer>) -> Result {
     let Cli { place, command } = cli;
     output::start_log(command.log_level());
-    if let Command::Serve(serve) = command
-        && serve.is_worker()
-    {
-        // The supervisor has read the configuration and passes every setting on as a flag.
-        return Ok(serve.run(place, &Config::default(), alter_answers)?);
-    }
-    let config =
-        if command.reads_config() { Config::load(place.config_file())? } else { Config::default() };
+    let place = &if command.reads_config() { place.with_config_file()? } else { place.clone() };
     match command {
-        Command::Serve(serve) => Ok(serve.run(place, &config, alter_answers)?),
-        Command::Cull(cull) => cull.run(place, &config),
-        Command::Demo(demo) => demo.run(place, &config),
-        Command::DemoClient(client) => client.run(place, &config),
-        Command::Bench(bench) => bench.run(place, &config),
+        Command::Serve(serve) => Ok(serve.run(place, alter_answers)?),
+        Command::Cull(cull) => cull.run(place),
+        Command::Demo(demo) => demo.run(place),
+        Command::DemoClient(client) => client.run(place),
+        Command::Bench(bench) => bench.run(place),
         Command::Scene(scene) => scene.run(),
-        Command::Status(status) => status.run(place, &config),
+        Command::Status(status) => status.run(place),
         Command::Explain(explain) => explain.run(),
     }
 }
 
 impl Command {
     /// Whether the command uses a setting of the configuration file. A command that uses none does
-    /// not fail by a wrong file.
+    /// not fail by a wrong file; a worker gets every setting from its supervisor, as a flag.
     const fn reads_config(&self) -> bool {
-        !matches!(self, Self::Scene(_) | Self::Explain(_))
+        match self {
+            Self::Scene(_) | Self::Explain(_) => false,
+            Self::Serve(serve) => !serve.is_worker(),
+            _ => true,
+        }
     }
 
     /// The log level where `PAIRMASK_LOG` is not set.

@@ -1,7 +1,7 @@
 //! Options that several commands share, and how flag, environment, file and default combine.
 
 use std::num::NonZeroUsize;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use clap::Args;
 use pairmask::{Backend, Session, SessionBuilder};
@@ -11,7 +11,7 @@ use pairmask_core::{EncodingChoice, EngineChoice, EngineName};
 use pairmask_transport::RuntimeDir;
 use pairmask_wire::InstanceName;
 
-use super::config::Config;
+use super::config::{Config, ConfigError};
 use super::whole_number::whole_number;
 use crate::execute::gpu::{GpuChoice, GpuChoices};
 use crate::spawn::PrivateSettings;
@@ -31,31 +31,36 @@ pub struct Place {
     /// Instruction set of engines and decoders: avx512, avx2, portable [default: the widest]
     #[arg(long, global = true, env = "PAIRMASK_ISA", value_name = "NAME")]
     isa: Option<AvailableIsa>,
+    /// What the configuration file sets.
+    #[arg(skip)]
+    pub(super) file: Config,
 }
 
 impl Place {
     /// The instance that the user named, if any.
-    pub fn named_instance(&self, config: &Config) -> Option<InstanceName> {
-        self.instance.clone().or_else(|| config.instance.clone())
+    pub fn named_instance(&self) -> Option<InstanceName> {
+        self.instance.clone().or_else(|| self.file.instance.clone())
     }
 
-    pub fn instance(&self, config: &Config) -> InstanceName {
-        self.named_instance(config).unwrap_or_default()
+    pub fn instance(&self) -> InstanceName {
+        self.named_instance().unwrap_or_default()
     }
 
-    pub fn runtime_dir(&self, config: &Config) -> RuntimeDir {
-        let named = self.runtime_dir.as_ref().or(config.runtime_dir.as_ref());
+    pub fn runtime_dir(&self) -> RuntimeDir {
+        let named = self.runtime_dir.as_ref().or(self.file.runtime_dir.as_ref());
         named
             .filter(|path| !path.as_os_str().is_empty())
             .map_or_else(RuntimeDir::from_env, RuntimeDir::at)
     }
 
-    pub fn isa(&self, config: &Config) -> AvailableIsa {
-        self.isa.or(config.isa).unwrap_or_else(AvailableIsa::best)
+    pub fn isa(&self) -> AvailableIsa {
+        self.isa.or(self.file.isa).unwrap_or_else(AvailableIsa::best)
     }
 
-    pub fn config_file(&self) -> Option<&Path> {
-        self.config.as_deref().filter(|path| !path.as_os_str().is_empty())
+    /// The same with the settings of the configuration file.
+    pub fn with_config_file(&self) -> Result<Self, ConfigError> {
+        let named = self.config.as_deref().filter(|path| !path.as_os_str().is_empty());
+        Ok(Self { file: Config::load(named)?, ..self.clone() })
     }
 }
 
@@ -69,21 +74,17 @@ pub struct DaemonOptions {
 }
 
 impl DaemonOptions {
-    pub fn gpus(&self, config: &Config) -> GpuChoices {
-        self.gpu.clone().or_else(|| config.gpu.clone()).unwrap_or_default()
+    pub fn gpus(&self, place: &Place) -> GpuChoices {
+        self.gpu.clone().or_else(|| place.file.gpu.clone()).unwrap_or_default()
     }
 
     /// The first of them, for what uses one.
-    pub fn gpu(&self, config: &Config) -> GpuChoice {
-        self.gpus(config).first()
+    pub fn gpu(&self, place: &Place) -> GpuChoice {
+        self.gpus(place).first()
     }
 
-    pub fn private(&self, place: &Place, config: &Config) -> PrivateSettings {
-        PrivateSettings {
-            gpu: self.gpus(config),
-            isa: place.isa(config),
-            ..PrivateSettings::default()
-        }
+    pub fn private(&self, place: &Place) -> PrivateSettings {
+        PrivateSettings { gpu: self.gpus(place), isa: place.isa(), ..PrivateSettings::default() }
     }
 }
 
@@ -109,30 +110,30 @@ pub struct CullFlags {
 }
 
 impl CullFlags {
-    pub fn backend(&self, config: &Config, default: Backend) -> Backend {
-        self.backend.or(config.backend).unwrap_or(default)
+    pub fn backend(&self, place: &Place, default: Backend) -> Backend {
+        self.backend.or(place.file.backend).unwrap_or(default)
     }
 
     /// The options of a frame as the plan gets them.
-    pub fn cull_options(&self, config: &Config) -> CullOptions {
+    pub fn cull_options(&self, place: &Place) -> CullOptions {
         CullOptions {
-            engine: self.engine(config),
-            encoding: self.encoding.or(config.encoding).unwrap_or_default(),
-            threads: self.threads.or(config.threads).map(NonZeroUsize::get),
+            engine: self.engine(place),
+            encoding: self.encoding.or(place.file.encoding).unwrap_or_default(),
+            threads: self.threads.or(place.file.threads).map(NonZeroUsize::get),
             ..CullOptions::default()
         }
     }
 
-    pub fn engine(&self, config: &Config) -> EngineChoice {
-        self.engine.or(config.engine).unwrap_or_default()
+    pub fn engine(&self, place: &Place) -> EngineChoice {
+        self.engine.or(place.file.engine).unwrap_or_default()
     }
 
     /// A session builder with all settings but the backend. Its frames are culled also where they are equal
     /// to the last one: the commands that use it measure engines.
-    pub fn session(&self, place: &Place, config: &Config) -> SessionBuilder {
-        let cull_options = self.cull_options(config);
+    pub fn session(&self, place: &Place) -> SessionBuilder {
+        let cull_options = self.cull_options(place);
         let builder = Session::builder()
-            .isa(place.isa(config))
+            .isa(place.isa())
             .engine(cull_options.engine)
             .encoding(cull_options.encoding)
             .answer_repeats(false);

@@ -6,7 +6,6 @@ use std::time::Duration;
 use clap::Args;
 use pairmask_transport::Limits;
 
-use super::config::Config;
 use super::options::{DaemonOptions, Place};
 use super::whole_number::whole_number;
 use crate::audit::AuditRate;
@@ -68,13 +67,8 @@ impl Serve {
     }
 
     /// Serves until told to stop. `alter_answers` is for tests of the auditor.
-    pub fn run(
-        &self,
-        place: &Place,
-        config: &Config,
-        alter_answers: Option<AlterAnswer>,
-    ) -> Result<(), ServeError> {
-        let settings = ServeSettings { alter_answers, ..self.settings(place, config) };
+    pub fn run(&self, place: &Place, alter_answers: Option<AlterAnswer>) -> Result<(), ServeError> {
+        let settings = ServeSettings { alter_answers, ..self.settings(place) };
         if let Some(supervisor) = self.worker {
             return work(&settings, supervisor);
         }
@@ -84,16 +78,16 @@ impl Serve {
         }
     }
 
-    fn settings(&self, place: &Place, config: &Config) -> ServeSettings {
+    fn settings(&self, place: &Place) -> ServeSettings {
         let default = Limits::default();
-        let spin_us = self.spin_us.or(config.spin_us);
-        let gpu_awake_ms = self.gpu_awake_ms.or(config.gpu_awake_ms);
-        let max_clients = self.max_clients.or(config.max_clients);
-        let max_reply_mib = self.max_reply_mib.or(config.max_reply_mib);
-        let max_scene_mib = self.max_scene_mib.or(config.max_scene_mib);
+        let spin_us = self.spin_us.or(place.file.spin_us);
+        let gpu_awake_ms = self.gpu_awake_ms.or(place.file.gpu_awake_ms);
+        let max_clients = self.max_clients.or(place.file.max_clients);
+        let max_reply_mib = self.max_reply_mib.or(place.file.max_reply_mib);
+        let max_scene_mib = self.max_scene_mib.or(place.file.max_scene_mib);
         ServeSettings {
-            instance: place.instance(config),
-            dir: place.runtime_dir(config),
+            instance: place.instance(),
+            dir: place.runtime_dir(),
             limits: Limits {
                 max_clients: max_clients.map_or(default.max_clients, |n| usize::from(n.get())),
                 max_reply_bytes: max_reply_mib
@@ -104,11 +98,11 @@ impl Serve {
                 ),
             },
             spin: spin_us.map_or(DEFAULT_SPIN, Duration::from_micros),
-            gpu: self.options.gpus(config),
+            gpu: self.options.gpus(place),
             restarted: self.restarted,
             gpu_awake: gpu_awake_ms.map_or(DEFAULT_HOLD, |ms| Duration::from_millis(ms.into())),
-            isa: place.isa(config),
-            audit: self.audit.or(config.audit).unwrap_or_default(),
+            isa: place.isa(),
+            audit: self.audit.or(place.file.audit).unwrap_or_default(),
             alter_answers: None,
             watch_devices: None,
         }

@@ -13,7 +13,6 @@ use pairmask_wire::{
 use serde::Serialize;
 use serde_json::{Value, json};
 
-use super::config::Config;
 use super::options::Place;
 use super::output::{print_json, print_text, time_text};
 use super::program::Result;
@@ -74,13 +73,13 @@ struct Counters {
 }
 
 impl Status {
-    pub fn run(&self, place: &Place, config: &Config) -> Result {
-        let dir = place.runtime_dir(config);
+    pub fn run(&self, place: &Place) -> Result {
+        let dir = place.runtime_dir();
         match dir.check() {
             Err(InstanceError::Io { source, .. }) if source.kind() == ErrorKind::NotFound => {}
             checked => checked?,
         }
-        let named = place.named_instance(config);
+        let named = place.named_instance();
         let instances = instances(&dir, named.as_ref());
         if self.json {
             let reports: Vec<Value> = instances.iter().map(Instance::json).collect();

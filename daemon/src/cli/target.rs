@@ -6,7 +6,6 @@ use pairmask::{Backend, SessionBuilder};
 use pairmask_transport::RuntimeDir;
 use pairmask_wire::InstanceName;
 
-use super::config::Config;
 use super::daemon_cpu::DaemonCpu;
 use super::options::{CullFlags, DaemonOptions, Place};
 use crate::spawn::{PrivateDaemon, PrivateSettings, SpawnError};
@@ -31,19 +30,18 @@ impl Target {
         spin: Duration,
         clients: u32,
         place: &Place,
-        config: &Config,
     ) -> Result<Self, SpawnError> {
-        let backend = options.backend(config, Backend::Daemon);
-        let named = place.named_instance(config);
+        let backend = options.backend(place, Backend::Daemon);
+        let named = place.named_instance();
         if backend == Backend::Daemon && named.is_none() {
-            let mut settings = PrivateSettings { spin, ..daemon.private(place, config) };
+            let mut settings = PrivateSettings { spin, ..daemon.private(place) };
             // One slot more: that of the session which found the daemon may not be free yet.
             settings.limits.max_clients = settings.limits.max_clients.max(clients as usize + 1);
             let daemon = PrivateDaemon::start_self(&settings)?;
             let (dir, instance) = (daemon.dir(), daemon.instance());
             return Ok(Self { dir, instance, backend, _daemon: Some(daemon) });
         }
-        let (dir, instance) = (place.runtime_dir(config), named.unwrap_or_default());
+        let (dir, instance) = (place.runtime_dir(), named.unwrap_or_default());
         Ok(Self { dir, instance, backend, _daemon: None })
     }
 

@@ -20,7 +20,6 @@ use rustix::process::Pid;
 use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
 
 use self::report::LatencyReport;
-use super::config::Config;
 use super::daemon_cpu::DaemonCpu;
 use super::machine::Machine;
 use super::options::{CullFlags, DaemonOptions, Place};
@@ -52,9 +51,9 @@ enum What {
 
 impl Bench {
     /// Measures.
-    pub fn run(&self, place: &Place, config: &Config) -> Result {
+    pub fn run(&self, place: &Place) -> Result {
         match &self.what {
-            What::Latency(latency) => latency.run(place, config),
+            What::Latency(latency) => latency.run(place),
         }
     }
 }
@@ -178,21 +177,20 @@ impl FromStr for Wait {
 
 impl Latency {
     /// Measures a row for every wait, scene and precision, and prints them.
-    pub fn run(&self, place: &Place, config: &Config) -> Result {
-        let is_alone =
-            self.frames_of.options.backend(config, Backend::Daemon) == Backend::InProcess;
+    pub fn run(&self, place: &Place) -> Result {
+        let is_alone = self.frames_of.options.backend(place, Backend::Daemon) == Backend::InProcess;
         if self.pin && is_alone {
             let what =
                 "--pin keeps a daemon on a core of its own: leave it out with --backend in-process";
             return Err(WrongUsage(what.to_owned()).into());
         }
         let machine = Machine::this();
-        let report = LatencyReport { machine, rows: self.rows(place, config)? };
+        let report = LatencyReport { machine, rows: self.rows(place)? };
         if self.json { print_json(&report) } else { print_text(&report.to_string()) }?;
         Ok(())
     }
 
-    fn rows(&self, place: &Place, config: &Config) -> Result<Vec<LatencyRow>> {
+    fn rows(&self, place: &Place) -> Result<Vec<LatencyRow>> {
         let making = spinner("making scenes");
         let scenes = self.scenes()?;
         making.finish_and_clear();
@@ -211,7 +209,6 @@ impl Latency {
                 wait.spin(),
                 1,
                 place,
-                config,
             )?;
             if let Some(cores) = &cores {
                 cores.pin(&target.dir, &target.instance)?;
@@ -219,7 +216,7 @@ impl Latency {
             for scene in &scenes {
                 for precision in &self.frames_of.precision {
                     let session =
-                        target.session(self.frames_of.options.session(place, config), wait.spin());
+                        target.session(self.frames_of.options.session(place), wait.spin());
                     let (scene, daemon) = (scene.clone(), target.cpu());
                     let row =
                         self.row(scene, *precision, *wait, &mut decoding, session, daemon.as_ref());

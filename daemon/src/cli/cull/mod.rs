@@ -16,7 +16,6 @@ use pairmask_core::{Aabb, Bounds, MaskView, Sphere};
 use rayon::slice::ParallelSliceMut;
 
 use self::report::{Planned, Timings, explanation, report};
-use super::config::Config;
 use super::options::{CullFlags, DaemonOptions, Place};
 use super::output::{OutputError, is_stdout, print_aside, print_json, print_text, spinner};
 use super::program::{Result, WrongUsage};
@@ -100,18 +99,18 @@ enum CullFault {
 }
 
 impl Cull {
-    pub fn run(&self, place: &Place, config: &Config) -> Result {
+    pub fn run(&self, place: &Place) -> Result {
         self.check().map_err(|fault| WrongUsage(fault.to_string()))?;
         let scene = self.open()?;
         let progress = spinner(&scene.to_string());
-        let spawn = || PrivateDaemon::start_self(&self.daemon.private(place, config));
+        let spawn = || PrivateDaemon::start_self(&self.daemon.private(place));
         let daemon = self.spawn.then(spawn).transpose()?;
-        let mut session = self.connect(daemon.as_ref(), place, config)?;
+        let mut session = self.connect(daemon.as_ref(), place)?;
 
         let Asked { times, frame, planned, look, world } = match scene {
             RawScene::Boxes(boxes) => {
                 let planner = self.explain.then(|| {
-                    let (options, isa) = (self.options.cull_options(config), place.isa(config));
+                    let (options, isa) = (self.options.cull_options(place), place.isa());
                     move |boxes: &[Aabb]| Planned::new(boxes, &options, isa)
                 });
                 ask_boxes(&mut session, boxes, self.precision, planner)
@@ -193,14 +192,13 @@ impl Cull {
         &self,
         daemon: Option<&PrivateDaemon>,
         place: &Place,
-        config: &Config,
     ) -> Result<Session, ConnectError> {
-        let builder = self.options.session(place, config).deadline(DEADLINE);
+        let builder = self.options.session(place).deadline(DEADLINE);
         let (dir, instance, backend) = if let Some(daemon) = daemon {
             (daemon.dir(), daemon.instance(), Backend::Daemon)
         } else {
-            let backend = self.options.backend(config, Backend::Auto);
-            (place.runtime_dir(config), place.instance(config), backend)
+            let backend = self.options.backend(place, Backend::Auto);
+            (place.runtime_dir(), place.instance(), backend)
         };
         builder.runtime_dir(dir).instance(instance.as_str()).backend(backend).connect()
     }

@@ -18,7 +18,6 @@ use rustix::process::{Pid, Signal, kill_process, set_parent_process_death_signal
 
 use self::display::{Display, Progress};
 use self::world::World;
-use super::config::Config;
 use super::options::{DaemonOptions, Place};
 use super::program::{ClientFailed, Fault, Result};
 use super::whole_number::whole_number;
@@ -71,9 +70,9 @@ fn while_at(step: &str) -> impl FnOnce(std::io::Error) -> Fault {
 }
 
 impl Demo {
-    pub fn run(&self, place: &Place, config: &Config) -> Result {
+    pub fn run(&self, place: &Place) -> Result {
         let stop = stop_flag()?;
-        let daemon = PrivateDaemon::start_self(&self.daemon.private(place, config))?;
+        let daemon = PrivateDaemon::start_self(&self.daemon.private(place))?;
         let client = self.start_client(&daemon)?;
         let status = wait_for(client, self.options.duration() + PATIENCE, &stop)?;
         if status.success() { Ok(()) } else { Err(ClientFailed(status).into()) }
@@ -139,12 +138,12 @@ fn ask_to_stop(client: &Child) {
 }
 
 impl DemoClient {
-    pub fn run(&self, place: &Place, config: &Config) -> Result {
+    pub fn run(&self, place: &Place) -> Result {
         let stop = stop_flag()?;
         // If the demo's process is killed, this process has to end with it.
         set_parent_process_death_signal(Some(Signal::KILL))
             .map_err(|errno| while_at("binding to the demo")(errno.into()))?;
-        let mut session = connect(place, config)?;
+        let mut session = connect(place)?;
         let mut world = World::new(self.options.boxes.get());
         let mut display = Display::new();
         let mut progress = Progress::new();
@@ -164,12 +163,9 @@ impl DemoClient {
 }
 
 /// A session that starts with the daemon, and falls back to this process if the daemon is killed.
-fn connect(place: &Place, config: &Config) -> Result<Session> {
-    let builder = || {
-        Session::builder()
-            .runtime_dir(place.runtime_dir(config))
-            .instance(place.instance(config).as_str())
-    };
+fn connect(place: &Place) -> Result<Session> {
+    let builder =
+        || Session::builder().runtime_dir(place.runtime_dir()).instance(place.instance().as_str());
     drop(builder().backend(Backend::Daemon).connect()?);
     Ok(builder().backend(Backend::Auto).connect()?)
 }

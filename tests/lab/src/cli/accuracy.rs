@@ -6,7 +6,6 @@ use clap::Args;
 use indicatif::ProgressBar;
 use pairmask_core::dispatch::CullOptions;
 use pairmask_core::{BoxCount, EngineChoice};
-use pairmaskd::cli::config::Config;
 use pairmaskd::cli::options::{CullFlags, DaemonOptions, Place};
 use pairmaskd::cli::output::progress_bar;
 use pairmaskd::cli::target::Target;
@@ -79,19 +78,19 @@ pub struct Accuracy {
 
 impl Accuracy {
     /// Measures every row. `--out` writes accuracy.json, accuracy.csv and report.html.
-    pub fn run(&self, place: &Place, config: &Config) -> Result<()> {
-        let subjects = self.subjects(config);
+    pub fn run(&self, place: &Place) -> Result<()> {
+        let subjects = self.subjects(place);
         if subjects.is_empty() {
             return Err("no row: every engine asked for would take too long on every scene".into());
         }
         let steps = subjects.len() as u64;
-        let measure = |progress: &ProgressBar| self.measure(&subjects, progress, place, config);
+        let measure = |progress: &ProgressBar| self.measure(&subjects, progress, place);
         self.output.of(|| progress_bar(steps, "rows"), measure)
     }
 
-    fn subjects(&self, config: &Config) -> Vec<Subject> {
+    fn subjects(&self, place: &Place) -> Vec<Subject> {
         let engines = match &self.engines[..] {
-            [] => vec![self.options.engine(config)],
+            [] => vec![self.options.engine(place)],
             engines => engines.to_vec(),
         };
         let mut subjects = Vec::new();
@@ -99,7 +98,7 @@ impl Accuracy {
             for &n in &self.n {
                 for &mode in &self.precision {
                     for &engine in &engines {
-                        let options = CullOptions { engine, ..self.options.cull_options(config) };
+                        let options = CullOptions { engine, ..self.options.cull_options(place) };
                         subjects.push(Subject { scene, n, mode, options, seed: self.seed });
                     }
                 }
@@ -114,13 +113,12 @@ impl Accuracy {
         subjects: &[Subject],
         progress: &ProgressBar,
         place: &Place,
-        config: &Config,
     ) -> Result<Report> {
-        let machine = machine(&self.daemon.gpu(config));
-        let target = Target::new(&self.options, &self.daemon, SPIN, 1, place, config)?;
+        let machine = machine(&self.daemon.gpu(place));
+        let target = Target::new(&self.options, &self.daemon, SPIN, 1, place)?;
         let mut rows = Vec::new();
         for subject in subjects {
-            let builder = self.options.session(place, config).engine(subject.options.engine);
+            let builder = self.options.session(place).engine(subject.options.engine);
             let builder = target.session(builder, SPIN).capacity(BoxCount::new(subject.n));
             let memory_bytes = || target.memory_bytes();
             rows.push(measure::row(builder.connect()?, subject, &self.lengths, memory_bytes)?);

@@ -13,7 +13,6 @@ use pairmask::{Backend, SessionBuilder};
 use pairmask_core::BoxCount;
 use pairmask_core::spinner::Spinner;
 use pairmaskd::cli::bench::{Figures, FramesOf, LatencyRow, SEED, Wait, threads_of};
-use pairmaskd::cli::config::Config;
 use pairmaskd::cli::daemon_cpu::DaemonCpu;
 use pairmaskd::cli::machine::Machine;
 use pairmaskd::cli::options::Place;
@@ -159,7 +158,7 @@ struct Paced {
 }
 
 impl Load {
-    pub fn run(&self, place: &Place, config: &Config) -> Result<()> {
+    pub fn run(&self, place: &Place) -> Result<()> {
         let clients = all_of(&self.mix);
         if clients > MOST_CLIENTS {
             let most = format!("leave some out, {MOST_CLIENTS} are the most");
@@ -184,7 +183,7 @@ impl Load {
         let measure = |_: &_| {
             let (mut rows, mut idle) = (Vec::new(), Vec::new());
             for wait in &self.wait {
-                self.measure((&mut rows, &mut idle), *wait, &runs, place, config)?;
+                self.measure((&mut rows, &mut idle), *wait, &runs, place)?;
             }
             let machine = Machine::this();
             let mut report = Report::new("load", vec![Part::heading(1, "Load")]);
@@ -206,18 +205,16 @@ impl Load {
         wait: Wait,
         runs: &[(Rate, &[Group], PrecisionChoice)],
         place: &Place,
-        config: &Config,
     ) -> Result<()> {
         let most = runs.iter().map(|(_, groups, _)| all_of(groups)).max().unwrap_or(1);
         let (options, threads) = (&self.frames_of.options, self.frames_of.decode_threads.get());
-        let target =
-            Target::new(options, &self.frames_of.daemon, wait.spin(), most, place, config)?;
-        let at = Daemon::new(&target.dir, &target.instance, place.isa(config));
-        let cull = options.cull_options(config);
+        let target = Target::new(options, &self.frames_of.daemon, wait.spin(), most, place)?;
+        let at = Daemon::new(&target.dir, &target.instance, place.isa());
+        let cull = options.cull_options(place);
         let warm_up_ms = self.seconds.get().saturating_mul(1000) / WARM_UP_SHARE;
         for (i, (rate, groups, precision)) in runs.iter().enumerate() {
             let settings = ClientSettings {
-                backend: options.backend(config, Backend::Daemon).to_string(),
+                backend: options.backend(place, Backend::Daemon).to_string(),
                 engine: cull.engine.to_string(),
                 encoding: cull.encoding.to_string(),
                 threads: cull.threads,

@@ -11,7 +11,6 @@ mod studies;
 use std::process::ExitCode;
 
 use clap::{CommandFactory, Parser, Subcommand};
-use pairmaskd::cli::config::Config;
 use pairmaskd::cli::options::Place;
 use pairmaskd::cli::shape::{ALL, Shape, shaped};
 use pairmaskd::cli::{build, output, program, serve};
@@ -91,21 +90,20 @@ pub fn main() -> ExitCode {
 
 fn run(Cli { place, command }: &Cli) -> crate::Result<()> {
     output::start_log("warn");
-    let config =
-        if command.reads_config() { Config::load(place.config_file())? } else { Config::default() };
+    let place = &if command.reads_config() { place.with_config_file()? } else { place.clone() };
     match command {
-        Command::Stress(stress) => stress.run(place, &config),
-        Command::Load(load) => load.run(place, &config),
-        Command::Accuracy(accuracy) => accuracy.run(place, &config),
-        Command::Mapping(mapping) => mapping.run(&config),
-        Command::Grid(grid) => grid.run(&config),
-        Command::GpuScene(scene) => scene.run(&config),
-        Command::Plan(plan) => plan.run(place, &config),
+        Command::Stress(stress) => stress.run(place),
+        Command::Load(load) => load.run(place),
+        Command::Accuracy(accuracy) => accuracy.run(place),
+        Command::Mapping(mapping) => mapping.run(place),
+        Command::Grid(grid) => grid.run(place),
+        Command::GpuScene(scene) => scene.run(place),
+        Command::Plan(plan) => plan.run(place),
         Command::Threads(threads) => threads.run(),
         Command::Spheres(spheres) => spheres.run(),
         Command::Papers(papers) => papers.run(),
         Command::Client { job } => Ok(processes::work(job)?),
-        Command::Serve(serve) => Ok(serve.run(place, &config, None)?),
+        Command::Serve(serve) => Ok(serve.run(place, None)?),
     }
 }
 

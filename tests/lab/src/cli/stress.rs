@@ -6,7 +6,6 @@ use std::time::Duration;
 use clap::Args;
 use clap::builder::PossibleValuesParser;
 use pairmaskd::audit::AuditRate;
-use pairmaskd::cli::config::Config;
 use pairmaskd::cli::options::{DaemonOptions, Place};
 use pairmaskd::cli::output::{print_json, print_text, progress_bar};
 use pairmaskd::cli::whole_number::whole_number;
@@ -85,10 +84,10 @@ pub struct Stress {
 }
 
 impl Stress {
-    pub fn run(&self, place: &Place, config: &Config) -> Result<()> {
+    pub fn run(&self, place: &Place) -> Result<()> {
         let report = match self.clients {
-            Some(clients) => self.with_clients(clients, place, config)?,
-            None => self.in_process(config)?,
+            Some(clients) => self.with_clients(clients, place)?,
+            None => self.in_process(place)?,
         };
         if self.json { print_json(&report) } else { print_text(&report.to_string()) }?;
         if report.is_clean() {
@@ -100,10 +99,10 @@ impl Stress {
         Err(if is_unsound { unsound } else { wrong }.into())
     }
 
-    fn in_process(&self, config: &Config) -> Result<StressReport> {
+    fn in_process(&self, place: &Place) -> Result<StressReport> {
         let roster = Roster {
             wanted: self.wanted(),
-            gpu: self.options.gpu(config),
+            gpu: self.options.gpu(place),
             sabotage: self.break_engine,
         };
         let time = self.case.is_none().then(|| Duration::from_secs(self.seconds));
@@ -118,33 +117,28 @@ impl Stress {
         Ok(report)
     }
 
-    fn with_clients(
-        &self,
-        clients: NonZeroU16,
-        place: &Place,
-        config: &Config,
-    ) -> Result<StressReport> {
+    fn with_clients(&self, clients: NonZeroU16, place: &Place) -> Result<StressReport> {
         // The daemon that the user named, else one of this run, which audits every frame.
-        let (dir, instance, _started) = if let Some(instance) = place.named_instance(config) {
-            (place.runtime_dir(config), instance, None)
+        let (dir, instance, _started) = if let Some(instance) = place.named_instance() {
+            (place.runtime_dir(), instance, None)
         } else {
             let settings = PrivateSettings {
                 limits: limits(clients),
                 audit: AuditRate::OneIn(NonZeroU32::MIN),
-                ..self.options.private(place, config)
+                ..self.options.private(place)
             };
             let started = PrivateDaemon::start(&std::env::current_exe()?, &settings)?;
             (started.dir(), started.instance(), Some(started))
         };
         let run = ClientsRun {
             clients,
-            daemon: Daemon::new(&dir, &instance, place.isa(config)),
+            daemon: Daemon::new(&dir, &instance, place.isa()),
             with_kills: self.kills,
             seed: self.case.unwrap_or_else(|| self.seed()),
             case: self.case,
             time: Duration::from_secs(self.seconds),
             wanted: self.wanted(),
-            replay: self.replay(clients, place, config),
+            replay: self.replay(clients, place),
         };
         let bar = progress_bar(self.seconds, "hard scenes");
         let report = run.run(|answers, time| {
@@ -165,7 +159,7 @@ impl Stress {
         self.seed.unwrap_or_else(seed_of_the_clock)
     }
 
-    fn replay(&self, clients: NonZeroU16, place: &Place, config: &Config) -> String {
+    fn replay(&self, clients: NonZeroU16, place: &Place) -> String {
         let Wanted { engines, modes, threads } = self.wanted();
         let (engines, modes) = (engines.join(","), modes.join(","));
         let mut words = vec![
@@ -175,9 +169,9 @@ impl Stress {
         if self.kills {
             words.push("--kills".to_owned());
         }
-        match place.named_instance(config) {
+        match place.named_instance() {
             Some(instance) => words.push(format!("--instance {instance}")),
-            None => words.push(format!("--gpu '{}'", self.options.gpu(config))),
+            None => words.push(format!("--gpu '{}'", self.options.gpu(place))),
         }
         words.join(" ")
     }

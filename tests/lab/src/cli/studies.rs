@@ -5,7 +5,6 @@ use std::path::PathBuf;
 
 use clap::Args;
 use indicatif::ProgressBar;
-use pairmaskd::cli::config::Config;
 use pairmaskd::cli::options::{DaemonOptions, Place};
 use pairmaskd::cli::output::{make_folder, print_json, print_text, progress_bar, spinner};
 use pairmaskd::cli::whole_number::whole_number;
@@ -93,9 +92,9 @@ pub struct Mapping {
 }
 
 impl Mapping {
-    pub fn run(&self, config: &Config) -> Result<()> {
+    pub fn run(&self, place: &Place) -> Result<()> {
         let OnGpu { options, quick, output } = &self.on;
-        let measure = |_: &_| mapping::measure(&options.gpu(config), *quick);
+        let measure = |_: &_| mapping::measure(&options.gpu(place), *quick);
         output.of(|| spinner("measuring"), measure)
     }
 }
@@ -121,10 +120,10 @@ pub struct Grid {
 }
 
 impl Grid {
-    pub fn run(&self, config: &Config) -> Result<()> {
+    pub fn run(&self, place: &Place) -> Result<()> {
         let OnGpu { options, quick, output } = &self.on;
         let counts = if *quick { &[1_000][..] } else { &self.n };
-        let measure = |_: &_| grid::measure(&options.gpu(config), counts, *quick);
+        let measure = |_: &_| grid::measure(&options.gpu(place), counts, *quick);
         output.of(|| spinner("measuring"), measure)
     }
 }
@@ -170,8 +169,8 @@ fn percent(text: &str) -> Result<f64, String> {
 }
 
 impl GpuSceneBench {
-    pub fn run(&self, config: &Config) -> Result<()> {
-        let choices = self.options.gpus(config).each();
+    pub fn run(&self, place: &Place) -> Result<()> {
+        let choices = self.options.gpus(place).each();
         let gpus = choices.iter().map(|gpu| Gpu::open(gpu, HostImport::IfPossible));
         let gpus = gpus.collect::<Result<Vec<_>, _>>()?;
         if gpus.is_empty() {
@@ -258,12 +257,12 @@ pub struct PlanBench {
 }
 
 impl PlanBench {
-    pub fn run(&self, place: &Place, config: &Config) -> Result<()> {
+    pub fn run(&self, place: &Place) -> Result<()> {
         let not_quadratic = SceneName::ALL.into_iter().filter(|scene| !scene.is_quadratic());
         let cases = self.cases.of(&not_quadratic.collect::<Vec<_>>(), &judge::SIZES);
         let measure = |progress: &ProgressBar| {
             let threads = self.cases.threads();
-            judge::measure(&cases, &threads, place.isa(config), || progress.inc(1))
+            judge::measure(&cases, &threads, place.isa(), || progress.inc(1))
         };
         self.output.of(|| progress_bar(cases.len() as u64, "measuring"), measure)
     }
