@@ -10,7 +10,7 @@ import pairmask
 import pytest
 from conftest import Daemon
 
-ENGINES = ["auto", "cpu-brute", "cpu-sap", "cpu-grid"]
+ENGINES = ["auto", "cpu-brute", "cpu-sap", "cpu-grid", "cpu-tree"]
 ENCODINGS = ["auto", "dense", "sparse", "list"]
 
 

@@ -41,7 +41,7 @@ def test_golden_scenes_have_their_pairs(name: str, n: int, seed: int, golden: in
     boxes = boxes_of(name, n, seed)
     expected = oracle.pairs_of(boxes)
     assert oracle.hash_of(expected) == golden, f"the oracle: {oracle.hash_of(expected):#018x}"
-    engines: list[Any] = ["auto", "cpu-brute", "cpu-sap", "cpu-grid"]
+    engines: list[Any] = ["auto", "cpu-brute", "cpu-sap", "cpu-grid", "cpu-tree"]
     encodings: list[Any] = ["auto", "dense", "sparse", "list"]
     for engine in engines:
         for encoding in encodings:

@@ -1,7 +1,7 @@
 //! Each CPU engine with every instruction set of this machine, through the conformance suite and over all scenes in
 //! motion, and what is particular to one of them.
 
-use pairmask_core::engine::{BruteForce, Grid, SweepAndPrune};
+use pairmask_core::engine::{BruteForce, Grid, SweepAndPrune, Tree};
 use pairmask_tests::oracle::pair_set_hash;
 use pairmask_tests::prelude::*;
 use pairmaskd::scene::{Scene, SceneName};
@@ -48,6 +48,11 @@ fn the_sweep_conforms() {
 #[test]
 fn the_grid_conforms() {
     conforms(EngineName::CpuGrid, &suites(&[2049, 4113]));
+}
+
+#[test]
+fn the_tree_conforms() {
+    conforms(EngineName::CpuTree, &suites(&[1025, 4113, 8192]));
 }
 
 #[test]
@@ -129,6 +134,7 @@ fn instruction_sets_rule_out_the_same_pairs_and_a_missing_one_is_a_typed_error()
         assert_eq!(BruteForce::with_isa(isa).is_ok(), isa.is_available());
         assert_eq!(SweepAndPrune::with_isa(isa).is_ok(), isa.is_available());
         assert_eq!(Grid::with_isa(isa).is_ok(), isa.is_available());
+        assert_eq!(Tree::with_isa(isa).is_ok(), isa.is_available());
     }
 }
 

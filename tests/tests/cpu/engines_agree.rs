@@ -12,7 +12,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use pairmask_core::AwakePool;
-use pairmask_core::engine::{Grid, SweepAndPrune};
+use pairmask_core::engine::{Grid, SweepAndPrune, Tree};
 use pairmask_tests::golden::{self, GOLDEN};
 use pairmask_tests::oracle::pair_set_hash;
 use pairmask_tests::prelude::*;
@@ -144,7 +144,9 @@ fn engines_agree_on_ten_thousand_boxes() {
 fn engines_agree_on_a_hundred_thousand_and_a_million_boxes() {
     agree(&mut cpu_engines(), 100_000, 1_000);
     // A million boxes have 5·10^11 pairs: `cpu-brute` runs only up to a hundred thousand boxes.
-    agree(&mut [Box::new(Grid::new()), Box::new(SweepAndPrune::new())], 1_000_000, 1_000);
+    let mut engines: [Box<dyn Engine>; 3] =
+        [Box::new(Grid::new()), Box::new(SweepAndPrune::new()), Box::new(Tree::new())];
+    agree(&mut engines, 1_000_000, 1_000);
 }
 
 /// Bytes a box that an engine may keep beside the boxes and the reply.

@@ -57,6 +57,7 @@ mod rules;
 mod scratch;
 pub(crate) mod strips;
 pub mod sweep_and_prune;
+pub mod tree;
 pub(crate) mod word_budget;
 
 pub use brute_force::BruteForce;
@@ -80,6 +81,7 @@ pub use report::{CullReport, EngineTimes, PairSkips, SkipMeter, StageClock};
 pub(crate) use rules::{PairRules, PairTest, Prepared, sift_each};
 pub use scratch::RecentNeed;
 pub use sweep_and_prune::SweepAndPrune;
+pub use tree::Tree;
 
 pub use crate::isa::{AvailableIsa, Isa, IsaError};
 pub use crate::unknown_name::UnknownName;

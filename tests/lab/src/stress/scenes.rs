@@ -183,6 +183,41 @@ pub const ALL: &[StressScene] = &[
         let corner = rng.point().map(|x| 16_777_216.0 + 16.0 * (x - 0.5));
         boxed(corner, pick([0.0, 0.5, 1.0, 3.0], rng))
     }),
+    // Among ordinary boxes a finite half-space, and one in fifty that was flung away, to either side.
+    scene("outliers", Overlaps::Few, |i, n, rng| {
+        let (b, at) = (uniform(i, n, rng), rng.point());
+        let half = f32::MAX / 2.0;
+        match i % 50 {
+            7 if i > 50 => boxed(at.map(|x| 2e7 * (x - 0.5)), [1.0; 3]),
+            7 => Aabb { min: [-half; 3], max: [half, 0.0, half] },
+            _ => b,
+        }
+    }),
+    // Few boxes in each of many places, so far from one another that no table has cells for what lies between.
+    scene("clusters far apart", Overlaps::Few, |_, n, rng| {
+        let at = rng.below(n / 16 + 1);
+        let place = [at, at.wrapping_mul(0x9e37), at.wrapping_mul(0x85eb_ca6b)];
+        let corner = place.map(|x| (x % 1_024) as f32 * 16_384.0 - 8_388_608.0);
+        let p = rng.point();
+        boxed(std::array::from_fn(|axis| corner[axis] + 4.0 * p[axis]), [1.0; 3])
+    }),
+    // Wires of a chip: half of the boxes cross it along x, the others along y on the layer above; one in a hundred
+    // reaches both layers.
+    scene("woven", Overlaps::Few, |i, n, rng| {
+        let (at, length) = (n as f32 * rng.unit(), n as f32);
+        let top = if i % 100 == 41 { 0.75 } else { 0.375 };
+        if i % 2 == 0 {
+            boxed([at, 0.0, 0.5], [0.125, length, 0.5])
+        } else {
+            boxed([0.0, at, 0.0], [length, 0.125, top])
+        }
+    }),
+    // A thousand times as long as thick, along each axis.
+    scene("rods", Overlaps::Few, |i, _, rng| {
+        let mut size = [0.125; 3];
+        size[i as usize % 3] = 128.0;
+        boxed(rng.point().map(|x| 512.0 * x), size)
+    }),
 ];
 
 const fn scene(

@@ -1,0 +1,116 @@
+//! The order of the boxes: cut by cut, until each 16 lie together.
+
+use super::FAN_OUT;
+use super::cut::{Cut, Meeting};
+use crate::aabb::{Aabb, order_key};
+use crate::engine::strips::{Split, in_parts, part_count};
+use crate::engine::{AvailableIsa, Census};
+use crate::floats;
+
+/// Fewest boxes that are read, or arranged, by a task.
+pub(super) const TASK_BOXES: usize = 4_096;
+
+/// A box on its way into the order: 32 bytes, two to a cache line.
+#[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
+#[repr(C)]
+pub(super) struct Entry {
+    pub aabb: Aabb,
+    pub index: u32,
+    /// While boxes are read, not 0 for one that overlaps nothing; then what it is parted by, as a number that sorts
+    /// like it.
+    rank: i32,
+}
+
+/// Boxes, and the entries that they become.
+struct Reading<'a> {
+    boxes: &'a [Aabb],
+    first_index: u32,
+    entries: &'a mut [Entry],
+}
+
+impl Split for Reading<'_> {
+    fn len(&self) -> usize {
+        self.boxes.len()
+    }
+
+    fn split_at(self, at: usize) -> (Self, Self) {
+        let (boxes, later_boxes) = self.boxes.split_at(at);
+        let (entries, later_entries) = self.entries.split_at_mut(at);
+        let first_index = self.first_index + at as u32;
+        let later = Self { boxes: later_boxes, first_index, entries: later_entries };
+        (Self { boxes, entries, ..self }, later)
+    }
+}
+
+/// Copies the boxes, each once, and counts those that overlap nothing.
+pub(super) fn read(boxes: &[Aabb], entries: &mut [Entry], threads: usize) -> Census {
+    let work = Reading { boxes, first_index: 0, entries };
+    let parts = part_count(boxes.len(), TASK_BOXES, threads);
+    let run = |Reading { boxes, first_index, entries }: Reading<'_>| {
+        let mut census = Census::default();
+        for ((entry, aabb), index) in entries.iter_mut().zip(boxes).zip(first_index..) {
+            let aabb = *aabb;
+            // False with a NaN. Nearly all boxes are solid, so that only the others are classified.
+            let [x, y, z] = std::array::from_fn(|axis| aabb.min[axis] <= aabb.max[axis]);
+            let is_solid = x & y & z;
+            *entry = Entry { aabb, index, rank: i32::from(!is_solid) };
+            if !is_solid {
+                census.note(index, aabb.class());
+            }
+        }
+        census
+    };
+    in_parts(work, parts, &run, &|low, high| low.then(&high))
+}
+
+/// Brings what overlaps nothing to the end; the boxes that have a point, and the others.
+pub(super) fn solid_first<'a>(
+    entries: &'a mut [Entry],
+    census: &Census,
+) -> (&'a mut [Entry], &'a mut [Entry]) {
+    let solid = entries.len() - (census.empty + census.invalid) as usize;
+    if solid < entries.len() {
+        let mut next = 0;
+        for at in 0..entries.len() {
+            if entries[at].rank == 0 {
+                entries.swap(at, next);
+                next += 1;
+            }
+        }
+    }
+    entries.split_at_mut(solid)
+}
+
+/// Brings solid boxes into order, in so many parts. Ranges that are whole groups of every size, from their
+/// first box on, lie close together.
+pub(super) fn arrange(entries: &mut [Entry], meeting: &Meeting, parts: usize, isa: AvailableIsa) {
+    let mut rest = entries;
+    let mut parts = parts;
+    while rest.len() > FAN_OUT {
+        let granule = FAN_OUT.pow((rest.len() - 1).ilog(FAN_OUT));
+        let at = floats::with_default(|| {
+            let Cut { by, share } = Cut::choose(rest, meeting, isa);
+            let groups = rest.len().div_ceil(granule);
+            let before = ((share * groups as f32).round() as usize).clamp(1, groups - 1);
+            let at = before * granule;
+            for entry in &mut *rest {
+                entry.rank = order_key(by.of(&entry.aabb).to_bits());
+            }
+            rest.select_nth_unstable_by_key(at, |entry| entry.rank);
+            at
+        });
+        let all = rest.len();
+        let (low, high) = std::mem::take(&mut rest).split_at_mut(at);
+        if parts > 1 {
+            let low_parts = (parts * at / all).clamp(1, parts - 1);
+            rayon::join(
+                || arrange(low, meeting, low_parts, isa),
+                || arrange(high, meeting, parts - low_parts, isa),
+            );
+            return;
+        }
+        parts = 1;
+        arrange(low, meeting, 1, isa);
+        rest = high;
+    }
+}
