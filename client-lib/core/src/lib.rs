@@ -4,6 +4,7 @@
 pub mod aabb;
 mod aligned;
 pub mod awake_pool;
+mod backoff;
 pub mod bytes;
 pub mod dispatch;
 pub mod engine;

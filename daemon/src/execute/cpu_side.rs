@@ -56,9 +56,9 @@ impl CpuSide {
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullAnswer, CullError> {
         let (engines, boxes, expand_ns) = self.expand(boxes, &planned.options);
-        let mut report = engines.run(planned.plan.engine, &planned.plan.input(boxes), reply)?;
+        let input = planned.plan.input(boxes);
+        let (engine, mut report) = engines.run(planned.plan.engine, &input, reply)?;
         report.times.ingest_ns += expand_ns;
-        let engine = planned.plan.engine;
         Ok(planned.answer(report, engine))
     }
 
@@ -88,6 +88,9 @@ impl CpuSide {
     ) -> Result<CullAnswer, CullError> {
         if !is_left_to_cores(&error) {
             return Err(error);
+        }
+        if let CullError::TooCrowded { engine } = error {
+            self.engines.note_crowded(boxes.len(), engine);
         }
         let options = CullOptions { engine: EngineChoice::Auto, ..planned.options };
         planned.plan = self.engines.plan(boxes, &options, None);

@@ -5,7 +5,9 @@ use std::sync::{Arc, Weak};
 use std::time::{Duration, Instant};
 
 use pairmask_core::dispatch::{Marks, WorldRange, nanoseconds_since};
-use pairmask_core::engine::{CullError, CullInput, CullReport, Engine, HeapReply, ReplyBuffer};
+use pairmask_core::engine::{
+    CullError, CullInput, CullReport, Engine, EngineChoice, HeapReply, ReplyBuffer,
+};
 use pairmask_core::objects::Objects;
 use pairmask_core::plan::{GpuCost, Plan};
 use pairmask_core::precision::BoxSlice;
@@ -58,7 +60,7 @@ impl Engines {
         Ok(engines)
     }
 
-    /// Runs the engine of a plan, or the one that can do what it cannot.
+    /// Runs the engine of a plan, or the one that can do what it cannot: all pairs, up to where cores take less time.
     fn cull(
         &mut self,
         objects: Objects<'_>,
@@ -77,6 +79,9 @@ impl Engines {
         if plan.engine == EngineName::GpuGrid && plan.encoding != Encoding::Dense {
             takes(EngineName::GpuGrid)?;
             match self.grid.cull_objects(objects, plan.encoding, reply) {
+                Err(error @ CullError::TooCrowded { .. }) if self.is_sooner_on_cores(plan) => {
+                    return Err(error);
+                }
                 Err(CullError::TooCrowded { .. } | CullError::TooManyBoxes { .. }) => {}
                 done => return Ok((done?, EngineName::GpuGrid)),
             }
@@ -84,6 +89,15 @@ impl Engines {
         takes(EngineName::GpuBrute)?;
         let report = self.all_pairs.cull_objects(objects, plan.encoding, reply)?;
         Ok((report, EngineName::GpuBrute))
+    }
+
+    /// Whether cores cull a scene that crowds the grid sooner, by their tree, than this GPU by all pairs, and may.
+    fn is_sooner_on_cores(&self, plan: &Plan) -> bool {
+        let tree = plan.candidates[EngineName::CpuTree.place()];
+        let on_cores = tree.filter(|_| plan.options.engine == EngineChoice::Auto);
+        self.cost.zip(on_cores).is_some_and(|(gpu, tree)| {
+            gpu.ns_a_test * plan.stats.n.pair_count() as f64 > tree.predicted_ns
+        })
     }
 
     /// Keeps the clocks up for the next frame.
@@ -320,7 +334,9 @@ impl GpuService {
         let mut lent = frame.lent;
         let mut memory = frame.give_up();
         let answered = match (ended, &mut memory) {
-            (Err(CullError::TooCrowded { .. }), Some(memory)) => {
+            (Err(CullError::TooCrowded { .. }), Some(memory))
+                if !engines.is_sooner_on_cores(plan) =>
+            {
                 with_lent(memory, &mut lent, |objects, reply| {
                     engines.all_pairs.cull_objects(objects, plan.encoding, reply)
                 })

@@ -2,6 +2,7 @@
 
 use std::time::Instant;
 
+use super::crowded::{Crowded, TAKES_OVER};
 use super::filtered::{Laid, Worlds};
 use super::{CullAnswer, nanoseconds_since};
 use crate::engine::{
@@ -19,6 +20,7 @@ pub struct CpuEngines {
     engines: [Kept; EngineName::CPU.len()],
     calibration: Calibration,
     plans: PlanMemory,
+    crowded: Option<Crowded>,
     /// Memory of frames with rules: of those of many worlds, and of tests.
     pub(super) worlds: Worlds,
     pub(super) filter_memory: Laid,
@@ -67,6 +69,7 @@ impl CpuEngines {
             engines,
             calibration,
             plans: PlanMemory::default(),
+            crowded: None,
             worlds: Worlds::on(isa),
             filter_memory: Laid::default(),
             rules_need: RecentNeed::NONE,
@@ -117,7 +120,7 @@ impl CpuEngines {
         let capabilities = Capabilities { threads: threads_for(options), gpu };
         let n = BoxCount::of_len(boxes.len());
         if let Some(again) = n.and_then(|n| self.plans.again(n, &capabilities, options)) {
-            return again;
+            return self.replanned(again);
         }
         let planned = |stats: SceneStats| plan(&stats, &capabilities, &self.calibration, options);
         let plan = match (options.engine, n) {
@@ -137,14 +140,45 @@ impl CpuEngines {
             _ => planned(SceneStats::glance(boxes, options.last_pairs)),
         };
         self.plans.keep(&plan, &capabilities);
+        self.replanned(plan)
+    }
+
+    /// The plan, where the scene was handed over for the engine that takes it.
+    #[allow(clippy::large_types_passed_by_value)] // It is the result of what calls this.
+    fn replanned(&mut self, mut plan: Plan) -> Plan {
+        if let Some(crowded) = &mut self.crowded {
+            crowded.replan(&mut plan);
+        }
         plan
     }
 
-    /// Runs a CPU engine.
+    /// Runs a CPU engine, and `cpu-tree` where that one finds the scene too crowded and may hand it over: the
+    /// engine that answered, and its report.
     ///
     /// # Errors
     /// [`CullError`], among them an engine that is not one of the CPU's.
     pub fn run(
+        &mut self,
+        engine: EngineName,
+        input: &CullInput<'_>,
+        reply: &mut dyn ReplyBuffer,
+    ) -> Result<(EngineName, CullReport), CullError> {
+        match self.run_alone(engine, input, reply) {
+            Err(CullError::TooCrowded { engine }) => {
+                self.note_crowded(input.objects.len(), engine);
+                Ok((TAKES_OVER, self.run_alone(TAKES_OVER, input, reply)?))
+            }
+            done => Ok((engine, done?)),
+        }
+    }
+
+    /// Notes that a frame of so many boxes was too crowded for an engine: the frames to come go to `cpu-tree`, and
+    /// one at times to the engine that the plan chooses.
+    pub fn note_crowded(&mut self, n: usize, engine: EngineName) {
+        self.crowded = BoxCount::of_len(n).map(|n| Crowded::again(self.crowded, n, engine));
+    }
+
+    fn run_alone(
         &mut self,
         engine: EngineName,
         input: &CullInput<'_>,
@@ -199,7 +233,11 @@ impl CpuEngines {
         boxes: BoxSlice<'_>,
         options: &CullOptions,
         reply: &mut dyn ReplyBuffer,
-        mut run: impl FnMut(&mut Self, &Plan, &mut dyn ReplyBuffer) -> Result<CullReport, CullError>,
+        mut run: impl FnMut(
+            &mut Self,
+            &Plan,
+            &mut dyn ReplyBuffer,
+        ) -> Result<(EngineName, CullReport), CullError>,
     ) -> Result<CullAnswer, CullError> {
         let (n, limit_words) = (boxes.len(), reply.limit_words());
         let mut options = options.within(n, limit_words);
@@ -208,7 +246,10 @@ impl CpuEngines {
             let plan = self.plan(boxes, &options, None);
             let plan_ns = nanoseconds_since(start);
             match run(self, &plan, reply) {
-                Ok(report) => return Ok(CullAnswer::new(&plan, report, start, plan_ns)),
+                Ok((engine, report)) => {
+                    let plan = Plan { engine, ..plan };
+                    return Ok(CullAnswer::new(&plan, report, start, plan_ns));
+                }
                 Err(error) => {
                     options = options.after(plan.encoding, &error, n, limit_words).ok_or(error)?;
                 }

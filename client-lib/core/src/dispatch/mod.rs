@@ -2,6 +2,7 @@
 
 mod answer;
 mod boxes;
+mod crowded;
 mod filtered;
 mod spheres;
 

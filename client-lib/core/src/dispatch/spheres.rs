@@ -164,7 +164,8 @@ impl SphereWays {
         plan.encoding = encoding;
         let plan_ns = nanoseconds_since(plan_start);
         let input = plan.input(bounds).rules(PairRules::tested_by(&balls));
-        let mut report = boxes.run(plan.engine, &input, reply)?;
+        let (engine, mut report) = boxes.run(plan.engine, &input, reply)?;
+        plan.engine = engine;
         report.times.ingest_ns += bounds_ns;
         Ok(CullAnswer::new(&plan, report, start, plan_ns))
     }

@@ -33,6 +33,8 @@ pub struct CullInput<'a, Objects = BoxSlice<'a>> {
     /// Threads that the engine may use, at least 1. With more than one, the engine runs on the
     /// rayon pool of the calling thread.
     pub threads: usize,
+    /// Whether the engine may stop where another one takes less time, with [`CullError::TooCrowded`].
+    pub(crate) may_hand_over: bool,
     /// Which pairs count, beyond those whose boxes overlap.
     pub(crate) rules: PairRules<'a>,
 }
@@ -81,7 +83,8 @@ impl<'a> CullInput<'a> {
 impl<'a, Objects> CullInput<'a, Objects> {
     /// Objects of a kind, with what [`CullInput::boxes`] has for the rest.
     pub(crate) const fn of(objects: Objects) -> Self {
-        Self { objects, encoding: Encoding::Sparse, threads: 1, rules: PairRules::NONE }
+        let rules = PairRules::NONE;
+        Self { objects, encoding: Encoding::Sparse, threads: 1, may_hand_over: false, rules }
     }
 
     /// The same objects, answered in this encoding.
@@ -96,6 +99,12 @@ impl<'a, Objects> CullInput<'a, Objects> {
         Self { threads, ..self }
     }
 
+    /// The same objects, for an engine that may hand them over to another.
+    #[must_use]
+    pub(crate) fn may_hand_over(self, may_hand_over: bool) -> Self {
+        Self { may_hand_over, ..self }
+    }
+
     /// The same objects, of whose pairs only those count that the rules let pass.
     #[must_use]
     pub(crate) fn rules(self, rules: PairRules<'a>) -> Self {
@@ -108,8 +117,8 @@ impl<'a, Objects> CullInput<'a, Objects> {
     where
         'a: 'b,
     {
-        let Self { encoding, threads, rules, .. } = *self;
-        CullInput { objects, encoding, threads, rules }
+        let Self { encoding, threads, may_hand_over, rules, .. } = *self;
+        CullInput { objects, encoding, threads, may_hand_over, rules }
     }
 }
 

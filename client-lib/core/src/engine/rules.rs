@@ -31,34 +31,39 @@ pub(crate) trait PairTest: Sync {
 
 /// What a test lays out once the engine has said its order, in memory that is kept from frame to frame.
 pub(crate) struct Prepared<T> {
-    ready: OnceLock<T>,
+    /// For the order of the engine that began the frame, and of the one that it was handed over to.
+    ready: [OnceLock<T>; 2],
     memory: Mutex<T>,
 }
 
 impl<T: Default> Prepared<T> {
     /// Nothing yet, in the memory of an earlier frame.
     pub const fn new(memory: T) -> Self {
-        Self { ready: OnceLock::new(), memory: Mutex::new(memory) }
+        Self { ready: [OnceLock::new(), OnceLock::new()], memory: Mutex::new(memory) }
     }
 
-    /// What was laid out.
+    /// What was laid out last.
     #[inline]
     pub fn get(&self) -> Option<&T> {
-        self.ready.get()
+        let [first, second] = &self.ready;
+        second.get().or_else(|| first.get())
     }
 
-    /// Lays out by `fill`, unless that says that it cannot. One engine runs, and says its order once.
+    /// Lays out by `fill`, unless that says that it cannot, which must not depend on the order. Two engines at
+    /// most run, one after the other, and each says its order once.
     pub fn prepare(&self, fill: impl FnOnce(&mut T) -> bool) {
         let mut memory = self.memory.lock().unwrap_or_else(PoisonError::into_inner);
         if fill(&mut memory) {
-            let _ = self.ready.set(std::mem::take(&mut *memory));
+            let laid = std::mem::take(&mut *memory);
+            let _ = self.ready[0].set(laid).or_else(|laid| self.ready[1].set(laid));
         }
     }
 
     /// Gives the memory back for the next frame.
     pub fn into_memory(self) -> T {
         let kept = self.memory.into_inner().unwrap_or_else(PoisonError::into_inner);
-        self.ready.into_inner().unwrap_or(kept)
+        let [first, second] = self.ready;
+        second.into_inner().or(first.into_inner()).unwrap_or(kept)
     }
 }
 

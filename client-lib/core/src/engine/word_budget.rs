@@ -1,13 +1,22 @@
-//! How many words, or pairs, a frame may find: what the reply holds, shared by all of the frame's
-//! tasks.
+//! What a frame may take, shared by all of its tasks: words, or pairs, that the reply holds, and tests before
+//! another engine is the better one.
 
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicI64, AtomicU64, Ordering};
 
-use super::{ReplyBuffer, ReserveError};
+use super::{CullError, EngineName, ReplyBuffer, ReserveError};
 use crate::mask::{Encoding, MaskShape};
 use crate::units::BoxCount;
 
 const WORD_BYTES: u64 = size_of::<u32>() as u64;
+
+/// Tests, for each box, after which an engine hands a crowded scene over: twelve strips, which take 15 to 250 ns as
+/// the caches hold the boxes or not, up to about what `cpu-tree` takes for the whole frame. More would waste time in
+/// such scenes, fewer would hand over scenes that the engine is right for: those take 20 to 75 tests a box.
+const TESTS_A_BOX: i64 = 192;
+/// Tests more for each pair that is found: any engine finds all pairs, and tests some boxes around each.
+const TESTS_A_PAIR: i64 = 32;
+/// Tests of scenes of any size.
+const TESTS_LEAST: i64 = 1 << 20;
 
 /// The words that the tasks of a frame may still keep; for a list, the pairs.
 ///
@@ -21,6 +30,9 @@ pub(crate) struct WordBudget {
     encoding: Encoding,
     with_order: bool,
     limit_words: u64,
+    tests_left: AtomicI64,
+    /// The engine, where it may hand the frame over.
+    hands_over: Option<EngineName>,
 }
 
 impl WordBudget {
@@ -38,8 +50,42 @@ impl WordBudget {
         let limit_words = reply.limit_words();
         let most = MaskShape::words_within(encoding, n, limit_words, with_order);
         let taken = AtomicU64::new(0);
-        let budget = Self { taken, most: most.unwrap_or(0), n, encoding, with_order, limit_words };
+        let budget = Self {
+            taken,
+            most: most.unwrap_or(0),
+            n,
+            encoding,
+            with_order,
+            limit_words,
+            tests_left: AtomicI64::new(i64::MAX),
+            hands_over: None,
+        };
         if most.is_some() { Ok(budget) } else { Err(budget.refusal_of(0)) }
+    }
+
+    /// The same for an engine that hands the frame over after so many tests that another one takes less time for
+    /// all of it, where it may.
+    pub fn handing_over(mut self, engine: EngineName, may_hand_over: bool) -> Self {
+        if may_hand_over {
+            let tests = TESTS_A_BOX * i64::from(self.n.get());
+            self.tests_left = AtomicI64::new(tests.max(TESTS_LEAST));
+            self.hands_over = Some(engine);
+        }
+        self
+    }
+
+    /// Counts tests, and the pairs that they found.
+    #[inline]
+    pub fn note_tests(&self, tests: u64, pairs: u64) {
+        if self.hands_over.is_some() {
+            let allowed = TESTS_A_PAIR.saturating_mul(pairs as i64);
+            // Relaxed: a number that stops a search, and that nothing is read by.
+            self.tests_left.fetch_sub((tests as i64).saturating_sub(allowed), Ordering::Relaxed);
+        }
+    }
+
+    fn is_crowded(&self) -> bool {
+        self.tests_left.load(Ordering::Relaxed) < 0
     }
 
     pub const fn n(&self) -> BoxCount {
@@ -63,18 +109,27 @@ impl WordBudget {
         self.taken.fetch_add(count, Ordering::Relaxed).saturating_add(count) <= self.most
     }
 
-    /// Whether more was found than the reply holds: then no more need be.
+    /// Whether more was found than the reply holds, or another engine takes over: then no more need be found.
     #[inline]
     pub fn is_spent(&self) -> bool {
+        self.is_full() || self.is_crowded()
+    }
+
+    fn is_full(&self) -> bool {
         self.taken.load(Ordering::Relaxed) > self.most
     }
 
     /// The end of a search.
     ///
     /// # Errors
-    /// [`ReserveError::TooLarge`] where the budget is spent; the words found are then not all.
-    pub fn check(&self) -> Result<(), ReserveError> {
-        if self.is_spent() { Err(self.refusal_of(self.most + 1)) } else { Ok(()) }
+    /// [`ReserveError::TooLarge`] where more was found than the reply holds, and [`CullError::TooCrowded`] where
+    /// another engine takes over; the words found are then not all.
+    pub fn check(&self) -> Result<(), CullError> {
+        match self.hands_over {
+            _ if self.is_full() => Err(self.refusal_of(self.most + 1).into()),
+            Some(engine) if self.is_crowded() => Err(CullError::TooCrowded { engine }),
+            _ => Ok(()),
+        }
     }
 
     /// The refusal of a mask of so many words (pairs of a list) or more.
@@ -126,7 +181,7 @@ mod tests {
             at_least_bytes: 4 * (3 * 80 + 1_000),
             limit_bytes: 4 * (3 * 64 + 1_000),
         };
-        assert_eq!(budget.check(), Err(refusal), "65 words take the room of 80");
+        assert_eq!(budget.check(), Err(refusal.into()), "65 words take the room of 80");
     }
 
     #[test]
@@ -138,7 +193,7 @@ mod tests {
         assert_eq!(budget.check(), Ok(()));
         assert!(!budget.take(&[0b1000]) && budget.is_spent());
         let refusal = ReserveError::TooLarge { at_least_bytes: 8 * 101, limit_bytes: 8 * 100 + 4 };
-        assert_eq!(budget.check(), Err(refusal));
+        assert_eq!(budget.check(), Err(refusal.into()));
         let nothing = HeapReply::with_limit_bytes(0);
         assert!(WordBudget::new(n, Encoding::List, true, &nothing).is_ok(), "there may be no pair");
     }
@@ -173,6 +228,28 @@ mod tests {
                 };
                 assert!(budget.most >= most, "{encoding}");
             }
+        }
+    }
+
+    #[test]
+    fn a_frame_is_handed_over_after_more_tests_than_pairs_explain() {
+        let n = BoxCount::new(1_000_000);
+        let budget = |may| {
+            let budget = WordBudget::new(n, Encoding::Sparse, true, &HeapReply::new());
+            budget.expect("no limit").handing_over(EngineName::CpuGrid, may)
+        };
+        let crowded = Err(CullError::TooCrowded { engine: EngineName::CpuGrid });
+        for (tests, pairs, may, expected) in [
+            (192_000_000, 0, true, Ok(())),
+            (192_000_001, 0, true, crowded.clone()),
+            (1_192_000_000, 31_250_000, true, Ok(())),
+            (1_192_000_001, 31_250_000, true, crowded),
+            (u64::MAX / 4, 0, false, Ok(())),
+        ] {
+            let budget = budget(may);
+            budget.note_tests(tests, pairs);
+            assert_eq!(budget.is_spent(), expected.is_err());
+            assert_eq!(budget.check(), expected, "{tests} {pairs}");
         }
     }
 }

@@ -90,7 +90,9 @@ pub struct Plan {
 impl Plan {
     /// What the engine of the plan gets for these boxes, those that it was planned for.
     pub fn input<'a>(&self, boxes: impl Into<BoxSlice<'a>>) -> CullInput<'a> {
-        CullInput::boxes(boxes).encoding(self.encoding).threads(self.threads)
+        let may_hand_over = self.options.engine == EngineChoice::Auto;
+        let input = CullInput::boxes(boxes).encoding(self.encoding).threads(self.threads);
+        input.may_hand_over(may_hand_over)
     }
 }
 

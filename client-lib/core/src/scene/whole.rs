@@ -125,7 +125,7 @@ impl Whole {
         let options = options(threads, None);
         let plan = self.engines.plan(boxes, &options, None);
         let input = plan.input(boxes).rules(PairRules::tested_by(hulls));
-        let report = self.engines.run(plan.engine, &input, &mut self.reply)?;
+        let (_, report) = self.engines.run(plan.engine, &input, &mut self.reply)?;
         let found = hulls.changes(list_of(n, &report, self.reply.words())?, threads);
         Ok((found, n.pair_count().saturating_sub(report.skipped.pairs)))
     }
@@ -162,7 +162,7 @@ fn options(threads: usize, last_pairs: Option<u64>) -> CullOptions {
 }
 
 /// The list that an engine has written.
-fn list_of<'a>(
+pub(super) fn list_of<'a>(
     n: BoxCount,
     report: &CullReport,
     reply: &'a [u32],

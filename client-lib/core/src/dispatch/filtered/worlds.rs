@@ -5,6 +5,7 @@ use std::ops::Range;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
 
+use super::super::crowded::TAKES_OVER;
 use super::groups::{Group, Groups};
 use super::laid::Laid;
 use super::look::Look;
@@ -382,8 +383,12 @@ impl Task {
         let input = CullInput::boxes(boxes)
             .encoding(Encoding::List)
             .threads(if is_shared { scene.threads } else { 1 })
+            .may_hand_over(scene.choice == EngineChoice::Auto)
             .rules(rules);
-        let done = self.engines[place(engine)].cull(&input, &mut self.reply);
+        let mut done = self.engines[place(engine)].cull(&input, &mut self.reply);
+        if matches!(done, Err(CullError::TooCrowded { .. })) {
+            done = self.engines[place(TAKES_OVER)].cull(&input, &mut self.reply);
+        }
         self.laid = test.into_memory();
         let report = done?;
         let count = counted(boxes, engine)?;

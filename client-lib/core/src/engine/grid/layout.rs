@@ -53,6 +53,9 @@ pub(super) struct Layout {
     /// Finest first. The last one takes everything.
     pub levels: Vec<Level>,
     pub cell_count: u32,
+    /// What a box takes by the model, in strips: 2 to 8 where cells part the boxes, 30 and far more where they do
+    /// not.
+    pub cost: f32,
     sample: Sample,
 }
 
@@ -100,12 +103,14 @@ impl Layout {
 
     fn choose_levels(&mut self, boxes: &[Aabb]) {
         self.levels.clear();
-        self.cell_count = 0;
+        (self.cell_count, self.cost) = (0, 0.0);
         self.sample.take(boxes);
         let m = self.sample.boxes.len();
         if m > 0 {
             let density = self.sample.density();
-            for group in best_groups(&self.sample, &density).into_iter().flatten() {
+            let groups = best_groups(&self.sample, &density);
+            self.cost = total_cost(groups);
+            for group in groups.into_iter().flatten() {
                 let boxes = group.share * m as f32 * self.sample.weight;
                 let axes = axes(&self.sample, group.cell_edges, boxes);
                 self.append(axes);
@@ -192,7 +197,7 @@ fn total_cost(groups: [Option<Group>; 3]) -> f32 {
     cost
 }
 
-/// Edges of some boxes of the sample. Infinite ones are left to the level that takes everything.
+/// Edges of some boxes of the sample.
 #[derive(Clone, Copy, Default)]
 struct EdgeStats {
     box_count: usize,
@@ -205,7 +210,7 @@ impl EdgeStats {
         let mut stats = Self { box_count: boxes.len(), ..Self::default() };
         for b in boxes {
             for axis in 0..3 {
-                let edge = if b.edges[axis].is_finite() { b.edges[axis] } else { 0.0 };
+                let edge = b.edges[axis];
                 stats.sum[axis] += f64::from(edge);
                 stats.largest[axis] = stats.largest[axis].max(edge);
             }
@@ -353,19 +358,21 @@ pub(crate) fn folded(mut counts: [f32; 3], limit: f32) -> [f32; 3] {
 /// Axes of a level of cells of `edges` over the sample's bounds, for about `boxes` boxes.
 fn axes(sample: &Sample, edges: [f32; 3], boxes: f32) -> [Axis; 3] {
     let limit = (boxes * CELLS_A_BOX).clamp(CELLS_LEAST, CELLS_MOST);
+    // So that no near box is beyond the last number of a cell.
+    let edges = sample.edges_for(edges, CELL_LIMIT);
     let counts = cell_counts(sample, edges);
-    if counts.iter().product::<f32>() <= limit {
+    if counts.iter().product::<f32>() <= limit && !sample.has_far {
         return std::array::from_fn(|axis| {
             Axis::clamped(sample.low[axis], edges[axis], counts[axis] as u32)
         });
     }
-    // Too wide for a table: fold. Axes of fewer than four cells would be their own neighbours on
+    // Too wide for a table, or boxes lie where it ends, which would crowd its last cells: fold. Axes of fewer than four cells would be their own neighbours on
     // both sides, so they become one.
-    let counts = folded(counts, limit);
+    let (counts, middle) = (folded(counts, limit), sample.middle());
     std::array::from_fn(|axis| {
         if counts[axis] < 4.0 {
             return Axis::WHOLE;
         }
-        Axis::wrapped(sample.low[axis], edges[axis], counts[axis] as u32)
+        Axis::wrapped(middle[axis], edges[axis], counts[axis] as u32)
     })
 }

@@ -6,7 +6,8 @@
 //! runs of positions. That neighbours are enough is proved in `axis.rs` for the very arithmetic that
 //! is computed. Pairs across levels are looked for from the larger box: it visits the cells of the
 //! finer levels that it covers. Work is O(n + pairs) for boxes that the sample finds a good layout for; giants
-//! and infinite boxes go to levels of their own.
+//! and infinite boxes go to levels of their own. Boxes that cells do not part are handed over to the tree: before
+//! anything is sorted where the sample shows them, and else when more columns were tested than the tree would take.
 
 mod axis;
 mod bucket;
@@ -44,6 +45,9 @@ use crate::precision::BoxForm;
 const TASK_ROWS: usize = 1_024;
 /// Fewest boxes that are worth a second thread.
 const PARALLEL_BOXES: usize = 2_048;
+
+/// Strips a box, as the layout expects them, from which `cpu-tree` takes less time.
+const STRIPS_MOST: f32 = 32.0;
 
 /// `cpu-grid` in the list of engines.
 pub(super) const DESCRIPTOR: EngineDescriptor = EngineDescriptor {
@@ -118,10 +122,14 @@ impl Engine for Grid {
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullReport, CullError> {
         let (boxes, n) = input.f32_boxes(EngineName::CpuGrid)?;
-        let budget = &WordBudget::new(n, input.encoding, true, reply)?;
+        let budget = WordBudget::new(n, input.encoding, true, reply)?;
+        let budget = &budget.handing_over(EngineName::CpuGrid, input.may_hand_over);
         let threads = if boxes.len() < PARALLEL_BOXES { 1 } else { input.threads.max(1) };
         let mut clock = StageClock::start();
         self.layout.choose(boxes);
+        if input.may_hand_over && self.layout.cost > STRIPS_MOST {
+            return Err(CullError::TooCrowded { engine: EngineName::CpuGrid });
+        }
         let levels = self.layout.levels.as_slice();
         let census = self.sorted.sort(boxes, levels, self.layout.cell_count, threads, self.isa);
         clock.ingested();

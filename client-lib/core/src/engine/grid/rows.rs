@@ -22,6 +22,10 @@ const SMALL_LEVEL: u32 = 32;
 /// would have too many strips, and finding that out takes as long as a tenth of the line.
 const CROWDED_CELL: u32 = 12;
 
+/// Tests of columns that take as long as to look a line of finer cells up, and lines after which they are counted.
+const LINE_TESTS: u64 = 32;
+const LINES_NOTED: u64 = 1_024;
+
 /// Room that a row must find in the batch: a strip of its own line, and a group.
 const ROW_STRIPS: usize = 1 + GROUP;
 
@@ -31,6 +35,8 @@ pub(super) struct RowTask {
     pub rows: Range<u32>,
     pub found: WordSink,
     pub compared: u64,
+    /// Lines of finer cells that were looked up and not yet counted.
+    lines: u64,
     batch: StripBatch,
     block: RowBlock,
     plain: PlainCells,
@@ -55,7 +61,7 @@ impl Scene<'_> {
         self.start(level.first_cell)..self.start(level.first_cell + level.cell_count())
     }
 
-    /// Whether more words were found than the reply holds: then rows need not be looked at.
+    /// Whether the budget is spent: then rows need not be looked at.
     #[inline(always)]
     fn is_over(&self) -> bool {
         self.gather.budget.is_spent()
@@ -75,7 +81,7 @@ impl RowTask {
     pub fn run(&mut self, scene: Scene<'_>) {
         self.found.clear();
         self.batch.reset();
-        self.compared = 0;
+        (self.compared, self.lines) = (0, 0);
         for (i, level) in scene.levels.iter().enumerate().rev() {
             let positions = scene.positions(level);
             let rows = positions.start.max(self.rows.start)..positions.end.min(self.rows.end);
@@ -249,6 +255,7 @@ impl RowTask {
     /// it covers, so that a giant costs about as much as it has pairs.
     fn push_finer(&mut self, scene: Scene<'_>, finer: &[Level], row: u32) {
         let keys = scene.sorted.boxes.keys();
+        let mut lines = 0;
         let coordinate = |component: usize| coordinate(keys[component][row as usize]);
         let min: [f32; 3] = std::array::from_fn(coordinate);
         let max: [f32; 3] = std::array::from_fn(|axis| coordinate(3 + axis));
@@ -265,6 +272,7 @@ impl RowTask {
             });
             for z in zs.into_iter().flatten() {
                 for y in ys.iter().cloned().flatten() {
+                    lines += 1;
                     for x in &xs {
                         let start = scene.start(level.cell_at([x.start, y, z]));
                         let end = scene.start(level.cell_at([x.end, y, z]));
@@ -272,6 +280,11 @@ impl RowTask {
                     }
                 }
             }
+        }
+        self.lines += lines;
+        if self.lines >= LINES_NOTED {
+            scene.gather.budget.note_tests(LINE_TESTS * self.lines, 0);
+            self.lines = 0;
         }
     }
 

@@ -1,5 +1,8 @@
 //! A sample of the scene: sizes, bounds and density, from at most 1,024 boxes.
 //!
+//! Few boxes far from all others, a body that was flung away or a half-space, do not count: bounds are those of
+//! the others, and edges end at them.
+//!
 //! A pure function of the boxes: the layout of the grid, and with it the order of the reply, must
 //! not depend on earlier frames.
 
@@ -14,6 +17,15 @@ const SAMPLE_MOST: usize = 1_024;
 const MEDIAN_BOXES: usize = 256;
 /// Largest size up to which boxes count as alike; that of the median box is about 1.
 const LIKE_SIZES: f32 = 2.0;
+
+/// Boxes that the spread of positions is taken from, where it is only to show whether some lie far away.
+const SPREAD_BOXES: usize = 64;
+/// Extent in mean distances from the mean at which some boxes may lie far away: evenly spread boxes have 4, a
+/// normal distribution has 8, and one box in a hundred that lies far away makes 50.
+const FAR_EXTENT: f32 = 16.0;
+/// Share of the boxes, on either side, that may lie far away: one in so many. The others' extent, added on either
+/// side, is what is not far.
+const FAR_SHARE: usize = 32;
 
 /// Sampled boxes in the cell of a sampled box at which the cell is small enough.
 const SAMPLE_NEIGHBOURS: f32 = 1.5;
@@ -35,14 +47,14 @@ pub(crate) struct Sample {
     pub boxes: Vec<SampledBox>,
     /// Whether all boxes are of about one size, so that one level will do.
     pub alike: bool,
-    /// Smallest finite min on each axis.
+    /// Smallest min on each axis, of those that are not far from all others.
     pub low: [f32; 3],
-    /// Distance from the smallest to the largest finite min on each axis.
+    /// Distance from the smallest to the largest of these on each axis.
     pub extent: [f32; 3],
+    /// Whether some boxes lie far away, or at an infinite distance.
+    pub has_far: bool,
     /// Boxes of the scene for one of the sample.
     pub weight: f32,
-    /// Whether every min is finite.
-    bounded: bool,
     scratch: Vec<f32>,
     counts: Vec<u16>,
 }
@@ -67,22 +79,57 @@ impl Sample {
 
     fn measure_bounds(&mut self) {
         let (mut low, mut high) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
-        self.bounded = true;
+        self.has_far = false;
         for b in &self.boxes {
             for axis in 0..3 {
                 let x = b.min[axis];
                 let finite = x.is_finite();
                 low[axis] = lesser(low[axis], if finite { x } else { f32::INFINITY });
                 high[axis] = greater(high[axis], if finite { x } else { f32::NEG_INFINITY });
-                self.bounded &= finite;
+                self.has_far |= !finite;
             }
         }
         for axis in 0..3 {
-            let (low, high) = (low[axis], high[axis]);
+            let (mut low, mut high) = (low[axis], high[axis]);
+            if high - low > FAR_EXTENT * self.spread(axis) {
+                let near = self.near_bounds(axis);
+                self.has_far |= near != (low, high);
+                (low, high) = near;
+            }
             self.low[axis] = if low.is_finite() { low } else { 0.0 };
             // Finite bounds may be an infinite distance apart.
             self.extent[axis] = if low <= high { (high - low).min(f32::MAX) } else { 0.0 };
         }
+    }
+
+    /// Mean distance of some finite mins from their mean.
+    fn spread(&self, axis: usize) -> f32 {
+        let step = self.boxes.len().div_ceil(SPREAD_BOXES).max(1);
+        let (mut some, mut count) = ([0.0; SPREAD_BOXES], 0);
+        for b in self.boxes.iter().step_by(step) {
+            some[count] = b.min[axis];
+            count += usize::from(b.min[axis].is_finite());
+        }
+        let (some, weight) = (&some[..count], 1.0 / count.max(1) as f32);
+        let mean: f32 = some.iter().map(|x| weight * x).sum();
+        some.iter().map(|x| weight * (x - mean).abs()).sum()
+    }
+
+    /// The smallest and the largest finite min of those that are not far from all others.
+    fn near_bounds(&mut self, axis: usize) -> (f32, f32) {
+        let finite = self.boxes.iter().map(|b| b.min[axis]).filter(|x| x.is_finite());
+        self.scratch.clear();
+        self.scratch.extend(finite);
+        if self.scratch.is_empty() {
+            return (f32::INFINITY, f32::NEG_INFINITY);
+        }
+        let far = self.scratch.len() / FAR_SHARE;
+        let last = self.scratch.len() - 1 - far;
+        let low = *self.scratch.select_nth_unstable_by(far, f32::total_cmp).1;
+        let high = *self.scratch.select_nth_unstable_by(last, f32::total_cmp).1;
+        let extent = high - low;
+        let near = self.scratch.iter().filter(|x| (low - extent..=high + extent).contains(*x));
+        near.fold((low, high), |(low, high), x| (lesser(low, *x), greater(high, *x)))
     }
 
     fn measure_sizes(&mut self) {
@@ -100,7 +147,11 @@ impl Sample {
             }
             *self.scratch.select_nth_unstable_by(middle, f32::total_cmp).1
         });
+        // What is longer than the scene covers all of it, however long it is.
+        let longest: [f32; 3] =
+            std::array::from_fn(|axis| greater(self.extent[axis], LIKE_SIZES * unit[axis]));
         for b in &mut self.boxes {
+            b.edges = std::array::from_fn(|axis| lesser(longest[axis], b.edges[axis]));
             b.size = (0..3).map(|axis| b.edges[axis] / unit[axis]).fold(0.0, f32::max);
         }
         self.alike = self.boxes.iter().all(|b| b.size <= LIKE_SIZES);
@@ -129,6 +180,16 @@ impl Sample {
             let least = if least[axis].is_finite() { least[axis] } else { f32::MIN_POSITIVE };
             largest[axis] / least <= LIKE_SIZES
         })
+    }
+
+    /// The middle of the scene on each axis.
+    pub fn middle(&self) -> [f32; 3] {
+        std::array::from_fn(|axis| self.low[axis] + 0.5 * self.extent[axis])
+    }
+
+    /// Edges of cells of which there are at most so many across the scene.
+    pub fn edges_for(&self, edges: [f32; 3], most_cells: f32) -> [f32; 3] {
+        std::array::from_fn(|axis| edges[axis].max(self.extent[axis] / most_cells))
     }
 
     /// Boxes of the scene around a box, measured in cells so small that the sample itself has one
@@ -161,7 +222,7 @@ impl Sample {
         let slots = (16 * m).next_power_of_two();
         let per_unit = edges.map(|edge| 1.0 / edge);
         let one_cell = (0..3).all(|axis| (self.extent[axis] * per_unit[axis]) as u32 == 0);
-        let pairs = if self.bounded && one_cell {
+        let pairs = if !self.has_far && one_cell {
             // Of the first cells that are tried: each box with each other one.
             (m * (m - 1) / 2) as u64
         } else {
@@ -180,8 +241,8 @@ impl Sample {
         for b in &self.boxes {
             let mut hash = 0u32;
             for axis in 0..3 {
-                let cell = ((b.min[axis] - self.low[axis]) * per_unit[axis]) as u32;
-                hash = (hash ^ cell).wrapping_mul(0x9e37_79b1).rotate_left(13);
+                let cell = ((b.min[axis] - self.low[axis]) * per_unit[axis]) as i32;
+                hash = (hash ^ cell as u32).wrapping_mul(0x9e37_79b1).rotate_left(13);
             }
             let slot = &mut self.counts[(hash.wrapping_mul(0x85eb_ca6b) >> shift) as usize];
             pairs += u64::from(*slot);

@@ -32,6 +32,8 @@ pub(crate) struct StripBatch {
     /// Before the test the columns that belong to the run, after it those of them that overlap.
     lanes: Box<[u16; ALLOCATED]>,
     len: usize,
+    /// Columns compared by the last test, and by all since they were asked for.
+    tested: u64,
     compared: u64,
 }
 
@@ -95,6 +97,7 @@ impl Default for StripBatch {
             starts: Box::new([0; ALLOCATED]),
             lanes: Box::new([0; ALLOCATED]),
             len: 0,
+            tested: 0,
             compared: 0,
         }
     }
@@ -155,7 +158,13 @@ impl StripBatch {
         let (rows, starts, lanes) =
             (&self.rows[..self.len], &self.starts[..self.len], &mut self.lanes[..self.len]);
         let keys = boxes.keys();
-        self.compared += test(&keys, rows, starts, lanes, isa);
+        self.tested = test(&keys, rows, starts, lanes, isa);
+        self.compared += self.tested;
+    }
+
+    /// Columns that the last test compared.
+    pub(super) const fn tested_columns(&self) -> u64 {
+        self.tested
     }
 
     /// Rows, starts and lanes of all strips.

@@ -123,10 +123,12 @@ impl WordSink {
 
     /// Adds the hits of a tested batch. Batches must come in rising order of (row, start).
     ///
-    /// Full chunks count against the budget. A task that searches on after it is spent wastes time.
+    /// Full chunks, and tests, count against the budget. A task that searches on after it is spent wastes time.
     pub fn take(&mut self, batch: &StripBatch, gather: &Gather<'_>) {
         let isa = gather.isa;
-        self.pair_count += self.hits.collect(batch, isa);
+        let pairs = self.hits.collect(batch, isa);
+        gather.budget.note_tests(batch.tested_columns(), pairs);
+        self.pair_count += pairs;
         let mut done = 0;
         while done < self.hits.len() {
             self.make_room(gather);

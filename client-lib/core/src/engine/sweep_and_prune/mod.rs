@@ -126,7 +126,8 @@ impl Engine for SweepAndPrune {
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullReport, CullError> {
         let (boxes, n) = input.f32_boxes(EngineName::CpuSap)?;
-        let budget = &WordBudget::new(n, input.encoding, true, reply)?;
+        let budget = WordBudget::new(n, input.encoding, true, reply)?;
+        let budget = &budget.handing_over(EngineName::CpuSap, input.may_hand_over);
         let threads = if boxes.len() < PARALLEL_BOXES { 1 } else { input.threads.max(1) };
         let mut clock = StageClock::start();
         let (census, axis) = self.ingest(boxes);

@@ -4,7 +4,7 @@
 
 use super::axis::{Axis, CELL_BITS, LONGEST};
 use super::block::SLOTS;
-use super::quanta::{Quanta, Scale};
+use super::quanta::{QUANTUM_LIMIT, Quanta, Scale};
 use crate::aabb::Aabb;
 use crate::engine::grid::{Density, Sample, SizeClass, cell_counts, folded, size_classes};
 use crate::floats;
@@ -77,18 +77,19 @@ impl Level {
 
     /// A level of cells of some edges, for boxes of up to `longest`.
     fn new(sample: &Sample, edges: [f32; 3], longest: [f32; 3], limit: f32) -> Self {
+        // So that no near box is beyond the last quantum, on either side of the middle.
+        let edges = sample.edges_for(edges, QUANTUM_LIMIT / (1 << CELL_BITS) as f32);
         let counts = cell_counts(sample, edges);
-        let start = |axis: usize| sample.low[axis];
-        if counts.iter().product::<f32>() <= limit {
+        if counts.iter().product::<f32>() <= limit && !sample.has_far {
             let axes = std::array::from_fn(|axis| {
-                Axis::clamped(start(axis), edges[axis], longest[axis], counts[axis] as u32)
+                Axis::clamped(sample.low[axis], edges[axis], longest[axis], counts[axis] as u32)
             });
             return Self::of_axes(axes);
         }
-        let counts = folded(counts, limit);
+        let (counts, middle) = (folded(counts, limit), sample.middle());
         let axes = std::array::from_fn(|axis| {
             let count = if counts[axis] < 4.0 { 1 } else { counts[axis] as u32 };
-            Axis::wrapped(start(axis), edges[axis], longest[axis], count)
+            Axis::wrapped(middle[axis], edges[axis], longest[axis], count)
         });
         Self::of_axes(axes)
     }

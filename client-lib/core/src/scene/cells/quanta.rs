@@ -5,7 +5,7 @@ use crate::aabb::Aabb;
 use crate::floats;
 
 /// Largest magnitude of a quantum, so that differences stay below 2^31.
-const QUANTUM_LIMIT: f32 = 536_870_912.0;
+pub(super) const QUANTUM_LIMIT: f32 = 536_870_912.0;
 
 /// A box in quanta. The last lane is 0.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

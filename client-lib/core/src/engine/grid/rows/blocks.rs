@@ -49,8 +49,12 @@ impl RowTask {
             if fits {
                 // Words come in the order of rows.
                 self.flush(scene);
-                self.compared += self.block.test(&scene.sorted.boxes, scene.gather.isa);
+                let tested = self.block.test(&scene.sorted.boxes, scene.gather.isa);
+                self.compared += tested;
+                let before = self.found.pair_count();
                 self.found.take_block(&self.block, scene.gather);
+                let pairs = self.found.pair_count().saturating_sub(before);
+                scene.gather.budget.note_tests(tested, pairs);
                 if scene.is_over() {
                     return;
                 }
