@@ -1,6 +1,7 @@
 //! Engines, masks and documents: nothing here needs a daemon or a GPU.
 #![allow(clippy::unwrap_used)]
 
+mod cliffs;
 mod conformance_can_fail;
 mod documents;
 mod engine_list;

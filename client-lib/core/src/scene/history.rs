@@ -6,6 +6,8 @@
 //!
 //! A pair of two changed boxes is found from both, and told from the one with the smaller index.
 
+use std::sync::atomic::{AtomicI64, Ordering};
+
 use super::cells::{CHANGED, Candidate, Cells, INDEX, Probe, STATIC, Searches, is_solid};
 use super::change::{WasIs, change, overlap};
 use super::fetch::ask_for;
@@ -23,6 +25,11 @@ const BATCH: usize = 16;
 /// follow one another share no memory.
 const SORTED_BOXES: usize = 512;
 const SORTED_SHARE: usize = 128;
+
+/// Tests of a search, and for each box of the scene, that searches take at the most: a half to a whole of what a
+/// cull of all boxes takes. A search of boxes that cells part tests 30 to 100.
+const TESTS_A_SEARCH: i64 = 256;
+const TESTS_A_BOX: i64 = 64;
 
 /// Batches that are under way at a time: each is a step behind the one after it.
 const BATCHES: usize = 4;
@@ -83,8 +90,14 @@ impl Changes {
             + self.tasks.iter().map(of_task).sum::<usize>()
     }
 
-    /// What differs from then to now, in no order, some of it twice; and how many boxes were tested.
-    pub fn find(&mut self, cells: &Cells, store: &Store, threads: usize) -> (Difference, u64) {
+    /// What differs from then to now, in no order, some of it twice; and how many boxes were tested. `None` where
+    /// these would be more than [`most_tests`].
+    pub fn find(
+        &mut self,
+        cells: &Cells,
+        store: &Store,
+        threads: usize,
+    ) -> Option<(Difference, u64)> {
         let Self { centres, order, tasks } = self;
         let changed = store.changed();
         centres_of(changed, store, centres, threads);
@@ -100,7 +113,11 @@ impl Changes {
             task.boxes = border(part)..border(part + 1);
         }
         let (centres, order) = (centres.as_slice(), order.as_slice());
-        for_each_in_parts(tasks, parts, |task| task.run(centres, order, cells, store));
+        let left = &AtomicI64::new(most_tests(store, count));
+        for_each_in_parts(tasks, parts, |task| task.run(centres, order, cells, store, left));
+        if left.load(Ordering::Relaxed) < 0 {
+            return None;
+        }
         let mut all = Difference::default();
         let mut tested = 0;
         for task in tasks {
@@ -108,8 +125,13 @@ impl Changes {
             all.ended.append(&mut task.found.ended);
             tested += task.tested;
         }
-        (all, tested)
+        Some((all, tested))
     }
+}
+
+/// Tests of so many searches after which the whole scene is sooner culled.
+fn most_tests(store: &Store, searches: usize) -> i64 {
+    TESTS_A_SEARCH * searches as i64 + TESTS_A_BOX * store.boxes().len() as i64
 }
 
 /// What changed boxes were and are.
@@ -200,7 +222,15 @@ impl Centre {
 }
 
 impl Search {
-    fn run(&mut self, centres: &[Centre], order: &[u32], cells: &Cells, store: &Store) {
+    /// Looks around all boxes, while tests are left.
+    fn run(
+        &mut self,
+        centres: &[Centre],
+        order: &[u32],
+        cells: &Cells,
+        store: &Store,
+        left: &AtomicI64,
+    ) {
         let Self { boxes, tested, found, batches } = self;
         *tested = 0;
         found.begun.clear();
@@ -223,7 +253,13 @@ impl Search {
                 number.map(|number| number % BATCHES)
             };
             if let Some(number) = earlier(1) {
-                cells.go_on(&mut batches[number].searches);
+                let searches = &mut batches[number].searches;
+                cells.go_on(searches);
+                // Relaxed: a number that stops a search, and that nothing is read by.
+                let tests = searches.tested() as i64;
+                if left.fetch_sub(tests, Ordering::Relaxed) < tests {
+                    return;
+                }
             }
             if let Some(number) = earlier(2) {
                 *tested += batches[number].finish(cells, store);
@@ -276,14 +312,19 @@ impl Around {
 }
 
 /// Adds the pairs of now of some boxes, in no order, some of them twice. Of two boxes that the last edit
-/// named, the one with the smaller index tells. Returns how many boxes were tested.
-pub(super) fn pairs_of_named(cells: &Cells, store: &Store, pairs: &mut Vec<Pair>) -> u64 {
+/// named, the one with the smaller index reports. Returns how many boxes were tested; `None` where these would be more
+/// than [`most_tests`].
+pub(super) fn pairs_of_named(cells: &Cells, store: &Store, pairs: &mut Vec<Pair>) -> Option<u64> {
     let mut around = Around::default();
     let mut tested = 0;
+    let most = most_tests(store, store.named().len()) as u64;
     floats::with_default(|| {
         for some in store.named().chunks(BATCH) {
             around.begin(some.iter().map(|index| Centre::now(*index, store)), cells);
             cells.go_on(&mut around.searches);
+            if tested + around.searches.tested() > most {
+                return None;
+            }
             tested += around.finish(cells, store);
             for ((centre, _), Candidate { word, .. }) in around.found() {
                 let (index, other) = (centre.index, word & INDEX);
@@ -295,8 +336,8 @@ pub(super) fn pairs_of_named(cells: &Cells, store: &Store, pairs: &mut Vec<Pair>
                 }
             }
         }
-    });
-    tested
+        Some(tested)
+    })
 }
 
 /// Puts the numbers of boxes in the order of their places.

@@ -81,6 +81,7 @@ use self::query::Asked;
 use self::store::Store;
 use self::whole::Whole;
 use crate::aabb::Aabb;
+use crate::backoff::Backoff;
 use crate::dispatch::CpuEngines;
 use crate::engine::CullError;
 
@@ -131,6 +132,8 @@ pub struct Scene {
     cells: Option<Cells>,
     /// Whether the last edit was small too, and answered without cells.
     was_small: bool,
+    /// How long edits do without cells, which did not part the boxes.
+    crowded: Backoff,
     changes: Changes,
     known: Known,
     /// All pairs of now, where there is a list of them.
@@ -172,6 +175,7 @@ impl Scene {
             store: Store::default(),
             cells: None,
             was_small: false,
+            crowded: Backoff::NONE,
             changes: Changes::default(),
             known: Known::Same,
             list_now: None,
@@ -374,6 +378,10 @@ impl Scene {
             self.known = Known::Many;
             return;
         }
+        if self.cells.is_none() && self.crowded.is_waiting() {
+            self.known = Known::Many;
+            return;
+        }
         self.known = Known::Few;
         let (threads, store) = (self.threads(), &self.store);
         if self.cells.is_none() {
@@ -396,25 +404,34 @@ impl Scene {
             Report::Changes => match self.known {
                 Known::Lost => self.report_all_pairs()?,
                 Known::Same => self.reported.pair_count = self.count_then,
-                Known::Few => {
-                    let threads = self.threads();
-                    if let Some(cells) = &mut self.cells {
-                        let (found, tested) = self.changes.find(cells, &self.store, threads);
-                        cells.note_searches(self.store.changed().len() as u64, tested);
-                        self.tested += tested;
-                        self.report(found, false)?;
-                    }
-                }
-                Known::Many => {
-                    let threads = self.threads();
-                    let (found, compared) = self.whole.changes(&self.store, threads)?;
-                    self.tested += compared;
-                    self.report(found, true)?;
-                }
+                Known::Few => self.report_changes_around()?,
+                Known::Many => self.report_changes_of_whole()?,
             },
         }
         self.reported.skipped = self.skips();
         Ok(())
+    }
+
+    /// Looks around the boxes that have changed. Where cells do not part the boxes, edits do without them for a while.
+    fn report_changes_around(&mut self) -> Result<(), CullError> {
+        let threads = self.threads();
+        let Some(cells) = &mut self.cells else { return Ok(()) };
+        let Some((found, tested)) = self.changes.find(cells, &self.store, threads) else {
+            self.known = Known::Many;
+            self.cells = None;
+            self.crowded.failed();
+            return self.report_changes_of_whole();
+        };
+        cells.note_searches(self.store.changed().len() as u64, tested);
+        self.tested += tested;
+        self.report(found, false)
+    }
+
+    fn report_changes_of_whole(&mut self) -> Result<(), CullError> {
+        let threads = self.threads();
+        let (found, compared) = self.whole.changes(&self.store, threads)?;
+        self.tested += compared;
+        self.report(found, true)
     }
 
     /// Tells what changed, or all pairs where they are fewer.
@@ -471,9 +488,12 @@ impl Scene {
     fn report_moved(&mut self) -> Result<(), CullError> {
         let is_few = self.store.named().len() * MANY_SHARE <= self.store.present();
         let mut pairs = Vec::new();
-        if let (Some(cells), true) = (&mut self.cells, is_few) {
+        let searched = match &self.cells {
+            Some(cells) if is_few => history::pairs_of_named(cells, &self.store, &mut pairs),
+            _ => None,
+        };
+        if let (Some(cells), Some(tested)) = (&mut self.cells, searched) {
             let store = &self.store;
-            let tested = history::pairs_of_named(cells, store, &mut pairs);
             cells.note_searches(store.named().len() as u64, tested);
             self.tested += tested;
             let (box_count, threads) = (store.boxes().len(), self.threads());
@@ -481,6 +501,7 @@ impl Scene {
             pairs.dedup();
         } else if !self.store.named().is_empty() {
             let now = self.list_now()?;
+            pairs.clear();
             let is_named = |[a, b]: &Pair| self.store.is_named(*a) || self.store.is_named(*b);
             pairs.extend(now.iter().copied().filter(is_named));
         }

@@ -72,7 +72,8 @@ impl Memory {
     }
 }
 
-/// Finds the boxes that queries overlap, in cells that hold them all. Returns how many were tested.
+/// Finds the boxes that queries overlap, in cells that hold them all. Returns how many were tested; `None` where that
+/// would be more than the room's.
 pub(super) fn find(
     cells: &Cells,
     boxes: &[Aabb],
@@ -81,7 +82,7 @@ pub(super) fn find(
     room: &Room,
     memory: &mut Memory,
     found: &mut Vec<Pair>,
-) -> Result<u64, CullError> {
+) -> Result<Option<u64>, CullError> {
     let Memory { order, starts, tasks } = memory;
     let count = queries.len();
     let is_sorted = boxes.len() >= SORTED_BOXES && count * SORTED_SHARE > boxes.len();
@@ -101,6 +102,9 @@ pub(super) fn find(
     for_each_in_parts(tasks, parts, |task| task.run(order, cells, boxes, queries, room));
     tasks.iter_mut().flat_map(|task| &mut task.batches).for_each(Batch::give_back);
     room.check()?;
+    if room.is_crowded() {
+        return Ok(None);
+    }
     super::reserve(found, tasks.iter().map(|task| task.found.len()).sum())?;
     if is_sorted {
         super::by_query(|| tasks.iter().flat_map(|task| &task.found), count, starts, found);
@@ -109,7 +113,7 @@ pub(super) fn find(
             found.extend_from_slice(&task.found);
         }
     }
-    Ok(tasks.iter().map(|task| task.tested).sum())
+    Ok(Some(tasks.iter().map(|task| task.tested).sum()))
 }
 
 /// Adds the numbers of queries in the order of the cells that they begin in.
@@ -127,7 +131,7 @@ impl Task {
         let numbers = &order[of_task.clone()];
         let count = numbers.len().div_ceil(BATCH);
         for step in 0..count + BATCHES - 1 {
-            if room.is_spent() {
+            if room.is_spent() || room.is_crowded() {
                 return;
             }
             // The latest batch first: what it asks for has the time of all others to come.
@@ -141,6 +145,7 @@ impl Task {
             };
             if let Some(number) = earlier(1) {
                 cells.go_on(&mut batches[number].searches);
+                room.note_tests(batches[number].searches.tested());
             }
             if let Some(number) = earlier(2)
                 && !batches[number].is_large()
@@ -289,9 +294,9 @@ mod tests {
         let cells = Cells::of(&boxes, |_| false, 1);
         let mut memory = Memory::default();
         let mut ask = |queries: &[Aabb], most: u64| {
-            let (room, mut found) = (Room::new(most), Vec::new());
+            let (room, mut found) = (Room::new(most, queries.len(), count), Vec::new());
             let tested = find(&cells, &boxes, queries, 1, &room, &mut memory, &mut found);
-            tested.map(|tested| (tested, found))
+            tested.map(|tested| (tested.expect("not crowded"), found))
         };
         let (tested, found) = ask(&queries, u64::from(u32::MAX)).expect("room");
         let (mut tested_alone, mut expected) = (0, Vec::new());

@@ -5,7 +5,7 @@
 //! proportion to the pairs within a set.
 
 use super::Room;
-use super::{around, direct};
+use super::{around, crowded, direct};
 use crate::aabb::Aabb;
 use crate::engine::CullError;
 use crate::engine::strips::{in_parts, part_count};
@@ -58,11 +58,12 @@ pub fn between(
         return Ok(0);
     }
     let threads = threads_of(threads);
-    let room = Room::new(most_pairs.min(u64::from(u32::MAX)));
+    let most_pairs = most_pairs.min(u64::from(u32::MAX));
     let is_first_small = first.len() <= second.len();
     let (small, large) = if is_first_small { (first, second) } else { (second, first) };
     let few = |a: usize, b: usize| a as u64 * b as u64 <= FEW_TESTS;
     if few(small.len(), large.len()) {
+        let room = Room::new(most_pairs, small.len(), large.len());
         let tested = direct::find(large, small, threads, &room, found)?;
         settle(found, !is_first_small, first.len(), threads);
         return Ok(tested);
@@ -70,13 +71,18 @@ pub fn between(
     let (indices, left) = Sieve::of(small).left_of(large, threads);
     let asks_small = small.len() <= left.len();
     let (queries, boxes) = if asks_small { (small, &left[..]) } else { (&left[..], small) };
+    let room = &Room::new(most_pairs, queries.len(), boxes.len());
     let tested = if boxes.is_empty() {
         0
     } else if few(queries.len(), boxes.len()) {
-        direct::find(boxes, queries, threads, &room, found)?
+        direct::find(boxes, queries, threads, room, found)?
     } else {
         let cells = Cells::of(boxes, |_| false, threads);
-        around::find(&cells, boxes, queries, threads, &room, &mut around::Memory::default(), found)?
+        let memory = &mut around::Memory::default();
+        match around::find(&cells, boxes, queries, threads, room, memory, found)? {
+            Some(tested) => tested,
+            None => crowded::find(boxes, queries, threads, room, found)?,
+        }
     };
     let of_large = usize::from(asks_small);
     for pair in found.iter_mut() {

@@ -1,0 +1,174 @@
+//! Scenes that cells do not part, and few boxes far from all others: the pairs are right, and the comparisons, which are
+//! counted and the same on every machine, few.
+
+use std::collections::BTreeSet;
+
+use pairmask_core::filters::{FilterId, Owner, Rules, Tag, World};
+use pairmask_core::scene::{Scene, between};
+use pairmask_tests::prelude::*;
+
+const N: u32 = 20_000;
+const SEED: u64 = 3;
+/// Scenes that cells do not part.
+const CROWDED: [&str; 2] = ["woven", "rods"];
+
+/// Ordinary boxes of which one, or some, are replaced. The one is at an index at which the sample of the grid looks.
+fn with_outliers(name: &str) -> Vec<Aabb> {
+    let mut boxes = stress_scenes::named("uniform").boxes(N, SEED);
+    let (wanted, n) = (1_024, N as usize);
+    let sampled = |i: usize| {
+        let (start, end) = (i * n / wanted, (i + 1) * n / wanted);
+        let hash = (i as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 33;
+        start + hash as usize % (end - start)
+    };
+    let half = f32::MAX / 2.0;
+    let one = match name {
+        "far below" => Aabb::new([-1e7; 3], [-1e7 + 1.0; 3]),
+        "far beyond" => Aabb::new([1e9; 3], [2e9; 3]),
+        "a half-space" => Aabb::new([-half; 3], [half, 0.0, half]),
+        "swept far" => Aabb::new([50.0; 3], [1e13; 3]),
+        _ => Aabb::EMPTY,
+    };
+    boxes[sampled(300)] = one;
+    if name == "flung" {
+        for (b, flung) in boxes.iter_mut().zip(stress_scenes::named("outliers").boxes(N, SEED)) {
+            *b = if flung.min[0].abs() > 200.0 { flung } else { *b };
+        }
+    }
+    boxes
+}
+
+const OUTLIERS: [&str; 6] =
+    ["none", "far below", "far beyond", "a half-space", "swept far", "flung"];
+
+fn compared(n: usize, report: &CullReport) -> u64 {
+    BoxCount::of_len(n).expect("few").pair_count() - report.skipped.pairs
+}
+
+fn pairs_of(boxes: &[Aabb], engine: EngineChoice) -> (EngineName, u64, Vec<Pair>) {
+    let options = CullOptions { engine, threads: Some(1), ..CullOptions::default() };
+    let mut reply = HeapReply::new();
+    let answer = CpuEngines::new().cull(boxes, &options, &mut reply).expect("memory");
+    let n = boxes.len() as u32;
+    let mut pairs = naive_decoder::decode(reply.words(), &answer.report.shape, n).expect("a mask");
+    pairs.sort_unstable();
+    (answer.engine, compared(boxes.len(), &answer.report), pairs)
+}
+
+#[test]
+fn few_boxes_far_away_do_not_crowd_the_cells_of_all_others() {
+    let grid = EngineChoice::Only(EngineName::CpuGrid);
+    let (_, ordinary, _) = pairs_of(&with_outliers("none"), grid);
+    for name in OUTLIERS {
+        let boxes = with_outliers(name);
+        let (_, tests, pairs) = pairs_of(&boxes, grid);
+        let (_, _, swept) = pairs_of(&boxes, EngineChoice::Only(EngineName::CpuSap));
+        assert!(pairs == swept, "{name}");
+        // A box that covers the scene is compared with every box.
+        assert!(tests < 2 * ordinary + 2 * u64::from(N), "{name}: {tests} tests, {ordinary}");
+    }
+}
+
+#[test]
+fn what_cells_do_not_part_is_handed_over_to_the_tree() {
+    for name in CROWDED {
+        let boxes = stress_scenes::named(name).boxes(N, SEED);
+        let (engine, tests, pairs) = pairs_of(&boxes, EngineChoice::Auto);
+        assert_eq!(engine, EngineName::CpuTree, "{name}");
+        assert!(tests < 400 * u64::from(N), "{name}: {tests} tests");
+        for forced in [EngineName::CpuGrid, EngineName::CpuSap] {
+            let (engine, _, same) = pairs_of(&boxes, EngineChoice::Only(forced));
+            assert!(engine == forced && same == pairs, "{name} on {forced}");
+        }
+    }
+}
+
+/// The test of pairs is laid out in the order of the engine that began the frame, and again in the tree's.
+#[test]
+fn filters_hold_in_frames_that_are_handed_over() {
+    for name in CROWDED {
+        let boxes = stress_scenes::named(name).boxes(N, SEED);
+        let (_, _, mut expected) = pairs_of(&boxes, EngineChoice::Auto);
+        // Boxes of one owner do not meet.
+        let tag = |i: u32| Tag::new(World::default(), Owner(1 + i % 3), FilterId::default());
+        let mut rules = Rules::default();
+        rules.tags = (0..N).map(tag).collect();
+        expected.retain(|[a, b]| a % 3 != b % 3);
+        let (mut engines, mut reply) = (CpuEngines::new(), HeapReply::new());
+        for threads in [1, 2] {
+            let options = CullOptions { threads: Some(threads), ..CullOptions::default() };
+            let filtered = engines.cull_filtered(&boxes, &rules, &options, &mut reply);
+            let answer = filtered.expect("memory").answer;
+            assert_eq!(answer.engine, EngineName::CpuTree, "{name}");
+            let shape = &answer.report.shape;
+            let mut pairs = naive_decoder::decode(reply.words(), shape, N).expect("a mask");
+            pairs.sort_unstable();
+            assert!(pairs == expected && !pairs.is_empty(), "{name}, {threads} threads");
+        }
+    }
+}
+
+/// A scene's pairs as its reports of changes add up, and what its edits tested.
+#[test]
+fn edits_of_crowded_scenes_cost_no_more_than_a_cull_and_report_each_change_once() {
+    for name in CROWDED {
+        let mut boxes = stress_scenes::named(name).boxes(N, SEED);
+        let mut scene = Scene::new(SceneOptions::default().with_threads(1));
+        let mut known = BTreeSet::<Pair>::new();
+        for turn in 0..12u32 {
+            let moved: Vec<u32> = (0..N).filter(|i| turn == 0 || i % 50 == turn).collect();
+            let mut set = Vec::new();
+            for index in &moved {
+                let b = &mut boxes[*index as usize];
+                for axis in 0..2 {
+                    b.min[axis] += 0.25;
+                    b.max[axis] += 0.25;
+                }
+                set.push(*b);
+            }
+            let steps = [Step::Set(Sets { indices: moved.as_slice().into(), boxes: &set })];
+            let reported = scene.edit(Edit { steps: &steps }, Report::Changes).expect("an edit");
+            if reported.is_resync() {
+                known = reported.pairs().iter().copied().collect();
+            } else {
+                let mut ended = reported.ended().iter();
+                assert!(ended.all(|ended| known.remove(&ended.pair)), "{name}, turn {turn}");
+                let mut begun = reported.begun().iter();
+                assert!(begun.all(|pair| known.insert(*pair)), "{name}, turn {turn}");
+            }
+            let tested = reported.skipped().tested;
+            assert!(tested < 1_000 * u64::from(N), "{name}, turn {turn}: {tested} tests");
+            scene.acknowledge();
+            let (_, _, expected) = pairs_of(&boxes, EngineChoice::Auto);
+            assert!(known.iter().eq(&expected), "{name}, turn {turn}");
+        }
+    }
+}
+
+#[test]
+fn queries_of_crowded_scenes_find_what_each_box_compared_with_each_finds() {
+    for name in CROWDED {
+        let boxes = stress_scenes::named(name).boxes(N, SEED);
+        let queries = stress_scenes::named(name).boxes(3_000, SEED + 1);
+        let mut scene = Scene::new(SceneOptions::default().with_threads(1));
+        let steps = [Step::Set(Sets { indices: (0..N).into(), boxes: &boxes })];
+        scene.edit(Edit { steps: &steps }, Report::Nothing).expect("an edit");
+        let expected: Vec<Pair> = (0..)
+            .zip(&queries)
+            .flat_map(|(query, a)| {
+                let met = (0..).zip(&boxes).filter(|(_, b)| a.overlaps(b));
+                met.map(move |(index, _)| [query, index])
+            })
+            .collect();
+        for asked in [300, 3_000] {
+            let mut found = Vec::new();
+            let tested = scene.query(&queries[..asked], QueryTags::None, &mut found);
+            let of_asked = expected.partition_point(|[query, _]| *query < asked as u32);
+            assert!(found == expected[..of_asked], "{name}, {asked} queries");
+            assert!(tested.is_ok_and(|tested| tested <= 400 * u64::from(N)), "{name}");
+            let most = u64::from(u32::MAX);
+            between(&queries[..asked], &boxes, Some(1), most, &mut found).expect("memory");
+            assert!(found == expected[..of_asked], "{name}, {asked} boxes against all");
+        }
+    }
+}
