@@ -82,7 +82,8 @@ pub fn check_engine(engine: &mut dyn Engine, suite: &Suite) -> Result<usize, Str
         .collect();
     let mut reply = HeapReply::new();
     let mut frames = 0;
-    for scene in stress_scenes::ALL {
+    let crowded = if engine.name().is_gpu() { &[] } else { stress_scenes::CROWDED };
+    for scene in stress_scenes::ALL.iter().chain(crowded) {
         for &n in &suite.sizes {
             if scene.overlaps() == Overlaps::Quadratic && n > suite.quadratic_limit {
                 continue;
