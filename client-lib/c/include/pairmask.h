@@ -957,7 +957,7 @@ pm_code pm_scene_get_info(pm_scene scene,
                           pm_scene_info *info);
 
 // Asks which boxes of a scene some other boxes overlap. `tags` are null, or one for all, or one for each: then only
-// what may meet such a tag is found. The scene's answer ends. Shared scenes are not asked.
+// what may meet such a tag is found. The scene's answer ends. A shared scene is asked as the last tick made it.
 pm_code pm_scene_query(pm_scene scene,
                        const pm_box *boxes,
                        size_t n,

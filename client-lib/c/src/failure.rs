@@ -124,7 +124,7 @@ const fn of_error(error: &Error) -> pm_code {
         Error::SceneName(_) => PM_ERR_SCENE_NAME,
         Error::NeedsDaemon => PM_ERR_IN_PROCESS,
         Error::MovedOfShared => PM_ERR_MOVED,
-        Error::QueryOfShared | Error::NotShared => PM_ERR_STATE,
+        Error::NotShared => PM_ERR_STATE,
         Error::TermsDiffer(_) => PM_ERR_TERMS_DIFFER,
         Error::Lease(_) => PM_ERR_LEASE,
         Error::NotLeased(_) => PM_ERR_NOT_LEASED,

@@ -47,6 +47,20 @@ def test_two_processes_write_one_scene(daemon: Daemon) -> None:
         assert [list(map(int, line.split())) for line in told.splitlines()] == expected
 
 
+def test_queries_are_of_all_members(daemon: Daemon) -> None:
+    with daemon.session("daemon") as session, daemon.session("daemon") as other:
+        boxes = oracle.boxes_of(60, 3)
+        scenes = [s.join_scene("asked", scope="all", tick_deadline=10) for s in (session, other)]
+        for at, scene in enumerate(scenes):
+            scene.lease(range(30 * at, 30 * at + 30))
+        own = [range(30 * at, 30 * at + 30) for at in range(2)]
+        edits = [scene.edit().set(of, boxes[of]) for scene, of in zip(scenes, own, strict=True)]
+        for pending in [edit.submit("nothing") for edit in edits]:
+            pending.wait()
+        expected = np.argwhere(oracle.overlapping(boxes[:20], boxes)).tolist()
+        assert [scene.query(boxes[:20]).tolist() for scene in scenes] == 2 * [expected]
+
+
 def test_a_writer_that_is_late_is_named(daemon: Daemon) -> None:
     with daemon.session("daemon") as session, daemon.session("daemon") as other:
         scene = session.join_scene("late", tick_deadline=0.05, most_boxes=1000, scope="all")

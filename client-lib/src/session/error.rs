@@ -176,9 +176,6 @@ pub enum Error {
     /// Shared scenes do not report pairs of moved boxes alone.
     #[error("a shared scene does not answer Report::Moved: ask for changes")]
     MovedOfShared,
-    /// Shared scenes answer no queries.
-    #[error("a shared scene answers no queries: ask a scene of this session alone")]
-    QueryOfShared,
     /// The scene is no shared one.
     #[error("this scene is not shared: join one to lease indices")]
     NotShared,

@@ -75,6 +75,8 @@ pub const KEPT_RULES_MINOR: u16 = 9;
 /// Minor version from which a daemon decides the rules of scenes. Those from 5 on needed edits in which the client
 /// had removed and set again each box whose rules changed.
 pub const RULES_MINOR: u16 = 10;
+/// Minor version from which shared scenes are queried.
+pub const SHARED_QUERIES_MINOR: u16 = 11;
 
 /// Minor version from which daemons know objects of a form.
 pub const fn since_minor(form: ObjectForm) -> u16 {
@@ -87,7 +89,7 @@ pub const fn since_minor(form: ObjectForm) -> u16 {
 
 /// The largest minor version that an operation, a section, a step of an edit, a form, an encoding or an engine needs.
 const fn newest_minor() -> u16 {
-    let (mut newest, mut i) = (RULES_MINOR, 0);
+    let (mut newest, mut i) = (SHARED_QUERIES_MINOR, 0);
     while i < ObjectForm::ALL.len() {
         newest = later(newest, since_minor(ObjectForm::ALL[i]));
         i += 1;

@@ -151,7 +151,10 @@ impl Responder {
                 return Err(self.scenes.take(open, &request, threads));
             }
             Ok(Request::QueryScene(request)) => {
-                return Err(self.scenes.query(open, &request, threads));
+                return Err(match request.revision {
+                    Some(revision) => self.scenes.query(open, &request, revision, threads),
+                    None => self.shared.query(open, &request, threads),
+                });
             }
             Ok(Request::CommitShared(request)) => {
                 return Err(self.shared.commit(open, &request));

@@ -14,7 +14,7 @@ use pairmask_wire::{
 };
 
 use super::Served;
-use crate::audit::{Auditor, SceneNote};
+use crate::audit::{AuditedScene, Auditor, SceneNote};
 use crate::clients::{GpuNeed, KeptScene, PendingBoxes, SceneMemory};
 use crate::execute::{EnginePool, Gpus, SceneKeeper, is_left_to_cores};
 use crate::publish::{OpenRequest, Outbox, Refusal};
@@ -76,19 +76,27 @@ impl SceneEdits {
         &self,
         open: OpenRequest,
         request: &QueryRequest,
+        revision: u64,
         threads: usize,
     ) -> Served {
         let threads = request.threads.map_or(threads, |asked| asked.min(threads)).max(1);
         let session = open.sender.session;
-        let found = self.find_at(session, request.scene, request.revision);
+        let found = self.find_at(session, request.scene, revision);
         self.serve(open, found, threads, |kept, open| {
             // A scene in video memory has work for the pool only where its queries fill a copy of several
             // threads. Else a thread of it would be woken for nothing.
             let are_few = kept.scene.engine().is_gpu() && request.mask.queries() <= FEW_QUERIES;
-            let mut answer = || query_and_answer(kept, open, request, threads, &self.outbox);
+            let mut answer = || {
+                let KeptScene { scene, scratch, found, room, audited, .. } = kept;
+                let asked = Asked { scene, found, audited: audited.as_ref() };
+                let answered = asked.answer(open, request, threads, &self.outbox);
+                room.note(scene, bytes_of(found) + scratch.allocated_bytes() as u64);
+                answered
+            };
             if threads == 1 || are_few { answer() } else { self.tools.pool.work(answer) }
         })
     }
+
     /// Works with a scene that was found, and keeps it unless it is gone.
     fn serve(
         &self,
@@ -215,7 +223,7 @@ fn edit_and_answer(
 }
 
 /// Why an edit or a query has no answer.
-enum Failed {
+pub(super) enum Failed {
     /// The scene is what it was.
     Refused(Refusal),
     /// The scene is gone, or of no use to its client: an edit was applied whose answer is lost.
@@ -236,7 +244,7 @@ const MOST_KEPT_PAIRS: usize = 1 << 20;
 /// to where the GPU sees them is one thread's.
 const FEW_QUERIES: u32 = 1 << 15;
 
-const fn bytes_of(found: &Vec<[u32; 2]>) -> u64 {
+pub(super) const fn bytes_of(found: &Vec<[u32; 2]>) -> u64 {
     (found.capacity() * size_of::<[u32; 2]>()) as u64
 }
 
@@ -251,41 +259,52 @@ fn unanswered(error: QueryError) -> Failed {
     }
 }
 
-fn query_and_answer(
-    kept: &mut KeptScene,
-    open: &mut OpenRequest,
-    request: &QueryRequest,
-    threads: usize,
-    outbox: &Outbox,
-) -> Result<(), Failed> {
-    let KeptScene { scene, scratch, found, room, audited, .. } = kept;
-    scene.set_threads(threads);
-    scene.limit_query_pairs(open.limit_pairs());
-    let taken_at = open.taken_at;
-    let begun = Instant::now();
-    let answer = {
-        let (pages, mut reply) = open.payload_and_reply();
-        let malformed = Reject::Query { field: "payload" };
-        let (queries, tags) = request.read(pages).ok_or(malformed)?;
-        request.mask.answer(queries, request.encoding, threads, found, &mut reply, |found| {
-            scene.query(queries, tags, found).map_err(unanswered)
-        })
-    };
-    if found.capacity() > MOST_KEPT_PAIRS {
-        *found = Vec::new();
+/// A scene that is asked.
+pub(super) struct Asked<'a> {
+    pub(super) scene: &'a mut SceneKeeper,
+    /// Memory for what is found.
+    pub(super) found: &'a mut Vec<[u32; 2]>,
+    /// Where it is audited.
+    pub(super) audited: Option<&'a AuditedScene>,
+}
+
+impl Asked<'_> {
+    /// Answers a query.
+    pub(super) fn answer(
+        self,
+        open: &mut OpenRequest,
+        request: &QueryRequest,
+        threads: usize,
+        outbox: &Outbox,
+    ) -> Result<(), Failed> {
+        let Self { scene, found, audited } = self;
+        scene.set_threads(threads);
+        scene.limit_query_pairs(open.limit_pairs());
+        let taken_at = open.taken_at;
+        let begun = Instant::now();
+        let answer = {
+            let (pages, mut reply) = open.payload_and_reply();
+            let malformed = Reject::Query { field: "payload" };
+            let (queries, tags) = request.read(pages).ok_or(malformed)?;
+            request.mask.answer(queries, request.encoding, threads, found, &mut reply, |found| {
+                scene.query(queries, tags, found).map_err(unanswered)
+            })
+        };
+        if found.capacity() > MOST_KEPT_PAIRS {
+            *found = Vec::new();
+        }
+        let mut answer = answer?;
+        answer.engine = scene.engine();
+        answer.times.ingest_ns = begun.duration_since(taken_at).as_nanos() as u64;
+        let queries = BoxCount::new(request.mask.queries());
+        let window = outbox.answer_query(open, queries, answer, audited);
+        if let (Some(scene), Some(window)) = (audited, window)
+            && let Some((queries, tags)) = request.read(open.pages())
+        {
+            outbox.auditor.submit_query(scene, window, queries, &tags);
+        }
+        Ok(())
     }
-    room.note(scene, bytes_of(found) + scratch.allocated_bytes() as u64);
-    let mut answer = answer?;
-    answer.engine = scene.engine();
-    answer.times.ingest_ns = begun.duration_since(taken_at).as_nanos() as u64;
-    let queries = BoxCount::new(request.mask.queries());
-    let window = outbox.answer_query(open, queries, answer, audited.as_ref());
-    if let (Some(scene), Some(window)) = (audited, window)
-        && let Some((queries, tags)) = request.read(open.pages())
-    {
-        outbox.auditor.submit_query(scene, window, queries, &tags);
-    }
-    Ok(())
 }
 
 impl From<BeyondMask> for Refusal {

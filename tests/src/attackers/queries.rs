@@ -71,7 +71,7 @@ fn request(dice: &mut Random, frame: u64, revision: u64, payload: &mut [Page]) -
     };
     let encoding = Encoding::ALL[dice.below(3) as usize];
     let mask = QueryMask::new(count as usize, BOXES).expect("few objects");
-    let request = QueryRequest::new(SCENE, revision, mask, encoding, &tags);
+    let request = QueryRequest::new(SCENE, Some(revision), mask, encoding, &tags);
     let _ = request.write(&boxes(dice, count), &tags, payload);
     RequestHeader::query_scene(FORGING.token, frame, &request)
 }

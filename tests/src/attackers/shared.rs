@@ -1,15 +1,16 @@
-//! A client that forges requests about shared scenes: it joins, leases, commits and leaves in any order, under
+//! A client that forges requests about shared scenes: it joins, leases, commits, asks and leaves in any order, under
 //! any number, and leaves commits unanswered.
 
 use std::time::Duration;
 
 use bytemuck::cast_slice_mut;
 use pairmask_core::engine::EngineChoice;
-use pairmask_core::scene::Edit;
 use pairmask_core::scene::shared::{AtEnd, Scope};
+use pairmask_core::scene::{Edit, QueryMask, QueryTags};
+use pairmask_core::{Aabb, Encoding};
 use pairmask_wire::{
-    EditLayout, JoinRequest, LeaseAction, LeaseRequest, RequestHeader, SceneId, Section,
-    SectionKind, SharedTerms, page_count,
+    EditLayout, JoinRequest, LeaseAction, LeaseRequest, QueryRequest, RequestHeader, SceneId,
+    Section, SectionKind, SharedTerms, page_count,
 };
 
 use super::{Forging, Tally, Until, scene_request};
@@ -72,6 +73,14 @@ pub(super) fn attack(until: &Until, tally: &mut Tally) {
                 RequestHeader::lease_shared(FORGING.token, frame, &request)
             }
             3 if dice.below(4) == 0 => RequestHeader::leave_shared(FORGING.token, frame, scene),
+            3 => {
+                // Of all indices that there may be, or of too few.
+                let mask = QueryMask::new(1, [10, 2_000][dice.below(2) as usize])?;
+                let encoding = Encoding::ALL[dice.below(3) as usize];
+                let request = QueryRequest::new(scene, None, mask, encoding, &QueryTags::None);
+                let _ = request.write(&[Aabb::new([-9.0; 3], [9.0; 3])], &QueryTags::None, payload);
+                RequestHeader::query_scene(FORGING.token, frame, &request)
+            }
             _ => {
                 let ops = source.next_edit();
                 let grouped = Grouped::of(&ops);

@@ -3,8 +3,14 @@
 use std::collections::BTreeMap;
 use std::ops::Range;
 
+use pairmask_core::Aabb;
+use pairmask_core::filters::{FilterId, Owner, Tag, World};
+use pairmask_core::scene::QueryTags;
+
 use super::model::{Heard, Listener, Model};
-use super::script::{AtEnd, Event, Fate, Scope, Script, Turn};
+use super::script::{AtEnd, Event, Fate, Pair, Scope, Script, Turn};
+use crate::queried::a_query;
+use crate::stress_scenes::Rng;
 
 /// A scene that is held to the model. Scripts are right: whatever it refuses is a failure.
 pub trait Subject {
@@ -31,6 +37,11 @@ pub trait Subject {
     }
 
     fn box_count(&self) -> Option<usize> {
+        None
+    }
+
+    /// The boxes that some others overlap, where the subject is asked that.
+    fn query(&mut self, _: &[Aabb], _: QueryTags<'_>) -> Option<Result<Vec<Pair>, String>> {
         None
     }
 }
@@ -102,7 +113,9 @@ pub fn check(script: &Script, subject: &mut dyn Subject) -> Result<Seen, Failure
         play.listeners.insert(0, Listener::new(0, false, None));
     }
     for (event, happens) in script.events.iter().enumerate() {
-        play.event(script, happens, subject).map_err(|(kind, text)| Failure {
+        let done = play.event(script, happens, subject);
+        let done = done.and_then(|()| play.query(event, subject));
+        done.map_err(|(kind, text)| Failure {
             event,
             kind,
             text: format!("event {event}: {kind}: {text}"),
@@ -158,6 +171,22 @@ impl Play {
                 }
             }
         }
+    }
+
+    /// Asks who is near some boxes, all of them among those.
+    fn query(&self, event: usize, subject: &mut dyn Subject) -> Result<(), (&'static str, String)> {
+        let mut rng = Rng::new(event as u64);
+        let all = Aabb::new([f32::NEG_INFINITY; 3], [f32::INFINITY; 3]);
+        let queries = [all, a_query(&mut rng, 3.0), a_query(&mut rng, 20.0)];
+        let tag = Tag::new(World(0), Owner(1), FilterId(rng.below(4) as u16));
+        let tags = [QueryTags::None, QueryTags::One(tag)][event % 2];
+        let Some(found) = subject.query(&queries, tags) else { return Ok(()) };
+        let (found, expected) =
+            (found.map_err(|error| ("refused", error))?, self.model.query(&queries, tags));
+        if found == expected {
+            return Ok(());
+        }
+        Err(("query", format!("{found:?} for {expected:?}, {tags:?}")))
     }
 
     fn tick(

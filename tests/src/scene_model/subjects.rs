@@ -442,6 +442,7 @@ pub struct SharedMembers<'s> {
     members: BTreeMap<u32, (Scene, Range<u32>)>,
     engine: Option<EngineName>,
     ticks: usize,
+    asked: usize,
 }
 
 impl<'s> SharedMembers<'s> {
@@ -453,7 +454,7 @@ impl<'s> SharedMembers<'s> {
             .with_tick_deadline(TICK_DEADLINE)
             .with_at_end(script.shared.unwrap_or_default());
         let name = format!("model-{}", sessions.scenes.get());
-        Self { sessions, name, options, members: BTreeMap::new(), engine, ticks: 0 }
+        Self { sessions, name, options, members: BTreeMap::new(), engine, ticks: 0, asked: 0 }
     }
 }
 
@@ -522,6 +523,24 @@ impl Subject for SharedMembers<'_> {
         }
         self.members.insert(member, (scene, own));
         Ok(())
+    }
+
+    /// Asks as one member and then as another.
+    fn query(
+        &mut self,
+        queries: &[Aabb],
+        tags: QueryTags<'_>,
+    ) -> Option<Result<Vec<Pair>, String>> {
+        self.asked += 1;
+        let asks = self.asked % self.members.len().max(1);
+        let (scene, _) = self.members.values_mut().nth(asks)?;
+        let asked = scene.query(queries);
+        let asked = match tags {
+            QueryTags::None => asked,
+            QueryTags::One(tag) => asked.tag(tag),
+            QueryTags::Each(tags) => asked.tags(tags),
+        };
+        Some(asked.find().map(|found| found.to_vec()).map_err(|error| error.to_string()))
     }
 
     fn leave(&mut self, member: u32) {

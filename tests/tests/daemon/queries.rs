@@ -1,7 +1,7 @@
 //! Queries of scenes and frames of two sets: in process, by a daemon, and when the daemon is killed. Every
 //! answer is what comparing each with each gives.
 
-use pairmask::{Error, Margin, MarginedPairs, QueryAnswer, SceneEdit};
+use pairmask::{Error, JoinOptions, Margin, MarginedPairs, QueryAnswer, SceneEdit};
 use pairmask_core::filters::Tag;
 use pairmask_core::scene::{QueryError, Scene, between};
 use pairmask_tests::frames::two_sets;
@@ -172,6 +172,19 @@ fn a_daemon_is_queried() {
         [300, 5, 1_000].into_iter().map(|count| queries.check(&mut scene, count)).sum();
     assert!(found > 0);
     drop(scene);
+    daemon.audit_is_clean(|audit| audit.pairs > 0);
+}
+
+#[test]
+fn a_shared_scene_is_queried() {
+    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none", "--audit", "1/1"]);
+    let mut session = daemon.session().connect().unwrap();
+    for (seed, largest, rounds) in [(31, 30, 80), (32, 70, 80), (33, 700, 60)] {
+        let options = JoinOptions::default().with_most_boxes(largest);
+        let mut scene = session.join_scene(&format!("queried-{seed}"), options).unwrap();
+        scene.lease(0..largest).unwrap();
+        assert!(check(&mut Remote::new(scene, || ()), seed, largest, rounds) > 100);
+    }
     daemon.audit_is_clean(|audit| audit.pairs > 0);
 }
 

@@ -160,6 +160,40 @@ fn a_tick_has_one_table_of_filters() {
     assert_eq!(pending.wait().unwrap().pairs().len(), 0);
 }
 
+fn found(scene: &mut Scene, query: Aabb) -> Vec<u32> {
+    scene.query(&[query]).find().unwrap().of_query(0).collect()
+}
+
+#[test]
+fn a_query_asks_for_what_the_last_tick_made() {
+    let daemon = daemon();
+    let options = JoinOptions::default().with_tick_deadline(LONG);
+    let mut one = Member::join(&daemon, "asked", 0..10, options);
+    let mut listener = Member::join(&daemon, "asked", 0..0, options);
+    assert!(found(&mut listener.scene, at(0.0)).is_empty());
+    drop(one.scene.edit().set(1, at(0.0)).commit(Report::Nothing).unwrap());
+    let mut other = Member::join(&daemon, "asked", 10..20, options);
+    // The tick waits for the other one.
+    drop(one.scene.edit().set(2, at(0.5)).remove(1).submit(Report::Nothing).unwrap());
+    for scene in [&mut one.scene, &mut other.scene, &mut listener.scene] {
+        assert_eq!(found(scene, at(0.0)), [1]);
+    }
+    drop(other.scene.edit().set(11, at(0.2)).commit(Report::Nothing).unwrap());
+    for scene in [&mut one.scene, &mut other.scene, &mut listener.scene] {
+        assert_eq!(found(scene, at(0.0)), [2, 11]);
+    }
+    drop(other);
+    assert_eq!(found(&mut one.scene, at(0.0)), [2]);
+    // Of another daemon, boxes are in the scene from the next commit on.
+    daemon.signal_worker(Signal::KILL);
+    let query = [at(0.0)];
+    let asked = eventually("an answer", || one.scene.query(&query).find().ok());
+    assert!(asked.is_empty());
+    drop(asked);
+    drop(one.scene.edit().set(3, at(9.0)).commit(Report::Nothing).unwrap());
+    assert_eq!(found(&mut one.scene, Aabb::new([0.0; 3], [20.0; 3])), [2, 3]);
+}
+
 fn hold_all_places(session: &mut Session) -> Vec<PairMask> {
     (0..3).map(|_| session.frame(4).unwrap().submit().unwrap().wait().unwrap()).collect()
 }
@@ -388,14 +422,20 @@ fn kill_writers(times: usize, at_end: AtEnd) {
         let answer = next.commit(Report::Changes).unwrap();
         assert!(start.elapsed() < deadline + Duration::from_secs(2), "a tick is stuck");
         learn(&mut member.known, &answer);
-        (member.known.len(), answer.ended().to_vec())
+        let ended = answer.ended().to_vec();
+        drop(answer);
+        (member.known.len(), ended, found(&mut member.scene, at(0.0)).len())
     };
     tick(true);
     for _ in 0..times {
         // A writer of another process: boxes 10 to 19 of the scene, all around the origin.
         let mut writer = FaultClient::start(CLIENT, &daemon, &["shared", "auto", "killed"]);
         writer.go();
-        eventually("the writer's boxes are there", || (tick(false).0 == 10).then_some(()));
+        let boxes = eventually("the writer's boxes are there", || {
+            let (pairs, _, boxes) = tick(false);
+            (pairs == 10).then_some(boxes)
+        });
+        assert_eq!(boxes, 11);
         for _ in 0..random.below(5) {
             tick(false);
         }
@@ -406,9 +446,9 @@ fn kill_writers(times: usize, at_end: AtEnd) {
             continue;
         }
         loop {
-            let (pairs, ended) = tick(false);
+            let (pairs, ended, boxes) = tick(false);
             if pairs == 0 {
-                assert_eq!(ended.len(), 10);
+                assert_eq!((ended.len(), boxes), (10, 1));
                 assert!(ended.iter().all(|ended| ended.reason == EndReason::Removed));
                 break;
             }
@@ -416,7 +456,8 @@ fn kill_writers(times: usize, at_end: AtEnd) {
         }
     }
     if at_end == AtEnd::Keep {
-        assert_eq!(tick(false).0, 10, "kept");
+        let (pairs, _, boxes) = tick(false);
+        assert_eq!((pairs, boxes), (10, 11), "kept");
     }
     let status = member.session.daemon_status().unwrap();
     assert_eq!((status.scenes, status.scene_mib), (1, 1));

@@ -237,7 +237,7 @@ pub unsafe extern "C" fn pm_scene_get_info(scene: pm_scene, info: *mut pm_scene_
 }
 
 /// Asks which boxes of a scene some other boxes overlap. `tags` are null, or one for all, or one for each: then only
-/// what may meet such a tag is found. The scene's answer ends. Shared scenes are not asked.
+/// what may meet such a tag is found. The scene's answer ends. A shared scene is asked as the last tick made it.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn pm_scene_query(
     scene: pm_scene,

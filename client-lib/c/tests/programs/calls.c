@@ -563,6 +563,8 @@ static void shared(pm_session session, bool is_daemon) {
   pm_join_options options = {.struct_size = sizeof options, .most_boxes = 100, .all_pairs = 1};
   pm_answer answer = {.struct_size = sizeof answer};
   pm_range range, ranges[2];
+  const pm_pair *pairs;
+  pm_found found;
   pm_scene scene;
   uint32_t most;
   uint64_t deadline;
@@ -594,6 +596,10 @@ static void shared(pm_session session, bool is_daemon) {
   EXPECT(PM_OK, pm_scene_set(scene, 50, boxes));
   EXPECT(PM_ERR_NOT_LEASED, pm_scene_commit(scene, PM_REPORT_CHANGES));
   EXPECT(PM_ERR_MOVED, pm_scene_commit(scene, PM_REPORT_MOVED));
+  EXPECT(PM_OK, pm_scene_query(scene, boxes, 1, NULL, 0, &found));
+  EXPECT(PM_OK, pm_found_pairs(found, &pairs, &count));
+  CHECK(count == 2 && pairs[0].b == 3 && pairs[1].b == 4);
+  EXPECT(PM_OK, pm_found_drop(found));
   EXPECT(PM_OK, pm_scene_drop(scene));
 }
 

@@ -1,16 +1,28 @@
 //! Queries of a scene: which of its boxes some other boxes overlap.
 
+use std::sync::Arc;
+use std::time::Duration;
+
 use pairmask_core::aabb::Aabb;
 use pairmask_core::engine::EngineId;
 use pairmask_core::filters::Tag;
 use pairmask_core::mask::{Encoding, MaskView};
+use pairmask_core::precision::Precision;
 use pairmask_core::scene::{QueryMask, QueryTags};
+use pairmask_wire::{
+    QueryRequest, Reply, ReplyError, ReplyFields, RequestHeader, SceneId, words_in,
+};
 
 use super::{Kept, Scene};
 use crate::session::FrameInfo;
+use crate::session::core::Core;
 use crate::session::error::Error;
+use crate::session::estimate::{Answered, Estimate};
+use crate::session::exchange::Exchange;
+use crate::session::link::Link;
 use crate::session::local::Asked;
 use crate::session::pairs::{PairMask, ServedBy};
+use crate::session::written::Written;
 
 /// Pairs that are handed out at a time.
 const SLICE: usize = 256;
@@ -32,6 +44,9 @@ impl Scene {
     /// It asks the scene as the last edit made it, with the boxes as they were set, and changes nothing that edits
     /// tell. Where the daemon has lost the scene, it is sent again. Of boxes with margins, the inflated ones are looked
     /// at first: their pairs have to fit the limits of an answer.
+    ///
+    /// A shared scene is asked for the boxes of all members, whatever the scope of this one's reports, as the last tick
+    /// made it: an edit that waits for the end of its tick is not part of it. Its queries need a daemon.
     ///
     /// ```
     /// use pairmask::{Aabb, Backend, Report, SceneOptions, Session};
@@ -81,7 +96,8 @@ impl<'a> SceneQuery<'a> {
         let index_end = match &scene.kept {
             Kept::Remote(remote) => remote.copy().index_end() as u32,
             Kept::Here(here) => here.index_end(),
-            Kept::Shared(_) => return Err(Error::QueryOfShared),
+            // Other members may have a box at any index.
+            Kept::Shared(member) => member.most_boxes(),
         };
         let too_many = Error::TooManyQueries { queries: boxes.len(), index_end };
         let asked = Asked {
@@ -93,7 +109,7 @@ impl<'a> SceneQuery<'a> {
         let mask = match &mut scene.kept {
             Kept::Remote(remote) => remote.query(&asked)?,
             Kept::Here(here) => scene.core.query_here(here, &asked)?,
-            Kept::Shared(_) => return Err(Error::QueryOfShared),
+            Kept::Shared(member) => member.query(&asked)?,
         };
         let FrameInfo { served_by, engine, .. } = *mask.info();
         let mut answer = QueryAnswer { mask, queries: asked.mask.queries(), served_by, engine };
@@ -106,6 +122,48 @@ impl<'a> SceneQuery<'a> {
             answer.mask = scene.core.mask_of(&asked, &found)?;
         }
         Ok(answer)
+    }
+}
+
+impl Asked<'_> {
+    /// Asks a daemon for a revision of a scene, or for what the last tick made of a shared one.
+    pub(super) fn ask(
+        &self,
+        core: &Core,
+        link: &Arc<Link>,
+        (scene, revision): (SceneId, Option<u64>),
+        threads: Option<usize>,
+        estimate: &mut Estimate,
+    ) -> Result<PairMask, Error> {
+        let Self { boxes, tags, encoding, mask } = *self;
+        let mut request = QueryRequest::new(scene, revision, mask, encoding, &tags);
+        request.threads = threads;
+        let mut shared = core.loan(link, request.payload_bytes())?;
+        if !request.write(boxes, &tags, shared.loan.pages_mut()) {
+            let limit = u64::from(u32::MAX);
+            return Err(Error::TooManyBoxes { n: boxes.len(), limit });
+        }
+        let asked = ReplyFields {
+            client_token: link.token(),
+            frame: core.next_frame(),
+            box_count: mask.n(),
+        };
+        let header = RequestHeader::query_scene(asked.client_token, asked.frame, &request);
+        let exchange = Exchange::begin(shared, &header)?;
+        let settings = core.settings();
+        let answer = exchange.end(estimate.expect(mask.queries()), settings)?;
+        let payload_bytes = size_of_val(answer.response.pages()) as u64;
+        let reply = Reply::parse(&answer.header, &asked, payload_bytes).map_err(Error::from)?;
+        MaskView::new(mask.n(), &reply.report.shape, words_in(answer.response.pages()))
+            .map_err(|_| Error::from(ReplyError::Malformed { field: "mask" }))?;
+        estimate.note(Answered {
+            n: mask.queries(),
+            round_trip: answer.sent_at.elapsed(),
+            took: Duration::from_nanos(reply.times.total_ns),
+            threads: reply.threads,
+        });
+        let written = Written::by(&Precision::Exact);
+        Ok(PairMask::new(answer.into_storage(), &reply, ServedBy::Daemon, written, settings.isa))
     }
 }
 

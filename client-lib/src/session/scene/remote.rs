@@ -12,14 +12,12 @@ use std::time::{Duration, Instant};
 
 use pairmask_core::dispatch::CpuEngines;
 use pairmask_core::filters::Tag;
-use pairmask_core::mask::MaskView;
 use pairmask_core::plan::Calibration;
-use pairmask_core::precision::Precision;
 use pairmask_core::scene::{Edit, Report, Reported, Scene, SceneCopy, SceneOptions, Step, Tags};
 use pairmask_core::units::BoxCount;
 use pairmask_wire::{
-    EditLayout, QUERIES_MINOR, QueryRequest, RULES_MINOR, Reply, ReplyError, ReplyFields,
-    RequestHeader, SCENES_MINOR, SceneId, SceneRequest, StatusCode, words_in,
+    EditLayout, QUERIES_MINOR, RULES_MINOR, ReplyError, ReplyFields, RequestHeader, SCENES_MINOR,
+    SceneId, SceneRequest, StatusCode,
 };
 
 use super::answer::FromDaemon;
@@ -29,9 +27,8 @@ use crate::session::estimate::{Answered, Estimate};
 use crate::session::exchange::Exchange;
 use crate::session::link::Link;
 use crate::session::local::Asked;
-use crate::session::pairs::{PairMask, ServedBy};
+use crate::session::pairs::PairMask;
 use crate::session::unread::{Awaited, SentEdit, Unread};
-use crate::session::written::Written;
 
 /// A daemon that refuses a scene is not sent it again for this long, where this process can answer.
 const REFUSED_FOR: Duration = Duration::from_secs(2);
@@ -268,35 +265,9 @@ impl RemoteScene {
         let Keeper::Daemon(there) = &self.keeper else {
             return Err(Error::DaemonDied);
         };
-        let Asked { boxes, tags, encoding, mask } = *asked;
-        let mut request = QueryRequest::new(self.id, there.revision, mask, encoding, &tags);
-        request.threads = self.options.threads.or(self.core.settings().threads);
-        let mut shared = self.core.loan(&link, request.payload_bytes())?;
-        if !request.write(boxes, &tags, shared.loan.pages_mut()) {
-            let limit = u64::from(u32::MAX);
-            return Err(Error::TooManyBoxes { n: boxes.len(), limit });
-        }
-        let asked = ReplyFields {
-            client_token: link.token(),
-            frame: self.core.next_frame(),
-            box_count: mask.n(),
-        };
-        let header = RequestHeader::query_scene(asked.client_token, asked.frame, &request);
-        let exchange = Exchange::begin(shared, &header)?;
-        let settings = self.core.settings();
-        let answer = exchange.end(self.query_estimate.expect(mask.queries()), settings)?;
-        let payload_bytes = size_of_val(answer.response.pages()) as u64;
-        let reply = Reply::parse(&answer.header, &asked, payload_bytes).map_err(Error::from)?;
-        MaskView::new(mask.n(), &reply.report.shape, words_in(answer.response.pages()))
-            .map_err(|_| Error::from(ReplyError::Malformed { field: "mask" }))?;
-        self.query_estimate.note(Answered {
-            n: mask.queries(),
-            round_trip: answer.sent_at.elapsed(),
-            took: Duration::from_nanos(reply.times.total_ns),
-            threads: reply.threads,
-        });
-        let written = Written::by(&Precision::Exact);
-        Ok(PairMask::new(answer.into_storage(), &reply, ServedBy::Daemon, written, settings.isa))
+        let (scene, revision) = (self.id, Some(there.revision));
+        let threads = self.options.threads.or(self.core.settings().threads);
+        asked.ask(&self.core, &link, (scene, revision), threads, &mut self.query_estimate)
     }
 
     /// Asks the scene of this process, which is made from the copy if need be.
@@ -524,7 +495,7 @@ impl Drop for RemoteScene {
 }
 
 /// Whether the daemon says that it has no scene of this revision.
-const fn is_stale(error: &Error) -> bool {
+pub(super) const fn is_stale(error: &Error) -> bool {
     let stale = StatusCode::StaleScene;
     matches!(error, Error::Reply(ReplyError::Status { status, .. }) if *status as u32 == stale as u32)
 }

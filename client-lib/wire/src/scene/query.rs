@@ -7,12 +7,12 @@ use pairmask_core::scene::{QueryMask, QueryTags};
 use pairmask_core::units::BoxCount;
 
 use super::request::{BOX_BYTES, SceneId};
-use crate::QUERIES_MINOR;
 use crate::header::{Operation, RequestHeader, thread_number, threads_of};
 use crate::page::Page;
 use crate::pages::boxes_in;
 use crate::reject::Reject;
 use crate::section::{Section, SectionKind, find, slots};
+use crate::{QUERIES_MINOR, SHARED_QUERIES_MINOR};
 
 const TAG_BYTES: u64 = size_of::<Tag>() as u64;
 /// Tags begin on a cache line.
@@ -29,10 +29,11 @@ enum TagPlace {
 /// A query of a scene: what a client says in a header, and what a daemon has validated of one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct QueryRequest {
-    /// The scene, among those of the session.
+    /// The scene, among those of the session, or its membership of a shared scene.
     pub scene: SceneId,
-    /// The revision of the scene that is asked, which is that of the client's last edit.
-    pub revision: u64,
+    /// The revision of the scene that is asked, which is that of the client's last edit. `None` asks a shared scene,
+    /// as the last tick made it.
+    pub revision: Option<u64>,
     /// What the mask is of: queries, and boxes with indices below the client's last one.
     pub mask: QueryMask,
     /// How the mask is written.
@@ -44,10 +45,10 @@ pub struct QueryRequest {
 }
 
 impl QueryRequest {
-    /// A query of a revision of a scene, whose boxes and tags lie as [`write`](Self::write) puts them.
+    /// A query of a scene, whose boxes and tags lie as [`write`](Self::write) puts them.
     pub fn new(
         scene: SceneId,
-        revision: u64,
+        revision: Option<u64>,
         mask: QueryMask,
         encoding: Encoding,
         tags: &QueryTags<'_>,
@@ -119,12 +120,10 @@ impl QueryRequest {
     /// [`Reject`] with the first thing that is wrong.
     pub(crate) fn parse(header: &RequestHeader, payload_bytes: u64) -> Result<Self, Reject> {
         let wrong = |field| Reject::Query { field };
-        header.check_minor(QUERIES_MINOR)?;
+        let revision = (header.base != 0).then_some(header.base);
+        header.check_minor(revision.map_or(SHARED_QUERIES_MINOR, |_| QUERIES_MINOR))?;
         let found = header.encoding;
         let encoding = Encoding::from_wire(found).ok_or(Reject::Encoding { found })?;
-        if header.base == 0 {
-            return Err(wrong("revision"));
-        }
         let fits = |section: &Section, item_bytes: u64| {
             section.fits(payload_bytes) && section.bytes.is_multiple_of(item_bytes)
         };
@@ -150,7 +149,7 @@ impl QueryRequest {
         };
         Ok(Self {
             scene: SceneId(header.scene),
-            revision: header.base,
+            revision,
             mask,
             encoding,
             threads: threads_of(header.threads),
@@ -169,7 +168,7 @@ impl RequestHeader {
             threads: thread_number(request.threads),
             sections: slots([request.boxes].into_iter().chain(request.tag_section())),
             scene: request.scene.0,
-            base: request.revision,
+            base: request.revision.unwrap_or(0),
             ..Self::envelope(Operation::QueryScene, client_token, frame)
         }
     }
@@ -185,7 +184,8 @@ mod tests {
 
     fn request(queries: usize, tags: &QueryTags<'_>) -> QueryRequest {
         let mask = QueryMask::new(queries, 1_000).expect("few");
-        QueryRequest::new(SceneId(3), 7, mask, Encoding::List, tags)
+        let revision = [None, Some(7)][queries % 2];
+        QueryRequest::new(SceneId(3), revision, mask, Encoding::List, tags)
     }
 
     fn parse(header: &RequestHeader, payload_bytes: u64) -> Result<QueryRequest, Reject> {
@@ -231,7 +231,7 @@ mod tests {
         let right = RequestHeader::query_scene(1, 2, &request(5, &QueryTags::Each(&tags)));
         assert!(parse(&right, PAGE).is_ok());
         let forgeries: [&dyn Fn(&mut RequestHeader); 14] = [
-            &|h| h.base = 0,
+            &|h| (h.base, h.version_minor) = (0, SHARED_QUERIES_MINOR - 1),
             &|h| h.encoding = 99,
             &|h| h.version_minor = QUERIES_MINOR - 1,
             &|h| h.box_count = 4,

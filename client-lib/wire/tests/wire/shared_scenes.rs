@@ -69,12 +69,12 @@ fn golden_query() {
     let tags = [tag, Tag::default(), tag];
     let mask = QueryMask::new(3, 100).unwrap();
     // One tag for all of the queries begins on a cache line, and so do tags for each.
-    for (tags, section) in [
-        (QueryTags::None, None),
-        (QueryTags::One(tag), Some((23, 128, 12))),
-        (QueryTags::Each(&tags), Some((23, 128, 36))),
+    for (tags, section, revision) in [
+        (QueryTags::None, None, Some(7)),
+        (QueryTags::One(tag), Some((23, 128, 12)), Some(u64::MAX)),
+        (QueryTags::Each(&tags), Some((23, 128, 36)), None),
     ] {
-        let request = QueryRequest::new(SceneId(5), 7, mask, Encoding::List, &tags);
+        let request = QueryRequest::new(SceneId(5), revision, mask, Encoding::List, &tags);
         let header = RequestHeader::query_scene(TOKEN, FRAME, &request);
         let sections = [(1, 0, 72)].into_iter().chain(section).collect();
         let fields = Fields {
@@ -83,7 +83,7 @@ fn golden_query() {
             encoding: 3,
             sections,
             scene: 5,
-            base: 7,
+            base: revision.unwrap_or(0),
             ..Fields::default()
         };
         assert_eq!(bytemuck::bytes_of(&header), fields.bytes(), "{tags:?}");
@@ -215,7 +215,7 @@ fn golden_commit_and_leave() {
 /// Compares the start of a response, its detail, and sections of late ranges by their places.
 fn compare(header: &ResponseHeader, flags: u64, detail: [u64; 4], sections: &[(usize, [u64; 2])]) {
     let bytes: &[u8] = bytemuck::bytes_of(header);
-    assert_eq!(bytes[..8], *b"PMRS\x01\x00\x0a\x00");
+    assert_eq!(bytes[..8], *b"PMRS\x01\x00\x0b\x00");
     assert_eq!(
         bytes[8..32],
         *bytemuck::bytes_of(&[flags << 32, TOKEN, FRAME]),

@@ -8,12 +8,14 @@ use pairmask_core::scene::shared::{
     Incarnations, KeptBoxes, NamedPair, Ranges, Remains, TickChanges,
 };
 use pairmask_core::scene::{Edit, EndReason, Report, Reported, SceneCopy, SceneError};
+use pairmask_wire::QueryRequest;
 
 use super::SceneTools;
 use crate::audit::{AuditedScene, Auditor, SceneNote};
 use crate::clients::{PendingBoxes, SceneRoom};
 use crate::execute::SceneKeeper;
-use crate::publish::Refusal;
+use crate::publish::{OpenRequest, Outbox, Refusal};
+use crate::requests::scene::{Asked, Failed, bytes_of};
 
 /// Bytes of the copy of a box, with its flags.
 const BYTES_A_COPY: u64 = 25;
@@ -38,6 +40,8 @@ pub(super) struct Boxes {
     /// Of the open tick.
     pending: Pending,
     most_pairs: u64,
+    /// Memory for what queries find.
+    found: Vec<[u32; 2]>,
     /// Whether the scene is to be made again before it is asked.
     is_broken: bool,
     audit: Option<TickAudit>,
@@ -127,12 +131,14 @@ impl Boxes {
             members_bytes: 0,
             pending: Pending::default(),
             most_pairs: u64::MAX,
+            found: Vec::new(),
             is_broken: false,
         })
     }
 
     fn own_bytes(&self) -> u64 {
-        (self.copy.allocated_bytes() + self.incarnations.allocated_bytes()) as u64
+        let kept = self.copy.allocated_bytes() + self.incarnations.allocated_bytes();
+        kept as u64 + bytes_of(&self.found)
     }
 
     /// Checks an edit of one member. It stays right: nobody else changes its boxes. It is to be applied, or
@@ -229,6 +235,40 @@ impl Boxes {
         }
     }
 
+    /// Answers a query of the scene as the last tick made it.
+    pub fn query(
+        &mut self,
+        open: &mut OpenRequest,
+        request: &QueryRequest,
+        threads: usize,
+        outbox: &Outbox,
+    ) -> Result<(), Refusal> {
+        self.mend(threads)?;
+        let mut answered = self.answer(open, request, threads, outbox);
+        if let Err(Failed::Gone(_)) = answered {
+            // Its boxes were in the memory of a device that is lost.
+            self.note_broken();
+            self.mend(threads)?;
+            answered = self.answer(open, request, threads, outbox);
+        }
+        if self.pending.bytes == 0 {
+            self.note_bytes();
+        }
+        answered.map_err(|(Failed::Refused(refusal) | Failed::Gone(refusal))| refusal)
+    }
+
+    fn answer(
+        &mut self,
+        open: &mut OpenRequest,
+        request: &QueryRequest,
+        threads: usize,
+        outbox: &Outbox,
+    ) -> Result<(), Failed> {
+        let Self { scene, found, audit, .. } = self;
+        let audited = audit.as_ref().map(|audit| &audit.scene);
+        Asked { scene, found, audited }.answer(open, request, threads, outbox)
+    }
+
     pub fn changes(&self) -> TickChanges {
         TickChanges::of(self.scene.reported(), &self.incarnations)
     }
@@ -251,7 +291,11 @@ impl Boxes {
     /// Notes what is kept, after a tick of members of whom so much is kept.
     pub fn note_room(&mut self, members_bytes: u64) {
         (self.members_bytes, self.pending) = (members_bytes, Pending::default());
-        let beside = self.own_bytes() + members_bytes;
+        self.note_bytes();
+    }
+
+    fn note_bytes(&mut self) {
+        let beside = self.own_bytes() + self.members_bytes;
         self.room.note(&self.scene, beside);
     }
 }

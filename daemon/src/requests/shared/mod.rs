@@ -23,13 +23,13 @@ use std::time::Instant;
 use pairmask_core::engine::CullError;
 use pairmask_core::scene::shared::{AtEnd, MemberId};
 use pairmask_wire::{
-    AgreedTerms, JoinRequest, LeaseRequest, Reject, SceneId, SceneName, SceneRequest,
+    AgreedTerms, JoinRequest, LeaseRequest, QueryRequest, Reject, SceneId, SceneName, SceneRequest,
     response_joined, response_leased, response_scene_ended,
 };
 
 use self::scene::SharedScene;
 use super::scene::SceneTools;
-use super::{EndWithPanic, Served};
+use super::{EndWithPanic, GpuNeed, Served};
 use crate::execute::{CpuTimer, EnginePool};
 use crate::locked;
 use crate::publish::{OpenRequest, Outbox, Refusal};
@@ -141,6 +141,28 @@ impl SharedScenes {
             self.alarm.set(closes_at, &scene);
         }
         Served { threads, on_one_core, ..Served::BEGUN }
+    }
+
+    /// Answers a query of a scene as the last tick made it.
+    pub(super) fn query(
+        &self,
+        mut open: OpenRequest,
+        request: &QueryRequest,
+        threads: usize,
+    ) -> Served {
+        let Some((scene, _)) = self.find((open.sender.session, request.scene)) else {
+            return self.outbox.refuse_and_close(open, Refusal::stale_scene(0));
+        };
+        let threads = request.threads.map_or(threads, |asked| asked.min(threads)).max(1);
+        let mut answer = || scene.query(&mut open, request, threads, &self.outbox);
+        let answered = if threads == 1 { answer() } else { self.tools.pool.work(answer) };
+        if let Err(refusal) = &answered {
+            self.outbox.refuse(&mut open, refusal);
+        }
+        open.close();
+        let on_gpu = answered.unwrap_or(false);
+        let gpu = if on_gpu { GpuNeed::Alone } else { GpuNeed::None };
+        Served { threads, on_gpu, gpu, ..Served::BEGUN }
     }
 
     pub(super) fn leave(&self, open: &mut OpenRequest, scene: SceneId) {

@@ -9,7 +9,9 @@ use std::time::{Duration, Instant};
 
 use pairmask_core::scene::shared::{AtEnd, LeaseError, MemberId, Ticks};
 use pairmask_core::scene::{Edit, SceneOptions};
-use pairmask_wire::{AgreedTerms, EditScratch, JoinRequest, LeaseAction, SceneName, SceneRequest};
+use pairmask_wire::{
+    AgreedTerms, EditScratch, JoinRequest, LeaseAction, QueryRequest, SceneName, SceneRequest,
+};
 
 use super::boxes::Boxes;
 use super::seats::{Begun, Commit, Recipient, Seats};
@@ -158,6 +160,19 @@ impl SharedScene {
         locked(&self.seats).commit(id, commit, Instant::now()).inspect_err(|(commit, _)| {
             cancel(&mut boxes, &commit.edit);
         })
+    }
+
+    /// Answers a query. Whether a GPU did.
+    pub fn query(
+        &self,
+        open: &mut OpenRequest,
+        request: &QueryRequest,
+        threads: usize,
+        outbox: &Outbox,
+    ) -> Result<bool, Refusal> {
+        let mut boxes = locked(&self.boxes);
+        boxes.query(open, request, threads, outbox)?;
+        Ok(boxes.scene.engine().is_gpu())
     }
 
     /// Ends the open tick if that is due. How many threads took part.

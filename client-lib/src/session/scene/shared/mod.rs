@@ -16,17 +16,21 @@ use pairmask_core::scene::{Edit, Report, Reported, SceneCopy, Step};
 use pairmask_core::units::BoxCount;
 use pairmask_wire::{
     AgreedTerms, EditLayout, JoinRequest, LeaseAction, LeaseRequest, Page, ReplyError, ReplyFields,
-    RequestHeader, SHARED_MINOR, SceneId, SceneName, SceneRequest, SharedTerms, StatusCode,
-    TermsDiffer, TickMarks, lease_error, not_leased, parse_joined, parse_leased,
+    RequestHeader, SHARED_MINOR, SHARED_QUERIES_MINOR, SceneId, SceneName, SceneRequest,
+    SharedTerms, StatusCode, TermsDiffer, TickMarks, lease_error, not_leased, parse_joined,
+    parse_leased,
 };
 
 use super::answer::FromDaemon;
+use super::remote::is_stale;
 use super::{Kept, Scene};
 use crate::session::core::Core;
 use crate::session::error::{Error, Loss};
-use crate::session::estimate::Expected;
+use crate::session::estimate::{Estimate, Expected};
 use crate::session::exchange::{Answer, Exchange};
 use crate::session::link::Link;
+use crate::session::local::Asked;
+use crate::session::pairs::PairMask;
 use crate::session::settings::{Backend, Settings};
 use crate::session::unread::{Awaited, SentEdit, Unread};
 
@@ -119,6 +123,7 @@ pub(in crate::session) struct Member {
     /// The connection over which a membership was last asked for.
     asked_of: Option<Arc<Link>>,
     revisions: u64,
+    query_estimate: Estimate,
     /// Whether the next request asks for a resync.
     forgets: bool,
     /// An answer without pairs, for a member that has none yet.
@@ -152,6 +157,7 @@ impl Member {
             there: None,
             asked_of: None,
             revisions: 0,
+            query_estimate: Estimate::default(),
             forgets: false,
             nothing: Reported::default(),
             before: None,
@@ -367,6 +373,28 @@ impl Member {
         self.before = None;
     }
 
+    /// Asks the scene as the last tick made it. A commit that nobody has waited for may be part of the next one: it is
+    /// not waited for here.
+    pub fn query(&mut self, asked: &Asked<'_>) -> Result<PairMask, Error> {
+        self.core.link_that_knows(SHARED_QUERIES_MINOR, "queries of shared scenes")?;
+        let mut answered = self.ask_query(asked);
+        if answered.as_ref().is_err_and(is_stale) {
+            self.there = None;
+            answered = self.ask_query(asked);
+        }
+        answered
+    }
+
+    fn ask_query(&mut self, asked: &Asked<'_>) -> Result<PairMask, Error> {
+        let link = self.present()?;
+        let (scene, threads) = ((self.id, None), self.core.settings().threads);
+        let answered = asked.ask(&self.core, &link, scene, threads, &mut self.query_estimate);
+        if let Some(error) = answered.as_ref().err().filter(|error| Loss::of(error).is_some()) {
+            self.lost(&link, error);
+        }
+        answered
+    }
+
     /// Checks an edit, and sends it.
     pub fn begin<'s>(&mut self, edit: Edit<'_>, report: Report) -> Result<Awaited<'s>, Error> {
         if report == Report::Moved {
@@ -489,7 +517,7 @@ impl Member {
         let Some(sent) = awaited.take() else { return Err(Error::Taken) };
         let report = sent.report;
         match self.receive(sent) {
-            Err(Error::Reply(ReplyError::Status { status: StatusCode::StaleScene, .. })) => {
+            Err(error) if is_stale(&error) => {
                 let link = self.present()?;
                 let sent = self.send_whole(&link, report)?;
                 self.receive(sent)
