@@ -600,9 +600,6 @@ typedef struct {
 // The session answers in process, where there is no shared scene.
 #define PM_ERR_IN_PROCESS 91
 
-// A shared scene does not tell pairs of moved boxes alone.
-#define PM_ERR_MOVED 92
-
 // The shared scene has other terms.
 #define PM_ERR_TERMS_DIFFER 93
 

@@ -92,8 +92,6 @@ pub const PM_ERR_BOUNDS: pm_code = 80;
 pub const PM_ERR_SCENE_NAME: pm_code = 90;
 /// The session answers in process, where there is no shared scene.
 pub const PM_ERR_IN_PROCESS: pm_code = 91;
-/// A shared scene does not tell pairs of moved boxes alone.
-pub const PM_ERR_MOVED: pm_code = 92;
 /// The shared scene has other terms.
 pub const PM_ERR_TERMS_DIFFER: pm_code = 93;
 /// The lease is refused.
@@ -105,7 +103,7 @@ pub const PM_ERR_NOT_LEASED: pm_code = 95;
 pub const PM_ERR_OTHER: pm_code = 99;
 
 /// Every code with its name.
-const NAMES: [(pm_code, &CStr); 45] = [
+const NAMES: [(pm_code, &CStr); 44] = [
     (PM_OK, c"PM_OK"),
     (PM_ERR_ARGUMENT, c"PM_ERR_ARGUMENT"),
     (PM_ERR_HANDLE, c"PM_ERR_HANDLE"),
@@ -146,7 +144,6 @@ const NAMES: [(pm_code, &CStr); 45] = [
     (PM_ERR_BOUNDS, c"PM_ERR_BOUNDS"),
     (PM_ERR_SCENE_NAME, c"PM_ERR_SCENE_NAME"),
     (PM_ERR_IN_PROCESS, c"PM_ERR_IN_PROCESS"),
-    (PM_ERR_MOVED, c"PM_ERR_MOVED"),
     (PM_ERR_TERMS_DIFFER, c"PM_ERR_TERMS_DIFFER"),
     (PM_ERR_LEASE, c"PM_ERR_LEASE"),
     (PM_ERR_NOT_LEASED, c"PM_ERR_NOT_LEASED"),

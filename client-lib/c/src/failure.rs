@@ -123,7 +123,6 @@ const fn of_error(error: &Error) -> pm_code {
         Error::TooManyQueries { .. } => PM_ERR_TOO_MANY_QUERIES,
         Error::SceneName(_) => PM_ERR_SCENE_NAME,
         Error::NeedsDaemon => PM_ERR_IN_PROCESS,
-        Error::MovedOfShared => PM_ERR_MOVED,
         Error::NotShared => PM_ERR_STATE,
         Error::TermsDiffer(_) => PM_ERR_TERMS_DIFFER,
         Error::Lease(_) => PM_ERR_LEASE,

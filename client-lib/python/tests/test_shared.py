@@ -47,16 +47,27 @@ def test_two_processes_write_one_scene(daemon: Daemon) -> None:
         assert [list(map(int, line.split())) for line in told.splitlines()] == expected
 
 
-def test_queries_are_of_all_members(daemon: Daemon) -> None:
+def test_moved_pairs_and_queries_are_of_all_members(daemon: Daemon) -> None:
     with daemon.session("daemon") as session, daemon.session("daemon") as other:
         boxes = oracle.boxes_of(60, 3)
         scenes = [s.join_scene("asked", scope="all", tick_deadline=10) for s in (session, other)]
         for at, scene in enumerate(scenes):
             scene.lease(range(30 * at, 30 * at + 30))
-        own = [range(30 * at, 30 * at + 30) for at in range(2)]
-        edits = [scene.edit().set(of, boxes[of]) for scene, of in zip(scenes, own, strict=True)]
-        for pending in [edit.submit("nothing") for edit in edits]:
-            pending.wait()
+
+        def tick(moved: dict[int, object]) -> list[oracle.Pairs]:
+            """Both members commit: the pairs of what moved."""
+            for index, box in moved.items():
+                boxes[index] = box
+            pending = []
+            for at, scene in enumerate(scenes):
+                own = [index for index in moved if index // 30 == at]
+                pending.append(scene.edit().set(own, boxes[own]).submit("moved"))
+            return [oracle.as_set(one.wait().pairs) for one in pending]
+
+        assert tick(dict(enumerate(boxes.copy()))) == 2 * [oracle.pairs_of(boxes)]
+        moved = {3: boxes[40], 31: boxes[4], 32: boxes[5]}
+        told = tick(moved)
+        assert told == 2 * [{pair for pair in oracle.pairs_of(boxes) if moved.keys() & set(pair)}]
         expected = np.argwhere(oracle.overlapping(boxes[:20], boxes)).tolist()
         assert [scene.query(boxes[:20]).tolist() for scene in scenes] == 2 * [expected]
 
@@ -91,7 +102,6 @@ def test_what_is_wrong_with_shared_scenes(daemon: Daemon) -> None:
         assert kind(lambda: scene.lease(range(5, 20))) == "Lease"
         assert kind(lambda: scene.lease(range(5, 5))) == "Lease"
         assert kind(lambda: scene.edit().set(10, [0, 0, 0, 1, 1, 1]).commit()) == "NotLeased"
-        assert kind(lambda: scene.edit().commit("moved")) == "MovedOfShared"
         with pytest.raises(pairmask.PairmaskError, match="set twice"):
             scene.edit().set([1, 1], np.zeros((2, 6))).commit()
         with pytest.raises(ValueError, match="gaps"):

@@ -173,9 +173,6 @@ pub enum Error {
     /// The session answers in process, where there is no shared scene.
     #[error("a shared scene needs a daemon: use Backend::Auto or Backend::Daemon")]
     NeedsDaemon,
-    /// Shared scenes do not report pairs of moved boxes alone.
-    #[error("a shared scene does not answer Report::Moved: ask for changes")]
-    MovedOfShared,
     /// The scene is no shared one.
     #[error("this scene is not shared: join one to lease indices")]
     NotShared,

@@ -236,8 +236,7 @@ impl Session {
     /// those of who leases their indices next, who may set them; giving the lease back removes them, and so does a
     /// member that has lost its membership and joins again, since it sends all boxes that it knows.
     ///
-    /// There is no such scene in process: without a daemon this is an error, with any backend. It does not answer
-    /// [`Report::Moved`](crate::Report::Moved).
+    /// There is no such scene in process: without a daemon this is an error, with any backend.
     ///
     /// ```no_run
     /// use pairmask::{Aabb, JoinOptions, Report, Session};

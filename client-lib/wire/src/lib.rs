@@ -75,7 +75,7 @@ pub const KEPT_RULES_MINOR: u16 = 9;
 /// Minor version from which a daemon decides the rules of scenes. Those from 5 on needed edits in which the client
 /// had removed and set again each box whose rules changed.
 pub const RULES_MINOR: u16 = 10;
-/// Minor version from which shared scenes are queried.
+/// Minor version from which shared scenes are queried, and report moved pairs.
 pub const SHARED_QUERIES_MINOR: u16 = 11;
 
 /// Minor version from which daemons know objects of a form.

@@ -1,6 +1,6 @@
 //! A script, played on a scene and on the model.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 
 use pairmask_core::Aabb;
@@ -162,7 +162,8 @@ impl Play {
                 let (may_resync, by_reading) =
                     (subject.may_resync(), subject.reading_acknowledges());
                 let mut ticks = by_tick.into_values();
-                ticks.try_for_each(|reported| self.tick(reported, may_resync, by_reading))?;
+                let is_shared = script.shared.is_some();
+                ticks.try_for_each(|turns| self.tick(turns, is_shared, may_resync, by_reading))?;
                 match subject.box_count() {
                     Some(len) if len != self.model.len() => {
                         Err(("boxes", format!("{len} for {}", self.model.len())))
@@ -192,20 +193,22 @@ impl Play {
     fn tick(
         &mut self,
         reported: Vec<(&Turn, Option<Heard>)>,
+        is_shared: bool,
         may_resync: bool,
         reading_acknowledges: bool,
     ) -> Result<(), (&'static str, String)> {
-        let named = reported
+        let named: BTreeSet<u32> = reported
             .iter()
-            .map(|(turn, _)| self.model.apply(self.listeners[&turn.member].id, &turn.ops));
-        let named: Vec<_> = named.collect();
+            .flat_map(|(turn, _)| self.model.apply(self.listeners[&turn.member].id, &turn.ops))
+            .collect();
+        self.listeners.values_mut().for_each(|listener| listener.note_named(&named, is_shared));
         let now = self.model.pairs();
-        for ((turn, heard), named) in reported.into_iter().zip(named) {
+        for (turn, heard) in reported {
             self.seen.edits += 1;
             let listener = self.listeners.get_mut(&turn.member).expect("it has joined");
             if let Some(heard) = heard {
                 listener.is_lost |= may_resync && heard.is_resync;
-                let expected = listener.expects(&self.model, &now, &named, turn.mode);
+                let expected = listener.expects(&self.model, &now, turn.mode);
                 if let Some((kind, text)) = difference(&heard, &expected) {
                     return Err((
                         kind,

@@ -218,7 +218,7 @@ impl Maker {
     fn turn(&mut self, member: u32, ops: Vec<Op>) -> Turn {
         let mode = match self.below(8) {
             0 => Mode::All,
-            1 if self.kind != Kind::Shared => Mode::Moved,
+            1 => Mode::Moved,
             2 => Mode::Nothing,
             _ => Mode::Changes,
         };

@@ -242,6 +242,8 @@ pub struct Listener {
     pub id: u64,
     then: PairsByGeneration,
     pub is_lost: bool,
+    /// Boxes that were named since what moved pairs are counted from; `None`: all boxes.
+    moved: Option<BTreeSet<u32>>,
     /// It is told of pairs that touch these indices; `None`: of all.
     pub own: Option<Range<u32>>,
 }
@@ -249,7 +251,16 @@ pub struct Listener {
 impl Listener {
     /// One that knows that there is no pair, or nothing.
     pub const fn new(id: u64, is_lost: bool, own: Option<Range<u32>>) -> Self {
-        Self { id, then: BTreeMap::new(), is_lost, own }
+        Self { id, then: BTreeMap::new(), is_lost, moved: None, own }
+    }
+
+    /// An edit has named some boxes: its own, of a scene that is not shared, whose moved pairs are those of one edit.
+    pub fn note_named(&mut self, named: &BTreeSet<u32>, is_shared: bool) {
+        if !is_shared {
+            self.moved = Some(named.clone());
+        } else if let Some(moved) = &mut self.moved {
+            moved.extend(named);
+        }
     }
 
     fn scope(&self, pairs: &PairsByGeneration) -> PairsByGeneration {
@@ -258,14 +269,8 @@ impl Listener {
         heard.map(|(pair, generations)| (*pair, *generations)).collect()
     }
 
-    /// What it is to be told of the pairs of now, after an edit that named some boxes.
-    pub fn expects(
-        &self,
-        model: &Model,
-        now: &PairsByGeneration,
-        named: &BTreeSet<u32>,
-        mode: Mode,
-    ) -> Heard {
+    /// What it is to be told of the pairs of now.
+    pub fn expects(&self, model: &Model, now: &PairsByGeneration, mode: Mode) -> Heard {
         let pair_count = Some(now.len() as u64);
         let heard = self.scope(now);
         let all = || heard.keys().copied().collect::<Vec<Pair>>();
@@ -288,8 +293,9 @@ impl Listener {
             }
             Mode::All => Heard { pair_count, pairs: all(), ..Heard::default() },
             Mode::Moved => {
-                let is_named = |pair: &Pair| pair.iter().any(|index| named.contains(index));
-                let pairs = heard.keys().copied().filter(is_named).collect();
+                let has_moved = |index: &u32| self.moved.as_ref().is_none_or(|m| m.contains(index));
+                let pairs = heard.keys().copied().filter(|pair| pair.iter().any(has_moved));
+                let pairs = pairs.collect();
                 Heard { pairs, ..Heard::default() }
             }
             _ => Heard::default(),
@@ -298,6 +304,7 @@ impl Listener {
 
     /// It acknowledges an answer that told the pairs of now.
     pub fn acknowledge(&mut self, now: &PairsByGeneration, mode: Mode) {
+        self.moved = Some(BTreeSet::new());
         if matches!(mode, Mode::Changes | Mode::All) {
             (self.then, self.is_lost) = (self.scope(now), false);
         }

@@ -126,8 +126,6 @@ fn what_is_not_its_own_a_member_is_refused() {
     assert!(matches!(full, Error::Lease(LeaseError::Full { count: 71 })));
     let not_own = other.edit().set(9, at(0.0)).commit(Report::Nothing).unwrap_err();
     assert!(matches!(not_own, Error::NotLeased(NotLeased::Index { index: 9 })));
-    let moved = other.edit().commit(Report::Moved).unwrap_err();
-    assert!(matches!(moved, Error::MovedOfShared));
     // What was refused holds nobody up, and a lease that was given back is free.
     let pending = one.scene.edit().set(1, at(0.0)).submit(Report::All).unwrap();
     drop(other.edit().set(12, at(0.0)).set(25, at(0.0)).commit(Report::Nothing).unwrap());
@@ -162,6 +160,37 @@ fn a_tick_has_one_table_of_filters() {
 
 fn found(scene: &mut Scene, query: Aabb) -> Vec<u32> {
     scene.query(&[query]).find().unwrap().of_query(0).collect()
+}
+
+/// What the first member asks for, and gets of its own pairs where it waits; what the other one sets, and gets.
+type MovedTurn<'a> = (Report, Option<&'a [Pair]>, &'a [(u32, f32)], &'a [Pair]);
+
+#[test]
+fn moved_pairs_are_counted_from_the_last_answer_that_was_received() {
+    let daemon = daemon();
+    let options = JoinOptions::default().with_tick_deadline(LONG);
+    let mut one = Member::join(&daemon, "moved", 0..10, options);
+    let mut other = Member::join(&daemon, "moved", 10..20, options.with_scope(Scope::All));
+    let ticks: [MovedTurn<'_>; 6] = [
+        (Report::Moved, Some(&[[1, 11]]), &[(11, 0.5), (12, 20.0)], &[[1, 11]]),
+        (Report::Nothing, Some(&[]), &[(12, 0.2)], &[[1, 12], [11, 12]]),
+        (Report::Moved, None, &[(11, 0.4)], &[[1, 11], [11, 12]]),
+        (Report::Moved, Some(&[[1, 11]]), &[], &[]),
+        (Report::All, Some(&[[1, 11], [1, 12]]), &[(12, 0.2)], &[[1, 12], [11, 12]]),
+        (Report::Moved, Some(&[]), &[], &[]),
+    ];
+    for (tick, (report, own, set, all)) in ticks.into_iter().enumerate() {
+        let edit = one.scene.edit();
+        let edit = if tick == 0 { edit.set(1, at(0.0)) } else { edit };
+        let pending = edit.submit(report).unwrap();
+        let edit = set.iter().fold(other.scene.edit(), |edit, (index, x)| edit.set(*index, at(*x)));
+        let answer = edit.commit(Report::Moved).unwrap();
+        assert_eq!((answer.pairs().to_vec(), answer.pair_count()), (all.into(), None), "{tick}");
+        match own {
+            Some(own) => assert_eq!(pending.wait().unwrap().pairs().to_vec(), own, "{tick}"),
+            None => drop(pending),
+        }
+    }
 }
 
 #[test]

@@ -22,7 +22,9 @@ pub enum Report {
     Changes,
     /// Pairs of now with at least one box that this edit named: that it set, switched, made static or not, or gave
     /// filter data, or that is in a pair which it listed, whether that changed anything or not; and those whose
-    /// filter is another one by the edit's new table.
+    /// filter is another one by the edit's new table. In a [shared scene](super::shared), boxes that the edit of any
+    /// member named at a tick since the last answer that this member received, whatever that reported; all boxes
+    /// where it has received none.
     Moved,
     /// All pairs of now.
     All,

@@ -298,6 +298,15 @@ impl<'a> Edit<'a> {
         }
     }
 
+    /// The indices that it [names](super::Report::Moved), some of them twice, but for those that its table of filters
+    /// names alone.
+    pub(super) fn for_each_named(&self, mut f: impl FnMut(u32)) {
+        self.for_each_set(|index, _| f(index));
+        self.for_each_flag(|index, _| f(index));
+        self.for_each_tag(|index, _| f(index));
+        self.for_each_listed(f);
+    }
+
     /// Bytes that its rules may take where they are kept, beside tags.
     pub fn rule_bytes(&self) -> usize {
         /// A pair in the tables of now and of then, half of whose places are free.

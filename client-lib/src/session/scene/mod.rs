@@ -117,7 +117,7 @@ impl Kept {
         match self {
             Self::Remote(scene) => scene.acknowledge(report),
             Self::Here(scene) => scene.acknowledge(),
-            Self::Shared(member) => member.acknowledge(report),
+            Self::Shared(member) => member.acknowledge(),
         }
     }
 

@@ -3,11 +3,11 @@
 use std::ops::Range;
 use std::sync::Arc;
 
-use pairmask_core::EngineChoice;
 use pairmask_core::scene::shared::{
-    Incarnations, KeptBoxes, NamedPair, Ranges, Remains, TickChanges,
+    Incarnations, KeptBoxes, MovedBoxes, NamedPair, Ranges, Remains, TickChanges,
 };
-use pairmask_core::scene::{Edit, EndReason, Report, Reported, SceneCopy, SceneError};
+use pairmask_core::scene::{Edit, EndReason, Report, Reported, SceneCopy, SceneError, Sets, Step};
+use pairmask_core::{Aabb, EngineChoice};
 use pairmask_wire::QueryRequest;
 
 use super::SceneTools;
@@ -17,8 +17,8 @@ use crate::execute::SceneKeeper;
 use crate::publish::{OpenRequest, Outbox, Refusal};
 use crate::requests::scene::{Asked, Failed, bytes_of};
 
-/// Bytes of the copy of a box, with its flags.
-const BYTES_A_COPY: u64 = 25;
+/// Bytes of the copy of a box, with its flags, and of the tick at which it moved.
+const BYTES_A_COPY: u64 = 33;
 
 /// All boxes, and what the edits of all members have changed.
 pub(super) struct Boxes {
@@ -32,6 +32,7 @@ pub(super) struct Boxes {
     copy: SceneCopy,
     /// How many boxes each index has lost.
     incarnations: Incarnations,
+    pub(super) moved: MovedBoxes,
     /// Boxes whose writers are gone.
     kept: KeptBoxes,
     room: SceneRoom,
@@ -125,6 +126,7 @@ impl Boxes {
             scene: tools.new_scene(limit, engine)?,
             copy: SceneCopy::new(limit),
             incarnations: Incarnations::default(),
+            moved: MovedBoxes::default(),
             kept: KeptBoxes::default(),
             room: SceneRoom::begin(&tools.memory)?,
             tools,
@@ -137,8 +139,9 @@ impl Boxes {
     }
 
     fn own_bytes(&self) -> u64 {
-        let kept = self.copy.allocated_bytes() + self.incarnations.allocated_bytes();
-        kept as u64 + bytes_of(&self.found)
+        let Self { copy, incarnations, moved, found, .. } = self;
+        let kept = copy.allocated_bytes() + incarnations.allocated_bytes();
+        (kept + moved.allocated_bytes()) as u64 + bytes_of(found)
     }
 
     /// Checks an edit of one member. It stays right: nobody else changes its boxes. It is to be applied, or
@@ -164,6 +167,11 @@ impl Boxes {
         let most = self.tools.memory.most_pairs(of_answer);
         self.most_pairs = most;
         self.scene.limit_pairs(most);
+    }
+
+    /// Notes what moves at a tick, before its edits are applied.
+    pub fn note_moved(&mut self, tick: u64, edit: Edit<'_>) {
+        self.moved.note(tick, edit, &self.copy);
     }
 
     /// Applies edits that were checked, by so many threads.
@@ -219,12 +227,28 @@ impl Boxes {
         Ok(true)
     }
 
+    /// All pairs of now.
     pub fn whole(&mut self) -> Result<Arc<Vec<[u32; 2]>>, SceneError> {
-        match self.scene.edit(Edit::NONE, Report::All) {
+        self.pairs(Edit::NONE, Report::All)
+    }
+
+    /// The pairs of now that have a box which moved after a tick.
+    pub fn moved_after(&mut self, tick: u64) -> Result<Arc<Vec<[u32; 2]>>, SceneError> {
+        let there = |index| Some((index, self.copy.get(index)?));
+        let moved = self.moved.after(tick).into_iter().filter_map(there);
+        let (indices, boxes): (Vec<u32>, Vec<Aabb>) = moved.unzip();
+        // They stay what they are: that names them.
+        let sets = Sets { indices: (&indices).into(), boxes: &boxes };
+        self.pairs(Edit { steps: &[Step::Set(sets)] }, Report::Moved)
+    }
+
+    /// The pairs that an edit reports which changes nothing.
+    fn pairs(&mut self, edit: Edit<'_>, report: Report) -> Result<Arc<Vec<[u32; 2]>>, SceneError> {
+        match self.scene.edit(edit, report) {
             Ok(()) => {
                 let reported = self.scene.reported();
                 let pairs = Arc::new(reported.pairs().to_vec());
-                audit_edit(&self.tools.auditor, &mut self.audit, Edit::NONE, reported);
+                audit_edit(&self.tools.auditor, &mut self.audit, edit, reported);
                 self.scene.acknowledge();
                 Ok(pairs)
             }

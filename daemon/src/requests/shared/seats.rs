@@ -6,7 +6,6 @@ use std::ops::Range;
 use std::sync::{Arc, Mutex};
 use std::time::Instant;
 
-use pairmask_core::scene::Report;
 use pairmask_core::scene::shared::{
     Committed, Leases, MemberId, NotLeased, Ranges, Scope, TickChanges, Ticks, Unreported,
 };
@@ -138,9 +137,6 @@ impl Seats {
         let member = self.members.get_mut(&id).ok_or_else(|| Refusal::stale_scene(0))?;
         if member.revision != request.base {
             return Err(Refusal::stale_scene(member.revision));
-        }
-        if request.report == Report::Moved {
-            return Err(wrong("report"));
         }
         if member.commits() {
             return Err(wrong("second commit of a tick"));

@@ -8,7 +8,7 @@ use pairmask_core::EngineName;
 use pairmask_core::dispatch::StageTimes;
 use pairmask_core::engine::{CullError, ReplyBuffer};
 use pairmask_core::scene::shared::{MemberId, Scope};
-use pairmask_core::scene::{Edit, Reported, SceneError};
+use pairmask_core::scene::{Edit, Report, Reported, SceneError};
 use pairmask_wire::{EditScratch, SceneAnswerLayout, TickMarks, response_scene};
 use rayon::prelude::*;
 
@@ -17,8 +17,14 @@ use super::locked;
 use super::seats::{ClosedTick, Commit, Recipient};
 use crate::publish::{Outbox, Refusal};
 
-/// All pairs of the scene, where a member needs them.
-type Whole = Option<Arc<Vec<[u32; 2]>>>;
+/// Pairs of now that members need.
+struct Pairs {
+    count: u64,
+    /// All of them; empty where nobody needs them.
+    whole: Arc<Vec<[u32; 2]>>,
+    /// Those that moved after the first of the ticks whose answers members received last.
+    moved: Arc<Vec<[u32; 2]>>,
+}
 
 /// A tick whose edits are applied: what members are answered with.
 pub(super) struct AppliedTick {
@@ -97,13 +103,15 @@ impl ClosedTick {
             // As for a scene of one session.
             boxes.limit_pairs(commit.open.limit_pairs());
         }
-        let applied = apply(boxes, &recipients, Edit { steps: &steps }, threads);
+        let edit = Edit { steps: &steps };
+        boxes.note_moved(number, edit);
+        let applied = apply(boxes, &recipients, edit, threads);
         drop(steps);
-        let whole = applied.and_then(|()| whole_for(boxes, &commits));
-        if whole.is_err() {
+        let pairs = applied.and_then(|()| Pairs::needed(boxes, &commits));
+        if pairs.is_err() {
             lose(&recipients);
         }
-        let answers = reported_to(commits, boxes, &whole, threads);
+        let answers = reported_to(commits, boxes, &pairs, number, threads);
         let recipients = answers.iter().map(|answer| &answer.recipient).chain(&others);
         // Members keep the memory of their edits for the next.
         let edits = answers.iter().map(|answer| answer.commit.edit.allocated_bytes() as u64);
@@ -125,35 +133,50 @@ impl ClosedTick {
     }
 }
 
-/// All pairs, where one who has committed needs them.
-fn whole_for(boxes: &mut Boxes, commits: &[(Recipient, Commit)]) -> Result<Whole, SceneError> {
-    let needs_whole = commits.iter().any(|(recipient, commit)| {
-        locked(&recipient.unreported).needs_whole(commit.request.report)
-    });
-    if needs_whole { boxes.whole().map(Some) } else { Ok(None) }
+impl Pairs {
+    /// What those who have committed need.
+    fn needed(boxes: &mut Boxes, commits: &[(Recipient, Commit)]) -> Result<Self, SceneError> {
+        let count = boxes.scene.reported().pair_count().unwrap_or(0);
+        let (mut needs_whole, mut moved_after) = (false, None);
+        for (recipient, commit) in commits {
+            let unreported = locked(&recipient.unreported);
+            needs_whole |= unreported.needs_whole(commit.request.report);
+            if commit.request.report == Report::Moved {
+                let received_at = unreported.received_at();
+                moved_after = Some(moved_after.map_or(received_at, |at: u64| at.min(received_at)));
+            }
+        }
+        let whole = if needs_whole { boxes.whole()? } else { Arc::default() };
+        let moved =
+            moved_after.map_or_else(|| Ok(Arc::default()), |tick| boxes.moved_after(tick))?;
+        Ok(Self { count, whole, moved })
+    }
 }
 
 fn reported_to(
     commits: Vec<(Recipient, Commit)>,
     boxes: &Boxes,
-    whole: &Result<Whole, SceneError>,
+    pairs: &Result<Pairs, SceneError>,
+    tick: u64,
     threads: usize,
 ) -> Vec<Answer> {
-    let pair_count = boxes.scene.reported().pair_count().unwrap_or(0);
-    let reasons = boxes.reasons();
+    let (reasons, moved) = (boxes.reasons(), &boxes.moved);
     let report = |(recipient, commit): (Recipient, Commit)| {
-        let reported = whole.as_ref().map_err(|error| Refusal::from(error.clone())).map(|whole| {
+        let reported = pairs.as_ref().map_err(|error| Refusal::from(error.clone())).map(|pairs| {
             let report = commit.request.report;
             let mut unreported = locked(&recipient.unreported);
-            let needed = whole.as_ref().filter(|_| unreported.needs_whole(report));
-            let whole = needed.map(|whole| match recipient.scope {
-                Scope::All => Arc::clone(whole),
-                Scope::Own => {
-                    let pairs = whole.iter().copied();
-                    Arc::new(pairs.filter(|pair| recipient.has_pair(*pair)).collect())
-                }
-            });
-            unreported.answer(report, whole, pair_count, |named| reasons.of(named))
+            let moved_after = (report == Report::Moved).then(|| unreported.received_at());
+            let all = if moved_after.is_some() { &pairs.moved } else { &pairs.whole };
+            let is_its = |pair: &[u32; 2]| {
+                recipient.has_pair(*pair)
+                    && moved_after.is_none_or(|tick| moved.has_moved(*pair, tick))
+            };
+            let its = match recipient.scope {
+                _ if moved_after.is_none() && !unreported.needs_whole(report) => Arc::default(),
+                Scope::All if moved_after.is_none() => Arc::clone(all),
+                _ => Arc::new(all.iter().copied().filter(is_its).collect()),
+            };
+            unreported.answer(report, tick, its, pairs.count, |named| reasons.of(named))
         });
         Answer { recipient, commit, reported }
     };

@@ -6,14 +6,17 @@
 //! ticks        a tick ends when all writers have committed, or at its deadline
 //! remains      what is left of ranges whose lease has ended
 //! unreported   changes of several ticks as one, those of some indices alone
+//! moved        which boxes moved at which tick
 //! ```
 
 mod leases;
+mod moved;
 mod remains;
 mod ticks;
 mod unreported;
 
 pub use self::leases::{LeaseError, Leases, NotLeased, Ranges};
+pub use self::moved::MovedBoxes;
 pub use self::remains::{KeptBoxes, Remains, Reset};
 pub use self::ticks::{Closed, Committed, Ticks};
 pub use self::unreported::{Incarnations, NamedPair, TickChanges, Unreported};

@@ -148,22 +148,36 @@ pub struct Unreported {
     answered: Option<Answered>,
     /// Whether it is not known which pairs the member knows.
     is_lost: bool,
+    /// The tick of the last answer, and of the last one that the member received; 0 before.
+    answered_at: u64,
+    received_at: u64,
 }
 
 impl Default for Unreported {
     fn default() -> Self {
-        Self { since: Changes::default(), answered: None, is_lost: true }
+        let since = Changes::default();
+        Self { since, answered: None, is_lost: true, answered_at: 0, received_at: 0 }
     }
 }
 
 impl Unreported {
     /// It is not known what the member knows: it gets a resync.
     pub fn resync(&mut self) {
-        *self = Self::default();
+        let Self { answered_at, received_at, .. } = *self;
+        *self = Self { answered_at, received_at, ..Self::default() };
+    }
+
+    /// The tick of the last answer that the member received, whatever it reported: moved pairs are those of boxes that
+    /// later ticks have named. 0 before.
+    pub const fn received_at(&self) -> u64 {
+        self.received_at
     }
 
     /// The member says whether it received the last answer.
     pub fn acknowledge(&mut self, is_acknowledged: bool) {
+        if is_acknowledged {
+            self.received_at = self.answered_at;
+        }
         let Some(answered) = self.answered.take() else { return };
         if !is_acknowledged {
             let since = std::mem::take(&mut self.since);
@@ -193,22 +207,26 @@ impl Unreported {
         report == Report::All || report == Report::Changes && self.is_lost
     }
 
-    /// The answer to the member. `whole` are the pairs that it is to know, where that is
-    /// [needed](Self::needs_whole); `reason` says why a pair ended, by the boxes of now.
+    /// The answer to the member, at a tick. `pairs` are those of now that it is to know: all where they are
+    /// [needed](Self::needs_whole), and moved ones. `reason` says why a pair ended, by the boxes of now.
     pub fn answer(
         &mut self,
         report: Report,
-        whole: Option<Arc<Vec<Pair>>>,
+        tick: u64,
+        pairs: Arc<Vec<Pair>>,
         pair_count: u64,
         reason: impl Fn(NamedPair) -> EndReason,
     ) -> Reported {
+        self.answered_at = tick;
         let is_whole = self.needs_whole(report);
-        if !matches!(report, Report::Changes | Report::All) {
-            return Reported::of_none(Report::Nothing, pair_count);
+        match report {
+            Report::Changes | Report::All => {}
+            Report::Moved => return Reported::of_pairs(report, pairs, pair_count),
+            _ => return Reported::of_none(Report::Nothing, pair_count),
         }
         let since = std::mem::take(&mut self.since);
         let reported = if is_whole {
-            Reported::of_pairs(report, whole.unwrap_or_default(), pair_count)
+            Reported::of_pairs(report, pairs, pair_count)
         } else {
             let ended = |named: &NamedPair| Ended { pair: named.pair, reason: reason(*named) };
             let begun = since.begun.iter().map(|named| named.pair).collect();
@@ -317,7 +335,8 @@ mod tests {
                 for (unreported, wanted) in [(&mut all, None), (&mut some, Some(&own))] {
                     let heard = |[a, b]: &Pair| wanted.is_none_or(|own| own.has(*a) || own.has(*b));
                     let of_now: Vec<Pair> = pairs.iter().copied().filter(heard).collect();
-                    let answer = unreported.answer(report, Some(Arc::new(of_now)), pair_count, reason);
+                    let of_now = Arc::new(of_now);
+                    let answer = unreported.answer(report, 1, of_now, pair_count, reason);
                     prop_assert_eq!(answer.is_resync(), expected.is_resync());
                     prop_assert_eq!(answer.pair_count(), expected.pair_count());
                     let of = |pairs: &[Pair]| -> Vec<Pair> {
@@ -339,7 +358,7 @@ mod tests {
 
     fn knows_all() -> Unreported {
         let mut unreported = Unreported::default();
-        unreported.answer(Report::All, None, 0, |_| EndReason::Separated);
+        unreported.answer(Report::All, 1, Arc::default(), 0, |_| EndReason::Separated);
         unreported.acknowledge(true);
         assert!(!unreported.needs_whole(Report::Changes));
         unreported
@@ -371,10 +390,10 @@ mod tests {
         let mut of = Incarnations::default();
         let mut unreported = knows_all();
         unreported.note(&tick(&[[0, 1]], &[], &of), |_| true);
-        unreported.answer(Report::Changes, None, 1, |_| EndReason::Separated);
+        unreported.answer(Report::Changes, 2, Arc::default(), 1, |_| EndReason::Separated);
         unreported.acknowledge(true);
         unreported.note(&tick(&[], &[[0, 1]], &of), |_| true);
-        unreported.answer(Report::Changes, None, 0, |_| EndReason::Separated);
+        unreported.answer(Report::Changes, 3, Arc::default(), 0, |_| EndReason::Separated);
         unreported.acknowledge(false);
         // Index 0 gets another box, apart; then nothing happens; then it meets the old partner.
         of.apply(Edit { steps: &[Step::Remove((&[0]).into())] });
@@ -385,7 +404,7 @@ mod tests {
         let removed = |named| {
             if of.is_current(named) { EndReason::Separated } else { EndReason::Removed }
         };
-        let reported = unreported.answer(Report::Changes, None, 1, removed);
+        let reported = unreported.answer(Report::Changes, 4, Arc::default(), 1, removed);
         assert_eq!(reported.begun(), [[0, 1]]);
         assert_eq!(reported.ended(), [Ended { pair: [0, 1], reason: EndReason::Removed }]);
     }

@@ -200,11 +200,9 @@ impl Member {
         Ok(())
     }
 
-    /// The last answer is acknowledged, which was asked for with this report.
-    pub fn acknowledge(&mut self, report: Report) {
-        if matches!(report, Report::Changes | Report::All)
-            && let Some(there) = &mut self.there
-        {
+    /// The last answer is acknowledged, whatever it reported: moved pairs are counted from it.
+    pub const fn acknowledge(&mut self) {
+        if let Some(there) = &mut self.there {
             there.is_acknowledged = true;
         }
     }
@@ -397,8 +395,11 @@ impl Member {
 
     /// Checks an edit, and sends it.
     pub fn begin<'s>(&mut self, edit: Edit<'_>, report: Report) -> Result<Awaited<'s>, Error> {
-        if report == Report::Moved {
-            return Err(Error::MovedOfShared);
+        let (minor, what) = (SHARED_QUERIES_MINOR, "moved pairs of shared scenes");
+        if report == Report::Moved
+            && let Err(error @ Error::DaemonTooOld { .. }) = self.core.link_that_knows(minor, what)
+        {
+            return Err(error);
         }
         let own: Ranges = self.leases.iter().cloned().collect();
         // Whether this is the first writer, the daemon knows.
