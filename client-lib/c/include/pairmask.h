@@ -413,6 +413,10 @@ typedef struct {
   pm_at_end at_end;
   // 1 for a member that is told of all pairs; 0 for those of its own boxes.
   uint32_t all_pairs;
+  // `PM_MARGINS_NEAR` for boxes with margins, or `PM_MARGINS_NONE`.
+  pm_margins margins;
+  // The margin of boxes that are set without one.
+  float usual_margin;
   // Zero.
   uint32_t reserved;
 } pm_join_options;

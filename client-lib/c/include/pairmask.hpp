@@ -656,6 +656,9 @@ struct JoinOptions {
   std::uint32_t most_boxes = 0;
   pm_at_end at_end = PM_AT_END_ANY;
   bool all_pairs = false;
+  // PM_MARGINS_NEAR for boxes with margins.
+  pm_margins margins = PM_MARGINS_NONE;
+  float usual_margin = 0;
 };
 
 // A client's connection to a daemon or to the engines of this process.
@@ -726,6 +729,8 @@ public:
     given.most_boxes = options.most_boxes;
     given.at_end = options.at_end;
     given.all_pairs = options.all_pairs ? 1 : 0;
+    given.margins = options.margins;
+    given.usual_margin = options.usual_margin;
     pm_scene scene{};
     return made<Scene>(pm_scene_join(get(), name, &given, &scene), scene);
   }

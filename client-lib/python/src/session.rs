@@ -160,9 +160,13 @@ impl PySession {
 
     /// Joins a scene that several processes write, each its own boxes, by its name. `tick_deadline` (seconds; 0.1 unless
     /// a member says so): how long a tick waits for writers. `at_end`, "remove" or "keep": what becomes of the boxes of a
-    /// writer that ends. `scope`, "own" or "all": which pairs are reported. The first answer, and the one after a lease,
-    /// is a resync: `pairs`, not `begun`.
-    #[pyo3(signature = (name, *, most_boxes=None, tick_deadline=None, at_end=None, scope="own"))]
+    /// writer that ends. `scope`, "own" or "all": which pairs are reported. With a `usual_margin`, boxes are sent only
+    /// when they have left theirs, and pairs are near ones. The first answer, and the one after a lease, is a resync:
+    /// `pairs`, not `begun`.
+    #[pyo3(signature = (
+        name, *, most_boxes=None, tick_deadline=None, at_end=None, scope="own", usual_margin=None
+    ))]
+    #[allow(clippy::too_many_arguments)] // They are Python's keywords.
     fn join_scene(
         &self,
         py: Python<'_>,
@@ -171,8 +175,9 @@ impl PySession {
         tick_deadline: Option<f64>,
         at_end: Option<&str>,
         scope: &str,
+        usual_margin: Option<f32>,
     ) -> PyResult<PyScene> {
-        let options = join_options(most_boxes, tick_deadline, at_end, scope)?;
+        let options = join_options(most_boxes, tick_deadline, at_end, scope, usual_margin)?;
         let scene = self.with(py, move |session| session.join_scene(name, options))?;
         scene.map(|scene| self.keep(scene)).map_err(Raise::raise)
     }

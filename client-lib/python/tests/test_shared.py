@@ -50,7 +50,10 @@ def test_two_processes_write_one_scene(daemon: Daemon) -> None:
 def test_moved_pairs_and_queries_are_of_all_members(daemon: Daemon) -> None:
     with daemon.session("daemon") as session, daemon.session("daemon") as other:
         boxes = oracle.boxes_of(60, 3)
-        scenes = [s.join_scene("asked", scope="all", tick_deadline=10) for s in (session, other)]
+        scenes = [
+            s.join_scene("asked", scope="all", tick_deadline=10, usual_margin=margin)
+            for s, margin in ((session, None), (other, 0.0))
+        ]
         for at, scene in enumerate(scenes):
             scene.lease(range(30 * at, 30 * at + 30))
 
@@ -68,6 +71,8 @@ def test_moved_pairs_and_queries_are_of_all_members(daemon: Daemon) -> None:
         moved = {3: boxes[40], 31: boxes[4], 32: boxes[5]}
         told = tick(moved)
         assert told == 2 * [{pair for pair in oracle.pairs_of(boxes) if moved.keys() & set(pair)}]
+        stats = scenes[1].margin_stats
+        assert scenes[0].margin_stats is None and stats is not None and stats.sent == 32
         expected = np.argwhere(oracle.overlapping(boxes[:20], boxes)).tolist()
         assert [scene.query(boxes[:20]).tolist() for scene in scenes] == 2 * [expected]
 

@@ -8,8 +8,8 @@ use std::time::{Duration, Instant};
 
 use pairmask::filters::{Filter, FilterTable};
 use pairmask::{
-    AtEnd, EditError, EndReason, Ended, Error, JoinOptions, PendingAnswer, Scene, SceneAnswer,
-    Scope,
+    AtEnd, EditError, EndReason, Ended, Error, JoinOptions, Margin, PendingAnswer, Scene,
+    SceneAnswer, Scope,
 };
 use pairmask_core::scene::shared::{LeaseError, NotLeased};
 use pairmask_tests::fault_client::FaultClient;
@@ -110,7 +110,8 @@ fn what_is_not_its_own_a_member_is_refused() {
         let refused = session.join_scene("rules", other);
         assert!(matches!(refused, Err(Error::TermsDiffer(_))), "{other:?}: {refused:?}");
     }
-    let mut other = session.join_scene("rules", JoinOptions::default()).unwrap();
+    let margined = JoinOptions::default().with_usual_margin(Margin::default());
+    let mut other = session.join_scene("rules", margined).unwrap();
     let lease = |scene: &mut Scene, range| match scene.lease(range) {
         Err(Error::Lease(error)) => Some(error),
         Ok(()) => None,
@@ -223,6 +224,79 @@ fn a_query_asks_for_what_the_last_tick_made() {
     assert_eq!(found(&mut one.scene, Aabb::new([0.0; 3], [20.0; 3])), [2, 3]);
 }
 
+/// To members with margins and to one without, the pairs of fat AABBs are reported, those that overlap among them.
+#[test]
+fn pairs_of_members_with_margins_are_near_ones() {
+    let daemon = daemon();
+    let options = JoinOptions::default().with_tick_deadline(LONG).with_scope(Scope::All);
+    let margined = |units| options.with_usual_margin(Margin::new(units).unwrap());
+    let mut members = [(0..30, margined(0.3)), (30..60, margined(1.0)), (60..80, options)]
+        .map(|(own, options)| Member::join(&daemon, "margins", own, options));
+    let mut random = Random::new(7);
+    let mut boxes: Vec<Aabb> = (0..80).map(|index| at((index * 37 % 80) as f32)).collect();
+    let sent_of = |members: &[Member]| -> Vec<Aabb> {
+        let boxes = |member: &Member| {
+            member
+                .own
+                .clone()
+                .map(|index| member.scene.inflated(index).unwrap())
+                .collect::<Vec<_>>()
+        };
+        members.iter().flat_map(boxes).collect()
+    };
+    for tick in 0..60 {
+        let drops = (tick > 0 && random.below(4) == 0).then(|| random.below(3) as usize);
+        let report = [Report::Changes, Report::Changes, Report::All, Report::Moved];
+        let report = if tick == 0 { Report::Changes } else { report[random.below(4) as usize] };
+        for b in &mut boxes {
+            let by = if random.below(3) == 0 { random.below(5) as f32 * 0.1 - 0.2 } else { 0.0 };
+            (b.min[0], b.max[0]) = (b.min[0] + by, b.max[0] + by);
+        }
+        let commits = members.iter_mut().map(|Member { scene, own, known, .. }| {
+            let set = &boxes[own.start as usize..own.end as usize];
+            (known, scene.edit().set_all(own.clone(), set).submit(report).unwrap())
+        });
+        let mut all = Vec::new();
+        for (member, (known, pending)) in commits.collect::<Vec<_>>().into_iter().enumerate() {
+            if drops == Some(member) {
+                continue;
+            }
+            let answer = pending.wait().unwrap();
+            if report == Report::Changes {
+                learn(known, &answer);
+                all.push(known.iter().copied().collect());
+            } else {
+                all.push(answer.pairs().to_vec());
+            }
+            if report == Report::All {
+                *known = answer.pairs().iter().collect();
+            }
+        }
+        let near = oracle::truth(&sent_of(&members)).pairs;
+        assert!(all.iter().all(|pairs: &Vec<Pair>| *pairs == near), "tick {tick}, {report:?}");
+        let exact = oracle::truth(&boxes).pairs;
+        assert!(exact.iter().all(|pair| near.contains(pair)));
+    }
+    for Member { scene, .. } in &members[..2] {
+        let stats = scene.margin_stats().unwrap();
+        assert!(stats.requests == 60 && stats.sent < stats.set / 2, "{stats:?}");
+    }
+    // A query finds own boxes as they were set, and those of others as they were sent.
+    let sent = sent_of(&members);
+    let asked = |index: u32| if index < 30 { boxes[index as usize] } else { sent[index as usize] };
+    let overlaps = |index: &u32| asked(*index).overlaps(&at(20.0));
+    let expected: Vec<u32> = (0..80).filter(overlaps).collect();
+    assert_eq!(found(&mut members[0].scene, at(20.0)), expected);
+    // What another daemon is sent is what the last one had.
+    daemon.signal_worker(Signal::KILL);
+    let [one, ..] = &mut members;
+    let pairs = eventually("the member joins again", || {
+        let answer = one.scene.edit().commit(Report::All).ok()?;
+        Some(answer.pairs().to_vec())
+    });
+    assert_eq!(pairs, oracle::truth(&sent[..30]).pairs);
+}
+
 fn hold_all_places(session: &mut Session) -> Vec<PairMask> {
     (0..3).map(|_| session.frame(4).unwrap().submit().unwrap().wait().unwrap()).collect()
 }
@@ -269,11 +343,14 @@ fn boxes_that_were_applied_take_no_more_room() {
 fn nothing_of_a_commit_with_a_refused_table_is_applied() {
     let daemon = daemon();
     let table = FilterTable::new(&[Filter::new(1, 2)]).unwrap();
-    for waits in [true, false] {
-        let options = JoinOptions::default().with_tick_deadline(Duration::from_millis(50));
-        let name = format!("refused-{waits}");
-        let _first = Member::join(&daemon, &name, 0..5, options.with_scope(Scope::All));
-        let mut one = Member::join(&daemon, &name, 10..20, options.with_scope(Scope::All));
+    let options = JoinOptions::default().with_tick_deadline(Duration::from_millis(50));
+    let options = options.with_scope(Scope::All);
+    let margined = options.with_usual_margin(Margin::default());
+    for (waits, member) in [(true, options), (false, options), (true, margined), (false, margined)]
+    {
+        let name = format!("refused-{waits}-{}", member.usual_margin.is_some());
+        let _first = Member::join(&daemon, &name, 0..5, options);
+        let mut one = Member::join(&daemon, &name, 10..20, member);
         let edit = one.scene.edit().set(11, at(0.0)).set(12, at(0.5));
         assert_eq!(edit.commit(Report::Changes).unwrap().pairs(), [[11, 12]]);
         let edit = one.scene.edit().remove(12).set(14, at(0.1)).step(Step::Filters(&table));

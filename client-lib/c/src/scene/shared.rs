@@ -5,9 +5,9 @@ use std::ffi::c_char;
 use std::ops::Range;
 use std::time::Duration;
 
-use pairmask::{AtEnd, Error, JoinOptions, Scope};
+use pairmask::{AtEnd, Error, JoinOptions, Margin, Scope};
 
-use super::{Scene, pm_scene};
+use super::{PM_MARGINS_NEAR, PM_MARGINS_NONE, Scene, pm_margins, pm_scene};
 use crate::call::call;
 use crate::code::pm_code;
 use crate::failure::Failure;
@@ -38,11 +38,15 @@ pub struct pm_join_options {
     pub at_end: pm_at_end,
     /// 1 for a member that is told of all pairs; 0 for those of its own boxes.
     pub all_pairs: u32,
+    /// `PM_MARGINS_NEAR` for boxes with margins, or `PM_MARGINS_NONE`.
+    pub margins: pm_margins,
+    /// The margin of boxes that are set without one.
+    pub usual_margin: f32,
     /// Zero.
     pub reserved: u32,
 }
 
-// SAFETY: it is `repr(C)` and begins with its size; integers have no invalid bit patterns.
+// SAFETY: it is `repr(C)` and begins with its size; numbers have no invalid bit patterns.
 unsafe impl Growing for pm_join_options {}
 
 fn options_of(given: &pm_join_options) -> Result<JoinOptions, Failure> {
@@ -58,6 +62,11 @@ fn options_of(given: &pm_join_options) -> Result<JoinOptions, Failure> {
         PM_AT_END_REMOVE => options.with_at_end(AtEnd::Remove),
         PM_AT_END_KEEP => options.with_at_end(AtEnd::Keep),
         _ => return Err(Failure::argument("no such end")),
+    };
+    options = match given.margins {
+        PM_MARGINS_NONE => options,
+        PM_MARGINS_NEAR => options.with_usual_margin(Margin::new(given.usual_margin)?),
+        _ => return Err(Failure::argument("a shared scene has no such margins")),
     };
     Ok(if given.all_pairs == 0 { options } else { options.with_scope(Scope::All) })
 }
@@ -79,6 +88,8 @@ pub unsafe extern "C" fn pm_scene_join(
             most_boxes: 0,
             at_end: PM_AT_END_ANY,
             all_pairs: 0,
+            margins: PM_MARGINS_NONE,
+            usual_margin: 0.0,
             reserved: 0,
         };
         // SAFETY: the caller's promise about pointers is passed on.

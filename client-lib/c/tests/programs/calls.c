@@ -560,8 +560,13 @@ static void margins(pm_session session) {
 static void shared(pm_session session, bool is_daemon) {
   const pm_pair expected[] = {{3, 4}};
   const pm_box boxes[] = {at(0), at(0.5f)};
-  pm_join_options options = {.struct_size = sizeof options, .most_boxes = 100, .all_pairs = 1};
+  pm_join_options options = {.struct_size = sizeof options,
+                             .most_boxes = 100,
+                             .all_pairs = 1,
+                             .margins = PM_MARGINS_EXACT,
+                             .usual_margin = 0.25f};
   pm_answer answer = {.struct_size = sizeof answer};
+  pm_scene_info info = {.struct_size = sizeof info};
   pm_range range, ranges[2];
   const pm_pair *pairs;
   pm_found found;
@@ -576,6 +581,8 @@ static void shared(pm_session session, bool is_daemon) {
   }
   EXPECT(PM_ERR_SCENE_NAME, pm_scene_join(session, "no such name", NULL, &scene));
   EXPECT(PM_ERR_ARGUMENT, pm_scene_join(session, NULL, NULL, &scene));
+  EXPECT(PM_ERR_ARGUMENT, pm_scene_join(session, "arena", &options, &scene));
+  options.margins = PM_MARGINS_NEAR;
   EXPECT(PM_OK, pm_scene_join(session, "arena", &options, &scene));
   EXPECT(PM_OK, pm_scene_terms(scene, &most, &deadline));
   CHECK(most == 100 && deadline > 0);
@@ -602,6 +609,8 @@ static void shared(pm_session session, bool is_daemon) {
   EXPECT(PM_OK, pm_found_pairs(found, &pairs, &count));
   CHECK(count == 2 && pairs[0].b == 3 && pairs[1].b == 4);
   EXPECT(PM_OK, pm_found_drop(found));
+  EXPECT(PM_OK, pm_scene_get_info(scene, &info));
+  CHECK(info.edits == 2 && info.set == 3 && info.sent == 3);
   EXPECT(PM_OK, pm_scene_drop(scene));
 }
 

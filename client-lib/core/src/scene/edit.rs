@@ -332,6 +332,11 @@ impl<'a> Edit<'a> {
         })
     }
 
+    /// Whether it gives a table of filters.
+    pub fn has_table(&self) -> bool {
+        self.steps.iter().any(|step| matches!(step, Step::Filters(_)))
+    }
+
     /// Whether a step of it is about rules.
     pub fn has_rules(&self) -> bool {
         self.steps.iter().any(Step::is_rule)

@@ -34,6 +34,7 @@ pub fn join_options(
     tick_deadline: Option<f64>,
     at_end: Option<&str>,
     scope: &str,
+    usual_margin: Option<f32>,
 ) -> PyResult<JoinOptions> {
     let unknown = |name: &str, known: &str| {
         Err(PyValueError::new_err(format!("'{name}' is none of these: {known}")))
@@ -54,6 +55,9 @@ pub fn join_options(
         Some("remove") => options = options.with_at_end(AtEnd::Remove),
         Some("keep") => options = options.with_at_end(AtEnd::Keep),
         Some(name) => return unknown(name, "remove, keep"),
+    }
+    if let Some(usual) = usual_margin {
+        options = options.with_usual_margin(Margin::new(usual).map_err(Raise::raise)?);
     }
     Ok(options)
 }

@@ -4,6 +4,8 @@
 //! with its margins. The boxes of now are in a copy beside it, to which an edit is applied exactly where the
 //! scene applies its part of the edit.
 
+use std::ops::Range;
+
 use pairmask_core::precision::Margin;
 use pairmask_core::scene::{
     Edit, EditError, ExactPairs, MarginedPairs, MarginedSets, Outgoing, Report, Reported,
@@ -11,6 +13,7 @@ use pairmask_core::scene::{
 };
 
 use super::answer::Source;
+use super::shared::remove;
 
 /// Boxes that were set, and how few of them were sent.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -36,6 +39,10 @@ pub(super) struct Margined {
     sends: bool,
     /// Threads of this process; `None` is all of its pool.
     threads: Option<usize>,
+    /// Whether the scene is shared.
+    is_shared: bool,
+    /// The boxes before an edit with a table of filters, which a shared scene may refuse.
+    before: Option<Box<SceneCopy>>,
     stats: MarginStats,
 }
 
@@ -78,8 +85,16 @@ impl Margined {
             outgoing: Outgoing::default(),
             sends: false,
             threads,
+            is_shared: false,
+            before: None,
             stats: MarginStats::default(),
         }
+    }
+
+    /// Margins of the boxes that a member of a shared scene sets.
+    pub fn of_member(usual: Margin, most_boxes: u32, threads: Option<usize>) -> Self {
+        let of = SceneMargins { pairs: MarginedPairs::Near, usual };
+        Self { is_shared: true, ..Self::new(of, most_boxes, threads) }
     }
 
     pub const fn now(&self) -> &SceneCopy {
@@ -138,7 +153,8 @@ impl Margined {
         Ok(match &self.pairs {
             Pairs::Near(near) => {
                 let reports = report == Report::All || (report == Report::Changes && near.is_open);
-                (self.sends || reports).then_some(report)
+                // A tick waits for the commits of all members.
+                (self.sends || reports || self.is_shared).then_some(report)
             }
             Pairs::Exact(_) if report == Report::Nothing => self.sends.then_some(report),
             Pairs::Exact(exact) => (self.sends || exact.is_behind).then_some(Report::Changes),
@@ -160,6 +176,18 @@ impl Margined {
         self.now.cancel(edit);
     }
 
+    /// Takes back the last edit, which a shared scene has refused.
+    pub fn undo(&mut self) {
+        if let Some(before) = self.before.take() {
+            self.now = *before;
+        }
+    }
+
+    /// Removes boxes of indices that are no longer this member's.
+    pub fn remove(&mut self, range: Range<u32>) -> Result<(), EditError> {
+        remove(&mut self.now, range)
+    }
+
     /// Applies an edit.
     pub fn apply(&mut self, edit: Edit<'_>, report: Report, is_request: bool) {
         match &mut self.pairs {
@@ -169,6 +197,11 @@ impl Margined {
                 exact.pairs.note(edit, &self.now, report);
             }
         }
+        self.before = (self.is_shared && edit.has_table()).then(|| {
+            let mut before = Box::new(self.now.clone());
+            before.cancel(edit);
+            before
+        });
         self.now.apply(edit);
         self.stats.edits += 1;
         self.stats.requests += u64::from(is_request);

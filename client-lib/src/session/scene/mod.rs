@@ -113,6 +113,15 @@ impl Kept {
         }
     }
 
+    /// Takes a commit that a shared scene has refused back from the boxes with margins too.
+    fn undo(&mut self, margins: Option<&mut Box<Margined>>) {
+        if let (Self::Shared(member), Some(margins)) = (self, margins)
+            && member.was_undone()
+        {
+            margins.undo();
+        }
+    }
+
     fn acknowledge(&mut self, report: Report) {
         match self {
             Self::Remote(scene) => scene.acknowledge(report),
@@ -154,8 +163,10 @@ impl Scene {
     pub(super) fn join(core: &Arc<Core>, name: &str, options: JoinOptions) -> Result<Self, Error> {
         let member = Box::new(Member::join(core, name, options)?);
         let (index_limit, kept) = (member.most_boxes(), Kept::Shared(member));
-        let draft = Draft::default();
-        Ok(Self { core: Arc::clone(core), kept, margins: None, draft, index_limit })
+        let threads = core.settings().threads;
+        let margined = |usual| Box::new(Margined::of_member(usual, index_limit, threads));
+        let (margins, draft) = (options.usual_margin.map(margined), Draft::default());
+        Ok(Self { core: Arc::clone(core), kept, margins, draft, index_limit })
     }
 
     /// Begins an edit. Without [`SceneEdit::commit`], nothing happens.
@@ -231,6 +242,15 @@ impl Scene {
         }
     }
 
+    /// Receives the answer to a commit of a shared scene that nobody waited for: a refused one is taken back before
+    /// another edit is checked.
+    fn settle(&mut self) {
+        if let Kept::Shared(member) = &mut self.kept {
+            member.settle();
+        }
+        self.kept.undo(self.margins.as_mut());
+    }
+
     /// Sends an edit, as far as anything of it is to be sent. Returns what it asks for; `None` where no request is
     /// needed.
     fn begin<'s>(
@@ -238,6 +258,7 @@ impl Scene {
         given: &Given<'_>,
         report: Report,
     ) -> Result<(Option<Report>, Awaited<'s>), Error> {
+        self.settle();
         let Self { kept, margins, draft, .. } = self;
         let all = draft.steps(given);
         let edit = Edit { steps: &all };
@@ -292,7 +313,9 @@ impl<'s> PendingAnswer<'s, '_> {
                 steps = margins.request(&steps);
             }
             let answered;
-            (answered, by) = kept.end(awaited, Edit { steps: &steps })?;
+            let ended = kept.end(awaited, Edit { steps: &steps });
+            kept.undo(margins.as_mut());
+            (answered, by) = ended?;
             found = Some((asked, answered));
         }
         if let Some(margins) = margins

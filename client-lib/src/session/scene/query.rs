@@ -116,7 +116,8 @@ impl<'a> SceneQuery<'a> {
         if let Some(margins) = &scene.margins {
             let touches = |[query, index]: &[u32; 2]| {
                 let found = margins.now().get(*index);
-                found.is_some_and(|found| found.overlaps(&boxes[*query as usize]))
+                // Boxes of other members are not here.
+                found.is_none_or(|found| found.overlaps(&boxes[*query as usize]))
             };
             let found: Vec<_> = answer.iter().filter(touches).collect();
             answer.mask = scene.core.mask_of(&asked, &found)?;

@@ -12,7 +12,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use pairmask_core::scene::shared::{LeaseError, Ranges, Remains};
-use pairmask_core::scene::{Edit, Report, Reported, SceneCopy, Step};
+use pairmask_core::scene::{Edit, EditError, Report, Reported, SceneCopy, Step};
 use pairmask_core::units::BoxCount;
 use pairmask_wire::{
     AgreedTerms, EditLayout, JoinRequest, LeaseAction, LeaseRequest, Page, ReplyError, ReplyFields,
@@ -37,6 +37,7 @@ use crate::session::unread::{Awaited, SentEdit, Unread};
 /// A scene that several processes write: [`Session::join_scene`](crate::Session::join_scene) makes it.
 impl Scene {
     fn member(&mut self) -> Result<&mut Member, Error> {
+        self.settle();
         match &mut self.kept {
             Kept::Shared(member) => Ok(member),
             _ => Err(Error::NotShared),
@@ -69,7 +70,11 @@ impl Scene {
     /// # Errors
     /// [`Error`].
     pub fn give_back(&mut self, first: u32) -> Result<(), Error> {
-        self.member()?.give_back(first)
+        let given_back = self.member()?.give_back(first)?;
+        if let Some(margins) = &mut self.margins {
+            margins.remove(given_back)?;
+        }
+        Ok(())
     }
 
     /// The ranges of a shared scene that this member has leased.
@@ -130,6 +135,8 @@ pub(in crate::session) struct Member {
     nothing: Reported,
     /// Until the commit of a table of filters is answered.
     before: Option<Box<Before>>,
+    /// Whether the last such commit was refused, and taken back here.
+    was_undone: bool,
     /// The commit that the daemon works on and nobody waits for.
     unread: Arc<Unread>,
 }
@@ -161,6 +168,7 @@ impl Member {
             forgets: false,
             nothing: Reported::default(),
             before: None,
+            was_undone: false,
             unread: core.unread_of_scene(),
             core: Arc::clone(core),
         };
@@ -179,25 +187,19 @@ impl Member {
     }
 
     fn lease_by(&mut self, action: LeaseAction) -> Result<Range<u32>, Error> {
-        self.settle();
         let link = self.present()?;
         let range = self.ask_lease(&link, action)?;
         self.leases.push(range.clone());
         Ok(range)
     }
 
-    fn give_back(&mut self, first: u32) -> Result<(), Error> {
-        self.settle();
+    fn give_back(&mut self, first: u32) -> Result<Range<u32>, Error> {
         let link = self.present()?;
         let range = self.ask_lease(&link, LeaseAction::GiveBack { first })?;
         self.leases.retain(|lease| lease.start != first);
         // Nothing of it may be sent again: the indices are no longer this member's.
-        let remains = Remains::of(&self.copy, &std::iter::once(range).collect());
-        let steps = remains.steps();
-        let edit = Edit { steps: &steps };
-        self.copy.check(edit)?;
-        self.copy.apply(edit);
-        Ok(())
+        remove(&mut self.copy, range.clone())?;
+        Ok(range)
     }
 
     /// The last answer is acknowledged, whatever it reported: moved pairs are counted from it.
@@ -232,7 +234,7 @@ impl Member {
     fn join_again(&mut self) -> Result<(), Error> {
         self.there = None;
         let link = self.core.link_that_knows(SHARED_MINOR, "shared scenes")?;
-        let JoinOptions { most_boxes, tick_deadline, at_end, scope } = self.options;
+        let JoinOptions { most_boxes, tick_deadline, at_end, scope, .. } = self.options;
         let request = JoinRequest {
             scene: self.id,
             name: self.name.section(),
@@ -342,6 +344,7 @@ impl Member {
     /// The daemon has refused a commit, and applied nothing of it: neither has this member.
     fn undo(&mut self, before: Before) {
         (self.copy, self.gave_filters) = (before.copy, before.gave_filters);
+        self.was_undone = true;
         self.forgets |= before.forgets;
         if let Some(there) = &mut self.there {
             (there.revision, there.is_acknowledged) = there.before;
@@ -356,8 +359,13 @@ impl Member {
         }
     }
 
+    /// Whether a commit was refused, and taken back here, since this was last asked.
+    pub const fn was_undone(&mut self) -> bool {
+        std::mem::replace(&mut self.was_undone, false)
+    }
+
     /// Receives the answer to a commit that nobody waited for.
-    fn settle(&mut self) {
+    pub fn settle(&mut self) {
         match self.unread.settle(&self.settings) {
             Some(Err(Error::Reply(error))) => {
                 if let Some(link) = self.there.as_ref().map(|there| Arc::clone(&there.link)) {
@@ -393,7 +401,7 @@ impl Member {
         answered
     }
 
-    /// Checks an edit, and sends it.
+    /// Checks an edit, and sends it, once the last commit is [settled](Self::settle).
     pub fn begin<'s>(&mut self, edit: Edit<'_>, report: Report) -> Result<Awaited<'s>, Error> {
         let (minor, what) = (SHARED_QUERIES_MINOR, "moved pairs of shared scenes");
         if report == Report::Moved
@@ -404,8 +412,6 @@ impl Member {
         let own: Ranges = self.leases.iter().cloned().collect();
         // Whether this is the first writer, the daemon knows.
         own.allow(edit, true)?;
-        // First, since a commit that was refused meanwhile takes back what it did to the copy.
-        self.settle();
         self.copy.check(edit)?;
         let was_there = self.there.is_some();
         let link = match self.present() {
@@ -416,7 +422,7 @@ impl Member {
             }
         };
         let is_new = self.there.as_ref().is_some_and(|there| there.revision == 0);
-        if edit.steps.iter().any(|step| matches!(step, Step::Filters(_))) {
+        if edit.has_table() {
             let mut copy = self.copy.clone();
             copy.cancel(edit);
             let Self { gave_filters, forgets, .. } = *self;
@@ -444,7 +450,7 @@ impl Member {
 
     /// Makes an edit that was checked part of what this member has.
     fn apply(&mut self, edit: Edit<'_>) {
-        self.gave_filters |= edit.steps.iter().any(|step| matches!(step, Step::Filters(_)));
+        self.gave_filters |= edit.has_table();
         self.copy.apply(edit);
     }
 
@@ -546,6 +552,16 @@ impl Member {
         let (index_end, isa) = (self.terms.most_boxes, self.core.settings().isa);
         Ok((Box::new(FromDaemon { answer, reply, index_end, isa }), marks))
     }
+}
+
+/// Removes the boxes of indices that are no longer this member's, and listed pairs that name them.
+pub(super) fn remove(copy: &mut SceneCopy, range: Range<u32>) -> Result<(), EditError> {
+    let remains = Remains::of(copy, &std::iter::once(range).collect());
+    let steps = remains.steps();
+    let edit = Edit { steps: &steps };
+    copy.check(edit)?;
+    copy.apply(edit);
+    Ok(())
 }
 
 impl Drop for Member {

@@ -2,10 +2,11 @@
 
 use std::time::Duration;
 
+use pairmask_core::precision::Margin;
 use pairmask_core::scene::shared::{AtEnd, Scope};
 
 /// What a member asks of a shared scene. What is left open, the first member or the daemon decides.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[non_exhaustive]
 pub struct JoinOptions {
     /// Indices are below this; unless anybody says so, 2^24.
@@ -17,6 +18,11 @@ pub struct JoinOptions {
     pub at_end: Option<AtEnd>,
     /// Which pairs are reported to this member.
     pub scope: Scope,
+    /// The usual margin of the boxes that this member sets; `None`: they have none. Pairs of a shared scene are those
+    /// of the boxes as members have sent them: [near](pairmask_core::scene::MarginedPairs::Near) pairs, of fat AABBs,
+    /// where a box has a margin. To other members, a box that stays within its margin has not moved. An edit that
+    /// sends no box is committed all the same: ticks wait for it.
+    pub usual_margin: Option<Margin>,
 }
 
 impl JoinOptions {
@@ -42,5 +48,11 @@ impl JoinOptions {
     #[must_use]
     pub const fn with_scope(self, scope: Scope) -> Self {
         Self { scope, ..self }
+    }
+
+    /// The same with boxes that have margins.
+    #[must_use]
+    pub const fn with_usual_margin(self, usual: Margin) -> Self {
+        Self { usual_margin: Some(usual), ..self }
     }
 }
