@@ -14,6 +14,7 @@ mod bucket;
 mod cell_strips;
 mod cost;
 mod explain;
+mod far;
 mod fetch;
 mod homes;
 mod layout;
@@ -25,6 +26,7 @@ mod sort;
 mod tile;
 
 pub use self::explain::{GridPlace, GridView};
+pub use self::far::near_bounds;
 use self::layout::Layout;
 pub(crate) use self::layout::{SizeClass, cell_counts, folded, size_classes};
 use self::rows::{RowTask, Scene};

@@ -6,6 +6,7 @@
 //! A pure function of the boxes: the layout of the grid, and with it the order of the reply, must
 //! not depend on earlier frames.
 
+use super::far::near_bounds;
 use crate::aabb::Aabb;
 
 /// Boxes looked at: one in 16, so that small scenes pay little, between these limits. 1,024
@@ -17,15 +18,6 @@ const SAMPLE_MOST: usize = 1_024;
 const MEDIAN_BOXES: usize = 256;
 /// Largest size up to which boxes count as alike; that of the median box is about 1.
 const LIKE_SIZES: f32 = 2.0;
-
-/// Boxes that the spread of positions is taken from, where it is only to show whether some lie far away.
-const SPREAD_BOXES: usize = 64;
-/// Extent in mean distances from the mean at which some boxes may lie far away: evenly spread boxes have 4, a
-/// normal distribution has 8, and one box in a hundred that lies far away makes 50.
-const FAR_EXTENT: f32 = 16.0;
-/// Share of the boxes, on either side, that may lie far away: one in so many. The others' extent, added on either
-/// side, is what is not far.
-const FAR_SHARE: usize = 32;
 
 /// Sampled boxes in the cell of a sampled box at which the cell is small enough.
 const SAMPLE_NEIGHBOURS: f32 = 1.5;
@@ -91,45 +83,15 @@ impl Sample {
         }
         for axis in 0..3 {
             let (mut low, mut high) = (low[axis], high[axis]);
-            if high - low > FAR_EXTENT * self.spread(axis) {
-                let near = self.near_bounds(axis);
-                self.has_far |= near != (low, high);
+            let mins = self.boxes.iter().map(|b| b.min[axis]).filter(|x| x.is_finite());
+            if let Some(near) = near_bounds((low, high), mins, &mut self.scratch) {
+                self.has_far = true;
                 (low, high) = near;
             }
             self.low[axis] = if low.is_finite() { low } else { 0.0 };
             // Finite bounds may be an infinite distance apart.
             self.extent[axis] = if low <= high { (high - low).min(f32::MAX) } else { 0.0 };
         }
-    }
-
-    /// Mean distance of some finite mins from their mean.
-    fn spread(&self, axis: usize) -> f32 {
-        let step = self.boxes.len().div_ceil(SPREAD_BOXES).max(1);
-        let (mut some, mut count) = ([0.0; SPREAD_BOXES], 0);
-        for b in self.boxes.iter().step_by(step) {
-            some[count] = b.min[axis];
-            count += usize::from(b.min[axis].is_finite());
-        }
-        let (some, weight) = (&some[..count], 1.0 / count.max(1) as f32);
-        let mean: f32 = some.iter().map(|x| weight * x).sum();
-        some.iter().map(|x| weight * (x - mean).abs()).sum()
-    }
-
-    /// The smallest and the largest finite min of those that are not far from all others.
-    fn near_bounds(&mut self, axis: usize) -> (f32, f32) {
-        let finite = self.boxes.iter().map(|b| b.min[axis]).filter(|x| x.is_finite());
-        self.scratch.clear();
-        self.scratch.extend(finite);
-        if self.scratch.is_empty() {
-            return (f32::INFINITY, f32::NEG_INFINITY);
-        }
-        let far = self.scratch.len() / FAR_SHARE;
-        let last = self.scratch.len() - 1 - far;
-        let low = *self.scratch.select_nth_unstable_by(far, f32::total_cmp).1;
-        let high = *self.scratch.select_nth_unstable_by(last, f32::total_cmp).1;
-        let extent = high - low;
-        let near = self.scratch.iter().filter(|x| (low - extent..=high + extent).contains(*x));
-        near.fold((low, high), |(low, high), x| (lesser(low, *x), greater(high, *x)))
     }
 
     fn measure_sizes(&mut self) {

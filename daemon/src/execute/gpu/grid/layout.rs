@@ -298,7 +298,7 @@ fn axes(sample: &Sample, edges: [f32; 3], boxes: f32, least: u64, room: u64) -> 
         (width(axis) / edge).clamp(0.0, CELL_LIMIT - 1.0) as u64 + 1
     };
     let mut counts: [u64; 3] = std::array::from_fn(|axis| count(axis, edges[axis]));
-    if counts.iter().product::<u64>() <= limit {
+    if counts.iter().product::<u64>() <= limit && !sample.has_far {
         return std::array::from_fn(|axis| {
             if counts[axis] == 1 {
                 return Axis::clamped(sample.low[axis], edges[axis], 1);
@@ -307,7 +307,7 @@ fn axes(sample: &Sample, edges: [f32; 3], boxes: f32, least: u64, room: u64) -> 
             Axis::clamped(sample.low[axis] - margin[axis], edge, count(axis, edge) as u32)
         });
     }
-    // Too wide for a table: fold. An axis too short for folding becomes one cell.
+    // Too wide for a table, or boxes lie far beyond it, which would crowd its last cells: fold. An axis too short for folding becomes one cell.
     for count in &mut counts {
         *count = count.next_power_of_two();
     }

@@ -2,6 +2,7 @@
 //!
 //! A pure function of the boxes, so that the same boxes give the same bytes whatever came before.
 
+use pairmask_core::engine::grid::near_bounds;
 use pairmask_core::objects::Objects;
 use pairmask_core::{Aabb, BoxClass};
 use pairmask_shaders::mirror::grid_layout::plain;
@@ -20,7 +21,7 @@ const MEDIAN_STEP: usize = 4;
 /// What is kept of a sampled box.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct SampledBox {
-    /// Finite edges; an infinite one is held at 2^60.
+    /// Finite edges: what is longer than the scene ends with it.
     pub edges: [f32; 3],
     /// Largest edge in units of the median edge of its axis.
     pub size: f32,
@@ -30,12 +31,14 @@ pub(super) struct SampledBox {
 #[derive(Default)]
 pub(super) struct Sample {
     pub boxes: Vec<SampledBox>,
-    /// Smallest min corner.
+    /// Smallest min corner, of those that are not far from all others.
     pub low: [f32; 3],
     /// Median of the min corners.
     pub middle: [f32; 3],
-    /// Distance from the smallest to the largest min corner.
+    /// Distance from the smallest to the largest min corner, of those that are not far from all others.
     pub extent: [f32; 3],
+    /// Whether some boxes lie far away.
+    pub has_far: bool,
     /// Solid boxes of the scene, about.
     pub solid: f32,
     scratch: Vec<f32>,
@@ -67,13 +70,18 @@ impl Sample {
             }
         }
         self.solid = n as f32 * self.boxes.len() as f32 / wanted.max(1) as f32;
+        self.has_far = false;
         for axis in 0..3 {
             let mins = || self.mins.iter().map(|min| min[axis]);
             let Some(middle) = median(&mut self.scratch, mins().step_by(MEDIAN_STEP)) else {
                 (self.low[axis], self.middle[axis], self.extent[axis]) = (0.0, 0.0, 0.0);
                 continue;
             };
-            let (low, high) = (mins().fold(middle, f32::min), mins().fold(middle, f32::max));
+            let mut bounds = (mins().fold(middle, f32::min), mins().fold(middle, f32::max));
+            if let Some(near) = near_bounds(bounds, mins(), &mut self.scratch) {
+                (bounds, self.has_far) = (near, true);
+            }
+            let (low, high) = bounds;
             self.low[axis] = low;
             self.middle[axis] = middle;
             self.extent[axis] = high - low;
@@ -94,7 +102,9 @@ impl Sample {
             let edges = self.boxes.iter().step_by(MEDIAN_STEP).map(|b| b.edges[axis]);
             median(&mut self.scratch, edges.filter(|edge| *edge > 0.0)).unwrap_or(1.0)
         });
+        let longest: [f32; 3] = std::array::from_fn(|axis| self.extent[axis].max(2.0 * unit[axis]));
         for b in &mut self.boxes {
+            b.edges = std::array::from_fn(|axis| b.edges[axis].min(longest[axis]));
             b.size = (0..3).map(|axis| b.edges[axis] / unit[axis]).fold(0.0, f32::max);
         }
     }
