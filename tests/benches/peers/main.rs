@@ -1,10 +1,12 @@
 //! The daemon and the in-process engines against other broad phases; see `--help`.
 
+mod cliffs;
 mod lanes;
 mod measure;
 mod options;
 mod ours;
 mod parry;
+mod recipe;
 
 use std::error::Error;
 use std::io::{Write as _, stdout};
@@ -33,6 +35,12 @@ fn main() -> ExitCode {
 }
 
 fn run(options: &Options) -> Result<Vec<Comparison>, Box<dyn Error>> {
+    if let Some(seconds) = options.search {
+        let (n, threads) = (options.n.first(), options.threads.last());
+        let (Some(n), Some(threads)) = (n, threads) else { return Ok(Vec::new()) };
+        cliffs::search(*n, *threads, options.seed, seconds)?;
+        return Ok(Vec::new());
+    }
     let settings = PrivateSettings {
         spin: Duration::from_micros(options.daemon_spin_us),
         gpu: options.gpu.clone().into(),

@@ -71,6 +71,10 @@ pub struct Options {
     /// Write peers.jsonl and peers.md there too
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
+    /// Instead of frames: known oddities, then for so many seconds a search for scenes in which the plan's engine is
+    /// slowest beside parry3d, in process, by the first of the sizes and the last of the threads
+    #[arg(long, value_name = "SECONDS")]
+    pub search: Option<u64>,
     /// Seed of the scenes
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub seed: u64,

@@ -34,8 +34,8 @@ fn speed_ups_stand_beside_the_papers() {
     let report = place.run_line(line).json();
     let fields = "stage scene n engine threads frames least_ns median_ns speed_up paper_ns \
         paper_speed_up";
-    // Two scenes, one or two threads: the first stage, and the second with three engines.
-    assert_eq!(rows(&report).len(), 2 * 2 * 4);
+    // Two scenes, one or two threads: the first stage, and the second with four engines.
+    assert_eq!(rows(&report).len(), 2 * 2 * 5);
     for row in rows(&report) {
         assert_eq!(keys(row), names(fields));
         assert_eq!(row["engine"].is_null(), row["stage"] == "update-aabbs", "{row}");

@@ -1,0 +1,215 @@
+//! A search for scenes that collapse our speed: those of the oddities that are known, then scenes at random and
+//! mutations of the worst so far (hill climbing). Ours is the plan's engine in process, the peer is the faster one
+//! of parry3d refitted and optimised; both have the same boxes, which move a little from frame to frame.
+
+use std::collections::BTreeSet;
+use std::io::{Write as _, stdout};
+use std::time::{Duration, Instant};
+
+use pairmask_core::scene::Scene;
+use pairmask_tests::measure::percentile;
+use pairmask_tests::peers::contender::{Contender, Tally, sorted};
+use pairmask_tests::prelude::*;
+use pairmaskd::scene::Random;
+use rayon::ThreadPoolBuilder;
+
+use crate::parry::{Parry, Upkeep};
+use crate::recipe::Recipe;
+
+/// Frames of each contender, of which the median counts.
+const FRAMES: usize = 5;
+/// A contender that has taken so long gets no further frame of a scene.
+const ENOUGH: Duration = Duration::from_millis(1_500);
+/// Scenes that are kept, mutated and shown.
+const WORST: usize = 10;
+/// More pairs a box are no broad phase any more, and take any engine as long as they are many.
+const PAIRS_A_BOX: u64 = 100;
+
+/// Scenes that users of broad phases have reported, by what is odd about them.
+fn known() -> Vec<(&'static str, Recipe)> {
+    let uniform = Recipe::UNIFORM;
+    let flung = |flung_share, flung| Recipe { flung_share, flung, ..uniform };
+    let long = |long_share, aspect, turns| Recipe { long_share, aspect, turns, ..uniform };
+    let places = |places, apart| Recipe { places, apart, ..uniform };
+    vec![
+        ("uniform", uniform),
+        ("a finite giant", Recipe { has_giant: true, ..uniform }),
+        ("2 % flung to 1e6", flung(0.02, 1e6)),
+        ("2 % flung to 1e30", flung(0.02, 1e30)),
+        ("200 places over 1e7", places(200, 1e7)),
+        ("1,000 places over 1e9", places(1_000, 1e9)),
+        ("woven", Recipe { has_layers: true, ..long(1.0, [10_000.0, 0.1, 1.0], 2) }),
+        ("rods on three axes", Recipe { density: 0.01, ..long(1.0, [200.0, 0.2, 0.2], 3) }),
+        ("1 % straps", long(0.01, [30.0, 1.0, 1.0], 3)),
+        ("sizes over 5 decades", Recipe { decades: 5.0, density: 3.0, ..uniform }),
+    ]
+}
+
+/// A scene and what it took, ms.
+#[derive(Clone, Copy)]
+struct Measured {
+    recipe: Recipe,
+    engine: EngineName,
+    pairs: u64,
+    frame: f64,
+    peer: f64,
+    /// An edit of one box in a hundred, with its changes.
+    edit: f64,
+}
+
+impl Measured {
+    /// Ours over theirs.
+    fn ratio(&self) -> f64 {
+        self.frame / self.peer
+    }
+
+    fn print(&self, name: &str) {
+        let Self { engine, pairs, frame, peer, edit, .. } = self;
+        let (ratio, engine) = (self.ratio(), engine.as_str());
+        println!("{name:24} {frame:9.2} {peer:9.2} {ratio:7.2} {edit:9.2} {pairs:10}  {engine}");
+        let _ = stdout().flush();
+    }
+}
+
+/// Measures the known scenes, then searches for so long. Whether a set of pairs was wrong is an error.
+pub fn search(n: usize, threads: usize, seed: u64, seconds: u64) -> Result<(), String> {
+    let pool = ThreadPoolBuilder::new().num_threads(threads).build().map_err(|e| e.to_string())?;
+    pool.install(|| {
+        println!("{n} boxes, {threads} threads, ms\n");
+        println!(
+            "{:24} {:>9} {:>9} {:>7} {:>9} {:>10}",
+            "scene", "ours", "parry3d", "ratio", "1 % edit", "pairs"
+        );
+        for (name, recipe) in known() {
+            if let Some(measured) = measure(&recipe, n, threads, seed)? {
+                measured.print(name);
+            }
+        }
+        let end = Instant::now() + Duration::from_secs(seconds);
+        let mut random = Random::new(seed);
+        let mut worst: Vec<Measured> = Vec::new();
+        let (mut count, mut slower) = (0, 0);
+        while Instant::now() < end {
+            let recipe = match random.below(2) {
+                0 if !worst.is_empty() => {
+                    worst[random.below(worst.len() as u64) as usize].recipe.mutated(&mut random)
+                }
+                _ => Recipe::random(&mut random),
+            };
+            let Some(measured) = measure(&recipe, n, threads, seed)? else { continue };
+            count += 1;
+            slower += usize::from(measured.ratio() > 1.0);
+            worst.push(measured);
+            worst.sort_by(|a, b| b.ratio().total_cmp(&a.ratio()));
+            worst.dedup_by(|a, b| a.recipe == b.recipe);
+            worst.truncate(WORST);
+        }
+        if count > 0 {
+            println!("\n{count} scenes were searched, {slower} take us longer; the worst:");
+            for measured in &worst {
+                measured.print("");
+                println!("    {:?}", measured.recipe);
+            }
+        }
+        Ok(())
+    })
+}
+
+/// `None` where the scene has so many pairs that it shows nothing.
+fn measure(
+    recipe: &Recipe,
+    n: usize,
+    threads: usize,
+    seed: u64,
+) -> Result<Option<Measured>, String> {
+    let mut boxes = recipe.boxes(n, seed);
+    let count = BoxCount::of_len(n).ok_or("too many boxes")?;
+    let limit = 8 * PAIRS_A_BOX * n as u64;
+    let mut engines = CpuEngines::new();
+    let mut reply = HeapReply::with_limit_bytes(limit);
+    let mut options = CullOptions { threads: Some(threads), ..CullOptions::default() };
+    let mut peers = [Upkeep::Refit, Upkeep::OptimizeRefit]
+        .map(|upkeep| (Parry::new(&boxes, upkeep, threads), Vec::new()));
+    let (mut ours, mut engine, mut tally) = (Vec::new(), EngineName::CpuGrid, Tally::default());
+    for _ in 0..FRAMES {
+        jitter(&mut boxes);
+        if !is_enough(&ours) {
+            let start = Instant::now();
+            let Ok(answer) = engines.cull(&boxes, &options, &mut reply) else { return Ok(None) };
+            let mask = MaskView::new(count, &answer.report.shape, reply.words());
+            tally = Tally::default();
+            mask.map_err(|e| e.to_string())?.for_each(|a, b| tally.visit(a, b));
+            ours.push(start.elapsed().as_nanos() as u64);
+            engine = answer.engine;
+            options.last_pairs = Some(tally.count);
+        }
+        for (peer, times) in &mut peers {
+            if !is_enough(times) {
+                let start = Instant::now();
+                peer.find(&boxes).map_err(|e| e.to_string())?;
+                times.push(start.elapsed().as_nanos() as u64);
+            }
+        }
+    }
+    // The last frame of both, pair by pair.
+    let answer = engines.cull(&boxes, &options, &mut reply).map_err(|e| e.to_string())?;
+    let mask = MaskView::new(count, &answer.report.shape, reply.words());
+    let mut pairs = mask.map_err(|e| e.to_string())?.to_vec();
+    pairs.sort_unstable();
+    peers[0].0.find(&boxes).map_err(|e| e.to_string())?;
+    let mut theirs = sorted(peers[0].0.pairs(&boxes).map_err(|e| e.to_string())?);
+    // A tree of finite bounds may report pairs that do not overlap.
+    theirs.retain(|[a, b]| boxes[*a as usize].overlaps(&boxes[*b as usize]));
+    if pairs != theirs {
+        return Err(format!("{} pairs, parry3d has {}: {recipe:?}", pairs.len(), theirs.len()));
+    }
+    let [first, second] = peers.map(|(_, times)| percentile(&times, 0.5));
+    let ms = |ns: u64| ns as f64 / 1e6;
+    Ok(Some(Measured {
+        recipe: *recipe,
+        engine,
+        pairs: tally.count,
+        frame: ms(percentile(&ours, 0.5)),
+        peer: ms(first.min(second)),
+        edit: ms(edit(&mut boxes, threads)?),
+    }))
+}
+
+fn is_enough(times: &[u64]) -> bool {
+    times.iter().map(|ns| Duration::from_nanos(*ns)).sum::<Duration>() > ENOUGH
+}
+
+/// Moves each box by a fiftieth of its shortest edge, to and fro.
+fn jitter(boxes: &mut [Aabb]) {
+    for (i, b) in boxes.iter_mut().enumerate() {
+        let edges = [0, 1, 2].map(|axis| b.max[axis] - b.min[axis]);
+        let step = edges.iter().fold(f32::INFINITY, |a, e| a.min(*e)) / 50.0;
+        let step = if i % 2 == 0 { step } else { -step };
+        (b.min[i % 3], b.max[i % 3]) = (b.min[i % 3] + step, b.max[i % 3] + step);
+    }
+}
+
+/// The median of edits of a scene in process that set one box in a hundred, ns.
+fn edit(boxes: &mut [Aabb], threads: usize) -> Result<u64, String> {
+    let mut scene = Scene::new(SceneOptions::default().with_threads(threads));
+    let n = boxes.len() as u32;
+    let mut times = Vec::new();
+    for turn in 0..FRAMES as u32 + 2 {
+        let moved: BTreeSet<u32> = (0..n).filter(|i| turn == 0 || i % 100 == turn).collect();
+        jitter(boxes);
+        let indices: Vec<u32> = moved.into_iter().collect();
+        let set: Vec<Aabb> = indices.iter().map(|index| boxes[*index as usize]).collect();
+        let steps = [Step::Set(Sets { indices: (&indices).into(), boxes: &set })];
+        let start = Instant::now();
+        scene.edit(Edit { steps: &steps }, Report::Changes).map_err(|e| e.to_string())?;
+        scene.acknowledge();
+        // The first sets all boxes, the second may build cells.
+        if turn > 1 {
+            times.push(start.elapsed().as_nanos() as u64);
+        }
+        if is_enough(&times) {
+            break;
+        }
+    }
+    Ok(percentile(&times, 0.5))
+}
