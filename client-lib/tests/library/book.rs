@@ -234,6 +234,36 @@ fn every_example_in_rust_is_run() {
     }
 }
 
+/// Files of `examples` that a page says that it shows, and does not show word by word.
+fn not_shown(page: &str) -> Vec<String> {
+    let (blocks, outside) = split_fences(page);
+    let shown = outside.iter().filter_map(|line| {
+        let (_, link) = line.strip_prefix("This is [")?.split_once("](")?;
+        link.strip_suffix("):")
+    });
+    let text_of = |block: &Fenced<'_>| block.lines.join("\n") + "\n";
+    shown
+        .filter(|link| {
+            let file = read(&pages_folder().join(link));
+            !blocks.iter().any(|block| text_of(block) == file)
+        })
+        .map(str::to_owned)
+        .collect()
+}
+
+#[test]
+fn examples_on_pages_are_the_files() {
+    for (name, page) in pages() {
+        assert_eq!(not_shown(&page), [""; 0], "{name}: paste them again");
+        assert!(
+            !page.contains("{{#"),
+            "{name}: a directive shows as it is where mdBook does not read it"
+        );
+    }
+    let start = read(&pages_folder().join("start-c.md"));
+    assert_eq!(not_shown(&start.replacen("PM_OK", "PM_OKAY", 1)).len(), 1);
+}
+
 #[test]
 fn quoted_error_texts_are_those_of_the_sources() {
     let texts = source_texts();

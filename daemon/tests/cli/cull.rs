@@ -166,7 +166,7 @@ fn explain_says_what_was_seen_predicted_and_measured() {
     assert_eq!(explain["stats"]["boxes"], 1234);
     assert_eq!(explain["stats"]["looked_at"], true);
     let candidates = explain["candidates"].as_array().unwrap();
-    assert_eq!(candidates.len(), 3);
+    assert_eq!(candidates.len(), 4);
     let chosen = candidates.iter().find(|c| c["engine"] == explain["engine"]).unwrap();
     assert_eq!(chosen["predicted_ns"], explain["predicted_ns"]);
     let stages = &report["stages_ns"];

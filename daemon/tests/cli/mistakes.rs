@@ -1,10 +1,13 @@
 //! Mistakes of newcomers: each is one line on stderr that says what to do, without words of Rust.
 
 use std::fs::{File, Permissions};
+use std::io::ErrorKind;
 use std::os::unix::fs::PermissionsExt;
 use std::os::unix::process::CommandExt;
 use std::path::Path;
 use std::process::{Command, Stdio};
+use std::thread;
+use std::time::Duration;
 
 use pairmask_core::Aabb;
 use pairmask_tests::stress_scenes;
@@ -141,7 +144,16 @@ fn what_belongs_to_others_says_what_to_do() {
         if may_read_all {
             command.uid(NOBODY);
         }
-        finish(command.spawn().unwrap())
+        // A child of another test holds the copy open for writing, if it was forked meanwhile, until it has started.
+        let spawned = loop {
+            match command.spawn() {
+                Err(error) if error.kind() == ErrorKind::ExecutableFileBusy => {
+                    thread::sleep(Duration::from_millis(1));
+                }
+                spawned => break spawned,
+            }
+        };
+        finish(spawned.unwrap())
     };
     for (line, code, expected) in [
         ("status", 2, "config.toml: you may not read it: change its permissions"),

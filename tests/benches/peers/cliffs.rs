@@ -38,8 +38,11 @@ fn known() -> Vec<(&'static str, Recipe)> {
         ("2 % flung to 1e30", flung(0.02, 1e30)),
         ("200 places over 1e7", places(200, 1e7)),
         ("1,000 places over 1e9", places(1_000, 1e9)),
-        ("woven", Recipe { has_layers: true, ..long(1.0, [10_000.0, 0.1, 1.0], 2) }),
-        ("rods on three axes", Recipe { density: 0.01, ..long(1.0, [200.0, 0.2, 0.2], 3) }),
+        (
+            "woven",
+            Recipe { has_layers: true, axes: 2, density: 0.01, ..long(1.0, [1e4, 0.1, 0.1], 2) },
+        ),
+        ("rods on three axes", Recipe { density: 5e-4, ..long(1.0, [200.0, 0.2, 0.2], 3) }),
         ("1 % straps", long(0.01, [30.0, 1.0, 1.0], 3)),
         ("sizes over 5 decades", Recipe { decades: 5.0, density: 3.0, ..uniform }),
     ]

@@ -46,7 +46,7 @@ pub struct PairSkips {
     pub empty: u64,
     /// Of boxes in cells too far apart; and those that a daemon before wire 1.4 left out.
     pub cell: u64,
-    /// Of boxes that the order along an axis holds apart.
+    /// Of boxes that the order along an axis, or the bounds of groups, hold apart.
     pub axis: u64,
 }
 

@@ -63,11 +63,8 @@ pub(super) fn read(boxes: &[Aabb], entries: &mut [Entry], threads: usize) -> Cen
     in_parts(work, parts, &run, &|low, high| low.then(&high))
 }
 
-/// Brings what overlaps nothing to the end; the boxes that have a point, and the others.
-pub(super) fn solid_first<'a>(
-    entries: &'a mut [Entry],
-    census: &Census,
-) -> (&'a mut [Entry], &'a mut [Entry]) {
+/// Brings what overlaps nothing to the end; the other boxes.
+pub(super) fn solid_first<'a>(entries: &'a mut [Entry], census: &Census) -> &'a mut [Entry] {
     let solid = entries.len() - (census.empty + census.invalid) as usize;
     if solid < entries.len() {
         let mut next = 0;
@@ -78,14 +75,13 @@ pub(super) fn solid_first<'a>(
             }
         }
     }
-    entries.split_at_mut(solid)
+    &mut entries[..solid]
 }
 
 /// Brings solid boxes into order, in so many parts. Ranges that are whole groups of every size, from their
 /// first box on, lie close together.
 pub(super) fn arrange(entries: &mut [Entry], meeting: &Meeting, parts: usize, isa: AvailableIsa) {
     let mut rest = entries;
-    let mut parts = parts;
     while rest.len() > FAN_OUT {
         let granule = FAN_OUT.pow((rest.len() - 1).ilog(FAN_OUT));
         let at = floats::with_default(|| {
@@ -109,7 +105,6 @@ pub(super) fn arrange(entries: &mut [Entry], meeting: &Meeting, parts: usize, is
             );
             return;
         }
-        parts = 1;
         arrange(low, meeting, 1, isa);
         rest = high;
     }

@@ -101,7 +101,7 @@ impl Tree {
         self.entries.resize(boxes.len());
         let entries = self.entries.as_mut_slice();
         let census = arrange::read(boxes, entries, threads);
-        let (solid, _) = arrange::solid_first(entries, &census);
+        let solid = arrange::solid_first(entries, &census);
         let meeting = floats::with_default(|| Meeting::of(solid));
         let parts = part_count(solid.len(), arrange::TASK_BOXES, threads);
         arrange(solid, &meeting, parts, self.isa);
