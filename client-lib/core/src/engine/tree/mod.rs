@@ -3,9 +3,8 @@
 //! A grid is quick where boxes are of a few sizes and evenly spread. Long boxes that cross, as the wires of
 //! a chip, sizes over many decades in one place, or a crowd in one corner of a huge world leave it with cells
 //! that hold everything. The tree has no such scene: boxes are brought into an order in which each 16 lie
-//! close together, and so do each 16 of those groups, up to the whole ([`arrange`]). The order is the tree.
-//! Each group has its bounds ([`nodes`]), and a box is compared with the groups behind its own that its
-//! bounds meet, 16 at a time ([`search`]).
+//! close together, and so do each 16 of those groups, up to the whole. The order is the tree. Each group has
+//! its bounds, and a box is compared with the groups behind its own that it meets, 16 at a time.
 //!
 //! Groups are parted by the surface area heuristic of ray tracing (Goldsmith and Salmon 1987), with the
 //! expected number of boxes that meet a group in place of its surface, and by size as well as by place, so
