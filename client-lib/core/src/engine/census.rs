@@ -23,14 +23,23 @@ impl Census {
         let mut census = Self::default();
         floats::with_default(|| {
             for (index, b) in (0..).zip(boxes) {
-                // False with a NaN. Nearly all boxes are solid, so that only the others are classified.
-                let [x, y, z] = std::array::from_fn(|axis| b.min[axis] <= b.max[axis]);
-                if !(x & y & z) {
-                    census.note(index, b.class());
-                }
+                census.note_box(index, b);
             }
         });
         census
+    }
+
+    /// Counts box `index`, and says whether it is solid. Call with rising indices and the default floating-point
+    /// flags.
+    #[inline(always)]
+    pub(crate) fn note_box(&mut self, index: u32, b: &Aabb) -> bool {
+        // False with a NaN. Nearly all boxes are solid, so that only the others are classified.
+        let [x, y, z] = std::array::from_fn(|axis| b.min[axis] <= b.max[axis]);
+        let is_solid = x & y & z;
+        if !is_solid {
+            self.note(index, b.class());
+        }
+        is_solid
     }
 
     /// Counts box `index`. Call with rising indices.

@@ -123,7 +123,8 @@ pub(crate) type ColumnWords<'a> = [&'a [[i32; WORD_COLUMNS]]; 6];
 /// The six key arrays, in wire order: min x, y, z, max x, y, z.
 pub(crate) type ColumnsMut<'a> = [&'a mut [i32]; 6];
 
-fn split_columns(keys: &mut [i32], padded_len: usize) -> ColumnsMut<'_> {
+/// Keys of six arrays of one length, one after the other, as those arrays.
+pub(crate) fn split_columns(keys: &mut [i32], padded_len: usize) -> ColumnsMut<'_> {
     let mut rest = keys;
     [(); 6].map(|()| {
         let (column, tail) = std::mem::take(&mut rest).split_at_mut(padded_len);

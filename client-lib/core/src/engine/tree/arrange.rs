@@ -50,13 +50,8 @@ pub(super) fn read(boxes: &[Aabb], entries: &mut [Entry], threads: usize) -> Cen
         let mut census = Census::default();
         for ((entry, aabb), index) in entries.iter_mut().zip(boxes).zip(first_index..) {
             let aabb = *aabb;
-            // False with a NaN. Nearly all boxes are solid, so that only the others are classified.
-            let [x, y, z] = std::array::from_fn(|axis| aabb.min[axis] <= aabb.max[axis]);
-            let is_solid = x & y & z;
+            let is_solid = census.note_box(index, &aabb);
             *entry = Entry { aabb, index, rank: i32::from(!is_solid) };
-            if !is_solid {
-                census.note(index, aabb.class());
-            }
         }
         census
     };

@@ -4,6 +4,7 @@ use super::FAN_OUT;
 use super::arrange::{Entry, TASK_BOXES};
 use crate::aabb::KeyBox;
 use crate::aligned::AlignedBuffer;
+use crate::engine::ingest::split_columns;
 use crate::engine::strips::{KeyArraysMut, OrderedBoxes, Split, in_parts, part_count};
 
 /// The groups of one size, in order.
@@ -31,13 +32,7 @@ impl Level {
     }
 
     fn arrays_mut(&mut self) -> KeyArraysMut<'_> {
-        let mut rest = self.keys.as_mut_slice();
-        let stride = self.stride;
-        [(); 6].map(|()| {
-            let (array, tail) = std::mem::take(&mut rest).split_at_mut(stride);
-            rest = tail;
-            array
-        })
+        split_columns(self.keys.as_mut_slice(), self.stride)
     }
 
     /// Becomes some groups of another level.
