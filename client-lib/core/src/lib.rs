@@ -27,6 +27,7 @@ mod simd;
 pub mod sphere;
 pub mod spinner;
 mod stats;
+mod test_budget;
 pub mod units;
 mod unknown_name;
 pub mod update;

@@ -269,7 +269,7 @@ impl Listener {
         heard.map(|(pair, generations)| (*pair, *generations)).collect()
     }
 
-    /// What it is to be told of the pairs of now.
+    /// What is to be reported to it of the pairs of now.
     pub fn expects(&self, model: &Model, now: &PairsByGeneration, mode: Mode) -> Heard {
         let pair_count = Some(now.len() as u64);
         let heard = self.scope(now);

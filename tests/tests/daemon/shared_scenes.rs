@@ -1,5 +1,5 @@
-//! Scenes that several sessions write: who is late, refused, dies, or loses its daemon. What members are told is held to
-//! the model.
+//! Scenes that several sessions write: who is late, refused, dies, or loses its daemon. What is reported to members is
+//! held to the model. One file, because all tests share the same members, and each is a page.
 #![allow(clippy::single_range_in_vec_init)] // Lists of ranges are meant.
 
 use std::collections::BTreeSet;

@@ -1,10 +1,11 @@
 //! What a frame may take, shared by all of its tasks: words, or pairs, that the reply holds, and tests before
 //! another engine is the better one.
 
-use std::sync::atomic::{AtomicI64, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use super::{CullError, EngineName, ReplyBuffer, ReserveError};
 use crate::mask::{Encoding, MaskShape};
+use crate::test_budget::TestBudget;
 use crate::units::BoxCount;
 
 const WORD_BYTES: u64 = size_of::<u32>() as u64;
@@ -30,7 +31,7 @@ pub(crate) struct WordBudget {
     encoding: Encoding,
     with_order: bool,
     limit_words: u64,
-    tests_left: AtomicI64,
+    tests: TestBudget,
     /// The engine, where it may hand the frame over.
     hands_over: Option<EngineName>,
 }
@@ -57,7 +58,7 @@ impl WordBudget {
             encoding,
             with_order,
             limit_words,
-            tests_left: AtomicI64::new(i64::MAX),
+            tests: TestBudget::new(i64::MAX),
             hands_over: None,
         };
         if most.is_some() { Ok(budget) } else { Err(budget.refusal_of(0)) }
@@ -68,7 +69,7 @@ impl WordBudget {
     pub fn handing_over(mut self, engine: EngineName, may_hand_over: bool) -> Self {
         if may_hand_over {
             let tests = TESTS_A_BOX * i64::from(self.n.get());
-            self.tests_left = AtomicI64::new(tests.max(TESTS_LEAST));
+            self.tests = TestBudget::new(tests.max(TESTS_LEAST));
             self.hands_over = Some(engine);
         }
         self
@@ -79,13 +80,8 @@ impl WordBudget {
     pub fn note_tests(&self, tests: u64, pairs: u64) {
         if self.hands_over.is_some() {
             let allowed = TESTS_A_PAIR.saturating_mul(pairs as i64);
-            // Relaxed: a number that stops a search, and that nothing is read by.
-            self.tests_left.fetch_sub((tests as i64).saturating_sub(allowed), Ordering::Relaxed);
+            self.tests.take((tests as i64).saturating_sub(allowed));
         }
-    }
-
-    fn is_crowded(&self) -> bool {
-        self.tests_left.load(Ordering::Relaxed) < 0
     }
 
     pub const fn n(&self) -> BoxCount {
@@ -112,7 +108,7 @@ impl WordBudget {
     /// Whether more was found than the reply holds, or another engine takes over: then no more need be found.
     #[inline]
     pub fn is_spent(&self) -> bool {
-        self.is_full() || self.is_crowded()
+        self.is_full() || self.tests.is_spent()
     }
 
     fn is_full(&self) -> bool {
@@ -127,7 +123,7 @@ impl WordBudget {
     pub fn check(&self) -> Result<(), CullError> {
         match self.hands_over {
             _ if self.is_full() => Err(self.refusal_of(self.most + 1).into()),
-            Some(engine) if self.is_crowded() => Err(CullError::TooCrowded { engine }),
+            Some(engine) if self.tests.is_spent() => Err(CullError::TooCrowded { engine }),
             _ => Ok(()),
         }
     }

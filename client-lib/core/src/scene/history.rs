@@ -6,8 +6,6 @@
 //!
 //! A pair of two changed boxes is found from both, and told from the one with the smaller index.
 
-use std::sync::atomic::{AtomicI64, Ordering};
-
 use super::cells::{CHANGED, Candidate, Cells, INDEX, Probe, STATIC, Searches, is_solid};
 use super::change::{WasIs, change, overlap};
 use super::fetch::ask_for;
@@ -16,6 +14,7 @@ use super::store::{BoxState, Store};
 use crate::aabb::Aabb;
 use crate::engine::strips::{for_each_in_parts, part_count, zip_in_parts};
 use crate::floats;
+use crate::test_budget::TestBudget;
 
 /// Boxes of a task: a search takes about 0.2 µs.
 const TASK_BOXES: usize = 256;
@@ -113,9 +112,9 @@ impl Changes {
             task.boxes = border(part)..border(part + 1);
         }
         let (centres, order) = (centres.as_slice(), order.as_slice());
-        let left = &AtomicI64::new(most_tests(store, count));
+        let left = &TestBudget::new(most_tests(store, count));
         for_each_in_parts(tasks, parts, |task| task.run(centres, order, cells, store, left));
-        if left.load(Ordering::Relaxed) < 0 {
+        if left.is_spent() {
             return None;
         }
         let mut all = Difference::default();
@@ -229,7 +228,7 @@ impl Search {
         order: &[u32],
         cells: &Cells,
         store: &Store,
-        left: &AtomicI64,
+        left: &TestBudget,
     ) {
         let Self { boxes, tested, found, batches } = self;
         *tested = 0;
@@ -255,9 +254,8 @@ impl Search {
             if let Some(number) = earlier(1) {
                 let searches = &mut batches[number].searches;
                 cells.go_on(searches);
-                // Relaxed: a number that stops a search, and that nothing is read by.
-                let tests = searches.tested() as i64;
-                if left.fetch_sub(tests, Ordering::Relaxed) < tests {
+                left.take(searches.tested() as i64);
+                if left.is_spent() {
                     return;
                 }
             }

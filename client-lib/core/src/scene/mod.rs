@@ -2,9 +2,10 @@
 //!
 //! A client gives each box an index of its own, tells by an [`Edit`] what changes, and [wants](Report) to
 //! know which pairs began and ended, which there are around the boxes that moved, or all. A small edit
-//! costs what it changes, not what the scene holds.
+//! costs what it changes, not what the scene holds. One file, because an edit, its answer and what is known afterwards
+//! change the same few fields; what they do stands in the modules below.
 //!
-//! # What is told
+//! # What is reported
 //!
 //! * Pairs are those of boxes that overlap by the rules of [`aabb`](crate::aabb), that are switched on,
 //!   and that their [collision filters](crate::filters) let meet: two static boxes are no pair.

@@ -102,7 +102,7 @@ pub(super) fn find(
     for_each_in_parts(tasks, parts, |task| task.run(order, cells, boxes, queries, room));
     tasks.iter_mut().flat_map(|task| &mut task.batches).for_each(Batch::give_back);
     room.check()?;
-    if room.is_crowded() {
+    if room.tests.is_spent() {
         return Ok(None);
     }
     super::reserve(found, tasks.iter().map(|task| task.found.len()).sum())?;
@@ -131,7 +131,7 @@ impl Task {
         let numbers = &order[of_task.clone()];
         let count = numbers.len().div_ceil(BATCH);
         for step in 0..count + BATCHES - 1 {
-            if room.is_spent() || room.is_crowded() {
+            if room.is_spent() || room.tests.is_spent() {
                 return;
             }
             // The latest batch first: what it asks for has the time of all others to come.
@@ -145,7 +145,7 @@ impl Task {
             };
             if let Some(number) = earlier(1) {
                 cells.go_on(&mut batches[number].searches);
-                room.note_tests(batches[number].searches.tested());
+                room.tests.take(batches[number].searches.tested() as i64);
             }
             if let Some(number) = earlier(2)
                 && !batches[number].is_large()

@@ -23,13 +23,14 @@ pub use self::between::between;
 pub use self::mask::{BeyondMask, QueryMask, cull_between, is_small_set};
 pub use self::tags::{QueryError, QueryTags};
 
-use std::sync::atomic::{AtomicI64, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use super::Scene;
 use super::cells::Cells;
 use super::pair_list::{PAIR_BYTES, Pair};
 use crate::aabb::Aabb;
 use crate::engine::{CullError, ReserveError};
+use crate::test_budget::TestBudget;
 
 /// Queries since the boxes last changed from which cells are built: to compare so many with a box takes as
 /// long as to place it.
@@ -55,31 +56,20 @@ pub const fn more_pairs_than(most: u64) -> CullError {
 struct Room {
     found: AtomicU64,
     most: u64,
-    tests_left: AtomicI64,
+    tests: TestBudget,
 }
 
 impl Room {
     /// For so many pairs, as queries find them among boxes.
     fn new(most: u64, queries: usize, boxes: usize) -> Self {
         let tests = TESTS_A_QUERY * queries as i64 + TESTS_A_BOX * boxes as i64;
-        Self { found: AtomicU64::new(0), most, tests_left: AtomicI64::new(tests) }
-    }
-
-    /// Counts tests.
-    fn note_tests(&self, tests: u64) {
-        // Relaxed, as below.
-        self.tests_left.fetch_sub(tests as i64, Ordering::Relaxed);
-    }
-
-    /// Whether searches have tested more boxes than pairs explain.
-    fn is_crowded(&self) -> bool {
-        self.tests_left.load(Ordering::Relaxed) < 0
+        Self { found: AtomicU64::new(0), most, tests: TestBudget::new(tests) }
     }
 
     /// Counts pairs that are kept. Whether all are still within the limit.
     fn take(&self, pairs: usize) -> bool {
-        // Relaxed: numbers that stop a search, and that nothing is read by.
-        self.tests_left.fetch_add(TESTS_A_PAIR * pairs as i64, Ordering::Relaxed);
+        self.tests.take(-TESTS_A_PAIR * pairs as i64);
+        // Relaxed: a number that stops a search, and that nothing is read by.
         let before = self.found.fetch_add(pairs as u64, Ordering::Relaxed);
         before + pairs as u64 <= self.most
     }

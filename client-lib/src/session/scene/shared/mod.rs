@@ -1,7 +1,8 @@
 //! A scene that several processes write: leases, commits and ticks.
 //!
 //! This process keeps its own boxes. Where the daemon was restarted, or has lost the membership, it joins,
-//! leases and sends them again with the next commit, whose answer is a resync then.
+//! leases and sends them again with the next commit, whose answer is a resync then. One file, because a lease, a commit
+//! and its answer change the same few fields.
 
 mod options;
 
