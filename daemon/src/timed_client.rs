@@ -2,13 +2,12 @@
 
 use std::hint::black_box;
 use std::num::NonZeroUsize;
-use std::thread;
 use std::time::{Duration, Instant};
 
 use pairmask::{Error, FrameInfo, Margin, PairMask, Session};
 use pairmask_core::aabb::KeyBox;
 use pairmask_core::write::{par_write_boxes, write_boxes};
-use pairmask_core::{Aabb, AwakePool, Precision};
+use pairmask_core::{Aabb, Precision};
 use rayon::prelude::*;
 use rayon::{ThreadPool, ThreadPoolBuildError, ThreadPoolBuilder};
 
@@ -79,28 +78,17 @@ pub enum Decoding {
     Parallel(Decoders),
 }
 
-/// How long decoding threads stay awake for an answer: longer than a frame of ten million boxes
-/// takes.
-const READY: Duration = Duration::from_millis(20);
-
 /// A pool of decoding threads, of which the thread that made it is one.
 #[derive(Debug)]
 pub struct Decoders {
-    /// Threads that are kept awake while a frame is under way.
-    kept_awake: usize,
-    awake: AwakePool,
     _pool: ThreadPool,
 }
 
 impl Decoders {
     /// Starts `threads` threads, of which the calling one is the first.
     pub fn start(threads: NonZeroUsize) -> Result<Self, ThreadPoolBuildError> {
-        let threads = threads.get();
-        let cores = thread::available_parallelism().map_or(1, usize::from);
-        // Where all cores decode, a thread that waits awake would take a core from the daemon.
-        let kept_awake = if threads < cores { threads } else { 1 };
-        let pool = ThreadPoolBuilder::new().num_threads(threads).use_current_thread().build()?;
-        Ok(Self { kept_awake, awake: AwakePool::default(), _pool: pool })
+        let pool = ThreadPoolBuilder::new().num_threads(threads.get()).use_current_thread();
+        Ok(Self { _pool: pool.build()? })
     }
 }
 
@@ -130,14 +118,7 @@ impl Decoding {
     fn write(&self, boxes: &[Aabb], out: &mut [Aabb]) {
         match self {
             Self::Serial => write_boxes(boxes, out),
-            Self::Parallel(decoders) => decoders.awake.work(|| par_write_boxes(boxes, out)),
-        }
-    }
-
-    /// Keeps the threads awake for an answer.
-    fn expect(&mut self) {
-        if let Self::Parallel(decoders) = self {
-            decoders.awake.keep_until(decoders.kept_awake, Instant::now() + READY);
+            Self::Parallel(_) => par_write_boxes(boxes, out),
         }
     }
 
@@ -148,10 +129,10 @@ impl Decoding {
                 mask.for_each_slice(|pairs| looked = looked.and(Looked::of(pairs)));
                 looked
             }
-            Self::Parallel(decoders) => decoders.awake.work(|| {
+            Self::Parallel(_) => {
                 let parts = mask.par_pairs().fold(Looked::default, Looked::at);
                 parts.reduce(Looked::default, Looked::and)
-            }),
+            }
         }
     }
 }
@@ -232,7 +213,6 @@ impl TimedClient {
         decoding: &mut Decoding,
         look: impl FnOnce(&PairMask),
     ) -> Result<TimedFrame, TimedError> {
-        decoding.expect();
         let start = Instant::now();
         let (pending, filled) = match self {
             Self::Exact(session) => {

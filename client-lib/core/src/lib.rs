@@ -3,7 +3,6 @@
 
 pub mod aabb;
 mod aligned;
-pub mod awake_pool;
 mod backoff;
 pub mod bytes;
 pub mod dispatch;
@@ -27,6 +26,7 @@ mod simd;
 pub mod sphere;
 pub mod spinner;
 mod stats;
+mod team;
 mod test_budget;
 pub mod units;
 mod unknown_name;
@@ -35,7 +35,6 @@ pub mod usable_memory;
 pub mod write;
 
 pub use aabb::{Aabb, BoxClass};
-pub use awake_pool::AwakePool;
 pub use engine::{EngineChoice, EngineName};
 pub use mask::{Encoding, EncodingChoice, MaskView};
 pub use objects::ObjectForm;

@@ -17,7 +17,6 @@ use super::error::{ConnectError, Error, Loss};
 use super::exchange::Exchange;
 use super::link::{LeftDaemon, Link, SharedFrame, no_daemon};
 use super::local::{Asked, Local};
-use super::pace::Working;
 use super::pairs::{PairMask, ServedBy};
 use super::settings::{Backend, Settings};
 use super::spares::{Spares, lock};
@@ -237,11 +236,6 @@ impl Core {
         written: Written,
     ) -> Result<PairMask, CullError> {
         self.local.cull(objects, rules, written, &self.settings)
-    }
-
-    /// Work of this process begins.
-    pub(super) fn begin_here(&self) -> Working<'_> {
-        self.local.begin()
     }
 
     /// Bytes behind `n` boxes for rules like those of the session's last frame that had any.

@@ -15,7 +15,6 @@ use pairmask_core::scene::{QueryError, QueryMask, QueryTags, cull_between};
 use pairmask_core::units::BoxCount;
 use pairmask_wire::Reply;
 
-use super::pace::{Pace, Working};
 use super::pairs::{PairMask, ServedBy, Storage};
 use super::settings::Settings;
 use super::spares::{Spares, lock};
@@ -37,7 +36,6 @@ pub(super) struct Local {
     engines: Mutex<Engines>,
     spares: Arc<Spares>,
     last_pairs: Mutex<Option<u64>>,
-    pace: Pace,
 }
 
 /// The engines for boxes and for spheres, and what is remembered of the last frame.
@@ -96,17 +94,11 @@ impl Local {
             }),
             spares: Arc::default(),
             last_pairs: Mutex::default(),
-            pace: Pace::default(),
         }
     }
 
     pub(super) fn spares(&self) -> &Spares {
         &self.spares
-    }
-
-    /// Work of this process begins.
-    pub(super) fn begin(&self) -> Working<'_> {
-        self.pace.begin()
     }
 
     /// Finds the pairs with the engines of this process. Rules are for boxes.
@@ -117,7 +109,6 @@ impl Local {
         written: Written,
         settings: &Settings,
     ) -> Result<PairMask, CullError> {
-        let mut working = self.begin();
         let mut memory = self.spares.replies.take();
         let options = CullOptions {
             engine: settings.engine,
@@ -147,7 +138,6 @@ impl Local {
             done => done,
         }?;
         *lock(&self.last_pairs) = Some(answer.report.pair_count);
-        working.used(answer.threads);
         let n = BoxCount::new(objects.len() as u32);
         Ok(self.mask(memory, n, &answer, written, settings).with_worlds(worlds))
     }
@@ -189,12 +179,10 @@ impl Local {
         settings: &Settings,
         find: impl FnOnce(&mut Vec<[u32; 2]>) -> Result<u64, QueryError>,
     ) -> Result<PairMask, QueryError> {
-        let mut working = self.begin();
         let Asked { boxes, encoding, mask, .. } = *asked;
         let (mut memory, mut found) = (self.spares.replies.take(), self.spares.found.take());
         let answer = mask.answer(boxes, encoding, threads, &mut found, &mut memory, find)?;
         self.spares.found.give(found);
-        working.used(answer.threads);
         let written = Written::by(&Precision::Exact);
         Ok(self.mask(memory, mask.n(), &answer, written, settings))
     }

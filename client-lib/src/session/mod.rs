@@ -38,7 +38,6 @@ mod link;
 #[allow(dead_code)] // It has no value, so that nothing reads or makes one.
 mod link;
 mod local;
-mod pace;
 mod pairs;
 mod pending;
 mod scene;

@@ -1,15 +1,15 @@
-//! The time that a daemon's processes have used, by the kernel's account.
+//! The CPU time that processes have used, by the kernel's account: a daemon's, and this one's.
 
 use std::time::{Duration, Instant};
 
 use pairmask_transport::RuntimeDir;
 use pairmask_wire::InstanceName;
+use rustix::time::{ClockId, clock_gettime};
 
 /// The worker and the supervisor of an instance.
 #[derive(Clone, Debug)]
 pub struct DaemonCpu {
     processes: [u32; 2],
-    tick: Duration,
 }
 
 /// A moment from which the use is counted.
@@ -23,40 +23,61 @@ impl DaemonCpu {
     /// The processes that serve an instance now; `None` where none do.
     pub fn of(dir: &RuntimeDir, instance: &InstanceName) -> Option<Self> {
         let record = dir.serving(instance).read_record(instance)?;
-        let ticks = u32::try_from(rustix::param::clock_ticks_per_second()).unwrap_or(u32::MAX);
-        Some(Self {
-            processes: [record.worker_pid, record.supervisor_pid],
-            tick: Duration::from_secs(1) / ticks.max(1),
-        })
+        Some(Self { processes: [record.worker_pid, record.supervisor_pid] })
     }
 
     pub fn since_now(&self) -> Since {
         Since { at: Instant::now(), used: self.used() }
     }
 
-    /// Percent of a core that was used since then: 100 is one core all the time. The kernel counts in
-    /// ticks of 10 ms: in a second, a percent is within its error.
-    pub fn percent(&self, since: &Since) -> f64 {
-        let used = self.used().saturating_sub(since.used);
-        percent(used, since.at.elapsed())
+    /// What was used since then. The kernel counts in ticks of 10 ms: in a second, a percent is within its error.
+    pub fn used_since(&self, since: &Since) -> Used {
+        Used { cpu: self.used().saturating_sub(since.used), time: since.at.elapsed() }
     }
 
     /// User and system time of both processes so far; a process that is gone counts nothing.
     fn used(&self) -> Duration {
-        let ticks: u64 = self.processes.iter().map(|process| ticks_of(*process)).sum();
-        self.tick.saturating_mul(u32::try_from(ticks).unwrap_or(u32::MAX))
+        self.processes.iter().filter_map(|process| cpu_of(*process)).sum()
     }
 }
 
-/// A hundredth of a percent is more than the kernel tells.
-fn percent(used: Duration, window: Duration) -> f64 {
-    let share = used.as_secs_f64() / window.as_secs_f64().max(f64::MIN_POSITIVE);
-    (share * 1e4).round() / 1e2
+/// CPU time that was used within a time.
+#[derive(Clone, Copy, Debug)]
+pub struct Used {
+    cpu: Duration,
+    time: Duration,
 }
 
-fn ticks_of(process: u32) -> u64 {
-    let stat = std::fs::read_to_string(format!("/proc/{process}/stat")).unwrap_or_default();
-    ticks_in(&stat).unwrap_or(0)
+impl Used {
+    /// Percent of a core: 100 is one core all the time. A hundredth is more than the kernel tells.
+    pub fn percent(&self) -> f64 {
+        let share = self.cpu.as_secs_f64() / self.time.as_secs_f64().max(f64::MIN_POSITIVE);
+        (share * 1e4).round() / 1e2
+    }
+
+    /// CPU time of each of so many frames, ns.
+    pub fn ns_a_frame(&self, frames: u64) -> u64 {
+        nanoseconds_a(self.cpu, frames)
+    }
+}
+
+/// CPU time of all threads of this process so far.
+pub fn own_cpu() -> Duration {
+    let used = clock_gettime(ClockId::ProcessCPUTime);
+    // The clock counts from zero.
+    Duration::new(used.tv_sec.unsigned_abs(), used.tv_nsec.unsigned_abs() as u32)
+}
+
+/// A share of some time, ns, of so many equal ones.
+pub fn nanoseconds_a(time: Duration, shares: u64) -> u64 {
+    u64::try_from(time.as_nanos() / u128::from(shares.max(1))).unwrap_or(u64::MAX)
+}
+
+/// CPU time of a process so far; `None` for one that is gone or hidden.
+pub fn cpu_of(process: u32) -> Option<Duration> {
+    let ticks = ticks_in(&std::fs::read_to_string(format!("/proc/{process}/stat")).ok()?)?;
+    let a_second = rustix::param::clock_ticks_per_second().max(1);
+    Some(Duration::from_nanos(ticks.saturating_mul(1_000_000_000 / a_second)))
 }
 
 /// User and system time in a process's `stat`. Its second field, the name in brackets, may hold spaces
@@ -86,15 +107,18 @@ mod tests {
 
     #[test]
     fn a_busy_process_uses_a_core_and_one_that_is_gone_nothing() {
-        let tick = Duration::from_millis(10);
-        let own = DaemonCpu { processes: [std::process::id(), 0], tick };
+        let own = DaemonCpu { processes: [std::process::id(), 0] };
         let since = own.since_now();
         // However slow the machine: some work has to be counted at last, of this thread or of another test's.
-        while own.percent(&since) <= 0.0 {
+        let before = own_cpu();
+        while own.used_since(&since).percent() <= 0.0 {
             std::hint::spin_loop();
         }
-        let gone = DaemonCpu { processes: [0, 0], tick };
-        assert!(gone.percent(&gone.since_now()) <= 0.0);
-        assert!((percent(tick * 25, Duration::from_secs(1)) - 25.0).abs() < 1e-9);
+        assert!(own_cpu() > before);
+        let gone = DaemonCpu { processes: [0, 0] };
+        assert!(gone.used_since(&gone.since_now()).percent() <= 0.0);
+        let used = Used { cpu: Duration::from_millis(250), time: Duration::from_secs(1) };
+        assert!((used.percent() - 25.0).abs() < 1e-9);
+        assert_eq!([used.ns_a_frame(1_000), used.ns_a_frame(0)], [250_000, 250_000_000]);
     }
 }

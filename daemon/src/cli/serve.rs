@@ -1,6 +1,6 @@
 //! `serve`: the daemon.
 
-use std::num::{NonZeroU16, NonZeroU32};
+use std::num::{NonZeroU16, NonZeroU32, NonZeroUsize};
 use std::time::Duration;
 
 use clap::Args;
@@ -20,6 +20,7 @@ use crate::spawn;
 Examples:
   pairmaskd serve                             the instance named `default`
   pairmaskd serve --instance world --spin-us 1000
+  pairmaskd serve --threads 4                 leaves the other cores to games
   pairmaskd serve --audit 1/1000              missed and extra pairs are counted in `status`
 
 A second daemon for the same instance is refused. A daemon without work sleeps.")]
@@ -29,6 +30,9 @@ pub struct Serve {
     /// [default: 50]
     #[arg(long, value_parser = whole_number::<u64>, env = "PAIRMASK_SPIN_US", value_name = "N")]
     spin_us: Option<u64>,
+    /// Threads that cull; a short frame uses one or two of them [default: as many as there are cores]
+    #[arg(long, value_parser = whole_number::<NonZeroUsize>, env = "PAIRMASK_THREADS", value_name = "N")]
+    threads: Option<NonZeroUsize>,
     /// Clients at a time [default: 16]
     #[arg(long, value_parser = whole_number::<NonZeroU16>, env = "PAIRMASK_MAX_CLIENTS", value_name = "N")]
     max_clients: Option<NonZeroU16>,
@@ -97,6 +101,7 @@ impl Serve {
                     |n| u64::from(n) << 20,
                 ),
             },
+            threads: self.threads.or(place.file.threads),
             spin: spin_us.map_or(DEFAULT_SPIN, Duration::from_micros),
             gpu: self.options.gpus(place),
             restarted: self.restarted,

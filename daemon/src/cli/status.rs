@@ -13,6 +13,7 @@ use pairmask_wire::{
 use serde::Serialize;
 use serde_json::{Value, json};
 
+use super::daemon_cpu::{cpu_of, nanoseconds_a};
 use super::options::Place;
 use super::output::{print_json, print_text, time_text};
 use super::program::Result;
@@ -70,6 +71,8 @@ struct Counters {
     skips: SkipTotals,
     gpus: GpuCounts,
     age: Duration,
+    /// CPU time of the worker since it began; `None` where /proc does not show it.
+    cpu: Option<Duration>,
 }
 
 impl Status {
@@ -166,7 +169,7 @@ impl Instance {
 
 impl Counters {
     fn json(&self) -> Value {
-        let Self { body, skips, gpus, age } = self;
+        let Self { body, skips, gpus, age, cpu } = self;
         let AuditCounts { one_in, frames, skipped, pairs, missed, extra } = body.audit;
         let audit = json!({
             "one_in": one_in,
@@ -187,6 +190,7 @@ impl Counters {
         json!({
             "age_ns": age.as_nanos() as u64,
             "uptime_ns": body.uptime_ns,
+            "cpu_ns": cpu.map(|cpu| cpu.as_nanos() as u64),
             "clients": body.client_count,
             "gpus_opening": gpus.opening,
             "gpus": gpus.open,
@@ -209,7 +213,7 @@ impl Counters {
     }
 
     fn write_to(&self, text: &mut String) -> std::fmt::Result {
-        let Self { body, skips, gpus, .. } = self;
+        let Self { body, skips, gpus, cpu, .. } = self;
         let StatusBody { client_count, frames, boxes, spheres, pairs, errors, .. } = body;
         let gpus = match (gpus.opening, gpus.open) {
             (0, 0) => String::new(),
@@ -224,6 +228,11 @@ impl Counters {
             text,
             "  {frames} frames, {boxes} boxes,{spheres} {pairs} pairs, {errors} errors"
         )?;
+        if let Some(cpu) = cpu {
+            let [all, each] = [1, *frames].map(|shares| time_text(nanoseconds_a(*cpu, shares)));
+            let a_frame = if *frames == 0 { String::new() } else { format!(", {each} a frame") };
+            writeln!(text, "  CPU time {all}{a_frame}")?;
+        }
         let skipped = Skipped::from(skips);
         if skipped != Skipped::default() {
             writeln!(text, "  skipped {skipped}; {} frames equal to the last", skips.repeats)?;
@@ -281,7 +290,8 @@ fn ask(dir: &RuntimeDir, name: &InstanceName, record: &DaemonRecord) -> Answer {
             Err(error) => return Answer::Silent(None, error.to_string()),
         };
         let (body, skips, gpus) = (*status.body(), *status.skips(), status.gpus());
-        let counters = Counters { body, skips, gpus, age: dir.status_age(name) };
+        let counters =
+            Counters { body, skips, gpus, age: dir.status_age(name), cpu: cpu_of(body.pid) };
         if *before.get_or_insert(status) != status {
             return Answer::Alive(counters);
         }
@@ -320,7 +330,13 @@ fn ask_over_wire(dir: &RuntimeDir, name: &InstanceName) -> Answer {
             let client_count = body.client_count.saturating_sub(1);
             let body = StatusBody { client_count, ..body };
             let (skips, gpus) = Default::default();
-            Answer::Alive(Counters { body, skips, gpus, age: Duration::ZERO })
+            Answer::Alive(Counters {
+                body,
+                skips,
+                gpus,
+                age: Duration::ZERO,
+                cpu: cpu_of(body.pid),
+            })
         }
         Err(error) => Answer::Silent(None, error.to_string()),
     }

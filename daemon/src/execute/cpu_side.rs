@@ -56,8 +56,7 @@ impl CpuSide {
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullAnswer, CullError> {
         let (engines, boxes, expand_ns) = self.expand(boxes, &planned.options);
-        let input = planned.plan.input(boxes);
-        let (engine, mut report) = engines.run(planned.plan.engine, &input, reply)?;
+        let (engine, mut report) = engines.run_plan(&planned.plan, boxes, reply)?;
         report.times.ingest_ns += expand_ns;
         Ok(planned.answer(report, engine))
     }

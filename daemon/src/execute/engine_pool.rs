@@ -6,10 +6,9 @@
 
 use std::cell::Cell;
 use std::sync::{Mutex, TryLockError};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use crate::locked;
-use pairmask_core::AwakePool;
 use rayon::{ThreadPool, ThreadPoolBuildError, ThreadPoolBuilder};
 use rustix::time::{ClockId, clock_gettime};
 
@@ -18,7 +17,7 @@ use rustix::time::{ClockId, clock_gettime};
 pub struct EnginePool {
     pool: ThreadPool,
     /// Held while a frame is culled in the pool.
-    awake: Mutex<AwakePool>,
+    turn: Mutex<()>,
 }
 
 impl EnginePool {
@@ -29,7 +28,7 @@ impl EnginePool {
             .use_current_thread()
             .thread_name(|index| format!("engine-{index}"))
             .build()?;
-        Ok(Self { pool, awake: Mutex::default() })
+        Ok(Self { pool, turn: Mutex::default() })
     }
 
     pub fn threads(&self) -> usize {
@@ -39,40 +38,32 @@ impl EnginePool {
     /// Does work in the pool, as soon as no other thread does: on this thread where it is the pool's
     /// own, else on one that is handed the work.
     pub fn work<R: Send>(&self, work: impl FnOnce() -> R + Send) -> R {
-        self.work_in(&locked(&self.awake), work)
+        let _turn = locked(&self.turn);
+        self.work_in(work)
     }
 
     /// Does work in the pool with `true`, or where another thread works there with `false` on this thread, at once:
     /// for what must not wait for the end of a large frame.
     pub fn work_here_if_taken<R: Send>(&self, work: impl FnOnce(bool) -> R + Send) -> R {
-        match self.awake.try_lock() {
-            Ok(awake) => self.work_in(&awake, || work(true)),
-            Err(TryLockError::Poisoned(awake)) => self.work_in(&awake.into_inner(), || work(true)),
-            Err(TryLockError::WouldBlock) => work(false),
-        }
+        let _turn = match self.turn.try_lock() {
+            Ok(turn) => turn,
+            Err(TryLockError::Poisoned(turn)) => turn.into_inner(),
+            Err(TryLockError::WouldBlock) => return work(false),
+        };
+        self.work_in(|| work(true))
     }
 
-    fn work_in<R: Send>(&self, awake: &AwakePool, work: impl FnOnce() -> R + Send) -> R {
+    fn work_in<R: Send>(&self, work: impl FnOnce() -> R + Send) -> R {
         if self.pool.current_thread_index().is_some() {
-            return awake.work(|| self.pool.install(work));
+            return self.pool.install(work);
         }
         let timed = || {
             let timer = CpuTimer::start();
             (work(), timer.elapsed())
         };
-        let (result, used) = awake.work(|| self.pool.install(timed));
+        let (result, used) = self.pool.install(timed);
         note_in_pool(used);
         result
-    }
-
-    /// Keeps `threads` threads awake until `until`, this one among them. Does nothing on a thread that
-    /// is not the pool's own, and while another one works in the pool.
-    pub fn keep_until(&self, threads: usize, until: Instant) {
-        match self.awake.try_lock() {
-            Ok(mut awake) => awake.keep_until(threads, until),
-            Err(TryLockError::Poisoned(awake)) => awake.into_inner().keep_until(threads, until),
-            Err(TryLockError::WouldBlock) => {}
-        }
     }
 }
 

@@ -14,6 +14,7 @@ pub(crate) use self::supervisor::stop;
 pub use self::supervisor::{FILES_PER_CLIENT, supervise};
 pub use self::worker::work;
 
+use std::num::NonZeroUsize;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
@@ -35,6 +36,8 @@ pub struct ServeSettings {
     /// Where instances live.
     pub dir: RuntimeDir,
     pub limits: Limits,
+    /// Threads that cull; `None` is one a core.
+    pub threads: Option<NonZeroUsize>,
     /// How long the worker spins for the next request before it sleeps: longer for a client that comes
     /// back within a millisecond, and from shortly before a steady client's next frame is due; not at all
     /// where this is zero.

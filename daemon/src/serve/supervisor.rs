@@ -196,8 +196,12 @@ impl StopSignals {
 fn spawn_worker(settings: &ServeSettings, restarted: bool) -> Result<Child, ServeError> {
     let binary =
         std::env::current_exe().map_err(ServeError::system("finding the daemon's binary"))?;
-    Command::new(binary)
-        .args(["serve", "--worker", &std::process::id().to_string()])
+    let mut command = Command::new(binary);
+    command.args(["serve", "--worker", &std::process::id().to_string()]);
+    if let Some(threads) = settings.threads {
+        command.args(["--threads", &threads.to_string()]);
+    }
+    command
         .args(["--instance", settings.instance.as_str()])
         .args(["--spin-us", &settings.spin.as_micros().to_string()])
         .args(["--max-clients", &settings.limits.max_clients.to_string()])

@@ -54,7 +54,8 @@ pub fn work(settings: &ServeSettings, supervisor: u32) -> Result<(), ServeError>
     let beating = Beating::start(&settings.dir, &settings.instance)?;
     let settings =
         &ServeSettings { limits: limits_that_fit(&settings.limits)?, ..settings.clone() };
-    let threads = std::thread::available_parallelism().map_or(1, usize::from);
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    let threads = settings.threads.map_or(cores, usize::from).min(cores);
     let pool = Arc::new(EnginePool::with_this_thread(threads)?);
 
     // Beside what follows.
@@ -106,7 +107,7 @@ pub fn work(settings: &ServeSettings, supervisor: u32) -> Result<(), ServeError>
         Arc::clone(&pool),
         auditor,
     );
-    let lanes = Lanes::new(intake, wake, responder, Arc::clone(&pool), settings, &janitor, &stop);
+    let lanes = Lanes::new(intake, wake, responder, pool.threads(), settings, &janitor, &stop);
     lanes.run()?;
     // Without a record it is no worker that died: the supervisor waits for its status.
     settings.dir.remove_record(&settings.instance);

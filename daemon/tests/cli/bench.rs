@@ -16,12 +16,16 @@ fn latency(place: &Place, flags: &str) -> Finished {
 
 fn check_row(row: &Value, n: u32, backend: &str, wait: &str) {
     let mut fields = names(
-        "n backend wait engine frames precision box_bytes requests decode_threads daemon_cpu_percent",
+        "n backend wait engine frames precision box_bytes requests decode_threads daemon_cpu_percent \
+         daemon_cpu_ns client_cpu_ns",
     );
     fields.extend(STAGES);
     assert_eq!(keys(row), fields);
     assert_eq!((&row["n"], &row["frames"]), (&n.into(), &12.into()));
-    assert_eq!(row["daemon_cpu_percent"].is_number(), backend == "daemon", "{row}");
+    for of_daemon in ["daemon_cpu_percent", "daemon_cpu_ns"] {
+        assert_eq!(row[of_daemon].is_number(), backend == "daemon", "{row}");
+    }
+    assert!(row["client_cpu_ns"].as_u64() > Some(0), "{row}");
     assert_eq!((&row["backend"], &row["wait"]), (&backend.into(), &wait.into()));
     for stage in STAGES {
         assert_eq!(keys(&row[stage]), names("p50 p90 p99 p999 max"));
@@ -93,10 +97,10 @@ fn a_row_for_a_scene_from_a_file_and_for_every_precision() {
 fn text_has_a_table_for_each_row() {
     let finished = latency(&Place::new(), "--n 10,20 --backend in-process");
     assert_eq!(finished.code, Some(0), "{finished:?}");
-    for part in ["10 boxes, in-process", "20 boxes, in-process", "p99.9", "decode"] {
+    for part in ["10 boxes, in-process", "20 boxes, in-process", "a frame: client", "decode"] {
         assert!(finished.stdout.contains(part), "{finished:?}");
     }
-    let (_, table) = finished.stdout.split_once("µs").unwrap();
+    let (_, table) = finished.stdout.split_once("\nµs").unwrap();
     assert!(table.lines().nth(1).unwrap().starts_with("total"), "{finished:?}");
 }
 

@@ -41,7 +41,7 @@ fn a_daemon_reports_what_it_did() {
     assert_eq!((&instance["instance"], &instance["state"]), (&"default".into(), &"alive".into()));
     assert_eq!(instance["pid"], daemon.record().unwrap().worker_pid);
     let reported = &instance["daemon"];
-    let fields = "age_ns uptime_ns clients gpus_opening gpus frames boxes spheres pairs scenes \
+    let fields = "age_ns uptime_ns cpu_ns clients gpus_opening gpus frames boxes spheres pairs scenes \
                   scene_mib repeats skipped errors last_errors audit";
     assert_eq!(keys(reported), names(fields));
     assert_eq!((&reported["spheres"], &reported["scenes"]), (&0.into(), &0.into()));

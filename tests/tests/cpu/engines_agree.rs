@@ -9,9 +9,8 @@
 //! ```
 
 use std::thread;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
-use pairmask_core::AwakePool;
 use pairmask_core::engine::{Grid, SweepAndPrune, Tree};
 use pairmask_tests::golden::{self, GOLDEN};
 use pairmask_tests::oracle::pair_set_hash;
@@ -98,28 +97,27 @@ fn the_golden_scenes_of_all_clients_have_their_pairs() {
     assert_eq!(scenes, GOLDEN.len());
 }
 
-/// As in a daemon with enough cores: frame after frame, with threads awake in between for longer or
-/// shorter than the pause.
+/// Frame after frame in one pool, whose threads sleep, or still look for work, when the next one begins.
 #[test]
-fn threads_that_are_kept_awake_find_the_golden_pairs() {
+fn frames_of_a_team_after_pauses_have_the_golden_pairs() {
     let golden = GOLDEN.map(|(name, hash)| (name, hash, golden::scene(name)));
     let work = move || {
-        let _pool =
-            ThreadPoolBuilder::new().num_threads(4).use_current_thread().build().expect("a pool");
-        let mut awake = AwakePool::default();
         let mut engines = cpu_engines();
         for frame in 0..golden.len() * engines.len() {
             let (name, hash, scene) = &golden[frame / engines.len()];
             let place = frame % engines.len();
             let engine = engines[place].as_mut();
-            let found = awake.work(|| pair_set_hash(&pairs_here(engine, scene.boxes())));
+            let found = pair_set_hash(&pairs_here(engine, scene.boxes()));
             assert_eq!(found, *hash, "{name}, frame {frame}");
-            let kept_awake = 4 - frame / 10 % 2;
-            awake.keep_until(kept_awake, Instant::now() + Duration::from_micros(place as u64 * 60));
-            thread::sleep(Duration::from_micros(frame as u64 % 2 * 100));
+            thread::sleep(Duration::from_micros(frame as u64 % 3 * 60));
         }
     };
-    thread::spawn(work).join().expect("the golden pairs");
+    let member = move || {
+        let pool = ThreadPoolBuilder::new().num_threads(4).use_current_thread().build();
+        let _pool = pool.expect("a pool");
+        work();
+    };
+    thread::spawn(member).join().expect("the golden pairs");
 }
 
 /// Scenes of a size, those with quadratic numbers of pairs smaller.

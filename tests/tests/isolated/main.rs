@@ -34,6 +34,7 @@ fn settings(dir: &Path) -> ServeSettings {
         instance: InstanceName::default(),
         dir: RuntimeDir::at(dir),
         limits: Limits::default(),
+        threads: None,
         spin: Duration::from_micros(50),
         gpu: GpuChoice::None.into(),
         gpu_awake: Duration::ZERO,

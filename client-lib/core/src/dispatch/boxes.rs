@@ -2,8 +2,9 @@
 
 use std::time::Instant;
 
-use super::crowded::{Crowded, TAKES_OVER};
+use super::crowded::{Barred, Crowded, TAKES_OVER};
 use super::filtered::{Laid, Worlds};
+use super::learned::Learned;
 use super::{CullAnswer, nanoseconds_since};
 use crate::engine::{
     AvailableIsa, CullError, CullInput, CullReport, Engine, EngineChoice, EngineName, RecentNeed,
@@ -13,6 +14,7 @@ use crate::plan::{
     Calibration, Capabilities, CullOptions, GpuCost, Plan, PlanMemory, SceneStats, plan,
 };
 use crate::precision::BoxSlice;
+use crate::team::most_threads;
 use crate::units::BoxCount;
 
 /// All CPU engines, with the scratch memory and the order that they keep from frame to frame.
@@ -21,6 +23,7 @@ pub struct CpuEngines {
     calibration: Calibration,
     plans: PlanMemory,
     crowded: Option<Crowded>,
+    learned: Learned,
     /// Memory of frames with rules: of those of many worlds, and of tests.
     pub(super) worlds: Worlds,
     pub(super) filter_memory: Laid,
@@ -70,6 +73,7 @@ impl CpuEngines {
             calibration,
             plans: PlanMemory::default(),
             crowded: None,
+            learned: Learned::default(),
             worlds: Worlds::on(isa),
             filter_memory: Laid::default(),
             rules_need: RecentNeed::NONE,
@@ -117,7 +121,7 @@ impl CpuEngines {
     ) -> Plan {
         let boxes = boxes.into();
         let gpu = gpu.map(|cost| cost.of_form(boxes.form()));
-        let capabilities = Capabilities { threads: threads_for(options), gpu };
+        let capabilities = Capabilities { threads: most_threads(options.threads), gpu };
         let n = BoxCount::of_len(boxes.len());
         if let Some(again) = n.and_then(|n| self.plans.again(n, &capabilities, options)) {
             return self.replanned(again);
@@ -143,13 +147,33 @@ impl CpuEngines {
         self.replanned(plan)
     }
 
-    /// The plan, where the scene was handed over for the engine that takes it.
+    /// The plan by what was learned, without the engines that handed the scene over.
     #[allow(clippy::large_types_passed_by_value)] // It is the result of what calls this.
     fn replanned(&mut self, mut plan: Plan) -> Plan {
-        if let Some(crowded) = &mut self.crowded {
-            crowded.replan(&mut plan);
-        }
+        let crowded = self.crowded.as_mut();
+        let barred = crowded.map_or(Barred::default(), |crowded| crowded.bars(&plan));
+        self.learned.replan(&mut plan, barred);
         plan
+    }
+
+    /// Finds the pairs of a frame as it is planned, for a CPU engine, and learns from what it took. As
+    /// [`Self::run`].
+    ///
+    /// # Errors
+    /// As [`Self::run`].
+    pub fn run_plan(
+        &mut self,
+        plan: &Plan,
+        boxes: BoxSlice<'_>,
+        reply: &mut dyn ReplyBuffer,
+    ) -> Result<(EngineName, CullReport), CullError> {
+        let (engine, report) = self.run(plan.engine, &plan.input(boxes), reply)?;
+        if let Some(candidate) = plan.candidates[plan.engine.place()] {
+            let has_handed_over = engine != plan.engine;
+            let took_ns = if has_handed_over { u64::MAX } else { report.times.sum_ns() };
+            self.learned.note(&candidate, plan.stats.n, took_ns);
+        }
+        Ok((engine, report))
     }
 
     /// Runs a CPU engine, and `cpu-tree` where that one finds the scene too crowded and may hand it over: the
@@ -172,8 +196,8 @@ impl CpuEngines {
         }
     }
 
-    /// Notes that a frame of so many boxes was too crowded for an engine: the frames to come go to `cpu-tree`, and
-    /// one at times to the engine that the plan chooses.
+    /// Notes that a frame of so many boxes was too crowded for an engine: the frames to come go to others, and one at
+    /// times to it.
     pub fn note_crowded(&mut self, n: usize, engine: EngineName) {
         self.crowded = BoxCount::of_len(n).map(|n| Crowded::again(self.crowded, n, engine));
     }
@@ -222,7 +246,7 @@ impl CpuEngines {
     ) -> Result<CullAnswer, CullError> {
         let boxes = boxes.into();
         self.cull_by(boxes, options, reply, |engines, plan, reply| {
-            engines.run(plan.engine, &plan.input(boxes), reply)
+            engines.run_plan(plan, boxes, reply)
         })
     }
 
@@ -254,18 +278,6 @@ impl CpuEngines {
                     options = options.after(plan.encoding, &error, n, limit_words).ok_or(error)?;
                 }
             }
-        }
-    }
-}
-
-/// Threads that a frame may use: as many as its options allow and the calling thread's pool has. A frame
-/// of one thread asks for no pool: outside of one, that would start the global pool.
-pub(super) fn threads_for(options: &CullOptions) -> usize {
-    match options.threads {
-        Some(0 | 1) => 1,
-        threads => {
-            let pool = rayon::current_num_threads();
-            threads.unwrap_or(pool).clamp(1, pool)
         }
     }
 }

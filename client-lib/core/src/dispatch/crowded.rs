@@ -5,49 +5,53 @@ use crate::engine::{EngineChoice, EngineName};
 use crate::plan::Plan;
 use crate::units::BoxCount;
 
-/// The engine that takes scenes over: it has none that it does badly.
+/// The engine that takes a frame over: there is none that it does badly.
 pub(super) const TAKES_OVER: EngineName = EngineName::CpuTree;
 
 /// Boxes may be more or fewer by one in so many.
 const ALIKE_BOXES: u32 = 8;
 
+/// Engines, by their places, that do not get a scene for a while.
+pub(super) type Barred = [bool; EngineName::ALL.len()];
+
 /// The scene that was handed over last.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Crowded {
     n: BoxCount,
-    /// The engine that handed it over.
-    by: EngineName,
-    /// Frames until the planned engine is tried again.
+    /// The engines that handed it over.
+    barred: Barred,
+    /// Frames until these are tried again.
     backoff: Backoff,
 }
 
 impl Crowded {
     /// After a scene of `n` boxes was handed over by an engine.
     pub fn again(before: Option<Self>, n: BoxCount, by: EngineName) -> Self {
-        let mut backoff = match before {
-            Some(before) if before.is_of(n) => before.backoff,
-            _ => Backoff::NONE,
-        };
+        let same = before.filter(|before| before.is_of(n));
+        let (mut barred, mut backoff) =
+            same.map_or((Barred::default(), Backoff::NONE), |same| (same.barred, same.backoff));
+        barred[by.place()] = true;
         backoff.failed();
-        Self { n, by, backoff }
+        Self { n, barred, backoff }
     }
 
     fn is_of(&self, n: BoxCount) -> bool {
         n.get().abs_diff(self.n.get()) <= self.n.get() / ALIKE_BOXES
     }
 
-    /// Changes a plan to the engine that takes over, where this is its scene.
-    pub fn replan(&mut self, plan: &mut Plan) {
-        // A GPU may find cells where cores find none: what it hands over, they do not try.
-        let is_its = plan.options.engine == EngineChoice::Auto
-            && (self.by.is_gpu() || !plan.engine.is_gpu())
-            && self.is_of(plan.stats.n);
-        if let Some(over) = plan.candidates[TAKES_OVER.place()]
-            && is_its
-            && self.backoff.is_waiting()
-        {
-            (plan.engine, plan.encoding, plan.threads) = (over.engine, over.encoding, over.threads);
+    /// The engines that do not get the next frame, planned so.
+    pub fn bars(&mut self, plan: &Plan) -> Barred {
+        let is_its = plan.options.engine == EngineChoice::Auto && self.is_of(plan.stats.n);
+        if !is_its || !self.backoff.is_waiting() {
+            return Barred::default();
         }
+        let mut barred = self.barred;
+        if EngineName::ALL.iter().any(|engine| engine.is_gpu() && barred[engine.place()]) {
+            // Cores find no cells where a GPU finds none.
+            barred[EngineName::CpuGrid.place()] = true;
+            barred[EngineName::CpuSap.place()] = true;
+        }
+        barred
     }
 }
 
@@ -64,33 +68,47 @@ mod tests {
         plan(&stats, &capabilities, &Calibration::built_in(Isa::Avx2), &options)
     }
 
-    fn replanned(crowded: &mut Crowded, plan: &Plan) -> Plan {
-        let mut plan = *plan;
-        crowded.replan(&mut plan);
-        plan
+    fn barred(engines: &[EngineName]) -> Barred {
+        let mut barred = Barred::default();
+        for engine in engines {
+            barred[engine.place()] = true;
+        }
+        barred
     }
 
     #[test]
-    fn a_crowded_scene_goes_to_the_tree_and_the_engine_is_tried_ever_more_seldom() {
+    fn engines_that_handed_a_scene_over_are_tried_ever_more_seldom() {
+        use EngineName::{CpuGrid, CpuSap};
         let n = BoxCount::new(50_000);
-        let chosen = planned(n.get(), EngineChoice::Auto);
-        assert_eq!(chosen.engine, EngineName::CpuGrid);
-        let mut crowded = Crowded::again(None, n, chosen.engine);
-        for frames in [1, 2, 4].map(|times| times * Backoff::LEAST) {
+        let plan = planned(n.get(), EngineChoice::Auto);
+        let mut crowded = Crowded::again(None, n, CpuGrid);
+        assert_eq!(crowded.bars(&plan), barred(&[CpuGrid]));
+        crowded = Crowded::again(Some(crowded), n, CpuSap);
+        for frames in [2, 4, 8].map(|times| times * Backoff::LEAST) {
             for _ in 0..frames {
-                assert_eq!(replanned(&mut crowded, &chosen).engine, TAKES_OVER);
+                assert_eq!(crowded.bars(&plan), barred(&[CpuGrid, CpuSap]));
             }
-            assert_eq!(replanned(&mut crowded, &chosen), chosen);
-            crowded = Crowded::again(Some(crowded), n, chosen.engine);
+            assert_eq!(crowded.bars(&plan), Barred::default());
+            crowded = Crowded::again(Some(crowded), n, CpuSap);
         }
+    }
+
+    #[test]
+    fn cores_do_not_try_what_a_gpu_handed_over() {
+        use EngineName::{CpuGrid, CpuSap, GpuGrid};
+        let plan = planned(50_000, EngineChoice::Auto);
+        let mut crowded = Crowded::again(None, plan.stats.n, GpuGrid);
+        assert_eq!(crowded.bars(&plan), barred(&[CpuGrid, CpuSap, GpuGrid]));
     }
 
     #[test]
     fn other_scenes_and_forced_engines_stay() {
         let mut crowded = Crowded::again(None, BoxCount::new(50_000), EngineName::CpuGrid);
-        let larger = planned(60_000, EngineChoice::Auto);
-        assert_eq!(replanned(&mut crowded, &larger), larger);
-        let forced = planned(50_000, EngineChoice::Only(EngineName::CpuSap));
-        assert_eq!(replanned(&mut crowded, &forced), forced);
+        for plan in [
+            planned(60_000, EngineChoice::Auto),
+            planned(50_000, EngineChoice::Only(EngineName::CpuGrid)),
+        ] {
+            assert_eq!(crowded.bars(&plan), Barred::default());
+        }
     }
 }

@@ -4,6 +4,7 @@ mod answer;
 mod boxes;
 mod crowded;
 mod filtered;
+mod learned;
 mod spheres;
 
 pub use answer::{CullAnswer, StageTimes, nanoseconds_since};

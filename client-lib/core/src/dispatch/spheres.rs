@@ -2,16 +2,19 @@
 
 use std::time::Instant;
 
-use super::boxes::threads_for;
 use super::{CpuEngines, CullAnswer, CullOptions, StageTimes, nanoseconds_since};
 use crate::engine::{
     AvailableIsa, CullError, CullInput, EngineChoice, EngineName, PairRules, ReplyBuffer,
 };
 use crate::mask::{Encoding, EncodingChoice};
 use crate::sphere::{Sphere, SphereAllPairs, SphereFilter};
+use crate::team;
 
 /// Up to this many spheres every pair is tested: finding candidates first would take longer.
 const ALL_PAIRS_SPHERES: usize = 256;
+
+/// A test of two spheres among all takes so long on one thread, ns.
+const TEST_NS: f64 = 0.3;
 
 /// Up to this many spheres a dense mask is chosen where the client leaves it open: 16 KB.
 const DENSE_SPHERES: usize = 512;
@@ -132,7 +135,8 @@ impl SphereWays {
             return self.cull_candidates(boxes, spheres, options, encoding, reply);
         }
         let start = Instant::now();
-        let threads = threads_for(options);
+        let tests = (spheres.len() * spheres.len()) as f64 / 2.0;
+        let threads = team::threads_for(tests * TEST_NS, options.threads);
         let input = CullInput::spheres(spheres).encoding(encoding).threads(threads);
         let report = self.all_pairs.cull(&input, reply)?;
         let times = StageTimes {

@@ -93,6 +93,13 @@ pub struct EngineTimes {
     pub publish_ns: u64,
 }
 
+impl EngineTimes {
+    /// All stages.
+    pub const fn sum_ns(&self) -> u64 {
+        self.ingest_ns + self.execute_ns + self.publish_ns
+    }
+}
+
 /// The times of an engine's stages, taken as each of them ends.
 #[derive(Clone, Copy, Debug)]
 pub struct StageClock {

@@ -24,8 +24,7 @@ impl<'a> MaskView<'a> {
         self.pairs_in(0..self.word_count())
     }
 
-    /// The same pairs on the threads of the current rayon pool, split by ranges of words. Where every
-    /// frame is looked at so, an [`AwakePool`](crate::awake_pool::AwakePool) spares the threads' wake-up.
+    /// The same pairs on the threads of the current rayon pool, split by ranges of words.
     #[inline]
     #[must_use]
     pub const fn par_pairs(&self) -> ParPairs<'a> {

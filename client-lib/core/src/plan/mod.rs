@@ -34,7 +34,7 @@ mod work;
 
 pub use crate::engine::GpuCost;
 pub use crate::stats::SceneStats;
-pub use calibration::{Calibration, ThreadCost};
+pub use calibration::Calibration;
 pub use memory::PlanMemory;
 pub use options::CullOptions;
 pub use term::Term;

@@ -4,6 +4,7 @@ use super::term::Side;
 use super::{Calibration, Candidate, Capabilities, CullOptions, GpuCost, SceneStats, work};
 use crate::engine::{EngineName, EnginePlace, encoding_cost};
 use crate::mask::{Encoding, EncodingChoice};
+use crate::team;
 
 /// Counting and placing sparse words, or pairs of a list, takes a GPU so much longer than packing a
 /// small dense mask: 14.5 µs against 8.6 for both its stages at 1,000 boxes on an H200.
@@ -35,17 +36,16 @@ impl Model<'_> {
     fn way(&self, engine: EngineName, encoding: Encoding) -> Option<Candidate> {
         let constants = &self.calibration.ns;
         let (cull_ns, threads) = match work::cull_ns(engine, encoding, self.stats, constants) {
-            Some(one_ns) => self.on_threads(engine, one_ns),
+            Some(one_ns) => self.on_threads(one_ns),
             None => (self.gpu_ns(engine, encoding)?, 1),
         };
         let visit_ns = self.visit_ns(engine, encoding);
         Some(Candidate { engine, encoding, threads, predicted_ns: cull_ns + visit_ns, visit_ns })
     }
 
-    fn on_threads(&self, engine: EngineName, one_ns: f64) -> (f64, usize) {
-        let threads = self.capabilities.threads.max(1);
-        let all_ns = self.calibration.threads_of(engine).on(threads, one_ns);
-        if threads > 1 && all_ns < one_ns { (all_ns, threads) } else { (one_ns, 1) }
+    fn on_threads(&self, one_ns: f64) -> (f64, usize) {
+        let threads = team::threads_worth(one_ns, self.capabilities.threads);
+        (team::time_ns(one_ns, threads), threads)
     }
 
     /// The client's part. Its further threads are of use where there is enough to visit.
@@ -60,9 +60,7 @@ impl Model<'_> {
         };
         let one_ns = visit_ns + far_ns;
         match self.options.visit_threads {
-            Some(threads) if threads > 1 => {
-                self.calibration.visit_threads.on(threads, one_ns).min(one_ns)
-            }
+            Some(threads) if threads > 1 => team::time_ns(one_ns, threads).min(one_ns),
             _ => one_ns,
         }
     }

@@ -19,9 +19,6 @@ const LEAD: Duration = Duration::from_micros(300);
 const LAG: Duration = Duration::from_micros(150);
 /// The longest time awake for a beat: 3.6 % of a core at 60 Hz where every request comes at its end.
 const LONGEST: Duration = Duration::from_micros(600);
-/// How long before the earliest expected request engine threads are called. Each one that is awake costs
-/// as much as the thread that waits for the request.
-const ENGINES_LEAD: Duration = Duration::from_micros(120);
 /// The largest share of a period to be awake, as one in so many: it bounds rates above 370 Hz.
 const SHARE: u32 = 6;
 /// The largest share of a core that all clients together may take, as one in so many.
@@ -49,12 +46,6 @@ impl Wake {
     /// Whether it is time to spin.
     pub fn is_awake(&self, now: Instant) -> bool {
         self.sleep_until <= now && now < self.spin_until
-    }
-
-    /// When to have the engine threads that the next frame needs awake: later than the thread that
-    /// waits for its request, since there may be many.
-    pub fn engines_at(&self) -> Instant {
-        self.sleep_until.max(self.expected.checked_sub(ENGINES_LEAD).unwrap_or(self.expected))
     }
 }
 

@@ -12,8 +12,8 @@ use super::fetch::ask_for;
 use super::pair_list::{Difference, Pair, pair};
 use super::store::{BoxState, Store};
 use crate::aabb::Aabb;
-use crate::engine::strips::{for_each_in_parts, part_count, zip_in_parts};
 use crate::floats;
+use crate::team::{for_each_in_parts, part_count, zip_in_parts};
 use crate::test_budget::TestBudget;
 
 /// Boxes of a task: a search takes about 0.2 µs.

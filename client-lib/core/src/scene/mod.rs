@@ -24,11 +24,11 @@
 //!
 //! # How
 //!
-//! What was told is never stored as pairs: a change is what differs between then and now around the boxes
-//! whose state has changed (`store`), and one function says so (`change`), with the filters of then and now
-//! (`rules`). After few changes, boxes lie in cells (`cells`), and only what lies around
-//! changed boxes is looked at (`history`). Where more than one box in six has changed, one cull of all
-//! boxes finds the changes (`hulls`). Both give the same lists.
+//! A change is what differs between then and now around the boxes whose state has changed (`store`), and one function
+//! says so (`change`), with the filters of then and now (`rules`). After few changes, boxes lie in cells (`cells`), and
+//! only what lies around changed boxes is looked at (`history`): no pairs are stored. Where more than one box in six has
+//! changed, one cull finds all pairs of now (`whole`), and those that the last one found are compared with them. Both give
+//! the same lists.
 //!
 //! The two ways keep different things. The second small edit after a large one builds the cells, which takes
 //! about as long as a whole frame to three; the first one is answered as the large one was. Cells are also built anew when their layout has become unfit:
@@ -41,14 +41,11 @@ mod change;
 mod check;
 mod copy;
 mod edit;
-mod entry;
 mod error;
 mod fetch;
 mod history;
 mod huge_pages;
-mod hulls;
 mod kept;
-mod lanes;
 mod margins;
 mod options;
 mod pair_list;
@@ -76,7 +73,6 @@ use std::sync::Arc;
 
 use self::cells::Cells;
 use self::history::Changes;
-use self::options::threads_of;
 use self::pair_list::{Difference, Pair};
 use self::query::Asked;
 use self::store::Store;
@@ -85,6 +81,7 @@ use crate::aabb::Aabb;
 use crate::backoff::Backoff;
 use crate::dispatch::CpuEngines;
 use crate::engine::CullError;
+use crate::team;
 
 /// Boxes that may always change before a scene is searched as a whole.
 const FEW_BOXES: usize = 64;
@@ -93,6 +90,12 @@ const MANY_SHARE: usize = 6;
 /// Boxes up to which cells are built at the first small edit: some 100 µs. In a larger scene that edit may
 /// stand between large ones, which keep no cells: it is answered as they are, and the next one builds cells.
 const CELLS_AT_ONCE: usize = 4_096;
+
+/// A changed box that is looked around takes so long on one thread, ns: 1,000 of 100,000 take .42 ms, 10,000 of a
+/// million 8.
+const CHANGED_NS: f64 = 500.0;
+/// A box of a scene that is culled as a whole: two to three times what a frame takes.
+const WHOLE_NS: f64 = 150.0;
 
 /// What a scene knows of the pairs that were reported.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -139,6 +142,8 @@ pub struct Scene {
     known: Known,
     /// All pairs of now, where there is a list of them.
     list_now: Option<Arc<Vec<Pair>>>,
+    /// All pairs that were reported, where there is a list of them.
+    list_then: Option<Arc<Vec<Pair>>>,
     /// How many were reported.
     count_then: u64,
     reported: Reported,
@@ -149,6 +154,8 @@ pub struct Scene {
     spare: Vec<Pair>,
     /// Comparisons of the edit under way.
     tested: u64,
+    /// Threads of the edit or query under way.
+    threads: usize,
     /// What queries need.
     asked: Asked,
 }
@@ -180,12 +187,14 @@ impl Scene {
             changes: Changes::default(),
             known: Known::Same,
             list_now: None,
+            list_then: None,
             count_then: 0,
             reported: Reported::default(),
             is_open: false,
             whole: Whole::new(engines),
             spare: Vec::new(),
             tested: 0,
+            threads: 1,
             asked: Asked::default(),
         }
     }
@@ -289,8 +298,9 @@ impl Scene {
     /// [`SceneError::Edit`] for an edit that is wrong: nothing is applied, and the last answer stays.
     /// [`SceneError::Cull`] where all pairs are needed and cannot be found: the edit is applied.
     pub fn edit(&mut self, edit: Edit<'_>, report: Report) -> Result<&Reported, SceneError> {
-        let threads = self.threads();
-        self.store.apply(edit, self.options.most_boxes, threads)?;
+        self.threads = self.threads_for(edit_ns(self, edit, report));
+        let _team = team::enter(self.threads);
+        self.store.apply(edit, self.options.most_boxes, self.threads)?;
         self.is_open = false;
         self.tested = 0;
         self.reported.begin(report);
@@ -312,6 +322,10 @@ impl Scene {
             return;
         }
         self.count_then = self.reported.pair_count;
+        if !self.is_settled() || self.list_now.is_some() {
+            let then = std::mem::replace(&mut self.list_then, self.list_now.clone());
+            self.recycle(then);
+        }
         self.known = Known::Same;
         if let Some(cells) = &mut self.cells {
             cells.forget(self.store.changed());
@@ -325,8 +339,9 @@ impl Scene {
         self.is_open = false;
         self.cells = None;
         self.store.forget();
-        let now = self.list_now.take();
-        self.recycle(now);
+        for list in [self.list_now.take(), self.list_then.take()] {
+            self.recycle(list);
+        }
         self.reported.begin(Report::Nothing);
     }
 
@@ -344,9 +359,14 @@ impl Scene {
         self.known == Known::Same
     }
 
-    /// Threads that an edit may use.
-    pub fn threads(&self) -> usize {
-        threads_of(self.options.threads)
+    /// Threads of the last edit or query.
+    pub const fn threads(&self) -> usize {
+        self.threads
+    }
+
+    /// Threads that so much work is worth.
+    fn threads_for(&self, one_ns: f64) -> usize {
+        team::threads_for(one_ns, self.options.threads)
     }
 
     /// Indices are below this.
@@ -384,13 +404,13 @@ impl Scene {
             return;
         }
         self.known = Known::Few;
-        let (threads, store) = (self.threads(), &self.store);
+        let (threads, store) = (self.threads, &self.store);
         if self.cells.is_none() {
             self.cells = Some(cells_before(store, threads));
             self.asked.drop_cells();
             // Engines are asked seldom from now on.
             self.whole.give_back();
-            self.spare = Vec::new();
+            (self.list_then, self.spare) = (None, Vec::new());
         }
         if let Some(cells) = &mut self.cells {
             cells.update(store, [store.gone(), store.named()], threads);
@@ -415,7 +435,7 @@ impl Scene {
 
     /// Looks around the boxes that have changed. Where cells do not part the boxes, edits do without them for a while.
     fn report_changes_around(&mut self) -> Result<(), CullError> {
-        let threads = self.threads();
+        let threads = self.threads;
         let Some(cells) = &mut self.cells else { return Ok(()) };
         let Some((found, tested)) = self.changes.find(cells, &self.store, threads) else {
             self.known = Known::Many;
@@ -429,16 +449,27 @@ impl Scene {
     }
 
     fn report_changes_of_whole(&mut self) -> Result<(), CullError> {
-        let threads = self.threads();
-        let (found, compared) = self.whole.changes(&self.store, threads)?;
-        self.tested += compared;
+        let then = if let Some(then) = &self.list_then {
+            Arc::clone(then)
+        } else {
+            let (mut list, threads) = (std::mem::take(&mut self.spare), self.threads);
+            self.tested += self.whole.pairs_then(&self.store, threads, &mut list)?;
+            Arc::clone(self.list_then.insert(Arc::new(list)))
+        };
+        let now = self.list_now()?;
+        let found = if self.store.has_removed() {
+            let is_another = |[a, b]: Pair| self.store.was_removed(a) || self.store.was_removed(b);
+            Difference::between(&then, &now, &is_another, self.threads)
+        } else {
+            Difference::between(&then, &now, &|_| false, self.threads)
+        };
         self.report(found, true)
     }
 
     /// Tells what changed, or all pairs where they are fewer.
     fn report(&mut self, mut found: Difference, is_sorted: bool) -> Result<(), CullError> {
         if !is_sorted {
-            let threads = self.threads();
+            let threads = self.threads;
             found.sort(self.whole.sorter(), self.store.boxes().len(), threads);
         }
         let Difference { begun, ended } = found;
@@ -472,7 +503,7 @@ impl Scene {
         if let Some(now) = &self.list_now {
             return Ok(Arc::clone(now));
         }
-        let (store, threads) = (&self.store, self.threads());
+        let (store, threads) = (&self.store, self.threads);
         let mut list = std::mem::take(&mut self.spare);
         self.tested += if store.statics() > 1 || store.filters().is_used() {
             let wanted = |pair: Pair| store.may_meet(pair);
@@ -497,7 +528,7 @@ impl Scene {
             let store = &self.store;
             cells.note_searches(store.named().len() as u64, tested);
             self.tested += tested;
-            let (box_count, threads) = (store.boxes().len(), self.threads());
+            let (box_count, threads) = (store.boxes().len(), self.threads);
             self.whole.sorter().sort(&mut pairs, box_count as u32, threads);
             pairs.dedup();
         } else if !self.store.named().is_empty() {
@@ -539,6 +570,13 @@ impl Scene {
             tested: self.tested,
         }
     }
+}
+
+/// What an edit takes on one thread, about: it steers how many it gets.
+fn edit_ns(scene: &Scene, edit: Edit<'_>, report: Report) -> f64 {
+    let (named, present) = (edit.boxes(), scene.store.present().max(edit.boxes()));
+    let is_few = scene.cells.is_some() && named * MANY_SHARE <= present && report != Report::All;
+    if is_few { named as f64 * CHANGED_NS } else { present as f64 * WHOLE_NS }
 }
 
 /// The cells of a scene as it was when its history began.

@@ -79,14 +79,3 @@ pub enum MarginedPairs {
     /// there are more changes than pairs, and after the client has asked for one.
     Exact,
 }
-
-/// How many threads of the caller's rayon pool `threads` are, of [`SceneOptions`]. With one, no pool is touched.
-pub(super) fn threads_of(threads: Option<usize>) -> usize {
-    match threads {
-        Some(0 | 1) => 1,
-        threads => {
-            let pool = rayon::current_num_threads();
-            threads.map_or(pool, |threads| threads.clamp(1, pool))
-        }
-    }
-}

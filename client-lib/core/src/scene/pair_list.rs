@@ -4,7 +4,7 @@
 //! two passes over memory, whatever the number of pairs.
 
 use crate::engine::RecentNeed;
-use crate::engine::strips::{for_each_in_parts, in_parts, part_count};
+use crate::team::{for_each_in_parts, in_parts, part_count};
 
 /// A pair of box indices, the lower one first.
 pub(super) type Pair = [u32; 2];
@@ -263,26 +263,48 @@ impl Difference {
         }
     }
 
-    /// Takes out what both sorted lists hold, unless it was `replaced`.
-    pub fn cancel(&mut self, replaced: impl Fn(Pair) -> bool) {
-        let Self { begun, ended } = self;
-        let (mut kept_begun, mut kept_ended, mut at) = (0, 0, 0);
-        for i in 0..begun.len() {
-            let this = begun[i];
-            while at < ended.len() && key(ended[at]) < key(this) {
-                ended[kept_ended] = ended[at];
-                (kept_ended, at) = (kept_ended + 1, at + 1);
-            }
-            if ended.get(at) == Some(&this) && !replaced(this) {
-                at += 1;
-                continue;
-            }
-            begun[kept_begun] = this;
-            kept_begun += 1;
+    /// What differs between two sorted lists, sorted; and what both hold of pairs that are others now.
+    pub fn between(
+        then: &[Pair],
+        now: &[Pair],
+        is_another: &(impl Fn(Pair) -> bool + Sync),
+        threads: usize,
+    ) -> Self {
+        let parts = part_count(now.len(), TASK_PAIRS, threads);
+        let mut work = Vec::with_capacity(parts);
+        let (mut rest_then, mut rest_now) = (then, now);
+        for part in 1..parts {
+            let at = now.len() * part / parts - (now.len() - rest_now.len());
+            let border = key(rest_now[at]);
+            let (first, later) = rest_now.split_at(at);
+            let was = rest_then.partition_point(|pair| key(*pair) < border);
+            work.push((&rest_then[..was], first));
+            (rest_then, rest_now) = (&rest_then[was..], later);
         }
-        ended.copy_within(at.., kept_ended);
-        ended.truncate(kept_ended + ended.len() - at);
-        begun.truncate(kept_begun);
+        work.push((rest_then, rest_now));
+        let run = |work: &mut [(&[Pair], &[Pair])]| {
+            let mut found = Self::default();
+            for (then, now) in work {
+                found.add(then, now, is_another);
+            }
+            found
+        };
+        in_parts(work.as_mut_slice(), parts, &run, &Self::with)
+    }
+
+    fn add(&mut self, then: &[Pair], now: &[Pair], is_another: &impl Fn(Pair) -> bool) {
+        let (mut was, mut is) = (0, 0);
+        while was < then.len() && is < now.len() {
+            let (before, here) = (then[was], now[is]);
+            let (ends, begins) = (key(before) <= key(here), key(here) <= key(before));
+            (was, is) = (was + usize::from(ends), is + usize::from(begins));
+            if ends != begins || is_another(here) {
+                self.ended.extend(ends.then_some(before));
+                self.begun.extend(begins.then_some(here));
+            }
+        }
+        self.ended.extend_from_slice(&then[was..]);
+        self.begun.extend_from_slice(&now[is..]);
     }
 }
 
@@ -347,19 +369,28 @@ mod tests {
 
     proptest! {
         #[test]
-        fn what_ends_and_begins_cancels_out(seed in any::<u64>(), n in 2u32..60, count in 0usize..500) {
-            let [mut begun, mut ended] = [seed, !seed].map(|seed| pairs(seed, count, n));
-            begun.sort_unstable();
-            ended.sort_unstable();
-            let replaced = |pair: Pair| pair[0].is_multiple_of(7);
+        fn lists_differ_by_what_one_has_and_by_what_is_another(
+            seed in any::<u64>(),
+            n in prop_oneof![2u32..60, 200u32..400],
+            counts in [0usize..500, 0usize..60_000],
+        ) {
+            let [mut then, mut now] =
+                [(seed, counts[0]), (!seed, counts[1])].map(|(seed, count)| pairs(seed, count, n));
+            then.sort_unstable();
+            now.sort_unstable();
+            let is_another = |pair: Pair| pair[0].is_multiple_of(7);
             let without = |these: &[Pair], others: &[Pair]| -> Vec<Pair> {
-                let stays = |pair: &&Pair| replaced(**pair) || !others.contains(*pair);
-                these.iter().filter(stays).copied().collect()
+                let differs =
+                    |pair: &&Pair| is_another(**pair) || others.binary_search(pair).is_err();
+                these.iter().filter(differs).copied().collect()
             };
-            let expected = (without(&begun, &ended), without(&ended, &begun));
-            let mut found = Difference { begun, ended };
-            found.cancel(replaced);
-            prop_assert_eq!((found.begun, found.ended), expected);
+            let (begun, ended) = (without(&now, &then), without(&then, &now));
+            for threads in [1, 3] {
+                let found = Difference::between(&then, &now, &is_another, threads);
+                prop_assert!(found.begun == begun && found.ended == ended);
+                let back = Difference::between(&now, &then, &is_another, threads);
+                prop_assert!(back.begun == ended && back.ended == begun);
+            }
         }
     }
 }

@@ -152,6 +152,11 @@ impl Store {
         self.flags[index as usize] & REMOVED != 0
     }
 
+    /// Whether any index did.
+    pub const fn has_removed(&self) -> bool {
+        !self.removed.is_empty()
+    }
+
     /// Whether the last edit changed anything.
     pub const fn is_changed(&self) -> bool {
         self.is_changed

@@ -1,11 +1,10 @@
-//! All pairs of a scene, and all that changed, found anew by the engine that the plan chooses.
+//! All pairs of a scene, as it is and as it was, found anew by the engine that the plan chooses.
 
-use super::hulls::{HullMemory, Hulls};
-use super::pair_list::{Difference, PAIR_BYTES, Pair, Sorter};
+use super::pair_list::{PAIR_BYTES, Pair, Sorter};
 use super::store::Store;
 use crate::aabb::Aabb;
 use crate::dispatch::{CpuEngines, CullOptions};
-use crate::engine::{CullError, CullReport, EngineName, HeapReply, PairRules, ReserveError};
+use crate::engine::{CullError, CullReport, EngineName, HeapReply, ReserveError};
 use crate::mask::{Encoding, EncodingChoice, MaskView};
 use crate::units::BoxCount;
 
@@ -18,7 +17,6 @@ pub(super) struct Whole {
     reply: HeapReply,
     most_pairs: u64,
     sorter: Sorter,
-    hulls: HullMemory,
     last_pairs: Option<u64>,
 }
 
@@ -30,7 +28,6 @@ impl Whole {
             reply: HeapReply::with_limit_bytes(PAIR_BYTES * MOST_PAIRS),
             most_pairs: MOST_PAIRS,
             sorter: Sorter::default(),
-            hulls: HullMemory::default(),
             last_pairs: None,
         }
     }
@@ -68,66 +65,20 @@ impl Whole {
         Ok(n.pair_count().saturating_sub(answer.report.skipped.pairs))
     }
 
-    /// What began and ended since the history of a scene began, sorted, and how many pairs were
-    /// compared.
+    /// The pairs of a scene when its history began, sorted. Returns how many pairs were compared.
     ///
     /// # Errors
     /// As [`Self::pairs`].
-    pub fn changes(
+    pub fn pairs_then(
         &mut self,
         store: &Store,
         threads: usize,
-    ) -> Result<(Difference, u64), CullError> {
-        let hulls = Hulls::of(store, &mut self.hulls, threads);
-        if hulls.are_many() {
-            self.hulls = hulls.into_memory();
-            return self.changes_of_lists(store, threads);
-        }
-        let culled = self.changes_of(&hulls, threads);
-        let may_cancel = hulls.may_cancel();
-        self.hulls = hulls.into_memory();
-        let (mut found, compared) = culled?;
-        found.sort(&mut self.sorter, store.boxes().len(), threads);
-        if may_cancel {
-            found.cancel(|[a, b]| store.was_removed(a) || store.was_removed(b));
-        }
-        Ok((found, compared))
-    }
-
-    /// The same from all pairs of then and of now.
-    fn changes_of_lists(
-        &mut self,
-        store: &Store,
-        threads: usize,
-    ) -> Result<(Difference, u64), CullError> {
+        sorted: &mut Vec<Pair>,
+    ) -> Result<u64, CullError> {
         let (then, statics) = store.then();
-        let mut found = Difference::default();
-        let filters = store.filters();
         let were_still = |[a, b]: Pair| statics[a as usize] && statics[b as usize];
-        let were_pairs = |pair: Pair| !were_still(pair) && filters.met(pair);
-        let mut compared = self.pairs(&then, &were_pairs, threads, &mut found.ended)?;
-        drop(then);
-        compared +=
-            self.pairs(store.boxes(), &|pair| store.may_meet(pair), threads, &mut found.begun)?;
-        found.cancel(|[a, b]| store.was_removed(a) || store.was_removed(b));
-        Ok((found, compared))
-    }
-
-    fn changes_of(
-        &mut self,
-        hulls: &Hulls<'_>,
-        threads: usize,
-    ) -> Result<(Difference, u64), CullError> {
-        let boxes = hulls.boxes();
-        let Some(n) = BoxCount::of_len(boxes.len()).filter(|n| !n.is_empty()) else {
-            return Ok((Difference::default(), 0));
-        };
-        let options = options(threads, None);
-        let plan = self.engines.plan(boxes, &options, None);
-        let input = plan.input(boxes).rules(PairRules::tested_by(hulls));
-        let (_, report) = self.engines.run(plan.engine, &input, &mut self.reply)?;
-        let found = hulls.changes(list_of(n, &report, self.reply.words())?, threads);
-        Ok((found, n.pair_count().saturating_sub(report.skipped.pairs)))
+        let were_pairs = |pair: Pair| !were_still(pair) && store.filters().met(pair);
+        self.pairs(&then, &were_pairs, threads, sorted)
     }
 
     /// Memory to sort with.
@@ -136,17 +87,13 @@ impl Whole {
     }
 
     pub fn allocated_bytes(&self) -> usize {
-        self.engines.scratch_bytes()
-            + self.sorter.allocated_bytes()
-            + self.hulls.allocated_bytes()
-            + self.reply.allocated_bytes()
+        self.engines.scratch_bytes() + self.sorter.allocated_bytes() + self.reply.allocated_bytes()
     }
 
     /// Gives memory back that only whole scenes need.
     pub fn give_back(&mut self) {
         self.engines.give_back();
         self.sorter.give_back();
-        self.hulls = HullMemory::default();
         self.reply = HeapReply::with_limit_bytes(PAIR_BYTES * self.most_pairs);
     }
 }

@@ -8,12 +8,14 @@ use super::kernel;
 use crate::engine::brute_force::split;
 use crate::engine::encode;
 use crate::engine::gather::Gather;
-use crate::engine::strips::{WordSink, for_each_in_parts};
+use crate::engine::strips::WordSink;
 use crate::engine::word_budget::WordBudget;
 use crate::engine::{
     AvailableIsa, CullError, CullInput, CullReport, EngineName, ReplyBuffer, StageClock, counted,
     made_by_isa,
 };
+use crate::team;
+use crate::team::for_each_in_parts;
 
 /// All pairs of spheres. Rows are shared out among threads, each with storage of its own.
 ///
@@ -73,6 +75,7 @@ impl SphereAllPairs {
         let spheres = input.objects;
         let n = counted(spheres, EngineName::CpuBrute)?;
         let budget = &WordBudget::new(n, input.encoding, true, reply)?;
+        let _team = team::enter(input.threads);
         let mut clock = StageClock::start();
         let census = self.columns.ingest(spheres);
         self.order.clear();

@@ -449,12 +449,7 @@ impl RemoteScene {
 
     /// Applies an edit in this process, where the scene is made from the copy if need be.
     fn edit_here(&mut self, edit: Edit<'_>, report: Report) -> Result<(), Error> {
-        let core = Arc::clone(&self.core);
-        let mut working = core.begin_here();
-        let scene = self.here()?;
-        let edited = scene.edit(edit, report).map(drop).map_err(Error::from);
-        working.may_have_used(scene.threads());
-        edited
+        self.here()?.edit(edit, report).map(drop).map_err(Error::from)
     }
 
     /// The scene of this process, which is made from the copy if need be.

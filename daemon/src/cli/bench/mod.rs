@@ -2,7 +2,7 @@
 
 mod report;
 
-pub use self::report::{Figures, LatencyRow};
+pub use self::report::{CpuUsed, Figures, LatencyRow};
 
 use std::fmt;
 use std::num::{NonZeroU64, NonZeroUsize};
@@ -20,7 +20,7 @@ use rustix::process::Pid;
 use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
 
 use self::report::LatencyReport;
-use super::daemon_cpu::DaemonCpu;
+use super::daemon_cpu::{DaemonCpu, own_cpu};
 use super::machine::Machine;
 use super::options::{CullFlags, DaemonOptions, Place};
 use super::output::{print_json, print_text, progress_bar, spinner};
@@ -103,7 +103,8 @@ boxes have moved, inflating and writing them is part of the round trip.
 
 --backend daemon, the default, starts a daemon for the measurement unless an instance is named. auto
 takes the daemon that serves the instance, and this process where none does; in-process needs none.
-The table says who answered.
+The table says who answered, and what CPU time a frame takes of both processes: a side that spins takes
+that too.
 
 Examples:
   pairmaskd bench latency --n 1000,4096,10000 --pin
@@ -260,11 +261,11 @@ impl Latency {
         // The backend of this frame has to serve all frames.
         let first = client.frame_decoded(scene.boxes(), decoding, |_| ())?;
         let mut figures = Figures::of(&first.info);
-        let mut since = None;
+        let mut since = (None, own_cpu());
         for frame in 0..frames {
             scene.step();
             if frame == warm_up {
-                since = daemon.map(DaemonCpu::since_now);
+                since = (daemon.map(DaemonCpu::since_now), own_cpu());
             }
             let answered = client.frame_decoded(scene.boxes(), decoding, |_| ())?;
             if frame >= warm_up {
@@ -274,9 +275,12 @@ impl Latency {
                 progress.set_position(frame);
             }
         }
-        let used = daemon.zip(since).map(|(daemon, since)| daemon.percent(&since));
+        let (of_daemon, of_client) = since;
+        let of_daemon = daemon.zip(of_daemon).map(|(daemon, since)| daemon.used_since(&since));
+        let of_client = own_cpu().saturating_sub(of_client);
+        let cpu = CpuUsed::of(figures.frames, of_daemon, Some(of_client));
         progress.finish_and_clear();
-        Ok(LatencyRow::new(n, precision, wait, decode_threads, &figures, used))
+        Ok(LatencyRow::new(n, precision, wait, decode_threads, &figures, cpu))
     }
 }
 

@@ -8,6 +8,7 @@ use pairmask_core::engine::EngineId;
 use serde::{Deserialize, Serialize};
 
 use super::Wait;
+use crate::cli::daemon_cpu::{Used, nanoseconds_a};
 use crate::cli::machine::Machine;
 use crate::cli::percentiles::{Percentiles, Recorder};
 use crate::cli::program::Result;
@@ -55,6 +56,31 @@ pub struct LatencyRow {
     /// What the daemon used of a core meanwhile, percent, for all its clients; `None` where no daemon
     /// was asked.
     pub daemon_cpu_percent: Option<f64>,
+    /// CPU time of the daemon for each frame, of all its threads; `None` where no daemon was asked.
+    pub daemon_cpu_ns: Option<u64>,
+    /// The same of this process, with what it takes to move the boxes; `None` where clients are other processes.
+    pub client_cpu_ns: Option<u64>,
+}
+
+/// CPU time of the frames of a row, of all clients that ran together.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct CpuUsed {
+    pub daemon_percent: Option<f64>,
+    /// Of a frame.
+    pub daemon_ns: Option<u64>,
+    /// Of a frame.
+    pub client_ns: Option<u64>,
+}
+
+impl CpuUsed {
+    /// What a daemon, and this process as its client, used for so many frames.
+    pub fn of(frames: u64, daemon: Option<Used>, client: Option<Duration>) -> Self {
+        Self {
+            daemon_percent: daemon.map(|used| used.percent()),
+            daemon_ns: daemon.map(|used| used.ns_a_frame(frames)),
+            client_ns: client.map(|used| nanoseconds_a(used, frames)),
+        }
+    }
 }
 
 impl LatencyRow {
@@ -64,7 +90,7 @@ impl LatencyRow {
         wait: Wait,
         decode_threads: usize,
         figures: &Figures,
-        daemon_cpu_percent: Option<f64>,
+        cpu: CpuUsed,
     ) -> Self {
         let stages = figures.stages.each_ref().map(Recorder::percentiles);
         let [total_ns, fill_ns, answer_ns, round_trip_ns, engine_ns, added_ns, decode_ns] = stages;
@@ -85,7 +111,9 @@ impl LatencyRow {
             engine_ns,
             added_ns,
             decode_ns,
-            daemon_cpu_percent,
+            daemon_cpu_percent: cpu.daemon_percent,
+            daemon_cpu_ns: cpu.daemon_ns,
+            client_cpu_ns: cpu.client_ns,
         }
     }
 }
@@ -105,8 +133,12 @@ impl fmt::Display for LatencyRow {
             write!(f, ", {requests} asked for")?;
         }
         writeln!(f)?;
-        if let Some(percent) = self.daemon_cpu_percent {
-            writeln!(f, "the daemon used {percent} % of a core")?;
+        let us = |ns: u64| ns as f64 / 1e3;
+        if let Some(ns) = self.client_cpu_ns {
+            writeln!(f, "CPU time a frame: client {:.2} µs", us(ns))?;
+        }
+        if let Some((ns, percent)) = self.daemon_cpu_ns.zip(self.daemon_cpu_percent) {
+            writeln!(f, "CPU time a frame: daemon {:.2} µs, {percent} % of a core", us(ns))?;
         }
         write!(f, "{:<14}", "µs")?;
         for head in ["p50", "p90", "p99", "p99.9", "max"] {

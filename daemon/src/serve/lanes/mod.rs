@@ -23,7 +23,7 @@ mod scheduler;
 mod workers;
 
 use std::sync::atomic::{AtomicBool, Ordering, fence};
-use std::sync::{Arc, Mutex, MutexGuard, OnceLock};
+use std::sync::{Mutex, MutexGuard, OnceLock};
 use std::thread::Thread;
 use std::time::{Duration, Instant};
 
@@ -37,7 +37,7 @@ use self::workers::Workers;
 use super::janitor::Janitor;
 use super::{ServeError, ServeSettings};
 use crate::clients::{Client, FrameWork, GpuNeed, RequestKind};
-use crate::execute::{CpuTimer, EnginePool};
+use crate::execute::CpuTimer;
 use crate::ingest::{Inbox, Incoming, Intake};
 use crate::locked;
 use crate::requests::{EndWithPanic, Responder, Served};
@@ -53,11 +53,6 @@ const SCHEDULER_LOOK: Duration = Duration::from_micros(10);
 /// 0.02 % of a core. Others wait for it so long at most.
 const RELIEF_LOOK: Duration = Duration::from_millis(20);
 
-/// Threads that are kept awake for a frame that is due, the one that waits for it included, however many
-/// its engine uses: a frame begins with these, and they wake the others. All of 16 took a tenth of a core
-/// at 60 Hz.
-const MOST_ENGINES_AWAKE: usize = 4;
-
 /// Between two looks whether a GPU that is being opened is there: so much later it joins at the most.
 const OPENING_LOOK: Duration = Duration::from_millis(20);
 
@@ -71,7 +66,6 @@ pub(super) struct Lanes<'a> {
     is_asleep: AtomicBool,
     scheduler: Mutex<Scheduler>,
     threads: Vec<OnceLock<Thread>>,
-    pool: Arc<EnginePool>,
     janitor: &'a Janitor,
     stop: &'a AtomicBool,
 }
@@ -118,12 +112,11 @@ impl<'a> Lanes<'a> {
         intake: Intake,
         wake: WakeDaemon,
         responder: Responder,
-        pool: Arc<EnginePool>,
+        cores: usize,
         settings: &ServeSettings,
         janitor: &'a Janitor,
         stop: &'a AtomicBool,
     ) -> Self {
-        let cores = pool.threads();
         let lanes = cores + 1;
         let workers = Workers::new(lanes, cores);
         let inbox = Inbox::new(settings.limits.max_clients).with_gpus(responder.gpus);
@@ -136,7 +129,6 @@ impl<'a> Lanes<'a> {
             is_asleep: AtomicBool::new(false),
             scheduler: Mutex::new(scheduler),
             threads: (0..lanes).map(|_| OnceLock::new()).collect(),
-            pool,
             janitor,
             stop,
         }
@@ -284,18 +276,9 @@ impl<'a> Lanes<'a> {
     /// Lane 0 sleeps until a request comes, at most until shortly before one is due. Returns at once, with
     /// `true`, where one is due now.
     fn pause(&self, wake: &WakeDaemon, now: Instant) -> bool {
-        let mut scheduler = locked(&self.scheduler);
-        let (rest, last_threads) = (scheduler.rest(now), scheduler.last_threads);
-        drop(scheduler);
+        let rest = locked(&self.scheduler).rest(now);
         match rest {
-            Rest::Spin => true,
-            Rest::Expect { until, is_near } => {
-                if is_near {
-                    let most_awake = self.most_awake().min(MOST_ENGINES_AWAKE);
-                    self.pool.keep_until(last_threads.min(most_awake), until);
-                }
-                true
-            }
+            Rest::Spin { .. } => true,
             Rest::Sleep { until } => {
                 self.is_asleep.store(true, Ordering::Relaxed);
                 // A lane that leaves a frame with a GPU now is seen here, or sees that this one sleeps.
@@ -310,12 +293,6 @@ impl<'a> Lanes<'a> {
                 is_busy
             }
         }
-    }
-
-    /// Threads of the pool that may be awake between frames: the client has a frame to look at, or to
-    /// make, and one core is left to it.
-    fn most_awake(&self) -> usize {
-        self.pool.threads().saturating_sub(1).max(1)
     }
 
     /// A lane beside lane 0 gives the lead up, to lane 0 where that rests, and rests itself where others listen.
@@ -435,10 +412,9 @@ impl<'a> Lanes<'a> {
             let on_gpu = served.on_gpu || served.gpu != GpuNeed::None;
             if on_gpu { start.elapsed() } else { timer.elapsed() }
         };
-        let threads = if beside.is_empty() {
+        if beside.is_empty() {
             let served = self.responder.take(incoming, threads);
             self.note(&first, &served, took(&served));
-            served.threads
         } else {
             let asked: Vec<_> =
                 std::iter::once(first).chain(beside.iter().map(Asked::of)).collect();
@@ -448,13 +424,8 @@ impl<'a> Lanes<'a> {
             let share = asked.len() as u32;
             let each = asked.iter().zip(&served);
             each.for_each(|(asked, served)| self.note(asked, served, took(served) / share));
-            served.iter().map(|served| served.threads).max().unwrap_or(1)
-        };
-        let now = Instant::now();
-        let sleep_at = locked(&self.scheduler).note_served(lane, first.sender, has_turns, now);
-        if lane == 0 {
-            self.pool.keep_until(threads.min(self.most_awake()), sleep_at);
         }
+        locked(&self.scheduler).note_served(lane, first.sender, has_turns, Instant::now());
     }
 
     /// Notes what a request took of each thread that served it.
@@ -471,7 +442,7 @@ impl<'a> Lanes<'a> {
             let note = |client: &mut Client| client.last_work.note(asked.kind, work);
             self.responder.clients().of(asked.sender.session, note);
         }
-        locked(&self.scheduler).note_used(asked.sender, served.threads, used);
+        locked(&self.scheduler).note_used(asked.sender, used);
     }
 
     fn unpark(&self, lane: usize) {

@@ -52,8 +52,6 @@ pub(super) struct Scheduler {
     pub(super) sleep_at: Instant,
     /// Threads of the engines' pool.
     pool_threads: usize,
-    /// Threads that the last task used.
-    pub(super) last_threads: usize,
     /// Tasks that were begun so far.
     pub(super) tasks: u64,
 }
@@ -71,7 +69,6 @@ impl Scheduler {
             patience: Patience::new(spin),
             sleep_at: Instant::now(),
             pool_threads,
-            last_threads: 1,
             tasks: 0,
         }
     }
@@ -139,27 +136,24 @@ impl Scheduler {
         Some(Task { incoming, beside, threads, has_turns, wake })
     }
 
-    /// A request was served by so many threads, and used so much time of them.
-    pub(super) fn note_used(&mut self, sender: Sender, threads: usize, used: Duration) {
-        self.last_threads = threads;
+    /// A request was served, and used so much time of the threads that served it.
+    pub(super) fn note_used(&mut self, sender: Sender, used: Duration) {
         self.inbox.note_served(sender, used);
     }
 
-    /// A thread has served all requests of a task, of which this was the first. Returns when threads without work
-    /// go to sleep.
+    /// A thread has served all requests of a task, of which this was the first.
     pub(super) fn note_served(
         &mut self,
         thread: usize,
         sender: Sender,
         has_turns: bool,
         now: Instant,
-    ) -> Instant {
+    ) {
         self.workers.end(thread);
         if !has_turns {
             self.workers.note_active(sender.session, now);
         }
         self.note_answer(now);
-        self.sleep_at
     }
 
     pub(super) fn note_answer(&mut self, now: Instant) {
@@ -212,11 +206,9 @@ pub(super) const LONGEST_SLEEP: Duration = Duration::from_millis(500);
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Rest {
-    /// Look for requests all the time: a client that was answered may come back at once.
-    Spin,
-    /// The same, because a client's next frame is due before that time. Engine threads are wanted awake
-    /// where it may come at once.
-    Expect { until: Instant, is_near: bool },
+    /// Look for requests all the time: a client that was answered may come back at once, or a client's next frame is
+    /// due before that time.
+    Spin { until: Instant },
     /// Sleep until woken, until then at most.
     Sleep { until: Instant },
 }
@@ -273,8 +265,8 @@ impl<C: PartialEq> Patience<C> {
 
     /// What to do now, without a request.
     pub(super) fn rest(&mut self, now: Instant) -> Rest {
-        if self.spin_until.is_some_and(|until| now < until) {
-            return Rest::Spin;
+        if let Some(until) = self.spin_until.filter(|until| now < *until) {
+            return Rest::Spin { until };
         }
         let longest = now + LONGEST_SLEEP;
         if self.least.is_zero() {
@@ -284,9 +276,7 @@ impl<C: PartialEq> Patience<C> {
             self.wake = self.rhythm.next_wake(now);
         }
         match self.wake {
-            Some(wake) if wake.is_awake(now) => {
-                Rest::Expect { until: wake.spin_until, is_near: wake.engines_at() <= now }
-            }
+            Some(wake) if wake.is_awake(now) => Rest::Spin { until: wake.spin_until },
             Some(wake) => Rest::Sleep { until: wake.sleep_until.min(longest) },
             None => Rest::Sleep { until: longest },
         }
@@ -348,26 +338,22 @@ mod tests {
     #[test]
     fn is_awake_for_a_steady_client_and_asleep_otherwise() {
         let (mut patience, last) = steady(50 * US);
-        assert_eq!(patience.rest(last + 60 * US), Rest::Spin);
+        assert!(matches!(patience.rest(last + 60 * US), Rest::Spin { .. }));
         let Rest::Sleep { until } = patience.rest(last + 90 * US) else { panic!("it sleeps") };
         assert!(last + 15 * MS < until && until < last + 16 * MS);
-        let Rest::Expect { until, is_near: false } = patience.rest(until) else {
-            panic!("it is awake")
-        };
-        let near = Rest::Expect { until, is_near: true };
-        assert_eq!(patience.rest(last + 16 * MS), near, "the engines' threads too");
+        let Rest::Spin { until } = patience.rest(until) else { panic!("it is awake") };
+        assert_eq!(patience.rest(last + 16 * MS), Rest::Spin { until });
         assert!(last + 16 * MS < until && until < last + 17 * MS);
         // The frame does not come, nor the next ones.
         let mut now = until;
         let mut spins = 0;
         while now < last + 10_000 * MS {
             now = match patience.rest(now) {
-                Rest::Expect { until, .. } => {
+                Rest::Spin { until } => {
                     spins += 1;
                     until
                 }
                 Rest::Sleep { until } => until,
-                Rest::Spin => panic!("nobody was answered"),
             };
         }
         assert_eq!(spins, 2, "two more beats are awaited");

@@ -12,8 +12,8 @@ use clap::Args;
 use pairmask::{Backend, SessionBuilder};
 use pairmask_core::BoxCount;
 use pairmask_core::spinner::Spinner;
-use pairmaskd::cli::bench::{Figures, FramesOf, LatencyRow, SEED, Wait, threads_of};
-use pairmaskd::cli::daemon_cpu::DaemonCpu;
+use pairmaskd::cli::bench::{CpuUsed, Figures, FramesOf, LatencyRow, SEED, Wait, threads_of};
+use pairmaskd::cli::daemon_cpu::{DaemonCpu, Used};
 use pairmaskd::cli::machine::Machine;
 use pairmaskd::cli::options::Place;
 use pairmaskd::cli::output::spinner;
@@ -230,17 +230,20 @@ impl Load {
             };
             let is_last = i + 1 == runs.len();
             let cpu = target.cpu();
-            let (clients, [used, idle_percent]) =
+            let (clients, [used, idle_used]) =
                 run_together(groups, &settings, &at, cpu.as_ref(), is_last)?;
             let clients_in_all = all_of(groups);
-            idle.extend(idle_percent.map(|daemon_cpu_percent| {
+            let frames = clients.iter().map(|client| client.figures.frames).sum();
+            let cpu = CpuUsed::of(frames, used, None);
+            idle.extend(idle_used.map(|used| {
+                let daemon_cpu_percent = used.percent();
                 row!(wait: wait.to_string(), clients: clients_in_all, daemon_cpu_percent)
             }));
             let mut measured = clients.into_iter();
             for Group { n, clients } in *groups {
                 let (sum, worst_client_p50_ns) =
                     together(measured.by_ref().take(*clients as usize))?;
-                let latency = LatencyRow::new(*n, *precision, wait, threads, &sum.figures, used);
+                let latency = LatencyRow::new(*n, *precision, wait, threads, &sum.figures, cpu);
                 let mut row = fields(&latency);
                 row.extend(row!(
                     rate: rate.map_or("closed".to_owned(), |hertz| hertz.to_string()),
@@ -282,11 +285,11 @@ fn run_together(
     at: &Daemon,
     daemon: Option<&DaemonCpu>,
     with_idle: bool,
-) -> Result<(Vec<Paced>, [Option<f64>; 2])> {
+) -> Result<(Vec<Paced>, [Option<Used>; 2])> {
     let watch = |window: Duration| {
         let since = daemon.map(DaemonCpu::since_now);
         sleep(window);
-        daemon.zip(since).map(|(daemon, since)| daemon.percent(&since))
+        daemon.zip(since).map(|(daemon, since)| daemon.used_since(&since))
     };
     let sizes = groups.iter().flat_map(|g| std::iter::repeat_n(g.n, g.clients as usize));
     let mut clients: Vec<(Worker, Receiver<Option<Said>>)> = Vec::new();

@@ -1,7 +1,7 @@
 //! The kinds of a frame's boxes, and which of them meet.
 
-use crate::engine::strips::{for_each_in_parts, in_parts, part_count};
 use crate::filters::{FilterId, Rules, Tag};
+use crate::team::{for_each_in_parts, in_parts, part_count};
 
 /// Kinds up to which each block of columns has a word a kind: those of its columns that the kind meets.
 /// Memory is as much as a bit a box and kind.

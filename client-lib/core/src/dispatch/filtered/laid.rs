@@ -8,9 +8,9 @@ use super::kinds::{Kinds, MOST_KINDS};
 use super::sift_avx512;
 #[cfg(target_arch = "x86_64")]
 use crate::engine::Isa;
-use crate::engine::strips::{for_each_in_parts, part_count};
 use crate::engine::{AvailableIsa, sift_each};
 use crate::filters::{Owner, Rules, Tag, World};
+use crate::team::{for_each_in_parts, part_count};
 
 /// Boxes of a task that lays tags out, at least. A whole number of blocks.
 const TASK_BOXES: usize = 8_192;

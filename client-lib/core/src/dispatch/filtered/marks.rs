@@ -5,6 +5,7 @@ use super::groups::Groups;
 use super::kinds::Kinds;
 use super::look::Look;
 use crate::filters::{Rules, World};
+use crate::team;
 
 /// Kinds that are told apart, at most: a filter, and whether the box is static. Their table takes 8 KiB.
 pub const MARKED_KINDS: usize = 256;
@@ -35,6 +36,7 @@ impl Marks {
     /// The marks of the first `n` boxes. `None` where the boxes are of too many kinds, or are of several
     /// worlds and of all of them, or are of several worlds and there are lists.
     pub fn of(rules: &Rules, n: usize, threads: usize) -> Option<Self> {
+        let _team = team::enter(threads);
         let look = Look::at(rules, n);
         let mut kind_of = Vec::new();
         let tag = |index| rules.tag(index);

@@ -6,11 +6,11 @@ use super::laid::Laid;
 use super::look::Look;
 use super::sets::SetsTest;
 use super::test::{FilterTest, Indices};
-use crate::engine::strips::{for_each_in_parts, in_parts, part_count};
 use crate::engine::{CullReport, PairTest};
 use crate::filters::Rules;
 use crate::mask::{MaskShape, Span};
 use crate::pair_index::row_start;
+use crate::team::{self, for_each_in_parts, in_parts, part_count};
 use crate::units::{BoxCount, PairIndex};
 
 /// Words of a mask, or pairs of a list, of a task, at least: some 20 µs.
@@ -83,6 +83,7 @@ impl MaskFilter {
         report: &mut CullReport,
         threads: usize,
     ) -> Result<(), BadMask> {
+        let _team = team::enter(threads);
         test.prepare(n.len(), &self.order, threads);
         let masked = Masked { test, n: n.get(), order: &self.order };
         let done = match &mut report.shape {

@@ -2,9 +2,9 @@
 
 use super::laid::BLOCK;
 use crate::dispatch::{CpuEngines, CullAnswer, CullOptions};
-use crate::engine::strips::zip_in_parts;
 use crate::engine::{CullError, PairRules, PairTest, Prepared, ReplyBuffer};
 use crate::precision::BoxSlice;
+use crate::team::zip_in_parts;
 use crate::units::BoxCount;
 
 /// Blocks of a task that lays the sets out, at least: some 10 µs.

@@ -12,9 +12,8 @@ use super::look::Look;
 use super::small::{BATCH_BOXES, SMALL_BOXES, SmallWorlds};
 use super::test::{FilterTest, Indices};
 use crate::aabb::Aabb;
-use crate::dispatch::boxes::{BOX_BYTES, WORD_BYTES, threads_for};
+use crate::dispatch::boxes::{BOX_BYTES, WORD_BYTES};
 use crate::dispatch::{CpuEngines, CullAnswer, CullOptions, StageTimes, nanoseconds_since};
-use crate::engine::strips::{for_each_in_parts, in_parts, part_count};
 use crate::engine::{
     AvailableIsa, Census, CullError, CullInput, CullReport, Engine, EngineChoice, EngineName,
     EngineTimes, HeapReply, PairRules, ReplyBuffer, ReserveError, counted, cpu_engines,
@@ -22,10 +21,13 @@ use crate::engine::{
 use crate::filters::{Rules, World};
 use crate::mask::{Encoding, MaskShape, MaskView};
 use crate::precision::BoxSlice;
+use crate::team::{self, for_each_in_parts, in_parts, part_count};
 use crate::units::BoxCount;
 
 /// Boxes of a task, at least: some 10 µs.
 const TASK_BOXES: usize = 1_024;
+/// A box of a frame of many worlds takes so long on one thread, ns.
+const BOX_NS: f64 = 40.0;
 /// Boxes of a world from which several threads may cull it.
 const SHARED_BOXES: usize = 1 << 14;
 const PAIR_WORDS: u64 = 2;
@@ -196,7 +198,8 @@ impl CpuEngines {
             EngineChoice::Auto => EngineName::CpuGrid,
         };
         let (boxes, n) = CullInput::boxes(boxes).f32_boxes(engine)?;
-        let threads = threads_for(options);
+        let threads = team::threads_for(boxes.len() as f64 * BOX_NS, options.threads);
+        let _team = team::enter(threads);
         let worlds = &mut self.worlds;
         worlds.groups.sort(rules, known, boxes.len(), look.worlds.unwrap_or_default());
         worlds.assign(boxes.len(), threads);

@@ -23,7 +23,6 @@ use self::task::{Scene, Task};
 use self::words::WordList;
 use crate::engine::encode::{self, DenseRows, DenseWindow};
 use crate::engine::gather::Gather;
-use crate::engine::strips::{Split, for_each_in_parts, in_parts};
 use crate::engine::word_budget::WordBudget;
 use crate::engine::{
     AvailableIsa, CpuEngine, CullError, CullInput, CullReport, Engine, EngineDescriptor,
@@ -31,6 +30,8 @@ use crate::engine::{
 };
 use crate::mask::{Encoding, MaskShape};
 use crate::precision::BoxForm;
+use crate::team;
+use crate::team::{Split, for_each_in_parts, in_parts};
 
 /// `cpu-brute` in the list of engines.
 pub(super) const DESCRIPTOR: EngineDescriptor = EngineDescriptor {
@@ -181,6 +182,7 @@ impl Engine for BruteForce {
         let (boxes, n) = input.f32_boxes(EngineName::CpuBrute)?;
         let budget = &WordBudget::new(n, input.encoding, false, reply)?;
         let gather = &Gather { budget, rules: input.rules, order: &[], isa: self.isa };
+        let _team = team::enter(input.threads);
         let mut clock = StageClock::start();
         let census = self.columns.ingest(boxes, self.isa);
         self.assign(input.threads);

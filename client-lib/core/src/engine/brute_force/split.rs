@@ -6,13 +6,12 @@ const PARALLEL_BOXES: usize = 512;
 /// Tasks per thread of the pool, so that a thread that is held up does not hold up the frame.
 const TASKS_PER_THREAD: usize = 4;
 
-/// Tasks of a frame of n boxes. Never more run at once than `threads`.
+/// Tasks of a frame of n boxes.
 pub(crate) fn task_count(n: usize, threads: usize) -> usize {
     if threads <= 1 || n < PARALLEL_BOXES {
         return 1;
     }
-    // A larger pool would run more tasks at once than the job allows.
-    if rayon::current_num_threads() <= threads { threads * TASKS_PER_THREAD } else { threads }
+    threads * TASKS_PER_THREAD
 }
 
 /// First row of part `part` of `parts`, of n rows; part `parts` starts at n.

@@ -3,10 +3,10 @@
 use super::{EncodingCost, FoundWords, MaskWork};
 use crate::engine::cost::terms;
 use crate::engine::gather::Gather;
-use crate::engine::strips::{Split, in_parts};
 use crate::engine::{CostTerm, CullError, ReplyBuffer};
 use crate::mask::MaskShape;
 use crate::stats::SceneStats;
+use crate::team::{Split, in_parts};
 
 terms! {
     LIST = CostTerm::new("list", 70.2);

@@ -3,10 +3,10 @@
 use super::{EncodingCost, FoundWords, MaskWork};
 use crate::engine::cost::terms;
 use crate::engine::gather::Gather;
-use crate::engine::strips::for_each_in_parts;
 use crate::engine::{CostTerm, CullError, ReplyBuffer};
 use crate::mask::{MaskShape, SECTION_ALIGN_WORDS};
 use crate::stats::SceneStats;
+use crate::team::for_each_in_parts;
 
 terms! {
     /// A pair: kept, and written.

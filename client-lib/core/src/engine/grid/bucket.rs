@@ -6,7 +6,8 @@ use super::level::Reach;
 use super::sort::Deal;
 use super::tile::Record;
 use crate::engine::AvailableIsa;
-use crate::engine::strips::{KeyArraysMut, Split, in_parts, part_count};
+use crate::engine::strips::KeyArraysMut;
+use crate::team::{Split, in_parts, part_count};
 
 /// A range of buckets, and the stretch of every output that is theirs.
 pub(super) struct Buckets<'a> {

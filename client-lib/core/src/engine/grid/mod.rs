@@ -34,7 +34,7 @@ pub(crate) use self::sample::{Density, Sample};
 use self::sort::SortedBoxes;
 use crate::engine::encode;
 use crate::engine::gather::Gather;
-use crate::engine::strips::{BLOCK_LANES, for_each_in_parts, part_count};
+use crate::engine::strips::BLOCK_LANES;
 use crate::engine::word_budget::WordBudget;
 use crate::engine::{
     AvailableIsa, CpuEngine, CullError, CullInput, CullReport, Engine, EngineDescriptor,
@@ -42,6 +42,8 @@ use crate::engine::{
 };
 use crate::mask::Encoding;
 use crate::precision::BoxForm;
+use crate::team;
+use crate::team::{for_each_in_parts, part_count};
 
 /// Fewest rows of a task: below, handing it to another thread costs more than it saves.
 const TASK_ROWS: usize = 1_024;
@@ -127,6 +129,7 @@ impl Engine for Grid {
         let budget = WordBudget::new(n, input.encoding, true, reply)?;
         let budget = &budget.handing_over(EngineName::CpuGrid, input.may_hand_over);
         let threads = if boxes.len() < PARALLEL_BOXES { 1 } else { input.threads.max(1) };
+        let _team = team::enter(threads);
         let mut clock = StageClock::start();
         self.layout.choose(boxes);
         if input.may_hand_over && self.layout.cost > STRIPS_MOST {

@@ -4,8 +4,8 @@ use super::homes::{self, CELL_MASK};
 use super::level::Level;
 use super::sort::{BUCKET_MOST, Deal, TILE_MOST};
 use crate::aabb::Aabb;
-use crate::engine::strips::{Split, in_parts, part_count};
 use crate::engine::{AvailableIsa, Census};
+use crate::team::{Split, in_parts, part_count};
 
 /// Boxes of a tile whose homes are 4 KiB: to clear room for the largest tile would take a small scene as
 /// long as to deal it, and empty its first-level cache.

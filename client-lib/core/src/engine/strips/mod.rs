@@ -17,7 +17,6 @@ mod batch;
 mod block;
 #[cfg(target_arch = "x86_64")]
 mod block_avx512;
-mod fan_out;
 mod hits;
 mod ordered;
 mod sink;
@@ -30,6 +29,6 @@ mod words_avx512;
 
 pub(crate) use batch::{BATCH_STRIPS, GROUP, STRIP_COLUMNS, StripBatch, StripGroup};
 pub(crate) use block::{BLOCK_LANES, RowBlock, RowSet};
-pub(crate) use fan_out::{Split, appended, for_each_in_parts, in_parts, part_count, zip_in_parts};
+
 pub(crate) use ordered::{KeyArraysMut, OrderedBoxes};
 pub(crate) use sink::WordSink;

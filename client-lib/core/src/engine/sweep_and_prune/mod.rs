@@ -16,7 +16,7 @@ use self::sweep::SweepTask;
 use crate::aabb::Aabb;
 use crate::engine::encode;
 use crate::engine::gather::Gather;
-use crate::engine::strips::{OrderedBoxes, for_each_in_parts, part_count};
+use crate::engine::strips::OrderedBoxes;
 use crate::engine::word_budget::WordBudget;
 use crate::engine::{
     AvailableIsa, Census, CpuEngine, CullError, CullInput, CullReport, Engine, EngineDescriptor,
@@ -24,6 +24,8 @@ use crate::engine::{
 };
 use crate::mask::Encoding;
 use crate::precision::BoxForm;
+use crate::team;
+use crate::team::{for_each_in_parts, part_count};
 
 /// Fewest rows of a task: below, handing it to another thread costs more than it saves.
 const TASK_ROWS: usize = 512;
@@ -129,6 +131,7 @@ impl Engine for SweepAndPrune {
         let budget = WordBudget::new(n, input.encoding, true, reply)?;
         let budget = &budget.handing_over(EngineName::CpuSap, input.may_hand_over);
         let threads = if boxes.len() < PARALLEL_BOXES { 1 } else { input.threads.max(1) };
+        let _team = team::enter(threads);
         let mut clock = StageClock::start();
         let (census, axis) = self.ingest(boxes);
         let solid = boxes.len() - (census.empty + census.invalid) as usize;

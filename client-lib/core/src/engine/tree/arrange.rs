@@ -3,9 +3,9 @@
 use super::FAN_OUT;
 use super::cut::{Cut, Meeting};
 use crate::aabb::{Aabb, order_key};
-use crate::engine::strips::{Split, in_parts, part_count};
 use crate::engine::{AvailableIsa, Census};
 use crate::floats;
+use crate::team::{Split, in_parts, part_count};
 
 /// Fewest boxes that are read, or arranged, by a task.
 pub(super) const TASK_BOXES: usize = 4_096;

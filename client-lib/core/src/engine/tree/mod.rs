@@ -24,7 +24,7 @@ use crate::aabb::Aabb;
 use crate::aligned::AlignedBuffer;
 use crate::engine::encode;
 use crate::engine::gather::Gather;
-use crate::engine::strips::{OrderedBoxes, STRIP_COLUMNS, for_each_in_parts, part_count};
+use crate::engine::strips::{OrderedBoxes, STRIP_COLUMNS};
 use crate::engine::word_budget::WordBudget;
 use crate::engine::{
     AvailableIsa, Census, CpuEngine, CullError, CullInput, CullReport, Engine, EngineDescriptor,
@@ -33,6 +33,8 @@ use crate::engine::{
 use crate::floats;
 use crate::mask::Encoding;
 use crate::precision::BoxForm;
+use crate::team;
+use crate::team::{for_each_in_parts, part_count};
 
 /// Boxes, or groups, of a group: what one strip holds.
 const FAN_OUT: usize = STRIP_COLUMNS;
@@ -134,6 +136,7 @@ impl Engine for Tree {
         let (boxes, n) = input.f32_boxes(EngineName::CpuTree)?;
         let budget = &WordBudget::new(n, input.encoding, true, reply)?;
         let threads = if boxes.len() < PARALLEL_BOXES { 1 } else { input.threads.max(1) };
+        let _team = team::enter(threads);
         let mut clock = StageClock::start();
         let census = self.build(boxes, threads);
         let solid = boxes.len() - (census.empty + census.invalid) as usize;

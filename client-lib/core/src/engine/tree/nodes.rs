@@ -5,7 +5,8 @@ use super::arrange::{Entry, TASK_BOXES};
 use crate::aabb::KeyBox;
 use crate::aligned::AlignedBuffer;
 use crate::engine::ingest::split_columns;
-use crate::engine::strips::{KeyArraysMut, OrderedBoxes, Split, in_parts, part_count};
+use crate::engine::strips::{KeyArraysMut, OrderedBoxes};
+use crate::team::{Split, in_parts, part_count};
 
 /// The groups of one size, in order.
 #[derive(Default)]

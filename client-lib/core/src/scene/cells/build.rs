@@ -6,7 +6,7 @@ use super::quanta::is_solid;
 use super::runs::{NOWHERE, Runs};
 use super::{Cells, level_of};
 use crate::aabb::Aabb;
-use crate::engine::strips::{for_each_in_parts, part_count, zip_in_parts};
+use crate::team::{for_each_in_parts, part_count, zip_in_parts};
 
 const TASK_BOXES: usize = 16_384;
 

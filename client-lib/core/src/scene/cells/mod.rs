@@ -30,7 +30,7 @@ use self::runs::{NOWHERE, Runs};
 use super::fetch::ask_for;
 use super::store::Store;
 use crate::aabb::Aabb;
-use crate::engine::strips::zip_in_parts;
+use crate::team::zip_in_parts;
 
 /// Boxes whose moves are found before any is made: 384 KiB.
 const STRETCH: usize = 8_192;

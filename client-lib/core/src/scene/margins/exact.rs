@@ -11,11 +11,10 @@ use super::super::copy::SceneCopy;
 use super::super::edit::Edit;
 use super::super::pair_list::{Pair, pair};
 use super::super::store::are_same;
-use super::parts_of;
 use super::rows::state::{IS, NEAR, WAS};
 use super::rows::{Rows, is_pair};
 use crate::aabb::KeyBox;
-use crate::engine::strips::{appended, in_parts};
+use crate::team::{self, appended, in_parts, part_count};
 
 /// The box has changed since its near pairs were tested.
 const CHANGED: u8 = 1;
@@ -26,6 +25,8 @@ const NAMED: u8 = 1 << 2;
 
 /// Changed boxes of a task, at least.
 const TASK_BOXES: usize = 4_096;
+/// A box whose near pairs are tested takes so long on one thread, ns.
+const BOX_NS: f64 = 100.0;
 /// Boxes from one whose pairs are tested to one whose neighbours are asked for meanwhile.
 const AHEAD: usize = 8;
 /// Pairs that may have changed, up to which the list of them is left as it is.
@@ -232,7 +233,9 @@ impl ExactPairs {
     /// Tests the near pairs around boxes that changed.
     fn settle(&mut self, now: &SceneCopy, threads: Option<usize>) {
         let mut changed = std::mem::take(&mut self.changed);
-        let parts = parts_of(changed.len(), TASK_BOXES, threads);
+        let threads = team::threads_for(changed.len() as f64 * BOX_NS, threads);
+        let _team = team::enter(threads);
+        let parts = part_count(changed.len(), TASK_BOXES, threads);
         let run = |indices: &mut [u32]| self.flips(indices, now);
         let flips = in_parts(changed.as_mut_slice(), parts, &run, &appended);
         for pair in flips {

@@ -19,9 +19,7 @@ pub use self::outgoing::{Outgoing, Sent};
 
 use super::edit::{Indices, Sets, Step};
 use super::error::EditError;
-use super::options::threads_of;
 use crate::aabb::Aabb;
-use crate::engine::strips::part_count;
 use crate::precision::Margin;
 
 /// Margins of some boxes.
@@ -106,9 +104,4 @@ impl<'a> MarginedSets<'a> {
             _ => Ok(()),
         }
     }
-}
-
-/// Parts of work on so many items, of which a part should have `least` or more. Little work touches no pool.
-fn parts_of(items: usize, least: usize, threads: Option<usize>) -> usize {
-    if items < 2 * least { 1 } else { part_count(items, least, threads_of(threads)) }
 }

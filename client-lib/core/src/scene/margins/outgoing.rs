@@ -5,14 +5,16 @@ use super::super::copy::SceneCopy;
 use super::super::edit::Indices;
 use super::super::store::Store;
 use super::fit::{fits, to_send};
-use super::{MarginedSets, Margins, parts_of};
+use super::{MarginedSets, Margins};
 use crate::aabb::Aabb;
-use crate::engine::strips::{Split, in_parts};
 use crate::floats;
 use crate::precision::Margin;
+use crate::team::{self, Split, in_parts, part_count};
 
 /// Boxes of a task, at least: fewer take less time than a task costs.
 const TASK_BOXES: usize = 16_384;
+/// A box that is held against its margin takes so long on one thread, ns.
+const BOX_NS: f64 = 10.0;
 
 /// Boxes of a scene by index, as they were sent.
 #[derive(Clone, Copy, Debug)]
@@ -73,7 +75,9 @@ impl Outgoing {
     ) {
         let MarginedSets { indices, boxes, margins } = *sets;
         let choice = Choice { now, sent, all };
-        let parts = parts_of(boxes.len(), TASK_BOXES, threads);
+        let threads = team::threads_for(boxes.len() as f64 * BOX_NS, threads);
+        let _team = team::enter(threads);
+        let parts = part_count(boxes.len(), TASK_BOXES, threads);
         let places = match indices {
             Indices::List(list) => Places::List(list),
             Indices::Range { first, .. } => Places::From(first),

@@ -5,12 +5,12 @@ use std::ops::Range;
 use super::Room;
 use crate::aabb::{Aabb, KeyBox};
 use crate::engine::CullError;
-use crate::engine::strips::{for_each_in_parts, part_count};
 use crate::floats;
 use crate::scene::cells::{CHANGED, Candidate, Cells, INDEX, Searches, is_solid};
 use crate::scene::fetch::ask_for;
 use crate::scene::history::in_order_of;
 use crate::scene::pair_list::{Pair, sort_row};
+use crate::team::{for_each_in_parts, part_count};
 
 /// Queries of a task, at least: some 25 µs.
 const TASK_QUERIES: usize = 128;

@@ -8,17 +8,18 @@ use super::Room;
 use super::{around, crowded, direct};
 use crate::aabb::Aabb;
 use crate::engine::CullError;
-use crate::engine::strips::{in_parts, part_count};
 use crate::floats;
 use crate::scene::cells::{Cells, is_solid};
-use crate::scene::options::threads_of;
 use crate::scene::pair_list::{Pair, Sorter};
+use crate::team::{self, in_parts, part_count};
 
 /// Most boxes of a set: cells count them in 29 bits.
 pub(super) const MOST_OF_A_SET: usize = (1 << 29) - 1;
 /// Comparisons up to which each is made: some 100 µs.
 const FEW_TESTS: u64 = 1 << 17;
 const TASK_BOXES: usize = 16_384;
+/// A box of either set takes so long on one thread, ns: most are sieved out.
+const SET_NS: f64 = 20.0;
 /// Cells of the sieve along an axis: a row of them is a word.
 const SIEVE: usize = 64;
 /// Coordinates beyond that share the outermost cells, so that lengths are finite.
@@ -57,7 +58,9 @@ pub fn between(
     if first.is_empty() || second.is_empty() {
         return Ok(0);
     }
-    let threads = threads_of(threads);
+    let boxes = (first.len() + second.len()) as f64;
+    let threads = team::threads_for(boxes * SET_NS, threads);
+    let _team = team::enter(threads);
     let most_pairs = most_pairs.min(u64::from(u32::MAX));
     let is_first_small = first.len() <= second.len();
     let (small, large) = if is_first_small { (first, second) } else { (second, first) };

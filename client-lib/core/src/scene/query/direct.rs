@@ -3,8 +3,8 @@
 use super::Room;
 use crate::aabb::{Aabb, KeyBox};
 use crate::engine::CullError;
-use crate::engine::strips::{appended, in_parts, part_count};
 use crate::scene::pair_list::Pair;
+use crate::team::{appended, in_parts, part_count};
 
 /// Queries that are compared with a box at a time.
 const LANES: usize = 8;

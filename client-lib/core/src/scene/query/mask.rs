@@ -14,8 +14,8 @@ use crate::engine::{
 };
 use crate::mask::{Encoding, EncodingChoice, MaskShape};
 use crate::precision::{BoxSlice, ExpandScratch};
-use crate::scene::options::threads_of;
 use crate::scene::pair_list::Pair;
+use crate::team::most_threads;
 use crate::units::BoxCount;
 
 /// Two sets are looked for in each other where the larger one has so many times the boxes of the smaller one, for
@@ -184,7 +184,7 @@ pub fn cull_between<'a>(
         return Err(CullError::Unavailable { engine, why });
     }
     let mut scratch = ExpandScratch::default();
-    let threads = threads_of(options.threads);
+    let threads = most_threads(options.threads);
     // What is expanded is of f32.
     let boxes = boxes.into().expand(&mut scratch, threads > 1).as_f32().unwrap_or_default();
     if !is_small_set(first, boxes.len(), threads) {

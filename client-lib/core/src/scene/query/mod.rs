@@ -30,6 +30,7 @@ use super::cells::Cells;
 use super::pair_list::{PAIR_BYTES, Pair};
 use crate::aabb::Aabb;
 use crate::engine::{CullError, ReserveError};
+use crate::team;
 use crate::test_budget::TestBudget;
 
 /// Queries since the boxes last changed from which cells are built: to compare so many with a box takes as
@@ -37,6 +38,8 @@ use crate::test_budget::TestBudget;
 const MANY_QUERIES: u64 = 64;
 /// Comparisons that never pay for cells: 16 µs.
 const FEW_TESTS: u64 = 16_384;
+/// A query takes so long on one thread, ns, with its sorting.
+const QUERY_NS: f64 = 500.0;
 /// Tests of a query, and for each box of the scene, that searches in cells take at the most, and more for each pair
 /// that they find: beyond, one cull of queries and boxes takes less. A query among boxes that cells part tests 30 to
 /// 100.
@@ -195,9 +198,11 @@ impl Scene {
         if queries.is_empty() || self.store.boxes().is_empty() {
             return Ok(0);
         }
+        self.threads = self.threads_for(queries.len() as f64 * QUERY_NS);
+        let _team = team::enter(self.threads);
         self.build_cells_for(queries.len() as u64);
         self.asked.moved = 0;
-        let (threads, boxes) = (self.threads(), self.store.boxes());
+        let (threads, boxes) = (self.threads, self.store.boxes());
         let room = Room::new(self.asked.most_pairs, queries.len(), boxes.len());
         let Asked { cells: of_now, memory, .. } = &mut self.asked;
         let tested = match self.cells.as_ref().or(of_now.as_ref()) {
@@ -229,7 +234,7 @@ impl Scene {
             self.asked.compared = compared;
             return;
         }
-        let (store, threads) = (&self.store, self.threads());
+        let (store, threads) = (&self.store, self.threads);
         let cells = Cells::of(store.boxes(), |index| store.is_static(index), threads);
         if self.is_settled() {
             self.cells = Some(cells);
@@ -241,7 +246,7 @@ impl Scene {
     /// Notes for queries that the last edit has changed boxes: before the cells of edits are.
     pub(super) fn note_for_queries(&mut self) {
         self.asked.compared = 0;
-        let (store, threads) = (&self.store, self.threads());
+        let (store, threads) = (&self.store, self.threads);
         let Some(cells) = &mut self.asked.cells else { return };
         let moved = [store.gone(), store.named()];
         let count = moved[0].len() + moved[1].len();

@@ -2,7 +2,7 @@
 
 use super::{CHANGED, EDIT_SETS, NAMED, OFF, PRESENT, Store, are_same};
 use crate::aabb::Aabb;
-use crate::engine::strips::{in_parts, part_count};
+use crate::team::{in_parts, part_count};
 
 /// Fewest boxes of an edit that is applied so.
 const BOXES_LEAST: usize = 8_192;

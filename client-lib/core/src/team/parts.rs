@@ -1,23 +1,25 @@
-//! Work in parts on the calling thread's rayon pool, each part with storage of its own.
+//! Work in parts, which the threads of a frame's [team](crate::team) take in turns, each part with storage of its own.
 //!
-//! Halving with `join` needs no list of jobs, so that a steady frame allocates nothing. Each part runs
-//! with the default floating-point flags, whatever those of the thread that it falls to.
+//! Parts lie on the stack, so that a steady frame allocates nothing. Each runs with the default floating-point flags,
+//! whatever those of the thread that it falls to.
 
-use crate::floats;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Mutex, PoisonError};
+
+use crate::{floats, team};
 
 /// Parts a thread, so that a thread that is held up does not hold up the frame.
-const PARTS_PER_THREAD: usize = 8;
+const PARTS_PER_THREAD: usize = 4;
 
-/// Parts for work on `items` items of which a part should have `least` or more. At most `threads`
-/// of them run at once.
+/// The most parts of a phase: they have places on the stack.
+const MOST_PARTS: usize = 128;
+
+/// Parts for work on `items` items of which a part should have `least` or more.
 pub(crate) fn part_count(items: usize, least: usize, threads: usize) -> usize {
     if threads <= 1 {
         return 1;
     }
-    // A larger pool would run more parts at once than the job allows.
-    let most =
-        if rayon::current_num_threads() <= threads { threads * PARTS_PER_THREAD } else { threads };
-    (items / least.max(1)).clamp(1, most)
+    (items / least.max(1)).clamp(1, (threads * PARTS_PER_THREAD).min(MOST_PARTS))
 }
 
 /// Work on a sequence of items that can be cut between any two of them.
@@ -37,25 +39,53 @@ impl<T: Send> Split for &mut [T] {
     }
 }
 
+/// A part, before and after it was run.
+enum Part<W, R> {
+    None,
+    Work(W),
+    Done(R),
+}
+
 /// Runs `run` on `parts` contiguous parts of the work and joins the results in their order. `join` is for
-/// whole numbers: it runs with the flags of whichever thread it falls to.
+/// whole numbers: it runs with the flags of the calling thread.
 pub(crate) fn in_parts<W: Split, R: Send>(
     work: W,
     parts: usize,
     run: &(impl Fn(W) -> R + Sync),
     join: &(impl Fn(R, R) -> R + Sync),
 ) -> R {
-    if parts <= 1 || work.len() <= 1 {
+    let (len, parts) = (work.len(), parts.min(MOST_PARTS).min(work.len()));
+    if parts <= 1 {
         return floats::with_default(|| run(work));
     }
-    let low_parts = parts / 2;
-    let at = work.len() * low_parts / parts;
-    let (low, high) = work.split_at(at);
-    let (low, high) = rayon::join(
-        || in_parts(low, low_parts, run, join),
-        || in_parts(high, parts - low_parts, run, join),
-    );
-    join(low, high)
+    let mut places = [const { Mutex::new(Part::None) }; MOST_PARTS];
+    let (mut rest, mut before) = (work, 0);
+    for (part, place) in (1..parts).zip(&mut places) {
+        let end = len * part / parts;
+        let (first, others) = rest.split_at(end - before);
+        *place = Mutex::new(Part::Work(first));
+        (rest, before) = (others, end);
+    }
+    places[parts - 1] = Mutex::new(Part::Work(rest));
+    let next = AtomicUsize::new(0);
+    let places = &places[..parts];
+    team::share(&|| {
+        while let Some(place) = places.get(next.fetch_add(1, Ordering::Relaxed)) {
+            let mut place = place.lock().unwrap_or_else(PoisonError::into_inner);
+            if let Part::Work(work) = std::mem::replace(&mut *place, Part::None) {
+                *place = Part::Done(floats::with_default(|| run(work)));
+            }
+        }
+    });
+    let done = places.iter().map(|place| {
+        let mut place = place.lock().unwrap_or_else(PoisonError::into_inner);
+        match std::mem::replace(&mut *place, Part::None) {
+            Part::Done(result) => result,
+            // `share` returns when all parts are done, and panics where one panicked.
+            Part::None | Part::Work(_) => unreachable!("a part was not done"),
+        }
+    });
+    done.reduce(join).unwrap_or_else(|| unreachable!("there are two parts at least"))
 }
 
 /// Calls `run` with each item of a slice, in so many parts.

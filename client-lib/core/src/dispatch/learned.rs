@@ -1,0 +1,203 @@
+//! What frames took beside what the plan expected, so that no machine needs constants of its own.
+//!
+//! A factor for each engine and size class follows measured by predicted time slowly. Now and then a frame goes to an
+//! engine that is expected to be nearly as fast as the planned one, so that its factor is known too. The pairs are the
+//! same whichever engine finds them.
+
+use super::crowded::Barred;
+use crate::engine::{EngineChoice, EngineName};
+use crate::plan::{Candidate, Plan};
+use crate::units::BoxCount;
+
+/// Frames between two looks at another engine: each of them may take half as long again. A session's first looks are
+/// sooner: at its frames 8, 16 and 32.
+const LOOK_FRAMES: u32 = 64;
+const FIRST_LOOK: u32 = 8;
+/// Engines that are expected to take longer than the planned one by more than this are not looked at.
+const LOOK_WITHIN: f64 = 1.5;
+/// An engine takes the planned one's place where it is expected to be so much sooner: less is noise.
+const SOONER: f64 = 0.9;
+/// Part of the way that a factor goes to what a frame took.
+const WEIGHT: f64 = 0.125;
+/// A frame counts as if it took at most so many times its expected time, or so little of it: most that take longer were
+/// interrupted.
+const FARTHEST: f64 = 2.0;
+/// What was learned of engines that do not run fades by this with each look, so that they are looked at again: what held
+/// them up may be gone.
+const KEPT: f64 = 0.9;
+/// Size classes, each of four times as many boxes as the one before.
+const CLASSES: usize = 17;
+
+/// Factors of the CPU's engines.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Learned {
+    /// Logarithms of measured by predicted time.
+    factors: [[Option<f64>; CLASSES]; EngineName::CPU.len()],
+    frames: u32,
+}
+
+fn class_of(n: BoxCount) -> usize {
+    ((n.get().max(1).ilog2() / 2) as usize).min(CLASSES - 1)
+}
+
+impl Learned {
+    /// An engine took so long for a frame that was planned for this candidate; as long as can be where it handed the
+    /// frame over.
+    pub fn note(&mut self, candidate: &Candidate, n: BoxCount, measured_ns: u64) {
+        self.frames = self.frames.wrapping_add(1);
+        let expected_ns = candidate.predicted_ns - candidate.visit_ns;
+        let Some(place) = EngineName::CPU.iter().position(|e| *e == candidate.engine) else {
+            return;
+        };
+        if expected_ns <= 0.0 || measured_ns == 0 {
+            return;
+        }
+        let class = class_of(n);
+        if self.is_look_due() {
+            let others = self.factors.iter_mut().enumerate().filter(|(other, _)| *other != place);
+            others.for_each(|(_, of)| of[class] = of[class].map(|factor| KEPT * factor));
+        }
+        let took = (measured_ns as f64 / expected_ns).ln();
+        let factor = &mut self.factors[place][class];
+        let known = factor.unwrap_or(0.0);
+        let step = (took - known).clamp(-FARTHEST.ln(), FARTHEST.ln());
+        // The first frame of a size says more than nothing does.
+        let weight = if factor.is_some() { WEIGHT } else { 0.5 };
+        *factor = Some(known + weight * step);
+    }
+
+    /// The engine that is soonest by what was learned takes the planned one's place, or the one to be looked at; none
+    /// that is barred.
+    pub fn replan(&self, plan: &mut Plan, barred: Barred) {
+        if plan.options.engine != EngineChoice::Auto {
+            return;
+        }
+        let class = class_of(plan.stats.n);
+        let factor = |engine: EngineName| {
+            let place = EngineName::CPU.iter().position(|e| *e == engine);
+            place.map_or(Some(0.0), |place| self.factors[place][class])
+        };
+        let expected = |c: &Candidate| {
+            let engine_ns = c.predicted_ns - c.visit_ns;
+            engine_ns * factor(c.engine).unwrap_or(0.0).exp() + c.visit_ns
+        };
+        let soonest = |among: &mut dyn Iterator<Item = Candidate>| {
+            among.min_by(|a, b| expected(a).total_cmp(&expected(b)))
+        };
+        let may_be = |c: &Candidate| !barred[c.engine.place()];
+        let candidates = || plan.candidates.iter().flatten().copied().filter(may_be);
+        let planned = candidates().find(|c| c.engine == plan.engine);
+        let most_ns = planned.map_or(f64::INFINITY, |planned| SOONER * expected(&planned));
+        let best = soonest(&mut candidates().filter(|c| expected(c) < most_ns));
+        let Some(mut chosen) = best.or(planned) else { return };
+        if self.is_look_due() {
+            let most_ns = LOOK_WITHIN * expected(&chosen);
+            let near = |c: &Candidate| {
+                c.engine != chosen.engine && !c.engine.is_gpu() && expected(c) <= most_ns
+            };
+            let unseen =
+                soonest(&mut candidates().filter(|c| near(c) && factor(c.engine).is_none()));
+            chosen = unseen.or_else(|| soonest(&mut candidates().filter(near))).unwrap_or(chosen);
+        }
+        (plan.engine, plan.encoding, plan.threads) =
+            (chosen.engine, chosen.encoding, chosen.threads);
+    }
+
+    fn is_look_due(&self) -> bool {
+        let is_first = self.frames >= FIRST_LOOK && self.frames.is_power_of_two();
+        is_first || self.frames > 0 && self.frames.is_multiple_of(LOOK_FRAMES)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::engine::Isa;
+    use crate::plan::{Calibration, Capabilities, CullOptions, SceneStats, plan};
+
+    fn planned(n: u32, choice: EngineChoice) -> Plan {
+        let stats = SceneStats::unseen(BoxCount::new(n), None);
+        let options = CullOptions { engine: choice, ..CullOptions::default() };
+        let capabilities = Capabilities { threads: 1, gpu: None };
+        plan(&stats, &capabilities, &Calibration::built_in(Isa::Avx2), &options)
+    }
+
+    /// Frames of a machine where engines take some factor of what is expected. Returns the engines of the last ones.
+    fn frames(
+        learned: &mut Learned,
+        plan: &Plan,
+        count: u32,
+        factor: impl Fn(EngineName) -> f64,
+    ) -> Vec<EngineName> {
+        let mut engines = Vec::new();
+        for _ in 0..count {
+            let mut replanned = *plan;
+            learned.replan(&mut replanned, Barred::default());
+            let candidate = replanned.candidates[replanned.engine.place()].expect("it was chosen");
+            let expected_ns = candidate.predicted_ns - candidate.visit_ns;
+            let took = (expected_ns * factor(replanned.engine)) as u64;
+            learned.note(&candidate, replanned.stats.n, took);
+            engines.push(replanned.engine);
+        }
+        engines
+    }
+
+    fn count_of(engines: &[EngineName], engine: EngineName) -> usize {
+        engines.iter().filter(|e| **e == engine).count()
+    }
+
+    #[test]
+    fn a_machine_as_expected_keeps_the_plan_and_looks_seldom() {
+        for n in [64, 1_000, 50_000] {
+            let plan = planned(n, EngineChoice::Auto);
+            let engines = frames(&mut Learned::default(), &plan, 1_000, |_| 1.0);
+            assert!(count_of(&engines, plan.engine) >= 980, "{n}");
+        }
+    }
+
+    #[test]
+    fn an_engine_that_is_slower_here_gives_its_place_away_and_gets_it_back() {
+        let plan = planned(1_000, EngineChoice::Auto);
+        let mut learned = Learned::default();
+        let slow = |engine| if engine == plan.engine { 3.0 } else { 1.0 };
+        let engines = frames(&mut learned, &plan, 50, slow);
+        assert_ne!(engines[49], plan.engine);
+        let engines = frames(&mut learned, &plan, 2_000, |_| 1.0);
+        assert_eq!(engines[1_990], plan.engine, "by looks, its factor is 1 again");
+    }
+
+    #[test]
+    fn other_sizes_and_asked_engines_are_as_planned() {
+        let plan = planned(1_000, EngineChoice::Auto);
+        let mut learned = Learned::default();
+        frames(&mut learned, &plan, 60, |engine| if engine == plan.engine { 3.0 } else { 1.0 });
+        for other in
+            [planned(50_000, EngineChoice::Auto), planned(1_000, EngineChoice::Only(plan.engine))]
+        {
+            let mut replanned = other;
+            learned.replan(&mut replanned, Barred::default());
+            assert_eq!(replanned, other);
+        }
+    }
+
+    #[test]
+    fn a_barred_engine_gives_way_to_the_next() {
+        let plan = planned(1_000, EngineChoice::Auto);
+        let mut barred = Barred::default();
+        barred[plan.engine.place()] = true;
+        let mut replanned = plan;
+        Learned::default().replan(&mut replanned, barred);
+        let others = plan.candidates.iter().flatten().filter(|c| c.engine != plan.engine);
+        let next = others.min_by(|a, b| a.predicted_ns.total_cmp(&b.predicted_ns));
+        assert_eq!(next.map(|next| next.engine), Some(replanned.engine));
+    }
+
+    #[test]
+    fn one_interrupted_frame_changes_nothing() {
+        let plan = planned(1_000, EngineChoice::Auto);
+        let mut learned = Learned::default();
+        frames(&mut learned, &plan, 33, |_| 1.0);
+        frames(&mut learned, &plan, 1, |_| 1_000.0);
+        assert_eq!(frames(&mut learned, &plan, 1, |_| 1.0), [plan.engine]);
+    }
+}
