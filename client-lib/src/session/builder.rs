@@ -96,7 +96,8 @@ impl SessionBuilder {
         self
     }
 
-    /// Threads that an engine may use; the plan's choice unless set.
+    /// Most threads of a frame; all of the pool, a daemon's or this program's, unless set. A frame has those that shorten
+    /// it by enough for what they cost.
     pub fn threads(mut self, threads: usize) -> Self {
         self.settings.threads = Some(threads.max(1));
         self

@@ -30,14 +30,15 @@ impl DaemonCpu {
         Since { at: Instant::now(), used: self.used() }
     }
 
-    /// What was used since then. The kernel counts in ticks of 10 ms: in a second, a percent is within its error.
+    /// What was used since then.
     pub fn used_since(&self, since: &Since) -> Used {
         Used { cpu: self.used().saturating_sub(since.used), time: since.at.elapsed() }
     }
 
     /// User and system time of both processes so far; a process that is gone counts nothing.
-    fn used(&self) -> Duration {
-        self.processes.iter().filter_map(|process| cpu_of(*process)).sum()
+    pub fn used(&self) -> Duration {
+        let of = |process: &u32| cpu_of_tasks(*process).or_else(|| cpu_of(*process));
+        self.processes.iter().filter_map(of).sum()
     }
 }
 
@@ -73,7 +74,19 @@ pub fn nanoseconds_a(time: Duration, shares: u64) -> u64 {
     u64::try_from(time.as_nanos() / u128::from(shares.max(1))).unwrap_or(u64::MAX)
 }
 
-/// CPU time of a process so far; `None` for one that is gone or hidden.
+/// CPU time of the threads that a process has now, to the ns; `None` where the kernel keeps no such account.
+fn cpu_of_tasks(process: u32) -> Option<Duration> {
+    let tasks = std::fs::read_dir(format!("/proc/{process}/task")).ok()?;
+    let of = |task: std::fs::DirEntry| -> Option<u64> {
+        // A thread that has just ended has no file.
+        let stat = std::fs::read_to_string(task.path().join("schedstat")).unwrap_or_default();
+        stat.split_ascii_whitespace().next().map_or(Some(0), |ns| ns.parse().ok())
+    };
+    let ns = tasks.flatten().map(of).sum::<Option<u64>>()?;
+    (ns > 0).then(|| Duration::from_nanos(ns))
+}
+
+/// CPU time of a process so far, to the tick of 10 ms; `None` for one that is gone or hidden.
 pub fn cpu_of(process: u32) -> Option<Duration> {
     let ticks = ticks_in(&std::fs::read_to_string(format!("/proc/{process}/stat")).ok()?)?;
     let a_second = rustix::param::clock_ticks_per_second().max(1);

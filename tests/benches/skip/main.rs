@@ -12,6 +12,7 @@
 //! Others (feature `peers`) are given the boxes that moved, and keep their list of pairs: `rapier`'s broad
 //! phase and `parry`'s tree where it changed (both of pairs of boxes that grow by a margin), and
 //! `parry-queries`, where each box that moved asks the tree. A ratio below 1 is in favour of the scene.
+//! `cpu µs` is the CPU time of an edit, of this process and of the daemon: spinning counts.
 //! Spawning and dying takes place at 1 % unless shares are asked for. A row a peer; `bytes` are what the
 //! daemon or, in process, this process keeps of the scene, a box.
 
@@ -19,7 +20,7 @@ mod peer;
 
 use std::error::Error;
 use std::hint::black_box;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use clap::{Parser, ValueEnum};
 use pairmask::Scene;
@@ -28,6 +29,9 @@ use pairmask_core::scene::Indices;
 use pairmask_lab::study::moving::{Motion, World};
 use pairmask_tests::measure::{Pace, percentile};
 use pairmask_tests::prelude::*;
+use pairmask_transport::RuntimeDir;
+use pairmask_wire::InstanceName;
+use pairmaskd::cli::daemon_cpu::{DaemonCpu, nanoseconds_a, own_cpu};
 use pairmaskd::scene::SceneName;
 use serde_json::{Value, json};
 
@@ -114,6 +118,8 @@ struct Taken {
     /// The edit written and sent, until the answer is there, every change read and taken, and all of it: the sum of
     /// these, or more where the frame began late; ns a frame.
     times: [Vec<u64>; 4],
+    /// CPU time of an edit, ns, of this process and of the daemon.
+    cpu_ns: u64,
     changes: usize,
     engine: EngineId,
     /// What each peer took, ns a frame.
@@ -126,11 +132,12 @@ struct Bench<'s> {
     scene: Scene,
     world: World,
     peers: Vec<(PeerName, Peer)>,
+    daemon: Option<DaemonCpu>,
 }
 
 impl<'s> Bench<'s> {
     fn new(
-        session: &'s mut Session,
+        (session, backend): (&'s mut Session, Backend),
         world: World,
         names: &[PeerName],
     ) -> Result<Self, Box<dyn Error>> {
@@ -139,7 +146,12 @@ impl<'s> Bench<'s> {
         edit(&mut scene, &all, world.boxes(), false)?;
         let made = names.iter().map(|name| Ok((*name, Peer::new(*name, world.boxes())?)));
         let peers = made.collect::<Result<_, Box<dyn Error>>>()?;
-        Ok(Self { session, scene, world, peers })
+        let (dir, instance) = (RuntimeDir::from_env(), InstanceName::default());
+        let daemon = match backend {
+            Backend::InProcess => None,
+            Backend::Auto | Backend::Daemon => DaemonCpu::of(&dir, &instance),
+        };
+        Ok(Self { session, scene, world, peers, daemon })
     }
 
     /// Frames of the scene and of the peers: in turns in a closed loop, else one after the other.
@@ -156,18 +168,29 @@ impl<'s> Bench<'s> {
         let mut times = [const { Vec::new() }; 4];
         let mut last = None;
         let pace = Pace::from_now(rate);
+        let of_daemon =
+            |daemon: &Option<DaemonCpu>| daemon.as_ref().map_or(Duration::ZERO, DaemonCpu::used);
+        let (mut cpu, mut daemon_before) = (Duration::ZERO, of_daemon(&self.daemon));
         for frame in 0..frames + WARM_UP {
             let (indices, boxes) = self.world.step(count, motion);
             let due = pace.wait(frame);
             let is_spawn = motion == Motion::Spawn;
+            // At a pace a daemon awaits its client, and peers follow later: all that it does is for the edits.
+            if rate.is_none() {
+                daemon_before = of_daemon(&self.daemon);
+            }
+            let own_before = own_cpu();
             let begin = Instant::now();
             let (took, changes, engine) = edit(&mut self.scene, &indices, &boxes, is_spawn)?;
             if frame >= WARM_UP {
+                cpu += own_cpu().saturating_sub(own_before);
+                cpu += of_daemon(&self.daemon).saturating_sub(daemon_before);
                 let late = begin.saturating_duration_since(due).as_nanos() as u64;
                 let late = if rate.is_some() { late } else { 0 };
                 let all = took.into_iter().chain([late + took.iter().sum::<u64>()]);
                 times.iter_mut().zip(all).for_each(|(times, ns)| times.push(ns));
             }
+            daemon_before = of_daemon(&self.daemon);
             last = Some((changes, engine));
             if rate.is_none() {
                 for ((_, peer), times) in self.peers.iter_mut().zip(&mut peer_times) {
@@ -191,7 +214,8 @@ impl<'s> Bench<'s> {
             }
         }
         let (changes, engine) = last.ok_or("no frame")?;
-        Ok(Taken { times, changes, engine, peers: peer_times })
+        let cpu_ns = nanoseconds_a(cpu, frames.into());
+        Ok(Taken { times, cpu_ns, changes, engine, peers: peer_times })
     }
 
     /// Whether scene and peers have as many pairs as a whole frame.
@@ -224,7 +248,7 @@ impl<'s> Bench<'s> {
         let count = (n as f64 * percent / 100.0).round() as usize;
         let taken = self.run((count, motion), frames, rate)?;
         self.check()?;
-        let Taken { times, changes, engine, peers } = taken;
+        let Taken { times, cpu_ns, changes, engine, peers } = taken;
         let engine = engine.to_string();
         let [write, round_trip, visit, total] = times.each_ref().map(|t| percentile(t, 0.5));
         let us = |ns: u64| ns as f64 / 1e3;
@@ -238,11 +262,11 @@ impl<'s> Bench<'s> {
             let json = json!({
                 "scene": scene.as_str(), "n": n, "moving": percent / 100.0, "motion": motion.name(),
                 "backend": backend.to_string(), "engine": engine, "write_ns": write,
-                "round_trip_ns": round_trip, "visit_ns": visit, "total_ns": total,
+                "round_trip_ns": round_trip, "visit_ns": visit, "total_ns": total, "cpu_ns": cpu_ns,
                 "peer": peer, "peer_ns": peer_ns, "ratio": ratio,
             });
             let line = format!(
-                "{scene:>9} {n:>9} {percent:>7}% {:>9} {:>10} {engine:>10} {:>9.1} {:>10.1} {:>9.1} {:>10.1} {:>10.1} {peer:>13} {:>10.1} {ratio:>7.4} {changes:>9} {bytes_a_box:>6.0}",
+                "{scene:>9} {n:>9} {percent:>7}% {:>9} {:>10} {engine:>10} {:>9.1} {:>10.1} {:>9.1} {:>10.1} {:>10.1} {:>9.1} {peer:>13} {:>10.1} {ratio:>7.4} {changes:>9} {bytes_a_box:>6.0}",
                 motion.name(),
                 backend.to_string(),
                 us(write),
@@ -250,6 +274,7 @@ impl<'s> Bench<'s> {
                 us(visit),
                 us(total),
                 us(percentile(&times[3], 0.99)),
+                us(cpu_ns),
                 us(peer_ns),
             );
             (json, line)
@@ -258,7 +283,7 @@ impl<'s> Bench<'s> {
     }
 }
 
-const HEAD: &str = "    scene         n   moving    motion    backend     engine  write µs     answer     visit      total        p99          peer    peer µs   ratio   changes  bytes";
+const HEAD: &str = "    scene         n   moving    motion    backend     engine  write µs     answer     visit      total        p99    cpu µs          peer    peer µs   ratio   changes  bytes";
 
 fn main() -> Result<(), Box<dyn Error>> {
     let options = Options::parse();
@@ -281,7 +306,7 @@ fn main() -> Result<(), Box<dyn Error>> {
                 for &n in &options.n {
                     for &motion in &options.motion {
                         let world = World::new(name, n);
-                        let mut bench = Bench::new(&mut session, world, &options.peer)?;
+                        let mut bench = Bench::new((&mut session, backend), world, &options.peer)?;
                         for &percent in options.percents(motion) {
                             let pace = (options.frames.max(1), rate);
                             for (json, line) in

@@ -11,7 +11,7 @@ pub struct CullOptions {
     pub engine: EngineChoice,
     /// Which encoding.
     pub encoding: EncodingChoice,
-    /// How many threads; `None` leaves it to the plan.
+    /// Most threads; `None` is as many as the calling thread's pool has. The plan takes those that are worth it.
     pub threads: Option<usize>,
     /// Threads with which the client visits the pairs; `None` is one.
     pub visit_threads: Option<usize>,

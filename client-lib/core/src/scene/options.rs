@@ -12,7 +12,8 @@ pub(super) const MOST_BOXES: u32 = 1 << 29;
 pub struct SceneOptions {
     /// Indices are below this. At most 2^29; unless set, 2^24.
     pub most_boxes: u32,
-    /// Threads of the caller's rayon pool; `None` is all of them, or the session's. With one, no pool is touched.
+    /// Most threads of an edit or query, of the caller's rayon pool; `None` is all of them, or the session's. With one,
+    /// no pool is touched.
     pub threads: Option<usize>,
     /// Margins of boxes; `None` unless set. They are the client's, who sends fewer boxes: a [`Scene`](super::Scene)
     /// holds the boxes that it is given.
