@@ -1,9 +1,9 @@
 //! A team: the calling thread and some threads of its rayon pool, which do the phases of one frame together.
 //!
 //! A loop of rayon wakes more threads than it has parts, and each of them looks for work for some tens of µs: a frame of
-//! 0.3 ms took 3 ms of CPU time on 16 cores. A team has as many threads as its frame is worth. They are called where
-//! the first phase is shared, stay from phase to phase, and leave with the frame. Nobody waits for one that
-//! comes late, or never: the others take its parts.
+//! 0.3 ms took 3 ms of CPU time on 16 cores. A team has as many threads as its frame is worth. They are called when
+//! the frame begins, stay from phase to phase, and leave with the frame, or where a serial part takes long; the next
+//! phase calls them again then. Nobody waits for one that comes late, or never: the others take its parts.
 //!
 //! ```text
 //! enter     a team for a frame                     an engine, a scene, a query
