@@ -31,8 +31,8 @@ const CLASSES: usize = 17;
 /// Factors of the CPU's engines.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Learned {
-    /// Logarithms of measured by predicted time.
-    factors: [[Option<f64>; CLASSES]; EngineName::CPU.len()],
+    /// Logarithms of measured by predicted time, by the places of engines; none of a GPU's.
+    factors: [[Option<f64>; CLASSES]; EngineName::ALL.len()],
     frames: u32,
 }
 
@@ -46,9 +46,7 @@ impl Learned {
     pub fn note(&mut self, candidate: &Candidate, n: BoxCount, measured_ns: u64) {
         self.frames = self.frames.wrapping_add(1);
         let expected_ns = candidate.predicted_ns - candidate.visit_ns;
-        let Some(place) = EngineName::CPU.iter().position(|e| *e == candidate.engine) else {
-            return;
-        };
+        let place = candidate.engine.place();
         if expected_ns <= 0.0 || measured_ns == 0 {
             return;
         }
@@ -73,14 +71,15 @@ impl Learned {
             return;
         }
         let class = class_of(plan.stats.n);
-        let factor = |engine: EngineName| {
-            let place = EngineName::CPU.iter().position(|e| *e == engine);
-            place.map_or(Some(0.0), |place| self.factors[place][class])
-        };
-        let expected = |c: &Candidate| {
-            let engine_ns = c.predicted_ns - c.visit_ns;
-            engine_ns * factor(c.engine).unwrap_or(0.0).exp() + c.visit_ns
-        };
+        let factor = |engine: EngineName| self.factors[engine.place()][class];
+        // Once for each engine: plans of small scenes count every ns.
+        let expected_ns = EngineName::ALL.map(|engine| {
+            plan.candidates[engine.place()].map_or(f64::INFINITY, |c| {
+                let engine_ns = c.predicted_ns - c.visit_ns;
+                engine_ns * factor(engine).map_or(1.0, f64::exp) + c.visit_ns
+            })
+        });
+        let expected = |c: &Candidate| expected_ns[c.engine.place()];
         let soonest = |among: &mut dyn Iterator<Item = Candidate>| {
             among.min_by(|a, b| expected(a).total_cmp(&expected(b)))
         };

@@ -75,7 +75,8 @@ impl SphereAllPairs {
         let spheres = input.objects;
         let n = counted(spheres, EngineName::CpuBrute)?;
         let budget = &WordBudget::new(n, input.encoding, true, reply)?;
-        let _team = team::enter(input.threads);
+        let is_shared = split::task_count(spheres.len(), input.threads) > 1;
+        let _team = team::enter(if is_shared { input.threads } else { 1 });
         let mut clock = StageClock::start();
         let census = self.columns.ingest(spheres);
         self.order.clear();

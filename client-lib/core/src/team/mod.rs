@@ -171,8 +171,9 @@ impl Team {
     /// Calls the helpers that are not there. Each of them calls the next one: a call takes some µs, and makes a small
     /// object, a job of rayon's.
     fn call_helpers(self: &Arc<Self>) {
-        if self.helpers.load(Ordering::Relaxed) < self.most_helpers {
-            self.helpers.fetch_add(1, Ordering::Relaxed);
+        // The caller and a helper may call at once: no more come than may be there.
+        let one_more = |helpers| (helpers < self.most_helpers).then_some(helpers + 1);
+        if self.helpers.fetch_update(Ordering::Relaxed, Ordering::Relaxed, one_more).is_ok() {
             let team = Arc::clone(self);
             rayon::spawn(move || {
                 if !team.is_over.load(Ordering::Acquire) {

@@ -30,8 +30,7 @@ use crate::engine::{
 };
 use crate::mask::{Encoding, MaskShape};
 use crate::precision::BoxForm;
-use crate::team;
-use crate::team::{Split, for_each_in_parts, in_parts};
+use crate::team::{self, Split, for_each_in_parts, in_parts};
 
 /// `cpu-brute` in the list of engines.
 pub(super) const DESCRIPTOR: EngineDescriptor = EngineDescriptor {
@@ -182,7 +181,8 @@ impl Engine for BruteForce {
         let (boxes, n) = input.f32_boxes(EngineName::CpuBrute)?;
         let budget = &WordBudget::new(n, input.encoding, false, reply)?;
         let gather = &Gather { budget, rules: input.rules, order: &[], isa: self.isa };
-        let _team = team::enter(input.threads);
+        let is_shared = split::task_count(boxes.len(), input.threads) > 1;
+        let _team = team::enter(if is_shared { input.threads } else { 1 });
         let mut clock = StageClock::start();
         let census = self.columns.ingest(boxes, self.isa);
         self.assign(input.threads);

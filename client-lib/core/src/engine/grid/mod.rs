@@ -42,8 +42,7 @@ use crate::engine::{
 };
 use crate::mask::Encoding;
 use crate::precision::BoxForm;
-use crate::team;
-use crate::team::{for_each_in_parts, part_count};
+use crate::team::{self, for_each_in_parts, part_count};
 
 /// Fewest rows of a task: below, handing it to another thread costs more than it saves.
 const TASK_ROWS: usize = 1_024;

@@ -29,6 +29,5 @@ mod words_avx512;
 
 pub(crate) use batch::{BATCH_STRIPS, GROUP, STRIP_COLUMNS, StripBatch, StripGroup};
 pub(crate) use block::{BLOCK_LANES, RowBlock, RowSet};
-
 pub(crate) use ordered::{KeyArraysMut, OrderedBoxes};
 pub(crate) use sink::WordSink;

@@ -33,8 +33,7 @@ use crate::engine::{
 use crate::floats;
 use crate::mask::Encoding;
 use crate::precision::BoxForm;
-use crate::team;
-use crate::team::{for_each_in_parts, part_count};
+use crate::team::{self, for_each_in_parts, part_count};
 
 /// Boxes, or groups, of a group: what one strip holds.
 const FAN_OUT: usize = STRIP_COLUMNS;
