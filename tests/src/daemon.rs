@@ -144,12 +144,6 @@ impl TestDaemon {
         self.dir().read_record(&InstanceName::default())
     }
 
-    pub fn pretend_minor(&self, minor: u16) {
-        let mut record = self.record().expect("the daemon serves");
-        record.version.minor = minor;
-        self.dir().write_record(&InstanceName::default(), &record).expect("a record");
-    }
-
     pub fn worker(&self) -> Pid {
         let record = eventually("the daemon has a worker", || self.record());
         Pid::from_raw(i32::try_from(record.worker_pid).expect("a pid")).expect("not zero")

@@ -5,14 +5,12 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use iceoryx2::service::ipc_threadsafe;
-use pairmask::{Session, SessionBuilder};
 use pairmask_core::units::BoxCount;
 use pairmask_transport::{
     DaemonRecord, Limits, RuntimeDir, Services, assume_response_pages, clean_if_abandoned,
 };
 use pairmask_wire::{
-    InstanceName, ReplyFields, RequestHeader, ResponseHeader, StatusCode, Version, response_error,
-    words_in_mut,
+    InstanceName, ReplyFields, RequestHeader, ResponseHeader, Version, words_in_mut,
 };
 
 use crate::daemon::eventually;
@@ -76,15 +74,4 @@ pub fn beside_daemon(
         }
     });
     clean_if_abandoned(dir, &InstanceName::default()).expect("nobody serves");
-}
-
-/// Runs `test` beside a daemon of this build's version that refuses every request, as one does that does not know a
-/// required section.
-pub fn beside_refuser(test: impl FnOnce(SessionBuilder)) {
-    let refuse = |header: &RequestHeader, _: &mut [u32]| {
-        response_error(&fields_of(header), StatusCode::BadRequest, [0; 2])
-    };
-    beside_daemon(Version::CURRENT, refuse, |dir| {
-        test(Session::builder().runtime_dir(dir.clone()));
-    });
 }

@@ -538,9 +538,6 @@ typedef struct {
 // More boxes or spheres than an index can name.
 #define PM_ERR_TOO_MANY_BOXES 30
 
-// The daemon is older than what the frame needs.
-#define PM_ERR_DAEMON_TOO_OLD 31
-
 // The lists of a frame's rules are too long to be sent.
 #define PM_ERR_TOO_MANY_LISTED_PAIRS 32
 

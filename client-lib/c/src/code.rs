@@ -45,8 +45,6 @@ pub const PM_ERR_TRANSPORT: pm_code = 19;
 
 /// More boxes or spheres than an index can name.
 pub const PM_ERR_TOO_MANY_BOXES: pm_code = 30;
-/// The daemon is older than what the frame needs.
-pub const PM_ERR_DAEMON_TOO_OLD: pm_code = 31;
 /// The lists of a frame's rules are too long to be sent.
 pub const PM_ERR_TOO_MANY_LISTED_PAIRS: pm_code = 32;
 /// The first of two sets has more boxes than the frame.
@@ -103,7 +101,7 @@ pub const PM_ERR_NOT_LEASED: pm_code = 95;
 pub const PM_ERR_OTHER: pm_code = 99;
 
 /// Every code with its name.
-const NAMES: [(pm_code, &CStr); 44] = [
+const NAMES: [(pm_code, &CStr); 43] = [
     (PM_OK, c"PM_OK"),
     (PM_ERR_ARGUMENT, c"PM_ERR_ARGUMENT"),
     (PM_ERR_HANDLE, c"PM_ERR_HANDLE"),
@@ -122,7 +120,6 @@ const NAMES: [(pm_code, &CStr); 44] = [
     (PM_ERR_INSTANCE, c"PM_ERR_INSTANCE"),
     (PM_ERR_TRANSPORT, c"PM_ERR_TRANSPORT"),
     (PM_ERR_TOO_MANY_BOXES, c"PM_ERR_TOO_MANY_BOXES"),
-    (PM_ERR_DAEMON_TOO_OLD, c"PM_ERR_DAEMON_TOO_OLD"),
     (PM_ERR_TOO_MANY_LISTED_PAIRS, c"PM_ERR_TOO_MANY_LISTED_PAIRS"),
     (PM_ERR_FIRST_SET, c"PM_ERR_FIRST_SET"),
     (PM_ERR_TOO_MANY_FRAMES, c"PM_ERR_TOO_MANY_FRAMES"),

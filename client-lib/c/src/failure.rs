@@ -131,7 +131,6 @@ const fn of_error(error: &Error) -> pm_code {
         Error::NoMemory { .. } => PM_ERR_OUT_OF_MEMORY,
         Error::OutOfMemory(_) => PM_ERR_OUT_OF_SHARED_MEMORY,
         Error::Connect(error) => of_connect(error),
-        Error::DaemonTooOld { .. } => PM_ERR_DAEMON_TOO_OLD,
         Error::TooManyListedPairs(_) => PM_ERR_TOO_MANY_LISTED_PAIRS,
         Error::NotSent(_) | Error::Transport(_) => PM_ERR_TRANSPORT,
         Error::Timeout { .. } => PM_ERR_TIMEOUT,

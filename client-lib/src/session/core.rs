@@ -281,22 +281,6 @@ impl Core {
         }
     }
 
-    /// The connection, where its daemon knows what a minor version added.
-    pub(super) fn link_that_knows(
-        &self,
-        since_minor: u16,
-        what: &'static str,
-    ) -> Result<Arc<Link>, Error> {
-        let link = self.link()?;
-        if link.forms().knows(since_minor) {
-            return Ok(link);
-        }
-        if self.may_cull_here() {
-            link.forms().say_stay(since_minor, what);
-        }
-        Err(Error::DaemonTooOld { what })
-    }
-
     /// The connection. A lost one is made again once its interval has passed, and one to a daemon that did
     /// not answer once that runs again.
     pub(super) fn link(&self) -> Result<Arc<Link>, ConnectError> {

@@ -56,7 +56,7 @@ pub enum ConnectError {
         /// The user's id.
         uid: u32,
     },
-    /// The daemon speaks another major version of the wire contract.
+    /// The daemon speaks another major version of the wire contract, or an older minor one.
     #[error(
         "the daemon speaks wire version {daemon}, this client {client}: install matching versions of pairmask and pairmaskd"
     )]
@@ -202,14 +202,6 @@ pub enum Error {
     /// There is no daemon any more ([`Backend::Daemon`](super::Backend::Daemon) only).
     #[error(transparent)]
     Connect(#[from] ConnectError),
-    /// The daemon is older than what is asked of it ([`Backend::Daemon`](super::Backend::Daemon) only).
-    #[error(
-        "the daemon is too old to know {what}: install a newer pairmaskd, or use Backend::Auto"
-    )]
-    DaemonTooOld {
-        /// What it does not know: spheres, for one.
-        what: &'static str,
-    },
     /// The include and exclude lists of a frame's rules are too long to be sent
     /// ([`Backend::Daemon`](super::Backend::Daemon) only).
     #[error("{0}: use Backend::Auto")]

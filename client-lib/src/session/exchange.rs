@@ -1,11 +1,11 @@
-//! A request and its answer, for requests that this process cannot answer from the memory that it sent.
+//! A request and its answer.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use pairmask_wire::{ReplyError, RequestHeader, ResponseHeader};
+use pairmask_wire::{Page, ReplyError, RequestHeader, ResponseHeader};
 
-use super::error::Error;
+use super::error::{Error, Loss};
 use super::estimate::Expected;
 use super::link::{Link, Received, SharedFrame, Slot, Unsent, Vigil};
 use super::pairs::Storage;
@@ -28,32 +28,28 @@ pub(super) struct Answer {
     /// When the request was sent.
     pub sent_at: Instant,
     _pending: SentRequest,
-    _slot: Slot,
+    slot: Slot,
 }
 
 impl Answer {
+    pub(super) const fn link(&self) -> &Arc<Link> {
+        self.slot.link()
+    }
+
     /// Its memory, for a mask that lies in it.
     pub(super) fn into_storage(self) -> Storage {
-        let Self { response, _pending: pending, _slot: slot, .. } = self;
+        let Self { response, _pending: pending, slot, .. } = self;
         Storage::Shared { response, _pending: pending, _slot: slot }
     }
 }
 
 impl Exchange {
     /// Sends a request.
-    ///
-    /// # Errors
-    /// [`Error::DaemonDied`], or [`Error::Timeout`] where the daemon receives nothing.
-    pub(super) fn begin(shared: SharedFrame, header: &RequestHeader) -> Result<Self, Error> {
+    #[allow(clippy::result_large_err)] // The error holds the request, which a frame goes on with.
+    pub(super) fn begin(shared: SharedFrame, header: &RequestHeader) -> Result<Self, Unsent> {
         let at = Instant::now();
-        match shared.send(header) {
-            Ok((pending, slot)) if pending.is_delivered() => {
-                Ok(Self { pending, slot, at, vigil: Vigil::default() })
-            }
-            Ok((_, slot)) if slot.link().is_alive() => Err(Error::Timeout { waited: at.elapsed() }),
-            Ok(_) | Err(Unsent::Saved(_)) => Err(Error::DaemonDied),
-            Err(Unsent::Lost(error)) => Err(error.into()),
-        }
+        let (pending, slot) = shared.send(header)?;
+        Ok(Self { pending, slot, at, vigil: Vigil::default() })
     }
 
     /// Waits for the answer, as long as the deadline allows.
@@ -63,14 +59,19 @@ impl Exchange {
     pub(super) fn end(mut self, expected: Expected, settings: &Settings) -> Result<Answer, Error> {
         let deadline = Instant::now() + settings.deadline;
         let received = self.receive(expected, settings.spin, deadline)?;
-        self.accept(received.ok_or(Error::Timeout { waited: settings.deadline })?)
+        let sample = received.ok_or(Error::Timeout { waited: settings.deadline })?;
+        let (header, response) = self.check(sample)?;
+        Ok(self.answered(&header, response))
     }
 
     /// The answer if it comes until then, or why there will be none; else the exchange.
     #[allow(clippy::result_large_err)] // Its caller puts it back.
     pub(super) fn end_until(mut self, deadline: Instant) -> Result<Result<Answer, Error>, Self> {
         match self.receive(Expected::default(), Duration::ZERO, deadline) {
-            Ok(Some(sample)) => Ok(self.accept(sample)),
+            Ok(Some(sample)) => Ok(match self.check(sample) {
+                Ok((header, response)) => Ok(self.answered(&header, response)),
+                Err(error) => Err(error.into()),
+            }),
             Ok(None) => Err(self),
             Err(error) => Ok(Err(error)),
         }
@@ -85,12 +86,30 @@ impl Exchange {
         Ok(self.receive(Expected::default(), Duration::ZERO, now)?.is_some())
     }
 
-    /// Whether it is one of this connection.
-    pub(super) fn is_on(&self, link: &Arc<Link>) -> bool {
-        Arc::ptr_eq(self.slot.link(), link)
+    pub(super) const fn link(&self) -> &Arc<Link> {
+        self.slot.link()
     }
 
-    fn receive(
+    /// When it was sent.
+    pub(super) const fn at(&self) -> Instant {
+        self.at
+    }
+
+    /// The pages of the request.
+    pub(super) fn pages(&self) -> &[Page] {
+        self.pending.pages()
+    }
+
+    /// Ends the request. Its place is free for another one.
+    pub(super) fn into_slot(self) -> Slot {
+        self.slot
+    }
+
+    /// Waits for the answer until then; `None` if it has not come.
+    ///
+    /// # Errors
+    /// [`Error`]: there will be none.
+    pub(super) fn receive(
         &mut self,
         expected: Expected,
         spin: Duration,
@@ -106,10 +125,46 @@ impl Exchange {
         }
     }
 
-    fn accept(self, sample: ResponseSample) -> Result<Answer, Error> {
+    /// The header and the memory of an answer.
+    pub(super) fn check(
+        &self,
+        sample: ResponseSample,
+    ) -> Result<(ResponseHeader, CheckedResponse), ReplyError> {
+        self.slot.link().check(sample).ok_or(ReplyError::Malformed { field: "place" })
+    }
+
+    /// The answer, with what it has to hold.
+    pub(super) fn answered(self, header: &ResponseHeader, response: CheckedResponse) -> Answer {
         let Self { pending, slot, at, .. } = self;
-        let misplaced = ReplyError::Malformed { field: "place" };
-        let (header, response) = slot.link().check(sample).ok_or(misplaced)?;
-        Ok(Answer { header, response, sent_at: at, _pending: pending, _slot: slot })
+        Answer { header: *header, response, sent_at: at, _pending: pending, slot }
+    }
+}
+
+impl Unsent {
+    /// The pages of the request, where they are kept.
+    pub(super) fn pages(&self) -> Option<&[Page]> {
+        match self {
+            Self::Undelivered { sent, .. } => Some(sent.pages()),
+            Self::Saved(shared) => Some(shared.loan.pages()),
+            Self::Lost(_) => None,
+        }
+    }
+
+    /// How the daemon was lost.
+    pub(super) fn loss(&self) -> Loss {
+        match self {
+            Self::Undelivered { slot, .. } if slot.link().is_alive() => Loss::Silent,
+            _ => Loss::Died,
+        }
+    }
+}
+
+impl From<Unsent> for Error {
+    fn from(unsent: Unsent) -> Self {
+        match (unsent.loss(), unsent) {
+            (_, Unsent::Lost(error)) => error.into(),
+            (Loss::Silent, Unsent::Undelivered { waited, .. }) => Self::Timeout { waited },
+            _ => Self::DaemonDied,
+        }
     }
 }

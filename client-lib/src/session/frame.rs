@@ -183,29 +183,9 @@ impl<O: FrameObject> Drop for Frame<O> {
     }
 }
 
-/// The number of objects of a frame, checked against the largest index.
-fn counted(n: usize) -> Result<BoxCount, Error> {
-    BoxCount::of_len(n).ok_or(Error::TooManyBoxes { n, limit: u64::from(u32::MAX) })
-}
-
-/// Shared memory for boxes, and the precision that they are written with: the one asked for, or exact where the
-/// daemon does not know that.
-fn box_memory(
-    core: &Core,
-    n: BoxCount,
-    asked: Precision,
-) -> Result<(SharedFrame, Precision), Error> {
-    let link = core.link()?;
-    let agreed = link.forms().agree(asked);
-    let bytes = Written::by(&agreed).scene(n).payload_bytes();
-    Ok((core.loan(&link, bytes + core.room_for_rules(n))?, agreed))
-}
-
 impl Frame {
     pub(super) fn of_boxes(core: &Arc<Core>, n: usize) -> Result<Self, Error> {
-        let n = counted(n)?;
-        let memory = Self::lend(core, n, || Ok(box_memory(core, n, Precision::Exact)?.0))?;
-        Ok(Self::new(n, memory, Written::by(&Precision::Exact), (), core))
+        Self::new(core, n, Written::by(&Precision::Exact), ())
     }
 }
 
@@ -215,66 +195,54 @@ impl Frame<Quantized> {
         n: usize,
         asked: Precision,
     ) -> Result<Self, Error> {
-        let (n, mut precision) = (counted(n)?, asked);
-        let memory = Self::lend(core, n, || {
-            let (shared, agreed) = box_memory(core, n, asked)?;
-            precision = agreed;
-            Ok(shared)
-        })?;
-        let encoding = (precision, Encoder::new(&precision));
-        Ok(Self::new(n, memory, Written::by(&precision), encoding, core))
+        Self::new(core, n, Written::by(&asked), (asked, Encoder::new(&asked)))
     }
 }
 
 impl Frame<Sphere> {
     pub(super) fn of_spheres(core: &Arc<Core>, n: usize) -> Result<Self, Error> {
-        let n = counted(n)?;
-        let memory = Self::lend(core, n, || {
-            let link = core.link_that_knows(Written::SPHERES.since_minor(), "spheres")?;
-            core.loan(&link, Written::SPHERES.scene(n).payload_bytes())
-        })?;
-        Ok(Self::new(n, memory, Written::SPHERES, (), core))
+        Self::new(core, n, Written::SPHERES, ())
     }
 }
 
 impl<O: FrameObject> Frame<O> {
+    /// A frame of `n` objects, in shared memory or this process's own, as the backend asks.
     fn new(
-        n: BoxCount,
-        memory: FrameMemory<O::Stored>,
+        core: &Arc<Core>,
+        n: usize,
         written: Written,
         encoding: O::Encoding,
-        core: &Arc<Core>,
-    ) -> Self {
-        Self { n, memory: Some(memory), written, encoding, core: Arc::clone(core) }
-    }
-
-    /// Memory for `n` objects, as the backend asks: shared memory from `shared`, or this process's own.
-    fn lend(
-        core: &Core,
-        n: BoxCount,
-        shared: impl FnOnce() -> Result<SharedFrame, Error>,
-    ) -> Result<FrameMemory<O::Stored>, Error> {
+    ) -> Result<Self, Error> {
+        let limit = u64::from(u32::MAX);
+        let n = BoxCount::of_len(n).ok_or(Error::TooManyBoxes { n, limit })?;
+        let shared = || {
+            let room = match written.form {
+                ObjectForm::Boxes(_) => core.room_for_rules(n),
+                ObjectForm::Spheres => 0,
+            };
+            core.loan(&core.link()?, written.scene(n).payload_bytes() + room)
+        };
         let own = || {
             let memory = O::spares(core.spares()).take_sized(n);
             memory.map(FrameMemory::Own).ok_or(Error::NoMemory { n: n.get() })
         };
-        match core.settings().backend {
-            Backend::InProcess => own(),
-            Backend::Daemon => Ok(FrameMemory::Shared(shared()?)),
+        let memory = match core.settings().backend {
+            Backend::InProcess => own()?,
+            Backend::Daemon => FrameMemory::Shared(shared()?),
             Backend::Auto => match shared() {
-                Ok(shared) => Ok(FrameMemory::Shared(shared)),
+                Ok(shared) => FrameMemory::Shared(shared),
                 // Only the daemon has a GPU.
-                Err(Error::TooManyFrames) if core.settings().needs_gpu() => {
-                    Err(Error::TooManyFrames)
+                Err(error @ Error::TooManyFrames) if core.settings().needs_gpu() => {
+                    return Err(error);
                 }
-                // The next frame may go to the daemon: the log already says so of an old one.
-                Err(Error::DaemonTooOld { .. } | Error::TooManyFrames) => own(),
+                Err(Error::TooManyFrames) => own()?,
                 Err(error) => {
                     core.say_in_process(&error);
-                    own()
+                    own()?
                 }
             },
-        }
+        };
+        Ok(Self { n, memory: Some(memory), written, encoding, core: Arc::clone(core) })
     }
 
     /// Boxes or spheres in this frame.
@@ -334,7 +302,7 @@ impl<O: FrameObject> Frame<O> {
     /// As [`submit`](Self::submit); [`Error::FirstSet`] where there are fewer boxes, [`Error::Tags`] and
     /// [`Error::Listed`] where filters are not those of so many boxes, [`Error::Unsupported`] for
     /// spheres, and for filters and sets at once. With [`Backend::Daemon`](super::Backend::Daemon),
-    /// [`Error::DaemonTooOld`] and [`Error::TooManyListedPairs`].
+    /// [`Error::TooManyListedPairs`].
     pub fn submit_with(mut self, options: &FrameOptions) -> Result<PendingFrame, Error> {
         let FrameOptions { filters, split_at } = options;
         if self.written.form == ObjectForm::Spheres && (filters.is_some() || split_at.is_some()) {
@@ -456,8 +424,7 @@ impl Frame<Sphere> {
 }
 
 impl Frame<Quantized> {
-    /// The precision that the boxes are written with: the one asked for, or exact where the daemon does
-    /// not know that.
+    /// The precision that the boxes are written with.
     pub const fn precision(&self) -> &Precision {
         &self.encoding.0
     }

@@ -18,10 +18,8 @@ use pairmask_wire::{
     InstanceError, PAGE_BYTES, ReplyError, RequestHeader, ResponseHeader, Version, page_count,
 };
 
-use super::encodings::KnownEncodings;
 use super::error::{ConnectError, Error};
 use super::estimate::{Answered, Estimate, Expected};
-use super::forms::KnownForms;
 use super::kept_rules::KeptRules;
 use super::settings::{Backend, Settings};
 use super::spares::lock;
@@ -74,9 +72,7 @@ pub(super) struct Link {
     /// Cores that this process may use.
     cores: usize,
     frames: AtomicUsize,
-    forms: KnownForms,
     kept_rules: KeptRules,
-    encodings: KnownEncodings,
     /// Whether the log says that responses of this daemon are refused.
     reported_refused: AtomicBool,
     files: SegmentFiles,
@@ -157,7 +153,7 @@ impl Link {
         let daemon = Arc::new(watch.ok_or_else(no_daemon)?);
         let mismatch =
             ConnectError::VersionMismatch { client: Version::CURRENT, daemon: record.version };
-        if record.version.major != Version::CURRENT.major {
+        if !record.version.serves_this_build() {
             return Err(mismatch);
         }
         let open = |e: OpenError| match e {
@@ -197,9 +193,7 @@ impl Link {
             estimate: Mutex::default(),
             cores: std::thread::available_parallelism().map_or(1, usize::from),
             frames: AtomicUsize::new(0),
-            forms: KnownForms::of(record.version),
             kept_rules: KeptRules::default(),
-            encodings: KnownEncodings::of(record.version),
             reported_refused: AtomicBool::new(false),
             files: SegmentFiles::new(&dir, instance),
             segment: Mutex::default(),
@@ -242,16 +236,6 @@ impl Link {
     /// The rules that the daemon keeps.
     pub(super) const fn kept_rules(&self) -> &KeptRules {
         &self.kept_rules
-    }
-
-    /// The forms of objects that the daemon can be sent.
-    pub(super) const fn forms(&self) -> &KnownForms {
-        &self.forms
-    }
-
-    /// The encodings that the daemon can be asked for.
-    pub(super) const fn encodings(&self) -> &KnownEncodings {
-        &self.encodings
     }
 
     /// Logs once that a frame is answered in process, because the daemon's response is an error or
@@ -498,13 +482,19 @@ pub(super) fn no_daemon(settings: &Settings) -> ConnectError {
 }
 
 /// A frame that has no room for more, with its memory where that is kept.
-pub(super) enum Ungrown {
-    Saved(SharedFrame, Error),
-    Lost(Error),
+pub(super) struct Ungrown {
+    pub frame: Option<SharedFrame>,
+    pub error: Error,
 }
 
 /// A request that could not be sent, with its memory where that is kept.
 pub(super) enum Unsent {
+    /// The daemon receives nothing.
+    Undelivered {
+        sent: SentRequest,
+        slot: Slot,
+        waited: Duration,
+    },
     Saved(SharedFrame),
     Lost(TransportError),
 }
@@ -527,7 +517,7 @@ impl SharedFrame {
         }
         let port = match self.slot.link.port_for(pages) {
             Ok(port) => port,
-            Err(error) => return Err(Ungrown::Saved(self, error)),
+            Err(error) => return Err(Ungrown { frame: Some(self), error }),
         };
         if let Ok(mut loan) = self.slot.link.lend(&port, pages) {
             loan.pages_mut()[..used].copy_from_slice(&self.loan.pages()[..used]);
@@ -537,13 +527,15 @@ impl SharedFrame {
         let Self { loan, slot, .. } = self;
         let own = loan.pages()[..used].to_vec();
         drop(loan);
-        let mut loan = slot.link.lend(&port, pages).map_err(Ungrown::Lost)?;
+        let lost = |error| Ungrown { frame: None, error };
+        let mut loan = slot.link.lend(&port, pages).map_err(lost)?;
         loan.pages_mut()[..used].copy_from_slice(&own);
         Ok(Self { loan, port, slot })
     }
 
     /// Sends the frame and wakes the daemon. Waits for room where the daemon has not yet received what
-    /// the session sent, and dropped, before; then the request may be undelivered.
+    /// the session sent, and dropped, before.
+    #[allow(clippy::result_large_err)] // As above.
     pub(super) fn send(self, header: &RequestHeader) -> Result<(SentRequest, Slot), Unsent> {
         // `send` drops the memory when it fails, and it fails where the daemon is gone or new. The
         // connection is updated first, while the session still owns the boxes.
@@ -558,11 +550,11 @@ impl SharedFrame {
         // for requests at intervals.
         let _ = link.notifier.notify();
         if !sent.is_delivered() {
-            let give_up_at = Instant::now() + ROOM_WITHIN;
+            let since = Instant::now();
             let mut vigil = Vigil::default();
             while !sent.is_delivered()
                 && matches!(vigil.look_at_times(link), Seen::Running)
-                && Instant::now() < give_up_at
+                && since.elapsed() < ROOM_WITHIN
             {
                 std::thread::sleep(ROOM_INTERVAL);
                 // The transport sends no memory twice.
@@ -573,6 +565,9 @@ impl SharedFrame {
                     sent = again.send(header).map_err(Unsent::Lost)?;
                 }
                 let _ = link.notifier.notify();
+            }
+            if !sent.is_delivered() {
+                return Err(Unsent::Undelivered { sent, slot, waited: since.elapsed() });
             }
         }
         Ok((sent, slot))

@@ -19,15 +19,11 @@
 
 mod builder;
 mod core;
-#[cfg_attr(not(feature = "daemon"), allow(dead_code))]
-mod encodings;
 mod error;
 #[cfg_attr(not(feature = "daemon"), allow(dead_code))]
 mod estimate;
 #[cfg_attr(not(feature = "daemon"), allow(dead_code))]
 mod exchange;
-#[cfg_attr(not(feature = "daemon"), allow(dead_code))]
-mod forms;
 mod frame;
 #[cfg_attr(not(feature = "daemon"), allow(dead_code))]
 mod kept_rules;
@@ -107,9 +103,6 @@ impl Session {
     /// As [`frame`](Self::frame), for boxes that are written with less precision and fewer bytes.
     /// [`Precision`] states which pairs that may add; no pair is missed.
     ///
-    /// A daemon that is too old to know the form gets exact boxes. The log says so once a
-    /// connection, and [`FrameInfo::form`] says so for each frame.
-    ///
     /// ```
     /// use pairmask_core::{Aabb, Bounds, Precision};
     /// use pairmask::{Backend, Session};
@@ -139,8 +132,7 @@ impl Session {
     /// As [`frame`](Self::frame), for bounding spheres, 16 bytes each, in place of boxes. The mask is
     /// that of the spheres, exact: [`sphere`](pairmask_core::sphere) says what overlaps.
     ///
-    /// A daemon that is too old to know spheres gets none: with [`Backend::Auto`] their frames are
-    /// answered in process, which the log says once a connection. A GPU takes spheres too. A frame fails
+    /// A GPU takes spheres too. A frame fails
     /// where `gpu-brute` is asked for by name and there are more than 32,768 of them, and on a software
     /// adapter where there are more than 16 or `gpu-grid` is asked for.
     ///
@@ -161,7 +153,7 @@ impl Session {
     /// ```
     ///
     /// # Errors
-    /// As [`frame`](Self::frame), and [`Error::DaemonTooOld`] with [`Backend::Daemon`].
+    /// As [`frame`](Self::frame).
     pub fn sphere_frame(&mut self, n: usize) -> Result<Frame<Sphere>, Error> {
         Frame::of_spheres(&self.core, n)
     }

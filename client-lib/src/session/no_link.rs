@@ -7,10 +7,8 @@ use std::time::{Duration, Instant};
 
 use pairmask_wire::{ReplyError, RequestHeader, ResponseHeader};
 
-use super::encodings::KnownEncodings;
 use super::error::{ConnectError, Error};
 use super::estimate::{Answered, Expected};
-use super::forms::KnownForms;
 use super::kept_rules::KeptRules;
 use super::settings::{Backend, Settings};
 use crate::transport::{
@@ -65,13 +63,14 @@ pub(super) const fn no_daemon(_: &Settings) -> ConnectError {
 }
 
 /// A frame that has no room for more.
-pub(super) enum Ungrown {
-    Saved(SharedFrame, Error),
-    Lost(Error),
+pub(super) struct Ungrown {
+    pub frame: Option<SharedFrame>,
+    pub error: Error,
 }
 
 /// A request that could not be sent.
 pub(super) enum Unsent {
+    Undelivered { sent: SentRequest, slot: Slot, waited: Duration },
     Saved(SharedFrame),
     Lost(TransportError),
 }
@@ -113,14 +112,6 @@ impl Link {
     }
 
     pub(super) const fn kept_rules(&self) -> &KeptRules {
-        match self.0 {}
-    }
-
-    pub(super) const fn forms(&self) -> &KnownForms {
-        match self.0 {}
-    }
-
-    pub(super) const fn encodings(&self) -> &KnownEncodings {
         match self.0 {}
     }
 

@@ -53,8 +53,7 @@ pub struct FrameInfo {
     pub times: StageTimes,
     /// Bytes of the mask.
     pub mask_bytes: u64,
-    /// What the objects are, boxes or spheres, and their form. Boxes are not in the form that was
-    /// asked for where the daemon is too old to know it.
+    /// What the objects are, boxes or spheres, and their form.
     pub form: ObjectForm,
     /// Bytes of the boxes or spheres in that form: what a daemon reads.
     pub box_bytes: u64,

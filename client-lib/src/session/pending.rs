@@ -9,20 +9,20 @@ use pairmask_core::mask::MaskView;
 use pairmask_core::objects::Objects;
 use pairmask_core::units::BoxCount;
 use pairmask_wire::{
-    CullRequest, FRAME_RULES_MINOR, KEPT_RULES_MINOR, Page, Reply, ReplyError, ReplyFields,
-    RequestHeader, ResponseHeader, RulesLayout, RulesPlace, RulesReader, StatusCode, page_count,
-    words_in, world_ranges_in,
+    CullRequest, Page, Reply, ReplyError, ReplyFields, RequestHeader, ResponseHeader, RulesLayout,
+    RulesPlace, RulesReader, StatusCode, page_count, words_in, world_ranges_in,
 };
 
 use super::core::Core;
 use super::error::{Error, Loss};
 use super::estimate::Answered;
+use super::exchange::Exchange;
 use super::kept_rules::RulesNumber;
-use super::link::{Received, SharedFrame, Slot, Ungrown, Unsent, Vigil};
-use super::pairs::{PairMask, ServedBy, Storage};
+use super::link::{SharedFrame, Ungrown};
+use super::pairs::{PairMask, ServedBy};
 use super::settings::LONGEST_WAIT;
 use super::written::Written;
-use crate::transport::{CheckedResponse, SentRequest};
+use crate::transport::CheckedResponse;
 
 /// A frame that was submitted. Dropping it discards the answer.
 pub struct PendingFrame {
@@ -51,102 +51,67 @@ enum State {
 /// A frame that the daemon works on. Its boxes stay readable, so that this process can cull them if
 /// the daemon dies.
 pub(super) struct Sent {
-    pending: SentRequest,
+    exchange: Exchange,
     asked: ReplyFields,
     written: Written,
     rules: SentRules,
-    at: Instant,
-    slot: Slot,
-    vigil: Vigil,
 }
 
 /// The rules of a frame as they were sent.
 enum SentRules {
     /// It has none.
     None,
-    /// They lie behind its objects, with the number under which they are kept, or 0.
+    /// They lie behind its objects, with the number under which they are kept.
     Written(RulesPlace, u64),
     /// The daemon keeps them under a number.
     Kept(Arc<Rules>, u64),
 }
 
-/// A frame that is to be sent, or the reason why this process answers it.
-#[allow(clippy::large_enum_variant)] // A box would be an allocation in every frame.
-enum ToSend {
-    Frame(SharedFrame, SentRules),
-    Stays(SharedFrame),
-}
-
 /// Readies a frame with rules: those that the daemon does not keep are written behind its objects.
+#[allow(clippy::result_large_err)] // The error holds the frame, which its caller goes on with.
 fn with_rules(
     shared: SharedFrame,
     n: BoxCount,
     written: Written,
     given: &Arc<Rules>,
     core: &Core,
-) -> Result<ToSend, Error> {
-    let forms = shared.slot.link().forms();
-    if !forms.knows(FRAME_RULES_MINOR) {
-        let what = "rules of frames";
-        if !core.may_cull_here() {
-            return Err(Error::DaemonTooOld { what });
-        }
-        forms.say_stay(FRAME_RULES_MINOR, what);
-        return Ok(ToSend::Stays(shared));
-    }
-    let kept_rules = shared.slot.link().kept_rules();
-    let mut number = 0;
-    if forms.knows(KEPT_RULES_MINOR) {
-        number = match kept_rules.number_of(given, n) {
-            RulesNumber::Known(number) => {
-                return Ok(ToSend::Frame(shared, SentRules::Kept(Arc::clone(given), number)));
-            }
-            RulesNumber::New(number) => number,
-        };
-    }
+) -> Result<(SharedFrame, SentRules), Ungrown> {
     let link = Arc::clone(shared.slot.link());
-    let to_send = with_written_rules(shared, n, written, given, number, core);
-    if !matches!(to_send, Ok(ToSend::Frame(..))) {
+    let number = match link.kept_rules().number_of(given, n) {
+        RulesNumber::Known(number) => {
+            return Ok((shared, SentRules::Kept(Arc::clone(given), number)));
+        }
+        RulesNumber::New(number) => number,
+    };
+    let written = write_rules(shared, n, written, given, core);
+    if written.is_err() {
         // The daemon gets none of that number.
         link.kept_rules().forget();
     }
-    to_send
+    written.map(|(shared, place)| (shared, SentRules::Written(place, number)))
 }
 
-/// Writes rules behind the objects of a frame, with the number under which they are kept, or 0.
-fn with_written_rules(
+/// Writes rules behind the objects of a frame.
+#[allow(clippy::result_large_err)] // As above.
+fn write_rules(
     shared: SharedFrame,
     n: BoxCount,
     written: Written,
     rules: &Rules,
-    number: u64,
     core: &Core,
-) -> Result<ToSend, Error> {
-    let stays = |shared, error| {
-        if core.may_cull_here() {
-            core.say_in_process(&error);
-            Ok(ToSend::Stays(shared))
-        } else {
-            Err(error)
-        }
-    };
+) -> Result<(SharedFrame, RulesPlace), Ungrown> {
     let used = written.scene(n).payload_bytes();
     let layout = match RulesLayout::of(rules, n, used) {
         Ok(layout) => layout,
-        Err(error) => return stays(shared, error.into()),
+        Err(error) => return Err(Ungrown { frame: Some(shared), error: error.into() }),
     };
     core.note_rules(&layout);
-    let mut shared = match shared.grown(layout.payload_bytes(), used) {
-        Ok(shared) => shared,
-        Err(Ungrown::Saved(shared, error)) => return stays(shared, error),
-        Err(Ungrown::Lost(error)) => return Err(error),
-    };
-    // The memory has room for them.
-    let is_written = layout.write(rules, shared.loan.pages_mut());
-    if !is_written {
-        return Ok(ToSend::Stays(shared));
+    let mut shared = shared.grown(layout.payload_bytes(), used)?;
+    if layout.write(rules, shared.loan.pages_mut()) {
+        Ok((shared, layout.place()))
+    } else {
+        Err(Ungrown { frame: Some(shared), error: Error::NoMemory { n: n.get() } })
     }
-    Ok(ToSend::Frame(shared, SentRules::Written(layout.place(), number)))
 }
 
 impl PendingFrame {
@@ -161,29 +126,21 @@ impl PendingFrame {
         given: Option<&Arc<Rules>>,
         core: Arc<Core>,
     ) -> Result<Self, Error> {
-        let to_send = match given {
-            Some(given) => with_rules(shared, n, written, given, &core)?,
-            None => ToSend::Frame(shared, SentRules::None),
-        };
         let rules = given.map(|given| &**given);
-        let (shared, sent_rules) = match to_send {
-            ToSend::Frame(shared, sent_rules) => (shared, sent_rules),
-            ToSend::Stays(shared) => {
+        let link = Arc::clone(shared.slot.link());
+        let ready = match given {
+            Some(given) => with_rules(shared, n, written, given, &core),
+            None => Ok((shared, SentRules::None)),
+        };
+        let (shared, sent_rules) = match ready {
+            Ok(ready) => ready,
+            Err(Ungrown { frame: Some(shared), error }) if core.may_cull_here() => {
+                core.say_in_process(&error);
                 let mask = cull_shared(&core, shared.loan.pages(), n, written, rules)?;
                 return Ok(Self::ready(mask, core));
             }
+            Err(Ungrown { error, .. }) => return Err(error),
         };
-        let link = Arc::clone(shared.slot.link());
-        let settings = core.settings();
-        if written.first_set.is_some() && !link.forms().knows(written.since_minor()) {
-            let what = "frames of two sets";
-            if !core.may_cull_here() {
-                return Err(Error::DaemonTooOld { what });
-            }
-            link.forms().say_stay(written.since_minor(), what);
-            let mask = cull_shared(&core, shared.loan.pages(), n, written, None)?;
-            return Ok(Self::ready(mask, core));
-        }
         let asked =
             ReplyFields { client_token: link.token(), frame: core.next_frame(), box_count: n };
         let (place, rules_number) = match &sent_rules {
@@ -191,9 +148,10 @@ impl PendingFrame {
             SentRules::Written(place, number) => (Some(*place), *number),
             SentRules::Kept(_, number) => (None, *number),
         };
+        let settings = core.settings();
         let request = CullRequest {
             engine: settings.engine,
-            encoding: link.encodings().agree(settings.encoding),
+            encoding: settings.encoding,
             threads: settings.threads,
             visit_threads: settings.visit_threads,
             may_repeat: settings.answer_repeats,
@@ -203,30 +161,21 @@ impl PendingFrame {
             ..CullRequest::of(written.scene(n))
         };
         let header = RequestHeader::cull(asked.client_token, asked.frame, &request);
-        let at = Instant::now();
-        match shared.send(&header) {
-            Ok((pending, slot)) if pending.is_delivered() => {
-                let vigil = Vigil::default();
-                let sent = Sent { pending, asked, written, rules: sent_rules, at, slot, vigil };
-                Ok(Self { state: State::Sent(sent), core })
+        let unsent = match Exchange::begin(shared, &header) {
+            Ok(exchange) => {
+                let sent = Sent { exchange, asked, written, rules: sent_rules };
+                return Ok(Self { state: State::Sent(sent), core });
             }
-            Ok((pending, _slot)) => {
-                let how = if link.is_alive() { Loss::Silent } else { Loss::Died };
-                core.lose(&link, how)?;
-                let mask = cull_shared(&core, pending.pages(), n, written, rules)?;
-                Ok(Self::ready(mask, core))
-            }
-            Err(Unsent::Saved(shared)) => {
-                core.lose(&link, Loss::Died)?;
-                let mask = cull_shared(&core, shared.loan.pages(), n, written, rules)?;
-                Ok(Self::ready(mask, core))
-            }
-            Err(Unsent::Lost(error)) => {
-                // The failed call dropped the memory: an error even for `Backend::Auto`.
-                let _ = core.lose(&link, Loss::Died);
-                Err(error.into())
-            }
-        }
+            Err(unsent) => unsent,
+        };
+        let lost = core.lose(&link, unsent.loss());
+        let Some(pages) = unsent.pages() else {
+            // The failed call dropped the memory: an error even for `Backend::Auto`.
+            return Err(unsent.into());
+        };
+        lost?;
+        let mask = cull_shared(&core, pages, n, written, rules)?;
+        Ok(Self::ready(mask, core))
     }
 
     /// Waits for the pairs, as long as the session's deadline allows.
@@ -239,7 +188,7 @@ impl PendingFrame {
         match self.wait_timeout(deadline) {
             Err(Error::Timeout { waited }) => match &self.state {
                 State::Sent(sent) if self.core.may_cull_here() => {
-                    let _ = self.core.lose(sent.slot.link(), Loss::Silent);
+                    let _ = self.core.lose(sent.exchange.link(), Loss::Silent);
                     sent.cull_here(&self.core)
                 }
                 _ => Err(Error::Timeout { waited }),
@@ -293,31 +242,24 @@ impl Sent {
     /// [`Error::Reply`], where it is to be sent again.
     #[allow(clippy::result_large_err)] // The error holds the frame, which its caller puts back.
     fn wait(mut self, core: &Core, timeout: Duration) -> Result<PairMask, (Error, Option<Self>)> {
-        let deadline = Instant::now() + timeout;
-        let spin = core.settings().spin;
-        let n = self.asked.box_count.get();
-        let link = self.slot.link();
-        let (pending, vigil) = (&mut self.pending, &mut self.vigil);
-        match link.receive(pending, self.at, link.expect(n), spin, deadline, vigil) {
-            Ok(Received::Sample(sample)) => {
-                let answered_after = self.at.elapsed();
-                match self.slot.link().check(sample) {
-                    Some((header, response)) => {
-                        self.accept(&header, response, answered_after, core)
-                    }
-                    None => self
-                        .answer_refused(ReplyError::Malformed { field: "place" }, core)
-                        .map_err(|e| (e, None)),
+        let (deadline, spin) = (Instant::now() + timeout, core.settings().spin);
+        let expected = self.exchange.link().expect(self.asked.box_count.get());
+        match self.exchange.receive(expected, spin, deadline) {
+            Ok(Some(sample)) => {
+                let answered_after = self.exchange.at().elapsed();
+                match self.exchange.check(sample) {
+                    Ok((header, response)) => self.accept(&header, response, answered_after, core),
+                    Err(error) => self.answer_refused(error, core).map_err(|e| (e, None)),
                 }
             }
-            Ok(Received::Nothing) => Err((Error::Timeout { waited: timeout }, Some(self))),
-            Ok(Received::Dead) => self.stand_in(core, Loss::Died, Error::DaemonDied),
-            Ok(Received::Silent) => {
-                let waited = self.at.elapsed();
-                self.stand_in(core, Loss::Silent, Error::Timeout { waited })
+            Ok(None) => Err((Error::Timeout { waited: timeout }, Some(self))),
+            Err(error) => {
+                // The daemon is gone, or stands still.
+                let how = Loss::of(&error).unwrap_or(Loss::Died);
+                let _ = core.lose(self.exchange.link(), how);
+                let answered = if core.may_cull_here() { self.cull_here(core) } else { Err(error) };
+                answered.map_err(|error| (error, None))
             }
-            Ok(Received::Full) => self.stand_in(core, Loss::Silent, Error::DaemonFull),
-            Err(error) => self.stand_in(core, Loss::Died, error.into()),
         }
     }
 
@@ -342,15 +284,14 @@ impl Sent {
         });
         match checked {
             Ok((reply, worlds)) => {
-                let Self { pending, slot, .. } = self;
-                slot.link().note_frame(Answered {
+                let answer = self.exchange.answered(header, response);
+                answer.link().note_frame(Answered {
                     n: self.asked.box_count.get(),
                     round_trip: answered_after,
                     took: Duration::from_nanos(reply.times.total_ns),
                     threads: reply.threads,
                 });
-                let storage = Storage::Shared { response, _pending: pending, _slot: slot };
-                let isa = core.settings().isa;
+                let (storage, isa) = (answer.into_storage(), core.settings().isa);
                 let mask = PairMask::new(storage, &reply, ServedBy::Daemon, self.written, isa);
                 Ok(mask.with_worlds(worlds))
             }
@@ -369,16 +310,16 @@ impl Sent {
     /// Sends the frame once more, with its rules and in its own place: other frames may hold all others. Where there is
     /// no memory for that, the frame is answered in process, if the backend allows that, or with the error.
     fn send_again(self, error: Error, core: &Arc<Core>) -> Result<State, Error> {
-        let Self { pending, asked, written, rules, slot, .. } = self;
+        let Self { exchange, asked, written, rules } = self;
         let SentRules::Kept(kept, _) = &rules else { return Err(error) };
-        slot.link().kept_rules().forget();
+        exchange.link().kept_rules().forget();
         let n = asked.box_count;
         let bytes = written.scene(n).payload_bytes();
         let pages = page_count(bytes) as usize;
         // The request ends here: beside it the transport has no room for another one where the session has all of its
         // places.
-        let boxes = { pending }.pages().get(..pages).unwrap_or_default().to_vec();
-        let again = SharedFrame::lend(slot, bytes).and_then(|mut shared| {
+        let boxes = exchange.pages().get(..pages).unwrap_or_default().to_vec();
+        let again = SharedFrame::lend(exchange.into_slot(), bytes).and_then(|mut shared| {
             if let Some(to) = shared.loan.pages_mut().get_mut(..boxes.len()) {
                 to.copy_from_slice(&boxes);
             }
@@ -396,23 +337,10 @@ impl Sent {
     /// The daemon's response is an error or malformed: answers in process where the backend allows
     /// that.
     fn answer_refused(&self, refused: ReplyError, core: &Core) -> Result<PairMask, Error> {
-        let is_bad_request =
-            matches!(refused, ReplyError::Status { status: StatusCode::BadRequest, .. });
-        if is_bad_request {
-            // The next frame is not sent in a form that the daemon may not know.
-            let forms = self.slot.link().forms();
-            match self.rules {
-                SentRules::None => forms.note_refused(self.written),
-                _ => forms.note_refused_rules(),
-            }
-        }
         if !core.may_cull_here() {
             return Err(refused.into());
         }
-        let is_plain = self.written.since_minor() == 0 && matches!(self.rules, SentRules::None);
-        if !is_bad_request || is_plain {
-            self.slot.link().say_refused(&refused);
-        }
+        self.exchange.link().say_refused(&refused);
         match self.cull_here(core) {
             // Only the daemon has the engine: its own error is the cause to report.
             Err(Error::Cull(CullError::Unavailable { .. })) => Err(refused.into()),
@@ -420,21 +348,8 @@ impl Sent {
         }
     }
 
-    /// The daemon is gone, or stands still: answers in process, or returns the error.
-    #[allow(clippy::result_large_err)]
-    fn stand_in(
-        self,
-        core: &Core,
-        how: Loss,
-        error: Error,
-    ) -> Result<PairMask, (Error, Option<Self>)> {
-        let allowed = core.may_cull_here();
-        let _ = core.lose(self.slot.link(), how);
-        if allowed { self.cull_here(core).map_err(|e| (e, None)) } else { Err((error, None)) }
-    }
-
     fn cull_here(&self, core: &Core) -> Result<PairMask, Error> {
-        let (pages, n) = (self.pending.pages(), self.asked.box_count);
+        let (pages, n) = (self.exchange.pages(), self.asked.box_count);
         let mut reader = RulesReader::default();
         let rules = match &self.rules {
             SentRules::None => None,

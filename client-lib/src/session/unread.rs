@@ -126,16 +126,18 @@ impl Unread {
     fn receive_until(&self, link: &Arc<Link>, deadline: Instant) -> bool {
         let Some(mut state) = self.try_lock() else { return false };
         match std::mem::take(&mut *state) {
-            State::Sent(sent) if sent.exchange.is_on(link) => match sent.receive_until(deadline) {
-                Ok(outcome) => {
-                    *state = State::Received(outcome);
-                    true
+            State::Sent(sent) if Arc::ptr_eq(sent.exchange.link(), link) => {
+                match sent.receive_until(deadline) {
+                    Ok(outcome) => {
+                        *state = State::Received(outcome);
+                        true
+                    }
+                    Err(sent) => {
+                        *state = State::Sent(sent);
+                        false
+                    }
                 }
-                Err(sent) => {
-                    *state = State::Sent(sent);
-                    false
-                }
-            },
+            }
             other => {
                 *state = other;
                 false
@@ -146,7 +148,7 @@ impl Unread {
     /// Whether it holds a place of this connection, as far as one knows who does not wait.
     fn may_hold_place(&self, link: &Arc<Link>) -> bool {
         let Some(state) = self.try_lock() else { return true };
-        matches!(&*state, State::Sent(sent) if sent.exchange.is_on(link))
+        matches!(&*state, State::Sent(sent) if Arc::ptr_eq(sent.exchange.link(), link))
     }
 
     fn try_lock(&self) -> Option<MutexGuard<'_, State>> {
@@ -160,7 +162,7 @@ impl Unread {
     /// The frame number of an edit whose place on this connection is not free.
     fn frame_on(&self, link: &Arc<Link>) -> Option<u64> {
         match &*lock(&self.0) {
-            State::Sent(sent) if sent.exchange.is_on(link) => Some(sent.asked.frame),
+            State::Sent(sent) if Arc::ptr_eq(sent.exchange.link(), link) => Some(sent.asked.frame),
             _ => None,
         }
     }

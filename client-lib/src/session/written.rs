@@ -3,7 +3,7 @@
 use pairmask_core::objects::ObjectForm;
 use pairmask_core::precision::{Precision, Widening};
 use pairmask_core::units::BoxCount;
-use pairmask_wire::{QUERIES_MINOR, ScenePlace, since_minor};
+use pairmask_wire::ScenePlace;
 
 /// The form in which the objects of a frame are written, and the extra pairs that it may add.
 #[derive(Clone, Copy, Debug)]
@@ -28,13 +28,5 @@ impl Written {
     /// Where all of it lies in the memory of a frame of `n` objects.
     pub(super) fn scene(self, n: BoxCount) -> ScenePlace {
         ScenePlace::first(self.form, n)
-    }
-
-    /// Minor wire version from which daemons know all of it.
-    pub(super) const fn since_minor(self) -> u16 {
-        match self.first_set {
-            Some(_) => QUERIES_MINOR,
-            None => since_minor(self.form),
-        }
     }
 }

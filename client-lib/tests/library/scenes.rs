@@ -49,8 +49,7 @@ fn every_step_is_applied() {
 
     let edit = scene.edit().switch(0, false).make_all_static(&[1, 2], true).remove(3);
     let reported = edit.commit(Report::Changes).expect("an answer");
-    let ended: Vec<_> =
-        reported.ended().into_iter().map(|ended| (ended.pair, ended.reason)).collect();
+    let ended: Vec<_> = reported.ended().map(|ended| (ended.pair, ended.reason)).collect();
     let filtered = EndReason::Filtered;
     assert_eq!(ended, [([0, 1], filtered), ([1, 2], filtered), ([2, 3], EndReason::Removed)]);
 

@@ -112,12 +112,6 @@ impl RequestHeader {
         Version { major: self.version_major, minor: self.version_minor }
     }
 
-    /// Refuses a client that is older than what it asks for.
-    pub(crate) fn check_minor(&self, since: u16) -> Result<(), Reject> {
-        let found = self.version();
-        if found.minor < since { Err(Reject::Version { found }) } else { Ok(()) }
-    }
-
     pub(crate) fn engine_choice(&self) -> Result<EngineChoice, Reject> {
         let found = self.engine;
         if found == 0 {

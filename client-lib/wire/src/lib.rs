@@ -46,72 +46,12 @@ pub use status::{
 };
 pub use status_code::{ENGINE_IS_OPENING, StatusCode};
 
-use pairmask_core::engine::EngineName;
-use pairmask_core::mask::Encoding;
-use pairmask_core::objects::ObjectForm;
-use pairmask_core::precision::BoxForm;
-
 /// Major version. A daemon answers only requests of its own. Raised when an old reader would
 /// misread a message.
 pub const VERSION_MAJOR: u16 = 1;
-/// Minor version: that of the newest form of objects, encoding of masks, engine, operation, section or step
-/// of an edit. Old readers may ignore what a minor version adds.
-pub const VERSION_MINOR: u16 = newest_minor();
-/// Minor version from which daemons know boxes in narrow forms.
-pub const NARROW_BOXES_MINOR: u16 = 1;
-/// Minor version from which daemons know spheres.
-pub const SPHERES_MINOR: u16 = 2;
-
-/// Minor version from which daemons keep scenes.
-pub const SCENES_MINOR: u16 = 4;
-/// Minor version from which whole frames have rules.
-pub const FRAME_RULES_MINOR: u16 = 6;
-/// Minor version from which scenes are queried, and frames are of two sets.
-pub const QUERIES_MINOR: u16 = 7;
-/// Minor version from which scenes are shared by several sessions.
-pub const SHARED_MINOR: u16 = 8;
-/// The minor version that added rules that a daemon keeps for the frames to come.
-pub const KEPT_RULES_MINOR: u16 = 9;
-/// Minor version from which a daemon decides the rules of scenes. Those from 5 on needed edits in which the client
-/// had removed and set again each box whose rules changed.
-pub const RULES_MINOR: u16 = 10;
-/// Minor version from which shared scenes are queried, and report moved pairs.
-pub const SHARED_QUERIES_MINOR: u16 = 11;
-
-/// Minor version from which daemons know objects of a form.
-pub const fn since_minor(form: ObjectForm) -> u16 {
-    match form {
-        ObjectForm::Boxes(BoxForm::F32) => 0,
-        ObjectForm::Boxes(_) => NARROW_BOXES_MINOR,
-        ObjectForm::Spheres => SPHERES_MINOR,
-    }
-}
-
-/// The largest minor version that an operation, a section, a step of an edit, a form, an encoding or an engine needs.
-const fn newest_minor() -> u16 {
-    let (mut newest, mut i) = (SHARED_QUERIES_MINOR, 0);
-    while i < ObjectForm::ALL.len() {
-        newest = later(newest, since_minor(ObjectForm::ALL[i]));
-        i += 1;
-    }
-    i = 0;
-    while i < Encoding::ALL.len() {
-        newest = later(newest, Encoding::ALL[i].since_minor());
-        i += 1;
-    }
-    i = 0;
-    while i < EngineName::ALL.len() {
-        newest = later(newest, EngineName::ALL[i].descriptor().since_minor);
-        i += 1;
-    }
-    newest
-}
-
-/// The larger of two minor versions.
-const fn later(a: u16, b: u16) -> u16 {
-    if a > b { a } else { b }
-}
-
+/// Minor version, raised when a form of objects, an encoding, an engine, an operation, a section or a step of an edit is
+/// added. A client asks only a daemon of its own minor version or a later one.
+pub const VERSION_MINOR: u16 = 11;
 /// "PMRQ" in memory order. A wrong magic means that the writer is no pairmask client.
 pub const REQUEST_MAGIC: u32 = u32::from_le_bytes(*b"PMRQ");
 /// "PMRS" in memory order.
@@ -122,13 +62,18 @@ pub const RESPONSE_MAGIC: u32 = u32::from_le_bytes(*b"PMRS");
 pub struct Version {
     /// Must be equal on both sides.
     pub major: u16,
-    /// May differ.
+    /// That of a daemon is its client's or a later one.
     pub minor: u16,
 }
 
 impl Version {
     /// The version that this build speaks.
     pub const CURRENT: Self = Self { major: VERSION_MAJOR, minor: VERSION_MINOR };
+
+    /// Whether a daemon of this version serves clients of this build.
+    pub fn serves_this_build(self) -> bool {
+        self.major == VERSION_MAJOR && self >= Self::CURRENT
+    }
 }
 
 impl std::fmt::Display for Version {

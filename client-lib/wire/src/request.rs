@@ -13,9 +13,7 @@ use crate::reject::Reject;
 use crate::rules::RulesPlace;
 use crate::scene::{JoinRequest, LeaseRequest, QueryRequest, SceneId, SceneRequest};
 use crate::section::{SECTION_COUNT, Section, SectionKind, slots};
-use crate::{
-    FRAME_RULES_MINOR, KEPT_RULES_MINOR, REQUEST_MAGIC, SHARED_MINOR, VERSION_MAJOR, VERSION_MINOR,
-};
+use crate::{REQUEST_MAGIC, VERSION_MAJOR};
 
 /// Where the objects of a scene lie in a payload, and what they are. What else each object has for all
 /// engines to honour belongs here: its place, its section, and what [`ScenePlace::objects_in`] makes of
@@ -82,9 +80,6 @@ pub struct CullRequest {
     /// The first so many boxes are a set, the others another one, and only pairs of a box of each count;
     /// `None` where all pairs do.
     pub first_set: Option<BoxCount>,
-    /// Minor wire version of the client, older or newer than this build. The answer may hold nothing
-    /// that a later minor version added.
-    pub client_minor: u16,
 }
 
 impl CullRequest {
@@ -100,7 +95,6 @@ impl CullRequest {
             visit_threads: None,
             may_repeat: true,
             first_set: None,
-            client_minor: VERSION_MINOR,
         }
     }
 }
@@ -142,7 +136,6 @@ impl RequestHeader {
         let operation =
             if request.first_set.is_some() { Operation::CullBetween } else { Operation::Cull };
         Self {
-            version_minor: request.client_minor,
             flags: if request.may_repeat { 0 } else { CULL_ANEW },
             box_count: scene.count.get(),
             engine: engine_number(request.engine),
@@ -202,7 +195,6 @@ impl Request {
             }
             Operation::LeaseShared => LeaseRequest::parse(header).map(Self::LeaseShared),
             Operation::CommitShared => {
-                header.check_minor(SHARED_MINOR)?;
                 SceneRequest::parse(header, payload_bytes).map(Self::CommitShared)
             }
             Operation::LeaveShared => Ok(Self::LeaveShared(scene)),
@@ -232,12 +224,7 @@ impl Request {
         let is_kept = |section: &Section| section.kind == SectionKind::KeptRules as u32;
         let are_kept = header.sections.iter().any(is_kept);
         let has_rules = rules.is_some() || are_kept;
-        let since = if are_kept { KEPT_RULES_MINOR } else { FRAME_RULES_MINOR };
-        if has_rules {
-            header.check_minor(since)?;
-        }
-        let knows_numbers = has_rules && header.version_minor >= KEPT_RULES_MINOR;
-        let rules_number = if knows_numbers { header.revision } else { 0 };
+        let rules_number = if has_rules { header.revision } else { 0 };
         if are_kept && (rules.is_some() || rules_number == 0) {
             return Err(Reject::Rules { field: "number" });
         }
@@ -262,7 +249,6 @@ impl Request {
             visit_threads: threads_of(header.visit_threads),
             may_repeat: header.flags & CULL_ANEW == 0,
             first_set,
-            client_minor: header.version_minor,
         }))
     }
 }

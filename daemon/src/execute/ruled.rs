@@ -101,10 +101,10 @@ impl Executor {
         }
         // A list is ordered by world.
         let options = match options.encoding {
-            EncodingChoice::Auto if options.readable.contains(Encoding::List) => {
+            EncodingChoice::Auto => {
                 &CullOptions { encoding: EncodingChoice::Only(Encoding::List), ..*options }
             }
-            _ => options,
+            EncodingChoice::Only(_) => options,
         };
         // As one world with as many boxes, which are not looked at: those of all worlds may share a place.
         let stats = SceneStats::unseen(n, options.last_pairs);

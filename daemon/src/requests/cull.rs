@@ -6,7 +6,6 @@ use std::sync::{Arc, Mutex};
 use pairmask_core::BoxCount;
 use pairmask_core::dispatch::{CullAnswer, CullOptions};
 use pairmask_core::engine::CullError;
-use pairmask_core::mask::ReadableEncodings;
 use pairmask_core::objects::Objects;
 use pairmask_core::repeat::Seen;
 use pairmask_wire::{CullRequest, Reject, SentRules};
@@ -119,7 +118,7 @@ impl Culls {
             threads: Some(threads),
             visit_threads: request.visit_threads,
             last_pairs: self.outbox.clients.last_pairs(session),
-            readable: ReadableEncodings::at_minor(request.client_minor),
+            ..CullOptions::default()
         };
         let way = Way { options, beside_others, joining };
         let cull = || self.cull(open, request, way, &mut engines);

@@ -496,13 +496,15 @@ fn a_missing_daemon_and_another_version_are_distinguished() {
             .unwrap_err()
     };
     assert!(matches!(connect(), ConnectError::NoDaemon { .. }));
-    let record = DaemonRecord {
-        worker_pid: std::process::id(),
-        supervisor_pid: std::process::id(),
-        version: Version { major: 2, minor: 0 },
-    };
-    RuntimeDir::at(dir.path()).write_record(&InstanceName::default(), &record).unwrap();
-    assert!(matches!(connect(), ConnectError::VersionMismatch { .. }));
+    let pid = std::process::id();
+    let record = |version| DaemonRecord { worker_pid: pid, supervisor_pid: pid, version };
+    let older = Version { minor: Version::CURRENT.minor - 1, ..Version::CURRENT };
+    for other in [older, Version { major: 2, minor: 0 }] {
+        let record = record(other);
+        RuntimeDir::at(dir.path()).write_record(&InstanceName::default(), &record).unwrap();
+        assert!(matches!(connect(), ConnectError::VersionMismatch { .. }), "{other}");
+    }
+    let record = record(Version::CURRENT);
     let dead = DaemonRecord { worker_pid: u32::MAX >> 1, ..record };
     RuntimeDir::at(dir.path()).write_record(&InstanceName::default(), &dead).unwrap();
     assert!(matches!(connect(), ConnectError::NoDaemon { .. }));

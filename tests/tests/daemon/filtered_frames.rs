@@ -9,8 +9,6 @@ use pairmask_tests::daemon::outlive_kills;
 use pairmask_tests::filtered_frames::{FilteredFrame, KINDS};
 use pairmask_tests::frames::filtered;
 use pairmask_tests::prelude::*;
-use pairmask_tests::refuser::beside_refuser;
-use pairmask_wire::ReplyError;
 
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
 
@@ -313,54 +311,6 @@ fn a_daemon_that_is_killed_costs_no_rule() {
 }
 
 #[test]
-fn an_older_daemon_gets_no_rules() {
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
-    daemon.pretend_minor(5);
-    let frame = FilteredFrame::drawn(300, KINDS[2], 4);
-    let mut session = daemon.session().connect().unwrap();
-    let refused = session
-        .frame(300)
-        .unwrap()
-        .submit_with(&filtered(&Arc::new(frame.rules.clone())))
-        .unwrap_err();
-    assert!(matches!(refused, Error::DaemonTooOld { what: "rules of frames" }));
-    let all_meet = session.frame(0).unwrap().submit_with(&filtered(&Arc::default()));
-    assert_eq!(all_meet.unwrap().wait().unwrap().info().served_by, ServedBy::Daemon);
-    let mut session = daemon.session().backend(Backend::Auto).connect().unwrap();
-    for _ in 0..2 {
-        let mask = submit(&mut session, &frame).wait().unwrap();
-        assert_eq!(mask.info().served_by, ServedBy::InProcess);
-        check_mask(&mask, &frame);
-        assert!(session.frame(1).unwrap().is_shared(), "frames without rules still go there");
-    }
-    let status = daemon.session().connect().unwrap().daemon_status().unwrap();
-    assert_eq!((status.frames, status.errors), (1, 0), "it was never asked");
-}
-
-#[test]
-fn a_daemon_that_refuses_rules_is_not_asked_again() {
-    let frame = FilteredFrame::drawn(300, KINDS[5], 4);
-    beside_refuser(|builder| {
-        for backend in [Backend::Auto, Backend::Daemon] {
-            let mut session = builder.clone().backend(backend).connect().unwrap();
-            let answer = submit(&mut session, &frame).wait();
-            let next = session.frame(300).unwrap();
-            assert!(next.is_shared());
-            let mut next = next;
-            next.write(&frame.boxes).unwrap();
-            let next = next.submit_with(&filtered(&Arc::new(frame.rules.clone())));
-            if backend == Backend::Auto {
-                check_mask(&answer.unwrap(), &frame);
-                check_mask(&next.unwrap().wait().unwrap(), &frame);
-            } else {
-                assert!(matches!(answer, Err(Error::Reply(ReplyError::Status { .. }))));
-                assert!(matches!(next, Err(Error::DaemonTooOld { .. })));
-            }
-        }
-    });
-}
-
-#[test]
 fn audited_frames_are_held_to_their_rules() {
     for gpu in ["none", "software"] {
         let daemon = TestDaemon::start(DAEMON, &["--gpu", gpu, "--audit", "1/1"]);
@@ -406,16 +356,6 @@ fn kept_rules_are_those_of_their_frame() {
         let (_, other) = &frames[2];
         check_mask(&submit(&mut session, other).wait().unwrap(), other);
         session.answer(&other.boxes);
-    }
-    // A daemon that keeps no rules is sent them with each frame.
-    daemon.pretend_minor(8);
-    let mut old = daemon.session().answer_repeats(false).connect().unwrap();
-    for (rules, frame) in &frames {
-        for _ in 0..2 {
-            let mask = submit_kept(&mut old, &frame.boxes, rules).wait().unwrap();
-            assert_eq!(mask.info().served_by, ServedBy::Daemon);
-            check_mask(&mask, frame);
-        }
     }
     // Two under way: the second names what the first one brings.
     let (rules, frame) = &frames[1];

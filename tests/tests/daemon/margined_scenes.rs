@@ -135,7 +135,7 @@ fn near(session: &mut Session, (seed, most_boxes): (u64, u32), edits: usize) {
         if answer.is_resync() || report == Report::All {
             known = answer.pairs().iter().collect();
         } else {
-            answer.ended().iter().for_each(|ended| assert!(known.remove(&ended.pair)));
+            answer.ended().for_each(|ended| assert!(known.remove(&ended.pair)));
             answer.begun().iter().for_each(|begun| assert!(known.insert(begun)));
         }
         drop(answer);

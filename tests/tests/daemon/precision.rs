@@ -2,8 +2,6 @@
 
 use pairmask_tests::naive_modes::{self, missed};
 use pairmask_tests::prelude::*;
-use pairmask_tests::refuser::beside_refuser;
-use pairmask_wire::ReplyError;
 use pairmaskd::scene::{Scene, SceneName};
 
 const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
@@ -156,49 +154,6 @@ fn the_comparator_catches_rounding_inward() {
     });
     assert_eq!(missed(&outward.pairs, &exact.pairs), [] as [Pair; 0]);
     assert!(matches!(check_pairs(&outward.pairs, &expected.pairs), Err(Mismatch::Extra(_))));
-}
-
-#[test]
-fn an_older_daemon_gets_exact_boxes() {
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
-    daemon.pretend_minor(0);
-    let mut session = daemon.session().connect().unwrap();
-    let boxes = stress_scenes::named("uniform").boxes(345, 1);
-    for _ in 0..3 {
-        let bounds = Bounds::around(&boxes);
-        let mut frame = session.narrow_frame(boxes.len(), Precision::Q8(bounds)).unwrap();
-        assert_eq!((frame.form(), frame.is_shared()), (BoxForm::F32, true));
-        frame.write(&boxes).unwrap();
-        let mask = frame.submit().unwrap().wait().unwrap();
-        let info = mask.info();
-        assert_eq!((info.form, info.widening), (BoxForm::F32.into(), Widening::None));
-        assert_eq!(info.served_by, ServedBy::Daemon);
-        assert_eq!(mask.sorted(), oracle::truth(&boxes).pairs);
-    }
-}
-
-#[test]
-fn a_daemon_that_refuses_a_form_is_not_asked_again() {
-    let boxes = stress_scenes::named("uniform").boxes(345, 6);
-    let precision = Precision::Q8(Bounds::around(&boxes));
-    beside_refuser(|builder| {
-        for backend in [Backend::Auto, Backend::Daemon] {
-            let mut session = builder.clone().backend(backend).connect().unwrap();
-            let mut frame = session.narrow_frame(boxes.len(), precision).unwrap();
-            assert_eq!((frame.form(), frame.is_shared()), (BoxForm::Q8, true));
-            frame.write(&boxes).unwrap();
-            let answer = frame.submit().unwrap().wait();
-            if backend == Backend::Auto {
-                let mut pairs = answer.unwrap().to_vec();
-                pairs.sort_unstable();
-                assert_eq!(pairs, naive_modes::truth(&boxes, &precision).pairs);
-            } else {
-                assert!(matches!(answer, Err(Error::Reply(ReplyError::Status { .. }))));
-            }
-            let next = session.narrow_frame(boxes.len(), precision).unwrap();
-            assert_eq!(next.form(), BoxForm::F32, "{backend}");
-        }
-    });
 }
 
 #[test]

@@ -52,7 +52,7 @@ fn learn(known: &mut BTreeSet<Pair>, answer: &SceneAnswer<'_>) {
         *known = answer.pairs().iter().collect();
         return;
     }
-    answer.ended().iter().for_each(|ended| assert!(known.remove(&ended.pair), "{ended:?}"));
+    answer.ended().for_each(|ended| assert!(known.remove(&ended.pair), "{ended:?}"));
     answer.begun().iter().for_each(|begun| assert!(known.insert(begun), "{begun:?} began twice"));
 }
 

@@ -6,7 +6,6 @@ use pairmask_core::ObjectForm;
 use pairmask_lab::stress::SphereCase;
 use pairmask_tests::frames::served_by;
 use pairmask_tests::prelude::*;
-use pairmask_tests::refuser::beside_refuser;
 use pairmask_tests::spheres::{check_mask, cull, hard_scene, truth, whole_scene};
 use pairmask_wire::{ReplyError, StatusCode};
 
@@ -149,57 +148,6 @@ fn boxes_and_spheres_may_be_under_way_at_once() {
             assert_eq!(check_mask(&second, Encoding::Sparse, &truth), Ok(()));
         }
     }
-}
-
-#[test]
-fn an_older_daemon_gets_no_spheres() {
-    let daemon = daemon();
-    let boxes = [Aabb::from([0.0, 0.0, 0.0, 1.0, 1.0, 1.0]); 2];
-    let (spheres, truth) = whole_scene(300, 12, 5);
-    for minor in [0, 1] {
-        daemon.pretend_minor(minor);
-        let mut session = daemon.session().connect().unwrap();
-        assert!(matches!(
-            session.sphere_frame(3).unwrap_err(),
-            Error::DaemonTooOld { what: "spheres" }
-        ));
-        let sparse = EncodingChoice::Only(Encoding::Sparse);
-        let builder = daemon.session().backend(Backend::Auto).encoding(sparse);
-        let mut session = builder.connect().unwrap();
-        for _ in 0..3 {
-            let mask = cull(&mut session, &spheres);
-            assert_eq!(mask.info().served_by, ServedBy::InProcess);
-            assert_eq!(check_mask(&mask, Encoding::Sparse, &truth), Ok(()));
-            let mask = session.answer(&boxes);
-            assert_eq!(mask.info().served_by, ServedBy::Daemon, "boxes still go there");
-        }
-    }
-    let status = daemon.session().connect().unwrap().daemon_status().unwrap();
-    assert_eq!((status.spheres, status.errors), (0, 0), "it was never asked");
-}
-
-#[test]
-fn a_daemon_that_refuses_spheres_is_not_asked_again() {
-    let (spheres, truth) = whole_scene(300, 12, 5);
-    beside_refuser(|builder| {
-        let builder = builder.encoding(EncodingChoice::Only(Encoding::Sparse));
-        for backend in [Backend::Auto, Backend::Daemon] {
-            let mut session = builder.clone().backend(backend).connect().unwrap();
-            let mut frame = session.sphere_frame(spheres.len()).unwrap();
-            assert!(frame.is_shared());
-            frame.spheres_mut().copy_from_slice(&spheres);
-            let answer = frame.submit().unwrap().wait();
-            let next = session.sphere_frame(spheres.len());
-            if backend == Backend::Auto {
-                assert_eq!(check_mask(&answer.unwrap(), Encoding::Sparse, &truth), Ok(()));
-                assert!(!next.unwrap().is_shared());
-            } else {
-                assert!(matches!(answer, Err(Error::Reply(ReplyError::Status { .. }))));
-                assert!(matches!(next, Err(Error::DaemonTooOld { what: "spheres" })));
-            }
-            assert!(session.frame(1).unwrap().is_shared(), "boxes are asked for all the same");
-        }
-    });
 }
 
 #[test]

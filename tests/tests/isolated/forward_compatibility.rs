@@ -205,19 +205,3 @@ fn a_list_that_is_malformed_is_named() {
         });
     }
 }
-
-#[test]
-fn a_daemon_that_does_not_know_lists_is_left_to_choose() {
-    let _alone = crate::alone();
-    let old = Version { minor: 2, ..Version::CURRENT };
-    let choosing = |header: &RequestHeader, words: &mut [u32]| {
-        assert_eq!(header.encoding, 0, "such a daemon refuses the number of a list");
-        right(header, words)
-    };
-    beside_daemon(old, choosing, |dir| {
-        let builder = Session::builder().runtime_dir(dir.clone()).backend(Backend::Daemon);
-        let builder = builder.encoding(EncodingChoice::Only(Encoding::List));
-        let mask = ask(&mut builder.connect().unwrap()).unwrap();
-        assert_eq!((mask.encoding(), mask.to_vec()), (Encoding::Dense, vec![[0, 1]]));
-    });
-}

@@ -150,8 +150,7 @@ pub unsafe extern "C" fn pm_scene_ended(
             scene.with(|scene| {
                 let Scene { state, lists } = &mut **scene;
                 if lists.ended.is_none() {
-                    let reported =
-                        state.read(|answer| answer.ended().into_iter().map(to_ended).collect())?;
+                    let reported = state.read(|answer| answer.ended().map(to_ended).collect())?;
                     lists.ended = Some(reported);
                 }
                 state.read(|_| {

@@ -101,11 +101,7 @@ impl SphereWays {
         let options = options.within(n, limit_words);
         let encoding = match options.encoding {
             EncodingChoice::Only(encoding) => encoding,
-            EncodingChoice::Auto
-                if n <= DENSE_SPHERES && options.readable.contains(Encoding::Dense) =>
-            {
-                Encoding::Dense
-            }
+            EncodingChoice::Auto if n <= DENSE_SPHERES && !options.no_dense => Encoding::Dense,
             EncodingChoice::Auto => Encoding::Sparse,
         };
         self.cull_in(boxes, spheres, &options, encoding, reply).or_else(|error| {

@@ -14,8 +14,6 @@ pub struct EngineDescriptor {
     pub name: &'static str,
     /// The number in requests and replies, not 0, and never that of an engine that was.
     pub wire_number: u32,
-    /// The minor wire version from which daemons have it.
-    pub since_minor: u16,
     /// Forms of boxes that it reads where they lie. Others have to be made f32 first.
     pub forms: &'static [BoxForm],
     /// Encodings that it writes.

@@ -38,7 +38,6 @@ impl GpuCost {
 pub(super) const ALL_PAIRS: EngineDescriptor = EngineDescriptor {
     name: "gpu-brute",
     wire_number: 4,
-    since_minor: 0,
     forms: &BoxForm::ALL,
     encodings: &[Encoding::Dense, Encoding::Sparse, Encoding::List],
     has_order: false,
@@ -50,7 +49,6 @@ pub(super) const ALL_PAIRS: EngineDescriptor = EngineDescriptor {
 pub(super) const GRID: EngineDescriptor = EngineDescriptor {
     name: "gpu-grid",
     wire_number: 5,
-    since_minor: 0,
     forms: &BoxForm::ALL,
     encodings: &[Encoding::Sparse, Encoding::List],
     has_order: true,

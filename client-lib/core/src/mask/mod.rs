@@ -20,7 +20,6 @@ mod pair_buffer;
 mod pair_check;
 mod pairs;
 mod par_pairs;
-mod readable;
 mod view;
 mod word_flags;
 mod words;
@@ -29,7 +28,6 @@ pub use encodings::*;
 pub use error::{MaskError, Section};
 pub use pairs::Pairs;
 pub use par_pairs::ParPairs;
-pub use readable::ReadableEncodings;
 pub use words::{AddressedWord, WordAddress, Words};
 
 use std::fmt;

@@ -24,7 +24,7 @@ impl Model<'_> {
         // Of ways that take the same time the first is taken: sparse before dense.
         let ways = Encoding::ALL.into_iter().rev().filter(|encoding| {
             let is_wanted = match self.options.encoding {
-                EncodingChoice::Auto => self.options.readable.contains(*encoding),
+                EncodingChoice::Auto => !(self.options.no_dense && *encoding == Encoding::Dense),
                 EncodingChoice::Only(wanted) => wanted == *encoding,
             };
             is_wanted && engine.descriptor().encodings.contains(encoding)

@@ -1,7 +1,7 @@
 //! What a client asks of the plan.
 
 use crate::engine::{CullError, EngineChoice, ReserveError};
-use crate::mask::{Encoding, EncodingChoice, ReadableEncodings};
+use crate::mask::{Encoding, EncodingChoice};
 use crate::units::BoxCount;
 
 /// What a client leaves open and what it insists on, and what is known of its last frame.
@@ -17,8 +17,8 @@ pub struct CullOptions {
     pub visit_threads: Option<usize>,
     /// Pairs of the client's last frame, for the plan. The answer does not depend on it.
     pub last_pairs: Option<u64>,
-    /// Encodings that the client can read.
-    pub readable: ReadableEncodings,
+    /// Whether the plan passes over dense masks, of which one would not fit the reply.
+    pub no_dense: bool,
 }
 
 impl CullOptions {
@@ -26,12 +26,8 @@ impl CullOptions {
     /// client left the encoding open and a dense mask does not fit, it is another.
     #[must_use]
     pub fn within(self, n: usize, limit_words: u64) -> Self {
-        let may_be_sparse =
-            self.encoding == EncodingChoice::Auto && self.readable.contains(Encoding::Sparse);
-        if may_be_sparse && !dense_fits(n, limit_words) {
-            return Self { readable: self.readable.without(Encoding::Dense), ..self };
-        }
-        self
+        let is_open = self.encoding == EncodingChoice::Auto;
+        Self { no_dense: self.no_dense || (is_open && !dense_fits(n, limit_words)), ..self }
     }
 
     /// The options to try after `error` of a mask in an encoding, if there are any: where the client
@@ -50,11 +46,10 @@ impl CullOptions {
             return None;
         }
         let only = |encoding| Self { encoding: EncodingChoice::Only(encoding), ..self };
-        if self.readable.contains(Encoding::Dense) && dense_fits(n, limit_words) {
+        if dense_fits(n, limit_words) {
             return Some(only(Encoding::Dense));
         }
-        let is_smaller = tried == Encoding::List && self.readable.contains(Encoding::Sparse);
-        is_smaller.then(|| only(Encoding::Sparse))
+        (tried == Encoding::List).then(|| only(Encoding::Sparse))
     }
 }
 

@@ -4,7 +4,6 @@
 use super::*;
 use crate::dispatch::CpuEngines;
 use crate::engine::Isa;
-use crate::mask::ReadableEncodings;
 use crate::precision::{BoxForm, BoxSlice};
 use crate::units::BoxCount;
 
@@ -74,46 +73,6 @@ fn wishes_win_even_where_nothing_can_fulfil_them() {
     let engine = EngineChoice::Only(EngineName::GpuGrid);
     let plan = chosen(&stats(10, 0.02), None, CullOptions { engine, ..options });
     assert_eq!((plan.engine, plan.encoding), (EngineName::GpuGrid, Encoding::Dense));
-}
-
-/// A made-up history: one encoding is as old as the wire, all others came with 1.7.
-#[test]
-fn an_encoding_that_is_newer_than_the_client_is_never_chosen() {
-    let since = |old, encoding| if encoding == old { 0 } else { 7 };
-    for n in [10, 500, 4096, 100_000] {
-        for (new, old) in [(Encoding::Sparse, Encoding::Dense), (Encoding::Dense, Encoding::Sparse)]
-        {
-            let of = |minor: u16| {
-                let readable = ReadableEncodings::by(|encoding| since(old, encoding) <= minor);
-                let options = CullOptions { readable, ..CullOptions::default() };
-                chosen(&stats(n, 0.1), Some(GPU), options)
-            };
-            assert_eq!(
-                of(7),
-                chosen(&stats(n, 0.1), Some(GPU), CullOptions::default()),
-                "{n} {new}"
-            );
-            let plan = of(6);
-            assert_eq!(plan.encoding, old, "{n} {new}");
-            assert!(plan.candidates.iter().flatten().all(|c| c.encoding == old), "{n} {new}");
-        }
-    }
-}
-
-#[test]
-fn a_client_of_wire_1_2_gets_no_list() {
-    let mut calibration = Calibration::built_in(Isa::Avx512);
-    calibration.ns[Term::from_name("list-pair").expect("a term").index()] = 0.0;
-    let chosen = |minor: u16| {
-        let readable = ReadableEncodings::at_minor(minor);
-        let options = CullOptions { readable, ..CullOptions::default() };
-        let capabilities = Capabilities { threads: 2, gpu: None };
-        plan(&stats(100_000, 0.02), &capabilities, &calibration, &options).encoding
-    };
-    for minor in 0..3 {
-        assert_ne!(chosen(minor), Encoding::List, "1.{minor}");
-    }
-    assert_eq!(chosen(3), Encoding::List, "a list that costs nothing");
 }
 
 #[test]

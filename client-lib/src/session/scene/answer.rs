@@ -35,10 +35,17 @@ impl<'a> Source<'a> {
     }
 
     pub fn ended(&self) -> EndedList<'a> {
-        EndedList(match self {
-            Self::Daemon(from) => Ends::Shared(from),
-            Self::Here(reported) => Ends::Own(reported.ended()),
-        })
+        match self {
+            Self::Daemon(from) => EndedList {
+                own: [].iter(),
+                shared: Some(from.reply.layout.ended_in(from.words(), from.index_end)),
+                len: (from.reply.layout.ended.len / 2) as usize,
+            },
+            Self::Here(reported) => {
+                let ended = reported.ended();
+                EndedList { own: ended.iter(), shared: None, len: ended.len() }
+            }
+        }
     }
 
     pub fn pairs(&self) -> PairList<'a> {
@@ -94,14 +101,6 @@ impl FromDaemon {
         let view = MaskView::new(BoxCount::new(self.index_end), &shape, self.words());
         // The span was validated: it lies within the words, and holds whole pairs.
         PairList(view.map_or(List::Own(&[]), |view| List::Shared(view.with_isa(self.isa))))
-    }
-
-    fn ends(&self) -> EndedPairs<'_> {
-        self.reply.layout.ended_in(self.words(), self.index_end)
-    }
-
-    const fn ended_len(&self) -> usize {
-        (self.reply.layout.ended.len / 2) as usize
     }
 }
 
@@ -219,85 +218,41 @@ impl Iterator for PairListIter<'_> {
     }
 }
 
-/// Pairs that ended, and why, sorted. Checked as [`PairList`] is.
-#[derive(Clone, Copy)]
-pub struct EndedList<'a>(Ends<'a>);
-
-#[derive(Clone, Copy)]
-enum Ends<'a> {
-    Own(&'a [Ended]),
-    Shared(&'a FromDaemon),
+/// Pairs that ended, and why, sorted: one by one. They are checked as those of a [`PairList`].
+#[derive(Clone)]
+pub struct EndedList<'a> {
+    own: slice::Iter<'a, Ended>,
+    shared: Option<EndedPairs<'a>>,
+    len: usize,
 }
 
-impl<'a> EndedList<'a> {
-    /// How many.
-    pub fn len(&self) -> usize {
-        match self.0 {
-            Ends::Own(ended) => ended.len(),
-            Ends::Shared(from) => from.ended_len(),
-        }
+impl EndedList<'_> {
+    /// How many there were in all.
+    pub const fn len(&self) -> usize {
+        self.len
     }
 
-    /// Whether there are none.
-    pub fn is_empty(&self) -> bool {
-        self.len() == 0
-    }
-
-    /// The pairs one by one.
-    pub fn iter(&self) -> EndedIter<'a> {
-        EndedIter(match self.0 {
-            Ends::Own(ended) => EndedPass::Own(ended.iter()),
-            Ends::Shared(from) => EndedPass::Shared(from.ends()),
-        })
+    /// Whether there were none.
+    pub const fn is_empty(&self) -> bool {
+        self.len == 0
     }
 
     /// The pairs.
     pub fn to_vec(&self) -> Vec<Ended> {
-        self.iter().collect()
+        self.clone().collect()
     }
 }
 
 impl std::fmt::Debug for EndedList<'_> {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_list().entries(self.iter()).finish()
+        f.debug_list().entries(self.clone()).finish()
     }
 }
 
-impl<'a> IntoIterator for &EndedList<'a> {
-    type Item = Ended;
-    type IntoIter = EndedIter<'a>;
-
-    fn into_iter(self) -> EndedIter<'a> {
-        self.iter()
-    }
-}
-
-impl<'a> IntoIterator for EndedList<'a> {
-    type Item = Ended;
-    type IntoIter = EndedIter<'a>;
-
-    fn into_iter(self) -> EndedIter<'a> {
-        self.iter()
-    }
-}
-
-/// The pairs of an [`EndedList`], one by one.
-#[derive(Debug)]
-pub struct EndedIter<'a>(EndedPass<'a>);
-
-#[derive(Debug)]
-enum EndedPass<'a> {
-    Own(slice::Iter<'a, Ended>),
-    Shared(EndedPairs<'a>),
-}
-
-impl Iterator for EndedIter<'_> {
+impl Iterator for EndedList<'_> {
     type Item = Ended;
 
     fn next(&mut self) -> Option<Ended> {
-        match &mut self.0 {
-            EndedPass::Own(ended) => ended.next().copied(),
-            EndedPass::Shared(ended) => ended.next(),
-        }
+        self.own.next().copied().or_else(|| self.shared.as_mut()?.next())
     }
 }

@@ -256,7 +256,7 @@ impl Exact {
         if source.is_resync() {
             self.pairs.resync_near(source.pairs(), now);
         } else {
-            let ended = source.ended().into_iter().map(|ended| ended.pair);
+            let ended = source.ended().map(|ended| ended.pair);
             self.pairs.change_near(source.begun(), ended, now);
         }
         self.is_behind = false;

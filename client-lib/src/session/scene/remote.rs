@@ -16,14 +16,13 @@ use pairmask_core::plan::Calibration;
 use pairmask_core::scene::{Edit, Report, Reported, Scene, SceneCopy, SceneOptions, Step, Tags};
 use pairmask_core::units::BoxCount;
 use pairmask_wire::{
-    EditLayout, QUERIES_MINOR, RULES_MINOR, ReplyError, ReplyFields, RequestHeader, SCENES_MINOR,
-    SceneId, SceneRequest, StatusCode,
+    EditLayout, ReplyError, ReplyFields, RequestHeader, SceneId, SceneRequest, Section, StatusCode,
 };
 
 use super::answer::FromDaemon;
 use crate::session::core::Core;
 use crate::session::error::{Error, Loss};
-use crate::session::estimate::{Answered, Estimate};
+use crate::session::estimate::{Answered, Estimate, Expected};
 use crate::session::exchange::Exchange;
 use crate::session::link::Link;
 use crate::session::local::Asked;
@@ -260,7 +259,7 @@ impl RemoteScene {
 
     /// Asks the daemon, which gets the scene first where it does not have it.
     fn ask(&mut self, asked: &Asked<'_>) -> Result<PairMask, Error> {
-        let link = self.core.link_that_knows(QUERIES_MINOR, "queries of scenes")?;
+        let link = self.core.link()?;
         self.load_once(&link)?;
         let Keeper::Daemon(there) = &self.keeper else {
             return Err(Error::DaemonDied);
@@ -287,8 +286,6 @@ impl RemoteScene {
         match &error {
             Error::TooManyFrames | Error::Edit(_) | Error::Scene(_) => Err(error),
             _ if !self.core.may_cull_here() => Err(error),
-            // The log already says so.
-            Error::DaemonTooOld { .. } => Ok(()),
             error if error.is_applied() => {
                 log::debug!("a scene is answered in process: {error}");
                 Ok(())
@@ -323,10 +320,7 @@ impl RemoteScene {
 
     /// Sends an edit to the daemon, after the scene where that does not have it.
     fn send(&mut self, edit: Edit<'_>, report: Report) -> Result<SentEdit, Error> {
-        let has_rules = edit.has_rules() || self.copy.filters().is_used();
-        let (minor, what) =
-            if has_rules { (RULES_MINOR, "rules of scenes") } else { (SCENES_MINOR, "scenes") };
-        let link = self.core.link_that_knows(minor, what)?;
+        let link = self.core.link()?;
         self.load_once(&link)?;
         self.send_to(&link, edit, report)
     }
@@ -384,18 +378,11 @@ impl RemoteScene {
         edit: Edit<'_>,
         report: Report,
     ) -> Result<SentEdit, Error> {
-        let too_large = || Error::TooManyBoxes { n: edit.boxes(), limit: u64::from(u32::MAX) };
-        let layout = EditLayout::of(edit).ok_or_else(too_large)?;
-        let mut shared = self.core.loan(link, layout.payload_bytes())?;
-        if !layout.write(edit, shared.loan.pages_mut()) {
-            return Err(too_large());
-        }
         let Keeper::Daemon(there) = &mut self.keeper else {
             return Err(Error::DaemonDied);
         };
         self.revisions += 1;
-        let [boxes, steps, indices] = layout.sections();
-        let request = SceneRequest {
+        let request = |[boxes, steps, indices]: [Section; 3]| SceneRequest {
             scene: self.id,
             base: there.revision,
             revision: self.revisions,
@@ -409,23 +396,19 @@ impl RemoteScene {
             steps,
             indices,
         };
-        let asked = ReplyFields {
-            client_token: link.token(),
-            frame: self.core.next_frame(),
-            box_count: BoxCount::of_len(edit.boxes()).ok_or_else(too_large)?,
-        };
-        let header = RequestHeader::edit_scene(asked.client_token, asked.frame, &request);
-        match Exchange::begin(shared, &header) {
-            Ok(exchange) => {
+        match send_edit(&self.core, link, edit, request, RequestHeader::edit_scene) {
+            Ok(sent) => {
                 // Whether it is received or not: a daemon at another revision says so.
                 (there.revision, there.is_acknowledged, self.forgets) =
                     (self.revisions, false, false);
                 self.sent_to = Some(Arc::clone(link));
-                let expected = self.estimate.expect(asked.box_count.get());
-                Ok(SentEdit { exchange, asked, report, expected })
+                let expected = self.estimate.expect(sent.asked.box_count.get());
+                Ok(SentEdit { expected, ..sent })
             }
             Err(error) => {
-                self.forgets |= self.resyncs_anew;
+                if error.is_applied() {
+                    self.forgets |= self.resyncs_anew;
+                }
                 self.note_failure(&error);
                 Err(error)
             }
@@ -487,6 +470,31 @@ impl Drop for RemoteScene {
         let header = RequestHeader::end_scene(link.token(), self.core.next_frame(), self.id);
         self.core.end_scene(link, &header, &self.unread);
     }
+}
+
+/// Sends an edit, in the request that its sections of boxes, steps and indices are made part of.
+///
+/// # Errors
+/// [`Error`]. Of one that [is not applied](Error::is_applied), nothing was sent.
+pub(super) fn send_edit(
+    core: &Core,
+    link: &Arc<Link>,
+    edit: Edit<'_>,
+    request: impl FnOnce([Section; 3]) -> SceneRequest,
+    header: fn(u64, u64, &SceneRequest) -> RequestHeader,
+) -> Result<SentEdit, Error> {
+    let too_large = || Error::TooManyBoxes { n: edit.boxes(), limit: u64::from(u32::MAX) };
+    let layout = EditLayout::of(edit).ok_or_else(too_large)?;
+    let box_count = BoxCount::of_len(edit.boxes()).ok_or_else(too_large)?;
+    let mut shared = core.loan(link, layout.payload_bytes())?;
+    if !layout.write(edit, shared.loan.pages_mut()) {
+        return Err(too_large());
+    }
+    let request = request(layout.sections());
+    let asked = ReplyFields { client_token: link.token(), frame: core.next_frame(), box_count };
+    let header = header(asked.client_token, asked.frame, &request);
+    let exchange = Exchange::begin(shared, &header)?;
+    Ok(SentEdit { exchange, asked, report: request.report, expected: Expected::default() })
 }
 
 /// Whether the daemon says that it has no scene of this revision.

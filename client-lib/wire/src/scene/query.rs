@@ -12,7 +12,6 @@ use crate::page::Page;
 use crate::pages::boxes_in;
 use crate::reject::Reject;
 use crate::section::{Section, SectionKind, find, slots};
-use crate::{QUERIES_MINOR, SHARED_QUERIES_MINOR};
 
 const TAG_BYTES: u64 = size_of::<Tag>() as u64;
 /// Tags begin on a cache line.
@@ -121,7 +120,6 @@ impl QueryRequest {
     pub(crate) fn parse(header: &RequestHeader, payload_bytes: u64) -> Result<Self, Reject> {
         let wrong = |field| Reject::Query { field };
         let revision = (header.base != 0).then_some(header.base);
-        header.check_minor(revision.map_or(SHARED_QUERIES_MINOR, |_| QUERIES_MINOR))?;
         let found = header.encoding;
         let encoding = Encoding::from_wire(found).ok_or(Reject::Encoding { found })?;
         let fits = |section: &Section, item_bytes: u64| {
@@ -230,10 +228,8 @@ mod tests {
         let tags = [Tag::default(); 5];
         let right = RequestHeader::query_scene(1, 2, &request(5, &QueryTags::Each(&tags)));
         assert!(parse(&right, PAGE).is_ok());
-        let forgeries: [&dyn Fn(&mut RequestHeader); 14] = [
-            &|h| (h.base, h.version_minor) = (0, SHARED_QUERIES_MINOR - 1),
+        let forgeries: [&dyn Fn(&mut RequestHeader); 12] = [
             &|h| h.encoding = 99,
-            &|h| h.version_minor = QUERIES_MINOR - 1,
             &|h| h.box_count = 4,
             &|h| h.sections[0].bytes += 1,
             &|h| h.sections[0].bytes = u64::MAX - 23,

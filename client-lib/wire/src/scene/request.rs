@@ -3,7 +3,6 @@
 use pairmask_core::engine::EngineChoice;
 use pairmask_core::scene::Report;
 
-use crate::SCENES_MINOR;
 use crate::header::{Operation, RequestHeader, engine_number, thread_number, threads_of};
 use crate::reject::Reject;
 use crate::section::{Section, SectionKind, find, slots};
@@ -100,7 +99,6 @@ impl SceneRequest {
     /// [`Reject`] with the first thing that is wrong.
     pub(crate) fn parse(header: &RequestHeader, payload_bytes: u64) -> Result<Self, Reject> {
         let wrong = |field| Reject::Edit { field };
-        header.check_minor(SCENES_MINOR)?;
         let report = report_of(header.encoding).ok_or(wrong("report"))?;
         let engine = header.engine_choice()?;
         if header.revision == 0 || header.revision == header.base {

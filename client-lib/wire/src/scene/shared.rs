@@ -12,7 +12,6 @@ use pairmask_core::scene::shared::{AtEnd, LeaseError, NotLeased, Scope};
 
 use super::answer::SceneAnswerLayout;
 use super::request::{SceneId, SceneRequest};
-use crate::SHARED_MINOR;
 use crate::header::{Operation, RequestHeader, engine_number};
 use crate::page::Page;
 use crate::reject::Reject;
@@ -338,7 +337,6 @@ impl JoinRequest {
     /// # Errors
     /// [`Reject`] with the first thing that is wrong.
     pub(crate) fn parse(header: &RequestHeader, payload_bytes: u64) -> Result<Self, Reject> {
-        header.check_minor(SHARED_MINOR)?;
         let wrong = |field| Reject::Edit { field };
         let engine = header.engine_choice()?;
         let name = find(&header.sections, SectionKind::SceneName).ok_or(wrong("name"))?;
@@ -371,7 +369,6 @@ impl LeaseRequest {
     /// # Errors
     /// [`Reject`] with the first thing that is wrong.
     pub(crate) fn parse(header: &RequestHeader) -> Result<Self, Reject> {
-        header.check_minor(SHARED_MINOR)?;
         let wrong = |field| Reject::Edit { field };
         let first = u32::try_from(header.base).map_err(|_| wrong("first index"));
         let count = u32::try_from(header.revision).map_err(|_| wrong("count"));

@@ -13,9 +13,9 @@ use pairmask_core::objects::ObjectForm;
 use pairmask_core::precision::BoxForm;
 use pairmask_core::units::BoxCount;
 use pairmask_wire::{
-    CullRequest, FRAME_RULES_MINOR, Page, Reject, Reply, ReplyError, ReplyFields, Request,
-    RequestHeader, ResponseHeader, RulesLayout, RulesReader, ScenePlace, Section, SectionKind,
-    SentRules, WORLD_RANGE_WORDS, page_count, response_ok, world_ranges_in, write_world_ranges,
+    CullRequest, Page, Reject, Reply, ReplyError, ReplyFields, Request, RequestHeader,
+    ResponseHeader, RulesLayout, RulesReader, ScenePlace, Section, SectionKind, SentRules,
+    WORLD_RANGE_WORDS, page_count, response_ok, world_ranges_in, write_world_ranges,
 };
 use proptest::prelude::*;
 
@@ -72,7 +72,6 @@ fn golden_rules() {
         header.sections[..6].iter().map(|s| (s.kind, s.offset, s.bytes)).collect();
     assert_eq!(sections, expected);
     assert!(header.sections[1..5].iter().all(|section| section.flags == Section::REQUIRED));
-    assert_eq!(header.version_minor, FRAME_RULES_MINOR.max(header.version_minor));
     let words: &[u32] = cast_slice(&pages);
     // World, owner, and filter with the flag of a static box above it.
     assert_eq!(words[128..134], [0, 0, 0, (-7i32).cast_unsigned(), 9, 1 | 1 << 16]);
@@ -173,9 +172,6 @@ fn forged_rules_are_refused() {
     (many.sections[3].bytes, many.sections[4].bytes) = (8 * 65_000, 8 * 1_000);
     assert!(matches!(Request::parse(&many, 1 << 30), Err(Reject::Rules { .. })));
 
-    let mut older = header;
-    older.version_minor = FRAME_RULES_MINOR - 1;
-    assert!(matches!(Request::parse(&older, payload_bytes), Err(Reject::Version { .. })));
     let mut spheres = header;
     spheres.sections[0].kind = SectionKind::of(ObjectForm::Spheres) as u32;
     spheres.sections[0].bytes = 320;
@@ -232,7 +228,6 @@ fn rules_are_kept_under_the_number_of_their_client() {
     assert_eq!(refused(&|header| header.revision = 0), number);
     let both = RequestHeader::cull(1, 2, &with_rules);
     assert_eq!(refused(&|header| header.sections[2] = both.sections[1]), number);
-    assert!(matches!(refused(&|header| header.version_minor = 8), Reject::Version { .. }));
     let numbered = CullRequest { rules_number: 7, ..with_rules };
     let header = RequestHeader::cull(1, 2, &numbered);
     assert_eq!(Request::parse(&header, payload_bytes), Ok(Request::Cull(numbered)));

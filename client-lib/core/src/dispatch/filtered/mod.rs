@@ -115,10 +115,8 @@ impl CpuEngines {
         let boxes = boxes.into();
         let (n, limit_words) = (boxes.len(), reply.limit_words());
         let look = self.worlds.look(rules, known, n);
-        let may_be_list = match options.encoding {
-            EncodingChoice::Auto => options.readable.contains(Encoding::List),
-            EncodingChoice::Only(encoding) => encoding == Encoding::List,
-        };
+        let may_be_list = [EncodingChoice::Auto, EncodingChoice::Only(Encoding::List)]
+            .contains(&options.encoding);
         let mut options = *options;
         if look.worlds.is_some() && may_be_list {
             match self.cull_worlds(boxes, (rules, known), &look, &options, reply) {

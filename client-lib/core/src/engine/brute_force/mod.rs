@@ -36,7 +36,6 @@ use crate::team::{self, Split, for_each_in_parts, in_parts};
 pub(super) const DESCRIPTOR: EngineDescriptor = EngineDescriptor {
     name: "cpu-brute",
     wire_number: 1,
-    since_minor: 0,
     forms: &[BoxForm::F32],
     encodings: &Encoding::ALL,
     has_order: false,

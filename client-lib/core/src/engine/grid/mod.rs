@@ -56,7 +56,6 @@ const STRIPS_MOST: f32 = 32.0;
 pub(super) const DESCRIPTOR: EngineDescriptor = EngineDescriptor {
     name: "cpu-grid",
     wire_number: 3,
-    since_minor: 0,
     forms: &[BoxForm::F32],
     encodings: &Encoding::ALL,
     has_order: true,

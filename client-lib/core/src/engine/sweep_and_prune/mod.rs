@@ -35,7 +35,6 @@ const PARALLEL_BOXES: usize = 1_024;
 pub(super) const DESCRIPTOR: EngineDescriptor = EngineDescriptor {
     name: "cpu-sap",
     wire_number: 2,
-    since_minor: 0,
     forms: &[BoxForm::F32],
     encodings: &Encoding::ALL,
     has_order: true,

@@ -46,7 +46,6 @@ const PARALLEL_BOXES: usize = 1_024;
 pub(super) const DESCRIPTOR: EngineDescriptor = EngineDescriptor {
     name: "cpu-tree",
     wire_number: 6,
-    since_minor: 11,
     forms: &[BoxForm::F32],
     encodings: &Encoding::ALL,
     has_order: true,

@@ -53,14 +53,6 @@ impl Encoding {
         }
     }
 
-    /// The minor wire version from which clients can read the encoding.
-    pub const fn since_minor(self) -> u16 {
-        match self {
-            Self::Dense | Self::Sparse => 0,
-            Self::List => 3,
-        }
-    }
-
     /// Its place in [`Self::ALL`].
     pub const fn place(self) -> usize {
         self as usize - 1

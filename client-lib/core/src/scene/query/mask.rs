@@ -197,8 +197,7 @@ pub fn cull_between<'a>(
     let mask = mask.filter(|_| a.len().max(b.len()) <= MOST_OF_A_SET).ok_or(too_many)?;
     let encoding = match options.encoding {
         EncodingChoice::Only(encoding) => encoding,
-        EncodingChoice::Auto if options.readable.contains(Encoding::List) => Encoding::List,
-        EncodingChoice::Auto => Encoding::Sparse,
+        EncodingChoice::Auto => Encoding::List,
     };
     let most_pairs = match encoding {
         Encoding::List => reply.limit_words() / 2,

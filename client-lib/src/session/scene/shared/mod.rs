@@ -16,18 +16,17 @@ use pairmask_core::scene::shared::{LeaseError, Ranges, Remains};
 use pairmask_core::scene::{Edit, EditError, Report, Reported, SceneCopy, Step};
 use pairmask_core::units::BoxCount;
 use pairmask_wire::{
-    AgreedTerms, EditLayout, JoinRequest, LeaseAction, LeaseRequest, Page, ReplyError, ReplyFields,
-    RequestHeader, SHARED_MINOR, SHARED_QUERIES_MINOR, SceneId, SceneName, SceneRequest,
-    SharedTerms, StatusCode, TermsDiffer, TickMarks, lease_error, not_leased, parse_joined,
-    parse_leased,
+    AgreedTerms, JoinRequest, LeaseAction, LeaseRequest, Page, ReplyError, ReplyFields,
+    RequestHeader, SceneId, SceneName, SceneRequest, Section, SharedTerms, StatusCode, TermsDiffer,
+    TickMarks, lease_error, not_leased, parse_joined, parse_leased,
 };
 
 use super::answer::FromDaemon;
-use super::remote::is_stale;
+use super::remote::{is_stale, send_edit};
 use super::{Kept, Scene};
 use crate::session::core::Core;
 use crate::session::error::{Error, Loss};
-use crate::session::estimate::{Estimate, Expected};
+use crate::session::estimate::Estimate;
 use crate::session::exchange::{Answer, Exchange};
 use crate::session::link::Link;
 use crate::session::local::Asked;
@@ -221,7 +220,7 @@ impl Member {
 
     /// The connection, with a membership.
     fn present(&mut self) -> Result<Arc<Link>, Error> {
-        let link = self.core.link_that_knows(SHARED_MINOR, "shared scenes")?;
+        let link = self.core.link()?;
         match &self.there {
             Some(there) if Arc::ptr_eq(&there.link, &link) => Ok(link),
             _ => {
@@ -234,7 +233,7 @@ impl Member {
     /// Joins, and leases what this member had. Its boxes are sent with the next commit.
     fn join_again(&mut self) -> Result<(), Error> {
         self.there = None;
-        let link = self.core.link_that_knows(SHARED_MINOR, "shared scenes")?;
+        let link = self.core.link()?;
         let JoinOptions { most_boxes, tick_deadline, at_end, scope, .. } = self.options;
         let request = JoinRequest {
             scene: self.id,
@@ -306,6 +305,7 @@ impl Member {
         };
         let header = header(asked.client_token, asked.frame);
         let answered = Exchange::begin(shared, &header)
+            .map_err(Error::from)
             .and_then(|exchange| exchange.end(link.expect(0), &self.settings));
         match answered {
             Ok(answer) => Ok((answer, asked)),
@@ -383,7 +383,6 @@ impl Member {
     /// Asks the scene as the last tick made it. A commit that nobody has waited for may be part of the next one: it is
     /// not waited for here.
     pub fn query(&mut self, asked: &Asked<'_>) -> Result<PairMask, Error> {
-        self.core.link_that_knows(SHARED_QUERIES_MINOR, "queries of shared scenes")?;
         let mut answered = self.ask_query(asked);
         if answered.as_ref().is_err_and(is_stale) {
             self.there = None;
@@ -404,12 +403,6 @@ impl Member {
 
     /// Checks an edit, and sends it, once the last commit is [settled](Self::settle).
     pub fn begin<'s>(&mut self, edit: Edit<'_>, report: Report) -> Result<Awaited<'s>, Error> {
-        let (minor, what) = (SHARED_QUERIES_MINOR, "moved pairs of shared scenes");
-        if report == Report::Moved
-            && let Err(error @ Error::DaemonTooOld { .. }) = self.core.link_that_knows(minor, what)
-        {
-            return Err(error);
-        }
         let own: Ranges = self.leases.iter().cloned().collect();
         // Whether this is the first writer, the daemon knows.
         own.allow(edit, true)?;
@@ -475,16 +468,9 @@ impl Member {
         edit: Edit<'_>,
         report: Report,
     ) -> Result<SentEdit, Error> {
-        let too_large = || Error::TooManyBoxes { n: edit.boxes(), limit: u64::from(u32::MAX) };
-        let layout = EditLayout::of(edit).ok_or_else(too_large)?;
-        let mut shared = self.core.loan(link, layout.payload_bytes())?;
-        if !layout.write(edit, shared.loan.pages_mut()) {
-            return Err(too_large());
-        }
         let Some(there) = &mut self.there else { return Err(Error::DaemonDied) };
         self.revisions += 1;
-        let [boxes, steps, indices] = layout.sections();
-        let request = SceneRequest {
+        let request = |[boxes, steps, indices]: [Section; 3]| SceneRequest {
             scene: self.id,
             base: there.revision,
             revision: self.revisions,
@@ -498,22 +484,18 @@ impl Member {
             steps,
             indices,
         };
-        let asked = ReplyFields {
-            client_token: link.token(),
-            frame: self.core.next_frame(),
-            box_count: BoxCount::of_len(edit.boxes()).ok_or_else(too_large)?,
-        };
-        let header = RequestHeader::commit_shared(asked.client_token, asked.frame, &request);
-        match Exchange::begin(shared, &header) {
-            Ok(exchange) => {
+        // Others decide when the tick ends: there is nothing to nap by.
+        match send_edit(&self.core, link, edit, request, RequestHeader::commit_shared) {
+            Ok(sent) => {
                 there.before = (there.revision, there.is_acknowledged);
                 (there.revision, there.is_acknowledged) = (self.revisions, false);
                 self.forgets = false;
-                // Others decide when the tick ends: there is nothing to nap by.
-                Ok(SentEdit { exchange, asked, report, expected: Expected::default() })
+                Ok(sent)
             }
             Err(error) => {
-                self.lost(link, &error);
+                if error.is_applied() {
+                    self.lost(link, &error);
+                }
                 Err(error)
             }
         }

@@ -320,7 +320,7 @@ impl Client<'_> {
                 by = answer.served_by();
                 Ok(Some(Heard {
                     begun: answer.begun().to_vec(),
-                    ended: answer.ended().iter().map(|ended| ended.pair).collect(),
+                    ended: answer.ended().map(|ended| ended.pair).collect(),
                     pairs: answer.pairs().to_vec(),
                     is_resync: answer.is_resync(),
                 }))
