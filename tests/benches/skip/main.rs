@@ -108,7 +108,7 @@ fn edit(
     };
     answer.begun().for_each_slice(&mut visit);
     answer.pairs().for_each_slice(&mut visit);
-    sum += answer.ended().iter().fold(0u64, |sum, e| sum + u64::from(e.pair[0] ^ e.pair[1]));
+    sum += answer.ended().fold(0u64, |sum, e| sum + u64::from(e.pair[0] ^ e.pair[1]));
     black_box(sum);
     let times = [write, answered - write, begin.elapsed().as_nanos() as u64 - answered];
     Ok((times, answer.begun().len() + answer.ended().len(), answer.engine()))
