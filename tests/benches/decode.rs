@@ -3,9 +3,6 @@
 //! Medians of many runs, warm. Every row prints the time of one decode, ns for each pair and GB/s over the bytes of the
 //! mask (its order included). The reference rows say what the memory and the consumer alone cost on this machine in this
 //! run, so that ratios hold on a noisy one.
-//!
-//! `PAIRMASK_SPARSE_KERNEL` (`portable`, `avx2`, `avx512`, `avx512-steps`, `vbmi2`) has sparse masks decoded by one kernel;
-//! what it cannot decode is left out.
 
 use std::hint::black_box;
 use std::time::{Duration, Instant};
@@ -70,11 +67,6 @@ fn one_a_box(n: BoxCount) -> Vec<Pair> {
 
 fn decode(title: &str, written: &WrittenMask, expected: usize) {
     let mask = MaskView::new(written.n, &written.shape, &written.reply).expect("shape and reply");
-    let mask = match std::env::var("PAIRMASK_SPARSE_KERNEL") {
-        Ok(kernel) => mask.with_sparse_kernel(&kernel),
-        Err(_) => Some(mask),
-    };
-    let Some(mask) = mask else { return };
     println!("\n{title}");
     assert_eq!(mask.pairs().count(), expected, "a bench of a wrong decoder measures nothing");
     let row = |name: &str, median: Duration| {

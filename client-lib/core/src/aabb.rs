@@ -436,15 +436,6 @@ mod tests {
     }
 
     #[test]
-    fn touching_counts_and_one_ulp_apart_does_not() {
-        let a = Aabb::new([0.0; 3], [1.0; 3]);
-        let touching = Aabb::new([1.0; 3], [2.0; 3]);
-        let apart = Aabb::new([1.0f32.next_up(), 0.0, 0.0], [2.0; 3]);
-        assert!(a.overlaps(&touching));
-        assert!(!a.overlaps(&apart));
-    }
-
-    #[test]
     fn corners_go_in_and_come_out_as_arrays_and_tuples() {
         let (min, max) = ([1.0, 2.0, 3.0], [4.0, 5.0, 6.0]);
         let b = Aabb { min, max };
@@ -453,16 +444,5 @@ mod tests {
         assert_eq!(<([f32; 3], [f32; 3])>::from(b), (min, max));
         assert_eq!(Aabb::from(<[f32; 6]>::from(b)), b);
         assert_eq!(Aabb::from_center_half([2.5, 3.5, 4.5], [1.5; 3]), b);
-    }
-
-    #[test]
-    fn empty_and_invalid_overlap_nothing_and_nan_wins() {
-        let all = Aabb { min: [f32::NEG_INFINITY; 3], max: [f32::INFINITY; 3] };
-        assert!(!Aabb::EMPTY.overlaps(&all) && !Aabb::EMPTY.overlaps(&Aabb::EMPTY));
-        let mut invalid = Aabb::EMPTY;
-        invalid.max[1] = f32::NAN;
-        assert_eq!(invalid.class(), BoxClass::Invalid);
-        assert!(!invalid.overlaps(&all));
-        assert!(all.overlaps(&all));
     }
 }

@@ -120,11 +120,6 @@ pub fn are_default() -> bool {
 /// Runs `work` with the default flags and puts this thread's own back, also after a panic.
 ///
 /// `work` must not wait for other tasks of a rayon pool: see the rules at the head of this module.
-///
-/// ```
-/// let third = pairmask_core::floats::with_default(|| 1.0f32 / 3.0);
-/// assert_eq!(third.to_bits(), 0x3eaa_aaab, "rounded to nearest, whatever the caller's flags");
-/// ```
 #[inline(always)]
 pub fn with_default<R>(work: impl FnOnce() -> R) -> R {
     let given = register::read();

@@ -6,12 +6,6 @@ use std::str::FromStr;
 use crate::unknown_name::UnknownName;
 
 /// An instruction set that the CPU engines have kernels for.
-///
-/// ```
-/// use pairmask_core::engine::Isa;
-/// assert!(Isa::Portable.is_available());
-/// assert!(Isa::best().is_available());
-/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Isa {
     /// x86-64 with AVX-512 F, BW, DQ and VL: 16 columns a register, compares that answer in bits.
@@ -75,13 +69,6 @@ impl fmt::Display for Isa {
 ///
 /// Only [`Isa::is_available`] mints one, so holding it is what makes a call into a
 /// `target_feature` kernel sound.
-///
-/// ```
-/// use pairmask_core::engine::AvailableIsa;
-/// let isa: AvailableIsa = "portable".parse()?;
-/// assert_eq!(isa.to_string(), "portable");
-/// # Ok::<(), pairmask_core::engine::IsaError>(())
-/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct AvailableIsa(Isa);
 

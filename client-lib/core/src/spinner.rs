@@ -10,15 +10,6 @@ const ROUNDS: u32 = 32;
 /// The scheduler often puts a woken thread on the core of the thread that woke it. Two threads that
 /// spin for each other on one core would block each other until the scheduler moves one of them,
 /// which takes milliseconds.
-///
-/// ```
-/// use pairmask_core::spinner::Spinner;
-/// let mut spinner = Spinner::default();
-/// for _ in 0..100 {
-///     // Look whether the other side has answered, then
-///     spinner.turn();
-/// }
-/// ```
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Spinner {
     round: u32,

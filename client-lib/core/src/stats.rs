@@ -19,15 +19,6 @@ const LOOK_BOXES: usize = 512;
 const UNSEEN_WINDOW_SHARE: f32 = 0.03;
 
 /// Statistics of a frame.
-///
-/// ```
-/// use pairmask_core::Aabb;
-/// use pairmask_core::plan::SceneStats;
-/// let boxes = [Aabb::from([0.0, 0.0, 0.0, 1.0, 1.0, 1.0]); 100];
-/// let stats = SceneStats::of(&boxes, None);
-/// assert_eq!(stats.n.get(), 100);
-/// assert_eq!(stats.median_size, 1.0);
-/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SceneStats {
     /// Boxes, solid or not.
@@ -36,10 +27,6 @@ pub struct SceneStats {
     pub is_looked_at: bool,
     /// Share of the boxes that have a point.
     pub solid_share: f32,
-    /// Smallest finite min coordinates of the sample.
-    pub low: [f32; 3],
-    /// Largest finite min coordinates of the sample.
-    pub high: [f32; 3],
     /// Median of the boxes' longest edges.
     pub median_size: f32,
     /// 90th percentile of the boxes' longest edges.
@@ -66,25 +53,22 @@ impl SceneStats {
         let wanted = (n / SAMPLE_SHARE).clamp(SAMPLE_LEAST, SAMPLE_MOST).min(n);
         let mut sample = [Aabb::EMPTY; SAMPLE_MOST];
         let mut count = 0;
-        for i in 0..wanted {
-            let Some(b) = boxes.get(sample_index(i, wanted, n)) else { continue };
+        for index in sample_indices(wanted, n) {
+            let Some(b) = boxes.get(index) else { continue };
             if b.class() == BoxClass::Solid {
                 sample[count] = b;
                 count += 1;
             }
         }
         let sample = &sample[..count];
-        let (low, high) = bounds(sample);
         let (median_size, large_size) = sizes(sample);
         Self {
             n: BoxCount::new(u32::try_from(n).unwrap_or(u32::MAX)),
             is_looked_at: true,
             solid_share: count as f32 / wanted.max(1) as f32,
-            low,
-            high,
             median_size,
             large_size,
-            window_share: window_share(sample, widest_axis(sample, low, high)),
+            window_share: window_share(sample, widest_axis(sample)),
             elongation: elongation(sample),
             last_pairs,
         }
@@ -107,8 +91,6 @@ impl SceneStats {
             n,
             is_looked_at: false,
             solid_share: 1.0,
-            low: [0.0; 3],
-            high: [0.0; 3],
             median_size: 1.0,
             large_size: 1.0,
             window_share: UNSEEN_WINDOW_SHARE,
@@ -123,18 +105,37 @@ impl SceneStats {
         Self { solid_share: 0.0, window_share: 0.0, ..Self::unseen(n, last_pairs) }
     }
 
+    /// Boxes, as work is counted.
+    pub(crate) fn boxes(&self) -> f64 {
+        f64::from(self.n.get())
+    }
+
     /// Pairs to expect: those of the last frame, or about one a box.
     pub fn expected_pairs(&self) -> f64 {
-        self.last_pairs.map_or_else(|| f64::from(self.n.get()), |pairs| pairs as f64)
+        self.last_pairs.map_or_else(|| self.boxes(), |pairs| pairs as f64)
+    }
+
+    /// The same of an engine that has an order of its own, and none of another.
+    pub(crate) fn ordered_pairs(&self, has_order: bool) -> f64 {
+        if has_order { self.expected_pairs() } else { 0.0 }
     }
 }
 
-/// The box to look at for sample `i` of `wanted`: one of each stretch, at a place that a hash
-/// chooses, because scenes are often laid out in rows of some round number.
-fn sample_index(i: usize, wanted: usize, n: usize) -> usize {
-    let (start, end) = (i * n / wanted, (i + 1) * n / wanted);
-    let hash = (i as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 33;
-    start + hash as usize % (end - start).max(1)
+/// The boxes to look at for samples 0 to `wanted`, at most `n`: one of each stretch, at a place that a
+/// hash chooses, because scenes are often laid out in rows of some round number.
+pub(crate) fn sample_indices(wanted: usize, n: usize) -> impl Iterator<Item = usize> {
+    // Stretch i is `i * n / wanted..(i + 1) * n / wanted`, found without a division for each.
+    let (len, rest) = (n / wanted.max(1), n % wanted.max(1));
+    let (mut start, mut carried) = (0, 0);
+    (1..=wanted as u64).map(move |i| {
+        carried += rest;
+        let longer = carried >= wanted;
+        carried -= if longer { wanted } else { 0 };
+        let stretch = start..start + len + usize::from(longer);
+        start = stretch.end;
+        let hash = i.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 33;
+        stretch.start + hash as usize % stretch.len().max(1)
+    })
 }
 
 fn bounds(sample: &[Aabb]) -> ([f32; 3], [f32; 3]) {
@@ -163,7 +164,8 @@ fn sizes(sample: &[Aabb]) -> (f32, f32) {
 }
 
 /// The axis on which the bounds are widest against the mean finite edge.
-fn widest_axis(sample: &[Aabb], low: [f32; 3], high: [f32; 3]) -> usize {
+fn widest_axis(sample: &[Aabb]) -> usize {
+    let (low, high) = bounds(sample);
     let spread: [f32; 3] = std::array::from_fn(|axis| {
         let edges = sample.iter().map(|b| b.max[axis] - b.min[axis]).filter(|e| e.is_finite());
         let sum: f32 = edges.sum();
@@ -224,10 +226,10 @@ mod tests {
     }
 
     #[test]
-    fn infinite_boxes_leave_finite_bounds() {
+    fn infinite_boxes_leave_finite_statistics() {
         let all = Aabb { min: [f32::NEG_INFINITY; 3], max: [f32::INFINITY; 3] };
         let stats = SceneStats::of(&[all, Aabb::from([1.0, 2.0, 3.0, 2.0, 3.0, 4.0])], Some(1));
-        assert_eq!((stats.low, stats.high), ([1.0, 2.0, 3.0], [1.0, 2.0, 3.0]));
+        assert!((0.0..=1.0).contains(&stats.window_share) && stats.elongation == 1.0);
         assert_eq!(stats.expected_pairs(), 1.0);
     }
 
@@ -239,5 +241,21 @@ mod tests {
             .collect();
         let stats = SceneStats::of(&boxes, None);
         assert!((0.06..0.12).contains(&stats.window_share), "{}", stats.window_share);
+    }
+
+    #[test]
+    fn one_box_of_each_stretch_is_looked_at() {
+        for n in [1, 2, 255, 256, 257, 1_000, 4_095, 4_097, 100_003] {
+            for wanted in [1, 2, 3, 100, 256, 1_000].map(|wanted: usize| wanted.min(n)) {
+                let indices: Vec<usize> = sample_indices(wanted, n).collect();
+                assert_eq!(indices.len(), wanted);
+                for (i, index) in indices.into_iter().enumerate() {
+                    let (start, end) = (i * n / wanted, (i + 1) * n / wanted);
+                    let hash = (i as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 33;
+                    assert_eq!(index, start + hash as usize % (end - start));
+                }
+            }
+        }
+        assert_eq!(sample_indices(0, 0).count(), 0);
     }
 }

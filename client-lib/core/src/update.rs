@@ -1,8 +1,8 @@
 //! Local boxes and transforms → world boxes: the first stage of a broad phase.
 //!
 //! Avril, Gouranton and Arnaldi 2009 (§3) and 2014 give each of c threads n/c objects to update;
-//! [`par_update_boxes`] does so and writes straight into the slice of a frame, so that boxes are
-//! never copied. The box of a transformed box is Arvo's (Graphics Gems, 1990): for each entry of the
+//! [`par_write_boxes`](crate::write::par_write_boxes) does so with [`Transformed`] ones, and writes straight
+//! into the slice of a frame, so that boxes are never copied. The box of a transformed box is Arvo's (Graphics Gems, 1990): for each entry of the
 //! matrix, take the smaller product for the min and the larger one for the max. That is the method
 //! of centre and half extents with an absolute matrix, and it also holds for infinite boxes, which
 //! have no centre.
@@ -32,7 +32,7 @@ use crate::aabb::{Aabb, BoxClass};
 use crate::floats;
 use crate::isa::AvailableIsa;
 use crate::simd::per_isa;
-use crate::write::{BoxSource, par_write_boxes, write_boxes};
+use crate::write::BoxSource;
 
 /// 8u: the distance by which a face moves outward, as a share of the sum of its terms' magnitudes.
 const FACE_ERROR: f64 = 8.0 * UNIT_ROUNDOFF;
@@ -42,23 +42,6 @@ const LANES: usize = 4;
 
 /// Half a unit in the last place of 1.0 in f64.
 const UNIT_ROUNDOFF: f64 = f64::EPSILON / 2.0;
-
-/// Why boxes were not updated.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum UpdateError {
-    /// The slices differ in length.
-    #[error(
-        "{locals} local boxes, {transforms} transforms and room for {out} world boxes: give as many of each"
-    )]
-    LengthMismatch {
-        /// Local boxes.
-        locals: usize,
-        /// Transforms.
-        transforms: usize,
-        /// World boxes.
-        out: usize,
-    },
-}
 
 /// Translation, rotation and scale of an object: a point p goes to `rotation · (scale · p) +
 /// translation`.
@@ -283,50 +266,20 @@ fn round_up(x: f64) -> f32 {
     -round_down(-x)
 }
 
-/// Writes the world box of every object into `out`, on this thread.
-///
-/// # Errors
-/// [`UpdateError::LengthMismatch`] when the slices differ in length; nothing is written then.
+/// Local boxes and as many transforms: a source of world boxes for frames, and for
+/// [`write_boxes`](crate::write::write_boxes) and [`par_write_boxes`](crate::write::par_write_boxes).
 ///
 /// ```
 /// use pairmask_core::Aabb;
-/// use pairmask_core::update::{Placement, update_boxes};
+/// use pairmask_core::update::{Placement, Transformed};
+/// use pairmask_core::write::write_boxes;
 ///
 /// let locals = [Aabb::new([0.0; 3], [1.0; 3]); 2];
 /// let at = |x| Placement { translation: [x, 0.0, 0.0], ..Placement::IDENTITY };
 /// let mut world = [Aabb::EMPTY; 2];
-/// update_boxes(&locals, &[at(0.0), at(0.5)], &mut world)?;
+/// write_boxes(&Transformed::new(&locals, &[at(0.0), at(0.5)]), &mut world);
 /// assert!(world[0].overlaps(&world[1]));
-/// # Ok::<(), pairmask_core::update::UpdateError>(())
 /// ```
-pub fn update_boxes<T: ToWorld>(
-    locals: &[Aabb],
-    transforms: &[T],
-    out: &mut [Aabb],
-) -> Result<(), UpdateError> {
-    check_lengths(locals, transforms, out)?;
-    write_boxes(&Transformed { locals, transforms }, out);
-    Ok(())
-}
-
-/// Writes the world box of every object into `out`, on the calling thread's rayon pool.
-///
-/// The boxes are those of [`update_boxes`], bit for bit.
-///
-/// # Errors
-/// [`UpdateError::LengthMismatch`] when the slices differ in length; nothing is written then.
-pub fn par_update_boxes<T: ToWorld + Sync>(
-    locals: &[Aabb],
-    transforms: &[T],
-    out: &mut [Aabb],
-) -> Result<(), UpdateError> {
-    check_lengths(locals, transforms, out)?;
-    par_write_boxes(&Transformed { locals, transforms }, out);
-    Ok(())
-}
-
-/// Local boxes and as many transforms: a source of world boxes for frames and for
-/// [`par_write_boxes`].
 #[derive(Clone, Copy, Debug)]
 pub struct Transformed<'a, T> {
     locals: &'a [Aabb],
@@ -357,14 +310,6 @@ impl<T: ToWorld> BoxSource for Transformed<'_, T> {
             (&self.locals[first..][..out.len()], &self.transforms[first..][..out.len()]);
         floats::with_default(|| update_run(locals, transforms, out, AvailableIsa::best()));
     }
-}
-
-fn check_lengths<T>(locals: &[Aabb], transforms: &[T], out: &[Aabb]) -> Result<(), UpdateError> {
-    let (locals, transforms, out) = (locals.len(), transforms.len(), out.len());
-    if locals == out && transforms == out {
-        return Ok(());
-    }
-    Err(UpdateError::LengthMismatch { locals, transforms, out })
 }
 
 per_isa! {

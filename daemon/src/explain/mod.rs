@@ -7,7 +7,7 @@ mod text;
 pub use self::sent::{SentBoxes, SentReport};
 
 use pairmask_core::aabb::order_key;
-use pairmask_core::engine::{Grid, GridPlace};
+use pairmask_core::engine::grid::{self, GridPlace};
 use pairmask_core::{Aabb, BoxClass, BoxCount, PairIndex};
 use serde::Serialize;
 
@@ -119,7 +119,7 @@ impl Explanation {
         let axes = axes(&two);
         let n = boxes.len() as u32;
         let overlaps = |[a, b]: &[Aabb; 2]| i != j && a.overlaps(b);
-        let view = Grid::explain(sent.boxes(), i as usize, j as usize);
+        let view = grid::explain(sent.boxes(), i as usize, j as usize);
         let reason = reason(i, j, [&two[0], &two[1]], axes.as_ref());
         Ok(Self {
             pair: [i, j],

@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 use iceoryx2::service::ipc_threadsafe;
 use pairmask_core::dispatch::nanoseconds_since;
 use pairmask_core::engine::{AvailableIsa, CullError, CullInput, Engine, HeapReply, cpu_engine};
-use pairmask_core::plan::{Calibration, SceneStats, Term, Work};
+use pairmask_core::plan::{Calibration, SceneStats};
 use pairmask_core::{Aabb, BoxCount, Encoding, EngineName, MaskView};
 use pairmask_transport::{
     DaemonRecord, FreeChunks, GpuCounts, LimitError, Limits, PortTurn, SegmentFiles, Server,
@@ -283,12 +283,16 @@ pub(super) fn glance(start: &Calibration, isa: AvailableIsa) -> Result<Calibrati
     for n in SIZES {
         ratios.extend(measure(Scene::new(SceneName::Uniform, n, SEED).boxes(), start, isa)?);
     }
-    let mut scaled = *start;
-    for term in Term::ALL {
-        let own = ratios.iter().filter(|(owner, _)| *owner == term.owner());
+    let mean = |of: Option<EngineName>| {
+        let own = ratios.iter().filter(|(owner, _)| *owner == of);
         let (count, log) = own.fold((0.0, 0.0), |(n, log), (_, ratio)| (n + 1.0, log + ratio.ln()));
-        scaled.ns[term.index()] *= f64::exp(log / f64::max(count, 1.0));
+        f64::exp(log / f64::max(count, 1.0))
+    };
+    let mut scaled = *start;
+    for engine in EngineName::CPU {
+        scaled.engines[engine.place()] *= mean(Some(engine));
     }
+    scaled.masks = scaled.masks.map(|times| times * mean(None));
     Ok(scaled)
 }
 
@@ -327,11 +331,11 @@ impl Timed {
 
     fn ratios(&self, boxes: &[Aabb], start: &Calibration) -> [Ratio; 2] {
         let stats = SceneStats::glance(boxes, Some(self.pairs));
-        let ratio = |ns: u64, work: &Work| ns.max(1) as f64 / start.time_ns(work).max(1.0);
-        let cull = Work::of(self.name, Encoding::Sparse, &stats);
-        let visit = Work::of_visit(self.name, Encoding::Sparse, &stats);
-        let cull_ratio = cull.map_or(1.0, |cull| ratio(self.cull_ns, &cull));
-        [(Some(self.name), cull_ratio), (None, ratio(self.visit_ns, &visit))]
+        let ratio = |ns: u64, predicted_ns: f64| ns.max(1) as f64 / predicted_ns.max(1.0);
+        let cull_ns = start.cull_ns(self.name, Encoding::Sparse, &stats);
+        let cull_ratio = cull_ns.map_or(1.0, |cull_ns| ratio(self.cull_ns, cull_ns));
+        let visit_ns = start.visit_ns(self.name, Encoding::Sparse, &stats);
+        [(Some(self.name), cull_ratio), (None, ratio(self.visit_ns, visit_ns))]
     }
 }
 
@@ -368,16 +372,18 @@ mod tests {
         let isa = AvailableIsa::best();
         let built_in = Calibration::built_in(isa.get());
         let mut slower = built_in;
-        for ns in &mut slower.ns {
-            *ns *= 1000.0;
+        for times in slower.engines.iter_mut().chain(&mut slower.masks) {
+            *times *= 1000.0;
         }
         let (found, found_of_slower) =
             (glance(&built_in, isa).expect("a look"), glance(&slower, isa).expect("a look"));
-        for (term, (ns, of_slower)) in
-            Term::ALL.iter().zip(found.ns.iter().zip(&found_of_slower.ns))
-        {
+        let times = |found: Calibration| {
+            let cpu = EngineName::CPU.map(|engine| found.engines[engine.place()]);
+            [&cpu[..], &found.masks].concat()
+        };
+        for (times, of_slower) in times(found).iter().zip(times(found_of_slower)) {
             // The start is forgotten, whatever else runs on this machine.
-            assert!((0.05..20.0).contains(&(ns / of_slower)), "{term:?}: {ns} {of_slower}");
+            assert!((0.05..20.0).contains(&(times / of_slower)), "{times} {of_slower}");
         }
     }
 }

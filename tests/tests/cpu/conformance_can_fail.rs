@@ -1,12 +1,11 @@
 //! Every comparator of the conformance suite notices the mistakes that it is for.
 
-use pairmask_core::engine::BruteForce;
 use pairmask_lab::sabotage::Spoiler;
 use pairmask_tests::conformance::check_engine;
 use pairmask_tests::prelude::*;
 
 fn spoiler<S>(spoil: S) -> Spoiler<S> {
-    Spoiler { engine: Box::new(BruteForce::new()), spoil }
+    Spoiler { engine: best_engine(EngineName::CpuBrute), spoil }
 }
 
 fn boxes() -> Vec<Aabb> {
@@ -48,6 +47,13 @@ fn shorten(report: &mut CullReport, by: u64) {
     }
 }
 
+/// Says that a dense mask begins off the grid.
+fn shift(report: &mut CullReport) {
+    if let MaskShape::Dense { words } = &mut report.shape {
+        (words.start, words.len) = (8, words.len - 8);
+    }
+}
+
 fn double(words: &mut [u32], report: &CullReport) {
     if let MaskShape::Sparse { rows, blocks, bits, .. } = report.shape {
         for span in [rows, blocks, bits] {
@@ -63,7 +69,13 @@ const LIST: Encoding = Encoding::List;
 /// An encoding, how what is noticed begins (one of some), and what is done to the answer.
 type Case = (Encoding, &'static [&'static str], fn(&mut [u32], &mut CullReport));
 
-const CASES: [Case; 23] = [
+const CASES: [Case; 25] = [
+    (DENSE, &["Unaligned"], |_, report| shift(report)),
+    (LIST, &["Mask(OutsideReply"], |_, report| {
+        if let MaskShape::List { pairs } = &mut report.shape {
+            pairs.len = u64::MAX;
+        }
+    }),
     (DENSE, &["Missing"], |words, _| {
         let word = words.iter_mut().find(|w| **w != 0).expect("a pair");
         *word &= *word - 1;
@@ -75,13 +87,13 @@ const CASES: [Case; 23] = [
         words[at] = words[at].rotate_left(1);
     }),
     // 345 boxes have 59,340 pairs, so that the last word uses 12 bits.
-    (DENSE, &["Mask(DirtyTail"], |words, _| *words.last_mut().expect("words") |= 1 << 31),
+    (DENSE, &["Mask(TailBits"], |words, _| *words.last_mut().expect("words") |= 1 << 31),
     (SPARSE, &["Missing"], |_, report| shorten(report, 1)),
-    (SPARSE, &["Mask(Unsorted(1))"], |words, report| double(words, report)),
-    (SPARSE, &["Mask(ZeroWord(0))"], |words, report| words[bits_start(report)] = 0),
+    (SPARSE, &["Mask(NotSorted { word: 1 })"], |words, report| double(words, report)),
+    (SPARSE, &["Mask(ZeroWord { word: 0 })"], |words, report| words[bits_start(report)] = 0),
     (LIST, &["Missing"], |_, report| shorten(report, 2)),
     (LIST, &["Mask(HalfPair"], |_, report| shorten(report, 1)),
-    (LIST, &["Mask(Doubled"], |words, _| words.copy_within(0..2, 2)),
+    (LIST, &["Mask(PairAgain"], |words, _| words.copy_within(0..2, 2)),
     (LIST, &["Mask(NotAPair { number: 1"], |words, _| words.swap(2, 3)),
     (LIST, &["Mask(NotAPair { number: 0"], |words, _| words[1] = 345),
     // Box 7 is empty, and overlaps nothing.
@@ -116,7 +128,7 @@ fn the_other_encoding_is_noticed() {
     let truth = oracle::truth(&boxes);
     let mut reply = HeapReply::new();
     let input = CullInput::boxes(&boxes).encoding(Encoding::Dense);
-    let report = BruteForce::new().cull(&input, &mut reply).expect("memory");
+    let report = best_engine(EngineName::CpuBrute).cull(&input, &mut reply).expect("memory");
     let other = check_reply(reply.words(), &report, 345, SPARSE, &truth);
     assert_eq!(other, Err(Mismatch::Encoding { asked: SPARSE, got: DENSE }));
 }
@@ -149,7 +161,7 @@ fn a_word_that_is_not_written_is_noticed() {
             input: &CullInput<'_>,
             reply: &mut dyn ReplyBuffer,
         ) -> Result<CullReport, CullError> {
-            let report = BruteForce::new().cull(input, &mut HeapReply::new())?;
+            let report = best_engine(EngineName::CpuBrute).cull(input, &mut HeapReply::new())?;
             reply.reserve(report.shape.extent_words())?;
             Ok(report)
         }
@@ -176,7 +188,7 @@ fn an_engine_that_gives_no_answer_fails() {
             Err(ReserveError::OutOfMemory { needed_bytes: 4 * words })
         }
     }
-    let refused = BruteForce::new().cull(&CullInput::boxes(&boxes()), &mut Refuses);
+    let refused = best_engine(EngineName::CpuBrute).cull(&CullInput::boxes(&boxes()), &mut Refuses);
     assert!(matches!(refused, Err(CullError::Reserve(ReserveError::OutOfMemory { .. }))));
 }
 

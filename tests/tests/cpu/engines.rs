@@ -1,7 +1,6 @@
 //! Each CPU engine with every instruction set of this machine, through the conformance suite and over all scenes in
 //! motion, and what is particular to one of them.
 
-use pairmask_core::engine::{BruteForce, Grid, SweepAndPrune, Tree};
 use pairmask_tests::oracle::pair_set_hash;
 use pairmask_tests::prelude::*;
 use pairmaskd::scene::{Scene, SceneName};
@@ -131,10 +130,9 @@ fn instruction_sets_rule_out_the_same_pairs_and_a_missing_one_is_a_typed_error()
         assert!(skipped.windows(2).all(|two| two[0] == two[1]), "{scene:?}: {skipped:?}");
     }
     for isa in Isa::ALL {
-        assert_eq!(BruteForce::with_isa(isa).is_ok(), isa.is_available());
-        assert_eq!(SweepAndPrune::with_isa(isa).is_ok(), isa.is_available());
-        assert_eq!(Grid::with_isa(isa).is_ok(), isa.is_available());
-        assert_eq!(Tree::with_isa(isa).is_ok(), isa.is_available());
+        for engine in EngineName::CPU {
+            assert_eq!(cpu_engine(engine, isa).is_ok(), isa.is_available());
+        }
     }
 }
 
@@ -211,7 +209,9 @@ fn boxes_on_cell_borders_are_not_lost() {
                 .collect();
             let truth = oracle::truth(&boxes);
             let mut reply = HeapReply::new();
-            let report = Grid::new().cull(&CullInput::boxes(&boxes), &mut reply).expect("memory");
+            let report = best_engine(EngineName::CpuGrid)
+                .cull(&CullInput::boxes(&boxes), &mut reply)
+                .expect("memory");
             let pairs = naive_decoder::decode(reply.words(), &report.shape, 1000).expect("a mask");
             check_pairs(&pairs, &truth.pairs).unwrap_or_else(|e| panic!("{origin} {step}: {e}"));
         }
@@ -232,7 +232,9 @@ fn clusters_far_apart_are_not_compared_with_each_other_box_by_box() {
         );
     }
     let mut reply = HeapReply::new();
-    let report = Grid::new().cull(&CullInput::boxes(&boxes), &mut reply).expect("memory");
+    let report = best_engine(EngineName::CpuGrid)
+        .cull(&CullInput::boxes(&boxes), &mut reply)
+        .expect("memory");
     let n = boxes.len() as u32;
     check_reply(reply.words(), &report, n, Encoding::Sparse, &oracle::truth(&boxes))
         .expect("right");
@@ -248,8 +250,9 @@ fn no_scene_is_compared_all_with_all() {
         let n = 20_000;
         let scene = Scene::new(name, n, 3);
         let mut reply = HeapReply::new();
-        let report =
-            Grid::new().cull(&CullInput::boxes(scene.boxes()), &mut reply).expect("memory");
+        let report = best_engine(EngineName::CpuGrid)
+            .cull(&CullInput::boxes(scene.boxes()), &mut reply)
+            .expect("memory");
         let compared = (n as u64 * (n as u64 - 1) / 2 - report.skipped.pairs) / n as u64;
         assert!(compared < 250, "{name}: {compared} comparisons a box");
     }

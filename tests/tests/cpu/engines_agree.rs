@@ -11,7 +11,6 @@
 use std::thread;
 use std::time::Duration;
 
-use pairmask_core::engine::{Grid, SweepAndPrune, Tree};
 use pairmask_tests::golden::{self, GOLDEN};
 use pairmask_tests::oracle::pair_set_hash;
 use pairmask_tests::prelude::*;
@@ -142,8 +141,8 @@ fn engines_agree_on_ten_thousand_boxes() {
 fn engines_agree_on_a_hundred_thousand_and_a_million_boxes() {
     agree(&mut cpu_engines(), 100_000, 1_000);
     // A million boxes have 5·10^11 pairs: `cpu-brute` runs only up to a hundred thousand boxes.
-    let mut engines: [Box<dyn Engine>; 3] =
-        [Box::new(Grid::new()), Box::new(SweepAndPrune::new()), Box::new(Tree::new())];
+    let mut engines =
+        [EngineName::CpuGrid, EngineName::CpuSap, EngineName::CpuTree].map(best_engine);
     agree(&mut engines, 1_000_000, 1_000);
 }
 
@@ -156,10 +155,10 @@ fn the_grid_keeps_at_most_100_bytes_a_box() {
     // More threads have more tasks, each with some KiB that do not grow with the boxes.
     let pools = &pools()[..2];
     for name in SceneName::ALL.into_iter().filter(|name| !name.is_quadratic()) {
-        let mut grid = Grid::new();
+        let mut grid = best_engine(EngineName::CpuGrid);
         let mut scene = Scene::new(name, n, 5);
         for pool in pools.iter().flat_map(|pool| [pool; 3]) {
-            pairs(&mut grid, scene.boxes(), pool);
+            pairs(grid.as_mut(), scene.boxes(), pool);
             scene.step();
         }
         let bytes = grid.scratch_bytes();

@@ -3,7 +3,6 @@
 use std::path::PathBuf;
 
 use pairmask_core::dispatch::SphereEngines;
-use pairmask_core::engine::Grid;
 use pairmask_core::sphere::SphereAllPairs;
 use pairmask_tests::gpu::{self, open};
 use pairmask_tests::prelude::*;
@@ -181,7 +180,8 @@ fn candidates_that_are_no_pairs_count_for_nothing() {
     let (n, mut reply) = (spheres.len(), Witness::without_limit());
     let pairs = 400 * 399 / 2;
     let boxes: Vec<Aabb> = spheres.iter().map(Sphere::bounds).collect();
-    let candidates = Grid::new().cull(&CullInput::boxes(&boxes), &mut reply).unwrap();
+    let candidates =
+        best_engine(EngineName::CpuGrid).cull(&CullInput::boxes(&boxes), &mut reply).unwrap();
     assert!(candidates.pair_count > 15 * pairs, "{}", candidates.pair_count);
     for engine in [EngineName::CpuSap, EngineName::CpuGrid] {
         let options = CullOptions {

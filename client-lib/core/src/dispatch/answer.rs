@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use crate::engine::{CullReport, EngineName};
+use crate::engine::{CullReport, EngineName, EngineTimes};
 use crate::plan::Plan;
 
 /// Time of a frame's stages in the daemon or in process, ns.
@@ -18,6 +18,14 @@ pub struct StageTimes {
     pub publish_ns: u64,
     /// From the request in hand to the response ready to be sent. At least the sum of the stages.
     pub total_ns: u64,
+}
+
+impl StageTimes {
+    /// Those of an engine for a frame that was begun at `start`, and whose plan took `plan_ns`.
+    pub fn new(engine: EngineTimes, plan_ns: u64, start: Instant) -> Self {
+        let EngineTimes { ingest_ns, execute_ns, publish_ns } = engine;
+        Self { ingest_ns, plan_ns, execute_ns, publish_ns, total_ns: nanoseconds_since(start) }
+    }
 }
 
 /// An answered cull.
@@ -40,13 +48,7 @@ impl CullAnswer {
             engine: plan.engine,
             threads: plan.threads,
             report,
-            times: StageTimes {
-                ingest_ns: report.times.ingest_ns,
-                plan_ns,
-                execute_ns: report.times.execute_ns,
-                publish_ns: report.times.publish_ns,
-                total_ns: nanoseconds_since(start),
-            },
+            times: StageTimes::new(report.times, plan_ns, start),
         }
     }
 }

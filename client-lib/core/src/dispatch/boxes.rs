@@ -53,15 +53,11 @@ impl CpuEngines {
     /// Engines with empty scratch memory and the built-in calibration of this machine's
     /// instruction set.
     pub fn new() -> Self {
-        Self::with_calibration(Calibration::built_in(AvailableIsa::best().get()))
+        let isa = AvailableIsa::best();
+        Self::on(isa, Calibration::built_in(isa.get()))
     }
 
-    /// Engines with empty scratch memory, whose plans compute with `calibration`.
-    pub fn with_calibration(calibration: Calibration) -> Self {
-        Self::on(AvailableIsa::best(), calibration)
-    }
-
-    /// The same with one instruction set in place of the widest.
+    /// Engines of one instruction set, whose plans compute with `calibration`.
     pub fn on(isa: AvailableIsa, calibration: Calibration) -> Self {
         let engines = cpu_engines(isa).map(|engine| Kept {
             name: engine.name(),

@@ -56,12 +56,13 @@ impl Crowded {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use crate::engine::Isa;
     use crate::plan::{Calibration, Capabilities, CullOptions, SceneStats, plan};
 
-    fn planned(n: u32, choice: EngineChoice) -> Plan {
+    /// The plan of a frame of which nothing is known.
+    pub(in crate::dispatch) fn planned(n: u32, choice: EngineChoice) -> Plan {
         let stats = SceneStats::unseen(BoxCount::new(n), None);
         let options = CullOptions { engine: choice, ..CullOptions::default() };
         let capabilities = Capabilities { threads: 1, gpu: None };

@@ -110,16 +110,8 @@ impl Learned {
 
 #[cfg(test)]
 mod tests {
+    use super::super::crowded::tests::planned;
     use super::*;
-    use crate::engine::Isa;
-    use crate::plan::{Calibration, Capabilities, CullOptions, SceneStats, plan};
-
-    fn planned(n: u32, choice: EngineChoice) -> Plan {
-        let stats = SceneStats::unseen(BoxCount::new(n), None);
-        let options = CullOptions { engine: choice, ..CullOptions::default() };
-        let capabilities = Capabilities { threads: 1, gpu: None };
-        plan(&stats, &capabilities, &Calibration::built_in(Isa::Avx2), &options)
-    }
 
     /// Frames of a machine where engines take some factor of what is expected. Returns the engines of the last ones.
     fn frames(

@@ -23,22 +23,6 @@ const DENSE_SPHERES: usize = 512;
 ///
 /// A request is answered as one for boxes is, by the same names: `cpu-brute` tests all pairs, the
 /// others find candidates among the spheres' bounds first.
-///
-/// ```
-/// use pairmask_core::dispatch::{CullOptions, SphereEngines};
-/// use pairmask_core::engine::HeapReply;
-/// use pairmask_core::mask::MaskView;
-/// use pairmask_core::sphere::Sphere;
-/// use pairmask_core::BoxCount;
-///
-/// let spheres: Vec<Sphere> =
-///     (0..1_000).map(|i| Sphere::new([2.0 * i as f32, 0.0, 0.0], 1.0)).collect();
-/// let mut reply = HeapReply::new();
-/// let answer = SphereEngines::new().cull(&spheres, &CullOptions::default(), &mut reply)?;
-/// let mask = MaskView::new(BoxCount::new(1_000), &answer.report.shape, reply.words());
-/// assert_eq!(mask.expect("as it was written").count(), 999, "each touches the next");
-/// # Ok::<(), pairmask_core::engine::CullError>(())
-/// ```
 #[derive(Default)]
 pub struct SphereEngines {
     ways: SphereWays,
@@ -135,13 +119,7 @@ impl SphereWays {
         let threads = team::threads_for(tests * TEST_NS, options.threads);
         let input = CullInput::spheres(spheres).encoding(encoding).threads(threads);
         let report = self.all_pairs.cull(&input, reply)?;
-        let times = StageTimes {
-            ingest_ns: report.times.ingest_ns,
-            plan_ns: 0,
-            execute_ns: report.times.execute_ns,
-            publish_ns: report.times.publish_ns,
-            total_ns: nanoseconds_since(start),
-        };
+        let times = StageTimes::new(report.times, 0, start);
         Ok(CullAnswer { engine: EngineName::CpuBrute, threads, report, times })
     }
 

@@ -71,6 +71,11 @@ impl Census {
         self
     }
 
+    /// How many of `n` boxes, those of the census, are solid.
+    pub(crate) const fn solid_of(&self, n: usize) -> usize {
+        n - (self.empty + self.invalid) as usize
+    }
+
     /// The indices that were kept.
     pub fn named_invalid(&self) -> &[u32] {
         &self.first_invalid[..(self.invalid as usize).min(NAMED_INVALID)]

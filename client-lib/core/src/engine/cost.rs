@@ -2,15 +2,18 @@
 //! they count.
 
 use crate::isa::Isa;
+use crate::stats::SceneStats;
 
-/// A kind of work with a constant of its own.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// A kind of work: how much of it a frame holds, and what a unit takes.
+#[derive(Clone, Copy, Debug)]
 pub struct CostTerm {
-    /// The name. It begins with that of the engine, or of what else has it.
-    pub name: &'static str,
     /// Built-in ns a unit on one thread, for each of [`Isa::ALL`].
     ns: [f64; Isa::ALL.len()],
+    amount: Amount,
 }
+
+/// Units in a frame, of an engine that has an order of its own or keeps the boxes'.
+type Amount = fn(&SceneStats, bool) -> f64;
 
 /// How much longer than AVX-512 an instruction set takes for what it does a register at a time, for
 /// each of [`Isa::ALL`].
@@ -20,47 +23,36 @@ const BY_LANES: [f64; Isa::ALL.len()] = [1.0, 1.6, 6.0];
 // many scenes.
 impl CostTerm {
     /// Work that takes `ns` a unit with every instruction set.
-    pub const fn new(name: &'static str, ns: f64) -> Self {
-        Self { name, ns: [ns; Isa::ALL.len()] }
+    pub const fn new(ns: f64, amount: Amount) -> Self {
+        Self { ns: [ns; Isa::ALL.len()], amount }
     }
 
     /// Work that takes `ns` a unit with AVX-512, and longer with fewer lanes.
-    pub const fn by_lanes(name: &'static str, ns: f64) -> Self {
+    pub const fn by_lanes(ns: f64, amount: Amount) -> Self {
         let [avx512, avx2, portable] = BY_LANES;
-        Self { name, ns: [avx512 * ns, avx2 * ns, portable * ns] }
+        Self { ns: [avx512 * ns, avx2 * ns, portable * ns], amount }
     }
 
     /// Work that takes `ns` a unit with AVX-512, and `narrow_ns` with all others.
-    pub const fn avx512_or(name: &'static str, ns: f64, narrow_ns: f64) -> Self {
-        Self { name, ns: [ns, narrow_ns, narrow_ns] }
-    }
-
-    /// Built-in ns a unit on one thread.
-    pub fn built_in_ns(&self, isa: Isa) -> f64 {
-        Isa::ALL
-            .into_iter()
-            .zip(self.ns)
-            .find_map(|(of, ns)| (of == isa).then_some(ns))
-            .unwrap_or(0.0)
+    pub const fn avx512_or(ns: f64, narrow_ns: f64, amount: Amount) -> Self {
+        Self { ns: [ns, narrow_ns, narrow_ns], amount }
     }
 }
 
-/// Declares the terms of an engine or an encoding: the place of each in the list, under its own name,
-/// and the list, `TERMS`.
-macro_rules! terms {
-    ($($(#[$doc:meta])* $name:ident = $term:expr;)+) => {
-        #[allow(clippy::upper_case_acronyms, non_camel_case_types)]
-        enum Place { $($name),+ }
-        $($(#[$doc])* const $name: usize = Place::$name as usize;)+
-        pub(super) const TERMS: &[$crate::engine::CostTerm] = &[$($term),+];
-    };
+/// Built-in time of some work on one thread, ns.
+pub(crate) fn built_in_ns(
+    terms: &[CostTerm],
+    stats: &SceneStats,
+    has_order: bool,
+    isa: Isa,
+) -> f64 {
+    terms.iter().map(|term| (term.amount)(stats, has_order) * term.ns[isa as usize]).sum()
 }
-pub(super) use terms;
 
 /// Boxes whose keys and order the caches of one core hold.
 const CACHED_BOXES: f64 = 65_536.0;
 
-/// Doublings of a scene above what the caches hold.
-pub(super) fn spills(n: f64) -> f64 {
-    (n / CACHED_BOXES).max(1.0).log2()
+/// Boxes, times the doublings of the scene above what the caches hold.
+pub(super) fn spills(stats: &SceneStats) -> f64 {
+    stats.boxes() * (stats.boxes() / CACHED_BOXES).max(1.0).log2()
 }

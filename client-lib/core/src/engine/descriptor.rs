@@ -38,11 +38,8 @@ pub enum EnginePlace {
 pub struct CpuEngine {
     /// Makes one with empty scratch memory.
     pub make: fn(AvailableIsa) -> Box<dyn Engine>,
-    /// Kinds of work that it does.
+    /// The work that it does, less its mask.
     pub terms: &'static [CostTerm],
-    /// How much of each a frame holds, less its mask: writes the amounts to the places of the terms,
-    /// which hold zeros.
-    pub work: fn(&SceneStats, &mut [f64]),
 }
 
 /// A GPU engine's share of the plan's cost model.
@@ -53,6 +50,17 @@ pub struct GpuEngine {
 }
 
 impl EngineDescriptor {
+    /// An engine of the CPU, which reads boxes in f32 and writes masks of every encoding.
+    pub(super) const fn of_cpu(
+        name: &'static str,
+        wire_number: u32,
+        has_order: bool,
+        cpu: CpuEngine,
+    ) -> Self {
+        let (forms, encodings, place) = (&[BoxForm::F32], &Encoding::ALL, EnginePlace::Cpu(cpu));
+        Self { name, wire_number, forms, encodings, has_order, place }
+    }
+
     /// The engine as one of the CPU.
     pub const fn cpu(&self) -> Option<&CpuEngine> {
         match &self.place {
@@ -63,14 +71,6 @@ impl EngineDescriptor {
 }
 
 /// A CPU engine with one instruction set and empty scratch memory.
-///
-/// ```
-/// use pairmask_core::engine::{EngineName, Isa, cpu_engine};
-/// for name in EngineName::CPU {
-///     assert_eq!(cpu_engine(name, Isa::best())?.name(), name);
-/// }
-/// # Ok::<(), pairmask_core::engine::CullError>(())
-/// ```
 ///
 /// # Errors
 /// [`CullError::Unavailable`] for an engine of the GPU, and where this machine does not have the

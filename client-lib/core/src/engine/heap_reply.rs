@@ -7,20 +7,6 @@ const WORD_BYTES: u64 = size_of::<u32>() as u64;
 
 /// Memory for one mask, kept from frame to frame: a steady scene allocates nothing. What much larger
 /// masks left behind is given back after some dozens of smaller ones.
-///
-/// ```
-/// use pairmask_core::Aabb;
-/// use pairmask_core::engine::{BruteForce, CullInput, Engine, HeapReply};
-/// use pairmask_core::mask::Encoding;
-///
-/// let boxes = [Aabb::from([0.0, 0.0, 0.0, 1.0, 1.0, 1.0]); 3];
-/// let mut reply = HeapReply::new();
-/// let input = CullInput::boxes(&boxes).encoding(Encoding::Dense);
-/// let report = BruteForce::new().cull(&input, &mut reply)?;
-/// assert_eq!(report.pair_count, 3);
-/// assert_eq!(reply.words(), [0b111]);
-/// # Ok::<(), pairmask_core::engine::CullError>(())
-/// ```
 pub struct HeapReply {
     words: AlignedBuffer<u32>,
     limit_bytes: u64,

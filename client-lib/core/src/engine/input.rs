@@ -14,15 +14,6 @@ use crate::units::BoxCount;
 /// An attribute of the objects that every engine has to honour (a group for each box, for one) is a
 /// field of `PairRules`. These go on to the tasks of a frame with the words' budget, in `Gather`, and
 /// each word passes them there.
-///
-/// ```
-/// use pairmask_core::engine::CullInput;
-/// use pairmask_core::{Aabb, Encoding};
-///
-/// let boxes = [Aabb::EMPTY; 3];
-/// let input = CullInput::boxes(&boxes).encoding(Encoding::Dense).threads(2);
-/// assert_eq!((input.objects.len(), input.encoding, input.threads), (3, Encoding::Dense, 2));
-/// ```
 #[derive(Clone, Copy)]
 #[non_exhaustive]
 pub struct CullInput<'a, Objects = BoxSlice<'a>> {

@@ -9,34 +9,7 @@
 //! list and their [descriptors](EngineDescriptor): the command line, plan, calibration, `stress`, the
 //! conformance suite. A new engine is a folder with a descriptor, and a line of the list.
 
-/// How an engine is made: on the widest instruction set, or on one that is asked for. It has a function `on`.
-macro_rules! made_by_isa {
-    ($engine:ident, $name:expr) => {
-        impl Default for $engine {
-            fn default() -> Self {
-                Self::new()
-            }
-        }
-
-        impl $engine {
-            /// The engine with the widest instruction set of this machine.
-            pub fn new() -> Self {
-                Self::on($crate::isa::AvailableIsa::best())
-            }
-
-            /// The engine with one instruction set, for tests and measurements.
-            ///
-            /// # Errors
-            /// [`CullError::Unavailable`] when this machine does not have it.
-            pub fn with_isa(isa: $crate::isa::Isa) -> Result<Self, CullError> {
-                $crate::engine::available(isa, $name).map(Self::on)
-            }
-        }
-    };
-}
-pub(crate) use made_by_isa;
-
-pub mod brute_force;
+pub(crate) mod brute_force;
 mod census;
 mod choice;
 mod cost;
@@ -51,37 +24,36 @@ pub mod ingest;
 mod input;
 mod list;
 mod name;
+mod ordered;
 mod reply;
 mod report;
 mod rules;
 mod scratch;
 pub(crate) mod strips;
-pub mod sweep_and_prune;
-pub mod tree;
+mod sweep_and_prune;
+mod tree;
 pub(crate) mod word_budget;
 
-pub use brute_force::BruteForce;
 pub use census::{Census, NAMED_INVALID};
 pub use choice::{EngineChoice, EngineId};
 pub use cost::CostTerm;
+pub(crate) use cost::built_in_ns;
 pub use descriptor::{CpuEngine, EngineDescriptor, EnginePlace, GpuEngine, cpu_engine};
+pub(crate) use encode::encoding_cost;
 pub use encode::write_no_pairs;
-pub(crate) use encode::{MaskWork, encoding_cost};
 pub use error::CullError;
 pub use gpu::GpuCost;
-pub use grid::{Grid, GridPlace, GridView};
 pub use heap_reply::HeapReply;
-pub use ingest::KeyColumns;
+pub(crate) use ingest::KeyColumns;
 pub use input::CullInput;
 pub(crate) use input::counted;
 pub use list::EngineName;
 pub(crate) use name::cpu_engines;
+pub(crate) use ordered::publish;
 pub use reply::{ReplyBuffer, ReserveError};
 pub use report::{CullReport, EngineTimes, PairSkips, SkipMeter, StageClock};
 pub(crate) use rules::{PairRules, PairTest, Prepared, sift_each};
 pub use scratch::RecentNeed;
-pub use sweep_and_prune::SweepAndPrune;
-pub use tree::Tree;
 
 pub use crate::isa::{AvailableIsa, Isa, IsaError};
 pub use crate::unknown_name::UnknownName;

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use super::{AvailableIsa, CpuEngine, Engine, EngineName};
+use super::{AvailableIsa, Engine, EngineName};
 
 /// Declares [`EngineName`] from the list of all engines and their descriptors.
 macro_rules! engines {
@@ -71,11 +71,6 @@ impl EngineName {
     }
 
     /// All names for a text, the last one after `last`: ", " or " or ".
-    ///
-    /// ```
-    /// use pairmask_core::EngineName;
-    /// assert!(EngineName::listed(" or ").starts_with("cpu-brute, cpu-sap, "));
-    /// ```
     pub fn listed(last: &str) -> String {
         let names = Self::ALL.map(Self::as_str);
         let (end, most) = names.split_last().unwrap_or((&"", &[]));
@@ -90,20 +85,11 @@ impl EngineName {
 
 /// One of each CPU engine, in the order of [`EngineName::CPU`], with empty scratch memory.
 pub(crate) fn cpu_engines(isa: AvailableIsa) -> [Box<dyn Engine>; EngineName::CPU.len()] {
-    CPU_ENGINES.map(|cpu| (cpu.make)(isa))
+    EngineName::CPU.map(|name| match name.descriptor().cpu() {
+        Some(cpu) => (cpu.make)(isa),
+        None => unreachable!("{name} is an engine of the CPU"),
+    })
 }
-
-/// The engines of [`EngineName::CPU`].
-const CPU_ENGINES: [&CpuEngine; EngineName::CPU.len()] = {
-    let mut i = 0;
-    let mut engines =
-        [EngineName::CPU[0].descriptor().cpu().expect("of the CPU"); EngineName::CPU.len()];
-    while i < engines.len() {
-        engines[i] = EngineName::CPU[i].descriptor().cpu().expect("of the CPU");
-        i += 1;
-    }
-    engines
-};
 
 impl fmt::Display for EngineName {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {

@@ -13,19 +13,6 @@ const SPARE: usize = 2;
 
 /// The most that a frame has needed of late. It says when scratch memory that is kept from frame to
 /// frame should be given back.
-///
-/// ```
-/// use pairmask_core::engine::RecentNeed;
-///
-/// let mut need = RecentNeed::default();
-/// let mut scratch = vec![0u8; 100 << 20];
-/// for _ in 0..64 {
-///     if need.note(1_000, || scratch.capacity()) {
-///         scratch = Vec::new();
-///     }
-/// }
-/// assert_eq!(scratch.capacity(), 0, "64 frames needed 1 kB each");
-/// ```
 #[derive(Clone, Copy, Debug, Default)]
 pub struct RecentNeed {
     frames: u32,

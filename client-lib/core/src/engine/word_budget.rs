@@ -166,30 +166,27 @@ mod tests {
     }
 
     #[test]
-    fn a_budget_is_spent_with_the_first_word_beyond() {
+    fn a_budget_is_spent_with_the_first_word_beyond_or_pair_of_a_list() {
         let n = BoxCount::new(1_000);
-        let reply = HeapReply::with_limit_bytes(4 * (3 * 64 + 1_000));
-        let budget = WordBudget::new(n, Encoding::Sparse, true, &reply).expect("room for 64");
-        assert!(budget.take(&[1; 40]) && budget.take(&[3; 24]) && !budget.is_spent());
-        assert_eq!(budget.check(), Ok(()));
-        assert!(!budget.take(&[1]) && budget.is_spent());
-        let refusal = ReserveError::TooLarge {
-            at_least_bytes: 4 * (3 * 80 + 1_000),
-            limit_bytes: 4 * (3 * 64 + 1_000),
-        };
-        assert_eq!(budget.check(), Err(refusal.into()), "65 words take the room of 80");
-    }
-
-    #[test]
-    fn of_a_list_pairs_count_and_not_words() {
-        let n = BoxCount::new(1_000);
-        let reply = HeapReply::with_limit_bytes(8 * 100 + 4);
-        let budget = WordBudget::new(n, Encoding::List, true, &reply).expect("room for 100");
-        assert!(budget.take(&[u32::MAX; 3]) && budget.take(&[1; 4]) && !budget.is_spent());
-        assert_eq!(budget.check(), Ok(()));
-        assert!(!budget.take(&[0b1000]) && budget.is_spent());
-        let refusal = ReserveError::TooLarge { at_least_bytes: 8 * 101, limit_bytes: 8 * 100 + 4 };
-        assert_eq!(budget.check(), Err(refusal.into()));
+        for (encoding, limit_bytes, within, beyond, at_least_bytes) in [
+            // 65 words take the room of 80.
+            (
+                Encoding::Sparse,
+                4 * (3 * 64 + 1_000),
+                [&[1; 40][..], &[3; 24]],
+                1,
+                4 * (3 * 80 + 1_000),
+            ),
+            (Encoding::List, 8 * 100 + 4, [&[u32::MAX; 3][..], &[1; 4]], 0b1000, 8 * 101),
+        ] {
+            let reply = HeapReply::with_limit_bytes(limit_bytes);
+            let budget = WordBudget::new(n, encoding, true, &reply).expect("room");
+            assert!(within.iter().all(|words| budget.take(words)) && !budget.is_spent());
+            assert_eq!(budget.check(), Ok(()));
+            assert!(!budget.take(&[beyond]) && budget.is_spent());
+            let refusal = ReserveError::TooLarge { at_least_bytes, limit_bytes };
+            assert_eq!(budget.check(), Err(refusal.into()), "{encoding}");
+        }
         let nothing = HeapReply::with_limit_bytes(0);
         assert!(WordBudget::new(n, Encoding::List, true, &nothing).is_ok(), "there may be no pair");
     }

@@ -42,17 +42,6 @@ impl<'a> MaskView<'a> {
     ///
     /// A slice lies in a buffer of 2 KiB, in the first-level cache. A list, too, is copied there and
     /// the copy checked, since another process may write to the list itself at any time.
-    ///
-    /// ```
-    /// # use pairmask_core::BoxCount;
-    /// # use pairmask_core::mask::{MaskShape, MaskView};
-    /// let reply = [0, 2, 1, 2];
-    /// let mask = MaskView::new(BoxCount::new(3), &MaskShape::list(2), &reply)?;
-    /// let mut all = Vec::new();
-    /// mask.for_each_slice(|pairs| all.extend_from_slice(pairs));
-    /// assert_eq!(all, [[0, 2], [1, 2]]);
-    /// # Ok::<(), pairmask_core::mask::MaskError>(())
-    /// ```
     #[inline]
     pub fn for_each_slice(&self, f: impl FnMut(&[[u32; 2]])) {
         self.pairs().for_each_slice(f);

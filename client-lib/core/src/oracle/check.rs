@@ -1,9 +1,9 @@
 //! Compares an engine's answer with the truth: sets of pairs, never only their numbers.
 
-use super::naive_decoder::{self, BadMask};
+use super::naive_decoder;
 use super::{Pair, Truth};
 use crate::engine::{Census, CullError, CullInput, CullReport, Engine, EngineTimes, HeapReply};
-use crate::mask::Encoding;
+use crate::mask::{Encoding, MaskError, SECTION_ALIGN_WORDS, Span};
 use crate::units::BoxCount;
 
 /// Words that reply memory is filled with before the first and the second run of a frame.
@@ -17,7 +17,10 @@ pub enum Mismatch {
     Cull(#[from] CullError),
     /// The mask breaks a rule of its encoding.
     #[error(transparent)]
-    Mask(#[from] BadMask),
+    Mask(#[from] MaskError),
+    /// A section starts off the 64-byte grid.
+    #[error("section {0:?} does not start on a multiple of 16 words")]
+    Unaligned(Span),
     /// The mask has an encoding that was not asked for.
     #[error("asked for {asked}, got {got}")]
     Encoding {
@@ -85,13 +88,14 @@ pub fn check_frame(
         let report = engine.cull(input, reply)?;
         // New reply memory is zeroed, so that unwritten zero words would look right in the first
         // run. The second run reuses the memory.
-        runs.push((report, naive_decoder::sections(reply.words(), &report.shape)?));
+        runs.push((report, naive_decoder::sections(reply.words(), &report.shape)));
     }
     let [(first, first_words), (second, second_words)] = &runs[..] else {
         unreachable!("one run a poison word")
     };
-    if let Some(word) = (0..first_words.len().max(second_words.len()))
-        .find(|&i| first_words.get(i) != second_words.get(i))
+    if let (Some(first), Some(second)) = (first_words, second_words)
+        && let Some(word) =
+            (0..first.len().max(second.len())).find(|&i| first.get(i) != second.get(i))
     {
         return Err(Mismatch::NotDeterministic(word));
     }
@@ -116,6 +120,10 @@ pub fn check_reply(
     let got = report.shape.encoding();
     if got != asked {
         return Err(Mismatch::Encoding { asked, got });
+    }
+    let off_grid = |span: &Span| !span.start.is_multiple_of(SECTION_ALIGN_WORDS);
+    if let Some(span) = report.shape.spans().find(off_grid) {
+        return Err(Mismatch::Unaligned(span));
     }
     let pairs = naive_decoder::decode(reply, &report.shape, n)?;
     check_pairs(&pairs, &truth.pairs)?;

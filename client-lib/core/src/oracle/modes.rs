@@ -67,14 +67,6 @@ pub fn allowed(boxes: &[Aabb], precision: &Precision) -> Allowed {
 /// The allowed answers for boxes inflated by a margin. They contain every pair that can come to
 /// overlap while faces move by no more than the margin, and no pair that needs faces farther
 /// outward than the margin and two steps of f32.
-///
-/// ```
-/// use pairmask_core::Aabb;
-/// use pairmask_core::oracle::modes::allowed_by_margin;
-/// let boxes = [0.0, 1.5, 2.75].map(|x| Aabb::from([x, 0.0, 0.0, x + 1.0, 1.0, 1.0]));
-/// let allowed = allowed_by_margin(&boxes, 0.25 + 1e-6);
-/// assert_eq!((allowed.must.pairs, allowed.may), (vec![[0, 1], [1, 2]], vec![[0, 1], [1, 2]]));
-/// ```
 pub fn allowed_by_margin(boxes: &[Aabb], margin: f32) -> Allowed {
     let (given, margin) = (boxes.iter().map(faces).collect::<Vec<Faces>>(), exact(margin));
     // One step of f64 inward of the sum, because the sum may have been rounded outward; never

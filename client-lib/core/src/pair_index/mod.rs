@@ -58,15 +58,6 @@ pub const fn row_start(n: BoxCount, a: u32) -> u64 {
 
 impl PairIndex {
     /// Index of pair (a, b) among `n` boxes, or `None` unless a < b < n.
-    ///
-    /// ```
-    /// use pairmask_core::{BoxCount, PairIndex};
-    /// let n = BoxCount::new(5);
-    /// let k = PairIndex::of(n, 1, 3).unwrap();
-    /// assert_eq!(k.get(), 5, "row 0 holds pairs 0 to 3; row 1 starts with (1, 2)");
-    /// assert_eq!(k.pair(n), Some([1, 3]));
-    /// assert_eq!(PairIndex::of(n, 3, 1), None);
-    /// ```
     #[inline]
     #[must_use]
     pub const fn of(n: BoxCount, a: u32, b: u32) -> Option<Self> {

@@ -6,16 +6,6 @@ use crate::units::{BoxCount, PairIndex};
 ///
 /// The dense decoder starts one at the first set bit of a word and steps to the others: 32
 /// consecutive pairs mostly lie in one row, and then a step is one addition.
-///
-/// ```
-/// use pairmask_core::{BoxCount, PairIndex};
-/// use pairmask_core::pair_index::PairWalker;
-/// let mut walker = PairWalker::start(BoxCount::new(4), PairIndex::new(2)).unwrap();
-/// assert_eq!(walker.pair(), [0, 3]);
-/// walker = walker.advance(1).unwrap();
-/// assert_eq!(walker.pair(), [1, 2]);
-/// assert_eq!(walker.advance(3), None, "(2, 3) is the last pair, two further");
-/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PairWalker {
     n: BoxCount,

@@ -1,29 +1,46 @@
-//! The constants of the cost model: what each kind of work takes on one machine.
+//! The times of the cost model on one machine.
 
-use super::{Term, Work};
-use crate::engine::Isa;
+use super::SceneStats;
+use crate::engine::{EngineName, built_in_ns, encoding_cost};
+use crate::isa::Isa;
+use crate::mask::Encoding;
 
 /// What this machine takes for what. Built-in figures are the default; a daemon beside a GPU scales them at its start.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Calibration {
-    /// ns a unit of every [`Term`], in the order of [`Term::ALL`].
-    pub ns: [f64; Term::ALL.len()],
+    isa: Isa,
+    /// Time of each engine of the CPU, in built-in times.
+    pub engines: [f64; EngineName::ALL.len()],
+    /// The same of the masks of each encoding, which are written and visited.
+    pub masks: [f64; Encoding::ALL.len()],
 }
 
 impl Calibration {
     /// Figures for an instruction set, those that engines and encodings declare: of a Zen 4 core,
     /// tests of pairs scaled by the lanes of narrower sets.
-    pub fn built_in(isa: Isa) -> Self {
-        Self { ns: Term::ALL.map(|term| term.built_in_ns(isa)) }
+    pub const fn built_in(isa: Isa) -> Self {
+        let (engines, masks) = ([1.0; EngineName::ALL.len()], [1.0; Encoding::ALL.len()]);
+        Self { isa, engines, masks }
     }
 
-    /// ns a unit of a term.
-    pub const fn ns(&self, term: Term) -> f64 {
-        self.ns[term.index()]
+    /// Time of an engine from boxes to mask on one thread, ns; `None` for a GPU's.
+    pub fn cull_ns(
+        &self,
+        engine: EngineName,
+        encoding: Encoding,
+        stats: &SceneStats,
+    ) -> Option<f64> {
+        let descriptor = engine.descriptor();
+        let own = descriptor.cpu()?.terms;
+        let engine_ns = built_in_ns(own, stats, descriptor.has_order, self.isa);
+        let write = encoding_cost(encoding).write;
+        let mask_ns = built_in_ns(write, stats, descriptor.has_order, self.isa);
+        Some(self.engines[engine.place()] * engine_ns + self.masks[encoding.place()] * mask_ns)
     }
 
-    /// What work takes on one thread, ns.
-    pub fn time_ns(&self, work: &Work) -> f64 {
-        work.times(&self.ns)
+    /// Time of a client that visits every pair of an engine's mask on one thread, ns.
+    pub fn visit_ns(&self, engine: EngineName, encoding: Encoding, stats: &SceneStats) -> f64 {
+        let (visit, has_order) = (encoding_cost(encoding).visit, engine.descriptor().has_order);
+        self.masks[encoding.place()] * built_in_ns(visit, stats, has_order, self.isa)
     }
 }

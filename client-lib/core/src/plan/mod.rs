@@ -4,41 +4,18 @@
 //! time of the whole frame, from boxes written to every pair visited by the client's threads, for
 //! every engine that is to be had and every encoding ([`Calibration`] holds the constants), and takes
 //! the least.
-//!
-//! ```
-//! use pairmask_core::engine::{EngineName, Isa};
-//! use pairmask_core::plan::{Calibration, Capabilities, CullOptions, SceneStats, plan};
-//! use pairmask_core::Aabb;
-//!
-//! let boxes: Vec<Aabb> = (0..100_000)
-//!     .map(|i| {
-//!         let (x, y, z) = ((i % 50) as f32, (i / 50 % 50) as f32, (i / 2500) as f32);
-//!         Aabb::from([x, y, z, x + 0.5, y + 0.5, z + 0.5])
-//!     })
-//!     .collect();
-//! let stats = SceneStats::of(&boxes, None);
-//! let capabilities = Capabilities { threads: 2, gpu: None };
-//! let calibration = Calibration::built_in(Isa::Avx512);
-//! let plan = plan(&stats, &capabilities, &calibration, &CullOptions::default());
-//! assert_eq!(plan.engine, EngineName::CpuGrid);
-//! println!("{}", plan.explain());
-//! ```
 
 mod calibration;
 mod explain;
 mod memory;
 mod model;
 mod options;
-mod term;
-mod work;
 
 pub use crate::engine::GpuCost;
 pub use crate::stats::SceneStats;
 pub use calibration::Calibration;
 pub use memory::PlanMemory;
 pub use options::CullOptions;
-pub use term::Term;
-pub use work::Work;
 
 use self::model::Model;
 use crate::engine::{CullInput, EngineChoice, EngineName};
@@ -110,26 +87,15 @@ pub fn plan(
     calibration: &Calibration,
     options: &CullOptions,
 ) -> Plan {
-    floats::with_default(|| choose(stats, capabilities, calibration, options))
-}
-
-fn choose(
-    stats: &SceneStats,
-    capabilities: &Capabilities,
-    calibration: &Calibration,
-    options: &CullOptions,
-) -> Plan {
     let model = Model { stats, capabilities, calibration, options };
-    let candidates = EngineName::ALL.map(|engine| model.candidate(engine));
+    let candidates = floats::with_default(|| EngineName::ALL.map(|engine| model.candidate(engine)));
     let chosen = match options.engine {
         EngineChoice::Only(engine) => candidates.iter().flatten().find(|c| c.engine == engine),
         EngineChoice::Auto => {
             let times = candidates.iter().flatten().map(|c| c.predicted_ns);
             let least = times.fold(f64::INFINITY, f64::min);
-            candidates
-                .iter()
-                .flatten()
-                .find(|c| c.predicted_ns <= (1.0 + INDIFFERENT_SHARE) * least)
+            let most = floats::with_default(|| (1.0 + INDIFFERENT_SHARE) * least);
+            candidates.iter().flatten().find(|c| c.predicted_ns <= most)
         }
     };
     let fallback = Candidate {

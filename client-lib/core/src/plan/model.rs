@@ -1,7 +1,6 @@
 //! The cost model: what every engine that is to be had would take for a frame.
 
-use super::term::Side;
-use super::{Calibration, Candidate, Capabilities, CullOptions, GpuCost, SceneStats, work};
+use super::{Calibration, Candidate, Capabilities, CullOptions, GpuCost, SceneStats};
 use crate::engine::{EngineName, EnginePlace, encoding_cost};
 use crate::mask::{Encoding, EncodingChoice};
 use crate::team;
@@ -34,8 +33,7 @@ impl Model<'_> {
     }
 
     fn way(&self, engine: EngineName, encoding: Encoding) -> Option<Candidate> {
-        let constants = &self.calibration.ns;
-        let (cull_ns, threads) = match work::cull_ns(engine, encoding, self.stats, constants) {
+        let (cull_ns, threads) = match self.calibration.cull_ns(engine, encoding, self.stats) {
             Some(one_ns) => self.on_threads(one_ns),
             None => (self.gpu_ns(engine, encoding)?, 1),
         };
@@ -50,8 +48,7 @@ impl Model<'_> {
 
     /// The client's part. Its further threads are of use where there is enough to visit.
     fn visit_ns(&self, engine: EngineName, encoding: Encoding) -> f64 {
-        let constants = &self.calibration.ns;
-        let visit_ns = work::mask_ns(engine, encoding, Side::Visit, self.stats, constants);
+        let visit_ns = self.calibration.visit_ns(engine, encoding, self.stats);
         let far_ns = match self.capabilities.gpu {
             Some(gpu) if engine.is_gpu() => {
                 gpu.ns_a_visited_byte * self.mask_bytes(engine, encoding)

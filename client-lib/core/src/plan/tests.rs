@@ -3,7 +3,7 @@
 
 use super::*;
 use crate::dispatch::CpuEngines;
-use crate::engine::Isa;
+use crate::engine::{AvailableIsa, Isa};
 use crate::precision::{BoxForm, BoxSlice};
 use crate::units::BoxCount;
 
@@ -22,8 +22,6 @@ fn stats(n: u32, window_share: f32) -> SceneStats {
         n: BoxCount::new(n),
         is_looked_at: true,
         solid_share: 1.0,
-        low: [0.0; 3],
-        high: [100.0; 3],
         median_size: 1.0,
         large_size: 1.2,
         window_share,
@@ -124,7 +122,7 @@ fn boxes_take_a_gpu_the_time_of_their_bytes() {
         BoxSlice::new(form, &bytes[..n * form.box_bytes()]).expect("whole boxes")
     };
     // No box is looked at, so that all but the way up is the same.
-    let mut engines = CpuEngines::with_calibration(Calibration::built_in(Isa::Avx512));
+    let mut engines = CpuEngines::on(AvailableIsa::best(), Calibration::built_in(Isa::Avx512));
     let mut predicted = |form| {
         let options =
             CullOptions { engine: EngineChoice::Only(EngineName::GpuGrid), ..Default::default() };
@@ -142,18 +140,18 @@ fn boxes_take_a_gpu_the_time_of_their_bytes() {
 #[test]
 fn the_encoding_is_the_cheaper_one() {
     let capabilities = Capabilities { threads: 1, gpu: None };
-    let encoding = |n, dear: &[&str]| {
+    let encoding = |n, dear: &[Encoding]| {
         let mut calibration = Calibration::built_in(Isa::Avx512);
-        for name in dear {
-            calibration.ns[Term::from_name(name).expect("a term").index()] = 50.0;
+        for encoding in dear {
+            calibration.masks[encoding.place()] = 50.0;
         }
         plan(&stats(n, 0.1), &capabilities, &calibration, &CullOptions::default()).encoding
     };
     for n in [4096, 1_000_000] {
-        assert_eq!(encoding(n, &["list-visit-pair"]), Encoding::Sparse);
-        assert_eq!(encoding(n, &["sparse-visit-pair"]), Encoding::List);
+        assert_eq!(encoding(n, &[Encoding::List]), Encoding::Sparse);
+        assert_eq!(encoding(n, &[Encoding::Sparse]), Encoding::List);
     }
-    let both = ["list-visit-pair", "sparse-visit-pair"];
+    let both = [Encoding::List, Encoding::Sparse];
     assert_eq!(encoding(64, &both), Encoding::Dense);
     assert_ne!(encoding(1_000_000, &both), Encoding::Dense, "62 GB of zeros");
 }

@@ -4,7 +4,7 @@
 use bytemuck::{Pod, Zeroable};
 use rayon::prelude::*;
 
-use super::exact::{GROUP, Group};
+use super::exact::{GROUP, GROUP_WORDS, Group, without_points};
 use super::form::{BoxForm, Precision};
 use super::quantize::{Lanes, Quantizer};
 use super::{f16, simd};
@@ -93,9 +93,9 @@ fn expand_cells<T: Copy + Into<f32>>(min: [T; 3], max: [T; 3], invalid: bool) ->
     b
 }
 
-/// Forms of cells, and what writes one box and a group of them.
+/// Forms of cells.
 macro_rules! cells {
-    ($($form:ident of $cell:ident by $one:ident and $group:ident;)+) => {$(
+    ($($form:ident of $cell:ident;)+) => {$(
         impl $form {
             /// What empty boxes are written as.
             pub const EMPTY: Self = Self { min: [1; 3], max: [0; 3] };
@@ -111,11 +111,19 @@ macro_rules! cells {
             }
             #[inline(always)]
             fn narrow_group(group: &Group, lanes: &Lanes) -> [Self; GROUP] {
-                bytemuck::cast(lanes.$group(group))
+                let cells = lanes.cells(group);
+                let mut narrow = [0; GROUP_WORDS];
+                for at in 0..GROUP_WORDS {
+                    narrow[at] = cells[at] as $cell;
+                }
+                bytemuck::cast(narrow)
             }
             #[inline(always)]
             fn narrow(b: &Aabb, encoder: &Quantizer) -> Self {
-                encoder.$one(b)
+                let Some([min, max]) = encoder.cells(b) else {
+                    return without_points(b, Self::EMPTY, Self::INVALID);
+                };
+                Self { min: min.map(|cell| cell as $cell), max: max.map(|cell| cell as $cell) }
             }
             #[inline(always)]
             fn expand(&self) -> Aabb {
@@ -126,8 +134,8 @@ macro_rules! cells {
 }
 
 cells! {
-    BoxQ16 of u16 by q16_with_default_flags and q16;
-    BoxQ8 of u8 by q8_with_default_flags and q8;
+    BoxQ16 of u16;
+    BoxQ8 of u8;
 }
 
 impl NarrowBox for BoxF16 {
@@ -151,27 +159,25 @@ impl NarrowBox for BoxF16 {
 /// The boxes of a frame in memory, in any form. What else each box has for all engines to honour
 /// belongs here beside its numbers: wherever boxes go, it goes with them.
 #[derive(Clone, Copy, Debug)]
-pub struct BoxSlice<'a> {
-    numbers: Numbers<'a>,
-}
-
-/// The numbers of boxes, in any form.
-#[derive(Clone, Copy, Debug)]
-enum Numbers<'a> {
+pub enum BoxSlice<'a> {
+    /// f32.
     F32(&'a [Aabb]),
+    /// u16 cells.
     Q16(&'a [BoxQ16]),
+    /// u8 cells.
     Q8(&'a [BoxQ8]),
+    /// IEEE halves.
     F16(&'a [BoxF16]),
 }
 
 /// Does the same with boxes of any form.
 macro_rules! of_each {
-    ($numbers:expr, $boxes:ident => $what:expr) => {
-        match $numbers {
-            Numbers::F32($boxes) => $what,
-            Numbers::Q16($boxes) => $what,
-            Numbers::Q8($boxes) => $what,
-            Numbers::F16($boxes) => $what,
+    ($slice:expr, $boxes:ident => $what:expr) => {
+        match $slice {
+            BoxSlice::F32($boxes) => $what,
+            BoxSlice::Q16($boxes) => $what,
+            BoxSlice::Q8($boxes) => $what,
+            BoxSlice::F16($boxes) => $what,
         }
     };
 }
@@ -179,13 +185,13 @@ macro_rules! of_each {
 /// f32 boxes, used where they lie.
 impl<'a, B: AsRef<[Aabb]> + ?Sized> From<&'a B> for BoxSlice<'a> {
     fn from(boxes: &'a B) -> Self {
-        Self { numbers: Numbers::F32(boxes.as_ref()) }
+        Self::F32(boxes.as_ref())
     }
 }
 
 impl Default for BoxSlice<'_> {
     fn default() -> Self {
-        Self { numbers: Numbers::F32(&[]) }
+        Self::F32(&[])
     }
 }
 
@@ -193,28 +199,27 @@ impl<'a> BoxSlice<'a> {
     /// Bytes as boxes of a form; `None` where they are no whole number of boxes, or not aligned
     /// for them.
     pub fn new(form: BoxForm, bytes: &'a [u8]) -> Option<Self> {
-        let numbers = match form {
-            BoxForm::F32 => bytemuck::try_cast_slice(bytes).ok().map(Numbers::F32),
-            BoxForm::Q16 => bytemuck::try_cast_slice(bytes).ok().map(Numbers::Q16),
-            BoxForm::Q8 => bytemuck::try_cast_slice(bytes).ok().map(Numbers::Q8),
-            BoxForm::F16 => bytemuck::try_cast_slice(bytes).ok().map(Numbers::F16),
-        };
-        numbers.map(|numbers| Self { numbers })
+        match form {
+            BoxForm::F32 => bytemuck::try_cast_slice(bytes).ok().map(Self::F32),
+            BoxForm::Q16 => bytemuck::try_cast_slice(bytes).ok().map(Self::Q16),
+            BoxForm::Q8 => bytemuck::try_cast_slice(bytes).ok().map(Self::Q8),
+            BoxForm::F16 => bytemuck::try_cast_slice(bytes).ok().map(Self::F16),
+        }
     }
 
     /// The form.
     pub const fn form(&self) -> BoxForm {
-        match self.numbers {
-            Numbers::F32(_) => BoxForm::F32,
-            Numbers::Q16(_) => BoxForm::Q16,
-            Numbers::Q8(_) => BoxForm::Q8,
-            Numbers::F16(_) => BoxForm::F16,
+        match self {
+            Self::F32(_) => BoxForm::F32,
+            Self::Q16(_) => BoxForm::Q16,
+            Self::Q8(_) => BoxForm::Q8,
+            Self::F16(_) => BoxForm::F16,
         }
     }
 
     /// Number of boxes.
     pub const fn len(&self) -> usize {
-        of_each!(self.numbers, boxes => boxes.len())
+        of_each!(self, boxes => boxes.len())
     }
 
     /// Whether there are no boxes.
@@ -224,25 +229,25 @@ impl<'a> BoxSlice<'a> {
 
     /// The boxes where they lie, if they are of f32.
     pub const fn as_f32(&self) -> Option<&'a [Aabb]> {
-        match self.numbers {
-            Numbers::F32(boxes) => Some(boxes),
+        match self {
+            Self::F32(boxes) => Some(boxes),
             _ => None,
         }
     }
 
     /// Their bytes: [`BoxForm::bytes`] of as many boxes.
     pub fn as_bytes(&self) -> &'a [u8] {
-        of_each!(self.numbers, boxes => bytemuck::cast_slice(boxes))
+        of_each!(self, boxes => bytemuck::cast_slice(boxes))
     }
 
     /// The f32 box that stands for one of them, as [`BoxSlice::expand`] has it; `None` beyond
     /// the last.
     pub fn get(&self, index: usize) -> Option<Aabb> {
-        match self.numbers {
-            Numbers::F32(boxes) => boxes.get(index).copied(),
-            Numbers::Q16(boxes) => boxes.get(index).map(NarrowBox::expand),
-            Numbers::Q8(boxes) => boxes.get(index).map(NarrowBox::expand),
-            Numbers::F16(boxes) => boxes.get(index).map(NarrowBox::expand),
+        match self {
+            Self::F32(boxes) => boxes.get(index).copied(),
+            Self::Q16(boxes) => boxes.get(index).map(NarrowBox::expand),
+            Self::Q8(boxes) => boxes.get(index).map(NarrowBox::expand),
+            Self::F16(boxes) => boxes.get(index).map(NarrowBox::expand),
         }
     }
 
@@ -260,13 +265,13 @@ impl<'a> BoxSlice<'a> {
         }
         scratch.0.resize(AABB_WORDS * self.len());
         let out: &mut [Aabb] = bytemuck::cast_slice_mut(scratch.0.as_mut_slice());
-        match self.numbers {
-            Numbers::F32(_) => {}
-            Numbers::Q16(boxes) => expand_all(boxes, out, parallel),
-            Numbers::Q8(boxes) => expand_all(boxes, out, parallel),
-            Numbers::F16(boxes) => expand_all(boxes, out, parallel),
+        match self {
+            Self::F32(_) => {}
+            Self::Q16(boxes) => expand_all(boxes, out, parallel),
+            Self::Q8(boxes) => expand_all(boxes, out, parallel),
+            Self::F16(boxes) => expand_all(boxes, out, parallel),
         }
-        Self { numbers: Numbers::F32(bytemuck::cast_slice(scratch.0.as_slice())) }
+        Self::F32(bytemuck::cast_slice(scratch.0.as_slice()))
     }
 }
 
@@ -497,16 +502,5 @@ mod tests {
                 }
             }
         }
-    }
-
-    #[test]
-    fn odd_lengths_are_no_boxes() {
-        let words = [0u32; 30];
-        let bytes: &[u8] = bytemuck::cast_slice(&words);
-        for form in BoxForm::ALL {
-            assert!(BoxSlice::new(form, &bytes[..=form.box_bytes()]).is_none(), "{form}");
-            assert!(BoxSlice::new(form, &bytes[..2 * form.box_bytes()]).is_some(), "{form}");
-        }
-        assert!(BoxSlice::new(BoxForm::Q16, &bytes[1..13]).is_none(), "not aligned");
     }
 }

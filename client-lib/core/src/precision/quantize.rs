@@ -25,8 +25,8 @@
 //! products, so cells are computed with the default flags ([`crate::floats`]).
 
 use super::bounds::Bounds;
-use super::exact::{GROUP_WORDS, Group, is_solid, widen, without_points};
-use super::narrow::{BoxQ8, BoxQ16};
+use super::exact::{GROUP_WORDS, Group, is_solid, widen};
+use super::narrow::{BoxQ8, BoxQ16, NarrowBox};
 use crate::aabb::Aabb;
 use crate::floats;
 
@@ -60,6 +60,7 @@ fn cell(position: f64, last: f64) -> i32 {
 pub(super) struct Lanes {
     low: [f64; GROUP_WORDS],
     scale: [f64; GROUP_WORDS],
+    last: f64,
 }
 
 impl Lanes {
@@ -67,40 +68,19 @@ impl Lanes {
         Self {
             low: std::array::from_fn(|at| quantizer.low[at % 3]),
             scale: std::array::from_fn(|at| quantizer.scale[at % 3]),
+            last: quantizer.last,
         }
     }
 
     /// The cells of a group of solid boxes.
     #[inline(always)]
-    fn cells(&self, group: &Group, last: f64) -> [i32; GROUP_WORDS] {
+    pub(super) fn cells(&self, group: &Group) -> [i32; GROUP_WORDS] {
         debug_assert!(floats::are_default(), "cells are computed with the default flags");
         let mut cells = [0; GROUP_WORDS];
         for at in 0..GROUP_WORDS {
-            cells[at] = cell((widen(group[at]) - self.low[at]) * self.scale[at], last);
+            cells[at] = cell((widen(group[at]) - self.low[at]) * self.scale[at], self.last);
         }
         cells
-    }
-
-    /// The form q16 of a group of solid boxes.
-    #[inline(always)]
-    pub(super) fn q16(&self, group: &Group) -> [u16; GROUP_WORDS] {
-        let cells = self.cells(group, Q16_CELLS - 1.0);
-        let mut narrow = [0; GROUP_WORDS];
-        for at in 0..GROUP_WORDS {
-            narrow[at] = cells[at] as u16;
-        }
-        narrow
-    }
-
-    /// The form q8 of a group of solid boxes.
-    #[inline(always)]
-    pub(super) fn q8(&self, group: &Group) -> [u8; GROUP_WORDS] {
-        let cells = self.cells(group, Q8_CELLS - 1.0);
-        let mut narrow = [0; GROUP_WORDS];
-        for at in 0..GROUP_WORDS {
-            narrow[at] = cells[at] as u8;
-        }
-        narrow
     }
 }
 
@@ -110,6 +90,8 @@ pub struct Quantizer {
     low: [f64; 3],
     /// Cells a unit; 0 where the bounds have no width.
     scale: [f64; 3],
+    /// Number of the last cell.
+    last: f64,
 }
 
 impl Quantizer {
@@ -125,7 +107,7 @@ impl Quantizer {
             let width = high[axis] - low[axis];
             if width > 0.0 { cells / width } else { 0.0 }
         });
-        Self { low, scale }
+        Self { low, scale, last: cells - 1.0 }
     }
 
     /// For the form q16.
@@ -147,45 +129,29 @@ impl Quantizer {
     }
 
     #[inline(always)]
-    fn cell(&self, axis: usize, x: f64, cells: f64) -> i32 {
+    fn cell(&self, axis: usize, x: f64) -> i32 {
         debug_assert!(floats::are_default(), "cells are computed with the default flags");
-        cell((x - self.low[axis]) * self.scale[axis], cells - 1.0)
+        cell((x - self.low[axis]) * self.scale[axis], self.last)
+    }
+
+    /// The cells of a box's min and max, on a thread with the default flags; `None` where it is not solid.
+    #[inline(always)]
+    pub(super) fn cells(&self, b: &Aabb) -> Option<[[i32; 3]; 2]> {
+        let (min, max) = (b.min.map(widen), b.max.map(widen));
+        let cells = |x: [f64; 3]| std::array::from_fn(|axis| self.cell(axis, x[axis]));
+        is_solid(&min, &max).then(|| [cells(min), cells(max)])
     }
 
     /// A box in 16-bit cells: the same ones whatever the flags of this thread.
     #[inline]
     pub fn q16(&self, b: &Aabb) -> BoxQ16 {
-        floats::with_default(|| self.q16_with_default_flags(b))
-    }
-
-    #[inline(always)]
-    pub(super) fn q16_with_default_flags(&self, b: &Aabb) -> BoxQ16 {
-        let (min, max) = (b.min.map(widen), b.max.map(widen));
-        if !is_solid(&min, &max) {
-            return without_points(b, BoxQ16::EMPTY, BoxQ16::INVALID);
-        }
-        BoxQ16 {
-            min: std::array::from_fn(|axis| self.cell(axis, min[axis], Q16_CELLS) as u16),
-            max: std::array::from_fn(|axis| self.cell(axis, max[axis], Q16_CELLS) as u16),
-        }
+        floats::with_default(|| BoxQ16::narrow(b, self))
     }
 
     /// A box in 8-bit cells: the same ones whatever the flags of this thread.
     #[inline]
     pub fn q8(&self, b: &Aabb) -> BoxQ8 {
-        floats::with_default(|| self.q8_with_default_flags(b))
-    }
-
-    #[inline(always)]
-    pub(super) fn q8_with_default_flags(&self, b: &Aabb) -> BoxQ8 {
-        let (min, max) = (b.min.map(widen), b.max.map(widen));
-        if !is_solid(&min, &max) {
-            return without_points(b, BoxQ8::EMPTY, BoxQ8::INVALID);
-        }
-        BoxQ8 {
-            min: std::array::from_fn(|axis| self.cell(axis, min[axis], Q8_CELLS) as u8),
-            max: std::array::from_fn(|axis| self.cell(axis, max[axis], Q8_CELLS) as u8),
-        }
+        floats::with_default(|| BoxQ8::narrow(b, self))
     }
 }
 
@@ -229,7 +195,7 @@ mod tests {
             for cells in [Q16_CELLS, Q8_CELLS] {
                 let quantizer = Quantizer::new(&bounds, cells);
                 for axis in 0..3 {
-                    let at = |x| quantizer.cell(axis, widen(x), cells);
+                    let at = |x| quantizer.cell(axis, widen(x));
                     prop_assert!(at(x) <= at(y), "{x:e} {y:e} {bounds:?}");
                     prop_assert!(0 <= at(x) && f64::from(at(y)) < cells);
                 }
@@ -244,7 +210,7 @@ mod tests {
                     let (low, high) = (bounds.low()[axis], bounds.high()[axis]);
                     let inside = |x: f32| x.clamp(low, high);
                     let (x, y) = (widen(inside(x)), widen(inside(y)));
-                    if quantizer.cell(axis, x, cells) == quantizer.cell(axis, y, cells) {
+                    if quantizer.cell(axis, x) == quantizer.cell(axis, y) {
                         prop_assert!((x - y).abs() <= quantizer.cell_size()[axis], "{x:e} {y:e}");
                     }
                 }

@@ -5,7 +5,7 @@
 
 use std::arch::x86_64::*;
 
-use super::Simd;
+use super::{Simd, Squeeze};
 use crate::aabb::Aabb;
 
 /// Proof that the processor has AVX2.
@@ -22,6 +22,24 @@ impl Avx2 {
         Self(())
     }
 }
+
+/// Byte k of entry `set`: the k-th lane of `set`. Those behind the last one are 0. 2 KiB.
+const LANES_OF: [[u8; 8]; 256] = {
+    let mut all = [[0; 8]; 256];
+    let mut set = 0;
+    while set < all.len() {
+        let (mut lane, mut kept) = (0, 0);
+        while lane < 8 {
+            if set >> lane & 1 != 0 {
+                all[set][kept] = lane as u8;
+                kept += 1;
+            }
+            lane += 1;
+        }
+        set += 1;
+    }
+    all
+};
 
 // SAFETY of all calls below: an `Avx2` exists only where the processor has the instructions. What is read
 // and written by address is named beside it.
@@ -176,6 +194,63 @@ impl Simd for Avx2 {
                 words[4 + k] = _mm256_permute2x128_si256::<0x31>(four[k], four[4 + k]);
             }
             words
+        }
+    }
+}
+
+impl Squeeze for Avx2 {
+    #[inline(always)]
+    fn or_where(self, [one, other]: [__m256i; 2], a: __m256i, b: __m256i) -> __m256i {
+        // SAFETY: the processor has AVX2.
+        unsafe { _mm256_or_si256(a, _mm256_and_si256(_mm256_and_si256(one, other), b)) }
+    }
+
+    #[inline(always)]
+    fn widen(self, numbers: &[u16]) -> __m256i {
+        // SAFETY: the processor has AVX2, and the slice is 8 u16, 16 bytes.
+        unsafe { _mm256_cvtepu16_epi32(_mm_loadu_si128(numbers[..Self::LANES].as_ptr().cast())) }
+    }
+
+    /// By a table: AVX-512 has an instruction for it.
+    #[inline(always)]
+    fn squeeze(self, set: u32, [a, b, c]: [__m256i; 3]) -> [__m256i; 3] {
+        // SAFETY: the processor has AVX2, and 8 bytes are what is loaded.
+        unsafe {
+            let lanes = _mm_loadl_epi64(LANES_OF[set as usize % 256].as_ptr().cast());
+            let lanes = _mm256_cvtepu8_epi32(lanes);
+            [
+                _mm256_permutevar8x32_epi32(a, lanes),
+                _mm256_permutevar8x32_epi32(b, lanes),
+                _mm256_permutevar8x32_epi32(c, lanes),
+            ]
+        }
+    }
+
+    #[inline(always)]
+    fn behind(self, keys: __m256i, first: u32) -> __m256i {
+        // SAFETY: the processor has AVX2.
+        unsafe {
+            let moved =
+                _mm256_permutevar8x32_epi32(keys, _mm256_setr_epi32(0, 0, 1, 2, 3, 4, 5, 6));
+            _mm256_blend_epi32::<1>(moved, _mm256_set1_epi32(first as i32))
+        }
+    }
+
+    #[inline(always)]
+    fn strip_words(self, row: __m256i, start: __m256i, bits: __m256i) -> [__m256i; 3] {
+        // SAFETY: the processor has AVX2.
+        unsafe {
+            let twice = _mm256_setr_epi32(0, 0, 1, 1, 2, 2, 3, 3);
+            let row = _mm256_permutevar8x32_epi32(row, twice);
+            let start = _mm256_permutevar8x32_epi32(start, twice);
+            let bits = _mm256_permutevar8x32_epi32(bits, twice);
+            let second_of_two = _mm256_setr_epi32(0, 1, 0, 1, 0, 1, 0, 1);
+            let block = _mm256_add_epi32(_mm256_srli_epi32::<5>(start), second_of_two);
+            let shift = _mm256_and_si256(start, _mm256_set1_epi32(31));
+            let first = _mm256_sllv_epi32(bits, shift);
+            let past = _mm256_sub_epi32(_mm256_set1_epi32(32), shift);
+            let second = _mm256_srlv_epi32(bits, past);
+            [row, block, _mm256_blend_epi32::<0b1010_1010>(first, second)]
         }
     }
 }

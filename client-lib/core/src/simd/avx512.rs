@@ -5,7 +5,7 @@
 
 use std::arch::x86_64::*;
 
-use super::Simd;
+use super::{Simd, Squeeze};
 use crate::aabb::Aabb;
 
 /// Proof that the processor has AVX-512 F, BW, DQ and VL.
@@ -189,6 +189,56 @@ impl Simd for Avx512 {
                 words[4 + k] = _mm512_permutex2var_epi64(eight[k], high, eight[4 + k]);
             }
             words
+        }
+    }
+}
+
+impl Squeeze for Avx512 {
+    #[inline(always)]
+    fn or_where(self, [one, other]: [__mmask16; 2], a: __m512i, b: __m512i) -> __m512i {
+        // SAFETY: the processor has AVX-512.
+        unsafe { _mm512_mask_or_epi32(a, one & other, a, b) }
+    }
+
+    #[inline(always)]
+    fn widen(self, numbers: &[u16]) -> __m512i {
+        // SAFETY: the processor has AVX-512, and the slice is 16 u16, 32 bytes.
+        unsafe { _mm512_cvtepu16_epi32(_mm256_loadu_si256(numbers[..Self::LANES].as_ptr().cast())) }
+    }
+
+    #[inline(always)]
+    fn squeeze(self, set: u32, [a, b, c]: [__m512i; 3]) -> [__m512i; 3] {
+        let set = set as __mmask16;
+        // SAFETY: the processor has AVX-512.
+        unsafe {
+            [
+                _mm512_maskz_compress_epi32(set, a),
+                _mm512_maskz_compress_epi32(set, b),
+                _mm512_maskz_compress_epi32(set, c),
+            ]
+        }
+    }
+
+    #[inline(always)]
+    fn behind(self, keys: __m512i, first: u32) -> __m512i {
+        // SAFETY: the processor has AVX-512.
+        unsafe { _mm512_alignr_epi32::<15>(keys, _mm512_set1_epi32(first as i32)) }
+    }
+
+    #[inline(always)]
+    fn strip_words(self, row: __m512i, start: __m512i, bits: __m512i) -> [__m512i; 3] {
+        // SAFETY: the processor has AVX-512.
+        unsafe {
+            let twice = _mm512_setr_epi32(0, 0, 1, 1, 2, 2, 3, 3, 4, 4, 5, 5, 6, 6, 7, 7);
+            let second_of_two = _mm512_setr_epi32(0, 1, 0, 1, 0, 1, 0, 1, 0, 1, 0, 1, 0, 1, 0, 1);
+            let row = _mm512_permutexvar_epi32(twice, row);
+            let start = _mm512_permutexvar_epi32(twice, start);
+            let bits = _mm512_permutexvar_epi32(twice, bits);
+            let block = _mm512_add_epi32(_mm512_srli_epi32::<5>(start), second_of_two);
+            let shift = _mm512_and_si512(start, _mm512_set1_epi32(31));
+            let first = _mm512_sllv_epi32(bits, shift);
+            let past = _mm512_sub_epi32(_mm512_set1_epi32(32), shift);
+            [row, block, _mm512_mask_srlv_epi32(first, 0xaaaa, bits, past)]
         }
     }
 }

@@ -100,10 +100,45 @@ pub(crate) trait Simd: Copy {
     fn words_of<'a>(self, record: impl Fn(usize) -> &'a [i32; 8]) -> [Self::Keys; 8];
 }
 
+/// What searches need to put lanes side by side. Without such instructions, one lane after the other is sooner
+/// done.
+pub(crate) trait Squeeze: Simd {
+    /// `a`, and in the lanes that are of both kinds the bits of `b` too.
+    fn or_where(self, lanes: [Self::Lanes; 2], a: Self::Keys, b: Self::Keys) -> Self::Keys;
+
+    /// The first numbers of a slice, which must have as many as lanes.
+    fn widen(self, numbers: &[u16]) -> Self::Keys;
+
+    /// The lanes of `set` at the front of each register, in their order. What is behind them is unspecified.
+    fn squeeze(self, set: u32, registers: [Self::Keys; 3]) -> [Self::Keys; 3];
+
+    /// Every lane one place further, behind `first`.
+    fn behind(self, keys: Self::Keys, first: u32) -> Self::Keys;
+
+    /// The words of the strips in the first half of the lanes: the row, column block and bits of two for each. A
+    /// strip lies in one word or two: the bits of the second one are shifted out of the first.
+    fn strip_words(self, row: Self::Keys, start: Self::Keys, bits: Self::Keys) -> [Self::Keys; 3];
+}
+
 /// Declares a function that is compiled for each instruction set. It takes the one to use as a further,
-/// last argument; the body sees it as a [`Simd`], whose name and type are given first.
+/// last argument; the body sees it as a [`Simd`], whose name and type are given first. Before a function that needs
+/// more stand the trait of what it needs, and the body for machines without it.
 macro_rules! per_isa {
     (
+        $(#[$attribute:meta])*
+        $visible:vis fn $name:ident<$simd:ident: $S:ident $(, $generic:ident: $bound:path)*>(
+            $($argument:ident: $type:ty),* $(,)?
+        ) $(-> $output:ty)? $body:block
+    ) => {
+        $crate::simd::per_isa! {
+            Simd, { body($crate::simd::portable::Portable, $($argument),*) }
+            $(#[$attribute])*
+            $visible fn $name<$simd: $S $(, $generic: $bound)*>($($argument: $type),*)
+            $(-> $output)? $body
+        }
+    };
+    (
+        $kind:ident, $plain:block
         $(#[$attribute:meta])*
         $visible:vis fn $name:ident<$simd:ident: $S:ident $(, $generic:ident: $bound:path)*>(
             $($argument:ident: $type:ty),* $(,)?
@@ -115,8 +150,10 @@ macro_rules! per_isa {
         $visible fn $name<$($generic: $bound),*>(
             $($argument: $type,)* isa: $crate::isa::AvailableIsa
         ) $(-> $output)? {
+            // Other processors have the portable function alone.
+            #[cfg_attr(not(target_arch = "x86_64"), allow(dead_code))]
             #[inline(always)]
-            fn body<$S: $crate::simd::Simd $(, $generic: $bound)*>(
+            fn body<$S: $crate::simd::$kind $(, $generic: $bound)*>(
                 $simd: S, $($argument: $type),*
             ) $(-> $output)? $body
 
@@ -138,9 +175,7 @@ macro_rules! per_isa {
 
             // A function of its own, so that what it has on the stack is not on that of the others.
             #[inline(never)]
-            fn portable<$($generic: $bound),*>($($argument: $type),*) $(-> $output)? {
-                body($crate::simd::portable::Portable, $($argument),*)
-            }
+            fn portable<$($generic: $bound),*>($($argument: $type),*) $(-> $output)? $plain
 
             match isa.get() {
                 #[cfg(target_arch = "x86_64")]

@@ -1,50 +1,26 @@
 //! Every sphere against every sphere after it: the test of Suaib et al. 2015, exact, with SIMD.
 
-use std::ops::Range;
-
 use super::Sphere;
 use super::columns::BallColumns;
 use super::kernel;
 use crate::engine::brute_force::split;
-use crate::engine::encode;
 use crate::engine::gather::Gather;
-use crate::engine::strips::WordSink;
+use crate::engine::strips::StripTask;
 use crate::engine::word_budget::WordBudget;
 use crate::engine::{
-    AvailableIsa, CullError, CullInput, CullReport, EngineName, ReplyBuffer, StageClock, counted,
-    made_by_isa,
+    AvailableIsa, CullError, CullInput, CullReport, EngineName, Isa, ReplyBuffer, StageClock,
+    available, counted, publish,
 };
-use crate::team;
-use crate::team::for_each_in_parts;
+use crate::team::{self, for_each_in_parts};
 
 /// All pairs of spheres. Rows are shared out among threads, each with storage of its own.
 ///
 /// Its scratch is kept from frame to frame: a steady scene on one thread allocates nothing.
-///
-/// ```
-/// use pairmask_core::engine::{CullInput, HeapReply};
-/// use pairmask_core::mask::Encoding;
-/// use pairmask_core::sphere::{Sphere, SphereAllPairs};
-///
-/// let spheres = [0.0, 2.0, 5.0].map(|x| Sphere::new([x, 0.0, 0.0], 1.0));
-/// let input = CullInput::spheres(&spheres).encoding(Encoding::Dense);
-/// let mut reply = HeapReply::new();
-/// let report = SphereAllPairs::new().cull(&input, &mut reply)?;
-/// assert_eq!((report.pair_count, reply.words()[0]), (1, 0b001));
-/// # Ok::<(), pairmask_core::engine::CullError>(())
-/// ```
 pub struct SphereAllPairs {
     isa: AvailableIsa,
     columns: BallColumns,
     order: Vec<u32>,
-    tasks: Vec<Task>,
-}
-
-/// Rows of one thread's turn.
-#[derive(Default)]
-struct Task {
-    rows: Range<usize>,
-    found: WordSink,
+    tasks: Vec<StripTask>,
 }
 
 impl<'a> CullInput<'a, &'a [Sphere]> {
@@ -54,9 +30,26 @@ impl<'a> CullInput<'a, &'a [Sphere]> {
     }
 }
 
-made_by_isa!(SphereAllPairs, EngineName::CpuBrute);
+impl Default for SphereAllPairs {
+    fn default() -> Self {
+        Self::new()
+    }
+}
 
 impl SphereAllPairs {
+    /// The engine with the widest instruction set of this machine.
+    pub fn new() -> Self {
+        Self::on(AvailableIsa::best())
+    }
+
+    /// The engine with one instruction set, for tests and measurements.
+    ///
+    /// # Errors
+    /// [`CullError::Unavailable`] when this machine does not have it.
+    pub fn with_isa(isa: Isa) -> Result<Self, CullError> {
+        available(isa, EngineName::CpuBrute).map(Self::on)
+    }
+
     /// The engine with one instruction set that this machine has.
     pub(crate) fn on(isa: AvailableIsa) -> Self {
         Self { isa, columns: BallColumns::default(), order: Vec::new(), tasks: Vec::new() }
@@ -75,59 +68,49 @@ impl SphereAllPairs {
         let spheres = input.objects;
         let n = counted(spheres, EngineName::CpuBrute)?;
         let budget = &WordBudget::new(n, input.encoding, true, reply)?;
-        let is_shared = split::task_count(spheres.len(), input.threads) > 1;
-        let _team = team::enter(if is_shared { input.threads } else { 1 });
+        let threads = split::threads_for(spheres.len(), input.threads);
+        let _team = team::enter(threads);
         let mut clock = StageClock::start();
         let census = self.columns.ingest(spheres);
         self.order.clear();
         self.order.extend(0..n.get());
-        self.assign(spheres.len(), input.threads);
+        let ranges = split::ranges(spheres.len(), threads);
+        self.tasks.resize_with(ranges.len(), StripTask::default);
+        for (task, rows) in self.tasks.iter_mut().zip(ranges) {
+            task.rows = rows.start as u32..rows.end as u32;
+        }
         clock.ingested();
 
         let (columns, isa, parts) = (&self.columns, self.isa, self.tasks.len());
         let gather = &Gather { budget, rules: input.rules, order: &self.order, isa };
-        for_each_in_parts(&mut self.tasks, parts, |task| task.run(columns, gather));
+        for_each_in_parts(&mut self.tasks, parts, |task| find(task, columns, gather));
         clock.executed();
 
-        let sinks = self.tasks.iter().map(|task| &task.found);
-        let published = encode::write(sinks, gather, input.encoding, parts > 1, reply);
-        let shape = published.inspect_err(|_| {
-            self.tasks.iter_mut().for_each(|task| task.found.give_back());
-        })?;
-        let pair_count = self.tasks.iter().map(|task| task.found.pair_count()).sum();
-        Ok(CullReport::new(n, shape, census, pair_count, n.pair_count(), clock.published()))
+        let is_shared = parts > 1;
+        let (shape, pairs) = publish(&mut self.tasks, gather, input.encoding, is_shared, reply)?;
+        Ok(CullReport::new(n, shape, census, pairs, n.pair_count(), clock.published()))
     }
 
     /// Bytes of scratch that the engine keeps from frame to frame, beside spheres and reply.
     pub fn scratch_bytes(&self) -> usize {
         self.columns.allocated_bytes()
             + self.order.capacity() * size_of::<u32>()
-            + self.tasks.iter().map(|task| task.found.allocated_bytes()).sum::<usize>()
-    }
-
-    fn assign(&mut self, n: usize, threads: usize) {
-        let parts = split::task_count(n, threads);
-        self.tasks.resize_with(parts, Task::default);
-        for (part, task) in self.tasks.iter_mut().enumerate() {
-            task.rows = split::first_row(part, parts, n)..split::first_row(part + 1, parts, n);
-        }
+            + self.tasks.iter().map(StripTask::allocated_bytes).sum::<usize>()
     }
 }
 
-impl Task {
-    /// Finds the words of all rows, until the budget is spent.
-    fn run(&mut self, columns: &BallColumns, gather: &Gather<'_>) {
-        self.found.clear();
-        for row in self.rows.clone() {
-            if gather.budget.is_spent() {
-                return;
-            }
-            kernel::search(columns, row, gather.isa, &mut |word, bits: u64| {
-                let (row, block) = (row as u32, 2 * word as u32);
-                self.found.push(row, block, bits as u32, gather);
-                self.found.push(row, block + 1, (bits >> 32) as u32, gather);
-            });
+/// Finds the words of all rows, until the budget is spent.
+fn find(task: &mut StripTask, columns: &BallColumns, gather: &Gather<'_>) {
+    task.begin();
+    for row in task.rows.clone() {
+        if gather.budget.is_spent() {
+            return;
         }
-        self.found.finish(gather);
+        kernel::search(columns, row as usize, gather.isa, &mut |word, bits: u64| {
+            let block = 2 * word as u32;
+            task.found.push(row, block, bits as u32, gather);
+            task.found.push(row, block + 1, (bits >> 32) as u32, gather);
+        });
     }
+    task.found.finish(gather);
 }

@@ -5,18 +5,12 @@ use crate::dispatch::{CullOptions, SphereEngines};
 use crate::engine::{CullInput, EngineChoice, EngineName, HeapReply, Isa};
 use crate::mask::{Encoding, EncodingChoice};
 use crate::oracle::naive_decoder::decode;
+use crate::random::Random;
 
 /// Spheres where things go wrong: tangent ones by construction, all magnitudes, and all classes.
-pub(super) fn hard_spheres(n: usize, seed: u64) -> Vec<Sphere> {
-    let mut state = seed;
-    let mut next = move |bound: u64| {
-        // SplitMix64, as in the scenes.
-        state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = state;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        (z ^ (z >> 31)) % bound
-    };
+fn hard_spheres(n: usize, seed: u64) -> Vec<Sphere> {
+    let mut random = Random(seed << 40 | 1);
+    let mut next = |bound: u64| random.below(bound);
     (0..n)
         .map(|_| match next(8) {
             0 => Sphere::from(std::array::from_fn(|_| f32::from_bits(next(1 << 32) as u32))),

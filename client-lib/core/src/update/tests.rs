@@ -108,22 +108,6 @@ proptest! {
             prop_assert!(f64::from(high) <= max + t + allowed, "{world:?}");
         }
     }
-
-    #[test]
-    fn threads_do_not_change_a_bit(n in 0usize..5000, seed in any::<u32>()) {
-        let value = |i: usize| ((i as u32).wrapping_mul(2_654_435_761) ^ seed) as f32 * 1e-6;
-        let locals: Vec<_> = (0..n)
-            .map(|i| Aabb::new(Vec3::splat(-value(i)), Vec3::splat(value(i + 1))))
-            .collect();
-        let transforms: Vec<_> = (0..n)
-            .map(|i| Affine3A::from_rotation_x(value(i)) * Affine3A::from_translation(Vec3::splat(value(i + 2))))
-            .map(|affine| affine.to_cols_array_2d())
-            .collect();
-        let (mut serial, mut parallel) = (vec![Aabb::EMPTY; n], vec![Aabb::EMPTY; n]);
-        update_boxes(&locals, &transforms, &mut serial).expect("lengths agree");
-        par_update_boxes(&locals, &transforms, &mut parallel).expect("lengths agree");
-        prop_assert_eq!(serial, parallel);
-    }
 }
 
 /// `rotation · (scale · p) + translation` by cross products, not by a matrix, in f64; and the
@@ -221,14 +205,4 @@ fn faces_round_outward_to_the_neighbour() {
         assert_eq!(round_down(x), expected, "{x}");
         assert_eq!(round_up(-x), -expected, "{x}");
     }
-}
-
-#[test]
-fn lengths_must_agree() {
-    let mut out = [Aabb::EMPTY; 2];
-    let locals = [Aabb::new(Vec3::ZERO, Vec3::ONE); 2];
-    let mismatch = UpdateError::LengthMismatch { locals: 2, transforms: 1, out: 2 };
-    assert_eq!(update_boxes(&locals, &[Placement::IDENTITY], &mut out), Err(mismatch));
-    assert_eq!(par_update_boxes(&locals, &[Placement::IDENTITY], &mut out), Err(mismatch));
-    assert_eq!(out, [Aabb::EMPTY; 2]);
 }

@@ -5,11 +5,11 @@
 //! where a frame is larger than the caches:
 //!
 //! * A store to a line that is not in a cache first reads the line from memory. Non-temporal stores of
-//!   whole lines do not ([`Stores::Streaming`]).
+//!   whole lines do not.
 //! * One thread cannot keep the memory busy. Large frames are written in parts, on the calling
 //!   thread's rayon pool.
 //!
-//! [`Way::of`] chooses by the number of boxes and threads. The boxes are the same whatever it chooses,
+//! The choice is by the number of boxes and threads. The boxes are the same whatever it chooses,
 //! bit for bit; only the payload of a NaN is unspecified.
 //!
 //! ```
@@ -38,7 +38,7 @@ use crate::aabb::Aabb;
 use crate::isa::AvailableIsa;
 pub use sources::{CenterHalf, Columns, Layout, MinMax};
 use stream::Stream;
-pub use way::{Stores, Way};
+use way::{Stores, Way};
 
 /// Boxes that are made while they are written.
 ///
@@ -128,24 +128,13 @@ pub fn write_boxes<S: BoxSource + ?Sized>(source: &S, out: &mut [Aabb]) {
 /// # Panics
 /// When `out` does not hold as many boxes as the source has.
 pub fn par_write_boxes<S: BoxSource + Sync + ?Sized>(source: &S, out: &mut [Aabb]) {
-    Way::of::<S>(out.len(), rayon::current_num_threads()).write(source, out);
+    let way = Way::of::<S>(out.len(), rayon::current_num_threads());
+    way.write(source, out, AvailableIsa::best());
 }
 
 impl Way {
     /// Writes every box into `out` in this way.
-    ///
-    /// # Panics
-    /// When `out` does not hold as many boxes as the source has.
-    pub fn write<S: BoxSource + Sync + ?Sized>(&self, source: &S, out: &mut [Aabb]) {
-        self.write_by(source, out, AvailableIsa::best());
-    }
-
-    fn write_by<S: BoxSource + Sync + ?Sized>(
-        &self,
-        source: &S,
-        out: &mut [Aabb],
-        isa: AvailableIsa,
-    ) {
+    fn write<S: BoxSource + Sync + ?Sized>(&self, source: &S, out: &mut [Aabb], isa: AvailableIsa) {
         check_room(source, out);
         let part_boxes = self.part_boxes.max(1);
         if out.len() <= part_boxes {

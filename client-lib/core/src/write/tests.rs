@@ -64,7 +64,7 @@ fn check<S: BoxSource + Sync + ?Sized>(name: &str, source: &S, expected: &[Aabb]
     for (way, isa) in ways(n) {
         for offset in 0..3 {
             let mut memory = vec![UNTOUCHED; n + offset + 1];
-            way.write_by(source, &mut memory[offset..][..n], isa);
+            way.write(source, &mut memory[offset..][..n], isa);
             assert_eq!(bits(&memory[offset..][..n]), expected, "{name}, {n}, {way:?}, {isa:?}");
             assert!(memory[..offset].iter().all(|b| *b == UNTOUCHED), "{name}, {n}: before");
             assert_eq!(memory[offset + n], UNTOUCHED, "{name}, {n}: behind");
@@ -180,7 +180,7 @@ fn a_source_that_panics_leaves_memory_that_can_be_read() {
     }
     let mut out = vec![UNTOUCHED; 1000];
     let way = Way { stores: Stores::Streaming, part_boxes: 1000 };
-    let write = std::panic::AssertUnwindSafe(|| way.write(&Half, &mut out));
+    let write = std::panic::AssertUnwindSafe(|| way.write(&Half, &mut out, AvailableIsa::best()));
     assert!(std::panic::catch_unwind(write).is_err());
     assert_eq!(out[..480], [Aabb::EMPTY; 480]);
     assert_eq!(out[999], UNTOUCHED);

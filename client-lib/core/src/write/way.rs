@@ -23,7 +23,7 @@ const LINE_BOXES: usize = 8;
 
 /// How a store gets into memory.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Stores {
+pub(super) enum Stores {
     /// Through the caches.
     Cached,
     /// Past the caches, a line at once. On processors without such stores as [`Stores::Cached`].
@@ -39,7 +39,7 @@ impl Stores {
 
 /// How the boxes of a frame are written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Way {
+pub(super) struct Way {
     /// The stores.
     pub stores: Stores,
     /// Boxes of a part; 0 counts as 1. One part is written by the calling thread, several by its rayon pool.

@@ -4,7 +4,9 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use pairmask_core::engine::{CullError, CullInput, CullReport, Engine, Grid as CpuGrid, HeapReply};
+use pairmask_core::engine::{
+    CullError, CullInput, CullReport, EngineName, HeapReply, Isa, cpu_engine,
+};
 use pairmask_core::mask::{MaskShape, MaskView};
 use pairmask_core::{Aabb, BoxCount, Encoding};
 use pairmask_shaders::Found;
@@ -171,8 +173,8 @@ fn compare<E>(rig: &Rig<E>, report: &CullReport, scene: &Scene, name: SceneName)
     let n = BoxCount::of_len(scene.boxes().len()).unwrap_or_default();
     let threads = rayon::current_num_threads();
     let mut reply = HeapReply::new();
-    let truth =
-        CpuGrid::new().cull(&CullInput::boxes(scene.boxes()).threads(threads), &mut reply)?;
+    let truth = cpu_engine(EngineName::CpuGrid, Isa::best())?
+        .cull(&CullInput::boxes(scene.boxes()).threads(threads), &mut reply)?;
     let ours = pair_sum(n, report, rig.memory.reply.words());
     let same = ours.is_some()
         && ours == pair_sum(n, &truth, reply.words())

@@ -7,7 +7,8 @@
 use std::sync::Arc;
 
 use glam::{Quat, Vec3};
-use pairmask_core::update::{Placement, par_update_boxes, update_boxes, world_box};
+use pairmask_core::update::{Placement, Transformed, world_box};
+use pairmask_core::write::{par_write_boxes, write_boxes};
 use pairmask_core::{Aabb, BoxClass};
 use pairmaskd::scene::Random;
 use rayon::ThreadPool;
@@ -31,12 +32,10 @@ pub(super) fn updates(name: String, pool: Arc<ThreadPool>, is_broken: bool) -> S
         let flags = &case.flags;
         let [mut expected, mut by_pool, mut by_caller] =
             [(); 3].map(|()| vec![Aabb::EMPTY; locals.len()]);
-        let written = [
-            update_boxes(locals, &placements, &mut expected),
-            flags.install(&pool, || par_update_boxes(locals, &placements, &mut by_pool)),
-            flags.caller.run(|| update_boxes(locals, &placements, &mut by_caller)),
-        ];
-        written.into_iter().collect::<Result<(), _>>().map_err(|error| Finding::other(&error))?;
+        let source = Transformed::new(locals, &placements);
+        write_boxes(&source, &mut expected);
+        flags.install(&pool, || par_write_boxes(&source, &mut by_pool));
+        flags.caller.run(|| write_boxes(&source, &mut by_caller));
         let alone = flags.written(locals.len(), |i| world_box(&locals[i], &placements[i]));
         if is_broken {
             by_pool = by_pool.iter().map(crate::sabotage::shrink).collect();

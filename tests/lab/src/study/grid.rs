@@ -10,8 +10,9 @@ use std::time::{Duration, Instant};
 
 use glam::{Quat, Vec3};
 use pairmask_core::Aabb;
-use pairmask_core::engine::{CullInput, Engine, Grid as CpuGrid, HeapReply, SweepAndPrune};
-use pairmask_core::update::{Placement, par_update_boxes};
+use pairmask_core::engine::{CullInput, EngineName, HeapReply, Isa, cpu_engine};
+use pairmask_core::update::{Placement, Transformed};
+use pairmask_core::write::par_write_boxes;
 use pairmaskd::execute::gpu::{
     Block, Checks, Command, Gpu, GpuChoice, GpuError, Home, HostImport, Part as BlockPart,
 };
@@ -157,28 +158,26 @@ fn update_ms(n: u32, budget: Duration) -> f64 {
         (0..n).map(|i| Placement::rigid(at(i), Quat::from_rotation_y(i as f32))).collect();
     let locals = vec![Aabb::new(Vec3::splat(-0.5), Vec3::splat(0.5)); n as usize];
     let mut out = vec![Aabb::EMPTY; n as usize];
-    median_ms(budget, || {
-        // The slices have equal lengths, so that this cannot fail.
-        let _ = par_update_boxes(&locals, &placements, &mut out);
-    })
+    median_ms(budget, || par_write_boxes(&Transformed::new(&locals, &placements), &mut out))
 }
 
 fn engines_row(row: &Fields, budget: Duration) -> Fields {
     let n = number(row, "n") as u32;
     let boxes = Scene::new(PAPER_SCENE, n as usize, SEED).boxes().to_vec();
     let mut reply = HeapReply::new();
-    let mut time = |engine: &mut dyn Engine| {
-        median_ms(budget, || {
+    let mut time = |engine: EngineName| {
+        let mut engine = cpu_engine(engine, Isa::best()).ok()?;
+        Some(median_ms(budget, || {
             // A heap reply is refused only without memory; then the time means nothing.
             let _ = engine
                 .cull(&CullInput::boxes(&boxes).threads(rayon::current_num_threads()), &mut reply);
-        })
+        }))
     };
     row!(
         n,
         gpu_grid_ms: number(row, "frame_us") / 1e3,
-        cpu_grid_ms: time(&mut CpuGrid::new()),
-        cpu_sap_ms: (n <= SWEEP_MOST).then(|| time(&mut SweepAndPrune::new())),
+        cpu_grid_ms: time(EngineName::CpuGrid),
+        cpu_sap_ms: (n <= SWEEP_MOST).then(|| time(EngineName::CpuSap)).flatten(),
         paper_ms: figure(&format!("table_6[n={n}].total")),
     )
 }

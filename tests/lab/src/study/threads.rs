@@ -9,7 +9,8 @@ use std::time::Instant;
 use glam::{Quat, Vec3};
 use pairmask_core::dispatch::nanoseconds_since;
 use pairmask_core::engine::AvailableIsa;
-use pairmask_core::update::{Placement, UpdateError, par_update_boxes, update_boxes};
+use pairmask_core::update::{Placement, Transformed};
+use pairmask_core::write::{par_write_boxes, write_boxes};
 use pairmask_core::{Aabb, Encoding, EngineName};
 use pairmaskd::cli::machine::Machine;
 use pairmaskd::scene::{Random, Scene, SceneName};
@@ -55,7 +56,7 @@ pub fn measure(cases: &[Case], threads: &[usize], watch: impl Fn()) -> Result<Re
     let pools = pools(&threads)?;
     let (mut rows, isa) = (Vec::new(), AvailableIsa::best());
     for case in cases {
-        let updates = update_times(case.scene, case.n, &threads, &pools)?;
+        let updates = update_times(case.scene, case.n, &threads, &pools);
         rows.extend(series(UPDATE, *case, None, updates));
         watch();
         let measured = measure_case(*case, &[Encoding::Sparse], &threads, &pools, isa)?;
@@ -90,7 +91,7 @@ fn update_times(
     n: usize,
     threads: &[usize],
     pools: &Pools,
-) -> Result<Vec<(usize, Vec<u64>)>, UpdateError> {
+) -> Vec<(usize, Vec<u64>)> {
     let scene = Scene::new(scene, n, 1);
     let mut random = Random::new(2);
     let (locals, placements): (Vec<Aabb>, Vec<Placement>) =
@@ -99,25 +100,25 @@ fn update_times(
     let mut times: Vec<(usize, Vec<u64>)> = threads.iter().map(|t| (*t, Vec::new())).collect();
     for _ in frames(0) {
         for (threads, times) in &mut times {
-            let (locals, placements) = (black_box(&locals), black_box(&placements));
+            let source = Transformed::new(black_box(&locals), black_box(&placements));
             let out = &mut out;
             let ns = match pools.get(threads) {
                 None => {
                     let start = Instant::now();
-                    update_boxes(locals, placements, out)?;
+                    write_boxes(&source, out);
                     nanoseconds_since(start)
                 }
                 Some(pool) => pool.install(|| {
                     let start = Instant::now();
-                    par_update_boxes(locals, placements, out)?;
-                    Ok::<_, UpdateError>(nanoseconds_since(start))
-                })?,
+                    par_write_boxes(&source, out);
+                    nanoseconds_since(start)
+                }),
             };
             times.push(ns);
         }
     }
     black_box(&out);
-    Ok(times)
+    times
 }
 
 /// An object whose world box is about `world`, and its placement.

@@ -12,7 +12,7 @@ use pairmask_core::dispatch::{CullOptions, nanoseconds_since};
 use pairmask_core::engine::{
     AvailableIsa, CullError, CullInput, Engine, EngineName, HeapReply, cpu_engine,
 };
-use pairmask_core::plan::{Calibration, Capabilities, PlanMemory, SceneStats, Work, plan};
+use pairmask_core::plan::{Calibration, Capabilities, PlanMemory, SceneStats, plan};
 use pairmask_core::{Aabb, BoxCount, Encoding, MaskView};
 use pairmaskd::scene::{Scene, SceneName};
 use rayon::{ThreadPool, ThreadPoolBuilder};
@@ -62,9 +62,8 @@ fn ways(
     threads: &[usize],
     calibration: &Calibration,
 ) -> Vec<Way> {
-    let predicted_ns = |engine: EngineName| {
-        Work::of(engine, Encoding::Sparse, stats).map_or(0.0, |work| calibration.time_ns(&work))
-    };
+    let predicted_ns =
+        |engine: EngineName| calibration.cull_ns(engine, Encoding::Sparse, stats).unwrap_or(0.0);
     let least = EngineName::CPU.into_iter().map(predicted_ns).fold(f64::INFINITY, f64::min);
     let hopeless_ns = (HOPELESS * least).max(HOPELESS_NS);
     let mut ways = Vec::new();

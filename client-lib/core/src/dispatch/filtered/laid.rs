@@ -31,16 +31,16 @@ pub struct ByPair {
 pub struct Laid {
     by_pair: ByPair,
     /// Owners, where they matter: whole blocks.
-    owners: Vec<u32>,
+    pub owners: Vec<u32>,
     /// Worlds, where they matter: whole blocks.
-    worlds: Vec<i32>,
+    pub worlds: Vec<i32>,
     /// The kind of each box, by index among those that are culled.
     kind_of: Vec<u8>,
     /// The same by position, and [`KINDS_BEHIND`] more.
-    kinds: Vec<u8>,
-    kind_count: usize,
+    pub kinds: Vec<u8>,
+    pub kind_count: usize,
     /// For each block of columns and each kind, the columns that the kind meets.
-    columns: Vec<u32>,
+    pub columns: Vec<u32>,
 }
 
 impl Laid {
@@ -132,26 +132,6 @@ impl Laid {
         }
         let _ = isa;
         sift_each(words, |row, block, bits| self.passing(row, block, bits), |_| ())
-    }
-
-    /// For the kernel: the kinds by position, and three bytes behind them.
-    pub fn kinds(&self) -> &[u8] {
-        &self.kinds
-    }
-
-    /// For the kernel: columns that kinds meet, by block and kind, and how many kinds there are.
-    pub fn columns(&self) -> (&[u32], usize) {
-        (&self.columns, self.kind_count)
-    }
-
-    /// For the kernel: owners by position, or none where they do not matter.
-    pub fn owners(&self) -> &[u32] {
-        &self.owners
-    }
-
-    /// For the kernel: worlds by position, or none where they do not matter.
-    pub fn worlds(&self) -> &[i32] {
-        &self.worlds
     }
 }
 

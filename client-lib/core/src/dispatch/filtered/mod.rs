@@ -69,23 +69,6 @@ impl CpuEngines {
     /// ordered by world then. A scene without filters of many worlds takes about as long as one of a
     /// single world. A dense or sparse mask that is insisted on is one of all boxes.
     ///
-    /// ```
-    /// use pairmask_core::Aabb;
-    /// use pairmask_core::dispatch::{CpuEngines, CullOptions};
-    /// use pairmask_core::engine::HeapReply;
-    /// use pairmask_core::filters::{Rules, Tag, World};
-    ///
-    /// let boxes = [Aabb::new([0.0; 3], [1.0; 3]); 4];
-    /// let mut rules = Rules::default();
-    /// rules.tags = [5, 9, 5, 9].map(|world| Tag::default().with_world(World(world))).to_vec();
-    /// let (mut engines, mut reply) = (CpuEngines::new(), HeapReply::new());
-    /// let options = CullOptions::default();
-    /// let answer = engines.cull_filtered(&boxes, &rules, &options, &mut reply)?;
-    /// assert_eq!(answer.range_of(World(9)), Some(1..2));
-    /// assert_eq!(reply.words(), [0, 2, 1, 3], "a pair of world 5, then one of world 9");
-    /// # Ok::<(), pairmask_core::engine::CullError>(())
-    /// ```
-    ///
     /// # Errors
     /// As [`cull`](Self::cull). Boxes have to be in f32.
     pub fn cull_filtered<'a>(

@@ -90,21 +90,6 @@ impl CpuEngines {
     /// one of the others, by way of all pairs of the frame: in little more than its time, however large the
     /// sets are. Where one is small, to look for its boxes in the other one is sooner done.
     ///
-    /// ```
-    /// use pairmask_core::dispatch::{CpuEngines, CullOptions};
-    /// use pairmask_core::engine::HeapReply;
-    /// use pairmask_core::mask::{Encoding, EncodingChoice};
-    /// use pairmask_core::{Aabb, BoxCount};
-    ///
-    /// let boxes = [Aabb::new([0.0; 3], [1.0; 3]); 3];
-    /// let encoding = EncodingChoice::Only(Encoding::List);
-    /// let options = CullOptions { encoding, ..CullOptions::default() };
-    /// let (mut engines, mut reply) = (CpuEngines::new(), HeapReply::new());
-    /// engines.cull_sets(&boxes, BoxCount::new(1), &options, &mut reply)?;
-    /// assert_eq!(reply.words(), [0, 1, 0, 2]);
-    /// # Ok::<(), pairmask_core::engine::CullError>(())
-    /// ```
-    ///
     /// # Errors
     /// As [`cull`](Self::cull). Boxes have to be in f32.
     pub fn cull_sets<'a>(

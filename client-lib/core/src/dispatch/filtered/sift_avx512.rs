@@ -13,7 +13,7 @@ const LANES: usize = 16;
 
 /// Whether all positions and places fit the signed 32 bits that the kernel gathers by.
 pub(super) fn takes(laid: &Laid) -> bool {
-    i32::try_from(laid.kinds().len().max(laid.columns().0.len())).is_ok()
+    i32::try_from(laid.kinds.len().max(laid.columns.len())).is_ok()
 }
 
 /// As [`Laid::sift`].
@@ -27,7 +27,7 @@ pub(super) fn sift(laid: &Laid, words: [&mut [u32]; 3], isa: AvailableIsa) -> (u
 fn sift_both(laid: &Laid, [rows, blocks, bits]: [&mut [u32]; 3]) -> (usize, u64) {
     let before = pair_count(bits);
     let mut kept = sift_kinds(laid, [&mut *rows, &mut *blocks, &mut *bits]);
-    if !(laid.owners().is_empty() && laid.worlds().is_empty()) {
+    if !(laid.owners.is_empty() && laid.worlds.is_empty()) {
         kept = sift_pairs(laid, [&mut rows[..kept], &mut blocks[..kept], &mut bits[..kept]]);
     }
     (kept, before - pair_count(&bits[..kept]))
@@ -50,10 +50,10 @@ fn pair_count(words: &[u32]) -> u64 {
 /// Keeps the columns that the row's kind meets.
 #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,popcnt,bmi1,bmi2")]
 fn sift_kinds(laid: &Laid, [rows, blocks, bits]: [&mut [u32]; 3]) -> usize {
-    let (kinds, (columns, kind_count)) = (laid.kinds(), laid.columns());
+    let Laid { kinds, columns, kind_count, .. } = laid;
     let row_end = _mm512_set1_epi32(kinds.len().saturating_sub(3) as i32);
-    let block_end = _mm512_set1_epi32(columns.len().checked_div(kind_count).unwrap_or(0) as i32);
-    let kind_count = _mm512_set1_epi32(kind_count as i32);
+    let block_end = _mm512_set1_epi32(columns.len().checked_div(*kind_count).unwrap_or(0) as i32);
+    let kind_count = _mm512_set1_epi32(*kind_count as i32);
     let (len, mut kept) = (rows.len().min(blocks.len()).min(bits.len()), 0);
     for at in (0..len).step_by(LANES) {
         let lanes = lanes(len - at);
@@ -88,7 +88,7 @@ fn sift_kinds(laid: &Laid, [rows, blocks, bits]: [&mut [u32]; 3]) -> usize {
 /// Keeps the columns of another owner and of a world that meets the row's.
 #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,popcnt,bmi1,bmi2")]
 fn sift_pairs(laid: &Laid, [rows, blocks, bits]: [&mut [u32]; 3]) -> usize {
-    let (owners, worlds) = (laid.owners(), laid.worlds());
+    let Laid { owners, worlds, .. } = laid;
     let all = _mm512_set1_epi32(World::ALL.0);
     let mut kept = 0;
     for at in 0..bits.len() {

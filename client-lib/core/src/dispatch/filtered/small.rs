@@ -9,7 +9,7 @@ use super::test::{FilterTest, Indices};
 use crate::aabb::Aabb;
 use crate::engine::encode::FoundWords;
 use crate::engine::gather::Gather;
-use crate::engine::strips::{OrderedBoxes, RowBlock, StripBatch, WordSink};
+use crate::engine::strips::{OrderedBoxes, RowBlock, StripTask};
 use crate::engine::word_budget::WordBudget;
 use crate::engine::{AvailableIsa, Census, CullError, HeapReply, PairRules, ingest};
 use crate::filters::Rules;
@@ -38,9 +38,7 @@ pub struct SmallWorlds {
     members: Vec<u32>,
     gathered: Vec<Aabb>,
     boxes: OrderedBoxes,
-    block: RowBlock,
-    batch: StripBatch,
-    found: WordSink,
+    task: StripTask,
 }
 
 impl SmallWorlds {
@@ -49,8 +47,7 @@ impl SmallWorlds {
             + self.members.capacity() * size_of::<u32>()
             + self.gathered.capacity() * size_of::<Aabb>()
             + self.boxes.allocated_bytes()
-            + self.batch.allocated_bytes()
-            + self.found.allocated_bytes()
+            + self.task.allocated_bytes()
     }
 
     /// Boxes of the batch.
@@ -92,16 +89,12 @@ impl SmallWorlds {
         // A batch has few words: what all of them may take is looked at by who adds them up.
         let budget = &WordBudget::new(n, Encoding::List, false, &HeapReply::new())?;
         let gather = &Gather { budget, rules, order: &[], isa };
-        let compared = find(
-            (&self.worlds, &self.boxes),
-            (&mut self.block, &mut self.batch, &mut self.found),
-            gather,
-        );
+        find(&self.worlds, &self.boxes, &mut self.task, gather);
         if let Some(test) = test {
             *laid = test.into_memory();
         }
         self.name(pairs, counts);
-        Ok((census, compared))
+        Ok((census, self.task.compared))
     }
 
     /// Reads the boxes. Each is read once.
@@ -128,7 +121,7 @@ impl SmallWorlds {
     fn name(&self, pairs: &mut Vec<[u32; 2]>, counts: &mut Vec<usize>) {
         let mut before = pairs.len();
         let (mut worlds, mut own_end) = (self.worlds.iter(), 0);
-        for [rows, blocks, bits] in self.found.chunks() {
+        for [rows, blocks, bits] in self.task.found.chunks() {
             for ((row, block), bits) in rows.iter().zip(blocks).zip(bits) {
                 while *row >= own_end {
                     // The count of the world before, if there is one.
@@ -160,32 +153,24 @@ impl SmallWorlds {
 }
 
 /// Finds the words of all worlds.
-fn find(
-    (worlds, boxes): (&[Small], &OrderedBoxes),
-    (block, batch, found): (&mut RowBlock, &mut StripBatch, &mut WordSink),
-    gather: &Gather<'_>,
-) -> u64 {
-    found.clear();
-    batch.reset();
+fn find(worlds: &[Small], boxes: &OrderedBoxes, task: &mut StripTask, gather: &Gather<'_>) {
+    task.begin();
     let takes_blocks = RowBlock::pays(gather.isa);
-    let (mut start, mut compared) = (0, 0);
+    let mut start = 0;
     for world in worlds {
         let mut row = start;
         while row < world.own_end {
             let end = RowBlock::border(row).min(world.own_end);
-            if takes_blocks && block.begin(row..end, world.end) {
-                // Words come in the order of rows.
-                flush(boxes, batch, found, gather);
-                compared += block.test(boxes, gather.isa);
-                found.take_block(block, gather);
+            if takes_blocks && task.block.begin(row..end, world.end) {
+                task.flush_block(boxes, gather);
             } else {
                 for row in row..end {
                     let mut column = row + 1;
                     while column < world.end {
-                        if batch.room() == 0 {
-                            flush(boxes, batch, found, gather);
+                        if task.batch.room() == 0 {
+                            task.flush(boxes, gather);
                         }
-                        column = batch.push(row, column, world.end);
+                        column = task.batch.push(row, column, world.end);
                     }
                 }
             }
@@ -193,17 +178,5 @@ fn find(
         }
         start = world.end;
     }
-    flush(boxes, batch, found, gather);
-    found.finish(gather);
-    compared + batch.take_compared()
-}
-
-/// Tests the strips that were pushed.
-fn flush(boxes: &OrderedBoxes, batch: &mut StripBatch, found: &mut WordSink, gather: &Gather<'_>) {
-    if batch.is_empty() {
-        return;
-    }
-    batch.test(boxes, gather.isa);
-    found.take(batch, gather);
-    batch.clear();
+    task.finish(boxes, gather);
 }

@@ -103,16 +103,6 @@ fn answered(
     engines: &mut CpuEngines,
     boxes: &[Aabb],
     rules: &Rules,
-    options: &CullOptions,
-) -> Truth {
-    answered_known(engines, boxes, rules, None, options)
-}
-
-/// The same of rules that may have a number.
-fn answered_known(
-    engines: &mut CpuEngines,
-    boxes: &[Aabb],
-    rules: &Rules,
     known: Option<NonZeroU64>,
     options: &CullOptions,
 ) -> Truth {
@@ -165,11 +155,7 @@ fn filtered(
     rules: &Rules,
     (engine, encoding, threads): (EngineName, Encoding, usize),
 ) -> Vec<[u32; 2]> {
-    let options = CullOptions {
-        engine: EngineChoice::Only(engine),
-        encoding: EncodingChoice::Only(encoding),
-        ..CullOptions::default()
-    };
+    let options = options(EngineChoice::Only(engine), EncodingChoice::Only(encoding), threads);
     let mut reply = HeapReply::new();
     let answer = CpuEngines::new().cull(boxes, &options, &mut reply).expect("an answer");
     let (mut report, n) = (answer.report, BoxCount::new(boxes.len() as u32));
@@ -196,7 +182,7 @@ fn check(random: &mut Random, engines: &mut CpuEngines, n: usize, threads: usize
             let encodings = Encoding::ALL.map(EncodingChoice::Only);
             for encoding in encodings.into_iter().chain([EncodingChoice::Auto]) {
                 let options = options(engine, encoding, threads);
-                let answer = answered(engines, &boxes, &rules, &options);
+                let answer = answered(engines, &boxes, &rules, None, &options);
                 assert_eq!(answer, expected, "{n} boxes, {kind:?}, {options:?}");
             }
         }
@@ -240,7 +226,8 @@ fn a_rule_that_is_ignored_is_noticed() {
     for kind in &KINDS[1..7] {
         let boxes = random.boxes(600);
         let rules = rules(&mut random, 600, *kind);
-        let ignored = answered(&mut engines, &boxes, &Rules::default(), &CullOptions::default());
+        let ignored =
+            answered(&mut engines, &boxes, &Rules::default(), None, &CullOptions::default());
         assert_ne!(ignored, truth(&boxes, &rules), "{kind:?}");
     }
 }
@@ -272,13 +259,8 @@ fn many_worlds_give_the_same_bytes_on_all_thread_counts() {
             }
         });
     }
-    assert_eq!(hash(first.as_deref().unwrap_or_default()), 0x88B6_79CF_D030_8191);
-}
-
-/// FNV-1a of words.
-fn hash(words: &[u32]) -> u64 {
-    let step = |hash: u64, byte: u8| (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01B3);
-    words.iter().flat_map(|word| word.to_le_bytes()).fold(0xCBF2_9CE4_8422_2325, step)
+    let pairs = first.as_deref().unwrap_or_default().as_chunks().0;
+    assert_eq!(oracle::pair_set_hash(pairs), 0x88B6_79CF_D030_8191);
 }
 
 #[test]
@@ -307,7 +289,7 @@ fn scratch_of_many_worlds_is_given_back() {
     let (mut random, mut engines) = (Random(49), CpuEngines::new());
     let boxes = random.boxes(5_000);
     let rules = rules(&mut random, 5_000, KINDS[7]);
-    answered(&mut engines, &boxes, &rules, &CullOptions::default());
+    answered(&mut engines, &boxes, &rules, None, &CullOptions::default());
     assert!(engines.scratch_bytes() > 0);
     engines.give_back();
     assert_eq!(engines.scratch_bytes(), CpuEngines::new().scratch_bytes());
@@ -321,7 +303,7 @@ fn rules_of_a_known_number_are_looked_at_once_and_others_anew() {
     let options = CullOptions::default();
     let mut check = |boxes: &[Aabb], rules: &Rules, number: u64| {
         let known = NonZeroU64::new(number);
-        let found = answered_known(&mut engines, boxes, rules, known, &options);
+        let found = answered(&mut engines, boxes, rules, known, &options);
         assert_eq!(found, truth(boxes, rules), "{} boxes, rules {number}", boxes.len());
         if number.is_multiple_of(3) {
             engines.give_back();

@@ -19,10 +19,9 @@ use crate::engine::{
     EngineTimes, HeapReply, PairRules, ReplyBuffer, ReserveError, counted, cpu_engines,
 };
 use crate::filters::{Rules, World};
-use crate::mask::{Encoding, MaskShape, MaskView};
+use crate::mask::{Encoding, MaskShape};
 use crate::precision::BoxSlice;
 use crate::team::{self, for_each_in_parts, in_parts, part_count};
-use crate::units::BoxCount;
 
 /// Boxes of a task, at least: some 10 µs.
 const TASK_BOXES: usize = 1_024;
@@ -71,7 +70,6 @@ struct Task {
     small: SmallWorlds,
     engines: [Box<dyn Engine>; EngineName::CPU.len()],
     reply: HeapReply,
-    limit_bytes: u64,
     boxes: Vec<Aabb>,
     laid: Laid,
     /// Worlds of the task, by their places.
@@ -281,7 +279,6 @@ impl Task {
             small: SmallWorlds::default(),
             engines: cpu_engines(isa),
             reply: HeapReply::new(),
-            limit_bytes: u64::MAX,
             boxes: Vec::new(),
             laid: Laid::default(),
             groups: 0..0,
@@ -304,10 +301,7 @@ impl Task {
 
     fn run(&mut self, scene: Scene<'_>) -> Result<(), CullError> {
         let limit_bytes = scene.limit_words.saturating_mul(size_of::<u32>() as u64);
-        if self.limit_bytes != limit_bytes {
-            self.reply = HeapReply::with_limit_bytes(limit_bytes);
-            self.limit_bytes = limit_bytes;
-        }
+        self.reply.set_limit_bytes(limit_bytes);
         self.pairs.clear();
         self.counts.clear();
         (self.compared, self.census) = (0, Census::default());
@@ -397,7 +391,8 @@ impl Task {
         let count = counted(boxes, engine)?;
         self.compared += count.pair_count().saturating_sub(report.skipped.pairs);
         self.census = self.census.then(&report.census);
-        let pairs = list_of(count, &report, self.reply.words(), engine)?;
+        // Engines write what they are asked for: a list.
+        let pairs = &self.reply.words().as_chunks().0[..report.pair_count as usize];
         if is_run {
             let first = first as u32;
             self.pairs.extend(pairs.iter().map(|[a, b]| [first + a, first + b]));
@@ -408,19 +403,5 @@ impl Task {
             }));
         }
         Ok(())
-    }
-}
-
-/// The list that an engine has written.
-fn list_of<'a>(
-    n: BoxCount,
-    report: &CullReport,
-    reply: &'a [u32],
-    engine: EngineName,
-) -> Result<&'a [[u32; 2]], CullError> {
-    match MaskView::new(n, &report.shape, reply) {
-        Ok(MaskView::List(list)) => Ok(list.as_pairs()),
-        // Engines write what they are asked for.
-        _ => Err(CullError::Unavailable { engine, why: "it wrote no list" }),
     }
 }

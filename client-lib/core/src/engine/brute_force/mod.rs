@@ -19,61 +19,34 @@ pub(crate) mod split;
 mod task;
 mod words;
 
-use self::task::{Scene, Task};
+use self::task::Task;
 use self::words::WordList;
 use crate::engine::encode::{self, DenseRows, DenseWindow};
 use crate::engine::gather::Gather;
 use crate::engine::word_budget::WordBudget;
 use crate::engine::{
     AvailableIsa, CpuEngine, CullError, CullInput, CullReport, Engine, EngineDescriptor,
-    EngineName, EnginePlace, KeyColumns, ReplyBuffer, StageClock,
+    EngineName, KeyColumns, ReplyBuffer, StageClock,
 };
 use crate::mask::{Encoding, MaskShape};
-use crate::precision::BoxForm;
 use crate::team::{self, Split, for_each_in_parts, in_parts};
 
 /// `cpu-brute` in the list of engines.
-pub(super) const DESCRIPTOR: EngineDescriptor = EngineDescriptor {
-    name: "cpu-brute",
-    wire_number: 1,
-    forms: &[BoxForm::F32],
-    encodings: &Encoding::ALL,
-    has_order: false,
-    place: EnginePlace::Cpu(CpuEngine {
-        make: |isa| Box::new(BruteForce::on(isa)),
-        terms: cost::TERMS,
-        work: cost::work,
-    }),
-};
+pub(super) const DESCRIPTOR: EngineDescriptor = EngineDescriptor::of_cpu(
+    "cpu-brute",
+    1,
+    false,
+    CpuEngine { make: |isa| Box::new(BruteForce::on(isa)), terms: cost::TERMS },
+);
 
 /// The engine `cpu-brute`. Fastest for tiny scenes, and the reference for the others.
 ///
 /// Its scratch is kept from frame to frame: a steady scene on one thread allocates nothing.
-///
-/// ```
-/// use pairmask_core::Aabb;
-/// use pairmask_core::engine::{BruteForce, CullInput, Engine, HeapReply};
-/// use pairmask_core::mask::Encoding;
-///
-/// let boxes = [
-///     Aabb::from([0.0, 0.0, 0.0, 1.0, 1.0, 1.0]),
-///     Aabb::from([5.0, 0.0, 0.0, 6.0, 1.0, 1.0]),
-///     Aabb::from([1.0, 0.0, 0.0, 2.0, 1.0, 1.0]),
-/// ];
-/// let mut reply = HeapReply::new();
-/// let input = CullInput::boxes(&boxes).encoding(Encoding::Dense);
-/// let report = BruteForce::new().cull(&input, &mut reply)?;
-/// assert_eq!(report.pair_count, 1);
-/// assert_eq!(reply.words(), [0b010], "pair 1 is (0, 2)");
-/// # Ok::<(), pairmask_core::engine::CullError>(())
-/// ```
-pub struct BruteForce {
+struct BruteForce {
     isa: AvailableIsa,
     columns: KeyColumns,
     tasks: Vec<Task>,
 }
-
-made_by_isa!(BruteForce, EngineName::CpuBrute);
 
 impl BruteForce {
     /// The engine with one instruction set that this machine has.
@@ -83,11 +56,10 @@ impl BruteForce {
 
     /// Shares the rows out, one range a task.
     fn assign(&mut self, threads: usize) {
-        let n = self.columns.len();
-        let parts = split::task_count(n, threads);
-        self.tasks.resize_with(parts, Task::default);
-        for (part, task) in self.tasks.iter_mut().enumerate() {
-            task.assign(split::first_row(part, parts, n)..split::first_row(part + 1, parts, n));
+        let ranges = split::ranges(self.columns.len(), threads);
+        self.tasks.resize_with(ranges.len(), Task::default);
+        for (task, rows) in self.tasks.iter_mut().zip(ranges) {
+            task.assign(rows);
         }
     }
 
@@ -99,23 +71,13 @@ impl BruteForce {
         clock: &mut StageClock,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<MaskShape, CullError> {
-        if let Some(mask) = encode::by_rows(encoding, gather.budget.n(), reply)? {
+        if encoding == Encoding::Dense {
+            let mask = DenseRows::reserve(gather.budget.n(), reply)?;
             return Ok(self.run_into(mask, gather, clock));
         }
-        self.run(gather, encoding, clock, reply)
-    }
-
-    /// Finds all words and has them written.
-    fn run(
-        &mut self,
-        gather: &Gather<'_>,
-        encoding: Encoding,
-        clock: &mut StageClock,
-        reply: &mut dyn ReplyBuffer,
-    ) -> Result<MaskShape, CullError> {
-        let (scene, isa) = (scene(&self.columns), self.isa);
+        let columns = &self.columns;
         let parts = self.tasks.len();
-        for_each_in_parts(&mut self.tasks, parts, |task| task.run(&scene, gather, isa));
+        for_each_in_parts(&mut self.tasks, parts, |task| task.run(columns, gather));
         clock.executed();
         encode::write(self.tasks.iter().map(|task| &task.found), gather, encoding, false, reply)
     }
@@ -127,12 +89,12 @@ impl BruteForce {
         gather: &Gather<'_>,
         clock: &mut StageClock,
     ) -> MaskShape {
-        let (scene, isa) = (scene(&self.columns), self.isa);
+        let columns = &self.columns;
         let parts = self.tasks.len();
         let work = InWindow { tasks: &mut self.tasks, window: mask.window() };
         let run = |InWindow { tasks, window }: InWindow<'_>| {
             if let [task] = tasks {
-                task.run_into(&scene, gather, isa, window);
+                task.run_into(columns, gather, window);
             }
         };
         in_parts(work, parts, &run, &|(), ()| ());
@@ -162,11 +124,6 @@ impl Split for InWindow<'_> {
     }
 }
 
-/// What the tasks search in.
-fn scene(columns: &KeyColumns) -> Scene<'_> {
-    Scene { columns: columns.words(), n: columns.len() }
-}
-
 impl Engine for BruteForce {
     fn name(&self) -> EngineName {
         EngineName::CpuBrute
@@ -180,11 +137,11 @@ impl Engine for BruteForce {
         let (boxes, n) = input.f32_boxes(EngineName::CpuBrute)?;
         let budget = &WordBudget::new(n, input.encoding, false, reply)?;
         let gather = &Gather { budget, rules: input.rules, order: &[], isa: self.isa };
-        let is_shared = split::task_count(boxes.len(), input.threads) > 1;
-        let _team = team::enter(if is_shared { input.threads } else { 1 });
+        let threads = split::threads_for(boxes.len(), input.threads);
+        let _team = team::enter(threads);
         let mut clock = StageClock::start();
         let census = self.columns.ingest(boxes, self.isa);
-        self.assign(input.threads);
+        self.assign(threads);
         input.rules.prepare(boxes.len(), &[], input.threads);
         clock.ingested();
         let published = self.publish(gather, input.encoding, &mut clock, reply);

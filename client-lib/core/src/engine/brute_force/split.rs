@@ -1,24 +1,28 @@
 //! Rows shared out among threads: contiguous ranges of about as many pairs each.
 
+use std::ops::Range;
+
+use crate::team::part_count;
+
 /// Fewest boxes that are worth a second thread: below, waking it costs more than it saves.
 const PARALLEL_BOXES: usize = 512;
 
-/// Tasks per thread of the pool, so that a thread that is held up does not hold up the frame.
-const TASKS_PER_THREAD: usize = 4;
+/// Threads of a frame of n boxes.
+pub(crate) const fn threads_for(n: usize, threads: usize) -> usize {
+    if n < PARALLEL_BOXES { 1 } else { threads }
+}
 
-/// Tasks of a frame of n boxes.
-pub(crate) fn task_count(n: usize, threads: usize) -> usize {
-    if threads <= 1 || n < PARALLEL_BOXES {
-        return 1;
-    }
-    threads * TASKS_PER_THREAD
+/// Ranges of the rows of n boxes, for the tasks of so many threads.
+pub(crate) fn ranges(n: usize, threads: usize) -> impl ExactSizeIterator<Item = Range<usize>> {
+    let parts = part_count(n, 1, threads);
+    (0..parts).map(move |part| first_row(part, parts, n)..first_row(part + 1, parts, n))
 }
 
 /// First row of part `part` of `parts`, of n rows; part `parts` starts at n.
 ///
 /// Row i has n − 1 − i pairs, so that rows below x hold the share 1 − (1 − x/n)² of them. Rounding
 /// moves borders by a row and never a pair: which thread finds a pair does not change the mask.
-pub(crate) fn first_row(part: usize, parts: usize, n: usize) -> usize {
+fn first_row(part: usize, parts: usize, n: usize) -> usize {
     if part >= parts {
         return n;
     }

@@ -4,19 +4,9 @@ use std::ops::Range;
 
 use super::search;
 use super::words::WordList;
-use crate::engine::AvailableIsa;
 use crate::engine::encode::{DenseWindow, FoundWords};
 use crate::engine::gather::Gather;
-use crate::engine::ingest::ColumnWords;
-
-/// What the rows are searched in.
-#[derive(Clone, Copy)]
-pub(super) struct Scene<'a> {
-    /// Keys of all boxes.
-    pub columns: ColumnWords<'a>,
-    /// Number of boxes.
-    pub n: usize,
-}
+use crate::engine::ingest::KeyColumns;
 
 /// Rows that go through all stages together: few enough that what one stage leaves is still in the
 /// cache for the next.
@@ -42,10 +32,10 @@ impl Task {
     }
 
     /// Finds the words of all rows and keeps them, until the budget is spent.
-    pub fn run(&mut self, scene: &Scene<'_>, gather: &Gather<'_>, isa: AvailableIsa) {
+    pub fn run(&mut self, columns: &KeyColumns, gather: &Gather<'_>) {
         for rows in batches(self.rows.clone()) {
             let before = self.found.len();
-            self.compared += search::find(&scene.columns, scene.n, rows, &mut self.found, isa);
+            self.find(columns, rows, gather);
             self.found.sift(before, gather);
             if !gather.budget.take(&self.found.arrays()[2][before..]) {
                 return;
@@ -57,20 +47,24 @@ impl Task {
     /// Finds the words of all rows and writes them into the window of this task.
     pub fn run_into(
         &mut self,
-        scene: &Scene<'_>,
+        columns: &KeyColumns,
         gather: &Gather<'_>,
-        isa: AvailableIsa,
         mut window: DenseWindow<'_>,
     ) {
         window.clear();
         for rows in batches(self.rows.clone()) {
             self.found.clear();
-            self.compared += search::find(&scene.columns, scene.n, rows, &mut self.found, isa);
+            self.find(columns, rows, gather);
             self.found.sift(0, gather);
             self.pair_count += self.found.pair_count();
             window.write(self.found.arrays());
         }
         self.carry = window.carry();
+    }
+
+    fn find(&mut self, columns: &KeyColumns, rows: Range<usize>, gather: &Gather<'_>) {
+        let (words, n) = (columns.words(), columns.len());
+        self.compared += search::find(&words, n, rows, &mut self.found, gather.isa);
     }
 }
 

@@ -3,54 +3,32 @@
 //! Words of an engine that keeps the boxes' order are written window by window ([`DenseRows`]), those
 //! of any order pair by pair ([`write`]).
 
-use super::{EncodingCost, FoundWords, MaskWork};
-use crate::engine::cost::terms;
+use super::{EncodingCost, FoundWords};
 use crate::engine::gather::Gather;
 use crate::engine::{CostTerm, CullError, ReplyBuffer};
 use crate::mask::MaskShape;
+use crate::pair_index::row_start;
 use crate::stats::SceneStats;
 use crate::units::BoxCount;
 
-terms! {
-    BYTE = CostTerm::new("dense-byte", 0.0178);
-    PAIR = CostTerm::new("dense-pair", 1.16);
-    /// More for a pair of an engine that has an order of its own.
-    SCATTERED_PAIR = CostTerm::new("scattered-pair", 1.54);
-}
-
 /// What dense masks take.
 pub(super) const COST: EncodingCost = EncodingCost {
-    write: MaskWork { terms: TERMS, amounts },
-    visit: MaskWork { terms: visit::TERMS, amounts: visit::amounts },
+    write: &[
+        CostTerm::new(0.0178, |stats, _| bytes(stats)),
+        CostTerm::new(1.16, |stats, _| stats.expected_pairs()),
+        // More for a pair of an engine that has an order of its own.
+        CostTerm::new(1.54, |stats, has_order| stats.ordered_pairs(has_order)),
+    ],
+    visit: &[
+        CostTerm::new(101.0, |_, _| 1.0),
+        CostTerm::new(0.0351, |stats, _| bytes(stats)),
+        CostTerm::new(3.33, |stats, _| stats.expected_pairs()),
+    ],
     bytes: |stats, _| bytes(stats),
 };
 
 fn bytes(stats: &SceneStats) -> f64 {
     4.0 * stats.n.dense_words() as f64
-}
-
-fn amounts(stats: &SceneStats, has_order: bool, amounts: &mut [f64]) {
-    let pairs = stats.expected_pairs();
-    amounts[BYTE] = bytes(stats);
-    amounts[PAIR] = pairs;
-    amounts[SCATTERED_PAIR] = if has_order { pairs } else { 0.0 };
-}
-
-/// What the client does.
-mod visit {
-    use super::{CostTerm, SceneStats, bytes, terms};
-
-    terms! {
-        MASK = CostTerm::new("dense-visit", 101.0);
-        BYTE = CostTerm::new("dense-visit-byte", 0.0351);
-        PAIR = CostTerm::new("dense-visit-pair", 3.33);
-    }
-
-    pub(super) fn amounts(stats: &SceneStats, _: bool, amounts: &mut [f64]) {
-        amounts[MASK] = 1.0;
-        amounts[BYTE] = bytes(stats);
-        amounts[PAIR] = stats.expected_pairs();
-    }
 }
 
 /// Sets each pair's bit. The words of a dense mask are in box order and those of the tasks may be in
@@ -73,13 +51,12 @@ pub(super) fn write<'a, W: FoundWords + 'a>(
         rows.iter().zip(blocks).zip(bits).map(|((row, block), bits)| (*row, *block, *bits))
     });
     for (row, block, bits) in words {
-        let row = u64::from(index(row));
+        let row = index(row);
         let mut rest = bits;
         while rest != 0 {
-            let column = u64::from(index(32 * block + rest.trailing_zeros()));
+            let column = index(32 * block + rest.trailing_zeros());
             let (a, b) = (row.min(column), row.max(column));
-            // k = a(2n − a − 1)/2 + (b − a − 1), design.md §3.
-            let k = a * (2 * u64::from(n.get()) - a - 1) / 2 + (b - a - 1);
+            let k = row_start(n, a) + u64::from(b - a - 1);
             mask[(k / 32) as usize] |= 1 << (k % 32);
             rest &= rest - 1;
         }
@@ -98,19 +75,19 @@ pub(crate) struct DenseRows<'a> {
 
 impl<'a> DenseRows<'a> {
     /// The mask of `n` boxes in memory of `reply`, contents unspecified.
-    pub(super) fn reserve(n: BoxCount, reply: &'a mut dyn ReplyBuffer) -> Result<Self, CullError> {
+    pub fn reserve(n: BoxCount, reply: &'a mut dyn ReplyBuffer) -> Result<Self, CullError> {
         let extent = MaskShape::dense(n).extent_words();
         Ok(Self { n, words: &mut reply.reserve(extent)?[..extent as usize] })
     }
 
     /// All rows, to be split.
     pub fn window(&mut self) -> DenseWindow<'_> {
-        DenseWindow { words: self.words, first_word: 0, n: u64::from(self.n.get()), carry: 0 }
+        DenseWindow { words: self.words, first_word: 0, n: self.n, carry: 0 }
     }
 
     /// Adds what a window had for the word after it. `end_row` is the row after its last.
     pub fn add_carry(&mut self, end_row: usize, carry: u32) {
-        let word = first_word(end_row, self.n.len()) as usize;
+        let word = first_word(end_row, self.n) as usize;
         if let Some(word) = self.words.get_mut(word) {
             *word |= carry;
         }
@@ -125,26 +102,19 @@ impl<'a> DenseRows<'a> {
 pub(crate) struct DenseWindow<'a> {
     words: &'a mut [u32],
     first_word: u64,
-    n: u64,
+    n: BoxCount,
     carry: u32,
 }
 
-/// Index of the first pair of a row, n boxes: row n starts where the string ends.
-fn first_pair(row: usize, n: usize) -> u64 {
-    let (row, n) = (row as u64, n as u64);
-    // One factor is even, and n < 2^32 keeps the product in u64.
-    row * (2 * n - row).saturating_sub(1) / 2
-}
-
 /// Word of the first pair of a row: where the window of a part that begins with it starts.
-fn first_word(row: usize, n: usize) -> u64 {
-    first_pair(row, n) / 32
+fn first_word(row: usize, n: BoxCount) -> u64 {
+    row_start(n, row as u32) / 32
 }
 
 impl DenseWindow<'_> {
     /// The window of the rows before `row`, and that of the rows from it on.
     pub fn split_at_row(self, row: usize) -> (Self, Self) {
-        let border = first_word(row, self.n as usize);
+        let border = first_word(row, self.n);
         let (low, high) = self.words.split_at_mut((border - self.first_word) as usize);
         (
             Self { words: low, carry: 0, ..self },
@@ -160,12 +130,13 @@ impl DenseWindow<'_> {
     /// Sets the bits of words: their rows, blocks and bits.
     pub fn write(&mut self, [rows, blocks, bits]: [&[u32]; 3]) {
         for ((&row, &block), &bits) in rows.iter().zip(blocks).zip(bits) {
-            let (row, column) = (u64::from(row), u64::from(block) * 32);
+            let (first_pair, row, column) =
+                (row_start(self.n, row), u64::from(row), u64::from(block) * 32);
             // Columns up to the row have no pair index: shift them out (their bits are zero).
             let skipped = (row + 1).saturating_sub(column);
             let column = column + skipped;
             let bits = u64::from(bits) >> skipped;
-            let k = first_pair(row as usize, self.n as usize) + (column - row - 1);
+            let k = first_pair + (column - row - 1);
             let at = (k / 32 - self.first_word) as usize;
             let shifted = bits << (k % 32);
             self.set(at, shifted as u32);
@@ -189,26 +160,12 @@ impl DenseWindow<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::units::BoxCount;
-
-    #[test]
-    fn rows_start_where_the_row_before_ends() {
-        for n in 0..100usize {
-            let mut k = 0;
-            for row in 0..n {
-                assert_eq!(first_pair(row, n), k);
-                k += (n - 1 - row) as u64;
-            }
-            assert_eq!(first_pair(n, n), BoxCount::new(n as u32).pair_count());
-        }
-        let n = u32::MAX as usize;
-        assert_eq!(first_pair(n, n), BoxCount::new(u32::MAX).pair_count());
-    }
 
     #[test]
     fn what_lies_past_the_window_is_carried() {
         // 4 boxes: row 1 has pairs 3 and 4; a window of no words carries both.
-        let mut window = DenseWindow { words: &mut [], first_word: 0, n: 4, carry: 0 };
+        let mut window =
+            DenseWindow { words: &mut [], first_word: 0, n: BoxCount::new(4), carry: 0 };
         window.write([&[1], &[0], &[0b1100]]);
         assert_eq!(window.carry(), 0b1_1000);
     }

@@ -1,51 +1,28 @@
 //! The list encoding: the pairs of boxes themselves, in the order of the words of all tasks.
 
-use super::{EncodingCost, FoundWords, MaskWork};
-use crate::engine::cost::terms;
+use super::{EncodingCost, FoundWords};
 use crate::engine::gather::Gather;
 use crate::engine::{CostTerm, CullError, ReplyBuffer};
 use crate::mask::MaskShape;
-use crate::stats::SceneStats;
 use crate::team::{Split, in_parts};
-
-terms! {
-    LIST = CostTerm::new("list", 70.2);
-    /// A pair of boxes in their own order: kept, and written.
-    PAIR = CostTerm::new("list-pair", 1.26);
-    /// More for a pair in an order of the engine's, of which two boxes are looked up.
-    ORDERED_PAIR = CostTerm::avx512_or("list-ordered-pair", 0.102, 0.7);
-}
 
 /// What lists take.
 pub(super) const COST: EncodingCost = EncodingCost {
-    write: MaskWork { terms: TERMS, amounts },
-    visit: MaskWork { terms: visit::TERMS, amounts: visit::amounts },
+    write: &[
+        CostTerm::new(70.2, |_, _| 1.0),
+        // A pair of boxes in their own order: kept, and written.
+        CostTerm::new(1.26, |stats, _| stats.expected_pairs()),
+        // More for a pair in an order of the engine's, of which two boxes are looked up.
+        CostTerm::avx512_or(0.102, 0.7, |stats, has_order| stats.ordered_pairs(has_order)),
+    ],
+    visit: &[
+        CostTerm::new(87.3, |_, _| 1.0),
+        CostTerm::by_lanes(0.365, |stats, _| stats.expected_pairs()),
+    ],
     bytes: |stats, _| PAIR_BYTES * stats.expected_pairs(),
 };
 
 const PAIR_BYTES: f64 = 8.0;
-
-fn amounts(stats: &SceneStats, has_order: bool, amounts: &mut [f64]) {
-    let pairs = stats.expected_pairs();
-    amounts[LIST] = 1.0;
-    amounts[PAIR] = pairs;
-    amounts[ORDERED_PAIR] = if has_order { pairs } else { 0.0 };
-}
-
-/// What the client does.
-mod visit {
-    use super::{CostTerm, SceneStats, terms};
-
-    terms! {
-        LIST = CostTerm::new("list-visit", 87.3);
-        PAIR = CostTerm::by_lanes("list-visit-pair", 0.365);
-    }
-
-    pub(super) fn amounts(stats: &SceneStats, _: bool, amounts: &mut [f64]) {
-        amounts[LIST] = 1.0;
-        amounts[PAIR] = stats.expected_pairs();
-    }
-}
 
 /// Fewest pairs that are worth a second thread: some 10 µs of work.
 const PARALLEL_PAIRS: u64 = 8 * 1024;
@@ -122,24 +99,5 @@ where
             Self { tasks, first, task_count: at, out: low },
             Self { tasks, first: first + at, task_count: task_count - at, out: high },
         )
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use crate::Aabb;
-    use crate::engine::{CullInput, EngineName, HeapReply, Isa, ReplyBuffer, cpu_engine};
-    use crate::mask::Encoding;
-
-    #[test]
-    fn a_list_that_does_not_fit_is_refused() {
-        let boxes = [Aabb::from([0.0, 0.0, 0.0, 1.0, 1.0, 1.0]); 40];
-        for name in EngineName::CPU {
-            let mut engine = cpu_engine(name, Isa::best()).expect("of the CPU");
-            let mut reply = HeapReply::with_limit_bytes(8 * 779);
-            assert!(reply.limit_words() == 2 * 779);
-            let input = CullInput::boxes(&boxes).encoding(Encoding::List);
-            assert!(engine.cull(&input, &mut reply).is_err(), "{name}: 780 pairs");
-        }
     }
 }

@@ -1,8 +1,8 @@
 //! Words to masks: what the tasks of a frame found, written into the reply in an encoding.
 //!
 //! Engines know words alone: non-zero, by rising row and column block. [`write`] makes a mask of any
-//! encoding from those of all tasks. An encoding in which a range of rows has words of its own can be
-//! written while the rows are searched, without keeping what is found: [`by_rows`].
+//! encoding from those of all tasks. A dense mask, in which a range of rows has words of its own, can be
+//! written while the rows are searched, without keeping what is found: [`DenseRows`].
 
 mod dense;
 mod list;
@@ -22,20 +22,11 @@ use crate::units::BoxCount;
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct EncodingCost {
     /// From the words that an engine of the CPU found to the mask. The engine's threads share it.
-    pub write: MaskWork,
+    pub write: &'static [CostTerm],
     /// From the mask to each pair in the client's hands. The client's threads share it.
-    pub visit: MaskWork,
+    pub visit: &'static [CostTerm],
     /// Bytes of the mask, of an engine that has an order of its own or not.
     pub bytes: fn(&SceneStats, bool) -> f64,
-}
-
-/// Work that a mask takes, of some kinds.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct MaskWork {
-    pub terms: &'static [CostTerm],
-    /// How much of each a frame holds, of an engine that has an order of its own or not: writes the
-    /// amounts to the places of the terms, which hold zeros.
-    pub amounts: fn(&SceneStats, bool, &mut [f64]),
 }
 
 /// What the masks of an encoding take.
@@ -83,22 +74,6 @@ where
         Encoding::Dense => dense::write(tasks, gather, reply),
         Encoding::Sparse => sparse::write(&tasks, gather, parallel, reply),
         Encoding::List => list::write(&tasks, gather, parallel, reply),
-    }
-}
-
-/// The mask of `n` boxes in memory of `reply`, to be written row by row; `None` for an encoding in
-/// which no range of rows has words of its own.
-///
-/// # Errors
-/// [`CullError::Reserve`] when the reply has no room.
-pub(crate) fn by_rows(
-    encoding: Encoding,
-    n: BoxCount,
-    reply: &mut dyn ReplyBuffer,
-) -> Result<Option<DenseRows<'_>>, CullError> {
-    match encoding {
-        Encoding::Dense => DenseRows::reserve(n, reply).map(Some),
-        Encoding::Sparse | Encoding::List => Ok(None),
     }
 }
 

@@ -1,58 +1,32 @@
 //! The sparse encoding: the words of all tasks behind one another, in three arrays, and the order.
 
-use super::{EncodingCost, FoundWords, MaskWork};
-use crate::engine::cost::terms;
+use super::{EncodingCost, FoundWords};
 use crate::engine::gather::Gather;
 use crate::engine::{CostTerm, CullError, ReplyBuffer};
 use crate::mask::{MaskShape, SECTION_ALIGN_WORDS};
-use crate::stats::SceneStats;
 use crate::team::for_each_in_parts;
-
-terms! {
-    /// A pair: kept, and written.
-    PAIR = CostTerm::new("sparse-pair", 0.395);
-}
 
 /// What sparse masks take.
 pub(super) const COST: EncodingCost = EncodingCost {
-    write: MaskWork { terms: TERMS, amounts },
-    visit: MaskWork { terms: visit::TERMS, amounts: visit::amounts },
-    bytes,
+    // A pair: kept, and written.
+    write: &[CostTerm::new(0.395, |stats, _| stats.expected_pairs())],
+    visit: &[
+        CostTerm::new(122.0, |_, _| 1.0),
+        // A pair of boxes in their own order.
+        CostTerm::new(1.15, |stats, _| stats.expected_pairs()),
+        // More for a pair in an order of the engine's.
+        CostTerm::avx512_or(0.486, 1.2, |stats, has_order| stats.ordered_pairs(has_order)),
+    ],
+    // Words hold about a pair each.
+    bytes: |stats, has_order| {
+        let order = if has_order { ORDER_BYTES * stats.boxes() } else { 0.0 };
+        WORD_BYTES * stats.expected_pairs() + order
+    },
 };
 
 /// Bytes of a word: row, block and bits.
 const WORD_BYTES: f64 = 12.0;
 const ORDER_BYTES: f64 = 4.0;
-
-/// Words hold about a pair each.
-fn bytes(stats: &SceneStats, has_order: bool) -> f64 {
-    let order = if has_order { ORDER_BYTES * f64::from(stats.n.get()) } else { 0.0 };
-    WORD_BYTES * stats.expected_pairs() + order
-}
-
-fn amounts(stats: &SceneStats, _: bool, amounts: &mut [f64]) {
-    amounts[PAIR] = stats.expected_pairs();
-}
-
-/// What the client does.
-mod visit {
-    use super::{CostTerm, SceneStats, terms};
-
-    terms! {
-        MASK = CostTerm::new("sparse-visit", 122.0);
-        /// A pair of boxes in their own order.
-        PAIR = CostTerm::new("sparse-visit-pair", 1.15);
-        /// More for a pair in an order of the engine's.
-        ORDERED_PAIR = CostTerm::avx512_or("ordered-visit-pair", 0.486, 1.2);
-    }
-
-    pub(super) fn amounts(stats: &SceneStats, has_order: bool, amounts: &mut [f64]) {
-        let pairs = stats.expected_pairs();
-        amounts[MASK] = 1.0;
-        amounts[PAIR] = pairs;
-        amounts[ORDERED_PAIR] = if has_order { pairs } else { 0.0 };
-    }
-}
 
 /// Fewest words that are worth a second thread.
 const PARALLEL_WORDS: usize = 16 * 1024;

@@ -6,7 +6,7 @@ use super::level::Reach;
 use super::sort::Deal;
 use super::tile::Record;
 use crate::engine::AvailableIsa;
-use crate::engine::strips::KeyArraysMut;
+use crate::engine::strips::{KeyArraysMut, split_keys};
 use crate::team::{Split, in_parts, part_count};
 
 /// A range of buckets, and the stretch of every output that is theirs.
@@ -35,12 +35,7 @@ impl Split for Buckets<'_> {
         let (order, later_order) = self.order.split_at_mut(boxes);
         let (reach, later_reach) = self.reach.split_at_mut(boxes);
         let (cell_ends, later_cell_ends) = self.cell_ends.split_at_mut(cells);
-        let mut keys = self.keys;
-        let later_keys = keys.each_mut().map(|array| {
-            let (here, later) = std::mem::take(array).split_at_mut(boxes);
-            *array = here;
-            later
-        });
+        let (keys, later_keys) = split_keys(self.keys, boxes);
         let later = Self {
             first_bucket: self.first_bucket + at,
             first_position: position,

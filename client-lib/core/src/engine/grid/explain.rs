@@ -1,6 +1,5 @@
 //! Where the grid puts two boxes, and whether it compares them: for `pairmaskd explain`.
 
-use super::Grid;
 use super::layout::Layout;
 use crate::aabb::{Aabb, BoxClass};
 use crate::floats;
@@ -30,25 +29,12 @@ pub struct GridView {
     pub neighbours: bool,
 }
 
-impl Grid {
-    /// Where the engine puts boxes `a` and `b` of a scene, by the functions that it culls with.
-    ///
-    /// ```
-    /// use pairmask_core::Aabb;
-    /// use pairmask_core::engine::Grid;
-    /// let boxes: Vec<Aabb> =
-    ///     (0..100).map(|i| Aabb::from([i as f32, 0.0, 0.0, i as f32 + 0.5, 1.0, 1.0])).collect();
-    /// assert!(Grid::explain(&boxes, 3, 3).neighbours);
-    /// assert!(!Grid::explain(&boxes, 3, 90).neighbours);
-    /// ```
-    ///
-    /// # Panics
-    /// When `a` or `b` is no box of the scene.
-    pub fn explain(boxes: &[Aabb], a: usize, b: usize) -> GridView {
-        floats::with_default(|| Self::view(boxes, a, b))
-    }
-
-    fn view(boxes: &[Aabb], a: usize, b: usize) -> GridView {
+/// Where the engine puts boxes `a` and `b` of a scene, by the functions that it culls with.
+///
+/// # Panics
+/// When `a` or `b` is no box of the scene.
+pub fn explain(boxes: &[Aabb], a: usize, b: usize) -> GridView {
+    floats::with_default(|| {
         let mut layout = Layout::default();
         layout.choose(boxes);
         let two = [boxes[a], boxes[b]];
@@ -66,7 +52,7 @@ impl Grid {
             _ => false,
         };
         GridView { levels: layout.levels.len() as u32, places, neighbours }
-    }
+    })
 }
 
 /// Cells of the min and the max corner.
@@ -106,7 +92,7 @@ mod tests {
         let mut compared = 0;
         for a in 0..boxes.len() {
             for b in a + 1..boxes.len() {
-                let view = Grid::explain(&boxes, a, b);
+                let view = explain(&boxes, a, b);
                 assert!(view.neighbours || !boxes[a].overlaps(&boxes[b]), "({a}, {b}): {view:?}");
                 compared += usize::from(view.neighbours);
             }
@@ -115,7 +101,7 @@ mod tests {
             }
         }
         assert!(compared < 22 * 400, "not everything is a neighbour");
-        let nothing = Grid::explain(&[Aabb::EMPTY, boxes[0]], 0, 1);
+        let nothing = explain(&[Aabb::EMPTY, boxes[0]], 0, 1);
         assert_eq!((nothing.places[0], nothing.neighbours), (None, false));
     }
 }

@@ -48,7 +48,7 @@ pub(super) fn find(
 
         let solid = keys[0].map(|min_x| min_x != KeyBox::NOTHING.min[0]);
         let mut block_homes = solid.map(|solid| if solid { HOMELESS } else { nothing });
-        let mut homeless = boxes.len() - (found.empty + found.invalid) as usize;
+        let mut homeless = found.solid_of(boxes.len());
         for level in levels {
             if homeless <= FEW {
                 break;

@@ -59,39 +59,26 @@ pub(super) struct Layout {
     sample: Sample,
 }
 
-/// Boxes of about one size.
-#[derive(Clone, Copy, Debug)]
+/// The sizes of a sampled scene, smallest first, as the levels of the grid part them.
+pub(crate) fn size_classes(
+    sample: &Sample,
+    density: &Density,
+) -> impl Iterator<Item = SizeClass> + use<> {
+    best_groups(sample, density).into_iter().flatten()
+}
+
+/// Boxes of about one size, as one level: what the model needs of them.
+#[derive(Clone, Copy)]
 pub(crate) struct SizeClass {
     pub share: f32,
     /// Their mean edge on each axis.
     pub mean_edges: [f32; 3],
-    /// Slightly more than their longest edge on each axis; above 0.
+    /// Slightly more than their longest edge on each axis, the shortest edges of cells for them; above 0.
     pub least_edges: [f32; 3],
-}
-
-/// The sizes of a sampled scene, smallest first, as the levels of the grid part them.
-pub(crate) fn size_classes(sample: &Sample, density: &Density) -> Vec<SizeClass> {
-    let groups = best_groups(sample, density).into_iter().flatten();
-    groups
-        .map(|group| SizeClass {
-            share: group.share,
-            mean_edges: group.mean_edges,
-            least_edges: group.least_edges,
-        })
-        .collect()
-}
-
-/// Boxes `from..to` of the sample as one level: what the model needs of them.
-#[derive(Clone, Copy)]
-struct Group {
-    share: f32,
-    mean_edges: [f32; 3],
-    /// The shortest edges of cells for the group.
-    least_edges: [f32; 3],
     cell_edges: [f32; 3],
-    /// Boxes of the group in the home cell of a box.
+    /// Boxes of the class in the home cell of a box.
     occupancy: f32,
-    /// Cost a box of the group, in its own level.
+    /// Cost a box of the class, in its own level.
     own_cost: f32,
 }
 
@@ -115,7 +102,7 @@ impl Layout {
                 let axes = axes(&self.sample, group.cell_edges, boxes);
                 self.append(axes);
             }
-            self.append_spares(best_edges(&self.levels));
+            self.append_spares();
         }
         self.append(Level::EVERYTHING.axes);
         // Coarse levels come first in the order of positions, because their boxes are the rows of
@@ -131,7 +118,8 @@ impl Layout {
     }
 
     /// Coarser levels for the few boxes that are larger than any that the sample saw.
-    fn append_spares(&mut self, mut edges: [f32; 3]) {
+    fn append_spares(&mut self) {
+        let mut edges = self.levels.last().map_or([1.0; 3], |level| level.axes.map(|a| a.edge()));
         for _ in 0..SPARE_MOST {
             edges = edges.map(|e| e * SPARE_GROWTH);
             if (0..3).all(|axis| edges[axis] >= self.sample.extent[axis]) {
@@ -143,13 +131,8 @@ impl Layout {
     }
 }
 
-/// Cell edges of the coarsest level so far.
-fn best_edges(levels: &[Level]) -> [f32; 3] {
-    levels.last().map_or([1.0; 3], |level| level.axes.map(|a| a.edge()))
-}
-
 /// The cheapest way to share the sample among one to three levels, finest first.
-fn best_groups(sample: &Sample, density: &Density) -> [Option<Group>; 3] {
+fn best_groups(sample: &Sample, density: &Density) -> [Option<SizeClass>; 3] {
     let m = sample.boxes.len();
     if sample.alike {
         return [Some(group(sample, density, &EdgeStats::of(&sample.boxes))), None, None];
@@ -162,7 +145,7 @@ fn best_groups(sample: &Sample, density: &Density) -> [Option<Group>; 3] {
     let spans: [EdgeStats; SPANS] =
         std::array::from_fn(|i| EdgeStats::of(&sample.boxes[borders[i]..borders[i + 1]]));
     let mut memo = [[None; SPANS + 1]; SPANS + 1];
-    let mut between = |a: usize, b: usize| -> Option<Group> {
+    let mut between = |a: usize, b: usize| -> Option<SizeClass> {
         (borders[a] < borders[b]).then(|| {
             *memo[a][b].get_or_insert_with(|| {
                 let edges = spans[a..b].iter().fold(EdgeStats::default(), EdgeStats::join);
@@ -187,7 +170,7 @@ fn best_groups(sample: &Sample, density: &Density) -> [Option<Group>; 3] {
 }
 
 /// Cost a box of a set of levels.
-fn total_cost(groups: [Option<Group>; 3]) -> f32 {
+fn total_cost(groups: [Option<SizeClass>; 3]) -> f32 {
     let mut cost = 0.0;
     for (i, coarse) in groups.iter().enumerate() {
         let Some(coarse) = coarse else { continue };
@@ -228,7 +211,7 @@ impl EdgeStats {
 }
 
 /// Boxes of the sample with these edges as a level with the cheapest cells.
-fn group(sample: &Sample, density: &Density, edges: &EdgeStats) -> Group {
+fn group(sample: &Sample, density: &Density, edges: &EdgeStats) -> SizeClass {
     let share = edges.box_count as f32 / sample.boxes.len() as f32;
     let mean_edges = edges.sum.map(|sum| (sum / edges.box_count as f64) as f32);
     let mut least_edges = edges.largest.map(|edge| edge * CELL_MARGIN);
@@ -276,9 +259,9 @@ struct GroupModel<'a> {
 impl GroupModel<'_> {
     /// The cheapest of cells that are `growth` times as long as the longest box and as narrow or
     /// narrower along x; and whether all of them are crowded, or hold everything.
-    fn best_of_growth(&self, growth: f32) -> (Group, bool) {
+    fn best_of_growth(&self, growth: f32) -> (SizeClass, bool) {
         let [least_x, least_y, least_z] = self.least_edges;
-        let mut best: Option<Group> = None;
+        let mut best: Option<SizeClass> = None;
         let mut last = true;
         for narrowing in [1.0, 0.5, 0.25] {
             let cell_edges =
@@ -297,11 +280,11 @@ impl GroupModel<'_> {
         (best.unwrap_or_else(|| self.group(self.least_edges)), last)
     }
 
-    fn group(&self, cell_edges: [f32; 3]) -> Group {
+    fn group(&self, cell_edges: [f32; 3]) -> SizeClass {
         let Self { share, mean_edges, least_edges, .. } = *self;
         let occupancy = share * self.density.in_cell(cell_edges);
         let own_cost = self.own_cost(cell_edges, occupancy);
-        Group { share, mean_edges, least_edges, cell_edges, occupancy, own_cost }
+        SizeClass { share, mean_edges, least_edges, cell_edges, occupancy, own_cost }
     }
 
     /// Cost of a box in its own level.
@@ -330,7 +313,7 @@ fn strips(columns: f32) -> f32 {
 }
 
 /// Cost of a box of `coarse` in the level of `fine`.
-fn cross_cost(coarse: &Group, fine: &Group) -> f32 {
+fn cross_cost(coarse: &SizeClass, fine: &SizeClass) -> f32 {
     let cells = |axis: usize| 2.0 + coarse.mean_edges[axis] / fine.cell_edges[axis];
     let lines = cells(1) * cells(2);
     LEVEL_COST + lines * (LINE_COST + STRIP_COST * strips(fine.occupancy * cells(0)))

@@ -12,7 +12,7 @@ use super::neighbours::{LaterLines, REACH_X, folded};
 use super::sort::SortedBoxes;
 use crate::aabb::coordinate;
 use crate::engine::gather::Gather;
-use crate::engine::strips::{GROUP, RowBlock, StripBatch, WordSink};
+use crate::engine::strips::{GROUP, RowBlock, StripTask};
 
 /// Levels of at most this many boxes are looked at whole: one or two strips cost less than
 /// finding cells.
@@ -29,16 +29,11 @@ const LINES_NOTED: u64 = 1_024;
 /// Room that a row must find in the batch: a strip of its own line, and a group.
 const ROW_STRIPS: usize = 1 + GROUP;
 
-/// A range of positions and what was found in its rows. Memory is kept from frame to frame.
+/// What a task needs beside strips.
 #[derive(Default)]
-pub(super) struct RowTask {
-    pub rows: Range<u32>,
-    pub found: WordSink,
-    pub compared: u64,
+pub struct CellSearch {
     /// Lines of finer cells that were looked up and not yet counted.
     lines: u64,
-    batch: StripBatch,
-    block: RowBlock,
     plain: PlainCells,
 }
 
@@ -72,16 +67,22 @@ impl Scene<'_> {
     }
 }
 
-impl RowTask {
-    pub fn allocated_bytes(&self) -> usize {
-        self.found.allocated_bytes() + self.batch.allocated_bytes()
-    }
+/// A line of a level's cells, and what its rows look at.
+#[derive(Clone, Copy)]
+struct Line<'a> {
+    level: &'a Level,
+    /// First positions of its cells, and their end.
+    own: &'a [u32],
+    /// The same of the later lines around it, and what a row must reach to look there.
+    later: &'a [(&'a [u32], Reach)],
+    finer: &'a [Level],
+}
 
+impl StripTask<CellSearch> {
     /// Finds the words of all rows, until the budget is spent.
-    pub fn run(&mut self, scene: Scene<'_>) {
-        self.found.clear();
-        self.batch.reset();
-        (self.compared, self.lines) = (0, 0);
+    pub(super) fn search(&mut self, scene: Scene<'_>) {
+        self.begin();
+        self.own.lines = 0;
         for (i, level) in scene.levels.iter().enumerate().rev() {
             let positions = scene.positions(level);
             let rows = positions.start.max(self.rows.start)..positions.end.min(self.rows.end);
@@ -89,9 +90,7 @@ impl RowTask {
                 self.run_level(scene, level, &scene.levels[..i], rows);
             }
         }
-        self.flush(scene);
-        self.found.finish(scene.gather);
-        self.compared += self.batch.take_compared();
+        self.finish(&scene.sorted.boxes, scene.gather);
     }
 
     /// Rows of one level, line by line.
@@ -112,54 +111,40 @@ impl RowTask {
                 continue;
             }
             let later = LaterLines::of(level, line % height, line / height);
-            self.run_line(scene, level, first_cell, &later, rows, if alone { &[] } else { finer });
-        }
-    }
-
-    fn run_line(
-        &mut self,
-        scene: Scene<'_>,
-        level: &Level,
-        first_cell: u32,
-        later: &LaterLines,
-        rows: Range<u32>,
-        finer: &[Level],
-    ) {
-        let width = level.axes[0].cell_count as usize;
-        let line_starts = |first: u32| &scene.sorted.cell_starts[first as usize..][..=width];
-        let own = line_starts(first_cell);
-        let mut lines: [(&[u32], Reach); 8] = [(&[], 0); 8];
-        for (slot, line) in lines.iter_mut().zip(later.as_slice()) {
-            *slot = (line_starts(line.first_cell), line.needs);
-        }
-        let lines = &lines[..later.as_slice().len()];
-        let crowded = own[width] - own[0] > CROWDED_CELL * width as u32;
-        if finer.is_empty() && !crowded && RowBlock::pays(scene.gather.isa) {
-            self.run_blocks(scene, level, own, lines, rows);
-        } else {
-            self.run_cells(scene, level, own, lines, 0..width, rows, finer);
+            let finer = if alone { &[] } else { finer };
+            let line_starts =
+                |first: u32| &scene.sorted.cell_starts[first as usize..][..=width as usize];
+            let own = line_starts(first_cell);
+            let mut lines: [(&[u32], Reach); 8] = [(&[], 0); 8];
+            for (slot, line) in lines.iter_mut().zip(later.as_slice()) {
+                *slot = (line_starts(line.first_cell), line.needs);
+            }
+            let line = Line { level, own, later: &lines[..later.as_slice().len()], finer };
+            let crowded = here.end - here.start > CROWDED_CELL * width;
+            if finer.is_empty() && !crowded && RowBlock::pays(scene.gather.isa) {
+                self.run_blocks(scene, line, rows);
+            } else {
+                self.run_cells(scene, line, 0..width as usize, rows);
+            }
         }
     }
 
     /// Rows of some cells of a line, cell by cell.
-    #[allow(clippy::too_many_arguments)]
     fn run_cells(
         &mut self,
         scene: Scene<'_>,
-        level: &Level,
-        own: &[u32],
-        lines: &[(&[u32], Reach)],
+        line: Line<'_>,
         cells: Range<usize>,
         rows: Range<u32>,
-        finer: &[Level],
     ) {
+        let Line { level, own, later: lines, finer } = line;
         let width = own.len() - 1;
         let staged = in_stages(lines.iter().map(|(_, needs)| *needs));
         let mut strips = CellStrips::new();
         let mut next = cells.start;
         while next < cells.end {
             if finer.is_empty() && staged {
-                next = self.run_plain(scene, level, own, lines, next..cells.end, &rows);
+                next = self.run_plain(scene, line, next..cells.end, &rows);
                 if next == cells.end || scene.is_over() {
                     return;
                 }
@@ -177,7 +162,7 @@ impl RowTask {
                 (starts[x.saturating_sub(1)], ends.map(|end| starts[end]), *needs)
             });
             if seam || !staged || !strips.cut(runs) {
-                self.run_odd_cell(scene, level, own, lines, x, cell, finer);
+                self.run_odd_cell(scene, line, x, cell);
                 continue;
             }
             let own_ends = ends.map(|end| own[end]);
@@ -185,7 +170,7 @@ impl RowTask {
                 let reach = scene.sorted.reach[row as usize];
                 let far = usize::from(reach & REACH_X);
                 if self.batch.room() < ROW_STRIPS {
-                    self.flush(scene);
+                    self.flush_in(scene);
                     if scene.is_over() {
                         return;
                     }
@@ -196,7 +181,7 @@ impl RowTask {
                 if next < own_ends[far] {
                     self.push(scene, row, next, own_ends[far]);
                     if self.batch.room() < GROUP {
-                        self.flush(scene);
+                        self.flush_in(scene);
                     }
                 }
                 let (first, end) = strips.of_row(reach);
@@ -215,17 +200,8 @@ impl RowTask {
     }
 
     /// Rows of a cell whose strips are no list: on the seam of a folded axis, or crowded.
-    #[allow(clippy::too_many_arguments)]
-    fn run_odd_cell(
-        &mut self,
-        scene: Scene<'_>,
-        level: &Level,
-        own: &[u32],
-        lines: &[(&[u32], Reach)],
-        x: usize,
-        cell: Range<u32>,
-        finer: &[Level],
-    ) {
+    fn run_odd_cell(&mut self, scene: Scene<'_>, line: Line<'_>, x: usize, cell: Range<u32>) {
+        let Line { level, own, later: lines, finer } = line;
         let width = own.len() - 1;
         for row in cell {
             if scene.is_over() {
@@ -281,10 +257,10 @@ impl RowTask {
                 }
             }
         }
-        self.lines += lines;
-        if self.lines >= LINES_NOTED {
-            scene.gather.budget.note_tests(LINE_TESTS * self.lines, 0);
-            self.lines = 0;
+        self.own.lines += lines;
+        if self.own.lines >= LINES_NOTED {
+            scene.gather.budget.note_tests(LINE_TESTS * self.own.lines, 0);
+            self.own.lines = 0;
         }
     }
 
@@ -300,34 +276,28 @@ impl RowTask {
     ) {
         for first in of_row.clone().step_by(GROUP) {
             if self.batch.room() < GROUP {
-                self.flush(scene);
+                self.flush_in(scene);
             }
             self.batch.push_group(row, &strips.group(first, of_row.end, far));
         }
+    }
+
+    fn flush_in(&mut self, scene: Scene<'_>) {
+        self.flush(&scene.sorted.boxes, scene.gather);
     }
 
     /// A run of a row, strip by strip.
     #[inline(always)]
     fn push(&mut self, scene: Scene<'_>, row: u32, start: u32, end: u32) {
         if self.batch.room() == 0 {
-            self.flush(scene);
+            self.flush_in(scene);
         }
         let mut next = self.batch.push(row, start, end);
         while next < end {
             if self.batch.room() == 0 {
-                self.flush(scene);
+                self.flush_in(scene);
             }
             next = self.batch.push(row, next, end);
         }
-    }
-
-    #[inline(never)]
-    fn flush(&mut self, scene: Scene<'_>) {
-        if self.batch.is_empty() {
-            return;
-        }
-        self.batch.test(&scene.sorted.boxes, scene.gather.isa);
-        self.found.take(&self.batch, scene.gather);
-        self.batch.clear();
     }
 }

@@ -8,6 +8,7 @@
 
 use super::far::near_bounds;
 use crate::aabb::Aabb;
+use crate::stats::sample_indices;
 
 /// Boxes looked at: one in 16, so that small scenes pay little, between these limits. 1,024
 /// boxes see a share of 0.4 % of a scene with 98 % certainty.
@@ -23,6 +24,11 @@ const LIKE_SIZES: f32 = 2.0;
 const SAMPLE_NEIGHBOURS: f32 = 1.5;
 /// Rounds of making the cell smaller: each halves at least one edge, most do ten times as much.
 const DENSITY_ROUNDS: usize = 32;
+
+/// Boxes of `n` that are looked at.
+pub(super) fn sample_size(n: usize) -> usize {
+    (n / SAMPLE_SHARE).clamp(SAMPLE_LEAST, SAMPLE_MOST).min(n)
+}
 
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct SampledBox {
@@ -55,7 +61,7 @@ impl Sample {
     /// Looks at a scene. To be called with the default floating-point flags.
     pub fn take(&mut self, boxes: &[Aabb]) {
         let n = boxes.len();
-        let wanted = (n / SAMPLE_SHARE).clamp(SAMPLE_LEAST, SAMPLE_MOST).min(n);
+        let wanted = sample_size(n);
         self.boxes.clear();
         for index in sample_indices(wanted, n) {
             let b = &boxes[index];
@@ -258,42 +264,4 @@ fn is_solid(b: &Aabb) -> bool {
     // False with a NaN.
     let [x, y, z] = std::array::from_fn(|axis| b.min[axis] <= b.max[axis]);
     x & y & z
-}
-
-/// The boxes to look at for samples 0 to `wanted`, at most `n`: one of each stretch, at a place that a
-/// hash chooses, because scenes are often laid out in rows of some round number.
-fn sample_indices(wanted: usize, n: usize) -> impl Iterator<Item = usize> {
-    // Stretch i is `i * n / wanted..(i + 1) * n / wanted`, found without a division for each.
-    let (len, rest) = (n / wanted.max(1), n % wanted.max(1));
-    let (mut start, mut carried) = (0, 0);
-    (1..=wanted as u64).map(move |i| {
-        carried += rest;
-        let longer = carried >= wanted;
-        carried -= if longer { wanted } else { 0 };
-        let stretch = start..start + len + usize::from(longer);
-        start = stretch.end;
-        let hash = i.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 33;
-        stretch.start + hash as usize % stretch.len().max(1)
-    })
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn one_box_of_each_stretch_is_looked_at() {
-        for n in [1, 2, 255, 256, 257, 1_000, 4_095, 4_097, 100_003] {
-            for wanted in [1, 2, 3, 100, 256, 1_000].map(|wanted: usize| wanted.min(n)) {
-                let indices: Vec<usize> = sample_indices(wanted, n).collect();
-                assert_eq!(indices.len(), wanted);
-                for (i, index) in indices.into_iter().enumerate() {
-                    let (start, end) = (i * n / wanted, (i + 1) * n / wanted);
-                    let hash = (i as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 33;
-                    assert_eq!(index, start + hash as usize % (end - start));
-                }
-            }
-        }
-        assert_eq!(sample_indices(0, 0).count(), 0);
-    }
 }

@@ -5,6 +5,7 @@
 
 use crate::aabb::{Aabb, KeyBox};
 use crate::aligned::AlignedBuffer;
+use crate::engine::strips::KeyArraysMut;
 use crate::engine::{AvailableIsa, Census, NAMED_INVALID};
 use crate::simd::{Simd, per_isa};
 
@@ -15,21 +16,8 @@ pub const WORD_COLUMNS: usize = 64;
 ///
 /// The arrays are padded to a multiple of [`WORD_COLUMNS`] with [`KeyBox::NOTHING`], which is also
 /// what empty and invalid boxes become. Memory is kept from frame to frame.
-///
-/// ```
-/// use pairmask_core::Aabb;
-/// use pairmask_core::engine::{AvailableIsa, KeyColumns};
-///
-/// let mut columns = KeyColumns::default();
-/// let boxes = [Aabb::from([0.0, 0.0, 0.0, 1.0, 1.0, 1.0]), Aabb::EMPTY];
-/// let census = columns.ingest(&boxes, AvailableIsa::best());
-/// assert_eq!((census.empty, census.invalid), (1, 0));
-/// assert_eq!((columns.len(), columns.padded_len()), (2, 64));
-/// assert!(columns.key_box(0).overlaps(&columns.key_box(0)));
-/// assert!(!columns.key_box(1).overlaps(&columns.key_box(1)));
-/// ```
 #[derive(Default)]
-pub struct KeyColumns {
+pub(crate) struct KeyColumns {
     keys: AlignedBuffer<i32>,
     len: usize,
     padded_len: usize,
@@ -68,42 +56,14 @@ impl KeyColumns {
         self.len
     }
 
-    /// Whether there are none.
-    pub fn is_empty(&self) -> bool {
-        self.len == 0
-    }
-
-    /// Length of every key array: the boxes and the padding.
-    pub fn padded_len(&self) -> usize {
-        self.padded_len
-    }
-
     /// Keys of the smallest coordinates on an axis (0, 1 or 2), padding included.
-    ///
-    /// # Panics
-    /// When `axis` is above 2.
     pub fn min(&self, axis: usize) -> &[i32] {
-        assert!(axis < 3, "axis {axis} is not 0, 1 or 2");
         self.component(axis)
     }
 
     /// Keys of the largest coordinates on an axis (0, 1 or 2), padding included.
-    ///
-    /// # Panics
-    /// When `axis` is above 2.
     pub fn max(&self, axis: usize) -> &[i32] {
-        assert!(axis < 3, "axis {axis} is not 0, 1 or 2");
         self.component(3 + axis)
-    }
-
-    /// The keys of one box.
-    ///
-    /// # Panics
-    /// When `index` is not below [`Self::padded_len`].
-    #[inline]
-    pub fn key_box(&self, index: usize) -> KeyBox {
-        let key = |component| self.component(component)[index];
-        KeyBox { min: [key(0), key(1), key(2)], max: [key(3), key(4), key(5)] }
     }
 
     /// The six key arrays in steps of one mask word: min x, y, z, max x, y, z.
@@ -120,11 +80,8 @@ impl KeyColumns {
 /// The six key arrays, cut into the columns of one 64-bit mask word each.
 pub(crate) type ColumnWords<'a> = [&'a [[i32; WORD_COLUMNS]]; 6];
 
-/// The six key arrays, in wire order: min x, y, z, max x, y, z.
-pub(crate) type ColumnsMut<'a> = [&'a mut [i32]; 6];
-
 /// Keys of six arrays of one length, one after the other, as those arrays.
-pub(crate) fn split_columns(keys: &mut [i32], padded_len: usize) -> ColumnsMut<'_> {
+pub(crate) fn split_columns(keys: &mut [i32], padded_len: usize) -> KeyArraysMut<'_> {
     let mut rest = keys;
     [(); 6].map(|()| {
         let (column, tail) = std::mem::take(&mut rest).split_at_mut(padded_len);
@@ -135,7 +92,7 @@ pub(crate) fn split_columns(keys: &mut [i32], padded_len: usize) -> ColumnsMut<'
 
 per_isa! {
     /// Keys of all boxes: a register of boxes a step, and the last few, fewer than that, one by one.
-    pub(crate) fn fill<simd: S>(boxes: &[Aabb], columns: &mut ColumnsMut<'_>, census: &mut Census) {
+    pub(crate) fn fill<simd: S>(boxes: &[Aabb], columns: &mut KeyArraysMut<'_>, census: &mut Census) {
         let steps = boxes.chunks_exact(S::LANES);
         let rest = boxes.len() - steps.remainder().len();
         for (step, boxes) in steps.enumerate() {
@@ -192,59 +149,4 @@ fn note_group(census: &mut Census, first: usize, nan: u32, empty: u32) {
         rest &= rest - 1;
     }
     census.invalid += rest.count_ones();
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::engine::Isa;
-    use proptest::prelude::*;
-
-    /// Coordinates where kernels go wrong: signed zeroes, subnormals, infinities, NaNs of both
-    /// signs and both kinds, and plain numbers.
-    fn coordinate() -> impl Strategy<Value = f32> {
-        prop_oneof![
-            any::<u32>().prop_map(f32::from_bits),
-            (-4i32..4i32).prop_map(|x| x as f32),
-            prop::sample::select(vec![
-                0x0000_0000u32,
-                0x8000_0000,
-                0x0000_0001,
-                0x8000_0001,
-                0x7f80_0000,
-                0xff80_0000,
-                0x7f80_0001,
-                0xffff_ffff,
-            ])
-            .prop_map(f32::from_bits),
-        ]
-    }
-
-    fn check(boxes: &[Aabb], isa: Isa) {
-        let Some(isa) = AvailableIsa::new(isa) else { return };
-        let mut columns = KeyColumns::default();
-        let census = columns.ingest(boxes, isa);
-        let mut expected = Census::default();
-        for (i, b) in boxes.iter().enumerate() {
-            let (key, class) = KeyBox::classify(b);
-            expected.note(i as u32, class);
-            assert_eq!(columns.key_box(i), key, "{isa:?}, box {i}: {b:?}");
-        }
-        assert_eq!(census, expected, "{isa:?}");
-        for i in boxes.len()..columns.padded_len() {
-            assert_eq!(columns.key_box(i), KeyBox::NOTHING, "{isa:?}, padding {i}");
-        }
-    }
-
-    proptest! {
-        #[test]
-        fn kernels_agree_with_classify(
-            boxes in prop::collection::vec(prop::array::uniform6(coordinate()), 0..90),
-        ) {
-            let boxes: Vec<Aabb> = boxes.into_iter().map(Aabb::from).collect();
-            for isa in Isa::ALL {
-                check(&boxes, isa);
-            }
-        }
-    }
 }

@@ -14,8 +14,8 @@ pub(crate) const BATCH_STRIPS: usize = 1024;
 /// Strips that [`StripBatch::push_group`] copies at a time, wanted or not.
 pub(crate) const GROUP: usize = 8;
 
-/// Room for the copies of the last group that were not wanted.
-const ALLOCATED: usize = BATCH_STRIPS + GROUP;
+/// Room for the copies of the last group that were not wanted, and for a register that is loaded whole.
+const ALLOCATED: usize = BATCH_STRIPS + STRIP_COLUMNS;
 
 /// Strips of a row that are the same for all rows of a cell.
 pub(crate) struct StripGroup<'a> {
@@ -32,9 +32,8 @@ pub(crate) struct StripBatch {
     /// Before the test the columns that belong to the run, after it those of them that overlap.
     lanes: Box<[u16; ALLOCATED]>,
     len: usize,
-    /// Columns compared by the last test, and by all since they were asked for.
+    /// Columns compared by the last test.
     tested: u64,
-    compared: u64,
 }
 
 /// The arrays of a batch by themselves, and where the next strip goes: a loop that pushes keeps these in
@@ -98,7 +97,6 @@ impl Default for StripBatch {
             lanes: Box::new([0; ALLOCATED]),
             len: 0,
             tested: 0,
-            compared: 0,
         }
     }
 }
@@ -108,11 +106,6 @@ impl StripBatch {
     #[inline(always)]
     pub fn room(&self) -> usize {
         BATCH_STRIPS - self.len
-    }
-
-    /// Columns compared since the last call.
-    pub fn take_compared(&mut self) -> u64 {
-        std::mem::take(&mut self.compared)
     }
 
     /// Adds the strip of the first columns of `start..end`, and returns where the next one starts.
@@ -143,23 +136,18 @@ impl StripBatch {
         self.len == 0
     }
 
-    /// As it is at first: what a frame that was refused left behind goes.
-    pub fn reset(&mut self) {
-        (self.len, self.compared) = (0, 0);
-    }
-
     /// Forgets all strips.
     pub fn clear(&mut self) {
         self.len = 0;
     }
 
-    /// Tests all strips: their lanes become the overlaps.
-    pub fn test(&mut self, boxes: &OrderedBoxes, isa: AvailableIsa) {
+    /// Tests all strips: their lanes become the overlaps. Returns the columns compared.
+    pub fn test(&mut self, boxes: &OrderedBoxes, isa: AvailableIsa) -> u64 {
         let (rows, starts, lanes) =
             (&self.rows[..self.len], &self.starts[..self.len], &mut self.lanes[..self.len]);
         let keys = boxes.keys();
         self.tested = test(&keys, rows, starts, lanes, isa);
-        self.compared += self.tested;
+        self.tested
     }
 
     /// Columns that the last test compared.
@@ -167,46 +155,19 @@ impl StripBatch {
         self.tested
     }
 
-    /// Rows, starts and lanes of all strips.
-    pub(super) fn strips(&self) -> (&[u32], &[u32], &[u16]) {
-        (&self.rows[..self.len], &self.starts[..self.len], &self.lanes[..self.len])
-    }
-
-    /// [`Self::strips`] by 16, the last ones filled up with strips that are none.
-    #[cfg(target_arch = "x86_64")]
-    pub(super) fn padded_strips(&self) -> (By16<'_, u32>, By16<'_, u32>, By16<'_, u16>) {
-        let end = self.len.next_multiple_of(STRIP_COLUMNS).min(BATCH_STRIPS);
-        (
-            self.rows[..end].as_chunks().0,
-            self.starts[..end].as_chunks().0,
-            self.lanes[..end].as_chunks().0,
-        )
+    /// Rows, starts and lanes of all strips, and of as many behind the last one as a register holds.
+    pub(super) fn arrays(&self) -> (&[u32], &[u32], &[u16]) {
+        (&*self.rows, &*self.starts, &*self.lanes)
     }
 
     pub fn allocated_bytes(&self) -> usize {
         size_of_val(&*self.rows) + size_of_val(&*self.starts) + size_of_val(&*self.lanes)
     }
 
-    /// A batch as the kernels leave it.
-    #[cfg(test)]
-    pub(super) fn tested(strips: &[(u32, u32, u16)]) -> Self {
-        let mut batch = Self::default();
-        for (i, &(row, start, lanes)) in strips.iter().enumerate() {
-            (batch.rows[i], batch.starts[i], batch.lanes[i]) = (row, start, lanes);
-        }
-        batch.len = strips.len();
-        batch
-    }
-
-    #[cfg(target_arch = "x86_64")]
-    pub(super) fn len(&self) -> usize {
+    pub(super) const fn len(&self) -> usize {
         self.len
     }
 }
-
-/// Strips of a batch, 16 at a time.
-#[cfg(target_arch = "x86_64")]
-pub(super) type By16<'a, T> = &'a [[T; STRIP_COLUMNS]];
 
 per_isa! {
     /// Of the `lanes` of each strip, those whose columns overlap its row. Returns the columns compared.

@@ -9,7 +9,6 @@ use super::STRIP_COLUMNS;
 use super::block::{BLOCK_LANES, RowBlock};
 use super::ordered::KeyArrays;
 use super::sink::WordChunk;
-use super::words_avx512::{load_at, store};
 use crate::engine::{AvailableIsa, Isa};
 
 const LANES_OF_HALF: usize = BLOCK_LANES / 2;
@@ -90,7 +89,8 @@ pub(super) fn append(
 
 #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,popcnt,bmi1,bmi2")]
 fn append_rows(block: &RowBlock, from: usize, chunk: &mut WordChunk) -> (usize, u64) {
-    let starts = load_at(&block.starts, 0);
+    // SAFETY: 20 u32 are more than the 64 bytes of a register.
+    let starts = unsafe { _mm512_loadu_si512(block.starts.as_ptr().cast()) };
     let blocks = _mm512_srli_epi32::<5>(starts);
     let shift = _mm512_and_si512(starts, _mm512_set1_epi32(31));
     // A strip and the next one may be the halves of one word: the first of the two gets both.
@@ -128,6 +128,14 @@ fn append_rows(block: &RowBlock, from: usize, chunk: &mut WordChunk) -> (usize, 
         row += 1;
     }
     (row, pairs)
+}
+
+#[target_feature(enable = "avx512f")]
+#[inline]
+fn store(words: &mut [u32], at: usize, register: __m512i) {
+    let words = &mut words[at..at + BLOCK_LANES];
+    // SAFETY: 16 u32, exclusively borrowed, are the 64 bytes of a register.
+    unsafe { _mm512_storeu_si512(words.as_mut_ptr().cast(), register) }
 }
 
 /// The first eight lanes.

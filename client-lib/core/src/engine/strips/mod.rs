@@ -20,14 +20,11 @@ mod block_avx512;
 mod hits;
 mod ordered;
 mod sink;
-#[cfg(target_arch = "x86_64")]
-mod squeeze_avx2;
-#[cfg(target_arch = "x86_64")]
-mod words_avx2;
-#[cfg(target_arch = "x86_64")]
-mod words_avx512;
+mod task;
+mod words;
 
 pub(crate) use batch::{BATCH_STRIPS, GROUP, STRIP_COLUMNS, StripBatch, StripGroup};
 pub(crate) use block::{BLOCK_LANES, RowBlock, RowSet};
-pub(crate) use ordered::{KeyArraysMut, OrderedBoxes};
+pub(crate) use ordered::{KeyArraysMut, OrderedBoxes, split_keys};
 pub(crate) use sink::WordSink;
+pub(crate) use task::StripTask;

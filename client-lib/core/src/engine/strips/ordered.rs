@@ -3,6 +3,7 @@
 use super::STRIP_COLUMNS;
 use crate::aabb::KeyBox;
 use crate::aligned::AlignedBuffer;
+use crate::engine::ingest::split_columns;
 
 /// The six key arrays, in wire order: min x, y, z, max x, y, z.
 pub(crate) type KeyArrays<'a> = [&'a [i32]; 6];
@@ -64,13 +65,20 @@ impl OrderedBoxes {
     /// Keys (without the padding) and indices, to be written.
     pub fn parts_mut(&mut self) -> (KeyArraysMut<'_>, &mut [u32]) {
         let n = self.order.as_slice().len();
-        let mut rest = self.keys.as_mut_slice();
-        let stride = self.stride;
-        let keys = [(); 6].map(|()| {
-            let (array, tail) = std::mem::take(&mut rest).split_at_mut(stride);
-            rest = tail;
-            &mut array[..n]
-        });
-        (keys, self.order.as_mut_slice())
+        let keys = split_columns(self.keys.as_mut_slice(), self.stride);
+        (keys.map(|array| &mut array[..n]), self.order.as_mut_slice())
     }
+}
+
+/// The keys before a position, and those from it on.
+pub(crate) fn split_keys(
+    mut keys: KeyArraysMut<'_>,
+    at: usize,
+) -> (KeyArraysMut<'_>, KeyArraysMut<'_>) {
+    let later = keys.each_mut().map(|array| {
+        let (here, later) = std::mem::take(array).split_at_mut(at);
+        *array = here;
+        later
+    });
+    (keys, later)
 }

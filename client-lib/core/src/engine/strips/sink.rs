@@ -1,11 +1,7 @@
 //! Hits to mask words: sorted by (row, block), none of them zero, each address once.
 
 use super::hits::Hits;
-use super::{RowBlock, StripBatch};
-#[cfg(target_arch = "x86_64")]
-use super::{words_avx2, words_avx512};
-#[cfg(target_arch = "x86_64")]
-use crate::engine::Isa;
+use super::{RowBlock, StripBatch, words};
 use crate::engine::encode::FoundWords;
 use crate::engine::gather::Gather;
 
@@ -133,13 +129,7 @@ impl WordSink {
         while done < self.hits.len() {
             self.make_room(gather);
             let chunk = &mut self.chunks[self.used - 1];
-            done = match isa.get() {
-                #[cfg(target_arch = "x86_64")]
-                Isa::Avx512 => words_avx512::append(&self.hits, done, chunk, isa),
-                #[cfg(target_arch = "x86_64")]
-                Isa::Avx2 => words_avx2::append(&self.hits, done, chunk, isa),
-                _ => append(&self.hits, done, chunk),
-            };
+            done = words::append(&self.hits, done, chunk, isa);
         }
     }
 
@@ -217,53 +207,13 @@ impl FoundWords for WordSink {
     }
 }
 
-/// Adds hits from number `from` on while the chunk has room; returns the next one.
-fn append(hits: &Hits, from: usize, chunk: &mut WordChunk) -> usize {
-    for at in from..hits.len() {
-        if !chunk.has_room() {
-            return at;
-        }
-        let (row, start, bits) = hits.get(at);
-        let bits = u64::from(bits) << (start % 32);
-        chunk.push(row, start / 32, bits as u32);
-        chunk.push(row, start / 32 + 1, (bits >> 32) as u32);
-    }
-    hits.len()
-}
-
 #[cfg(test)]
 mod tests {
-    use std::collections::BTreeMap;
-
-    use proptest::prelude::*;
-
     use super::*;
     use crate::engine::word_budget::WordBudget;
-    use crate::engine::{AvailableIsa, HeapReply, Isa, PairRules, PairTest};
+    use crate::engine::{AvailableIsa, HeapReply, PairRules, PairTest};
     use crate::mask::Encoding;
     use crate::units::BoxCount;
-
-    /// The words by definition.
-    fn naive(strips: &[(u32, u32, u16)]) -> Vec<[u32; 3]> {
-        let mut words = BTreeMap::<(u32, u32), u32>::new();
-        for &(row, start, lanes) in strips {
-            for column in (0..16).filter(|t| lanes >> t & 1 != 0).map(|t| start + t) {
-                *words.entry((row, column / 32)).or_default() |= 1 << (column % 32);
-            }
-        }
-        words.into_iter().map(|((row, block), bits)| [row, block, bits]).collect()
-    }
-
-    /// Lets every third column pass, of every second row.
-    struct SomePass;
-
-    impl PairTest for SomePass {
-        fn passing(&self, row: u32, block: u32, bits: u32, order: &[u32]) -> u32 {
-            assert!(order.is_empty());
-            let columns = (0..32).filter(|t| (32 * block + t).is_multiple_of(3));
-            if row.is_multiple_of(2) { bits & columns.fold(0, |set, t| set | 1 << t) } else { 0 }
-        }
-    }
 
     fn no_limit() -> WordBudget {
         let n = BoxCount::new(u32::MAX);
@@ -273,95 +223,6 @@ mod tests {
     /// The best of this machine, without an order.
     fn gather<'a>(budget: &'a WordBudget, rules: PairRules<'a>) -> Gather<'a> {
         Gather { budget, rules, order: &[], isa: AvailableIsa::best() }
-    }
-
-    fn check(strips: &[(u32, u32, u16)], batch_len: usize) {
-        let all = naive(strips);
-        let some: Vec<[u32; 3]> = all
-            .iter()
-            .map(|&[row, block, bits]| [row, block, SomePass.passing(row, block, bits, &[])])
-            .filter(|word| word[2] != 0)
-            .collect();
-        check_with(strips, batch_len, None, &all);
-        check_with(strips, batch_len, Some(&SomePass), &some);
-    }
-
-    fn check_with(
-        strips: &[(u32, u32, u16)],
-        batch_len: usize,
-        test: Option<&dyn PairTest>,
-        expected: &[[u32; 3]],
-    ) {
-        let budget = no_limit();
-        let rules = test.map_or(PairRules::NONE, PairRules::tested_by);
-        let pairs: u32 = expected.iter().map(|word| word[2].count_ones()).sum();
-        for isa in Isa::ALL.into_iter().filter_map(AvailableIsa::new) {
-            let gather = &Gather { isa, ..gather(&budget, rules) };
-            let mut sink = WordSink::default();
-            // The second time, chunks and hits hold the words of the first.
-            for _ in 0..2 {
-                sink.clear();
-                for strips in strips.chunks(batch_len) {
-                    sink.take(&StripBatch::tested(strips), gather);
-                }
-                sink.finish(gather);
-                let words: Vec<[u32; 3]> = sink
-                    .chunks()
-                    .flat_map(|[rows, blocks, bits]| {
-                        (0..rows.len()).map(|i| [rows[i], blocks[i], bits[i]])
-                    })
-                    .collect();
-                assert!(words == expected, "{}", isa.get());
-                assert_eq!(sink.word_count(), expected.len());
-                assert_eq!(sink.pair_count(), u64::from(pairs));
-            }
-        }
-    }
-
-    /// Strips with rising, disjoint columns: steps of a row or of a few columns, and their lanes.
-    fn strips(steps: &[(bool, u32, u16)]) -> Vec<(u32, u32, u16)> {
-        let (mut row, mut next) = (0, 1);
-        let strip = |&(new_row, gap, lanes): &(bool, u32, u16)| {
-            if new_row {
-                (row, next) = (row + 1, row + 2);
-            }
-            let start = next + gap;
-            next = start + 16 - lanes.leading_zeros();
-            (row, start, lanes)
-        };
-        steps.iter().map(strip).collect()
-    }
-
-    fn lanes() -> impl Strategy<Value = u16> {
-        prop_oneof![3 => Just(0), 3 => (0u32..16).prop_map(|t| 1 << t), 1 => any::<u16>()]
-    }
-
-    proptest! {
-        #[test]
-        fn words_are_those_of_any_strips(
-            steps in prop::collection::vec((any::<bool>(), 0u32..40, lanes()), 0..300),
-            batch_len in 1usize..100,
-        ) {
-            check(&strips(&steps), batch_len);
-        }
-    }
-
-    #[test]
-    fn many_strips_in_one_word_become_one_word() {
-        // Single columns with a hit: up to 32 strips in a word, so that a step holds no other.
-        let steps: Vec<_> = (0..2000).map(|i| (i % 100 == 0, 0, 1)).collect();
-        check(&strips(&steps), 1024);
-    }
-
-    #[test]
-    fn words_go_on_in_the_next_chunk() {
-        // Words that more strips fall into stand at the end of a chunk sooner or later.
-        for dense in 1..20 {
-            let steps: Vec<_> =
-                (0..20_000).map(|i| (i % 97 == 0, u32::from(i % 20 < dense), 0b11)).collect();
-            check(&strips(&steps), 1024);
-        }
-        assert!(naive(&strips(&vec![(true, 0, 0b11); 20_000])).len() > 2 * CHUNK_WORDS);
     }
 
     #[test]

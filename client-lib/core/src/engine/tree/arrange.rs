@@ -60,7 +60,7 @@ pub(super) fn read(boxes: &[Aabb], entries: &mut [Entry], threads: usize) -> Cen
 
 /// Brings what overlaps nothing to the end; the other boxes.
 pub(super) fn solid_first<'a>(entries: &'a mut [Entry], census: &Census) -> &'a mut [Entry] {
-    let solid = entries.len() - (census.empty + census.invalid) as usize;
+    let solid = census.solid_of(entries.len());
     if solid < entries.len() {
         let mut next = 0;
         for at in 0..entries.len() {

@@ -5,7 +5,7 @@ use super::arrange::{Entry, TASK_BOXES};
 use crate::aabb::KeyBox;
 use crate::aligned::AlignedBuffer;
 use crate::engine::ingest::split_columns;
-use crate::engine::strips::{KeyArraysMut, OrderedBoxes};
+use crate::engine::strips::{KeyArraysMut, OrderedBoxes, split_keys};
 use crate::team::{Split, in_parts, part_count};
 
 /// The groups of one size, in order.
@@ -135,8 +135,8 @@ impl Split for Groups<'_> {
         let first = at * FAN_OUT;
         let (entries, later_entries) = self.entries.split_at(first);
         let (order, later_order) = self.order.split_at_mut(first);
-        let (keys, later_keys) = split_arrays(self.keys, first);
-        let (bounds, later_bounds) = split_arrays(self.bounds, at);
+        let (keys, later_keys) = split_keys(self.keys, first);
+        let (bounds, later_bounds) = split_keys(self.bounds, at);
         let later = Self {
             entries: later_entries,
             keys: later_keys,
@@ -145,16 +145,6 @@ impl Split for Groups<'_> {
         };
         (Self { entries, keys, order, bounds }, later)
     }
-}
-
-fn split_arrays(arrays: KeyArraysMut<'_>, at: usize) -> (KeyArraysMut<'_>, KeyArraysMut<'_>) {
-    let mut low: KeyArraysMut<'_> = Default::default();
-    let high = arrays.map(|array| array.split_at_mut(at));
-    let mut later: KeyArraysMut<'_> = Default::default();
-    for (component, (before, behind)) in high.into_iter().enumerate() {
-        (low[component], later[component]) = (before, behind);
-    }
-    (low, later)
 }
 
 impl Groups<'_> {

@@ -1,23 +1,17 @@
 //! One task's rows, against the groups behind them that their bounds meet.
 
-use std::ops::Range;
-
 use super::FAN_OUT;
 use super::nodes::{Level, Nodes};
 use crate::engine::gather::Gather;
-use crate::engine::strips::{OrderedBoxes, StripBatch, WordSink};
+use crate::engine::strips::{OrderedBoxes, StripTask};
 use crate::simd::per_isa;
 
 /// Levels of the tree are so many bits of a group's number apart.
 const FAN_OUT_BITS: usize = FAN_OUT.ilog2() as usize;
 
-/// A range of groups of 16 rows, and what was found in them. Memory is kept from frame to frame.
+/// What a task has met. Memory is kept from frame to frame.
 #[derive(Default)]
-pub(super) struct SearchTask {
-    pub groups: Range<u32>,
-    pub found: WordSink,
-    pub compared: u64,
-    batch: StripBatch,
+pub struct Lists {
     /// Groups of a level that the rows' bounds meet, by number.
     met: Vec<u32>,
     /// The same of the level below.
@@ -30,65 +24,69 @@ pub(super) struct SearchTask {
     numbers: Vec<u32>,
 }
 
-impl SearchTask {
+impl Lists {
     pub fn allocated_bytes(&self) -> usize {
         let lists = [&self.met, &self.below, &self.of_row, &self.numbers].map(Vec::capacity);
-        let lists = lists.iter().sum::<usize>() * size_of::<u32>();
-        let bounds = self.near.allocated_bytes();
-        self.found.allocated_bytes() + self.batch.allocated_bytes() + lists + bounds
+        lists.iter().sum::<usize>() * size_of::<u32>() + self.near.allocated_bytes()
     }
+}
 
-    /// Finds the words of all rows, until the budget is spent. Boxes from position `solid` on overlap
-    /// nothing.
-    pub fn run(&mut self, boxes: &OrderedBoxes, nodes: &Nodes, solid: u32, gather: &Gather<'_>) {
-        self.found.clear();
-        self.batch.reset();
-        for group in self.groups.clone() {
-            if gather.budget.is_spent() {
-                return;
-            }
-            self.run_group(boxes, nodes, solid, group, gather);
-        }
-        flush(&mut self.batch, &mut self.found, boxes, gather);
-        self.found.finish(gather);
-        self.compared = self.batch.take_compared();
-    }
-
-    fn run_group(
+impl StripTask<Lists> {
+    /// Finds the words of all rows, which begin with a group of 16, until the budget is spent. Boxes from
+    /// position `solid` on overlap nothing.
+    pub(super) fn search(
         &mut self,
         boxes: &OrderedBoxes,
         nodes: &Nodes,
         solid: u32,
-        group: u32,
         gather: &Gather<'_>,
     ) {
-        let (isa, levels) = (gather.isa, nodes.levels());
+        self.begin();
+        let mut lists = std::mem::take(&mut self.own);
+        for first in self.rows.clone().step_by(FAN_OUT) {
+            if gather.budget.is_spent() {
+                break;
+            }
+            self.search_group(&mut lists, boxes, nodes, [first, solid], gather);
+        }
+        self.own = lists;
+        self.finish(boxes, gather);
+    }
+
+    fn search_group(
+        &mut self,
+        lists: &mut Lists,
+        boxes: &OrderedBoxes,
+        nodes: &Nodes,
+        [first, solid]: [u32; 2],
+        gather: &Gather<'_>,
+    ) {
+        let Lists { met, below, near, of_row, numbers } = lists;
+        let (isa, levels, group) = (gather.isa, nodes.levels(), first / FAN_OUT as u32);
         let bounds = levels[0].key(group);
         // From the whole down to the groups of 16 boxes, which each row looks at by itself.
-        self.met.clear();
-        self.met.push(0);
+        met.clear();
+        met.push(0);
         for (depth, level) in levels.iter().enumerate().rev() {
             let own = if depth == 0 { group + 1 } else { group >> (FAN_OUT_BITS * depth) };
-            self.below.clear();
-            meeting(&level.arrays(), &bounds, &self.met, own, &mut self.below, isa);
-            std::mem::swap(&mut self.met, &mut self.below);
+            below.clear();
+            meeting(&level.arrays(), &bounds, met, own, below, isa);
+            std::mem::swap(met, below);
         }
-        self.near.gather(&levels[0], &self.met);
-        let strips = self.met.len().div_ceil(FAN_OUT);
-        self.numbers.extend(self.numbers.len() as u32..strips as u32);
-        let Self { near, met, of_row, numbers, batch, found, .. } = self;
+        near.gather(&levels[0], met);
+        let strips = met.len().div_ceil(FAN_OUT);
+        numbers.extend(numbers.len() as u32..strips as u32);
         let (keys, near) = (boxes.keys(), near.arrays());
-        let first = group * FAN_OUT as u32;
         let end = solid.min(first + FAN_OUT as u32);
         for row in first..end {
             let key: [i32; 6] = std::array::from_fn(|component| keys[component][row as usize]);
             of_row.clear();
             meeting(&near, &key, &numbers[..strips], 0, of_row, isa);
             let mut push = |start: u32, end: u32| {
-                if batch.room() == 0 {
-                    flush(batch, found, boxes, gather);
+                if self.batch.room() == 0 {
+                    self.flush(boxes, gather);
                 }
-                batch.push(row, start, end);
+                self.batch.push(row, start, end);
             };
             push(row + 1, end);
             for place in &*of_row {
@@ -97,12 +95,6 @@ impl SearchTask {
             }
         }
     }
-}
-
-fn flush(batch: &mut StripBatch, found: &mut WordSink, boxes: &OrderedBoxes, gather: &Gather<'_>) {
-    batch.test(boxes, gather.isa);
-    found.take(batch, gather);
-    batch.clear();
 }
 
 per_isa! {

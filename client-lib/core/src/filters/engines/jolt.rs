@@ -1,10 +1,10 @@
-//! Jolt: object layers, as `ObjectLayerPairFilterTable` and `ObjectLayerPairFilterMask` test them, and
-//! collision groups, as `CollisionGroup::CanCollide` and `GroupFilterTable` do.
+//! Jolt: object layers, as `ObjectLayerPairFilterTable` tests them, and collision groups, as
+//! `CollisionGroup::CanCollide` and `GroupFilterTable` do.
 
 use std::collections::HashMap;
 
-use super::{TooManyKinds, filter_of_32, from_relation, owner_of};
-use crate::filters::{Filter, FilterTable, Owner, PairLists};
+use super::{TooManyKinds, from_relation, owner_of};
+use crate::filters::{FilterTable, Owner, PairLists};
 
 /// The filters of Jolt's object layers `0..layer_count` by id, where a table decides: `collides` is its
 /// `ShouldCollide`, asked once for each two layers.
@@ -19,12 +19,6 @@ pub fn from_jolt_layers(
     collides: impl Fn(u16, u16) -> bool,
 ) -> Result<FilterTable, TooManyKinds> {
     from_relation(layer_count, collides)
-}
-
-/// The filter of a Jolt body whose object layer holds group and mask bits, as `sGetGroup` and `sGetMask` of
-/// `ObjectLayerPairFilterMask` give them.
-pub const fn from_jolt_mask(group: u32, mask: u32, is_dynamic: bool) -> Filter {
-    filter_of_32(group, mask).with_static(!is_dynamic)
 }
 
 /// The `CollisionGroup` of a Jolt body.
@@ -95,17 +89,8 @@ mod tests {
     #![allow(clippy::field_reassign_with_default)]
 
     use super::*;
-    use crate::filters::engines::testing::{Random, check};
+    use crate::filters::engines::testing::Random;
     use crate::filters::{FilterId, Rules, Tag, World};
-
-    #[test]
-    fn jolt_layers_of_masks_meet_as_in_jolt() {
-        let field = |random: &mut Random| (random.word(), random.word(), random.flag());
-        let meet = |a: &(u32, u32, bool), b: &(u32, u32, bool)| {
-            (a.2 || b.2) && a.0 & b.1 != 0 && b.0 & a.1 != 0
-        };
-        check(field, |&(group, mask, is_dynamic)| from_jolt_mask(group, mask, is_dynamic), meet);
-    }
 
     #[test]
     fn jolt_layers_of_a_table_meet_as_it_says() {

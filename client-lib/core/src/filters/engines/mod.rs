@@ -30,26 +30,21 @@
 // The names of engines are words.
 #![allow(clippy::doc_markdown)]
 
-mod avian;
-mod box2d;
-mod bullet;
 mod jolt;
+mod masks;
 mod mujoco;
 mod newton;
-mod physx;
-mod rapier;
 mod relation;
 #[cfg(test)]
 mod testing;
 
-pub use self::avian::from_avian;
-pub use self::box2d::from_box2d;
-pub use self::bullet::from_bullet;
-pub use self::jolt::{JoltGroup, from_jolt_groups, from_jolt_layers, from_jolt_mask};
+pub use self::jolt::{JoltGroup, from_jolt_groups, from_jolt_layers};
+pub use self::masks::{
+    from_avian, from_box2d, from_bullet, from_jolt_mask, from_physx_group, from_physx_groups_mask,
+    from_physx_words, from_rapier,
+};
 pub use self::mujoco::{MujocoBodies, MujocoError, from_mujoco, from_mujoco_bodies};
 pub use self::newton::from_newton;
-pub use self::physx::{from_physx_group, from_physx_groups_mask, from_physx_words};
-pub use self::rapier::from_rapier;
 pub use self::relation::{TooManyKinds, from_relation};
 
 use super::filter::Filter;

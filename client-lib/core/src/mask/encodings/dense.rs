@@ -73,11 +73,11 @@ impl<'a> DenseMask<'a> {
 
     /// The non-zero words of a range and their numbers.
     pub(super) fn words_in(&self, range: Range<usize>) -> DenseWords<'a> {
-        DenseWords::new(self.words, range, self.last_mask())
+        DenseWords::new(self.words, range, self.last_mask(), self.isa)
     }
 
     pub(super) fn pairs_in(&self, range: Range<usize>) -> DensePairs<'a> {
-        DensePairs::new(self.n, self.words_in(range), self.isa)
+        DensePairs::new(self.n, self.words_in(range))
     }
 
     /// Checks every rule of the encoding.

@@ -1,8 +1,8 @@
 //! Pairs of a dense mask: one inverse of the pair index a word, then stepping.
 
 use super::dense_words::DenseWords;
-use crate::isa::AvailableIsa;
 use crate::mask::pair_buffer::{PairWriter, WORD_PAIRS};
+use crate::mask::word_flags::flags_by;
 use crate::pair_index::PairWalker;
 use crate::simd::per_isa;
 use crate::units::{BoxCount, PairIndex};
@@ -12,18 +12,18 @@ use crate::units::{BoxCount, PairIndex};
 pub(in crate::mask) struct DensePairs<'a> {
     n: BoxCount,
     words: DenseWords<'a>,
-    isa: AvailableIsa,
 }
 
 impl<'a> DensePairs<'a> {
-    pub const fn new(n: BoxCount, words: DenseWords<'a>, isa: AvailableIsa) -> Self {
-        Self { n, words, isa }
+    pub const fn new(n: BoxCount, words: DenseWords<'a>) -> Self {
+        Self { n, words }
     }
 
     /// Puts the pairs of words until there is no more room. False at the end of the mask.
     #[inline]
     pub fn write(&mut self, writer: &mut PairWriter) -> bool {
-        write(self, writer, self.isa)
+        let isa = self.words.isa();
+        write(self, writer, isa)
     }
 }
 
@@ -31,7 +31,7 @@ per_isa! {
     fn write<simd: S>(pairs: &mut DensePairs<'_>, writer: &mut PairWriter) -> bool {
         let mut more = false;
         while writer.has_room_for(WORD_PAIRS) {
-            let Some((number, bits)) = pairs.words.next_with(simd) else { break };
+            let Some((number, bits)) = pairs.words.next_by(|chunk| flags_by(simd, chunk)) else { break };
             more = true;
             put_word(pairs.n, number, bits, writer);
         }

@@ -1,9 +1,9 @@
 //! The scan of a dense mask: nearly all words are zero, so most of the work is to skip them.
 
-use std::iter::FusedIterator;
 use std::ops::Range;
 
-use crate::mask::word_flags::{CHUNK_WORDS, FindWords, Plain};
+use crate::isa::AvailableIsa;
+use crate::mask::word_flags::{CHUNK_WORDS, Chunk, flags_of};
 
 /// The non-zero words of a range of a dense mask, each with its number in the mask.
 #[derive(Clone)]
@@ -20,24 +20,29 @@ pub(in crate::mask) struct DenseWords<'a> {
     last: usize,
     /// Bits of that word that may be set.
     last_mask: u32,
+    isa: AvailableIsa,
 }
 
 impl<'a> DenseWords<'a> {
     /// Words `range` of a mask; none where the range leaves the mask.
-    pub fn new(mask: &'a [u32], range: Range<usize>, last_mask: u32) -> Self {
+    pub fn new(mask: &'a [u32], range: Range<usize>, last_mask: u32, isa: AvailableIsa) -> Self {
         let chunk_start = range.start;
         let rest = mask.get(range).unwrap_or(&[]);
         let last = mask.len().saturating_sub(1);
-        Self { chunk: &[], chunk_start, flags: 0, rest, last, last_mask }
+        Self { chunk: &[], chunk_start, flags: 0, rest, last, last_mask, isa }
+    }
+
+    pub const fn isa(&self) -> AvailableIsa {
+        self.isa
     }
 
     /// Takes the next chunk with a non-zero word in hand. False at the end.
     #[inline(always)]
-    fn next_chunk(&mut self, finder: impl FindWords) -> bool {
+    fn next_chunk(&mut self, flags_of: impl Fn(&Chunk) -> u64) -> bool {
         let mut passed = self.chunk.len();
         while let Some((chunk, rest)) = self.rest.split_first_chunk::<CHUNK_WORDS>() {
             self.rest = rest;
-            let flags = finder.flags_of(chunk);
+            let flags = flags_of(chunk);
             if flags != 0 {
                 self.chunk = chunk;
                 self.chunk_start += passed;
@@ -56,7 +61,7 @@ impl<'a> DenseWords<'a> {
 
     /// The next non-zero word, with a way to find those of a chunk.
     #[inline(always)]
-    pub fn next_with(&mut self, finder: impl FindWords) -> Option<(usize, u32)> {
+    pub fn next_by(&mut self, flags_of: impl Fn(&Chunk) -> u64) -> Option<(usize, u32)> {
         loop {
             while self.flags != 0 {
                 let (number, bits) = self.take();
@@ -64,7 +69,7 @@ impl<'a> DenseWords<'a> {
                     return Some((number, bits));
                 }
             }
-            if !self.next_chunk(finder) {
+            if !self.next_chunk(&flags_of) {
                 return None;
             }
         }
@@ -86,8 +91,7 @@ impl Iterator for DenseWords<'_> {
 
     #[inline]
     fn next(&mut self) -> Option<(usize, u32)> {
-        self.next_with(Plain)
+        let isa = self.isa;
+        self.next_by(|chunk| flags_of(chunk, isa))
     }
 }
-
-impl FusedIterator for DenseWords<'_> {}

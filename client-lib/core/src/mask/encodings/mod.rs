@@ -128,16 +128,6 @@ impl MaskShape {
 
     /// The most words with which the [`Self::sparse`] mask of `n` boxes that knows its size takes
     /// `limit_words` words of a reply or less. `None` where not even the mask without words does.
-    ///
-    /// ```
-    /// use pairmask_core::BoxCount;
-    /// use pairmask_core::mask::MaskShape;
-    ///
-    /// let n = BoxCount::new(100);
-    /// assert_eq!(MaskShape::sparse_words_within(n, 148, true), Some(16));
-    /// assert_eq!(MaskShape::sparse(n, 16, 16, true).extent_words(), 148);
-    /// assert_eq!(MaskShape::sparse_words_within(n, 99, true), None, "the order has 100 words");
-    /// ```
     pub fn sparse_words_within(n: BoxCount, limit_words: u64, with_order: bool) -> Option<u64> {
         let align = SECTION_ALIGN_WORDS;
         if with_order {
@@ -292,17 +282,6 @@ impl<'a> MaskView<'a> {
             Self::Dense(mask) => Self::Dense(mask.with_isa(isa)),
             Self::Sparse(mask) => Self::Sparse(mask.with_isa(isa)),
             Self::List(mask) => Self::List(mask.with_isa(isa)),
-        }
-    }
-
-    /// The same sparse mask, decoded by one kernel: for benches that compare them. `None` for another
-    /// mask, and where there is no such kernel, the machine lacks it, or it needs an order.
-    #[doc(hidden)]
-    #[must_use]
-    pub fn with_sparse_kernel(self, name: &str) -> Option<Self> {
-        match self {
-            Self::Dense(_) | Self::List(_) => None,
-            Self::Sparse(mask) => mask.with_kernel(name).map(Self::Sparse),
         }
     }
 

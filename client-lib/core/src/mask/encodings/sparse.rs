@@ -65,13 +65,6 @@ impl<'a> SparseMask<'a> {
         Self { kernel: Kernel::of(isa, self.order.is_some()), ..self }
     }
 
-    /// The same mask, decoded by the kernel of a name that this machine can run.
-    pub(super) fn with_kernel(self, name: &str) -> Option<Self> {
-        let (_, kernel) =
-            Kernel::all(self.order.is_some()).into_iter().find(|(known, _)| *known == name)?;
-        Some(Self { kernel, ..self })
-    }
-
     /// Number of boxes.
     #[inline]
     pub const fn n(&self) -> BoxCount {

@@ -1,7 +1,5 @@
 //! Words of a sparse mask and the bits of each that name a pair.
 
-use std::iter::FusedIterator;
-
 use crate::units::BoxCount;
 
 /// A word of a sparse mask: bit t is the pair of positions (row, 32·block + t).
@@ -96,30 +94,5 @@ impl Iterator for SparseWords<'_> {
         let (word, rest) = self.split_first()?;
         *self = rest;
         Some(word)
-    }
-}
-
-impl FusedIterator for SparseWords<'_> {}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn valid_mask_equals_its_definition() {
-        let edges = [0, 1, 2, 30, 31, 32, 33, 63, 64, 65, 345, 1 << 27, u32::MAX - 32, u32::MAX];
-        for n in edges.map(BoxCount::new) {
-            for row in edges {
-                for block in [0, 1, 2, 10, (1 << 27) - 2, (1 << 27) - 1, 1 << 27, u32::MAX] {
-                    let word = SparseWord { row, block, bits: u32::MAX };
-                    let expected = (0..32).fold(0u32, |mask, t| {
-                        let column = 32 * u64::from(block) + t;
-                        let valid = u64::from(row) < column && column < u64::from(n.get());
-                        mask | u32::from(valid) << t
-                    });
-                    assert_eq!(word.valid_mask(n), expected, "{n:?} {row} {block}");
-                }
-            }
-        }
     }
 }

@@ -6,22 +6,15 @@
 
 use std::ops::Range;
 
-use super::super::level::{Level, Reach};
+use super::super::level::Reach;
 use super::super::neighbours::{REACH_Y, REACH_Z};
-use super::{RowTask, Scene};
-use crate::engine::strips::{BLOCK_LANES, RowBlock, RowSet};
+use super::{CellSearch, Line, Scene};
+use crate::engine::strips::{BLOCK_LANES, RowBlock, RowSet, StripTask};
 
-impl RowTask {
-    /// Rows of one line. `own` and `lines` are the first positions of its cells and of those of the
-    /// later lines around it.
-    pub(super) fn run_blocks(
-        &mut self,
-        scene: Scene<'_>,
-        level: &Level,
-        own: &[u32],
-        lines: &[(&[u32], Reach)],
-        rows: Range<u32>,
-    ) {
+impl StripTask<CellSearch> {
+    /// Rows of one line.
+    pub(super) fn run_blocks(&mut self, scene: Scene<'_>, line: Line<'_>, rows: Range<u32>) {
+        let Line { level, own, .. } = line;
         let width = own.len() - 1;
         let wraps = level.axes[0].wraps;
         let (mut row, mut x) = (rows.start, 0);
@@ -40,27 +33,20 @@ impl RowTask {
                 while own[last + 1] < end {
                     last += 1;
                 }
-                fits = self.cut_block(scene, own, lines, [x, last], row..end);
+                fits = self.cut_block(scene, line, [x, last], row..end);
                 if !fits && last > x {
                     end = cell_end;
-                    fits = self.cut_block(scene, own, lines, [x, x], row..end);
+                    fits = self.cut_block(scene, line, [x, x], row..end);
                 }
             }
             if fits {
-                // Words come in the order of rows.
-                self.flush(scene);
-                let tested = self.block.test(&scene.sorted.boxes, scene.gather.isa);
-                self.compared += tested;
-                let before = self.found.pair_count();
-                self.found.take_block(&self.block, scene.gather);
-                let pairs = self.found.pair_count().saturating_sub(before);
-                scene.gather.budget.note_tests(tested, pairs);
+                self.flush_block(&scene.sorted.boxes, scene.gather);
                 if scene.is_over() {
                     return;
                 }
             } else {
                 end = cell_end;
-                self.run_cells(scene, level, own, lines, x..x + 1, row..end, &[]);
+                self.run_cells(scene, line, x..x + 1, row..end);
             }
             row = end;
         }
@@ -72,8 +58,7 @@ impl RowTask {
     fn cut_block(
         &mut self,
         scene: Scene<'_>,
-        own: &[u32],
-        lines: &[(&[u32], Reach)],
+        Line { own, later, .. }: Line<'_>,
         [first, last]: [usize; 2],
         rows: Range<u32>,
     ) -> bool {
@@ -84,7 +69,7 @@ impl RowTask {
         }
         let reach = &scene.sorted.reach[rows.start as usize..rows.end as usize];
         let reach = RowReach::of(reach, block.all_rows());
-        lines
+        later
             .iter()
             .all(|(starts, needs)| block.add(starts[start]..starts[end], reach.having(*needs)))
     }

@@ -6,10 +6,10 @@
 
 use std::ops::Range;
 
-use super::super::level::{Level, Reach};
+use super::super::level::Reach;
 use super::super::neighbours::REACH_X;
-use super::{RowTask, Scene};
-use crate::engine::strips::{BATCH_STRIPS, GROUP, STRIP_COLUMNS, StripGroup};
+use super::{CellSearch, Line, Scene};
+use crate::engine::strips::{BATCH_STRIPS, GROUP, STRIP_COLUMNS, StripGroup, StripTask};
 
 /// Cells that are cut together: 2 KiB of strips.
 const CELLS: usize = 16;
@@ -139,15 +139,13 @@ impl PlainCells {
     }
 }
 
-impl RowTask {
+impl StripTask<CellSearch> {
     /// Rows of plain cells from the first of `cells` on, whose lines are in stages. Returns the first cell
     /// that is not plain.
     pub(super) fn run_plain(
         &mut self,
         scene: Scene<'_>,
-        level: &Level,
-        own: &[u32],
-        lines: &[(&[u32], Reach)],
+        Line { level, own, later, .. }: Line<'_>,
         cells: Range<usize>,
         rows: &Range<u32>,
     ) -> usize {
@@ -156,13 +154,13 @@ impl RowTask {
         let end = cells.end.min(own.len() - 1 - seam);
         let mut next = cells.start;
         while seam <= next && next < end {
-            let (cell, rows) = self.plain.cut(own, lines, next..end, rows);
+            let (cell, rows) = self.own.plain.cut(own, later, next..end, rows);
             if rows.is_empty() {
                 return cell;
             }
             next = cell;
-            if self.batch.room() <= rows.len() * self.plain.row_strips {
-                self.flush(scene);
+            if self.batch.room() <= rows.len() * self.own.plain.row_strips {
+                self.flush_in(scene);
                 if scene.is_over() {
                     return next;
                 }
@@ -175,7 +173,7 @@ impl RowTask {
     /// Pushes the strips of the rows of the cells that were cut.
     #[inline(always)]
     fn push_plain(&mut self, scene: Scene<'_>, rows: Range<u32>) {
-        let PlainCells { cells, ends, .. } = &self.plain;
+        let PlainCells { cells, ends, .. } = &self.own.plain;
         let reach = &scene.sorted.reach[rows.start as usize..rows.end as usize];
         self.batch.push_all(|places| {
             let mut at = 0;

@@ -50,28 +50,3 @@ fn first_again(n: BoxCount, pairs: &[[u32; 2]]) -> Option<[u32; 2]> {
         bucket.windows(2).find(|two| two[0] == two[1]).map(|two| two[0])
     })
 }
-
-#[cfg(test)]
-mod tests {
-    use proptest::collection::vec;
-    use proptest::prelude::*;
-
-    use super::*;
-
-    proptest! {
-        #[test]
-        fn what_stands_twice_is_found(
-            n in prop_oneof![2u32..70, Just(1_234), Just(u32::MAX)],
-            seeds in vec((any::<u32>(), any::<u32>()), 0..200),
-        ) {
-            let pair = |(a, b)| [a % n, b % n];
-            let sorted = |[a, b]: [u32; 2]| [a.min(b), a.max(b)];
-            let pairs: Vec<[u32; 2]> =
-                seeds.into_iter().map(pair).filter(|[a, b]| a != b).map(sorted).collect();
-            let mut all = pairs.clone();
-            all.sort_unstable();
-            let twice = all.windows(2).find(|two| two[0] == two[1]).map(|two| two[0]);
-            prop_assert_eq!(first_again(BoxCount::new(n), &pairs), twice);
-        }
-    }
-}
