@@ -213,7 +213,7 @@ pub fn is_opening_gpus(dir: &RuntimeDir, instance: &InstanceName) -> bool {
 
 fn gpus_of(dir: &RuntimeDir, instance: &InstanceName) -> GpuCounts {
     let status = dir.read_status(instance).ok().flatten();
-    status.map(|status| status.gpus()).unwrap_or_default()
+    status.map(|status| status.gpus).unwrap_or_default()
 }
 
 pub(crate) fn own_binary() -> Result<PathBuf, SpawnError> {

@@ -4,7 +4,6 @@ use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-use iceoryx2::service::ipc_threadsafe;
 use pairmask_core::units::BoxCount;
 use pairmask_transport::{
     DaemonRecord, Limits, RuntimeDir, Services, assume_response_pages, clean_if_abandoned,
@@ -32,8 +31,7 @@ fn answer_all(
 ) {
     let (name, limits) = (InstanceName::default(), Limits::default());
     dir.ensure_transport_root(&name).expect("the transport's directory");
-    let services =
-        Services::<ipc_threadsafe::Service>::serve(dir, &name, &limits).expect("services");
+    let services = Services::serve(dir, &name, &limits).expect("services");
     let server = services.server(&limits, &std::sync::Arc::default()).expect("a server");
     let pid = std::process::id();
     let record = DaemonRecord { worker_pid: pid, supervisor_pid: pid, version };

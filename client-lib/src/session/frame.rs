@@ -10,7 +10,7 @@ use pairmask_core::precision::{BoxForm, Encoder, Precision};
 use pairmask_core::sphere::Sphere;
 use pairmask_core::units::BoxCount;
 use pairmask_core::write::{BoxSource, par_write_boxes};
-use pairmask_wire::{Page, boxes_in, boxes_in_mut, bytes_in_mut, spheres_in, spheres_in_mut};
+use pairmask_wire::{Page, bytes_in_mut, items_in, items_in_mut};
 
 use super::core::Core;
 use super::error::Error;
@@ -83,19 +83,19 @@ use sealed::{Object, Plain};
 
 impl Plain for Aabb {
     fn in_pages(pages: &[Page], n: BoxCount) -> Option<&[Self]> {
-        boxes_in(pages, 0, n)
+        items_in(pages, n)
     }
     fn in_pages_mut(pages: &mut [Page], n: BoxCount) -> Option<&mut [Self]> {
-        boxes_in_mut(pages, n)
+        items_in_mut(pages, n)
     }
 }
 
 impl Plain for Sphere {
     fn in_pages(pages: &[Page], n: BoxCount) -> Option<&[Self]> {
-        spheres_in(pages, 0, n)
+        items_in(pages, n)
     }
     fn in_pages_mut(pages: &mut [Page], n: BoxCount) -> Option<&mut [Self]> {
-        spheres_in_mut(pages, n)
+        items_in_mut(pages, n)
     }
 }
 

@@ -61,7 +61,7 @@ pub(super) struct Link {
     sized: Mutex<SizedPort>,
     notifier: Notifier<ipc_threadsafe::Service>,
     listener: Listener<ipc_threadsafe::Service>,
-    services: Services<ipc_threadsafe::Service>,
+    services: Services,
     daemon: Arc<DaemonWatch>,
     /// Whether the session goes on without a daemon that does not run.
     leaves_silent: bool,
@@ -171,7 +171,7 @@ impl Link {
         let token = RandomState::new().build_hasher().finish();
         let capacity = settings.capacity.unwrap_or(RESERVED_BOXES);
         let pages = pages_of(BoxForm::F32.bytes(capacity));
-        let connected = Services::<ipc_threadsafe::Service>::connect(&dir, instance)
+        let connected = Services::connect(&dir, instance)
             .and_then(|services| Ok((services.client(token, pages)?, services)));
         let (Client { port, notifier, listener }, services) = connected.map_err(open)?;
         // The connection has created files of its own since the first check.

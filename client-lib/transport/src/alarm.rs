@@ -4,13 +4,11 @@
 use std::os::fd::BorrowedFd;
 use std::time::Instant;
 
-use iceoryx2::port::listener::Listener;
 use iceoryx2::prelude::FileDescriptorBased;
-use iceoryx2::service::Service;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::io::Errno;
 
-use crate::services::TransportError;
+use crate::services::{TransportError, WakeDaemon};
 
 /// Sleeps until the listener is woken, at most until `until`; takes all wake-ups that have come.
 ///
@@ -19,10 +17,7 @@ use crate::services::TransportError;
 ///
 /// # Errors
 /// [`TransportError`] where the system refuses to wait.
-pub fn sleep_until<S: Service>(listener: &Listener<S>, until: Instant) -> Result<(), TransportError>
-where
-    Listener<S>: FileDescriptorBased,
-{
+pub fn sleep_until(listener: &WakeDaemon, until: Instant) -> Result<(), TransportError> {
     let left = until.saturating_duration_since(Instant::now());
     let timeout = Timespec {
         tv_sec: i64::try_from(left.as_secs()).unwrap_or(i64::MAX),

@@ -9,7 +9,7 @@ use iceoryx2::prelude::CallbackProgression;
 use iceoryx2::service::ipc;
 use pairmask_wire::InstanceName;
 
-use crate::instance::{RuntimeDir, SHM_DIR};
+use crate::instance::{RuntimeDir, segment_files, shared_files};
 use crate::services::{TransportError, config};
 
 /// Removes all files of an instance that no living process uses: before it is served, and after.
@@ -31,7 +31,7 @@ pub fn clean_if_abandoned(dir: &RuntimeDir, name: &InstanceName) -> Result<(), T
     // A file that cannot be removed does no harm: the services are then taken over instead of
     // created.
     let _ = fs::remove_dir_all(dir.transport_root(name));
-    for file in shared_files(dir, name) {
+    for file in shared_files(&dir.shm_prefix(name)) {
         let _ = fs::remove_file(file.path());
     }
     Ok(())
@@ -44,7 +44,7 @@ const HOLLOW_AFTER: Duration = Duration::from_secs(1);
 /// Removes files of length 0. The transport waits for such a file without end; a missing file is an
 /// error that it handles.
 pub fn remove_hollow_files(dir: &RuntimeDir, name: &InstanceName) {
-    for file in shared_files(dir, name) {
+    for file in shared_files(&dir.shm_prefix(name)) {
         let is_hollow = file.metadata().is_ok_and(|data| {
             let age = data.modified().ok().and_then(|at| at.elapsed().ok());
             data.len() == 0 && age.is_some_and(|age| age > HOLLOW_AFTER)
@@ -58,15 +58,5 @@ pub fn remove_hollow_files(dir: &RuntimeDir, name: &InstanceName) {
 
 /// The file in shared memory with the messages of a port, if it is there.
 pub fn segment_file(dir: &RuntimeDir, name: &InstanceName, port: u128) -> Option<PathBuf> {
-    let ending = format!("_{port}.data");
-    let mut paths = shared_files(dir, name).map(|file| file.path());
-    paths.find(|path| path.to_str().is_some_and(|path| path.ends_with(&ending)))
-}
-
-fn shared_files(dir: &RuntimeDir, name: &InstanceName) -> impl Iterator<Item = fs::DirEntry> {
-    let prefix = dir.shm_prefix(name);
-    let is_ours = move |file: &fs::DirEntry| {
-        file.file_name().to_str().is_some_and(|f| f.starts_with(&prefix))
-    };
-    fs::read_dir(SHM_DIR).into_iter().flatten().flatten().filter(is_ours)
+    segment_files(&dir.shm_prefix(name), port).next().map(|file| file.path())
 }

@@ -9,7 +9,6 @@
 
 use std::time::{Duration, Instant};
 
-use iceoryx2::service::ipc_threadsafe;
 use pairmask_wire::{PAGE_BYTES, RequestHeader};
 
 use crate::loans::assume_response_pages;
@@ -71,7 +70,7 @@ impl FreeChunks {
     /// # Errors
     /// [`TransportError`].
     pub fn of(
-        services: &Services<ipc_threadsafe::Service>,
+        services: &Services,
         server: &Server,
         chunk_bytes: u64,
         others: &mut Vec<ActiveRequest>,
@@ -103,7 +102,9 @@ impl FreeChunks {
     /// in a turn at the port.
     pub fn take(&self, look: impl Fn(usize) -> ChunkLook) -> Option<FreeChunk> {
         // The transport writes to the first page of the chunk that it lends, and the last one may be new.
-        room::for_page().ok()?;
+        if !room::has_page() {
+            return None;
+        }
         let mut others = Vec::new();
         let mut wanted = None;
         while let Some(chunk) = self.lend() {
@@ -127,7 +128,7 @@ impl FreeChunks {
     /// called in a turn.
     pub fn put_below(&self, chunk: FreeChunk, look: impl Fn(usize) -> ChunkLook) {
         let mut others = Vec::new();
-        if room::for_page().is_ok() {
+        if room::has_page() {
             while let Some(other) = self.lend() {
                 let is_last = look(other.address()) == ChunkLook::Unused;
                 others.push(other);

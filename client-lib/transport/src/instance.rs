@@ -17,7 +17,7 @@ use pairmask_wire::{InstanceError, InstanceName, Version};
 use rustix::fs::{FlockOperation, flock};
 
 use crate::trust::{
-    Others, check_directory, check_file, io_error, open_plain, read_own, replace_own,
+    Others, check_directory, check_file, io_error, is_own, open_plain, read_own, replace_own,
 };
 
 /// The directory that holds a user's instances.
@@ -44,6 +44,22 @@ pub(super) const SHM_DIR: &str = "/dev/shm";
 
 /// Bytes of a record that are read. A record is three short lines; a longer file is no record.
 pub(super) const RECORD_BYTES: u64 = 256;
+
+/// Files in shared memory whose names begin so.
+pub(super) fn shared_files(prefix: &str) -> impl Iterator<Item = fs::DirEntry> {
+    let is_so = move |file: &fs::DirEntry| {
+        file.file_name().as_encoded_bytes().starts_with(prefix.as_bytes())
+    };
+    fs::read_dir(SHM_DIR).into_iter().flatten().flatten().filter(is_so)
+}
+
+/// As [`shared_files`], those with the messages of a port.
+pub(super) fn segment_files(prefix: &str, port: u128) -> impl Iterator<Item = fs::DirEntry> {
+    let ending = format!("_{port}.data");
+    let is_so =
+        move |file: &fs::DirEntry| file.file_name().as_encoded_bytes().ends_with(ending.as_bytes());
+    shared_files(prefix).filter(is_so)
+}
 
 impl RuntimeDir {
     /// A directory of the caller's choice.
@@ -161,22 +177,15 @@ impl RuntimeDir {
     /// # Errors
     /// [`InstanceError`].
     pub fn check_shared_files(&self, name: &InstanceName) -> Result<(), InstanceError> {
-        let prefix = self.shm_prefix(name);
-        let own = rustix::process::geteuid().as_raw();
-        for entry in fs::read_dir(SHM_DIR).into_iter().flatten().flatten() {
-            if !entry.file_name().as_encoded_bytes().starts_with(prefix.as_bytes()) {
-                continue;
-            }
+        for file in shared_files(&self.shm_prefix(name)) {
             // The file was removed meanwhile.
-            let Ok(data) = entry.metadata() else { continue };
-            if data.uid() != own {
-                return Err(InstanceError::Foreign { path: entry.path(), owner: data.uid() });
+            let Ok(data) = file.metadata() else { continue };
+            let path = file.path();
+            if !is_own(&data) {
+                return Err(InstanceError::Foreign { path, owner: data.uid() });
             }
             if !data.is_file() {
-                return Err(InstanceError::NotPlain {
-                    path: entry.path(),
-                    expected: "a plain file",
-                });
+                return Err(InstanceError::NotPlain { path, expected: "a plain file" });
             }
         }
         Ok(())

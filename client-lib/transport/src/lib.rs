@@ -39,10 +39,10 @@ pub use process_limits::{LimitError, address_space_left, no_files_left, raise_fi
 pub use room::PopulateError;
 pub use segment::{Segment, SegmentFiles};
 pub use services::{
-    ActiveRequest, Client, ClientNode, ClientPort, DaemonNode, FRAMES_AT_A_TIME, JANITOR_INTERVAL,
-    Limits, OpenError, PORTS_PER_CLIENT, PendingResponse, RequestLoan, ResponseLoan,
-    ResponseSample, Sender, Server, Services, TransportError, WakeClient, WakeDaemon,
-    listener_name, quiet_transport_log,
+    ActiveRequest, Client, ClientPort, DaemonNode, FRAMES_AT_A_TIME, JANITOR_INTERVAL, Limits,
+    OpenError, PORTS_PER_CLIENT, PendingResponse, RequestLoan, ResponseLoan, ResponseSample,
+    Sender, Server, Services, TransportError, WakeClient, WakeDaemon, listener_name,
+    quiet_transport_log,
 };
 pub use status_file::{GpuCounts, StatusFile};
 pub use turn::PortTurn;

@@ -48,21 +48,10 @@ impl Populated {
     /// # Errors
     /// As [`populate`].
     pub fn ensure<T>(&mut self, chunk: &mut [T]) -> Result<(), PopulateError> {
-        let known_bytes = self.known_bytes(chunk);
-        populate_beyond(chunk, known_bytes)?;
-        self.note(chunk);
+        let known_bytes = self.bytes_at.entry(chunk.as_ptr() as usize).or_default();
+        populate_beyond(chunk, *known_bytes)?;
+        *known_bytes = size_of_val(chunk).max(*known_bytes);
         Ok(())
-    }
-
-    /// Bytes that are known to be populated of the chunk at this address.
-    fn known_bytes<T>(&self, chunk: &[T]) -> usize {
-        self.bytes_at.get(&(chunk.as_ptr() as usize)).copied().unwrap_or(0)
-    }
-
-    /// Notes that a chunk is populated.
-    fn note<T>(&mut self, chunk: &[T]) {
-        let bytes = self.bytes_at.entry(chunk.as_ptr() as usize).or_default();
-        *bytes = size_of_val(chunk).max(*bytes);
     }
 }
 

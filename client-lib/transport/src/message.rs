@@ -50,10 +50,19 @@ impl Payload {
     }
 }
 
-/// Whether the transport's header and the user header, which follows it, lie within the segment.
-fn are_headers_within<T, H>(header: *const T, user_header: *const H, segment: &Segment) -> bool {
-    let (start, end) = (header as usize, user_header as usize + size_of::<H>());
-    end.checked_sub(start).is_some_and(|bytes| segment.holds(start, bytes))
+/// Copies the transport's header and the user header behind it, and checks the payload. `None` where the headers lie
+/// outside of the segment.
+fn copied<T: PayloadHeader + Copy, H: Copy>(
+    (sent, user): (*const T, *const H),
+    segment: &Segment,
+) -> Option<(T, H, Payload)> {
+    let (start, end) = (sent as usize, user as usize + size_of::<H>());
+    end.checked_sub(start).filter(|bytes| segment.holds(start, *bytes))?;
+    // SAFETY: both lie within a mapped segment, as was checked, and any bytes are valid headers.
+    // The sender may write to them: volatile, so that they are read once and no more.
+    let (sent, header) = unsafe { (sent.read_volatile(), user.read_volatile()) };
+    let payload = Payload::behind(user, sent.number_of_elements(), segment);
+    Some((sent, header, payload))
 }
 
 /// A request that was checked. Its header is a copy and its length is fixed, whatever its sender
@@ -87,18 +96,13 @@ impl CheckedRequest {
     /// [`ForgedRequest`] where the headers lie outside of the segment, or name another client than
     /// the sender.
     pub fn new(request: ActiveRequest, segment: &Segment) -> Result<Self, ForgedRequest> {
-        let (sent, user) = (ptr::from_ref(request.header()), ptr::from_ref(request.user_header()));
-        if !are_headers_within(sent, user, segment) {
-            return Err(ForgedRequest { request });
+        let headers = (ptr::from_ref(request.header()), ptr::from_ref(request.user_header()));
+        match copied(headers, segment) {
+            Some((sent, header, payload)) if sent.client_id() == request.origin() => {
+                Ok(Self { request, header, payload })
+            }
+            _ => Err(ForgedRequest { request }),
         }
-        // SAFETY: both lie within a mapped segment, as was checked, and any bytes are valid headers.
-        // The sender may write to them: volatile, so that they are read once and no more.
-        let (sent, header) = unsafe { (sent.read_volatile(), user.read_volatile()) };
-        if sent.client_id() != request.origin() {
-            return Err(ForgedRequest { request });
-        }
-        let payload = Payload::behind(user, sent.number_of_elements(), segment);
-        Ok(Self { request, header, payload })
     }
 
     /// The copied header.
@@ -139,13 +143,8 @@ impl CheckedResponse {
     /// Checks a response against the daemon's segment, and copies its header. A payload that leaves the
     /// segment counts as empty. `None` where the headers lie outside of the segment.
     pub fn new(sample: ResponseSample, segment: &Segment) -> Option<(ResponseHeader, Self)> {
-        let (sent, user) = (ptr::from_ref(sample.header()), ptr::from_ref(sample.user_header()));
-        if !are_headers_within(sent, user, segment) {
-            return None;
-        }
-        // SAFETY: as in `CheckedRequest::new`.
-        let (sent, header) = unsafe { (sent.read_volatile(), user.read_volatile()) };
-        let payload = Payload::behind(user, sent.number_of_elements(), segment);
+        let headers = (ptr::from_ref(sample.header()), ptr::from_ref(sample.user_header()));
+        let (_, header, payload) = copied(headers, segment)?;
         Some((header, Self { _sample: sample, payload }))
     }
 

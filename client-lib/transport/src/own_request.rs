@@ -124,8 +124,6 @@ impl Drop for SentRequest {
 
 #[cfg(test)]
 mod tests {
-    use iceoryx2::service::ipc_threadsafe;
-
     use super::*;
     use crate::loans::assume_response_pages;
     use crate::{
@@ -144,17 +142,15 @@ mod tests {
         }
     }
 
-    type Ports = Services<ipc_threadsafe::Service>;
-
     /// A server, and the services of a client, of a directory of their own.
-    fn with_services(what: &str, test: impl FnOnce(&Server, &Ports)) {
+    fn with_services(what: &str, test: impl FnOnce(&Server, &Services)) {
         let path = std::env::temp_dir().join(format!("pairmask-{what}-{}", std::process::id()));
         let (dir, name) = (RuntimeDir::at(&path), "own".parse().expect("a name"));
         dir.ensure().expect("a directory of our own");
         let limits = Limits::default();
-        let services = Ports::serve(&dir, &name, &limits).expect("served");
+        let services = Services::serve(&dir, &name, &limits).expect("served");
         let server = services.server(&limits, &std::sync::Arc::default()).expect("a server");
-        let client_side = Ports::connect(&dir, &name).expect("connected");
+        let client_side = Services::connect(&dir, &name).expect("connected");
         test(&server, &client_side);
         drop((client_side, server, services));
         clean_if_abandoned(&dir, &name).expect("no process is left");

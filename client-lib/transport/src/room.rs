@@ -51,25 +51,16 @@ fn check(bytes: u64, more: u64) -> Result<(), PopulateError> {
 }
 
 /// Checks that there is room for the ports of a client or a daemon.
-///
-/// # Errors
-/// [`PopulateError`].
 pub(super) fn for_ports() -> Result<(), PopulateError> {
     check(PORTS_BYTES, 0)
 }
 
-/// Checks that there is room for a page of a chunk's header, out of the reserve.
-///
-/// # Errors
-/// [`PopulateError`].
-pub(super) fn for_page() -> Result<(), PopulateError> {
-    check(PAGE_BYTES as u64, 0)
+/// Whether there is room for a page of a chunk's header, out of the reserve.
+pub(super) fn has_page() -> bool {
+    check(PAGE_BYTES as u64, 0).is_ok()
 }
 
 /// Checks that there is room for `bytes` bytes of boxes or masks beside the reserve.
-///
-/// # Errors
-/// [`PopulateError`].
 pub(super) fn for_payload(bytes: u64) -> Result<(), PopulateError> {
     check(bytes, RESERVE_BYTES)
 }

@@ -2,6 +2,7 @@
 //! agree.
 
 use std::hash::{BuildHasher, Hasher, RandomState};
+use std::mem::MaybeUninit;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
@@ -9,90 +10,69 @@ use std::time::Duration;
 use iceoryx2::config::Config;
 use iceoryx2::identifiers::UniqueNodeId;
 use iceoryx2::node::{Node, NodeBuilder, NodeCreationFailure};
-use iceoryx2::port::client::Client as IceoryxClient;
-use iceoryx2::port::listener::Listener;
-use iceoryx2::port::notifier::Notifier;
+use iceoryx2::port::listener::{Listener, ListenerCreateError};
+use iceoryx2::port::notifier::{Notifier, NotifierCreateError};
 use iceoryx2::port::port_name::PortName;
-use iceoryx2::port::server::Server as IceoryxServer;
-use iceoryx2::port::{DegradationAction, DegradationCause, DegradationInfo};
+use iceoryx2::port::{DegradationAction, DegradationCause, DegradationInfo, client, server};
 use iceoryx2::prelude::{
-    AllocationStrategy, BackpressureStrategy, FileName, Path, SemanticString, ServiceName,
-    SignalHandlingMode,
+    AllocationStrategy, BackpressureStrategy, CallbackProgression, FileName, Path, PortFactory,
+    SemanticString, ServiceName, SignalHandlingMode,
 };
-use iceoryx2::service::builder::event::EventOpenOrCreateError;
+use iceoryx2::service::builder::event::{EventOpenError, EventOpenOrCreateError};
+use iceoryx2::service::builder::request_response as requests;
 use iceoryx2::service::builder::request_response::{
     RequestResponseOpenError, RequestResponseOpenOrCreateError,
 };
+use iceoryx2::service::dynamic_config::request_response::ServerDetails;
+use iceoryx2::service::ipc_threadsafe;
 use iceoryx2::service::port_factory::client::ClientCreateError;
 use iceoryx2::service::port_factory::{event, request_response};
-use iceoryx2::service::{Service, ipc_threadsafe};
+use iceoryx2::{
+    active_request, pending_response, request_mut, request_mut_uninit, response, response_mut,
+    response_mut_uninit,
+};
 use pairmask_wire::{InstanceName, PAGE_BYTES, Page, RequestHeader, ResponseHeader};
 
-use crate::instance::{RuntimeDir, SHM_DIR};
+use crate::instance::{RuntimeDir, segment_files};
 use crate::process_limits::{self, LimitError};
 use crate::room;
 use crate::umask::with_own_umask;
 
-/// A node of a client. Sessions may move between threads.
-pub type ClientNode = Node<ipc_threadsafe::Service>;
-/// A node of the daemon, which serves from several threads.
-pub type DaemonNode = Node<ipc_threadsafe::Service>;
+/// The transport of both sides: sessions may move between threads, and the daemon serves from several.
+pub(super) type Ipc = ipc_threadsafe::Service;
+type Pages = [Page];
+type UninitPages = [MaybeUninit<Page>];
+
+/// A node of the daemon.
+pub type DaemonNode = Node<Ipc>;
 /// The daemon's end of the request service. Its threads take turns at it, see
 /// [`PortTurn`](crate::PortTurn).
-pub type Server =
-    IceoryxServer<ipc_threadsafe::Service, [Page], RequestHeader, [Page], ResponseHeader>;
+pub type Server = server::Server<Ipc, Pages, RequestHeader, Pages, ResponseHeader>;
 /// A request that the daemon has received.
-pub type ActiveRequest = iceoryx2::active_request::ActiveRequest<
-    ipc_threadsafe::Service,
-    [Page],
-    RequestHeader,
-    [Page],
-    ResponseHeader,
->;
+pub type ActiveRequest =
+    active_request::ActiveRequest<Ipc, Pages, RequestHeader, Pages, ResponseHeader>;
 /// Memory for a response, fresh from the port.
-pub(super) type UninitResponse = iceoryx2::response_mut_uninit::ResponseMutUninit<
-    ipc_threadsafe::Service,
-    [std::mem::MaybeUninit<Page>],
-    ResponseHeader,
->;
+pub(super) type UninitResponse =
+    response_mut_uninit::ResponseMutUninit<Ipc, UninitPages, ResponseHeader>;
 /// Memory for a response.
-pub type ResponseLoan =
-    iceoryx2::response_mut::ResponseMut<ipc_threadsafe::Service, [Page], ResponseHeader>;
+pub type ResponseLoan = response_mut::ResponseMut<Ipc, Pages, ResponseHeader>;
 /// A client's end of the request service.
-pub type ClientPort =
-    IceoryxClient<ipc_threadsafe::Service, [Page], RequestHeader, [Page], ResponseHeader>;
+pub type ClientPort = client::Client<Ipc, Pages, RequestHeader, Pages, ResponseHeader>;
 /// Memory for a request, fresh from the port.
-pub(super) type UninitRequest = iceoryx2::request_mut_uninit::RequestMutUninit<
-    ipc_threadsafe::Service,
-    [std::mem::MaybeUninit<Page>],
-    RequestHeader,
-    [Page],
-    ResponseHeader,
->;
+pub(super) type UninitRequest =
+    request_mut_uninit::RequestMutUninit<Ipc, UninitPages, RequestHeader, Pages, ResponseHeader>;
 /// Memory for a request.
-pub type RequestLoan = iceoryx2::request_mut::RequestMut<
-    ipc_threadsafe::Service,
-    [Page],
-    RequestHeader,
-    [Page],
-    ResponseHeader,
->;
+pub type RequestLoan = request_mut::RequestMut<Ipc, Pages, RequestHeader, Pages, ResponseHeader>;
 /// A request under way.
-pub type PendingResponse = iceoryx2::pending_response::PendingResponse<
-    ipc_threadsafe::Service,
-    [Page],
-    RequestHeader,
-    [Page],
-    ResponseHeader,
->;
+pub type PendingResponse =
+    pending_response::PendingResponse<Ipc, Pages, RequestHeader, Pages, ResponseHeader>;
 /// A response that the client has received.
-pub type ResponseSample =
-    iceoryx2::response::Response<ipc_threadsafe::Service, [Page], ResponseHeader>;
+pub type ResponseSample = response::Response<Ipc, Pages, ResponseHeader>;
 
-/// The listener by which clients wake the daemon.
-pub type WakeDaemon = Listener<ipc_threadsafe::Service>;
+/// The listener by which clients wake the daemon, or the daemon a client.
+pub type WakeDaemon = Listener<Ipc>;
 /// The notifier by which the daemon wakes clients.
-pub type WakeClient = Notifier<ipc_threadsafe::Service>;
+pub type WakeClient = Notifier<Ipc>;
 
 /// Limits of an instance. The daemon fixes them when it creates the services.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -154,7 +134,6 @@ const LOANS_A_REQUEST: usize = 1 << 24;
 /// Nodes of the daemon: the server's, the janitor's, and those of a predecessor not yet cleaned.
 const DAEMON_NODES: usize = 4;
 
-const REQUEST_SERVICE: &str = "pairmask/requests";
 const WAKE_DAEMON_SERVICE: &str = "pairmask/wake-daemon";
 const WAKE_CLIENT_SERVICE: &str = "pairmask/wake-client";
 
@@ -210,11 +189,11 @@ impl TransportError {
 
 /// The three services of an instance, opened or created by one node.
 #[derive(Debug)]
-pub struct Services<S: Service> {
-    requests: request_response::PortFactory<S, [Page], RequestHeader, [Page], ResponseHeader>,
-    wake_daemon: event::PortFactory<S>,
-    wake_client: event::PortFactory<S>,
-    node: Node<S>,
+pub struct Services {
+    requests: request_response::PortFactory<Ipc, Pages, RequestHeader, Pages, ResponseHeader>,
+    wake_daemon: event::PortFactory<Ipc>,
+    wake_client: event::PortFactory<Ipc>,
+    node: Node<Ipc>,
 }
 
 /// A client's ports.
@@ -223,9 +202,9 @@ pub struct Client {
     /// Sends requests.
     pub port: ClientPort,
     /// Wakes the daemon.
-    pub notifier: Notifier<ipc_threadsafe::Service>,
+    pub notifier: Notifier<Ipc>,
     /// Is woken by the daemon.
-    pub listener: Listener<ipc_threadsafe::Service>,
+    pub listener: Listener<Ipc>,
 }
 
 /// Limits the transport's log to the level in `IOX2_LOG_LEVEL`: a failed attempt to connect is an
@@ -254,30 +233,49 @@ pub(super) fn config(dir: &RuntimeDir, name: &InstanceName) -> Result<Config, Tr
     Ok(config)
 }
 
-impl<S: Service> Services<S> {
-    fn node(dir: &RuntimeDir, name: &InstanceName) -> Result<Node<S>, TransportError> {
-        NodeBuilder::new()
-            .config(&config(dir, name)?)
-            // The program handles signals, not the transport.
-            .signal_handling_mode(SignalHandlingMode::Disabled)
-            .create::<S>()
-            .map_err(|e: NodeCreationFailure| TransportError::new("creating a node", &e))
-    }
+fn node(dir: &RuntimeDir, name: &InstanceName) -> Result<Node<Ipc>, TransportError> {
+    NodeBuilder::new()
+        .config(&config(dir, name)?)
+        // The program handles signals, not the transport.
+        .signal_handling_mode(SignalHandlingMode::Disabled)
+        .create::<Ipc>()
+        .map_err(|e: NodeCreationFailure| TransportError::new("creating a node", &e))
+}
 
+fn service_name(name: &str) -> Result<ServiceName, TransportError> {
+    ServiceName::new(name).map_err(|e| TransportError::new("naming a service", &e))
+}
+
+/// The request service, as both sides want it.
+fn requests_of(
+    node: &Node<Ipc>,
+) -> Result<requests::Builder<Pages, RequestHeader, Pages, ResponseHeader, Ipc>, TransportError> {
+    Ok(node
+        .service_builder(&service_name("pairmask/requests")?)
+        .request_response::<Pages, Pages>()
+        .request_user_header::<RequestHeader>()
+        .response_user_header::<ResponseHeader>()
+        // Overflow would drop a frame; fire-and-forget would leave stale responses.
+        .enable_safe_overflow_for_requests(false)
+        .enable_safe_overflow_for_responses(false)
+        .enable_fire_and_forget_requests(false)
+        .max_active_requests_per_client(FRAMES_AT_A_TIME)
+        .max_loaned_requests(FRAMES_AT_A_TIME))
+}
+
+impl Services {
     /// The node that holds the services.
-    pub fn owner(&self) -> &Node<S> {
+    pub const fn owner(&self) -> &DaemonNode {
         &self.node
     }
 
     /// Number of clients that are connected.
     pub fn client_count(&self) -> usize {
-        use iceoryx2::prelude::PortFactory;
         self.wake_client.dynamic_config().number_of_listeners()
     }
 
     /// Calls `each` with the sender of every client port, but for those of its own node.
     pub fn for_each_sender(&self, mut each: impl FnMut(Sender)) {
-        use iceoryx2::prelude::{CallbackProgression, PortFactory};
         self.requests.dynamic_config().list_clients(|client| {
             if client.node_id == *self.node.id() {
                 return CallbackProgression::Continue;
@@ -293,7 +291,6 @@ impl<S: Service> Services<S> {
 
     /// The session whose listener is named by a client's token, if there is one.
     pub fn session_named(&self, client_token: u64) -> Option<u128> {
-        use iceoryx2::prelude::{CallbackProgression, PortFactory};
         let name = listener_name(client_token)?;
         let mut found = None;
         self.wake_client.dynamic_config().list_listeners(|listener| {
@@ -308,10 +305,13 @@ impl<S: Service> Services<S> {
 
     /// The process whose server port is registered, if there is one.
     pub fn serving_process(&self) -> Option<u32> {
-        use iceoryx2::prelude::{CallbackProgression, PortFactory};
+        self.of_server(|server| process_of(server.node_id))
+    }
+
+    fn of_server<T>(&self, of: impl Fn(&ServerDetails) -> Option<T>) -> Option<T> {
         let mut found = None;
         self.requests.dynamic_config().list_servers(|server| {
-            found = process_of(server.node_id);
+            found = of(server);
             CallbackProgression::Stop
         });
         found
@@ -335,13 +335,7 @@ fn skip_numbers(port: &ClientPort) {
     }
 }
 
-macro_rules! service_name {
-    ($name:expr) => {
-        ServiceName::new($name).map_err(|e| TransportError::new("naming a service", &e))?
-    };
-}
-
-impl Services<ipc_threadsafe::Service> {
+impl Services {
     /// A node for the janitor thread.
     ///
     /// # Errors
@@ -350,7 +344,7 @@ impl Services<ipc_threadsafe::Service> {
         dir: &RuntimeDir,
         name: &InstanceName,
     ) -> Result<DaemonNode, TransportError> {
-        Self::node(dir, name)
+        node(dir, name)
     }
 
     /// Creates the services, or takes over those of a daemon that died while clients live on.
@@ -364,22 +358,12 @@ impl Services<ipc_threadsafe::Service> {
     ) -> Result<Self, TransportError> {
         room::for_ports()
             .map_err(|full| TransportError { step: "making services", detail: full.to_string() })?;
-        let node = Self::node(dir, name)?;
+        let node = node(dir, name)?;
         let max_nodes = limits.max_clients + DAEMON_NODES;
-        let requests = node
-            .service_builder(&service_name!(REQUEST_SERVICE))
-            .request_response::<[Page], [Page]>()
-            .request_user_header::<RequestHeader>()
-            .response_user_header::<ResponseHeader>()
-            // Overflow would drop a frame; fire-and-forget would leave stale responses.
-            .enable_safe_overflow_for_requests(false)
-            .enable_safe_overflow_for_responses(false)
-            .enable_fire_and_forget_requests(false)
+        let requests = requests_of(&node)?
             .max_servers(1)
             .max_clients(limits.max_clients * PORTS_PER_CLIENT + OWN_PORTS)
             .max_nodes(max_nodes)
-            .max_active_requests_per_client(FRAMES_AT_A_TIME)
-            .max_loaned_requests(FRAMES_AT_A_TIME)
             .max_response_buffer_size(1)
             .max_borrowed_responses_per_pending_response(1)
             .open_or_create()
@@ -387,7 +371,7 @@ impl Services<ipc_threadsafe::Service> {
                 TransportError::new("creating the request service", &e)
             })?;
         let event = |service: &str, notifiers, listeners| {
-            node.service_builder(&service_name!(service))
+            node.service_builder(&service_name(service)?)
                 .event()
                 .max_nodes(max_nodes)
                 .max_notifiers(notifiers)
@@ -473,10 +457,10 @@ pub struct Sender {
 }
 
 fn process_of(node: UniqueNodeId) -> Option<u32> {
-    u32::try_from(node.pid::<ipc_threadsafe::Service>().ok()?.value()).ok()
+    u32::try_from(node.pid::<Ipc>().ok()?.value()).ok()
 }
 
-impl Services<ipc_threadsafe::Service> {
+impl Services {
     /// Opens the services of a daemon.
     ///
     /// # Errors
@@ -485,42 +469,27 @@ impl Services<ipc_threadsafe::Service> {
         use RequestResponseOpenError as E;
         room::for_ports().map_err(|_| OpenError::OutOfMemory)?;
         let failed = |e: TransportError| OpenError::of_step(0, e.into());
-        let node = Self::node(dir, name).map_err(failed)?;
-        let requests = node
-            .service_builder(&service_name!(REQUEST_SERVICE))
-            .request_response::<[Page], [Page]>()
-            .request_user_header::<RequestHeader>()
-            .response_user_header::<ResponseHeader>()
-            .enable_safe_overflow_for_requests(false)
-            .enable_safe_overflow_for_responses(false)
-            .enable_fire_and_forget_requests(false)
-            .max_active_requests_per_client(FRAMES_AT_A_TIME)
-            .max_loaned_requests(FRAMES_AT_A_TIME)
-            .open()
-            .map_err(|e| match e {
-                E::DoesNotExist => OpenError::NotServed,
-                E::HangsInCreation => OpenError::of_step(0, OpenError::Gone),
-                E::ExceedsMaxNumberOfNodes => OpenError::TooManyClients,
-                E::IncompatibleRequestOrResponseType
-                | E::VersionMismatch
-                | E::IncompatibleOverflowBehaviorForRequests
-                | E::IncompatibleOverflowBehaviorForResponses
-                | E::IncompatibleBehaviorForFireAndForgetRequests
-                | E::DoesNotSupportRequestedAmountOfClientRequestLoans
-                | E::DoesNotSupportRequestedAmountOfActiveRequestsPerClient => {
-                    OpenError::Incompatible
-                }
-                other => failed(TransportError::new("opening the request service", &other)),
-            })?;
+        let node = node(dir, name).map_err(failed)?;
+        let requests = requests_of(&node)?.open().map_err(|e| match e {
+            E::DoesNotExist => OpenError::NotServed,
+            E::HangsInCreation => OpenError::of_step(0, OpenError::Gone),
+            E::ExceedsMaxNumberOfNodes => OpenError::TooManyClients,
+            E::IncompatibleRequestOrResponseType
+            | E::VersionMismatch
+            | E::IncompatibleOverflowBehaviorForRequests
+            | E::IncompatibleOverflowBehaviorForResponses
+            | E::IncompatibleBehaviorForFireAndForgetRequests
+            | E::DoesNotSupportRequestedAmountOfClientRequestLoans
+            | E::DoesNotSupportRequestedAmountOfActiveRequestsPerClient => OpenError::Incompatible,
+            other => failed(TransportError::new("opening the request service", &other)),
+        })?;
         let event = |service: &str| -> Result<_, OpenError> {
-            node.service_builder(&service_name!(service)).event().open().map_err(|e| {
-                use iceoryx2::service::builder::event::EventOpenError as E;
-                match e {
-                    E::DoesNotExist => OpenError::NotServed,
-                    E::HangsInCreation => OpenError::of_step(0, OpenError::Gone),
-                    E::ExceedsMaxNumberOfNodes => OpenError::TooManyClients,
-                    other => failed(TransportError::new("opening a wake-up service", &other)),
-                }
+            let opened = node.service_builder(&service_name(service)?).event().open();
+            opened.map_err(|e| match e {
+                EventOpenError::DoesNotExist => OpenError::NotServed,
+                EventOpenError::HangsInCreation => OpenError::of_step(0, OpenError::Gone),
+                EventOpenError::ExceedsMaxNumberOfNodes => OpenError::TooManyClients,
+                other => failed(TransportError::new("opening a wake-up service", &other)),
             })
         };
         let wake_daemon = event(WAKE_DAEMON_SERVICE)?;
@@ -572,18 +541,10 @@ impl Services<ipc_threadsafe::Service> {
 
     /// Bytes of the daemon's segment for answers, which a client maps as a whole; 0 where it is gone.
     fn answers_bytes(&self) -> u64 {
-        use iceoryx2::prelude::{CallbackProgression, PortFactory};
-        let mut bytes = 0;
-        self.requests.dynamic_config().list_servers(|server| {
-            let ending = format!("_{}.data", server.server_id.value());
-            let files = std::fs::read_dir(SHM_DIR).into_iter().flatten().flatten();
-            let of_it = |file: &std::fs::DirEntry| {
-                file.file_name().to_str().is_some_and(|name| name.ends_with(&ending))
-            };
-            bytes = files.filter(of_it).filter_map(|file| Some(file.metadata().ok()?.len())).sum();
-            CallbackProgression::Stop
-        });
-        bytes
+        let port = self.of_server(|server| Some(server.server_id.value()));
+        let bytes =
+            |port| segment_files("", port).filter_map(|f| Some(f.metadata().ok()?.len())).sum();
+        port.map_or(0, bytes)
     }
 
     /// All ports of a client.
@@ -591,8 +552,6 @@ impl Services<ipc_threadsafe::Service> {
     /// # Errors
     /// [`OpenError`].
     pub fn client(&self, client_token: u64, max_pages: usize) -> Result<Client, OpenError> {
-        use iceoryx2::port::listener::ListenerCreateError;
-        use iceoryx2::port::notifier::NotifierCreateError;
         let failed = |e: TransportError| OpenError::of_step(0, e.into());
         let name = listener_name(client_token)
             .ok_or_else(|| TransportError::new("naming the listener", &client_token))?;

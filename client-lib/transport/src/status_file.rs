@@ -25,11 +25,12 @@ pub struct StatusFile {
     /// Length of this struct, bytes; a later version may be longer.
     bytes: u32,
     noted_at_ns: u64,
-    body: StatusBody,
-    /// Zero where an earlier version wrote the file.
-    skips: SkipTotals,
-    /// As `skips`.
-    gpus: GpuCounts,
+    /// The daemon's status.
+    pub body: StatusBody,
+    /// Work that its answers left out; zero where an earlier version wrote the file.
+    pub skips: SkipTotals,
+    /// Its GPUs; as `skips`.
+    pub gpus: GpuCounts,
 }
 
 /// The GPUs of a daemon.
@@ -60,21 +61,6 @@ impl StatusFile {
     pub fn now(body: StatusBody, skips: SkipTotals, gpus: GpuCounts) -> Self {
         let bytes = size_of::<Self>() as u32;
         Self { magic: MAGIC, bytes, noted_at_ns: now_ns(), body, skips, gpus }
-    }
-
-    /// The daemon's GPUs.
-    pub const fn gpus(&self) -> GpuCounts {
-        self.gpus
-    }
-
-    /// The daemon's status.
-    pub const fn body(&self) -> &StatusBody {
-        &self.body
-    }
-
-    /// Work that the daemon's answers left out.
-    pub const fn skips(&self) -> &SkipTotals {
-        &self.skips
     }
 
     fn parse(bytes: &[u8]) -> Option<Self> {
@@ -151,8 +137,8 @@ mod tests {
         assert_eq!(StatusFile::parse(&earlier), None, "cut short");
         earlier[4..8].copy_from_slice(&(FIRST_BYTES as u32).to_le_bytes());
         let parsed = StatusFile::parse(&earlier).unwrap();
-        assert_eq!((parsed.body().frames, parsed.skips()), (7, &SkipTotals::default()));
+        assert_eq!((parsed.body.frames, parsed.skips), (7, SkipTotals::default()));
         let parsed = StatusFile::parse(&[&earlier[..], &[1; 64]].concat()).unwrap();
-        assert_eq!(parsed.skips(), &SkipTotals::default(), "what follows is not the file's");
+        assert_eq!(parsed.skips, SkipTotals::default(), "what follows is not the file's");
     }
 }

@@ -38,7 +38,7 @@ impl Others {
 
 /// Whether a file is owned by the process's effective user. Root's files are no exception: only
 /// root uses them.
-fn is_own(data: &Metadata) -> bool {
+pub(super) fn is_own(data: &Metadata) -> bool {
     data.uid() == rustix::process::geteuid().as_raw()
 }
 
@@ -54,9 +54,6 @@ fn check(path: &Path, data: &Metadata, others: Others) -> Result<(), InstanceErr
 }
 
 /// Checks that a path is a directory and no link, and that it is the user's own.
-///
-/// # Errors
-/// [`InstanceError`], [`InstanceError::Io`] where there is none.
 pub(super) fn check_directory(path: &Path, others: Others) -> Result<(), InstanceError> {
     let data = fs::symlink_metadata(path).map_err(io_error(path))?;
     if data.is_symlink() && !is_own(&data) {
@@ -69,9 +66,6 @@ pub(super) fn check_directory(path: &Path, others: Others) -> Result<(), Instanc
 }
 
 /// Checks that an open file is a plain one with one name at most, and that it is the user's own.
-///
-/// # Errors
-/// [`InstanceError`].
 pub(super) fn check_file(path: &Path, file: &File, others: Others) -> Result<(), InstanceError> {
     let data = file.metadata().map_err(io_error(path))?;
     check(path, &data, others)?;
@@ -83,9 +77,6 @@ pub(super) fn check_file(path: &Path, file: &File, others: Others) -> Result<(),
 }
 
 /// Opens a file by `options`, follows no link, and does not wait for the other end of a pipe.
-///
-/// # Errors
-/// [`InstanceError`].
 pub(super) fn open_plain(path: &Path, options: &mut OpenOptions) -> Result<File, InstanceError> {
     let flags = OFlags::NOFOLLOW | OFlags::CLOEXEC | OFlags::NONBLOCK;
     options.custom_flags(flags.bits() as i32).open(path).map_err(|error| {
@@ -98,9 +89,6 @@ pub(super) fn open_plain(path: &Path, options: &mut OpenOptions) -> Result<File,
 }
 
 /// Reads a small file of the user's own; `None` where there is none.
-///
-/// # Errors
-/// [`InstanceError`].
 pub(super) fn read_own(path: &Path, most: u64) -> Result<Option<Vec<u8>>, InstanceError> {
     let file = match open_plain(path, OpenOptions::new().read(true)) {
         Ok(file) => file,
@@ -124,9 +112,6 @@ pub(super) fn read_own(path: &Path, most: u64) -> Result<Option<Vec<u8>>, Instan
 }
 
 /// Replaces a small file in one step. All users may read it.
-///
-/// # Errors
-/// [`InstanceError`].
 pub(super) fn replace_own(new: &Path, path: &Path, bytes: &[u8]) -> Result<(), InstanceError> {
     use std::io::Write;
     let mut options = OpenOptions::new();

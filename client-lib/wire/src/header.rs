@@ -117,7 +117,7 @@ impl RequestHeader {
         if found == 0 {
             return Ok(EngineChoice::Auto);
         }
-        EngineName::from_wire(found).map(EngineChoice::Only).ok_or(Reject::Engine { found })
+        EngineName::from_wire(found).map(EngineChoice::Only).ok_or(Reject::Engine(found))
     }
 }
 

@@ -7,6 +7,7 @@
 //! form.
 
 mod header;
+mod mask;
 mod name;
 mod page;
 mod pages;
@@ -22,10 +23,7 @@ mod status_code;
 pub use header::{Operation, RequestHeader};
 pub use name::{InstanceError, InstanceName};
 pub use page::{PAGE_BYTES, Page, page_count};
-pub use pages::{
-    box_slice_in, boxes_in, boxes_in_mut, bytes_in_mut, objects_in, spheres_in, spheres_in_mut,
-    words_in, words_in_mut,
-};
+pub use pages::{bytes_in_mut, items_in, items_in_mut, words_in, words_in_mut};
 pub use reject::Reject;
 pub use reply::{Reply, ReplyError, ReplyFields, ResponseHeader, response_error, response_ok};
 pub use request::{CullRequest, Request, ScenePlace};

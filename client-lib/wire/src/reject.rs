@@ -6,42 +6,24 @@ use crate::{REQUEST_MAGIC, Version};
 /// Why a request is refused, before any box is read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Reject {
-    /// Not a pairmask request.
-    #[error("the request's magic is {found:#010x}, not {REQUEST_MAGIC:#010x}")]
-    Magic {
-        /// What stood there.
-        found: u32,
-    },
-    /// Another major version.
-    #[error("the request speaks wire version {found}, this daemon {}", Version::CURRENT)]
-    Version {
-        /// The client's version.
-        found: Version,
-    },
+    /// Not a pairmask request, by this magic.
+    #[error("the request's magic is {0:#010x}, not {REQUEST_MAGIC:#010x}")]
+    Magic(u32),
+    /// Another major version: the client's.
+    #[error("the request speaks wire version {0}, this daemon {own}", own = Version::CURRENT)]
+    Version(Version),
     /// No such operation.
-    #[error("unknown operation {found}")]
-    Operation {
-        /// What stood there.
-        found: u32,
-    },
+    #[error("unknown operation {0}")]
+    Operation(u32),
     /// No such engine.
-    #[error("unknown engine {found}")]
-    Engine {
-        /// What stood there.
-        found: u32,
-    },
+    #[error("unknown engine {0}")]
+    Engine(u32),
     /// No such encoding.
-    #[error("unknown encoding {found}")]
-    Encoding {
-        /// What stood there.
-        found: u32,
-    },
+    #[error("unknown encoding {0}")]
+    Encoding(u32),
     /// A required section of a kind that this build does not know.
-    #[error("unknown required section {found}")]
-    UnknownSection {
-        /// The kind.
-        found: u32,
-    },
+    #[error("unknown required section {0}")]
+    UnknownSection(u32),
     /// The section of boxes or spheres is missing, doubled (in the same form or in two), of the
     /// wrong length or outside of the payload.
     #[error(
@@ -53,34 +35,25 @@ pub enum Reject {
         /// Bytes of the payload.
         payload_bytes: u64,
     },
-    /// The rules of a frame say what cannot be.
-    #[error("the {field} of a frame's rules is malformed")]
-    Rules {
-        /// The field.
-        field: &'static str,
-    },
+    /// A field of a frame's rules says what cannot be.
+    #[error("the {0} of a frame's rules is malformed")]
+    Rules(&'static str),
     /// The rules that a frame names are not kept.
     #[error("the frame's rules are not kept: they are to be sent again")]
     UnknownRules,
-    /// An edit of a scene says what cannot be.
-    #[error("the edit's {field} is malformed")]
-    Edit {
-        /// The field.
-        field: &'static str,
-    },
-    /// A query of a scene, or a frame of two sets, says what cannot be.
-    #[error("the query's {field} is malformed")]
-    Query {
-        /// The field.
-        field: &'static str,
-    },
+    /// A field of an edit of a scene says what cannot be.
+    #[error("the edit's {0} is malformed")]
+    Edit(&'static str),
+    /// A field of a query of a scene, or of a frame of two sets, says what cannot be.
+    #[error("the query's {0} is malformed")]
+    Query(&'static str),
 }
 
 impl Reject {
     /// The status of the response.
     pub const fn status(&self) -> StatusCode {
         match self {
-            Self::Version { .. } => StatusCode::VersionMismatch,
+            Self::Version(_) => StatusCode::VersionMismatch,
             Self::UnknownRules => StatusCode::UnknownRules,
             _ => StatusCode::BadRequest,
         }

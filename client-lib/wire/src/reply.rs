@@ -7,12 +7,11 @@ use pairmask_core::dispatch::StageTimes;
 use pairmask_core::engine::{
     Census, CullReport, EngineId, EngineName, NAMED_INVALID, PairSkips, SkipMeter,
 };
-use pairmask_core::mask::{Encoding, MaskShape};
+use pairmask_core::mask::Encoding;
 use pairmask_core::units::BoxCount;
 
-use crate::section::{
-    BadSections, SECTION_COUNT, Section, find_unknown, mask_sections, mask_shape,
-};
+use crate::mask::{mask_sections, mask_shape};
+use crate::section::{SECTION_COUNT, Section, find_unknown};
 use crate::status_code::StatusCode;
 use crate::{RESPONSE_MAGIC, VERSION_MAJOR, VERSION_MINOR};
 
@@ -225,11 +224,12 @@ impl Reply {
         payload_bytes: u64,
     ) -> Result<Self, ReplyError> {
         Self::check_envelope(header, asked)?;
-        let malformed = |field| ReplyError::Malformed { field };
         if header.box_count != asked.box_count.get() {
-            return Err(malformed("box count"));
+            return Err(ReplyError::Malformed { field: "box count" });
         }
-        let shape = parse_shape(header, asked.box_count, payload_bytes)?;
+        let unknown = ReplyError::UnknownEncoding { found: header.encoding };
+        let encoding = Encoding::from_wire(header.encoding).ok_or(unknown)?;
+        let shape = mask_shape(encoding, &header.sections, asked.box_count, payload_bytes)?;
         let [boxes, pairs, zero_words, unmoved, empty, axis] = header.skipped;
         let why = PairSkips::of_frame(unmoved, empty, axis).with_cells_of(pairs);
         let [ingest_ns, plan_ns, execute_ns, publish_ns, total_ns, ..] = header.stages_ns;
@@ -277,17 +277,4 @@ impl Reply {
             None => Err(ReplyError::UnknownStatus { found: header.status }),
         }
     }
-}
-
-fn parse_shape(
-    header: &ResponseHeader,
-    n: BoxCount,
-    payload_bytes: u64,
-) -> Result<MaskShape, ReplyError> {
-    let unknown = ReplyError::UnknownEncoding { found: header.encoding };
-    let encoding = Encoding::from_wire(header.encoding).ok_or(unknown)?;
-    mask_shape(encoding, &header.sections, n, payload_bytes).map_err(|error| match error {
-        BadSections::UnknownEncoding => unknown,
-        BadSections::Malformed(field) => ReplyError::Malformed { field },
-    })
 }

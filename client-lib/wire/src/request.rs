@@ -8,11 +8,10 @@ use pairmask_core::units::BoxCount;
 
 use crate::header::{Operation, RequestHeader, engine_number, thread_number, threads_of};
 use crate::page::Page;
-use crate::pages::objects_in;
 use crate::reject::Reject;
-use crate::rules::RulesPlace;
+use crate::rules::{PARTS, RulesPlace};
 use crate::scene::{JoinRequest, LeaseRequest, QueryRequest, SceneId, SceneRequest};
-use crate::section::{SECTION_COUNT, Section, SectionKind, slots};
+use crate::section::{SECTION_COUNT, Section, SectionKind, has, slots};
 use crate::{REQUEST_MAGIC, VERSION_MAJOR};
 
 /// Where the objects of a scene lie in a payload, and what they are. What else each object has for all
@@ -52,7 +51,7 @@ impl ScenePlace {
 
     /// The objects, or `None` where they are not all in the payload.
     pub fn objects_in(self, pages: &[Page]) -> Option<Objects<'_>> {
-        objects_in(pages, self.offset, self.form, self.count)
+        Objects::new(self.form, self.section().bytes_in(pages)?)
     }
 }
 
@@ -165,18 +164,18 @@ impl Request {
     /// [`Reject`] with the first thing that is wrong.
     pub fn parse(header: &RequestHeader, payload_bytes: u64) -> Result<Self, Reject> {
         if header.magic != REQUEST_MAGIC {
-            return Err(Reject::Magic { found: header.magic });
+            return Err(Reject::Magic(header.magic));
         }
         if header.version_major != VERSION_MAJOR {
-            return Err(Reject::Version { found: header.version() });
+            return Err(Reject::Version(header.version()));
         }
         let unknown = |s: &&Section| {
             s.is_used() && s.flags & Section::REQUIRED != 0 && !is_known(s, header.operation)
         };
         if let Some(section) = header.sections.iter().find(unknown) {
-            return Err(Reject::UnknownSection { found: section.kind });
+            return Err(Reject::UnknownSection(section.kind));
         }
-        let unknown = Reject::Operation { found: header.operation };
+        let unknown = Reject::Operation(header.operation);
         let scene = SceneId(header.scene);
         match bytemuck::checked::try_cast(header.operation).map_err(|_| unknown)? {
             Operation::Status => Ok(Self::Status),
@@ -210,7 +209,7 @@ impl Request {
         let encoding = match header.encoding {
             0 => EncodingChoice::Auto,
             found => {
-                EncodingChoice::Only(Encoding::from_wire(found).ok_or(Reject::Encoding { found })?)
+                EncodingChoice::Only(Encoding::from_wire(found).ok_or(Reject::Encoding(found))?)
             }
         };
         let box_count = BoxCount::new(header.box_count);
@@ -221,22 +220,21 @@ impl Request {
         }
         let offset = usize::try_from(section.offset).map_err(|_| wrong)?;
         let rules = RulesPlace::find(&header.sections, box_count, payload_bytes)?;
-        let is_kept = |section: &Section| section.kind == SectionKind::KeptRules as u32;
-        let are_kept = header.sections.iter().any(is_kept);
+        let are_kept = has(&header.sections, SectionKind::KeptRules);
         let has_rules = rules.is_some() || are_kept;
         let rules_number = if has_rules { header.revision } else { 0 };
         if are_kept && (rules.is_some() || rules_number == 0) {
-            return Err(Reject::Rules { field: "number" });
+            return Err(Reject::Rules("number"));
         }
         let are_spheres = form == ObjectForm::Spheres;
         if has_rules && are_spheres {
-            return Err(Reject::Rules { field: "form of objects" });
+            return Err(Reject::Rules("form of objects"));
         }
         if let Some(first) = first_set {
             let wrong =
                 [(are_spheres, "form"), (has_rules, "rules"), (first > box_count, "first set")];
             if let Some((_, field)) = wrong.into_iter().find(|(is_wrong, _)| *is_wrong) {
-                return Err(Reject::Query { field });
+                return Err(Reject::Query(field));
             }
         }
         Ok(Self::Cull(CullRequest {
@@ -258,8 +256,8 @@ fn is_known(section: &Section, operation: u32) -> bool {
     let is_one_of = |operations: &[Operation]| operations.iter().any(|o| *o as u32 == operation);
     let is_of = |kinds: &[SectionKind]| kinds.iter().any(|kind| *kind as u32 == section.kind);
     form_of(section).is_some()
-        || is_one_of(&[Operation::Cull]) && is_of(&RulesPlace::KINDS)
-        || is_one_of(&[Operation::Cull]) && is_of(&[SectionKind::KeptRules])
+        || is_one_of(&[Operation::Cull])
+            && (is_of(&PARTS.map(|(kind, ..)| kind)) || is_of(&[SectionKind::KeptRules]))
         || is_one_of(&[Operation::EditScene, Operation::CommitShared])
             && is_of(&[SectionKind::SceneSteps, SectionKind::SceneIndices])
         || is_one_of(&[Operation::QueryScene]) && is_of(&[SectionKind::QueryTags])

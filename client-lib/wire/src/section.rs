@@ -1,12 +1,12 @@
 //! Sections: named byte ranges of a payload.
 
-use bytemuck::{CheckedBitPattern, Pod, Zeroable};
+use bytemuck::{AnyBitPattern, CheckedBitPattern, Pod, Zeroable};
 #[cfg(feature = "transport")]
 use iceoryx2::prelude::ZeroCopySend;
-use pairmask_core::mask::{Encoding, MaskShape, Span};
+use pairmask_core::bytes;
+use pairmask_core::mask::Span;
 use pairmask_core::objects::ObjectForm;
 use pairmask_core::precision::BoxForm;
-use pairmask_core::units::BoxCount;
 
 use crate::page::Page;
 
@@ -116,6 +116,16 @@ impl Section {
         Self { kind: kind as u32, flags: Self::REQUIRED, offset, bytes }
     }
 
+    /// The same of a span of words.
+    pub(crate) const fn of_words(kind: SectionKind, span: Span) -> Self {
+        Self::required(kind, 4 * span.start, 4 * span.len)
+    }
+
+    /// The words that begin in the section.
+    pub(crate) const fn span(&self) -> Span {
+        Span { start: self.offset / 4, len: self.bytes.div_ceil(4) }
+    }
+
     /// Whether the slot is in use.
     pub const fn is_used(&self) -> bool {
         self.kind != 0
@@ -127,11 +137,24 @@ impl Section {
         all.get(usize::try_from(self.offset).ok()?..)?.get(..usize::try_from(self.bytes).ok()?)
     }
 
-    /// Writes bytes to where the section begins. Returns `false` where the pages are too few.
-    pub(crate) fn put(&self, from: &[u8], pages: &mut [Page]) -> bool {
+    /// The items of the section; `None` where they are not whole, or not all in the payload.
+    pub(crate) fn items_in<'a, T: AnyBitPattern>(&self, pages: &'a [Page]) -> Option<&'a [T]> {
+        bytemuck::try_cast_slice(self.bytes_in(pages)?).ok()
+    }
+
+    /// As [`items_in`](Self::items_in), to be written.
+    pub(crate) fn items_in_mut<'a, T: Pod>(&self, pages: &'a mut [Page]) -> Option<&'a mut [T]> {
+        let all: &mut [u8] = bytemuck::cast_slice_mut(pages);
+        let all = all.get_mut(usize::try_from(self.offset).ok()?..)?;
+        bytemuck::try_cast_slice_mut(all.get_mut(..usize::try_from(self.bytes).ok()?)?).ok()
+    }
+
+    /// Writes bytes to where the section begins, where they `are_many` on the calling thread's pool. Returns `false`
+    /// where the pages are too few.
+    pub(crate) fn put(&self, from: &[u8], pages: &mut [Page], are_many: bool) -> bool {
         let all: &mut [u8] = bytemuck::cast_slice_mut(pages);
         let place = all.get_mut(self.offset as usize..).and_then(|to| to.get_mut(..from.len()));
-        place.map(|to| to.copy_from_slice(from)).is_some()
+        place.map(|to| bytes::copy(from, to, are_many)).is_some()
     }
 
     /// Whether the range lies within a payload and is aligned for u32 words.
@@ -148,11 +171,22 @@ pub(crate) fn slots(used: impl IntoIterator<Item = Section>) -> [Section; SECTIO
     sections
 }
 
-/// The one section of `kind`, or `None` where it is missing or named twice.
-pub(crate) fn find(sections: &[Section; SECTION_COUNT], kind: SectionKind) -> Option<Section> {
-    let mut found = sections.iter().filter(|s| s.kind == kind as u32);
-    let first = found.next()?;
-    found.next().is_none().then_some(*first)
+/// Whether there is a section of `kind`.
+pub(crate) fn has(sections: &[Section; SECTION_COUNT], kind: SectionKind) -> bool {
+    sections.iter().any(|section| section.kind == kind as u32)
+}
+
+/// The one section of `kind`, or `None` where it is missing or named twice, leaves the payload, or holds other than
+/// whole items of so many bytes.
+pub(crate) fn find(
+    sections: &[Section; SECTION_COUNT],
+    kind: SectionKind,
+    item_bytes: u64,
+    payload_bytes: u64,
+) -> Option<Section> {
+    let mut found = sections.iter().filter(|section| section.kind == kind as u32);
+    let only = found.next().filter(|_| found.next().is_none())?;
+    (only.fits(payload_bytes) && only.bytes.is_multiple_of(item_bytes)).then_some(*only)
 }
 
 /// The first required section of a kind that this build does not know.
@@ -161,100 +195,4 @@ pub(crate) fn find_unknown(sections: &[Section; SECTION_COUNT]) -> Option<u32> {
         s.is_used() && s.flags & Section::REQUIRED != 0 && SectionKind::from_wire(s.kind).is_none()
     };
     sections.iter().find(is_unknown).map(|s| s.kind)
-}
-
-pub(crate) fn mask_sections(shape: &MaskShape) -> [Section; SECTION_COUNT] {
-    let section = |(kind, span): (_, Span)| Section::required(kind, 4 * span.start, 4 * span.len);
-    match *shape {
-        MaskShape::Dense { words } => slots([(SectionKind::DenseWords, words)].map(section)),
-        MaskShape::Sparse { rows, blocks, bits, order } => {
-            let words = [
-                (SectionKind::SparseRows, rows),
-                (SectionKind::SparseBlocks, blocks),
-                (SectionKind::SparseBits, bits),
-            ];
-            let order = order.map(|order| (SectionKind::Order, order));
-            slots(words.into_iter().chain(order).map(section))
-        }
-        MaskShape::List { pairs } => slots([(SectionKind::ListPairs, pairs)].map(section)),
-        // An encoding of the core that the wire contract does not have: readers find no mask.
-        _ => slots([]),
-    }
-}
-
-/// Why sections are refused as a mask.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum BadSections {
-    /// The wire contract does not have the encoding.
-    UnknownEncoding,
-    /// The section that is missing, doubled, of a wrong length or outside of the payload.
-    Malformed(&'static str),
-}
-
-/// Where the mask of `n` boxes lies in a payload, by sections that another process has written.
-pub(crate) fn mask_shape(
-    encoding: Encoding,
-    sections: &[Section; SECTION_COUNT],
-    n: BoxCount,
-    payload_bytes: u64,
-) -> Result<MaskShape, BadSections> {
-    let span = |kind, field| {
-        let section = find(sections, kind).ok_or(BadSections::Malformed(field))?;
-        if !section.bytes.is_multiple_of(4) || !section.fits(payload_bytes) {
-            return Err(BadSections::Malformed(field));
-        }
-        Ok(Span { start: section.offset / 4, len: section.bytes / 4 })
-    };
-    match encoding {
-        Encoding::Dense => {
-            let words = span(SectionKind::DenseWords, "dense words")?;
-            if words.len != n.dense_words() {
-                return Err(BadSections::Malformed("dense words"));
-            }
-            Ok(MaskShape::Dense { words })
-        }
-        Encoding::Sparse => {
-            let rows = span(SectionKind::SparseRows, "sparse rows")?;
-            let blocks = span(SectionKind::SparseBlocks, "sparse blocks")?;
-            let bits = span(SectionKind::SparseBits, "sparse bits")?;
-            if rows.len != blocks.len || rows.len != bits.len {
-                return Err(BadSections::Malformed("sparse word count"));
-            }
-            let has_order = sections.iter().any(|s| s.kind == SectionKind::Order as u32);
-            let order = has_order.then(|| span(SectionKind::Order, "order")).transpose()?;
-            if order.is_some_and(|order| order.len != u64::from(n.get())) {
-                return Err(BadSections::Malformed("order"));
-            }
-            Ok(MaskShape::Sparse { rows, blocks, bits, order })
-        }
-        Encoding::List => {
-            let pairs = span(SectionKind::ListPairs, "list pairs")?;
-            if !pairs.len.is_multiple_of(2) {
-                return Err(BadSections::Malformed("list pairs"));
-            }
-            Ok(MaskShape::List { pairs })
-        }
-        _ => Err(BadSections::UnknownEncoding),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn every_encoding_has_sections_that_are_read_as_they_were_written() {
-        let n = BoxCount::new(100);
-        for encoding in Encoding::ALL {
-            for with_order in [false, true] {
-                let shape = MaskShape::exact(encoding, n, 7, with_order);
-                let sections = mask_sections(&shape);
-                assert_eq!(find_unknown(&sections), None);
-                let payload_bytes = 4 * shape.extent_words();
-                assert_eq!(mask_shape(encoding, &sections, n, payload_bytes), Ok(shape));
-                let short = mask_shape(encoding, &sections, n, payload_bytes - 4);
-                assert!(matches!(short, Err(BadSections::Malformed(_))), "{encoding}");
-            }
-        }
-    }
 }

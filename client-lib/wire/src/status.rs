@@ -144,15 +144,13 @@ impl StatusBody {
         asked: &ReplyFields,
         payload: &[u8],
     ) -> Result<Self, ReplyError> {
-        let header = *header;
-        Reply::check_envelope(&header, asked)?;
-        let malformed = ReplyError::Malformed { field: "status body" };
-        let section = find(&header.sections, SectionKind::Status).ok_or(malformed)?;
-        if section.bytes != size_of::<Self>() as u64 || !section.fits(payload.len() as u64) {
-            return Err(malformed);
-        }
-        let start = section.offset as usize;
-        Ok(bytemuck::pod_read_unaligned(&payload[start..start + size_of::<Self>()]))
+        Reply::check_envelope(header, asked)?;
+        let (len, payload_bytes) = (size_of::<Self>(), payload.len() as u64);
+        find(&header.sections, SectionKind::Status, 1, payload_bytes)
+            .filter(|section| section.bytes == len as u64)
+            .and_then(|section| payload.get(section.offset as usize..)?.get(..len))
+            .map(bytemuck::pod_read_unaligned)
+            .ok_or(ReplyError::Malformed { field: "status body" })
     }
 }
 

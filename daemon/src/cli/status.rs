@@ -285,11 +285,11 @@ fn ask(dir: &RuntimeDir, name: &InstanceName, record: &DaemonRecord) -> Answer {
             return Answer::Dead;
         }
         let status = match dir.read_status(name) {
-            Ok(Some(status)) if status.body().pid == record.worker_pid => status,
+            Ok(Some(status)) if status.body.pid == record.worker_pid => status,
             Ok(_) => return ask_over_wire(dir, name),
             Err(error) => return Answer::Silent(None, error.to_string()),
         };
-        let (body, skips, gpus) = (*status.body(), *status.skips(), status.gpus());
+        let (body, skips, gpus) = (status.body, status.skips, status.gpus);
         let counters =
             Counters { body, skips, gpus, age: dir.status_age(name), cpu: cpu_of(body.pid) };
         if *before.get_or_insert(status) != status {

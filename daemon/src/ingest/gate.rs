@@ -3,7 +3,6 @@
 use std::collections::VecDeque;
 use std::sync::Arc;
 
-use iceoryx2::service::ipc_threadsafe;
 use pairmask_transport::{
     ActiveRequest, CheckedRequest, ForgedRequest, PortTurn, Segment, SegmentFiles, Sender, Server,
     Services,
@@ -31,7 +30,7 @@ struct Port {
 /// Lets requests in, or not.
 #[derive(Debug)]
 pub struct Gate {
-    services: Arc<Services<ipc_threadsafe::Service>>,
+    services: Arc<Services>,
     files: SegmentFiles,
     ports: Vec<Port>,
     /// Forged requests. Dropping one would tell the client that it names that its request has no
@@ -41,7 +40,7 @@ pub struct Gate {
 
 impl Gate {
     /// For the clients of these services, whose segments are those files.
-    pub fn new(services: Arc<Services<ipc_threadsafe::Service>>, files: SegmentFiles) -> Self {
+    pub fn new(services: Arc<Services>, files: SegmentFiles) -> Self {
         Self { services, files, ports: Vec::new(), forged: VecDeque::new() }
     }
 

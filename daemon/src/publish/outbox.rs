@@ -3,7 +3,6 @@
 use std::sync::{Arc, Mutex};
 use std::time::Instant;
 
-use iceoryx2::service::ipc_threadsafe;
 use pairmask_core::dispatch::{CullAnswer, StageTimes};
 use pairmask_core::engine::CullReport;
 use pairmask_core::scene::Reported;
@@ -26,7 +25,7 @@ pub type AlterAnswer = fn(&mut [u32], &mut CullReport);
 
 /// What every answer passes, on the thread that made it.
 pub(crate) struct Outbox {
-    services: Arc<Services<ipc_threadsafe::Service>>,
+    services: Arc<Services>,
     /// What the daemon keeps of its clients.
     pub(crate) clients: Clients,
     counters: Mutex<Counters>,
@@ -39,7 +38,7 @@ pub(crate) struct Outbox {
 impl Outbox {
     /// To the clients of these services.
     pub(crate) fn new(
-        services: Arc<Services<ipc_threadsafe::Service>>,
+        services: Arc<Services>,
         clients: Clients,
         auditor: Arc<Auditor>,
         scene_memory: SceneMemory,

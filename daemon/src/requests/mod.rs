@@ -14,7 +14,6 @@ pub use crate::clients::GpuNeed;
 use std::sync::Arc;
 use std::time::Duration;
 
-use iceoryx2::service::ipc_threadsafe;
 use pairmask_core::engine::CullError;
 use pairmask_transport::{FreeChunks, GpuCounts, PortTurn, Services, WakeClient};
 use pairmask_wire::{CullRequest, PAGE_BYTES, Request, SkipTotals, StatusBody, response_status};
@@ -77,7 +76,7 @@ impl Responder {
     /// A responder to the clients of these services, whose port has these chunks and is used in such turns. Each session gets
     /// engines like `executor`; large frames are culled in `pool`.
     pub fn new(
-        services: Arc<Services<ipc_threadsafe::Service>>,
+        services: Arc<Services>,
         (turn, free): (Arc<PortTurn>, Option<FreeChunks>),
         wake_clients: WakeClient,
         settings: &ServeSettings,

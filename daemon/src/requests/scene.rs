@@ -255,7 +255,7 @@ fn unanswered(error: QueryError) -> Failed {
         QueryError::Cull(CullError::DeviceLost { .. }) => Failed::Gone(Refusal::stale_scene(0)),
         QueryError::Cull(error) => error.into(),
         // Whether there are enough tags was checked with the header.
-        _ => Reject::Query { field: "tags" }.into(),
+        _ => Reject::Query("tags").into(),
     }
 }
 
@@ -284,7 +284,7 @@ impl Asked<'_> {
         let begun = Instant::now();
         let answer = {
             let (pages, mut reply) = open.payload_and_reply();
-            let malformed = Reject::Query { field: "payload" };
+            let malformed = Reject::Query("payload");
             let (queries, tags) = request.read(pages).ok_or(malformed)?;
             request.mask.answer(queries, request.encoding, threads, found, &mut reply, |found| {
                 scene.query(queries, tags, found).map_err(unanswered)
@@ -309,6 +309,6 @@ impl Asked<'_> {
 
 impl From<BeyondMask> for Refusal {
     fn from(_: BeyondMask) -> Self {
-        Reject::Query { field: "object count" }.into()
+        Reject::Query("object count").into()
     }
 }

@@ -8,7 +8,6 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-use iceoryx2::service::ipc_threadsafe;
 use pairmask_core::dispatch::nanoseconds_since;
 use pairmask_core::engine::{AvailableIsa, CullError, CullInput, Engine, HeapReply, cpu_engine};
 use pairmask_core::plan::{Calibration, SceneStats};
@@ -161,7 +160,7 @@ fn limits_that_fit(asked: &Limits) -> Result<Limits, LimitError> {
 fn open_services(
     settings: &ServeSettings,
     rounds: &Rounds,
-) -> Result<(Janitor, Services<ipc_threadsafe::Service>), ServeError> {
+) -> Result<(Janitor, Services), ServeError> {
     let give_up_at = Instant::now() + PREDECESSOR_DIES;
     loop {
         clean_if_abandoned(&settings.dir, &settings.instance)?;
@@ -182,7 +181,7 @@ fn open_services(
 /// The server port. A predecessor's may still be registered, and there can be one only: one that was
 /// killed with its supervisor takes a moment to die, and can be cleaned up only then.
 fn open_server(
-    services: &Services<ipc_threadsafe::Service>,
+    services: &Services,
     settings: &ServeSettings,
     has_no_files: &Arc<AtomicBool>,
 ) -> Result<Server, ServeError> {

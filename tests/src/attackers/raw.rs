@@ -4,7 +4,6 @@
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-use iceoryx2::service::ipc_threadsafe;
 use pairmask_core::engine::EngineChoice;
 use pairmask_core::precision::BoxForm;
 use pairmask_core::units::BoxCount;
@@ -25,7 +24,7 @@ pub const SENT_BYTES: usize = 64;
 
 pub struct RawClient {
     pub ports: Client,
-    pub services: Services<ipc_threadsafe::Service>,
+    pub services: Services,
 }
 
 impl RawClient {

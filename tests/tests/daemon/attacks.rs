@@ -25,7 +25,7 @@ use pairmask_tests::frames::filtered;
 use pairmask_tests::prelude::*;
 use pairmask_tests::scene_model::{Edits, Grouped, Kind, SessionScene, hold};
 use pairmask_transport::{ProcessWatch, RuntimeDir, SegmentFiles};
-use pairmask_wire::{InstanceName, ReplyError, boxes_in_mut};
+use pairmask_wire::{InstanceName, ReplyError, items_in_mut};
 use rayon::iter::ParallelIterator;
 use rustix::process::{Pid, kill_process};
 
@@ -293,7 +293,7 @@ fn a_request_in_the_name_of_another_is_not_answered() {
     let asked = cull(77, 5, 10, EngineChoice::Auto);
     let send = |client: &RawClient, same: Aabb, words: &[(usize, u64)]| {
         let mut loan = client.loan(2).unwrap();
-        boxes_in_mut(loan.payload_mut(), BoxCount::new(10)).unwrap().fill(same);
+        items_in_mut(loan.payload_mut(), BoxCount::new(10)).unwrap().fill(same);
         *loan.user_header_mut() = asked;
         for (index, value) in words {
             write(word(loan.header(), *index), *value);

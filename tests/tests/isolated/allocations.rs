@@ -10,7 +10,6 @@ use std::cell::Cell;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Duration;
 
-use iceoryx2::service::ipc_threadsafe;
 use pairmask_tests::prelude::*;
 use pairmask_tests::spheres::whole_scene;
 use pairmask_transport::{
@@ -124,9 +123,9 @@ fn bare_transport(count: usize) -> u64 {
     let dir = tempfile::tempdir().unwrap();
     let dir = RuntimeDir::at(dir.path());
     let (name, limits) = ("bare".parse().unwrap(), Limits::default());
-    let services = Services::<ipc_threadsafe::Service>::serve(&dir, &name, &limits).unwrap();
+    let services = Services::serve(&dir, &name, &limits).unwrap();
     let server = services.server(&limits, &std::sync::Arc::default()).unwrap();
-    let client_side = Services::<ipc_threadsafe::Service>::connect(&dir, &name).unwrap();
+    let client_side = Services::connect(&dir, &name).unwrap();
     let client = client_side.client(1, 8).unwrap();
     let round_trips = |count| {
         for _ in 0..count {

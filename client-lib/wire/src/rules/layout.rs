@@ -1,11 +1,10 @@
 //! Rules as a request holds them.
 
-use pairmask_core::bytes;
 use pairmask_core::filters::Rules;
 use pairmask_core::units::BoxCount;
 
 use super::items::{FILTER_WORDS, words_of};
-use super::place::{FILTER_BYTES, PAIR_BYTES, RulesPlace, TAG_BYTES, most_pairs};
+use super::place::{PARTS, RulesPlace, TAG_BYTES, most_pairs};
 use crate::page::Page;
 use crate::section::Section;
 
@@ -46,24 +45,15 @@ impl RulesLayout {
         if pairs > limit {
             return Err(TooManyPairs { pairs, limit });
         }
-        let mut end = behind;
-        let mut section = |kind, item_bytes: u64, count: usize| {
-            if count == 0 {
-                return Section::default();
-            }
+        let tags = rules.tags.len().min(n.len());
+        let counts = [tags, rules.table.filters().len(), included.len(), excluded.len()];
+        let (mut place, mut end) = (RulesPlace::default(), behind);
+        let parts = PARTS.into_iter().zip(counts).zip(&mut place.0);
+        for (((kind, item_bytes, _), count), to) in parts.filter(|((_, count), _)| *count > 0) {
             let offset = end.next_multiple_of(LINE_BYTES);
-            let bytes = item_bytes * count as u64;
-            end = offset + bytes;
-            Section::required(kind, offset, bytes)
-        };
-        let [tags, filters, include, exclude] = RulesPlace::KINDS;
-        let tag_count = rules.tags.len().min(n.len());
-        let place = RulesPlace {
-            tags: section(tags, TAG_BYTES, tag_count),
-            filters: section(filters, FILTER_BYTES, rules.table.filters().len()),
-            included: section(include, PAIR_BYTES, included.len()),
-            excluded: section(exclude, PAIR_BYTES, excluded.len()),
-        };
+            *to = Section::required(kind, offset, item_bytes * count as u64);
+            end = offset + to.bytes;
+        }
         Ok(Self { place, included, excluded, end })
     }
 
@@ -79,9 +69,8 @@ impl RulesLayout {
 
     /// Bytes beside the boxes and their tags, with room for as much again: what a frame with a few more
     /// filters or pairs will want.
-    pub const fn bytes_beside_tags(&self) -> u64 {
-        let RulesPlace { filters, included, excluded, .. } = self.place;
-        2 * (filters.bytes + included.bytes + excluded.bytes) + 4 * LINE_BYTES
+    pub fn bytes_beside_tags(&self) -> u64 {
+        2 * self.place.0[1..].iter().map(|part| part.bytes).sum::<u64>() + 4 * LINE_BYTES
     }
 
     /// Bytes of so many tags.
@@ -93,19 +82,14 @@ impl RulesLayout {
     /// pages are too few.
     #[must_use]
     pub fn write(&self, rules: &Rules, pages: &mut [Page]) -> bool {
-        let all: &mut [u8] = bytemuck::cast_slice_mut(pages);
-        let mut put = |section: Section, from: &[u8]| {
-            let place = all.get_mut(section.offset as usize..);
-            let place = place.and_then(|to| to.get_mut(..from.len()));
-            // As boxes are written: many on the calling thread's pool.
-            place.map(|to| bytes::copy(from, to, true)).is_some()
-        };
-        let RulesPlace { tags, filters, included, excluded } = self.place;
-        let own_tags = rules.tags.get(..(tags.bytes / TAG_BYTES) as usize).unwrap_or_default();
+        let tags = rules.tags.get(..(self.place.0[0].bytes / TAG_BYTES) as usize);
         let words: Vec<[u32; FILTER_WORDS]> = rules.table.filters().iter().map(words_of).collect();
-        put(tags, bytemuck::cast_slice(own_tags))
-            && put(filters, bytemuck::cast_slice(&words))
-            && put(included, bytemuck::cast_slice(&self.included))
-            && put(excluded, bytemuck::cast_slice(&self.excluded))
+        let parts: [&[u8]; 4] = [
+            bytemuck::cast_slice(tags.unwrap_or_default()),
+            bytemuck::cast_slice(&words),
+            bytemuck::cast_slice(&self.included),
+            bytemuck::cast_slice(&self.excluded),
+        ];
+        self.place.0.iter().zip(parts).all(|(section, from)| section.put(from, pages, true))
     }
 }

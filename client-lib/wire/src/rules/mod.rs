@@ -15,6 +15,7 @@ mod reader;
 mod worlds;
 
 pub use layout::{RulesLayout, TooManyPairs};
+pub(crate) use place::PARTS;
 pub use place::RulesPlace;
 pub use reader::{RulesReader, SentRules};
 pub use worlds::{WORLD_RANGE_WORDS, world_ranges_in, write_world_ranges};

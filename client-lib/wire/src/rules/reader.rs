@@ -7,10 +7,9 @@ use pairmask_core::filters::{Filter, FilterTable, PairLists, Rules, Tag, World};
 use pairmask_core::units::BoxCount;
 
 use super::items::{FILTER_WORDS, filter_of};
-use super::place::RulesPlace;
+use super::place::{PARTS, RulesPlace};
 use crate::page::Page;
 use crate::reject::Reject;
-use crate::section::Section;
 
 /// The rules of a frame, copied from its request and validated.
 #[derive(Debug, Default)]
@@ -79,12 +78,11 @@ impl RulesReader {
         pages: &[Page],
     ) -> Result<&Arc<SentRules>, Reject> {
         self.named = 0;
-        let bytes_of =
-            |section: &Section, field| section.bytes_in(pages).ok_or(Reject::Rules { field });
-        let tags = bytes_of(&place.tags, "tags")?;
-        let filters = bytes_of(&place.filters, "filters")?;
-        let included = bytes_of(&place.included, "include list")?;
-        let excluded = bytes_of(&place.excluded, "exclude list")?;
+        let mut parts: [&[u8]; 4] = [&[]; 4];
+        for ((to, section), (_, _, name)) in parts.iter_mut().zip(&place.0).zip(PARTS) {
+            *to = section.bytes_in(pages).ok_or(Reject::Rules(name))?;
+        }
+        let [tags, filters, included, excluded] = parts;
         let kept = &*self.kept;
         // Millions of tags take a thread milliseconds.
         let is_shared = bytes::is_in_pool();
@@ -104,7 +102,7 @@ impl RulesReader {
             return self.read(place, n, pages);
         }
         self.number += 1;
-        let changed = Arc::get_mut(&mut self.kept).ok_or(Reject::Rules { field: "tags" })?;
+        let changed = Arc::get_mut(&mut self.kept).ok_or(Reject::Rules("tags"))?;
         // Whatever an error leaves behind is read anew.
         (changed.number, changed.n) = (0, n);
         if !has_tags {
@@ -114,7 +112,7 @@ impl RulesReader {
             take(&mut changed.filters, filters);
             let filters: Vec<Filter> = changed.filters.iter().map(filter_of).collect();
             let table = FilterTable::new(&filters);
-            changed.rules.table = table.map_err(|_| Reject::Rules { field: "filters" })?;
+            changed.rules.table = table.map_err(|_| Reject::Rules("filters"))?;
         }
         if !has_lists {
             take(&mut changed.included, included);
@@ -126,7 +124,7 @@ impl RulesReader {
                 changed.excluded.clear();
                 changed.rules.lists = PairLists::new();
                 let field = if own[0] { "exclude list" } else { "include list" };
-                return Err(Reject::Rules { field });
+                return Err(Reject::Rules(field));
             }
             let mut lists = PairLists::new();
             for pair in &changed.included {

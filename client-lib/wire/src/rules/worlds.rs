@@ -5,7 +5,7 @@ use pairmask_core::filters::World;
 use pairmask_core::mask::{MaskShape, Span};
 
 use crate::reply::{ReplyError, ResponseHeader};
-use crate::section::{Section, SectionKind, find};
+use crate::section::{Section, SectionKind, find, has};
 
 /// Words of a world: its number, and the number of its pairs in two halves, the lower first.
 pub const WORLD_RANGE_WORDS: usize = 3;
@@ -14,7 +14,7 @@ impl ResponseHeader {
     /// Says where the ranges of worlds lie.
     pub fn place_world_ranges(&mut self, span: Span) {
         if let Some(free) = self.sections.iter_mut().find(|section| !section.is_used()) {
-            *free = Section::required(SectionKind::WorldRanges, 4 * span.start, 4 * span.len);
+            *free = Section::of_words(SectionKind::WorldRanges, span);
         }
     }
 }
@@ -38,18 +38,13 @@ pub fn world_ranges_in(
     words: &[u32],
 ) -> Result<Vec<WorldRange>, ReplyError> {
     let malformed = ReplyError::Malformed { field: "world ranges" };
-    let kind = SectionKind::WorldRanges;
-    if !header.sections.iter().any(|section| section.kind == kind as u32) {
+    if !has(&header.sections, SectionKind::WorldRanges) {
         return Ok(Vec::new());
     }
     let MaskShape::List { pairs } = shape else { return Err(malformed) };
-    let section = find(&header.sections, kind).ok_or(malformed)?;
-    let range_bytes = 4 * WORLD_RANGE_WORDS as u64;
-    if !section.fits(4 * words.len() as u64) || !section.bytes.is_multiple_of(range_bytes) {
-        return Err(malformed);
-    }
-    let span = Span { start: section.offset / 4, len: section.bytes / 4 };
-    let words = span.of(words).ok_or(malformed)?;
+    let (range_bytes, payload_bytes) = (4 * WORLD_RANGE_WORDS as u64, 4 * words.len() as u64);
+    let section = find(&header.sections, SectionKind::WorldRanges, range_bytes, payload_bytes);
+    let words = section.and_then(|section| section.span().of(words)).ok_or(malformed)?;
     let (mut ranges, mut end) = (Vec::with_capacity(words.len() / WORLD_RANGE_WORDS), 0u64);
     for [world, low, high] in words.as_chunks::<WORLD_RANGE_WORDS>().0 {
         let start = end;

@@ -89,12 +89,12 @@ impl SceneAnswerLayout {
     }
 
     fn sections(&self) -> [Section; 4] {
-        let section = |kind, span: &Span, bytes| Section::required(kind, 4 * span.start, bytes);
+        let (reasons_at, reasons) = (4 * self.reasons.start, self.ended.len / PAIR_WORDS);
         [
-            section(SectionKind::BegunPairs, &self.begun, 4 * self.begun.len),
-            section(SectionKind::EndedPairs, &self.ended, 4 * self.ended.len),
-            section(SectionKind::EndReasons, &self.reasons, self.ended.len / PAIR_WORDS),
-            section(SectionKind::ListPairs, &self.pairs, 4 * self.pairs.len),
+            Section::of_words(SectionKind::BegunPairs, self.begun),
+            Section::of_words(SectionKind::EndedPairs, self.ended),
+            Section::required(SectionKind::EndReasons, reasons_at, reasons),
+            Section::of_words(SectionKind::ListPairs, self.pairs),
         ]
     }
 }
@@ -159,23 +159,17 @@ impl SceneReply {
         payload_bytes: u64,
     ) -> Result<Self, ReplyError> {
         Reply::check_envelope(header, asked)?;
-        let malformed = |field| ReplyError::Malformed { field };
-        let section = |kind, field| {
-            let section = find(&header.sections, kind).ok_or(malformed(field))?;
-            if section.fits(payload_bytes) { Ok(section) } else { Err(malformed(field)) }
+        let section = |kind, item_bytes, field| {
+            let section = find(&header.sections, kind, item_bytes, payload_bytes);
+            section.ok_or(ReplyError::Malformed { field })
         };
-        let pairs = |kind, field| {
-            let section = section(kind, field)?;
-            let span = Span { start: section.offset / 4, len: section.bytes / 4 };
-            let is_whole = section.bytes.is_multiple_of(4 * PAIR_WORDS);
-            if is_whole { Ok(span) } else { Err(malformed(field)) }
-        };
+        let pairs = |kind, field| Ok(section(kind, 4 * PAIR_WORDS, field)?.span());
         let ended = pairs(SectionKind::EndedPairs, "ended pairs")?;
-        let reasons = section(SectionKind::EndReasons, "reasons")?;
-        let reason_words = Span { start: reasons.offset / 4, len: reasons.bytes.div_ceil(4) };
+        let reasons = section(SectionKind::EndReasons, 1, "reasons")?;
+        let reason_words = reasons.span();
         let ends_in_payload = 4 * (reason_words.start + reason_words.len) <= payload_bytes;
         if reasons.bytes != ended.len / PAIR_WORDS || !ends_in_payload {
-            return Err(malformed("reasons"));
+            return Err(ReplyError::Malformed { field: "reasons" });
         }
         let [boxes, of_statics, unmoved, cells, tested, _] = header.skipped;
         Ok(Self {

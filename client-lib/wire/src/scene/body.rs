@@ -1,15 +1,15 @@
 //! The body of an edit: its steps as records, the indices that they name, and boxes.
 
+use std::borrow::Cow;
+
 use bytemuck::{Pod, Zeroable};
 use pairmask_core::aabb::Aabb;
-use pairmask_core::filters::{Filter, FilterTable, Tag};
+use pairmask_core::filters::{Filter, FilterTable};
 use pairmask_core::scene::{Edit, Indices, Sets, Step, Tags};
-use pairmask_core::units::BoxCount;
 use pairmask_core::write::par_write_boxes;
 
 use super::request::{BOX_BYTES, SceneRequest};
 use crate::page::Page;
-use crate::pages::boxes_in;
 use crate::reject::Reject;
 use crate::rules::items::{
     FILTER_WORDS, NAMED_PER_BOX, PAIR_WORDS, TAG_WORDS, filter_of, words_of,
@@ -76,29 +76,17 @@ impl EditLayout {
     pub fn of(edit: Edit<'_>) -> Option<Self> {
         let mut layout = Self { records: Vec::with_capacity(edit.steps.len()), boxes: 0, words: 0 };
         for step in edit.steps {
-            let (does, names, items) = written(step)?;
-            let (names, first, count) = match names {
-                Names::Indices(Indices::Range { first, count }) => (RANGE, first, count as usize),
-                Names::Indices(Indices::Mask { first, words }) => (MASK, first, words.len()),
-                Names::Indices(Indices::List(list)) => match as_mask(list) {
-                    Some((first, words)) => (MASK, first, words),
-                    None => (LIST, 0, list.len()),
-                },
-                Names::Indices(_) => return None,
-                Names::Nothing { count } => (0, 0, count),
+            let Written { does, indices, boxes, items, count } = Written::of(step)?;
+            let (names, first, count) = match indices {
+                None => (0, 0, count),
+                Some(Indices::Range { first, count }) => (RANGE, first, count as usize),
+                Some(Indices::Mask { first, words }) => (MASK, first, words.len()),
+                Some(Indices::List(list)) => as_mask(list)
+                    .map_or((LIST, 0, list.len()), |(first, words)| (MASK, first, words)),
+                Some(_) => return None,
             };
             let words = if matches!(names, LIST | MASK) { count as u64 } else { 0 };
-            let item_words = match items {
-                Items::Boxes(_) | Items::None => 0,
-                Items::Tags(tags) => TAG_WORDS * tags.len(),
-                Items::Filters(table) => FILTER_WORDS * table.filters().len(),
-                Items::Pairs(pairs) => PAIR_WORDS * pairs.len(),
-            };
-            let (boxes, items_at) = match items {
-                Items::Boxes(boxes) => (boxes.len() as u64, layout.boxes),
-                Items::None => (0, layout.boxes),
-                _ => (0, layout.words + words),
-            };
+            let items_at = if items.is_some() { layout.words + words } else { layout.boxes };
             layout.records.push(StepRecord {
                 does,
                 names,
@@ -107,8 +95,8 @@ impl EditLayout {
                 words_at: u32::try_from(layout.words).ok()?,
                 items_at: u32::try_from(items_at).ok()?,
             });
-            layout.boxes += boxes;
-            layout.words += words + item_words as u64;
+            layout.boxes += boxes.len() as u64;
+            layout.words += words + items.map_or(0, |items| items.len() as u64);
         }
         Some(layout)
     }
@@ -140,42 +128,27 @@ impl EditLayout {
     /// pages are too few.
     #[must_use]
     pub fn write(&self, edit: Edit<'_>, pages: &mut [Page]) -> bool {
-        let all: &mut [u8] = bytemuck::cast_slice_mut(pages);
-        // Boxes lie before everything else.
-        let box_bytes = (BOX_BYTES * self.boxes) as usize;
-        let words_at = self.words_at() as usize;
-        if all.len() < words_at {
-            return false;
-        }
-        let (boxes_mut, all) = all.split_at_mut(words_at);
-        let boxes_mut: &mut [Aabb] = bytemuck::cast_slice_mut(&mut boxes_mut[..box_bytes]);
-        let mut put = |offset: u64, bytes: &[u8]| {
-            let place =
-                all.get_mut(offset as usize - words_at..).and_then(|to| to.get_mut(..bytes.len()));
-            place.map(|to| to.copy_from_slice(bytes)).is_some()
-        };
-        let mut is_written = put(self.records_at(), bytemuck::cast_slice(&self.records));
+        let [boxes_at, records_at, words_at] = self.sections();
+        let mut is_written = records_at.put(bytemuck::cast_slice(&self.records), pages, false);
         let mut mask = Vec::new();
         for (step, record) in edit.steps.iter().zip(&self.records) {
-            let Some((_, names, items)) = written(step) else { return false };
-            let at = |words: u32| self.words_at() + 4 * u64::from(words);
-            is_written &= match items {
-                Items::Boxes(boxes) => {
-                    let (first, count) = (record.items_at as usize, boxes.len());
-                    let place = boxes_mut.get_mut(first..).and_then(|to| to.get_mut(..count));
-                    place.map(|to| par_write_boxes(boxes, to)).is_some()
-                }
-                Items::Tags(tags) => put(at(record.items_at), bytemuck::cast_slice(tags)),
-                Items::Pairs(pairs) => put(at(record.items_at), bytemuck::cast_slice(pairs)),
-                Items::Filters(table) => {
-                    let words: Vec<[u32; FILTER_WORDS]> =
-                        table.filters().iter().map(words_of).collect();
-                    put(at(record.items_at), bytemuck::cast_slice(&words))
-                }
-                Items::None => true,
+            let Some(Written { indices, boxes, items, .. }) = Written::of(step) else {
+                return false;
             };
-            let words = match names {
-                Names::Indices(Indices::List(list)) if record.names == MASK => {
+            let put = |at: u32, words: &[u32], pages: &mut [Page]| {
+                let place = Section { offset: words_at.offset + 4 * u64::from(at), ..words_at };
+                place.put(bytemuck::cast_slice(words), pages, false)
+            };
+            is_written &= if let Some(items) = items {
+                put(record.items_at, &items, pages)
+            } else {
+                let (first, count) = (record.items_at as usize, boxes.len());
+                let place = boxes_at.items_in_mut::<Aabb>(pages).and_then(|to| to.get_mut(first..));
+                let place = place.and_then(|to| to.get_mut(..count));
+                place.map(|to| par_write_boxes(boxes, to)).is_some()
+            };
+            let words = match indices {
+                Some(Indices::List(list)) if record.names == MASK => {
                     mask.clear();
                     mask.resize(record.count as usize, 0);
                     for index in list {
@@ -184,58 +157,68 @@ impl EditLayout {
                     }
                     &mask
                 }
-                Names::Indices(Indices::List(list)) => list,
-                Names::Indices(Indices::Mask { words, .. }) => words,
+                Some(Indices::List(list)) => list,
+                Some(Indices::Mask { words, .. }) => words,
                 _ => &[],
             };
-            is_written &= put(at(record.words_at), bytemuck::cast_slice(words));
+            is_written &= put(record.words_at, words, pages);
         }
         is_written
     }
 }
 
-enum Names<'a> {
-    Indices(Indices<'a>),
-    /// No indices, but so many items of its own.
-    Nothing {
-        count: usize,
-    },
+/// A step as it is written.
+struct Written<'a> {
+    does: u32,
+    /// `None` where it names none, but has so many items of its own.
+    indices: Option<Indices<'a>>,
+    boxes: &'a [Aabb],
+    /// Its tags, filters or pairs as words.
+    items: Option<Cow<'a, [u32]>>,
+    count: usize,
 }
 
-/// What a step brings along.
-enum Items<'a> {
-    Boxes(&'a [Aabb]),
-    Tags(&'a [Tag]),
-    Filters(&'a FilterTable),
-    Pairs(&'a [[u32; 2]]),
-    None,
-}
-
-/// A step as it is written: what it does, what it names, what it brings along. `None` for one of a later
-/// core.
-fn written<'a>(step: &Step<'a>) -> Option<(u32, Names<'a>, Items<'a>)> {
-    let plain = |does, indices| (does, Names::Indices(indices), Items::None);
-    let pairs = |does, pairs: &'a [[u32; 2]]| {
-        (does, Names::Nothing { count: pairs.len() }, Items::Pairs(pairs))
-    };
-    Some(match *step {
-        Step::Remove(indices) => plain(REMOVE, indices),
-        Step::Set(Sets { indices, boxes }) => (SET, Names::Indices(indices), Items::Boxes(boxes)),
-        Step::Switch(indices, true) => plain(SWITCH_ON, indices),
-        Step::Switch(indices, false) => plain(SWITCH_OFF, indices),
-        Step::Static(indices, true) => plain(MAKE_STATIC, indices),
-        Step::Static(indices, false) => plain(MAKE_MOVABLE, indices),
-        Step::Tag(Tags { indices, tags }) => (TAG, Names::Indices(indices), Items::Tags(tags)),
-        Step::Filters(table) => {
-            let count = table.filters().len();
-            (FILTERS, Names::Nothing { count }, Items::Filters(table))
-        }
-        Step::Include(list, true) => pairs(INCLUDE, list),
-        Step::Include(list, false) => pairs(INCLUDE_NO_MORE, list),
-        Step::Exclude(list, true) => pairs(EXCLUDE, list),
-        Step::Exclude(list, false) => pairs(EXCLUDE_NO_MORE, list),
-        _ => return None,
-    })
+impl<'a> Written<'a> {
+    /// `None` for a step of a later core.
+    fn of(step: &Step<'a>) -> Option<Self> {
+        let plain = |does, indices| Self {
+            does,
+            indices: Some(indices),
+            boxes: &[],
+            items: None,
+            count: 0,
+        };
+        let own = |does, items: Cow<'a, [u32]>, count| Self {
+            does,
+            indices: None,
+            boxes: &[],
+            items: Some(items),
+            count,
+        };
+        let pairs =
+            |does, pairs: &'a [[u32; 2]]| own(does, pairs.as_flattened().into(), pairs.len());
+        Some(match *step {
+            Step::Remove(indices) => plain(REMOVE, indices),
+            Step::Set(Sets { indices, boxes }) => Self { boxes, ..plain(SET, indices) },
+            Step::Switch(indices, true) => plain(SWITCH_ON, indices),
+            Step::Switch(indices, false) => plain(SWITCH_OFF, indices),
+            Step::Static(indices, true) => plain(MAKE_STATIC, indices),
+            Step::Static(indices, false) => plain(MAKE_MOVABLE, indices),
+            Step::Tag(Tags { indices, tags }) => {
+                let tags: &[u32] = bytemuck::cast_slice(tags);
+                Self { items: Some(tags.into()), ..plain(TAG, indices) }
+            }
+            Step::Filters(table) => {
+                let words: Vec<u32> = table.filters().iter().flat_map(words_of).collect();
+                own(FILTERS, words.into(), table.filters().len())
+            }
+            Step::Include(list, true) => pairs(INCLUDE, list),
+            Step::Include(list, false) => pairs(INCLUDE_NO_MORE, list),
+            Step::Exclude(list, true) => pairs(EXCLUDE, list),
+            Step::Exclude(list, false) => pairs(EXCLUDE_NO_MORE, list),
+            _ => return None,
+        })
+    }
 }
 
 /// Memory for reading edits, kept from one to the next.
@@ -263,7 +246,7 @@ impl EditScratch {
         pages: &'a [Page],
     ) -> Result<Vec<Step<'a>>, Reject> {
         self.copy_steps(request, pages)?;
-        self.steps_of(boxes_of(request, pages)?)
+        self.steps_of(request.boxes.items_in(pages).ok_or(Reject::Edit("boxes"))?)
     }
 
     /// Copies an edit, its boxes as well, and checks it. Its [steps](Self::steps) are the same from then on,
@@ -274,7 +257,8 @@ impl EditScratch {
     pub fn copy(&mut self, request: &SceneRequest, pages: &[Page]) -> Result<(), Reject> {
         self.copy_steps(request, pages)?;
         self.boxes.clear();
-        self.boxes.extend_from_slice(boxes_of(request, pages)?);
+        let boxes = request.boxes.items_in(pages).ok_or(Reject::Edit("boxes"))?;
+        self.boxes.extend_from_slice(boxes);
         self.steps().map(drop)
     }
 
@@ -306,54 +290,69 @@ impl EditScratch {
 
     /// Copies what an edit says, but for boxes.
     fn copy_steps(&mut self, request: &SceneRequest, pages: &[Page]) -> Result<(), Reject> {
-        let wrong = |field| Reject::Edit { field };
         self.most_boxes = request.most_boxes;
-        let records = request.steps.bytes_in(pages).ok_or(wrong("steps"))?;
+        let records = request.steps.items_in(pages).ok_or(Reject::Edit("steps"))?;
         self.records.clear();
-        self.records.resize(records.len() / size_of::<StepRecord>(), StepRecord::zeroed());
-        bytemuck::cast_slice_mut(&mut self.records).copy_from_slice(records);
-        let words = request.indices.bytes_in(pages).ok_or(wrong("indices"))?;
+        self.records.extend_from_slice(records);
+        let words = request.indices.items_in(pages).ok_or(Reject::Edit("indices"))?;
         self.words.clear();
-        self.words.extend_from_slice(bytemuck::cast_slice(words));
+        self.words.extend_from_slice(words);
 
+        let wrong = Reject::Edit("filters");
         let mut tables = self.records.iter().filter(|record| record.does == FILTERS);
         if let Some(record) = tables.next() {
-            let words =
-                items_of::<[u32; FILTER_WORDS]>(record, &self.words).ok_or(wrong("filters"))?;
+            let words = items_of::<[u32; FILTER_WORDS]>(record, &self.words).ok_or(wrong)?;
             let filters: Vec<Filter> = words.iter().map(filter_of).collect();
-            self.table = FilterTable::new(&filters).map_err(|_| wrong("filters"))?;
+            self.table = FilterTable::new(&filters).map_err(|_| wrong)?;
         }
-        if tables.next().is_some() {
-            return Err(wrong("filters"));
-        }
-        Ok(())
+        if tables.next().is_some() { Err(wrong) } else { Ok(()) }
     }
 
     /// The steps of the edit that was copied, over its boxes.
     fn steps_of<'a>(&'a self, boxes: &'a [Aabb]) -> Result<Vec<Step<'a>>, Reject> {
-        let wrong = |field| Reject::Edit { field };
         let mut named = 0;
         let mut steps = Vec::with_capacity(self.records.len());
         for record in &self.records {
-            let indices = indices_of(record, &self.words).ok_or(wrong("indices"))?;
+            let indices = indices_of(record, &self.words).ok_or(Reject::Edit("indices"))?;
             named += indices.len() as u64;
             if named > NAMED_PER_BOX * u64::from(self.most_boxes) {
-                return Err(wrong("number of indices"));
+                return Err(Reject::Edit("number of indices"));
             }
-            let from = From { boxes, words: &self.words, table: &self.table };
-            steps.push(from.step(record, indices).ok_or(wrong("steps"))?);
+            steps.push(self.step(record, indices, boxes).ok_or(Reject::Edit("steps"))?);
         }
         Ok(steps)
     }
-}
 
-/// The boxes of an edit, where they lie.
-fn boxes_of<'a>(request: &SceneRequest, pages: &'a [Page]) -> Result<&'a [Aabb], Reject> {
-    let wrong = Reject::Edit { field: "boxes" };
-    let count = u32::try_from(request.boxes.bytes / BOX_BYTES);
-    let offset = usize::try_from(request.boxes.offset);
-    let (Ok(count), Ok(offset)) = (count, offset) else { return Err(wrong) };
-    boxes_in(pages, offset, BoxCount::new(count)).ok_or(wrong)
+    fn step<'a>(
+        &'a self,
+        record: &StepRecord,
+        indices: Indices<'a>,
+        boxes: &'a [Aabb],
+    ) -> Option<Step<'a>> {
+        let pairs = || items_of::<[u32; PAIR_WORDS]>(record, &self.words);
+        Some(match record.does {
+            REMOVE => Step::Remove(indices),
+            SET => {
+                let own = boxes.get(record.items_at as usize..)?.get(..indices.len())?;
+                Step::Set(Sets { indices, boxes: own })
+            }
+            SWITCH_ON => Step::Switch(indices, true),
+            SWITCH_OFF => Step::Switch(indices, false),
+            MAKE_STATIC => Step::Static(indices, true),
+            MAKE_MOVABLE => Step::Static(indices, false),
+            TAG => {
+                let own = self.words.get(record.items_at as usize..)?;
+                let own = own.get(..indices.len().checked_mul(TAG_WORDS)?)?;
+                Step::Tag(Tags { indices, tags: bytemuck::cast_slice(own) })
+            }
+            FILTERS => Step::Filters(&self.table),
+            INCLUDE => Step::Include(pairs()?, true),
+            INCLUDE_NO_MORE => Step::Include(pairs()?, false),
+            EXCLUDE => Step::Exclude(pairs()?, true),
+            EXCLUDE_NO_MORE => Step::Exclude(pairs()?, false),
+            _ => return None,
+        })
+    }
 }
 
 /// The indices of a step: none where it is about none.
@@ -374,39 +373,4 @@ fn indices_of<'a>(record: &StepRecord, words: &'a [u32]) -> Option<Indices<'a>> 
 fn items_of<'a, T: Pod>(record: &StepRecord, words: &'a [u32]) -> Option<&'a [T]> {
     let count = (record.count as usize).checked_mul(size_of::<T>() / 4)?;
     Some(bytemuck::cast_slice(words.get(record.items_at as usize..)?.get(..count)?))
-}
-
-/// Where the parts of steps are read.
-struct From<'a> {
-    boxes: &'a [Aabb],
-    words: &'a [u32],
-    table: &'a FilterTable,
-}
-
-impl<'a> From<'a> {
-    fn step(&self, record: &StepRecord, indices: Indices<'a>) -> Option<Step<'a>> {
-        let pairs = || items_of::<[u32; PAIR_WORDS]>(record, self.words);
-        Some(match record.does {
-            REMOVE => Step::Remove(indices),
-            SET => {
-                let own = self.boxes.get(record.items_at as usize..)?.get(..indices.len())?;
-                Step::Set(Sets { indices, boxes: own })
-            }
-            SWITCH_ON => Step::Switch(indices, true),
-            SWITCH_OFF => Step::Switch(indices, false),
-            MAKE_STATIC => Step::Static(indices, true),
-            MAKE_MOVABLE => Step::Static(indices, false),
-            TAG => {
-                let own = self.words.get(record.items_at as usize..)?;
-                let own = own.get(..indices.len().checked_mul(TAG_WORDS)?)?;
-                Step::Tag(Tags { indices, tags: bytemuck::cast_slice(own) })
-            }
-            FILTERS => Step::Filters(self.table),
-            INCLUDE => Step::Include(pairs()?, true),
-            INCLUDE_NO_MORE => Step::Include(pairs()?, false),
-            EXCLUDE => Step::Exclude(pairs()?, true),
-            EXCLUDE_NO_MORE => Step::Exclude(pairs()?, false),
-            _ => return None,
-        })
-    }
 }

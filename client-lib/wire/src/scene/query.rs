@@ -4,26 +4,16 @@ use pairmask_core::aabb::Aabb;
 use pairmask_core::filters::Tag;
 use pairmask_core::mask::Encoding;
 use pairmask_core::scene::{QueryMask, QueryTags};
-use pairmask_core::units::BoxCount;
 
 use super::request::{BOX_BYTES, SceneId};
 use crate::header::{Operation, RequestHeader, thread_number, threads_of};
 use crate::page::Page;
-use crate::pages::boxes_in;
 use crate::reject::Reject;
-use crate::section::{Section, SectionKind, find, slots};
+use crate::section::{Section, SectionKind, find, has, slots};
 
 const TAG_BYTES: u64 = size_of::<Tag>() as u64;
 /// Tags begin on a cache line.
 const LINE_BYTES: u64 = 64;
-
-/// Where the tags of queries lie.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum TagPlace {
-    None,
-    One(Section),
-    Each(Section),
-}
 
 /// A query of a scene: what a client says in a header, and what a daemon has validated of one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -40,7 +30,8 @@ pub struct QueryRequest {
     /// Threads that may be used; `None` leaves the number to the daemon.
     pub threads: Option<usize>,
     boxes: Section,
-    tags: TagPlace,
+    /// Tags in the payload: one for all queries, or one for each.
+    tags: Option<Section>,
 }
 
 impl QueryRequest {
@@ -57,24 +48,17 @@ impl QueryRequest {
         let at = boxes.bytes.next_multiple_of(LINE_BYTES);
         let section = |count| Section::required(SectionKind::QueryTags, at, TAG_BYTES * count);
         let tags = match tags {
-            QueryTags::None => TagPlace::None,
+            QueryTags::None => None,
             // A single query has one tag either way.
-            QueryTags::Each(_) if queries != 1 => TagPlace::Each(section(queries)),
-            QueryTags::One(_) | QueryTags::Each(_) => TagPlace::One(section(1)),
+            QueryTags::Each(_) => Some(section(queries)),
+            QueryTags::One(_) => Some(section(1)),
         };
         Self { scene, revision, mask, encoding, threads: None, boxes, tags }
     }
 
-    const fn tag_section(&self) -> Option<Section> {
-        match self.tags {
-            TagPlace::None => None,
-            TagPlace::One(section) | TagPlace::Each(section) => Some(section),
-        }
-    }
-
     /// Bytes of the payload.
     pub fn payload_bytes(&self) -> u64 {
-        self.tag_section().map_or(self.boxes.bytes, |tags| tags.offset + tags.bytes)
+        self.tags.map_or(self.boxes.bytes, |tags| tags.offset + tags.bytes)
     }
 
     /// Writes boxes and tags into the payload. Whether there is room for them.
@@ -85,66 +69,51 @@ impl QueryRequest {
     pub fn write(&self, boxes: &[Aabb], tags: &QueryTags<'_>, pages: &mut [Page]) -> bool {
         let mut put = |section: &Section, bytes: &[u8]| {
             assert_eq!(section.bytes, bytes.len() as u64, "as many as the request says");
-            section.put(bytes, pages)
+            section.put(bytes, pages, false)
         };
         let tags: &[Tag] = match tags {
             QueryTags::None => &[],
             QueryTags::Each(tags) => tags,
             QueryTags::One(tag) => std::slice::from_ref(tag),
         };
-        let tags_fit =
-            self.tag_section().is_none_or(|section| put(&section, bytemuck::cast_slice(tags)));
+        let tags_fit = self.tags.is_none_or(|section| put(&section, bytemuck::cast_slice(tags)));
         tags_fit && put(&self.boxes, bytemuck::cast_slice(boxes))
     }
 
     /// The boxes and tags in the payload, which another process may write while they are read; `None` where
     /// they are not all there.
     pub fn read<'a>(&self, pages: &'a [Page]) -> Option<(&'a [Aabb], QueryTags<'a>)> {
-        let boxes =
-            boxes_in(pages, self.boxes.offset as usize, BoxCount::new(self.mask.queries()))?;
-        let tags = |section: &Section| -> Option<&'a [Tag]> {
-            bytemuck::try_cast_slice(section.bytes_in(pages)?).ok()
-        };
         let tags = match &self.tags {
-            TagPlace::None => QueryTags::None,
-            TagPlace::One(section) => QueryTags::One(*tags(section)?.first()?),
-            TagPlace::Each(section) => QueryTags::Each(tags(section)?),
+            None => QueryTags::None,
+            Some(section) if section.bytes == TAG_BYTES => {
+                QueryTags::One(*section.items_in(pages)?.first()?)
+            }
+            Some(section) => QueryTags::Each(section.items_in(pages)?),
         };
-        Some((boxes, tags))
+        Some((self.boxes.items_in(pages)?, tags))
     }
 
     /// Checks a copied header against the payload's length.
-    ///
-    /// # Errors
-    /// [`Reject`] with the first thing that is wrong.
     pub(crate) fn parse(header: &RequestHeader, payload_bytes: u64) -> Result<Self, Reject> {
-        let wrong = |field| Reject::Query { field };
         let revision = (header.base != 0).then_some(header.base);
         let found = header.encoding;
-        let encoding = Encoding::from_wire(found).ok_or(Reject::Encoding { found })?;
-        let fits = |section: &Section, item_bytes: u64| {
-            section.fits(payload_bytes) && section.bytes.is_multiple_of(item_bytes)
+        let encoding = Encoding::from_wire(found).ok_or(Reject::Encoding(found))?;
+        let section = |kind, item_bytes, field| {
+            let section = find(&header.sections, kind, item_bytes, payload_bytes);
+            section.ok_or(Reject::Query(field))
         };
-        let boxes = find(&header.sections, SectionKind::Boxes);
-        let boxes = boxes.filter(|boxes| fits(boxes, BOX_BYTES)).ok_or(wrong("boxes"))?;
+        let boxes = section(SectionKind::Boxes, BOX_BYTES, "boxes")?;
         let queries = boxes.bytes / BOX_BYTES;
         let index_end = u64::from(header.box_count).checked_sub(queries);
-        let index_end = index_end.ok_or(wrong("object count"))?;
         // Both are at most the object count.
-        let mask = QueryMask::new(queries as usize, index_end as u32);
-        let mask = mask.ok_or(wrong("object count"))?;
-        let is_tags = |section: &Section| section.kind == SectionKind::QueryTags as u32;
-        let tags = if header.sections.iter().any(is_tags) {
-            let tags = find(&header.sections, SectionKind::QueryTags);
-            let tags = tags.filter(|tags| fits(tags, TAG_BYTES)).ok_or(wrong("tags"))?;
-            match tags.bytes / TAG_BYTES {
-                1 => TagPlace::One(tags),
-                count if count == queries => TagPlace::Each(tags),
-                _ => return Err(wrong("tags")),
-            }
-        } else {
-            TagPlace::None
-        };
+        let mask = index_end.and_then(|end| QueryMask::new(queries as usize, end as u32));
+        let mask = mask.ok_or(Reject::Query("object count"))?;
+        let has_tags = has(&header.sections, SectionKind::QueryTags);
+        let tags = has_tags.then(|| section(SectionKind::QueryTags, TAG_BYTES, "tags"));
+        let tags = tags.transpose()?;
+        if tags.is_some_and(|tags| ![1, queries].contains(&(tags.bytes / TAG_BYTES))) {
+            return Err(Reject::Query("tags"));
+        }
         Ok(Self {
             scene: SceneId(header.scene),
             revision,
@@ -164,7 +133,7 @@ impl RequestHeader {
             box_count: request.mask.n().get(),
             encoding: request.encoding as u32,
             threads: thread_number(request.threads),
-            sections: slots([request.boxes].into_iter().chain(request.tag_section())),
+            sections: slots([request.boxes].into_iter().chain(request.tags)),
             scene: request.scene.0,
             base: request.revision.unwrap_or(0),
             ..Self::envelope(Operation::QueryScene, client_token, frame)
@@ -256,6 +225,6 @@ mod tests {
         header.operation = Operation::Cull as u32;
         header.box_count = 5;
         let found = SectionKind::QueryTags as u32;
-        assert_eq!(Request::parse(&header, PAGE), Err(Reject::UnknownSection { found }));
+        assert_eq!(Request::parse(&header, PAGE), Err(Reject::UnknownSection(found)));
     }
 }

@@ -94,24 +94,19 @@ pub(super) const BOX_BYTES: u64 = 24;
 
 impl SceneRequest {
     /// Checks a copied header against the payload's length.
-    ///
-    /// # Errors
-    /// [`Reject`] with the first thing that is wrong.
     pub(crate) fn parse(header: &RequestHeader, payload_bytes: u64) -> Result<Self, Reject> {
-        let wrong = |field| Reject::Edit { field };
-        let report = report_of(header.encoding).ok_or(wrong("report"))?;
+        let report = report_of(header.encoding).ok_or(Reject::Edit("report"))?;
         let engine = header.engine_choice()?;
         if header.revision == 0 || header.revision == header.base {
-            return Err(wrong("revision"));
+            return Err(Reject::Edit("revision"));
         }
         let section = |kind, item_bytes, field| {
-            let section = find(&header.sections, kind).ok_or(wrong(field))?;
-            let is_right = section.fits(payload_bytes) && section.bytes.is_multiple_of(item_bytes);
-            if is_right { Ok(section) } else { Err(wrong(field)) }
+            let section = find(&header.sections, kind, item_bytes, payload_bytes);
+            section.ok_or(Reject::Edit(field))
         };
         let boxes = section(SectionKind::Boxes, BOX_BYTES, "boxes")?;
         if boxes.bytes != BOX_BYTES * u64::from(header.box_count) {
-            return Err(wrong("boxes"));
+            return Err(Reject::Edit("boxes"));
         }
         Ok(Self {
             scene: SceneId(header.scene),

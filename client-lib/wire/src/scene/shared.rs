@@ -60,7 +60,7 @@ impl SceneName {
     /// Writes the name at the start of a payload. Returns `false` where there is no page.
     #[must_use]
     pub fn write(&self, pages: &mut [Page]) -> bool {
-        self.section().put(self.0.as_bytes(), pages)
+        self.section().put(self.0.as_bytes(), pages, false)
     }
 
     /// The section of a name at the start of a payload.
@@ -333,23 +333,18 @@ impl RequestHeader {
 
 impl JoinRequest {
     /// Checks a copied header against the payload's length.
-    ///
-    /// # Errors
-    /// [`Reject`] with the first thing that is wrong.
     pub(crate) fn parse(header: &RequestHeader, payload_bytes: u64) -> Result<Self, Reject> {
-        let wrong = |field| Reject::Edit { field };
         let engine = header.engine_choice()?;
-        let name = find(&header.sections, SectionKind::SceneName).ok_or(wrong("name"))?;
-        if !name.fits(payload_bytes) || name.bytes == 0 || name.bytes > MAX_NAME_BYTES as u64 {
-            return Err(wrong("name"));
-        }
+        let name = find(&header.sections, SectionKind::SceneName, 1, payload_bytes);
+        let name = name.filter(|name| (1..=MAX_NAME_BYTES as u64).contains(&name.bytes));
+        let name = name.ok_or(Reject::Edit("name"))?;
         let deadline = (header.base != 0).then(|| Duration::from_nanos(header.base));
         if deadline.is_some_and(|deadline| deadline > LONGEST_TICK) {
-            return Err(wrong("deadline"));
+            return Err(Reject::Edit("deadline"));
         }
         let at_end = match header.scene_flags & (REMOVES | KEEPS) {
             0 => None,
-            number => Some(at_end_of(u64::from(number)).ok_or(wrong("flags"))?),
+            number => Some(at_end_of(u64::from(number)).ok_or(Reject::Edit("flags"))?),
         };
         let most_boxes = (header.most_boxes != 0).then_some(header.most_boxes);
         let all_pairs = header.scene_flags & SCOPE_ALL != 0;
@@ -365,18 +360,14 @@ impl JoinRequest {
 
 impl LeaseRequest {
     /// Checks a copied header.
-    ///
-    /// # Errors
-    /// [`Reject`] with the first thing that is wrong.
     pub(crate) fn parse(header: &RequestHeader) -> Result<Self, Reject> {
-        let wrong = |field| Reject::Edit { field };
-        let first = u32::try_from(header.base).map_err(|_| wrong("first index"));
-        let count = u32::try_from(header.revision).map_err(|_| wrong("count"));
+        let first = u32::try_from(header.base).map_err(|_| Reject::Edit("first index"));
+        let count = u32::try_from(header.revision).map_err(|_| Reject::Edit("count"));
         let action = match header.encoding {
             TAKE => LeaseAction::Take { first: first?, count: count? },
             TAKE_ANY => LeaseAction::TakeAny { count: count? },
             GIVE_BACK => LeaseAction::GiveBack { first: first? },
-            _ => return Err(wrong("lease")),
+            _ => return Err(Reject::Edit("lease")),
         };
         Ok(Self { scene: SceneId(header.scene), action })
     }
@@ -475,8 +466,7 @@ impl TickMarks {
     pub fn mark(&self, header: ResponseHeader) -> ResponseHeader {
         let mut header = header;
         header.detail[1] = self.tick;
-        header.sections[4] =
-            Section::required(SectionKind::LateRanges, 4 * self.late.start, 4 * self.late.len);
+        header.sections[4] = Section::of_words(SectionKind::LateRanges, self.late);
         header
     }
 
@@ -485,12 +475,9 @@ impl TickMarks {
     /// # Errors
     /// [`ReplyError`] with the first thing that is wrong.
     pub fn parse(header: &ResponseHeader, payload_bytes: u64) -> Result<Self, ReplyError> {
-        let malformed = ReplyError::Malformed { field: "late ranges" };
-        let late = find(&header.sections, SectionKind::LateRanges);
-        let late = late.filter(|late| late.fits(payload_bytes) && late.bytes.is_multiple_of(8));
-        let Some(late) = late else { return Err(malformed) };
-        let late = Span { start: late.offset / 4, len: late.bytes / 4 };
-        Ok(Self { tick: header.detail[1], late })
+        let late = find(&header.sections, SectionKind::LateRanges, 8, payload_bytes);
+        let late = late.ok_or(ReplyError::Malformed { field: "late ranges" })?;
+        Ok(Self { tick: header.detail[1], late: late.span() })
     }
 
     /// The late ranges. Another process may have written anything there: what is no range is passed over.

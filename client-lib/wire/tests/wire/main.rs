@@ -42,6 +42,12 @@ impl Bytes {
     }
 }
 
+/// A header that another process has changed.
+fn forged<H: Copy>(mut header: H, change: impl FnOnce(&mut H)) -> H {
+    change(&mut header);
+    header
+}
+
 fn at(x: f32) -> Aabb {
     Aabb::new([x, 0.0, 0.0], [x + 1.0, 1.0, 1.0])
 }

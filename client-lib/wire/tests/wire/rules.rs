@@ -4,7 +4,7 @@
 
 use std::sync::Arc;
 
-use bytemuck::{Zeroable, cast_slice, cast_slice_mut};
+use bytemuck::{cast_slice, cast_slice_mut};
 use pairmask_core::dispatch::{StageTimes, WorldRange};
 use pairmask_core::engine::{Census, CullReport, EngineName, EngineTimes};
 use pairmask_core::filters::{Filter, FilterId, FilterTable, Owner, Rules, Tag, World};
@@ -13,11 +13,13 @@ use pairmask_core::objects::ObjectForm;
 use pairmask_core::precision::BoxForm;
 use pairmask_core::units::BoxCount;
 use pairmask_wire::{
-    CullRequest, Page, Reject, Reply, ReplyError, ReplyFields, Request, RequestHeader,
-    ResponseHeader, RulesLayout, RulesReader, ScenePlace, Section, SectionKind, SentRules,
-    WORLD_RANGE_WORDS, page_count, response_ok, world_ranges_in, write_world_ranges,
+    CullRequest, Page, Reject, Reply, ReplyError, ReplyFields, Request,
+    RequestHeader, ResponseHeader, RulesLayout, RulesReader, ScenePlace, Section, SectionKind,
+    SentRules, WORLD_RANGE_WORDS, response_ok, world_ranges_in, write_world_ranges,
 };
 use proptest::prelude::*;
+
+use crate::{forged, pages};
 
 const N: BoxCount = BoxCount::new(20);
 
@@ -39,7 +41,7 @@ fn rules() -> Rules {
 fn sent(rules: &Rules, n: BoxCount, form: BoxForm) -> (RequestHeader, Vec<Page>) {
     let scene = ScenePlace::first(form, n);
     let layout = RulesLayout::of(rules, n, scene.payload_bytes()).unwrap();
-    let mut pages = vec![Page::zeroed(); page_count(layout.payload_bytes()) as usize];
+    let mut pages = pages(layout.payload_bytes());
     assert!(layout.write(rules, &mut pages));
     let request = CullRequest { rules: Some(layout.place()), ..CullRequest::of(scene) };
     (RequestHeader::cull(1, 2, &request), pages)
@@ -144,48 +146,44 @@ fn forged_rules_are_refused() {
     let (header, pages) = sent(&rules(), N, BoxForm::F32);
     let payload_bytes = size_of_val(&pages[..]) as u64;
     let refused = |header: &RequestHeader| {
-        matches!(Request::parse(header, payload_bytes), Err(Reject::Rules { .. }))
+        matches!(Request::parse(header, payload_bytes), Err(Reject::Rules(_)))
     };
     assert!(!refused(&header));
     for slot in 1..5 {
-        let forge = |change: fn(&mut Section)| {
-            let mut header = header;
-            change(&mut header.sections[slot]);
-            header
-        };
-        assert!(refused(&forge(|section| section.offset = u64::MAX - 3)), "{slot}");
-        assert!(refused(&forge(|section| section.offset = 4_096)), "{slot}");
-        assert!(refused(&forge(|section| section.offset += 2)), "{slot}");
-        assert!(refused(&forge(|section| section.bytes += 4)), "{slot}");
-        assert!(refused(&forge(|section| section.bytes = u64::MAX)), "{slot}");
-        let mut doubled = header;
-        doubled.sections[6] = header.sections[slot];
-        assert!(refused(&doubled), "{slot}");
+        for change in [
+            (|section| section.offset = u64::MAX - 3) as fn(&mut Section),
+            |section| section.offset = 4_096,
+            |section| section.offset += 2,
+            |section| section.bytes += 4,
+            |section| section.bytes = u64::MAX,
+        ] {
+            assert!(refused(&forged(header, |h| change(&mut h.sections[slot]))), "{slot}");
+        }
+        assert!(refused(&forged(header, |h| h.sections[6] = h.sections[slot])), "{slot}");
     }
     // More tags than boxes, more filters than ids, more pairs than may be named.
     for (slot, bytes) in [(1, 12 * 21), (2, 24 * 65_537), (3, 8 * 65_857), (4, 8 * 65_857)] {
-        let mut header = header;
-        header.sections[slot].bytes = bytes;
-        assert!(matches!(Request::parse(&header, 1 << 30), Err(Reject::Rules { .. })), "{slot}");
+        let header = forged(header, |h| h.sections[slot].bytes = bytes);
+        assert!(matches!(Request::parse(&header, 1 << 30), Err(Reject::Rules(_))), "{slot}");
     }
-    let mut many = header;
-    (many.sections[3].bytes, many.sections[4].bytes) = (8 * 65_000, 8 * 1_000);
-    assert!(matches!(Request::parse(&many, 1 << 30), Err(Reject::Rules { .. })));
+    let many = forged(header, |h| {
+        (h.sections[3].bytes, h.sections[4].bytes) = (8 * 65_000, 8 * 1_000);
+    });
+    assert!(matches!(Request::parse(&many, 1 << 30), Err(Reject::Rules(_))));
 
-    let mut spheres = header;
-    spheres.sections[0].kind = SectionKind::of(ObjectForm::Spheres) as u32;
-    spheres.sections[0].bytes = 320;
-    assert!(refused(&spheres));
-    let mut status = RequestHeader::status(1, 2);
-    status.sections[0] = header.sections[1];
-    assert!(matches!(Request::parse(&status, payload_bytes), Err(Reject::UnknownSection { .. })));
+    let kind = SectionKind::of(ObjectForm::Spheres) as u32;
+    assert!(refused(&forged(header, |h| {
+        (h.sections[0].kind, h.sections[0].bytes) = (kind, 320);
+    })));
+    let status = forged(RequestHeader::status(1, 2), |h| h.sections[0] = header.sections[1]);
+    assert!(matches!(Request::parse(&status, payload_bytes), Err(Reject::UnknownSection(_))));
 
     // An index that is not of the frame, in either list; the next rules are read all the same.
     let mut reader = RulesReader::default();
     for word in [160, 161, 176, 177] {
         let mut forged = pages.clone();
         cast_slice_mut::<Page, u32>(&mut forged)[word] = 20;
-        assert!(matches!(received(&header, &forged, &mut reader), Err(Reject::Rules { .. })));
+        assert!(matches!(received(&header, &forged, &mut reader), Err(Reject::Rules(_))));
         let read = received(&header, &pages, &mut reader).unwrap();
         assert!(is_same(read.rules(), &rules(), N));
     }
@@ -220,11 +218,9 @@ fn rules_are_kept_under_the_number_of_their_client() {
     assert_eq!(header.revision, 7);
     assert_eq!(Request::parse(&header, payload_bytes), Ok(Request::Cull(named)));
     let refused = |change: &dyn Fn(&mut RequestHeader)| {
-        let mut header = header;
-        change(&mut header);
-        Request::parse(&header, payload_bytes).unwrap_err()
+        Request::parse(&forged(header, change), payload_bytes).unwrap_err()
     };
-    let number = Reject::Rules { field: "number" };
+    let number = Reject::Rules("number");
     assert_eq!(refused(&|header| header.revision = 0), number);
     let both = RequestHeader::cull(1, 2, &with_rules);
     assert_eq!(refused(&|header| header.sections[2] = both.sections[1]), number);
@@ -274,12 +270,12 @@ fn world_ranges_are_read_as_they_were_written_and_forged_ones_are_refused() {
         assert!(refused(&header, &shape, &words), "{word}");
     }
     for (offset, bytes) in [(u64::MAX - 3, 36), (42, 36), (40, 32), (40, 1 << 40), (40, 24)] {
-        let mut header = header;
-        (header.sections[1].offset, header.sections[1].bytes) = (offset, bytes);
+        let header = forged(header, |h| {
+            (h.sections[1].offset, h.sections[1].bytes) = (offset, bytes);
+        });
         assert!(refused(&header, &shape, &words), "{offset} {bytes}");
     }
-    let mut doubled = header;
-    doubled.place_world_ranges(Span { start: 10, len: 9 });
+    let doubled = forged(header, |h| h.place_world_ranges(Span { start: 10, len: 9 }));
     assert!(refused(&doubled, &shape, &words));
 }
 

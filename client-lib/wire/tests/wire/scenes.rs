@@ -16,9 +16,17 @@ use pairmask_wire::{
 };
 use proptest::prelude::*;
 
-use crate::{Bytes, TOKEN, at, pages};
+use crate::{Bytes, TOKEN, at, forged, pages};
 
-fn request(layout: &EditLayout, most_boxes: u32) -> SceneRequest {
+/// The layout of an edit, and its payload.
+pub fn written(steps: &[Step<'_>]) -> (EditLayout, Vec<Page>) {
+    let layout = EditLayout::of(Edit { steps }).unwrap();
+    let mut payload = pages(layout.payload_bytes());
+    assert!(layout.write(Edit { steps }, &mut payload));
+    (layout, payload)
+}
+
+pub fn request(layout: &EditLayout, most_boxes: u32) -> SceneRequest {
     let [boxes, steps, indices] = layout.sections();
     SceneRequest {
         scene: SceneId(5),
@@ -73,8 +81,7 @@ fn golden_edit() {
         Step::Set(Sets { indices: (&[9, 4]).into(), boxes: &boxes }),
         Step::Static((10..13).into(), true),
     ];
-    let edit = Edit { steps: &steps };
-    let layout = EditLayout::of(edit).unwrap();
+    let (layout, payload) = written(&steps);
     let header = RequestHeader::edit_scene(TOKEN, 8, &request(&layout, 100));
     let expected = Bytes::of_magic(b"PMRQ")
         .u32(&[3, 0])
@@ -89,8 +96,6 @@ fn golden_edit() {
         .u32(&[100, 1]);
     assert_eq!(bytemuck::bytes_of(&header), expected.0);
 
-    let mut payload = pages(layout.payload_bytes());
-    assert!(layout.write(edit, &mut payload));
     let words: &[u32] = bytemuck::cast_slice(&payload);
     assert_eq!(&words[..12], bytemuck::cast_slice::<Aabb, u32>(&boxes));
     assert_eq!(words[16..18], [9, 4]);
@@ -125,9 +130,7 @@ fn an_edit_is_read_as_it_was_written() {
     ];
     for count in 0..=steps.len() {
         let edit = Edit { steps: &steps[..count] };
-        let layout = EditLayout::of(edit).unwrap();
-        let mut payload = pages(layout.payload_bytes());
-        assert!(layout.write(edit, &mut payload));
+        let (layout, mut payload) = written(edit.steps);
         let request = request(&layout, 1 << 20);
         let header = RequestHeader::edit_scene(TOKEN, 1, &request);
         let parsed = Request::parse(&header, size_of_val(&payload[..]) as u64).unwrap();
@@ -161,10 +164,7 @@ fn golden_rules() {
         Step::Include(&[[1, 2]], true),
         Step::Exclude(&[[5, 3]], false),
     ];
-    let edit = Edit { steps: &steps };
-    let layout = EditLayout::of(edit).unwrap();
-    let mut payload = pages(layout.payload_bytes());
-    assert!(layout.write(edit, &mut payload));
+    let (layout, payload) = written(&steps);
     let words: &[u32] = bytemuck::cast_slice(&payload);
     let all = u32::MAX;
     let expected = [
@@ -189,13 +189,10 @@ fn golden_rules() {
 #[test]
 fn forged_rules_are_refused() {
     let table = table();
-    let twice = [Step::Filters(&table), Step::Filters(&table)];
-    let layout = EditLayout::of(Edit { steps: &twice }).unwrap();
-    let mut payload = pages(layout.payload_bytes());
-    assert!(layout.write(Edit { steps: &twice }, &mut payload));
+    let (layout, payload) = written(&[Step::Filters(&table), Step::Filters(&table)]);
     let mut scratch = EditScratch::default();
     let refused = scratch.read(&request(&layout, 10), &payload).map(drop);
-    assert_eq!(refused, Err(Reject::Edit { field: "filters" }));
+    assert_eq!(refused, Err(Reject::Edit("filters")));
 
     let tags = [Tag::default(); 3];
     let steps = [
@@ -204,18 +201,16 @@ fn forged_rules_are_refused() {
         Step::Filters(&table),
     ];
     for (number, step) in steps.iter().enumerate() {
-        let edit = Edit { steps: std::slice::from_ref(step) };
-        let layout = EditLayout::of(edit).unwrap();
+        let (layout, payload) = written(std::slice::from_ref(step));
         let request = request(&layout, 10);
         for (word, value) in [(3, u32::MAX), (5, 1 << 30), (5, u32::MAX), (0, 13), (0, 0), (3, 70)]
         {
-            let mut payload = pages(layout.payload_bytes());
-            assert!(layout.write(edit, &mut payload));
+            let mut payload = payload.clone();
             let records = (request.steps.offset / 4) as usize;
             bytemuck::cast_slice_mut::<_, u32>(&mut payload)[records + word] = value;
             let mut scratch = EditScratch::default();
             let refused = scratch.read(&request, &payload).map(drop);
-            assert!(matches!(refused, Err(Reject::Edit { .. })), "{number} {word} {value}");
+            assert!(matches!(refused, Err(Reject::Edit(_))), "{number} {word} {value}");
         }
     }
 }
@@ -224,8 +219,7 @@ fn forged_rules_are_refused() {
 fn forged_edits_are_refused() {
     let boxes = [at(0.0), at(0.5)];
     let steps = [Step::Set(Sets { indices: (&[1, 0]).into(), boxes: &boxes })];
-    let edit = Edit { steps: &steps };
-    let layout = EditLayout::of(edit).unwrap();
+    let (layout, payload) = written(&steps);
     let right = RequestHeader::edit_scene(TOKEN, 1, &request(&layout, 10));
     let parse = |header: &RequestHeader| Request::parse(header, 4096);
     assert!(parse(&right).is_ok());
@@ -245,47 +239,33 @@ fn forged_edits_are_refused() {
         |h| h.sections[2].bytes = 1 << 40,
         |h| h.sections[3] = h.sections[2],
     ] {
-        let mut header = right;
-        change(&mut header);
-        assert!(matches!(parse(&header), Err(Reject::Edit { .. })), "{:?}", parse(&header));
+        let refused = parse(&forged(right, change));
+        assert!(matches!(refused, Err(Reject::Edit(_))), "{refused:?}");
     }
-    let mut header = right;
-    header.sections[4] = Section { kind: 2, flags: Section::REQUIRED, offset: 0, bytes: 4 };
-    assert_eq!(parse(&header), Err(Reject::UnknownSection { found: 2 }));
-    header = right;
-    header.operation = 1;
-    assert_eq!(parse(&header), Err(Reject::UnknownSection { found: 13 }), "not in a cull");
+    let unknown = Section { kind: 2, flags: Section::REQUIRED, offset: 0, bytes: 4 };
+    let header = forged(right, |h| h.sections[4] = unknown);
+    assert_eq!(parse(&header), Err(Reject::UnknownSection(2)));
+    let cull = parse(&forged(right, |h| h.operation = 1));
+    assert_eq!(cull, Err(Reject::UnknownSection(13)), "not in a cull");
 
     // Records that reach beyond what there is.
-    let mut payload = pages(layout.payload_bytes());
-    assert!(layout.write(edit, &mut payload));
     let request = request(&layout, 10);
     let record = layout.sections()[1].offset as usize / 4;
-    let forged = |place: usize, value: u32| {
+    let is_refused = |place: usize, value: u32| {
         let mut payload = payload.clone();
         bytemuck::cast_slice_mut::<Page, u32>(&mut payload)[record + place] = value;
         EditScratch::default().read(&request, &payload).map(|steps| done(&steps)).is_err()
     };
-    for (place, value) in [
-        (0, 0),
-        (0, 7),
-        (1, 0),
-        (1, 4),
-        (3, 3),
-        (3, 1 << 31),
-        (4, 1),
-        (4, u32::MAX),
-        (5, 1),
-        (5, u32::MAX),
-    ] {
-        assert!(forged(place, value), "field {place} as {value}");
+    let (long, last) = (1 << 31, u32::MAX);
+    let of_fields: [(usize, &[u32]); 5] =
+        [(0, &[0, 7]), (1, &[0, 4]), (3, &[3, long]), (4, &[1, last]), (5, &[1, last])];
+    let fields = of_fields.iter().flat_map(|(place, values)| values.iter().map(|v| (*place, *v)));
+    for (place, value) in fields {
+        assert!(is_refused(place, value), "field {place} as {value}");
     }
-    assert!(!forged(2, 7), "a list has no first index");
+    assert!(!is_refused(2, 7), "a list has no first index");
     // More indices than any edit of such a scene names.
-    let many = [Step::Remove((0..161).into())];
-    let layout = EditLayout::of(Edit { steps: &many }).unwrap();
-    let mut payload = pages(layout.payload_bytes());
-    assert!(layout.write(Edit { steps: &many }, &mut payload));
+    let (layout, payload) = written(&[Step::Remove((0..161).into())]);
     let [boxes, steps, indices] = layout.sections();
     let few = SceneRequest { boxes, steps, indices, ..request };
     assert!(EditScratch::default().read(&few, &payload).is_err());
@@ -350,9 +330,7 @@ fn an_answer_is_read_as_it_was_written() {
         |h| h.sections[3].offset = u64::MAX - 3,
         |h| h.sections[4] = h.sections[0],
     ] {
-        let mut header = header;
-        change(&mut header);
-        let refused = SceneReply::parse(&header, &ASKED, 4 * words.len() as u64);
+        let refused = SceneReply::parse(&forged(header, change), &ASKED, 4 * words.len() as u64);
         assert!(matches!(refused, Err(ReplyError::Malformed { .. })), "{refused:?}");
     }
     let other = ReplyFields { frame: 5, ..ASKED };

@@ -13,12 +13,13 @@ use pairmask_core::scene::shared::{AtEnd, Scope};
 use pairmask_core::scene::{Edit, QueryMask, QueryTags, Report, Scene, SceneOptions, Sets, Step};
 use pairmask_core::units::BoxCount;
 use pairmask_wire::{
-    AgreedTerms, CullRequest, EditLayout, JoinRequest, LeaseAction, LeaseRequest, Page,
-    QueryRequest, ReplyFields, Request, RequestHeader, ResponseHeader, SceneAnswerLayout, SceneId,
-    SceneName, ScenePlace, SceneRequest, SharedTerms, TickMarks, parse_joined, parse_leased,
-    response_joined, response_leased, response_scene,
+    AgreedTerms, CullRequest, JoinRequest, LeaseAction, LeaseRequest, Page, QueryRequest,
+    ReplyFields, Request, RequestHeader, ResponseHeader, SceneAnswerLayout, SceneId, SceneName,
+    ScenePlace, SceneRequest, SharedTerms, TickMarks, parse_joined, parse_leased, response_joined,
+    response_leased, response_scene,
 };
 
+use crate::scenes::{self, written};
 use crate::{Bytes, TOKEN, at, pages};
 
 const FRAME: u64 = 9;
@@ -174,22 +175,10 @@ fn golden_lease() {
 fn golden_commit_and_leave() {
     let boxes = [at(0.0), at(0.5)];
     let steps = [Step::Set(Sets { indices: (&[9, 4]).into(), boxes: &boxes })];
-    let layout = EditLayout::of(Edit { steps: &steps }).unwrap();
-    let [boxes, steps, indices] = layout.sections();
-    let request = SceneRequest {
-        scene: SceneId(5),
-        base: 6,
-        revision: 7,
-        is_acknowledged: true,
-        is_lost: false,
-        report: Report::Changes,
-        most_boxes: 0,
-        engine: EngineChoice::Auto,
-        threads: None,
-        boxes,
-        steps,
-        indices,
-    };
+    let (layout, _) = written(&steps);
+    let report = Report::Changes;
+    let (engine, threads) = (EngineChoice::Auto, None);
+    let request = SceneRequest { report, engine, threads, ..scenes::request(&layout, 0) };
     let header = RequestHeader::commit_shared(TOKEN, FRAME, &request);
     let fields = Fields {
         operation: 9,

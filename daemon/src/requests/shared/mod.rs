@@ -64,7 +64,7 @@ impl SharedScenes {
         self.end((session, request.scene), End::JoinsAgain);
         let joined = match SceneName::read(request, open.pages()) {
             Some(name) => self.join_named(&name, session, request),
-            None => Err(Reject::Edit { field: "name" }.into()),
+            None => Err(Reject::Edit("name").into()),
         };
         let header = joined.map(|terms| response_joined(&open.fields, &terms));
         self.outbox.send_and_close(open, header);

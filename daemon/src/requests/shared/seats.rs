@@ -71,7 +71,7 @@ impl TickWork {
 }
 
 fn wrong(field: &'static str) -> Refusal {
-    Reject::Edit { field }.into()
+    Reject::Edit(field).into()
 }
 
 impl Seats {
