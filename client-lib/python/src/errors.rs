@@ -3,8 +3,6 @@
 use std::fmt::{Debug, Display};
 
 use pairmask::{ConnectError, Error};
-use pairmask_core::engine::UnknownName;
-use pairmask_core::precision::{BoundsError, MarginError};
 use pyo3::exceptions::{PyMemoryError, PyValueError};
 use pyo3::prelude::*;
 
@@ -16,12 +14,6 @@ mod classes {
     import_exception!(pairmask._errors, WaitTimeout);
 }
 
-/// An error of the library that has an exception.
-pub trait Raise {
-    /// The exception.
-    fn raise(self) -> PyErr;
-}
-
 /// The text of an error, and the name of its variant in Rust.
 fn reported<E: Display + Debug>(error: &E) -> (String, String) {
     let debug = format!("{error:?}");
@@ -29,36 +21,26 @@ fn reported<E: Display + Debug>(error: &E) -> (String, String) {
     (error.to_string(), debug[..end].to_owned())
 }
 
-impl Raise for ConnectError {
-    fn raise(self) -> PyErr {
-        classes::ConnectError::new_err(reported(&self))
+/// The exception of an error of the library.
+pub fn raised(error: Error) -> PyErr {
+    match error {
+        Error::NoMemory { .. } => PyMemoryError::new_err(error.to_string()),
+        Error::Tags { .. } | Error::Listed { .. } => invalid(error),
+        Error::Timeout { .. } => classes::WaitTimeout::new_err(reported(&error)),
+        Error::Connect(error) => not_connected(error),
+        _ => classes::PairmaskError::new_err(reported(&error)),
     }
 }
 
-impl Raise for Error {
-    fn raise(self) -> PyErr {
-        match self {
-            Self::NoMemory { .. } => PyMemoryError::new_err(self.to_string()),
-            Self::Tags { .. } | Self::Listed { .. } => PyValueError::new_err(self.to_string()),
-            Self::Timeout { .. } => classes::WaitTimeout::new_err(reported(&self)),
-            Self::Connect(error) => error.raise(),
-            _ => classes::PairmaskError::new_err(reported(&self)),
-        }
-    }
+/// The exception where there is no session.
+pub fn not_connected(error: ConnectError) -> PyErr {
+    classes::ConnectError::new_err(reported(&error))
 }
 
-macro_rules! raise_value {
-    ($($error:ident),* $(,)?) => {
-        $(
-            impl Raise for $error {
-                fn raise(self) -> PyErr {
-                    PyValueError::new_err(self.to_string())
-                }
-            }
-        )*
-    };
+/// The exception of a value that is refused.
+pub fn invalid(error: impl Display) -> PyErr {
+    PyValueError::new_err(error.to_string())
 }
-raise_value!(BoundsError, MarginError, UnknownName);
 
 /// An error that Python alone knows: something is used after its end, or by two threads at a time.
 pub fn misused(what: &'static str, kind: &'static str) -> PyErr {

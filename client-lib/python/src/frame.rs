@@ -1,229 +1,117 @@
 //! Frames being filled: memory that numpy arrays lie over until the frame is submitted.
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, MutexGuard};
 use std::time::Duration;
 
-use pairmask::{Error, Frame, FrameOptions, PendingFrame, Quantized, Sphere};
-use pyo3::exceptions::{PyAttributeError, PyBufferError, PyValueError};
+use pairmask::{Frame, FrameOptions, PendingFrame, Quantized, Sphere};
+use pyo3::exceptions::{PyAttributeError, PyBufferError};
 use pyo3::prelude::*;
 
 use crate::arrays::{Rows, check_len};
-use crate::errors::{Raise, misused};
+use crate::errors::{invalid, raised};
 use crate::guarded::Guarded;
-use crate::memory::{Memory, Number};
+use crate::memory::Array;
 use crate::pairs::PyPairMask;
 use crate::process;
 use crate::rules::PyRules;
-use crate::sources::Boxes;
-
-/// A frame until it is submitted, and how many arrays lie over it.
-struct Filling {
-    /// `None` once it is submitted.
-    frame: Option<AnyFrame>,
-    views: usize,
-}
-
-/// A frame that arrays may lie over. While any does, the frame is neither written nor submitted: an array
-/// would then read or write memory that another process works on.
-struct Viewed {
-    filling: Arc<Mutex<Filling>>,
-}
-
-/// Keeps a frame's memory where it is, for an array.
-struct View {
-    filling: Arc<Mutex<Filling>>,
-}
-
-impl Drop for View {
-    fn drop(&mut self) {
-        self.filling.lock().unwrap_or_else(PoisonError::into_inner).views -= 1;
-    }
-}
-
-impl Viewed {
-    fn new(frame: AnyFrame) -> Self {
-        Self { filling: Arc::new(Mutex::new(Filling { frame: Some(frame), views: 0 })) }
-    }
-
-    /// A new array over the frame's memory. The lock is never held for long: nothing waits under it.
-    fn view<'py, T: Number, const N: usize>(
-        &self,
-        py: Python<'py>,
-        rows: impl FnOnce(&mut AnyFrame) -> PyResult<&mut [[T; N]]>,
-    ) -> PyResult<Bound<'py, PyAny>> {
-        let mut filling = self.filling.lock().unwrap_or_else(PoisonError::into_inner);
-        let memory = {
-            let Filling { frame, views } = &mut *filling;
-            let rows = rows(frame.as_mut().ok_or_else(gone)?)?;
-            *views += 1;
-            let view = View { filling: Arc::clone(&self.filling) };
-            Memory::of_writable(rows, Box::new(view))
-        };
-        drop(filling);
-        memory.into_array(py)
-    }
-
-    /// Calls `f` with the frame where no array lies over it.
-    fn with<R>(&self, f: impl FnOnce(&mut AnyFrame) -> R) -> PyResult<R> {
-        let mut filling = self.filling.lock().unwrap_or_else(PoisonError::into_inner);
-        filling.check()?;
-        filling.frame.as_mut().map(f).ok_or_else(gone)
-    }
-
-    /// The frame, where no array lies over it.
-    fn take(&self) -> PyResult<AnyFrame> {
-        let mut filling = self.filling.lock().unwrap_or_else(PoisonError::into_inner);
-        filling.check()?;
-        filling.frame.take().ok_or_else(gone)
-    }
-}
-
-impl Drop for Filling {
-    fn drop(&mut self) {
-        process::drop_here(self.frame.take());
-    }
-}
-
-impl Filling {
-    fn check(&self) -> PyResult<()> {
-        if self.views == 0 || self.frame.is_none() {
-            return Ok(());
-        }
-        Err(PyBufferError::new_err(format!(
-            "{} arrays lie over this frame's memory: drop them (del) before it is written as a whole or submitted",
-            self.views
-        )))
-    }
-}
-
-fn gone() -> PyErr {
-    misused("the frame was submitted", "Gone")
-}
 
 /// A frame of any objects.
-enum AnyFrame {
+pub enum AnyFrame {
     Boxes(Frame),
     Spheres(Frame<Sphere>),
     Quantized(Frame<Quantized>),
 }
 
-impl AnyFrame {
-    fn submit(self, options: &FrameOptions) -> Result<PendingFrame, Error> {
-        match self {
-            Self::Boxes(frame) => frame.submit_with(options),
-            Self::Spheres(frame) => frame.submit_with(options),
-            Self::Quantized(frame) => frame.submit_with(options),
-        }
-    }
-}
-
 /// Memory for the boxes or spheres of one frame.
+///
+/// Arrays may lie over it. While any does, the frame is neither written as a whole nor submitted: the array would
+/// then read or write memory that another process works on.
 #[pyclass(frozen, name = "Frame", module = "pairmask")]
 pub struct PyFrame {
+    /// Boxes or spheres in this frame.
+    #[pyo3(get)]
     n: usize,
+    /// Whether they lie in shared memory.
+    #[pyo3(get)]
     is_shared: bool,
-    kind: Kind,
-    viewed: Viewed,
-}
-
-/// What a frame holds.
-#[derive(Clone, Copy)]
-enum Kind {
-    Boxes,
-    Spheres,
-    Quantized,
+    /// Numbers of a row.
+    columns: usize,
+    /// Each array over the frame's memory has an `Arc` of its own, and makes it under the lock.
+    frame: Arc<Guarded<AnyFrame>>,
 }
 
 impl PyFrame {
-    pub fn of_boxes(frame: Frame) -> Self {
-        let (n, is_shared) = (frame.n().len(), frame.is_shared());
-        Self { n, is_shared, kind: Kind::Boxes, viewed: Viewed::new(AnyFrame::Boxes(frame)) }
+    pub fn new(frame: AnyFrame) -> Self {
+        let (n, is_shared, columns) = match &frame {
+            AnyFrame::Boxes(frame) => (frame.n(), frame.is_shared(), 6),
+            AnyFrame::Spheres(frame) => (frame.n(), frame.is_shared(), 4),
+            AnyFrame::Quantized(frame) => (frame.n(), frame.is_shared(), 6),
+        };
+        let frame = Arc::new(Guarded::new(frame, "the frame was submitted"));
+        Self { n: n.len(), is_shared, columns, frame }
     }
 
-    pub fn of_spheres(frame: Frame<Sphere>) -> Self {
-        let (n, is_shared) = (frame.n().len(), frame.is_shared());
-        Self { n, is_shared, kind: Kind::Spheres, viewed: Viewed::new(AnyFrame::Spheres(frame)) }
+    /// A new array over the frame's memory.
+    fn view<const N: usize>(
+        &self,
+        py: Python<'_>,
+        rows: impl FnOnce(&mut AnyFrame) -> Option<&mut [[f32; N]]>,
+    ) -> PyResult<Array> {
+        let array = self.frame.with(py, |frame| {
+            rows(frame).map(|rows| Array::over(rows, Box::new(Arc::clone(&self.frame))))
+        })?;
+        array.ok_or_else(|| {
+            PyAttributeError::new_err("this frame has no such array: write() fills it")
+        })
     }
 
-    pub fn of_quantized(frame: Frame<Quantized>) -> Self {
-        let (n, is_shared) = (frame.n().len(), frame.is_shared());
-        Self {
-            n,
-            is_shared,
-            kind: Kind::Quantized,
-            viewed: Viewed::new(AnyFrame::Quantized(frame)),
+    /// The lock of the frame, where no array lies over it.
+    fn lock(&self, py: Python<'_>) -> PyResult<MutexGuard<'_, Option<AnyFrame>>> {
+        let held = self.frame.lock(py)?;
+        match Arc::strong_count(&self.frame) - 1 {
+            0 => Ok(held),
+            views => Err(PyBufferError::new_err(format!(
+                "{views} arrays lie over this frame's memory: drop them (del) before it is written as a whole or \
+                 submitted"
+            ))),
         }
     }
-}
-
-fn other_frame(wanted: &str) -> PyErr {
-    PyAttributeError::new_err(format!("this frame has no array of {wanted}: write() fills it"))
 }
 
 #[pymethods]
 impl PyFrame {
-    /// Boxes or spheres in this frame.
-    #[getter]
-    fn n(&self) -> usize {
-        self.n
+    fn __repr__(&self) -> String {
+        format!("<Frame ({}, {})>", self.n, self.columns)
     }
 
-    fn __len__(&self) -> usize {
-        self.n
-    }
-
-    /// Whether they lie in shared memory.
+    /// The boxes (n, 6) as a new array over the frame's memory, contents unspecified until written. Boxes that
+    /// are quantized have none.
     #[getter]
-    fn is_shared(&self) -> bool {
-        self.is_shared
-    }
-
-    /// The boxes as a new array over the frame's memory, contents unspecified until written. Boxes that are
-    /// quantized have none.
-    #[getter]
-    fn boxes<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        self.viewed.view(py, |frame| match frame {
-            AnyFrame::Boxes(frame) => Ok(frame.raw_mut()),
-            _ => Err(other_frame("boxes")),
+    fn boxes(&self, py: Python<'_>) -> PyResult<Array> {
+        self.view(py, |frame| match frame {
+            AnyFrame::Boxes(frame) => Some(frame.raw_mut()),
+            _ => None,
         })
     }
 
-    /// The spheres as a new array over the frame's memory, `x y z radius` a row.
+    /// The spheres (n, 4) as a new array over the frame's memory, `x y z radius` a row.
     #[getter]
-    fn spheres<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        self.viewed.view(py, |frame| match frame {
-            AnyFrame::Spheres(frame) => Ok(frame.raw_mut()),
-            _ => Err(other_frame("spheres")),
+    fn spheres(&self, py: Python<'_>) -> PyResult<Array> {
+        self.view(py, |frame| match frame {
+            AnyFrame::Spheres(frame) => Some(frame.raw_mut()),
+            _ => None,
         })
     }
 
-    /// Writes every box or sphere.
+    /// Writes every box (n, 6) or sphere (n, 4).
     fn write(&self, py: Python<'_>, objects: &Bound<'_, PyAny>) -> PyResult<()> {
-        // What is written is ready before the frame is locked: nothing waits under the lock.
-        match self.kind {
-            Kind::Boxes => {
-                let boxes = Boxes::of(objects)?;
-                self.viewed.with(|frame| match frame {
-                    AnyFrame::Boxes(frame) => boxes.write(py, frame.boxes_mut()),
-                    _ => Err(other_frame("boxes")),
-                })?
-            }
-            Kind::Spheres => {
-                let rows = Rows::of(objects, 4)?;
-                self.viewed.with(|frame| match frame {
-                    AnyFrame::Spheres(frame) => rows.write_spheres(py, frame.spheres_mut()),
-                    _ => Err(other_frame("spheres")),
-                })?
-            }
-            Kind::Quantized => {
-                let boxes = Boxes::of(objects)?.to_vec(py)?;
-                check_len(boxes.len(), self.n)?;
-                let write = |frame: &mut AnyFrame| match frame {
-                    AnyFrame::Quantized(frame) => frame.write(&boxes[..]).map_err(Raise::raise),
-                    _ => Err(other_frame("boxes")),
-                };
-                py.detach(|| self.viewed.with(write))?
-            }
+        // Converted before the frame is locked, by code of Python.
+        let rows = Rows::of(objects, self.columns)?;
+        check_len(rows.len(), self.n)?;
+        match self.lock(py)?.as_mut().ok_or_else(|| self.frame.gone())? {
+            AnyFrame::Boxes(frame) => rows.write(py, frame.boxes_mut()),
+            AnyFrame::Spheres(frame) => rows.write(py, frame.spheres_mut()),
+            AnyFrame::Quantized(frame) => frame.write(&rows.boxes(py)?[..]).map_err(raised),
         }
     }
 
@@ -238,8 +126,14 @@ impl PyFrame {
     ) -> PyResult<PyPendingFrame> {
         let options = FrameOptions { filters: filters.map(PyRules::shared), split_at };
         process::check()?;
-        let frame = self.viewed.take()?;
-        py.detach(|| frame.submit(&options)).map(PyPendingFrame::new).map_err(Raise::raise)
+        let frame = self.lock(py)?.take().ok_or_else(|| self.frame.gone())?;
+        let submitted = py.detach(|| match frame {
+            AnyFrame::Boxes(frame) => frame.submit_with(&options),
+            AnyFrame::Spheres(frame) => frame.submit_with(&options),
+            AnyFrame::Quantized(frame) => frame.submit_with(&options),
+        });
+        let gone = "the pairs of this frame were taken, or another thread waits for them";
+        Ok(PyPendingFrame { pending: Guarded::new(submitted.map_err(raised)?, gone) })
     }
 }
 
@@ -248,24 +142,16 @@ const LONGEST_WAIT: f64 = 86_400.0;
 
 /// A time in seconds, a day at most.
 pub fn seconds(given: f64) -> PyResult<Duration> {
-    let refused = || PyValueError::new_err(format!("a time of {given} s: give 0 or more seconds"));
-    if given.is_nan() || given < 0.0 {
-        return Err(refused());
-    }
-    Duration::try_from_secs_f64(given.min(LONGEST_WAIT)).map_err(|_| refused())
+    // A NaN stays one.
+    let bounded = if given > LONGEST_WAIT { LONGEST_WAIT } else { given };
+    let refused = |_| invalid(format!("a time of {given} s: give 0 or more seconds"));
+    Duration::try_from_secs_f64(bounded).map_err(refused)
 }
 
 /// A frame under way. Dropped, its answer is discarded.
 #[pyclass(frozen, name = "PendingFrame", module = "pairmask")]
 pub struct PyPendingFrame {
     pending: Guarded<PendingFrame>,
-}
-
-impl PyPendingFrame {
-    pub fn new(pending: PendingFrame) -> Self {
-        let gone = "the pairs of this frame were taken, or another thread waits for them";
-        Self { pending: Guarded::new(pending, gone) }
-    }
 }
 
 #[pymethods]
@@ -276,20 +162,19 @@ impl PyPendingFrame {
         let timeout = timeout.map(seconds).transpose()?;
         let mut pending = self.pending.take(py)?;
         let Some(timeout) = timeout else {
-            let waited = py.detach(|| pending.wait());
-            return waited.map(PyPairMask::new).map_err(Raise::raise);
+            return py.detach(|| pending.wait()).map(PyPairMask::new).map_err(raised);
         };
         let (waited, pending) = py.detach(move || (pending.wait_timeout(timeout), pending));
         if waited.is_err() {
             // Still under way, if it was the time that ran out.
-            self.pending.put(py, pending)?;
+            *self.pending.lock(py)? = Some(pending);
         }
-        waited.map(PyPairMask::new).map_err(Raise::raise)
+        waited.map(PyPairMask::new).map_err(raised)
     }
 
     /// The pairs if the answer has come, else `None`.
     fn try_take(&self, py: Python<'_>) -> PyResult<Option<PyPairMask>> {
         let taken = self.pending.with_detached(py, PendingFrame::try_take)?;
-        taken.map(|mask| mask.map(PyPairMask::new)).map_err(Raise::raise)
+        taken.map(|mask| mask.map(PyPairMask::new)).map_err(raised)
     }
 }

@@ -15,27 +15,25 @@ pub struct Guarded<T> {
     gone: &'static str,
 }
 
-impl<T> Guarded<T> {
+impl<T: Send> Guarded<T> {
     pub const fn new(object: T, gone: &'static str) -> Self {
         Self { held: Mutex::new(Some(object)), gone }
     }
 
-    /// The lock. Other Python threads run while this one waits for it.
-    fn lock<'a>(&'a self, py: Python<'_>) -> PyResult<MutexGuard<'a, Option<T>>>
-    where
-        T: Send,
-    {
+    /// The lock, to be held shortly. Other Python threads run while this one waits for it.
+    pub fn lock(&self, py: Python<'_>) -> PyResult<MutexGuard<'_, Option<T>>> {
         process::check()?;
         self.held.lock_py_attached(py).map_err(|_| panicked())
     }
 
+    /// What is raised where the object is gone.
+    pub fn gone(&self) -> PyErr {
+        misused(self.gone, "Gone")
+    }
+
     /// Calls `f` with the object; other Python threads wait for its end, so that it has to be quick.
-    pub fn with<R>(&self, py: Python<'_>, f: impl FnOnce(&mut T) -> R) -> PyResult<R>
-    where
-        T: Send,
-    {
-        let mut held = self.lock(py)?;
-        held.as_mut().map(f).ok_or_else(|| misused(self.gone, "Gone"))
+    pub fn with<R>(&self, py: Python<'_>, f: impl FnOnce(&mut T) -> R) -> PyResult<R> {
+        self.lock(py)?.as_mut().map(f).ok_or_else(|| self.gone())
     }
 
     /// Calls `f` with the object while other Python threads run.
@@ -43,16 +41,12 @@ impl<T> Guarded<T> {
         &self,
         py: Python<'_>,
         f: impl FnOnce(&mut T) -> R + Send,
-    ) -> PyResult<R>
-    where
-        T: Send,
-    {
+    ) -> PyResult<R> {
         process::check()?;
-        let reported = py.detach(|| match self.held.lock() {
-            Ok(mut held) => Ok(held.as_mut().map(f)),
-            Err(_) => Err(()),
-        });
-        reported.map_err(|()| panicked())?.ok_or_else(|| misused(self.gone, "Gone"))
+        py.detach(|| {
+            let mut held = self.held.lock().map_err(|_| panicked())?;
+            held.as_mut().map(f).ok_or_else(|| self.gone())
+        })
     }
 
     /// Calls `f` with the object, if it is still there, from a drop: no Python thread is told to run meanwhile.
@@ -67,38 +61,18 @@ impl<T> Guarded<T> {
     }
 
     /// Takes the object out.
-    pub fn take(&self, py: Python<'_>) -> PyResult<T>
-    where
-        T: Send,
-    {
-        self.lock(py)?.take().ok_or_else(|| misused(self.gone, "Gone"))
-    }
-
-    /// Puts an object back.
-    pub fn put(&self, py: Python<'_>, object: T) -> PyResult<()>
-    where
-        T: Send,
-    {
-        *self.lock(py)? = Some(object);
-        Ok(())
+    pub fn take(&self, py: Python<'_>) -> PyResult<T> {
+        self.lock(py)?.take().ok_or_else(|| self.gone())
     }
 
     /// Ends the object, if it is still there, while other Python threads run.
-    pub fn close(&self, py: Python<'_>) -> PyResult<()>
-    where
-        T: Send,
-    {
+    pub fn close(&self, py: Python<'_>) -> PyResult<()> {
         process::check()?;
-        py.detach(|| match self.held.lock() {
-            Ok(mut held) => {
-                let object = held.take();
-                drop(held);
-                drop(object);
-                Ok(())
-            }
-            Err(_) => Err(()),
+        py.detach(|| {
+            let object = self.held.lock().map_err(|_| panicked())?.take();
+            drop(object);
+            Ok(())
         })
-        .map_err(|()| panicked())
     }
 }
 

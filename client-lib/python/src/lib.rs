@@ -5,7 +5,16 @@
 // Python's objects come to methods by value, and methods of classes take `self` by convention.
 #![allow(clippy::needless_pass_by_value, clippy::unused_self)]
 
+/// A function or class of Python, which is looked up once.
+macro_rules! imported {
+    ($py:expr, $module:literal, $name:literal) => {{
+        static FOUND: pyo3::sync::PyOnceLock<pyo3::Py<pyo3::PyAny>> = pyo3::sync::PyOnceLock::new();
+        FOUND.import($py, $module, $name)
+    }};
+}
+
 mod arrays;
+mod boxes;
 mod engines;
 mod errors;
 mod frame;
@@ -17,7 +26,6 @@ mod process;
 mod rules;
 mod scene;
 mod session;
-mod sources;
 
 /// The extension module.
 #[pyo3::pymodule]
@@ -27,7 +35,7 @@ mod _pairmask {
     #[allow(non_upper_case_globals)] // The name is Python's.
     const __version__: &str = env!("CARGO_PKG_VERSION");
     #[pymodule_export]
-    use crate::arrays::{outward_from_f64, points, swept, swept_by};
+    use crate::boxes::{outward_from_f64, placed, points, swept, swept_by, transformed};
     #[pymodule_export]
     use crate::engines::{
         from_avian, from_box2d, from_bullet, from_jolt_mask, from_mujoco, from_newton,
@@ -36,15 +44,13 @@ mod _pairmask {
     #[pymodule_export]
     use crate::frame::{PyFrame, PyPendingFrame};
     #[pymodule_export]
-    use crate::pairs::{PyFrameInfo, PyPairMask};
+    use crate::pairs::PyPairMask;
     #[pymodule_export]
     use crate::precision::PyPrecision;
     #[pymodule_export]
     use crate::rules::{PyFilter, PyFilterTable, PyRules};
     #[pymodule_export]
-    use crate::scene::{PyEdit, PyMarginStats, PyPendingAnswer, PyScene, PySceneAnswer};
+    use crate::scene::{PyEdit, PyPendingAnswer, PyScene};
     #[pymodule_export]
     use crate::session::PySession;
-    #[pymodule_export]
-    use crate::sources::PyBoxSource;
 }

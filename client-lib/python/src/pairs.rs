@@ -6,7 +6,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyIterator;
 
 use crate::guarded::Guarded;
-use crate::memory::Memory;
+use crate::memory::Array;
 
 /// All pairs of a mask.
 pub fn pairs_of(mask: &PairMask) -> Vec<[u32; 2]> {
@@ -24,8 +24,14 @@ pub fn pairs_of(mask: &PairMask) -> Vec<[u32; 2]> {
 #[pyclass(frozen, name = "PairMask", module = "pairmask")]
 pub struct PyPairMask {
     mask: Guarded<PairMask>,
+    /// Boxes or spheres of the frame.
+    #[pyo3(get)]
     n: u32,
+    /// Number of pairs.
+    #[pyo3(get)]
     count: u64,
+    /// How the mask is written.
+    #[pyo3(get)]
     encoding: String,
     info: FrameInfo,
 }
@@ -44,22 +50,9 @@ impl PyPairMask {
 
 #[pymethods]
 impl PyPairMask {
-    /// The pairs as rows (a, b), a < b.
-    fn pairs<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        let pairs = self.mask.with_detached(py, |mask| pairs_of(mask))?;
-        Memory::of_rows(pairs).into_array(py)
-    }
-
-    /// Boxes or spheres of the frame.
-    #[getter]
-    fn n(&self) -> u32 {
-        self.n
-    }
-
-    /// Number of pairs.
-    #[getter]
-    fn count(&self) -> u64 {
-        self.count
+    /// The pairs (count, 2) as rows (a, b), a < b.
+    fn pairs(&self, py: Python<'_>) -> PyResult<Array> {
+        self.mask.with_detached(py, |mask| Array::read_only(pairs_of(mask)))
     }
 
     fn __len__(&self) -> usize {
@@ -67,28 +60,33 @@ impl PyPairMask {
     }
 
     fn __iter__<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyIterator>> {
-        self.pairs(py)?.try_iter()
-    }
-
-    /// How the mask is written.
-    #[getter]
-    fn encoding(&self) -> &str {
-        &self.encoding
+        self.pairs(py)?.into_pyobject(py)?.try_iter()
     }
 
     /// Facts about the frame beside its pairs.
     #[getter]
-    fn info(&self) -> PyFrameInfo {
-        PyFrameInfo { info: self.info }
+    fn info<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        let FrameInfo { census, skipped, .. } = &self.info;
+        let first = census.first_invalid.iter().copied().take(census.invalid as usize);
+        imported!(py, "pairmask._answers", "FrameInfo")?.call1((
+            self.info.served_by.as_str(),
+            self.info.engine.to_string(),
+            self.info.threads,
+            self.info.form.to_string(),
+            census.invalid,
+            census.empty,
+            first.collect::<Vec<u32>>(),
+            skipped.is_repeat(),
+            skipped.pairs,
+            self.info.mask_bytes,
+            self.info.box_bytes,
+            self.info.times.total_ns,
+        ))
     }
 
     /// Whether two boxes or spheres overlap.
-    fn contains(&self, py: Python<'_>, a: u32, b: u32) -> PyResult<bool> {
-        self.mask.with(py, |mask| mask.contains(a, b))
-    }
-
     fn __contains__(&self, py: Python<'_>, pair: (u32, u32)) -> PyResult<bool> {
-        self.contains(py, pair.0, pair.1)
+        self.mask.with(py, |mask| mask.contains(pair.0, pair.1))
     }
 
     /// The worlds whose pairs stand together in the list, rising.
@@ -96,20 +94,14 @@ impl PyPairMask {
         self.mask.with(py, |mask| mask.worlds().iter().map(|range| range.world.0).collect())
     }
 
-    /// The pairs of a world, or `None` where `worlds` does not have it.
-    fn pairs_of_world<'py>(
-        &self,
-        py: Python<'py>,
-        world: i32,
-    ) -> PyResult<Option<Bound<'py, PyAny>>> {
+    /// The pairs (m, 2) of a world, or `None` where `worlds` does not have it.
+    fn pairs_of_world(&self, py: Python<'_>, world: i32) -> PyResult<Option<Array>> {
         // The list may lie in another process's memory: what names no box is left out.
-        let n = self.n;
-        let is_pair = |[a, b]: &[u32; 2]| a < b && *b < n;
-        let pairs = self.mask.with(py, |mask| {
+        let is_pair = |[a, b]: &[u32; 2]| a < b && *b < self.n;
+        self.mask.with(py, |mask| {
             let pairs = mask.pairs_of_world(World(world))?;
-            Some(pairs.iter().copied().filter(is_pair).collect::<Vec<_>>())
-        })?;
-        pairs.map(|pairs| Memory::of_rows(pairs).into_array(py)).transpose()
+            Some(Array::read_only(pairs.iter().copied().filter(is_pair).collect()))
+        })
     }
 
     /// Gives the frame's memory back now. Arrays that were made of it stay.
@@ -128,91 +120,5 @@ impl PyPairMask {
 
     fn __repr__(&self) -> String {
         format!("PairMask({} boxes, {} pairs, {})", self.n, self.count, self.encoding)
-    }
-}
-
-/// Facts about an answered frame beside its pairs.
-#[pyclass(frozen, name = "FrameInfo", module = "pairmask")]
-pub struct PyFrameInfo {
-    info: FrameInfo,
-}
-
-#[pymethods]
-impl PyFrameInfo {
-    /// What answered: `daemon` or `in-process`.
-    #[getter]
-    fn served_by(&self) -> &'static str {
-        self.info.served_by.as_str()
-    }
-
-    /// The engine.
-    #[getter]
-    fn engine(&self) -> String {
-        self.info.engine.to_string()
-    }
-
-    /// Threads that the engine could use.
-    #[getter]
-    fn threads(&self) -> usize {
-        self.info.threads
-    }
-
-    /// What the objects were: the form of the boxes, or spheres.
-    #[getter]
-    fn form(&self) -> String {
-        self.info.form.to_string()
-    }
-
-    /// Boxes with a NaN.
-    #[getter]
-    fn invalid(&self) -> u32 {
-        self.info.census.invalid
-    }
-
-    /// Boxes with `min > max` on some axis.
-    #[getter]
-    fn empty(&self) -> u32 {
-        self.info.census.empty
-    }
-
-    /// The lowest indices of invalid boxes, eight at most.
-    #[getter]
-    fn first_invalid(&self) -> Vec<u32> {
-        let census = &self.info.census;
-        census.first_invalid.iter().copied().take(census.invalid as usize).collect()
-    }
-
-    /// Whether the frame was equal to the last one, so that no engine looked at it.
-    #[getter]
-    fn is_repeat(&self) -> bool {
-        self.info.skipped.is_repeat()
-    }
-
-    /// Pairs that were never compared.
-    #[getter]
-    fn skipped_pairs(&self) -> u64 {
-        self.info.skipped.pairs
-    }
-
-    /// Bytes of the mask.
-    #[getter]
-    fn mask_bytes(&self) -> u64 {
-        self.info.mask_bytes
-    }
-
-    /// Bytes of the boxes or spheres.
-    #[getter]
-    fn box_bytes(&self) -> u64 {
-        self.info.box_bytes
-    }
-
-    /// From the request in hand to the response ready to be sent, nanoseconds.
-    #[getter]
-    fn total_ns(&self) -> u64 {
-        self.info.times.total_ns
-    }
-
-    fn __repr__(&self) -> String {
-        format!("{:?}", self.info)
     }
 }

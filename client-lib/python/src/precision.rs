@@ -1,61 +1,43 @@
 //! Precisions of narrow frames.
 
-use pairmask::{Aabb, Bounds, Precision};
+use pairmask::{Bounds, Precision};
 use pyo3::prelude::*;
 
-use crate::errors::Raise;
-use crate::sources::Boxes;
+use crate::arrays::Rows;
 
 /// The precision of the boxes of a frame. None misses a pair.
 #[pyclass(frozen, eq, name = "Precision", module = "pairmask")]
 #[derive(Clone, Copy, PartialEq)]
-pub struct PyPrecision {
-    pub precision: Precision,
-}
+pub struct PyPrecision(pub Precision);
 
 #[pymethods]
 impl PyPrecision {
     /// float32, no extra pair.
     #[staticmethod]
     fn exact() -> Self {
-        Self { precision: Precision::Exact }
+        Self(Precision::Exact)
     }
 
     /// Halves: precise near the origin, none beyond ±65,504.
     #[staticmethod]
     fn f16() -> Self {
-        Self { precision: Precision::F16 }
+        Self(Precision::F16)
     }
 
-    /// 65,536 cells on each axis between two corners.
+    /// 65,536 cells on each axis, between the outermost finite coordinates of boxes (n, 6): of all that there are,
+    /// or of one around them.
     #[staticmethod]
-    fn q16(low: [f32; 3], high: [f32; 3]) -> PyResult<Self> {
-        Ok(Self { precision: Precision::Q16(Bounds::new(low, high).map_err(Raise::raise)?) })
+    fn q16(py: Python<'_>, boxes: Rows) -> PyResult<Self> {
+        Ok(Self(Precision::Q16(Bounds::around(&boxes.boxes(py)?))))
     }
 
-    /// 256 cells on each axis between two corners.
+    /// 256 cells on each axis, between the same.
     #[staticmethod]
-    fn q8(low: [f32; 3], high: [f32; 3]) -> PyResult<Self> {
-        Ok(Self { precision: Precision::Q8(Bounds::new(low, high).map_err(Raise::raise)?) })
-    }
-
-    /// `q16` between the outermost finite coordinates of boxes.
-    #[staticmethod]
-    fn q16_around(py: Python<'_>, boxes: &Bound<'_, PyAny>) -> PyResult<Self> {
-        Ok(Self { precision: Precision::Q16(Bounds::around(&all(py, boxes)?)) })
-    }
-
-    /// `q8` between the outermost finite coordinates of boxes.
-    #[staticmethod]
-    fn q8_around(py: Python<'_>, boxes: &Bound<'_, PyAny>) -> PyResult<Self> {
-        Ok(Self { precision: Precision::Q8(Bounds::around(&all(py, boxes)?)) })
+    fn q8(py: Python<'_>, boxes: Rows) -> PyResult<Self> {
+        Ok(Self(Precision::Q8(Bounds::around(&boxes.boxes(py)?))))
     }
 
     fn __repr__(&self) -> String {
-        format!("{:?}", self.precision)
+        format!("{:?}", self.0)
     }
-}
-
-fn all(py: Python<'_>, boxes: &Bound<'_, PyAny>) -> PyResult<Vec<Aabb>> {
-    Boxes::of(boxes)?.to_vec(py)
 }

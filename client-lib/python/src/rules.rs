@@ -3,183 +3,120 @@
 use std::sync::Arc;
 
 use pairmask::filters::{Filter, FilterId, FilterTable, Owner, Rules, Tag, World};
-use pyo3::exceptions::PyValueError;
+use pyo3::buffer::PyBuffer;
+use pyo3::exceptions::PyIndexError;
 use pyo3::prelude::*;
 
-use crate::arrays::{integers, pairs};
+use crate::arrays::Pairs;
+use crate::errors::invalid;
 
 /// What boxes of a kind meet.
-#[pyclass(frozen, eq, from_py_object, name = "Filter", module = "pairmask")]
+#[pyclass(frozen, eq, get_all, from_py_object, name = "Filter", module = "pairmask")]
 #[derive(Clone, Copy, PartialEq)]
 pub struct PyFilter {
-    pub filter: Filter,
+    /// What it is: a bit a category.
+    category: u64,
+    /// What it meets: a bit a category.
+    mask: u64,
+    /// Equal groups other than 0 decide by their sign.
+    group: i32,
+    /// Whether boxes of this kind are static.
+    is_static: bool,
+    /// Whether one mask of two is enough.
+    either: bool,
+}
+
+impl From<Filter> for PyFilter {
+    fn from(filter: Filter) -> Self {
+        let Filter { category, mask, group, is_static, either, .. } = filter;
+        Self { category, mask, group, is_static, either }
+    }
+}
+
+impl PyFilter {
+    const fn filter(&self) -> Filter {
+        let filter = Filter::new(self.category, self.mask).with_group(self.group);
+        filter.with_static(self.is_static).with_either(self.either)
+    }
 }
 
 #[pymethods]
 impl PyFilter {
     #[new]
     #[pyo3(signature = (category=u64::MAX, mask=u64::MAX, *, group=0, is_static=false, either=false))]
-    fn new(category: u64, mask: u64, group: i32, is_static: bool, either: bool) -> Self {
-        let filter = Filter::new(category, mask).with_group(group);
-        Self { filter: filter.with_static(is_static).with_either(either) }
-    }
-
-    /// What it is: a bit a category.
-    #[getter]
-    fn category(&self) -> u64 {
-        self.filter.category
-    }
-
-    /// What it meets: a bit a category.
-    #[getter]
-    fn mask(&self) -> u64 {
-        self.filter.mask
-    }
-
-    /// Equal groups other than 0 decide by their sign.
-    #[getter]
-    fn group(&self) -> i32 {
-        self.filter.group
-    }
-
-    /// Whether boxes of this kind are static.
-    #[getter]
-    fn is_static(&self) -> bool {
-        self.filter.is_static
-    }
-
-    /// Whether one mask of two is enough.
-    #[getter]
-    fn either(&self) -> bool {
-        self.filter.either
+    const fn new(category: u64, mask: u64, group: i32, is_static: bool, either: bool) -> Self {
+        Self { category, mask, group, is_static, either }
     }
 
     /// Whether boxes of the two kinds meet, as far as these say.
     fn admits(&self, other: &Self) -> bool {
-        self.filter.admits(&other.filter)
+        self.filter().admits(&other.filter())
     }
 
     fn __repr__(&self) -> String {
-        format!("{:?}", self.filter)
+        format!("{:?}", self.filter())
     }
 }
 
 /// The filters of a scene or of a frame's rules, by the numbers that tags name.
 #[pyclass(frozen, name = "FilterTable", module = "pairmask")]
-pub struct PyFilterTable {
-    table: Arc<FilterTable>,
-}
-
-impl PyFilterTable {
-    pub fn shared(&self) -> Arc<FilterTable> {
-        Arc::clone(&self.table)
-    }
-}
+pub struct PyFilterTable(pub Arc<FilterTable>);
 
 #[pymethods]
 impl PyFilterTable {
     #[new]
     fn new(filters: Vec<PyFilter>) -> PyResult<Self> {
-        let filters: Vec<Filter> = filters.iter().map(|of| of.filter).collect();
-        let table = FilterTable::new(&filters);
-        let table = table.map_err(|error| PyValueError::new_err(error.to_string()))?;
-        Ok(Self { table: Arc::new(table) })
+        let filters: Vec<Filter> = filters.iter().map(PyFilter::filter).collect();
+        FilterTable::new(&filters).map(|table| Self(Arc::new(table))).map_err(invalid)
     }
 
     fn __len__(&self) -> usize {
-        self.table.filters().len()
+        self.0.filters().len()
     }
 
     fn __getitem__(&self, id: u16) -> PyResult<PyFilter> {
-        let filter = self.table.filters().get(usize::from(id));
-        let none = || pyo3::exceptions::PyIndexError::new_err("no filter of that number");
-        filter.map(|filter| PyFilter { filter: *filter }).ok_or_else(none)
+        let filter = self.0.filters().get(usize::from(id)).copied();
+        filter.map(PyFilter::from).ok_or_else(|| PyIndexError::new_err("no filter of that number"))
     }
 
     /// Whether boxes of two filters meet.
     fn meet(&self, a: u16, b: u16) -> bool {
-        self.table.meet(FilterId(a), FilterId(b))
+        self.0.meet(FilterId(a), FilterId(b))
     }
 }
 
-/// A part of tags: nothing, a number for all, or an array with a number for each.
+/// A part of tags: nothing, a number for all, or an array (n) with a number for each.
 pub type Part<'a, 'py> = Option<&'a Bound<'py, PyAny>>;
 
-/// Writes a part of tags. `None` leaves it as it is.
-fn write_part<T>(
-    part: Part<'_, '_>,
-    name: &str,
-    numpy_type: &'static str,
-    tags: &mut [Tag],
-    write: impl Fn(&mut Tag, T),
-) -> PyResult<()>
-where
-    T: pyo3::buffer::Element + Default,
-{
-    let Some(part) = part else { return Ok(()) };
-    let numbers: Vec<T> = integers(part, numpy_type)?;
-    match numbers[..] {
-        // A plain number is an array of one.
-        [one] if !part.hasattr("__len__")? => tags.iter_mut().for_each(|tag| write(tag, one)),
-        _ if numbers.len() == tags.len() => {
-            tags.iter_mut().zip(numbers).for_each(|(tag, number)| write(tag, number));
-        }
-        _ => {
-            let text =
-                format!("{} {name} for {} boxes: give one for each", numbers.len(), tags.len());
-            return Err(PyValueError::new_err(text));
-        }
-    }
-    Ok(())
+/// Tags of `n` boxes, or of as many as the first array of the parts has; a single one where no part is an array.
+/// World, owner, filter and whether it is static are the parts. What is not given is that of a box without a tag.
+pub fn tags(py: Python<'_>, n: Option<usize>, parts: [Part<'_, '_>; 4]) -> PyResult<Vec<Tag>> {
+    let columns = imported!(py, "pairmask._convert", "tags")?.call1((n, parts))?;
+    let (worlds, owners, filters, flags): (
+        PyBuffer<i32>,
+        PyBuffer<u32>,
+        PyBuffer<u16>,
+        PyBuffer<u8>,
+    ) = columns.extract()?;
+    let named = worlds.to_vec(py)?.into_iter().zip(owners.to_vec(py)?);
+    let rest = filters.to_vec(py)?.into_iter().zip(flags.to_vec(py)?);
+    let tag = |((world, owner), (filter, flag))| {
+        Tag::new(World(world), Owner(owner), FilterId(filter)).with_static(flag != 0)
+    };
+    Ok(named.zip(rest).map(tag).collect())
 }
 
-/// The parts of tags, as Python gives them.
-pub struct TagParts<'a, 'py> {
-    pub world: Part<'a, 'py>,
-    pub owner: Part<'a, 'py>,
-    pub filter: Part<'a, 'py>,
-    pub is_static: Part<'a, 'py>,
-}
-
-impl TagParts<'_, '_> {
-    /// Tags of so many boxes. What is not given is that of a box without a tag.
-    pub fn tags(&self, count: usize) -> PyResult<Vec<Tag>> {
-        let mut tags = vec![Tag::default(); count];
-        write_part(self.world, "worlds", "int32", &mut tags, |tag, world: i32| {
-            tag.world = World(world);
-        })?;
-        write_part(self.owner, "owners", "uint32", &mut tags, |tag, owner: u32| {
-            tag.owner = Owner(owner);
-        })?;
-        write_part(self.filter, "filters", "uint16", &mut tags, |tag, filter: u16| {
-            tag.filter = FilterId(filter);
-        })?;
-        write_part(self.is_static, "static flags", "uint8", &mut tags, |tag, flag: u8| {
-            *tag = tag.with_static(flag != 0);
-        })?;
-        Ok(tags)
-    }
-
-    /// The number of boxes that the arrays among the parts are for; `None` where there is no array.
-    fn len(&self) -> PyResult<Option<usize>> {
-        let parts = [self.world, self.owner, self.filter, self.is_static];
-        let mut len = None;
-        for part in parts.into_iter().flatten() {
-            if part.hasattr("__len__")? {
-                len = Some(part.len()?);
-                break;
-            }
-        }
-        Ok(len)
-    }
-
-    /// Whether none is given.
-    pub fn are_none(&self) -> bool {
-        [self.world, self.owner, self.filter, self.is_static].iter().all(Option::is_none)
-    }
+/// A table by which boxes without a tag meet as boxes that all have this one, of whatever number.
+fn table_of_one(tag: Tag, table: &FilterTable) -> PyResult<FilterTable> {
+    // Boxes of one owner never meet.
+    let filter = if tag.owner == Owner::NONE { table.get(tag.filter) } else { Filter::NONE };
+    let filter = filter.with_static(filter.is_static || tag.is_static());
+    FilterTable::new(&[filter]).map_err(invalid)
 }
 
 /// The rules of a frame. They never change: other rules are another object.
+///
+/// Numbers for each box (n) are for frames of n boxes, and numbers for all for frames of any.
 #[pyclass(frozen, name = "Rules", module = "pairmask")]
 pub struct PyRules {
     rules: Arc<Rules>,
@@ -194,40 +131,50 @@ impl PyRules {
 #[pymethods]
 impl PyRules {
     #[new]
-    #[pyo3(signature = (*, worlds=None, owners=None, filters=None, is_static=None, table=None, include=None, exclude=None))]
+    #[pyo3(signature = (
+        *, worlds=None, owners=None, filters=None, is_static=None, table=None, include=None, exclude=None
+    ))]
     #[allow(clippy::too_many_arguments)] // Python has them by name.
     fn new(
+        py: Python<'_>,
         worlds: Part<'_, '_>,
         owners: Part<'_, '_>,
         filters: Part<'_, '_>,
         is_static: Part<'_, '_>,
         table: Option<&PyFilterTable>,
-        include: Option<&Bound<'_, PyAny>>,
-        exclude: Option<&Bound<'_, PyAny>>,
+        include: Option<Pairs>,
+        exclude: Option<Pairs>,
     ) -> PyResult<Self> {
-        let parts = TagParts { world: worlds, owner: owners, filter: filters, is_static };
-        let len = parts.len()?;
-        if len.is_none() && !parts.are_none() {
-            let text = "no part of the tags is an array: give one with a number for each box";
-            return Err(PyValueError::new_err(text));
-        }
+        let parts = [worlds, owners, filters, is_static];
         let mut rules = Rules::default();
-        rules.tags = parts.tags(len.unwrap_or_default())?;
         if let Some(table) = table {
-            rules.table = (*table.table).clone();
+            rules.table = (*table.0).clone();
         }
-        for pair in include.map(pairs).transpose()?.unwrap_or_default() {
+        if parts.iter().any(Option::is_some) {
+            rules.tags = tags(py, None, parts)?;
+        }
+        if let [tag] = rules.tags[..]
+            && !parts.iter().flatten().any(|part| part.len().is_ok())
+        {
+            rules.tags.clear();
+            rules.table = table_of_one(tag, &rules.table)?;
+        }
+        for pair in include.into_iter().flat_map(|pairs| pairs.0) {
             rules.lists.include(pair, true);
         }
-        for pair in exclude.map(pairs).transpose()?.unwrap_or_default() {
+        for pair in exclude.into_iter().flat_map(|pairs| pairs.0) {
             rules.lists.exclude(pair, true);
         }
         Ok(Self { rules: Arc::new(rules) })
     }
 
-    /// Boxes that have a tag.
+    /// Boxes that have a tag of their own.
     fn __len__(&self) -> usize {
         self.rules.tags.len()
+    }
+
+    fn __repr__(&self) -> String {
+        format!("<Rules of {} boxes>", self.rules.tags.len())
     }
 
     /// Whether the boxes of two indices may be a pair.

@@ -2,37 +2,56 @@
 
 use std::ffi::CString;
 use std::path::PathBuf;
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError, Weak};
 use std::time::{Duration, Instant};
 
-use pairmask::{Backend, Error, FrameOptions, PendingFrame, Precision, Scene, Session};
-use pairmask_core::engine::UnknownName;
+use pairmask::{
+    AtEnd, Backend, Error, FrameOptions, JoinOptions, Margin, MarginedPairs, PendingFrame, Scene,
+    SceneOptions, Scope, Session, SessionBuilder,
+};
 use pairmask_core::units::BoxCount;
-use pyo3::exceptions::{PyRuntimeWarning, PyValueError};
+use pyo3::exceptions::PyRuntimeWarning;
 use pyo3::prelude::*;
+use pyo3::types::{IntoPyDict, PyDict};
 
 use crate::arrays::Rows;
-use crate::errors::Raise;
-use crate::frame::{PyFrame, seconds};
+use crate::errors::{invalid, not_connected, raised};
+use crate::frame::{AnyFrame, PyFrame, seconds};
 use crate::guarded::Guarded;
-use crate::memory::Memory;
+use crate::memory::Array;
 use crate::pairs::pairs_of;
 use crate::precision::PyPrecision;
 use crate::process;
 use crate::rules::PyRules;
-use crate::scene::{OpenScene, PyScene, join_options, scene_options};
-use crate::sources::Boxes;
+use crate::scene::{Edited, PyScene};
 
-/// Parses a name that an option has.
-fn named<T: std::str::FromStr<Err = UnknownName>>(name: &str) -> PyResult<T> {
-    name.parse().map_err(Raise::raise)
+/// What a name of Python stands for.
+pub fn one_of<T: Copy>(name: &str, known: &[(&str, T)]) -> PyResult<T> {
+    let found = known.iter().find(|(known, _)| *known == name);
+    found.map(|(_, value)| *value).ok_or_else(|| {
+        let names: Vec<&str> = known.iter().map(|(known, _)| *known).collect();
+        invalid(format!("'{name}' is none of these: {}", names.join(", ")))
+    })
+}
+
+/// Settings with one more, where it is given.
+fn with<S, T>(settings: S, given: Option<T>, set: impl FnOnce(S, T) -> S) -> S {
+    match given {
+        Some(value) => set(settings, value),
+        None => settings,
+    }
+}
+
+/// A margin of boxes, units.
+pub fn margin(units: f32) -> PyResult<Margin> {
+    Margin::new(units).map_err(invalid)
 }
 
 /// A connection to a daemon or to the engines of this process.
 #[pyclass(frozen, name = "Session", module = "pairmask")]
 pub struct PySession {
     session: Guarded<Session>,
-    scenes: Mutex<Vec<OpenScene>>,
+    scenes: Mutex<Vec<Weak<Guarded<Edited>>>>,
 }
 
 #[pymethods]
@@ -59,70 +78,47 @@ impl PySession {
         capacity: Option<u32>,
     ) -> PyResult<Self> {
         process::check()?;
-        let mut builder = Session::builder()
-            .backend(named::<Backend>(backend)?)
-            .engine(named(engine)?)
-            .encoding(named(encoding)?)
+        let builder = Session::builder()
+            .backend(backend.parse::<Backend>().map_err(invalid)?)
+            .engine(engine.parse().map_err(invalid)?)
+            .encoding(encoding.parse().map_err(invalid)?)
             .answer_repeats(answer_repeats);
-        if let Some(instance) = instance {
-            builder = builder.instance(instance);
-        }
-        if let Some(dir) = runtime_dir {
-            builder = builder.runtime_dir(dir);
-        }
-        if let Some(threads) = threads {
-            builder = builder.threads(threads);
-        }
-        if let Some(threads) = visit_threads {
-            builder = builder.visit_threads(threads);
-        }
-        if let Some(isa) = isa {
-            let isa = isa.parse();
-            let refused =
-                |error: pairmask_core::engine::IsaError| PyValueError::new_err(error.to_string());
-            builder = builder.isa(isa.map_err(refused)?);
-        }
-        if let Some(spin) = spin {
-            builder = builder.spin(seconds(spin)?);
-        }
-        if let Some(deadline) = deadline {
-            builder = builder.deadline(seconds(deadline)?);
-        }
-        if let Some(capacity) = capacity {
-            builder = builder.capacity(BoxCount::new(capacity));
-        }
-        let session = py.detach(|| builder.connect()).map_err(Raise::raise)?;
+        let builder = with(builder, instance, |builder, name| builder.instance(name));
+        let builder = with(builder, runtime_dir, |builder, dir| builder.runtime_dir(dir));
+        let builder = with(builder, threads, SessionBuilder::threads);
+        let builder = with(builder, visit_threads, SessionBuilder::visit_threads);
+        let isa = isa.map(|name| name.parse().map_err(invalid)).transpose()?;
+        let builder = with(builder, isa, SessionBuilder::isa);
+        let spin = spin.map(seconds).transpose()?;
+        let builder = with(builder, spin, SessionBuilder::spin);
+        let deadline = deadline.map(seconds).transpose()?;
+        let builder = with(builder, deadline, SessionBuilder::deadline);
+        let builder = with(builder, capacity.map(BoxCount::new), SessionBuilder::capacity);
+        let session = py.detach(|| builder.connect()).map_err(not_connected)?;
         let session = Guarded::new(session, "the session was closed");
         Ok(Self { session, scenes: Mutex::default() })
     }
 
-    /// Memory for the boxes of a frame of `n` boxes.
+    /// Memory for the boxes (n, 6) of a frame.
     fn frame(&self, py: Python<'_>, n: usize) -> PyResult<PyFrame> {
-        self.begin(py, move |session| session.frame(n)).map(PyFrame::of_boxes)
+        self.begin(py, |session| session.frame(n).map(AnyFrame::Boxes))
     }
 
-    /// Memory for the boxes of a frame that are written with a precision.
+    /// Memory for the boxes (n, 6) of a frame that are written with a precision.
     fn narrow_frame(&self, py: Python<'_>, n: usize, precision: &PyPrecision) -> PyResult<PyFrame> {
-        let precision: Precision = precision.precision;
-        let begin = move |session: &mut Session| session.narrow_frame(n, precision);
-        self.begin(py, begin).map(PyFrame::of_quantized)
+        let precision = precision.0;
+        self.begin(py, |session| session.narrow_frame(n, precision).map(AnyFrame::Quantized))
     }
 
-    /// Memory for the spheres of a frame.
+    /// Memory for the spheres (n, 4) of a frame.
     fn sphere_frame(&self, py: Python<'_>, n: usize) -> PyResult<PyFrame> {
-        self.begin(py, move |session| session.sphere_frame(n)).map(PyFrame::of_spheres)
+        self.begin(py, |session| session.sphere_frame(n).map(AnyFrame::Spheres))
     }
 
-    /// The pairs of an array of boxes: a frame from its memory to its pairs, in one call. Where frames
-    /// and masks hold all of the session's places at a daemon, it waits for one, as long as the deadline allows.
+    /// The pairs (count, 2) of boxes (n, 6): a frame from its memory to its pairs, in one call. Where frames and masks
+    /// hold all of the session's places at a daemon, it waits for one, as long as the deadline allows.
     #[pyo3(signature = (boxes, rules=None))]
-    fn cull<'py>(
-        &self,
-        py: Python<'py>,
-        boxes: &Bound<'py, PyAny>,
-        rules: Option<&PyRules>,
-    ) -> PyResult<Bound<'py, PyAny>> {
-        let boxes = Boxes::of(boxes)?;
+    fn cull(&self, py: Python<'_>, boxes: Rows, rules: Option<&PyRules>) -> PyResult<Array> {
         let n = boxes.len();
         let mut frame = self.begin_in_time(py, |session| session.frame(n))?;
         boxes.write(py, frame.boxes_mut())?;
@@ -130,16 +126,12 @@ impl PySession {
         pairs_after(py, || frame.submit_with(&options))
     }
 
-    /// The pairs of an array of spheres.
-    fn cull_spheres<'py>(
-        &self,
-        py: Python<'py>,
-        spheres: &Bound<'py, PyAny>,
-    ) -> PyResult<Bound<'py, PyAny>> {
+    /// The pairs (count, 2) of spheres (n, 4), `x y z radius` a row.
+    fn cull_spheres(&self, py: Python<'_>, spheres: &Bound<'_, PyAny>) -> PyResult<Array> {
         let rows = Rows::of(spheres, 4)?;
         let n = rows.len();
         let mut frame = self.begin_in_time(py, |session| session.sphere_frame(n))?;
-        rows.write_spheres(py, frame.spheres_mut())?;
+        rows.write(py, frame.spheres_mut())?;
         pairs_after(py, || frame.submit())
     }
 
@@ -154,8 +146,15 @@ impl PySession {
         margins: Option<&str>,
         usual_margin: f32,
     ) -> PyResult<PyScene> {
-        let options = scene_options(most_boxes, threads, margins, usual_margin)?;
-        self.with(py, move |session| session.scene(options)).map(|scene| self.keep(scene))
+        let options = with(SceneOptions::default(), most_boxes, SceneOptions::with_most_boxes);
+        let mut options = with(options, threads, SceneOptions::with_threads);
+        if let Some(name) = margins {
+            let known = [("exact", MarginedPairs::Exact), ("near", MarginedPairs::Near)];
+            options = options.with_margins(one_of(name, &known)?, margin(usual_margin)?);
+        }
+        self.session
+            .with_detached(py, move |session| session.scene(options))
+            .map(|scene| self.keep(scene))
     }
 
     /// Joins a scene that several processes write, each its own boxes, by its name. `tick_deadline` (seconds; 0.1 unless
@@ -177,38 +176,46 @@ impl PySession {
         scope: &str,
         usual_margin: Option<f32>,
     ) -> PyResult<PyScene> {
-        let options = join_options(most_boxes, tick_deadline, at_end, scope, usual_margin)?;
-        let scene = self.with(py, move |session| session.join_scene(name, options))?;
-        scene.map(|scene| self.keep(scene)).map_err(Raise::raise)
+        let ends = [("remove", AtEnd::Remove), ("keep", AtEnd::Keep)];
+        let mut options = JoinOptions::default();
+        options.most_boxes = most_boxes;
+        options.tick_deadline = tick_deadline.map(seconds).transpose()?;
+        options.at_end = at_end.map(|name| one_of(name, &ends)).transpose()?;
+        options.scope = one_of(scope, &[("own", Scope::Own), ("all", Scope::All)])?;
+        options.usual_margin = usual_margin.map(margin).transpose()?;
+        let scene =
+            self.session.with_detached(py, move |session| session.join_scene(name, options))?;
+        scene.map(|scene| self.keep(scene)).map_err(raised)
     }
 
     /// What would serve the next frame: `daemon` or `in-process`.
     fn served_by(&self, py: Python<'_>) -> PyResult<&'static str> {
-        self.with(py, |session| session.served_by().as_str())
+        self.session.with_detached(py, |session| session.served_by().as_str())
     }
 
     /// The daemon's status, by name.
-    fn daemon_status<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, pyo3::types::PyDict>> {
-        let status = self.with(py, Session::daemon_status)?.map_err(Raise::raise)?;
-        let reported = pyo3::types::PyDict::new(py);
-        reported.set_item("pid", status.pid)?;
-        reported.set_item("clients", status.client_count)?;
-        reported.set_item("uptime_ns", status.uptime_ns)?;
-        reported.set_item("frames", status.frames)?;
-        reported.set_item("boxes", status.boxes)?;
-        reported.set_item("spheres", status.spheres)?;
-        reported.set_item("pairs", status.pairs)?;
-        reported.set_item("errors", status.errors)?;
-        reported.set_item("scenes", status.scenes)?;
-        reported.set_item("scene_mib", status.scene_mib)?;
-        Ok(reported)
+    fn daemon_status<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let status = self.session.with_detached(py, Session::daemon_status)?.map_err(raised)?;
+        let numbers = [
+            ("pid", u64::from(status.pid)),
+            ("clients", u64::from(status.client_count)),
+            ("uptime_ns", status.uptime_ns),
+            ("frames", status.frames),
+            ("boxes", status.boxes),
+            ("spheres", status.spheres),
+            ("pairs", status.pairs),
+            ("errors", status.errors),
+            ("scenes", status.scenes.into()),
+            ("scene_mib", status.scene_mib.into()),
+        ];
+        numbers.into_py_dict(py)
     }
 
     /// Ends the session and its scenes. Frames, masks and arrays live on.
     fn close(&self, py: Python<'_>) -> PyResult<()> {
         let scenes =
             std::mem::take(&mut *self.scenes.lock().unwrap_or_else(PoisonError::into_inner));
-        scenes.iter().try_for_each(|scene| scene.close(py))?;
+        scenes.iter().filter_map(Weak::upgrade).try_for_each(|scene| scene.close(py))?;
         self.session.close(py)
     }
 
@@ -232,26 +239,17 @@ impl PySession {
     fn keep(&self, scene: Scene) -> PyScene {
         let scene = PyScene::new(scene);
         let mut scenes = self.scenes.lock().unwrap_or_else(PoisonError::into_inner);
-        scenes.retain(OpenScene::is_there);
-        scenes.push(scene.open());
+        scenes.retain(|scene| scene.strong_count() > 0);
+        scenes.push(Arc::downgrade(&scene.0));
         scene
     }
 
-    fn with<R: Send>(
+    fn begin(
         &self,
         py: Python<'_>,
-        f: impl FnOnce(&mut Session) -> R + Send,
-    ) -> PyResult<R> {
-        self.session.with_detached(py, f)
-    }
-
-    /// Memory for a frame.
-    fn begin<F: Send>(
-        &self,
-        py: Python<'_>,
-        f: impl FnOnce(&mut Session) -> Result<F, Error> + Send,
-    ) -> PyResult<F> {
-        self.with(py, f)?.map_err(Raise::raise)
+        f: impl FnOnce(&mut Session) -> Result<AnyFrame, Error> + Send,
+    ) -> PyResult<PyFrame> {
+        self.session.with_detached(py, f)?.map(PyFrame::new).map_err(raised)
     }
 
     /// Memory for a frame. Where frames and masks hold all of the session's places at a daemon, waits for one.
@@ -260,14 +258,15 @@ impl PySession {
         py: Python<'_>,
         f: impl Fn(&mut Session) -> Result<F, Error> + Send + Copy,
     ) -> PyResult<F> {
-        let until = Instant::now() + self.with(py, |session| session.deadline())?;
+        let until =
+            Instant::now() + self.session.with_detached(py, |session| session.deadline())?;
         loop {
-            match self.with(py, f)? {
+            match self.session.with_detached(py, f)? {
                 Err(Error::TooManyFrames) if Instant::now() < until => {
                     py.check_signals()?;
                     py.detach(|| std::thread::sleep(PLACE_INTERVAL));
                 }
-                begun => return begun.map_err(Raise::raise),
+                begun => return begun.map_err(raised),
             }
         }
     }
@@ -280,10 +279,9 @@ const PLACE_INTERVAL: Duration = Duration::from_micros(50);
 fn pairs_after(
     py: Python<'_>,
     submit: impl FnOnce() -> Result<PendingFrame, Error> + Send,
-) -> PyResult<Bound<'_, PyAny>> {
+) -> PyResult<Array> {
     let (pairs, census) = py.detach(|| {
-        let pending = submit().map_err(Raise::raise)?;
-        let mask = pending.wait().map_err(Raise::raise)?;
+        let mask = submit().and_then(PendingFrame::wait).map_err(raised)?;
         Ok::<_, PyErr>((pairs_of(&mask), mask.info().census))
     })?;
     if census.invalid > 0 {
@@ -293,5 +291,5 @@ fn pairs_after(
         let text = CString::new(text).unwrap_or_default();
         PyErr::warn(py, &py.get_type::<PyRuntimeWarning>(), &text, 1)?;
     }
-    Memory::of_rows(pairs).into_array(py)
+    Ok(Array::read_only(pairs))
 }

@@ -1,4 +1,4 @@
-"""Daemons and processes for tests.
+"""Daemons, threads and processes for tests.
 
 Tests with a daemon need a `pairmaskd`: the one that PAIRMASKD names, else a build of this repository. They fail
 where there is none, since a test that is left out tells nothing.
@@ -15,6 +15,8 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
 
 import pairmask
 import pytest
@@ -22,6 +24,7 @@ import pytest
 ROOT = pathlib.Path(__file__).resolve().parents[3]
 # What tests wait for takes seconds at most; a hang is told after this, in seconds.
 PATIENCE = 60.0
+UNIT = [0, 0, 0, 1, 1, 1]
 
 
 def pairmaskd() -> str:
@@ -34,32 +37,49 @@ def pairmaskd() -> str:
     pytest.fail("no pairmaskd: build it with `cargo build -p pairmaskd`, or name one in PAIRMASKD")
 
 
-def wait_by_two_threads(wait: Callable[[], object]) -> tuple[list[threading.Thread], list[object]]:
-    """Two threads that wait for the same, and what each got, or the kind of its error."""
-    ended: list[object] = []
+def kind_of(call: Callable[[], object]) -> str:
+    """The kind of the error that a call ends with."""
+    with pytest.raises(pairmask.PairmaskError) as caught:
+        call()
+    return caught.value.kind
 
-    def run() -> None:
-        try:
-            ended.append(wait())
-        except pairmask.PairmaskError as error:
-            ended.append(error.kind)
 
-    threads = [threading.Thread(target=run) for _ in range(2)]
-    for thread in threads:
-        thread.start()
-    return threads, ended
+def in_threads(count: int, work: Callable[[int], object]) -> list[Any]:
+    """What `work(0)`, `work(1)`, … return on a thread each, or the errors that they end with."""
+    with ThreadPoolExecutor(count) as pool:
+        futures = [pool.submit(work, seed) for seed in range(count)]
+    return [future.exception() or future.result() for future in futures]
+
+
+def count_while(work: Callable[[], object]) -> tuple[int, float]:
+    """How often a loop of Python ran on another thread while `work` did, and how long that took."""
+    done = threading.Event()
+    counted = 0
+
+    def count() -> None:
+        nonlocal counted
+        while not done.is_set():
+            counted += 1
+
+    thread = threading.Thread(target=count)
+    thread.start()
+    began = time.perf_counter()
+    work()
+    took = time.perf_counter() - began
+    done.set()
+    thread.join()
+    return counted, took
 
 
 class Daemon:
     """A daemon of its own directory, on the CPU."""
 
-    def __init__(self, folder: pathlib.Path) -> None:
+    def __init__(self, folder: str) -> None:
         self.folder = folder
         self.process: subprocess.Popen[bytes] | None = None
 
     def start(self) -> Daemon:
-        command = [pairmaskd(), "serve", "--gpu", "none"]
-        command += ["--runtime-dir", str(self.folder)]
+        command = [pairmaskd(), "serve", "--gpu", "none", "--runtime-dir", self.folder]
         # A group of its own: the supervisor and its worker are killed together.
         self.process = subprocess.Popen(
             command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
@@ -74,7 +94,7 @@ class Daemon:
                 assert self.process.poll() is None, "the daemon has ended"
                 time.sleep(0.02)
 
-    def session(self, backend: str = "auto", **options: object) -> pairmask.Session:
+    def session(self, backend: str = "daemon", **options: object) -> pairmask.Session:
         return pairmask.Session(backend, runtime_dir=self.folder, **options)  # type: ignore[arg-type]
 
     def kill(self) -> None:
@@ -89,7 +109,7 @@ class Daemon:
 def daemon() -> Iterator[Daemon]:
     # A short path: sockets lie in it, whose names are 107 bytes at most.
     with tempfile.TemporaryDirectory(prefix="pm-", dir="/tmp") as folder:
-        started = Daemon(pathlib.Path(folder)).start()
+        started = Daemon(folder).start()
         yield started
         started.kill()
 

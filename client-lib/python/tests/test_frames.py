@@ -9,9 +9,10 @@ import oracle
 import pairmask
 import pytest
 from conftest import Daemon
+from pairmask import Precision
 
-ENGINES = ["auto", "cpu-brute", "cpu-sap", "cpu-grid", "cpu-tree"]
-ENCODINGS = ["auto", "dense", "sparse", "list"]
+ENGINES: list[Any] = ["auto", "cpu-brute", "cpu-sap", "cpu-grid", "cpu-tree"]
+ENCODINGS: list[Any] = ["auto", "dense", "sparse", "list"]
 
 
 def lattice(n: int, _seed: int) -> Any:
@@ -30,43 +31,70 @@ def few_numbers(n: int, seed: int) -> Any:
     return random.choice(numbers, (n, 6), p=weights / weights.sum())
 
 
-SCENES: list[Any] = [oracle.boxes_of, lattice, few_numbers]
+SCENES = pytest.mark.parametrize("scene", [oracle.boxes_of, lattice, few_numbers])
 
 
-@pytest.mark.parametrize("scene", SCENES)
-def test_every_size_engine_and_encoding_has_the_pairs_of_the_oracle(scene: Any) -> None:
-    settings: list[Any] = [(engine, "auto") for engine in ENGINES] + [("auto", encoding) for encoding in ENCODINGS[1:]]
-    for engine, encoding in settings:
-        with pairmask.Session("in-process", engine=engine, encoding=encoding) as session:
+def answer_of(session: pairmask.Session, boxes: Any, **options: Any) -> pairmask.PairMask:
+    frame = session.frame(len(boxes))
+    frame.write(boxes)
+    return frame.submit(**options).wait()
+
+
+@SCENES
+@pytest.mark.parametrize("threads", [1, 2])
+def test_every_size_engine_and_encoding_has_the_pairs_of_the_oracle(scene: Any, threads: int) -> None:
+    for engine, encoding in [(engine, "auto") for engine in ENGINES] + [("auto", of) for of in ENCODINGS[1:]]:
+        with pairmask.Session("in-process", engine=engine, encoding=encoding, threads=threads) as session:
             for n in [*range(0, 71, 1 if engine == "auto" else 7), 345, 1234]:
                 boxes = scene(n, n)
                 oracle.check(session.cull(boxes), oracle.pairs_of(boxes), (engine, encoding, n))
+
+
+@SCENES
+def test_a_daemon_finds_the_same_pairs_in_its_memory(daemon: Daemon, scene: Any) -> None:
+    with daemon.session() as session:
+        for n in (0, 1, 2, 70, 345, 1234):
+            boxes = scene(n, n)
+            expected = oracle.pairs_of(boxes)
+            oracle.check(session.cull(boxes), expected, n)
+            frame = session.frame(n)
+            assert frame.is_shared
+            frame.boxes[:] = boxes
+            with frame.submit().wait() as mask:
+                oracle.check(mask.pairs(), expected, n)
+                assert mask.info.served_by == "daemon"
+        oracle.check(session.cull_spheres(np.array([[0, 0, 0, 1], [2, 0, 0, 1]], np.float32)), {(0, 1)})
+        assert session.served_by() == "daemon" and session.daemon_status()["frames"] > 0
 
 
 def test_a_frame_is_written_in_place_and_waited_for(session: pairmask.Session) -> None:
     boxes = oracle.boxes_of(345, 1)
     expected = oracle.pairs_of(boxes)
     frame = session.frame(345)
-    assert (frame.n, len(frame), frame.is_shared) == (345, 345, False)
+    assert (frame.n, frame.is_shared, repr(frame)) == (345, False, "<Frame (345, 6)>")
     frame.boxes[:] = boxes
     assert np.array_equal(frame.boxes, boxes)
     with frame.submit().wait() as mask:
         oracle.check(mask.pairs(), expected)
-        assert (mask.n, mask.count, len(mask)) == (345, len(expected), len(expected))
+        assert (mask.n, mask.count, len(mask), len(list(mask))) == (345, *[len(expected)] * 3)
         a, b = min(expected)
-        assert mask.contains(a, b) and (a, b) in mask and (b, a) in mask
-        assert (a, a) not in mask
+        assert (a, b) in mask and (b, a) in mask and (a, a) not in mask
         assert mask.info.served_by == "in-process" and mask.info.engine.startswith("cpu-")
         assert mask.encoding in ENCODINGS
+    mask = answer_of(session, boxes[:0])
+    assert repr(mask).startswith("PairMask(0 boxes, 0 pairs") and list(mask) == []
 
 
 def test_answers_can_only_be_read(session: pairmask.Session) -> None:
-    pairs = session.cull(lattice(8, 0))
-    assert not pairs.flags.writeable and pairs.flags.c_contiguous
-    with pytest.raises(ValueError):
-        pairs[0, 0] = 7
-    with pytest.raises(ValueError):
-        pairs.flags.writeable = True
+    scene = session.scene()
+    scene.edit().set([0, 1], lattice(2, 0)).commit()
+    answer = scene.edit().remove(1).commit()
+    for array in (session.cull(lattice(8, 0)), answer.ended, answer.ended_reasons):
+        assert not array.flags.writeable and array.flags.c_contiguous
+        with pytest.raises(ValueError):
+            array[0] = 7
+        with pytest.raises(ValueError):
+            array.flags.writeable = True
 
 
 def test_any_layout_is_taken(session: pairmask.Session) -> None:
@@ -88,9 +116,7 @@ def test_any_layout_is_taken(session: pairmask.Session) -> None:
     ]
     for given in layouts:
         oracle.check(session.cull(given), expected)
-        frame = session.frame(100)
-        frame.write(given)
-        oracle.check(frame.submit().wait().pairs(), expected)
+        oracle.check(answer_of(session, given).pairs(), expected)
     integers = np.array([[0, 0, 0, 1, 1, 1], [1, 1, 1, 2, 2, 2]])
     for dtype in ("int8", "uint16", "int64", "float16"):
         assert session.cull(integers.astype(dtype)).tolist() == [[0, 1]]
@@ -103,11 +129,11 @@ def test_boxes_of_float64_are_rounded_outward(session: pairmask.Session) -> None
     boxes = np.empty((1000, 6))
     boxes[0::2] = np.hstack([edges - 1, edges])
     boxes[1::2] = np.hstack([edges, edges + 1])
-    found = oracle.as_set(session.cull(boxes))
-    assert oracle.pairs_of(boxes) <= found
+    assert oracle.pairs_of(boxes) <= oracle.as_set(session.cull(boxes))
     narrow = pairmask.outward_from_f64(boxes)
     assert narrow.dtype == np.float32 and narrow.flags.writeable
     assert (narrow[:, :3] <= boxes[:, :3]).all() and (narrow[:, 3:] >= boxes[:, 3:]).all()
+    assert np.array_equal(pairmask.outward_from_f64(narrow, (1, 0, 0)), pairmask.outward_from_f64(narrow - [1, 0, 0] * 2))
     origin = (1e9, -1e9, 5e8)
     far = boxes + np.tile(origin, 2)
     assert oracle.pairs_of(far) <= oracle.as_set(session.cull(pairmask.outward_from_f64(far, origin)))
@@ -115,9 +141,7 @@ def test_boxes_of_float64_are_rounded_outward(session: pairmask.Session) -> None
 
 def test_two_sets(session: pairmask.Session) -> None:
     boxes = oracle.boxes_of(500, 4)
-    frame = session.frame(500)
-    frame.write(boxes)
-    found = frame.submit(split_at=20).wait().pairs()
+    found = answer_of(session, boxes, split_at=20).pairs()
     oracle.check(found, {(a, b) for a, b in oracle.pairs_of(boxes) if a < 20 <= b})
 
 
@@ -127,9 +151,11 @@ def test_spheres(session: pairmask.Session) -> None:
     spheres[:, 3] = random.integers(0, 3, 300)
     expected = oracle.sphere_pairs_of(spheres)
     assert len(expected) > 100
-    frame = session.sphere_frame(300)
+    frame, written = session.sphere_frame(300), session.sphere_frame(300)
     frame.spheres[:] = spheres
-    oracle.check(frame.submit().wait().pairs(), expected)
+    written.write(spheres)
+    for one in (frame, written):
+        oracle.check(one.submit().wait().pairs(), expected)
     oracle.check(session.cull_spheres(spheres), expected)
     oracle.check(session.cull_spheres(spheres.astype(np.float64)), expected)
     # Touching in float64: rounded to nearest they would part.
@@ -137,73 +163,28 @@ def test_spheres(session: pairmask.Session) -> None:
     assert session.cull_spheres(thirds).tolist() == [[0, 1]]
 
 
-def test_what_is_no_array_of_boxes_is_refused(session: pairmask.Session) -> None:
-    boxes = oracle.boxes_of(4, 7)
-    with pytest.raises(TypeError, match="masked"):
-        session.cull(np.ma.masked_array(boxes, mask=np.zeros((4, 6), bool)))
-    with pytest.raises(ValueError, match=r"\(4, 5\)"):
-        session.cull(boxes[:, :5])
-    for rules, text in [
-        (pairmask.Rules(worlds=[1, 2, 3]), "3 tags for 4 boxes"),
-        (pairmask.Rules(worlds=[1, 2, 3, 4, 5]), "5 tags for 4 boxes"),
-        (pairmask.Rules(exclude=[[0, 4]]), "box 4 of a frame of 4"),
-    ]:
-        with pytest.raises(ValueError, match=text):
-            session.cull(boxes, rules)
-        frame = session.frame(4)
-        frame.write(boxes)
-        with pytest.raises(ValueError, match=text):
-            frame.submit(filters=rules)
-    assert repr(session).startswith("<Session, ")
-    mask = session.frame(0).submit().wait()
-    assert repr(mask).startswith("PairMask(0 boxes, 0 pairs") and list(mask) == []
-
-
-def test_a_session_closes_its_scenes() -> None:
-    session = pairmask.Session("in-process")
-    scene = session.scene()
-    scene.edit().set(3, [0, 0, 0, 1, 1, 1]).commit("nothing")
-    assert repr(scene) == "<Scene of 1 boxes>"
-    session.close()
-    with pytest.raises(pairmask.PairmaskError, match="the scene was closed"):
-        scene.edit().set(3, [0, 0, 0, 1, 1, 1]).commit("nothing")
-    assert repr(scene) == "<Scene, closed or being edited>" and repr(session) == "<Session, closed>"
-
-
 def test_narrow_frames_miss_nothing(session: pairmask.Session) -> None:
     boxes = oracle.boxes_of(1000, 6)
     expected = oracle.pairs_of(boxes)
-    precisions = [
-        pairmask.Precision.exact(),
-        pairmask.Precision.f16(),
-        pairmask.Precision.q16((0, 0, 0), (12, 12, 12)),
-        pairmask.Precision.q8_around(boxes),
-        pairmask.Precision.q16_around(boxes),
-        pairmask.Precision.q8((0, 0, 0), (12, 12, 12)),
-    ]
-    for precision in precisions:
+    for precision, form in [
+        (Precision.exact(), "f32"),
+        (Precision.f16(), "f16"),
+        (Precision.q16([0, 0, 0, 12, 12, 12]), "q16"),
+        (Precision.q16(boxes), "q16"),
+        (Precision.q8(boxes), "q8"),
+    ]:
         frame = session.narrow_frame(1000, precision)
         frame.write(boxes)
-        found = oracle.as_set(frame.submit().wait().pairs())
+        mask = frame.submit().wait()
+        found = oracle.as_set(mask.pairs())
         assert expected <= found and len(found) < 3 * len(expected), precision
-        assert found == expected or precision != pairmask.Precision.exact()
-    forms = []
-    for precision in precisions:
-        frame = session.narrow_frame(10, precision)
-        frame.write(boxes[:10])
-        forms.append(frame.submit().wait().info.form)
-    assert forms == ["f32", "f16", "q16", "q8", "q16", "q8"]
-    with pytest.raises(ValueError, match="bounds"):
-        pairmask.Precision.q16((1, 0, 0), (0, 1, 1))
+        assert found == expected or precision != Precision.exact()
+        assert mask.info.form == form
 
 
 def test_a_repeated_frame_is_told(session: pairmask.Session) -> None:
     boxes = oracle.boxes_of(2000, 7)
-    repeats = []
-    for _ in range(3):
-        frame = session.frame(2000)
-        frame.write(boxes)
-        repeats.append(frame.submit().wait().info.is_repeat)
+    repeats = [answer_of(session, boxes).info.is_repeat for _ in range(3)]
     assert repeats[0] is False and repeats[-1] is True
 
 
@@ -211,29 +192,8 @@ def test_the_census_counts(session: pairmask.Session) -> None:
     boxes = oracle.boxes_of(50, 8)
     boxes[7, 2] = np.nan
     boxes[9, 3] = -1
-    frame = session.frame(50)
-    frame.write(boxes)
-    info = frame.submit().wait().info
+    info = answer_of(session, boxes).info
     assert (info.invalid, info.empty, info.first_invalid) == (1, 1, [7])
+    assert info.box_bytes == 50 * 24 and "invalid=1" in repr(info)
     with pytest.warns(RuntimeWarning, match="1 boxes or spheres are invalid and overlap nothing: 7 first"):
         session.cull(boxes)
-
-
-def test_a_daemon_finds_the_same_pairs_in_its_memory(daemon: Daemon) -> None:
-    for scene in SCENES:
-        with daemon.session("daemon") as session:
-            for n in (0, 1, 2, 70, 345, 1234):
-                boxes = scene(n, n)
-                expected = oracle.pairs_of(boxes)
-                oracle.check(session.cull(boxes), expected, n)
-                frame = session.frame(n)
-                assert frame.is_shared
-                frame.boxes[:] = boxes
-                mask = frame.submit().wait()
-                oracle.check(mask.pairs(), expected, n)
-                assert mask.info.served_by == "daemon"
-                del mask
-            assert session.served_by() == "daemon"
-            assert session.daemon_status()["frames"] > 0
-    with daemon.session("daemon") as session:
-        oracle.check(session.cull_spheres(np.array([[0, 0, 0, 1], [2, 0, 0, 1]], np.float32)), {(0, 1)})

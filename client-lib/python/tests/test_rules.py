@@ -8,8 +8,8 @@ import numpy as np
 import oracle
 import pairmask
 import pytest
-from conftest import Daemon
-from pairmask import Filter, FilterTable, Rules, filters
+from conftest import UNIT, Daemon
+from pairmask import Filter, FilterTable, Precision, Rules, filters
 
 # Worlds, filters and lists, alone and together, as the Rust suite has them.
 KINDS: list[tuple[list[int], int, bool]] = [
@@ -50,21 +50,11 @@ class Ruled:
             )
             for _ in range(filter_count)
         ]
-        count = 3 * n if has_lists else 0
-        lists: list[Any] = [random.integers(0, n, (count, 2)) for _ in range(2)] if n else [np.zeros((0, 2), int)] * 2
-        self.include: Any = lists[0]
-        self.exclude: Any = lists[1]
+        self.include, self.exclude = random.integers(0, max(n, 1), (2, 3 * n if has_lists else 0, 2))
 
     def rules(self) -> Rules:
-        return Rules(
-            worlds=self.worlds,
-            owners=self.owners,
-            filters=self.filters,
-            is_static=self.is_static,
-            table=FilterTable(self.table),
-            include=self.include,
-            exclude=self.exclude,
-        )
+        tags: Any = {name: getattr(self, name) for name in ("worlds", "owners", "filters", "is_static")}
+        return Rules(table=FilterTable(self.table), include=self.include, exclude=self.exclude, **tags)
 
     def meet(self) -> Any:
         """A matrix of which boxes may meet, rule by rule from the last to the first."""
@@ -73,101 +63,119 @@ class Ruled:
         kinds = np.minimum(self.filters, len(self.table))
         by_kind = np.array([[admits(a, b) for b in table] for a in table])
         meet = by_kind[np.ix_(kinds, kinds)]
-        listed = np.zeros((n, n), bool)
         for a, b in self.exclude:
-            listed[a, b] = listed[b, a] = True
-        meet &= ~listed
+            meet[a, b] = meet[b, a] = False
         static = self.is_static | np.array([of.is_static for of in table])[kinds]
         meet &= ~(static[:, None] & static[None, :])
         meet &= (self.owners[:, None] != self.owners[None, :]) | (self.owners == 0)[:, None]
         for a, b in self.include:
             meet[a, b] = meet[b, a] = True
         same = self.worlds[:, None] == self.worlds[None, :]
-        return meet & (same | (self.worlds == -1)[:, None] | (self.worlds == -1)[None, :])
+        return meet.reshape(n, n) & (same | (self.worlds == -1)[:, None] | (self.worlds == -1)[None, :])
+
+    def is_of_world(self, world: int, a: int, b: int) -> bool:
+        """Whether a pair of these boxes is one of this world."""
+        own = {self.worlds[a], self.worlds[b]}
+        return world in own - {-1} or world == -1 and own == {-1}
 
 
-def check_kinds(session: pairmask.Session, sizes: tuple[int, ...]) -> None:
-    for at, kind in enumerate(KINDS):
-        for n in sizes:
+@pytest.mark.parametrize("backend", ["in-process", "daemon"])
+@pytest.mark.parametrize("kind", KINDS)
+def test_rules_of_frames(daemon: Daemon, backend: str, kind: tuple[list[int], int, bool]) -> None:
+    with daemon.session(backend) as session:
+        for n in (0, 1, 2, 70, 345):
             boxes = oracle.boxes_of(n, n, spread=0.5)
-            ruled = Ruled(n, kind, 100 * at + n)
+            ruled = Ruled(n, kind, 100 * len(kind[0]) + n)
             rules, meet = ruled.rules(), ruled.meet()
             expected = oracle.pairs_of(boxes, meet)
             assert len(rules) == n
             assert all(rules.meet(a, b) == meet[a, b] for a in range(min(n, 20)) for b in range(min(n, 20)) if a != b)
             for _ in range(3):
                 oracle.check(session.cull(boxes, rules), expected, (kind, n))
-            frame = session.frame(n)
-            frame.boxes[:] = boxes
-            with frame.submit(filters=rules).wait() as mask:
-                oracle.check(mask.pairs(), expected, (kind, n))
-                check_worlds(mask, ruled, expected)
-
-
-def check_worlds(mask: pairmask.PairMask, ruled: Ruled, expected: oracle.Pairs) -> None:
-    """Each world's pairs stand together, where the mask says that it has them so."""
-    for world in mask.worlds():
-        pairs = mask.pairs_of_world(world)
-        assert pairs is not None
-        own = {
-            (a, b) for a, b in expected if world in {w for w in (ruled.worlds[a], ruled.worlds[b]) if w != -1} or
-            (world == -1 and ruled.worlds[a] == ruled.worlds[b] == -1)
-        }
-        oracle.check(pairs, own, world)
-    assert mask.pairs_of_world(123_456) is None
-
-
-def test_rules_in_process(session: pairmask.Session) -> None:
-    check_kinds(session, (0, 1, 2, 70, 345))
-
-
-def test_rules_by_a_daemon(daemon: Daemon) -> None:
-    with daemon.session("daemon") as session:
-        check_kinds(session, (0, 2, 345))
-        assert session.served_by() == "daemon"
-
-
-def test_narrow_frames_have_rules(session: pairmask.Session) -> None:
-    boxes = oracle.boxes_of(200, 1)
-    ruled = Ruled(200, KINDS[1], 1)
-    frame = session.narrow_frame(200, pairmask.Precision.exact())
-    frame.write(boxes)
-    pairs = frame.submit(filters=ruled.rules()).wait().pairs()
-    oracle.check(pairs, oracle.pairs_of(boxes, ruled.meet()))
+            for frame in (session.frame(n), session.narrow_frame(n, Precision.exact())):
+                frame.write(boxes)
+                with frame.submit(filters=rules).wait() as mask:
+                    oracle.check(mask.pairs(), expected, (kind, n))
+                    # Each world's pairs stand together, where the mask says that it has them so.
+                    for world in mask.worlds():
+                        pairs = mask.pairs_of_world(world)
+                        oracle.check(pairs, {pair for pair in expected if ruled.is_of_world(world, *pair)}, world)
+                    assert mask.pairs_of_world(123_456) is None
+        assert session.served_by() == backend
 
 
 def test_four_thousand_worlds_in_one_frame(session: pairmask.Session) -> None:
     worlds, boxes_each = 4096, 8
     one = oracle.boxes_of(boxes_each, 3)
-    boxes = np.tile(one, (worlds, 1))
     rules = Rules(worlds=np.repeat(np.arange(worlds), boxes_each))
-    expected = sorted(oracle.pairs_of(one))
-    pairs = session.cull(boxes, rules)
-    assert len(pairs) == worlds * len(expected)
-    by_world = pairs.reshape(worlds, len(expected), 2) - (np.arange(worlds) * boxes_each)[:, None, None]
-    assert (np.sort(by_world.view("i8,i8"), axis=1).view(np.int64).reshape(by_world.shape) == expected).all()
+    expected = np.array(sorted(oracle.pairs_of(one)))
+    found = oracle.as_set(session.cull(np.tile(one, (worlds, 1)), rules))
+    assert found == {tuple(pair) for world in range(worlds) for pair in (expected + world * boxes_each).tolist()}
 
 
-def test_what_is_wrong_with_rules() -> None:
-    for wrong in (
-        {"worlds": 3},
-        {"worlds": [0, 1], "owners": [0]},
-        {"owners": [-1]},
-        {"filters": [2**16]},
-        {"worlds": [2**31]},
-        {"include": [[0, 1, 2]]},
-        {"exclude": [[-1, 0]]},
-    ):
-        with pytest.raises(ValueError):
-            Rules(**wrong)
-    for typed in ({"worlds": [0.5]}, {"owners": ["a"]}, {"table": [Filter()]}, {"include": [[0.0, 1.0]]}):
-        with pytest.raises(TypeError):
-            Rules(**typed)
-    with pytest.raises(ValueError, match="65,536"):
-        FilterTable([Filter()] * 65_537)
-    with pytest.raises(OverflowError):
-        Filter(-1)
-    assert len(Rules()) == 0 and len(Rules(owners=7, worlds=[1, 1])) == 2
+def test_numbers_for_all_are_for_frames_of_any_number(session: pairmask.Session) -> None:
+    table = FilterTable([Filter(1, 1), Filter(1, 2), Filter(2, 2, is_static=True)])
+    cases: list[tuple[dict[str, Any], bool]] = [
+        ({"worlds": 1}, True),
+        ({"worlds": -1, "owners": 0, "is_static": False}, True),
+        ({"owners": np.uint32(7)}, False),
+        ({"owners": np.array(7)}, False),
+        ({"is_static": True}, False),
+        ({"table": table}, True),
+        ({"table": table, "filters": 0}, True),
+        ({"table": table, "filters": 1}, False),
+        ({"table": table, "filters": 2}, False),
+        ({"table": table, "filters": 3}, True),
+    ]
+    for given, do_meet in cases:
+        rules = Rules(include=[0, 1], exclude=[[1, 2]], **given)
+        for n in (3, 5):
+            every = {(a, b) for b in range(n) for a in range(b)}
+            expected = (every - {(1, 2)} if do_meet else set()) | {(0, 1)}
+            oracle.check(session.cull([UNIT] * n, rules), expected, given)
+            assert {pair for pair in every if rules.meet(*pair)} == expected
+            # The same with a number for each.
+            each: Any = {name: of if name == "table" else [of] * n for name, of in given.items()}
+            oracle.check(session.cull([UNIT] * n, Rules(include=[0, 1], exclude=[[1, 2]], **each)), expected, each)
+    assert len(Rules()) == len(Rules(owners=7)) == 0 and len(Rules(owners=7, worlds=[1, 1])) == 2
+
+
+@pytest.mark.parametrize(
+    ("given", "error"),
+    [
+        ({"worlds": [0, 1], "owners": [0]}, ValueError),
+        ({"worlds": [[0, 1]]}, ValueError),
+        ({"owners": [-1]}, ValueError),
+        ({"filters": [2**16]}, ValueError),
+        ({"worlds": [2**31]}, ValueError),
+        ({"include": [[0, 1, 2]]}, ValueError),
+        ({"exclude": [[-1, 0]]}, ValueError),
+        ({"worlds": [0.5]}, TypeError),
+        ({"owners": ["a"]}, TypeError),
+        ({"table": [Filter()]}, TypeError),
+        ({"include": [[0.0, 1.0]]}, TypeError),
+    ],
+)
+def test_what_is_wrong_with_rules(given: Any, error: type[Exception]) -> None:
+    with pytest.raises(error):
+        Rules(**given)
+
+
+@pytest.mark.parametrize(
+    ("rules", "text"),
+    [
+        (Rules(worlds=[1, 2, 3]), "3 tags for 4 boxes"),
+        (Rules(worlds=[1, 2, 3, 4, 5], owners=3), "5 tags for 4 boxes"),
+        (Rules(exclude=[[0, 4]]), "box 4 of a frame of 4"),
+    ],
+)
+def test_rules_of_another_frame(session: pairmask.Session, rules: Rules, text: str) -> None:
+    boxes = oracle.boxes_of(4, 7)
+    frame = session.frame(4)
+    frame.write(boxes)
+    for use in (lambda: session.cull(boxes, rules), lambda: frame.submit(filters=rules)):
+        with pytest.raises(ValueError, match=text):
+            use()
 
 
 def test_filters_of_other_engines() -> None:
@@ -183,4 +191,8 @@ def test_filters_of_other_engines() -> None:
     assert table.meet(0, 1) and not table.meet(0, 0) and table[1].mask == 3 and len(table) == 2
     with pytest.raises(IndexError):
         table[2]
+    with pytest.raises(ValueError, match="65,536"):
+        FilterTable([Filter()] * 65_537)
+    with pytest.raises(OverflowError):
+        Filter(-1)
     assert Filter(1, 2) == Filter(1, 2) != Filter(1, 3)

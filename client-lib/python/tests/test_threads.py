@@ -2,34 +2,17 @@
 
 from __future__ import annotations
 
-import threading
-import time
-from typing import Any
-
 import numpy as np
 import oracle
 import pairmask
-from conftest import Daemon, wait_by_two_threads
+import pytest
+from conftest import UNIT, Daemon, count_while, in_threads
+
+BACKENDS = pytest.mark.parametrize("backend", ["in-process", "auto", "daemon"])
 
 
-def count_while(work: Any) -> tuple[int, float]:
-    """How often a loop of Python ran on another thread while `work` did, and how long that took."""
-    done = threading.Event()
-    counted = 0
-
-    def count() -> None:
-        nonlocal counted
-        while not done.is_set():
-            counted += 1
-
-    thread = threading.Thread(target=count)
-    thread.start()
-    began = time.perf_counter()
-    work()
-    took = time.perf_counter() - began
-    done.set()
-    thread.join()
-    return counted, took
+def kinds_of(ended: list[object]) -> list[object]:
+    return [error.kind if isinstance(error, pairmask.PairmaskError) else error for error in ended]
 
 
 def test_other_threads_run_while_a_frame_is_culled() -> None:
@@ -43,57 +26,74 @@ def test_other_threads_run_while_a_frame_is_culled() -> None:
 
 
 def test_other_threads_run_while_one_waits_for_a_tick(daemon: Daemon) -> None:
-    with daemon.session("daemon") as session, daemon.session("daemon") as other:
+    with daemon.session() as session, daemon.session() as other:
         scene = session.join_scene("wait", tick_deadline=0.3)
         scene.lease_any(1)
         other.join_scene("wait").lease_any(1)
         with other.join_scene("wait") as late:
             late.lease_any(1)
-            counted, took = count_while(scene.edit().set(0, [0, 0, 0, 1, 1, 1]).commit)
-    assert took > 0.25 and counted > 1000, (counted, took)
-
-
-def test_threads_share_a_session_and_a_scene(daemon: Daemon) -> None:
-    scenes = [oracle.boxes_of(n, n) for n in (50, 345, 1000)]
-    expected = [oracle.pairs_of(boxes) for boxes in scenes]
-    wrong: list[BaseException] = []
-
-    for backend in ("in-process", "auto", "daemon"):
-        session = daemon.session(backend)
-        scene = session.scene()
-
-        def work(seed: int, session: pairmask.Session = session, scene: pairmask.Scene = scene) -> None:
-            try:
-                for step in range(60):
-                    at = (seed + step) % len(scenes)
-                    oracle.check(session.cull(scenes[at]), expected[at])
-                    try:
-                        scene.edit().set(range(50 * seed, 50 * seed + 50), scenes[0]).commit()
-                    except pairmask.PairmaskError as error:
-                        # All places for frames may be taken by the other threads.
-                        assert error.kind == "TooManyFrames", error
-            except BaseException as error:  # noqa: BLE001
-                wrong.append(error)
-
-        threads = [threading.Thread(target=work, args=(seed,)) for seed in range(8)]
-        for thread in threads:
-            thread.start()
-        for thread in threads:
-            thread.join()
-        assert not wrong, wrong
-        session.close()
+            counted, took = count_while(scene.edit().set(0, UNIT).commit)
+            assert took > 0.25 and counted > 1000, (counted, took)
+            pending = scene.edit().set(0, UNIT).submit()
+            ended: list[object] = []
+            counted, took = count_while(lambda: ended.extend(in_threads(2, lambda _: pending.wait().tick)))
+    # An answer is for one of two threads that wait for it.
+    assert sorted(map(str, kinds_of(ended))) == ["2", "Gone"] and counted > 1000, (ended, counted)
 
 
 def test_two_threads_cannot_wait_for_one_frame(daemon: Daemon) -> None:
     boxes = oracle.boxes_of(30_000, 1)
-    with daemon.session("daemon") as session:
+    with daemon.session() as session:
         frame = session.frame(len(boxes))
         frame.write(boxes)
         pending = frame.submit()
-        threads, answers = wait_by_two_threads(lambda: pending.wait().count)
-        for thread in threads:
-            thread.join()
+        answers = kinds_of(in_threads(2, lambda _: pending.wait().count))
     assert "Gone" in answers and any(isinstance(answer, int) for answer in answers)
+
+
+@BACKENDS
+def test_threads_share_a_session_and_a_scene(daemon: Daemon, backend: str) -> None:
+    scenes = [oracle.boxes_of(n, n) for n in (50, 345, 1000)]
+    expected = [oracle.pairs_of(boxes) for boxes in scenes]
+    with daemon.session(backend) as session:
+        scene = session.scene()
+
+        def work(seed: int) -> None:
+            for step in range(60):
+                at = (seed + step) % len(scenes)
+                oracle.check(session.cull(scenes[at]), expected[at])
+                try:
+                    scene.edit().set(range(50 * seed, 50 * seed + 50), scenes[0]).commit()
+                except pairmask.PairmaskError as error:
+                    # All places for frames may be taken by the other threads.
+                    assert error.kind == "TooManyFrames", error
+
+        assert in_threads(8, work) == [None] * 8
+
+
+@BACKENDS
+def test_threads_share_a_scene_with_edits_under_way(daemon: Daemon, backend: str) -> None:
+    boxes = oracle.boxes_of(100, 8)
+    expected = oracle.pairs_of(boxes)
+    with daemon.session(backend) as session:
+        scene = session.scene()
+        scene.edit().set(range(100), boxes).commit("nothing")
+
+        def work(seed: int) -> int:
+            random = np.random.default_rng(seed)
+            answered = 0
+            for _ in range(150):
+                try:
+                    with scene.edit().set(range(100), boxes).submit("all") as pending:
+                        if random.random() < 0.7:
+                            oracle.check(pending.wait().pairs, expected)
+                            answered += 1
+                except pairmask.PairmaskError as error:
+                    assert error.kind in ("UnderWay", "TooManyFrames"), error
+            return answered
+
+        assert sum(in_threads(4, work)) > 20
+        oracle.check(scene.edit().commit("all").pairs, expected)
 
 
 def test_scenes_of_numpy_are_not_torn(session: pairmask.Session) -> None:

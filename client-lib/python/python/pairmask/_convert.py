@@ -1,9 +1,10 @@
 """What is taken as an array, and what is refused.
 
-The extension reads float32 arrays (n, columns) and arrays of the right integers where they lie. All other
-objects come here first. No number is rounded here but outward or not at all.
+The extension reads float32 arrays (n, columns) where they lie. All other objects come here first. No number is
+rounded here but outward or not at all.
 """
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -25,46 +26,49 @@ def _array(given: Any) -> Any:
     return np.asarray(given)
 
 
-def _numbers(given: Any, columns: int, may_be_one: bool) -> Any:
+def floats(given: Any, columns: int) -> Any:
+    """Rows of float32 as they are, and of all else as float64, which the extension rounds outward. A single row may
+    come without the brackets around it."""
     array = _array(given)
     # Corners may have a dimension of their own.
-    if columns == 6 and array.shape[-2:] == (2, 3) and array.ndim in ((2, 3) if may_be_one else (3,)):
+    if columns == 6 and array.ndim in (2, 3) and array.shape[-2:] == (2, 3):
         array = array.reshape(-1, 6)
-    if array.ndim == 1 and (array.size == 0 or (may_be_one and array.size == columns)):
+    if array.ndim == 1 and array.size in (0, columns):
         array = array.reshape(-1, columns)
     if array.ndim != 2 or array.shape[1] != columns:
         raise ValueError(f"an array of shape {array.shape}: give (n, {columns})")
     if array.dtype.kind not in "fiu" or array.dtype.itemsize > 8:
         raise TypeError(f"numbers of type {array.dtype}: give float32 or float64")
-    return array
-
-
-def floats(given: Any, columns: int, may_be_one: bool) -> Any:
-    """float32 as it is, all else as float64, which the extension rounds outward."""
-    array = _numbers(given, columns, may_be_one)
-    if array.dtype.kind == "f" and array.dtype.itemsize <= 4:
-        return _in_rows(array, np.float32)
-    return _doubles(array)
-
-
-def doubles(given: Any, columns: int) -> Any:
-    """All as float64."""
-    return _doubles(_numbers(given, columns, False))
-
-
-def _doubles(array: Any) -> Any:
-    if array.dtype.kind in "iu" and array.dtype.itemsize == 8 and array.size:
-        if int(array.max()) > EXACT_INTEGERS or int(array.min()) < -EXACT_INTEGERS:
-            raise ValueError("an integer beyond 2**53 is no number of float64: round it yourself")
+    if array.dtype.kind == "f":
+        return _in_rows(array, np.float32 if array.dtype.itemsize <= 4 else np.float64)
+    if array.size and max(int(array.max()), -int(array.min())) > EXACT_INTEGERS:
+        raise ValueError("an integer beyond 2**53 is no number of float64: round it yourself")
     return _in_rows(array, np.float64)
 
 
-def integers(given: Any, numpy_type: str) -> Any:
-    """Integers in one row, each of them within a type. Truth values are 0 and 1."""
+def exact(given: Any, columns: int) -> Any:
+    """Rows of float32. Numbers that it does not hold are refused."""
+    array = floats(given, columns)
+    with np.errstate(over="ignore"):
+        narrow = array.astype(np.float32, copy=False)
+    wrong = array[(narrow != array) & ~np.isnan(array)]
+    if wrong.size:
+        raise ValueError(f"{wrong[0]} is no number of float32: round it yourself")
+    return narrow
+
+
+def matrices(given: Any) -> Any:
+    """Matrices (n, 3, 4) or (n, 4, 4), of which the last row is left out, as rows of their four columns."""
     array = _array(given)
-    if array.ndim == 0:
-        array = array.reshape(1)
-    if array.ndim != 1:
+    if array.ndim != 3 or array.shape[1] not in (3, 4) or array.shape[2] != 4:
+        raise ValueError(f"matrices of shape {array.shape}: give (n, 3, 4) or (n, 4, 4)")
+    return exact(array[:, :3].transpose(0, 2, 1).reshape(-1, 12), 12)
+
+
+def integers(given: Any, numpy_type: str) -> Any:
+    """Integers in one row, or a single one, each within a type. Truth values are 0 and 1."""
+    array = _array(given)
+    if array.ndim > 1:
         raise ValueError(f"an array of shape {array.shape}: give (n,)")
     if array.dtype.kind == "O" or (array.size and array.dtype.kind not in "iub"):
         raise TypeError(f"numbers of type {array.dtype}: give integers")
@@ -82,25 +86,22 @@ def indices(given: Any) -> Any:
     if isinstance(given, (bool, np.bool_)):
         raise TypeError("a truth value is no index")
     if isinstance(given, (int, np.integer)):
-        return _in_range(int(given), 1)
+        given = range(int(given), int(given) + 1)
     if isinstance(given, range) and given.step == 1:
-        return _in_range(given.start, len(given)) if len(given) else (0, 0)
+        first, end = (given.start, given.stop) if given else (0, 0)
+        if first < 0 or end > INDEX_END:
+            wrong = first if first < 0 else end - 1
+            raise ValueError(f"{wrong} is no index: give 0 to {INDEX_END - 1}")
+        # A count of 2**32 has no place in 32 bits, and no scene holds as many boxes.
+        return first, min(end - first, INDEX_END - 1)
     array = _array(given)
     if array.dtype.kind == "b" and array.ndim == 1:
         array = np.flatnonzero(array)
-    return integers(array, "uint32")
-
-
-def _in_range(first: int, count: int) -> tuple[int, int]:
-    if first < 0 or first + count > INDEX_END:
-        wrong = first if first < 0 else first + count - 1
-        raise ValueError(f"{wrong} is no index: give 0 to {INDEX_END - 1}")
-    # A count of 2**32 has no place in 32 bits, and no scene holds as many boxes.
-    return first, min(count, INDEX_END - 1)
+    return integers(np.atleast_1d(array), "uint32")
 
 
 def pairs(given: Any) -> Any:
-    """Pairs of indices as uint32 (n, 2); a single pair may come without the brackets around it."""
+    """Pairs of indices as uint32 in one row; a single pair may come without the brackets around it."""
     array = _array(given)
     if array.ndim == 1 and array.size in (0, 2):
         array = array.reshape(-1, 2)
@@ -109,9 +110,16 @@ def pairs(given: Any) -> Any:
     return integers(array.reshape(-1), "uint32")
 
 
-def matrices(given: Any) -> Any:
-    """Matrices (n, 3, 4) or (n, 4, 4), of which the last row is left out, as rows of twelve numbers."""
-    array = _array(given)
-    if array.ndim != 3 or array.shape[1] not in (3, 4) or array.shape[2] != 4:
-        raise ValueError(f"matrices of shape {array.shape}: give (n, 3, 4) or (n, 4, 4)")
-    return array[:, :3].reshape(-1, 12)
+TAGS = [("worlds", "int32"), ("owners", "uint32"), ("filters", "uint16"), ("static flags", "uint8")]
+
+
+def tags(n: int | None, parts: Sequence[Any]) -> Any:
+    """Worlds, owners, filters and static flags of `n` boxes: a number for all, or one for each. Without `n`, of as many
+    as there are in the first array, or of one."""
+    arrays = [integers(0 if part is None else part, numpy_type) for part, (_, numpy_type) in zip(parts, TAGS)]
+    if n is None:
+        n = next((array.size for array in arrays if array.ndim), 1)
+    for array, (name, _) in zip(arrays, TAGS):
+        if array.ndim and array.size != n:
+            raise ValueError(f"{array.size} {name} for {n} boxes: give one for each")
+    return tuple(np.broadcast_to(array, n) for array in arrays)

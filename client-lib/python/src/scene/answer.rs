@@ -2,41 +2,39 @@
 
 use std::ops::Range;
 
-use pairmask::{EndReason, Ended, SceneAnswer};
+use pairmask::{EndReason, SceneAnswer};
 use pyo3::prelude::*;
 use pyo3::types::PyRange;
 
-use crate::memory::Memory;
+use crate::memory::Array;
 
-/// An answer as it is read from the library, before there are arrays of it.
-pub struct Read {
-    pub begun: Vec<[u32; 2]>,
-    pub ended: Vec<Ended>,
-    pub pairs: Vec<[u32; 2]>,
-    pub is_resync: bool,
-    pub pair_count: Option<u64>,
-    pub served_by: &'static str,
-    pub engine: String,
-    pub skipped_pairs: u64,
-    pub tick: Option<u64>,
-    pub late: Vec<Range<u32>>,
+/// Indices from one to before another: Python's `range`.
+pub struct Indices(pub Range<u32>);
+
+impl<'py> IntoPyObject<'py> for Indices {
+    type Target = PyRange;
+    type Output = Bound<'py, PyRange>;
+    type Error = PyErr;
+
+    fn into_pyobject(self, py: Python<'py>) -> PyResult<Self::Output> {
+        PyRange::new(py, self.0.start as isize, self.0.end as isize)
+    }
 }
 
-impl Read {
-    pub fn of(answer: &SceneAnswer<'_>) -> Self {
-        Self {
-            begun: answer.begun().to_vec(),
-            ended: answer.ended().to_vec(),
-            pairs: answer.pairs().to_vec(),
-            is_resync: answer.is_resync(),
-            pair_count: answer.pair_count(),
-            served_by: answer.served_by().as_str(),
-            engine: answer.engine().to_string(),
-            skipped_pairs: answer.skipped().pairs(),
-            tick: answer.tick(),
-            late: answer.late().to_vec(),
-        }
-    }
+/// An answer as it is read from the library: the fields of `SceneAnswer` in Python.
+#[derive(IntoPyObject)]
+pub struct Read {
+    begun: Array,
+    ended: Array,
+    ended_reasons: Array,
+    pairs: Array,
+    is_resync: bool,
+    pair_count: Option<u64>,
+    served_by: &'static str,
+    engine: String,
+    skipped_pairs: u64,
+    tick: Option<u64>,
+    late: Vec<Indices>,
 }
 
 /// Numbers of `EndReason` in Python.
@@ -50,57 +48,28 @@ const fn number(reason: EndReason) -> u8 {
     }
 }
 
-/// What an edit tells. All lists are sorted.
-#[pyclass(frozen, get_all, name = "SceneAnswer", module = "pairmask")]
-pub struct PySceneAnswer {
-    /// Pairs that began, for `changes`.
-    begun: Py<PyAny>,
-    /// Pairs that ended, for `changes`.
-    ended: Py<PyAny>,
-    /// Why they ended: numbers of `EndReason`.
-    ended_reasons: Py<PyAny>,
-    /// Pairs of now, for `all`, `moved` and a resync.
-    pairs: Py<PyAny>,
-    /// Whether changes were asked for and `pairs` holds all pairs instead.
-    is_resync: bool,
-    /// Pairs of the whole scene, if the answer knows.
-    pair_count: Option<u64>,
-    /// What answered.
-    served_by: &'static str,
-    /// The engine that answered.
-    engine: String,
-    /// Pairs that were not tested.
-    skipped_pairs: u64,
-    /// The tick of a shared scene.
-    tick: Option<u64>,
-    /// Leases of writers of a shared scene that were late.
-    late: Vec<Py<PyRange>>,
-}
-
-impl PySceneAnswer {
-    pub fn new(py: Python<'_>, read: Read) -> PyResult<Self> {
-        let reasons = read.ended.iter().map(|ended| number(ended.reason)).collect();
-        let ended = read.ended.iter().map(|ended| ended.pair).collect();
-        let rows = |rows: Vec<[u32; 2]>| Memory::of_rows(rows).into_array(py).map(Bound::unbind);
-        let late: PyResult<Vec<_>> =
-            read.late.iter().map(|range| python_range(py, range)).collect();
-        Ok(Self {
-            begun: rows(read.begun)?,
-            ended: rows(ended)?,
-            ended_reasons: Memory::of_numbers::<u8>(reasons).into_array(py)?.unbind(),
-            pairs: rows(read.pairs)?,
-            is_resync: read.is_resync,
-            pair_count: read.pair_count,
-            served_by: read.served_by,
-            engine: read.engine,
-            skipped_pairs: read.skipped_pairs,
-            tick: read.tick,
-            late: late?,
-        })
+impl Read {
+    pub fn of(answer: &SceneAnswer<'_>) -> Self {
+        let ended = answer.ended().to_vec();
+        let reasons = ended.iter().map(|ended| [number(ended.reason)]).collect();
+        Self {
+            begun: Array::read_only(answer.begun().to_vec()),
+            ended: Array::read_only(ended.iter().map(|ended| ended.pair).collect()),
+            ended_reasons: Array::read_only(reasons),
+            pairs: Array::read_only(answer.pairs().to_vec()),
+            is_resync: answer.is_resync(),
+            pair_count: answer.pair_count(),
+            served_by: answer.served_by().as_str(),
+            engine: answer.engine().to_string(),
+            skipped_pairs: answer.skipped().pairs(),
+            tick: answer.tick(),
+            late: answer.late().iter().cloned().map(Indices).collect(),
+        }
     }
-}
 
-/// A range of indices as Python's `range`.
-pub fn python_range(py: Python<'_>, range: &Range<u32>) -> PyResult<Py<PyRange>> {
-    PyRange::new(py, range.start as isize, range.end as isize).map(Bound::unbind)
+    /// The answer as Python has it.
+    pub fn into_python(self, py: Python<'_>) -> PyResult<Bound<'_, PyAny>> {
+        let class = imported!(py, "pairmask._answers", "SceneAnswer")?;
+        class.call((), Some(&self.into_pyobject(py)?))
+    }
 }

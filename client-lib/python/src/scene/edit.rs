@@ -1,180 +1,182 @@
 //! Edits: calls are collected, and committed as one.
 
-use std::sync::{Mutex, PoisonError};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 
-use pairmask::{Margin, Report};
-use pyo3::exceptions::PyValueError;
+use pairmask::Report;
 use pyo3::prelude::*;
 
-use super::PyScene;
-use super::answer::PySceneAnswer;
+use super::edited::{Edited, Ticket};
 use super::ops::{Named, NamedMargins, Op};
-use super::pending::PyPendingAnswer;
-use crate::arrays;
-use crate::errors::{Raise, misused};
-use crate::rules::{Part, PyFilterTable, TagParts};
-use crate::sources::Boxes;
+use crate::arrays::{Pairs, Rows};
+use crate::guarded::Guarded;
+use crate::rules::{Part, PyFilterTable, tags};
+use crate::session::one_of;
 
 /// An edit that is being written. Each call adds to it; `commit` or `submit` does all of it at once.
 #[pyclass(frozen, name = "SceneEdit", module = "pairmask")]
 pub struct PyEdit {
-    scene: Py<PyScene>,
-    /// `None` once it is committed or submitted.
-    ops: Mutex<Option<Vec<Op>>>,
+    scene: Arc<Guarded<Edited>>,
+    ops: Guarded<Vec<Op>>,
 }
 
-/// What an answer is asked to hold.
-fn report_named(name: &str) -> PyResult<Report> {
-    match name {
-        "changes" => Ok(Report::Changes),
-        "moved" => Ok(Report::Moved),
-        "all" => Ok(Report::All),
-        "nothing" => Ok(Report::Nothing),
-        _ => Err(PyValueError::new_err(format!(
-            "no answer '{name}': changes, moved, all or nothing"
-        ))),
-    }
+/// An edit with one more call.
+type Added<'py> = PyResult<Bound<'py, PyEdit>>;
+
+fn add(edit: Bound<'_, PyEdit>, op: Op) -> Added<'_> {
+    edit.get().ops.with(edit.py(), |ops| ops.push(op))?;
+    Ok(edit)
 }
 
 impl PyEdit {
-    pub const fn new(scene: Py<PyScene>) -> Self {
-        Self { scene, ops: Mutex::new(Some(Vec::new())) }
+    pub const fn new(scene: Arc<Guarded<Edited>>) -> Self {
+        let gone = "the edit was committed or submitted: begin another one";
+        Self { scene, ops: Guarded::new(Vec::new(), gone) }
     }
 
-    fn add(&self, op: Op) -> PyResult<()> {
-        let mut ops = self.ops.lock().unwrap_or_else(PoisonError::into_inner);
-        ops.as_mut().map(|ops| ops.push(op)).ok_or_else(committed)
+    /// What an answer is asked to hold, and the steps, which are given once. They stay here while another edit of
+    /// the scene is under way.
+    fn take(&self, py: Python<'_>, report: &str) -> PyResult<(Vec<Op>, Report)> {
+        let known = [
+            ("changes", Report::Changes),
+            ("moved", Report::Moved),
+            ("all", Report::All),
+            ("nothing", Report::Nothing),
+        ];
+        let report = one_of(report, &known)?;
+        self.scene.with(py, |edited| edited.scene().map(drop))??;
+        Ok((self.ops.take(py)?, report))
     }
-
-    /// The steps, which are given once. They stay here while another edit of the scene is under way.
-    fn take(&self, py: Python<'_>) -> PyResult<Vec<Op>> {
-        self.scene.get().check_idle(py)?;
-        self.ops.lock().unwrap_or_else(PoisonError::into_inner).take().ok_or_else(committed)
-    }
-}
-
-fn committed() -> PyErr {
-    misused("the edit was committed or submitted: begin another one", "Gone")
-}
-
-/// Margins of so many boxes: a number for all, or one for each.
-fn margins_of(given: &Bound<'_, PyAny>) -> PyResult<NamedMargins> {
-    if let Ok(units) = given.extract::<f32>() {
-        return Ok(NamedMargins::Same(Margin::new(units).map_err(Raise::raise)?));
-    }
-    let units: Vec<f32> = given.extract()?;
-    let margins: Result<Vec<Margin>, _> = units.into_iter().map(Margin::new).collect();
-    Ok(NamedMargins::Each(margins.map_err(Raise::raise)?))
 }
 
 #[pymethods]
 impl PyEdit {
-    /// Sets boxes; inserts those that are absent.
+    /// Sets boxes (n, 6); inserts those that are absent. `margin` is a number for all, or one for each (n).
     #[pyo3(signature = (indices, boxes, margin=None))]
-    fn set<'py>(
-        slf: Bound<'py, Self>,
-        indices: &Bound<'py, PyAny>,
-        boxes: &Bound<'py, PyAny>,
-        margin: Option<&Bound<'py, PyAny>>,
-    ) -> PyResult<Bound<'py, Self>> {
-        let named = Named::of(indices)?;
-        let boxes = Boxes::of_some(boxes)?.to_vec(slf.py())?;
-        let margins = margin.map(margins_of).transpose()?;
-        slf.get().add(Op::Set(named, boxes, margins))?;
-        Ok(slf)
+    fn set(
+        slf: Bound<'_, Self>,
+        indices: Named,
+        boxes: Rows,
+        margin: Option<NamedMargins>,
+    ) -> Added<'_> {
+        let boxes = boxes.boxes(slf.py())?;
+        add(slf, Op::Set(indices, boxes, margin))
     }
 
     /// Removes boxes.
-    fn remove<'py>(
-        slf: Bound<'py, Self>,
-        indices: &Bound<'py, PyAny>,
-    ) -> PyResult<Bound<'py, Self>> {
-        slf.get().add(Op::Remove(Named::of(indices)?))?;
-        Ok(slf)
+    fn remove(slf: Bound<'_, Self>, indices: Named) -> Added<'_> {
+        add(slf, Op::Remove(indices))
     }
 
     /// Switches boxes off (they overlap nothing) or on.
-    #[pyo3(signature = (indices, on))]
-    fn switch<'py>(
-        slf: Bound<'py, Self>,
-        indices: &Bound<'py, PyAny>,
-        on: bool,
-    ) -> PyResult<Bound<'py, Self>> {
-        slf.get().add(Op::Switch(Named::of(indices)?, on))?;
-        Ok(slf)
+    fn switch(slf: Bound<'_, Self>, indices: Named, on: bool) -> Added<'_> {
+        add(slf, Op::Switch(indices, on))
     }
 
     /// Makes boxes static (two static boxes are no pair) or not.
     #[pyo3(signature = (indices, is_static=true))]
-    fn make_static<'py>(
-        slf: Bound<'py, Self>,
-        indices: &Bound<'py, PyAny>,
-        is_static: bool,
-    ) -> PyResult<Bound<'py, Self>> {
-        slf.get().add(Op::Static(Named::of(indices)?, is_static))?;
-        Ok(slf)
+    fn make_static(slf: Bound<'_, Self>, indices: Named, is_static: bool) -> Added<'_> {
+        add(slf, Op::Static(indices, is_static))
     }
 
-    /// Gives boxes their tags. What is not named becomes what a box without a tag has.
+    /// Gives boxes their tags, a number for all or one for each (n). What is not named becomes what a box without
+    /// a tag has.
     #[pyo3(signature = (indices, *, world=None, owner=None, filter=None, is_static=None))]
     fn tag<'py>(
         slf: Bound<'py, Self>,
-        indices: &Bound<'py, PyAny>,
+        indices: Named,
         world: Part<'_, 'py>,
         owner: Part<'_, 'py>,
         filter: Part<'_, 'py>,
         is_static: Part<'_, 'py>,
-    ) -> PyResult<Bound<'py, Self>> {
-        let named = Named::of(indices)?;
-        let tags = TagParts { world, owner, filter, is_static }.tags(named.len())?;
-        slf.get().add(Op::Tag(named, tags))?;
-        Ok(slf)
+    ) -> Added<'py> {
+        let tags = tags(slf.py(), Some(indices.len()), [world, owner, filter, is_static])?;
+        add(slf, Op::Tag(indices, tags))
     }
 
     /// The filters that tags name, in place of all before.
-    fn filters<'py>(slf: Bound<'py, Self>, table: &PyFilterTable) -> PyResult<Bound<'py, Self>> {
-        slf.get().add(Op::Filters(table.shared()))?;
-        Ok(slf)
+    fn filters<'py>(slf: Bound<'py, Self>, table: &PyFilterTable) -> Added<'py> {
+        add(slf, Op::Filters(Arc::clone(&table.0)))
     }
 
-    /// Puts pairs on the include list, or takes them off.
+    /// Puts pairs (n, 2) on the include list, or takes them off.
     #[pyo3(signature = (pairs, on=true))]
-    fn include<'py>(
-        slf: Bound<'py, Self>,
-        pairs: &Bound<'py, PyAny>,
-        on: bool,
-    ) -> PyResult<Bound<'py, Self>> {
-        slf.get().add(Op::Include(arrays::pairs(pairs)?, on))?;
-        Ok(slf)
+    fn include(slf: Bound<'_, Self>, pairs: Pairs, on: bool) -> Added<'_> {
+        add(slf, Op::Include(pairs.0, on))
     }
 
-    /// Puts pairs on the exclude list, or takes them off.
+    /// Puts pairs (n, 2) on the exclude list, or takes them off.
     #[pyo3(signature = (pairs, on=true))]
-    fn exclude<'py>(
-        slf: Bound<'py, Self>,
-        pairs: &Bound<'py, PyAny>,
-        on: bool,
-    ) -> PyResult<Bound<'py, Self>> {
-        slf.get().add(Op::Exclude(arrays::pairs(pairs)?, on))?;
-        Ok(slf)
+    fn exclude(slf: Bound<'_, Self>, pairs: Pairs, on: bool) -> Added<'_> {
+        add(slf, Op::Exclude(pairs.0, on))
     }
 
     /// Applies the edit and answers, while other Python threads run. The answer is acknowledged by that: what it
     /// reports is not reported again.
     #[pyo3(signature = (report="changes"))]
-    fn commit(&self, py: Python<'_>, report: &str) -> PyResult<PySceneAnswer> {
-        let report = report_named(report)?;
-        let ops = self.take(py)?;
-        PySceneAnswer::new(py, self.scene.get().commit(py, &ops, report)?)
+    fn commit<'py>(&self, py: Python<'py>, report: &str) -> PyResult<Bound<'py, PyAny>> {
+        let (ops, report) = self.take(py, report)?;
+        let read = self.scene.with_detached(py, |edited| edited.commit(&ops, report))??;
+        read.into_python(py)
     }
 
     /// Applies the edit and sends it. A daemon works on it while this thread does something else; in process it
     /// is answered before this returns.
     #[pyo3(signature = (report="changes"))]
     fn submit(&self, py: Python<'_>, report: &str) -> PyResult<PyPendingAnswer> {
-        let report = report_named(report)?;
-        let ops = self.take(py)?;
-        let ticket = self.scene.get().submit(py, ops, report)?;
-        Ok(PyPendingAnswer::new(self.scene.clone_ref(py), ticket))
+        let (ops, report) = self.take(py, report)?;
+        let ticket = self.scene.with_detached(py, |edited| edited.submit(ops, report))??;
+        let scene = Arc::clone(&self.scene);
+        Ok(PyPendingAnswer { scene, ticket, is_open: AtomicBool::new(true) })
+    }
+}
+
+/// An edit under way. Dropped, it is applied, and its answer counts as never given.
+#[pyclass(frozen, name = "PendingAnswer", module = "pairmask")]
+pub struct PyPendingAnswer {
+    scene: Arc<Guarded<Edited>>,
+    ticket: Ticket,
+    /// Whether the answer is neither waited for nor given up.
+    is_open: AtomicBool,
+}
+
+impl PyPendingAnswer {
+    fn leave(&self) {
+        // Relaxed: the scene's lock orders all else.
+        if self.is_open.swap(false, Ordering::Relaxed) {
+            self.scene.with_rest(|edited| edited.leave(self.ticket));
+        }
+    }
+}
+
+impl Drop for PyPendingAnswer {
+    fn drop(&mut self) {
+        self.leave();
+    }
+}
+
+#[pymethods]
+impl PyPendingAnswer {
+    /// Waits for the answer, while other Python threads run. It is acknowledged by that.
+    fn wait<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        let read = self.scene.with_detached(py, |edited| edited.wait(self.ticket));
+        self.is_open.store(false, Ordering::Relaxed);
+        read??.into_python(py)
+    }
+
+    /// Gives the answer up, if it was not waited for: the edit is applied, and the next answer makes up for
+    /// this one.
+    fn close(&self, py: Python<'_>) {
+        // Another thread may be waiting for it.
+        py.detach(|| self.leave());
+    }
+
+    fn __enter__(slf: Py<Self>) -> Py<Self> {
+        slf
+    }
+
+    #[pyo3(signature = (*_args))]
+    fn __exit__(&self, py: Python<'_>, _args: &Bound<'_, PyAny>) {
+        self.close(py);
     }
 }

@@ -6,7 +6,7 @@ use self_cell::{MutBorrow, self_cell};
 
 use super::answer::Read;
 use super::ops::Op;
-use crate::errors::{Raise, misused};
+use crate::errors::{misused, raised};
 
 /// A scene and the steps of its edit.
 type Owner = MutBorrow<(Box<Scene>, Vec<Op>)>;
@@ -102,10 +102,10 @@ fn sent<'s>(
     report: Report,
 ) -> PyResult<PendingAnswer<'s, 's>> {
     let edit = ops.iter().fold(scene.edit(), |edit, op| op.add_to(edit));
-    edit.submit(report).map_err(Raise::raise)
+    edit.submit(report).map_err(raised)
 }
 
 /// Waits for the answer and reads it.
 fn answered(pending: PendingAnswer<'_, '_>) -> PyResult<Read> {
-    Ok(Read::of(&pending.wait().map_err(Raise::raise)?))
+    Ok(Read::of(&pending.wait().map_err(raised)?))
 }

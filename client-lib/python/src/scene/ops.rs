@@ -4,29 +4,31 @@ use std::sync::Arc;
 
 use pairmask::filters::{FilterTable, Tag};
 use pairmask::{Aabb, Margin, SceneEdit};
-use pairmask_core::scene::{Indices, Margins};
+use pairmask_core::scene::Indices;
 use pyo3::prelude::*;
-use pyo3::sync::PyOnceLock;
 
-use crate::arrays::integers;
+use crate::arrays::numbers;
+use crate::session::margin;
 
-/// Indices of boxes.
+/// Indices of boxes: an index, a `range`, or a list or an array of indices or of truth values.
 pub enum Named {
     List(Vec<u32>),
     Range { first: u32, count: u32 },
 }
 
-impl Named {
-    /// An index, a `range`, or a list or an array of indices or of truth values.
-    pub fn of(given: &Bound<'_, PyAny>) -> PyResult<Self> {
-        static INDICES: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
-        let named = INDICES.import(given.py(), "pairmask._convert", "indices")?.call1((given,))?;
+impl<'py> FromPyObject<'_, 'py> for Named {
+    type Error = PyErr;
+
+    fn extract(given: Borrowed<'_, 'py, PyAny>) -> PyResult<Self> {
+        let named = imported!(given.py(), "pairmask._convert", "indices")?.call1((given,))?;
         if let Ok((first, count)) = named.extract() {
             return Ok(Self::Range { first, count });
         }
-        Ok(Self::List(integers(&named, "uint32")?))
+        numbers(&named).map(Self::List)
     }
+}
 
+impl Named {
     pub fn len(&self) -> usize {
         match self {
             Self::List(indices) => indices.len(),
@@ -42,18 +44,21 @@ impl Named {
     }
 }
 
-/// Margins of boxes that are set.
+/// Margins of boxes that are set: a number for all, or one for each.
 pub enum NamedMargins {
     Same(Margin),
     Each(Vec<Margin>),
 }
 
-impl NamedMargins {
-    pub fn margins(&self) -> Margins<'_> {
-        match self {
-            Self::Same(margin) => (*margin).into(),
-            Self::Each(margins) => margins.into(),
+impl<'py> FromPyObject<'_, 'py> for NamedMargins {
+    type Error = PyErr;
+
+    fn extract(given: Borrowed<'_, 'py, PyAny>) -> PyResult<Self> {
+        if let Ok(units) = given.extract() {
+            return margin(units).map(Self::Same);
         }
+        let units: Vec<f32> = given.extract()?;
+        units.into_iter().map(margin).collect::<PyResult<_>>().map(Self::Each)
     }
 }
 
@@ -74,8 +79,11 @@ impl Op {
     pub fn add_to<'s, 'a>(&'a self, edit: SceneEdit<'s, 'a>) -> SceneEdit<'s, 'a> {
         match self {
             Self::Set(named, boxes, None) => edit.set_all(named.indices(), boxes),
-            Self::Set(named, boxes, Some(margins)) => {
-                edit.set_all_margined(named.indices(), boxes, margins.margins())
+            Self::Set(named, boxes, Some(NamedMargins::Same(margin))) => {
+                edit.set_all_margined(named.indices(), boxes, *margin)
+            }
+            Self::Set(named, boxes, Some(NamedMargins::Each(margins))) => {
+                edit.set_all_margined(named.indices(), boxes, margins)
             }
             Self::Remove(named) => edit.remove_all(named.indices()),
             Self::Switch(named, on) => edit.switch_all(named.indices(), *on),
