@@ -111,7 +111,10 @@ impl PyFrame {
         match self.lock(py)?.as_mut().ok_or_else(|| self.frame.gone())? {
             AnyFrame::Boxes(frame) => rows.write(py, frame.boxes_mut()),
             AnyFrame::Spheres(frame) => rows.write(py, frame.spheres_mut()),
-            AnyFrame::Quantized(frame) => frame.write(&rows.boxes(py)?[..]).map_err(raised),
+            AnyFrame::Quantized(frame) => {
+                let boxes = rows.boxes(py)?;
+                py.detach(|| frame.write(&boxes[..])).map_err(raised)
+            }
         }
     }
 

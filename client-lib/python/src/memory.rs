@@ -54,21 +54,25 @@ pub struct Array {
 }
 
 impl Array {
+    fn new<T: Number, const N: usize>(at: *mut [T; N], n: usize, owner: Owner) -> Self {
+        let memory = Memory {
+            at: Address(at.cast()),
+            bytes: n * size_of::<[T; N]>(),
+            is_writable: true,
+            _owner: owner,
+        };
+        Self { memory, shape: if N == 1 { vec![n] } else { vec![n, N] }, dtype: T::DTYPE }
+    }
+
     /// Rows that Python may write. They have to stay where they are, and nothing else may read or write them,
     /// until `owner` is dropped.
     pub fn over<T: Number, const N: usize>(rows: &mut [[T; N]], owner: Owner) -> Self {
-        let (at, bytes) = (Address(rows.as_mut_ptr().cast()), size_of_val(rows));
-        let shape = if N == 1 { vec![rows.len()] } else { vec![rows.len(), N] };
-        let memory = Memory { at, bytes, is_writable: true, _owner: owner };
-        Self { memory, shape, dtype: T::DTYPE }
+        Self::new(rows.as_mut_ptr(), rows.len(), owner)
     }
 
     /// Rows that Python may write.
     pub fn writable<T: Number, const N: usize>(mut rows: Vec<[T; N]>) -> Self {
-        let mut array = Self::over(&mut rows, Box::new(()));
-        // The rows stay where they are when their `Vec` moves.
-        array.memory._owner = Box::new(rows);
-        array
+        Self::new(rows.as_mut_ptr(), rows.len(), Box::new(rows))
     }
 
     /// Rows that Python may only read.

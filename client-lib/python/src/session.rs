@@ -83,8 +83,8 @@ impl PySession {
             .engine(engine.parse().map_err(invalid)?)
             .encoding(encoding.parse().map_err(invalid)?)
             .answer_repeats(answer_repeats);
-        let builder = with(builder, instance, |builder, name| builder.instance(name));
-        let builder = with(builder, runtime_dir, |builder, dir| builder.runtime_dir(dir));
+        let builder = with(builder, instance, SessionBuilder::instance);
+        let builder = with(builder, runtime_dir, SessionBuilder::runtime_dir);
         let builder = with(builder, threads, SessionBuilder::threads);
         let builder = with(builder, visit_threads, SessionBuilder::visit_threads);
         let isa = isa.map(|name| name.parse().map_err(invalid)).transpose()?;

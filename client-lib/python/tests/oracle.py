@@ -60,14 +60,6 @@ def check(got: Any, expected: Pairs, what: object = "") -> None:
     )
 
 
-def hash_of(pairs: Pairs) -> int:
-    """`pair_set_hash` of the Rust oracle: FNV-1a over the sorted pairs."""
-    value = 0xCBF2_9CE4_8422_2325
-    for byte in np.array(sorted(pairs), "<u4").tobytes():
-        value = (value ^ byte) * 0x0000_0100_0000_01B3 & 0xFFFF_FFFF_FFFF_FFFF
-    return value
-
-
 def boxes_of(n: int, seed: int, *, spread: float = 1.0) -> Any:
     """Random boxes, about two pairs a box where `spread` is 1."""
     random = np.random.default_rng(seed)

@@ -8,9 +8,6 @@ import pairmask
 import pytest
 from conftest import UNIT, Daemon, count_while, in_threads
 
-BACKENDS = pytest.mark.parametrize("backend", ["in-process", "auto", "daemon"])
-
-
 def kinds_of(ended: list[object]) -> list[object]:
     return [error.kind if isinstance(error, pairmask.PairmaskError) else error for error in ended]
 
@@ -51,48 +48,34 @@ def test_two_threads_cannot_wait_for_one_frame(daemon: Daemon) -> None:
     assert "Gone" in answers and any(isinstance(answer, int) for answer in answers)
 
 
-@BACKENDS
+@pytest.mark.parametrize("backend", ["in-process", "auto", "daemon"])
 def test_threads_share_a_session_and_a_scene(daemon: Daemon, backend: str) -> None:
-    scenes = [oracle.boxes_of(n, n) for n in (50, 345, 1000)]
-    expected = [oracle.pairs_of(boxes) for boxes in scenes]
+    scenes = [(boxes, oracle.pairs_of(boxes)) for boxes in (oracle.boxes_of(n, n) for n in (50, 345, 1000))]
+    boxes, expected = scenes[0]
     with daemon.session(backend) as session:
         scene = session.scene()
-
-        def work(seed: int) -> None:
-            for step in range(60):
-                at = (seed + step) % len(scenes)
-                oracle.check(session.cull(scenes[at]), expected[at])
-                try:
-                    scene.edit().set(range(50 * seed, 50 * seed + 50), scenes[0]).commit()
-                except pairmask.PairmaskError as error:
-                    # All places for frames may be taken by the other threads.
-                    assert error.kind == "TooManyFrames", error
-
-        assert in_threads(8, work) == [None] * 8
-
-
-@BACKENDS
-def test_threads_share_a_scene_with_edits_under_way(daemon: Daemon, backend: str) -> None:
-    boxes = oracle.boxes_of(100, 8)
-    expected = oracle.pairs_of(boxes)
-    with daemon.session(backend) as session:
-        scene = session.scene()
-        scene.edit().set(range(100), boxes).commit("nothing")
+        scene.edit().set(range(50), boxes).commit("nothing")
 
         def work(seed: int) -> int:
+            """Culls, commits and submits. Returns how many answers of edits it waited for."""
             random = np.random.default_rng(seed)
             answered = 0
-            for _ in range(150):
+            for _ in range(60):
+                some, pairs = scenes[random.integers(3)]
+                oracle.check(session.cull(some), pairs)
                 try:
-                    with scene.edit().set(range(100), boxes).submit("all") as pending:
+                    if random.random() < 0.3:
+                        oracle.check(scene.edit().set(range(50), boxes).commit("all").pairs, expected)
+                    with scene.edit().set(range(50), boxes).submit("all") as pending:
                         if random.random() < 0.7:
                             oracle.check(pending.wait().pairs, expected)
                             answered += 1
                 except pairmask.PairmaskError as error:
+                    # All places for frames may be taken by the other threads.
                     assert error.kind in ("UnderWay", "TooManyFrames"), error
             return answered
 
-        assert sum(in_threads(4, work)) > 20
+        assert sum(in_threads(8, work)) > 20
         oracle.check(scene.edit().commit("all").pairs, expected)
 
 
