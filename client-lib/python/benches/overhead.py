@@ -8,8 +8,6 @@ What is printed are medians of the turns' medians, their quartiles, and the medi
 follow each other. Needs the package, and cargo for the Rust side.
 """
 
-from __future__ import annotations
-
 import argparse
 import pathlib
 import statistics
@@ -24,18 +22,14 @@ import numpy as np
 import pairmask
 
 FOLDER = pathlib.Path(__file__).resolve().parent.parent
+BOXES = 1000
+# Frames of a turn, and turns of each side: a turn is short, so that what disturbs one side disturbs the others.
+FRAMES, TURNS = 100, 200
 
 
-def boxes_of(n: int) -> Any:
-    """Boxes with about a pair each."""
-    random = np.random.default_rng(1)
-    low = random.random((n, 3)) * (2 * n) ** (1 / 3)
-    return np.hstack([low, low + 1]).astype(np.float32)
-
-
-def rust_side(file: pathlib.Path, backend: str, folder: str, frames: int) -> Callable[[], float]:
+def rust_side(file: str, backend: str, folder: str) -> Callable[[], float]:
     command = ["cargo", "bench", "--quiet", "--locked", "--bench", "rust_frame", "--"]
-    command += [str(file), backend, folder, str(frames)]
+    command += [file, backend, folder, str(FRAMES)]
     process = subprocess.Popen(command, cwd=FOLDER, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
     to, from_ = process.stdin, process.stdout
     assert to is not None and from_ is not None
@@ -48,10 +42,10 @@ def rust_side(file: pathlib.Path, backend: str, folder: str, frames: int) -> Cal
     return turn
 
 
-def python_side(work: Callable[[], object], frames: int) -> Callable[[], float]:
+def python_side(work: Callable[[], object]) -> Callable[[], float]:
     def turn() -> float:
         times = []
-        for _ in range(frames):
+        for _ in range(FRAMES):
             begun = time.perf_counter_ns()
             work()
             times.append(time.perf_counter_ns() - begun)
@@ -60,23 +54,23 @@ def python_side(work: Callable[[], object], frames: int) -> Callable[[], float]:
     return turn
 
 
+def spread(times: list[float]) -> str:
+    low, median, high = statistics.quantiles(times, n=4)
+    return f"{median:8.1f} ({low:.1f} {high:.1f})"
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description="What Python adds to a frame, in turns with Rust")
-    parser.add_argument("--n", type=int, default=1000, help="boxes of a frame")
-    parser.add_argument("--frames", type=int, default=100, help="frames of a turn")
-    parser.add_argument("--turns", type=int, default=200, help="turns of each side")
     parser.add_argument("--runtime-dir", help="ask the daemon that serves there")
-    given = parser.parse_args()
-    boxes = boxes_of(given.n)
-    backend: Any = "daemon" if given.runtime_dir else "in-process"
-    options: dict[str, Any] = {"runtime_dir": given.runtime_dir} if given.runtime_dir else {}
-    session = pairmask.Session(backend, threads=1, answer_repeats=False, **options)
-
-    def cull() -> object:
-        return session.cull(boxes)
+    folder = parser.parse_args().runtime_dir
+    random = np.random.default_rng(1)
+    low = random.random((BOXES, 3)) * (2 * BOXES) ** (1 / 3)
+    boxes = np.hstack([low, low + 1]).astype(np.float32)
+    backend: Any = "daemon" if folder else "in-process"
+    session = pairmask.Session(backend, runtime_dir=folder, threads=1, answer_repeats=False)
 
     def frame() -> object:
-        frame = session.frame(given.n)
+        frame = session.frame(BOXES)
         frame.boxes[:] = boxes
         with frame.submit().wait() as mask:
             return mask.pairs()
@@ -85,27 +79,17 @@ def main() -> None:
         file.write(boxes.tobytes())
         file.flush()
         sides = {
-            "Rust": rust_side(pathlib.Path(file.name), backend, given.runtime_dir or "-", given.frames),
-            "Python, session.cull": python_side(cull, given.frames),
-            "Python, frame by frame": python_side(frame, given.frames),
+            "Rust": rust_side(file.name, backend, folder or "-"),
+            "Python, session.cull": python_side(lambda: session.cull(boxes)),
+            "Python, frame by frame": python_side(frame),
         }
-        for turn in sides.values():
-            turn()
-        turns: dict[str, list[float]] = {name: [] for name in sides}
-        for _ in range(given.turns):
-            for name, turn in sides.items():
-                turns[name].append(turn())
+        turns = [{name: turn() for name, turn in sides.items()} for _ in range(1 + TURNS)][1:]
     pairs = len(session.cull(boxes))
-    print(f"{given.n} boxes, {pairs} pairs, {backend}, one thread, {given.turns} turns of {given.frames} frames; us")
+    print(f"{BOXES} boxes, {pairs} pairs, {backend}, one thread, {TURNS} turns of {FRAMES} frames; us: median (quartiles)")
     print(f"numpy {np.__version__}, Python {sys.version.split()[0]}")
-    print(f"{'':24}{'median':>8}{'quartiles':>16}{'over Rust':>11}{'quartiles':>14}")
-    for name, times in turns.items():
-        low, median, high = statistics.quantiles(times, n=4)
-        over = [time - rust for time, rust in zip(times, turns["Rust"], strict=True)]
-        over_low, over_median, over_high = statistics.quantiles(over, n=4)
-        print(
-            f"{name:24}{median:8.1f}{f'{low:.1f} {high:.1f}':>16}{over_median:11.1f}{f'{over_low:.1f} {over_high:.1f}':>14}"
-        )
+    for name in sides:
+        times = spread([turn[name] for turn in turns])
+        print(f"{name:24}{times}, over Rust {spread([turn[name] - turn['Rust'] for turn in turns])}")
 
 
 if __name__ == "__main__":

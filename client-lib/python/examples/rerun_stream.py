@@ -8,8 +8,6 @@ Boxes drift in a scene that persists. Each step sends the boxes that moved, and 
 Boxes in touch are shown in another colour, with a line from centre to centre.
 """
 
-from __future__ import annotations
-
 import argparse
 from typing import Any
 

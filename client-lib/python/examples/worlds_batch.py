@@ -8,8 +8,6 @@ All worlds are one frame. Their boxes stand in one array, world after world, and
 that a step is one call and its answer one array. The rules stay the same, so that a daemon is sent them once.
 """
 
-from __future__ import annotations
-
 import argparse
 import time
 from typing import Any

@@ -2,7 +2,7 @@
 
 use std::fmt::{Debug, Display};
 
-use pairmask::{ConnectError, Error};
+use pairmask::Error;
 use pyo3::exceptions::{PyMemoryError, PyValueError};
 use pyo3::prelude::*;
 
@@ -27,14 +27,9 @@ pub fn raised(error: Error) -> PyErr {
         Error::NoMemory { .. } => PyMemoryError::new_err(error.to_string()),
         Error::Tags { .. } | Error::Listed { .. } => invalid(error),
         Error::Timeout { .. } => classes::WaitTimeout::new_err(reported(&error)),
-        Error::Connect(error) => not_connected(error),
+        Error::Connect(error) => classes::ConnectError::new_err(reported(&error)),
         _ => classes::PairmaskError::new_err(reported(&error)),
     }
-}
-
-/// The exception where there is no session.
-pub fn not_connected(error: ConnectError) -> PyErr {
-    classes::ConnectError::new_err(reported(&error))
 }
 
 /// The exception of a value that is refused.

@@ -127,7 +127,7 @@ impl PyFrame {
         filters: Option<&PyRules>,
         split_at: Option<usize>,
     ) -> PyResult<PyPendingFrame> {
-        let options = FrameOptions { filters: filters.map(PyRules::shared), split_at };
+        let options = FrameOptions { filters: filters.map(|rules| Arc::clone(&rules.0)), split_at };
         process::check()?;
         let frame = self.lock(py)?.take().ok_or_else(|| self.frame.gone())?;
         let submitted = py.detach(|| match frame {

@@ -2,8 +2,8 @@
 //!
 //! Each class of Python holds an object of the library behind a lock, and calls it without the interpreter's
 //! lock. Names, answers and texts of errors are the library's. What differs is said in the package's README.
-// Python's objects come to methods by value, and methods of classes take `self` by convention.
-#![allow(clippy::needless_pass_by_value, clippy::unused_self)]
+// Python's objects come to methods by value, many of them by name, and methods of classes take `self` by convention.
+#![allow(clippy::needless_pass_by_value, clippy::too_many_arguments, clippy::unused_self)]
 
 /// A function or class of Python, which is looked up once.
 macro_rules! imported {

@@ -88,16 +88,14 @@ impl PyFilterTable {
 /// A part of tags: nothing, a number for all, or an array (n) with a number for each.
 pub type Part<'a, 'py> = Option<&'a Bound<'py, PyAny>>;
 
+/// Worlds, owners, filters and static flags.
+type Columns = (PyBuffer<i32>, PyBuffer<u32>, PyBuffer<u16>, PyBuffer<u8>);
+
 /// Tags of `n` boxes, or of as many as the first array of the parts has; a single one where no part is an array.
 /// World, owner, filter and whether it is static are the parts. What is not given is that of a box without a tag.
 pub fn tags(py: Python<'_>, n: Option<usize>, parts: [Part<'_, '_>; 4]) -> PyResult<Vec<Tag>> {
     let columns = imported!(py, "pairmask._convert", "tags")?.call1((n, parts))?;
-    let (worlds, owners, filters, flags): (
-        PyBuffer<i32>,
-        PyBuffer<u32>,
-        PyBuffer<u16>,
-        PyBuffer<u8>,
-    ) = columns.extract()?;
+    let (worlds, owners, filters, flags): Columns = columns.extract()?;
     let named = worlds.to_vec(py)?.into_iter().zip(owners.to_vec(py)?);
     let rest = filters.to_vec(py)?.into_iter().zip(flags.to_vec(py)?);
     let tag = |((world, owner), (filter, flag))| {
@@ -118,15 +116,7 @@ fn table_of_one(tag: Tag, table: &FilterTable) -> PyResult<FilterTable> {
 ///
 /// Numbers for each box (n) are for frames of n boxes, and numbers for all for frames of any.
 #[pyclass(frozen, name = "Rules", module = "pairmask")]
-pub struct PyRules {
-    rules: Arc<Rules>,
-}
-
-impl PyRules {
-    pub fn shared(&self) -> Arc<Rules> {
-        Arc::clone(&self.rules)
-    }
-}
+pub struct PyRules(pub Arc<Rules>);
 
 #[pymethods]
 impl PyRules {
@@ -134,7 +124,6 @@ impl PyRules {
     #[pyo3(signature = (
         *, worlds=None, owners=None, filters=None, is_static=None, table=None, include=None, exclude=None
     ))]
-    #[allow(clippy::too_many_arguments)] // Python has them by name.
     fn new(
         py: Python<'_>,
         worlds: Part<'_, '_>,
@@ -165,20 +154,20 @@ impl PyRules {
         for pair in exclude.into_iter().flat_map(|pairs| pairs.0) {
             rules.lists.exclude(pair, true);
         }
-        Ok(Self { rules: Arc::new(rules) })
+        Ok(Self(Arc::new(rules)))
     }
 
     /// Boxes that have a tag of their own.
     fn __len__(&self) -> usize {
-        self.rules.tags.len()
+        self.0.tags.len()
     }
 
     fn __repr__(&self) -> String {
-        format!("<Rules of {} boxes>", self.rules.tags.len())
+        format!("<Rules of {} boxes>", self.0.tags.len())
     }
 
     /// Whether the boxes of two indices may be a pair.
     fn meet(&self, a: u32, b: u32) -> bool {
-        self.rules.meet(a, b)
+        self.0.meet(a, b)
     }
 }

@@ -15,7 +15,7 @@ use pyo3::prelude::*;
 use pyo3::types::{IntoPyDict, PyDict};
 
 use crate::arrays::Rows;
-use crate::errors::{invalid, not_connected, raised};
+use crate::errors::{invalid, raised};
 use crate::frame::{AnyFrame, PyFrame, seconds};
 use crate::guarded::Guarded;
 use crate::memory::Array;
@@ -61,7 +61,6 @@ impl PySession {
         backend="auto", *, instance=None, runtime_dir=None, engine="auto", encoding="auto", threads=None,
         visit_threads=None, answer_repeats=true, isa=None, spin=None, deadline=None, capacity=None,
     ))]
-    #[allow(clippy::too_many_arguments)] // Python has them by name.
     fn new(
         py: Python<'_>,
         backend: &str,
@@ -94,7 +93,7 @@ impl PySession {
         let deadline = deadline.map(seconds).transpose()?;
         let builder = with(builder, deadline, SessionBuilder::deadline);
         let builder = with(builder, capacity.map(BoxCount::new), SessionBuilder::capacity);
-        let session = py.detach(|| builder.connect()).map_err(not_connected)?;
+        let session = py.detach(|| builder.connect()).map_err(|error| raised(error.into()))?;
         let session = Guarded::new(session, "the session was closed");
         Ok(Self { session, scenes: Mutex::default() })
     }
@@ -122,7 +121,8 @@ impl PySession {
         let n = boxes.len();
         let mut frame = self.begin_in_time(py, |session| session.frame(n))?;
         boxes.write(py, frame.boxes_mut())?;
-        let options = FrameOptions { filters: rules.map(PyRules::shared), ..Default::default() };
+        let options =
+            FrameOptions { filters: rules.map(|rules| Arc::clone(&rules.0)), ..Default::default() };
         pairs_after(py, || frame.submit_with(&options))
     }
 
@@ -165,7 +165,6 @@ impl PySession {
     #[pyo3(signature = (
         name, *, most_boxes=None, tick_deadline=None, at_end=None, scope="own", usual_margin=None
     ))]
-    #[allow(clippy::too_many_arguments)] // They are Python's keywords.
     fn join_scene(
         &self,
         py: Python<'_>,

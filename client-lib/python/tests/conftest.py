@@ -4,8 +4,6 @@ Tests with a daemon need a `pairmaskd`: the one that PAIRMASKD names, else a bui
 where there is none, since a test that is left out tells nothing.
 """
 
-from __future__ import annotations
-
 import os
 import pathlib
 import signal
@@ -16,7 +14,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any
+from typing import Any, Self
 
 import pairmask
 import pytest
@@ -78,7 +76,7 @@ class Daemon:
         self.folder = folder
         self.process: subprocess.Popen[bytes] | None = None
 
-    def start(self) -> Daemon:
+    def start(self) -> Self:
         command = [pairmaskd(), "serve", "--gpu", "none", "--runtime-dir", self.folder]
         # A group of its own: the supervisor and its worker are killed together.
         self.process = subprocess.Popen(

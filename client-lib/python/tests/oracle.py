@@ -1,7 +1,5 @@
 """The naive answer: every pair is tested, by the words of the Rust library's `aabb` module."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The examples of the book's page and of the README are run, and the example programs."""
 
-from __future__ import annotations
-
 import pathlib
 import re
 import subprocess

@@ -1,7 +1,5 @@
 """What is wrong is told: the library's errors by class and kind, wrong arrays by ValueError and TypeError."""
 
-from __future__ import annotations
-
 import pickle
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Frames: numpy in, numpy out."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

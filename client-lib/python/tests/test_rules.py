@@ -1,6 +1,4 @@
-"""Rules of frames: the pairs that seven rules let meet, written here once more from their text."""
-
-from __future__ import annotations
+"""Rules of frames: each part of them reaches the library, alone and with others."""
 
 from typing import Any
 
@@ -11,96 +9,38 @@ import pytest
 from conftest import UNIT, Daemon
 from pairmask import Filter, FilterTable, Precision, Rules, filters
 
-# Worlds, filters and lists, alone and together, as the Rust suite has them.
-KINDS: list[tuple[list[int], int, bool]] = [
-    ([0], 70, False),
-    ([7, -1], 12, True),
-    ([0, 1, 2], 0, False),
-    ([3, -1, 9, 9, 9, -4], 0, False),
-    ([3, 3, -1, 9, -(2**31), 2**31 - 1], 9, True),
-    ([-1], 0, True),
-    ([5], 3, False),
-]
-
-
-def admits(a: Filter, b: Filter) -> bool:
-    if a.group == b.group != 0:
-        return a.group > 0
-    one, other = a.category & b.mask != 0, b.category & a.mask != 0
-    return one or other if a.either and b.either else one and other
-
-
-class Ruled:
-    """Random rules of `n` boxes, and which of the boxes may meet."""
-
-    def __init__(self, n: int, kind: tuple[list[int], int, bool], seed: int) -> None:
-        random = np.random.default_rng(seed)
-        worlds, filter_count, has_lists = kind
-        self.worlds = random.choice(worlds, n)
-        self.owners = random.integers(0, n // 2 + 2, n) * random.integers(0, 2, n)
-        self.filters = random.integers(0, filter_count + 1, n)
-        self.is_static = random.random(n) < 0.2
-        self.table = [
-            Filter(
-                int(random.integers(1, 16)),
-                int(random.integers(0, 16)),
-                group=int(random.integers(-2, 3)) * int(random.random() < 0.3),
-                is_static=bool(random.random() < 0.2),
-                either=bool(random.random() < 0.3),
-            )
-            for _ in range(filter_count)
-        ]
-        self.include, self.exclude = random.integers(0, max(n, 1), (2, 3 * n if has_lists else 0, 2))
-
-    def rules(self) -> Rules:
-        tags: Any = {name: getattr(self, name) for name in ("worlds", "owners", "filters", "is_static")}
-        return Rules(table=FilterTable(self.table), include=self.include, exclude=self.exclude, **tags)
-
-    def meet(self) -> Any:
-        """A matrix of which boxes may meet, rule by rule from the last to the first."""
-        n = len(self.worlds)
-        table = [*self.table, Filter()]
-        kinds = np.minimum(self.filters, len(self.table))
-        by_kind = np.array([[admits(a, b) for b in table] for a in table])
-        meet = by_kind[np.ix_(kinds, kinds)]
-        for a, b in self.exclude:
-            meet[a, b] = meet[b, a] = False
-        static = self.is_static | np.array([of.is_static for of in table])[kinds]
-        meet &= ~(static[:, None] & static[None, :])
-        meet &= (self.owners[:, None] != self.owners[None, :]) | (self.owners == 0)[:, None]
-        for a, b in self.include:
-            meet[a, b] = meet[b, a] = True
-        same = self.worlds[:, None] == self.worlds[None, :]
-        return meet.reshape(n, n) & (same | (self.worlds == -1)[:, None] | (self.worlds == -1)[None, :])
-
-    def is_of_world(self, world: int, a: int, b: int) -> bool:
-        """Whether a pair of these boxes is one of this world."""
-        own = {self.worlds[a], self.worlds[b]}
-        return world in own - {-1} or world == -1 and own == {-1}
+N = 6
+ALL = {(a, b) for b in range(N) for a in range(b)}
+TABLE = FilterTable([Filter(1, 2), Filter(2, 3), Filter(4, 0, group=7), Filter(4, 0, group=7, is_static=True)])
+# Parts of rules, and the pairs that each lets meet. Filter 9 is beyond the table: it meets all.
+PARTS: dict[str, tuple[Any, oracle.Pairs]] = {
+    "filters": ([0, 1, 2, 3, 9, 0], {(0, 1), (1, 5), (2, 3), (0, 4), (1, 4), (4, 5)}),
+    "exclude": ([[4, 1], [2, 3]], ALL - {(1, 4), (2, 3)}),
+    "is_static": (np.array([True, False, True, False, False, True]), ALL - {(0, 2), (0, 5), (2, 5)}),
+    "owners": ([1, 1, 2, 0, 0, 2], ALL - {(0, 1), (2, 5)}),
+    "include": ([[1, 2], [3, 2], [2, 5]], {(1, 2), (2, 3), (2, 5)}),
+    "worlds": (np.array([0, 0, 1, 1, -1, 1]), {*((a, 4) for a in range(4)), (0, 1), (2, 3), (2, 5), (3, 5), (4, 5)}),
+}
 
 
 @pytest.mark.parametrize("backend", ["in-process", "daemon"])
-@pytest.mark.parametrize("kind", KINDS)
-def test_rules_of_frames(daemon: Daemon, backend: str, kind: tuple[list[int], int, bool]) -> None:
+@pytest.mark.parametrize("names", [*([name] for name in PARTS), ["owners", "include"], list(PARTS)])
+def test_rules_of_frames(daemon: Daemon, backend: str, names: list[str]) -> None:
+    given: Any = {name: PARTS[name][0] for name in names}
+    rules = Rules(table=TABLE if "filters" in names else None, **given)
+    expected = ALL
+    for name in names:
+        # An include list has the last word, but for worlds.
+        expected = expected | PARTS[name][1] if name == "include" else expected & PARTS[name][1]
+    boxes = [UNIT] * N
+    assert {pair for pair in ALL if rules.meet(*pair)} == expected
     with daemon.session(backend) as session:
-        for n in (0, 1, 2, 70, 345):
-            boxes = oracle.boxes_of(n, n, spread=0.5)
-            ruled = Ruled(n, kind, 100 * len(kind[0]) + n)
-            rules, meet = ruled.rules(), ruled.meet()
-            expected = oracle.pairs_of(boxes, meet)
-            assert len(rules) == n
-            assert all(rules.meet(a, b) == meet[a, b] for a in range(min(n, 20)) for b in range(min(n, 20)) if a != b)
-            for _ in range(3):
-                oracle.check(session.cull(boxes, rules), expected, (kind, n))
-            for frame in (session.frame(n), session.narrow_frame(n, Precision.exact())):
-                frame.write(boxes)
-                with frame.submit(filters=rules).wait() as mask:
-                    oracle.check(mask.pairs(), expected, (kind, n))
-                    # Each world's pairs stand together, where the mask says that it has them so.
-                    for world in mask.worlds():
-                        pairs = mask.pairs_of_world(world)
-                        oracle.check(pairs, {pair for pair in expected if ruled.is_of_world(world, *pair)}, world)
-                    assert mask.pairs_of_world(123_456) is None
+        for _ in range(3):
+            oracle.check(session.cull(boxes, rules), expected)
+        for frame in (session.frame(N), session.narrow_frame(N, Precision.exact())):
+            frame.write(boxes)
+            with frame.submit(filters=rules).wait() as mask:
+                oracle.check(mask.pairs(), expected)
         assert session.served_by() == backend
 
 
@@ -109,8 +49,16 @@ def test_four_thousand_worlds_in_one_frame(session: pairmask.Session) -> None:
     one = oracle.boxes_of(boxes_each, 3)
     rules = Rules(worlds=np.repeat(np.arange(worlds), boxes_each))
     expected = np.array(sorted(oracle.pairs_of(one)))
-    found = oracle.as_set(session.cull(np.tile(one, (worlds, 1)), rules))
+    frame = session.frame(worlds * boxes_each)
+    frame.write(np.tile(one, (worlds, 1)))
+    mask = frame.submit(filters=rules).wait()
+    found = oracle.as_set(mask.pairs())
     assert found == {tuple(pair) for world in range(worlds) for pair in (expected + world * boxes_each).tolist()}
+    # Each world's pairs stand together, where the mask says that it has them so.
+    for world in mask.worlds():
+        pairs = mask.pairs_of_world(world)
+        assert pairs is not None and sorted(pairs.tolist()) == (expected + world * boxes_each).tolist()
+    assert mask.pairs_of_world(123_456) is None and len(rules) == worlds * boxes_each
 
 
 def test_numbers_for_all_are_for_frames_of_any_number(session: pairmask.Session) -> None:
@@ -178,7 +126,9 @@ def test_rules_of_another_frame(session: pairmask.Session, rules: Rules, text: s
             use()
 
 
-def test_filters_of_other_engines() -> None:
+def test_filters_and_those_of_other_engines() -> None:
+    assert not Filter(1, 2).admits(Filter(2, 4)) and Filter(1, 2, either=True).admits(Filter(2, 4, either=True))
+    assert not Filter(group=-3).admits(Filter(group=-3)) and repr(Filter(5, 6)) != repr(Filter(6, 5))
     assert filters.from_rapier(1, 2).admits(filters.from_rapier(2, 1))
     assert not filters.from_avian(1, 2).admits(filters.from_avian(1, 2))
     assert filters.from_box2d(1, 2, -3).group == -3 and filters.from_box2d(1, 1, is_dynamic=False).is_static

@@ -1,7 +1,6 @@
-"""Scenes against a naive model of them: what began, what ended and why, what there is, what queries find."""
+"""Scenes and edits under way: what began, what ended and why, what there is, what queries find."""
 
-from __future__ import annotations
-
+import gc
 from typing import Any
 
 import numpy as np
@@ -17,105 +16,44 @@ MARGINS = pytest.mark.parametrize(
     [({}, []), ({"margins": "exact", "usual_margin": 0.1}, [0.2]), ({"margins": "near"}, [0.0])],
 )
 
-
-class Model:
-    """A scene that compares all boxes with all after each edit."""
-
-    def __init__(self, most: int) -> None:
-        self.boxes = np.full((most, 6), np.nan, np.float32)
-        self.on = np.zeros(most, bool)
-        self.static = np.zeros(most, bool)
-        self.told: oracle.Pairs = set()
-        self.removed: set[int] = set()
-
-    def present(self) -> Any:
-        return np.flatnonzero(~np.isnan(self.boxes[:, 0]))
-
-    def edit(self, edit: pairmask.SceneEdit, random: Any, margin: list[float]) -> None:
-        """Adds steps of all kinds to an edit, and does them here in the order of the library."""
-        most, present = len(self.boxes), self.present()
-
-        def some(of: Any, count: int) -> Any:
-            return random.choice(of, min(len(of), count), replace=False)
-
-        removed = some(present, int(random.integers(0, 4)))
-        set_ = some(np.arange(most), int(random.choice([0, 1, 5, most // 2])))
-        boxes = oracle.boxes_of(most, int(random.integers(1 << 30)), spread=0.6)[: len(set_)]
-        switched = some(np.setdiff1d(np.union1d(present, set_), np.setdiff1d(removed, set_)), 3)
-        on, static = bool(random.integers(2)), bool(random.integers(2))
-        edit.remove(removed).set(set_, boxes, *margin).switch(switched, on).make_static(switched[:1], static)
-        self.boxes[removed] = np.nan
-        self.on[removed] = self.static[removed] = False
-        self.removed |= set(removed.tolist())
-        new = np.isnan(self.boxes[set_, 0])
-        self.boxes[set_] = boxes
-        self.on[set_[new]] = True
-        self.static[set_[new]] = False
-        self.on[switched] = on
-        self.static[switched[:1]] = static
-
-    def pairs(self) -> oracle.Pairs:
-        meet = self.on[:, None] & self.on[None, :] & ~(self.static[:, None] & self.static[None, :])
-        return oracle.pairs_of(self.boxes, meet)
-
-    def reason(self, a: int, b: int) -> EndReason:
-        if {a, b} & self.removed:
-            return EndReason.REMOVED
-        if not (self.on[a] and self.on[b]) or (self.static[a] and self.static[b]):
-            return EndReason.FILTERED
-        return EndReason.SEPARATED
-
-    def check(self, answer: pairmask.SceneAnswer, report: str) -> None:
-        """Compares an answer with what began, and what ended and why, since the one before."""
-        now = self.pairs()
-        if report == "nothing":
-            assert answer.pair_count is None and len(answer.pairs) == 0
-            return
-        assert answer.pair_count == len(now)
-        if report == "all" or answer.is_resync:
-            oracle.check(answer.pairs, now)
-        else:
-            again = {pair for pair in self.told & now if set(pair) & self.removed}
-            oracle.check(answer.begun, (now - self.told) | again)
-            reasons = map(EndReason, answer.ended_reasons.tolist())
-            ended = dict(zip(map(tuple, answer.ended.tolist()), reasons, strict=True))
-            assert ended == {pair: self.reason(*pair) for pair in (self.told - now) | again}
-            for pairs in (answer.begun, answer.ended):
-                assert pairs.tolist() == sorted(pairs.tolist())
-        self.told, self.removed = now, set()
+BACKENDS = pytest.mark.parametrize("backend", ["in-process", "auto", "daemon"])
 
 
-def run_scene(scene: pairmask.Scene, seed: int, edits: int, margin: list[float]) -> None:
-    model, random = Model(60), np.random.default_rng(seed)
-    for _ in range(edits):
-        edit = scene.edit()
-        model.edit(edit, random, margin)
-        report = random.choice(["changes", "changes", "changes", "all", "nothing"])
-        way = random.random()
-        if way < 0.2:
-            # An answer that nobody waits for: the next one makes up for it.
-            edit.submit(report).close()
-            continue
-        model.check(edit.commit(report) if way < 0.6 else edit.submit(report).wait(), report)
-        assert len(scene) == len(model.present())
+def at(x: float) -> list[float]:
+    return [x, 0, 0, x + 1, 1, 1]
 
 
+@pytest.mark.parametrize("backend", ["in-process", "daemon"])
 @MARGINS
-def test_scenes_are_as_a_model_says(daemon: Daemon, options: Any, margin: list[float]) -> None:
-    with pairmask.Session("in-process") as session:
-        for seed in range(5):
-            run_scene(session.scene(most_boxes=100, **options), seed, 50, margin)
-    with daemon.session() as session:
-        run_scene(session.scene(**options), 9, 30, margin)
+def test_changes_have_reasons(daemon: Daemon, backend: str, options: Any, margin: list[float]) -> None:
+    pairs = [[a, a + 1] for a in range(0, 10, 2)]
+    with daemon.session(backend) as session, session.scene(most_boxes=100, **options) as scene:
+        boxes = [at(10 * (index // 2) + index % 2 / 2) for index in range(10)]
+        answer = scene.edit().set(range(10), boxes, *margin).commit()
+        assert (answer.begun.tolist(), answer.pair_count, answer.is_resync) == (pairs, 5, False)
+        edit = scene.edit().remove(1).set(3, at(99), *margin).switch([4], False).make_static(range(6, 8))
+        answer = edit.commit()
+        assert answer.begun.tolist() == [] and answer.ended.tolist() == pairs[:4]
+        reasons = [EndReason.REMOVED, EndReason.SEPARATED, EndReason.FILTERED, EndReason.FILTERED]
+        assert answer.ended_reasons.tolist() == reasons and len(scene) == 9
+        # An answer that nobody waits for: the next one makes up for it.
+        scene.edit().set(1, at(0.5), *margin).submit().close()
+        answer = scene.edit().switch(4, True).make_static(6, False).submit().wait()
+        assert answer.begun.tolist() == [pairs[0], pairs[2], pairs[3]] and answer.ended.shape == (0, 2)
+        # Another box at the same index.
+        answer = scene.edit().remove(8).set(8, boxes[8], *margin).commit()
+        assert answer.begun.tolist() == answer.ended.tolist() == [pairs[4]]
+        assert answer.ended_reasons.tolist() == [EndReason.REMOVED]
+        answer = scene.edit().set(3, boxes[3], *margin).commit("nothing")
+        assert (answer.pair_count, len(answer.pairs)) == (None, 0)
+        assert scene.edit().commit("all").pairs.tolist() == pairs
+        assert scene.edit().commit().begun.tolist() == []
+        assert answer.served_by == backend
 
 
 def test_near_pairs_and_what_is_sent(session: pairmask.Session) -> None:
     scene = session.scene(margins="near")
-
-    def at(x: float) -> Any:
-        return np.array([[x, 0, 0, x + 1, 1, 1]], np.float32)
-
-    scene.edit().set(0, at(0), 0.5).set(1, at(1.2), [0.5]).commit()
+    scene.edit().set(0, at(0), 0.5).set(1, at(1.2), np.array([0.5])).commit()
     assert scene.edit().set(1, at(1.3), 0.5).commit().begun.tolist() == []
     assert scene.margin_stats == (2, 1, 3, 2) == pairmask.MarginStats(edits=2, requests=1, set=3, sent=2)
     inflated = scene.inflated(0)
@@ -231,3 +169,108 @@ def test_queries(session: pairmask.Session) -> None:
     centres = pairmask.points((boxes[:, :3] + boxes[:, 3:]) / 2)
     assert {(a, a) for a in range(300)} <= set(map(tuple, scene.query(centres).tolist()))
     assert scene.query(asked[0]).shape[1] == 2 and scene.query(np.zeros((0, 6))).shape == (0, 2)
+
+
+@BACKENDS
+@MARGINS
+def test_a_scene_is_left_alone_while_its_edit_is_under_way(
+    daemon: Daemon, backend: str, options: Any, margin: list[float]
+) -> None:
+    boxes = oracle.boxes_of(100, 1)
+    with daemon.session(backend) as session, session.scene(**options) as scene:
+        next_edit = scene.edit().set(range(50), boxes[50:], *margin)
+        pending = scene.edit().set(range(100), boxes, *margin).submit("all")
+        uses: list[Any] = [next_edit.commit, next_edit.submit, scene.resync, lambda: len(scene)]
+        uses += [lambda: scene.get(0), lambda: scene.allocated_bytes]
+        assert [kind_of(use) for use in uses] == ["UnderWay"] * len(uses)
+        with pending:
+            answer = pending.wait()
+        oracle.check(answer.pairs, oracle.pairs_of(boxes))
+        assert answer.served_by == ("in-process" if backend == "in-process" else "daemon")
+        assert [kind_of(pending.wait) for _ in range(2)] == ["Gone"] * 2
+        # The edit was not lost.
+        oracle.check(next_edit.commit("all").pairs, oracle.pairs_of(np.vstack([boxes[50:], boxes[50:]])))
+        assert kind_of(pending.wait) == kind_of(next_edit.submit) == "Gone"
+
+
+@BACKENDS
+@MARGINS
+def test_answers_that_are_given_up_are_told_again(
+    daemon: Daemon, backend: str, options: Any, margin: list[float]
+) -> None:
+    boxes = oracle.boxes_of(300, 2)
+    with daemon.session(backend) as session, session.scene(**options) as scene:
+        # More edits than the session has places for frames.
+        for step in range(12):
+            pending = scene.edit().set(range(300), oracle.boxes_of(300, 2 + step % 2), *margin).submit()
+            if step % 3 == 1:
+                pending.close()
+                pending.close()
+                assert kind_of(pending.wait) == "Gone"
+            elif step % 3 == 2:
+                with pending:
+                    pass
+            del pending
+        scene.edit().set(range(300), boxes, *margin).submit().close()
+        assert len(scene) == 300
+        answer = scene.edit().commit()
+        oracle.check(answer.pairs if answer.is_resync else answer.begun, oracle.pairs_of(boxes))
+        assert len(scene.edit().commit().begun) == 0
+        oracle.check(session.cull(boxes), oracle.pairs_of(boxes))
+
+
+@BACKENDS
+@MARGINS
+def test_a_scene_that_is_closed_ends_its_edit(
+    daemon: Daemon, backend: str, options: Any, margin: list[float]
+) -> None:
+    with daemon.session(backend) as session:
+        with session.scene(**options) as scene:
+            pending = scene.edit().set(range(3), oracle.boxes_of(3, 1), *margin).submit()
+        assert kind_of(pending.wait) == kind_of(scene.edit().submit) == "Gone"
+        pending.close()
+        assert session.served_by() == ("in-process" if backend == "in-process" else "daemon")
+
+
+def test_an_edit_keeps_its_scene_and_is_dropped_with_it(session: pairmask.Session) -> None:
+    boxes = oracle.boxes_of(100, 3)
+    scene = session.scene()
+    pending = scene.edit().set(range(100), boxes).submit()
+    del scene
+    gc.collect()
+    answer = pending.wait()
+    del pending
+    session.close()
+    gc.collect()
+    # Arrays outlive scenes, edits and sessions.
+    oracle.check(answer.begun, oracle.pairs_of(boxes))
+
+
+def test_a_daemon_that_dies_while_an_edit_is_under_way(daemon: Daemon) -> None:
+    boxes = oracle.boxes_of(500, 5)
+    with daemon.session("auto") as session, daemon.session("daemon", deadline=5) as insists:
+        scene, other = session.scene(), insists.scene()
+        for one in (scene, other):
+            assert one.edit().set(range(500), boxes).submit().wait().served_by == "daemon" and one.daemon_bytes > 0
+        boxes[3] = boxes[4]
+        pending = [one.edit().set(3, boxes[4]).submit("all") for one in (scene, other)]
+        daemon.kill()
+        # The answer may have come before the daemon's end.
+        oracle.check(pending[0].wait().pairs, oracle.pairs_of(boxes))
+        try:
+            oracle.check(pending[1].wait().pairs, oracle.pairs_of(boxes))
+        except pairmask.PairmaskError as error:
+            assert error.kind in ("DaemonDied", "NoDaemon")
+        assert kind_of(pending[1].wait) == "Gone" and len(other) == 500
+        answer = scene.edit().submit("all").wait()
+        assert answer.served_by == "in-process"
+        oracle.check(answer.pairs, oracle.pairs_of(boxes))
+
+
+def test_edits_are_freed(session: pairmask.Session) -> None:
+    scene = session.scene()
+    scene.edit().set(range(100), oracle.boxes_of(100, 7)).commit()
+    before = scene.allocated_bytes
+    for _ in range(1000):
+        scene.edit().set(range(100), oracle.boxes_of(100, 7)).submit()
+    assert before > 0 and len(scene) == 100 and scene.allocated_bytes < before + (1 << 20)

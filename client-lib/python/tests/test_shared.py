@@ -1,7 +1,5 @@
 """Shared scenes: two sessions write one scene, each its own boxes."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Arrays outlive frames, masks, sessions and the daemon; a frame is not submitted under an array."""
 
-from __future__ import annotations
-
 import gc
 import random
 import resource
@@ -80,17 +78,16 @@ def resident() -> int:
 
 def one_frame(session: pairmask.Session, boxes: Any, choose: random.Random, kept: list[Any]) -> Any:
     """A frame that may be given up at any step, and of which anything may be kept. Returns its pairs, if any."""
+
+    def keeps(what: Any) -> bool:
+        is_kept = choose.random() < 0.1
+        kept.extend([what] * is_kept)
+        return is_kept
+
     frame = session.frame(len(boxes))
     frame.boxes[:] = boxes
-    if choose.random() < 0.1:
-        kept.append(frame.boxes)
-    if choose.random() < 0.1:
-        kept.append(frame)
-        return None
-    if choose.random() < 0.05:
-        view = frame.boxes
-        del frame
-        assert np.array_equal(view, boxes)
+    keeps(frame.boxes)
+    if keeps(frame):
         return None
     try:
         pending = frame.submit()
@@ -99,8 +96,7 @@ def one_frame(session: pairmask.Session, boxes: Any, choose: random.Random, kept
     if choose.random() < 0.05:
         return None
     mask = pending.wait()
-    if choose.random() < 0.1:
-        kept.append(mask)
+    keeps(mask)
     return mask.pairs()
 
 
