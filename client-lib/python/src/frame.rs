@@ -12,7 +12,6 @@ use crate::errors::{invalid, raised};
 use crate::guarded::Guarded;
 use crate::memory::Array;
 use crate::pairs::PyPairMask;
-use crate::process;
 use crate::rules::PyRules;
 
 /// A frame of any objects.
@@ -128,7 +127,6 @@ impl PyFrame {
         split_at: Option<usize>,
     ) -> PyResult<PyPendingFrame> {
         let options = FrameOptions { filters: filters.map(|rules| Arc::clone(&rules.0)), split_at };
-        process::check()?;
         let frame = self.lock(py)?.take().ok_or_else(|| self.frame.gone())?;
         let submitted = py.detach(|| match frame {
             AnyFrame::Boxes(frame) => frame.submit_with(&options),
@@ -164,13 +162,13 @@ impl PyPendingFrame {
     fn wait(&self, py: Python<'_>, timeout: Option<f64>) -> PyResult<PyPairMask> {
         let timeout = timeout.map(seconds).transpose()?;
         let mut pending = self.pending.take(py)?;
-        let Some(timeout) = timeout else {
-            return py.detach(|| pending.wait()).map(PyPairMask::new).map_err(raised);
-        };
-        let (waited, pending) = py.detach(move || (pending.wait_timeout(timeout), pending));
+        let (waited, rest) = py.detach(move || match timeout {
+            Some(timeout) => (pending.wait_timeout(timeout), Some(pending)),
+            None => (pending.wait(), None),
+        });
         if waited.is_err() {
             // Still under way, if it was the time that ran out.
-            *self.pending.lock(py)? = Some(pending);
+            *self.pending.lock(py)? = rest;
         }
         waited.map(PyPairMask::new).map_err(raised)
     }

@@ -116,7 +116,7 @@ impl PyEdit {
     #[pyo3(signature = (report="changes"))]
     fn commit<'py>(&self, py: Python<'py>, report: &str) -> PyResult<Bound<'py, PyAny>> {
         let (ops, report) = self.take(py, report)?;
-        let read = self.scene.with_detached(py, |edited| edited.commit(&ops, report))??;
+        let read = self.scene.with_detached(py, |edited| edited.commit(ops, report))??;
         read.into_python(py)
     }
 

@@ -48,8 +48,9 @@ impl Edited {
     }
 
     /// Applies an edit and waits for what it reports.
-    pub fn commit(&mut self, ops: &[Op], report: Report) -> PyResult<Read> {
-        answered(sent(self.scene()?, ops, report)?)
+    pub fn commit(&mut self, ops: Vec<Op>, report: Report) -> PyResult<Read> {
+        let ticket = self.submit(ops, report)?;
+        self.wait(ticket)
     }
 
     /// Applies an edit, and sends it where a daemon has the scene.
@@ -57,7 +58,8 @@ impl Edited {
         let scene = self.idle.take().ok_or_else(is_under_way)?;
         let sent = Cell::try_new_or_recover(MutBorrow::new((scene, ops)), |owner| {
             let (scene, ops) = owner.borrow_mut();
-            sent(scene, ops, report).map(Some)
+            let edit = ops.iter().fold(scene.edit(), |edit, op| op.add_to(edit));
+            edit.submit(report).map(Some)
         });
         match sent {
             Ok(cell) => {
@@ -67,7 +69,7 @@ impl Edited {
             }
             Err((owner, error)) => {
                 self.idle = Some(owner.into_inner().0);
-                Err(error)
+                Err(raised(error))
             }
         }
     }
@@ -76,8 +78,10 @@ impl Edited {
     pub fn wait(&mut self, ticket: Ticket) -> PyResult<Read> {
         let gone = || misused("the answer of this edit was waited for, or given up", "Gone");
         let mut cell = self.under_way.take_if(|_| self.last == ticket).ok_or_else(gone)?;
-        let reported = cell
-            .with_dependent_mut(|_, pending| pending.take().ok_or_else(gone).and_then(answered));
+        let reported = cell.with_dependent_mut(|_, pending| {
+            let answer = pending.take().ok_or_else(gone)?.wait().map_err(raised)?;
+            Ok(Read::of(&answer))
+        });
         self.end(cell);
         reported
     }
@@ -93,19 +97,4 @@ impl Edited {
     fn end(&mut self, cell: Cell) {
         self.idle = Some(cell.into_owner().into_inner().0);
     }
-}
-
-/// Applies an edit, and sends it where a daemon has the scene.
-fn sent<'s>(
-    scene: &'s mut Scene,
-    ops: &'s [Op],
-    report: Report,
-) -> PyResult<PendingAnswer<'s, 's>> {
-    let edit = ops.iter().fold(scene.edit(), |edit, op| op.add_to(edit));
-    edit.submit(report).map_err(raised)
-}
-
-/// Waits for the answer and reads it.
-fn answered(pending: PendingAnswer<'_, '_>) -> PyResult<Read> {
-    Ok(Read::of(&pending.wait().map_err(raised)?))
 }
