@@ -85,8 +85,8 @@ def main() -> None:
         }
         turns = [{name: turn() for name, turn in sides.items()} for _ in range(1 + TURNS)][1:]
     pairs = len(session.cull(boxes))
-    print(f"{BOXES} boxes, {pairs} pairs, {backend}, one thread, {TURNS} turns of {FRAMES} frames; us: median (quartiles)")
-    print(f"numpy {np.__version__}, Python {sys.version.split()[0]}")
+    print(f"{BOXES} boxes, {pairs} pairs, {backend}, one thread, {TURNS} turns of {FRAMES} frames")
+    print(f"numpy {np.__version__}, Python {sys.version.split()[0]}; us: median (quartiles)")
     for name in sides:
         times = spread([turn[name] for turn in turns])
         print(f"{name:24}{times}, over Rust {spread([turn[name] - turn['Rust'] for turn in turns])}")

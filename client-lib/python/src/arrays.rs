@@ -1,37 +1,16 @@
 //! Arrays that come in, as arguments of functions of Python.
 //!
 //! Arrays of float32 that lie row by row are read where they lie. All others go through `pairmask._convert`,
-//! which says what is taken and what is refused.
+//! which says what is taken, what is rounded and what is refused.
 
 use bytemuck::Pod;
-use pairmask::{Aabb, Sphere};
+use pairmask::Aabb;
 use pyo3::buffer::{Element, PyBuffer};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-/// An object that a row of numbers stands for, float32 as they are.
-pub trait Object<const N: usize>: Pod {
-    /// The same of float64, rounded outward.
-    fn outward(row: [f64; N]) -> Self;
-}
-
-impl Object<6> for Aabb {
-    fn outward([a, b, c, d, e, f]: [f64; 6]) -> Self {
-        Self::outward_from_f64([a, b, c], [d, e, f], [0.0; 3])
-    }
-}
-
-impl Object<4> for Sphere {
-    fn outward([x, y, z, radius]: [f64; 4]) -> Self {
-        Self::outward_from_f64([x, y, z], radius)
-    }
-}
-
-/// A row for each box or sphere. As an argument: rows of boxes.
-pub enum Rows {
-    F32(PyBuffer<f32>),
-    F64(PyBuffer<f64>),
-}
+/// A row of float32 for each box or sphere. As an argument: rows of boxes.
+pub struct Rows(PyBuffer<f32>);
 
 impl<'py> FromPyObject<'_, 'py> for Rows {
     type Error = PyErr;
@@ -41,54 +20,33 @@ impl<'py> FromPyObject<'_, 'py> for Rows {
     }
 }
 
-/// The numbers of an array, if they are of this type and lie row by row.
-fn rows_of<T: Element>(array: &Bound<'_, PyAny>, columns: usize) -> Option<PyBuffer<T>> {
-    let buffer = PyBuffer::<T>::get(array).ok()?;
-    // pyo3 takes numbers of the other byte order for this machine's.
-    let is_native = !matches!(buffer.format().to_bytes(), [b'>' | b'<' | b'!' | b'=', ..]);
-    let is_right = matches!(buffer.shape(), [_, len] if *len == columns);
-    (is_native && is_right && buffer.is_c_contiguous()).then_some(buffer)
-}
-
 impl Rows {
     /// Rows of so many columns.
     pub fn of(given: &Bound<'_, PyAny>, columns: usize) -> PyResult<Self> {
         let py = given.py();
         // Not of subclasses: a masked array has a buffer that knows nothing of its mask.
-        let is_plain = given.get_type().is(imported!(py, "numpy", "ndarray")?);
-        if is_plain && let Some(rows) = rows_of(given, columns) {
-            return Ok(Self::F32(rows));
+        if given.get_type().is(imported!(py, "numpy", "ndarray")?)
+            && let Ok(buffer) = PyBuffer::<f32>::get(given)
+            && matches!(buffer.shape(), [_, len] if *len == columns)
+            && buffer.is_c_contiguous()
+            // pyo3 takes numbers of the other byte order for this machine's.
+            && !matches!(buffer.format().to_bytes(), [b'>' | b'<' | b'!' | b'=', ..])
+        {
+            return Ok(Self(buffer));
         }
-        let array = imported!(py, "pairmask._convert", "floats")?.call1((given, columns))?;
-        match rows_of(&array, columns) {
-            Some(rows) => Ok(Self::F32(rows)),
-            None => PyBuffer::get(&array).map(Self::F64),
-        }
+        let array = imported!(py, "pairmask._convert", "rows")?.call1((given, columns))?;
+        PyBuffer::get(&array).map(Self)
     }
 
     /// How many rows.
     pub fn len(&self) -> usize {
-        match self {
-            Self::F32(rows) => rows.shape()[0],
-            Self::F64(rows) => rows.shape()[0],
-        }
+        self.0.shape()[0]
     }
 
-    /// Writes as many objects as there are rows.
-    pub fn write<T: Object<N>, const N: usize>(
-        &self,
-        py: Python<'_>,
-        out: &mut [T],
-    ) -> PyResult<()> {
+    /// Writes as many objects as there are rows: boxes or spheres, by the columns that were asked for.
+    pub fn write<T: Pod>(&self, py: Python<'_>, out: &mut [T]) -> PyResult<()> {
         check_len(self.len(), out.len())?;
-        match self {
-            Self::F32(rows) => rows.copy_to_slice(py, bytemuck::cast_slice_mut(out)),
-            Self::F64(rows) => {
-                let wide = rows.to_vec(py)?;
-                out.iter_mut().zip(wide.as_chunks().0).for_each(|(to, row)| *to = T::outward(*row));
-                Ok(())
-            }
-        }
+        self.0.copy_to_slice(py, bytemuck::cast_slice_mut(out))
     }
 
     /// The boxes.

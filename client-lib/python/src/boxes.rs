@@ -1,6 +1,6 @@
 //! Functions that make boxes, as new arrays that Python may write.
 
-use pairmask::{Aabb, BoxSource, Placement, Transformed};
+use pairmask::{Aabb, BoxSource, Placement, Sphere, Transformed};
 use pairmask_core::write::par_write_boxes;
 use pyo3::prelude::*;
 
@@ -16,15 +16,20 @@ fn new_boxes(boxes: impl IntoIterator<Item = Aabb>) -> Array {
 /// float32 boxes (n, 6) that contain boxes of float64, relative to an origin.
 #[pyfunction]
 #[pyo3(signature = (boxes, origin=[0.0; 3]))]
-pub fn outward_from_f64(py: Python<'_>, boxes: Rows, origin: [f64; 3]) -> PyResult<Array> {
-    let wide: Vec<f64> = match boxes {
-        Rows::F32(rows) => rows.to_vec(py)?.into_iter().map(f64::from).collect(),
-        Rows::F64(rows) => rows.to_vec(py)?,
-    };
-    let rows = wide.as_chunks().0.iter();
+pub fn outward_from_f64(boxes: &Bound<'_, PyAny>, origin: [f64; 3]) -> PyResult<Array> {
+    let wide = imported!(boxes.py(), "pairmask._convert", "doubles")?.call1((boxes, 6))?;
     let outward =
         |&[a, b, c, d, e, f]: &[f64; 6]| Aabb::outward_from_f64([a, b, c], [d, e, f], origin);
-    Ok(new_boxes(rows.map(outward)))
+    Ok(new_boxes(numbers(&wide)?.as_chunks().0.iter().map(outward)))
+}
+
+/// float32 spheres (n, 4) that contain spheres of float64.
+#[pyfunction]
+pub fn spheres_from_f64(spheres: &Bound<'_, PyAny>) -> PyResult<Array> {
+    let wide = imported!(spheres.py(), "pairmask._convert", "doubles")?.call1((spheres, 4))?;
+    let outward = |&[x, y, z, radius]: &[f64; 4]| Sphere::outward_from_f64([x, y, z], radius);
+    let rows = numbers(&wide)?.as_chunks().0.iter().map(outward).map(bytemuck::cast).collect();
+    Ok(Array::writable::<f32, 4>(rows))
 }
 
 /// Boxes (n, 6) that hold one point each, of points (n, 3), for queries.

@@ -35,7 +35,9 @@ mod _pairmask {
     #[allow(non_upper_case_globals)] // The name is Python's.
     const __version__: &str = env!("CARGO_PKG_VERSION");
     #[pymodule_export]
-    use crate::boxes::{outward_from_f64, placed, points, swept, swept_by, transformed};
+    use crate::boxes::{
+        outward_from_f64, placed, points, spheres_from_f64, swept, swept_by, transformed,
+    };
     #[pymodule_export]
     use crate::engines::{
         from_avian, from_box2d, from_bullet, from_jolt_mask, from_mujoco, from_newton,

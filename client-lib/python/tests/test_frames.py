@@ -131,7 +131,8 @@ def test_boxes_of_float64_are_rounded_outward(session: pairmask.Session) -> None
     narrow = pairmask.outward_from_f64(boxes)
     assert narrow.dtype == np.float32 and narrow.flags.writeable
     assert (narrow[:, :3] <= boxes[:, :3]).all() and (narrow[:, 3:] >= boxes[:, 3:]).all()
-    assert np.array_equal(pairmask.outward_from_f64(narrow, (1, 0, 0)), pairmask.outward_from_f64(narrow - [1, 0, 0] * 2))
+    moved = pairmask.outward_from_f64(narrow - np.tile([1, 0, 0], 2))
+    assert np.array_equal(pairmask.outward_from_f64(narrow, (1, 0, 0)), moved)
     origin = (1e9, -1e9, 5e8)
     far = boxes + np.tile(origin, 2)
     assert oracle.pairs_of(far) <= oracle.as_set(session.cull(pairmask.outward_from_f64(far, origin)))

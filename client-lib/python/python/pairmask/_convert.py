@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from ._pairmask import outward_from_f64, spheres_from_f64
+
 # Integers up to this are numbers of float64.
 EXACT_INTEGERS = 2**53
 # Indices are below this.
@@ -26,9 +28,21 @@ def _array(given: Any) -> Any:
     return np.asarray(given)
 
 
-def floats(given: Any, columns: int) -> Any:
-    """Rows of float32 as they are, and of all else as float64, which the extension rounds outward. A single row may
-    come without the brackets around it."""
+def rows(given: Any, columns: int) -> Any:
+    """Boxes or spheres of float32: all else is rounded outward."""
+    array = _floats(given, columns)
+    if array.dtype == np.float64:
+        array = outward_from_f64(array) if columns == 6 else spheres_from_f64(array)
+    return array
+
+
+def doubles(given: Any, columns: int) -> Any:
+    """Rows of float64."""
+    return _in_rows(_floats(given, columns), np.float64)
+
+
+def _floats(given: Any, columns: int) -> Any:
+    """Rows of float32 as they are, and of all else as float64. A single row may come without the brackets around it."""
     array = _array(given)
     # Corners may have a dimension of their own.
     if columns == 6 and array.ndim in (2, 3) and array.shape[-2:] == (2, 3):
@@ -48,7 +62,7 @@ def floats(given: Any, columns: int) -> Any:
 
 def exact(given: Any, columns: int) -> Any:
     """Rows of float32. Numbers that it does not hold are refused."""
-    array = floats(given, columns)
+    array = _floats(given, columns)
     with np.errstate(over="ignore"):
         narrow = array.astype(np.float32, copy=False)
     wrong = array[(narrow != array) & ~np.isnan(array)]
