@@ -72,8 +72,8 @@ struct Candidate {
 int main(int argc, char **argv) {
   const int most = argc > 1 ? std::atoi(argv[1]) : 64000;
   pairmask::SessionOptions options;
-  options.backend = argc > 2 && std::strcmp(argv[2], "daemon") == 0 ? pairmask::Backend::Daemon
-                                                                   : pairmask::Backend::InProcess;
+  const bool is_daemon = argc > 2 && std::strcmp(argv[2], "daemon") == 0;
+  options.backend = is_daemon ? PM_BACKEND_DAEMON : PM_BACKEND_IN_PROCESS;
   std::printf("%-8s %7s %-12s %10s %12s %6s\n", "scene", "bodies", "broad phase", "step, ms",
               "of that, ms", "pairs");
   for (const SceneName scene : {SceneName::Rain, SceneName::Stacks}) {

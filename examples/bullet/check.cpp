@@ -154,7 +154,7 @@ void check_queries(SceneName scene, int step, Shadow &shadow, PairmaskBroadphase
   }
 }
 
-std::vector<std::uint64_t> simulate(pairmask::Backend backend, SceneName scene, int steps, pid_t killed) {
+std::vector<std::uint64_t> simulate(pm_backend backend, SceneName scene, int steps, pid_t killed) {
   pairmask::SessionOptions options;
   options.backend = backend;
   PairmaskBroadphase broadphase(pairmask::Session::connect(options).value());
@@ -162,7 +162,7 @@ std::vector<std::uint64_t> simulate(pairmask::Backend backend, SceneName scene, 
   Simulation simulation(broadphase, scene, BODIES);
   for (int step = 0; step < steps; step++) {
     if (step == steps / 2 && killed > 0) {
-      if (broadphase.served_by() != pairmask::ServedBy::Daemon || kill(killed, SIGKILL) != 0) {
+      if (broadphase.served_by() != PM_SERVED_BY_DAEMON || kill(killed, SIGKILL) != 0) {
         fail(scene, step, "the daemon is not there to be killed");
       }
     }
@@ -178,8 +178,8 @@ int main(int argc, char **argv) {
   const int steps = argc > 1 ? std::atoi(argv[1]) : 1000;
   const pid_t daemon = argc > 2 ? std::atoi(argv[2]) : 0;
   if (daemon > 0) {
-    const auto here = simulate(pairmask::Backend::InProcess, SceneName::Rain, steps, 0);
-    const auto killed = simulate(pairmask::Backend::Auto, SceneName::Rain, steps, daemon);
+    const auto here = simulate(PM_BACKEND_IN_PROCESS, SceneName::Rain, steps, 0);
+    const auto killed = simulate(PM_BACKEND_AUTO, SceneName::Rain, steps, daemon);
     if (here != killed) {
       fail(SceneName::Rain, steps, "a step differs after the daemon was killed");
     }
@@ -187,7 +187,7 @@ int main(int argc, char **argv) {
     return 0;
   }
   pairmask::SessionOptions options;
-  options.backend = pairmask::Backend::InProcess;
+  options.backend = PM_BACKEND_IN_PROCESS;
   for (const SceneName scene : ALL_SCENES) {
     PairmaskBroadphase engine(pairmask::Session::connect(options).value());
     PairmaskBroadphase twin(pairmask::Session::connect(options).value());

@@ -127,7 +127,7 @@ void PairmaskBroadphase::getAabb(btBroadphaseProxy *proxy, btVector3 &low, btVec
   high = proxy->m_aabbMax;
 }
 
-void PairmaskBroadphase::commit(pairmask::Report report) {
+pairmask::Answer PairmaskBroadphase::commit(pm_report report) {
   if (!removed_.empty()) {
     std::sort(removed_.begin(), removed_.end());
     removed_.erase(std::unique(removed_.begin(), removed_.end()), removed_.end());
@@ -137,13 +137,14 @@ void PairmaskBroadphase::commit(pairmask::Report report) {
     scene_.remove(pairmask::list(removed_)).value();
   }
   scene_.set_all(pairmask::list(changed_), boxes_).value();
-  scene_.commit(report).value();
+  const auto answer = scene_.commit(report).value();
   for (const std::uint32_t index : changed_) {
     proxies_[index]->changed = NOWHERE;
   }
   changed_.clear();
   boxes_.clear();
   removed_.clear();
+  return answer;
 }
 
 void PairmaskBroadphase::begin_pair(std::uint32_t a, std::uint32_t b) {
@@ -185,13 +186,13 @@ void PairmaskBroadphase::calculateOverlappingPairs(btDispatcher *dispatcher) {
   if (!has_changes() && !is_untold_) {
     return;
   }
-  commit(pairmask::Report::Changes);
+  const auto answer = commit(PM_REPORT_CHANGES);
   is_untold_ = false;
-  if (scene_.is_resync()) {
-    resync(scene_.pairs(), dispatcher);
+  if (answer.is_resync != 0) {
+    resync(answer.pairs(), dispatcher);
   } else {
-    const auto ended = scene_.ended();
-    const auto begun = scene_.begun();
+    const auto ended = answer.ended();
+    const auto begun = answer.begun();
     for (const auto &pair : ended) {
       end_pair(pair.a, pair.b, dispatcher);
     }
@@ -223,12 +224,12 @@ void PairmaskBroadphase::calculateOverlappingPairs(btDispatcher *dispatcher) {
 template <class F> void PairmaskBroadphase::find(const std::vector<pairmask::Box> &boxes, F visit) {
   if (has_changes()) {
     // What began and ended by it is told with the next changes.
-    commit(pairmask::Report::Nothing);
+    commit(PM_REPORT_NOTHING);
     is_untold_ = true;
   }
   const auto found = scene_.query(boxes).value();
   std::vector<std::uint32_t> indices;
-  for (const auto [query, index] : found.pairs()) {
+  for (const auto [query, index] : found) {
     indices.push_back(index);
   }
   std::sort(indices.begin(), indices.end());

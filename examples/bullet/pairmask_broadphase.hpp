@@ -50,7 +50,7 @@ public:
   void getBroadphaseAabb(btVector3 &low, btVector3 &high) const override;
   void printStats() override {}
 
-  pairmask::ServedBy served_by() const { return session_.served_by(); }
+  pm_served_by served_by() const { return session_.served_by(); }
 
 private:
   struct Proxy;
@@ -59,7 +59,7 @@ private:
   void send(Proxy &proxy);
   bool has_changes() const { return !changed_.empty() || !removed_.empty(); }
   // Sends what has changed, for an answer or for none.
-  void commit(pairmask::Report report);
+  pairmask::Answer commit(pm_report report);
   // Calls `visit(proxy)` for the boxes of the scene that some boxes overlap, each once.
   template <class F> void find(const std::vector<pairmask::Box> &boxes, F visit);
   void begin_pair(std::uint32_t a, std::uint32_t b);

@@ -5,7 +5,7 @@
 /* Ends the program where a call has failed. */
 static int failed(const char *what, pm_code code) {
   if (code != PM_OK) {
-    fprintf(stderr, "%s: %s: %s\n", what, pm_code_name(code), pm_last_error());
+    fprintf(stderr, "%s: %s\n", what, pm_last_error());
   }
   return code != PM_OK;
 }

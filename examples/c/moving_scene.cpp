@@ -2,6 +2,7 @@
 #include <pairmask.hpp>
 
 #include <cstdio>
+#include <vector>
 
 int main() {
   auto session = pairmask::Session::connect().value();
@@ -19,12 +20,12 @@ int main() {
   for (int step = 0; step < 100; step++) {
     const float x = 0.25f * static_cast<float>(step) - 1.5f;
     scene.set(10, pairmask::box(x, 0, 0, x + 1, 1, 1)).value();
-    scene.commit(pairmask::Report::Changes).value();
-    for (const auto [a, b] : scene.begun()) {
+    const auto answer = scene.commit(PM_REPORT_CHANGES).value();
+    for (const auto [a, b] : answer.begun()) {
       std::printf("step %d: %u and %u meet\n", step, a, b);
       begun += 1;
     }
-    for (const auto &pair : scene.ended()) {
+    for (const auto &pair : answer.ended()) {
       std::printf("step %d: %u and %u part\n", step, pair.a, pair.b);
       ended += 1;
     }

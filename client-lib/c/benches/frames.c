@@ -9,7 +9,7 @@
 
 static void must(pm_code code) {
   if (code != PM_OK) {
-    fprintf(stderr, "%s: %s\n", pm_code_name(code), pm_last_error());
+    fprintf(stderr, "%s\n", pm_last_error());
     exit(1);
   }
 }
@@ -24,7 +24,10 @@ static void add(void *user, const pm_pair *pairs, size_t count) {
 
 int main(int argc, char **argv) {
   static pm_box given[1000];
-  pm_session_options options = {.struct_size = sizeof options};
+  const pm_session_options options = {.struct_size = sizeof options,
+                                      .backend = PM_BACKEND_IN_PROCESS,
+                                      .no_repeats = 1,
+                                      .threads = 1};
   pm_session session;
   unsigned long frames;
   FILE *file = argc == 2 ? fopen(argv[1], "rb") : NULL;
@@ -32,9 +35,6 @@ int main(int argc, char **argv) {
   if (file == NULL || fread(given, sizeof *given, 1000, file) != 1000) {
     return 2;
   }
-  options.backend = PM_BACKEND_IN_PROCESS;
-  options.no_repeats = 1;
-  options.threads = 1;
   must(pm_session_connect(&options, &session));
   while (scanf("%lu", &frames) == 1) {
     struct timespec start, end;

@@ -12,8 +12,8 @@ int main(int argc, char **argv) {
     return 2;
   }
   pairmask::SessionOptions options;
-  options.backend = pairmask::Backend::InProcess;
-  options.answer_repeats = false;
+  options.backend = PM_BACKEND_IN_PROCESS;
+  options.no_repeats = 1;
   options.threads = 1;
   auto session = pairmask::Session::connect(options).value();
   unsigned long frames = 0;

@@ -1,16 +1,15 @@
 //! Why a call did nothing: a code and a text.
 
 use std::borrow::Cow;
-use std::fmt::Display;
 
 use pairmask::{ConnectError, EditError, Error};
-use pairmask_core::engine::{CullError, IsaError};
+use pairmask_core::engine::{CullError, IsaError, UnknownName};
 use pairmask_core::filters::TooManyFilters;
 use pairmask_core::precision::{BoundsError, MarginError};
 use pairmask_core::scene::QueryError;
 
 #[allow(clippy::wildcard_imports)] // Every code is one of an error.
-use crate::code::*;
+use crate::code::pm_code::{self, *};
 
 /// Why a call did nothing.
 #[derive(Debug)]
@@ -31,46 +30,28 @@ impl Failure {
     pub const fn argument(text: &'static str) -> Self {
         Self::new(PM_ERR_ARGUMENT, text)
     }
-
-    fn of(code: pm_code, error: &impl Display) -> Self {
-        Self { code, text: error.to_string().into() }
-    }
 }
 
-/// Turns an error of the library into a failure by its code.
-macro_rules! failure_by {
-    ($($error:ty => $code:ident),* $(,)?) => {
+/// Turns errors of the library into failures by their codes.
+macro_rules! failures {
+    ($($error:ty => $code_of:expr),* $(,)?) => {
         $(impl From<$error> for Failure {
             fn from(error: $error) -> Self {
-                Self::of($code(&error), &error)
+                Self { code: ($code_of)(&error), text: error.to_string().into() }
             }
         })*
     };
 }
 
-failure_by! {
+failures! {
     ConnectError => of_connect,
     Error => of_error,
     EditError => of_edit,
-}
-
-/// The same for errors that have one code.
-macro_rules! failure_of {
-    ($($error:ty => $code:ident),* $(,)?) => {
-        $(impl From<$error> for Failure {
-            fn from(error: $error) -> Self {
-                Self::of($code, &error)
-            }
-        })*
-    };
-}
-
-failure_of! {
-    TooManyFilters => PM_ERR_TOO_MANY_FILTERS,
-    BoundsError => PM_ERR_BOUNDS,
-    MarginError => PM_ERR_MARGINS,
-    IsaError => PM_ERR_ISA,
-    pairmask_core::engine::UnknownName => PM_ERR_ARGUMENT,
+    TooManyFilters => |_| PM_ERR_TOO_MANY_FILTERS,
+    BoundsError => |_| PM_ERR_BOUNDS,
+    MarginError => |_| PM_ERR_MARGINS,
+    IsaError => |_| PM_ERR_ISA,
+    UnknownName => |_| PM_ERR_ARGUMENT,
 }
 
 const fn of_connect(error: &ConnectError) -> pm_code {

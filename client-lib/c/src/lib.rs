@@ -1,18 +1,18 @@
 //! Pairmask for C and C++: the facade of the crate `pairmask` behind a C ABI.
 //!
-//! The header `include/pairmask.h` is made from this crate by cbindgen, and its head is `HEADER.h`. A test
-//! compares the two. `include/pairmask.hpp` is the C++ interface on top of it.
+//! `include/pairmask.h` says what each function and struct is to a program, and is not repeated here. A test
+//! compares its declarations with those of this crate. `include/pairmask.hpp` is the C++ interface on top.
 //!
 //! Objects live in a table (`handles`) and are named by ids with a generation: an id that was dropped is told
-//! from one that lives, and using one in two threads at once is an error, not a race. Every function returns
-//! a code (`code`), and keeps the text of the error for its thread. A panic becomes a code.
+//! from one that lives, and using one in two threads at once is an error, not a race. Pointers are looked
+//! behind in one place (`memory`). Every function returns a code (`code`), and keeps the text of the error for
+//! its thread. A panic becomes a code.
 
 // The names of engines are words.
 #![allow(clippy::doc_markdown)]
 
 mod call;
 mod code;
-mod facts;
 mod failure;
 mod filters;
 mod frame;
@@ -22,10 +22,8 @@ mod header;
 mod log_to;
 mod mask;
 mod memory;
-mod query;
 mod rules;
 mod scene;
 mod session;
 mod spares;
 mod values;
-mod version;

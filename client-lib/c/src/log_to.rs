@@ -7,20 +7,14 @@ use std::sync::OnceLock;
 use log::{Level, LevelFilter, Log, Metadata, Record};
 
 use crate::call::call;
-use crate::code::{PM_ERR_STATE, pm_code};
+use crate::code::pm_code::{self, PM_ERR_STATE};
 use crate::failure::Failure;
 
-/// How grave a line of the log is: one of `PM_LOG_...`.
 pub type pm_log_level = u32;
-/// Something failed.
 pub const PM_LOG_ERROR: pm_log_level = 1;
-/// Something is not as it was meant, such as frames that this process answers for want of a daemon.
 pub const PM_LOG_WARNING: pm_log_level = 2;
-/// Something of note happened.
 pub const PM_LOG_INFO: pm_log_level = 3;
 
-/// Called with a line of the log, from any thread, several at once too. The text is the callback's until it
-/// returns. It may not throw.
 pub type pm_log =
     Option<unsafe extern "C" fn(user: *mut c_void, level: pm_log_level, text: *const c_char)>;
 
@@ -60,7 +54,6 @@ impl Log for Program {
 
 static PROGRAM: OnceLock<Program> = OnceLock::new();
 
-/// Hands the library's log to the program. It can be set once: `PM_ERR_STATE` after that.
 #[unsafe(no_mangle)]
 pub extern "C" fn pm_set_log(log: pm_log, user: *mut c_void) -> pm_code {
     call(|| {

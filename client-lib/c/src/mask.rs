@@ -7,22 +7,19 @@ use std::time::Duration;
 
 use pairmask::filters::World;
 use pairmask::{Error, PairMask, PendingFrame};
-use pairmask_core::mask::{Encoding, MaskView};
+use pairmask_core::mask::{AddressedWord, Encoding, MaskView, WordAddress};
 
 use crate::call::call;
-use crate::code::pm_code;
-use crate::facts::{pm_frame_info, pm_word};
+use crate::code::pm_code::{self, PM_ERR_STATE};
 use crate::failure::Failure;
-use crate::handles::handle;
-use crate::memory::{check_out, write, write_growing, write_list};
-use crate::spares::{Decoded, Spares};
-use crate::values::{pm_pair, to_pairs};
+use crate::handles::Handle;
+use crate::memory::{Growing, Out, place};
+use crate::spares::Spares;
+use crate::values::{name_of, pm_name, pm_pair, pm_served_by, served_by_number, to_pairs};
 
-/// A frame under way.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default)]
 #[repr(C)]
 pub struct pm_pending {
-    /// Zero for none.
     pub id: u64,
 }
 
@@ -32,66 +29,60 @@ pub struct Pending {
     pub spares: Spares,
 }
 
-handle!(pm_pending is Pending);
-
-/// The overlapping pairs of a frame. It holds one of its session's three places until it is dropped.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default)]
 #[repr(C)]
 pub struct pm_mask {
-    /// Zero for none.
     pub id: u64,
 }
 
 /// What a `pm_mask` names.
 pub struct Mask {
-    mask: PairMask,
-    decoded: Decoded,
+    answer: PairMask,
+    /// Once they are asked for.
+    decoded: Option<Vec<[u32; 2]>>,
+    spares: Spares,
 }
 
 impl Mask {
-    pub fn new(mask: PairMask, spares: Spares) -> Self {
-        Self { mask, decoded: Decoded::new(spares) }
+    pub fn new(answer: PairMask, spares: Spares) -> Self {
+        Self { answer, decoded: None, spares }
+    }
+
+    fn pairs(&mut self) -> &[[u32; 2]] {
+        let Self { answer, decoded, spares } = self;
+        let decode = || {
+            let mut pairs = spares.take();
+            answer.for_each_slice(|some| pairs.extend_from_slice(some));
+            pairs
+        };
+        answer.own_list().unwrap_or_else(|| decoded.get_or_insert_with(decode))
     }
 }
 
-handle!(pm_mask is Mask);
-
-/// Called with some pairs at a time. The pairs are the callback's until it returns. It may not throw, nor use
-/// the handle that it is called for.
-pub type pm_visit =
-    Option<unsafe extern "C" fn(user: *mut c_void, pairs: *const pm_pair, count: usize)>;
-
-/// The callback, given.
-pub fn visitor(
-    visit: pm_visit,
-) -> Result<unsafe extern "C" fn(*mut c_void, *const pm_pair, usize), Failure> {
-    visit.ok_or(Failure::argument("the callback is null"))
+impl Drop for Mask {
+    fn drop(&mut self) {
+        if let Some(pairs) = self.decoded.take() {
+            self.spares.give_back(pairs);
+        }
+    }
 }
 
-/// Waits for the pairs, as long as the session's deadline allows. The handle names nothing any more, whatever
-/// is returned. With `PM_BACKEND_AUTO` no failure of the daemon is an error: this process answers then.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn pm_pending_wait(pending: pm_pending, mask: *mut pm_mask) -> pm_code {
+pub extern "C" fn pm_pending_wait(pending: pm_pending, mask: Out<pm_mask>) -> pm_code {
     call(|| {
         let Pending { pending, spares } = pending.remove()?;
-        check_out(mask)?;
-        let made = Mask::new(pending.wait()?, spares);
-        // SAFETY: the caller's promise about pointers is passed on.
-        unsafe { write(mask, pm_mask::new(made)?) }
+        mask.check()?;
+        mask.write(pm_mask::new(Mask::new(pending.wait()?, spares))?)
     })
 }
 
-/// Waits for the pairs, at most so many nanoseconds; with 0 it looks whether they have come. After
-/// `PM_ERR_TIMEOUT` the frame is still under way, and after `PM_ERR_ARGUMENT` and `PM_ERR_BUSY` nothing was
-/// done; else the handle names nothing any more.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn pm_pending_wait_timeout(
+pub extern "C" fn pm_pending_wait_timeout(
     pending: pm_pending,
     timeout_ns: u64,
-    mask: *mut pm_mask,
+    mask: Out<pm_mask>,
 ) -> pm_code {
-    call(|| {
-        check_out(mask)?;
+    mask.give(|| {
         let answer = pending.with(|pending| {
             let answer = pending.pending.wait_timeout(Duration::from_nanos(timeout_ns));
             Ok(answer.map(|mask| Mask::new(mask, pending.spares.clone())))
@@ -99,189 +90,200 @@ pub unsafe extern "C" fn pm_pending_wait_timeout(
         if !matches!(answer, Err(Error::Timeout { .. })) {
             drop(pending.remove()?);
         }
-        // SAFETY: the caller's promise about pointers is passed on.
-        unsafe { write(mask, pm_mask::new(answer?)?) }
+        pm_mask::new(answer?)
     })
 }
 
-/// Drops a frame that is under way: nobody wants its pairs.
 #[unsafe(no_mangle)]
 pub extern "C" fn pm_pending_drop(pending: pm_pending) -> pm_code {
     pending.drop()
 }
 
-/// Drops a mask, and what was decoded of it.
 #[unsafe(no_mangle)]
 pub extern "C" fn pm_mask_drop(mask: pm_mask) -> pm_code {
     mask.drop()
 }
 
-/// How many pairs there are.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn pm_mask_count(mask: pm_mask, count: *mut u64) -> pm_code {
-    call(|| {
-        let found = mask.with(|mask| Ok(mask.mask.count()))?;
-        // SAFETY: the caller's promise about pointers is passed on.
-        unsafe { write(count, found) }
-    })
+pub extern "C" fn pm_mask_contains(mask: pm_mask, a: u32, b: u32, contains: Out<bool>) -> pm_code {
+    contains.give(|| mask.with(|mask| Ok(mask.answer.contains(a, b))))
 }
 
-/// Whether two boxes are a pair.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn pm_mask_contains(
+pub extern "C" fn pm_mask_pairs(
     mask: pm_mask,
-    a: u32,
-    b: u32,
-    contains: *mut bool,
+    pairs: Out<*const pm_pair>,
+    count: Out<usize>,
 ) -> pm_code {
-    call(|| {
-        let found = mask.with(|mask| Ok(mask.mask.contains(a, b)))?;
-        // SAFETY: the caller's promise about pointers is passed on.
-        unsafe { write(contains, found) }
-    })
+    pairs.give_list(count, || mask.with(|mask| Ok(place(to_pairs(mask.pairs())))))
 }
 
-/// All pairs as an array, which lives until the mask is dropped. A list in this process's memory is given where
-/// it lies; else the pairs are decoded once, into memory that the session uses again.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn pm_mask_pairs(
+pub extern "C" fn pm_mask_pairs_of_world(
     mask: pm_mask,
-    pairs: *mut *const pm_pair,
-    count: *mut usize,
+    world: i32,
+    pairs: Out<*const pm_pair>,
+    count: Out<usize>,
 ) -> pm_code {
-    call(|| {
-        let find = || {
-            mask.with(|mask| {
-                let Mask { mask, decoded } = mask;
-                let found = match mask.own_list() {
-                    Some(list) => list,
-                    None => decoded.get(|out| {
-                        mask.for_each_slice(|pairs| out.extend_from_slice(pairs));
-                    }),
-                };
-                Ok((to_pairs(found).as_ptr(), found.len()))
-            })
-        };
-        // SAFETY: the caller's promise about pointers is passed on.
-        unsafe { write_list(pairs, count, find) }
-    })
-}
-
-/// Calls `visit` with pairs, some at a time, until all were seen: the fastest way through a mask, without a copy
-/// of it.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn pm_mask_for_each(
-    mask: pm_mask,
-    visit: pm_visit,
-    user: *mut c_void,
-) -> pm_code {
-    call(|| {
-        let visit = visitor(visit)?;
+    pairs.give_list(count, || {
         mask.with(|mask| {
-            mask.mask.for_each_slice(|pairs| {
-                // SAFETY: the callback is the caller's, who gives what it needs in `user`.
-                unsafe { visit(user, to_pairs(pairs).as_ptr(), pairs.len()) };
+            if mask.answer.worlds().is_empty() {
+                let text =
+                    "the mask is not ordered by world: ask for a list of a frame with worlds";
+                return Err(Failure::new(PM_ERR_STATE, text));
+            }
+            let found = mask.answer.pairs_of_world(World(world));
+            Ok(found.map_or((null(), 0), |found| place(to_pairs(found))))
+        })
+    })
+}
+
+/// A callback that gets some values at a time.
+type Visit<T> = unsafe extern "C" fn(user: *mut c_void, values: *const T, count: usize);
+
+pub type pm_visit =
+    Option<unsafe extern "C" fn(user: *mut c_void, pairs: *const pm_pair, count: usize)>;
+
+pub type pm_visit_words =
+    Option<unsafe extern "C" fn(user: *mut c_void, words: *const pm_word, count: usize)>;
+
+/// Calls a program's callback with what `hand_out` hands out of a mask.
+fn visit<T>(
+    mask: pm_mask,
+    visit: Option<Visit<T>>,
+    user: *mut c_void,
+    hand_out: impl FnOnce(&PairMask, &mut dyn FnMut(&[T])),
+) -> pm_code {
+    call(|| {
+        let visit = visit.ok_or(Failure::argument("the callback is null"))?;
+        mask.with(|mask| {
+            hand_out(&mask.answer, &mut |some| {
+                // SAFETY: the callback is the program's, which gives what it needs in `user`.
+                unsafe { visit(user, some.as_ptr(), some.len()) };
             });
             Ok(())
         })
     })
 }
 
-/// Called with some words of a mask at a time.
-pub type pm_visit_words =
-    Option<unsafe extern "C" fn(user: *mut c_void, words: *const pm_word, count: usize)>;
+#[unsafe(no_mangle)]
+pub extern "C" fn pm_mask_for_each(mask: pm_mask, visit: pm_visit, user: *mut c_void) -> pm_code {
+    self::visit(mask, visit, user, |mask, visit| mask.for_each_slice(|some| visit(to_pairs(some))))
+}
+
+#[derive(Clone, Copy)]
+#[repr(C)]
+pub struct pm_word {
+    pub first: u64,
+    pub row: u32,
+    pub block: u32,
+    pub bits: u32,
+}
+
+impl From<AddressedWord> for pm_word {
+    fn from(word: AddressedWord) -> Self {
+        let (first, row, block) = match word.address {
+            WordAddress::Dense { first } => (first.get(), 0, 0),
+            WordAddress::Sparse { row, block } => (0, row, block),
+        };
+        Self { first, row, block, bits: word.bits.0 }
+    }
+}
 
 /// Words that a callback gets at a time: 6 KiB stay in a core's nearest cache.
 const WORDS: usize = 256;
 
-/// Calls `visit` with the words of a mask that are not zero, some at a time: for AND masks of the caller's own.
-/// Each pair of a mask that is a list is a word of one bit.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn pm_mask_for_each_word(
+pub extern "C" fn pm_mask_for_each_word(
     mask: pm_mask,
     visit: pm_visit_words,
     user: *mut c_void,
 ) -> pm_code {
-    call(|| {
-        let visit = visit.ok_or(Failure::argument("the callback is null"))?;
-        mask.with(|mask| {
-            let mut some = Vec::with_capacity(WORDS);
-            let flush = |some: &mut Vec<pm_word>| {
-                // SAFETY: the callback is the caller's, who gives what it needs in `user`.
-                unsafe { visit(user, some.as_ptr(), some.len()) };
+    self::visit(mask, visit, user, |mask, visit| {
+        let mut some = Vec::with_capacity(WORDS);
+        for word in mask.words() {
+            some.push(word.into());
+            if some.len() == WORDS {
+                visit(&some);
                 some.clear();
-            };
-            for word in mask.mask.words() {
-                some.push(word.into());
-                if some.len() == WORDS {
-                    flush(&mut some);
-                }
             }
-            if !some.is_empty() {
-                flush(&mut some);
-            }
-            Ok(())
-        })
+        }
+        if !some.is_empty() {
+            visit(&some);
+        }
     })
 }
 
-/// The box index at each position of a mask with sparse words, as an array that lives until the mask is dropped.
-/// Null where a position is an index: every mask that is not sparse, and some that are.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn pm_mask_order(
-    mask: pm_mask,
-    order: *mut *const u32,
-    count: *mut usize,
-) -> pm_code {
-    call(|| {
-        let find = || {
-            mask.with(|mask| {
-                // Asked first: the compiler may read what other views leave unset, which valgrind would tell.
-                if mask.mask.encoding() != Encoding::Sparse {
-                    return Ok((null(), 0));
-                }
-                let MaskView::Sparse(sparse) = mask.mask.view() else { return Ok((null(), 0)) };
-                Ok(sparse.order().map_or((null(), 0), |order| (order.as_ptr(), order.len())))
-            })
-        };
-        // SAFETY: the caller's promise about pointers is passed on.
-        unsafe { write_list(order, count, find) }
-    })
+pub type pm_encoding = u32;
+pub const PM_ENCODING_DENSE: pm_encoding = 0;
+pub const PM_ENCODING_SPARSE: pm_encoding = 1;
+pub const PM_ENCODING_LIST: pm_encoding = 2;
+
+#[derive(Clone, Copy, Debug, Default)]
+#[repr(C)]
+pub struct pm_frame_info {
+    pub struct_size: usize,
+    pub served_by: pm_served_by,
+    pub encoding: pm_encoding,
+    pub n: u32,
+    pub threads: u32,
+    pub empty: u32,
+    pub invalid: u32,
+    pub is_repeat: u32,
+    pub pair_count: u64,
+    pub skipped_pairs: u64,
+    pub mask_bytes: u64,
+    pub box_bytes: u64,
+    pub total_ns: u64,
+    pub execute_ns: u64,
+    pub engine: pm_name,
+    pub order: *const u32,
+    pub order_count: usize,
 }
 
-/// The pairs of one world, as an array that lives until the mask is dropped; none where the world has none. Only
-/// masks of frames whose rules have worlds know them; `PM_ERR_STATE` from others.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn pm_mask_pairs_of_world(
-    mask: pm_mask,
-    world: i32,
-    pairs: *mut *const pm_pair,
-    count: *mut usize,
-) -> pm_code {
-    call(|| {
-        let find = || {
-            mask.with(|mask| {
-                if mask.mask.worlds().is_empty() {
-                    let text =
-                        "the mask is not ordered by world: ask for a list of a frame with worlds";
-                    return Err(Failure::new(crate::code::PM_ERR_STATE, text));
-                }
-                let found = mask.mask.pairs_of_world(World(world));
-                Ok(found.map_or((null(), 0), |found| (to_pairs(found).as_ptr(), found.len())))
-            })
-        };
-        // SAFETY: the caller's promise about pointers is passed on.
-        unsafe { write_list(pairs, count, find) }
-    })
+// SAFETY: it is `repr(C)` and begins with its size; numbers and pointers have no invalid bit patterns.
+unsafe impl Growing for pm_frame_info {}
+
+/// Where the order of a sparse mask lies.
+fn order_of(mask: &PairMask) -> (*const u32, usize) {
+    // Asked first: the compiler may read what other views leave unset, which valgrind would tell.
+    if mask.encoding() != Encoding::Sparse {
+        return (null(), 0);
+    }
+    let MaskView::Sparse(sparse) = mask.view() else { return (null(), 0) };
+    sparse.order().map_or((null(), 0), place)
 }
 
-/// Facts about the frame beside its pairs. Set `info->struct_size` first.
+fn info_of(mask: &PairMask) -> pm_frame_info {
+    let info = mask.info();
+    let (order, order_count) = order_of(mask);
+    pm_frame_info {
+        served_by: served_by_number(info.served_by),
+        encoding: match mask.encoding() {
+            Encoding::Dense => PM_ENCODING_DENSE,
+            Encoding::Sparse => PM_ENCODING_SPARSE,
+            // A later encoding would be decoded to pairs as well.
+            _ => PM_ENCODING_LIST,
+        },
+        n: mask.n().get(),
+        threads: u32::try_from(info.threads).unwrap_or(u32::MAX),
+        empty: info.census.empty,
+        invalid: info.census.invalid,
+        is_repeat: u32::from(info.skipped.is_repeat()),
+        pair_count: mask.count(),
+        skipped_pairs: info.skipped.pairs,
+        mask_bytes: info.mask_bytes,
+        box_bytes: info.box_bytes,
+        total_ns: info.times.total_ns,
+        execute_ns: info.times.execute_ns,
+        engine: name_of(info.engine),
+        order,
+        order_count,
+        ..Default::default()
+    }
+}
+
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn pm_mask_info(mask: pm_mask, info: *mut pm_frame_info) -> pm_code {
-    call(|| {
-        check_out(info)?;
-        let facts = mask.with(|mask| Ok(pm_frame_info::of(&mask.mask)))?;
-        // SAFETY: the caller's promise about pointers is passed on.
-        unsafe { write_growing(info, &facts) }
-    })
+pub extern "C" fn pm_mask_info(mask: pm_mask, info: Out<pm_frame_info>) -> pm_code {
+    info.give_growing(|| mask.with(|mask| Ok(info_of(&mask.answer))))
 }

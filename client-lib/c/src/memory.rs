@@ -1,150 +1,177 @@
 //! What lies behind the pointers of a call: the one place that trusts them.
 //!
-//! The head of the header states what a caller promises of every pointer: it is null or aligned, and valid for
-//! as many values as are said beside it. Whatever else can be wrong with it is checked here.
+//! The head of the header states what a program promises of every pointer: it is null or aligned, and valid for
+//! as many values as are said beside it, which nobody else uses meanwhile. Only programs make an [`In`] or an
+//! [`Out`], so that the promise holds for each of them. Whatever else can be wrong with it is checked here.
 #![allow(unsafe_code)]
 
 use std::ffi::{CStr, c_char};
 
-use bytemuck::{AnyBitPattern, NoUninit};
+use bytemuck::AnyBitPattern;
 
+use crate::call::call;
+use crate::code::pm_code;
 use crate::failure::Failure;
 
-/// The values of an array, for as long as the caller's promise holds: until the call returns, or, where a
-/// function says so, until the edit is answered. None may be null where there are none.
-///
-/// # Safety
-/// `pointer` is null or aligned, and valid for `count` values that nobody writes meanwhile.
-pub unsafe fn array<T: AnyBitPattern>(
-    pointer: *const T,
-    count: usize,
-) -> Result<&'static [T], Failure> {
-    if count == 0 {
-        return Ok(&[]);
+/// Where a program has values: a `const T *`.
+#[derive(Clone, Copy, Debug, Default)]
+#[repr(transparent)]
+pub struct In<T>(*const T);
+
+/// Where a program wants a result: a `T *`.
+#[derive(Clone, Copy)]
+#[repr(transparent)]
+pub struct Out<T>(*mut T);
+
+impl<T: AnyBitPattern> In<T> {
+    /// The values of an array, for as long as the program's promise holds: until the call returns, or, where a
+    /// function says so, until the edit is answered. It may be null where there are none.
+    pub fn array(self, count: usize) -> Result<&'static [T], Failure> {
+        if count == 0 {
+            return Ok(&[]);
+        }
+        check(self.0, count)?;
+        // SAFETY: the pointer is neither null nor misaligned, and the bytes do not exceed `isize::MAX`, which was
+        // checked; that the values are there is the program's promise. Every bit pattern is a value.
+        Ok(unsafe { std::slice::from_raw_parts(self.0, count) })
     }
-    check_count::<T>(pointer.is_null(), pointer.is_aligned(), count)?;
-    // SAFETY: `pointer` is neither null nor misaligned, and the bytes do not exceed `isize::MAX`, which was
-    // checked; that the values are there is the caller's promise. Every bit pattern is a value.
-    Ok(unsafe { std::slice::from_raw_parts(pointer, count) })
-}
 
-/// A single value.
-///
-/// # Safety
-/// As [`array`], for one value.
-pub unsafe fn value<T: AnyBitPattern>(pointer: *const T) -> Result<T, Failure> {
-    // SAFETY: the caller's promise is passed on.
-    let one = unsafe { array(pointer, 1) }?;
-    Ok(one[0])
-}
+    /// A single value.
+    pub fn value(self) -> Result<T, Failure> {
+        Ok(self.array(1)?[0])
+    }
 
-/// Writes a result.
-///
-/// # Safety
-/// `out` is null or aligned, and valid for a value that nobody else uses.
-pub unsafe fn write<T>(out: *mut T, value: T) -> Result<(), Failure> {
-    check_out(out)?;
-    // SAFETY: `out` is neither null nor misaligned, which was checked; that it is valid is the caller's
-    // promise.
-    unsafe { out.write(value) };
-    Ok(())
-}
-
-/// That a result can be written there, before anything is done for it.
-pub fn check_out<T>(out: *mut T) -> Result<(), Failure> {
-    check_count::<T>(out.is_null(), out.is_aligned(), 1)
-}
-
-/// Writes where a list lies and how long it is, once `find` has found it.
-///
-/// # Safety
-/// As [`write`], for both results.
-pub unsafe fn write_list<T>(
-    list: *mut *const T,
-    count: *mut usize,
-    find: impl FnOnce() -> Result<(*const T, usize), Failure>,
-) -> Result<(), Failure> {
-    check_out(list)?;
-    check_out(count)?;
-    let (memory, len) = find()?;
-    // SAFETY: the caller's promise is passed on.
-    unsafe {
-        write(list, memory)?;
-        write(count, len)
+    /// A single value; `None` where the pointer is null.
+    pub fn if_any(self) -> Result<Option<T>, Failure> {
+        (!self.0.is_null()).then(|| self.value()).transpose()
     }
 }
 
-/// A text that ends with a zero; `None` where the pointer is null.
-///
-/// # Safety
-/// `text` is null, or valid up to a zero byte that nobody writes meanwhile.
-pub unsafe fn text(text: *const c_char) -> Result<Option<&'static str>, Failure> {
-    if text.is_null() {
-        return Ok(None);
+impl In<c_char> {
+    /// A text that ends with a zero; `None` where the pointer is null.
+    pub fn text(self) -> Result<Option<&'static str>, Failure> {
+        if self.0.is_null() {
+            return Ok(None);
+        }
+        // SAFETY: it is not null, and ends with a zero by the program's promise.
+        let text = unsafe { CStr::from_ptr(self.0) };
+        text.to_str().map(Some).map_err(|_| Failure::argument("a text is no UTF-8"))
     }
-    // SAFETY: it is not null, and ends with a zero by the caller's promise.
-    let text = unsafe { CStr::from_ptr(text) };
-    let utf8 = text.to_str().map_err(|_| Failure::argument("a text is no UTF-8"))?;
-    Ok(Some(utf8))
 }
 
 /// A struct that may grow.
 ///
 /// # Safety
 /// It is `repr(C)`, its first field is its size, a `usize`, and every bit pattern is a value of it.
-pub unsafe trait Growing: Copy {}
+pub unsafe trait Growing: Copy + Default {}
 
-/// Reads a struct that may grow: as many bytes as its `struct_size` says, the rest as in `default`, which is
-/// what a null pointer stands for.
-///
-/// # Safety
-/// `pointer` is null or aligned, and valid for as many bytes as its first field says.
-pub unsafe fn growing<T: Growing>(pointer: *const T, mut default: T) -> Result<T, Failure> {
-    if pointer.is_null() {
-        return Ok(default);
+impl<T: Growing> In<T> {
+    /// As many bytes as its `struct_size` says, the rest zeros, as which a null pointer counts.
+    pub fn growing(self) -> Result<T, Failure> {
+        let mut value = T::default();
+        if !self.0.is_null() {
+            let size = checked_size(self.0)?;
+            // SAFETY: so many bytes are there by the program's promise, and `value`, which has as many, does not
+            // overlap them. Whatever they are, they are a value.
+            unsafe { self.0.cast::<u8>().copy_to_nonoverlapping((&raw mut value).cast(), size) };
+        }
+        Ok(value)
     }
-    check_count::<T>(false, pointer.is_aligned(), 1)?;
-    // SAFETY: every struct that grows begins with its size; the caller's promise is passed on.
-    let size = unsafe { value(pointer.cast::<usize>()) }?;
-    let size = checked_size::<T>(size)?;
-    // SAFETY: so many bytes are there by the caller's promise, and `default`, which has as many, does not
-    // overlap them. Whatever they are, they are a value.
-    unsafe { pointer.cast::<u8>().copy_to_nonoverlapping((&raw mut default).cast(), size) };
-    Ok(default)
 }
 
-/// Writes a struct that may grow: as many bytes as its `struct_size` says, which stays as it is.
-///
-/// # Safety
-/// `out` is null or aligned, and valid for as many bytes as its first field says.
-pub unsafe fn write_growing<T: NoUninit>(out: *mut T, value: &T) -> Result<(), Failure> {
-    check_out(out)?;
-    // SAFETY: every struct that grows begins with its size; the caller's promise is passed on.
-    let size = unsafe { self::value(out.cast::<usize>().cast_const()) }?;
-    let size = checked_size::<T>(size)?;
-    let bytes = &bytemuck::bytes_of(value)[size_of::<usize>()..size];
-    // SAFETY: so many bytes are there by the caller's promise, and `value` is this library's own, which
-    // does not overlap them.
-    unsafe {
-        let behind_size = out.cast::<u8>().add(size_of::<usize>());
-        behind_size.copy_from_nonoverlapping(bytes.as_ptr(), bytes.len());
+impl<T: Copy> Out<T> {
+    /// That a result can be written there, before anything is done for it.
+    pub fn check(self) -> Result<(), Failure> {
+        check(self.0, 1)
     }
-    Ok(())
+
+    /// Whether the program wants no result.
+    pub fn is_null(self) -> bool {
+        self.0.is_null()
+    }
+
+    /// Writes a result.
+    pub fn write(self, value: T) -> Result<(), Failure> {
+        self.check()?;
+        // SAFETY: it is neither null nor misaligned, which was checked; that it is valid is the program's promise.
+        unsafe { self.0.write(value) };
+        Ok(())
+    }
+
+    /// Does the work of a function with one result.
+    pub fn give(self, work: impl FnOnce() -> Result<T, Failure>) -> pm_code {
+        call(|| {
+            self.check()?;
+            self.write(work()?)
+        })
+    }
 }
 
-/// The part of a struct that both sides know.
-fn checked_size<T>(size: usize) -> Result<usize, Failure> {
+impl<T> Out<*const T> {
+    /// Does the work of a function that tells where a list lies and how long it is.
+    pub fn give_list(
+        self,
+        count: Out<usize>,
+        find: impl FnOnce() -> Result<(*const T, usize), Failure>,
+    ) -> pm_code {
+        call(|| {
+            self.check()?;
+            count.check()?;
+            let (memory, len) = find()?;
+            self.write(memory)?;
+            count.write(len)
+        })
+    }
+}
+
+impl<T: Growing> Out<T> {
+    /// That facts can be written there, before anything is done for them.
+    pub fn check_growing(self) -> Result<(), Failure> {
+        checked_size(self.0).map(|_| ())
+    }
+
+    /// Writes as many bytes as the program's `struct_size` says, which stays as it is.
+    pub fn write_growing(self, value: &T) -> Result<(), Failure> {
+        let size = checked_size(self.0)?;
+        // SAFETY: so many bytes are there by the program's promise, of which the first are the size; `value` is
+        // this library's own, has as many, and does not overlap them.
+        unsafe {
+            let behind_size = (&raw const *value).cast::<u8>().add(size_of::<usize>());
+            let out = self.0.cast::<u8>().add(size_of::<usize>());
+            out.copy_from_nonoverlapping(behind_size, size - size_of::<usize>());
+        }
+        Ok(())
+    }
+
+    /// Does the work of a function that tells facts.
+    pub fn give_growing(self, work: impl FnOnce() -> Result<T, Failure>) -> pm_code {
+        call(|| {
+            self.check_growing()?;
+            self.write_growing(&work()?)
+        })
+    }
+}
+
+/// Where a list lies, and how long it is.
+pub fn place<T>(list: &[T]) -> (*const T, usize) {
+    (list.as_ptr(), list.len())
+}
+
+/// The part of a program's struct that both sides know.
+fn checked_size<T: Growing>(pointer: *const T) -> Result<usize, Failure> {
+    check(pointer, 1)?;
+    let size = In(pointer.cast::<usize>()).value()?;
     if size < size_of::<usize>() {
         return Err(Failure::argument("struct_size is not set"));
     }
     Ok(size.min(size_of::<T>()))
 }
 
-fn check_count<T>(is_null: bool, is_aligned: bool, count: usize) -> Result<(), Failure> {
-    if is_null {
+fn check<T>(pointer: *const T, count: usize) -> Result<(), Failure> {
+    if pointer.is_null() {
         return Err(Failure::argument("a pointer is null"));
     }
-    if !is_aligned {
+    if !pointer.is_aligned() {
         return Err(Failure::argument("a pointer is not aligned"));
     }
     let bytes = size_of::<T>().checked_mul(count);

@@ -1,107 +1,100 @@
 //! Plain values, as they lie in memory.
 
+use std::ffi::c_char;
+
 use bytemuck::{Pod, Zeroable};
 use pairmask::filters::{Filter, Tag, World};
-use pairmask::{Aabb, EndReason, Ended, Sphere};
+use pairmask::{Aabb, EndReason, Ended, ServedBy, Sphere};
+use pairmask_core::engine::EngineId;
 
 use crate::failure::Failure;
 
-/// A closed box. `min > max` on some axis makes it empty, a NaN invalid; neither overlaps anything.
-/// Infinities are coordinates. Touching counts.
 #[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
 #[repr(C)]
 pub struct pm_box {
-    /// The smallest corner.
     pub min: [f32; 3],
-    /// The largest corner.
     pub max: [f32; 3],
 }
 
-/// A closed ball. A radius below zero switches it off.
 #[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
 #[repr(C)]
 pub struct pm_sphere {
-    /// Centre.
     pub center: [f32; 3],
-    /// Radius.
     pub radius: f32,
 }
 
-/// Two indices, the smaller one first.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
 #[repr(C)]
 pub struct pm_pair {
-    /// The smaller index.
     pub a: u32,
-    /// The larger index.
     pub b: u32,
 }
 
-/// Why a pair ended: one of `PM_ENDED_...`.
 pub type pm_end_reason = u32;
-/// A box of the pair was removed, also where its index has a new box.
 pub const PM_ENDED_REMOVED: pm_end_reason = 0;
-/// A box is switched off now, both are static now, or rules keep them apart.
 pub const PM_ENDED_FILTERED: pm_end_reason = 1;
-/// The boxes overlap no more.
 pub const PM_ENDED_SEPARATED: pm_end_reason = 2;
 
-/// A pair that ended.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+#[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct pm_ended {
-    /// The smaller index.
     pub a: u32,
-    /// The larger index.
     pub b: u32,
-    /// Why.
     pub reason: pm_end_reason,
 }
 
-/// Indices from `first` to before `first + count`.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+#[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct pm_range {
-    /// The first one.
     pub first: u32,
-    /// How many.
     pub count: u32,
 }
 
-/// A world that meets all others.
 pub const PM_ALL_WORLDS: i32 = -1;
 
-/// What a box is to the rules. Zeros are what a box has that was given none: world 0, no owner, the first
-/// filter.
 #[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
 #[repr(C)]
 pub struct pm_tag {
-    /// Boxes of different worlds never meet; `PM_ALL_WORLDS` meets all.
     pub world: i32,
-    /// Boxes of one owner never meet, unless it is 0.
     pub owner: u32,
-    /// Place in the table of filters.
     pub filter: u16,
-    /// 1 for a box that is static, whatever its filter says; else 0. Of boxes of a scene `pm_scene_make_static` says
-    /// it instead.
     pub is_static: u16,
 }
 
-/// What boxes of a kind meet. Two static boxes never meet; equal groups other than 0 decide by their sign; else
-/// `(a.category & b.mask) != 0 && (b.category & a.mask) != 0`, with `||` where both say `either`.
 #[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
 #[repr(C)]
 pub struct pm_filter {
-    /// What it is: a bit a category.
     pub category: u64,
-    /// What it meets: a bit a category.
     pub mask: u64,
-    /// Equal groups: positive, they meet; negative, they do not.
     pub group: i32,
-    /// 1 for a kind that is static; else 0.
     pub is_static: u16,
-    /// 1 where one mask of two is enough; else 0.
     pub either: u16,
+}
+
+pub type pm_name = [c_char; 24];
+
+/// The name of an engine, cut where there is no room for all of it.
+#[allow(clippy::cast_possible_wrap)] // A `char` of C may have a sign.
+pub fn name_of(engine: EngineId) -> pm_name {
+    let mut name = pm_name::default();
+    let text = engine.to_string();
+    let room = name.len() - 1;
+    for (slot, byte) in name[..room].iter_mut().zip(text.bytes()) {
+        *slot = byte as c_char;
+    }
+    name
+}
+
+pub type pm_served_by = u32;
+pub const PM_SERVED_BY_DAEMON: pm_served_by = 1;
+pub const PM_SERVED_BY_THIS_PROCESS: pm_served_by = 2;
+
+/// The number of what answered.
+pub const fn served_by_number(by: ServedBy) -> pm_served_by {
+    match by {
+        ServedBy::Daemon => PM_SERVED_BY_DAEMON,
+        ServedBy::InProcess => PM_SERVED_BY_THIS_PROCESS,
+    }
 }
 
 /// A program's boxes as the library's.
@@ -109,9 +102,14 @@ pub fn boxes(boxes: &[pm_box]) -> &[Aabb] {
     bytemuck::cast_slice(boxes)
 }
 
-/// A program's spheres as the library's.
-pub fn spheres_mut(spheres: &mut [Sphere]) -> &mut [pm_sphere] {
-    bytemuck::cast_slice_mut(spheres)
+/// A program's box as the library's.
+pub fn of_box(b: pm_box) -> Aabb {
+    bytemuck::cast(b)
+}
+
+/// The library's box as a program's.
+pub fn to_box(b: Aabb) -> pm_box {
+    bytemuck::cast(b)
 }
 
 /// A program's tags as the library's.

@@ -8,8 +8,8 @@
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError, TryLockError};
 
-use super::object::{Kind, Object};
-use crate::code::{PM_ERR_BUSY, PM_ERR_HANDLE, PM_ERR_TOO_MANY_HANDLES};
+use super::{Handle, Object};
+use crate::code::pm_code::{PM_ERR_BUSY, PM_ERR_HANDLE, PM_ERR_TOO_MANY_HANDLES};
 use crate::failure::Failure;
 
 /// Places of the first chunk; each chunk has twice as many as the one before. A program with few objects
@@ -121,46 +121,39 @@ impl Table {
 }
 
 /// The id of a new object.
-pub(crate) fn insert(object: impl Kind) -> Result<u64, Failure> {
+pub fn insert(object: Object) -> Result<u64, Failure> {
     let too_many = Failure::new(PM_ERR_TOO_MANY_HANDLES, "more live handles than there are ids");
     let place = TABLE.take_place().ok_or(too_many)?;
     let (chunk, at) = chunk_of(place);
     let places = TABLE.chunks[chunk].get().ok_or(NOTHING)?;
     // A call with an old id may look at the place just now: it lets go at once.
     let mut held = places[at].object.lock().map_err(|_| NOTHING)?;
-    *held = Some(object.wrap());
+    *held = Some(object);
     Ok(u64::from(places[at].next_generation()) << 32 | u64::from(place + 1))
 }
 
-/// Uses the object of an id.
-pub(crate) fn with<K: Kind, R>(
-    id: u64,
-    work: impl FnOnce(&mut K) -> Result<R, Failure>,
+/// Uses the object of a handle.
+pub fn with<H: Handle, R>(
+    handle: H,
+    work: impl FnOnce(&mut H::Named) -> Result<R, Failure>,
 ) -> Result<R, Failure> {
-    let (_, mut held) = TABLE.held(id)?;
-    let object = held.as_mut().and_then(K::of).ok_or(NOTHING)?;
-    work(object)
+    let (_, mut held) = TABLE.held(handle.id())?;
+    work(held.as_mut().and_then(H::of).ok_or(NOTHING)?)
 }
 
-/// Takes the object of an id.
-pub(crate) fn remove<K: Kind>(id: u64) -> Result<K, Failure> {
+/// Takes the object of a handle.
+pub fn remove<H: Handle>(handle: H) -> Result<H::Named, Failure> {
+    let id = handle.id();
     let (place, mut held) = TABLE.held(id)?;
-    let object = held.take().ok_or(NOTHING)?;
-    match K::take(object) {
-        Ok(object) => {
-            // A place whose generations are used up is never used again.
-            let is_spent = place.next_generation() == u32::MAX - 1;
-            drop(held);
-            if !is_spent {
-                TABLE.free().used.push((id as u32) - 1);
-            }
-            Ok(object)
-        }
-        Err(other) => {
-            *held = Some(other);
-            Err(NOTHING)
-        }
+    held.as_mut().and_then(H::of).ok_or(NOTHING)?;
+    let object = held.take().and_then(H::take).ok_or(NOTHING)?;
+    // A place whose generations are used up is never used again.
+    let is_spent = place.next_generation() == u32::MAX - 1;
+    drop(held);
+    if !is_spent {
+        TABLE.free().used.push((id as u32) - 1);
     }
+    Ok(object)
 }
 
 #[cfg(test)]
@@ -170,7 +163,7 @@ mod tests {
     use pairmask::filters::Rules;
 
     use super::*;
-    use crate::code::PM_OK;
+    use crate::code::pm_code::{PM_ERR_PANIC, PM_OK};
     use crate::rules::pm_rules;
     use crate::session::pm_session;
 
@@ -213,7 +206,7 @@ mod tests {
             })
             .expect("free");
         let code = crate::call::call(|| rules.with(|_| panic!("as a bug would")));
-        assert_eq!(code, crate::code::PM_ERR_PANIC);
+        assert_eq!(code, PM_ERR_PANIC);
         assert_eq!(rules.drop(), PM_ERR_HANDLE);
     }
 

@@ -1,223 +1,155 @@
-//! The functions that read the answer to an edit.
+//! The functions that send an edit, wait and tell the answer.
 #![allow(unsafe_code)]
 
-use std::ffi::c_void;
+use pairmask::{PairList, Report};
 
-use bytemuck::{Pod, Zeroable};
-use pairmask::{PairList, SceneAnswer};
-
-use super::{Scene, pm_scene};
+use super::{Scene, pm_scene, to_ranges};
 use crate::call::call;
 use crate::code::pm_code;
-use crate::facts::{name_of, pm_name};
 use crate::failure::Failure;
-use crate::mask::{pm_visit, visitor};
-use crate::memory::{check_out, write, write_growing, write_list};
-use crate::session::{pm_served_by, served_by_number};
-use crate::spares::Decoded;
-use crate::values::{pm_ended, pm_pair, pm_range, to_ended, to_pairs};
+use crate::handles::Handle;
+use crate::memory::{Growing, Out, place};
+use crate::values::{
+    name_of, pm_ended, pm_name, pm_pair, pm_range, pm_served_by, served_by_number, to_ended,
+    to_pairs,
+};
 
-/// Facts about the answer to an edit.
-#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
+pub type pm_report = u32;
+pub const PM_REPORT_CHANGES: pm_report = 0;
+pub const PM_REPORT_MOVED: pm_report = 1;
+pub const PM_REPORT_ALL: pm_report = 2;
+pub const PM_REPORT_NOTHING: pm_report = 3;
+
+#[derive(Clone, Copy, Debug, Default)]
 #[repr(C)]
 pub struct pm_answer {
-    /// `sizeof(pm_answer)`, set by the caller.
     pub struct_size: usize,
-    /// 1 where changes were asked for and `pm_scene_pairs` has all pairs instead: forget the pairs that you
-    /// know. Else 0.
     pub is_resync: u32,
-    /// What answered.
     pub served_by: pm_served_by,
-    /// Pairs that began.
-    pub begun: u64,
-    /// Pairs that ended.
-    pub ended: u64,
-    /// Pairs that `pm_scene_pairs` has.
-    pub pairs: u64,
-    /// Pairs of the whole scene; `UINT64_MAX` where the answer does not know.
-    pub pair_count: u64,
-    /// Pairs that were not tested.
+    pub begun: *const pm_pair,
+    pub begun_count: usize,
+    pub ended: *const pm_ended,
+    pub ended_count: usize,
+    pub pairs: *const pm_pair,
+    pub pair_count: usize,
+    pub late: *const pm_range,
+    pub late_count: usize,
+    pub all_pairs: u64,
     pub skipped_pairs: u64,
-    /// Of a shared scene: the tick, from 1.
     pub tick: u64,
-    /// Of a shared scene: leases of writers that were late.
-    pub late: u64,
-    /// Name of the engine.
     pub engine: pm_name,
 }
 
-/// Facts about the answer. Set `answer->struct_size` first.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn pm_scene_answer(scene: pm_scene, answer: *mut pm_answer) -> pm_code {
-    call(|| {
-        check_out(answer)?;
-        let facts = scene.with(|scene| {
-            scene.state.read(|answer| pm_answer {
-                struct_size: 0,
-                is_resync: u32::from(answer.is_resync()),
-                served_by: served_by_number(answer.served_by()),
-                begun: answer.begun().len() as u64,
-                ended: answer.ended().len() as u64,
-                pairs: answer.pairs().len() as u64,
-                pair_count: answer.pair_count().unwrap_or(u64::MAX),
-                skipped_pairs: answer.skipped().pairs(),
-                tick: answer.tick().unwrap_or(0),
-                late: answer.late().len() as u64,
-                engine: name_of(answer.engine()),
-            })
-        })?;
-        // SAFETY: the caller's promise about pointers is passed on.
-        unsafe { write_growing(answer, &facts) }
-    })
+// SAFETY: it is `repr(C)` and begins with its size; numbers and pointers have no invalid bit patterns.
+unsafe impl Growing for pm_answer {}
+
+/// What an answer was decoded to.
+#[derive(Default)]
+pub struct Lists {
+    /// Whether it was: what other processes may write is read once.
+    pub are_read: bool,
+    begun: Vec<[u32; 2]>,
+    pairs: Vec<[u32; 2]>,
+    ended: Vec<pm_ended>,
+    late: Vec<pm_range>,
 }
 
-/// Which list of pairs.
-#[derive(Clone, Copy)]
-enum Which {
-    Begun,
-    Pairs,
-}
-
-fn list<'a>(answer: &'a SceneAnswer<'_>, which: Which) -> PairList<'a> {
-    match which {
-        Which::Begun => answer.begun(),
-        Which::Pairs => answer.pairs(),
+/// Where a list lies: in this process's memory already, or in `memory`, once it was read.
+fn listed(
+    list: PairList<'_>,
+    memory: &mut Vec<[u32; 2]>,
+    is_read: bool,
+) -> (*const pm_pair, usize) {
+    if let Some(own) = list.own_list() {
+        return place(to_pairs(own));
     }
+    if !is_read {
+        memory.clear();
+        list.for_each_slice(|some| memory.extend_from_slice(some));
+    }
+    place(to_pairs(memory))
 }
 
-/// A list of the answer, where it lies if that is this process's memory, else decoded once.
-fn pairs_of(scene: &mut Scene, which: Which) -> Result<(*const pm_pair, usize), Failure> {
-    let Scene { state, lists } = scene;
-    let decoded: &mut Decoded = match which {
-        Which::Begun => &mut lists.begun,
-        Which::Pairs => &mut lists.pairs,
-    };
+/// The answer, its lists decoded once.
+fn answer_of(scene: &mut Scene) -> Result<pm_answer, Failure> {
+    let Scene { state, lists, .. } = scene;
     state.read(|answer| {
-        let list = list(answer, which);
-        let found = match list.own_list() {
-            Some(own) => own,
-            None => decoded.get(|out| list.for_each_slice(|some| out.extend_from_slice(some))),
-        };
-        (to_pairs(found).as_ptr(), found.len())
+        let (begun, begun_count) = listed(answer.begun(), &mut lists.begun, lists.are_read);
+        let (pairs, pair_count) = listed(answer.pairs(), &mut lists.pairs, lists.are_read);
+        if !lists.are_read {
+            lists.ended.clear();
+            lists.ended.extend(answer.ended().map(to_ended));
+            to_ranges(answer.late(), &mut lists.late);
+            lists.are_read = true;
+        }
+        let (ended, ended_count) = place(&lists.ended);
+        let (late, late_count) = place(&lists.late);
+        pm_answer {
+            is_resync: u32::from(answer.is_resync()),
+            served_by: served_by_number(answer.served_by()),
+            begun,
+            begun_count,
+            ended,
+            ended_count,
+            pairs,
+            pair_count,
+            late,
+            late_count,
+            all_pairs: answer.pair_count().unwrap_or(u64::MAX),
+            skipped_pairs: answer.skipped().pairs(),
+            tick: answer.tick().unwrap_or(0),
+            engine: name_of(answer.engine()),
+            ..Default::default()
+        }
     })
 }
 
-unsafe fn read(
+/// Sends the edit that was written. The answer before ends, and with it its lists.
+fn send(scene: &mut Scene, report: pm_report) -> Result<(), Failure> {
+    let report = match report {
+        PM_REPORT_CHANGES => Report::Changes,
+        PM_REPORT_MOVED => Report::Moved,
+        PM_REPORT_ALL => Report::All,
+        PM_REPORT_NOTHING => Report::Nothing,
+        _ => return Err(Failure::argument("no such answer")),
+    };
+    scene.edited()?;
+    scene.state.submit(report)
+}
+
+/// Waits for an answer, once `first` has succeeded.
+fn wait(
     scene: pm_scene,
-    which: Which,
-    pairs: *mut *const pm_pair,
-    count: *mut usize,
+    answer: Out<pm_answer>,
+    first: impl FnOnce(&mut Scene) -> Result<(), Failure>,
 ) -> pm_code {
     call(|| {
-        let find = || scene.with(|scene| pairs_of(scene, which));
-        // SAFETY: the caller's promise about pointers is passed on.
-        unsafe { write_list(pairs, count, find) }
-    })
-}
-
-/// Pairs that began, for `PM_REPORT_CHANGES`, as an array that lives until the answer ends: with the next call
-/// that writes or sends an edit, queries the scene, or leases.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn pm_scene_begun(
-    scene: pm_scene,
-    pairs: *mut *const pm_pair,
-    count: *mut usize,
-) -> pm_code {
-    // SAFETY: the caller's promise about pointers is passed on.
-    unsafe { read(scene, Which::Begun, pairs, count) }
-}
-
-/// Pairs of now, for `PM_REPORT_ALL`, `PM_REPORT_MOVED` and a resync, as an array that lives until the answer ends.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn pm_scene_pairs(
-    scene: pm_scene,
-    pairs: *mut *const pm_pair,
-    count: *mut usize,
-) -> pm_code {
-    // SAFETY: the caller's promise about pointers is passed on.
-    unsafe { read(scene, Which::Pairs, pairs, count) }
-}
-
-/// Pairs that ended, for `PM_REPORT_CHANGES`, as an array that lives until the answer ends.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn pm_scene_ended(
-    scene: pm_scene,
-    ended: *mut *const pm_ended,
-    count: *mut usize,
-) -> pm_code {
-    call(|| {
-        let find = || {
-            scene.with(|scene| {
-                let Scene { state, lists } = &mut **scene;
-                if lists.ended.is_none() {
-                    let reported = state.read(|answer| answer.ended().map(to_ended).collect())?;
-                    lists.ended = Some(reported);
-                }
-                state.read(|_| {
-                    lists
-                        .ended
-                        .as_deref()
-                        .map_or((std::ptr::null(), 0), |all| (all.as_ptr(), all.len()))
-                })
-            })
-        };
-        // SAFETY: the caller's promise about pointers is passed on.
-        unsafe { write_list(ended, count, find) }
-    })
-}
-
-unsafe fn visit_list(scene: pm_scene, which: Which, visit: pm_visit, user: *mut c_void) -> pm_code {
-    call(|| {
-        let visit = visitor(visit)?;
+        if !answer.is_null() {
+            answer.check_growing()?;
+        }
         scene.with(|scene| {
-            scene.state.read(|answer| {
-                list(answer, which).for_each_slice(|pairs| {
-                    // SAFETY: the callback is the caller's, who gives what it needs in `user`.
-                    unsafe { visit(user, to_pairs(pairs).as_ptr(), pairs.len()) };
-                });
-            })
+            first(scene)?;
+            scene.state.wait()?;
+            if answer.is_null() { Ok(()) } else { answer.write_growing(&answer_of(scene)?) }
         })
     })
 }
 
-/// Calls `visit` with the pairs that began, some at a time, without a copy of the list.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn pm_scene_for_each_begun(
-    scene: pm_scene,
-    visit: pm_visit,
-    user: *mut c_void,
-) -> pm_code {
-    // SAFETY: the caller's promise about the callback is passed on.
-    unsafe { visit_list(scene, Which::Begun, visit, user) }
+pub extern "C" fn pm_scene_submit(scene: pm_scene, report: pm_report) -> pm_code {
+    call(|| scene.with(|scene| send(scene, report)))
 }
 
-/// Calls `visit` with the pairs of now, some at a time, without a copy of the list.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn pm_scene_for_each_pair(
-    scene: pm_scene,
-    visit: pm_visit,
-    user: *mut c_void,
-) -> pm_code {
-    // SAFETY: the caller's promise about the callback is passed on.
-    unsafe { visit_list(scene, Which::Pairs, visit, user) }
+pub extern "C" fn pm_scene_wait(scene: pm_scene, answer: Out<pm_answer>) -> pm_code {
+    wait(scene, answer, |_| Ok(()))
 }
 
-/// Leases of writers that had not committed when the tick ended, of a shared scene: at most `capacity` of them are
-/// written, and `count` is how many there are.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn pm_scene_late(
+pub extern "C" fn pm_scene_commit(
     scene: pm_scene,
-    ranges: *mut pm_range,
-    capacity: usize,
-    count: *mut usize,
+    report: pm_report,
+    answer: Out<pm_answer>,
 ) -> pm_code {
-    call(|| {
-        check_out(count)?;
-        let late = scene.with(|scene| scene.state.read(|answer| answer.late().to_vec()))?;
-        // SAFETY: the caller's promise about pointers is passed on.
-        unsafe {
-            super::shared::write_ranges(&late, ranges, capacity)?;
-            write(count, late.len())
-        }
-    })
+    wait(scene, answer, |scene| send(scene, report))
 }

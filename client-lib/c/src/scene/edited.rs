@@ -1,14 +1,54 @@
-//! A scene with its edit under way, or answered. The answer borrows the scene, so that the two are kept in one
-//! cell.
+//! A scene with its edit: written, under way, or answered. The answer borrows the scene, so that the two are
+//! kept in one cell.
 
-use pairmask::{PendingAnswer, Report, Scene, SceneAnswer};
+use pairmask::filters::FilterTable;
+use pairmask::{Aabb, Margin, PendingAnswer, Report, Scene, SceneAnswer};
 use pairmask_core::scene::{Indices, Step};
 use self_cell::{MutBorrow, self_cell};
 
-use super::Edited;
-use super::draft::Given;
-use crate::code::PM_ERR_STATE;
+use crate::code::pm_code::PM_ERR_STATE;
 use crate::failure::Failure;
+
+/// What an edit says, until it is answered. Arrays of the program are read where they lie.
+#[derive(Default)]
+pub struct Draft {
+    /// Boxes that were set one by one.
+    pub indices: Vec<u32>,
+    /// One for each.
+    pub boxes: Vec<Aabb>,
+    /// One for each, where one was given.
+    pub margins: Vec<Option<Margin>>,
+    /// All else.
+    pub given: Vec<Given>,
+    /// The table of filters, which a step names.
+    pub table: FilterTable,
+}
+
+/// A step of an edit.
+pub enum Given {
+    /// One that borrows nothing of this library.
+    Step(Step<'static>),
+    /// The draft's table of filters.
+    Table,
+    /// Boxes with margins: one for all, or one for each.
+    Margined { indices: Indices<'static>, boxes: &'static [Aabb], margins: Vec<Margin> },
+}
+
+impl Draft {
+    /// Nothing said, with the memory of this.
+    pub fn clear(&mut self) {
+        self.indices.clear();
+        self.boxes.clear();
+        self.margins.clear();
+        self.given.clear();
+    }
+}
+
+/// A scene, and the edit of it that is being written.
+pub struct Edited {
+    pub scene: Scene,
+    pub draft: Draft,
+}
 
 /// What borrows the scene.
 #[allow(clippy::large_enum_variant)] // One of each scene.
@@ -28,7 +68,7 @@ self_cell!(
 );
 
 /// Where a scene is.
-pub(super) struct State(Place);
+pub struct State(Place);
 
 enum Place {
     Idle(Box<Edited>),
@@ -41,23 +81,16 @@ const NO_ANSWER: Failure =
     Failure::new(PM_ERR_STATE, "the scene has no answer: commit an edit, or wait for it");
 
 impl State {
-    pub fn new(edited: Edited) -> Self {
-        Self(Place::Idle(Box::new(edited)))
-    }
-
-    pub const fn is_idle(&self) -> bool {
-        matches!(self.0, Place::Idle(_))
+    pub fn new(scene: Scene) -> Self {
+        Self(Place::Idle(Box::new(Edited { scene, draft: Draft::default() })))
     }
 
     /// The scene without its answer, and the edit that is being written.
     pub fn end(&mut self) -> Result<&mut Edited, Failure> {
-        if let Place::Borrowed(_) = &self.0
-            && let Place::Borrowed(cell) = std::mem::replace(&mut self.0, Place::Moved)
-        {
-            let mut edited = cell.into_owner().into_inner();
-            edited.draft.clear();
-            self.0 = Place::Idle(edited);
-        }
+        self.0 = match std::mem::replace(&mut self.0, Place::Moved) {
+            Place::Borrowed(cell) => Place::Idle(cleared(cell.into_owner())),
+            idle => idle,
+        };
         match &mut self.0 {
             Place::Idle(edited) => Ok(edited),
             _ => Err(NO_ANSWER),
@@ -73,18 +106,12 @@ impl State {
         let sent = Cell::try_new_or_recover(MutBorrow::new(edited), |owner| {
             send(owner.borrow_mut(), report).map(Borrower::Pending)
         });
-        match sent {
-            Ok(cell) => {
-                self.0 = Place::Borrowed(cell);
-                Ok(())
-            }
-            Err((owner, failure)) => {
-                let mut edited = owner.into_inner();
-                edited.draft.clear();
-                self.0 = Place::Idle(edited);
-                Err(failure)
-            }
-        }
+        let (place, sent) = match sent {
+            Ok(cell) => (Place::Borrowed(cell), Ok(())),
+            Err((owner, failure)) => (Place::Idle(cleared(owner)), Err(failure)),
+        };
+        self.0 = place;
+        sent
     }
 
     /// Waits for the answer to the edit under way.
@@ -101,17 +128,8 @@ impl State {
     }
 
     /// Looks at the scene. An answer that was waited for stays; an edit under way is not waited for any more.
-    pub fn look<R>(&mut self, look: impl Fn(&Scene) -> R) -> Result<R, Failure> {
-        if let Place::Borrowed(cell) = &self.0 {
-            let looked = cell.with_dependent(|_, borrower| match borrower {
-                Borrower::Answer(answer) => Some(look(answer.scene())),
-                _ => None,
-            });
-            if let Some(looked) = looked {
-                return Ok(looked);
-            }
-        }
-        Ok(look(&self.end()?.scene))
+    pub fn look<R>(&mut self, mut look: impl FnMut(&Scene) -> R) -> Result<R, Failure> {
+        self.read(|answer| look(answer.scene())).or_else(|_| Ok(look(&self.end()?.scene)))
     }
 
     /// Reads the answer.
@@ -122,6 +140,13 @@ impl State {
             _ => Err(NO_ANSWER),
         })
     }
+}
+
+/// A scene whose edit has ended.
+fn cleared(owner: MutBorrow<Box<Edited>>) -> Box<Edited> {
+    let mut edited = owner.into_inner();
+    edited.draft.clear();
+    edited
 }
 
 /// Sends an edit.
@@ -142,8 +167,7 @@ fn send(edited: &mut Edited, report: Report) -> Result<PendingAnswer<'_, '_>, Fa
             None => edit.set(*index, *b),
         });
     } else if !draft.indices.is_empty() {
-        let indices = Indices::List(&draft.indices);
-        edit = edit.set_all(indices, &draft.boxes);
+        edit = edit.set_all(Indices::List(&draft.indices), &draft.boxes);
     }
     Ok(edit.submit(report)?)
 }

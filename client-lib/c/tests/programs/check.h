@@ -22,14 +22,17 @@
   do {                                                                                             \
     const pm_code expect_got = (call);                                                             \
     if (expect_got != (code)) {                                                                    \
-      fprintf(stderr, "%s:%d: %s is %s, not %s: %s\n", __FILE__, __LINE__, #call,                  \
-              pm_code_name(expect_got), pm_code_name(code), pm_last_error());                      \
+      fprintf(stderr, "%s:%d: %s is %d, not %s: %s\n", __FILE__, __LINE__, #call, expect_got,      \
+              #code, pm_last_error());                                                             \
       exit(1);                                                                                     \
     }                                                                                              \
     if (expect_got != PM_OK) {                                                                     \
       CHECK(pm_last_error()[0] != 0);                                                              \
     }                                                                                              \
   } while (0)
+
+/* The first field of a struct that may grow. */
+#define SIZED(type) .struct_size = sizeof(type)
 
 /* Arguments: a backend by name, the runtime directory, an encoding or "auto". */
 static inline pm_session_options options_of(int argc, char **argv) {

@@ -20,24 +20,22 @@ int main(int argc, char **argv) {
     pm_box *boxes;
     const pm_pair *pairs;
     pm_pair *copy, *end;
-    uint64_t counted;
     size_t count;
     uint32_t head[4];
-    pm_frame_info info = {.struct_size = sizeof info};
+    pm_frame_info info = {SIZED(pm_frame_info)};
 
     EXPECT(PM_OK, pm_session_frame(session, n, &frame, &boxes));
     CHECK(fread(boxes, sizeof *boxes, n, stdin) == n);
     EXPECT(PM_OK, pm_frame_submit(frame, NULL, &pending));
     EXPECT(PM_OK, pm_pending_wait(pending, &mask));
-    EXPECT(PM_OK, pm_mask_count(mask, &counted));
     EXPECT(PM_OK, pm_mask_info(mask, &info));
     CHECK(info.n == n);
 
-    copy = end = malloc((counted + 1) * sizeof *copy);
+    copy = end = malloc((info.pair_count + 1) * sizeof *copy);
     CHECK(copy != NULL);
     EXPECT(PM_OK, pm_mask_for_each(mask, append, &end));
     EXPECT(PM_OK, pm_mask_pairs(mask, &pairs, &count));
-    CHECK(count == counted && (size_t)(end - copy) == count);
+    CHECK(count == info.pair_count && (size_t)(end - copy) == count);
     CHECK(count == 0 || memcmp(pairs, copy, count * sizeof *pairs) == 0);
     free(copy);
 

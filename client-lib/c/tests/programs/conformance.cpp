@@ -3,10 +3,12 @@
 
 #include "check.h"
 
+#include <vector>
+
 int main(int argc, char **argv) {
   const pm_session_options given = options_of(argc, argv);
   pairmask::SessionOptions options;
-  options.backend = static_cast<pairmask::Backend>(given.backend);
+  options.backend = given.backend;
   options.runtime_dir = given.runtime_dir;
   options.encoding = given.encoding;
   auto session = pairmask::Session::connect(options).value();
