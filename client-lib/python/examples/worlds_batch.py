@@ -40,9 +40,6 @@ class Batch:
         outside = np.abs(self.places) > WORLD
         self.speeds[outside] *= -1
         np.clip(self.places, -WORLD, WORLD, out=self.places)
-        return self.touched()
-
-    def touched(self) -> Any:
         frame = self.session.frame(self.worlds * BOXES)
         # Written where it lies: in memory that is shared with the daemon, if one serves.
         boxes = frame.boxes.reshape(self.worlds, BOXES, 6)

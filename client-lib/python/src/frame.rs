@@ -50,18 +50,16 @@ impl PyFrame {
         Self { n: n.len(), is_shared, columns, frame }
     }
 
-    /// A new array over the frame's memory.
-    fn view<const N: usize>(
-        &self,
-        py: Python<'_>,
-        rows: impl FnOnce(&mut AnyFrame) -> Option<&mut [[f32; N]]>,
-    ) -> PyResult<Array> {
-        let array = self.frame.with(py, |frame| {
-            rows(frame).map(|rows| Array::over(rows, Box::new(Arc::clone(&self.frame))))
+    /// A new array of so many columns over the frame's memory.
+    fn view(&self, py: Python<'_>, columns: usize) -> PyResult<Array> {
+        let owner = || Box::new(Arc::clone(&self.frame));
+        let array = self.frame.with(py, |frame| match (frame, columns) {
+            (AnyFrame::Boxes(frame), 6) => Some(Array::over(frame.raw_mut(), owner())),
+            (AnyFrame::Spheres(frame), 4) => Some(Array::over(frame.raw_mut(), owner())),
+            _ => None,
         })?;
-        array.ok_or_else(|| {
-            PyAttributeError::new_err("this frame has no such array: write() fills it")
-        })
+        let text = "this frame has no such array: write() fills it";
+        array.ok_or_else(|| PyAttributeError::new_err(text))
     }
 
     /// The lock of the frame, where no array lies over it.
@@ -87,19 +85,13 @@ impl PyFrame {
     /// are quantized have none.
     #[getter]
     fn boxes(&self, py: Python<'_>) -> PyResult<Array> {
-        self.view(py, |frame| match frame {
-            AnyFrame::Boxes(frame) => Some(frame.raw_mut()),
-            _ => None,
-        })
+        self.view(py, 6)
     }
 
     /// The spheres (n, 4) as a new array over the frame's memory, `x y z radius` a row.
     #[getter]
     fn spheres(&self, py: Python<'_>) -> PyResult<Array> {
-        self.view(py, |frame| match frame {
-            AnyFrame::Spheres(frame) => Some(frame.raw_mut()),
-            _ => None,
-        })
+        self.view(py, 4)
     }
 
     /// Writes every box (n, 6) or sphere (n, 4).

@@ -24,8 +24,6 @@ _PerBox: TypeAlias = ArrayLike | None
 # An index, a range without gaps, or indices or truth values.
 _Indices: TypeAlias = ArrayLike | range
 _Float32: TypeAlias = NDArray[np.float32]
-_Backend: TypeAlias = Literal["auto", "daemon", "in-process"]
-_Engine: TypeAlias = Literal["auto", "cpu-brute", "cpu-sap", "cpu-grid", "cpu-tree", "gpu-brute", "gpu-grid"]
 _Encoding: TypeAlias = Literal["auto", "dense", "sparse", "list"]
 _Report: TypeAlias = Literal["changes", "moved", "all", "nothing"]
 
@@ -33,11 +31,11 @@ _Report: TypeAlias = Literal["changes", "moved", "all", "nothing"]
 class Session:
     def __new__(
         cls,
-        backend: _Backend = "auto",
+        backend: Literal["auto", "daemon", "in-process"] = "auto",
         *,
         instance: str | None = None,
         runtime_dir: str | PathLike[str] | None = None,
-        engine: _Engine = "auto",
+        engine: Literal["auto", "cpu-brute", "cpu-sap", "cpu-grid", "cpu-tree", "gpu-brute", "gpu-grid"] = "auto",
         encoding: _Encoding = "auto",
         threads: int | None = None,
         visit_threads: int | None = None,
@@ -159,7 +157,7 @@ class Rules:
 
 @final
 class SceneEdit:
-    def set(self, indices: _Indices, boxes: _Boxes, margin: float | Sequence[float] | _Float32 | None = None) -> Self: ...
+    def set(self, indices: _Indices, boxes: _Boxes, margin: ArrayLike | None = None) -> Self: ...
     def remove(self, indices: _Indices) -> Self: ...
     def switch(self, indices: _Indices, on: bool) -> Self: ...
     def make_static(self, indices: _Indices, is_static: bool = True) -> Self: ...
