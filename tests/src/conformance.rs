@@ -10,7 +10,7 @@ use pairmask_lab::stress::{FloatFlags, MixedFlags};
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
 use crate::oracle;
-use crate::stress_scenes::{self, Overlaps};
+use crate::stress_scenes;
 use crate::tier;
 
 pub fn best_engine(name: EngineName) -> Box<dyn Engine> {
@@ -85,7 +85,7 @@ pub fn check_engine(engine: &mut dyn Engine, suite: &Suite) -> Result<usize, Str
     let crowded = if engine.name().is_gpu() { &[] } else { stress_scenes::CROWDED };
     for scene in stress_scenes::ALL.iter().chain(crowded) {
         for &n in &suite.sizes {
-            if scene.overlaps() == Overlaps::Quadratic && n > suite.quadratic_limit {
+            if scene.is_quadratic && n > suite.quadratic_limit {
                 continue;
             }
             let boxes = scene.boxes(n, suite.seed);

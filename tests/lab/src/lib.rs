@@ -1,16 +1,7 @@
 //! The laboratory of pairmask: measurements on which choices rest, and stress tests of engines. No
 //! code that serves a client depends on it.
 //!
-//! ```text
-//! study       measurements beside the papers' figures, one folder a question
-//! gpu_stages  engines of the GPU, stage by stage, for the studies
-//! stress      hard scenes, every engine and mode against the oracle
-//! sabotage    engines broken on purpose, to test that the checks notice
-//! processes   children that work at the same time
-//! cli         the binary `pairmask-lab`
-//! ```
-//!
-//! Fields of reports are documented once, in `README.md`.
+//! `README.md` lists the modules, and documents the fields of reports.
 // Not published: a comment stands where a name does not say it all.
 #![allow(missing_docs)]
 

@@ -1,5 +1,4 @@
-//! Client processes that work at the same time: each says lines of JSON, may be told to begin, and ends when its
-//! stdin is closed.
+//! Client processes: each says lines of JSON, may be told to begin, and ends when its stdin is closed.
 
 use std::io::{self, BufRead, BufReader, Write};
 use std::path::PathBuf;

@@ -1,5 +1,4 @@
-//! Engines broken on purpose, to test that `stress` and the auditor notice. Only hidden flags and
-//! tests use them.
+//! Engines broken on purpose, by hidden flags and tests: `stress` and the auditor have to notice.
 
 use pairmask_core::engine::{
     CullError, CullInput, CullReport, Engine, EngineName, HeapReply, ReplyBuffer,
@@ -12,8 +11,7 @@ use pairmask_core::{Aabb, BoxClass};
 pub fn lose_a_pair(words: &mut [u32], report: &mut CullReport) {
     let bits = match &mut report.shape {
         MaskShape::List { pairs } => {
-            // One whose first box has another pair, too, as with words below; the last pair takes its
-            // place.
+            // One whose first box has another pair, too, as with words below; the last one moves there.
             let (start, len) = (pairs.start as usize, pairs.len as usize);
             let list = words.get_mut(start..start + len).unwrap_or_default().as_chunks_mut().0;
             let lost = list.windows(2).rposition(|two: &[[u32; 2]]| two[0][0] == two[1][0]);

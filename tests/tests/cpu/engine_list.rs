@@ -3,7 +3,6 @@
 use pairmask_tests::prelude::*;
 use std::collections::BTreeSet;
 
-
 /// The wire contract names every engine with its number.
 const WIRE: &str = include_str!("../../../client-lib/wire/WIRE.md");
 

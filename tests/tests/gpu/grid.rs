@@ -145,7 +145,7 @@ fn large_scenes_have_the_pairs_of_the_cpu_grid() {
     let crowd = if gpu.gpu().limits().thread_rounds == u32::MAX { 6_000 } else { 3_800 };
     let mut cpu = CpuGrid::new();
     for scene in stress_scenes::ALL {
-        let quadratic = scene.overlaps() == stress_scenes::Overlaps::Quadratic;
+        let quadratic = scene.is_quadratic;
         for n in if quadratic { [3_000, crowd] } else { [10_000, 20_000] } {
             let boxes = scene.boxes(n, 13);
             let (expected, expected_reply) = cull(&mut cpu, &boxes, Encoding::Sparse);

@@ -148,7 +148,7 @@ fn imported_and_staged_memory_give_the_same_bytes() {
     writable.unwrap_or_else(|error| panic!("shared memory must import here: {error}"));
     for n in [2u32, 33, 345, 1234, 4096] {
         for (scene, offset) in stress_scenes::ALL.iter().zip([0, PAGE, 3 * PAGE].iter().cycle()) {
-            if n > 1234 && scene.overlaps() == stress_scenes::Overlaps::Quadratic {
+            if n > 1234 && scene.is_quadratic {
                 continue;
             }
             let scene_boxes = scene.boxes(n, 13);

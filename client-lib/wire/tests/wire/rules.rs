@@ -13,9 +13,9 @@ use pairmask_core::objects::ObjectForm;
 use pairmask_core::precision::BoxForm;
 use pairmask_core::units::BoxCount;
 use pairmask_wire::{
-    CullRequest, Page, Reject, Reply, ReplyError, ReplyFields, Request,
-    RequestHeader, ResponseHeader, RulesLayout, RulesReader, ScenePlace, Section, SectionKind,
-    SentRules, WORLD_RANGE_WORDS, response_ok, world_ranges_in, write_world_ranges,
+    CullRequest, Page, Reject, Reply, ReplyError, ReplyFields, Request, RequestHeader,
+    ResponseHeader, RulesLayout, RulesReader, ScenePlace, Section, SectionKind, SentRules,
+    WORLD_RANGE_WORDS, response_ok, world_ranges_in, write_world_ranges,
 };
 use proptest::prelude::*;
 

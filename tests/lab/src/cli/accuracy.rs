@@ -3,7 +3,6 @@
 use std::time::Duration;
 
 use clap::Args;
-use indicatif::ProgressBar;
 use pairmask_core::dispatch::CullOptions;
 use pairmask_core::{BoxCount, EngineChoice};
 use pairmaskd::cli::options::{CullFlags, DaemonOptions, Place};
@@ -13,13 +12,12 @@ use pairmaskd::cli::whole_number::whole_number;
 use pairmaskd::execute::gpu::{GpuChoice, choose, list_adapters};
 use pairmaskd::scene::SceneName;
 
-use super::studies::Output;
+use super::studies::Study;
 use crate::Result;
 use crate::study::accuracy::measure::{self, Lengths, Subject};
 use crate::study::accuracy::mode::StudyMode;
 use crate::study::accuracy::report::report;
-use crate::study::harness::Report;
-use crate::study::harness::machine::Machine;
+use crate::study::harness::{Report, machine_with};
 
 /// Spin time of both sides. Longer than any pause between two frames, so that no thread sleeps.
 const SPIN: Duration = Duration::from_secs(1);
@@ -72,23 +70,10 @@ pub struct Accuracy {
     /// Seed of the scenes
     #[arg(long, value_parser = whole_number::<u64>, value_name = "N", default_value_t = 1)]
     seed: u64,
-    #[command(flatten)]
-    output: Output,
 }
 
-impl Accuracy {
-    /// Measures every row. `--out` writes accuracy.json, accuracy.csv and report.html.
-    pub fn run(&self, place: &Place) -> Result<()> {
-        let subjects = self.subjects(place);
-        if subjects.is_empty() {
-            return Err("no row: every engine asked for would take too long on every scene".into());
-        }
-        let steps = subjects.len() as u64;
-        let measure = |progress: &ProgressBar| self.measure(&subjects, progress, place);
-        self.output.of(|| progress_bar(steps, "rows"), measure)
-    }
-
-    fn subjects(&self, place: &Place) -> Vec<Subject> {
+impl Study for Accuracy {
+    fn measure(&self, place: &Place) -> Result<Report> {
         let engines = match &self.engines[..] {
             [] => vec![self.options.engine(place)],
             engines => engines.to_vec(),
@@ -105,33 +90,25 @@ impl Accuracy {
             }
         }
         subjects.retain(measure::is_reasonable);
-        subjects
-    }
-
-    fn measure(
-        &self,
-        subjects: &[Subject],
-        progress: &ProgressBar,
-        place: &Place,
-    ) -> Result<Report> {
-        let machine = machine(&self.daemon.gpu(place));
+        if subjects.is_empty() {
+            return Err("no row: every engine asked for would take too long on every scene".into());
+        }
+        let progress = progress_bar(subjects.len() as u64, "rows");
+        let choice = self.daemon.gpu(place);
+        // Listing adapters loads every driver, and some print on stderr: not where no GPU is used.
+        let adapters = if choice == GpuChoice::None { Vec::new() } else { list_adapters() };
+        // The adapter that a daemon of this choice uses.
+        let adapter = choose(&choice, &adapters).and_then(|at| adapters.get(at));
+        let machine = machine_with(adapter);
         let target = Target::new(&self.options, &self.daemon, SPIN, 1, place)?;
         let mut rows = Vec::new();
-        for subject in subjects {
+        for subject in &subjects {
             let builder = self.options.session(place).engine(subject.options.engine);
             let builder = target.session(builder, SPIN).capacity(BoxCount::new(subject.n));
             let memory_bytes = || target.memory_bytes();
             rows.push(measure::row(builder.connect()?, subject, &self.lengths, memory_bytes)?);
             progress.inc(1);
         }
-        Ok(report(&machine, self.seed, &rows))
+        Ok(report(machine, self.seed, &rows))
     }
-}
-
-/// This machine, with the adapter that a daemon of this choice uses.
-fn machine(choice: &GpuChoice) -> Machine {
-    // Listing adapters loads every driver, and some print on stderr: no driver is loaded where no
-    // GPU is used.
-    let adapters = if *choice == GpuChoice::None { Vec::new() } else { list_adapters() };
-    Machine::here(choose(choice, &adapters).and_then(|at| adapters.get(at)))
 }

@@ -13,7 +13,7 @@ use pairmask::{Backend, SessionBuilder};
 use pairmask_core::BoxCount;
 use pairmask_core::spinner::Spinner;
 use pairmaskd::cli::bench::{CpuUsed, Figures, FramesOf, LatencyRow, SEED, Wait, threads_of};
-use pairmaskd::cli::daemon_cpu::{DaemonCpu, Used};
+use pairmaskd::cli::daemon_cpu::DaemonCpu;
 use pairmaskd::cli::machine::Machine;
 use pairmaskd::cli::options::Place;
 use pairmaskd::cli::output::spinner;
@@ -27,19 +27,16 @@ use pairmaskd::scene::{Scene, SceneName};
 use pairmaskd::timed_client::TimedClient;
 use serde::{Deserialize, Serialize};
 
-use super::studies::Output;
+use super::studies::Study;
 use crate::Result;
 use crate::processes::{Daemon, Work, Worker, is_reported_to_begin, report};
-use crate::study::harness::Report;
-use crate::study::harness::document::Part;
-use crate::study::harness::table::{Fields, Table, fields, row};
+use crate::study::harness::{Fields, Part, Report, Table, fields, row};
 
 /// The highest rate, Hz: a frame every 10 µs, which is shorter than any frame.
 const MOST_HERTZ: u32 = 100_000;
 /// The most clients at a time: each is a process, and takes a slot of the daemon.
 const MOST_CLIENTS: u32 = 256;
-/// Share of the measured time by which clients warm up, and the least, ms: 36 frames at 60 Hz, after
-/// which both sides know a client's pace.
+/// Share of the time by which clients warm up, and the least, ms: 36 frames at 60 Hz tell the pace.
 const WARM_UP_SHARE: u32 = 5;
 const LEAST_WARM_UP_MS: u32 = 600;
 /// A daemon counts as idle this long after its last frame: a GPU's clocks are kept up for 0.25 s.
@@ -81,8 +78,6 @@ pub struct Load {
     /// How clients and daemon wait for each other: spin, event, or serve, as they do by themselves
     #[arg(long, value_name = "HOW,..", value_delimiter = ',', default_values_t = [Wait::Serve])]
     wait: Vec<Wait>,
-    #[command(flatten)]
-    output: Output,
 }
 
 /// Frames a second; `None` is a closed loop.
@@ -95,21 +90,21 @@ struct Group {
 }
 
 /// A number from 1 to `most`, in digits alone.
-fn number(text: &str, most: u32) -> Option<NonZeroU32> {
-    whole_number::<NonZeroU32>(text).ok().filter(|n| n.get() <= most && !text.starts_with('+'))
+fn number(text: &str, most: u32, what: &str) -> Result<NonZeroU32, String> {
+    let number = whole_number::<NonZeroU32>(text).ok();
+    let number = number.filter(|n| n.get() <= most && !text.starts_with('+'));
+    number.ok_or_else(|| format!("must be a whole number of {what} from 1 to {most}"))
 }
 
 fn client_count(text: &str) -> Result<u32, String> {
-    let count = number(text, MOST_CLIENTS).map(NonZeroU32::get);
-    count.ok_or_else(|| format!("must be a whole number of clients from 1 to {MOST_CLIENTS}"))
+    number(text, MOST_CLIENTS, "clients").map(NonZeroU32::get)
 }
 
 fn rate(text: &str) -> Result<Rate, String> {
-    let hertz = number(text, MOST_HERTZ);
-    if hertz.is_none() && text != "closed" {
-        return Err(format!("must be a whole number of Hz from 1 to {MOST_HERTZ}, or closed"));
+    if text == "closed" {
+        return Ok(None);
     }
-    Ok(hertz)
+    number(text, MOST_HERTZ, "Hz").map(Some).map_err(|wrong| format!("{wrong}, or closed"))
 }
 
 fn group(text: &str) -> Result<Group, String> {
@@ -157,8 +152,8 @@ struct Paced {
     from_due: Recorder,
 }
 
-impl Load {
-    pub fn run(&self, place: &Place) -> Result<()> {
+impl Study for Load {
+    fn measure(&self, place: &Place) -> Result<Report> {
         let clients = all_of(&self.mix);
         if clients > MOST_CLIENTS {
             let most = format!("leave some out, {MOST_CLIENTS} are the most");
@@ -168,38 +163,40 @@ impl Load {
             Some(path) => vec![u32::try_from(RawBoxes::open(path)?.count()).unwrap_or(u32::MAX)],
             None => self.frames_of.n.clone(),
         };
-        let groups = self.groups(&sizes);
+        // The clients that run together: a mix, or every number of clients of every size.
+        let alike = sizes.iter().flat_map(|n| self.clients.iter().map(|c| (*n, *c)));
+        let groups: Vec<Vec<Group>> = if self.mix.is_empty() {
+            alike.map(|(n, clients)| vec![Group { n, clients }]).collect()
+        } else {
+            vec![self.mix.clone()]
+        };
         let mut runs = Vec::new();
         for rate in &self.rate {
             for groups in &groups {
-                runs.extend(
-                    self.frames_of
-                        .precision
-                        .iter()
-                        .map(|precision| (*rate, &groups[..], *precision)),
-                );
+                let precisions = self.frames_of.precision.iter();
+                runs.extend(precisions.map(|precision| (*rate, &groups[..], *precision)));
             }
         }
-        let measure = |_: &_| {
-            let (mut rows, mut idle) = (Vec::new(), Vec::new());
-            for wait in &self.wait {
-                self.measure((&mut rows, &mut idle), *wait, &runs, place)?;
-            }
-            let machine = Machine::this();
-            let mut report = Report::new("load", vec![Part::heading(1, "Load")]);
-            report.parts.push(Part::text(machine.to_string()));
-            report.value("machine", &machine);
-            report.parts.extend(Part::section("Frames", "", Table::of(&rows).only(COLUMNS)));
-            report.list("rows", &rows);
-            if !idle.is_empty() {
-                report.section("idle", "Clients that send nothing", "", &idle);
-            }
-            Ok(report)
-        };
-        self.output.of(|| spinner("measuring"), measure)
+        let _spinner = spinner("measuring");
+        let (mut rows, mut idle) = (Vec::new(), Vec::new());
+        for wait in &self.wait {
+            self.run((&mut rows, &mut idle), *wait, &runs, place)?;
+        }
+        let machine = Machine::this();
+        let mut report = Report::new("load", vec![Part::heading(1, "Load")]);
+        report.parts.push(Part::text(machine.to_string()));
+        report.value("machine", &machine);
+        report.parts.extend(Part::section("Frames", "", Table::of(&rows).only(COLUMNS)));
+        report.list("rows", &rows);
+        if !idle.is_empty() {
+            report.section("idle", "Clients that send nothing", "", &idle);
+        }
+        Ok(report)
     }
+}
 
-    fn measure(
+impl Load {
+    fn run(
         &self,
         (rows, idle): (&mut Vec<Fields>, &mut Vec<Fields>),
         wait: Wait,
@@ -228,21 +225,59 @@ impl Load {
                 warm_up_ms: warm_up_ms.max(LEAST_WARM_UP_MS),
                 seconds: self.seconds,
             };
-            let is_last = i + 1 == runs.len();
             let cpu = target.cpu();
-            let (clients, [used, idle_used]) =
-                run_together(groups, &settings, &at, cpu.as_ref(), is_last)?;
+            // What the daemon uses of a core; `None` where none serves.
+            let watch = |window: Duration| {
+                let since = cpu.as_ref().map(DaemonCpu::since_now);
+                sleep(window);
+                cpu.as_ref().zip(since).map(|(daemon, since)| daemon.used_since(&since))
+            };
+            let sizes = groups.iter().flat_map(|g| std::iter::repeat_n(g.n, g.clients as usize));
+            let mut clients: Vec<(Worker, Receiver<Option<Said>>)> = Vec::new();
+            for (index, n) in (0..).zip(sizes) {
+                let work = Work::Load(ClientSettings { n, index, ..settings.clone() });
+                let (heard, ears) = channel();
+                // Nobody reads what a client reports after the run.
+                clients.push((at.start(&work, move |said| drop(heard.send(said)))?, ears));
+            }
+            for (_, ears) in &clients {
+                next_report(ears)?;
+            }
+            for (client, _) in &mut clients {
+                client.begin();
+            }
+            sleep(Duration::from_millis(settings.warm_up_ms.into()));
+            let used = watch(Duration::from_secs(settings.seconds.get().into()));
+            let done = |(_, ears): &(Worker, Receiver<Option<Said>>)| {
+                next_report(ears)?.ok_or_else(|| NO_FRAME.into())
+            };
+            let measured = clients.iter().map(done).collect::<Result<Vec<_>>>()?;
             let clients_in_all = all_of(groups);
-            let frames = clients.iter().map(|client| client.figures.frames).sum();
+            if i + 1 == runs.len() {
+                // While the clients stay connected.
+                sleep(SETTLE);
+                idle.extend(watch(IDLE_WINDOW).map(|used| {
+                    let daemon_cpu_percent = used.percent();
+                    row!(wait: wait.to_string(), clients: clients_in_all, daemon_cpu_percent)
+                }));
+            }
+            for (client, _) in &mut clients {
+                client.end();
+            }
+            let frames = measured.iter().map(|client| client.figures.frames).sum();
             let cpu = CpuUsed::of(frames, used, None);
-            idle.extend(idle_used.map(|used| {
-                let daemon_cpu_percent = used.percent();
-                row!(wait: wait.to_string(), clients: clients_in_all, daemon_cpu_percent)
-            }));
-            let mut measured = clients.into_iter();
+            let mut measured = measured.into_iter();
             for Group { n, clients } in *groups {
-                let (sum, worst_client_p50_ns) =
-                    together(measured.by_ref().take(*clients as usize))?;
+                // The figures of all clients of a group as one, and the median round trip of the worst of them.
+                let mut sum = measured.next().ok_or(NO_FRAME)?;
+                let mut worst_client_p50_ns = sum.figures.round_trip_p50();
+                for other in measured.by_ref().take(*clients as usize - 1) {
+                    worst_client_p50_ns = worst_client_p50_ns.max(other.figures.round_trip_p50());
+                    sum.figures.add(&other.figures)?;
+                    sum.frames_per_second += other.frames_per_second;
+                    sum.late_frames += other.late_frames;
+                    sum.from_due.add(&other.from_due);
+                }
                 let latency = LatencyRow::new(*n, *precision, wait, threads, &sum.figures, cpu);
                 let mut row = fields(&latency);
                 row.extend(row!(
@@ -259,67 +294,10 @@ impl Load {
         }
         Ok(())
     }
-
-    /// The clients that run together: a mix, or every number of clients of every size.
-    fn groups(&self, sizes: &[u32]) -> Vec<Vec<Group>> {
-        if !self.mix.is_empty() {
-            return vec![self.mix.clone()];
-        }
-        let alike = |n: &u32| {
-            let group = |clients: &u32| vec![Group { n: *n, clients: *clients }];
-            self.clients.iter().map(group).collect::<Vec<_>>()
-        };
-        sizes.iter().flat_map(alike).collect()
-    }
 }
 
 fn all_of(groups: &[Group]) -> u32 {
     groups.iter().map(|group| group.clients).sum()
-}
-
-/// The frames of clients that run at the same time, in the order of the groups, and what the daemon used of a core
-/// meanwhile, and `with_idle` after their last frame, while they stayed connected; `None` where no daemon serves.
-fn run_together(
-    groups: &[Group],
-    settings: &ClientSettings,
-    at: &Daemon,
-    daemon: Option<&DaemonCpu>,
-    with_idle: bool,
-) -> Result<(Vec<Paced>, [Option<Used>; 2])> {
-    let watch = |window: Duration| {
-        let since = daemon.map(DaemonCpu::since_now);
-        sleep(window);
-        daemon.zip(since).map(|(daemon, since)| daemon.used_since(&since))
-    };
-    let sizes = groups.iter().flat_map(|g| std::iter::repeat_n(g.n, g.clients as usize));
-    let mut clients: Vec<(Worker, Receiver<Option<Said>>)> = Vec::new();
-    for (index, n) in (0..).zip(sizes) {
-        let work = Work::Load(ClientSettings { n, index, ..settings.clone() });
-        let (heard, ears) = channel();
-        // Nobody reads what a client reports after the run.
-        clients.push((at.start(&work, move |said| drop(heard.send(said)))?, ears));
-    }
-    for (_, ears) in &clients {
-        next_report(ears)?;
-    }
-    for (client, _) in &mut clients {
-        client.begin();
-    }
-    sleep(Duration::from_millis(settings.warm_up_ms.into()));
-    let used = watch(Duration::from_secs(settings.seconds.get().into()));
-    let done = |(_, ears): &(Worker, Receiver<Option<Said>>)| {
-        next_report(ears)?.map(|paced| *paced).ok_or_else(|| NO_FRAME.into())
-    };
-    let measured = clients.iter().map(done).collect::<Result<_>>()?;
-    let mut idle = None;
-    if with_idle {
-        sleep(SETTLE);
-        idle = watch(IDLE_WINDOW);
-    }
-    for (client, _) in &mut clients {
-        client.end();
-    }
-    Ok((measured, [used, idle]))
 }
 
 fn next_report(ears: &Receiver<Option<Said>>) -> Result<Option<Box<Paced>>> {
@@ -328,35 +306,19 @@ fn next_report(ears: &Receiver<Option<Said>>) -> Result<Option<Box<Paced>>> {
     said.map_err(|why| format!("a client process failed: {why}").into())
 }
 
-/// The figures of all clients of a group as one, and the median round trip of the worst of them, ns.
-fn together(mut clients: impl Iterator<Item = Paced>) -> Result<(Paced, u64)> {
-    let mut sum = clients.next().ok_or(NO_FRAME)?;
-    let mut worst = sum.figures.round_trip_p50();
-    for other in clients {
-        worst = worst.max(other.figures.round_trip_p50());
-        sum.figures.add(&other.figures)?;
-        sum.frames_per_second += other.frames_per_second;
-        sum.late_frames += other.late_frames;
-        sum.from_due.add(&other.from_due);
-    }
-    Ok((sum, worst))
-}
-
 impl ClientSettings {
     /// Connects, says so, waits for the start, measures, tells the figures, and stays connected until
     /// stdin ends. A failure is told to the parent, which says why the measurement failed.
     pub(crate) fn run(&self, builder: SessionBuilder) {
-        let said: Said = match self.measure(builder) {
-            Ok(Some(paced)) => Ok(Some(Box::new(paced))),
-            Ok(None) => return,
-            Err(error) => Err(error.to_string()),
-        };
-        report(&said);
-        is_reported_to_begin();
+        if let Some(measured) = self.measure(builder).transpose() {
+            let said: Said = measured.map(Some).map_err(|error| error.to_string());
+            report(&said);
+            is_reported_to_begin();
+        }
     }
 
     /// `None` where the parent gave up before the start.
-    fn measure(&self, mut builder: SessionBuilder) -> Result<Option<Paced>> {
+    fn measure(&self, mut builder: SessionBuilder) -> Result<Option<Box<Paced>>> {
         // Names that the parent has written.
         let wait: Wait = self.wait.parse().unwrap_or(Wait::Serve);
         let precision = self.precision.parse().unwrap_or(PrecisionChoice::Exact);
@@ -401,7 +363,13 @@ impl ClientSettings {
             if begins >= until {
                 break;
             }
-            await_time(begins);
+            if let Some(nap) = begins.saturating_duration_since(asked).checked_sub(AWAKE_BEFORE) {
+                sleep(nap);
+            }
+            let mut spinner = Spinner::default();
+            while Instant::now() < begins {
+                spinner.turn();
+            }
             let times = client.frame_decoded(scene.boxes(), &mut decoding, |_| ())?;
             if begins < from {
                 continue;
@@ -419,7 +387,7 @@ impl ClientSettings {
             return Err(NO_FRAME.into());
         }
         let frames_per_second = figures.frames as f64 / elapsed.as_secs_f64();
-        Ok(Some(Paced { figures, frames_per_second, late_frames, from_due }))
+        Ok(Some(Box::new(Paced { figures, frames_per_second, late_frames, from_due })))
     }
 }
 
@@ -428,17 +396,6 @@ impl ClientSettings {
 fn due(frame: u64, hertz: NonZeroU32) -> Duration {
     let ns = u128::from(frame) * 1_000_000_000 / u128::from(hertz.get());
     Duration::from_nanos(u64::try_from(ns).unwrap_or(u64::MAX))
-}
-
-fn await_time(at: Instant) {
-    let left = at.saturating_duration_since(Instant::now());
-    if let Some(nap) = left.checked_sub(AWAKE_BEFORE) {
-        sleep(nap);
-    }
-    let mut spinner = Spinner::default();
-    while Instant::now() < at {
-        spinner.turn();
-    }
 }
 
 #[cfg(test)]

@@ -15,6 +15,7 @@ use pairmaskd::cli::options::Place;
 use pairmaskd::cli::shape::{ALL, Shape, shaped};
 use pairmaskd::cli::{build, output, program, serve};
 
+use self::studies::Measured;
 use crate::processes;
 
 /// Measures and stresses the engines of pairmask.
@@ -46,15 +47,15 @@ Exit status: 0 done; 1 it failed or a check failed; 2 the command line or config
 #[derive(Debug, Subcommand)]
 enum Command {
     Stress(stress::Stress),
-    Accuracy(accuracy::Accuracy),
-    Load(load::Load),
-    Mapping(studies::Mapping),
-    Grid(studies::Grid),
-    GpuScene(studies::GpuSceneBench),
-    Plan(studies::PlanBench),
-    Threads(studies::ThreadsBench),
-    Spheres(studies::Spheres),
-    Papers(studies::Papers),
+    Accuracy(Measured<accuracy::Accuracy>),
+    Load(Measured<load::Load>),
+    Mapping(Measured<studies::Mapping>),
+    Grid(Measured<studies::Grid>),
+    GpuScene(Measured<studies::GpuSceneBench>),
+    Plan(Measured<studies::PlanBench>),
+    Threads(Measured<studies::ThreadsBench>),
+    Spheres(Measured<studies::Spheres>),
+    Papers(Measured<studies::Papers>),
     /// A client process of `load` and `stress`.
     #[command(hide = true)]
     Client {
@@ -99,9 +100,9 @@ fn run(Cli { place, command }: &Cli) -> crate::Result<()> {
         Command::Grid(grid) => grid.run(place),
         Command::GpuScene(scene) => scene.run(place),
         Command::Plan(plan) => plan.run(place),
-        Command::Threads(threads) => threads.run(),
-        Command::Spheres(spheres) => spheres.run(),
-        Command::Papers(papers) => papers.run(),
+        Command::Threads(threads) => threads.run(place),
+        Command::Spheres(spheres) => spheres.run(place),
+        Command::Papers(papers) => papers.run(place),
         Command::Client { job } => Ok(processes::work(job)?),
         Command::Serve(serve) => Ok(serve.run(place, None)?),
     }

@@ -106,7 +106,7 @@ impl Stress {
             sabotage: self.break_engine,
         };
         let time = self.case.is_none().then(|| Duration::from_secs(self.seconds));
-        let cases = Cases { seed: self.case.unwrap_or_else(|| self.seed()), time };
+        let cases = Cases { seed: self.seed(), time };
         let mut subjects = roster.subjects()?;
         let bar = progress_bar(self.seconds, "hard scenes");
         let report = run(&cases, &mut subjects, |count, time| {
@@ -130,15 +130,27 @@ impl Stress {
             let started = PrivateDaemon::start(&std::env::current_exe()?, &settings)?;
             (started.dir(), started.instance(), Some(started))
         };
+        let Wanted { engines, modes, threads } = self.wanted();
+        let (engines, modes) = (engines.join(","), modes.join(","));
+        let replay = format!(
+            "pairmask-lab stress --clients {clients} --seconds {} \
+             --engine {engines} --mode {modes} --threads {threads}{} {}",
+            self.seconds,
+            if self.kills { " --kills" } else { "" },
+            match place.named_instance() {
+                Some(instance) => format!("--instance {instance}"),
+                None => format!("--gpu '{}'", self.options.gpu(place)),
+            }
+        );
         let run = ClientsRun {
             clients,
             daemon: Daemon::new(&dir, &instance, place.isa()),
             with_kills: self.kills,
-            seed: self.case.unwrap_or_else(|| self.seed()),
+            seed: self.seed(),
             case: self.case,
             time: Duration::from_secs(self.seconds),
             wanted: self.wanted(),
-            replay: self.replay(clients, place),
+            replay,
         };
         let bar = progress_bar(self.seconds, "hard scenes");
         let report = run.run(|answers, time| {
@@ -155,29 +167,13 @@ impl Stress {
         Wanted { engines, modes, threads: threads.map_or(1, usize::from) }
     }
 
+    /// The seed of the run or of the one case; by default from the clock.
     fn seed(&self) -> u64 {
-        self.seed.unwrap_or_else(seed_of_the_clock)
+        self.case.or(self.seed).unwrap_or_else(|| {
+            let now = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
+            now.map_or(1, |time| {
+                u64::from(time.subsec_micros()) + 1_000_000 * (time.as_secs() % 1_000)
+            })
+        })
     }
-
-    fn replay(&self, clients: NonZeroU16, place: &Place) -> String {
-        let Wanted { engines, modes, threads } = self.wanted();
-        let (engines, modes) = (engines.join(","), modes.join(","));
-        let mut words = vec![
-            format!("pairmask-lab stress --clients {clients} --seconds {}", self.seconds),
-            format!("--engine {engines} --mode {modes} --threads {threads}"),
-        ];
-        if self.kills {
-            words.push("--kills".to_owned());
-        }
-        match place.named_instance() {
-            Some(instance) => words.push(format!("--instance {instance}")),
-            None => words.push(format!("--gpu '{}'", self.options.gpu(place))),
-        }
-        words.join(" ")
-    }
-}
-
-fn seed_of_the_clock() -> u64 {
-    let now = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
-    now.map_or(1, |time| u64::from(time.subsec_micros()) + 1_000_000 * (time.as_secs() % 1_000))
 }

@@ -4,7 +4,6 @@ use std::num::NonZeroUsize;
 use std::path::PathBuf;
 
 use clap::Args;
-use indicatif::ProgressBar;
 use pairmaskd::cli::options::{DaemonOptions, Place};
 use pairmaskd::cli::output::{make_folder, print_json, print_text, progress_bar, spinner};
 use pairmaskd::cli::whole_number::whole_number;
@@ -13,9 +12,7 @@ use pairmaskd::scene::SceneName;
 
 use crate::Result;
 use crate::gpu_stages::scenes::{Case as SceneCase, Effort, measure as measure_scene};
-use crate::study::harness::Report;
-use crate::study::harness::document::{Part, markdown};
-use crate::study::harness::table::Table;
+use crate::study::harness::{Part, Report, Table, markdown};
 use crate::study::moving::{Motion, World};
 use crate::study::papers::{PapersOptions, STEPS, make};
 use crate::study::spheres::errors::pairs_decided;
@@ -23,8 +20,15 @@ use crate::study::spheres::{self, SphereOptions};
 use crate::study::ways::Case;
 use crate::study::{grid, judge, mapping, threads};
 
+/// A command that measures: what it gives its report for.
+pub trait Study: Args {
+    fn measure(&self, place: &Place) -> Result<Report>;
+}
+
 #[derive(Debug, Args)]
-pub struct Output {
+pub struct Measured<S: Args> {
+    #[command(flatten)]
+    study: S,
     /// Folder for the results as files
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
@@ -36,17 +40,11 @@ pub struct Output {
     csv: bool,
 }
 
-impl Output {
+impl<S: Study> Measured<S> {
     /// Measures, writes the files and prints. The folder is made first, so that a wrong name fails at once.
-    pub fn of(
-        &self,
-        progress: impl FnOnce() -> ProgressBar,
-        measure: impl FnOnce(&ProgressBar) -> Result<Report>,
-    ) -> Result<()> {
+    pub fn run(&self, place: &Place) -> Result<()> {
         make_folder(self.out.as_deref())?;
-        let progress = progress();
-        let report = measure(&progress)?;
-        progress.finish_and_clear();
+        let report = self.study.measure(place)?;
         if let Some(folder) = &self.out {
             report.write(folder)?;
         }
@@ -57,19 +55,8 @@ impl Output {
         } else {
             print_text(markdown(&report.parts).trim_end())?;
         }
-        Ok(())
+        report.fault.map_or(Ok(()), |fault| Err(fault.into()))
     }
-}
-
-#[derive(Debug, Args)]
-struct OnGpu {
-    #[command(flatten)]
-    options: DaemonOptions,
-    /// Small sizes and few runs: seconds, for a look. Times mean little
-    #[arg(long)]
-    quick: bool,
-    #[command(flatten)]
-    output: Output,
 }
 
 /// Error and time of the ways from a pair's number k to the pair (a, b), beside the paper's
@@ -88,14 +75,16 @@ Examples:
   pairmask-lab mapping --gpu software --json")]
 pub struct Mapping {
     #[command(flatten)]
-    on: OnGpu,
+    options: DaemonOptions,
+    /// Small sizes and few runs: seconds, for a look. Times mean little
+    #[arg(long)]
+    quick: bool,
 }
 
-impl Mapping {
-    pub fn run(&self, place: &Place) -> Result<()> {
-        let OnGpu { options, quick, output } = &self.on;
-        let measure = |_: &_| mapping::measure(&options.gpu(place), *quick);
-        output.of(|| spinner("measuring"), measure)
+impl Study for Mapping {
+    fn measure(&self, place: &Place) -> Result<Report> {
+        let _spinner = spinner("measuring");
+        mapping::measure(&self.options.gpu(place), self.quick)
     }
 }
 
@@ -113,18 +102,20 @@ Examples:
   pairmask-lab grid --gpu software --quick --json")]
 pub struct Grid {
     #[command(flatten)]
-    on: OnGpu,
+    options: DaemonOptions,
+    /// Small sizes and few runs: seconds, for a look. Times mean little
+    #[arg(long)]
+    quick: bool,
     /// Numbers of boxes
     #[arg(long, conflicts_with = "quick", value_parser = whole_number::<u32>, value_name = "N,..", value_delimiter = ',', default_values_t = [1_000, 10_000, 100_000, 1_000_000])]
     n: Vec<u32>,
 }
 
-impl Grid {
-    pub fn run(&self, place: &Place) -> Result<()> {
-        let OnGpu { options, quick, output } = &self.on;
-        let counts = if *quick { &[1_000][..] } else { &self.n };
-        let measure = |_: &_| grid::measure(&options.gpu(place), counts, *quick);
-        output.of(|| spinner("measuring"), measure)
+impl Study for Grid {
+    fn measure(&self, place: &Place) -> Result<Report> {
+        let _spinner = spinner("measuring");
+        let counts = if self.quick { &[1_000][..] } else { &self.n };
+        grid::measure(&self.options.gpu(place), counts, self.quick)
     }
 }
 
@@ -159,8 +150,6 @@ pub struct GpuSceneBench {
     motion: Vec<Motion>,
     #[command(flatten)]
     effort: Effort,
-    #[command(flatten)]
-    output: Output,
 }
 
 fn percent(text: &str) -> Result<f64, String> {
@@ -168,39 +157,33 @@ fn percent(text: &str) -> Result<f64, String> {
     percent.ok_or_else(|| "must be a number from 0 to 100, such as 0.1".to_owned())
 }
 
-impl GpuSceneBench {
-    pub fn run(&self, place: &Place) -> Result<()> {
+impl Study for GpuSceneBench {
+    fn measure(&self, place: &Place) -> Result<Report> {
         let choices = self.options.gpus(place).each();
         let gpus = choices.iter().map(|gpu| Gpu::open(gpu, HostImport::IfPossible));
         let gpus = gpus.collect::<Result<Vec<_>, _>>()?;
         if gpus.is_empty() {
             return Err(OpenError::SwitchedOff.into());
         }
-        let measure = |_: &_| {
-            let mut rows = Vec::new();
-            for (scene, n, motion) in self.worlds() {
-                let mut world = World::new(scene, n);
-                for &percent in &self.moving {
-                    for imported in [true, false] {
-                        let effort = self.effort;
-                        let case = SceneCase { scene, n, motion, percent, imported, effort };
-                        rows.push(measure_scene(&gpus, &mut world, &case)?);
-                    }
+        let _spinner = spinner("measuring");
+        let worlds = self.scene.iter().flat_map(|scene| self.n.iter().map(|n| (*scene, *n)));
+        let worlds = worlds.flat_map(|(scene, n)| self.motion.iter().map(move |m| (scene, n, *m)));
+        let mut rows = Vec::new();
+        for (scene, n, motion) in worlds {
+            let mut world = World::new(scene, n as usize);
+            for &percent in &self.moving {
+                for imported in [true, false] {
+                    let case = SceneCase { scene, motion, percent, imported, effort: self.effort };
+                    rows.push(measure_scene(&gpus, &mut world, &case)?);
                 }
             }
-            let names: Vec<_> = gpus.iter().map(|gpu| gpu.info().name.clone()).collect();
-            let mut report = Report::new("gpu-scene", vec![Part::text(names.join(", "))]);
-            report.parts.push(Part::Table(Table::of(&rows)));
-            report.value("gpus", names);
-            report.list("rows", &rows);
-            Ok(report)
-        };
-        self.output.of(|| spinner("measuring"), measure)
-    }
-
-    fn worlds(&self) -> impl Iterator<Item = (SceneName, usize, Motion)> {
-        let cases = self.scene.iter().flat_map(|scene| self.n.iter().map(|n| (*scene, *n)));
-        cases.flat_map(|(scene, n)| self.motion.iter().map(move |m| (scene, n as usize, *m)))
+        }
+        let names: Vec<_> = gpus.iter().map(|gpu| gpu.info().name.clone()).collect();
+        let mut report = Report::new("gpu-scene", vec![Part::text(names.join(", "))]);
+        report.parts.push(Part::Table(Table::of(&rows)));
+        report.value("gpus", names);
+        report.list("rows", &rows);
+        Ok(report)
     }
 }
 
@@ -252,19 +235,14 @@ Examples:
 pub struct PlanBench {
     #[command(flatten)]
     cases: Cases,
-    #[command(flatten)]
-    output: Output,
 }
 
-impl PlanBench {
-    pub fn run(&self, place: &Place) -> Result<()> {
+impl Study for PlanBench {
+    fn measure(&self, place: &Place) -> Result<Report> {
         let not_quadratic = SceneName::ALL.into_iter().filter(|scene| !scene.is_quadratic());
         let cases = self.cases.of(&not_quadratic.collect::<Vec<_>>(), &judge::SIZES);
-        let measure = |progress: &ProgressBar| {
-            let threads = self.cases.threads();
-            judge::measure(&cases, &threads, place.isa(), || progress.inc(1))
-        };
-        self.output.of(|| progress_bar(cases.len() as u64, "measuring"), measure)
+        let progress = progress_bar(cases.len() as u64, "measuring");
+        judge::measure(&cases, &self.cases.threads(), place.isa(), || progress.inc(1))
     }
 }
 
@@ -287,21 +265,16 @@ Examples:
 pub struct ThreadsBench {
     #[command(flatten)]
     cases: Cases,
-    #[command(flatten)]
-    output: Output,
 }
 
-impl ThreadsBench {
-    pub fn run(&self) -> Result<()> {
+impl Study for ThreadsBench {
+    fn measure(&self, _: &Place) -> Result<Report> {
         let mut cases = self.cases.of(&threads::SCENES, &threads::SIZES);
         if self.cases.scene.is_empty() && self.cases.n.is_empty() {
             cases.splice(..0, threads::papers_cases());
         }
-        let steps = threads::STEPS_A_CASE * cases.len() as u64;
-        let measure = |progress: &ProgressBar| {
-            threads::measure(&cases, &self.cases.threads(), || progress.inc(1))
-        };
-        self.output.of(|| progress_bar(steps, "measuring"), measure)
+        let progress = progress_bar(cases.len() as u64, "measuring");
+        threads::measure(&cases, &self.cases.threads(), || progress.inc(1))
     }
 }
 
@@ -327,28 +300,15 @@ pub struct Spheres {
     /// The GPU to measure instead: auto, software, a number of `pairmaskd status`, or part of a name
     #[arg(long, value_name = "GPU")]
     gpu: Option<GpuChoice>,
-    #[command(flatten)]
-    output: Output,
 }
 
-impl Spheres {
-    pub fn run(&self) -> Result<()> {
-        let progress = || match self.options.errors {
+impl Study for Spheres {
+    fn measure(&self, _: &Place) -> Result<Report> {
+        let progress = match self.options.errors {
             Some(pairs) => progress_bar(pairs_decided(pairs), "pairs of spheres"),
             None => spinner("spheres"),
         };
-        let mut is_exact = true;
-        self.output.of(progress, |progress| {
-            let watch = |pairs| progress.inc(pairs);
-            let report = spheres::measure(&self.options, self.gpu.as_ref(), watch)?;
-            is_exact = spheres::is_exact(&report);
-            Ok(report)
-        })?;
-        if is_exact {
-            Ok(())
-        } else {
-            Err("pairs of spheres were decided wrongly: please report this".into())
-        }
+        spheres::measure(&self.options, self.gpu.as_ref(), |pairs| progress.inc(pairs))
     }
 }
 
@@ -368,15 +328,11 @@ Examples:
 pub struct Papers {
     #[command(flatten)]
     options: PapersOptions,
-    #[command(flatten)]
-    output: Output,
 }
 
-impl Papers {
-    pub fn run(&self) -> Result<()> {
-        let measure = |progress: &ProgressBar| {
-            make(&self.options, || progress.inc(1)).map(|page| page.report())
-        };
-        self.output.of(|| progress_bar(STEPS, "studies"), measure)
+impl Study for Papers {
+    fn measure(&self, _: &Place) -> Result<Report> {
+        let progress = progress_bar(STEPS, "studies");
+        make(&self.options, || progress.inc(1)).map(|page| page.report())
     }
 }

@@ -1,5 +1,4 @@
-//! Times of scenes that persist in video memory: an edit by the host's clock, part by part, and its stages
-//! by the GPU's.
+//! Times of scenes that persist in video memory: edits by the host's clock, their stages by the GPU's.
 
 use std::collections::BTreeMap;
 use std::num::NonZeroU32;
@@ -21,8 +20,7 @@ use pairmaskd::scene::{Random, SceneName};
 use super::shared::Segment;
 use super::wrong_pairs;
 use crate::Result;
-use crate::study::harness::table::{Fields, row};
-use crate::study::harness::{median, percentile};
+use crate::study::harness::{Fields, median, percentile, row};
 use crate::study::moving::{Motion, World};
 
 /// Edits that are not counted: memory is taken, layouts are chosen, frames are recorded.
@@ -52,7 +50,6 @@ pub struct Effort {
 #[derive(Clone, Copy, Debug)]
 pub struct Case {
     pub scene: SceneName,
-    pub n: usize,
     pub motion: Motion,
     /// How many of a hundred move in each edit.
     pub percent: f64,
@@ -63,7 +60,7 @@ pub struct Case {
 
 /// Pairs, as a number and a sum of hashes that depends on no order.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) struct PairSum {
+pub(crate) struct PairSum {
     count: u64,
     sum: u64,
 }
@@ -77,7 +74,7 @@ impl PairSum {
         sum
     }
 
-    pub(super) fn add(&mut self, pair: [u32; 2]) {
+    pub(crate) fn add(&mut self, pair: [u32; 2]) {
         self.count += 1;
         self.sum = self.sum.wrapping_add(mixed(pair));
     }
@@ -122,7 +119,8 @@ impl Run {
     ) -> Result<Self> {
         let awake =
             gpus.iter().map(|gpu| Awake::start(gpu, HOLD)).collect::<Result<Vec<_>, _>>()?;
-        let mut segment = Segment::new((case.n * size_of::<Aabb>()).max(1))?;
+        let n = world.boxes().len();
+        let mut segment = Segment::new(size_of_val(world.boxes()).max(1))?;
         let mut tools = Vec::with_capacity(gpus.len());
         for gpu in gpus {
             let imports = SharedImports::default();
@@ -147,9 +145,9 @@ impl Run {
             queries: queries(world.boxes(), case.effort.queries as usize),
             found: Vec::new(),
         };
-        let all: Vec<u32> = (0..case.n as u32).collect();
+        let all: Vec<u32> = (0..n as u32).collect();
         run.edit(&all, world.boxes(), false)?;
-        let moving = (case.n as f64 * case.percent / 100.0).round() as usize;
+        let moving = (n as f64 * case.percent / 100.0).round() as usize;
         for frame in 0..frames + WARM_UP {
             for awake in awake.iter().flatten() {
                 awake.note_frame();
@@ -180,17 +178,17 @@ impl Run {
         let steps = if indices.is_empty() { &[] } else { steps };
         let start = Instant::now();
         let reported = self.scene.edit(Edit { steps }, Report::Changes)?;
-        let took = start.elapsed();
+        let took = us(start.elapsed());
         self.known.take(reported);
         self.scene.acknowledge();
-        Ok((us(took), self.scene.times().clone()))
+        Ok((took, self.scene.times().clone()))
     }
 
     fn ask(&mut self) -> Result<(f64, EditTimes)> {
         let start = Instant::now();
         self.scene.query(&self.queries, QueryTags::None, &mut self.found)?;
-        let took = start.elapsed();
-        Ok((us(took), self.scene.times().clone()))
+        let took = us(start.elapsed());
+        Ok((took, self.scene.times().clone()))
     }
 }
 
@@ -213,9 +211,15 @@ fn stages(times: &[(f64, EditTimes)]) -> BTreeMap<&'static str, f64> {
 pub fn measure(gpus: &[Arc<Gpu>], world: &mut World, case: &Case) -> Result<Fields> {
     let effort = &case.effort;
     let run = Run::new(gpus, world, case, effort.frames.get() as usize, false)?;
+    let n = world.boxes().len();
     if !effort.unchecked {
-        check(run.known, world, case)?;
-        check_queries(world.boxes(), &run.queries, &run.found, case)?;
+        let mut fresh = Scene::new(SceneOptions::default());
+        let sets = Sets { indices: (0..n as u32).into(), boxes: world.boxes() };
+        let all = fresh.edit(Edit { steps: &[Step::Set(sets)] }, Report::All)?;
+        let is_right = PairSum::of(all.pairs()) == run.known;
+        if !(is_right && are_found(world.boxes(), &run.queries, &run.found)) {
+            return Err(wrong_pairs(n as u32, case.scene));
+        }
     }
     let Run { scene, known, edits, asked, queries, found, .. } = run;
     let reported = scene.reported();
@@ -227,7 +231,7 @@ pub fn measure(gpus: &[Arc<Gpu>], world: &mut World, case: &Case) -> Result<Fiel
     };
     Ok(row!(
         scene: case.scene.to_string(),
-        n: case.n,
+        n,
         moving: case.percent / 100.0,
         motion: case.motion.name(),
         imported: case.imported,
@@ -252,21 +256,10 @@ pub fn measure(gpus: &[Arc<Gpu>], world: &mut World, case: &Case) -> Result<Fiel
         ],
         query_pairs: found.len(),
         query_stage_us,
-        video_bytes_a_box: scene.video_bytes() as f64 / case.n.max(1) as f64,
+        video_bytes_a_box: scene.video_bytes() as f64 / n.max(1) as f64,
         stage_us,
         checked: !effort.unchecked,
     ))
-}
-
-fn check(known: PairSum, world: &World, case: &Case) -> Result<()> {
-    let mut fresh = Scene::new(SceneOptions::default());
-    let indices = Indices::from(0..case.n as u32);
-    let steps = [Step::Set(Sets { indices, boxes: world.boxes() })];
-    let reported = fresh.edit(Edit { steps: &steps }, Report::All)?;
-    if PairSum::of(reported.pairs()) == known {
-        return Ok(());
-    }
-    Err(wrong_pairs(case.n as u32, case.scene))
 }
 
 /// Queries among the boxes of a scene: some of them, moved by a third of their size.
@@ -281,20 +274,18 @@ fn queries(boxes: &[Aabb], count: usize) -> Vec<Aabb> {
     (0..count).map(moved).collect()
 }
 
-fn check_queries(boxes: &[Aabb], queries: &[Aabb], found: &[[u32; 2]], case: &Case) -> Result<()> {
+/// Whether the pairs that some queries found are right.
+fn are_found(boxes: &[Aabb], queries: &[Aabb], found: &[[u32; 2]]) -> bool {
     let keys =
         |boxes: &[Aabb]| -> Vec<KeyBox> { boxes.iter().map(|b| KeyBox::classify(b).0).collect() };
     let (boxes, queries) = (keys(boxes), keys(queries));
     let step = (queries.len() / CHECKED_QUERIES).max(1);
-    for (number, query) in queries.iter().enumerate().step_by(step) {
+    queries.iter().enumerate().step_by(step).all(|(number, query)| {
         let start = found.partition_point(|pair| (pair[0] as usize) < number);
         let end = found.partition_point(|pair| pair[0] as usize <= number);
         let overlapped = boxes.iter().enumerate().filter(|(_, b)| b.overlaps(query));
-        if !overlapped.map(|(index, _)| index as u32).eq(found[start..end].iter().map(|p| p[1])) {
-            return Err(wrong_pairs(case.n as u32, case.scene));
-        }
-    }
-    Ok(())
+        overlapped.map(|(index, _)| index as u32).eq(found[start..end].iter().map(|p| p[1]))
+    })
 }
 
 fn us(time: Duration) -> f64 {

@@ -121,12 +121,12 @@ unsafe impl FrameMemory for FrameSegments {
 }
 
 pub(crate) struct Rig<E> {
-    pub(super) engine: E,
+    pub(crate) engine: E,
     pub(crate) memory: FrameSegments,
 }
 
 impl<E: Engine> Rig<E> {
-    pub(super) fn frame(&mut self) -> Result<CullReport, CullError> {
+    pub(crate) fn frame(&mut self) -> Result<CullReport, CullError> {
         let FrameSegments { n, boxes, reply, .. } = &mut self.memory;
         self.engine.cull(&CullInput::boxes(boxes.objects(*n)).encoding(Encoding::Sparse), reply)
     }

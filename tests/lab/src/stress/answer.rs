@@ -114,13 +114,13 @@ fn count(mut pairs: impl Iterator<Item = Pair>) -> (u64, Option<Pair>) {
 impl Case {
     pub fn check(&self, form: Form, answer: &Answer) -> Result<(), Finding> {
         let Answer { pairs, count, census } = answer;
-        let (must, may) = self.allowed(form);
+        let (must, may, expected) = self.allowed(form);
         let compared = compare(pairs, must, may).and_then(|()| match form {
             Form::Mode(usage) => modes::check_gaps(self.in_mode(usage), pairs),
             _ => Ok(()),
         });
         compared.map_err(|found| {
-            let about = found.pair.map(|pair| self.objects(form, pair)).unwrap_or_default();
+            let about = found.pair.and_then(|pair| self.objects(form, pair)).unwrap_or_default();
             Finding { what: format!("{form}: {}{about}", found.what), ..found }
         })?;
         if *count != pairs.len() as u64 {
@@ -128,61 +128,43 @@ impl Case {
             let what = format!("the answer counts {count} pairs, the mask has {decoded}");
             return Err(Finding::other(&what));
         }
-        match self.census(form) {
-            Some(expected) if expected != *census => {
-                Err(Finding::other(&format!("census {census:?}, expected {expected:?}")))
-            }
-            _ => Ok(()),
+        let expected = expected.unwrap_or(*census);
+        if expected != *census {
+            return Err(Finding::other(&format!("census {census:?}, expected {expected:?}")));
         }
+        Ok(())
     }
 
-    pub(super) fn allowed(&self, form: Form) -> (&[Pair], &[Pair]) {
+    /// The pairs that must be in an answer, those that may be, and the census; the oracle counts none of spheres.
+    pub(super) fn allowed(&self, form: Form) -> (&[Pair], &[Pair], Option<Census>) {
         match form {
             Form::Mode(usage) => {
                 let allowed = &self.in_mode(usage).allowed;
-                (&allowed.must.pairs, &allowed.may)
+                (&allowed.must.pairs, &allowed.may, Some(allowed.must.census))
             }
-            Form::Spheres => (&self.spheres().pairs, &self.spheres().pairs),
-            _ => (&self.truth.pairs, &self.truth.pairs),
+            Form::Spheres => (&self.spheres().pairs, &self.spheres().pairs, None),
+            _ => (&self.truth.pairs, &self.truth.pairs, Some(self.truth.census)),
         }
     }
 
-    /// The census of the frame; the oracle counts none of spheres.
-    fn census(&self, form: Form) -> Option<Census> {
-        match form {
-            Form::Mode(usage) => Some(self.in_mode(usage).allowed.must.census),
-            Form::Spheres => None,
-            _ => Some(self.truth.census),
-        }
-    }
-
-    pub(super) fn scene(&self, form: Form) -> (usize, String) {
-        match form {
-            Form::Spheres => (self.spheres().spheres.len(), "spheres".to_owned()),
-            Form::Mode(usage) => (self.in_mode(usage).given.len(), self.recipe.clone()),
-            _ => (self.boxes.len(), self.recipe.clone()),
-        }
-    }
-
-    fn objects(&self, form: Form, [a, b]: Pair) -> String {
+    fn objects(&self, form: Form, [a, b]: Pair) -> Option<String> {
         let (a, b) = (a as usize, b as usize);
         match form {
-            Form::Spheres => match &self.spheres().spheres[..] {
-                all if a.max(b) < all.len() => format!(": {:?} and {:?}", all[a], all[b]),
-                _ => String::new(),
-            },
-            Form::Mode(usage) => match &self.in_mode(usage).sending {
-                Sending::World { boxes, origin } if a.max(b) < boxes.len() => {
-                    format!(": {:?} and {:?} around {origin:?}", boxes[a], boxes[b])
-                }
-                _ => String::new(),
-            },
-            _ => String::new(),
+            Form::Spheres => {
+                let all = &self.spheres().spheres;
+                Some(format!(": {:?} and {:?}", all.get(a)?, all.get(b)?))
+            }
+            Form::Mode(usage) => {
+                let Sending::World { boxes, origin } = &self.in_mode(usage).sending else {
+                    return None;
+                };
+                Some(format!(": {:?} and {:?} around {origin:?}", boxes.get(a)?, boxes.get(b)?))
+            }
+            _ => None,
         }
     }
 
-    /// Why a pair of the case must be in the answer or not. None about spheres, and of a scene, whose boxes
-    /// lie where some edit has put them.
+    /// Why a pair must be in the answer or not. None about spheres and scenes, whose boxes were moved.
     pub(super) fn explain(&self, form: Form, [i, j]: Pair) -> Option<Explanation> {
         match form {
             Form::Boxes => Explanation::of(&self.boxes, i, j).ok(),
@@ -220,11 +202,11 @@ mod tests {
         let has_pairs = |case: &Case| forms().all(|form| case.allowed(form).0.len() > 5);
         let case = (1..1_000).map(Case::new).find(has_pairs).expect("a case with pairs");
         for form in forms() {
-            let must = case.allowed(form).0;
+            let (must, _, census) = case.allowed(form);
             let of = |pairs: Vec<Pair>| Answer {
                 count: pairs.len() as u64,
                 pairs,
-                census: case.census(form).unwrap_or_default(),
+                census: census.unwrap_or_default(),
             };
             let (right, no_object) = (of(must.to_vec()), [u32::MAX - 1, u32::MAX]);
             let mut census = right.census;

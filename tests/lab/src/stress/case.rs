@@ -29,6 +29,7 @@ const LARGE_STREAM: u64 = 0x4c41_5247_4500;
 #[derive(Clone, Debug)]
 pub struct Case {
     pub seed: u64,
+    pub is_large: bool,
     pub recipe: String,
     pub boxes: Vec<Aabb>,
     /// By the oracle, on a thread of the caller's flags.
@@ -40,43 +41,26 @@ pub struct Case {
 
 impl Case {
     pub fn new(seed: u64) -> Self {
-        let mut random = Random::new(seed);
-        let n = box_count(&mut random);
-        let (mut boxes, mut recipe) = compose(n, &mut random);
-        for _ in 0..random.below(4) {
-            let (name, apply) = changes::ALL[random.below(changes::ALL.len() as u64) as usize];
-            apply(&mut boxes, &mut random);
-            // Writing to a string cannot fail.
-            let _ = write!(recipe, ", {name}");
-        }
-        Self::of(seed, boxes, recipe)
+        Self::of_size(seed, false)
     }
 
-    /// A case of thousands of boxes of an ordinary scene: enough work to be large for a daemon. Hard
-    /// scenes of that size have too many pairs for the oracle.
-    pub fn large(seed: u64) -> Self {
-        let mut random = Random::new(seed ^ LARGE_STREAM);
-        let n = LARGE.start + random.below(LARGE.end - LARGE.start);
-        let names: Vec<SceneName> =
-            SceneName::ALL.into_iter().filter(|name| !name.is_quadratic()).collect();
-        let name = names[random.below(names.len() as u64) as usize];
-        let scene = Scene::new(name, n as usize, random.bits());
-        Self::of(seed, scene.boxes().to_vec(), format!("{name}, a large one"))
-    }
-
-    /// A case of these boxes, or of the first of them where they have too many pairs.
-    fn of(seed: u64, mut boxes: Vec<Aabb>, recipe: String) -> Self {
+    /// A case of a seed. A large one has thousands of boxes of an ordinary scene, enough work to be large for a daemon:
+    /// hard scenes of that size have too many pairs for the oracle.
+    pub fn of_size(seed: u64, is_large: bool) -> Self {
+        let (mut boxes, recipe) = if is_large { large_scene(seed) } else { hard_scene(seed) };
         let flags = MixedFlags::of_seed(seed);
-        let mut truth = flags.caller.run(|| truth(&boxes));
-        while truth.pairs.len() > MOST_PAIRS {
+        let mut found = flags.caller.run(|| truth(&boxes));
+        // One of too many pairs has the first of its boxes.
+        while found.pairs.len() > MOST_PAIRS {
             boxes.truncate(boxes.len() / 2);
-            truth = flags.caller.run(|| pairmask_core::oracle::truth(&boxes));
+            found = flags.caller.run(|| truth(&boxes));
         }
         Self {
             seed,
+            is_large,
             recipe,
             boxes,
-            truth,
+            truth: found,
             flags,
             spheres: OnceLock::new(),
             modes: Default::default(),
@@ -96,6 +80,49 @@ impl Case {
     pub fn next_seed(run: &mut Random) -> u64 {
         run.bits() >> (u64::BITS - CASE_SEED_BITS)
     }
+}
+
+fn large_scene(seed: u64) -> (Vec<Aabb>, String) {
+    let mut random = Random::new(seed ^ LARGE_STREAM);
+    let n = LARGE.start + random.below(LARGE.end - LARGE.start);
+    let names: Vec<SceneName> =
+        SceneName::ALL.into_iter().filter(|name| !name.is_quadratic()).collect();
+    let name = names[random.below(names.len() as u64) as usize];
+    let scene = Scene::new(name, n as usize, random.bits());
+    (scene.boxes().to_vec(), format!("{name}, a large one"))
+}
+
+fn hard_scene(seed: u64) -> (Vec<Aabb>, String) {
+    let random = &mut Random::new(seed);
+    let n = box_count(random);
+    let (mut boxes, mut recipe) = match random.below(5) {
+        0 => {
+            let (mut boxes, first) = draw(n / 2, random);
+            let (rest, second) = draw(n - n / 2, random);
+            boxes.extend(rest);
+            (boxes, format!("{first}, then {second}"))
+        }
+        1 => {
+            let ((mut boxes, first), (other, second)) = (draw(n, random), draw(n, random));
+            for (one, another) in boxes.iter_mut().zip(other) {
+                if random.below(3) == 0 {
+                    *one = another;
+                }
+            }
+            (boxes, format!("{first} mixed with {second}"))
+        }
+        _ => {
+            let (boxes, name) = draw(n, random);
+            (boxes, name.to_owned())
+        }
+    };
+    for _ in 0..random.below(4) {
+        let (name, apply) = changes::ALL[random.below(changes::ALL.len() as u64) as usize];
+        apply(&mut boxes, random);
+        // Writing to a string cannot fail.
+        let _ = write!(recipe, ", {name}");
+    }
+    (boxes, recipe)
 }
 
 /// Number of boxes: few, or near a power of two, or near a multiple of the engines' units (strips
@@ -129,30 +156,6 @@ fn draw(n: usize, random: &mut Random) -> (Vec<Aabb>, &'static str) {
     }
     let (name, make) = hard::ALL[which - plain];
     (make(n, random), name)
-}
-
-fn compose(n: usize, random: &mut Random) -> (Vec<Aabb>, String) {
-    match random.below(5) {
-        0 => {
-            let (mut boxes, first) = draw(n / 2, random);
-            let (rest, second) = draw(n - n / 2, random);
-            boxes.extend(rest);
-            (boxes, format!("{first}, then {second}"))
-        }
-        1 => {
-            let ((mut boxes, first), (other, second)) = (draw(n, random), draw(n, random));
-            for (one, another) in boxes.iter_mut().zip(other) {
-                if random.below(3) == 0 {
-                    *one = another;
-                }
-            }
-            (boxes, format!("{first} mixed with {second}"))
-        }
-        _ => {
-            let (boxes, name) = draw(n, random);
-            (boxes, name.to_owned())
-        }
-    }
 }
 
 #[cfg(test)]

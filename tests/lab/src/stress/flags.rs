@@ -1,8 +1,5 @@
-//! Floating-point flags of the threads that take part: games and audio programs set them, threads
-//! inherit them, and no answer may depend on them.
-//!
-//! The caller, the threads of the pool and the writers of boxes are different threads. Each case has
-//! flags for each of them ([`MixedFlags`]).
+//! Floating-point flags of the threads that take part (caller, pool, writers of boxes): games and audio
+//! programs set them, threads inherit them, and no answer may depend on them.
 
 use std::fmt;
 
@@ -58,12 +55,6 @@ impl FloatFlags {
         Self { rounding, ..Self::DEFAULT }
     }
 
-    /// Random flags; the default ones one time in four.
-    fn draw(random: &mut Random) -> Self {
-        let which = random.below(20) as usize;
-        Self::all().nth(which).unwrap_or(Self::DEFAULT)
-    }
-
     #[cfg(target_arch = "x86_64")]
     fn control(self) -> floats::Control {
         let (ftz, daz) = (u32::from(self.flush_to_zero), u32::from(self.denormals_are_zero));
@@ -116,7 +107,8 @@ const STREAM: u64 = 0x464c_4147_5300;
 impl MixedFlags {
     pub fn of_seed(seed: u64) -> Self {
         let mut random = Random::new(seed ^ STREAM);
-        let mut draw = || FloatFlags::draw(&mut random);
+        // The default ones one time in four.
+        let mut draw = || FloatFlags::all().nth(random.below(20) as usize).unwrap_or_default();
         Self {
             caller: draw(),
             pool: std::array::from_fn(|_| draw()),

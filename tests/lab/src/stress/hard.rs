@@ -1,9 +1,6 @@
-//! Scenes for `stress` alone. They are drawn as a whole, so that faces can be placed relative to
-//! other boxes.
-//!
-//! Where [`super::scenes`] draws boxes one by one, these draw a border first (a cell of a grid, a
-//! step of a quantisation, the last bit of a coordinate) and then put faces on it, beside it and
-//! across it.
+//! Scenes for `stress` alone. Where [`super::scenes`] draws boxes one by one, these draw a border first
+//! (a cell of a grid, a step of a quantisation, the last bit of a coordinate) and then put faces on it,
+//! beside it and across it.
 
 use pairmask_core::Aabb;
 use pairmaskd::scene::Random;

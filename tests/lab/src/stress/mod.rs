@@ -23,8 +23,7 @@ mod spheres;
 mod tests;
 mod updates;
 
-pub(crate) use answer::{Answer, Form, Reply};
-pub(crate) use answer::{Finding, compare};
+pub(crate) use answer::{Answer, Finding, Form, Reply, compare};
 pub(crate) use case::Case;
 pub use flags::{FloatFlags, MixedFlags, Rounding};
 pub(crate) use report::{Failure, StressReport};
@@ -68,7 +67,26 @@ pub(crate) fn run(
     // At least one case runs: a run that checks nothing proves nothing.
     loop {
         let case = if time.is_some() { Case::next_seed(&mut seeds) } else { seed };
-        ask(&Case::new(case), subjects, &mut report);
+        let case = &Case::new(case);
+        report.cases += 1;
+        for subject in &mut *subjects {
+            report.answers += 1;
+            let form = subject.form;
+            let compared = (subject.answer)(case).and_then(|reply| match reply {
+                Reply::Pairs(answer) => case.check(form, &answer),
+                Reply::Right => Ok(()),
+                Reply::Declined => {
+                    report.skip(&subject.name);
+                    Ok(())
+                }
+            });
+            if let Err(finding) = compared {
+                let (engine, mode) = (subject.engine, form.mode());
+                let replay = "pairmask-lab stress --case";
+                let replay = format!("{replay} {} --engine {engine} --mode {mode}", case.seed);
+                report.fail(Failure::new(case, form, subject.name.clone(), replay, finding));
+            }
+        }
         watch(report.cases, start.elapsed());
         let is_over = time.is_none_or(|time| start.elapsed() >= time);
         if is_over || report.failures.len() >= MOST_FAILURES {
@@ -77,26 +95,4 @@ pub(crate) fn run(
     }
     report.elapsed_ns = start.elapsed().as_nanos() as u64;
     report
-}
-
-fn ask(case: &Case, subjects: &mut [Subject], report: &mut StressReport) {
-    report.cases += 1;
-    for subject in subjects {
-        report.answers += 1;
-        let form = subject.form;
-        let compared = (subject.answer)(case).and_then(|reply| match reply {
-            Reply::Pairs(answer) => case.check(form, &answer),
-            Reply::Right => Ok(()),
-            Reply::Declined => {
-                report.skip(&subject.name);
-                Ok(())
-            }
-        });
-        if let Err(finding) = compared {
-            let (engine, mode) = (subject.engine, form.mode());
-            let replay = "pairmask-lab stress --case";
-            let replay = format!("{replay} {} --engine {engine} --mode {mode}", case.seed);
-            report.fail(Failure::new(case, form, subject.name.clone(), replay, finding));
-        }
-    }
 }

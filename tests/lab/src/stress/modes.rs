@@ -1,5 +1,4 @@
-//! A case in a precision mode: the boxes that a client would send, the allowed answers to them, and the gap
-//! that an extra pair may have.
+//! A case in a precision mode: the boxes that are sent, the allowed answers, and the gaps of extra pairs.
 
 use std::fmt;
 
@@ -16,8 +15,7 @@ use super::answer::{Finding, absent};
 use super::case::MOST_PAIRS;
 use super::flags::MixedFlags;
 
-/// Most boxes of a mode's scene: each mode has a truth of its own, by two loops, and conversions
-/// work in groups of eight.
+/// Most boxes of a mode's scene: each mode has a truth of its own, by two loops.
 const MOST_BOXES: usize = 1_100;
 
 /// Makes the random numbers of modes independent of those of boxes.
@@ -79,13 +77,11 @@ pub enum Sending {
 
 #[derive(Clone, Debug)]
 pub struct ModeCase {
-    /// The given boxes: the first ones of the case. For a world, the f32 boxes that it was made
-    /// from.
+    /// The first boxes of the case; for a world, the f32 boxes that it was made from.
     pub given: Vec<Aabb>,
     pub sending: Sending,
     pub sent: Vec<Aabb>,
-    /// The first box that is converted differently when each box is written by itself, on threads of
-    /// different floating-point flags.
+    /// The first box that becomes another one when each is written by itself, on threads of all flags.
     pub written_unlike: Option<usize>,
     pub allowed: Allowed,
 }
@@ -116,8 +112,7 @@ impl ModeCase {
                 Sending::World { boxes, origin }
             }
         };
-        // All boxes in one call, and each by itself: the result must not depend on the writing
-        // thread.
+        // All boxes in one call, and each by itself: the result must not depend on the writing thread.
         let n = given.len();
         let (sent, alone, allowed): (Vec<Aabb>, _, _) = match &sending {
             Sending::Narrow(precision) => (
@@ -143,8 +138,7 @@ impl ModeCase {
         Self { given: given.to_vec(), sending, sent, written_unlike, allowed }
     }
 
-    /// Why a pair must be in the answer or not. An explanation begins with f32 boxes: for a world, with
-    /// those that were sent.
+    /// Why a pair must be in the answer or not. It begins with f32 boxes: for a world, with those sent.
     pub(super) fn explain(&self, i: u32, j: u32) -> Option<Explanation> {
         let (given, sent) = match &self.sending {
             Sending::Narrow(precision) => (&self.given, SentBoxes::narrow(precision, &self.sent)),
@@ -152,17 +146,6 @@ impl ModeCase {
             Sending::World { .. } => (&self.sent, SentBoxes::relative(&self.sent)),
         };
         Explanation::of_sent(given, &sent, i, j).ok()
-    }
-
-    /// The gap that the mode states: the largest on an axis, given where one box ends and the other starts.
-    fn stated_gap(&self, axis: usize, ends: f64, starts: f64) -> f64 {
-        match &self.sending {
-            Sending::Narrow(precision) => precision.widening().gap_limit(axis, ends, starts),
-            Sending::Inflated(margin) => margin.gap_limit(&Widening::None, axis, ends, starts),
-            Sending::World { origin, .. } => {
-                Widening::Origin(*origin).gap_limit(axis, ends, starts)
-            }
-        }
     }
 
     fn faces(&self, index: u32) -> Faces {
@@ -206,8 +189,7 @@ fn margin(boxes: &[Aabb], random: &mut Random) -> Margin {
     Margin::new(edge * scale).unwrap_or_default()
 }
 
-/// The boxes in f64, moved away by up to 2^40 times the scene's extent, some faces by one step of f64
-/// more, and an origin near the middle of them.
+/// The boxes in f64, up to 2^40 extents away, some faces one step of f64 more, and an origin among them.
 fn world(boxes: &[Aabb], random: &mut Random) -> (Vec<Faces>, [f64; 3]) {
     let around = Bounds::around(boxes);
     let (low, high) = (around.low().map(f64::from), around.high().map(f64::from));
@@ -234,18 +216,10 @@ fn world(boxes: &[Aabb], random: &mut Random) -> (Vec<Faces>, [f64; 3]) {
     (faces, origin)
 }
 
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct TooFar {
-    pair: Pair,
-    axis: usize,
-    gap: f64,
-    stated: f64,
-}
-
 /// Compares the gaps of extra pairs of an answer with the one that the mode states, without rounding.
 pub(super) fn check_gaps(case: &ModeCase, got: &[Pair]) -> Result<(), Finding> {
     let far = too_far(case, got, 1.0);
-    let Some(&TooFar { pair, axis, gap, stated }) = far.first() else { return Ok(()) };
+    let Some(&(pair, axis, gap, stated)) = far.first() else { return Ok(()) };
     let what = format!(
         "pair {pair:?} has a gap of {gap:e} on axis {axis}, and the mode states {stated:e} at most"
     );
@@ -253,8 +227,8 @@ pub(super) fn check_gaps(case: &ModeCase, got: &[Pair]) -> Result<(), Finding> {
 }
 
 /// The extra pairs that are farther apart than a share of what is stated, each with the first axis on which
-/// it is.
-fn too_far(case: &ModeCase, got: &[Pair], share: f64) -> Vec<TooFar> {
+/// it is, the gap there, and what is stated.
+fn too_far(case: &ModeCase, got: &[Pair], share: f64) -> Vec<(Pair, usize, f64, f64)> {
     let far = |pair: Pair| {
         let (a, b) = (case.faces(pair[0]), case.faces(pair[1]));
         (0..3).find_map(|axis| {
@@ -263,9 +237,21 @@ fn too_far(case: &ModeCase, got: &[Pair], share: f64) -> Vec<TooFar> {
             if starts <= ends {
                 return None;
             }
-            let stated = share * case.stated_gap(axis, ends, starts);
+            // The largest gap on an axis, given where one box ends and the other starts.
+            let stated = share
+                * match &case.sending {
+                    Sending::Narrow(precision) => {
+                        precision.widening().gap_limit(axis, ends, starts)
+                    }
+                    Sending::Inflated(margin) => {
+                        margin.gap_limit(&Widening::None, axis, ends, starts)
+                    }
+                    Sending::World { origin, .. } => {
+                        Widening::Origin(*origin).gap_limit(axis, ends, starts)
+                    }
+                };
             let is_within = difference_is_at_most(starts, ends, stated);
-            (!is_within).then_some(TooFar { pair, axis, gap: starts - ends, stated })
+            (!is_within).then_some((pair, axis, starts - ends, stated))
         })
     };
     absent(got, &case.allowed.must.pairs).filter_map(far).collect()
@@ -280,13 +266,9 @@ pub(super) fn difference_is_at_most(x: f64, y: f64, limit: f64) -> bool {
     if difference != limit || difference.is_infinite() {
         return difference < limit;
     }
-    rounded_off(x, -y, difference) <= 0.0
-}
-
-/// What rounding took off the sum of two numbers (two-sum, Knuth): x + y − `sum`.
-fn rounded_off(x: f64, y: f64, sum: f64) -> f64 {
-    let virtual_y = sum - x;
-    (x - (sum - virtual_y)) + (y - virtual_y)
+    // What rounding took off x + (−y) (two-sum, Knuth).
+    let virtual_y = difference - x;
+    (x - (difference - virtual_y)) + (-y - virtual_y) <= 0.0
 }
 
 #[cfg(test)]

@@ -48,14 +48,18 @@ pub struct Failure {
 
 impl Failure {
     pub fn new(case: &Case, form: Form, subject: String, replay: String, found: Finding) -> Self {
-        let (boxes, scene) = case.scene(form);
+        let (boxes, scene) = match form {
+            Form::Spheres => (case.spheres().spheres.len(), "spheres"),
+            Form::Mode(usage) => (case.in_mode(usage).given.len(), &case.recipe[..]),
+            _ => (case.boxes.len(), &case.recipe[..]),
+        };
         Self {
             case: case.seed,
             subject,
             mode: form.mode(),
             replay,
             boxes: boxes as u64,
-            scene,
+            scene: scene.to_owned(),
             flags: case.flags.to_string(),
             explain: found.pair.and_then(|pair| case.explain(form, pair)),
             found,
@@ -129,12 +133,9 @@ impl fmt::Display for StressReport {
 
 impl fmt::Display for Failure {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        writeln!(f, "WRONG: {}", self.subject)?;
-        writeln!(f, "  {}", self.found.what)?;
-        writeln!(f, "  mode {}", self.mode)?;
-        writeln!(f, "  {} boxes: {}", self.boxes, self.scene)?;
-        writeln!(f, "  floating-point flags: {}", self.flags)?;
-        writeln!(f, "  again: {}", self.replay)?;
+        let Self { subject, mode, boxes, scene, flags, replay, found, .. } = self;
+        writeln!(f, "WRONG: {subject}\n  {}\n  mode {mode}\n  {boxes} boxes: {scene}", found.what)?;
+        writeln!(f, "  floating-point flags: {flags}\n  again: {replay}")?;
         if let Some(explain) = &self.explain {
             writeln!(f)?;
             for line in explain.to_string().lines() {

@@ -8,7 +8,7 @@ use pairmask_core::engine::{
 };
 use pairmask_core::oracle::check::{Mismatch, check_frame};
 use pairmask_core::oracle::naive_decoder::decode;
-use pairmask_core::sphere::SphereAllPairs;
+use pairmask_core::sphere::{Sphere, SphereAllPairs};
 use pairmask_core::{Aabb, Encoding, EncodingChoice};
 use pairmaskd::execute::gpu::{
     AllPairs, AllPairsOptions, Gpu, GpuChoice, GpuError, Grid, GridOptions, HostImport,
@@ -19,11 +19,12 @@ use serde::{Deserialize, Serialize};
 use super::Subject;
 use super::answer::{Answer, Finding, Form, Reply};
 use super::case::Case;
-use super::modes::{ModeCase, Sending, Usage};
+use super::modes::{Sending, Usage};
 use super::updates::updates;
 use crate::Result;
 use crate::sabotage::{Sabotage, Spoiler, lose_a_pair, shrink};
 use crate::study::harness::open_if_any;
+use crate::study::ways::distinct;
 
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Wanted {
@@ -66,21 +67,19 @@ pub struct Roster {
 /// 512 rows, the fewest that a band may have, of up to 8,192 boxes, more than any case has.
 const SMALL_MATRIX_BYTES: u64 = 512 * (8_192 / 32) * 4;
 
-/// Pattern that fills the second grid's new video memory: a word that no stage wrote must not reach
-/// an answer.
+/// Fills the second grid's new video memory: a word that no stage wrote must not reach an answer.
 const POISON: u32 = 0xa5a5_a5a5;
 
 impl Roster {
     pub fn subjects(&self) -> Result<Vec<Subject>> {
-        let mut pools = vec![pool(1)?];
-        if self.wanted.threads > 1 {
-            pools.push(pool(self.wanted.threads)?);
+        let mut pools = Vec::new();
+        for threads in distinct(vec![1, self.wanted.threads.max(1)]) {
+            pools.push(Arc::new(ThreadPoolBuilder::new().num_threads(threads).build()?));
         }
         let is_broken = self.sabotage == Some(Sabotage::Lossy);
         let mut subjects: Vec<Subject> = Vec::new();
         for name in EngineName::CPU {
-            let isas = || Isa::ALL.into_iter().filter(|isa| isa.is_available());
-            for isa in isas() {
+            for isa in Isa::ALL.into_iter().filter(|isa| isa.is_available()) {
                 let engine = || cpu_engine(name, isa);
                 // Masks do not depend on modes: those are asked with the widest instruction set alone.
                 let is_best = isa == Isa::best();
@@ -143,20 +142,31 @@ impl Roster {
         subjects: &mut Vec<Subject>,
         pool: &Arc<ThreadPool>,
     ) -> Result<(), CullError> {
-        let mut ways: Vec<(String, Culls)> = Vec::new();
+        let mut ways: Vec<(String, Box<CullsSpheres>)> = Vec::new();
         for encoding in Encoding::ALL {
             for isa in Isa::ALL.into_iter().filter(|isa| isa.is_available()) {
-                let all_pairs = Culls::AllPairs(SphereAllPairs::with_isa(isa)?);
-                ways.push((format!("spheres all pairs {isa}"), all_pairs));
+                let mut all_pairs = SphereAllPairs::with_isa(isa)?;
+                let way: Box<CullsSpheres> = Box::new(move |spheres, encoding, threads, reply| {
+                    let input = CullInput::spheres(spheres).encoding(encoding).threads(threads);
+                    all_pairs.cull(&input, reply)
+                });
+                ways.push((format!("spheres all pairs {isa}"), way));
             }
             // `cpu-brute` is all pairs, as above.
             let others = EngineName::CPU.into_iter().filter(|name| *name != EngineName::CpuBrute);
-            for choice in others.map(EngineChoice::Only).chain([EngineChoice::Auto]) {
-                let through = Culls::Through(choice, Box::default());
-                ways.push((format!("spheres through {choice}"), through));
+            for engine in others.map(EngineChoice::Only).chain([EngineChoice::Auto]) {
+                let mut engines = SphereEngines::new();
+                let way: Box<CullsSpheres> = Box::new(move |spheres, encoding, threads, reply| {
+                    let (encoding, threads) = (EncodingChoice::Only(encoding), Some(threads));
+                    let options =
+                        CullOptions { engine, encoding, threads, ..CullOptions::default() };
+                    engines.cull(spheres, &options, reply).map(|answer| answer.report)
+                });
+                ways.push((format!("spheres through {engine}"), way));
             }
             for (label, way) in ways.drain(..) {
-                let is_broken = self.sabotage == Some(Sabotage::Lossy);
+                let (way, is_broken) =
+                    (Culls::Spheres(way), self.sabotage == Some(Sabotage::Lossy));
                 subjects.push(way.subject(&label, Form::Spheres, encoding, pool, is_broken));
             }
         }
@@ -187,31 +197,22 @@ impl Roster {
                     (true, _) => ", poisoned memory",
                 };
                 let variant = format!("on {device}{variant}");
-                let engine = || gpu_engine(&gpu, name, is_harder);
+                let engine = || -> Result<Box<dyn Engine>, GpuError> {
+                    Ok(if name == EngineName::GpuBrute {
+                        let matrix_bytes = is_harder.then_some(SMALL_MATRIX_BYTES);
+                        let options = AllPairsOptions { matrix_bytes, ..Default::default() };
+                        Box::new(AllPairs::new(&gpu, options)?)
+                    } else {
+                        let poison = is_harder.then_some(POISON);
+                        let options = GridOptions { poison, ..GridOptions::default() };
+                        Box::new(Grid::new(&gpu, &options)?)
+                    })
+                };
                 self.add(subjects, name, &variant, !is_harder, pools, engine)?;
             }
         }
         Ok(())
     }
-}
-
-fn gpu_engine(
-    gpu: &Arc<Gpu>,
-    name: EngineName,
-    is_harder: bool,
-) -> Result<Box<dyn Engine>, GpuError> {
-    Ok(if name == EngineName::GpuBrute {
-        let matrix_bytes = is_harder.then_some(SMALL_MATRIX_BYTES);
-        let options = AllPairsOptions { matrix_bytes, ..AllPairsOptions::default() };
-        Box::new(AllPairs::new(gpu, options)?)
-    } else {
-        let poison = is_harder.then_some(POISON);
-        Box::new(Grid::new(gpu, &GridOptions { poison, ..GridOptions::default() })?)
-    })
-}
-
-fn pool(threads: usize) -> Result<Arc<ThreadPool>> {
-    Ok(Arc::new(ThreadPoolBuilder::new().num_threads(threads).build()?))
 }
 
 fn threads_of(pool: &ThreadPool) -> String {
@@ -223,10 +224,12 @@ fn threads_of(pool: &ThreadPool) -> String {
 
 pub enum Culls {
     Boxes(Box<dyn Engine>),
-    AllPairs(SphereAllPairs),
-    /// Spheres through the engine that a frame's options name.
-    Through(EngineChoice, Box<SphereEngines>),
+    /// Spheres, in an encoding, by so many threads.
+    Spheres(Box<CullsSpheres>),
 }
+
+type CullsSpheres =
+    dyn FnMut(&[Sphere], Encoding, usize, &mut HeapReply) -> Result<CullReport, CullError> + Send;
 
 impl Culls {
     /// Asked in a form, answers in an encoding; `label` tells it from others. With `is_broken` spheres lose a pair,
@@ -242,7 +245,7 @@ impl Culls {
         let name = format!("{label}, {form}, {encoding}, {}", threads_of(pool));
         let engine = match &self {
             Self::Boxes(engine) => engine.name().as_str(),
-            _ => "spheres",
+            Self::Spheres(_) => "spheres",
         };
         let (pool, reply) = (Arc::clone(pool), HeapReply::new());
         let mut culler = Culler { culls: self, form, encoding, pool, reply, is_broken };
@@ -263,26 +266,16 @@ impl Culler {
     fn cull(&mut self, case: &Case, boxes: &[Aabb]) -> Result<Reply, Finding> {
         let Self { culls, encoding, pool, reply, .. } = self;
         let (encoding, threads) = (*encoding, pool.current_num_threads());
-        let spheres = || &case.spheres().spheres[..];
-        let n = match culls {
-            Culls::Boxes(_) => boxes.len(),
-            _ => spheres().len(),
+        let (n, spheres) = match culls {
+            Culls::Boxes(_) => (boxes.len(), &[][..]),
+            Culls::Spheres(_) => (case.spheres().spheres.len(), &case.spheres().spheres[..]),
         };
         let report = case.flags.install(pool, || match culls {
             Culls::Boxes(engine) => {
                 let input = CullInput::boxes(boxes).encoding(encoding).threads(threads);
                 engine.cull(&input, reply)
             }
-            Culls::AllPairs(engine) => {
-                let input = CullInput::spheres(spheres()).encoding(encoding).threads(threads);
-                engine.cull(&input, reply)
-            }
-            Culls::Through(engine, engines) => {
-                let encoding = EncodingChoice::Only(encoding);
-                let (engine, threads) = (*engine, Some(threads));
-                let options = CullOptions { engine, encoding, threads, ..CullOptions::default() };
-                engines.cull(spheres(), &options, reply).map(|answer| answer.report)
-            }
+            Culls::Spheres(cull) => cull(spheres, encoding, threads, reply),
         });
         let mut report: CullReport = match report {
             Err(CullError::TooCrowded { .. }) => return Ok(Reply::Declined),
@@ -328,16 +321,12 @@ impl Culler {
             let what = format!("box {index} becomes another one when it is written by itself");
             return Err(Finding::other(&what));
         }
-        let inward = self.is_broken.then(|| rounded_inward(sent));
+        // Broken, faces are rounded inward instead of outward.
+        let inward = self.is_broken.then(|| {
+            let is_inflated = matches!(sent.sending, Sending::Inflated(_));
+            let boxes = if is_inflated { &sent.given } else { &sent.sent };
+            boxes.iter().map(shrink).collect::<Vec<Aabb>>()
+        });
         self.cull(case, inward.as_deref().unwrap_or(&sent.sent))
     }
-}
-
-/// The boxes to send with faces rounded inward instead of outward.
-fn rounded_inward(case: &ModeCase) -> Vec<Aabb> {
-    let boxes = match case.sending {
-        Sending::Inflated(_) => &case.given,
-        Sending::Narrow(_) | Sending::World { .. } => &case.sent,
-    };
-    boxes.iter().map(shrink).collect()
 }

@@ -1,8 +1,5 @@
-//! Seeded scenes that provoke wrong answers: extreme floats, borders and box classes.
-//!
-//! Speed is measured on other scenes. Every scene here takes any number of boxes, gives the same
-//! boxes for the same seed on every machine, and uses only operations that round alike on all
-//! machines.
+//! Seeded scenes that provoke wrong answers: extreme floats, borders and box classes. Each takes any
+//! number of boxes, and uses only operations that round alike on all machines.
 
 use std::fmt;
 
@@ -12,25 +9,14 @@ use pairmaskd::scene::Random;
 #[derive(Clone, Copy)]
 pub struct StressScene {
     name: &'static str,
-    overlaps: Overlaps,
+    /// Whether a fixed share of all pairs overlaps; else about as many as there are boxes.
+    pub is_quadratic: bool,
     make: fn(u32, u32, &mut Rng) -> Aabb,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Overlaps {
-    /// About as many pairs as boxes.
-    Few,
-    /// A fixed share of all pairs.
-    Quadratic,
 }
 
 impl StressScene {
     pub fn name(&self) -> &'static str {
         self.name
-    }
-
-    pub fn overlaps(&self) -> Overlaps {
-        self.overlaps
     }
 
     /// `n` boxes; the same for the same seed.
@@ -78,20 +64,17 @@ impl Rng {
 
 /// Stress scenes. Each makes box `i` of `n`.
 pub const ALL: &[StressScene] = &[
-    scene("identical", Overlaps::Quadratic, |_, _, _| {
-        Aabb::from([-1.5, 0.25, 3.0, -1.25, 0.5, 4.0])
-    }),
+    quadratic("identical", |_, _, _| Aabb::from([-1.5, 0.25, 3.0, -1.25, 0.5, 4.0])),
     // Unit cubes of a cubic lattice: every face, edge and corner touches.
-    scene("lattice", Overlaps::Few, |i, n, _| {
+    few("lattice", |i, n, _| {
         let side = (1..1625u32).find(|s| s.pow(3) >= n).unwrap_or(1625);
         let at = [i % side, i / side % side, i / side / side];
         boxed(at.map(|x| x as f32 - 2.0), [1.0; 3])
     }),
-    scene("empty mixed in", Overlaps::Few, empty_mixed_in),
-    scene("all empty", Overlaps::Few, |_, _, _| Aabb::EMPTY),
-    // One NaN, of either sign and either kind, that walks through the six slots; one box in seven has
-    // none.
-    scene("nan in each slot", Overlaps::Few, |i, n, rng| {
+    few("empty mixed in", empty_mixed_in),
+    few("all empty", |_, _, _| Aabb::EMPTY),
+    // One NaN, of either sign and kind, that walks through the six slots; one box in seven has none.
+    few("nan in each slot", |i, n, rng| {
         let mut slots = <[f32; 6]>::from(empty_mixed_in(i, n, rng));
         let payload =
             [0x7fc0_0000, 0xffc0_0000, 0x7f80_0001, 0xff80_0001, 0x7fff_ffff, 0xffff_ffff];
@@ -100,7 +83,7 @@ pub const ALL: &[StressScene] = &[
         }
         Aabb::from(slots)
     }),
-    scene("infinite", Overlaps::Quadratic, |i, n, rng| {
+    quadratic("infinite", |i, n, rng| {
         let mut b = uniform(i, n, rng);
         for axis in 0..3 {
             match rng.below(6) {
@@ -114,23 +97,23 @@ pub const ALL: &[StressScene] = &[
         b
     }),
     // Faces at +0 and −0, in either order: a box from +0 to −0 is a point, not empty.
-    scene("signed zeroes", Overlaps::Quadratic, |_, _, rng| {
+    quadratic("signed zeroes", |_, _, rng| {
         let min = pick([0.0, -0.0, -1.0, 0.0, -0.0, 1e-45], rng);
         let max = pick([0.0, -0.0, 1.0, 0.0, -0.0, -1e-45], rng);
         Aabb { min, max }
     }),
     // Subnormal faces that touch or leave a gap of one subnormal.
-    scene("subnormals", Overlaps::Quadratic, |_, _, rng| {
+    quadratic("subnormals", |_, _, rng| {
         let face = |rng: &mut Rng| f32::from_bits(rng.below(9) | rng.below(2) << 31);
         let (a, b) = (std::array::from_fn(|_| face(rng)), std::array::from_fn(|_| face(rng)));
         either_order(a, b)
     }),
-    scene("huge", Overlaps::Quadratic, |_, _, rng| {
+    quadratic("huge", |_, _, rng| {
         let faces = [-3e38, 3e38, f32::MIN, f32::MAX, -2.9e38, 2.9e38, 0.0, 1.0];
         either_order(pick(faces, rng), pick(faces, rng))
     }),
     // Faces one unit in the last place apart, around powers of two, where the unit changes.
-    scene("ulp-adjacent faces", Overlaps::Quadratic, |_, _, rng| {
+    quadratic("ulp-adjacent faces", |_, _, rng| {
         let face = |rng: &mut Rng| {
             let at = [1.0f32, 2.0, -1.0, 1024.0, -0.5][rng.below(5) as usize];
             f32::from_bits(at.to_bits() + rng.below(5) - 2)
@@ -138,53 +121,50 @@ pub const ALL: &[StressScene] = &[
         let (a, b) = (std::array::from_fn(|_| face(rng)), std::array::from_fn(|_| face(rng)));
         either_order(a, b)
     }),
-    scene("zero thickness", Overlaps::Quadratic, |_, _, rng| {
+    quadratic("zero thickness", |_, _, rng| {
         let corner = [rng.below(4), rng.below(4), rng.below(4)].map(|x| x as f32 * 0.1);
         let mut size = [0.1 * rng.below(3) as f32, 0.1, 0.1];
         size[rng.below(3) as usize] = 0.0;
         boxed(corner, size)
     }),
-    scene("random bits", Overlaps::Quadratic, random_bits),
+    quadratic("random bits", random_bits),
     // Random bits with the faces in order, so that most boxes are solid.
-    scene("random key order", Overlaps::Quadratic, |i, n, rng| {
+    quadratic("random key order", |i, n, rng| {
         let b = random_bits(i, n, rng);
         either_order(b.min, b.max)
     }),
-    scene("uniform", Overlaps::Few, uniform),
-    scene("clustered", Overlaps::Quadratic, |_, n, rng| {
+    few("uniform", uniform),
+    quadratic("clustered", |_, n, rng| {
         let center = [rng.below(3), rng.below(2), rng.below(5)].map(|x| 40.0 * x as f32 - 60.0);
         let (p, q) = (rng.point(), rng.point());
         let size = 4.0 * inverse_cube_root_of_half(n);
         boxed(std::array::from_fn(|axis| center[axis] + 4.0 * (p[axis] + q[axis])), [size; 3])
     }),
     // A plane world: every box has the same height.
-    scene("flat", Overlaps::Few, |_, n, rng| {
+    few("flat", |_, n, rng| {
         let p = rng.point();
-        let mut edge = 1.0f32;
-        while edge * edge * n as f32 > 2.0 {
-            edge *= 0.9375;
-        }
+        let edge = shrunk_until(|edge| edge * edge * n as f32 <= 2.0);
         boxed([100.0 * p[0], 100.0 * p[1], 5.0], [50.0 * edge, 50.0 * edge, 1.0])
     }),
     // Edges from 2^−20 to 1 of the scene.
-    scene("sizes over 20 octaves", Overlaps::Quadratic, |_, _, rng| {
+    quadratic("sizes over 20 octaves", |_, _, rng| {
         let octave = f32::from_bits((127 - rng.below(21)) << 23);
         boxed(rng.point(), rng.point().map(|x| octave * x))
     }),
     // Small boxes on one box that is wider than all of them together, and infinite in depth.
-    scene("ground plane", Overlaps::Few, |i, n, rng| {
+    few("ground plane", |i, n, rng| {
         if i == n / 2 {
             return Aabb { min: [-1e9, -1e9, f32::NEG_INFINITY], max: [1e9, 1e9, 0.0] };
         }
         uniform(i, n, rng)
     }),
     // Coordinates near 2^24, where one unit in the last place is 1 or 2.
-    scene("far from the origin", Overlaps::Quadratic, |_, _, rng| {
+    quadratic("far from the origin", |_, _, rng| {
         let corner = rng.point().map(|x| 16_777_216.0 + 16.0 * (x - 0.5));
         boxed(corner, pick([0.0, 0.5, 1.0, 3.0], rng))
     }),
     // Among ordinary boxes a finite half-space, and one in fifty that was flung away, to either side.
-    scene("outliers", Overlaps::Few, |i, n, rng| {
+    few("outliers", |i, n, rng| {
         let (b, at) = (uniform(i, n, rng), rng.point());
         let half = f32::MAX / 2.0;
         match i % 50 {
@@ -194,7 +174,7 @@ pub const ALL: &[StressScene] = &[
         }
     }),
     // Few boxes in each of many places, so far from one another that no table has cells for what lies between.
-    scene("clusters far apart", Overlaps::Few, |_, n, rng| {
+    few("clusters far apart", |_, n, rng| {
         let at = rng.below(n / 16 + 1);
         let place = [at, at.wrapping_mul(0x9e37), at.wrapping_mul(0x85eb_ca6b)];
         let corner = place.map(|x| (x % 1_024) as f32 * 16_384.0 - 8_388_608.0);
@@ -207,7 +187,7 @@ pub const ALL: &[StressScene] = &[
 pub const CROWDED: &[StressScene] = &[
     // Wires of a chip: half of the boxes cross it along x, the others along y on the layer above; one in a hundred
     // reaches both layers.
-    scene("woven", Overlaps::Few, |i, n, rng| {
+    few("woven", |i, n, rng| {
         let (at, length) = (n as f32 * rng.unit(), n as f32);
         let top = if i % 100 == 41 { 0.75 } else { 0.375 };
         if i % 2 == 0 {
@@ -217,19 +197,19 @@ pub const CROWDED: &[StressScene] = &[
         }
     }),
     // A thousand times as long as thick, along each axis.
-    scene("rods", Overlaps::Few, |i, _, rng| {
+    few("rods", |i, _, rng| {
         let mut size = [0.125; 3];
         size[i as usize % 3] = 128.0;
         boxed(rng.point().map(|x| 512.0 * x), size)
     }),
 ];
 
-const fn scene(
-    name: &'static str,
-    overlaps: Overlaps,
-    make: fn(u32, u32, &mut Rng) -> Aabb,
-) -> StressScene {
-    StressScene { name, overlaps, make }
+const fn few(name: &'static str, make: fn(u32, u32, &mut Rng) -> Aabb) -> StressScene {
+    StressScene { name, is_quadratic: false, make }
+}
+
+const fn quadratic(name: &'static str, make: fn(u32, u32, &mut Rng) -> Aabb) -> StressScene {
+    StressScene { name, is_quadratic: true, make }
 }
 
 /// # Panics
@@ -275,10 +255,15 @@ fn uniform(_: u32, n: u32, rng: &mut Rng) -> Aabb {
     boxed(corner, [50.0 * inverse_cube_root_of_half(n); 3])
 }
 
-/// (n/2)^(−1/3) within 10 %, by halving: `cbrt` may differ from one libm to another.
+/// (n/2)^(−1/3) within 10 %.
 fn inverse_cube_root_of_half(n: u32) -> f32 {
-    let mut edge = 1.0f32;
-    while edge * edge * edge * n as f32 > 2.2 {
+    shrunk_until(|edge| edge * edge * edge * n as f32 <= 2.2)
+}
+
+/// 1, made smaller until it fits, in place of a root: `cbrt` may differ from one libm to another.
+fn shrunk_until(fits: impl Fn(f32) -> bool) -> f32 {
+    let mut edge = 1.0;
+    while !fits(edge) {
         edge *= 0.9375;
     }
     edge

@@ -1,5 +1,4 @@
-//! Spheres under stress: tangent by construction, all magnitudes, all classes; their pairs by exact
-//! rational arithmetic.
+//! Spheres under stress: tangent by construction, all magnitudes and classes; their exact pairs.
 
 use pairmask_core::oracle::Pair;
 use pairmask_core::sphere::Sphere;
@@ -28,7 +27,16 @@ impl SphereCase {
         } as usize;
         let mut spheres: Vec<Sphere> = match random.below(3) {
             0 => lattice(n, &mut random),
-            1 => of_families(n, &mut random),
+            1 => {
+                let mut spheres = Vec::with_capacity(n + 1);
+                while spheres.len() < n {
+                    let which = random.below(families::ALL.len() as u64) as usize;
+                    let (a, b) = (families::ALL[which].make)(&mut random);
+                    spheres.extend([a, b]);
+                }
+                spheres.truncate(n);
+                spheres
+            }
             _ => {
                 let any =
                     |_| Sphere::from(std::array::from_fn(|_| f32::from_bits(random.bits() as u32)));
@@ -52,17 +60,6 @@ fn lattice(n: usize, random: &mut Random) -> Vec<Sphere> {
         Sphere::new(center, random.below(6) as f32 * scale)
     };
     (0..n).map(one).collect()
-}
-
-fn of_families(n: usize, random: &mut Random) -> Vec<Sphere> {
-    let mut spheres = Vec::with_capacity(n + 1);
-    while spheres.len() < n {
-        let family = families::ALL[random.below(families::ALL.len() as u64) as usize];
-        let (a, b) = (family.make)(random);
-        spheres.extend([a, b]);
-    }
-    spheres.truncate(n);
-    spheres
 }
 
 fn spoil(spheres: &mut [Sphere], random: &mut Random) {

@@ -11,9 +11,11 @@ use crate::sabotage::Sabotage;
 use crate::study::spheres::oracle;
 
 fn roster(engines: &[&str], mode: &str, sabotage: Option<Sabotage>) -> Roster {
+    let is_on_gpu = engines.iter().any(|name| name.starts_with("gpu"));
     let engines = engines.iter().map(|name| (*name).to_owned()).collect();
     let wanted = Wanted { engines, modes: vec![mode.to_owned()], threads: 2 };
-    Roster { wanted, gpu: GpuChoice::None, sabotage }
+    let gpu = if is_on_gpu { pairmask_tests::gpu::choice() } else { GpuChoice::None };
+    Roster { wanted, gpu, sabotage }
 }
 
 fn run_for(seed: u64, ms: u64, subjects: &mut [Subject]) -> StressReport {
@@ -24,21 +26,31 @@ fn run_for(seed: u64, ms: u64, subjects: &mut [Subject]) -> StressReport {
 #[test]
 fn right_subjects_pass_and_broken_ones_are_caught_and_replayed() {
     let (lossy, inward) = (Sabotage::Lossy, Sabotage::Inward);
-    for (engines, mode, sabotage, word) in [
-        (&["cpu-sap", "cpu-grid"][..], "all", lossy, "is missing"),
-        (&["spheres"], "all", lossy, "Sphere"),
-        (&["updates"], "all", lossy, "with the default flags"),
-        (&["cpu-sap"], "q16", inward, "q16"),
-        (&["cpu-sap"], "q8", inward, "q8"),
-        (&["cpu-sap"], "f16", inward, "f16"),
-        (&["cpu-sap"], "margin", inward, "margin"),
-        (&["cpu-sap"], "f64", inward, "around"),
+    // Long enough for a software adapter to meet the broken part many times.
+    for (engines, mode, ms, sabotage, word) in [
+        (&["cpu-sap", "cpu-grid"][..], "all", 300, lossy, "is missing"),
+        (&["spheres"], "all", 300, lossy, "Sphere"),
+        (&["updates"], "all", 300, lossy, "with the default flags"),
+        (&["cpu-sap"], "q16", 300, inward, "q16"),
+        (&["cpu-sap"], "q8", 300, inward, "q8"),
+        (&["cpu-sap"], "f16", 300, inward, "f16"),
+        (&["cpu-sap"], "margin", 300, inward, "margin"),
+        (&["cpu-sap"], "f64", 300, inward, "around"),
+        (&["gpu-brute"], "all", 2_000, lossy, "is missing"),
+        (&["gpu-grid"], "all", 2_000, lossy, "is missing"),
+        (&["gpu-grid"], "all", 2_000, inward, "is missing"),
     ] {
-        let subjects = |sabotage| roster(engines, mode, sabotage).subjects().expect("cores");
+        let subjects = |sabotage| roster(engines, mode, sabotage).subjects().expect("engines");
         let (mut sound, mut broken) = (subjects(None), subjects(Some(sabotage)));
-        let report = run_for(1, 300, &mut sound);
-        assert!(report.is_clean(), "{report}");
+        assert!(sound.iter().all(|subject| engines.contains(&subject.engine)));
+        let report = run_for(1, ms, &mut sound);
+        assert!(report.is_clean() && report.checked() == report.answers, "{report}");
         assert_eq!(report.answers, report.cases * sound.len() as u64);
+        if mode == "all" && engines[0].contains("pu-") {
+            for mode in ["q16", "q8", "f16", "margin", "f64"] {
+                assert!(report.subjects.iter().any(|name| name.contains(mode)), "{report:?}");
+            }
+        }
 
         let report = run_for(1, 60_000, &mut broken);
         assert!(!report.is_clean() && report.extra == 0, "{engines:?} {mode}: {report}");
@@ -46,6 +58,7 @@ fn right_subjects_pass_and_broken_ones_are_caught_and_replayed() {
         let failure = &report.failures[0];
         assert!(failure.found.what.contains(word), "{report}");
         assert!(report.to_string().contains(&failure.replay));
+        assert!(failure.replay.contains(&format!("--engine {}", engines[0])) || engines.len() > 1);
         match &failure.explain {
             Some(explain) => {
                 assert!(explain.overlaps && Some(explain.pair) == failure.found.pair, "{report}");
@@ -102,36 +115,6 @@ fn a_run_without_answers_is_not_clean() {
     for (engine, mode) in [("spheres", "q16"), ("scenes", "all")] {
         let nobody = roster(&[engine], mode, None).subjects();
         assert!(nobody.is_err_and(|error| error.to_string().contains("nothing to run")));
-    }
-}
-
-/// Engines of a GPU: right ones pass in every mode, broken ones are caught.
-#[test]
-fn engines_of_a_gpu_pass_in_every_mode_and_broken_ones_are_caught_and_replayed() {
-    let stress = |engine: EngineName, sabotage, cases: &Cases| {
-        let wanted = roster(&[engine.as_str()], "all", sabotage);
-        let roster = Roster { gpu: pairmask_tests::gpu::choice(), ..wanted };
-        let mut subjects = roster.subjects().unwrap_or_else(|error| panic!("{error}"));
-        assert!(subjects.iter().all(|subject| subject.engine == engine.as_str()));
-        run(cases, &mut subjects, |_, _| {})
-    };
-    for engine in [EngineName::GpuBrute, EngineName::GpuGrid] {
-        let report = stress(engine, None, &Cases { seed: 5, time: Some(Duration::from_secs(2)) });
-        assert!(report.is_clean() && report.checked() == report.answers, "{report}");
-        for mode in ["q16", "q8", "f16", "margin", "f64"] {
-            assert!(report.subjects.iter().any(|name| name.contains(mode)), "{report:?}");
-        }
-    }
-    for sabotage in [Sabotage::Lossy, Sabotage::Inward] {
-        // Long enough for a software adapter to meet the broken part many times.
-        let cases = Cases { seed: 6, time: Some(Duration::from_secs(60)) };
-        let report = stress(EngineName::GpuGrid, Some(sabotage), &cases);
-        assert!(report.missed > 0 && report.extra == 0, "{report}");
-        let failure = &report.failures[0];
-        assert!(failure.replay.contains("--engine gpu-grid"), "{report}");
-        let again = Cases { seed: failure.case, time: None };
-        assert!(!stress(EngineName::GpuGrid, Some(sabotage), &again).is_clean());
-        assert!(stress(EngineName::GpuGrid, None, &again).is_clean());
     }
 }
 

@@ -62,8 +62,7 @@ pub(super) fn updates(name: String, pool: Arc<ThreadPool>, is_broken: bool) -> S
     Subject { name, engine: "updates", form: Form::Updates, answer: Box::new(answer) }
 }
 
-/// A placement for each box: half of them only move it, by a distance of the order of its faces'
-/// coordinates.
+/// A placement for each box: half of them only move it, by the order of its faces' coordinates.
 fn placements(seed: u64, locals: &[Aabb]) -> Vec<Placement> {
     let mut random = Random::new(seed ^ STREAM);
     let of = |local: &Aabb| {
@@ -87,14 +86,13 @@ fn holds(world: &Aabb, local: &Aabb, by: [f32; 3]) -> bool {
     if local.class() != BoxClass::Solid {
         return local.class() == world.class();
     }
+    // Whether face ≤ x + y without rounding.
+    let is_at_most = |face: f64, x: f64, y: f64| {
+        if x.is_infinite() { face <= x } else { difference_is_at_most(face, x, y) }
+    };
     (0..3).all(|axis| {
         let by = f64::from(by[axis]);
         is_at_most(f64::from(world.min[axis]), f64::from(local.min[axis]), by)
             && is_at_most(-f64::from(world.max[axis]), -f64::from(local.max[axis]), -by)
     })
-}
-
-/// Whether face ≤ x + y without rounding.
-fn is_at_most(face: f64, x: f64, y: f64) -> bool {
-    if x.is_infinite() { face <= x } else { difference_is_at_most(face, x, y) }
 }

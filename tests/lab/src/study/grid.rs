@@ -5,30 +5,38 @@
 //! there on an NVIDIA Quadro FX 3600M. Boxes lie in shared memory, the mask comes back there; no
 //! daemon is between.
 
+use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use glam::{Quat, Vec3};
-use pairmask_core::Aabb;
-use pairmask_core::engine::{CullInput, EngineName, HeapReply, Isa, cpu_engine};
+use pairmask_core::engine::{
+    CullError, CullInput, CullReport, EngineName, HeapReply, Isa, cpu_engine,
+};
+use pairmask_core::mask::{MaskShape, MaskView};
 use pairmask_core::update::{Placement, Transformed};
 use pairmask_core::write::par_write_boxes;
+use pairmask_core::{Aabb, BoxCount, Encoding};
+use pairmask_shaders::Found;
 use pairmaskd::execute::gpu::{
-    Block, Checks, Command, Gpu, GpuChoice, GpuError, Home, HostImport, Part as BlockPart,
+    AllPairs, AllPairsOptions, Block, Capacity, Checks, Command, Gpu, GpuChoice, GpuError, Grid,
+    GridOptions, GridUnderWay, Home, HostImport, Part as BlockPart, SUBMISSIONS, SharedImports,
+    Sizes, cell_count, first_capacity,
 };
 use pairmaskd::scene::{Scene, SceneName};
 
-use super::harness::document::Part;
-use super::harness::machine::Machine;
-use super::harness::table::{Fields, row};
-use super::harness::{Report, median, median_ms};
+use super::harness::{
+    Fields, Part, Report, machine_with, median, median_ms, percentile, repeated, row,
+};
 use super::mapping::gpu::Bench;
 use super::papers::figure;
 use crate::Result;
-use crate::gpu_stages::grid::{
-    SCENES, all_pairs_rig, frames_a_second, grid_rig, measure as measure_scene, median_us,
-};
+use crate::gpu_stages::scenes::PairSum;
+use crate::gpu_stages::shared::{FrameSegments, Rig};
+use crate::gpu_stages::wrong_pairs;
 
+const SCENES: [SceneName; 4] =
+    [SceneName::Uniform, SceneName::Mixed, SceneName::Pile, SceneName::Plane];
 /// The paper's scene: a column of objects of one size falls on a plane.
 const PAPER_SCENE: SceneName = SceneName::Cubes;
 const SEED: u64 = 1;
@@ -50,8 +58,8 @@ pub fn measure(choice: &GpuChoice, counts: &[u32], quick: bool) -> Result<Report
     let gpu = &Gpu::open(choice, HostImport::IfPossible)?;
     let budget = Duration::from_millis(if quick { 50 } else { 500 });
     let bandwidth = bandwidth(gpu)?;
-    let [mut scenes, mut stages, mut parts, mut engines, mut under_way] =
-        <[Vec<Fields>; 5]>::default();
+    let [mut scenes, mut stages, mut parts, mut engines] = <[Vec<Fields>; 4]>::default();
+    let [mut under_way, mut with_and_without, mut moving] = <[Vec<Fields>; 3]>::default();
     for &n in counts {
         for name in SCENES {
             let row = measure_scene(gpu, name, n, budget)?;
@@ -63,23 +71,37 @@ pub fn measure(choice: &GpuChoice, counts: &[u32], quick: bool) -> Result<Report
         let row = measure_scene(gpu, PAPER_SCENE, n, budget)?;
         parts.push(parts_row(&row, budget));
         engines.push(engines_row(&row, budget));
-        under_way.push(under_way_row(gpu, n, budget)?);
+        let scene = Scene::new(SceneName::Uniform, n as usize, SEED);
+        let fps = |under_way| frames_a_second(gpu, scene.boxes(), under_way, budget);
+        under_way.push(row!(n, one_fps: fps(1)?, two_fps: fps(2)?));
     }
     let most = if quick { 2_000 } else { u32::MAX };
-    let with_and_without = CROSSING_COUNTS
-        .into_iter()
-        .filter(|n| *n <= most)
-        .map(|n| without_row(gpu, n, budget))
-        .collect::<Result<Vec<_>, _>>()?;
+    for n in CROSSING_COUNTS.into_iter().filter(|n| *n <= most) {
+        let boxes = Scene::new(PAPER_SCENE, n as usize, SEED).boxes().to_vec();
+        let without_ms = median_us(&mut all_pairs_rig(gpu, &boxes)?, budget)? / 1e3;
+        let with_ms = median_us(&mut grid_rig(gpu, &boxes, false)?, budget)? / 1e3;
+        let paper_ms = paper("table_7", n, ["without", "with"]);
+        with_and_without.push(row!(n, without_ms, with_ms, paper_ms));
+    }
     let moving_n = if quick { 2_000 } else { 100_000 };
-    let moving = [0, 10, 25, 50, 75, 100]
-        .into_iter()
-        .map(|percent| moving_row(gpu, moving_n, percent, budget))
-        .collect::<Result<Vec<_>, _>>()?;
+    for moving_percent in [0, 10, 25, 50, 75, 100] {
+        let mut scene = Scene::new(PAPER_SCENE, moving_n, SEED);
+        let mut boxes = scene.boxes().to_vec();
+        let mut rig = grid_rig(gpu, &boxes, false)?;
+        let movers = moving_n * moving_percent / 100;
+        let (mut times, started) = (Vec::new(), Instant::now());
+        while times.is_empty() || started.elapsed() < budget {
+            scene.step();
+            boxes[..movers].copy_from_slice(&scene.boxes()[..movers]);
+            rig.memory.boxes.write(&boxes);
+            times.push(median_us(&mut rig, Duration::ZERO)?);
+        }
+        moving.push(row!(n: moving_n, moving_percent, frame_ms: median(times) / 1e3));
+    }
     let title = Part::heading(1, "The grid, stage by stage");
     let papers = "Papers' figures: Avril et al. 2012, on an NVIDIA Quadro FX 3600M.";
     let mut report = Report::new("grid", vec![title, Part::text(papers)]);
-    report.machine(&Machine::here(Some(gpu.info())));
+    report.machine(machine_with(Some(gpu.info())));
     let [up, down, memory] = bandwidth;
     report.value("bandwidth", row!(up_gbs: up, down_gbs: down, memory_gbs: memory));
     let crossing = crossing(&with_and_without);
@@ -140,7 +162,14 @@ fn parts_row(row: &Fields, budget: Duration) -> Fields {
         of.map(|(_, us)| us / 1e3).sum()
     };
     let n = number(row, "n") as u32;
-    let update_boxes_ms = update_ms(n, budget);
+    // The world boxes of rigid bodies, as a client makes them before it submits.
+    let at = |i: u32| Vec3::new(i as f32, 0.5 * i as f32, 0.25 * i as f32);
+    let placements: Vec<Placement> =
+        (0..n).map(|i| Placement::rigid(at(i), Quat::from_rotation_y(i as f32))).collect();
+    let locals = vec![Aabb::new(Vec3::splat(-0.5), Vec3::splat(0.5)); n as usize];
+    let mut out = vec![Aabb::EMPTY; n as usize];
+    let update_boxes_ms =
+        median_ms(budget, || par_write_boxes(&Transformed::new(&locals, &placements), &mut out));
     row!(
         n,
         update_boxes_ms,
@@ -149,16 +178,6 @@ fn parts_row(row: &Fields, budget: Duration) -> Fields {
         total_ms: update_boxes_ms + number(row, "frame_us") / 1e3,
         paper_ms: paper("table_6", n, ["alpha", "beta", "delta", "total"]),
     )
-}
-
-/// Time to make the world boxes of rigid bodies, as a client does before it submits.
-fn update_ms(n: u32, budget: Duration) -> f64 {
-    let at = |i: u32| Vec3::new(i as f32, 0.5 * i as f32, 0.25 * i as f32);
-    let placements: Vec<Placement> =
-        (0..n).map(|i| Placement::rigid(at(i), Quat::from_rotation_y(i as f32))).collect();
-    let locals = vec![Aabb::new(Vec3::splat(-0.5), Vec3::splat(0.5)); n as usize];
-    let mut out = vec![Aabb::EMPTY; n as usize];
-    median_ms(budget, || par_write_boxes(&Transformed::new(&locals, &placements), &mut out))
 }
 
 fn engines_row(row: &Fields, budget: Duration) -> Fields {
@@ -180,35 +199,6 @@ fn engines_row(row: &Fields, budget: Duration) -> Fields {
         cpu_sap_ms: (n <= SWEEP_MOST).then(|| time(EngineName::CpuSap)).flatten(),
         paper_ms: figure(&format!("table_6[n={n}].total")),
     )
-}
-
-fn without_row(gpu: &Arc<Gpu>, n: u32, budget: Duration) -> Result<Fields> {
-    let boxes = Scene::new(PAPER_SCENE, n as usize, SEED).boxes().to_vec();
-    let without_ms = median_us(&mut all_pairs_rig(gpu, &boxes)?, budget)? / 1e3;
-    let with_ms = median_us(&mut grid_rig(gpu, &boxes, false)?, budget)? / 1e3;
-    Ok(row!(n, without_ms, with_ms, paper_ms: paper("table_7", n, ["without", "with"])))
-}
-
-fn under_way_row(gpu: &Arc<Gpu>, n: u32, budget: Duration) -> Result<Fields> {
-    let scene = Scene::new(SceneName::Uniform, n as usize, SEED);
-    let fps = |under_way| frames_a_second(gpu, scene.boxes(), under_way, budget);
-    Ok(row!(n, one_fps: fps(1)?, two_fps: fps(2)?))
-}
-
-fn moving_row(gpu: &Arc<Gpu>, n: u32, moving_percent: u32, budget: Duration) -> Result<Fields> {
-    let mut scene = Scene::new(PAPER_SCENE, n as usize, SEED);
-    let mut boxes = scene.boxes().to_vec();
-    let mut rig = grid_rig(gpu, &boxes, false)?;
-    let moving = (u64::from(n) * u64::from(moving_percent) / 100) as usize;
-    let mut times = Vec::new();
-    let started = Instant::now();
-    while times.is_empty() || started.elapsed() < budget {
-        scene.step();
-        boxes[..moving].copy_from_slice(&scene.boxes()[..moving]);
-        rig.memory.boxes.write(&boxes);
-        times.push(median_us(&mut rig, Duration::ZERO)?);
-    }
-    Ok(row!(n, moving_percent, frame_ms: median(times) / 1e3))
 }
 
 /// Bytes of a copy that is timed: several times a second-level cache.
@@ -260,6 +250,171 @@ fn stages_of(row: &Fields, bandwidth: [f64; 3]) -> Vec<Fields> {
         )
     };
     timed_stages(row).map(stage).collect()
+}
+
+const LEAST_FRAMES: usize = 3;
+const ROUNDS: usize = 16;
+/// Mask words a box that the reply has room for.
+const WORDS_A_BOX: u64 = 20;
+
+/// Measures a scene in motion, then its stages. The first and the last mask are compared with the CPU's.
+fn measure_scene(gpu: &Arc<Gpu>, name: SceneName, n: u32, budget: Duration) -> Result<Fields> {
+    let mut scene = Scene::new(name, n as usize, 1);
+    let mut rig = grid_rig(gpu, scene.boxes(), false)?;
+    let mut report = rig.frame()?;
+    compare(&rig, &report, &scene, name)?;
+    let mut times = Vec::new();
+    let started = Instant::now();
+    // A device that waits for the next frame's boxes lowers its clocks. So each step runs a few
+    // frames of the same boxes and measures the last. Sorting does not depend on the last frame's
+    // order, so a frame of unmoved boxes costs as much as one of moved boxes.
+    while times.len() < LEAST_FRAMES || started.elapsed() < budget {
+        scene.step();
+        rig.memory.boxes.write(scene.boxes());
+        for round in 0..ROUNDS {
+            let start = Instant::now();
+            report = rig.frame()?;
+            if round > ROUNDS / 2 {
+                times.push(start.elapsed().as_secs_f64() * 1e6);
+            }
+        }
+    }
+    compare(&rig, &report, &scene, name)?;
+    let MaskShape::Sparse { bits, .. } = report.shape else { return Err(wrong_pairs(n, name)) };
+    let (imported, frames) = (rig.memory.imported, times.len());
+    drop(rig);
+    let stage_us = stages(gpu, &mut scene, budget / 2)?;
+    Ok(row!(
+        scene: name.as_str(),
+        n,
+        encoding: Encoding::Sparse.as_str(),
+        pairs: report.pair_count,
+        words: bits.len,
+        cells: cell_count(scene.boxes()),
+        compared: BoxCount::new(n).pair_count() - report.skipped.pairs,
+        mask_bytes: report.shape.mask_bytes(),
+        imported,
+        gpu_us: stage_us.iter().map(|(_, us)| us).sum::<f64>(),
+        stage_us,
+        frame_us: percentile(times.clone(), 50),
+        frame_p99_us: percentile(times, 99),
+        frames,
+        checked: true,
+    ))
+}
+
+fn grid_rig(gpu: &Arc<Gpu>, boxes: &[Aabb], profiled: bool) -> Result<Rig<Grid>> {
+    let imports = SharedImports::default();
+    let options = GridOptions { profiled, imports: imports.clone(), ..GridOptions::default() };
+    let memory = FrameSegments::new(gpu, &imports, boxes, reply_words(boxes.len()))?;
+    Ok(Rig { engine: Grid::new(gpu, &options)?, memory })
+}
+
+fn all_pairs_rig(gpu: &Arc<Gpu>, boxes: &[Aabb]) -> Result<Rig<AllPairs>> {
+    let n = BoxCount::of_len(boxes.len()).unwrap_or_default();
+    let capacity = first_capacity(Found::Words, n).max(WORDS_A_BOX * u64::from(n.get()));
+    let words = MaskShape::exact(Encoding::Sparse, n, capacity, false).extent_words();
+    let imports = SharedImports::default();
+    let options = AllPairsOptions { imports: imports.clone(), ..AllPairsOptions::default() };
+    let memory = FrameSegments::new(gpu, &imports, boxes, words)?;
+    Ok(Rig { engine: AllPairs::new(gpu, options)?, memory })
+}
+
+/// Median of frames of unmoved boxes on a warm device, by the host's clock, µs.
+fn median_us(rig: &mut Rig<impl Engine>, budget: Duration) -> Result<f64> {
+    let times = repeated(budget, ROUNDS, || {
+        let start = Instant::now();
+        rig.frame().map(|_| start.elapsed().as_secs_f64() * 1e6)
+    });
+    let mut times = times.into_iter().collect::<Result<Vec<_>, _>>()?;
+    // The first half warms up.
+    Ok(median(times.split_off(times.len() / 2)))
+}
+
+fn frames_a_second(
+    gpu: &Arc<Gpu>,
+    boxes: &[Aabb],
+    under_way: usize,
+    budget: Duration,
+) -> Result<f64> {
+    let imports = SharedImports::default();
+    let options = GridOptions { imports: imports.clone(), ..GridOptions::default() };
+    let mut grid = Grid::new(gpu, &options)?;
+    let mut under_way_now = VecDeque::new();
+    for _ in 0..under_way.clamp(1, SUBMISSIONS) {
+        let memory = FrameSegments::new(gpu, &imports, boxes, reply_words(boxes.len()))?;
+        under_way_now.push_back(begin(&mut grid, memory)?);
+    }
+    let (mut frames, mut started) = (0u32, Instant::now());
+    while let Some(frame) = under_way_now.pop_front() {
+        let (ended, memory) = grid.end(frame);
+        ended?;
+        frames += 1;
+        if frames < ROUNDS as u32 {
+            // The first part allocates blocks, records frames and raises clocks.
+            started = Instant::now();
+        } else if started.elapsed() > budget && frames > 2 * ROUNDS as u32 {
+            break;
+        }
+        if let Some(memory) = memory {
+            under_way_now.push_back(begin(&mut grid, memory)?);
+        }
+    }
+    Ok(f64::from(frames - ROUNDS as u32) / started.elapsed().as_secs_f64())
+}
+
+fn begin(grid: &mut Grid, memory: FrameSegments) -> Result<GridUnderWay<FrameSegments>> {
+    Ok(grid.begin(memory, Encoding::Sparse).map_err(|(error, _)| error)?)
+}
+
+fn reply_words(n: usize) -> u64 {
+    let n = BoxCount::of_len(n).unwrap_or_default();
+    let items = WORDS_A_BOX * u64::from(n.get());
+    Sizes::of(n).reply_words(Capacity { found: Found::Words, items })
+}
+
+fn stages(gpu: &Arc<Gpu>, scene: &mut Scene, budget: Duration) -> Result<Vec<(String, f64)>> {
+    let mut rig = grid_rig(gpu, scene.boxes(), true)?;
+    let mut frame = 0;
+    let samples = repeated(budget, ROUNDS, || {
+        if frame % ROUNDS == 0 {
+            scene.step();
+            rig.memory.boxes.write(scene.boxes());
+        }
+        rig.frame()?;
+        frame += 1;
+        Ok(rig.engine.step_times().to_vec())
+    });
+    let samples = samples.into_iter().collect::<Result<Vec<_>, CullError>>()?;
+    // The first half of the frames of the same boxes warms up.
+    let warm = || samples.chunks(ROUNDS).flat_map(|round| round.iter().skip(ROUNDS / 2));
+    let labels = samples[0].iter().map(|step| step.label);
+    let us = |at: usize| warm().filter_map(|steps| Some(steps.get(at)?.ns / 1e3)).collect();
+    Ok(labels.enumerate().map(|(at, label)| (label.to_owned(), median(us(at)))).collect())
+}
+
+/// Compares the pairs with those of the CPU's grid: counts, and a hash that depends on no order.
+fn compare<E>(rig: &Rig<E>, report: &CullReport, scene: &Scene, name: SceneName) -> Result<()> {
+    let n = BoxCount::of_len(scene.boxes().len()).unwrap_or_default();
+    let threads = rayon::current_num_threads();
+    let mut reply = HeapReply::new();
+    let truth = cpu_engine(EngineName::CpuGrid, Isa::best())?
+        .cull(&CullInput::boxes(scene.boxes()).threads(threads), &mut reply)?;
+    let ours = pair_sum(n, report, rig.memory.reply.words());
+    let same = ours.is_some()
+        && ours == pair_sum(n, &truth, reply.words())
+        && report.pair_count == truth.pair_count
+        && report.census == truth.census;
+    if same { Ok(()) } else { Err(wrong_pairs(n.get(), name)) }
+}
+
+/// Number and sum of the pairs of a mask; `None` for a malformed one.
+fn pair_sum(n: BoxCount, report: &CullReport, words: &[u32]) -> Option<PairSum> {
+    let view = MaskView::new(n, &report.shape, words).ok()?;
+    view.verify().ok()?;
+    let mut sum = PairSum::default();
+    view.for_each(|a, b| sum.add([a, b]));
+    Some(sum)
 }
 
 #[cfg(test)]

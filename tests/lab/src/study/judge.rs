@@ -6,9 +6,7 @@ use pairmask_core::engine::AvailableIsa;
 use pairmask_core::plan::{Calibration, Capabilities, plan};
 use pairmaskd::cli::machine::Machine;
 
-use super::harness::Report;
-use super::harness::document::Part;
-use super::harness::table::{Fields, Table, row};
+use super::harness::{Fields, Part, Report, Table, row};
 use super::ways::{
     Case, CaseTimes, TimedWay, Way, core_count, distinct, measure_case, pools, thread_counts,
 };
@@ -19,8 +17,7 @@ pub const SIZES: [u32; 12] =
     [64, 128, 256, 500, 1_000, 2_000, 4_096, 10_000, 32_768, 100_000, 300_000, 1_000_000];
 /// A plan whose time over the best way's is above this is listed as bad.
 const LIMIT: f64 = 1.3;
-/// Largest scene whose dense mask is measured, boxes: the mask has 1 MiB, and no plan chooses it
-/// for one pair a box.
+/// Largest scene whose dense mask, of 1 MiB, is measured: no plan chooses it for one pair a box.
 const DENSE_BOXES: usize = 4_096;
 
 /// Judges the plan of a measured case with a number of threads. All that is about the planned way is null where the plan

@@ -56,29 +56,24 @@ impl World {
         let mut indices: Vec<u32> = (0..count).map(|i| self.shuffled[(first + i) % n]).collect();
         indices.sort_unstable();
         self.next = (self.next + count) % n.max(1);
-        let moved: Vec<Aabb> = indices.iter().map(|index| self.moved(*index, motion)).collect();
+        let mut moved = Vec::with_capacity(count);
+        for index in &indices {
+            let b = self.boxes[*index as usize];
+            let by = match motion {
+                Motion::Drift => Random::new(u64::from(*index)).direction().map(|x| STEP * x),
+                Motion::Jitter => self.random.direction().map(|x| STEP * x),
+                Motion::Teleport | Motion::Spawn => {
+                    let there = self.boxes[self.random.below(n as u64) as usize].min;
+                    let random = &mut self.random;
+                    std::array::from_fn(|axis| there[axis] - b.min[axis] + random.range(-0.4, 0.4))
+                }
+            };
+            let by = |x: [f32; 3]| std::array::from_fn(|axis| x[axis] + by[axis]);
+            moved.push(Aabb { min: by(b.min), max: by(b.max) });
+        }
         for (index, b) in indices.iter().zip(&moved) {
             self.boxes[*index as usize] = *b;
         }
         (indices, moved)
-    }
-
-    fn moved(&mut self, index: u32, motion: Motion) -> Aabb {
-        let b = self.boxes[index as usize];
-        let by = match motion {
-            Motion::Drift => {
-                let mut of_box = Random::new(u64::from(index));
-                of_box.direction().map(|x| STEP * x)
-            }
-            Motion::Jitter => self.random.direction().map(|x| STEP * x),
-            Motion::Teleport | Motion::Spawn => {
-                let there = self.boxes[self.random.below(self.boxes.len() as u64) as usize].min;
-                std::array::from_fn(|axis| there[axis] - b.min[axis] + self.random.range(-0.4, 0.4))
-            }
-        };
-        Aabb {
-            min: std::array::from_fn(|axis| b.min[axis] + by[axis]),
-            max: std::array::from_fn(|axis| b.max[axis] + by[axis]),
-        }
     }
 }

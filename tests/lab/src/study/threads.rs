@@ -15,19 +15,13 @@ use pairmask_core::{Aabb, Encoding, EngineName};
 use pairmaskd::cli::machine::Machine;
 use pairmaskd::scene::{Random, Scene, SceneName};
 
-use super::harness::Report;
-use super::harness::document::Part;
-use super::harness::table::{Fields, Table, row};
+use super::harness::{Fields, Part, Report, Table, row};
 use super::papers::figure;
-use super::ways::{
-    Case, CaseTimes, Pools, core_count, distinct, frames, measure_case, pools, thread_counts,
-};
+use super::ways::{Case, Pools, core_count, distinct, frames, measure_case, pools, thread_counts};
 use crate::Result;
 
 pub const SIZES: [u32; 2] = [10_000, 100_000];
 pub const SCENES: [SceneName; 3] = [SceneName::Uniform, SceneName::Torus, SceneName::Letters];
-/// Calls of the watcher for each case: one a stage.
-pub const STEPS_A_CASE: u64 = 2;
 
 pub fn papers_cases() -> impl Iterator<Item = Case> {
     let cases =
@@ -46,8 +40,7 @@ fn papers_figures(table: &str, scene: SceneName, threads: usize) -> Option<(u64,
 const UPDATE: (&str, &str) = ("update-aabbs", "update");
 const PAIRS: (&str, &str) = ("overlapping-pairs", "pairs");
 
-/// Measures both stages of every case; `threads` empty means 1, 2, 4 … all cores. `watch` is called
-/// [`STEPS_A_CASE`] times for each case.
+/// Measures both stages of every case; `threads` empty means 1, 2, 4 … all cores. `watch` is called after each case.
 pub fn measure(cases: &[Case], threads: &[usize], watch: impl Fn()) -> Result<Report> {
     let machine = Machine::this();
     let all: &[usize] = if threads.is_empty() { &thread_counts(core_count()) } else { threads };
@@ -58,9 +51,12 @@ pub fn measure(cases: &[Case], threads: &[usize], watch: impl Fn()) -> Result<Re
     for case in cases {
         let updates = update_times(case.scene, case.n, &threads, &pools);
         rows.extend(series(UPDATE, *case, None, updates));
-        watch();
         let measured = measure_case(*case, &[Encoding::Sparse], &threads, &pools, isa)?;
-        rows.extend(pair_rows(&measured));
+        for engine in EngineName::ALL {
+            let ways = measured.ways.iter().filter(|timed| timed.way.engine == engine);
+            let times = ways.map(|timed| (timed.way.threads, timed.engine_ns.clone())).collect();
+            rows.extend(series(PAIRS, *case, Some(engine), times));
+        }
         watch();
     }
     let Machine { cpu, cores, commit, command, .. } = &machine;
@@ -77,15 +73,6 @@ pub fn measure(cases: &[Case], threads: &[usize], watch: impl Fn()) -> Result<Re
     Ok(report)
 }
 
-fn pair_rows(measured: &CaseTimes) -> Vec<Fields> {
-    let of = |engine| {
-        let ways = measured.ways.iter().filter(|timed| timed.way.engine == engine);
-        let times = ways.map(|timed| (timed.way.threads, timed.engine_ns.clone())).collect();
-        series(PAIRS, measured.case, Some(engine), times)
-    };
-    EngineName::ALL.into_iter().flat_map(of).collect()
-}
-
 fn update_times(
     scene: SceneName,
     n: usize,
@@ -94,40 +81,34 @@ fn update_times(
 ) -> Vec<(usize, Vec<u64>)> {
     let scene = Scene::new(scene, n, 1);
     let mut random = Random::new(2);
+    // Objects whose world boxes are about those of the scene, and their placements.
+    let object = |world: &Aabb| {
+        let (min, max) = (Vec3::from_array(world.min), Vec3::from_array(world.max));
+        let half = (max - min) * 0.5;
+        let axis = Vec3::from_array(random.direction());
+        let turn = Quat::from_axis_angle(axis.normalize_or(Vec3::X), random.range(0.0, 6.0));
+        (Aabb::new(-half, half), Placement::rigid(min + half, turn))
+    };
     let (locals, placements): (Vec<Aabb>, Vec<Placement>) =
-        scene.boxes().iter().map(|world| object(world, &mut random)).unzip();
+        scene.boxes().iter().map(object).unzip();
     let mut out = vec![Aabb::EMPTY; n];
     let mut times: Vec<(usize, Vec<u64>)> = threads.iter().map(|t| (*t, Vec::new())).collect();
     for _ in frames(0) {
         for (threads, times) in &mut times {
             let source = Transformed::new(black_box(&locals), black_box(&placements));
-            let out = &mut out;
-            let ns = match pools.get(threads) {
-                None => {
-                    let start = Instant::now();
-                    write_boxes(&source, out);
-                    nanoseconds_since(start)
-                }
-                Some(pool) => pool.install(|| {
-                    let start = Instant::now();
-                    par_write_boxes(&source, out);
-                    nanoseconds_since(start)
-                }),
+            let mut timed = |write: fn(&_, &mut [Aabb])| {
+                let start = Instant::now();
+                write(&source, &mut out);
+                nanoseconds_since(start)
             };
-            times.push(ns);
+            times.push(match pools.get(threads) {
+                None => timed(write_boxes),
+                Some(pool) => pool.install(|| timed(par_write_boxes)),
+            });
         }
     }
     black_box(&out);
     times
-}
-
-/// An object whose world box is about `world`, and its placement.
-fn object(world: &Aabb, random: &mut Random) -> (Aabb, Placement) {
-    let (min, max) = (Vec3::from_array(world.min), Vec3::from_array(world.max));
-    let half = (max - min) * 0.5;
-    let axis = Vec3::from_array(random.direction());
-    let turn = Quat::from_axis_angle(axis.normalize_or(Vec3::X), random.range(0.0, 6.0));
-    (Aabb::new(-half, half), Placement::rigid(min + half, turn))
 }
 
 fn series(

@@ -1,7 +1,5 @@
-//! Cases, a scene of some size each, that are culled in several ways, interleaved frame by frame.
-//!
-//! The machine may be busy: ways that are compared run in the same second, and the shortest of many
-//! frames counts.
+//! Cases, a scene of some size each, that are culled in several ways. The machine may be busy: ways that
+//! are compared are interleaved frame by frame, and the shortest of many frames counts.
 
 use std::collections::BTreeMap;
 use std::hint::black_box;
@@ -55,26 +53,7 @@ pub struct CaseTimes {
     pub ways: Vec<TimedWay>,
 }
 
-/// Every engine with these encodings and numbers of threads, without those of [`HOPELESS`] predictions.
-fn ways(
-    stats: &SceneStats,
-    encodings: &[Encoding],
-    threads: &[usize],
-    calibration: &Calibration,
-) -> Vec<Way> {
-    let predicted_ns =
-        |engine: EngineName| calibration.cull_ns(engine, Encoding::Sparse, stats).unwrap_or(0.0);
-    let least = EngineName::CPU.into_iter().map(predicted_ns).fold(f64::INFINITY, f64::min);
-    let hopeless_ns = (HOPELESS * least).max(HOPELESS_NS);
-    let mut ways = Vec::new();
-    for engine in EngineName::CPU.into_iter().filter(|name| predicted_ns(*name) <= hopeless_ns) {
-        for &encoding in encodings {
-            ways.extend(threads.iter().map(|&threads| Way { engine, encoding, threads }));
-        }
-    }
-    ways
-}
-
+/// Measures every engine with these encodings and numbers of threads, but for those of [`HOPELESS`] predictions.
 pub fn measure_case(
     case: Case,
     encodings: &[Encoding],
@@ -85,9 +64,31 @@ pub fn measure_case(
     let mut scene = Scene::new(case.scene, case.n, SEED);
     let mut stats = SceneStats::glance(scene.boxes(), None);
     let calibration = Calibration::built_in(isa.get());
-    let timed = |way: Way| TimedWay::new(way, pools.get(&way.threads).cloned(), isa);
-    let ways = ways(&stats, encodings, threads, &calibration);
-    let mut ways: Vec<TimedWay> = ways.into_iter().filter_map(timed).collect();
+    let predicted_ns =
+        |engine: EngineName| calibration.cull_ns(engine, Encoding::Sparse, &stats).unwrap_or(0.0);
+    let least = EngineName::CPU.into_iter().map(predicted_ns).fold(f64::INFINITY, f64::min);
+    let hopeless_ns = (HOPELESS * least).max(HOPELESS_NS);
+    let mut ways: Vec<TimedWay> = Vec::new();
+    for engine in EngineName::CPU.into_iter().filter(|name| predicted_ns(*name) <= hopeless_ns) {
+        for &encoding in encodings {
+            for &threads in threads {
+                let (way, pool) = (Way { engine, encoding, threads }, pools.get(&threads).cloned());
+                let Ok(engine) = cpu_engine(engine, isa.get()) else { continue };
+                let (engine_ns, decode_ns, reply) = (Vec::new(), Vec::new(), HeapReply::new());
+                let pair_count = 0;
+                ways.push(TimedWay {
+                    way,
+                    engine_ns,
+                    decode_ns,
+                    pair_count,
+                    engine,
+                    isa,
+                    reply,
+                    pool,
+                });
+            }
+        }
+    }
     let capabilities =
         Capabilities { threads: threads.iter().max().copied().unwrap_or(1), gpu: None };
     let (mut anew_ns, mut again_ns) = (u64::MAX, u64::MAX);
@@ -98,7 +99,15 @@ pub fn measure_case(
         for turn in 0..count {
             ways[(turn + frame) % count].frame(scene.boxes(), frame >= WARM_UP)?;
         }
-        let pairs = agreed_pairs(case, &ways)?;
+        let pairs = ways.first().map(|timed| timed.pair_count);
+        if let Some(other) = ways.iter().find(|timed| Some(timed.pair_count) != pairs) {
+            let (Case { scene, n }, pairs) = (case, pairs.unwrap_or(0));
+            let (first, second, other) = (ways[0].way.engine, other.way.engine, other.pair_count);
+            return Err(format!(
+                "{first} finds {pairs} pairs in {n} boxes of {scene} and {second} {other}: please report this"
+            )
+            .into());
+        }
         let mut plans = PlanMemory::default();
         let options = CullOptions { last_pairs: pairs, ..CullOptions::default() };
         let planning = Instant::now();
@@ -112,22 +121,6 @@ pub fn measure_case(
     }
     let plan_ns = again_ns.saturating_add(anew_ns / u64::from(PlanMemory::FRAMES));
     Ok(CaseTimes { case, stats, plan_ns, ways })
-}
-
-fn agreed_pairs(case: Case, ways: &[TimedWay]) -> Result<Option<u64>> {
-    let mut counts = ways.iter().map(|timed| (timed.way, timed.pair_count));
-    let Some((first, pairs)) = counts.next() else { return Ok(None) };
-    match counts.find(|(_, other)| *other != pairs) {
-        None => Ok(Some(pairs)),
-        Some((second, other)) => {
-            let Case { scene, n } = case;
-            let (first, second) = (first.engine, second.engine);
-            Err(format!(
-                "{first} finds {pairs} pairs in {n} boxes of {scene} and {second} {other}: please report this"
-            )
-            .into())
-        }
-    }
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -152,12 +145,6 @@ pub struct TimedWay {
 }
 
 impl TimedWay {
-    fn new(way: Way, pool: Option<Arc<ThreadPool>>, isa: AvailableIsa) -> Option<Self> {
-        let engine = cpu_engine(way.engine, isa.get()).ok()?;
-        let (engine_ns, decode_ns, reply) = (Vec::new(), Vec::new(), HeapReply::new());
-        Some(Self { way, engine_ns, decode_ns, pair_count: 0, engine, isa, reply, pool })
-    }
-
     pub fn least_ns(&self) -> u64 {
         let frames = self.engine_ns.iter().zip(&self.decode_ns);
         frames.map(|(engine, decode)| engine + decode).min().unwrap_or(0)

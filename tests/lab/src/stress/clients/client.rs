@@ -1,5 +1,4 @@
-//! One client: a process with a few sessions, which sends frames of hard scenes and checks the answers
-//! until it is told to end.
+//! One client: a process that sends frames of hard scenes and checks the answers until it is told to end.
 
 use std::collections::VecDeque;
 use std::rc::Rc;
@@ -21,8 +20,7 @@ use crate::stress::{Answer, Case, Finding, Form, Wanted};
 pub(super) const DEADLINE: Duration = Duration::from_secs(30);
 const RETRY_INTERVAL: Duration = Duration::from_millis(20);
 pub(super) const MOST_SESSIONS: u64 = 3;
-/// Scenes that a client draws frames from: each is sent several times, because its truth takes longer
-/// than the daemon's answer.
+/// Scenes that a client draws frames from, several times: a truth takes longer than an answer.
 const STOCK: usize = 5;
 /// One scene in so many is a large one.
 const LARGE_ONE_IN: u64 = 10;
@@ -86,33 +84,16 @@ impl Counts {
 /// A frame or an edit that did not get its pairs from the daemon.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(super) struct FailedFrame {
-    pub(super) case: CaseId,
+    pub(super) seed: u64,
+    pub(super) is_large: bool,
     pub(super) form: Form,
     pub(super) way: String,
     pub(super) finding: Finding,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub(super) struct CaseId {
-    pub(super) seed: u64,
-    is_large: bool,
-}
-
-impl CaseId {
-    pub(super) fn case(self) -> Case {
-        if self.is_large { Case::large(self.seed) } else { Case::new(self.seed) }
-    }
-}
-
-type SharedCase = Rc<(CaseId, Case)>;
-
-fn shared_case(id: CaseId) -> SharedCase {
-    Rc::new((id, id.case()))
-}
-
 struct UnderWay {
     pending: PendingFrame,
-    case: SharedCase,
+    case: Rc<Case>,
     form: Form,
 }
 
@@ -130,8 +111,8 @@ struct Client<'a> {
     daemon: SessionBuilder,
     is_over: &'a AtomicBool,
     random: Random,
-    kept: Vec<SharedCase>,
-    stock: Vec<SharedCase>,
+    kept: Vec<Rc<Case>>,
+    stock: Vec<Rc<Case>>,
     sessions: Vec<Open>,
     failures: u32,
     gave_up: Option<String>,
@@ -141,16 +122,15 @@ struct Client<'a> {
 
 impl ClientSettings {
     pub(crate) fn run(&self, daemon: &SessionBuilder, is_over: &AtomicBool) {
-        let kept = self.case.iter().flat_map(|seed| {
-            [false, true].map(|is_large| shared_case(CaseId { seed: *seed, is_large }))
-        });
+        let both =
+            |seed: &u64| [false, true].map(|is_large| Rc::new(Case::of_size(*seed, is_large)));
         let mut client = Client {
             settings: self,
             offer: Offer::new(&self.wanted, self.with_gpu),
             daemon: daemon.clone().deadline(DEADLINE),
             is_over,
             random: Random::new(self.seed),
-            kept: kept.collect(),
+            kept: self.case.iter().flat_map(both).collect(),
             stock: Vec::new(),
             sessions: Vec::new(),
             failures: 0,
@@ -189,8 +169,7 @@ impl Client<'_> {
         self.random.below(bound as u64) as usize
     }
 
-    /// One step of a session, which sends only with room, and reads only what is under way. Says whether there
-    /// can be another one.
+    /// One step of a session, which sends only with room. Says whether there can be another one.
     fn step(&mut self, session: usize) -> bool {
         let under_way = self.sessions[session].frames.len();
         let has_room = under_way < self.sessions[session].way.depth;
@@ -232,8 +211,7 @@ impl Client<'_> {
         report(&Said::Counted(std::mem::take(&mut self.counts)));
     }
 
-    /// Reads all that a session has under way, and the answer to one frame more: then the daemon has
-    /// received what was dropped before, too.
+    /// Reads all answers, and that to one frame more: then the daemon has received what was dropped, too.
     fn read_all(&mut self, session: usize) {
         while !self.sessions[session].frames.is_empty() && self.failures < MOST_FAILURES {
             self.read(session, 0);
@@ -244,14 +222,13 @@ impl Client<'_> {
         }
     }
 
-    fn next_case(&mut self) -> SharedCase {
+    fn next_case(&mut self) -> Rc<Case> {
         self.counts.cases += 1;
         let seed = Case::next_seed(&mut self.random);
-        shared_case(CaseId { seed, is_large: self.random.below(LARGE_ONE_IN) == 0 })
+        Rc::new(Case::of_size(seed, self.random.below(LARGE_ONE_IN) == 0))
     }
 
-    /// Opens a session through which the daemon answers. `false` where the run is over before there is one, or
-    /// there is none for long.
+    /// Opens a session through which the daemon answers; `false` where there is none before it is too late.
     fn open(&mut self) -> bool {
         let way = self.offer.draw(&mut self.random);
         let began = Instant::now();
@@ -286,14 +263,14 @@ impl Client<'_> {
         }
         self.counts.frames += 1;
         let open = &mut self.sessions[session];
-        match send(&mut open.session, &case.1, form) {
+        match send(&mut open.session, &case, form) {
             Ok(pending) => open.frames.push_back(UnderWay { pending, case, form }),
-            Err(error) => self.fail(session, case.0, form, Finding::other(&error)),
+            Err(error) => self.fail(session, &case, form, Finding::other(&error)),
         }
     }
 
     /// Edits the session's scene towards the boxes of a case. One in a few begins anew.
-    fn edit(&mut self, session: usize, case: &SharedCase) {
+    fn edit(&mut self, session: usize, case: &Case) {
         // The edit needs a place of the session's.
         while self.sessions[session].frames.len() >= MOST_UNDER_WAY {
             self.read(session, 0);
@@ -309,8 +286,8 @@ impl Client<'_> {
         });
         self.counts.edits += 1;
         let mut by = ServedBy::Daemon;
-        let edited = model.edit(&case.1, random, |steps, report, is_read| {
-            case.1.flags.caller.run(|| {
+        let edited = model.edit(case, random, |steps, report, is_read| {
+            case.flags.caller.run(|| {
                 let edit = steps.iter().copied().fold(scene.edit(), SceneEdit::step);
                 let pending = edit.submit(report)?;
                 if !is_read {
@@ -336,19 +313,27 @@ impl Client<'_> {
         };
         if let Err(finding) = found {
             self.sessions[session].kept = None;
-            self.fail(session, case.0, Form::Scene, finding);
+            self.fail(session, case, Form::Scene, finding);
         }
     }
 
     fn read(&mut self, session: usize, frame: usize) {
         let frames = &mut self.sessions[session].frames;
         let Some(UnderWay { pending, case, form }) = frames.remove(frame) else { return };
-        let found = match receive(pending, &case.1) {
-            Ok((answer, by)) => self.answered(by, case.1.check(form, &answer)),
+        let answer = case.flags.caller.run(|| {
+            let mask = pending.wait()?;
+            let (pairs, count, info) = (mask.to_vec(), mask.count(), mask.info());
+            Ok::<_, Error>((Answer { pairs, count, census: info.census }, info.served_by))
+        });
+        let found = match answer {
+            Ok((mut answer, by)) => {
+                answer.pairs.sort_unstable();
+                self.answered(by, case.check(form, &answer))
+            }
             Err(error) => self.unanswered(&error),
         };
         if let Err(finding) = found {
-            self.fail(session, case.0, form, finding);
+            self.fail(session, &case, form, finding);
         }
     }
 
@@ -369,14 +354,15 @@ impl Client<'_> {
         Ok(())
     }
 
-    fn fail(&mut self, session: usize, case: CaseId, form: Form, finding: Finding) {
+    fn fail(&mut self, session: usize, case: &Case, form: Form, finding: Finding) {
         self.failures += 1;
         let way = self.sessions[session].way.to_string();
-        report(&Said::Failed(Box::new(FailedFrame { case, form, way, finding })));
+        let Case { seed, is_large, .. } = *case;
+        report(&Said::Failed(Box::new(FailedFrame { seed, is_large, form, way, finding })));
     }
 }
 
-/// Writes and sends a frame, on a thread with the floating-point flags of the case's caller.
+/// Writes and sends a frame, as it is read: on a thread with the floating-point flags of the case's caller.
 fn send(session: &mut Session, case: &Case, form: Form) -> Result<PendingFrame, Error> {
     // Its truth is computed with the default flags, if it is not there yet.
     case.allowed(form);
@@ -403,15 +389,4 @@ fn send(session: &mut Session, case: &Case, form: Form) -> Result<PendingFrame, 
             frame.submit()
         }
     })
-}
-
-/// Awaits a frame and decodes it, on a thread with the floating-point flags of the case's caller.
-fn receive(pending: PendingFrame, case: &Case) -> Result<(Answer, ServedBy), Error> {
-    let (mut answer, by) = case.flags.caller.run(|| {
-        let mask = pending.wait()?;
-        let (pairs, count, info) = (mask.to_vec(), mask.count(), mask.info());
-        Ok::<_, Error>((Answer { pairs, count, census: info.census }, info.served_by))
-    })?;
-    answer.pairs.sort_unstable();
-    Ok((answer, by))
 }

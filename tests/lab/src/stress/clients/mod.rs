@@ -4,12 +4,6 @@
 //! when they meet those of others: a failure's replay command sends its case many times, among others. The transport
 //! loses a place of 128 with each port that goes while the daemon has not received its requests, and its server panics
 //! when the last one is lost: the daemon's supervisor starts another worker, and such a run ends as failed.
-//!
-//! ```text
-//! offer       what clients may ask for, and what a session asks for       (pure)
-//! kept_scene  a scene that persists, and what has to come of its edits     (pure)
-//! client      one client: the process
-//! ```
 
 mod client;
 mod kept_scene;
@@ -17,7 +11,9 @@ mod offer;
 
 pub use client::{ClientSettings, Counts};
 
+use std::collections::BTreeMap;
 use std::num::NonZeroU16;
+use std::ops::Range;
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::{Duration, Instant};
 use std::{fmt, io};
@@ -32,14 +28,13 @@ use serde::Serialize;
 use self::client::{DEADLINE, FailedFrame, MOST_SESSIONS, Said};
 use self::offer::Offer;
 use super::report::{Failure, StressReport};
-use super::{MOST_FAILURES, Wanted};
+use super::{Case, MOST_FAILURES, Wanted};
 use crate::Result;
 use crate::processes::{Daemon, Work, Worker};
 
-/// Slots for sessions beside those of the living clients: slots of killed clients are free again after
-/// about a second.
+/// Slots for sessions beside those of the living clients: a killed one's are free after about a second.
 const SPARE_SLOTS: usize = 32;
-const BETWEEN_KILLS_MS: std::ops::Range<u64> = 200..1_500;
+const BETWEEN_KILLS_MS: Range<u64> = 200..1_500;
 const TICK: Duration = Duration::from_millis(50);
 /// A client that has not ended this long after it was told to hangs: it waits for a few frames first.
 const ENDS_WITHIN: Duration = DEADLINE.saturating_add(Duration::from_secs(30));
@@ -112,7 +107,7 @@ pub struct ClientsRun {
 }
 
 impl ClientsRun {
-    pub fn run(&self, watch: impl FnMut(u64, Duration)) -> Result<StressReport> {
+    pub fn run(&self, mut watch: impl FnMut(u64, Duration)) -> Result<StressReport> {
         let start = Instant::now();
         let look = Look::before(&self.daemon.session())?;
         let offer = Offer::new(&self.wanted, look.has_gpu);
@@ -128,34 +123,64 @@ impl ClientsRun {
             random: Random::new(self.seed),
             heard,
             ears,
-            clients: Vec::new(),
+            clients: BTreeMap::new(),
             started: 0,
             failed: Vec::new(),
             report: ClientsReport { count: self.clients.get().into(), ..ClientsReport::default() },
         };
-        crowd.work(watch)?;
-        crowd.end();
+        for _ in 0..self.clients.get() {
+            crowd.start()?;
+        }
+        let began = Instant::now();
+        let pause = |random: &mut Random| {
+            let Range { start, end } = BETWEEN_KILLS_MS;
+            Duration::from_millis(start + random.below(end - start))
+        };
+        let mut next_kill = began + pause(&mut crowd.random);
+        while began.elapsed() < self.time
+            && crowd.failed.len() < MOST_FAILURES
+            && !crowd.clients.is_empty()
+        {
+            if let Ok((number, said)) = crowd.ears.recv_timeout(TICK) {
+                crowd.note(number, said);
+            }
+            watch(crowd.report.counts.answers, began.elapsed());
+            if self.with_kills && Instant::now() >= next_kill {
+                // One of them, wherever it is, with SIGKILL.
+                let which = crowd.random.below(crowd.clients.len().max(1) as u64) as usize;
+                if let Some(number) = crowd.clients.keys().nth(which).copied() {
+                    crowd.clients.remove(&number);
+                }
+                crowd.report.killed += 1;
+                crowd.start()?;
+                next_kill = Instant::now() + pause(&mut crowd.random);
+            }
+        }
+        crowd.clients.values_mut().for_each(|(worker, _)| worker.end());
+        let deadline = Instant::now() + ENDS_WITHIN;
+        while !crowd.clients.is_empty() {
+            let left = deadline.saturating_duration_since(Instant::now());
+            let Ok((number, said)) = crowd.ears.recv_timeout(left) else { break };
+            crowd.note(number, said);
+        }
+        for (number, _) in std::mem::take(&mut crowd.clients) {
+            crowd.report.broken.push(format!("client {number} does not end when it is told to"));
+        }
         let Crowd { failed, report: mut clients, .. } = crowd;
-        clients.daemon = look.after();
+        clients.daemon = look.after().unwrap_or_default();
         let mut report = StressReport::new(self.case.unwrap_or(self.seed), offer.names());
         report.cases = std::mem::take(&mut clients.counts.cases);
         report.answers = std::mem::take(&mut clients.counts.answers);
         report.elapsed_ns = start.elapsed().as_nanos() as u64;
         report.clients = Some(clients);
-        for FailedFrame { case: id, form, way, finding } in failed {
+        for FailedFrame { seed, is_large, form, way, finding } in failed {
             let subject = format!("{form} through the daemon: {way}");
-            let replay = format!("{} --case {}", self.replay, id.seed);
-            report.fail(Failure::new(&id.case(), form, subject, replay, finding));
+            let replay = format!("{} --case {seed}", self.replay);
+            let case = Case::of_size(seed, is_large);
+            report.fail(Failure::new(&case, form, subject, replay, finding));
         }
         Ok(report)
     }
-}
-
-struct Client {
-    number: u64,
-    worker: Worker,
-    /// Its last words, once it has said them.
-    ended: Option<Said>,
 }
 
 struct Crowd<'a> {
@@ -164,48 +189,14 @@ struct Crowd<'a> {
     random: Random,
     heard: Sender<(u64, Option<Said>)>,
     ears: Receiver<(u64, Option<Said>)>,
-    clients: Vec<Client>,
+    /// The clients by number, each with its last words, once it has said them.
+    clients: BTreeMap<u64, (Worker, Option<Result<(), String>>)>,
     started: u64,
     failed: Vec<FailedFrame>,
     report: ClientsReport,
 }
 
 impl Crowd<'_> {
-    fn work(&mut self, mut watch: impl FnMut(u64, Duration)) -> io::Result<()> {
-        for _ in 0..self.run.clients.get() {
-            self.start()?;
-        }
-        let start = Instant::now();
-        let mut next_kill = start + self.until_next_kill();
-        while start.elapsed() < self.run.time
-            && self.failed.len() < MOST_FAILURES
-            && !self.clients.is_empty()
-        {
-            if let Ok((number, said)) = self.ears.recv_timeout(TICK) {
-                self.note(number, said);
-            }
-            watch(self.report.counts.answers, start.elapsed());
-            if self.run.with_kills && Instant::now() >= next_kill {
-                self.kill_one()?;
-                next_kill = Instant::now() + self.until_next_kill();
-            }
-        }
-        Ok(())
-    }
-
-    fn end(&mut self) {
-        self.clients.iter_mut().for_each(|client| client.worker.end());
-        let deadline = Instant::now() + ENDS_WITHIN;
-        while !self.clients.is_empty() {
-            let left = deadline.saturating_duration_since(Instant::now());
-            let Ok((number, said)) = self.ears.recv_timeout(left) else { break };
-            self.note(number, said);
-        }
-        for Client { number, .. } in self.clients.drain(..) {
-            self.report.broken.push(format!("client {number} does not end when it is told to"));
-        }
-    }
-
     fn start(&mut self) -> io::Result<()> {
         let settings = ClientSettings {
             seed: self.random.bits(),
@@ -219,39 +210,28 @@ impl Crowd<'_> {
         // Nobody reads what a client reports after the run.
         let hear = move |said| drop(heard.send((number, said)));
         let worker = self.run.daemon.start(&Work::Stress(settings), hear)?;
-        self.clients.push(Client { number, worker, ended: None });
+        self.clients.insert(number, (worker, None));
         Ok(())
-    }
-
-    fn until_next_kill(&mut self) -> Duration {
-        let range = BETWEEN_KILLS_MS;
-        Duration::from_millis(range.start + self.random.below(range.end - range.start))
-    }
-
-    /// Kills a client wherever it is, with SIGKILL.
-    fn kill_one(&mut self) -> io::Result<()> {
-        let which = self.random.below(self.clients.len() as u64) as usize;
-        drop(self.clients.swap_remove(which));
-        self.report.killed += 1;
-        self.start()
     }
 
     fn note(&mut self, number: u64, said: Option<Said>) {
         // One that was killed is no longer among the clients.
-        let place = self.clients.iter().position(|client| client.number == number);
-        match (said, place) {
-            (Some(Said::Counted(counts)), _) => self.report.counts.add(&counts),
-            (Some(Said::Failed(failed)), _) => self.failed.push(*failed),
-            (ended @ Some(Said::Ended(_)), Some(place)) => self.clients[place].ended = ended,
-            (None, Some(place)) => {
-                let why = match self.clients.swap_remove(place).ended {
-                    Some(Said::Ended(None)) => return,
-                    Some(Said::Ended(Some(why))) => why,
-                    _ => "it died".to_owned(),
+        match said {
+            Some(Said::Counted(counts)) => self.report.counts.add(&counts),
+            Some(Said::Failed(failed)) => self.failed.push(*failed),
+            Some(Said::Ended(why)) => {
+                self.clients
+                    .entry(number)
+                    .and_modify(|(_, last)| *last = Some(why.map_or(Ok(()), Err)));
+            }
+            None => {
+                let why = match self.clients.remove(&number) {
+                    None | Some((_, Some(Ok(())))) => return,
+                    Some((_, Some(Err(why)))) => why,
+                    Some((_, None)) => "it died".to_owned(),
                 };
                 self.report.broken.push(format!("client {number}: {why}"));
             }
-            (_, None) => {}
         }
     }
 }
@@ -296,13 +276,22 @@ impl Look {
         Ok(Self { daemon, before, has_gpu })
     }
 
-    /// Looks at it again. One that does not answer serves no more.
-    fn after(&self) -> DaemonReport {
-        let Some((mut session, now)) = self.settled() else { return DaemonReport::default() };
+    /// Looks at it again, once the auditor has nothing to do any more. `None` where it does not answer.
+    fn after(&self) -> Option<DaemonReport> {
+        let mut session = self.daemon.clone().connect().ok()?;
+        let mut now = session.daemon_status().ok()?;
+        let deadline = Instant::now() + SETTLES_WITHIN;
+        loop {
+            std::thread::sleep(SETTLED);
+            let earlier = std::mem::replace(&mut now, session.daemon_status().ok()?);
+            if earlier.audit == now.audit || Instant::now() >= deadline {
+                break;
+            }
+        }
         let was_restarted = now.pid != self.before.pid;
         let before = if was_restarted { StatusBody::default() } else { self.before };
         let (then, audit) = (before.audit, now.audit);
-        DaemonReport {
+        Some(DaemonReport {
             serves: answers(&mut session),
             was_restarted,
             frames: now.frames - before.frames,
@@ -314,35 +303,21 @@ impl Look {
                 missed: audit.missed - then.missed,
                 extra: audit.extra - then.extra,
             }),
-        }
-    }
-
-    /// The status once the auditor has nothing to do any more, and a session.
-    fn settled(&self) -> Option<(Session, StatusBody)> {
-        let mut session = self.daemon.clone().connect().ok()?;
-        let mut status = session.daemon_status().ok()?;
-        let deadline = Instant::now() + SETTLES_WITHIN;
-        loop {
-            std::thread::sleep(SETTLED);
-            let later = session.daemon_status().ok()?;
-            if later.audit == status.audit || Instant::now() >= deadline {
-                return Some((session, later));
-            }
-            status = later;
-        }
+        })
     }
 }
 
 fn answers(session: &mut Session) -> bool {
     let mut ask = || {
-        let mut frame = session.frame(3).ok()?;
+        let mut frame = session.frame(3)?;
         frame.boxes_mut().fill(Aabb::from([0.0, 0.0, 0.0, 1.0, 1.0, 1.0]));
-        let mask = frame.submit().ok()?.wait().ok()?;
+        frame.submit()?.wait()
+    };
+    ask().is_ok_and(|mask| {
         let mut pairs = mask.to_vec();
         pairs.sort_unstable();
-        Some(pairs == [[0, 1], [0, 2], [1, 2]] && mask.info().served_by == ServedBy::Daemon)
-    };
-    ask().unwrap_or(false)
+        pairs == [[0, 1], [0, 2], [1, 2]] && mask.info().served_by == ServedBy::Daemon
+    })
 }
 
 #[cfg(test)]

@@ -22,8 +22,7 @@ pub(super) struct Offer {
 }
 
 impl Offer {
-    /// What `--engine`, `--mode` and `--threads` leave; engines of the GPU only `with_gpu`. The update
-    /// stage asks no daemon, and takes no part.
+    /// What `--engine`, `--mode` and `--threads` leave, but the update stage, which asks no daemon.
     pub(super) fn new(wanted: &Wanted, with_gpu: bool) -> Self {
         let named = EngineName::ALL.into_iter().filter(|name| with_gpu || !name.is_gpu());
         let choices = [EngineChoice::Auto].into_iter().chain(named.map(EngineChoice::Only));

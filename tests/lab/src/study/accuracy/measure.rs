@@ -2,7 +2,6 @@
 
 use std::collections::BTreeMap;
 use std::num::NonZeroU32;
-use std::time::Duration;
 
 use clap::Args;
 use pairmask::Session;
@@ -13,26 +12,32 @@ use pairmaskd::precision::PrecisionChoice;
 use pairmaskd::scene::{Scene, SceneName};
 use pairmaskd::timed_client::{TimedError, TimedFrame};
 
-use super::clients::client;
-use super::mode::{CIRCUMSCRIBED, StudyMode, World};
+use super::clients::Client;
+use super::mode::{CIRCUMSCRIBED, StudyMode};
 use super::truth::{self, Difference};
-use crate::study::harness::percentile;
-use crate::study::harness::table::{Fields, fields, row};
+use crate::study::harness::{Fields, fields, percentile, row};
+
+/// A name, and its time in a frame, ns.
+type Stage = (&'static str, fn(&TimedFrame) -> u64);
 
 /// Stages of a frame. `round_trip` holds `engine`, which holds `ingest`, `plan`, `execute` and `publish`; `total` is
 /// `fill` (memory borrowed, boxes written), `round_trip` and `decode` (every pair of the mask visited once).
 /// Percentiles do not add up; stages of one frame do.
-pub const STAGES: [&str; 9] = [
-    "fill_ns",
-    "ingest_ns",
-    "plan_ns",
-    "execute_ns",
-    "publish_ns",
-    "engine_ns",
-    "round_trip_ns",
-    "decode_ns",
-    "total_ns",
+pub const STAGES: [Stage; 9] = [
+    ("fill_ns", |frame| frame.fill.as_nanos() as u64),
+    ("ingest_ns", |frame| engine(frame).ingest_ns),
+    ("plan_ns", |frame| engine(frame).plan_ns),
+    ("execute_ns", |frame| engine(frame).execute_ns),
+    ("publish_ns", |frame| engine(frame).publish_ns),
+    ("engine_ns", |frame| engine(frame).total_ns),
+    ("round_trip_ns", |frame| frame.round_trip.as_nanos() as u64),
+    ("decode_ns", |frame| frame.decode.as_nanos() as u64),
+    ("total_ns", |frame| (frame.fill + frame.round_trip + frame.decode).as_nanos() as u64),
 ];
+
+fn engine(frame: &TimedFrame) -> StageTimes {
+    if frame.was_asked { frame.info.times } else { StageTimes::default() }
+}
 
 #[derive(Clone, Copy, Debug)]
 pub struct Subject {
@@ -56,15 +61,7 @@ pub struct Lengths {
     checked: u32,
 }
 
-impl Lengths {
-    fn is_checked(&self, frame: u32) -> bool {
-        let interval = self.frames.get().div_ceil(self.checked.max(1)).max(1);
-        self.checked > 0 && frame.is_multiple_of(interval)
-    }
-}
-
-/// A row of the report: one scene of n boxes in motion, culled in one mode by one engine. `README.md` says what
-/// its fields mean.
+/// A row of the report, whose fields `README.md` documents.
 pub fn row(
     session: Session,
     subject: &Subject,
@@ -72,7 +69,7 @@ pub fn row(
     memory_bytes: impl FnOnce() -> u64,
 ) -> Result<Fields, TimedError> {
     let mut scene = Scene::new(subject.scene, subject.n as usize, subject.seed);
-    let mut client = client(subject.mode, &subject.options, session, scene.boxes())?;
+    let mut client = Client::new(subject.mode, &subject.options, session, scene.boxes())?;
     let mut last = client.frame(scene.boxes(), false)?.frame;
     for _ in 0..lengths.warm_up {
         scene.step();
@@ -81,21 +78,21 @@ pub fn row(
     let mut times: [Vec<f64>; STAGES.len()] = Default::default();
     let (mut requests, mut mask_bytes) = (0, 0);
     let (mut found, mut checked_frames) = (Difference::NONE, 0u64);
-    let mut against_boxes = client.stands_for_boxes().then_some(Difference::NONE);
+    let mut against_boxes = matches!(client, Client::Spheres(_)).then_some(Difference::NONE);
+    let interval = lengths.frames.get().div_ceil(lengths.checked.max(1)).max(1);
     for frame in 0..lengths.frames.get() {
+        let is_checked = lengths.checked > 0 && frame.is_multiple_of(interval);
         scene.step();
-        let answer = client.frame(scene.boxes(), lengths.is_checked(frame))?;
+        let answer = client.frame(scene.boxes(), is_checked)?;
         last = answer.frame;
-        for (times, ns) in times.iter_mut().zip(stages(&last)) {
-            times.push(ns as f64);
+        for (times, (_, ns)) in times.iter_mut().zip(STAGES) {
+            times.push(ns(&last) as f64);
         }
         requests += u64::from(last.was_asked);
         mask_bytes += u64::from(last.was_asked) * last.info.mask_bytes;
         if let Some(reported) = answer.pairs {
-            found.add(&Difference::between(
-                &reported,
-                &client.truth(scene.boxes(), last.info.engine)?,
-            ));
+            let truth = client.truth(scene.boxes(), last.info.engine)?;
+            found.add(&Difference::between(&reported, &truth));
             if let Some(against_boxes) = &mut against_boxes {
                 let truth = truth::pairs(scene.boxes(), last.info.engine)?;
                 against_boxes.add(&Difference::between(&reported, &truth));
@@ -103,16 +100,17 @@ pub fn row(
             checked_frames += 1;
         }
     }
-    let (margin, offset, spheres) = match subject.mode {
+    let (mut margin, mut offset, mut spheres) = (None, None, None);
+    match subject.mode {
         // The shortest number, 0.1, not the f64 value of the f32 0.1.
-        StudyMode::Sent(PrecisionChoice::Margin(margin)) => {
-            (margin.get().to_string().parse::<f64>().ok(), None, None)
+        StudyMode::Sent(PrecisionChoice::Margin(of)) => {
+            margin = of.get().to_string().parse::<f64>().ok();
         }
-        StudyMode::Sent(_) => (None, None, None),
-        StudyMode::World(world) => (None, Some(world.offset), None),
-        StudyMode::Spheres => (None, None, Some(CIRCUMSCRIBED)),
-    };
-    let percentiles = |(stage, times): (&'static str, Vec<f64>)| {
+        StudyMode::Sent(_) => {}
+        StudyMode::F64(from) | StudyMode::PlainF32(from) => offset = Some(from),
+        StudyMode::Spheres => spheres = Some(CIRCUMSCRIBED),
+    }
+    let percentiles = |((stage, _), times): ((&'static str, _), Vec<f64>)| {
         // Each is a measured time, of whole nanoseconds.
         let at = |percent| percentile(times.clone(), percent) as u64;
         (stage, row!(p50: at(50), p99: at(99)))
@@ -157,22 +155,6 @@ pub(super) fn error_percent(
     ratio.filter(|_| missed == 0 && checked_frames > 0).map(|ratio| 100.0 * ratio)
 }
 
-fn stages(frame: &TimedFrame) -> [u64; STAGES.len()] {
-    let ns = |time: Duration| time.as_nanos() as u64;
-    let engine = if frame.was_asked { frame.info.times } else { StageTimes::default() };
-    [
-        ns(frame.fill),
-        engine.ingest_ns,
-        engine.plan_ns,
-        engine.execute_ns,
-        engine.publish_ns,
-        engine.total_ns,
-        ns(frame.round_trip),
-        ns(frame.decode),
-        ns(frame.fill + frame.round_trip + frame.decode),
-    ]
-}
-
 /// Most boxes that are compared each with each on a CPU: 5·10⁸ tests, some 0.1 s a frame.
 const BRUTE_LIMIT: u32 = 32_768;
 
@@ -188,7 +170,7 @@ pub fn is_reasonable(subject: &Subject) -> bool {
     let is_able = !(is_on_gpu && mode == StudyMode::Spheres);
     let is_brute = engine == EngineChoice::Only(EngineName::CpuBrute);
     let limit = match mode {
-        StudyMode::World(World { is_plain: true, .. }) => PLAIN_LIMIT,
+        StudyMode::PlainF32(_) => PLAIN_LIMIT,
         _ if is_brute || subject.scene.is_quadratic() => BRUTE_LIMIT,
         _ => u32::MAX,
     };

@@ -1,7 +1,4 @@
 //! The subjects of rows: a precision mode of the sessions, or one of three others.
-//!
-//! The others: the scene in a world of f64 coordinates, far from their origin; the same rounded to
-//! the nearest f32, as is often done; and spheres around the boxes in place of them.
 
 use std::fmt;
 use std::str::FromStr;
@@ -11,19 +8,13 @@ use pairmaskd::precision::{PrecisionChoice, UnknownPrecision};
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum StudyMode {
     Sent(PrecisionChoice),
-    /// The scene moved away from the origin of a world in f64.
-    World(World),
+    /// The scene in a world of f64 coordinates, so many units from its origin on every axis. Its boxes become f32
+    /// relative to an origin among them, outward ([`pairmask_core::Aabb::outward_from_f64`]).
+    F64(f64),
+    /// The same, with boxes rounded to the nearest f32 as they are, which is often done, and a warning.
+    PlainF32(f64),
     /// Spheres around the boxes: boxes that overlap have spheres that overlap.
     Spheres,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct World {
-    /// How far from the origin the scene lies on every axis, units.
-    pub offset: f64,
-    /// Whether its boxes become f32 by rounding to the nearest, as they are; else relative to an origin among them,
-    /// outward ([`pairmask_core::Aabb::outward_from_f64`]).
-    pub is_plain: bool,
 }
 
 /// Default distance from the origin: steps of f32 are 64 units there.
@@ -32,15 +23,12 @@ const FAR: f64 = 1e9;
 /// What spheres are to the boxes, in reports.
 pub(super) const CIRCUMSCRIBED: &str = "circumscribed";
 
-/// The mode that is a warning.
-pub(super) const PLAIN_F32: &str = "plain-f32";
-
 impl StudyMode {
     pub const fn name(self) -> &'static str {
         match self {
             Self::Sent(precision) => precision.mode(),
-            Self::World(World { is_plain: false, .. }) => "f64",
-            Self::World(World { is_plain: true, .. }) => PLAIN_F32,
+            Self::F64(_) => "f64",
+            Self::PlainF32(_) => "plain-f32",
             Self::Spheres => "spheres",
         }
     }
@@ -50,7 +38,7 @@ impl fmt::Display for StudyMode {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Sent(precision) => precision.fmt(f),
-            Self::World(world) => write!(f, "{}={:e}", self.name(), world.offset),
+            Self::F64(offset) | Self::PlainF32(offset) => write!(f, "{}={offset:e}", self.name()),
             Self::Spheres => write!(f, "spheres={CIRCUMSCRIBED}"),
         }
     }
@@ -62,10 +50,10 @@ impl FromStr for StudyMode {
     fn from_str(s: &str) -> Result<Self, String> {
         let (name, value) = s.split_once('=').map_or((s, None), |(name, v)| (name, Some(v)));
         let mode = match (name, value) {
-            ("f64" | PLAIN_F32, _) => {
+            ("f64" | "plain-f32", _) => {
                 let offset = value.map_or(Some(FAR), |value| value.parse().ok());
                 let offset = offset.filter(|offset| *offset >= 0.0 && offset.is_finite());
-                offset.map(|offset| Self::World(World { offset, is_plain: name == PLAIN_F32 }))
+                offset.map(if name == "f64" { Self::F64 } else { Self::PlainF32 })
             }
             ("spheres", None | Some(CIRCUMSCRIBED)) => Some(Self::Spheres),
             ("spheres", _) => None,

@@ -1,17 +1,15 @@
-//! The report as text, as CSV, and as one page of plots and tables that loads nothing.
+//! What rows are worth (settings, and the Pareto front), as text, as CSV, and as one page of plots and tables that
+//! loads nothing.
 
 use serde_json::Value;
 
-use super::judge::{Setting, in_order, p50, pareto, settings, text, title};
-use crate::study::harness::Report;
-use crate::study::harness::document::Part;
-use crate::study::harness::machine::Machine;
-use crate::study::harness::plot::{Look, Plot, Series, Unit};
-use crate::study::harness::table::{Fields, Table};
+use crate::study::harness::{
+    Fields, Look, Part, Plot, Report, Series, Table, number_text, pareto_front, row, value_text,
+};
 use crate::study::papers;
 
 /// The report of these rows.
-pub fn report(machine: &Machine, seed: u64, rows: &[Fields]) -> Report {
+pub fn report(machine: Fields, seed: u64, rows: &[Fields]) -> Report {
     let (modes, pareto) = pareto(rows);
     let far: Vec<&Fields> = rows.iter().filter(|row| !row["offset"].is_null()).collect();
     let sections = [
@@ -95,6 +93,11 @@ fn plots(rows: &[Fields]) -> Vec<Part> {
         };
         scenes().map(of).collect::<Vec<_>>()
     };
+    let against_error = |setting: &Setting<'_>| {
+        let table = Table::of(setting);
+        let plot = Plot::of(&table, "error_percent", &[TIME], &["precision"], Look::Points);
+        Plot { title: title(setting), ..plot.with_front() }
+    };
     let sections = [
         (
             "Speed against error",
@@ -102,7 +105,7 @@ fn plots(rows: &[Fields]) -> Vec<Part> {
              %. The dashed line is the front of these two; what missed a pair is not drawn. \
              Spheres are culled in the client's process, and stand for boxes: their extra pairs are \
              those that the boxes do not have.",
-            settings(&near).iter().map(speed_against_error).collect(),
+            settings(&near).iter().map(against_error).collect(),
         ),
         (
             "Scaling, with the papers beside",
@@ -142,8 +145,18 @@ fn missed(rows: &[Fields]) -> String {
 fn choices(rows: &[Fields]) -> Table {
     let line = |mode: &str| {
         let its = || rows.iter().filter(|row| row["precision"] == mode);
-        let ratios = || its().filter_map(|row| against_exact(row, rows));
-        let text = |ratio: Option<f64>| ratio.map_or("-".to_owned(), |x| Unit::Ratio.text(x));
+        // The median frame over that of the exact row of the same scene, size and engine.
+        let against_exact = |row: &Fields| {
+            let is_same = |other: &Fields, name: &str| other[name] == row[name];
+            let is_its = |other: &&Fields| {
+                other["mode"] == "exact"
+                    && ["scene", "n", "engine"].iter().all(|name| is_same(other, name))
+            };
+            let base = p50(rows.iter().find(is_its)?);
+            (base > 0.0).then(|| p50(row) / base)
+        };
+        let ratios = || its().filter_map(against_exact);
+        let text = |ratio: Option<f64>| ratio.map_or("-".to_owned(), number_text);
         let errors = its().filter_map(|row| row["error_percent"].as_f64());
         let misses = |found: &Value| found["missed"].as_u64() > Some(0);
         let extra = if its().any(|row| row["missed"] != 0 || misses(&row["against_boxes"])) {
@@ -159,16 +172,6 @@ fn choices(rows: &[Fields]) -> Table {
     };
     let head = ["mode", "frame time, exact = 1, from", "to", "extra %, at most", "bytes a box"];
     Table::of_texts(head, in_order(rows, "precision").into_iter().map(line))
-}
-
-/// Median frame of a row over that of the exact row of its scene, size and engine.
-fn against_exact(row: &Fields, rows: &[Fields]) -> Option<f64> {
-    let is_its = |other: &&Fields| {
-        let is_same = |name: &&str| other[*name] == row[*name];
-        other["mode"] == "exact" && ["scene", "n", "engine"].iter().all(is_same)
-    };
-    let base = p50(rows.iter().find(is_its)?);
-    (base > 0.0).then(|| p50(row) / base)
 }
 
 fn verdicts(modes: &[Fields]) -> Table {
@@ -188,12 +191,6 @@ fn verdicts(modes: &[Fields]) -> Table {
     Table::of_texts(head, modes.iter().map(line))
 }
 
-fn speed_against_error(setting: &Setting<'_>) -> Plot {
-    let plot =
-        Plot::of(&Table::of(setting), "error_percent", &[TIME], &["precision"], Look::Points);
-    Plot { title: title(setting), ..plot.with_front() }
-}
-
 /// Exact frames of a scene over n, a line an engine, beside the papers'.
 fn scaling(scene: &str, rows: &[Fields]) -> Plot {
     let exact = rows.iter().filter(|row| row["mode"] == "exact" && row["scene"] == scene);
@@ -205,51 +202,112 @@ fn scaling(scene: &str, rows: &[Fields]) -> Plot {
     plot
 }
 
+/// Rows that answer the same question: of one scene, one size and one distance from the origin, in the order in which
+/// they were measured. Rows of f32 boxes do not belong to a setting far from the origin.
+type Setting<'a> = Vec<&'a Fields>;
+
+fn title(setting: &Setting<'_>) -> String {
+    let row = setting[0];
+    let far =
+        row["offset"].as_f64().map_or_else(String::new, |x| format!(", {x:e} from the origin"));
+    let n = value_text("n", row["n"].as_f64().unwrap_or(0.0));
+    format!("{}, {n} boxes{far}", text(row, "scene"))
+}
+
+fn text<'a>(row: &'a Fields, name: &str) -> &'a str {
+    row[name].as_str().unwrap_or_default()
+}
+
+/// The median of whole frames, ns.
+fn p50(row: &Fields) -> f64 {
+    row["times"]["total_ns"]["p50"].as_f64().unwrap_or(0.0)
+}
+
+fn settings(rows: &[Fields]) -> Vec<Setting<'_>> {
+    let scenes = in_order(rows, "scene");
+    let place = |row: &Fields| {
+        let scene = scenes.iter().position(|scene| *scene == text(row, "scene"));
+        (scene, row["n"].as_u64())
+    };
+    let distance = |row: &Fields| row["offset"].as_f64().unwrap_or(-1.0);
+    let order = |a: &&Fields, b: &&Fields| {
+        place(a).cmp(&place(b)).then(distance(a).total_cmp(&distance(b)))
+    };
+    let mut sorted: Vec<&Fields> = rows.iter().collect();
+    sorted.sort_by(order);
+    let settings = sorted.chunk_by(|a, b| order(a, b).is_eq());
+    settings.map(<[_]>::to_vec).collect()
+}
+
+/// The different texts of a field, in the order of the rows.
+fn in_order<'a>(rows: &'a [Fields], name: &str) -> Vec<&'a str> {
+    let mut seen = Vec::new();
+    for row in rows {
+        if !seen.contains(&text(row, name)) {
+            seen.push(text(row, name));
+        }
+    }
+    seen
+}
+
+/// The Pareto front of time, extra pairs and bytes: its axes, a row for each mode, and the modes that are nowhere on
+/// it, which are beaten in every setting that was measured.
+fn pareto(rows: &[Fields]) -> (Vec<Fields>, Fields) {
+    let all = settings(rows);
+    let costs =
+        |row: &Fields| Some([p50(row), row["error_percent"].as_f64()?, row["bytes_up"].as_f64()?]);
+    let verdict = |mode: &str| {
+        let is_its = |row: &Fields| text(row, "precision") == mode;
+        let (mut settings, mut disqualified, mut at) = (0, 0, Vec::new());
+        for setting in all.iter().filter(|setting| setting.iter().any(|row| is_its(row))) {
+            let (runners, costs): (Vec<_>, Vec<_>) =
+                setting.iter().filter_map(|row| Some((*row, costs(row)?))).unzip();
+            let mut ranked = runners.iter().zip(pareto_front(&costs));
+            settings += 1;
+            disqualified += u64::from(!runners.iter().any(|row| is_its(row)));
+            at.extend(ranked.any(|(row, wins)| wins && is_its(row)).then(|| title(setting)));
+        }
+        row!(mode, settings, disqualified, on_front: at.len(), at)
+    };
+    let modes: Vec<Fields> = in_order(rows, "precision").into_iter().map(verdict).collect();
+    let nowhere = modes.iter().filter(|mode| mode["on_front"] == 0);
+    let nowhere: Vec<Value> = nowhere.map(|mode| mode["mode"].clone()).collect();
+    let pareto = row!(axes: ["p50", "extra_ratio", "bytes_up"], modes, nowhere);
+    (modes, pareto)
+}
+
 #[cfg(test)]
-pub(super) mod tests {
+mod tests {
     use serde_json::json;
 
-    use super::super::measure::{STAGES, error_percent};
+    use super::super::measure::error_percent;
     use super::super::truth::Difference;
     use super::*;
-    use crate::study::harness::document::{html, markdown};
-    use crate::study::harness::table::{fields, row};
+    use crate::study::harness::{fields, html, machine_with, markdown};
 
     /// A row of a mode, of 1,000 true pairs.
-    pub fn row(precision: &str, p50: u64, extra: u64, missed: u64) -> Fields {
+    fn measured(precision: &str, p50: u64, extra: u64, missed: u64) -> Fields {
         let found = Difference::of(1000, missed, extra);
-        let times = |stage: &'static str| {
-            let p50 = if stage == "total_ns" { p50 } else { 0 };
-            (stage, json!({"p50": p50, "p99": 2 * p50}))
-        };
-        let null = Value::Null;
         let mut row = row!(
             scene: "uniform",
             n: 1000,
             mode: precision.split('=').next(),
-            margin: null,
-            offset: null,
-            spheres: null,
+            offset: Value::Null,
             precision,
-            backend: "daemon",
             engine: "auto",
-            served_by_engine: "cpu-grid",
-            frames: 200,
-            requests: 40,
-            times: std::collections::BTreeMap::from(STAGES.map(times)),
+            times: json!({"total_ns": {"p50": p50, "p99": 2 * p50}}),
             bytes_up: 24_000,
-            bytes_down: 12_000,
             checked_frames: 4,
         );
         row.extend(fields(&found));
-        let error_percent = error_percent(4, found, None);
-        row.extend(row!(error_percent, against_boxes: null, memory_bytes: 1 << 30));
+        row.extend(row!(error_percent: error_percent(4, found, None), against_boxes: Value::Null));
         row
     }
 
     fn report_of(rows: &[Fields]) -> Report {
-        let command = "bench <accuracy>".to_owned();
-        report(&Machine { command, ..Machine::here(None) }, 1, rows)
+        let mut machine = machine_with(None);
+        machine.extend(row!(command: "bench <accuracy>"));
+        report(machine, 1, rows)
     }
 
     fn page_of(rows: &[Fields]) -> String {
@@ -258,15 +316,10 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn lines_have_as_many_fields_as_the_head_and_text_all_columns() {
-        let mut spheres = row("spheres=circumscribed", 500_000, 0, 0);
+    fn the_text_has_all_columns() {
+        let mut spheres = measured("spheres=circumscribed", 500_000, 0, 0);
         spheres.extend(row!(against_boxes: Difference::of(100, 2, 7)));
-        let report = report_of(&[row("margin=0.1", 500_000, 25, 0), spheres]);
-        let csv = report.csv();
-        let counts: Vec<usize> = csv.lines().map(|line| line.split(',').count()).collect();
-        assert_eq!(counts, [44; 3]);
-        assert!(csv.contains(",times.total_ns.p50,times.total_ns.p99,"), "{csv}");
-        let text = markdown(&report.parts);
+        let text = markdown(&report_of(&[measured("margin=0.1", 500_000, 25, 0), spheres]).parts);
         for part in ["margin=0.1", "spheres=circumscribed", "misses pairs", " 0.07 |", "| nowhere"]
         {
             assert!(text.contains(part), "{part}: {text}");
@@ -275,7 +328,7 @@ pub(super) mod tests {
 
     #[test]
     fn a_page_loads_nothing_and_reports_what_was_missed_first() {
-        let page = page_of(&[row("exact", 2000, 0, 0), row("q16", 1000, 3, 0)]);
+        let page = page_of(&[measured("exact", 2000, 0, 0), measured("q16", 1000, 3, 0)]);
         let without_namespace = page.replace("xmlns=\"http://www.w3.org/2000/svg\"", "");
         for outside in ["http:", "https:", "src=", "href=", "url(", "@import", "<script"] {
             assert!(!without_namespace.contains(outside), "{outside}");
@@ -284,14 +337,14 @@ pub(super) mod tests {
         assert_eq!(page.matches("<svg").count(), 4);
         assert!(page.contains("No pair was missed") && page.contains(">0.5<"), "{page}");
         assert!(page.contains("bench &lt;accuracy&gt;"), "the command is escaped");
-        let missing = page_of(&[row("exact", 2000, 0, 0), row("q16", 1000, 3, 1)]);
+        let missing = page_of(&[measured("exact", 2000, 0, 0), measured("q16", 1000, 3, 1)]);
         assert!(missing.contains("1 pairs were missed") && missing.contains("misses pairs"));
-        let mut unchecked = row("exact", 2000, 0, 0);
+        let mut unchecked = measured("exact", 2000, 0, 0);
         unchecked.extend(row!(checked_frames: 0, error_percent: Value::Null));
         let unchecked = page_of(&[unchecked]);
         assert!(unchecked.contains("No frame was checked") && !unchecked.contains("No pair was"));
         let far = |precision: &str| {
-            let mut row = row(precision, 2000, 7, 0);
+            let mut row = measured(precision, 2000, 7, 0);
             row.extend(row!(offset: 1e9));
             row
         };
@@ -300,5 +353,57 @@ pub(super) mod tests {
         for absent in ["Speed against error", "Scaling", "Percentiles", "Where the time goes"] {
             assert!(!page.contains(absent), "{absent}");
         }
+    }
+
+    #[test]
+    fn rows_stand_with_those_of_their_question() {
+        let of = |(scene, n, offset): (&str, u32, Option<f64>)| {
+            let mut row = measured("exact", 1, 0, 0);
+            row.extend(row!(scene, n, offset));
+            row
+        };
+        let far = ("pile", 1000, Some(1e9));
+        let near = ("pile", 1000, None);
+        let rows = [("pile", 10_000, None), far, ("cubes", 1000, None), near, near].map(of);
+        let settings = settings(&rows);
+        let titles: Vec<String> = settings.iter().map(title).collect();
+        let far = "pile, 1K boxes, 1e9 from the origin";
+        assert_eq!(titles, ["pile, 1K boxes", far, "pile, 10K boxes", "cubes, 1K boxes"]);
+        assert_eq!(settings[0].len(), 2);
+    }
+
+    #[test]
+    fn modes_that_are_nowhere_on_the_front_are_named() {
+        let of = |mode: &str, n: u32, p50, extra, missed, bytes_up: u64| {
+            let offset = (mode == "f64=1e9").then_some(1e9);
+            let mut row = measured(mode, p50, extra, missed);
+            row.extend(row!(n, offset, bytes_up));
+            row
+        };
+        let rows = [
+            of("exact", 10, 100, 0, 0, 24),
+            of("q16", 10, 120, 3, 0, 12),
+            of("q8", 10, 130, 9, 0, 12),
+            of("f16", 10, 1, 0, 1, 12),
+            of("f64=1e9", 10, 900, 9, 0, 24),
+            of("exact", 20, 100, 0, 0, 24),
+            of("q16", 20, 90, 0, 0, 12),
+        ];
+        let (modes, pareto) = pareto(&rows);
+        let verdict = |verdict: &Fields| {
+            let counts = ["settings", "disqualified", "on_front"];
+            (text(verdict, "mode").to_owned(), counts.map(|name| verdict[name].as_u64()))
+        };
+        let expected = [
+            ("exact", [2, 0, 1]),
+            ("q16", [2, 0, 2]),
+            ("q8", [1, 0, 0]),
+            ("f16", [1, 1, 0]),
+            ("f64=1e9", [1, 0, 1]),
+        ];
+        let expected = expected.map(|(mode, counts)| (mode.to_owned(), counts.map(Some)));
+        assert_eq!(modes.iter().map(verdict).collect::<Vec<_>>(), expected);
+        assert_eq!(modes[0]["at"], serde_json::json!(["uniform, 10 boxes"]));
+        assert_eq!(pareto["nowhere"], serde_json::json!(["q8", "f16"]));
     }
 }

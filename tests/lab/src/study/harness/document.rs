@@ -86,25 +86,23 @@ pub fn html(parts: &[Part]) -> String {
                 let lines = lines.iter().map(|line| format!("<li>{}</li>\n", marked(line)));
                 writeln!(page, "<ul>\n{}</ul>", lines.collect::<String>())
             }
-            Part::Table(table) => writeln!(page, "{}", table_html(table)),
+            Part::Table(table) => {
+                let mut lines = String::new();
+                for (number, line) in table.lines().iter().enumerate() {
+                    let tag = if number == 0 { "th" } else { "td" };
+                    lines += "<tr>";
+                    for (at, cell) in line.iter().enumerate() {
+                        let class = if table.is_left(at) { " class=\"name\"" } else { "" };
+                        let _ = write!(lines, "<{tag}{class}>{}</{tag}>", marked(cell));
+                    }
+                    lines += "</tr>\n";
+                }
+                writeln!(page, "<div class=\"scroll\"><table>\n{lines}</table></div>")
+            }
             Part::Plots(plots) => writeln!(page, "<div class=\"plots\">{}</div>", plots.concat()),
         };
     }
     page + "</body></html>\n"
-}
-
-fn table_html(table: &Table) -> String {
-    let mut text = "<div class=\"scroll\"><table>\n".to_owned();
-    for (number, line) in table.lines().iter().enumerate() {
-        let tag = if number == 0 { "th" } else { "td" };
-        text += "<tr>";
-        for (at, cell) in line.iter().enumerate() {
-            let class = if table.is_left(at) { " class=\"name\"" } else { "" };
-            let _ = write!(text, "<{tag}{class}>{}</{tag}>", marked(cell));
-        }
-        text += "</tr>\n";
-    }
-    text + "</table></div>"
 }
 
 fn escaped(text: &str) -> String {

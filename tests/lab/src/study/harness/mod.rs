@@ -1,9 +1,12 @@
 //! What all studies share: one way to write results, tables, plots, medians.
 
-pub(crate) mod document;
-pub(crate) mod machine;
-pub mod plot;
-pub(crate) mod table;
+mod document;
+mod plot;
+mod table;
+
+pub(crate) use self::document::{Part, html, markdown};
+pub(crate) use self::plot::{Look, Plot, Series, pareto_front, value_text};
+pub(crate) use self::table::{Fields, Table, fields, number_text, row};
 
 use std::fs;
 use std::path::Path;
@@ -11,14 +14,12 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use indexmap::IndexMap;
-use pairmaskd::execute::gpu::{Gpu, GpuChoice, HostImport, OpenError};
+use pairmaskd::cli::machine::Machine;
+use pairmaskd::execute::gpu::{AdapterInfo, Gpu, GpuChoice, HostImport, OpenError};
 use pairmaskd::file_error::{Access, FileError};
 use serde::Serialize;
 use serde_json::json;
 
-use self::document::{Part, html, markdown};
-use self::machine::Machine;
-use self::table::{Fields, Table, fields};
 use crate::Result;
 
 /// The results of a study: values and lists of rows, which are its JSON object, and the document that shows them.
@@ -39,6 +40,9 @@ pub(crate) struct Report {
     /// The rows of its CSV, where those are not its lists.
     #[serde(skip)]
     pub csv_rows: Option<Table>,
+    /// Why the command fails, though it has measured.
+    #[serde(skip)]
+    pub fault: Option<&'static str>,
 }
 
 impl Report {
@@ -50,8 +54,21 @@ impl Report {
         self.values.insert(name.to_owned(), json!(value));
     }
 
-    pub fn machine(&mut self, machine: &Machine) {
-        self.parts.extend(machine.parts());
+    /// The machine and build of a study ([`machine_with`]).
+    pub fn machine(&mut self, machine: Fields) {
+        let text = |name: &str| machine[name].as_str();
+        let [cpu, rustc, commit, command] =
+            ["cpu", "rustc", "commit", "command"].map(|name| text(name).unwrap_or_default());
+        let driver = text("driver").unwrap_or("-");
+        let gpu = text("gpu").map_or_else(String::new, |gpu| format!("; {gpu} ({driver})"));
+        let either = |name: &str, is_so, what| if machine[name] == is_so { what } else { "" };
+        let software =
+            either("gpu_is_software", true, " The GPU is software: its times are the CPU's.");
+        let debug = either("optimised", false, " **Not optimised: times mean nothing.**");
+        let build = format!("{rustc}; commit {commit}.{software}{debug}");
+        let threads = &machine["threads"];
+        self.parts.push(Part::text(format!("{cpu}, {threads} threads{gpu}; {build}")));
+        self.parts.push(Part::text(format!("`{command}`")));
         self.value("machine", machine);
     }
 
@@ -94,12 +111,11 @@ impl Report {
         fs::create_dir_all(folder).map_err(FileError::of(folder, Access::WriteInto))?;
         let json = serde_json::to_string_pretty(self)? + "\n";
         let texts = [("json", json), ("csv", self.csv()), ("md", markdown(&self.parts))];
-        let files = texts.map(|(kind, text)| (format!("{}.{kind}", self.name), text));
-        let page = self
-            .page
-            .iter()
-            .map(|(file, more)| ((*file).to_owned(), html(&[&self.parts[..], &more[..]].concat())));
-        for (file, text) in files.into_iter().chain(page) {
+        let mut files = texts.map(|(kind, text)| (format!("{}.{kind}", self.name), text)).to_vec();
+        if let Some((file, more)) = &self.page {
+            files.push(((*file).to_owned(), html(&[&self.parts[..], more].concat())));
+        }
+        for (file, text) in files {
             let path = folder.join(file);
             fs::write(&path, text).map_err(FileError::of(path, Access::Write))?;
         }
@@ -107,8 +123,23 @@ impl Report {
     }
 }
 
-/// The GPU of a run that goes on without one: `None` with [`GpuChoice::None`], and with
-/// [`GpuChoice::Auto`] on a machine without one.
+/// The machine and build of a study, with the GPU that it uses.
+pub(crate) fn machine_with(adapter: Option<&AdapterInfo>) -> Fields {
+    let Machine { cpu, toolchain, commit, command, .. } = Machine::this();
+    row!(
+        cpu,
+        threads: rayon::current_num_threads(),
+        gpu: adapter.map(|a| &a.name),
+        driver: adapter.map(|a| &a.driver),
+        gpu_is_software: adapter.is_some_and(AdapterInfo::is_software),
+        rustc: toolchain,
+        optimised: !cfg!(debug_assertions),
+        commit,
+        command,
+    )
+}
+
+/// The GPU of a run that goes on without one, where `auto` finds none, or none is asked for.
 pub(crate) fn open_if_any(
     choice: &GpuChoice,
     import: HostImport,
@@ -138,17 +169,14 @@ pub(crate) fn median(values: Vec<f64>) -> f64 {
     percentile(values, 50)
 }
 
-pub(crate) fn repeated<T, E>(
-    budget: Duration,
-    least: usize,
-    mut run: impl FnMut() -> Result<T, E>,
-) -> Result<Vec<T>, E> {
+/// Results of runs that are repeated for so long, and so many times at least.
+pub(crate) fn repeated<T>(budget: Duration, least: usize, mut run: impl FnMut() -> T) -> Vec<T> {
     let mut results = Vec::new();
     let started = Instant::now();
     while results.len() < least || started.elapsed() < budget {
-        results.push(run()?);
+        results.push(run());
     }
-    Ok(results)
+    results
 }
 
 /// Median time of a run by the host's clock, ms; three runs at least.
@@ -156,7 +184,7 @@ pub(crate) fn median_ms(budget: Duration, mut run: impl FnMut()) -> f64 {
     let timed = || {
         let start = Instant::now();
         run();
-        Ok::<_, std::convert::Infallible>(start.elapsed().as_secs_f64() * 1e3)
+        start.elapsed().as_secs_f64() * 1e3
     };
-    repeated(budget, 3, timed).map_or(f64::NAN, median)
+    median(repeated(budget, 3, timed))
 }

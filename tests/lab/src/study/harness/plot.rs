@@ -31,39 +31,21 @@ const KEY_COLUMNS: usize = 2;
 type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 type Drawn = Result<(), DrawingAreaErrorKind<std::io::Error>>;
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Unit {
-    Nanoseconds,
-    Bytes,
-    Count,
-    Ratio,
-}
-
-impl Unit {
-    fn of_field(field: &str) -> Self {
-        if field.split('.').any(|part| part.ends_with("_ns")) {
-            Self::Nanoseconds
-        } else if field.contains("bytes") {
-            Self::Bytes
-        } else if ["n", "threads", "clients", "count"].contains(&field) {
-            Self::Count
-        } else {
-            Self::Ratio
-        }
-    }
-
-    pub fn text(self, value: f64) -> String {
-        let steps: &[(f64, &str)] = match self {
-            Self::Nanoseconds => &[(1e9, " s"), (1e6, " ms"), (1e3, " µs"), (1.0, " ns")],
-            Self::Bytes => &[(1e9, " GB"), (1e6, " MB"), (1e3, " KB"), (1.0, " B")],
-            Self::Count => &[(1e9, "G"), (1e6, "M"), (1e3, "K"), (1.0, "")],
-            Self::Ratio => &[(1.0, "")],
-        };
-        let size = value.abs();
-        let found = steps.iter().find(|(step, _)| size >= *step).or(steps.last());
-        let (step, name) = found.unwrap_or(&(1.0, ""));
-        number_text(value / step) + name
-    }
+/// A value of a field, in the unit that its name tells.
+pub fn value_text(field: &str, value: f64) -> String {
+    let steps: &[(f64, &str)] = if field.split('.').any(|part| part.ends_with("_ns")) {
+        &[(1e9, " s"), (1e6, " ms"), (1e3, " µs"), (1.0, " ns")]
+    } else if field.contains("bytes") {
+        &[(1e9, " GB"), (1e6, " MB"), (1e3, " KB"), (1.0, " B")]
+    } else if ["n", "threads", "clients", "count"].contains(&field) {
+        &[(1e9, "G"), (1e6, "M"), (1e3, "K"), (1.0, "")]
+    } else {
+        &[(1.0, "")]
+    };
+    let size = value.abs();
+    let found = steps.iter().find(|(step, _)| size >= *step).or(steps.last());
+    let (step, name) = found.unwrap_or(&(1.0, ""));
+    number_text(value / step) + name
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -102,8 +84,9 @@ impl Series {
 #[derive(Clone, Debug)]
 pub struct Plot {
     pub title: String,
-    pub x: (String, Unit),
-    pub y: (String, Unit),
+    /// The fields on its axes.
+    pub x: String,
+    pub y: String,
     pub series: Vec<Series>,
 }
 
@@ -145,13 +128,8 @@ impl Plot {
             points.sort_by(|a, b| a.0.total_cmp(&b.0));
             Series::line(name.trim(), colour, look, &points)
         });
-        let (series, label) = (series.collect(), y.join(", "));
-        Self {
-            title: format!("{label} by {x}"),
-            x: (x.to_owned(), Unit::of_field(x)),
-            y: (label, Unit::of_field(y.first().unwrap_or(&""))),
-            series,
-        }
+        let (series, y) = (series.collect(), y.join(", "));
+        Self { title: format!("{y} by {x}"), x: x.to_owned(), y, series }
     }
 
     /// The plot with the Pareto front of all its points: between two of its points the left one is the best known.
@@ -199,11 +177,11 @@ impl Plot {
         chart
             .configure_mesh()
             .light_line_style(TRANSPARENT)
-            .x_desc(&self.x.0)
-            .y_desc(&self.y.0)
+            .x_desc(&self.x)
+            .y_desc(&self.y)
             .label_style(("sans-serif", 15).into_font().color(&INK))
-            .x_label_formatter(&|x| self.x.1.text(*x))
-            .y_label_formatter(&|y| self.y.1.text(*y))
+            .x_label_formatter(&|x| value_text(&self.x, *x))
+            .y_label_formatter(&|y| value_text(&self.y, *y))
             .draw()?;
         for series in &self.series {
             let (colour, path) = (series.colour(), series.points.iter().map(placed));
@@ -251,36 +229,17 @@ mod tests {
     fn numbers_read_as_people_write_them_and_zero_stands_apart() {
         assert_eq!(ends([0.0, 5.0, 10.0, f64::NAN].into_iter()), [1.0, 12.0]);
         assert!(ends([].into_iter())[0] > 0.0 && ends([1.0].into_iter())[0] < 1.0);
-        for (unit, value, text) in [
-            (Unit::Nanoseconds, 0.0, "0 ns"),
-            (Unit::Nanoseconds, 12.34, "12.34 ns"),
-            (Unit::Nanoseconds, 28_540_000.0, "28.54 ms"),
-            (Unit::Count, 4_096.0, "4.096K"),
-            (Unit::Bytes, 24_000_000.0, "24 MB"),
-            (Unit::Ratio, 1e-4, "0.0001"),
-            (Unit::Ratio, 120.0, "120"),
+        for (field, value, text) in [
+            ("total_ns.p50", 0.0, "0 ns"),
+            ("total_ns.p50", 12.34, "12.34 ns"),
+            ("total_ns.p50", 28_540_000.0, "28.54 ms"),
+            ("n", 4_096.0, "4.096K"),
+            ("bytes_up", 24_000_000.0, "24 MB"),
+            ("extra_ratio", 1e-4, "0.0001"),
+            ("extra_ratio", 120.0, "120"),
         ] {
-            assert_eq!(unit.text(value), text);
+            assert_eq!(value_text(field, value), text);
         }
-    }
-
-    #[test]
-    fn a_plot_has_all_names_and_escaped_text() {
-        let plot = Plot {
-            title: "a < b".to_owned(),
-            x: ("boxes".to_owned(), Unit::Count),
-            y: ("time".to_owned(), Unit::Nanoseconds),
-            series: vec![
-                Series::line("ours", 0, Look::Line, &[(10.0, 100.0), (100.0, 1e3)]),
-                Series::line("theirs", 0, Look::Others, &[(0.0, 100.0), (100.0, 1e3)]),
-                Series::line("nothing", 1, Look::Points, &[]),
-            ],
-        };
-        let svg = plot.svg();
-        for text in ["<svg", "a &lt; b", "theirs", "nothing"] {
-            assert_eq!(svg.matches(text).count(), 1, "{text}: {svg}");
-        }
-        assert!(svg.trim_end().ends_with("</svg>") && !svg.contains("NaN"));
     }
 
     #[test]
@@ -288,11 +247,20 @@ mod tests {
         let row = |x: f64, y: f64| json!({"x": x, "y_ns": {"p50": y}, "who": "g"});
         let rows = [row(0.2, 50.0), row(0.0, 100.0), row(0.1, 200.0), json!({"x": 1, "who": "h"})];
         let plot = Plot::of(&Table::of(&rows), "x", &["y_ns.p50"], &["who"], Look::Points);
-        assert_eq!((plot.series.len(), plot.y.1), (1, Unit::Nanoseconds));
+        assert_eq!(plot.series.len(), 1);
         let points = [(0.0, 100.0), (0.1, 200.0), (0.2, 50.0)];
         assert_eq!(plot.series[0], Series::line("g", 0, Look::Points, &points));
         let corners = [(0.0, 100.0), (0.2, 100.0), (0.2, 50.0)];
-        assert_eq!(plot.with_front().series[0].points, corners);
+        let mut plot = plot.with_front();
+        assert_eq!(plot.series[0].points, corners);
+        plot.title = "a < b".to_owned();
+        plot.series.push(Series::line("theirs", 0, Look::Others, &[(0.0, 100.0), (100.0, 1e3)]));
+        plot.series.push(Series::line("nothing", 1, Look::Points, &[]));
+        let svg = plot.svg();
+        for text in ["<svg", "a &lt; b", "theirs", "nothing"] {
+            assert_eq!(svg.matches(text).count(), 1, "{text}: {svg}");
+        }
+        assert!(svg.trim_end().ends_with("</svg>") && !svg.contains("NaN"));
         let front = pareto_front(&[[1.0, 1.0], [1.0, 1.0], [f64::NAN, 0.0], [2.0, 1.0]]);
         assert_eq!(front, [true, true, false, false]);
     }

@@ -11,7 +11,7 @@ pub type Fields = IndexMap<String, Value>;
 /// A row of `name: value` and of variables of the field's name.
 macro_rules! row {
     ($($name:ident $(: $value:expr)?),* $(,)?) => {
-        $crate::study::harness::table::Fields::from_iter([
+        $crate::study::harness::Fields::from_iter([
             $((stringify!($name).to_owned(), row!(@ $name $($value)?))),*
         ])
     };

@@ -10,7 +10,8 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use super::stage::{Root, Variant};
-use super::variants::{Mapped, map, next_pair, truth, with_root};
+use super::variants::{Mapped, map, named, next_pair, truth, with_root};
+use crate::study::harness::{Fields, row};
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Tally {
@@ -28,10 +29,10 @@ impl Tally {
     }
 
     fn note(&mut self, k: u64, n: BoxCount, mapped: Mapped, expected: [u32; 2]) {
-        if mapped != (Mapped { a: i64::from(expected[0]), b: i64::from(expected[1]) }) {
+        if mapped != expected.map(i64::from) {
             self.wrong += 1;
-            self.wrong_named += u64::from(mapped.named(n).is_some());
-            let off = mapped.a.abs_diff(i64::from(expected[0]));
+            self.wrong_named += u64::from(named(mapped, n).is_some());
+            let off = mapped[0].abs_diff(i64::from(expected[0]));
             self.largest_row_error = self.largest_row_error.max(off);
             self.first_wrong = Some(self.first_wrong.map_or(k, |first| first.min(k)));
         }
@@ -49,35 +50,27 @@ impl Tally {
     }
 }
 
-/// Coverage of the pairs when every id is used once, as shares of all pairs.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-#[serde(rename_all = "snake_case", tag = "kind")]
-pub enum Coverage {
-    Counted {
-        missed: f64,
-        /// Tests of a pair that was tested before, as a share of all pairs.
-        repeated: f64,
-    },
-    /// Bounds from the checked ids. A pair can be missed only if its own id is wrong, and is missed
-    /// then unless another wrong id happens to name it.
-    Bounded {
-        /// Lower bound: wrong ids less those that still name two boxes.
-        missed_least: f64,
-        missed_most: f64,
-        /// Upper bound: wrong ids that still name two boxes.
-        repeated_most: f64,
-    },
+/// Coverage of the pairs when every id is used once, as shares of all pairs: counted.
+pub fn counted(tally: &Tally, pairs: u64, distinct: u64) -> Fields {
+    let tests = tally.ids - tally.skipped - (tally.wrong - tally.wrong_named);
+    row!(
+        kind: "counted",
+        missed: (pairs - distinct) as f64 / pairs as f64,
+        // Tests of a pair that was tested before.
+        repeated: tests.saturating_sub(distinct) as f64 / pairs as f64,
+    )
 }
 
-impl Coverage {
-    pub fn bounded(tally: &Tally) -> Self {
-        let tested = (tally.ids - tally.skipped).max(1) as f64;
-        Self::Bounded {
-            missed_least: (tally.wrong - tally.wrong_named) as f64 / tested,
-            missed_most: tally.wrong as f64 / tested,
-            repeated_most: tally.wrong_named as f64 / tested,
-        }
-    }
+/// Bounds of the coverage from the checked ids. A pair can be missed only if its own id is wrong, and is missed
+/// then unless another wrong id happens to name it.
+pub fn bounded(tally: &Tally) -> Fields {
+    let tested = (tally.ids - tally.skipped).max(1) as f64;
+    row!(
+        kind: "bounded",
+        missed_least: (tally.wrong - tally.wrong_named) as f64 / tested,
+        missed_most: tally.wrong as f64 / tested,
+        repeated_most: tally.wrong_named as f64 / tested,
+    )
 }
 
 /// Step of the streams of [`Random`].
@@ -122,7 +115,7 @@ fn tally_of(
 }
 
 /// Checks every id of a variant, and counts the coverage of the pairs.
-pub fn exhaustive(variant: Variant, n: BoxCount) -> (Tally, Coverage) {
+pub fn exhaustive(variant: Variant, n: BoxCount) -> (Tally, Fields) {
     exhaustive_by(variant, n, |k| map(variant, n, k))
 }
 
@@ -130,33 +123,25 @@ fn exhaustive_by(
     variant: Variant,
     n: BoxCount,
     map: impl Fn(u64) -> Mapped + Sync,
-) -> (Tally, Coverage) {
+) -> (Tally, Fields) {
     let (pairs, total) = (n.pair_count(), variant.id_count(n.get()));
     let tally = tally_of(variant, n, total, |k| k, &map, |_| ());
     if tally.wrong == 0 {
         // Each id names its own pair.
-        return (tally, Coverage::Counted { missed: 0.0, repeated: 0.0 });
+        return (tally, row!(kind: "counted", missed: 0.0, repeated: 0.0));
     }
     // A bit for each pair, in row order; set when it is named.
-    let named: Vec<AtomicU64> = (0..pairs.div_ceil(64)).map(|_| AtomicU64::new(0)).collect();
+    let bits: Vec<AtomicU64> = (0..pairs.div_ceil(64)).map(|_| AtomicU64::new(0)).collect();
     let mark = |mapped: Mapped| {
-        if let Some([a, b]) = mapped.named(n) {
+        if let Some([a, b]) = named(mapped, n) {
             let index = row_start(n, a) + u64::from(b - a - 1);
-            named[(index / 64) as usize].fetch_or(1 << (index % 64), Ordering::Relaxed);
+            bits[(index / 64) as usize].fetch_or(1 << (index % 64), Ordering::Relaxed);
         }
     };
     tally_of(variant, n, total, |k| k, &map, mark);
-    let distinct: u64 =
-        named.par_iter().map(|word| u64::from(word.load(Ordering::Relaxed).count_ones())).sum();
+    let ones = |word: AtomicU64| u64::from(word.into_inner().count_ones());
+    let distinct = bits.into_par_iter().map(ones).sum();
     (tally, counted(&tally, pairs, distinct))
-}
-
-pub fn counted(tally: &Tally, pairs: u64, distinct: u64) -> Coverage {
-    let tests = tally.ids - tally.skipped - (tally.wrong - tally.wrong_named);
-    Coverage::Counted {
-        missed: (pairs - distinct) as f64 / pairs as f64,
-        repeated: tests.saturating_sub(distinct) as f64 / pairs as f64,
-    }
 }
 
 /// Checks `count` ids chosen evenly at random, the same ones in each run.
@@ -192,10 +177,8 @@ fn own_id(variant: Variant, n: BoxCount, k: u64) -> u64 {
 pub fn first_wrong_count(variant: Variant, limit: u32) -> Option<u32> {
     (2..=limit).into_par_iter().find_first(|n| {
         let n = BoxCount::new(*n);
-        let wrong = |k: u64, [a, b]: [u32; 2]| {
-            let right = Mapped { a: i64::from(a), b: i64::from(b) };
-            map(variant, n, own_id(variant, n, k)) != right
-        };
+        let wrong =
+            |k: u64, pair: [u32; 2]| map(variant, n, own_id(variant, n, k)) != pair.map(i64::from);
         (0..n.get() - 1).rev().any(|a| {
             let (first, end) = (row_start(n, a), row_start(n, a + 1));
             wrong(first, [a, a + 1]) || wrong(end - 1, [a, n.get() - 1])
@@ -240,7 +223,9 @@ mod tests {
         Variant::Closed { root, integer: false, corrected }
     }
 
-    const EXACT: Coverage = Coverage::Counted { missed: 0.0, repeated: 0.0 };
+    fn coverage(missed: f64, repeated: f64) -> Fields {
+        row!(kind: "counted", missed, repeated)
+    }
 
     const fn boxes(n: u32) -> BoxCount {
         BoxCount::new(n)
@@ -251,9 +236,9 @@ mod tests {
         assert_eq!(first_wrong_count(PAPERS_OWN, 4097), None);
         assert_eq!(exhaustive(PAPERS_OWN, boxes(4096)).0.wrong, 0);
         for (n, first_wrong) in [(4098, 4096), (4113, 4111)] {
-            let (tally, coverage) = exhaustive(PAPERS_OWN, boxes(n));
+            let (tally, found) = exhaustive(PAPERS_OWN, boxes(n));
             assert_eq!((tally.first_wrong, tally.largest_row_error), (Some(first_wrong), 1));
-            assert_ne!(coverage, EXACT);
+            assert_ne!(found, coverage(0.0, 0.0));
         }
     }
 
@@ -273,7 +258,7 @@ mod tests {
         let corrected = closed(Root::BuiltIn, true);
         assert_eq!(exhaustive(corrected, boxes(8192)), {
             let ids = boxes(8192).pair_count();
-            (Tally { ids, ..Tally::default() }, EXACT)
+            (Tally { ids, ..Tally::default() }, coverage(0.0, 0.0))
         });
         let tally = around_rows(corrected, boxes(16_384));
         assert_eq!((tally.wrong > 0, tally.largest_row_error), (true, 2));
@@ -291,8 +276,8 @@ mod tests {
             [Variant::FarEnd, Variant::RowSearch, Variant::Fold, Variant::WordStep, Variant::Lazy]
         {
             for n in (0..70).chain([345, 1234]).map(BoxCount::new) {
-                let (tally, coverage) = exhaustive(variant, n);
-                assert_eq!((tally.wrong, coverage), (0, EXACT), "{variant}, {n:?}");
+                let (tally, found) = exhaustive(variant, n);
+                assert_eq!((tally.wrong, found), (0, coverage(0.0, 0.0)), "{variant}, {n:?}");
                 assert_eq!(tally.ids - tally.skipped, n.pair_count(), "{variant}, {n:?}");
             }
             let large = boxes(1_000_000);
@@ -306,10 +291,10 @@ mod tests {
     fn a_repeated_pair_is_a_missed_pair_and_both_are_counted() {
         let n = boxes(10);
         let broken = |k| row_search(n, if k == 7 { 6 } else { k });
-        let (tally, coverage) = exhaustive_by(Variant::RowSearch, n, broken);
+        let (tally, found) = exhaustive_by(Variant::RowSearch, n, broken);
         assert_eq!((tally.wrong, tally.wrong_named, tally.first_wrong), (1, 1, Some(7)));
         let one = 1.0 / 45.0;
-        assert_eq!(coverage, Coverage::Counted { missed: one, repeated: one });
+        assert_eq!(found, coverage(one, one));
     }
 
     /// Known figures, so that a change of arithmetic is noticed.

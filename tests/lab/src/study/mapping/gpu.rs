@@ -1,5 +1,4 @@
-//! The variants on a GPU: their answers, their errors by the device's own arithmetic, their times by its clock, and
-//! all pairs by the paper's mapping.
+//! The variants on a GPU: answers, errors, times by its own clock, and all pairs by the paper's mapping.
 
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -14,17 +13,14 @@ use pairmaskd::execute::gpu::{
     StepTime, Wait,
 };
 
-use super::Budget;
-use super::errors::{Coverage, RootTally, Tally, counted};
-use super::stage::{
-    ERRORS, MASK, MASK_OR, MappingStage, ROOT_ERRORS, ROOT_TIME, Root, TIME, Variant,
-};
-use crate::study::harness::{median, repeated};
+use super::Plan;
+use super::errors::{RootTally, Tally, bounded, counted};
+use super::stage::{ERRORS, MASK, MASK_OR, MappingStage, ROOT_ERRORS, Root, Variant};
+use crate::study::harness::{Fields, median, repeated};
 
 const WORD_IDS: u64 = 32;
 
-/// Time after which a study frame is given up: a thousand times a GPU's need, and enough for a
-/// software adapter.
+/// Time after which a frame is given up: a thousand times a GPU's need, enough for a software adapter.
 const PATIENCE: Duration = Duration::from_secs(120);
 
 /// A device and the stages of the study, each compiled when it is first asked for.
@@ -42,10 +38,6 @@ impl Bench {
 
     pub fn gpu(&self) -> &Arc<Gpu> {
         &self.gpu
-    }
-
-    fn fits(&self, variant: Variant, n: u32) -> bool {
-        !variant.is_wide(n) || self.gpu.limits().int64
     }
 
     fn command(
@@ -121,18 +113,18 @@ pub enum Ids {
     AroundRows,
 }
 
-/// Counts the wrong ids. `None` where the ids do not fit the device's integers, counters or
-/// dispatches.
+/// Counts the wrong ids; `None` where they do not fit the device's integers, counters or dispatches.
 pub fn count(
     bench: &mut Bench,
     variant: Variant,
     n: u32,
     ids: Ids,
-) -> Result<Option<(Tally, Coverage)>, GpuError> {
+) -> Result<Option<(Tally, Fields)>, GpuError> {
     let total = variant.id_count(n);
     // The device counts in 32 bits.
     let too_many = ids == Ids::All && u32::try_from(total).is_err();
-    if total == 0 || too_many || !bench.fits(variant, n) {
+    let is_wide = variant.is_wide(n);
+    if total == 0 || too_many || is_wide && !bench.gpu.limits().int64 {
         return Ok(None);
     }
     let (words, stride, around_rows) = match ids {
@@ -154,7 +146,7 @@ pub fn count(
     let tally = bench.block(Home::Host, size_of::<[u32; 6]>() as u64)?;
     tally.write(0, &[0u32; 6]);
     let named = bench.block(Home::Video, if mark { map_bytes } else { 4 })?;
-    let stage = MappingStage::Map(ERRORS, variant, variant.is_wide(n));
+    let stage = MappingStage::Map(ERRORS, variant, is_wide);
     let count = bench.command(stage, &[&tally, &named], &params, groups)?;
     let clear = Command::Fill { part: Part::whole(&named), word: 0 };
     let mut frame = bench.frame(vec![clear, count])?;
@@ -163,7 +155,7 @@ pub fn count(
     tally.read(0, &mut counts);
     let [ids, skipped, wrong, wrong_named, largest_row_error, distinct] = counts.map(u64::from);
     let tally = Tally { ids, skipped, wrong, wrong_named, largest_row_error, first_wrong: None };
-    let coverage = if mark { counted(&tally, pairs, distinct) } else { Coverage::bounded(&tally) };
+    let coverage = if mark { counted(&tally, pairs, distinct) } else { bounded(&tally) };
     Ok(Some((tally, coverage)))
 }
 
@@ -187,42 +179,21 @@ pub fn count_roots(
 /// A sum that no thread is expected to have.
 const NEVER: u32 = 0xdead_beef;
 
-/// Time to map every id of `n` boxes, in ms. `None` where they do not fit the device or the budget.
-pub fn map_ms(
-    bench: &mut Bench,
-    variant: Variant,
-    n: u32,
-    budget: &Budget,
-) -> Result<Option<f64>, GpuError> {
-    if !bench.fits(variant, n) {
-        return Ok(None);
-    }
-    let stage = MappingStage::Map(TIME, variant, variant.is_wide(n));
-    timed(bench, stage, n, variant.id_count(n), budget)
-}
-
-/// Time to take the roots of 1 to `count`, in ms. `None` where that does not fit the device or the budget.
-pub fn root_ms(
-    bench: &mut Bench,
-    root: Root,
-    count: u32,
-    budget: &Budget,
-) -> Result<Option<f64>, GpuError> {
-    timed(bench, MappingStage::Root(ROOT_TIME, root), count, count.into(), budget)
-}
-
 /// Words of a trial run, from which it is estimated whether the whole run fits the budget.
 const TRIAL_WORDS: u64 = 1 << 15;
 
-/// Median time of a stage for so many boxes or numbers, which have `ids`; `None` when it would take longer than the
-/// budget allows.
-fn timed(
+/// Median time in ms of a stage for so many boxes or numbers, which have `ids`; `None` where they do not fit the
+/// device, or would take longer than the plan allows.
+pub fn ms(
     bench: &mut Bench,
     stage: MappingStage,
     n: u32,
     ids: u64,
-    budget: &Budget,
+    plan: &Plan,
 ) -> Result<Option<f64>, GpuError> {
+    if matches!(stage, MappingStage::Map(.., true)) && !bench.gpu.limits().int64 {
+        return Ok(None);
+    }
     let words = ids.div_ceil(WORD_IDS);
     let sink = bench.block(Home::Video, 4)?;
     let frame_of = |bench: &mut Bench, words: u64| {
@@ -237,27 +208,26 @@ fn timed(
         bench.run(&mut trial)?;
         let ns: f64 = bench.run(&mut trial)?.iter().map(|step| step.ns).sum();
         let expected_s = ns * 1e-9 * (words as f64 / TRIAL_WORDS as f64);
-        if expected_s > budget.longest_run.as_secs_f64() {
+        if expected_s > plan.longest_run.as_secs_f64() {
             return Ok(None);
         }
     }
     let Some(mut frame) = frame_of(bench, words)? else { return Ok(None) };
     let ms = || Ok(bench.run(&mut frame)?.iter().map(|step| step.ns).sum::<f64>() * 1e-6);
-    Ok(Some(median(within(budget, ms)?)))
+    Ok(Some(median(within(plan, ms)?)))
 }
 
-/// As many runs as the budget has time for, after one that is not counted; at least three, fewer only if one run is
-/// longer than the budget.
+/// As many runs as there is time for, three at least, after one that counts only if it takes all of it.
 fn within<T>(
-    budget: &Budget,
+    plan: &Plan,
     mut run: impl FnMut() -> Result<T, GpuError>,
 ) -> Result<Vec<T>, GpuError> {
     let started = Instant::now();
     let first = run()?;
-    if started.elapsed() >= budget.time {
+    if started.elapsed() >= plan.time {
         return Ok(vec![first]);
     }
-    repeated(budget.time, 3, run)
+    repeated(plan.time, 3, run).into_iter().collect()
 }
 
 /// All pairs by the paper's mapping, one byte or one bit a pair (Avril et al. 2012, table 5, figures 3 and 4).
@@ -277,7 +247,7 @@ pub fn mask(
     bits: u32,
     thread_a_pair: bool,
     boxes: &[Aabb],
-    budget: &Budget,
+    plan: &Plan,
 ) -> Result<Option<MaskRun>, GpuError> {
     let n = BoxCount::of_len(boxes.len()).unwrap_or_default();
     let pairs = n.pair_count();
@@ -286,13 +256,8 @@ pub fn mask(
     let (Some(groups), Ok(pair_count)) = (bench.groups(threads), u32::try_from(pairs)) else {
         return Ok(None);
     };
-    let keys: Vec<[i32; 6]> = boxes
-        .iter()
-        .map(|b| {
-            let KeyBox { min, max } = KeyBox::from(b);
-            [min[0], min[1], min[2], max[0], max[1], max[2]]
-        })
-        .collect();
+    let keys: Vec<[[i32; 3]; 2]> =
+        boxes.iter().map(KeyBox::from).map(|KeyBox { min, max }| [min, max]).collect();
     let (input_bytes, output_bytes) = (size_of_val(keys.as_slice()) as u64, words * 4);
     let (staged, video_keys) =
         (bench.block(Home::Host, input_bytes)?, bench.block(Home::Video, input_bytes)?);
@@ -304,16 +269,12 @@ pub fn mask(
         from: Part::of(from, 0, from.bytes()),
         to: Part::of(to, 0, from.bytes()),
     };
-    let kernel = bench.command(
-        MappingStage::Mask(file, bits),
-        &[&video_keys, &video_out],
-        &params,
-        groups,
-    )?;
+    let stage = MappingStage::Mask(file, bits);
+    let kernel = bench.command(stage, &[&video_keys, &video_out], &params, groups)?;
     let clear = Command::Fill { part: Part::whole(&video_out), word: 0 };
     let steps = vec![clear, copy(&staged, &video_keys), kernel, copy(&video_out, &back)];
     let mut frame = bench.frame(steps)?;
-    let runs = within(budget, || {
+    let runs = within(plan, || {
         let steps = bench.run(&mut frame)?;
         Ok([1, 2, 3].map(|step: usize| steps.get(step).map_or(f64::NAN, |step| step.ns * 1e-6)))
     })?;

@@ -6,10 +6,6 @@
 //! from 1, this crate from 0; k is the same number in both. Ways that the paper does not have
 //! (from the far end, integer searches, folding) are measured beside its own.
 //!
-//! The parts: [`stage`] names the variants, [`variants`] computes them, pure; [`errors`] counts
-//! their errors on the CPU; [`gpu`] counts and times on a device; [`times`] times on the CPU;
-//! [`Plan`] lists the measurements. The claims are those of [`super::papers`].
-//!
 //! No variant here serves a client. Production uses `pairmask_core::pair_index` on the host, which is
 //! proven exact for every n, and integer searches within a band on the GPU (`pack_dense`).
 
@@ -27,125 +23,71 @@ use std::time::Duration;
 use pairmask_core::BoxCount;
 use pairmaskd::execute::gpu::{Checks, GpuChoice, GpuError, HostImport};
 use pairmaskd::scene::{Scene, SceneName};
-use serde::Serialize;
 
-use self::errors::{Coverage, Tally};
+use self::errors::Tally;
 use self::gpu::{Bench, Ids};
-use self::stage::{PAPERS_OWN, Root, Variant};
-use super::harness::document::Part;
-use super::harness::machine::Machine;
-use super::harness::plot::{Look, Plot};
-use super::harness::table::{Fields, Table, row};
-use super::harness::{Report, open_if_any};
+use self::stage::{MappingStage, PAPERS_OWN, ROOT_TIME, Root, TIME, Variant};
+use super::harness::{Fields, Look, Part, Plot, Report, Table, machine_with, open_if_any, row};
 use super::papers::{self, figure};
 use crate::Result;
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Budget {
-    /// Runs are repeated for this long, three times at least.
-    pub time: Duration,
-    /// A single run on the GPU that is expected to take longer is left out.
-    pub longest_run: Duration,
-    /// Most ids that a CPU measurement maps; the time of more is scaled up.
-    pub most_cpu_ids: u64,
-}
-
-/// Sizes and budgets of a study: a pure function of the machine's kind.
-#[derive(Clone, Debug, PartialEq, Eq)]
+/// How much is measured: sizes and budgets depend on the machine's kind.
+#[derive(Clone, Copy, Debug)]
 pub struct Plan {
-    /// Numbers whose roots are compared (table 3).
-    pub root_counts: Vec<u64>,
-    pub error_counts: Vec<u32>,
-    /// Largest of them that is counted id by id on the CPU, and on the GPU.
-    pub exhaustive: [u32; 2],
-    pub sample_ids: u64,
-    /// Words of 32 ids of a sample on the GPU.
-    pub sample_words: u32,
-    pub first_wrong_limit: u32,
-    /// Numbers of boxes whose ids are mapped by every variant, for time (the paper's table 2
-    /// among them).
-    pub time_counts: Vec<u32>,
-    /// Numbers whose roots are timed (table 4).
-    pub root_time_counts: Vec<u64>,
-    /// Numbers of boxes of the output study (table 5).
-    pub output_counts: Vec<u32>,
-    pub growth_counts: Vec<u32>,
-    pub cpu: Budget,
-    pub gpu: Budget,
+    quick: bool,
+    software: bool,
+    large: bool,
+    /// Runs are repeated for this long, three times at least.
+    time: Duration,
+    /// A single run on the GPU that is expected to take longer is left out.
+    longest_run: Duration,
+    /// Most ids that a CPU measurement maps; the time of more is scaled up.
+    most_cpu_ids: u64,
 }
 
+/// The CPU's processors, and whether all threads take part.
+const PROCESSORS: [(&str, bool); 2] = [("cpu_thread", false), ("cpu", true)];
 const MANY_THREADS: usize = 8;
+/// Numbers whose roots are compared (table 3) or timed (table 4).
+const ROOTS: [u32; 7] = [1_000, 10_000, 100_000, 1_000_000, 10_000_000, 100_000_000, 1_000_000_000];
 
 impl Plan {
-    pub fn new(quick: bool, software: bool, threads: usize) -> Self {
-        let tens = |from: u32, to: u32| (from..=to).map(|e| 10u64.pow(e)).collect();
-        let budget = |time_ms, longest_ms, most_cpu_ids| Budget {
-            time: Duration::from_millis(time_ms),
-            longest_run: Duration::from_millis(longest_ms),
-            most_cpu_ids,
-        };
-        if quick {
-            return Self {
-                root_counts: tens(3, 5),
-                error_counts: vec![1_000, 4_113, 16_384, 100_000],
-                exhaustive: [1_000; 2],
-                sample_ids: 1 << 14,
-                sample_words: 1 << 9,
-                first_wrong_limit: 4_200,
-                time_counts: vec![1_000],
-                root_time_counts: tens(6, 6),
-                output_counts: vec![100, 1_000],
-                growth_counts: vec![100, 500, 1_000],
-                cpu: budget(1, 50, 1 << 18),
-                gpu: budget(1, 50, 0),
-            };
-        }
-        let large = threads >= MANY_THREADS;
+    fn new(quick: bool, software: bool) -> Self {
+        let longest_ms = if quick { 50 } else { 2_000 };
+        let longest_ms = if software { longest_ms.min(300) } else { longest_ms };
         Self {
-            root_counts: tens(3, 8),
-            // k leaves 2^24 at 5,794 boxes, 2^31 at 65,537 and 2^32 at 92,683.
-            error_counts: vec![
-                1_000, 3_000, 4_096, 4_113, 10_000, 16_384, 32_768, 65_536, 92_682, 100_000,
-                300_000, 1_000_000,
-            ],
-            exhaustive: [
-                if large { 32_768 } else { 10_000 },
-                if software { 1_000 } else { 92_682 },
-            ],
-            sample_ids: if large { 1 << 22 } else { 1 << 20 },
-            sample_words: if software { 1 << 12 } else { 1 << 18 },
-            first_wrong_limit: if large { 20_000 } else { 13_000 },
-            time_counts: vec![1_000, 10_000, 100_000],
-            root_time_counts: tens(6, 9),
-            output_counts: vec![100, 1_000, 5_000, 7_500],
-            growth_counts: (0..=10).map(|i| if i == 0 { 100 } else { i * 500 }).collect(),
-            cpu: budget(20, 2_000, 1 << 24),
-            gpu: if software { budget(20, 300, 0) } else { budget(20, 2_000, 0) },
+            quick,
+            software,
+            large: rayon::current_num_threads() >= MANY_THREADS,
+            time: Duration::from_millis(if quick { 1 } else { 20 }),
+            longest_run: Duration::from_millis(longest_ms),
+            most_cpu_ids: if quick { 1 << 18 } else { 1 << 24 },
         }
     }
-}
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Processor {
-    CpuThread,
-    Cpu,
-    Gpu,
+    const fn pick<T: Copy>(&self, quick: T, whole: T) -> T {
+        if self.quick { quick } else { whole }
+    }
 }
 
 /// With `quick` small sizes and few runs, in seconds; times mean little.
 pub fn measure(choice: &GpuChoice, quick: bool) -> Result<Report> {
     let gpu = open_if_any(choice, HostImport::Never)?;
     let software = gpu.as_ref().is_some_and(|gpu| gpu.info().is_software());
-    let plan = Plan::new(quick, software, rayon::current_num_threads());
+    let plan = Plan::new(quick, software);
     let mut bench = gpu.as_ref().map(|gpu| Bench::new(gpu, Checks::Off)).transpose()?;
     let map_times = map_times(&plan, bench.as_mut())?;
+    let limit = plan.pick(4_200, if plan.large { 20_000 } else { 13_000 });
+    let closed = Variant::all().filter(|variant| matches!(variant, Variant::Closed { .. }));
+    let first_wrong = closed.map(|variant| {
+        row!(variant: variant.to_string(), n: errors::first_wrong_count(variant, limit), limit)
+    });
     let mut report = Report::new("mapping", Vec::new());
     report.section(
         "first_wrong",
         "Numbers of boxes from which a row starts or ends wrongly",
         "By the f32 arithmetic of a CPU (correctly rounded, no fused operations).",
-        &first_wrong(plan.first_wrong_limit),
+        &first_wrong.collect::<Vec<_>>(),
     );
     report.section(
         "root_errors",
@@ -180,10 +122,17 @@ pub fn measure(choice: &GpuChoice, quick: bool) -> Result<Report> {
          its figure stands beside each.",
         &root_times(&plan, bench.as_mut())?,
     );
-    let (mut outputs_rows, mut growth_rows) = (Vec::new(), Vec::new());
+    let (mut outputs, mut growth) = (Vec::new(), Vec::new());
     if let Some(bench) = &mut bench {
-        outputs_rows = outputs(&plan, bench)?;
-        growth_rows = growth(&plan, bench)?;
+        for &n in plan.pick(&[100, 1_000][..], &[100, 1_000, 5_000, 7_500]) {
+            for (thread_a_pair, bits) in [(true, 8), (true, 1), (false, 8), (false, 1)] {
+                outputs.extend(mask_row(&plan, bench, n, thread_a_pair, bits)?);
+            }
+        }
+        let all = [100, 500, 1_000, 1_500, 2_000, 2_500, 3_000, 3_500, 4_000, 4_500, 5_000];
+        for &n in plan.pick(&all[..3], &all) {
+            growth.extend(mask_row(&plan, bench, n, false, 1)?);
+        }
     }
     report.section(
         "outputs",
@@ -192,22 +141,27 @@ pub fn measure(choice: &GpuChoice, quick: bool) -> Result<Report> {
          paper each thread has one pair and ORs its result into the output; beside it, each thread \
          computes a whole word and no word has two writers. WGSL has no byte stores, so bytes are \
          written four to a word.",
-        &outputs_rows,
+        &outputs,
     );
     report.section(
         "growth",
         "Figure 4: kernel, input and output by number of boxes",
         "One bit a pair, one thread a word. The figure has no numbers; table 5's stand here.",
-        &growth_rows,
+        &growth,
     );
-    let claims = papers::mapping_claims(&serde_json::to_value(&report)?)?;
-    let claim = |(place, claim): (String, papers::Claim)| {
-        let papers::Claim { says, rule, verdict, why, .. } = claim;
-        let evidence = if why.is_empty() { rule } else { format!("{rule}: {why}") };
-        row!(place, claim: says, verdict, evidence)
-    };
-    let claims: Vec<Fields> = claims.into_iter().map(claim).collect();
-    report.page = Some(("mapping.html", time_against_error(&pair_errors)));
+    let claims = papers::mapping_claims(&report)?;
+    let by = ["variant", "n", "processor"];
+    let table = Table::of(&pair_errors);
+    let plot = Plot::of(&table, "wrong_share", &["ps_per_pair"], &by, Look::Points);
+    let page = vec![
+        Part::heading(2, "Time against error"),
+        Part::text(
+            "Time a pair against the share of numbers that become another pair or none, each of which is \
+             a pair missed or tested twice; the dashed line is the front of these two.",
+        ),
+        Part::Plots(vec![plot.with_front().svg()]),
+    ];
+    report.page = Some(("mapping.html", page));
     // The head and the claims, which are judged by all that follows.
     let sections = std::mem::replace(
         &mut report.parts,
@@ -219,7 +173,7 @@ pub fn measure(choice: &GpuChoice, quick: bool) -> Result<Report> {
             ),
         ],
     );
-    report.machine(&Machine::here(gpu.as_ref().map(|gpu| gpu.info())));
+    report.machine(machine_with(gpu.as_ref().map(|gpu| gpu.info())));
     report.section("claims", "What holds and what breaks", "", &claims);
     report.parts.extend(sections);
     Ok(report)
@@ -228,15 +182,15 @@ pub fn measure(choice: &GpuChoice, quick: bool) -> Result<Report> {
 fn root_errors(plan: &Plan, mut bench: Option<&mut Bench>) -> Result<Vec<Fields>, GpuError> {
     let mut rows = Vec::new();
     for root in Root::all() {
-        for &count in &plan.root_counts {
+        for &count in plan.pick(&ROOTS[..3], &ROOTS[..6]) {
             let paper_percent = figure(&format!("table_3[count={count}].{root}"));
             let mut push = |processor, tally| {
                 rows.push(row!(processor, root: root.to_string(), tally, paper_percent));
             };
-            push(Processor::Cpu, errors::count_roots(root, count));
+            push("cpu", errors::count_roots(root, count.into()));
             let Some(bench) = bench.as_deref_mut() else { continue };
-            if let Some(tally) = gpu::count_roots(bench, root, count as u32)? {
-                push(Processor::Gpu, tally);
+            if let Some(tally) = gpu::count_roots(bench, root, count)? {
+                push("gpu", tally);
             }
         }
     }
@@ -250,10 +204,10 @@ fn pair_errors(
     times: &[Fields],
 ) -> Result<Vec<Fields>, GpuError> {
     let mut rows = Vec::new();
-    let mut push = |processor, variant: Variant, n, found: (Tally, Coverage), row_ends| {
+    let mut push = |processor, variant: Variant, n, found: (Tally, Fields), row_ends| {
         let ((tally, coverage), row_ends): (_, Option<Tally>) = (found, row_ends);
         // Errors are the same on all threads; the time on one thread is the cost of the arithmetic.
-        let timed_on = if processor == Processor::Gpu { "gpu" } else { "cpu_thread" };
+        let timed_on = if processor == "cpu" { "cpu_thread" } else { processor };
         let name = variant.to_string();
         let is_its = |row: &&Fields| {
             row["n"] == n && row["processor"] == timed_on && row["variant"] == name.as_str()
@@ -276,51 +230,55 @@ fn pair_errors(
             ps_per_pair: ms.map(|ms| ms * 1e9 / pairs),
         ));
     };
-    let [on_cpu, on_gpu] = plan.exhaustive;
-    for &n in &plan.error_counts {
+    let sample_ids = plan.pick(1 << 14, if plan.large { 1 << 22 } else { 1 << 20 });
+    let sample_words = plan.pick(1 << 9, if plan.software { 1 << 12 } else { 1 << 18 });
+    // Up to so many boxes every id is counted.
+    let on_cpu = plan.pick(1_000, if plan.large { 32_768 } else { 10_000 });
+    let on_gpu = plan.pick(1_000, if plan.software { 1_000 } else { 92_682 });
+    // k leaves 2^24 at 5,794 boxes, 2^31 at 65,537 and 2^32 at 92,683.
+    let counts = plan.pick(
+        &[1_000, 4_113, 16_384, 100_000][..],
+        &[
+            1_000, 3_000, 4_096, 4_113, 10_000, 16_384, 32_768, 65_536, 92_682, 100_000, 300_000,
+            1_000_000,
+        ],
+    );
+    for &n in counts {
         log::info!("mapping study: errors, {n} boxes");
         for variant in Variant::all() {
             let boxes = BoxCount::new(n);
             if n <= on_cpu {
                 let found = errors::exhaustive(variant, boxes);
-                push(Processor::Cpu, variant, n, found, None);
+                push("cpu", variant, n, found, None);
             } else {
-                let tally = errors::sampled(variant, boxes, plan.sample_ids);
+                let tally = errors::sampled(variant, boxes, sample_ids);
                 let ends = errors::around_rows(variant, boxes);
-                let found = (tally, Coverage::bounded(&tally));
-                push(Processor::Cpu, variant, n, found, Some(ends));
+                push("cpu", variant, n, (tally, errors::bounded(&tally)), Some(ends));
             }
             let Some(bench) = bench.as_deref_mut() else { continue };
             // The GPU counts in 32 bits.
             let countable = u32::try_from(variant.id_count(n)).is_ok();
             let is_whole = n <= on_gpu && countable;
-            let ids = if is_whole { Ids::All } else { Ids::Words(plan.sample_words) };
+            let ids = if is_whole { Ids::All } else { Ids::Words(sample_words) };
             let Some(found) = gpu::count(bench, variant, n, ids)? else { continue };
             let ends =
                 if is_whole { None } else { gpu::count(bench, variant, n, Ids::AroundRows)? };
-            push(Processor::Gpu, variant, n, found, ends.map(|(tally, _)| tally));
+            push("gpu", variant, n, found, ends.map(|(tally, _)| tally));
         }
     }
     Ok(rows)
 }
 
-fn first_wrong(limit: u32) -> Vec<Fields> {
-    let closed = Variant::all().filter(|variant| matches!(variant, Variant::Closed { .. }));
-    let of = |variant: Variant| row!(variant: variant.to_string(), n: errors::first_wrong_count(variant, limit), limit);
-    closed.map(of).collect()
-}
-
 fn map_times(plan: &Plan, mut bench: Option<&mut Bench>) -> Result<Vec<Fields>, GpuError> {
     let mut rows = Vec::new();
-    for &n in &plan.time_counts {
+    for &n in plan.pick(&[1_000][..], &[1_000, 10_000, 100_000]) {
         log::info!("mapping study: times, {n} boxes");
         for variant in Variant::all() {
             let mut push = |processor, ms: Option<f64>, paper_ms: Option<f64>| {
                 rows.push(row!(processor, variant: variant.to_string(), n, ms, paper_ms));
             };
-            for processor in [Processor::CpuThread, Processor::Cpu] {
-                let ms = times::map_all(variant, BoxCount::new(n), processor, &plan.cpu);
-                push(processor, ms, None);
+            for (processor, on_all) in PROCESSORS {
+                push(processor, times::map_all(variant, BoxCount::new(n), on_all, plan), None);
             }
             let Some(bench) = bench.as_deref_mut() else { continue };
             let paper_ms = match variant {
@@ -328,7 +286,8 @@ fn map_times(plan: &Plan, mut bench: Option<&mut Bench>) -> Result<Vec<Fields>, 
                 Variant::Lazy => figure(&format!("table_2[n={n}].lazy")),
                 _ => None,
             };
-            push(Processor::Gpu, gpu::map_ms(bench, variant, n, &plan.gpu)?, paper_ms);
+            let stage = MappingStage::Map(TIME, variant, variant.is_wide(n));
+            push("gpu", gpu::ms(bench, stage, n, variant.id_count(n), plan)?, paper_ms);
         }
     }
     Ok(rows)
@@ -336,37 +295,23 @@ fn map_times(plan: &Plan, mut bench: Option<&mut Bench>) -> Result<Vec<Fields>, 
 
 fn root_times(plan: &Plan, mut bench: Option<&mut Bench>) -> Result<Vec<Fields>, GpuError> {
     let mut rows = Vec::new();
-    for &count in &plan.root_time_counts {
+    for &count in plan.pick(&ROOTS[3..4], &ROOTS[3..]) {
         for root in Root::all() {
             let mut push = |processor, ms, paper_ms| {
                 rows.push(row!(processor, root: root.to_string(), count, ms, paper_ms));
             };
-            for processor in [Processor::CpuThread, Processor::Cpu] {
-                push(processor, Some(times::roots(root, count, processor, &plan.cpu)), None);
+            for (processor, on_all) in PROCESSORS {
+                push(processor, Some(times::roots(root, count.into(), on_all, plan)), None);
             }
             let Some(bench) = bench.as_deref_mut() else { continue };
             // The paper does not say how many steps; its code has one.
             let column = if root == Root::BuiltIn { "sqrt" } else { "newton" };
             let paper_ms = figure(&format!("table_4[count={count}].{column}"));
-            push(Processor::Gpu, gpu::root_ms(bench, root, count as u32, &plan.gpu)?, paper_ms);
+            let stage = MappingStage::Root(ROOT_TIME, root);
+            push("gpu", gpu::ms(bench, stage, count, count.into(), plan)?, paper_ms);
         }
     }
     Ok(rows)
-}
-
-fn outputs(plan: &Plan, bench: &mut Bench) -> Result<Vec<Fields>, GpuError> {
-    let mut rows = Vec::new();
-    for &n in &plan.output_counts {
-        for (thread_a_pair, bits) in [(true, 8), (true, 1), (false, 8), (false, 1)] {
-            rows.extend(mask_row(plan, bench, n, thread_a_pair, bits)?);
-        }
-    }
-    Ok(rows)
-}
-
-fn growth(plan: &Plan, bench: &mut Bench) -> Result<Vec<Fields>, GpuError> {
-    let rows = plan.growth_counts.iter().map(|n| mask_row(plan, bench, *n, false, 1));
-    Ok(rows.collect::<Result<Vec<_>, _>>()?.into_iter().flatten().collect())
 }
 
 fn mask_row(
@@ -377,7 +322,7 @@ fn mask_row(
     bits_per_pair: u32,
 ) -> Result<Option<Fields>, GpuError> {
     let scene = Scene::new(SceneName::Uniform, n as usize, 1);
-    let run = gpu::mask(bench, bits_per_pair, thread_a_pair, scene.boxes(), &plan.gpu)?;
+    let run = gpu::mask(bench, bits_per_pair, thread_a_pair, scene.boxes(), plan)?;
     let paper = |column| figure(&format!("table_5[bits={bits_per_pair},n={n}].{column}"));
     let row = |run: gpu::MaskRun| {
         let [upload_ms, kernel_ms, transfer_ms] = run.ms;
@@ -395,18 +340,4 @@ fn mask_row(
         )
     };
     Ok(run.map(row))
-}
-
-fn time_against_error(pair_errors: &[Fields]) -> Vec<Part> {
-    let by = ["variant", "n", "processor"];
-    let table = Table::of(pair_errors);
-    let plot = Plot::of(&table, "wrong_share", &["ps_per_pair"], &by, Look::Points);
-    vec![
-        Part::heading(2, "Time against error"),
-        Part::text(
-            "Time a pair against the share of numbers that become another pair or none, each of which is \
-             a pair missed or tested twice; the dashed line is the front of these two.",
-        ),
-        Part::Plots(vec![plot.with_front().svg()]),
-    ]
 }

@@ -176,7 +176,23 @@ impl MappingStage {
                      fn id_of(low: u32, high: u32) -> Id {{\n    return {id_of};\n}}\n\n"
                 ) + shared!("pair_ids")
             }
-            "map" => map_text(map?.0),
+            "map" => {
+                let variant = map?.0;
+                let constant = |name: &str, is_so| format!("const {name}: bool = {is_so};\n");
+                let text = match variant {
+                    Variant::Closed { integer, corrected, .. } => {
+                        constant("INTEGER_DISCRIMINANT", integer)
+                            + &constant("CORRECTED", corrected)
+                            + shared!("map_closed")
+                    }
+                    Variant::FarEnd => shared!("map_far_end").to_owned(),
+                    Variant::RowSearch => shared!("map_row_search").to_owned(),
+                    Variant::Fold => shared!("map_fold").to_owned(),
+                    Variant::WordStep => shared!("map_word_step").to_owned(),
+                    Variant::Lazy => shared!("map_lazy").to_owned(),
+                };
+                constant("MAY_SKIP", variant == Variant::Lazy) + &text
+            }
             "root" => match root? {
                 Root::BuiltIn => shared!("root_built_in").to_owned(),
                 Root::Newton(magic, steps) => {
@@ -205,22 +221,4 @@ impl MappingStage {
         };
         Ok(ComposedStage { label, wgsl: compose(text, &part)? })
     }
-}
-
-fn map_text(variant: Variant) -> String {
-    let constant = |name: &str, is_so: bool| format!("const {name}: bool = {is_so};\n");
-    let may_skip = constant("MAY_SKIP", variant == Variant::Lazy);
-    may_skip
-        + &match variant {
-            Variant::Closed { integer, corrected, .. } => {
-                constant("INTEGER_DISCRIMINANT", integer)
-                    + &constant("CORRECTED", corrected)
-                    + shared!("map_closed")
-            }
-            Variant::FarEnd => shared!("map_far_end").to_owned(),
-            Variant::RowSearch => shared!("map_row_search").to_owned(),
-            Variant::Fold => shared!("map_fold").to_owned(),
-            Variant::WordStep => shared!("map_word_step").to_owned(),
-            Variant::Lazy => shared!("map_lazy").to_owned(),
-        }
 }

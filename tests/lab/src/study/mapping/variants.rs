@@ -20,8 +20,7 @@ pub fn newton<const MAGIC: u32, const STEPS: u32>(x: f32) -> f32 {
     x * y
 }
 
-/// Work on a root, compiled separately for each root with the root inlined, so that times are those
-/// of the root.
+/// Work on a root, compiled for each root with the root inlined, so that times are those of the root.
 macro_rules! with_root {
     ($root:expr, $name:ident => $work:expr) => {{
         use $crate::study::mapping::stage::{Magic, Root};
@@ -49,24 +48,17 @@ macro_rules! with_root {
 }
 pub(super) use with_root;
 
-/// A variant's answer to an id: a pair if 0 ≤ a < b < n.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Mapped {
-    pub a: i64,
-    pub b: i64,
+/// A variant's answer to an id: a pair (a, b) if 0 ≤ a < b < n.
+pub type Mapped = [i64; 2];
+
+fn mapped(a: u32, b: u32) -> Mapped {
+    [i64::from(a), i64::from(b)]
 }
 
-impl Mapped {
-    fn of(a: u32, b: u32) -> Self {
-        Self { a: i64::from(a), b: i64::from(b) }
-    }
-
-    /// The two boxes in ascending order, if they are two different ones: a kernel that tests (b, a)
-    /// has tested (a, b).
-    pub fn named(self, n: BoxCount) -> Option<[u32; 2]> {
-        let (a, b) = (self.a.min(self.b), self.a.max(self.b));
-        (a >= 0 && a < b && b < i64::from(n.get())).then_some([a as u32, b as u32])
-    }
+/// The boxes of an answer in ascending order, if they are two: a kernel that tests (b, a) has tested (a, b).
+pub fn named([a, b]: Mapped, n: BoxCount) -> Option<[u32; 2]> {
+    let (a, b) = (a.min(b), a.max(b));
+    (a >= 0 && a < b && b < i64::from(n.get())).then_some([a as u32, b as u32])
 }
 
 /// Formulas 1 and 2 of Avril et al. 2012, with the corrections of §3.3 if `CORRECTED`.
@@ -96,7 +88,7 @@ pub fn closed<const INTEGER: bool, const CORRECTED: bool>(
             a -= 1;
         }
     }
-    Mapped { a: a - 1, b: b - 1 }
+    [a - 1, b - 1]
 }
 
 /// Closed form from the far end, and one integer fix-up.
@@ -115,7 +107,7 @@ pub fn far_end(n: BoxCount, k: u64) -> Mapped {
         j += 1;
     }
     let last = u64::from(n.get()) - 1;
-    Mapped { a: last as i64 - j as i64, b: last as i64 - (after - triangle(j)) as i64 }
+    [last as i64 - j as i64, last as i64 - (after - triangle(j)) as i64]
 }
 
 #[inline(always)]
@@ -129,36 +121,29 @@ pub fn row_search(n: BoxCount, k: u64) -> Mapped {
             high = middle;
         }
     }
-    Mapped::of(low, low + 1 + (k - row_start(n, low)) as u32)
-}
-
-/// Columns of the rectangle that the triangle folds into: n rounded down to an odd number.
-fn fold_width(n: BoxCount) -> u64 {
-    u64::from(n.get()) - 1 + u64::from(n.get()) % 2
+    mapped(low, low + 1 + (k - row_start(n, low)) as u32)
 }
 
 /// A row of the rectangle is a row of the triangle and the one that mirrors it (Navarro et al.).
 #[inline(always)]
 pub fn fold(n: BoxCount, k: u64) -> Mapped {
-    let (width, n) = (fold_width(n), u64::from(n.get()));
+    let n = u64::from(n.get());
+    // Columns of the rectangle that the triangle folds into: n rounded down to an odd number.
+    let width = n - 1 + n % 2;
     let (y, x) = (k / width, k % width);
     let own = n - 1 - y;
     if x < own {
-        return Mapped::of(y as u32, (y + 1 + x) as u32);
+        return mapped(y as u32, (y + 1 + x) as u32);
     }
     let row = width - y - 2 * (n % 2);
-    Mapped::of(row as u32, (row + 1 + x - own) as u32)
+    mapped(row as u32, (row + 1 + x - own) as u32)
 }
 
 /// One exact inverse a word of 32 ids, then steps.
 #[inline(always)]
 pub fn word_step(n: BoxCount, k: u64) -> Mapped {
-    let first = row_search(n, k - k % 32);
-    let mut pair = [first.a as u32, first.b as u32];
-    for _ in 0..k % 32 {
-        pair = next_pair(n, pair);
-    }
-    Mapped::of(pair[0], pair[1])
+    let first = row_search(n, k - k % 32).map(|index| index as u32);
+    (0..k % 32).fold(first, |pair, _| next_pair(n, pair)).map(i64::from)
 }
 
 #[inline(always)]
@@ -170,17 +155,14 @@ pub fn next_pair(n: BoxCount, [a, b]: [u32; 2]) -> [u32; 2] {
 #[inline(always)]
 pub fn lazy(n: BoxCount, k: u64) -> Mapped {
     let n = u64::from(n.get());
-    Mapped { a: (k / n) as i64, b: (k % n) as i64 }
+    [(k / n) as i64, (k % n) as i64]
 }
 
 /// The pair that an id stands for in the variant's own numbering; `None` for ids that the lazy way leaves out.
 pub fn truth(variant: Variant, n: BoxCount, k: u64) -> Option<[u32; 2]> {
     match variant {
-        Variant::Fold => fold(n, k).named(n),
-        Variant::Lazy => {
-            let Mapped { a, b } = lazy(n, k);
-            (a < b).then_some([a as u32, b as u32])
-        }
+        Variant::Fold => named(fold(n, k), n),
+        Variant::Lazy => Some(lazy(n, k)).filter(|[a, b]| a < b).and_then(|pair| named(pair, n)),
         _ => PairIndex::new(k).pair(n),
     }
 }

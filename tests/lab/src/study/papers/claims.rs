@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
 use super::expression::{Scope, select};
+use super::records::{Figures, Source};
 use super::rule::{Rule, Verdict};
 
 /// `data/papers.toml`.
@@ -42,8 +43,8 @@ pub struct PaperData {
 pub struct ItemData {
     pub place: String,
     #[serde(default)]
-    shows: String,
-    nothing_to_measure: Option<String>,
+    pub shows: String,
+    pub nothing_to_measure: Option<String>,
     #[serde(default)]
     claims: Vec<Map<String, Value>>,
     /// What holds for all claims that do not say otherwise.
@@ -51,7 +52,7 @@ pub struct ItemData {
     defaults: Map<String, Value>,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Kind {
     Mapping,
@@ -131,98 +132,54 @@ pub struct Claim {
     pub rows: Vec<Row>,
 }
 
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Item {
-    pub place: String,
-    pub shows: String,
-    pub nothing_to_measure: Option<String>,
-    pub claims: Vec<Claim>,
-}
-
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub struct Source {
-    /// The record's path below the folder, or "this run".
-    pub from: String,
-    pub machine: String,
-    #[serde(skip)]
-    pub data: Value,
-}
-
 impl Data {
     pub fn paper_figure(&self, expression: &str) -> Result<Option<f64>, String> {
         Scope { root: &self.figures, defined: &self.define }.value(expression)
     }
 
-    /// Judges the claims of an item. `sources` gives the sources of a kind, on GPUs alone if so asked;
-    /// `without_cores` says why there is no figure on so many cores.
-    pub fn judge<'s>(
-        &self,
-        item: &ItemData,
-        sources: impl Fn(Option<Kind>, bool) -> Vec<&'s Source>,
-        without_cores: impl Fn(&MissingCores) -> String,
-    ) -> Result<Item, String> {
+    pub fn judge(&self, item: &ItemData, figures: &Figures) -> Result<Vec<Claim>, String> {
         let claim = |fields: &Map<String, Value>| {
-            let mut fields = fields.clone();
-            for (name, value) in &item.defaults {
-                fields.entry(name).or_insert_with(|| value.clone());
-            }
-            let data: ClaimData = serde_json::from_value(Value::Object(fields))
-                .map_err(|error| format!("{}: {error}", item.place))?;
-            self.claim(&data, &sources(data.of, data.on_gpu), &without_cores)
+            let mut all = item.defaults.clone();
+            all.extend(fields.clone());
+            let data = serde_json::from_value(Value::Object(all));
+            self.claim(&data.map_err(|error| format!("{}: {error}", item.place))?, figures)
         };
-        Ok(Item {
-            place: item.place.clone(),
-            shows: item.shows.clone(),
-            nothing_to_measure: item.nothing_to_measure.clone(),
-            claims: item.claims.iter().map(claim).collect::<Result<_, _>>()?,
-        })
+        item.claims.iter().map(claim).collect()
     }
 
     /// Takes the figures from the source that has most of the rows, of several the first: figures of
     /// two machines never meet in one claim.
-    fn claim(
-        &self,
-        data: &ClaimData,
-        sources: &[&Source],
-        without_cores: impl Fn(&MissingCores) -> String,
-    ) -> Result<Claim, String> {
+    fn claim(&self, data: &ClaimData, figures: &Figures) -> Result<Claim, String> {
         let measured = |rows: &[Row]| rows.iter().filter(|row| row.ours.is_some()).count();
         let mut best = self.rows(data, None)?;
-        for source in sources {
+        for source in figures.sources(data.of, data.on_gpu) {
             let found = self.rows(data, Some(source))?;
             if measured(&found) > measured(&best) {
                 best = found;
             }
         }
+        // A text, or that of `[text]` which it names.
+        let text = |text: &str| {
+            let named = text.strip_prefix('$').and_then(|name| self.text.get(name));
+            named.map_or(text, String::as_str).to_owned()
+        };
         let rule = Rule::named(&data.rule, &self.rules)?;
         let (verdict, breaking) = rule.judge(&best)?;
-        let why = match verdict {
-            Verdict::NotMeasured => {
-                data.missing_cores.as_ref().map_or_else(|| self.text(&data.missing), without_cores)
-            }
-            Verdict::Breaks | Verdict::Holds => rule.evidence(&best, &breaking),
+        let why = match (verdict, &data.missing_cores) {
+            (Verdict::NotMeasured, Some(cores)) => figures.without_cores(cores),
+            (Verdict::NotMeasured, None) => text(&data.missing),
+            (Verdict::Breaks | Verdict::Holds, _) => rule.evidence(&best, &breaking),
         };
         let (says, rule) = (data.says.clone(), rule.says);
-        Ok(Claim { says, rule, verdict, why, note: self.text(&data.note), rows: best })
-    }
-
-    /// A text, or that of `[text]` which it names.
-    fn text(&self, text: &str) -> String {
-        let named = text.strip_prefix('$').and_then(|name| self.text.get(name));
-        named.map_or(text, String::as_str).to_owned()
+        Ok(Claim { says, rule, verdict, why, note: text(&data.note), rows: best })
     }
 
     /// The rows of a claim with the figures of a source, or without any of ours.
     fn rows(&self, data: &ClaimData, source: Option<&Source>) -> Result<Vec<Row>, String> {
         let root = source.map_or(&Value::Null, |source| &source.data);
-        let mut rows = Vec::new();
-        if let Some(all) = &data.all {
-            for selected in select(root, all) {
-                rows.push(self.row(data, source, selected, selected)?);
-            }
-            if rows.is_empty() {
-                rows.push(self.row(data, None, &Value::Null, root)?);
-            }
+        let mut rows: Vec<Row> = if let Some(all) = &data.all {
+            let selected = select(root, all).into_iter();
+            selected.map(|row| self.row(data, source, row, row)).collect::<Result<_, _>>()?
         } else {
             let each = match &data.each {
                 Some(Value::String(name)) => {
@@ -232,9 +189,11 @@ impl Data {
                 _ if data.what.is_empty() => &[],
                 _ => &[Value::Null],
             };
-            for element in each {
-                rows.push(self.row(data, source, element, root)?);
-            }
+            let rows = each.iter().map(|element| self.row(data, source, element, root));
+            rows.collect::<Result<_, _>>()?
+        };
+        if data.all.is_some() && rows.is_empty() {
+            rows.push(self.row(data, None, &Value::Null, root)?);
         }
         match data.measured {
             None => {}
@@ -256,44 +215,35 @@ impl Data {
         root: &Value,
     ) -> Result<Row, String> {
         let whole = source.map_or(&Value::Null, |source| &source.data);
-        let fill = |text: &str| filled(text, element, whole);
+        // `{x}` and `{name}` are replaced; nothing stands for a name that nobody has.
+        let fill = |text: &str| {
+            let mut parts = text.split('{');
+            let mut out = parts.next().unwrap_or_default().to_owned();
+            for (name, rest) in parts.filter_map(|part| part.split_once('}')) {
+                let found = if name == "x" { Some(element) } else { element.get(name) };
+                match found.or_else(|| whole.get(name)) {
+                    Some(Value::String(text)) => out.push_str(text),
+                    Some(Value::Number(number)) => out += &number.to_string(),
+                    _ => {}
+                }
+                out.push_str(rest);
+            }
+            out
+        };
         let paper = match &data.paper {
             Some(Value::String(text)) => self.paper_figure(&fill(text))?,
             number => number.as_ref().and_then(Value::as_f64),
         };
-        let ours = match source {
-            Some(_) if !data.ours.is_empty() => {
-                Scope { root, defined: &self.define }.value(&fill(&data.ours))?
-            }
-            _ => None,
+        let ours = if source.is_none() || data.ours.is_empty() {
+            None
+        } else {
+            Scope { root, defined: &self.define }.value(&fill(&data.ours))?
         };
-        let ratio = match (paper, ours) {
-            (Some(paper), Some(ours)) if paper != 0.0 && !data.counts_other_things => {
-                Some(ours / paper)
-            }
-            _ => None,
-        };
+        let comparable = paper.filter(|paper| *paper != 0.0 && !data.counts_other_things);
+        let ratio = ours.zip(comparable).map(|(ours, paper)| ours / paper);
         let is_else = source.is_none() && data.all.is_some();
         let what = if is_else { data.what_else.clone() } else { fill(&data.what) };
         let from = ours.and(source).map(|source| source.from.clone());
         Ok(Row { what, unit: data.unit.clone(), paper, ours, ratio, from })
     }
-}
-
-/// A text with `{x}` and `{name}` replaced; nothing stands for a name that nobody has.
-fn filled(text: &str, element: &Value, whole: &Value) -> String {
-    let plain = |value: &Value| match value {
-        Value::String(text) => Some(text.clone()),
-        Value::Number(number) => Some(number.to_string()),
-        _ => None,
-    };
-    let mut parts = text.split('{');
-    let mut out = parts.next().unwrap_or_default().to_owned();
-    for part in parts {
-        let Some((name, rest)) = part.split_once('}') else { continue };
-        let found = if name == "x" { Some(element) } else { element.get(name) };
-        out.push_str(&found.or_else(|| whole.get(name)).and_then(plain).unwrap_or_default());
-        out.push_str(rest);
-    }
-    out
 }

@@ -53,7 +53,16 @@ impl Scope<'_> {
         let (name, rest) = text.split_at(end);
         if let Some(inner) = rest.strip_prefix('(') {
             let inner = inner.strip_suffix(')').ok_or_else(bad)?;
-            return if name.is_empty() { self.value(inner) } else { self.call(name, inner) };
+            if name == "pair_number" {
+                let numbers = inner.split(',').filter_map(|number| number.trim().parse().ok());
+                let [a, b] = numbers.collect::<Vec<u32>>()[..] else { return Err(bad()) };
+                let k = PairIndex::of(BoxCount::new(PAIR_NUMBER_BOXES), a - 1, b - 1);
+                return Ok(k.map(|k| k.get() as f64));
+            }
+            if name.is_empty() {
+                return self.value(inner);
+            }
+            return self.value(&filled_in(self.defined.get(name).ok_or_else(bad)?, inner));
         }
         let is_name = |c: char| c.is_alphanumeric() || ['_', '-', '.'].contains(&c);
         if name.is_empty() || !name.chars().all(is_name) {
@@ -66,18 +75,6 @@ impl Scope<'_> {
             field(self.root, name)
         };
         Ok(found.and_then(Value::as_f64))
-    }
-
-    fn call(&self, name: &str, list: &str) -> Result<Option<f64>, String> {
-        let bad = || format!("'{name}({list})' is no expression");
-        if name == "pair_number" {
-            let numbers = list.split(',').filter_map(|number| number.trim().parse().ok());
-            let numbers: Vec<u32> = numbers.collect();
-            let [a, b] = numbers[..] else { return Err(bad()) };
-            let k = PairIndex::of(BoxCount::new(PAIR_NUMBER_BOXES), a - 1, b - 1);
-            return Ok(k.map(|k| k.get() as f64));
-        }
-        self.value(&filled_in(self.defined.get(name).ok_or_else(bad)?, list))
     }
 }
 
@@ -108,26 +105,21 @@ pub fn select<'v>(root: &'v Value, text: &str) -> Vec<&'v Value> {
 }
 
 fn rows<'v>(root: &'v Value, path: &str, conditions: &str) -> impl Iterator<Item = &'v Value> {
-    let list = field(root, path).and_then(Value::as_array);
-    list.into_iter().flatten().filter(move |row| {
-        conditions.split(',').all(|condition| condition.is_empty() || fits(row, condition))
-    })
-}
-
-fn fits(row: &Value, condition: &str) -> bool {
-    if let Some((name, most)) = condition.split_once("<=") {
-        let found = field(row, name).and_then(Value::as_f64);
-        return found.zip(most.parse().ok()).is_some_and(|(found, most)| found <= most);
-    }
-    let Some((name, values)) = condition.split_once('=') else { return false };
-    values.split('|').any(|value| match field(row, name) {
-        Some(Value::String(text)) => text == value,
-        Some(Value::Number(number)) => {
-            number.as_f64().zip(value.parse().ok()).is_some_and(|(a, b): (f64, f64)| a == b)
+    let fits = |row: &Value, condition: &str| {
+        if let Some((name, most)) = condition.split_once("<=") {
+            let found = field(row, name).and_then(Value::as_f64);
+            return found.zip(most.parse().ok()).is_some_and(|(found, most)| found <= most);
         }
-        Some(Value::Bool(is_so)) => is_so.to_string() == value,
-        _ => false,
-    })
+        let Some((name, values)) = condition.split_once('=') else { return condition.is_empty() };
+        values.split('|').any(|value| match field(row, name) {
+            Some(Value::String(text)) => text == value,
+            Some(Value::Number(number)) => number.as_f64() == value.parse().ok(),
+            Some(Value::Bool(is_so)) => is_so.to_string() == value,
+            _ => false,
+        })
+    };
+    let list = field(root, path).and_then(Value::as_array).into_iter().flatten();
+    list.filter(move |row| conditions.split(',').all(|condition| fits(row, condition)))
 }
 
 fn field<'v>(root: &'v Value, path: &str) -> Option<&'v Value> {

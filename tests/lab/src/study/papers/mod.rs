@@ -26,13 +26,11 @@ use std::sync::LazyLock;
 use clap::Args;
 use pairmaskd::execute::gpu::GpuChoice;
 use pairmaskd::scene::SceneName;
-use serde_json::Value;
 
-pub use self::claims::Claim;
-use self::claims::{Data, Kind, Source};
+use self::claims::{Claim, Data, Kind};
 use self::page::PapersReport;
 use self::records::Figures;
-use super::harness::machine::Machine;
+use super::harness::{Fields, Report, machine_with, row};
 use super::spheres::{self, SphereOptions};
 use super::ways::Case;
 use super::{grid, mapping, threads};
@@ -54,13 +52,15 @@ pub fn lines() -> impl Iterator<Item = (&'static str, &'static [(f64, f64)])> {
     DATA.line.iter().map(|line| (line.name.as_str(), line.points.as_slice()))
 }
 
-/// The claims that the mapping study judges by itself: place, and claim.
-pub fn mapping_claims(report: &Value) -> Result<Vec<(String, Claim)>> {
-    let source = Source { from: "this run".to_owned(), data: report.clone(), ..Source::default() };
+/// The claims that the mapping study judges by itself, a row each.
+pub fn mapping_claims(report: &Report) -> Result<Vec<Fields>> {
+    let mut figures = Figures::default();
+    figures.add_run(Kind::Mapping, report)?;
     let mut found = Vec::new();
     for item in &DATA.mapping {
-        for claim in DATA.judge(item, |_, _| vec![&source], |_| String::new())?.claims {
-            found.push((item.place.clone(), claim));
+        for Claim { says, rule, verdict, why, .. } in DATA.judge(item, &figures)? {
+            let evidence = if why.is_empty() { rule } else { format!("{rule}: {why}") };
+            found.push(row!(place: item.place, claim: says, verdict, evidence));
         }
     }
     Ok(found)
@@ -83,22 +83,18 @@ pub struct PapersOptions {
     from: Option<PathBuf>,
 }
 
-fn records_of_checkout() -> Option<PathBuf> {
-    let here = std::env::current_dir().ok()?;
-    let records = here.ancestors().map(|folder: &Path| folder.join("tests/records"));
-    records.into_iter().find(|records| records.is_dir())
-}
-
-/// Measures, reads the records, and judges. `watch` is called [`STEPS`] times where something is
-/// measured.
+/// Measures, reads the records, and judges. `watch` is called [`STEPS`] times where it measures.
 pub fn make(options: &PapersOptions, watch: impl Fn()) -> Result<PapersReport> {
-    let records = options.from.clone().or_else(records_of_checkout);
+    let here = std::env::current_dir().unwrap_or_default();
+    let mut of_checkout = here.ancestors().map(|folder: &Path| folder.join("tests/records"));
+    let of_checkout = || of_checkout.find(|records| records.is_dir());
+    let records = options.from.clone().or_else(of_checkout);
     let mut figures = Figures::read(records.as_deref())?;
     if !options.only_records {
         measure(&mut figures, options, watch)?;
     }
     figures.join();
-    PapersReport::of(Machine::here(None), options.only_records, &figures)
+    PapersReport::of(machine_with(None), options.only_records, &figures)
 }
 
 /// Calls of the watcher: one a study.

@@ -1,21 +1,18 @@
 //! The page: what its JSON has, Markdown, and HTML that loads nothing.
 
 use serde::Serialize;
-use serde_json::{Value, json};
+use serde_json::json;
 
 use super::DATA;
-use super::claims::{Claim, Item, Row, Source};
-use super::records::Figures;
+use super::claims::{Claim, ItemData, PaperData, Row};
+use super::records::{Figures, Source};
 use super::rule::Verdict;
 use crate::Result;
-use crate::study::harness::Report;
-use crate::study::harness::document::Part;
-use crate::study::harness::machine::Machine;
-use crate::study::harness::table::{Fields, Table, number_text, row};
+use crate::study::harness::{Fields, Part, Report, Table, number_text, row};
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct PapersReport {
-    machine: Machine,
+    machine: Fields,
     only_records: bool,
     pub papers: Vec<Paper>,
     pub sources: Vec<Source>,
@@ -27,6 +24,14 @@ pub struct Paper {
     pub title: &'static str,
     pub machine: &'static str,
     pub items: Vec<Item>,
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Item {
+    pub place: &'static str,
+    pub shows: &'static str,
+    pub nothing_to_measure: &'static Option<String>,
+    pub claims: Vec<Claim>,
 }
 
 impl Paper {
@@ -49,30 +54,27 @@ impl Paper {
 }
 
 impl PapersReport {
-    pub fn of(machine: Machine, only_records: bool, figures: &Figures) -> Result<Self> {
+    pub fn of(machine: Fields, only_records: bool, figures: &Figures) -> Result<Self> {
         let mut papers = Vec::new();
-        for paper in &DATA.paper {
-            let judge = |item| {
-                let sources = |kind, on_gpu| figures.sources(kind, on_gpu);
-                DATA.judge(item, sources, |wanted| figures.without_cores(wanted))
+        for PaperData { name, title, machine, items } in &DATA.paper {
+            let judge = |item: &'static ItemData| {
+                let ItemData { place, shows, nothing_to_measure, .. } = item;
+                let claims = DATA.judge(item, figures)?;
+                Ok(Item { place, shows, nothing_to_measure, claims })
             };
-            papers.push(Paper {
-                name: &paper.name,
-                title: &paper.title,
-                machine: &paper.machine,
-                items: paper.items.iter().map(judge).collect::<Result<_, _>>()?,
-            });
+            let items = items.iter().map(judge).collect::<Result<_, String>>()?;
+            papers.push(Paper { name, title, machine, items });
         }
-        let mut sources: Vec<Source> = Vec::new();
-        let named = |from: &str| {
+        let named = |source: &&Source| {
             let rows = papers.iter().flat_map(Paper::claims).flat_map(|(_, claim)| &claim.rows);
             let mut names = rows.filter_map(|row| row.from.as_deref());
-            names.any(|name| name.split(", ").any(|name| name == from))
+            names.any(|name| name.split(", ").any(|name| name == source.from))
         };
-        for (from, machine) in figures.machines() {
-            let (from_it, machine) = (from.to_owned(), machine.to_owned());
-            let source = Source { from: from_it, machine, data: Value::Null };
-            if named(from) && !sources.contains(&source) {
+        let mut sources: Vec<Source> = Vec::new();
+        for Source { from, machine, .. } in figures.all_sources().filter(named) {
+            let source =
+                Source { from: from.clone(), machine: machine.clone(), ..Source::default() };
+            if !sources.contains(&source) {
                 sources.push(source);
             }
         }
@@ -89,8 +91,12 @@ impl PapersReport {
         let title = Part::heading(1, "The papers, theirs beside ours");
         let mut report = Report::new("papers", vec![title, Part::text(made_of)]);
         report.page = Some(("papers.html", Vec::new()));
-        report.csv_rows = Some(self.rows());
-        report.machine(&self.machine);
+        let lines = self.papers.iter().flat_map(Paper::claims).flat_map(|(item, claim)| {
+            let line = |row| json!({ "place": item.place, "says": claim.says, "row": row });
+            claim.rows.iter().map(line)
+        });
+        report.csv_rows = Some(Table::of(&lines.collect::<Vec<_>>()));
+        report.machine(self.machine.clone());
         report.value("only_records", self.only_records);
         let summary = self.summary();
         report.parts.push(Part::Table(Table::of(&summary)));
@@ -106,6 +112,18 @@ impl PapersReport {
             report.parts.extend([Part::heading(2, title), Part::List(sentences)]);
         }
         report.value("papers", &self.papers);
+        let with_unit = |x: Option<f64>, unit: &str| {
+            x.map_or("-".to_owned(), |x| format!("{} {unit}", number_text(x)).trim_end().to_owned())
+        };
+        let cells = |row: &Row| {
+            [
+                row.what.clone(),
+                with_unit(row.paper, &row.unit),
+                with_unit(row.ours, &row.unit),
+                with_unit(row.ratio, ""),
+                row.from.clone().unwrap_or_else(|| "-".to_owned()),
+            ]
+        };
         let parts = &mut report.parts;
         for Paper { name, title, machine, items } in &self.papers {
             let about = Part::text(format!("{title}. Measured on: {machine}."));
@@ -118,7 +136,11 @@ impl PapersReport {
                     let why = if why.is_empty() { String::new() } else { format!(" Why: {why}.") };
                     let text = format!("**{verdict}**: {says}. Rule: {rule}.{why} {note}");
                     parts.push(Part::text(text.trim_end()));
-                    parts.extend((!rows.is_empty()).then(|| Part::Table(row_table(rows))));
+                    let table = Table::of_texts(
+                        ["", "paper", "ours", "ratio", "from"],
+                        rows.iter().map(cells),
+                    );
+                    parts.extend((!rows.is_empty()).then_some(Part::Table(table)));
                 }
             }
         }
@@ -139,17 +161,6 @@ impl PapersReport {
         };
         self.papers.iter().flat_map(of).collect()
     }
-
-    fn rows(&self) -> Table {
-        let line = |(item, claim): (&Item, &Claim)| {
-            let rows = claim.rows.iter();
-            let rows =
-                rows.map(|row| json!({ "place": item.place, "says": claim.says, "row": row }));
-            rows.collect::<Vec<_>>()
-        };
-        let rows = self.papers.iter().flat_map(Paper::claims).flat_map(line);
-        Table::of(&rows.collect::<Vec<_>>())
-    }
 }
 
 const HOW_TO_READ: [&str; 3] = [
@@ -161,20 +172,3 @@ const HOW_TO_READ: [&str; 3] = [
     "Figures of one claim are of one source: this run where it has as many of them as a record, else \
      the newest record that has most.",
 ];
-
-fn row_table(rows: &[Row]) -> Table {
-    let with_unit = |x: Option<f64>, unit: &str| {
-        let text = x.map_or_else(|| "-".to_owned(), number_text);
-        if x.is_none() || unit.is_empty() { text } else { format!("{text} {unit}") }
-    };
-    let line = |row: &Row| {
-        [
-            row.what.clone(),
-            with_unit(row.paper, &row.unit),
-            with_unit(row.ours, &row.unit),
-            with_unit(row.ratio, ""),
-            row.from.clone().unwrap_or_else(|| "-".to_owned()),
-        ]
-    };
-    Table::of_texts(["", "paper", "ours", "ratio", "from"], rows.iter().map(line))
-}

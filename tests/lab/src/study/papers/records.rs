@@ -1,6 +1,5 @@
 //! Records of earlier measurements, found by file name below a folder, the newest folder first.
 
-use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -8,7 +7,7 @@ use pairmaskd::file_error::{Access, FileError};
 use serde::Serialize;
 use serde_json::Value;
 
-use super::claims::{Kind, MissingCores, Source};
+use super::claims::{Kind, MissingCores};
 use super::expression::select;
 use crate::Result;
 
@@ -26,15 +25,31 @@ const FILES: [(Kind, &str, &[&str]); 6] = [
     (Kind::TwoGpus, "several-gpus.json", &["scenes"]),
 ];
 
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Source {
+    /// The record's path below the folder, or "this run".
+    pub from: String,
+    pub machine: String,
+    #[serde(skip)]
+    pub data: Value,
+}
+
 /// All that the claims are judged by: this run first, then records, the newest folder first.
 #[derive(Clone, Debug, Default)]
-pub struct Figures(BTreeMap<Kind, Vec<Source>>);
+pub struct Figures(Vec<(Kind, Source)>);
 
 impl Figures {
     /// All records in the folders of a folder; none without one.
     pub fn read(records: Option<&Path>) -> Result<Self> {
         let mut figures = Self::default();
-        for folder in records.map_or(Ok(Vec::new()), newest_first)? {
+        let Some(records) = records else { return Ok(figures) };
+        let entries = fs::read_dir(records).map_err(FileError::of(records, Access::Read))?;
+        let paths = entries.map(|entry| entry.map(|entry| entry.path()));
+        let paths: Result<Vec<PathBuf>, _> = paths.collect();
+        let mut folders = paths.map_err(FileError::of(records, Access::Read))?;
+        folders.retain(|path| path.is_dir());
+        folders.sort_unstable_by(|a, b| b.cmp(a));
+        for folder in folders {
             for (kind, name, lists) in FILES {
                 let path = folder.join(name);
                 if !path.is_file() {
@@ -46,61 +61,58 @@ impl Figures {
                 let wrong = |why| format!("{}: not such a record: {why}", path.display());
                 let day = folder.file_name().map(|day| day.to_string_lossy()).unwrap_or_default();
                 let source = Source::new(format!("{day}/{name}"), data.map_err(wrong)?);
-                figures.of(kind).push(source);
+                figures.0.push((kind, source));
             }
         }
         Ok(figures)
     }
 
-    fn of(&mut self, kind: Kind) -> &mut Vec<Source> {
-        self.0.entry(kind).or_default()
-    }
-
-    fn all(&self, kind: Kind) -> &[Source] {
-        self.0.get(&kind).map_or(&[], Vec::as_slice)
+    fn all(&self, kind: Kind) -> impl Iterator<Item = &Source> {
+        self.0.iter().filter(move |(of, _)| *of == kind).map(|(_, source)| source)
     }
 
     /// Puts a report of this run before the records, read as its record would be.
     pub fn add_run(&mut self, kind: Kind, report: &impl Serialize) -> Result<()> {
         let data = checked(kind, serde_json::to_value(report)?, &[])?;
-        self.of(kind).insert(0, Source::new("this run".to_owned(), data));
+        self.0.insert(0, (kind, Source::new("this run".to_owned(), data)));
         Ok(())
     }
 
     /// Brings together grids and threads of the same machine, and adds what is no record.
     pub fn join(&mut self) {
         let mut joined = Vec::new();
-        for grid in self.all(Kind::Grid).iter().filter(|grid| grid.is_on_gpu()) {
+        for grid in self.all(Kind::Grid).filter(|grid| grid.is_on_gpu()) {
             for threads in self.all(Kind::Threads) {
                 if grid.data["machine"]["cpu"] == threads.data["machine"]["cpu"] {
                     let mut data = threads.data.clone();
                     data["grid"] = grid.data.clone();
-                    joined.push(Source::new(format!("{}, {}", grid.from, threads.from), data));
+                    let from = format!("{}, {}", grid.from, threads.from);
+                    joined.push((Kind::GridAndThreads, Source::new(from, data)));
                 }
             }
         }
-        self.0.insert(Kind::GridAndThreads, joined);
+        self.0.extend(joined);
         let build = Source { from: "this build".to_owned(), ..Source::default() };
-        self.0.insert(Kind::Build, vec![build]);
+        self.0.push((Kind::Build, build));
     }
 
     /// The sources of a kind; with `on_gpu` those whose GPU is none of software, whose times say nothing of GPUs.
-    pub fn sources(&self, kind: Option<Kind>, on_gpu: bool) -> Vec<&Source> {
-        let all = kind.map_or(&[][..], |kind| self.all(kind));
-        all.iter().filter(|source| !on_gpu || source.is_on_gpu()).collect()
+    pub fn sources(&self, kind: Option<Kind>, on_gpu: bool) -> impl Iterator<Item = &Source> {
+        let all = kind.into_iter().flat_map(|kind| self.all(kind));
+        all.filter(move |source| !on_gpu || source.is_on_gpu())
     }
 
-    pub fn machines(&self) -> impl Iterator<Item = (&str, &str)> {
+    /// All records and runs, by kind.
+    pub fn all_sources(&self) -> impl Iterator<Item = &Source> {
         let kinds = [Kind::Mapping, Kind::Grid, Kind::Threads, Kind::Spheres, Kind::TwoGpus];
-        let all = kinds.into_iter().flat_map(|kind| self.all(kind));
-        all.map(|source| (source.from.as_str(), source.machine.as_str()))
+        kinds.into_iter().flat_map(|kind| self.all(kind))
     }
 
     pub fn without_cores(&self, wanted: &MissingCores) -> String {
         let MissingCores { scene, n, cores } = wanted;
         let row = format!("rows[stage=update-aabbs,scene={scene},n={n},threads=1]");
         let measures = |source: &&Source| !select(&source.data, &row).is_empty();
-        let measured = self.all(Kind::Threads).iter().filter(measures);
+        let measured = self.all(Kind::Threads).filter(measures);
         match measured.map(|source| core_count(&source.data)).max() {
             Some(most) if most < *cores => format!(
                 "no machine of {cores} cores was measured with {n} boxes of {scene}: the largest has {most}"
@@ -154,16 +166,6 @@ fn checked(kind: Kind, mut data: Value, lists: &[&str]) -> Result<Value, String>
         _ => {}
     }
     Ok(data)
-}
-
-fn newest_first(records: &Path) -> Result<Vec<PathBuf>, FileError> {
-    let entries = fs::read_dir(records).map_err(FileError::of(records, Access::Read))?;
-    let paths = entries.map(|entry| entry.map(|entry| entry.path()));
-    let paths: Result<Vec<PathBuf>, _> = paths.collect();
-    let mut folders = paths.map_err(FileError::of(records, Access::Read))?;
-    folders.retain(|path| path.is_dir());
-    folders.sort_unstable_by(|a, b| b.cmp(a));
-    Ok(folders)
 }
 
 /// What a second GPU costs beside its share: another wait, and its submissions. Measured, `several-gpus.txt`.

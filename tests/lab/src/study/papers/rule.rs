@@ -8,7 +8,7 @@ use serde_json::{Map, Value, json};
 
 use super::claims::Row;
 use super::expression::{Scope, filled_in};
-use crate::study::harness::table::number_text;
+use crate::study::harness::number_text;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]

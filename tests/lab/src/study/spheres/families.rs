@@ -14,60 +14,59 @@ pub struct Family {
 }
 
 pub const ALL: &[Family] = &[
-    Family { name: "unit scene", tangent: false, make: unit_scene },
-    Family { name: "any f32", tangent: false, make: any_numbers },
-    Family { name: "near ties", tangent: false, make: near_ties },
-    Family { name: "far from the origin", tangent: false, make: far },
+    // Like magnitudes, overlapping about as often as not.
+    random("unit scene", |random| {
+        let mut one = || {
+            let center = std::array::from_fn(|_| random.unit());
+            Sphere::new(center, 0.7 * random.unit())
+        };
+        (one(), one())
+    }),
+    // Finite numbers of any magnitude, radii not below 0.
+    random("any f32", |random| {
+        let mut one = || {
+            let center = std::array::from_fn(|_| any_finite(random));
+            Sphere::new(center, any_finite(random).abs())
+        };
+        (one(), one())
+    }),
+    // One radius made so that the two touch as nearly as f32 can say, then moved by up to 2 ulps. Numbers around 1
+    // times 2^k, which stay finite and may become subnormal.
+    random("near ties", |random| {
+        let scale = f32::from_bits((1 + random.below(250) as u32) << 23);
+        let mut number = || (2.0 * random.unit() - 1.0) * scale;
+        let (p, q): ([f32; 3], [f32; 3]) =
+            (std::array::from_fn(|_| number()), std::array::from_fn(|_| number()));
+        let distance =
+            (0..3).map(|axis| (f64::from(p[axis]) - f64::from(q[axis])).powi(2)).sum::<f64>();
+        let distance = distance.sqrt();
+        let first = (distance * f64::from(random.unit())) as f32;
+        let second = (distance - f64::from(first)) as f32;
+        let second = ulps(second, random.below(5) as i32 - 2).max(0.0);
+        (Sphere::new(p, first), Sphere::new(q, second))
+    }),
+    // Spheres of about a unit, 10^3 to 10^7 from the origin.
+    random("far from the origin", |random| {
+        let offset = power_of_ten(3 + random.below(5) as u32);
+        let mut one = || {
+            let center = std::array::from_fn(|_| offset + 4.0 * random.unit());
+            Sphere::new(center, 1.0 + random.unit())
+        };
+        (one(), one())
+    }),
     Family { name: "tangent", tangent: true, make: |random| tangent(random, 0) },
-    Family { name: "tangent but for an ulp", tangent: true, make: nearly_tangent },
+    Family {
+        name: "tangent but for an ulp",
+        tangent: true,
+        make: |random| {
+            let steps = if random.below(2) == 0 { -1 } else { 1 };
+            tangent(random, steps)
+        },
+    },
 ];
 
-/// Like magnitudes, overlapping about as often as not.
-fn unit_scene(random: &mut Random) -> (Sphere, Sphere) {
-    let mut one = || {
-        let center = std::array::from_fn(|_| random.unit());
-        Sphere::new(center, 0.7 * random.unit())
-    };
-    (one(), one())
-}
-
-/// Finite numbers of any magnitude, radii not below 0.
-fn any_numbers(random: &mut Random) -> (Sphere, Sphere) {
-    let mut one = || {
-        let center = std::array::from_fn(|_| any_finite(random));
-        Sphere::new(center, any_finite(random).abs())
-    };
-    (one(), one())
-}
-
-/// A factor 2^k at which numbers around 1 stay finite and may become subnormal.
-fn magnitude(random: &mut Random) -> f32 {
-    f32::from_bits((1 + random.below(250) as u32) << 23)
-}
-
-/// One radius made so that the two touch as nearly as f32 can say, then moved by up to 2 ulps.
-fn near_ties(random: &mut Random) -> (Sphere, Sphere) {
-    let scale = magnitude(random);
-    let mut number = || (2.0 * random.unit() - 1.0) * scale;
-    let (p, q): ([f32; 3], [f32; 3]) =
-        (std::array::from_fn(|_| number()), std::array::from_fn(|_| number()));
-    let distance =
-        (0..3).map(|axis| (f64::from(p[axis]) - f64::from(q[axis])).powi(2)).sum::<f64>();
-    let distance = distance.sqrt();
-    let first = (distance * f64::from(random.unit())) as f32;
-    let second = (distance - f64::from(first)) as f32;
-    let second = ulps(second, random.below(5) as i32 - 2).max(0.0);
-    (Sphere::new(p, first), Sphere::new(q, second))
-}
-
-/// Spheres of about a unit, 10^3 to 10^7 from the origin.
-fn far(random: &mut Random) -> (Sphere, Sphere) {
-    let offset = power_of_ten(3 + random.below(5) as u32);
-    let mut one = || {
-        let center = std::array::from_fn(|_| offset + 4.0 * random.unit());
-        Sphere::new(center, 1.0 + random.unit())
-    };
-    (one(), one())
+const fn random(name: &'static str, make: fn(&mut Random) -> (Sphere, Sphere)) -> Family {
+    Family { name, tangent: false, make }
 }
 
 /// Spheres that touch in exactly one point, the second radius then moved by so many `steps` of f32.
@@ -92,11 +91,6 @@ pub fn tangent(random: &mut Random, steps: i32) -> (Sphere, Sphere) {
     let first = random.below(d as u64 + 1) as i32;
     let second = ulps(exact(d - first), steps);
     (Sphere::new(start.map(exact), exact(first)), Sphere::new(end.map(exact), second.max(0.0)))
-}
-
-fn nearly_tangent(random: &mut Random) -> (Sphere, Sphere) {
-    let steps = if random.below(2) == 0 { -1 } else { 1 };
-    tangent(random, steps)
 }
 
 #[cfg(test)]
