@@ -192,9 +192,10 @@ impl SceneAudit {
         let on = |index| self.copy.kept(index).filter(|kept| kept.is_on);
         let first = query.window.fill_second_set(|index| on(index).map(|kept| kept.b));
         let tags = query.tags();
-        let rules = self.copy.filters().rules();
+        let rules = self.copy.states().filters.rules();
         check_by_rules(&query.window, |query, object| {
-            tags.of(query).is_none_or(|tag| rules.tags_meet(&tag, &self.copy.tag(object - first)))
+            tags.of(query)
+                .is_none_or(|tag| rules.tags_meet(&tag, &self.copy.states().tag(object - first)))
         })
     }
 
@@ -235,7 +236,7 @@ impl SceneAudit {
             let row = self.random.below(end as u64) as u32;
             for (other, theirs) in (0..).zip(&boxes).filter(|(other, _)| *other != row) {
                 let is = match (&boxes[row as usize], theirs) {
-                    (Some(a), Some(b)) => a.overlap(b) && self.copy.may_meet([row, other]),
+                    (Some(a), Some(b)) => a.overlap(b) && self.copy.states().may_meet([row, other]),
                     _ => false,
                 };
                 let said = self.known.has(row, other);

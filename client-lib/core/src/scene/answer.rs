@@ -93,16 +93,26 @@ impl SceneSkips {
         PairSkips::of_scene(self.static_pairs, self.unmoved_pairs, self.cell_pairs)
     }
 
-    /// A meter of a scene that is kept elsewhere: `rest` are the pairs that were to be looked at, of which
-    /// so many were `tested`.
+    /// The meter of an answer. Of the boxes that are `active`, so many are static; of these numbers, those that were looked
+    /// at are `moved`. So many pairs were `tested`.
     pub const fn of(
-        boxes: u64,
-        static_pairs: u64,
-        unmoved_pairs: u64,
-        rest: u64,
+        [active, statics]: [u64; 2],
+        [moved, moved_statics]: [u64; 2],
         tested: u64,
     ) -> Self {
-        Self { boxes, static_pairs, unmoved_pairs, cell_pairs: rest.saturating_sub(tested), tested }
+        const fn pairs(n: u64) -> u64 {
+            n * n.saturating_sub(1) / 2
+        }
+        let static_pairs = pairs(statics);
+        let unmoved = pairs(active - moved).saturating_sub(pairs(statics - moved_statics));
+        let rest = pairs(active).saturating_sub(static_pairs + unmoved);
+        Self {
+            boxes: active - moved,
+            static_pairs,
+            unmoved_pairs: unmoved,
+            cell_pairs: rest.saturating_sub(tested),
+            tested,
+        }
     }
 }
 

@@ -1,5 +1,6 @@
 //! Whether a pair began or ended: the boxes as they were when the history began, against those of now.
 
+use super::states::LOST;
 use super::store::{BoxState, Store};
 
 /// A box: what it was when the history began, and what it is.
@@ -15,7 +16,7 @@ impl WasIs {
     #[inline]
     pub fn of(index: u32, store: &Store) -> Self {
         let is = store.now(index);
-        let is_touched = || store.was_removed(index) || store.is_refiltered(index);
+        let is_touched = || store.states.has(index, LOST) || store.is_refiltered(index);
         match store.before(index) {
             Some(was) => Self { was, is, is_touched: is_touched() },
             None => Self::unchanged(is),
@@ -50,9 +51,15 @@ pub(super) fn overlap(a: &BoxState, b: &BoxState) -> bool {
 /// and incarnations come to places.
 #[inline]
 pub(super) fn change(pair: [u32; 2], [overlapped, overlap]: [bool; 2], store: &Store) -> [bool; 2] {
-    let filters = store.filters();
+    let filters = &store.states.filters;
     let had = overlapped && filters.met(pair);
     let has = overlap && filters.meet(pair);
-    let is_replaced = had && has && pair.iter().any(|index| store.was_removed(*index));
-    [has && (!had || is_replaced), had && (!has || is_replaced)]
+    let is_replaced = had && has && store.states.has_either(pair, LOST);
+    begins_and_ends(had, has, is_replaced)
+}
+
+/// Whether a pair that was one or not, and is one or not, began, and whether it ended: both where it is another one.
+#[inline]
+pub(super) const fn begins_and_ends(was: bool, is: bool, is_another: bool) -> [bool; 2] {
+    [is && (!was || is_another), was && (!is || is_another)]
 }

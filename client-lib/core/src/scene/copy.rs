@@ -1,20 +1,16 @@
 //! What a client keeps of a scene that lives in another process: enough to make it again.
 
-use super::answer::EndReason;
-use super::check::{EDIT_REMOVES, EDIT_SETS, PRESENT, len_after, mark, unmark};
-use super::edit::{Edit, Flag, Indices, Sets, Step, Tags};
+use std::borrow::Cow;
+
+use super::edit::{Edit, Indices, Sets, Step, Tags};
 use super::error::EditError;
 use super::fetch::ask_for;
 use super::kept::KeptBox;
-use super::rules::{FilterHistory, FilteredBoxes};
+use super::rules::{FilterHistory, apply_rules};
+use super::states::{BoxStates, EDIT_REMOVES, EDIT_SETS, PRESENT, grow};
 use crate::aabb::Aabb;
 use crate::filters::{Rules, Tag};
 use crate::write::par_write_boxes;
-
-/// The box is switched off.
-const OFF: u8 = 1 << 1;
-/// It is [still](super::rules).
-const STATIC: u8 = 1 << 2;
 
 /// Boxes, flags and collision filters of a scene, by index: 25 bytes an index, and 12 more up to the last one with
 /// a tag. It checks edits as the scene does, and applies them; it knows nothing of pairs.
@@ -37,61 +33,17 @@ const STATIC: u8 = 1 << 2;
 /// ```
 #[derive(Clone, Debug)]
 pub struct SceneCopy {
-    table: Table,
-    present: usize,
-    limit: u32,
-    filters: FilterHistory,
-}
-
-/// Boxes and flags by index.
-#[derive(Clone, Debug, Default)]
-struct Table {
     boxes: Vec<Aabb>,
-    flags: Vec<u8>,
-}
-
-impl Table {
-    fn has(&self, index: u32, bit: u8) -> bool {
-        self.flags.get(index as usize).is_some_and(|flags| flags & bit != 0)
-    }
-}
-
-/// Nobody searches here: what changes is only kept.
-impl FilteredBoxes for Table {
-    fn index_end(&self) -> u32 {
-        self.flags.len() as u32
-    }
-
-    fn is_present(&self, index: u32) -> bool {
-        self.has(index, PRESENT)
-    }
-
-    fn is_still(&self, index: u32) -> bool {
-        self.has(index, STATIC)
-    }
-
-    fn set_still(&mut self, index: u32, is_still: bool) {
-        let flags = &mut self.flags[index as usize];
-        *flags = if is_still { *flags | STATIC } else { *flags & !STATIC };
-    }
-
-    fn has_flipped(&self, _: u32) -> bool {
-        false
-    }
-
-    fn name(&mut self, _: u32) {}
-
-    fn refilter(&mut self, _: u32) {}
-
-    fn smaller(&self, [a, _]: [u32; 2]) -> u32 {
-        a
-    }
+    states: BoxStates,
+    limit: u32,
 }
 
 /// All boxes, flags and filters of a scene, as an edit that makes it.
 #[derive(Debug)]
 pub struct WholeScene<'a> {
-    boxes: Boxes<'a>,
+    /// Words of a bitmask of the indices, where not every one has a box.
+    present: Option<Vec<u32>>,
+    boxes: Cow<'a, [Aabb]>,
     off: Vec<u32>,
     statics: Vec<u32>,
     /// Boxes with indices that are tagged, and their tags: those that are not the default ones.
@@ -108,80 +60,53 @@ struct WholeRules<'a> {
     excluded: Vec<[u32; 2]>,
 }
 
-#[derive(Debug)]
-enum Boxes<'a> {
-    /// Of every index from 0.
-    All(&'a [Aabb]),
-    /// Of the indices of a bitmask.
-    Some(Vec<u32>, Vec<Aabb>),
-}
-
 impl SceneCopy {
     /// Of a scene without boxes, whose indices are below a limit.
     pub fn new(limit: u32) -> Self {
-        Self { table: Table::default(), present: 0, limit, filters: FilterHistory::default() }
+        Self { boxes: Vec::new(), states: BoxStates::without_history(), limit }
     }
 
     /// Boxes, those that are switched off too.
     pub const fn len(&self) -> usize {
-        self.present
+        self.states.present()
     }
 
     /// Whether there are none.
     pub const fn is_empty(&self) -> bool {
-        self.present == 0
+        self.len() == 0
     }
 
     /// Indices are below this number.
     pub const fn index_end(&self) -> usize {
-        self.table.flags.len()
+        self.states.index_end()
     }
 
     /// The box of an index, also one that is switched off.
     #[inline]
     pub fn get(&self, index: u32) -> Option<Aabb> {
-        self.table.has(index, PRESENT).then(|| self.table.boxes[index as usize])
+        self.states.has(index, PRESENT).then(|| self.boxes[index as usize])
     }
 
     /// Asks for the box of an index. One in three lies on two lines.
     #[inline]
     pub(super) fn ask_for(&self, index: u32) {
-        ask_for(&self.table.boxes, index);
-        ask_for(&self.table.boxes, index + 1);
+        ask_for(&self.boxes, index);
+        ask_for(&self.boxes, index + 1);
     }
 
     /// The box of an index and its flags.
     pub fn kept(&self, index: u32) -> Option<KeptBox> {
-        let b = self.get(index)?;
-        let is_static = self.tag(index).is_static();
-        Some(KeptBox { b, is_on: !self.table.has(index, OFF), is_static })
+        Some(KeptBox::of(self.get(index)?, index, &self.states))
     }
 
-    /// The filter data of a box, with its own static flag.
-    pub fn tag(&self, index: u32) -> Tag {
-        self.filters.tag(index, self.table.has(index, STATIC))
-    }
-
-    /// Whether two boxes may be a pair, wherever they are.
-    pub fn may_meet(&self, pair: [u32; 2]) -> bool {
-        !pair.iter().all(|index| self.table.has(*index, STATIC)) && self.filters.meet(pair)
-    }
-
-    /// Why a pair of boxes that are still there ended.
-    pub fn end_reason(&self, pair: [u32; 2]) -> EndReason {
-        let is_off = pair.iter().any(|index| self.table.has(*index, OFF));
-        if is_off || !self.may_meet(pair) { EndReason::Filtered } else { EndReason::Separated }
-    }
-
-    /// The collision filters.
-    pub const fn filters(&self) -> &FilterHistory {
-        &self.filters
+    /// What is known of each index beside its box.
+    pub const fn states(&self) -> &BoxStates {
+        &self.states
     }
 
     /// Bytes that are kept.
     pub fn allocated_bytes(&self) -> usize {
-        let Table { boxes, flags } = &self.table;
-        boxes.capacity() * size_of::<Aabb>() + flags.capacity() + self.filters.allocated_bytes()
+        self.boxes.capacity() * size_of::<Aabb>() + self.states.allocated_bytes()
     }
 
     /// Checks an edit. Where it is right, [`apply`](Self::apply) or [`cancel`](Self::cancel) is to follow.
@@ -189,21 +114,13 @@ impl SceneCopy {
     /// # Errors
     /// [`EditError`]; the edit is forgotten then.
     pub fn check(&mut self, edit: Edit<'_>) -> Result<(), EditError> {
-        let Table { boxes, flags } = &mut self.table;
-        let len = len_after(edit, flags.len(), self.limit)?;
-        let more = len - flags.len();
-        let no_memory = |_| EditError::NoMemory { boxes: len as u64 };
-        boxes.try_reserve(more).map_err(no_memory)?;
-        flags.try_reserve(more).map_err(no_memory)?;
-        boxes.resize(len, Aabb::EMPTY);
-        flags.resize(len, 0);
-        mark(edit, flags)
+        self.states.check(edit, self.limit, |len| grow(&mut self.boxes, len, Aabb::EMPTY))
     }
 
     /// Whether the edit that was checked removes the box of an index.
     #[inline]
     pub(super) fn is_removed_by_edit(&self, index: u32) -> bool {
-        self.table.has(index, EDIT_REMOVES)
+        self.states.has(index, EDIT_REMOVES)
     }
 
     /// Boxes that an edit [names](super::Report::Moved) by its table of filters alone, before it is applied.
@@ -212,55 +129,44 @@ impl SceneCopy {
             Step::Filters(table) => Some(*table),
             _ => None,
         });
-        tables.flat_map(|table| self.filters.named_by(table, &self.table)).collect()
+        tables.flat_map(|table| self.states.filters.named_by(table, &self.states)).collect()
     }
 
     /// Forgets an edit that was checked.
     pub fn cancel(&mut self, edit: Edit<'_>) {
-        unmark(edit, &mut self.table.flags);
+        self.states.unmark(edit);
     }
 
     /// Applies an edit that was checked.
     pub fn apply(&mut self, edit: Edit<'_>) {
-        let Self { table, present, filters, .. } = self;
-        let Table { boxes, flags } = table;
+        let Self { boxes, states, .. } = self;
         edit.for_each_removed(|index| {
-            flags[index as usize] &= EDIT_SETS;
-            filters.remove(index);
-            *present -= 1;
+            states.remove(index);
         });
         for &Sets { indices, boxes: new } in edit.sets() {
-            *present += match indices {
-                Indices::Range { count: 0, .. } => 0,
-                Indices::Range { first, .. } => {
-                    let range = first as usize..first as usize + new.len();
-                    set_range(&mut boxes[range.clone()], &mut flags[range], new)
+            match indices {
+                Indices::Range { count: 0, .. } => {}
+                Indices::Range { first, count } => {
+                    par_write_boxes(new, &mut boxes[first as usize..][..new.len()]);
+                    states.insert_range(first, count);
                 }
                 Indices::List(list) if list.len() >= PART_BOXES && list.is_sorted() => {
-                    set_sorted(boxes, flags, 0, (list, new))
+                    let added = set_sorted(boxes, states.bits_mut(), 0, (list, new));
+                    states.note_inserted(added);
                 }
-                _ => {
-                    let mut added = 0;
-                    indices.for_each(|at, index| {
-                        let i = index as usize;
-                        added += set(&mut boxes[i], &mut flags[i], &new[at]);
-                    });
-                    added
-                }
-            };
+                _ => indices.for_each(|at, index| {
+                    boxes[index as usize] = new[at];
+                    states.insert(index);
+                }),
+            }
         }
-        edit.for_each_flag(|index, flag| match flag {
-            Flag::On(true) => table.flags[index as usize] &= !OFF,
-            Flag::On(false) => table.flags[index as usize] |= OFF,
-            Flag::Static(on) => filters.make_static(index, on, table),
-        });
-        filters.apply(edit, table);
+        apply_rules(edit, states);
     }
 
     /// All of it, to make the scene again from nothing.
     pub fn whole(&self) -> WholeScene<'_> {
-        let all = (self.present == self.index_end()).then_some(&self.table.boxes[..]);
-        WholeScene::of(self.index_end(), all, |index| self.kept(index), &self.filters)
+        let all = (self.len() == self.index_end()).then_some(&self.boxes[..]);
+        WholeScene::of(self.index_end(), all, |index| self.kept(index), &self.states.filters)
     }
 }
 
@@ -276,7 +182,11 @@ impl<'a> WholeScene<'a> {
         let words = || vec![0u32; end.div_ceil(32)];
         let (mut all, mut boxes) = (words(), Vec::new());
         let (mut off, mut statics) = (words(), words());
-        let rules = filters.is_used().then(|| WholeRules::of(filters.rules()));
+        let rules = filters.is_used().then(|| {
+            let rules = filters.rules();
+            let (included, excluded) = (rules.lists.included(), rules.lists.excluded());
+            WholeRules { rules, included: included.collect(), excluded: excluded.collect() }
+        });
         let (mut tagged, mut tags) = (Vec::new(), Vec::new());
         for index in 0..end as u32 {
             let Some(KeptBox { b, is_on, is_static }) = kept(index) else { continue };
@@ -293,19 +203,18 @@ impl<'a> WholeScene<'a> {
                 tags.push(tag);
             }
         }
-        let boxes = in_place.map_or(Boxes::Some(all, boxes), Boxes::All);
-        Self { boxes, off, statics, tagged, tags, rules }
+        let present = in_place.is_none().then_some(all);
+        let boxes = in_place.map_or(boxes.into(), Cow::from);
+        Self { present, boxes, off, statics, tagged, tags, rules }
     }
 
     /// The steps of an edit that makes the scene where there is no box.
     pub fn steps(&self) -> Vec<Step<'_>> {
-        let set = match &self.boxes {
-            Boxes::All(boxes) => Sets { indices: (0..boxes.len() as u32).into(), boxes },
-            Boxes::Some(words, boxes) => Sets { indices: Indices::Mask { first: 0, words }, boxes },
-        };
         let flagged = |words| Indices::Mask { first: 0, words };
+        let all = Indices::from(0..self.boxes.len() as u32);
+        let indices = self.present.as_deref().map_or(all, flagged);
         let mut steps = vec![
-            Step::Set(set),
+            Step::Set(Sets { indices, boxes: &self.boxes }),
             Step::Switch(flagged(&self.off), false),
             Step::Static(flagged(&self.statics), true),
         ];
@@ -321,35 +230,15 @@ impl<'a> WholeScene<'a> {
     }
 }
 
-impl<'a> WholeRules<'a> {
-    /// All rules but the tags of boxes.
-    fn of(rules: &'a Rules) -> Self {
-        let (included, excluded) = (rules.lists.included(), rules.lists.excluded());
-        let (included, excluded) = (included.collect(), excluded.collect());
-        Self { rules, included, excluded }
-    }
-}
-
 /// Fewest boxes of a list that two threads set.
 const PART_BOXES: usize = 8_192;
 
 /// Sets one box; 1 where there was none.
 #[inline(always)]
-fn set(to: &mut Aabb, flags: &mut u8, b: &Aabb) -> usize {
-    let added = usize::from(*flags & PRESENT == 0);
-    *flags = *flags & !EDIT_SETS | PRESENT;
+fn set(to: &mut Aabb, bits: &mut u8, b: &Aabb) -> usize {
+    let added = usize::from(*bits & PRESENT == 0);
+    *bits = *bits & !EDIT_SETS | PRESENT;
     *to = *b;
-    added
-}
-
-/// Sets boxes of indices that follow each other; how many there were not.
-fn set_range(to: &mut [Aabb], flags: &mut [u8], new: &[Aabb]) -> usize {
-    par_write_boxes(new, to);
-    let present: u64 = flags.iter().map(|flags| u64::from(flags & PRESENT)).sum();
-    let added = flags.len() - (present / u64::from(PRESENT)) as usize;
-    for flags in flags {
-        *flags = *flags & !EDIT_SETS | PRESENT;
-    }
     added
 }
 

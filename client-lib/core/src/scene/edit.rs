@@ -8,6 +8,9 @@ use std::ops::Range;
 use crate::aabb::Aabb;
 use crate::filters::{FilterTable, Tag};
 
+/// Indices of a list that are looked at before it is known whether they rise.
+const CHECKED_TOGETHER: usize = 1 << 12;
+
 /// Indices of boxes.
 #[derive(Clone, Copy, Debug)]
 #[non_exhaustive]
@@ -193,17 +196,22 @@ impl<'a> Edit<'a> {
         })
     }
 
-    /// Whether it sets boxes of rising ranges and does nothing else: no index is named twice then.
-    pub(super) fn is_of_ranges(&self) -> bool {
+    /// Whether it sets boxes of rising indices and does nothing else: no index is named twice then.
+    pub(super) fn is_plainly_right(&self) -> bool {
         let mut end = 0;
         self.steps.iter().all(|step| {
-            let Step::Set(Sets { indices: Indices::Range { first, count }, .. }) = *step else {
-                return false;
+            let Step::Set(Sets { indices, .. }) = step else { return false };
+            let (first, last) = match *indices {
+                Indices::List([]) => return true,
+                Indices::List(list) if !rises(list) => return false,
+                Indices::List(list) => (list[0], list.last().map(|last| u64::from(*last))),
+                Indices::Range { first, .. } | Indices::Mask { first, .. } => {
+                    (first, indices.last())
+                }
             };
-            let begins = u64::from(first);
-            let rises = begins >= end;
-            end = begins + u64::from(count);
-            rises
+            let begins_behind = u64::from(first) >= end;
+            end = last.map_or(end, |last| last + 1);
+            begins_behind || last.is_none()
         })
     }
 
@@ -250,8 +258,9 @@ impl<'a> Edit<'a> {
         lengths.find(|(indices, items)| indices != items)
     }
 
+    /// The indices that it removes.
     #[inline]
-    pub(super) fn for_each_removed(&self, mut f: impl FnMut(u32)) {
+    pub fn for_each_removed(&self, mut f: impl FnMut(u32)) {
         for step in self.steps {
             if let Step::Remove(indices) = step {
                 indices.for_each(|_, i| f(i));
@@ -289,22 +298,17 @@ impl<'a> Edit<'a> {
         }
     }
 
-    /// The indices of pairs that are put on lists or taken off.
-    pub(super) fn for_each_listed(&self, mut f: impl FnMut(u32)) {
-        for step in self.steps {
-            if let Step::Include(pairs, _) | Step::Exclude(pairs, _) = step {
-                pairs.as_flattened().iter().for_each(|index| f(*index));
-            }
-        }
-    }
-
     /// The indices that it [names](super::Report::Moved), some of them twice, but for those that its table of filters
     /// names alone.
     pub(super) fn for_each_named(&self, mut f: impl FnMut(u32)) {
         self.for_each_set(|index, _| f(index));
         self.for_each_flag(|index, _| f(index));
         self.for_each_tag(|index, _| f(index));
-        self.for_each_listed(f);
+        for step in self.steps {
+            if let Step::Include(pairs, _) | Step::Exclude(pairs, _) = step {
+                pairs.as_flattened().iter().for_each(|index| f(*index));
+            }
+        }
     }
 
     /// Bytes that its rules may take where they are kept, beside tags.
@@ -341,6 +345,16 @@ impl<'a> Edit<'a> {
     pub fn has_rules(&self) -> bool {
         self.steps.iter().any(Step::is_rule)
     }
+}
+
+/// Whether each index is larger than the one before: counted without a branch an index, which takes a tenth of a
+/// nanosecond.
+fn rises(list: &[u32]) -> bool {
+    let falls = |at: usize| {
+        let some = &list[at..list.len().min(at + CHECKED_TOGETHER + 1)];
+        some.windows(2).map(|pair| u32::from(pair[0] >= pair[1])).sum::<u32>()
+    };
+    (0..list.len()).step_by(CHECKED_TOGETHER).all(|at| falls(at) == 0)
 }
 
 /// A flag of a box and its new value.
@@ -383,5 +397,30 @@ mod tests {
         assert_eq!(mask.last(), Some(1 << 32));
         let range = Indices::Range { first: u32::MAX, count: 2 };
         assert_eq!(range.last(), Some(1 << 32));
+    }
+    #[test]
+    fn only_edits_that_set_rising_indices_are_plainly_right() {
+        let boxes = vec![Aabb::EMPTY; 5_000];
+        let is_right = |all: &[Indices<'_>]| {
+            let boxes = &boxes;
+            let sets = all.iter().map(|indices| Sets { indices: *indices, boxes });
+            let steps: Vec<Step<'_>> = sets.map(Step::Set).collect();
+            Edit { steps: &steps }.is_plainly_right()
+        };
+        let mut list: Vec<u32> = (0..5_000).collect();
+        let range = |first, count| Indices::Range { first, count };
+        let mask = Indices::Mask { first: 40, words: &[0, 1 << 7] };
+        let (empty, seven) = (Indices::List(&[]), Indices::List(&[7_000]));
+        assert!(is_right(&[]) && is_right(&[empty]) && is_right(&[(&list).into()]));
+        assert!(is_right(&[(&list).into(), range(5_000, 1), range(2, 0), empty, seven]));
+        assert!(!is_right(&[(&list).into(), range(4_999, 2)]) && !is_right(&[seven, seven]));
+        assert!(is_right(&[range(3, 37), mask, range(80, 9)]) && !is_right(&[range(3, 38), mask]));
+        assert!(!is_right(&[mask, range(79, 9)]) && !is_right(&[range(9, 3), range(3, 2)]));
+        for at in [0, 1, 4_095, 4_096, 4_998] {
+            list[at] = at as u32 + 1;
+            assert!(!is_right(&[(&list).into()]), "{at}");
+            list[at] = at as u32;
+        }
+        assert!(!Edit { steps: &[Step::Remove(mask)] }.is_plainly_right());
     }
 }

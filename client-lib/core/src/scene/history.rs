@@ -6,10 +6,13 @@
 //!
 //! A pair of two changed boxes is found from both, and told from the one with the smaller index.
 
-use super::cells::{CHANGED, Candidate, Cells, INDEX, Probe, STATIC, Searches, is_solid};
+use super::cells::{
+    BATCH, BATCHES, CHANGED, Candidate, Cells, INDEX, Looked, Probe, STATIC, in_stages, is_solid,
+};
 use super::change::{WasIs, change, overlap};
 use super::fetch::ask_for;
-use super::pair_list::{Difference, Pair, pair};
+use super::pair_list::{Difference, Pair, pair, starts_of};
+use super::states;
 use super::store::{BoxState, Store};
 use crate::aabb::Aabb;
 use crate::floats;
@@ -18,8 +21,6 @@ use crate::test_budget::TestBudget;
 
 /// Boxes of a task: a search takes about 0.2 µs.
 const TASK_BOXES: usize = 256;
-/// Boxes that are looked around at a time.
-const BATCH: usize = 16;
 /// Fewest boxes that are searched by place, and the least share of all, one in so many: below, two that
 /// follow one another share no memory.
 const SORTED_BOXES: usize = 512;
@@ -29,9 +30,6 @@ const SORTED_SHARE: usize = 128;
 /// cull of all boxes takes. A search of boxes that cells part tests 30 to 100.
 const TESTS_A_SEARCH: i64 = 256;
 const TESTS_A_BOX: i64 = 64;
-
-/// Batches that are under way at a time: each is a step behind the one after it.
-const BATCHES: usize = 4;
 
 /// Searches for changes, and their memory.
 #[derive(Debug, Default)]
@@ -58,8 +56,7 @@ struct Around {
     /// The box of each probe, and what of it.
     centres: Vec<(Centre, Seen)>,
     probes: Vec<Probe>,
-    searches: Searches,
-    candidates: Vec<Candidate>,
+    looked: Looked,
 }
 
 /// A box that is looked around, on a cache line of its own.
@@ -99,11 +96,21 @@ impl Changes {
     ) -> Option<(Difference, u64)> {
         let Self { centres, order, tasks } = self;
         let changed = store.changed();
-        centres_of(changed, store, centres, threads);
+        centres.resize(changed.len(), Centre::NONE);
+        zip_in_parts(centres, changed, TASK_BOXES, threads, |centres, changed| {
+            for (at, (centre, index)) in centres.iter_mut().zip(changed).enumerate() {
+                if let Some(ahead) = changed.get(at + BATCH) {
+                    store.ask_for(*ahead);
+                }
+                *centre = Centre { index: *index, b: WasIs::of(*index, store) };
+            }
+        });
         order.clear();
         let count = changed.len();
         if count >= SORTED_BOXES && count * SORTED_SHARE > store.boxes().len() {
-            by_place(changed, cells, order);
+            let numbered = changed.iter().zip(0u32..);
+            let places = numbered.map(|(index, number)| [cells.place(*index), number]);
+            in_order_of(places.collect(), order);
         }
         let parts = part_count(count, TASK_BOXES, threads);
         tasks.resize_with(parts, Search::default);
@@ -131,19 +138,6 @@ impl Changes {
 /// Tests of so many searches after which the whole scene is sooner culled.
 fn most_tests(store: &Store, searches: usize) -> i64 {
     TESTS_A_SEARCH * searches as i64 + TESTS_A_BOX * store.boxes().len() as i64
-}
-
-/// What changed boxes were and are.
-fn centres_of(changed: &[u32], store: &Store, centres: &mut Vec<Centre>, threads: usize) {
-    centres.resize(changed.len(), Centre::NONE);
-    zip_in_parts(centres, changed, TASK_BOXES, threads, |centres, changed| {
-        for (at, (centre, index)) in centres.iter_mut().zip(changed).enumerate() {
-            if let Some(ahead) = changed.get(at + BATCH) {
-                store.ask_for(*ahead);
-            }
-            *centre = Centre { index: *index, b: WasIs::of(*index, store) };
-        }
-    });
 }
 
 /// Whether two solid boxes overlap, about: whether they are better looked around at once.
@@ -195,7 +189,7 @@ impl Centre {
     ) {
         let other = word & INDEX;
         let is_static = word & STATIC != 0;
-        let has_changed = word & CHANGED != 0 && store.has_changed(other);
+        let has_changed = word & CHANGED != 0 && store.states.has(other, states::CHANGED);
         if other == self.index || has_changed && other < self.index {
             return;
         }
@@ -241,40 +235,34 @@ impl Search {
             let places = start..(start + BATCH).min(boxes.end);
             places.map(|place| order.get(place).map_or(place, |centre| *centre as usize))
         };
-        for step in 0..count + BATCHES - 1 {
-            of_batch(step + 1).for_each(|centre| ask_for(centres, centre as u32));
-            // The latest batch first: what it asks for has the time of all others to come.
-            if step < count {
-                batches[step % BATCHES].begin(of_batch(step).map(|at| centres[at]), cells);
-            }
-            let earlier = |steps: usize| {
-                let number = step.checked_sub(steps).filter(|number| *number < count);
-                number.map(|number| number % BATCHES)
-            };
-            if let Some(number) = earlier(1) {
-                let searches = &mut batches[number].searches;
-                cells.go_on(searches);
-                left.take(searches.tested() as i64);
-                if left.is_spent() {
-                    return;
+        in_stages(batches, count, |stage, number, batch| {
+            match stage {
+                0 => {
+                    of_batch(number + 1).for_each(|centre| ask_for(centres, centre as u32));
+                    batch.begin(of_batch(number).map(|at| centres[at]), cells);
+                }
+                1 => {
+                    let searches = &mut batch.looked.searches;
+                    cells.go_on(searches);
+                    left.take(searches.tested() as i64);
+                    return !left.is_spent();
+                }
+                2 => *tested += batch.finish(cells, store),
+                _ => {
+                    for ((centre, seen), candidate) in batch.found() {
+                        centre.report_changes(*seen, candidate, store, found);
+                    }
                 }
             }
-            if let Some(number) = earlier(2) {
-                *tested += batches[number].finish(cells, store);
-            }
-            if let Some(number) = earlier(3) {
-                for ((centre, seen), candidate) in batches[number].found() {
-                    centre.report_changes(*seen, candidate, store, found);
-                }
-            }
-        }
+            true
+        });
     }
 }
 
 impl Around {
     /// Begins to look around boxes.
     fn begin(&mut self, around: impl Iterator<Item = Centre>, cells: &Cells) {
-        let Self { centres, probes, searches, .. } = self;
+        let Self { centres, probes, looked } = self;
         centres.clear();
         probes.clear();
         for centre in around {
@@ -283,29 +271,23 @@ impl Around {
                 probes.push(probe);
             });
         }
-        cells.begin(probes, searches);
+        cells.begin(probes, &mut looked.searches);
     }
 
     /// Finds the candidates. Returns how many boxes were tested.
     fn finish(&mut self, cells: &Cells, store: &Store) -> u64 {
-        let Self { searches, candidates, .. } = self;
-        candidates.clear();
-        let tested = cells.finish(searches, candidates);
-        // A slot may be that of an index that is no more: its box was removed at the end.
-        candidates.retain(|candidate| ((candidate.word & INDEX) as usize) < store.boxes().len());
-        for Candidate { word, .. } in candidates.iter().filter(|this| !this.is_sure) {
+        self.looked.finish(cells, store.boxes().len(), |word| {
             if word & CHANGED != 0 {
                 store.ask_for(word & INDEX);
             } else {
                 store.ask_for_box(word & INDEX);
             }
-        }
-        tested
+        })
     }
 
     /// Each candidate and the box that it was found around.
     fn found(&self) -> impl Iterator<Item = (&(Centre, Seen), &Candidate)> {
-        self.candidates.iter().map(|this| (&self.centres[this.probe as usize], this))
+        self.looked.candidates.iter().map(|this| (&self.centres[this.probe as usize], this))
     }
 }
 
@@ -319,30 +301,24 @@ pub(super) fn pairs_of_named(cells: &Cells, store: &Store, pairs: &mut Vec<Pair>
     floats::with_default(|| {
         for some in store.named().chunks(BATCH) {
             around.begin(some.iter().map(|index| Centre::now(*index, store)), cells);
-            cells.go_on(&mut around.searches);
-            if tested + around.searches.tested() > most {
+            cells.go_on(&mut around.looked.searches);
+            if tested + around.looked.searches.tested() > most {
                 return None;
             }
             tested += around.finish(cells, store);
             for ((centre, _), Candidate { word, .. }) in around.found() {
                 let (index, other) = (centre.index, word & INDEX);
-                let is_reported = other == index || store.is_named(other) && other < index;
+                let is_reported =
+                    other == index || store.states.has(other, states::NAMED) && other < index;
                 let pair = pair(index, other);
                 let is_pair = || overlap(&centre.b.is, &store.now(other));
-                if !is_reported && is_pair() && store.filters().meet(pair) {
+                if !is_reported && is_pair() && store.states.filters.meet(pair) {
                     pairs.push(pair);
                 }
             }
         }
         Some(tested)
     })
-}
-
-/// Puts the numbers of boxes in the order of their places.
-fn by_place(boxes: &[u32], cells: &Cells, order: &mut Vec<u32>) {
-    let numbered = boxes.iter().zip(0u32..);
-    let places = numbered.map(|(index, number)| [cells.place(*index), number]).collect();
-    in_order_of(places, order);
 }
 
 /// Adds numbers in the order of places, which stand before them: by counting, digit by digit.
@@ -356,10 +332,7 @@ pub(super) fn in_order_of(mut places: Vec<[u32; 2]>, order: &mut Vec<u32>) {
         for [place, _] in &places {
             starts[digit(*place)] += 1;
         }
-        let mut next = 0;
-        for start in &mut starts {
-            next += std::mem::replace(start, next);
-        }
+        starts_of(&mut starts);
         for this in &places {
             let start = &mut starts[digit(this[0])];
             sorted[*start as usize] = *this;

@@ -1,6 +1,7 @@
 //! What a scene holds, for who keeps the scene from now on.
 
 use super::copy::WholeScene;
+use super::states::{BoxStates, OFF};
 use super::store::Store;
 use crate::aabb::Aabb;
 
@@ -13,6 +14,12 @@ pub struct KeptBox {
     pub is_on: bool,
     /// Whether it is static.
     pub is_static: bool,
+}
+
+impl KeptBox {
+    pub(super) fn of(b: Aabb, index: u32, states: &BoxStates) -> Self {
+        Self { b, is_on: !states.has(index, OFF), is_static: states.tag(index).is_static() }
+    }
 }
 
 /// What a scene has told of its pairs.
@@ -41,12 +48,8 @@ impl<'a> Kept<'a> {
     /// All of it, as an edit that makes it.
     pub fn whole(&self) -> WholeScene<'a> {
         let store = self.store;
-        let kept = |index| {
-            let b = store.get(index)?;
-            let is_static = store.tag(index).is_static();
-            Some(KeptBox { b, is_on: !store.is_off(index), is_static })
-        };
-        WholeScene::of(store.boxes().len(), None, kept, store.filters())
+        let kept = |index| Some(KeptBox::of(store.get(index)?, index, &store.states));
+        WholeScene::of(store.boxes().len(), None, kept, &store.states.filters)
     }
 
     /// What was reported.

@@ -38,7 +38,6 @@
 mod answer;
 mod cells;
 mod change;
-mod check;
 mod copy;
 mod edit;
 mod error;
@@ -52,6 +51,7 @@ mod pair_list;
 mod query;
 mod rules;
 pub mod shared;
+pub mod states;
 mod store;
 mod whole;
 
@@ -67,7 +67,7 @@ pub use self::query::{
     BeyondMask, QueryError, QueryMask, QueryTags, between, cull_between, is_small_set,
     more_pairs_than,
 };
-pub use self::rules::{FilterHistory, FilteredBoxes, decide_changes};
+pub use self::rules::{FilterHistory, FilteredBoxes, apply_rules, decide_changes};
 
 use std::sync::Arc;
 
@@ -75,6 +75,7 @@ use self::cells::Cells;
 use self::history::Changes;
 use self::pair_list::{Difference, Pair};
 use self::query::Asked;
+use self::states::{LOST, NAMED, STILL};
 use self::store::Store;
 use self::whole::Whole;
 use crate::aabb::Aabb;
@@ -201,7 +202,7 @@ impl Scene {
 
     /// Boxes, those that are switched off too.
     pub const fn len(&self) -> usize {
-        self.store.present()
+        self.store.states.present()
     }
 
     /// Whether there are none.
@@ -221,7 +222,7 @@ impl Scene {
 
     /// Collision filters, and what they were when the history began.
     pub const fn filters(&self) -> &FilterHistory {
-        self.store.filters()
+        &self.store.states.filters
     }
 
     /// Threads for later edits, of the rayon pool that they are made in; `None` is all of them.
@@ -298,7 +299,7 @@ impl Scene {
     /// [`SceneError::Edit`] for an edit that is wrong: nothing is applied, and the last answer stays.
     /// [`SceneError::Cull`] where all pairs are needed and cannot be found: the edit is applied.
     pub fn edit(&mut self, edit: Edit<'_>, report: Report) -> Result<&Reported, SceneError> {
-        self.threads = self.threads_for(edit_ns(self, edit, report));
+        self.threads = team::threads_for(edit_ns(self, edit, report), self.options.threads);
         let _team = team::enter(self.threads);
         self.store.apply(edit, self.options.most_boxes, self.threads)?;
         self.is_open = false;
@@ -364,11 +365,6 @@ impl Scene {
         self.threads
     }
 
-    /// Threads that so much work is worth.
-    fn threads_for(&self, one_ns: f64) -> usize {
-        team::threads_for(one_ns, self.options.threads)
-    }
-
     /// Indices are below this.
     pub const fn most_boxes(&self) -> u32 {
         self.options.most_boxes
@@ -383,30 +379,27 @@ impl Scene {
         let now = self.list_now.take();
         self.recycle(now);
         self.note_for_queries();
-        let changed = self.store.changed().len();
-        match self.known {
-            Known::Many | Known::Lost => return,
-            Known::Same | Known::Few => {}
+        let (changed, present) = (self.store.changed().len(), self.len());
+        if matches!(self.known, Known::Many | Known::Lost) {
+            return;
         }
-        if changed > FEW_BOXES && changed * MANY_SHARE > self.store.present() {
-            self.known = Known::Many;
+        self.known = Known::Many;
+        if changed > FEW_BOXES && changed * MANY_SHARE > present {
             self.cells = None;
             self.was_small = false;
             return;
         }
         let is_first = !std::mem::replace(&mut self.was_small, true);
-        if self.cells.is_none() && is_first && self.store.present() > CELLS_AT_ONCE {
-            self.known = Known::Many;
-            return;
-        }
-        if self.cells.is_none() && self.crowded.is_waiting() {
-            self.known = Known::Many;
+        let is_alone = is_first && present > CELLS_AT_ONCE;
+        if self.cells.is_none() && (is_alone || self.crowded.is_waiting()) {
             return;
         }
         self.known = Known::Few;
         let (threads, store) = (self.threads, &self.store);
         if self.cells.is_none() {
-            self.cells = Some(cells_before(store, threads));
+            // Those of the scene as it was when its history began.
+            let (boxes, statics) = store.then();
+            self.cells = Some(Cells::of(&boxes, |index| statics[index as usize], threads));
             self.asked.drop_cells();
             // Engines are asked seldom from now on.
             self.whole.give_back();
@@ -423,7 +416,7 @@ impl Scene {
             Report::Moved => self.report_moved()?,
             Report::All => self.report_all()?,
             Report::Changes => match self.known {
-                Known::Lost => self.report_all_pairs()?,
+                Known::Lost => self.report_resync()?,
                 Known::Same => self.reported.pair_count = self.count_then,
                 Known::Few => self.report_changes_around()?,
                 Known::Many => self.report_changes_of_whole()?,
@@ -457,8 +450,9 @@ impl Scene {
             Arc::clone(self.list_then.insert(Arc::new(list)))
         };
         let now = self.list_now()?;
-        let found = if self.store.has_removed() {
-            let is_another = |[a, b]: Pair| self.store.was_removed(a) || self.store.was_removed(b);
+        let states = &self.store.states;
+        let found = if states.has_lost() {
+            let is_another = |pair: Pair| states.has_either(pair, LOST);
             Difference::between(&then, &now, &is_another, self.threads)
         } else {
             Difference::between(&then, &now, &|_| false, self.threads)
@@ -476,17 +470,16 @@ impl Scene {
         let (more, less) = (begun.len() as u64, ended.len() as u64);
         self.reported.pair_count = (self.count_then + more).saturating_sub(less);
         if is_resync_due(more + less, self.reported.pair_count) {
-            return self.report_all_pairs();
+            return self.report_resync();
         }
-        let store = &self.store;
-        self.reported
-            .ended
-            .extend(ended.into_iter().map(|pair| Ended { pair, reason: reason(store, pair) }));
+        let states = &self.store.states;
+        let ended = ended.into_iter().map(|pair| Ended { pair, reason: states.end_reason(pair) });
+        self.reported.ended.extend(ended);
         self.reported.begun = begun;
         Ok(())
     }
 
-    fn report_all_pairs(&mut self) -> Result<(), CullError> {
+    fn report_resync(&mut self) -> Result<(), CullError> {
         self.report_all()?;
         self.reported.resync = true;
         Ok(())
@@ -505,8 +498,9 @@ impl Scene {
         }
         let (store, threads) = (&self.store, self.threads);
         let mut list = std::mem::take(&mut self.spare);
-        self.tested += if store.statics() > 1 || store.filters().is_used() {
-            let wanted = |pair: Pair| store.may_meet(pair);
+        let states = &store.states;
+        self.tested += if states.active_still() > 1 || states.filters.is_used() {
+            let wanted = |pair: Pair| states.may_meet(pair);
             self.whole.pairs(store.boxes(), &wanted, threads, &mut list)?
         } else {
             self.whole.pairs(store.boxes(), &|_| true, threads, &mut list)?
@@ -518,7 +512,7 @@ impl Scene {
 
     /// Tells the pairs of the boxes that the edit named.
     fn report_moved(&mut self) -> Result<(), CullError> {
-        let is_few = self.store.named().len() * MANY_SHARE <= self.store.present();
+        let is_few = self.store.named().len() * MANY_SHARE <= self.store.states.present();
         let mut pairs = Vec::new();
         let searched = match &self.cells {
             Some(cells) if is_few => history::pairs_of_named(cells, &self.store, &mut pairs),
@@ -534,7 +528,7 @@ impl Scene {
         } else if !self.store.named().is_empty() {
             let now = self.list_now()?;
             pairs.clear();
-            let is_named = |[a, b]: &Pair| self.store.is_named(*a) || self.store.is_named(*b);
+            let is_named = |pair: &Pair| self.store.states.has_either(*pair, NAMED);
             pairs.extend(now.iter().copied().filter(is_named));
         }
         self.reported.pairs = Arc::new(pairs);
@@ -542,56 +536,27 @@ impl Scene {
     }
 
     fn skips(&self) -> SceneSkips {
-        let pairs = |n: usize| n as u64 * (n as u64).saturating_sub(1) / 2;
-        let store = &self.store;
-        let active = store.present() - store.parked();
-        let statics = store.statics();
-        let (mut moved, mut moved_statics) = (0, 0);
+        let states = &self.store.states;
+        let all = [states.active(), states.active_still()].map(|count| count as u64);
+        let mut moved = [0, 0];
         match self.known {
             Known::Same => {}
             Known::Few => {
-                for &index in store.changed() {
-                    if store.is_active(index) {
-                        moved += 1;
-                        moved_statics += usize::from(store.is_static(index));
-                    }
+                for &index in self.store.changed().iter().filter(|index| states.is_active(**index))
+                {
+                    moved[0] += 1;
+                    moved[1] += u64::from(states.has(index, STILL));
                 }
             }
-            Known::Many | Known::Lost => (moved, moved_statics) = (active, statics),
+            Known::Many | Known::Lost => moved = all,
         }
-        let static_pairs = pairs(statics);
-        let unmoved_pairs = pairs(active - moved) - pairs(statics - moved_statics);
-        let rest = pairs(active) - static_pairs - unmoved_pairs;
-        SceneSkips {
-            boxes: (active - moved) as u64,
-            static_pairs,
-            unmoved_pairs,
-            cell_pairs: rest.saturating_sub(self.tested),
-            tested: self.tested,
-        }
+        SceneSkips::of(all, moved, self.tested)
     }
 }
 
 /// What an edit takes on one thread, about: it steers how many it gets.
 fn edit_ns(scene: &Scene, edit: Edit<'_>, report: Report) -> f64 {
-    let (named, present) = (edit.boxes(), scene.store.present().max(edit.boxes()));
+    let (named, present) = (edit.boxes(), scene.store.states.present().max(edit.boxes()));
     let is_few = scene.cells.is_some() && named * MANY_SHARE <= present && report != Report::All;
     if is_few { named as f64 * CHANGED_NS } else { present as f64 * WHOLE_NS }
-}
-
-/// The cells of a scene as it was when its history began.
-fn cells_before(store: &Store, threads: usize) -> Cells {
-    let (boxes, statics) = store.then();
-    Cells::of(&boxes, |index| statics[index as usize], threads)
-}
-
-/// Why a pair ended, by the boxes of now.
-fn reason(store: &Store, [a, b]: Pair) -> EndReason {
-    if store.was_removed(a) || store.was_removed(b) {
-        EndReason::Removed
-    } else if store.is_off(a) || store.is_off(b) || !store.may_meet([a, b]) {
-        EndReason::Filtered
-    } else {
-        EndReason::Separated
-    }
 }

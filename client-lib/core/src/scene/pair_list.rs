@@ -23,6 +23,15 @@ fn key([a, b]: Pair) -> u64 {
     u64::from(a) << 32 | u64::from(b)
 }
 
+/// Turns counts into where each of them begins; where the last one ends.
+pub(super) fn starts_of(counts: &mut [u32]) -> u32 {
+    let mut next = 0;
+    for count in counts {
+        next += std::mem::replace(count, next);
+    }
+    next
+}
+
 /// Pairs up to which a plain sort is sooner done.
 const FEW_PAIRS: usize = 256;
 /// Most buckets of a list: so many streams of writes stay in the caches of a core.
@@ -139,12 +148,7 @@ impl Deal<'_> {
         for pair in self.pairs.iter().filter(|pair| wanted(**pair)) {
             self.ends[(pair[0] >> shift) as usize] += 1;
         }
-        let mut next = 0;
-        for end in &mut self.ends {
-            let here = *end;
-            *end = next;
-            next += here;
-        }
+        starts_of(&mut self.ends);
         for pair in self.pairs.iter().filter(|pair| wanted(**pair)) {
             let next = &mut self.ends[(pair[0] >> shift) as usize];
             self.dealt[*next as usize] = *pair;
@@ -177,12 +181,7 @@ impl Gather<'_> {
             for pair in pairs() {
                 starts[(pair[0] - first_row) as usize] += 1;
             }
-            let mut next = 0;
-            for start in starts.iter_mut() {
-                let count = *start;
-                *start = next;
-                next += count;
-            }
+            starts_of(starts);
             for pair in pairs() {
                 let next = &mut starts[(pair[0] - first_row) as usize];
                 sorted[*next as usize] = *pair;

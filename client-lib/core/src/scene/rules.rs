@@ -10,28 +10,56 @@
 
 use std::collections::HashMap;
 
-use super::edit::{Edit, Step};
+use super::edit::{Edit, Flag, Step};
 use super::pair_list::Pair;
+use super::states::{BoxStates, PRESENT, STILL};
 use crate::filters::{FilterId, FilterTable, Listed, PairLists, Rules, Tag, decide, in_order};
 
 /// The boxes whose filter data an edit changes, as whoever searches for their pairs keeps them.
 pub trait FilteredBoxes {
-    /// Boxes have indices below this.
-    fn index_end(&self) -> u32;
-    /// Whether an index has a box.
-    fn is_present(&self, index: u32) -> bool;
-    /// Whether a box is still: no pair of two still boxes is reported.
-    fn is_still(&self, index: u32) -> bool;
-    /// Makes a box still or not; it was the other.
-    fn set_still(&mut self, index: u32, is_still: bool);
-    /// Whether a box is still and was not when the history began, or the other way round.
-    fn has_flipped(&self, index: u32) -> bool;
+    /// Their states.
+    fn states(&self) -> &BoxStates;
+    /// Their states.
+    fn states_mut(&mut self) -> &mut BoxStates;
     /// The edit names a box: its pairs are those of [`Report::Moved`](super::Report::Moved).
-    fn name(&mut self, index: u32);
+    fn name(&mut self, _: u32) {}
+    /// Switches a box on or off.
+    fn switch(&mut self, index: u32, on: bool) {
+        self.states_mut().switch(index, on);
+    }
+    /// The stillness of a box is about to change.
+    fn change(&mut self, _: u32) {}
     /// Filter data of a box change: its pairs are to be decided anew.
-    fn refilter(&mut self, index: u32);
+    fn refilter(&mut self, _: u32) {}
     /// Around which of two boxes fewer others lie, as far as that is known.
-    fn smaller(&self, pair: [u32; 2]) -> u32;
+    fn smaller(&self, pair: [u32; 2]) -> u32 {
+        pair[0]
+    }
+}
+
+/// Nobody searches here: what changes is only kept.
+impl FilteredBoxes for BoxStates {
+    fn states(&self) -> &Self {
+        self
+    }
+
+    fn states_mut(&mut self) -> &mut Self {
+        self
+    }
+}
+
+/// Does what an edit says of flags and rules, after its removals and sets.
+pub fn apply_rules(edit: Edit<'_>, boxes: &mut impl FilteredBoxes) {
+    let mut filters = std::mem::take(&mut boxes.states_mut().filters);
+    edit.for_each_flag(|index, flag| {
+        boxes.name(index);
+        match flag {
+            Flag::On(on) => boxes.switch(index, on),
+            Flag::Static(on) => filters.make_static(index, on, boxes),
+        }
+    });
+    filters.apply(edit, boxes);
+    boxes.states_mut().filters = filters;
 }
 
 /// Filter data of a scene, now and when the history began.
@@ -118,13 +146,9 @@ impl FilterHistory {
     }
 
     /// Makes a box static or not.
-    pub fn make_static(&mut self, index: u32, on: bool, boxes: &mut impl FilteredBoxes) {
-        boxes.name(index);
+    fn make_static(&mut self, index: u32, on: bool, boxes: &mut impl FilteredBoxes) {
         if !self.is_used {
-            if boxes.is_still(index) != on {
-                boxes.set_still(index, on);
-            }
-            return;
+            return set_still(index, on, boxes);
         }
         let tag = self.now.tag(index);
         if tag.is_static() != on {
@@ -135,7 +159,7 @@ impl FilterHistory {
     }
 
     /// Does what an edit says of rules, after all that it does to boxes.
-    pub fn apply(&mut self, edit: Edit<'_>, boxes: &mut impl FilteredBoxes) {
+    fn apply(&mut self, edit: Edit<'_>, boxes: &mut impl FilteredBoxes) {
         if edit.has_rules() {
             self.apply_rules(edit, boxes);
         }
@@ -178,13 +202,13 @@ impl FilterHistory {
         if std::mem::replace(&mut self.is_used, true) {
             return;
         }
-        for index in 0..boxes.index_end() {
-            if !boxes.is_present(index) || !boxes.is_still(index) {
+        for index in 0..boxes.states().index_end() as u32 {
+            if !boxes.states().has(index, STILL) {
                 continue;
             }
             self.set_tag(index, Tag::default().with_static(true));
             // A list may make it move again for searches, while it is static from this history on.
-            if boxes.has_flipped(index) {
+            if boxes.states().has_flipped(index) {
                 boxes.refilter(index);
             }
         }
@@ -198,9 +222,7 @@ impl FilterHistory {
         let tag = self.now.tag(index);
         let is_static = tag.is_static() || self.now.table.get(tag.filter).is_static;
         let is_still = is_static && !self.now.lists.is_named(index);
-        if boxes.is_still(index) != is_still {
-            boxes.set_still(index, is_still);
-        }
+        set_still(index, is_still, boxes);
     }
 
     fn set_tag(&mut self, index: u32, tag: Tag) {
@@ -222,7 +244,7 @@ impl FilterHistory {
         if *table == self.now.table {
             return;
         }
-        let named = self.named_by(table, boxes);
+        let named = self.named_by(table, boxes.states());
         let was = std::mem::replace(&mut self.now.table, table.clone());
         if self.then.is_used {
             self.then.table.get_or_insert(was);
@@ -235,7 +257,7 @@ impl FilterHistory {
     }
 
     /// Boxes whose filter is another one by a new table.
-    pub(super) fn named_by(&self, table: &FilterTable, boxes: &impl FilteredBoxes) -> Vec<u32> {
+    pub(super) fn named_by(&self, table: &FilterTable, states: &BoxStates) -> Vec<u32> {
         let now = &self.now.table;
         let differs: Vec<bool> = (0..table.filters().len().max(now.filters().len()))
             .map(|id| FilterId(id as u16))
@@ -243,9 +265,9 @@ impl FilterHistory {
             .collect();
         let differs = |index: &u32| {
             let filter = usize::from(self.now.tag(*index).filter.0);
-            boxes.is_present(*index) && differs.get(filter).copied().unwrap_or(false)
+            states.has(*index, PRESENT) && differs.get(filter).copied().unwrap_or(false)
         };
-        (0..boxes.index_end()).filter(differs).collect()
+        (0..states.index_end() as u32).filter(differs).collect()
     }
 
     fn list(
@@ -260,7 +282,7 @@ impl FilterHistory {
             if differs {
                 self.then.note_listed(in_order(pair), listed);
             }
-            let present = pair.map(|index| boxes.is_present(index));
+            let present = pair.map(|index| boxes.states().has(index, PRESENT));
             if differs && present == [true; 2] {
                 // The pair is found from either.
                 boxes.refilter(boxes.smaller(pair));
@@ -270,6 +292,14 @@ impl FilterHistory {
                 self.settle(index, boxes);
             }
         }
+    }
+}
+
+/// Makes a box still or not.
+fn set_still(index: u32, is_still: bool, boxes: &mut impl FilteredBoxes) {
+    if boxes.states().has(index, STILL) != is_still {
+        boxes.change(index);
+        boxes.states_mut().set_still(index, is_still);
     }
 }
 

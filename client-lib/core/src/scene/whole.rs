@@ -54,7 +54,12 @@ impl Whole {
     ) -> Result<u64, CullError> {
         sorted.clear();
         let Some(n) = BoxCount::of_len(boxes.len()).filter(|n| !n.is_empty()) else { return Ok(0) };
-        let options = options(threads, self.last_pairs);
+        let options = CullOptions {
+            encoding: EncodingChoice::Only(Encoding::List),
+            threads: Some(threads),
+            last_pairs: self.last_pairs,
+            ..CullOptions::default()
+        };
         let answer = self.engines.cull(boxes, &options, &mut self.reply)?;
         self.last_pairs = Some(answer.report.pair_count);
         let list = list_of(n, &answer.report, self.reply.words())?;
@@ -77,7 +82,7 @@ impl Whole {
     ) -> Result<u64, CullError> {
         let (then, statics) = store.then();
         let were_still = |[a, b]: Pair| statics[a as usize] && statics[b as usize];
-        let were_pairs = |pair: Pair| !were_still(pair) && store.filters().met(pair);
+        let were_pairs = |pair: Pair| !were_still(pair) && store.states.filters.met(pair);
         self.pairs(&then, &were_pairs, threads, sorted)
     }
 
@@ -95,16 +100,6 @@ impl Whole {
         self.engines.give_back();
         self.sorter.give_back();
         self.reply = HeapReply::with_limit_bytes(PAIR_BYTES * self.most_pairs);
-    }
-}
-
-/// What an engine is asked for.
-fn options(threads: usize, last_pairs: Option<u64>) -> CullOptions {
-    CullOptions {
-        encoding: EncodingChoice::Only(Encoding::List),
-        threads: Some(threads),
-        last_pairs,
-        ..CullOptions::default()
     }
 }
 

@@ -200,7 +200,7 @@ impl RemoteScene {
         // The copy has the edit already. What it named is named again, for pairs of moved boxes; what it removed is
         // not there to be removed.
         let named = std::mem::take(&mut self.named_by_table);
-        let tags: Vec<Tag> = named.iter().map(|index| self.copy.tag(*index)).collect();
+        let tags: Vec<Tag> = named.iter().map(|index| self.copy.states().tag(*index)).collect();
         let is_made = |step: &&Step<'_>| matches!(step, Step::Remove(_));
         let mut steps: Vec<Step<'_>> =
             edit.steps.iter().filter(|step| !is_made(step)).copied().collect();
@@ -350,7 +350,7 @@ impl RemoteScene {
     fn send_whole(&mut self, link: &Arc<Link>) -> Result<(), Error> {
         self.forgets |= self.resyncs_anew;
         // Filters and lists are there without boxes as well.
-        if self.copy.is_empty() && !self.copy.filters().is_used() {
+        if self.copy.is_empty() && !self.copy.states().filters.is_used() {
             return Ok(());
         }
         let sent = {

@@ -63,7 +63,7 @@ pub(super) struct Reasons<'a> {
 impl Reasons<'_> {
     pub fn of(&self, named: NamedPair) -> EndReason {
         if self.incarnations.is_current(named) {
-            self.copy.end_reason(named.pair)
+            self.copy.states().end_reason(named.pair)
         } else {
             EndReason::Removed
         }

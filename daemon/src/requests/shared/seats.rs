@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex};
 use std::time::Instant;
 
 use pairmask_core::scene::shared::{
-    Committed, Leases, MemberId, NotLeased, Ranges, Scope, TickChanges, Ticks, Unreported,
+    Leases, MemberId, NotLeased, Ranges, Scope, TickChanges, Ticks, Unreported,
 };
 use pairmask_wire::{EditScratch, JoinRequest, Reject, SceneRequest};
 
@@ -173,7 +173,7 @@ impl Seats {
         }
         let gone = |commit| Err((commit, Refusal::stale_scene(0)));
         let Some(member) = self.members.get_mut(&id) else { return gone(commit) };
-        if self.ticks.commit(id, now) == Committed::Twice {
+        if !self.ticks.commit(id, now) {
             return gone(commit);
         }
         let request = &commit.request;

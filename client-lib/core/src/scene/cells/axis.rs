@@ -34,7 +34,8 @@ pub(super) struct Axis {
     pub reach: i32,
     /// Cells of the table.
     pub count: u32,
-    wraps: bool,
+    /// Whether cells of several places share one of the table.
+    pub wraps: bool,
 }
 
 impl Axis {
@@ -58,11 +59,6 @@ impl Axis {
     pub fn wrapped(start: f32, edge: f32, longest: f32, count: u32) -> Self {
         debug_assert!(count.is_power_of_two());
         Self { wraps: count > 1, ..Self::clamped(start, edge, longest, count) }
-    }
-
-    /// Whether cells of several places share one of the table.
-    pub const fn is_folded(&self) -> bool {
-        self.wraps
     }
 
     /// The cell of the table that holds a quantum.

@@ -10,12 +10,6 @@ use crate::team::{for_each_in_parts, part_count, zip_in_parts};
 
 const TASK_BOXES: usize = 16_384;
 
-/// Some blocks of all, which one task fills.
-struct Fill<'a> {
-    first: u32,
-    blocks: &'a mut [Block],
-}
-
 impl Cells {
     /// Chooses the layout for boxes and places every one, as it is. None has changed then.
     pub fn build(
@@ -28,7 +22,12 @@ impl Cells {
         *self = Self { levels: layout::choose(boxes), ..Self::default() };
         let cells = self.levels.iter().map(|level| level.first_cell + level.cell_count()).max();
         let mut places = vec![NOWHERE; boxes.len()];
-        self.find_homes(boxes, &mut places, threads);
+        zip_in_parts(&mut places, boxes, TASK_BOXES, threads, |homes, boxes| {
+            for (home, b) in homes.iter_mut().zip(boxes).filter(|(_, b)| is_solid(b)) {
+                let (level, q) = level_of(&self.levels, b);
+                *home = self.levels[level].home(&q);
+            }
+        });
         let mut counts = vec![0u32; cells.unwrap_or(0) as usize];
         for home in places.iter().filter(|home| **home != NOWHERE) {
             counts[*home as usize] += 1;
@@ -45,42 +44,21 @@ impl Cells {
         let fill_threads = part_count(boxes.len(), TASK_BOXES, threads).min(threads);
         let blocks = self.runs.blocks_mut();
         let step = blocks.len().div_ceil(fill_threads).max(1);
-        let fills = (0u32..).step_by(step * SLOTS as usize).zip(blocks.chunks_mut(step));
-        let mut fills: Vec<Fill<'_>> =
-            fills.map(|(first, blocks)| Fill { first, blocks }).collect();
+        let firsts = (0u32..).step_by(step * SLOTS as usize);
+        let mut fills: Vec<(u32, &mut [Block])> = firsts.zip(blocks.chunks_mut(step)).collect();
         let levels = self.levels.as_slice();
-        let run = |fill: &mut Fill<'_>| fill.run(levels, boxes, &places, &is_static);
-        for_each_in_parts(&mut fills, fill_threads, run);
-        self.places = places;
-    }
-
-    fn find_homes(&self, boxes: &[Aabb], homes: &mut [u32], threads: usize) {
-        zip_in_parts(homes, boxes, TASK_BOXES, threads, |homes, boxes| {
-            for (home, b) in homes.iter_mut().zip(boxes).filter(|(_, b)| is_solid(b)) {
-                let (level, q) = level_of(&self.levels, b);
-                *home = self.levels[level].home(&q);
+        for_each_in_parts(&mut fills, fill_threads, |(first, blocks)| {
+            let count = blocks.len() as u32 * SLOTS;
+            for ((index, place), b) in (0u32..).zip(&places).zip(boxes) {
+                // That of a box elsewhere, or nowhere, is beyond the end.
+                let at = place.wrapping_sub(*first);
+                if at < count {
+                    let (_, q) = level_of(levels, b);
+                    let word = index | if is_static(index) { STATIC } else { 0 };
+                    blocks[(at / SLOTS) as usize].0[(at % SLOTS) as usize] = Slot::new(&q, word);
+                }
             }
         });
-    }
-}
-
-impl Fill<'_> {
-    fn run(
-        &mut self,
-        levels: &[Level],
-        boxes: &[Aabb],
-        places: &[u32],
-        is_static: &impl Fn(u32) -> bool,
-    ) {
-        let count = self.blocks.len() as u32 * SLOTS;
-        for ((index, place), b) in (0u32..).zip(places).zip(boxes) {
-            // That of a box elsewhere, or nowhere, is beyond the end.
-            let at = place.wrapping_sub(self.first);
-            if at < count {
-                let (_, q) = level_of(levels, b);
-                let word = index | if is_static(index) { STATIC } else { 0 };
-                self.blocks[(at / SLOTS) as usize].0[(at % SLOTS) as usize] = Slot::new(&q, word);
-            }
-        }
+        self.places = places;
     }
 }

@@ -71,7 +71,7 @@ impl Level {
         let scale = Scale { origin: lanes(|a| a.origin), per_unit: lanes(|a| a.per_unit) };
         let reach = std::array::from_fn(|axis| axes.get(axis).map_or(i32::MAX, |a| a.reach));
         let last = std::array::from_fn(|axis| axes.get(axis).map_or(0, |a| a.count as i32 - 1));
-        let is_plain = !axes.iter().any(Axis::is_folded);
+        let is_plain = !axes.iter().any(|axis| axis.wraps);
         Self { axes, scale, reach, last, is_plain, first_cell: 0, takes_all: false }
     }
 

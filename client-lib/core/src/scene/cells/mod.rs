@@ -17,10 +17,12 @@ mod layout;
 mod quanta;
 mod runs;
 mod search;
+mod stages;
 
 pub(super) use self::block::{CHANGED, INDEX, STATIC};
 pub(super) use self::quanta::is_solid;
 pub(super) use self::search::{Candidate, Probe, Searches};
+pub(super) use self::stages::{BATCH, BATCHES, Looked, in_stages};
 
 use self::block::Slot;
 use self::ghosts::Ghosts;
@@ -28,6 +30,7 @@ use self::layout::Level;
 use self::quanta::Quanta;
 use self::runs::{NOWHERE, Runs};
 use super::fetch::ask_for;
+use super::states;
 use super::store::Store;
 use crate::aabb::Aabb;
 use crate::team::zip_in_parts;
@@ -37,7 +40,7 @@ const STRETCH: usize = 8_192;
 /// Moves found by one task, at least: some 30 µs.
 const TASK_MOVES: usize = 512;
 /// Moves made at a time, so that their misses of the caches overlap.
-const BATCH: usize = 16;
+const MOVES: usize = 16;
 /// Tests of a search that are as they should be.
 const FAIR_TESTS: u64 = 96;
 /// Tests beyond these, for each box, after which the layout is chosen again: about what that takes.
@@ -167,7 +170,7 @@ impl Cells {
         }
         self.moves = moves;
         if self.is_stale(store) {
-            self.build(store.boxes(), |index| store.is_static(index), threads);
+            self.build(store.boxes(), |index| store.states.has(index, states::STILL), threads);
         }
     }
 
@@ -198,59 +201,41 @@ impl Cells {
     ) {
         for some in indices.chunks(STRETCH) {
             self.move_count += some.len() as u64;
-            self.find_moves(store, some, move_of, moves, threads);
-            moves.chunks(BATCH).for_each(|batch| self.make_moves(batch));
+            moves.resize(some.len(), Move::NONE);
+            zip_in_parts(moves, some, TASK_MOVES, threads, |moves, indices| {
+                for (at, (slot, index)) in moves.iter_mut().zip(indices).enumerate() {
+                    if let Some(ahead) = indices.get(at + MOVES) {
+                        store.ask_for(*ahead);
+                    }
+                    let found = move_of(self, store, *index);
+                    *slot = found.unwrap_or(Move { index: *index, ..Move::NONE });
+                }
+            });
+            moves.chunks(MOVES).for_each(|batch| self.make_moves(batch));
         }
     }
 
-    /// What becomes of boxes.
-    fn find_moves(
-        &self,
-        store: &Store,
-        indices: &[u32],
-        move_of: MoveOf,
-        moves: &mut Vec<Move>,
-        threads: usize,
-    ) {
-        moves.resize(indices.len(), Move::NONE);
-        zip_in_parts(moves, indices, TASK_MOVES, threads, |moves, indices| {
-            for (at, (slot, index)) in moves.iter_mut().zip(indices).enumerate() {
-                if let Some(ahead) = indices.get(at + BATCH) {
-                    store.ask_for(*ahead);
-                }
-                let found = move_of(self, store, *index);
-                *slot = found.unwrap_or(Move { index: *index, ..Move::NONE });
-            }
-        });
-    }
-
-    /// The move of a box to what it is alone, unless it has changed.
+    /// The move of a box to what it is alone, unless it has changed: its slot may stay in its cell.
     fn settled(&self, store: &Store, index: u32) -> Option<Move> {
-        // Of the boxes that were changed, the last may be gone with all indices behind.
-        let is_there = (index as usize) < store.boxes().len();
-        if is_there && store.has_changed(index) {
+        if store.states.has(index, states::CHANGED) {
             return None;
         }
-        let b = if is_there { store.boxes()[index as usize] } else { Aabb::EMPTY };
-        if !is_solid(&b) {
-            return Some(Move { index, action: Action::Leave, ..Move::NONE });
-        }
-        let (_, q) = level_of(&self.levels, &b);
-        let word = index | if store.is_static(index) { STATIC } else { 0 };
-        Some(Move { slot: Slot::new(&q, word), index, action: Action::Settle, ..Move::NONE })
+        let to = self.arrived(store, index)?;
+        let goes = matches!(to.action, Action::Go);
+        Some(Move { action: if goes { Action::Settle } else { to.action }, ..to })
     }
 
     #[allow(clippy::unnecessary_wraps)] // As the others: a `MoveOf`.
     fn arrived(&self, store: &Store, index: u32) -> Option<Move> {
+        // Of the boxes that were changed, the last may be gone with all indices behind.
         let b = store.boxes().get(index as usize).copied().unwrap_or(Aabb::EMPTY);
         if !is_solid(&b) {
             return Some(Move { index, action: Action::Leave, ..Move::NONE });
         }
         let (level, q) = level_of(&self.levels, &b);
-        let word = index | if store.is_static(index) { STATIC } else { 0 };
-        let cell = self.levels[level].home(&q);
-        let slot = Slot::new(&q, word);
-        Some(Move { slot, index, cell, level: level as u32, action: Action::Go })
+        let is_still = store.states.has(index, states::STILL);
+        let word = index | if is_still { STATIC } else { 0 };
+        Some(self.placed(word, (level, &q), Action::Go))
     }
 
     /// The move of a box to what it was and is, if it has changed.
@@ -258,36 +243,31 @@ impl Cells {
         let (was, is) = (store.before(index)?.b, store.boxes()[index as usize]);
         let is_split = !self.ghosts.is_empty() && self.ghosts.contains_key(&index);
         let (was_solid, is_solid) = (is_solid(&was) && !is_split, is_solid(&is));
-        let (level, q, action) = match (was_solid, is_solid) {
-            // What it was has its slot; what it is needs none.
-            (false, false) if is_split => return None,
-            (false, false) => {
-                return Some(Move { index, action: Action::Leave, ..Move::NONE });
-            }
-            (true, false) => {
-                let (level, q) = level_of(&self.levels, &was);
-                (level, q, Action::Go)
-            }
-            (false, true) => {
-                let (level, q) = level_of(&self.levels, &is);
-                (level, q, Action::Go)
-            }
-            (true, true) => {
-                let (level, q) = level_of(&self.levels, &is);
-                let hull = q.hull(&self.levels[level].quanta(&was));
-                if self.levels[level].takes(&hull) {
-                    (level, hull, Action::Go)
-                } else {
-                    (level, q, Action::Part)
-                }
-            }
-        };
-        let cell = self.levels[level].home(&q);
-        let slot = Slot::new(&q, index | CHANGED);
-        Some(Move { slot, index, cell, level: level as u32, action })
+        if !was_solid && !is_solid {
+            // What it was may have its slot; what it is needs none.
+            let leaves = Move { index, action: Action::Leave, ..Move::NONE };
+            return (!is_split).then_some(leaves);
+        }
+        let (level, mut q) = level_of(&self.levels, if is_solid { &is } else { &was });
+        let mut action = Action::Go;
+        if was_solid && is_solid {
+            let hull = q.hull(&self.levels[level].quanta(&was));
+            (q, action) = if self.levels[level].takes(&hull) {
+                (hull, Action::Go)
+            } else {
+                (q, Action::Part)
+            };
+        }
+        Some(self.placed(index | CHANGED, (level, &q), action))
     }
 
-    /// Makes up to [`BATCH`] moves.
+    /// The move of a box with a word to its home in a level.
+    fn placed(&self, word: u32, (level, q): (usize, &Quanta), action: Action) -> Move {
+        let (slot, cell) = (Slot::new(q, word), self.levels[level].home(q));
+        Move { slot, index: word & INDEX, cell, level: level as u32, action }
+    }
+
+    /// Makes up to [`MOVES`] moves.
     fn make_moves(&mut self, moves: &[Move]) {
         for this in moves {
             ask_for(&self.places, this.index);
@@ -361,7 +341,7 @@ impl Cells {
     fn drop_ghosts(&mut self) {
         let ghosts: Vec<(u32, u32)> = self.ghosts.iter().map(|(i, place)| (*i, *place)).collect();
         for (at, (index, _)) in ghosts.iter().enumerate() {
-            if let Some((_, ahead)) = ghosts.get(at + BATCH) {
+            if let Some((_, ahead)) = ghosts.get(at + MOVES) {
                 self.runs.ask_for_place(*ahead);
             }
             // Where it is now: others that went may have moved it.
@@ -373,7 +353,7 @@ impl Cells {
 
     /// Whether the layout is to be chosen again.
     fn is_stale(&self, store: &Store) -> bool {
-        let boxes = store.present() as u64 + BOXES_LEAST;
+        let boxes = store.states.present() as u64 + BOXES_LEAST;
         let unfair = self.tests.saturating_sub(self.searches * FAIR_TESTS);
         self.move_count > MOVES_A_BOX * boxes
             || unfair > UNFAIR_TESTS_A_BOX * boxes

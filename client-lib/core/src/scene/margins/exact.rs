@@ -7,21 +7,16 @@
 use std::sync::Arc;
 
 use super::super::answer::{EndReason, Ended, Report, Reported, is_resync_due};
+use super::super::change::begins_and_ends;
 use super::super::copy::SceneCopy;
 use super::super::edit::Edit;
 use super::super::pair_list::{Pair, pair};
+use super::super::states::{CHANGED, LOST, NAMED};
 use super::super::store::are_same;
 use super::rows::state::{IS, NEAR, WAS};
 use super::rows::{Rows, is_pair};
 use crate::aabb::KeyBox;
 use crate::team::{self, appended, in_parts, part_count};
-
-/// The box has changed since its near pairs were tested.
-const CHANGED: u8 = 1;
-/// A box of this index was removed since the last acknowledged answer.
-const REMOVED: u8 = 1 << 1;
-/// The last edit named it.
-const NAMED: u8 = 1 << 2;
 
 /// Changed boxes of a task, at least.
 const TASK_BOXES: usize = 4_096;
@@ -66,6 +61,8 @@ const MANY_SHARE: usize = 8;
 #[derive(Debug, Default)]
 pub struct ExactPairs {
     rows: Rows,
+    /// By index: whether it has [`CHANGED`] since its near pairs were tested, has [`LOST`] a box since the last
+    /// acknowledged answer, and was [`NAMED`] by the last edit.
     flags: Vec<u8>,
     /// Indices whose box has changed since near pairs were tested.
     changed: Vec<u32>,
@@ -113,10 +110,7 @@ impl ExactPairs {
                     named.push(index);
                 }
             };
-            edit.for_each_set(|index, _| note(index));
-            edit.for_each_flag(|index, _| note(index));
-            edit.for_each_tag(|index, _| note(index));
-            edit.for_each_listed(&mut note);
+            edit.for_each_named(&mut note);
             before.named_by_table(edit).into_iter().for_each(note);
         }
     }
@@ -132,10 +126,10 @@ impl ExactPairs {
 
     fn note_removed(&mut self, index: u32) {
         self.note_changed(index);
-        if self.flags[index as usize] & REMOVED != 0 {
+        if self.flags[index as usize] & LOST != 0 {
             return;
         }
-        self.flags[index as usize] |= REMOVED;
+        self.flags[index as usize] |= LOST;
         self.removed.push(index);
         if !self.is_lost {
             let reported = self.rows.of(index).filter(|(_, state)| state & WAS != 0);
@@ -333,10 +327,10 @@ impl ExactPairs {
 
     /// Why a pair ended, by the boxes of now.
     fn reason(&self, [a, b]: Pair, now: &SceneCopy) -> EndReason {
-        if (self.flags[a as usize] | self.flags[b as usize]) & REMOVED != 0 {
+        if (self.flags[a as usize] | self.flags[b as usize]) & LOST != 0 {
             return EndReason::Removed;
         }
-        now.end_reason([a, b])
+        now.states().end_reason([a, b])
     }
 
     /// Pairs with a box that the last edit named.
@@ -383,7 +377,7 @@ impl ExactPairs {
         self.touched.clear();
         self.touched_kept = 0;
         for index in self.removed.drain(..) {
-            self.flags[index as usize] &= !REMOVED;
+            self.flags[index as usize] &= !LOST;
         }
     }
 
@@ -408,9 +402,8 @@ impl ExactPairs {
 
 /// Whether a pair of this state began, and whether it ended. A pair of an index that has another box did both.
 fn change([a, b]: Pair, state: u32, flags: &[u8]) -> [bool; 2] {
-    let (was, is) = (state & WAS != 0, is_pair(state));
-    let is_replaced = was && is && (flags[a as usize] | flags[b as usize]) & REMOVED != 0;
-    [is && (!was || is_replaced), was && (!is || is_replaced)]
+    let is_replaced = (flags[a as usize] | flags[b as usize]) & LOST != 0;
+    begins_and_ends(state & WAS != 0, is_pair(state), is_replaced)
 }
 
 #[inline]

@@ -73,24 +73,12 @@ impl Outgoing {
         all: bool,
         threads: Option<usize>,
     ) {
-        let MarginedSets { indices, boxes, margins } = *sets;
+        let part = Part(*sets);
         let choice = Choice { now, sent, all };
-        let threads = team::threads_for(boxes.len() as f64 * BOX_NS, threads);
+        let threads = team::threads_for(part.len() as f64 * BOX_NS, threads);
         let _team = team::enter(threads);
-        let parts = part_count(boxes.len(), TASK_BOXES, threads);
-        let places = match indices {
-            Indices::List(list) => Places::List(list),
-            Indices::Range { first, .. } => Places::From(first),
-            Indices::Mask { .. } => {
-                floats::with_default(|| {
-                    indices.for_each(|at, index| {
-                        choice.add(self, index, &boxes[at], margins.at(at));
-                    });
-                });
-                return;
-            }
-        };
-        let part = Part { places, boxes, margins };
+        let is_mask = matches!(sets.indices, Indices::Mask { .. });
+        let parts = if is_mask { 1 } else { part_count(part.len(), TASK_BOXES, threads) };
         if parts == 1 {
             floats::with_default(|| part.choose(&choice, self));
             return;
@@ -166,48 +154,38 @@ impl Choice<'_> {
     }
 }
 
-/// Where boxes belong.
+/// Some boxes of a step. Those of a bitmask are not split.
 #[derive(Clone, Copy)]
-enum Places<'a> {
-    List(&'a [u32]),
-    From(u32),
-}
-
-/// Some boxes of a step.
-#[derive(Clone, Copy)]
-struct Part<'a> {
-    places: Places<'a>,
-    boxes: &'a [Aabb],
-    margins: Margins<'a>,
-}
+struct Part<'a>(MarginedSets<'a>);
 
 impl Part<'_> {
     fn choose(&self, choice: &Choice<'_>, to: &mut Outgoing) {
-        for (at, b) in self.boxes.iter().enumerate() {
-            let index = match self.places {
-                Places::List(list) => list[at],
-                Places::From(first) => first + at as u32,
-            };
-            choice.add(to, index, b, self.margins.at(at));
-        }
+        let MarginedSets { indices, boxes, margins } = &self.0;
+        indices.for_each(|at, index| choice.add(to, index, &boxes[at], margins.at(at)));
     }
 }
 
 impl Split for Part<'_> {
     fn len(&self) -> usize {
-        self.boxes.len()
+        self.0.boxes.len()
     }
 
     fn split_at(self, at: usize) -> (Self, Self) {
-        let (low_boxes, high_boxes) = self.boxes.split_at(at);
-        let (low_places, high_places) = match self.places {
-            Places::List(list) => {
+        let Self(MarginedSets { indices, boxes, margins }) = self;
+        let (low, high) = boxes.split_at(at);
+        let (low_indices, high_indices) = match indices {
+            Indices::List(list) => {
                 let (low, high) = list.split_at(at);
-                (Places::List(low), Places::List(high))
+                (Indices::List(low), Indices::List(high))
             }
-            Places::From(first) => (Places::From(first), Places::From(first + at as u32)),
+            Indices::Range { first, count } => {
+                let middle = first + at as u32;
+                let high = Indices::Range { first: middle, count: count - at as u32 };
+                (Indices::from(first..middle), high)
+            }
+            mask @ Indices::Mask { .. } => (mask, Indices::List(&[])),
         };
-        let (low_margins, high_margins) = match self.margins {
+        let (low_margins, high_margins) = match margins {
             Margins::Each(margins) => {
                 let (low, high) = margins.split_at(at);
                 (Margins::Each(low), Margins::Each(high))
@@ -215,8 +193,8 @@ impl Split for Part<'_> {
             same @ Margins::Same(_) => (same, same),
         };
         (
-            Self { places: low_places, boxes: low_boxes, margins: low_margins },
-            Self { places: high_places, boxes: high_boxes, margins: high_margins },
+            Self(MarginedSets { indices: low_indices, boxes: low, margins: low_margins }),
+            Self(MarginedSets { indices: high_indices, boxes: high, margins: high_margins }),
         )
     }
 }

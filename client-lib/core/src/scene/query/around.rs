@@ -2,11 +2,13 @@
 
 use std::ops::Range;
 
-use super::Room;
+use super::{Room, crowded};
 use crate::aabb::{Aabb, KeyBox};
 use crate::engine::CullError;
 use crate::floats;
-use crate::scene::cells::{CHANGED, Candidate, Cells, INDEX, Searches, is_solid};
+use crate::scene::cells::{
+    BATCH, BATCHES, CHANGED, Candidate, Cells, INDEX, Looked, in_stages, is_solid,
+};
 use crate::scene::fetch::ask_for;
 use crate::scene::history::in_order_of;
 use crate::scene::pair_list::{Pair, sort_row};
@@ -14,15 +16,11 @@ use crate::team::{for_each_in_parts, part_count};
 
 /// Queries of a task, at least: some 25 µs.
 const TASK_QUERIES: usize = 128;
-/// Queries that are looked around at a time.
-const BATCH: usize = 16;
 /// Fewest boxes around which queries go by place: those of fewer lie in the caches, and to sort the queries, on
 /// one thread, takes longer than it saves.
 const SORTED_BOXES: usize = 1 << 18;
 /// The same for the share of queries, one for so many boxes: below, two that follow one another share no memory.
 const SORTED_SHARE: usize = 32;
-/// Batches that are under way at a time: each is a step behind the one after it.
-const BATCHES: usize = 4;
 /// Boxes that the queries of a batch may test together, 768 KiB of candidates: where there are more, each query
 /// is looked around by itself, so that no more candidates are in memory than those of a query of each thread.
 const MANY_TESTS: u64 = 65_536;
@@ -56,8 +54,7 @@ struct Batch {
     /// Queries that overlap anything.
     numbers: Vec<u32>,
     here: Vec<Aabb>,
-    searches: Searches,
-    candidates: Vec<Candidate>,
+    looked: Looked,
 }
 
 impl Memory {
@@ -72,8 +69,8 @@ impl Memory {
     }
 }
 
-/// Finds the boxes that queries overlap, in cells that hold them all. Returns how many were tested; `None` where that
-/// would be more than the room's.
+/// Finds the boxes that queries overlap, in cells that hold them all, or without where these do not part them. Returns how
+/// many were tested.
 pub(super) fn find(
     cells: &Cells,
     boxes: &[Aabb],
@@ -82,13 +79,15 @@ pub(super) fn find(
     room: &Room,
     memory: &mut Memory,
     found: &mut Vec<Pair>,
-) -> Result<Option<u64>, CullError> {
+) -> Result<u64, CullError> {
     let Memory { order, starts, tasks } = memory;
     let count = queries.len();
     let is_sorted = boxes.len() >= SORTED_BOXES && count * SORTED_SHARE > boxes.len();
     order.clear();
     if is_sorted {
-        by_place(cells, queries, order);
+        let place = |(number, query)| [cells.near(query), number];
+        let places = floats::with_default(|| (0u32..).zip(queries).map(place).collect());
+        in_order_of(places, order);
     } else {
         order.extend(0..count as u32);
     }
@@ -103,7 +102,7 @@ pub(super) fn find(
     tasks.iter_mut().flat_map(|task| &mut task.batches).for_each(Batch::give_back);
     room.check()?;
     if room.tests.is_spent() {
-        return Ok(None);
+        return crowded::find(boxes, queries, threads, room, found);
     }
     super::reserve(found, tasks.iter().map(|task| task.found.len()).sum())?;
     if is_sorted {
@@ -113,14 +112,7 @@ pub(super) fn find(
             found.extend_from_slice(&task.found);
         }
     }
-    Ok(Some(tasks.iter().map(|task| task.tested).sum()))
-}
-
-/// Adds the numbers of queries in the order of the cells that they begin in.
-fn by_place(cells: &Cells, queries: &[Aabb], order: &mut Vec<u32>) {
-    let place = |(number, query)| [cells.near(query), number];
-    let places = floats::with_default(|| (0u32..).zip(queries).map(place).collect());
-    in_order_of(places, order);
+    Ok(tasks.iter().map(|task| task.tested).sum())
 }
 
 impl Task {
@@ -130,46 +122,30 @@ impl Task {
         found.clear();
         let numbers = &order[of_task.clone()];
         let count = numbers.len().div_ceil(BATCH);
-        for step in 0..count + BATCHES - 1 {
-            if room.is_spent() || room.tests.is_spent() {
-                return;
+        in_stages(batches, count, |stage, number, batch| match stage {
+            0 => {
+                let some = &numbers[number * BATCH..numbers.len().min((number + 1) * BATCH)];
+                batch.begin(some, queries, cells);
+                !room.is_spent() && !room.tests.is_spent()
             }
-            // The latest batch first: what it asks for has the time of all others to come.
-            if step < count {
-                let some = &numbers[step * BATCH..numbers.len().min((step + 1) * BATCH)];
-                batches[step % BATCHES].begin(some, queries, cells);
+            1 => {
+                cells.go_on(&mut batch.looked.searches);
+                room.tests.take(batch.looked.searches.tested() as i64);
+                true
             }
-            let earlier = |steps: usize| {
-                let number = step.checked_sub(steps).filter(|number| *number < count);
-                number.map(|number| number % BATCHES)
-            };
-            if let Some(number) = earlier(1) {
-                cells.go_on(&mut batches[number].searches);
-                room.tests.take(batches[number].searches.tested() as i64);
+            2 => {
+                *tested += if batch.is_large() { 0 } else { batch.finish(cells, boxes) };
+                true
             }
-            if let Some(number) = earlier(2)
-                && !batches[number].is_large()
-            {
-                *tested += batches[number].finish(cells, boxes);
-            }
-            if let Some(number) = earlier(3) {
-                let batch = &mut batches[number];
-                let is_within = if batch.is_large() {
-                    batch.find_one_by_one(cells, boxes, room, tested, found)
-                } else {
-                    batch.report_within(boxes, room, found)
-                };
-                if !is_within {
-                    return;
-                }
-            }
-        }
+            _ if batch.is_large() => batch.find_one_by_one(cells, boxes, room, tested, found),
+            _ => batch.report_within(boxes, room, found),
+        });
     }
 }
 
 impl Batch {
     fn begin(&mut self, some: &[u32], queries: &[Aabb], cells: &Cells) {
-        let Self { numbers, here, searches, .. } = self;
+        let Self { numbers, here, looked } = self;
         numbers.clear();
         here.clear();
         for &number in some {
@@ -180,12 +156,12 @@ impl Batch {
                 here.push(query);
             }
         }
-        cells.begin_around(here, searches);
+        cells.begin_around(here, &mut looked.searches);
     }
 
     /// Whether its queries, once they went on, are to be looked around one by one.
     const fn is_large(&self) -> bool {
-        self.here.len() > 1 && self.searches.tested() > MANY_TESTS
+        self.here.len() > 1 && self.looked.searches.tested() > MANY_TESTS
     }
 
     /// Looks around the queries one by one, and adds their pairs. Whether there was room for them.
@@ -203,8 +179,8 @@ impl Batch {
             self.numbers.push(*number);
             self.here.clear();
             self.here.push(*query);
-            cells.begin_around(&self.here, &mut self.searches);
-            cells.go_on(&mut self.searches);
+            cells.begin_around(&self.here, &mut self.looked.searches);
+            cells.go_on(&mut self.looked.searches);
             *tested += self.finish(cells, boxes);
             self.report_within(boxes, room, found)
         });
@@ -215,44 +191,32 @@ impl Batch {
 
     /// Gives back the memory of more candidates than most queries have.
     fn give_back(&mut self) {
-        if self.candidates.capacity() > KEPT_CANDIDATES {
-            self.candidates.clear();
-            self.candidates.shrink_to(KEPT_CANDIDATES);
+        if self.looked.candidates.capacity() > KEPT_CANDIDATES {
+            self.looked.candidates.clear();
+            self.looked.candidates.shrink_to(KEPT_CANDIDATES);
         }
     }
 
     fn allocated_bytes(&self) -> usize {
         self.numbers.capacity() * size_of::<u32>()
             + self.here.capacity() * size_of::<Aabb>()
-            + self.searches.allocated_bytes()
-            + self.candidates.capacity() * size_of::<Candidate>()
+            + self.looked.searches.allocated_bytes()
+            + self.looked.candidates.capacity() * size_of::<Candidate>()
     }
 
     /// Finds the candidates. Returns how many boxes were tested.
     fn finish(&mut self, cells: &Cells, boxes: &[Aabb]) -> u64 {
-        let Self { searches, candidates, .. } = self;
-        candidates.clear();
-        let tested = cells.finish(searches, candidates);
-        // A slot may be that of an index that is no more: its box was removed at the end.
-        candidates.retain(|candidate| ((candidate.word & INDEX) as usize) < boxes.len());
-        for Candidate { word, .. } in candidates.iter().filter(|this| !this.is_sure) {
+        self.looked.finish(cells, boxes.len(), |word| {
             // One box in three lies on two lines.
             ask_for(boxes, word & INDEX);
             ask_for(boxes, (word & INDEX) + 1);
-        }
-        tested
+        })
     }
 
-    /// Adds the pairs, in order. Whether there was room for them.
+    /// Adds the pairs, in order: the candidates of a query stand together. Whether there was room for them.
     fn report_within(&self, boxes: &[Aabb], room: &Room, found: &mut Vec<Pair>) -> bool {
         let before = found.len();
-        self.report(boxes, found);
-        room.take(found.len() - before)
-    }
-
-    /// Adds the pairs, in order. The candidates of a query stand together.
-    fn report(&self, boxes: &[Aabb], found: &mut Vec<Pair>) {
-        for of_one in self.candidates.chunk_by(|a, b| a.probe == b.probe) {
+        for of_one in self.looked.candidates.chunk_by(|a, b| a.probe == b.probe) {
             let at = of_one[0].probe as usize;
             let (number, here, start) = (self.numbers[at], &self.here[at], found.len());
             let mut may_repeat = false;
@@ -276,6 +240,7 @@ impl Batch {
                 found.truncate(kept);
             }
         }
+        room.take(found.len() - before)
     }
 }
 
@@ -296,7 +261,8 @@ mod tests {
         let mut ask = |queries: &[Aabb], most: u64| {
             let (room, mut found) = (Room::new(most, queries.len(), count), Vec::new());
             let tested = find(&cells, &boxes, queries, 1, &room, &mut memory, &mut found);
-            tested.map(|tested| (tested.expect("not crowded"), found))
+            assert!(!room.tests.is_spent(), "not crowded");
+            tested.map(|tested| (tested, found))
         };
         let (tested, found) = ask(&queries, u64::from(u32::MAX)).expect("room");
         let (mut tested_alone, mut expected) = (0, Vec::new());
@@ -309,7 +275,7 @@ mod tests {
         assert!(found == expected);
         assert!(ask(&queries, 3 * count as u64).is_err(), "more pairs than there is room for");
         let batches = memory.tasks.iter().flat_map(|task| &task.batches);
-        let most = batches.map(|batch| batch.candidates.capacity()).max();
+        let most = batches.map(|batch| batch.looked.candidates.capacity()).max();
         assert!(most.is_some_and(|most| most <= KEPT_CANDIDATES), "{most:?}");
     }
 }

@@ -5,7 +5,7 @@
 //! proportion to the pairs within a set.
 
 use super::Room;
-use super::{around, crowded, direct};
+use super::{around, direct};
 use crate::aabb::Aabb;
 use crate::engine::CullError;
 use crate::floats;
@@ -82,10 +82,7 @@ pub fn between(
     } else {
         let cells = Cells::of(boxes, |_| false, threads);
         let memory = &mut around::Memory::default();
-        match around::find(&cells, boxes, queries, threads, room, memory, found)? {
-            Some(tested) => tested,
-            None => crowded::find(boxes, queries, threads, room, found)?,
-        }
+        around::find(&cells, boxes, queries, threads, room, memory, found)?
     };
     let of_large = usize::from(asks_small);
     for pair in found.iter_mut() {

@@ -83,9 +83,19 @@ impl QueryMask {
         encoding: Encoding,
         reply: &mut dyn ReplyBuffer,
     ) -> Result<CullReport, CullError> {
-        let shape = match encoding {
-            Encoding::List => self.write_list(found, reply)?,
-            _ => self.write_words(found, encoding, reply)?,
+        let shape = if encoding == Encoding::List {
+            let shape = MaskShape::list(found.len() as u64);
+            let (out, _) = reply.reserve(shape.extent_words())?.as_chunks_mut();
+            for (to, [query, index]) in out.iter_mut().zip(found) {
+                *to = [*query, self.queries + index];
+            }
+            shape
+        } else {
+            let budget = &WordBudget::new(self.n, encoding, false, reply)?;
+            let isa = AvailableIsa::best();
+            let gather = &Gather { budget, rules: PairRules::NONE, order: &[], isa };
+            let words = Words::of(found, self.queries);
+            encode::write(std::iter::once(&words), gather, encoding, false, reply)?
         };
         let (census, pairs) = (Census::of(counted), found.len() as u64);
         let mut report = CullReport::new(self.n, shape, census, pairs, 0, EngineTimes::default());
@@ -123,32 +133,6 @@ impl QueryMask {
         report.times = EngineTimes { ingest_ns: 0, execute_ns, publish_ns };
         let times = StageTimes { execute_ns, publish_ns, total_ns, ..StageTimes::default() };
         Ok(CullAnswer { engine: EngineName::CpuGrid, threads, report, times })
-    }
-
-    fn write_list(
-        self,
-        found: &[Pair],
-        reply: &mut dyn ReplyBuffer,
-    ) -> Result<MaskShape, CullError> {
-        let shape = MaskShape::list(found.len() as u64);
-        let (out, _) = reply.reserve(shape.extent_words())?.as_chunks_mut();
-        for (to, [query, index]) in out.iter_mut().zip(found) {
-            *to = [*query, self.queries + index];
-        }
-        Ok(shape)
-    }
-
-    fn write_words(
-        self,
-        found: &[Pair],
-        encoding: Encoding,
-        reply: &mut dyn ReplyBuffer,
-    ) -> Result<MaskShape, CullError> {
-        let budget = &WordBudget::new(self.n, encoding, false, reply)?;
-        let isa = AvailableIsa::best();
-        let gather = &Gather { budget, rules: PairRules::NONE, order: &[], isa };
-        let words = Words::of(found, self.queries);
-        encode::write(std::iter::once(&words), gather, encoding, false, reply)
     }
 }
 

@@ -27,7 +27,8 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use super::Scene;
 use super::cells::Cells;
-use super::pair_list::{PAIR_BYTES, Pair};
+use super::pair_list::{PAIR_BYTES, Pair, starts_of};
+use super::states::STILL;
 use crate::aabb::Aabb;
 use crate::engine::{CullError, ReserveError};
 use crate::team;
@@ -108,11 +109,7 @@ fn by_query<'a, I: Iterator<Item = &'a Pair>>(
     for [query, _] in pairs() {
         starts[*query as usize] += 1;
     }
-    let mut next = 0;
-    for start in starts.iter_mut() {
-        next += std::mem::replace(start, next);
-    }
-    found.resize(next as usize, [0; 2]);
+    found.resize(starts_of(starts) as usize, [0; 2]);
     for pair in pairs() {
         let start = &mut starts[pair[0] as usize];
         found[*start as usize] = *pair;
@@ -198,7 +195,7 @@ impl Scene {
         if queries.is_empty() || self.store.boxes().is_empty() {
             return Ok(0);
         }
-        self.threads = self.threads_for(queries.len() as f64 * QUERY_NS);
+        self.threads = team::threads_for(queries.len() as f64 * QUERY_NS, self.options.threads);
         let _team = team::enter(self.threads);
         self.build_cells_for(queries.len() as u64);
         self.asked.moved = 0;
@@ -207,13 +204,9 @@ impl Scene {
         let Asked { cells: of_now, memory, .. } = &mut self.asked;
         let tested = match self.cells.as_ref().or(of_now.as_ref()) {
             Some(cells) => around::find(cells, boxes, queries, threads, &room, memory, found)?,
-            None => Some(direct::find(boxes, queries, threads, &room, found)?),
+            None => direct::find(boxes, queries, threads, &room, found)?,
         };
-        let tested = match tested {
-            Some(tested) => tested,
-            None => crowded::find(boxes, queries, threads, &room, found)?,
-        };
-        tags.filter(self.filters(), |index| self.store.is_static(index), found);
+        tags.filter(self.filters(), |index| self.store.states.has(index, STILL), found);
         Ok(tested)
     }
 
@@ -235,7 +228,7 @@ impl Scene {
             return;
         }
         let (store, threads) = (&self.store, self.threads);
-        let cells = Cells::of(store.boxes(), |index| store.is_static(index), threads);
+        let cells = Cells::of(store.boxes(), |index| store.states.has(index, STILL), threads);
         if self.is_settled() {
             self.cells = Some(cells);
         } else {
@@ -252,7 +245,7 @@ impl Scene {
         let count = moved[0].len() + moved[1].len();
         self.asked.moved += count;
         // Where most boxes move, or nobody asks any more, they are built anew when somebody does.
-        if self.asked.moved > store.present() / super::MANY_SHARE {
+        if self.asked.moved > store.states.present() / super::MANY_SHARE {
             self.asked.cells = None;
         } else {
             cells.follow(store, moved, threads);

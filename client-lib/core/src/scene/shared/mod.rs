@@ -18,7 +18,7 @@ mod unreported;
 pub use self::leases::{LeaseError, Leases, NotLeased, Ranges};
 pub use self::moved::MovedBoxes;
 pub use self::remains::{KeptBoxes, Remains, Reset};
-pub use self::ticks::{Closed, Committed, Ticks};
+pub use self::ticks::{Closed, Ticks};
 pub use self::unreported::{Incarnations, NamedPair, TickChanges, Unreported};
 
 /// A member of a shared scene, for its whole life: numbers are given in the order of joining.

@@ -23,7 +23,7 @@ impl Remains {
         let indices = ranges.as_slice().iter().flat_map(|range| range.start..range.end.min(end));
         let boxes = indices.filter(|index| copy.get(*index).is_some()).collect();
         let (mut included, mut excluded) = (Vec::new(), Vec::new());
-        let lists = &copy.filters().rules().lists;
+        let lists = &copy.states().filters.rules().lists;
         let is_of = |pair: &[u32; 2]| pair.iter().any(|index| ranges.has(*index));
         included.extend(lists.included().filter(is_of));
         excluded.extend(lists.excluded().filter(is_of));
@@ -139,20 +139,24 @@ mod tests {
     use crate::filters::Owner;
     use crate::scene::Sets;
 
+    fn apply(copy: &mut SceneCopy, steps: &[Step<'_>]) {
+        copy.check(Edit { steps }).expect("right");
+        copy.apply(Edit { steps });
+    }
+
     #[test]
     fn boxes_and_listed_pairs_of_ended_ranges_are_taken_out() {
         let mut copy = SceneCopy::new(30);
-        let mut apply = |steps: &[Step<'_>]| {
-            copy.check(Edit { steps }).expect("right");
-            copy.apply(Edit { steps });
+        let mut left_after = |steps: &[Step<'_>]| {
+            apply(&mut copy, steps);
             let ended = [0..5, 10..20].into_iter().collect();
             Remains::of(&copy, &ended)
         };
         let boxes = [Aabb::EMPTY; 3];
         let set = Step::Set(Sets { indices: (&[3, 7, 12]).into(), boxes: &boxes });
-        let remains = apply(&[set]);
+        let remains = left_after(&[set]);
         assert!(matches!(remains.steps()[..], [Step::Remove(_)]), "no rules where there are none");
-        let remains = apply(&[
+        let remains = left_after(&[
             Step::Include(&[[7, 3], [6, 7], [6, 4]], true),
             Step::Exclude(&[[12, 3], [8, 9], [25, 26]], true),
         ]);
@@ -161,19 +165,15 @@ mod tests {
         included.sort_unstable();
         assert_eq!((&included[..], &remains.excluded[..]), (&[[3, 7], [4, 6]][..], &[[3, 12]][..]));
         // Entries end with their boxes; those of an index without one are there still.
-        let remains = apply(&[Step::Remove((&[3, 12]).into())]);
+        let remains = left_after(&[Step::Remove((&[3, 12]).into())]);
         let steps = remains.steps();
         assert!(matches!(steps[..], [Step::Include([[4, 6]], false)]));
-        assert!(apply(&steps).steps().is_empty());
+        assert!(left_after(&steps).steps().is_empty());
     }
 
     #[test]
     fn kept_boxes_lose_flags_tags_and_lists_when_they_are_set_anew() {
         let mut copy = SceneCopy::new(30);
-        let apply = |copy: &mut SceneCopy, steps: &[Step<'_>]| {
-            copy.check(Edit { steps }).expect("right");
-            copy.apply(Edit { steps });
-        };
         let (boxes, tags) = ([Aabb::EMPTY; 4], [Tag::default().with_owner(Owner(3)); 3]);
         let set = Step::Set(Sets { indices: (2..6).into(), boxes: &boxes });
         let steps = [
@@ -198,12 +198,12 @@ mod tests {
             |index: u32| Step::Set(Sets { indices: (index..index + 1).into(), boxes: &boxes[..1] });
         let seen = |copy: &SceneCopy, index| {
             let kept = copy.kept(index).expect("a box");
-            (kept.is_on, kept.is_static, copy.tag(index).owner)
+            (kept.is_on, kept.is_static, copy.states().tag(index).owner)
         };
         assert!(set_anew(&mut copy, &[one(2), Step::Exclude(&[[2, 5]], true)]));
         assert_eq!(seen(&copy, 2), (true, false, Owner::NONE));
         assert_eq!(seen(&copy, 3), (false, true, Owner(3)), "nobody has set it");
-        let mut excluded: Vec<_> = copy.filters().rules().lists.excluded().collect();
+        let mut excluded: Vec<_> = copy.states().filters.rules().lists.excluded().collect();
         excluded.sort_unstable();
         assert_eq!(excluded, [[2, 5], [3, 4]]);
         assert!(!set_anew(&mut copy, &[Step::Remove((3..4).into())]));
@@ -218,9 +218,9 @@ mod tests {
         let edit = [one(4), one(5)];
         let reset = kept.reset_by(Edit { steps: &edit }).expect("kept boxes");
         apply(&mut copy, &reset.steps(Edit { steps: &edit }));
-        let mut excluded: Vec<_> = copy.filters().rules().lists.excluded().collect();
+        let mut excluded: Vec<_> = copy.states().filters.rules().lists.excluded().collect();
         excluded.sort_unstable();
         assert_eq!(excluded, [[2, 5], [4, 5]]);
-        assert_eq!(copy.filters().rules().lists.included().collect::<Vec<_>>(), [[2, 4]]);
+        assert_eq!(copy.states().filters.rules().lists.included().collect::<Vec<_>>(), [[2, 4]]);
     }
 }

@@ -18,15 +18,6 @@ pub struct Ticks {
     closes_at: Option<Instant>,
 }
 
-/// What became of a commit.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Committed {
-    /// It is part of the open tick.
-    Waits,
-    /// The member has committed in this tick already.
-    Twice,
-}
-
 /// A tick that was closed.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Closed {
@@ -66,14 +57,15 @@ impl Ticks {
         self.writers = writers;
     }
 
-    /// A member commits.
-    pub fn commit(&mut self, member: MemberId, now: Instant) -> Committed {
-        if !self.committed.insert(member) {
-            return Committed::Twice;
+    /// A member commits. Whether it had not yet, in the open tick.
+    #[must_use]
+    pub fn commit(&mut self, member: MemberId, now: Instant) -> bool {
+        let is_first = self.committed.insert(member);
+        if is_first {
+            self.missing.remove(&member);
+            self.closes_at.get_or_insert(now + self.deadline);
         }
-        self.missing.remove(&member);
-        self.closes_at.get_or_insert(now + self.deadline);
-        Committed::Waits
+        is_first
     }
 
     /// A member is gone, and its commit with it; [`wait_for`](Self::wait_for) is to follow where it was a
@@ -119,13 +111,13 @@ mod tests {
         let (mut ticks, now) = (Ticks::new(10 * MS), Instant::now());
         assert_eq!(ticks.close(now), None, "nobody has committed");
         ticks.wait_for(vec![A, B]);
-        assert_eq!(ticks.commit(B, now), Committed::Waits);
-        assert_eq!(ticks.commit(B, now), Committed::Twice);
+        assert!(ticks.commit(B, now));
+        assert!(!ticks.commit(B, now));
         assert_eq!(ticks.close(now), None);
         // One that only listens is not waited for.
-        assert_eq!(ticks.commit(C, now), Committed::Waits);
+        assert!(ticks.commit(C, now));
         assert_eq!(ticks.close(now), None);
-        assert_eq!(ticks.commit(A, now), Committed::Waits);
+        assert!(ticks.commit(A, now));
         assert_eq!(ticks.close(now), Some(Closed { number: 1, late: vec![] }));
         assert_eq!(ticks.close(now + 99 * MS), None, "the next one is not open");
     }
@@ -134,13 +126,13 @@ mod tests {
     fn a_tick_ends_at_its_deadline_and_names_who_is_late() {
         let (mut ticks, now) = (Ticks::new(10 * MS), Instant::now());
         ticks.wait_for(vec![B, A, C]);
-        ticks.commit(C, now);
-        ticks.commit(A, now + 5 * MS);
+        assert!(ticks.commit(C, now));
+        assert!(ticks.commit(A, now + 5 * MS));
         assert_eq!(ticks.closes_at(), Some(now + 10 * MS), "counted from the first commit");
         assert_eq!(ticks.close(now + 9 * MS), None);
         let closed = ticks.close(now + 10 * MS);
         assert_eq!(closed, Some(Closed { number: 1, late: vec![B] }));
-        assert_eq!(ticks.commit(B, now + 11 * MS), Committed::Waits, "of the next tick");
+        assert!(ticks.commit(B, now + 11 * MS), "of the next tick");
         assert_eq!(ticks.closes_at(), Some(now + 21 * MS));
     }
 
@@ -148,12 +140,12 @@ mod tests {
     fn who_is_gone_is_not_waited_for() {
         let (mut ticks, now) = (Ticks::new(10 * MS), Instant::now());
         ticks.wait_for(vec![A]);
-        ticks.commit(A, now);
+        assert!(ticks.commit(A, now));
         ticks.forget(A);
         ticks.wait_for(vec![]);
         assert_eq!((ticks.closes_at(), ticks.close(now)), (None, None));
         ticks.wait_for(vec![B, A]);
-        ticks.commit(A, now);
+        assert!(ticks.commit(A, now));
         assert_eq!(ticks.close(now), None);
         ticks.forget(B);
         ticks.wait_for(vec![A]);

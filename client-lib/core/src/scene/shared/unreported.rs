@@ -142,22 +142,15 @@ struct Answered {
 ///
 /// Changes are counted from the last answer that was acknowledged, as those of a [`Scene`](super::super::Scene)
 /// are. A member begins without knowing any pair, and gets all of them first.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct Unreported {
     since: Changes,
     answered: Option<Answered>,
-    /// Whether it is not known which pairs the member knows.
-    is_lost: bool,
+    /// Whether it is known which pairs the member knows.
+    is_known: bool,
     /// The tick of the last answer, and of the last one that the member received; 0 before.
     answered_at: u64,
     received_at: u64,
-}
-
-impl Default for Unreported {
-    fn default() -> Self {
-        let since = Changes::default();
-        Self { since, answered: None, is_lost: true, answered_at: 0, received_at: 0 }
-    }
 }
 
 impl Unreported {
@@ -183,13 +176,13 @@ impl Unreported {
             let since = std::mem::take(&mut self.since);
             self.since = answered.reported.then(since);
         } else if answered.is_whole {
-            self.is_lost = false;
+            self.is_known = true;
         }
     }
 
     /// The scene has changed. The member is to know of pairs that are `heard`.
     pub fn note(&mut self, changes: &TickChanges, heard: impl Fn(Pair) -> bool) {
-        if self.is_lost && self.answered.is_none() {
+        if !self.is_known && self.answered.is_none() {
             return;
         }
         let heard = |list: &[NamedPair]| list.iter().copied().filter(|n| heard(n.pair)).collect();
@@ -204,7 +197,7 @@ impl Unreported {
 
     /// Whether an answer needs all pairs.
     pub fn needs_whole(&self, report: Report) -> bool {
-        report == Report::All || report == Report::Changes && self.is_lost
+        report == Report::All || report == Report::Changes && !self.is_known
     }
 
     /// The answer to the member, at a tick. `pairs` are those of now that it is to know: all where they are
@@ -325,7 +318,7 @@ mod tests {
                 }
                 let reason = |named: NamedPair| {
                     if incarnations.is_current(named) {
-                        crate::scene::reason(&ticking.store, named.pair)
+                        ticking.store.states.end_reason(named.pair)
                     } else {
                         EndReason::Removed
                     }

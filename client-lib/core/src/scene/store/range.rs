@@ -1,7 +1,8 @@
 //! Many boxes set at once, by a range of indices: in parts, side by side.
 
-use super::{CHANGED, EDIT_SETS, NAMED, OFF, PRESENT, Store, are_same};
+use super::{Store, are_same};
 use crate::aabb::Aabb;
+use crate::scene::states::{CHANGED, EDIT_SETS, NAMED, OFF, PRESENT};
 use crate::team::{in_parts, part_count};
 
 /// Fewest boxes of an edit that is applied so.
@@ -14,7 +15,7 @@ struct Part<'a> {
     set: &'a [Aabb],
     boxes: &'a mut [Aabb],
     then: &'a mut [Aabb],
-    flags: &'a mut [u8],
+    bits: &'a mut [u8],
 }
 
 /// What a part has come across.
@@ -55,16 +56,16 @@ impl Store {
         let arrays = self.boxes[range.clone()]
             .chunks_mut(step)
             .zip(self.then[range.clone()].chunks_mut(step))
-            .zip(self.flags[range].chunks_mut(step));
+            .zip(self.states.bits_mut()[range].chunks_mut(step));
         let mut work: Vec<Part<'_>> = firsts
             .zip(set.chunks(step).zip(arrays))
-            .map(|(first, (set, ((boxes, then), flags)))| Part { first, set, boxes, then, flags })
+            .map(|(first, (set, ((boxes, then), bits)))| Part { first, set, boxes, then, bits })
             .collect();
         let run = |work: &mut [Part<'_>]| {
             work.iter_mut().map(Part::run).fold(Noted::default(), Noted::with)
         };
         let mut noted = in_parts(work.as_mut_slice(), parts, &run, &Noted::with);
-        self.present += noted.inserted;
+        self.states.note_inserted(noted.inserted);
         self.is_changed |= noted.any_differs;
         self.named.extend(first..first + set.len() as u32);
         if self.changed.is_empty() {
@@ -79,11 +80,11 @@ impl Store {
 impl Part<'_> {
     fn run(&mut self) -> Noted {
         let mut noted = Noted { changed: Vec::with_capacity(self.set.len()), ..Noted::default() };
-        let kept = self.boxes.iter_mut().zip(self.then.iter_mut()).zip(self.flags.iter_mut());
-        for ((index, set), ((b, then), flags)) in (self.first..).zip(self.set).zip(kept) {
-            noted.inserted += usize::from(*flags & PRESENT == 0);
-            *flags = *flags & !EDIT_SETS | PRESENT | NAMED;
-            if *flags & OFF != 0 {
+        let kept = self.boxes.iter_mut().zip(self.then.iter_mut()).zip(self.bits.iter_mut());
+        for ((index, set), ((b, then), bits)) in (self.first..).zip(self.set).zip(kept) {
+            noted.inserted += usize::from(*bits & PRESENT == 0);
+            *bits = *bits & !EDIT_SETS | PRESENT | NAMED;
+            if *bits & OFF != 0 {
                 noted.parked.push((index, *set));
                 continue;
             }
@@ -91,8 +92,8 @@ impl Part<'_> {
                 continue;
             }
             noted.any_differs = true;
-            if *flags & CHANGED == 0 {
-                *flags |= CHANGED;
+            if *bits & CHANGED == 0 {
+                *bits |= CHANGED;
                 noted.changed.push(index);
                 *then = *b;
             }
@@ -118,7 +119,9 @@ mod tests {
         };
         let boxes: Vec<[u32; 6]> = store.boxes().iter().map(|b| bytemuck::cast(*b)).collect();
         let lists = [store.named(), store.changed(), store.gone()].map(sorted);
-        (boxes, store.flags.clone(), lists, store.present(), store.parked.len(), store.is_changed())
+        let bits = store.states.bits().to_vec();
+        let counts = [store.states.present(), store.states.active(), store.parked.len()];
+        (boxes, bits, lists, counts, store.is_changed())
     }
 
     fn boxes(n: u32, tick: u32) -> Vec<Aabb> {

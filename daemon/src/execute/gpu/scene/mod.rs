@@ -24,6 +24,7 @@ use std::sync::{Arc, Mutex};
 
 use pairmask_core::EngineName;
 use pairmask_core::engine::{CullError, ReserveError};
+use pairmask_core::scene::states::LOST;
 use pairmask_core::scene::{
     Edit, Ended, FilterHistory, Kept, KeptHistory, Report, Reported, SceneError, SceneOptions,
     SceneSkips, Step, decide_changes, is_resync_due,
@@ -189,7 +190,7 @@ impl GpuScene {
 
     /// Whether it has no box, and has none to tell of.
     pub fn is_new(&self) -> bool {
-        self.roster.len() == 0
+        self.roster.states.index_end() == 0
     }
 
     /// A scene that goes on where another one stands: its boxes, flags, filters, and what it has reported.
@@ -222,7 +223,7 @@ impl GpuScene {
 
     /// Boxes, those that are switched off too.
     pub const fn len(&self) -> usize {
-        self.roster.present()
+        self.roster.states.present()
     }
 
     pub const fn is_empty(&self) -> bool {
@@ -231,11 +232,11 @@ impl GpuScene {
 
     /// Indices with a box are below this.
     pub fn index_end(&self) -> u32 {
-        self.roster.len() as u32
+        self.roster.states.index_end() as u32
     }
 
     pub const fn filters(&self) -> &FilterHistory {
-        &self.roster.filters
+        &self.roster.states.filters
     }
 
     pub const fn reported(&self) -> &Reported {
@@ -348,7 +349,7 @@ impl GpuScene {
             _ => None,
         };
         // A scene without records has no pairs.
-        let mode = mode.filter(|_| self.roster.len() > 0);
+        let mode = mode.filter(|_| self.roster.states.index_end() > 0);
         if elements == 0 && mode.is_none() {
             let pair_count = if report == Report::Changes { self.count_then } else { 0 };
             let is_resync = report == Report::Changes && self.known == Known::Lost;
@@ -373,7 +374,7 @@ impl GpuScene {
     }
 
     fn place_edit(&mut self, edit: Edit<'_>, mode: Option<SceneMode>) -> Result<(), CullError> {
-        let slots = self.roster.len();
+        let slots = self.roster.states.index_end();
         let mut names = Names::Kept;
         if mode == Some(SceneMode::Moved) {
             self.naming = self.naming.wrapping_add(1);
@@ -403,8 +404,8 @@ impl GpuScene {
     ) -> Result<Option<SceneSummary>, CullError> {
         let mut question = Question {
             mode: mode.unwrap_or_default(),
-            slots: self.roster.len() as u64,
-            active: self.roster.active() as u64,
+            slots: self.roster.states.index_end() as u64,
+            active: self.roster.states.active() as u64,
             changed: if mode == Some(SceneMode::Moved) { elements } else { self.changed },
         };
         question.changed = question.changed.min(question.slots);
@@ -514,7 +515,8 @@ impl GpuScene {
         let lists: Vec<(&Block, usize)> =
             blocks.zip(counts).map(|(b, count)| (&*b.found.block, *count as usize)).collect();
         let read = |at: usize, to: &mut [Pair]| read_lists(&lists, at, to);
-        let list = Found { read: &read, count: found as usize, n: self.roster.len() as u32 };
+        let list =
+            Found { read: &read, count: found as usize, n: self.roster.states.index_end() as u32 };
         let threads = self.threads();
         if mode != SceneMode::Changes {
             let mut pairs = Vec::new();
@@ -536,19 +538,19 @@ impl GpuScene {
     /// Takes what the filters keep apart out of the answer. Whether it is to be a resync instead.
     fn filter_reported(&mut self) -> bool {
         let reported = std::mem::take(&mut self.reported);
-        let (report, roster) = (reported.report(), &self.roster);
+        let (report, states) = (reported.report(), &self.roster.states);
         if report != Report::Changes || reported.is_resync() {
             let mut pairs = reported.pairs().to_vec();
-            pairs.retain(|pair| roster.filters.meet(*pair));
+            pairs.retain(|pair| states.filters.meet(*pair));
             let pair_count = if report == Report::Moved { 0 } else { pairs.len() as u64 };
             self.reported = Reported::of_pairs(report, Arc::new(pairs), pair_count);
             return false;
         }
         let (mut begun, mut ended) = reported.into_changes();
-        let is_replaced = |pair| roster.was_removed(pair);
-        decide_changes(&roster.filters, is_replaced, &mut begun, &mut ended);
+        let is_replaced = |pair| states.has_either(pair, LOST);
+        decide_changes(&states.filters, is_replaced, &mut begun, &mut ended);
         for Ended { pair, reason } in &mut ended {
-            *reason = roster.end_reason(*pair);
+            *reason = states.end_reason(*pair);
         }
         let pair_count = (self.count_then + begun.len() as u64).saturating_sub(ended.len() as u64);
         let is_resync = is_resync_due((begun.len() + ended.len()) as u64, pair_count);
@@ -557,8 +559,8 @@ impl GpuScene {
     }
 
     fn reported_skips(&mut self, summary: Option<&SceneSummary>) {
-        let pairs = |n: u64| n * n.saturating_sub(1) / 2;
-        let (active, statics) = (self.roster.active() as u64, self.roster.static_count as u64);
+        let (active, statics) =
+            (self.roster.states.active() as u64, self.roster.states.active_still() as u64);
         let (moved, moved_statics, tested) = match summary {
             Some(s) if self.known == Known::Changed && self.reported.pairs().is_empty() => {
                 (u64::from(s.moved), u64::from(s.moved_static), wide(s.tested))
@@ -567,10 +569,7 @@ impl GpuScene {
             None => (0, 0, 0),
         };
         let (moved, moved_statics) = (moved.min(active), moved_statics.min(statics));
-        let static_pairs = pairs(statics);
-        let unmoved_pairs = pairs(active - moved).saturating_sub(pairs(statics - moved_statics));
-        let rest = pairs(active).saturating_sub(static_pairs + unmoved_pairs);
-        let skips = SceneSkips::of(active - moved, static_pairs, unmoved_pairs, rest, tested);
+        let skips = SceneSkips::of([active, statics], [moved, moved_statics], tested);
         self.reported = std::mem::take(&mut self.reported).with_skips(skips);
     }
 

@@ -6,8 +6,9 @@ use std::sync::Arc;
 
 use pairmask_core::Aabb;
 use pairmask_core::engine::{CullError, ReserveError};
+use pairmask_core::scene::states::STILL;
 use pairmask_core::scene::{
-    Edit, FilteredBoxes as _, Indices, QueryError, QueryTags, Sets, Step, more_pairs_than, sort_row,
+    Edit, Indices, QueryError, QueryTags, Sets, Step, more_pairs_than, sort_row,
 };
 use pairmask_shaders::constants::SORTED_ROW;
 use pairmask_shaders::layouts::SceneMode;
@@ -42,15 +43,15 @@ impl GpuScene {
     ) -> Result<u64, QueryError> {
         tags.check(queries)?;
         let tested = self.query_all(queries, found)?;
-        let roster = &self.roster;
-        tags.filter(&roster.filters, |index| roster.is_still(index), found);
+        let states = &self.roster.states;
+        tags.filter(&states.filters, |index| states.has(index, STILL), found);
         Ok(tested)
     }
 
     fn query_all(&mut self, queries: &[Aabb], found: &mut Vec<Pair>) -> Result<u64, CullError> {
         found.clear();
         self.times = EditTimes::default();
-        if self.roster.active() == 0 {
+        if self.roster.states.active() == 0 {
             return Ok(0);
         }
         let mut tested = 0;
@@ -94,8 +95,8 @@ impl GpuScene {
     fn may_be_entries(&mut self, queries: u64) -> bool {
         let most = (self.replicas.first().tools.binding_bytes / RECORD_BYTES).min(MOST_SLOTS);
         queries <= QUERIES_TOGETHER as u64
-            && queries * ENTRIES_SHARE <= self.roster.active() as u64
-            && self.roster.len() as u64 + queries <= most
+            && queries * ENTRIES_SHARE <= self.roster.states.active() as u64
+            && self.roster.states.index_end() as u64 + queries <= most
     }
 
     /// Queries of one submission, numbered from `first` on; their pairs go behind those found.
@@ -108,8 +109,8 @@ impl GpuScene {
     ) -> Result<u64, CullError> {
         let threads = self.threads();
         let mut clock = Clock::start();
-        let (slots, count) = (self.roster.len() as u64, queries.len() as u64);
-        let active = self.roster.active() as u64;
+        let (slots, count) = (self.roster.states.index_end() as u64, queries.len() as u64);
+        let active = self.roster.states.active() as u64;
         let set = [Step::Set(Sets {
             indices: Indices::Range { first: slots as u32, count: count as u32 },
             boxes: queries,
