@@ -17,20 +17,8 @@ mod tests {
     use mint::Quaternion;
 
     use super::*;
+    use crate::Aabb;
     use crate::update::{Placement, world_box};
-    use crate::{Aabb, Sphere};
-
-    #[test]
-    fn points_go_in_and_come_out() {
-        let (min, max) = (Point3::from([1.0, 2.0, 3.0]), Vector3::from([4.0; 3]));
-        let b = Aabb { min: [1.0, 2.0, 3.0], max: [4.0; 3] };
-        assert_eq!([Aabb::new(min, max), (min, max).into()], [b; 2]);
-        assert_eq!(<(Point3<f32>, Point3<f32>)>::from(b).0, min);
-        assert_eq!(<(Vector3<f32>, Vector3<f32>)>::from(b).1, max);
-        let sphere = Sphere { center: b.min, radius: 0.5 };
-        assert_eq!([Sphere::new(min, 0.5), (min, 0.5).into()], [sphere; 2]);
-        assert_eq!(<(Point3<f32>, f32)>::from(sphere), (min, 0.5));
-    }
 
     #[test]
     fn transforms_are_those_of_their_columns() {

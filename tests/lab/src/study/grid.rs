@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 
 use glam::{Quat, Vec3};
 use pairmask_core::engine::{
-    CullError, CullInput, CullReport, EngineName, HeapReply, Isa, cpu_engine,
+    CullError, CullInput, CullReport, Engine, EngineName, HeapReply, Isa, cpu_engine,
 };
 use pairmask_core::mask::{MaskShape, MaskView};
 use pairmask_core::update::{Placement, Transformed};

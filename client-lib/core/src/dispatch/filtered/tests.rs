@@ -201,15 +201,11 @@ pub(super) fn in_pool(threads: usize, work: impl FnOnce() + Send) {
 }
 
 #[test]
-fn small_frames_have_the_pairs_that_rules_let_meet() {
+fn frames_of_all_sizes_and_threads_have_the_pairs_that_rules_let_meet() {
     let (mut random, mut engines) = (Random(41), CpuEngines::new());
     for n in 0..=70 {
         check(&mut random, &mut engines, n, 1);
     }
-}
-
-#[test]
-fn frames_of_all_sizes_and_threads_have_the_pairs_that_rules_let_meet() {
     for threads in 1..=3 {
         in_pool(threads, || {
             let (mut random, mut engines) = (Random(43), CpuEngines::new());
