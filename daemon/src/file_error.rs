@@ -4,11 +4,9 @@ use std::fmt;
 use std::io::{self, ErrorKind};
 use std::path::PathBuf;
 
-/// The access to a file that failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Access {
     Read,
-    /// Create it, and write it.
     Write,
     /// Create a directory, and files in it.
     WriteInto,
@@ -54,7 +52,6 @@ pub fn advice(access: Access, error: &io::Error) -> impl fmt::Display {
     text.to_owned()
 }
 
-/// The system's message without the error number.
 fn without_number(error: &io::Error) -> String {
     let text = error.to_string();
     text.split(" (os error").next().unwrap_or_default().to_owned()

@@ -9,14 +9,12 @@ use pairmask_core::{Aabb, Bounds, Precision};
 /// The modes by name. The names are part of the command line's contract.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum PrecisionChoice {
-    /// f32 boxes, no extra pair.
     #[default]
     Exact,
     /// 16-bit cells of the bounds of the boxes.
     Q16,
     /// 8-bit cells of the bounds of the boxes.
     Q8,
-    /// Halves.
     F16,
     /// f32 boxes, inflated.
     Margin(Margin),
@@ -107,7 +105,6 @@ pub fn as_sent(precision: &Precision, boxes: &[Aabb]) -> Vec<Aabb> {
     narrow.expand(&mut scratch, false).as_f32().expect("expanded to f32").to_vec()
 }
 
-/// The text names no precision.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("'{0}' is no precision: choose one of exact, q16, q8, f16, margin=X with X >= 0 in units")]
 pub struct UnknownPrecision(String);
@@ -117,13 +114,10 @@ impl FromStr for PrecisionChoice {
 
     fn from_str(s: &str) -> Result<Self, UnknownPrecision> {
         let margin = || Margin::new(s.strip_prefix(MARGIN_PREFIX)?.parse().ok()?).ok();
-        match s {
-            "exact" => Ok(Self::Exact),
-            "q16" => Ok(Self::Q16),
-            "q8" => Ok(Self::Q8),
-            "f16" => Ok(Self::F16),
-            _ => margin().map(Self::Margin).ok_or_else(|| UnknownPrecision(s.to_owned())),
-        }
+        let named = [Self::Exact, Self::Q16, Self::Q8, Self::F16];
+        let named = named.into_iter().find(|choice| choice.mode() == s);
+        let choice = named.or_else(|| margin().map(Self::Margin));
+        choice.ok_or_else(|| UnknownPrecision(s.to_owned()))
     }
 }
 

@@ -68,16 +68,6 @@ pub enum SpawnError {
     Silent { source: Box<ConnectError> },
 }
 
-impl SpawnError {
-    /// The exit code of a daemon that ended by itself before it served.
-    pub fn exit_code(&self) -> Option<i32> {
-        match self {
-            Self::Ended { status } => status.code(),
-            _ => None,
-        }
-    }
-}
-
 /// A running daemon, stopped when dropped.
 ///
 /// Keep it on the thread that started it, or on one that ends no later: the kernel treats the end
@@ -146,7 +136,9 @@ impl PrivateDaemon {
     /// Starts this process's own binary as a daemon: for the command line, whose binary is the
     /// daemon's.
     pub(crate) fn start_self(settings: &PrivateSettings) -> Result<Self, SpawnError> {
-        Self::start(&own_binary()?, settings)
+        let binary = std::env::current_exe()
+            .map_err(|source| SpawnError::Start { binary: "/proc/self/exe".into(), source })?;
+        Self::start(&binary, settings)
     }
 
     /// Tries something until it is done, as long as a daemon may take to start. Returns how the last try went.
@@ -214,11 +206,6 @@ pub fn is_opening_gpus(dir: &RuntimeDir, instance: &InstanceName) -> bool {
 fn gpus_of(dir: &RuntimeDir, instance: &InstanceName) -> GpuCounts {
     let status = dir.read_status(instance).ok().flatten();
     status.map(|status| status.gpus).unwrap_or_default()
-}
-
-pub(crate) fn own_binary() -> Result<PathBuf, SpawnError> {
-    std::env::current_exe()
-        .map_err(|source| SpawnError::Start { binary: "/proc/self/exe".into(), source })
 }
 
 /// Runs `serve --private-to OWNER`: serves until a signal or the owner's death, then removes the

@@ -13,24 +13,20 @@ use rayon::{ThreadPool, ThreadPoolBuildError, ThreadPoolBuilder};
 
 use crate::precision::PrecisionChoice;
 
-/// The session, and the form in which boxes are written.
+/// A session, and the form in which boxes are written.
 #[derive(Debug)]
-pub enum TimedClient {
-    /// Writes f32 boxes.
-    Exact(Session),
-    /// Writes a narrow form.
-    Narrow(Session, Precision),
-    /// Makes a request only when a box has moved by more than the margin.
-    Margined(Box<Margined>),
+pub struct TimedClient {
+    session: Session,
+    precision: Precision,
+    /// Where a request is made only when a box has moved by more than a margin.
+    margined: Option<Margined>,
 }
 
-/// A session that sends inflated boxes, and keeps the answer as long as every box lies within its inflated self: two
+/// Inflated boxes that were sent, and the answer, which is kept as long as every box lies within its inflated self: two
 /// boxes that overlap do so within theirs.
 #[derive(Debug)]
-pub struct Margined {
-    session: Session,
+struct Margined {
     margin: Margin,
-    /// The boxes that were sent last.
     inflated: Vec<Aabb>,
     answer: Option<PairMask>,
 }
@@ -40,18 +36,22 @@ const TASK_BOXES: usize = 16_384;
 
 impl Margined {
     /// The mask, and whether it was asked for.
-    fn cull(&mut self, boxes: &[Aabb]) -> Result<(&PairMask, bool), TimedError> {
+    fn cull(
+        &mut self,
+        session: &mut Session,
+        boxes: &[Aabb],
+    ) -> Result<(&PairMask, bool), TimedError> {
         let kept = self.answer.take().filter(|_| self.covers(boxes));
         let was_asked = kept.is_none();
-        let mask = kept.map_or_else(|| self.ask(boxes), Ok)?;
+        let mask = kept.map_or_else(|| self.ask(session, boxes), Ok)?;
         Ok((self.answer.insert(mask), was_asked))
     }
 
-    fn ask(&mut self, boxes: &[Aabb]) -> Result<PairMask, TimedError> {
+    fn ask(&mut self, session: &mut Session, boxes: &[Aabb]) -> Result<PairMask, TimedError> {
         self.inflated.resize(boxes.len(), Aabb::EMPTY);
         let tasks = boxes.par_chunks(TASK_BOXES).zip(self.inflated.par_chunks_mut(TASK_BOXES));
         tasks.for_each(|(boxes, out)| self.margin.inflate_all(boxes, out));
-        let mut frame = self.session.narrow_frame(boxes.len(), Precision::Exact)?;
+        let mut frame = session.narrow_frame(boxes.len(), Precision::Exact)?;
         frame.write(&self.inflated)?;
         Ok(frame.submit()?.wait()?)
     }
@@ -68,28 +68,11 @@ impl Margined {
     }
 }
 
-/// The threads of the client, which write exact boxes and decode masks.
+/// The threads of the client, which write exact boxes and decode masks: the one that submits frames, and others where
+/// there is a pool.
 #[derive(Debug, Default)]
-pub enum Decoding {
-    /// The thread that submitted the frame.
-    #[default]
-    Serial,
-    /// That thread and others.
-    Parallel(Decoders),
-}
-
-/// A pool of decoding threads, of which the thread that made it is one.
-#[derive(Debug)]
-pub struct Decoders {
-    _pool: ThreadPool,
-}
-
-impl Decoders {
-    /// Starts `threads` threads, of which the calling one is the first.
-    pub fn start(threads: NonZeroUsize) -> Result<Self, ThreadPoolBuildError> {
-        let pool = ThreadPoolBuilder::new().num_threads(threads.get()).use_current_thread();
-        Ok(Self { _pool: pool.build()? })
-    }
+pub struct Decoding {
+    pool: Option<ThreadPool>,
 }
 
 /// Number of visited pairs and a sum of their indices, so that the compiler keeps the visits.
@@ -115,25 +98,25 @@ impl Looked {
 }
 
 impl Decoding {
+    /// Starts `threads` threads, of which the calling one is the first. They are kept awake while frames are under way.
+    pub fn start(threads: NonZeroUsize) -> Result<Self, TimedError> {
+        let pool = ThreadPoolBuilder::new().num_threads(threads.get()).use_current_thread();
+        Ok(Self { pool: (threads.get() > 1).then(|| pool.build()).transpose()? })
+    }
+
     fn write(&self, boxes: &[Aabb], out: &mut [Aabb]) {
-        match self {
-            Self::Serial => write_boxes(boxes, out),
-            Self::Parallel(_) => par_write_boxes(boxes, out),
-        }
+        if self.pool.is_some() { par_write_boxes(boxes, out) } else { write_boxes(boxes, out) }
     }
 
     fn look(&self, mask: &PairMask) -> Looked {
-        match self {
-            Self::Serial => {
-                let mut looked = Looked::default();
-                mask.for_each_slice(|pairs| looked = looked.and(Looked::of(pairs)));
-                looked
-            }
-            Self::Parallel(_) => {
-                let parts = mask.par_pairs().fold(Looked::default, Looked::at);
-                parts.reduce(Looked::default, Looked::and)
-            }
+        let mut looked = Looked::default();
+        if self.pool.is_some() {
+            let parts = mask.par_pairs().fold(Looked::default, Looked::at);
+            looked = parts.reduce(Looked::default, Looked::and);
+        } else {
+            mask.for_each_slice(|pairs| looked = looked.and(Looked::of(pairs)));
         }
+        looked
     }
 }
 
@@ -182,56 +165,45 @@ pub enum TimedError {
     Session(#[from] Error),
     #[error("a frame has {counted} pairs and its mask holds {decoded}: please report this")]
     Miscounted { counted: u64, decoded: u64 },
+    #[error("the decoding threads cannot be started: {0}")]
+    Threads(#[from] ThreadPoolBuildError),
 }
 
 impl TimedClient {
     /// A client that writes boxes with a precision; its bounds are those of `boxes`.
     pub fn new(session: Session, precision: PrecisionChoice, boxes: &[Aabb]) -> Self {
-        match precision {
-            PrecisionChoice::Exact => Self::Exact(session),
+        let margined = match precision {
             PrecisionChoice::Margin(margin) => {
-                let (inflated, answer) = (Vec::new(), None);
-                Self::Margined(Box::new(Margined { session, margin, inflated, answer }))
+                Some(Margined { margin, inflated: Vec::new(), answer: None })
             }
-            narrow => Self::Narrow(session, narrow.precision(boxes)),
-        }
+            _ => None,
+        };
+        Self { session, precision: precision.precision(boxes), margined }
     }
 
     /// Runs a frame of boxes. `look` gets the mask after the clock has stopped.
     pub fn frame(
         &mut self,
         boxes: &[Aabb],
-        look: impl FnOnce(&PairMask),
-    ) -> Result<TimedFrame, TimedError> {
-        self.frame_decoded(boxes, &mut Decoding::Serial, look)
-    }
-
-    /// As [`Self::frame`], decoded by the threads of `decoding`.
-    pub fn frame_decoded(
-        &mut self,
-        boxes: &[Aabb],
-        decoding: &mut Decoding,
+        decoding: &Decoding,
         look: impl FnOnce(&PairMask),
     ) -> Result<TimedFrame, TimedError> {
         let start = Instant::now();
-        let (pending, filled) = match self {
-            Self::Exact(session) => {
-                let mut frame = session.frame(boxes.len())?;
-                decoding.write(boxes, frame.boxes_mut());
-                let filled = Instant::now();
-                (frame.submit()?, filled)
-            }
-            Self::Narrow(session, precision) => {
-                let mut frame = session.narrow_frame(boxes.len(), *precision)?;
-                frame.write(boxes)?;
-                let filled = Instant::now();
-                (frame.submit()?, filled)
-            }
-            Self::Margined(margined) => {
-                let (mask, was_asked) = margined.cull(boxes)?;
-                let times = [start, start, Instant::now()];
-                return TimedFrame::of(mask, decoding, was_asked, times).inspect(|_| look(mask));
-            }
+        if let Some(margined) = &mut self.margined {
+            let (mask, was_asked) = margined.cull(&mut self.session, boxes)?;
+            let times = [start, start, Instant::now()];
+            return TimedFrame::of(mask, decoding, was_asked, times).inspect(|_| look(mask));
+        }
+        let (pending, filled) = if self.precision == Precision::Exact {
+            let mut frame = self.session.frame(boxes.len())?;
+            decoding.write(boxes, frame.boxes_mut());
+            let filled = Instant::now();
+            (frame.submit()?, filled)
+        } else {
+            let mut frame = self.session.narrow_frame(boxes.len(), self.precision)?;
+            frame.write(boxes)?;
+            let filled = Instant::now();
+            (frame.submit()?, filled)
         };
         let mask = pending.wait()?;
         let times = [start, filled, Instant::now()];

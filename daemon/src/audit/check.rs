@@ -7,13 +7,11 @@ use super::window::Window;
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Outcome {
-    /// Pairs compared.
     pub pairs: u64,
     /// Pairs that overlap, may meet and are not in the mask.
     pub missed: u64,
     /// Pairs that are in the mask and do not overlap, or may not meet.
     pub extra: u64,
-    /// The first wrong pair.
     pub first: Option<Pair>,
 }
 
@@ -111,7 +109,7 @@ mod tests {
             Objects::Boxes(_) => Reach::BOXES,
             Objects::Spheres(_) => Reach::SPHERES,
         };
-        let span = Span2::draw(n, reach, random);
+        let span = Span2::draw(None, n, reach, random);
         let is_whole = span.rows.len() == n as usize;
         let right = audit(objects, rules.clone(), span.clone(), &report, reply);
         assert_eq!((right.missed, right.extra), (0, 0), "{n}, {span:?}");
@@ -220,10 +218,7 @@ mod tests {
             ] {
                 let (mut low, mut high) = (u32::MAX, 0);
                 for _ in 0..2_000 {
-                    let span = match first.map(BoxCount::new) {
-                        None => Span2::draw(n, reach, &mut random),
-                        Some(first) => Span2::draw_between(first, n, reach, &mut random),
-                    };
+                    let span = Span2::draw(first.map(BoxCount::new), n, reach, &mut random);
                     assert!(span.rows.end <= first.unwrap_or(n) && span.columns.end <= n);
                     assert!(span.rows.is_empty() == (first == Some(0)));
                     assert_eq!(span.columns.start % 32, 0);

@@ -73,19 +73,17 @@ pub enum AuditRate {
     OneIn(NonZeroU32),
 }
 
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("'{0}' is no rate of audits: write 1/1000 for one frame in a thousand, or off")]
-pub struct BadRate(String);
-
 impl FromStr for AuditRate {
-    type Err = BadRate;
+    type Err = String;
 
-    fn from_str(s: &str) -> Result<Self, BadRate> {
+    fn from_str(s: &str) -> Result<Self, String> {
         if s == "off" {
             return Ok(Self::Off);
         }
-        let one_in = s.strip_prefix("1/").and_then(|n| n.parse().ok());
-        one_in.map(Self::OneIn).ok_or_else(|| BadRate(s.to_owned()))
+        let one_in = s.strip_prefix("1/").and_then(|n| n.parse().ok()).map(Self::OneIn);
+        one_in.ok_or_else(|| {
+            format!("'{s}' is no rate of audits: write 1/1000 for one frame in a thousand, or off")
+        })
     }
 }
 

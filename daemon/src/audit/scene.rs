@@ -36,17 +36,6 @@ pub struct SceneNote {
 }
 
 impl SceneNote {
-    /// Copies an edit, which its payload holds, and what the scene told of it.
-    pub fn new(
-        (client_token, frame): (u64, u64),
-        request: &SceneRequest,
-        payload: &[Page],
-        reported: &Reported,
-    ) -> Self {
-        let name = NotedName::Request { client_token, frame };
-        Self::of(name, *request, payload.to_vec(), reported)
-    }
-
     /// Copies an edit of a scene that several sessions write, and what it changed. Each is taken before the next.
     /// `None` where it has a step of a later core.
     pub fn of_tick(number: u64, edit: Edit<'_>, reported: &Reported) -> Option<Self> {
@@ -70,10 +59,16 @@ impl SceneNote {
             steps,
             indices,
         };
-        Some(Self::of(NotedName::Tick(number), request, payload, reported))
+        Some(Self::new(NotedName::Tick(number), request, payload, reported))
     }
 
-    fn of(name: NotedName, request: SceneRequest, payload: Vec<Page>, reported: &Reported) -> Self {
+    /// An edit, which its payload holds, and what the scene reported of it.
+    pub fn new(
+        name: NotedName,
+        request: SceneRequest,
+        payload: Vec<Page>,
+        reported: &Reported,
+    ) -> Self {
         Self {
             name,
             request,
@@ -90,43 +85,21 @@ impl SceneNote {
 /// A query and the window of its answer, copied.
 #[derive(Debug)]
 pub struct QueryNote {
-    window: Box<Window>,
-    tags: OwnedTags,
-}
-
-#[derive(Debug)]
-enum OwnedTags {
-    None,
-    One(Tag),
-    Each(Vec<Tag>),
+    /// It is used again.
+    pub(super) window: Box<Window>,
+    /// Of each query, where they have tags.
+    tags: Option<Vec<Tag>>,
 }
 
 impl QueryNote {
     pub fn new(mut window: Box<Window>, queries: &[Aabb], tags: &QueryTags<'_>) -> Self {
         window.take_objects(Objects::Boxes(queries.into()));
-        let tags = match tags {
-            QueryTags::None => OwnedTags::None,
-            QueryTags::One(tag) => OwnedTags::One(*tag),
-            QueryTags::Each(tags) => OwnedTags::Each(tags.to_vec()),
-        };
+        let tags = (0..queries.len() as u32).map(|query| tags.of(query)).collect();
         Self { window, tags }
-    }
-
-    fn tags(&self) -> QueryTags<'_> {
-        match &self.tags {
-            OwnedTags::None => QueryTags::None,
-            OwnedTags::One(tag) => QueryTags::One(*tag),
-            OwnedTags::Each(tags) => QueryTags::Each(tags),
-        }
     }
 
     pub(super) const fn name(&self) -> NotedName {
         self.window.name()
-    }
-
-    /// The window, to be used again.
-    pub(super) fn into_window(self) -> Box<Window> {
-        self.window
     }
 }
 
@@ -191,11 +164,10 @@ impl SceneAudit {
     pub fn check_query(&self, query: &mut QueryNote) -> Outcome {
         let on = |index| self.copy.kept(index).filter(|kept| kept.is_on);
         let first = query.window.fill_second_set(|index| on(index).map(|kept| kept.b));
-        let tags = query.tags();
-        let rules = self.copy.states().filters.rules();
-        check_by_rules(&query.window, |query, object| {
-            tags.of(query)
-                .is_none_or(|tag| rules.tags_meet(&tag, &self.copy.states().tag(object - first)))
+        let rules = self.copy.filters().rules();
+        check_by_rules(&query.window, |index, object| {
+            let tag = query.tags.as_ref().and_then(|tags| tags.get(index as usize));
+            tag.is_none_or(|tag| rules.tags_meet(tag, &self.copy.tag(object - first)))
         })
     }
 

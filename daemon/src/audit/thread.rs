@@ -1,7 +1,7 @@
 //! The thread that checks windows, and the hand-over to it.
 
 use std::io;
-use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
@@ -77,38 +77,37 @@ pub struct AuditedFrame<'a> {
     pub reply: &'a [u32],
 }
 
-/// What frames are drawn with.
 struct Lots {
     random: Random,
-    /// Windows that are free.
     free: Receiver<Box<Window>>,
-    skipped: u64,
-    /// Scenes that were drawn.
     scenes: u64,
 }
 
-#[derive(Default)]
 struct Found {
-    frames: AtomicU64,
-    pairs: AtomicU64,
-    missed: AtomicU64,
-    extra: AtomicU64,
+    counts: Mutex<AuditCounts>,
     /// Edits of scenes that wait to be followed.
     edits: AtomicUsize,
 }
 
 impl Lots {
     /// A free window, and what it is to hold of a frame.
-    fn window(&mut self, n: u32, frame: &AuditedFrame<'_>) -> Option<(Box<Window>, Span2)> {
+    fn window(
+        &mut self,
+        n: u32,
+        frame: &AuditedFrame<'_>,
+        found: &Found,
+    ) -> Option<(Box<Window>, Span2)> {
         if !Window::holds(frame.shape) {
             return None;
         }
         let Ok(mut window) = self.free.try_recv() else {
-            self.skipped += 1;
+            locked(&found.counts).skipped += 1;
             return None;
         };
-        let reach = Reach::of(frame.form);
-        let span = window.draw(n, frame.first_set, frame.shape, reach, &mut self.random);
+        window.first_set = frame.first_set;
+        let is_ordered = matches!(frame.shape, MaskShape::Sparse { order: Some(_), .. });
+        let first = frame.first_set.filter(|_| !is_ordered);
+        let span = Span2::draw(first, n, Reach::of(frame.form), &mut self.random);
         Some((window, span))
     }
 }
@@ -132,7 +131,6 @@ impl Running {
 }
 
 impl Auditor {
-    /// Starts the thread, if there is a rate.
     pub fn start(rate: AuditRate) -> io::Result<Self> {
         let AuditRate::OneIn(one_in) = rate else { return Ok(Self { running: None }) };
         let (full, to_check) = sync_channel(WINDOWS + NOTES);
@@ -141,7 +139,8 @@ impl Auditor {
             // The channel has room for all windows.
             let _ = back.try_send(Box::default());
         }
-        let found = Arc::new(Found::default());
+        let counts = AuditCounts { one_in: one_in.get().into(), ..AuditCounts::default() };
+        let found = Arc::new(Found { counts: Mutex::new(counts), edits: AtomicUsize::new(0) });
         let reported = Arc::clone(&found);
         let thread = std::thread::Builder::new()
             .name("auditor".into())
@@ -152,7 +151,7 @@ impl Auditor {
         Ok(Self {
             running: Some(Running {
                 one_in: one_in.get(),
-                lots: Mutex::new(Lots { random, free, skipped: 0, scenes: 0 }),
+                lots: Mutex::new(Lots { random, free, scenes: 0 }),
                 full: Some(full),
                 found,
                 thread: Some(thread),
@@ -167,7 +166,10 @@ impl Auditor {
         let drawn = {
             let mut lots = locked(&running.lots);
             let is_drawn = lots.random.below(u64::from(running.one_in)) == 0;
-            if is_drawn { lots.window(fields.box_count.get(), frame)? } else { return None }
+            if !is_drawn {
+                return None;
+            }
+            lots.window(fields.box_count.get(), frame, &running.found)?
         };
         Some(frame.take(fields, drawn))
     }
@@ -181,7 +183,8 @@ impl Auditor {
         frame: &AuditedFrame<'_>,
     ) -> Option<Box<Window>> {
         let running = self.running.as_ref().filter(|_| !scene.0.is_lost())?;
-        let drawn = locked(&running.lots).window(fields.box_count.get(), frame)?;
+        let n = fields.box_count.get();
+        let drawn = locked(&running.lots).window(n, frame, &running.found)?;
         Some(frame.take(fields, drawn))
     }
 
@@ -236,21 +239,12 @@ impl Auditor {
         if !(has_room && sent()) {
             waiting.fetch_sub(1, Ordering::Relaxed);
             token.is_lost.store(true, Ordering::Relaxed);
-            locked(&running.lots).skipped += 1;
+            locked(&running.found.counts).skipped += 1;
         }
     }
 
     pub fn counts(&self) -> AuditCounts {
-        let Some(running) = &self.running else { return AuditCounts::default() };
-        let found = |counter: &AtomicU64| counter.load(Ordering::Relaxed);
-        AuditCounts {
-            one_in: u64::from(running.one_in),
-            frames: found(&running.found.frames),
-            skipped: locked(&running.lots).skipped,
-            pairs: found(&running.found.pairs),
-            missed: found(&running.found.missed),
-            extra: found(&running.found.extra),
-        }
+        self.running.as_ref().map(|running| *locked(&running.found.counts)).unwrap_or_default()
     }
 }
 
@@ -284,7 +278,7 @@ fn check_all(work: &Receiver<Work>, back: &SyncSender<Box<Window>>, found: &Foun
                 if let Some((_, scene)) = scene.filter(|_| !token.is_lost()) {
                     note(query.name(), &scene.check_query(&mut query), found);
                 }
-                let _ = back.try_send(query.into_window());
+                let _ = back.try_send(query.window);
             }
             Work::Edit(token, edit) => {
                 found.edits.fetch_sub(1, Ordering::Relaxed);
@@ -308,11 +302,13 @@ fn check_all(work: &Receiver<Work>, back: &SyncSender<Box<Window>>, found: &Foun
 
 fn note(name: NotedName, outcome: &Outcome, found: &Found) {
     let Outcome { pairs, missed, extra, first } = *outcome;
-    let before = found.missed.fetch_add(missed, Ordering::Relaxed)
-        + found.extra.fetch_add(extra, Ordering::Relaxed);
-    found.pairs.fetch_add(pairs, Ordering::Relaxed);
-    // Counted last: a reader that sees this frame counted sees its results too.
-    found.frames.fetch_add(1, Ordering::Relaxed);
+    let mut counts = locked(&found.counts);
+    let before = counts.missed + counts.extra;
+    counts.missed += missed;
+    counts.extra += extra;
+    counts.pairs += pairs;
+    counts.frames += 1;
+    drop(counts);
     if let Some(pair) = first
         && before == 0
     {

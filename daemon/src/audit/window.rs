@@ -14,7 +14,6 @@ use crate::scene::Random;
 /// How much of a frame a window may hold.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Reach {
-    /// Most pairs of a window.
     pub tests: u64,
     /// Most columns of a window, a multiple of 32.
     columns: u32,
@@ -45,39 +44,28 @@ pub struct Span2 {
 }
 
 impl Span2 {
-    /// Draws rows and columns of n positions. Engines that sort boxes put most pairs near the
-    /// diagonal, so every other window starts there.
-    pub fn draw(n: u32, reach: Reach, random: &mut Random) -> Self {
+    /// Draws rows and columns of n positions; of a frame of two sets whose mask has no order, rows of the first.
+    /// Engines that sort boxes put most pairs near the diagonal, so every other window of one set starts there.
+    pub fn draw(first: Option<BoxCount>, n: u32, reach: Reach, random: &mut Random) -> Self {
         if n <= reach.whole_frame {
             return Self { rows: 0..n, columns: 0..n };
         }
-        let columns = n.min(reach.columns);
-        let rows = (reach.tests / u64::from(columns)).min(u64::from(n)) as u32;
-        let first_row = random.below(u64::from(n - rows) + 1) as u32;
+        let row_end = first.map_or(n, |first| first.get().min(n));
+        let least_column = first.map_or(0, |_| row_end / 32 * 32);
+        let columns = (n - least_column).min(reach.columns);
+        let rows = (reach.tests / u64::from(columns.max(1))).min(u64::from(row_end)) as u32;
+        let first_row = random.below(u64::from(row_end - rows) + 1) as u32;
         let last = n - columns;
-        let near = random.below(2) == 0;
-        let first_column = if near || first_row >= last {
-            first_row.min(last)
+        let (least, near) = match first {
+            Some(_) => (least_column, false),
+            None => (first_row, random.below(2) == 0),
+        };
+        let first_column = if near || least >= last {
+            least.min(last)
         } else {
-            first_row + random.below(u64::from(last - first_row) + 1) as u32
+            least + random.below(u64::from(last - least) + 1) as u32
         };
         let first_column = first_column / 32 * 32;
-        let end = (first_column + columns).min(n);
-        Self { rows: first_row..first_row + rows, columns: first_column..end }
-    }
-
-    /// As [`draw`](Self::draw), of a frame of two sets whose mask has no order: rows of the first set.
-    pub fn draw_between(first: BoxCount, n: u32, reach: Reach, random: &mut Random) -> Self {
-        if n <= reach.whole_frame {
-            return Self { rows: 0..n, columns: 0..n };
-        }
-        let first = first.get().min(n);
-        let least = first / 32 * 32;
-        let columns = (n - least).min(reach.columns);
-        let first_column = least + random.below(u64::from(n - least - columns) + 1) as u32;
-        let first_column = first_column / 32 * 32;
-        let rows = (reach.tests / u64::from(reach.columns)).min(u64::from(first)) as u32;
-        let first_row = random.below(u64::from(first - rows) + 1) as u32;
         let end = (first_column + columns).min(n);
         Self { rows: first_row..first_row + rows, columns: first_column..end }
     }
@@ -103,7 +91,7 @@ pub struct Window {
     /// The rules of the frame; `None` where all objects may meet.
     rules: Option<Arc<SentRules>>,
     /// Boxes of the first set, where the frame is of two: those of one set do not meet.
-    first_set: Option<BoxCount>,
+    pub(super) first_set: Option<BoxCount>,
     pub client_token: u64,
     pub frame: u64,
 }
@@ -116,23 +104,6 @@ impl Window {
     /// Whether a window can hold the bits of such a mask: other encodings are not audited.
     pub const fn holds(shape: &MaskShape) -> bool {
         matches!(shape, MaskShape::Dense { .. } | MaskShape::Sparse { .. } | MaskShape::List { .. })
-    }
-
-    /// Draws the span of a frame of `n` objects, of two sets where there is a first one.
-    pub fn draw(
-        &mut self,
-        n: u32,
-        first_set: Option<BoxCount>,
-        shape: &MaskShape,
-        reach: Reach,
-        random: &mut Random,
-    ) -> Span2 {
-        self.first_set = first_set;
-        let is_ordered = matches!(shape, MaskShape::Sparse { order: Some(_), .. });
-        match first_set.filter(|_| !is_ordered) {
-            Some(first) => Span2::draw_between(first, n, reach, random),
-            None => Span2::draw(n, reach, random),
-        }
     }
 
     /// Copies the bits of a span from a mask of `n` objects, one that a window [holds](Self::holds).

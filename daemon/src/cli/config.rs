@@ -1,5 +1,6 @@
 //! The configuration file: the lowest layer of settings above the defaults.
 
+use std::io::ErrorKind;
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
@@ -10,6 +11,7 @@ use pairmask_core::{EncodingChoice, EngineChoice};
 use pairmask_wire::InstanceName;
 use serde::{Deserialize, Deserializer};
 
+use super::program::WrongUsage;
 use super::whole_number::{WholeNumber, whole_number};
 use crate::audit::AuditRate;
 use crate::execute::gpu::GpuChoices;
@@ -47,21 +49,6 @@ pub struct Config {
     pub(super) isa: Option<AvailableIsa>,
     #[serde(deserialize_with = "parsed")]
     pub(super) audit: Option<AuditRate>,
-}
-
-#[derive(Debug, thiserror::Error)]
-pub enum ConfigError {
-    #[error("configuration {0}")]
-    Read(FileError),
-    #[error("your configuration {0}; or name another by --config, /dev/null for none")]
-    ReadOwn(FileError),
-    #[error(
-        "{variable} is {}, which belongs to user {owner} and not to you: set it to a directory of your own, or name a configuration by --config, /dev/null for none",
-        path.display()
-    )]
-    OtherUser { variable: &'static str, path: PathBuf, owner: u32 },
-    #[error("configuration {}, {}", path.display(), one_line(text, source))]
-    Parse { path: PathBuf, text: String, source: Box<toml::de::Error> },
 }
 
 /// Most characters of a wrong line that are quoted.
@@ -110,32 +97,32 @@ impl Config {
     /// Reads the file that the user named, else the user's default file if it exists.
     ///
     /// # Errors
-    /// [`ConfigError`]. A missing default file is no error.
-    pub fn load(named: Option<&Path>) -> Result<Self, ConfigError> {
+    /// The file cannot be used. A missing default file is no error.
+    pub fn load(named: Option<&Path>) -> Result<Self, WrongUsage> {
         let Some(path) = named.map(Path::to_owned).or_else(default_path) else {
             return Ok(Self::default());
         };
-        let text = match std::fs::read_to_string(&path) {
-            Ok(text) => text,
-            Err(error) if named.is_none() && error.kind() == std::io::ErrorKind::NotFound => {
-                return Ok(Self::default());
-            }
-            Err(error)
-                if named.is_none() && error.kind() == std::io::ErrorKind::PermissionDenied =>
-            {
-                // Whether there is such a file is not known either, in a home that is closed to this user.
-                let other = std::fs::symlink_metadata(&path).err().and_then(|_| other_users_home());
-                let error = FileError::of(path, Access::Read)(error);
-                return Err(other.unwrap_or(ConfigError::ReadOwn(error)));
-            }
-            Err(source) => {
-                let error = FileError::of(path, Access::Read)(source);
-                let is_own = named.is_none();
-                return Err(if is_own { ConfigError::ReadOwn } else { ConfigError::Read }(error));
-            }
-        };
-        let wrong = |source| ConfigError::Parse { path, text: text.clone(), source };
-        toml::from_str(&text).map_err(|source| wrong(Box::new(source)))
+        let text = std::fs::read_to_string(&path);
+        let kind = text.as_ref().err().map(std::io::Error::kind);
+        if named.is_none() && kind == Some(ErrorKind::NotFound) {
+            return Ok(Self::default());
+        }
+        let text = text.map_err(FileError::of(&path, Access::Read)).map_err(|error| {
+            let other = "or name another by --config, /dev/null for none";
+            let of_file = match named {
+                Some(_) => format!("configuration {error}"),
+                None => format!("your configuration {error}; {other}"),
+            };
+            // Whether there is such a file is not known either, in a home that is closed to this user.
+            let is_hidden = named.is_none()
+                && kind == Some(ErrorKind::PermissionDenied)
+                && std::fs::symlink_metadata(&path).is_err();
+            WrongUsage(is_hidden.then(other_users_home).flatten().unwrap_or(of_file))
+        })?;
+        toml::from_str(&text).map_err(|error| {
+            let what = one_line(&text, &error);
+            WrongUsage(format!("configuration {}, {what}", path.display()))
+        })
     }
 }
 
@@ -149,13 +136,18 @@ fn default_path() -> Option<PathBuf> {
     Some(home.join("pairmask").join("config.toml"))
 }
 
-/// The variable behind the default file, where it names another user's directory.
-fn other_users_home() -> Option<ConfigError> {
+/// What to do about the variable behind the default file, where it names another user's directory.
+fn other_users_home() -> Option<String> {
     let mut named = ["XDG_CONFIG_HOME", "HOME"].into_iter().filter_map(|v| Some((v, set(v)?)));
     let (variable, path) = named.next()?;
     let owner = std::fs::metadata(&path).ok()?.uid();
     let is_own = owner == rustix::process::geteuid().as_raw();
-    (!is_own).then_some(ConfigError::OtherUser { variable, path, owner })
+    let path = path.display();
+    (!is_own).then(|| {
+        format!(
+            "{variable} is {path}, which belongs to user {owner} and not to you: set it to a directory of your own, or name a configuration by --config, /dev/null for none"
+        )
+    })
 }
 
 #[cfg(test)]

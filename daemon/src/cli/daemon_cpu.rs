@@ -6,17 +6,10 @@ use pairmask_transport::RuntimeDir;
 use pairmask_wire::InstanceName;
 use rustix::time::{ClockId, clock_gettime};
 
-/// The worker and the supervisor of an instance.
+/// The worker and the supervisor of an instance, in this order.
 #[derive(Clone, Debug)]
 pub struct DaemonCpu {
     processes: [u32; 2],
-}
-
-/// A moment from which the use is counted.
-#[derive(Clone, Debug)]
-pub struct Since {
-    at: Instant,
-    used: Duration,
 }
 
 impl DaemonCpu {
@@ -26,13 +19,14 @@ impl DaemonCpu {
         Some(Self { processes: [record.worker_pid, record.supervisor_pid] })
     }
 
-    pub fn since_now(&self) -> Since {
-        Since { at: Instant::now(), used: self.used() }
+    /// Counts from now on: what was used by the time of a call.
+    pub fn watch(&self) -> impl Fn() -> Used {
+        let (daemon, start, before) = (self.clone(), Instant::now(), self.used());
+        move || Used { cpu: daemon.used().saturating_sub(before), time: start.elapsed() }
     }
 
-    /// What was used since then.
-    pub fn used_since(&self, since: &Since) -> Used {
-        Used { cpu: self.used().saturating_sub(since.used), time: since.at.elapsed() }
+    pub(super) const fn worker(&self) -> u32 {
+        self.processes[0]
     }
 
     /// User and system time of both processes so far; a process that is gone counts nothing.
@@ -45,7 +39,7 @@ impl DaemonCpu {
 /// CPU time that was used within a time.
 #[derive(Clone, Copy, Debug)]
 pub struct Used {
-    cpu: Duration,
+    pub cpu: Duration,
     time: Duration,
 }
 
@@ -55,14 +49,8 @@ impl Used {
         let share = self.cpu.as_secs_f64() / self.time.as_secs_f64().max(f64::MIN_POSITIVE);
         (share * 1e4).round() / 1e2
     }
-
-    /// CPU time of each of so many frames, ns.
-    pub fn ns_a_frame(&self, frames: u64) -> u64 {
-        nanoseconds_a(self.cpu, frames)
-    }
 }
 
-/// CPU time of all threads of this process so far.
 pub fn own_cpu() -> Duration {
     let used = clock_gettime(ClockId::ProcessCPUTime);
     // The clock counts from zero.
@@ -121,17 +109,18 @@ mod tests {
     #[test]
     fn a_busy_process_uses_a_core_and_one_that_is_gone_nothing() {
         let own = DaemonCpu { processes: [std::process::id(), 0] };
-        let since = own.since_now();
+        let used = own.watch();
         // However slow the machine: some work has to be counted at last, of this thread or of another test's.
         let before = own_cpu();
-        while own.used_since(&since).percent() <= 0.0 {
+        while used().percent() <= 0.0 {
             std::hint::spin_loop();
         }
         assert!(own_cpu() > before);
         let gone = DaemonCpu { processes: [0, 0] };
-        assert!(gone.used_since(&gone.since_now()).percent() <= 0.0);
+        assert!(gone.watch()().percent() <= 0.0);
         let used = Used { cpu: Duration::from_millis(250), time: Duration::from_secs(1) };
         assert!((used.percent() - 25.0).abs() < 1e-9);
-        assert_eq!([used.ns_a_frame(1_000), used.ns_a_frame(0)], [250_000, 250_000_000]);
+        let a_frame = [1_000, 0].map(|frames| nanoseconds_a(used.cpu, frames));
+        assert_eq!(a_frame, [250_000, 250_000_000]);
     }
 }

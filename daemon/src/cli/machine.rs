@@ -6,16 +6,13 @@ use serde::{Deserialize, Serialize};
 
 use super::build;
 
-/// Machine, system and build of a measurement.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Machine {
     /// Processor, as the system names it.
     pub cpu: String,
     /// Processors that this process may use.
     pub cores: usize,
-    /// Distribution.
     pub os: String,
-    /// Kernel release.
     pub kernel: String,
     pub toolchain: String,
     pub commit: String,
@@ -54,7 +51,6 @@ pub fn command_line() -> String {
     std::iter::once(name).chain(words).collect::<Vec<_>>().join(" ")
 }
 
-/// The first value of a key in a text file of lines.
 fn value(path: &str, key: &str, separator: char) -> Option<String> {
     let text = std::fs::read_to_string(path).ok()?;
     text.lines().find_map(|line| {

@@ -60,8 +60,11 @@ enum Command {
     Serve(serve::Serve),
     Cull(cull::Cull),
     Demo(demo::Demo),
-    #[command(hide = true)]
-    DemoClient(demo::DemoClient),
+    /// Measure what frames cost on this machine
+    #[command(
+        subcommand,
+        after_help = "Engines, precision modes, clients at a pace and pair numberings are measured by `pairmask-lab` (tests/lab)."
+    )]
     Bench(bench::Bench),
     Scene(scene::Scene),
     Status(status::Status),
@@ -89,8 +92,7 @@ fn run(cli: &Cli, alter_answers: Option<AlterAnswer>) -> Result {
         Command::Serve(serve) => Ok(serve.run(place, alter_answers)?),
         Command::Cull(cull) => cull.run(place),
         Command::Demo(demo) => demo.run(place),
-        Command::DemoClient(client) => client.run(place),
-        Command::Bench(bench) => bench.run(place),
+        Command::Bench(bench::Bench::Latency(latency)) => latency.run(place),
         Command::Scene(scene) => scene.run(),
         Command::Status(status) => status.run(place),
         Command::Explain(explain) => explain.run(),

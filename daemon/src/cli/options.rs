@@ -11,7 +11,8 @@ use pairmask_core::{EncodingChoice, EngineChoice, EngineName};
 use pairmask_transport::RuntimeDir;
 use pairmask_wire::InstanceName;
 
-use super::config::{Config, ConfigError};
+use super::config::Config;
+use super::program::WrongUsage;
 use super::whole_number::whole_number;
 use crate::execute::gpu::{GpuChoice, GpuChoices};
 use crate::spawn::PrivateSettings;
@@ -58,7 +59,7 @@ impl Place {
     }
 
     /// The same with the settings of the configuration file.
-    pub fn with_config_file(&self) -> Result<Self, ConfigError> {
+    pub fn with_config_file(&self) -> Result<Self, WrongUsage> {
         let named = self.config.as_deref().filter(|path| !path.as_os_str().is_empty());
         Ok(Self { file: Config::load(named)?, ..self.clone() })
     }

@@ -1,12 +1,14 @@
 //! Output of results, logs and progress.
 
-use std::io::{IsTerminal, Write};
+use std::fs::File;
+use std::io::{self, BufWriter, IsTerminal, Write};
 use std::path::Path;
 use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressFinish, ProgressStyle};
 use serde::Serialize;
 
+use super::program;
 use crate::file_error::{Access, FileError, advice};
 
 #[derive(Debug, thiserror::Error)]
@@ -28,7 +30,6 @@ pub fn print_json(value: &impl Serialize) -> Result<(), OutputError> {
     print_text(&serde_json::to_string_pretty(value)?)
 }
 
-/// Prints text and a line's end on stdout.
 pub fn print_text(text: &str) -> Result<(), OutputError> {
     let mut stdout = std::io::stdout().lock();
     writeln!(stdout, "{text}")?;
@@ -36,12 +37,17 @@ pub fn print_text(text: &str) -> Result<(), OutputError> {
     Ok(())
 }
 
-/// Writes bytes to stdout.
-pub fn print_bytes(bytes: &[u8]) -> Result<(), OutputError> {
-    let mut stdout = std::io::stdout().lock();
-    stdout.write_all(bytes)?;
-    stdout.flush()?;
-    Ok(())
+/// Writes a file, or to stdout for `-`.
+pub fn write_file(
+    path: &Path,
+    write: impl FnOnce(&mut dyn Write) -> io::Result<()>,
+) -> program::Result {
+    let whole = |mut file: BufWriter<&mut dyn Write>| write(&mut file).and_then(|()| file.flush());
+    if is_stdout(path) {
+        return Ok(whole(BufWriter::new(&mut std::io::stdout().lock())).map_err(OutputError::Io)?);
+    }
+    let written = File::create(path).and_then(|mut file| whole(BufWriter::new(&mut file)));
+    Ok(written.map_err(FileError::of(path, Access::Write))?)
 }
 
 /// Creates the folder of the results before a long run, so that a wrong name fails at once.
@@ -70,7 +76,6 @@ pub fn time_text(ns: u64) -> String {
     }
 }
 
-/// Whether stderr is a terminal.
 pub fn is_watched() -> bool {
     std::io::stderr().is_terminal()
 }

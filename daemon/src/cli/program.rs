@@ -3,11 +3,10 @@
 
 use std::error::Error;
 use std::ffi::OsString;
-use std::process::{ExitCode, ExitStatus};
+use std::process::ExitCode;
 
 use clap::{Command, FromArgMatches};
 
-use super::config::ConfigError;
 use super::output::{OutputError, print_aside};
 use super::usage;
 use crate::serve::ServeError;
@@ -21,29 +20,23 @@ pub const USAGE: u8 = 2;
 /// Why a command failed, of whatever type: it is printed. The exit status depends on few types.
 pub type Fault = Box<dyn Error + Send + Sync>;
 
-/// The result of a command.
 pub type Result<T = (), E = Fault> = std::result::Result<T, E>;
 
-/// A wrong command line, as one line of text.
+/// A wrong command line or configuration, as one line of text.
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]
 pub struct WrongUsage(pub String);
 
-/// A client process of the command failed, which printed the reason.
-#[derive(Debug, thiserror::Error)]
-#[error("the client process failed ({0})")]
-pub struct ClientFailed(pub ExitStatus);
-
 fn exit_code(fault: &Fault) -> u8 {
-    if fault.is::<WrongUsage>() || fault.is::<ConfigError>() { USAGE } else { FAILED }
+    if fault.is::<WrongUsage>() { USAGE } else { FAILED }
 }
 
 /// Whether a child process failed and printed the reason on the same stderr: a second line would add nothing.
 fn was_said(fault: &Fault) -> bool {
-    let code = match (fault.downcast_ref(), fault.downcast_ref(), fault.downcast_ref()) {
-        (Some(ServeError::Worker { code }), ..) => Some(*code),
-        (_, Some(ClientFailed(status)), _) => status.code(),
-        (.., spawn) => spawn.and_then(SpawnError::exit_code),
+    let code = match (fault.downcast_ref(), fault.downcast_ref()) {
+        (Some(ServeError::Worker { code }), _) => Some(*code),
+        (_, Some(SpawnError::Ended { status })) => status.code(),
+        _ => None,
     };
     code.is_some_and(|code| [FAILED, USAGE].map(i32::from).contains(&code))
 }

@@ -11,11 +11,11 @@ use std::path::{Path, PathBuf};
 use bytemuck::Pod;
 use pairmask_core::{Aabb, Sphere};
 
+use super::program::Result;
 use crate::file_error::{Access, FileError};
 
 const _: () = assert!(cfg!(target_endian = "little"), "objects are read as they lie in the file");
 
-/// Name that stands for stdin.
 const STDIN: &str = "-";
 
 pub trait RawObject: Pod + Default {
@@ -28,20 +28,6 @@ impl RawObject for Aabb {
 
 impl RawObject for Sphere {
     const PLURAL: &'static str = "spheres";
-}
-
-#[derive(Debug, thiserror::Error)]
-pub enum RawObjectsError {
-    #[error(transparent)]
-    Io(#[from] FileError),
-    #[error(
-        "{} has {bytes} bytes, which is {} {plural} of {each} bytes and {} bytes more: is it truncated, or no file of {plural}?",
-        path.display(), bytes / each, bytes % each
-    )]
-    OddSize { path: PathBuf, bytes: u64, each: u64, plural: &'static str },
-    /// A device like /dev/zero, which ends nowhere.
-    #[error("{}: it is a device without an end: name a file or a pipe of {plural}", path.display())]
-    Endless { path: PathBuf, plural: &'static str },
 }
 
 /// An open file of objects whose number is known. A regular file is not read yet.
@@ -64,8 +50,7 @@ enum Source {
 }
 
 impl<T: RawObject> RawObjects<T> {
-    /// Opens a file, or stdin for `-`.
-    pub fn open(path: &Path) -> Result<Self, RawObjectsError> {
+    pub fn open(path: &Path) -> Result<Self> {
         let failed = |source| FileError::of(path, Access::Read)(source);
         let is_stdin = path == Path::new(STDIN);
         let mut file = if is_stdin {
@@ -83,8 +68,9 @@ impl<T: RawObject> RawObjects<T> {
                 // /dev/null has nothing to read; what has something there has it without end.
                 (&file).take(1).read_to_end(&mut bytes).map_err(failed)?;
                 if !bytes.is_empty() {
-                    let (path, plural) = (path.to_owned(), T::PLURAL);
-                    return Err(RawObjectsError::Endless { path, plural });
+                    let (name, plural) = (path.display(), T::PLURAL);
+                    let what = "it is a device without an end: name a file or a pipe of";
+                    return Err(format!("{name}: {what} {plural}").into());
                 }
             }
             file.read_to_end(&mut bytes).map_err(failed)?;
@@ -92,7 +78,11 @@ impl<T: RawObject> RawObjects<T> {
         };
         let (each, plural) = (size_of::<T>() as u64, T::PLURAL);
         if !bytes.is_multiple_of(each) {
-            return Err(RawObjectsError::OddSize { path: path.to_owned(), bytes, each, plural });
+            let (name, count, more) = (path.display(), bytes / each, bytes % each);
+            return Err(format!(
+                "{name} has {bytes} bytes, which is {count} {plural} of {each} bytes and {more} bytes more: is it truncated, or no file of {plural}?"
+            )
+            .into());
         }
         let (path, len) = (path.to_owned(), (bytes / each) as usize);
         Ok(Self { path, len, source, objects: PhantomData })
@@ -103,18 +93,18 @@ impl<T: RawObject> RawObjects<T> {
     }
 
     /// Reads the objects into `objects`, which holds [`RawObjects::count`] of them.
-    pub fn read_into(self, objects: &mut [T]) -> Result<(), RawObjectsError> {
+    pub fn read_into(self, objects: &mut [T]) -> Result {
         let Self { path, source, .. } = self;
         let memory: &mut [u8] = bytemuck::cast_slice_mut(objects);
         match source {
             Source::File(mut file) => file.read_exact(memory),
             Source::Bytes(bytes) => bytes.as_slice().read_exact(memory),
         }
-        .map_err(|source| FileError::of(path, Access::Read)(source).into())
+        .map_err(FileError::of(path, Access::Read))?;
+        Ok(())
     }
 
-    /// Reads the objects into new memory.
-    pub fn read(self) -> Result<Vec<T>, RawObjectsError> {
+    pub fn read(self) -> Result<Vec<T>> {
         let mut objects = vec![T::default(); self.count()];
         self.read_into(&mut objects)?;
         Ok(objects)

@@ -4,10 +4,9 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::output::{is_stdout, print_bytes, spinner};
+use super::output::{spinner, write_file};
 use super::program::Result;
 use super::whole_number::whole_number;
-use crate::file_error::{Access, FileError};
 use crate::scene::{Scene as Boxes, SceneName};
 
 /// Write the boxes of a named scene to a file
@@ -40,11 +39,7 @@ impl Scene {
         let progress = spinner(&format!("{} boxes", self.n));
         let scene = Boxes::new(self.name, self.n as usize, self.seed);
         let bytes = bytemuck::cast_slice::<_, u8>(scene.boxes());
-        if is_stdout(&self.out) {
-            print_bytes(bytes)?;
-        } else {
-            std::fs::write(&self.out, bytes).map_err(FileError::of(&self.out, Access::Write))?;
-        }
+        write_file(&self.out, |file| file.write_all(bytes))?;
         progress.finish_and_clear();
         Ok(())
     }

@@ -18,7 +18,6 @@ pub struct Shape {
     pub measuring: &'static [&'static str],
 }
 
-/// All settings that every command accepts.
 pub const ALL: &[&str] = &["instance", "runtime_dir", "config", "isa"];
 
 const MEASURED_BACKEND: &str = "Who finds the pairs: daemon (one of its own unless an instance is \
@@ -35,7 +34,6 @@ const PAIRMASKD: Shape = Shape {
     measuring: &["bench latency"],
 };
 
-/// The whole command line of `pairmaskd`.
 pub(super) fn command() -> Command {
     shaped(Cli::command(), &PAIRMASKD)
 }

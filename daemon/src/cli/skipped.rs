@@ -11,9 +11,7 @@ use serde::{Deserialize, Serialize};
 pub struct Skipped {
     /// Boxes that were not looked at: they overlap nothing by themselves, or have not moved.
     pub boxes: u64,
-    /// Pairs that were never compared.
     pub pairs: u64,
-    /// Why those were not.
     pub why: Why,
     /// Words that were not written: zeros of masks; of scenes two for each pair that was told before.
     pub zero_words: u64,
@@ -22,12 +20,9 @@ pub struct Skipped {
 /// Pairs that were never compared, by the first reason that holds.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Why {
-    /// Both boxes are static.
     #[serde(rename = "static")]
     pub statics: u64,
-    /// Neither box has moved.
     pub unmoved: u64,
-    /// A box is empty or invalid.
     pub empty: u64,
     /// Their cells are too far apart.
     pub cell: u64,
@@ -38,14 +33,12 @@ pub struct Why {
 impl From<&SkipTotals> for Skipped {
     fn from(totals: &SkipTotals) -> Self {
         let SkipTotals { boxes, words, .. } = *totals;
-        let SkipTotals { static_pairs, unmoved_pairs, empty_pairs, cell_pairs, axis_pairs, .. } =
-            *totals;
         let why = Why {
-            statics: static_pairs,
-            unmoved: unmoved_pairs,
-            empty: empty_pairs,
-            cell: cell_pairs,
-            axis: axis_pairs,
+            statics: totals.static_pairs,
+            unmoved: totals.unmoved_pairs,
+            empty: totals.empty_pairs,
+            cell: totals.cell_pairs,
+            axis: totals.axis_pairs,
         };
         let pairs = why.named().iter().fold(0, |sum: u64, (_, pairs)| sum.saturating_add(*pairs));
         Self { boxes, pairs, why, zero_words: words }

@@ -16,13 +16,12 @@ use serde_json::{Value, json};
 use super::daemon_cpu::{cpu_of, nanoseconds_a};
 use super::options::Place;
 use super::output::{print_json, print_text, time_text};
-use super::program::Result;
+use super::program;
 use super::skipped::Skipped;
 
 /// A living daemon writes its status file within a second, or after the frame that it works on.
 /// This is longer than most frames take, and short for a user who waits.
 const DEADLINE: Duration = Duration::from_secs(3);
-/// Time between two reads of the status file.
 const LOOK: Duration = Duration::from_millis(10);
 
 /// Show instances: version, clients, frames, last errors
@@ -39,15 +38,6 @@ pub struct Status {
     json: bool,
 }
 
-/// No daemon answers.
-#[derive(Debug, thiserror::Error)]
-enum Nobody {
-    #[error("no daemon answers under {}: start one with `pairmaskd serve`", dir.path().display())]
-    AtAll { dir: RuntimeDir },
-    #[error("no daemon of instance '{instance}' answers under {}: start one with `pairmaskd serve --instance {instance}`", dir.path().display())]
-    OfInstance { instance: InstanceName, dir: RuntimeDir },
-}
-
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 enum State {
@@ -56,7 +46,6 @@ enum State {
     Dead,
 }
 
-/// An instance, as far as it is known.
 struct Instance {
     name: InstanceName,
     record: DaemonRecord,
@@ -65,7 +54,6 @@ struct Instance {
     problem: Option<String>,
 }
 
-/// What a daemon has counted.
 struct Counters {
     body: StatusBody,
     skips: SkipTotals,
@@ -76,7 +64,7 @@ struct Counters {
 }
 
 impl Status {
-    pub fn run(&self, place: &Place) -> Result {
+    pub fn run(&self, place: &Place) -> program::Result {
         let dir = place.runtime_dir();
         match dir.check() {
             Err(InstanceError::Io { source, .. }) if source.kind() == ErrorKind::NotFound => {}
@@ -97,11 +85,12 @@ impl Status {
         if instances.iter().any(|instance| instance.state == State::Alive) {
             Ok(())
         } else {
-            let nobody = match named {
-                Some(instance) => Nobody::OfInstance { instance, dir },
-                None => Nobody::AtAll { dir },
-            };
-            Err(nobody.into())
+            let (of, with) = named.map_or_else(Default::default, |name| {
+                (format!(" of instance '{name}'"), format!(" --instance {name}"))
+            });
+            let dir = dir.path().display();
+            let start = format!("start one with `pairmaskd serve{with}`");
+            Err(format!("no daemon{of} answers under {dir}: {start}").into())
         }
     }
 }
@@ -128,9 +117,9 @@ fn instances(dir: &RuntimeDir, only: Option<&InstanceName>) -> Vec<Instance> {
 impl Instance {
     fn of(dir: &RuntimeDir, name: InstanceName, record: DaemonRecord) -> Self {
         let (state, counters, problem) = match ask(dir, &name, &record) {
-            Answer::Alive(counters) => (State::Alive, Some(counters), None),
-            Answer::Silent(counters, problem) => (State::Silent, counters, Some(problem)),
-            Answer::Dead => {
+            Ok(Some(counters)) => (State::Alive, Some(counters), None),
+            Err((counters, problem)) => (State::Silent, counters, Some(problem)),
+            Ok(None) => {
                 let problem = format!("process {} of instance '{name}' is gone", record.worker_pid);
                 (State::Dead, None, Some(problem))
             }
@@ -262,38 +251,34 @@ fn status_text(error: &RecordedError) -> String {
     code.map_or_else(|| format!("code {}", error.status), |code| code.as_str().into())
 }
 
-/// What was learned of a daemon.
-enum Answer {
-    Alive(Counters),
-    /// The last known figures, and why the daemon counts as silent.
-    Silent(Option<Counters>, String),
-    Dead,
-}
+/// The figures of a daemon; `None` where it is dead.
+///
+/// # Errors
+/// The last known figures, and why the daemon counts as silent.
+type Answer = Result<Option<Counters>, (Option<Counters>, String)>;
 
 /// Waits until the daemon writes a status file that is not the one of before the question. That takes no
 /// client's slot, and compares no clocks.
 fn ask(dir: &RuntimeDir, name: &InstanceName, record: &DaemonRecord) -> Answer {
+    let unknown = |error: &dyn std::error::Error| (None, error.to_string());
     let (asked, mut before) = (Instant::now(), None);
-    let watch = match dir.watch(name, Some(record)) {
-        Ok(Some(watch)) => watch,
-        Ok(None) => return Answer::Dead,
-        Err(error) => return Answer::Silent(None, error.to_string()),
+    let Some(watch) = dir.watch(name, Some(record)).map_err(|error| unknown(&error))? else {
+        return Ok(None);
     };
     let beats = watch.beats();
     loop {
         if !watch.is_alive() {
-            return Answer::Dead;
+            return Ok(None);
         }
-        let status = match dir.read_status(name) {
-            Ok(Some(status)) if status.body.pid == record.worker_pid => status,
-            Ok(_) => return ask_over_wire(dir, name),
-            Err(error) => return Answer::Silent(None, error.to_string()),
+        let status = match dir.read_status(name).map_err(|error| unknown(&error))? {
+            Some(status) if status.body().pid == record.worker_pid => status,
+            _ => return ask_over_wire(dir, name),
         };
         let (body, skips, gpus) = (status.body, status.skips, status.gpus);
         let counters =
             Counters { body, skips, gpus, age: dir.status_age(name), cpu: cpu_of(body.pid) };
         if *before.get_or_insert(status) != status {
-            return Answer::Alive(counters);
+            return Ok(Some(counters));
         }
         if asked.elapsed() >= DEADLINE {
             let age = time_text(counters.age.as_nanos() as u64);
@@ -306,7 +291,7 @@ fn ask(dir: &RuntimeDir, name: &InstanceName, record: &DaemonRecord) -> Answer {
             };
             let problem =
                 format!("instance '{name}' does not answer: {how}; its counters are {age} old");
-            return Answer::Silent(Some(counters), problem);
+            return Err((Some(counters), problem));
         }
         std::thread::sleep(LOOK);
     }
@@ -324,20 +309,10 @@ fn ask_over_wire(dir: &RuntimeDir, name: &InstanceName) -> Answer {
             .connect()?
             .daemon_status()
     };
-    match ask() {
-        Ok(body) => {
-            // The question itself takes one connection.
-            let client_count = body.client_count.saturating_sub(1);
-            let body = StatusBody { client_count, ..body };
-            let (skips, gpus) = Default::default();
-            Answer::Alive(Counters {
-                body,
-                skips,
-                gpus,
-                age: Duration::ZERO,
-                cpu: cpu_of(body.pid),
-            })
-        }
-        Err(error) => Answer::Silent(None, error.to_string()),
-    }
+    let body = ask().map_err(|error| (None, error.to_string()))?;
+    // The question itself takes one connection.
+    let client_count = body.client_count.saturating_sub(1);
+    let body = StatusBody { client_count, ..body };
+    let ((skips, gpus), age) = Default::default();
+    Ok(Some(Counters { body, skips, gpus, age, cpu: cpu_of(body.pid) }))
 }

@@ -45,7 +45,6 @@ impl Target {
         Ok(Self { dir, instance, backend, _daemon: None })
     }
 
-    /// A session builder for the instance, with the daemon's spin time.
     pub fn session(&self, builder: SessionBuilder, spin: Duration) -> SessionBuilder {
         builder
             .runtime_dir(self.dir.clone())
@@ -57,22 +56,14 @@ impl Target {
 
     /// The time that the daemon's processes use; `None` where no daemon is asked.
     pub fn cpu(&self) -> Option<DaemonCpu> {
-        match self.backend {
-            Backend::InProcess => None,
-            Backend::Auto | Backend::Daemon => DaemonCpu::of(&self.dir, &self.instance),
-        }
+        let has_daemon = self.backend != Backend::InProcess;
+        has_daemon.then(|| DaemonCpu::of(&self.dir, &self.instance)).flatten()
     }
 
-    /// Resident memory of this process and of the daemon's, bytes. Shared pages count in both.
+    /// Resident memory of this process and of the daemon's worker, bytes. Shared pages count in both.
     pub fn memory_bytes(&self) -> u64 {
-        let daemon = match self.backend {
-            Backend::InProcess => None,
-            Backend::Auto | Backend::Daemon => {
-                self.dir.serving(&self.instance).read_record(&self.instance)
-            }
-        };
-        let daemon = daemon.map_or(0, |record| resident_bytes(&record.worker_pid.to_string()));
-        resident_bytes("self") + daemon
+        let worker = self.cpu().map_or(0, |daemon| resident_bytes(&daemon.worker().to_string()));
+        resident_bytes("self") + worker
     }
 }
 

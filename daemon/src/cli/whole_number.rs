@@ -26,28 +26,20 @@ impl_whole_number! {
     NonZeroUsize: 1 to usize::MAX;
 }
 
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum WholeNumberError {
-    #[error("must be a whole number in digits alone, such as 1000")]
-    NoNumber,
-    #[error("must be at least {least}")]
-    TooSmall { least: u64 },
-    #[error("must be at most {most}")]
-    TooLarge { most: u64 },
-}
-
 /// Parses a whole number.
-pub fn whole_number<T: WholeNumber>(text: &str) -> Result<T, WholeNumberError> {
+///
+/// # Errors
+/// What it must be.
+pub fn whole_number<T: WholeNumber>(text: &str) -> Result<T, String> {
     let is_negative = || {
         let digits = text.strip_prefix('-').unwrap_or_default();
         !digits.is_empty() && digits.bytes().all(|b| b.is_ascii_digit())
     };
     text.parse().map_err(|error: ParseIntError| match error.kind() {
-        IntErrorKind::Zero | IntErrorKind::NegOverflow => {
-            WholeNumberError::TooSmall { least: T::LEAST }
+        IntErrorKind::PosOverflow => format!("must be at most {}", T::MOST),
+        IntErrorKind::InvalidDigit | IntErrorKind::Empty if !is_negative() => {
+            "must be a whole number in digits alone, such as 1000".to_owned()
         }
-        IntErrorKind::PosOverflow => WholeNumberError::TooLarge { most: T::MOST },
-        _ if is_negative() => WholeNumberError::TooSmall { least: T::LEAST },
-        _ => WholeNumberError::NoNumber,
+        _ => format!("must be at least {}", T::LEAST),
     })
 }

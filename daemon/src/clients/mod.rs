@@ -78,12 +78,15 @@ impl Clients {
     /// Forgets sessions that are gone, and has engines give up scratch that has not been used for long;
     /// to be called now and then.
     pub(crate) fn tidy(&self, sessions: impl FnOnce() -> Vec<u128>) {
-        let candidates = locked(&self.known).sessions();
+        let candidates: Vec<u128> =
+            locked(&self.known).clients.iter().map(|client| client.session).collect();
         // After the candidates: a session that comes meanwhile is none of them.
         let sessions = sessions();
         let is_gone = |session: u128| candidates.contains(&session) && !sessions.contains(&session);
         let mut known = locked(&self.known);
-        let gone = known.remove_gone(is_gone);
+        // Beside those whose place others took.
+        let mut gone = std::mem::take(&mut known.forgotten);
+        gone.extend(known.clients.extract_if(.., |client| is_gone(client.session)));
         let engines = known.clients.iter_mut().filter_map(|client| client.engines.as_mut());
         engines.for_each(|engines| engines.tidy());
         drop(known);
@@ -96,7 +99,6 @@ impl Clients {
 struct Known {
     clients: Vec<Client>,
     capacity: usize,
-    /// Looks so far.
     looks: u64,
     /// What was kept of clients that others took the place of: large scenes take a while to free.
     forgotten: Vec<Client>,
@@ -111,17 +113,6 @@ impl Known {
 
     fn find(&self, session: u128) -> Option<&Client> {
         self.clients.iter().find(|client| client.session == session)
-    }
-
-    fn sessions(&self) -> Vec<u128> {
-        self.clients.iter().map(|client| client.session).collect()
-    }
-
-    /// Forgets clients that are gone, and returns what was kept of them and of others that were forgotten.
-    fn remove_gone(&mut self, is_gone: impl Fn(u128) -> bool) -> Vec<Client> {
-        let mut gone = std::mem::take(&mut self.forgotten);
-        gone.extend(self.clients.extract_if(.., |client| is_gone(client.session)));
-        gone
     }
 
     /// A client, remembered from now on. Where clients that are gone fill the list, the one is forgotten that was

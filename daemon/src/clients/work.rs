@@ -24,7 +24,6 @@ pub(crate) struct RequestKind {
 }
 
 impl RequestKind {
-    /// Of a request with this header, whatever it holds.
     pub(crate) const fn of(header: &RequestHeader) -> Self {
         Self { operation: header.operation, scene: header.scene }
     }
@@ -45,7 +44,6 @@ pub(crate) struct FrameWork {
     pub(crate) objects: u32,
     /// CPU time on one core.
     pub(crate) work: Duration,
-    /// Its need of the GPU.
     pub(crate) gpu: GpuNeed,
 }
 

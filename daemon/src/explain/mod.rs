@@ -1,79 +1,53 @@
 //! Explains why a pair of boxes is in the mask or not: classes, the gap on each axis in units and
 //! in ulps, the boxes in a precision mode's form, and their cells in `cpu-grid`.
 
+mod axis;
 mod sent;
-mod text;
 
-pub use self::sent::{SentBoxes, SentReport};
+pub use self::sent::SentBoxes;
 
-use pairmask_core::aabb::order_key;
-use pairmask_core::engine::grid::{self, GridPlace};
+use std::fmt;
+
+use pairmask_core::engine::{Grid, GridPlace, GridView};
 use pairmask_core::{Aabb, BoxClass, BoxCount, PairIndex};
 use serde::Serialize;
+use serde_json::{Value, json};
 
-/// The JSON object of `explain --json`. Fields may be added, never changed or taken away.
+use self::axis::{AxisReport, Separation, axes, number};
+
+/// A JSON object, whose fields `CLI.md` explains, and the same as text. Fields may be added, never changed or taken
+/// away.
 #[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(transparent)]
 pub struct Explanation {
     /// The indices of the two boxes, in the order given.
+    #[serde(skip)]
     pub pair: [u32; 2],
-    pub boxes: u32,
     /// Whether the pair is in the mask.
+    #[serde(skip)]
     pub overlaps: bool,
     /// Why, in one sentence.
+    #[serde(skip)]
     pub reason: String,
     /// `exact`, or the name of the precision mode.
+    #[serde(skip)]
     pub mode: String,
-    /// The pair index k, the pair's bit in a dense mask; null for a box with itself.
-    pub pair_index: Option<u64>,
-    pub box_reports: [BoxReport; 2],
-    /// The three axes; null unless both boxes are solid.
-    pub axes: Option<[AxisReport; 3]>,
-    /// The two boxes in the mode's form; null for `exact`.
-    pub sent: Option<SentReport>,
-    /// The two boxes in the grid of `cpu-grid`, as they are sent.
-    pub grid: GridReport,
+    fields: Value,
+    #[serde(skip)]
+    text: String,
 }
 
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct BoxReport {
-    pub index: u32,
-    /// `solid`, `empty` or `invalid`.
-    pub class: &'static str,
-    /// Its six coordinates as text, since JSON has neither NaN nor infinity; exact.
-    pub coordinates: [String; 6],
-    /// Their bits, hexadecimal.
-    pub bits: [String; 6],
-}
-
-/// The two boxes in the grid of `cpu-grid`.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct GridReport {
-    /// Levels of the scene.
-    pub levels: u32,
-    /// Whether `cpu-grid` compares the two boxes.
-    pub compared: bool,
-    /// The cells of each box; null for one that overlaps nothing.
-    pub places: [Option<PlaceReport>; 2],
-}
-
-/// The cells of a box in the grid.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct PlaceReport {
-    /// Its level, 0 for the finest.
-    pub level: u32,
-    /// The cell of its min corner.
-    pub first_cell: [i32; 3],
-    /// The cell of its max corner.
-    pub last_cell: [i32; 3],
-    /// Approximate edges of a cell: in units, or in cells of the mode where boxes are sent as
-    /// cells.
-    pub cell_edges: [f32; 3],
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum ExplainError {
-    #[error("there is no box {index}: the scene has {boxes}, numbered from 0")]
-    NoSuchBox { index: u32, boxes: usize },
+/// Two boxes, as they are and as they are sent.
+struct Two<'a> {
+    pair: [u32; 2],
+    /// Of the scene.
+    boxes: usize,
+    given: [Aabb; 2],
+    axes: Option<[AxisReport; 3]>,
+    sent: &'a SentBoxes<'a>,
+    as_sent: [Aabb; 2],
+    /// The grid of `cpu-grid`, in which the two are as they are sent.
+    grid: GridView,
 }
 
 impl Explanation {
@@ -86,9 +60,9 @@ impl Explanation {
     /// let why = Explanation::of(&boxes, 0, 1)?;
     /// assert!(!why.overlaps);
     /// assert_eq!(why.reason, "a gap of 1 on x keeps the boxes apart");
-    /// # Ok::<(), pairmaskd::explain::ExplainError>(())
+    /// # Ok::<(), String>(())
     /// ```
-    pub fn of(boxes: &[Aabb], i: u32, j: u32) -> Result<Self, ExplainError> {
+    pub fn of(boxes: &[Aabb], i: u32, j: u32) -> Result<Self, String> {
         Self::of_sent(boxes, &SentBoxes::exact(boxes), i, j)
     }
 
@@ -104,68 +78,34 @@ impl Explanation {
     /// assert!(why.overlaps && why.reason.ends_with("their cells meet: an extra pair of q8"));
     /// # Ok::<(), Box<dyn std::error::Error>>(())
     /// ```
-    pub fn of_sent(
-        boxes: &[Aabb],
-        sent: &SentBoxes<'_>,
-        i: u32,
-        j: u32,
-    ) -> Result<Self, ExplainError> {
+    pub fn of_sent(boxes: &[Aabb], sent: &SentBoxes<'_>, i: u32, j: u32) -> Result<Self, String> {
         let find = |boxes: &[Aabb], index: u32| {
-            let no_such_box = ExplainError::NoSuchBox { index, boxes: boxes.len() };
-            boxes.get(index as usize).copied().ok_or(no_such_box)
+            let no_such_box = || {
+                format!("there is no box {index}: the scene has {}, numbered from 0", boxes.len())
+            };
+            boxes.get(index as usize).copied().ok_or_else(no_such_box)
         };
-        let two = [find(boxes, i)?, find(boxes, j)?];
-        let two_sent = [find(sent.boxes(), i)?, find(sent.boxes(), j)?];
-        let axes = axes(&two);
-        let n = boxes.len() as u32;
+        let given = [find(boxes, i)?, find(boxes, j)?];
+        let as_sent = [find(sent.boxes(), i)?, find(sent.boxes(), j)?];
+        let (pair, axes) = ([i, j], axes(&given));
+        let grid = Grid::explain(sent.boxes(), i as usize, j as usize);
+        let two = Two { pair, boxes: boxes.len(), given, axes, sent, as_sent, grid };
         let overlaps = |[a, b]: &[Aabb; 2]| i != j && a.overlaps(b);
-        let view = grid::explain(sent.boxes(), i as usize, j as usize);
-        let reason = reason(i, j, [&two[0], &two[1]], axes.as_ref());
-        Ok(Self {
-            pair: [i, j],
-            boxes: n,
-            overlaps: overlaps(&two_sent),
-            reason: if i == j {
-                reason
-            } else {
-                reason + &sent.verdict(overlaps(&two), overlaps(&two_sent))
-            },
-            mode: sent.mode.clone(),
-            pair_index: PairIndex::of(BoxCount::new(n), i.min(j), i.max(j)).map(PairIndex::get),
-            box_reports: [BoxReport::of(i, &two[0]), BoxReport::of(j, &two[1])],
-            axes,
-            sent: sent.report(&two_sent),
-            grid: GridReport {
-                levels: view.levels,
-                compared: view.neighbours,
-                places: view.places.map(|place| place.as_ref().map(PlaceReport::of)),
-            },
-        })
-    }
-}
-
-/// Two boxes on the three axes, where both are solid.
-fn axes([a, b]: &[Aabb; 2]) -> Option<[AxisReport; 3]> {
-    let solid = [a, b].iter().all(|one| one.class() == BoxClass::Solid);
-    solid.then(|| std::array::from_fn(|axis| AxisReport::of(a, b, axis)))
-}
-
-impl BoxReport {
-    fn of(index: u32, one: &Aabb) -> Self {
-        let coordinates = <[f32; 6]>::from(*one);
-        Self {
-            index,
-            class: class_name(one.class()),
-            coordinates: coordinates.map(|x| format!("{x:?}")),
-            bits: coordinates.map(|x| format!("{:08x}", x.to_bits())),
+        let mut reason = two.reason();
+        if i != j {
+            reason += &sent.verdict(overlaps(&given), overlaps(&as_sent));
         }
+        let overlaps = overlaps(&as_sent);
+        let fields = two.json(overlaps, &reason);
+        let lines = if i == j { two.with_itself() } else { two.text(overlaps, &reason) };
+        let (mode, text) = (sent.mode.clone(), lines.join("\n"));
+        Ok(Self { pair, overlaps, reason, mode, fields, text })
     }
 }
 
-impl PlaceReport {
-    fn of(place: &GridPlace) -> Self {
-        let GridPlace { level, first_cell, last_cell, cell_edges } = *place;
-        Self { level, first_cell, last_cell, cell_edges }
+impl fmt::Display for Explanation {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.text)
     }
 }
 
@@ -177,100 +117,161 @@ const fn class_name(class: BoxClass) -> &'static str {
     }
 }
 
-fn reason(i: u32, j: u32, two: [&Aabb; 2], axes: Option<&[AxisReport; 3]>) -> String {
-    if i == j {
-        return "a box is no pair with itself".to_owned();
-    }
-    let Some(axes) = axes else {
-        let (index, class) = if two[0].class() == BoxClass::Solid {
-            (j, two[1].class())
-        } else {
-            (i, two[0].class())
-        };
-        let why = match class {
-            BoxClass::Invalid => "has a NaN and so overlaps nothing",
-            _ => "is empty (min above max) and so overlaps nothing",
-        };
-        return format!("box {index} {why}");
-    };
-    let apart: Vec<&AxisReport> =
-        axes.iter().filter(|axis| axis.state == Separation::Apart).collect();
-    match apart.as_slice() {
-        [] if axes.iter().any(|axis| axis.state == Separation::Touching) => {
-            "the boxes touch, and touching counts".to_owned()
+impl Two<'_> {
+    fn reason(&self) -> String {
+        let [i, j] = self.pair;
+        if i == j {
+            return "a box is no pair with itself".to_owned();
         }
-        [] => "the boxes overlap on all three axes".to_owned(),
-        [one] => format!("a gap of {} on {} keeps the boxes apart", one.gap_text(), one.axis),
-        many => {
-            let gaps: Vec<String> =
-                many.iter().map(|one| format!("{} on {}", one.gap_text(), one.axis)).collect();
-            format!("gaps of {} keep the boxes apart", gaps.join(" and "))
+        let Some(axes) = &self.axes else {
+            let [first, second] = self.given.map(|one| one.class());
+            let (index, class) = if first == BoxClass::Solid { (j, second) } else { (i, first) };
+            let why = match class {
+                BoxClass::Invalid => "has a NaN and so overlaps nothing",
+                _ => "is empty (min above max) and so overlaps nothing",
+            };
+            return format!("box {index} {why}");
+        };
+        let apart = axes.iter().filter(|axis| axis.state == Separation::Apart);
+        let gaps: Vec<String> =
+            apart.map(|axis| format!("{} on {}", axis.gap_text(), axis.axis)).collect();
+        match gaps.as_slice() {
+            [] if axes.iter().any(|axis| axis.state == Separation::Touching) => {
+                "the boxes touch, and touching counts".to_owned()
+            }
+            [] => "the boxes overlap on all three axes".to_owned(),
+            [gap] => format!("a gap of {gap} keeps the boxes apart"),
+            gaps => format!("gaps of {} keep the boxes apart", gaps.join(" and ")),
         }
     }
-}
 
-/// How two intervals relate.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Separation {
-    Overlapping,
-    Touching,
-    Apart,
-}
+    /// The pair index, its bit in a dense mask; `None` for a box with itself.
+    fn pair_index(&self) -> Option<u64> {
+        let [i, j] = self.pair;
+        let n = BoxCount::new(self.boxes as u32);
+        PairIndex::of(n, i.min(j), i.max(j)).map(PairIndex::get)
+    }
 
-/// Two solid boxes on one axis.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct AxisReport {
-    /// `x`, `y` or `z`.
-    pub axis: &'static str,
-    pub state: Separation,
-    /// Distance from the end of the interval that ends first to the start of the other, units.
-    /// Below 0 the length of the overlap. Null where that is not finite.
-    pub gap: Option<f64>,
-    /// The same distance in steps of f32: 1 is the smallest gap.
-    pub gap_ulps: i64,
-    /// Start of the later interval.
-    pub starts: String,
-    /// End of the interval that ends first.
-    pub ends: String,
-}
-
-impl AxisReport {
-    /// Two solid boxes on axis 0, 1 or 2.
-    fn of(a: &Aabb, b: &Aabb, axis: usize) -> Self {
-        let key = |x: f32| i64::from(order_key(x.to_bits()));
-        let starts = if key(a.min[axis]) >= key(b.min[axis]) { a.min[axis] } else { b.min[axis] };
-        let ends = if key(a.max[axis]) <= key(b.max[axis]) { a.max[axis] } else { b.max[axis] };
-        let gap_ulps = key(starts) - key(ends);
-        // Exact unless the exponents differ by more than 28, and then to 53 bits.
-        let gap = f64::from(starts) - f64::from(ends);
-        Self {
-            axis: ["x", "y", "z"][axis],
-            state: match gap_ulps {
-                ..0 => Separation::Overlapping,
-                0 => Separation::Touching,
-                1.. => Separation::Apart,
+    fn json(&self, overlaps: bool, reason: &str) -> Value {
+        let box_report = |place: usize| {
+            let coordinates = <[f32; 6]>::from(self.given[place]);
+            json!({
+                "index": self.pair[place],
+                "class": class_name(self.given[place].class()),
+                // Text, since JSON has neither NaN nor infinity.
+                "coordinates": coordinates.map(|x| format!("{x:?}")),
+                "bits": coordinates.map(|x| format!("{:08x}", x.to_bits())),
+            })
+        };
+        let place = |place: Option<GridPlace>| {
+            place.map(|place| {
+                json!({
+                    "level": place.level,
+                    "first_cell": place.first_cell,
+                    "last_cell": place.last_cell,
+                    "cell_edges": place.cell_edges,
+                })
+            })
+        };
+        json!({
+            "pair": self.pair,
+            "boxes": self.boxes,
+            "overlaps": overlaps,
+            "reason": reason,
+            "mode": self.sent.mode,
+            "pair_index": self.pair_index(),
+            "box_reports": ([0, 1].map(box_report)),
+            "axes": self.axes,
+            "sent": self.sent.json(&self.as_sent),
+            "grid": {
+                "levels": self.grid.levels,
+                "compared": self.grid.neighbours,
+                "places": self.grid.places.map(place),
             },
-            gap: gap.is_finite().then_some(gap),
-            gap_ulps,
-            starts: format!("{starts:?}"),
-            ends: format!("{ends:?}"),
+        })
+    }
+
+    fn text(&self, overlaps: bool, reason: &str) -> Vec<String> {
+        let Self { pair: [i, j], boxes, .. } = self;
+        let verdict = if overlaps { "IN the mask" } else { "NOT in the mask" };
+        let mut lines = vec![
+            format!("Pair ({i}, {j}) of {boxes} boxes is {verdict}: {reason}."),
+            String::new(),
+            self.box_line(0),
+            self.box_line(1),
+        ];
+        if let Some(axes) = &self.axes {
+            lines.push(String::new());
+            lines.extend(axes.iter().map(|axis| format!("  {}  {}", axis.axis, axis.sentence())));
+        }
+        lines.push(String::new());
+        if let Some(k) = self.pair_index() {
+            let (word, bit) = (k / 32, k % 32);
+            lines.push(format!("  pair      number {k}: bit {bit} of word {word} of a dense mask"));
+        }
+        lines.extend(self.sent.lines(self.pair, &self.as_sent));
+        lines.extend([0, 1].map(|place| self.place_line(place)));
+        if self.grid.places.iter().all(Option::is_some) {
+            let compared = if self.grid.neighbours {
+                "neighbours: compared"
+            } else {
+                "far apart: not compared"
+            };
+            lines.push(format!("  cpu-grid  {compared}"));
+        }
+        lines
+    }
+
+    /// The text for one box that was named twice.
+    fn with_itself(&self) -> Vec<String> {
+        let ([i, _], n) = (self.pair, self.boxes);
+        let mut lines = vec![
+            format!(
+                "Box {i} of {n} boxes is no pair with itself: a mask holds pairs of two different boxes."
+            ),
+            String::new(),
+            self.box_line(0),
+        ];
+        lines.extend(self.sent.box_line(i, &self.as_sent[0]));
+        lines.push(self.place_line(0));
+        lines
+    }
+
+    fn box_line(&self, place: usize) -> String {
+        let (index, one) = (self.pair[place], self.given[place]);
+        let line = format!("  box {index:<6} {}", corners(one, |x| format!("{x:?}")));
+        match one.class() {
+            BoxClass::Solid => line,
+            class => format!("{line}  {}", class_name(class)),
         }
     }
 
-    /// The gap in units, or in words where it is not finite.
-    pub fn gap_text(&self) -> String {
-        match self.gap {
-            Some(gap) => number(gap),
-            None => "∞".to_owned(),
-        }
+    /// The line of a box's cells in the grid, whose unit is a cell of the mode in modes of cells.
+    fn place_line(&self, place: usize) -> String {
+        let index = self.pair[place];
+        let Some(place) = self.grid.places[place] else {
+            return format!("  cpu-grid  box {index} has no cell: it overlaps nothing");
+        };
+        let GridPlace { level, first_cell, last_cell, cell_edges } = place;
+        let cells = [0, 1, 2].map(|axis| match (first_cell[axis], last_cell[axis]) {
+            (first, last) if first == last => first.to_string(),
+            (first, last) => format!("{first}..{last}"),
+        });
+        let unit = self.sent.cell_edges().unwrap_or([1.0; 3]);
+        let edges = [0, 1, 2].map(|axis| number(f64::from(cell_edges[axis]) * unit[axis]));
+        format!(
+            "  cpu-grid  box {index}: level {level} of {}, cells ({}) of about {} units",
+            self.grid.levels,
+            cells.join(", "),
+            edges.join(" × ")
+        )
     }
 }
 
-/// A number as text: seven digits, plain where that is short, else with an exponent.
-fn number(x: f64) -> String {
-    let x = format!("{x:.6e}").parse().unwrap_or(x);
-    if x == 0.0 || (1e-4..1e9).contains(&x.abs()) { format!("{x}") } else { format!("{x:e}") }
+/// The two corners of a box.
+fn corners(one: Aabb, text: impl Fn(f32) -> String) -> String {
+    let [min, max] = [one.min, one.max].map(|corner| corner.map(&text).join(", "));
+    format!("({min}) to ({max})")
 }
 
 #[cfg(test)]

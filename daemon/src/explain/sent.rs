@@ -4,9 +4,10 @@ use std::borrow::Cow;
 
 use pairmask_core::precision::{Margin, Widening};
 use pairmask_core::{Aabb, BoxForm, Precision};
-use serde::Serialize;
+use serde_json::{Value, json};
 
-use super::{AxisReport, axes};
+use super::axis::{Separation, axes, number};
+use super::corners;
 use crate::precision::{PrecisionChoice, as_sent};
 
 /// The boxes of a scene as engines get them, and the precision mode that made them.
@@ -25,21 +26,6 @@ struct Form {
     rule: String,
     /// Edges of a cell, units; `None` where coordinates are no cells.
     cell_edges: Option<[f64; 3]>,
-}
-
-/// The two boxes in a mode's form.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct SentReport {
-    /// The unit of the coordinates: `cells`, `halves` or `f32`.
-    pub unit: &'static str,
-    /// What the mode does, and which extra pairs it may add, in words.
-    pub rule: String,
-    /// Six coordinates of each box as text: cells by their numbers, others in units.
-    pub coordinates: [[String; 6]; 2],
-    /// Edges of a cell on x, y and z, units; null where coordinates are no cells but units.
-    pub cell_edges: Option<[f64; 3]>,
-    /// The three axes as they are sent, in the same unit; null unless both boxes are solid.
-    pub axes: Option<[AxisReport; 3]>,
 }
 
 impl<'a> SentBoxes<'a> {
@@ -122,15 +108,62 @@ impl<'a> SentBoxes<'a> {
         }
     }
 
-    pub(super) fn report(&self, two: &[Aabb; 2]) -> Option<SentReport> {
-        let Form { unit, rule, cell_edges } = self.form.clone()?;
-        let text = |x: f32| if unit == "cells" { format!("{x}") } else { format!("{x:?}") };
-        Some(SentReport {
-            unit,
-            rule,
-            coordinates: two.each_ref().map(|one| <[f32; 6]>::from(*one).map(text)),
-            cell_edges,
-            axes: axes(two),
-        })
+    /// Edges of a cell, units; `None` where coordinates are no cells.
+    pub(super) fn cell_edges(&self) -> Option<[f64; 3]> {
+        self.form.as_ref()?.cell_edges
+    }
+
+    /// What the mode makes of the two boxes.
+    pub(super) fn json(&self, two: &[Aabb; 2]) -> Option<Value> {
+        let form = self.form.as_ref()?;
+        Some(json!({
+            "unit": form.unit,
+            "rule": form.rule,
+            "coordinates": two.map(|one| <[f32; 6]>::from(one).map(|x| form.text(x))),
+            "cell_edges": form.cell_edges,
+            "axes": axes(two),
+        }))
+    }
+
+    /// The lines about the mode, and about the two boxes as they are sent.
+    pub(super) fn lines(&self, [i, j]: [u32; 2], two: &[Aabb; 2]) -> Vec<String> {
+        let mode = &self.mode;
+        let Some(form) = &self.form else {
+            return vec![format!("  mode      {mode}: boxes are compared as they are")];
+        };
+        let mut lines = vec![format!("  mode      {mode}: {}", form.rule)];
+        lines.extend(self.box_line(i, &two[0]));
+        lines.extend(self.box_line(j, &two[1]));
+        for (k, axis) in axes(two).iter().flatten().enumerate() {
+            let gap = axis.gap.map_or(f64::INFINITY, f64::abs);
+            let gap = match form.cell_edges {
+                Some(edges) => {
+                    let plural = if gap == 1.0 { "" } else { "s" };
+                    format!("{} cell{plural} ({} units)", number(gap), number(gap * edges[k]))
+                }
+                None => format!("{} units", number(gap)),
+            };
+            let how = match axis.state {
+                Separation::Touching => "they meet".to_owned(),
+                Separation::Apart => format!("apart by {gap}"),
+                Separation::Overlapping => format!("overlapping by {gap}"),
+            };
+            lines.push(format!("  sent      {}  {how}", axis.axis));
+        }
+        lines
+    }
+
+    /// The line of one of the boxes as it is sent; `None` where it is sent unchanged.
+    pub(super) fn box_line(&self, index: u32, one: &Aabb) -> Option<String> {
+        let form = self.form.as_ref()?;
+        let corners = corners(*one, |x| form.text(x));
+        Some(format!("  sent      box {index}: {} {corners}", form.unit))
+    }
+}
+
+impl Form {
+    /// A coordinate: cells by their numbers, others in units.
+    fn text(&self, x: f32) -> String {
+        if self.unit == "cells" { format!("{x}") } else { format!("{x:?}") }
     }
 }

@@ -12,16 +12,16 @@ fn gaps_are_reported_in_units_and_in_ulps() {
     let one_ulp = 1.0f32.next_up();
     let apart = explain(&[UNIT, [one_ulp, 0.0, 0.0, 2.0, 1.0, 1.0]]);
     assert!(!apart.overlaps);
-    let x = &apart.axes.as_ref().expect("solid")[0];
-    assert_eq!((x.state, x.gap_ulps), (Separation::Apart, 1));
-    assert_eq!(x.gap, Some(f64::from(one_ulp) - 1.0));
+    let x = &apart.fields["axes"][0];
+    assert_eq!((&x["state"], &x["gap_ulps"]), (&"apart".into(), &1.into()));
+    assert_eq!(x["gap"], f64::from(one_ulp) - 1.0);
     assert_eq!(apart.reason, "a gap of 1.192093e-7 on x keeps the boxes apart");
 
     let touching = explain(&[UNIT, [1.0, 0.5, -3.0, 2.0, 1.0, -0.0]]);
     assert!(touching.overlaps);
     assert_eq!(touching.reason, "the boxes touch, and touching counts");
-    let states = touching.axes.map(|axes| axes.map(|axis| axis.state));
-    assert_eq!(states, Some([Separation::Touching, Separation::Overlapping, Separation::Touching]));
+    let states = [0, 1, 2].map(|axis| &touching.fields["axes"][axis]["state"]);
+    assert_eq!(states, ["touching", "overlapping", "touching"]);
 }
 
 #[test]
@@ -30,7 +30,7 @@ fn several_gaps_are_all_named() {
     assert!(apart.reason.starts_with("gaps of 2 on x and 1"), "{}", apart.reason);
     let endless = explain(&[UNIT, [f32::INFINITY, 0.0, 0.0, f32::INFINITY, 1.0, 1.0]]);
     assert_eq!(endless.reason, "a gap of ∞ on x keeps the boxes apart");
-    assert_eq!(endless.axes.expect("solid")[0].gap, None);
+    assert_eq!(endless.fields["axes"][0]["gap"], Value::Null);
 }
 
 #[test]
@@ -39,7 +39,8 @@ fn boxes_that_overlap_nothing_say_why() {
     assert_eq!(empty.reason, "box 1 is empty (min above max) and so overlaps nothing");
     let invalid = explain(&[[f32::NAN, 0.0, 0.0, 1.0, 1.0, 1.0], UNIT]);
     assert_eq!(invalid.reason, "box 0 has a NaN and so overlaps nothing");
-    assert_eq!((invalid.axes.is_none(), invalid.box_reports[0].class), (true, "invalid"));
+    assert_eq!(invalid.fields["axes"], Value::Null);
+    assert_eq!(invalid.fields["box_reports"][0]["class"], "invalid");
     assert!(invalid.to_string().contains("NaN"));
 }
 
@@ -52,12 +53,14 @@ fn an_explanation_agrees_with_the_box_type_on_every_pair() {
                 let why = Explanation::of(&boxes, i, j).expect("two boxes");
                 let overlaps = i != j && boxes[i as usize].overlaps(&boxes[j as usize]);
                 assert_eq!(why.overlaps, overlaps, "{scene:?} ({i}, {j})");
-                let apart = why
-                    .axes
-                    .as_ref()
-                    .is_none_or(|axes| axes.iter().any(|axis| axis.state == Separation::Apart));
+                let axes = why.fields["axes"].as_array();
+                let apart =
+                    axes.is_none_or(|axes| axes.iter().any(|axis| axis["state"] == "apart"));
                 assert_eq!(apart || i == j, !overlaps, "{scene:?} ({i}, {j})");
-                assert!(why.grid.compared || !overlaps, "{scene:?} ({i}, {j})");
+                assert!(
+                    why.fields["grid"]["compared"] == true || !overlaps,
+                    "{scene:?} ({i}, {j})"
+                );
             }
         }
     }
@@ -76,8 +79,8 @@ fn a_mode_says_what_it_makes_of_the_two() {
     let reason = "a gap of 0.001000047 on x keeps the boxes apart, but their cells meet: an extra \
                   pair of q8";
     assert_eq!(extra.reason, reason);
-    let sent = extra.sent.as_ref().expect("cells");
-    assert_eq!((sent.unit, sent.coordinates[0][3].as_str()), ("cells", "26"));
+    let sent = &extra.fields["sent"];
+    assert_eq!([&sent["unit"], &sent["coordinates"][0][3]], ["cells", "26"]);
     assert!(extra.to_string().contains("x  they meet"), "{extra}");
     let far = explain("q8", 2);
     assert!(!far.overlaps && far.reason.ends_with("; the same in q8"), "{far}");
@@ -86,10 +89,10 @@ fn a_mode_says_what_it_makes_of_the_two() {
     {
         let why = explain(mode, 1);
         assert_eq!(
-            (why.overlaps, why.mode.as_str(), why.sent.is_some()),
+            (why.overlaps, why.mode.as_str(), why.fields["sent"].is_object()),
             (overlaps, mode, mode != "exact")
         );
-        assert_eq!(why.axes.expect("solid")[0].state, Separation::Apart);
+        assert_eq!(why.fields["axes"][0]["state"], "apart");
     }
 }
 
@@ -99,7 +102,7 @@ fn a_box_with_itself_is_reported_once() {
     for mode in ["exact", "q16", "q8", "f16", "margin=1"] {
         let sent = SentBoxes::of(mode.parse().expect("a mode"), &boxes);
         let why = Explanation::of_sent(&boxes, &sent, 1, 1).expect("two boxes");
-        assert_eq!((why.overlaps, why.pair_index), (false, None));
+        assert_eq!((why.overlaps, &why.fields["pair_index"]), (false, &Value::Null));
         assert_eq!(why.reason, "a box is no pair with itself");
         let text = why.to_string();
         assert!(text.starts_with("Box 1 of 2 boxes is no pair with itself: "), "{text}");
@@ -117,9 +120,9 @@ fn gaps_of_cells_are_reported_in_cells_and_in_units() {
         Explanation::of_sent(&boxes, &sent, 0, 1).expect("three boxes")
     };
     let cells = explain("q8");
-    let sent = cells.sent.as_ref().expect("cells");
-    let edge = sent.cell_edges.expect("cells have edges")[0];
-    let gap = sent.axes.as_ref().expect("solid")[0].gap.expect("finite");
+    let sent = &cells.fields["sent"];
+    let edge = sent["cell_edges"][0].as_f64().expect("cells have edges");
+    let gap = sent["axes"][0]["gap"].as_f64().expect("finite");
     // Two cells on, each face lies in its own: the gap of a unit to within two cells.
     assert!(gap >= 1.0 && (gap * edge - 1.0).abs() <= 2.0 * edge, "{gap} cells of {edge}");
     let text = cells.to_string();
@@ -129,6 +132,6 @@ fn gaps_of_cells_are_reported_in_cells_and_in_units() {
     let line = |text: &str| text.lines().find(|l| l.contains(" of about ")).map(str::to_owned);
     assert!(line(&text).is_some_and(|line| line.ends_with(" units")), "{text}");
     let halves = explain("f16");
-    assert_eq!(halves.sent.as_ref().and_then(|sent| sent.cell_edges), None);
+    assert_eq!(halves.fields["sent"]["cell_edges"], Value::Null);
     assert!(halves.to_string().contains("  sent      x  apart by 1 units"), "{halves}");
 }

@@ -27,25 +27,54 @@ struct Port {
     token: Option<u64>,
 }
 
-/// Lets requests in, or not.
-#[derive(Debug)]
-pub struct Gate {
+/// Receives requests and lets them in, or not. One thread does so at a time.
+pub struct Intake {
+    server: Server,
+    turn: Arc<PortTurn>,
     services: Arc<Services>,
     files: SegmentFiles,
     ports: Vec<Port>,
     /// Forged requests. Dropping one would tell the client that it names that its request has no
     /// server any more.
     forged: VecDeque<ActiveRequest>,
+    /// Requests that were received before this one listened.
+    early: Vec<ActiveRequest>,
 }
 
-impl Gate {
-    /// For the clients of these services, whose segments are those files.
-    pub fn new(services: Arc<Services>, files: SegmentFiles) -> Self {
-        Self { services, files, ports: Vec::new(), forged: VecDeque::new() }
+impl Intake {
+    /// Of a port that is used in such turns, of which these requests were received already, for the clients of these
+    /// services, whose segments are those files.
+    pub fn new(
+        server: Server,
+        turn: Arc<PortTurn>,
+        services: Arc<Services>,
+        files: SegmentFiles,
+        early: Vec<ActiveRequest>,
+    ) -> Self {
+        let (ports, forged) = (Vec::new(), VecDeque::new());
+        Self { server, turn, services, files, ports, forged, early }
+    }
+
+    /// Receives at most `most` requests, and gives those that are let in to `each`.
+    pub fn receive(&mut self, most: usize, mut each: impl FnMut(Incoming)) {
+        for request in std::mem::take(&mut self.early) {
+            self.admit(request).into_iter().for_each(&mut each);
+        }
+        for _ in 0..most {
+            match self.turn.take(|| self.server.receive()) {
+                Ok(Some(request)) => self.admit(request).into_iter().for_each(&mut each),
+                Ok(None) => return,
+                Err(error) => {
+                    // A client that died while it connected; the janitor takes the rest away.
+                    log::debug!("receiving requests: {error:?}");
+                    return;
+                }
+            }
+        }
     }
 
     /// Checks a request. One that lies about where it comes from is not let in, and never answered.
-    pub fn admit(&mut self, request: ActiveRequest) -> Option<Incoming> {
+    fn admit(&mut self, request: ActiveRequest) -> Option<Incoming> {
         match self.check(request) {
             Ok(incoming) => Some(incoming),
             Err(ForgedRequest { request }) => {
@@ -116,46 +145,5 @@ impl Gate {
             self.ports.len() - 1
         };
         self.ports.get(at)
-    }
-}
-
-/// Receives requests and lets them in. One thread does so at a time.
-pub struct Intake {
-    server: Server,
-    turn: Arc<PortTurn>,
-    gate: Gate,
-    /// Requests that were received before this one listened.
-    early: Vec<ActiveRequest>,
-}
-
-impl Intake {
-    /// Of a port that is used in such turns, of which these requests were received already.
-    pub fn new(server: Server, turn: Arc<PortTurn>, gate: Gate, early: Vec<ActiveRequest>) -> Self {
-        Self { server, turn, gate, early }
-    }
-
-    /// Receives at most `most` requests, and gives those that are let in to `each`.
-    pub fn receive(&mut self, most: usize, mut each: impl FnMut(Incoming)) {
-        let early = self.early.drain(..);
-        early.filter_map(|request| self.gate.admit(request)).for_each(&mut each);
-        for _ in 0..most {
-            match self.turn.take(|| self.server.receive()) {
-                Ok(Some(request)) => {
-                    if let Some(incoming) = self.gate.admit(request) {
-                        each(incoming);
-                    }
-                }
-                Ok(None) => return,
-                Err(error) => {
-                    // A client that died while it connected; the janitor takes the rest away.
-                    log::debug!("receiving requests: {error:?}");
-                    return;
-                }
-            }
-        }
-    }
-
-    pub fn tidy(&mut self) {
-        self.gate.tidy();
     }
 }

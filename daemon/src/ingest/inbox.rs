@@ -13,7 +13,6 @@ use pairmask_transport::{FRAMES_AT_A_TIME, PORTS_PER_CLIENT, Sender};
 /// more than their share: this one gives 38 % in place of 33 % to the largest of three.
 const WAITED_COUNTS: u32 = 8;
 
-/// What a frame is served by.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Resource {
     /// A core: many at a time.
@@ -25,7 +24,6 @@ pub enum Resource {
     Gpu,
 }
 
-/// A request that waits, and the turns in which its process and its session wait.
 #[derive(Debug)]
 struct Waiting<R> {
     sender: Sender,
@@ -36,7 +34,6 @@ struct Waiting<R> {
     request: R,
 }
 
-/// A session whose frame is being served.
 #[derive(Debug)]
 struct Serving {
     sender: Sender,
@@ -100,12 +97,10 @@ impl<R> Inbox<R> {
         Self { gpus: gpus.max(1), ..self }
     }
 
-    /// Requests that it has room for.
     pub fn room(&self) -> usize {
         self.capacity.saturating_sub(self.waiting.len())
     }
 
-    /// Whether a frame of a session is being served.
     pub fn is_served(&self, session: u128) -> bool {
         self.serving.iter().any(|serving| serving.sender.session == session)
     }

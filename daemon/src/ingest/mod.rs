@@ -3,5 +3,5 @@
 mod gate;
 mod inbox;
 
-pub use self::gate::{Gate, Incoming, Intake};
+pub use self::gate::{Incoming, Intake};
 pub use self::inbox::{Inbox, Resource};

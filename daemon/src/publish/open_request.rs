@@ -28,7 +28,6 @@ use crate::locked;
 const PAIR_WORDS: u64 = 2;
 const WORD_BYTES: u64 = size_of::<u32>() as u64;
 
-/// What lends the memory of replies, to several threads.
 #[derive(Debug)]
 pub(crate) struct ReplyLender {
     turn: Arc<PortTurn>,
@@ -72,7 +71,6 @@ pub(crate) struct OpenRequest {
     pub(crate) world_ranges: Option<Span>,
 }
 
-/// The rules of a frame that waits for its answer.
 pub(crate) struct FrameRules {
     pub sent: Arc<SentRules>,
     /// What the client asks for, to cull the frame once more.
@@ -107,12 +105,10 @@ impl OpenRequest {
         }
     }
 
-    /// Validates what it asks for.
     pub(crate) fn parse(&self) -> Result<Request, Reject> {
         Request::parse(self.request().header(), self.payload_bytes())
     }
 
-    /// Notes where its scene lies.
     pub(crate) fn place_scene(&mut self, scene: ScenePlace) -> Result<(), Reject> {
         if scene.objects_in(self.request().pages()).is_none() {
             let payload_bytes = self.payload_bytes();
@@ -122,12 +118,10 @@ impl OpenRequest {
         Ok(())
     }
 
-    /// The most words of its reply.
     pub(crate) fn limit_words(&self) -> u64 {
         self.lender.limit_bytes / WORD_BYTES
     }
 
-    /// The most pairs that its reply has room for.
     pub(crate) fn limit_pairs(&self) -> u64 {
         self.limit_words() / PAIR_WORDS
     }
@@ -219,7 +213,6 @@ impl OpenRequest {
         sent.map_err(|e| TransportError::new("sending a response", &e))
     }
 
-    /// Gives the request back.
     pub(crate) fn close(self) {
         let lender = Arc::clone(&self.lender);
         lender.turn.take(|| drop(self));
@@ -234,7 +227,6 @@ impl OpenRequest {
     }
 }
 
-/// So many words of ranges behind a mask of a shape.
 fn world_range_span(shape: &MaskShape, words: u64) -> Span {
     Span { start: shape.extent_words(), len: words }
 }

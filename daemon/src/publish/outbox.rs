@@ -7,7 +7,7 @@ use pairmask_core::dispatch::{CullAnswer, StageTimes};
 use pairmask_core::engine::CullReport;
 use pairmask_core::scene::Reported;
 use pairmask_core::{BoxCount, BoxForm, ObjectForm};
-use pairmask_transport::Services;
+use pairmask_transport::{GpuCounts, Services, StatusFile};
 use pairmask_wire::{
     AuditCounts, LAST_ERRORS, RecordedError, ReplyFields, ResponseHeader, SkipTotals, StatusBody,
     StatusCode, response_error, response_ok,
@@ -26,7 +26,6 @@ pub type AlterAnswer = fn(&mut [u32], &mut CullReport);
 /// What every answer passes, on the thread that made it.
 pub(crate) struct Outbox {
     services: Arc<Services>,
-    /// What the daemon keeps of its clients.
     pub(crate) clients: Clients,
     counters: Mutex<Counters>,
     pub(crate) auditor: Arc<Auditor>,
@@ -64,8 +63,9 @@ impl Outbox {
         locked(&self.counters).body(clients, audit, self.scene_memory.used())
     }
 
-    pub(crate) fn skips(&self) -> SkipTotals {
-        locked(&self.counters).skips
+    pub(crate) fn status_file(&self, gpus: GpuCounts) -> StatusFile {
+        let skips = locked(&self.counters).skips;
+        StatusFile::now(self.status(), skips, gpus)
     }
 
     /// Answers with the pairs of the request's objects, whose mask its reply holds: of one and the other set, where
@@ -196,19 +196,19 @@ fn frame_of<'a>(
     AuditedFrame { form, first_set, shape: &answer.report.shape, reply: open.words() }
 }
 
-pub(super) struct Counters {
+struct Counters {
     start: Instant,
     body: StatusBody,
-    pub(super) skips: SkipTotals,
+    skips: SkipTotals,
 }
 
 impl Counters {
-    pub(super) fn new() -> Self {
+    fn new() -> Self {
         let body = StatusBody { pid: std::process::id(), ..StatusBody::default() };
         Self { start: Instant::now(), body, skips: SkipTotals::default() }
     }
 
-    pub(super) fn note_frame(&mut self, fields: &ReplyFields, form: ObjectForm, pair_count: u64) {
+    fn note_frame(&mut self, fields: &ReplyFields, form: ObjectForm, pair_count: u64) {
         self.body.frames += 1;
         let objects = match form {
             ObjectForm::Boxes(_) => &mut self.body.boxes,
@@ -218,12 +218,12 @@ impl Counters {
         self.body.pairs = self.body.pairs.saturating_add(pair_count);
     }
 
-    pub(super) fn note_skips(&mut self, skips: &SkipTotals) {
+    fn note_skips(&mut self, skips: &SkipTotals) {
         self.skips = self.skips.plus(skips);
     }
 
     /// Counts a refusal, and keeps it among the last ones.
-    pub(super) fn note_error(&mut self, fields: &ReplyFields, status: StatusCode) {
+    fn note_error(&mut self, fields: &ReplyFields, status: StatusCode) {
         self.body.errors += 1;
         self.body.last_errors.copy_within(..LAST_ERRORS - 1, 1);
         self.body.last_errors[0] = RecordedError {
@@ -236,7 +236,7 @@ impl Counters {
     }
 
     /// The counters, beside what others count.
-    pub(super) fn body(
+    fn body(
         &self,
         client_count: usize,
         audit: AuditCounts,

@@ -72,15 +72,6 @@ impl Refusal {
     }
 }
 
-/// A mask has no memory: where a daemon's lie.
-#[derive(Clone, Copy, Debug, thiserror::Error)]
-#[error(
-    "no shared memory for a mask of {needed_bytes} bytes: free space in /dev/shm or make it larger"
-)]
-struct NoSharedMemory {
-    needed_bytes: u64,
-}
-
 impl From<CullError> for Refusal {
     fn from(error: CullError) -> Self {
         let (status, detail) = match error {
@@ -105,7 +96,8 @@ impl From<CullError> for Refusal {
         };
         let text = match error {
             CullError::Reserve(ReserveError::OutOfMemory { needed_bytes }) => {
-                NoSharedMemory { needed_bytes }.to_string()
+                let what = format!("no shared memory for a mask of {needed_bytes} bytes");
+                format!("{what}: free space in /dev/shm or make it larger")
             }
             error => error.to_string(),
         };

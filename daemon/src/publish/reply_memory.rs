@@ -15,19 +15,16 @@ const IDLE: Duration = Duration::from_secs(10);
 /// Payloads up to this size stay: most answers take one page.
 const KEPT_BYTES: usize = size_of::<Page>();
 
-/// What is known of a chunk of the server port.
 #[derive(Clone, Copy, Debug)]
 struct Chunk {
     /// Bytes of its payload that are present.
     bytes: usize,
     /// Who last needed more than half of them.
     session: u128,
-    /// And when.
     at: Instant,
 }
 
 impl Chunk {
-    /// Notes an answer of a session in so many bytes.
     fn note(&mut self, bytes: usize, session: u128, now: Instant) {
         self.bytes = self.bytes.max(bytes);
         if 2 * bytes > self.bytes {
@@ -35,7 +32,6 @@ impl Chunk {
         }
     }
 
-    /// Whether its memory is to be given back.
     fn is_due(&self, now: Instant, is_gone: impl Fn(u128) -> bool) -> bool {
         self.bytes > KEPT_BYTES
             && (is_gone(self.session) || now.saturating_duration_since(self.at) >= IDLE)

@@ -12,7 +12,7 @@ use pairmask_wire::{CullRequest, Reject, SentRules};
 
 use super::filtered::{Filtered, MaskFilters, Sets};
 use super::gpu_lines::{GpuLine, Submission};
-use super::{Served, filtered};
+use super::{Served, filtered, threads_of};
 use crate::clients::GpuNeed;
 use crate::execute::{
     BUNDLE_FRAMES, Ended, EnginePool, Executor, Gpus, Joining, Owner, RuledFrame, Unserved,
@@ -21,7 +21,7 @@ use crate::locked;
 use crate::publish::{OpenRequest, Outbox};
 
 /// Engines for sessions that have none yet, and the frames that GPUs have not ended.
-pub(super) struct Culls {
+pub(crate) struct Culls {
     /// Sessions get engines like these, which no session has.
     model: Mutex<Executor>,
     /// A line for each GPU, by its place.
@@ -43,16 +43,16 @@ impl Culls {
         }
     }
 
-    pub(super) fn gpus(&self) -> Gpus {
+    pub(crate) fn gpus(&self) -> Gpus {
         locked(&self.model).gpus().clone()
     }
 
-    pub(super) fn is_busy(&self) -> bool {
+    /// Whether a frame is under way: then [`Self::publish_ended`] is to be called soon.
+    pub(crate) fn is_busy(&self) -> bool {
         self.lines.iter().any(GpuLine::is_busy)
     }
 
-    /// Lets the engines work for a moment.
-    pub(super) fn rest(&self) {
+    pub(crate) fn rest(&self) {
         if let Some(line) = self.lines.iter().find(|line| line.is_busy()) {
             line.gpu.rest();
         }
@@ -111,7 +111,7 @@ impl Culls {
         let mut engines = kept.unwrap_or_else(|| Box::new(self.new_engines()));
         // A client that is alone may have all of them.
         let beside_others = threads < self.pool.threads();
-        let threads = request.threads.map_or(threads, |asked| asked.min(threads)).max(1);
+        let threads = threads_of(request.threads, threads);
         let options = CullOptions {
             engine: request.engine,
             encoding: request.encoding,
@@ -120,22 +120,21 @@ impl Culls {
             last_pairs: self.outbox.clients.last_pairs(session),
             ..CullOptions::default()
         };
-        let way = Way { options, beside_others, joining };
-        let cull = || self.cull(open, request, way, &mut engines);
+        let cull = || self.cull(open, request, &options, (beside_others, joining), &mut engines);
         let used = self.work(Place::Lane, options.threads, cull);
         self.outbox.clients.of(session, |client| client.engines = Some(engines));
         used
     }
 
+    /// The same with engines, beside other clients that are busy or not.
     fn cull(
         &self,
         mut open: OpenRequest,
         request: &CullRequest,
-        way: Way<'_>,
+        options: &CullOptions,
+        (beside_others, joining): (bool, Option<&mut Vec<Joining<OpenRequest>>>),
         engines: &mut Executor,
     ) -> Served {
-        let Way { options, beside_others, joining } = way;
-        let options = &options;
         let placed = open.place_scene(request.scene);
         let rules = match placed.and_then(|()| read_rules(&open, request, engines)) {
             Ok(rules) => rules,
@@ -272,7 +271,7 @@ impl Culls {
 
     /// Publishes the oldest frame under way on each GPU if it has ended, and no other thread is about to.
     /// Whether one had.
-    pub(super) fn publish_ended(&self) -> bool {
+    pub(crate) fn publish_ended(&self) -> bool {
         let mut any = false;
         for line in &self.lines {
             if let Some(submission) = line.take_ended() {
@@ -335,7 +334,6 @@ impl Culls {
         self.publish(open, None, answer)
     }
 
-    /// Publishes the answer to a frame, which may be one of two sets.
     fn publish(
         &self,
         mut open: OpenRequest,
@@ -374,14 +372,6 @@ impl Culls {
     fn new_engines(&self) -> Executor {
         locked(&self.model).beside()
     }
-}
-
-struct Way<'a> {
-    options: CullOptions,
-    /// Whether other clients are busy.
-    beside_others: bool,
-    /// Frames that it may join.
-    joining: Option<&'a mut Vec<Joining<OpenRequest>>>,
 }
 
 /// Where a thread is.

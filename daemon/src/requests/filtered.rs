@@ -31,9 +31,7 @@ struct Kept {
     last_frame: Option<Instant>,
 }
 
-/// What is to be done with the answer to a frame.
 pub(super) enum Filtered {
-    /// It is the answer to the client.
     Done(Result<CullAnswer, CullError>),
     /// The frame is to be culled by a core: its mask without rules had no room, or was malformed.
     CullHere(Arc<SentRules>, CullOptions),
@@ -81,21 +79,6 @@ impl MaskFilters {
             done.is_ok()
         });
         if is_done { Filtered::Done(Ok(answer)) } else { Filtered::CullHere(sent, options) }
-    }
-
-    /// Takes the pairs of one set out of the answer to a frame of two, in the pool. `None` where the mask is
-    /// malformed.
-    pub(super) fn keep_sets(
-        &self,
-        open: &mut OpenRequest,
-        mut answer: CullAnswer,
-        sets: &Sets<'_>,
-    ) -> Option<CullAnswer> {
-        let (n, threads) = (open.fields.box_count, sets.options.threads.unwrap_or(1));
-        let is_done = self.filter(open, &mut answer, |filter, words, report| {
-            filter.filter_sets(sets.first, n, words, report, threads).is_ok()
-        });
-        is_done.then_some(answer)
     }
 
     /// Has `work` take pairs out of an answer, whose time counts as that of publishing. Whether it could.
@@ -182,38 +165,31 @@ pub(super) struct Sets<'a> {
 }
 
 impl MaskFilters {
-    /// The pairs of a box of the first set and one of the second, and whether that needed a GPU.
+    /// The pairs of a box of the first set and one of the second, and whether that needed a GPU: one culls the whole
+    /// frame, and the pairs of one set are taken out. Where all pairs have no room, or the mask is malformed, cores find
+    /// those of two sets.
     pub(super) fn cull_between(
         &self,
         open: &mut OpenRequest,
         sets: &Sets<'_>,
         engines: &mut Executor,
     ) -> (GpuNeed, Result<CullAnswer, CullError>) {
-        match sets.plan_for_gpu(open, engines) {
-            Some(planned) => (GpuNeed::Alone, self.cull_on_gpu(open, planned, sets, engines)),
-            None => (GpuNeed::None, sets.cull_here(open, engines)),
-        }
-    }
-
-    /// Has a GPU cull the whole frame, and takes the pairs of one set out. Where all pairs have no room, cores
-    /// find those of two sets.
-    fn cull_on_gpu(
-        &self,
-        open: &mut OpenRequest,
-        planned: Planned,
-        sets: &Sets<'_>,
-        engines: &mut Executor,
-    ) -> Result<CullAnswer, CullError> {
+        let Some(planned) = sets.plan_for_gpu(open, engines) else {
+            return (GpuNeed::None, sets.cull_here(open, engines));
+        };
         let owner = Owner::Client(open.sender.port);
         let answer = match engines.run(planned, owner, open) {
-            Ok(answer) => answer,
-            Err(CullError::Reserve(_)) => return sets.cull_here(open, engines),
-            Err(error) => return Err(error),
+            Ok(mut answer) => {
+                let (n, threads) = (open.fields.box_count, sets.options.threads.unwrap_or(1));
+                let is_done = self.filter(open, &mut answer, |filter, words, report| {
+                    filter.filter_sets(sets.first, n, words, report, threads).is_ok()
+                });
+                is_done.then_some(Ok(answer))
+            }
+            Err(CullError::Reserve(_)) => None,
+            Err(error) => Some(Err(error)),
         };
-        match self.keep_sets(open, answer, sets) {
-            Some(answer) => Ok(answer),
-            None => sets.cull_here(open, engines),
-        }
+        (GpuNeed::Alone, answer.unwrap_or_else(|| sets.cull_here(open, engines)))
     }
 }
 

@@ -15,7 +15,6 @@ pub(super) struct Submission {
     pub(super) others: Vec<CullUnderWay<OpenRequest>>,
 }
 
-/// What is under way on a GPU.
 pub(super) struct GpuLine {
     pub(super) gpu: Arc<SharedGpu>,
     /// Oldest first.

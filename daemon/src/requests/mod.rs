@@ -15,8 +15,8 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use pairmask_core::engine::CullError;
-use pairmask_transport::{FreeChunks, GpuCounts, PortTurn, Services, WakeClient};
-use pairmask_wire::{CullRequest, PAGE_BYTES, Request, SkipTotals, StatusBody, response_status};
+use pairmask_transport::{FreeChunks, PortTurn, Services, WakeClient};
+use pairmask_wire::{CullRequest, PAGE_BYTES, Request, StatusBody, response_status};
 
 use self::cull::Culls;
 use self::scene::{SceneEdits, SceneTools};
@@ -43,15 +43,18 @@ impl Drop for EndWithPanic {
 }
 
 pub struct Responder {
-    culls: Culls,
+    pub(crate) culls: Culls,
     scenes: SceneEdits,
     shared: SharedScenes,
-    outbox: Arc<Outbox>,
+    pub(crate) outbox: Arc<Outbox>,
     lender: Arc<ReplyLender>,
-    pub gpus: usize,
 }
 
-/// How a request was served.
+/// Threads of so many that a request may have, where its client asks for some.
+fn threads_of(asked: Option<usize>, threads: usize) -> usize {
+    asked.map_or(threads, |asked| asked.min(threads)).max(1)
+}
+
 #[derive(Clone, Copy, Debug)]
 pub struct Served {
     pub threads: usize,
@@ -101,17 +104,12 @@ impl Responder {
             auditor,
         };
         Self {
-            gpus: executor.gpus().len(),
             shared: SharedScenes::new(tools.clone(), Arc::clone(&outbox)),
             scenes: SceneEdits { tools, outbox: Arc::clone(&outbox) },
             culls: Culls::new(executor, pool, Arc::clone(&outbox)),
             outbox,
             lender: Arc::new(ReplyLender::new(turn, free, limits.max_reply_bytes)),
         }
-    }
-
-    pub fn gpu_counts(&self) -> GpuCounts {
-        self.culls.gpus().counts()
     }
 
     /// Takes in one request, whatever it holds, and answers it now, or leaves it under way. A CPU engine
@@ -168,7 +166,7 @@ impl Responder {
             }
             Ok(Request::LeaveShared(scene)) => self.shared.leave(&mut open, scene),
             Ok(Request::EndScene(scene)) => self.scenes.end(&mut open, scene),
-            Ok(Request::Status) => match open.put(bytemuck::bytes_of(&self.status())) {
+            Ok(Request::Status) => match open.put(bytemuck::bytes_of(&self.outbox.status())) {
                 Ok(()) => {
                     let header = response_status(&open.fields);
                     self.outbox.send(&mut open, &header);
@@ -181,39 +179,11 @@ impl Responder {
         Err(Served::OTHER)
     }
 
-    pub(crate) fn clients(&self) -> &Clients {
-        &self.outbox.clients
-    }
-
-    /// Whether a frame is under way: then [`Self::publish_ended`] is to be called soon.
-    pub fn is_busy(&self) -> bool {
-        self.culls.is_busy()
-    }
-
-    /// Publishes the oldest frame under way if it has ended, and no other thread is about to. Whether it
-    /// had.
-    pub fn publish_ended(&self) -> bool {
-        self.culls.publish_ended()
-    }
-
-    /// Lets the engines work for a moment.
-    pub fn rest(&self) {
-        self.culls.rest();
-    }
-
     /// Gives up what belonged to clients that are gone; to be called now and then.
     pub fn tidy(&self) {
         self.culls.tidy();
         self.outbox.tidy();
         self.shared.tidy();
         self.lender.tidy(&self.outbox.sessions(), |range| self.culls.release_reply(range));
-    }
-
-    pub fn status(&self) -> StatusBody {
-        self.outbox.status()
-    }
-
-    pub fn skips(&self) -> SkipTotals {
-        self.outbox.skips()
     }
 }

@@ -1,25 +1,25 @@
 //! Requests that change a scene.
 
+use std::ops::Range;
 use std::sync::Arc;
 use std::time::Instant;
 
 use pairmask_core::dispatch::{CpuEngines, StageTimes};
 use pairmask_core::engine::{AvailableIsa, CullError, ReplyBuffer};
 use pairmask_core::plan::Calibration;
-use pairmask_core::scene::{BeyondMask, Edit, QueryError, SceneError, SceneOptions};
-use pairmask_core::{BoxCount, EngineChoice};
+use pairmask_core::scene::{BeyondMask, Edit, QueryError, Reported, SceneError, SceneOptions};
+use pairmask_core::{BoxCount, EngineChoice, EngineName};
 use pairmask_wire::{
-    EditScratch, QueryRequest, Reject, SceneAnswerLayout, SceneId, SceneRequest, response_scene,
-    response_scene_ended,
+    EditScratch, QueryRequest, Reject, ReplyFields, SceneAnswerLayout, SceneId, SceneRequest,
+    TickMarks, response_scene, response_scene_ended,
 };
 
-use super::Served;
-use crate::audit::{AuditedScene, Auditor, SceneNote};
+use super::{Served, threads_of};
+use crate::audit::{AuditedScene, Auditor, NotedName, SceneNote};
 use crate::clients::{GpuNeed, KeptScene, PendingBoxes, SceneMemory};
 use crate::execute::{EnginePool, Gpus, SceneKeeper, is_left_to_cores};
 use crate::publish::{OpenRequest, Outbox, Refusal};
 
-/// What scenes are made and changed with.
 #[derive(Clone)]
 pub(super) struct SceneTools {
     pub(super) isa: AvailableIsa,
@@ -50,7 +50,7 @@ pub(super) struct SceneEdits {
 
 impl SceneEdits {
     pub(super) fn take(&self, open: OpenRequest, request: &SceneRequest, threads: usize) -> Served {
-        let threads = request.threads.map_or(threads, |asked| asked.min(threads)).max(1);
+        let threads = threads_of(request.threads, threads);
         let found = self.find(open.sender.session, request);
         self.serve(open, found, threads, |kept, open| {
             // More would be found in memory that nobody has counted.
@@ -79,7 +79,7 @@ impl SceneEdits {
         revision: u64,
         threads: usize,
     ) -> Served {
-        let threads = request.threads.map_or(threads, |asked| asked.min(threads)).max(1);
+        let threads = threads_of(request.threads, threads);
         let session = open.sender.session;
         let found = self.find_at(session, request.scene, revision);
         self.serve(open, found, threads, |kept, open| {
@@ -88,8 +88,8 @@ impl SceneEdits {
             let are_few = kept.scene.engine().is_gpu() && request.mask.queries() <= FEW_QUERIES;
             let mut answer = || {
                 let KeptScene { scene, scratch, found, room, audited, .. } = kept;
-                let asked = Asked { scene, found, audited: audited.as_ref() };
-                let answered = asked.answer(open, request, threads, &self.outbox);
+                let asked = (&mut *scene, &mut *found, audited.as_ref());
+                let answered = answer_query(asked, open, request, threads, &self.outbox);
                 room.note(scene, bytes_of(found) + scratch.allocated_bytes() as u64);
                 answered
             };
@@ -195,31 +195,63 @@ fn edit_and_answer(
     }
     let executed = Instant::now();
 
-    let layout = SceneAnswerLayout::of(scene.reported());
-    let (_, mut reply) = open.parts();
-    let reserved = reply.reserve(layout.words());
-    layout.write(scene.reported(), reserved.map_err(|e| Failed::Gone(CullError::from(e).into()))?);
     let ns = |from: Instant, to: Instant| to.duration_since(from).as_nanos() as u64;
     let times = StageTimes {
         ingest_ns: ns(start, ingested),
         execute_ns: ns(ingested, executed),
-        publish_ns: executed.elapsed().as_nanos() as u64,
-        total_ns: open.taken_at.elapsed().as_nanos() as u64,
         ..StageTimes::default()
     };
+    let answer = EditAnswer { engine: scene.engine(), bytes: scene.bytes(), threads, times };
     let reported = scene.reported();
-    let kept_bytes = scene.bytes();
-    let engine = scene.engine();
-    let header = response_scene(&open.fields, engine, threads, reported, kept_bytes, &times);
-    outbox.count_edit(&open.fields, reported);
-    outbox.send(open, &header);
+    answer.send(open, reported, None, outbox).map_err(Failed::Gone)?;
     if let Some(audited) = audited {
         // Its payload is ours to read as long as the request is.
-        let named = (open.fields.client_token, open.fields.frame);
-        let note = || Some(SceneNote::new(named, request, open.pages(), reported));
+        let ReplyFields { client_token, frame, .. } = open.fields;
+        let name = NotedName::Request { client_token, frame };
+        let note = || Some(SceneNote::new(name, *request, open.pages().to_vec(), reported));
         outbox.auditor.follow(audited, note);
     }
     Ok(())
+}
+
+/// What an edit is answered with, beside what it changed.
+pub(super) struct EditAnswer {
+    pub engine: EngineName,
+    pub bytes: u64,
+    pub threads: usize,
+    pub times: StageTimes,
+}
+
+impl EditAnswer {
+    /// Answers with what is reported, and with a tick: its number, and the leases that were late.
+    pub fn send(
+        &self,
+        open: &mut OpenRequest,
+        reported: &Reported,
+        tick: Option<(u64, &[Range<u32>])>,
+        outbox: &Outbox,
+    ) -> Result<(), Refusal> {
+        let publish = Instant::now();
+        let layout = SceneAnswerLayout::of(reported);
+        let marks = tick.map(|(number, late)| (TickMarks::after(&layout, number, late), late));
+        let words = marks.as_ref().map_or(layout.words(), |(marks, _)| marks.words());
+        let (_, mut reply) = open.parts();
+        let words = reply.reserve(words).map_err(CullError::from)?;
+        layout.write(reported, words);
+        if let Some((marks, late)) = &marks {
+            marks.write(late, words);
+        }
+        let times = StageTimes {
+            publish_ns: publish.elapsed().as_nanos() as u64,
+            total_ns: open.taken_at.elapsed().as_nanos() as u64,
+            ..self.times
+        };
+        let Self { engine, bytes, threads, .. } = *self;
+        let header = response_scene(&open.fields, engine, threads, reported, bytes, &times);
+        outbox.count_edit(&open.fields, reported);
+        outbox.send(open, &marks.map_or(header, |(marks, _)| marks.mark(header)));
+        Ok(())
+    }
 }
 
 /// Why an edit or a query has no answer.
@@ -259,52 +291,40 @@ fn unanswered(error: QueryError) -> Failed {
     }
 }
 
-/// A scene that is asked.
-pub(super) struct Asked<'a> {
-    pub(super) scene: &'a mut SceneKeeper,
-    /// Memory for what is found.
-    pub(super) found: &'a mut Vec<[u32; 2]>,
-    /// Where it is audited.
-    pub(super) audited: Option<&'a AuditedScene>,
-}
-
-impl Asked<'_> {
-    /// Answers a query.
-    pub(super) fn answer(
-        self,
-        open: &mut OpenRequest,
-        request: &QueryRequest,
-        threads: usize,
-        outbox: &Outbox,
-    ) -> Result<(), Failed> {
-        let Self { scene, found, audited } = self;
-        scene.set_threads(threads);
-        scene.limit_query_pairs(open.limit_pairs());
-        let taken_at = open.taken_at;
-        let begun = Instant::now();
-        let answer = {
-            let (pages, mut reply) = open.payload_and_reply();
-            let malformed = Reject::Query("payload");
-            let (queries, tags) = request.read(pages).ok_or(malformed)?;
-            request.mask.answer(queries, request.encoding, threads, found, &mut reply, |found| {
-                scene.query(queries, tags, found).map_err(unanswered)
-            })
-        };
-        if found.capacity() > MOST_KEPT_PAIRS {
-            *found = Vec::new();
-        }
-        let mut answer = answer?;
-        answer.engine = scene.engine();
-        answer.times.ingest_ns = begun.duration_since(taken_at).as_nanos() as u64;
-        let queries = BoxCount::new(request.mask.queries());
-        let window = outbox.answer_query(open, queries, answer, audited);
-        if let (Some(scene), Some(window)) = (audited, window)
-            && let Some((queries, tags)) = request.read(open.pages())
-        {
-            outbox.auditor.submit_query(scene, window, queries, &tags);
-        }
-        Ok(())
+/// Answers a query of a scene, with memory for what is found, and with its audit if it has one.
+pub(super) fn answer_query(
+    (scene, found, audited): (&mut SceneKeeper, &mut Vec<[u32; 2]>, Option<&AuditedScene>),
+    open: &mut OpenRequest,
+    request: &QueryRequest,
+    threads: usize,
+    outbox: &Outbox,
+) -> Result<(), Failed> {
+    scene.set_threads(threads);
+    scene.limit_query_pairs(open.limit_pairs());
+    let taken_at = open.taken_at;
+    let begun = Instant::now();
+    let answer = {
+        let (pages, mut reply) = open.payload_and_reply();
+        let malformed = Reject::Query("payload");
+        let (queries, tags) = request.read(pages).ok_or(malformed)?;
+        request.mask.answer(queries, request.encoding, threads, found, &mut reply, |found| {
+            scene.query(queries, tags, found).map_err(unanswered)
+        })
+    };
+    if found.capacity() > MOST_KEPT_PAIRS {
+        *found = Vec::new();
     }
+    let mut answer = answer?;
+    answer.engine = scene.engine();
+    answer.times.ingest_ns = begun.duration_since(taken_at).as_nanos() as u64;
+    let queries = BoxCount::new(request.mask.queries());
+    let window = outbox.answer_query(open, queries, answer, audited);
+    if let (Some(scene), Some(window)) = (audited, window)
+        && let Some((queries, tags)) = request.read(open.pages())
+    {
+        outbox.auditor.submit_query(scene, window, queries, &tags);
+    }
+    Ok(())
 }
 
 impl From<BeyondMask> for Refusal {

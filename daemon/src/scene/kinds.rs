@@ -170,7 +170,7 @@ pub(super) fn falling(
 }
 
 /// Half extents of a turned box, on each world axis: Σ |R| · half (the tight box around it).
-fn turned(edges: [f32; 3], random: &mut Random) -> [f32; 3] {
+pub(super) fn turned(edges: [f32; 3], random: &mut Random) -> [f32; 3] {
     let x = random.direction();
     let d = random.direction();
     // Gram-Schmidt. The two directions are parallel with probability 0. Where they are nearly
@@ -181,26 +181,6 @@ fn turned(edges: [f32; 3], random: &mut Random) -> [f32; 3] {
     let y = y.map(|c| c / length);
     let z = [x[1] * y[2] - x[2] * y[1], x[2] * y[0] - x[0] * y[2], x[0] * y[1] - x[1] * y[0]];
     std::array::from_fn(|i| edges[0] * x[i].abs() + edges[1] * y[i].abs() + edges[2] * z[i].abs())
-}
-
-/// A turned unit cube: edges of its box 1 to √3.
-pub(super) fn cube(random: &mut Random) -> [f32; 3] {
-    turned([0.8; 3], random)
-}
-
-/// A ball: every box is the same cube.
-pub(super) fn ball(_: &mut Random) -> [f32; 3] {
-    [1.0; 3]
-}
-
-/// A skittle: three times as tall as wide.
-pub(super) fn skittle(random: &mut Random) -> [f32; 3] {
-    turned([0.4, 0.4, 1.2], random)
-}
-
-/// A torus: a flat disc.
-pub(super) fn torus(random: &mut Random) -> [f32; 3] {
-    turned([1.0, 1.0, 0.3], random)
 }
 
 /// A letter: thin, of any width and height, and of sizes 1 to 3.

@@ -37,22 +37,7 @@ pub struct Scene {
 impl Scene {
     pub fn new(name: SceneName, n: usize, seed: u64) -> Self {
         let mut random = Random::new(seed);
-        match name {
-            SceneName::Uniform => kinds::uniform(n, &mut random),
-            SceneName::Mixed => kinds::mixed(n, &mut random),
-            SceneName::Pile => kinds::pile(n, &mut random),
-            SceneName::Plane => kinds::plane(n, &mut random),
-            SceneName::Cubes => kinds::falling(n, &mut random, kinds::cube),
-            SceneName::Balls => kinds::falling(n, &mut random, kinds::ball),
-            SceneName::Skittles => kinds::falling(n, &mut random, kinds::skittle),
-            SceneName::Torus => kinds::falling(n, &mut random, kinds::torus),
-            SceneName::Letters => kinds::falling(n, &mut random, kinds::letter),
-            SceneName::OneCell => kinds::one_cell(n, &mut random),
-            SceneName::Rods => kinds::rods(n, &mut random),
-            SceneName::Giants => kinds::giants(n, &mut random),
-            SceneName::Far => kinds::far(n, &mut random),
-            SceneName::Identical => kinds::identical(n, &mut random),
-        }
+        name.make()(n, &mut random)
     }
 
     /// Given boxes, set in motion within their own finite bounds.
@@ -120,8 +105,11 @@ fn around(centre: [f32; 3], edges: [f32; 3]) -> Aabb {
     }
 }
 
+/// What makes a scene of so many boxes.
+type Make = fn(usize, &mut Random) -> Scene;
+
 macro_rules! scene_names {
-    ($($(#[$doc:meta])* $name:ident = $text:literal,)+) => {
+    ($($(#[$doc:meta])* $name:ident = $text:literal, $make:expr;)+) => {
         #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
         pub enum SceneName {
             $($(#[$doc])* $name,)+
@@ -137,39 +125,49 @@ macro_rules! scene_names {
                     $(Self::$name => $text,)+
                 }
             }
+
+            fn make(self) -> Make {
+                match self {
+                    $(Self::$name => $make,)+
+                }
+            }
         }
     };
 }
 
 scene_names! {
     /// Edges 0.8 to 1.2 in a cube, about 1 pair a box.
-    Uniform = "uniform",
+    Uniform = "uniform", kinds::uniform;
     /// Edges log-uniform from 0.01 to 10, about 2 pairs a box.
-    Mixed = "mixed",
+    Mixed = "mixed", kinds::mixed;
     /// A heap of radius 4 × height in a jittered brick lattice, about 7 pairs a box.
-    Pile = "pile",
+    Pile = "pile", kinds::pile;
     /// Every z overlaps; Gaussian blobs of 2,000 boxes, about 3 pairs a box.
-    Plane = "plane",
-    /// Falling columns of turned cubes (papers 2009 to 2014).
-    Cubes = "cubes",
-    /// Falling columns of balls (papers 2009 to 2014).
-    Balls = "balls",
+    Plane = "plane", kinds::plane;
+    /// Falling columns of turned cubes (papers 2009 to 2014): edges of a box 1 to √3.
+    Cubes = "cubes", |n, random| kinds::falling(n, random, |random| kinds::turned([0.8; 3], random));
+    /// Falling columns of balls (papers 2009 to 2014): every box is the same cube.
+    Balls = "balls", |n, random| kinds::falling(n, random, |_| [1.0; 3]);
     /// Falling columns of skittles: tall and thin, turned (papers 2009 to 2014).
-    Skittles = "skittles",
+    Skittles = "skittles", |n, random| {
+        kinds::falling(n, random, |random| kinds::turned([0.4, 0.4, 1.2], random))
+    };
     /// Falling columns of tori: wide and flat, turned (paper 2014).
-    Torus = "torus",
+    Torus = "torus", |n, random| {
+        kinds::falling(n, random, |random| kinds::turned([1.0, 1.0, 0.3], random))
+    };
     /// Falling columns of letters: unlike objects (paper 2014).
-    Letters = "letters",
+    Letters = "letters", |n, random| kinds::falling(n, random, kinds::letter);
     /// A uniform scene, and eight boxes so far off that a grid over the bounds has one full cell.
-    OneCell = "one-cell",
+    OneCell = "one-cell", kinds::one_cell;
     /// Thin rods, 40 times as long as wide, along any axis.
-    Rods = "rods",
+    Rods = "rods", kinds::rods;
     /// Dust, a few huge boxes, an infinite ground and one box that covers everything.
-    Giants = "giants",
+    Giants = "giants", kinds::giants;
     /// A uniform scene where a float's step is up to a sixteenth of a box.
-    Far = "far",
+    Far = "far", kinds::far;
     /// All boxes the same: every pair overlaps, n(n − 1)/2 of them.
-    Identical = "identical",
+    Identical = "identical", kinds::identical;
 }
 
 impl SceneName {
@@ -206,20 +204,10 @@ pub const STEP_SHARE: f32 = 0.02;
 #[derive(Clone, Debug)]
 pub enum Walls {
     /// Every box stays between the same two corners (of its centre).
-    Scene {
-        /// Lowest centre.
-        low: [f32; 3],
-        /// Highest centre.
-        high: [f32; 3],
-    },
+    Scene { low: [f32; 3], high: [f32; 3] },
     /// Every box stays within `radius` of its own first centre on each axis, so that the scene
     /// keeps its shape, for instance a heap.
-    Cage {
-        /// First centres.
-        home: Vec<[f32; 3]>,
-        /// Half edge of the cage.
-        radius: f32,
-    },
+    Cage { home: Vec<[f32; 3]>, radius: f32 },
     /// Boxes reflect at the sides; one that falls below the floor comes back at the top.
     Falling { low: [f32; 3], high: [f32; 3] },
 }

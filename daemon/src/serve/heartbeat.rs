@@ -26,20 +26,10 @@ const HANGS_AFTER: Duration = Duration::from_secs(10);
 /// A worker that had no file for a client counts as full for this long: more than such a client takes to look.
 const FULL_FOR: Duration = Duration::from_secs(1);
 
-/// Rounds of the lanes: one that looks for requests counts them.
-#[derive(Clone, Debug, Default)]
-pub(super) struct Rounds(Arc<AtomicU64>);
-
-impl Rounds {
-    pub(super) fn count(&self) {
-        self.0.fetch_add(1, Ordering::Relaxed);
-    }
-}
-
 /// The thread that beats, until this is dropped.
 pub(super) struct Beating {
-    /// Where lanes count their rounds.
-    pub(super) rounds: Rounds,
+    /// Rounds of the lanes: one that looks for requests counts them.
+    pub(super) rounds: Arc<AtomicU64>,
     /// Where the server port notes that it had no file to connect to a client.
     pub(super) has_no_files: Arc<AtomicBool>,
     _thread: StoppedThread,
@@ -48,8 +38,9 @@ pub(super) struct Beating {
 impl Beating {
     pub(super) fn start(dir: &RuntimeDir, instance: &InstanceName) -> Result<Self, ServeError> {
         let heart = Heartbeat::start(dir, instance)?;
-        let (rounds, has_no_files) = (Rounds::default(), Arc::new(AtomicBool::new(false)));
-        let (counted, lacked, name) = (rounds.clone(), Arc::clone(&has_no_files), instance.clone());
+        let (rounds, has_no_files) = (Arc::default(), Arc::default());
+        let (counted, lacked) = (Arc::clone(&rounds), Arc::clone(&has_no_files));
+        let name = instance.clone();
         let work = move |stop: &AtomicBool| beat(heart, &counted, &lacked, stop, &name);
         let thread = StoppedThread::start("heartbeat", "starting the heartbeat", work)?;
         Ok(Self { rounds, has_no_files, _thread: thread })
@@ -58,7 +49,7 @@ impl Beating {
 
 fn beat(
     mut heart: Heartbeat,
-    rounds: &Rounds,
+    rounds: &AtomicU64,
     has_no_files: &AtomicBool,
     stop: &AtomicBool,
     instance: &InstanceName,
@@ -83,7 +74,7 @@ fn beat(
         let now = Instant::now();
         if now >= look_at {
             look_at = now + LOOK_INTERVAL;
-            let round = rounds.0.load(Ordering::Relaxed);
+            let round = rounds.load(Ordering::Relaxed);
             // A look at all threads takes up to a millisecond: only where the lanes are quiet.
             let all_sleep = std::mem::replace(&mut last_round, round) == round && others_sleep();
             if lanes.hang(round, all_sleep, now) {

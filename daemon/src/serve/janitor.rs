@@ -4,7 +4,7 @@
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, OnceLock};
 
 use pairmask_transport::{
@@ -12,7 +12,6 @@ use pairmask_transport::{
 };
 use pairmask_wire::InstanceName;
 
-use super::heartbeat::Rounds;
 use super::{ServeError, StoppedThread};
 use crate::locked;
 
@@ -20,7 +19,7 @@ use crate::locked;
 pub(super) struct Janitor {
     posted: Arc<Mutex<Option<StatusFile>>>,
     segment: Arc<OnceLock<PathBuf>>,
-    rounds: Rounds,
+    rounds: Arc<AtomicU64>,
     thread: StoppedThread,
 }
 
@@ -28,7 +27,7 @@ impl Janitor {
     pub(super) fn start(
         dir: &RuntimeDir,
         instance: &InstanceName,
-        rounds: Rounds,
+        rounds: Arc<AtomicU64>,
     ) -> Result<Self, ServeError> {
         let posted = Arc::new(Mutex::default());
         let mail = Arc::clone(&posted);
@@ -47,7 +46,7 @@ impl Janitor {
 
     /// Has the status file written, by this thread and not by the one that serves, which looks for requests.
     pub(super) fn post(&self, status: &StatusFile) {
-        self.rounds.count();
+        self.rounds.fetch_add(1, Ordering::Relaxed);
         *locked(&self.posted) = Some(*status);
         self.thread.wake();
     }

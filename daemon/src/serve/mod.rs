@@ -64,13 +64,13 @@ pub struct ServeSettings {
 pub const DEFAULT_SPIN: Duration = Duration::from_micros(50);
 
 /// A thread that is told to stop, woken and joined when this is dropped.
-struct StoppedThread {
+pub(crate) struct StoppedThread {
     stop: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
 }
 
 impl StoppedThread {
-    fn start(
+    pub(crate) fn start(
         name: &str,
         step: &'static str,
         work: impl FnOnce(&AtomicBool) + Send + 'static,
@@ -81,7 +81,7 @@ impl StoppedThread {
         Ok(Self { stop, thread: Some(thread.map_err(ServeError::system(step))?) })
     }
 
-    fn wake(&self) {
+    pub(crate) fn wake(&self) {
         if let Some(thread) = &self.thread {
             thread.thread().unpark();
         }

@@ -101,7 +101,7 @@ fn keep_working(settings: &ServeSettings) -> Result<(), ServeError> {
         StopSignals::install().map_err(ServeError::system("installing signal handlers"))?;
     let mut delay = RestartDelay::default();
     let mut served_before = false;
-    let mut dying = Dying::default();
+    let mut dying = Vec::new();
     loop {
         settings.dir.remove_record(&settings.instance);
         let mut worker = spawn_worker(settings, served_before)?;
@@ -122,7 +122,7 @@ fn keep_working(settings: &ServeSettings) -> Result<(), ServeError> {
             End::FilesClosed => {
                 // It is dying; one that closed its files by itself would live on beside the next.
                 worker.kill().map_err(ServeError::system("killing the worker"))?;
-                dying.0.push(worker);
+                dying.push(worker);
             }
         }
         if signals.wait(None, delay.of_death(Instant::now())) == Waited::Signal {
@@ -131,22 +131,16 @@ fn keep_working(settings: &ServeSettings) -> Result<(), ServeError> {
     }
 }
 
-/// Workers that died and whose processes have not ended yet.
-#[derive(Default)]
-struct Dying(Vec<Child>);
-
-impl Dying {
-    /// Forgets those that have ended, and logs how.
-    fn reap(&mut self, settings: &ServeSettings) {
-        self.0.retain_mut(|worker| match worker.try_wait() {
-            Ok(None) => true,
-            Ok(Some(status)) => {
-                log_death(settings, status);
-                false
-            }
-            Err(_) => false,
-        });
-    }
+/// Forgets workers that died and whose processes have ended now, and logs how.
+fn reap(dying: &mut Vec<Child>, settings: &ServeSettings) {
+    dying.retain_mut(|worker| match worker.try_wait() {
+        Ok(None) => true,
+        Ok(Some(status)) => {
+            log_death(settings, status);
+            false
+        }
+        Err(_) => false,
+    });
 }
 
 fn log_death(settings: &ServeSettings, status: ExitStatus) {
@@ -235,7 +229,7 @@ enum End {
 /// serve.
 fn watch(
     worker: &mut Child,
-    dying: &mut Dying,
+    dying: &mut Vec<Child>,
     settings: &ServeSettings,
     signals: &StopSignals,
 ) -> Result<End, ServeError> {
@@ -249,7 +243,7 @@ fn watch(
     let mut start = Some(Stillness::new(Some(0), Instant::now(), 2 * LOOK_INTERVAL));
     let mut is_killed = false;
     loop {
-        dying.reap(settings);
+        reap(dying, settings);
         if let Some(status) = worker.try_wait().map_err(failed("watching the worker"))? {
             return Ok(End::Status(status));
         }

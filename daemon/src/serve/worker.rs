@@ -4,7 +4,7 @@
 //! faster.
 
 use std::path::Path;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
@@ -21,14 +21,14 @@ use pairmask_wire::{SkipTotals, StatusBody, Version};
 use rustix::process::Signal;
 use signal_hook::consts::{SIGINT, SIGTERM};
 
-use super::heartbeat::{Beating, Rounds};
+use super::heartbeat::Beating;
 use super::janitor::{Janitor, clean_up};
 use super::lanes::Lanes;
 use super::{ServeError, ServeSettings};
 use crate::audit::Auditor;
 use crate::execute::gpu::{GpuChoices, IfMissing, OpenError};
 use crate::execute::{EnginePool, Executor, GpuService};
-use crate::ingest::{Gate, Intake};
+use crate::ingest::Intake;
 use crate::locked;
 use crate::requests::Responder;
 use crate::scene::{Scene, SceneName};
@@ -95,8 +95,7 @@ pub fn work(settings: &ServeSettings, supervisor: u32) -> Result<(), ServeError>
         Auditor::start(settings.audit).map_err(ServeError::system("starting the auditor"))?;
     let (services, turn) = (Arc::new(services), Arc::new(PortTurn::default()));
     let files = SegmentFiles::new(&settings.dir, &settings.instance);
-    let gate = Gate::new(Arc::clone(&services), files);
-    let intake = Intake::new(server, Arc::clone(&turn), gate, early);
+    let intake = Intake::new(server, Arc::clone(&turn), Arc::clone(&services), files, early);
     let responder = Responder::new(
         services,
         (turn, free),
@@ -159,13 +158,13 @@ fn limits_that_fit(asked: &Limits) -> Result<Limits, LimitError> {
 /// away as soon as it has died, and as long as we have no part in them.
 fn open_services(
     settings: &ServeSettings,
-    rounds: &Rounds,
-) -> Result<(Janitor, Services), ServeError> {
+    rounds: &Arc<AtomicU64>,
+) -> Result<(Janitor, Services<ipc_threadsafe::Service>), ServeError> {
     let give_up_at = Instant::now() + PREDECESSOR_DIES;
     loop {
         clean_if_abandoned(&settings.dir, &settings.instance)?;
         settings.dir.ensure_transport_root(&settings.instance)?;
-        let janitor = Janitor::start(&settings.dir, &settings.instance, rounds.clone())?;
+        let janitor = Janitor::start(&settings.dir, &settings.instance, Arc::clone(rounds))?;
         match Services::serve(&settings.dir, &settings.instance, &settings.limits) {
             Ok(services) => return Ok((janitor, services)),
             Err(error) if Instant::now() < give_up_at => {

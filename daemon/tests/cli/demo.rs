@@ -1,4 +1,4 @@
-//! `demo`: two processes, a summary, and nothing left.
+//! `demo`: its own daemon, a summary, and nothing left.
 
 use rustix::process::{Pid, Signal, kill_process};
 
@@ -24,8 +24,8 @@ fn a_signal_ends_it_early_with_its_summary() {
     let place = Place::new();
     let child = place.command(&["demo", "--seconds", "1000", "--boxes", "50"]).spawn().unwrap();
     let pid = Pid::from_raw(i32::try_from(child.id()).unwrap()).unwrap();
-    let is_client = |process: &String| process.contains("demo-client");
-    eventually("the client runs", || place.processes().iter().any(is_client).then_some(()));
+    let is_worker = |process: &String| process.contains("--worker");
+    eventually("the daemon serves", || place.processes().iter().any(is_worker).then_some(()));
     std::thread::sleep(std::time::Duration::from_millis(300));
     kill_process(pid, Signal::TERM).unwrap();
     let finished = finish(child);
@@ -38,8 +38,8 @@ fn a_signal_ends_it_early_with_its_summary() {
 fn nothing_outlives_a_demo_that_is_killed() {
     let place = Place::new();
     let mut child = place.command(&["demo", "--seconds", "1000", "--boxes", "50"]).spawn().unwrap();
-    let is_client = |process: &String| process.contains("demo-client");
-    eventually("the client runs", || place.processes().iter().any(is_client).then_some(()));
+    let is_worker = |process: &String| process.contains("--worker");
+    eventually("the daemon serves", || place.processes().iter().any(is_worker).then_some(()));
     child.kill().unwrap();
     child.wait().unwrap();
     place.assert_clean(&[]);

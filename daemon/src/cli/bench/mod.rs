@@ -7,17 +7,16 @@ pub use self::report::{CpuUsed, Figures, LatencyRow};
 use std::fmt;
 use std::num::{NonZeroU64, NonZeroUsize};
 use std::path::PathBuf;
-use std::str::FromStr;
 use std::time::Duration;
 
-use clap::{Args, Subcommand};
+use clap::{Args, Subcommand, ValueEnum};
 use pairmask::{Backend, SessionBuilder};
 use pairmask_core::BoxCount;
-use pairmask_core::engine::UnknownName;
 use pairmask_transport::RuntimeDir;
 use pairmask_wire::InstanceName;
 use rustix::process::Pid;
 use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
+use serde::{Deserialize, Serialize};
 
 use self::report::LatencyReport;
 use super::daemon_cpu::{DaemonCpu, own_cpu};
@@ -32,30 +31,11 @@ use super::whole_number::whole_number;
 use crate::precision::PrecisionChoice;
 use crate::scene::{Scene, SceneName};
 use crate::serve::DEFAULT_SPIN;
-use crate::timed_client::{Decoders, Decoding, TimedClient};
-
-/// Measure what frames cost on this machine
-#[derive(Debug, Args)]
-#[command(
-    after_help = "Engines, precision modes, clients at a pace and pair numberings are measured by `pairmask-lab` (tests/lab)."
-)]
-pub struct Bench {
-    #[command(subcommand)]
-    what: What,
-}
+use crate::timed_client::{Decoding, TimedClient};
 
 #[derive(Debug, Subcommand)]
-enum What {
+pub enum Bench {
     Latency(Latency),
-}
-
-impl Bench {
-    /// Measures.
-    pub fn run(&self, place: &Place) -> Result {
-        match &self.what {
-            What::Latency(latency) => latency.run(place),
-        }
-    }
 }
 
 /// Spin time of both sides. Longer than any pause between two frames, so that no thread sleeps.
@@ -132,20 +112,17 @@ pub struct Latency {
     json: bool,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
 pub enum Wait {
-    /// Both spin and hold a core each.
+    /// Both spin and hold a core each
     Spin,
-    /// Both sleep without spinning, and are woken.
+    /// Both sleep without spinning, and are woken
     Event,
-    /// As `serve` and sessions do unless told otherwise.
+    /// As `serve` and sessions do unless told otherwise
     Serve,
 }
 
 impl Wait {
-    const ALL: [Self; 3] = [Self::Spin, Self::Event, Self::Serve];
-
-    /// How long a waiting thread spins.
     pub const fn spin(self) -> Duration {
         match self {
             Self::Spin => SPIN,
@@ -165,19 +142,7 @@ impl fmt::Display for Wait {
     }
 }
 
-impl FromStr for Wait {
-    type Err = UnknownName;
-
-    fn from_str(s: &str) -> Result<Self, UnknownName> {
-        Self::ALL
-            .into_iter()
-            .find(|wait| wait.to_string() == s)
-            .ok_or_else(|| UnknownName { name: s.to_owned(), known: "spin, event, serve".into() })
-    }
-}
-
 impl Latency {
-    /// Measures a row for every wait, scene and precision, and prints them.
     pub fn run(&self, place: &Place) -> Result {
         let is_alone = self.frames_of.options.backend(place, Backend::Daemon) == Backend::InProcess;
         if self.pin && is_alone {
@@ -196,7 +161,7 @@ impl Latency {
         let scenes = self.scenes()?;
         making.finish_and_clear();
         // Before any thread is pinned: threads that start later inherit its cores.
-        let mut decoding = threads_of(self.frames_of.decode_threads)?;
+        let decoding = Decoding::start(self.frames_of.decode_threads)?;
         let cores = self.pin.then(Cores::of_this_thread).transpose()?;
         let mut rows = Vec::new();
         for wait in &self.wait {
@@ -220,7 +185,7 @@ impl Latency {
                         target.session(self.frames_of.options.session(place), wait.spin());
                     let (scene, daemon) = (scene.clone(), target.cpu());
                     let row =
-                        self.row(scene, *precision, *wait, &mut decoding, session, daemon.as_ref());
+                        self.row(scene, *precision, *wait, &decoding, session, daemon.as_ref());
                     rows.push(row?);
                 }
             }
@@ -246,7 +211,7 @@ impl Latency {
         mut scene: Scene,
         precision: PrecisionChoice,
         wait: Wait,
-        decoding: &mut Decoding,
+        decoding: &Decoding,
         session: SessionBuilder,
         daemon: Option<&DaemonCpu>,
     ) -> Result<LatencyRow> {
@@ -259,15 +224,15 @@ impl Latency {
         let frames = warm_up + self.frames.get();
         let progress = progress_bar(frames, &format!("{n} boxes, {precision}, {wait}"));
         // The backend of this frame has to serve all frames.
-        let first = client.frame_decoded(scene.boxes(), decoding, |_| ())?;
+        let first = client.frame(scene.boxes(), decoding, |_| ())?;
         let mut figures = Figures::of(&first.info);
-        let mut since = (None, own_cpu());
+        let mut used = (None, own_cpu());
         for frame in 0..frames {
             scene.step();
             if frame == warm_up {
-                since = (daemon.map(DaemonCpu::since_now), own_cpu());
+                used = (daemon.map(DaemonCpu::watch), own_cpu());
             }
-            let answered = client.frame_decoded(scene.boxes(), decoding, |_| ())?;
+            let answered = client.frame(scene.boxes(), decoding, |_| ())?;
             if frame >= warm_up {
                 figures.record(&answered)?;
             }
@@ -275,39 +240,17 @@ impl Latency {
                 progress.set_position(frame);
             }
         }
-        let (of_daemon, of_client) = since;
-        let of_daemon = daemon.zip(of_daemon).map(|(daemon, since)| daemon.used_since(&since));
+        let (of_daemon, of_client) = used;
+        let of_daemon = of_daemon.map(|used| used());
         let of_client = own_cpu().saturating_sub(of_client);
         let cpu = CpuUsed::of(figures.frames, of_daemon, Some(of_client));
         progress.finish_and_clear();
-        Ok(LatencyRow::new(n, precision, wait, decode_threads, &figures, cpu))
+        Ok(LatencyRow { n, precision, wait, decode_threads, figures, cpu })
     }
 }
 
-/// The threads of a client. They are kept awake while frames are under way.
-pub fn threads_of(threads: NonZeroUsize) -> Result<Decoding> {
-    Ok(match threads.get() {
-        1 => Decoding::Serial,
-        _ => Decoding::Parallel(
-            Decoders::start(threads)
-                .map_err(|error| format!("the decoding threads cannot be started: {error}"))?,
-        ),
-    })
-}
-
-#[derive(Debug, thiserror::Error)]
-pub enum PinError {
-    #[error("--pin needs two cores, one for the client and one for the daemon: leave it out")]
-    TooFewCores,
-    #[error("--pin: no daemon serves instance '{instance}'")]
-    NoDaemon { instance: InstanceName },
-    #[error("--pin: {0}")]
-    System(#[from] rustix::io::Errno),
-}
-
 /// Cores that this process could use when it started.
-#[derive(Debug)]
-pub struct Cores {
+struct Cores {
     all: CpuSet,
     client: usize,
     daemon: usize,
@@ -315,30 +258,37 @@ pub struct Cores {
 
 impl Cores {
     /// The cores of the calling thread, which must not be pinned yet.
-    pub fn of_this_thread() -> Result<Self, PinError> {
-        let all = sched_getaffinity(None)?;
+    fn of_this_thread() -> Result<Self> {
+        let all = sched_getaffinity(None).map_err(pinning)?;
         let mut cores = (0..CpuSet::MAX_CPU).filter(|core| all.is_set(*core));
-        let (client, daemon) = cores.next().zip(cores.next()).ok_or(PinError::TooFewCores)?;
+        let two = cores.next().zip(cores.next());
+        let (client, daemon) = two.ok_or(
+            "--pin needs two cores, one for the client and one for the daemon: leave it out",
+        )?;
         Ok(Self { all, client, daemon })
     }
 
     /// Gives the calling thread all cores back: a process that it starts inherits them.
-    pub fn unpin(&self) -> Result<(), PinError> {
-        Ok(sched_setaffinity(None, &self.all)?)
+    fn unpin(&self) -> Result {
+        Ok(sched_setaffinity(None, &self.all).map_err(pinning)?)
     }
 
     /// Keeps the calling thread on one core, and the thread that serves the instance on another.
-    pub fn pin(&self, dir: &RuntimeDir, instance: &InstanceName) -> Result<(), PinError> {
+    fn pin(&self, dir: &RuntimeDir, instance: &InstanceName) -> Result {
         // The serving thread is its process's first, so it has the process's number. The engines'
         // other threads stay free.
         let serving = dir
             .serving(instance)
             .read_record(instance)
             .and_then(|record| Pid::from_raw(i32::try_from(record.worker_pid).ok()?))
-            .ok_or_else(|| PinError::NoDaemon { instance: instance.clone() })?;
-        sched_setaffinity(Some(serving), &only(self.daemon))?;
-        Ok(sched_setaffinity(None, &only(self.client))?)
+            .ok_or_else(|| format!("--pin: no daemon serves instance '{instance}'"))?;
+        sched_setaffinity(Some(serving), &only(self.daemon)).map_err(pinning)?;
+        Ok(sched_setaffinity(None, &only(self.client)).map_err(pinning)?)
     }
+}
+
+fn pinning(error: rustix::io::Errno) -> String {
+    format!("--pin: {error}")
 }
 
 fn only(core: usize) -> CpuSet {

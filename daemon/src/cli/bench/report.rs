@@ -5,7 +5,8 @@ use std::time::Duration;
 
 use pairmask::FrameInfo;
 use pairmask_core::engine::EngineId;
-use serde::{Deserialize, Serialize};
+use serde::ser::SerializeMap;
+use serde::{Deserialize, Serialize, Serializer};
 
 use super::Wait;
 use crate::cli::daemon_cpu::{Used, nanoseconds_a};
@@ -16,105 +17,78 @@ use crate::precision::PrecisionChoice;
 use crate::timed_client::TimedFrame;
 
 /// The JSON object of `bench latency --json`. Fields may be added, never changed or taken away.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Debug, Serialize)]
 pub struct LatencyReport {
     pub machine: Machine,
     pub rows: Vec<LatencyRow>,
 }
 
-#[derive(Clone, Debug, PartialEq, Serialize)]
+/// An element of its `rows`.
+#[derive(Debug)]
 pub struct LatencyRow {
     pub n: u32,
-    /// Where the pairs were found: `daemon` or `in-process`.
-    pub backend: String,
-    /// How both sides waited: `spin`, `event` or `serve`.
-    pub wait: String,
-    pub engine: String,
-    /// Precision of the boxes: `exact`, `q16`, `q8`, `f16` or `margin=X`.
-    pub precision: String,
-    /// Bytes of the boxes of one request.
-    pub box_bytes: u64,
-    pub frames: u64,
-    /// Frames for which a request was made; `margin=X` answers the others from an earlier mask.
-    pub requests: u64,
+    pub precision: PrecisionChoice,
+    pub wait: Wait,
     /// Threads of the client, which wrote exact boxes and visited the pairs.
-    pub decode_threads: u64,
-    /// Fill and answer: the whole frame, frame by frame.
-    pub total_ns: Percentiles,
-    /// Time to borrow memory and write the boxes into it.
-    pub fill_ns: Percentiles,
-    /// Round trip and decode: from boxes written to the last pair visited.
-    pub answer_ns: Percentiles,
-    /// From submission to the mask.
-    pub round_trip_ns: Percentiles,
-    /// The engine's part of the round trip.
-    pub engine_ns: Percentiles,
-    /// The round trip less the engine's part, frame by frame.
-    pub added_ns: Percentiles,
-    /// Time to visit every pair of the mask once.
-    pub decode_ns: Percentiles,
-    /// What the daemon used of a core meanwhile, percent, for all its clients; `None` where no daemon
-    /// was asked.
-    pub daemon_cpu_percent: Option<f64>,
-    /// CPU time of the daemon for each frame, of all its threads; `None` where no daemon was asked.
-    pub daemon_cpu_ns: Option<u64>,
-    /// The same of this process, with what it takes to move the boxes; `None` where clients are other processes.
-    pub client_cpu_ns: Option<u64>,
+    pub decode_threads: usize,
+    pub figures: Figures,
+    pub cpu: CpuUsed,
 }
 
 /// CPU time of the frames of a row, of all clients that ran together.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 pub struct CpuUsed {
-    pub daemon_percent: Option<f64>,
-    /// Of a frame.
-    pub daemon_ns: Option<u64>,
-    /// Of a frame.
-    pub client_ns: Option<u64>,
+    daemon: Option<Used>,
+    client: Option<Duration>,
+    frames: u64,
 }
 
 impl CpuUsed {
     /// What a daemon, and this process as its client, used for so many frames.
-    pub fn of(frames: u64, daemon: Option<Used>, client: Option<Duration>) -> Self {
-        Self {
-            daemon_percent: daemon.map(|used| used.percent()),
-            daemon_ns: daemon.map(|used| used.ns_a_frame(frames)),
-            client_ns: client.map(|used| nanoseconds_a(used, frames)),
-        }
+    pub const fn of(frames: u64, daemon: Option<Used>, client: Option<Duration>) -> Self {
+        Self { daemon, client, frames }
+    }
+
+    fn daemon_ns(&self) -> Option<u64> {
+        self.daemon.map(|used| nanoseconds_a(used.cpu, self.frames))
+    }
+
+    fn client_ns(&self) -> Option<u64> {
+        self.client.map(|used| nanoseconds_a(used, self.frames))
     }
 }
 
-impl LatencyRow {
-    pub fn new(
-        n: u32,
-        precision: PrecisionChoice,
-        wait: Wait,
-        decode_threads: usize,
-        figures: &Figures,
-        cpu: CpuUsed,
-    ) -> Self {
-        let stages = figures.stages.each_ref().map(Recorder::percentiles);
-        let [total_ns, fill_ns, answer_ns, round_trip_ns, engine_ns, added_ns, decode_ns] = stages;
-        Self {
-            n,
-            backend: figures.backend.clone(),
-            wait: wait.to_string(),
-            engine: figures.engine.clone(),
-            precision: precision.to_string(),
-            box_bytes: figures.box_bytes,
-            frames: figures.frames,
-            requests: figures.requests,
-            decode_threads: decode_threads as u64,
-            total_ns,
-            fill_ns,
-            answer_ns,
-            round_trip_ns,
-            engine_ns,
-            added_ns,
-            decode_ns,
-            daemon_cpu_percent: cpu.daemon_percent,
-            daemon_cpu_ns: cpu.daemon_ns,
-            client_cpu_ns: cpu.client_ns,
+/// Stages of a frame: how far each is indented below the one that holds it, and its name.
+const STAGES: [(&str, &str); 7] = [
+    ("", "total"),
+    ("  ", "fill"),
+    ("  ", "answer"),
+    ("    ", "round_trip"),
+    ("      ", "engine"),
+    ("      ", "added"),
+    ("    ", "decode"),
+];
+
+impl Serialize for LatencyRow {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let Self { n, precision, wait, decode_threads, figures, cpu } = self;
+        let mut row = serializer.serialize_map(None)?;
+        row.serialize_entry("n", n)?;
+        row.serialize_entry("backend", &figures.backend)?;
+        row.serialize_entry("wait", &wait.to_string())?;
+        row.serialize_entry("engine", &figures.engine)?;
+        row.serialize_entry("precision", &precision.to_string())?;
+        row.serialize_entry("box_bytes", &figures.box_bytes)?;
+        row.serialize_entry("frames", &figures.frames)?;
+        row.serialize_entry("requests", &figures.requests)?;
+        row.serialize_entry("decode_threads", decode_threads)?;
+        for ((_, stage), times) in STAGES.iter().zip(&figures.stages) {
+            row.serialize_entry(&format!("{stage}_ns"), &times.percentiles())?;
         }
+        row.serialize_entry("daemon_cpu_percent", &cpu.daemon.map(|used| used.percent()))?;
+        row.serialize_entry("daemon_cpu_ns", &cpu.daemon_ns())?;
+        row.serialize_entry("client_cpu_ns", &cpu.client_ns())?;
+        row.end()
     }
 }
 
@@ -127,37 +101,30 @@ impl fmt::Display for LatencyReport {
 
 impl fmt::Display for LatencyRow {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { n, backend, wait, engine, precision, frames, requests, .. } = self;
+        let Self { n, precision, wait, figures, cpu, .. } = self;
+        let Figures { backend, engine, frames, requests, .. } = figures;
         write!(f, "{n} boxes, {backend} ({wait}), {engine}, {precision}, {frames} frames")?;
         if requests != frames {
             write!(f, ", {requests} asked for")?;
         }
         writeln!(f)?;
         let us = |ns: u64| ns as f64 / 1e3;
-        if let Some(ns) = self.client_cpu_ns {
+        if let Some(ns) = cpu.client_ns() {
             writeln!(f, "CPU time a frame: client {:.2} µs", us(ns))?;
         }
-        if let Some((ns, percent)) = self.daemon_cpu_ns.zip(self.daemon_cpu_percent) {
-            writeln!(f, "CPU time a frame: daemon {:.2} µs, {percent} % of a core", us(ns))?;
+        if let Some((ns, used)) = cpu.daemon_ns().zip(cpu.daemon) {
+            let (us, percent) = (us(ns), used.percent());
+            writeln!(f, "CPU time a frame: daemon {us:.2} µs, {percent} % of a core")?;
         }
         write!(f, "{:<14}", "µs")?;
         for head in ["p50", "p90", "p99", "p99.9", "max"] {
             write!(f, "{head:>12}")?;
         }
-        let stages = [
-            ("total", &self.total_ns),
-            ("  fill", &self.fill_ns),
-            ("  answer", &self.answer_ns),
-            ("    round trip", &self.round_trip_ns),
-            ("      engine", &self.engine_ns),
-            ("      added", &self.added_ns),
-            ("    decode", &self.decode_ns),
-        ];
-        for (stage, found) in stages {
-            let Percentiles { p50, p90, p99, p999, max } = found;
-            write!(f, "\n{stage:<14}")?;
+        for ((indent, stage), times) in STAGES.iter().zip(&figures.stages) {
+            let Percentiles { p50, p90, p99, p999, max } = times.percentiles();
+            write!(f, "\n{:<14}", format!("{indent}{}", stage.replace('_', " ")))?;
             for ns in [p50, p90, p99, p999, max] {
-                write!(f, "{:>12.2}", *ns as f64 / 1e3)?;
+                write!(f, "{:>12.2}", us(ns))?;
             }
         }
         Ok(())
@@ -174,16 +141,17 @@ const CHANGED: &str =
 /// Frames under measurement, all of one backend.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Figures {
-    pub backend: String,
+    backend: String,
     /// The engine; `auto` where frames had different engines.
-    pub engine: String,
+    engine: String,
     #[serde(skip)]
     engine_id: Option<EngineId>,
-    pub box_bytes: u64,
+    box_bytes: u64,
     pub frames: u64,
-    pub requests: u64,
-    /// Of each frame: total, fill, answer, round trip, engine, added, decode.
-    pub(super) stages: [Recorder; 7],
+    /// Frames for which a request was made; `margin=X` answers the others from an earlier mask.
+    requests: u64,
+    /// Of each frame, in the order of [`STAGES`].
+    stages: [Recorder; STAGES.len()],
 }
 
 impl Figures {
@@ -200,7 +168,6 @@ impl Figures {
         }
     }
 
-    /// Adds a frame.
     pub fn record(&mut self, times: &TimedFrame) -> Result {
         let info = &times.info;
         if info.served_by.as_str() != self.backend {

@@ -2,26 +2,24 @@
 
 mod report;
 
-use std::fs::File;
-use std::io::{BufWriter, Write};
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 use std::{fmt, io};
 
 use clap::{Args, ValueEnum};
 use pairmask::{Backend, ConnectError, PairMask, PendingFrame, Session};
-use pairmask_core::engine::EngineId;
 use pairmask_core::mask::WordAddress;
+use pairmask_core::plan::Plan;
 use pairmask_core::{Aabb, Bounds, MaskView, Sphere};
 use rayon::slice::ParallelSliceMut;
 
-use self::report::{Planned, Timings, explanation, report};
+use self::report::{Timings, explanation, plan, report};
 use super::options::{CullFlags, DaemonOptions, Place};
-use super::output::{OutputError, is_stdout, print_aside, print_json, print_text, spinner};
+use super::output::{is_stdout, print_aside, print_json, print_text, spinner, write_file};
 use super::program::{Result, WrongUsage};
 use super::raw_objects::{RawBoxes, RawObjects};
 use super::scene_look::{Look, Useless};
-use crate::file_error::{Access, FileError};
 use crate::precision::PrecisionChoice;
 use crate::spawn::PrivateDaemon;
 
@@ -84,23 +82,9 @@ enum Shape {
     Spheres,
 }
 
-#[derive(Debug, thiserror::Error)]
-enum CullFault {
-    #[error("{flag} is about boxes: leave it out with --shape spheres")]
-    AboutBoxes { flag: &'static str },
-    #[error("{first} and {second} would both write to stdout: name a file for one of them")]
-    TwoOnStdout { first: &'static str, second: &'static str },
-    #[error("--pairs and --mask name the same file, {}: name two", path.display())]
-    SameFile { path: PathBuf },
-    #[error("{engine} counted {counted} pairs and its mask holds {decoded}: please report this")]
-    Miscounted { engine: EngineId, counted: u64, decoded: u64 },
-    #[error("no memory to sort {pairs} pairs: write the mask instead (--mask)")]
-    TooManyPairs { pairs: u64 },
-}
-
 impl Cull {
     pub fn run(&self, place: &Place) -> Result {
-        self.check().map_err(|fault| WrongUsage(fault.to_string()))?;
+        self.check().map_err(WrongUsage)?;
         let scene = self.open()?;
         let progress = spinner(&scene.to_string());
         let spawn = || PrivateDaemon::start_self(&self.daemon.private(place));
@@ -111,7 +95,7 @@ impl Cull {
             RawScene::Boxes(boxes) => {
                 let planner = self.explain.then(|| {
                     let (options, isa) = (self.options.cull_options(place), place.isa());
-                    move |boxes: &[Aabb]| Planned::new(boxes, &options, isa)
+                    move |boxes: &[Aabb]| plan(boxes, &options, isa)
                 });
                 ask_boxes(&mut session, boxes, self.precision, planner)
             }
@@ -119,7 +103,7 @@ impl Cull {
         }?;
         let (mask, timings) = answer(frame, times)?;
 
-        let explain = planned.map(|planned| explanation(&planned, &mask, timings.decode));
+        let explain = planned.map(|plan| explanation(&plan, place.isa(), &mask, timings.decode));
         let warnings = self.warnings(look, &mask);
         let report = report(&mask, self.precision, &world, &timings, explain, &warnings);
         if let Some(path) = &self.pairs {
@@ -132,7 +116,7 @@ impl Cull {
         for warning in &warnings {
             log::warn!("{}: {warning}", self.file.display());
         }
-        if self.stdout_is_for_results() {
+        if [&self.pairs, &self.mask].into_iter().flatten().any(|path| is_stdout(path)) {
             print_aside(&report.to_string());
             return Ok(());
         }
@@ -140,12 +124,12 @@ impl Cull {
         Ok(())
     }
 
-    /// What is wrong about the command line.
-    fn check(&self) -> Result<(), CullFault> {
+    /// What is wrong about the command line, as an error.
+    fn check(&self) -> Result<(), String> {
         let is_precise = self.precision == PrecisionChoice::Exact;
         for (flag, allowed) in [("--precision", is_precise), ("--explain", !self.explain)] {
             if self.shape == Shape::Spheres && !allowed {
-                return Err(CullFault::AboutBoxes { flag });
+                return Err(format!("{flag} is about boxes: leave it out with --shape spheres"));
             }
         }
         let to_stdout = |path: &Option<PathBuf>| path.as_deref().is_some_and(is_stdout);
@@ -156,18 +140,15 @@ impl Cull {
         ];
         let mut on_stdout = results.iter().filter(|(_, is_there)| *is_there);
         if let (Some((first, _)), Some((second, _))) = (on_stdout.next(), on_stdout.next()) {
-            return Err(CullFault::TwoOnStdout { first, second });
+            let both = format!("{first} and {second} would both write to stdout");
+            return Err(format!("{both}: name a file for one of them"));
         }
         match (&self.pairs, &self.mask) {
             (Some(path), Some(mask)) if path == mask => {
-                Err(CullFault::SameFile { path: path.clone() })
+                Err(format!("--pairs and --mask name the same file, {}: name two", path.display()))
             }
             _ => Ok(()),
         }
-    }
-
-    fn stdout_is_for_results(&self) -> bool {
-        [&self.pairs, &self.mask].into_iter().flatten().any(|path| is_stdout(path))
     }
 
     fn warnings(&self, look: Look, mask: &PairMask) -> Vec<String> {
@@ -218,12 +199,11 @@ impl fmt::Display for RawScene {
     }
 }
 
-/// A frame that was read and submitted.
 struct Asked {
     /// When it was begun, read and submitted.
     times: [Instant; 3],
     frame: PendingFrame,
-    planned: Option<Planned>,
+    planned: Option<Plan>,
     look: Look,
     /// Bounds of the boxes, where a gap depends on their coordinates.
     world: Bounds,
@@ -233,7 +213,7 @@ fn ask_boxes(
     session: &mut Session,
     boxes: RawBoxes,
     precision: PrecisionChoice,
-    planner: Option<impl FnOnce(&[Aabb]) -> Planned>,
+    planner: Option<impl FnOnce(&[Aabb]) -> Plan>,
 ) -> Result<Asked> {
     let start = Instant::now();
     if precision == PrecisionChoice::Exact {
@@ -281,7 +261,8 @@ fn answer(
 
     let (engine, counted) = (mask.info().engine, mask.count());
     if counted != decoded {
-        return Err(CullFault::Miscounted { engine, counted, decoded }.into());
+        let what = format!("{engine} counted {counted} pairs and its mask holds {decoded}");
+        return Err(format!("{what}: please report this").into());
     }
     let timings = Timings {
         read: read - start,
@@ -297,7 +278,9 @@ pub fn write_pairs(path: &Path, mask: &PairMask) -> Result {
     let mut pairs: Vec<[u32; 2]> = Vec::new();
     let room = usize::try_from(mask.count()).ok();
     if room.is_none_or(|room| pairs.try_reserve_exact(room).is_err()) {
-        return Err(CullFault::TooManyPairs { pairs: mask.count() }.into());
+        let pairs = mask.count();
+        let what = format!("no memory to sort {pairs} pairs: write the mask instead (--mask)");
+        return Err(what.into());
     }
     mask.view().for_each(|a, b| pairs.push([a, b]));
     if !pairs.is_sorted() {
@@ -350,13 +333,4 @@ fn write_words(file: &mut dyn Write, words: impl Iterator<Item = u32>) -> io::Re
         file.write_all(&word.to_le_bytes())?;
     }
     Ok(())
-}
-
-fn write_file(path: &Path, write: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> Result {
-    let whole = |mut file: BufWriter<&mut dyn Write>| write(&mut file).and_then(|()| file.flush());
-    if is_stdout(path) {
-        return Ok(whole(BufWriter::new(&mut std::io::stdout().lock())).map_err(OutputError::Io)?);
-    }
-    let written = File::create(path).and_then(|mut file| whole(BufWriter::new(&mut file)));
-    Ok(written.map_err(FileError::of(path, Access::Write))?)
 }

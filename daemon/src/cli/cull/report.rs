@@ -16,7 +16,6 @@ use crate::cli::output::time_text;
 use crate::cli::skipped::Skipped;
 use crate::precision::PrecisionChoice;
 
-/// Times that the command measures itself.
 #[derive(Clone, Copy, Debug)]
 pub struct Timings {
     pub read: Duration,
@@ -45,7 +44,6 @@ const fn ns(duration: Duration) -> u64 {
     duration.as_nanos() as u64
 }
 
-/// The report on a frame.
 pub fn report(
     mask: &PairMask,
     precision: PrecisionChoice,
@@ -126,24 +124,14 @@ pub fn report(
     Shown { fields, text }
 }
 
-/// A second plan of the same frame, made for the report.
-pub struct Planned {
-    plan: Plan,
-    calibration: String,
-}
-
-impl Planned {
-    /// Plans a frame as an in-process session does, and a daemon without a GPU.
-    pub fn new(boxes: &[Aabb], options: &CullOptions, isa: AvailableIsa) -> Self {
-        let calibration = Calibration::built_in(isa.get());
-        let plan = CpuEngines::on(isa, calibration).plan(boxes, options, None);
-        Self { plan, calibration: format!("built in for {}", isa.get()) }
-    }
+/// A second plan of the same frame, made for the report: as an in-process session plans it, and a daemon without a GPU.
+pub fn plan(boxes: &[Aabb], options: &CullOptions, isa: AvailableIsa) -> Plan {
+    CpuEngines::on(isa, Calibration::built_in(isa.get())).plan(boxes, options, None)
 }
 
 /// The object `explain` of `cull --json --explain`.
-pub fn explanation(planned: &Planned, mask: &PairMask, decode: Duration) -> Shown {
-    let Planned { plan, calibration } = planned;
+pub fn explanation(plan: &Plan, isa: AvailableIsa, mask: &PairMask, decode: Duration) -> Shown {
+    let calibration = format!("built in for {}", isa.get());
     let (info, stats) = (mask.info(), &plan.stats);
     let candidates: Vec<_> = plan.candidates.iter().flatten().collect();
     let chosen = candidates.iter().find(|c| c.engine == plan.engine);

@@ -8,12 +8,12 @@ use pairmask_core::oracle::check::Mismatch;
 
 use crate::cli::output::{OutputError, is_watched, print_text, time_text};
 use crate::cli::percentiles::Recorder;
+use crate::cli::program::Result;
 
 /// Time between two changes of the line on a terminal: faster figures cannot be read.
 const LIVE_INTERVAL: Duration = Duration::from_millis(250);
 const PLAIN_INTERVAL: Duration = Duration::from_secs(1);
 
-/// Frames, and what they took.
 #[derive(Debug)]
 struct Tally {
     since: Instant,
@@ -27,32 +27,22 @@ impl Tally {
         Self { since: Instant::now(), frames: 0, pairs: 0, round_trips: Recorder::new() }
     }
 
-    fn note(&mut self, pairs: u64, ns: u64) {
-        self.frames += 1;
-        self.pairs += pairs;
-        self.round_trips.record(ns);
-    }
-
     fn frames_a_second(&self) -> f64 {
         self.frames as f64 / self.since.elapsed().as_secs_f64().max(1e-9)
     }
 
-    fn text(&self) -> String {
-        let found = self.round_trips.percentiles();
-        format!(
-            "{:>7.0} frames/s  {:>6} pairs  round trip p50 {:>9} p99 {:>9}",
-            self.frames_a_second(),
-            self.pairs / self.frames.max(1),
-            time_text(found.p50),
-            time_text(found.p99),
-        )
+    fn pairs_a_frame(&self) -> u64 {
+        self.pairs / self.frames.max(1)
     }
 }
 
-/// Counts of the whole run, and since the display last changed.
 #[derive(Debug)]
-pub struct Progress {
+pub struct Display {
+    /// The line on the terminal, if stderr is one.
+    live: Option<ProgressBar>,
+    due: Instant,
     all: Tally,
+    /// Since it last changed.
     recent: Tally,
     frames_in_process: u64,
     engine: Option<EngineId>,
@@ -61,9 +51,17 @@ pub struct Progress {
     first_wrong: Option<(u64, Mismatch)>,
 }
 
-impl Progress {
+impl Display {
     pub fn new() -> Self {
+        let live = is_watched().then(|| {
+            let style = ProgressStyle::with_template("{spinner} {msg}");
+            ProgressBar::new_spinner()
+                .with_style(style.unwrap_or_else(|_| ProgressStyle::default_spinner()))
+        });
+        let due = Instant::now() + if live.is_some() { LIVE_INTERVAL } else { PLAIN_INTERVAL };
         Self {
+            live,
+            due,
             all: Tally::new(),
             recent: Tally::new(),
             frames_in_process: 0,
@@ -85,11 +83,13 @@ impl Progress {
         engine: EngineId,
         in_process: bool,
     ) {
-        let ns = round_trip.as_nanos() as u64;
         self.frames_in_process += u64::from(in_process);
         self.engine = Some(engine);
-        self.all.note(pairs, ns);
-        self.recent.note(pairs, ns);
+        for tally in [&mut self.all, &mut self.recent] {
+            tally.frames += 1;
+            tally.pairs += pairs;
+            tally.round_trips.record(round_trip.as_nanos() as u64);
+        }
     }
 
     /// Counts a checked frame: the last one.
@@ -98,14 +98,6 @@ impl Progress {
         if let Some(bad) = bad {
             self.wrong += 1;
             self.first_wrong.get_or_insert((self.all.frames, bad));
-        }
-    }
-
-    /// Returns an error if a checked frame was wrong.
-    pub fn verdict(&self) -> Result<(), WrongFrames> {
-        match self.wrong {
-            0 => Ok(()),
-            wrong => Err(WrongFrames { wrong, checked: self.checked }),
         }
     }
 
@@ -119,7 +111,36 @@ impl Progress {
         }
     }
 
-    fn summary_text(&self) -> String {
+    pub fn update(&mut self) -> Result<(), OutputError> {
+        if Instant::now() < self.due {
+            return Ok(());
+        }
+        let recent = std::mem::replace(&mut self.recent, Tally::new());
+        let found = recent.round_trips.percentiles();
+        let text = format!(
+            "{:>5.1} s  {:>7.0} frames/s  {:>6} pairs  round trip p50 {:>9} p99 {:>9}  {}",
+            self.elapsed().as_secs_f64(),
+            recent.frames_a_second(),
+            recent.pairs_a_frame(),
+            time_text(found.p50),
+            time_text(found.p99),
+            self.checks_text()
+        );
+        match &self.live {
+            Some(line) => {
+                self.due = Instant::now() + LIVE_INTERVAL;
+                line.set_message(text);
+                line.tick();
+                Ok(())
+            }
+            None => {
+                self.due = Instant::now() + PLAIN_INTERVAL;
+                print_text(&text)
+            }
+        }
+    }
+
+    fn summary(&self) -> String {
         let (all, seconds) = (&self.all, self.elapsed().as_secs_f64());
         let found = all.round_trips.percentiles();
         let engine = self.engine.map_or_else(|| "none".to_owned(), |engine| engine.to_string());
@@ -131,72 +152,30 @@ impl Progress {
             all.frames,
             all.frames_a_second(),
             self.frames_in_process,
-            all.pairs / all.frames.max(1),
+            all.pairs_a_frame(),
             time_text(found.p50),
             time_text(found.p99),
             time_text(found.max),
             self.checks_text(),
         )
     }
-}
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("{wrong} of {checked} sampled frames were wrong: please report this")]
-pub struct WrongFrames {
-    wrong: u64,
-    checked: u64,
-}
-
-#[derive(Debug)]
-pub struct Display {
-    /// The line on the terminal, if stderr is one.
-    live: Option<ProgressBar>,
-    due: Instant,
-}
-
-impl Display {
-    pub fn new() -> Self {
-        let live = is_watched().then(|| {
-            let style = ProgressStyle::with_template("{spinner} {msg}");
-            ProgressBar::new_spinner()
-                .with_style(style.unwrap_or_else(|_| ProgressStyle::default_spinner()))
-        });
-        let mut display = Self { live, due: Instant::now() };
-        display.due += display.interval();
-        display
-    }
-
-    const fn interval(&self) -> Duration {
-        if self.live.is_some() { LIVE_INTERVAL } else { PLAIN_INTERVAL }
-    }
-
-    pub fn update(&mut self, progress: &mut Progress) -> Result<(), OutputError> {
-        if Instant::now() < self.due {
-            return Ok(());
-        }
-        self.due = Instant::now() + self.interval();
-        let text = format!(
-            "{:>5.1} s  {}  {}",
-            progress.elapsed().as_secs_f64(),
-            progress.recent.text(),
-            progress.checks_text()
-        );
-        progress.recent = Tally::new();
-        match &self.live {
-            Some(line) => {
-                line.set_message(text);
-                line.tick();
-                Ok(())
-            }
-            None => print_text(&text),
-        }
-    }
-
-    pub fn summary(&self, progress: &Progress) -> Result<(), OutputError> {
+    /// Prints the summary.
+    ///
+    /// # Errors
+    /// A checked frame was wrong.
+    pub fn end(&self) -> Result {
         if let Some(line) = &self.live {
             line.finish_and_clear();
         }
-        print_text(&progress.summary_text())
+        print_text(&self.summary())?;
+        match (self.wrong, self.checked) {
+            (0, _) => Ok(()),
+            (wrong, checked) => {
+                let what = format!("{wrong} of {checked} sampled frames were wrong");
+                Err(format!("{what}: please report this").into())
+            }
+        }
     }
 }
 
@@ -206,16 +185,17 @@ mod tests {
 
     #[test]
     fn a_wrong_frame_is_named_and_fails() {
-        let mut progress = Progress::new();
+        let mut display = Display::new();
         let engine = pairmask_core::EngineName::CpuBrute.into();
-        progress.note_frame(3, Duration::from_micros(40), engine, false);
-        progress.note_check(None);
-        assert!(progress.verdict().is_ok());
-        assert!(progress.summary_text().contains("1 frames checked, all right"));
-        progress.note_frame(3, Duration::from_micros(40), engine, false);
-        progress.note_check(Some(Mismatch::Missing([3, 9])));
-        let text = progress.summary_text();
+        display.note_frame(3, Duration::from_micros(40), engine, false);
+        display.note_check(None);
+        assert!(display.end().is_ok());
+        assert!(display.summary().contains("1 frames checked, all right"));
+        display.note_frame(3, Duration::from_micros(40), engine, false);
+        display.note_check(Some(Mismatch::Missing([3, 9])));
+        let text = display.summary();
         assert!(text.contains("frame 2") && text.contains("[3, 9]"), "{text}");
-        assert_eq!(progress.verdict(), Err(WrongFrames { wrong: 1, checked: 2 }));
+        let error = display.end().expect_err("a wrong frame").to_string();
+        assert!(error.starts_with("1 of 2 sampled frames were wrong"), "{error}");
     }
 }

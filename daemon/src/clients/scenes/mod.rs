@@ -25,21 +25,21 @@ const BYTES_A_SCENE: u64 = 64 << 10;
 
 pub(crate) struct KeptScene {
     pub(crate) id: SceneId,
-    /// The number of the last edit.
     pub(crate) revision: u64,
     pub(crate) scene: SceneKeeper,
-    /// Memory for reading edits.
     pub(crate) scratch: EditScratch,
     /// Memory for what queries find, kept so that it is not mapped for each anew.
     pub(crate) found: Vec<[u32; 2]>,
     pub(crate) room: SceneRoom,
-    /// Where it is audited.
     pub(crate) audited: Option<AuditedScene>,
 }
 
-/// The share of a scene in the memory of all.
+/// The share of a scene in the memory of all. It goes back with the scene.
 #[derive(Debug)]
-pub(crate) struct SceneRoom(Charge);
+pub(crate) struct SceneRoom {
+    of: Arc<Shared>,
+    bytes: u64,
+}
 
 /// Boxes that edits set which wait to be applied.
 #[derive(Clone, Copy, Debug, Default)]
@@ -71,7 +71,7 @@ impl KeptScene {
 impl SceneRoom {
     /// The share of a scene without boxes.
     pub(crate) fn begin(memory: &SceneMemory) -> Result<Self, NoRoom> {
-        memory.charge(BYTES_A_SCENE).map(Self)
+        memory.charge(BYTES_A_SCENE)
     }
 
     /// Makes room for an edit that is about to be applied together with others, where so many bytes are kept beside the
@@ -98,16 +98,41 @@ impl SceneRoom {
             BYTES_A_SCENE + BYTES_AN_INDEX * indices + bytes_a_box * boxes + rules + beside
         };
         // What does not fit several GPUs is kept on fewer.
-        let fit = self.0.most_that_fit(scene.most_copies(set as usize), bytes);
+        let fit = self.most_that_fit(scene.most_copies(set as usize), bytes);
         scene.limit_gpus(fit);
         // The cores have one copy until the scene moves, and what it takes then is noted.
-        self.0.grow_to(bytes(if scene.gpu_count() == 0 { 1 } else { fit }))
+        self.grow_to(bytes(if scene.gpu_count() == 0 { 1 } else { fit }))
     }
 
     /// Notes what the scene takes by now, where so many bytes are kept beside it.
     pub(crate) fn note(&mut self, scene: &SceneKeeper, beside: u64) {
         let scene_bytes = scene.bytes();
-        self.0.set(BYTES_A_SCENE + scene_bytes + beside);
+        self.set(BYTES_A_SCENE + scene_bytes + beside);
+    }
+
+    /// Takes more, so that it is at least so much.
+    ///
+    /// # Errors
+    /// [`NoRoom`]; it stays what it was.
+    fn grow_to(&mut self, bytes: u64) -> Result<(), NoRoom> {
+        if let Some(more) = bytes.checked_sub(self.bytes) {
+            self.of.take(more)?;
+            self.bytes = bytes;
+        }
+        Ok(())
+    }
+
+    /// The largest number of copies, from `most` down to one, whose bytes there is room for; one where there is none.
+    fn most_that_fit(&self, most: usize, bytes: impl Fn(usize) -> u64) -> usize {
+        let others = self.of.used.load(Ordering::Relaxed).saturating_sub(self.bytes);
+        let fits = |copies: &usize| others.saturating_add(bytes(*copies)) <= self.of.limit;
+        (1..=most).rev().find(fits).unwrap_or(1)
+    }
+
+    fn set(&mut self, bytes: u64) {
+        self.of.used.fetch_add(bytes, Ordering::Relaxed);
+        self.of.used.fetch_sub(self.bytes, Ordering::Relaxed);
+        self.bytes = bytes;
     }
 }
 
@@ -137,10 +162,10 @@ impl SceneMemory {
         Self(Arc::new(Shared { limit, used: AtomicU64::new(0), scenes: AtomicU64::new(0) }))
     }
 
-    pub(crate) fn charge(&self, bytes: u64) -> Result<Charge, NoRoom> {
+    fn charge(&self, bytes: u64) -> Result<SceneRoom, NoRoom> {
         self.0.take(bytes)?;
         self.0.scenes.fetch_add(1, Ordering::Relaxed);
-        Ok(Charge { of: Arc::clone(&self.0), bytes })
+        Ok(SceneRoom { of: Arc::clone(&self.0), bytes })
     }
 
     /// Most pairs that a search among all boxes of a scene may find, where an answer has room for so many: as many as
@@ -164,41 +189,7 @@ impl Shared {
     }
 }
 
-/// Memory of a scene. It goes back with the scene.
-#[derive(Debug)]
-pub(crate) struct Charge {
-    of: Arc<Shared>,
-    bytes: u64,
-}
-
-impl Charge {
-    /// Takes more, so that it is at least so much.
-    ///
-    /// # Errors
-    /// [`NoRoom`]; it stays what it was.
-    pub(crate) fn grow_to(&mut self, bytes: u64) -> Result<(), NoRoom> {
-        if let Some(more) = bytes.checked_sub(self.bytes) {
-            self.of.take(more)?;
-            self.bytes = bytes;
-        }
-        Ok(())
-    }
-
-    /// The largest number of copies, from `most` down to one, whose bytes there is room for; one where there is none.
-    pub(crate) fn most_that_fit(&self, most: usize, bytes: impl Fn(usize) -> u64) -> usize {
-        let others = self.of.used.load(Ordering::Relaxed).saturating_sub(self.bytes);
-        let fits = |copies: &usize| others.saturating_add(bytes(*copies)) <= self.of.limit;
-        (1..=most).rev().find(fits).unwrap_or(1)
-    }
-
-    pub(crate) fn set(&mut self, bytes: u64) {
-        self.of.used.fetch_add(bytes, Ordering::Relaxed);
-        self.of.used.fetch_sub(self.bytes, Ordering::Relaxed);
-        self.bytes = bytes;
-    }
-}
-
-impl Drop for Charge {
+impl Drop for SceneRoom {
     fn drop(&mut self) {
         self.of.used.fetch_sub(self.bytes, Ordering::Relaxed);
         self.of.scenes.fetch_sub(1, Ordering::Relaxed);

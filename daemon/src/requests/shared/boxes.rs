@@ -15,7 +15,7 @@ use crate::audit::{AuditedScene, Auditor, SceneNote};
 use crate::clients::{PendingBoxes, SceneRoom};
 use crate::execute::SceneKeeper;
 use crate::publish::{OpenRequest, Outbox, Refusal};
-use crate::requests::scene::{Asked, Failed, bytes_of};
+use crate::requests::scene::{Failed, answer_query, bytes_of};
 
 /// Bytes of the copy of a box, with its flags, and of the tick at which it moved.
 const BYTES_A_COPY: u64 = 33;
@@ -79,7 +79,6 @@ struct Pending {
 }
 
 impl Pending {
-    /// Notes an edit that takes so many bytes itself.
     fn add(&mut self, edit: Edit<'_>, bytes: u64) {
         self.bytes += bytes + edit.rule_bytes() as u64;
         self.boxes.count += edit.boxes() as u64;
@@ -93,7 +92,6 @@ impl Pending {
     }
 }
 
-/// What an edit has changed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Changed {
     /// What the scene tells.
@@ -156,7 +154,6 @@ impl Boxes {
         Ok(())
     }
 
-    /// Forgets an edit that was checked.
     pub fn cancel(&mut self, edit: Edit<'_>, bytes: u64) {
         self.copy.cancel(edit);
         self.pending.take_off(edit, bytes);
@@ -227,7 +224,6 @@ impl Boxes {
         Ok(true)
     }
 
-    /// All pairs of now.
     pub fn whole(&mut self) -> Result<Arc<Vec<[u32; 2]>>, SceneError> {
         self.pairs(Edit::NONE, Report::All)
     }
@@ -290,7 +286,7 @@ impl Boxes {
     ) -> Result<(), Failed> {
         let Self { scene, found, audit, .. } = self;
         let audited = audit.as_ref().map(|audit| &audit.scene);
-        Asked { scene, found, audited }.answer(open, request, threads, outbox)
+        answer_query((scene, found, audited), open, request, threads, outbox)
     }
 
     pub fn changes(&self) -> TickChanges {

@@ -16,8 +16,8 @@ mod seats;
 mod tick;
 
 use std::collections::{BTreeMap, HashMap};
-use std::sync::{Arc, Condvar, Mutex, OnceLock, PoisonError, Weak};
-use std::thread::JoinHandle;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, OnceLock, Weak};
 use std::time::Instant;
 
 use pairmask_core::engine::CullError;
@@ -29,10 +29,11 @@ use pairmask_wire::{
 
 use self::scene::SharedScene;
 use super::scene::SceneTools;
-use super::{EndWithPanic, GpuNeed, Served};
+use super::{EndWithPanic, GpuNeed, Served, threads_of};
 use crate::execute::{CpuTimer, EnginePool};
 use crate::locked;
 use crate::publish::{OpenRequest, Outbox, Refusal};
+use crate::serve::StoppedThread;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum End {
@@ -102,7 +103,7 @@ impl SharedScenes {
         request: &JoinRequest,
     ) -> Result<Arc<SharedScene>, Refusal> {
         let mut by_name = locked(&self.by_name);
-        if let Some(scene) = by_name.get(name).filter(|scene| !scene.has_ended()) {
+        if let Some(scene) = by_name.get(name).filter(|scene| !scene.seats().has_ended) {
             return Ok(Arc::clone(scene));
         }
         let scene = SharedScene::begin(name.clone(), request, self.tools.clone())?;
@@ -137,7 +138,8 @@ impl SharedScenes {
         // By this its next commit is judged, which may be another one than the last of its tick.
         let on_one_core = Some(timer.elapsed());
         let threads = scene.end_tick(&self.tools.pool, &self.outbox);
-        if let Some(closes_at) = scene.closes_at() {
+        let closes_at = scene.seats().closes_at();
+        if let Some(closes_at) = closes_at {
             self.alarm.set(closes_at, &scene);
         }
         Served { threads, on_one_core, ..Served::BEGUN }
@@ -153,7 +155,7 @@ impl SharedScenes {
         let Some((scene, _)) = self.find((open.sender.session, request.scene)) else {
             return self.outbox.refuse_and_close(open, Refusal::stale_scene(0));
         };
-        let threads = request.threads.map_or(threads, |asked| asked.min(threads)).max(1);
+        let threads = threads_of(request.threads, threads);
         let mut answer = || scene.query(&mut open, request, threads, &self.outbox);
         let answered = if threads == 1 { answer() } else { self.tools.pool.work(answer) };
         if let Err(refusal) = &answered {
@@ -208,7 +210,7 @@ impl SharedScenes {
     }
 
     fn forget_if_ended(&self, scene: &Arc<SharedScene>) {
-        if !scene.end_without_members() {
+        if !scene.seats().end_without_members() {
             return;
         }
         let mut by_name = locked(&self.by_name);
@@ -218,36 +220,27 @@ impl SharedScenes {
     }
 }
 
-/// Ends ticks at their deadlines. Dropped, it stops its thread.
+/// Ends ticks at their deadlines.
 struct Alarm {
-    shared: Arc<Shared>,
+    due: Arc<Mutex<Due>>,
     pool: Arc<EnginePool>,
     outbox: Arc<Outbox>,
-    thread: OnceLock<Option<JoinHandle<()>>>,
+    thread: OnceLock<Option<StoppedThread>>,
 }
 
+/// Deadlines, one a scene. A scene whose tick has ended meanwhile is looked at in vain.
 #[derive(Default)]
-struct Shared {
-    due: Mutex<Due>,
-    changed: Condvar,
-}
-
-#[derive(Default)]
-struct Due {
-    /// Deadlines, one a scene. A scene whose tick has ended meanwhile is looked at in vain.
-    scenes: Vec<(Instant, Weak<SharedScene>)>,
-    stops: bool,
-}
+struct Due(Vec<(Instant, Weak<SharedScene>)>);
 
 impl Due {
     /// Has a scene's tick end at a time, once. Whether that is sooner than it was.
     fn set(&mut self, at: Instant, scene: Weak<SharedScene>) -> bool {
-        let known = self.scenes.iter_mut().find(|(_, known)| known.ptr_eq(&scene));
+        let known = self.0.iter_mut().find(|(_, known)| known.ptr_eq(&scene));
         match known {
             // An earlier look finds the tick open, and is set again.
             Some((known, _)) if *known <= at => return false,
             Some((known, _)) => *known = at,
-            None => self.scenes.push((at, scene)),
+            None => self.0.push((at, scene)),
         }
         true
     }
@@ -255,16 +248,15 @@ impl Due {
 
 impl Alarm {
     fn new(pool: Arc<EnginePool>, outbox: Arc<Outbox>) -> Self {
-        Self { shared: Arc::default(), pool, outbox, thread: OnceLock::new() }
+        Self { due: Arc::default(), pool, outbox, thread: OnceLock::new() }
     }
 
-    /// Starts the thread, once.
     fn start(&self) -> Result<(), Refusal> {
         let thread = self.thread.get_or_init(|| {
-            let (shared, pool) = (Arc::clone(&self.shared), Arc::clone(&self.pool));
+            let (due, pool) = (Arc::clone(&self.due), Arc::clone(&self.pool));
             let outbox = Arc::clone(&self.outbox);
-            let builder = std::thread::Builder::new().name("deadlines".into());
-            builder.spawn(move || watch(&shared, &pool, &outbox)).ok()
+            let work = move |stop: &AtomicBool| watch(&due, &pool, &outbox, stop);
+            StoppedThread::start("deadlines", "starting the thread of deadlines", work).ok()
         });
         let engine = pairmask_core::engine::EngineName::CpuGrid;
         let no_thread = CullError::Unavailable { engine, why: "no thread for deadlines" };
@@ -272,54 +264,36 @@ impl Alarm {
     }
 
     fn set(&self, at: Instant, scene: &Arc<SharedScene>) {
-        let is_sooner = locked(&self.shared.due).set(at, Arc::downgrade(scene));
-        if is_sooner {
-            self.shared.changed.notify_one();
+        let is_sooner = locked(&self.due).set(at, Arc::downgrade(scene));
+        if is_sooner && let Some(Some(thread)) = self.thread.get() {
+            thread.wake();
         }
     }
 }
 
-impl Drop for Alarm {
-    fn drop(&mut self) {
-        locked(&self.shared.due).stops = true;
-        self.shared.changed.notify_one();
-        if let Some(Some(thread)) = self.thread.take() {
-            // One that panicked has ended the process.
-            let _ = thread.join();
-        }
-    }
-}
-
-fn watch(shared: &Shared, pool: &EnginePool, outbox: &Outbox) {
+fn watch(due: &Mutex<Due>, pool: &EnginePool, outbox: &Outbox, stop: &AtomicBool) {
     let _end = EndWithPanic;
-    let mut due = locked(&shared.due);
-    while !due.stops {
+    while !stop.load(Ordering::Relaxed) {
         let now = Instant::now();
-        let rung: Vec<Weak<SharedScene>> =
-            due.scenes.extract_if(.., |(at, _)| *at <= now).map(|(_, scene)| scene).collect();
-        if rung.is_empty() {
-            let next = due.scenes.iter().map(|(at, _)| *at).min();
-            due = match next {
-                Some(at) => {
-                    let waited = shared.changed.wait_timeout(due, at - now);
-                    waited.unwrap_or_else(PoisonError::into_inner).0
-                }
-                None => shared.changed.wait(due).unwrap_or_else(PoisonError::into_inner),
-            };
-            continue;
-        }
-        drop(due);
-        let mut again = Vec::new();
-        for scene in rung.iter().filter_map(Weak::upgrade) {
+        let mut waiting = locked(due);
+        let rung: Vec<_> = waiting.0.extract_if(.., |(at, _)| *at <= now).collect();
+        let next = waiting.0.iter().map(|(at, _)| *at).min();
+        drop(waiting);
+        for (_, scene) in &rung {
+            let Some(scene) = scene.upgrade() else { continue };
             scene.end_tick(pool, outbox);
-            if let Some(at) = scene.closes_at() {
-                again.push((at, Arc::downgrade(&scene)));
+            let closes_at = scene.seats().closes_at();
+            if let Some(at) = closes_at {
+                // A lane may have set it meanwhile.
+                locked(due).set(at, Arc::downgrade(&scene));
             }
         }
-        due = locked(&shared.due);
-        for (at, scene) in again {
-            // A lane may have set it meanwhile.
-            due.set(at, scene);
+        if rung.is_empty() {
+            // A deadline that was set since then, and the end, have left their wake-ups.
+            match next {
+                Some(at) => std::thread::park_timeout(at - now),
+                None => std::thread::park(),
+            }
         }
     }
 }

@@ -4,7 +4,7 @@
 //! at a time.
 
 use std::ops::Range;
-use std::sync::Mutex;
+use std::sync::{Mutex, MutexGuard};
 use std::time::{Duration, Instant};
 
 use pairmask_core::scene::shared::{AtEnd, LeaseError, MemberId, Ticks};
@@ -31,7 +31,6 @@ pub(super) struct SharedScene {
     seats: Mutex<Seats>,
 }
 
-/// A request whose commit is refused, and why.
 pub(super) type RefusedCommit = Box<(OpenRequest, Refusal)>;
 
 impl SharedScene {
@@ -54,29 +53,21 @@ impl SharedScene {
         })
     }
 
-    pub fn has_ended(&self) -> bool {
-        locked(&self.seats).has_ended
-    }
-
-    pub fn end_without_members(&self) -> bool {
-        locked(&self.seats).end_without_members()
-    }
-
-    pub fn closes_at(&self) -> Option<Instant> {
-        locked(&self.seats).closes_at()
+    /// Who has a seat, locked: for a moment.
+    pub fn seats(&self) -> MutexGuard<'_, Seats> {
+        locked(&self.seats)
     }
 
     /// A member joins; `None` where the scene has ended.
     pub fn join(&self, request: &JoinRequest) -> Option<Result<MemberId, Refusal>> {
-        let mut seats = locked(&self.seats);
+        let mut seats = self.seats();
         let agreed = self.terms.agree(&request.terms).map_err(Refusal::from);
         (!seats.has_ended).then(|| agreed.and_then(|()| seats.join(request)))
     }
 
-    /// A member leases indices, or gives them back with their boxes.
     pub fn lease(&self, id: MemberId, action: LeaseAction) -> Result<Range<u32>, Refusal> {
         let limit = self.terms.most_boxes;
-        let mut seats = locked(&self.seats);
+        let mut seats = self.seats();
         let range = match action {
             LeaseAction::Take { first, count } => {
                 let end = first.checked_add(count).filter(|end| *end <= limit);
@@ -100,7 +91,7 @@ impl SharedScene {
     /// next finds none there.
     fn give_back(&self, id: MemberId, first: u32) -> Result<Range<u32>, Refusal> {
         let mut boxes = locked(&self.boxes);
-        let mut seats = locked(&self.seats);
+        let mut seats = self.seats();
         let range = seats.give_back(id, first)?;
         let recipients = seats.recipients();
         drop(seats);
@@ -120,7 +111,7 @@ impl SharedScene {
     ) -> Result<(), RefusedCommit> {
         // Its work is bounded by what the scene may hold, whatever the member says of that.
         let request = &SceneRequest { most_boxes: self.terms.most_boxes, ..*request };
-        let begun = locked(&self.seats).begin(id, request);
+        let begun = self.seats().begin(id, request);
         let Begun { own, is_first, scratch } = match begun {
             Ok(begun) => begun,
             Err(refusal) => return Err(Box::new((open, refusal))),
@@ -137,7 +128,7 @@ impl SharedScene {
         };
         // The memory of an edit that was refused ends with it: nothing was charged for that.
         taken.map_err(|(Commit { open, .. }, refusal)| {
-            locked(&self.seats).give_up(id);
+            self.seats().give_up(id);
             Box::new((open, refusal))
         })
     }
@@ -147,7 +138,7 @@ impl SharedScene {
     fn take_in(&self, id: MemberId, commit: Commit) -> Result<(), (Commit, Refusal)> {
         if commit.edit.is_empty() {
             // One that says nothing need not wait for a tick that is being applied.
-            return locked(&self.seats).commit(id, commit, Instant::now());
+            return self.seats().commit(id, commit, Instant::now());
         }
         let mut boxes = locked(&self.boxes);
         let bytes = commit.edit.allocated_bytes() as u64;
@@ -157,7 +148,7 @@ impl SharedScene {
         if let Err(refusal) = checked {
             return Err((commit, refusal));
         }
-        locked(&self.seats).commit(id, commit, Instant::now()).inspect_err(|(commit, _)| {
+        self.seats().commit(id, commit, Instant::now()).inspect_err(|(commit, _)| {
             cancel(&mut boxes, &commit.edit);
         })
     }
@@ -177,7 +168,7 @@ impl SharedScene {
 
     /// Ends the open tick if that is due. How many threads took part.
     pub fn end_tick(&self, pool: &EnginePool, outbox: &Outbox) -> usize {
-        let due = locked(&self.seats).threads_if_due(Instant::now(), pool.threads());
+        let due = self.seats().threads_if_due(Instant::now(), pool.threads());
         match due {
             None => 1,
             Some(1) => {
@@ -196,10 +187,10 @@ impl SharedScene {
     fn end_tick_by(&self, threads: usize, outbox: &Outbox) {
         let mut boxes = locked(&self.boxes);
         // Another thread may have ended it meanwhile.
-        let Some(closed) = locked(&self.seats).close(Instant::now()) else { return };
+        let Some(closed) = self.seats().close(Instant::now()) else { return };
         let mut applied = closed.apply(&mut boxes, threads);
         drop(boxes);
-        let mut seats = locked(&self.seats);
+        let mut seats = self.seats();
         applied.scratches().for_each(|(id, scratch)| seats.keep_scratch(id, scratch));
         drop(seats);
         applied.answer(outbox);
@@ -209,7 +200,7 @@ impl SharedScene {
     /// name them. Returns the request of a commit that has no answer.
     pub fn end_member(&self, id: MemberId, at_end: AtEnd) -> Option<OpenRequest> {
         let mut boxes = locked(&self.boxes);
-        let mut seats = locked(&self.seats);
+        let mut seats = self.seats();
         let (member, ended) = seats.end(id)?;
         // Nobody may join a scene whose last boxes stay because nobody is there.
         let has_ended = seats.end_without_members();

@@ -14,7 +14,6 @@ use pairmask_wire::{EditScratch, JoinRequest, Reject, SceneRequest};
 use super::locked;
 use crate::publish::{OpenRequest, Refusal};
 
-/// Members that a scene may have.
 const MOST_MEMBERS: usize = 1_024;
 
 pub(super) struct Seats {
@@ -32,7 +31,6 @@ pub(super) struct Seats {
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct TickWork {
     boxes: u64,
-    /// Whether a member asks for all pairs.
     needs_whole: bool,
     /// Threads that clients let it have, where they say so.
     threads: Option<usize>,
@@ -40,7 +38,6 @@ pub(super) struct TickWork {
 
 /// A commit whose edit is being read.
 pub(super) struct Begun {
-    /// What its member may write.
     pub own: Arc<Ranges>,
     /// Whether its member may give the table of filters.
     pub is_first: bool,
@@ -62,13 +59,6 @@ pub(super) struct ClosedTick {
 
 /// Boxes of a tick up to which one thread is as soon done as all are that have to be woken.
 const FEW_BOXES: u64 = 512;
-
-impl TickWork {
-    fn threads_of(&self, threads: usize) -> usize {
-        let most = self.threads.map_or(threads, |most| most.min(threads)).max(1);
-        if self.boxes > FEW_BOXES || self.needs_whole { most } else { 1 }
-    }
-}
 
 fn wrong(field: &'static str) -> Refusal {
     Reject::Edit(field).into()
@@ -94,7 +84,10 @@ impl Seats {
 
     /// By how many threads of so many the open tick is to be ended, if it is to be closed.
     pub fn threads_if_due(&self, now: Instant, threads: usize) -> Option<usize> {
-        self.ticks.is_due(now).then(|| self.work.threads_of(threads))
+        let TickWork { boxes, needs_whole, threads: asked } = self.work;
+        let most = asked.map_or(threads, |most| most.min(threads)).max(1);
+        let are_many = boxes > FEW_BOXES || needs_whole;
+        self.ticks.is_due(now).then_some(if are_many { most } else { 1 })
     }
 
     pub fn join(&mut self, request: &JoinRequest) -> Result<MemberId, Refusal> {
@@ -119,7 +112,6 @@ impl Seats {
         }
     }
 
-    /// A member gives a lease back.
     pub fn give_back(&mut self, id: MemberId, first: u32) -> Result<Range<u32>, Refusal> {
         // What waits for the end of the tick, or is being read, may name them.
         if self.members.get(&id).is_none_or(Member::commits) {
@@ -146,7 +138,6 @@ impl Seats {
         Ok(Begun { own: Arc::clone(&member.recipient.own), is_first, scratch })
     }
 
-    /// The edit of a member is refused.
     pub fn give_up(&mut self, id: MemberId) {
         if let Some(member) = self.members.get_mut(&id) {
             member.is_reading = false;
@@ -216,14 +207,12 @@ impl Seats {
         Some(ClosedTick { number: closed.number, late, commits, others, scratch_bytes })
     }
 
-    /// Gives memory for reading edits back.
     pub fn keep_scratch(&mut self, id: MemberId, scratch: EditScratch) {
         if let Some(member) = self.members.get_mut(&id) {
             member.scratch = scratch;
         }
     }
 
-    /// All who are to hear of changes.
     pub fn recipients(&self) -> Vec<Recipient> {
         self.members.values().map(|member| member.recipient.clone()).collect()
     }
@@ -286,7 +275,6 @@ impl Recipient {
         self.scope == Scope::All || self.own.has(a) || self.own.has(b)
     }
 
-    /// Notes what is to be reported to it.
     pub fn note(&self, changes: &TickChanges) {
         let mut unreported = locked(&self.unreported);
         match self.scope {
@@ -300,7 +288,6 @@ impl Recipient {
         locked(&self.unreported).resync();
     }
 
-    /// Bytes that are kept of it.
     pub fn bytes(&self) -> u64 {
         locked(&self.unreported).allocated_bytes() as u64
     }

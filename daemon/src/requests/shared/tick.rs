@@ -4,18 +4,17 @@ use std::ops::Range;
 use std::sync::Arc;
 use std::time::Instant;
 
-use pairmask_core::EngineName;
 use pairmask_core::dispatch::StageTimes;
-use pairmask_core::engine::{CullError, ReplyBuffer};
 use pairmask_core::scene::shared::{MemberId, Scope};
 use pairmask_core::scene::{Edit, Report, Reported, SceneError};
-use pairmask_wire::{EditScratch, SceneAnswerLayout, TickMarks, response_scene};
+use pairmask_wire::EditScratch;
 use rayon::prelude::*;
 
 use super::boxes::{Boxes, Changed};
 use super::locked;
 use super::seats::{ClosedTick, Commit, Recipient};
 use crate::publish::{Outbox, Refusal};
+use crate::requests::scene::EditAnswer;
 
 /// Pairs of now that members need.
 struct Pairs {
@@ -36,11 +35,7 @@ pub(super) struct AppliedTick {
 struct Facts {
     number: u64,
     late: Vec<Range<u32>>,
-    engine: EngineName,
-    /// Bytes that the scene takes.
-    bytes: u64,
-    threads: usize,
-    times: StageTimes,
+    answer: EditAnswer,
 }
 
 struct Answer {
@@ -121,12 +116,14 @@ impl ClosedTick {
         let facts = Facts {
             number,
             late,
-            engine: scene.engine(),
-            bytes: scene.bytes(),
-            threads,
-            times: StageTimes {
-                execute_ns: start.elapsed().as_nanos() as u64,
-                ..StageTimes::default()
+            answer: EditAnswer {
+                engine: scene.engine(),
+                bytes: scene.bytes(),
+                threads,
+                times: StageTimes {
+                    execute_ns: start.elapsed().as_nanos() as u64,
+                    ..StageTimes::default()
+                },
             },
         };
         AppliedTick { facts, answers }
@@ -196,44 +193,20 @@ impl AppliedTick {
 
     pub fn answer(self, outbox: &Outbox) {
         let Self { facts, answers } = self;
-        for_each(answers, facts.threads, |answer| facts.answer(answer, outbox));
+        for_each(answers, facts.answer.threads, |answer| facts.answer(answer, outbox));
     }
 }
 
 impl Facts {
     fn answer(&self, answer: Answer, outbox: &Outbox) {
         let Answer { recipient, mut commit, reported } = answer;
-        if let Err(refusal) =
-            reported.and_then(|reported| self.send(&reported, &mut commit, outbox))
-        {
+        let tick = Some((self.number, &self.late[..]));
+        let sent = reported
+            .and_then(|reported| self.answer.send(&mut commit.open, &reported, tick, outbox));
+        if let Err(refusal) = sent {
             recipient.resync();
             outbox.refuse(&mut commit.open, &refusal);
         }
         commit.open.close();
-    }
-
-    fn send(
-        &self,
-        reported: &Reported,
-        commit: &mut Commit,
-        outbox: &Outbox,
-    ) -> Result<(), Refusal> {
-        let publish = Instant::now();
-        let layout = SceneAnswerLayout::of(reported);
-        let marks = TickMarks::after(&layout, self.number, &self.late);
-        let (_, mut reply) = commit.open.parts();
-        let words = reply.reserve(marks.words()).map_err(CullError::from)?;
-        layout.write(reported, words);
-        marks.write(&self.late, words);
-        let times = StageTimes {
-            publish_ns: publish.elapsed().as_nanos() as u64,
-            total_ns: commit.open.taken_at.elapsed().as_nanos() as u64,
-            ..self.times
-        };
-        let (fields, threads) = (&commit.open.fields, self.threads);
-        let header = response_scene(fields, self.engine, threads, reported, self.bytes, &times);
-        outbox.count_edit(fields, reported);
-        outbox.send(&mut commit.open, &marks.mark(header));
-        Ok(())
     }
 }

@@ -28,9 +28,7 @@ use std::thread::Thread;
 use std::time::{Duration, Instant};
 
 use pairmask_core::spinner::Spinner;
-use pairmask_transport::{
-    GpuCounts, JANITOR_INTERVAL, Sender, StatusFile, WakeDaemon, sleep_until,
-};
+use pairmask_transport::{GpuCounts, JANITOR_INTERVAL, Sender, WakeDaemon, sleep_until};
 
 use self::scheduler::{Arrived, LONGEST_SLEEP, Rest, Scheduler, Task};
 use self::workers::Workers;
@@ -119,9 +117,9 @@ impl<'a> Lanes<'a> {
     ) -> Self {
         let lanes = cores + 1;
         let workers = Workers::new(lanes, cores);
-        let inbox = Inbox::new(settings.limits.max_clients).with_gpus(responder.gpus);
+        let inbox = Inbox::new(settings.limits.max_clients).with_gpus(responder.culls.gpus().len());
         let scheduler = Scheduler::new(inbox, workers, settings.spin, cores);
-        let arrived = Vec::with_capacity(scheduler.room());
+        let arrived = Vec::with_capacity(scheduler.inbox.room());
         Self {
             responder,
             lead: Mutex::new(Lead { intake, wake, arrived, tidy_at: Instant::now() }),
@@ -170,19 +168,18 @@ impl<'a> Lanes<'a> {
         let mut gpus = GpuCounts::default();
         while !self.stop.load(Ordering::Relaxed) {
             self.responder.tidy();
-            let now = self.responder.gpu_counts();
+            let now = self.gpu_counts();
             if now != gpus {
                 gpus = now;
-                self.janitor.post(&self.status());
+                self.janitor.post(&self.responder.outbox.status_file(gpus));
             }
             let pause = if gpus.opening > 0 { OPENING_LOOK } else { JANITOR_INTERVAL };
             std::thread::park_timeout(pause);
         }
     }
 
-    fn status(&self) -> StatusFile {
-        let Self { responder, .. } = self;
-        StatusFile::now(responder.status(), responder.skips(), responder.gpu_counts())
+    fn gpu_counts(&self) -> GpuCounts {
+        self.responder.culls.gpus().counts()
     }
 
     fn serve_in(&self, lane: usize) {
@@ -237,11 +234,11 @@ impl<'a> Lanes<'a> {
             {
                 return Led::Task(task);
             }
-            let published = self.responder.publish_ended();
+            let published = self.responder.culls.publish_ended();
             let now = Instant::now();
             if now >= lead.tidy_at {
                 lead.intake.tidy();
-                self.janitor.post(&self.status());
+                self.janitor.post(&self.responder.outbox.status_file(self.gpu_counts()));
                 lead.tidy_at = now + JANITOR_INTERVAL;
             }
             if published || now >= look_at {
@@ -260,8 +257,8 @@ impl<'a> Lanes<'a> {
                     sleep_at = now;
                 }
             }
-            if self.responder.is_busy() {
-                self.responder.rest();
+            if self.responder.culls.is_busy() {
+                self.responder.culls.rest();
             } else if now < sleep_at {
                 spinner.turn();
             } else if lane > 0 {
@@ -283,7 +280,7 @@ impl<'a> Lanes<'a> {
                 self.is_asleep.store(true, Ordering::Relaxed);
                 // A lane that leaves a frame with a GPU now is seen here, or sees that this one sleeps.
                 fence(Ordering::SeqCst);
-                let is_busy = self.responder.is_busy();
+                let is_busy = self.responder.culls.is_busy();
                 // A request that came between the last look and the sleep has left its wake-up: it is
                 // not lost, the sleep ends at once.
                 if !is_busy && let Err(error) = sleep_until(wake, until) {
@@ -300,7 +297,7 @@ impl<'a> Lanes<'a> {
         let was_resting = scheduler.workers.wake(0);
         let rests = scheduler.workers.rest(lane);
         if !rests {
-            scheduler.workers.stop_leading(lane);
+            scheduler.workers.end(lane);
         }
         self.note_lead(&scheduler);
         drop(scheduler);
@@ -316,7 +313,7 @@ impl<'a> Lanes<'a> {
         if scheduler.workers.is_resting(0) {
             return self.leave(lane, scheduler);
         }
-        scheduler.workers.stop_leading(lane);
+        scheduler.workers.end(lane);
         self.note_lead(&scheduler);
         Led::StandBy
     }
@@ -329,11 +326,11 @@ impl<'a> Lanes<'a> {
         let mut spinner = Spinner::default();
         let mut look_at = Instant::now();
         while self.is_led.load(Ordering::Acquire) && !self.stop.load(Ordering::Relaxed) {
-            if self.is_asleep.load(Ordering::Relaxed) && self.responder.is_busy() {
-                if self.responder.publish_ended() {
+            if self.is_asleep.load(Ordering::Relaxed) && self.responder.culls.is_busy() {
+                if self.responder.culls.publish_ended() {
                     locked(&self.scheduler).note_answer(Instant::now());
                 }
-                self.responder.rest();
+                self.responder.culls.rest();
                 continue;
             }
             spinner.turn();
@@ -385,7 +382,8 @@ impl<'a> Lanes<'a> {
         let now = Instant::now();
         for incoming in arrived.drain(..) {
             let Asked { sender, kind, objects } = Asked::of(&incoming);
-            let expected = self.responder.clients().expected_work(sender.session, kind, objects);
+            let expected =
+                self.responder.outbox.clients.expected_work(sender.session, kind, objects);
             locked(&self.scheduler).put(Arrived { incoming, expected }, now);
         }
         true
@@ -440,9 +438,9 @@ impl<'a> Lanes<'a> {
         if served.is_frame {
             let work = FrameWork { objects: asked.objects, work, gpu: served.gpu };
             let note = |client: &mut Client| client.last_work.note(asked.kind, work);
-            self.responder.clients().of(asked.sender.session, note);
+            self.responder.outbox.clients.of(asked.sender.session, note);
         }
-        locked(&self.scheduler).note_used(asked.sender, used);
+        locked(&self.scheduler).inbox.note_served(asked.sender, used);
     }
 
     fn unpark(&self, lane: usize) {

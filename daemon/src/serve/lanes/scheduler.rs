@@ -45,7 +45,7 @@ pub(super) struct Task {
 /// Requests that wait, and who is awake. Every call is short.
 #[derive(Debug)]
 pub(super) struct Scheduler {
-    inbox: Inbox<Arrived>,
+    pub(super) inbox: Inbox<Arrived>,
     pub(super) workers: Workers,
     patience: Patience<u128>,
     /// When threads without work go to sleep.
@@ -71,10 +71,6 @@ impl Scheduler {
             pool_threads,
             tasks: 0,
         }
-    }
-
-    pub(super) fn room(&self) -> usize {
-        self.inbox.room()
     }
 
     /// Whether a session that was active a moment ago is not being served: it may ask again at any
@@ -134,11 +130,6 @@ impl Scheduler {
             }
         }
         Some(Task { incoming, beside, threads, has_turns, wake })
-    }
-
-    /// A request was served, and used so much time of the threads that served it.
-    pub(super) fn note_used(&mut self, sender: Sender, used: Duration) {
-        self.inbox.note_served(sender, used);
     }
 
     /// A thread has served all requests of a task, of which this was the first.

@@ -97,11 +97,6 @@ impl Workers {
         may
     }
 
-    /// A thread that leads does so no longer, and is idle.
-    pub(super) fn stop_leading(&mut self, thread: usize) {
-        self.activities[thread] = Activity::Idle;
-    }
-
     /// Whether a thread may begin a long frame: another one is left for short ones.
     pub(super) fn may_be_away(&self) -> bool {
         self.away() + 1 < self.activities.len().max(2)
@@ -119,7 +114,7 @@ impl Workers {
         Some(woken)
     }
 
-    /// A thread has served its frame, and is idle.
+    /// A thread has served its frame, or leads no longer, and is idle.
     pub(super) fn end(&mut self, thread: usize) {
         self.activities[thread] = Activity::Idle;
     }
@@ -305,7 +300,7 @@ mod tests {
             }
             // It serves, naps, rests, or leaves the lead to the first thread and rests.
             Activity::Leads => {
-                step(&|workers| workers.stop_leading(thread));
+                step(&|workers| workers.end(thread));
                 step(&|workers| _ = workers.rest(thread));
                 step(&|workers| {
                     workers.wake(0);

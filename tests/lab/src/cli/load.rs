@@ -24,7 +24,7 @@ use pairmaskd::cli::target::{DEADLINE, Target};
 use pairmaskd::cli::whole_number::whole_number;
 use pairmaskd::precision::PrecisionChoice;
 use pairmaskd::scene::{Scene, SceneName};
-use pairmaskd::timed_client::TimedClient;
+use pairmaskd::timed_client::{Decoding, TimedClient};
 use serde::{Deserialize, Serialize};
 
 use super::studies::Study;
@@ -134,7 +134,7 @@ pub(crate) struct ClientSettings {
     index: u32,
     rate: Rate,
     precision: String,
-    wait: String,
+    wait: Wait,
     decode_threads: NonZeroUsize,
     warm_up_ms: u32,
     seconds: NonZeroU32,
@@ -220,7 +220,7 @@ impl Load {
                 index: 0,
                 rate: *rate,
                 precision: precision.to_string(),
-                wait: wait.to_string(),
+                wait,
                 decode_threads: self.frames_of.decode_threads,
                 warm_up_ms: warm_up_ms.max(LEAST_WARM_UP_MS),
                 seconds: self.seconds,
@@ -320,7 +320,6 @@ impl ClientSettings {
     /// `None` where the parent gave up before the start.
     fn measure(&self, mut builder: SessionBuilder) -> Result<Option<Box<Paced>>> {
         // Names that the parent has written.
-        let wait: Wait = self.wait.parse().unwrap_or(Wait::Serve);
         let precision = self.precision.parse().unwrap_or(PrecisionChoice::Exact);
         let seed = SEED + u64::from(self.index);
         let mut scene = match &self.scene {
@@ -336,15 +335,15 @@ impl ClientSettings {
             .engine(self.engine.parse().unwrap_or_default())
             .encoding(self.encoding.parse().unwrap_or_default())
             .answer_repeats(false)
-            .spin(wait.spin())
+            .spin(self.wait.spin())
             .deadline(DEADLINE)
             .capacity(BoxCount::new(n))
             .visit_threads(self.decode_threads.get())
             .connect()?;
-        let mut decoding = threads_of(self.decode_threads)?;
+        let decoding = Decoding::start(self.decode_threads)?;
         let mut client = TimedClient::new(session, precision, scene.boxes());
         // The backend of this frame has to serve all frames. It touches all memory too.
-        let first = client.frame_decoded(scene.boxes(), &mut decoding, |_| ());
+        let first = client.frame(scene.boxes(), &decoding, |_| ());
         let mut figures = Figures::of(&first?.info);
         report(&Said::Ok(None));
         if !is_reported_to_begin() {
