@@ -176,7 +176,7 @@ impl BoxStates {
     }
 
     /// Checks an edit of a scene whose indices are below `limit`. Where it is right, there is a place for each index,
-    /// by `room` in what is kept beside the states, and [`unmark`](Self::unmark) or the edit itself is to follow.
+    /// by `room` in what is kept beside the states, and the edit is to follow, or to be unmarked.
     ///
     /// # Errors
     /// [`EditError`]; the edit is forgotten then.

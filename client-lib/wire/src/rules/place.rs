@@ -29,7 +29,7 @@ pub(super) const fn most_pairs(n: BoxCount) -> u64 {
     NAMED_PER_BOX * n.get() as u64 + PAIRS_OF_ANY
 }
 
-/// Where the rules of a frame lie in its payload: sections of their [`PARTS`] that are unused where there is nothing to
+/// Where the rules of a frame lie in its payload: sections of their parts that are unused where there is nothing to
 /// say.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct RulesPlace(pub(super) [Section; 4]);
