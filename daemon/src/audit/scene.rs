@@ -164,10 +164,10 @@ impl SceneAudit {
     pub fn check_query(&self, query: &mut QueryNote) -> Outcome {
         let on = |index| self.copy.kept(index).filter(|kept| kept.is_on);
         let first = query.window.fill_second_set(|index| on(index).map(|kept| kept.b));
-        let rules = self.copy.filters().rules();
+        let rules = self.copy.states().filters.rules();
         check_by_rules(&query.window, |index, object| {
             let tag = query.tags.as_ref().and_then(|tags| tags.get(index as usize));
-            tag.is_none_or(|tag| rules.tags_meet(tag, &self.copy.tag(object - first)))
+            tag.is_none_or(|tag| rules.tags_meet(tag, &self.copy.states().tag(object - first)))
         })
     }
 

@@ -271,7 +271,7 @@ fn ask(dir: &RuntimeDir, name: &InstanceName, record: &DaemonRecord) -> Answer {
             return Ok(None);
         }
         let status = match dir.read_status(name).map_err(|error| unknown(&error))? {
-            Some(status) if status.body().pid == record.worker_pid => status,
+            Some(status) if status.body.pid == record.worker_pid => status,
             _ => return ask_over_wire(dir, name),
         };
         let (body, skips, gpus) = (status.body, status.skips, status.gpus);

@@ -159,7 +159,7 @@ fn limits_that_fit(asked: &Limits) -> Result<Limits, LimitError> {
 fn open_services(
     settings: &ServeSettings,
     rounds: &Arc<AtomicU64>,
-) -> Result<(Janitor, Services<ipc_threadsafe::Service>), ServeError> {
+) -> Result<(Janitor, Services), ServeError> {
     let give_up_at = Instant::now() + PREDECESSOR_DIES;
     loop {
         clean_if_abandoned(&settings.dir, &settings.instance)?;
