@@ -1,33 +1,29 @@
-//! Stages as WGSL text: shared parts put in where `#import NAME` stands, each once. One file, because what a stage is (its
-//! text, label and forms) is one list, which each new stage extends in all of its columns.
+//! Stages as WGSL text: shared parts put in where `#import NAME` stands, each once. What a stage says that depends on
+//! its form comes from a file of that form, or from a section of one, which starts with a line `#part NAME`; a part
+//! may stand within a function.
 
 use pairmask_core::{BoxForm, Encoding, ObjectForm};
 
-use crate::constants::{self, MAX_STRIP_BLOCKS};
-use crate::object_parts::{object_form, object_part, rows};
-use crate::share_parts::{number_behind, share_part};
+use crate::constants;
 
 /// Rows that a thread of the pairs stage holds in registers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 #[repr(u32)]
 pub enum RowsPerThread {
-    /// One row: most threads.
+    /// Most threads.
     One = 1,
-    /// Two rows.
     Two = 2,
-    /// Four rows: fewest reads of workgroup memory.
+    /// Fewest reads of workgroup memory.
     Four = 4,
 }
 
 impl RowsPerThread {
-    /// All of them.
     pub const ALL: [Self; 3] = [Self::One, Self::Two, Self::Four];
 }
 
 /// The forms that the pairs stage is compiled in.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct PairsVariant {
-    /// Rows a thread.
     pub rows: RowsPerThread,
     /// Column blocks of a strip: 1, 2, 4, 8 or 16.
     pub strip_blocks: u32,
@@ -52,7 +48,6 @@ pub enum Stage {
     WriteSparse,
     /// Matrix to pairs.
     WriteList,
-    /// A stage of the grid.
     Grid(GridStage),
     /// A stage of scenes that persist.
     Scene(SceneStage),
@@ -70,7 +65,6 @@ pub enum Found {
 }
 
 impl Found {
-    /// Both of them.
     pub const ALL: [Self; 2] = [Self::Words, Self::Pairs];
 
     /// What a mask of an encoding is made of; `None` where the grid has none of that encoding.
@@ -99,11 +93,6 @@ pub enum Rules {
     Without,
     /// Of the pairs those are found whose boxes rules let meet.
     With,
-}
-
-impl Rules {
-    /// Both.
-    pub const ALL: [Self; 2] = [Self::Without, Self::With];
 }
 
 /// The stages of the grid, in the order of a frame.
@@ -140,26 +129,11 @@ impl GridStage {
         [cells, Self::Scan, Self::Scatter, Self::Place, pairs, Self::Write(found, rules)]
     }
 
-    const fn label(self) -> &'static str {
-        match self {
-            Self::Cells(..) | Self::SphereCells => "grid_cells",
-            Self::Scan => "grid_scan",
-            Self::Scatter => "grid_scatter",
-            Self::Place => "grid_place",
-            Self::Pairs(..) | Self::SpherePairs(_) => "grid_pairs",
-            Self::Write(..) => "grid_write",
-        }
-    }
-
-    const fn file(self) -> &'static str {
-        match self {
-            Self::Cells(..) | Self::SphereCells => include_str!("../wgsl/grid_cells.wgsl"),
-            Self::Scan => include_str!("../wgsl/grid_scan.wgsl"),
-            Self::Scatter => include_str!("../wgsl/grid_scatter.wgsl"),
-            Self::Place => include_str!("../wgsl/grid_place.wgsl"),
-            Self::Pairs(..) | Self::SpherePairs(_) => include_str!("../wgsl/grid_pairs.wgsl"),
-            Self::Write(..) => include_str!("../wgsl/grid_write.wgsl"),
-        }
+    const fn has_rules(self) -> bool {
+        matches!(
+            self,
+            Self::Cells(_, Rules::With) | Self::Pairs(_, Rules::With) | Self::Write(_, Rules::With)
+        )
     }
 }
 
@@ -191,7 +165,6 @@ pub enum SceneStage {
 }
 
 impl SceneStage {
-    /// All of them.
     pub const ALL: [Self; 11] = [
         Self::Apply,
         Self::Mark,
@@ -205,52 +178,6 @@ impl SceneStage {
         Self::QueryDeal,
         Self::QuerySort,
     ];
-
-    const fn label(self) -> &'static str {
-        match self {
-            Self::Apply => "scene_apply",
-            Self::Mark => "scene_mark",
-            Self::Cells => "scene_cells",
-            Self::Place => "scene_place",
-            Self::Pairs | Self::SharedPairs => "scene_pairs",
-            Self::Query => "scene_query",
-            Self::QueryRows => "scene_query_rows",
-            Self::QueryStarts => "scene_query_starts",
-            Self::QueryDeal => "scene_query_deal",
-            Self::QuerySort => "scene_query_sort",
-        }
-    }
-
-    const fn file(self) -> &'static str {
-        match self {
-            Self::Apply => include_str!("../wgsl/scene_apply.wgsl"),
-            Self::Mark => include_str!("../wgsl/scene_mark.wgsl"),
-            Self::Cells => include_str!("../wgsl/scene_cells.wgsl"),
-            Self::Place => include_str!("../wgsl/scene_place.wgsl"),
-            Self::Pairs | Self::SharedPairs => include_str!("../wgsl/scene_pairs.wgsl"),
-            Self::Query => include_str!("../wgsl/scene_query.wgsl"),
-            Self::QueryRows => include_str!("../wgsl/scene_query_rows.wgsl"),
-            Self::QueryStarts => include_str!("../wgsl/scene_query_starts.wgsl"),
-            Self::QueryDeal => include_str!("../wgsl/scene_query_deal.wgsl"),
-            Self::QuerySort => include_str!("../wgsl/scene_query_sort.wgsl"),
-        }
-    }
-}
-
-/// A stage's text does not fit together.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum ComposeError {
-    /// No shared part has that name.
-    #[error("stage {stage} imports '{import}', which is no shared part")]
-    UnknownImport {
-        /// The stage.
-        stage: &'static str,
-        /// The name after `#import`.
-        import: String,
-    },
-    /// A strip must be a power of two of at most [`MAX_STRIP_BLOCKS`] column blocks.
-    #[error("a strip of {0} column blocks: use 1, 2, 4, 8 or 16")]
-    StripBlocks(u32),
 }
 
 /// A stage as one WGSL module, and what a pipeline needs to know of it.
@@ -263,28 +190,30 @@ pub struct ComposedStage {
     pub wgsl: String,
 }
 
-/// The shared parts that are files of their own name.
-const SHARED: [(&str, &str); 19] = [
-    ("box_rules", include_str!("../wgsl/shared/box_rules.wgsl")),
-    ("order_keys", include_str!("../wgsl/shared/order_keys.wgsl")),
-    ("sphere_bounds", include_str!("../wgsl/shared/sphere_bounds.wgsl")),
-    ("sphere_filter", include_str!("../wgsl/shared/sphere_filter.wgsl")),
-    ("sphere_exact", include_str!("../wgsl/shared/sphere_exact.wgsl")),
-    ("sphere_settled", include_str!("../wgsl/shared/sphere_settled.wgsl")),
-    ("box_batch", include_str!("../wgsl/shared/box_batch.wgsl")),
-    ("cells", include_str!("../wgsl/shared/cells.wgsl")),
-    ("batch", include_str!("../wgsl/shared/batch.wgsl")),
-    ("band_words", include_str!("../wgsl/shared/band_words.wgsl")),
-    ("grid_params", include_str!("../wgsl/shared/grid_params.wgsl")),
-    ("grid_layout", include_str!("../wgsl/shared/grid_layout.wgsl")),
-    ("scan", include_str!("../wgsl/shared/scan.wgsl")),
-    ("scene_params", include_str!("../wgsl/shared/scene_params.wgsl")),
-    ("scene_records", include_str!("../wgsl/shared/scene_records.wgsl")),
-    ("cells_around", include_str!("../wgsl/shared/cells_around.wgsl")),
-    ("scene_found", include_str!("../wgsl/shared/scene_found.wgsl")),
-    ("scene_filter", include_str!("../wgsl/shared/scene_filter.wgsl")),
-    ("scene_search", include_str!("../wgsl/shared/scene_search.wgsl")),
-];
+/// The name of a stage's file, and its text.
+macro_rules! file {
+    ($name:literal) => {
+        ($name, include_str!(concat!("../wgsl/", $name, ".wgsl")))
+    };
+}
+
+/// Shared files by their names.
+macro_rules! shared {
+    ($($name:literal)+) => {
+        &[$(($name, include_str!(concat!("../wgsl/shared/", $name, ".wgsl")))),+]
+    };
+}
+
+pub(crate) const SHARED: &[(&str, &str)] = shared! {
+    "band_words" "batch" "box_batch" "box_rules" "box_worlds_none" "box_worlds_ruled" "boxes_f16"
+    "boxes_f32" "boxes_q16" "boxes_q8" "boxes_spheres" "cells" "cells_around" "found_pairs"
+    "found_words" "grid_layout" "grid_of_boxes" "grid_of_spheres" "grid_params" "order_keys"
+    "pair_rules_none" "pair_rules_ruled" "pairs_of_boxes" "pairs_of_spheres" "rows_1" "rows_2"
+    "rows_4" "scan" "scene_filter" "scene_found" "scene_params" "scene_records" "scene_search"
+    "scene_share_part" "scene_share_whole" "sphere_bounds" "sphere_exact" "sphere_filter"
+    "sphere_rows_1" "sphere_rows_2" "sphere_rows_4" "sphere_settled" "written_pairs"
+    "written_words" "written_worlds_none" "written_worlds_ruled"
+};
 
 /// A shared part that is the same in every stage: the constants, or a file of that name.
 pub fn shared_part(name: &str) -> Option<String> {
@@ -295,189 +224,169 @@ pub fn shared_part(name: &str) -> Option<String> {
 }
 
 /// Puts the shared parts in where `#import NAME` stands in `source`, each once. `part` gives the text
-/// of a name.
-///
-/// # Errors
-/// Those of `part`.
-pub fn compose(
-    source: &str,
-    part: &dyn Fn(&str) -> Result<String, ComposeError>,
-) -> Result<String, ComposeError> {
+/// of a name; the line of one that it does not know stays, and is no WGSL.
+pub fn compose(source: &str, part: &dyn Fn(&str) -> Option<String>) -> String {
     let mut text = String::new();
-    expand(source, part, &mut Vec::new(), &mut text)?;
-    Ok(text)
+    expand(source, part, &mut Vec::new(), &mut text);
+    text
 }
 
 fn expand(
     source: &str,
-    part: &dyn Fn(&str) -> Result<String, ComposeError>,
+    part: &dyn Fn(&str) -> Option<String>,
     seen: &mut Vec<String>,
     text: &mut String,
-) -> Result<(), ComposeError> {
+) {
     for line in source.lines() {
-        match line.strip_prefix("#import ") {
-            Some(name) if seen.iter().any(|s| s == name) => {}
-            Some(name) => {
-                seen.push(name.to_owned());
-                expand(&part(name)?, part, seen, text)?;
-            }
-            None => {
-                text.push_str(line);
-                text.push('\n');
-            }
+        let import = line.strip_prefix("#import ");
+        if import.is_some_and(|name| seen.iter().any(|s| s == name)) {
+            continue;
+        }
+        if let Some((name, part_text)) = import.and_then(|name| Some((name, part(name)?))) {
+            seen.push(name.to_owned());
+            expand(&part_text, part, seen, text);
+        } else {
+            text.push_str(line);
+            text.push('\n');
         }
     }
-    Ok(())
+}
+
+/// The section of that name, without the blank lines around it.
+fn section(text: &str, name: &str) -> Option<String> {
+    let mut sections = text.split("#part ").skip(1).filter_map(|part| part.split_once('\n'));
+    let (_, body) = sections.find(|(head, _)| *head == name)?;
+    let body = body.trim_matches('\n');
+    Some(if body.is_empty() { String::new() } else { format!("{body}\n") })
+}
+
+/// Numbers the bindings of rules, which come behind all others of a stage.
+fn number_behind(text: &str) -> String {
+    let count = |what| text.matches(what).count();
+    let behind = count("@binding(") - count("@binding(BEHIND");
+    let numbered = text.replace("@binding(BEHIND)", &format!("@binding({behind})"));
+    numbered.replace("@binding(BEHIND_THAT)", &format!("@binding({})", behind + 1))
 }
 
 impl Stage {
-    /// One of each stage of the engines, for f32 boxes and sparse masks, with the smallest form of the
-    /// pairs stage.
-    pub const ALL: [Self; 22] = [
-        Self::Keys(BoxForm::F32),
-        Self::Pairs(PairsVariant { rows: RowsPerThread::One, strip_blocks: 1, store_zeros: true }),
-        Self::PackDense,
-        Self::WriteSparse,
-        Self::WriteList,
-        Self::Grid(GridStage::Cells(BoxForm::F32, Rules::Without)),
-        Self::Grid(GridStage::Scan),
-        Self::Grid(GridStage::Scatter),
-        Self::Grid(GridStage::Place),
-        Self::Grid(GridStage::Pairs(Found::Words, Rules::Without)),
-        Self::Grid(GridStage::Write(Found::Words, Rules::Without)),
-        Self::Scene(SceneStage::Apply),
-        Self::Scene(SceneStage::Mark),
-        Self::Scene(SceneStage::Cells),
-        Self::Scene(SceneStage::Place),
-        Self::Scene(SceneStage::Pairs),
-        Self::Scene(SceneStage::Query),
-        Self::Scene(SceneStage::QueryRows),
-        Self::Scene(SceneStage::QueryStarts),
-        Self::Scene(SceneStage::QueryDeal),
-        Self::Scene(SceneStage::QuerySort),
-        Self::Awake,
-    ];
-
     /// The name of the file, of the pipeline and of the timing row.
     pub const fn label(self) -> &'static str {
-        match self {
-            Self::Keys(_) | Self::SphereKeys => "keys",
-            Self::Pairs(_) | Self::SpherePairs(_) => "pairs",
-            Self::PackDense => "pack_dense",
-            Self::WriteSparse => "write_sparse",
-            Self::WriteList => "write_list",
-            Self::Grid(stage) => stage.label(),
-            Self::Scene(stage) => stage.label(),
-            Self::Awake => "awake",
-        }
+        self.file().0
     }
 
-    /// The file as it is.
-    const fn file(self) -> &'static str {
+    const fn file(self) -> (&'static str, &'static str) {
         match self {
-            Self::Keys(_) | Self::SphereKeys => include_str!("../wgsl/keys.wgsl"),
-            Self::Pairs(_) | Self::SpherePairs(_) => include_str!("../wgsl/pairs.wgsl"),
-            Self::PackDense => include_str!("../wgsl/pack_dense.wgsl"),
-            Self::WriteSparse => include_str!("../wgsl/write_sparse.wgsl"),
-            Self::WriteList => include_str!("../wgsl/write_list.wgsl"),
-            Self::Grid(stage) => stage.file(),
-            Self::Scene(stage) => stage.file(),
-            Self::Awake => include_str!("../wgsl/awake.wgsl"),
+            Self::Keys(_) | Self::SphereKeys => file!("keys"),
+            Self::Pairs(_) | Self::SpherePairs(_) => file!("pairs"),
+            Self::PackDense => file!("pack_dense"),
+            Self::WriteSparse => file!("write_sparse"),
+            Self::WriteList => file!("write_list"),
+            Self::Awake => file!("awake"),
+            Self::Grid(GridStage::Cells(..) | GridStage::SphereCells) => file!("grid_cells"),
+            Self::Grid(GridStage::Scan) => file!("grid_scan"),
+            Self::Grid(GridStage::Scatter) => file!("grid_scatter"),
+            Self::Grid(GridStage::Place) => file!("grid_place"),
+            Self::Grid(GridStage::Pairs(..) | GridStage::SpherePairs(_)) => file!("grid_pairs"),
+            Self::Grid(GridStage::Write(..)) => file!("grid_write"),
+            Self::Scene(SceneStage::Apply) => file!("scene_apply"),
+            Self::Scene(SceneStage::Mark) => file!("scene_mark"),
+            Self::Scene(SceneStage::Cells) => file!("scene_cells"),
+            Self::Scene(SceneStage::Place) => file!("scene_place"),
+            Self::Scene(SceneStage::Pairs | SceneStage::SharedPairs) => file!("scene_pairs"),
+            Self::Scene(SceneStage::Query) => file!("scene_query"),
+            Self::Scene(SceneStage::QueryRows) => file!("scene_query_rows"),
+            Self::Scene(SceneStage::QueryStarts) => file!("scene_query_starts"),
+            Self::Scene(SceneStage::QueryDeal) => file!("scene_query_deal"),
+            Self::Scene(SceneStage::QuerySort) => file!("scene_query_sort"),
         }
     }
 
     /// The stage as one WGSL module.
     ///
-    /// # Errors
-    /// [`ComposeError`].
-    ///
     /// ```
     /// use pairmask_core::BoxForm;
     /// use pairmask_shaders::Stage;
-    /// let text = Stage::Keys(BoxForm::Q8).wgsl()?;
+    /// let text = Stage::Keys(BoxForm::Q8).composed().wgsl;
     /// assert!(text.contains("fn order_key"), "the shared part is in");
-    /// # Ok::<(), pairmask_shaders::ComposeError>(())
     /// ```
-    pub fn wgsl(self) -> Result<String, ComposeError> {
-        let text = compose(self.file(), &|name| self.shared(name))?;
-        Ok(number_behind(&text))
+    pub fn composed(self) -> ComposedStage {
+        let (label, text) = self.file();
+        ComposedStage { label, wgsl: number_behind(&compose(text, &|name| self.part(name))) }
     }
 
-    /// The stage as one WGSL module, with its name.
-    ///
-    /// # Errors
-    /// [`ComposeError`].
-    pub fn composed(self) -> Result<ComposedStage, ComposeError> {
-        Ok(ComposedStage { label: self.label(), wgsl: self.wgsl()? })
-    }
-
-    fn shared(self, name: &str) -> Result<String, ComposeError> {
-        let unknown =
-            || ComposeError::UnknownImport { stage: self.label(), import: name.to_owned() };
-        match (name, self) {
-            ("constants", Self::Pairs(variant) | Self::SpherePairs(variant)) => {
-                let strip = variant.strip_blocks;
-                if !strip.is_power_of_two() || strip > MAX_STRIP_BLOCKS {
-                    return Err(ComposeError::StripBlocks(strip));
-                }
-                Ok(constants::as_wgsl()
-                    + &format!("const STRIP_BLOCKS: u32 = {strip}u;\n")
-                    + &format!("const STORE_ZEROS: bool = {};\n", variant.store_zeros))
+    /// What stands for `#import name` in this stage.
+    pub(crate) fn part(self, name: &str) -> Option<String> {
+        let file = match (name, self) {
+            ("constants", _) => return Some(constants::as_wgsl() + &self.own_constants()),
+            ("box_form", _) => self.objects()?.1.to_owned(),
+            ("rows", Self::Pairs(variant)) => format!("rows_{}", variant.rows as u32),
+            ("rows", Self::SpherePairs(variant)) => {
+                let rows = variant.rows as u32;
+                let own = shared_part(&format!("sphere_rows_{rows}"))?;
+                return Some(format!("{}\n{own}", shared_part(&format!("rows_{rows}"))?));
             }
-            ("constants", _) => {
-                let bytes = object_form(self);
-                let bytes = bytes.map(|(bytes, _)| format!("const BOX_BYTES: u32 = {bytes}u;\n"));
-                Ok(constants::as_wgsl() + &bytes.unwrap_or_default())
+            ("found", Self::Grid(GridStage::Pairs(found, _) | GridStage::SpherePairs(found)))
+            | ("written", Self::Grid(GridStage::Write(found, _))) => match found {
+                Found::Words => format!("{name}_words"),
+                Found::Pairs => format!("{name}_pairs"),
+            },
+            ("scene_share", Self::Scene(SceneStage::SharedPairs)) => "scene_share_part".to_owned(),
+            ("scene_share", Self::Scene(_)) => "scene_share_whole".to_owned(),
+            ("box_worlds" | "pair_rules" | "written_worlds", Self::Grid(stage)) => {
+                format!("{name}_{}", if stage.has_rules() { "ruled" } else { "none" })
             }
-            ("box_form", _) => Ok(object_form(self).ok_or_else(unknown)?.1.to_owned()),
-            ("rows", _) => rows(self).ok_or_else(unknown),
-            ("found", Self::Grid(GridStage::Pairs(found, _) | GridStage::SpherePairs(found))) => {
-                Ok(match found {
-                    Found::Words => include_str!("../wgsl/shared/found_words.wgsl"),
-                    Found::Pairs => include_str!("../wgsl/shared/found_pairs.wgsl"),
-                }
-                .to_owned())
-            }
-            ("written", Self::Grid(GridStage::Write(found, _))) => Ok(match found {
-                Found::Words => include_str!("../wgsl/shared/written_words.wgsl"),
-                Found::Pairs => include_str!("../wgsl/shared/written_pairs.wgsl"),
-            }
-            .to_owned()),
             _ => {
-                let own = object_part(self, name).or_else(|| share_part(self, name));
-                own.or_else(|| shared_part(name)).ok_or_else(unknown)
+                let sections = self.sections().and_then(shared_part);
+                let own = sections.and_then(|text| section(&text, name));
+                return own.or_else(|| shared_part(name));
             }
-        }
+        };
+        shared_part(&file)
     }
-}
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn shared_parts_come_once_and_unknown_ones_are_refused() {
-        let twice = "#import batch\n#import batch\n";
-        let text = compose(twice, &|name| Stage::PackDense.shared(name)).expect("known");
-        assert_eq!(text.matches("struct BatchReport").count(), 1);
-        for (stage, label, import) in [
-            (Stage::Keys(BoxForm::F16), "keys", "rows"),
-            (Stage::PackDense, "pack_dense", "box_form"),
-            (Stage::WriteList, "write_list", "found"),
-            (Stage::Grid(GridStage::Pairs(Found::Pairs, Rules::With)), "grid_pairs", "written"),
-        ] {
-            let found = compose(&format!("#import {import}\n"), &|name| stage.shared(name));
-            let unknown = ComposeError::UnknownImport { stage: label, import: import.into() };
-            assert_eq!(found, Err(unknown));
+    /// The file with what this stage says of the objects, boxes or spheres.
+    const fn sections(self) -> Option<&'static str> {
+        match self {
+            Self::Pairs(_) => Some("pairs_of_boxes"),
+            Self::SpherePairs(_) => Some("pairs_of_spheres"),
+            Self::Keys(_) | Self::Grid(GridStage::Cells(..) | GridStage::Pairs(..)) => {
+                Some("grid_of_boxes")
+            }
+            Self::SphereKeys | Self::Grid(GridStage::SphereCells | GridStage::SpherePairs(_)) => {
+                Some("grid_of_spheres")
+            }
+            _ => None,
         }
     }
 
-    #[test]
-    fn a_strip_that_is_no_power_of_two_is_refused() {
-        for strip_blocks in [0, 3, 32] {
-            let variant =
-                PairsVariant { rows: RowsPerThread::One, strip_blocks, store_zeros: true };
-            assert_eq!(Stage::Pairs(variant).wgsl(), Err(ComposeError::StripBlocks(strip_blocks)));
+    /// How the objects that a stage reads lie in memory: bytes of one, and the file that makes bits of a box of it.
+    /// `None` for a stage that reads none.
+    const fn objects(self) -> Option<(usize, &'static str)> {
+        let form = match self {
+            Self::SphereKeys | Self::Grid(GridStage::SphereCells) => {
+                return Some((pairmask_core::sphere::SPHERE_BYTES, "boxes_spheres"));
+            }
+            Self::Keys(form) | Self::Grid(GridStage::Cells(form, _)) => form,
+            Self::Scene(SceneStage::Apply) => BoxForm::F32,
+            _ => return None,
+        };
+        let file = match form {
+            BoxForm::F32 => "boxes_f32",
+            BoxForm::Q16 => "boxes_q16",
+            BoxForm::Q8 => "boxes_q8",
+            BoxForm::F16 => "boxes_f16",
+        };
+        Some((form.box_bytes(), file))
+    }
+
+    fn own_constants(self) -> String {
+        match (self, self.objects()) {
+            (Self::Pairs(variant) | Self::SpherePairs(variant), _) => format!(
+                "const STRIP_BLOCKS: u32 = {}u;\nconst STORE_ZEROS: bool = {};\n",
+                variant.strip_blocks, variant.store_zeros
+            ),
+            (_, Some((bytes, _))) => format!("const BOX_BYTES: u32 = {bytes}u;\n"),
+            _ => String::new(),
         }
     }
 }

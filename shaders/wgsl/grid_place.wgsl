@@ -3,7 +3,7 @@
 // Its place in the cell is the number of smaller indices there, so positions do not depend on the
 // order in which threads counted. A cell's boxes are compared with each other all the same, so
 // crowded cells cost no more than the pairs stage does there.
-// Mirror: `mirror/grid_place.rs`.
+// Mirror: `mirror/mod.rs`.
 
 #import constants
 #import grid_params

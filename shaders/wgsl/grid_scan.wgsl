@@ -3,7 +3,7 @@
 // A workgroup takes SCAN_CELLS cells. The boxes of all cells before it are the sum of what
 // `grid_cells` counted for each workgroup here, so that one dispatch does it without waiting for
 // one another. What crowded cells will cost is added up on the way.
-// Mirror: `mirror/grid_scan.rs`.
+// Mirror: `mirror/mod.rs`.
 
 #import constants
 #import grid_params

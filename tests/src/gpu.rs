@@ -8,7 +8,7 @@ use pairmask_core::dispatch::CullAnswer;
 use pairmask_core::mask::MaskView;
 use pairmask_core::oracle::Pair;
 use pairmaskd::execute::gpu::{
-    AllPairs, AllPairsOptions, Gpu, GpuChoice, Grid, GridOptions, HostImport, SceneTools,
+    AllPairs, AllPairsOptions, Gpu, GpuChoice, Grid, GridOptions, HostImport, IfMissing, SceneTools,
 };
 use pairmaskd::execute::{Executor, GpuService};
 
@@ -67,9 +67,17 @@ pub fn shared_tools(gpus: usize) -> Vec<Arc<SceneTools>> {
 }
 
 pub fn executor(gpus: usize) -> Executor {
-    let open = |place| GpuService::open(&choice_at(place), Duration::ZERO);
-    let open = |place| open(place).unwrap_or_else(|error| panic!("a Vulkan adapter: {error}"));
-    Executor::new((0..gpus).map(open).collect::<Vec<_>>())
+    let missing = IfMissing::Report(Arc::new(|error| panic!("a Vulkan adapter: {error}")));
+    let open =
+        |place| GpuService::opening(&choice_at(place), Duration::ZERO, None, missing.clone());
+    let executor = Executor::new((0..gpus).map(open));
+    for gpu in executor.gpus().iter() {
+        while !gpu.is_there() {
+            gpu.take_back();
+            std::thread::sleep(Duration::from_millis(1));
+        }
+    }
+    executor
 }
 
 pub fn pairs_of(n: usize, answer: &CullAnswer, words: &[u32]) -> Vec<Pair> {

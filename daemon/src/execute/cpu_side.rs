@@ -28,7 +28,6 @@ impl CpuSide {
         Self { engines, ..self }
     }
 
-    /// Begins a frame with its plan.
     pub fn plan(
         &mut self,
         boxes: BoxSlice<'_>,

@@ -62,7 +62,7 @@ impl EnginePool {
             (work(), timer.elapsed())
         };
         let (result, used) = self.pool.install(timed);
-        note_in_pool(used);
+        IN_POOL.set(IN_POOL.get() + used);
         result
     }
 }
@@ -90,12 +90,6 @@ impl CpuTimer {
     }
 }
 
-/// Notes that a thread of the pool has worked for this one.
-pub(super) fn note_in_pool(used: Duration) {
-    IN_POOL.set(IN_POOL.get() + used);
-}
-
-/// CPU time of this thread since it began.
 fn used_by_this_thread() -> Duration {
     let used = clock_gettime(ClockId::ThreadCPUTime);
     // The clock counts from zero.
@@ -107,7 +101,6 @@ mod tests {
     use std::time::Instant;
 
     use super::*;
-    use crate::execute::EnginePool;
 
     const MS: Duration = Duration::from_millis(1);
 

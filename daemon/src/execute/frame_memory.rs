@@ -24,7 +24,6 @@ use pairmask_core::precision::BoxSlice;
 /// pages back to the system has every GPU let go of them first
 /// ([`SharedGpu::release_reply`](super::SharedGpu::release_reply)), while no reply lends them.
 pub unsafe trait FrameMemory {
-    /// Gives objects and reply to `work`.
     fn with<R>(&mut self, work: impl FnOnce(Objects<'_>, &mut dyn ReplyBuffer) -> R) -> R;
 
     /// Leaves the memory to a device that may write to it for ever.
@@ -45,13 +44,9 @@ pub(super) struct LentReply {
 }
 
 impl LentReply {
-    pub(super) const fn start(self) -> usize {
-        self.start
-    }
-
-    /// Size; 0 where nothing was lent.
-    pub(super) const fn bytes(self) -> usize {
-        self.bytes
+    /// Its addresses; none where nothing was lent.
+    pub(super) const fn range(self) -> std::ops::Range<usize> {
+        self.start..self.start + self.bytes
     }
 }
 

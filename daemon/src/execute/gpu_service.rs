@@ -15,11 +15,10 @@ use pairmask_core::{Aabb, Encoding, EngineName};
 
 use super::frame_memory::{FrameMemory, LentReply, with_lent};
 use super::gpu::{
-    AllPairs, AllPairsOptions, Awake, Begun, Block, Gpu, GpuChoice, GpuError, GpuSlot, Grid,
-    GridOptions, GridUnderWay, HostImport, IfMissing, OpenError, Opener, SceneTools, SharedImports,
-    SlotState, user_cache_folder,
+    AllPairs, Awake, Begun, Block, EngineOptions, Gpu, GpuChoice, GpuError, GpuSlot, Grid,
+    GridUnderWay, HostImport, IfMissing, Imports, Owner, SceneTools, SharedImports, SlotState,
+    user_cache_folder,
 };
-use super::offers::{Offers, Owner};
 use super::shared_gpu::Outlook;
 use super::spheres::takes_spheres;
 
@@ -27,10 +26,9 @@ struct Engines {
     all_pairs: AllPairs,
     grid: Grid,
     /// What both find imported.
-    offers: Offers,
+    imports: SharedImports,
     cost: Option<GpuCost>,
     awake: Option<Awake>,
-    /// What scenes in its memory share.
     scenes: Arc<SceneTools>,
 }
 
@@ -38,25 +36,17 @@ impl Engines {
     fn new(gpu: &Arc<Gpu>, hold: Duration) -> Result<Self, GpuError> {
         let imports = SharedImports::default();
         let cache_folder = user_cache_folder();
-        let all_pairs = AllPairsOptions {
-            cache_folder: cache_folder.clone(),
-            imports: imports.clone(),
-            ..AllPairsOptions::default()
-        };
-        let grid = GridOptions { cache_folder, imports: imports.clone(), ..GridOptions::default() };
+        let options =
+            EngineOptions { cache_folder, imports: imports.clone(), ..Default::default() };
         let mut engines = Self {
-            all_pairs: AllPairs::new(gpu, all_pairs)?,
-            grid: Grid::new(gpu, &grid)?,
-            offers: Offers::new(gpu, imports),
+            all_pairs: AllPairs::new(gpu, options.clone())?,
+            grid: Grid::new(gpu, &options)?,
+            imports,
             cost: None,
             awake: Awake::start(gpu, hold)?,
-            // Edits are copied: which client's memory lies at the address of an import is known of frames alone.
-            scenes: SceneTools::new(
-                gpu,
-                &GridOptions { imports: SharedImports::default(), ..grid.clone() },
-            )?,
+            scenes: SceneTools::new(gpu, &options)?,
         };
-        engines.cost = measure(&mut engines, &GridOptions { profiled: true, ..grid });
+        engines.cost = measure(&mut engines, &EngineOptions { profiled: true, ..options });
         Ok(engines)
     }
 
@@ -100,21 +90,19 @@ impl Engines {
         })
     }
 
-    /// Keeps the clocks up for the next frame.
-    fn note_frame(&self) {
+    /// Imports the objects of an owner, for the frame that they came with and those to come, and keeps the clocks up for
+    /// the next one.
+    fn note_frame(&mut self, owner: Owner, objects: Objects<'_>) {
+        self.change_imports(|imports, gpu| imports.offer_objects(gpu, owner, objects));
         if let Some(awake) = &self.awake {
             awake.note_frame();
         }
     }
 
-    /// Imports the objects of an owner, for the frame that they came with and those to come.
-    fn offer_objects(&mut self, owner: Owner, objects: Objects<'_>) {
-        self.change_offers(|offers| offers.objects(owner, objects));
-    }
-
     /// Changes what is imported. What was recorded for imports that have ended goes.
-    fn change_offers(&mut self, change: impl FnOnce(&mut Offers) -> Vec<Arc<Block>>) {
-        for block in change(&mut self.offers) {
+    fn change_imports(&mut self, change: impl FnOnce(&mut Imports, &Arc<Gpu>) -> Vec<Arc<Block>>) {
+        let ended = change(&mut self.imports.lock(), self.grid.gpu());
+        for block in ended {
             self.all_pairs.drop_frames_of(&block);
             self.grid.drop_frames_of(&block);
         }
@@ -128,24 +116,8 @@ pub type WatchDevice = fn(&Arc<Gpu>);
 pub struct GpuService {
     slot: GpuSlot,
     engines: Option<Engines>,
-    /// How long the clocks are kept up after a frame.
     hold: Duration,
 }
-
-/// What opens the device of a choice.
-fn opener(choice: &GpuChoice, watch: Option<WatchDevice>) -> Opener {
-    let choice = choice.clone();
-    Arc::new(move || {
-        let gpu = Gpu::open(&choice, HostImport::IfPossible)?;
-        if let Some(watch) = watch {
-            watch(&gpu);
-        }
-        Ok(gpu)
-    })
-}
-
-/// What the GPU answers: the report, and the engine that made it.
-type Answered = Result<(CullReport, EngineName), CullError>;
 
 /// Fewest boxes of a frame that is left to the GPU meanwhile. Where all pairs and the grid are equally
 /// fast on an H200: below, plans take all pairs, whose frames are not left under way.
@@ -154,28 +126,25 @@ const UNDER_WAY_BOXES: u32 = 16_384;
 const UNDER_WAY_SOFTWARE_BOXES: u32 = 32_768;
 
 impl GpuService {
-    /// Opens the GPU of a choice. Its clocks are kept up for `hold` after each frame, where it has a
-    /// queue for that; zero leaves them alone.
-    pub fn open(choice: &GpuChoice, hold: Duration) -> Result<Self, OpenError> {
-        let open = opener(choice, None);
-        let gpu = open()?;
-        log::info!("GPU: {}", gpu.info().name);
-        let mut service = Self { slot: GpuSlot::new(gpu, open), engines: None, hold };
-        // Compiling takes up to a second: now, not in the first frame.
-        service.engines();
-        Ok(service)
-    }
-
-    /// As [`Self::open`], without waiting for the device: another thread opens it, and `watch` is shown it and
+    /// The GPU of a choice, without waiting for the device: another thread opens it, and `watch` is shown it and
     /// each that takes its place. Whoever asks now and then
-    /// ([`SharedGpu::take_back`](super::SharedGpu::take_back)) makes its engines.
+    /// ([`SharedGpu::take_back`](super::SharedGpu::take_back)) makes its engines. Its clocks are kept up for `hold`
+    /// after each frame, where it has a queue for that; zero leaves them alone.
     pub fn opening(
         choice: &GpuChoice,
         hold: Duration,
         watch: Option<WatchDevice>,
         if_missing: IfMissing,
     ) -> Self {
-        let slot = GpuSlot::opening(opener(choice, watch), if_missing);
+        let choice = choice.clone();
+        let open = move || {
+            let gpu = Gpu::open(&choice, HostImport::IfPossible)?;
+            if let Some(watch) = watch {
+                watch(&gpu);
+            }
+            Ok(gpu)
+        };
+        let slot = GpuSlot::opening(Arc::new(open), if_missing);
         Self { slot, engines: None, hold }
     }
 
@@ -195,7 +164,6 @@ impl GpuService {
         (outlook, device.unwrap_or_default())
     }
 
-    /// The device, if there is one now.
     pub fn device(&mut self) -> Option<Arc<Gpu>> {
         self.slot.ready()
     }
@@ -230,9 +198,6 @@ impl GpuService {
     }
 
     /// Finds the pairs of objects that belong to `owner`, and says which engine did.
-    ///
-    /// # Errors
-    /// [`CullError::DeviceLost`] and [`CullError::DeviceMemory`] leave the frame to the CPU.
     pub fn cull(
         &mut self,
         objects: Objects<'_>,
@@ -245,13 +210,11 @@ impl GpuService {
         }
         let lost = CullError::DeviceLost { engine: plan.engine };
         let engines = self.engines().ok_or(lost)?;
-        engines.offer_objects(owner, objects);
-        engines.note_frame();
+        engines.note_frame(owner, objects);
         engines.cull(objects, plan, reply)
     }
 
-    /// Finds the pairs of boxes that belong to `owner` and that rules let meet, with the grid. See
-    /// [`Grid::cull_ruled`].
+    /// See [`Grid::cull_ruled`].
     pub(super) fn cull_ruled(
         &mut self,
         boxes: BoxSlice<'_>,
@@ -263,44 +226,35 @@ impl GpuService {
     ) -> Result<CullReport, CullError> {
         let lost = CullError::DeviceLost { engine: EngineName::GpuGrid };
         let engines = self.engines().ok_or(lost)?;
-        engines.offer_objects(owner, boxes.into());
-        engines.note_frame();
+        engines.note_frame(owner, boxes.into());
         engines.grid.cull_ruled(boxes, marks, encoding, reply, ranges)
     }
 
     /// Imports the memory of a reply that the GPU wrote, so that the next mask in it needs no copy.
     pub(super) fn offer_reply(&mut self, lent: LentReply) {
         if let Some(engines) = &mut self.engines {
-            engines.change_offers(|offers| offers.reply(lent));
+            engines.change_imports(|imports, gpu| imports.offer_reply(gpu, lent));
         }
     }
 
     /// Lets go of the memory of replies in a range of addresses. Whether nothing of the GPU knows it any more.
     pub(super) fn release_reply(&mut self, range: &Range<usize>) -> bool {
         self.engines.as_mut().is_none_or(|engines| {
-            engines.change_offers(|offers| offers.leave(range));
-            engines.offers.has_left(range)
+            engines.change_imports(|imports, _| imports.leave(range));
+            engines.imports.lock().has_left(range)
         })
     }
 
-    /// Starts a frame of memory whose boxes belong to `owner`.
-    ///
-    /// # Errors
-    /// As [`Self::cull`], with the memory; nothing is under way then.
     pub fn begin<M: FrameMemory>(&mut self, mut memory: M, owner: Owner, plan: &Plan) -> Begun<M> {
         let lost = CullError::DeviceLost { engine: plan.engine };
         let Some(engines) = self.engines() else {
             return Err((lost, Some(memory)));
         };
-        memory.with(|objects, _| engines.offer_objects(owner, objects));
-        engines.note_frame();
+        memory.with(|objects, _| engines.note_frame(owner, objects));
         engines.grid.begin(memory, plan.encoding)
     }
 
-    /// Starts frames of several memories, with the owners of their boxes, in one submission.
-    ///
-    /// # Panics
-    /// With more than [`BUNDLE_FRAMES`](super::gpu::BUNDLE_FRAMES).
+    /// See [`Grid::begin_bundle`].
     pub fn begin_bundle<M: FrameMemory>(
         &mut self,
         frames: Vec<(M, Owner, Encoding)>,
@@ -311,13 +265,12 @@ impl GpuService {
             };
             return frames.into_iter().map(lost).collect();
         };
-        engines.note_frame();
-        let offered = frames.into_iter().map(|(mut memory, owner, encoding)| {
-            memory.with(|objects, _| engines.offer_objects(owner, objects));
+        let noted = frames.into_iter().map(|(mut memory, owner, encoding)| {
+            memory.with(|objects, _| engines.note_frame(owner, objects));
             (memory, encoding)
         });
-        let offered = offered.collect();
-        engines.grid.begin_bundle(offered)
+        let noted = noted.collect();
+        engines.grid.begin_bundle(noted)
     }
 
     /// Waits for a frame that was begun with `plan`, and gives its memory back. The memory is `None`
@@ -326,7 +279,7 @@ impl GpuService {
         &mut self,
         mut frame: GridUnderWay<M>,
         plan: &Plan,
-    ) -> (Answered, Option<M>) {
+    ) -> (Result<(CullReport, EngineName), CullError>, Option<M>) {
         let Some(engines) = self.engines.as_mut() else {
             return (Err(CullError::DeviceLost { engine: plan.engine }), frame.give_up());
         };
@@ -345,7 +298,7 @@ impl GpuService {
             (ended, _) => ended.map(|report| (report, EngineName::GpuGrid)),
         };
         if answered.is_ok() {
-            engines.change_offers(|offers| offers.reply(lent));
+            engines.change_imports(|imports, gpu| imports.offer_reply(gpu, lent));
         }
         (answered, memory)
     }
@@ -360,7 +313,7 @@ impl GpuService {
     /// Gives up memory whose owner is gone; to be called now and then.
     pub fn tidy(&mut self) {
         if let Some(engines) = &mut self.engines {
-            engines.change_offers(Offers::tidy);
+            engines.change_imports(|imports, _| imports.tidy());
         }
     }
 }
@@ -384,7 +337,7 @@ const LINK_NS_A_BYTE: f64 = 0.04;
 /// the lines ahead fetched.
 const FAR_NS_A_BYTE: f64 = 0.02;
 
-fn measure(engines: &mut Engines, grid: &GridOptions) -> Option<GpuCost> {
+fn measure(engines: &mut Engines, profiled: &EngineOptions) -> Option<GpuCost> {
     let apart = |i: usize| {
         let [x, y, z] = [i % 64, i / 64 % 64, i / 4096].map(|x| x as f32 * 2.0);
         Aabb::from([x, y, z, x + 1.0, y + 1.0, z + 1.0])
@@ -404,7 +357,7 @@ fn measure(engines: &mut Engines, grid: &GridOptions) -> Option<GpuCost> {
     let grid_least_ns = fastest_ns(&mut engines.grid, TIMED_LEAST_BOXES)?;
     // By the GPU's clock: these boxes are staged, those of clients are not.
     let grid_software = engines.grid.gpu().info().is_software();
-    let mut grid = Grid::new(engines.grid.gpu(), grid).ok()?;
+    let mut grid = Grid::new(engines.grid.gpu(), profiled).ok()?;
     let mut stages_ns = |n: usize| -> Option<(f64, f64)> {
         fastest_ns(&mut grid, n)?;
         let times = grid.step_times();

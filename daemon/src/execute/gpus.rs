@@ -41,7 +41,7 @@ impl Gpus {
         let count =
             |is: fn(&SharedGpu) -> bool| self.all.iter().filter(|gpu| is(gpu)).count() as u32;
         GpuCounts {
-            opening: count(SharedGpu::is_opening),
+            opening: count(|gpu| gpu.outlook().is_opening),
             open: count(|gpu| gpu.device().is_some()),
         }
     }

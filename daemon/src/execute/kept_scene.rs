@@ -37,7 +37,6 @@ pub struct SceneKeeper {
     gpus: SceneGpus,
     engine: EngineChoice,
     threads: usize,
-    /// Most pairs that queries may find.
     most_query_pairs: u64,
     /// Most GPUs that there is room on for it. Who makes room for an edit sets it, and has the scene to read alone.
     most_gpus: usize,
@@ -68,7 +67,6 @@ fn gpu_ns(cost: &GpuCost, boxes: usize, searched: usize) -> Option<f64> {
 }
 
 impl SceneKeeper {
-    /// A scene without boxes.
     pub fn new(
         options: SceneOptions,
         engines: CpuEngines,
@@ -147,7 +145,6 @@ impl SceneKeeper {
         }
     }
 
-    /// Threads that later edits may use.
     pub fn set_threads(&mut self, threads: usize) {
         self.threads = threads;
         at_place!(&mut self.place, scene => scene.set_threads(Some(threads)));
@@ -237,7 +234,6 @@ impl SceneKeeper {
         at_place!(&self.place, scene => scene.reported())
     }
 
-    /// Takes the last answer.
     pub fn acknowledge(&mut self) {
         at_place!(&mut self.place, scene => scene.acknowledge());
     }

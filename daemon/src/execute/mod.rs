@@ -7,7 +7,6 @@ pub mod gpu;
 mod gpu_service;
 mod gpus;
 mod kept_scene;
-mod offers;
 mod ruled;
 mod shared_gpu;
 mod spheres;
@@ -17,10 +16,10 @@ pub(crate) use self::cpu_side::is_left_to_cores;
 pub use self::engine_pool::{CpuTimer, EnginePool};
 pub use self::frame_memory::FrameMemory;
 pub(crate) use self::frame_memory::boxes_of;
+pub use self::gpu::Owner;
 pub use self::gpu_service::{GpuService, WatchDevice};
 pub use self::gpus::{Gpus, SceneGpus};
 pub use self::kept_scene::SceneKeeper;
-pub use self::offers::Owner;
 pub use self::ruled::RuledFrame;
 pub use self::shared_gpu::{
     BUNDLE_FRAMES, CullUnderWay, Ended, GpuTurn, Joining, SUBMISSIONS_UNDER_WAY, SharedGpu,
@@ -56,7 +55,7 @@ pub struct Executor {
     /// The place of the GPU that its frames go to while others are no better.
     home: usize,
     isa: AvailableIsa,
-    calibration: Option<Calibration>,
+    calibration: Calibration,
     /// When the last frame began, until its scratch is given back.
     last_frame: Option<Instant>,
 }
@@ -86,7 +85,7 @@ impl Executor {
             home: gpus.next_home(),
             gpus,
             isa: AvailableIsa::best(),
-            calibration: None,
+            calibration: Calibration::built_in(AvailableIsa::best().get()),
             last_frame: None,
         }
     }
@@ -96,23 +95,17 @@ impl Executor {
     pub fn with_engines(self, isa: AvailableIsa, calibration: Calibration) -> Self {
         let engines = CpuEngines::on(isa, calibration);
         let spheres = SphereWays::on(isa);
-        let calibration = Some(calibration);
         Self { cpu: self.cpu.with_engines(engines), spheres, isa, calibration, ..self }
     }
 
     /// Engines of another session: the same, with no state yet, beside the same GPUs.
     #[must_use]
     pub fn beside(&self) -> Self {
-        let other = Self::with_gpus(self.gpus.clone());
-        match self.calibration {
-            Some(calibration) => other.with_engines(self.isa, calibration),
-            None => other,
-        }
+        Self::with_gpus(self.gpus.clone()).with_engines(self.isa, self.calibration)
     }
 
-    pub fn cpu_settings(&self) -> (AvailableIsa, Calibration) {
-        let built_in = || Calibration::built_in(self.isa.get());
-        (self.isa, self.calibration.unwrap_or_else(built_in))
+    pub const fn cpu_settings(&self) -> (AvailableIsa, Calibration) {
+        (self.isa, self.calibration)
     }
 
     /// The GPU of this session, if this daemon has one, as soon as no other session uses it.
@@ -156,8 +149,7 @@ impl Executor {
     fn plan_unseen(&self, stats: &SceneStats, gpu: Option<GpuCost>, options: &CullOptions) -> Plan {
         let pool = rayon::current_num_threads();
         let threads = options.threads.unwrap_or(pool).clamp(1, pool);
-        let (_, calibration) = self.cpu_settings();
-        plan(stats, &Capabilities { threads, gpu }, &calibration, options)
+        plan(stats, &Capabilities { threads, gpu }, &self.calibration, options)
     }
 
     /// As [`Self::plan`]. While other clients are busy, a frame that does not need the GPU gets a core.
@@ -216,23 +208,17 @@ impl Executor {
         Joining { planned, owner, memory }
     }
 
-    /// Runs a plan for the boxes of this memory, which belong to `owner`, as [`Self::cull`]. The reply
-    /// that it lends is imported, so that a GPU writes the next one without a copy.
+    /// Runs a plan for the boxes of this memory, which belong to `owner`, as [`Self::cull`].
     pub fn run<M: FrameMemory>(
         &mut self,
         planned: Planned,
         owner: Owner,
         memory: &mut M,
     ) -> Result<CullAnswer, CullError> {
-        let mut lent = LentReply::default();
         let gpu = planned.gpu.clone();
-        let answer = with_lent(memory, &mut lent, |objects, reply| {
+        offering_reply(gpu.as_ref(), memory, |objects, reply| {
             self.run_or_other(planned, &mut Frame { objects, owner, reply })
-        })?;
-        if let Some(gpu) = gpu.filter(|_| answer.engine.is_gpu()) {
-            gpu.lock().offer_reply(lent);
-        }
-        Ok(answer)
+        })
     }
 
     /// Leaves a frame of memory whose boxes belong to `owner` to the GPU. One that the GPU does not
@@ -371,6 +357,20 @@ impl Executor {
             Err(error) => self.cpu.run_after(error, planned, frame.boxes(), frame.reply),
         }
     }
+}
+
+/// Answers a frame of memory. Where a GPU did, the reply is imported, so that it writes the next one without a copy.
+fn offering_reply<M: FrameMemory>(
+    gpu: Option<&Arc<SharedGpu>>,
+    memory: &mut M,
+    work: impl FnOnce(Objects<'_>, &mut dyn ReplyBuffer) -> Result<CullAnswer, CullError>,
+) -> Result<CullAnswer, CullError> {
+    let mut lent = LentReply::default();
+    let answer = with_lent(memory, &mut lent, work)?;
+    if let Some(gpu) = gpu.filter(|_| answer.engine.is_gpu()) {
+        gpu.lock().offer_reply(lent);
+    }
+    Ok(answer)
 }
 
 /// What a frame lends for the time of a call.

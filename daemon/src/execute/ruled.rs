@@ -1,5 +1,6 @@
 //! Frames with rules on a GPU: its grid takes worlds and kinds of boxes into account.
 
+use std::cell::OnceCell;
 use std::num::NonZeroU64;
 use std::sync::Arc;
 use std::time::Instant;
@@ -13,27 +14,18 @@ use pairmask_core::precision::BoxSlice;
 use pairmask_core::{BoxCount, Encoding, EncodingChoice, EngineChoice, EngineName, scene};
 use pairmask_wire::{Page, Reject, RulesPlace, SentRules, WORLD_RANGE_WORDS};
 
-use super::frame_memory::{FrameMemory, LentReply, boxes_of, with_lent};
+use super::frame_memory::{FrameMemory, boxes_of};
 use super::gpu::takes_worlds;
-use super::{Executor, Owner, Planned};
+use super::{Executor, GpuService, Owner, Planned, offering_reply};
 
 /// The rules of a session's last frames as a GPU takes them.
 #[derive(Default)]
 pub(super) struct KeptMarks {
     /// The number of the rules; 0 before the first.
     of: u64,
-    marks: MarksOfRules,
+    /// Not made where the rules came for the first time; `None` where a GPU cannot take them.
+    marks: OnceCell<Option<Arc<Marks>>>,
     ranges: Vec<WorldRange>,
-}
-
-#[derive(Clone, Default)]
-enum MarksOfRules {
-    /// The rules came for the first time.
-    #[default]
-    NotMade,
-    /// A GPU cannot take them.
-    None,
-    Made(Arc<Marks>),
 }
 
 impl KeptMarks {
@@ -49,20 +41,16 @@ impl KeptMarks {
         // A session's rules of another number, or of more boxes, are others.
         if self.of != rules.number() {
             self.of = rules.number();
-            self.marks = MarksOfRules::NotMade;
+            self.marks = OnceCell::new();
             if !at_once {
                 return None;
             }
         }
-        if matches!(self.marks, MarksOfRules::NotMade) {
+        let make = || {
             let made = Marks::of(rules.rules(), n.len(), threads);
-            let made = made.filter(|marks| takes_worlds(marks, n.len()));
-            self.marks = made.map_or(MarksOfRules::None, |made| MarksOfRules::Made(Arc::new(made)));
-        }
-        match &self.marks {
-            MarksOfRules::Made(marks) => Some(Arc::clone(marks)),
-            _ => None,
-        }
+            made.filter(|marks| takes_worlds(marks, n.len())).map(Arc::new)
+        };
+        self.marks.get_or_init(make).clone()
     }
 }
 
@@ -133,8 +121,7 @@ impl Executor {
     }
 
     /// Finds the pairs of the boxes of this memory, which belong to `owner`, on a GPU, and where the pairs of
-    /// each world stand. The reply that it lends is imported, so that the GPU writes the next one without a
-    /// copy.
+    /// each world stand.
     ///
     /// # Errors
     /// [`CullError`]: the frame is left to cores.
@@ -153,14 +140,15 @@ impl Executor {
         let plan_ns = nanoseconds_since(*start);
         let words = WORLD_RANGE_WORDS as u64 * rules.most_worlds();
         let ranges = &mut self.marks.ranges;
-        let mut lent = LentReply::default();
-        let report = with_lent(memory, &mut lent, |objects, reply| {
+        let answer = offering_reply(Some(gpu), memory, |objects, reply| {
             let reply = &mut RoomBehind { reply, words };
             let boxes = boxes_of(objects);
-            gpu.with(|gpu| gpu.cull_ruled(boxes, owner, marks, plan.encoding, reply, ranges))
+            let cull = |gpu: &mut GpuService| {
+                gpu.cull_ruled(boxes, owner, marks, plan.encoding, reply, ranges)
+            };
+            Ok(CullAnswer::new(plan, gpu.with(cull)?, *start, plan_ns))
         })?;
-        gpu.lock().offer_reply(lent);
-        Ok((CullAnswer::new(plan, report, *start, plan_ns), ranges))
+        Ok((answer, ranges))
     }
 
     /// The rules of a frame of `n` boxes, from its payload, to be kept under the client's number.

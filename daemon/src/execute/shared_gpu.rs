@@ -36,7 +36,6 @@ const QUEUE_SHARE: f64 = 0.5;
 /// What plans need to know of a GPU, while another thread uses it too.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Outlook {
-    /// What frames cost on the device of now.
     pub(super) cost: Option<GpuCost>,
     /// Fewest boxes of a frame that is left to it.
     pub(super) under_way_boxes: Option<u32>,
@@ -114,11 +113,6 @@ impl SharedGpu {
         locked(&self.outlook).1.upgrade()
     }
 
-    /// Whether its first device is still being opened: it is not to be waited for.
-    pub(super) fn is_opening(&self) -> bool {
-        self.outlook().is_opening
-    }
-
     /// Whether it has no device, and will have none.
     pub fn is_missing(&self) -> bool {
         self.outlook().is_missing
@@ -183,7 +177,6 @@ impl SharedGpu {
     }
 }
 
-/// A thread's turn at the GPU.
 pub struct GpuTurn<'a> {
     service: MutexGuard<'a, GpuService>,
     /// Ends after the lock: the next thread finds it free.
@@ -207,7 +200,6 @@ impl DerefMut for GpuTurn<'_> {
 /// Who is next. The system's lock is unfair to threads that spin, and puts the others to sleep at once.
 #[derive(Debug, Default)]
 struct Turns {
-    /// Turns that were asked for.
     asked: AtomicU64,
     /// Turns that have ended: the number of the one that is on.
     ended: AtomicU64,
@@ -320,7 +312,7 @@ impl SharedGpu {
     /// nothing of it reads or writes there any more.
     pub fn release_reply(&self, range: &Range<usize>) -> bool {
         // One that is being opened has imported nothing, and imports no memory that is not lent.
-        self.is_opening() || self.lock().release_reply(range)
+        self.outlook().is_opening || self.lock().release_reply(range)
     }
 
     /// Takes a device in that was opened, or was lost and is back. Its engines may take a second to make.
@@ -360,7 +352,6 @@ impl SharedGpu {
     }
 }
 
-/// A frame that the GPU could not serve.
 pub struct Unserved<M> {
     pub(super) error: CullError,
     pub(super) planned: Planned,

@@ -1,5 +1,6 @@
 //! Spheres: on the GPU where it is sooner done, else on the CPU. Both decide them exactly.
 
+use std::sync::Arc;
 use std::time::Instant;
 
 use pairmask_core::aabb::AABB_BYTES;
@@ -10,8 +11,8 @@ use pairmask_core::plan::{GpuCost, Plan, SceneStats};
 use pairmask_core::sphere::SPHERE_BYTES;
 use pairmask_core::{BoxCount, EngineChoice, EngineName, Sphere};
 
-use super::frame_memory::{FrameMemory, LentReply, with_lent};
-use super::{Executor, Frame, Owner, is_left_to_cores, no_gpu};
+use super::frame_memory::FrameMemory;
+use super::{Executor, Frame, Owner, SharedGpu, is_left_to_cores, offering_reply};
 
 /// Scratch that a frame takes, bytes a sphere: its bounds and its ball, 24 and 32, or four columns and
 /// the order, 36.
@@ -37,32 +38,21 @@ pub(super) fn takes_spheres(engine: EngineName, spheres: usize, is_software: boo
 }
 
 impl Executor {
-    /// Finds the pairs of the spheres of this memory, which belong to `owner`, as
-    /// [`Self::cull_spheres`]. The reply that it lends is imported, so that a GPU writes the next one
-    /// without a copy.
+    /// Finds the pairs of the spheres of this memory, which belong to `owner`, as [`Self::cull_spheres`].
     pub fn run_spheres<M: FrameMemory>(
         &mut self,
         owner: Owner,
         options: &CullOptions,
         memory: &mut M,
     ) -> Result<CullAnswer, CullError> {
-        let mut lent = LentReply::default();
-        let answer = with_lent(memory, &mut lent, |objects, reply| match objects {
+        let gpu = self.gpus.for_frame(self.home).cloned();
+        offering_reply(gpu.as_ref(), memory, |objects, reply| match objects {
             Objects::Spheres(spheres) => self.cull_spheres(spheres, owner, options, reply),
             Objects::Boxes(boxes) => self.cull(boxes, owner, options, reply),
-        })?;
-        if answer.engine.is_gpu()
-            && let Some(gpu) = self.gpus.for_frame(self.home)
-        {
-            gpu.lock().offer_reply(lent);
-        }
-        Ok(answer)
+        })
     }
 
-    /// Finds the pairs of spheres that belong to `owner`.
-    ///
-    /// A GPU that is lost, or has no memory for the scene, leaves the frame to the CPU: the answer is the
-    /// same. A scene that crowds the GPU's grid goes to all pairs.
+    /// Finds the pairs of spheres that belong to `owner`, on a GPU or on cores as [`Self::cull`].
     pub fn cull_spheres(
         &mut self,
         spheres: &[Sphere],
@@ -73,19 +63,26 @@ impl Executor {
         self.last_frame = Some(Instant::now());
         let (len, limit_words) = (spheres.len(), reply.limit_words());
         let options = options.within(len, limit_words);
-        let Some(plan) = self.gpu_plan(len, &options) else {
+        let start = Instant::now();
+        let Some((gpu, plan)) = self.gpu_plan(len, &options) else {
             return self.cull_spheres_here(spheres, &options, reply);
         };
-        let frame = Frame { objects: spheres.into(), owner, reply };
-        self.cull_spheres_there(frame, &plan).or_else(|error| {
-            if is_left_to_cores(&error) {
-                let here = CullOptions { engine: EngineChoice::Auto, ..options };
-                return self.cull_spheres_here(spheres, &here, reply);
+        log::debug!("{}", plan.explain());
+        let plan_ns = nanoseconds_since(start);
+        let mut frame = Frame { objects: spheres.into(), owner, reply };
+        let error = match frame.cull_on(&gpu, &plan) {
+            Ok((report, engine)) => {
+                return Ok(CullAnswer::new(&Plan { engine, ..plan }, report, start, plan_ns));
             }
-            // It names its encoding, so that there is no third time.
-            let other = options.after(plan.encoding, &error, len, limit_words).ok_or(error)?;
-            self.cull_spheres(spheres, owner, &other, reply)
-        })
+            Err(error) => error,
+        };
+        if is_left_to_cores(&error) {
+            let here = CullOptions { engine: EngineChoice::Auto, ..options };
+            return self.cull_spheres_here(spheres, &here, reply);
+        }
+        // It names its encoding, so that there is no third time.
+        let other = options.after(plan.encoding, &error, len, limit_words).ok_or(error)?;
+        self.cull_spheres(spheres, owner, &other, reply)
     }
 
     /// The plan of a frame of so many spheres that goes to the GPU; `None` for one that does not: also where
@@ -93,36 +90,23 @@ impl Executor {
     ///
     /// The spheres are not looked at. The GPU gets what it does sooner than the CPU would cull as many
     /// boxes at best, which it culls in less time than spheres.
-    fn gpu_plan(&self, len: usize, options: &CullOptions) -> Option<Plan> {
+    fn gpu_plan(&self, len: usize, options: &CullOptions) -> Option<(Arc<SharedGpu>, Plan)> {
         let n = BoxCount::of_len(len)?;
         let gpu = self.gpus.for_frame(self.home)?;
-        let (is_software, gpu) = (gpu.is_software(), gpu.cost());
+        let (is_software, cost) = (gpu.is_software(), gpu.cost());
         let may = match options.engine {
             EngineChoice::Only(engine) => engine.is_gpu(),
-            EngineChoice::Auto => gpu.is_some(),
+            EngineChoice::Auto => cost.is_some(),
         };
         if !may {
             return None;
         }
         // Boxes up take the time of their bytes; spheres have fewer.
         let share = SPHERE_BYTES as f64 / AABB_BYTES as f64;
-        let gpu = gpu.map(|cost| GpuCost { ns_a_box: share * cost.ns_a_box, ..cost });
-        let plan = self.plan_unseen(&SceneStats::at_best(n, options.last_pairs), gpu, options);
+        let cost = cost.map(|cost| GpuCost { ns_a_box: share * cost.ns_a_box, ..cost });
+        let plan = self.plan_unseen(&SceneStats::at_best(n, options.last_pairs), cost, options);
         let is_taken = plan.engine.is_gpu() && takes_spheres(plan.engine, len, is_software);
-        is_taken.then_some(plan)
-    }
-
-    fn cull_spheres_there(
-        &mut self,
-        mut frame: Frame<'_>,
-        plan: &Plan,
-    ) -> Result<CullAnswer, CullError> {
-        let start = Instant::now();
-        let gpu = self.gpus.for_frame(self.home).ok_or(no_gpu(plan.engine))?;
-        log::debug!("{}", plan.explain());
-        let plan_ns = nanoseconds_since(start);
-        let (report, engine) = frame.cull_on(gpu, plan)?;
-        Ok(CullAnswer::new(&Plan { engine, ..*plan }, report, start, plan_ns))
+        is_taken.then(|| (Arc::clone(gpu), plan))
     }
 
     fn cull_spheres_here(

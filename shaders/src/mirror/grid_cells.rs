@@ -7,8 +7,8 @@ use crate::constants::{NO_LEVEL, PARKED};
 use crate::layouts::GridLayout;
 
 /// Where a box belongs.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Home {
+#[derive(Clone, Copy)]
+pub(super) struct Home {
     /// Cell in the table of all levels.
     pub cell: u32,
     /// Level; one past the last for giants, `NO_LEVEL` for what overlaps nothing.

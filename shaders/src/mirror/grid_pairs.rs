@@ -3,6 +3,7 @@
 use pairmask_core::aabb::{BoxClass, KeyBox};
 
 use super::Mirrored;
+use super::grid_cells::Home;
 use super::grid_layout::{cell, coordinates, folded};
 use crate::constants::NO_LEVEL;
 use crate::layouts::{GridLayout, GridLevel};
@@ -12,9 +13,11 @@ pub(super) fn find(
     layout: &GridLayout,
     keys: &[(KeyBox, BoxClass)],
     overlap: &dyn Fn(usize, usize) -> bool,
+    homes: &[Home],
+    starts: &[u32],
     mirrored: &mut Mirrored,
 ) {
-    let Mirrored { homes, starts, order, words, pairs, compared } = mirrored;
+    let Mirrored { order, words, pairs, compared } = mirrored;
     let start = |cell: u32| starts[cell as usize];
     let giants = start(layout.first_giant)..start(layout.first_nothing);
     for (index, row) in order.iter().zip(0..) {

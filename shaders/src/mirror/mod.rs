@@ -1,33 +1,26 @@
-//! The grid's stages on the CPU: what each leaves behind, word for word.
+//! The grid's stages on the CPU: what each leaves behind, word for word. Slow and plain. The tests compare the GPU's
+//! reply with it, byte by byte.
 //!
-//! One file a stage, named like its shader. Slow and plain. The tests compare the GPU's reply with
-//! it, byte by byte. Two stages have none of their own: `grid_scatter` leaves the boxes of a cell in
-//! any order, which `grid_place` settles, and `grid_write` copies the words or pairs of `grid_pairs` as
-//! they are.
+//! `grid_cells` and `grid_pairs` are files named like their shaders; `grid_scan` and `grid_place` are a few lines here.
+//! `grid_scatter` leaves the boxes of a cell in any order, which `grid_place` settles, and `grid_write` copies the words
+//! or pairs of `grid_pairs` as they are.
 
 mod grid_cells;
 pub mod grid_layout;
 mod grid_pairs;
-mod grid_place;
-mod grid_scan;
 pub mod sphere_bounds;
 pub mod sphere_exact;
 pub mod sphere_filter;
 
+use pairmask_core::Sphere;
 use pairmask_core::aabb::{BoxClass, KeyBox};
 use pairmask_core::precision::BoxSlice;
-use pairmask_core::{Aabb, Sphere};
 
-pub use self::grid_cells::Home;
 use crate::layouts::GridLayout;
 
 /// What a frame leaves behind.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Mirrored {
-    /// Home of each box.
-    pub homes: Vec<Home>,
-    /// First position of each cell, then n.
-    pub starts: Vec<u32>,
     /// Box at each position.
     pub order: Vec<u32>,
     /// Row, column block and bits of each non-zero word.
@@ -36,12 +29,6 @@ pub struct Mirrored {
     pub pairs: Vec<[u32; 2]>,
     /// Pairs compared.
     pub compared: u64,
-}
-
-/// The home cell of a box, in the table of all levels; for what has none of its own, the first that such
-/// boxes have.
-pub fn home_cell(layout: &GridLayout, b: &Aabb) -> u32 {
-    grid_cells::homes(layout, &[KeyBox::classify(b)]).first().map_or(0, |home| home.cell)
 }
 
 /// All stages, for a layout that the host chose.
@@ -63,9 +50,19 @@ fn of_keys(
     overlap: &dyn Fn(usize, usize) -> bool,
 ) -> Mirrored {
     let homes = grid_cells::homes(layout, keys);
-    let starts = grid_scan::starts(layout, &homes);
-    let order = grid_place::order(&homes);
-    let mut mirrored = Mirrored { homes, starts, order, ..Mirrored::default() };
-    grid_pairs::find(layout, keys, overlap, &mut mirrored);
+    // `grid_scan`.
+    let mut starts = vec![0; layout.cell_end as usize + 1];
+    for home in &homes {
+        starts[home.cell as usize] += 1;
+    }
+    let mut sum = 0;
+    for start in &mut starts {
+        sum += std::mem::replace(start, sum);
+    }
+    // `grid_place`: by cell, then by index.
+    let mut order: Vec<u32> = (0..homes.len() as u32).collect();
+    order.sort_by_key(|index| homes[*index as usize].cell);
+    let mut mirrored = Mirrored { order, ..Mirrored::default() };
+    grid_pairs::find(layout, keys, overlap, &homes, &starts, &mut mirrored);
     mirrored
 }

@@ -15,7 +15,7 @@ use pairmask_tests::prelude::*;
 use pairmask_tests::stress_scenes::{Rng, StressScene};
 use pairmaskd::execute::gpu::{
     AllPairs, AllPairsOptions, Block, Capacity, Checks, Command, Frame, Gpu, Grid, GridOptions,
-    Home, HostImport, Part, Pipelines, Sizes, Upload, Wait,
+    Home, HostImport, Part, Pipelines, Sizes, Upload,
 };
 
 /// A watchdog, no measure of speed.
@@ -88,7 +88,7 @@ impl Bench {
         let step = Command::Stage { pipeline, parts, immediates, groups: [groups, 1] };
         let mut frame = Frame::new(&self.gpu, false).expect("a frame");
         frame.record(vec![step]).expect("records");
-        frame.run(Wait::Block, PATIENCE).expect("ends");
+        frame.run(PATIENCE).expect("ends");
     }
 
     /// The output of the stage `keys`.

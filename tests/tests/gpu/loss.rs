@@ -1,10 +1,11 @@
 //! A device that is lost under load: no wrong answer, a typed error, and recovery.
 
-use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use pairmask_tests::gpu::open;
+use pairmask_tests::prelude::*;
 use pairmaskd::execute::gpu::{GpuSlot, HostImport, IfMissing, OpenError, Opener, SlotState};
 
 /// A watchdog, no measure of speed: opening a software device takes under a second.
@@ -13,7 +14,10 @@ const GIVE_UP: Duration = Duration::from_secs(60);
 #[test]
 fn a_device_that_cannot_be_opened_again_leaves_the_slot_lost() {
     let gpu = open(HostImport::IfPossible);
-    let mut slot = GpuSlot::new(Arc::clone(&gpu), Arc::new(|| Err(OpenError::SwitchedOff)));
+    let first = Mutex::new(Some(Arc::clone(&gpu)));
+    let once = move || first.lock().expect("no panic").take().ok_or(OpenError::SwitchedOff);
+    let mut slot = GpuSlot::opening(Arc::new(once), IfMissing::DoWithout);
+    eventually("the first device", || slot.ready());
     assert_eq!(slot.state(), SlotState::Ready);
     gpu.destroy();
     let deadline = Instant::now() + GIVE_UP;

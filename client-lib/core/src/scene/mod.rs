@@ -56,13 +56,14 @@ mod store;
 mod whole;
 
 pub use self::answer::{EndReason, Ended, Report, Reported, SceneSkips, is_resync_due};
+pub use self::check::len_after;
 pub use self::copy::{SceneCopy, WholeScene};
 pub use self::edit::{Edit, Indices, Sets, Step, Tags};
 pub use self::error::{EditError, SceneError};
 pub use self::kept::{Kept, KeptBox, KeptHistory};
 pub use self::margins::{ExactPairs, MarginedSets, Margins, Outgoing, Sent};
 pub use self::options::{MarginedPairs, SceneMargins, SceneOptions};
-pub use self::pair_list::sort_row;
+pub use self::pair_list::{Sorter as PairSorter, sort_row};
 pub use self::query::{
     BeyondMask, QueryError, QueryMask, QueryTags, between, cull_between, is_small_set,
     more_pairs_than,

@@ -4,7 +4,7 @@
 //! two passes over memory, whatever the number of pairs.
 
 use crate::engine::RecentNeed;
-use crate::team::{for_each_in_parts, in_parts, part_count};
+use crate::team::{self, for_each_in_parts, in_parts, part_count};
 
 /// A pair of box indices, the lower one first.
 pub(super) type Pair = [u32; 2];
@@ -47,7 +47,7 @@ const LONG_ROW: usize = 24;
 
 /// Scratch memory of sorting.
 #[derive(Debug, Default)]
-pub(super) struct Sorter {
+pub struct Sorter {
     dealt: Vec<Pair>,
     need: RecentNeed,
 }
@@ -68,6 +68,7 @@ struct Gather<'a> {
 }
 
 impl Sorter {
+    /// Bytes that are kept from one list to the next.
     pub fn allocated_bytes(&self) -> usize {
         self.dealt.capacity() * size_of::<Pair>()
     }
@@ -87,7 +88,7 @@ impl Sorter {
         self.sorted_from(&source, &|_| true, n, threads, pairs);
     }
 
-    /// Those of `source` that are wanted, in order. Indices are below `n`.
+    /// Those of `source` that are wanted, in order. First indices of those are below `n`.
     pub fn sorted_from(
         &mut self,
         source: &[Pair],
@@ -102,6 +103,7 @@ impl Sorter {
             sorted.sort_unstable_by_key(|pair| key(*pair));
             return;
         }
+        let _team = team::enter(threads);
         let most = (source.len() / BUCKET_PAIRS).next_power_of_two().min(BUCKETS_MOST) as u32;
         let shift = (n.max(1).next_power_of_two() / most).max(1).trailing_zeros();
         let buckets = (n >> shift) as usize + 1;

@@ -3,9 +3,10 @@
 use std::fmt;
 use std::str::FromStr;
 
+use wgpu::DeviceType;
+
 use super::OpenError;
 
-/// The user's choice of GPU.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub enum GpuChoice {
     /// The best real GPU; never a software adapter, which the CPU engines beat.
@@ -45,19 +46,6 @@ impl fmt::Display for GpuChoice {
     }
 }
 
-/// What an adapter is, as far as the choice needs it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum AdapterKind {
-    /// Runs on the CPU.
-    Software,
-    /// Neither of the others: virtual or unknown.
-    Other,
-    /// Shares memory with the CPU.
-    Integrated,
-    /// Has memory of its own.
-    Discrete,
-}
-
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct AdapterInfo {
     pub name: String,
@@ -67,12 +55,12 @@ pub struct AdapterInfo {
     pub pci_address: String,
     pub vendor_id: u32,
     pub device_id: u32,
-    pub kind: AdapterKind,
+    pub kind: DeviceType,
 }
 
 impl AdapterInfo {
     pub fn is_software(&self) -> bool {
-        self.kind == AdapterKind::Software
+        self.kind == DeviceType::Cpu
     }
 
     /// Whether both are the same device by the same driver: then the same shader computes the same bits on both.
@@ -85,12 +73,7 @@ impl AdapterInfo {
 impl From<wgpu::AdapterInfo> for AdapterInfo {
     fn from(info: wgpu::AdapterInfo) -> Self {
         Self {
-            kind: match info.device_type {
-                wgpu::DeviceType::Cpu => AdapterKind::Software,
-                wgpu::DeviceType::IntegratedGpu => AdapterKind::Integrated,
-                wgpu::DeviceType::DiscreteGpu => AdapterKind::Discrete,
-                wgpu::DeviceType::VirtualGpu | wgpu::DeviceType::Other => AdapterKind::Other,
-            },
+            kind: info.device_type,
             driver: format!("{} {}", info.driver, info.driver_info),
             name: info.name,
             pci_address: info.device_pci_bus_id,
@@ -116,9 +99,14 @@ pub fn choose(choice: &GpuChoice, adapters: &[AdapterInfo]) -> Option<usize> {
 
 /// Places of the adapters of the best kind that there is; never of software.
 pub(super) fn best_of_kind(adapters: &[AdapterInfo]) -> impl Iterator<Item = usize> {
-    let best = adapters.iter().map(|a| a.kind).max();
-    let best = best.filter(|kind| *kind != AdapterKind::Software);
-    (0..adapters.len()).filter(move |place| Some(adapters[*place].kind) == best)
+    let rank = |adapter: &AdapterInfo| match adapter.kind {
+        DeviceType::Cpu => 0,
+        DeviceType::VirtualGpu | DeviceType::Other => 1,
+        DeviceType::IntegratedGpu => 2,
+        DeviceType::DiscreteGpu => 3,
+    };
+    let best = adapters.iter().map(rank).max().filter(|rank| *rank > 0);
+    (0..adapters.len()).filter(move |place| Some(rank(&adapters[*place])) == best)
 }
 
 pub(super) struct AdapterList {
@@ -246,15 +234,15 @@ fn all_of(adapters: &[AdapterInfo]) -> Vec<GpuChoice> {
 mod tests {
     use super::*;
 
-    fn adapter(name: &str, pci_address: &str, kind: AdapterKind) -> AdapterInfo {
+    fn adapter(name: &str, pci_address: &str, kind: DeviceType) -> AdapterInfo {
         let (name, pci_address) = (name.into(), pci_address.into());
         AdapterInfo { name, driver: String::new(), pci_address, vendor_id: 0, device_id: 0, kind }
     }
 
     #[test]
     fn devices_compute_alike_that_are_the_same_by_the_same_driver() {
-        let one = adapter("one", "", AdapterKind::Discrete);
-        assert!(one.computes_as(&adapter("another", "0:1", AdapterKind::Discrete)));
+        let one = adapter("one", "", DeviceType::DiscreteGpu);
+        assert!(one.computes_as(&adapter("another", "0:1", DeviceType::DiscreteGpu)));
         let others = [
             AdapterInfo { vendor_id: 1, ..one.clone() },
             AdapterInfo { device_id: 1, ..one.clone() },
@@ -265,9 +253,10 @@ mod tests {
 
     #[test]
     fn each_choice_finds_its_adapter_and_auto_never_software() {
-        let big = |address: &str| adapter("big", address, AdapterKind::Discrete);
-        let software = adapter("llvmpipe", "", AdapterKind::Software);
-        let all = [software, adapter("small", "0:0", AdapterKind::Integrated), big("0:1"), big("")];
+        let big = |address: &str| adapter("big", address, DeviceType::DiscreteGpu);
+        let software = adapter("llvmpipe", "", DeviceType::Cpu);
+        let all =
+            [software, adapter("small", "0:0", DeviceType::IntegratedGpu), big("0:1"), big("")];
         for (text, expected) in [
             ("auto", Some(2)),
             ("software", Some(0)),

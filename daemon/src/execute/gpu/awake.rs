@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use pairmask_shaders::Stage;
 use pairmask_shaders::layouts::AwakeParams;
 
-use super::{Block, Checks, Command, Frame, Gpu, GpuError, Home, Part, Pipelines, QueueRole, Wait};
+use super::{Block, Checks, Command, Frame, Gpu, GpuError, Home, Part, Pipelines, QueueRole};
 
 /// How long the clocks are kept up after a frame, unless told otherwise: a client of four frames a
 /// second finds them up, and one that is gone costs nothing a moment later.
@@ -122,7 +122,7 @@ fn keep_awake(mut frame: Frame, shared: &Shared) {
     while !has_stopped() {
         if shared.now_us() >= shared.until_us.load(Ordering::Relaxed) {
             std::thread::park();
-        } else if let Err(error) = frame.run(Wait::Block, PATIENCE) {
+        } else if let Err(error) = frame.run(PATIENCE) {
             // A lost device is reported elsewhere; the next one gets a thread of its own.
             log::debug!("the GPU is not kept awake any more: {error}");
             break;

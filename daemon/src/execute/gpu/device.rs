@@ -15,7 +15,6 @@ use wgpu::hal::vulkan;
 use super::adapter::AdapterList;
 use super::{AdapterInfo, DeviceHealth, GpuChoice, GpuError, OpenError};
 
-/// What the device allows, in bytes and counts.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GpuLimits {
     /// Largest part of a buffer that a stage can see.
@@ -26,9 +25,7 @@ pub struct GpuLimits {
     pub dispatch_groups: u32,
     /// Imported host memory starts and ends on a multiple of this; `None` without import.
     pub import_align_bytes: Option<u64>,
-    /// Whether the CPU can map video memory.
     pub mapped_video_memory: bool,
-    /// Nanoseconds of a timestamp tick.
     pub timestamp_period_ns: f32,
     pub int64: bool,
     /// Rounds of all its loops that a thread may take; [`u32::MAX`] where there is no limit.
@@ -57,13 +54,6 @@ pub enum QueueRole {
 
 const ROLES: usize = 3;
 
-/// A queue and the family that command buffers for it are made for.
-#[derive(Clone, Copy, Debug)]
-struct RoleQueue {
-    family: u32,
-    queue: vk::Queue,
-}
-
 /// An opened GPU. Everything made on it holds an `Arc` of it, so it closes last.
 pub struct Gpu {
     info: AdapterInfo,
@@ -71,7 +61,7 @@ pub struct Gpu {
     health: Arc<DeviceHealth>,
     raw: ash::Device,
     /// By role; `None` where the device has no such family.
-    queues: Mutex<[Option<RoleQueue>; ROLES]>,
+    queues: Mutex<[Option<vk::Queue>; ROLES]>,
     pub(super) families: [Option<u32>; ROLES],
     memory: vk::PhysicalDeviceMemoryProperties,
     host_import: Option<ash::ext::external_memory_host::Device>,
@@ -79,6 +69,13 @@ pub struct Gpu {
     // Owns the raw device and destroys it on drop, after every use above.
     wgpu_device: wgpu::Device,
     _wgpu_queue: wgpu::Queue,
+}
+
+impl GpuLimits {
+    /// Most bytes that a stage sees of a block: it counts them in 32 bits.
+    pub(super) fn binding_bytes(&self) -> u64 {
+        self.storage_binding_bytes.min(1 << 31)
+    }
 }
 
 impl std::fmt::Debug for Gpu {
@@ -101,7 +98,6 @@ pub enum HostImport {
 }
 
 impl Gpu {
-    /// Opens the GPU that `choice` means.
     pub fn open(choice: &GpuChoice, host_import: HostImport) -> Result<Arc<Self>, OpenError> {
         let (adapter, info) = AdapterList::find().take(choice)?;
         // Drivers start threads here, which inherit the floating-point flags of this one. A software
@@ -177,14 +173,10 @@ impl Gpu {
                 .ok_or_else(|| OpenError::NotVulkan(info.name.clone()))?;
             (hal.raw_device().clone(), hal.raw_queue(), hal.queue_family_index())
         };
-        let mut queues = [Some(RoleQueue { family: queue_family, queue: raw_queue }), None, None];
-        for (place, family) in queues.iter_mut().skip(1).zip(families) {
-            *place = family.map(|family| {
-                // SAFETY: the device was made with a queue of this family.
-                let queue = unsafe { raw.get_device_queue(family, 0) };
-                RoleQueue { family, queue }
-            });
-        }
+        // SAFETY: the device was made with a queue of each of these families.
+        let queue_of = |family| unsafe { raw.get_device_queue(family, 0) };
+        let [upload, awake] = families.map(|family| family.map(queue_of));
+        let queues = [Some(raw_queue), upload, awake];
         // SAFETY: `physical` is the adapter's handle, alive as long as the instance, which wgpu's
         // device keeps alive.
         let memory = unsafe { instance.get_physical_device_memory_properties(physical) };
@@ -220,7 +212,7 @@ impl Gpu {
             limits,
             health,
             raw,
-            families: queues.map(|queue| queue.map(|queue| queue.family)),
+            families: [Some(queue_family), families[0], families[1]],
             queues: Mutex::new(queues),
             memory,
             host_import,
@@ -264,7 +256,6 @@ impl Gpu {
         self.families[role as usize].is_some()
     }
 
-    /// The family of the queue that does a role's work.
     pub(super) fn family(&self, role: QueueRole) -> Option<u32> {
         self.families[role as usize].or(self.families[QueueRole::Frames as usize])
     }
@@ -305,7 +296,7 @@ impl Gpu {
             .signal_semaphores(before.as_slice());
         let queues = self.queues.lock().map_err(|_| GpuError::Lost)?;
         let own = queues[role as usize].or(queues[QueueRole::Frames as usize]);
-        let queue = own.ok_or(GpuError::Lost)?.queue;
+        let queue = own.ok_or(GpuError::Lost)?;
         // SAFETY: the lock synchronises the queues; commands, fence and semaphore belong to this
         // device and are not pending (their frame waits for its end before it is submitted again).
         let result = unsafe { self.raw.queue_submit(queue, &[info], fence) };
@@ -362,7 +353,6 @@ fn side_families(families: &[vk::QueueFamilyProperties]) -> [Option<u32>; ROLES 
 /// How a submission stands to another.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Order {
-    /// It does not matter.
     Alone,
     /// It begins when this is signalled.
     After(vk::Semaphore),

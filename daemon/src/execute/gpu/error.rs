@@ -38,23 +38,9 @@ pub enum GpuError {
     OutOfMemory { bytes: u64 },
     #[error("the GPU driver refused: {0}")]
     Driver(vk::Result),
+    /// A fault of the build, which tests find.
     #[error("stage {stage} does not compile: {why}")]
-    Stage { stage: &'static str, why: StageFault },
-}
-
-/// Why a stage does not compile. All of them are faults of the build, which tests find.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum StageFault {
-    #[error("an import is missing")]
-    Compose,
-    #[error("the text does not parse")]
-    Parse,
-    #[error("it binds what it cannot be given")]
-    Bindings,
-    #[error("the module is not valid")]
-    Validate,
-    #[error("no SPIR-V for it")]
-    Emit,
+    Stage { stage: &'static str, why: &'static str },
 }
 
 impl From<vk::Result> for GpuError {

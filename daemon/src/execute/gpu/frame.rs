@@ -11,8 +11,8 @@ use std::time::{Duration, Instant};
 use ash::vk;
 use bytemuck::NoUninit;
 
-use super::pipeline::IMMEDIATE_BYTES;
-use super::{Block, Gpu, GpuError, Order, Part, Pipeline, QueueRole, StageFault};
+use super::pipeline::{IMMEDIATE_BYTES, WRONG_BINDINGS};
+use super::{Block, Gpu, GpuError, Order, Part, Pipeline, QueueRole};
 
 /// One step of a frame. Each step sees all that the steps before it wrote.
 pub enum Command {
@@ -21,7 +21,6 @@ pub enum Command {
         /// What it binds, from binding 0 on.
         parts: Vec<Part>,
         immediates: Vec<u8>,
-        /// Workgroups along x and y.
         groups: [u32; 2],
     },
     Copy {
@@ -44,7 +43,7 @@ impl Command {
         params: &impl NoUninit,
         groups: [u32; 2],
     ) -> Result<Self, GpuError> {
-        let fault = GpuError::Stage { stage: pipeline.label(), why: StageFault::Bindings };
+        let fault = GpuError::Stage { stage: pipeline.label(), why: WRONG_BINDINGS };
         let part = |name: &String| {
             let found = parts.iter().rev().find(|(known, _)| known == name);
             found.map(|(_, part)| Part::clone(part))
@@ -69,21 +68,6 @@ pub struct StepTime {
     pub ns: f64,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Wait {
-    /// Asks again and again: 15 µs less than sleeping, for the price of a core meanwhile.
-    Spin,
-    /// Sleeps. For software adapters, which need the core.
-    Block,
-}
-
-impl Wait {
-    /// The way that is forced, else the one that suits a device.
-    pub(super) fn on(gpu: &Gpu, forced: Option<Self>) -> Self {
-        forced.unwrap_or(if gpu.info().is_software() { Self::Block } else { Self::Spin })
-    }
-}
-
 /// Most steps of a frame. Longer work is split, so that no submission runs into a watchdog.
 pub const MAX_STEPS: usize = 40;
 
@@ -94,10 +78,8 @@ const LAST_PATIENCE: Duration = Duration::from_secs(10);
 /// How long copies and fills that are run once may take before the device counts as hung.
 const ONCE_PATIENCE: Duration = Duration::from_secs(10);
 
-/// Most buffers that a stage binds.
 const MAX_BINDINGS: u32 = 9;
 
-/// A recorded frame. Keeps what it uses alive.
 pub struct Frame {
     gpu: Arc<Gpu>,
     role: QueueRole,
@@ -120,7 +102,6 @@ impl Frame {
         Self::of_role(gpu, QueueRole::Frames, profiled)
     }
 
-    /// An empty frame for the queue of a role.
     pub(super) fn of_role(
         gpu: &Arc<Gpu>,
         role: QueueRole,
@@ -232,24 +213,19 @@ impl Frame {
         Ok(())
     }
 
-    pub(super) fn run_once(
-        gpu: &Arc<Gpu>,
-        steps: Vec<Command>,
-        wait: Wait,
-    ) -> Result<(), GpuError> {
+    pub(super) fn run_once(gpu: &Arc<Gpu>, steps: Vec<Command>) -> Result<(), GpuError> {
         let mut frame = Self::new(gpu, false)?;
         frame.record(steps)?;
-        frame.run(wait, ONCE_PATIENCE)
+        frame.run(ONCE_PATIENCE)
     }
 
     pub(super) fn fill<'a>(
         gpu: &Arc<Gpu>,
         blocks: impl IntoIterator<Item = &'a Arc<Block>>,
         word: u32,
-        wait: Wait,
     ) -> Result<(), GpuError> {
         let fill = |block: &Arc<Block>| Command::Fill { part: Part::whole(block), word };
-        Self::run_once(gpu, blocks.into_iter().map(fill).collect(), wait)
+        Self::run_once(gpu, blocks.into_iter().map(fill).collect())
     }
 
     /// Forgets the steps of a frame that is recorded anew before it is submitted again, and what they
@@ -359,9 +335,9 @@ impl Frame {
     ///
     /// # Panics
     /// While it is under way.
-    pub fn run(&mut self, wait: Wait, patience: Duration) -> Result<(), GpuError> {
+    pub fn run(&mut self, patience: Duration) -> Result<(), GpuError> {
         self.submit_in(Order::Alone)?;
-        self.end(wait, patience)
+        self.end(patience)
     }
 
     /// Submits the frame, before or after another frame of another queue. Nothing that it reads or
@@ -395,8 +371,8 @@ impl Frame {
     /// Where the wait fails, the frame is given [`LAST_PATIENCE`] more: a device that was given up
     /// while it works must not write into memory that its owner takes back. One that does not end
     /// even then stays pending, for ever.
-    pub(super) fn end(&mut self, wait: Wait, patience: Duration) -> Result<(), GpuError> {
-        match self.wait(wait, patience) {
+    pub(super) fn end(&mut self, patience: Duration) -> Result<(), GpuError> {
+        match self.wait(patience) {
             Ok(()) => {
                 self.pending = false;
                 self.gpu.health().check()
@@ -408,31 +384,31 @@ impl Frame {
         }
     }
 
-    fn wait(&self, wait: Wait, patience: Duration) -> Result<(), GpuError> {
+    /// Asks again and again: 15 µs less than sleeping, for the price of a core meanwhile. Software adapters need the
+    /// core, and nobody waits for what keeps the clocks up.
+    fn wait(&self, patience: Duration) -> Result<(), GpuError> {
         let raw = self.gpu.raw();
+        let sleeps = self.gpu.info().is_software() || self.role == QueueRole::Awake;
         let start = Instant::now();
         loop {
-            let ended = match wait {
-                Wait::Spin => {
-                    // The clock and the health are looked at now and then only.
-                    (0..256).try_fold(false, |ended, _| {
-                        if ended {
-                            return Ok(true);
-                        }
-                        std::hint::spin_loop();
-                        // SAFETY: the fence belongs to this device.
-                        unsafe { raw.get_fence_status(self.fence) }
-                    })
+            let ended = if sleeps {
+                let slice = Duration::from_millis(20).as_nanos() as u64;
+                // SAFETY: the fence belongs to this device.
+                match unsafe { raw.wait_for_fences(&[self.fence], true, slice) } {
+                    Ok(()) => Ok(true),
+                    Err(vk::Result::TIMEOUT) => Ok(false),
+                    Err(error) => Err(error),
                 }
-                Wait::Block => {
-                    let slice = Duration::from_millis(20).as_nanos() as u64;
-                    // SAFETY: as above.
-                    match unsafe { raw.wait_for_fences(&[self.fence], true, slice) } {
-                        Ok(()) => Ok(true),
-                        Err(vk::Result::TIMEOUT) => Ok(false),
-                        Err(error) => Err(error),
+            } else {
+                // The clock and the health are looked at now and then only.
+                (0..256).try_fold(false, |ended, _| {
+                    if ended {
+                        return Ok(true);
                     }
-                }
+                    std::hint::spin_loop();
+                    // SAFETY: as above.
+                    unsafe { raw.get_fence_status(self.fence) }
+                })
             };
             if self.gpu.noticed(ended)? {
                 return Ok(());

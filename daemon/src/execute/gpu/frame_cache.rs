@@ -48,7 +48,6 @@ pub(super) struct FrameCache<K = FrameKey> {
 }
 
 impl<K: PartialEq> FrameCache<K> {
-    /// Of frames for the queue of a role.
     pub(super) const fn new(role: QueueRole) -> Self {
         Self { role, frames: Vec::new() }
     }

@@ -12,16 +12,19 @@
 
 use std::fs::{File, Metadata, OpenOptions};
 use std::io;
+use std::ops::Range;
 use std::os::fd::AsFd;
 use std::os::unix::fs::MetadataExt;
 use std::path::PathBuf;
 use std::ptr::NonNull;
-use std::sync::Arc;
+use std::sync::{Arc, Weak};
 
+use pairmask_core::objects::Objects;
 use rustix::fs::makedev;
 use rustix::mm::{MapFlags, ProtFlags};
 
 use super::{Block, Gpu, GpuError};
+use crate::execute::frame_memory::LentReply;
 
 /// Pages of this process, read-write, unmapped on drop.
 #[derive(Debug)]
@@ -49,13 +52,14 @@ impl ReadWriteMapping {
         let pointer = unsafe {
             rustix::mm::mmap(std::ptr::null_mut(), bytes, prot, flags, file.as_fd(), offset)
         }?;
-        Self::of(pointer, bytes)
+        let pointer = NonNull::new(pointer.cast()).ok_or(io::ErrorKind::AddrNotAvailable)?;
+        Ok(Self { pointer, bytes, file: None })
     }
 
     /// The pages behind an address range of this process, read-write whatever the first mapping
     /// allows. Covers whole pages around the range.
     pub fn behind(address: usize, bytes: usize) -> Result<Self, SegmentError> {
-        let start = address / PAGE_BYTES * PAGE_BYTES;
+        let start = page_start(address);
         let end = address.checked_add(bytes).ok_or(SegmentError::NotMapped)?;
         let segment = Segment::containing(start, end)?;
         let file = segment.open()?;
@@ -69,11 +73,6 @@ impl ReadWriteMapping {
     /// the last who hold its memory.
     pub fn is_orphaned(&self) -> bool {
         self.file.as_ref().is_some_and(|f| f.metadata().is_ok_and(|data| data.nlink() == 0))
-    }
-
-    fn of(pointer: *mut std::ffi::c_void, bytes: usize) -> io::Result<Self> {
-        let pointer = NonNull::new(pointer.cast()).ok_or(io::ErrorKind::AddrNotAvailable)?;
-        Ok(Self { pointer, bytes, file: None })
     }
 
     pub fn pointer(&self) -> NonNull<u8> {
@@ -177,32 +176,51 @@ fn parse_line(line: &str) -> Option<(Segment, bool)> {
     Some((segment, permissions.ends_with('s')))
 }
 
+/// Whose memory an address is: a client's port, or our own server port. Memory of one owner stays
+/// mapped at its address as long as the owner lives; that of another may come to lie there later.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Owner {
+    /// A client's port, by the transport's unique number.
+    Client(u128),
+    Daemon,
+}
+
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct ImportId(u64);
 
-/// What stages do with imported memory.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Access {
     Read,
+    /// Of memory of this process alone.
     Write,
 }
 
 struct Import {
     id: ImportId,
-    access: Access,
-    // Address range as the rest of the process knows it.
-    start: usize,
-    end: usize,
-    block: Arc<Block>,
+    owner: Owner,
+    /// What was asked for.
+    range: Range<usize>,
+    /// The whole pages around it. `None` where the driver or the system refused: the staged path serves, and the import
+    /// is not tried again.
+    block: Option<Arc<Block>>,
 }
 
-/// Address ranges whose pages a GPU has imported. An import costs 0.2 to 10 ms, so it is made
-/// once, when a session or a loan is first seen.
+/// Pieces of memory that are remembered: three frames of each of some dozens of clients, and as
+/// many replies. The oldest is forgotten beyond, and imported again when it comes back.
+const OFFERED_LIMIT: usize = 128;
+
+/// Address ranges whose pages a GPU has imported. An import costs 0.2 to 10 ms, once for each piece of memory: the first
+/// frame in it is staged or waits for the import; every later one needs no copy.
 #[derive(Default)]
 pub struct Imports {
-    imports: Vec<Import>,
+    all: Vec<Import>,
     next: u64,
+    /// Blocks of replies that are being left, with their ranges: frames under way may know them.
+    leaving: Vec<(Range<usize>, Weak<Block>)>,
 }
+
+/// Blocks of imports that have ended. Frames that were recorded for them are to be dropped.
+type Forgotten = Vec<Arc<Block>>;
 
 /// An address range was not imported; the staged path serves it.
 #[derive(Debug, thiserror::Error)]
@@ -227,7 +245,8 @@ impl Imports {
         address: usize,
         bytes: usize,
     ) -> Result<ImportId, ImportError> {
-        self.import(gpu, address, bytes, Access::Read)
+        let block = block_behind(gpu, address, bytes)?;
+        Ok(self.add(Owner::Client(0), address..address + bytes, Some(block)))
     }
 
     /// As [`Self::import_boxes`], for stages to write replies to as well.
@@ -242,40 +261,95 @@ impl Imports {
         address: usize,
         bytes: usize,
     ) -> Result<ImportId, ImportError> {
-        self.import(gpu, address, bytes, Access::Write)
+        let block = block_behind(gpu, address, bytes)?;
+        Ok(self.add(Owner::Daemon, address..address + bytes, Some(block)))
     }
 
-    fn import(
-        &mut self,
-        gpu: &Arc<Gpu>,
-        address: usize,
-        bytes: usize,
-        access: Access,
-    ) -> Result<ImportId, ImportError> {
-        let mapping = ReadWriteMapping::behind(address, bytes)?;
-        let start = address / PAGE_BYTES * PAGE_BYTES;
-        let end = start + mapping.bytes();
-        let block = Block::import(gpu, mapping)?;
+    fn add(&mut self, owner: Owner, range: Range<usize>, block: Option<Arc<Block>>) -> ImportId {
         let id = ImportId(self.next);
         self.next += 1;
-        self.imports.push(Import { id, access, start, end, block });
-        Ok(id)
+        self.all.push(Import { id, owner, range, block });
+        id
     }
 
     /// Ends an import: from now on nothing is found at its addresses.
-    pub fn forget(&mut self, id: ImportId) {
-        drop(self.take(id));
+    pub fn forget(&mut self, id: ImportId) -> Forgotten {
+        self.end(|import| import.id == id)
     }
 
-    /// As [`Self::forget`], with the block of which recorded frames may still know.
-    pub(in crate::execute) fn take(&mut self, id: ImportId) -> Option<Arc<Block>> {
-        let place = self.imports.iter().position(|i| i.id == id)?;
-        Some(self.imports.swap_remove(place).block)
+    fn end(&mut self, is_meant: impl Fn(&Import) -> bool) -> Forgotten {
+        let mut forgotten = Forgotten::new();
+        for Import { owner, range, block, .. } in self.all.extract_if(.., |i| is_meant(i)) {
+            if let Some(block) = block {
+                if owner == Owner::Daemon {
+                    self.leaving.push((range, Arc::downgrade(&block)));
+                }
+                forgotten.push(block);
+            }
+        }
+        forgotten
     }
 
-    /// Whether the memory of an import has lost its owner.
-    pub fn is_orphaned(&self, id: ImportId) -> bool {
-        self.imports.iter().any(|i| i.id == id && i.block.is_orphaned())
+    /// Imports the objects of an owner unless they are known.
+    #[must_use]
+    pub(in crate::execute) fn offer_objects(
+        &mut self,
+        gpu: &Arc<Gpu>,
+        owner: Owner,
+        objects: Objects<'_>,
+    ) -> Forgotten {
+        let memory = objects.as_bytes().as_ptr_range();
+        self.offer(gpu, owner, memory.start as usize..memory.end as usize)
+    }
+
+    /// Imports memory that a reply lent unless it is known, so that the next mask in it needs no copy.
+    ///
+    /// What [`Self::import_replies`] asks for holds: the reply of a `FrameMemory` lent this range, and only one makes a
+    /// [`LentReply`]. Shared memory that it lends stays mapped to the same pages as long as the engines live, or until
+    /// [`Self::leave`] has ended this import.
+    #[must_use]
+    pub(in crate::execute) fn offer_reply(&mut self, gpu: &Arc<Gpu>, lent: LentReply) -> Forgotten {
+        self.offer(gpu, Owner::Daemon, lent.range())
+    }
+
+    fn offer(&mut self, gpu: &Arc<Gpu>, owner: Owner, range: Range<usize>) -> Forgotten {
+        let known = |import: &Import| {
+            let its = &import.range;
+            import.owner == owner && its.start <= range.start && range.end <= its.end
+        };
+        if range.is_empty() || self.all.iter().any(known) {
+            return Forgotten::new();
+        }
+        // Whatever else was known of these addresses is gone, or too short.
+        let mut forgotten = self.end(|import| overlap(&import.range, &range));
+        if let Some(oldest) = self.all.first().filter(|_| self.all.len() >= OFFERED_LIMIT) {
+            forgotten.append(&mut self.forget(oldest.id));
+        }
+        let block = block_behind(gpu, range.start, range.len())
+            .inspect_err(|error| log::debug!("staging instead of importing: {error}"))
+            .ok();
+        self.add(owner, range, block);
+        forgotten
+    }
+
+    /// Ends the imports of replies that reach into a range of addresses.
+    #[must_use]
+    pub(in crate::execute) fn leave(&mut self, range: &Range<usize>) -> Forgotten {
+        self.end(|import| import.owner == Owner::Daemon && overlap(&import.range, range))
+    }
+
+    /// Whether nothing knows a block any more that was [left](Self::leave) in a range of addresses. The device has
+    /// let go of its pages then.
+    pub(in crate::execute) fn has_left(&mut self, range: &Range<usize>) -> bool {
+        self.leaving.retain(|(_, block)| block.strong_count() > 0);
+        !self.leaving.iter().any(|(its, _)| overlap(its, range))
+    }
+
+    /// Gives up memory whose owner is gone; to be called now and then.
+    #[must_use]
+    pub(in crate::execute) fn tidy(&mut self) -> Forgotten {
+        self.leaving.retain(|(_, block)| block.strong_count() > 0);
+        self.end(|import| import.block.as_ref().is_some_and(|block| block.is_orphaned()))
     }
 
     /// The imported block behind an address range, and the offset of the range in it. For writing,
@@ -286,12 +360,25 @@ impl Imports {
         bytes: usize,
         access: Access,
     ) -> Option<(&Arc<Block>, u64)> {
-        let end = address.checked_add(bytes)?;
-        let allows = |i: &Import| access == Access::Read || i.access == Access::Write;
-        let holds = |i: &Import| i.start <= address && end <= i.end;
-        let import = self.imports.iter().find(|i| holds(i) && allows(i))?;
-        Some((&import.block, (address - import.start) as u64))
+        let allows = |i: &&Import| access == Access::Read || i.owner == Owner::Daemon;
+        self.all.iter().filter(allows).find_map(|import| {
+            let block = import.block.as_ref()?;
+            let offset = address.checked_sub(page_start(import.range.start))? as u64;
+            (offset.checked_add(bytes as u64)? <= block.bytes()).then_some((block, offset))
+        })
     }
+}
+
+const fn page_start(address: usize) -> usize {
+    address / PAGE_BYTES * PAGE_BYTES
+}
+
+fn block_behind(gpu: &Arc<Gpu>, address: usize, bytes: usize) -> Result<Arc<Block>, ImportError> {
+    Ok(Block::import(gpu, ReadWriteMapping::behind(address, bytes)?)?)
+}
+
+fn overlap(one: &Range<usize>, other: &Range<usize>) -> bool {
+    one.start < other.end && other.start < one.end
 }
 
 #[cfg(test)]

@@ -13,7 +13,6 @@ use pairmask_core::engine::RecentNeed;
 
 use super::{Gpu, GpuError, ReadWriteMapping};
 
-/// Where a block lies.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Home {
     /// Video memory that only the GPU sees.
@@ -57,6 +56,11 @@ const USAGE: vk::BufferUsageFlags = vk::BufferUsageFlags::from_raw(
         | vk::BufferUsageFlags::TRANSFER_DST.as_raw(),
 );
 
+const MAPPED: vk::MemoryPropertyFlags = vk::MemoryPropertyFlags::from_raw(
+    vk::MemoryPropertyFlags::HOST_VISIBLE.as_raw()
+        | vk::MemoryPropertyFlags::HOST_COHERENT.as_raw(),
+);
+
 /// A large page of GPUs in use.
 const LARGE_PAGE_BYTES: u64 = 2 << 20;
 
@@ -70,47 +74,25 @@ impl Block {
         let bytes = bytes.max(1).next_multiple_of(page);
         let (needed, wished) = match home {
             Home::Video => (Flags::DEVICE_LOCAL, Flags::empty()),
-            Home::MappedVideo => {
-                (Flags::DEVICE_LOCAL | Flags::HOST_VISIBLE | Flags::HOST_COHERENT, Flags::empty())
-            }
-            Home::Host | Home::Imported => {
-                (Flags::HOST_VISIBLE | Flags::HOST_COHERENT, Flags::HOST_CACHED)
-            }
+            Home::MappedVideo => (MAPPED | Flags::DEVICE_LOCAL, Flags::empty()),
+            Home::Host | Home::Imported => (MAPPED, Flags::HOST_CACHED),
         };
-        let raw = gpu.raw();
-        let (guard, requirements) = BufferGuard::new(gpu, bytes, None)?;
+        let (mut block, requirements) = Self::unbound(gpu, home, bytes, None)?;
         let memory_type = gpu
             .memory_type(requirements.memory_type_bits, needed, wished)
             .ok_or(GpuError::OutOfMemory { bytes })?;
         let info = vk::MemoryAllocateInfo::default()
             .allocation_size(requirements.size)
             .memory_type_index(memory_type);
-        let memory = guard.allocate_and_bind(&info, bytes)?;
-        let host = if home == Home::Video {
-            None
-        } else {
+        block.allocate_and_bind(&info)?;
+        if home != Home::Video {
+            let (raw, all) = (gpu.raw(), vk::WHOLE_SIZE);
             // SAFETY: host-visible memory, mapped once, until it is freed.
             let mapped =
-                unsafe { raw.map_memory(memory, 0, vk::WHOLE_SIZE, vk::MemoryMapFlags::empty()) };
-            match mapped {
-                Ok(pointer) => NonNull::new(pointer.cast()),
-                Err(error) => {
-                    // SAFETY: no command uses the memory; the guard destroys the buffer.
-                    unsafe { raw.free_memory(memory, None) };
-                    return Err(error.into());
-                }
-            }
-        };
-        let buffer = guard.keep();
-        Ok(Arc::new(Self {
-            gpu: Arc::clone(gpu),
-            home,
-            bytes,
-            buffer,
-            memory,
-            host,
-            mapping: None,
-        }))
+                unsafe { raw.map_memory(block.memory, 0, all, vk::MemoryMapFlags::empty()) }?;
+            block.host = NonNull::new(mapped.cast());
+        }
+        Ok(Arc::new(block))
     }
 
     /// Imports a mapping, so that the GPU reads and writes its pages themselves.
@@ -126,13 +108,12 @@ impl Block {
         if bytes == 0 || !whole(bytes) || !whole(host.as_ptr() as u64) {
             return Err(refused);
         }
-        let raw = gpu.raw();
         let handle_type = vk::ExternalMemoryHandleTypeFlags::HOST_ALLOCATION_EXT;
         let mut properties = vk::MemoryHostPointerPropertiesEXT::default();
         // SAFETY: the pointer starts a live mapping of `bytes` bytes, aligned as the driver asks.
         gpu.noticed(unsafe {
             (import.fp().get_memory_host_pointer_properties_ext)(
-                raw.handle(),
+                gpu.raw().handle(),
                 handle_type,
                 host.as_ptr().cast(),
                 &raw mut properties,
@@ -140,13 +121,11 @@ impl Block {
             .result()
         })?;
         let mut external = vk::ExternalMemoryBufferCreateInfo::default().handle_types(handle_type);
-        let (guard, requirements) = BufferGuard::new(gpu, bytes, Some(&mut external))?;
+        let made = Self::unbound(gpu, Home::Imported, bytes, Some(&mut external));
+        let (mut block, requirements) = made?;
+        let allowed = requirements.memory_type_bits & properties.memory_type_bits;
         let memory_type = gpu
-            .memory_type(
-                requirements.memory_type_bits & properties.memory_type_bits,
-                vk::MemoryPropertyFlags::HOST_VISIBLE | vk::MemoryPropertyFlags::HOST_COHERENT,
-                vk::MemoryPropertyFlags::HOST_CACHED,
-            )
+            .memory_type(allowed, MAPPED, vk::MemoryPropertyFlags::HOST_CACHED)
             .ok_or(refused)?;
         let mut pointer = vk::ImportMemoryHostPointerInfoEXT::default()
             .handle_type(handle_type)
@@ -155,18 +134,48 @@ impl Block {
             .allocation_size(bytes)
             .memory_type_index(memory_type)
             .push_next(&mut pointer);
-        let memory = guard.allocate_and_bind(&info, bytes)?;
-        let buffer = guard.keep();
-        Ok(Arc::new(Self {
-            gpu: Arc::clone(gpu),
-            home: Home::Imported,
-            bytes,
-            buffer,
-            memory,
-            // The CPU sees these pages through its own mapping of them.
-            host: None,
-            mapping: Some(mapping),
-        }))
+        // The CPU sees these pages through its own mapping of them.
+        block.mapping = Some(mapping);
+        block.allocate_and_bind(&info)?;
+        Ok(Arc::new(block))
+    }
+
+    /// A block without memory, and what memory fits it. It destroys what it has, also when a later step fails.
+    fn unbound(
+        gpu: &Arc<Gpu>,
+        home: Home,
+        bytes: u64,
+        external: Option<&mut vk::ExternalMemoryBufferCreateInfo<'_>>,
+    ) -> Result<(Self, vk::MemoryRequirements), GpuError> {
+        let families: Vec<u32> = gpu.families.into_iter().flatten().collect();
+        let mut info = vk::BufferCreateInfo::default().size(bytes).usage(USAGE);
+        if families.len() > 1 {
+            // All of them use it without handing it over, which costs buffers nothing.
+            info = info.sharing_mode(vk::SharingMode::CONCURRENT).queue_family_indices(&families);
+        }
+        if let Some(external) = external {
+            info = info.push_next(external);
+        }
+        // SAFETY: a plain buffer on a device that outlives it (`gpu` is kept); who imports external memory has
+        // the extension.
+        let buffer = gpu.noticed(unsafe { gpu.raw().create_buffer(&info, None) })?;
+        // SAFETY: the buffer was made above.
+        let requirements = unsafe { gpu.raw().get_buffer_memory_requirements(buffer) };
+        let (gpu, memory) = (Arc::clone(gpu), vk::DeviceMemory::null());
+        let block = Self { gpu, home, bytes, buffer, memory, host: None, mapping: None };
+        Ok((block, requirements))
+    }
+
+    fn allocate_and_bind(&mut self, info: &vk::MemoryAllocateInfo<'_>) -> Result<(), GpuError> {
+        let (gpu, bytes) = (&self.gpu, self.bytes);
+        // SAFETY: the info names a memory type of this device.
+        let allocated = gpu.noticed(unsafe { gpu.raw().allocate_memory(info, None) });
+        self.memory = allocated.map_err(|error| match error {
+            GpuError::OutOfMemory { .. } => GpuError::OutOfMemory { bytes },
+            other => other,
+        })?;
+        // SAFETY: both are fresh and of fitting size and type.
+        gpu.noticed(unsafe { gpu.raw().bind_buffer_memory(self.buffer, self.memory, 0) })
     }
 
     pub fn bytes(&self) -> u64 {
@@ -214,74 +223,11 @@ impl Block {
 impl Drop for Block {
     fn drop(&mut self) {
         // SAFETY: frames that use the block keep it alive until they have ended; freeing memory
-        // unmaps it.
+        // unmaps it; a null handle is ignored.
         unsafe {
             self.gpu.raw().destroy_buffer(self.buffer, None);
             self.gpu.raw().free_memory(self.memory, None);
         }
-    }
-}
-
-struct BufferGuard<'a> {
-    gpu: &'a Arc<Gpu>,
-    buffer: vk::Buffer,
-}
-
-impl<'a> BufferGuard<'a> {
-    /// Makes a buffer, and tells what memory fits it.
-    fn new(
-        gpu: &'a Arc<Gpu>,
-        bytes: u64,
-        external: Option<&mut vk::ExternalMemoryBufferCreateInfo<'_>>,
-    ) -> Result<(Self, vk::MemoryRequirements), GpuError> {
-        let families: Vec<u32> = gpu.families.into_iter().flatten().collect();
-        let mut info = vk::BufferCreateInfo::default().size(bytes).usage(USAGE);
-        if families.len() > 1 {
-            // All of them use it without handing it over, which costs buffers nothing.
-            info = info.sharing_mode(vk::SharingMode::CONCURRENT).queue_family_indices(&families);
-        }
-        if let Some(external) = external {
-            info = info.push_next(external);
-        }
-        // SAFETY: a plain buffer on a device that outlives it (`gpu` is kept); who imports external memory has
-        // the extension.
-        let buffer = gpu.noticed(unsafe { gpu.raw().create_buffer(&info, None) })?;
-        // SAFETY: the buffer was made above.
-        let requirements = unsafe { gpu.raw().get_buffer_memory_requirements(buffer) };
-        Ok((Self { gpu, buffer }, requirements))
-    }
-
-    fn allocate_and_bind(
-        &self,
-        info: &vk::MemoryAllocateInfo<'_>,
-        bytes: u64,
-    ) -> Result<vk::DeviceMemory, GpuError> {
-        let raw = self.gpu.raw();
-        // SAFETY: the info names a memory type of this device.
-        let allocated = self.gpu.noticed(unsafe { raw.allocate_memory(info, None) });
-        let memory = allocated.map_err(|error| match error {
-            GpuError::OutOfMemory { .. } => GpuError::OutOfMemory { bytes },
-            other => other,
-        })?;
-        // SAFETY: both are fresh and of fitting size and type.
-        let bound = self.gpu.noticed(unsafe { raw.bind_buffer_memory(self.buffer, memory, 0) });
-        bound.map(|()| memory).inspect_err(|_| {
-            // SAFETY: nothing uses the memory.
-            unsafe { raw.free_memory(memory, None) };
-        })
-    }
-
-    fn keep(self) -> vk::Buffer {
-        let buffer = self.buffer;
-        std::mem::forget(self);
-        buffer
-    }
-}
-
-impl Drop for BufferGuard<'_> {
-    fn drop(&mut self) {
-        // SAFETY: no command uses the buffer yet.
-        unsafe { self.gpu.raw().destroy_buffer(self.buffer, None) };
     }
 }
 

@@ -1,9 +1,4 @@
-//! The GPU: adapter choice, device, memory, frames, and the engines that run on it.
-//!
-//! The way of a frame: boxes in imported shared memory (or staged) → stages of
-//! `pairmask-shaders`, recorded once ([`Frame`]) → mask words in imported reply memory (or
-//! staged). One thread owns an engine; a device that is lost is a typed error, after which
-//! [`GpuSlot`] rebuilds it while CPU engines serve.
+//! The GPU (GPU.md): adapter choice, device, memory, frames, and the engines that run on it.
 //!
 //! The modules are private. What is public lets no device write to memory that Rust has taken back:
 //!
@@ -22,26 +17,26 @@ mod frame_cache;
 mod grid;
 mod import;
 mod memory;
+mod options;
 mod pipeline;
 mod scene;
 mod slot;
 mod transfers;
 
 pub use self::adapter::{AdapterInfo, GpuChoice, GpuChoices, choose, list_adapters};
+pub use self::all_pairs::AllPairs;
 pub use self::all_pairs::plan::{Tuning, first_capacity};
-pub use self::all_pairs::{AllPairs, AllPairsOptions};
 pub use self::awake::{Awake, DEFAULT_HOLD};
 pub use self::device::{Gpu, GpuLimits, HostImport, SUBMISSIONS};
-pub use self::error::{DeviceHealth, GpuError, OpenError, StageFault};
-pub use self::frame::{Command, Frame, MAX_STEPS, StepTime, Wait};
+pub use self::error::{DeviceHealth, GpuError, OpenError};
+pub use self::frame::{Command, Frame, MAX_STEPS, StepTime};
 pub use self::grid::plan::{Capacity, Sizes};
-pub use self::grid::{
-    BUNDLE_FRAMES, Begun, Grid, GridOptions, GridUnderWay, cell_count, grid_layout, takes_worlds,
-};
-pub use self::import::{ImportError, ImportId, Imports, ReadWriteMapping, SegmentError};
+pub use self::grid::{BUNDLE_FRAMES, Begun, Grid, GridUnderWay, grid_layout, takes_worlds};
+pub use self::import::{ImportError, ImportId, Imports, Owner, ReadWriteMapping, SegmentError};
 pub use self::memory::{Block, Home, Part};
+pub use self::options::{AllPairsOptions, EngineOptions, GridOptions};
 pub use self::pipeline::{Checks, Pipeline, Pipelines, user_cache_folder};
-pub use self::scene::{EditTimes, GpuScene, SceneTools};
+pub use self::scene::{GpuScene, SceneTools};
 pub use self::slot::{DriverThread, GpuSlot, IfMissing, Opener, Progress, SlotState};
 pub use self::transfers::{SharedImports, Upload};
 

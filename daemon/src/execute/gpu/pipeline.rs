@@ -14,7 +14,10 @@ use naga::proc::{BoundsCheckPolicies, BoundsCheckPolicy};
 use naga::valid::{Capabilities, ValidationFlags, Validator};
 use pairmask_shaders::{ComposedStage, Stage};
 
-use super::{Gpu, GpuError, StageFault};
+use super::{Gpu, GpuError};
+
+/// Why a stage does not compile that asks for more or other than parts, numbered from 0.
+pub(super) const WRONG_BINDINGS: &str = "it binds what it cannot be given";
 
 /// Bytes of immediates that every Vulkan device has.
 pub const IMMEDIATE_BYTES: u32 = 128;
@@ -138,10 +141,7 @@ impl Pipelines {
         if let Some(pipeline) = self.made.get(&stage) {
             return Ok(Arc::clone(pipeline));
         }
-        let composed = stage
-            .composed()
-            .map_err(|_| GpuError::Stage { stage: stage.label(), why: StageFault::Compose })?;
-        let bounded = has_bounded_loops(stage);
+        let (composed, bounded) = (stage.composed(), has_bounded_loops(stage));
         let pipeline = Pipeline::new(&self.gpu, &composed, bounded, self.checks, self.cache)?;
         self.made.insert(stage, Arc::clone(&pipeline));
         Ok(pipeline)
@@ -172,7 +172,6 @@ impl Drop for Pipelines {
     }
 }
 
-/// Bytes of the checksum before the cache's data.
 const CHECKSUM_BYTES: usize = 8;
 
 /// FNV-1a: finds torn and flipped bytes, which is all that is asked of it.
@@ -238,13 +237,14 @@ fn compiled(
     checks: Checks,
 ) -> Result<(Vec<u32>, Vec<String>), GpuError> {
     let fault = |why| GpuError::Stage { stage: stage.label, why };
-    let module = naga::front::wgsl::parse_str(&stage.wgsl).map_err(|_| fault(StageFault::Parse))?;
-    let bindings = binding_names(&module).ok_or(fault(StageFault::Bindings))?;
+    let module =
+        naga::front::wgsl::parse_str(&stage.wgsl).map_err(|_| fault("the text does not parse"))?;
+    let bindings = binding_names(&module).ok_or(fault(WRONG_BINDINGS))?;
     // 64-bit integers: stages of measurements, on devices that have them.
     let capabilities = Capabilities::IMMEDIATES | Capabilities::SHADER_INT64;
     let info = Validator::new(ValidationFlags::all(), capabilities)
         .validate(&module)
-        .map_err(|_| fault(StageFault::Validate))?;
+        .map_err(|_| fault("the module is not valid"))?;
     let checked = checks == Checks::On;
     let policy = if checked { BoundsCheckPolicy::Restrict } else { BoundsCheckPolicy::Unchecked };
     let options = spv::Options {
@@ -265,7 +265,7 @@ fn compiled(
         ..Default::default()
     };
     let code = spv::write_vec(&module, &info, &options, None);
-    Ok((code.map_err(|_| fault(StageFault::Emit))?, bindings))
+    Ok((code.map_err(|_| fault("no SPIR-V for it"))?, bindings))
 }
 
 /// What a module binds, in order; `None` where that is not group 0 from 0 on, which a pipeline's layout is made for.
@@ -302,12 +302,12 @@ mod tests {
 
     #[test]
     fn a_stage_whose_bindings_are_not_numbered_from_zero_is_refused() {
-        let composed = Stage::PackDense.composed().expect("composes");
+        let composed = Stage::PackDense.composed();
         let (_, names) = compiled(&composed, false, Checks::Off).expect("compiles");
         assert_eq!(names, ["matrix", "totals", "reports", "out_words"]);
         for (from, to) in [("binding(0)", "binding(4)"), ("binding(3)", "binding(5)")] {
             let other = ComposedStage { wgsl: composed.wgsl.replace(from, to), ..composed.clone() };
-            let refused = GpuError::Stage { stage: other.label, why: StageFault::Bindings };
+            let refused = GpuError::Stage { stage: other.label, why: WRONG_BINDINGS };
             assert_eq!(compiled(&other, false, Checks::Off), Err(refused));
         }
     }

@@ -29,26 +29,23 @@ pub enum IfMissing {
     TryAgain,
 }
 
-enum State {
-    Opening(IfMissing),
-    Missing,
-    Ready(Arc<Gpu>),
-    Lost { since: Instant, retry_at: Instant },
-    Rebuilding { since: Instant },
-}
-
 /// A GPU that may go and come back. The owner asks before each frame ([`GpuSlot::ready`]) and
 /// never waits: while there is no device, CPU engines serve.
 ///
 /// Dropping it waits for a device that is being opened.
 pub struct GpuSlot {
-    state: State,
+    state: SlotState,
+    /// There where it is ready.
+    gpu: Option<Arc<Gpu>>,
+    if_missing: IfMissing,
     open: Opener,
-    /// The thread that opens devices: there since the first loss, or from the start.
+    /// When the last device was lost, and when the next try is due.
+    lost_at: Instant,
+    retry_at: Instant,
+    /// The thread that opens devices.
     opening: Option<DriverThread<Result<Arc<Gpu>, OpenError>>>,
 }
 
-/// The slot's state, for reports.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SlotState {
     Opening,
@@ -62,110 +59,93 @@ pub enum SlotState {
 }
 
 impl GpuSlot {
-    /// A slot with a device in it. `open` makes the next one.
-    pub fn new(gpu: Arc<Gpu>, open: Opener) -> Self {
-        Self { state: State::Ready(gpu), open, opening: None }
-    }
-
     /// A slot whose first device is being opened by another thread.
     pub fn opening(open: Opener, if_missing: IfMissing) -> Self {
-        let mut slot = Self { state: State::Opening(if_missing), open, opening: None };
-        if let Err(error) = slot.begin() {
-            log::error!("no thread to open the GPU on: {error}");
-            let now = Instant::now();
-            slot.state = State::Lost { since: now, retry_at: now + RETRY_AFTER };
-        }
+        let (state, now) = (SlotState::Opening, Instant::now());
+        let (gpu, lost_at, retry_at, opening) = (None, now, now, None);
+        let mut slot = Self { state, gpu, if_missing, open, lost_at, retry_at, opening };
+        slot.begin(SlotState::Opening, now);
         slot
     }
 
     /// The device, if it is there and healthy. A lost one is noticed here, its rebuild begun and
     /// its successor taken in.
     pub fn ready(&mut self) -> Option<Arc<Gpu>> {
-        self.step(Instant::now());
-        match &self.state {
-            State::Ready(gpu) => Some(Arc::clone(gpu)),
-            _ => None,
-        }
-    }
-
-    pub fn state(&self) -> SlotState {
-        match &self.state {
-            State::Opening(_) => SlotState::Opening,
-            State::Missing => SlotState::Missing,
-            State::Ready(_) => SlotState::Ready,
-            State::Lost { .. } => SlotState::Lost,
-            State::Rebuilding { .. } => SlotState::Rebuilding,
-        }
-    }
-
-    fn step(&mut self, now: Instant) {
-        if let State::Opening(_) = self.state {
-            self.take_in(now);
-        }
-        if let State::Ready(gpu) = &self.state
-            && gpu.health().is_lost()
+        let now = Instant::now();
+        self.take_in(now);
+        if self.gpu.as_ref().is_some_and(|gpu| gpu.health().is_lost())
+            && let Some(gpu) = self.gpu.take()
         {
             log::warn!("the GPU {} is lost; CPU engines serve meanwhile", gpu.info().name);
             // The first try comes at once.
-            self.state = State::Lost { since: now, retry_at: now };
+            (self.state, self.lost_at, self.retry_at) = (SlotState::Lost, now, now);
         }
-        if let State::Lost { since, retry_at } = self.state
-            && now >= retry_at
-        {
-            self.state = match self.begin() {
-                Ok(()) => State::Rebuilding { since },
-                Err(error) => {
-                    log::error!("no thread to rebuild the GPU on: {error}");
-                    State::Lost { since, retry_at: now + RETRY_AFTER }
-                }
-            };
-        }
-        if let State::Rebuilding { .. } = self.state {
+        if self.state == SlotState::Lost && now >= self.retry_at {
+            self.begin(SlotState::Rebuilding, now);
             self.take_in(now);
+        }
+        self.gpu.clone()
+    }
+
+    pub const fn state(&self) -> SlotState {
+        self.state
+    }
+
+    /// Has the thread open a device.
+    fn begin(&mut self, state: SlotState, now: Instant) {
+        self.state = state;
+        if self.opening.as_ref().is_some_and(DriverThread::ask) {
+            return;
+        }
+        let open = Arc::clone(&self.open);
+        match DriverThread::start("gpu-rebuild", move || open()) {
+            Ok(thread) => self.opening = Some(thread),
+            Err(error) => {
+                log::error!("no thread to open the GPU on: {error}");
+                self.try_again(now);
+            }
         }
     }
 
-    fn begin(&mut self) -> io::Result<()> {
-        if self.opening.as_ref().is_some_and(DriverThread::ask) {
-            return Ok(());
-        }
-        let open = Arc::clone(&self.open);
-        self.opening = Some(DriverThread::start("gpu-rebuild", move || open())?);
-        Ok(())
+    fn try_again(&mut self, now: Instant) {
+        (self.state, self.retry_at) = (SlotState::Lost, now + RETRY_AFTER);
     }
 
     fn take_in(&mut self, now: Instant) {
         let Some(opening) = &self.opening else { return };
+        if !matches!(self.state, SlotState::Opening | SlotState::Rebuilding) {
+            return;
+        }
         let opened = match opening.progress() {
             Progress::UnderWay => return,
             Progress::Done(opened) => opened,
             // A driver that panics has no device.
             Progress::Panicked => Err(GpuError::Lost.into()),
         };
-        let not_yet = |error, since| {
-            log::warn!("the GPU is not back yet: {error}");
-            State::Lost { since, retry_at: now + RETRY_AFTER }
-        };
-        self.state = match (std::mem::replace(&mut self.state, State::Missing), opened) {
-            (State::Rebuilding { since }, Ok(gpu)) => {
-                log::info!("the GPU {} is back after {:?}", gpu.info().name, now - since);
-                State::Ready(gpu)
+        let is_first = self.state == SlotState::Opening;
+        match (opened, &self.if_missing) {
+            (Ok(gpu), _) => {
+                let name = &gpu.info().name;
+                if is_first {
+                    log::info!("GPU: {name}");
+                } else {
+                    log::info!("the GPU {name} is back after {:?}", now - self.lost_at);
+                }
+                (self.state, self.gpu) = (SlotState::Ready, Some(gpu));
             }
-            (State::Rebuilding { since }, Err(error)) => not_yet(error, since),
-            (_, Ok(gpu)) => {
-                log::info!("GPU: {}", gpu.info().name);
-                State::Ready(gpu)
-            }
-            (State::Opening(IfMissing::TryAgain), Err(error)) => not_yet(error, now),
-            (State::Opening(IfMissing::Report(report)), Err(error)) => {
-                report(error);
-                State::Missing
-            }
-            (_, Err(error)) => {
+            (Err(error), IfMissing::DoWithout) if is_first => {
                 log::info!("serving without a GPU: {error}");
-                State::Missing
+                self.state = SlotState::Missing;
             }
-        };
+            (Err(error), IfMissing::Report(report)) if is_first => {
+                report(error);
+                self.state = SlotState::Missing;
+            }
+            (Err(error), _) => {
+                log::warn!("the GPU is not back yet: {error}");
+                self.try_again(now);
+            }
+        }
     }
 }
 
@@ -177,7 +157,6 @@ pub struct DriverThread<T> {
     thread: Option<JoinHandle<()>>,
 }
 
-/// What has come of the work.
 #[derive(Debug)]
 pub enum Progress<T> {
     UnderWay,

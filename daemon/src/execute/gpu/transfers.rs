@@ -15,11 +15,10 @@ use pairmask_core::{Encoding, ObjectForm};
 
 use super::{
     Access, Block, Command, FrameCache, FrameKey, Gpu, GpuError, Growing, Home, Imports, Order,
-    Part, Place, QueueRole, Wait,
+    Part, Place, QueueRole,
 };
 use crate::locked;
 
-/// How boxes reach the GPU.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Upload {
     /// The first stage reads host memory across the link.
@@ -255,7 +254,7 @@ impl UploadAhead {
         if !std::mem::take(&mut self.is_under_way) {
             return Ok(());
         }
-        self.uploads.last_mut().map_or(Ok(()), |upload| upload.end(Wait::Spin, patience))
+        self.uploads.last_mut().map_or(Ok(()), |upload| upload.end(patience))
     }
 
     /// Drops what was recorded for an import that has ended.

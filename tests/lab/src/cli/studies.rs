@@ -122,11 +122,9 @@ impl Study for Grid {
 /// Scenes that persist in video memory: what an edit and its changes cost, by how much moves
 #[derive(Debug, Args)]
 #[command(after_help = "\
-Times are µs: edit in, sorted changes out (median and 99 of 100), then the medians of its parts: the edit
-checked, brought to the GPU, blocks made ready, the GPU with submission and wait, changes read and sorted.
-Boxes of an edit are read where they lie (`imported`) or copied. What was reported is compared with a fresh
+Times are µs: edit in, sorted changes out (median and 99 of 100). What was reported is compared with a fresh
 search on the CPU at the end of each line. Between edits there are queries: their whole time (1, 50 and
-99 of 100) and its parts. Needs a GPU; no daemon is between. Several GPUs (--gpu 0,1) keep each scene together;
+99 of 100). Needs a GPU; no daemon is between. Several GPUs (--gpu 0,1) keep each scene together;
 times of stages are those of the first.
 
 Examples:
@@ -172,10 +170,8 @@ impl Study for GpuSceneBench {
         for (scene, n, motion) in worlds {
             let mut world = World::new(scene, n as usize);
             for &percent in &self.moving {
-                for imported in [true, false] {
-                    let case = SceneCase { scene, motion, percent, imported, effort: self.effort };
-                    rows.push(measure_scene(&gpus, &mut world, &case)?);
-                }
+                let case = SceneCase { scene, motion, percent, effort: self.effort };
+                rows.push(measure_scene(&gpus, &mut world, &case)?);
             }
         }
         let names: Vec<_> = gpus.iter().map(|gpu| gpu.info().name.clone()).collect();

@@ -1,4 +1,4 @@
-//! Times of scenes that persist in video memory: edits by the host's clock, their stages by the GPU's.
+//! Times of scenes that persist in video memory: an edit by the host's clock, and its stages by the GPU's.
 
 use std::collections::BTreeMap;
 use std::num::NonZeroU32;
@@ -13,11 +13,10 @@ use pairmask_core::scene::{
 };
 use pairmaskd::cli::whole_number::whole_number;
 use pairmaskd::execute::gpu::{
-    Awake, EditTimes, Gpu, GpuScene, GridOptions, SceneTools, SharedImports, user_cache_folder,
+    Awake, Gpu, GpuScene, GridOptions, SceneTools, StepTime, user_cache_folder,
 };
 use pairmaskd::scene::{Random, SceneName};
 
-use super::shared::Segment;
 use super::wrong_pairs;
 use crate::Result;
 use crate::study::harness::{Fields, median, percentile, row};
@@ -53,8 +52,6 @@ pub struct Case {
     pub motion: Motion,
     /// How many of a hundred move in each edit.
     pub percent: f64,
-    /// Whether the boxes of an edit lie in imported memory; else they are copied.
-    pub imported: bool,
     pub effort: Effort,
 }
 
@@ -98,13 +95,19 @@ fn mixed([a, b]: [u32; 2]) -> u64 {
     Random::new(u64::from(a) << 32 | u64::from(b)).bits()
 }
 
-/// A scene on some devices, the memory from which its boxes come, and times of edits and of the queries after each, µs.
+/// What an edit or queries took.
+struct Times {
+    us: f64,
+    submissions: u32,
+    stages: Vec<StepTime>,
+}
+
+/// A scene on some devices, and times of edits and of the queries after each.
 struct Run {
     scene: GpuScene,
-    segment: Segment,
     known: PairSum,
-    edits: Vec<(f64, EditTimes)>,
-    asked: Vec<(f64, EditTimes)>,
+    edits: Vec<Times>,
+    asked: Vec<Times>,
     queries: Vec<Aabb>,
     found: Vec<[u32; 2]>,
 }
@@ -120,17 +123,10 @@ impl Run {
         let awake =
             gpus.iter().map(|gpu| Awake::start(gpu, HOLD)).collect::<Result<Vec<_>, _>>()?;
         let n = world.boxes().len();
-        let mut segment = Segment::new(size_of_val(world.boxes()).max(1))?;
         let mut tools = Vec::with_capacity(gpus.len());
         for gpu in gpus {
-            let imports = SharedImports::default();
-            if case.imported {
-                // Where the driver imports nothing, boxes are copied.
-                segment.import(gpu, &imports).ok();
-            }
             let options = GridOptions {
                 profiled,
-                imports,
                 cache_folder: user_cache_folder(),
                 ..GridOptions::default()
             };
@@ -138,7 +134,6 @@ impl Run {
         }
         let mut run = Self {
             scene: GpuScene::shared(&tools, SceneOptions::default()),
-            segment,
             known: PairSum::default(),
             edits: Vec::new(),
             asked: Vec::new(),
@@ -163,14 +158,7 @@ impl Run {
         Ok(run)
     }
 
-    fn edit(
-        &mut self,
-        indices: &[u32],
-        boxes: &[Aabb],
-        is_spawn: bool,
-    ) -> Result<(f64, EditTimes)> {
-        self.segment.write(boxes);
-        let boxes = self.segment.objects(boxes.len());
+    fn edit(&mut self, indices: &[u32], boxes: &[Aabb], is_spawn: bool) -> Result<Times> {
         let is_all = !indices.is_empty() && indices.len() == self.scene.len();
         let these = if is_all { (0..indices.len() as u32).into() } else { Indices::List(indices) };
         let both = [Step::Remove(these), Step::Set(Sets { indices: these, boxes })];
@@ -178,31 +166,33 @@ impl Run {
         let steps = if indices.is_empty() { &[] } else { steps };
         let start = Instant::now();
         let reported = self.scene.edit(Edit { steps }, Report::Changes)?;
-        let took = us(start.elapsed());
+        let took = start.elapsed();
         self.known.take(reported);
         self.scene.acknowledge();
-        Ok((took, self.scene.times().clone()))
+        Ok(self.times(took))
     }
 
-    fn ask(&mut self) -> Result<(f64, EditTimes)> {
+    fn times(&self, took: Duration) -> Times {
+        let us = took.as_secs_f64() * 1e6;
+        let (submissions, stages) = (self.scene.submissions(), self.scene.stages().to_vec());
+        Times { us, submissions, stages }
+    }
+
+    fn ask(&mut self) -> Result<Times> {
         let start = Instant::now();
         self.scene.query(&self.queries, QueryTags::None, &mut self.found)?;
-        let took = us(start.elapsed());
-        Ok((took, self.scene.times().clone()))
+        let took = start.elapsed();
+        Ok(self.times(took))
     }
 }
 
-fn whole(times: &[(f64, EditTimes)], percent: usize) -> f64 {
-    percentile(times.iter().map(|(whole, _)| *whole).collect(), percent)
+fn whole(times: &[Times], percent: usize) -> f64 {
+    percentile(times.iter().map(|times| times.us).collect(), percent)
 }
 
-fn part(times: &[(f64, EditTimes)], part: fn(&EditTimes) -> Duration) -> f64 {
-    median(times.iter().map(|(_, times)| us(part(times))).collect())
-}
-
-fn stages(times: &[(f64, EditTimes)]) -> BTreeMap<&'static str, f64> {
+fn stages(times: &[Times]) -> BTreeMap<&'static str, f64> {
     let mut stages: BTreeMap<&'static str, Vec<f64>> = BTreeMap::new();
-    for step in times.iter().flat_map(|(_, times)| &times.stages) {
+    for step in times.iter().flat_map(|times| &times.stages) {
         stages.entry(step.label).or_default().push(step.ns / 1e3);
     }
     stages.into_iter().map(|(label, us)| (label, median(us))).collect()
@@ -234,26 +224,15 @@ pub fn measure(gpus: &[Arc<Gpu>], world: &mut World, case: &Case) -> Result<Fiel
         n,
         moving: case.percent / 100.0,
         motion: case.motion.name(),
-        imported: case.imported,
         edit_us: whole(&edits, 50),
         edit_p99_us: whole(&edits, 99),
-        check_us: part(&edits, |times| times.check),
-        upload_us: part(&edits, |times| times.upload),
-        plan_us: part(&edits, |times| times.plan),
-        gpu_us: part(&edits, |times| times.gpu),
-        sort_us: part(&edits, |times| times.sort),
-        submissions: edits.iter().map(|(_, times)| times.submissions).max().unwrap_or(0),
-        repeated: edits.iter().filter(|(_, times)| times.submissions > 1).count(),
+        submissions: edits.iter().map(|times| times.submissions).max().unwrap_or(0),
+        repeated: edits.iter().filter(|times| times.submissions > 1).count(),
         changes: reported.begun().len() + reported.ended().len(),
         tested: reported.skipped().tested,
         pairs: known.count,
         queries: queries.len(),
         query_us: [1, 50, 99].map(|percent| whole(&asked, percent)),
-        query_parts_us: [
-            part(&asked, |times| times.upload),
-            part(&asked, |times| times.gpu),
-            part(&asked, |times| times.sort),
-        ],
         query_pairs: found.len(),
         query_stage_us,
         video_bytes_a_box: scene.video_bytes() as f64 / n.max(1) as f64,
@@ -286,10 +265,6 @@ fn are_found(boxes: &[Aabb], queries: &[Aabb], found: &[[u32; 2]]) -> bool {
         let overlapped = boxes.iter().enumerate().filter(|(_, b)| b.overlaps(query));
         overlapped.map(|(index, _)| index as u32).eq(found[start..end].iter().map(|p| p[1]))
     })
-}
-
-fn us(time: Duration) -> f64 {
-    time.as_secs_f64() * 1e6
 }
 
 #[cfg(test)]

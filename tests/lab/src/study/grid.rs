@@ -14,6 +14,7 @@ use pairmask_core::engine::{
     CullError, CullInput, CullReport, Engine, EngineName, HeapReply, Isa, cpu_engine,
 };
 use pairmask_core::mask::{MaskShape, MaskView};
+use pairmask_core::precision::BoxSlice;
 use pairmask_core::update::{Placement, Transformed};
 use pairmask_core::write::par_write_boxes;
 use pairmask_core::{Aabb, BoxCount, Encoding};
@@ -21,7 +22,7 @@ use pairmask_shaders::Found;
 use pairmaskd::execute::gpu::{
     AllPairs, AllPairsOptions, Block, Capacity, Checks, Command, Gpu, GpuChoice, GpuError, Grid,
     GridOptions, GridUnderWay, Home, HostImport, Part as BlockPart, SUBMISSIONS, SharedImports,
-    Sizes, cell_count, first_capacity,
+    Sizes, first_capacity, grid_layout,
 };
 use pairmaskd::scene::{Scene, SceneName};
 
@@ -217,7 +218,7 @@ fn bandwidth(gpu: &Arc<Gpu>) -> Result<[f64; 3], GpuError> {
         let mut frame = bench.frame(vec![Command::Copy { from: part(from), to: part(to) }])?;
         let mut least_ns = f64::INFINITY;
         for _ in 0..COPIES {
-            least_ns = least_ns.min(bench.run(&mut frame)?.iter().map(|step| step.ns).sum());
+            least_ns = least_ns.min(Bench::run(&mut frame)?.iter().map(|step| step.ns).sum());
         }
         Ok(bytes as f64 / least_ns)
     };
@@ -290,7 +291,7 @@ fn measure_scene(gpu: &Arc<Gpu>, name: SceneName, n: u32, budget: Duration) -> R
         encoding: Encoding::Sparse.as_str(),
         pairs: report.pair_count,
         words: bits.len,
-        cells: cell_count(scene.boxes()),
+        cells: grid_layout(BoxSlice::from(scene.boxes())).cell_end,
         compared: BoxCount::new(n).pair_count() - report.skipped.pairs,
         mask_bytes: report.shape.mask_bytes(),
         imported,

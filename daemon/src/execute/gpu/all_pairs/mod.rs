@@ -1,15 +1,9 @@
-//! Engine `gpu-brute`: all pairs on the GPU.
-//!
-//! Stages: `keys` → for each band `pairs` → `pack_dense`, `write_sparse` or `write_list`. The kernels read the
-//! boxes where they lie and write the mask where the client reads it, when both are imported;
-//! other memory is staged, and the bytes are the same. The all-pairs test and the dense string are
-//! Avril et al. 2012, §3; their float mapping function is replaced by an integer search once a
-//! word (`pack_dense.wgsl`).
+//! Engine `gpu-brute`: all pairs on the GPU. The all-pairs test and the dense string are Avril et al. 2012, §3; their
+//! float mapping function is replaced by an integer search once a word (`pack_dense.wgsl`).
 
 pub mod plan;
 mod steps;
 
-use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -26,34 +20,12 @@ use pairmask_shaders::constants::BATCH_BOXES;
 use pairmask_shaders::layouts::BatchReport;
 
 use self::plan::BandLimits;
-use self::steps::{Output, Recording, Scratch};
+use self::steps::{Recording, Scratch};
 use super::{
-    Block, Checks, Frame, FrameCache, FrameKey, Gpu, GpuError, ImportError, ImportId, MaskPlace,
-    Pipelines, Place, PlacedBoxes, QueueRole, SharedImports, StepTime, Transfers, Tuning, Upload,
-    Wait,
+    Block, EngineOptions, Frame, FrameCache, FrameKey, Gpu, GpuError, ImportError, ImportId,
+    MaskPlace, Pipelines, Place, PlacedBoxes, QueueRole, StepTime, Transfers, Tuning,
 };
 use crate::execute::frame_memory::end_process;
-
-/// How the engine works. The default is what the daemon uses.
-#[derive(Clone, Default)]
-pub struct AllPairsOptions {
-    pub checks: Checks,
-    /// Way of the boxes; `None` chooses by where they are and how many. None are brought ahead here.
-    pub upload: Option<Upload>,
-    /// Tile shape; `None` chooses by count.
-    pub tuning: Option<Tuning>,
-    /// Take timestamps of each step.
-    pub profiled: bool,
-    /// Most bytes of a band's matrix; `None` for what the device allows. Small values force many
-    /// bands.
-    pub matrix_bytes: Option<u64>,
-    /// Folder of the pipeline cache; `None` keeps none.
-    pub cache_folder: Option<PathBuf>,
-    /// How to wait; `None` spins on a real GPU and sleeps on a software adapter.
-    pub wait: Option<Wait>,
-    /// What is imported; to be shared by the engines of a device.
-    pub imports: SharedImports,
-}
 
 /// Largest matrix of a band: more would not be faster, and memory is shared with others.
 const MATRIX_BYTES: u64 = 256 << 20;
@@ -61,7 +33,7 @@ const MATRIX_BYTES: u64 = 256 << 20;
 /// The engine. One thread uses it.
 pub struct AllPairs {
     gpu: Arc<Gpu>,
-    options: AllPairsOptions,
+    options: EngineOptions,
     limits: BandLimits,
     pipelines: Pipelines,
     transfers: Transfers,
@@ -75,8 +47,8 @@ const ENGINE: EngineName = EngineName::GpuBrute;
 
 impl AllPairs {
     /// An engine on `gpu`, with the pipelines of all sizes compiled.
-    pub fn new(gpu: &Arc<Gpu>, options: AllPairsOptions) -> Result<Self, GpuError> {
-        let binding_bytes = gpu.limits().storage_binding_bytes.min(1 << 31);
+    pub fn new(gpu: &Arc<Gpu>, options: EngineOptions) -> Result<Self, GpuError> {
+        let binding_bytes = gpu.limits().binding_bytes();
         let matrix_bytes = options.matrix_bytes.unwrap_or(MATRIX_BYTES).min(binding_bytes);
         let limits = BandLimits {
             matrix_words: matrix_bytes / 4,
@@ -84,15 +56,11 @@ impl AllPairs {
             output_words: binding_bytes / 4 - 1024,
             binding_bytes,
         };
-        let mut pipelines = Pipelines::new(gpu, options.checks, options.cache_folder.as_deref())?;
         let tunings: Vec<Tuning> = match options.tuning {
             Some(tuning) => vec![tuning],
             None => Tuning::all().collect(),
         };
-        for stage in steps::stages_of(&tunings) {
-            pipelines.get(stage)?;
-        }
-        pipelines.save();
+        let pipelines = options.pipelines(gpu, steps::stages_of(&tunings))?;
         let transfers = Transfers::new(Arc::clone(gpu), options.imports.clone(), options.upload);
         Ok(Self {
             gpu: Arc::clone(gpu),
@@ -119,8 +87,8 @@ impl AllPairs {
 
     /// Ends an import. Call it when the mapping of the range ends.
     pub fn forget(&mut self, id: ImportId) {
-        let forgotten = self.transfers.imports.lock().take(id);
-        if let Some(block) = forgotten {
+        let forgotten = self.transfers.imports.lock().forget(id);
+        for block in forgotten {
             self.drop_frames_of(&block);
         }
     }
@@ -153,9 +121,7 @@ impl AllPairs {
         if replaced {
             self.frames.clear();
         }
-        let output = Output { mask: mask.part.clone(), shape, capacity };
         self.step_times.clear();
-        let wait = Wait::on(&self.gpu, self.options.wait);
         let pairs_per_band = n.pair_count() / bands.len().max(1) as u64;
         for (chunk, bands) in bands.chunks(steps::BANDS_PER_FRAME).enumerate() {
             let key = FrameKey {
@@ -165,7 +131,7 @@ impl AllPairs {
                 capacity,
                 chunk,
                 input: Place::of(&boxes.part),
-                output: Place::of(&output.mask),
+                output: Place::of(&mask.part),
                 rules: None,
             };
             let recording = Recording {
@@ -173,7 +139,9 @@ impl AllPairs {
                 form: boxes.form,
                 tuning,
                 stages: &stages,
-                output: &output,
+                mask: &mask.part,
+                shape,
+                capacity,
                 offset_align: self.gpu.limits().storage_offset_align_bytes,
             };
             let pipelines = &mut self.pipelines;
@@ -181,7 +149,7 @@ impl AllPairs {
                 recording.steps(pipelines, (chunk == 0).then_some(&boxes.part), bands)
             })?;
             let run = LentRun { frame, writes_reply: mask.is_reply };
-            run.frame.run(wait, patience(pairs_per_band * bands.len() as u64))?;
+            run.frame.run(patience(pairs_per_band * bands.len() as u64))?;
             if self.options.profiled {
                 self.step_times.extend(run.frame.step_times()?);
             }
@@ -277,7 +245,6 @@ impl AllPairs {
 /// A frame whose reply is lent for a call: however the call ends, the device is done with the reply.
 struct LentRun<'a> {
     frame: &'a mut Frame,
-    /// Whether the device writes to the reply itself.
     writes_reply: bool,
 }
 
@@ -317,7 +284,6 @@ const _: () = assert!(AABB_BYTES == 24, "the plan's limits count 24 bytes a box"
 #[derive(Debug, PartialEq, Eq)]
 pub(in crate::execute::gpu) struct Outcome {
     pub(in crate::execute::gpu) census: Census,
-    /// Non-zero mask words.
     pub(in crate::execute::gpu) words: u64,
     pub(in crate::execute::gpu) pairs: u64,
 }
@@ -344,7 +310,6 @@ impl Outcome {
         outcome
     }
 
-    /// What a mask of a kind holds: words, or pairs.
     pub(in crate::execute::gpu) const fn items(&self, found: Found) -> u64 {
         match found {
             Found::Words => self.words,

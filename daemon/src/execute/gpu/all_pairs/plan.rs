@@ -13,9 +13,7 @@ const WORD_BYTES: u64 = size_of::<u32>() as u64;
 /// Shape of the pairs stage's tiles.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Tuning {
-    /// Rows a thread.
     pub rows: RowsPerThread,
-    /// Column blocks of a strip.
     pub strip_blocks: u32,
 }
 
@@ -52,14 +50,12 @@ impl Tuning {
 pub struct Band {
     /// First row, a multiple of a batch.
     pub row0: u32,
-    /// Rows that belong to the band.
     pub owned_rows: u32,
     /// Rows of the matrix, whole batches: a dense band also needs the rows after its own, whose
     /// first pairs share a word with its last ones.
     pub matrix_rows: u32,
     /// First strip with a column after the first row.
     pub strip0: u32,
-    /// One past the last strip.
     pub strip_end: u32,
     /// Column blocks of the matrix.
     pub blocks: u32,
@@ -278,22 +274,6 @@ mod tests {
             assert_eq!(first(0), 1, "an empty section cannot be bound");
             assert_eq!(first(10_000), 80_000);
             assert_eq!(first(16), most_items(BoxCount::new(16), found));
-        }
-    }
-
-    #[test]
-    fn a_reply_holds_the_items_that_there_is_room_for_and_no_more() {
-        let n = BoxCount::new(1_000);
-        for found in Found::ALL {
-            let least = words(found, n, 1);
-            for limit in (least..).step_by(7).take(100) {
-                let room = room(found, n, limit).expect("an item at least");
-                assert!(words(found, n, room) <= limit, "{found:?}, {limit}");
-                assert!(words(found, n, room + 1) > limit, "{found:?}, {limit}");
-                let largest = shape(found, n, room, room).spans().map(|span| 4 * span.len).max();
-                assert_eq!(largest, Some(section_bytes(found, room)), "{found:?}");
-            }
-            assert_eq!(room(found, n, least - 1), Err(refusal(least, least - 1)), "{found:?}");
         }
     }
 }

@@ -36,21 +36,16 @@ fn variant(tuning: Tuning, store_zeros: bool) -> PairsVariant {
     PairsVariant { rows: tuning.rows, strip_blocks: tuning.strip_blocks, store_zeros }
 }
 
-pub(super) struct Output {
-    pub(super) mask: Part,
-    /// The sections in it; a sparse mask or a list at its full capacity.
-    pub(super) shape: MaskShape,
-    /// Words that a sparse mask has room for, or pairs that a list has.
-    pub(super) capacity: u64,
-}
-
-/// What the steps of a run have in common.
 pub(super) struct Recording<'a> {
     pub(super) n: BoxCount,
     pub(super) form: ObjectForm,
     pub(super) tuning: Tuning,
     pub(super) stages: &'a Stages,
-    pub(super) output: &'a Output,
+    pub(super) mask: &'a Part,
+    /// The sections in it; a sparse mask or a list at its full capacity.
+    pub(super) shape: MaskShape,
+    /// Words that a sparse mask has room for, or pairs that a list has.
+    pub(super) capacity: u64,
     pub(super) offset_align: u64,
 }
 
@@ -68,7 +63,7 @@ impl Recording<'_> {
         }
         for band in bands {
             steps.push(self.pairs(pipelines, band)?);
-            steps.push(match self.output.shape {
+            steps.push(match self.shape {
                 MaskShape::Dense { .. } => self.pack_dense(pipelines, band)?,
                 shape => self.write(pipelines, band, shape)?,
             });
@@ -108,7 +103,7 @@ impl Recording<'_> {
     }
 
     fn pairs(&self, pipelines: &mut Pipelines, band: &Band) -> Result<Command, GpuError> {
-        let dense = matches!(self.output.shape, MaskShape::Dense { .. });
+        let dense = matches!(self.shape, MaskShape::Dense { .. });
         let params = PairsParams {
             plane_words: plane_words(self.n) as u32,
             row0: band.row0,
@@ -144,9 +139,9 @@ impl Recording<'_> {
             strip0: band.strip0,
             strip_end: band.strip_end,
             strip_blocks: self.tuning.strip_blocks,
-            capacity: self.output.capacity as u32,
+            capacity: self.capacity as u32,
         };
-        let mask = &self.output.mask;
+        let mask = self.mask;
         let section =
             |span: Span| Part::of(&mask.block, mask.offset + 4 * span.start, 4 * span.len);
         let sections: Vec<Part> = shape.spans().map(section).collect();
@@ -162,7 +157,7 @@ impl Recording<'_> {
         let words = band.dense_words(self.n);
         let word_count = (words.end - words.start) as u32;
         // A binding starts where the device lets it; the rest of the way is an offset.
-        let mask = &self.output.mask;
+        let mask = self.mask;
         let byte = mask.offset + 4 * words.start;
         let bound = byte / self.offset_align * self.offset_align;
         let groups = word_count.div_ceil(BATCH_BOXES).max(1);

@@ -19,9 +19,7 @@
 //! ([`Gpu::open`](super::super::Gpu::open)). Origins and scales are numbers that the host writes into the
 //! layout, whatever they are.
 //!
-//! Let boxes a and b overlap: a.min ≤ b.max and b.min ≤ a.max. Then cell(a.min) ≤ cell(b.max) and
-//! cell(b.min) ≤ cell(a.max). A box is in a level only if there cell(max) − cell(min) ≤ 1, a test of
-//! computed integers. So if b is in the level, cell(b.min) ≥ cell(b.max) − 1 ≥ cell(a.min) − 1:
+//! From there on it is the proof of the CPU's grid (`engine/grid/axis` of `pairmask-core`): where a box b is in a level,
 //!
 //! > cell(a.min) − 1 ≤ cell(b.min) ≤ cell(a.max)
 //!

@@ -64,9 +64,7 @@ const fn parking_cells(n: u32) -> u32 {
 /// Boxes of one octave of sizes, or of several.
 #[derive(Clone, Copy, Debug, Default)]
 struct Group {
-    /// Boxes of the sample.
     count: f32,
-    /// Largest edges.
     edges: [f32; 3],
 }
 
@@ -175,7 +173,6 @@ impl Chooser {
 
 /// Cells that there is room for in the table.
 struct Room {
-    /// Of all levels.
     most: u64,
     /// Of a level, however few its boxes are.
     least: u64,
@@ -188,7 +185,6 @@ impl Room {
         Self { most, least: CELLS_LEAST }
     }
 
-    /// Cells that the next level may have.
     fn left(&self, layout: &GridLayout, cells: u32) -> u64 {
         let later_levels = u64::from(GRID_LEVELS - 1 - layout.level_count);
         self.most - u64::from(cells) - self.least * later_levels

@@ -1,13 +1,8 @@
 //! Engine `gpu-grid`: a uniform grid with levels on the GPU (GPU.md, "The grid").
 //!
 //! The grid of Avril et al. 2012, §4, as `cpu-grid` has it: each box has one home cell, by its min corner, in the finest
-//! level on which it spans at most two cells an axis. Six stages are one submission. What their dispatches depend on is
-//! known before: levels come from a sample of the boxes on the CPU (`layout`), sizes from their number ([`plan`]). Only a
-//! reply that turns out larger than its allocation takes a second submission.
-//!
-//! Same boxes, same bytes: positions are by cell and index, words by row and block, pairs by the positions of their
-//! boxes. ([`mirror`](pairmask_shaders::mirror) is the same on the CPU.) Scenes that crowd a cell beyond a budget, or
-//! dense masks, are the all-pairs engine's.
+//! level on which it spans at most two cells an axis. Scenes that crowd a cell beyond a budget, or dense masks, are the
+//! all-pairs engine's.
 
 mod axis;
 pub(super) mod layout;
@@ -21,14 +16,12 @@ mod workspace;
 pub use self::ruled::takes_worlds;
 pub use self::under_way::GridUnderWay;
 
-use std::path::PathBuf;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex};
 
 use pairmask_core::dispatch::Marks;
 use pairmask_core::engine::{CullError, CullInput, CullReport, Engine, ReplyBuffer};
 use pairmask_core::objects::Objects;
-use pairmask_core::precision::BoxSlice;
-use pairmask_core::{Aabb, BoxCount, BoxForm, Encoding, EngineName};
+use pairmask_core::{BoxCount, BoxForm, Encoding, EngineName};
 use pairmask_shaders::layouts::GridLayout;
 use pairmask_shaders::{Found, GridStage, Rules, Stage};
 
@@ -39,40 +32,15 @@ use self::workspace::{Ended, Tools, Wanted, Workspace};
 use super::all_pairs::no_pairs;
 use super::all_pairs::plan::refusal;
 use super::{
-    Block, Capacity, Checks, Command, Gpu, GpuError, MAX_STEPS, Pipelines, SUBMISSIONS,
-    SharedImports, Sizes, StepTime, Upload, Wait,
+    Block, Capacity, Command, EngineOptions, Gpu, GpuError, MAX_STEPS, SUBMISSIONS, Sizes, StepTime,
 };
 use crate::execute::FrameMemory;
 use crate::execute::frame_memory::Borrowed;
+use crate::locked;
 
 /// The levels that a scene gets. For measurements, and for the stages' mirror.
 pub fn grid_layout<'a>(objects: impl Into<Objects<'a>>) -> GridLayout {
     Chooser::default().choose(objects)
-}
-
-/// Cells that a scene gets, all levels together. For measurements.
-pub fn cell_count(boxes: &[Aabb]) -> u32 {
-    grid_layout(BoxSlice::from(boxes)).cell_end
-}
-
-/// How the engine works. The default is what the daemon uses.
-#[derive(Clone, Default)]
-pub struct GridOptions {
-    pub checks: Checks,
-    /// Way of the boxes; `None` chooses by where they are, how many, and whether another frame is
-    /// under way. [`Upload::DmaCopy`] brings all of them ahead.
-    pub upload: Option<Upload>,
-    pub profiled: bool,
-    /// Folder of the pipeline cache; `None` keeps none.
-    pub cache_folder: Option<PathBuf>,
-    /// How to wait; `None` spins on a real GPU and sleeps on a software adapter.
-    pub wait: Option<Wait>,
-    /// Fill new video memory with a pattern, for tests: what no stage wrote must not show.
-    pub poison: Option<u32>,
-    /// What is imported; to be shared by the engines of a device.
-    pub imports: SharedImports,
-    /// Share the searches of scenes that several GPUs keep however small they are, for tests.
-    pub shares_always: bool,
 }
 
 const ENGINE: EngineName = EngineName::GpuGrid;
@@ -90,7 +58,6 @@ pub type Begun<M> = Result<GridUnderWay<M>, (CullError, Option<M>)>;
 /// one frame or of several ([`Grid::begin`], [`Grid::begin_bundle`]), whose frames end in whatever order
 /// ([`Grid::end`]).
 pub struct Grid {
-    gpu: Arc<Gpu>,
     tools: Tools,
     /// Those of each submission that may be under way. A frame that is alone takes the first.
     workspaces: [[SharedWorkspace; BUNDLE_FRAMES]; SUBMISSIONS],
@@ -102,18 +69,13 @@ pub struct Grid {
 impl Grid {
     /// An engine on `gpu`, with the stages of whole frames of boxes compiled. Those of spheres are
     /// compiled when the first of them comes.
-    pub fn new(gpu: &Arc<Gpu>, options: &GridOptions) -> Result<Self, GpuError> {
-        let mut pipelines = Pipelines::new(gpu, options.checks, options.cache_folder.as_deref())?;
-        for found in Found::ALL {
-            let of_form = |form: BoxForm| GridStage::of_frame(form.into(), found, Rules::Without);
-            for stage in BoxForm::ALL.into_iter().flat_map(of_form) {
-                pipelines.get(Stage::Grid(stage))?;
-            }
-        }
-        pipelines.save();
-        let workspace = || Workspace::new(gpu, options).map(SharedWorkspace::new);
+    pub fn new(gpu: &Arc<Gpu>, options: &EngineOptions) -> Result<Self, GpuError> {
+        let forms = Found::ALL.into_iter().flat_map(|found| BoxForm::ALL.map(|form| (form, found)));
+        let stages =
+            forms.flat_map(|(form, found)| GridStage::of_frame(form.into(), found, Rules::Without));
+        let pipelines = options.pipelines(gpu, stages.map(Stage::Grid))?;
+        let workspace = || Workspace::new(gpu, options).map(|made| Arc::new(Mutex::new(made)));
         Ok(Self {
-            gpu: Arc::clone(gpu),
             workspaces: try_array(|| try_array(workspace))?,
             own_workspace: workspace()?,
             bundles: Vec::with_capacity(SUBMISSIONS),
@@ -125,20 +87,19 @@ impl Grid {
                 profiled: options.profiled,
                 step_times: Vec::new(),
                 poison: options.poison,
-                wait: Wait::on(gpu, options.wait),
-                binding_bytes: gpu.limits().storage_binding_bytes.min(1 << 31),
+                binding_bytes: gpu.limits().binding_bytes(),
             },
         })
     }
 
     pub fn gpu(&self) -> &Arc<Gpu> {
-        &self.gpu
+        &self.tools.gpu
     }
 
     /// Drops what was recorded for an import that has ended.
     pub(in crate::execute) fn drop_frames_of(&mut self, block: &Arc<Block>) {
         for workspace in self.all_workspaces() {
-            workspace.lock().drop_frames_of(block);
+            locked(workspace).drop_frames_of(block);
         }
     }
 
@@ -147,7 +108,6 @@ impl Grid {
         &self.tools.step_times
     }
 
-    /// Starts a frame of memory.
     pub fn begin<M: FrameMemory>(&mut self, memory: M, encoding: Encoding) -> Begun<M> {
         match self.free_workspaces() {
             Some([workspace, ..]) => self.begin_in(workspace, memory, encoding, None),
@@ -162,7 +122,7 @@ impl Grid {
         encoding: Encoding,
         marks: Option<&Arc<Marks>>,
     ) -> Begun<M> {
-        let is_behind = self.all_workspaces().any(|workspace| !workspace.lock().is_free());
+        let is_behind = self.all_workspaces().any(|workspace| !locked(workspace).is_free());
         let mut frame = GridUnderWay::new(workspace, memory);
         let begun = frame.with(|workspace, objects, reply| {
             let (n, capacity) = self.asked(objects.len(), encoding, reply)?;
@@ -188,7 +148,7 @@ impl Grid {
         let bundle = match self.free_bundle() {
             Ok(bundle) => bundle,
             Err(error) => {
-                let error = self.gpu.cull_error(ENGINE, &error);
+                let error = self.tools.gpu.cull_error(ENGINE, &error);
                 let unserved = |(memory, _)| Err((error.clone(), Some(memory)));
                 return frames.into_iter().map(unserved).collect();
             }
@@ -211,7 +171,7 @@ impl Grid {
             });
         }
         if let Err(error) = bundle.submit(steps) {
-            let error = self.gpu.cull_error(ENGINE, &error);
+            let error = self.tools.gpu.cull_error(ENGINE, &error);
             let give_up = |frame: GridUnderWay<M>| Err((error.clone(), frame.give_up()));
             return begun.into_iter().map(|frame| frame.and_then(give_up)).collect();
         }
@@ -222,20 +182,18 @@ impl Grid {
         self.workspaces.as_flattened().iter().chain([&self.own_workspace])
     }
 
-    /// The workspaces of a submission that is not under way.
     fn free_workspaces(&self) -> Option<[SharedWorkspace; BUNDLE_FRAMES]> {
         let is_free = |workspaces: &&[SharedWorkspace; BUNDLE_FRAMES]| {
-            workspaces.iter().all(|workspace| workspace.lock().is_free())
+            workspaces.iter().all(|workspace| locked(workspace).is_free())
         };
         self.workspaces.iter().find(is_free).cloned()
     }
 
-    /// A bundle that no frame is in.
     fn free_bundle(&mut self) -> Result<Bundle, GpuError> {
         if let Some(bundle) = self.bundles.iter().find(|bundle| bundle.is_free()) {
             return Ok(bundle.clone());
         }
-        let bundle = Bundle::new(&self.gpu)?;
+        let bundle = Bundle::new(self.gpu())?;
         self.bundles.push(bundle.clone());
         Ok(bundle)
     }
@@ -254,7 +212,7 @@ impl Grid {
         let why = "dense masks are all pairs'";
         let unavailable = CullError::Unavailable { engine: ENGINE, why };
         let found = Found::of(encoding).ok_or(unavailable)?;
-        self.gpu.health().check().map_err(|e| self.gpu.cull_error(ENGINE, &e))?;
+        self.gpu().health().check().map_err(|e| self.tools.gpu.cull_error(ENGINE, &e))?;
         let limit = reply.limit_words();
         let room = plan::room(n, found, limit).ok_or_else(|| no_room(n, found, limit))?;
         Ok((n, self.capacity(n, found, self.tools.last_found.of(found), room)))
@@ -341,7 +299,7 @@ impl Engine for Grid {
     }
 
     /// Boxes in any form are read as they lie. The mask is that of the f32 boxes that stand for them
-    /// ([`BoxSlice::get`]). Dense masks are refused ([`CullError::Unavailable`]): they have all
+    /// ([`BoxSlice::get`](pairmask_core::precision::BoxSlice::get)). Dense masks are refused ([`CullError::Unavailable`]): they have all
     /// pairs' words, which the all-pairs engine writes faster. Crowds are, too
     /// ([`CullError::TooCrowded`]).
     fn cull(

@@ -33,15 +33,11 @@ const PAIR_WORDS: u64 = 2;
 /// Words of a mask word with its row and block.
 const SPARSE_WORDS: u64 = 3;
 
-/// Sizes that follow from the number of boxes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Sizes {
     pub n: u32,
-    /// Batches of boxes, and of rows.
     pub batches: u32,
-    /// Groups of batches.
     pub supers: u32,
-    /// Workgroups of the scan.
     pub sums: u32,
 }
 
@@ -121,7 +117,6 @@ impl Sizes {
     }
 }
 
-/// Whether a frame's work is too much for the grid.
 pub const fn is_over_budget(work: u32, giant_work: u32) -> bool {
     work > BUDGET || giant_work > BUDGET
 }
@@ -191,7 +186,6 @@ pub struct LastFound {
 }
 
 impl LastFound {
-    /// Items of the last frame of a kind.
     pub const fn of(&self, found: Found) -> u64 {
         match found {
             Found::Words => self.words,
@@ -235,21 +229,6 @@ mod tests {
             let sizes = Sizes::of(BoxCount::new(n as u32));
             assert!(sizes.records_bytes() <= binding_bytes, "{n}");
             assert!(sizes.table_bytes() <= binding_bytes.max(1 << 21), "{n}");
-        }
-    }
-
-    #[test]
-    fn a_reply_holds_the_items_that_there_is_room_for_and_no_more() {
-        for (n, found) in
-            [2, 15, 16, 345, 100_000].into_iter().flat_map(|n| Found::ALL.map(|found| (n, found)))
-        {
-            let n = BoxCount::new(n);
-            let words = |items| Sizes::of(n).reply_words(Capacity { found, items });
-            for limit in (words(1)..).step_by(7).take(100) {
-                let room = room(n, found, limit).expect("an item at least");
-                assert!(words(room) <= limit && words(room + 1) > limit, "{found:?}");
-            }
-            assert_eq!(room(n, found, words(1) - 1), None, "{found:?}");
         }
     }
 

@@ -13,6 +13,7 @@ use pairmask_shaders::Found;
 use super::layout::WORLD_BOXES_LEAST;
 use crate::execute::frame_memory::Borrowed;
 use crate::execute::gpu::{Block, Gpu, GpuError, Grid, Growing, Home, Part, Sizes};
+use crate::locked;
 
 /// Rules whose marks are kept in video memory: those of a few sessions.
 const KEPT_RULES: usize = 4;
@@ -27,7 +28,6 @@ pub fn takes_worlds(marks: &Marks, n: usize) -> bool {
     worlds < 2 || is_even && n / worlds >= WORLD_BOXES_LEAST as usize
 }
 
-/// What a frame with rules uses beside the blocks of all frames.
 pub(super) struct RuleBlocks {
     pub(super) of: Arc<Marks>,
     pub(super) marks: Part,
@@ -38,7 +38,6 @@ pub(super) struct RuleBlocks {
 }
 
 impl RuleBlocks {
-    /// By the names that stages give them.
     pub(super) fn named(&self) -> [(&'static str, &Part); 3] {
         let Self { marks, row_worlds, world_firsts, .. } = self;
         [("rules", marks), ("row_worlds", row_worlds), ("world_firsts", world_firsts)]
@@ -57,7 +56,6 @@ pub(super) struct Ruled {
     kept: Vec<(Arc<Marks>, Arc<Block>)>,
     row_worlds: Growing,
     world_firsts: Growing,
-    /// Where the marks are written by the CPU.
     home: Home,
 }
 
@@ -124,7 +122,7 @@ impl Grid {
         let frame = self.begin_in(workspace.clone(), memory, encoding, Some(marks));
         let report = self.end(frame.map_err(|(error, _)| error)?).0?;
         if Found::of(encoding) == Some(Found::Pairs) {
-            let firsts = &workspace.lock().world_firsts;
+            let firsts = &locked(&workspace).world_firsts;
             let ends = firsts.iter().skip(1).map(|first| *first as usize);
             let ends = ends.chain([report.pair_count as usize]);
             let range = |(first, end): (usize, usize)| first..end;
@@ -133,7 +131,7 @@ impl Grid {
             if !found.iter().all(|range| range.start <= range.end) {
                 // No list is so: the device does not do what the stages say.
                 let fault = GpuError::Driver(ash::vk::Result::ERROR_UNKNOWN);
-                return Err(self.gpu.cull_error(super::ENGINE, &fault));
+                return Err(self.tools.gpu.cull_error(super::ENGINE, &fault));
             }
             let worlds = marks.worlds().iter().zip(found);
             ranges.extend(worlds.map(|(world, pairs)| WorldRange::new(*world, pairs)));

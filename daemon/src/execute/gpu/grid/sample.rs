@@ -18,7 +18,6 @@ const LARGE_SCENE: usize = 16_384;
 /// what they are for (the middle of the scene, the scale of an axis) needs no more.
 const MEDIAN_STEP: usize = 4;
 
-/// What is kept of a sampled box.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct SampledBox {
     /// Finite edges: what is longer than the scene ends with it.
@@ -33,11 +32,9 @@ pub(super) struct Sample {
     pub boxes: Vec<SampledBox>,
     /// Smallest min corner, of those that are not far from all others.
     pub low: [f32; 3],
-    /// Median of the min corners.
     pub middle: [f32; 3],
     /// Distance from the smallest to the largest min corner, of those that are not far from all others.
     pub extent: [f32; 3],
-    /// Whether some boxes lie far away.
     pub has_far: bool,
     /// Solid boxes of the scene, about.
     pub solid: f32,

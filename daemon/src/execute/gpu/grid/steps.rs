@@ -12,7 +12,6 @@ use crate::execute::gpu::{
     frame_blocks,
 };
 
-/// What the steps of a frame have in common.
 pub(super) struct Recording<'a> {
     pub(super) sizes: Sizes,
     pub(super) capacity: Capacity,
@@ -20,7 +19,6 @@ pub(super) struct Recording<'a> {
     pub(super) boxes: &'a PlacedBoxes,
     pub(super) reply: &'a Part,
     pub(super) rules: Option<&'a RuleBlocks>,
-    /// Rounds of loops that a thread may take.
     pub(super) thread_rounds: u32,
 }
 

@@ -14,24 +14,12 @@ use super::ENGINE;
 use super::workspace::Workspace;
 use crate::execute::FrameMemory;
 use crate::execute::frame_memory::{LentReply, with_lent};
-use crate::execute::gpu::{Command, Frame, Gpu, GpuError, Order, Wait};
+use crate::execute::gpu::{Command, Frame, Gpu, GpuError, Order};
 use crate::locked;
 
-/// A workspace that its engine and the frame in it share. The frame outlives the engine where it must.
-#[derive(Clone)]
-pub(super) struct SharedWorkspace(Arc<Mutex<Workspace>>);
-
-impl SharedWorkspace {
-    pub(super) fn new(workspace: Workspace) -> Self {
-        Self(Arc::new(Mutex::new(workspace)))
-    }
-
-    /// The workspace, for as long as the guard lives. One thread uses an engine and its frames, so no
-    /// thread waits here; after a panic the frame is given up with whatever it had.
-    pub(super) fn lock(&self) -> MutexGuard<'_, Workspace> {
-        locked(&self.0)
-    }
-}
+/// A workspace that its engine and the frame in it share. The frame outlives the engine where it must. One thread uses
+/// an engine and its frames, so no thread waits for the lock; after a panic the frame is given up with whatever it had.
+pub(super) type SharedWorkspace = Arc<Mutex<Workspace>>;
 
 /// A frame under way. Owns the memory that the GPU reads and writes, and gives it back when the GPU is
 /// done, to [`Grid::end`](super::Grid::end) or to its own drop, which waits as well. Where the GPU is
@@ -41,9 +29,7 @@ impl SharedWorkspace {
 #[must_use = "dropping a frame under way waits for it and loses its answer"]
 pub struct GridUnderWay<M: FrameMemory> {
     workspace: SharedWorkspace,
-    /// There until it was given back.
     memory: Option<M>,
-    /// Where the mask goes.
     pub(in crate::execute) lent: LentReply,
 }
 
@@ -59,17 +45,17 @@ impl<M: FrameMemory> GridUnderWay<M> {
     ) -> Result<R, CullError> {
         let lost = CullError::DeviceLost { engine: ENGINE };
         let memory = self.memory.as_mut().ok_or(lost)?;
-        let mut workspace = self.workspace.lock();
+        let mut workspace = locked(&self.workspace);
         with_lent(memory, &mut self.lent, |objects, reply| work(&mut workspace, objects, reply))
     }
 
     pub(super) fn is_in(&self, workspace: &SharedWorkspace) -> bool {
-        Arc::ptr_eq(&self.workspace.0, &workspace.0)
+        Arc::ptr_eq(&self.workspace, workspace)
     }
 
     /// Whether the GPU is done with it, or never will be: ending it does not wait.
     pub fn has_ended(&self) -> bool {
-        self.workspace.lock().has_ended()
+        locked(&self.workspace).has_ended()
     }
 
     /// Waits for the GPU and takes the memory back, without an answer. `None` where the GPU keeps
@@ -79,7 +65,7 @@ impl<M: FrameMemory> GridUnderWay<M> {
     }
 
     fn take_back(&mut self) -> Option<M> {
-        let is_free = self.workspace.lock().give_up();
+        let is_free = locked(&self.workspace).give_up();
         let memory = self.memory.take()?;
         if is_free {
             return Some(memory);
@@ -130,12 +116,12 @@ impl Bundle {
     }
 
     /// As [`Frame::end`], for the first workspace that asks; the others know at once.
-    pub(super) fn end(&self, wait: Wait, patience: Duration) -> Result<(), GpuError> {
+    pub(super) fn end(&self, patience: Duration) -> Result<(), GpuError> {
         let mut submission = self.lock();
         if submission.is_given_up {
             return Err(GpuError::Lost);
         }
-        let ended = submission.frame.end(wait, patience);
+        let ended = submission.frame.end(patience);
         submission.is_given_up = submission.frame.is_pending();
         // Imported memory is kept no longer than its frame needs it.
         submission.frame.forget_steps();

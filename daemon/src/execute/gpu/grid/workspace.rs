@@ -19,8 +19,8 @@ use super::{ENGINE, plan};
 use crate::execute::gpu::all_pairs::engine_times;
 use crate::execute::gpu::transfers::UploadAhead;
 use crate::execute::gpu::{
-    Block, Capacity, Command, Frame, FrameCache, FrameKey, Gpu, GpuError, GridOptions, MaskPlace,
-    Order, Part, Pipelines, Place, PlacedBoxes, QueueRole, Sizes, StepTime, Transfers, Wait, wide,
+    Block, Capacity, Command, EngineOptions, Frame, FrameCache, FrameKey, Gpu, GpuError, MaskPlace,
+    Order, Part, Pipelines, Place, PlacedBoxes, QueueRole, Sizes, StepTime, Transfers, wide,
 };
 
 pub(super) struct Tools {
@@ -31,10 +31,8 @@ pub(super) struct Tools {
     /// on it.
     pub(super) last_found: LastFound,
     pub(super) profiled: bool,
-    /// Times of the last frame's steps, if frames are profiled.
     pub(super) step_times: Vec<StepTime>,
     pub(super) poison: Option<u32>,
-    pub(super) wait: Wait,
     /// Most bytes that a stage sees of a block.
     pub(super) binding_bytes: u64,
 }
@@ -45,9 +43,7 @@ pub(super) enum Ended {
     Again {
         n: BoxCount,
         found: Found,
-        /// Words, or pairs, of the mask.
         items: u64,
-        /// What rules said of the boxes.
         marks: Option<Arc<Marks>>,
     },
 }
@@ -55,11 +51,9 @@ pub(super) enum Ended {
 pub(super) struct Wanted<'a> {
     pub(super) n: BoxCount,
     pub(super) objects: Objects<'a>,
-    /// What there is to be room for.
     pub(super) capacity: Capacity,
     /// Whether another frame is under way: its boxes are brought to video memory meanwhile.
     pub(super) is_behind: bool,
-    /// What rules say of the boxes, if they have any.
     pub(super) marks: Option<&'a Arc<Marks>>,
 }
 
@@ -71,7 +65,6 @@ struct Placed {
     ahead: Option<PlacedBoxes>,
     mask: MaskPlace,
     blocks: Blocks,
-    /// What rules say of the boxes, and where the stages have it.
     rules: Option<RuleBlocks>,
     start: Instant,
     ingested: Duration,
@@ -108,7 +101,7 @@ pub(super) struct Workspace {
 }
 
 impl Workspace {
-    pub(super) fn new(gpu: &Arc<Gpu>, options: &GridOptions) -> Result<Self, GpuError> {
+    pub(super) fn new(gpu: &Arc<Gpu>, options: &EngineOptions) -> Result<Self, GpuError> {
         Ok(Self {
             transfers: Transfers::new(Arc::clone(gpu), options.imports.clone(), options.upload),
             ahead: UploadAhead::new(gpu, options.upload)?,
@@ -216,10 +209,10 @@ impl Workspace {
         let began = self.under_way.as_ref().ok_or(GpuError::Lost)?;
         let patience = patience(&tools.gpu, began.n);
         if let Some(bundle) = &self.bundle {
-            return bundle.end(tools.wait, patience);
+            return bundle.end(patience);
         }
         let frame = self.frames.last_mut().ok_or(GpuError::Lost)?;
-        frame.end(tools.wait, patience)?;
+        frame.end(patience)?;
         if let Some(ahead) = &mut self.ahead {
             ahead.end(patience)?;
         }
@@ -257,7 +250,7 @@ impl Workspace {
             self.frames.clear();
         }
         let fill = |parts: &[(&str, &Part)], word| {
-            Frame::fill(gpu, parts.iter().map(|(_, part)| &part.block), word, tools.wait)
+            Frame::fill(gpu, parts.iter().map(|(_, part)| &part.block), word)
         };
         if let (true, Some(word)) = (replaced, tools.poison) {
             self.unclean = true;

@@ -9,7 +9,6 @@ use crate::execute::gpu::{
     Block, Command, Frame, GpuError, Growing, Home, Part, SceneTools, frame_blocks,
 };
 
-/// Bytes of a record.
 pub(super) const RECORD_BYTES: u64 = 32;
 /// Bytes of an entry before it has its place.
 const ENTRY_BYTES: u64 = 16;
@@ -126,7 +125,7 @@ impl Memory {
                 });
             }
         }
-        Frame::run_once(&tools.gpu, steps, tools.wait)?;
+        Frame::run_once(&tools.gpu, steps)?;
         self.records = Some(made);
         self.named = None;
         Ok(())
@@ -152,7 +151,7 @@ impl Memory {
             *replaced = true;
             Block::new(&tools.gpu, Home::Video, bytes)?
         };
-        Frame::fill(&tools.gpu, [&block], 0, tools.wait)?;
+        Frame::fill(&tools.gpu, [&block], 0)?;
         self.named = Some(block);
         Ok(())
     }
@@ -204,7 +203,7 @@ impl Memory {
         if let (true, Some(word)) = (was_replaced, tools.poison) {
             let named = stages.named();
             let all = named.iter().filter(|(name, _)| !["params", "grid"].contains(name));
-            Frame::fill(&tools.gpu, all.map(|(_, part)| &part.block), word, tools.wait)?;
+            Frame::fill(&tools.gpu, all.map(|(_, part)| &part.block), word)?;
         }
         let named = self.named.as_ref().map_or_else(|| stages.control.clone(), whole);
         *replaced |= was_replaced;

@@ -1,13 +1,7 @@
 //! Scenes that persist in video memory: edits go up, what changed comes down (GPU.md, "Scenes").
 //!
-//! A [`GpuScene`] answers as [`Scene`](pairmask_core::scene::Scene) does, byte for byte. Boxes are kept as keys in
-//! records; the host keeps bits a box, to check an edit before anything of it is applied (`roster`). Nothing else
-//! persists, so nothing is ever rebuilt or compacted. An edit is one submission, and so are queries
-//! ([`GpuScene::query`]).
-//!
-//! Several GPUs may keep a scene together ([`GpuScene::shared`]): all of it on each (`replica`), every edit on each,
-//! large searches shared out. This is one file, because an edit, its answer and what is known afterwards change the same
-//! few fields.
+//! A [`GpuScene`] answers as [`Scene`](pairmask_core::scene::Scene) does, byte for byte. This is one file, because an
+//! edit, its answer and what is known afterwards change the same few fields.
 
 mod changes;
 mod memory;
@@ -17,8 +11,6 @@ mod replica;
 mod roster;
 mod search;
 mod upload;
-
-pub use self::replica::EditTimes;
 
 use std::sync::{Arc, Mutex};
 
@@ -34,11 +26,11 @@ use pairmask_shaders::layouts::{GridLayout, SceneMode, SceneSummary};
 
 use self::changes::{ChangeSorter, Found};
 use self::plan::{Layouts, MOST_SLOTS, Question, Room, Sizes};
-use self::replica::{Clock, Names, Replicas, sum};
+use self::replica::{Names, Replicas, sum};
 use self::roster::Roster;
 use self::search::{Asked, Search, Share};
 use self::upload::Gathered;
-use super::{Block, Gpu, GpuError, GridOptions, Pipeline, Pipelines, SharedImports, Wait, wide};
+use super::{Block, EngineOptions, Gpu, GpuError, Pipeline, Pipelines, StepTime, wide};
 use crate::locked;
 
 /// What errors name: scenes on the GPU are a grid there.
@@ -47,35 +39,29 @@ const ENGINE: EngineName = EngineName::GpuGrid;
 /// A pair as it comes from the GPU.
 type Pair = [u32; 2];
 
-/// What the scenes of a device share: compiled stages, and what is imported.
+/// What the scenes of a device share: compiled stages. Edits are copied: which client's memory lies at the address of
+/// an import is known of frames alone.
 pub struct SceneTools {
     gpu: Arc<Gpu>,
     /// The compiled stages. Compiles those that few daemons need when they are asked for.
     pipelines: Mutex<Pipelines>,
-    imports: SharedImports,
     profiled: bool,
     poison: Option<u32>,
     shares_always: bool,
-    wait: Wait,
     /// Most bytes that a stage sees of a block.
     binding_bytes: u64,
 }
 
 impl SceneTools {
-    /// Compiles the stages.
-    pub fn new(gpu: &Arc<Gpu>, options: &GridOptions) -> Result<Arc<Self>, GpuError> {
-        let mut pipelines = Pipelines::new(gpu, options.checks, options.cache_folder.as_deref())?;
-        search::stages().try_for_each(|stage| pipelines.get(stage).map(drop))?;
-        pipelines.save();
+    pub fn new(gpu: &Arc<Gpu>, options: &EngineOptions) -> Result<Arc<Self>, GpuError> {
+        let pipelines = options.pipelines(gpu, search::stages())?;
         Ok(Arc::new(Self {
             gpu: Arc::clone(gpu),
             pipelines: Mutex::new(pipelines),
-            imports: options.imports.clone(),
             profiled: options.profiled,
             poison: options.poison,
             shares_always: options.shares_always,
-            wait: Wait::on(gpu, options.wait),
-            binding_bytes: gpu.limits().storage_binding_bytes.min(1 << 31),
+            binding_bytes: gpu.limits().binding_bytes(),
         }))
     }
 
@@ -99,10 +85,6 @@ enum Known {
     Lost,
 }
 
-/// Rooms of the last searches: what the next ones are expected to need.
-#[derive(Clone, Copy, Debug, Default)]
-struct LastRooms([Room; 4]);
-
 /// A scene in video memory. One thread uses it at a time; it has the contract of
 /// [`Scene`](pairmask_core::scene::Scene), but after [`SceneError::Cull`] the scene is undefined and is to
 /// be dropped. Its memory is freed then.
@@ -112,31 +94,29 @@ pub struct GpuScene {
     roster: Roster,
     gathered: Gathered,
     layouts: Layouts,
-    rooms: LastRooms,
+    /// Of the last searches by their questions: what the next ones are expected to need.
+    rooms: [Room; 4],
     /// Whether there were queries since the last edit.
     was_asked: bool,
     /// The grid of all boxes, where it stands since the last queries.
     standing: Option<GridLayout>,
     /// Whether another was a bad one for queries since the last edit.
     is_second_grid: bool,
-    /// Pairs of the last queries.
     query_pairs: u64,
-    /// Most pairs that queries may find.
     most_query_pairs: u64,
     /// The number of the history under way. Records start with 0.
     epoch: u64,
-    /// The number of the last naming.
     naming: u32,
     known: Known,
     /// Elements of edits since the history began: as many boxes have changed at most.
     changed: u64,
-    /// Pairs that were reported.
     count_then: u64,
     reported: Reported,
     /// Whether the last answer can be taken.
     is_open: bool,
     sorter: ChangeSorter,
-    times: EditTimes,
+    submissions: u32,
+    stages: Vec<StepTime>,
 }
 
 impl GpuScene {
@@ -157,7 +137,7 @@ impl GpuScene {
             roster: Roster::default(),
             gathered: Gathered::default(),
             layouts: Layouts::default(),
-            rooms: LastRooms::default(),
+            rooms: [Room::default(); 4],
             was_asked: false,
             standing: None,
             is_second_grid: false,
@@ -171,7 +151,8 @@ impl GpuScene {
             reported: Reported::default(),
             is_open: false,
             sorter: ChangeSorter::default(),
-            times: EditTimes::default(),
+            submissions: 0,
+            stages: Vec::new(),
         }
     }
 
@@ -271,9 +252,13 @@ impl GpuScene {
         self.options.threads = threads;
     }
 
-    /// Where the time of the last edit or query went.
-    pub const fn times(&self) -> &EditTimes {
-        &self.times
+    pub const fn submissions(&self) -> u32 {
+        self.submissions
+    }
+
+    /// Times of the stages of the last submission, if they are taken.
+    pub fn stages(&self) -> &[StepTime] {
+        &self.stages
     }
 
     /// Applies an edit and answers. The answer counts as reported when it is [acknowledged](Self::acknowledge); else the
@@ -284,13 +269,11 @@ impl GpuScene {
     /// [`SceneError::Cull`] where the device is lost, or has no memory, or the scene is too crowded for
     /// it: the scene is to be dropped.
     pub fn edit(&mut self, edit: Edit<'_>, report: Report) -> Result<&Reported, SceneError> {
-        let mut clock = Clock::start();
         self.roster.check(edit, self.options.most_boxes)?;
-        self.times = EditTimes::default();
+        self.submissions = 0;
         self.is_open = false;
         self.roster.apply(edit);
-        clock.lap(&mut self.times.check);
-        if let Err(error) = self.answer(edit, report, &mut clock) {
+        if let Err(error) = self.answer(edit, report) {
             self.known = Known::Lost;
             return Err(SceneError::Cull(error));
         }
@@ -327,12 +310,7 @@ impl GpuScene {
         self.roster.forget();
     }
 
-    fn answer(
-        &mut self,
-        edit: Edit<'_>,
-        report: Report,
-        clock: &mut Clock,
-    ) -> Result<(), CullError> {
+    fn answer(&mut self, edit: Edit<'_>, report: Report) -> Result<(), CullError> {
         let sets: u64 = edit.sets().map(|sets| sets.boxes.len() as u64).sum();
         let elements = sets + self.roster.marks.len() as u64;
         self.changed += elements;
@@ -364,12 +342,10 @@ impl GpuScene {
         // Boxes are elsewhere, or the blocks of the grid are another search's.
         (self.was_asked, self.standing, self.is_second_grid) = (false, None, false);
         self.place_edit(edit, mode)?;
-        clock.lap(&mut self.times.upload);
-        let answered = self.search(elements, report, mode, clock);
+        let answered = self.search(elements, report, mode);
         self.replicas.end_edit();
         let summary = answered?;
         self.reported_skips(summary.as_ref());
-        clock.lap(&mut self.times.sort);
         Ok(())
     }
 
@@ -400,7 +376,6 @@ impl GpuScene {
         elements: u64,
         report: Report,
         mode: Option<SceneMode>,
-        clock: &mut Clock,
     ) -> Result<Option<SceneSummary>, CullError> {
         let mut question = Question {
             mode: mode.unwrap_or_default(),
@@ -412,7 +387,7 @@ impl GpuScene {
         let mut least = Room::default();
         let mut applies = true;
         loop {
-            let expected = Room::expected(&question, self.rooms.0[question.mode as usize])
+            let expected = Room::expected(&question, self.rooms[question.mode as usize])
                 .within(self.replicas.first().tools.binding_bytes);
             let room = Room {
                 entries: expected.entries.max(least.entries),
@@ -434,12 +409,10 @@ impl GpuScene {
                 let search = if at < shares { Search::Pairs(share) } else { Search::Nothing };
                 Asked { question, search, layout, sizes, room, epoch, naming, applies }
             };
-            clock.lap(&mut self.times.plan);
             let rooms = self.replicas.on_each(|at, replica| replica.submit(&asked(at)))?;
             let summaries = self.replicas.on_each(|at, replica| replica.wait(&asked(at)))?;
             applies = false;
-            self.times.submissions += 1;
-            clock.lap(&mut self.times.gpu);
+            self.submissions += 1;
             if summaries.len() < gpus {
                 // Who has failed had a share: those that are left search for all of it.
                 continue;
@@ -480,7 +453,7 @@ impl GpuScene {
             }
             let looked = entries + u64::from(summary.rows);
             self.layouts.note_search(&question, &summary, looked, wide(summary.tested));
-            self.rooms.0[question.mode as usize] = Room { entries, pairs: most };
+            self.rooms[question.mode as usize] = Room { entries, pairs: most };
             self.report(report, question.mode, ended, &counts)?;
             if is_filtered && self.filter_reported() {
                 question.mode = SceneMode::All;
@@ -494,8 +467,7 @@ impl GpuScene {
         let first = self.replicas.first();
         if first.tools.profiled {
             let times = first.step_times();
-            self.times.stages =
-                times.map_err(|error| first.tools.gpu.cull_error(ENGINE, &error))?;
+            self.stages = times.map_err(|error| first.tools.gpu.cull_error(ENGINE, &error))?;
         }
         Ok(())
     }
@@ -515,13 +487,13 @@ impl GpuScene {
         let lists: Vec<(&Block, usize)> =
             blocks.zip(counts).map(|(b, count)| (&*b.found.block, *count as usize)).collect();
         let read = |at: usize, to: &mut [Pair]| read_lists(&lists, at, to);
-        let list =
-            Found { read: &read, count: found as usize, n: self.roster.states.index_end() as u32 };
-        let threads = self.threads();
+        let (count, n, threads) =
+            (found as usize, self.roster.states.index_end() as u32, self.threads());
+        let list = Found { read: &read, count, n, threads };
         if mode != SceneMode::Changes {
             let mut pairs = Vec::new();
             pairs.try_reserve(found as usize).map_err(no_memory)?;
-            self.sorter.pairs(&list, threads, &mut pairs);
+            self.sorter.pairs(&list, &mut pairs);
             self.reported = Reported::of_pairs(report, Arc::new(pairs), found);
             return Ok(());
         }
@@ -529,7 +501,7 @@ impl GpuScene {
         let more = |len: usize, wanted: u64| (wanted as usize).saturating_sub(len);
         begun.try_reserve(more(begun.len(), found - ended)).map_err(no_memory)?;
         ends.try_reserve(more(ends.len(), ended)).map_err(no_memory)?;
-        self.sorter.changes(&list, threads, &mut begun, &mut ends);
+        self.sorter.changes(&list, &mut begun, &mut ends);
         let pair_count = (self.count_then + begun.len() as u64).saturating_sub(ends.len() as u64);
         self.reported = Reported::of_changes(begun, ends, pair_count);
         Ok(())
@@ -630,7 +602,7 @@ mod tests {
     fn histories_and_namings_are_numbered_beyond_32_bits() {
         let gpu = Gpu::open(&GpuChoice::Software, HostImport::Never);
         let gpu = gpu.unwrap_or_else(|error| panic!("the GPU tests need an adapter: {error}"));
-        let tools = SceneTools::new(&gpu, &GridOptions::default()).expect("stages");
+        let tools = SceneTools::new(&gpu, &EngineOptions::default()).expect("stages");
         let mut scene = GpuScene::new(&tools, SceneOptions::default());
         scene.epoch = (1 << 32) - 3;
         check_rounds(scene, Report::Changes);

@@ -59,14 +59,12 @@ pub(super) struct Question {
     pub mode: SceneMode,
     /// Indices that have a record.
     pub slots: u64,
-    /// Boxes that collide.
     pub active: u64,
     /// Boxes that may have changed, or that the edit names; or queries that are entries.
     pub changed: u64,
 }
 
 impl Question {
-    /// Whether all boxes are entries.
     pub fn is_dense(&self) -> bool {
         match self.mode {
             SceneMode::All => true,
@@ -114,7 +112,6 @@ impl Question {
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Room {
-    /// Entries of the grid.
     pub entries: u64,
     pub pairs: u64,
 }
@@ -135,12 +132,9 @@ impl Room {
     }
 }
 
-/// Sizes of the blocks of a search.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Sizes {
-    /// Workgroups of the scan.
     pub sums: u32,
-    /// Words of the table of cells.
     pub table_words: u64,
     pub filter_words: u64,
     /// Words of the rows beside the grid.
@@ -177,7 +171,6 @@ impl Sizes {
         4 * (self.table_words + self.filter_words + self.row_words)
     }
 
-    /// Words of it that are zeroed.
     pub const fn zeroed_words(&self) -> u64 {
         self.table_words + self.filter_words
     }
@@ -201,11 +194,6 @@ pub(super) fn groups(items: u64) -> u32 {
 /// has more to do than a software adapter does in a loop (65,535 rounds).
 pub(super) fn groups_of_rows(queries: u64) -> u32 {
     groups(4 * queries).max(LEAST_ROW_GROUPS)
-}
-
-/// Workgroups of a stage without a loop over batches: a power of two of at least so many.
-pub(super) fn groups_of_scan(sums: u32) -> u32 {
-    sums.next_power_of_two()
 }
 
 /// Searches after which a layout is chosen anew, at most: to choose takes as long as a tenth of a search.

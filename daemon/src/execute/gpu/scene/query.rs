@@ -15,8 +15,8 @@ use pairmask_shaders::layouts::SceneMode;
 
 use super::memory::RECORD_BYTES;
 use super::plan::{MOST_SLOTS, PAIR_BYTES, Question, Room, Sizes};
-use super::replica::{Clock, EditTimes, Names, Placed};
-use super::search::{Asked, Queries, Search, Way};
+use super::replica::{Names, Placed};
+use super::search::{Asked, Search};
 use super::{ENGINE, Pair, search, wide};
 use crate::execute::gpu::{GpuError, GpuScene};
 
@@ -50,7 +50,7 @@ impl GpuScene {
 
     fn query_all(&mut self, queries: &[Aabb], found: &mut Vec<Pair>) -> Result<u64, CullError> {
         found.clear();
-        self.times = EditTimes::default();
+        self.submissions = 0;
         if self.roster.states.active() == 0 {
             return Ok(0);
         }
@@ -108,7 +108,6 @@ impl GpuScene {
         found: &mut Vec<Pair>,
     ) -> Result<u64, CullError> {
         let threads = self.threads();
-        let mut clock = Clock::start();
         let (slots, count) = (self.roster.states.index_end() as u64, queries.len() as u64);
         let active = self.roster.states.active() as u64;
         let set = [Step::Set(Sets {
@@ -129,36 +128,38 @@ impl GpuScene {
         let gpu_error = |error: GpuError| gpu.cull_error(ENGINE, &error);
         let placed = replica.place(sets, &[], apart, question.slots, Names::Kept, threads);
         let Placed { queries: apart, mut replaced } = placed.map_err(gpu_error)?;
-        clock.lap(&mut self.times.upload);
         if are_entries {
             self.layouts.note_queries(&question, queries);
         }
         let binding_bytes = replica.tools.binding_bytes;
-        let mut room = Room { pairs: self.query_pairs, ..self.rooms.0[question.mode as usize] };
+        let mut room = Room { pairs: self.query_pairs, ..self.rooms[question.mode as usize] };
         room = Room::expected(&question, room).within(binding_bytes);
         loop {
             // Until the queries have their answer: an error leaves nothing to rely on.
             let standing = self.standing.take();
             let layout = standing.unwrap_or_else(|| self.layouts.layout(&question));
             let builds = std::mem::take(&mut replaced) || standing.is_none();
-            let way = apart.as_ref().map_or(Way::Entries, |boxes| Way::Grid { boxes, builds });
+            let count = count as u32;
+            let search = apart.as_ref().map_or(Search::Entries(count), |boxes| Search::Grid {
+                count,
+                boxes,
+                builds,
+            });
             let asked = Asked {
                 question,
-                search: Search::Queries(Queries { count: count as u32, way }),
+                search,
                 layout,
-                sizes: Sizes::of(&question, &layout, count),
+                sizes: Sizes::of(&question, &layout, count.into()),
                 room,
                 epoch: self.epoch,
                 naming: 0,
                 // Each time: the last submission has emptied their records.
                 applies: are_entries,
             };
-            clock.lap(&mut self.times.plan);
             let replica = self.replicas.first();
             let made = replica.submit(&asked).map_err(gpu_error)?;
             let summary = replica.wait(&asked).map_err(gpu_error)?;
-            self.times.submissions += 1;
-            clock.lap(&mut self.times.gpu);
+            self.submissions += 1;
             self.note_stages()?;
             let (pairs, tested) = (wide(summary.found), wide(summary.tested));
             if u64::from(summary.entries) > made.entries {
@@ -167,7 +168,7 @@ impl GpuScene {
             }
             // What looks are all boxes, or the queries, and all that those find is worth a test.
             let all = u64::from(summary.entries) + u64::from(summary.rows);
-            let looked = if are_entries { all } else { count + pairs };
+            let looked = if are_entries { all } else { u64::from(count) + pairs };
             let is_bad = self.layouts.note_search(&question, &summary, looked, tested);
             if summary.tested[1] >= search::BUDGET {
                 return Err(CullError::TooCrowded { engine: ENGINE });
@@ -189,10 +190,9 @@ impl GpuScene {
                 self.standing = None;
                 self.is_second_grid = true;
             }
-            self.rooms.0[question.mode as usize].entries = u64::from(summary.entries);
+            self.rooms[question.mode as usize].entries = u64::from(summary.entries);
             self.query_pairs = pairs;
             self.append(pairs as usize, first, found)?;
-            clock.lap(&mut self.times.sort);
             return Ok(tested);
         }
     }

@@ -2,7 +2,6 @@
 //! another; a search is shared out.
 
 use std::sync::Arc;
-use std::time::{Duration, Instant};
 
 use pairmask_core::Aabb;
 use pairmask_core::engine::CullError;
@@ -27,7 +26,6 @@ pub(super) struct Replica {
 }
 
 pub(super) struct Placed {
-    /// Queries, where the GPU sees them.
     pub queries: Option<Part>,
     /// Whether blocks are others, so that nothing stands in them.
     pub replaced: bool,
@@ -47,7 +45,7 @@ pub(super) enum Names {
 impl Replica {
     fn new(tools: &Arc<SceneTools>) -> Self {
         Self {
-            upload: Upload::new(tools.imports.clone()),
+            upload: Upload::default(),
             memory: Memory::new(tools),
             tools: Arc::clone(tools),
             frames: Frames::new(QueueRole::Frames),
@@ -105,9 +103,9 @@ impl Replica {
     /// Waits for what was begun, and reads what the host learns of a search.
     pub fn wait(&mut self, asked: &Asked<'_>) -> Result<SceneSummary, GpuError> {
         let Self { tools, frames, .. } = self;
-        frames.last_mut().map_or(Ok(()), |frame| frame.end(tools.wait, patience(tools)))?;
-        let mut summary = [bytemuck::Zeroable::zeroed()];
-        if let Search::Pairs(_) | Search::Queries(_) = asked.search {
+        frames.last_mut().map_or(Ok(()), |frame| frame.end(patience(tools)))?;
+        let mut summary = [SceneSummary::default()];
+        if !matches!(asked.search, Search::Nothing) {
             self.blocks.as_ref().ok_or(GpuError::Lost)?.summary.block.read(0, &mut summary);
         }
         Ok(summary[0])
@@ -213,52 +211,12 @@ pub(super) fn sum(shares: &[SceneSummary]) -> SceneSummary {
         let all: u64 = shares.iter().map(|share| wide(of(share))).sum();
         [all as u32, (all >> 32) as u32]
     };
-    let first = shares.first().copied().unwrap_or_else(bytemuck::Zeroable::zeroed);
+    let first = shares.first().copied().unwrap_or_default();
     SceneSummary {
         entries: shares.iter().map(|share| share.entries).max().unwrap_or(0),
         found: words(|share| share.found),
         ended: words(|share| share.ended),
         tested: words(|share| share.tested),
         ..first
-    }
-}
-
-/// Time of an edit by its parts, for measurements.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct EditTimes {
-    /// The edit was checked, and the host's bits changed.
-    pub check: Duration,
-    /// It was brought to where the GPU sees it.
-    pub upload: Duration,
-    /// The layout was chosen, and blocks and recordings were made ready.
-    pub plan: Duration,
-    /// The GPU was asked and waited for.
-    pub gpu: Duration,
-    /// What it found was read and sorted.
-    pub sort: Duration,
-    pub submissions: u32,
-    /// Times of the stages of the last submission, if they are taken.
-    pub stages: Vec<StepTime>,
-}
-
-impl EditTimes {
-    pub fn total(&self) -> Duration {
-        self.check + self.upload + self.plan + self.gpu + self.sort
-    }
-}
-
-/// A clock that is read at the end of each part.
-pub(super) struct Clock(Instant);
-
-impl Clock {
-    pub fn start() -> Self {
-        Self(Instant::now())
-    }
-
-    /// Adds the time since the last lap to a part.
-    pub fn lap(&mut self, part: &mut Duration) {
-        let now = Instant::now();
-        *part += now - self.0;
-        self.0 = now;
     }
 }

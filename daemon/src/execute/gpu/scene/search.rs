@@ -25,29 +25,52 @@ const TALLY_BYTES: u64 = 4 * 7;
 /// software adapter.
 const PATIENCE: [Duration; 2] = [Duration::from_secs(20), Duration::from_secs(600)];
 
-/// The stages that every scene needs.
+/// The stages that every scene needs: all but those of shares.
 pub(super) fn stages() -> impl Iterator<Item = Stage> {
-    use SceneStage::{Apply, Cells, Mark, Pairs, Place};
-    use SceneStage::{Query, QueryDeal, QueryRows, QuerySort, QueryStarts};
-    let edits = [Apply, Mark, Cells, Place, Pairs];
-    let queries = [Query, QueryRows, QueryStarts, QueryDeal, QuerySort];
-    edits.into_iter().chain(queries).map(Stage::Scene).chain([Stage::Grid(GridStage::Scan)])
+    let scene = SceneStage::ALL.into_iter().filter(|stage| *stage != SceneStage::SharedPairs);
+    scene.map(Stage::Scene).chain([Stage::Grid(GridStage::Scan)])
 }
 
-/// What a submission searches for.
 #[derive(Clone, Copy)]
 pub(super) enum Search<'a> {
     /// Nothing: an edit is applied.
     Nothing,
     Pairs(Share),
-    Queries(Queries<'a>),
+    /// So many queries, which are what the edit sets, behind the scene's records, and the entries of the grid. The boxes
+    /// of the scene look for them.
+    Entries(u32),
+    /// Queries that lie here and look for boxes in the grid of all boxes, which is built first or stands since the last
+    /// submission.
+    Grid {
+        count: u32,
+        boxes: &'a Part,
+        builds: bool,
+    },
 }
 
 impl Search<'_> {
     /// Has queries build their grid: what stood is gone.
     pub fn build(&mut self) {
-        if let Self::Queries(Queries { way: Way::Grid { builds, .. }, .. }) = self {
+        if let Self::Grid { builds, .. } = self {
             *builds = true;
+        }
+    }
+
+    const fn queries(&self) -> u32 {
+        match self {
+            Self::Nothing | Self::Pairs(_) => 0,
+            Self::Entries(count) | Self::Grid { count, .. } => *count,
+        }
+    }
+
+    /// The stage that looks, if one does.
+    const fn stage(&self) -> Option<SceneStage> {
+        match self {
+            Self::Nothing => None,
+            Self::Pairs(Share { count: 0 | 1, .. }) => Some(SceneStage::Pairs),
+            Self::Pairs(_) => Some(SceneStage::SharedPairs),
+            Self::Entries(_) => Some(SceneStage::QueryRows),
+            Self::Grid { .. } => Some(SceneStage::Query),
         }
     }
 }
@@ -57,31 +80,7 @@ impl Search<'_> {
 pub(super) struct Share {
     /// From 0 on.
     pub index: u32,
-    /// GPUs that search.
     pub count: u32,
-}
-
-impl Share {
-    /// All of it.
-    pub const WHOLE: Self = Self { index: 0, count: 1 };
-}
-
-/// Queries of a submission.
-#[derive(Clone, Copy)]
-pub(super) struct Queries<'a> {
-    pub count: u32,
-    pub way: Way<'a>,
-}
-
-/// How queries are answered.
-#[derive(Clone, Copy)]
-pub(super) enum Way<'a> {
-    /// They are what the edit sets, behind the scene's records, and the entries of the grid. The boxes of the scene
-    /// look for them.
-    Entries,
-    /// They lie here and look for boxes in the grid of all boxes, which is built first or stands since the last
-    /// submission.
-    Grid { boxes: &'a Part, builds: bool },
 }
 
 #[derive(Clone, Copy)]
@@ -90,7 +89,6 @@ pub(super) struct Asked<'a> {
     pub search: Search<'a>,
     pub layout: GridLayout,
     pub sizes: Sizes,
-    /// What there is to be room for.
     pub room: Room,
     /// The number of the history under way, of 56 bits.
     pub epoch: u64,
@@ -102,46 +100,32 @@ pub(super) struct Asked<'a> {
 
 pub(super) struct Task<'a> {
     pub asked: Asked<'a>,
-    /// What is applied first.
     pub edit: &'a Uploaded,
     pub blocks: &'a Blocks,
 }
 
-/// All that a recording depends on, but for blocks that are kept until all recordings are dropped.
+/// All that a recording depends on, but for blocks that are kept until all recordings are dropped. Stages are named by
+/// their workgroups.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Shape {
     apply: u32,
+    /// None where it is 0.
     mark: u32,
     slots: u32,
     scan: u32,
     entries: u32,
-    rows: u32,
-    search: SearchShape,
-    boxes: Place,
-    box_bytes: u64,
+    looking: Option<(SceneStage, u32)>,
+    /// Of queries: those of the stages that prepare the sorting, and that sort.
+    sorting: Option<[u32; 2]>,
+    /// Whether the grid is built, and not that of the last submission.
+    builds: bool,
+    /// Where records are emptied at the end, and how many bytes.
+    emptied: [u64; 2],
+    /// The boxes that are set and the queries that lie apart, and how many bytes.
+    boxes: [Option<(Place, u64)>; 2],
     /// Whole blocks: short lists lie in another one than long ones.
     indices: Place,
     marks: Place,
-}
-
-/// What is recorded of a search; of queries the workgroups that look, that prepare the sorting, and that sort.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum SearchShape {
-    Nothing,
-    Pairs {
-        is_shared: bool,
-    },
-    /// Where the records of the queries are, and how many bytes.
-    Entries {
-        records: [u64; 2],
-        groups: [u32; 3],
-    },
-    Grid {
-        boxes: Place,
-        box_bytes: u64,
-        builds: bool,
-        groups: [u32; 3],
-    },
 }
 
 pub(super) type Frames = FrameCache<Shape>;
@@ -157,8 +141,8 @@ impl Task<'_> {
         let StageParts { unsorted, rows, entries, sorted, found, .. } = &self.blocks.stages;
         let items = |part: &Part, bytes: u64| part.bytes / bytes;
         let pairs = match self.asked.search {
-            Search::Queries(_) => items(found, 8).min(items(unsorted, 8)).min(items(rows, 8)),
             Search::Nothing | Search::Pairs(_) => items(found, 8),
+            _ => items(found, 8).min(items(unsorted, 8)).min(items(rows, 8)),
         };
         Room { entries: items(entries, 16).min(items(sorted, 32)), pairs }
     }
@@ -167,11 +151,8 @@ impl Task<'_> {
         let Asked { question, search, sizes, epoch, naming, applies, .. } = self.asked;
         let &Uploaded { set_count, set_first, mark_count, .. } = self.edit;
         let room = self.room_made();
-        let (share, query_count) = match search {
-            Search::Nothing => (Share::WHOLE, 0),
-            Search::Pairs(share) => (share, 0),
-            Search::Queries(queries) => (Share::WHOLE, queries.count),
-        };
+        let whole = Share { index: 0, count: 1 };
+        let share = if let Search::Pairs(share) = search { share } else { whole };
         let (set_count, mark_count) = if applies { (set_count, mark_count) } else { (0, 0) };
         SceneParams {
             slots: question.slots as u32,
@@ -190,7 +171,7 @@ impl Task<'_> {
             filter_words: sizes.filter_words as u32,
             control_words: sizes.control_words as u32,
             budget: BUDGET,
-            query_count,
+            query_count: search.queries(),
             thread_rounds: self.row_rounds(tools),
             rows_together: rows_together(tools) as u32,
             share_count: share.count,
@@ -210,49 +191,41 @@ impl Task<'_> {
     fn shape(&self, tools: &SceneTools) -> Shape {
         let (edit, Asked { question, search, sizes, applies, .. }) = (self.edit, &self.asked);
         let items = question.items(rows_together(tools));
-        let search = match *search {
-            Search::Nothing => SearchShape::Nothing,
-            Search::Pairs(share) => SearchShape::Pairs { is_shared: share.count > 1 },
-            Search::Queries(Queries { count, way }) => {
-                let count = u64::from(count);
-                let groups = |looking| {
-                    [plan::groups(looking), plan::groups(count), plan::groups_of_rows(count)]
-                };
-                match way {
-                    Way::Entries => {
-                        let first = u64::from(edit.set_first.unwrap_or(0));
-                        let records = [first, count].map(|records| records * RECORD_BYTES);
-                        SearchShape::Entries { records, groups: groups(items) }
-                    }
-                    Way::Grid { boxes, builds } => SearchShape::Grid {
-                        boxes: Place::of(boxes),
-                        box_bytes: boxes.bytes,
-                        builds,
-                        groups: groups(count * u64::from(QUERY_LANES)),
-                    },
-                }
+        let queries = u64::from(search.queries());
+        let of = |boxes: &Part| (Place::of(boxes), boxes.bytes);
+        let (mut looking, mut apart, mut builds, mut emptied) = (items, None, true, [0; 2]);
+        match *search {
+            Search::Entries(_) => {
+                let first = u64::from(edit.set_first.unwrap_or(0));
+                emptied = [first, queries].map(|records| records * RECORD_BYTES);
             }
-        };
+            Search::Grid { boxes, builds: is_built, .. } => {
+                looking = queries * u64::from(QUERY_LANES);
+                (apart, builds) = (Some(of(boxes)), is_built);
+            }
+            _ => {}
+        }
         // A thread zeroes four words in the time that it takes to set a box.
-        let zeroing = if search == SearchShape::Nothing { 0 } else { sizes.zeroed_words() / 16 };
+        let zeroing = search.stage().map_or(0, |_| sizes.zeroed_words() / 16);
         let sets = if *applies { u64::from(edit.set_count) } else { 0 };
         let marks = if *applies { edit.mark_count } else { 0 };
         Shape {
             apply: plan::groups(sets.max(zeroing)),
             mark: if marks == 0 { 0 } else { plan::groups(u64::from(marks)) },
             slots: plan::groups(question.slots),
-            scan: plan::groups_of_scan(sizes.sums),
+            // It has no loop over batches.
+            scan: sizes.sums.next_power_of_two(),
             entries: plan::groups(question.entries()),
-            rows: plan::groups(items),
-            search,
-            boxes: Place::of(&edit.boxes),
-            box_bytes: edit.boxes.bytes,
+            looking: search.stage().map(|stage| (stage, plan::groups(looking))),
+            sorting: (queries > 0).then(|| [plan::groups(queries), plan::groups_of_rows(queries)]),
+            builds,
+            emptied,
+            boxes: [Some(of(&edit.boxes)), apart],
             indices: Place::of(&edit.indices),
             marks: Place::of(&edit.marks),
         }
     }
 
-    /// All that stages bind, by their names.
     fn named(&self) -> Vec<(&'static str, &Part)> {
         let (edit, blocks) = (self.edit, self.blocks);
         let mut parts = blocks.stages.named();
@@ -260,14 +233,14 @@ impl Task<'_> {
         parts.extend([("boxes", &edit.boxes), ("indices", &edit.indices), ("marks", &edit.marks)]);
         // When pairs are dealt, where those of each query begin has become where they end.
         parts.push(("ends", &blocks.starts));
-        if let Search::Queries(Queries { way: Way::Grid { boxes, .. }, .. }) = self.asked.search {
+        if let Search::Grid { boxes, .. } = self.asked.search {
             parts.push(("queries", boxes));
         }
         parts
     }
 
     fn steps(&self, tools: &SceneTools, shape: &Shape) -> Result<Vec<Command>, GpuError> {
-        use SceneStage::{Apply, Cells, Mark, Pairs, Place, SharedPairs};
+        use SceneStage::{Apply, Cells, Mark, Place};
         use SceneStage::{Query, QueryDeal, QueryRows, QuerySort, QueryStarts};
         let parts = self.named();
         // What queries find is put in order first.
@@ -283,42 +256,32 @@ impl Task<'_> {
         let zero = |part: Part| Command::Fill { part, word: 0 };
         let control = &self.blocks.control.block;
         let mut steps = Vec::new();
-        // Whether the grid stands since the last submission.
-        let stands = matches!(shape.search, SearchShape::Grid { builds: false, .. });
-        if stands {
-            steps.push(zero(Part::of(control, TALLY_OFFSET, TALLY_BYTES)));
-        } else {
+        if shape.builds {
             steps.push(scene(Apply, shape.apply)?);
             if shape.mark != 0 {
                 steps.push(scene(Mark, shape.mark)?);
             }
+        } else {
+            steps.push(zero(Part::of(control, TALLY_OFFSET, TALLY_BYTES)));
         }
-        if !stands && shape.search != SearchShape::Nothing {
+        if shape.builds && shape.looking.is_some() {
             steps.push(scene(Cells, shape.slots)?);
             steps.push(stage(Stage::Grid(GridStage::Scan), shape.scan)?);
             steps.push(scene(Place, shape.entries)?);
         }
-        match shape.search {
-            SearchShape::Nothing => {}
-            SearchShape::Pairs { is_shared } => {
-                steps.push(scene(if is_shared { SharedPairs } else { Pairs }, shape.rows)?);
-            }
-            SearchShape::Entries { groups: [looking, ..], .. } => {
+        if let Some((looks, groups)) = shape.looking {
+            if looks == QueryRows {
                 steps.push(zero(self.blocks.counts.clone()));
-                steps.push(scene(QueryRows, looking)?);
             }
-            SearchShape::Grid { groups: [looking, ..], .. } => {
-                steps.push(scene(Query, looking)?);
-            }
+            steps.push(scene(looks, groups)?);
         }
-        if let SearchShape::Entries { groups: [_, one_a_query, sorting], .. }
-        | SearchShape::Grid { groups: [_, one_a_query, sorting], .. } = shape.search
-        {
+        if let Some([one_a_query, sorting]) = shape.sorting {
             steps.push(scene(QueryStarts, one_a_query)?);
             steps.push(scene(QueryDeal, sorting)?);
             steps.push(scene(QuerySort, sorting)?);
         }
-        if let SearchShape::Entries { records: [first, bytes], .. } = shape.search {
+        let [first, bytes] = shape.emptied;
+        if bytes > 0 {
             // Their records are without a box again, as all behind the scene's are.
             steps.push(zero(Part::of(&self.blocks.now.block, first, bytes)));
         }
@@ -327,7 +290,7 @@ impl Task<'_> {
 
     pub fn submit(&self, tools: &SceneTools, frames: &mut Frames) -> Result<(), GpuError> {
         self.blocks.params.block.write(0, &[self.params(tools)]);
-        if !matches!(self.asked.search, Search::Nothing) {
+        if self.asked.search.stage().is_some() {
             self.blocks.grid.block.write(0, &[self.asked.layout]);
         }
         let shape = self.shape(tools);

@@ -1,17 +1,15 @@
-//! How an edit comes to the GPU: boxes are read where they lie, if that memory is imported, else copied;
-//! indices and marks are copied, since they were checked.
+//! How an edit comes to the GPU: as a copy.
 
 use std::sync::Arc;
 
+use bytemuck::Pod;
 use pairmask_core::Aabb;
 use pairmask_core::scene::{Edit, Indices, Sets};
 use rayon::iter::{IndexedParallelIterator as _, ParallelIterator as _};
 use rayon::slice::ParallelSlice as _;
 
-use crate::execute::gpu::{Access, Gpu, GpuError, Growing, Home, Part, SharedImports};
+use crate::execute::gpu::{Gpu, GpuError, Growing, Home, Part};
 
-/// Boxes up to this many bytes are stored by the CPU even where the GPU could read them across the link.
-const STORED_FIRST_BYTES: u64 = 32 << 10;
 /// Copies up to so many bytes go to video memory straight, which the CPU stores into at 19 GB/s; the GPU
 /// reads larger ones from host memory, where several threads copy faster.
 const MAPPED_BYTES: u64 = 1 << 20;
@@ -24,32 +22,49 @@ struct Staging {
     host: Growing,
 }
 
-impl Staging {
-    const fn new() -> Self {
+impl Default for Staging {
+    fn default() -> Self {
         Self { mapped: Growing::new(Home::MappedVideo), host: Growing::new(Home::Host) }
     }
+}
 
-    fn at_least(
+impl Staging {
+    /// Bytes copied to where the GPU sees them, with one thread on none of the pool: its work would wait there behind
+    /// others' that wait for the GPU that this thread holds. The part is the whole block, so that frames of edits of
+    /// other sizes bind the same. `replaced` is set if the block is another.
+    fn copied(
         &mut self,
         gpu: &Arc<Gpu>,
-        bytes: u64,
+        values: &[impl Pod],
+        threads: usize,
         replaced: &mut bool,
     ) -> Result<Part, GpuError> {
-        let is_mapped = gpu.limits().mapped_video_memory && bytes <= MAPPED_BYTES;
+        let bytes: &[u8] = bytemuck::cast_slice(values);
+        let len = bytes.len() as u64;
+        let is_mapped = gpu.limits().mapped_video_memory && len <= MAPPED_BYTES;
         let growing = if is_mapped { &mut self.mapped } else { &mut self.host };
-        growing.part(gpu, bytes.max(1), replaced)
+        let Part { block, .. } = growing.part(gpu, len.max(1), replaced)?;
+        let most = gpu.limits().storage_binding_bytes;
+        if len > most {
+            return Err(GpuError::OutOfMemory { bytes: len });
+        }
+        if threads == 1 || bytes.len() <= 2 * COPY_BYTES {
+            block.write(0, bytes);
+        } else {
+            let chunks = bytes.par_chunks(COPY_BYTES).enumerate();
+            chunks.for_each(|(at, chunk)| block.write((at * COPY_BYTES) as u64, chunk));
+        }
+        Ok(Part::of(&block, 0, block.bytes().min(most)))
     }
 }
 
 pub(super) struct Uploaded {
-    /// Boxes that are set.
     pub boxes: Part,
     /// Their indices, where they are a list.
     pub indices: Part,
     pub set_count: u32,
     /// The index of the first, where they are a range.
     pub set_first: Option<u32>,
-    /// Boxes that are removed or flagged.
     pub marks: Part,
     pub mark_count: u32,
 }
@@ -103,8 +118,8 @@ impl Gathered {
     }
 }
 
+#[derive(Default)]
 pub(super) struct Upload {
-    imports: SharedImports,
     boxes: Staging,
     indices: Staging,
     marks: Staging,
@@ -112,16 +127,6 @@ pub(super) struct Upload {
 }
 
 impl Upload {
-    pub fn new(imports: SharedImports) -> Self {
-        Self {
-            imports,
-            boxes: Staging::new(),
-            indices: Staging::new(),
-            marks: Staging::new(),
-            queries: Staging::new(),
-        }
-    }
-
     /// Brings what an edit sets, and its marks. `replaced` is set if a block was.
     pub fn place(
         &mut self,
@@ -132,13 +137,12 @@ impl Upload {
         replaced: &mut bool,
     ) -> Result<Uploaded, GpuError> {
         let GatheredSets { boxes, indices, first } = sets;
-        let (indices, mark_bytes) = (bytemuck::cast_slice(indices), bytemuck::cast_slice(marks));
         Ok(Uploaded {
-            boxes: place_boxes(gpu, &self.imports, &mut self.boxes, boxes, threads, replaced)?,
-            indices: copied(gpu, &mut self.indices, indices, threads, replaced)?,
+            boxes: self.boxes.copied(gpu, boxes, threads, replaced)?,
+            indices: self.indices.copied(gpu, indices, threads, replaced)?,
             set_count: boxes.len() as u32,
             set_first: first,
-            marks: copied(gpu, &mut self.marks, mark_bytes, threads, replaced)?,
+            marks: self.marks.copied(gpu, marks, threads, replaced)?,
             mark_count: marks.len() as u32,
         })
     }
@@ -151,47 +155,6 @@ impl Upload {
         threads: usize,
         replaced: &mut bool,
     ) -> Result<Part, GpuError> {
-        place_boxes(gpu, &self.imports, &mut self.queries, queries, threads, replaced)
+        self.queries.copied(gpu, queries, threads, replaced)
     }
-}
-
-fn place_boxes(
-    gpu: &Arc<Gpu>,
-    imports: &SharedImports,
-    staging: &mut Staging,
-    boxes: &[Aabb],
-    threads: usize,
-    replaced: &mut bool,
-) -> Result<Part, GpuError> {
-    let bytes = size_of_val(boxes) as u64;
-    if bytes > STORED_FIRST_BYTES
-        && let Some(part) = imports.part(gpu, boxes.as_ptr() as usize, bytes, Access::Read)
-    {
-        return Ok(part);
-    }
-    copied(gpu, staging, bytemuck::cast_slice(boxes), threads, replaced)
-}
-
-/// Bytes copied to where the GPU sees them, with one thread on none of the pool: its work would wait there behind
-/// others' that wait for the GPU that this thread holds. The part is the whole block, so that frames of edits of
-/// other sizes bind the same.
-fn copied(
-    gpu: &Arc<Gpu>,
-    staging: &mut Staging,
-    bytes: &[u8],
-    threads: usize,
-    replaced: &mut bool,
-) -> Result<Part, GpuError> {
-    let Part { block, .. } = staging.at_least(gpu, bytes.len() as u64, replaced)?;
-    let most = gpu.limits().storage_binding_bytes;
-    if bytes.len() as u64 > most {
-        return Err(GpuError::OutOfMemory { bytes: bytes.len() as u64 });
-    }
-    if threads == 1 || bytes.len() <= 2 * COPY_BYTES {
-        block.write(0, bytes);
-    } else {
-        let chunks = bytes.par_chunks(COPY_BYTES).enumerate();
-        chunks.for_each(|(at, chunk)| block.write((at * COPY_BYTES) as u64, chunk));
-    }
-    Ok(Part::of(&block, 0, block.bytes().min(most)))
 }

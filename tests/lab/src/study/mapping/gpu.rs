@@ -9,8 +9,7 @@ use pairmask_core::aabb::KeyBox;
 use pairmask_core::{Aabb, BoxCount};
 use pairmask_shaders::constants::BATCH_BOXES;
 use pairmaskd::execute::gpu::{
-    Block, Checks, Command, Frame, Gpu, GpuError, Home, Part, Pipeline, Pipelines, StageFault,
-    StepTime, Wait,
+    Block, Checks, Command, Frame, Gpu, GpuError, Home, Part, Pipeline, Pipelines, StepTime,
 };
 
 use super::Plan;
@@ -50,11 +49,7 @@ impl Bench {
         let pipeline = if let Some(made) = self.made.get(&stage) {
             Arc::clone(made)
         } else {
-            let composed = stage.composed().map_err(|_| GpuError::Stage {
-                stage: stage.file().label,
-                why: StageFault::Compose,
-            })?;
-            let pipeline = self.pipelines.compile(&composed)?;
+            let pipeline = self.pipelines.compile(&stage.composed())?;
             self.made.insert(stage, Arc::clone(&pipeline));
             pipeline
         };
@@ -72,9 +67,8 @@ impl Bench {
         Ok(frame)
     }
 
-    pub(crate) fn run(&self, frame: &mut Frame) -> Result<Vec<StepTime>, GpuError> {
-        let wait = if self.gpu.info().is_software() { Wait::Block } else { Wait::Spin };
-        frame.run(wait, PATIENCE)?;
+    pub(crate) fn run(frame: &mut Frame) -> Result<Vec<StepTime>, GpuError> {
+        frame.run(PATIENCE)?;
         frame.step_times()
     }
 
@@ -87,7 +81,7 @@ impl Bench {
     ) -> Result<(), GpuError> {
         let step = self.command(stage, blocks, params, groups)?;
         let mut frame = self.frame(vec![step])?;
-        self.run(&mut frame).map(drop)
+        Self::run(&mut frame).map(drop)
     }
 
     pub(crate) fn block(&self, home: Home, bytes: u64) -> Result<Arc<Block>, GpuError> {
@@ -150,7 +144,7 @@ pub fn count(
     let count = bench.command(stage, &[&tally, &named], &params, groups)?;
     let clear = Command::Fill { part: Part::whole(&named), word: 0 };
     let mut frame = bench.frame(vec![clear, count])?;
-    bench.run(&mut frame)?;
+    Bench::run(&mut frame)?;
     let mut counts = [0u32; 6];
     tally.read(0, &mut counts);
     let [ids, skipped, wrong, wrong_named, largest_row_error, distinct] = counts.map(u64::from);
@@ -205,15 +199,15 @@ pub fn ms(
         && let Some(mut trial) = frame_of(bench, TRIAL_WORDS)?
     {
         // The first run compiles and wakes the device.
-        bench.run(&mut trial)?;
-        let ns: f64 = bench.run(&mut trial)?.iter().map(|step| step.ns).sum();
+        Bench::run(&mut trial)?;
+        let ns: f64 = Bench::run(&mut trial)?.iter().map(|step| step.ns).sum();
         let expected_s = ns * 1e-9 * (words as f64 / TRIAL_WORDS as f64);
         if expected_s > plan.longest_run.as_secs_f64() {
             return Ok(None);
         }
     }
     let Some(mut frame) = frame_of(bench, words)? else { return Ok(None) };
-    let ms = || Ok(bench.run(&mut frame)?.iter().map(|step| step.ns).sum::<f64>() * 1e-6);
+    let ms = || Ok(Bench::run(&mut frame)?.iter().map(|step| step.ns).sum::<f64>() * 1e-6);
     Ok(Some(median(within(plan, ms)?)))
 }
 
@@ -275,7 +269,7 @@ pub fn mask(
     let steps = vec![clear, copy(&staged, &video_keys), kernel, copy(&video_out, &back)];
     let mut frame = bench.frame(steps)?;
     let runs = within(plan, || {
-        let steps = bench.run(&mut frame)?;
+        let steps = Bench::run(&mut frame)?;
         Ok([1, 2, 3].map(|step: usize| steps.get(step).map_or(f64::NAN, |step| step.ns * 1e-6)))
     })?;
     let ms = std::array::from_fn(|part| median(runs.iter().map(|run| run[part]).collect()));

@@ -5,7 +5,7 @@
 
 use std::fmt;
 
-use pairmask_shaders::{ComposeError, ComposedStage, compose, shared_part};
+use pairmask_shaders::{ComposedStage, compose, shared_part};
 
 /// First guesses of an inverse square root, subtracted from half the bits of the number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -212,13 +212,9 @@ impl MappingStage {
         })
     }
 
-    pub fn composed(self) -> Result<ComposedStage, ComposeError> {
+    pub fn composed(self) -> ComposedStage {
         let File { label, text } = self.file();
-        let unknown =
-            |name: &str| ComposeError::UnknownImport { stage: label, import: name.to_owned() };
-        let part = |name: &str| {
-            self.shared(name).or_else(|| shared_part(name)).ok_or_else(|| unknown(name))
-        };
-        Ok(ComposedStage { label, wgsl: compose(text, &part)? })
+        let part = |name: &str| self.shared(name).or_else(|| shared_part(name));
+        ComposedStage { label, wgsl: compose(text, &part) }
     }
 }
