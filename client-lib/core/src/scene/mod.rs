@@ -56,7 +56,6 @@ mod store;
 mod whole;
 
 pub use self::answer::{EndReason, Ended, Report, Reported, SceneSkips, is_resync_due};
-pub use self::check::len_after;
 pub use self::copy::{SceneCopy, WholeScene};
 pub use self::edit::{Edit, Indices, Sets, Step, Tags};
 pub use self::error::{EditError, SceneError};
