@@ -1,7 +1,5 @@
 //! The command line of the example.
 
-use std::fmt::Display;
-
 /// What `--help` prints.
 pub const HELP: &str = "\
 Four processes write one scene, a fifth listens; one of the four is killed and comes back.
@@ -35,26 +33,12 @@ pub struct Arguments {
     pub ticks: u64,
 }
 
-/// A wrong command line.
-#[derive(Debug, PartialEq, Eq)]
-pub struct ArgumentError {
-    flag: String,
-}
-
-impl Display for ArgumentError {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "'{}' is no flag, or has a wrong value: see --help", self.flag)
-    }
-}
-
-impl std::error::Error for ArgumentError {}
-
 impl Arguments {
     /// Reads flags, each followed by its value.
-    pub fn parse(mut words: impl Iterator<Item = String>) -> Result<Self, ArgumentError> {
+    pub fn parse(mut words: impl Iterator<Item = String>) -> Result<Self, String> {
         let mut arguments = Self { role: Role::Starter, boxes: 25_000, ticks: 300 };
         while let Some(flag) = words.next() {
-            let wrong = || ArgumentError { flag: flag.clone() };
+            let wrong = || format!("'{flag}' is no flag, or has a wrong value: see --help");
             let mut number = || words.next().and_then(|n| n.parse::<u32>().ok()).ok_or_else(wrong);
             match flag.as_str() {
                 "--help" | "-h" => arguments.role = Role::Help,

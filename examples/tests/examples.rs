@@ -75,27 +75,18 @@ fn output(binary: &str, arguments: &[&str], dir: &Path) -> String {
     String::from_utf8(output.stdout).unwrap()
 }
 
-/// What `minimal_client` prints when `by` serves. The order of the pairs is the engine's.
-fn check_minimal_client(text: &str, by: &str) {
-    let mut lines: Vec<&str> = text.lines().collect();
-    lines[1..].sort_unstable();
-    let pairs = ["boxes 0 and 1 overlap", "boxes 0 and 2 overlap", "boxes 1 and 2 overlap"];
-    assert_eq!(lines[0], format!("served by: {by}"));
-    assert_eq!(lines[1..], pairs);
-}
-
 #[test]
-fn minimal_client_in_process() {
-    let empty = tempfile::tempdir().unwrap();
-    let text = output(MINIMAL_CLIENT, &[], empty.path());
-    check_minimal_client(&text, "InProcess");
-}
-
-#[test]
-fn minimal_client_with_a_daemon() {
-    let daemon = daemon();
-    let text = output(MINIMAL_CLIENT, &[], daemon.dir().path());
-    check_minimal_client(&text, "Daemon");
+fn minimal_client_in_process_and_with_a_daemon() {
+    let (empty, daemon) = (tempfile::tempdir().unwrap(), daemon());
+    for (dir, by) in [(empty.path(), "InProcess"), (daemon.dir().path(), "Daemon")] {
+        let text = output(MINIMAL_CLIENT, &[], dir);
+        // The order of the pairs is the engine's.
+        let mut lines: Vec<&str> = text.lines().collect();
+        lines[1..].sort_unstable();
+        let pairs = ["boxes 0 and 1 overlap", "boxes 0 and 2 overlap", "boxes 1 and 2 overlap"];
+        assert_eq!(lines[0], format!("served by: {by}"));
+        assert_eq!(lines[1..], pairs);
+    }
 }
 
 #[test]

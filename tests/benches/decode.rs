@@ -69,83 +69,65 @@ fn decode(title: &str, written: &WrittenMask, expected: usize) {
     let mask = MaskView::new(written.n, &written.shape, &written.reply).expect("shape and reply");
     println!("\n{title}");
     assert_eq!(mask.pairs().count(), expected, "a bench of a wrong decoder measures nothing");
-    let row = |name: &str, median: Duration| {
-        let ns = median.as_secs_f64() * 1e9;
+    let row = |name: &str, run: &mut dyn FnMut()| {
+        let ns = median_of(run).as_secs_f64() * 1e9;
         let bytes = written.shape.mask_bytes() as f64;
         let per_pair = if expected == 0 { f64::NAN } else { ns / expected as f64 };
-        println!(
-            "    {name:40} {expected:>10} {:>9.1} {per_pair:>9.2} {:>8.2}",
-            ns / 1e3,
-            bytes / ns
-        );
+        let (us, rate) = (ns / 1e3, bytes / ns);
+        println!("    {name:40} {expected:>10} {us:>9.1} {per_pair:>9.2} {rate:>8.2}");
     };
-    row("reference: OR of all words", median_of(|| written.reply.iter().fold(0, |or, w| or | w)));
     let known = mask.to_vec();
     let mut list = Vec::with_capacity(known.len());
-    row(
-        "reference: copy of the pairs",
-        median_of(|| {
-            list.clear();
-            list.extend_from_slice(black_box(&known));
-        }),
-    );
-    row(
-        "for_each, sum",
-        median_of(|| {
-            let mut sum = 0u64;
-            mask.for_each(|a, b| sum += u64::from(a ^ b));
-            sum
-        }),
-    );
-    row(
-        "for_each_slice, sum",
-        median_of(|| {
-            let mut sum = 0u64;
-            mask.for_each_slice(|pairs| {
-                sum += pairs.iter().map(|[a, b]| u64::from(a ^ b)).sum::<u64>();
-            });
-            sum
-        }),
-    );
-    row(
-        "for_each, push",
-        median_of(|| {
-            list.clear();
-            mask.for_each(|a, b| list.push([a, b]));
-        }),
-    );
-    row(
-        "append_to",
-        median_of(|| {
-            list.clear();
-            mask.append_to(&mut list);
-        }),
-    );
-    row(
-        "for loop, sum",
-        median_of(|| {
-            let mut sum = 0u64;
-            for [a, b] in mask.pairs() {
-                sum += u64::from(a ^ b);
-            }
-            sum
-        }),
-    );
-    row("count", median_of(|| mask.count()));
-    row(
-        "par_pairs, sum",
-        median_of(|| mask.par_pairs().map(|[a, b]| u64::from(a ^ b)).sum::<u64>()),
-    );
+    row("reference: OR of all words", &mut || {
+        black_box(written.reply.iter().fold(0, |or, w| or | w));
+    });
+    row("reference: copy of the pairs", &mut || {
+        list.clear();
+        list.extend_from_slice(black_box(&known));
+    });
+    row("for_each, sum", &mut || {
+        let mut sum = 0u64;
+        mask.for_each(|a, b| sum += u64::from(a ^ b));
+        black_box(sum);
+    });
+    row("for_each_slice, sum", &mut || {
+        let mut sum = 0u64;
+        mask.for_each_slice(|pairs| {
+            sum += pairs.iter().map(|[a, b]| u64::from(a ^ b)).sum::<u64>();
+        });
+        black_box(sum);
+    });
+    row("for_each, push", &mut || {
+        list.clear();
+        mask.for_each(|a, b| list.push([a, b]));
+    });
+    row("append_to", &mut || {
+        list.clear();
+        mask.append_to(&mut list);
+    });
+    row("for loop, sum", &mut || {
+        let mut sum = 0u64;
+        for [a, b] in mask.pairs() {
+            sum += u64::from(a ^ b);
+        }
+        black_box(sum);
+    });
+    row("count", &mut || {
+        black_box(mask.count());
+    });
+    row("par_pairs, sum", &mut || {
+        black_box(mask.par_pairs().map(|[a, b]| u64::from(a ^ b)).sum::<u64>());
+    });
 }
 
 /// Median time of `run` over [`ROW_TIME`], after a warm-up.
-fn median_of<T>(mut run: impl FnMut() -> T) -> Duration {
+fn median_of(run: &mut dyn FnMut()) -> Duration {
     let mut times = Vec::new();
-    black_box(run());
+    run();
     let start = Instant::now();
     while start.elapsed() < ROW_TIME || times.len() < 5 {
         let before = Instant::now();
-        black_box(run());
+        run();
         times.push(before.elapsed());
     }
     times.sort_unstable();

@@ -11,22 +11,19 @@
 //! * `no rules`: a frame with rules that let all pairs meet, against one without rules.
 
 use std::error::Error;
-use std::hint::black_box;
 use std::sync::Arc;
 use std::time::Instant;
 
 use clap::Parser;
 use pairmask_core::filters::{Filter, FilterId, FilterTable, Rules, Tag, World};
 use pairmask_tests::frames::filtered;
-use pairmask_tests::measure::percentile;
+use pairmask_tests::measure::{self, percentile, print_row, visit};
 use pairmask_tests::prelude::*;
 use pairmaskd::execute::gpu::GpuChoice;
 use pairmaskd::scene::Random;
-use pairmaskd::spawn::{PrivateDaemon, PrivateSettings};
+use pairmaskd::spawn::PrivateDaemon;
 use serde_json::{Value, json};
 
-/// The daemon's own main, which cargo builds beside this bench.
-const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
 const WORLDS: usize = 4_096;
 /// Worlds in a line of the scene in which they lie side by side.
 const LINE: usize = 16;
@@ -80,18 +77,10 @@ impl Way {
         let mut frame = self.session.frame(boxes.len())?;
         frame.write(boxes)?;
         let begin = Instant::now();
-        let pending = match rules {
-            Some(rules) => frame.submit_with(&filtered(rules))?,
-            None => frame.submit()?,
-        };
-        let (mut sum, mut count) = (0u64, 0);
-        pending.wait()?.for_each_slice(|pairs| {
-            sum = pairs.iter().fold(sum, |sum, [a, b]| sum + u64::from(a ^ b));
-            count += pairs.len() as u64;
-        });
-        let took = begin.elapsed().as_nanos() as u64;
-        black_box(sum);
-        Ok((took, count))
+        let pending = frame.submit_with(&rules.map(filtered).unwrap_or_default())?;
+        let mask = pending.wait()?;
+        let count = visit(|each| mask.for_each_slice(each));
+        Ok((begin.elapsed().as_nanos() as u64, count))
     }
 
     fn spread(&self) -> [u64; 3] {
@@ -179,14 +168,9 @@ fn rows(options: &Options, daemon: &PrivateDaemon) -> Result<Vec<Value>, Box<dyn
         }
     }
     for n in [10_000, 100_000, 1_000_000] {
-        let boxes: Vec<Aabb> = {
-            let mut cube = cube(&mut Random::new(2), n);
-            // Boxes of side 3: some thirty pairs a box.
-            for b in &mut cube {
-                b.max = b.min.map(|x| x + 3.0);
-            }
-            cube
-        };
+        // Boxes of side 3: some thirty pairs a box.
+        let mut boxes = cube(&mut Random::new(2), n);
+        boxes.iter_mut().for_each(|b| b.max = b.min.map(|x| x + 3.0));
         let kinds: Vec<Filter> = (0..KINDS).map(|kind| Filter::new(1 << kind, 1 << kind)).collect();
         let mut rules = Rules::default();
         rules.table = FilterTable::new(&kinds)?;
@@ -202,8 +186,7 @@ fn rows(options: &Options, daemon: &PrivateDaemon) -> Result<Vec<Value>, Box<dyn
             let name = format!("filtered {n}");
             rows.push(row(&name, options, daemon, &mut filtered, &mut without)?);
         }
-        let open = Rules::default();
-        let open = Arc::new(open);
+        let open = Arc::new(Rules::default());
         let mut with_open = |way: &mut Way| way.answer(&boxes, Some(&open));
         if wants("rules") {
             let name = format!("no rules {n}");
@@ -217,8 +200,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let options = Options::parse();
     let pool = rayon::ThreadPoolBuilder::new().num_threads(options.threads);
     pool.use_current_thread().build_global()?;
-    let settings = PrivateSettings { gpu: options.gpu.clone().into(), ..Default::default() };
-    let daemon = PrivateDaemon::start(DAEMON.as_ref(), &settings)?;
+    let daemon = measure::daemon(options.gpu.clone())?;
     let rows = rows(&options, &daemon)?;
     if options.json {
         let (backend, threads) = (options.backend.to_string(), options.threads);
@@ -226,22 +208,8 @@ fn main() -> Result<(), Box<dyn Error>> {
         println!("{}", serde_json::to_string_pretty(&all)?);
         return Ok(());
     }
-    for row in rows {
-        let ms = |value: &Value| value.as_f64().unwrap_or(0.0) / 1e6;
-        let spread = |way: &str| {
-            let quartiles = &row[format!("{way}_quartiles_ns")];
-            let median = ms(&row[format!("{way}_ns")]);
-            format!("{median:.3} ms ({:.3} to {:.3})", ms(&quartiles[0]), ms(&quartiles[1]))
-        };
-        println!(
-            "{:>20} {:>32} {:>32} {:>7.3} {:>10} {:>10} pairs",
-            row["row"].as_str().unwrap_or(""),
-            spread("first"),
-            spread("second"),
-            row["ratio"].as_f64().unwrap_or(0.0),
-            row["first_pairs"],
-            row["second_pairs"],
-        );
-    }
+    let columns = "row first_ns first_quartiles_ns second_ns second_quartiles_ns ratio first_pairs \
+                   second_pairs";
+    rows.iter().for_each(|row| print_row(row, columns));
     Ok(())
 }

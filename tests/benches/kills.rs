@@ -12,8 +12,6 @@ use pairmask_tests::measure::percentile;
 use pairmask_tests::prelude::*;
 use pairmaskd::scene::{Scene, SceneName};
 
-/// The daemon's own main, which cargo builds beside this bench.
-const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
 /// Between two tries of the client.
 const RETRY: Duration = Duration::from_millis(1);
 
@@ -54,7 +52,7 @@ fn answered(session: &mut Session, boxes: &[Aabb]) -> Result<Duration, Box<dyn E
 fn main() -> Result<(), Box<dyn Error>> {
     let Options { gpu, kills, pause_ms, n, .. } = Options::parse();
     let scene = Scene::new(SceneName::Uniform, n, 1);
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", &gpu]);
+    let daemon = TestDaemon::start(&["--gpu", &gpu]);
     let mut session = daemon.session().answer_repeats(false).connect()?;
     answered(&mut session, scene.boxes())?;
     let mut gaps = Vec::new();

@@ -9,19 +9,18 @@
 //!   that of the two medians.
 
 use std::error::Error;
-use std::hint::black_box;
 use std::time::Instant;
 
 use clap::Parser;
-use pairmask_tests::measure::percentile;
+use pairmask::FrameOptions;
+use pairmask_tests::frames::two_sets;
+use pairmask_tests::measure::{self, percentile, print_row, visit};
 use pairmask_tests::prelude::*;
 use pairmaskd::execute::gpu::GpuChoice;
 use pairmaskd::scene::{Scene, SceneName};
-use pairmaskd::spawn::{PrivateDaemon, PrivateSettings};
+use pairmaskd::spawn::PrivateDaemon;
 use serde_json::{Value, json};
 
-/// The daemon's own main, which cargo builds beside this bench.
-const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
 const WARM_UP: usize = 5;
 /// Sets of queries that take turns, so that no answer lies in the caches from the one before.
 const SETS: usize = 8;
@@ -53,12 +52,6 @@ fn micros(since: Instant) -> f64 {
 fn session(daemon: &PrivateDaemon, backend: Backend, n: usize) -> Result<Session, Box<dyn Error>> {
     let capacity = BoxCount::new(u32::try_from(n)?);
     Ok(daemon.session().backend(backend).capacity(capacity).answer_repeats(false).connect()?)
-}
-
-fn visit(slices: impl FnOnce(&mut dyn FnMut(&[[u32; 2]]))) {
-    let mut sum = 0u64;
-    slices(&mut |pairs| sum = pairs.iter().fold(sum, |sum, [a, b]| sum + u64::from(a ^ b)));
-    black_box(sum);
 }
 
 fn ask(
@@ -110,7 +103,7 @@ fn ask(
     }))
 }
 
-fn two_sets(
+fn between_and_whole(
     daemon: &PrivateDaemon,
     backend: Backend,
     name: SceneName,
@@ -129,14 +122,8 @@ fn two_sets(
             let mut frame = session.frame(n)?;
             frame.write(scene.boxes())?;
             let begin = Instant::now();
-            let pending = match who {
-                0 => frame.submit_with(&pairmask::FrameOptions {
-                    filters: None,
-                    split_at: Some(first),
-                })?,
-                _ => frame.submit()?,
-            };
-            let mask: PairMask = pending.wait()?;
+            let options = [two_sets(first), FrameOptions::default()];
+            let mask = frame.submit_with(&options[who])?.wait()?;
             visit(|each| mask.for_each_slice(each));
             let took = micros(begin);
             counts[who] = mask.count();
@@ -153,33 +140,19 @@ fn two_sets(
     }))
 }
 
-fn print(row: &Value) {
-    let is_query = row["row"] == "queries";
-    let columns = if is_query {
-        "queries pairs first_us ask_us engine_us publish_us visit_us total_us"
-    } else {
-        "first pairs between_us whole_us ratio"
-    };
-    let number = |key: &str| match &row[key] {
-        Value::Number(number) if number.is_f64() => {
-            format!("{key} {:>9.3}", number.as_f64().unwrap_or(0.0))
-        }
-        other => format!("{key} {other:>9}"),
-    };
-    let numbers: Vec<String> = columns.split(' ').map(number).collect();
-    let text = |key: &str| row[key].as_str().unwrap_or_default().to_owned();
-    let [name, backend, scene] = ["row", "backend", "scene"].map(text);
-    println!("{name:<9}{backend:<11}{scene:<9}n {:>9}  {}", row["n"], numbers.join("  "));
-}
-
 fn main() -> Result<(), Box<dyn Error>> {
     let options = Options::parse();
-    let settings = PrivateSettings { gpu: options.gpu.clone().into(), ..Default::default() };
-    let daemon = PrivateDaemon::start(DAEMON.as_ref(), &settings)?;
+    let daemon = measure::daemon(options.gpu.clone())?;
     let mut rows = Vec::new();
     let mut note = |row: Value| {
         if !options.json {
-            print(&row);
+            let columns = match row["row"].as_str() {
+                Some("queries") => {
+                    "queries pairs first_us ask_us engine_us publish_us visit_us total_us"
+                }
+                _ => "first pairs between_us whole_us ratio",
+            };
+            print_row(&row, &format!("row backend scene n {columns}"));
         }
         rows.push(row);
     };
@@ -189,7 +162,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         }
         for share in [1_000, 100, 10, 2] {
             let first = (options.n / share).max(1);
-            note(two_sets(&daemon, *backend, SceneName::Uniform, first, &options)?);
+            note(between_and_whole(&daemon, *backend, SceneName::Uniform, first, &options)?);
         }
     }
     if options.json {

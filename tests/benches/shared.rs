@@ -13,12 +13,11 @@ use std::time::{Duration, Instant};
 
 use clap::Parser;
 use pairmask::{JoinOptions, Scene};
-use pairmask_tests::measure::percentile;
+use pairmask_tests::measure::{self, percentile};
 use pairmask_tests::prelude::*;
-use pairmaskd::spawn::{PrivateDaemon, PrivateSettings};
+use pairmaskd::execute::gpu::GpuChoice;
+use pairmaskd::spawn::PrivateDaemon;
 
-/// The daemon's own main, which cargo builds beside this bench.
-const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
 const WRITERS: u32 = 4;
 const WARM_UP: u64 = 10;
 /// Shares of the boxes that move, %.
@@ -160,13 +159,8 @@ fn measure(
             ends.wait();
             let shared = span.take_us();
             let start = Instant::now();
-            match alone.edit().set_all(&indices, &moved).commit(Report::Changes) {
-                Ok(answer) => {
-                    black_box((answer.begun().len(), answer.ended().len()));
-                }
-                // The writers wait for this thread at all barriers.
-                Err(error) => failed = Some(error),
-            }
+            // The writers wait for this thread at all barriers.
+            failed = commit(&mut alone, &indices, &moved).err().or(failed);
             let took = start.elapsed().as_secs_f64() * 1e6;
             rests.wait();
             if tick >= WARM_UP {
@@ -181,7 +175,7 @@ fn measure(
 
 fn main() -> Result<(), Box<dyn Error>> {
     let size = Size::parse();
-    let daemon = PrivateDaemon::start(DAEMON.as_ref(), &PrivateSettings::default())?;
+    let daemon = measure::daemon(GpuChoice::default())?;
     if !size.json {
         println!("moving   shared p50     p99   alone p50     p99   ratio of p50");
     }

@@ -94,9 +94,13 @@ impl<P: Program> Place<P> {
         finish(self.command(arguments).spawn().expect("the program starts"), P::NAME)
     }
 
-    /// Runs the program with the words of a line.
+    /// A command of the words of a line.
+    pub fn line(&self, line: &str) -> Command {
+        self.command(&line.split_whitespace().collect::<Vec<_>>())
+    }
+
     pub fn run_line(&self, line: &str) -> Finished {
-        self.run(&line.split_whitespace().collect::<Vec<_>>())
+        finish(self.line(line).spawn().expect("the program starts"), P::NAME)
     }
 
     pub fn run_with_input(&self, arguments: &[&str], input: &[u8]) -> Finished {

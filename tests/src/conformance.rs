@@ -73,13 +73,13 @@ pub fn mixed_flags() -> Vec<MixedFlags> {
     (0..37).map(mixed).collect()
 }
 
+pub fn pool(threads: usize) -> ThreadPool {
+    ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool")
+}
+
 /// Runs the whole suite and returns how many frames were checked, or which one the engine got wrong.
 pub fn check_engine(engine: &mut dyn Engine, suite: &Suite) -> Result<usize, String> {
-    let pools: Vec<(usize, ThreadPool)> = suite
-        .threads
-        .iter()
-        .map(|&t| (t, ThreadPoolBuilder::new().num_threads(t).build().expect("a thread pool")))
-        .collect();
+    let pools: Vec<ThreadPool> = suite.threads.iter().map(|&threads| pool(threads)).collect();
     let mut reply = HeapReply::new();
     let mut frames = 0;
     let crowded = if engine.name().is_gpu() { &[] } else { stress_scenes::CROWDED };
@@ -91,8 +91,9 @@ pub fn check_engine(engine: &mut dyn Engine, suite: &Suite) -> Result<usize, Str
             let boxes = scene.boxes(n, suite.seed);
             let truth = oracle::truth(&boxes);
             for &encoding in &suite.encodings {
-                for (threads, pool) in &pools {
-                    let input = CullInput::boxes(&boxes).encoding(encoding).threads(*threads);
+                for pool in &pools {
+                    let threads = pool.current_num_threads();
+                    let input = CullInput::boxes(&boxes).encoding(encoding).threads(threads);
                     let flags = suite.flags[frames % suite.flags.len()];
                     flags
                         .install(pool, || check_frame(engine, &input, &truth, &mut reply))

@@ -5,6 +5,7 @@ use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
 use pairmask::{Backend, ServedBy, Session, SessionBuilder};
+use pairmask_core::{EngineChoice, EngineName};
 use pairmask_transport::{DaemonRecord, RuntimeDir};
 use pairmask_wire::{AuditCounts, InstanceName};
 use pairmaskd::spawn::is_opening_gpus;
@@ -15,6 +16,35 @@ pub const PATIENCE: Duration = Duration::from_secs(30);
 
 pub fn eventually<T>(what: &str, check: impl FnMut() -> Option<T>) -> T {
     within(PATIENCE, what, check)
+}
+
+pub fn until(what: &str, mut check: impl FnMut() -> bool) {
+    eventually(what, || check().then_some(()));
+}
+
+/// A program of this package. Cargo builds them before the tests and benches, beside the folder of these.
+pub fn program(name: &str) -> PathBuf {
+    let here = std::env::current_exe().expect("the path of this program");
+    here.ancestors().nth(2).expect("a folder of builds").join(name)
+}
+
+/// The daemon's own main.
+pub fn pairmaskd() -> PathBuf {
+    program("pairmaskd_under_test")
+}
+
+/// A daemon without a GPU, and a session of it.
+pub fn served() -> (TestDaemon, Session) {
+    let daemon = TestDaemon::of_cores();
+    let session = daemon.connect();
+    (daemon, session)
+}
+
+/// As [`served`], with a session that answers by itself where the daemon does not.
+pub fn served_or_here() -> (TestDaemon, Session) {
+    let daemon = TestDaemon::of_cores();
+    let session = daemon.connect_auto();
+    (daemon, session)
 }
 
 /// Stops a process, and waits until it stands still: on a busy machine its other threads run on for a moment after the
@@ -32,9 +62,8 @@ pub fn stop(pid: Pid) {
             stat.rsplit_once(") ").is_some_and(|(_, state)| state.starts_with('T'))
         })
     };
-    eventually("all its threads are stopped", || {
-        let mut threads = std::fs::read_dir(&threads).ok()?;
-        threads.all(is_stopped).then_some(())
+    until("all its threads are stopped", || {
+        std::fs::read_dir(&threads).is_ok_and(|mut threads| threads.all(is_stopped))
     });
 }
 
@@ -70,9 +99,7 @@ pub fn outlive_kills(daemon: &mut TestDaemon, mut frame: impl FnMut(usize) -> Se
     }
     assert!(there > 0 && here >= 200, "{there} by the daemon, {here} in process");
     // Frames of each kind that take turns.
-    eventually("the session comes back to the daemon", || {
-        (0..6).all(|i| frame(i) == ServedBy::Daemon).then_some(())
-    });
+    until("the session comes back to the daemon", || (0..6).all(|i| frame(i) == ServedBy::Daemon));
 }
 
 /// An argument of a daemon, with the GPU of the tests in place of the software adapter.
@@ -89,30 +116,52 @@ pub struct TestDaemon {
 }
 
 impl TestDaemon {
-    /// Starts `binary serve ARGUMENTS` and waits until it answers. `--gpu software` is the GPU of the tests
+    /// Starts `serve ARGUMENTS` and waits until it answers. `--gpu software` is the GPU of the tests
     /// ([`gpu`](crate::gpu)).
-    pub fn start(binary: &str, arguments: &[&str]) -> Self {
-        let mut daemon = Self {
-            dir: tempfile::tempdir().expect("a temporary directory"),
-            binary: binary.into(),
-            arguments: arguments.iter().map(|argument| of_tests(argument)).collect(),
-            supervisor: None,
-        };
+    pub fn start(arguments: &[&str]) -> Self {
+        Self::start_binary(pairmaskd(), arguments)
+    }
+
+    pub fn start_binary(binary: PathBuf, arguments: &[&str]) -> Self {
+        let mut daemon = Self::idle(binary, arguments);
         daemon.restart();
         daemon
     }
 
-    pub fn restart(&mut self) {
+    /// The directory of a daemon that does not run yet.
+    pub fn idle(binary: PathBuf, arguments: &[&str]) -> Self {
+        Self {
+            dir: tempfile::tempdir().expect("a temporary directory"),
+            binary,
+            arguments: arguments.iter().map(|argument| of_tests(argument)).collect(),
+            supervisor: None,
+        }
+    }
+
+    /// One without a GPU.
+    pub fn of_cores() -> Self {
+        Self::start(&["--gpu", "none"])
+    }
+
+    pub fn command(&self) -> Command {
+        let mut command = Command::new(&self.binary);
+        command.arg("serve").args(&self.arguments);
+        command.env("PAIRMASK_RUNTIME_DIR", self.dir.path()).stdin(Stdio::null());
+        command
+    }
+
+    /// Starts it and waits for nothing. Returns its supervisor's process id.
+    pub fn spawn(&mut self) -> u32 {
         assert!(self.supervisor.is_none(), "the daemon is running");
-        let child = Command::new(&self.binary)
-            .arg("serve")
-            .args(&self.arguments)
-            .env("PAIRMASK_RUNTIME_DIR", self.dir.path())
-            .stdin(Stdio::null())
-            .spawn()
-            .expect("the daemon's binary runs");
-        self.supervisor = Some(child);
-        eventually("the daemon serves", || self.record());
+        let child = self.command().spawn().expect("the daemon's binary runs");
+        self.supervisor.insert(child).id()
+    }
+
+    pub fn restart(&mut self) {
+        let supervisor = self.spawn();
+        // The record may still be that of the daemon before, whose worker is just ending.
+        let is_own = |record: &DaemonRecord| record.supervisor_pid == supervisor;
+        eventually("the daemon serves", || self.record().filter(is_own));
         if self.arguments.iter().any(|argument| argument == "--gpu") {
             self.wait_for_gpus();
         }
@@ -120,9 +169,7 @@ impl TestDaemon {
 
     /// Waits until no GPU is being opened any more.
     pub fn wait_for_gpus(&self) {
-        eventually("the GPUs join", || {
-            (!is_opening_gpus(&self.dir(), &InstanceName::default())).then_some(())
-        });
+        until("the GPUs join", || !is_opening_gpus(&self.dir(), &InstanceName::default()));
     }
 
     pub fn dir(&self) -> RuntimeDir {
@@ -140,6 +187,21 @@ impl TestDaemon {
         builder.deadline(Duration::from_secs(60))
     }
 
+    pub fn connect(&self) -> Session {
+        self.session().connect().expect("the daemon answers")
+    }
+
+    /// A session that answers by itself where the daemon does not.
+    pub fn connect_auto(&self) -> Session {
+        self.session().backend(Backend::Auto).connect().expect("any machine has cores")
+    }
+
+    /// A session that asks for one engine.
+    pub fn connect_to(&self, engine: EngineName) -> Session {
+        let builder = self.session().engine(EngineChoice::Only(engine));
+        builder.connect().expect("the daemon answers")
+    }
+
     pub fn record(&self) -> Option<DaemonRecord> {
         self.dir().read_record(&InstanceName::default())
     }
@@ -150,7 +212,7 @@ impl TestDaemon {
     }
 
     pub fn audit_is_clean(&self, mut is_enough: impl FnMut(&AuditCounts) -> bool) {
-        let mut session = self.session().connect().expect("the daemon answers");
+        let mut session = self.connect();
         let audit = eventually("answers are audited", || {
             let audit = session.daemon_status().expect("a status").audit;
             is_enough(&audit).then_some(audit)
@@ -192,6 +254,19 @@ impl TestDaemon {
         supervisor.wait().expect("the supervisor's end");
     }
 
+    /// Asks it to end, if it runs, and kills it where it does not in time.
+    pub fn stop(&mut self) {
+        // A daemon that is gone already needs no signal.
+        self.signal_supervisor(Signal::TERM);
+        let Some(mut supervisor) = self.supervisor.take() else { return };
+        let start = Instant::now();
+        while start.elapsed() < PATIENCE && matches!(supervisor.try_wait(), Ok(None)) {
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        let _ = supervisor.kill();
+        let _ = supervisor.wait();
+    }
+
     pub fn shared_bytes(&self) -> u64 {
         use std::os::unix::fs::MetadataExt;
         // Of 512 bytes, whatever the file system's blocks are.
@@ -215,22 +290,7 @@ impl TestDaemon {
 impl Drop for TestDaemon {
     fn drop(&mut self) {
         self.signal_supervisor(Signal::CONT);
-        if let Some(mut supervisor) = self.supervisor.take() {
-            let pid = i32::try_from(supervisor.id()).ok().and_then(Pid::from_raw);
-            if let Some(pid) = pid {
-                // A daemon that is gone already needs no signal.
-                let _ = kill_process(pid, Signal::TERM);
-            }
-            let start = Instant::now();
-            while start.elapsed() < PATIENCE {
-                if matches!(supervisor.try_wait(), Ok(Some(_)) | Err(_)) {
-                    break;
-                }
-                std::thread::sleep(Duration::from_millis(5));
-            }
-            let _ = supervisor.kill();
-            let _ = supervisor.wait();
-        }
+        self.stop();
         for file in self.shared_files() {
             let _ = std::fs::remove_file(file);
         }

@@ -3,7 +3,7 @@
 use std::io::{BufRead, BufReader, Lines, Write};
 use std::process::{Child, ChildStdout, Command, Stdio};
 
-use crate::daemon::TestDaemon;
+use crate::daemon::{TestDaemon, program};
 
 #[derive(Debug)]
 pub struct FaultClient {
@@ -12,13 +12,13 @@ pub struct FaultClient {
 }
 
 impl FaultClient {
-    /// Starts `binary MODE ENGINE ..` and waits until it has had one frame answered.
-    pub fn start(binary: &str, daemon: &TestDaemon, arguments: &[&str]) -> Self {
-        Self::try_start(binary, daemon, arguments).expect("it connects")
+    /// Starts `fault_client MODE ENGINE ..` and waits until it has had one frame answered.
+    pub fn start(daemon: &TestDaemon, arguments: &[&str]) -> Self {
+        Self::try_start(daemon, arguments).expect("it connects")
     }
 
-    pub fn try_start(binary: &str, daemon: &TestDaemon, arguments: &[&str]) -> Option<Self> {
-        let mut process = Command::new(binary)
+    pub fn try_start(daemon: &TestDaemon, arguments: &[&str]) -> Option<Self> {
+        let mut process = Command::new(program("fault_client"))
             .args(arguments)
             .env("PAIRMASK_RUNTIME_DIR", daemon.path())
             .stdin(Stdio::piped())

@@ -1,9 +1,13 @@
 //! Whole frames with random rules, and the pairs that they have by the naive model of scenes.
 
+use std::sync::Arc;
+
+use pairmask::{FrameOptions, PendingFrame, Session};
 use pairmask_core::Aabb;
 use pairmask_core::filters::{Filter, FilterId, FilterTable, Owner, Rules, Tag, World};
-use pairmask_core::oracle::Pair;
+use pairmask_core::oracle::{self, Pair};
 
+use crate::frames::{Frames, filtered};
 use crate::scene_model::{Model, Op};
 use crate::stress_scenes::Rng;
 
@@ -79,6 +83,21 @@ impl FilteredFrame {
         model.apply(0, &ops);
         let pairs = model.pairs().into_keys().collect();
         Self { boxes, rules, pairs }
+    }
+
+    /// Its pairs by the oracle and the rules, after these were changed.
+    pub fn find_pairs(&mut self) {
+        self.pairs = oracle::truth(&self.boxes).pairs;
+        self.pairs.retain(|[a, b]| self.rules.meet(*a, *b));
+    }
+
+    /// Its rules, which no daemon has kept.
+    pub fn options(&self) -> FrameOptions {
+        filtered(&Arc::new(self.rules.clone()))
+    }
+
+    pub fn submit(&self, session: &mut Session) -> PendingFrame {
+        session.ask_with(&self.boxes, &self.options())
     }
 }
 

@@ -49,6 +49,8 @@ pub struct SharedReply {
     imports: SharedImports,
     import: ImportId,
     mapping: ReadWriteMapping,
+    /// Where in the memory replies begin, in words.
+    pub first: usize,
 }
 
 impl SharedReply {
@@ -63,14 +65,15 @@ impl SharedReply {
         // SAFETY: the mapping stays where it is until the reply is dropped, which forgets the import.
         let import = unsafe { imports.lock().import_replies(gpu, address, bytes) };
         let import = import.unwrap_or_else(|error| panic!("shared memory imports: {error}"));
-        (Self { imports: imports.clone(), import, mapping }, Watcher(map()))
+        (Self { imports: imports.clone(), import, mapping, first: 0 }, Watcher(map()))
     }
 
     pub fn words(&self) -> &[u32] {
         let first = self.mapping.pointer().as_ptr().cast();
         // SAFETY: a live mapping of whole pages; the GPU writes to it within a frame alone, which
         // owns this reply.
-        unsafe { std::slice::from_raw_parts(first, self.mapping.bytes() / 4) }
+        let all = unsafe { std::slice::from_raw_parts(first, self.mapping.bytes() / 4) };
+        &all[self.first..]
     }
 }
 
@@ -82,16 +85,16 @@ impl Drop for SharedReply {
 
 impl ReplyBuffer for SharedReply {
     fn limit_words(&self) -> u64 {
-        (self.mapping.bytes() / 4) as u64
+        (self.mapping.bytes() / 4 - self.first) as u64
     }
 
     fn reserve(&mut self, words: u64) -> Result<&mut [u32], ReserveError> {
-        let limit_bytes = self.mapping.bytes() as u64;
+        let limit_bytes = 4 * self.limit_words();
         let first = self.mapping.pointer().as_ptr().cast();
         // SAFETY: as in `words`, and borrowed mutably.
         let all = unsafe { std::slice::from_raw_parts_mut(first, self.mapping.bytes() / 4) };
         let refused = ReserveError::TooLarge { at_least_bytes: 4 * words, limit_bytes };
-        all.get_mut(..words as usize).ok_or(refused)
+        all[self.first..].get_mut(..words as usize).ok_or(refused)
     }
 }
 

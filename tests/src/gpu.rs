@@ -3,30 +3,29 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use pairmask_core::BoxCount;
-use pairmask_core::dispatch::CullAnswer;
+use pairmask_core::dispatch::{CpuEngines, CullAnswer};
+use pairmask_core::engine::{CullInput, CullReport, Engine, HeapReply};
 use pairmask_core::mask::MaskView;
 use pairmask_core::oracle::Pair;
+use pairmask_core::precision::BoxSlice;
+use pairmask_core::{Aabb, BoxCount, Encoding, EngineName, Precision};
 use pairmaskd::execute::gpu::{
     AllPairs, AllPairsOptions, Gpu, GpuChoice, Grid, GridOptions, HostImport, IfMissing, SceneTools,
 };
-use pairmaskd::execute::{Executor, GpuService};
+use pairmaskd::execute::{CullUnderWay, Executor, GpuService, Owner};
+use pairmaskd::precision::as_sent;
 
-use crate::frames::Sorted;
-
-/// The names of the GPUs of the tests: what `PAIRMASK_TEST_GPU` lists, by default the software adapter.
-fn names() -> String {
-    std::env::var("PAIRMASK_TEST_GPU").unwrap_or_else(|_| "software".into())
-}
+use crate::frame_memory::TestFrame;
+use crate::frames::{Sorted, culled_by};
 
 pub fn name() -> String {
     name_at(0)
 }
 
-/// The name of the device at a place of tests that need several: the GPUs of the list in turn, so that one
-/// adapter serves for all.
+/// The name of the device at a place of tests that need several: the GPUs that `PAIRMASK_TEST_GPU` lists in turn, by
+/// default the software adapter, so that one adapter serves for all.
 pub fn name_at(place: usize) -> String {
-    let names = names();
+    let names = std::env::var("PAIRMASK_TEST_GPU").unwrap_or_else(|_| "software".into());
     let count = names.split(',').count();
     names.split(',').nth(place % count).unwrap_or_default().trim().to_owned()
 }
@@ -78,6 +77,55 @@ pub fn executor(gpus: usize) -> Executor {
         }
     }
     executor
+}
+
+/// A frame of a client that is left to a GPU.
+pub type LeftToGpu = CullUnderWay<TestFrame<HeapReply>>;
+
+/// Leaves a frame to the grid of a GPU: at which place, and with a token that shows whether its memory exists.
+pub fn begin(
+    executor: &mut Executor,
+    client: u128,
+    boxes: &[Aabb],
+    precision: &Precision,
+) -> (LeftToGpu, usize, Arc<()>) {
+    let memory = TestFrame::on_heap(precision, boxes);
+    let token = Arc::clone(&memory.token);
+    let options = culled_by(EngineName::GpuGrid);
+    let planned = executor.plan(memory.boxes.boxes(), &options, u64::MAX);
+    assert!(executor.can_begin(&planned));
+    let place = planned.gpu_place();
+    let begun = executor.begin(planned, Owner::Client(client), memory);
+    (begun.unwrap_or_else(|_| panic!("answered at once")), place, token)
+}
+
+/// Waits for a frame that was left to a GPU: its answer, and the words of its reply.
+pub fn end(executor: &mut Executor, frame: LeftToGpu) -> (CullAnswer, Vec<u32>) {
+    let (answer, memory) = executor.end(frame);
+    let memory = memory.expect("the GPU is done with its memory");
+    (answer.expect("an answer"), memory.reply.words().to_vec())
+}
+
+/// The pairs of boxes as they are sent, by `cpu-grid`, which is fast enough for many and is held to the oracle.
+pub fn pairs_by_cpu(boxes: &[Aabb], precision: &Precision) -> Vec<Pair> {
+    let mut reply = HeapReply::new();
+    let (sent, options) = (as_sent(precision, boxes), culled_by(EngineName::CpuGrid));
+    let answer = CpuEngines::new().cull(&sent, &options, &mut reply).expect("memory");
+    pairs_of(boxes.len(), &answer, reply.words())
+}
+
+/// A frame of an engine.
+pub fn cull<'a>(
+    engine: &mut dyn Engine,
+    boxes: impl Into<BoxSlice<'a>>,
+    encoding: Encoding,
+) -> (CullReport, HeapReply) {
+    let boxes = boxes.into();
+    let mut reply = HeapReply::new();
+    let report = engine
+        .cull(&CullInput::boxes(boxes).encoding(encoding), &mut reply)
+        .unwrap_or_else(|error| panic!("{} boxes, {encoding}: {error}", boxes.len()));
+    (report, reply)
 }
 
 pub fn pairs_of(n: usize, answer: &CullAnswer, words: &[u32]) -> Vec<Pair> {

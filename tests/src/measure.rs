@@ -1,6 +1,42 @@
-//! What benches share: percentiles, and when frames begin.
+//! What benches share: a daemon, the visit of pairs, percentiles, and when frames begin.
 
+use std::hint::black_box;
 use std::time::{Duration, Instant};
+
+use pairmask_core::oracle::Pair;
+use pairmaskd::execute::gpu::GpuChoice;
+use pairmaskd::spawn::{PrivateDaemon, PrivateSettings, SpawnError};
+use serde_json::Value;
+
+use crate::daemon::pairmaskd;
+
+pub fn daemon(gpu: GpuChoice) -> Result<PrivateDaemon, SpawnError> {
+    let settings = PrivateSettings { gpu: gpu.into(), ..PrivateSettings::default() };
+    PrivateDaemon::start(&pairmaskd(), &settings)
+}
+
+/// Looks at all pairs that are handed over slice by slice. Returns how many there were.
+pub fn visit(each_slice: impl FnOnce(&mut dyn FnMut(&[Pair]))) -> u64 {
+    let (mut sum, mut count) = (0u64, 0);
+    each_slice(&mut |pairs| {
+        sum = pairs.iter().fold(sum, |sum, [a, b]| sum + u64::from(a ^ b));
+        count += pairs.len() as u64;
+    });
+    black_box(sum);
+    count
+}
+
+/// Prints some fields of a row, each number with its name.
+pub fn print_row(row: &Value, columns: &str) {
+    let cell = |name: &str| match &row[name] {
+        Value::String(text) => format!("{text:<12}"),
+        Value::Number(number) if number.is_f64() => {
+            format!("{name} {:>9.3}", number.as_f64().unwrap_or_default())
+        }
+        other => format!("{name} {other:>9}"),
+    };
+    println!("{}", columns.split(' ').map(cell).collect::<Vec<_>>().join("  "));
+}
 
 /// The value below which a share of the values lies, one that was measured; the default of none.
 pub fn percentile<T: Copy + Default + PartialOrd>(values: &[T], share: f64) -> T {

@@ -18,9 +18,9 @@ pub use pairmask_core::{
 pub use rustix::process::Signal;
 
 pub use crate::conformance::{
-    Mismatch, Suite, best_engine, check_frame, check_pairs, check_reply, conform, cpu_engines,
+    Mismatch, Suite, best_engine, check_frame, check_pairs, check_reply, conform, cpu_engines, pool,
 };
-pub use crate::daemon::{PATIENCE, TestDaemon, eventually};
-pub use crate::frames::{Frames, Sorted, at, in_process};
+pub use crate::daemon::{PATIENCE, TestDaemon, eventually, served, served_or_here, until};
+pub use crate::frames::{Frames, Sorted, at, culled, culled_by, in_process, sets, sets_all};
 pub use crate::narrow::NarrowMemory;
 pub use crate::{naive_decoder, oracle, stress_scenes, tier};

@@ -3,11 +3,11 @@
 use pairmask::{ServedBy, Session, SessionBuilder};
 use pairmask_core::Encoding;
 use pairmask_core::engine::{
-    CullError, CullInput, CullReport, Engine, EngineChoice, EngineName, EngineTimes, ReplyBuffer,
+    CullError, CullInput, CullReport, Engine, EngineChoice, EngineName, ReplyBuffer,
 };
 use pairmask_core::mask::EncodingChoice;
 
-use crate::frames::{Frames, served_by};
+use crate::frames::{Frames, report_of, served_by};
 
 #[derive(Debug)]
 pub struct SessionEngine {
@@ -41,23 +41,12 @@ impl Engine for SessionEngine {
         let (boxes, _) = input.f32_boxes(self.engine)?;
         let session = &mut self.sessions[input.encoding.place()];
         let mask = served_by(self.expected, || session.answer(boxes));
-        let info = mask.info();
-        assert_eq!(info.engine, self.engine);
+        assert_eq!(mask.info().engine, self.engine);
         assert_eq!(mask.pairs().count() as u64, mask.count(), "the decoder finds what was counted");
         mask.view().verify().expect("a mask by the rules");
         let extent = mask.shape().extent_words();
         reply.reserve(extent)?[..extent as usize]
             .copy_from_slice(&mask.reply_words()[..extent as usize]);
-        Ok(CullReport {
-            shape: *mask.shape(),
-            census: info.census,
-            pair_count: mask.count(),
-            skipped: info.skipped,
-            times: EngineTimes {
-                ingest_ns: info.times.ingest_ns,
-                execute_ns: info.times.execute_ns,
-                publish_ns: info.times.publish_ns,
-            },
-        })
+        Ok(report_of(&mask))
     }
 }

@@ -1,12 +1,14 @@
 //! Scenes of spheres, their right answers, and checks of sessions against them.
 
-use pairmask::{FrameInfo, PairMask, Session};
-use pairmask_core::engine::{Census, CullReport, EngineTimes, NAMED_INVALID, SkipMeter};
+use pairmask::{PairMask, Session};
+use pairmask_core::engine::{Census, NAMED_INVALID, SkipMeter};
 use pairmask_core::oracle::check::{Mismatch, check_reply};
 use pairmask_core::oracle::{Pair, Truth};
 use pairmask_core::{Encoding, Sphere};
 use pairmask_lab::study::spheres::{families, oracle};
 use pairmaskd::scene::Random;
+
+use crate::frames::{Frames, report_of};
 
 /// `n` spheres that are hard to decide: pairs that touch or miss touching by one ulp, all
 /// magnitudes, and all classes.
@@ -96,34 +98,21 @@ pub fn whole_scene(n: usize, side: u64, seed: u64) -> (Vec<Sphere>, Truth) {
 }
 
 pub fn cull(session: &mut Session, spheres: &[Sphere]) -> PairMask {
-    let mut frame = session.sphere_frame(spheres.len()).expect("memory for a frame");
-    frame.spheres_mut().copy_from_slice(spheres);
-    frame.submit().expect("a frame is sent").wait().expect("a frame is answered")
+    session.ask_spheres(spheres).wait().expect("a frame is answered")
 }
 
 pub fn check_mask(mask: &PairMask, encoding: Encoding, truth: &Truth) -> Result<(), Mismatch> {
-    let FrameInfo { census, mut skipped, times, .. } = *mask.info();
-    if skipped.is_repeat() {
+    let mut report = report_of(mask);
+    if report.skipped.is_repeat() {
         // The frame was answered again: the meter says so of all its pairs, and no engine counted.
-        let expected = SkipMeter::of_repeat(mask.n(), &skipped);
+        let (skipped, expected) = (report.skipped, SkipMeter::of_repeat(mask.n(), &report.skipped));
         if skipped != expected {
             let (what, got) = ("pairs of a repeat", skipped.pairs);
             return Err(Mismatch::Skip { what, got, possible: expected.pairs..=expected.pairs });
         }
-        let nothing = u64::from(truth.census.empty) + u64::from(truth.census.invalid);
-        skipped =
-            SkipMeter { boxes: nothing, zero_words: skipped.zero_words, ..SkipMeter::default() };
+        let boxes = u64::from(truth.census.empty) + u64::from(truth.census.invalid);
+        report.skipped =
+            SkipMeter { boxes, zero_words: skipped.zero_words, ..SkipMeter::default() };
     }
-    let report = CullReport {
-        shape: *mask.shape(),
-        census,
-        pair_count: mask.count(),
-        skipped,
-        times: EngineTimes {
-            ingest_ns: times.ingest_ns,
-            execute_ns: times.execute_ns,
-            publish_ns: times.publish_ns,
-        },
-    };
     check_reply(mask.reply_words(), &report, mask.n().get(), encoding, truth)
 }

@@ -3,7 +3,7 @@
 use pairmask_tests::stress_scenes;
 use serde_json::Value;
 
-use crate::support::{Finished, Place, keys, names, run};
+use crate::support::{Finished, Place, keys, names};
 
 /// In the order in which they are printed: the whole frame first.
 const STAGES: [&str; 7] =
@@ -11,7 +11,7 @@ const STAGES: [&str; 7] =
 
 /// Measures twelve frames.
 fn latency(place: &Place, flags: &str) -> Finished {
-    run(place, &format!("bench latency --frames 12 {flags}"))
+    place.run_line(&format!("bench latency --frames 12 {flags}"))
 }
 
 fn check_row(row: &Value, n: u32, backend: &str, wait: &str) {

@@ -1,10 +1,11 @@
 //! `cull`: files in, files and JSON out.
 
 use pairmask_core::Aabb;
-use pairmask_tests::oracle::{self, Pair};
+use pairmask_tests::oracle::{self, Pair, Truth};
 use pairmask_tests::{spheres, stress_scenes};
+use serde_json::Value;
 
-use crate::support::{Place, daemon, keys, names, run, words};
+use crate::support::{Place, daemon, keys, names, words};
 
 const FIELDS: &str = "shape boxes pairs invalid empty backend engine encoding mask_bytes precision \
                       box_form box_bytes gap_below stages_ns total_ns skipped warnings";
@@ -18,7 +19,6 @@ fn scene() -> Vec<Aabb> {
     boxes
 }
 
-/// Pairs of a file of pairs.
 fn pairs_of(words: &[u32]) -> Vec<Pair> {
     words.chunks(2).map(|pair| [pair[0], pair[1]]).collect()
 }
@@ -47,7 +47,6 @@ fn sparse_pairs(words: &[u32], n: u32) -> Vec<Pair> {
     pairs
 }
 
-/// The pairs of a list, sorted.
 fn list_pairs(words: &[u32], n: u32) -> Vec<Pair> {
     let (pairs, rest) = words.as_chunks::<2>();
     assert!(rest.is_empty() && pairs.iter().all(|[a, b]| a < b && *b < n));
@@ -76,19 +75,29 @@ fn pairs_and_masks_are_those_of_the_oracle() {
             let more =
                 format!("--backend {backend} --encoding {encoding} --pairs pairs --mask mask");
             let line = format!("cull boxes.f32 --runtime-dir {} {more} --json", dir.display());
-            let report = run(&place, &line).json();
-            assert_eq!(keys(&report), names(FIELDS));
+            let report = place.run_line(&line).json();
             assert_eq!((&report["shape"], &report["boxes"]), (&"boxes".into(), &n.into()));
             assert_eq!(report["pairs"], truth.pairs.len());
-            assert_eq!(report["invalid"], truth.census.invalid);
-            assert_eq!(report["empty"], truth.census.empty);
-            assert_eq!(report["backend"], backend);
-            assert_eq!(report["encoding"], encoding);
-            assert_eq!(pairs_of(&words(&place.file("pairs"))), truth.pairs, "{backend} {encoding}");
-            let mask = words(&place.file("mask"));
-            assert_eq!(decode(&mask, n), truth.pairs, "{backend} {encoding}");
+            check_files(&place, &report, (backend, encoding), decode, (n, &truth));
         }
     }
+}
+
+/// Checks what is said of an answer, and the files of its pairs and its mask.
+fn check_files(
+    place: &Place,
+    report: &Value,
+    (backend, encoding): (&str, &str),
+    decode: Decoder,
+    (n, truth): (u32, &Truth),
+) {
+    assert_eq!(keys(report), names(FIELDS));
+    assert_eq!((&report["backend"], &report["encoding"]), (&backend.into(), &encoding.into()));
+    assert_eq!(report["invalid"], truth.census.invalid);
+    assert_eq!(report["empty"], truth.census.empty);
+    assert_eq!(pairs_of(&words(&place.file("pairs"))), truth.pairs, "{backend} {encoding}");
+    let mask = words(&place.file("mask"));
+    assert_eq!(decode(&mask, n), truth.pairs, "{backend} {encoding}");
 }
 
 #[test]
@@ -98,42 +107,35 @@ fn spheres_are_those_of_their_oracle() {
     let truth = spheres::truth(&scene);
     assert!(truth.pairs.len() > 100 && truth.census.empty > 0 && truth.census.invalid > 0);
     std::fs::write(place.file("spheres.f32"), bytemuck::cast_slice(&scene)).unwrap();
-    let cull = ["cull", "spheres.f32", "--shape", "spheres"];
+    let cull = |more: &str| place.run_line(&format!("cull spheres.f32 --shape spheres {more}"));
     for backend in ["--spawn", "--backend=in-process"] {
         for (encoding, decode) in DECODERS {
-            let more = ["--encoding", encoding, "--pairs", "pairs", "--mask", "mask", "--json"];
-            let report = place.run(&[&cull[..], &[backend], &more].concat()).json();
-            assert_eq!(keys(&report), names(FIELDS));
+            let files = "--pairs pairs --mask mask --json";
+            let report = cull(&format!("{backend} --encoding {encoding} {files}")).json();
             assert_eq!(report["shape"], "spheres");
             assert_eq!(report["boxes"], scene.len());
             assert_eq!(report["box_form"], "spheres");
             assert_eq!(report["box_bytes"], 16 * scene.len());
-            assert_eq!(report["invalid"], truth.census.invalid);
-            assert_eq!(report["empty"], truth.census.empty);
-            let expected = if backend == "--spawn" { "daemon" } else { "in-process" };
-            assert_eq!(report["backend"], expected);
-            assert_eq!(pairs_of(&words(&place.file("pairs"))), truth.pairs, "{backend} {encoding}");
-            let mask = words(&place.file("mask"));
-            assert_eq!(decode(&mask, scene.len() as u32), truth.pairs, "{backend} {encoding}");
+            let by = if backend == "--spawn" { "daemon" } else { "in-process" };
+            check_files(&place, &report, (by, encoding), decode, (300, &truth));
         }
     }
-    let text = place.run(&[&cull[..], &["--backend=in-process"]].concat()).stdout;
+    let text = cull("--backend=in-process").stdout;
     assert!(text.contains("spheres    300 ("), "{text}");
-    for (more, flag) in [(&["--explain"][..], "--explain"), (&["--precision=q8"], "--precision")] {
-        let finished = place.run(&[&cull[..], more].concat());
+    for (more, flag) in [("--explain", "--explain"), ("--precision=q8", "--precision")] {
+        let finished = cull(more);
         assert!(finished.error(2).contains(flag), "{finished:?}");
     }
     std::fs::write(place.file("odd"), [0; 24]).unwrap();
-    let finished = place.run(&["cull", "odd", "--shape", "spheres"]);
+    let finished = place.run_line("cull odd --shape spheres");
     assert!(finished.error(1).contains("1 spheres of 16 bytes and 8 bytes more"), "{finished:?}");
 }
 
 #[test]
 fn times_add_up() {
     let place = Place::new();
-    let file = place.boxes(&scene());
-    let arguments = ["cull", file.to_str().unwrap(), "--backend", "in-process", "--json"];
-    let report = place.run(&arguments).json();
+    place.boxes(&scene());
+    let report = place.run_line("cull boxes.f32 --backend in-process --json").json();
     let stages = &report["stages_ns"];
     assert_eq!(keys(stages), names("read ingest plan execute publish engine round_trip decode"));
     let ns = |name: &str| stages[name].as_u64().unwrap();
@@ -153,9 +155,9 @@ fn times_add_up() {
 #[test]
 fn explain_says_what_was_seen_predicted_and_measured() {
     let place = Place::new();
-    let file = place.boxes(&stress_scenes::named("uniform").boxes(1234, 3));
-    let cull = ["cull", file.to_str().unwrap(), "--backend", "in-process", "--explain"];
-    let report = place.run(&[&cull[..], &["--json"]].concat()).json();
+    place.boxes(&stress_scenes::named("uniform").boxes(1234, 3));
+    let cull = "cull boxes.f32 --backend in-process --explain";
+    let report = place.run_line(&format!("{cull} --json")).json();
     let explain = &report["explain"];
     let fields = "stats calibration candidates engine encoding threads why predicted_ns measured_ns \
                   note";
@@ -174,12 +176,11 @@ fn explain_says_what_was_seen_predicted_and_measured() {
     assert_eq!(explain["measured_ns"], ns("engine") - ns("plan") + ns("decode"));
     assert!(explain["note"].is_null());
 
-    let text = place.run(&[&cull[..], &["--engine", "cpu-sap"]].concat()).stdout;
+    let text = place.run_line(&format!("{cull} --engine cpu-sap")).stdout;
     for part in ["1234 boxes, 100 % solid", "-> cpu-sap", "asked for", "predicted ", "measured "] {
         assert!(text.contains(part), "{text}");
     }
-    let report =
-        place.run(&["cull", file.to_str().unwrap(), "--spawn", "--explain", "--json"]).json();
+    let report = place.run_line("cull boxes.f32 --spawn --explain --json").json();
     let note = report["explain"]["note"].as_str().unwrap();
     assert!(note.contains("PAIRMASK_LOG=debug"), "{note}");
 }
@@ -187,8 +188,8 @@ fn explain_says_what_was_seen_predicted_and_measured() {
 #[test]
 fn spawn_starts_a_daemon_and_leaves_nothing() {
     let place = Place::new();
-    let file = place.boxes(&scene());
-    let report = place.run(&["cull", file.to_str().unwrap(), "--spawn", "--json"]).json();
+    place.boxes(&scene());
+    let report = place.run_line("cull boxes.f32 --spawn --json").json();
     assert_eq!(report["backend"], "daemon");
     assert_eq!(report["pairs"], oracle::truth(&scene()).pairs.len());
     place.assert_clean(&["boxes.f32"]);
@@ -209,7 +210,7 @@ fn every_precision_has_all_pairs() {
         for backend in ["--spawn", "--backend=in-process"] {
             let line =
                 format!("cull boxes.f32 {backend} --json --precision {precision} --pairs pairs");
-            let report = run(&place, &line).json();
+            let report = place.run_line(&line).json();
             assert_eq!(keys(&report), names(FIELDS));
             assert_eq!(report["precision"], precision);
             assert_eq!(report["box_form"], form);
@@ -240,9 +241,8 @@ fn results_go_to_stdout_and_the_report_aside() {
     place.boxes(&scene());
     let truth = oracle::truth(&scene());
     let bytes = |name: &str, what: &str| {
-        let line =
-            ["cull", "boxes.f32", "--backend", "in-process", "--encoding", "dense", what, "-"];
-        let finished = place.command(&line).output().unwrap();
+        let line = format!("cull boxes.f32 --backend in-process --encoding dense {what} -");
+        let finished = place.line(&line).output().unwrap();
         let stderr = String::from_utf8_lossy(&finished.stderr);
         assert_eq!(finished.status.code(), Some(0), "{stderr}");
         for part in ["pairs      ", "345 (1 empty, 2 invalid)", "cpu-", "in-process", "round trip"]
@@ -255,7 +255,7 @@ fn results_go_to_stdout_and_the_report_aside() {
     assert_eq!(pairs_of(&bytes("pairs", "--pairs")), truth.pairs);
     assert_eq!(dense_pairs(&bytes("mask", "--mask"), 345), truth.pairs);
     assert!(!place.file("-").exists());
-    let scene = place.command(&["scene", "uniform", "50", "-"]).output().unwrap().stdout;
+    let scene = place.line("scene uniform 50 -").output().unwrap().stdout;
     assert_eq!(scene.len(), 50 * 24);
 }
 
@@ -263,7 +263,7 @@ fn results_go_to_stdout_and_the_report_aside() {
 fn a_file_of_odd_size_is_named_with_its_size() {
     let place = Place::new();
     std::fs::write(place.file("odd"), [0; 100]).unwrap();
-    let finished = place.run(&["cull", "odd", "--json"]);
+    let finished = place.run_line("cull odd --json");
     let error = finished.error(1);
     assert!(error.contains("odd has 100 bytes") && error.contains("4 boxes"), "{error}");
     assert_eq!(finished.stdout, "");
@@ -274,12 +274,11 @@ fn a_file_of_odd_size_is_named_with_its_size() {
 #[test]
 fn a_missing_daemon_says_what_to_do() {
     let place = Place::new();
-    let file = place.boxes(&scene());
-    let cull = ["cull", file.to_str().unwrap(), "--backend", "daemon", "--instance", "world"];
-    let finished = place.run(&cull);
+    place.boxes(&scene());
+    let finished = place.run_line("cull boxes.f32 --backend daemon --instance world");
     let error = finished.error(1);
     let searched = format!("instance 'world' in {}", place.path().display());
     assert!(error.contains("pairmaskd serve") && error.contains(&searched), "{error}");
-    let report = place.run(&["cull", file.to_str().unwrap(), "--backend", "auto", "--json"]);
+    let report = place.run_line("cull boxes.f32 --backend auto --json");
     assert_eq!(report.json()["backend"], "in-process");
 }

@@ -1,5 +1,7 @@
 //! `demo`: its own daemon, a summary, and nothing left.
 
+use std::process::Child;
+
 use rustix::process::{Pid, Signal, kill_process};
 
 use crate::support::{Place, eventually, finish};
@@ -7,7 +9,7 @@ use crate::support::{Place, eventually, finish};
 #[test]
 fn ends_by_itself_with_every_sample_right() {
     let place = Place::new();
-    let finished = place.run(&["demo", "--seconds", "2", "--boxes", "300"]);
+    let finished = place.run_line("demo --seconds 2 --boxes 300");
     assert_eq!(finished.code, Some(0), "{finished:?}");
     let text = &finished.stdout;
     assert!(text.contains("frames/s") && text.contains("p99"), "a line a second: {text}");
@@ -19,15 +21,20 @@ fn ends_by_itself_with_every_sample_right() {
     place.assert_clean(&[]);
 }
 
+/// A demo without an end, whose client runs.
+fn running(place: &Place) -> Child {
+    let child = place.line("demo --seconds 1000 --boxes 50").spawn().unwrap();
+    let is_client = |process: &String| process.contains("demo-client");
+    eventually("the client runs", || place.processes().iter().any(is_client).then_some(()));
+    child
+}
+
 #[test]
 fn a_signal_ends_it_early_with_its_summary() {
     let place = Place::new();
-    let child = place.command(&["demo", "--seconds", "1000", "--boxes", "50"]).spawn().unwrap();
-    let pid = Pid::from_raw(i32::try_from(child.id()).unwrap()).unwrap();
-    let is_worker = |process: &String| process.contains("--worker");
-    eventually("the daemon serves", || place.processes().iter().any(is_worker).then_some(()));
+    let child = running(&place);
     std::thread::sleep(std::time::Duration::from_millis(300));
-    kill_process(pid, Signal::TERM).unwrap();
+    kill_process(Pid::from_raw(child.id().cast_signed()).unwrap(), Signal::TERM).unwrap();
     let finished = finish(child);
     assert_eq!(finished.code, Some(0), "{finished:?}");
     assert!(finished.stdout.contains("checks "), "{finished:?}");
@@ -37,9 +44,7 @@ fn a_signal_ends_it_early_with_its_summary() {
 #[test]
 fn nothing_outlives_a_demo_that_is_killed() {
     let place = Place::new();
-    let mut child = place.command(&["demo", "--seconds", "1000", "--boxes", "50"]).spawn().unwrap();
-    let is_worker = |process: &String| process.contains("--worker");
-    eventually("the daemon serves", || place.processes().iter().any(is_worker).then_some(()));
+    let mut child = running(&place);
     child.kill().unwrap();
     child.wait().unwrap();
     place.assert_clean(&[]);

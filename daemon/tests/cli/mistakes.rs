@@ -12,9 +12,8 @@ use std::time::Duration;
 use pairmask_core::Aabb;
 use pairmask_tests::stress_scenes;
 
-use crate::support::{Finished, PAIRMASKD, Place, finish, run, run_with};
+use crate::support::{Finished, PAIRMASKD, Place, finish, full, run_with};
 
-/// Words that no message may have.
 const JARGON: &str = "number would be zero|non-zero type|nonzero|invalid digit|target type|cannot parse|\
                       not in 0..|os error|stream did not contain|expected a string|Os {|::";
 
@@ -73,7 +72,7 @@ fn a_wrong_command_line_is_reported_in_one_line() {
         ("serve --audit 1/0", "1/1000"),
         ("demo --boxes 0", "must be at least 1"),
     ] {
-        check(&run(&place, line), 2, expected, &line);
+        check(&place.run_line(line), 2, expected, &line);
     }
 }
 
@@ -136,9 +135,9 @@ fn what_belongs_to_others_says_what_to_do() {
     let binary = place.file("pairmaskd");
     std::fs::copy(PAIRMASKD, &binary).unwrap();
     lock(&binary, 0o755).unwrap();
-    let run = |words: &[&str]| {
+    let run = |line: &str| {
         let mut command = Command::new(&binary);
-        command.args(words).current_dir(place.path()).env_clear();
+        command.args(line.split_whitespace()).current_dir(place.path()).env_clear();
         command.env("XDG_CONFIG_HOME", place.path()).env("PAIRMASK_RUNTIME_DIR", place.path());
         command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
         if may_read_all {
@@ -161,11 +160,10 @@ fn what_belongs_to_others_says_what_to_do() {
         ("explain boxes.f32 0 1", 1, "boxes.f32: you may not read it"),
         ("cull boxes.f32 --config /dev/null", 1, "boxes.f32: you may not read it"),
     ] {
-        let words: Vec<&str> = line.split_whitespace().collect();
-        check(&run(&words), code, expected, &line);
+        check(&run(line), code, expected, &line);
     }
     if may_read_all {
-        check(&run(&["scene", "uniform", "9", "new"]), 1, "new: you may not write there", &"new");
+        check(&run("scene uniform 9 new"), 1, "new: you may not write there", &"new");
     }
 }
 
@@ -185,11 +183,11 @@ fn a_wrong_configuration_is_reported_with_its_line() {
         ("gpu = true", "must be text in quotes"),
     ] {
         std::fs::write(place.file("config.toml"), text).unwrap();
-        check(&place.run(&["status", "--config", "config.toml"]), 2, expected, &text);
+        check(&place.run_line("status --config config.toml"), 2, expected, &text);
     }
     std::fs::write(place.file("config.toml"), [0xff, 0xfe]).unwrap();
-    check(&place.run(&["status", "--config", "config.toml"]), 2, "it is no text", &"bytes");
-    check(&place.run(&["status", "--config", "."]), 2, ".: it is a directory", &"directory");
+    check(&place.run_line("status --config config.toml"), 2, "it is no text", &"bytes");
+    check(&place.run_line("status --config ."), 2, ".: it is a directory", &"directory");
     // A command that uses no setting does not fail by a wrong one.
     let finished = run_with(&place, "scene uniform 9 o", &[("PAIRMASK_CONFIG", "config.toml")]);
     assert_eq!(finished.code, Some(0));
@@ -210,18 +208,9 @@ fn a_process_that_failed_is_reported_of_once() {
 fn stderr_that_takes_nothing_is_no_crash() {
     let place = Place::new();
     for (line, code) in [("cull absent", 1), ("cull absent --frob", 2)] {
-        let words: Vec<&str> = line.split_whitespace().collect();
-        let mut command = place.command(&words);
-        let full = File::options().write(true).open("/dev/full").unwrap();
-        let status = command.stderr(full).status().unwrap();
+        let status = place.line(line).stderr(full()).status().unwrap();
         assert_eq!(status.code(), Some(code), "{line}");
     }
-    let full = File::options().write(true).open("/dev/full").unwrap();
-    let mut help = place.command(&["--help"]);
-    let finished = help.stdout(full).stderr(Stdio::piped()).output().unwrap();
-    let stderr = String::from_utf8_lossy(&finished.stderr);
-    assert_eq!(finished.status.code(), Some(1), "{stderr}");
-    assert!(stderr.starts_with("pairmaskd: standard output: the disk is full"), "{stderr}");
 }
 
 #[test]
@@ -236,10 +225,9 @@ fn a_reader_that_has_gone_is_no_failure() {
         "cull boxes.f32 --backend in-process --mask -",
         "scene uniform 1000 -",
     ] {
-        let words: Vec<&str> = line.split_whitespace().collect();
         let (reader, writer) = std::io::pipe().unwrap();
         drop(reader);
-        let mut command = place.command(&words);
+        let mut command = place.line(line);
         let finished = command.stdout(writer).stderr(Stdio::piped()).output().unwrap();
         let stderr = String::from_utf8_lossy(&finished.stderr);
         assert_eq!(finished.status.code(), Some(0), "{line}: {stderr}");
@@ -250,47 +238,45 @@ fn a_reader_that_has_gone_is_no_failure() {
 #[test]
 fn a_file_that_is_no_scene_is_warned_of() {
     let place = Place::new();
-    let cull = |more: &[&str]| {
-        place.run(&[&["cull", "boxes.f32", "--backend", "in-process"], more].concat())
-    };
+    let in_process = |line: &str| place.run_line(&format!("{line} --backend in-process"));
+    let cull = |more: &str| in_process(&format!("cull boxes.f32 {more}"));
     place.boxes(&scene());
-    let fine = cull(&["--json"]);
+    let fine = cull("--json");
     assert_eq!((fine.json()["warnings"].as_array().unwrap().len(), fine.stderr.as_str()), (0, ""));
 
     place.boxes(&[Aabb::EMPTY; 20]);
-    let empty = cull(&["--json"]);
+    let empty = cull("--json");
     assert!(empty.stderr.contains("no box overlaps anything"), "{empty:?}");
     assert!(empty.json()["warnings"][0].as_str().unwrap().contains("empty"), "{empty:?}");
-    let latency = ["bench", "latency", "--scene", "boxes.f32", "--frames", "2"];
-    let latency = place.run(&[&latency[..], &["--backend", "in-process"]].concat());
+    let latency = in_process("bench latency --scene boxes.f32 --frames 2");
     assert!(latency.stderr.contains("no box overlaps anything"), "{latency:?}");
 
     let spheres: Vec<[f32; 4]> =
         (0..240u8).map(|i| [f32::from(i), 9.0, f32::from(i % 50), 0.5]).collect();
     std::fs::write(place.file("boxes.f32"), bytemuck::cast_slice(&spheres)).unwrap();
-    let as_boxes = cull(&["--json"]);
+    let as_boxes = cull("--json");
     assert!(as_boxes.stderr.contains("try --shape spheres"), "{as_boxes:?}");
     assert_eq!(as_boxes.json()["warnings"].as_array().unwrap().len(), 1);
-    assert_eq!(cull(&["--shape", "spheres"]).stderr, "");
+    assert_eq!(cull("--shape spheres").stderr, "");
     place.boxes(&stress_scenes::named("uniform").boxes(240, 1));
-    let as_spheres = cull(&["--shape", "spheres"]);
+    let as_spheres = cull("--shape spheres");
     assert!(as_spheres.stderr.contains("without --shape spheres"), "{as_spheres:?}");
 }
 
 #[test]
 fn latency_is_measured_where_it_says() {
     let place = Place::new();
-    let latency = ["bench", "latency", "--n", "50", "--frames", "3", "--warm-up", "1", "--json"];
+    let latency = |place_of_daemon: &str| {
+        let line = "bench latency --n 50 --frames 3 --warm-up 1 --json";
+        place.run_line(&format!("{line} --backend {place_of_daemon}")).json()
+    };
     for (backend, answered) in
         [("daemon", "daemon"), ("in-process", "in-process"), ("auto", "in-process")]
     {
-        let report = place.run(&[&latency[..], &["--backend", backend]].concat()).json();
-        assert_eq!(report["rows"][0]["backend"], answered, "--backend {backend}");
+        assert_eq!(latency(backend)["rows"][0]["backend"], answered, "--backend {backend}");
     }
     let daemon = crate::support::daemon();
-    let dir = daemon.dir().path().to_owned();
-    let place_of_daemon = ["--backend", "auto", "--runtime-dir", dir.to_str().unwrap()];
-    let report = place.run(&[&latency[..], &place_of_daemon].concat()).json();
+    let report = latency(&format!("auto --runtime-dir {}", daemon.dir().path().display()));
     assert_eq!(report["rows"][0]["backend"], "daemon", "auto takes the daemon that serves");
 }
 
@@ -299,13 +285,13 @@ fn latency_is_measured_where_it_says() {
 fn a_device_without_an_end_is_refused() {
     let place = Place::new();
     for device in ["/dev/full", "/dev/zero"] {
-        let finished = place.run(&["cull", device, "--backend", "in-process"]);
+        let finished = place.run_line(&format!("cull {device} --backend in-process"));
         check(&finished, 1, "a device without an end: name a file", &device);
-        let mut command = place.command(&["cull", "-", "--backend", "in-process"]);
+        let mut command = place.line("cull - --backend in-process");
         let child = command.stdin(File::open(device).unwrap()).spawn().unwrap();
         check(&finish(child), 1, "a device without an end: name a file", &device);
     }
-    let finished = place.run(&["cull", "/dev/null", "--backend", "in-process", "--json"]);
+    let finished = place.run_line("cull /dev/null --backend in-process --json");
     assert_eq!(finished.json()["boxes"], 0);
 }
 
@@ -321,9 +307,7 @@ fn output_that_finds_no_room_is_reported_in_one_line() {
         "--help",
         "--version",
     ] {
-        let mut command = place.command(&line.split_whitespace().collect::<Vec<_>>());
-        let full = File::options().write(true).open("/dev/full").unwrap();
-        let output = command.stdout(full).output().unwrap();
+        let output = place.line(line).stdout(full()).output().unwrap();
         let stderr = String::from_utf8(output.stderr).unwrap();
         let (code, stdout) = (output.status.code(), String::new());
         let finished = Finished { name: "pairmaskd", code, stdout, stderr };
@@ -349,11 +333,8 @@ fn the_home_of_another_user_is_named() {
     assert!(copied.success());
     for variable in ["HOME", "XDG_CONFIG_HOME"] {
         let mut command = Command::new(&program);
-        command
-            .args(["status"])
-            .env_clear()
-            .env(variable, &home)
-            .env("PAIRMASK_RUNTIME_DIR", "/tmp");
+        command.arg("status").env_clear().env(variable, &home);
+        command.env("PAIRMASK_RUNTIME_DIR", "/tmp");
         command.uid(NOBODY).gid(NOBODY).stdout(Stdio::piped()).stderr(Stdio::piped());
         let finished = finish(command.spawn().unwrap());
         let expected = format!("{variable} is {}, which belongs to user 0", home.display());

@@ -3,37 +3,15 @@
 use std::process::{Child, Stdio};
 
 use pairmask_transport::RuntimeDir;
-use pairmask_wire::InstanceName;
-use rustix::process::{Pid, Signal, kill_process};
+use rustix::process::Signal;
 
-use crate::support::{Finished, PAIRMASKD, Place, eventually, finish};
-
-fn pid_of(child: &Child) -> Pid {
-    Pid::from_raw(i32::try_from(child.id()).unwrap()).unwrap()
-}
-
-fn serve(place: &Place, arguments: &[&str]) -> Child {
-    let mut all = vec!["serve"];
-    all.extend(arguments);
-    let child = place.command(&all).spawn().unwrap();
-    let name = arguments.iter().skip_while(|a| **a != "--instance").nth(1);
-    let name: InstanceName = name.map_or_else(InstanceName::default, |n| n.parse().unwrap());
-    let dir = RuntimeDir::at(place.path());
-    eventually("the daemon serves", || dir.read_record(&name));
-    child
-}
-
-fn stop(child: Child, signal: Signal) -> Finished {
-    kill_process(pid_of(&child), signal).unwrap();
-    finish(child)
-}
+use crate::support::{PAIRMASKD, Place, Serving, eventually, finish};
 
 #[test]
 fn signals_stop_it_cleanly() {
     for signal in [Signal::TERM, Signal::INT] {
         let place = Place::new();
-        let child = serve(&place, &[]);
-        let finished = stop(child, signal);
+        let finished = Serving::start(&place, "", "default").stop(signal);
         assert_eq!(finished.code, Some(0), "{finished:?}");
         assert!(finished.stderr.contains("serving 'default'"), "{finished:?}");
         assert!(RuntimeDir::at(place.path()).instances().is_empty());
@@ -44,22 +22,23 @@ fn signals_stop_it_cleanly() {
 #[test]
 fn a_second_daemon_is_refused_and_another_instance_is_not() {
     let place = Place::new();
-    let first = serve(&place, &[]);
-    let refused = place.run(&["serve"]);
+    let first = Serving::start(&place, "", "default");
+    let refused = place.run_line("serve");
     let error = refused.error(1);
     assert!(error.contains("already served") && error.contains("--instance"), "{error}");
     assert!(error.contains(&first.id().to_string()), "{error}");
     let longest = "a-name-of-the-greatest-length-32";
-    let other = serve(&place, &["--instance", longest]);
-    assert_eq!(stop(other, Signal::TERM).code, Some(0));
-    assert_eq!(stop(first, Signal::TERM).code, Some(0));
+    let other = Serving::start(&place, &format!("--instance {longest}"), longest);
+    for serving in [other, first] {
+        assert_eq!(serving.stop(Signal::TERM).code, Some(0));
+    }
 }
 
 #[test]
 fn a_directory_that_cannot_be_used_is_named() {
     let place = Place::new();
     std::fs::write(place.file("file"), "").unwrap();
-    let finished = place.run(&["serve", "--runtime-dir", "file/below"]);
+    let finished = place.run_line("serve --runtime-dir file/below");
     assert!(finished.error(1).contains("file/below"), "{finished:?}");
 }
 
@@ -67,11 +46,11 @@ fn a_directory_that_cannot_be_used_is_named() {
 fn a_directory_may_have_a_longer_path_than_a_socket() {
     let place = Place::new();
     let long = place.file(&"x".repeat(200));
-    let child = place.command(&["serve", "--runtime-dir", long.to_str().unwrap()]).spawn().unwrap();
-    let dir = RuntimeDir::at(&long);
-    eventually("the daemon serves", || dir.read_record(&InstanceName::default()));
-    let status = place.run(&["status", "--runtime-dir", long.to_str().unwrap()]);
-    assert_eq!(stop(child, Signal::TERM).code, Some(0));
+    let at_it = |command: &str| format!("{command} --runtime-dir {}", long.display());
+    let child = place.line(&at_it("serve")).spawn().unwrap();
+    let serving = Serving::of(child, RuntimeDir::at(&long), "default");
+    let status = place.run_line(&at_it("status"));
+    assert_eq!(serving.stop(Signal::TERM).code, Some(0));
     assert_eq!(status.code, Some(0), "{status:?}");
 }
 
@@ -88,14 +67,12 @@ fn limited(place: &Place, limits: &str, arguments: &str) -> Child {
 fn a_daemon_reserves_what_its_address_space_allows() {
     let place = Place::new();
     let child = limited(&place, "ulimit -v 8000000", "serve");
-    let dir = RuntimeDir::at(place.path());
-    eventually("the daemon serves", || dir.read_record(&InstanceName::default()));
-    let builder = pairmask::Session::builder().runtime_dir(dir);
-    let mut session = builder.backend(pairmask::Backend::Daemon).connect().unwrap();
+    let serving = Serving::of(child, RuntimeDir::at(place.path()), "default");
+    let mut session = serving.session();
     let mask = session.frame(100).unwrap().submit().unwrap().wait().unwrap();
     assert_eq!(mask.info().served_by, pairmask::ServedBy::Daemon);
     drop((mask, session));
-    let finished = stop(child, Signal::TERM);
+    let finished = serving.stop(Signal::TERM);
     assert_eq!(finished.code, Some(0), "{finished:?}");
     let warnings = finished.stderr.matches("RLIMIT_AS").count();
     assert_eq!(warnings, 1, "{finished:?}");
@@ -110,10 +87,10 @@ fn more_clients_than_files_are_refused() {
     assert!(error.contains("--max-clients 89"), "{error}");
     // The soft limit alone is raised.
     let child = limited(&place, "ulimit -Sn 64", "serve --max-clients 200");
-    let dir = RuntimeDir::at(place.path());
-    let record = eventually("the daemon serves", || dir.read_record(&InstanceName::default()));
-    let limits = std::fs::read_to_string(format!("/proc/{}/limits", record.worker_pid)).unwrap();
+    let serving = Serving::of(child, RuntimeDir::at(place.path()), "default");
+    let limits = format!("/proc/{}/limits", serving.record().worker_pid);
+    let limits = std::fs::read_to_string(limits).unwrap();
     let files = limits.lines().find(|line| line.starts_with("Max open files")).unwrap();
     assert_ne!(files.split_whitespace().nth(3), Some("64"), "{files}");
-    assert_eq!(stop(child, Signal::TERM).code, Some(0));
+    assert_eq!(serving.stop(Signal::TERM).code, Some(0));
 }

@@ -3,19 +3,18 @@
 use pairmask_core::Aabb;
 use pairmask_core::engine::Isa;
 
-use crate::support::{Place, run, run_with};
+use crate::support::{Place, run_with};
 
 #[test]
 fn flag_then_environment_then_file_then_default() {
     let place = Place::new();
     place.boxes(&[Aabb::EMPTY; 3]);
-    let cull = "cull boxes.f32 --json";
     let encoding = |more: &str, variables: &[(&str, &str)]| {
-        let finished = run_with(&place, &format!("{cull} {more}"), variables);
+        let finished = run_with(&place, &format!("cull boxes.f32 --json {more}"), variables);
         finished.json()["encoding"].as_str().unwrap().to_owned()
     };
     // No daemon serves: the default backend, auto, falls back.
-    assert_eq!(run(&place, cull).json()["backend"], "in-process");
+    assert_eq!(place.run_line("cull boxes.f32 --json").json()["backend"], "in-process");
     std::fs::create_dir(place.file("pairmask")).unwrap();
     let file = place.file("pairmask/config.toml");
     std::fs::write(&file, "backend = 'in-process'\nencoding = 'sparse'\n").unwrap();
@@ -42,28 +41,26 @@ fn an_instruction_set_is_forced_by_flag_environment_or_file() {
     std::fs::write(place.file("own.toml"), "isa = 'portable'\n").unwrap();
     constants("--config own.toml", &[]);
     // By a daemon of its own, which is told so.
-    let spawn = "cull boxes.f32 --json --spawn --gpu none --isa portable";
-    assert_eq!(run(&place, spawn).json()["pairs"], 3);
+    let spawned = place.run_line("cull boxes.f32 --json --spawn --gpu none --isa portable");
+    assert_eq!(spawned.json()["pairs"], 3);
 
     for missing in Isa::ALL.into_iter().filter(|isa| !isa.is_available()) {
-        let finished = place.run(&["cull", "boxes.f32", "--isa", missing.as_str()]);
-        let error = finished.error(2);
-        assert!(error.contains("this processor lacks"), "{error}");
+        let finished = place.run_line(&format!("cull boxes.f32 --isa {}", missing.as_str()));
+        assert!(finished.error(2).contains("this processor lacks"), "{finished:?}");
     }
-    let finished = place.run(&["cull", "boxes.f32", "--isa", "fast"]);
-    let error = finished.error(2);
-    assert!(error.contains("portable"), "the names are listed: {error}");
+    let finished = place.run_line("cull boxes.f32 --isa fast");
+    assert!(finished.error(2).contains("portable"), "the names are listed: {finished:?}");
 }
 
 #[test]
 fn help_has_examples_and_version_names_wire_and_commit() {
     let place = Place::new();
     for command in ["--help", "serve --help", "cull --help", "demo --help"] {
-        let finished = run(&place, command);
+        let finished = place.run_line(command);
         assert_eq!(finished.code, Some(0));
         assert!(finished.stdout.contains("Examples:"), "{command:?}");
         assert!(!finished.stdout.contains("worker"), "hidden flags stay hidden");
     }
-    let version = place.run(&["--version"]).stdout;
+    let version = place.run_line("--version").stdout;
     assert!(version.contains("wire 1.") && version.contains("commit "), "{version}");
 }

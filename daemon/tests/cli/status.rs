@@ -1,25 +1,28 @@
 //! `status`: no daemon, a living one, and one that died.
 
 use pairmask_core::Aabb;
+use pairmaskd::spawn::PrivateDaemon;
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 
-use crate::support::{Finished, PAIRMASKD, Place, daemon, eventually, keys, names, stop};
+use crate::support::{Finished, PAIRMASKD, Place, Serving, daemon, eventually, keys, names, stop};
 
-fn status(place: &Place, dir: &std::path::Path, more: &[&str]) -> Finished {
-    let mut arguments = vec!["status", "--runtime-dir", dir.to_str().unwrap()];
-    arguments.extend(more);
-    place.run(&arguments)
+fn status(place: &Place, daemon: &PrivateDaemon, more: &str) -> Finished {
+    place.run_line(&format!("status --runtime-dir {} {more}", daemon.dir().path().display()))
+}
+
+/// The report of a command that failed.
+fn failed(finished: &Finished) -> Value {
+    assert_eq!(finished.code, Some(1), "{finished:?}");
+    serde_json::from_str(&finished.stdout).unwrap()
 }
 
 #[test]
 fn no_daemon_serves() {
     let place = Place::new();
-    let finished = place.run(&["status"]);
+    let finished = place.run_line("status");
     assert!(finished.error(1).contains("pairmaskd serve"), "{finished:?}");
-    let finished = place.run(&["status", "--json"]);
-    assert_eq!(finished.code, Some(1));
-    let report: Value = serde_json::from_str(&finished.stdout).unwrap();
+    let report = failed(&place.run_line("status --json"));
     assert_eq!(report["instances"], Value::Array(vec![]));
     assert_eq!(report["runtime_dir"], place.path().to_str().unwrap());
 }
@@ -34,7 +37,7 @@ fn a_daemon_reports_what_it_did() {
         frame.boxes_mut().fill(Aabb::from([0.0; 6]));
         frame.submit().unwrap().wait().unwrap();
     }
-    let report = status(&place, daemon.dir().path(), &["--json"]).json();
+    let report = status(&place, &daemon, "--json").json();
     let instance = &report["instances"][0];
     let fields = "instance state version pid supervisor_pid daemon problem";
     assert_eq!(keys(instance), names(fields));
@@ -44,33 +47,41 @@ fn a_daemon_reports_what_it_did() {
     let fields = "age_ns uptime_ns cpu_ns clients gpus_opening gpus frames boxes spheres pairs scenes \
                   scene_mib repeats skipped errors last_errors audit";
     assert_eq!(keys(reported), names(fields));
-    assert_eq!((&reported["spheres"], &reported["scenes"]), (&0.into(), &0.into()));
-    assert_eq!((&reported["frames"], &reported["pairs"]), (&3.into(), &18.into()));
-    assert_eq!(reported["boxes"], 12);
-    assert_eq!((&reported["clients"], &reported["errors"]), (&1.into(), &0.into()));
-    assert_eq!((&reported["gpus"], &reported["gpus_opening"]), (&0.into(), &0.into()));
-
     // The third frame is equal to the second.
-    let skipped = &reported["skipped"];
-    assert_eq!((&reported["repeats"], &skipped["boxes"]), (&1.into(), &4.into()));
-    assert_eq!((&skipped["pairs"], &skipped["why"]["unmoved"]), (&6.into(), &6.into()));
-
+    for (field, expected) in [
+        ("/spheres", 0),
+        ("/scenes", 0),
+        ("/frames", 3),
+        ("/pairs", 18),
+        ("/boxes", 12),
+        ("/clients", 1),
+        ("/errors", 0),
+        ("/gpus", 0),
+        ("/gpus_opening", 0),
+        ("/repeats", 1),
+        ("/skipped/boxes", 4),
+        ("/skipped/pairs", 6),
+        ("/skipped/why/unmoved", 6),
+    ] {
+        assert_eq!(reported.pointer(field), Some(&expected.into()), "{field}");
+    }
     assert_eq!(reported["audit"], Value::Null);
 
-    let text = status(&place, daemon.dir().path(), &[]);
-    assert!(text.stdout.contains("default: alive"), "{text:?}");
-    assert!(text.stdout.contains("3 frames, 12 boxes, 18 pairs"), "{text:?}");
+    let is_shown = |text: &str| {
+        let status = status(&place, &daemon, "");
+        assert!(status.stdout.contains(text), "{text}: {status:?}");
+    };
+    is_shown("default: alive");
+    is_shown("3 frames, 12 boxes, 18 pairs");
     let mut frame = session.sphere_frame(5).unwrap();
-    frame.spheres_mut().fill(pairmask_core::Sphere::EMPTY);
+    frame.spheres_mut().fill(pairmask_core::Sphere::new([0.0; 3], 1.0));
     frame.submit().unwrap().wait().unwrap();
-    let text = status(&place, daemon.dir().path(), &[]);
-    assert!(text.stdout.contains("4 frames, 12 boxes, 5 spheres, 18 pairs"), "{text:?}");
+    is_shown("4 frames, 12 boxes, 5 spheres, 28 pairs");
     let mut scene = session.scene(pairmask::SceneOptions::default());
-    let edit = scene.edit().set(0, pairmask_core::Aabb::EMPTY);
+    let edit = scene.edit().set(0, Aabb::EMPTY);
     drop(edit.commit(pairmask::Report::All).unwrap());
-    let text = status(&place, daemon.dir().path(), &[]);
-    assert!(text.stdout.contains("1 scenes of 1 MiB"), "{text:?}");
-    let other = status(&place, daemon.dir().path(), &["--instance", "other"]);
+    is_shown("1 scenes of 1 MiB");
+    let other = status(&place, &daemon, "--instance other");
     assert!(other.error(1).contains("instance 'other'"), "{other:?}");
     assert!(other.error(1).contains("pairmaskd serve --instance other"), "{other:?}");
 }
@@ -82,7 +93,7 @@ fn refused_requests_are_remembered() {
     let engine = "gpu-grid".parse().unwrap();
     let mut session = daemon.session().engine(engine).connect().unwrap();
     session.frame(1).unwrap().submit().unwrap().wait().unwrap_err();
-    let report = status(&place, daemon.dir().path(), &["--json"]).json();
+    let report = status(&place, &daemon, "--json").json();
     let reported = &report["instances"][0]["daemon"];
     assert_eq!(reported["errors"], 1);
     let error = &reported["last_errors"][0];
@@ -94,18 +105,14 @@ fn refused_requests_are_remembered() {
 #[test]
 fn a_killed_daemon_is_dead() {
     let place = Place::new();
-    let mut child = place.command(&["serve"]).spawn().unwrap();
-    let dir = pairmask_transport::RuntimeDir::at(place.path());
-    let record = eventually("the daemon serves", || dir.read_record(&"default".parse().unwrap()));
-    child.kill().unwrap();
-    child.wait().unwrap();
+    let serving = Serving::start(&place, "", "default");
+    let (record, dir) = (serving.record(), serving.dir.clone());
+    drop(serving);
     eventually("the worker ends", || place.processes().is_empty().then_some(()));
-    let finished = place.run(&["status", "--json"]);
-    assert_eq!(finished.code, Some(1));
-    let report: Value = serde_json::from_str(&finished.stdout).unwrap();
-    assert_eq!(report["instances"][0]["state"], "dead");
-    assert_eq!(report["instances"][0]["daemon"], Value::Null);
-    assert_eq!(report["instances"][0]["pid"], record.worker_pid);
+    let report = failed(&place.run_line("status --json"));
+    let instance = &report["instances"][0];
+    assert_eq!((&instance["state"], &instance["daemon"]), (&"dead".into(), &Value::Null));
+    assert_eq!(instance["pid"], record.worker_pid);
     // No daemon serves here again and removes the files that the dead one left in shared memory.
     pairmask_transport::clean_if_abandoned(&dir, &"default".parse().unwrap()).unwrap();
 }
@@ -121,12 +128,11 @@ fn a_hanging_daemon_is_silent() {
     for pid in processes {
         stop(pid);
     }
-    let finished = status(&place, daemon.dir().path(), &["--json"]);
+    let finished = status(&place, &daemon, "--json");
     for pid in processes {
         kill_process(pid, Signal::CONT).unwrap();
     }
-    assert_eq!(finished.code, Some(1), "{finished:?}");
-    let report: Value = serde_json::from_str(&finished.stdout).unwrap();
+    let report = failed(&finished);
     let instance = &report["instances"][0];
     assert_eq!(instance["state"], "silent");
     let problem = instance["problem"].as_str().unwrap();
@@ -157,23 +163,19 @@ fn a_daemon_answers_in_other_namespaces() {
 #[test]
 fn a_daemon_with_all_the_clients_that_it_may_have_answers() {
     let place = Place::new();
-    let mut child = place.command(&["serve", "--max-clients", "1"]).spawn().unwrap();
-    let dir = pairmask_transport::RuntimeDir::at(place.path());
-    eventually("the daemon serves", || dir.read_record(&"default".parse().unwrap()));
-    let builder = pairmask::Session::builder().runtime_dir(dir.clone());
-    let mut session = builder.backend(pairmask::Backend::Daemon).connect().unwrap();
+    let serving = Serving::start(&place, "--max-clients 1", "default");
+    let mut session = serving.session();
     session.frame(1).unwrap().submit().unwrap().wait().unwrap();
     for _ in 0..2 {
-        let report = place.run(&["status", "--json"]).json();
+        let report = place.run_line("status --json").json();
         let instance = &report["instances"][0];
         assert_eq!(instance["state"], "alive", "{report}");
         assert_eq!(instance["daemon"]["clients"], 1, "{report}");
         assert_eq!(instance["daemon"]["frames"], 1, "{report}");
     }
     drop(session);
-    let pid = Pid::from_raw(i32::try_from(child.id()).unwrap()).unwrap();
-    kill_process(pid, Signal::TERM).unwrap();
-    child.wait().unwrap();
+    let dir = serving.dir.clone();
+    serving.stop(Signal::TERM);
     assert_eq!(dir.read_status(&"default".parse().unwrap()).unwrap(), None, "it was left behind");
 }
 
@@ -186,7 +188,7 @@ fn a_daemon_without_a_status_file_is_asked() {
     let new = daemon.dir().path().join("default.account.new");
     eventually("no status file can be written", || std::fs::create_dir(&new).ok());
     std::fs::remove_file(daemon.dir().path().join("default.account")).unwrap();
-    let report = status(&place, daemon.dir().path(), &["--json"]).json();
+    let report = status(&place, &daemon, "--json").json();
     assert_eq!(report["instances"][0]["state"], "alive", "{report}");
     assert_eq!(report["instances"][0]["daemon"]["clients"], 0, "{report}");
 }

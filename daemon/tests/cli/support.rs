@@ -1,18 +1,21 @@
 //! `pairmaskd`, as the tests run it.
 
+use std::fs::File;
 use std::path::Path;
 use std::process::Child;
 
 use pairmask_tests::command_line::{self, Program};
+use pairmask_transport::{DaemonRecord, RuntimeDir};
+use pairmask_wire::InstanceName;
 use pairmaskd::execute::gpu::GpuChoice;
 use pairmaskd::spawn::{PrivateDaemon, PrivateSettings};
+use rustix::process::{Pid, Signal, kill_process};
 
 pub use pairmask_tests::command_line::{Finished, eventually, keys, names};
 pub use pairmask_tests::daemon::stop;
 
 pub const PAIRMASKD: &str = env!("CARGO_BIN_EXE_pairmaskd");
 
-/// The binary.
 pub struct Pairmaskd;
 
 impl Program for Pairmaskd {
@@ -20,7 +23,6 @@ impl Program for Pairmaskd {
     const NAME: &str = "pairmaskd";
 }
 
-/// A directory for one test of the binary.
 pub type Place = command_line::Place<Pairmaskd>;
 
 /// Waits for the end of a process, and kills it where it hangs.
@@ -34,18 +36,63 @@ pub fn daemon() -> PrivateDaemon {
     PrivateDaemon::start(PAIRMASKD.as_ref(), &settings).unwrap()
 }
 
-/// Runs the binary with the words of a line.
-pub fn run(place: &Place, line: &str) -> Finished {
-    place.run_line(line)
-}
-
-/// The same with variables.
 pub fn run_with(place: &Place, line: &str, variables: &[(&str, &str)]) -> Finished {
-    let mut command = place.command(&line.split_whitespace().collect::<Vec<_>>());
-    finish(command.envs(variables.iter().copied()).spawn().unwrap())
+    finish(place.line(line).envs(variables.iter().copied()).spawn().unwrap())
 }
 
-/// u32 words of a file.
+/// `serve` as a user starts it; killed when dropped.
+pub struct Serving {
+    child: Option<Child>,
+    pub dir: RuntimeDir,
+}
+
+impl Serving {
+    /// Starts it with the words of a line, and waits until it serves the instance.
+    pub fn start(place: &Place, line: &str, instance: &str) -> Self {
+        let child = place.line(&format!("serve {line}")).spawn().unwrap();
+        Self::of(child, RuntimeDir::at(place.path()), instance)
+    }
+
+    pub fn of(child: Child, dir: RuntimeDir, instance: &str) -> Self {
+        let serving = Self { child: Some(child), dir };
+        let name = instance.parse().unwrap();
+        eventually("the daemon serves", || serving.dir.read_record(&name));
+        serving
+    }
+
+    pub fn record(&self) -> DaemonRecord {
+        self.dir.read_record(&InstanceName::default()).unwrap()
+    }
+
+    pub fn id(&self) -> u32 {
+        self.child.as_ref().unwrap().id()
+    }
+
+    pub fn stop(mut self, signal: Signal) -> Finished {
+        kill_process(Pid::from_raw(self.id().cast_signed()).unwrap(), signal).unwrap();
+        finish(self.child.take().unwrap())
+    }
+
+    pub fn session(&self) -> pairmask::Session {
+        let builder = pairmask::Session::builder().runtime_dir(self.dir.clone());
+        builder.backend(pairmask::Backend::Daemon).connect().unwrap()
+    }
+}
+
+impl Drop for Serving {
+    fn drop(&mut self) {
+        if let Some(child) = &mut self.child {
+            let _ = child.kill();
+            let _ = child.wait();
+        }
+    }
+}
+
+/// `/dev/full`, on which every write fails.
+pub fn full() -> File {
+    File::options().write(true).open("/dev/full").unwrap()
+}
+
 pub fn words(path: &Path) -> Vec<u32> {
     let bytes = std::fs::read(path).unwrap();
     assert!(bytes.len().is_multiple_of(4), "{} bytes", bytes.len());

@@ -61,7 +61,6 @@ struct Measured {
 }
 
 impl Measured {
-    /// Ours over theirs.
     fn ratio(&self) -> f64 {
         self.frame / self.peer
     }
@@ -202,7 +201,7 @@ fn edit(boxes: &mut [Aabb], threads: usize) -> Result<u64, String> {
         jitter(boxes);
         let indices: Vec<u32> = moved.into_iter().collect();
         let set: Vec<Aabb> = indices.iter().map(|index| boxes[*index as usize]).collect();
-        let steps = [Step::Set(Sets { indices: (&indices).into(), boxes: &set })];
+        let steps = [sets(&indices, &set)];
         let start = Instant::now();
         scene.edit(Edit { steps: &steps }, Report::Changes).map_err(|e| e.to_string())?;
         scene.acknowledge();

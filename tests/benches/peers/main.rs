@@ -15,13 +15,11 @@ use std::time::Duration;
 
 use clap::Parser;
 use options::Options;
+use pairmask_tests::daemon::pairmaskd;
 use pairmask_tests::peers::line::Comparison;
 use pairmask_tests::peers::report;
 use pairmaskd::scene::Scene;
 use pairmaskd::spawn::{PrivateDaemon, PrivateSettings};
-
-/// The daemon's own main, which cargo builds beside this bench.
-const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
 
 fn main() -> ExitCode {
     match run(&Options::parse()) {
@@ -46,7 +44,7 @@ fn run(options: &Options) -> Result<Vec<Comparison>, Box<dyn Error>> {
         gpu: options.gpu.clone().into(),
         ..PrivateSettings::default()
     };
-    let daemon = PrivateDaemon::start(DAEMON.as_ref(), &settings)?;
+    let daemon = PrivateDaemon::start(&pairmaskd(), &settings)?;
     let is_text = !options.json && !options.markdown;
     if is_text {
         println!("{}\n\n{}", report::HEAD, report::text_head().trim_end());

@@ -33,6 +33,7 @@ pub struct Lane {
     spent: Duration,
 }
 
+#[derive(Default)]
 struct Turn {
     frame_ns: Vec<u64>,
     write_ns: Vec<u64>,
@@ -42,17 +43,8 @@ struct Turn {
 
 impl Lane {
     pub fn new(who: Who, threads: usize, contender: Box<dyn Contender>, pool: ThreadPool) -> Self {
-        let (frame_ns, write_ns) = (Vec::new(), Vec::new());
-        Self {
-            who,
-            threads,
-            contender,
-            pool,
-            frame_ns,
-            write_ns,
-            fault: None,
-            spent: Duration::ZERO,
-        }
+        let (frame_ns, write_ns, spent) = (Vec::new(), Vec::new(), Duration::ZERO);
+        Self { who, threads, contender, pool, frame_ns, write_ns, fault: None, spent }
     }
 
     fn turn(&mut self, frames: &[Vec<Aabb>], with_pairs: bool) -> Result<Turn, ContenderError> {
@@ -60,8 +52,7 @@ impl Lane {
         let is_peer = matches!(self.who, Who::Peer(_));
         let contender = &mut self.contender;
         let run = || {
-            let mut turn =
-                Turn { frame_ns: vec![], write_ns: vec![], tallies: vec![], pairs: None };
+            let mut turn = Turn::default();
             let began = Instant::now();
             for boxes in frames {
                 let start = Instant::now();
@@ -98,6 +89,7 @@ impl Lane {
     }
 
     fn line(self) -> Line {
+        let is_given_up = self.is_given_up();
         let who = match (self.who, self.contender.engine()) {
             (Who::Ours { backend, engine: asked }, Some(engine)) if asked == "auto" => {
                 Who::Ours { backend, engine: format!("auto:{engine}") }
@@ -108,7 +100,7 @@ impl Lane {
         Line {
             threads: self.threads,
             frame: Spread::of(&self.frame_ns),
-            is_given_up: matches!(who, Who::Peer(_)) && self.spent > PATIENCE,
+            is_given_up,
             late: Spread::of(self.frame_ns.get(late..).unwrap_or_default()),
             write: Spread::of(&self.write_ns),
             fault: self.fault,

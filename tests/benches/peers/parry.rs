@@ -9,6 +9,7 @@ use rayon::slice::ParallelSlice;
 
 use pairmask_tests::oracle::Pair;
 use pairmask_tests::peers::contender::{Contender, ContenderError, Tally};
+use pairmask_tests::peers::parry_scene::refit;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Upkeep {
@@ -60,11 +61,7 @@ impl Parry {
         if self.upkeep == Upkeep::OptimizeRefit {
             self.tree.optimize_incremental(&mut self.workspace);
         }
-        if self.threads > 1 {
-            self.tree.refit_parallel(&mut self.workspace);
-        } else {
-            self.tree.refit(&mut self.workspace);
-        }
+        refit(&mut self.tree, &mut self.workspace, self.threads);
     }
 }
 
@@ -75,8 +72,9 @@ impl Contender for Parry {
         if self.threads > 1 {
             let pairs = self.tree.traverse_bvtt_single_tree_parallel::<false>();
             let tally = |pairs: &[(u32, u32)]| {
-                let pairs: Vec<Pair> = pairs.iter().map(|(a, b)| [*a, *b]).collect();
-                Tally::of(&pairs)
+                let mut tally = Tally::default();
+                pairs.iter().for_each(|(a, b)| tally.visit(*a, *b));
+                tally
             };
             Ok(pairs.par_chunks(65_536).map(tally).reduce(Tally::default, Tally::plus))
         } else {

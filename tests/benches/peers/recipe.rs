@@ -3,7 +3,6 @@
 use pairmask_core::Aabb;
 use pairmaskd::scene::Random;
 
-/// What boxes of a scene are like.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Recipe {
     /// Overlapping pairs a box, about, where boxes are cubes of one size in one place.
@@ -45,7 +44,6 @@ impl Recipe {
         has_layers: false,
     };
 
-    /// Numbers at random.
     pub fn random(random: &mut Random) -> Self {
         let mut recipe = Self::UNIFORM;
         for _ in 0..12 {

@@ -27,7 +27,7 @@ use pairmask::Scene;
 use pairmask_core::engine::EngineId;
 use pairmask_core::scene::Indices;
 use pairmask_lab::study::moving::{Motion, World};
-use pairmask_tests::measure::{Pace, percentile};
+use pairmask_tests::measure::{Pace, percentile, visit};
 use pairmask_tests::prelude::*;
 use pairmask_transport::RuntimeDir;
 use pairmask_wire::InstanceName;
@@ -35,7 +35,7 @@ use pairmaskd::cli::daemon_cpu::{DaemonCpu, nanoseconds_a, own_cpu};
 use pairmaskd::scene::SceneName;
 use serde_json::{Value, json};
 
-use self::peer::{Peer, PeerName, whole_frame};
+use self::peer::{Peer, PeerName, peer, whole_frame};
 
 /// Frames that are not counted: cells are built, memory is taken.
 const WARM_UP: u32 = 3;
@@ -102,14 +102,9 @@ fn edit(
     let write = begin.elapsed().as_nanos() as u64;
     let answer = pending.wait()?;
     let answered = begin.elapsed().as_nanos() as u64;
-    let mut sum = 0;
-    let mut visit = |pairs: &[[u32; 2]]| {
-        sum += pairs.iter().fold(0u64, |sum, [a, b]| sum + u64::from(a ^ b));
-    };
-    answer.begun().for_each_slice(&mut visit);
-    answer.pairs().for_each_slice(&mut visit);
-    sum += answer.ended().fold(0u64, |sum, e| sum + u64::from(e.pair[0] ^ e.pair[1]));
-    black_box(sum);
+    visit(|each| answer.begun().for_each_slice(each));
+    visit(|each| answer.pairs().for_each_slice(each));
+    black_box(answer.ended().fold(0, |sum, e| sum + u64::from(e.pair[0] ^ e.pair[1])));
     let times = [write, answered - write, begin.elapsed().as_nanos() as u64 - answered];
     Ok((times, answer.begun().len() + answer.ended().len(), answer.engine()))
 }
@@ -131,7 +126,7 @@ struct Bench<'s> {
     session: &'s mut Session,
     scene: Scene,
     world: World,
-    peers: Vec<(PeerName, Peer)>,
+    peers: Vec<(PeerName, Box<dyn Peer>)>,
     daemon: Option<DaemonCpu>,
 }
 
@@ -144,7 +139,7 @@ impl<'s> Bench<'s> {
         let mut scene = session.scene(SceneOptions::default());
         let all: Vec<u32> = (0..world.boxes().len() as u32).collect();
         edit(&mut scene, &all, world.boxes(), false)?;
-        let made = names.iter().map(|name| Ok((*name, Peer::new(*name, world.boxes())?)));
+        let made = names.iter().map(|name| Ok((*name, peer(*name, world.boxes())?)));
         let peers = made.collect::<Result<_, Box<dyn Error>>>()?;
         let (dir, instance) = (RuntimeDir::from_env(), InstanceName::default());
         let daemon = match backend {
@@ -253,7 +248,7 @@ impl<'s> Bench<'s> {
         let [write, round_trip, visit, total] = times.each_ref().map(|t| percentile(t, 0.5));
         let us = |ns: u64| ns as f64 / 1e3;
         let bytes_a_box = self.kept_bytes() / n as f64;
-        let of_peer = |((name, _), took): (&(PeerName, Peer), &Vec<u64>)| {
+        let of_peer = |((name, _), took): (&(PeerName, Box<dyn Peer>), &Vec<u64>)| {
             let peer = name.to_possible_value();
             let peer = peer.as_ref().map_or("", |value| value.get_name());
             let peer_ns = percentile(took, 0.5);

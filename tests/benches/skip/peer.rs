@@ -1,15 +1,11 @@
 //! What a scene is set beside: whole frames, or another library's broad phase in the same state.
 
 use std::error::Error;
-use std::hint::black_box;
 
 use pairmask::{Aabb, Session};
+use pairmask_tests::measure::visit;
 #[cfg(feature = "peers")]
-use pairmask_tests::peers::contender::Contender;
-#[cfg(feature = "peers")]
-use pairmask_tests::peers::parry_scene::{ParryScene, ParryWay};
-#[cfg(feature = "peers")]
-use pairmask_tests::peers::rapier::Rapier;
+use pairmask_tests::peers::parry_scene::ParryWay;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub enum PeerName {
@@ -24,70 +20,85 @@ pub enum PeerName {
     ParryQueries,
 }
 
-pub enum Peer {
-    Frame,
-    #[cfg(feature = "peers")]
-    Rapier(Box<Rapier>),
-    #[cfg(feature = "peers")]
-    Parry(Box<ParryScene>),
+type Done = Result<(), Box<dyn Error>>;
+
+pub trait Peer {
+    /// Makes the same change: boxes that moved are given, and what it tells is kept or visited.
+    fn change(&mut self, session: &mut Session, boxes: &[Aabb], moved: &[u32]) -> Done;
+
+    /// How many pairs it keeps, if it keeps them.
+    fn pairs(&mut self, boxes: &[Aabb]) -> Result<Option<u64>, Box<dyn Error>>;
 }
 
-impl Peer {
-    #[cfg_attr(not(feature = "peers"), expect(clippy::unnecessary_wraps))]
-    pub fn new(
-        name: PeerName,
-        #[cfg_attr(not(feature = "peers"), expect(unused))] boxes: &[Aabb],
-    ) -> Result<Self, Box<dyn Error>> {
+#[cfg_attr(not(feature = "peers"), expect(clippy::unnecessary_wraps))]
+pub fn peer(
+    name: PeerName,
+    #[cfg_attr(not(feature = "peers"), expect(unused))] boxes: &[Aabb],
+) -> Result<Box<dyn Peer>, Box<dyn Error>> {
+    Ok(match name {
+        PeerName::WholeFrame => Box::new(WholeFrame),
         #[cfg(feature = "peers")]
-        let parry = |way| {
-            let threads = std::thread::available_parallelism().map_or(1, usize::from);
-            Self::Parry(Box::new(ParryScene::new(boxes, way, threads)))
-        };
-        Ok(match name {
-            PeerName::WholeFrame => Self::Frame,
-            #[cfg(feature = "peers")]
-            PeerName::Rapier => {
-                let mut rapier = Rapier::new(boxes.len());
-                rapier.change((0..).zip(boxes))?;
-                Self::Rapier(Box::new(rapier))
-            }
-            #[cfg(feature = "peers")]
-            PeerName::Parry => parry(ParryWay::Changes),
-            #[cfg(feature = "peers")]
-            PeerName::ParryQueries => parry(ParryWay::Queries),
-        })
+        PeerName::Rapier => Box::new(others::rapier(boxes)?),
+        #[cfg(feature = "peers")]
+        PeerName::Parry => Box::new(others::parry(boxes, ParryWay::Changes)),
+        #[cfg(feature = "peers")]
+        PeerName::ParryQueries => Box::new(others::parry(boxes, ParryWay::Queries)),
+    })
+}
+
+struct WholeFrame;
+
+impl Peer for WholeFrame {
+    fn change(&mut self, session: &mut Session, boxes: &[Aabb], _: &[u32]) -> Done {
+        whole_frame(session, boxes).map(drop)
     }
 
-    /// Makes the same change: boxes that moved are given, and what it tells is kept or visited.
-    pub fn change(
-        &mut self,
-        session: &mut Session,
-        boxes: &[Aabb],
-        #[cfg_attr(not(feature = "peers"), expect(unused))] moved: &[u32],
-    ) -> Result<(), Box<dyn Error>> {
-        match self {
-            Self::Frame => drop(whole_frame(session, boxes)?),
-            #[cfg(feature = "peers")]
-            Self::Rapier(rapier) => {
-                black_box(rapier.change(moved.iter().map(|i| (*i, &boxes[*i as usize])))?);
-            }
-            #[cfg(feature = "peers")]
-            Self::Parry(parry) => {
-                black_box(parry.change(moved, boxes)?);
-            }
+    fn pairs(&mut self, _: &[Aabb]) -> Result<Option<u64>, Box<dyn Error>> {
+        Ok(None)
+    }
+}
+
+#[cfg(feature = "peers")]
+mod others {
+    use std::hint::black_box;
+
+    use super::{Aabb, Done, Error, ParryWay, Peer, Session};
+    use pairmask_tests::peers::contender::{Contender, ContenderError};
+    use pairmask_tests::peers::parry_scene::ParryScene;
+    use pairmask_tests::peers::rapier::Rapier;
+
+    pub fn rapier(boxes: &[Aabb]) -> Result<Rapier, ContenderError> {
+        let mut rapier = Rapier::new(boxes.len());
+        rapier.change((0..).zip(boxes))?;
+        Ok(rapier)
+    }
+
+    pub fn parry(boxes: &[Aabb], way: ParryWay) -> ParryScene {
+        let threads = std::thread::available_parallelism().map_or(1, usize::from);
+        ParryScene::new(boxes, way, threads)
+    }
+
+    impl Peer for Rapier {
+        fn change(&mut self, _: &mut Session, boxes: &[Aabb], moved: &[u32]) -> Done {
+            let moved = moved.iter().map(|i| (*i, &boxes[*i as usize]));
+            black_box(Rapier::change(self, moved)?);
+            Ok(())
         }
-        Ok(())
+
+        fn pairs(&mut self, boxes: &[Aabb]) -> Result<Option<u64>, Box<dyn Error>> {
+            Ok(Some(Contender::pairs(self, boxes)?.len() as u64))
+        }
     }
 
-    #[cfg_attr(not(feature = "peers"), expect(clippy::unnecessary_wraps, unused))]
-    pub fn pairs(&mut self, boxes: &[Aabb]) -> Result<Option<u64>, Box<dyn Error>> {
-        Ok(match self {
-            Self::Frame => None,
-            #[cfg(feature = "peers")]
-            Self::Rapier(rapier) => Some(rapier.pairs(boxes)?.len() as u64),
-            #[cfg(feature = "peers")]
-            Self::Parry(parry) => Some(parry.pairs().len() as u64),
-        })
+    impl Peer for ParryScene {
+        fn change(&mut self, _: &mut Session, boxes: &[Aabb], moved: &[u32]) -> Done {
+            black_box(ParryScene::change(self, moved, boxes)?);
+            Ok(())
+        }
+
+        fn pairs(&mut self, _: &[Aabb]) -> Result<Option<u64>, Box<dyn Error>> {
+            Ok(Some(ParryScene::pairs(self).len() as u64))
+        }
     }
 }
 
@@ -96,11 +107,5 @@ pub fn whole_frame(session: &mut Session, boxes: &[Aabb]) -> Result<u64, Box<dyn
     let mut frame = session.frame(boxes.len())?;
     frame.boxes_mut().copy_from_slice(boxes);
     let mask = frame.submit()?.wait()?;
-    let (mut sum, mut count) = (0u64, 0);
-    mask.for_each_slice(|pairs| {
-        sum = pairs.iter().fold(sum, |sum, [a, b]| sum + u64::from(a ^ b));
-        count += pairs.len() as u64;
-    });
-    black_box(sum);
-    Ok(count)
+    Ok(visit(|each| mask.for_each_slice(each)))
 }

@@ -8,14 +8,7 @@ use crate::scene_model::{Edits, Grouped};
 
 const MOST_BOXES: u32 = 600;
 
-const FORGING: Forging = Forging {
-    token: 1 << 45,
-    pages: 16,
-    requests: 2_000,
-    forged_of_four: 3,
-    payload_words: 5,
-    given_up: 0,
-};
+const FORGING: Forging = Forging::new(1 << 45, 16);
 
 pub(super) fn attack(until: &Until, tally: &mut Tally) {
     let (mut revision, mut source) = (0, Edits::new(0, MOST_BOXES));

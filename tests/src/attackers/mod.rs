@@ -25,15 +25,14 @@ use std::time::{Duration, Instant};
 use bytemuck::cast_slice_mut;
 use pairmask_core::engine::EngineChoice;
 use pairmask_core::scene::Report;
-use pairmask_transport::{
-    DaemonRecord, Limits, ResponseLoan, RuntimeDir, Services, assume_response_pages,
-};
+use pairmask_transport::{Limits, ResponseLoan, RuntimeDir};
 use pairmask_wire::{
     EditLayout, InstanceName, Page, RequestHeader, ResponseHeader, SceneId, SceneRequest, Version,
 };
 use pairmaskd::scene::Random;
 
 use self::raw::{RawClient, answer, dice, write};
+use crate::refuser;
 
 pub type Tally = BTreeMap<String, u64>;
 
@@ -70,6 +69,10 @@ struct Forging {
 }
 
 impl Forging {
+    const fn new(token: u64, pages: usize) -> Self {
+        Self { token, pages, requests: 2_000, forged_of_four: 3, payload_words: 5, given_up: 0 }
+    }
+
     /// Sends requests, client after client, until the attack is over: changes words of header and payload, and of the
     /// payload while the daemon reads it. `draw` writes a request by its number into the payload, or passes it over; it
     /// gets the client's last request and answer.
@@ -192,32 +195,20 @@ fn serve(
     tally: &mut Tally,
     mut answer: impl FnMut(&RequestHeader, ResponseLoan, &mut dyn FnMut(ResponseLoan) -> bool),
 ) -> Result<(), Box<dyn Error>> {
-    let (dir, name) = (RuntimeDir::from_env(), InstanceName::default());
+    let dir = RuntimeDir::from_env();
     let limits = Limits { max_reply_bytes: 4096, ..Limits::default() };
     dir.ensure()?;
-    dir.ensure_transport_root(&name)?;
-    let services = Services::serve(&dir, &name, &limits)?;
-    let server = services.server(&limits, &std::sync::Arc::default())?;
-    let ports = services.wake_ports()?;
-    let pid = std::process::id();
-    let record = DaemonRecord { worker_pid: pid, supervisor_pid: pid, version: Version::CURRENT };
-    dir.write_record(&name, &record)?;
-    while !until.is_over() {
-        let Ok(Some(request)) = server.receive() else {
-            std::thread::sleep(Duration::from_micros(50));
-            continue;
-        };
-        let Ok(loan) = request.loan_slice_uninit(1) else { continue };
-        answer(request.user_header(), assume_response_pages(loan), &mut |loan| {
-            let is_sent = loan.send().is_ok();
+    let is_over = || until.is_over();
+    refuser::serve(Version::CURRENT, &dir, &limits, is_over, |asked, loan, send| {
+        answer(asked, loan, &mut |loan| {
+            let is_sent = send(loan);
             if is_sent {
                 count(tally, "rounds");
-                let _ = ports.1.notify();
             }
             is_sent
         });
-    }
-    dir.remove_record(&name);
+    })?;
+    dir.remove_record(&InstanceName::default());
     Ok(())
 }
 

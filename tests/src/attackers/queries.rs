@@ -19,14 +19,7 @@ use super::{Forging, Tally, Until, scene_request};
 /// Boxes of its scene, of a few queries, and of a frame.
 const BOXES: u32 = 300;
 const SCENE: SceneId = SceneId(1);
-const FORGING: Forging = Forging {
-    token: 1 << 46,
-    pages: 16,
-    requests: 2_000,
-    forged_of_four: 3,
-    payload_words: 1,
-    given_up: 0,
-};
+const FORGING: Forging = Forging { payload_words: 1, ..Forging::new(1 << 46, 16) };
 
 fn boxes(dice: &mut Random, count: u32) -> Vec<Aabb> {
     let a_box = |_| {

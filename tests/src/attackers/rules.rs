@@ -13,14 +13,7 @@ use crate::filtered_frames::{FilteredFrame, KINDS};
 /// Frames that are drawn; each is sent often, forged in other ways.
 const FRAMES: u64 = 24;
 
-const FORGING: Forging = Forging {
-    token: 1 << 46,
-    pages: 8,
-    requests: 2_000,
-    forged_of_four: 3,
-    payload_words: 8,
-    given_up: 0,
-};
+const FORGING: Forging = Forging { payload_words: 8, ..Forging::new(1 << 46, 8) };
 
 pub(super) fn attack(until: &Until, tally: &mut Tally) {
     let mut dice = dice();

@@ -26,7 +26,7 @@ use std::time::Duration;
 
 use pairmask::{Backend, JoinOptions, PendingFrame, Report, Session};
 use pairmask_core::{Aabb, EngineChoice, Sphere};
-use pairmask_tests::frames::Sorted;
+use pairmask_tests::frames::{Frames, Sorted, at};
 use pairmask_tests::{oracle, stress_scenes};
 use pairmask_transport::FRAMES_AT_A_TIME;
 
@@ -48,9 +48,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         println!("{}", fill_up(&mut session, fill));
         return Ok(());
     }
-    let mut frame = session.frame(10)?;
-    frame.boxes_mut().fill(Aabb::EMPTY);
-    frame.submit()?.wait()?;
+    session.ask(&[Aabb::EMPTY; 10]).wait()?;
     println!("connected");
     std::io::stdin().read_line(&mut String::new())?;
     let mut held = Vec::new();
@@ -61,11 +59,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             return ready(frame);
         }
         "pending" => {
-            for _ in 0..2 {
-                let mut frame = session.frame(50_000)?;
-                frame.boxes_mut().fill(Aabb::EMPTY);
-                held.push(frame.submit()?);
-            }
+            held.extend([(); 2].map(|()| session.ask(&[Aabb::EMPTY; 50_000])));
         }
         "load" => {
             println!("ready");
@@ -75,9 +69,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         }
         "greedy" => return greedy(&mut session),
         "pile" => {
-            let mut frame = session.frame(PILED_BOXES)?;
-            frame.boxes_mut().fill(Aabb::new([0.0; 3], [1.0; 3]));
-            let pending = frame.submit()?;
+            let pending = session.ask(&vec![at(0.0); PILED_BOXES]);
             println!("ready");
             // So many pairs have no room in a reply.
             let _refused = pending.wait();
@@ -86,9 +78,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         "right" => return right(&mut session),
         "shared" => return shared(&mut session),
         "truncate" => {
-            let mut frame = session.frame(50_000)?;
-            frame.boxes_mut().fill(Aabb::EMPTY);
-            held.push(frame.submit()?);
+            held.push(session.ask(&[Aabb::EMPTY; 50_000]));
             truncate_own_segments()?;
         }
         _ => return Err(format!("unknown mode '{mode}'").into()),
@@ -174,9 +164,7 @@ fn right(session: &mut Session) -> Result<(), Box<dyn Error>> {
     let input = std::thread::spawn(|| std::io::stdin().lines().count());
     let mut answers = 0_u64;
     for (pairs, boxes) in scenes.iter().cycle() {
-        let mut frame = session.frame(boxes.len())?;
-        frame.boxes_mut().copy_from_slice(boxes);
-        let answer = frame.submit()?.wait();
+        let answer = session.ask(boxes).wait();
         if !answer.as_ref().is_ok_and(|mask| mask.sorted() == *pairs) {
             println!("wrong: {:?}", answer.err());
         }

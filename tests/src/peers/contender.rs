@@ -15,14 +15,6 @@ pub struct Tally {
 }
 
 impl Tally {
-    pub fn of(pairs: &[Pair]) -> Self {
-        let mut tally = Self::default();
-        for &[a, b] in pairs {
-            tally.visit(a, b);
-        }
-        tally
-    }
-
     #[inline(always)]
     pub fn visit(&mut self, a: u32, b: u32) {
         self.count += 1;
@@ -44,11 +36,26 @@ pub fn sorted(mut pairs: Vec<Pair>) -> Vec<Pair> {
     pairs
 }
 
+/// Whether closed boxes overlap, compared as floats: what a user of the others would write.
+pub fn touches(p: &Aabb, q: &Aabb) -> bool {
+    (0..3).all(|axis| p.min[axis] <= q.max[axis] && q.min[axis] <= p.max[axis])
+}
+
 #[derive(Debug, thiserror::Error)]
 #[error("{name}: {reason}")]
 pub struct ContenderError {
     pub name: String,
     pub reason: String,
+}
+
+/// Takes the first of a pair out of the list of its second.
+pub fn remove(name: &str, partners: &mut Vec<u32>, [a, of]: Pair) -> Result<(), ContenderError> {
+    let place = partners.iter().position(|&other| other == a).ok_or_else(|| ContenderError {
+        name: name.to_owned(),
+        reason: format!("the pair of {a} and {of} ended and never began"),
+    })?;
+    partners.swap_remove(place);
+    Ok(())
 }
 
 /// A library, set up in one way, on a number of threads.

@@ -64,6 +64,13 @@ pub struct Line {
     pub fault: Option<String>,
 }
 
+impl Line {
+    /// The best is the fastest that found every pair.
+    const fn rank(&self) -> (bool, u64) {
+        (self.fault.is_some(), self.frame.median_ns)
+    }
+}
+
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Comparison {
     pub scene: SceneName,
@@ -106,7 +113,7 @@ impl Comparison {
         for ours in &self.lines {
             let Who::Ours { backend, engine } = &ours.who else { continue };
             let mut peers = self.best_of_each_peer(ours.threads);
-            peers.sort_by_key(|(_, line)| (line.fault.is_some(), line.frame.median_ns));
+            peers.sort_by_key(|(_, line)| line.rank());
             for (place, (peer, theirs)) in peers.into_iter().enumerate() {
                 let is_best_peer = place == 0 && theirs.fault.is_none();
                 rows.push(PeerRow { of: self, backend, engine, ours, peer, theirs, is_best_peer });
@@ -121,18 +128,12 @@ impl Comparison {
 
     /// Each peer with the number of threads up to `threads` that serves it best.
     fn best_of_each_peer(&self, threads: usize) -> Vec<(PeerName, &Line)> {
-        PeerName::value_variants()
-            .iter()
-            .filter_map(|&name| {
-                let is_it = |line: &&Line| line.who == Who::Peer(name) && line.threads <= threads;
-                let best = self
-                    .lines
-                    .iter()
-                    .filter(is_it)
-                    .min_by_key(|line| (line.fault.is_some(), line.frame.median_ns));
-                best.map(|line| (name, line))
-            })
-            .collect()
+        let best = |&name: &PeerName| {
+            let is_it = |line: &&Line| line.who == Who::Peer(name) && line.threads <= threads;
+            let its = self.lines.iter().filter(is_it);
+            its.min_by_key(|line| line.rank()).map(|line| (name, line))
+        };
+        PeerName::value_variants().iter().filter_map(best).collect()
     }
 }
 

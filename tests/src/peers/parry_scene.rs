@@ -15,7 +15,7 @@ use parry3d::math::Vector;
 use parry3d::partitioning::{Bvh, BvhBuildStrategy, BvhLeafUpdateStatus, BvhWorkspace};
 use rayon::iter::{IntoParallelRefIterator, ParallelIterator};
 
-use super::contender::ContenderError;
+use super::contender::{ContenderError, remove, touches};
 use crate::oracle::Pair;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -50,9 +50,12 @@ fn parry_box(b: &Aabb, margin: f32) -> ParryBox {
     ParryBox::new(grown(b.min, -margin), grown(b.max, margin))
 }
 
-/// Closed boxes, compared as floats: what a user of parry would write.
-fn touches(p: &Aabb, q: &Aabb) -> bool {
-    (0..3).all(|axis| p.min[axis] <= q.max[axis] && q.min[axis] <= p.max[axis])
+pub fn refit(tree: &mut Bvh, workspace: &mut BvhWorkspace, threads: usize) {
+    if threads > 1 {
+        tree.refit_parallel(workspace);
+    } else {
+        tree.refit(workspace);
+    }
 }
 
 impl ParryScene {
@@ -115,11 +118,7 @@ impl ParryScene {
             self.tree.refit_partial(&self.changed_before, &self.changed);
             return;
         }
-        if self.threads > 1 {
-            self.tree.refit_parallel(&mut self.workspace);
-        } else {
-            self.tree.refit(&mut self.workspace);
-        }
+        refit(&mut self.tree, &mut self.workspace, self.threads);
     }
 
     fn traverse_changes(&mut self) -> Result<usize, ContenderError> {
@@ -133,7 +132,9 @@ impl ParryScene {
                 let stays = self.tree.leaf_node(*b).is_some_and(|other| leaf.intersects(other));
                 if !stays {
                     count += 1;
-                    failed = remove(&mut self.partners[*b as usize], a, *b).err().or(failed.take());
+                    failed = remove("parry", &mut self.partners[*b as usize], [a, *b])
+                        .err()
+                        .or(failed.take());
                 }
                 stays
             });
@@ -177,7 +178,7 @@ impl ParryScene {
             let was = std::mem::take(&mut self.partners[a as usize]);
             for &b in was.iter().filter(|b| !now.contains(b)) {
                 count += 1;
-                remove(&mut self.partners[b as usize], a, b)?;
+                remove("parry", &mut self.partners[b as usize], [a, b])?;
             }
             for &b in now.iter().filter(|b| !was.contains(b)) {
                 count += 1;
@@ -193,19 +194,9 @@ impl ParryScene {
         for (a, partners) in (0u32..).zip(&self.partners) {
             let here = &self.boxes[a as usize];
             let after = partners.iter().filter(|b| **b > a);
-            pairs.extend(
-                after.filter(|b| touches(here, &self.boxes[**b as usize])).map(|b| [a, *b]),
-            );
+            let met = after.filter(|b| touches(here, &self.boxes[**b as usize]));
+            pairs.extend(met.map(|b| [a, *b]));
         }
         pairs
     }
-}
-
-fn remove(partners: &mut Vec<u32>, a: u32, of: u32) -> Result<(), ContenderError> {
-    let place = partners.iter().position(|&other| other == a).ok_or_else(|| ContenderError {
-        name: "parry".to_owned(),
-        reason: format!("the pair of {a} and {of} is known to {a} only"),
-    })?;
-    partners.swap_remove(place);
-    Ok(())
 }

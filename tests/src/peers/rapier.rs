@@ -12,7 +12,7 @@ use rapier3d::prelude::{
     ColliderPair, ColliderSet, IntegrationParameters, RigidBodySet,
 };
 
-use super::contender::{Contender, ContenderError, Tally};
+use super::contender::{Contender, ContenderError, Tally, remove, touches};
 use crate::oracle::Pair;
 
 pub struct Rapier {
@@ -48,28 +48,13 @@ impl Rapier {
         &mut self,
         boxes: impl IntoIterator<Item = (u32, &'a Aabb)>,
     ) -> Result<usize, ContenderError> {
-        self.set(boxes);
-        self.keep_list()?;
-        Ok(self.events.len())
-    }
-
-    fn set<'a>(&mut self, boxes: impl IntoIterator<Item = (u32, &'a Aabb)>) {
         for (index, b) in boxes {
             let b = ParryBox::new(Vector::from_array(b.min), Vector::from_array(b.max));
             self.broad_phase.set_aabb(&self.parameters, self.handles[index as usize], b);
         }
         self.events.clear();
-        self.broad_phase.update(
-            &self.parameters,
-            &self.colliders,
-            &self.bodies,
-            &[],
-            &[],
-            &mut self.events,
-        );
-    }
-
-    fn keep_list(&mut self) -> Result<(), ContenderError> {
+        let (parameters, colliders, bodies) = (&self.parameters, &self.colliders, &self.bodies);
+        self.broad_phase.update(parameters, colliders, bodies, &[], &[], &mut self.events);
         for event in &self.events {
             match event {
                 BroadPhasePairEvent::AddPair(pair) => {
@@ -78,17 +63,11 @@ impl Rapier {
                 }
                 BroadPhasePairEvent::DeletePair(pair) => {
                     let [a, b] = indices(pair);
-                    let partners = &mut self.partners[a as usize];
-                    let place = partners.iter().position(|&other| other == b);
-                    let place = place.ok_or_else(|| ContenderError {
-                        name: "rapier".to_owned(),
-                        reason: format!("the pair ({a}, {b}) ended and never began"),
-                    })?;
-                    partners.swap_remove(place);
+                    remove("rapier", &mut self.partners[a as usize], [b, a])?;
                 }
             }
         }
-        Ok(())
+        Ok(self.events.len())
     }
 
     fn visit(&self, boxes: &[Aabb], mut visit: impl FnMut(u32, u32)) {
@@ -108,15 +87,9 @@ fn indices(pair: &ColliderPair) -> Pair {
     [a.min(b), a.max(b)]
 }
 
-/// Closed boxes, compared as floats: what a user of rapier would write.
-fn touches(p: &Aabb, q: &Aabb) -> bool {
-    (0..3).all(|axis| p.min[axis] <= q.max[axis] && q.min[axis] <= p.max[axis])
-}
-
 impl Contender for Rapier {
     fn find(&mut self, boxes: &[Aabb]) -> Result<Tally, ContenderError> {
-        self.set((0..).zip(boxes));
-        self.keep_list()?;
+        self.change((0..).zip(boxes))?;
         let mut tally = Tally::default();
         self.visit(boxes, |a, b| tally.visit(a, b));
         Ok(tally)

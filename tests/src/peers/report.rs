@@ -40,64 +40,53 @@ fn cells(row: &PeerRow<'_>) -> [String; 13] {
     ]
 }
 
-const COLUMNS: [&str; 13] = [
-    "ratio",
-    "late",
-    "scene",
-    "n",
-    "threads",
-    "backend",
-    "engine",
-    "ours µs",
-    "write µs",
-    "peer",
-    "peer µs",
-    "pairs",
-    "equal",
+/// Heads of the columns, and widths in the text table: wider cells push the rest of their line.
+const COLUMNS: [(&str, usize); 13] = [
+    ("ratio", 6),
+    ("late", 6),
+    ("scene", 8),
+    ("n", 9),
+    ("threads", 7),
+    ("backend", 10),
+    ("engine", 14),
+    ("ours µs", 28),
+    ("write µs", 9),
+    ("peer", 17),
+    ("peer µs", 28),
+    ("pairs", 9),
+    ("equal", 5),
 ];
 
-/// Widths of the text table's columns: wider cells push the rest of their line.
-const WIDTHS: [usize; 13] = [6, 6, 8, 9, 7, 10, 14, 28, 9, 17, 28, 9, 5];
+fn heads() -> [String; 13] {
+    COLUMNS.map(|(head, _)| head.to_owned())
+}
 
-fn text_line<S: AsRef<str>>(cells: &[S]) -> String {
-    let mut line = String::new();
-    for (cell, width) in cells.iter().zip(WIDTHS) {
-        let _ = write!(line, "{:>width$} ", cell.as_ref());
-    }
-    line.trim_end().to_owned() + "\n"
+fn text_line(cells: &[String; 13]) -> String {
+    let cells = cells.iter().zip(COLUMNS).map(|(cell, (_, width))| format!("{cell:>width$} "));
+    cells.collect::<String>().trim_end().to_owned() + "\n"
 }
 
 pub fn text_head() -> String {
-    text_line(&COLUMNS)
+    text_line(&heads())
 }
 
 pub fn text(comparison: &Comparison) -> String {
     let mut text: String = comparison.rows().iter().map(|row| text_line(&cells(row))).collect();
     for line in &comparison.lines {
-        if line.is_given_up {
-            let _ = writeln!(
-                text,
-                "    {} on {} threads: left out of most frames, it takes minutes",
-                name(&line.who),
-                line.threads
-            );
-        }
-        if let Some(fault) = &line.fault {
-            let _ = writeln!(text, "    {} on {} threads: {fault}", name(&line.who), line.threads);
+        let who = match &line.who {
+            Who::Ours { backend, engine } => format!("{backend}, {engine}"),
+            Who::Peer(name) => name.to_string(),
+        };
+        let given_up = line.is_given_up.then_some("left out of most frames, it takes minutes");
+        for what in given_up.into_iter().chain(line.fault.as_deref()) {
+            let _ = writeln!(text, "    {who} on {} threads: {what}", line.threads);
         }
     }
     text
 }
 
-fn name(who: &Who) -> String {
-    match who {
-        Who::Ours { backend, engine } => format!("{backend}, {engine}"),
-        Who::Peer(name) => name.to_string(),
-    }
-}
-
 pub fn markdown(comparisons: &[Comparison]) -> String {
-    let mut text = format!("{HEAD}\n\n| {} |\n|{}\n", COLUMNS.join(" | "), "---|".repeat(13));
+    let mut text = format!("{HEAD}\n\n| {} |\n|{}\n", heads().join(" | "), "---|".repeat(13));
     for row in comparisons.iter().flat_map(Comparison::rows) {
         let _ = writeln!(text, "| {} |", cells(&row).join(" | "));
     }

@@ -33,7 +33,7 @@ pub trait Subject {
 
     /// Whether an answer is acknowledged by being read, whatever its fate was to be; else by its fate alone.
     fn reading_acknowledges(&self) -> bool {
-        true
+        false
     }
 
     fn box_count(&self) -> Option<usize> {

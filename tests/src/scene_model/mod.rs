@@ -5,24 +5,30 @@
 //! generate  random scripts: edits, answers that nobody acknowledges, members that join and leave
 //! check     plays a script on a scene and on the model, and compares each answer
 //! shrink    the smallest script that still fails, printed as Rust that runs
-//! subjects  the scenes that are held to the model: the one file that names their interfaces
+//! grouped   ops as the steps of an edit
+//! subjects  the scenes that are held to the model, of the cores, of a GPU and of sessions
+//! members   the members of a shared scene, held to it
+//! beside_core  a scene of a GPU beside one of the cores
 //! ```
 
+mod beside_core;
 mod check;
 mod generate;
+mod grouped;
+mod members;
 mod model;
 mod script;
 mod shrink;
 mod subjects;
 
+pub use self::beside_core::BesideCore;
 pub use self::check::{Failure, Seen, Subject, check};
 pub use self::generate::{Edits, Kind, script_of};
+pub use self::grouped::{Grouped, a_margin, margins_for};
+pub use self::members::{Sessions, SharedMembers};
 pub use self::model::{Heard, Listener, Model, PairsByGeneration, overlap};
 pub use self::script::{
     AtEnd, EndReason, Ended, Event, Fate, Mode, Op, Pair, Scope, Script, Turn, at, one, turn,
 };
 pub use self::shrink::{hold, hold_without_rules, shrunk};
-pub use self::subjects::{
-    Bare, BareScene, CoreScene, Grouped, Moment, SessionScene, Sessions, SharedMembers, a_margin,
-    margins_for, options,
-};
+pub use self::subjects::{Bare, BareScene, CoreScene, Moment, SessionScene, options};

@@ -224,6 +224,18 @@ pub struct Heard {
     pub pairs: Vec<Pair>,
 }
 
+impl Heard {
+    /// What it makes of the pairs that a listener knew. Whatever is told twice is a failure.
+    pub fn teach(&self, known: &mut BTreeSet<Pair>) {
+        if self.is_resync {
+            *known = self.pairs.iter().copied().collect();
+            return;
+        }
+        self.ended.iter().for_each(|ended| assert!(known.remove(&ended.pair), "{ended:?}"));
+        self.begun.iter().for_each(|begun| assert!(known.insert(*begun), "{begun:?} began twice"));
+    }
+}
+
 #[macro_export]
 macro_rules! heard {
     ($answer:expr) => {

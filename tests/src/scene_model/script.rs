@@ -109,14 +109,15 @@ impl Script {
 
     #[must_use]
     pub fn without_rules(mut self) -> Self {
-        for event in &mut self.events {
-            if let Event::Tick(turns) = event {
-                for turn in turns {
-                    turn.ops.retain(|op| !op.is_rule());
-                }
-            }
-        }
+        self.ticks_mut().flatten().for_each(|turn| turn.ops.retain(|op| !op.is_rule()));
         self
+    }
+
+    pub fn ticks_mut(&mut self) -> impl Iterator<Item = &mut Vec<Turn>> {
+        self.events.iter_mut().filter_map(|event| match event {
+            Event::Tick(turns) => Some(turns),
+            _ => None,
+        })
     }
 
     /// Takes out what no scene accepts: names of absent boxes, second sets, edits of those who have not joined.

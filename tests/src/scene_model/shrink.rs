@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use super::check::{Failure, Seen, Subject, check};
 use super::generate::{Kind, script_of};
-use super::script::{Event, Fate, Mode, Op, Script, Turn, at};
+use super::script::{Fate, Mode, Op, Script, Turn, at};
 use pairmask_core::filters::{Filter, Owner, Tag, World};
 
 /// Scripts that are tried at most, and how long: a script of thousands of boxes is as small as it gets in that.
@@ -135,28 +135,25 @@ impl<S: Subject, F: FnMut(&Script) -> S> Shrinker<'_, F> {
         self.cut(
             |script| script.turns().count(),
             |script, out| {
-                let mut number = 0..;
-                for turns in ticks(script) {
-                    turns.retain(|_| number.next().is_some_and(|number| !out.contains(&number)));
-                }
+                let mut stays = (0..).map(|number| !out.contains(&number));
+                let turns = script.ticks_mut();
+                turns.for_each(|turns| turns.retain(|_| stays.next() == Some(true)));
             },
         );
         self.cut(
             |script| script.turns().map(|turn| turn.ops.len()).sum(),
             |script, out| {
-                let mut number = 0..;
-                for turn in ticks(script).flatten() {
-                    turn.ops.retain(|_| number.next().is_some_and(|n| !out.contains(&n)));
-                }
+                let mut stays = (0..).map(|number| !out.contains(&number));
+                let turns = script.ticks_mut().flatten();
+                turns.for_each(|turn| turn.ops.retain(|_| stays.next() == Some(true)));
             },
         );
         let named = self.script.turns().flat_map(|turn| &turn.ops).flat_map(Op::indices);
         let indices: BTreeSet<u32> = named.copied().collect();
         for index in indices {
             self.tries(|script| {
-                for turn in ticks(script).flatten() {
-                    turn.ops.retain(|op| !op.indices().contains(&index));
-                }
+                let turns = script.ticks_mut().flatten();
+                turns.for_each(|turn| turn.ops.retain(|op| !op.indices().contains(&index)));
             });
         }
         self.simplify();
@@ -168,7 +165,7 @@ impl<S: Subject, F: FnMut(&Script) -> S> Shrinker<'_, F> {
                 [|turn| turn.mode = Mode::Changes, |turn| turn.fate = Fate::Acknowledged];
             for plain in plain {
                 self.tries(|script| {
-                    if let Some(turn) = ticks(script).flatten().nth(number) {
+                    if let Some(turn) = script.ticks_mut().flatten().nth(number) {
                         plain(turn);
                     }
                 });
@@ -180,7 +177,7 @@ impl<S: Subject, F: FnMut(&Script) -> S> Shrinker<'_, F> {
                 let op = self.script.turns().flat_map(|turn| &turn.ops).nth(number);
                 let Some(plain) = op.and_then(|op| plainer(op, choice)) else { break };
                 let is_new = self.tries(|script| {
-                    let ops = ticks(script).flatten().flat_map(|turn| &mut turn.ops);
+                    let ops = script.ticks_mut().flatten().flat_map(|turn| &mut turn.ops);
                     ops.skip(number).take(1).for_each(|op| *op = plain.clone());
                 });
                 if is_new && choice == 0 {
@@ -189,13 +186,6 @@ impl<S: Subject, F: FnMut(&Script) -> S> Shrinker<'_, F> {
             }
         }
     }
-}
-
-fn ticks(script: &mut Script) -> impl Iterator<Item = &mut Vec<Turn>> {
-    script.events.iter_mut().filter_map(|event| match event {
-        Event::Tick(turns) => Some(turns),
-        _ => None,
-    })
 }
 
 /// An op in a plainer form, the plainest one first; `None` where there is no such choice.

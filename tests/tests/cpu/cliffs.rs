@@ -6,6 +6,7 @@ use std::collections::BTreeSet;
 use pairmask_core::filters::{FilterId, Owner, Rules, Tag, World};
 use pairmask_core::scene::{Scene, between};
 use pairmask_tests::prelude::*;
+use pairmask_tests::scene_model::Heard;
 
 const N: u32 = 20_000;
 const SEED: u64 = 3;
@@ -126,16 +127,9 @@ fn edits_of_crowded_scenes_cost_no_more_than_a_cull_and_report_each_change_once(
                 }
                 set.push(*b);
             }
-            let steps = [Step::Set(Sets { indices: moved.as_slice().into(), boxes: &set })];
+            let steps = [sets(moved.as_slice(), &set)];
             let reported = scene.edit(Edit { steps: &steps }, Report::Changes).expect("an edit");
-            if reported.is_resync() {
-                known = reported.pairs().iter().copied().collect();
-            } else {
-                let mut ended = reported.ended().iter();
-                assert!(ended.all(|ended| known.remove(&ended.pair)), "{name}, turn {turn}");
-                let mut begun = reported.begun().iter();
-                assert!(begun.all(|pair| known.insert(*pair)), "{name}, turn {turn}");
-            }
+            Heard::from(reported).teach(&mut known);
             let tested = reported.skipped().tested;
             assert!(tested < 1_000 * u64::from(N), "{name}, turn {turn}: {tested} tests");
             scene.acknowledge();
@@ -151,7 +145,7 @@ fn queries_of_crowded_scenes_find_what_each_box_compared_with_each_finds() {
         let boxes = stress_scenes::named(name).boxes(N, SEED);
         let queries = stress_scenes::named(name).boxes(3_000, SEED + 1);
         let mut scene = Scene::new(SceneOptions::default().with_threads(1));
-        let steps = [Step::Set(Sets { indices: (0..N).into(), boxes: &boxes })];
+        let steps = [sets(0..N, &boxes)];
         scene.edit(Edit { steps: &steps }, Report::Nothing).expect("an edit");
         let expected: Vec<Pair> = (0..)
             .zip(&queries)

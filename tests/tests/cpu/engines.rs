@@ -5,7 +5,6 @@ use pairmask_tests::oracle::pair_set_hash;
 use pairmask_tests::prelude::*;
 use pairmaskd::scene::{Scene, SceneName};
 use proptest::prelude::*;
-use rayon::ThreadPoolBuilder;
 
 /// An engine, once for every instruction set that this machine has.
 fn each_isa(name: EngineName) -> Vec<(Isa, Box<dyn Engine>)> {
@@ -86,10 +85,9 @@ fn sections(
     encoding: Encoding,
     threads: usize,
 ) -> Vec<u32> {
-    let pool = ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
     let mut reply = HeapReply::new();
     let input = CullInput::boxes(boxes).encoding(encoding).threads(threads);
-    let report = pool.install(|| engine.cull(&input, &mut reply)).expect("memory");
+    let report = pool(threads).install(|| engine.cull(&input, &mut reply)).expect("memory");
     naive_decoder::sections(reply.words(), &report.shape).expect("a good mask")
 }
 

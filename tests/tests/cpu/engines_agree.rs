@@ -11,25 +11,18 @@
 use std::thread;
 use std::time::Duration;
 
-use pairmask_tests::golden::{self, GOLDEN};
+use pairmask_tests::golden;
 use pairmask_tests::oracle::pair_set_hash;
 use pairmask_tests::prelude::*;
 use pairmaskd::scene::{Scene, SceneName};
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
-const THREADS: [usize; 3] = [1, 2, 4];
-
 fn pools() -> Vec<ThreadPool> {
-    let pool = |threads| ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
-    THREADS.map(pool).into()
+    [1, 2, 4].map(pool).into()
 }
 
-fn pairs(engine: &mut dyn Engine, boxes: &[Aabb], pool: &ThreadPool) -> Vec<Pair> {
-    pool.install(|| pairs_here(engine, boxes))
-}
-
-/// The same, by the pool that the calling thread is in.
-fn pairs_here(engine: &mut dyn Engine, boxes: &[Aabb]) -> Vec<Pair> {
+/// The pairs by the pool that the calling thread is in.
+fn pairs(engine: &mut dyn Engine, boxes: &[Aabb]) -> Vec<Pair> {
     let mut reply = HeapReply::new();
     let report = engine
         .cull(&CullInput::boxes(boxes).threads(rayon::current_num_threads()), &mut reply)
@@ -53,7 +46,7 @@ fn agreed(
     let mut expected: Option<Vec<Pair>> = None;
     for engine in engines {
         for pool in pools {
-            let got = pairs(engine.as_mut(), boxes, pool);
+            let got = pool.install(|| pairs(engine.as_mut(), boxes));
             let expected = expected.get_or_insert_with(|| got.clone());
             check_pairs(&got, expected).unwrap_or_else(|e| {
                 let (threads, n) = (pool.current_num_threads(), boxes.len());
@@ -67,46 +60,29 @@ fn agreed(
 #[test]
 fn pair_sets_have_their_golden_hashes_on_every_engine_and_thread_count() {
     let (mut engines, pools) = (cpu_engines(), pools());
-    let hashes = GOLDEN.map(|(name, _)| {
-        let scene = golden::scene(name);
-        let hash = pair_set_hash(&agreed(name, scene.boxes(), &mut engines, &pools));
-        (name, hash)
-    });
-    assert_eq!(hashes, GOLDEN);
-}
-
-/// Scenes and their pairs that the clients of other languages are held to as well: name, boxes, seed, hash.
-const GOLDEN_SCENES: &str = include_str!("../../golden-scenes.txt");
-
-#[test]
-fn the_golden_scenes_of_all_clients_have_their_pairs() {
-    let (mut engines, pools) = (cpu_engines(), pools());
-    let lines = GOLDEN_SCENES.lines().filter(|line| !line.starts_with('#'));
-    let mut scenes = 0;
-    for line in lines {
-        let [name, n, seed, golden] = line.split(' ').collect::<Vec<_>>()[..] else {
-            panic!("no golden scene: {line}");
-        };
-        let name: SceneName = name.parse().expect("a scene");
-        let scene = Scene::new(name, n.parse().expect("boxes"), seed.parse().expect("a seed"));
-        let found = pair_set_hash(&agreed(name, scene.boxes(), &mut engines, &pools));
-        assert_eq!(format!("{found:#018x}"), golden, "{name}");
-        scenes += 1;
+    let mut moved = 0u64;
+    for (name, mut scene, golden) in golden::scenes() {
+        let mut hash =
+            |scene: &Scene| pair_set_hash(&agreed(name, scene.boxes(), &mut engines, &pools));
+        let found = hash(&scene);
+        assert_eq!(found, golden, "{name}: {found:#018x}");
+        scene.step();
+        moved = moved.rotate_left(7) ^ hash(&scene);
     }
-    assert_eq!(scenes, GOLDEN.len());
+    assert_eq!(moved, 0x8a40_3bb3_4f0d_40b3, "all scenes after a step: {moved:#018x}");
 }
 
 /// Frame after frame in one pool, whose threads sleep, or still look for work, when the next one begins.
 #[test]
 fn frames_of_a_team_after_pauses_have_the_golden_pairs() {
-    let golden = GOLDEN.map(|(name, hash)| (name, hash, golden::scene(name)));
+    let golden = golden::scenes();
     let work = move || {
         let mut engines = cpu_engines();
         for frame in 0..golden.len() * engines.len() {
-            let (name, hash, scene) = &golden[frame / engines.len()];
+            let (name, scene, hash) = &golden[frame / engines.len()];
             let place = frame % engines.len();
             let engine = engines[place].as_mut();
-            let found = pair_set_hash(&pairs_here(engine, scene.boxes()));
+            let found = pair_set_hash(&pairs(engine, scene.boxes()));
             assert_eq!(found, *hash, "{name}, frame {frame}");
             thread::sleep(Duration::from_micros(frame as u64 % 3 * 60));
         }
@@ -158,7 +134,7 @@ fn the_grid_keeps_at_most_100_bytes_a_box() {
         let mut grid = best_engine(EngineName::CpuGrid);
         let mut scene = Scene::new(name, n, 5);
         for pool in pools.iter().flat_map(|pool| [pool; 3]) {
-            pairs(grid.as_mut(), scene.boxes(), pool);
+            pool.install(|| pairs(grid.as_mut(), scene.boxes()));
             scene.step();
         }
         let bytes = grid.scratch_bytes();

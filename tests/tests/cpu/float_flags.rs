@@ -1,10 +1,10 @@
 //! Floating-point flags of threads: games and audio programs flush subnormals, others round downward, and a thread
 //! inherits the flags of the one that starts it. The answer does not depend on the flags of the threads that call,
-//! cull and write boxes. One file, because all tests go through the same sets of flags.
+//! cull and write boxes.
 
 use std::collections::BTreeSet;
 
-use glam::{Affine3A, DVec3, Mat4, Quat, Vec3};
+use glam::{Affine3A, DVec3, Mat4, Quat, Vec3, Vec3A};
 use pairmask_core::dispatch::SphereEngines;
 use pairmask_core::oracle::modes;
 use pairmask_core::plan::SceneStats;
@@ -15,16 +15,18 @@ use pairmask_core::write::{CenterHalf, par_write_boxes, write_boxes};
 use pairmask_lab::stress::{FloatFlags, MixedFlags, Rounding};
 use pairmask_tests::conformance::mixed_flags;
 use pairmask_tests::prelude::*;
+use pairmask_tests::scene_model::Heard;
 use pairmask_tests::spheres;
 use pairmaskd::scene::{Random, Scene, SceneName};
-use rayon::{ThreadPool, ThreadPoolBuilder};
+use rayon::ThreadPool;
 
 /// Enough boxes for every CPU engine to use several tasks, and for a second thread to take part:
 /// with few, the caller finishes before the other wakes, and no flags are mixed.
 const BOXES: usize = 20_000;
 
-fn pool(threads: usize) -> ThreadPool {
-    ThreadPoolBuilder::new().num_threads(threads).build().unwrap()
+/// A session in process that culls every frame.
+fn fresh_answers() -> SessionBuilder {
+    Session::builder().backend(Backend::InProcess).answer_repeats(false)
 }
 
 /// Boxes with edges of up to a fiftieth of `extent` in a cube of that extent.
@@ -86,16 +88,9 @@ fn a_pool_that_a_flagged_thread_started_serves_plain_callers() {
         for flags in [FloatFlags::FLUSHING, FloatFlags::rounding(Rounding::Down)] {
             // The first thread of the pool inherits the flags of this thread; the others too.
             let pool = flags.run(|| pool(2));
-            let mut session = Session::builder()
-                .backend(Backend::InProcess)
-                .answer_repeats(false)
-                .threads(2)
-                .connect()
-                .unwrap();
+            let mut session = fresh_answers().threads(2).connect().unwrap();
             for engine in EngineName::CPU {
-                let options =
-                    CullOptions { engine: EngineChoice::Only(engine), ..CullOptions::default() };
-                let mut reply = HeapReply::new();
+                let (options, mut reply) = (culled_by(engine), HeapReply::new());
                 let asked = || CpuEngines::new().cull(&boxes, &options, &mut reply).unwrap();
                 let answer = pool.install(|| FloatFlags::DEFAULT.run(asked));
                 assert_eq!(answer.report.pair_count, truth.pairs.len() as u64, "{engine}, {flags}");
@@ -120,19 +115,14 @@ fn spheres_are_found_through_the_boxes_of_any_thread() {
         for engine in [EngineName::CpuGrid, EngineName::CpuSap] {
             let mut engines = SphereEngines::new();
             let mut reply = HeapReply::new();
-            let options = CullOptions {
-                engine: EngineChoice::Only(engine),
-                threads: Some(2),
-                ..CullOptions::default()
-            };
+            let options = CullOptions { threads: Some(2), ..culled_by(engine) };
             for flags in mixed_flags() {
                 let answer = flags.install(&pool, || engines.cull(&scene, &options, &mut reply));
                 let count = answer.unwrap().report.pair_count;
                 assert_eq!(count, truth.pairs.len() as u64, "{engine}, {exponent}, {flags}");
             }
         }
-        let mut session =
-            Session::builder().backend(Backend::InProcess).answer_repeats(false).connect().unwrap();
+        let mut session = fresh_answers().connect().unwrap();
         for flags in mixed_flags().iter().step_by(5) {
             let mask = flags.install(&pool, || {
                 let mut frame = session.sphere_frame(scene.len()).unwrap();
@@ -199,13 +189,8 @@ fn sent(precision: &Precision, boxes: &[Aabb]) -> Vec<u64> {
 fn matrices(boxes: &[Aabb]) -> Vec<Affine3A> {
     let of = |p: &Placement| {
         // Written as entries: glam would compute a matrix with this thread's flags.
-        let column = |x: f32| Vec3::new(x, 0.25 + x, -x);
-        Affine3A::from_cols(
-            column(p.rotation[0]).into(),
-            column(p.rotation[1]).into(),
-            column(p.rotation[2]).into(),
-            p.translation.into(),
-        )
+        let [x, y, z, _] = p.rotation.map(|x| Vec3A::new(x, 0.25 + x, -x));
+        Affine3A::from_cols(x, y, z, p.translation.into())
     };
     pairmask_core::floats::with_default(|| placements(boxes).iter().map(of).collect())
 }
@@ -230,12 +215,9 @@ const ENTRY_POINTS: [EntryPoint; 23] = [
         boxes.iter().map(with_all).collect()
     }),
     ("Bounds::around", |boxes| {
-        let all = Bounds::around(boxes);
-        let few = Bounds::around(&boxes[..50]);
-        [all.low(), all.high(), few.low(), few.high()]
-            .iter()
-            .flat_map(|corner| corner.map(|x| u64::from(x.to_bits())))
-            .collect()
+        let [all, few] = [boxes, &boxes[..50]].map(Bounds::around);
+        let corners = [all.low(), all.high(), few.low(), few.high()];
+        corners.as_flattened().iter().map(|x| u64::from(x.to_bits())).collect()
     }),
     ("Bounds::new", |_| {
         let is_ok = |low: f32, high: f32| Bounds::new(Vec3::splat(low), Vec3::splat(high)).is_ok();
@@ -307,11 +289,8 @@ const ENTRY_POINTS: [EntryPoint; 23] = [
     ("write_boxes", |boxes| {
         let mut around = vec![Aabb::EMPTY; boxes.len()];
         let columns = [0, 1, 2].map(|axis| boxes.iter().map(|b| b.min[axis]).collect::<Vec<_>>());
-        let columns = columns.each_ref().map(Vec::as_slice);
-        write_boxes(
-            &CenterHalf::columns(columns, [columns[2], columns[0], columns[1]]),
-            &mut around,
-        );
+        let [x, y, z] = columns.each_ref().map(Vec::as_slice);
+        write_boxes(&CenterHalf::columns([x, y, z], [z, x, y]), &mut around);
         bits(&around)
     }),
     ("par_write_boxes", |boxes| {
@@ -369,12 +348,8 @@ const ENTRY_POINTS: [EntryPoint; 23] = [
             pairs.extend(modes::truth(boxes, &precision).pairs);
         }
         pairs.extend(modes::allowed_by_margin(boxes, 1e-39).may);
-        let worlds: Vec<oracle::Faces> = boxes
-            .iter()
-            .map(|b| {
-                [b.min, b.max].map(|side| side.map(|x| f64::from_bits(u64::from(x.to_bits()))))
-            })
-            .collect();
+        let faces = |side: [f32; 3]| side.map(|x| f64::from_bits(u64::from(x.to_bits())));
+        let worlds: Vec<oracle::Faces> = boxes.iter().map(|b| [b.min, b.max].map(faces)).collect();
         pairs.extend(modes::allowed_around_origin(&worlds, [0.0; 3]).may);
         pairs.iter().map(|[a, b]| u64::from(*a) << 32 | u64::from(*b)).collect()
     }),
@@ -417,18 +392,11 @@ fn threads_of_all_flags_write_one_frame() {
     let scenes = [boxes_within(100.0, 700, 11), boxes_within(3e-38, 700, 12), hard_boxes()];
     for boxes in &scenes {
         let must = oracle::truth(boxes).pairs;
-        for precision in [
-            Precision::Q16(Bounds::around(boxes)),
-            Precision::Q8(Bounds::around(boxes)),
-            Precision::F16,
-        ] {
+        let bounds = Bounds::around(boxes);
+        for precision in [Precision::Q16(bounds), Precision::Q8(bounds), Precision::F16] {
             let may = modes::truth(boxes, &precision).pairs;
             for flags in mixed_flags() {
-                let mut session = Session::builder()
-                    .backend(Backend::InProcess)
-                    .answer_repeats(false)
-                    .connect()
-                    .unwrap();
+                let mut session = fresh_answers().connect().unwrap();
                 let mask = flags.install(&pool, || {
                     let mut frame = session.narrow_frame(boxes.len(), precision).unwrap();
                     for (i, b) in boxes.iter().enumerate() {
@@ -462,20 +430,12 @@ fn scenes_reported_under_changing_flags_add_up_to_the_truth() {
             for (index, b) in indices.iter().zip(&set) {
                 boxes[*index as usize] = *b;
             }
-            let steps = [Step::Set(Sets { indices: (&indices).into(), boxes: &set })];
+            let steps = [sets(&indices, &set)];
             flags.install(&pool, || {
                 scene.edit(Edit { steps: &steps }, Report::Changes).unwrap();
                 scene.acknowledge();
             });
-            let answer = scene.reported();
-            if answer.is_resync() {
-                reported = answer.pairs().iter().copied().collect();
-            }
-            answer
-                .ended()
-                .iter()
-                .for_each(|ended| assert!(reported.remove(&ended.pair), "{flags}"));
-            answer.begun().iter().for_each(|begun| assert!(reported.insert(*begun), "{flags}"));
+            Heard::from(scene.reported()).teach(&mut reported);
         }
         let truth = oracle::truth(&boxes).pairs;
         assert!(truth.len() > 100, "{} pairs", truth.len());

@@ -1,9 +1,8 @@
-//! Engines, masks and documents: nothing here needs a daemon or a GPU.
+//! Engines, masks and layers: nothing here needs a daemon or a GPU.
 #![allow(clippy::unwrap_used)]
 
 mod cliffs;
 mod conformance_can_fail;
-mod documents;
 mod engine_list;
 mod engines;
 mod engines_agree;

@@ -159,43 +159,38 @@ fn words_come_with_their_addresses() {
 
 #[test]
 fn shapes_that_do_not_fit_are_refused() {
-    let n = BoxCount::new(40);
-    let new = |shape: MaskShape, words: usize| MaskView::new(n, &shape, &vec![0; words]).err();
     let span = |start, len| Span { start, len };
-    let dense = |words| MaskShape::Dense { words };
-    assert_eq!(new(dense(span(0, 25)), 25), None);
-    assert_eq!(
-        new(dense(span(0, 24)), 25),
-        Some(MaskError::DenseLength { n: 40, expected: 25, found: 24 })
-    );
-    let outside =
-        |section, span, reply_words| Some(MaskError::OutsideReply { section, span, reply_words });
-    assert_eq!(new(dense(span(1, 25)), 25), outside(Section::Words, span(1, 25), 25));
-    assert_eq!(new(dense(span(u64::MAX, 25)), 25), outside(Section::Words, span(u64::MAX, 25), 25));
+    let dense = |start, len| MaskShape::Dense { words: span(start, len) };
     let sparse = |len, order| MaskShape::Sparse {
         rows: span(0, 3),
         blocks: span(16, 3),
         bits: span(32, len),
         order,
     };
-    assert_eq!(new(sparse(3, None), 35), None);
-    assert_eq!(new(sparse(3, None), 34), outside(Section::Bits, span(32, 3), 34));
-    assert_eq!(
-        new(sparse(2, None), 35),
-        Some(MaskError::SectionLengths { rows: 3, blocks: 3, bits: 2 })
-    );
-    assert_eq!(new(sparse(3, Some(span(48, 40))), 88), None);
-    assert_eq!(
-        new(sparse(3, Some(span(48, 39))), 88),
-        Some(MaskError::OrderLength { n: 40, found: 39 })
-    );
-    assert_eq!(new(sparse(3, Some(span(48, 40))), 87), outside(Section::Order, span(48, 40), 87));
-    let list = |pairs| MaskShape::List { pairs };
-    assert_eq!(new(list(span(1, 6)), 7), None);
-    assert_eq!(new(list(span(1, 5)), 7), Some(MaskError::HalfPair { words: 5 }));
-    assert_eq!(new(list(span(1, 6)), 6), outside(Section::Pairs, span(1, 6), 6));
-    let huge = span(u64::MAX, u64::MAX);
-    assert_eq!(new(list(huge), 7), outside(Section::Pairs, huge, 7));
+    let order = |len| Some(span(48, len));
+    let list = |start, len| MaskShape::List { pairs: span(start, len) };
+    let outside =
+        |section, span, reply_words| Some(MaskError::OutsideReply { section, span, reply_words });
+    let (max, n) = (u64::MAX, BoxCount::new(40));
+    let cases = [
+        (dense(0, 25), 25, None),
+        (dense(0, 24), 25, Some(MaskError::DenseLength { n: 40, expected: 25, found: 24 })),
+        (dense(1, 25), 25, outside(Section::Words, span(1, 25), 25)),
+        (dense(max, 25), 25, outside(Section::Words, span(max, 25), 25)),
+        (sparse(3, None), 35, None),
+        (sparse(3, None), 34, outside(Section::Bits, span(32, 3), 34)),
+        (sparse(2, None), 35, Some(MaskError::SectionLengths { rows: 3, blocks: 3, bits: 2 })),
+        (sparse(3, order(40)), 88, None),
+        (sparse(3, order(39)), 88, Some(MaskError::OrderLength { n: 40, found: 39 })),
+        (sparse(3, order(40)), 87, outside(Section::Order, span(48, 40), 87)),
+        (list(1, 6), 7, None),
+        (list(1, 5), 7, Some(MaskError::HalfPair { words: 5 })),
+        (list(1, 6), 6, outside(Section::Pairs, span(1, 6), 6)),
+        (list(max, max), 7, outside(Section::Pairs, span(max, max), 7)),
+    ];
+    for (shape, words, expected) in cases {
+        assert_eq!(MaskView::new(n, &shape, &vec![0; words]).err(), expected, "{shape:?}");
+    }
 }
 
 #[test]
@@ -203,41 +198,36 @@ fn verify_names_each_broken_rule() {
     let n = BoxCount::new(40);
     let pairs = [[0, 1], [0, 33], [3, 4]];
     let order: Vec<u32> = (0..40).collect();
-    let broken = |written: &WrittenMask, at: usize, value: u32| {
-        let mut mask = written.clone();
-        mask.reply[at] = value;
-        let verified = view(&mask).verify();
-        let naive = naive_decoder::decode(&mask.reply, &mask.shape, 40);
-        assert_eq!(naive.is_err(), verified.is_err(), "{naive:?}");
-        verified
-    };
     // Rows from word 0, blocks from 16, bits from 32, order from 48.
     let sparse = write_sparse(n, &pairs, Some(&order));
-    assert_eq!(broken(&sparse, 33, 0), Err(MaskError::ZeroWord { word: 1 }));
-    assert_eq!(broken(&sparse, 17, 0), Err(MaskError::NotSorted { word: 1 }));
-    assert_eq!(
-        broken(&sparse, 18, 2),
-        Err(MaskError::NoSuchBlock { word: 2, block: 2, blocks: 2 })
-    );
-    let no_pair = |word, row, bits| Err(MaskError::NoSuchPair { word, row, bits });
-    assert_eq!(broken(&sparse, 34, 0b1_1000), no_pair(2, 3, 0b1000));
-    assert_eq!(broken(&sparse, 33, 0b1_0000_0010), no_pair(1, 0, 0b1_0000_0000));
-    assert_eq!(broken(&sparse, 50, 1), Err(MaskError::BoxAgain { position: 2, index: 1 }));
-    assert_eq!(
-        broken(&sparse, 50, 40),
-        Err(MaskError::NoSuchBox { position: 2, index: 40, n: 40 })
-    );
     // 780 pairs leave 20 bits of word 24 behind the last one.
     let dense = write_dense(n, &pairs);
-    assert_eq!(broken(&dense, 24, 0xfff), Ok(()));
-    assert_eq!(broken(&dense, 24, 0x1fff), Err(MaskError::TailBits { bits: 0x1000 }));
     let list = write_list(n, &[[3, 4], [0, 33], [0, 1]]);
-    assert_eq!(broken(&list, 0, 2), Ok(()));
+    let no_pair = |word, row, bits| Err(MaskError::NoSuchPair { word, row, bits });
     let not_a_pair = |number, a, b| Err(MaskError::NotAPair { number, a, b, n: 40 });
-    assert_eq!(broken(&list, 0, 4), not_a_pair(0, 4, 4));
-    assert_eq!(broken(&list, 3, 40), not_a_pair(1, 0, 40));
-    assert_eq!(broken(&list, 4, 2), not_a_pair(2, 2, 1));
-    assert_eq!(broken(&list, 5, 33), Err(MaskError::PairAgain { a: 0, b: 33 }));
+    let cases = [
+        (&sparse, 33, 0, Err(MaskError::ZeroWord { word: 1 })),
+        (&sparse, 17, 0, Err(MaskError::NotSorted { word: 1 })),
+        (&sparse, 18, 2, Err(MaskError::NoSuchBlock { word: 2, block: 2, blocks: 2 })),
+        (&sparse, 34, 0b1_1000, no_pair(2, 3, 0b1000)),
+        (&sparse, 33, 0b1_0000_0010, no_pair(1, 0, 0b1_0000_0000)),
+        (&sparse, 50, 1, Err(MaskError::BoxAgain { position: 2, index: 1 })),
+        (&sparse, 50, 40, Err(MaskError::NoSuchBox { position: 2, index: 40, n: 40 })),
+        (&dense, 24, 0xfff, Ok(())),
+        (&dense, 24, 0x1fff, Err(MaskError::TailBits { bits: 0x1000 })),
+        (&list, 0, 2, Ok(())),
+        (&list, 0, 4, not_a_pair(0, 4, 4)),
+        (&list, 3, 40, not_a_pair(1, 0, 40)),
+        (&list, 4, 2, not_a_pair(2, 2, 1)),
+        (&list, 5, 33, Err(MaskError::PairAgain { a: 0, b: 33 })),
+    ];
+    for (written, at, value, expected) in cases {
+        let mut mask = written.clone();
+        mask.reply[at] = value;
+        assert_eq!(view(&mask).verify(), expected, "word {at} is {value}");
+        let naive = naive_decoder::decode(&mask.reply, &mask.shape, 40);
+        assert_eq!(naive.is_err(), expected.is_err(), "word {at} is {value}: {naive:?}");
+    }
 }
 
 /// A span that mostly fits a reply of some hundred words, and is sometimes arbitrary.

@@ -3,34 +3,33 @@
 
 use std::time::{Duration, Instant};
 
-use pairmask::{Backend, ServedBy, Session};
-use pairmask_core::Aabb;
-use pairmask_tests::daemon::{PATIENCE, TestDaemon, eventually};
+use pairmask_tests::daemon::program;
+use pairmask_tests::prelude::*;
 use rustix::process::{Pid, Resource, Rlimit, getrlimit, prlimit};
-
-const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
-const HANGING: &str = env!("CARGO_BIN_EXE_pairmaskd_hanging");
 
 const UNIT: Aabb = Aabb { min: [0.0; 3], max: [1.0; 3] };
 
 /// Submits a pair of equal boxes, or two empty ones.
 fn frame(session: &mut Session, boxes: Aabb) -> Result<(usize, ServedBy), String> {
-    let mut frame = session.frame(2).map_err(|error| error.to_string())?;
-    frame.boxes_mut().fill(boxes);
-    let pending = frame.submit().map_err(|error| error.to_string())?;
-    let mask = pending.wait().map_err(|error| error.to_string())?;
+    let mut submit = || {
+        let mut frame = session.frame(2)?;
+        frame.boxes_mut().fill(boxes);
+        frame.submit()?.wait()
+    };
+    let mask = submit().map_err(|error: Error| error.to_string())?;
     Ok((mask.to_vec().len(), mask.info().served_by))
+}
+
+fn hanging() -> TestDaemon {
+    TestDaemon::start_binary(program("pairmaskd_hanging"), &["--gpu", "none"])
 }
 
 #[test]
 fn a_worker_whose_lanes_all_hang_is_replaced() {
-    let daemon = TestDaemon::start(HANGING, &["--gpu", "none"]);
+    let daemon = hanging();
     let before = daemon.worker();
-    let is_there = || {
-        daemon
-            .record()
-            .is_some_and(|record| record.worker_pid as i32 == before.as_raw_nonzero().get())
-    };
+    let pid = before.as_raw_nonzero().get() as u32;
+    let is_there = || daemon.record().is_some_and(|record| record.worker_pid == pid);
     let start = Instant::now();
     // More than there are lanes. A client that leaves early may leave a lane free.
     let clients = std::thread::available_parallelism().unwrap().get() + 2;
@@ -48,31 +47,31 @@ fn a_worker_whose_lanes_all_hang_is_replaced() {
         }
     });
     assert_ne!(daemon.worker(), before);
-    let mut session = daemon.session().connect().unwrap();
+    let mut session = daemon.connect();
     assert_eq!(frame(&mut session, Aabb::EMPTY).unwrap(), (0, ServedBy::Daemon));
 }
 
 #[test]
 fn a_worker_that_hangs_before_it_serves_is_replaced() {
-    let mut daemon = TestDaemon::start(HANGING, &["--gpu", "none"]);
+    let mut daemon = hanging();
     daemon.kill();
     std::fs::write(daemon.path().join("hang"), "").unwrap();
     daemon.restart();
-    eventually("a worker hangs", || (!daemon.path().join("hang").exists()).then_some(()));
+    until("a worker hangs", || !daemon.path().join("hang").exists());
     let mut session = eventually("another serves", || daemon.session().connect().ok());
     assert_eq!(frame(&mut session, Aabb::EMPTY).unwrap(), (0, ServedBy::Daemon));
 }
 
 fn limit_files(process: Pid, files: Option<u64>) {
     let own = getrlimit(Resource::Nofile);
-    prlimit(Some(process), Resource::Nofile, Rlimit { current: files.or(own.current), ..own })
-        .unwrap();
+    let limit = Rlimit { current: files.or(own.current), ..own };
+    prlimit(Some(process), Resource::Nofile, limit).unwrap();
 }
 
 #[test]
 fn a_daemon_without_files_to_open_keeps_nobody_waiting_and_recovers() {
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
-    let mut first = daemon.session().connect().unwrap();
+    let daemon = TestDaemon::of_cores();
+    let mut first = daemon.connect();
     assert_eq!(frame(&mut first, UNIT).unwrap(), (1, ServedBy::Daemon));
     let worker = daemon.worker();
     let open = std::fs::read_dir(format!("/proc/{}/fd", worker.as_raw_nonzero())).unwrap().count();
@@ -93,8 +92,8 @@ fn a_daemon_without_files_to_open_keeps_nobody_waiting_and_recovers() {
     }
     limit_files(worker, None);
     for mut session in [returning.unwrap(), auto.connect().unwrap()] {
-        eventually("the daemon serves it", || {
-            (frame(&mut session, UNIT).unwrap() == (1, ServedBy::Daemon)).then_some(())
+        until("the daemon serves it", || {
+            frame(&mut session, UNIT).unwrap() == (1, ServedBy::Daemon)
         });
     }
     assert_eq!(daemon.worker(), worker);

@@ -8,11 +8,10 @@ use std::time::Instant;
 
 // The libraries of this crate are what the programs are linked with.
 use pairmask_c as _;
-use pairmask_tests::golden::{self, GOLDEN};
+use pairmask_tests::golden;
 use pairmask_tests::oracle::pair_set_hash;
 use pairmask_tests::prelude::*;
 
-const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
 const C: &[&str] = &["-std=c11"];
 const CPP: &[&str] = &["-std=c++17"];
 const BY_DAEMON: u32 = 1;
@@ -126,9 +125,8 @@ impl Culling {
         let mut head = [0u32; 4];
         self.answers.read_exact(bytemuck::cast_slice_mut(&mut head)).expect("an answer");
         let [count, empty, invalid, served_by] = head;
-        let mut found = vec![[0u32; 2]; count as usize];
-        self.answers.read_exact(bytemuck::cast_slice_mut(&mut found)).expect("the pairs");
-        let mut pairs: Vec<Pair> = found.into_iter().collect();
+        let mut pairs: Vec<Pair> = vec![[0; 2]; count as usize];
+        self.answers.read_exact(bytemuck::cast_slice_mut(&mut pairs)).expect("the pairs");
         pairs.sort_unstable();
         Culled { pairs, empty, invalid, served_by }
     }
@@ -163,16 +161,15 @@ fn check_suite(program: &mut Culling, sizes: &[u32], served_by: u32) {
 }
 
 fn check_golden(program: &mut Culling) {
-    let found = GOLDEN.map(|(name, _)| {
-        let pairs = program.frame(golden::scene(name).boxes()).pairs;
-        (name, pair_set_hash(&pairs))
-    });
-    assert_eq!(found, GOLDEN);
+    for (name, scene, golden) in golden::scenes() {
+        let found = pair_set_hash(&program.frame(scene.boxes()).pairs);
+        assert_eq!(found, golden, "{name}: {found:#018x}");
+    }
 }
 
 fn conforms(source: &str, flags: &[&str]) {
     let program = Program::build(source, flags, Watch::Sanitizers);
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    let daemon = TestDaemon::of_cores();
     let dir = daemon.path().to_str().expect("a path in UTF-8");
     for (backend, served_by) in [("in-process", IN_PROCESS), ("daemon", BY_DAEMON)] {
         for encoding in Encoding::ALL.map(Encoding::as_str).into_iter().chain(["auto"]) {
@@ -206,7 +203,7 @@ fn valgrind_finds_nothing_in_frames() {
 }
 
 fn every_call_and_every_error(watch: Watch, backends: &[&str]) {
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    let daemon = TestDaemon::of_cores();
     let dir = daemon.path().to_str().expect("a path in UTF-8");
     let standards: [(&str, &[&str]); 4] = [
         ("calls.c", C),
@@ -239,7 +236,7 @@ fn valgrind_finds_nothing_in_every_call_and_every_error() {
 #[test]
 fn a_daemon_that_is_killed_costs_no_frame() {
     let program = Program::build("conformance.c", C, Watch::Sanitizers);
-    let mut daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    let mut daemon = TestDaemon::of_cores();
     let dir = daemon.path().to_str().expect("a path in UTF-8").to_owned();
     let mut culling = program.cull(&["auto", &dir, "auto"]);
     let mut frames = 0;

@@ -1,24 +1,19 @@
-//! Processes that die, forge messages or run out of memory. The other side goes on with right
-//! answers. One file, because each fault is a test of its own that shares the same client and comparisons.
+//! Processes that die, hang or forge messages, and limits that they meet. The other side goes on with right answers.
 
-use std::os::unix::fs::PermissionsExt;
-use std::os::unix::process::CommandExt;
-use std::path::Path;
 use std::process::Command;
 use std::time::{Duration, Instant};
 
 use pairmask_core::objects::ObjectForm;
-use pairmask_tests::daemon::{outlive_kills, stop};
+use pairmask_tests::daemon::{outlive_kills, program, stop};
 use pairmask_tests::fault_client::FaultClient;
-use pairmask_tests::frames::served_by;
+use pairmask_tests::frames::{served_by, two_sets};
 use pairmask_tests::prelude::*;
 use pairmask_tests::spheres::{check_mask, cull, whole_scene};
 use pairmask_transport::{DaemonRecord, Heartbeat, RuntimeDir, Services};
-use pairmask_wire::{CullRequest, InstanceName, RequestHeader, ScenePlace, StatusCode, Version};
+use pairmask_wire::{
+    CullRequest, InstanceName, ReplyError, RequestHeader, ScenePlace, StatusCode, Version,
+};
 use rustix::process::{Pid, getpid};
-
-const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
-const FAULT_CLIENT: &str = env!("CARGO_BIN_EXE_fault_client");
 
 /// Submits a frame and compares with the oracle. Returns what served it.
 fn check_frame(session: &mut Session, boxes: &[Aabb]) -> ServedBy {
@@ -28,8 +23,8 @@ fn check_frame(session: &mut Session, boxes: &[Aabb]) -> ServedBy {
 }
 
 fn comes_back(session: &mut Session, boxes: &[Aabb]) {
-    eventually("the session comes back to the daemon", || {
-        (check_frame(session, boxes) == ServedBy::Daemon).then_some(())
+    until("the session comes back to the daemon", || {
+        check_frame(session, boxes) == ServedBy::Daemon
     });
 }
 
@@ -39,8 +34,8 @@ fn scene(n: usize, seed: u64) -> Vec<Aabb> {
 
 #[test]
 fn a_thousand_frames_are_right_while_the_daemon_is_killed_again_and_again() {
-    let mut daemon = TestDaemon::start(DAEMON, &[]);
-    let mut session = daemon.session().backend(Backend::Auto).connect().unwrap();
+    let mut daemon = TestDaemon::start(&[]);
+    let mut session = daemon.connect_auto();
     let scenes: Vec<_> = (0..8).map(|seed| scene(300, seed)).collect();
     let spheres: Vec<_> = (0..8).map(|seed| whole_scene(300, 12, seed)).collect();
     outlive_kills(&mut daemon, |i| {
@@ -56,21 +51,16 @@ fn a_thousand_frames_are_right_while_the_daemon_is_killed_again_and_again() {
 
 #[test]
 fn a_daemon_killed_with_frames_under_way_costs_no_answer() {
-    let mut daemon = TestDaemon::start(DAEMON, &[]);
-    let mut session = daemon.session().backend(Backend::Auto).connect().unwrap();
+    let mut daemon = TestDaemon::start(&[]);
+    let mut session = daemon.connect_auto();
     let (boxes, (spheres, truth)) = (scene(400, 1), whole_scene(400, 12, 1));
-    let fill = |session: &mut Session| {
-        let mut frame = session.sphere_frame(spheres.len()).unwrap();
-        assert!(frame.is_shared());
-        frame.spheres_mut().copy_from_slice(&spheres);
-        frame
-    };
     check_frame(&mut session, &boxes);
     daemon.signal_worker(Signal::STOP);
-    let of_boxes = session.ask(&boxes);
-    let of_spheres = fill(&mut session).submit().unwrap();
+    let (of_boxes, of_spheres) = (session.ask(&boxes), session.ask_spheres(&spheres));
     // One more that is filled and not yet sent.
-    let filled = fill(&mut session);
+    let mut filled = session.sphere_frame(spheres.len()).unwrap();
+    assert!(filled.is_shared());
+    filled.spheres_mut().copy_from_slice(&spheres);
     daemon.kill();
     let mask = of_boxes.wait().unwrap();
     assert_eq!(mask.info().served_by, ServedBy::InProcess);
@@ -84,7 +74,7 @@ fn a_daemon_killed_with_frames_under_way_costs_no_answer() {
     daemon.restart();
     let mut strict = eventually("a session without a stand-in", || daemon.session().connect().ok());
     daemon.signal_worker(Signal::STOP);
-    let pending = [strict.ask(&boxes), fill(&mut strict).submit().unwrap()];
+    let pending = [strict.ask(&boxes), strict.ask_spheres(&spheres)];
     daemon.kill();
     for pending in pending {
         assert!(matches!(pending.wait(), Err(Error::DaemonDied)));
@@ -93,7 +83,7 @@ fn a_daemon_killed_with_frames_under_way_costs_no_answer() {
 
 #[test]
 fn a_daemon_that_hangs_costs_a_deadline_and_no_answer() {
-    let daemon = TestDaemon::start(DAEMON, &[]);
+    let daemon = TestDaemon::start(&[]);
     let deadline = Duration::from_millis(200);
     let mut session = daemon.session().backend(Backend::Auto).deadline(deadline).connect().unwrap();
     let boxes = scene(200, 2);
@@ -108,7 +98,7 @@ fn a_daemon_that_hangs_costs_a_deadline_and_no_answer() {
 /// The bounds are those of a hang: 200 ms and a second are asked for, 30 s and the deadline were taken.
 #[test]
 fn a_stopped_worker_is_replaced_and_no_frame_waits_for_it() {
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    let daemon = TestDaemon::of_cores();
     let deadline = Duration::from_secs(60);
     let mut session = daemon.session().backend(Backend::Auto).deadline(deadline).connect().unwrap();
     let boxes = scene(200, 2);
@@ -117,14 +107,11 @@ fn a_stopped_worker_is_replaced_and_no_frame_waits_for_it() {
         let stopped = daemon.worker();
         stop(stopped);
         let mut slowest = Duration::ZERO;
-        eventually("another worker serves", || {
+        until("another worker serves", || {
             let start = Instant::now();
             check_frame(&mut session, &boxes);
             slowest = slowest.max(start.elapsed());
-            daemon
-                .record()
-                .is_some_and(|record| record.worker_pid != stopped.as_raw_nonzero().get() as u32)
-                .then_some(())
+            daemon.worker() != stopped
         });
         assert!(slowest < deadline / 6, "round {round}: {slowest:?}");
     }
@@ -135,7 +122,7 @@ fn a_stopped_worker_is_replaced_and_no_frame_waits_for_it() {
 /// soon as it runs.
 #[test]
 fn a_silent_daemon_costs_one_frame_until_it_runs_again() {
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    let daemon = TestDaemon::of_cores();
     let deadline = Duration::from_secs(60);
     let mut session = daemon.session().backend(Backend::Auto).deadline(deadline).connect().unwrap();
     let boxes = scene(200, 3);
@@ -153,8 +140,7 @@ fn a_silent_daemon_costs_one_frame_until_it_runs_again() {
 
 #[test]
 fn a_frame_that_is_polled_for_leaves_a_silent_daemon_too() {
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
-    let mut session = daemon.session().backend(Backend::Auto).connect().unwrap();
+    let (daemon, mut session) = served_or_here();
     let boxes = scene(200, 4);
     comes_back(&mut session, &boxes);
     daemon.signal_worker(Signal::STOP);
@@ -170,7 +156,7 @@ fn a_frame_that_is_polled_for_leaves_a_silent_daemon_too() {
 /// Runs `fault_client connect` below a command that limits it or gives it a namespace.
 fn connect_below(daemon: &TestDaemon, shell: &str) -> String {
     let output = Command::new("bash")
-        .args(["-c", &format!("{shell} {FAULT_CLIENT} connect")])
+        .args(["-c", &format!("{shell} {} connect", program("fault_client").display())])
         .env("PAIRMASK_RUNTIME_DIR", daemon.path())
         .output()
         .unwrap();
@@ -184,35 +170,35 @@ const PID_NAMESPACE: &str = "unshare --user --map-root-user --pid --fork --mount
 
 #[test]
 fn a_daemon_is_found_from_another_pid_namespace() {
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    let daemon = TestDaemon::of_cores();
     assert_eq!(connect_below(&daemon, PID_NAMESPACE), "connected\n");
     assert_eq!(connect_below(&daemon, ""), "connected\n");
 }
 
 #[test]
 fn limits_of_a_client_are_named() {
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    let daemon = TestDaemon::of_cores();
     let said = connect_below(&daemon, "ulimit -v 8000000;");
     assert!(said.contains("Limit(AddressSpace") && said.contains("8192000000"), "{said}");
     let said = connect_below(&daemon, "ulimit -n 20;");
     assert!(said.contains("Limit(Files { limit: 20 })"), "{said}");
     // With room for replies that are small enough all is well.
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none", "--max-reply-mib", "16"]);
+    let daemon = TestDaemon::start(&["--gpu", "none", "--max-reply-mib", "16"]);
     assert_eq!(connect_below(&daemon, "ulimit -v 8000000;"), "connected\n");
 }
 
 #[test]
 fn a_client_takes_no_more_files_of_the_worker_than_are_counted_for_it() {
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    let daemon = TestDaemon::of_cores();
     let files = || {
         let folder = format!("/proc/{}/fd", daemon.worker().as_raw_nonzero());
         std::fs::read_dir(folder).unwrap().count() as u64
     };
-    let mut first = daemon.session().connect().unwrap();
+    let mut first = daemon.connect();
     check_frame(&mut first, &scene(9, 1));
     let before = files();
     let clients = 6;
-    let mut sessions: Vec<_> = (0..clients).map(|_| daemon.session().connect().unwrap()).collect();
+    let mut sessions: Vec<_> = (0..clients).map(|_| daemon.connect()).collect();
     // A larger frame makes a second port.
     for n in [9, 80_000] {
         for session in &mut sessions {
@@ -225,9 +211,9 @@ fn a_client_takes_no_more_files_of_the_worker_than_are_counted_for_it() {
 
 #[test]
 fn a_daemon_whose_files_are_removed_starts_anew() {
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    let daemon = TestDaemon::of_cores();
     let boxes = scene(100, 5);
-    check_frame(&mut daemon.session().connect().unwrap(), &boxes);
+    check_frame(&mut daemon.connect(), &boxes);
     for file in daemon.shared_files() {
         std::fs::remove_file(file).unwrap();
     }
@@ -241,144 +227,46 @@ fn a_daemon_whose_files_are_removed_starts_anew() {
 
 #[test]
 fn a_client_killed_in_mid_frame_leaves_the_others_alone_and_its_memory_comes_back() {
-    let daemon = TestDaemon::start(DAEMON, &[]);
-    let mut other = daemon.session().connect().unwrap();
+    let daemon = TestDaemon::start(&[]);
+    let mut other = daemon.connect();
     let boxes = scene(300, 3);
     check_frame(&mut other, &boxes);
     let before = daemon.shared_files();
     for mode in ["loan", "pending"] {
-        let mut victim = FaultClient::start(FAULT_CLIENT, &daemon, &[mode, "auto"]);
+        let mut victim = FaultClient::start(&daemon, &[mode, "auto"]);
         victim.go();
         assert!(daemon.shared_files().len() > before.len(), "the victim has files of its own");
         drop(victim);
         let killed = Instant::now();
-        eventually("the victim's files go", || {
+        until("the victim's files go", || {
             check_frame(&mut other, &boxes);
-            (daemon.shared_files() == before).then_some(())
+            daemon.shared_files() == before
         });
         assert!(killed.elapsed() < Duration::from_secs(10), "mode {mode}");
     }
     assert_eq!(check_frame(&mut other, &boxes), ServedBy::Daemon);
 }
 
-/// Boxes with dense masks of so many bytes: all in one place.
-fn boxes_of_mask(bytes: f64) -> Vec<Aabb> {
-    vec![Aabb::from([0.0, 0.0, 0.0, 1.0, 1.0, 1.0]); (16.0 * bytes).sqrt() as usize]
-}
-
-/// Memory of masks that is left to a daemon whose clients have large ones no more.
-const LEFT_OF_MASKS: u64 = 512 << 10;
-
-#[test]
-fn memory_of_replies_is_given_back_when_clients_leave_and_the_others_notice_nothing() {
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
-    let stays = scene(1000, 7);
-    let mut steady = daemon.session().answer_repeats(false).connect().unwrap();
-    check_frame(&mut steady, &stays);
-    let before = daemon.shared_bytes();
-    let boxes = boxes_of_mask(4e6);
-    let dense = EncodingChoice::Only(Encoding::Dense);
-    for _ in 0..3 {
-        let mut sessions: Vec<Session> =
-            (0..4).map(|_| daemon.session().encoding(dense).connect().unwrap()).collect();
-        let masks: Vec<_> = sessions.iter_mut().map(|session| session.answer(&boxes)).collect();
-        let all = boxes.len() as u64 * (boxes.len() as u64 - 1) / 2;
-        assert!(masks.iter().all(|mask| mask.count() == all));
-        assert!(daemon.shared_bytes() > before + 15_000_000, "masks in the hands of clients");
-        drop(masks);
-        drop(sessions);
-        eventually("the memory of masks comes back", || {
-            assert_eq!(check_frame(&mut steady, &stays), ServedBy::Daemon);
-            (daemon.shared_bytes() < before + LEFT_OF_MASKS).then_some(())
-        });
-    }
-}
-
-#[test]
-#[ignore = "takes minutes and 2 GB of /dev/shm: cargo test --release -p pairmask-tests --test daemon -- --ignored faults"]
-fn two_hundred_clients_of_60_000_boxes_leave_8_mb_of_shared_memory_at_most() {
-    const AT_A_TIME: usize = 8;
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
-    drop(daemon.session().connect().unwrap());
-    let before = daemon.shared_bytes();
-    let dense = EncodingChoice::Only(Encoding::Dense);
-    let boxes = scene(60_000, 5);
-    let mut most = 0;
-    for _ in 0..200 / AT_A_TIME {
-        let mut sessions: Vec<Session> =
-            (0..AT_A_TIME).map(|_| daemon.session().encoding(dense).connect().unwrap()).collect();
-        let _masks: Vec<_> = sessions.iter_mut().map(|session| session.answer(&boxes)).collect();
-        most = most.max(daemon.shared_bytes());
-    }
-    assert!(most > before + AT_A_TIME as u64 * 200_000_000);
-    let left = || daemon.shared_bytes().saturating_sub(before);
-    eventually("the memory of masks comes back", || (left() < 8_000_000).then_some(()));
-    println!("{most} bytes at most, {} left of {before}", left());
-}
-
-/// What a client has in its hands is nobody's to give back.
-#[test]
-fn a_mask_in_the_hands_of_a_client_stays_what_it_is_while_others_leave() {
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
-    let dense = EncodingChoice::Only(Encoding::Dense);
-    let boxes = boxes_of_mask(1e6);
-    let mut holder = daemon.session().encoding(dense).connect().unwrap();
-    let held = holder.answer(&boxes);
-    let all = boxes.len() as u64 * (boxes.len() as u64 - 1) / 2;
-    let before = daemon.shared_bytes();
-    for _ in 0..3 {
-        let mut leaves = daemon.session().encoding(dense).connect().unwrap();
-        drop(leaves.answer(&boxes));
-        drop(leaves);
-        eventually("the memory of the other mask comes back", || {
-            (daemon.shared_bytes() < before + LEFT_OF_MASKS).then_some(())
-        });
-        assert_eq!(held.count(), all);
-    }
-}
-
-/// A container's /dev/shm has 64 MB.
-#[test]
-fn clients_of_few_boxes_take_little_shared_memory() {
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
-    let before = daemon.shared_bytes();
-    let boxes = scene(1000, 3);
-    let mut sessions: Vec<Session> = (0..16).map(|_| daemon.session().connect().unwrap()).collect();
-    for session in &mut sessions {
-        check_frame(session, &boxes);
-    }
-    let each = (daemon.shared_bytes() - before) / 16;
-    // 24 kB of boxes, an answer of some kB, and what the transport has for each.
-    assert!(each < 256 << 10, "{each} bytes a client");
-}
-
-#[test]
-fn a_truncated_segment_kills_a_worker_at_most() {
-    truncate_a_segment("cpu-brute");
-}
-
 /// A software driver reads the boxes on the CPU and dies of the SIGBUS; a real GPU reads the rest
 /// of the memory.
 #[test]
-fn a_segment_truncated_under_the_gpu_kills_a_worker_at_most() {
-    truncate_a_segment("gpu-brute");
-}
-
-fn truncate_a_segment(engine: &str) {
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", "software"]);
-    let mut other = daemon.session().backend(Backend::Auto).connect().unwrap();
-    let boxes = scene(300, 4);
-    check_frame(&mut other, &boxes);
-    let first_worker = daemon.worker();
-    let mut vandal = FaultClient::start(FAULT_CLIENT, &daemon, &["truncate", engine]);
-    daemon.signal_worker(Signal::STOP);
-    vandal.go();
-    daemon.signal_worker(Signal::CONT);
-    eventually("another worker serves", || {
-        check_frame(&mut other, &boxes);
-        (daemon.worker() != first_worker).then_some(())
-    });
-    drop(vandal);
+fn a_truncated_segment_kills_a_worker_at_most() {
+    let daemon = TestDaemon::start(&["--gpu", "software"]);
+    let (mut other, boxes) = (daemon.connect_auto(), scene(300, 4));
+    for engine in ["cpu-brute", "gpu-brute"] {
+        comes_back(&mut other, &boxes);
+        daemon.wait_for_gpus();
+        let first_worker = daemon.worker();
+        let mut vandal = FaultClient::start(&daemon, &["truncate", engine]);
+        daemon.signal_worker(Signal::STOP);
+        vandal.go();
+        daemon.signal_worker(Signal::CONT);
+        until("another worker serves", || {
+            check_frame(&mut other, &boxes);
+            daemon.worker() != first_worker
+        });
+        drop(vandal);
+    }
     comes_back(&mut other, &boxes);
 }
 
@@ -389,7 +277,7 @@ fn check_forged(
     form: impl Into<ObjectForm>,
     changes: &[(Change, StatusCode)],
 ) -> pairmask::DaemonStatus {
-    let daemon = TestDaemon::start(DAEMON, &[]);
+    let daemon = TestDaemon::start(&[]);
     let worker = daemon.worker();
     let services = Services::connect(&daemon.dir(), &InstanceName::default()).unwrap();
     let client = services.client(77, 4).unwrap();
@@ -407,7 +295,7 @@ fn check_forged(
         assert_eq!(status, *expected as u32, "request {number}");
     }
     assert_eq!(daemon.worker(), worker, "the worker still lives");
-    daemon.session().connect().unwrap().daemon_status().unwrap()
+    daemon.connect().daemon_status().unwrap()
 }
 
 const OK: StatusCode = StatusCode::Ok;
@@ -452,35 +340,13 @@ fn forged_requests_are_answered_and_harm_no_client() {
 }
 
 #[test]
-fn a_full_shm_is_a_typed_error_and_no_death() {
-    for mode in ["full", "full-spheres"] {
-        let daemon_dir = tempfile::tempdir().unwrap();
-        // A namespace of its own with 2 MB of shared memory: daemon and client in one.
-        let script = format!(
-            "mount -t tmpfs -o size=2m tmpfs /dev/shm || exit; {DAEMON} serve & daemon=$!; \
-             for i in $(seq 300); do [ -e {dir}/default.daemon ] && break; sleep 0.05; done; \
-             {FAULT_CLIENT} {mode}; code=$?; kill $daemon; wait; exit $code",
-            dir = daemon_dir.path().display(),
-        );
-        let output = Command::new("unshare")
-            .args(["--user", "--map-root-user", "--mount", "bash", "-c", &script])
-            .env("PAIRMASK_RUNTIME_DIR", daemon_dir.path())
-            .output()
-            .unwrap();
-        let said = String::from_utf8_lossy(&output.stdout);
-        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-        assert!(said.contains("no shared memory for"), "{mode}: {said}");
-    }
-}
-
-#[test]
 fn a_mask_larger_than_a_reply_is_answered_in_process_or_named() {
-    let daemon = TestDaemon::start(DAEMON, &["--max-reply-mib", "1"]);
+    let daemon = TestDaemon::start(&["--max-reply-mib", "1"]);
     let same = vec![Aabb::new([0.0; 3], [1.0; 3]); 5000];
     let submit = |session: &mut Session| session.ask(&same).wait();
-    let error = submit(&mut daemon.session().connect().unwrap()).unwrap_err();
+    let error = submit(&mut daemon.connect()).unwrap_err();
     assert!(error.to_string().contains("reply-too-large"), "{error}");
-    let mask = submit(&mut daemon.session().backend(Backend::Auto).connect().unwrap()).unwrap();
+    let mask = submit(&mut daemon.connect_auto()).unwrap();
     assert_eq!(mask.info().served_by, ServedBy::InProcess);
     assert_eq!(mask.count(), 5000 * 4999 / 2);
 }
@@ -488,80 +354,29 @@ fn a_mask_larger_than_a_reply_is_answered_in_process_or_named() {
 #[test]
 fn a_missing_daemon_and_another_version_are_distinguished() {
     let dir = tempfile::tempdir().unwrap();
-    let connect = || {
-        Session::builder()
-            .runtime_dir(RuntimeDir::at(dir.path()))
-            .backend(Backend::Daemon)
-            .connect()
-            .unwrap_err()
-    };
+    let place = RuntimeDir::at(dir.path());
+    let builder = Session::builder().runtime_dir(place.clone()).backend(Backend::Daemon);
+    let connect = || builder.clone().connect().unwrap_err();
     assert!(matches!(connect(), ConnectError::NoDaemon { .. }));
-    let pid = std::process::id();
-    let record = |version| DaemonRecord { worker_pid: pid, supervisor_pid: pid, version };
+    let (pid, name) = (std::process::id(), InstanceName::default());
+    let record = |worker_pid, version| {
+        let record = DaemonRecord { worker_pid, supervisor_pid: pid, version };
+        place.write_record(&name, &record).unwrap();
+    };
     let older = Version { minor: Version::CURRENT.minor - 1, ..Version::CURRENT };
-    for other in [older, Version { major: 2, minor: 0 }] {
-        let record = record(other);
-        RuntimeDir::at(dir.path()).write_record(&InstanceName::default(), &record).unwrap();
-        assert!(matches!(connect(), ConnectError::VersionMismatch { .. }), "{other}");
+    for version in [older, Version { major: 2, minor: 0 }] {
+        record(pid, version);
+        assert!(matches!(connect(), ConnectError::VersionMismatch { .. }), "{version}");
     }
-    let record = record(Version::CURRENT);
-    let dead = DaemonRecord { worker_pid: u32::MAX >> 1, ..record };
-    RuntimeDir::at(dir.path()).write_record(&InstanceName::default(), &dead).unwrap();
+    record(u32::MAX >> 1, Version::CURRENT);
     assert!(matches!(connect(), ConnectError::NoDaemon { .. }));
     // A dead daemon's process id may be another process's by now.
-    RuntimeDir::at(dir.path()).write_record(&InstanceName::default(), &record).unwrap();
-    drop(Heartbeat::start(&RuntimeDir::at(dir.path()), &InstanceName::default()).unwrap());
+    record(pid, Version::CURRENT);
+    drop(Heartbeat::start(&place, &name).unwrap());
     let error = connect();
     assert!(matches!(error, ConnectError::NoDaemon { .. }), "{error}");
     let said = error.to_string();
     assert!(said.contains(dir.path().to_str().unwrap()) && said.contains("'default'"), "{said}");
-}
-
-#[test]
-fn another_users_daemon_is_named() {
-    const NOBODY: u32 = 65_534;
-    if !rustix::process::geteuid().is_root() {
-        // Without root the test cannot act as a second user: root's directory stands for another
-        // user's.
-        let refused = RuntimeDir::at("/").ensure().unwrap_err();
-        assert!(refused.to_string().contains("belongs to user 0"), "{refused}");
-        return;
-    }
-    let daemon = TestDaemon::start(DAEMON, &[]);
-    let permit = |path: &Path, mode| {
-        std::fs::set_permissions(path, PermissionsExt::from_mode(mode)).unwrap();
-    };
-    let reachable = tempfile::tempdir().unwrap();
-    permit(reachable.path(), 0o755);
-    let client = reachable.path().join("fault_client");
-    // The copy is made by another process: if this one did, a test that forks meanwhile would keep
-    // the file open for writing, and such a file cannot be executed.
-    assert!(
-        Command::new("cp")
-            .args([FAULT_CLIENT.as_ref(), client.as_path()])
-            .status()
-            .unwrap()
-            .success()
-    );
-    permit(&client, 0o755);
-    let record = daemon.path().join("default.daemon");
-    // Modes of directory and record by a usual umask, by a strict one, and in between.
-    for (dir_mode, record_mode) in [(0o755, 0o644), (0o755, 0o600), (0o700, 0o600)] {
-        permit(&record, record_mode);
-        permit(daemon.path(), dir_mode);
-        let output = Command::new(&client)
-            .arg("connect")
-            .env("PAIRMASK_RUNTIME_DIR", daemon.path())
-            .uid(NOBODY)
-            .gid(NOBODY)
-            .output()
-            .unwrap();
-        let said = String::from_utf8_lossy(&output.stdout);
-        assert!(
-            said.contains("OtherUser") && said.contains("uid: 0"),
-            "{dir_mode:o} {record_mode:o}: {said}"
-        );
-    }
 }
 
 fn umask(process: Pid) -> String {
@@ -573,7 +388,7 @@ fn umask(process: Pid) -> String {
 /// The transport changes the umask for each listener: not that of the process that connects.
 #[test]
 fn sessions_that_connect_at_once_leave_the_umask_alone() {
-    let daemon = TestDaemon::start(DAEMON, &[]);
+    let daemon = TestDaemon::start(&[]);
     let processes = [getpid(), daemon.worker()];
     let before = processes.map(umask);
     let connected = std::thread::scope(|scope| {
@@ -589,21 +404,9 @@ fn sessions_that_connect_at_once_leave_the_umask_alone() {
 }
 
 #[test]
-fn one_client_too_many_is_an_error() {
-    let daemon = TestDaemon::start(DAEMON, &["--max-clients", "2"]);
-    let connect = || daemon.session().connect();
-    let _first = connect().unwrap();
-    let second = connect().unwrap();
-    assert!(matches!(connect().unwrap_err(), ConnectError::TooManyClients { .. }));
-    drop(second);
-    let mut third = connect().unwrap();
-    check_frame(&mut third, &scene(50, 5));
-}
-
-#[test]
 fn three_frames_at_a_time_and_no_fourth() {
-    let daemon = TestDaemon::start(DAEMON, &[]);
-    let mut session = daemon.session().connect().unwrap();
+    let daemon = TestDaemon::start(&[]);
+    let mut session = daemon.connect();
     let boxes = scene(64, 6);
     let expected = oracle::truth(&boxes).pairs;
     let pending = [(); 3].map(|()| session.ask(&boxes));
@@ -617,9 +420,8 @@ fn three_frames_at_a_time_and_no_fourth() {
 
 #[test]
 fn an_auto_session_answers_a_fourth_frame_itself() {
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
-    let builder = daemon.session().backend(Backend::Auto);
-    let mut session = builder.clone().connect().unwrap();
+    let daemon = TestDaemon::of_cores();
+    let mut session = daemon.connect_auto();
     let boxes = scene(64, 6);
     let held = [(); 3].map(|()| served_by(ServedBy::Daemon, || session.answer(&boxes)));
     for _ in 0..2 {
@@ -629,18 +431,40 @@ fn an_auto_session_answers_a_fourth_frame_itself() {
     comes_back(&mut session, &boxes);
     // This process has no GPU.
     let engine = EngineChoice::Only(EngineName::GpuGrid);
-    let mut session = builder.engine(engine).connect().unwrap();
+    let builder = daemon.session().backend(Backend::Auto).engine(engine);
+    let mut session = builder.connect().unwrap();
     let _held: Vec<_> = (0..3).map(|_| session.frame(9).unwrap()).collect();
     let is_refused = matches!(session.frame(9), Err(Error::TooManyFrames));
     assert!(is_refused || session.served_by() == ServedBy::InProcess);
 }
 
+/// Frames of boxes, of two sets and of spheres, and scenes.
 #[test]
-fn a_scene_may_grow_past_its_segment() {
-    let daemon = TestDaemon::start(DAEMON, &[]);
-    let capacity = BoxCount::new(100);
-    let mut session = daemon.session().capacity(capacity).connect().unwrap();
-    for n in [10, 100, 500, 3000, 12, 6000] {
-        assert_eq!(check_frame(&mut session, &scene(n, 7)), ServedBy::Daemon, "{n} boxes");
+fn what_is_asked_of_a_gpu_that_is_not_there_is_refused() {
+    let daemon = TestDaemon::of_cores();
+    let (boxes, spheres) = ([at(0.0); 4], [Sphere::EMPTY; 2]);
+    for engine in [EngineName::GpuBrute, EngineName::GpuGrid] {
+        let mut session = daemon.connect_to(engine);
+        let mut answers = vec![
+            session.ask(&boxes).wait().map(drop),
+            session.ask_with(&boxes, &two_sets(2)).wait().map(drop),
+            session.ask_spheres(&spheres).wait().map(drop),
+        ];
+        if engine == EngineName::GpuGrid {
+            let mut scene = session.scene(SceneOptions::default());
+            answers.push(scene.edit().set(0, at(0.0)).commit(Report::All).map(drop));
+        }
+        for answer in answers {
+            let Err(Error::Reply(ReplyError::Status { status, .. })) = answer else {
+                panic!("{answer:?}")
+            };
+            assert_eq!(status, StatusCode::EngineUnavailable);
+        }
+        let builder = daemon.session().engine(EngineChoice::Only(engine));
+        let mut session = builder.backend(Backend::InProcess).connect().unwrap();
+        let mut frame = session.sphere_frame(2).unwrap();
+        frame.spheres_mut().fill(Sphere::EMPTY);
+        let answer = frame.submit().unwrap_err();
+        assert!(matches!(answer, Error::Cull(CullError::Unavailable { .. })), "{answer}");
     }
 }

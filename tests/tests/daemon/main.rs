@@ -16,6 +16,8 @@ mod scene_model;
 mod scene_places;
 mod scene_sessions;
 mod sessions;
+mod shared_memory;
+mod shared_scene_lives;
 mod shared_scenes;
 mod side_by_side;
 mod spheres;

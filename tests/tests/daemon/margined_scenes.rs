@@ -4,16 +4,14 @@ use std::cell::{Cell, RefCell};
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
-use pairmask::{EditError, Error, Margin, MarginStats, MarginedPairs, Scene};
+use pairmask::{EditError, Margin, MarginStats, MarginedPairs, Scene, SceneEdit};
 use pairmask_lab::stress::{FloatFlags, Rounding};
 use pairmask_tests::prelude::*;
 use pairmask_tests::scene_model::{
-    Edits, Grouped, Kind, Moment, Op, SessionScene, a_margin, hold, margins_for,
+    Edits, Grouped, Heard, Kind, Moment, Op, SessionScene, a_margin, hold, margins_for,
 };
 use pairmask_tests::stress_scenes::Rng;
 use pairmaskd::scene::{Random, Scene as World, SceneName};
-
-const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
 
 fn margin(units: f32) -> Margin {
     Margin::new(units).unwrap()
@@ -28,6 +26,14 @@ fn stats_of(scene: &Scene) -> MarginStats {
     scene.margin_stats().unwrap()
 }
 
+/// An edit that sets boxes by their indices and places, all with one margin.
+fn moved<'s>(scene: &'s mut Scene, boxes: &[(u32, f32)], units: f32) -> SceneEdit<'s, 'static> {
+    let set = |edit: SceneEdit<'s, 'static>, (index, x): &(u32, f32)| {
+        edit.set_margined(*index, at(*x), margin(units))
+    };
+    boxes.iter().fold(scene.edit(), set)
+}
+
 /// Holds scenes with margins to the model of scenes without.
 fn hold_exact(session: &mut Session, seed: u64, kinds: [(Kind, usize); 2]) {
     for (kind, edits) in kinds {
@@ -37,19 +43,14 @@ fn hold_exact(session: &mut Session, seed: u64, kinds: [(Kind, usize); 2]) {
 
 #[test]
 fn exact_pairs_are_those_of_a_scene_of_all_boxes() {
-    hold_exact(&mut in_process(), 80_000, [(Kind::Small, 1_500), (Kind::Large, 40)]);
-}
-
-#[test]
-#[ignore = "minutes: the nightly tier runs it"]
-fn exact_pairs_are_those_of_a_scene_of_all_boxes_over_many_edits() {
-    hold_exact(&mut in_process(), 1_000_000, [(Kind::Small, 400_000), (Kind::Large, 4_000)]);
+    let [small, large] = tier::nightly_or([400_000, 4_000], [1_500, 40]);
+    hold_exact(&mut in_process(), 80_000, [(Kind::Small, small), (Kind::Large, large)]);
 }
 
 #[test]
 fn a_daemon_is_sent_few_boxes_and_the_pairs_are_the_same() {
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none", "--audit", "1/1"]);
-    let mut session = daemon.session().connect().unwrap();
+    let daemon = TestDaemon::start(&["--gpu", "none", "--audit", "1/1"]);
+    let mut session = daemon.connect();
     hold_exact(&mut session, 81_000, [(Kind::Small, 600), (Kind::Large, 25)]);
     let mut seed = 82_000;
     daemon.audit_is_clean(|audit| {
@@ -62,10 +63,9 @@ fn a_daemon_is_sent_few_boxes_and_the_pairs_are_the_same() {
 
 #[test]
 fn a_gpu_is_sent_few_boxes_and_the_pairs_are_the_same() {
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", "software"]);
-    let engine =
-        pairmask_core::engine::EngineChoice::Only(pairmask_core::engine::EngineName::GpuGrid);
-    let mut session = daemon.session().engine(engine).deadline(4 * PATIENCE).connect().unwrap();
+    let daemon = TestDaemon::start(&["--gpu", "software"]);
+    let builder = daemon.session().engine(EngineChoice::Only(EngineName::GpuGrid));
+    let mut session = builder.deadline(4 * PATIENCE).connect().unwrap();
     hold_exact(&mut session, 83_000, [(Kind::Small, 60), (Kind::Large, 8)]);
 }
 
@@ -94,10 +94,7 @@ fn check_near(
             // Four margins each; steps of f32 as one margin has them, at the faces that were sent.
             let (ends, starts) = (ends.abs() + reach, starts.abs() + reach);
             let steps = margin(0.0).gap_limit(&Widening::None, axis, ends, starts);
-            assert!(
-                gap <= reach + steps,
-                "{pair:?} have a gap of {gap} on axis {axis}, beyond {reach}"
-            );
+            assert!(gap <= reach + steps, "{pair:?}: a gap of {gap} on axis {axis}, over {reach}");
         }
     }
 }
@@ -132,12 +129,9 @@ fn near(session: &mut Session, (seed, most_boxes): (u64, u32), edits: usize) {
             assert!(of_moved.all(|pair| reported.contains(pair)), "all boxes that the edit names");
             continue;
         }
-        if answer.is_resync() || report == Report::All {
-            known = answer.pairs().iter().collect();
-        } else {
-            answer.ended().for_each(|ended| assert!(known.remove(&ended.pair)));
-            answer.begun().iter().for_each(|begun| assert!(known.insert(begun)));
-        }
+        let mut heard = Heard::from(&answer);
+        heard.is_resync |= report == Report::All;
+        heard.teach(&mut known);
         drop(answer);
         check_near(&known, &exact, &scene, &of_boxes);
     }
@@ -148,17 +142,13 @@ fn near_pairs_are_reported_once_and_hold_all_that_overlap() {
     for of in [(1, 70), (2, 600), (3, 2_000)] {
         near(&mut in_process(), of, if of.1 == 70 { 800 } else { 200 });
     }
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
-    near(&mut daemon.session().connect().unwrap(), (4, 600), 200);
+    let daemon = TestDaemon::of_cores();
+    near(&mut daemon.connect(), (4, 600), 200);
 }
 
-fn pairs_of(scene: &mut Scene, boxes: &[Aabb], margin: Margin) -> Vec<[u32; 2]> {
-    let answer = scene
-        .edit()
-        .set_all_margined(0..boxes.len() as u32, boxes, margin)
-        .commit(Report::All)
-        .unwrap();
-    answer.pairs().iter().collect()
+fn pairs_of(scene: &mut Scene, boxes: &[Aabb], margin: Margin) -> Vec<Pair> {
+    let edit = scene.edit().set_all_margined(0..boxes.len() as u32, boxes, margin);
+    edit.commit(Report::All).unwrap().pairs().iter().collect()
 }
 
 #[test]
@@ -203,9 +193,8 @@ fn one_that_teleports_among_thousands_that_drift_is_sent_alone() {
             let by = 50.0 + 10.0 * random.unit();
             let far = &mut boxes[(frame * 31 % n) as usize];
             (far.min[0], far.max[0]) = (far.min[0] + by, far.max[0] + by);
-            let answer =
-                scene.edit().set_all_margined(0..n, &boxes, half).commit(Report::Changes).unwrap();
-            assert!(!answer.is_resync());
+            let edit = scene.edit().set_all_margined(0..n, &boxes, half);
+            assert!(!edit.commit(Report::Changes).unwrap().is_resync());
         }
         let stats = stats_of(&scene);
         assert_eq!(stats.set, u64::from(n * (frames + 1)));
@@ -217,15 +206,11 @@ fn one_that_teleports_among_thousands_that_drift_is_sent_alone() {
 
 #[test]
 fn an_edit_within_margins_needs_no_daemon() {
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    let daemon = TestDaemon::of_cores();
     for kind in [MarginedPairs::Near, MarginedPairs::Exact] {
-        let mut session = daemon.session().connect().unwrap();
+        let mut session = daemon.connect();
         let mut scene = session.scene(with_margins(kind));
-        let edit = scene.edit().set_margined(1, at(0.0), margin(0.5)).set_margined(
-            2,
-            at(1.2),
-            margin(0.5),
-        );
+        let edit = moved(&mut scene, &[(1, 0.0), (2, 1.2)], 0.5);
         let answer = edit.commit(Report::Changes).unwrap();
         assert_eq!(answer.served_by(), ServedBy::Daemon);
         let is_near = kind == MarginedPairs::Near;
@@ -233,21 +218,16 @@ fn an_edit_within_margins_needs_no_daemon() {
         drop(answer);
 
         daemon.signal_worker(Signal::STOP);
-        let answer =
-            scene.edit().set_margined(2, at(0.9), margin(0.5)).commit(Report::Changes).unwrap();
+        let answer = moved(&mut scene, &[(2, 0.9)], 0.5).commit(Report::Changes).unwrap();
         assert_eq!((answer.served_by(), answer.pair_count()), (ServedBy::InProcess, Some(1)));
         assert_eq!(answer.begun().len(), usize::from(!is_near));
         drop(answer);
         let answer = scene.edit().commit(Report::Changes).unwrap();
-        assert!(
-            answer.begun().is_empty()
-                && answer.ended().is_empty()
-                && answer.served_by() == ServedBy::InProcess
-        );
+        assert!(answer.begun().is_empty() && answer.ended().is_empty());
+        assert_eq!(answer.served_by(), ServedBy::InProcess);
         drop(answer);
         if !is_near {
-            let answer =
-                scene.edit().set_margined(1, at(-0.4), margin(0.5)).commit(Report::All).unwrap();
+            let answer = moved(&mut scene, &[(1, -0.4)], 0.5).commit(Report::All).unwrap();
             assert_eq!((answer.pairs().len(), answer.served_by()), (0, ServedBy::InProcess));
         }
         daemon.signal_worker(Signal::CONT);
@@ -261,31 +241,21 @@ fn what_is_wrong_with_an_edit_is_reported_and_changes_nothing() {
     let mut scene = in_process().scene(options);
     let boxes = [at(0.0), at(0.5), at(3.0)];
     drop(scene.edit().set_all_margined(0..3, &boxes, margin(1.0)).commit(Report::Changes).unwrap());
-    let far = [at(7.0), at(8.0)];
-    let edits: [fn(pairmask::SceneEdit<'_, 'static>) -> Result<(), Error>; 5] = [
-        |edit| edit.set_margined(9, at(0.0), margin(0.0)).commit(Report::All).map(drop),
-        |edit| edit.set_margined(1, at(9.0), margin(0.0)).remove(5).commit(Report::All).map(drop),
+    let (far, three) = ([at(7.0), at(8.0)], [margin(0.0); 3]);
+    let edits: [fn(&mut Scene) -> SceneEdit<'_, 'static>; 5] = [
+        |scene| moved(scene, &[(9, 0.0)], 0.0),
+        |scene| moved(scene, &[(1, 9.0)], 0.0).remove(5),
         // Neither of them has left its margin.
-        |edit| {
-            edit.set_margined(1, at(0.6), margin(1.0))
-                .set_margined(1, at(0.7), margin(1.0))
-                .commit(Report::All)
-                .map(drop)
-        },
-        |edit| {
-            edit.set_margined(1, at(0.6), margin(1.0)).switch(4, true).commit(Report::All).map(drop)
-        },
-        |edit| {
-            edit.set_all_margined(0..3, &[Aabb::EMPTY; 2], Margin::default())
-                .commit(Report::All)
-                .map(drop)
-        },
+        |scene| moved(scene, &[(1, 0.6), (1, 0.7)], 1.0),
+        |scene| moved(scene, &[(1, 0.6)], 1.0).switch(4, true),
+        |scene| scene.edit().set_all_margined(0..3, &[Aabb::EMPTY; 2], Margin::default()),
     ];
     for wrong in edits {
-        assert!(matches!(wrong(scene.edit()), Err(Error::Edit(_))));
+        let refused = wrong(&mut scene).commit(Report::All).map(drop);
+        assert!(matches!(refused, Err(Error::Edit(_))));
     }
-    let lengths =
-        scene.edit().set_all_margined(0..2, &far, &[margin(0.0); 3]).commit(Report::All).map(drop);
+    let edit = scene.edit().set_all_margined(0..2, &far, &three);
+    let lengths = edit.commit(Report::All).map(drop);
     let margins = EditError::Margins { boxes: 2, margins: 3 };
     assert!(matches!(lengths, Err(Error::Edit(error)) if error == margins));
     for (index, b) in (0..).zip(boxes) {
@@ -297,35 +267,25 @@ fn what_is_wrong_with_an_edit_is_reported_and_changes_nothing() {
 
 #[test]
 fn a_request_that_could_not_be_sent_changes_nothing() {
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
-    let mut session = daemon.session().connect().unwrap();
+    let (_daemon, mut session) = served();
     let mut scene = session.scene(with_margins(MarginedPairs::Exact));
-    let edit =
-        scene.edit().set_margined(0, at(0.0), margin(0.1)).set_margined(1, at(0.5), margin(0.1));
+    let edit = moved(&mut scene, &[(0, 0.0), (1, 0.5)], 0.1);
     assert_eq!(edit.commit(Report::Changes).unwrap().begun(), [[0, 1]]);
     let frames: Vec<_> = (0..3).map(|_| session.frame(4).unwrap()).collect();
-    let full = scene
-        .edit()
-        .set_margined(0, at(5.0), margin(0.1))
-        .commit(Report::All)
-        .map(drop)
-        .unwrap_err();
+    let full = moved(&mut scene, &[(0, 5.0)], 0.1).commit(Report::All).map(drop).unwrap_err();
     assert!(matches!(full, Error::TooManyFrames), "{full}");
     assert_eq!(scene.get(0), Some(at(0.0)));
     // What needs no request is answered.
-    assert_eq!(
-        scene.edit().set_margined(0, at(0.05), margin(0.1)).commit(Report::All).unwrap().pairs(),
-        [[0, 1]]
-    );
+    let edit = moved(&mut scene, &[(0, 0.05)], 0.1);
+    assert_eq!(edit.commit(Report::All).unwrap().pairs(), [[0, 1]]);
     drop(frames);
-    let answer =
-        scene.edit().set_margined(0, at(5.0), margin(0.1)).commit(Report::Changes).unwrap();
+    let answer = moved(&mut scene, &[(0, 5.0)], 0.1).commit(Report::Changes).unwrap();
     assert_eq!(answer.ended().to_vec()[0].pair, [0, 1]);
 }
 
 #[test]
 fn exact_changes_go_on_while_worker_and_daemon_are_killed() {
-    let daemon = RefCell::new(TestDaemon::start(DAEMON, &["--gpu", "none"]));
+    let daemon = RefCell::new(TestDaemon::of_cores());
     let mut session = daemon.borrow().session().backend(Backend::Auto).connect().unwrap();
     let (edits, random) = (Cell::new(0), RefCell::new(Random::new(11)));
     let served = Cell::new([0, 0]);
@@ -358,19 +318,14 @@ fn exact_changes_go_on_while_worker_and_daemon_are_killed() {
 
 #[test]
 fn a_daemon_that_died_costs_a_typed_error_and_no_change() {
-    let mut daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
-    let mut session = daemon.session().connect().unwrap();
+    let mut daemon = TestDaemon::of_cores();
+    let mut session = daemon.connect();
     let mut scene = session.scene(with_margins(MarginedPairs::Exact));
-    let edit =
-        scene.edit().set_margined(1, at(0.0), margin(0.1)).set_margined(2, at(0.5), margin(0.1));
+    let edit = moved(&mut scene, &[(1, 0.0), (2, 0.5)], 0.1);
     assert_eq!(edit.commit(Report::Changes).unwrap().begun(), [[1, 2]]);
     daemon.signal_worker(Signal::STOP);
-    let pending = scene
-        .edit()
-        .set_margined(3, at(1.2), margin(0.1))
-        .remove(1)
-        .submit(Report::Changes)
-        .unwrap();
+    let edit = moved(&mut scene, &[(3, 1.2)], 0.1).remove(1);
+    let pending = edit.submit(Report::Changes).unwrap();
     daemon.kill();
     let error = pending.wait().map(drop).unwrap_err();
     assert!(matches!(error, Error::DaemonDied), "{error}");

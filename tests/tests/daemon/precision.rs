@@ -4,8 +4,6 @@ use pairmask_tests::naive_modes::{self, missed};
 use pairmask_tests::prelude::*;
 use pairmaskd::scene::{Scene, SceneName};
 
-const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
-
 /// Bounds that contain the scenes, cut them, and lie apart from them.
 fn all_bounds(boxes: &[Aabb]) -> Vec<Bounds> {
     let corners = |low: f32, high: f32| Bounds::new([low; 3], [high; 3]).unwrap();
@@ -52,7 +50,7 @@ fn check(
 }
 
 fn sessions() -> (TestDaemon, Vec<Session>) {
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    let daemon = TestDaemon::of_cores();
     let backends = [Backend::Daemon, Backend::InProcess];
     let sessions = backends.map(|b| daemon.session().backend(b).connect().unwrap());
     (daemon, sessions.into())
@@ -80,9 +78,9 @@ fn every_mode_answers_as_it_is_defined_on_every_stress_scene() {
 
 #[test]
 fn every_mode_answers_as_it_is_defined_by_each_engine_of_a_gpu() {
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", "software"]);
+    let daemon = TestDaemon::start(&["--gpu", "software"]);
     for engine in [EngineName::GpuBrute, EngineName::GpuGrid] {
-        let mut session = daemon.session().engine(EngineChoice::Only(engine)).connect().unwrap();
+        let mut session = daemon.connect_to(engine);
         for n in [2, 345] {
             let boxes = stress_scenes::named("uniform").boxes(n, 5);
             for precision in all_modes(&boxes) {
@@ -94,9 +92,9 @@ fn every_mode_answers_as_it_is_defined_by_each_engine_of_a_gpu() {
 
 #[test]
 fn every_scene_in_motion_by_every_engine() {
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    let daemon = TestDaemon::of_cores();
     for engine in EngineName::CPU {
-        let mut session = daemon.session().engine(EngineChoice::Only(engine)).connect().unwrap();
+        let mut session = daemon.connect_to(engine);
         for name in SceneName::ALL {
             let n = if name.is_quadratic() { 300 } else { 1234 };
             let mut scene = Scene::new(name, n, 2);
@@ -117,9 +115,7 @@ fn large_scenes_miss_nothing_and_add_little() {
         let scene = Scene::new(name, 100_000, 1);
         let bounds = Bounds::around(scene.boxes());
         let pairs = |session: &mut Session, precision| {
-            let mut frame = session.narrow_frame(100_000, precision).unwrap();
-            frame.write(scene.boxes()).unwrap();
-            frame.submit().unwrap().wait().unwrap().sorted()
+            session.ask_narrow(scene.boxes(), precision).wait().unwrap().sorted()
         };
         let exact = pairs(&mut sessions[0], Precision::Exact);
         let answers = [0, 1].map(|i| pairs(&mut sessions[i], Precision::Q16(bounds)));
@@ -138,19 +134,19 @@ fn the_comparator_catches_rounding_inward() {
     let (exact, expected) =
         (oracle::truth(&boxes), naive_modes::truth(&boxes, &Precision::Q8(bounds)));
     assert_eq!(missed(&expected.pairs, &exact.pairs), [] as [Pair; 0]);
+    let position = |x: f32, axis: usize| {
+        let (low, high) = (f64::from(bounds.low()[axis]), f64::from(bounds.high()[axis]));
+        (f64::from(x) - low) * 256.0 / (high - low)
+    };
     // Min to the next cell border and max to the one before: touching boxes are separated.
     let inward = naive_modes::truth_by(&boxes, |x, axis, up| {
-        let (low, high) = (f64::from(bounds.low()[axis]), f64::from(bounds.high()[axis]));
-        let position = (f64::from(x) - low) * 256.0 / (high - low);
-        if up { position.floor() } else { position.ceil() }
+        if up { position(x, axis).floor() } else { position(x, axis).ceil() }
     });
     assert!(!missed(&inward.pairs, &exact.pairs).is_empty());
     assert!(matches!(check_pairs(&inward.pairs, &expected.pairs), Err(Mismatch::Missing(_))));
     // One border farther outward than the mode rounds: no pair is missed, and more pairs are extra.
     let outward = naive_modes::truth_by(&boxes, |x, axis, up| {
-        let (low, high) = (f64::from(bounds.low()[axis]), f64::from(bounds.high()[axis]));
-        let position = (f64::from(x) - low) * 256.0 / (high - low);
-        if up { position.floor() + 40.0 } else { position.floor() }
+        position(x, axis).floor() + if up { 40.0 } else { 0.0 }
     });
     assert_eq!(missed(&outward.pairs, &exact.pairs), [] as [Pair; 0]);
     assert!(matches!(check_pairs(&outward.pairs, &expected.pairs), Err(Mismatch::Extra(_))));
@@ -158,8 +154,8 @@ fn the_comparator_catches_rounding_inward() {
 
 #[test]
 fn a_daemon_that_dies_under_a_narrow_frame_costs_no_pair() {
-    let mut daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
-    let mut session = daemon.session().backend(Backend::Auto).connect().unwrap();
+    let mut daemon = TestDaemon::of_cores();
+    let mut session = daemon.connect_auto();
     let boxes = stress_scenes::named("uniform").boxes(345, 6);
     let precision = Precision::Q8(Bounds::around(&boxes));
     let expected = naive_modes::truth(&boxes, &precision).pairs;

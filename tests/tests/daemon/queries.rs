@@ -1,7 +1,7 @@
 //! Queries of scenes and frames of two sets: in process, by a daemon, and when the daemon is killed. Every
 //! answer is what comparing each with each gives.
 
-use pairmask::{Error, JoinOptions, Margin, MarginedPairs, QueryAnswer, SceneEdit};
+use pairmask::{JoinOptions, Margin, MarginedPairs, QueryAnswer, SceneEdit};
 use pairmask_core::filters::Tag;
 use pairmask_core::scene::{QueryError, Scene, between};
 use pairmask_tests::frames::two_sets;
@@ -9,8 +9,6 @@ use pairmask_tests::prelude::*;
 use pairmask_tests::queried::{QueriedScene, Queries, a_query};
 use pairmask_tests::scene_model::{Bare, Kind, hold, options, overlap};
 use pairmask_tests::stress_scenes::Rng;
-
-const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
 
 /// Edits and queries a scene for a while, with rules where the seed is odd. Returns how many pairs were found.
 fn check(scene: &mut impl QueriedScene, seed: u64, largest: u32, rounds: usize) -> usize {
@@ -32,7 +30,7 @@ impl<'a> Remote<'a> {
 }
 
 /// All ways to read an answer give the same.
-fn read(answer: &QueryAnswer, queries: u32) -> Vec<[u32; 2]> {
+fn read(answer: &QueryAnswer, queries: u32) -> Vec<Pair> {
     let pairs = answer.to_vec();
     assert!(answer.iter().eq(pairs.iter().copied()));
     assert_eq!((answer.count(), answer.is_empty()), (pairs.len() as u64, pairs.is_empty()));
@@ -57,12 +55,7 @@ impl QueriedScene for Remote<'_> {
         drop(edit.commit(Report::Changes).unwrap());
     }
 
-    fn query(
-        &mut self,
-        queries: &[Aabb],
-        tags: QueryTags<'_>,
-        encoding: Encoding,
-    ) -> Vec<[u32; 2]> {
+    fn query(&mut self, queries: &[Aabb], tags: QueryTags<'_>, encoding: Encoding) -> Vec<Pair> {
         (self.before)();
         let asked = self.scene.query(queries).encoding(encoding);
         let asked = match tags {
@@ -105,26 +98,11 @@ fn a_query_changes_nothing_that_edits_report() {
     }
 }
 
-fn uniform(seed: u64, count: usize, extent: f32) -> Vec<Aabb> {
-    let mut rng = Rng::new(seed);
-    let a_box = |_| {
-        let min = rng.point().map(|x| x * extent);
-        Aabb::new(min, min.map(|x| x + 1.0))
-    };
-    (0..count).map(a_box).collect()
-}
-
-fn scene_of(boxes: &[Aabb], threads: usize) -> Scene {
-    let mut scene = Scene::new(SceneOptions::default().with_threads(threads));
-    let set = Step::Set(Sets { indices: (0..boxes.len() as u32).into(), boxes });
-    scene.edit(Edit { steps: &[set] }, Report::Nothing).unwrap();
-    scene
-}
-
 #[test]
 fn a_query_that_finds_too_much_is_refused_and_the_scene_stays() {
     let boxes = [Aabb::new([0.0; 3], [1.0; 3]); 500];
-    let mut scene = scene_of(&boxes, 2);
+    let mut scene = Scene::new(SceneOptions::default().with_threads(2));
+    scene.edit(Edit { steps: &sets_all(&boxes) }, Report::Nothing).unwrap();
     let (few, many) = ([boxes[0]; 3], [boxes[0]; 400]);
     let mut found = Vec::new();
     scene.limit_query_pairs(1_500);
@@ -133,10 +111,11 @@ fn a_query_that_finds_too_much_is_refused_and_the_scene_stays() {
         if queries.len() == 3 {
             assert_eq!((asked.is_ok(), found.len()), (true, 1_500));
         } else {
+            let Err(QueryError::Cull(CullError::Reserve(error))) = asked else {
+                panic!("{asked:?}")
+            };
             let too_large = ReserveError::TooLarge { at_least_bytes: 12_008, limit_bytes: 12_000 };
-            assert!(
-                matches!(asked, Err(QueryError::Cull(CullError::Reserve(error))) if error == too_large)
-            );
+            assert_eq!(error, too_large);
         }
     }
     scene.limit_query_pairs(1_499);
@@ -153,8 +132,8 @@ fn each_query_needs_its_tag() {
 
 #[test]
 fn a_daemon_is_queried() {
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none", "--audit", "1/1"]);
-    let mut session = daemon.session().backend(Backend::Daemon).connect().unwrap();
+    let daemon = TestDaemon::start(&["--gpu", "none", "--audit", "1/1"]);
+    let mut session = daemon.connect();
     let without = SceneOptions::default();
     // Of boxes with margins, what is found are the boxes as they were set.
     let [near, exact] = [MarginedPairs::Near, MarginedPairs::Exact]
@@ -177,8 +156,8 @@ fn a_daemon_is_queried() {
 
 #[test]
 fn a_shared_scene_is_queried() {
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none", "--audit", "1/1"]);
-    let mut session = daemon.session().connect().unwrap();
+    let daemon = TestDaemon::start(&["--gpu", "none", "--audit", "1/1"]);
+    let mut session = daemon.connect();
     for (seed, largest, rounds) in [(31, 30, 80), (32, 70, 80), (33, 700, 60)] {
         let options = JoinOptions::default().with_most_boxes(largest);
         let mut scene = session.join_scene(&format!("queried-{seed}"), options).unwrap();
@@ -190,9 +169,8 @@ fn a_shared_scene_is_queried() {
 
 #[test]
 fn a_daemon_with_a_gpu_is_queried() {
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", "software", "--audit", "1/1"]);
-    let engine = EngineChoice::Only(EngineName::GpuGrid);
-    let mut session = daemon.session().backend(Backend::Daemon).engine(engine).connect().unwrap();
+    let daemon = TestDaemon::start(&["--gpu", "software", "--audit", "1/1"]);
+    let mut session = daemon.connect_to(EngineName::GpuGrid);
     for (seed, largest, rounds) in [(21, 20, 30), (22, 300, 30), (23, 3_001, 10)] {
         let mut scene = Remote::new(session.scene(SceneOptions::default()), || ());
         let found = check(&mut scene, seed, largest, rounds);
@@ -204,8 +182,7 @@ fn a_daemon_with_a_gpu_is_queried() {
 
 #[test]
 fn queries_outlive_a_daemon_that_is_killed() {
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
-    let mut session = daemon.session().backend(Backend::Auto).connect().unwrap();
+    let (daemon, mut session) = served_or_here();
     let mut requests = 0;
     let mut scene = Remote::new(session.scene(SceneOptions::default()), || {
         requests += 1;
@@ -219,7 +196,7 @@ fn queries_outlive_a_daemon_that_is_killed() {
 
 #[test]
 fn a_reply_that_is_too_small_refuses_a_query_and_the_scene_stays() {
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none", "--max-reply-mib", "1"]);
+    let daemon = TestDaemon::start(&["--gpu", "none", "--max-reply-mib", "1"]);
     let boxes = vec![Aabb::new([0.0; 3], [1.0; 3]); 2_000];
     for (backend, is_answered) in [(Backend::Daemon, false), (Backend::Auto, true)] {
         let mut session = daemon.session().backend(backend).connect().unwrap();
@@ -227,8 +204,7 @@ fn a_reply_that_is_too_small_refuses_a_query_and_the_scene_stays() {
         let set = scene.edit().set_all(0..2_000, &boxes);
         drop(set.commit(Report::Nothing).unwrap());
         for (queries, fits) in [(2, true), (1_000, false), (3, true)] {
-            let found = scene.query(&boxes[..queries]).find();
-            match found {
+            match scene.query(&boxes[..queries]).find() {
                 Ok(found) => {
                     assert!(fits || is_answered);
                     assert_eq!(found.count(), 2_000 * queries as u64);
@@ -251,7 +227,7 @@ fn the_model_notices_a_pair_that_is_missing() {
         fn edit(&mut self, edit: Edit<'_>) {
             QueriedScene::edit(&mut self.0, edit);
         }
-        fn query(&mut self, boxes: &[Aabb], tags: QueryTags<'_>, e: Encoding) -> Vec<[u32; 2]> {
+        fn query(&mut self, boxes: &[Aabb], tags: QueryTags<'_>, e: Encoding) -> Vec<Pair> {
             let mut found = QueriedScene::query(&mut self.0, boxes, tags, e);
             found.pop();
             found
@@ -263,7 +239,7 @@ fn the_model_notices_a_pair_that_is_missing() {
     assert!(checked.is_err());
 }
 
-fn naive(first: &[Aabb], second: &[Aabb]) -> Vec<[u32; 2]> {
+fn naive(first: &[Aabb], second: &[Aabb]) -> Vec<Pair> {
     let pairs = (0..).zip(first).flat_map(|(a, x)| {
         let met = (0..).zip(second).filter(|(_, y)| overlap(x, y));
         met.map(move |(b, _)| [a, b])
@@ -296,9 +272,7 @@ fn check_sets(session: &mut Session, encoding: Encoding, by: (ServedBy, Option<E
     let mut rng = Rng::new(17);
     for (a, b) in [(0, 0), (0, 5), (5, 0), (1, 69), (33, 31), (64, 65), (3, 2_000), (901, 700)] {
         let boxes: Vec<Aabb> = (0..a + b).map(|_| a_query(&mut rng, 12.0)).collect();
-        let mut frame = session.frame(a + b).unwrap();
-        frame.write(&boxes).unwrap();
-        let mask = frame.submit_with(&two_sets(a)).unwrap().wait().unwrap();
+        let mask = session.ask_with(&boxes, &two_sets(a)).wait().unwrap();
         let info = mask.info();
         let what = format!("{a} against {b}, {encoding}, {}", info.engine);
         assert!(info.served_by == by.0, "{what}");
@@ -307,7 +281,7 @@ fn check_sets(session: &mut Session, encoding: Encoding, by: (ServedBy, Option<E
         assert_eq!((mask.encoding(), mask.n().len()), (encoding, a + b));
         assert_eq!(mask.view().verify(), Ok(()));
         let (first, second) = boxes.split_at(a);
-        let expected: Vec<[u32; 2]> =
+        let expected: Vec<Pair> =
             naive(first, second).iter().map(|[x, y]| [*x, a as u32 + y]).collect();
         assert_eq!(mask.sorted(), expected, "{what}");
         assert_eq!(mask.count(), expected.len() as u64);
@@ -323,7 +297,7 @@ fn check_sets(session: &mut Session, encoding: Encoding, by: (ServedBy, Option<E
 
 #[test]
 fn frames_of_two_sets_are_culled_in_process_by_a_daemon_and_by_a_gpu() {
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", "software", "--audit", "1/1"]);
+    let daemon = TestDaemon::start(&["--gpu", "software", "--audit", "1/1"]);
     let backends = [(Backend::InProcess, ServedBy::InProcess), (Backend::Daemon, ServedBy::Daemon)];
     for encoding in Encoding::ALL {
         let builder = daemon.session().encoding(EncodingChoice::Only(encoding));
@@ -343,25 +317,16 @@ fn frames_of_two_sets_are_culled_in_process_by_a_daemon_and_by_a_gpu() {
         }
     }
     daemon.audit_is_clean(|audit| audit.pairs > 0);
-    // An engine of a GPU is none of the cores'.
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
-    let engine = EngineChoice::Only(EngineName::GpuGrid);
-    let mut session = daemon.session().engine(engine).connect().unwrap();
-    let pending = session.frame(4).unwrap().submit_with(&two_sets(2)).unwrap();
-    assert!(pending.wait().is_err());
 }
 
 #[test]
 fn frames_of_two_sets_outlive_a_daemon_that_is_killed() {
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
-    let mut session = daemon.session().backend(Backend::Auto).connect().unwrap();
-    let boxes = uniform(3, 500, 10.0);
+    let (daemon, mut session) = served_or_here();
+    let boxes = stress_scenes::named("uniform").boxes(500, 3);
     let (first, second) = boxes.split_at(100);
-    let expected: Vec<[u32; 2]> = naive(first, second).iter().map(|[a, b]| [*a, 100 + b]).collect();
+    let expected: Vec<Pair> = naive(first, second).iter().map(|[a, b]| [*a, 100 + b]).collect();
     for round in 0..30 {
-        let mut frame = session.frame(500).unwrap();
-        frame.write(&boxes).unwrap();
-        let pending = frame.submit_with(&two_sets(100)).unwrap();
+        let pending = session.ask_with(&boxes, &two_sets(100));
         if round % 7 == 3 {
             daemon.signal_worker(Signal::KILL);
         }

@@ -3,8 +3,6 @@
 use pairmask_tests::prelude::*;
 use pairmask_tests::spheres::whole_scene;
 
-const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
-
 /// Whether a mask was another frame's; its meter says so, and its pairs are those of the boxes.
 fn is_repeat(mask: &PairMask, boxes: &[Aabb]) -> bool {
     let truth = oracle::truth(boxes);
@@ -30,7 +28,7 @@ fn backends(daemon: &TestDaemon) -> [(ServedBy, pairmask::SessionBuilder); 2] {
 
 #[test]
 fn equal_frames_are_not_culled_and_one_changed_box_is_found_at_once() {
-    let daemon = TestDaemon::start(DAEMON, &[]);
+    let daemon = TestDaemon::start(&[]);
     for (served_by, builder) in backends(&daemon) {
         for n in [40_usize, 300, 2_000] {
             let mut session = builder.clone().connect().unwrap();
@@ -58,7 +56,7 @@ fn equal_frames_are_not_culled_and_one_changed_box_is_found_at_once() {
 
 #[test]
 fn a_named_engine_and_a_session_that_asks_for_it_cull_every_frame() {
-    let daemon = TestDaemon::start(DAEMON, &[]);
+    let daemon = TestDaemon::start(&[]);
     let boxes = stress_scenes::named("uniform").boxes(300, 4);
     for (served_by, builder) in backends(&daemon) {
         let named = builder.clone().engine(EngineChoice::Only(EngineName::CpuGrid));
@@ -75,25 +73,17 @@ type Submit<'s> = &'s dyn Fn(&mut Session) -> PendingFrame;
 
 #[test]
 fn narrow_boxes_and_spheres_are_answered_again_too() {
-    let daemon = TestDaemon::start(DAEMON, &[]);
+    let daemon = TestDaemon::start(&[]);
     let boxes = stress_scenes::named("uniform").boxes(300, 5);
     let spheres: Vec<Sphere> = whole_scene(300, 25, 6).0;
     let bounds = Bounds::new([0.0; 3], [100.0; 3]).unwrap();
     let narrow = |precision| {
         let boxes = &boxes;
-        move |session: &mut Session| {
-            let mut frame = session.narrow_frame(boxes.len(), precision).unwrap();
-            frame.write(boxes).unwrap();
-            frame.submit().unwrap()
-        }
+        move |session: &mut Session| session.ask_narrow(boxes, precision)
     };
     let [q16, q8, f16] =
         [Precision::Q16(bounds), Precision::Q8(bounds), Precision::F16].map(narrow);
-    let of_spheres = |session: &mut Session| {
-        let mut frame = session.sphere_frame(spheres.len()).unwrap();
-        frame.spheres_mut().copy_from_slice(&spheres);
-        frame.submit().unwrap()
-    };
+    let of_spheres = |session: &mut Session| session.ask_spheres(&spheres);
     let ways: [Submit<'_>; 4] = [&q16, &q8, &f16, &of_spheres];
     for (served_by, builder) in backends(&daemon) {
         let mut session = builder.connect().unwrap();
@@ -112,24 +102,24 @@ fn narrow_boxes_and_spheres_are_answered_again_too() {
 
 #[test]
 fn another_sessions_frame_is_never_answered_again() {
-    let daemon = TestDaemon::start(DAEMON, &[]);
+    let daemon = TestDaemon::start(&[]);
     let scenes = [7, 8].map(|seed| stress_scenes::named("uniform").boxes(200, seed));
-    let mut sessions = [(); 2].map(|()| daemon.session().connect().unwrap());
+    let mut sessions = [(); 2].map(|()| daemon.connect());
     for round in 0..5 {
         for (session, boxes) in sessions.iter_mut().zip(&scenes) {
             assert_eq!(is_repeat(&session.answer(boxes), boxes), round >= 2);
         }
     }
     // A session that comes later begins anew, also with boxes that were seen.
-    let mut third = daemon.session().connect().unwrap();
+    let mut third = daemon.connect();
     assert!(!is_repeat(&third.answer(&scenes[0]), &scenes[0]));
 }
 
 #[test]
 fn frames_under_way_together_are_answered_each_with_its_own_pairs() {
-    let daemon = TestDaemon::start(DAEMON, &[]);
+    let daemon = TestDaemon::start(&[]);
     let scenes = [9, 10].map(|seed| stress_scenes::named("uniform").boxes(3_000, seed));
-    let mut session = daemon.session().connect().unwrap();
+    let mut session = daemon.connect();
     for round in 0..40 {
         // Runs of equal frames of two scenes, two frames at a time.
         let pending = [0, 1].map(|i| {
@@ -145,9 +135,9 @@ fn frames_under_way_together_are_answered_each_with_its_own_pairs() {
 /// Answers that are given again are audited as others are.
 #[test]
 fn the_auditor_checks_them() {
-    let daemon = TestDaemon::start(DAEMON, &["--audit", "1/1"]);
+    let daemon = TestDaemon::start(&["--audit", "1/1"]);
     let boxes = stress_scenes::named("uniform").boxes(500, 11);
-    let mut session = daemon.session().connect().unwrap();
+    let mut session = daemon.connect();
     let mut repeats = 0;
     for _ in 0..10 {
         repeats += u64::from(is_repeat(&session.answer(&boxes), &boxes));

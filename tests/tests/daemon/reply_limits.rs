@@ -1,21 +1,18 @@
 //! A reply limit bounds the memory of engines, and refuses no mask that fits.
 
-use std::path::PathBuf;
-
 use pairmask_core::dispatch::SphereEngines;
 use pairmask_core::sphere::SphereAllPairs;
 use pairmask_tests::gpu::{self, open};
+use pairmask_tests::mask_writer::all_pairs;
 use pairmask_tests::prelude::*;
 use pairmask_tests::spheres;
 use pairmaskd::execute::gpu::{
     AllPairs, AllPairsOptions, Grid as GpuGrid, GridOptions, HostImport,
 };
 use pairmaskd::execute::{Executor, Owner};
-use rayon::ThreadPoolBuilder;
-
-const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
 
 /// A reply that records its reservations.
+#[derive(Default)]
 struct Witness {
     inner: HeapReply,
     /// Words of the largest reservation that was granted.
@@ -25,10 +22,6 @@ struct Witness {
 impl Witness {
     fn with_limit(words: u64) -> Self {
         Self { inner: HeapReply::with_limit_bytes(4 * words), granted: 0 }
-    }
-
-    fn without_limit() -> Self {
-        Self { inner: HeapReply::new(), granted: 0 }
     }
 
     fn pairs(&self, shape: &MaskShape, n: usize) -> Vec<Pair> {
@@ -81,7 +74,7 @@ fn check_limits(what: &str, n: usize, need: u64, limits: &[u64], pairs: &[Pair],
 
 /// Checks a way to cull below the words of a reply that it takes without a limit.
 fn check_below(what: &str, n: usize, pairs: &[Pair], cull: Cull<'_>) {
-    let mut reply = Witness::without_limit();
+    let mut reply = Witness::default();
     cull(&mut reply).unwrap();
     check_limits(what, n, reply.granted, &below(reply.granted), pairs, cull);
 }
@@ -91,30 +84,20 @@ fn below(need: u64) -> [u64; 5] {
     [need - 1, need - need / 8, need / 2, need / 16, 1]
 }
 
-fn scenes() -> impl Iterator<Item = (&'static str, Vec<Aabb>)> {
-    let of = |(name, n)| (name, stress_scenes::named(name).boxes(n, 5));
-    [("identical", 1_234), ("clustered", 2_500), ("sizes over 20 octaves", 2_100)]
-        .map(of)
-        .into_iter()
-}
-
 #[test]
 fn every_cpu_engine_takes_what_fits_and_no_word_more() {
-    for (scene, boxes) in scenes() {
+    for (scene, n) in [("identical", 1_234), ("clustered", 2_500), ("sizes over 20 octaves", 2_100)]
+    {
+        let boxes = stress_scenes::named(scene).boxes(n, 5);
         let pairs = oracle::truth(&boxes).pairs;
         for mut engine in cpu_engines() {
             for encoding in Encoding::ALL {
                 for threads in [1, 3] {
-                    let pool = ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+                    let pool = pool(threads);
                     let what = format!("{scene}, {}, {encoding}, {threads}", engine.name());
-                    let mut cull = |reply: &mut Witness| {
-                        pool.install(|| {
-                            engine.cull(
-                                &CullInput::boxes(&boxes).encoding(encoding).threads(threads),
-                                reply,
-                            )
-                        })
-                    };
+                    let input = CullInput::boxes(&boxes).encoding(encoding).threads(threads);
+                    let mut cull =
+                        |reply: &mut Witness| pool.install(|| engine.cull(&input, reply));
                     check_below(&what, boxes.len(), &pairs, &mut cull);
                 }
             }
@@ -125,32 +108,22 @@ fn every_cpu_engine_takes_what_fits_and_no_word_more() {
 #[test]
 fn spheres_take_what_fits_and_no_word_more() {
     let same = vec![Sphere::new([1.0; 3], 1.0); 1_234];
-    let all = |n: u32| (0..n).flat_map(move |a| (a + 1..n).map(move |b| [a, b])).collect();
+    let all = all_pairs(BoxCount::new(1_234));
     let (many, truth) = spheres::whole_scene(2_500, 24, 7);
     let scenes: [(&str, Vec<Sphere>, Vec<Pair>); 2] =
-        [("identical", same, all(1_234)), ("many", many, truth.pairs)];
+        [("identical", same, all), ("many", many, truth.pairs)];
     for (scene, spheres, pairs) in &scenes {
         for encoding in Encoding::ALL {
             for threads in [1, 3] {
-                let pool = ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+                let pool = pool(threads);
                 let mut all_pairs = SphereAllPairs::new();
-                let mut cull = |reply: &mut Witness| {
-                    pool.install(|| {
-                        all_pairs.cull(
-                            &CullInput::spheres(spheres).encoding(encoding).threads(threads),
-                            reply,
-                        )
-                    })
-                };
+                let input = CullInput::spheres(spheres).encoding(encoding).threads(threads);
+                let mut cull = |reply: &mut Witness| pool.install(|| all_pairs.cull(&input, reply));
                 let what = format!("{scene}, all pairs, {encoding}, {threads}");
                 check_below(&what, spheres.len(), pairs, &mut cull);
                 for engine in EngineName::CPU {
-                    let options = CullOptions {
-                        engine: EngineChoice::Only(engine),
-                        encoding: EncodingChoice::Only(encoding),
-                        threads: Some(threads),
-                        ..CullOptions::default()
-                    };
+                    let options =
+                        CullOptions { threads: Some(threads), ..culled(engine, encoding) };
                     let mut engines = SphereEngines::new();
                     let mut cull = |reply: &mut Witness| {
                         pool.install(|| Ok(engines.cull(spheres, &options, reply)?.report))
@@ -177,19 +150,14 @@ fn corners() -> Vec<Sphere> {
 #[test]
 fn candidates_that_are_no_pairs_count_for_nothing() {
     let spheres = corners();
-    let (n, mut reply) = (spheres.len(), Witness::without_limit());
+    let (n, mut reply) = (spheres.len(), Witness::default());
     let pairs = 400 * 399 / 2;
     let boxes: Vec<Aabb> = spheres.iter().map(Sphere::bounds).collect();
     let candidates =
         best_engine(EngineName::CpuGrid).cull(&CullInput::boxes(&boxes), &mut reply).unwrap();
     assert!(candidates.pair_count > 15 * pairs, "{}", candidates.pair_count);
     for engine in [EngineName::CpuSap, EngineName::CpuGrid] {
-        let options = CullOptions {
-            engine: EngineChoice::Only(engine),
-            encoding: EncodingChoice::Only(Encoding::Sparse),
-            threads: Some(1),
-            ..CullOptions::default()
-        };
+        let options = CullOptions { threads: Some(1), ..culled(engine, Encoding::Sparse) };
         // The words of 400 spheres that follow each other in the order, and the order.
         let room = 3 * (400 * 400 / 32) + n as u64;
         let mut reply = Witness::with_limit(room);
@@ -220,11 +188,6 @@ fn strides(report: &CullReport) -> u64 {
     }
 }
 
-/// Limits below the words of a list: near, far, and without room for one pair.
-fn below_a_list(need: u64) -> [u64; 5] {
-    [need - 1, need - need / 8, need / 2, 2, 1]
-}
-
 #[test]
 fn all_pairs_on_a_gpu_takes_what_fits() {
     let gpu = open(HostImport::IfPossible);
@@ -237,7 +200,7 @@ fn all_pairs_on_a_gpu_takes_what_fits() {
             let mut cull = |reply: &mut Witness| {
                 engine.cull(&CullInput::boxes(memory.boxes()).encoding(encoding), reply)
             };
-            let report = cull(&mut Witness::without_limit()).unwrap();
+            let report = cull(&mut Witness::default()).unwrap();
             let need = match report.shape {
                 MaskShape::Sparse { bits, .. } => 2 * strides(&report) + bits.len,
                 _ => report.shape.extent_words(),
@@ -261,17 +224,12 @@ fn the_grid_on_a_gpu_takes_what_fits() {
             engine.cull(&CullInput::boxes(memory.boxes()).encoding(Encoding::List), reply)
         };
         let need = 2 * pairs.len() as u64;
-        let limits = below_a_list(need);
-        check_limits(
-            &format!("{precision:?}, list"),
-            boxes.len(),
-            need,
-            &limits,
-            &pairs,
-            &mut list,
-        );
+        // The last ones without room for one pair.
+        let limits = [need - 1, need - need / 8, need / 2, 2, 1];
+        let what = format!("{precision:?}, list");
+        check_limits(&what, boxes.len(), need, &limits, &pairs, &mut list);
         let mut cull = |reply: &mut Witness| engine.cull(&CullInput::boxes(memory.boxes()), reply);
-        let report = cull(&mut Witness::without_limit()).unwrap();
+        let report = cull(&mut Witness::default()).unwrap();
         let need = order_words + 3 * strides(&report);
         let limits = [need - 1, need - need / 8, need / 2, order_words + 48];
         check_limits(&format!("{precision:?}"), boxes.len(), need, &limits, &pairs, &mut cull);
@@ -311,14 +269,9 @@ fn an_open_encoding_is_one_that_fits() {
             };
             for (name, executor) in &mut executors {
                 if *name == "GPU" || !is_gpu {
+                    let boxes = BoxSlice::from(&boxes);
                     check(name, &mut |reply| {
-                        let answer = executor.cull(
-                            boxes.as_slice().into(),
-                            Owner::Daemon,
-                            &options,
-                            reply,
-                        )?;
-                        Ok(answer.report)
+                        Ok(executor.cull(boxes, Owner::Daemon, &options, reply)?.report)
                     });
                 }
             }
@@ -358,12 +311,9 @@ fn scratch_that_frames_do_not_need_is_given_back() {
     const MIB: usize = 1 << 20;
     let large = same(6_000);
     let small = same(10);
-    let sparse = EncodingChoice::Only(Encoding::Sparse);
     for engine in EngineName::CPU {
         let mut engines = CpuEngines::new();
-        let engine = EngineChoice::Only(engine);
-        let options =
-            CullOptions { engine, encoding: sparse, threads: Some(1), ..CullOptions::default() };
+        let options = CullOptions { threads: Some(1), ..culled(engine, Encoding::Sparse) };
         let mut reply = HeapReply::new();
         // 560,000 words.
         engines.cull(&large, &options, &mut reply).unwrap();
@@ -413,8 +363,7 @@ fn an_executor_gives_back_what_other_kinds_of_frames_needed() {
 
 /// The most memory that a process has had at a time, bytes.
 fn peak_bytes(pid: u32) -> u64 {
-    let path: PathBuf = ["/proc", &pid.to_string(), "status"].iter().collect();
-    let status = std::fs::read_to_string(path).unwrap();
+    let status = std::fs::read_to_string(format!("/proc/{pid}/status")).unwrap();
     let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:")).unwrap();
     line.trim().trim_end_matches(" kB").parse::<u64>().unwrap() << 10
 }
@@ -433,18 +382,15 @@ fn a_worker_with_a_limit_stays_within_a_few_times_of_it() {
     let named = EngineName::CPU.map(EngineChoice::Only);
     for engine in [EngineChoice::Auto].into_iter().chain(named) {
         // A driver that is loaded meanwhile would count, too.
-        let daemon = TestDaemon::start(DAEMON, &["--max-reply-mib", "64", "--gpu", "none"]);
+        let daemon = TestDaemon::start(&["--max-reply-mib", "64", "--gpu", "none"]);
         // What an engine takes for each thread is not of the limit.
-        let session = daemon.session().engine(engine).threads(2);
-        let mut session = session.connect().unwrap();
+        let mut session = daemon.session().engine(engine).threads(2).connect().unwrap();
         assert_eq!(count(&mut session, &boxes[..70]).unwrap(), 70 * 69 / 2);
         let pid = daemon.record().unwrap().worker_pid;
         let before = peak_bytes(pid);
         let error = count(&mut session, &boxes).unwrap_err().to_string();
         assert!(error.contains("reply-too-large"), "{engine}: {error}");
-        let mut frame = session.sphere_frame(n).unwrap();
-        frame.spheres_mut().copy_from_slice(&balls);
-        let error = frame.submit().unwrap().wait().unwrap_err().to_string();
+        let error = session.ask_spheres(&balls).wait().unwrap_err().to_string();
         assert!(error.contains("reply-too-large"), "{engine}: {error}");
         assert_eq!(count(&mut session, &boxes[..345]).unwrap(), 345 * 344 / 2);
         // Words up to the limit, arrays that grow by doubling, and 40 MB for so many objects.

@@ -1,7 +1,7 @@
 //! Scenes against a naive model: random edits over all verbs, in process, by a daemon with cores and with a GPU, when
 //! the daemon is killed, and by several members of one scene. Where one differs, the smallest script is printed.
 //!
-//! A tier of seconds runs with every `cargo test`; the ignored tests run millions of edits with the nightly tier.
+//! Every `cargo test` runs for seconds; with the nightly tier some run longer, and those that are ignored run as well.
 //! `PAIRMASK_MODEL_SEED` and `PAIRMASK_MODEL_EDITS` say from which seed on, and how many.
 
 use std::cell::{Cell, RefCell};
@@ -18,8 +18,6 @@ use pairmask_tests::scene_model::{
     hold_without_rules, one, options, script_of, turn,
 };
 use pairmaskd::execute::gpu::{GpuScene, GridOptions};
-
-const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
 
 fn given(variable: &str, usual: usize) -> usize {
     std::env::var(variable).map_or(usual, |text| text.parse().unwrap())
@@ -52,10 +50,6 @@ fn nightly(edits: usize) -> (u64, [(Kind, usize); 3]) {
     (seed, of_kinds(given("PAIRMASK_MODEL_EDITS", edits)))
 }
 
-fn in_pool<R: Send>(work: impl FnOnce() -> R + Send) -> R {
-    rayon::ThreadPoolBuilder::new().num_threads(3).build().unwrap().install(work)
-}
-
 #[test]
 fn scenes_of_one_thread_are_those_of_the_model() {
     let kinds = [(Kind::Small, 8_000), (Kind::Crowd, 100), (Kind::Large, 60)];
@@ -65,7 +59,7 @@ fn scenes_of_one_thread_are_those_of_the_model() {
 #[test]
 fn scenes_of_several_threads_are_those_of_the_model() {
     let kinds = [(Kind::Small, 1_000), (Kind::Crowd, 100), (Kind::Large, 60)];
-    in_pool(|| hold_all(10_000, kinds, |script| CoreScene::new(script, 3)));
+    pool(3).install(|| hold_all(10_000, kinds, |script| CoreScene::new(script, 3)));
 }
 
 #[test]
@@ -79,8 +73,8 @@ fn scenes_of_sessions_in_process_are_those_of_the_model() {
 
 #[test]
 fn scenes_of_a_daemon_are_those_of_the_model() {
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none", "--audit", "1/1"]);
-    let mut session = daemon.session().connect().unwrap();
+    let daemon = TestDaemon::start(&["--gpu", "none", "--audit", "1/1"]);
+    let mut session = daemon.connect();
     let mut scene = |script: &Script| {
         SessionScene::of(&mut session, script, ServedBy::Daemon, EngineName::CpuGrid)
     };
@@ -95,24 +89,25 @@ fn scenes_of_a_daemon_are_those_of_the_model() {
     });
 }
 
-fn hold_gpu(seed: u64, kinds: [(Kind, usize); 3]) {
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", &gpu::name()]);
+/// In the nightly tier an hour on a software driver.
+#[test]
+fn scenes_of_a_gpu_are_those_of_the_model() {
+    let usual = (40_000, [(Kind::Small, 400), (Kind::Crowd, 20), (Kind::Large, 20)]);
+    let (seed, kinds) = tier::nightly_or(nightly(100_000), usual);
+    let daemon = TestDaemon::start(&["--gpu", "software"]);
     let engine = EngineName::GpuGrid;
-    let session = daemon.session().engine(EngineChoice::Only(engine));
-    let mut session = session.connect().unwrap();
+    let mut session = daemon.connect_to(engine);
     hold_all(seed, kinds, |script| {
         SessionScene::of(&mut session, script, ServedBy::Daemon, engine)
     });
 }
 
+/// The daemon is killed between edits and during them, the worker alone or all of it.
 #[test]
-fn scenes_of_a_gpu_are_those_of_the_model() {
-    hold_gpu(40_000, [(Kind::Small, 400), (Kind::Crowd, 20), (Kind::Large, 20)]);
-}
-
-/// Holds scenes of a daemon that is killed, between edits and during them, the worker alone or all of it. Returns how often.
-fn outlive_kills(seed: u64, kinds: [(Kind, usize); 3]) -> usize {
-    let daemon = RefCell::new(TestDaemon::start(DAEMON, &["--gpu", "none"]));
+fn scenes_outlive_a_daemon_that_is_killed() {
+    let usual = (50_000, [(Kind::Small, 300), (Kind::Crowd, 30), (Kind::Large, 30)]);
+    let (seed, kinds) = tier::nightly_or(nightly(5_000), usual);
+    let daemon = RefCell::new(TestDaemon::of_cores());
     let mut session = daemon.borrow().session().backend(Backend::Auto).connect().unwrap();
     let (served, killed_at, kills) = (Cell::new(0), Cell::new(0), Cell::new(0));
     let kill = || {
@@ -144,26 +139,13 @@ fn outlive_kills(seed: u64, kinds: [(Kind, usize); 3]) -> usize {
             Moment::UnderWay => {}
         })
     });
-    kills.get()
-}
-
-#[test]
-fn scenes_outlive_a_daemon_that_is_killed() {
-    let kills = outlive_kills(50_000, [(Kind::Small, 300), (Kind::Crowd, 30), (Kind::Large, 30)]);
-    assert!(kills > 5, "{kills} kills");
-}
-
-#[test]
-#[ignore = "minutes: the nightly tier runs it"]
-fn scenes_outlive_hundreds_of_kills() {
-    let (seed, kinds) = nightly(5_000);
-    let kills = outlive_kills(seed, kinds);
-    assert!(kills > 200, "{kills} kills");
+    let kills = kills.get();
+    assert!(kills > tier::nightly_or(200, 5), "{kills} kills");
 }
 
 #[test]
 fn shared_scenes_are_those_of_the_model() {
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none", "--audit", "1/1"]);
+    let daemon = TestDaemon::start(&["--gpu", "none", "--audit", "1/1"]);
     let sessions = Sessions::new(&daemon.session());
     let mut seed = 60_000;
     let mut hold_shared = |edits| {
@@ -180,7 +162,7 @@ fn shared_scenes_are_those_of_the_model() {
 
 #[test]
 fn shared_scenes_of_a_gpu_are_those_of_the_model() {
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", &gpu::name()]);
+    let daemon = TestDaemon::start(&["--gpu", "software"]);
     let engine = EngineName::GpuGrid;
     let builder = daemon.session().engine(EngineChoice::Only(engine));
     let sessions = Sessions::new(&builder);
@@ -191,7 +173,7 @@ fn shared_scenes_of_a_gpu_are_those_of_the_model() {
 #[ignore = "minutes: the nightly tier runs it"]
 fn a_million_edits_are_those_of_the_model() {
     let (seed, kinds) = nightly(1_000_000);
-    in_pool(|| {
+    pool(3).install(|| {
         let threads = Cell::new(0);
         hold_all(seed, kinds, |script| {
             threads.set(threads.get() % 3 + 1);
@@ -204,8 +186,7 @@ fn a_million_edits_are_those_of_the_model() {
 #[ignore = "minutes: the nightly tier runs it"]
 fn a_hundred_thousand_edits_of_a_daemon_are_those_of_the_model() {
     let (seed, kinds) = nightly(100_000);
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
-    let mut session = daemon.session().connect().unwrap();
+    let (daemon, mut session) = served();
     hold_all(seed, kinds, |script| {
         SessionScene::of(&mut session, script, ServedBy::Daemon, EngineName::CpuGrid)
     });
@@ -214,18 +195,11 @@ fn a_hundred_thousand_edits_of_a_daemon_are_those_of_the_model() {
     hold(Kind::Shared, seed, edits, |script| SharedMembers::new(&sessions, script, None));
 }
 
-#[test]
-#[ignore = "an hour on a software driver: the nightly tier runs it"]
-fn a_hundred_thousand_edits_of_a_gpu_are_those_of_the_model() {
-    let (seed, kinds) = nightly(100_000);
-    hold_gpu(seed, kinds);
-}
-
 /// As large as scenes get by random edits, in the core and on a GPU.
 #[test]
 #[ignore = "minutes: the nightly tier runs it"]
 fn huge_scenes_are_those_of_the_model() {
-    in_pool(|| hold(Kind::Huge, 90_000, 60, |script| CoreScene::new(script, 3)));
+    pool(3).install(|| hold(Kind::Huge, 90_000, 60, |script| CoreScene::new(script, 3)));
     let tools = gpu::scene_tools(0, &GridOptions::default());
     hold_without_rules(Kind::Huge, 91_000, 20, |script| {
         Bare::of(GpuScene::new(&tools, options(script)))
@@ -239,10 +213,6 @@ impl<F: FnMut(&mut Heard)> Subject for Liar<F> {
         let mut reported = self.0.tick(turns)?;
         reported.iter_mut().filter_map(|(_, heard)| heard.as_mut()).for_each(&mut self.1);
         Ok(reported)
-    }
-
-    fn reading_acknowledges(&self) -> bool {
-        false
     }
 
     fn invalidate(&mut self) {
@@ -370,7 +340,7 @@ fn a_listed_pair_ends_with_either_of_its_boxes() {
 
 /// Plays scripts of two members, as the shrinker printed them.
 fn plays_shared(at_end: AtEnd, scripts: Vec<Vec<Event>>) {
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    let daemon = TestDaemon::of_cores();
     let sessions = Sessions::new(&daemon.session());
     for events in scripts {
         let script = Script { limit: 2, shared: Some(at_end), events };
@@ -383,7 +353,7 @@ fn plays_shared(at_end: AtEnd, scripts: Vec<Vec<Event>>) {
 fn a_wrong_edit_of_rules_changes_nothing() {
     let mut scene = Scene::new(SceneOptions::default().with_most_boxes(10));
     let boxes = [Aabb::new([0.0; 3], [1.0; 3]); 3];
-    let set = Step::Set(Sets { indices: (0..3).into(), boxes: &boxes });
+    let set = sets(0..3, &boxes);
     scene.edit(Edit { steps: &[set] }, Report::Changes).expect("an answer");
     scene.acknowledge();
     let tags = [Tag::default().with_world(World(1)); 3];

@@ -1,11 +1,9 @@
 //! The three places of a session, which frames share with edits, answers and ends of scenes.
 
-use pairmask_tests::prelude::*;
 use std::time::Duration;
 
-use pairmask::{Error, Scene};
-
-const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
+use pairmask::Scene;
+use pairmask_tests::prelude::*;
 
 /// Scenes of two boxes each, whose one pair was reported.
 fn reported_scenes<const N: usize>(session: &mut Session) -> [Scene; N] {
@@ -37,8 +35,7 @@ fn is_full<T>(result: &Result<T, Error>) -> bool {
 
 #[test]
 fn an_edit_that_nobody_waits_for_holds_no_place() {
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
-    let mut session = daemon.session().connect().unwrap();
+    let (_daemon, mut session) = served();
     let mut scenes: [Scene; 5] = reported_scenes(&mut session);
     // The fourth and fifth edit want places too.
     scenes.iter_mut().for_each(leave_an_edit);
@@ -72,8 +69,7 @@ fn an_edit_that_nobody_waits_for_holds_no_place() {
 
 #[test]
 fn a_scene_that_ends_while_there_is_no_place_ends_in_the_daemon_too() {
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
-    let mut session = daemon.session().connect().unwrap();
+    let (daemon, mut session) = served();
     let scenes: [Scene; 5] = reported_scenes(&mut session);
     let frames: Vec<_> = (0..3).map(|_| session.frame(4).unwrap()).collect();
     drop(scenes);
@@ -91,8 +87,7 @@ fn a_scene_that_ends_while_there_is_no_place_ends_in_the_daemon_too() {
 
 #[test]
 fn a_place_is_waited_for_while_an_answer_is_under_way() {
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
-    let mut session = daemon.session().connect().unwrap();
+    let (daemon, mut session) = served();
     let mut scenes: [Scene; 3] = reported_scenes(&mut session);
     daemon.signal_worker(Signal::STOP);
     scenes.iter_mut().for_each(leave_an_edit);
@@ -115,7 +110,7 @@ fn a_place_is_waited_for_while_an_answer_is_under_way() {
 
 #[test]
 fn a_daemon_that_answers_no_edit_is_given_up_by_the_frame_that_wants_its_place() {
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    let daemon = TestDaemon::of_cores();
     let deadline = Duration::from_millis(100);
     let mut strict = daemon.session().deadline(deadline).connect().unwrap();
     let mut session = daemon.session().deadline(deadline).backend(Backend::Auto).connect().unwrap();

@@ -1,29 +1,13 @@
 //! Scenes of sessions, kept by a daemon: where they are kept, limits, and daemons that die. What they tell is held to
 //! the model.
 
+use pairmask::Scene;
 use pairmask::filters::{Filter, FilterId, FilterTable, Tag};
-use pairmask::{Error, Scene};
-use pairmask_core::oracle::truth;
-use pairmask_core::scene as core_scene;
+use pairmask_core::scene::Scene as CoreScene;
 use pairmask_tests::prelude::*;
 use pairmask_tests::scene_model::Heard;
 use pairmask_wire::{ReplyError, StatusCode};
 use pairmaskd::scene::Random;
-
-const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
-
-#[test]
-fn a_scene_asked_of_a_gpu_that_is_not_there_is_refused() {
-    let engine = EngineChoice::Only(EngineName::GpuGrid);
-    let without = TestDaemon::start(DAEMON, &["--gpu", "none"]);
-    let mut session = without.session().engine(engine).connect().unwrap();
-    let mut scene = session.scene(SceneOptions::default());
-    let refused = scene.edit().set(0, at(0.0)).commit(Report::All).map(drop).unwrap_err();
-    let Error::Reply(ReplyError::Status { status, .. }) = refused else {
-        panic!("{refused}");
-    };
-    assert_eq!(status, StatusCode::EngineUnavailable);
-}
 
 /// Boxes of two crowds, each box in one of them by chance: pairs by the hundred thousand, which a GPU is not
 /// expected to mind.
@@ -34,18 +18,17 @@ fn crowds(count: u32, random: &mut Random) -> Vec<Aabb> {
 #[test]
 fn a_scene_moves_to_the_gpu_by_itself_and_its_answers_stay_right() {
     const BOXES: u32 = 1_200;
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", "software"]);
-    let mut session = daemon.session().connect().unwrap();
+    let daemon = TestDaemon::start(&["--gpu", "software"]);
+    let mut session = daemon.connect();
     let options = SceneOptions::default().with_threads(1);
-    let (mut scene, mut here) = (session.scene(options), core_scene::Scene::new(options));
+    let (mut scene, mut here) = (session.scene(options), CoreScene::new(options));
     let mut random = Random::new(7);
     // The engine of an answer that is read.
     let mut edit = |count: u32, is_read: bool| {
         let boxes = crowds(count, &mut random);
-        let sets = core_scene::Sets { indices: (0..count).into(), boxes: &boxes };
-        let step = core_scene::Step::Set(sets);
-        let reported =
-            here.edit(Edit { steps: &[step] }, Report::Changes).map(Heard::from).unwrap();
+        let [step] = sets_all(&boxes);
+        let edit = Edit { steps: &[step] };
+        let reported = here.edit(edit, Report::Changes).map(Heard::from).unwrap();
         // A scene stays where it is while an answer is not read, and the next answer makes up for it.
         if !is_read {
             drop(scene.edit().step(step).submit(Report::Changes).unwrap());
@@ -59,9 +42,9 @@ fn a_scene_moves_to_the_gpu_by_itself_and_its_answers_stay_right() {
         Some(answer.engine())
     };
     assert!(edit(BOXES, true).unwrap() == EngineName::CpuGrid, "a scene begins with the cores");
-    eventually("the scene moves to the GPU", || {
+    until("the scene moves to the GPU", || {
         edit(BOXES, false);
-        (edit(BOXES, true).unwrap() == EngineName::GpuGrid).then_some(())
+        edit(BOXES, true).unwrap() == EngineName::GpuGrid
     });
     for count in (1..70).chain([BOXES, 345]) {
         let engine = edit(count, count % 3 > 0 || count > 70);
@@ -71,23 +54,21 @@ fn a_scene_moves_to_the_gpu_by_itself_and_its_answers_stay_right() {
 
 #[test]
 fn a_scene_that_is_only_asked_moves_to_the_gpu_and_reports_what_it_has_not_reported() {
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", "software"]);
-    let mut session = daemon.session().connect().unwrap();
+    let daemon = TestDaemon::start(&["--gpu", "software"]);
+    let mut session = daemon.connect();
     let options = SceneOptions::default().with_threads(1);
-    let (mut scene, mut here) = (session.scene(options), core_scene::Scene::new(options));
+    let (mut scene, mut here) = (session.scene(options), CoreScene::new(options));
     let mut random = Random::new(8);
     let boxes = crowds(2_000, &mut random);
     drop(scene.edit().set_all(0..2_000, &boxes).commit(Report::Nothing).unwrap());
-    let step =
-        core_scene::Step::Set(core_scene::Sets { indices: (0..2_000).into(), boxes: &boxes });
-    here.edit(Edit { steps: &[step] }, Report::Nothing).unwrap();
+    here.edit(Edit { steps: &sets_all(&boxes) }, Report::Nothing).unwrap();
     let mut expected = Vec::new();
-    eventually("the scene moves to the GPU", || {
+    until("the scene moves to the GPU", || {
         let queries = crowds(1_500, &mut random);
         here.query(&queries, QueryTags::None, &mut expected).unwrap();
         assert_eq!(scene.query(&queries).find().unwrap().to_vec(), expected);
         let answer = scene.edit().commit(Report::Nothing).unwrap();
-        (answer.engine() == EngineName::GpuGrid).then_some(())
+        answer.engine() == EngineName::GpuGrid
     });
     here.edit(Edit::NONE, Report::Changes).unwrap();
     let answer = scene.edit().commit(Report::Changes).unwrap();
@@ -98,8 +79,8 @@ fn a_scene_that_is_only_asked_moves_to_the_gpu_and_reports_what_it_has_not_repor
 
 #[test]
 fn scenes_of_a_session_and_of_others_are_kept_apart() {
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
-    let mut sessions: Vec<Session> = (0..2).map(|_| daemon.session().connect().unwrap()).collect();
+    let daemon = TestDaemon::of_cores();
+    let mut sessions: Vec<Session> = (0..2).map(|_| daemon.connect()).collect();
     let mut scenes: Vec<Scene> =
         (0..6).map(|i| sessions[i % 2].scene(SceneOptions::default())).collect();
     for round in 0..4 {
@@ -117,45 +98,49 @@ fn scenes_of_a_session_and_of_others_are_kept_apart() {
     // A session that goes away with its scenes.
     drop((scenes, sessions.remove(0)));
     let mut last = sessions.remove(0);
-    eventually("its scenes are freed", || {
-        (last.daemon_status().unwrap().scenes == 0).then_some(())
-    });
+    until("its scenes are freed", || last.daemon_status().unwrap().scenes == 0);
+}
+
+/// What outlives a daemon that is killed behind the first edit of a scene.
+fn outlive(edit: impl Fn(&mut Scene), check: impl Fn(&mut Session, &mut Scene)) {
+    for backend in [Backend::Daemon, Backend::Auto] {
+        let daemon = TestDaemon::of_cores();
+        let mut session = daemon.session().backend(backend).connect().unwrap();
+        let mut scene = session.scene(SceneOptions::default());
+        edit(&mut scene);
+        let died = daemon.worker();
+        daemon.signal_worker(Signal::KILL);
+        until("another worker serves", || daemon.worker() != died);
+        check(&mut session, &mut scene);
+    }
 }
 
 /// The first daemon learns of it with an edit that wants no changes, and dies with it.
 #[test]
 fn a_resync_that_was_asked_for_outlives_the_daemon() {
-    for backend in [Backend::Daemon, Backend::Auto] {
-        let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
-        let mut session = daemon.session().backend(backend).connect().unwrap();
-        let mut scene = session.scene(SceneOptions::default());
+    let edit = |scene: &mut Scene| {
         scene.resync();
         let edit = scene.edit().set(1, at(0.0)).set(2, at(0.5));
         assert_eq!(edit.commit(Report::Moved).unwrap().pairs(), [[1, 2]]);
-        let died = daemon.worker();
-        daemon.signal_worker(Signal::KILL);
-        eventually("another worker serves", || (daemon.worker() != died).then_some(()));
+    };
+    outlive(edit, |_, scene| {
         let reported = eventually("the scene is answered", || {
             let reported = scene.edit().commit(Report::Changes).ok()?;
             Some((reported.is_resync(), reported.pairs().to_vec()))
         });
-        assert_eq!(reported, (true, vec![[1, 2]]), "{backend:?}");
-    }
+        assert_eq!(reported, (true, vec![[1, 2]]));
+    });
 }
 
 /// Filters and lists that a scene has before it has boxes are sent again too.
 #[test]
 fn rules_without_boxes_outlive_the_daemon() {
-    for backend in [Backend::Daemon, Backend::Auto] {
-        let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
-        let mut session = daemon.session().backend(backend).connect().unwrap();
-        let mut scene = session.scene(SceneOptions::default());
-        let apart = FilterTable::new(&[Filter::new(1, 2)]).unwrap();
+    let apart = FilterTable::new(&[Filter::new(1, 2)]).unwrap();
+    let edit = |scene: &mut Scene| {
         let edit = scene.edit().exclude(&[[1, 2]], true).filters(&apart);
         drop(edit.commit(Report::Changes).unwrap());
-        let died = daemon.worker();
-        daemon.signal_worker(Signal::KILL);
-        eventually("another worker serves", || (daemon.worker() != died).then_some(()));
+    };
+    outlive(edit, |session, scene| {
         // So that the next edit goes to the next daemon at once, and is not sent again with its boxes.
         eventually("the session has the next daemon", || session.daemon_status().ok());
         let boxes = [at(0.0); 4];
@@ -165,14 +150,14 @@ fn rules_without_boxes_outlive_the_daemon() {
             let edit = scene.edit().set_all(1..5, &boxes).tag_all(1..3, &tags);
             Some(edit.commit(Report::All).ok()?.pairs().to_vec())
         });
-        assert!(!pairs.contains(&[1, 2]) && !pairs.contains(&[3, 4]), "{backend:?}: {pairs:?}");
-    }
+        assert!(!pairs.contains(&[1, 2]) && !pairs.contains(&[3, 4]), "{pairs:?}");
+    });
 }
 
 #[test]
 fn a_daemon_that_died_costs_a_typed_error_and_no_edit() {
-    let mut daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
-    let mut session = daemon.session().connect().unwrap();
+    let mut daemon = TestDaemon::of_cores();
+    let mut session = daemon.connect();
     let mut scene = session.scene(SceneOptions::default());
     let edit = scene.edit().set(1, at(0.0)).set(2, at(0.5));
     assert_eq!(edit.commit(Report::Changes).unwrap().begun(), [[1, 2]]);
@@ -200,12 +185,12 @@ fn a_daemon_that_died_costs_a_typed_error_and_no_edit() {
 
 #[test]
 fn a_daemon_without_room_refuses_and_the_client_answers() {
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none", "--max-scene-mib", "1"]);
+    let daemon = TestDaemon::start(&["--gpu", "none", "--max-scene-mib", "1"]);
     let boxes: Vec<Aabb> = (0..10_000).map(|i| at(0.7 * i as f32)).collect();
-    let mut strict = daemon.session().connect().unwrap();
+    let mut strict = daemon.connect();
     let mut scene = strict.scene(SceneOptions::default());
-    let refused =
-        scene.edit().set_all(0..10_000, &boxes).commit(Report::All).map(drop).unwrap_err();
+    let edit = scene.edit().set_all(0..10_000, &boxes);
+    let refused = edit.commit(Report::All).map(drop).unwrap_err();
     let Error::Reply(ReplyError::Status { status, detail }) = refused else {
         panic!("{refused}");
     };
@@ -222,7 +207,7 @@ fn a_daemon_without_room_refuses_and_the_client_answers() {
     let mut sparse = strict.scene(SceneOptions::default());
     assert!(sparse.edit().set(1 << 23, at(0.0)).commit(Report::All).is_err());
 
-    let mut session = daemon.session().backend(Backend::Auto).connect().unwrap();
+    let mut session = daemon.connect_auto();
     let mut scene = session.scene(SceneOptions::default());
     let answer = scene.edit().set_all(0..10, &boxes[..10]).commit(Report::Changes).unwrap();
     assert_eq!((answer.served_by(), answer.begun().len()), (ServedBy::Daemon, 9));
@@ -238,8 +223,8 @@ fn a_daemon_without_room_refuses_and_the_client_answers() {
 /// Boxes that move are in the scene already: an edit of all needs no room for as many again.
 #[test]
 fn a_scene_that_fills_more_than_half_of_the_room_moves_as_a_whole() {
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none", "--max-scene-mib", "1"]);
-    let mut session = daemon.session().connect().unwrap();
+    let daemon = TestDaemon::start(&["--gpu", "none", "--max-scene-mib", "1"]);
+    let mut session = daemon.connect();
     let mut scene = session.scene(SceneOptions::default());
     for step in 0..3 {
         let boxes: Vec<Aabb> = (0..2_500).map(|i| at(0.7 * (i + step) as f32)).collect();
@@ -250,7 +235,7 @@ fn a_scene_that_fills_more_than_half_of_the_room_moves_as_a_whole() {
 
 #[test]
 fn a_daemon_forgets_a_scene_that_it_refused_when_the_client_does() {
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none", "--max-scene-mib", "1"]);
+    let daemon = TestDaemon::start(&["--gpu", "none", "--max-scene-mib", "1"]);
     let boxes: Vec<Aabb> = (0..10_000).map(|i| at(0.7 * i as f32)).collect();
     for backend in [Backend::Auto, Backend::Daemon] {
         let mut session = daemon.session().backend(backend).connect().unwrap();
@@ -261,16 +246,13 @@ fn a_daemon_forgets_a_scene_that_it_refused_when_the_client_does() {
         let many = scene.edit().set_all(0..10_000, &boxes).commit(Report::Changes).map(drop);
         assert_eq!(many.is_ok(), backend == Backend::Auto, "{many:?}");
         drop(scene);
-        eventually("the scene has ended", || {
-            (session.daemon_status().unwrap().scenes == 0).then_some(())
-        });
+        until("the scene has ended", || session.daemon_status().unwrap().scenes == 0);
     }
 }
 
 #[test]
 fn boxes_by_a_function_go_to_a_daemon_and_are_sent_again() {
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
-    let mut session = daemon.session().backend(Backend::Auto).connect().unwrap();
+    let (daemon, mut session) = served_or_here();
     let mut scene = session.scene(SceneOptions::default());
     for step in 0..6 {
         let shift = 0.3 * step as f32;
@@ -282,15 +264,13 @@ fn boxes_by_a_function_go_to_a_daemon_and_are_sent_again() {
         let answer = pending.wait().unwrap();
         let boxes: Vec<Aabb> =
             (0..400).map(|index| at(0.7 * index as f32 + shift)).chain([at(0.0)]).collect();
-        let expected: Vec<[u32; 2]> = truth(&boxes).pairs.into_iter().collect();
-        assert_eq!(answer.pairs().to_vec(), expected);
+        assert_eq!(answer.pairs().to_vec(), oracle::truth(&boxes).pairs);
     }
 }
 
 #[test]
 fn a_wrong_edit_is_refused_before_it_is_sent() {
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
-    let mut session = daemon.session().connect().unwrap();
+    let (_daemon, mut session) = served();
     let mut scene = session.scene(SceneOptions::default().with_most_boxes(9));
     for _ in 0..2 {
         let wrong = scene.edit().set(3, at(0.0)).remove(2).commit(Report::All).map(drop);

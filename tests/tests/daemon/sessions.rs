@@ -4,11 +4,10 @@ use std::time::Duration;
 
 use pairmask::{CenterHalf, Frame, Quantized};
 use pairmask_tests::conformance::check_engine;
+use pairmask_tests::frames;
 use pairmask_tests::prelude::*;
 use pairmask_tests::session_engine::SessionEngine;
 use rayon::iter::ParallelIterator;
-
-const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
 
 fn check(builder: &SessionBuilder, engine: EngineName, expected: ServedBy) {
     let mut sessions = SessionEngine::new(builder, engine, expected);
@@ -20,17 +19,12 @@ fn check(builder: &SessionBuilder, engine: EngineName, expected: ServedBy) {
 
 #[test]
 fn through_the_daemon() {
-    let daemon = TestDaemon::start(DAEMON, &[]);
+    let daemon = TestDaemon::start(&[]);
     for engine in EngineName::CPU {
         check(&daemon.session(), engine, ServedBy::Daemon);
     }
-}
-
-#[test]
-fn through_the_daemon_by_choice() {
-    let daemon = TestDaemon::start(DAEMON, &[]);
-    let builder = daemon.session().backend(Backend::Auto);
-    check(&builder, EngineName::CpuBrute, ServedBy::Daemon);
+    let by_choice = daemon.session().backend(Backend::Auto);
+    check(&by_choice, EngineName::CpuBrute, ServedBy::Daemon);
 }
 
 #[test]
@@ -42,7 +36,7 @@ fn in_process() {
 
 #[test]
 fn a_daemon_is_waited_for_without_end() {
-    let daemon = TestDaemon::start(DAEMON, &[]);
+    let daemon = TestDaemon::start(&[]);
     let builder = daemon.session().backend(Backend::Daemon);
     let mut session = builder.deadline(Duration::MAX).spin(Duration::MAX).connect().unwrap();
     let boxes = stress_scenes::named("uniform").boxes(300, 2);
@@ -56,7 +50,7 @@ fn a_daemon_is_waited_for_without_end() {
 
 #[test]
 fn a_frame_is_taken_once_in_whichever_way() {
-    let daemon = TestDaemon::start(DAEMON, &[]);
+    let daemon = TestDaemon::start(&[]);
     let boxes = stress_scenes::named("uniform").boxes(300, 2);
     let expected = oracle::truth(&boxes).pairs;
     for backend in [Backend::Daemon, Backend::InProcess] {
@@ -88,7 +82,7 @@ fn a_frame_is_taken_once_in_whichever_way() {
 
 #[test]
 fn a_frame_from_arrays_of_any_layout_holds_their_boxes() {
-    let daemon = TestDaemon::start(DAEMON, &[]);
+    let daemon = TestDaemon::start(&[]);
     // The last is written past the caches.
     for n in [0, 1, 33, 1235, 400_001] {
         let center: Vec<_> =
@@ -109,10 +103,8 @@ fn a_frame_from_arrays_of_any_layout_holds_their_boxes() {
                 write(&mut frame);
                 assert!(frame.boxes() == boxes, "{n} boxes, {backend:?}");
                 if n < 2000 {
-                    assert_eq!(
-                        frame.submit().unwrap().wait().unwrap().sorted(),
-                        oracle::truth(&boxes).pairs
-                    );
+                    let mask = frame.submit().unwrap().wait().unwrap();
+                    assert_eq!(mask.sorted(), oracle::truth(&boxes).pairs);
                 }
             };
             written(&|frame| frame.write(&boxes).unwrap());
@@ -129,7 +121,7 @@ fn a_frame_from_arrays_of_any_layout_holds_their_boxes() {
 
 #[test]
 fn narrow_frames_take_what_exact_ones_take() {
-    let mut session = Session::builder().backend(Backend::InProcess).connect().unwrap();
+    let mut session = frames::in_process();
     let center: Vec<_> = (0..345).map(|i| [i as f32, (i % 9) as f32, 0.0]).collect();
     let half = vec![[0.6f32, 0.8, 1.0]; 345];
     let boxes: Vec<_> = center.iter().map(|c| Aabb::from_center_half(*c, half[0])).collect();
@@ -141,16 +133,14 @@ fn narrow_frames_take_what_exact_ones_take() {
         };
         let expected = pairs(&|frame| frame.write(&boxes).unwrap());
         assert!(expected.len() > 300, "most neighbours overlap");
-        assert_eq!(
-            pairs(&|frame| frame.write(&CenterHalf::points(&center, &half)).unwrap()),
-            expected
-        );
+        let same = pairs(&|frame| frame.write(&CenterHalf::points(&center, &half)).unwrap());
+        assert_eq!(same, expected);
     }
 }
 
 #[test]
 fn too_few_boxes_are_an_error() {
-    let mut session = Session::builder().backend(Backend::InProcess).connect().unwrap();
+    let mut session = frames::in_process();
     let mut frame = session.frame(3).unwrap();
     frame.boxes_mut().fill(Aabb::new([0.0; 3], [1.0; 3]));
     let refused = frame.write(&[Aabb::EMPTY; 2]);
@@ -160,11 +150,8 @@ fn too_few_boxes_are_an_error() {
 
 #[test]
 fn whatever_the_plan_chooses_the_pairs_are_the_same() {
-    let daemon = TestDaemon::start(DAEMON, &[]);
-    let mut sessions = [
-        daemon.session().connect().unwrap(),
-        Session::builder().backend(Backend::InProcess).connect().unwrap(),
-    ];
+    let daemon = TestDaemon::start(&[]);
+    let mut sessions = [daemon.connect(), frames::in_process()];
     for scene in stress_scenes::ALL {
         for n in [0, 1, 2, 33, 1234, 3000] {
             let boxes = scene.boxes(n, 9);

@@ -1,5 +1,4 @@
-//! Scenes that several sessions write: who is late, refused, dies, or loses its daemon. What is reported to members is
-//! held to the model. One file, because all tests share the same members, and each is a page.
+//! Scenes that several sessions write: who is late or refused, and what it is told.
 #![allow(clippy::single_range_in_vec_init)] // Lists of ranges are meant.
 
 use std::collections::BTreeSet;
@@ -7,37 +6,24 @@ use std::ops::Range;
 use std::time::{Duration, Instant};
 
 use pairmask::filters::{Filter, FilterTable};
-use pairmask::{
-    AtEnd, EditError, EndReason, Ended, Error, JoinOptions, Margin, PendingAnswer, Scene,
-    SceneAnswer, Scope,
-};
+use pairmask::{AtEnd, EditError, EndReason, Ended, JoinOptions, Margin, Scene, Scope};
 use pairmask_core::scene::shared::{LeaseError, NotLeased};
-use pairmask_tests::fault_client::FaultClient;
 use pairmask_tests::prelude::*;
-use pairmaskd::scene::Random;
-
-const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
-const CLIENT: &str = env!("CARGO_BIN_EXE_fault_client");
 
 /// A deadline that a machine under load does not reach.
-const LONG: Duration = Duration::from_secs(5);
-
-type Pair = [u32; 2];
-fn daemon() -> TestDaemon {
-    TestDaemon::start(DAEMON, &["--gpu", "none"])
-}
+pub(super) const LONG: Duration = Duration::from_secs(5);
 
 /// A member, and the pairs that it knows by the answers that it took.
-struct Member {
-    session: Session,
-    scene: Scene,
-    own: Range<u32>,
-    known: BTreeSet<Pair>,
+pub(super) struct Member {
+    pub session: Session,
+    pub scene: Scene,
+    pub own: Range<u32>,
+    pub known: BTreeSet<Pair>,
 }
 
 impl Member {
-    fn join(daemon: &TestDaemon, name: &str, own: Range<u32>, options: JoinOptions) -> Self {
-        let mut session = daemon.session().connect().unwrap();
+    pub fn join(daemon: &TestDaemon, name: &str, own: Range<u32>, options: JoinOptions) -> Self {
+        let mut session = daemon.connect();
         let mut scene = session.join_scene(name, options).unwrap();
         if !own.is_empty() {
             scene.lease(own.clone()).unwrap();
@@ -46,19 +32,9 @@ impl Member {
     }
 }
 
-/// What an answer to changes makes of what a member knew.
-fn learn(known: &mut BTreeSet<Pair>, answer: &SceneAnswer<'_>) {
-    if answer.is_resync() {
-        *known = answer.pairs().iter().collect();
-        return;
-    }
-    answer.ended().for_each(|ended| assert!(known.remove(&ended.pair), "{ended:?}"));
-    answer.begun().iter().for_each(|begun| assert!(known.insert(begun), "{begun:?} began twice"));
-}
-
 #[test]
 fn a_late_writer_is_named_and_keeps_its_boxes() {
-    let daemon = daemon();
+    let daemon = TestDaemon::of_cores();
     let deadline = Duration::from_millis(150);
     let options = JoinOptions::default().with_tick_deadline(deadline).with_scope(Scope::All);
     let mut one = Member::join(&daemon, "late", 0..10, options);
@@ -91,13 +67,13 @@ fn a_late_writer_is_named_and_keeps_its_boxes() {
 
 #[test]
 fn what_is_not_its_own_a_member_is_refused() {
-    let daemon = daemon();
+    let daemon = TestDaemon::of_cores();
     let mut here = in_process();
     let refused = here.join_scene("rules", JoinOptions::default());
     assert!(matches!(refused, Err(Error::NeedsDaemon)));
     let options = JoinOptions::default().with_most_boxes(100).with_tick_deadline(LONG);
     let mut one = Member::join(&daemon, "rules", 0..10, options.with_scope(Scope::All));
-    let mut session = daemon.session().connect().unwrap();
+    let mut session = daemon.connect();
     for name in ["", "a b", &"x".repeat(65)] {
         let refused = session.join_scene(name, JoinOptions::default());
         assert!(matches!(refused, Err(Error::SceneName(_))), "{name}");
@@ -141,7 +117,7 @@ fn what_is_not_its_own_a_member_is_refused() {
 
 #[test]
 fn a_tick_has_one_table_of_filters() {
-    let daemon = daemon();
+    let daemon = TestDaemon::of_cores();
     let options = JoinOptions::default().with_tick_deadline(LONG).with_scope(Scope::All);
     let mut one = Member::join(&daemon, "tables", 10..20, options);
     let mut other = Member::join(&daemon, "tables", 20..30, options);
@@ -159,7 +135,7 @@ fn a_tick_has_one_table_of_filters() {
     assert_eq!(pending.wait().unwrap().pairs().len(), 0);
 }
 
-fn found(scene: &mut Scene, query: Aabb) -> Vec<u32> {
+pub(super) fn found(scene: &mut Scene, query: Aabb) -> Vec<u32> {
     scene.query(&[query]).find().unwrap().of_query(0).collect()
 }
 
@@ -168,7 +144,7 @@ type MovedTurn<'a> = (Report, Option<&'a [Pair]>, &'a [(u32, f32)], &'a [Pair]);
 
 #[test]
 fn moved_pairs_are_counted_from_the_last_answer_that_was_received() {
-    let daemon = daemon();
+    let daemon = TestDaemon::of_cores();
     let options = JoinOptions::default().with_tick_deadline(LONG);
     let mut one = Member::join(&daemon, "moved", 0..10, options);
     let mut other = Member::join(&daemon, "moved", 10..20, options.with_scope(Scope::All));
@@ -196,7 +172,7 @@ fn moved_pairs_are_counted_from_the_last_answer_that_was_received() {
 
 #[test]
 fn a_query_asks_for_what_the_last_tick_made() {
-    let daemon = daemon();
+    let daemon = TestDaemon::of_cores();
     let options = JoinOptions::default().with_tick_deadline(LONG);
     let mut one = Member::join(&daemon, "asked", 0..10, options);
     let mut listener = Member::join(&daemon, "asked", 0..0, options);
@@ -224,79 +200,6 @@ fn a_query_asks_for_what_the_last_tick_made() {
     assert_eq!(found(&mut one.scene, Aabb::new([0.0; 3], [20.0; 3])), [2, 3]);
 }
 
-/// To members with margins and to one without, the pairs of fat AABBs are reported, those that overlap among them.
-#[test]
-fn pairs_of_members_with_margins_are_near_ones() {
-    let daemon = daemon();
-    let options = JoinOptions::default().with_tick_deadline(LONG).with_scope(Scope::All);
-    let margined = |units| options.with_usual_margin(Margin::new(units).unwrap());
-    let mut members = [(0..30, margined(0.3)), (30..60, margined(1.0)), (60..80, options)]
-        .map(|(own, options)| Member::join(&daemon, "margins", own, options));
-    let mut random = Random::new(7);
-    let mut boxes: Vec<Aabb> = (0..80).map(|index| at((index * 37 % 80) as f32)).collect();
-    let sent_of = |members: &[Member]| -> Vec<Aabb> {
-        let boxes = |member: &Member| {
-            member
-                .own
-                .clone()
-                .map(|index| member.scene.inflated(index).unwrap())
-                .collect::<Vec<_>>()
-        };
-        members.iter().flat_map(boxes).collect()
-    };
-    for tick in 0..60 {
-        let drops = (tick > 0 && random.below(4) == 0).then(|| random.below(3) as usize);
-        let report = [Report::Changes, Report::Changes, Report::All, Report::Moved];
-        let report = if tick == 0 { Report::Changes } else { report[random.below(4) as usize] };
-        for b in &mut boxes {
-            let by = if random.below(3) == 0 { random.below(5) as f32 * 0.1 - 0.2 } else { 0.0 };
-            (b.min[0], b.max[0]) = (b.min[0] + by, b.max[0] + by);
-        }
-        let commits = members.iter_mut().map(|Member { scene, own, known, .. }| {
-            let set = &boxes[own.start as usize..own.end as usize];
-            (known, scene.edit().set_all(own.clone(), set).submit(report).unwrap())
-        });
-        let mut all = Vec::new();
-        for (member, (known, pending)) in commits.collect::<Vec<_>>().into_iter().enumerate() {
-            if drops == Some(member) {
-                continue;
-            }
-            let answer = pending.wait().unwrap();
-            if report == Report::Changes {
-                learn(known, &answer);
-                all.push(known.iter().copied().collect());
-            } else {
-                all.push(answer.pairs().to_vec());
-            }
-            if report == Report::All {
-                *known = answer.pairs().iter().collect();
-            }
-        }
-        let near = oracle::truth(&sent_of(&members)).pairs;
-        assert!(all.iter().all(|pairs: &Vec<Pair>| *pairs == near), "tick {tick}, {report:?}");
-        let exact = oracle::truth(&boxes).pairs;
-        assert!(exact.iter().all(|pair| near.contains(pair)));
-    }
-    for Member { scene, .. } in &members[..2] {
-        let stats = scene.margin_stats().unwrap();
-        assert!(stats.requests == 60 && stats.sent < stats.set / 2, "{stats:?}");
-    }
-    // A query finds own boxes as they were set, and those of others as they were sent.
-    let sent = sent_of(&members);
-    let asked = |index: u32| if index < 30 { boxes[index as usize] } else { sent[index as usize] };
-    let overlaps = |index: &u32| asked(*index).overlaps(&at(20.0));
-    let expected: Vec<u32> = (0..80).filter(overlaps).collect();
-    assert_eq!(found(&mut members[0].scene, at(20.0)), expected);
-    // What another daemon is sent is what the last one had.
-    daemon.signal_worker(Signal::KILL);
-    let [one, ..] = &mut members;
-    let pairs = eventually("the member joins again", || {
-        let answer = one.scene.edit().commit(Report::All).ok()?;
-        Some(answer.pairs().to_vec())
-    });
-    assert_eq!(pairs, oracle::truth(&sent[..30]).pairs);
-}
-
 fn hold_all_places(session: &mut Session) -> Vec<PairMask> {
     (0..3).map(|_| session.frame(4).unwrap().submit().unwrap().wait().unwrap()).collect()
 }
@@ -304,7 +207,7 @@ fn hold_all_places(session: &mut Session) -> Vec<PairMask> {
 /// For want of a place nothing has happened: the same edit can be made again.
 #[test]
 fn an_edit_without_a_place_has_not_happened() {
-    let daemon = daemon();
+    let daemon = TestDaemon::of_cores();
     let options = JoinOptions::default().with_tick_deadline(LONG).with_scope(Scope::All);
     let mut one = Member::join(&daemon, "unsent", 0..10, options);
     let edit = one.scene.edit().set(1, at(0.0)).set(2, at(0.5));
@@ -325,7 +228,7 @@ fn an_edit_without_a_place_has_not_happened() {
 /// for those of one.
 #[test]
 fn boxes_that_were_applied_take_no_more_room() {
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none", "--max-scene-mib", "128"]);
+    let daemon = TestDaemon::start(&["--gpu", "none", "--max-scene-mib", "128"]);
     let options = JoinOptions::default().with_tick_deadline(LONG);
     let own = 599_000..600_000;
     let mut one = Member::join(&daemon, "room", own.clone(), options);
@@ -341,7 +244,7 @@ fn boxes_that_were_applied_take_no_more_room() {
 /// here, whether somebody waits for it or not, and the membership goes on.
 #[test]
 fn nothing_of_a_commit_with_a_refused_table_is_applied() {
-    let daemon = daemon();
+    let daemon = TestDaemon::of_cores();
     let table = FilterTable::new(&[Filter::new(1, 2)]).unwrap();
     let options = JoinOptions::default().with_tick_deadline(Duration::from_millis(50));
     let options = options.with_scope(Scope::All);
@@ -387,7 +290,7 @@ fn nothing_of_a_commit_with_a_refused_table_is_applied() {
 
 #[test]
 fn lists_of_pairs_end_with_their_lease() {
-    let daemon = daemon();
+    let daemon = TestDaemon::of_cores();
     let options = JoinOptions::default().with_tick_deadline(LONG).with_scope(Scope::All);
     let _listener = Member::join(&daemon, "lists", 0..0, options);
     let boxes = [at(0.0); 2];
@@ -417,7 +320,7 @@ fn lists_of_pairs_end_with_their_lease() {
 
 #[test]
 fn a_member_joins_again_without_the_lists_of_a_lease_that_it_gave_back() {
-    let daemon = daemon();
+    let daemon = TestDaemon::of_cores();
     let options = JoinOptions::default().with_tick_deadline(Duration::from_millis(50));
     let options = options.with_scope(Scope::All);
     let _first = Member::join(&daemon, "lists-again", 0..1, options);
@@ -437,199 +340,4 @@ fn a_member_joins_again_without_the_lists_of_a_lease_that_it_gave_back() {
         Some(answer.pairs().to_vec())
     });
     assert_eq!(answer, [[11, 13], [12, 13]]);
-}
-
-#[test]
-fn members_commit_join_and_leave_side_by_side() {
-    const TICKS: u32 = 30;
-    let daemon = daemon();
-    let options = JoinOptions::default().with_tick_deadline(Duration::from_millis(200));
-    let all_at = |tick: u32, own: &Range<u32>| -> Vec<Aabb> {
-        own.clone().map(|index| at((index * 7 % 50 + tick % 3) as f32)).collect()
-    };
-    let writers: Vec<Member> = (0..3)
-        .map(|which| Member::join(&daemon, "side", which * 600..(which + 1) * 600, options))
-        .collect();
-    let mut last = Member::join(&daemon, "side", 0..0, options.with_scope(Scope::All));
-    let writers: Vec<Member> = std::thread::scope(|scope| {
-        let guests = (0..2).map(|which| {
-            let daemon = &daemon;
-            scope.spawn(move || {
-                for _ in 0..6 {
-                    let own = 3_000 + 100 * which..3_100 + 100 * which;
-                    let mut guest = Member::join(daemon, "side", 0..0, options);
-                    // The guest before may still be on its way out.
-                    eventually("the lease is free", || guest.scene.lease(own.clone()).ok());
-                    let boxes = all_at(0, &own);
-                    drop(guest.scene.edit().set_all(own, &boxes).commit(Report::Changes).unwrap());
-                }
-            })
-        });
-        let guests: Vec<_> = guests.collect();
-        let writers = writers.into_iter().map(|mut member| {
-            scope.spawn(move || {
-                for tick in 0..TICKS {
-                    let own = member.own.clone();
-                    let boxes = all_at(tick, &own);
-                    let edit = member.scene.edit().set_all(own, &boxes);
-                    let answer = edit.commit(Report::Changes).unwrap();
-                    learn(&mut member.known, &answer);
-                }
-                member
-            })
-        });
-        let writers: Vec<_> = writers.collect();
-        for guest in guests {
-            guest.join().unwrap();
-        }
-        writers.into_iter().map(|writer| writer.join().unwrap()).collect()
-    });
-    let truth = oracle::truth(&all_at(TICKS - 1, &(0..1_800))).pairs;
-    // Guests have left by then.
-    eventually("the boxes of the writers alone", || {
-        let answer = last.scene.edit().commit(Report::All).unwrap();
-        answer.pairs().iter().eq(truth.iter().map(|[a, b]| [*a, *b])).then_some(())
-    });
-    drop(writers);
-}
-
-#[test]
-fn a_scene_that_is_left_during_a_tick_holds_nobody_up() {
-    let daemon = daemon();
-    let options = JoinOptions::default().with_tick_deadline(LONG).with_scope(Scope::All);
-    let mut one = Member::join(&daemon, "left", 0..10, options);
-    for round in 0..5 {
-        let mut other = Member::join(&daemon, "left", 10..20, options);
-        drop(other.scene.edit().set(10, at(0.0)).submit(Report::Changes).unwrap());
-        let Member { mut session, scene, .. } = other;
-        drop(scene);
-        // The place of the commit that nobody waits for is free again.
-        let boxes = session.frame(3).unwrap().submit().unwrap().wait().unwrap();
-        assert_eq!(boxes.n().get(), 3);
-        let start = Instant::now();
-        let answer = one.scene.edit().set(round, at(0.0)).commit(Report::All).unwrap();
-        assert!(start.elapsed() < LONG, "it waits for nobody");
-        assert_eq!(answer.pairs().len(), (round * (round + 1) / 2) as usize);
-    }
-}
-
-fn kill_writers(times: usize, at_end: AtEnd) {
-    let daemon = daemon();
-    let deadline = Duration::from_millis(50);
-    let options = JoinOptions::default().with_tick_deadline(deadline).with_at_end(at_end);
-    let mut member = Member::join(&daemon, "killed", 0..1, options);
-    let mut random = Random::new(times as u64);
-    let mut tick = |edit: bool| {
-        let start = Instant::now();
-        let mut next = member.scene.edit();
-        if edit {
-            next = next.set(0, at(0.0));
-        }
-        let answer = next.commit(Report::Changes).unwrap();
-        assert!(start.elapsed() < deadline + Duration::from_secs(2), "a tick is stuck");
-        learn(&mut member.known, &answer);
-        let ended = answer.ended().to_vec();
-        drop(answer);
-        (member.known.len(), ended, found(&mut member.scene, at(0.0)).len())
-    };
-    tick(true);
-    for _ in 0..times {
-        // A writer of another process: boxes 10 to 19 of the scene, all around the origin.
-        let mut writer = FaultClient::start(CLIENT, &daemon, &["shared", "auto", "killed"]);
-        writer.go();
-        let boxes = eventually("the writer's boxes are there", || {
-            let (pairs, _, boxes) = tick(false);
-            (pairs == 10).then_some(boxes)
-        });
-        assert_eq!(boxes, 11);
-        for _ in 0..random.below(5) {
-            tick(false);
-        }
-        drop(writer);
-        let killed = Instant::now();
-        if at_end == AtEnd::Keep {
-            // They stay for the next one, which leases them as soon as they are free.
-            continue;
-        }
-        loop {
-            let (pairs, ended, boxes) = tick(false);
-            if pairs == 0 {
-                assert_eq!((ended.len(), boxes), (10, 1));
-                assert!(ended.iter().all(|ended| ended.reason == EndReason::Removed));
-                break;
-            }
-            assert!(killed.elapsed() < Duration::from_secs(10), "the boxes of the dead stay");
-        }
-    }
-    if at_end == AtEnd::Keep {
-        let (pairs, _, boxes) = tick(false);
-        assert_eq!((pairs, boxes), (10, 11), "kept");
-    }
-    let status = member.session.daemon_status().unwrap();
-    assert_eq!((status.scenes, status.scene_mib), (1, 1));
-    let Member { mut session, scene, .. } = member;
-    drop(scene);
-    eventually("a scene ends with its last member", || {
-        let status = session.daemon_status().unwrap();
-        ((status.scenes, status.scene_mib) == (0, 0)).then_some(())
-    });
-}
-
-#[test]
-fn boxes_of_killed_writers_are_removed() {
-    kill_writers(14, AtEnd::Remove);
-}
-
-#[test]
-fn boxes_of_killed_writers_are_kept() {
-    kill_writers(6, AtEnd::Keep);
-}
-
-#[test]
-#[ignore = "long: nightly"]
-fn boxes_of_many_killed_writers_are_removed() {
-    kill_writers(200, AtEnd::Remove);
-}
-
-#[test]
-fn a_restarted_daemon_is_joined_again() {
-    let mut daemon = daemon();
-    let deadline = Duration::from_millis(300);
-    let options = JoinOptions::default().with_tick_deadline(deadline).with_scope(Scope::All);
-    let mut one = Member::join(&daemon, "again", 0..10, options);
-    let mut other = Member::join(&daemon, "again", 10..20, options);
-    for round in 0..6 {
-        let x = round as f32;
-        // Both commit, until a tick has both.
-        eventually("a tick of both", || {
-            let first = one.scene.edit().set(2, at(x)).set(3, at(9.0)).submit(Report::All);
-            let second = other.scene.edit().set(12, at(x)).commit(Report::Changes);
-            let answered = first.and_then(PendingAnswer::wait);
-            if let Ok(second) = &second {
-                learn(&mut other.known, second);
-            }
-            match (answered, second) {
-                // A daemon that has just started may know one of them alone.
-                (Ok(first), Ok(_)) if first.late().is_empty() && first.pairs().len() == 1 => {
-                    assert_eq!(first.pairs(), [[2, 12]], "round {round}");
-                    assert_eq!(other.known.len(), 1);
-                    Some(())
-                }
-                (first, second) => {
-                    for error in [first.err(), second.err()].into_iter().flatten() {
-                        println!("round {round}: {error}");
-                    }
-                    None
-                }
-            }
-        });
-        match round {
-            0 | 3 => daemon.signal_worker(Signal::KILL),
-            1 | 4 => {
-                daemon.kill();
-                daemon.restart();
-            }
-            _ => {}
-        }
-    }
 }

@@ -8,9 +8,6 @@ use std::time::Duration;
 use pairmask_tests::fault_client::FaultClient;
 use pairmask_tests::prelude::*;
 
-const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
-const FAULT_CLIENT: &str = env!("CARGO_BIN_EXE_fault_client");
-
 struct Scene {
     boxes: Vec<Aabb>,
     pairs: Vec<[u32; 2]>,
@@ -47,12 +44,12 @@ fn scenes_of_eight() -> Vec<Vec<Scene>> {
 
 #[test]
 fn eight_clients_at_once_get_their_own_pairs() {
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none", "--audit", "1/1"]);
+    let daemon = TestDaemon::start(&["--gpu", "none", "--audit", "1/1"]);
     let clients = scenes_of_eight();
     let frames: u64 = clients.iter().map(|scenes| (ROUNDS * scenes.len()) as u64).sum();
     std::thread::scope(|scope| {
         for scenes in &clients {
-            let mut session = daemon.session().connect().unwrap();
+            let mut session = daemon.connect();
             scope.spawn(move || {
                 for _ in 0..ROUNDS {
                     for scene in scenes {
@@ -62,7 +59,7 @@ fn eight_clients_at_once_get_their_own_pairs() {
             });
         }
     });
-    let mut session = daemon.session().connect().unwrap();
+    let mut session = daemon.connect();
     let status = session.daemon_status().unwrap();
     assert_eq!((status.frames, status.errors), (frames, 0));
     daemon.audit_is_clean(|audit| audit.frames > 0 && audit.frames + audit.skipped == frames);
@@ -71,7 +68,7 @@ fn eight_clients_at_once_get_their_own_pairs() {
 /// Starts a client in a mode that goes on until it is killed: a process of its own, since the tests' threads are one
 /// process to the daemon.
 fn start(daemon: &TestDaemon, mode: &str) -> FaultClient {
-    let mut other = FaultClient::start(FAULT_CLIENT, daemon, &[mode, "auto"]);
+    let mut other = FaultClient::start(daemon, &[mode, "auto"]);
     other.go();
     other
 }
@@ -90,9 +87,9 @@ fn a_greedy_client_leaves_the_others_their_share() {
 }
 
 fn small_frames_beside_ten_large_ones() -> u64 {
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    let daemon = TestDaemon::of_cores();
     let scene = Scene::new(100, 1);
-    let mut session = daemon.session().connect().unwrap();
+    let mut session = daemon.connect();
     scene.check(&mut session);
     let _greedy = start(&daemon, "greedy");
     // The boxes that were answered tell the greedy client's frames from ours.
@@ -118,9 +115,9 @@ const GREEDY_BOXES: u64 = 600_000;
 /// of small frames gets many answers meanwhile, each time.
 #[test]
 fn a_pile_of_boxes_does_not_hold_up_small_frames() {
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    let daemon = TestDaemon::of_cores();
     let scene = Scene::new(200, 1);
-    let mut session = daemon.session().connect().unwrap();
+    let mut session = daemon.connect();
     scene.check(&mut session);
     let rounds = [(); PILES].map(|()| {
         let mut pile = start(&daemon, "pile");
@@ -139,10 +136,8 @@ fn a_pile_of_boxes_does_not_hold_up_small_frames() {
         });
         frames
     });
-    assert!(
-        rounds.iter().all(|frames| *frames >= 10),
-        "small frames beside a pile each: {rounds:?}"
-    );
+    let are_enough = rounds.iter().all(|frames| *frames >= 10);
+    assert!(are_enough, "small frames beside a pile each: {rounds:?}");
 }
 
 /// Piles in a row.
@@ -151,13 +146,13 @@ const PILES: usize = 4;
 /// A client that takes no answers keeps nothing but its own memory.
 #[test]
 fn a_hung_client_does_not_hold_up_the_others() {
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    let daemon = TestDaemon::of_cores();
     let _hung: Vec<FaultClient> = (0..3).map(|_| start(&daemon, "pending")).collect();
     let scenes: Vec<Scene> = (0..4).map(|seed| Scene::new(300 + 7 * seed, seed.into())).collect();
     let worker = daemon.worker();
     std::thread::scope(|scope| {
         for scene in &scenes {
-            let mut session = daemon.session().connect().unwrap();
+            let mut session = daemon.connect();
             scope.spawn(move || (0..200).for_each(|_| scene.check(&mut session)));
         }
     });
@@ -168,8 +163,7 @@ fn a_hung_client_does_not_hold_up_the_others() {
 /// however late its client looks.
 #[test]
 fn frames_dropped_unread_take_nothing_from_the_next() {
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
-    let mut session = daemon.session().backend(Backend::Daemon).connect().unwrap();
+    let (_daemon, mut session) = served();
     let scenes: Vec<Scene> = (0..3).map(|seed| Scene::new(200 + 35 * seed, seed.into())).collect();
     for round in 0..400 {
         let scene = &scenes[round % scenes.len()];
@@ -202,13 +196,13 @@ impl Drop for SetWhenDropped<'_> {
 #[test]
 fn clients_killed_under_load_leave_the_daemon_serving() {
     // Dead clients have their places until the janitor comes.
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none", "--max-clients", "64"]);
+    let daemon = TestDaemon::start(&["--gpu", "none", "--max-clients", "64"]);
     let worker = daemon.worker();
     let (stop, answered) = (AtomicBool::new(false), AtomicU64::new(0));
     let scenes: Vec<Scene> = (0..3).map(|seed| Scene::new(500 + seed, seed.into())).collect();
     std::thread::scope(|scope| {
         for scene in &scenes {
-            let mut session = daemon.session().connect().unwrap();
+            let mut session = daemon.connect();
             let (stop, answered) = (&stop, &answered);
             scope.spawn(move || {
                 while !stop.load(Ordering::Relaxed) {
@@ -221,14 +215,14 @@ fn clients_killed_under_load_leave_the_daemon_serving() {
         for round in 0..12 {
             let victims = ["load", "greedy", "load"].map(|mode| start(&daemon, mode));
             let so_far = answered.load(Ordering::Relaxed);
-            eventually("frames are answered beside the victims", || {
-                (answered.load(Ordering::Relaxed) > so_far + 5 + 3 * round).then_some(())
+            until("frames are answered beside the victims", || {
+                answered.load(Ordering::Relaxed) > so_far + 5 + 3 * round
             });
             drop(victims);
         }
         let so_far = answered.load(Ordering::Relaxed);
-        eventually("frames are answered after they died", || {
-            (answered.load(Ordering::Relaxed) > so_far + 20).then_some(())
+        until("frames are answered after they died", || {
+            answered.load(Ordering::Relaxed) > so_far + 20
         });
     });
     assert_eq!(daemon.worker(), worker, "no client takes the worker with it");

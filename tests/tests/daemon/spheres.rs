@@ -7,13 +7,6 @@ use pairmask_lab::stress::SphereCase;
 use pairmask_tests::frames::served_by;
 use pairmask_tests::prelude::*;
 use pairmask_tests::spheres::{check_mask, cull, hard_scene, truth, whole_scene};
-use pairmask_wire::{ReplyError, StatusCode};
-
-const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
-
-fn engines() -> impl Iterator<Item = EngineChoice> {
-    [EngineChoice::Auto].into_iter().chain(EngineName::CPU.map(EngineChoice::Only))
-}
 
 /// A session of a backend, and the side that must serve it.
 struct Lane {
@@ -42,7 +35,9 @@ fn lanes(daemon: &TestDaemon) -> Vec<Lane> {
         (Backend::Auto, ServedBy::Daemon),
         (Backend::InProcess, ServedBy::InProcess),
     ] {
-        for engine in engines() {
+        for engine in
+            [EngineChoice::Auto].into_iter().chain(EngineName::CPU.map(EngineChoice::Only))
+        {
             // One session of Backend::Auto is enough to see that it takes the daemon.
             if backend == Backend::Auto && engine != EngineChoice::Auto {
                 continue;
@@ -63,7 +58,7 @@ fn lanes(daemon: &TestDaemon) -> Vec<Lane> {
 }
 
 fn daemon() -> TestDaemon {
-    TestDaemon::start(DAEMON, &["--gpu", "none", "--max-clients", "32"])
+    TestDaemon::start(&["--gpu", "none", "--max-clients", "32"])
 }
 
 /// Every size, scenes that aim at borders, and large ones that touch.
@@ -150,61 +145,24 @@ fn boxes_and_spheres_may_be_under_way_at_once() {
     }
 }
 
-#[test]
-fn engines_of_a_gpu_that_is_not_there_take_no_spheres() {
-    let daemon = daemon();
-    for engine in [EngineName::GpuBrute, EngineName::GpuGrid] {
-        let builder = daemon.session().engine(EngineChoice::Only(engine));
-        let mut session = builder.clone().connect().unwrap();
-        let mut frame = session.sphere_frame(2).unwrap();
-        frame.spheres_mut().fill(Sphere::EMPTY);
-        let answer = frame.submit().unwrap().wait().unwrap_err();
-        let Error::Reply(ReplyError::Status { status, .. }) = answer else { panic!("{answer}") };
-        assert_eq!(status, StatusCode::EngineUnavailable);
-        let mut session = builder.backend(Backend::InProcess).connect().unwrap();
-        let mut frame = session.sphere_frame(2).unwrap();
-        frame.spheres_mut().fill(Sphere::EMPTY);
-        let answer = frame.submit().unwrap_err();
-        assert!(matches!(answer, Error::Cull(CullError::Unavailable { .. })), "{answer}");
-    }
-}
-
 /// Spheres are answered between frames of boxes that a GPU works on.
 #[test]
 fn spheres_pass_boxes_that_a_gpu_works_on() {
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", "software"]);
-    let grid = EngineChoice::Only(EngineName::GpuGrid);
-    let mut busy = daemon.session().engine(grid).connect().unwrap();
+    let daemon = TestDaemon::start(&["--gpu", "software"]);
+    let mut busy = daemon.connect_to(EngineName::GpuGrid);
     let boxes = stress_scenes::named("uniform").boxes(33_000, 1);
-    let submit = |session: &mut Session| session.ask(&boxes);
-    let mut here = in_process();
-    let expected = submit(&mut here).wait().unwrap().sorted();
-    let mut session = daemon.session().connect().unwrap();
-    let scene = whole_scene(700, 15, 2);
+    let expected = in_process().answer(&boxes).sorted();
+    let mut session = daemon.connect();
+    let (spheres, truth) = whole_scene(700, 15, 2);
     for _ in 0..3 {
-        let pending = [submit(&mut busy), submit(&mut busy)];
-        assert_eq!(check_frame(&mut session, &scene), ServedBy::Daemon);
+        let pending = [busy.ask(&boxes), busy.ask(&boxes)];
+        let mask = cull(&mut session, &spheres);
+        assert_eq!(check_mask(&mask, mask.encoding(), &truth), Ok(()));
+        assert_eq!(mask.info().served_by, ServedBy::Daemon);
         for frame in pending {
             let mask = frame.wait().unwrap();
             assert_eq!(mask.info().engine, EngineName::GpuGrid);
             assert_eq!(mask.sorted(), expected);
         }
     }
-}
-
-#[test]
-fn the_daemon_counts_spheres_apart() {
-    let daemon = daemon();
-    let mut session = daemon.session().connect().unwrap();
-    cull(&mut session, &[Sphere::new([0.0; 3], 1.0); 5]);
-    session.answer(&[Aabb::EMPTY; 3]);
-    let status = session.daemon_status().unwrap();
-    assert_eq!((status.frames, status.boxes, status.spheres, status.pairs), (2, 3, 5, 10));
-}
-
-/// Submits spheres and checks the answer. Returns what served it.
-fn check_frame(session: &mut Session, scene: &(Vec<Sphere>, oracle::Truth)) -> ServedBy {
-    let mask = cull(session, &scene.0);
-    assert_eq!(check_mask(&mask, mask.encoding(), &scene.1), Ok(()));
-    mask.info().served_by
 }

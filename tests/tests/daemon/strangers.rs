@@ -1,30 +1,25 @@
 //! Files that another user owns or may change: neither side uses them.
 
-use pairmask_tests::prelude::*;
 use std::fs::{self, Permissions};
 use std::os::unix::fs::{MetadataExt, PermissionsExt, chown, symlink};
+use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::{Duration, Instant};
 
+use pairmask_tests::daemon::{pairmaskd, program};
+use pairmask_tests::prelude::*;
 use pairmask_transport::{InstanceLock, RuntimeDir};
 use pairmask_wire::InstanceError::{self, NotPlain, Open};
 use pairmask_wire::InstanceName;
+use rustix::process::{Pid, kill_process};
 
-const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
-
-/// Id of a user other than the tests' own.
 const NOBODY: u32 = 65_534;
-
-fn connect(daemon: &TestDaemon) -> Result<Session, ConnectError> {
-    daemon.session().connect()
-}
 
 /// Checks that [`Backend::Auto`] answers at once in process, whatever is wrong with the files.
 fn check_auto(daemon: &TestDaemon, what: &str) {
     let start = Instant::now();
-    let mut session = daemon.session().backend(Backend::Auto).connect().unwrap();
-    let mask = session.answer(&[Aabb::from([0.0; 6]); 2]);
+    let mask = daemon.connect_auto().answer(&[Aabb::from([0.0; 6]); 2]);
     assert_eq!(mask.info().served_by, ServedBy::InProcess, "{what}");
     assert_eq!(mask.to_vec(), [[0, 1]], "{what}");
     // Not a limit for speed: a stranger's daemon could hold a frame up for the session's deadline.
@@ -44,15 +39,15 @@ fn places(daemon: &TestDaemon) -> [PathBuf; 4] {
 
 /// Checks that a client refuses the instance, with such an error, and answers in process where it may.
 fn check_refused(daemon: &TestDaemon, path: &Path, is_named: impl Fn(&ConnectError) -> bool) {
-    let error = connect(daemon).unwrap_err();
+    let error = daemon.session().connect().unwrap_err();
     assert!(is_named(&error), "{}: {error}", path.display());
     check_auto(daemon, &path.display().to_string());
 }
 
 #[test]
 fn what_others_may_write_to_is_not_used_by_a_client() {
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
-    drop(connect(&daemon).unwrap());
+    let daemon = TestDaemon::of_cores();
+    drop(daemon.connect());
     for path in places(&daemon) {
         let mode = fs::metadata(&path).unwrap().mode() & 0o7777;
         for open in [0o020, 0o002] {
@@ -64,13 +59,13 @@ fn what_others_may_write_to_is_not_used_by_a_client() {
             );
         }
         set_mode(&path, mode);
-        drop(connect(&daemon).unwrap());
+        drop(daemon.connect());
     }
 }
 
 #[test]
 fn links_are_not_followed_by_a_client() {
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    let daemon = TestDaemon::of_cores();
     for path in places(&daemon) {
         // Beside it, so that a directory with others' links in it is moved as a whole.
         let moved = path.with_extension("moved");
@@ -83,7 +78,7 @@ fn links_are_not_followed_by_a_client() {
         );
         fs::remove_file(&path).unwrap();
         fs::rename(&moved, &path).unwrap();
-        drop(connect(&daemon).unwrap());
+        drop(daemon.connect());
     }
 }
 
@@ -92,7 +87,7 @@ fn what_another_user_owns_is_not_used_by_a_client() {
     if !rustix::process::geteuid().is_root() {
         return not_without_root();
     }
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    let daemon = TestDaemon::of_cores();
     let shared = daemon.shared_files();
     let own = [places(&daemon).to_vec(), vec![shared[0].clone()]].concat();
     for path in own {
@@ -103,7 +98,7 @@ fn what_another_user_owns_is_not_used_by_a_client() {
                 && said.contains("PAIRMASK_RUNTIME_DIR")
         });
         chown(&path, Some(0), None).unwrap();
-        drop(connect(&daemon).unwrap());
+        drop(daemon.connect());
     }
 }
 
@@ -113,7 +108,7 @@ fn a_strangers_file_in_shared_memory_keeps_clients_and_daemons_away() {
     if !rustix::process::geteuid().is_root() {
         return not_without_root();
     }
-    let mut daemon = TestDaemon::start(DAEMON, &["--gpu", "none"]);
+    let mut daemon = TestDaemon::of_cores();
     let name = format!("{}stranger", daemon.dir().shm_prefix(&InstanceName::default()));
     let file = Path::new("/dev/shm").join(name);
     fs::write(&file, "x").unwrap();
@@ -122,14 +117,17 @@ fn a_strangers_file_in_shared_memory_keeps_clients_and_daemons_away() {
         matches!(error, ConnectError::Instance(InstanceError::Foreign { owner: NOBODY, .. }))
     });
     fs::remove_file(&file).unwrap();
-    drop(connect(&daemon).unwrap());
+    drop(daemon.connect());
     daemon.kill();
 }
 
 /// Without root the test cannot act as a second user: root's directory stands for another user's.
 fn not_without_root() {
-    let refused = RuntimeDir::at("/").check().unwrap_err();
+    let root = RuntimeDir::at("/");
+    let refused = root.check().unwrap_err();
     assert!(matches!(refused, InstanceError::Foreign { owner: 0, .. }), "{refused}");
+    let refused = root.ensure().unwrap_err();
+    assert!(refused.to_string().contains("belongs to user 0"), "{refused}");
 }
 
 #[test]
@@ -186,42 +184,66 @@ fn a_client_looks_through_all_directories_of_its_user() {
     set_mode(own.path(), 0o700);
     let user = rustix::process::geteuid().as_raw();
     let instance = format!("strangers-{}", std::process::id());
-    let run = |command: &mut Command, xdg: Option<&Path>| {
+    let command = |line: &str, xdg: Option<&Path>| {
+        let mut command = Command::new(pairmaskd());
+        command.args(line.split(' ')).current_dir(own.path());
         command.env_remove("PAIRMASK_RUNTIME_DIR").env_remove("XDG_RUNTIME_DIR");
         command.env("PAIRMASK_INSTANCE", &instance);
-        if let Some(xdg) = xdg {
-            command.env("XDG_RUNTIME_DIR", xdg);
-        }
+        command.envs(xdg.map(|xdg| ("XDG_RUNTIME_DIR", xdg)));
+        command
     };
-    let scene = own.path().join("boxes.f32");
-    let boxes = [Aabb::new([0.0; 3], [1.0; 3]), Aabb::new([0.5; 3], [2.0; 3])];
-    fs::write(&scene, bytemuck::cast_slice(&boxes)).unwrap();
+    let boxes = [at(0.0), at(0.5)];
+    fs::write(own.path().join("boxes.f32"), bytemuck::cast_slice(&boxes)).unwrap();
     // In the directory of the login; and where there was none, asked by one that has a login.
-    for (of_daemon, at) in [
+    for (of_daemon, dir) in [
         (Some(own.path()), own.path().join("pairmask")),
         (None, PathBuf::from(format!("/tmp/pairmask-{user}"))),
     ] {
-        let mut serve = Command::new(DAEMON);
-        run(serve.args(["serve", "--gpu", "none"]), of_daemon);
-        let mut daemon = serve.spawn().unwrap();
-        let record = at.join(format!("{instance}.daemon"));
-        eventually("the daemon serves", || record.exists().then_some(()));
-        let mut status = Command::new(DAEMON);
-        run(status.args(["status", "--json"]), Some(own.path()));
-        let output = status.output().unwrap();
-        let mut cull = Command::new(DAEMON);
-        run(cull.arg("cull").arg(&scene).args(["--backend", "daemon"]), Some(own.path()));
-        let culled = cull.output().unwrap();
-        let mut second = Command::new(DAEMON);
-        run(second.args(["serve", "--gpu", "none"]), Some(own.path()));
-        let refused = second.output().unwrap();
-        let pid = rustix::process::Pid::from_raw(daemon.id() as i32).unwrap();
-        rustix::process::kill_process(pid, rustix::process::Signal::TERM).unwrap();
+        let mut daemon = command("serve --gpu none", of_daemon).spawn().unwrap();
+        let record = dir.join(format!("{instance}.daemon"));
+        until("the daemon serves", || record.exists());
+        let output = |line: &str| command(line, Some(own.path())).output().unwrap();
+        let status = output("status --json");
+        let culled = output("cull boxes.f32 --backend daemon");
+        let refused = output("serve --gpu none");
+        kill_process(Pid::from_raw(daemon.id() as i32).unwrap(), Signal::TERM).unwrap();
         daemon.wait().unwrap();
-        let _ = fs::remove_file(at.join(format!("{instance}.lock")));
-        assert!(output.status.success(), "{output:?}");
-        assert!(culled.status.success(), "{}: {culled:?}", at.display());
+        let _ = fs::remove_file(dir.join(format!("{instance}.lock")));
+        assert!(status.status.success(), "{status:?}");
+        assert!(culled.status.success(), "{}: {culled:?}", dir.display());
         let said = String::from_utf8_lossy(&refused.stderr).into_owned();
-        assert!(said.contains("already served"), "{}: {said}", at.display());
+        assert!(said.contains("already served"), "{}: {said}", dir.display());
+    }
+}
+
+#[test]
+fn another_users_daemon_is_named() {
+    if !rustix::process::geteuid().is_root() {
+        return not_without_root();
+    }
+    let daemon = TestDaemon::start(&[]);
+    let reachable = tempfile::tempdir().unwrap();
+    set_mode(reachable.path(), 0o755);
+    let client = reachable.path().join("fault_client");
+    // The copy is made by another process: if this one did, a test that forks meanwhile would keep
+    // the file open for writing, and such a file cannot be executed.
+    let copied = Command::new("cp").args([program("fault_client"), client.clone()]).status();
+    assert!(copied.unwrap().success());
+    set_mode(&client, 0o755);
+    let record = daemon.path().join("default.daemon");
+    // Modes of directory and record by a usual umask, by a strict one, and in between.
+    for (dir_mode, record_mode) in [(0o755, 0o644), (0o755, 0o600), (0o700, 0o600)] {
+        set_mode(&record, record_mode);
+        set_mode(daemon.path(), dir_mode);
+        let output = Command::new(&client)
+            .arg("connect")
+            .env("PAIRMASK_RUNTIME_DIR", daemon.path())
+            .uid(NOBODY)
+            .gid(NOBODY)
+            .output()
+            .unwrap();
+        let said = String::from_utf8_lossy(&output.stdout);
+        let is_named = said.contains("OtherUser") && said.contains("uid: 0");
+        assert!(is_named, "{dir_mode:o} {record_mode:o}: {said}");
     }
 }

@@ -4,12 +4,9 @@
 use std::sync::Arc;
 
 use pairmask_tests::frame_memory::TestFrame;
-use pairmask_tests::gpu;
+use pairmask_tests::gpu::{self, pairs_of};
 use pairmask_tests::prelude::*;
 use pairmaskd::execute::{BUNDLE_FRAMES, Executor, Owner};
-
-const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
-const GRID: EngineChoice = EngineChoice::Only(EngineName::GpuGrid);
 
 /// Scenes of the clients, of which each begins at another one.
 const SIZES: [u32; 7] = [2, 63, 70, 257, 1_000, 3, 1_025];
@@ -29,13 +26,13 @@ fn small_frames_of_several_clients_do_not_mix() {
 }
 
 fn small_frames_by(gpus: &str) {
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", gpus, "--audit", "1/1"]);
+    let daemon = TestDaemon::start(&["--gpu", gpus, "--audit", "1/1"]);
     let clients = BUNDLE_FRAMES + 2;
     std::thread::scope(|scope| {
         for client in 0..clients {
             let encoding = [Encoding::Sparse, Encoding::List][client % 2];
-            let encoding = EncodingChoice::Only(encoding);
-            let mut session = daemon.session().engine(GRID).encoding(encoding).connect().unwrap();
+            let builder = daemon.session().engine(EngineChoice::Only(EngineName::GpuGrid));
+            let mut session = builder.encoding(EncodingChoice::Only(encoding)).connect().unwrap();
             scope.spawn(move || {
                 for turn in 0..ROUNDS * SIZES.len() {
                     let (boxes, expected) =
@@ -49,20 +46,15 @@ fn small_frames_by(gpus: &str) {
         }
     });
     let frames = (clients * ROUNDS * SIZES.len()) as u64;
-    let mut session = daemon.session().connect().unwrap();
+    let mut session = daemon.connect();
     let status = session.daemon_status().unwrap();
     assert_eq!((status.frames, status.errors), (frames, 0));
     daemon.audit_is_clean(|audit| audit.frames > 0 && audit.frames + audit.skipped == frames);
 }
 
-fn options() -> CullOptions {
-    let encoding = EncodingChoice::Only(Encoding::Sparse);
-    CullOptions { engine: GRID, encoding, ..CullOptions::default() }
-}
-
 /// The pairs of a bundle of frames whose device is destroyed between, or not, and by whom they were found.
 fn bundle(executor: &mut Executor, is_lost: bool, sizes: &[u32]) -> Vec<EngineName> {
-    let options = options();
+    let options = culled(EngineName::GpuGrid, Encoding::Sparse);
     let scenes: Vec<_> = sizes.iter().zip(7..).map(|(n, seed)| scene(*n, seed)).collect();
     let mut tokens = Vec::new();
     let joining = scenes.iter().zip(0..).map(|((boxes, _), owner)| {
@@ -83,9 +75,7 @@ fn bundle(executor: &mut Executor, is_lost: bool, sizes: &[u32]) -> Vec<EngineNa
             Err(unserved) => executor.answer(unserved),
         };
         let (answer, memory) = (answer.unwrap(), memory.unwrap());
-        let n = BoxCount::new(boxes.len() as u32);
-        let mask = MaskView::new(n, &answer.report.shape, memory.reply.words()).unwrap();
-        let pairs = mask.sorted();
+        let pairs = pairs_of(boxes.len(), &answer, memory.reply.words());
         assert!(pairs == *expected, "{} boxes by {}", boxes.len(), answer.engine);
         engines.push(answer.engine);
     }
@@ -98,13 +88,13 @@ fn a_device_that_is_lost_under_a_bundle_costs_no_answer() {
     let mut executor = gpu::executor(1);
     let sizes = &SIZES[..BUNDLE_FRAMES];
     let (boxes, _) = scene(sizes[0], 1);
-    let planned = executor.plan((&boxes).into(), &options(), u64::MAX);
+    let options = culled(EngineName::GpuGrid, Encoding::Sparse);
+    let planned = executor.plan((&boxes).into(), &options, u64::MAX);
     assert!(executor.can_join(&planned));
     assert_eq!(bundle(&mut executor, false, sizes), [EngineName::GpuGrid; BUNDLE_FRAMES]);
     bundle(&mut executor, true, sizes);
     // Now the CPU serves, or the device that was opened again.
-    eventually("the device is opened again", || {
-        let engines = bundle(&mut executor, false, sizes);
-        (engines == [EngineName::GpuGrid; BUNDLE_FRAMES]).then_some(())
+    until("the device is opened again", || {
+        bundle(&mut executor, false, sizes) == [EngineName::GpuGrid; BUNDLE_FRAMES]
     });
 }

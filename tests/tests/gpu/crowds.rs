@@ -2,10 +2,10 @@
 //! of a thread early and says nothing, so that what it cannot finish has to be refused before.
 
 use pairmask_core::engine::Grid as CpuGrid;
-use pairmask_core::scene::{QueryError, Scene};
+use pairmask_core::scene::QueryError;
 use pairmask_tests::gpu::{grid, scene_tools};
 use pairmask_tests::prelude::*;
-use pairmask_tests::scene_model::Heard;
+use pairmask_tests::scene_model::BesideCore;
 use pairmask_tests::stress_scenes::Rng;
 use pairmaskd::execute::gpu::{GpuScene, Grid, GridOptions};
 
@@ -61,71 +61,52 @@ fn a_crowd_is_answered_as_by_the_cores_or_refused() {
     }
 }
 
-/// A scene on the cores, and one on the GPU.
-struct Both {
-    core: Scene,
-    gpu: GpuScene,
-    has_no_limit: bool,
-}
-
-impl Both {
-    fn new() -> Self {
-        let tools = scene_tools(0, &GridOptions::default());
-        Self {
-            core: Scene::new(SceneOptions::default()),
-            gpu: GpuScene::new(&tools, SceneOptions::default()),
-            has_no_limit: tools.gpu().limits().thread_rounds == u32::MAX,
-        }
-    }
-
-    /// Sets boxes from an index on; whether the GPU told what the cores tell. Else it refused.
-    fn set(&mut self, first: u32, boxes: &[Aabb], report: Report) -> bool {
-        let indices = first..first + boxes.len() as u32;
-        let steps = [Step::Set(Sets { indices: indices.into(), boxes })];
-        self.core.edit(Edit { steps: &steps }, report).expect("an answer");
-        match self.gpu.edit(Edit { steps: &steps }, report) {
-            Ok(_) => {
-                assert!(Heard::from(self.gpu.reported()) == Heard::from(self.core.reported()));
-                true
-            }
-            Err(SceneError::Cull(CullError::TooCrowded { .. })) => false,
-            Err(error) => panic!("{error}"),
+/// Whether a GPU told what the cores tell. Else it refused.
+fn is_told(both: &mut BesideCore, step: Step<'_>, report: Report) -> bool {
+    match both.try_edit(&[step], report) {
+        Err(SceneError::Cull(CullError::TooCrowded { .. })) => false,
+        told => {
+            told.expect("an answer");
+            true
         }
     }
 }
 
 #[test]
 fn a_scene_that_is_crowded_reports_what_the_cores_report_or_nothing() {
-    let boxes = needles(MANY);
-    let mut both = Both::new();
-    assert!(both.set(0, &boxes[..FEW], Report::Changes));
-    assert!(both.set(7, &boxes[FEW..FEW + 40], Report::Changes));
-    let mut both = Both::new();
-    assert_eq!(both.set(0, &boxes, Report::Changes), both.has_no_limit);
+    let tools = scene_tools(0, &GridOptions::default());
+    let has_no_limit = tools.gpu().limits().thread_rounds == u32::MAX;
+    let (boxes, both) = (needles(MANY), || BesideCore::new(std::slice::from_ref(&tools)));
+    let mut few = both();
+    assert!(is_told(&mut few, sets(0..FEW as u32, &boxes[..FEW]), Report::Changes));
+    assert!(is_told(&mut few, sets(7..47, &boxes[FEW..FEW + 40]), Report::Changes));
+    let all = sets(0..MANY as u32, &boxes);
+    assert_eq!(is_told(&mut both(), all, Report::Changes), has_no_limit);
     // Few rows beside many, and one at a time.
-    let mut both = Both::new();
-    assert!(both.set(0, &boxes, Report::Nothing));
-    assert_eq!(both.set(5, &boxes[..20_000], Report::Moved), both.has_no_limit);
+    let mut many = both();
+    assert!(is_told(&mut many, all, Report::Nothing));
+    let some = sets(5..20_005, &boxes[..20_000]);
+    assert_eq!(is_told(&mut many, some, Report::Moved), has_no_limit);
 }
 
 #[test]
 fn queries_of_a_crowd_find_what_the_cores_find_or_nothing() {
+    let tools = scene_tools(0, &GridOptions::default());
+    let has_no_limit = tools.gpu().limits().thread_rounds == u32::MAX;
     let boxes = needles(MANY);
-    let mut both = Both::new();
-    assert!(both.set(0, &boxes, Report::Nothing));
+    let mut gpu = GpuScene::new(&tools, SceneOptions::default());
+    gpu.edit(Edit { steps: &sets_all(&boxes) }, Report::Nothing).expect("an answer");
     // As few as are entries; more, which the grid of all boxes answers; in the crowd all the same.
-    for (count, is_answered) in [(50, true), (20_000, both.has_no_limit)] {
+    for (count, is_answered) in [(50, true), (20_000, has_no_limit)] {
         let queries = needles(count);
         let mut found = Vec::new();
-        match both.gpu.query(&queries, QueryTags::None, &mut found) {
+        match gpu.query(&queries, QueryTags::None, &mut found) {
             Ok(_) if is_answered => {
-                for [query, index] in &found {
-                    let (a, b) = (&queries[*query as usize], &boxes[*index as usize]);
-                    assert!(a.overlaps(b), "query {query}, box {index}");
-                }
-                let all =
-                    (0..count).map(|q| boxes.iter().filter(|b| queries[q].overlaps(b)).count());
-                assert_eq!(found.len(), all.sum::<usize>(), "{count} queries");
+                let all = (0..).zip(&queries).flat_map(|(query, a)| {
+                    let met = (0..).zip(&boxes).filter(|(_, b)| a.overlaps(b));
+                    met.map(move |(index, _)| [query, index])
+                });
+                assert!(all.eq(found), "{count} queries");
             }
             Err(QueryError::Cull(CullError::TooCrowded { .. })) if !is_answered => {}
             answer => panic!("{count} queries: {answer:?}"),

@@ -14,8 +14,8 @@ use pairmask_tests::naive_modes;
 use pairmask_tests::prelude::*;
 use pairmask_tests::stress_scenes::{Rng, StressScene};
 use pairmaskd::execute::gpu::{
-    AllPairs, AllPairsOptions, Block, Capacity, Checks, Command, Frame, Gpu, Grid, GridOptions,
-    Home, HostImport, Part, Pipelines, Sizes, Upload,
+    AllPairsOptions, Block, Capacity, Checks, Command, Frame, Gpu, GridOptions, Home, HostImport,
+    Part, Pipelines, Sizes, Upload,
 };
 
 /// A watchdog, no measure of speed.
@@ -248,33 +248,6 @@ fn every_pattern_becomes_the_keys_of_the_box_that_stands_for_it() {
     }
 }
 
-/// A function that passes boxes of any form to an engine.
-type CullNarrow<E> =
-    fn(&mut E, &CullInput<'_>, &mut dyn ReplyBuffer) -> Result<CullReport, CullError>;
-
-/// An engine that gets boxes in a precision's form, as an [`Engine`] of f32 boxes.
-struct Narrowed<E> {
-    engine: E,
-    cull: CullNarrow<E>,
-    precision: Precision,
-}
-
-impl<E: Engine> Engine for Narrowed<E> {
-    fn name(&self) -> EngineName {
-        self.engine.name()
-    }
-
-    fn cull(
-        &mut self,
-        input: &CullInput<'_>,
-        reply: &mut dyn ReplyBuffer,
-    ) -> Result<CullReport, CullError> {
-        let (boxes, _) = input.f32_boxes(self.name())?;
-        let memory = NarrowMemory::write(&self.precision, boxes);
-        (self.cull)(&mut self.engine, &input.with_objects(memory.boxes()), reply)
-    }
-}
-
 /// Bounds that a scene lies in, and that cut through it.
 fn precisions(boxes: &[Aabb]) -> Vec<Precision> {
     let around = Bounds::around(boxes);
@@ -285,8 +258,8 @@ fn precisions(boxes: &[Aabb]) -> Vec<Precision> {
 }
 
 /// Frames of an engine in every narrow form against the modes' definitions. Returns how many.
-fn check_forms<E: Engine>(
-    engine: &mut Narrowed<E>,
+fn check_forms(
+    engine: &mut dyn Engine,
     encodings: &[Encoding],
     scenes: &[&str],
     sizes: &[u32],
@@ -297,10 +270,10 @@ fn check_forms<E: Engine>(
         for n in sizes {
             let boxes = stress_scenes::named(scene).boxes(*n, 5);
             for precision in precisions(&boxes) {
-                engine.precision = precision;
+                let memory = NarrowMemory::write(&precision, &boxes);
                 let truth = naive_modes::truth(&boxes, &precision);
                 for encoding in encodings {
-                    let input = CullInput::boxes(&boxes).encoding(*encoding);
+                    let input = CullInput::boxes(memory.boxes()).encoding(*encoding);
                     check_frame(engine, &input, &truth, &mut reply).unwrap_or_else(|what| {
                         panic!("{scene}, {n} boxes, {precision:?}, {encoding}: {what}")
                     });
@@ -317,23 +290,13 @@ const LISTED: [Encoding; 2] = [Encoding::Sparse, Encoding::List];
 /// Scenes with boxes of every class, touching faces, and few enough pairs for the oracle.
 const FEW: [&str; 4] = ["uniform", "lattice", "empty mixed in", "nan in each slot"];
 
-fn all_pairs(options: AllPairsOptions) -> Narrowed<AllPairs> {
-    let engine = AllPairs::new(&open(HostImport::IfPossible), options);
-    let engine = engine.unwrap_or_else(|error| panic!("{error}"));
-    Narrowed { engine, cull: AllPairs::cull, precision: Precision::F16 }
-}
-
-fn grid(options: &GridOptions) -> Narrowed<Grid> {
-    Narrowed { engine: gpu::grid(options), cull: Grid::cull, precision: Precision::F16 }
-}
-
 #[test]
 fn both_engines_answer_every_form_as_it_is_defined_at_every_small_size() {
     let sizes = tier::small_sizes();
     let found =
-        check_forms(&mut all_pairs(AllPairsOptions::default()), &Encoding::ALL, &FEW, &sizes);
+        check_forms(&mut gpu::engine(AllPairsOptions::default()), &Encoding::ALL, &FEW, &sizes);
     assert_eq!(found, 4 * sizes.len() * 5 * 3);
-    let found = check_forms(&mut grid(&GridOptions::default()), &LISTED, &FEW, &sizes);
+    let found = check_forms(&mut gpu::grid(&GridOptions::default()), &LISTED, &FEW, &sizes);
     assert_eq!(found, 4 * sizes.len() * 5 * 2);
 }
 
@@ -341,23 +304,23 @@ fn both_engines_answer_every_form_as_it_is_defined_at_every_small_size() {
 fn both_engines_answer_every_form_of_every_scene() {
     let scenes: Vec<&str> = stress_scenes::ALL.iter().map(StressScene::name).collect();
     let sizes = [2, 257, 345];
-    check_forms(&mut all_pairs(AllPairsOptions::default()), &Encoding::ALL, &scenes, &sizes);
-    check_forms(&mut grid(&GridOptions::default()), &LISTED, &scenes, &sizes);
+    check_forms(&mut gpu::engine(AllPairsOptions::default()), &Encoding::ALL, &scenes, &sizes);
+    check_forms(&mut gpu::grid(&GridOptions::default()), &LISTED, &scenes, &sizes);
 }
 
 #[test]
 #[ignore = "slow: the nightly tier runs it"]
 fn odd_large_scenes_checked_stages_and_every_way_up_answer_the_same() {
     let (large, small) = ([511, 513, 1233, 3801], [33, 345, 701]);
-    check_forms(&mut all_pairs(AllPairsOptions::default()), &Encoding::ALL, &FEW, &large);
-    check_forms(&mut grid(&GridOptions::default()), &LISTED, &FEW, &large);
+    check_forms(&mut gpu::engine(AllPairsOptions::default()), &Encoding::ALL, &FEW, &large);
+    check_forms(&mut gpu::grid(&GridOptions::default()), &LISTED, &FEW, &large);
     for upload in [Upload::KernelReads, Upload::DmaCopy, Upload::MappedVideo] {
         for checks in [Checks::Off, Checks::On] {
             let upload = Some(upload);
             let options = AllPairsOptions { checks, upload, ..AllPairsOptions::default() };
-            check_forms(&mut all_pairs(options), &Encoding::ALL, &FEW, &small);
+            check_forms(&mut gpu::engine(options), &Encoding::ALL, &FEW, &small);
             let options = GridOptions { checks, upload, ..GridOptions::default() };
-            check_forms(&mut grid(&options), &LISTED, &FEW, &small);
+            check_forms(&mut gpu::grid(&options), &LISTED, &FEW, &small);
         }
     }
 }
@@ -369,7 +332,7 @@ fn a_recorded_frame_is_of_one_form() {
     let boxes = stress_scenes::named("uniform").boxes(345, 8);
     let mut reply = HeapReply::new();
     let (mut all_pairs, mut grid) =
-        (all_pairs(AllPairsOptions::default()), grid(&GridOptions::default()));
+        (gpu::engine(AllPairsOptions::default()), gpu::grid(&GridOptions::default()));
     for _ in 0..3 {
         for precision in precisions(&boxes).into_iter().chain([Precision::Exact]) {
             let memory = NarrowMemory::write(&precision, &boxes);
@@ -379,26 +342,22 @@ fn a_recorded_frame_is_of_one_form() {
                 let found = check_reply(reply.words(), &report, 345, Encoding::Sparse, &truth);
                 assert_eq!(found, Ok(()), "{precision:?}");
             };
-            check(all_pairs.engine.cull(&CullInput::boxes(memory.boxes()), &mut reply), &reply);
-            check(grid.engine.cull(&CullInput::boxes(memory.boxes()), &mut reply), &reply);
+            check(all_pairs.cull(&CullInput::boxes(memory.boxes()), &mut reply), &reply);
+            check(grid.cull(&CullInput::boxes(memory.boxes()), &mut reply), &reply);
         }
     }
 }
 
-/// An engine that reads boxes of one form as those of another of the same size.
+/// Boxes of one form that are read as those of another of the same size.
 #[test]
 fn a_form_taken_for_another_is_noticed() {
-    let as_halves: CullNarrow<Grid> = |engine, input, reply| {
-        let bytes = input.objects.as_bytes();
-        let halves = BoxSlice::new(BoxForm::F16, bytes).expect("as many bytes");
-        engine.cull(&input.with_objects(halves), reply)
-    };
-    let mut wrong = Narrowed { cull: as_halves, ..grid(&GridOptions::default()) };
     let boxes = stress_scenes::named("lattice").boxes(345, 2);
-    wrong.precision = Precision::Q16(Bounds::around(&boxes));
-    let truth = naive_modes::truth(&boxes, &wrong.precision);
-    let mut reply = HeapReply::new();
-    let report = wrong.cull(&CullInput::boxes(&boxes), &mut reply).expect("an answer");
+    let precision = Precision::Q16(Bounds::around(&boxes));
+    let memory = NarrowMemory::write(&precision, &boxes);
+    let halves = BoxSlice::new(BoxForm::F16, memory.boxes().as_bytes()).expect("as many bytes");
+    let truth = naive_modes::truth(&boxes, &precision);
+    let mut grid = gpu::grid(&GridOptions::default());
+    let (report, reply) = gpu::cull(&mut grid, halves, Encoding::Sparse);
     let found = check_reply(reply.words(), &report, 345, Encoding::Sparse, &truth);
     let is_about_pairs = matches!(found, Err(Mismatch::Missing(_) | Mismatch::Extra(_)));
     assert!(is_about_pairs || matches!(found, Err(Mismatch::Census { .. })), "{found:?}");

@@ -7,7 +7,7 @@ use pairmask_core::engine::Grid as CpuGrid;
 use pairmask_shaders::constants::{BATCH_BOXES, WINDOW_WORDS};
 use pairmask_shaders::mirror::{self, Mirrored};
 use pairmask_tests::frame_memory::TestFrame;
-use pairmask_tests::gpu::{self, open};
+use pairmask_tests::gpu::{self, cull, open};
 use pairmask_tests::prelude::*;
 use pairmaskd::execute::gpu::{
     Awake, Checks, DEFAULT_HOLD, Grid, GridOptions, HostImport, Upload, grid_layout,
@@ -19,19 +19,6 @@ const LISTED: [Encoding; 2] = [Encoding::Sparse, Encoding::List];
 fn run(engine: &mut Grid, suite: Suite) {
     let suite = Suite { encodings: LISTED.into(), ..suite };
     conform(engine, &suite);
-}
-
-fn cull<'a>(
-    engine: &mut dyn Engine,
-    boxes: impl Into<BoxSlice<'a>>,
-    encoding: Encoding,
-) -> (CullReport, HeapReply) {
-    let boxes = boxes.into();
-    let mut reply = HeapReply::new();
-    let report = engine
-        .cull(&CullInput::boxes(boxes).encoding(encoding), &mut reply)
-        .unwrap_or_else(|error| panic!("{} boxes, {encoding}: {error}", boxes.len()));
-    (report, reply)
 }
 
 /// Compares replies to `n` objects with the mirror's, section by section.
@@ -197,18 +184,6 @@ fn a_crowd_beyond_the_budget_is_refused_and_the_next_frame_is_served() {
     check_bytes(&mut engine, &all, "after a crowd");
 }
 
-#[test]
-fn a_mask_larger_than_its_first_allocation_is_complete() {
-    let boxes = stress_scenes::named("identical").boxes(1248, 1);
-    let mut engine = gpu::grid(&GridOptions::default());
-    let truth = oracle::truth(&boxes);
-    for encoding in [LISTED, LISTED].as_flattened() {
-        let (report, reply) = cull(&mut engine, &boxes, *encoding);
-        assert_eq!(check_reply(reply.words(), &report, 1248, *encoding, &truth), Ok(()));
-        assert_eq!(report.pair_count, BoxCount::new(1248).pair_count());
-    }
-}
-
 /// Words a row around those that a batch's window in workgroup memory holds on average, so that batches
 /// of both kinds follow each other.
 #[test]
@@ -265,15 +240,11 @@ fn frames_in_a_row_with_other_levels_do_not_mix() {
     let names = ["huge", "sizes over 20 octaves", "uniform", "ground plane", "far from the origin"];
     let scenes = names.map(|name| stress_scenes::named(name).boxes(43, 2));
     let truths = scenes.each_ref().map(|boxes| oracle::truth(boxes));
-    let mut reply = HeapReply::new();
     for round in 0..50 {
         let reports: Vec<_> = scenes
             .iter()
             .zip(LISTED.iter().cycle())
-            .map(|(boxes, encoding)| {
-                let input = CullInput::boxes(boxes).encoding(*encoding);
-                engine.cull(&input, &mut reply).expect("a frame")
-            })
+            .map(|(boxes, encoding)| cull(&mut engine, boxes, *encoding).0)
             .collect();
         for ((report, truth), name) in reports.iter().zip(&truths).zip(names) {
             let counted = truth.pairs.len() as u64;
@@ -324,7 +295,7 @@ fn a_device_is_kept_awake_while_frames_come_and_answers_them() {
         awake.note_frame();
         check_bytes(&mut engine, &boxes, "kept awake");
     }
-    eventually("a dispatch ends", || (awake.dispatches() > 0).then_some(()));
+    until("a dispatch ends", || awake.dispatches() > 0);
     eventually("it ends with the frames", || {
         let before = awake.dispatches();
         std::thread::sleep(Duration::from_secs(1));
@@ -339,9 +310,9 @@ fn a_lost_device_is_not_kept_awake_and_let_go() {
     let gpu = open(HostImport::IfPossible);
     let awake = Awake::launch(&gpu, Duration::from_secs(3600)).expect("a frame");
     awake.note_frame();
-    eventually("a dispatch ends", || (awake.dispatches() > 0).then_some(()));
+    until("a dispatch ends", || awake.dispatches() > 0);
     gpu.destroy();
     drop(awake);
     // Its thread stays, without the device.
-    eventually("nobody else has it", || (Arc::strong_count(&gpu) == 1).then_some(()));
+    until("nobody else has it", || Arc::strong_count(&gpu) == 1);
 }

@@ -1,8 +1,9 @@
 //! Zero copy: boxes and masks in shared memory that the GPU has imported.
 
-use std::fs::{File, OpenOptions};
+use std::fs::OpenOptions;
 use std::path::PathBuf;
 
+use pairmask_tests::frame_memory::SharedReply;
 use pairmask_tests::gpu::{engine, open};
 use pairmask_tests::naive_decoder::sections;
 use pairmask_tests::naive_modes;
@@ -15,8 +16,8 @@ use rustix::mm::{MapFlags, ProtFlags};
 
 const PAGE: usize = 4096;
 
-/// A segment as a client and the daemon have it: written through one mapping, seen through
-/// another, which for the boxes is read-only.
+/// A segment of boxes as a client and the daemon have it: written through one mapping, seen through another, which is
+/// read-only.
 struct Segment {
     path: PathBuf,
     writer: ReadWriteMapping,
@@ -25,7 +26,7 @@ struct Segment {
 }
 
 impl Segment {
-    fn new(name: &str, bytes: usize, prot: ProtFlags) -> Self {
+    fn new(name: &str, bytes: usize) -> Self {
         let path = PathBuf::from(format!("/dev/shm/pairmask-{name}-{}", std::process::id()));
         let file = OpenOptions::new()
             .read(true)
@@ -35,7 +36,11 @@ impl Segment {
             .expect("shared memory is writable");
         file.set_len(bytes as u64).expect("room");
         let writer = ReadWriteMapping::of_file(&file, 0, bytes).expect("maps");
-        let seen = map(&file, bytes, prot);
+        let (prot, flags) = (ProtFlags::READ, MapFlags::SHARED);
+        // SAFETY: the kernel chooses a free address.
+        #[allow(unsafe_code)]
+        let seen = unsafe { rustix::mm::mmap(std::ptr::null_mut(), bytes, prot, flags, &file, 0) };
+        let seen = seen.expect("maps").cast();
         Self { path, writer, seen, bytes }
     }
 
@@ -47,19 +52,6 @@ impl Segment {
         #[allow(unsafe_code)]
         unsafe {
             std::ptr::copy_nonoverlapping(bytes.as_ptr(), to.add(offset), bytes.len());
-        }
-    }
-
-    /// The words from `offset` to the end.
-    fn words(&self, offset: usize) -> &[u32] {
-        assert!(offset.is_multiple_of(4) && offset <= self.bytes);
-        // SAFETY: in range and aligned (above); the engine is done with them.
-        #[allow(unsafe_code)]
-        unsafe {
-            std::slice::from_raw_parts(
-                self.seen.wrapping_add(offset).cast(),
-                self.bytes / 4 - offset / 4,
-            )
         }
     }
 
@@ -77,14 +69,6 @@ impl Segment {
     }
 }
 
-#[allow(unsafe_code)]
-fn map(file: &File, bytes: usize, prot: ProtFlags) -> *mut u8 {
-    // SAFETY: the kernel chooses a free address.
-    unsafe { rustix::mm::mmap(std::ptr::null_mut(), bytes, prot, MapFlags::SHARED, file, 0) }
-        .expect("maps")
-        .cast()
-}
-
 impl Drop for Segment {
     fn drop(&mut self) {
         // SAFETY: mapped by `new`; no slice of it outlives the segment.
@@ -93,26 +77,6 @@ impl Drop for Segment {
             rustix::mm::munmap(self.seen.cast(), self.bytes).expect("was mapped");
         }
         std::fs::remove_file(&self.path).expect("was made");
-    }
-}
-
-/// Reply memory in a segment, filled with junk at each reservation.
-struct SegmentReply<'a>(&'a Segment, usize);
-
-impl ReplyBuffer for SegmentReply<'_> {
-    fn limit_words(&self) -> u64 {
-        ((self.0.bytes - self.1) / size_of::<u32>()) as u64
-    }
-
-    fn reserve(&mut self, words: u64) -> Result<&mut [u32], ReserveError> {
-        let (offset, words) = (self.1, words as usize);
-        assert!(offset + 4 * words <= self.0.bytes);
-        // SAFETY: in range (above), page-aligned, and borrowed with the buffer.
-        #[allow(unsafe_code)]
-        let slice =
-            unsafe { std::slice::from_raw_parts_mut(self.0.seen.add(offset).cast(), words) };
-        slice.fill(0xdead_beef);
-        Ok(slice)
     }
 }
 
@@ -135,17 +99,12 @@ fn check(engine: &mut AllPairs, segment: &Segment, offset: usize, seed: u64) {
 
 #[test]
 fn imported_and_staged_memory_give_the_same_bytes() {
-    let boxes = Segment::new("boxes", 256 * PAGE, ProtFlags::READ);
-    let reply = Segment::new("reply", 2048 * PAGE, ProtFlags::READ | ProtFlags::WRITE);
+    let boxes = Segment::new("boxes", 256 * PAGE);
     let imports = SharedImports::default();
     let mut zero_copy = engine(AllPairsOptions { imports: imports.clone(), ..Default::default() });
     let mut staged = engine(AllPairsOptions::default());
     imported(&mut zero_copy, &boxes);
-    // SAFETY: the segment is mapped until the end of this test, in which the engine writes to it last.
-    #[allow(unsafe_code)]
-    let writable =
-        unsafe { imports.lock().import_replies(zero_copy.gpu(), reply.seen as usize, reply.bytes) };
-    writable.unwrap_or_else(|error| panic!("shared memory must import here: {error}"));
+    let (mut memory, watcher) = SharedReply::new(zero_copy.gpu(), &imports, 2048);
     for n in [2u32, 33, 345, 1234, 4096] {
         for (scene, offset) in stress_scenes::ALL.iter().zip([0, PAGE, 3 * PAGE].iter().cycle()) {
             if n > 1234 && scene.is_quadratic {
@@ -155,7 +114,8 @@ fn imported_and_staged_memory_give_the_same_bytes() {
             boxes.write(*offset, &scene_boxes);
             for encoding in Encoding::ALL {
                 let seen = boxes.boxes(*offset, n as usize);
-                let mut memory = SegmentReply(&reply, *offset);
+                memory.first = *offset / 4;
+                watcher.fill(0xdead_beef);
                 let a = zero_copy
                     .cull(&CullInput::boxes(seen).encoding(encoding), &mut memory)
                     .expect("culls");
@@ -164,8 +124,8 @@ fn imported_and_staged_memory_give_the_same_bytes() {
                     .cull(&CullInput::boxes(&scene_boxes).encoding(encoding), &mut heap)
                     .expect("culls");
                 assert_eq!(a.shape, b.shape, "{scene:?}, {n}");
-                let written = reply.words(*offset);
-                let (a, b) = (sections(written, &a.shape), sections(heap.words(), &b.shape));
+                let a = sections(memory.words(), &a.shape);
+                let b = sections(heap.words(), &b.shape);
                 assert!(a.expect("in range") == b.expect("in range"), "{scene:?}, {n}, {encoding}");
             }
         }
@@ -177,7 +137,7 @@ fn imported_and_staged_memory_give_the_same_bytes() {
 fn narrow_boxes_are_read_from_imported_memory() {
     let upload = Some(Upload::KernelReads);
     let mut engine = engine(AllPairsOptions { upload, ..AllPairsOptions::default() });
-    let segment = Segment::new("narrow", 256 * PAGE, ProtFlags::READ);
+    let segment = Segment::new("narrow", 256 * PAGE);
     imported(&mut engine, &segment);
     // 213 boxes of 6 bytes end in the middle of the last word.
     let last = 256 * PAGE - 2 - 213 * BoxForm::Q8.box_bytes();
@@ -205,7 +165,7 @@ fn narrow_boxes_are_read_from_imported_memory() {
 #[test]
 fn a_forgotten_import_is_staged_and_memory_at_the_same_address_is_read_anew() {
     let mut engine = engine(AllPairsOptions::default());
-    let segment = Segment::new("forgotten", 16 * PAGE, ProtFlags::READ);
+    let segment = Segment::new("forgotten", 16 * PAGE);
     let id = imported(&mut engine, &segment);
     for seed in [1, 2] {
         check(&mut engine, &segment, 0, seed);
@@ -216,7 +176,7 @@ fn a_forgotten_import_is_staged_and_memory_at_the_same_address_is_read_anew() {
 #[test]
 fn boxes_off_the_binding_grid_are_staged() {
     let mut engine = engine(AllPairsOptions::default());
-    let segment = Segment::new("odd", 16 * PAGE, ProtFlags::READ);
+    let segment = Segment::new("odd", 16 * PAGE);
     imported(&mut engine, &segment);
     check(&mut engine, &segment, PAGE + 4, 3);
 }
@@ -225,7 +185,7 @@ fn boxes_off_the_binding_grid_are_staged() {
 fn without_the_extension_import_is_refused_and_staging_serves() {
     let gpu = open(HostImport::Never);
     let mut engine = AllPairs::new(&gpu, AllPairsOptions::default()).expect("an engine");
-    let segment = Segment::new("refused", 16 * PAGE, ProtFlags::READ);
+    let segment = Segment::new("refused", 16 * PAGE);
     let refused = engine.import_boxes(segment.seen as usize, segment.bytes);
     assert!(matches!(refused, Err(ImportError::Gpu(_))), "{refused:?}");
     check(&mut engine, &segment, 0, 4);
@@ -235,8 +195,6 @@ fn without_the_extension_import_is_refused_and_staging_serves() {
 fn private_memory_is_not_imported() {
     let mut engine = engine(AllPairsOptions::default());
     let heap = vec![0u8; 64 * PAGE];
-    assert!(matches!(
-        engine.import_boxes(heap.as_ptr() as usize, heap.len()),
-        Err(ImportError::Segment(_))
-    ));
+    let refused = engine.import_boxes(heap.as_ptr() as usize, heap.len());
+    assert!(matches!(refused, Err(ImportError::Segment(_))), "{refused:?}");
 }

@@ -2,17 +2,9 @@
 
 use pairmask_core::engine::BruteForce;
 use pairmask_shaders::{Found, RowsPerThread};
-use pairmask_tests::gpu::engine;
+use pairmask_tests::gpu::{cull, engine};
 use pairmask_tests::prelude::*;
 use pairmaskd::execute::gpu::{AllPairs, AllPairsOptions, Checks, Tuning, Upload, first_capacity};
-
-fn cull(engine: &mut AllPairs, boxes: &[Aabb], encoding: Encoding) -> (CullReport, HeapReply) {
-    let mut reply = HeapReply::new();
-    let report = engine
-        .cull(&CullInput::boxes(boxes).encoding(encoding), &mut reply)
-        .unwrap_or_else(|error| panic!("{} boxes, {encoding}: {error}", boxes.len()));
-    (report, reply)
-}
 
 /// Encodings in which the device writes a mask of so many pairs: the list is one binding.
 fn encodings_of(engine: &AllPairs, pairs: u64) -> impl Iterator<Item = Encoding> + use<> {
@@ -103,9 +95,7 @@ fn a_list_of_full_words_has_the_bytes_of_the_cpu() {
     for n in [33, 256, 257, 1233, 3001, 5_001] {
         let boxes = vec![Aabb { min: [0.0; 3], max: [1.0; 3] }; n];
         let (report, reply) = cull(&mut gpu, &boxes, Encoding::List);
-        let mut expected = HeapReply::new();
-        let input = CullInput::boxes(&boxes).encoding(Encoding::List);
-        let truth = cpu.cull(&input, &mut expected).expect("memory for a mask");
+        let (truth, expected) = cull(&mut cpu, &boxes, Encoding::List);
         assert_eq!(report.shape, truth.shape, "{n} boxes");
         let words =
             |reply: &HeapReply| reply.words()[..report.shape.extent_words() as usize].to_vec();
@@ -125,10 +115,7 @@ fn large_masks_of_every_stress_scene_are_those_of_the_cpu_bit_by_bit() {
             let sparse = cull(&mut gpu, &boxes, Encoding::Sparse).0;
             for encoding in encodings_of(&gpu, sparse.pair_count) {
                 let (report, reply) = cull(&mut gpu, &boxes, encoding);
-                let mut expected = HeapReply::new();
-                let truth = cpu
-                    .cull(&CullInput::boxes(&boxes).encoding(encoding), &mut expected)
-                    .expect("memory for a mask");
+                let (truth, expected) = cull(&mut cpu, &boxes, encoding);
                 assert_eq!(report.census, truth.census, "{scene:?}, {n} boxes, {encoding}");
                 assert_eq!(report.pair_count, truth.pair_count, "{scene:?}, {n} boxes");
                 let ours = naive_decoder::sections(reply.words(), &report.shape);

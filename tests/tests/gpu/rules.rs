@@ -17,8 +17,8 @@ fn grid() -> Grid {
 }
 
 struct Answer {
-    pairs: Vec<[u32; 2]>,
-    list: Vec<[u32; 2]>,
+    pairs: Vec<Pair>,
+    list: Vec<Pair>,
     ranges: Vec<WorldRange>,
 }
 

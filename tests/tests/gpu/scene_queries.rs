@@ -53,7 +53,7 @@ fn queries_change_nothing_that_edits_report() {
 /// A scene of boxes with indices from 0 on.
 fn scene_of(tools: &Arc<SceneTools>, boxes: &[Aabb]) -> GpuScene {
     let mut scene = GpuScene::new(tools, SceneOptions::default());
-    let steps = [Step::Set(Sets { indices: (0..boxes.len() as u32).into(), boxes })];
+    let steps = sets_all(boxes);
     scene.edit(Edit { steps: &steps }, Report::Nothing).expect("an answer");
     scene
 }

@@ -2,13 +2,17 @@
 
 use std::sync::Arc;
 
-use pairmask_core::scene::{EditError, Indices, Scene};
+use pairmask_core::scene::{EditError, Indices};
 use pairmask_tests::gpu::{scene_tools, shared_tools};
 use pairmask_tests::prelude::*;
 use pairmask_tests::scene_model::{
-    Bare, CoreScene, Heard, Kind, Subject, Turn, hold_without_rules, options,
+    Bare, BesideCore, CoreScene, Heard, Kind, Subject, Turn, hold_without_rules, options,
 };
 use pairmaskd::execute::gpu::{Checks, GpuScene, GridOptions, SceneTools};
+
+fn tools() -> Arc<SceneTools> {
+    scene_tools(0, &GridOptions::default())
+}
 
 fn hold_bare(tools: &[Arc<SceneTools>], seed: u64, kinds: [(Kind, usize); 3]) {
     for (kind, edits) in kinds {
@@ -20,7 +24,7 @@ fn hold_bare(tools: &[Arc<SceneTools>], seed: u64, kinds: [(Kind, usize); 3]) {
 
 #[test]
 fn scenes_of_one_gpu_and_of_several_are_those_of_the_model() {
-    let tools = [scene_tools(0, &GridOptions::default())];
+    let tools = [tools()];
     hold_bare(&tools, 120_000, [(Kind::Small, 600), (Kind::Crowd, 20), (Kind::Large, 30)]);
     for gpus in [2, 4] {
         let tools = shared_tools(gpus);
@@ -60,10 +64,6 @@ impl Subject for Moving<'_> {
         Ok(reported)
     }
 
-    fn reading_acknowledges(&self) -> bool {
-        false
-    }
-
     fn invalidate(&mut self) {
         self.core.invalidate();
         self.gpu.invalidate();
@@ -72,7 +72,7 @@ impl Subject for Moving<'_> {
 
 #[test]
 fn scenes_that_move_to_a_gpu_go_on() {
-    let tools = [scene_tools(0, &GridOptions::default())];
+    let tools = [tools()];
     for (kind, edits) in [(Kind::Small, 300), (Kind::Large, 12)] {
         hold_without_rules(kind, 123_000, edits, |script| {
             let gpu = Bare::of(GpuScene::shared(&tools, SceneOptions::default()));
@@ -81,19 +81,10 @@ fn scenes_that_move_to_a_gpu_go_on() {
     }
 }
 
-/// Makes an edit of a scene of each kind, and compares what they tell.
-fn edit_both(core: &mut Scene, gpu: &mut GpuScene, steps: &[Step<'_>], report: Report, what: &str) {
-    core.edit(Edit { steps }, report).expect("an answer");
-    let got = gpu.edit(Edit { steps }, report).map(Heard::from);
-    let got = got.unwrap_or_else(|error| panic!("{what}, {report:?}: {error}"));
-    // Not `assert_eq`, which would print thousands of pairs.
-    assert!(got == Heard::from(core.reported()), "{what}, {report:?}");
-}
-
 /// All boxes of each scene are set, moved a little, moved far, and removed.
 #[test]
 fn every_hard_scene_is_reported_as_the_core_reports_it() {
-    let tools = [scene_tools(0, &GridOptions::default())];
+    let tools = [tools()];
     let sizes = if tier::is_nightly() { &[0, 23, 46, 69, 345, 1_234][..] } else { &[69, 1_234] };
     check_hard_scenes(&tools, sizes);
 }
@@ -112,26 +103,22 @@ fn check_hard_scenes(tools: &[Arc<SceneTools>], sizes: &[u32]) {
             let boxes = scene.boxes(n, 21);
             let n = boxes.len() as u32;
             let other = scene.boxes(n, 22);
-            let mut core = Scene::new(SceneOptions::default());
-            let mut gpu = GpuScene::shared(tools, SceneOptions::default());
+            let mut both = BesideCore::new(tools);
             let few: Vec<u32> = (0..n).filter(|i| i % 37 == 5).collect();
             let few_boxes: Vec<Aabb> = few.iter().map(|i| other[*i as usize]).collect();
-            let set = |indices, boxes| [Step::Set(Sets { indices, boxes })];
             let steps = [
-                set(Indices::from(0..n), &boxes),
-                set((&few).into(), &few_boxes),
-                set(Indices::from(0..n), &other),
-                set(Indices::from(0..n), &boxes),
-                [Step::Remove((&few).into())],
-                [Step::Switch((0..0).into(), true)],
+                sets(0..n, &boxes),
+                sets(&few, &few_boxes),
+                sets(0..n, &other),
+                sets(0..n, &boxes),
+                Step::Remove((&few).into()),
+                Step::Switch((0..0).into(), true),
             ];
-            for (number, steps) in steps.iter().enumerate() {
+            for (number, step) in steps.into_iter().enumerate() {
                 for report in [Report::Changes, Report::All, Report::Moved] {
-                    let steps = if report == Report::Changes { &steps[..] } else { &[] };
-                    let what = format!("{scene:?}, {n} boxes, edit {number}");
-                    edit_both(&mut core, &mut gpu, steps, report, &what);
-                    core.acknowledge();
-                    gpu.acknowledge();
+                    let steps = if report == Report::Changes { &[step][..] } else { &[] };
+                    both.edit(steps, report, &format!("{scene:?}, {n} boxes, edit {number}"));
+                    both.acknowledge();
                 }
             }
         }
@@ -141,47 +128,33 @@ fn check_hard_scenes(tools: &[Arc<SceneTools>], sizes: &[u32]) {
 /// Records grow past 4,096 indices, and shrink, with all that was told and what has not been.
 #[test]
 fn a_scene_grows_and_shrinks() {
-    let tools = [scene_tools(0, &GridOptions::default())];
-    let mut core = Scene::new(SceneOptions::default());
-    let mut gpu = GpuScene::shared(&tools, SceneOptions::default());
+    let mut both = BesideCore::new(&[tools()]);
     let uniform = stress_scenes::named("uniform");
-    let mut held = 0;
     for target in [1u32, 10, 700, 7_000, 20_000, 6_500, 64, 1, 0, 30] {
         for round in 0..3 {
             let boxes = uniform.boxes(target, u64::from(target + round));
-            let steps = [
-                Step::Remove((target.min(held)..held).into()),
-                Step::Set(Sets { indices: (0..target).into(), boxes: &boxes }),
-            ];
             let report = if round == 1 { Report::Moved } else { Report::Changes };
-            edit_both(&mut core, &mut gpu, &steps, report, &format!("{target} boxes"));
+            both.become_boxes(&boxes, report, &format!("{target} boxes"));
             // What a size was reached by is told together with what follows.
             if round > 0 {
-                core.acknowledge();
-                gpu.acknowledge();
+                both.acknowledge();
             }
-            held = target;
         }
     }
-    assert!(gpu.video_bytes() > 0 && gpu.allocated_bytes() < 16 << 20);
+    assert!(both.gpu.video_bytes() > 0 && both.gpu.allocated_bytes() < 16 << 20);
 }
 
 /// Records that are made anew have no names of boxes: an edit that asks for moved pairs finds them all the same.
 #[test]
 fn moved_pairs_are_reported_where_records_are_made_anew() {
     let uniform = stress_scenes::named("uniform");
-    for tools in [vec![scene_tools(0, &GridOptions::default())], shared_tools(3)] {
-        let mut core = Scene::new(SceneOptions::default());
-        let mut gpu = GpuScene::shared(&tools, SceneOptions::default());
+    for tools in [vec![tools()], shared_tools(3)] {
+        let mut both = BesideCore::new(&tools);
         // Room for 4,096 records, for some more, for 140,000, and for few again.
         for (round, n) in [100u32, 5_000, 90, 140_000, 60, 70].into_iter().enumerate() {
             let boxes = uniform.boxes(n, round as u64);
-            let steps = [
-                Step::Remove((n.min(core.len() as u32)..core.len() as u32).into()),
-                Step::Set(Sets { indices: (0..n).into(), boxes: &boxes }),
-            ];
-            edit_both(&mut core, &mut gpu, &steps, Report::Moved, &format!("{n} boxes"));
-            assert!(n < 1_000 || core.reported().pairs().len() > 1_000);
+            both.become_boxes(&boxes, Report::Moved, &format!("{n} boxes"));
+            assert!(n < 1_000 || both.core.reported().pairs().len() > 1_000);
         }
     }
 }
@@ -192,20 +165,15 @@ fn moved_pairs_are_reported_where_records_are_made_anew() {
 #[test]
 #[ignore = "half a minute on a software driver: the nightly tier runs it"]
 fn long_and_short_lists_take_turns() {
-    let tools = scene_tools(0, &GridOptions::default());
     let uniform = stress_scenes::named("uniform");
     let n = 900_000u32;
-    let mut core = Scene::new(SceneOptions::default());
-    let mut gpu = GpuScene::new(&tools, SceneOptions::default());
-    let mut check = |steps: &[Step<'_>], count: u32| {
-        edit_both(&mut core, &mut gpu, steps, Report::All, &format!("{count} boxes"));
-    };
-    check(&[Step::Set(Sets { indices: (0..n).into(), boxes: &uniform.boxes(n, 1) })], n);
+    let mut both = BesideCore::new(&[tools()]);
+    both.edit(&sets_all(&uniform.boxes(n, 1)), Report::All, "all boxes");
     for (round, count) in [100_000u32, 300_000, 100_000, 300_000].into_iter().enumerate() {
         let indices: Vec<u32> = (0..count).map(|i| n - 1 - 2 * i).rev().collect();
         let boxes = uniform.boxes(n, 2 + round as u64);
-        let sets = Sets { indices: (&indices).into(), boxes: &boxes[..count as usize] };
-        check(&[Step::Set(sets)], count);
+        let step = sets(&indices, &boxes[..count as usize]);
+        both.edit(&[step], Report::All, &format!("{count} boxes"));
     }
 }
 
@@ -214,30 +182,27 @@ fn long_and_short_lists_take_turns() {
 fn a_scene_is_on_each_gpu_once() {
     let tools = shared_tools(2);
     let boxes = stress_scenes::named("uniform").boxes(3_000, 6);
-    let mut core = Scene::new(SceneOptions::default());
-    let mut gpu = GpuScene::new(&tools[0], SceneOptions::default());
+    let mut both = BesideCore::new(&tools[..1]);
     for _ in 0..3 {
-        assert!(gpu.is_new());
-        gpu.share(&tools);
-        assert_eq!(gpu.gpu_count(), 2);
-        assert!(tools.iter().all(|tools| gpu.is_on(tools.gpu())));
-        let set = [Step::Set(Sets { indices: (0..3_000).into(), boxes: &boxes })];
+        assert!(both.gpu.is_new());
+        both.gpu.share(&tools);
+        assert_eq!(both.gpu.gpu_count(), 2);
+        assert!(tools.iter().all(|tools| both.gpu.is_on(tools.gpu())));
         let remove = [Step::Remove((0..3_000).into())];
-        for steps in [&set[..], &remove, &[]] {
-            edit_both(&mut core, &mut gpu, steps, Report::Changes, "on each GPU once");
-            core.acknowledge();
-            gpu.acknowledge();
+        for steps in [&sets_all(&boxes)[..], &remove, &[]] {
+            both.edit(steps, Report::Changes, "on each GPU once");
+            both.acknowledge();
         }
     }
 }
 
 #[test]
 fn a_dropped_scene_gives_its_memory_back() {
-    let tools = scene_tools(0, &GridOptions::default());
+    let tools = tools();
     let holders = Arc::strong_count(tools.gpu());
     let mut gpu = GpuScene::new(&tools, SceneOptions::default());
     let boxes = stress_scenes::named("uniform").boxes(1_000, 3);
-    let steps = [Step::Set(Sets { indices: (0..1_000).into(), boxes: &boxes })];
+    let steps = [sets(0..1_000, &boxes)];
     for report in [Report::Changes, Report::Moved, Report::All] {
         gpu.edit(Edit { steps: &steps }, report).expect("an answer");
     }
@@ -248,80 +213,62 @@ fn a_dropped_scene_gives_its_memory_back() {
 
 #[test]
 fn a_lost_device_and_memory_that_is_not_to_be_had_are_errors() {
-    let tools = scene_tools(0, &GridOptions::default());
+    let tools = tools();
     let mut gpu = GpuScene::new(&tools, SceneOptions::default().with_most_boxes(1 << 29));
     let slots = tools.gpu().limits().storage_binding_bytes / 32 + 1;
     if let Ok(index) = u32::try_from(slots)
         && index < 1 << 26
     {
         let indices = [index];
-        let steps = [Step::Set(Sets { indices: (&indices).into(), boxes: &[Aabb::EMPTY] })];
+        let steps = [sets(&indices, &[Aabb::EMPTY])];
         let refused = gpu.edit(Edit { steps: &steps }, Report::Changes).map(|_| ());
-        assert!(
-            matches!(refused, Err(SceneError::Cull(CullError::DeviceMemory { .. }))),
-            "{refused:?}"
-        );
+        let is_memory = matches!(refused, Err(SceneError::Cull(CullError::DeviceMemory { .. })));
+        assert!(is_memory, "{refused:?}");
     }
     let mut gpu = GpuScene::new(&tools, SceneOptions::default());
     tools.gpu().destroy();
-    let steps = [Step::Set(Sets { indices: (0..1).into(), boxes: &[Aabb::EMPTY] })];
+    let steps = [sets(0..1, &[Aabb::EMPTY])];
     let lost = gpu.edit(Edit { steps: &steps }, Report::Changes).map(|_| ());
     assert!(matches!(lost, Err(SceneError::Cull(CullError::DeviceLost { .. }))), "{lost:?}");
 }
 
-/// A scene of each kind with three boxes in a row, each touching the next.
-fn rows(tools: &Arc<SceneTools>) -> (Scene, GpuScene) {
-    let options = SceneOptions::default().with_most_boxes(100);
-    let (mut core, mut gpu) = (Scene::new(options), GpuScene::new(tools, options));
-    let boxes = [0.0f32, 0.8, 1.6].map(|x| Aabb::from([x, 0.0, 0.0, x + 1.0, 1.0, 1.0]));
-    let steps = [Step::Set(Sets { indices: (0..3).into(), boxes: &boxes })];
-    core.edit(Edit { steps: &steps }, Report::Changes).expect("an answer");
-    gpu.edit(Edit { steps: &steps }, Report::Changes).expect("an answer");
-    (core, gpu)
-}
-
+/// Three boxes in a row, each touching the next, which stay.
 #[test]
 fn wrong_edits_are_refused_as_by_the_core_and_change_nothing() {
-    let (mut core, mut gpu) = rows(&scene_tools(0, &GridOptions::default()));
-    let set = |indices, boxes| Step::Set(Sets { indices, boxes });
+    let options = SceneOptions::default().with_most_boxes(100);
+    let mut both = BesideCore::with_options(&[tools()], options);
+    both.edit(&sets_all(&[at(0.0), at(0.8), at(1.6)]), Report::Changes, "a row");
     let (one, two) = ([Aabb::EMPTY], [Aabb::EMPTY; 2]);
     let cases: [&[Step<'_>]; 13] = [
-        &[set((&[100]).into(), &one)],
+        &[sets(&[100], &one)],
         &[Step::Remove((&[u32::MAX]).into())],
-        &[set(Indices::Range { first: u32::MAX, count: 2 }, &two)],
-        &[set((&[0, 1]).into(), &one)],
-        &[set((0..1).into(), &two)],
-        &[set((&[1, 1]).into(), &two)],
-        &[set((&[1]).into(), &one), set((1..2).into(), &one)],
+        &[sets(Indices::Range { first: u32::MAX, count: 2 }, &two)],
+        &[sets(&[0, 1], &one)],
+        &[sets(0..1, &two)],
+        &[sets(&[1, 1], &two)],
+        &[sets(&[1], &one), sets(1..2, &one)],
         &[Step::Remove((&[3]).into())],
         &[Step::Remove((&[1, 1]).into())],
         &[Step::Remove((&[1]).into()), Step::Switch((&[1]).into(), false)],
-        &[set((&[0]).into(), &one), Step::Static((&[50]).into(), true)],
-        &[set((&[9]).into(), &one), Step::Static((&[8]).into(), true)],
+        &[sets(&[0], &one), Step::Static((&[50]).into(), true)],
+        &[sets(&[9], &one), Step::Static((&[8]).into(), true)],
         &[Step::Remove((&[7, 8, 0]).into())],
     ];
     for (number, steps) in cases.into_iter().enumerate() {
-        let expected = core.edit(Edit { steps }, Report::Changes).map(|_| ());
+        let expected = both.core.edit(Edit { steps }, Report::Changes).map(drop);
         assert!(matches!(expected, Err(SceneError::Edit(_))), "case {number}");
-        assert_eq!(
-            gpu.edit(Edit { steps }, Report::Changes).map(|_| ()),
-            expected,
-            "case {number}"
-        );
-        assert_eq!(gpu.len(), 3);
-        assert_eq!(
-            Heard::from(gpu.reported()),
-            Heard::from(core.reported()),
-            "the last answer stays"
-        );
+        let refused = both.gpu.edit(Edit { steps }, Report::Changes).map(drop);
+        assert_eq!(refused, expected, "case {number}");
+        assert_eq!(both.gpu.len(), 3);
+        let [ours, theirs] = [both.gpu.reported(), both.core.reported()].map(Heard::from);
+        assert_eq!(ours, theirs, "the last answer stays");
     }
     // A refused edit leaves the last answer to be taken.
-    core.acknowledge();
-    gpu.acknowledge();
+    both.acknowledge();
     for report in [Report::Changes, Report::All] {
-        edit_both(&mut core, &mut gpu, &[], report, "after refused edits");
+        both.edit(&[], report, "after refused edits");
     }
-    assert_eq!(gpu.reported().pairs(), [[0, 1], [1, 2]]);
-    let twice = gpu.edit(Edit { steps: cases[5] }, Report::All).map(|_| ());
+    assert_eq!(both.gpu.reported().pairs(), [[0, 1], [1, 2]]);
+    let twice = both.gpu.edit(Edit { steps: cases[5] }, Report::All).map(drop);
     assert_eq!(twice, Err(SceneError::Edit(EditError::SetTwice { index: 1 })));
 }

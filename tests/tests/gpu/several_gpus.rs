@@ -1,45 +1,25 @@
 //! A daemon with several GPUs: frames are spread over them, and none is lost with one of them.
 
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-use pairmask_tests::frame_memory::TestFrame;
-use pairmask_tests::gpu::{executor, pairs_of};
+use pairmask_tests::gpu::{begin, end, executor, pairs_by_cpu, pairs_of};
 use pairmask_tests::prelude::*;
-use pairmaskd::execute::{CullUnderWay, Executor, Owner};
-
-const GRID: EngineChoice = EngineChoice::Only(EngineName::GpuGrid);
+use pairmaskd::execute::{Executor, Owner};
 
 /// Held by each test: devices of a software adapter that start side by side keep each other waiting.
-static ALONE: Mutex<()> = Mutex::new(());
-
-/// The pairs of many boxes, by an engine that other tests hold to the oracle.
-fn pairs_by_cpu(boxes: &[Aabb]) -> Vec<[u32; 2]> {
-    let mut reply = HeapReply::new();
-    let engine = EngineChoice::Only(EngineName::CpuGrid);
-    let options = CullOptions { engine, ..CullOptions::default() };
-    let answer = CpuEngines::new().cull(boxes, &options, &mut reply).expect("an answer");
-    pairs_of(boxes.len(), &answer, reply.words())
-}
-
-type UnderWay = CullUnderWay<TestFrame<HeapReply>>;
-
-fn begin(executor: &mut Executor, client: u128, boxes: &[Aabb]) -> (usize, UnderWay) {
-    let options = CullOptions { engine: GRID, ..CullOptions::default() };
-    let memory = TestFrame::on_heap(&Precision::Exact, boxes);
-    let planned = executor.plan(memory.boxes.boxes(), &options, u64::MAX);
-    let place = planned.gpu_place();
-    let begun = executor.begin(planned, Owner::Client(client), memory);
-    (place, begun.unwrap_or_else(|_| panic!("answered at once")))
+fn alone() -> MutexGuard<'static, ()> {
+    static ALONE: Mutex<()> = Mutex::new(());
+    ALONE.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 #[test]
 fn sessions_have_homes_on_each_gpu_in_turn() {
-    let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
+    let _alone = alone();
     let model = executor(2);
     let boxes = stress_scenes::named("uniform").boxes(500, 1);
-    let options = CullOptions { engine: GRID, ..CullOptions::default() };
+    let options = culled_by(EngineName::GpuGrid);
     let places: Vec<usize> = (0..4)
         .map(|_| model.beside().plan(BoxSlice::from(&boxes), &options, u64::MAX).gpu_place())
         .collect();
@@ -50,43 +30,36 @@ fn sessions_have_homes_on_each_gpu_in_turn() {
 
 #[test]
 fn a_frame_behind_another_takes_the_gpu_that_is_free() {
-    let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
+    let _alone = alone();
     let mut executor = executor(2);
     let boxes = stress_scenes::named("uniform").boxes(33_001, 3);
-    let (first_place, first) = begin(&mut executor, 1, &boxes);
-    let (second_place, second) = begin(&mut executor, 1, &boxes);
+    let (first, first_place, _) = begin(&mut executor, 1, &boxes, &Precision::Exact);
+    let (second, second_place, _) = begin(&mut executor, 1, &boxes, &Precision::Exact);
     assert_ne!(first_place, second_place);
-    let mut masks = [first, second].map(|frame| {
-        let (answer, memory) = executor.end(frame);
-        let (answer, memory) = (answer.expect("an answer"), memory.expect("its memory"));
-        assert_eq!(answer.engine, EngineName::GpuGrid);
-        (answer.report.shape, memory.reply.words().to_vec(), answer)
-    });
-    let words = masks[0].0.extent_words() as usize;
-    assert_eq!(masks[0].0, masks[1].0);
-    assert_eq!(masks[0].1[..words], masks[1].1[..words], "the same bytes on each");
-    let found = pairs_of(boxes.len(), &masks[0].2, &masks[0].1);
-    assert!(found == pairs_by_cpu(&boxes), "{} pairs", found.len());
+    let [(one, words), (other, same)] = [first, second].map(|frame| end(&mut executor, frame));
+    assert_eq!([one.engine, other.engine], [EngineName::GpuGrid; 2]);
+    assert_eq!(one.report.shape, other.report.shape);
+    let used = one.report.shape.extent_words() as usize;
+    assert_eq!(words[..used], same[..used], "the same bytes on each");
+    let found = pairs_of(boxes.len(), &one, &words);
+    assert!(found == pairs_by_cpu(&boxes, &Precision::Exact), "{} pairs", found.len());
     // Both are free again: the home has it.
-    masks.reverse();
-    let (again, frame) = begin(&mut executor, 1, &boxes);
+    let (_, again, _) = begin(&mut executor, 1, &boxes, &Precision::Exact);
     assert_eq!(again, first_place);
-    drop(frame);
 }
 
 #[test]
 fn a_frame_whose_gpu_is_lost_under_way_is_answered_by_the_other() {
-    let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
+    let _alone = alone();
     let mut executor = executor(2);
     let boxes = stress_scenes::named("ground plane").boxes(33_001, 3);
-    let expected = pairs_by_cpu(&boxes);
-    let (place, frame) = begin(&mut executor, 1, &boxes);
+    let expected = pairs_by_cpu(&boxes, &Precision::Exact);
+    let (frame, place, _) = begin(&mut executor, 1, &boxes, &Precision::Exact);
     let lost = executor.gpus().turn(place).and_then(|mut gpu| gpu.device());
     lost.expect("its device").destroy();
-    let (answer, memory) = executor.end(frame);
-    let (answer, memory) = (answer.expect("an answer"), memory.expect("its memory"));
+    let (answer, words) = end(&mut executor, frame);
     assert!(answer.engine.is_gpu(), "by {}", answer.engine);
-    assert!(pairs_of(boxes.len(), &answer, memory.reply.words()) == expected);
+    assert!(pairs_of(boxes.len(), &answer, &words) == expected);
 }
 
 fn devices_are_lost_under_load(rounds: usize) {
@@ -99,19 +72,11 @@ fn devices_are_lost_under_load(rounds: usize) {
         let mut reply = HeapReply::new();
         let encodings = [Encoding::Sparse, Encoding::List, Encoding::Dense];
         for encoding in encodings.into_iter().cycle() {
-            let options = CullOptions {
-                engine: GRID,
-                encoding: EncodingChoice::Only(encoding),
-                ..CullOptions::default()
-            };
-            let boxes = BoxSlice::from(&boxes);
+            let (boxes, options) = (BoxSlice::from(&boxes), culled(EngineName::GpuGrid, encoding));
             let answer = engines.cull(boxes, Owner::Client(id), &options, &mut reply);
             let answer = answer.expect("an answer");
-            assert!(
-                pairs_of(boxes.len(), &answer, reply.words()) == expected,
-                "{encoding}, by {}",
-                answer.engine
-            );
+            let are_right = pairs_of(boxes.len(), &answer, reply.words()) == expected;
+            assert!(are_right, "{encoding}, by {}", answer.engine);
             answered.fetch_add(1, Ordering::Relaxed);
             by_cores.fetch_add(usize::from(!answer.engine.is_gpu()), Ordering::Relaxed);
             if stop.load(Ordering::Relaxed) {
@@ -162,6 +127,6 @@ fn stops(clients: &[std::thread::ScopedJoinHandle<'_, ()>]) -> bool {
 #[test]
 #[ignore = "takes minutes: `.ci/run nightly`"]
 fn one_of_two_devices_is_lost_under_load_a_hundred_times() {
-    let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
+    let _alone = alone();
     devices_are_lost_under_load(100);
 }

@@ -27,7 +27,6 @@ use crate::grid::check_mirrored;
 
 /// Most spheres that the daemon gives to a software adapter.
 const SOFTWARE_SPHERES: usize = 16;
-const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
 
 struct Both {
     all_pairs: AllPairs,
@@ -64,18 +63,36 @@ impl Both {
     /// Every engine in every encoding, twice, the same bytes each time.
     fn check(&mut self, spheres: &[Sphere], truth: &Truth, what: &str) {
         for (engine, encoding) in WAYS {
-            let what = format!("{what}, {} spheres, {engine}, {encoding}", spheres.len());
-            let mut words = Vec::new();
-            for _ in 0..2 {
-                let mut reply = HeapReply::new();
-                let report = self.cull(engine, spheres, encoding, &mut reply).unwrap();
-                let n = spheres.len() as u32;
-                let checked = check_reply(reply.words(), &report, n, encoding, truth);
-                assert_eq!(checked, Ok(()), "{what}");
-                words.push(sections(reply.words(), &report.shape));
-            }
-            assert!(words[0] == words[1], "{what}: other bytes");
+            let words = [(); 2].map(|()| {
+                let cull = |reply: &mut HeapReply| self.cull(engine, spheres, encoding, reply);
+                check_answer(cull, spheres.len(), encoding, truth, &format!("{what}, {engine}"))
+            });
+            assert!(words[0] == words[1], "{what}, {engine}, {encoding}: other bytes");
         }
+    }
+}
+
+/// Checks an answer. Returns its sections.
+fn check_answer(
+    cull: impl FnOnce(&mut HeapReply) -> Result<CullReport, CullError>,
+    n: usize,
+    encoding: Encoding,
+    truth: &Truth,
+    what: &str,
+) -> Vec<u32> {
+    let mut reply = HeapReply::new();
+    let report = cull(&mut reply).unwrap();
+    let checked = check_reply(reply.words(), &report, n as u32, encoding, truth);
+    assert_eq!(checked, Ok(()), "{what}, {n} spheres, {encoding}");
+    sections(reply.words(), &report.shape).unwrap()
+}
+
+/// All pairs in every encoding.
+fn check_all_pairs(engine: &mut AllPairs, spheres: &[Sphere], truth: &Truth, what: &str) {
+    for encoding in Encoding::ALL {
+        let objects = Objects::Spheres(spheres);
+        let cull = |reply: &mut HeapReply| engine.cull_objects(objects, encoding, reply);
+        check_answer(cull, spheres.len(), encoding, truth, what);
     }
 }
 
@@ -160,14 +177,7 @@ fn a_few_hard_spheres_are_exact_by_all_pairs() {
         let mut engine = gpu::engine(AllPairsOptions { checks, ..AllPairsOptions::default() });
         for (n, seed) in (0..=SOFTWARE_SPHERES).flat_map(|n| (0..4).map(move |seed| (n, seed))) {
             let spheres = hard_scene(n, seed);
-            let truth = truth(&spheres);
-            for encoding in [Encoding::Dense, Encoding::Sparse, Encoding::List] {
-                let mut reply = HeapReply::new();
-                let report =
-                    engine.cull_objects(Objects::Spheres(&spheres), encoding, &mut reply).unwrap();
-                let checked = check_reply(reply.words(), &report, n as u32, encoding, &truth);
-                assert_eq!(checked, Ok(()), "{n} spheres, seed {seed}, {encoding}");
-            }
+            check_all_pairs(&mut engine, &spheres, &truth(&spheres), &format!("seed {seed}"));
         }
     }
 }
@@ -178,16 +188,12 @@ fn a_few_hard_spheres_are_exact_by_all_pairs() {
 fn a_software_adapter_gets_what_it_decides() {
     let name = gpu::name();
     let is_software = open(HostImport::Never).info().is_software();
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", &name]);
+    let daemon = TestDaemon::start(&["--gpu", &name]);
     for n in [SOFTWARE_SPHERES, SOFTWARE_SPHERES + 1, 200] {
         let spheres = hard_scene(n, 31);
         let truth = truth(&spheres);
         for engine in [EngineName::GpuGrid, EngineName::GpuBrute] {
-            let mut session =
-                daemon.session().engine(EngineChoice::Only(engine)).connect().unwrap();
-            let mut frame = session.sphere_frame(n).unwrap();
-            frame.spheres_mut().copy_from_slice(&spheres);
-            let answer = frame.submit().unwrap().wait();
+            let answer = daemon.connect_to(engine).ask_spheres(&spheres).wait();
             let decides = engine == EngineName::GpuBrute && n <= SOFTWARE_SPHERES;
             match answer {
                 Ok(mask) => {
@@ -199,7 +205,7 @@ fn a_software_adapter_gets_what_it_decides() {
                 Err(error) => assert!(is_software && !decides, "{n}, {engine}: {error}"),
             }
         }
-        let mask = cull(&mut daemon.session().connect().unwrap(), &spheres);
+        let mask = cull(&mut daemon.connect(), &spheres);
         assert_eq!(check_mask(&mask, mask.encoding(), &truth), Ok(()), "{n} spheres");
     }
 }
@@ -250,13 +256,7 @@ mod real_gpu {
         for tuning in Tuning::all() {
             let options = AllPairsOptions { tuning: Some(tuning), ..AllPairsOptions::default() };
             let mut engine = gpu::engine(options);
-            for encoding in [Encoding::Dense, Encoding::Sparse] {
-                let mut reply = HeapReply::new();
-                let report =
-                    engine.cull_objects(Objects::Spheres(&spheres), encoding, &mut reply).unwrap();
-                let checked = check_reply(reply.words(), &report, 333, encoding, &truth);
-                assert_eq!(checked, Ok(()), "{tuning:?}, {encoding}");
-            }
+            check_all_pairs(&mut engine, &spheres, &truth, &format!("{tuning:?}"));
         }
     }
 
@@ -305,7 +305,7 @@ mod real_gpu {
     #[ignore = "for a real GPU: near pairs take more rounds than lavapipe allows, see the head of this file"]
     fn sessions_have_spheres_culled_by_a_gpu() {
         let name = gpu::name();
-        let daemon = TestDaemon::start(DAEMON, &["--gpu", &name]);
+        let daemon = TestDaemon::start(&["--gpu", &name]);
         let (spheres, truth) = whole_scene(1_000, 20, 4);
         for engine in [EngineName::GpuGrid, EngineName::GpuBrute] {
             for encoding in [Encoding::Sparse, Encoding::List] {
@@ -319,7 +319,7 @@ mod real_gpu {
                 }
             }
         }
-        let mut session = daemon.session().connect().unwrap();
+        let mut session = daemon.connect();
         let mask = cull(&mut session, &spheres);
         assert_eq!(check_mask(&mask, mask.encoding(), &truth), Ok(()));
     }

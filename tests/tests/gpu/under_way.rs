@@ -69,15 +69,21 @@ impl Rig {
         begun.zip(watched).map(|(frame, (watcher, token))| (frame, watcher, token)).collect()
     }
 
+    /// A frame in memory of its own: its report, and the words of its mask.
+    fn alone(&mut self, boxes: &[Aabb], encoding: Encoding) -> (CullReport, Vec<u32>) {
+        let memory = TestFrame::on_heap(&Precision::Exact, boxes);
+        let frame = self.grid.begin(memory, encoding).map_err(|(error, _)| error).unwrap();
+        let (report, memory) = self.grid.end(frame);
+        let report = report.unwrap();
+        let used = report.shape.extent_words() as usize;
+        (report, memory.unwrap().reply.words()[..used].to_vec())
+    }
+
     fn serves(&mut self) {
         let boxes = stress_scenes::named("uniform").boxes(345, 5);
-        let memory = TestFrame::on_heap(&Precision::Exact, &boxes);
-        let frame = self.grid.begin(memory, Encoding::Sparse).map_err(|(error, _)| error).unwrap();
-        let (report, memory) = self.grid.end(frame);
-        let (report, memory) = (report.unwrap(), memory.unwrap());
+        let (report, words) = self.alone(&boxes, Encoding::Sparse);
         let truth = oracle::truth(&boxes);
-        let words = memory.reply.words();
-        assert_eq!(check_reply(words, &report, 345, Encoding::Sparse, &truth), Ok(()));
+        assert_eq!(check_reply(&words, &report, 345, Encoding::Sparse, &truth), Ok(()));
     }
 }
 
@@ -96,14 +102,13 @@ fn a_reply_is_written_where_it_lies_with_the_bytes_of_a_staged_one() {
     for encoding in [Encoding::Sparse, Encoding::List] {
         let (memory, watcher, _) = rig.memory();
         let frame = rig.grid.begin(memory, encoding).map_err(|(error, _)| error).unwrap();
-        let staged = TestFrame::on_heap(&Precision::Exact, &rig.scene);
-        let staged = rig.grid.begin(staged, encoding).map_err(|(error, _)| error).unwrap();
+        let scene = rig.scene.clone();
+        let (staged_report, staged) = rig.alone(&scene, encoding);
         let (report, memory) = rig.grid.end(frame);
         assert!(!watcher.is_all(OURS), "written where it lies");
-        let (staged_report, staged) = rig.grid.end(staged);
-        let (report, staged_report) = (report.unwrap(), staged_report.unwrap());
+        let report = report.unwrap();
         assert!(report.pair_count > 0 && report.shape == staged_report.shape);
-        let [ours, theirs] = [memory.unwrap().reply.words(), staged.unwrap().reply.words()]
+        let [ours, theirs] = [memory.unwrap().reply.words(), &staged]
             .map(|words| sections(words, &report.shape).unwrap());
         assert!(ours == theirs, "{encoding}");
     }
@@ -246,12 +251,9 @@ fn frames_of_a_bundle_have_the_bytes_that_they_have_alone() {
             let (n, truth, words) =
                 (boxes.len() as u32, oracle::truth(boxes), memory.reply.words());
             assert_eq!(check_reply(words, report, n, *encoding, &truth), Ok(()));
-            let alone = TestFrame::on_heap(&Precision::Exact, boxes);
-            let alone = rig.grid.begin(alone, *encoding).map_err(|(error, _)| error).unwrap();
-            let (alone_report, alone) = rig.grid.end(alone);
-            assert_eq!(alone_report.unwrap().shape, report.shape);
-            let used = report.shape.extent_words() as usize;
-            assert!(words[..used] == alone.unwrap().reply.words()[..used]);
+            let (alone, alone_words) = rig.alone(boxes, *encoding);
+            assert_eq!(alone.shape, report.shape);
+            assert!(words[..alone_words.len()] == alone_words);
         }
     }
 }

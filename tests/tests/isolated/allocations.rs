@@ -95,20 +95,6 @@ fn frames(count: usize, mut submit: impl FnMut(usize) -> PendingFrame) -> u64 {
     pairs
 }
 
-fn narrow_frame(session: &mut Session, boxes: &[Aabb], i: usize) -> PendingFrame {
-    let bounds = Bounds::new([0.0; 3], [100.0; 3]).unwrap();
-    let precision = [Precision::Q16(bounds), Precision::Q8(bounds), Precision::F16][i % 3];
-    let mut frame = session.narrow_frame(boxes.len(), precision).unwrap();
-    frame.write(boxes).unwrap();
-    frame.submit().unwrap()
-}
-
-fn sphere_frame(session: &mut Session, spheres: &[Sphere]) -> PendingFrame {
-    let mut frame = session.sphere_frame(spheres.len()).unwrap();
-    frame.spheres_mut().copy_from_slice(spheres);
-    frame.submit().unwrap()
-}
-
 /// Whether frames are steady: they find pairs, and allocate what is expected.
 fn check(what: &str, expected: u64, mut submit: impl FnMut(usize) -> PendingFrame) {
     frames(20, &mut submit);
@@ -165,6 +151,8 @@ fn steady_frames_allocate_nothing() {
     let scenes: Vec<_> =
         (0..4).map(|seed| stress_scenes::named("uniform").boxes(1000, seed)).collect();
     let spheres: Vec<_> = (0..4).map(|seed| whole_scene(1000, 25, seed).0).collect();
+    let bounds = Bounds::new([0.0; 3], [100.0; 3]).unwrap();
+    let precisions = [Precision::Q16(bounds), Precision::Q8(bounds), Precision::F16];
     for backend in [Backend::InProcess, Backend::Daemon] {
         for encoding in Encoding::ALL {
             // In process, one thread: a pool takes work from outside through a queue of rayon's
@@ -180,7 +168,7 @@ fn steady_frames_allocate_nothing() {
             let mut session = builder.clone().connect().unwrap();
             check(&what, expected, |i| session.ask(&scenes[i % scenes.len()]));
             check(&format!("{what}, narrow"), expected, |i| {
-                narrow_frame(&mut session, &scenes[i % scenes.len()], i)
+                session.ask_narrow(&scenes[i % scenes.len()], precisions[i % 3])
             });
             drop(session);
             for engine in [EngineName::CpuBrute, EngineName::CpuGrid] {
@@ -190,7 +178,7 @@ fn steady_frames_allocate_nothing() {
                 let is_shared = threads > 1 && engine == EngineName::CpuBrute;
                 let expected = expected + if is_shared { FRAMES as u64 } else { 0 };
                 check(&format!("{what}, {engine}, spheres"), expected, |i| {
-                    sphere_frame(&mut session, &spheres[i % spheres.len()])
+                    session.ask_spheres(&spheres[i % spheres.len()])
                 });
             }
         }

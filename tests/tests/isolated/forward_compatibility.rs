@@ -15,7 +15,7 @@ use crate::library_log;
 
 const N: BoxCount = BoxCount::new(3);
 
-/// The right answer to a frame of [`boxes`]: the pair (0, 1).
+/// The right answer to the frames of [`ask`]: the pair (0, 1).
 fn right(header: &RequestHeader, words: &mut [u32]) -> ResponseHeader {
     words[0] = 1;
     let report = CullReport {
@@ -28,15 +28,21 @@ fn right(header: &RequestHeader, words: &mut [u32]) -> ResponseHeader {
     response_ok(&fields_of(header), EngineName::CpuBrute, 1, &report, &StageTimes::default())
 }
 
-fn boxes() -> [Aabb; 3] {
-    [0.0, 0.5, 9.0].map(|x| Aabb::from([x, 0.0, 0.0, x + 1.0, 1.0, 1.0]))
-}
-
 fn ask(session: &mut Session) -> Result<PairMask, Error> {
     let mut frame = session.frame(N.len()).unwrap();
     assert!(frame.is_shared(), "the daemon is asked all the same");
-    frame.boxes_mut().copy_from_slice(&boxes());
+    frame.boxes_mut().copy_from_slice(&[at(0.0), at(0.5), at(9.0)]);
     frame.submit().unwrap().wait()
+}
+
+/// A session of the daemon alone.
+fn strict(dir: &RuntimeDir) -> SessionBuilder {
+    Session::builder().runtime_dir(dir.clone()).backend(Backend::Daemon)
+}
+
+/// The same that asks for lists.
+fn of_lists(dir: &RuntimeDir) -> Session {
+    strict(dir).encoding(EncodingChoice::Only(Encoding::List)).connect().unwrap()
 }
 
 /// Runs `test` beside a daemon that gives the right answer, changed.
@@ -56,8 +62,8 @@ fn an_engine_of_a_later_daemon_is_served_and_named_by_its_number() {
         |header| header.engine = 17,
         |dir| {
             for backend in [Backend::Daemon, Backend::Auto] {
-                let builder = Session::builder().runtime_dir(dir.clone()).backend(backend);
-                let mask = ask(&mut builder.connect().unwrap()).unwrap();
+                let mut session = strict(dir).backend(backend).connect().unwrap();
+                let mask = ask(&mut session).unwrap();
                 assert_eq!(mask.info().served_by, ServedBy::Daemon, "{backend}");
                 assert_eq!(mask.info().engine, EngineId::Unknown(17), "{backend}");
                 assert_eq!(mask.info().engine.to_string(), "engine 17");
@@ -77,8 +83,8 @@ fn sections_that_may_be_passed_over_are() {
             header.flags = u32::MAX;
         },
         |dir| {
-            let builder = Session::builder().runtime_dir(dir.clone()).backend(Backend::Daemon);
-            assert_eq!(ask(&mut builder.connect().unwrap()).unwrap().to_vec(), [[0, 1]]);
+            let mask = ask(&mut strict(dir).connect().unwrap()).unwrap();
+            assert_eq!(mask.to_vec(), [[0, 1]]);
         },
     );
 }
@@ -118,14 +124,12 @@ fn what_is_no_answer_is_answered_in_process_or_named() {
     library_log::capture(LevelFilter::Warn);
     for (change, is_named, said) in CASES {
         beside(change, |dir| {
-            let builder = Session::builder().runtime_dir(dir.clone());
-            let mut strict = builder.clone().backend(Backend::Daemon).connect().unwrap();
-            let error = ask(&mut strict).unwrap_err();
+            let error = ask(&mut strict(dir).connect().unwrap()).unwrap_err();
             assert!(error.to_string().contains(said), "{said}: {error}");
             let Error::Reply(error) = error else { panic!("{said}: {error:?}") };
             assert!(is_named(&error), "{said}: {error:?}");
 
-            let mut session = builder.backend(Backend::Auto).connect().unwrap();
+            let mut session = strict(dir).backend(Backend::Auto).connect().unwrap();
             library_log::take_captured();
             for _ in 0..5 {
                 let mask = ask(&mut session).unwrap_or_else(|e| panic!("{said}: {e}"));
@@ -155,9 +159,7 @@ fn a_list_is_asked_for_and_read() {
         right_list(header, words)
     };
     beside_daemon(Version::CURRENT, asked_for_a_list, |dir| {
-        let builder = Session::builder().runtime_dir(dir.clone()).backend(Backend::Daemon);
-        let builder = builder.encoding(EncodingChoice::Only(Encoding::List));
-        let mask = ask(&mut builder.connect().unwrap()).unwrap();
+        let mask = ask(&mut of_lists(dir)).unwrap();
         assert_eq!((mask.encoding(), mask.to_vec()), (Encoding::List, vec![[0, 1]]));
         assert!(mask.contains(1, 0) && !mask.contains(1, 2));
     });
@@ -174,8 +176,7 @@ fn a_list_whose_pairs_are_none_gives_none() {
         response
     };
     beside_daemon(Version::CURRENT, forged, |dir| {
-        let builder = Session::builder().runtime_dir(dir.clone()).backend(Backend::Daemon);
-        let mask = ask(&mut builder.connect().unwrap()).unwrap();
+        let mask = ask(&mut strict(dir).connect().unwrap()).unwrap();
         assert_eq!(mask.to_vec(), [[0, 2]]);
         assert_eq!(mask.view().count(), 1);
         assert!(mask.view().verify().is_err());
@@ -198,8 +199,7 @@ fn a_list_that_is_malformed_is_named() {
             response
         };
         beside_daemon(Version::CURRENT, forged, |dir| {
-            let builder = Session::builder().runtime_dir(dir.clone()).backend(Backend::Daemon);
-            let error = ask(&mut builder.connect().unwrap()).unwrap_err();
+            let error = ask(&mut strict(dir).connect().unwrap()).unwrap_err();
             assert!(matches!(error, Error::Reply(ReplyError::Malformed { .. })), "{error:?}");
             assert!(error.to_string().contains("list pairs"), "{error}");
         });

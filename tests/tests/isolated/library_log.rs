@@ -4,16 +4,9 @@ use std::sync::{Mutex, Once, PoisonError};
 use std::time::Duration;
 
 use log::{Level, LevelFilter, Log, Metadata, Record};
-use pairmask::Error;
 use pairmask_tests::prelude::*;
 use pairmask_transport::{DaemonRecord, RuntimeDir};
 use pairmask_wire::{InstanceName, Version};
-
-const DAEMON: &str = env!("CARGO_BIN_EXE_pairmaskd_under_test");
-
-fn said() -> Vec<String> {
-    take_captured().into_iter().map(|(_, text)| text).collect()
-}
 
 fn frame(session: &mut Session) -> ServedBy {
     session.answer(&[Aabb::EMPTY; 2]).info().served_by
@@ -22,7 +15,7 @@ fn frame(session: &mut Session) -> ServedBy {
 /// Checks that a session that falls back logs the cause once, and that errors name it, between two
 /// attempts too.
 fn check(builder: SessionBuilder, cause: fn(&ConnectError) -> bool, text: &str) {
-    said();
+    take_captured();
     let mut session = builder.backend(Backend::Auto).connect().unwrap();
     for _ in 0..20 {
         assert_eq!(frame(&mut session), ServedBy::InProcess, "{text}");
@@ -31,9 +24,9 @@ fn check(builder: SessionBuilder, cause: fn(&ConnectError) -> bool, text: &str) 
         assert!(cause(&error), "{text}: {error:?}");
         std::thread::sleep(Duration::from_millis(10));
     }
-    let said = said();
-    assert!(said.len() == 1 && said[0].contains(text), "{text}: {said:?}");
-    assert!(!said[0].contains("Backend::Auto"), "it is used already: {said:?}");
+    let said = take_captured();
+    assert!(said.len() == 1 && said[0].1.contains(text), "{text}: {said:?}");
+    assert!(!said[0].1.contains("Backend::Auto"), "it is used already: {said:?}");
 }
 
 // One test: a process has only one log.
@@ -46,7 +39,7 @@ fn the_cause_is_named() {
     let empty = RuntimeDir::at(dir.path());
     check(at(&empty), |e| matches!(e, ConnectError::NoDaemon { .. }), "no daemon serves");
 
-    let daemon = TestDaemon::start(DAEMON, &["--gpu", "none", "--max-clients", "1"]);
+    let daemon = TestDaemon::start(&["--gpu", "none", "--max-clients", "1"]);
     let mut first = daemon.session().deadline(Duration::from_millis(200)).connect().unwrap();
     assert_eq!(frame(&mut first), ServedBy::Daemon);
     let is_full = |e: &ConnectError| matches!(e, ConnectError::TooManyClients { .. });
@@ -54,7 +47,7 @@ fn the_cause_is_named() {
     drop(first);
 
     // A daemon that hangs still counts as serving.
-    said();
+    take_captured();
     let deadline = Duration::from_millis(100);
     let mut session = daemon.session().backend(Backend::Auto).deadline(deadline).connect().unwrap();
     assert_eq!(frame(&mut session), ServedBy::Daemon);
@@ -63,8 +56,7 @@ fn the_cause_is_named() {
     let error = session.daemon_status().unwrap_err();
     daemon.signal_worker(Signal::CONT);
     assert!(matches!(error, Error::Connect(ConnectError::Silent { .. })), "{error:?}");
-    let hung = said();
-    assert!(hung.len() == 1 && hung[0].contains("did not answer in time"), "{hung:?}");
+    is_said_once(Level::Warn, "did not answer in time");
 
     let name = InstanceName::default();
     let pid = std::process::id();
@@ -77,6 +69,12 @@ fn the_cause_is_named() {
     }
 }
 
+/// Checks that the log has one line since the last look.
+fn is_said_once(level: Level, text: &str) {
+    let said = take_captured();
+    assert!(said.len() == 1 && said[0].0 == level && said[0].1.contains(text), "{text}: {said:?}");
+}
+
 fn frames(session: &mut Session, count: usize) -> ServedBy {
     (0..count).map(|_| frame(session)).last().unwrap()
 }
@@ -85,25 +83,19 @@ fn frames(session: &mut Session, count: usize) -> ServedBy {
 fn falling_back_is_said_once() {
     let _alone = crate::alone();
     capture(LevelFilter::Info);
-    let mut daemon = TestDaemon::start(DAEMON, &[]);
-    let mut session = daemon.session().backend(Backend::Auto).connect().unwrap();
+    let mut daemon = TestDaemon::start(&[]);
+    let mut session = daemon.connect_auto();
     assert_eq!(frames(&mut session, 10), ServedBy::Daemon);
     assert_eq!(take_captured(), []);
 
     daemon.kill();
     assert_eq!(frames(&mut session, 100), ServedBy::InProcess);
-    let lost = take_captured();
-    assert_eq!(lost.len(), 1, "{lost:?}");
-    assert!(lost[0].0 == Level::Warn && lost[0].1.contains("answered in process"), "{lost:?}");
+    is_said_once(Level::Warn, "answered in process");
 
     daemon.restart();
-    eventually("the session is back", || {
-        (frames(&mut session, 1) == ServedBy::Daemon).then_some(())
-    });
+    until("the session is back", || frames(&mut session, 1) == ServedBy::Daemon);
     assert_eq!(frames(&mut session, 100), ServedBy::Daemon);
-    let back = take_captured();
-    assert_eq!(back.len(), 1, "{back:?}");
-    assert!(back[0].0 == Level::Info && back[0].1.contains("answers again"), "{back:?}");
+    is_said_once(Level::Info, "answers again");
 }
 
 struct CapturedLines(Mutex<Vec<(Level, String)>>);

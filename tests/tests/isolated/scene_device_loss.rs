@@ -52,7 +52,7 @@ struct Worker {
 impl Worker {
     fn start() -> Self {
         let worker = Self::start_watched(note_device);
-        eventually("the GPU joins", || (!worker.is_opening()).then_some(()));
+        until("the GPU joins", || !worker.is_opening());
         worker
     }
 
@@ -86,7 +86,9 @@ impl Worker {
     }
 }
 
-fn outlive(losses: u64, seed: u64) {
+#[test]
+fn a_session_outlives_losses_of_the_daemons_device() {
+    let (losses, mut seed) = (tier::nightly_or(100, 4), 1_000);
     let _alone = crate::alone();
     let worker = Worker::start();
     let mut session = Session::builder()
@@ -95,10 +97,9 @@ fn outlive(losses: u64, seed: u64) {
         .engine(EngineChoice::Only(EngineName::GpuGrid))
         .connect()
         .unwrap();
-    let random = RefCell::new(Random::new(seed));
+    let random = RefCell::new(Random::new(1));
     let below = |end| random.borrow_mut().below(end);
     let (lost, by_gpu) = (Cell::new(0), Cell::new(0));
-    let mut seed = 1_000 * seed;
     while lost.get() < losses {
         seed += 100;
         hold(Kind::Small, seed, 100, |script| {
@@ -135,17 +136,6 @@ fn outlive(losses: u64, seed: u64) {
     worker.stop();
 }
 
-#[test]
-fn a_session_outlives_losses_of_the_daemons_device() {
-    outlive(4, 1);
-}
-
-#[test]
-#[ignore = "minutes: the nightly tier runs it"]
-fn a_session_outlives_a_hundred_losses_of_the_daemons_device() {
-    outlive(100, 2);
-}
-
 /// Frames of a session, by whatever engine the daemon has for it.
 fn frame(session: &mut Session, boxes: &[Aabb]) -> Result<EngineId, Error> {
     let mask = session.ask(boxes).wait()?;
@@ -180,7 +170,7 @@ fn cores_serve_while_the_gpu_is_being_opened() {
     open_gate();
     let by = eventually("the GPU joins", || frame(&mut only, &boxes).ok());
     assert_eq!(by, EngineId::Known(gpu));
-    eventually("the status says so", || (!worker.is_opening()).then_some(()));
+    until("the status says so", || !worker.is_opening());
     drop((any, only));
     worker.stop();
 }

@@ -1,0 +1,369 @@
+//! Attacks, repeated for two seconds each or for `PAIRMASK_ATTACK_SECONDS`. Whatever an attacker
+//! writes to memory that it has mapped, honest clients beside it get right answers, and the
+//! instance serves again.
+//!
+//! Each test prints its counts (`--nocapture`).
+
+mod daemons;
+
+use std::collections::{BTreeMap, VecDeque};
+use std::io::Read;
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+use pairmask::{JoinOptions, SceneEdit};
+use pairmask_tests::attack_time;
+use pairmask_tests::attackers::raw::{
+    CHANNEL_ID, CLIENT_ID, REQUEST_ID, RawClient, answer, cull, read, word, write,
+};
+use pairmask_tests::attackers::shared::SHARED_SCENE;
+use pairmask_tests::daemon::program;
+use pairmask_tests::fault_client::FaultClient;
+use pairmask_tests::filtered_frames::{FilteredFrame, KINDS};
+use pairmask_tests::prelude::*;
+use pairmask_tests::scene_model::{Edits, Grouped, Kind, SessionScene, hold};
+use pairmask_wire::boxes_in_mut;
+
+fn scene(n: u32, seed: u64) -> Vec<Aabb> {
+    stress_scenes::named("uniform").boxes(n, seed)
+}
+
+struct Attacker {
+    process: Child,
+    mode: &'static str,
+}
+
+impl Attacker {
+    fn start(dir: &std::path::Path, mode: &'static str) -> Self {
+        let process = Command::new(program("attacker"))
+            .arg(mode)
+            .env("PAIRMASK_RUNTIME_DIR", dir)
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .spawn()
+            .unwrap();
+        Self { process, mode }
+    }
+
+    fn end(mut self) -> BTreeMap<String, u64> {
+        drop(self.process.stdin.take());
+        let mut said = String::new();
+        self.process.stdout.take().unwrap().read_to_string(&mut said).unwrap();
+        let status = self.process.wait().unwrap();
+        assert!(status.success(), "attacker '{}': {status}", self.mode);
+        let counts = said.lines().map(|line| line.split_once('=').unwrap());
+        counts.map(|(name, count)| (name.to_owned(), count.parse().unwrap())).collect()
+    }
+}
+
+impl Drop for Attacker {
+    fn drop(&mut self) {
+        let _ = self.process.kill();
+        let _ = self.process.wait();
+    }
+}
+
+/// Frames that are asked for in turn, with their pairs.
+struct InTurn {
+    frames: Vec<(Vec<Aabb>, Vec<Pair>)>,
+    asked: usize,
+}
+
+impl InTurn {
+    fn new(sizes: &[u32]) -> Self {
+        let with_pairs = |(seed, n): (usize, &u32)| {
+            let boxes = scene(*n, seed as u64);
+            let pairs = oracle::truth(&boxes).pairs;
+            (boxes, pairs)
+        };
+        Self { frames: sizes.iter().enumerate().map(with_pairs).collect(), asked: 0 }
+    }
+
+    fn check(&mut self, session: &mut Session) -> Result<ServedBy, Error> {
+        let (boxes, expected) = &self.frames[self.asked % self.frames.len()];
+        self.asked += 1;
+        let mask = session.ask(boxes).wait()?;
+        assert!(mask.sorted() == *expected, "wrong answer {} of {} boxes", self.asked, boxes.len());
+        Ok(mask.info().served_by)
+    }
+
+    fn come_back(&mut self, session: &mut Session) {
+        until("the daemon serves again", || self.check(session).unwrap() == ServedBy::Daemon);
+    }
+}
+
+#[derive(Debug, Default)]
+struct Lived {
+    there: u64,
+    here: u64,
+    restarts: u64,
+}
+
+/// Submits frames from a session that falls back, as long as the attacks last, and checks that
+/// every answer is right. Waits until the daemon serves again after the attacks.
+fn live_beside(mode: &'static str) -> (BTreeMap<String, u64>, Lived) {
+    let daemon = TestDaemon::start(&["--gpu", "none", "--max-clients", "16"]);
+    let mut session = daemon.connect_auto();
+    let mut frames = InTurn::new(&[64, 500, 1500]);
+    let mut lived = Lived::default();
+    let mut worker = daemon.worker();
+    let attacker = Attacker::start(daemon.path(), mode);
+    let end = Instant::now() + attack_time();
+    while Instant::now() < end {
+        match frames.check(&mut session).unwrap() {
+            ServedBy::Daemon => lived.there += 1,
+            ServedBy::InProcess => lived.here += 1,
+        }
+        if let Some(record) = daemon.record()
+            && record.worker_pid != worker.as_raw_nonzero().get() as u32
+        {
+            worker = daemon.worker();
+            lived.restarts += 1;
+        }
+    }
+    let counts = attacker.end();
+    frames.come_back(&mut session);
+    println!("{mode}: {lived:?}, attacker {counts:?}");
+    (counts, lived)
+}
+
+#[test]
+fn lengths_beyond_a_segment_are_refused_and_kill_no_process() {
+    let (counts, lived) = live_beside("lengths");
+    assert!(counts["rounds"] > 10, "{counts:?}");
+    assert_eq!(counts.get("outside"), None, "answered over memory of others: {counts:?}");
+    assert_eq!((lived.restarts, lived.here), (0, 0), "{lived:?}");
+}
+
+/// Does what an honest client does, again and again, beside a client that forges requests in a mode.
+fn honest_beside(daemon: &TestDaemon, mode: &'static str, mut honest: impl FnMut()) {
+    let (worker, begin, mut counts) = (daemon.worker(), Instant::now(), BTreeMap::new());
+    let is_enough = |counts: &BTreeMap<String, u64>| {
+        ["answered", "refused"].iter().all(|name| counts.get(*name).is_some_and(|n| *n > 10))
+    };
+    // How much an attacker comes to do goes by the machine: as many attackers as it takes, one after the other.
+    while !is_enough(&counts) {
+        assert!(begin.elapsed() < attack_time() + PATIENCE, "{counts:?}");
+        let attacker = Attacker::start(daemon.path(), mode);
+        let end = Instant::now() + attack_time();
+        while Instant::now() < end {
+            honest();
+        }
+        for (name, count) in attacker.end() {
+            *counts.entry(name).or_insert(0) += count;
+        }
+    }
+    println!("{mode}: {counts:?}");
+    assert_eq!(daemon.worker(), worker, "the worker lives");
+}
+
+/// Scenes of an honest client, held to the model, beside a client that forges edits.
+#[test]
+fn forged_edits_leave_the_scenes_of_others_alone() {
+    let (daemon, mut session) = served();
+    let mut seed = 0;
+    honest_beside(&daemon, "edits", || {
+        seed += 10;
+        hold(Kind::Small, seed, 50, |script| {
+            SessionScene::of(&mut session, script, ServedBy::Daemon, EngineName::CpuGrid)
+        });
+    });
+    until("the forged scenes are freed", || session.daemon_status().unwrap().scenes == 0);
+}
+
+/// Frames with rules of an honest client beside a client that forges them.
+#[test]
+fn forged_rules_leave_the_frames_of_others_alone() {
+    let (daemon, mut session) = served();
+    let frames: Vec<FilteredFrame> = KINDS
+        .into_iter()
+        .enumerate()
+        .map(|(seed, kind)| FilteredFrame::drawn(40 + 50 * seed, kind, seed as u64))
+        .collect();
+    honest_beside(&daemon, "rules", || {
+        for given in &frames {
+            let mask = given.submit(&mut session).wait().unwrap();
+            assert!(mask.sorted() == given.pairs, "{} boxes", given.boxes.len());
+        }
+    });
+}
+
+/// A scene of an honest client, whose queries find what the model does, beside a client that forges queries.
+#[test]
+fn forged_queries_leave_the_scenes_of_others_alone() {
+    let (daemon, mut session) = served();
+    let mut scene = session.scene(SceneOptions::default());
+    let mut source = Edits::new(5, 300);
+    honest_beside(&daemon, "queries", || {
+        let ops = source.next_edit();
+        let grouped = Grouped::of(&ops);
+        let edit = grouped.steps().into_iter().fold(scene.edit(), SceneEdit::step);
+        drop(edit.commit(Report::Nothing).unwrap());
+        let queries: Vec<_> = source.model().boxes().take(40).collect();
+        let expected = source.model().query(&queries, QueryTags::None);
+        assert_eq!(scene.query(&queries).find().unwrap().to_vec(), expected);
+    });
+}
+
+/// Two honest writers of a shared scene, beside a client that forges requests about it.
+#[test]
+fn forged_members_leave_the_boxes_of_others_alone() {
+    let daemon = TestDaemon::of_cores();
+    let deadline = Duration::from_millis(20);
+    let options = JoinOptions::default().with_most_boxes(2_000).with_tick_deadline(deadline);
+    let mut sessions = [daemon.connect(), daemon.connect()];
+    let [one, other] = &mut sessions;
+    let mut first = one.join_scene(SHARED_SCENE, options).unwrap();
+    first.lease(0..10).unwrap();
+    let mut second = other.join_scene(SHARED_SCENE, options).unwrap();
+    second.lease(10..20).unwrap();
+    // Far from whatever the attacker may set.
+    let at = |x: f32| Aabb::new([1e6 + x, 0.0, 0.0], [1e6 + x + 0.5, 1.0, 1.0]);
+    let mut ticks = 0u32;
+    honest_beside(&daemon, "shared", || {
+        let x = (ticks % 7) as f32;
+        let pending = first.edit().set(3, at(x)).set(4, at(9.0)).submit(Report::All).unwrap();
+        drop(second.edit().set(13, at(x)).commit(Report::Changes).unwrap());
+        let answer = pending.wait().unwrap();
+        let own: Vec<Pair> = answer.pairs().iter().filter(|[_, b]| *b < 20).collect();
+        let is_late = answer.late().iter().any(|range| range.start < 20);
+        assert!(is_late || own == [[3, 13]], "{own:?}");
+        ticks += 1;
+    });
+    assert!(ticks > 10, "{ticks} ticks");
+    drop((first, second));
+    until("the scenes have ended", || sessions[0].daemon_status().unwrap().scenes == 0);
+}
+
+#[test]
+fn a_request_under_another_clients_id_is_not_answered() {
+    let (counts, lived) = live_beside("identities");
+    assert!(counts["rounds"] > 0 && lived.there > 10, "{lived:?}, {counts:?}");
+    // The transport never frees a request of a client that does not exist, and panics after 128
+    // ports were closed with such a request.
+    assert!(128 * lived.restarts <= counts["rounds"], "{lived:?}, {counts:?}");
+}
+
+/// The attacker's copy of the victim's request, with empty boxes, arrives before the victim's.
+#[test]
+fn a_request_in_the_name_of_another_is_not_answered() {
+    let daemon = TestDaemon::of_cores();
+    let connect = |token| {
+        let client = eventually("a connection", || RawClient::connect_at(&daemon.dir(), token, 2));
+        let mut loan = client.loan(1).unwrap();
+        *loan.user_header_mut() = cull(token, 0, 0, EngineChoice::Auto);
+        let pending = client.send(loan).unwrap();
+        answer(&pending, PATIENCE).unwrap();
+        client
+    };
+    let (attacker, victim) = (connect(1001), connect(77));
+    daemon.signal_worker(Signal::STOP);
+    let asked = cull(77, 5, 10, EngineChoice::Auto);
+    let send = |client: &RawClient, same: Aabb, words: &[(usize, u64)]| {
+        let mut loan = client.loan(2).unwrap();
+        boxes_in_mut(loan.payload_mut(), BoxCount::new(10)).unwrap().fill(same);
+        *loan.user_header_mut() = asked;
+        for (index, value) in words {
+            write(word(loan.header(), *index), *value);
+        }
+        client.send(loan).unwrap()
+    };
+    let honest = send(&victim, Aabb::new([0.0; 3], [1.0; 3]), &[]);
+    let words = [CLIENT_ID, CLIENT_ID + 1, CHANNEL_ID, REQUEST_ID]
+        .map(|index| (index, read(word(honest.header(), index))));
+    let forged = send(&attacker, Aabb::EMPTY, &words);
+    daemon.signal_worker(Signal::CONT);
+    let header = answer(&honest, PATIENCE).unwrap();
+    assert_eq!((header.frame, header.pair_count), (5, 45));
+    assert!(answer(&forged, Duration::from_millis(50)).is_none());
+}
+
+#[test]
+fn nonexistent_channels_and_memory_cut_while_it_is_read_kill_a_worker_at_most() {
+    for mode in ["channels", "truncate"] {
+        let (counts, _) = live_beside(mode);
+        assert!(counts["rounds"] > 0, "{counts:?}");
+    }
+}
+
+/// Random words in the queues may kill a worker, but not make it hang. A worker that goes where they lead
+/// may write into another client's queues before it dies, and that client dies of them. So honest
+/// clients are processes here, one after the other. No answer is wrong.
+#[test]
+fn scribbled_queues_kill_processes_at_most() {
+    let daemon = TestDaemon::of_cores();
+    let start = || {
+        eventually("an honest client begins", || {
+            let honest = FaultClient::try_start(&daemon, &["right", "auto"]);
+            honest.and_then(|mut honest| honest.is_ready().then_some(honest))
+        })
+    };
+    let (mut honest, mut said, mut died) = (start(), Vec::new(), 0);
+    let attacker = Attacker::start(daemon.path(), "scribble");
+    let end = Instant::now() + attack_time();
+    while Instant::now() < end {
+        std::thread::sleep(Duration::from_millis(10));
+        if honest.has_ended() {
+            said.extend(std::mem::replace(&mut honest, start()).end());
+            died += 1;
+        }
+    }
+    let counts = attacker.end();
+    let mut session = daemon.connect_auto();
+    let mut frames = InTurn::new(&[64]);
+    frames.come_back(&mut session);
+    if honest.has_ended() {
+        honest = start();
+    }
+    said.extend(honest.end());
+    println!("honest: {said:?}, {died} died; attacker {counts:?}");
+    assert!(counts["rounds"] > 0, "{counts:?}");
+    let answers = said.iter().map(|line| line.strip_suffix(" answers")?.parse::<u64>().ok());
+    // Who died has not said how many it had: they were right. The last one lives.
+    let answers: Option<Vec<u64>> = answers.collect();
+    assert!(answers.is_some_and(|answers| answers.iter().sum::<u64>() > 0), "{said:?}");
+}
+
+/// Frames answered to an honest client beside an attacker, and to the attacker.
+fn shares(mode: &'static str) -> (u64, u64) {
+    let daemon = TestDaemon::of_cores();
+    let long = Duration::from_secs(60) + 2 * attack_time();
+    let mut session = daemon.session().deadline(long).connect().unwrap();
+    let mut frames = InTurn::new(&[64]);
+    let attacker = Attacker::start(daemon.path(), mode);
+    // The attacker's requests wait when the count begins.
+    std::thread::sleep(Duration::from_millis(300));
+    let end = Instant::now() + attack_time();
+    let (mut honest, mut waiting) = (0, VecDeque::new());
+    // One frame waits while another is answered, so that a client that is itself late for a processor
+    // has not missed its turn. They are given up with the attack: a starved client would wait for ever.
+    while Instant::now() < end {
+        let (boxes, expected) = &frames.frames[0];
+        waiting.resize_with(2, || session.ask(boxes));
+        let Some(mut pending) = waiting.pop_front() else { break };
+        let left = end.saturating_duration_since(Instant::now());
+        match pending.wait_timeout(left) {
+            Ok(mask) => {
+                assert!(mask.sorted() == *expected, "a wrong answer");
+                honest += 1;
+            }
+            Err(Error::Timeout { .. }) => break,
+            Err(error) => panic!("{error}"),
+        }
+    }
+    let counts = attacker.end();
+    frames.check(&mut session).unwrap();
+    println!("{mode}: {honest} answers beside {counts:?}");
+    (honest, counts["answered"])
+}
+
+/// With fair turns both would get the same number of answers; a client that is late for its turn,
+/// because the machine is busy, gets fewer.
+#[test]
+fn a_token_for_each_request_and_many_ports_win_no_turns() {
+    for mode in ["tokens", "ports"] {
+        let (honest, hostile) = shares(mode);
+        assert!(hostile > 0, "the attacker asked for nothing");
+        assert!(4 * honest >= hostile, "{honest} answers beside {hostile}");
+    }
+}
