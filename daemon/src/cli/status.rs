@@ -118,7 +118,7 @@ impl Instance {
     fn of(dir: &RuntimeDir, name: InstanceName, record: DaemonRecord) -> Self {
         let (state, counters, problem) = match ask(dir, &name, &record) {
             Ok(Some(counters)) => (State::Alive, Some(counters), None),
-            Err((counters, problem)) => (State::Silent, counters, Some(problem)),
+            Err(silent) => (State::Silent, silent.0, Some(silent.1)),
             Ok(None) => {
                 let problem = format!("process {} of instance '{name}' is gone", record.worker_pid);
                 (State::Dead, None, Some(problem))
@@ -255,12 +255,12 @@ fn status_text(error: &RecordedError) -> String {
 ///
 /// # Errors
 /// The last known figures, and why the daemon counts as silent.
-type Answer = Result<Option<Counters>, (Option<Counters>, String)>;
+type Answer = Result<Option<Counters>, Box<(Option<Counters>, String)>>;
 
 /// Waits until the daemon writes a status file that is not the one of before the question. That takes no
 /// client's slot, and compares no clocks.
 fn ask(dir: &RuntimeDir, name: &InstanceName, record: &DaemonRecord) -> Answer {
-    let unknown = |error: &dyn std::error::Error| (None, error.to_string());
+    let unknown = |error: &dyn std::error::Error| Box::new((None, error.to_string()));
     let (asked, mut before) = (Instant::now(), None);
     let Some(watch) = dir.watch(name, Some(record)).map_err(|error| unknown(&error))? else {
         return Ok(None);
@@ -291,7 +291,7 @@ fn ask(dir: &RuntimeDir, name: &InstanceName, record: &DaemonRecord) -> Answer {
             };
             let problem =
                 format!("instance '{name}' does not answer: {how}; its counters are {age} old");
-            return Err((Some(counters), problem));
+            return Err(Box::new((Some(counters), problem)));
         }
         std::thread::sleep(LOOK);
     }
@@ -309,7 +309,7 @@ fn ask_over_wire(dir: &RuntimeDir, name: &InstanceName) -> Answer {
             .connect()?
             .daemon_status()
     };
-    let body = ask().map_err(|error| (None, error.to_string()))?;
+    let body = ask().map_err(|error| Box::new((None, error.to_string())))?;
     // The question itself takes one connection.
     let client_count = body.client_count.saturating_sub(1);
     let body = StatusBody { client_count, ..body };

@@ -126,17 +126,14 @@ impl Display {
             time_text(found.p99),
             self.checks_text()
         );
-        match &self.live {
-            Some(line) => {
-                self.due = Instant::now() + LIVE_INTERVAL;
-                line.set_message(text);
-                line.tick();
-                Ok(())
-            }
-            None => {
-                self.due = Instant::now() + PLAIN_INTERVAL;
-                print_text(&text)
-            }
+        if let Some(line) = &self.live {
+            self.due = Instant::now() + LIVE_INTERVAL;
+            line.set_message(text);
+            line.tick();
+            Ok(())
+        } else {
+            self.due = Instant::now() + PLAIN_INTERVAL;
+            print_text(&text)
         }
     }
 
