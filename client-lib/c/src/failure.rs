@@ -8,7 +8,7 @@ use pairmask_core::filters::TooManyFilters;
 use pairmask_core::precision::{BoundsError, MarginError};
 use pairmask_core::scene::QueryError;
 
-#[allow(clippy::wildcard_imports)] // Every code is one of an error.
+#[allow(clippy::enum_glob_use)] // A table of nearly all of them.
 use crate::code::pm_code::{self, *};
 
 /// Why a call did nothing.

@@ -8,7 +8,7 @@ pub use self::sent::SentBoxes;
 
 use std::fmt;
 
-use pairmask_core::engine::{Grid, GridPlace, GridView};
+use pairmask_core::engine::grid::{self, GridPlace, GridView};
 use pairmask_core::{Aabb, BoxClass, BoxCount, PairIndex};
 use serde::Serialize;
 use serde_json::{Value, json};
@@ -88,7 +88,7 @@ impl Explanation {
         let given = [find(boxes, i)?, find(boxes, j)?];
         let as_sent = [find(sent.boxes(), i)?, find(sent.boxes(), j)?];
         let (pair, axes) = ([i, j], axes(&given));
-        let grid = Grid::explain(sent.boxes(), i as usize, j as usize);
+        let grid = grid::explain(sent.boxes(), i as usize, j as usize);
         let two = Two { pair, boxes: boxes.len(), given, axes, sent, as_sent, grid };
         let overlaps = |[a, b]: &[Aabb; 2]| i != j && a.overlaps(b);
         let mut reason = two.reason();

@@ -142,7 +142,9 @@ pub(crate) fn publish<Own: Sync>(
     match encode::write(sinks, gather, encoding, is_shared, reply) {
         Ok(shape) => Ok((shape, tasks.iter().map(|task| task.found.pair_count()).sum())),
         Err(error) => {
-            tasks.iter_mut().for_each(|task| task.found.give_back());
+            for task in tasks {
+                task.found.give_back();
+            }
             Err(error)
         }
     }

@@ -17,7 +17,7 @@ pub(super) const COST: EncodingCost = EncodingCost {
         CostTerm::new(0.0178, |stats, _| bytes(stats)),
         CostTerm::new(1.16, |stats, _| stats.expected_pairs()),
         // More for a pair of an engine that has an order of its own.
-        CostTerm::new(1.54, |stats, has_order| stats.ordered_pairs(has_order)),
+        CostTerm::new(1.54, SceneStats::ordered_pairs),
     ],
     visit: &[
         CostTerm::new(101.0, |_, _| 1.0),

@@ -4,6 +4,7 @@ use super::{EncodingCost, FoundWords};
 use crate::engine::gather::Gather;
 use crate::engine::{CostTerm, CullError, ReplyBuffer};
 use crate::mask::MaskShape;
+use crate::stats::SceneStats;
 use crate::team::{Split, in_parts};
 
 /// What lists take.
@@ -13,7 +14,7 @@ pub(super) const COST: EncodingCost = EncodingCost {
         // A pair of boxes in their own order: kept, and written.
         CostTerm::new(1.26, |stats, _| stats.expected_pairs()),
         // More for a pair in an order of the engine's, of which two boxes are looked up.
-        CostTerm::avx512_or(0.102, 0.7, |stats, has_order| stats.ordered_pairs(has_order)),
+        CostTerm::avx512_or(0.102, 0.7, SceneStats::ordered_pairs),
     ],
     visit: &[
         CostTerm::new(87.3, |_, _| 1.0),

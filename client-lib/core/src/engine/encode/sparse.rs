@@ -4,6 +4,7 @@ use super::{EncodingCost, FoundWords};
 use crate::engine::gather::Gather;
 use crate::engine::{CostTerm, CullError, ReplyBuffer};
 use crate::mask::{MaskShape, SECTION_ALIGN_WORDS};
+use crate::stats::SceneStats;
 use crate::team::for_each_in_parts;
 
 /// What sparse masks take.
@@ -15,7 +16,7 @@ pub(super) const COST: EncodingCost = EncodingCost {
         // A pair of boxes in their own order.
         CostTerm::new(1.15, |stats, _| stats.expected_pairs()),
         // More for a pair in an order of the engine's.
-        CostTerm::avx512_or(0.486, 1.2, |stats, has_order| stats.ordered_pairs(has_order)),
+        CostTerm::avx512_or(0.486, 1.2, SceneStats::ordered_pairs),
     ],
     // Words hold about a pair each.
     bytes: |stats, has_order| {
