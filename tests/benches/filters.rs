@@ -170,7 +170,9 @@ fn rows(options: &Options, daemon: &PrivateDaemon) -> Result<Vec<Value>, Box<dyn
     for n in [10_000, 100_000, 1_000_000] {
         // Boxes of side 3: some thirty pairs a box.
         let mut boxes = cube(&mut Random::new(2), n);
-        boxes.iter_mut().for_each(|b| b.max = b.min.map(|x| x + 3.0));
+        for b in &mut boxes {
+            b.max = b.min.map(|x| x + 3.0);
+        }
         let kinds: Vec<Filter> = (0..KINDS).map(|kind| Filter::new(1 << kind, 1 << kind)).collect();
         let mut rules = Rules::default();
         rules.table = FilterTable::new(&kinds)?;
@@ -210,6 +212,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     }
     let columns = "row first_ns first_quartiles_ns second_ns second_quartiles_ns ratio first_pairs \
                    second_pairs";
-    rows.iter().for_each(|row| print_row(row, columns));
+    for row in &rows {
+        print_row(row, columns);
+    }
     Ok(())
 }

@@ -320,15 +320,6 @@ fn kept_rules_are_those_of_their_frame() {
         check(other.submit(&mut session), other);
         session.answer(&other.boxes);
     }
-    // A daemon that keeps no rules is sent them with each frame.
-    daemon.pretend_minor(8);
-    let mut old = daemon.session().answer_repeats(false).connect().unwrap();
-    for (rules, frame) in &frames {
-        for _ in 0..2 {
-            let served_by = check(old.ask_with(&frame.boxes, &filtered(rules)), frame);
-            assert_eq!(served_by, ServedBy::Daemon);
-        }
-    }
     // Two under way: the second names what the first one brings.
     let (rules, frame) = &frames[1];
     let pending = [(); 2].map(|()| session.ask_with(&frame.boxes, &filtered(rules)));

@@ -1,7 +1,6 @@
 //! Boxes that crowd one cell and hardly overlap, which no list of pairs gives away. A software adapter ends the loops
 //! of a thread early and says nothing, so that what it cannot finish has to be refused before.
 
-use pairmask_core::engine::Grid as CpuGrid;
 use pairmask_core::scene::QueryError;
 use pairmask_tests::gpu::{grid, scene_tools};
 use pairmask_tests::prelude::*;
@@ -46,7 +45,8 @@ fn a_crowd_is_answered_as_by_the_cores_or_refused() {
         let boxes = needles(n);
         let input = CullInput::boxes(&boxes).encoding(Encoding::List);
         let (mut expected, mut got) = (HeapReply::new(), HeapReply::new());
-        let of_cores = CpuGrid::new().cull(&input, &mut expected).expect("an answer");
+        let of_cores =
+            best_engine(EngineName::CpuGrid).cull(&input, &mut expected).expect("an answer");
         match gpu.cull(&input, &mut got) {
             Ok(report) if is_answered => {
                 let pairs = |report: &CullReport, reply: &HeapReply| {

@@ -3,7 +3,6 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use pairmask_core::engine::Grid as CpuGrid;
 use pairmask_shaders::constants::{BATCH_BOXES, WINDOW_WORDS};
 use pairmask_shaders::mirror::{self, Mirrored};
 use pairmask_tests::frame_memory::TestFrame;
@@ -130,12 +129,12 @@ fn large_scenes_have_the_pairs_of_the_cpu_grid() {
     let binding = gpu.gpu().limits().storage_binding_bytes;
     // More in one place is more than a software adapter gets through (`crowds`).
     let crowd = if gpu.gpu().limits().thread_rounds == u32::MAX { 6_000 } else { 3_800 };
-    let mut cpu = CpuGrid::new();
+    let mut cpu = best_engine(EngineName::CpuGrid);
     for scene in stress_scenes::ALL {
         let quadratic = scene.is_quadratic;
         for n in if quadratic { [3_000, crowd] } else { [10_000, 20_000] } {
             let boxes = scene.boxes(n, 13);
-            let (expected, expected_reply) = cull(&mut cpu, &boxes, Encoding::Sparse);
+            let (expected, expected_reply) = cull(&mut *cpu, &boxes, Encoding::Sparse);
             let sorted = |report: &CullReport, reply: &HeapReply| {
                 naive_decoder::decode(reply.words(), &report.shape, n).expect("a good mask")
             };

@@ -1,6 +1,5 @@
 //! `gpu-brute` through the conformance suite, in every form that its frames can take.
 
-use pairmask_core::engine::BruteForce;
 use pairmask_shaders::{Found, RowsPerThread};
 use pairmask_tests::gpu::{cull, engine};
 use pairmask_tests::prelude::*;
@@ -91,7 +90,7 @@ fn a_mask_larger_than_the_first_capacity_is_complete() {
 #[test]
 fn a_list_of_full_words_has_the_bytes_of_the_cpu() {
     let mut gpu = engine(AllPairsOptions::default());
-    let mut cpu = BruteForce::new();
+    let mut cpu = best_engine(EngineName::CpuBrute);
     for n in [33, 256, 257, 1233, 3001, 5_001] {
         let boxes = vec![Aabb { min: [0.0; 3], max: [1.0; 3] }; n];
         let (report, reply) = cull(&mut gpu, &boxes, Encoding::List);
@@ -108,7 +107,7 @@ fn a_list_of_full_words_has_the_bytes_of_the_cpu() {
 #[ignore = "slow: the nightly tier runs it"]
 fn large_masks_of_every_stress_scene_are_those_of_the_cpu_bit_by_bit() {
     let mut gpu = engine(AllPairsOptions::default());
-    let mut cpu = BruteForce::new();
+    let mut cpu = best_engine(EngineName::CpuBrute);
     for n in [4096, 10_000] {
         for scene in stress_scenes::ALL {
             let boxes = scene.boxes(n, 13);

@@ -92,7 +92,7 @@ fn what_does_not_fit_is_tried_in_another_encoding() {
         assert_eq!(after(asked, tried, &too_large, dense), None);
     }
     let small = open.within(1_000, dense - 1);
-    assert!(!small.readable.contains(Encoding::Dense) && small.encoding == EncodingChoice::Auto);
+    assert!(small.no_dense && small.encoding == EncodingChoice::Auto);
     assert_eq!(open.within(1_000, dense), open);
     assert_eq!(after(small, Encoding::List, &too_large, dense - 1), only(Encoding::Sparse));
     assert_eq!(after(small, Encoding::Sparse, &too_large, dense - 1), None);

@@ -11,8 +11,8 @@ use pairmask_core::scene::{
 use pairmask_core::units::BoxCount;
 use pairmask_wire::{
     EditLayout, EditScratch, Page, Reject, ReplyError, ReplyFields, Request, RequestHeader,
-    ResponseHeader, SceneAnswerLayout, SceneId, SceneReply, SceneRequest, Section, StatusCode,
-    page_count, response_scene, response_scene_ended,
+    ResponseHeader, SceneAnswerLayout, SceneId, SceneReply, SceneRequest, Section, page_count,
+    response_scene, response_scene_ended,
 };
 use proptest::prelude::*;
 

@@ -12,7 +12,7 @@ use clap::Args;
 use pairmask::{Backend, SessionBuilder};
 use pairmask_core::BoxCount;
 use pairmask_core::spinner::Spinner;
-use pairmaskd::cli::bench::{CpuUsed, Figures, FramesOf, LatencyRow, SEED, Wait, threads_of};
+use pairmaskd::cli::bench::{CpuUsed, Figures, FramesOf, LatencyRow, SEED, Wait};
 use pairmaskd::cli::daemon_cpu::DaemonCpu;
 use pairmaskd::cli::machine::Machine;
 use pairmaskd::cli::options::Place;
@@ -228,9 +228,9 @@ impl Load {
             let cpu = target.cpu();
             // What the daemon uses of a core; `None` where none serves.
             let watch = |window: Duration| {
-                let since = cpu.as_ref().map(DaemonCpu::since_now);
+                let used = cpu.as_ref().map(DaemonCpu::watch);
                 sleep(window);
-                cpu.as_ref().zip(since).map(|(daemon, since)| daemon.used_since(&since))
+                used.map(|used| used())
             };
             let sizes = groups.iter().flat_map(|g| std::iter::repeat_n(g.n, g.clients as usize));
             let mut clients: Vec<(Worker, Receiver<Option<Said>>)> = Vec::new();
@@ -278,7 +278,14 @@ impl Load {
                     sum.late_frames += other.late_frames;
                     sum.from_due.add(&other.from_due);
                 }
-                let latency = LatencyRow::new(*n, *precision, wait, threads, &sum.figures, cpu);
+                let latency = LatencyRow {
+                    n: *n,
+                    precision: *precision,
+                    wait,
+                    decode_threads: threads,
+                    figures: sum.figures,
+                    cpu,
+                };
                 let mut row = fields(&latency);
                 row.extend(row!(
                     rate: rate.map_or("closed".to_owned(), |hertz| hertz.to_string()),
@@ -369,7 +376,7 @@ impl ClientSettings {
             while Instant::now() < begins {
                 spinner.turn();
             }
-            let times = client.frame_decoded(scene.boxes(), &mut decoding, |_| ())?;
+            let times = client.frame(scene.boxes(), &decoding, |_| ())?;
             if begins < from {
                 continue;
             }

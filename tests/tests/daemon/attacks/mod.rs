@@ -22,7 +22,7 @@ use pairmask_tests::fault_client::FaultClient;
 use pairmask_tests::filtered_frames::{FilteredFrame, KINDS};
 use pairmask_tests::prelude::*;
 use pairmask_tests::scene_model::{Edits, Grouped, Kind, SessionScene, hold};
-use pairmask_wire::boxes_in_mut;
+use pairmask_wire::items_in_mut;
 
 fn scene(n: u32, seed: u64) -> Vec<Aabb> {
     stress_scenes::named("uniform").boxes(n, seed)
@@ -261,7 +261,7 @@ fn a_request_in_the_name_of_another_is_not_answered() {
     let asked = cull(77, 5, 10, EngineChoice::Auto);
     let send = |client: &RawClient, same: Aabb, words: &[(usize, u64)]| {
         let mut loan = client.loan(2).unwrap();
-        boxes_in_mut(loan.payload_mut(), BoxCount::new(10)).unwrap().fill(same);
+        items_in_mut(loan.payload_mut(), BoxCount::new(10)).unwrap().fill(same);
         *loan.user_header_mut() = asked;
         for (index, value) in words {
             write(word(loan.header(), *index), *value);

@@ -17,6 +17,7 @@ use super::truth::{self, Pair, outward};
 use crate::study::spheres::oracle;
 
 /// A way to answer the frames of a scene, and its right answers.
+#[allow(clippy::large_enum_variant)] // One of a measurement.
 pub enum Client {
     Boxes(TimedClient),
     World(WorldClient),
@@ -66,7 +67,7 @@ impl Client {
         };
         let (pending, start, filled) = match self {
             Self::Boxes(client) => {
-                let frame = client.frame(boxes, look)?;
+                let frame = client.frame(boxes, &Decoding::default(), look)?;
                 return Ok(Answer { frame, pairs });
             }
             // The world's boxes exist before the clock starts; their conversion to f32 is timed.
@@ -97,7 +98,7 @@ impl Client {
         };
         let mask = pending.wait()?;
         let times = [start, filled, Instant::now()];
-        let frame = TimedFrame::of(&mask, &Decoding::Serial, true, times)?;
+        let frame = TimedFrame::of(&mask, &Decoding::default(), true, times)?;
         look(&mask);
         Ok(Answer { frame, pairs })
     }
