@@ -59,7 +59,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             return ready(frame);
         }
         "pending" => {
-            held.extend([(); 2].map(|()| session.ask(&[Aabb::EMPTY; 50_000])));
+            held.extend([(); 2].map(|()| session.ask(&vec![Aabb::EMPTY; 50_000])));
         }
         "load" => {
             println!("ready");
@@ -75,10 +75,13 @@ fn main() -> Result<(), Box<dyn Error>> {
             let _refused = pending.wait();
             println!("answered");
         }
-        "right" => return right(&mut session),
+        "right" => {
+            right(&mut session);
+            return Ok(());
+        }
         "shared" => return shared(&mut session),
         "truncate" => {
-            held.push(session.ask(&[Aabb::EMPTY; 50_000]));
+            held.push(session.ask(&vec![Aabb::EMPTY; 50_000]));
             truncate_own_segments()?;
         }
         _ => return Err(format!("unknown mode '{mode}'").into()),
@@ -157,7 +160,7 @@ fn fill_spheres(session: &mut Session, n: usize) -> Result<(), pairmask::Error> 
 }
 
 /// Answers that are held to the oracle, until the input ends.
-fn right(session: &mut Session) -> Result<(), Box<dyn Error>> {
+fn right(session: &mut Session) {
     let scenes = [64, 500, 1500].map(|n| stress_scenes::named("uniform").boxes(n, u64::from(n)));
     let scenes = scenes.map(|boxes| (oracle::truth(&boxes).pairs, boxes));
     println!("ready");
@@ -174,7 +177,6 @@ fn right(session: &mut Session) -> Result<(), Box<dyn Error>> {
         }
     }
     println!("{answers} answers");
-    Ok(())
 }
 
 /// Prints `ready`, and holds its memory until killed.

@@ -94,7 +94,7 @@ fn a_list_of_full_words_has_the_bytes_of_the_cpu() {
     for n in [33, 256, 257, 1233, 3001, 5_001] {
         let boxes = vec![Aabb { min: [0.0; 3], max: [1.0; 3] }; n];
         let (report, reply) = cull(&mut gpu, &boxes, Encoding::List);
-        let (truth, expected) = cull(&mut cpu, &boxes, Encoding::List);
+        let (truth, expected) = cull(cpu.as_mut(), &boxes, Encoding::List);
         assert_eq!(report.shape, truth.shape, "{n} boxes");
         let words =
             |reply: &HeapReply| reply.words()[..report.shape.extent_words() as usize].to_vec();
@@ -114,7 +114,7 @@ fn large_masks_of_every_stress_scene_are_those_of_the_cpu_bit_by_bit() {
             let sparse = cull(&mut gpu, &boxes, Encoding::Sparse).0;
             for encoding in encodings_of(&gpu, sparse.pair_count) {
                 let (report, reply) = cull(&mut gpu, &boxes, encoding);
-                let (truth, expected) = cull(&mut cpu, &boxes, encoding);
+                let (truth, expected) = cull(cpu.as_mut(), &boxes, encoding);
                 assert_eq!(report.census, truth.census, "{scene:?}, {n} boxes, {encoding}");
                 assert_eq!(report.pair_count, truth.pair_count, "{scene:?}, {n} boxes");
                 let ours = naive_decoder::sections(reply.words(), &report.shape);

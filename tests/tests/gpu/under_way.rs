@@ -63,6 +63,7 @@ impl Rig {
         let begun = if is_bundle {
             self.grid.begin_bundle(all)
         } else {
+            #[allow(clippy::result_large_err)] // The error holds the frame.
             all.into_iter().map(|(memory, encoding)| self.grid.begin(memory, encoding)).collect()
         };
         let begun = begun.into_iter().map(|frame| frame.map_err(|(error, _)| error).unwrap());
