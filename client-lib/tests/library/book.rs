@@ -124,7 +124,10 @@ fn texts_of(source: &str) -> impl Iterator<Item = String> {
         let statement = after.split(";\n").next()?;
         literal(&after[statement.find('"')?..])
     });
-    errors.chain(lines)
+    // Errors of the command line are texts where they are made: any literal may be one.
+    let texts = ["Err(", "format!("].into_iter().flat_map(|mark| source.split(mark).skip(1));
+    let texts = texts.filter_map(|after| literal(after.trim_start()));
+    errors.chain(lines).chain(texts)
 }
 
 /// Visits the files below a folder that end so, without those of builds and of hidden folders.

@@ -229,7 +229,8 @@ impl Reply {
         }
         let unknown = ReplyError::UnknownEncoding { found: header.encoding };
         let encoding = Encoding::from_wire(header.encoding).ok_or(unknown)?;
-        let shape = mask_shape(encoding, &header.sections, asked.box_count, payload_bytes)?;
+        let shape = mask_shape(encoding, &header.sections, asked.box_count, payload_bytes)
+            .map_err(|field| ReplyError::Malformed { field })?;
         let [boxes, pairs, zero_words, unmoved, empty, axis] = header.skipped;
         let why = PairSkips::of_frame(unmoved, empty, axis).with_cells_of(pairs);
         let [ingest_ns, plan_ns, execute_ns, publish_ns, total_ns, ..] = header.stages_ns;

@@ -21,11 +21,11 @@ fn ends_by_itself_with_every_sample_right() {
     place.assert_clean(&[]);
 }
 
-/// A demo without an end, whose client runs.
+/// A demo without an end, whose daemon serves.
 fn running(place: &Place) -> Child {
     let child = place.line("demo --seconds 1000 --boxes 50").spawn().unwrap();
-    let is_client = |process: &String| process.contains("demo-client");
-    eventually("the client runs", || place.processes().iter().any(is_client).then_some(()));
+    let is_worker = |process: &String| process.contains("--worker");
+    eventually("the daemon serves", || place.processes().iter().any(is_worker).then_some(()));
     child
 }
 

@@ -7,6 +7,7 @@
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
+use std::ops::RangeInclusive;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Duration;
 
@@ -73,17 +74,17 @@ const RUNS: usize = 32;
 /// Allocations of runs of `work`, up to the first that are as expected. An allocation in every frame shows in
 /// all runs; growth of the pool's queues, which happens when work is stolen, in some, and in some more frames
 /// fall to another lane than the daemon's first, and are not counted.
-fn until_steady(expected: u64, mut work: impl FnMut()) -> Vec<u64> {
+fn until_steady(expected: &RangeInclusive<u64>, mut work: impl FnMut()) -> Vec<u64> {
     let mut runs = vec![counted(&mut work)];
-    while runs.len() < RUNS && !runs.last().is_some_and(|run| holds(expected, *run)) {
+    while runs.len() < RUNS && !runs.last().is_some_and(|run| expected.contains(run)) {
         runs.push(counted(&mut work));
     }
     runs
 }
 
-/// Whether so many allocations are as expected, all or nearly all by the lane that is counted.
-fn holds(expected: u64, allocations: u64) -> bool {
-    (expected - expected / 10..=expected).contains(&allocations)
+/// So many allocations, all or nearly all by the lane that is counted, and up to some that a busy machine adds.
+const fn nearly(expected: u64, more_when_busy: u64) -> RangeInclusive<u64> {
+    expected - expected / 10..=expected + more_when_busy
 }
 
 /// Asks for frame after frame by the number of each, and counts their pairs.
@@ -96,12 +97,16 @@ fn frames(count: usize, mut submit: impl FnMut(usize) -> PendingFrame) -> u64 {
 }
 
 /// Whether frames are steady: they find pairs, and allocate what is expected.
-fn check(what: &str, expected: u64, mut submit: impl FnMut(usize) -> PendingFrame) {
+fn check(
+    what: &str,
+    expected: &RangeInclusive<u64>,
+    mut submit: impl FnMut(usize) -> PendingFrame,
+) {
     frames(20, &mut submit);
     let mut pairs = 0;
     let runs = until_steady(expected, || pairs = frames(FRAMES, &mut submit));
     assert!(pairs > 0);
-    assert!(runs.last().is_some_and(|run| holds(expected, *run)), "{runs:?}: {what}");
+    assert!(runs.last().is_some_and(|run| expected.contains(run)), "{runs:?}: {what}");
 }
 
 /// What `count` bare requests and responses over the transport allocate on both sides.
@@ -166,20 +171,24 @@ fn steady_frames_allocate_nothing() {
             let expected = if backend == Backend::Daemon { bare } else { 0 };
             let what = format!("{backend}, {encoding}");
             let mut session = builder.clone().connect().unwrap();
-            check(&what, expected, |i| session.ask(&scenes[i % scenes.len()]));
-            check(&format!("{what}, narrow"), expected, |i| {
+            let alone = nearly(expected, 0);
+            check(&what, &alone, |i| session.ask(&scenes[i % scenes.len()]));
+            check(&format!("{what}, narrow"), &alone, |i| {
                 session.ask_narrow(&scenes[i % scenes.len()], precisions[i % 3])
             });
             drop(session);
             for engine in [EngineName::CpuBrute, EngineName::CpuGrid] {
                 let mut session =
                     builder.clone().engine(EngineChoice::Only(engine)).connect().unwrap();
-                // All pairs of so many spheres are worth two threads: the second one is called by a job of rayon's.
+                // All pairs of so many spheres are worth two threads: the second one is called by a job of rayon's. Where
+                // it comes late, the next frame makes another team, or calls it anew.
                 let is_shared = threads > 1 && engine == EngineName::CpuBrute;
-                let expected = expected + if is_shared { FRAMES as u64 } else { 0 };
-                check(&format!("{what}, {engine}, spheres"), expected, |i| {
-                    session.ask_spheres(&spheres[i % spheres.len()])
-                });
+                let calls = if is_shared { FRAMES as u64 } else { 0 };
+                check(
+                    &format!("{what}, {engine}, spheres"),
+                    &nearly(expected + calls, calls),
+                    |i| session.ask_spheres(&spheres[i % spheres.len()]),
+                );
             }
         }
     }
