@@ -56,7 +56,7 @@ pub struct Stress {
     /// How long
     #[arg(long, value_parser = whole_number::<u64>, value_name = "N", default_value_t = 10)]
     seconds: u64,
-    /// Engines, spheres, the update stage, scenes that persist (of --clients); several with commas
+    /// Engines, spheres, scenes that persist (of --clients); several with commas
     #[arg(long, value_name = "NAMES", value_delimiter = ',', default_value = "all",
         value_parser = PossibleValuesParser::new(Wanted::engine_names()))]
     engine: Vec<String>,

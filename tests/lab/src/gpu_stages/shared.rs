@@ -19,32 +19,28 @@ pub(crate) struct Segment {
     // Open as long as the mapping, since an import finds the pages through the file.
     _file: File,
     mapping: ReadWriteMapping,
-    /// Imports of the mapping, one a device; they end before the mapping does.
-    imported: Vec<(SharedImports, ImportId)>,
+    /// The mapping's import, which ends before it does.
+    imported: Option<(SharedImports, ImportId)>,
 }
 
 impl Segment {
-    pub(crate) fn new(bytes: usize) -> io::Result<Self> {
+    fn new(bytes: usize) -> io::Result<Self> {
         let flags = rustix::fs::MemfdFlags::CLOEXEC;
         let file = File::from(rustix::fs::memfd_create("pairmask-bench", flags)?);
         file.set_len(bytes.max(1).next_multiple_of(4096) as u64)?;
         let mapping = ReadWriteMapping::of_file(&file, 0, bytes)?;
-        let mut segment = Self { _file: file, mapping, imported: Vec::new() };
+        let mut segment = Self { _file: file, mapping, imported: None };
         // The first touch must not be in any measurement.
         segment.words_mut().fill(0);
         Ok(segment)
     }
 
-    pub(crate) fn import(
-        &mut self,
-        gpu: &Arc<Gpu>,
-        imports: &SharedImports,
-    ) -> Result<(), ImportError> {
+    fn import(&mut self, gpu: &Arc<Gpu>, imports: &SharedImports) -> Result<(), ImportError> {
         let (address, bytes) = (self.mapping.pointer().as_ptr() as usize, self.mapping.bytes());
         // SAFETY: the mapping stays where it is until the segment is dropped, which forgets the
         // import first.
         let id = unsafe { imports.lock().import_replies(gpu, address, bytes) }?;
-        self.imported.push((imports.clone(), id));
+        self.imported = Some((imports.clone(), id));
         Ok(())
     }
 
@@ -73,7 +69,7 @@ impl Segment {
 
 impl Drop for Segment {
     fn drop(&mut self) {
-        for (imports, id) in self.imported.drain(..) {
+        if let Some((imports, id)) = self.imported.take() {
             imports.lock().forget(id);
         }
     }

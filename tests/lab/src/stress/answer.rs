@@ -21,7 +21,6 @@ pub enum Form {
     Mode(Usage),
     /// Edits of a scene that persists, towards the boxes: by the clients of a daemon.
     Scene,
-    Updates,
 }
 
 impl Form {
@@ -40,7 +39,6 @@ impl fmt::Display for Form {
             Self::Spheres => f.write_str("spheres"),
             Self::Mode(usage) => usage.fmt(f),
             Self::Scene => f.write_str("scenes"),
-            Self::Updates => f.write_str("updates"),
         }
     }
 }
@@ -102,7 +100,8 @@ pub fn compare(got: &[Pair], must: &[Pair], may: &[Pair]) -> Result<(), Finding>
     Err(Finding { what, missed, extra, pair: Some(first) })
 }
 
-pub(super) fn absent(these: &[Pair], those: &[Pair]) -> impl Iterator<Item = Pair> {
+/// Those of a list that a sorted one lacks.
+pub(crate) fn absent(these: &[Pair], those: &[Pair]) -> impl Iterator<Item = Pair> {
     these.iter().filter(|pair| those.binary_search(pair).is_err()).copied()
 }
 

@@ -2,7 +2,7 @@
 //!
 //! A run's seed gives each `Case` a seed of its own, which determines the boxes and the floating-point flags
 //! ([`MixedFlags`]) of all threads that take part: no answer may depend on them. Each `Subject` answers every case in
-//! its `Form` (boxes, spheres, a precision mode, placements), and `Case::check` holds the answer to the oracle. What
+//! its `Form` (boxes, spheres, a precision mode), and `Case::check` holds the answer to the oracle. What
 //! an engine leaves to another one because a scene is crowded (`Reply::Declined`) is counted and printed: a run
 //! without answers proves nothing. The same cases go through a daemon (`clients`).
 //!
@@ -21,9 +21,8 @@ pub mod scenes;
 mod spheres;
 #[cfg(test)]
 mod tests;
-mod updates;
 
-pub(crate) use answer::{Answer, Finding, Form, Reply, compare};
+pub(crate) use answer::{Answer, Finding, Form, Reply, absent, compare};
 pub(crate) use case::Case;
 pub use flags::{FloatFlags, MixedFlags, Rounding};
 pub(crate) use report::{Failure, StressReport};

@@ -157,7 +157,7 @@ impl ModeCase {
     }
 }
 
-pub(super) fn first_unlike(these: &[Aabb], those: &[Aabb]) -> Option<usize> {
+fn first_unlike(these: &[Aabb], those: &[Aabb]) -> Option<usize> {
     let bits = |b: &Aabb| <[f32; 6]>::from(*b).map(f32::to_bits);
     these.iter().zip(those).position(|(a, b)| bits(a) != bits(b))
 }
@@ -258,7 +258,7 @@ fn too_far(case: &ModeCase, got: &[Pair], share: f64) -> Vec<(Pair, usize, f64, 
 }
 
 /// Whether x − y ≤ `limit` in the arithmetic of real numbers. False where one of them is a NaN.
-pub(super) fn difference_is_at_most(x: f64, y: f64, limit: f64) -> bool {
+fn difference_is_at_most(x: f64, y: f64, limit: f64) -> bool {
     if limit == f64::INFINITY {
         return true;
     }

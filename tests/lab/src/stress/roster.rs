@@ -20,7 +20,6 @@ use super::Subject;
 use super::answer::{Answer, Finding, Form, Reply};
 use super::case::Case;
 use super::modes::{Sending, Usage};
-use super::updates::updates;
 use crate::Result;
 use crate::sabotage::{Sabotage, Spoiler, lose_a_pair, shrink};
 use crate::study::harness::open_if_any;
@@ -39,7 +38,7 @@ impl Wanted {
 
     pub fn engine_names() -> Vec<&'static str> {
         let engines = EngineName::ALL.iter().map(|name| name.as_str());
-        ["all"].into_iter().chain(engines).chain(["spheres", "updates", "scenes"]).collect()
+        ["all"].into_iter().chain(engines).chain(["spheres", "scenes"]).collect()
     }
 
     /// Whether an engine, or another kind of subjects, takes part in a form.
@@ -76,7 +75,6 @@ impl Roster {
         for threads in distinct(vec![1, self.wanted.threads.max(1)]) {
             pools.push(Arc::new(ThreadPoolBuilder::new().num_threads(threads).build()?));
         }
-        let is_broken = self.sabotage == Some(Sabotage::Lossy);
         let mut subjects: Vec<Subject> = Vec::new();
         for name in EngineName::CPU {
             for isa in Isa::ALL.into_iter().filter(|isa| isa.is_available()) {
@@ -87,19 +85,12 @@ impl Roster {
             }
         }
         self.add_gpu(&mut subjects, &pools[..1])?;
-        for pool in &pools {
-            let (pool, threads) = (Arc::clone(pool), threads_of(pool));
-            if self.wanted.has("spheres", Form::Spheres) {
-                self.add_spheres(&mut subjects, &pool)?;
-            }
-            if self.wanted.has("updates", Form::Updates) {
-                let name = format!("updates, {threads}");
-                subjects.push(updates(name, pool, is_broken));
-            }
+        if self.wanted.has("spheres", Form::Spheres) {
+            pools.iter().try_for_each(|pool| self.add_spheres(&mut subjects, pool))?;
         }
         if subjects.is_empty() {
-            let nobody = "nothing to run: spheres and updates take part with --mode exact only, \
-                          scenes with --clients only";
+            let nobody = "nothing to run: spheres take part with --mode exact only, scenes with \
+                          --clients only";
             return Err(nobody.into());
         }
         Ok(subjects)
@@ -127,10 +118,10 @@ impl Roster {
                     if self.sabotage == Some(Sabotage::Lossy) {
                         engine = Box::new(Spoiler { engine, spoil: lose_a_pair });
                     }
-                    let label = format!("{name} {variant}");
+                    let (pool, reply) = (Arc::clone(pool), HeapReply::new());
                     let is_broken = self.sabotage == Some(Sabotage::Inward);
-                    let culls = Culls::Boxes(engine);
-                    subjects.push(culls.subject(&label, form, encoding, pool, is_broken));
+                    let culler = Culler { engine, form, encoding, pool, reply, is_broken };
+                    subjects.push(culler.subject(&format!("{name} {variant}")));
                 }
             }
         }
@@ -142,32 +133,44 @@ impl Roster {
         subjects: &mut Vec<Subject>,
         pool: &Arc<ThreadPool>,
     ) -> Result<(), CullError> {
-        let mut ways: Vec<(String, Box<CullsSpheres>)> = Vec::new();
+        let is_broken = self.sabotage == Some(Sabotage::Lossy);
         for encoding in Encoding::ALL {
+            let mut add = |label: &str, mut cull: Box<CullsSpheres>| {
+                let (name, pool) =
+                    (name_of(label, Form::Spheres, encoding, pool), Arc::clone(pool));
+                let (threads, mut reply) = (pool.current_num_threads(), HeapReply::new());
+                let answer = move |case: &Case| {
+                    let spheres = &case.spheres().spheres;
+                    let cull = || cull(spheres, encoding, threads, &mut reply);
+                    let mut report = case.flags.install(&pool, cull);
+                    let mut words = reply.words().to_vec();
+                    if is_broken && let Ok(report) = &mut report {
+                        lose_a_pair(&mut words, report);
+                    }
+                    answer(report, &words, spheres.len())
+                };
+                let (engine, answer) = ("spheres", Box::new(answer));
+                subjects.push(Subject { name, engine, form: Form::Spheres, answer });
+            };
             for isa in Isa::ALL.into_iter().filter(|isa| isa.is_available()) {
                 let mut all_pairs = SphereAllPairs::with_isa(isa)?;
-                let way: Box<CullsSpheres> = Box::new(move |spheres, encoding, threads, reply| {
+                let way = move |spheres: &[Sphere], encoding, threads, reply: &mut HeapReply| {
                     let input = CullInput::spheres(spheres).encoding(encoding).threads(threads);
                     all_pairs.cull(&input, reply)
-                });
-                ways.push((format!("spheres all pairs {isa}"), way));
+                };
+                add(&format!("spheres all pairs {isa}"), Box::new(way));
             }
             // `cpu-brute` is all pairs, as above.
             let others = EngineName::CPU.into_iter().filter(|name| *name != EngineName::CpuBrute);
             for engine in others.map(EngineChoice::Only).chain([EngineChoice::Auto]) {
                 let mut engines = SphereEngines::new();
-                let way: Box<CullsSpheres> = Box::new(move |spheres, encoding, threads, reply| {
+                let way = move |spheres: &[Sphere], encoding, threads, reply: &mut HeapReply| {
                     let (encoding, threads) = (EncodingChoice::Only(encoding), Some(threads));
                     let options =
                         CullOptions { engine, encoding, threads, ..CullOptions::default() };
                     engines.cull(spheres, &options, reply).map(|answer| answer.report)
-                });
-                ways.push((format!("spheres through {engine}"), way));
-            }
-            for (label, way) in ways.drain(..) {
-                let (way, is_broken) =
-                    (Culls::Spheres(way), self.sabotage == Some(Sabotage::Lossy));
-                subjects.push(way.subject(&label, Form::Spheres, encoding, pool, is_broken));
+                };
+                add(&format!("spheres through {engine}"), Box::new(way));
             }
         }
         Ok(())
@@ -215,86 +218,62 @@ impl Roster {
     }
 }
 
-fn threads_of(pool: &ThreadPool) -> String {
-    match pool.current_num_threads() {
-        1 => "1 thread".to_owned(),
-        threads => format!("{threads} threads"),
-    }
-}
-
-pub enum Culls {
-    Boxes(Box<dyn Engine>),
-    /// Spheres, in an encoding, by so many threads.
-    Spheres(Box<CullsSpheres>),
-}
-
+/// Spheres, in an encoding, by so many threads.
 type CullsSpheres =
     dyn FnMut(&[Sphere], Encoding, usize, &mut HeapReply) -> Result<CullReport, CullError> + Send;
 
-impl Culls {
-    /// Asked in a form, answers in an encoding; `label` tells it from others. With `is_broken` spheres lose a pair,
-    /// and modes round inward, to test that the checks notice.
-    pub fn subject(
-        self,
-        label: &str,
-        form: Form,
-        encoding: Encoding,
-        pool: &Arc<ThreadPool>,
-        is_broken: bool,
-    ) -> Subject {
-        let name = format!("{label}, {form}, {encoding}, {}", threads_of(pool));
-        let engine = match &self {
-            Self::Boxes(engine) => engine.name().as_str(),
-            Self::Spheres(_) => "spheres",
-        };
-        let (pool, reply) = (Arc::clone(pool), HeapReply::new());
-        let mut culler = Culler { culls: self, form, encoding, pool, reply, is_broken };
-        Subject { name, engine, form, answer: Box::new(move |case| culler.answer(case)) }
-    }
+fn name_of(label: &str, form: Form, encoding: Encoding, pool: &ThreadPool) -> String {
+    let threads = match pool.current_num_threads() {
+        1 => "1 thread".to_owned(),
+        threads => format!("{threads} threads"),
+    };
+    format!("{label}, {form}, {encoding}, {threads}")
 }
 
-struct Culler {
-    culls: Culls,
-    form: Form,
-    encoding: Encoding,
-    pool: Arc<ThreadPool>,
-    reply: HeapReply,
-    is_broken: bool,
+/// What an engine said of so many objects, with the pairs in its mask.
+fn answer(
+    report: Result<CullReport, CullError>,
+    words: &[u32],
+    n: usize,
+) -> Result<Reply, Finding> {
+    let report = match report {
+        Err(CullError::TooCrowded { .. }) => return Ok(Reply::Declined),
+        report => report.map_err(|error| Finding::other(&error))?,
+    };
+    let pairs = decode(words, &report.shape, n as u32).map_err(|error| Finding::other(&error))?;
+    Ok(Reply::Pairs(Answer { pairs, count: report.pair_count, census: report.census }))
+}
+
+/// An engine of boxes that is asked in a form, and answers in an encoding.
+pub struct Culler {
+    pub engine: Box<dyn Engine>,
+    pub form: Form,
+    pub encoding: Encoding,
+    pub pool: Arc<ThreadPool>,
+    pub reply: HeapReply,
+    /// Whether modes round inward, to test that the checks notice.
+    pub is_broken: bool,
 }
 
 impl Culler {
+    /// `label` tells it from others.
+    pub fn subject(mut self, label: &str) -> Subject {
+        let (form, engine) = (self.form, self.engine.name().as_str());
+        let name = name_of(label, form, self.encoding, &self.pool);
+        Subject { name, engine, form, answer: Box::new(move |case| self.answer(case)) }
+    }
+
     fn cull(&mut self, case: &Case, boxes: &[Aabb]) -> Result<Reply, Finding> {
-        let Self { culls, encoding, pool, reply, .. } = self;
-        let (encoding, threads) = (*encoding, pool.current_num_threads());
-        let (n, spheres) = match culls {
-            Culls::Boxes(_) => (boxes.len(), &[][..]),
-            Culls::Spheres(_) => (case.spheres().spheres.len(), &case.spheres().spheres[..]),
-        };
-        let report = case.flags.install(pool, || match culls {
-            Culls::Boxes(engine) => {
-                let input = CullInput::boxes(boxes).encoding(encoding).threads(threads);
-                engine.cull(&input, reply)
-            }
-            Culls::Spheres(cull) => cull(spheres, encoding, threads, reply),
-        });
-        let mut report: CullReport = match report {
-            Err(CullError::TooCrowded { .. }) => return Ok(Reply::Declined),
-            report => report.map_err(|error| Finding::other(&error))?,
-        };
-        let mut words = reply.words().to_vec();
-        if self.is_broken && self.form == Form::Spheres {
-            lose_a_pair(&mut words, &mut report);
-        }
-        let pairs = decode(&words, &report.shape, n as u32);
-        let pairs = pairs.map_err(|error| Finding::other(&error))?;
-        Ok(Reply::Pairs(Answer { pairs, count: report.pair_count, census: report.census }))
+        let Self { engine, encoding, pool, reply, .. } = self;
+        let threads = pool.current_num_threads();
+        let input = CullInput::boxes(boxes).encoding(*encoding).threads(threads);
+        let report = case.flags.install(pool, || engine.cull(&input, reply));
+        answer(report, reply.words(), boxes.len())
     }
 
     /// Culls exact boxes twice, and checks all that an engine promises of its mask.
     fn check_boxes(&mut self, case: &Case) -> Result<Reply, Finding> {
-        let Self { culls: Culls::Boxes(engine), encoding, pool, reply, .. } = self else {
-            return self.cull(case, &case.boxes);
-        };
+        let Self { engine, encoding, pool, reply, .. } = self;
         let threads = pool.current_num_threads();
         let input = CullInput::boxes(&case.boxes).encoding(*encoding).threads(threads);
         let check = || check_frame(engine.as_mut(), &input, &case.truth, reply);

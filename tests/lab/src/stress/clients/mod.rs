@@ -112,8 +112,8 @@ impl ClientsRun {
         let look = Look::before(&self.daemon.session())?;
         let offer = Offer::new(&self.wanted, look.has_gpu);
         if offer.is_empty() {
-            return Err("nothing to ask the daemon for: spheres go with --mode exact only, updates not through a \
-                        daemon, and engines of the GPU need a daemon that has one"
+            return Err("nothing to ask the daemon for: spheres and scenes go with --mode exact only, and engines \
+                        of the GPU need a daemon that has one"
                 .into());
         }
         let (heard, ears) = channel();

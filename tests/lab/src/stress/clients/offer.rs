@@ -22,7 +22,7 @@ pub(super) struct Offer {
 }
 
 impl Offer {
-    /// What `--engine`, `--mode` and `--threads` leave, but the update stage, which asks no daemon.
+    /// What `--engine`, `--mode` and `--threads` leave.
     pub(super) fn new(wanted: &Wanted, with_gpu: bool) -> Self {
         let named = EngineName::ALL.into_iter().filter(|name| with_gpu || !name.is_gpu());
         let choices = [EngineChoice::Auto].into_iter().chain(named.map(EngineChoice::Only));
@@ -134,8 +134,7 @@ mod tests {
     #[test]
     fn sessions_ask_for_everything_that_is_offered_and_for_nothing_else() {
         for (engine, mode, with_gpu, names) in [
-            ("updates", "all", true, &[][..]),
-            ("spheres", "q8", true, &[]),
+            ("spheres", "q8", true, &[][..]),
             ("scenes", "q8", true, &[]),
             ("gpu-grid", "all", false, &[]),
             ("cpu-grid", "q8", false, &["q8 by cpu-grid", "q8 in small bounds by cpu-grid"]),

@@ -6,14 +6,14 @@ use glam::{DVec3, Vec3};
 use pairmask::{Backend, Error, PairMask, Session};
 use pairmask_core::dispatch::CullOptions;
 use pairmask_core::engine::EngineId;
-use pairmask_core::oracle::Faces;
+use pairmask_core::oracle::{Faces, Pair};
 use pairmask_core::sphere::Sphere;
 use pairmask_core::{Aabb, Bounds, BoxClass};
 use pairmaskd::timed_client::{Decoding, TimedClient, TimedError, TimedFrame};
 use rayon::prelude::*;
 
 use super::mode::StudyMode;
-use super::truth::{self, Pair, outward};
+use super::truth::{self, outward};
 use crate::study::spheres::oracle;
 
 /// A way to answer the frames of a scene, and its right answers.
@@ -155,8 +155,8 @@ fn world_pairs(boxes: &[Faces], origin: DVec3, engine: EngineId) -> Result<Vec<P
     })
 }
 
-/// The pairs of objects that overlap by an exact test: each compared with each; in a large scene, candidates are the
-/// pairs of f32 boxes that are wider by a step on each side.
+/// The pairs of objects that overlap by an exact test; candidates are the pairs of f32 boxes that are wider by a step
+/// on each side.
 fn exact_pairs<T: Sync>(
     objects: &[T],
     wide: impl Fn(&T) -> Aabb,
@@ -164,11 +164,6 @@ fn exact_pairs<T: Sync>(
     overlap: impl Fn(&T, &T) -> bool + Sync,
 ) -> Result<Vec<Pair>, TimedError> {
     let overlap = |[a, b]: &Pair| overlap(&objects[*a as usize], &objects[*b as usize]);
-    let n = objects.len() as u32;
-    if objects.len() <= truth::NAIVE_LIMIT {
-        let all = (0..n).flat_map(|a| (a + 1..n).map(move |b| [a, b]));
-        return Ok(all.filter(overlap).collect());
-    }
     let candidates = truth::pairs(&objects.iter().map(wide).collect::<Vec<_>>(), engine)?;
     Ok(candidates.into_par_iter().filter(overlap).collect())
 }

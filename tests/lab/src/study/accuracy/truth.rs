@@ -2,12 +2,12 @@
 
 use pairmask::{Backend, Session};
 use pairmask_core::engine::EngineId;
-use pairmask_core::oracle::truth;
+use pairmask_core::oracle::{Pair, truth};
 use pairmask_core::{Aabb, EngineChoice, EngineName};
 use pairmaskd::timed_client::TimedError;
 use serde::Serialize;
 
-pub type Pair = [u32; 2];
+use crate::stress::absent;
 
 /// Most boxes that are compared each with each: 8 million comparisons take some 10 ms.
 pub const NAIVE_LIMIT: usize = 4096;
@@ -57,14 +57,9 @@ impl Difference {
     }
 
     pub fn between(reported: &[Pair], truth: &[Pair]) -> Self {
-        let mut rest = reported.iter().peekable();
-        let mut found = 0;
-        for pair in truth {
-            while rest.next_if(|r| *r < pair).is_some() {}
-            found += u64::from(rest.next_if_eq(&pair).is_some());
-        }
+        let missed = absent(truth, reported).count() as u64;
         let true_pairs = truth.len() as u64;
-        Self::of(true_pairs, true_pairs - found, reported.len() as u64 - found)
+        Self::of(true_pairs, missed, reported.len() as u64 + missed - true_pairs)
     }
 
     pub fn add(&mut self, other: &Self) {

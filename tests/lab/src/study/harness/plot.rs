@@ -226,20 +226,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn numbers_read_as_people_write_them_and_zero_stands_apart() {
+    fn zero_stands_apart_from_the_least_number() {
         assert_eq!(ends([0.0, 5.0, 10.0, f64::NAN].into_iter()), [1.0, 12.0]);
         assert!(ends([].into_iter())[0] > 0.0 && ends([1.0].into_iter())[0] < 1.0);
-        for (field, value, text) in [
-            ("total_ns.p50", 0.0, "0 ns"),
-            ("total_ns.p50", 12.34, "12.34 ns"),
-            ("total_ns.p50", 28_540_000.0, "28.54 ms"),
-            ("n", 4_096.0, "4.096K"),
-            ("bytes_up", 24_000_000.0, "24 MB"),
-            ("extra_ratio", 1e-4, "0.0001"),
-            ("extra_ratio", 120.0, "120"),
-        ] {
-            assert_eq!(value_text(field, value), text);
-        }
     }
 
     #[test]
