@@ -34,12 +34,6 @@ Examples:
   pairmask-lab stress --clients 8              the same scenes by eight clients of a daemon
   pairmask-lab accuracy --out report           precision modes: time beside extra pairs
   pairmask-lab load --rate closed,60,240       clients at a pace, several at a time
-  pairmask-lab plan --n 1000,100000            the planned engine beside the best one
-  pairmask-lab threads --threads 1,2,4         speed-up by threads
-  pairmask-lab mapping --quick                 ways from a pair's number to the pair
-  pairmask-lab grid --gpu software --quick     the GPU's grid, stage by stage
-  pairmask-lab gpu-scene --moving 1 --stages   scenes that persist in video memory
-  pairmask-lab spheres --errors                what plain f32 gets wrong
   pairmask-lab papers --only-records           the papers' tables and figures, theirs beside ours
 
 Exit status: 0 done; 1 it failed or a check failed; 2 the command line or configuration is wrong.";

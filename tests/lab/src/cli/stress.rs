@@ -14,27 +14,22 @@ use pairmaskd::spawn::{PrivateDaemon, PrivateSettings};
 use crate::Result;
 use crate::processes::Daemon;
 use crate::sabotage::Sabotage;
-use crate::stress::clients::{ClientsRun, limits};
-use crate::stress::{Cases, Roster, StressReport, Wanted, run};
+use crate::stress::clients::{ClientSettings, ClientsRun, limits};
+use crate::stress::{Roster, StressReport, Wanted, run};
 
 /// Put every engine through hard scenes and compare with a naive oracle
 #[derive(Debug, Args)]
 #[command(after_help = "\
-Scenes are drawn to go wrong: subnormals, −0, faces one ulp apart, touching, the ends of f32,
-infinities, NaN in each slot, empty and flat boxes, unit boxes far from the origin, sixty decades of
-sizes, sorted and reversed, cell and quantisation borders, spheres that touch, and mixtures of
-those. Every engine, instruction set and encoding answers each, and every engine in every precision
-mode: what overlaps must be found, what the mode's definition adds may be, no farther apart than the
-mode states. The threads that call, those that cull and those that write boxes have any rounding modes
-and denormal flags. A wrong answer prints its case, the first wrong pair and why that pair is in the
-mask or not. What an engine leaves to another one, because too many boxes stand in one place, is
-counted as skipped.
+Scenes are drawn to go wrong: the ends of f32, faces that touch or lie an ulp apart, NaN, empty and flat
+boxes, borders of cells and of quantisation, spheres that touch, and mixtures of those. Every engine,
+instruction set and encoding answers each, and every engine in every precision mode: what overlaps must
+be found, what the mode's definition adds may be, no farther apart than the mode states. All threads have
+any rounding modes and denormal flags. What an engine leaves to another one, because too many boxes stand
+in one place, is counted as skipped.
 
 With --clients the scenes go as frames of so many client processes, at the same time, through a daemon
 that is started for the run and audits every frame, or through a running one (--instance; it needs
---max-clients of 3 a client and 32 more). Each client asks for sizes, forms, encodings and engines at
-random, has several frames under way, drops some, pauses, edits a scene that persists between them, and
-compares every answer with the oracle.
+--max-clients of 3 a client and 32 more).
 The run fails too where a frame is lost, the daemon's audit finds a wrong pair, or the daemon does
 not serve on.
 
@@ -106,10 +101,9 @@ impl Stress {
             sabotage: self.break_engine,
         };
         let time = self.case.is_none().then(|| Duration::from_secs(self.seconds));
-        let cases = Cases { seed: self.seed(), time };
         let mut subjects = roster.subjects()?;
         let bar = progress_bar(self.seconds, "hard scenes");
-        let report = run(&cases, &mut subjects, |count, time| {
+        let report = run(self.seed(), time, &mut subjects, |count, time| {
             bar.set_position(time.as_secs());
             bar.set_message(format!("{count} cases"));
         });
@@ -145,11 +139,14 @@ impl Stress {
         let run = ClientsRun {
             clients,
             daemon: Daemon::new(&dir, &instance, place.isa()),
-            with_kills: self.kills,
-            seed: self.seed(),
-            case: self.case,
+            settings: ClientSettings {
+                seed: self.seed(),
+                case: self.case,
+                wanted: self.wanted(),
+                with_gpu: false,
+                is_abrupt: self.kills,
+            },
             time: Duration::from_secs(self.seconds),
-            wanted: self.wanted(),
             replay,
         };
         let bar = progress_bar(self.seconds, "hard scenes");

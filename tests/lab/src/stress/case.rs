@@ -14,7 +14,7 @@ use super::spheres::SphereCase;
 use super::{changes, hard, scenes};
 
 /// Largest case seed: 48 bits, so that it is exact as a number of JSON everywhere.
-pub const CASE_SEED_BITS: u32 = 48;
+const CASE_SEED_BITS: u32 = 48;
 
 /// Most pairs of a scene. A scene with more is halved until it has fewer: reading millions of bits
 /// naively takes seconds and finds no more than reading thousands.

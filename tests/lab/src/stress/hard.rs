@@ -130,21 +130,6 @@ pub const ALL: &[(&str, Make)] = &[
             })
         })
     }),
-    // Half-spaces and slabs among small boxes.
-    ("slabs without end", |n, random| {
-        boxes(n, |_| {
-            let free = random.below(4) as usize;
-            std::array::from_fn(|axis| {
-                let low = small(random, 50) * 0.5;
-                match (axis == free, random.below(3)) {
-                    (true, 0) => [f32::NEG_INFINITY, low],
-                    (true, 1) => [low, f32::INFINITY],
-                    (true, _) => [f32::NEG_INFINITY, f32::INFINITY],
-                    (false, _) => [low, low + 0.5],
-                }
-            })
-        })
-    }),
     // A few boxes that hold everything, many that are points.
     ("giants among dust", |n, random| {
         let every = 1 + random.below(40) as usize;

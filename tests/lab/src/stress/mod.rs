@@ -46,20 +46,14 @@ pub(crate) struct Subject {
 
 type Answering = dyn FnMut(&Case) -> Result<Reply, Finding>;
 
-/// The cases to run: that of the seed, or with a time case after case of its stream, until the time is over.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Cases {
-    pub(crate) seed: u64,
-    pub(crate) time: Option<Duration>,
-}
-
+/// Runs the case of the seed, or with a time case after case of its stream, until the time is over.
 pub(crate) fn run(
-    cases: &Cases,
+    seed: u64,
+    time: Option<Duration>,
     subjects: &mut [Subject],
     mut watch: impl FnMut(u64, Duration),
 ) -> StressReport {
     let start = Instant::now();
-    let Cases { seed, time } = *cases;
     let names = subjects.iter().map(|subject| subject.name.clone()).collect();
     let mut report = StressReport::new(seed, names);
     let mut seeds = Random::new(seed);

@@ -21,7 +21,7 @@ fn roster(engines: &[&str], mode: &str, sabotage: Option<Sabotage>) -> Roster {
 }
 
 fn run_for(seed: u64, ms: u64, subjects: &mut [Subject]) -> StressReport {
-    run(&Cases { seed, time: Some(Duration::from_millis(ms)) }, subjects, |_, _| {})
+    run(seed, Some(Duration::from_millis(ms)), subjects, |_, _| {})
 }
 
 /// Each kind of subject passes as it is, and is caught where it is broken; its case is given again.
@@ -67,9 +67,8 @@ fn right_subjects_pass_and_broken_ones_are_caught_and_replayed() {
             }
             None => assert_eq!(engines, ["spheres"], "{report}"),
         }
-        let one = Cases { seed: failure.case, time: None };
-        assert_eq!(&run(&one, &mut broken, |_, _| {}).failures[0], failure);
-        assert!(run(&one, &mut sound, |_, _| {}).is_clean());
+        assert_eq!(&run(failure.case, None, &mut broken, |_, _| {}).failures[0], failure);
+        assert!(run(failure.case, None, &mut sound, |_, _| {}).is_clean());
     }
 }
 
@@ -98,12 +97,12 @@ fn what_is_left_to_others_is_counted_and_proves_nothing() {
         Culler { engine, form, encoding, pool, reply, is_broken: false }.subject("declines")
     };
     let mut subjects = vec![decliner(Form::Boxes), decliner(Form::Mode(modes::Usage::Q8))];
-    let report = run(&Cases { seed: 1, time: None }, &mut subjects, |_, _| {});
+    let report = run(1, None, &mut subjects, |_, _| {});
     assert_eq!((report.answers, report.checked(), report.failures.len()), (2, 0, 0));
     assert!(!report.is_clean() && report.to_string().contains("nothing was checked"), "{report}");
 
     subjects.extend(roster(&["cpu-sap"], "all", None).subjects().expect("CPU engines"));
-    let report = run(&Cases { seed: 1, time: None }, &mut subjects, |_, _| {});
+    let report = run(1, None, &mut subjects, |_, _| {});
     assert_eq!(report.checked(), report.answers - 2);
     let skipped: Vec<&str> = report.skipped.iter().map(|s| s.subject.as_str()).collect();
     assert_eq!(skipped, [&subjects[0].name, &subjects[1].name]);
@@ -113,7 +112,7 @@ fn what_is_left_to_others_is_counted_and_proves_nothing() {
 
 #[test]
 fn a_run_without_answers_is_not_clean() {
-    assert!(!run(&Cases { seed: 1, time: None }, &mut [], |_, _| {}).is_clean());
+    assert!(!run(1, None, &mut [], |_, _| {}).is_clean());
 }
 
 /// What is drawn is the same for a seed, as many as asked for, and what its name says.

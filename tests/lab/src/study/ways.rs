@@ -72,19 +72,15 @@ pub fn measure_case(
     for engine in EngineName::CPU.into_iter().filter(|name| predicted_ns(*name) <= hopeless_ns) {
         for &encoding in encodings {
             for &threads in threads {
-                let (way, pool) = (Way { engine, encoding, threads }, pools.get(&threads).cloned());
-                let Ok(engine) = cpu_engine(engine, isa.get()) else { continue };
-                let (engine_ns, decode_ns, reply) = (Vec::new(), Vec::new(), HeapReply::new());
-                let pair_count = 0;
                 ways.push(TimedWay {
-                    way,
-                    engine_ns,
-                    decode_ns,
-                    pair_count,
-                    engine,
+                    way: Way { engine, encoding, threads },
+                    engine_ns: Vec::new(),
+                    decode_ns: Vec::new(),
+                    pair_count: 0,
+                    engine: cpu_engine(engine, isa.get())?,
                     isa,
-                    reply,
-                    pool,
+                    reply: HeapReply::new(),
+                    pool: pools.get(&threads).cloned(),
                 });
             }
         }

@@ -15,7 +15,6 @@ fn a_mistake_is_reported_in_one_line() {
         ("stress --engine spheres --mode q16", 1, "nothing to run"),
         ("stress --engine scenes", 1, "nothing to run"),
         ("stress --engine gpu-brute --gpu none", 1, "GPU"),
-        ("stress --engine gpu-grid --gpu none", 1, "GPU"),
         ("stress --clients 2 --engine scenes --mode q8", 1, "nothing to ask the daemon for"),
         ("stress --clients 2 --engine gpu-grid", 1, "nothing to ask the daemon for"),
         ("stress --clients 2 --instance nobody", 1, "no daemon serves instance 'nobody'"),

@@ -35,15 +35,18 @@ const LONGEST_PAUSE_US: u64 = 17_000;
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct ClientSettings {
     pub seed: u64,
+    /// A case that every second frame is of.
     pub case: Option<u64>,
     pub wanted: Wanted,
     pub with_gpu: bool,
+    /// Whether clients are killed now and then, and close sessions with frames under way.
     pub is_abrupt: bool,
 }
 
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(super) enum Said {
-    Counted(Counts),
+    /// Scenes that it drew and answers that it compared, and the rest.
+    Counted([u64; 2], Counts),
     Failed(Box<FailedFrame>),
     /// Its last words: why it could not go on, or nothing where it was told to end.
     Ended(Option<String>),
@@ -51,10 +54,6 @@ pub(super) enum Said {
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Counts {
-    #[serde(default, skip_serializing_if = "is_zero")]
-    pub(super) cases: u64,
-    #[serde(default, skip_serializing_if = "is_zero")]
-    pub(super) answers: u64,
     pub sessions: u64,
     pub frames: u64,
     pub edits: u64,
@@ -63,15 +62,8 @@ pub struct Counts {
     pub unanswered: u64,
 }
 
-#[allow(clippy::trivially_copy_pass_by_ref)] // As serde calls it.
-const fn is_zero(count: &u64) -> bool {
-    *count == 0
-}
-
 impl Counts {
     pub(super) const fn add(&mut self, other: &Self) {
-        self.cases += other.cases;
-        self.answers += other.answers;
         self.sessions += other.sessions;
         self.frames += other.frames;
         self.edits += other.edits;
@@ -116,6 +108,8 @@ struct Client<'a> {
     sessions: Vec<Open>,
     failures: u32,
     gave_up: Option<String>,
+    cases: u64,
+    answers: u64,
     counts: Counts,
     reported_at: Instant,
 }
@@ -135,6 +129,8 @@ impl ClientSettings {
             sessions: Vec::new(),
             failures: 0,
             gave_up: None,
+            cases: 0,
+            answers: 0,
             counts: Counts::default(),
             reported_at: Instant::now(),
         };
@@ -146,7 +142,7 @@ impl ClientSettings {
 
 impl Client<'_> {
     fn work(&mut self) {
-        self.counts.cases += self.kept.len() as u64;
+        self.cases += self.kept.len() as u64;
         for _ in 0..=self.random.below(MOST_SESSIONS) {
             if !self.open() {
                 return;
@@ -208,7 +204,8 @@ impl Client<'_> {
 
     fn report(&mut self) {
         self.reported_at = Instant::now();
-        report(&Said::Counted(std::mem::take(&mut self.counts)));
+        let new = [&mut self.cases, &mut self.answers].map(std::mem::take);
+        report(&Said::Counted(new, std::mem::take(&mut self.counts)));
     }
 
     /// Reads all answers, and that to one frame more: then the daemon has received what was dropped, too.
@@ -223,7 +220,7 @@ impl Client<'_> {
     }
 
     fn next_case(&mut self) -> Rc<Case> {
-        self.counts.cases += 1;
+        self.cases += 1;
         let seed = Case::next_seed(&mut self.random);
         Rc::new(Case::of_size(seed, self.random.below(LARGE_ONE_IN) == 0))
     }
@@ -345,7 +342,7 @@ impl Client<'_> {
     /// Counts an answer. One of the client's own process is a mistake, even where it is right.
     fn answered(&mut self, by: ServedBy, compared: Result<(), Finding>) -> Result<(), Finding> {
         let is_own = by != ServedBy::Daemon;
-        self.counts.answers += 1;
+        self.answers += 1;
         self.counts.in_process += u64::from(is_own);
         compared?;
         if is_own {

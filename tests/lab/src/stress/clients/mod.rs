@@ -28,7 +28,7 @@ use serde::Serialize;
 use self::client::{DEADLINE, FailedFrame, MOST_SESSIONS, Said};
 use self::offer::Offer;
 use super::report::{Failure, StressReport};
-use super::{Case, MOST_FAILURES, Wanted};
+use super::{Case, MOST_FAILURES};
 use crate::Result;
 use crate::processes::{Daemon, Work, Worker};
 
@@ -95,13 +95,9 @@ impl fmt::Display for ClientsReport {
 pub struct ClientsRun {
     pub clients: NonZeroU16,
     pub daemon: Daemon,
-    /// Whether they are killed now and then, and close sessions with frames under way.
-    pub with_kills: bool,
-    pub seed: u64,
-    /// A case that every second frame is of.
-    pub case: Option<u64>,
+    /// Those of the run; each client has a seed of its own.
+    pub settings: ClientSettings,
     pub time: Duration,
-    pub wanted: Wanted,
     /// The command that runs a case again, without the case.
     pub replay: String,
 }
@@ -110,7 +106,8 @@ impl ClientsRun {
     pub fn run(&self, mut watch: impl FnMut(u64, Duration)) -> Result<StressReport> {
         let start = Instant::now();
         let look = Look::before(&self.daemon.session())?;
-        let offer = Offer::new(&self.wanted, look.has_gpu);
+        let settings = ClientSettings { with_gpu: look.has_gpu, ..self.settings.clone() };
+        let offer = Offer::new(&settings.wanted, look.has_gpu);
         if offer.is_empty() {
             return Err("nothing to ask the daemon for: spheres and scenes go with --mode exact only, and engines \
                         of the GPU need a daemon that has one"
@@ -118,14 +115,16 @@ impl ClientsRun {
         }
         let (heard, ears) = channel();
         let mut crowd = Crowd {
-            run: self,
-            with_gpu: look.has_gpu,
-            random: Random::new(self.seed),
+            daemon: &self.daemon,
+            random: Random::new(settings.seed),
+            settings,
             heard,
             ears,
             clients: BTreeMap::new(),
             started: 0,
             failed: Vec::new(),
+            cases: 0,
+            answers: 0,
             report: ClientsReport { count: self.clients.get().into(), ..ClientsReport::default() },
         };
         for _ in 0..self.clients.get() {
@@ -144,8 +143,8 @@ impl ClientsRun {
             if let Ok((number, said)) = crowd.ears.recv_timeout(TICK) {
                 crowd.note(number, said);
             }
-            watch(crowd.report.counts.answers, began.elapsed());
-            if self.with_kills && Instant::now() >= next_kill {
+            watch(crowd.answers, began.elapsed());
+            if self.settings.is_abrupt && Instant::now() >= next_kill {
                 // One of them, wherever it is, with SIGKILL.
                 let which = crowd.random.below(crowd.clients.len().max(1) as u64) as usize;
                 if let Some(number) = crowd.clients.keys().nth(which).copied() {
@@ -166,11 +165,10 @@ impl ClientsRun {
         for (number, _) in std::mem::take(&mut crowd.clients) {
             crowd.report.broken.push(format!("client {number} does not end when it is told to"));
         }
-        let Crowd { failed, report: mut clients, .. } = crowd;
+        let Crowd { failed, report: mut clients, cases, answers, .. } = crowd;
         clients.daemon = look.after().unwrap_or_default();
-        let mut report = StressReport::new(self.case.unwrap_or(self.seed), offer.names());
-        report.cases = std::mem::take(&mut clients.counts.cases);
-        report.answers = std::mem::take(&mut clients.counts.answers);
+        let seed = self.settings.case.unwrap_or(self.settings.seed);
+        let mut report = StressReport { cases, answers, ..StressReport::new(seed, offer.names()) };
         report.elapsed_ns = start.elapsed().as_nanos() as u64;
         report.clients = Some(clients);
         for FailedFrame { seed, is_large, form, way, finding } in failed {
@@ -184,53 +182,52 @@ impl ClientsRun {
 }
 
 struct Crowd<'a> {
-    run: &'a ClientsRun,
-    with_gpu: bool,
+    daemon: &'a Daemon,
     random: Random,
+    settings: ClientSettings,
     heard: Sender<(u64, Option<Said>)>,
     ears: Receiver<(u64, Option<Said>)>,
-    /// The clients by number, each with its last words, once it has said them.
-    clients: BTreeMap<u64, (Worker, Option<Result<(), String>>)>,
+    /// The clients by number, and whether each has said its last words.
+    clients: BTreeMap<u64, (Worker, bool)>,
     started: u64,
     failed: Vec<FailedFrame>,
+    cases: u64,
+    answers: u64,
     report: ClientsReport,
 }
 
 impl Crowd<'_> {
     fn start(&mut self) -> io::Result<()> {
-        let settings = ClientSettings {
-            seed: self.random.bits(),
-            case: self.run.case,
-            wanted: self.run.wanted.clone(),
-            with_gpu: self.with_gpu,
-            is_abrupt: self.run.with_kills,
-        };
+        let settings = ClientSettings { seed: self.random.bits(), ..self.settings.clone() };
         let (number, heard) = (self.started, self.heard.clone());
         self.started += 1;
         // Nobody reads what a client reports after the run.
         let hear = move |said| drop(heard.send((number, said)));
-        let worker = self.run.daemon.start(&Work::Stress(settings), hear)?;
-        self.clients.insert(number, (worker, None));
+        let worker = self.daemon.start(&Work::Stress(settings), hear)?;
+        self.clients.insert(number, (worker, false));
         Ok(())
     }
 
     fn note(&mut self, number: u64, said: Option<Said>) {
         // One that was killed is no longer among the clients.
         match said {
-            Some(Said::Counted(counts)) => self.report.counts.add(&counts),
+            Some(Said::Counted([cases, answers], counts)) => {
+                self.cases += cases;
+                self.answers += answers;
+                self.report.counts.add(&counts);
+            }
             Some(Said::Failed(failed)) => self.failed.push(*failed),
             Some(Said::Ended(why)) => {
-                self.clients
-                    .entry(number)
-                    .and_modify(|(_, last)| *last = Some(why.map_or(Ok(()), Err)));
+                if let Some((_, has_ended)) = self.clients.get_mut(&number) {
+                    *has_ended = true;
+                    let why = why.map(|why| format!("client {number}: {why}"));
+                    self.report.broken.extend(why);
+                }
             }
             None => {
-                let why = match self.clients.remove(&number) {
-                    None | Some((_, Some(Ok(())))) => return,
-                    Some((_, Some(Err(why)))) => why,
-                    Some((_, None)) => "it died".to_owned(),
-                };
-                self.report.broken.push(format!("client {number}: {why}"));
+                if let Some((_, false)) = self.clients.remove(&number) {
+                    self.report.broken.push(format!("client {number}: it died"));
+                }
             }
         }
     }

@@ -74,18 +74,10 @@ mod tests {
 
     #[test]
     fn names_parse_back() {
-        for (name, long) in [
-            ("exact", "exact"),
-            ("margin=0.25", "margin=0.25"),
-            ("plain-f32=1.5e6", "plain-f32=1.5e6"),
-            ("f64=0e0", "f64=0e0"),
-            ("f64", "f64=1e9"),
-            ("plain-f32", "plain-f32=1e9"),
-            ("spheres", "spheres=circumscribed"),
-        ] {
+        for name in ["exact", "margin=0.25", "plain-f32=1.5e6", "f64=0e0", "spheres=circumscribed"]
+        {
             let mode = name.parse::<StudyMode>();
-            assert_eq!(mode.as_ref().map(ToString::to_string).as_deref(), Ok(long));
-            assert!(name.starts_with(mode.map_or("", StudyMode::name)), "{name}");
+            assert_eq!(mode.map(|mode| mode.to_string()).as_deref(), Ok(name));
         }
         for wrong in ["", "f64=", "f64=-1", "f64=inf", "plain-f32=nan", "spheres=cubic", "q17"] {
             assert!(wrong.parse::<StudyMode>().is_err(), "{wrong}");

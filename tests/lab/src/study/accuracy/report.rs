@@ -4,9 +4,8 @@
 use serde_json::Value;
 
 use crate::study::harness::{
-    Fields, Look, Part, Plot, Report, Series, Table, number_text, pareto_front, row, value_text,
+    Fields, Part, Plot, Report, Table, number_text, pareto_front, row, value_text,
 };
-use crate::study::papers;
 
 /// The report of these rows.
 pub fn report(machine: Fields, seed: u64, rows: &[Fields]) -> Report {
@@ -65,67 +64,24 @@ const COLUMNS: &str = "scene,n,precision,backend,served_by_engine,times.total_ns
 const FAR_COLUMNS: &str = "scene,n,precision,served_by_engine,times.total_ns.p50,\
     times.total_ns.p99,bytes_down,checked_frames,true_pairs,missed,extra,extra_ratio";
 
-/// Stages that share a frame.
-const PARTS: [&str; 6] = [
-    "times.fill_ns.p50",
-    "times.ingest_ns.p50",
-    "times.plan_ns.p50",
-    "times.execute_ns.p50",
-    "times.publish_ns.p50",
-    "times.decode_ns.p50",
-];
-
 /// Plots of the rows that do not lie far from the origin, and how to read them.
 fn plots(rows: &[Fields]) -> Vec<Part> {
     let near: Vec<Fields> = rows.iter().filter(|row| row["offset"].is_null()).cloned().collect();
-    let scenes = || in_order(&near, "scene").into_iter();
-    let of_scene = |scene: &str| {
-        let rows = near.iter().filter(|row| row["scene"] == scene);
-        Table::of(&rows.collect::<Vec<_>>())
-    };
-    let over_n = |y: &[&str]| {
-        let of = |scene| {
-            let title = format!("{scene}: {}", y.join(", "));
-            Plot {
-                title,
-                ..Plot::of(&of_scene(scene), "n", y, &["precision", "engine"], Look::Line)
-            }
-        };
-        scenes().map(of).collect::<Vec<_>>()
-    };
     let against_error = |setting: &Setting<'_>| {
         let table = Table::of(setting);
-        let plot = Plot::of(&table, "error_percent", &[TIME], &["precision"], Look::Points);
-        Plot { title: title(setting), ..plot.with_front() }
+        let mut plot = Plot::of(&table, "error_percent", TIME, &["precision"]);
+        plot.title = title(setting);
+        plot.svg()
     };
-    let sections = [
-        (
-            "Speed against error",
-            "Whole frame (boxes written, pairs found, every pair looked at), median, against extra pairs, \
-             %. The dashed line is the front of these two; what missed a pair is not drawn. \
-             Spheres are culled in the client's process, and stand for boxes: their extra pairs are \
-             those that the boxes do not have.",
-            settings(&near).iter().map(against_error).collect(),
-        ),
-        (
-            "Scaling, with the papers beside",
-            "The papers' lines are theirs: their scenes, their machines, what they counted as a frame.",
-            scenes().map(|scene| scaling(scene, &near)).collect(),
-        ),
-        ("Percentiles", "Whole frames.", over_n(&[TIME, "times.total_ns.p99"])),
-        (
-            "Where the time goes",
-            "Medians of the stages; they do not add up exactly. What the round trip has beside the \
-             engine is the transport and both sides' waiting.",
-            over_n(&PARTS),
-        ),
-    ];
-    let shown = sections.into_iter().filter(|(_, _, plots)| !plots.is_empty());
-    let parts = |(title, text, plots): (&str, &str, Vec<Plot>)| {
-        let plots = plots.iter().map(Plot::svg).collect();
-        [Part::heading(2, title), Part::text(text), Part::Plots(plots)]
-    };
-    shown.flat_map(parts).collect()
+    let plots: Vec<String> = settings(&near).iter().map(against_error).collect();
+    if plots.is_empty() {
+        return Vec::new();
+    }
+    let how_to_read = "Whole frame (boxes written, pairs found, every pair looked at), median, against extra pairs, \
+                       %. The dashed line is the front of these two; what missed a pair is not drawn. \
+                       Spheres are culled in the client's process, and stand for boxes: their extra pairs are \
+                       those that the boxes do not have.";
+    vec![Part::heading(2, "Speed against error"), Part::text(how_to_read), Part::Plots(plots)]
 }
 
 fn missed(rows: &[Fields]) -> String {
@@ -189,17 +145,6 @@ fn verdicts(modes: &[Fields]) -> Table {
     };
     let head = ["mode", "settings", "on the front", "missed pairs or not checked in", "where"];
     Table::of_texts(head, modes.iter().map(line))
-}
-
-/// Exact frames of a scene over n, a line an engine, beside the papers'.
-fn scaling(scene: &str, rows: &[Fields]) -> Plot {
-    let exact = rows.iter().filter(|row| row["mode"] == "exact" && row["scene"] == scene);
-    let table = Table::of(&exact.collect::<Vec<_>>());
-    let mut plot = Plot::of(&table, "n", &[TIME], &["engine", "backend"], Look::Line);
-    plot.title = format!("{scene}, exact");
-    let papers = papers::lines();
-    plot.series.extend(papers.map(|(name, line)| Series::line(name, 0, Look::Others, line)));
-    plot
 }
 
 /// Rows that answer the same question: of one scene, one size and one distance from the origin, in the order in which
@@ -333,8 +278,7 @@ mod tests {
         for outside in ["http:", "https:", "src=", "href=", "url(", "@import", "<script"] {
             assert!(!without_namespace.contains(outside), "{outside}");
         }
-        // Speed against error, scaling, percentiles and stages of the one setting.
-        assert_eq!(page.matches("<svg").count(), 4);
+        assert_eq!(page.matches("<svg").count(), 1, "of the one setting");
         assert!(page.contains("No pair was missed") && page.contains(">0.5<"), "{page}");
         assert!(page.contains("bench &lt;accuracy&gt;"), "the command is escaped");
         let missing = page_of(&[measured("exact", 2000, 0, 0), measured("q16", 1000, 3, 1)]);
@@ -350,26 +294,7 @@ mod tests {
         };
         let page = page_of(&[far("f64=1e9"), far("plain-f32=1e9")]);
         assert!(page.contains("Far from the origin") && page.contains("1e9"));
-        for absent in ["Speed against error", "Scaling", "Percentiles", "Where the time goes"] {
-            assert!(!page.contains(absent), "{absent}");
-        }
-    }
-
-    #[test]
-    fn rows_stand_with_those_of_their_question() {
-        let of = |(scene, n, offset): (&str, u32, Option<f64>)| {
-            let mut row = measured("exact", 1, 0, 0);
-            row.extend(row!(scene, n, offset));
-            row
-        };
-        let far = ("pile", 1000, Some(1e9));
-        let near = ("pile", 1000, None);
-        let rows = [("pile", 10_000, None), far, ("cubes", 1000, None), near, near].map(of);
-        let settings = settings(&rows);
-        let titles: Vec<String> = settings.iter().map(title).collect();
-        let far = "pile, 1K boxes, 1e9 from the origin";
-        assert_eq!(titles, ["pile, 1K boxes", far, "pile, 10K boxes", "cubes, 1K boxes"]);
-        assert_eq!(settings[0].len(), 2);
+        assert!(!page.contains("Speed against error"));
     }
 
     #[test]

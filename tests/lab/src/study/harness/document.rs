@@ -125,32 +125,3 @@ fn marked(text: &str) -> String {
     }
     out
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn both_forms_have_all_parts_and_html_is_escaped() {
-        let parts = [
-            Part::heading(1, "a < b"),
-            Part::text("**breaks**: see `x & y`"),
-            Part::List(vec!["one".to_owned()]),
-            Part::Table(Table::of_texts(["head"], [["cell".to_owned()]])),
-            Part::Plots(vec!["<svg></svg>".to_owned()]),
-        ];
-        let text = "# a < b\n\n**breaks**: see `x & y`\n\n- one\n\n| head |\n|------|\n| cell |\n";
-        assert_eq!(markdown(&parts), text);
-        let page = html(&parts);
-        for part in [
-            "<h1>a &lt; b</h1>",
-            "<strong style=\"color:#d55e00\">breaks</strong>: see <code>x &amp; y</code>",
-            "<li>one</li>",
-            "<td class=\"name\">cell</td>",
-            "<svg></svg>",
-        ] {
-            assert!(page.contains(part), "{part}: {page}");
-        }
-        assert!(Part::section("none", "", Table::default()).is_empty());
-    }
-}

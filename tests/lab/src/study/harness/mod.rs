@@ -5,7 +5,7 @@ mod plot;
 mod table;
 
 pub(crate) use self::document::{Part, html, markdown};
-pub(crate) use self::plot::{Look, Plot, Series, pareto_front, value_text};
+pub(crate) use self::plot::{Plot, pareto_front, value_text};
 pub(crate) use self::table::{Fields, Table, fields, number_text, row};
 
 use std::fs;

@@ -1,4 +1,4 @@
-//! Plots of measurements as SVG, on logarithmic axes: lines, points, and their Pareto front.
+//! Plots of measurements as SVG, on logarithmic axes: points, and their Pareto front.
 
 use std::collections::BTreeMap;
 
@@ -19,7 +19,6 @@ const COLOURS: [RGBColor; 8] = [
     RGBColor(0xa8, 0x9a, 0x00),
     RGBColor(0x77, 0x77, 0x77),
 ];
-const GREY: RGBColor = RGBColor(0x99, 0x99, 0x99);
 const INK: RGBColor = RGBColor(0x22, 0x22, 0x22);
 
 /// Width of a plot and height without its key, px.
@@ -48,46 +47,16 @@ pub fn value_text(field: &str, value: f64) -> String {
     number_text(value / step) + name
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Look {
-    Line,
-    /// Other authors' line: grey and dashed.
-    Others,
-    Points,
-    /// A dashed line through the corners between points, which stands in no key.
-    Front,
-}
-
-#[derive(Clone, Debug, PartialEq)]
-pub struct Series {
-    pub name: String,
-    /// Its colour: series of the same number look the same in every plot of a page.
-    pub colour: usize,
-    pub look: Look,
-    pub points: Vec<(f64, f64)>,
-}
-
-impl Series {
-    pub fn line(name: &str, colour: usize, look: Look, points: &[(f64, f64)]) -> Self {
-        Self { name: name.to_owned(), colour, look, points: points.to_vec() }
-    }
-
-    fn colour(&self) -> RGBColor {
-        match self.look {
-            Look::Others => GREY,
-            Look::Front => INK,
-            Look::Line | Look::Points => COLOURS[self.colour % COLOURS.len()],
-        }
-    }
-}
-
 #[derive(Clone, Debug)]
 pub struct Plot {
     pub title: String,
     /// The fields on its axes.
     pub x: String,
     pub y: String,
-    pub series: Vec<Series>,
+    /// Points by the setting that they share, a colour each.
+    series: BTreeMap<String, Vec<(f64, f64)>>,
+    /// The corners of a dashed line between points, which stands in no key.
+    front: Vec<(f64, f64)>,
 }
 
 /// The ends of a logarithmic axis. Zeros stand at its lower end, apart from the least value.
@@ -107,54 +76,37 @@ fn ends(values: impl Iterator<Item = f64>) -> [f64; 2] {
 }
 
 impl Plot {
-    /// Rows of a table: a series for every field of `y` and every setting of the fields of `by`, in the order of `x`.
-    /// Rows without a number are left out.
-    pub(crate) fn of(table: &Table, x: &str, y: &[&str], by: &[&str], look: Look) -> Self {
-        let mut found: BTreeMap<(String, usize), Vec<(f64, f64)>> = BTreeMap::new();
+    /// A point for every row of a table that has both numbers, with its Pareto front: between two of its points the
+    /// left one is the best known. Rows of one setting of the fields of `by` share a colour.
+    pub(crate) fn of(table: &Table, x: &str, y: &str, by: &[&str]) -> Self {
+        let mut series: BTreeMap<String, Vec<(f64, f64)>> = BTreeMap::new();
+        let mut all = Vec::new();
         for row in &table.rows {
             let setting = by.iter().map(|name| match table.cell(row, name) {
                 text if text.is_string() => plain(text),
                 value => format!("{name} {value}"),
             });
             let setting = setting.collect::<Vec<_>>().join(", ");
-            for (number, field) in y.iter().enumerate() {
-                let point = (table.cell(row, x).as_f64(), table.cell(row, field).as_f64());
-                let (Some(x), Some(y_value)) = point else { continue };
-                let name = if y.len() > 1 { format!("{setting} {field}") } else { setting.clone() };
-                found.entry((name, number)).or_default().push((x, y_value));
+            if let Some((x, y)) = table.cell(row, x).as_f64().zip(table.cell(row, y).as_f64()) {
+                series.entry(setting).or_default().push((x, y));
+                all.push([x, y]);
             }
         }
-        let series = found.into_iter().enumerate().map(|(colour, ((name, _), mut points))| {
-            points.sort_by(|a, b| a.0.total_cmp(&b.0));
-            Series::line(name.trim(), colour, look, &points)
-        });
-        let (series, y) = (series.collect(), y.join(", "));
-        Self { title: format!("{y} by {x}"), x: x.to_owned(), y, series }
-    }
-
-    /// The plot with the Pareto front of all its points: between two of its points the left one is the best known.
-    pub(crate) fn with_front(mut self) -> Self {
-        let all: Vec<[f64; 2]> =
-            self.series.iter().flat_map(|group| &group.points).map(|(x, y)| [*x, *y]).collect();
-        let mut front: Vec<[f64; 2]> =
+        let mut best: Vec<[f64; 2]> =
             all.iter().zip(pareto_front(&all)).filter_map(|(p, wins)| wins.then_some(*p)).collect();
-        front.sort_by(|a, b| a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])));
-        let mut corners: Vec<(f64, f64)> = Vec::new();
-        for [x, y] in front {
-            corners.extend(corners.last().map(|(_, above)| (x, *above)));
-            corners.push((x, y));
+        best.sort_by(|a, b| a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])));
+        let mut front: Vec<(f64, f64)> = Vec::new();
+        for [x, y] in best {
+            front.extend(front.last().map(|(_, above)| (x, *above)));
+            front.push((x, y));
         }
-        self.series.insert(0, Series::line("", 0, Look::Front, &corners));
-        self
-    }
-
-    fn key(&self) -> impl Iterator<Item = &Series> {
-        self.series.iter().filter(|series| series.look != Look::Front)
+        let (x, y) = (x.to_owned(), y.to_owned());
+        Self { title: format!("{y} by {x}"), x, y, series, front }
     }
 
     pub(crate) fn svg(&self) -> String {
         let mut svg = String::new();
-        let height = SIZE.1 + ROW * self.key().count().div_ceil(KEY_COLUMNS) as u32;
+        let height = SIZE.1 + ROW * self.series.len().div_ceil(KEY_COLUMNS) as u32;
         let area = SVGBackend::with_string(&mut svg, (SIZE.0, height)).into_drawing_area();
         // Writing to a String cannot fail.
         let _ = area.fill(&WHITE).and_then(|()| self.draw(&area)).and_then(|()| area.present());
@@ -163,7 +115,7 @@ impl Plot {
     }
 
     fn draw(&self, area: &Area<'_>) -> Drawn {
-        let points = || self.series.iter().flat_map(|series| &series.points);
+        let points = || self.series.values().flatten();
         let x = ends(points().map(|(x, _)| *x));
         let y = ends(points().map(|(_, y)| *y));
         let placed = |(at_x, at_y): &(f64, f64)| (at_x.max(x[0]), at_y.max(y[0]));
@@ -183,29 +135,20 @@ impl Plot {
             .x_label_formatter(&|x| value_text(&self.x, *x))
             .y_label_formatter(&|y| value_text(&self.y, *y))
             .draw()?;
-        for series in &self.series {
-            let (colour, path) = (series.colour(), series.points.iter().map(placed));
-            match series.look {
-                Look::Line => {
-                    chart.draw_series(LineSeries::new(path, colour.stroke_width(2)))?;
-                }
-                Look::Others | Look::Front => {
-                    let style = colour.stroke_width(2);
-                    chart.draw_series(DashedLineSeries::new(path, 5, 4, style))?;
-                }
-                Look::Points => {}
-            }
-            let shown = series.points.iter().filter(|_| series.look != Look::Front);
-            chart.draw_series(shown.map(|place| Circle::new(placed(place), 4, colour.filled())))?;
+        let front = DashedLineSeries::new(self.front.iter().map(placed), 5, 4, INK.stroke_width(2));
+        chart.draw_series(front)?;
+        for (points, colour) in self.series.values().zip(COLOURS.iter().cycle()) {
+            let circle = |place| Circle::new(placed(place), 4, colour.filled());
+            chart.draw_series(points.iter().map(circle))?;
         }
         let width = (SIZE.0 - 84) as usize / KEY_COLUMNS;
-        for (i, series) in self.key().enumerate() {
+        for (i, (name, colour)) in self.series.keys().zip(COLOURS.iter().cycle()).enumerate() {
             let left = 84 + (i % KEY_COLUMNS * width) as i32;
             let top = (i / KEY_COLUMNS) as i32 * ROW as i32;
             let corners = [(left, top + 1), (left + 10, top + 11)];
-            key.draw(&Rectangle::new(corners, series.colour().filled()))?;
+            key.draw(&Rectangle::new(corners, colour.filled()))?;
             let style = ("sans-serif", 15).into_font().color(&INK);
-            key.draw(&Text::new(series.name.clone(), (left + 15, top), style))?;
+            key.draw(&Text::new(name.clone(), (left + 15, top), style))?;
         }
         Ok(())
     }
@@ -232,21 +175,17 @@ mod tests {
     }
 
     #[test]
-    fn rows_become_series_and_the_front_passes_what_is_beaten() {
+    fn rows_become_points_and_the_front_passes_what_is_beaten() {
         let row = |x: f64, y: f64| json!({"x": x, "y_ns": {"p50": y}, "who": "g"});
         let rows = [row(0.2, 50.0), row(0.0, 100.0), row(0.1, 200.0), json!({"x": 1, "who": "h"})];
-        let plot = Plot::of(&Table::of(&rows), "x", &["y_ns.p50"], &["who"], Look::Points);
-        assert_eq!(plot.series.len(), 1);
-        let points = [(0.0, 100.0), (0.1, 200.0), (0.2, 50.0)];
-        assert_eq!(plot.series[0], Series::line("g", 0, Look::Points, &points));
-        let corners = [(0.0, 100.0), (0.2, 100.0), (0.2, 50.0)];
-        let mut plot = plot.with_front();
-        assert_eq!(plot.series[0].points, corners);
+        let mut plot = Plot::of(&Table::of(&rows), "x", "y_ns.p50", &["who"]);
+        let points = vec![(0.2, 50.0), (0.0, 100.0), (0.1, 200.0)];
+        assert_eq!(plot.series, BTreeMap::from([("g".to_owned(), points)]));
+        assert_eq!(plot.front, [(0.0, 100.0), (0.2, 100.0), (0.2, 50.0)]);
         plot.title = "a < b".to_owned();
-        plot.series.push(Series::line("theirs", 0, Look::Others, &[(0.0, 100.0), (100.0, 1e3)]));
-        plot.series.push(Series::line("nothing", 1, Look::Points, &[]));
+        plot.series.insert("nothing".to_owned(), Vec::new());
         let svg = plot.svg();
-        for text in ["<svg", "a &lt; b", "theirs", "nothing"] {
+        for text in ["<svg", "a &lt; b", "nothing"] {
             assert_eq!(svg.matches(text).count(), 1, "{text}: {svg}");
         }
         assert!(svg.trim_end().ends_with("</svg>") && !svg.contains("NaN"));

@@ -174,18 +174,11 @@ mod tests {
 
     use super::*;
 
-    #[derive(Serialize)]
-    struct Row {
-        name: &'static str,
-        ms: Option<f64>,
-        at: Value,
-    }
-
     #[test]
     fn every_form_has_every_cell_in_the_order_of_the_fields() {
         let rows = [
-            Row { name: "a|b", ms: Some(1.0 / 3.0), at: json!({"p50": 7, "p99": [1, 2]}) },
-            Row { name: "c,d", ms: None, at: json!({"p50": 20_000}) },
+            row!(name: "a|b", ms: 1.0 / 3.0, at: json!({"p50": 7, "p99": [1, 2]})),
+            row!(name: "c,d", at: json!({"p50": 20_000})),
         ];
         let table = Table::of(&rows);
         assert_eq!(table.head, ["name", "ms", "at.p50", "at.p99.0", "at.p99.1"]);

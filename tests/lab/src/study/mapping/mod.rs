@@ -27,7 +27,7 @@ use pairmaskd::scene::{Scene, SceneName};
 use self::errors::Tally;
 use self::gpu::{Bench, Ids};
 use self::stage::{MappingStage, PAPERS_OWN, ROOT_TIME, Root, TIME, Variant};
-use super::harness::{Fields, Look, Part, Plot, Report, Table, machine_with, open_if_any, row};
+use super::harness::{Fields, Part, Plot, Report, Table, machine_with, open_if_any, row};
 use super::papers::{self, figure};
 use crate::Result;
 
@@ -152,14 +152,14 @@ pub fn measure(choice: &GpuChoice, quick: bool) -> Result<Report> {
     let claims = papers::mapping_claims(&report)?;
     let by = ["variant", "n", "processor"];
     let table = Table::of(&pair_errors);
-    let plot = Plot::of(&table, "wrong_share", &["ps_per_pair"], &by, Look::Points);
+    let plot = Plot::of(&table, "wrong_share", "ps_per_pair", &by);
     let page = vec![
         Part::heading(2, "Time against error"),
         Part::text(
             "Time a pair against the share of numbers that become another pair or none, each of which is \
              a pair missed or tested twice; the dashed line is the front of these two.",
         ),
-        Part::Plots(vec![plot.with_front().svg()]),
+        Part::Plots(vec![plot.svg()]),
     ];
     report.page = Some(("mapping.html", page));
     // The head and the claims, which are judged by all that follows.

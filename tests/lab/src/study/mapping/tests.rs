@@ -11,18 +11,6 @@ use super::variants::map;
 use super::{Plan, errors, measure};
 use crate::study::harness::Fields;
 
-#[test]
-fn every_shader_is_part_of_a_stage() {
-    for folder in ["shaders", "shaders/shared"] {
-        let files = std::fs::read_dir(format!("{}/{folder}", env!("CARGO_MANIFEST_DIR")));
-        for file in files.expect("it is in the repository") {
-            let name = file.expect("readable").file_name().into_string().expect("text");
-            let name = name.trim_end_matches(".wgsl");
-            assert!(include_str!("stage.rs").contains(name) || name == "shared", "{name}");
-        }
-    }
-}
-
 fn bench() -> Bench {
     Bench::new(&open(HostImport::Never), Checks::On).unwrap_or_else(|error| panic!("{error}"))
 }

@@ -14,20 +14,12 @@ use super::rule::{Rule, Verdict};
 #[serde(deny_unknown_fields)]
 pub struct Data {
     figures: Value,
-    pub line: Vec<Line>,
     text: BTreeMap<String, String>,
     define: BTreeMap<String, String>,
     pub rules: BTreeMap<String, Rule>,
     lists: BTreeMap<String, Vec<Value>>,
     pub paper: Vec<PaperData>,
     pub mapping: Vec<ItemData>,
-}
-
-#[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Line {
-    pub name: String,
-    pub points: Vec<(f64, f64)>,
 }
 
 #[derive(Debug, Deserialize)]

@@ -47,11 +47,6 @@ pub fn figure(expression: &str) -> Option<f64> {
     DATA.paper_figure(expression).unwrap_or(None)
 }
 
-/// Other authors' lines beside ours over the number of boxes: name, and (boxes, ns).
-pub fn lines() -> impl Iterator<Item = (&'static str, &'static [(f64, f64)])> {
-    DATA.line.iter().map(|line| (line.name.as_str(), line.points.as_slice()))
-}
-
 /// The claims that the mapping study judges by itself, a row each.
 pub fn mapping_claims(report: &Report) -> Result<Vec<Fields>> {
     let mut figures = Figures::default();
