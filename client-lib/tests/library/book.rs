@@ -125,9 +125,8 @@ fn texts_of(source: &str) -> impl Iterator<Item = String> {
         literal(&after[statement.find('"')?..])
     });
     // Errors of the command line are texts where they are made: any literal may be one.
-    let texts = ["Err(", "format!("].into_iter().flat_map(|mark| source.split(mark).skip(1));
-    let texts = texts.filter_map(|after| literal(after.trim_start()));
-    errors.chain(lines).chain(texts)
+    let others = source.match_indices('"').filter_map(|(at, _)| literal(&source[at..]));
+    errors.chain(lines).chain(others)
 }
 
 /// Visits the files below a folder that end so, without those of builds and of hidden folders.

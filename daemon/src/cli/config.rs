@@ -108,10 +108,11 @@ impl Config {
             return Ok(Self::default());
         }
         let text = text.map_err(FileError::of(&path, Access::Read)).map_err(|error| {
-            let other = "or name another by --config, /dev/null for none";
             let of_file = match named {
                 Some(_) => format!("configuration {error}"),
-                None => format!("your configuration {error}; {other}"),
+                None => format!(
+                    "your configuration {error}; or name another by --config, /dev/null for none"
+                ),
             };
             // Whether there is such a file is not known either, in a home that is closed to this user.
             let is_hidden = named.is_none()

@@ -85,12 +85,15 @@ impl Status {
         if instances.iter().any(|instance| instance.state == State::Alive) {
             Ok(())
         } else {
-            let (of, with) = named.map_or_else(Default::default, |name| {
-                (format!(" of instance '{name}'"), format!(" --instance {name}"))
-            });
             let dir = dir.path().display();
-            let start = format!("start one with `pairmaskd serve{with}`");
-            Err(format!("no daemon{of} answers under {dir}: {start}").into())
+            let none = match named {
+                None => format!("no daemon answers under {dir}: start one with `pairmaskd serve`"),
+                Some(name) => format!(
+                    "no daemon of instance '{name}' answers under {dir}: \
+                     start one with `pairmaskd serve --instance {name}`"
+                ),
+            };
+            Err(none.into())
         }
     }
 }

@@ -96,8 +96,10 @@ impl From<CullError> for Refusal {
         };
         let text = match error {
             CullError::Reserve(ReserveError::OutOfMemory { needed_bytes }) => {
-                let what = format!("no shared memory for a mask of {needed_bytes} bytes");
-                format!("{what}: free space in /dev/shm or make it larger")
+                format!(
+                    "no shared memory for a mask of {needed_bytes} bytes: \
+                     free space in /dev/shm or make it larger"
+                )
             }
             error => error.to_string(),
         };

@@ -140,8 +140,9 @@ impl Cull {
         ];
         let mut on_stdout = results.iter().filter(|(_, is_there)| *is_there);
         if let (Some((first, _)), Some((second, _))) = (on_stdout.next(), on_stdout.next()) {
-            let both = format!("{first} and {second} would both write to stdout");
-            return Err(format!("{both}: name a file for one of them"));
+            return Err(format!(
+                "{first} and {second} would both write to stdout: name a file for one of them"
+            ));
         }
         match (&self.pairs, &self.mask) {
             (Some(path), Some(mask)) if path == mask => {
@@ -261,8 +262,10 @@ fn answer(
 
     let (engine, counted) = (mask.info().engine, mask.count());
     if counted != decoded {
-        let what = format!("{engine} counted {counted} pairs and its mask holds {decoded}");
-        return Err(format!("{what}: please report this").into());
+        let text = format!(
+            "{engine} counted {counted} pairs and its mask holds {decoded}: please report this"
+        );
+        return Err(text.into());
     }
     let timings = Timings {
         read: read - start,

@@ -169,8 +169,9 @@ impl Display {
         match (self.wrong, self.checked) {
             (0, _) => Ok(()),
             (wrong, checked) => {
-                let what = format!("{wrong} of {checked} sampled frames were wrong");
-                Err(format!("{what}: please report this").into())
+                let text =
+                    format!("{wrong} of {checked} sampled frames were wrong: please report this");
+                Err(text.into())
             }
         }
     }
