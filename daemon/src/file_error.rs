@@ -21,7 +21,6 @@ pub struct FileError {
 }
 
 impl FileError {
-    /// For `map_err`: wraps the system's error on a file.
     pub fn of(path: impl Into<PathBuf>, access: Access) -> impl FnOnce(io::Error) -> Self {
         move |source| Self { path: path.into(), access, source }
     }

@@ -44,7 +44,6 @@ impl PrecisionChoice {
         }
     }
 
-    /// Inflates boxes by the margin, if the choice is one.
     pub fn inflate(self, boxes: &mut [Aabb]) {
         if let Self::Margin(margin) = self {
             for b in boxes {

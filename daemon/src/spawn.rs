@@ -25,7 +25,6 @@ use crate::serve::{DEFAULT_SPIN, ServeError, ServeSettings, default_scene_bytes,
 const START_WITHIN: Duration = Duration::from_secs(20);
 /// A daemon that was asked to stop is killed after this time. Its supervisor gives the worker 5 s.
 const STOP_WITHIN: Duration = Duration::from_secs(8);
-/// Time between two checks of a process that starts or stops.
 const LOOK_INTERVAL: Duration = Duration::from_millis(2);
 /// Prefix of the private directory's name. Not `pairmask-`, with which the users' default
 /// directories begin: those are searched for instances.

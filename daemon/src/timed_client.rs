@@ -13,7 +13,6 @@ use rayon::{ThreadPool, ThreadPoolBuildError, ThreadPoolBuilder};
 
 use crate::precision::PrecisionChoice;
 
-/// A session, and the form in which boxes are written.
 #[derive(Debug)]
 pub struct TimedClient {
     session: Session,
@@ -75,28 +74,6 @@ pub struct Decoding {
     pool: Option<ThreadPool>,
 }
 
-/// Number of visited pairs and a sum of their indices, so that the compiler keeps the visits.
-#[derive(Clone, Copy, Default)]
-struct Looked {
-    pairs: u64,
-    indices: u32,
-}
-
-impl Looked {
-    fn of(pairs: &[[u32; 2]]) -> Self {
-        let indices = pairs.iter().fold(0, |indices, [a, b]| indices ^ a ^ b);
-        Self { pairs: pairs.len() as u64, indices }
-    }
-
-    const fn at(self, [a, b]: [u32; 2]) -> Self {
-        Self { pairs: self.pairs + 1, indices: self.indices ^ a ^ b }
-    }
-
-    const fn and(self, other: Self) -> Self {
-        Self { pairs: self.pairs + other.pairs, indices: self.indices ^ other.indices }
-    }
-}
-
 impl Decoding {
     /// Starts `threads` threads, of which the calling one is the first. They are kept awake while frames are under way.
     pub fn start(threads: NonZeroUsize) -> Result<Self, TimedError> {
@@ -108,15 +85,21 @@ impl Decoding {
         if self.pool.is_some() { par_write_boxes(boxes, out) } else { write_boxes(boxes, out) }
     }
 
-    fn look(&self, mask: &PairMask) -> Looked {
-        let mut looked = Looked::default();
+    /// The number of pairs, all of which are visited.
+    fn look(&self, mask: &PairMask) -> u64 {
+        let (mut count, mut indices) = (0, 0);
         if self.pool.is_some() {
-            let parts = mask.par_pairs().fold(Looked::default, Looked::at);
-            looked = parts.reduce(Looked::default, Looked::and);
+            let parts = mask.par_pairs().fold(|| (0, 0), |(n, i), [a, b]| (n + 1, i ^ a ^ b));
+            (count, indices) = parts.reduce(|| (0, 0), |one, two| (one.0 + two.0, one.1 ^ two.1));
         } else {
-            mask.for_each_slice(|pairs| looked = looked.and(Looked::of(pairs)));
+            mask.for_each_slice(|pairs| {
+                count += pairs.len() as u64;
+                indices = pairs.iter().fold(indices, |indices, [a, b]| indices ^ a ^ b);
+            });
         }
-        looked
+        // The compiler keeps the visits for it.
+        black_box(indices);
+        count
     }
 }
 
@@ -128,7 +111,6 @@ pub struct TimedFrame {
     /// Time to borrow memory and write the boxes into it; zero with a margin, where it is part of
     /// the round trip.
     pub fill: Duration,
-    /// From submission to the mask.
     pub round_trip: Duration,
     /// Time to visit every pair of the mask once.
     pub decode: Duration,
@@ -142,10 +124,9 @@ impl TimedFrame {
         was_asked: bool,
         [start, filled, answered]: [Instant; 3],
     ) -> Result<Self, TimedError> {
-        let looked = decoding.look(mask);
-        black_box(looked.indices);
+        let decoded = decoding.look(mask);
         let decode = answered.elapsed();
-        let (counted, decoded) = (mask.count(), looked.pairs);
+        let counted = mask.count();
         if counted != decoded {
             return Err(TimedError::Miscounted { counted, decoded });
         }

@@ -43,7 +43,6 @@ use std::fmt;
 use std::num::NonZeroU32;
 use std::str::FromStr;
 
-/// A frame, a query, or an edit of a scene.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum NotedName {
     Request {

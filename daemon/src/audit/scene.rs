@@ -22,7 +22,6 @@ use crate::scene::Random;
 /// Pairs of boxes that are compared after an answer: about 10 ms of the oracle.
 const TESTS: usize = 1 << 21;
 
-/// An edit and its answer, copied.
 #[derive(Debug)]
 pub struct SceneNote {
     pub(super) name: NotedName,
@@ -62,7 +61,6 @@ impl SceneNote {
         Some(Self::new(NotedName::Tick(number), request, payload, reported))
     }
 
-    /// An edit, which its payload holds, and what the scene reported of it.
     pub fn new(
         name: NotedName,
         request: SceneRequest,
@@ -82,7 +80,6 @@ impl SceneNote {
     }
 }
 
-/// A query and the window of its answer, copied.
 #[derive(Debug)]
 pub struct QueryNote {
     /// It is used again.

@@ -42,14 +42,12 @@ struct Running {
     thread: Option<JoinHandle<()>>,
 }
 
-/// What is to be checked.
 enum Work {
     Window(Box<Window>),
     Edit(Arc<SceneToken>, Box<SceneNote>),
     Query(Arc<SceneToken>, QueryNote),
 }
 
-/// What names a scene to the auditor.
 #[derive(Debug)]
 struct SceneToken {
     number: u64,
@@ -188,7 +186,6 @@ impl Auditor {
         Some(frame.take(fields, drawn))
     }
 
-    /// Copies the objects of a window and has it checked, with the frame's rules.
     pub fn submit(
         &self,
         mut window: Box<Window>,
@@ -215,7 +212,6 @@ impl Auditor {
         }
     }
 
-    /// Draws whether a scene that begins is audited.
     pub fn draw_scene(&self, most_boxes: u32) -> Option<AuditedScene> {
         let running = self.running.as_ref()?;
         let mut lots = locked(&running.lots);

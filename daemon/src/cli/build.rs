@@ -4,7 +4,6 @@ use std::sync::LazyLock;
 
 use pairmask_wire::Version;
 
-/// The compiler, as `rustc --version` names itself.
 pub const TOOLCHAIN: &str = env!("PAIRMASK_TOOLCHAIN");
 /// The commit, as `git describe` names it, or `unknown`.
 pub const COMMIT: &str = env!("PAIRMASK_COMMIT");
@@ -13,7 +12,6 @@ static VERSION: LazyLock<String> = LazyLock::new(|| {
     format!("{} (wire {}, commit {COMMIT})", env!("CARGO_PKG_VERSION"), Version::CURRENT)
 });
 
-/// What `--version` says: crate, wire contract, commit.
 pub fn version() -> &'static str {
     &VERSION
 }

@@ -51,7 +51,6 @@ pub struct Config {
     pub(super) audit: Option<AuditRate>,
 }
 
-/// Most characters of a wrong line that are quoted.
 const QUOTED_CHARS: usize = 60;
 
 /// The place in `text` and the mistake, without the parser's excerpt of several lines.

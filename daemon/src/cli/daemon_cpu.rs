@@ -13,7 +13,6 @@ pub struct DaemonCpu {
 }
 
 impl DaemonCpu {
-    /// The processes that serve an instance now; `None` where none do.
     pub fn of(dir: &RuntimeDir, instance: &InstanceName) -> Option<Self> {
         let record = dir.serving(instance).read_record(instance)?;
         Some(Self { processes: [record.worker_pid, record.supervisor_pid] })
@@ -36,7 +35,6 @@ impl DaemonCpu {
     }
 }
 
-/// CPU time that was used within a time.
 #[derive(Clone, Copy, Debug)]
 pub struct Used {
     pub cpu: Duration,
@@ -57,7 +55,6 @@ pub fn own_cpu() -> Duration {
     Duration::new(used.tv_sec.unsigned_abs(), used.tv_nsec.unsigned_abs() as u32)
 }
 
-/// A share of some time, ns, of so many equal ones.
 pub fn nanoseconds_a(time: Duration, shares: u64) -> u64 {
     u64::try_from(time.as_nanos() / u128::from(shares.max(1))).unwrap_or(u64::MAX)
 }

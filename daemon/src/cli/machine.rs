@@ -8,15 +8,12 @@ use super::build;
 
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Machine {
-    /// Processor, as the system names it.
     pub cpu: String,
-    /// Processors that this process may use.
     pub cores: usize,
     pub os: String,
     pub kernel: String,
     pub toolchain: String,
     pub commit: String,
-    /// The command line, without the binary's path.
     pub command: String,
 }
 
@@ -43,7 +40,6 @@ impl fmt::Display for Machine {
     }
 }
 
-/// The program's name without its folder, and its arguments.
 pub fn command_line() -> String {
     let mut words = std::env::args_os().map(|word| word.to_string_lossy().into_owned());
     let program = words.next().unwrap_or_default();

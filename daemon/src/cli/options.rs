@@ -32,13 +32,11 @@ pub struct Place {
     /// Instruction set of engines and decoders: avx512, avx2, portable [default: the widest]
     #[arg(long, global = true, env = "PAIRMASK_ISA", value_name = "NAME")]
     isa: Option<AvailableIsa>,
-    /// What the configuration file sets.
     #[arg(skip)]
     pub(super) file: Config,
 }
 
 impl Place {
-    /// The instance that the user named, if any.
     pub fn named_instance(&self) -> Option<InstanceName> {
         self.instance.clone().or_else(|| self.file.instance.clone())
     }
@@ -58,7 +56,6 @@ impl Place {
         self.isa.or(self.file.isa).unwrap_or_else(AvailableIsa::best)
     }
 
-    /// The same with the settings of the configuration file.
     pub fn with_config_file(&self) -> Result<Self, WrongUsage> {
         let named = self.config.as_deref().filter(|path| !path.as_os_str().is_empty());
         Ok(Self { file: Config::load(named)?, ..self.clone() })
@@ -79,7 +76,6 @@ impl DaemonOptions {
         self.gpu.clone().or_else(|| place.file.gpu.clone()).unwrap_or_default()
     }
 
-    /// The first of them, for what uses one.
     pub fn gpu(&self, place: &Place) -> GpuChoice {
         self.gpus(place).first()
     }
@@ -115,7 +111,6 @@ impl CullFlags {
         self.backend.or(place.file.backend).unwrap_or(default)
     }
 
-    /// The options of a frame as the plan gets them.
     pub fn cull_options(&self, place: &Place) -> CullOptions {
         CullOptions {
             engine: self.engine(place),

@@ -25,7 +25,6 @@ pub fn start_log(default_level: &str) {
     env_logger::Builder::from_env(env).format_target(false).init();
 }
 
-/// Prints one JSON document and a line's end on stdout.
 pub fn print_json(value: &impl Serialize) -> Result<(), OutputError> {
     print_text(&serde_json::to_string_pretty(value)?)
 }

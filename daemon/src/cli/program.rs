@@ -22,7 +22,6 @@ pub type Fault = Box<dyn Error + Send + Sync>;
 
 pub type Result<T = (), E = Fault> = std::result::Result<T, E>;
 
-/// A wrong command line or configuration, as one line of text.
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]
 pub struct WrongUsage(pub String);

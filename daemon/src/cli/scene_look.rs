@@ -12,14 +12,12 @@ const LEAST_OBJECTS: usize = 8;
 /// shape, one box in eight is well formed by chance.
 const WELL_FORMED: f64 = 0.95;
 
-/// The shapes that the words of a file look like.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Look {
     reads_as_boxes: bool,
     reads_as_spheres: bool,
 }
 
-/// Objects of a file that overlap nothing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Useless {
     /// Boxes with `min > max`, spheres with a radius below 0.

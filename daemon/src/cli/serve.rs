@@ -65,7 +65,6 @@ pub struct Serve {
 }
 
 impl Serve {
-    /// Whether a supervisor started this process.
     pub const fn is_worker(&self) -> bool {
         self.worker.is_some()
     }

@@ -6,7 +6,6 @@ use clap::{Arg, Command, CommandFactory};
 use super::Cli;
 use super::usage::is_blank;
 
-/// The properties of a program's commands that the changes depend on.
 #[derive(Clone, Copy, Debug)]
 pub struct Shape {
     /// Settings that a command accepts and does not use. Every command accepts the shared settings,

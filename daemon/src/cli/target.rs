@@ -17,7 +17,6 @@ pub struct Target {
     pub dir: RuntimeDir,
     pub instance: InstanceName,
     backend: Backend,
-    /// A daemon of the measurement's own, stopped with it.
     _daemon: Option<PrivateDaemon>,
 }
 

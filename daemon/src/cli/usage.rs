@@ -15,7 +15,6 @@ pub fn one_line(error: &Error, command: &Command, arguments: &[OsString]) -> Str
     format!("{what}: see `{} --help`", names.join(" "))
 }
 
-/// The command that the arguments name, after its parents.
 fn command_path<'a>(command: &'a Command, arguments: &[OsString]) -> Vec<&'a Command> {
     let mut path = vec![command];
     let mut innermost = command;
@@ -117,7 +116,6 @@ fn words(value: &ContextValue) -> String {
     }
 }
 
-/// The first line of an error of another kind.
 fn first_line(error: &Error) -> String {
     let text = error.to_string();
     let line = text.lines().next().unwrap_or_default();

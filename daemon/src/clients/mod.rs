@@ -27,7 +27,6 @@ pub(crate) struct Clients {
 }
 
 impl Clients {
-    /// Of an instance that at most `max_clients` connect to.
     pub(crate) fn new(notifier: WakeClient, max_clients: usize) -> Self {
         Self { notifier, known: Mutex::new(Known::new(max_clients)) }
     }
@@ -105,7 +104,6 @@ struct Known {
 }
 
 impl Known {
-    /// Room for so many clients, and one at the least.
     fn new(max_clients: usize) -> Self {
         let capacity = max_clients.max(1);
         Self { clients: Vec::with_capacity(capacity), capacity, looks: 0, forgotten: Vec::new() }
@@ -140,9 +138,7 @@ impl Known {
 /// What is kept of a client. Everything that belongs to one session and outlives a request goes here.
 pub(crate) struct Client {
     session: u128,
-    /// The number of the last look for it.
     looked_at: u64,
-    /// What wakes it, once it was found.
     listener: Option<ListenerKey>,
     pub(crate) last_pairs: Option<u64>,
     pub(crate) last_work: LastWork,

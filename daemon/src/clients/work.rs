@@ -47,7 +47,6 @@ pub(crate) struct FrameWork {
     pub(crate) gpu: GpuNeed,
 }
 
-/// Whether a frame is to be left to the GPU.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum GpuNeed {
     /// A core serves it about as soon, or sooner.

@@ -96,7 +96,6 @@ impl CpuSide {
     }
 }
 
-/// Whether a GPU could not serve a frame that cores can.
 pub(crate) const fn is_left_to_cores(error: &CullError) -> bool {
     use CullError::{DeviceLost, DeviceMemory, TooCrowded};
     matches!(error, DeviceLost { .. } | DeviceMemory { .. } | TooCrowded { .. })
@@ -113,7 +112,6 @@ pub struct Planned {
 }
 
 impl Planned {
-    /// The place of the GPU that takes the frame, among those of the daemon.
     pub fn gpu_place(&self) -> usize {
         self.gpu.as_ref().map_or(0, |gpu| gpu.number)
     }

@@ -21,7 +21,6 @@ pub struct EnginePool {
 }
 
 impl EnginePool {
-    /// A pool of `threads` threads, with this one as its first.
     pub fn with_this_thread(threads: usize) -> Result<Self, ThreadPoolBuildError> {
         let pool = ThreadPoolBuilder::new()
             .num_threads(threads)

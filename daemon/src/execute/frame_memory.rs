@@ -44,7 +44,6 @@ pub(super) struct LentReply {
 }
 
 impl LentReply {
-    /// Its addresses; none where nothing was lent.
     pub(super) const fn range(self) -> std::ops::Range<usize> {
         self.start..self.start + self.bytes
     }

@@ -112,7 +112,6 @@ impl Engines {
 /// Is shown each device that is opened: tests lose it.
 pub type WatchDevice = fn(&Arc<Gpu>);
 
-/// The GPU's engines, on whatever device there is now.
 pub struct GpuService {
     slot: GpuSlot,
     engines: Option<Engines>,
@@ -168,7 +167,6 @@ impl GpuService {
         self.slot.ready()
     }
 
-    /// What scenes on the device of now share, if there is a device.
     pub(super) fn scene_tools(&mut self) -> Option<Arc<SceneTools>> {
         self.engines().map(|engines| Arc::clone(&engines.scenes))
     }
@@ -197,7 +195,6 @@ impl GpuService {
         self.engines.as_mut()
     }
 
-    /// Finds the pairs of objects that belong to `owner`, and says which engine did.
     pub fn cull(
         &mut self,
         objects: Objects<'_>,
@@ -214,7 +211,6 @@ impl GpuService {
         engines.cull(objects, plan, reply)
     }
 
-    /// See [`Grid::cull_ruled`].
     pub(super) fn cull_ruled(
         &mut self,
         boxes: BoxSlice<'_>,
@@ -254,7 +250,6 @@ impl GpuService {
         engines.grid.begin(memory, plan.encoding)
     }
 
-    /// See [`Grid::begin_bundle`].
     pub fn begin_bundle<M: FrameMemory>(
         &mut self,
         frames: Vec<(M, Owner, Encoding)>,
@@ -310,7 +305,6 @@ impl GpuService {
         self.tidy();
     }
 
-    /// Gives up memory whose owner is gone; to be called now and then.
     pub fn tidy(&mut self) {
         if let Some(engines) = &mut self.engines {
             engines.change_imports(|imports, _| imports.tidy());

@@ -90,7 +90,6 @@ impl Gpus {
         others.min_by_key(|gpu| gpu.queued_steps())
     }
 
-    /// All of them, from one on.
     fn from(&self, first: usize) -> impl Iterator<Item = &Arc<SharedGpu>> {
         self.all[first.min(self.all.len())..].iter().chain(&self.all[..first.min(self.all.len())])
     }
@@ -152,7 +151,6 @@ impl SceneGpus {
         others
     }
 
-    /// Most that may keep a scene of so many boxes.
     pub(super) fn most_for(&self, boxes: usize) -> usize {
         if boxes < SHARED_SCENE_BOXES || !self.all.are_alike() {
             return 1;

@@ -30,7 +30,6 @@ const MOVE_NS_A_BOX: f64 = 100.0;
 /// Time to move any scene, ns: memory is taken.
 const MOVE_NS: f64 = 1e6;
 
-/// A scene, and what is known of the better place for it.
 pub struct SceneKeeper {
     place: Place,
     options: SceneOptions,
@@ -50,7 +49,6 @@ enum Place {
     Gpu(GpuScene),
 }
 
-/// The same of a scene, wherever it is kept.
 macro_rules! at_place {
     ($place:expr, $scene:ident => $what:expr) => {
         match $place {
@@ -137,7 +135,6 @@ impl SceneKeeper {
         self.most_gpus = most.max(1);
     }
 
-    /// Bytes that it keeps, in host and video memory.
     pub fn bytes(&self) -> u64 {
         match &self.place {
             Place::Cores(scene) => scene.allocated_bytes() as u64,
@@ -238,7 +235,6 @@ impl SceneKeeper {
         at_place!(&mut self.place, scene => scene.acknowledge());
     }
 
-    /// Forgets what was reported.
     pub fn resync(&mut self) {
         at_place!(&mut self.place, scene => scene.resync());
     }

@@ -135,7 +135,6 @@ impl Executor {
         self.run_or_other(planned, &mut Frame { objects: boxes.into(), owner, reply })
     }
 
-    /// Plans a frame of boxes whose reply has so many words at the most.
     pub fn plan(
         &mut self,
         boxes: BoxSlice<'_>,
@@ -243,7 +242,6 @@ impl Executor {
         }
     }
 
-    /// Waits for a frame, and gives its memory back.
     pub fn end<M: FrameMemory>(&mut self, cull: CullUnderWay<M>) -> Ended<M> {
         cull.end().unwrap_or_else(|unserved| self.answer(unserved))
     }
@@ -373,7 +371,6 @@ fn offering_reply<M: FrameMemory>(
     Ok(answer)
 }
 
-/// What a frame lends for the time of a call.
 struct Frame<'a> {
     objects: Objects<'a>,
     owner: Owner,

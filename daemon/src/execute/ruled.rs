@@ -18,7 +18,6 @@ use super::frame_memory::{FrameMemory, boxes_of};
 use super::gpu::takes_worlds;
 use super::{Executor, GpuService, Owner, Planned, offering_reply};
 
-/// The rules of a session's last frames as a GPU takes them.
 #[derive(Default)]
 pub(super) struct KeptMarks {
     /// The number of the rules; 0 before the first.
@@ -162,7 +161,6 @@ impl Executor {
         self.rules.read_named(place, number, n, pages).map(Arc::clone)
     }
 
-    /// The rules that are kept under the client's number.
     pub fn kept_rules(&self, number: u64, n: BoxCount) -> Result<Arc<SentRules>, Reject> {
         self.rules.named(number, n).map(Arc::clone)
     }

@@ -40,21 +40,17 @@ pub(super) struct Outlook {
     /// Fewest boxes of a frame that is left to it.
     pub(super) under_way_boxes: Option<u32>,
     pub(super) is_software: bool,
-    /// Whether the first device is being opened.
     pub(super) is_opening: bool,
-    /// Whether there is no device, and none will come.
     pub(super) is_missing: bool,
 }
 
 impl Outlook {
-    /// Whether a frame of this plan may share a submission with others.
     pub(super) fn can_join(&self, plan: &Plan) -> bool {
         let can_share = plan.engine.is_gpu() && plan.encoding != Encoding::Dense;
         let n = plan.stats.n.get();
         can_share && self.under_way_boxes.is_some_and(|least| (2..least).contains(&n))
     }
 
-    /// Whether a frame of this plan may be left to the GPU.
     pub(super) fn can_begin(&self, plan: &Plan) -> bool {
         plan.engine == EngineName::GpuGrid
             && plan.encoding != Encoding::Dense
@@ -94,7 +90,6 @@ impl SharedGpu {
         GpuTurn { service, _turn: turn }
     }
 
-    /// Uses the GPU as soon as no other thread does.
     pub(super) fn with<R>(&self, work: impl FnOnce(&mut GpuService) -> R) -> R {
         let mut service = self.lock();
         let done = work(&mut service);
@@ -113,7 +108,6 @@ impl SharedGpu {
         locked(&self.outlook).1.upgrade()
     }
 
-    /// Whether it has no device, and will have none.
     pub fn is_missing(&self) -> bool {
         self.outlook().is_missing
     }
@@ -137,7 +131,6 @@ impl SharedGpu {
         }
     }
 
-    /// What is known of it, without waiting for it.
     pub(super) fn outlook(&self) -> Outlook {
         locked(&self.outlook).0
     }
@@ -296,7 +289,6 @@ pub struct Joining<M> {
 }
 
 impl<M> Joining<M> {
-    /// The place of the GPU that it is planned for, among those of the daemon.
     pub fn gpu_place(&self) -> usize {
         self.planned.gpu_place()
     }

@@ -28,7 +28,6 @@ const ALL_PAIRS_SPHERES: usize = 32_768;
 /// "Spheres"): a thread has four rows, so 4 · 15 · 753 here.
 const SOFTWARE_SPHERES: usize = 16;
 
-/// Whether an engine of the GPU takes a frame of so many spheres.
 pub(super) fn takes_spheres(engine: EngineName, spheres: usize, is_software: bool) -> bool {
     match engine {
         EngineName::GpuBrute if is_software => spheres <= SOFTWARE_SPHERES,

@@ -4,7 +4,6 @@ use pairmask_core::aabb::order_key;
 use pairmask_core::{Aabb, BoxClass};
 use serde::Serialize;
 
-/// How two intervals relate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub(super) enum Separation {
@@ -13,7 +12,6 @@ pub(super) enum Separation {
     Apart,
 }
 
-/// Two solid boxes on one axis.
 #[derive(Clone, Debug, Serialize)]
 pub(super) struct AxisReport {
     pub axis: &'static str,

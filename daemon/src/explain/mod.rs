@@ -20,13 +20,10 @@ use self::axis::{AxisReport, Separation, axes, number};
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(transparent)]
 pub struct Explanation {
-    /// The indices of the two boxes, in the order given.
     #[serde(skip)]
     pub pair: [u32; 2],
-    /// Whether the pair is in the mask.
     #[serde(skip)]
     pub overlaps: bool,
-    /// Why, in one sentence.
     #[serde(skip)]
     pub reason: String,
     /// `exact`, or the name of the precision mode.
@@ -37,7 +34,6 @@ pub struct Explanation {
     text: String,
 }
 
-/// Two boxes, as they are and as they are sent.
 struct Two<'a> {
     pair: [u32; 2],
     /// Of the scene.
@@ -222,7 +218,6 @@ impl Two<'_> {
         lines
     }
 
-    /// The text for one box that was named twice.
     fn with_itself(&self) -> Vec<String> {
         let ([i, _], n) = (self.pair, self.boxes);
         let mut lines = vec![
@@ -268,7 +263,6 @@ impl Two<'_> {
     }
 }
 
-/// The two corners of a box.
 fn corners(one: Aabb, text: impl Fn(f32) -> String) -> String {
     let [min, max] = [one.min, one.max].map(|corner| corner.map(&text).join(", "));
     format!("({min}) to ({max})")

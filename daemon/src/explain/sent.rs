@@ -21,7 +21,6 @@ pub struct SentBoxes<'a> {
 
 #[derive(Clone, Debug)]
 struct Form {
-    /// The unit of the coordinates.
     unit: &'static str,
     rule: String,
     /// Edges of a cell, units; `None` where coordinates are no cells.
@@ -92,7 +91,6 @@ impl<'a> SentBoxes<'a> {
         Self { boxes: Cow::Borrowed(sent), mode: "f64".to_owned(), form }
     }
 
-    /// The boxes that engines get.
     pub fn boxes(&self) -> &[Aabb] {
         &self.boxes
     }
@@ -108,12 +106,10 @@ impl<'a> SentBoxes<'a> {
         }
     }
 
-    /// Edges of a cell, units; `None` where coordinates are no cells.
     pub(super) fn cell_edges(&self) -> Option<[f64; 3]> {
         self.form.as_ref()?.cell_edges
     }
 
-    /// What the mode makes of the two boxes.
     pub(super) fn json(&self, two: &[Aabb; 2]) -> Option<Value> {
         let form = self.form.as_ref()?;
         Some(json!({

@@ -18,7 +18,6 @@ pub struct Incoming {
     pub request: CheckedRequest,
 }
 
-/// A port that sent something.
 #[derive(Debug)]
 struct Port {
     sender: Sender,

@@ -68,7 +68,6 @@ pub struct Inbox<R> {
     capacity: usize,
     /// Frames that GPUs serve at a time.
     gpus: usize,
-    /// Number of the turn at the end of the line.
     last_turn: u64,
     /// Number of the request that was given out last, with those that are served together with it.
     last_task: u64,
@@ -113,7 +112,6 @@ impl<R> Inbox<R> {
         self.waiting.len()
     }
 
-    /// Takes in a request that is to be served by a resource.
     pub fn put(&mut self, sender: Sender, resource: Resource, request: R, now: Instant) {
         let Sender { session, process, .. } = sender;
         self.open_account(process);

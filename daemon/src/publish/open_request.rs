@@ -58,7 +58,6 @@ impl ReplyLender {
 pub(crate) struct OpenRequest {
     incoming: Incoming,
     pub(crate) sender: Sender,
-    /// What its answer echoes.
     pub(crate) fields: ReplyFields,
     pub(crate) taken_at: Instant,
     scene: ScenePlace,
@@ -82,7 +81,6 @@ pub(crate) struct FrameRules {
 }
 
 impl OpenRequest {
-    /// Takes a request in. Its time counts from now.
     pub(crate) fn new(incoming: Incoming, lender: Arc<ReplyLender>) -> Self {
         let taken_at = Instant::now();
         let header = incoming.request.header();

@@ -23,19 +23,16 @@ use crate::requests::Served;
 /// none: tests show with it that the auditor notices a wrong answer.
 pub type AlterAnswer = fn(&mut [u32], &mut CullReport);
 
-/// What every answer passes, on the thread that made it.
 pub(crate) struct Outbox {
     services: Arc<Services>,
     pub(crate) clients: Clients,
     counters: Mutex<Counters>,
     pub(crate) auditor: Arc<Auditor>,
     scene_memory: SceneMemory,
-    /// Changes every answer before it is counted and sent.
     alter_answers: Option<AlterAnswer>,
 }
 
 impl Outbox {
-    /// To the clients of these services.
     pub(crate) fn new(
         services: Arc<Services>,
         clients: Clients,
@@ -235,7 +232,6 @@ impl Counters {
         };
     }
 
-    /// The counters, beside what others count.
     fn body(
         &self,
         client_count: usize,

@@ -15,11 +15,9 @@ pub(crate) struct Refusal {
     pub(super) status: StatusCode,
     /// What belongs to the status: sizes, an engine.
     pub(super) detail: [u64; 2],
-    /// For the daemon's log.
     pub(super) text: String,
 }
 
-/// A refusal of an error, with its status and what belongs to that.
 macro_rules! refuse {
     ($($error:ty: $name:ident => ($status:expr, $detail:expr);)+) => {
         $(impl From<$error> for Refusal {

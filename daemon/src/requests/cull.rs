@@ -32,7 +32,6 @@ pub(crate) struct Culls {
 }
 
 impl Culls {
-    /// No frame yet. Sessions get engines like `model`.
     pub(super) fn new(model: Executor, pool: Arc<EnginePool>, outbox: Arc<Outbox>) -> Self {
         Self {
             lines: model.gpus().iter().cloned().map(GpuLine::new).collect(),
@@ -58,7 +57,6 @@ impl Culls {
         }
     }
 
-    /// Gives up what belonged to clients that are gone.
     pub(super) fn tidy(&self) {
         self.lines.iter().for_each(GpuLine::tidy);
         self.filters.tidy();
@@ -126,7 +124,6 @@ impl Culls {
         used
     }
 
-    /// The same with engines, beside other clients that are busy or not.
     fn cull(
         &self,
         mut open: OpenRequest,
@@ -353,7 +350,6 @@ impl Culls {
         Served { threads, on_gpu, ..Served::BEGUN }
     }
 
-    /// Answers a frame that the GPU could not serve.
     fn answer(&self, unserved: Unserved<OpenRequest>, place: Place) -> Ended<OpenRequest> {
         let mut engines = self.new_engines();
         self.work(place, unserved.threads(), move || engines.answer(unserved))
@@ -384,7 +380,6 @@ enum Place {
 }
 
 impl Place {
-    /// Where a frame of such options is culled.
     fn of(options: &CullOptions) -> Self {
         if options.threads == Some(1) { Self::Lane } else { Self::Pool }
     }

@@ -157,10 +157,8 @@ pub(super) fn cull_there(
 }
 
 pub(super) struct Sets<'a> {
-    /// Boxes of the first.
     pub first: BoxCount,
     pub options: &'a CullOptions,
-    /// Whether other clients are busy.
     pub beside_others: bool,
 }
 

@@ -69,7 +69,6 @@ impl GpuLine {
         self.claimed.fetch_sub(1, Ordering::Relaxed);
     }
 
-    /// Puts a submission behind the others. Its place is claimed.
     pub(super) fn put(&self, submission: Submission) {
         locked(&self.under_way).push_back(submission);
     }

@@ -179,7 +179,6 @@ impl Responder {
         Err(Served::OTHER)
     }
 
-    /// Gives up what belonged to clients that are gone; to be called now and then.
     pub fn tidy(&self) {
         self.culls.tidy();
         self.outbox.tidy();

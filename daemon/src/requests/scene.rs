@@ -25,7 +25,6 @@ pub(super) struct SceneTools {
     pub(super) isa: AvailableIsa,
     pub(super) calibration: Calibration,
     pub(super) gpus: Gpus,
-    /// What all scenes together may take.
     pub(super) memory: SceneMemory,
     pub(super) pool: Arc<EnginePool>,
     pub(super) auditor: Arc<Auditor>,
@@ -214,7 +213,6 @@ fn edit_and_answer(
     Ok(())
 }
 
-/// What an edit is answered with, beside what it changed.
 pub(super) struct EditAnswer {
     pub engine: EngineName,
     pub bytes: u64,
@@ -254,7 +252,6 @@ impl EditAnswer {
     }
 }
 
-/// Why an edit or a query has no answer.
 pub(super) enum Failed {
     /// The scene is what it was.
     Refused(Refusal),

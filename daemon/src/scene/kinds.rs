@@ -129,7 +129,6 @@ const COLUMN_HEIGHT: usize = 32;
 const COLUMN_STEP: f32 = 1.3;
 /// Mean distance of objects that have landed, and of those that fall.
 const LANDED_STEP: f32 = 0.75;
-/// See [`LANDED_STEP`].
 const FALLING_STEP: f32 = 1.8;
 
 /// `n` objects in square columns, with edges from `object`.

@@ -26,7 +26,6 @@ use std::str::FromStr;
 use pairmask_core::Aabb;
 use pairmask_core::engine::UnknownName;
 
-/// Boxes and how they move.
 #[derive(Clone, Debug)]
 pub struct Scene {
     boxes: Vec<Aabb>,
@@ -70,7 +69,6 @@ impl Scene {
         Self { boxes, velocities, walls }
     }
 
-    /// Each box with the velocity that `velocity` gives it.
     fn moving(boxes: Vec<Aabb>, walls: Walls, velocity: impl FnMut(&Aabb) -> [f32; 3]) -> Self {
         let velocities = boxes.iter().map(velocity).collect();
         Self { boxes, velocities, walls }
@@ -105,7 +103,6 @@ fn around(centre: [f32; 3], edges: [f32; 3]) -> Aabb {
     }
 }
 
-/// What makes a scene of so many boxes.
 type Make = fn(usize, &mut Random) -> Scene;
 
 macro_rules! scene_names {
@@ -119,7 +116,6 @@ macro_rules! scene_names {
             /// Every scene: the four of the anchors, the papers' five, the worst cases.
             pub const ALL: [Self; [$($text),+].len()] = [$(Self::$name),+];
 
-            /// The name on the command line and in reports.
             pub const fn as_str(self) -> &'static str {
                 match self {
                     $(Self::$name => $text,)+

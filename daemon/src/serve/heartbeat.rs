@@ -17,7 +17,6 @@ use rustix::thread::gettid;
 
 use super::{ServeError, StoppedThread};
 
-/// Between two looks at the lanes.
 const LOOK_INTERVAL: Duration = Duration::from_millis(500);
 /// Lanes that sleep, all of them, for this long without a look for requests, hang: the one that leads looks
 /// twice a second, and a frame that is under way on a GPU is looked at all the time.
@@ -26,7 +25,6 @@ const HANGS_AFTER: Duration = Duration::from_secs(10);
 /// A worker that had no file for a client counts as full for this long: more than such a client takes to look.
 const FULL_FOR: Duration = Duration::from_secs(1);
 
-/// The thread that beats, until this is dropped.
 pub(super) struct Beating {
     /// Rounds of the lanes: one that looks for requests counts them.
     pub(super) rounds: Arc<AtomicU64>,
@@ -88,7 +86,6 @@ fn beat(
     }
 }
 
-/// Whether lanes hang, by looks at them.
 struct LaneWatch(Stillness);
 
 impl LaneWatch {
@@ -113,7 +110,6 @@ fn others_sleep() -> bool {
     })
 }
 
-/// Whether the line of a thread in `/proc` says that it sleeps.
 fn sleeps(stat: &str) -> bool {
     // The name before the state may hold anything, parentheses too.
     stat.rsplit_once(')').is_some_and(|(_, rest)| rest.trim_start().starts_with('S'))

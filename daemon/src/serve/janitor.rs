@@ -15,7 +15,6 @@ use pairmask_wire::InstanceName;
 use super::{ServeError, StoppedThread};
 use crate::locked;
 
-/// The thread, until this is dropped.
 pub(super) struct Janitor {
     posted: Arc<Mutex<Option<StatusFile>>>,
     segment: Arc<OnceLock<PathBuf>>,

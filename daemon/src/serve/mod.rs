@@ -33,7 +33,6 @@ use crate::publish::AlterAnswer;
 #[derive(Clone, Debug)]
 pub struct ServeSettings {
     pub instance: InstanceName,
-    /// Where instances live.
     pub dir: RuntimeDir,
     pub limits: Limits,
     /// Threads that cull; `None` is one a core.
@@ -49,7 +48,6 @@ pub struct ServeSettings {
     pub gpu_awake: Duration,
     /// The instruction set of the CPU's engines.
     pub isa: AvailableIsa,
-    /// Which frames are audited.
     pub audit: AuditRate,
     /// Changes every answer; `None` but in tests of the auditor. A supervisor cannot pass it on to
     /// its worker: the binary that both run sets it.
@@ -129,10 +127,7 @@ pub enum ServeError {
     Files { clients: usize, needed: u64, limit: u64, fit: u64 },
     /// The worker gave up before it served at all; it said why itself.
     #[error("the worker could not serve (exit code {code})")]
-    Worker {
-        /// Its exit code.
-        code: i32,
-    },
+    Worker { code: i32 },
 }
 
 impl ServeError {

@@ -34,12 +34,10 @@ use crate::execute::gpu::GpuChoices;
 
 /// How long to wait for the lock of a supervisor that is gone. One that lives is not waited for.
 const PREDECESSOR_LETS_GO: Duration = Duration::from_secs(1);
-/// Between two looks whether it has.
 const PREDECESSOR_LOOK: Duration = Duration::from_millis(5);
 /// A worker that was asked to stop has this long: more than its longest sleep and one frame.
 const STOP_WITHIN: Duration = Duration::from_secs(5);
 
-/// Between two looks at the worker's heartbeat.
 const LOOK_INTERVAL: Duration = Duration::from_millis(50);
 /// A worker that is stopped for this long is replaced: within a second it serves again. Ctrl-Z stops the
 /// supervisor too, which looks at nothing meanwhile.
@@ -216,7 +214,6 @@ fn spawn_worker(settings: &ServeSettings, restarted: bool) -> Result<Child, Serv
         .map_err(ServeError::system("starting the worker"))
 }
 
-/// Why a worker is watched no longer.
 enum End {
     Asked,
     Status(ExitStatus),
@@ -282,7 +279,6 @@ fn watch(
     }
 }
 
-/// The heartbeat of a worker, and whether it stands still.
 struct HeartWatch {
     heart: Option<DaemonWatch>,
     still: Stillness,

@@ -37,7 +37,6 @@ use crate::scene::{Scene, SceneName};
 const PREDECESSOR_DIES: Duration = Duration::from_secs(2);
 /// The least mask that is worth serving: a dense one of 4,000 boxes.
 const LEAST_REPLY_BYTES: u64 = 1 << 20;
-/// Between two looks whether it has.
 const PREDECESSOR_LOOK: Duration = Duration::from_millis(10);
 
 /// Serves an instance in this process until SIGINT or SIGTERM, or until its parent, the process

@@ -40,7 +40,6 @@ pub enum Bench {
 
 /// Spin time of both sides. Longer than any pause between two frames, so that no thread sleeps.
 const SPIN: Duration = Duration::from_secs(1);
-/// Seed of the scene: every run has the same boxes and motions.
 pub const SEED: u64 = 1;
 /// Frames between two moves of the progress bar: its cost is then nothing beside that of the
 /// frames.

@@ -23,7 +23,6 @@ pub struct LatencyReport {
     pub rows: Vec<LatencyRow>,
 }
 
-/// An element of its `rows`.
 #[derive(Debug)]
 pub struct LatencyRow {
     pub n: u32,
@@ -131,14 +130,12 @@ impl fmt::Display for LatencyRow {
     }
 }
 
-/// The engine's name where frames had different engines.
 const SEVERAL: &str = "auto";
 
 /// The daemon died or started during the measurement: the row would mix two backends.
 const CHANGED: &str =
     "the daemon came or went during the measurement: name a --backend, and try again";
 
-/// Frames under measurement, all of one backend.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Figures {
     backend: String,
@@ -194,7 +191,6 @@ impl Figures {
         self.stages[3].percentiles().p50
     }
 
-    /// Adds those of another client.
     pub fn add(&mut self, other: &Self) -> Result {
         if self.backend != other.backend {
             return Err(CHANGED.into());

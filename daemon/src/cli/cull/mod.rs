@@ -124,7 +124,6 @@ impl Cull {
         Ok(())
     }
 
-    /// What is wrong about the command line, as an error.
     fn check(&self) -> Result<(), String> {
         let is_precise = self.precision == PrecisionChoice::Exact;
         for (flag, allowed) in [("--precision", is_precise), ("--explain", !self.explain)] {

@@ -129,7 +129,6 @@ pub fn plan(boxes: &[Aabb], options: &CullOptions, isa: AvailableIsa) -> Plan {
     CpuEngines::on(isa, Calibration::built_in(isa.get())).plan(boxes, options, None)
 }
 
-/// The object `explain` of `cull --json --explain`.
 pub fn explanation(plan: &Plan, isa: AvailableIsa, mask: &PairMask, decode: Duration) -> Shown {
     let calibration = format!("built in for {}", isa.get());
     let (info, stats) = (mask.info(), &plan.stats);

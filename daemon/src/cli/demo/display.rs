@@ -38,7 +38,6 @@ impl Tally {
 
 #[derive(Debug)]
 pub struct Display {
-    /// The line on the terminal, if stderr is one.
     live: Option<ProgressBar>,
     due: Instant,
     all: Tally,
@@ -92,7 +91,6 @@ impl Display {
         }
     }
 
-    /// Counts a checked frame: the last one.
     pub fn note_check(&mut self, bad: Option<Mismatch>) {
         self.checked += 1;
         if let Some(bad) = bad {

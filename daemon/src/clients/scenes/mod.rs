@@ -69,7 +69,6 @@ impl KeptScene {
 }
 
 impl SceneRoom {
-    /// The share of a scene without boxes.
     pub(crate) fn begin(memory: &SceneMemory) -> Result<Self, NoRoom> {
         memory.charge(BYTES_A_SCENE)
     }

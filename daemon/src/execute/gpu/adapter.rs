@@ -15,7 +15,6 @@ pub enum GpuChoice {
     None,
     /// A software adapter, for tests.
     Software,
-    /// The adapter at this place in the list.
     Index(usize),
     /// The first adapter whose name contains this text, or whose PCI address it is.
     Name(String),
@@ -49,7 +48,6 @@ impl fmt::Display for GpuChoice {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct AdapterInfo {
     pub name: String,
-    /// Driver and its version.
     pub driver: String,
     /// PCI address, `domain:bus:device.function`; empty when it has none.
     pub pci_address: String,
@@ -210,7 +208,6 @@ impl GpuChoices {
         }
     }
 
-    /// The first of them, for what uses one GPU.
     pub fn first(&self) -> GpuChoice {
         match self {
             Self::Each(choices) => choices.first().cloned().unwrap_or_default(),

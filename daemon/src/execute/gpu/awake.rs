@@ -38,7 +38,6 @@ impl Shared {
     }
 }
 
-/// The thread that keeps a device awake. Ends when dropped.
 pub struct Awake {
     gpu: Arc<Gpu>,
     shared: Arc<Shared>,

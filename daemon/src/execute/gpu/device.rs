@@ -90,10 +90,8 @@ impl std::fmt::Debug for Gpu {
 /// Whether the device may import host memory. `Never` is for tests of the staged path.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum HostImport {
-    /// Where the driver can.
     #[default]
     IfPossible,
-    /// Not even then.
     Never,
 }
 

@@ -435,7 +435,6 @@ impl Frame {
         !self.pending
     }
 
-    /// Times of the last run, if the frame is profiled.
     pub fn step_times(&self) -> Result<Vec<StepTime>, GpuError> {
         let Some(queries) = self.queries else { return Ok(Vec::new()) };
         let mut ticks = vec![0u64; self.steps.len() + 1];

@@ -290,7 +290,6 @@ impl Imports {
         forgotten
     }
 
-    /// Imports the objects of an owner unless they are known.
     #[must_use]
     pub(in crate::execute) fn offer_objects(
         &mut self,
@@ -345,7 +344,6 @@ impl Imports {
         !self.leaving.iter().any(|(its, _)| overlap(its, range))
     }
 
-    /// Gives up memory whose owner is gone; to be called now and then.
     #[must_use]
     pub(in crate::execute) fn tidy(&mut self) -> Forgotten {
         self.leaving.retain(|(_, block)| block.strong_count() > 0);

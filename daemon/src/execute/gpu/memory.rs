@@ -32,7 +32,6 @@ impl Home {
     }
 }
 
-/// A piece of memory bound to a storage buffer.
 pub struct Block {
     gpu: Arc<Gpu>,
     pub(super) home: Home,
@@ -95,7 +94,6 @@ impl Block {
         Ok(Arc::new(block))
     }
 
-    /// Imports a mapping, so that the GPU reads and writes its pages themselves.
     pub(super) fn import(gpu: &Arc<Gpu>, mapping: ReadWriteMapping) -> Result<Arc<Self>, GpuError> {
         let refused = GpuError::Driver(vk::Result::ERROR_INVALID_EXTERNAL_HANDLE);
         let (Some(import), Some(align)) = (gpu.host_import(), gpu.limits().import_align_bytes)
@@ -182,7 +180,6 @@ impl Block {
         self.bytes
     }
 
-    /// Whether it was imported from memory whose owner is gone.
     pub(super) fn is_orphaned(&self) -> bool {
         self.mapping.as_ref().is_some_and(ReadWriteMapping::is_orphaned)
     }
@@ -260,12 +257,10 @@ impl Part {
 /// engine, which grow with the scenes, and the parts of a frame.
 macro_rules! frame_blocks {
     ($scratch:ident, $blocks:ident: $($name:ident in $home:ident),+ $(,)?) => {
-        /// All blocks between the stages.
         pub(super) struct $scratch {
             $($name: Growing,)+
         }
 
-        /// What one frame has of them.
         #[derive(Clone)]
         pub(super) struct $blocks {
             $(pub(super) $name: Part,)+

@@ -16,7 +16,6 @@ pub struct EngineOptions {
     pub upload: Option<Upload>,
     /// Tile shape of all pairs; `None` chooses by count.
     pub tuning: Option<Tuning>,
-    /// Take timestamps of each step.
     pub profiled: bool,
     /// Most bytes of a band's matrix of all pairs; `None` for what the device allows. Small values force many
     /// bands.

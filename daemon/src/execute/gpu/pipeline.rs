@@ -136,7 +136,6 @@ impl Pipelines {
         Ok(Self { gpu: Arc::clone(gpu), checks, made: HashMap::new(), cache, file })
     }
 
-    /// The pipeline of a stage, compiled when first asked for.
     pub fn get(&mut self, stage: Stage) -> Result<Arc<Pipeline>, GpuError> {
         if let Some(pipeline) = self.made.get(&stage) {
             return Ok(Arc::clone(pipeline));

@@ -42,7 +42,6 @@ pub struct GpuSlot {
     /// When the last device was lost, and when the next try is due.
     lost_at: Instant,
     retry_at: Instant,
-    /// The thread that opens devices.
     opening: Option<DriverThread<Result<Arc<Gpu>, OpenError>>>,
 }
 
@@ -91,7 +90,6 @@ impl GpuSlot {
         self.state
     }
 
-    /// Has the thread open a device.
     fn begin(&mut self, state: SlotState, now: Instant) {
         self.state = state;
         if self.opening.as_ref().is_some_and(DriverThread::ask) {

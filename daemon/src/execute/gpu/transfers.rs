@@ -67,7 +67,6 @@ impl SharedImports {
     }
 }
 
-/// An engine's way to the boxes and back to the reply.
 pub(super) struct Transfers {
     gpu: Arc<Gpu>,
     pub(super) imports: SharedImports,
@@ -77,7 +76,6 @@ pub(super) struct Transfers {
     staged_mask: Growing,
 }
 
-/// Boxes where the GPU sees them.
 pub(super) struct PlacedBoxes {
     /// The memory, whole words.
     pub(super) part: Part,
@@ -165,7 +163,6 @@ impl Transfers {
 /// in which the link brings as many bytes.
 const LEAST_BYTES: u64 = 512 << 10;
 
-/// A workspace's way ahead.
 pub(super) struct UploadAhead {
     gpu: Arc<Gpu>,
     /// Whether lone frames and small ones take it too. For tests.
@@ -174,7 +171,6 @@ pub(super) struct UploadAhead {
     uploads: FrameCache,
     /// Signalled by each upload, waited for by the frame after it.
     uploaded: vk::Semaphore,
-    /// Whether the last upload is to be ended.
     is_under_way: bool,
 }
 
@@ -209,7 +205,6 @@ impl UploadAhead {
         self.always || is_behind && crosses
     }
 
-    /// Where boxes will be in video memory.
     pub(super) fn place(
         &mut self,
         boxes: &PlacedBoxes,
@@ -257,7 +252,6 @@ impl UploadAhead {
         self.uploads.last_mut().map_or(Ok(()), |upload| upload.end(patience))
     }
 
-    /// Drops what was recorded for an import that has ended.
     pub(super) fn forget(&mut self, block: &Arc<Block>) {
         self.uploads.forget(block);
     }

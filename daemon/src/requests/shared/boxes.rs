@@ -54,7 +54,6 @@ struct TickAudit {
     edits: u64,
 }
 
-/// Why pairs ended, by the boxes of now.
 pub(super) struct Reasons<'a> {
     copy: &'a SceneCopy,
     incarnations: &'a Incarnations,
@@ -100,7 +99,6 @@ pub(super) enum Changed {
     Lost,
 }
 
-/// Has an edit, and what the scene told of it, audited.
 fn audit_edit(
     auditor: &Auditor,
     audit: &mut Option<TickAudit>,
@@ -255,7 +253,6 @@ impl Boxes {
         }
     }
 
-    /// Answers a query of the scene as the last tick made it.
     pub fn query(
         &mut self,
         open: &mut OpenRequest,

@@ -220,7 +220,6 @@ impl SharedScenes {
     }
 }
 
-/// Ends ticks at their deadlines.
 struct Alarm {
     due: Arc<Mutex<Due>>,
     pool: Arc<EnginePool>,

@@ -34,7 +34,6 @@ pub(super) struct SharedScene {
 pub(super) type RefusedCommit = Box<(OpenRequest, Refusal)>;
 
 impl SharedScene {
-    /// A scene without members, as the first one asks for it.
     pub fn begin(
         name: SceneName,
         request: &JoinRequest,

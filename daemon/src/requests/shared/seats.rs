@@ -27,7 +27,6 @@ pub(super) struct Seats {
     work: TickWork,
 }
 
-/// What a tick is expected to need.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct TickWork {
     boxes: u64,
@@ -65,7 +64,6 @@ fn wrong(field: &'static str) -> Refusal {
 }
 
 impl Seats {
-    /// Without members, for such ticks.
     pub fn new(ticks: Ticks) -> Self {
         let (leases, members) = (Leases::default(), BTreeMap::new());
         Self { leases, ticks, members, last_member: 0, has_ended: false, work: TickWork::default() }
@@ -100,7 +98,6 @@ impl Seats {
         Ok(id)
     }
 
-    /// Notes that the leases of a member have changed.
     pub fn note_leases(&mut self, id: MemberId) {
         self.ticks.wait_for(self.leases.writers());
         if let Some(Member { recipient, .. }) = self.members.get_mut(&id) {
@@ -283,7 +280,6 @@ impl Recipient {
         }
     }
 
-    /// It has lost what was reported to it.
     pub fn resync(&self) {
         locked(&self.unreported).resync();
     }

@@ -131,7 +131,6 @@ impl ClosedTick {
 }
 
 impl Pairs {
-    /// What those who have committed need.
     fn needed(boxes: &mut Boxes, commits: &[(Recipient, Commit)]) -> Result<Self, SceneError> {
         let count = boxes.scene.reported().pair_count().unwrap_or(0);
         let (mut needs_whole, mut moved_after) = (false, None);

@@ -44,7 +44,6 @@ use crate::requests::{EndWithPanic, Responder, Served};
 /// a client that begins to send meanwhile waits for it once.
 const STAND_BY_NAP: Duration = Duration::from_micros(500);
 
-/// Between two looks of a spinning thread at the scheduler.
 const SCHEDULER_LOOK: Duration = Duration::from_micros(10);
 
 /// While requests are served, a thread that rests looks up this often whether one takes much longer than expected:
@@ -71,7 +70,6 @@ pub(super) struct Lanes<'a> {
 struct Lead {
     intake: Intake,
     wake: WakeDaemon,
-    /// Requests on their way to the scheduler.
     arrived: Vec<Incoming>,
     tidy_at: Instant,
 }
@@ -92,14 +90,11 @@ impl Asked {
     }
 }
 
-/// Why a lane gives the lead up.
 #[allow(clippy::large_enum_variant)] // A box would be an allocation.
 enum Led {
-    /// It has a request to serve.
     Task(Task),
     /// Another lane may want to lead, and this one looks again later.
     StandBy,
-    /// It goes to rest.
     Rest,
     Stop,
 }

@@ -34,11 +34,9 @@ pub(super) struct Task {
     pub(super) incoming: Incoming,
     /// Other small frames for the GPU, which go there with it.
     pub(super) beside: Vec<Incoming>,
-    /// Threads that an engine may use.
     pub(super) threads: usize,
     /// Its session needs no thread of its own: frames of the pool, or of the GPU, wait for each other.
     pub(super) has_turns: bool,
-    /// A worker thread to wake.
     pub(super) wake: Option<usize>,
 }
 
@@ -48,11 +46,8 @@ pub(super) struct Scheduler {
     pub(super) inbox: Inbox<Arrived>,
     pub(super) workers: Workers,
     patience: Patience<u128>,
-    /// When threads without work go to sleep.
     pub(super) sleep_at: Instant,
-    /// Threads of the engines' pool.
     pool_threads: usize,
-    /// Tasks that were begun so far.
     pub(super) tasks: u64,
 }
 
@@ -200,7 +195,6 @@ pub(super) enum Rest {
     /// Look for requests all the time: a client that was answered may come back at once, or a client's next frame is
     /// due before that time.
     Spin { until: Instant },
-    /// Sleep until woken, until then at most.
     Sleep { until: Instant },
 }
 
@@ -211,7 +205,6 @@ pub(super) struct Patience<C> {
     least: Duration,
     answered_at: Option<Instant>,
     gap: Duration,
-    /// Until when it spins after the last answer.
     spin_until: Option<Instant>,
     rhythm: Rhythm<C>,
     /// The next time to be awake, as far as it was computed.
@@ -254,7 +247,6 @@ impl<C: PartialEq> Patience<C> {
         until
     }
 
-    /// What to do now, without a request.
     pub(super) fn rest(&mut self, now: Instant) -> Rest {
         if let Some(until) = self.spin_until.filter(|until| now < *until) {
             return Rest::Spin { until };

@@ -31,7 +31,6 @@ enum Activity {
         is_long: bool,
         since: Instant,
     },
-    /// It sleeps until it is woken.
     Rests,
 }
 
@@ -167,7 +166,6 @@ impl Workers {
         (0..thread).filter(|other| self.is_resting(*other)).count()
     }
 
-    /// Threads that do not rest.
     fn awake(&self) -> usize {
         self.activities.iter().filter(|activity| **activity != Activity::Rests).count()
     }

@@ -30,7 +30,6 @@ use crate::execute::frame_memory::end_process;
 /// Largest matrix of a band: more would not be faster, and memory is shared with others.
 const MATRIX_BYTES: u64 = 256 << 20;
 
-/// The engine. One thread uses it.
 pub struct AllPairs {
     gpu: Arc<Gpu>,
     options: EngineOptions,
@@ -46,7 +45,6 @@ pub struct AllPairs {
 const ENGINE: EngineName = EngineName::GpuBrute;
 
 impl AllPairs {
-    /// An engine on `gpu`, with the pipelines of all sizes compiled.
     pub fn new(gpu: &Arc<Gpu>, options: EngineOptions) -> Result<Self, GpuError> {
         let binding_bytes = gpu.limits().binding_bytes();
         let matrix_bytes = options.matrix_bytes.unwrap_or(MATRIX_BYTES).min(binding_bytes);
@@ -93,7 +91,6 @@ impl AllPairs {
         }
     }
 
-    /// Drops what was recorded for an import that has ended.
     pub(in crate::execute) fn drop_frames_of(&mut self, block: &Arc<Block>) {
         self.frames.forget(block);
     }

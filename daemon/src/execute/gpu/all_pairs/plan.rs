@@ -10,7 +10,6 @@ use crate::execute::gpu::grid::plan::most_items;
 
 const WORD_BYTES: u64 = size_of::<u32>() as u64;
 
-/// Shape of the pairs stage's tiles.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Tuning {
     pub rows: RowsPerThread,
@@ -57,7 +56,6 @@ pub struct Band {
     /// First strip with a column after the first row.
     pub strip0: u32,
     pub strip_end: u32,
-    /// Column blocks of the matrix.
     pub blocks: u32,
 }
 
@@ -200,7 +198,6 @@ pub fn room(found: Found, n: BoxCount, limit_words: u64) -> Result<u64, ReserveE
     room.filter(|room| *room > 0).ok_or_else(|| refusal(words(found, n, 1), limit_words))
 }
 
-/// The refusal of a mask that takes so many words of a reply, which has fewer.
 pub const fn refusal(words: u64, limit_words: u64) -> ReserveError {
     ReserveError::TooLarge {
         at_least_bytes: words.saturating_mul(WORD_BYTES),

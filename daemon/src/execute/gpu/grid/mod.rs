@@ -51,7 +51,6 @@ pub const BUNDLE_FRAMES: usize = 6;
 
 const _: () = assert!(BUNDLE_FRAMES * GridStage::COUNT <= MAX_STEPS);
 
-/// A frame that is under way, or the error with its memory.
 pub type Begun<M> = Result<GridUnderWay<M>, (CullError, Option<M>)>;
 
 /// The engine. One thread uses it, for one frame at a time ([`Engine::cull`]) or for some submissions of
@@ -96,7 +95,6 @@ impl Grid {
         &self.tools.gpu
     }
 
-    /// Drops what was recorded for an import that has ended.
     pub(in crate::execute) fn drop_frames_of(&mut self, block: &Arc<Block>) {
         for workspace in self.all_workspaces() {
             locked(workspace).drop_frames_of(block);
@@ -198,7 +196,6 @@ impl Grid {
         Ok(bundle)
     }
 
-    /// The number of a frame's boxes, and what its reply gets room for.
     fn asked(
         &self,
         len: usize,
@@ -322,7 +319,6 @@ fn try_array<T, const N: usize>(
     made.try_into().map_err(|_| GpuError::Lost)
 }
 
-/// The refusal of a reply without room for a single mask word or pair.
 fn no_room(n: BoxCount, found: Found, limit_words: u64) -> CullError {
     match found {
         // All pairs needs no room for an order.

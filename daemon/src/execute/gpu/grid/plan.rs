@@ -51,7 +51,6 @@ impl Sizes {
         Self { n, batches, supers: batches.div_ceil(SUPER_BATCHES), sums }
     }
 
-    /// Boxes rounded up to whole batches.
     pub const fn plane(&self) -> u32 {
         self.batches * BATCH_BOXES
     }

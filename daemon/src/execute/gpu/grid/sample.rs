@@ -26,7 +26,6 @@ pub(super) struct SampledBox {
     pub size: f32,
 }
 
-/// The sampled solid boxes and what follows from them.
 #[derive(Default)]
 pub(super) struct Sample {
     pub boxes: Vec<SampledBox>,

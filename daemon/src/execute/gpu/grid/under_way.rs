@@ -84,7 +84,6 @@ impl<M: FrameMemory> Drop for GridUnderWay<M> {
     }
 }
 
-/// A submission that several workspaces wait for.
 #[derive(Clone)]
 pub(super) struct Bundle(Arc<Mutex<Submission>>);
 

@@ -33,7 +33,6 @@ pub(super) struct Tools {
     pub(super) profiled: bool,
     pub(super) step_times: Vec<StepTime>,
     pub(super) poison: Option<u32>,
-    /// Most bytes that a stage sees of a block.
     pub(super) binding_bytes: u64,
 }
 
@@ -164,7 +163,6 @@ impl Workspace {
         Ok(steps)
     }
 
-    /// Brings all that a frame's stages use to where they see it.
     fn place(
         &mut self,
         tools: &mut Tools,
@@ -236,7 +234,6 @@ impl Workspace {
         self.ahead.as_mut().is_none_or(UploadAhead::settle) && frames && is_ended
     }
 
-    /// The blocks of a frame, zeroed where they must be.
     fn blocks(
         &mut self,
         tools: &Tools,

@@ -10,7 +10,6 @@ use super::Pair;
 /// Pairs from which several threads sort: to wake them and to wait takes 100 to 150 µs on a host of 16
 /// cores, in which one thread sorts 14,000.
 const MANY_PAIRS: usize = 20_000;
-/// Pairs that a thread reads at a time.
 const READ_PAIRS: usize = 16 << 10;
 
 /// Sorts what comes down. Keeps its memory.

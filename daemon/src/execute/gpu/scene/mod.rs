@@ -36,7 +36,6 @@ use crate::locked;
 /// What errors name: scenes on the GPU are a grid there.
 const ENGINE: EngineName = EngineName::GpuGrid;
 
-/// A pair as it comes from the GPU.
 type Pair = [u32; 2];
 
 /// What the scenes of a device share: compiled stages. Edits are copied: which client's memory lies at the address of
@@ -48,7 +47,6 @@ pub struct SceneTools {
     profiled: bool,
     poison: Option<u32>,
     shares_always: bool,
-    /// Most bytes that a stage sees of a block.
     binding_bytes: u64,
 }
 
@@ -74,7 +72,6 @@ impl SceneTools {
     }
 }
 
-/// What a scene knows of the pairs that were reported.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Known {
     /// They are the pairs of now.
@@ -96,7 +93,6 @@ pub struct GpuScene {
     layouts: Layouts,
     /// Of the last searches by their questions: what the next ones are expected to need.
     rooms: [Room; 4],
-    /// Whether there were queries since the last edit.
     was_asked: bool,
     /// The grid of all boxes, where it stands since the last queries.
     standing: Option<GridLayout>,
@@ -112,7 +108,6 @@ pub struct GpuScene {
     changed: u64,
     count_then: u64,
     reported: Reported,
-    /// Whether the last answer can be taken.
     is_open: bool,
     sorter: ChangeSorter,
     submissions: u32,
@@ -256,7 +251,6 @@ impl GpuScene {
         self.submissions
     }
 
-    /// Times of the stages of the last submission, if they are taken.
     pub fn stages(&self) -> &[StepTime] {
         &self.stages
     }

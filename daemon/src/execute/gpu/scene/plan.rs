@@ -89,7 +89,6 @@ impl Question {
         }
     }
 
-    /// Rows and entries that a thread may get in such a search.
     pub fn rows_a_thread(&self, rows_together: u64) -> u32 {
         let items = self.items(rows_together);
         let threads = u64::from(groups(items)) * u64::from(BATCH_BOXES);
@@ -137,7 +136,6 @@ pub(super) struct Sizes {
     pub sums: u32,
     pub table_words: u64,
     pub filter_words: u64,
-    /// Words of the rows beside the grid.
     pub row_words: u64,
     pub control_words: u64,
     pub queries: u64,
@@ -166,7 +164,6 @@ impl Sizes {
         }
     }
 
-    /// Bytes of the block with table, filter and rows.
     pub const fn table_bytes(&self) -> u64 {
         4 * (self.table_words + self.filter_words + self.row_words)
     }
@@ -204,7 +201,6 @@ const EDIT_SAMPLE: usize = 256;
 /// Tests for each box that looks, from which another layout is tried.
 const MANY_TESTS: u64 = 64;
 
-/// A layout and how long it serves.
 #[derive(Clone, Copy, Debug)]
 struct Chosen {
     layout: GridLayout,

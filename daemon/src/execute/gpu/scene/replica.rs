@@ -146,7 +146,6 @@ impl Replicas {
         self.0.iter()
     }
 
-    /// The one that answers queries.
     pub fn first(&mut self) -> &mut Replica {
         &mut self.0[0]
     }

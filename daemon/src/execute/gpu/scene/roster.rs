@@ -17,7 +17,6 @@ const IS_MARKED: u32 = 1 << 15;
 /// Indices that an edit removes, flags or gives filter data, each once, with a mark for `scene_mark`.
 pub(super) type Marks = Vec<[u32; 2]>;
 
-/// Presence and flags of boxes by index.
 #[derive(Debug, Default)]
 pub(super) struct Roster {
     pub states: BoxStates,
@@ -38,7 +37,6 @@ impl Roster {
         self.states.check(edit, limit, |len| grow(&mut self.said, len, 0))
     }
 
-    /// Applies an edit that was checked.
     pub fn apply(&mut self, edit: Edit<'_>) {
         self.marks.clear();
         edit.for_each_removed(|index| {
@@ -62,7 +60,6 @@ impl Roster {
         *said |= ((mark | IS_MARKED) >> MARKS_AT) as u8;
     }
 
-    /// The history begins anew.
     pub fn forget(&mut self) {
         if let Some(len) = self.states.forget() {
             self.said.truncate(len);

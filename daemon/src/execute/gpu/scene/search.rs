@@ -63,7 +63,6 @@ impl Search<'_> {
         }
     }
 
-    /// The stage that looks, if one does.
     const fn stage(&self) -> Option<SceneStage> {
         match self {
             Self::Nothing => None,
@@ -75,7 +74,6 @@ impl Search<'_> {
     }
 }
 
-/// Which part of a search a GPU does.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Share {
     /// From 0 on.
@@ -299,7 +297,6 @@ impl Task<'_> {
     }
 }
 
-/// How long a search within the budget may take before the device counts as hung.
 pub(super) fn patience(tools: &SceneTools) -> Duration {
     PATIENCE[usize::from(tools.gpu.info().is_software())]
 }

@@ -13,7 +13,6 @@ use crate::execute::gpu::{Gpu, GpuError, Growing, Home, Part};
 /// Copies up to so many bytes go to video memory straight, which the CPU stores into at 19 GB/s; the GPU
 /// reads larger ones from host memory, where several threads copy faster.
 const MAPPED_BYTES: u64 = 1 << 20;
-/// Bytes that a thread copies at least.
 const COPY_BYTES: usize = 512 << 10;
 
 /// Memory for copies: in video memory, or in the host's for large ones.
@@ -76,7 +75,6 @@ pub(super) struct Gathered {
     boxes: Vec<Aabb>,
 }
 
-/// All boxes that an edit sets, together.
 #[derive(Clone, Copy)]
 pub(super) struct GatheredSets<'a> {
     boxes: &'a [Aabb],
@@ -147,7 +145,6 @@ impl Upload {
         })
     }
 
-    /// Brings queries. `replaced` is set if a block was.
     pub fn place_queries(
         &mut self,
         gpu: &Arc<Gpu>,
