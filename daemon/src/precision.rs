@@ -85,14 +85,6 @@ impl fmt::Display for PrecisionChoice {
 ///
 /// # Panics
 /// When the system has no memory for the boxes.
-///
-/// ```
-/// use pairmask_core::{Aabb, Precision};
-/// use pairmaskd::precision::as_sent;
-/// let third = Aabb::from([0.0, 0.0, 0.0, 1.0 / 3.0, 1.0, 1.0]);
-/// assert_eq!(as_sent(&Precision::Exact, &[third]), [third]);
-/// assert!(as_sent(&Precision::F16, &[third])[0].max[0] > third.max[0]);
-/// ```
 pub fn as_sent(precision: &Precision, boxes: &[Aabb]) -> Vec<Aabb> {
     let bytes = boxes.len() * precision.form().box_bytes();
     // Allocated as words: narrow boxes need more than byte alignment.

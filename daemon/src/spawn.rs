@@ -71,17 +71,6 @@ pub enum SpawnError {
 ///
 /// Keep it on the thread that started it, or on one that ends no later: the kernel treats the end
 /// of the starting thread as the end of the owner.
-///
-/// ```no_run
-/// use pairmaskd::spawn::{PrivateDaemon, PrivateSettings};
-/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
-/// let daemon = PrivateDaemon::start("target/release/pairmaskd".as_ref(), &PrivateSettings::default())?;
-/// let mut session = daemon.session().connect()?;
-/// let mask = session.frame(0)?.submit()?.wait()?;
-/// assert_eq!(mask.count(), 0);
-/// # Ok(())
-/// # }
-/// ```
 #[derive(Debug)]
 pub struct PrivateDaemon {
     child: Child,
@@ -89,10 +78,8 @@ pub struct PrivateDaemon {
 }
 
 impl PrivateDaemon {
-    /// Starts the `pairmaskd` at `binary` and waits until it answers, with the GPUs that there are.
-    ///
-    /// # Errors
-    /// [`SpawnError`]; nothing is left running then.
+    /// Waits until the `pairmaskd` at `binary` answers, with the GPUs that there are. After an error
+    /// nothing is left running.
     pub fn start(binary: &Path, settings: &PrivateSettings) -> Result<Self, SpawnError> {
         let dir = tempfile::Builder::new().prefix(DIR_PREFIX).tempdir().map_err(SpawnError::Dir)?;
         let limits = &settings.limits;
@@ -132,8 +119,7 @@ impl PrivateDaemon {
         Ok(daemon)
     }
 
-    /// Starts this process's own binary as a daemon: for the command line, whose binary is the
-    /// daemon's.
+    /// Starts this process's own binary, which is the daemon's on the command line.
     pub(crate) fn start_self(settings: &PrivateSettings) -> Result<Self, SpawnError> {
         let binary = std::env::current_exe()
             .map_err(|source| SpawnError::Start { binary: "/proc/self/exe".into(), source })?;
@@ -179,8 +165,7 @@ impl PrivateDaemon {
         self.dir().read_record(&self.instance())
     }
 
-    /// Asks the daemon to stop and waits for its end. Returns its exit status, or that of a SIGKILL
-    /// if it did not stop in time.
+    /// Asks it to stop. Returns its exit status, or that of a SIGKILL if it did not in time.
     pub fn stop(mut self) -> ExitStatus {
         self.stop_now()
     }
@@ -207,8 +192,7 @@ fn gpus_of(dir: &RuntimeDir, instance: &InstanceName) -> GpuCounts {
     status.map(|status| status.gpus).unwrap_or_default()
 }
 
-/// Runs `serve --private-to OWNER`: serves until a signal or the owner's death, then removes the
-/// runtime directory.
+/// Runs `serve --private-to OWNER`, then removes the runtime directory.
 pub(crate) fn serve_private(settings: &ServeSettings, owner: u32) -> Result<(), ServeError> {
     set_parent_process_death_signal(Some(Signal::TERM)).map_err(|errno| ServeError::System {
         step: "binding to the owner",

@@ -67,8 +67,7 @@ impl Margined {
     }
 }
 
-/// The threads of the client, which write exact boxes and decode masks: the one that submits frames, and others where
-/// there is a pool.
+/// The client's threads, which write exact boxes and decode masks: more than one in a pool.
 #[derive(Debug, Default)]
 pub struct Decoding {
     pool: Option<ThreadPool>,
@@ -108,8 +107,7 @@ pub struct TimedFrame {
     pub info: FrameInfo,
     /// Whether a request was made: else an earlier answer held.
     pub was_asked: bool,
-    /// Time to borrow memory and write the boxes into it; zero with a margin, where it is part of
-    /// the round trip.
+    /// Time to borrow memory and write boxes; zero with a margin, where the round trip has it.
     pub fill: Duration,
     pub round_trip: Duration,
     /// Time to visit every pair of the mask once.

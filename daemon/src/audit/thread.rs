@@ -121,8 +121,7 @@ impl AuditedFrame<'_> {
 }
 
 impl Running {
-    /// Has something checked, where the channel has room: as it has for all windows. A thread that panicked receives
-    /// none.
+    /// Has something checked, where the channel has room: as it has for all windows.
     fn send(&self, work: Work) -> bool {
         self.full.as_ref().is_some_and(|full| full.try_send(work).is_ok())
     }
@@ -157,8 +156,8 @@ impl Auditor {
         })
     }
 
-    /// Draws whether the frame is checked. If it is, copies the part of the mask that may be
-    /// overwritten once the reply is sent. Give the window to [`Auditor::submit`] afterwards.
+    /// If the frame is drawn, copies what of its mask may be overwritten once it is sent: for
+    /// [`Self::submit`].
     pub fn draw(&self, fields: &ReplyFields, frame: &AuditedFrame<'_>) -> Option<Box<Window>> {
         let running = self.running.as_ref()?;
         let drawn = {
@@ -172,8 +171,7 @@ impl Auditor {
         Some(frame.take(fields, drawn))
     }
 
-    /// The part of the answer to a query that is checked: of each query of an audited scene. Give it to
-    /// [`Auditor::submit_query`].
+    /// As [`Self::draw`], of each query of an audited scene: for [`Self::submit_query`].
     pub fn draw_query(
         &self,
         scene: &AuditedScene,

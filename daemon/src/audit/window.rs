@@ -79,8 +79,7 @@ impl Span2 {
 #[derive(Debug, Default)]
 pub struct Window {
     pub(super) span: Span2,
-    /// One bit for every row and column, rows padded to words. Columns not after their row are
-    /// unspecified.
+    /// A bit for each row and column, rows padded to words; unspecified for columns not after it.
     bits: Vec<u32>,
     /// Index of the object at each row, then at each column.
     indices: Vec<u32>,
@@ -130,8 +129,7 @@ impl Window {
         }
     }
 
-    /// Copies the objects, boxes as their form defines them. An index without an object counts as
-    /// empty.
+    /// Copies the objects. An index without an object counts as empty.
     pub fn take_objects(&mut self, objects: Objects<'_>) {
         self.boxes.clear();
         self.spheres.clear();
@@ -212,8 +210,7 @@ impl Window {
         first
     }
 
-    /// Whether the rules and the sets of the frame let two of its objects meet, the first of which has the
-    /// lower index.
+    /// Whether rules and sets let two objects meet, the lower index first.
     pub(super) fn meet(&self, a: u32, b: u32) -> bool {
         let first = self.first_set.map(BoxCount::get);
         first.is_none_or(|first| a < first && b >= first)

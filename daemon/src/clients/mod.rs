@@ -74,8 +74,7 @@ impl Clients {
         locked(&self.known).of(sender.session).listener = found;
     }
 
-    /// Forgets sessions that are gone, and has engines give up scratch that has not been used for long;
-    /// to be called now and then.
+    /// Forgets sessions that are gone, and tidies engines; to be called now and then.
     pub(crate) fn tidy(&self, sessions: impl FnOnce() -> Vec<u128>) {
         let candidates: Vec<u128> =
             locked(&self.known).clients.iter().map(|client| client.session).collect();

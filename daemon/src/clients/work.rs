@@ -72,8 +72,7 @@ impl LastWork {
         self.0.push((kind, work));
     }
 
-    /// What is expected of a request with so many objects: as the last one of its kind, and more or less by how many
-    /// objects it has.
+    /// As the last one of its kind took, and more or less by how many objects it has.
     pub(super) fn expected(&self, kind: RequestKind, objects: u32) -> FrameWork {
         let last = self.0.iter().find(|(known, _)| *known == kind).map(|(_, last)| *last);
         let Some(last) = last else {

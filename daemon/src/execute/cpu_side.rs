@@ -46,8 +46,7 @@ impl CpuSide {
         Planned { plan, options: *options, start, plan_ns, one_core_ns, gpu: None }
     }
 
-    /// Runs a plan for a CPU engine. Boxes in a narrow form are expanded first, which counts as
-    /// ingest.
+    /// Runs a plan for a CPU engine. Expanding narrow boxes counts as ingest.
     pub fn run(
         &mut self,
         planned: Planned,
@@ -60,8 +59,7 @@ impl CpuSide {
         Ok(planned.answer(report, engine))
     }
 
-    /// The engines, f32 boxes for them, and the time that expanding took. Memory goes back where frames of the past
-    /// needed much more.
+    /// The engines, f32 boxes for them, and the time that expanding took.
     pub fn expand<'s: 'b, 'b>(
         &'s mut self,
         boxes: BoxSlice<'b>,
@@ -116,8 +114,7 @@ impl Planned {
         self.gpu.as_ref().map_or(0, |gpu| gpu.number)
     }
 
-    /// What the frame is predicted to take on one core, where the plan has several threads; `None` where
-    /// it has one, or a GPU.
+    /// The predicted time on one core, where the plan has several threads of the CPU.
     pub fn on_one_core(&self) -> Option<Duration> {
         let is_gpu = self.plan.engine.is_gpu();
         self.one_core_ns.filter(|_| !is_gpu).map(Duration::from_nanos)
@@ -134,8 +131,7 @@ impl Planned {
         self.plan.engine.is_gpu() && on_core.is_none_or(|on_core| on_core > LEFT_TO_CORES)
     }
 
-    /// Whether its boxes are compared with those of a frame before sooner than they are culled: always,
-    /// unless a GPU culls them.
+    /// Whether comparing its boxes with those of a frame before is sooner than culling them.
     pub fn is_sooner_compared(&self, objects: Objects<'_>) -> bool {
         let threads = self.options.threads.unwrap_or(1);
         let engine_ns = engine_ns(&self.plan);

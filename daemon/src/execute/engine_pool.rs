@@ -82,8 +82,7 @@ impl CpuTimer {
         Self { start: used_by_this_thread() + IN_POOL.get() }
     }
 
-    /// What this thread has used since, and the pool's thread to which it handed work. To be called on the thread
-    /// that began.
+    /// What this thread has used since, with the pool's work for it. For the thread that began.
     pub fn elapsed(&self) -> Duration {
         (used_by_this_thread() + IN_POOL.get()).saturating_sub(self.start)
     }

@@ -90,8 +90,7 @@ impl Engines {
         })
     }
 
-    /// Imports the objects of an owner, for the frame that they came with and those to come, and keeps the clocks up for
-    /// the next one.
+    /// Imports the objects of an owner, and keeps the clocks up for the next frame.
     fn note_frame(&mut self, owner: Owner, objects: Objects<'_>) {
         self.change_imports(|imports, gpu| imports.offer_objects(gpu, owner, objects));
         if let Some(awake) = &self.awake {
@@ -268,8 +267,7 @@ impl GpuService {
         engines.grid.begin_bundle(noted)
     }
 
-    /// Waits for a frame that was begun with `plan`, and gives its memory back. The memory is `None`
-    /// where the device keeps it, after [`CullError::DeviceLost`].
+    /// Waits for a frame that was begun with `plan`. Its memory is `None` where the device keeps it.
     pub fn end<M: FrameMemory>(
         &mut self,
         mut frame: GridUnderWay<M>,
@@ -298,8 +296,7 @@ impl GpuService {
         (answered, memory)
     }
 
-    /// Makes the engines of a device that was opened, or was lost and is back. Plans count on no GPU meanwhile, so that no
-    /// frame asks for it.
+    /// Makes the engines of a new device. Plans count on no GPU meanwhile.
     pub(super) fn take_back(&mut self) {
         self.engines();
         self.tidy();

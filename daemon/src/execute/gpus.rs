@@ -8,9 +8,9 @@ use pairmask_core::engine::CullError;
 use pairmask_core::plan::GpuCost;
 use pairmask_transport::GpuCounts;
 
+use super::GpuService;
 use super::gpu::{Gpu, SceneTools};
-use super::shared_gpu::SharedGpu;
-use super::{GpuService, GpuTurn};
+use super::shared_gpu::{SharedGpu, Turn};
 
 /// Fewest boxes of a scene that all GPUs keep: each edit is brought to all of them, and a search of fewer boxes ends
 /// too soon to make up for that.
@@ -59,9 +59,9 @@ impl Gpus {
         self.all.iter()
     }
 
-    /// The one that is at this place, as soon as no other thread uses it.
-    pub fn turn(&self, place: usize) -> Option<GpuTurn<'_>> {
-        self.all.get(place).map(|gpu| gpu.lock())
+    /// The device of the one at this place, if it is there.
+    pub fn device(&self, place: usize) -> Option<Arc<Gpu>> {
+        self.all.get(place)?.with(GpuService::device)
     }
 
     /// The GPUs of a new scene. Its home is each in turn, of those whose device is there.
@@ -71,8 +71,7 @@ impl Gpus {
         SceneGpus { home, all: self.clone(), its: Vec::new() }
     }
 
-    /// The place of a GPU for the frames of a new session: each in turn. What a session's memory is
-    /// imported to is best left alone.
+    /// The GPU of a new session's frames, each in turn: what it imports is best left alone.
     pub(super) fn next_home(&self) -> usize {
         // Relaxed: a number, which orders nothing by itself.
         self.next_home.fetch_add(1, Ordering::Relaxed) % self.all.len().max(1)
@@ -168,11 +167,11 @@ impl SceneGpus {
 
     /// The GPUs whose devices `has` says have the scene, as soon as no other thread uses them: one that has lost it
     /// may be busy with what came of that. Whoever takes several takes them in this order.
-    pub(super) fn turns(&self, has: impl Fn(&Gpu) -> bool) -> Vec<GpuTurn<'_>> {
+    pub(super) fn turns(&self, has: impl Fn(&Gpu) -> bool) -> Vec<Turn<'_>> {
         let has = |device: &Weak<Gpu>| device.upgrade().is_some_and(|device| has(&device));
         let has_it = |gpu: &&Arc<SharedGpu>| {
             self.its.iter().any(|(place, device)| *place == gpu.number && has(device))
         };
-        self.all.all.iter().filter(has_it).map(|gpu| gpu.lock()).collect()
+        self.all.all.iter().filter(has_it).map(|gpu| gpu.turn()).collect()
     }
 }

@@ -201,10 +201,7 @@ impl SceneKeeper {
         at_place!(&self.place, scene => scene.filters())
     }
 
-    /// Applies an edit and answers, as [`Scene::edit`] does.
-    ///
-    /// # Errors
-    /// [`SceneError`]. After [`SceneError::Cull`] the scene is to be dropped.
+    /// As [`Scene::edit`]. After [`SceneError::Cull`] the scene is to be dropped.
     pub fn edit(&mut self, edit: Edit<'_>, report: Report) -> Result<(), SceneError> {
         self.move_if_due();
         let most_gpus = self.most_gpus;

@@ -22,8 +22,7 @@ pub use self::gpus::{Gpus, SceneGpus};
 pub use self::kept_scene::SceneKeeper;
 pub use self::ruled::RuledFrame;
 pub use self::shared_gpu::{
-    BUNDLE_FRAMES, CullUnderWay, Ended, GpuTurn, Joining, SUBMISSIONS_UNDER_WAY, SharedGpu,
-    Unserved,
+    BUNDLE_FRAMES, CullUnderWay, Ended, Joining, SUBMISSIONS_UNDER_WAY, SharedGpu, Unserved,
 };
 
 use std::sync::Arc;
@@ -40,10 +39,10 @@ use pairmask_wire::RulesReader;
 
 use self::cpu_side::CpuSide;
 use self::frame_memory::{LentReply, with_lent};
+use self::gpu::Gpu;
 use self::ruled::KeptMarks;
 
-/// The engines of a session: CPU engines with the state that they keep from frame to frame, and the GPU,
-/// which all sessions share.
+/// CPU engines of a session, with their state, and the GPU, which all sessions share.
 pub struct Executor {
     cpu: CpuSide,
     spheres: SphereWays,
@@ -108,9 +107,9 @@ impl Executor {
         (self.isa, self.calibration)
     }
 
-    /// The GPU of this session, if this daemon has one, as soon as no other session uses it.
-    pub fn gpu(&self) -> Option<GpuTurn<'_>> {
-        self.gpus.turn(self.home)
+    /// The device of this session's GPU, if it is there.
+    pub fn device(&self) -> Option<Arc<Gpu>> {
+        self.gpus.device(self.home)
     }
 
     pub const fn gpus(&self) -> &Gpus {
@@ -184,15 +183,13 @@ impl Executor {
         keeps.then(|| self.repeats().ticket()).flatten()
     }
 
-    /// Whether a frame is better left to the GPU ([`Self::begin`]) than waited for
-    /// ([`Self::run`]).
+    /// Whether a frame is better [begun](Self::begin) on the GPU than [waited for](Self::run).
     pub fn can_begin(&self, planned: &Planned) -> bool {
         let can_begin = |gpu: &Arc<SharedGpu>| gpu.outlook().can_begin(&planned.plan);
         planned.gpu.as_ref().is_some_and(can_begin)
     }
 
-    /// Whether a frame may share a submission to the GPU with others ([`Self::join`]): one so small that
-    /// it leaves most of the GPU idle.
+    /// Whether a frame is so small that it may [join](Self::join) others in a submission.
     pub fn can_join(&self, planned: &Planned) -> bool {
         let Planned { plan, options, gpu, .. } = planned;
         let is_grid =
@@ -200,8 +197,7 @@ impl Executor {
         is_grid && gpu.as_ref().is_some_and(|gpu| gpu.outlook().can_join(plan))
     }
 
-    /// Has a frame of memory whose boxes belong to `owner` wait for others, to be submitted with them
-    /// ([`SharedGpu::begin_bundle`]). The grid serves all of them.
+    /// Has a frame wait for others, to be submitted with them ([`SharedGpu::begin_bundle`]).
     pub fn join<M: FrameMemory>(mut planned: Planned, owner: Owner, memory: M) -> Joining<M> {
         planned.plan.engine = EngineName::GpuGrid;
         Joining { planned, owner, memory }
@@ -220,11 +216,8 @@ impl Executor {
         })
     }
 
-    /// Leaves a frame of memory whose boxes belong to `owner` to the GPU. One that the GPU does not
-    /// take is answered at once.
-    ///
-    /// # Errors
-    /// The answer, or the error of all engines, where nothing is under way.
+    /// Leaves a frame of memory whose boxes belong to `owner` to the GPU. Where nothing is under way, the
+    /// error has its answer, or that of all engines.
     #[allow(clippy::result_large_err)] // A box would be an allocation.
     pub fn begin<M: FrameMemory>(
         &mut self,
@@ -296,8 +289,7 @@ impl Executor {
         planned
     }
 
-    /// The mask of a frame in another encoding than one that does not fit, where the client takes
-    /// either; else the error.
+    /// The mask in another encoding than one that does not fit, where that is open; else the error.
     fn run_other(
         &mut self,
         error: CullError,
@@ -339,8 +331,7 @@ impl Executor {
         }
     }
 
-    /// The answer to a frame that its GPU could not serve: another GPU's where that one is lost, or the CPU's; else the
-    /// error.
+    /// The answer of another GPU where this one is lost, or of the CPU; else the error.
     fn run_elsewhere(
         &mut self,
         error: CullError,
@@ -366,7 +357,7 @@ fn offering_reply<M: FrameMemory>(
     let mut lent = LentReply::default();
     let answer = with_lent(memory, &mut lent, work)?;
     if let Some(gpu) = gpu.filter(|_| answer.engine.is_gpu()) {
-        gpu.lock().offer_reply(lent);
+        gpu.with(|gpu| gpu.offer_reply(lent));
     }
     Ok(answer)
 }

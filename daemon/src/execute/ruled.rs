@@ -119,11 +119,8 @@ impl Executor {
         Some(RuledFrame { marks, rules: Arc::clone(rules), plan: *plan, start: *start })
     }
 
-    /// Finds the pairs of the boxes of this memory, which belong to `owner`, on a GPU, and where the pairs of
-    /// each world stand.
-    ///
-    /// # Errors
-    /// [`CullError`]: the frame is left to cores.
+    /// Finds the pairs of this memory's boxes, which belong to `owner`, and where those of each world
+    /// stand, on a GPU. An error leaves the frame to cores.
     pub fn run_ruled<M: FrameMemory>(
         &mut self,
         frame: &RuledFrame,

@@ -1,8 +1,8 @@
 //! The GPU that the executors of all sessions share, and what waits for it.
 
-use std::ops::{Deref, DerefMut, Range};
+use std::ops::Range;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, Weak};
+use std::sync::{Arc, Mutex, Weak};
 use std::time::{Duration, Instant};
 
 use pairmask_core::dispatch::CullAnswer;
@@ -83,24 +83,20 @@ impl SharedGpu {
         }
     }
 
-    /// The GPU, when it is this thread's turn: threads have it in the order in which they asked.
-    pub(super) fn lock(&self) -> GpuTurn<'_> {
-        let turn = self.turns.take(self.is_software());
-        let service = locked(&self.service);
-        GpuTurn { service, _turn: turn }
+    /// Waits for this thread's turn: threads have it in the order in which they asked.
+    pub(super) fn turn(&self) -> Turn<'_> {
+        self.turns.take(self.is_software())
     }
 
+    /// Uses the GPU when it is this thread's turn.
     pub(super) fn with<R>(&self, work: impl FnOnce(&mut GpuService) -> R) -> R {
-        let mut service = self.lock();
+        // It ends after the lock: the next thread finds that free.
+        let _turn = self.turn();
+        let mut service = locked(&self.service);
         let done = work(&mut service);
-        self.note_device(&service);
+        // The device may be another one by now, or none.
+        *locked(&self.outlook) = service.outlook();
         done
-    }
-
-    /// Notes what device its service has: it may be another one by now, or none.
-    pub(super) fn note_device(&self, service: &GpuService) {
-        let outlook = service.outlook();
-        *locked(&self.outlook) = outlook;
     }
 
     /// The device that was there when it was used last.
@@ -121,8 +117,7 @@ impl SharedGpu {
         }
     }
 
-    /// Gives the core away for a moment where the GPU needs it: a software adapter's frames run on
-    /// the same cores as this.
+    /// A moment's rest: a software adapter's frames run on the same cores as this.
     pub fn rest(&self) {
         if self.is_software() {
             std::thread::sleep(SOFTWARE_REST);
@@ -150,16 +145,14 @@ impl SharedGpu {
         self.queued_ns.load(Ordering::Relaxed) / QUEUE_STEP_NS
     }
 
-    /// What a frame costs that comes now: it waits for those before it. So the plan gives a frame to a
-    /// core that would be done sooner.
+    /// What a frame costs that comes now, which waits for those before it.
     pub(super) fn cost(&self) -> Option<GpuCost> {
         let cost = self.outlook().cost?;
         let queued_ns = self.queued_steps() * QUEUE_STEP_NS;
         Some(GpuCost { fixed_ns: cost.fixed_ns + QUEUE_SHARE * queued_ns as f64, ..cost })
     }
 
-    /// Has a frame of this plan, one of so many of a submission, wait for the GPU, or be under way on it,
-    /// until the value is dropped.
+    /// Has a frame, one of `frames` of a submission, count as waiting until the value is dropped.
     pub(super) fn queue(&self, plan: &Plan, frames: usize) -> Queued {
         let queued_ns = self.queued_ns.load(Ordering::Relaxed) as f64;
         // The prediction holds the frames before it, as far as they were there when it was planned. Those
@@ -167,26 +160,6 @@ impl SharedGpu {
         let ns = engine_ns(plan).saturating_sub((QUEUE_SHARE * queued_ns) as u64) / frames as u64;
         self.queued_ns.fetch_add(ns, Ordering::Relaxed);
         Queued { queued_ns: Arc::clone(&self.queued_ns), ns }
-    }
-}
-
-pub struct GpuTurn<'a> {
-    service: MutexGuard<'a, GpuService>,
-    /// Ends after the lock: the next thread finds it free.
-    _turn: Turn<'a>,
-}
-
-impl Deref for GpuTurn<'_> {
-    type Target = GpuService;
-
-    fn deref(&self) -> &GpuService {
-        &self.service
-    }
-}
-
-impl DerefMut for GpuTurn<'_> {
-    fn deref_mut(&mut self) -> &mut GpuService {
-        &mut self.service
     }
 }
 
@@ -199,8 +172,7 @@ struct Turns {
 }
 
 impl Turns {
-    /// Waits for the next turn that nobody has asked for. With `naps`, the awaited thread wants the core
-    /// that this one would spin on.
+    /// Waits for the next turn. With `naps`, the awaited thread wants this one's core.
     fn take(&self, naps: bool) -> Turn<'_> {
         // Relaxed: a number, which orders nothing by itself.
         let number = self.asked.fetch_add(1, Ordering::Relaxed);
@@ -217,7 +189,7 @@ impl Turns {
 }
 
 #[derive(Debug)]
-struct Turn<'a>(&'a Turns);
+pub(super) struct Turn<'a>(&'a Turns);
 
 impl Drop for Turn<'_> {
     fn drop(&mut self) {
@@ -246,10 +218,7 @@ pub struct CullUnderWay<M: FrameMemory> {
 }
 
 impl<M: FrameMemory> CullUnderWay<M> {
-    /// Waits for the frame, and gives its memory back.
-    ///
-    /// # Errors
-    /// The frame, where the GPU could not serve it: [`Executor::answer`](super::Executor::answer) does.
+    /// Waits for the frame; [`Executor::answer`](super::Executor::answer) serves it after an error.
     #[allow(clippy::result_large_err)] // A box would be an allocation.
     pub fn end(self) -> Result<Ended<M>, Unserved<M>> {
         let Self { frame, owner, planned, queued } = self;
@@ -271,8 +240,7 @@ impl<M: FrameMemory> CullUnderWay<M> {
     }
 }
 
-/// An answer or its error, with the memory of the frame. The memory is `None` where a device keeps it
-/// that never ends the frame: nothing can be answered then.
+/// An answer, with the memory of the frame; `None` where a device that hangs keeps it.
 pub type Ended<M> = (Result<CullAnswer, CullError>, Option<M>);
 
 /// Submissions that may be under way at a time, of one frame or of several.
@@ -280,8 +248,7 @@ pub const SUBMISSIONS_UNDER_WAY: usize = gpu::SUBMISSIONS;
 
 pub const BUNDLE_FRAMES: usize = gpu::BUNDLE_FRAMES;
 
-/// A frame that is to share a submission with others: made by [`Executor::join`](super::Executor::join),
-/// submitted by [`SharedGpu::begin_bundle`].
+/// A frame that is to share a submission with others ([`SharedGpu::begin_bundle`]).
 pub struct Joining<M> {
     pub(super) planned: Planned,
     pub(super) owner: Owner,
@@ -297,14 +264,13 @@ impl<M> Joining<M> {
 impl SharedGpu {
     /// Gives up what the GPU keeps of clients that are gone; to be called now and then.
     pub fn tidy(&self) {
-        self.lock().tidy();
+        self.with(GpuService::tidy);
     }
 
-    /// Has the GPU let go of the memory of replies in a range of addresses, none of which is lent. Whether it did:
-    /// nothing of it reads or writes there any more.
+    /// Has the GPU let go of memory of replies, none of which is lent. Whether nothing uses it now.
     pub fn release_reply(&self, range: &Range<usize>) -> bool {
         // One that is being opened has imported nothing, and imports no memory that is not lent.
-        self.outlook().is_opening || self.lock().release_reply(range)
+        self.outlook().is_opening || self.with(|gpu| gpu.release_reply(range))
     }
 
     /// Takes a device in that was opened, or was lost and is back. Its engines may take a second to make.
@@ -312,13 +278,8 @@ impl SharedGpu {
         self.with(super::GpuService::take_back);
     }
 
-    /// Leaves frames to the GPU in one submission.
-    ///
-    /// # Errors
-    /// Each frame that the GPU does not take: [`Executor::answer`](super::Executor::answer) serves it.
-    ///
-    /// # Panics
-    /// With more than [`BUNDLE_FRAMES`].
+    /// Leaves at most [`BUNDLE_FRAMES`] frames to the GPU in one submission.
+    /// [`Executor::answer`](super::Executor::answer) serves those that it does not take.
     #[allow(clippy::result_large_err)] // A box would be an allocation.
     pub fn begin_bundle<M: FrameMemory>(
         self: &Arc<Self>,

@@ -16,8 +16,7 @@ pub(super) enum Separation {
 pub(super) struct AxisReport {
     pub axis: &'static str,
     pub state: Separation,
-    /// Distance from the end of the interval that ends first to the start of the other, units.
-    /// Below 0 the length of the overlap. `None` where that is not finite.
+    /// Units from the end of one to the start of the other; below 0 an overlap, `None` if endless.
     pub gap: Option<f64>,
     /// The same distance in steps of f32: 1 is the smallest gap.
     gap_ulps: i64,

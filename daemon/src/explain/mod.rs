@@ -48,32 +48,11 @@ struct Two<'a> {
 
 impl Explanation {
     /// Explains boxes `i` and `j` of a scene.
-    ///
-    /// ```
-    /// use pairmask_core::Aabb;
-    /// use pairmaskd::explain::Explanation;
-    /// let boxes = [0.0, 2.0].map(|x| Aabb::from([x, 0.0, 0.0, x + 1.0, 1.0, 1.0]));
-    /// let why = Explanation::of(&boxes, 0, 1)?;
-    /// assert!(!why.overlaps);
-    /// assert_eq!(why.reason, "a gap of 1 on x keeps the boxes apart");
-    /// # Ok::<(), String>(())
-    /// ```
     pub fn of(boxes: &[Aabb], i: u32, j: u32) -> Result<Self, String> {
         Self::of_sent(boxes, &SentBoxes::exact(boxes), i, j)
     }
 
     /// Explains boxes `i` and `j` of a scene that is sent with a precision mode.
-    ///
-    /// ```
-    /// use pairmask_core::Aabb;
-    /// use pairmaskd::explain::{Explanation, SentBoxes};
-    /// let boxes = [0.0, 2.0, 9.0].map(|x| Aabb::from([x, 0.0, 0.0, x + 1.999, 1.0, 1.0]));
-    /// let sent = "q8".parse()?;
-    /// let sent = SentBoxes::of(sent, &boxes);
-    /// let why = Explanation::of_sent(&boxes, &sent, 0, 1)?;
-    /// assert!(why.overlaps && why.reason.ends_with("their cells meet: an extra pair of q8"));
-    /// # Ok::<(), Box<dyn std::error::Error>>(())
-    /// ```
     pub fn of_sent(boxes: &[Aabb], sent: &SentBoxes<'_>, i: u32, j: u32) -> Result<Self, String> {
         let find = |boxes: &[Aabb], index: u32| {
             let no_such_box = || {

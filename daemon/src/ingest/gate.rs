@@ -41,8 +41,7 @@ pub struct Intake {
 }
 
 impl Intake {
-    /// Of a port that is used in such turns, of which these requests were received already, for the clients of these
-    /// services, whose segments are those files.
+    /// Of a port that is used in such turns, and whose first requests were received already.
     pub fn new(
         server: Server,
         turn: Arc<PortTurn>,

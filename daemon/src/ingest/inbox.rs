@@ -174,8 +174,7 @@ impl<R> Inbox<R> {
         self.serving.iter().enumerate().filter(counts).count()
     }
 
-    /// As [`Self::next`], of those that this resource is to serve together with the request that was given
-    /// out last.
+    /// As [`Self::next`], of those to be served together with the request given out last.
     pub fn next_beside(
         &mut self,
         now: Instant,
@@ -247,8 +246,7 @@ impl<R> Inbox<R> {
         accounts.push(Account { process, used: *clock });
     }
 
-    /// What the process of a request has used, less a part of the time that the request has waited, ns: the least is
-    /// next.
+    /// What a request's process has used, less a part of what it has waited, ns: the least is next.
     fn lead_of(&self, waiting: &Waiting<R>, now: Instant) -> i128 {
         let waited = now.saturating_duration_since(waiting.since) / WAITED_COUNTS;
         let ns = |time: Duration| i128::try_from(time.as_nanos()).unwrap_or(i128::MAX);

@@ -43,8 +43,7 @@ impl ReplyLender {
         Self { turn, memory: ReplyMemory::default(), free: Mutex::new(free), limit_bytes }
     }
 
-    /// Gives memory of replies back that no session needs; to be called now and then. `release` has others let go of a
-    /// range of addresses, and says whether they did.
+    /// Gives memory back that no session needs. `release` says whether others let go of a range.
     pub(crate) fn tidy(&self, sessions: &[u128], release: impl FnMut(&Range<usize>) -> bool) {
         let free = locked(&self.free);
         if let Some(free) = &*free {

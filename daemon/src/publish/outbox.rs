@@ -65,8 +65,7 @@ impl Outbox {
         StatusFile::now(self.status(), skips, gpus)
     }
 
-    /// Answers with the pairs of the request's objects, whose mask its reply holds: of one and the other set, where
-    /// there is a first set.
+    /// Answers with the mask in the reply: of pairs of one and the other set, where there are two.
     pub(crate) fn answer(
         &self,
         open: &mut OpenRequest,
@@ -94,8 +93,7 @@ impl Outbox {
         }
     }
 
-    /// Answers a query of a scene with the boxes that were found, whose mask its reply holds. Returns what is
-    /// to be [audited](Auditor::submit_query) of it, if the scene is.
+    /// Answers a query with the mask in the reply. Returns what is to be audited of it.
     pub(crate) fn answer_query(
         &self,
         open: &mut OpenRequest,

@@ -266,8 +266,7 @@ impl Culls {
         }
     }
 
-    /// Publishes the oldest frame under way on each GPU if it has ended, and no other thread is about to.
-    /// Whether one had.
+    /// Publishes the oldest frame on each GPU if it has ended and is no other thread's. Whether any.
     pub(crate) fn publish_ended(&self) -> bool {
         let mut any = false;
         for line in &self.lines {

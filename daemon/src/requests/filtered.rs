@@ -38,8 +38,7 @@ pub(super) enum Filtered {
 }
 
 impl MaskFilters {
-    /// Takes pairs out of the answer to a frame that was culled without its rules. `in_pool` does what has
-    /// so many threads.
+    /// Takes pairs out of an answer without rules; `in_pool` does what has so many threads.
     pub(super) fn finish(
         &self,
         open: &mut OpenRequest,

@@ -30,8 +30,7 @@ use crate::serve::ServeSettings;
 
 const _: () = assert!(size_of::<StatusBody>() <= PAGE_BYTES, "a status fits one page");
 
-/// Ends the process where a thread that serves panics, as a panic of its only thread would: the supervisor starts
-/// another one.
+/// Ends the process where a thread that serves panics: the supervisor starts another one.
 pub struct EndWithPanic;
 
 impl Drop for EndWithPanic {
@@ -76,8 +75,7 @@ impl Served {
 }
 
 impl Responder {
-    /// A responder to the clients of these services, whose port has these chunks and is used in such turns. Each session gets
-    /// engines like `executor`; large frames are culled in `pool`.
+    /// Sessions get engines like `executor`; large frames are culled in `pool`.
     pub fn new(
         services: Arc<Services>,
         (turn, free): (Arc<PortTurn>, Option<FreeChunks>),
@@ -112,8 +110,7 @@ impl Responder {
         }
     }
 
-    /// Takes in one request, whatever it holds, and answers it now, or leaves it under way. A CPU engine
-    /// may use so many threads.
+    /// Answers a request, or leaves it under way. A CPU engine may use so many threads.
     pub fn take(&self, incoming: Incoming, threads: usize) -> Served {
         match self.open(incoming, threads) {
             Ok((open, request)) => self.culls.take(open, &request, threads),
@@ -121,8 +118,7 @@ impl Responder {
         }
     }
 
-    /// Takes in several requests, as [`Self::take`]. Their small frames for the GPU go there in one
-    /// submission.
+    /// As [`Self::take`]; small frames for the GPU share a submission.
     pub fn take_bundle(
         &self,
         requests: impl IntoIterator<Item = Incoming>,
@@ -132,10 +128,7 @@ impl Responder {
         self.culls.take_bundle(opened, threads)
     }
 
-    /// A request for pairs.
-    ///
-    /// # Errors
-    /// Any other one, which is served.
+    /// A request for pairs; any other one is served, and an error.
     fn open(
         &self,
         incoming: Incoming,

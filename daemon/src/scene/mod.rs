@@ -5,14 +5,6 @@
 //! papers' scenes follow Avril et al. (2009 to 2014): columns of like or unlike objects that fall
 //! on a plane.
 //!
-//! ```
-//! use pairmaskd::scene::{Scene, SceneName};
-//! let mut scene = Scene::new(SceneName::Uniform, 1_000, 1);
-//! let first = scene.boxes()[0];
-//! scene.step();
-//! assert_ne!(first, scene.boxes()[0]);
-//! ```
-//!
 //! A small deterministic generator, so that a seed gives the same scene on every machine.
 //!
 //! `SplitMix64` (Steele, Lea, Flood 2014, "Fast splittable pseudorandom number generators"): one
@@ -190,9 +182,7 @@ impl FromStr for SceneName {
     }
 }
 
-/// Share of a box's size that it moves in a frame.
-///
-/// The size is the mean edge. 2 % is the motion of the anchors: at 60 frames a second a box
+/// Share of a box's mean edge that it moves in a frame, as in the anchors: at 60 frames a second it
 /// crosses its own length in under a second.
 pub const STEP_SHARE: f32 = 0.02;
 
@@ -201,16 +191,13 @@ pub const STEP_SHARE: f32 = 0.02;
 pub enum Walls {
     /// Every box stays between the same two corners (of its centre).
     Scene { low: [f32; 3], high: [f32; 3] },
-    /// Every box stays within `radius` of its own first centre on each axis, so that the scene
-    /// keeps its shape, for instance a heap.
+    /// Every box stays within `radius` of its first centre on each axis: a heap keeps its shape.
     Cage { home: Vec<[f32; 3]>, radius: f32 },
     /// Boxes reflect at the sides; one that falls below the floor comes back at the top.
     Falling { low: [f32; 3], high: [f32; 3] },
 }
 
-/// Moves every box by its velocity, turning it round where it would leave its walls.
-///
-/// Infinite coordinates stay as they are. Boxes keep their size up to rounding.
+/// Moves every box, turning it round at its walls. Infinite coordinates stay as they are.
 pub fn advance(boxes: &mut [Aabb], velocities: &mut [[f32; 3]], walls: &Walls) {
     match walls {
         Walls::Scene { low, high } => {

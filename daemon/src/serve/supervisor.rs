@@ -54,10 +54,7 @@ const OWN_FILES: u64 = 128;
 /// Open files of a worker for each client: eight with its second port, and two to spare.
 pub const FILES_PER_CLIENT: u64 = 10;
 
-/// Serves an instance until SIGINT or SIGTERM.
-///
-/// # Errors
-/// [`ServeError`]; a worker that crashes is none.
+/// Serves an instance until SIGINT or SIGTERM. A worker that crashes is no error.
 pub fn supervise(settings: &ServeSettings) -> Result<(), ServeError> {
     check_file_limit(settings.limits.max_clients)?;
     let _lock = acquire(settings)?;
@@ -222,8 +219,7 @@ enum End {
     FilesClosed,
 }
 
-/// Waits for the worker's end, or for a signal to stop. Kills a worker that is stopped, or does not begin to
-/// serve.
+/// Waits for a worker's end or a signal. Kills one that is stopped or does not begin to serve.
 fn watch(
     worker: &mut Child,
     dying: &mut Vec<Child>,

@@ -39,8 +39,7 @@ const PREDECESSOR_DIES: Duration = Duration::from_secs(2);
 const LEAST_REPLY_BYTES: u64 = 1 << 20;
 const PREDECESSOR_LOOK: Duration = Duration::from_millis(10);
 
-/// Serves an instance in this process until SIGINT or SIGTERM, or until its parent, the process
-/// `supervisor`, ends.
+/// Serves an instance until SIGINT or SIGTERM, or until its parent, `supervisor`, ends.
 pub fn work(settings: &ServeSettings, supervisor: u32) -> Result<(), ServeError> {
     quiet_transport_log();
     let stop = Arc::new(AtomicBool::new(false));
@@ -121,10 +120,8 @@ pub fn work(settings: &ServeSettings, supervisor: u32) -> Result<(), ServeError>
     Ok(())
 }
 
-/// Ends this process with its supervisor: without one, a worker would hold the instance for ever.
-///
-/// The kernel tells of a parent's end from now on. One that ended before is told by the parent that
-/// this process has now.
+/// Ends this process with its supervisor: without one, a worker would hold the instance for ever. The
+/// kernel tells of an end from now on; of one before, the parent that this process has now.
 fn bind_to(supervisor: u32) -> Result<(), ServeError> {
     rustix::process::set_parent_process_death_signal(Some(Signal::KILL))
         .map_err(|e| ServeError::system("binding to the supervisor")(e.into()))?;
@@ -132,8 +129,7 @@ fn bind_to(supervisor: u32) -> Result<(), ServeError> {
     if parent == supervisor { Ok(()) } else { Err(ServeError::Orphaned { supervisor }) }
 }
 
-/// Limits whose replies fit the address space that this process may have, which batch queues and service
-/// managers restrict.
+/// Limits whose replies fit the address space that batch queues and service managers allow.
 fn limits_that_fit(asked: &Limits) -> Result<Limits, LimitError> {
     let Some(left) = address_space_left() else { return Ok(*asked) };
     // The other half is for engines, scenes and clients' segments.

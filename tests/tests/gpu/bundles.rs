@@ -66,7 +66,7 @@ fn bundle(executor: &mut Executor, is_lost: bool, sizes: &[u32]) -> Vec<EngineNa
     let joining = joining.collect();
     let begun = executor.gpus().iter().next().expect("a GPU").begin_bundle(joining);
     if is_lost {
-        executor.gpu().unwrap().device().expect("the device is there").destroy();
+        executor.device().expect("the device is there").destroy();
     }
     let mut engines = Vec::new();
     for (frame, (boxes, expected)) in begun.into_iter().zip(&scenes) {

@@ -118,7 +118,7 @@ fn a_list_beyond_the_device_comes_from_the_cpu() {
     let mut executor = gpu::executor(1);
     let boxes = vec![Aabb::from([0.0, 0.0, 0.0, 1.0, 1.0, 1.0]); 6_000];
     let pairs = 6_000 * 5_999 / 2;
-    let device = executor.gpu().unwrap().device().unwrap();
+    let device = executor.device().unwrap();
     assert!(device.limits().storage_binding_bytes < 8 * pairs, "or the test shows nothing");
     let mut reply = HeapReply::new();
     for engine in [EngineName::GpuBrute, EngineName::GpuGrid] {
@@ -155,7 +155,7 @@ fn narrow_frames_are_left_under_way_and_outlive_their_device() {
     for (pair, is_lost) in [([q16, q8], false), ([q8, f16], false), ([f16, q16], true)] {
         let begun = [0, 1].map(|turn| begin(&mut executor, turn as u128, &boxes, &pair[turn]).0);
         if is_lost {
-            executor.gpu().unwrap().device().expect("the device is there").destroy();
+            executor.device().expect("the device is there").destroy();
         }
         for (frame, precision) in begun.into_iter().zip(pair) {
             let (answer, words) = end(&mut executor, frame);
@@ -197,7 +197,7 @@ fn a_device_destroyed_under_load_costs_no_answer_and_comes_back() {
     let both = [EngineName::GpuBrute; 2];
     assert_eq!(cull(&mut executor, Encoding::Dense), both);
     for round in 0..3 {
-        let device = executor.gpu().unwrap().device().expect("the device is there");
+        let device = executor.device().expect("the device is there");
         let killer = std::thread::spawn(move || {
             std::thread::sleep(Duration::from_millis(20 + 7 * round));
             device.destroy();

@@ -55,7 +55,7 @@ fn a_frame_whose_gpu_is_lost_under_way_is_answered_by_the_other() {
     let boxes = stress_scenes::named("ground plane").boxes(33_001, 3);
     let expected = pairs_by_cpu(&boxes, &Precision::Exact);
     let (frame, place, _) = begin(&mut executor, 1, &boxes, &Precision::Exact);
-    let lost = executor.gpus().turn(place).and_then(|mut gpu| gpu.device());
+    let lost = executor.gpus().device(place);
     lost.expect("its device").destroy();
     let (answer, words) = end(&mut executor, frame);
     assert!(answer.engine.is_gpu(), "by {}", answer.engine);
@@ -93,8 +93,7 @@ fn devices_are_lost_under_load(rounds: usize) {
             let began = Instant::now();
             // One is there at any time: the one that was lost before is back first.
             let device = loop {
-                let devices =
-                    [0, 1].map(|at| model.gpus().turn(at).and_then(|mut gpu| gpu.device()));
+                let devices = [0, 1].map(|at| model.gpus().device(at));
                 let all_there = model.gpus().iter().all(|gpu| gpu.is_there());
                 if let ([Some(first), Some(second)], true) = (devices, all_there) {
                     break if place == 0 { first } else { second };

@@ -73,8 +73,7 @@ impl SceneRoom {
         memory.charge(BYTES_A_SCENE)
     }
 
-    /// Makes room for an edit that is about to be applied together with others, where so many bytes are kept beside the
-    /// scene.
+    /// Makes room for an edit that is applied with others, so many bytes being kept `beside` it.
     pub(crate) fn make(
         &mut self,
         scene: &mut SceneKeeper,
@@ -109,10 +108,7 @@ impl SceneRoom {
         self.set(BYTES_A_SCENE + scene_bytes + beside);
     }
 
-    /// Takes more, so that it is at least so much.
-    ///
-    /// # Errors
-    /// [`NoRoom`]; it stays what it was.
+    /// Takes more, so that it is at least so much; without room it stays what it was.
     fn grow_to(&mut self, bytes: u64) -> Result<(), NoRoom> {
         if let Some(more) = bytes.checked_sub(self.bytes) {
             self.of.take(more)?;

@@ -232,8 +232,7 @@ impl Gpu {
         &self.health
     }
 
-    /// Destroys the device as a fault would: from now on every frame fails with
-    /// [`GpuError::Lost`]. For tests of the recovery.
+    /// Destroys the device as a fault would. For tests of the recovery.
     pub fn destroy(&self) {
         self.wgpu_device.destroy();
         // wgpu calls back only when it next looks after the device, and we never ask it to.
@@ -301,8 +300,7 @@ impl Gpu {
         self.noticed(result)
     }
 
-    /// What the caller of an engine can do about a fault of the GPU. A device that does what it
-    /// should not counts as lost.
+    /// The error for an engine's caller. A device that does what it should not counts as lost.
     pub(super) fn cull_error(&self, engine: EngineName, error: &GpuError) -> CullError {
         match *error {
             GpuError::OutOfMemory { bytes } => {

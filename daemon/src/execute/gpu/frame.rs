@@ -156,19 +156,15 @@ impl Frame {
     /// Records steps in place of the former ones.
     ///
     /// # Panics
-    /// With more than [`MAX_STEPS`] steps, a binding too many or too large immediates: faults of
-    /// this crate.
+    /// With more than [`MAX_STEPS`] steps, a binding too many or too large immediates.
     pub fn record(&mut self, steps: Vec<Command>) -> Result<(), GpuError> {
         self.record_side_by_side(vec![steps])
     }
 
     /// Records the steps of several frames, none of which uses what another one writes, in place of the
     /// former ones: all first steps, then all second ones, and so on. A barrier is then waited for once
-    /// for all of them, and what waits for the link in one frame is covered by the others.
-    ///
-    /// # Panics
-    /// As [`Self::record`], for the steps of all frames together; and with several frames where steps
-    /// are timed.
+    /// for all of them, and what waits for the link in one frame is covered by the others. Panics beyond
+    /// [`MAX_STEPS`] steps of all together, and with several frames where steps are timed.
     pub(super) fn record_side_by_side(
         &mut self,
         frames: Vec<Vec<Command>>,
@@ -228,8 +224,7 @@ impl Frame {
         Self::run_once(gpu, blocks.into_iter().map(fill).collect())
     }
 
-    /// Forgets the steps of a frame that is recorded anew before it is submitted again, and what they
-    /// keep alive.
+    /// Forgets the steps of a frame that is recorded anew before the next submission.
     pub(super) fn forget_steps(&mut self) {
         if !self.pending {
             self.steps.clear();
@@ -327,11 +322,7 @@ impl Frame {
         Ok(())
     }
 
-    /// Submits the frame and waits for its end, `patience` at most.
-    ///
-    /// # Errors
-    /// [`GpuError::Lost`] when the device is gone, [`GpuError::Hung`] when time is up, and what the
-    /// driver answers to the submission.
+    /// Submits the frame and waits for its end, `patience` at most ([`GpuError::Hung`]).
     ///
     /// # Panics
     /// While it is under way.
@@ -340,11 +331,8 @@ impl Frame {
         self.end(patience)
     }
 
-    /// Submits the frame, before or after another frame of another queue. Nothing that it reads or
-    /// writes may be touched until it has ended.
-    ///
-    /// # Panics
-    /// While it is under way: a fault of this crate.
+    /// Submits the frame before or after one of another queue. Nothing that it uses may be touched until
+    /// it has ended. Panics while it is under way.
     pub(super) fn submit_in(&mut self, order: Order) -> Result<(), GpuError> {
         assert!(!self.pending, "a frame is under way once");
         // SAFETY: the frame is not pending, so its fence is not in use.
@@ -354,8 +342,7 @@ impl Frame {
         Ok(())
     }
 
-    /// Whether the device may still read and write what the frame uses: the frame was submitted, and
-    /// its end was not seen yet.
+    /// Whether the device may still use what the frame has: its end was not seen yet.
     pub fn is_pending(&self) -> bool {
         self.pending
     }

@@ -69,8 +69,7 @@ impl ReadWriteMapping {
         Ok(mapping)
     }
 
-    /// Whether the file behind the mapping has no name any more: its owner is gone, and these are
-    /// the last who hold its memory.
+    /// Whether the file behind it has no name any more: its owner is gone.
     pub fn is_orphaned(&self) -> bool {
         self.file.as_ref().is_some_and(|f| f.metadata().is_ok_and(|data| data.nlink() == 0))
     }

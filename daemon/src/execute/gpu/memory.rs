@@ -187,8 +187,7 @@ impl Block {
     /// Copies `values` to byte `offset`. Call it between frames only.
     ///
     /// # Panics
-    /// Outside the block, or on a block that the CPU does not see through it (video memory,
-    /// imports): a fault of this crate.
+    /// Outside the block, or on one that the CPU does not see through it (video memory, imports).
     pub fn write<T: Pod>(&self, offset: u64, values: &[T]) {
         let bytes: &[u8] = bytemuck::cast_slice(values);
         let to = self.host_range(offset, bytes.len());
@@ -197,10 +196,7 @@ impl Block {
         unsafe { std::ptr::copy_nonoverlapping(bytes.as_ptr(), to, bytes.len()) };
     }
 
-    /// Copies from byte `offset` into `values`. Call it between frames only.
-    ///
-    /// # Panics
-    /// As [`Self::write`].
+    /// As [`Self::write`], from byte `offset` into `values`.
     pub fn read<T: Pod>(&self, offset: u64, values: &mut [T]) {
         let bytes: &mut [u8] = bytemuck::cast_slice_mut(values);
         let from = self.host_range(offset, bytes.len());
@@ -244,8 +240,7 @@ impl Part {
     /// A range of a block.
     ///
     /// # Panics
-    /// Outside the block, where the GPU would read and write memory that is not the block's: a fault
-    /// of the caller.
+    /// Outside the block, where the GPU would read and write memory that is not the block's.
     pub fn of(block: &Arc<Block>, offset: u64, bytes: u64) -> Self {
         let end = offset.checked_add(bytes);
         assert!(end.is_some_and(|end| end <= block.bytes), "a part lies within its block");
@@ -310,8 +305,7 @@ impl Growing {
         self.at_least(gpu, bytes, most, replaced).map(|block| Part::of(block, 0, bytes))
     }
 
-    /// A block of at least `bytes`, and of `most` at the most where it was there. `replaced` is set if it is not the one
-    /// of last time.
+    /// A block of `bytes` to `most` where it was there. `replaced` is set if it is another.
     pub(super) fn at_least(
         &mut self,
         gpu: &Arc<Gpu>,

@@ -17,8 +17,7 @@ pub struct EngineOptions {
     /// Tile shape of all pairs; `None` chooses by count.
     pub tuning: Option<Tuning>,
     pub profiled: bool,
-    /// Most bytes of a band's matrix of all pairs; `None` for what the device allows. Small values force many
-    /// bands.
+    /// Most bytes of a band's matrix of all pairs; small values force many bands.
     pub matrix_bytes: Option<u64>,
     /// Folder of the pipeline cache; `None` keeps none.
     pub cache_folder: Option<PathBuf>,

@@ -22,8 +22,7 @@ pub(super) const WRONG_BINDINGS: &str = "it binds what it cannot be given";
 /// Bytes of immediates that every Vulkan device has.
 pub const IMMEDIATE_BYTES: u32 = 128;
 
-/// What pairmask keeps for a user: `$XDG_CACHE_HOME/pairmask`, else `~/.cache/pairmask`. `None`
-/// where neither is known.
+/// `$XDG_CACHE_HOME/pairmask`, else `~/.cache/pairmask`.
 pub fn user_cache_folder() -> Option<PathBuf> {
     let set = |name| std::env::var_os(name).filter(|v| !v.is_empty()).map(PathBuf::from);
     let base = set("XDG_CACHE_HOME").or_else(|| Some(set("HOME")?.join(".cache")))?;
@@ -122,10 +121,7 @@ pub struct Pipelines {
 }
 
 impl Pipelines {
-    /// No pipelines yet; the cache of `folder` if there is one.
-    ///
-    /// # Errors
-    /// [`GpuError`]. A bad or missing cache file is no error: pipelines are compiled anew.
+    /// With the cache of `folder`, if there is a good one: else pipelines are compiled anew.
     pub fn new(gpu: &Arc<Gpu>, checks: Checks, folder: Option<&Path>) -> Result<Self, GpuError> {
         let file = folder.map(|f| f.join(format!("pipelines-{}.bin", gpu.cache_key())));
         let data = file.as_deref().and_then(load).unwrap_or_default();
@@ -151,8 +147,7 @@ impl Pipelines {
         Pipeline::new(&self.gpu, stage, false, self.checks, self.cache)
     }
 
-    /// Writes the cache to disk. A failure costs the next start its speed and no more, so it is
-    /// logged only.
+    /// Writes the cache to disk. A failure costs the next start its speed, and is logged only.
     pub fn save(&self) {
         let Some(file) = &self.file else { return };
         // SAFETY: the cache belongs to this device and no other thread has it.
@@ -228,8 +223,7 @@ pub(super) const fn has_bounded_loops(stage: Stage) -> bool {
     matches!(stage, Stage::Grid(_) | Stage::WriteList | Stage::Scene(_) | Stage::SpherePairs(_))
 }
 
-/// Compiles a stage, with bounded loops where `bounded_loops` or the checks ask for them. Returns its code, and the names
-/// of its bindings.
+/// A stage's code and the names of its bindings, with bounded loops where that or checks ask.
 fn compiled(
     stage: &ComposedStage,
     bounded_loops: bool,

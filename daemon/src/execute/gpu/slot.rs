@@ -67,8 +67,7 @@ impl GpuSlot {
         slot
     }
 
-    /// The device, if it is there and healthy. A lost one is noticed here, its rebuild begun and
-    /// its successor taken in.
+    /// The device, if it is healthy. A lost one is noticed here, and its rebuild begun.
     pub fn ready(&mut self) -> Option<Arc<Gpu>> {
         let now = Instant::now();
         self.take_in(now);

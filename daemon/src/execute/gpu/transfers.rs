@@ -45,8 +45,7 @@ const WORD_BYTES: u64 = size_of::<u32>() as u64;
 pub struct SharedImports(Arc<Mutex<Imports>>);
 
 impl SharedImports {
-    /// The imports, for as long as the guard lives. A panic of another holder leaves them whole:
-    /// each change of the list is one call.
+    /// A panic of another holder leaves the imports whole: each change is one call.
     pub fn lock(&self) -> MutexGuard<'_, Imports> {
         locked(&self.0)
     }

@@ -140,8 +140,7 @@ impl Boxes {
         (kept + moved.allocated_bytes()) as u64 + bytes_of(found)
     }
 
-    /// Checks an edit of one member. It stays right: nobody else changes its boxes. It is to be applied, or
-    /// [cancelled](Self::cancel).
+    /// Checks a member's edit, which stays right. It is to be applied or [cancelled](Self::cancel).
     pub fn check(&mut self, edit: Edit<'_>, bytes: u64) -> Result<(), Refusal> {
         let beside = self.own_bytes() + self.members_bytes + self.pending.bytes;
         let more = bytes + BYTES_A_COPY * edit.index_end();

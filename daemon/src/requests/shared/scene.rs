@@ -98,10 +98,8 @@ impl SharedScene {
         Ok(range)
     }
 
-    /// A member commits. Its edit is read here, beside those of others; its request is kept until the tick ends.
-    ///
-    /// # Errors
-    /// Why not, and the request.
+    /// A member commits. Its edit is read here, beside those of others; its request is kept until the tick
+    /// ends, or comes back with why not.
     pub fn commit(
         &self,
         id: MemberId,

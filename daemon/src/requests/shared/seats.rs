@@ -119,8 +119,7 @@ impl Seats {
         Ok(range)
     }
 
-    /// A member begins to commit: until its edit is [taken in](Self::commit) or [given up](Self::give_up), its
-    /// leases stay.
+    /// Until the edit is [taken in](Self::commit) or [given up](Self::give_up), its leases stay.
     pub fn begin(&mut self, id: MemberId, request: &SceneRequest) -> Result<Begun, Refusal> {
         let is_first = self.leases.first_writer() == Some(id);
         let member = self.members.get_mut(&id).ok_or_else(|| Refusal::stale_scene(0))?;

@@ -156,8 +156,7 @@ impl<'a> Lanes<'a> {
         })
     }
 
-    /// Gives up what belonged to clients that are gone, now and then. On a thread of its own: to free a large scene, or
-    /// to take the boxes of a dead writer out of one, takes a while.
+    /// On a thread of its own: to free a large scene, or take a dead writer's boxes out, takes a while.
     fn tidy_until_stopped(&self) {
         let _end = EndWithPanic;
         let mut gpus = GpuCounts::default();
@@ -265,8 +264,7 @@ impl<'a> Lanes<'a> {
         Led::Stop
     }
 
-    /// Lane 0 sleeps until a request comes, at most until shortly before one is due. Returns at once, with
-    /// `true`, where one is due now.
+    /// Lane 0 sleeps until a request comes or is due soon. `true`, at once, where one is due now.
     fn pause(&self, wake: &WakeDaemon, now: Instant) -> bool {
         let rest = locked(&self.scheduler).rest(now);
         match rest {

@@ -68,8 +68,7 @@ impl Scheduler {
         }
     }
 
-    /// Whether a session that was active a moment ago is not being served: it may ask again at any
-    /// moment.
+    /// Whether a session that was active a moment ago, and may ask again, is not being served.
     pub(super) fn is_awaiting(&self, now: Instant) -> bool {
         self.workers.sessions(now).any(|session| !self.inbox.is_served(session))
     }

@@ -77,8 +77,7 @@ impl AllPairs {
         &self.gpu
     }
 
-    /// Imports shared memory at an address range of this process, so that boxes within it need no
-    /// copy. See [`Imports::import_boxes`](super::import::Imports::import_boxes).
+    /// See [`Imports::import_boxes`](super::import::Imports::import_boxes).
     pub fn import_boxes(&mut self, address: usize, bytes: usize) -> Result<ImportId, ImportError> {
         self.transfers.imports.lock().import_boxes(&self.gpu, address, bytes)
     }
@@ -95,8 +94,7 @@ impl AllPairs {
         self.frames.forget(block);
     }
 
-    /// Times of the last frame's steps, in order, if the engine is profiled. Steps of the same
-    /// stage in several bands are listed one by one.
+    /// Times of the last frame's steps, band by band, if the engine is profiled.
     pub fn step_times(&self) -> &[StepTime] {
         &self.step_times
     }
@@ -258,8 +256,7 @@ impl Engine for AllPairs {
         ENGINE
     }
 
-    /// Boxes in any form are read as they lie. The mask is that of the f32 boxes that stand for them
-    /// ([`pairmask_core::precision::BoxSlice::get`]).
+    /// The mask is that of the f32 boxes that stand for boxes in other forms.
     fn cull(
         &mut self,
         input: &CullInput<'_>,
@@ -269,8 +266,7 @@ impl Engine for AllPairs {
     }
 }
 
-/// How long a run may take before the device counts as hung: a software adapter does some 10^8
-/// pairs a second.
+/// When the device counts as hung: a software adapter does some 10^8 pairs a second.
 fn patience(pairs: u64) -> Duration {
     Duration::from_secs(10 + pairs / 50_000_000)
 }

@@ -11,8 +11,7 @@ use pairmask_shaders::layouts::{GridLayout, GridWorlds};
 use super::axis::{self, Axis, CELL_LIMIT, FOLDED_LEAST};
 use super::sample::Sample;
 
-/// Cells of boxes of one size are this much longer than they, so that rounding sends none to a
-/// coarser level.
+/// Cells of boxes of one size are so much longer: rounding sends none to a coarser level.
 const ALIKE_MARGIN: f32 = 1.001;
 /// Where sizes differ, cells are this much longer than the longest edge that the sample saw: if
 /// only ten boxes of a million go to a coarser level, all the others have to look there.
@@ -198,8 +197,7 @@ fn push(layout: &mut GridLayout, cells: &mut u32, axes: [Axis; 3]) {
     layout.level_count += 1;
 }
 
-/// Boxes by octave of size, smallest first: the last has those within a factor of two of the
-/// largest.
+/// Boxes by octave of size, smallest first; the last is within a factor of two of the largest.
 fn octaves(sample: &Sample) -> [Group; OCTAVES] {
     let mut octaves = [Group::default(); OCTAVES];
     let largest = sample.boxes.iter().map(|b| b.size).fold(0.0, f32::max);
@@ -279,8 +277,7 @@ fn cell_edges(sample: &Sample, edges: [f32; 3], margin: f32) -> [f32; 3] {
     })
 }
 
-/// Axes of a level of cells of `edges` for about `boxes` boxes: of `least` cells at least, if there is use
-/// for them, and of `room` at most.
+/// Axes of a level for about `boxes` boxes: `least` cells, if of use, and `room` at most.
 fn axes(sample: &Sample, edges: [f32; 3], boxes: f32, least: u64, room: u64) -> [Axis; 3] {
     let limit = (CELLS_A_BOX * boxes as u64).max(least).min(room);
     let is_row = (0..3).filter(|axis| edges[*axis] < sample.extent[*axis]).count() == 1;

@@ -66,8 +66,7 @@ pub struct Grid {
 }
 
 impl Grid {
-    /// An engine on `gpu`, with the stages of whole frames of boxes compiled. Those of spheres are
-    /// compiled when the first of them comes.
+    /// With the stages of whole frames of boxes compiled; those of spheres are when one comes.
     pub fn new(gpu: &Arc<Gpu>, options: &EngineOptions) -> Result<Self, GpuError> {
         let forms = Found::ALL.into_iter().flat_map(|found| BoxForm::ALL.map(|form| (form, found)));
         let stages =
@@ -133,8 +132,7 @@ impl Grid {
         }
     }
 
-    /// Starts frames of several memories in one submission. The answers are those of frames that are
-    /// begun one by one.
+    /// Starts frames in one submission, with the answers of frames that are begun one by one.
     ///
     /// # Panics
     /// With more than [`BUNDLE_FRAMES`], and where steps are timed.
@@ -266,9 +264,7 @@ impl Grid {
             }
         }
     }
-}
 
-impl Grid {
     /// Finds the pairs of boxes in any form, or of spheres, which are decided exactly: the boxes around them have cells.
     pub fn cull_objects(
         &mut self,
@@ -295,9 +291,8 @@ impl Engine for Grid {
         ENGINE
     }
 
-    /// Boxes in any form are read as they lie. The mask is that of the f32 boxes that stand for them
-    /// ([`BoxSlice::get`](pairmask_core::precision::BoxSlice::get)). Dense masks are refused ([`CullError::Unavailable`]): they have all
-    /// pairs' words, which the all-pairs engine writes faster. Crowds are, too
+    /// The mask is that of the f32 boxes that stand for boxes in other forms. Dense masks are refused
+    /// ([`CullError::Unavailable`]): all pairs writes them faster. Crowds are, too
     /// ([`CullError::TooCrowded`]).
     fn cull(
         &mut self,

@@ -11,8 +11,7 @@ use pairmask_shaders::layouts::GridParams;
 
 use super::layout::cells_most;
 
-/// Most boxes: batches are numbered along one dimension of a dispatch, and a slot has
-/// `LEVEL_SHIFT` bits.
+/// Most boxes: batches are one dimension of a dispatch, and a slot has `LEVEL_SHIFT` bits.
 pub const MAX_BOXES: u64 = 65_535 * BATCH_BOXES as u64;
 
 /// Rounds of a row's walk that are no tests, at the most: a level has 9 lines of cells around a row, which take 13
@@ -23,8 +22,7 @@ const OTHER_ROUNDS: u32 = 16 * GRID_LEVELS;
 /// tens of milliseconds. More is left to the all-pairs engine, which does such scenes faster.
 const BUDGET: u32 = 1 << 14;
 
-/// Mask words, or pairs, that a reply has room for before its size is known, for each box; a scene that
-/// had more last time gets more.
+/// Items for each box that a reply has room for; a scene that had more last time gets more.
 const ITEMS_A_BOX: u64 = 2;
 
 /// Words of a pair in a list.
@@ -137,8 +135,7 @@ pub struct Capacity {
 }
 
 impl Capacity {
-    /// Two items a box, and a quarter more than `last_items`, as many as the last frame had; `room` at
-    /// the most.
+    /// Two items a box, or a quarter more than the last frame had; `room` at the most.
     pub fn expected(n: BoxCount, found: Found, last_items: u64, room: u64) -> Self {
         let boxes = u64::from(n.get());
         let wanted = (ITEMS_A_BOX * boxes).max(last_items + last_items / 4);
@@ -164,8 +161,7 @@ pub const fn most_items(n: BoxCount, found: Found) -> u64 {
     }
 }
 
-/// The most mask words, or pairs, of `n` boxes in a reply of so many words; `None` where there is no
-/// room for a single one (behind the order).
+/// The most items of `n` boxes in a reply of so many words; `None` without room for one.
 pub fn room(n: BoxCount, found: Found, limit_words: u64) -> Option<u64> {
     let room = match found {
         Found::Words => {

@@ -103,11 +103,7 @@ impl Ruled {
 impl Grid {
     /// Finds the pairs that rules let meet; those of boxes that are both on a list are left to the host, if
     /// [`Marks::has_lists`]. Where boxes are of several worlds, a list is ordered by world, and `ranges` says
-    /// where the pairs of each are.
-    ///
-    /// # Errors
-    /// As [`Engine::cull`](pairmask_core::engine::Engine::cull); [`CullError::TooCrowded`] too where worlds
-    /// have too few boxes for a grid.
+    /// where the pairs of each are; [`CullError::TooCrowded`] where worlds have too few boxes for a grid.
     pub fn cull_ruled(
         &mut self,
         boxes: BoxSlice<'_>,

@@ -59,8 +59,7 @@ impl Scratch {
         Self { grid: Growing::new(Home::written(gpu)), ..Self::new() }
     }
 
-    /// Blocks for a frame. `replaced` is set if one is new, `unclean` if one that must be zero
-    /// between frames is.
+    /// `replaced` is set if a block is new, `unclean` if one is that must be zero between frames.
     pub(super) fn blocks(
         &mut self,
         gpu: &Arc<Gpu>,

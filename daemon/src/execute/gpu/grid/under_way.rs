@@ -4,7 +4,7 @@
 //! same stage of all frames runs between the same two barriers. Each frame keeps its own workspace, so
 //! the stages know nothing of bundles.
 
-use std::sync::{Arc, Mutex, MutexGuard};
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use pairmask_core::engine::{CullError, ReplyBuffer};
@@ -58,8 +58,7 @@ impl<M: FrameMemory> GridUnderWay<M> {
         locked(&self.workspace).has_ended()
     }
 
-    /// Waits for the GPU and takes the memory back, without an answer. `None` where the GPU keeps
-    /// it.
+    /// Waits for the GPU and takes the memory back; `None` where the GPU keeps it.
     pub fn give_up(mut self) -> Option<M> {
         self.take_back()
     }
@@ -101,22 +100,22 @@ impl Bundle {
 
     /// Whether no workspace waits for it, so that it may be submitted again.
     pub(super) fn is_free(&self) -> bool {
-        Arc::strong_count(&self.0) == 1 && !self.lock().frame.is_pending()
+        Arc::strong_count(&self.0) == 1 && !locked(&self.0).frame.is_pending()
     }
 
     pub(super) fn submit(&self, frames: Vec<Vec<Command>>) -> Result<(), GpuError> {
-        let mut submission = self.lock();
+        let mut submission = locked(&self.0);
         submission.frame.record_side_by_side(frames)?;
         submission.frame.submit_in(Order::Alone)
     }
 
     pub(super) fn has_ended(&self) -> bool {
-        self.lock().frame.has_ended()
+        locked(&self.0).frame.has_ended()
     }
 
     /// As [`Frame::end`], for the first workspace that asks; the others know at once.
     pub(super) fn end(&self, patience: Duration) -> Result<(), GpuError> {
-        let mut submission = self.lock();
+        let mut submission = locked(&self.0);
         if submission.is_given_up {
             return Err(GpuError::Lost);
         }
@@ -129,17 +128,11 @@ impl Bundle {
 
     /// As [`Frame::settle`], once.
     pub(super) fn settle(&self) -> bool {
-        let mut submission = self.lock();
+        let mut submission = locked(&self.0);
         if !submission.is_given_up {
             submission.is_given_up = !submission.frame.settle();
             submission.frame.forget_steps();
         }
         !submission.is_given_up
-    }
-
-    /// The submission, for as long as the guard lives. One thread uses an engine and its frames; after a
-    /// panic the frames are given up.
-    fn lock(&self) -> MutexGuard<'_, Submission> {
-        locked(&self.0)
     }
 }

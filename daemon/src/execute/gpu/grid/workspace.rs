@@ -27,8 +27,7 @@ pub(super) struct Tools {
     pub(super) gpu: Arc<Gpu>,
     pub(super) pipelines: Pipelines,
     pub(super) chooser: Chooser,
-    /// What the last frames found: what the next one's reply gets room for. The answer does not depend
-    /// on it.
+    /// What the last frames found, for the room of the next reply; no answer depends on it.
     pub(super) last_found: LastFound,
     pub(super) profiled: bool,
     pub(super) step_times: Vec<StepTime>,
@@ -144,8 +143,7 @@ impl Workspace {
         Ok(())
     }
 
-    /// Gets a frame ready for a bundle. Its steps are to be submitted with it, or the frame is to be given
-    /// up.
+    /// Gets a frame ready for a bundle: its steps are submitted with it, or it is given up.
     pub(super) fn join(
         &mut self,
         tools: &mut Tools,
@@ -220,8 +218,7 @@ impl Workspace {
         Ok(())
     }
 
-    /// Waits for the end of what is under way, if anything is, and forgets it. `false` where the
-    /// device may write to the reply for ever.
+    /// Waits for what is under way, and forgets it. `false` where the device may write for ever.
     pub(super) fn give_up(&mut self) -> bool {
         let writes_reply = self.under_way.take().is_some_and(|frame| frame.mask.is_reply);
         self.settle() || !writes_reply
@@ -271,8 +268,7 @@ impl Workspace {
         frame.submit_in(order)
     }
 
-    /// Waits for the frame under way. After an error the device may still work on it
-    /// ([`Self::give_up`]).
+    /// Waits for the frame under way, on which the device may work after an error.
     pub(super) fn end(
         &mut self,
         tools: &mut Tools,

@@ -136,8 +136,7 @@ impl Memory {
         Ok(Records { slots, now: block()?, then: block()? })
     }
 
-    /// Forgets which boxes were named, so that namings may be numbered from 1 again; there is memory for
-    /// them then.
+    /// Forgets which boxes were named: namings may be numbered from 1 again.
     pub fn forget_named(
         &mut self,
         tools: &SceneTools,

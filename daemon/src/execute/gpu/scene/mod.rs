@@ -119,11 +119,8 @@ impl GpuScene {
         Self::shared(std::slice::from_ref(tools), options)
     }
 
-    /// A scene without boxes that the devices of all these keep together. What it tells is what one of them would.
-    /// It is kept by those that are left when some of them are lost.
-    ///
-    /// # Panics
-    /// Without tools.
+    /// A scene without boxes that these devices, at least one, keep together, and those that are left
+    /// when some are lost. What it tells is what one of them would.
     pub fn shared(tools: &[Arc<SceneTools>], options: SceneOptions) -> Self {
         let most_boxes = options.most_boxes.min(MOST_SLOTS as u32);
         Self {
@@ -151,8 +148,7 @@ impl GpuScene {
         }
     }
 
-    /// Has more devices keep it, if it has no box and has none to tell of: there is nothing to bring to them. Those
-    /// that have it stay.
+    /// Has more devices keep it, if it has no box and none to tell of. Those that have it stay.
     pub fn share(&mut self, more: &[Arc<SceneTools>]) {
         if self.is_new() {
             self.replicas.add(more);
@@ -169,10 +165,7 @@ impl GpuScene {
         self.roster.states.index_end() == 0
     }
 
-    /// A scene that goes on where another one stands: its boxes, flags, filters, and what it has reported.
-    ///
-    /// # Panics
-    /// As [`Self::shared`].
+    /// A scene that goes on where another stands: its boxes, flags, filters, and what it reported.
     pub fn from_kept(
         tools: &[Arc<SceneTools>],
         options: SceneOptions,
@@ -241,8 +234,7 @@ impl GpuScene {
         self.replicas.iter().any(|replica| std::ptr::eq(Arc::as_ptr(replica.tools.gpu()), gpu))
     }
 
-    /// Threads that later edits and queries may use, of the caller's pool; `None` is all of them. With one, no pool is
-    /// touched.
+    /// Threads of the pool for later edits and queries; `None` is all. With one, none is touched.
     pub const fn set_threads(&mut self, threads: Option<usize>) {
         self.options.threads = threads;
     }

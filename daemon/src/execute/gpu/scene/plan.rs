@@ -173,8 +173,7 @@ impl Sizes {
     }
 }
 
-/// A layout for a scene of so many indices: its giants have cells by index, and boxes that overlap
-/// nothing have none.
+/// A layout for so many indices: giants have cells by index, boxes that overlap nothing none.
 pub(super) fn with_giants(mut layout: GridLayout, slots: u64) -> GridLayout {
     layout.first_nothing = layout.first_giant + (slots / u64::from(PARKED)) as u32 + 1;
     layout.cell_end = layout.first_nothing;

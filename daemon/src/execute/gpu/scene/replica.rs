@@ -120,10 +120,7 @@ impl Replica {
 pub(super) struct Replicas(Vec<Replica>);
 
 impl Replicas {
-    /// One for each.
-    ///
-    /// # Panics
-    /// Without tools.
+    /// One for each, at least one.
     pub fn new(tools: &[Arc<SceneTools>]) -> Self {
         assert!(!tools.is_empty(), "a scene in video memory is on some device");
         Self(tools.iter().map(Replica::new).collect())
