@@ -92,7 +92,7 @@ mod tests {
         let mut window = Window::default();
         window.take_mask(objects.len() as u32, span, &report.shape, reply);
         window.take_objects(objects);
-        window.take_rules(rules);
+        window.rules = rules;
         check(&window)
     }
 

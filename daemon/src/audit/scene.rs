@@ -94,10 +94,6 @@ impl QueryNote {
         let tags = (0..queries.len() as u32).map(|query| tags.of(query)).collect();
         Self { window, tags }
     }
-
-    pub(super) const fn name(&self) -> NotedName {
-        self.window.name()
-    }
 }
 
 /// Pairs that a client knows, by each of their boxes.

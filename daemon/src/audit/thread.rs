@@ -87,40 +87,33 @@ struct Found {
     edits: AtomicUsize,
 }
 
-impl Lots {
-    /// A free window, and what it is to hold of a frame.
-    fn window(
-        &mut self,
-        n: u32,
+impl Running {
+    /// Copies a part of a mask that is drawn, where a window is free.
+    fn copy(
+        &self,
+        fields: &ReplyFields,
         frame: &AuditedFrame<'_>,
-        found: &Found,
-    ) -> Option<(Box<Window>, Span2)> {
-        if !Window::holds(frame.shape) {
+        is_drawn: impl FnOnce(&mut Random) -> bool,
+    ) -> Option<Box<Window>> {
+        let (n, first) = (fields.box_count.get(), frame.first_set);
+        let mut lots = locked(&self.lots);
+        if !is_drawn(&mut lots.random) || !Window::holds(frame.shape) {
             return None;
         }
-        let Ok(mut window) = self.free.try_recv() else {
-            locked(&found.counts).skipped += 1;
+        let Ok(mut window) = lots.free.try_recv() else {
+            locked(&self.found.counts).skipped += 1;
             return None;
         };
-        window.first_set = frame.first_set;
         let is_ordered = matches!(frame.shape, MaskShape::Sparse { order: Some(_), .. });
-        let first = frame.first_set.filter(|_| !is_ordered);
-        let span = Span2::draw(first, n, Reach::of(frame.form), &mut self.random);
-        Some((window, span))
-    }
-}
-
-impl AuditedFrame<'_> {
-    /// Copies a part of the mask, which may be overwritten once the reply is sent.
-    fn take(&self, fields: &ReplyFields, drawn: (Box<Window>, Span2)) -> Box<Window> {
-        let (mut window, span) = drawn;
-        window.take_mask(fields.box_count.get(), span, self.shape, self.reply);
+        let rows = first.filter(|_| !is_ordered);
+        let span = Span2::draw(rows, n, Reach::of(frame.form), &mut lots.random);
+        drop(lots);
+        window.first_set = first;
+        window.take_mask(n, span, frame.shape, frame.reply);
         (window.client_token, window.frame) = (fields.client_token, fields.frame);
-        window
+        Some(window)
     }
-}
 
-impl Running {
     /// Has something checked, where the channel has room: as it has for all windows.
     fn send(&self, work: Work) -> bool {
         self.full.as_ref().is_some_and(|full| full.try_send(work).is_ok())
@@ -160,15 +153,7 @@ impl Auditor {
     /// [`Self::submit`].
     pub fn draw(&self, fields: &ReplyFields, frame: &AuditedFrame<'_>) -> Option<Box<Window>> {
         let running = self.running.as_ref()?;
-        let drawn = {
-            let mut lots = locked(&running.lots);
-            let is_drawn = lots.random.below(u64::from(running.one_in)) == 0;
-            if !is_drawn {
-                return None;
-            }
-            lots.window(fields.box_count.get(), frame, &running.found)?
-        };
-        Some(frame.take(fields, drawn))
+        running.copy(fields, frame, |random| random.below(running.one_in.into()) == 0)
     }
 
     /// As [`Self::draw`], of each query of an audited scene: for [`Self::submit_query`].
@@ -179,9 +164,7 @@ impl Auditor {
         frame: &AuditedFrame<'_>,
     ) -> Option<Box<Window>> {
         let running = self.running.as_ref().filter(|_| !scene.0.is_lost())?;
-        let n = fields.box_count.get();
-        let drawn = locked(&running.lots).window(n, frame, &running.found)?;
-        Some(frame.take(fields, drawn))
+        running.copy(fields, frame, |_| true)
     }
 
     pub fn submit(
@@ -192,7 +175,7 @@ impl Auditor {
     ) {
         let Some(running) = &self.running else { return };
         window.take_objects(objects);
-        window.take_rules(rules);
+        window.rules = rules;
         running.send(Work::Window(window));
     }
 
@@ -262,7 +245,7 @@ fn check_all(work: &Receiver<Work>, back: &SyncSender<Box<Window>>, found: &Foun
         match work {
             Work::Window(mut window) => {
                 note(window.name(), &check(&window), found);
-                window.take_rules(None);
+                window.rules = None;
                 // The channel has room. When the auditor stops, it has no receiver.
                 let _ = back.try_send(window);
             }
@@ -270,7 +253,7 @@ fn check_all(work: &Receiver<Work>, back: &SyncSender<Box<Window>>, found: &Foun
                 let scene = scenes.iter().find(|(kept, _)| Arc::ptr_eq(kept, &token));
                 // One whose edits are not followed any more has other boxes.
                 if let Some((_, scene)) = scene.filter(|_| !token.is_lost()) {
-                    note(query.name(), &scene.check_query(&mut query), found);
+                    note(query.window.name(), &scene.check_query(&mut query), found);
                 }
                 let _ = back.try_send(query.window);
             }

@@ -88,7 +88,7 @@ pub struct Window {
     /// The spheres at `indices`; none in a frame of boxes.
     pub(super) spheres: Vec<Sphere>,
     /// The rules of the frame; `None` where all objects may meet.
-    rules: Option<Arc<SentRules>>,
+    pub(super) rules: Option<Arc<SentRules>>,
     /// Boxes of the first set, where the frame is of two: those of one set do not meet.
     pub(super) first_set: Option<BoxCount>,
     pub client_token: u64,
@@ -143,10 +143,6 @@ impl Window {
                 self.spheres.extend(indices.map(one));
             }
         }
-    }
-
-    pub fn take_rules(&mut self, rules: Option<Arc<SentRules>>) {
-        self.rules = rules;
     }
 
     fn take_dense(&mut self, n: BoxCount, mask: &[u32]) {

@@ -46,15 +46,7 @@ impl Gpus {
         }
     }
 
-    /// GPUs, those that are lost too.
-    pub fn len(&self) -> usize {
-        self.all.len()
-    }
-
-    pub fn is_empty(&self) -> bool {
-        self.all.is_empty()
-    }
-
+    /// Those that are lost too.
     pub fn iter(&self) -> impl Iterator<Item = &Arc<SharedGpu>> {
         self.all.iter()
     }

@@ -12,7 +12,7 @@ use pairmask_core::engine::{CullError, ReplyBuffer, ReserveError};
 use pairmask_core::plan::{Plan, SceneStats};
 use pairmask_core::precision::BoxSlice;
 use pairmask_core::{BoxCount, Encoding, EncodingChoice, EngineChoice, EngineName, scene};
-use pairmask_wire::{Page, Reject, RulesPlace, SentRules, WORLD_RANGE_WORDS};
+use pairmask_wire::{RulesReader, SentRules, WORLD_RANGE_WORDS};
 
 use super::frame_memory::{FrameMemory, boxes_of};
 use super::gpu::takes_worlds;
@@ -147,19 +147,8 @@ impl Executor {
         Ok((answer, ranges))
     }
 
-    /// The rules of a frame of `n` boxes, from its payload, to be kept under the client's number.
-    pub fn read_rules(
-        &mut self,
-        place: &RulesPlace,
-        number: u64,
-        n: BoxCount,
-        pages: &[Page],
-    ) -> Result<Arc<SentRules>, Reject> {
-        self.rules.read_named(place, number, n, pages).map(Arc::clone)
-    }
-
-    pub fn kept_rules(&self, number: u64, n: BoxCount) -> Result<Arc<SentRules>, Reject> {
-        self.rules.named(number, n).map(Arc::clone)
+    pub const fn rules(&mut self) -> &mut RulesReader {
+        &mut self.rules
     }
 
     /// Whether frames with such rules may go to a GPU that culls without them: the rules are then laid
@@ -168,7 +157,7 @@ impl Executor {
     pub fn may_use_gpu(&self, rules: &SentRules, options: &CullOptions) -> bool {
         match options.engine {
             EngineChoice::Only(engine) => engine.is_gpu(),
-            EngineChoice::Auto => !self.gpus.is_empty() && rules.most_worlds() == 0,
+            EngineChoice::Auto => self.gpus.iter().next().is_some() && rules.most_worlds() == 0,
         }
     }
 

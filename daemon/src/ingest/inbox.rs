@@ -76,7 +76,7 @@ pub struct Inbox<R> {
 impl<R> Inbox<R> {
     /// Room for all requests that `max_clients` may have under way: one client cannot fill it, and
     /// requests of others are received all the same.
-    pub fn new(max_clients: usize) -> Self {
+    pub fn new(max_clients: usize, gpus: usize) -> Self {
         let capacity = max_clients.max(1) * PORTS_PER_CLIENT * FRAMES_AT_A_TIME;
         Self {
             waiting: Vec::with_capacity(capacity),
@@ -84,16 +84,10 @@ impl<R> Inbox<R> {
             accounts: Vec::with_capacity(capacity),
             clock: Duration::ZERO,
             capacity,
-            gpus: 1,
+            gpus: gpus.max(1),
             last_turn: 0,
             last_task: 0,
         }
-    }
-
-    /// The same where so many GPUs serve, each one frame at a time.
-    #[must_use]
-    pub fn with_gpus(self, gpus: usize) -> Self {
-        Self { gpus: gpus.max(1), ..self }
     }
 
     pub fn room(&self) -> usize {
@@ -280,7 +274,7 @@ mod tests {
     /// for the pool (`C` a core, `G` a GPU, `g` one that others may join), `>1a` has it given out next, `&1a` beside
     /// the last one, `>.` and `&.` none, and `-1` says that it was served.
     fn play(gpus: usize, script: &str) {
-        let (mut inbox, now) = (Inbox::new(4).with_gpus(gpus), Instant::now());
+        let (mut inbox, now) = (Inbox::new(4, gpus), Instant::now());
         for word in script.split_whitespace() {
             let id = word[1..2].parse().unwrap_or(0);
             let (from, expected) = (sender(id, id.into()), (id > 0).then_some(&word[1..]));
@@ -329,7 +323,7 @@ mod tests {
     #[test]
     fn a_process_with_many_ports_has_one_turn() {
         let now = Instant::now();
-        let mut inbox = Inbox::new(4);
+        let mut inbox = Inbox::new(4, 1);
         for port in 10..18 {
             inbox.put(sender(1, port), Resource::Core, (1, port), now);
             inbox.put(sender(1, port), Resource::Core, (1, port), now);
@@ -351,7 +345,7 @@ mod tests {
     #[test]
     fn newcomers_do_not_overtake_those_who_used_no_more() {
         let now = Instant::now();
-        let mut inbox = Inbox::new(8);
+        let mut inbox = Inbox::new(8, 1);
         inbox.put(sender(500, 1), Resource::Core, 500, now);
         inbox.put(sender(500, 1), Resource::Core, 500, now);
         assert_eq!(serve(&mut inbox, now, Duration::ZERO), Some(500));
@@ -365,7 +359,7 @@ mod tests {
     #[test]
     fn time_away_is_not_saved_up() {
         let now = Instant::now();
-        let mut inbox = Inbox::new(4);
+        let mut inbox = Inbox::new(4, 1);
         let [busy, back] = [sender(1, 1), sender(2, 2)];
         inbox.put(back, Resource::Core, back, now);
         assert_eq!(serve(&mut inbox, now, US), Some(back));
@@ -389,7 +383,7 @@ mod tests {
     #[test]
     fn memory_does_not_grow() {
         let now = Instant::now();
-        let mut inbox = Inbox::new(1);
+        let mut inbox = Inbox::new(1, 1);
         let room = (inbox.waiting.capacity(), inbox.accounts.capacity());
         for process in 0..10_000 {
             inbox.put(sender(process, u128::from(process)), Resource::Core, process, now);
@@ -401,7 +395,7 @@ mod tests {
     #[test]
     fn a_request_that_waits_is_served_however_many_come_after_it() {
         let (start, ms) = (Instant::now(), Duration::from_millis(1));
-        let mut inbox = Inbox::new(64);
+        let mut inbox = Inbox::new(64, 1);
         let large = sender(1, 1);
         inbox.put(large, Resource::Pool, large, start);
         assert!(inbox.next(start, |_| true, |_, _| false).is_some());
@@ -435,7 +429,7 @@ mod tests {
     fn processes_that_always_wait_get_about_equal_time_whatever_their_frames_take() {
         let (start, costs) = (Instant::now(), [100 * US, 10 * US, US]);
         for passes in [false, true] {
-            let (mut inbox, mut now, mut used) = (Inbox::new(4), start, [Duration::ZERO; 3]);
+            let (mut inbox, mut now, mut used) = (Inbox::new(4, 1), start, [Duration::ZERO; 3]);
             for process in 0..3 {
                 inbox.put(sender(process, u128::from(process)), Resource::Core, process, now);
             }
@@ -459,7 +453,7 @@ mod tests {
     #[test]
     fn what_may_not_be_served_now_waits_and_lets_others_pass() {
         let now = Instant::now();
-        let mut inbox = Inbox::new(4);
+        let mut inbox = Inbox::new(4, 1);
         let [a, b] = [1, 2].map(|id| sender(id, u128::from(id)));
         inbox.put(a, Resource::Core, "long", now);
         inbox.put(b, Resource::Core, "short", now);
@@ -473,7 +467,7 @@ mod tests {
     #[test]
     fn a_request_that_has_waited_for_the_pool_too_long_has_a_core() {
         let (start, ms) = (Instant::now(), Duration::from_millis(1));
-        let mut inbox = Inbox::new(4);
+        let mut inbox = Inbox::new(4, 1);
         let [a, b, c] = [1, 2, 3].map(|id| sender(id, u128::from(id)));
         for (sender, resource, work) in
             [(a, Resource::Pool, 5000), (b, Resource::Pool, 7), (c, Resource::Gpu, 7)]

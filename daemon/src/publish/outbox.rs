@@ -44,11 +44,6 @@ impl Outbox {
         Self { services, clients, counters, auditor, scene_memory, alter_answers }
     }
 
-    /// Gives up what belonged to clients that are gone; to be called now and then.
-    pub(crate) fn tidy(&self) {
-        self.clients.tidy(|| self.sessions());
-    }
-
     pub(crate) fn sessions(&self) -> Vec<u128> {
         let mut sessions = Vec::new();
         self.services.for_each_sender(|sender| sessions.push(sender.session));

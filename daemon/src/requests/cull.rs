@@ -392,9 +392,9 @@ fn read_rules(
 ) -> Result<Option<Arc<SentRules>>, Reject> {
     let (n, number) = (request.scene.count, request.rules_number);
     let rules = match &request.rules {
-        Some(place) => engines.read_rules(place, number, n, open.pages())?,
+        Some(place) => engines.rules().read_named(place, number, n, open.pages())?,
         None if number == 0 => return Ok(None),
-        None => engines.kept_rules(number, n)?,
+        None => engines.rules().named(number, n)?,
     };
-    Ok((!rules.let_all_meet()).then_some(rules))
+    Ok((!rules.let_all_meet()).then(|| Arc::clone(rules)))
 }

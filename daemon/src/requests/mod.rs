@@ -174,7 +174,7 @@ impl Responder {
 
     pub fn tidy(&self) {
         self.culls.tidy();
-        self.outbox.tidy();
+        self.outbox.clients.tidy(|| self.outbox.sessions());
         self.shared.tidy();
         self.lender.tidy(&self.outbox.sessions(), |range| self.culls.release_reply(range));
     }

@@ -16,7 +16,7 @@ use pairmask_wire::{
 
 use super::{Served, threads_of};
 use crate::audit::{AuditedScene, Auditor, NotedName, SceneNote};
-use crate::clients::{GpuNeed, KeptScene, PendingBoxes, SceneMemory};
+use crate::clients::{GpuNeed, KeptScene, PendingBoxes, SceneMemory, SceneRoom};
 use crate::execute::{EnginePool, Gpus, SceneKeeper, is_left_to_cores};
 use crate::publish::{OpenRequest, Outbox, Refusal};
 
@@ -134,7 +134,15 @@ impl SceneEdits {
             drop(self.outbox.clients.take_scene(session, request.scene));
             let scene = self.tools.new_scene(request.most_boxes, request.engine)?;
             let audited = self.outbox.auditor.draw_scene(request.most_boxes);
-            return Ok(KeptScene::begin(request.scene, scene, audited, &self.tools.memory)?);
+            return Ok(KeptScene {
+                id: request.scene,
+                revision: 0,
+                scene,
+                scratch: EditScratch::default(),
+                found: Vec::new(),
+                room: SceneRoom::begin(&self.tools.memory)?,
+                audited,
+            });
         }
         self.find_at(session, request.scene, request.base)
     }

@@ -51,14 +51,10 @@ impl Scene {
 
     /// Each box with a direction of its own.
     fn drifting(boxes: Vec<Aabb>, walls: Walls, random: &mut Random) -> Self {
-        let velocities = boxes
-            .iter()
-            .map(|b| {
-                let step = STEP_SHARE * mean_edge(b);
-                random.direction().map(|d| d * step)
-            })
-            .collect();
-        Self { boxes, velocities, walls }
+        Self::moving(boxes, walls, |b| {
+            let step = STEP_SHARE * mean_edge(b);
+            random.direction().map(|d| d * step)
+        })
     }
 
     fn moving(boxes: Vec<Aabb>, walls: Walls, velocity: impl FnMut(&Aabb) -> [f32; 3]) -> Self {

@@ -49,25 +49,6 @@ pub(crate) struct PendingBoxes {
     pub(crate) index_end: u64,
 }
 
-impl KeptScene {
-    pub(crate) fn begin(
-        id: SceneId,
-        scene: SceneKeeper,
-        audited: Option<AuditedScene>,
-        memory: &SceneMemory,
-    ) -> Result<Self, NoRoom> {
-        Ok(Self {
-            id,
-            revision: 0,
-            scene,
-            scratch: EditScratch::default(),
-            found: Vec::new(),
-            room: SceneRoom::begin(memory)?,
-            audited,
-        })
-    }
-}
-
 impl SceneRoom {
     pub(crate) fn begin(memory: &SceneMemory) -> Result<Self, NoRoom> {
         memory.charge(BYTES_A_SCENE)

@@ -78,15 +78,6 @@ impl GpuLimits {
     }
 }
 
-impl std::fmt::Debug for Gpu {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Gpu")
-            .field("info", &self.info)
-            .field("limits", &self.limits)
-            .finish_non_exhaustive()
-    }
-}
-
 /// Whether the device may import host memory. `Never` is for tests of the staged path.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum HostImport {

@@ -94,7 +94,11 @@ impl Seats {
         }
         self.last_member += 1;
         let id = MemberId(self.last_member);
-        self.members.insert(id, Member::new(id, request.scope));
+        let (own, unreported) = Default::default();
+        let recipient = Recipient { id, scope: request.scope, own, unreported };
+        let scratch = EditScratch::default();
+        let member = Member { recipient, revision: 0, is_reading: false, commit: None, scratch };
+        self.members.insert(id, member);
         Ok(id)
     }
 
@@ -254,12 +258,6 @@ pub(super) struct Commit {
 }
 
 impl Member {
-    pub fn new(id: MemberId, scope: Scope) -> Self {
-        let recipient = Recipient { id, scope, own: Arc::default(), unreported: Arc::default() };
-        let scratch = EditScratch::default();
-        Self { recipient, revision: 0, is_reading: false, commit: None, scratch }
-    }
-
     /// Whether it has a commit in the open tick, or one that is being read.
     pub const fn commits(&self) -> bool {
         self.is_reading || self.commit.is_some()

@@ -112,7 +112,8 @@ impl<'a> Lanes<'a> {
     ) -> Self {
         let lanes = cores + 1;
         let workers = Workers::new(lanes, cores);
-        let inbox = Inbox::new(settings.limits.max_clients).with_gpus(responder.culls.gpus().len());
+        let gpus = responder.culls.gpus().iter().count();
+        let inbox = Inbox::new(settings.limits.max_clients, gpus);
         let scheduler = Scheduler::new(inbox, workers, settings.spin, cores);
         let arrived = Vec::with_capacity(scheduler.inbox.room());
         Self {

@@ -257,8 +257,20 @@ impl Workspace {
     }
 
     fn submit(&mut self, tools: &mut Tools, placed: &Placed) -> Result<(), GpuError> {
-        let n = placed.n.get();
-        let frame = recorded(&mut self.frames, tools, placed)?;
+        let recording = placed.recording(&tools.gpu);
+        let (n, read) = (recording.sizes.n, recording.boxes);
+        let key = FrameKey {
+            n,
+            form: read.form,
+            encoding: recording.capacity.found.encoding(),
+            capacity: recording.capacity.items,
+            chunk: 0,
+            input: Place::of(&read.part),
+            output: Place::of(recording.reply),
+            rules: recording.rules.map(|rules| Place::of(&rules.marks)),
+        };
+        let steps = || recording.steps(&mut tools.pipelines);
+        let frame = self.frames.frame(&tools.gpu, key, tools.profiled, steps)?;
         // A frame that does not end leaves its blocks as they are.
         self.unclean = true;
         let order = match (&mut self.ahead, &placed.ahead) {
@@ -325,27 +337,6 @@ impl Drop for Workspace {
             ahead.abandon();
         }
     }
-}
-
-fn recorded<'a>(
-    frames: &'a mut FrameCache,
-    tools: &mut Tools,
-    placed: &Placed,
-) -> Result<&'a mut Frame, GpuError> {
-    let recording = placed.recording(&tools.gpu);
-    let read = recording.boxes;
-    let key = FrameKey {
-        n: recording.sizes.n,
-        form: read.form,
-        encoding: recording.capacity.found.encoding(),
-        capacity: recording.capacity.items,
-        chunk: 0,
-        input: Place::of(&read.part),
-        output: Place::of(recording.reply),
-        rules: recording.rules.map(|rules| Place::of(&rules.marks)),
-    };
-    let pipelines = &mut tools.pipelines;
-    frames.frame(&tools.gpu, key, tools.profiled, || recording.steps(pipelines))
 }
 
 /// How long a frame may take before the device counts as hung: some seconds, and what the worst scene within the

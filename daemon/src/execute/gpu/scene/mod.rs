@@ -21,7 +21,6 @@ use pairmask_core::scene::{
     Edit, Ended, FilterHistory, Kept, KeptHistory, Report, Reported, SceneError, SceneOptions,
     SceneSkips, Step, decide_changes, is_resync_due,
 };
-use pairmask_shaders::Stage;
 use pairmask_shaders::layouts::{GridLayout, SceneMode, SceneSummary};
 
 use self::changes::{ChangeSorter, Found};
@@ -30,8 +29,7 @@ use self::replica::{Names, Replicas, sum};
 use self::roster::Roster;
 use self::search::{Asked, Search, Share};
 use self::upload::Gathered;
-use super::{Block, EngineOptions, Gpu, GpuError, Pipeline, Pipelines, StepTime, wide};
-use crate::locked;
+use super::{Block, EngineOptions, Frame, Gpu, GpuError, Pipelines, StepTime, wide};
 
 /// What errors name: scenes on the GPU are a grid there.
 const ENGINE: EngineName = EngineName::GpuGrid;
@@ -65,10 +63,6 @@ impl SceneTools {
 
     pub fn gpu(&self) -> &Arc<Gpu> {
         &self.gpu
-    }
-
-    fn pipeline(&self, stage: Stage) -> Result<Arc<Pipeline>, GpuError> {
-        locked(&self.pipelines).get(stage)
     }
 }
 
@@ -452,7 +446,7 @@ impl GpuScene {
     fn note_stages(&mut self) -> Result<(), CullError> {
         let first = self.replicas.first();
         if first.tools.profiled {
-            let times = first.step_times();
+            let times = first.frames.last().map_or(Ok(Vec::new()), Frame::step_times);
             self.stages = times.map_err(|error| first.tools.gpu.cull_error(ENGINE, &error))?;
         }
         Ok(())

@@ -9,10 +9,10 @@ use pairmask_shaders::layouts::SceneSummary;
 
 use super::memory::{Blocks, Memory};
 use super::plan::Room;
-use super::search::{Asked, Frames, Search, Task, patience};
+use super::search::{Asked, Frames, PATIENCE, Search, Task};
 use super::upload::{GatheredSets, Upload, Uploaded};
 use super::{ENGINE, wide};
-use crate::execute::gpu::{Frame, GpuError, Part, QueueRole, SceneTools, StepTime};
+use crate::execute::gpu::{GpuError, Part, QueueRole, SceneTools};
 
 pub(super) struct Replica {
     pub tools: Arc<SceneTools>,
@@ -91,7 +91,10 @@ impl Replica {
         let made = memory.blocks(tools, &asked.sizes, asked.room, &mut replaced)?;
         if replaced {
             frames.clear();
-            asked.search.build();
+            // What stood is gone.
+            if let Search::Grid { builds, .. } = &mut asked.search {
+                *builds = true;
+            }
         }
         let task = Task { asked, edit, blocks: &made };
         task.submit(tools, frames)?;
@@ -103,16 +106,13 @@ impl Replica {
     /// Waits for what was begun, and reads what the host learns of a search.
     pub fn wait(&mut self, asked: &Asked<'_>) -> Result<SceneSummary, GpuError> {
         let Self { tools, frames, .. } = self;
-        frames.last_mut().map_or(Ok(()), |frame| frame.end(patience(tools)))?;
+        let patience = PATIENCE[usize::from(tools.gpu.info().is_software())];
+        frames.last_mut().map_or(Ok(()), |frame| frame.end(patience))?;
         let mut summary = [SceneSummary::default()];
         if !matches!(asked.search, Search::Nothing) {
             self.blocks.as_ref().ok_or(GpuError::Lost)?.summary.block.read(0, &mut summary);
         }
         Ok(summary[0])
-    }
-
-    pub fn step_times(&self) -> Result<Vec<StepTime>, GpuError> {
-        self.frames.last().map_or(Ok(Vec::new()), Frame::step_times)
     }
 }
 

@@ -11,6 +11,7 @@ use super::plan;
 use super::plan::{Question, Room, Sizes};
 use super::upload::Uploaded;
 use crate::execute::gpu::{Command, FrameCache, GpuError, Order, Part, Place, SceneTools};
+use crate::locked;
 
 /// Most tests of a search, in 2^32: 17 thousand million take an H200 tens of milliseconds. A scene that
 /// crowds more in one place is another engine's.
@@ -23,7 +24,7 @@ const TALLY_OFFSET: u64 = 4 * (CONTROL_HEADER_WORDS as u64 + 4);
 const TALLY_BYTES: u64 = 4 * 7;
 /// How long a search within the budget may take before the device counts as hung: on a real GPU, and on a
 /// software adapter.
-const PATIENCE: [Duration; 2] = [Duration::from_secs(20), Duration::from_secs(600)];
+pub(super) const PATIENCE: [Duration; 2] = [Duration::from_secs(20), Duration::from_secs(600)];
 
 /// The stages that every scene needs: all but those of shares.
 pub(super) fn stages() -> impl Iterator<Item = Stage> {
@@ -49,13 +50,6 @@ pub(super) enum Search<'a> {
 }
 
 impl Search<'_> {
-    /// Has queries build their grid: what stood is gone.
-    pub fn build(&mut self) {
-        if let Self::Grid { builds, .. } = self {
-            *builds = true;
-        }
-    }
-
     const fn queries(&self) -> u32 {
         match self {
             Self::Nothing | Self::Pairs(_) => 0,
@@ -248,7 +242,7 @@ impl Task<'_> {
             let parts = if finds_of_queries { &query_parts } else { &parts };
             // The scan's text declares parameters, and none of them is read.
             let params = GridParams::default();
-            Command::stage(tools.pipeline(stage)?, parts, &params, [groups, 1])
+            Command::stage(locked(&tools.pipelines).get(stage)?, parts, &params, [groups, 1])
         };
         let scene = |of: SceneStage, groups: u32| stage(Stage::Scene(of), groups);
         let zero = |part: Part| Command::Fill { part, word: 0 };
@@ -295,8 +289,4 @@ impl Task<'_> {
         let steps = || self.steps(tools, &shape);
         frames.frame(&tools.gpu, shape, tools.profiled, steps)?.submit_in(Order::Alone)
     }
-}
-
-pub(super) fn patience(tools: &SceneTools) -> Duration {
-    PATIENCE[usize::from(tools.gpu.info().is_software())]
 }
