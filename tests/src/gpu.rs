@@ -10,7 +10,7 @@ use pairmask_core::oracle::Pair;
 use pairmask_core::precision::BoxSlice;
 use pairmask_core::{Aabb, BoxCount, Encoding, EngineName, Precision};
 use pairmaskd::execute::gpu::{
-    AllPairs, AllPairsOptions, Gpu, GpuChoice, Grid, GridOptions, HostImport, IfMissing, SceneTools,
+    AllPairs, EngineOptions, Gpu, GpuChoice, Grid, HostImport, IfMissing, SceneTools,
 };
 use pairmaskd::execute::{CullUnderWay, Executor, GpuService, Owner};
 use pairmaskd::precision::as_sent;
@@ -47,21 +47,21 @@ pub fn open_at(place: usize, host_import: HostImport) -> Arc<Gpu> {
         .unwrap_or_else(|error| panic!("the GPU tests need a Vulkan adapter: {error}"))
 }
 
-pub fn engine(options: AllPairsOptions) -> AllPairs {
+pub fn engine(options: EngineOptions) -> AllPairs {
     AllPairs::new(&open(HostImport::IfPossible), options).unwrap_or_else(|error| panic!("{error}"))
 }
 
-pub fn grid(options: &GridOptions) -> Grid {
+pub fn grid(options: &EngineOptions) -> Grid {
     Grid::new(&open(HostImport::IfPossible), options).unwrap_or_else(|error| panic!("{error}"))
 }
 
-pub fn scene_tools(place: usize, options: &GridOptions) -> Arc<SceneTools> {
+pub fn scene_tools(place: usize, options: &EngineOptions) -> Arc<SceneTools> {
     SceneTools::new(&open_at(place, HostImport::IfPossible), options)
         .unwrap_or_else(|error| panic!("{error}"))
 }
 
 pub fn shared_tools(gpus: usize) -> Vec<Arc<SceneTools>> {
-    let options = GridOptions { shares_always: true, ..GridOptions::default() };
+    let options = EngineOptions { shares_always: true, ..EngineOptions::default() };
     (0..gpus).map(|at| scene_tools(at, &options)).collect()
 }
 

@@ -231,7 +231,6 @@ mod tests {
         note
     }
 
-    /// Follows a scene whose notes are spoilt; what was found, summed up.
     fn follow(mut spoil: impl FnMut(&mut SceneNote)) -> Outcome {
         let mut edits = Edits::new(11, MOST_BOXES);
         let mut scene = Scene::new(SceneOptions::default().with_most_boxes(MOST_BOXES));

@@ -33,7 +33,7 @@ impl From<Recorder> for Vec<(u64, u64)> {
 
 impl From<Vec<(u64, u64)>> for Recorder {
     fn from(counts: Vec<(u64, u64)>) -> Self {
-        let mut recorder = Self::new();
+        let mut recorder = Self::default();
         for (ns, count) in counts {
             recorder.0.saturating_record_n(ns, count);
         }
@@ -43,20 +43,12 @@ impl From<Vec<(u64, u64)>> for Recorder {
 
 impl Default for Recorder {
     fn default() -> Self {
-        Self::new()
+        let histogram = Histogram::new_with_bounds(1, LONGEST_NS, DIGITS);
+        Self(histogram.expect("constant bounds, checked by a test"))
     }
 }
 
 impl Recorder {
-    /// An empty histogram.
-    ///
-    /// # Panics
-    /// Never: the bounds are constants, and valid.
-    pub fn new() -> Self {
-        let histogram = Histogram::new_with_bounds(1, LONGEST_NS, DIGITS);
-        Self(histogram.expect("constant bounds, checked by a test"))
-    }
-
     pub fn record(&mut self, ns: u64) {
         self.0.saturating_record(ns);
     }
@@ -90,7 +82,7 @@ mod tests {
 
     #[test]
     fn percentiles_are_those_of_the_numbers() {
-        let mut recorder = Recorder::new();
+        let mut recorder = Recorder::default();
         assert_eq!(recorder.percentiles(), Percentiles::default());
         for ns in 1..=1000 {
             recorder.record(ns);
@@ -106,7 +98,7 @@ mod tests {
 
     #[test]
     fn recorders_add_up_and_survive_their_text() {
-        let (mut low, mut high) = (Recorder::new(), Recorder::new());
+        let (mut low, mut high) = (Recorder::default(), Recorder::default());
         (1..=500).for_each(|ns| low.record(ns));
         (501..=1000).for_each(|ns| high.record(ns));
         low.add(&high);

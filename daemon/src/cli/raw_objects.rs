@@ -30,7 +30,6 @@ impl RawObject for Sphere {
     const PLURAL: &'static str = "spheres";
 }
 
-/// An open file of objects whose number is known. A regular file is not read yet.
 #[derive(Debug)]
 pub struct RawObjects<T> {
     path: PathBuf,

@@ -161,7 +161,6 @@ impl Client {
     }
 }
 
-/// The listener of a session that bears the name of this token.
 fn find_listener(notifier: &WakeClient, session: u128, client_token: u64) -> Option<ListenerKey> {
     let name = listener_name(client_token)?;
     let mut found = None;

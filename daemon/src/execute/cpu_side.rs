@@ -18,7 +18,6 @@ use super::shared_gpu::SharedGpu;
 #[derive(Default)]
 pub(super) struct CpuSide {
     pub engines: CpuEngines,
-    /// Those of frames that came in a narrow form.
     pub expanded: ExpandScratch,
     expanded_need: RecentNeed,
 }

@@ -146,7 +146,6 @@ impl GpuService {
         Self { slot, engines: None, hold }
     }
 
-    /// What plans need to know of it, and the device whose engines there are.
     pub(super) fn outlook(&self) -> (Outlook, Weak<Gpu>) {
         let (state, engines) = (self.slot.state(), self.engines.as_ref());
         let is_software = engines.is_some_and(|engines| engines.grid.gpu().info().is_software());

@@ -236,7 +236,6 @@ impl SceneKeeper {
         at_place!(&mut self.place, scene => scene.resync());
     }
 
-    /// Finds the boxes that some other boxes overlap, as [`Scene::query`] does.
     pub fn query(
         &mut self,
         queries: &[Aabb],

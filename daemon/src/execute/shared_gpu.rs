@@ -37,7 +37,6 @@ const QUEUE_SHARE: f64 = 0.5;
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Outlook {
     pub(super) cost: Option<GpuCost>,
-    /// Fewest boxes of a frame that is left to it.
     pub(super) under_way_boxes: Option<u32>,
     pub(super) is_software: bool,
     pub(super) is_opening: bool,

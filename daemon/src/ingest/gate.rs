@@ -36,7 +36,6 @@ pub struct Intake {
     /// Forged requests. Dropping one would tell the client that it names that its request has no
     /// server any more.
     forged: VecDeque<ActiveRequest>,
-    /// Requests that were received before this one listened.
     early: Vec<ActiveRequest>,
 }
 
@@ -53,7 +52,6 @@ impl Intake {
         Self { server, turn, services, files, ports, forged, early }
     }
 
-    /// Receives at most `most` requests, and gives those that are let in to `each`.
     pub fn receive(&mut self, most: usize, mut each: impl FnMut(Incoming)) {
         for request in std::mem::take(&mut self.early) {
             self.admit(request).into_iter().for_each(&mut each);

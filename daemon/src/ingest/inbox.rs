@@ -209,7 +209,6 @@ impl<R> Inbox<R> {
         (served.sender, served.request)
     }
 
-    /// A request that was given out is served, and took so much of the time of those who serve.
     pub fn note_served(&mut self, sender: Sender, used: Duration) {
         if let Some(at) = self.serving.iter().position(|s| s.sender.session == sender.session) {
             self.serving.swap_remove(at);

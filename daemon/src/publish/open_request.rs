@@ -179,7 +179,6 @@ impl OpenRequest {
         Ok(())
     }
 
-    /// What was written; nothing before memory was reserved.
     pub(crate) fn words(&self) -> &[u32] {
         self.loan.as_ref().map_or(&[], |loan| words_in(loan.payload()))
     }

@@ -111,7 +111,6 @@ impl Outbox {
         }
     }
 
-    /// Counts an answer with pairs of so many objects. Returns its header.
     fn count(
         &self,
         open: &OpenRequest,
@@ -153,7 +152,6 @@ impl Outbox {
         Served::BEGUN
     }
 
-    /// Answers with a header or an error, and gives the request back.
     pub(crate) fn send_and_close(
         &self,
         mut open: OpenRequest,
@@ -166,7 +164,6 @@ impl Outbox {
         open.close();
     }
 
-    /// Answers with a header, and what the reply holds.
     pub(crate) fn send(&self, open: &mut OpenRequest, header: &ResponseHeader) {
         // Where there is no memory for one page, or the client is gone, no response can be sent: the
         // client's deadline ends its wait.

@@ -20,11 +20,9 @@ use crate::execute::{
 use crate::locked;
 use crate::publish::{OpenRequest, Outbox};
 
-/// Engines for sessions that have none yet, and the frames that GPUs have not ended.
 pub(crate) struct Culls {
     /// Sessions get engines like these, which no session has.
     model: Mutex<Executor>,
-    /// A line for each GPU, by its place.
     lines: Vec<GpuLine>,
     filters: MaskFilters,
     pool: Arc<EnginePool>,

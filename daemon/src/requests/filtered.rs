@@ -97,7 +97,6 @@ impl MaskFilters {
         is_done
     }
 
-    /// Gives memory back that has not been used for long; to be called now and then.
     pub(super) fn tidy(&self) {
         let mut kept = locked(&self.0);
         if kept.last_frame.is_some_and(|last| last.elapsed() >= IDLE) {

@@ -9,7 +9,6 @@ use crate::execute::{CullUnderWay, SUBMISSIONS_UNDER_WAY, SharedGpu};
 use crate::locked;
 use crate::publish::OpenRequest;
 
-/// A frame, or several, that end together.
 pub(super) struct Submission {
     pub(super) first: CullUnderWay<OpenRequest>,
     pub(super) others: Vec<CullUnderWay<OpenRequest>>,

@@ -96,7 +96,6 @@ impl SceneEdits {
         })
     }
 
-    /// Works with a scene that was found, and keeps it unless it is gone.
     fn serve(
         &self,
         mut open: OpenRequest,
@@ -128,7 +127,6 @@ impl SceneEdits {
         self.outbox.send(open, &header);
     }
 
-    /// The scene that an edit is for, taken from where it is kept.
     fn find(&self, session: u128, request: &SceneRequest) -> Result<KeptScene, Refusal> {
         if request.base == 0 {
             drop(self.outbox.clients.take_scene(session, request.scene));
@@ -147,7 +145,6 @@ impl SceneEdits {
         self.find_at(session, request.scene, request.base)
     }
 
-    /// A scene at a revision, taken from where it is kept.
     pub(super) fn find_at(
         &self,
         session: u128,

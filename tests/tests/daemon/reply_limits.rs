@@ -6,9 +6,7 @@ use pairmask_tests::gpu::{self, open};
 use pairmask_tests::mask_writer::all_pairs;
 use pairmask_tests::prelude::*;
 use pairmask_tests::spheres;
-use pairmaskd::execute::gpu::{
-    AllPairs, AllPairsOptions, Grid as GpuGrid, GridOptions, HostImport,
-};
+use pairmaskd::execute::gpu::{AllPairs, EngineOptions, Grid as GpuGrid, HostImport};
 use pairmaskd::execute::{Executor, Owner};
 
 /// A reply that records its reservations.
@@ -191,7 +189,7 @@ fn strides(report: &CullReport) -> u64 {
 #[test]
 fn all_pairs_on_a_gpu_takes_what_fits() {
     let gpu = open(HostImport::IfPossible);
-    let mut engine = AllPairs::new(&gpu, AllPairsOptions::default()).unwrap();
+    let mut engine = AllPairs::new(&gpu, EngineOptions::default()).unwrap();
     let boxes = stress_scenes::named("clustered").boxes(2_500, 5);
     for precision in forms() {
         let memory = NarrowMemory::write(&precision, &boxes);
@@ -214,7 +212,7 @@ fn all_pairs_on_a_gpu_takes_what_fits() {
 #[test]
 fn the_grid_on_a_gpu_takes_what_fits() {
     let gpu = open(HostImport::IfPossible);
-    let mut engine = GpuGrid::new(&gpu, &GridOptions::default()).unwrap();
+    let mut engine = GpuGrid::new(&gpu, &EngineOptions::default()).unwrap();
     let boxes = same(1_234);
     let order_words = 1_248;
     for precision in forms() {

@@ -17,7 +17,7 @@ use pairmask_tests::scene_model::{
     Script, Seen, SessionScene, Sessions, SharedMembers, Subject, Turn, at, check, hold,
     hold_without_rules, one, options, script_of, turn,
 };
-use pairmaskd::execute::gpu::{GpuScene, GridOptions};
+use pairmaskd::execute::gpu::{EngineOptions, GpuScene};
 
 fn given(variable: &str, usual: usize) -> usize {
     std::env::var(variable).map_or(usual, |text| text.parse().unwrap())
@@ -200,7 +200,7 @@ fn a_hundred_thousand_edits_of_a_daemon_are_those_of_the_model() {
 #[ignore = "minutes: the nightly tier runs it"]
 fn huge_scenes_are_those_of_the_model() {
     pool(3).install(|| hold(Kind::Huge, 90_000, 60, |script| CoreScene::new(script, 3)));
-    let tools = gpu::scene_tools(0, &GridOptions::default());
+    let tools = gpu::scene_tools(0, &EngineOptions::default());
     hold_without_rules(Kind::Huge, 91_000, 20, |script| {
         Bare::of(GpuScene::new(&tools, options(script)))
     });

@@ -6,7 +6,7 @@ use pairmask_tests::gpu::{grid, scene_tools};
 use pairmask_tests::prelude::*;
 use pairmask_tests::scene_model::BesideCore;
 use pairmask_tests::stress_scenes::Rng;
-use pairmaskd::execute::gpu::{GpuScene, Grid, GridOptions};
+use pairmaskd::execute::gpu::{EngineOptions, GpuScene, Grid};
 
 /// As many as a software adapter gets through in a cell, and more than it gets through.
 const FEW: usize = 3_500;
@@ -40,7 +40,7 @@ fn sorted_pairs(words: &[u32]) -> Vec<[u32; 2]> {
 
 #[test]
 fn a_crowd_is_answered_as_by_the_cores_or_refused() {
-    let mut gpu = grid(&GridOptions::default());
+    let mut gpu = grid(&EngineOptions::default());
     for (n, is_answered) in [(FEW, true), (MANY, has_no_limit(&gpu))] {
         let boxes = needles(n);
         let input = CullInput::boxes(&boxes).encoding(Encoding::List);
@@ -74,7 +74,7 @@ fn is_told(both: &mut BesideCore, step: Step<'_>, report: Report) -> bool {
 
 #[test]
 fn a_scene_that_is_crowded_reports_what_the_cores_report_or_nothing() {
-    let tools = scene_tools(0, &GridOptions::default());
+    let tools = scene_tools(0, &EngineOptions::default());
     let has_no_limit = tools.gpu().limits().thread_rounds == u32::MAX;
     let (boxes, both) = (needles(MANY), || BesideCore::new(std::slice::from_ref(&tools)));
     let mut few = both();
@@ -91,7 +91,7 @@ fn a_scene_that_is_crowded_reports_what_the_cores_report_or_nothing() {
 
 #[test]
 fn queries_of_a_crowd_find_what_the_cores_find_or_nothing() {
-    let tools = scene_tools(0, &GridOptions::default());
+    let tools = scene_tools(0, &EngineOptions::default());
     let has_no_limit = tools.gpu().limits().thread_rounds == u32::MAX;
     let boxes = needles(MANY);
     let mut gpu = GpuScene::new(&tools, SceneOptions::default());

@@ -14,8 +14,8 @@ use pairmask_tests::naive_modes;
 use pairmask_tests::prelude::*;
 use pairmask_tests::stress_scenes::{Rng, StressScene};
 use pairmaskd::execute::gpu::{
-    AllPairsOptions, Block, Capacity, Checks, Command, Frame, Gpu, GridOptions, Home, HostImport,
-    Part, Pipelines, Sizes, Upload,
+    Block, Capacity, Checks, Command, EngineOptions, Frame, Gpu, Home, HostImport, Part, Pipelines,
+    Sizes, Upload,
 };
 
 /// A watchdog, no measure of speed.
@@ -294,9 +294,9 @@ const FEW: [&str; 4] = ["uniform", "lattice", "empty mixed in", "nan in each slo
 fn both_engines_answer_every_form_as_it_is_defined_at_every_small_size() {
     let sizes = tier::small_sizes();
     let found =
-        check_forms(&mut gpu::engine(AllPairsOptions::default()), &Encoding::ALL, &FEW, &sizes);
+        check_forms(&mut gpu::engine(EngineOptions::default()), &Encoding::ALL, &FEW, &sizes);
     assert_eq!(found, 4 * sizes.len() * 5 * 3);
-    let found = check_forms(&mut gpu::grid(&GridOptions::default()), &LISTED, &FEW, &sizes);
+    let found = check_forms(&mut gpu::grid(&EngineOptions::default()), &LISTED, &FEW, &sizes);
     assert_eq!(found, 4 * sizes.len() * 5 * 2);
 }
 
@@ -304,22 +304,22 @@ fn both_engines_answer_every_form_as_it_is_defined_at_every_small_size() {
 fn both_engines_answer_every_form_of_every_scene() {
     let scenes: Vec<&str> = stress_scenes::ALL.iter().map(StressScene::name).collect();
     let sizes = [2, 257, 345];
-    check_forms(&mut gpu::engine(AllPairsOptions::default()), &Encoding::ALL, &scenes, &sizes);
-    check_forms(&mut gpu::grid(&GridOptions::default()), &LISTED, &scenes, &sizes);
+    check_forms(&mut gpu::engine(EngineOptions::default()), &Encoding::ALL, &scenes, &sizes);
+    check_forms(&mut gpu::grid(&EngineOptions::default()), &LISTED, &scenes, &sizes);
 }
 
 #[test]
 #[ignore = "slow: the nightly tier runs it"]
 fn odd_large_scenes_checked_stages_and_every_way_up_answer_the_same() {
     let (large, small) = ([511, 513, 1233, 3801], [33, 345, 701]);
-    check_forms(&mut gpu::engine(AllPairsOptions::default()), &Encoding::ALL, &FEW, &large);
-    check_forms(&mut gpu::grid(&GridOptions::default()), &LISTED, &FEW, &large);
+    check_forms(&mut gpu::engine(EngineOptions::default()), &Encoding::ALL, &FEW, &large);
+    check_forms(&mut gpu::grid(&EngineOptions::default()), &LISTED, &FEW, &large);
     for upload in [Upload::KernelReads, Upload::DmaCopy, Upload::MappedVideo] {
         for checks in [Checks::Off, Checks::On] {
             let upload = Some(upload);
-            let options = AllPairsOptions { checks, upload, ..AllPairsOptions::default() };
+            let options = EngineOptions { checks, upload, ..EngineOptions::default() };
             check_forms(&mut gpu::engine(options), &Encoding::ALL, &FEW, &small);
-            let options = GridOptions { checks, upload, ..GridOptions::default() };
+            let options = EngineOptions { checks, upload, ..EngineOptions::default() };
             check_forms(&mut gpu::grid(&options), &LISTED, &FEW, &small);
         }
     }
@@ -332,7 +332,7 @@ fn a_recorded_frame_is_of_one_form() {
     let boxes = stress_scenes::named("uniform").boxes(345, 8);
     let mut reply = HeapReply::new();
     let (mut all_pairs, mut grid) =
-        (gpu::engine(AllPairsOptions::default()), gpu::grid(&GridOptions::default()));
+        (gpu::engine(EngineOptions::default()), gpu::grid(&EngineOptions::default()));
     for _ in 0..3 {
         for precision in precisions(&boxes).into_iter().chain([Precision::Exact]) {
             let memory = NarrowMemory::write(&precision, &boxes);
@@ -356,7 +356,7 @@ fn a_form_taken_for_another_is_noticed() {
     let memory = NarrowMemory::write(&precision, &boxes);
     let halves = BoxSlice::new(BoxForm::F16, memory.boxes().as_bytes()).expect("as many bytes");
     let truth = naive_modes::truth(&boxes, &precision);
-    let mut grid = gpu::grid(&GridOptions::default());
+    let mut grid = gpu::grid(&EngineOptions::default());
     let (report, reply) = gpu::cull(&mut grid, halves, Encoding::Sparse);
     let found = check_reply(reply.words(), &report, 345, Encoding::Sparse, &truth);
     let is_about_pairs = matches!(found, Err(Mismatch::Missing(_) | Mismatch::Extra(_)));

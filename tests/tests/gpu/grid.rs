@@ -9,7 +9,7 @@ use pairmask_tests::frame_memory::TestFrame;
 use pairmask_tests::gpu::{self, cull, open};
 use pairmask_tests::prelude::*;
 use pairmaskd::execute::gpu::{
-    Awake, Checks, DEFAULT_HOLD, Grid, GridOptions, HostImport, Upload, grid_layout,
+    Awake, Checks, DEFAULT_HOLD, EngineOptions, Grid, HostImport, Upload, grid_layout,
 };
 use pairmaskd::scene::{Scene, SceneName};
 
@@ -60,30 +60,33 @@ fn the_comparator_notices_one_pair_the_other_way_round() {
     let boxes = BoxSlice::from(&boxes);
     let mut mirrored = mirror::frame(&grid_layout(boxes), boxes);
     mirrored.pairs.last_mut().expect("some overlap").reverse();
-    let mut engine = gpu::grid(&GridOptions::default());
+    let mut engine = gpu::grid(&EngineOptions::default());
     let what = "one pair the other way round";
     check_mirrored(345, &mirrored, what, |encoding| cull(&mut engine, boxes, encoding));
 }
 
 #[test]
 fn conforms_at_every_small_and_at_odd_sizes() {
-    run(&mut gpu::grid(&GridOptions::default()), Suite::of_tier());
+    run(&mut gpu::grid(&EngineOptions::default()), Suite::of_tier());
 }
 
 #[test]
 fn conforms_around_batch_borders() {
     let sizes = vec![255, 256, 257, 511, 513, 2047, 2049, 4096];
     let suite = Suite { sizes, quadratic_limit: 2049, seed: 3, ..Suite::default() };
-    run(&mut gpu::grid(&GridOptions::default()), suite);
+    run(&mut gpu::grid(&EngineOptions::default()), suite);
 }
 
 /// Checked stages, memory that held something else, boxes in mapped video memory.
 #[test]
 fn conforms_in_every_form_of_its_frames() {
-    let poisoned = |word| GridOptions { poison: Some(word), ..GridOptions::default() };
-    let mapped = GridOptions { upload: Some(Upload::MappedVideo), ..GridOptions::default() };
+    let poisoned = |word| EngineOptions { poison: Some(word), ..EngineOptions::default() };
+    let mapped = EngineOptions { upload: Some(Upload::MappedVideo), ..EngineOptions::default() };
     for (options, sizes) in [
-        (GridOptions { checks: Checks::On, ..GridOptions::default() }, vec![2, 31, 33, 70, 1234]),
+        (
+            EngineOptions { checks: Checks::On, ..EngineOptions::default() },
+            vec![2, 31, 33, 70, 1234],
+        ),
         (poisoned(0xa5a5_a5a5), (0..70).step_by(9).chain([1000]).collect()),
         (poisoned(u32::MAX), vec![33, 345]),
         (mapped, vec![33, 700]),
@@ -95,7 +98,7 @@ fn conforms_in_every_form_of_its_frames() {
 #[test]
 fn every_scene_has_the_bytes_of_the_mirror() {
     for checks in [Checks::Off, Checks::On] {
-        let mut engine = gpu::grid(&GridOptions { checks, ..GridOptions::default() });
+        let mut engine = gpu::grid(&EngineOptions { checks, ..EngineOptions::default() });
         for scene in stress_scenes::ALL {
             // Frames of other sizes before leave nothing.
             for n in [1234, 2, 345, 33] {
@@ -107,7 +110,7 @@ fn every_scene_has_the_bytes_of_the_mirror() {
 
 #[test]
 fn every_form_has_the_bytes_of_the_mirror() {
-    let mut engine = gpu::grid(&GridOptions::default());
+    let mut engine = gpu::grid(&EngineOptions::default());
     for scene in stress_scenes::ALL {
         for n in [2, 33, 345, 1233] {
             let boxes = scene.boxes(n, 21);
@@ -125,7 +128,7 @@ fn every_form_has_the_bytes_of_the_mirror() {
 #[test]
 #[ignore = "slow: the nightly tier runs it"]
 fn large_scenes_have_the_pairs_of_the_cpu_grid() {
-    let mut gpu = gpu::grid(&GridOptions::default());
+    let mut gpu = gpu::grid(&EngineOptions::default());
     let binding = gpu.gpu().limits().storage_binding_bytes;
     // More in one place is more than a software adapter gets through (`crowds`).
     let crowd = if gpu.gpu().limits().thread_rounds == u32::MAX { 6_000 } else { 3_800 };
@@ -155,7 +158,7 @@ fn large_scenes_have_the_pairs_of_the_cpu_grid() {
 
 #[test]
 fn worst_cases_are_slower_and_not_wrong() {
-    let mut engine = gpu::grid(&GridOptions::default());
+    let mut engine = gpu::grid(&EngineOptions::default());
     for (name, n) in
         [(SceneName::Rods, 4000), (SceneName::Giants, 4000), (SceneName::OneCell, 2500)]
     {
@@ -171,7 +174,7 @@ fn worst_cases_are_slower_and_not_wrong() {
 
 #[test]
 fn a_crowd_beyond_the_budget_is_refused_and_the_next_frame_is_served() {
-    let mut engine = gpu::grid(&GridOptions::default());
+    let mut engine = gpu::grid(&EngineOptions::default());
     let crowd = vec![Aabb { min: [0.0; 3], max: [1.0; 3] }; 150_000];
     let mut reply = HeapReply::new();
     for encoding in LISTED {
@@ -189,7 +192,7 @@ fn a_crowd_beyond_the_budget_is_refused_and_the_next_frame_is_served() {
 fn batches_with_and_without_room_have_the_bytes_of_the_mirror() {
     let a_row = 32 * WINDOW_WORDS / BATCH_BOXES;
     for checks in [Checks::Off, Checks::On] {
-        let mut engine = gpu::grid(&GridOptions { checks, ..GridOptions::default() });
+        let mut engine = gpu::grid(&EngineOptions { checks, ..EngineOptions::default() });
         for neighbours in [1, a_row - 40, a_row - 32, a_row - 24, a_row, 2 * a_row] {
             for n in [255, 256, 257, 1234, 4097] {
                 let boxes = chain(n, neighbours);
@@ -209,7 +212,7 @@ fn chain(n: u32, neighbours: u32) -> Vec<Aabb> {
 /// The largest list that a device binds, and one that it does not.
 #[test]
 fn a_list_beyond_a_binding_is_left_to_all_pairs() {
-    let mut engine = gpu::grid(&GridOptions::default());
+    let mut engine = gpu::grid(&EngineOptions::default());
     let binding = engine.gpu().limits().storage_binding_bytes;
     if binding > 128 << 20 {
         // The scene would be another, and its list gigabytes.
@@ -235,7 +238,7 @@ fn a_list_beyond_a_binding_is_left_to_all_pairs() {
 /// caches must not reach the next one.
 #[test]
 fn frames_in_a_row_with_other_levels_do_not_mix() {
-    let mut engine = gpu::grid(&GridOptions::default());
+    let mut engine = gpu::grid(&EngineOptions::default());
     let names = ["huge", "sizes over 20 octaves", "uniform", "ground plane", "far from the origin"];
     let scenes = names.map(|name| stress_scenes::named(name).boxes(43, 2));
     let truths = scenes.each_ref().map(|boxes| oracle::truth(boxes));
@@ -257,7 +260,7 @@ fn frames_in_a_row_with_other_levels_do_not_mix() {
 #[test]
 fn frames_behind_each_other_keep_to_their_own_boxes() {
     let upload = Some(Upload::DmaCopy);
-    let mut engine = gpu::grid(&GridOptions { upload, ..GridOptions::default() });
+    let mut engine = gpu::grid(&EngineOptions { upload, ..EngineOptions::default() });
     let scenes = ["uniform", "clustered", "infinite"];
     let scenes = scenes.map(|name| stress_scenes::named(name).boxes(1234, 6));
     let truths = scenes.each_ref().map(|boxes| oracle::truth(boxes));
@@ -288,7 +291,7 @@ fn a_device_is_kept_awake_while_frames_come_and_answers_them() {
     }
     // Longer than a busy machine takes to wake the thread.
     let awake = Awake::launch(&gpu, Duration::from_millis(500)).expect("a frame");
-    let mut engine = Grid::new(&gpu, &GridOptions::default()).expect("an engine");
+    let mut engine = Grid::new(&gpu, &EngineOptions::default()).expect("an engine");
     let boxes = stress_scenes::named("uniform").boxes(1234, 6);
     for _ in 0..5 {
         awake.note_frame();

@@ -9,7 +9,7 @@ use pairmask_tests::naive_decoder::sections;
 use pairmask_tests::naive_modes;
 use pairmask_tests::prelude::*;
 use pairmaskd::execute::gpu::{
-    AllPairs, AllPairsOptions, HostImport, ImportError, ImportId, ReadWriteMapping, SharedImports,
+    AllPairs, EngineOptions, HostImport, ImportError, ImportId, ReadWriteMapping, SharedImports,
     Upload,
 };
 use rustix::mm::{MapFlags, ProtFlags};
@@ -101,8 +101,8 @@ fn check(engine: &mut AllPairs, segment: &Segment, offset: usize, seed: u64) {
 fn imported_and_staged_memory_give_the_same_bytes() {
     let boxes = Segment::new("boxes", 256 * PAGE);
     let imports = SharedImports::default();
-    let mut zero_copy = engine(AllPairsOptions { imports: imports.clone(), ..Default::default() });
-    let mut staged = engine(AllPairsOptions::default());
+    let mut zero_copy = engine(EngineOptions { imports: imports.clone(), ..Default::default() });
+    let mut staged = engine(EngineOptions::default());
     imported(&mut zero_copy, &boxes);
     let (mut memory, watcher) = SharedReply::new(zero_copy.gpu(), &imports, 2048);
     for n in [2u32, 33, 345, 1234, 4096] {
@@ -136,7 +136,7 @@ fn imported_and_staged_memory_give_the_same_bytes() {
 #[test]
 fn narrow_boxes_are_read_from_imported_memory() {
     let upload = Some(Upload::KernelReads);
-    let mut engine = engine(AllPairsOptions { upload, ..AllPairsOptions::default() });
+    let mut engine = engine(EngineOptions { upload, ..EngineOptions::default() });
     let segment = Segment::new("narrow", 256 * PAGE);
     imported(&mut engine, &segment);
     // 213 boxes of 6 bytes end in the middle of the last word.
@@ -164,7 +164,7 @@ fn narrow_boxes_are_read_from_imported_memory() {
 
 #[test]
 fn a_forgotten_import_is_staged_and_memory_at_the_same_address_is_read_anew() {
-    let mut engine = engine(AllPairsOptions::default());
+    let mut engine = engine(EngineOptions::default());
     let segment = Segment::new("forgotten", 16 * PAGE);
     let id = imported(&mut engine, &segment);
     for seed in [1, 2] {
@@ -175,7 +175,7 @@ fn a_forgotten_import_is_staged_and_memory_at_the_same_address_is_read_anew() {
 
 #[test]
 fn boxes_off_the_binding_grid_are_staged() {
-    let mut engine = engine(AllPairsOptions::default());
+    let mut engine = engine(EngineOptions::default());
     let segment = Segment::new("odd", 16 * PAGE);
     imported(&mut engine, &segment);
     check(&mut engine, &segment, PAGE + 4, 3);
@@ -184,7 +184,7 @@ fn boxes_off_the_binding_grid_are_staged() {
 #[test]
 fn without_the_extension_import_is_refused_and_staging_serves() {
     let gpu = open(HostImport::Never);
-    let mut engine = AllPairs::new(&gpu, AllPairsOptions::default()).expect("an engine");
+    let mut engine = AllPairs::new(&gpu, EngineOptions::default()).expect("an engine");
     let segment = Segment::new("refused", 16 * PAGE);
     let refused = engine.import_boxes(segment.seen as usize, segment.bytes);
     assert!(matches!(refused, Err(ImportError::Gpu(_))), "{refused:?}");
@@ -193,7 +193,7 @@ fn without_the_extension_import_is_refused_and_staging_serves() {
 
 #[test]
 fn private_memory_is_not_imported() {
-    let mut engine = engine(AllPairsOptions::default());
+    let mut engine = engine(EngineOptions::default());
     let heap = vec![0u8; 64 * PAGE];
     let refused = engine.import_boxes(heap.as_ptr() as usize, heap.len());
     assert!(matches!(refused, Err(ImportError::Segment(_))), "{refused:?}");

@@ -3,7 +3,7 @@
 use pairmask_shaders::{Found, RowsPerThread};
 use pairmask_tests::gpu::{cull, engine};
 use pairmask_tests::prelude::*;
-use pairmaskd::execute::gpu::{AllPairs, AllPairsOptions, Checks, Tuning, Upload, first_capacity};
+use pairmaskd::execute::gpu::{AllPairs, Checks, EngineOptions, Tuning, Upload, first_capacity};
 
 /// Encodings in which the device writes a mask of so many pairs: the list is one binding.
 fn encodings_of(engine: &AllPairs, pairs: u64) -> impl Iterator<Item = Encoding> + use<> {
@@ -13,7 +13,7 @@ fn encodings_of(engine: &AllPairs, pairs: u64) -> impl Iterator<Item = Encoding>
 
 #[test]
 fn conforms_at_every_small_and_at_odd_sizes() {
-    conform(&mut engine(AllPairsOptions::default()), &Suite::of_tier());
+    conform(&mut engine(EngineOptions::default()), &Suite::of_tier());
 }
 
 #[test]
@@ -24,13 +24,13 @@ fn conforms_around_tile_borders_and_at_large_sizes() {
         vec![256, 257, 2049]
     };
     let suite = Suite { sizes, quadratic_limit: 2049, seed: 3, ..Suite::default() };
-    conform(&mut engine(AllPairsOptions::default()), &suite);
+    conform(&mut engine(EngineOptions::default()), &suite);
 }
 
 #[test]
 fn conforms_with_checked_stages() {
     let sizes = vec![2, 31, 33, 70, 345, 1234];
-    let checked = AllPairsOptions { checks: Checks::On, ..AllPairsOptions::default() };
+    let checked = EngineOptions { checks: Checks::On, ..EngineOptions::default() };
     conform(&mut engine(checked), &Suite { sizes, ..Suite::default() });
 }
 
@@ -38,8 +38,8 @@ fn conforms_with_checked_stages() {
 fn conforms_in_many_bands() {
     // One batch of rows a band, and so several submissions at the largest size.
     let matrix_bytes = Some(2 * 256 * 4 * 6144 / 32);
-    let mut narrow = engine(AllPairsOptions { matrix_bytes, ..Default::default() });
-    let mut usual = engine(AllPairsOptions::default());
+    let mut narrow = engine(EngineOptions { matrix_bytes, ..Default::default() });
+    let mut usual = engine(EngineOptions::default());
     let suite = Suite { sizes: vec![70, 257, 700, 1234], ..Suite::default() };
     conform(&mut narrow, &suite);
     for scene in [&stress_scenes::ALL[0], stress_scenes::named("uniform")] {
@@ -63,12 +63,12 @@ fn conforms_with_every_tile_shape_and_upload() {
     for rows in RowsPerThread::ALL {
         for strip_blocks in [1, 4, 16] {
             let tuning = Some(Tuning { rows, strip_blocks });
-            conform(&mut engine(AllPairsOptions { tuning, ..Default::default() }), &suite);
+            conform(&mut engine(EngineOptions { tuning, ..Default::default() }), &suite);
         }
     }
     for upload in [Upload::KernelReads, Upload::MappedVideo] {
         let upload = Some(upload);
-        conform(&mut engine(AllPairsOptions { upload, ..Default::default() }), &suite);
+        conform(&mut engine(EngineOptions { upload, ..Default::default() }), &suite);
     }
 }
 
@@ -77,7 +77,7 @@ fn a_mask_larger_than_the_first_capacity_is_complete() {
     let boxes = vec![Aabb { min: [0.0; 3], max: [1.0; 3] }; 1248];
     let n = BoxCount::new(1248);
     assert!(n.sparse_words_max() > first_capacity(Found::Words, n), "or the test shows nothing");
-    let mut engine = engine(AllPairsOptions::default());
+    let mut engine = engine(EngineOptions::default());
     let truth = oracle::truth(&boxes);
     for encoding in [Encoding::Sparse, Encoding::List] {
         let (report, reply) = cull(&mut engine, &boxes, encoding);
@@ -89,7 +89,7 @@ fn a_mask_larger_than_the_first_capacity_is_complete() {
 /// Every word of a batch is full, so that a batch has several windows of words.
 #[test]
 fn a_list_of_full_words_has_the_bytes_of_the_cpu() {
-    let mut gpu = engine(AllPairsOptions::default());
+    let mut gpu = engine(EngineOptions::default());
     let mut cpu = best_engine(EngineName::CpuBrute);
     for n in [33, 256, 257, 1233, 3001, 5_001] {
         let boxes = vec![Aabb { min: [0.0; 3], max: [1.0; 3] }; n];
@@ -106,7 +106,7 @@ fn a_list_of_full_words_has_the_bytes_of_the_cpu() {
 #[test]
 #[ignore = "slow: the nightly tier runs it"]
 fn large_masks_of_every_stress_scene_are_those_of_the_cpu_bit_by_bit() {
-    let mut gpu = engine(AllPairsOptions::default());
+    let mut gpu = engine(EngineOptions::default());
     let mut cpu = best_engine(EngineName::CpuBrute);
     for n in [4096, 10_000] {
         for scene in stress_scenes::ALL {

@@ -7,13 +7,13 @@ use pairmask_core::filters::{Rules, Tag, World};
 use pairmask_tests::filtered_frames::{FilteredFrame, KINDS};
 use pairmask_tests::gpu;
 use pairmask_tests::prelude::*;
-use pairmaskd::execute::gpu::{Grid, GridOptions, takes_worlds};
+use pairmaskd::execute::gpu::{EngineOptions, Grid, takes_worlds};
 
 const ENCODINGS: [Encoding; 2] = [Encoding::Sparse, Encoding::List];
 
 fn grid() -> Grid {
     // What no stage wrote must not show.
-    gpu::grid(&GridOptions { poison: Some(0x5a5a_0007), ..GridOptions::default() })
+    gpu::grid(&EngineOptions { poison: Some(0x5a5a_0007), ..EngineOptions::default() })
 }
 
 struct Answer {

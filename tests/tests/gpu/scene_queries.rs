@@ -7,7 +7,7 @@ use pairmask_tests::gpu::scene_tools;
 use pairmask_tests::prelude::*;
 use pairmask_tests::queried::Queries;
 use pairmask_tests::scene_model::{Bare, Kind, hold_without_rules, options, overlap};
-use pairmaskd::execute::gpu::{Checks, GpuScene, GridOptions, SceneTools};
+use pairmaskd::execute::gpu::{Checks, EngineOptions, GpuScene, SceneTools};
 
 fn expected(queries: &[Aabb], boxes: &[Aabb]) -> Vec<[u32; 2]> {
     let pairs = (0..).zip(queries).flat_map(|(number, query)| {
@@ -17,17 +17,17 @@ fn expected(queries: &[Aabb], boxes: &[Aabb]) -> Vec<[u32; 2]> {
     pairs.collect()
 }
 
-fn scene(options: &GridOptions) -> GpuScene {
+fn scene(options: &EngineOptions) -> GpuScene {
     GpuScene::new(&scene_tools(0, options), SceneOptions::default())
 }
 
 /// Queries between edits are right, with checked stages and in memory that held something else as well.
 #[test]
 fn queries_between_edits_are_right() {
-    let poisoned = |word| GridOptions { poison: Some(word), ..GridOptions::default() };
-    let checked = GridOptions { checks: Checks::On, ..GridOptions::default() };
+    let poisoned = |word| EngineOptions { poison: Some(word), ..EngineOptions::default() };
+    let checked = EngineOptions { checks: Checks::On, ..EngineOptions::default() };
     for (seed, options) in
-        (0..).zip([GridOptions::default(), checked, poisoned(0xa5a5_a5a5), poisoned(u32::MAX)])
+        (0..).zip([EngineOptions::default(), checked, poisoned(0xa5a5_a5a5), poisoned(u32::MAX)])
     {
         let mut found = 0;
         // As few as are entries as well, the first time after an edit.
@@ -42,7 +42,7 @@ fn queries_between_edits_are_right() {
 
 #[test]
 fn queries_change_nothing_that_edits_report() {
-    let tools = scene_tools(0, &GridOptions::default());
+    let tools = scene_tools(0, &EngineOptions::default());
     for (kind, edits) in [(Kind::Small, 300), (Kind::Large, 8)] {
         hold_without_rules(kind, 100_000, edits, |script| {
             Bare::asked(GpuScene::new(&tools, options(script)), 1)
@@ -72,7 +72,7 @@ fn check_all_ways(scene: &mut GpuScene, boxes: &[Aabb], queries: &[Aabb], what: 
 
 #[test]
 fn every_hard_scene_is_queried() {
-    let tools = scene_tools(0, &GridOptions::default());
+    let tools = scene_tools(0, &EngineOptions::default());
     for hard in stress_scenes::ALL {
         for (n, count) in [(345, 70), (1_234, 400), (70, 1_300)] {
             let boxes = hard.boxes(n, 21);
@@ -86,7 +86,7 @@ fn every_hard_scene_is_queried() {
 /// Many boxes around a point, points in few large boxes, large queries over many small boxes.
 #[test]
 fn sizes_that_differ_much_and_piles_are_queried() {
-    let tools = scene_tools(0, &GridOptions::default());
+    let tools = scene_tools(0, &EngineOptions::default());
     let grid = |n: u32, step: f32, size: f32| -> Vec<Aabb> {
         let at = |i: u32| [i % 16, i / 16 % 16, i / 256].map(|x| step * x as f32);
         (0..n).map(|i| Aabb { min: at(i), max: at(i).map(|x| x + size) }).collect()
@@ -112,7 +112,7 @@ fn sizes_that_differ_much_and_piles_are_queried() {
 /// More pairs than may be are an error, and the next query is answered.
 #[test]
 fn queries_find_no_more_pairs_than_may_be() {
-    let tools = scene_tools(0, &GridOptions::default());
+    let tools = scene_tools(0, &EngineOptions::default());
     let boxes = stress_scenes::named("uniform").boxes(2_000, 3);
     let right = expected(&boxes, &boxes);
     let mut found = Vec::new();
@@ -134,7 +134,7 @@ fn queries_find_no_more_pairs_than_may_be() {
 /// More queries than one submission takes.
 #[test]
 fn queries_of_several_submissions_are_numbered_on() {
-    let tools = scene_tools(0, &GridOptions::default());
+    let tools = scene_tools(0, &EngineOptions::default());
     let boxes = stress_scenes::named("uniform").boxes(500, 3);
     let mut scene = scene_of(&tools, &boxes);
     let count = (1 << 18) + 300;
@@ -150,7 +150,7 @@ fn queries_of_several_submissions_are_numbered_on() {
 
 #[test]
 fn a_query_on_a_lost_device_is_an_error() {
-    let tools = scene_tools(0, &GridOptions::default());
+    let tools = scene_tools(0, &EngineOptions::default());
     let boxes = stress_scenes::named("uniform").boxes(50, 3);
     let mut scene = scene_of(&tools, &boxes);
     let mut found = vec![[7; 2]];

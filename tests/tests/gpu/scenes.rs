@@ -8,10 +8,10 @@ use pairmask_tests::prelude::*;
 use pairmask_tests::scene_model::{
     Bare, BesideCore, CoreScene, Heard, Kind, Subject, Turn, hold_without_rules, options,
 };
-use pairmaskd::execute::gpu::{Checks, GpuScene, GridOptions, SceneTools};
+use pairmaskd::execute::gpu::{Checks, EngineOptions, GpuScene, SceneTools};
 
 fn tools() -> Arc<SceneTools> {
-    scene_tools(0, &GridOptions::default())
+    scene_tools(0, &EngineOptions::default())
 }
 
 fn hold_bare(tools: &[Arc<SceneTools>], seed: u64, kinds: [(Kind, usize); 3]) {
@@ -34,8 +34,8 @@ fn scenes_of_one_gpu_and_of_several_are_those_of_the_model() {
 
 #[test]
 fn answers_are_the_same_with_checked_stages_and_poisoned_memory() {
-    let poisoned = |word| GridOptions { poison: Some(word), ..GridOptions::default() };
-    let checked = GridOptions { checks: Checks::On, ..GridOptions::default() };
+    let poisoned = |word| EngineOptions { poison: Some(word), ..EngineOptions::default() };
+    let checked = EngineOptions { checks: Checks::On, ..EngineOptions::default() };
     for options in [checked, poisoned(0xa5a5_a5a5), poisoned(u32::MAX)] {
         let tools = [scene_tools(0, &options)];
         hold_bare(&tools, 122_000, [(Kind::Small, 100), (Kind::Crowd, 8), (Kind::Large, 8)]);

@@ -20,7 +20,7 @@ use pairmask_tests::spheres::{
     check_mask, cull, hard_pairs, hard_scene, plain_scene, truth, whole_scene,
 };
 use pairmaskd::execute::gpu::{
-    AllPairs, AllPairsOptions, Checks, Grid, GridOptions, HostImport, Tuning, grid_layout,
+    AllPairs, Checks, EngineOptions, Grid, HostImport, Tuning, grid_layout,
 };
 
 use crate::grid::check_mirrored;
@@ -36,9 +36,9 @@ struct Both {
 impl Both {
     fn new(checks: Checks) -> Self {
         let gpu = open(HostImport::IfPossible);
-        let all_pairs = AllPairsOptions { checks, ..AllPairsOptions::default() };
+        let all_pairs = EngineOptions { checks, ..EngineOptions::default() };
         // What no stage wrote must not show.
-        let grid = GridOptions { checks, poison: Some(0xa5a5_a5a5), ..GridOptions::default() };
+        let grid = EngineOptions { checks, poison: Some(0xa5a5_a5a5), ..EngineOptions::default() };
         Self {
             all_pairs: AllPairs::new(&gpu, all_pairs).unwrap(),
             grid: Grid::new(&gpu, &grid).unwrap(),
@@ -174,7 +174,7 @@ fn scenes_without_near_pairs_are_exact_and_have_the_bytes_of_the_mirror() {
 #[test]
 fn a_few_hard_spheres_are_exact_by_all_pairs() {
     for checks in [Checks::Off, Checks::On] {
-        let mut engine = gpu::engine(AllPairsOptions { checks, ..AllPairsOptions::default() });
+        let mut engine = gpu::engine(EngineOptions { checks, ..EngineOptions::default() });
         for (n, seed) in (0..=SOFTWARE_SPHERES).flat_map(|n| (0..4).map(move |seed| (n, seed))) {
             let spheres = hard_scene(n, seed);
             check_all_pairs(&mut engine, &spheres, &truth(&spheres), &format!("seed {seed}"));
@@ -254,7 +254,7 @@ mod real_gpu {
         let spheres = hard_scene(333, 9);
         let truth = truth(&spheres);
         for tuning in Tuning::all() {
-            let options = AllPairsOptions { tuning: Some(tuning), ..AllPairsOptions::default() };
+            let options = EngineOptions { tuning: Some(tuning), ..EngineOptions::default() };
             let mut engine = gpu::engine(options);
             check_all_pairs(&mut engine, &spheres, &truth, &format!("{tuning:?}"));
         }
@@ -264,7 +264,7 @@ mod real_gpu {
     #[test]
     #[ignore = "for a real GPU: near pairs take more rounds than lavapipe allows, see the head of this file"]
     fn large_hard_scenes_have_the_pairs_of_the_cpu() {
-        let mut gpu = gpu::engine(AllPairsOptions::default());
+        let mut gpu = gpu::engine(EngineOptions::default());
         let mut cpu = SphereAllPairs::new();
         let spheres = hard_scene(3_001, 77);
         let mut reply = HeapReply::new();
@@ -344,7 +344,7 @@ mod real_gpu {
     #[ignore = "for a real GPU: near pairs take more rounds than lavapipe allows, see the head of this file"]
     fn frames_of_near_pairs_alone_are_exact_and_leave_the_device() {
         const SPHERES: usize = 32_768;
-        let mut engine = gpu::engine(AllPairsOptions::default());
+        let mut engine = gpu::engine(EngineOptions::default());
         let (tiny, large) = (f32::from_bits(1), 2.0f32.powi(120));
         let hostile = [
             ("points in one place", Sphere::new([1.0, 2.0, 3.0], 0.0)),

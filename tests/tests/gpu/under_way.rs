@@ -8,7 +8,7 @@ use pairmask_tests::frame_memory::{SharedReply, TestFrame, Watcher};
 use pairmask_tests::gpu::open;
 use pairmask_tests::naive_decoder::sections;
 use pairmask_tests::prelude::*;
-use pairmaskd::execute::gpu::{Gpu, Grid, GridOptions, GridUnderWay, HostImport, SharedImports};
+use pairmaskd::execute::gpu::{EngineOptions, Gpu, Grid, GridUnderWay, HostImport, SharedImports};
 
 /// Boxes of a frame that takes a software adapter some milliseconds.
 const MANY: u32 = 20_000;
@@ -36,7 +36,7 @@ impl Rig {
     fn new() -> Self {
         let gpu = open(HostImport::IfPossible);
         let imports = SharedImports::default();
-        let options = GridOptions { imports: imports.clone(), ..GridOptions::default() };
+        let options = EngineOptions { imports: imports.clone(), ..EngineOptions::default() };
         let grid = Grid::new(&gpu, &options).unwrap();
         let scene = stress_scenes::named("uniform").boxes(MANY, 5);
         Self { gpu, grid, imports, scene }

@@ -28,7 +28,6 @@ pub struct LatencyRow {
     pub n: u32,
     pub precision: PrecisionChoice,
     pub wait: Wait,
-    /// Threads of the client, which wrote exact boxes and visited the pairs.
     pub decode_threads: usize,
     pub figures: Figures,
     pub cpu: CpuUsed,
@@ -43,7 +42,6 @@ pub struct CpuUsed {
 }
 
 impl CpuUsed {
-    /// What a daemon, and this process as its client, used for so many frames.
     pub const fn of(frames: u64, daemon: Option<Used>, client: Option<Duration>) -> Self {
         Self { daemon, client, frames }
     }
@@ -147,7 +145,6 @@ pub struct Figures {
     pub frames: u64,
     /// Frames for which a request was made; `margin=X` answers the others from an earlier mask.
     requests: u64,
-    /// Of each frame, in the order of [`STAGES`].
     stages: [Recorder; STAGES.len()],
 }
 

@@ -24,7 +24,7 @@ struct Tally {
 
 impl Tally {
     fn new() -> Self {
-        Self { since: Instant::now(), frames: 0, pairs: 0, round_trips: Recorder::new() }
+        Self { since: Instant::now(), frames: 0, pairs: 0, round_trips: Recorder::default() }
     }
 
     fn frames_a_second(&self) -> f64 {

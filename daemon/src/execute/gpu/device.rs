@@ -60,7 +60,6 @@ pub struct Gpu {
     limits: GpuLimits,
     health: Arc<DeviceHealth>,
     raw: ash::Device,
-    /// By role; `None` where the device has no such family.
     queues: Mutex<[Option<vk::Queue>; ROLES]>,
     pub(super) families: [Option<u32>; ROLES],
     memory: vk::PhysicalDeviceMemoryProperties,
@@ -337,7 +336,6 @@ fn side_families(families: &[vk::QueueFamilyProperties]) -> [Option<u32>; ROLES 
     ]
 }
 
-/// How a submission stands to another.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Order {
     Alone,

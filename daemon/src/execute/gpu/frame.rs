@@ -75,7 +75,6 @@ pub const MAX_STEPS: usize = 40;
 /// what it does not end by then it never does.
 const LAST_PATIENCE: Duration = Duration::from_secs(10);
 
-/// How long copies and fills that are run once may take before the device counts as hung.
 const ONCE_PATIENCE: Duration = Duration::from_secs(10);
 
 const MAX_BINDINGS: u32 = 9;

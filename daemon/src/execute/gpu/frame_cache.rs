@@ -24,7 +24,6 @@ impl Place {
     }
 }
 
-/// All that the recording of a frame depends on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct FrameKey {
     pub(super) n: u32,
@@ -52,7 +51,6 @@ impl<K: PartialEq> FrameCache<K> {
         Self { role, frames: Vec::new() }
     }
 
-    /// The frame of `key`, recorded from `steps` if it is not here.
     pub(super) fn frame(
         &mut self,
         gpu: &Arc<Gpu>,

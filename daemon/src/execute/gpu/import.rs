@@ -31,7 +31,6 @@ use crate::execute::frame_memory::LentReply;
 pub struct ReadWriteMapping {
     pointer: NonNull<u8>,
     bytes: usize,
-    /// The file, where it was looked up behind an address.
     file: Option<File>,
 }
 
@@ -330,7 +329,6 @@ impl Imports {
         forgotten
     }
 
-    /// Ends the imports of replies that reach into a range of addresses.
     #[must_use]
     pub(in crate::execute) fn leave(&mut self, range: &Range<usize>) -> Forgotten {
         self.end(|import| import.owner == Owner::Daemon && overlap(&import.range, range))

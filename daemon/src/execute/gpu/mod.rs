@@ -34,7 +34,7 @@ pub use self::grid::plan::{Capacity, Sizes};
 pub use self::grid::{BUNDLE_FRAMES, Begun, Grid, GridUnderWay, grid_layout, takes_worlds};
 pub use self::import::{ImportError, ImportId, Imports, Owner, ReadWriteMapping, SegmentError};
 pub use self::memory::{Block, Home, Part};
-pub use self::options::{AllPairsOptions, EngineOptions, GridOptions};
+pub use self::options::EngineOptions;
 pub use self::pipeline::{Checks, Pipeline, Pipelines, user_cache_folder};
 pub use self::scene::{GpuScene, SceneTools};
 pub use self::slot::{DriverThread, GpuSlot, IfMissing, Opener, Progress, SlotState};

@@ -29,11 +29,7 @@ pub struct EngineOptions {
     pub shares_always: bool,
 }
 
-pub type AllPairsOptions = EngineOptions;
-pub type GridOptions = EngineOptions;
-
 impl EngineOptions {
-    /// Pipelines with these stages compiled, and written to the cache.
     pub(super) fn pipelines(
         &self,
         gpu: &Arc<Gpu>,

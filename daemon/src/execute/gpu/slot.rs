@@ -35,11 +35,9 @@ pub enum IfMissing {
 /// Dropping it waits for a device that is being opened.
 pub struct GpuSlot {
     state: SlotState,
-    /// There where it is ready.
     gpu: Option<Arc<Gpu>>,
     if_missing: IfMissing,
     open: Opener,
-    /// When the last device was lost, and when the next try is due.
     lost_at: Instant,
     retry_at: Instant,
     opening: Option<DriverThread<Result<Arc<Gpu>, OpenError>>>,
@@ -58,7 +56,6 @@ pub enum SlotState {
 }
 
 impl GpuSlot {
-    /// A slot whose first device is being opened by another thread.
     pub fn opening(open: Opener, if_missing: IfMissing) -> Self {
         let (state, now) = (SlotState::Opening, Instant::now());
         let (gpu, lost_at, retry_at, opening) = (None, now, now, None);

@@ -163,7 +163,6 @@ impl Boxes {
         self.scene.limit_pairs(most);
     }
 
-    /// Notes what moves at a tick, before its edits are applied.
     pub fn note_moved(&mut self, tick: u64, edit: Edit<'_>) {
         self.moved.note(tick, edit, &self.copy);
     }

@@ -145,7 +145,6 @@ impl SharedScenes {
         Served { threads, on_one_core, ..Served::BEGUN }
     }
 
-    /// Answers a query of a scene as the last tick made it.
     pub(super) fn query(
         &self,
         mut open: OpenRequest,
@@ -173,7 +172,6 @@ impl SharedScenes {
         self.outbox.send(open, &header);
     }
 
-    /// Ends members whose sessions are gone; to be called now and then.
     pub(super) fn tidy(&self) {
         let mut members: Vec<MemberKey> = locked(&self.joined).keys().copied().collect();
         if members.is_empty() {

@@ -231,11 +231,8 @@ pub(super) struct Member {
     pub recipient: Recipient,
     /// The number of its last commit.
     pub revision: u64,
-    /// Whether a lane reads an edit of it.
     pub is_reading: bool,
-    /// What waits for the end of the tick.
     pub commit: Option<Commit>,
-    /// Memory for reading its next edit.
     pub scratch: EditScratch,
 }
 

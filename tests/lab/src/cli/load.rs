@@ -356,7 +356,7 @@ impl ClientSettings {
         if !is_reported_to_begin() {
             return Ok(None);
         }
-        let (mut late_frames, mut from_due) = (0, Recorder::new());
+        let (mut late_frames, mut from_due) = (0, Recorder::default());
         let start = Instant::now();
         let from = start + Duration::from_millis(self.warm_up_ms.into());
         let until = from + Duration::from_secs(self.seconds.get().into());

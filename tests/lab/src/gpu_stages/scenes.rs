@@ -13,7 +13,7 @@ use pairmask_core::scene::{
 };
 use pairmaskd::cli::whole_number::whole_number;
 use pairmaskd::execute::gpu::{
-    Awake, Gpu, GpuScene, GridOptions, SceneTools, StepTime, user_cache_folder,
+    Awake, EngineOptions, Gpu, GpuScene, SceneTools, StepTime, user_cache_folder,
 };
 use pairmaskd::scene::{Random, SceneName};
 
@@ -125,10 +125,10 @@ impl Run {
         let n = world.boxes().len();
         let mut tools = Vec::with_capacity(gpus.len());
         for gpu in gpus {
-            let options = GridOptions {
+            let options = EngineOptions {
                 profiled,
                 cache_folder: user_cache_folder(),
-                ..GridOptions::default()
+                ..EngineOptions::default()
             };
             tools.push(SceneTools::new(gpu, &options)?);
         }

@@ -11,7 +11,7 @@ use pairmask_core::oracle::naive_decoder::decode;
 use pairmask_core::sphere::{Sphere, SphereAllPairs};
 use pairmask_core::{Aabb, Encoding, EncodingChoice};
 use pairmaskd::execute::gpu::{
-    AllPairs, AllPairsOptions, Gpu, GpuChoice, GpuError, Grid, GridOptions, HostImport,
+    AllPairs, EngineOptions, Gpu, GpuChoice, GpuError, Grid, HostImport,
 };
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use serde::{Deserialize, Serialize};
@@ -203,11 +203,11 @@ impl Roster {
                 let engine = || -> Result<Box<dyn Engine>, GpuError> {
                     Ok(if name == EngineName::GpuBrute {
                         let matrix_bytes = is_harder.then_some(SMALL_MATRIX_BYTES);
-                        let options = AllPairsOptions { matrix_bytes, ..Default::default() };
+                        let options = EngineOptions { matrix_bytes, ..Default::default() };
                         Box::new(AllPairs::new(&gpu, options)?)
                     } else {
                         let poison = is_harder.then_some(POISON);
-                        let options = GridOptions { poison, ..GridOptions::default() };
+                        let options = EngineOptions { poison, ..EngineOptions::default() };
                         Box::new(Grid::new(&gpu, &options)?)
                     })
                 };

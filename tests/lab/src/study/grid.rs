@@ -20,9 +20,9 @@ use pairmask_core::write::par_write_boxes;
 use pairmask_core::{Aabb, BoxCount, Encoding};
 use pairmask_shaders::Found;
 use pairmaskd::execute::gpu::{
-    AllPairs, AllPairsOptions, Block, Capacity, Checks, Command, Gpu, GpuChoice, GpuError, Grid,
-    GridOptions, GridUnderWay, Home, HostImport, Part as BlockPart, SUBMISSIONS, SharedImports,
-    Sizes, first_capacity, grid_layout,
+    AllPairs, Block, Capacity, Checks, Command, EngineOptions, Gpu, GpuChoice, GpuError, Grid,
+    GridUnderWay, Home, HostImport, Part as BlockPart, SUBMISSIONS, SharedImports, Sizes,
+    first_capacity, grid_layout,
 };
 use pairmaskd::scene::{Scene, SceneName};
 
@@ -306,7 +306,7 @@ fn measure_scene(gpu: &Arc<Gpu>, name: SceneName, n: u32, budget: Duration) -> R
 
 fn grid_rig(gpu: &Arc<Gpu>, boxes: &[Aabb], profiled: bool) -> Result<Rig<Grid>> {
     let imports = SharedImports::default();
-    let options = GridOptions { profiled, imports: imports.clone(), ..GridOptions::default() };
+    let options = EngineOptions { profiled, imports: imports.clone(), ..EngineOptions::default() };
     let memory = FrameSegments::new(gpu, &imports, boxes, reply_words(boxes.len()))?;
     Ok(Rig { engine: Grid::new(gpu, &options)?, memory })
 }
@@ -316,7 +316,7 @@ fn all_pairs_rig(gpu: &Arc<Gpu>, boxes: &[Aabb]) -> Result<Rig<AllPairs>> {
     let capacity = first_capacity(Found::Words, n).max(WORDS_A_BOX * u64::from(n.get()));
     let words = MaskShape::exact(Encoding::Sparse, n, capacity, false).extent_words();
     let imports = SharedImports::default();
-    let options = AllPairsOptions { imports: imports.clone(), ..AllPairsOptions::default() };
+    let options = EngineOptions { imports: imports.clone(), ..EngineOptions::default() };
     let memory = FrameSegments::new(gpu, &imports, boxes, words)?;
     Ok(Rig { engine: AllPairs::new(gpu, options)?, memory })
 }
@@ -339,7 +339,7 @@ fn frames_a_second(
     budget: Duration,
 ) -> Result<f64> {
     let imports = SharedImports::default();
-    let options = GridOptions { imports: imports.clone(), ..GridOptions::default() };
+    let options = EngineOptions { imports: imports.clone(), ..EngineOptions::default() };
     let mut grid = Grid::new(gpu, &options)?;
     let mut under_way_now = VecDeque::new();
     for _ in 0..under_way.clamp(1, SUBMISSIONS) {

@@ -99,7 +99,6 @@ impl AllPairs {
         &self.step_times
     }
 
-    /// Runs all stages over all bands, the mask to `shape` of `mask`.
     fn run(
         &mut self,
         n: BoxCount,

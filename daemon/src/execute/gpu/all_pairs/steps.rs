@@ -44,7 +44,6 @@ pub(super) struct Recording<'a> {
     pub(super) mask: &'a Part,
     /// The sections in it; a sparse mask or a list at its full capacity.
     pub(super) shape: MaskShape,
-    /// Words that a sparse mask has room for, or pairs that a list has.
     pub(super) capacity: u64,
     pub(super) offset_align: u64,
 }

@@ -74,7 +74,6 @@ impl Group {
     }
 }
 
-/// Chooses layouts. Memory is kept from frame to frame.
 #[derive(Default)]
 pub(in crate::execute::gpu) struct Chooser {
     sample: Sample,

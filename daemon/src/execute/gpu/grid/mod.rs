@@ -213,7 +213,6 @@ impl Grid {
         Ok((n, self.capacity(n, found, self.tools.last_found.of(found), room)))
     }
 
-    /// Room for as many items as the last frame had, and for more as far as the reply stays one binding.
     fn capacity(&self, n: BoxCount, found: Found, last_items: u64, room: u64) -> Capacity {
         let bound = plan::room(n, found, self.tools.binding_bytes / 4).unwrap_or(0);
         Capacity::expected(n, found, last_items, room.min(bound.max(last_items)))

@@ -56,7 +56,6 @@ impl ChangeSorter {
         self.sorter.sorted_from(all, &|pair| pair[0] < n, n, threads, pairs);
     }
 
-    /// Writes what began and what ended, each in order.
     pub fn changes(
         &mut self,
         found: &Found<'_, impl Fn(usize, &mut [Pair]) + Sync>,

@@ -116,7 +116,6 @@ pub(super) struct Room {
 }
 
 impl Room {
-    /// For a search after one that had `last`.
     pub fn expected(question: &Question, last: Self) -> Self {
         let roomy = |count: u64| count + count / 4;
         let entries = roomy(question.entries()).max(roomy(last.entries)) + SPARE_ENTRIES;
@@ -194,7 +193,6 @@ pub(super) fn groups_of_rows(queries: u64) -> u32 {
 
 /// Searches after which a layout is chosen anew, at most: to choose takes as long as a tenth of a search.
 const RENEWED_AFTER: u32 = 64;
-/// Boxes of an edit that are kept as a sample, at most.
 const EDIT_SAMPLE: usize = 256;
 
 /// Tests for each box that looks, from which another layout is tried.

@@ -197,7 +197,6 @@ impl GpuScene {
         }
     }
 
-    /// Reads `count` pairs that were found, by query, and writes them in order behind the others.
     fn append(&mut self, count: usize, first: u32, found: &mut Vec<Pair>) -> Result<(), CullError> {
         let needed_bytes = (count * size_of::<Pair>()) as u64;
         let no_memory = |_| CullError::Reserve(ReserveError::OutOfMemory { needed_bytes });

@@ -19,9 +19,7 @@ pub(super) struct Replica {
     pub upload: Upload,
     pub memory: Memory,
     pub frames: Frames,
-    /// The edit that is being answered, where this GPU sees it.
     edit: Option<Uploaded>,
-    /// The blocks of the last task that was submitted.
     pub blocks: Option<Blocks>,
 }
 
@@ -103,7 +101,6 @@ impl Replica {
         Ok(room)
     }
 
-    /// Waits for what was begun, and reads what the host learns of a search.
     pub fn wait(&mut self, asked: &Asked<'_>) -> Result<SceneSummary, GpuError> {
         let Self { tools, frames, .. } = self;
         let patience = PATIENCE[usize::from(tools.gpu.info().is_software())];

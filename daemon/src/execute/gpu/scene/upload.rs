@@ -68,7 +68,6 @@ pub(super) struct Uploaded {
     pub mark_count: u32,
 }
 
-/// Memory for the sets of an edit where they do not lie together. Kept from edit to edit.
 #[derive(Default)]
 pub(super) struct Gathered {
     indices: Vec<u32>,

@@ -6,7 +6,7 @@ use pairmask_core::engine::{CullError, CullInput, HeapReply};
 use pairmask_core::objects::Objects;
 use pairmask_core::sphere::{Sphere, SphereAllPairs};
 use pairmask_core::{BoxCount, Encoding, PairIndex};
-use pairmaskd::execute::gpu::{AllPairs, AllPairsOptions, Gpu};
+use pairmaskd::execute::gpu::{AllPairs, EngineOptions, Gpu};
 use pairmaskd::scene::Random;
 use rayon::prelude::*;
 
@@ -101,7 +101,7 @@ fn dense_words(spheres: &[Sphere], reply: &HeapReply) -> Vec<u32> {
 
 /// The same on a GPU, with all pairs of the scenes beside them.
 pub fn on_gpu(gpu: &Arc<Gpu>, pairs: u64, seed: u64, watch: impl Fn(u64)) -> Result<Vec<Fields>> {
-    let mut engine = AllPairs::new(gpu, AllPairsOptions::default())?;
+    let mut engine = AllPairs::new(gpu, EngineOptions::default())?;
     let mut reply = HeapReply::new();
     let mut rows = Vec::new();
     for family in ALL {

@@ -9,7 +9,7 @@ use pairmask_core::engine::{CullError, CullInput, HeapReply};
 use pairmask_core::objects::Objects;
 use pairmask_core::sphere::{Sphere, SphereAllPairs};
 use pairmask_core::{Aabb, BoxCount, Encoding, EncodingChoice};
-use pairmaskd::execute::gpu::{AllPairs, AllPairsOptions, Gpu, Grid, GridOptions, SharedImports};
+use pairmaskd::execute::gpu::{AllPairs, EngineOptions, Gpu, Grid, SharedImports};
 use pairmaskd::scene::{Scene, SceneName};
 
 use super::errors::squared_f32;
@@ -90,7 +90,7 @@ fn row_on_gpu(gpu: &Arc<Gpu>, objects: &[Sphere], budget: Duration) -> Result<Fi
     let FrameSegments { boxes: spheres, mut reply, imported, .. } = memory;
     let encoding = Encoding::Sparse;
 
-    let options = GridOptions { imports: imports.clone(), ..GridOptions::default() };
+    let options = EngineOptions { imports: imports.clone(), ..EngineOptions::default() };
     let mut grid = Grid::new(gpu, &options)?;
     let objects_of = || Objects::Spheres(spheres.objects(n));
     let by_grid = || Ok(grid.cull_objects(objects_of(), encoding, &mut reply)?.pair_count);
@@ -100,7 +100,7 @@ fn row_on_gpu(gpu: &Arc<Gpu>, objects: &[Sphere], budget: Duration) -> Result<Fi
     let (mut all_pairs_fps, mut tests_a_second) = (None, None);
     if n <= ALL_PAIRS_SPHERES {
         let options =
-            AllPairsOptions { imports: imports.clone(), profiled: true, ..Default::default() };
+            EngineOptions { imports: imports.clone(), profiled: true, ..Default::default() };
         let mut all_pairs = AllPairs::new(gpu, options)?;
         let mut stage_ns = f64::INFINITY;
         let (fps, count) = timed(budget, || {
