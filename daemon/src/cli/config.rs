@@ -93,10 +93,7 @@ where
 }
 
 impl Config {
-    /// Reads the file that the user named, else the user's default file if it exists.
-    ///
-    /// # Errors
-    /// The file cannot be used. A missing default file is no error.
+    /// Reads the file that the user named, else the default file, whose absence is no error.
     pub fn load(named: Option<&Path>) -> Result<Self, WrongUsage> {
         let Some(path) = named.map(Path::to_owned).or_else(default_path) else {
             return Ok(Self::default());

@@ -78,8 +78,7 @@ pub fn cpu_of(process: u32) -> Option<Duration> {
     Some(Duration::from_nanos(ticks.saturating_mul(1_000_000_000 / a_second)))
 }
 
-/// User and system time in a process's `stat`. Its second field, the name in brackets, may hold spaces
-/// and brackets.
+/// User and system time in a process's `stat`, where the name may hold spaces and brackets.
 fn ticks_in(stat: &str) -> Option<u64> {
     let (_, after_name) = stat.rsplit_once(')')?;
     // Fields 14 and 15; the first one after the name is field 3.

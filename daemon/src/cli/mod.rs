@@ -71,9 +71,7 @@ enum Command {
     Explain(explain::Explain),
 }
 
-/// Runs the command that the process was started with.
-///
-/// Call it first in `main`: it sets the process up.
+/// Runs the command line. Call it first in `main`: it sets the process up.
 pub fn main() -> ExitCode {
     program::run(&shape::command(), |cli| run(cli, None))
 }

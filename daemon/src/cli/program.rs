@@ -41,9 +41,7 @@ fn was_said(fault: &Fault) -> bool {
 }
 
 /// Parses the arguments of this process and runs what they ask for. A failure is one line on stderr
-/// that begins with the program's name.
-///
-/// Call it first in `main`: it sets the process up.
+/// that begins with the program's name. Call it first in `main`: it sets the process up.
 pub fn run<C: FromArgMatches>(command: &Command, run: impl FnOnce(&C) -> Result) -> ExitCode {
     silence();
     let arguments: Vec<OsString> = std::env::args_os().collect();
@@ -61,8 +59,7 @@ pub fn run<C: FromArgMatches>(command: &Command, run: impl FnOnce(&C) -> Result)
     }
 }
 
-/// The parsed arguments; `None` where they ask for help or version, which are then printed on
-/// stdout.
+/// `None` where the arguments ask for help or version, which are then printed on stdout.
 fn parse<C: FromArgMatches>(command: &Command, arguments: &[OsString]) -> Result<Option<C>> {
     let matches = command.clone().try_get_matches_from(arguments);
     match matches.and_then(|matches| C::from_arg_matches(&matches)) {
@@ -77,8 +74,7 @@ fn parse<C: FromArgMatches>(command: &Command, arguments: &[OsString]) -> Result
     }
 }
 
-/// Replaces control characters by spaces: an error is one line, and names that users give may hold
-/// any character.
+/// Without control characters, which names that users give may hold.
 fn on_one_line(text: &str) -> String {
     text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect()
 }

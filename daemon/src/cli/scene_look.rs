@@ -3,8 +3,7 @@
 
 use pairmask_core::{Aabb, BoxClass, Sphere};
 
-/// Words of a file that are checked, as boxes and as spheres. A multiple of both sizes; the check
-/// takes microseconds.
+/// Words of a file that are checked, a multiple of both sizes: it takes microseconds.
 const LOOKED_AT_WORDS: usize = 12 * 1024;
 /// Fewest objects to check: fewer may look like either shape by chance.
 const LEAST_OBJECTS: usize = 8;

@@ -12,8 +12,7 @@ pub struct Shape {
     /// so that a script may write them before the command; the help of a command lists only those
     /// that it uses. Commands by their path (`bench latency`), settings by their id.
     pub without_use: &'static [(&'static str, &'static [&'static str])],
-    /// Commands that measure through a session: their default backend is another than that of
-    /// `cull`.
+    /// Commands that measure through a session: their default backend is the daemon.
     pub measuring: &'static [&'static str],
 }
 

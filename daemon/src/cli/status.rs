@@ -254,10 +254,7 @@ fn status_text(error: &RecordedError) -> String {
     code.map_or_else(|| format!("code {}", error.status), |code| code.as_str().into())
 }
 
-/// The figures of a daemon; `None` where it is dead.
-///
-/// # Errors
-/// The last known figures, and why the daemon counts as silent.
+/// The figures of a daemon; `None` where it is dead, and an error with the last ones where it is silent.
 type Answer = Result<Option<Counters>, Box<(Option<Counters>, String)>>;
 
 /// Waits until the daemon writes a status file that is not the one of before the question. That takes no
@@ -300,8 +297,7 @@ fn ask(dir: &RuntimeDir, name: &InstanceName, record: &DaemonRecord) -> Answer {
     }
 }
 
-/// Asks a daemon without a status file over the wire: it is of an earlier version, or could not
-/// write one.
+/// Asks a daemon over the wire that is of an earlier version, or could not write a status file.
 fn ask_over_wire(dir: &RuntimeDir, name: &InstanceName) -> Answer {
     let ask = || -> Result<StatusBody, Error> {
         Session::builder()

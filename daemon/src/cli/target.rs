@@ -21,8 +21,7 @@ pub struct Target {
 }
 
 impl Target {
-    /// For so many clients at a time, the instance that the user named, else a new private daemon: this process's
-    /// binary as `serve`, which spins for `spin` before it sleeps.
+    /// The instance that the user named, else a private daemon for so many clients.
     pub fn new(
         options: &CullFlags,
         daemon: &DaemonOptions,

@@ -26,10 +26,7 @@ impl_whole_number! {
     NonZeroUsize: 1 to usize::MAX;
 }
 
-/// Parses a whole number.
-///
-/// # Errors
-/// What it must be.
+/// Parses a whole number; the error says what it must be.
 pub fn whole_number<T: WholeNumber>(text: &str) -> Result<T, String> {
     let is_negative = || {
         let digits = text.strip_prefix('-').unwrap_or_default();

@@ -160,6 +160,48 @@ impl SharedGpu {
         self.queued_ns.fetch_add(ns, Ordering::Relaxed);
         Queued { queued_ns: Arc::clone(&self.queued_ns), ns }
     }
+
+    /// Gives up what the GPU keeps of clients that are gone; to be called now and then.
+    pub fn tidy(&self) {
+        self.with(GpuService::tidy);
+    }
+
+    /// Has the GPU let go of memory of replies, none of which is lent. Whether nothing uses it now.
+    pub fn release_reply(&self, range: &Range<usize>) -> bool {
+        // One that is being opened has imported nothing, and imports no memory that is not lent.
+        self.outlook().is_opening || self.with(|gpu| gpu.release_reply(range))
+    }
+
+    /// Takes a device in that was opened, or was lost and is back. Its engines may take a second to make.
+    pub fn take_back(&self) {
+        self.with(super::GpuService::take_back);
+    }
+
+    /// Leaves at most [`BUNDLE_FRAMES`] frames to the GPU in one submission.
+    /// [`Executor::answer`](super::Executor::answer) serves those that it does not take.
+    #[allow(clippy::result_large_err)] // A box would be an allocation.
+    pub fn begin_bundle<M: FrameMemory>(
+        self: &Arc<Self>,
+        frames: Vec<Joining<M>>,
+    ) -> Vec<Result<CullUnderWay<M>, Unserved<M>>> {
+        let count = frames.len();
+        let mut waiting = Vec::with_capacity(count);
+        let mut memories = Vec::with_capacity(count);
+        for Joining { planned, owner, memory } in frames {
+            memories.push((memory, owner, planned.plan.encoding));
+            let planned = Planned { gpu: Some(Arc::clone(self)), ..planned };
+            waiting.push((self.queue(&planned.plan, count), planned, owner));
+        }
+        let begun = self.with(|gpu| gpu.begin_bundle(memories));
+        waiting
+            .into_iter()
+            .zip(begun)
+            .map(|((queued, planned, owner), begun)| match begun {
+                Ok(frame) => Ok(CullUnderWay { frame, owner, planned, queued }),
+                Err((error, memory)) => Err(Unserved { error, planned, owner, memory }),
+            })
+            .collect()
+    }
 }
 
 /// Who is next. The system's lock is unfair to threads that spin, and puts the others to sleep at once.
@@ -257,50 +299,6 @@ pub struct Joining<M> {
 impl<M> Joining<M> {
     pub fn gpu_place(&self) -> usize {
         self.planned.gpu_place()
-    }
-}
-
-impl SharedGpu {
-    /// Gives up what the GPU keeps of clients that are gone; to be called now and then.
-    pub fn tidy(&self) {
-        self.with(GpuService::tidy);
-    }
-
-    /// Has the GPU let go of memory of replies, none of which is lent. Whether nothing uses it now.
-    pub fn release_reply(&self, range: &Range<usize>) -> bool {
-        // One that is being opened has imported nothing, and imports no memory that is not lent.
-        self.outlook().is_opening || self.with(|gpu| gpu.release_reply(range))
-    }
-
-    /// Takes a device in that was opened, or was lost and is back. Its engines may take a second to make.
-    pub fn take_back(&self) {
-        self.with(super::GpuService::take_back);
-    }
-
-    /// Leaves at most [`BUNDLE_FRAMES`] frames to the GPU in one submission.
-    /// [`Executor::answer`](super::Executor::answer) serves those that it does not take.
-    #[allow(clippy::result_large_err)] // A box would be an allocation.
-    pub fn begin_bundle<M: FrameMemory>(
-        self: &Arc<Self>,
-        frames: Vec<Joining<M>>,
-    ) -> Vec<Result<CullUnderWay<M>, Unserved<M>>> {
-        let count = frames.len();
-        let mut waiting = Vec::with_capacity(count);
-        let mut memories = Vec::with_capacity(count);
-        for Joining { planned, owner, memory } in frames {
-            memories.push((memory, owner, planned.plan.encoding));
-            let planned = Planned { gpu: Some(Arc::clone(self)), ..planned };
-            waiting.push((self.queue(&planned.plan, count), planned, owner));
-        }
-        let begun = self.with(|gpu| gpu.begin_bundle(memories));
-        waiting
-            .into_iter()
-            .zip(begun)
-            .map(|((queued, planned, owner), begun)| match begun {
-                Ok(frame) => Ok(CullUnderWay { frame, owner, planned, queued }),
-                Err((error, memory)) => Err(Unserved { error, planned, owner, memory }),
-            })
-            .collect()
     }
 }
 

@@ -184,7 +184,7 @@ impl OpenRequest {
     }
 
     pub(crate) fn words_mut(&mut self) -> &mut [u32] {
-        self.loan.as_mut().map_or(&mut [], response_words)
+        self.loan.as_mut().map_or(&mut [], |loan| words_in_mut(loan.payload_mut()))
     }
 
     /// Sends what was written, where somebody waits for it. Where nothing was written, one page goes with the header:
@@ -259,10 +259,6 @@ impl ReplyBuffer for LoanReply<'_> {
         let mut loan = assume_response_pages(loan.map_err(|_| out_of_memory)?);
         let session = self.incoming.sender.session;
         self.lender.memory.ensure(loan.payload_mut(), session).map_err(|_| out_of_memory)?;
-        Ok(response_words(self.loan.insert(loan)))
+        Ok(words_in_mut(self.loan.insert(loan).payload_mut()))
     }
-}
-
-fn response_words(loan: &mut ResponseLoan) -> &mut [u32] {
-    words_in_mut(loan.payload_mut())
 }

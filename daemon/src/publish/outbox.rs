@@ -40,7 +40,9 @@ impl Outbox {
         scene_memory: SceneMemory,
         alter_answers: Option<AlterAnswer>,
     ) -> Self {
-        let counters = Mutex::new(Counters::new());
+        let body = StatusBody { pid: std::process::id(), ..StatusBody::default() };
+        let (start, skips) = (Instant::now(), SkipTotals::default());
+        let counters = Mutex::new(Counters { start, body, skips });
         Self { services, clients, counters, auditor, scene_memory, alter_answers }
     }
 
@@ -69,7 +71,8 @@ impl Outbox {
     ) {
         self.alter(open, &mut answer);
         let (fields, form) = (open.fields, open.objects().form());
-        let audited = self.auditor.draw(&fields, &frame_of(open, form, first_set, &answer));
+        let (shape, reply) = (&answer.report.shape, open.words());
+        let audited = self.auditor.draw(&fields, &AuditedFrame { form, first_set, shape, reply });
         if first_set.is_none() {
             // What an engine without rules will find in the next frame.
             let found_pairs = open.rules.as_ref().and_then(|rules| rules.found_pairs);
@@ -98,7 +101,8 @@ impl Outbox {
     ) -> Option<Box<Window>> {
         self.alter(open, &mut answer);
         let form = ObjectForm::Boxes(BoxForm::F32);
-        let frame = frame_of(open, form, Some(queries), &answer);
+        let (first_set, shape, reply) = (Some(queries), &answer.report.shape, open.words());
+        let frame = AuditedFrame { form, first_set, shape, reply };
         let audited = scene.and_then(|scene| self.auditor.draw_query(scene, &open.fields, &frame));
         let header = self.count(open, queries, form, &answer);
         self.send(open, &header);
@@ -124,7 +128,7 @@ impl Outbox {
         let mut counters = locked(&self.counters);
         let counted = ReplyFields { box_count: objects, ..*fields };
         counters.note_frame(&counted, form, report.pair_count);
-        counters.note_skips(&SkipTotals::of_frame(&report.skipped));
+        counters.skips = counters.skips.plus(&SkipTotals::of_frame(&report.skipped));
         drop(counters);
         response_ok(fields, answer.engine, answer.threads, report, &times)
     }
@@ -136,7 +140,7 @@ impl Outbox {
         let skips = SkipTotals::of_scene(reported.skipped(), reported.pair_count(), pairs);
         let mut counters = locked(&self.counters);
         counters.note_frame(fields, ObjectForm::Boxes(BoxForm::F32), pairs);
-        counters.note_skips(&skips);
+        counters.skips = counters.skips.plus(&skips);
     }
 
     pub(crate) fn refuse(&self, open: &mut OpenRequest, refusal: &Refusal) {
@@ -174,15 +178,6 @@ impl Outbox {
     }
 }
 
-fn frame_of<'a>(
-    open: &'a OpenRequest,
-    form: ObjectForm,
-    first_set: Option<BoxCount>,
-    answer: &'a CullAnswer,
-) -> AuditedFrame<'a> {
-    AuditedFrame { form, first_set, shape: &answer.report.shape, reply: open.words() }
-}
-
 struct Counters {
     start: Instant,
     body: StatusBody,
@@ -190,11 +185,6 @@ struct Counters {
 }
 
 impl Counters {
-    fn new() -> Self {
-        let body = StatusBody { pid: std::process::id(), ..StatusBody::default() };
-        Self { start: Instant::now(), body, skips: SkipTotals::default() }
-    }
-
     fn note_frame(&mut self, fields: &ReplyFields, form: ObjectForm, pair_count: u64) {
         self.body.frames += 1;
         let objects = match form {
@@ -203,10 +193,6 @@ impl Counters {
         };
         *objects += u64::from(fields.box_count.get());
         self.body.pairs = self.body.pairs.saturating_add(pair_count);
-    }
-
-    fn note_skips(&mut self, skips: &SkipTotals) {
-        self.skips = self.skips.plus(skips);
     }
 
     /// Counts a refusal, and keeps it among the last ones.

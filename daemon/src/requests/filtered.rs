@@ -103,6 +103,33 @@ impl MaskFilters {
             *kept = Kept::default();
         }
     }
+
+    /// The pairs of a box of the first set and one of the second, and whether that needed a GPU: one culls the whole
+    /// frame, and the pairs of one set are taken out. Where all pairs have no room, or the mask is malformed, cores find
+    /// those of two sets.
+    pub(super) fn cull_between(
+        &self,
+        open: &mut OpenRequest,
+        sets: &Sets<'_>,
+        engines: &mut Executor,
+    ) -> (GpuNeed, Result<CullAnswer, CullError>) {
+        let Some(planned) = sets.plan_for_gpu(open, engines) else {
+            return (GpuNeed::None, sets.cull_here(open, engines));
+        };
+        let owner = Owner::Client(open.sender.port);
+        let answer = match engines.run(planned, owner, open) {
+            Ok(mut answer) => {
+                let (n, threads) = (open.fields.box_count, sets.options.threads.unwrap_or(1));
+                let is_done = self.filter(open, &mut answer, |filter, words, report| {
+                    filter.filter_sets(sets.first, n, words, report, threads).is_ok()
+                });
+                is_done.then_some(Ok(answer))
+            }
+            Err(CullError::Reserve(_)) => None,
+            Err(error) => Some(Err(error)),
+        };
+        (GpuNeed::Alone, answer.unwrap_or_else(|| sets.cull_here(open, engines)))
+    }
 }
 
 /// The options of a frame that cores cull, though an engine of a GPU may have been asked for.
@@ -158,35 +185,6 @@ pub(super) struct Sets<'a> {
     pub first: BoxCount,
     pub options: &'a CullOptions,
     pub beside_others: bool,
-}
-
-impl MaskFilters {
-    /// The pairs of a box of the first set and one of the second, and whether that needed a GPU: one culls the whole
-    /// frame, and the pairs of one set are taken out. Where all pairs have no room, or the mask is malformed, cores find
-    /// those of two sets.
-    pub(super) fn cull_between(
-        &self,
-        open: &mut OpenRequest,
-        sets: &Sets<'_>,
-        engines: &mut Executor,
-    ) -> (GpuNeed, Result<CullAnswer, CullError>) {
-        let Some(planned) = sets.plan_for_gpu(open, engines) else {
-            return (GpuNeed::None, sets.cull_here(open, engines));
-        };
-        let owner = Owner::Client(open.sender.port);
-        let answer = match engines.run(planned, owner, open) {
-            Ok(mut answer) => {
-                let (n, threads) = (open.fields.box_count, sets.options.threads.unwrap_or(1));
-                let is_done = self.filter(open, &mut answer, |filter, words, report| {
-                    filter.filter_sets(sets.first, n, words, report, threads).is_ok()
-                });
-                is_done.then_some(Ok(answer))
-            }
-            Err(CullError::Reserve(_)) => None,
-            Err(error) => Some(Err(error)),
-        };
-        (GpuNeed::Alone, answer.unwrap_or_else(|| sets.cull_here(open, engines)))
-    }
 }
 
 impl Sets<'_> {

@@ -1,13 +1,10 @@
 //! Mistakes of newcomers: each is one line on stderr that says what to do, without words of Rust.
 
 use std::fs::{File, Permissions};
-use std::io::ErrorKind;
 use std::os::unix::fs::PermissionsExt;
 use std::os::unix::process::CommandExt;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
-use std::thread;
-use std::time::Duration;
 
 use pairmask_core::Aabb;
 use pairmask_tests::stress_scenes;
@@ -116,6 +113,16 @@ fn files_that_cannot_be_used_say_why_and_what_to_do() {
     }
 }
 
+/// A copy of the program that every user may run.
+fn program_of_all(place: &Place) -> PathBuf {
+    std::fs::set_permissions(place.path(), Permissions::from_mode(0o755)).unwrap();
+    // By another process: one that is written here may not be executed while a test forks.
+    let program = place.file("pairmaskd");
+    let copied = Command::new("cp").args([PAIRMASKD.as_ref(), program.as_path()]).status().unwrap();
+    assert!(copied.success());
+    program
+}
+
 /// Another user than the tests' own, root.
 const NOBODY: u32 = 65_534;
 
@@ -127,32 +134,20 @@ fn what_belongs_to_others_says_what_to_do() {
     std::fs::create_dir(&own).unwrap();
     std::fs::write(own.join("config.toml"), "threads = 1\n").unwrap();
     let lock = |path: &Path, mode| std::fs::set_permissions(path, Permissions::from_mode(mode));
-    lock(place.path(), 0o755).unwrap();
+    let program = program_of_all(&place);
     lock(&place.file("boxes.f32"), 0).unwrap();
     lock(&own.join("config.toml"), 0).unwrap();
     // Root may read files without any read permission.
     let may_read_all = File::open(place.file("boxes.f32")).is_ok();
-    let binary = place.file("pairmaskd");
-    std::fs::copy(PAIRMASKD, &binary).unwrap();
-    lock(&binary, 0o755).unwrap();
     let run = |line: &str| {
-        let mut command = Command::new(&binary);
+        let mut command = Command::new(&program);
         command.args(line.split_whitespace()).current_dir(place.path()).env_clear();
         command.env("XDG_CONFIG_HOME", place.path()).env("PAIRMASK_RUNTIME_DIR", place.path());
         command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
         if may_read_all {
             command.uid(NOBODY);
         }
-        // A child of another test holds the copy open for writing, if it was forked meanwhile, until it has started.
-        let spawned = loop {
-            match command.spawn() {
-                Err(error) if error.kind() == ErrorKind::ExecutableFileBusy => {
-                    thread::sleep(Duration::from_millis(1));
-                }
-                spawned => break spawned,
-            }
-        };
-        finish(spawned.unwrap())
+        finish(command.spawn().unwrap())
     };
     for (line, code, expected) in [
         ("status", 2, "config.toml: you may not read it: change its permissions"),
@@ -323,14 +318,10 @@ fn the_home_of_another_user_is_named() {
         return;
     }
     let place = Place::new();
-    std::fs::set_permissions(place.path(), Permissions::from_mode(0o755)).unwrap();
+    let program = program_of_all(&place);
     let home = place.file("home");
     std::fs::create_dir(&home).unwrap();
     std::fs::set_permissions(&home, Permissions::from_mode(0o700)).unwrap();
-    // By another process: one that is written here may not be executed while a test forks.
-    let program = place.file("pairmaskd");
-    let copied = Command::new("cp").args([PAIRMASKD.as_ref(), program.as_path()]).status().unwrap();
-    assert!(copied.success());
     for variable in ["HOME", "XDG_CONFIG_HOME"] {
         let mut command = Command::new(&program);
         command.arg("status").env_clear().env(variable, &home);

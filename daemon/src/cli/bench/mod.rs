@@ -41,8 +41,7 @@ pub enum Bench {
 /// Spin time of both sides. Longer than any pause between two frames, so that no thread sleeps.
 const SPIN: Duration = Duration::from_secs(1);
 pub const SEED: u64 = 1;
-/// Frames between two moves of the progress bar: its cost is then nothing beside that of the
-/// frames.
+/// Frames between two moves of the progress bar, which cost nothing beside those.
 const FRAMES_PER_TICK: u64 = 64;
 
 /// What frames are timed, and how they are culled and decoded.

@@ -155,10 +155,7 @@ impl Display {
         )
     }
 
-    /// Prints the summary.
-    ///
-    /// # Errors
-    /// A checked frame was wrong.
+    /// Prints the summary. A checked frame that was wrong is an error.
     pub fn end(&self) -> Result {
         if let Some(line) = &self.live {
             line.finish_and_clear();

@@ -226,21 +226,18 @@ struct Alarm {
 }
 
 /// Deadlines, one a scene. A scene whose tick has ended meanwhile is looked at in vain.
-#[derive(Default)]
-struct Due(Vec<(Instant, Weak<SharedScene>)>);
+type Due = Vec<(Instant, Weak<SharedScene>)>;
 
-impl Due {
-    /// Has a scene's tick end at a time, once. Whether that is sooner than it was.
-    fn set(&mut self, at: Instant, scene: Weak<SharedScene>) -> bool {
-        let known = self.0.iter_mut().find(|(_, known)| known.ptr_eq(&scene));
-        match known {
-            // An earlier look finds the tick open, and is set again.
-            Some((known, _)) if *known <= at => return false,
-            Some((known, _)) => *known = at,
-            None => self.0.push((at, scene)),
-        }
-        true
+/// Has a scene's tick end at a time, once. Whether that is sooner than it was.
+fn set(due: &mut Due, at: Instant, scene: Weak<SharedScene>) -> bool {
+    let known = due.iter_mut().find(|(_, known)| known.ptr_eq(&scene));
+    match known {
+        // An earlier look finds the tick open, and is set again.
+        Some((known, _)) if *known <= at => return false,
+        Some((known, _)) => *known = at,
+        None => due.push((at, scene)),
     }
+    true
 }
 
 impl Alarm {
@@ -261,7 +258,7 @@ impl Alarm {
     }
 
     fn set(&self, at: Instant, scene: &Arc<SharedScene>) {
-        let is_sooner = locked(&self.due).set(at, Arc::downgrade(scene));
+        let is_sooner = set(&mut locked(&self.due), at, Arc::downgrade(scene));
         if is_sooner && let Some(Some(thread)) = self.thread.get() {
             thread.wake();
         }
@@ -273,8 +270,8 @@ fn watch(due: &Mutex<Due>, pool: &EnginePool, outbox: &Outbox, stop: &AtomicBool
     while !stop.load(Ordering::Relaxed) {
         let now = Instant::now();
         let mut waiting = locked(due);
-        let rung: Vec<_> = waiting.0.extract_if(.., |(at, _)| *at <= now).collect();
-        let next = waiting.0.iter().map(|(at, _)| *at).min();
+        let rung: Vec<_> = waiting.extract_if(.., |(at, _)| *at <= now).collect();
+        let next = waiting.iter().map(|(at, _)| *at).min();
         drop(waiting);
         for (_, scene) in &rung {
             let Some(scene) = scene.upgrade() else { continue };
@@ -282,7 +279,7 @@ fn watch(due: &Mutex<Due>, pool: &EnginePool, outbox: &Outbox, stop: &AtomicBool
             let closes_at = scene.seats().closes_at();
             if let Some(at) = closes_at {
                 // A lane may have set it meanwhile.
-                locked(due).set(at, Arc::downgrade(&scene));
+                set(&mut locked(due), at, Arc::downgrade(&scene));
             }
         }
         if rung.is_empty() {
