@@ -193,8 +193,12 @@ pub(super) const LONGEST_SLEEP: Duration = Duration::from_millis(500);
 pub(super) enum Rest {
     /// Look for requests all the time: a client that was answered may come back at once, or a client's next frame is
     /// due before that time.
-    Spin { until: Instant },
-    Sleep { until: Instant },
+    Spin {
+        until: Instant,
+    },
+    Sleep {
+        until: Instant,
+    },
 }
 
 /// Learns from the last gap between an answer and the next request how long the next one may be, and
