@@ -300,7 +300,7 @@ impl BoxStates {
         *bits = *bits & !EDIT_SETS | PRESENT;
     }
 
-    /// As [`insert`](Self::insert), for all that the edit sets.
+    /// Notes all boxes that the edit sets.
     pub fn insert_all(&mut self, edit: Edit<'_>) {
         if self.present == self.bits.len() && edit.is_plainly_right() {
             // No index is without a box, and none is marked.
