@@ -73,7 +73,9 @@ impl Contender for Parry {
             let pairs = self.tree.traverse_bvtt_single_tree_parallel::<false>();
             let tally = |pairs: &[(u32, u32)]| {
                 let mut tally = Tally::default();
-                pairs.iter().for_each(|(a, b)| tally.visit(*a, *b));
+                for (a, b) in pairs {
+                    tally.visit(*a, *b);
+                }
                 tally
             };
             Ok(pairs.par_chunks(65_536).map(tally).reduce(Tally::default, Tally::plus))
