@@ -31,9 +31,18 @@ const CLASSES: usize = 17;
 /// Factors of the CPU's engines.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Learned {
-    /// Logarithms of measured by predicted time, by the places of engines; none of a GPU's.
-    factors: [[Option<f64>; CLASSES]; EngineName::ALL.len()],
+    /// By the places of engines; none of a GPU's.
+    factors: [[Factor; CLASSES]; EngineName::ALL.len()],
     frames: u32,
+}
+
+/// What is known of measured by predicted time. No `Option`: compilers take the power before they look whether there is
+/// one, of memory then that nobody has written, which checkers of memory report.
+#[derive(Clone, Copy, Debug, Default)]
+struct Factor {
+    /// Its logarithm, 0 where nothing is known.
+    ln: f64,
+    is_known: bool,
 }
 
 fn class_of(n: BoxCount) -> usize {
@@ -53,15 +62,14 @@ impl Learned {
         let class = class_of(n);
         if self.is_look_due() {
             let others = self.factors.iter_mut().enumerate().filter(|(other, _)| *other != place);
-            others.for_each(|(_, of)| of[class] = of[class].map(|factor| KEPT * factor));
+            others.for_each(|(_, of)| of[class].ln *= KEPT);
         }
         let took = (measured_ns as f64 / expected_ns).ln();
         let factor = &mut self.factors[place][class];
-        let known = factor.unwrap_or(0.0);
-        let step = (took - known).clamp(-FARTHEST.ln(), FARTHEST.ln());
+        let step = (took - factor.ln).clamp(-FARTHEST.ln(), FARTHEST.ln());
         // The first frame of a size says more than nothing does.
-        let weight = if factor.is_some() { WEIGHT } else { 0.5 };
-        *factor = Some(known + weight * step);
+        let weight = if factor.is_known { WEIGHT } else { 0.5 };
+        *factor = Factor { ln: factor.ln + weight * step, is_known: true };
     }
 
     /// The engine that is soonest by what was learned takes the planned one's place, or the one to be looked at; none
@@ -76,9 +84,7 @@ impl Learned {
         let expected_ns = EngineName::ALL.map(|engine| {
             plan.candidates[engine.place()].map_or(f64::INFINITY, |c| {
                 let engine_ns = c.predicted_ns - c.visit_ns;
-                // The value comes first: compilers compute an `exp` under a condition whether that holds or not, here of
-                // memory that nobody wrote, which checkers of memory report.
-                engine_ns * factor(engine).unwrap_or(0.0).exp() + c.visit_ns
+                engine_ns * factor(engine).ln.exp() + c.visit_ns
             })
         });
         let expected = |c: &Candidate| expected_ns[c.engine.place()];
@@ -97,7 +103,7 @@ impl Learned {
                 c.engine != chosen.engine && !c.engine.is_gpu() && expected(c) <= most_ns
             };
             let unseen =
-                soonest(&mut candidates().filter(|c| near(c) && factor(c.engine).is_none()));
+                soonest(&mut candidates().filter(|c| near(c) && !factor(c.engine).is_known));
             chosen = unseen.or_else(|| soonest(&mut candidates().filter(near))).unwrap_or(chosen);
         }
         (plan.engine, plan.encoding, plan.threads) =
