@@ -390,7 +390,7 @@ typedef struct {
   uint64_t tick_deadline_ns;
   uint32_t most_boxes; // Indices are below this.
   pm_at_end at_end;
-  uint32_t all_pairs; // 1 for a member that is told of all pairs; 0 for those of its own boxes.
+  uint32_t all_pairs; // 1 for a member to which all pairs are reported; 0 for those of its own boxes.
   pm_margins margins; // `PM_MARGINS_NEAR` for boxes with margins, or `PM_MARGINS_NONE`.
   float usual_margin; // The margin of boxes that are set without one.
 } pm_join_options;
@@ -672,7 +672,7 @@ pm_code pm_scene_wait(pm_scene scene, pm_answer *answer);
 // `pm_scene_submit` and `pm_scene_wait`.
 pm_code pm_scene_commit(pm_scene scene, pm_report report, pm_answer *answer);
 
-// Forgets what was told: the next changes are a resync. The scene's answer ends.
+// Requests a resync: the next changes are one. The scene's answer ends.
 pm_code pm_scene_resync(pm_scene scene);
 
 // The box of an index, also one that is switched off; `PM_ERR_ABSENT` where there is none. The scene's

@@ -28,17 +28,13 @@ pub(super) struct Answer {
     /// When the request was sent.
     pub sent_at: Instant,
     _pending: SentRequest,
-    slot: Slot,
+    _slot: Slot,
 }
 
 impl Answer {
-    pub(super) const fn link(&self) -> &Arc<Link> {
-        self.slot.link()
-    }
-
     /// Its memory, for a mask that lies in it.
     pub(super) fn into_storage(self) -> Storage {
-        let Self { response, _pending: pending, slot, .. } = self;
+        let Self { response, _pending: pending, _slot: slot, .. } = self;
         Storage::Shared { response, _pending: pending, _slot: slot }
     }
 }
@@ -133,10 +129,16 @@ impl Exchange {
         self.slot.link().check(sample).ok_or(ReplyError::Malformed { field: "place" })
     }
 
+    /// The memory of an answer that was checked, for a mask that lies in it.
+    pub(super) fn into_storage(self, response: CheckedResponse) -> Storage {
+        let Self { pending, slot, .. } = self;
+        Storage::Shared { response, _pending: pending, _slot: slot }
+    }
+
     /// The answer, with what it has to hold.
-    pub(super) fn answered(self, header: &ResponseHeader, response: CheckedResponse) -> Answer {
+    fn answered(self, header: &ResponseHeader, response: CheckedResponse) -> Answer {
         let Self { pending, slot, at, .. } = self;
-        Answer { header: *header, response, sent_at: at, _pending: pending, slot }
+        Answer { header: *header, response, sent_at: at, _pending: pending, _slot: slot }
     }
 }
 

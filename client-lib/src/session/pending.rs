@@ -284,14 +284,14 @@ impl Sent {
         });
         match checked {
             Ok((reply, worlds)) => {
-                let answer = self.exchange.answered(header, response);
-                answer.link().note_frame(Answered {
+                self.exchange.link().note_frame(Answered {
                     n: self.asked.box_count.get(),
                     round_trip: answered_after,
                     took: Duration::from_nanos(reply.times.total_ns),
                     threads: reply.threads,
                 });
-                let (storage, isa) = (answer.into_storage(), core.settings().isa);
+                let storage = self.exchange.into_storage(response);
+                let isa = core.settings().isa;
                 let mask = PairMask::new(storage, &reply, ServedBy::Daemon, self.written, isa);
                 Ok(mask.with_worlds(worlds))
             }
