@@ -5,9 +5,10 @@ const SPREAD_BOXES: usize = 64;
 /// Extent in mean distances from the mean at which some positions may lie far away: evenly spread ones have 4, a
 /// normal distribution has 8, and one in a hundred that lies far away makes 50.
 const FAR_EXTENT: f32 = 16.0;
-/// Share of the positions, on either side, that may lie far away: one in so many. The others' extent, added on either
-/// side, is what is not far.
-const FAR_SHARE: usize = 32;
+/// Share of the positions, on either side, that may lie far away: one in so many.
+const FAR_SHARE: usize = 5;
+/// What is not far lies within so many extents of the others, on either side of them.
+const NEAR_EXTENTS: f32 = 4.0;
 
 /// The smallest and the largest of some finite positions within bounds without those that lie far from all others;
 /// `None` where none does. Needs the default floating-point flags.
@@ -31,7 +32,7 @@ pub fn near_bounds(
     let far = count / FAR_SHARE;
     let inner_low = *scratch.select_nth_unstable_by(far, f32::total_cmp).1;
     let inner_high = *scratch.select_nth_unstable_by(count - 1 - far, f32::total_cmp).1;
-    let extent = inner_high - inner_low;
+    let extent = NEAR_EXTENTS * (inner_high - inner_low);
     let is_near = |x: f32| (inner_low - extent..=inner_high + extent).contains(&x);
     let near = scratch.iter().copied().filter(|x| is_near(*x));
     let found = near.fold((inner_low, inner_high), |(low, high), x| (low.min(x), high.max(x)));

@@ -11,6 +11,7 @@
 //! tenth less time (AVX-512), a frame 4 % less, of which seeing that all pairs overlap takes a part.
 
 use super::axis::{Axis, CELL_LIMIT};
+use super::fold::folded;
 use super::level::Level;
 use super::sample::{Density, Sample, SampledBox};
 use crate::aabb::Aabb;
@@ -326,18 +327,6 @@ pub(crate) fn cell_counts(sample: &Sample, edges: [f32; 3]) -> [f32; 3] {
     })
 }
 
-/// Powers of two of which there are at most `limit` cells.
-pub(crate) fn folded(mut counts: [f32; 3], limit: f32) -> [f32; 3] {
-    for count in &mut counts {
-        *count = (*count as u32).next_power_of_two() as f32;
-    }
-    while counts.iter().product::<f32>() > limit {
-        let widest = (0..3).fold(0, |a, b| if counts[b] > counts[a] { b } else { a });
-        counts[widest] *= 0.5;
-    }
-    counts
-}
-
 /// Axes of a level of cells of `edges` over the sample's bounds, for about `boxes` boxes.
 fn axes(sample: &Sample, edges: [f32; 3], boxes: f32) -> [Axis; 3] {
     let limit = (boxes * CELLS_A_BOX).clamp(CELLS_LEAST, CELLS_MOST);
@@ -349,13 +338,12 @@ fn axes(sample: &Sample, edges: [f32; 3], boxes: f32) -> [Axis; 3] {
             Axis::clamped(sample.low[axis], edges[axis], counts[axis] as u32)
         });
     }
-    // Too wide for a table, or boxes lie where it ends, which would crowd its last cells: fold. Axes of fewer than four cells would be their own neighbours on
-    // both sides, so they become one.
-    let (counts, middle) = (folded(counts, limit), sample.middle());
-    std::array::from_fn(|axis| {
-        if counts[axis] < 4.0 {
-            return Axis::WHOLE;
-        }
-        Axis::wrapped(middle[axis], edges[axis], counts[axis] as u32)
+    // Too wide for a table, or boxes lie where it ends, which would crowd its last cells.
+    // A spare level has none of the sampled boxes.
+    let mins = sample.mins().take(if boxes > 0.0 { usize::MAX } else { 0 });
+    let (counts, middle) = (folded(mins, edges, counts, limit), sample.middle());
+    std::array::from_fn(|axis| match counts[axis] {
+        1 => Axis::WHOLE,
+        count => Axis::wrapped(middle[axis], edges[axis], count),
     })
 }

@@ -16,6 +16,7 @@ mod cost;
 mod explain;
 mod far;
 mod fetch;
+mod fold;
 mod homes;
 mod layout;
 mod level;
@@ -27,8 +28,9 @@ mod tile;
 
 pub use self::explain::{GridPlace, GridView, explain};
 pub use self::far::near_bounds;
+pub use self::fold::folded;
 use self::layout::Layout;
-pub(crate) use self::layout::{SizeClass, cell_counts, folded, size_classes};
+pub(crate) use self::layout::{SizeClass, cell_counts, size_classes};
 use self::rows::{CellSearch, Scene};
 pub(crate) use self::sample::{Density, Sample};
 use self::sort::SortedBoxes;

@@ -150,6 +150,11 @@ impl Sample {
         })
     }
 
+    /// Min corners of the sampled boxes.
+    pub fn mins(&self) -> impl Iterator<Item = [f32; 3]> {
+        self.boxes.iter().map(|b| b.min)
+    }
+
     /// The middle of the scene on each axis.
     pub fn middle(&self) -> [f32; 3] {
         std::array::from_fn(|axis| self.low[axis] + 0.5 * self.extent[axis])

@@ -1,7 +1,9 @@
 //! The order of the boxes: cut by cut, until each 16 lie together.
 
+use std::borrow::Cow;
+
 use super::FAN_OUT;
-use super::cut::{Cut, Meeting};
+use super::cut::{Cut, Surroundings};
 use crate::aabb::{Aabb, order_key};
 use crate::engine::{AvailableIsa, Census};
 use crate::floats;
@@ -9,6 +11,9 @@ use crate::team::{Split, in_parts, part_count};
 
 /// Fewest boxes that are read, or arranged, by a task.
 pub(super) const TASK_BOXES: usize = 4_096;
+
+/// Boxes of a group beyond which what is around its sides is looked for anew: it takes as long as to part 500 boxes.
+const LARGE: usize = 512;
 
 /// A box on its way into the order: 32 bytes, two to a cache line.
 #[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
@@ -75,32 +80,45 @@ pub(super) fn solid_first<'a>(entries: &'a mut [Entry], census: &Census) -> &'a 
 
 /// Brings solid boxes into order, in so many parts. Ranges that are whole groups of every size, from their
 /// first box on, lie close together.
-pub(super) fn arrange(entries: &mut [Entry], meeting: &Meeting, parts: usize, isa: AvailableIsa) {
+pub(super) fn arrange(
+    entries: &mut [Entry],
+    around: &Surroundings,
+    parts: usize,
+    isa: AvailableIsa,
+) {
     let mut rest = entries;
+    let mut around = Cow::Borrowed(around);
     while rest.len() > FAN_OUT {
-        let granule = FAN_OUT.pow((rest.len() - 1).ilog(FAN_OUT));
-        let at = floats::with_default(|| {
-            let Cut { by, share } = Cut::choose(rest, meeting, isa);
-            let groups = rest.len().div_ceil(granule);
-            let before = ((share * groups as f32).round() as usize).clamp(1, groups - 1);
+        let all = rest.len();
+        let granule = FAN_OUT.pow((all - 1).ilog(FAN_OUT));
+        let (at, sides) = floats::with_default(|| {
+            let cut = Cut::choose(rest, &around, isa);
+            let groups = all.div_ceil(granule);
+            let before = ((cut.share * groups as f32).round() as usize).clamp(1, groups - 1);
             let at = before * granule;
             for entry in &mut *rest {
-                entry.rank = order_key(by.of(&entry.aabb).to_bits());
+                entry.rank = order_key(cut.by.of(&entry.aabb).to_bits());
             }
             rest.select_nth_unstable_by_key(at, |entry| entry.rank);
-            at
+            (at, (all > LARGE).then(|| cut.surroundings((*rest).split_at(at), &around)))
         });
-        let all = rest.len();
         let (low, high) = std::mem::take(&mut rest).split_at_mut(at);
+        let [of_low, of_high] = match &sides {
+            Some([low, high]) => [low, high],
+            None => [&*around; 2],
+        };
         if parts > 1 {
             let low_parts = (parts * at / all).clamp(1, parts - 1);
             rayon::join(
-                || arrange(low, meeting, low_parts, isa),
-                || arrange(high, meeting, parts - low_parts, isa),
+                || arrange(low, of_low, low_parts, isa),
+                || arrange(high, of_high, parts - low_parts, isa),
             );
             return;
         }
-        arrange(low, meeting, 1, isa);
+        arrange(low, of_low, 1, isa);
         rest = high;
+        if let Some([_, of_high]) = sides {
+            around = Cow::Owned(of_high);
+        }
     }
 }

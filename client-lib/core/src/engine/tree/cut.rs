@@ -5,13 +5,15 @@ use crate::aabb::Aabb;
 use crate::engine::AvailableIsa;
 use crate::simd::per_isa;
 
-/// Most boxes that a cut is chosen by.
+/// Most boxes of a group that a cut is chosen by.
 const SAMPLE_MOST: usize = 128;
-/// Most boxes that the typical edges are taken from.
-const EDGES_MOST: usize = 512;
-/// The largest boxes, one in so many, do not count as typical: they meet nearly every group, however it is
-/// cut.
-const GIANTS: usize = 16;
+/// The same of a group of at most [`SMALL`] boxes.
+const SAMPLE_SMALL: usize = 32;
+const SMALL: usize = 512;
+/// Most others that a cut is chosen by.
+const OTHERS_MOST: usize = 128;
+/// Boxes so many times as long as the mean do not count: they meet nearly every group, however it is cut.
+const GIANT: f32 = 4.0;
 /// Largest magnitude that cuts are computed with; products of three, and sums, stay finite in f64.
 const LIMIT: f32 = 1e35;
 
@@ -47,52 +49,96 @@ fn limited(x: f32) -> f32 {
     if above < LIMIT { above } else { LIMIT }
 }
 
-/// How many boxes meet a group of some extent, but for a factor: the product of the group's edges and a
-/// box's, on each axis added, as mean over typical boxes.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Meeting {
+/// How many boxes meet a group of some extent: for each box the product of the group's edges and its own, on each
+/// axis added; as sum over boxes that are spread over a unit of volume.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Density {
+    count: f64,
     edges: [f64; 3],
-    /// Means of the products y·z, x·z, x·y.
+    /// Sums of the products y·z, x·z, x·y.
     faces: [f64; 3],
     volume: f64,
 }
 
-impl Meeting {
-    /// Of the typical ones of some solid boxes.
-    pub fn of(entries: &[Entry]) -> Self {
-        let step = entries.len().div_ceil(EDGES_MOST).max(1);
-        let edges_of = |entry: &Entry| -> [f64; 3] {
-            std::array::from_fn(|axis| {
-                f64::from(By { axis, is_size: true }.of(&entry.aabb)).max(0.0)
-            })
-        };
-        let mut sample: Vec<[f64; 3]> = entries.iter().step_by(step).map(edges_of).collect();
-        let longest = |edges: &[f64; 3]| edges.iter().fold(0.0, |a: f64, b| a.max(*b));
-        let typical = sample.len() - sample.len() / GIANTS;
-        if (1..sample.len()).contains(&typical) {
-            sample.select_nth_unstable_by(typical, |a, b| longest(a).total_cmp(&longest(b)));
-            sample.truncate(typical);
+impl Density {
+    #[inline(always)]
+    fn add(&mut self, edges: [f32; 3], weight: f64) {
+        let [x, y, z] = edges.map(f64::from);
+        self.count += weight;
+        for (sum, edge) in self.edges.iter_mut().zip([x, y, z]) {
+            *sum += weight * edge;
         }
-        let weight = 1.0 / sample.len().max(1) as f64;
-        let mut meeting = Self { edges: [0.0; 3], faces: [0.0; 3], volume: 0.0 };
-        for [x, y, z] in sample {
-            for (sum, edge) in meeting.edges.iter_mut().zip([x, y, z]) {
-                *sum += weight * edge;
-            }
-            for (sum, face) in meeting.faces.iter_mut().zip([y * z, x * z, x * y]) {
-                *sum += weight * face;
-            }
-            meeting.volume += weight * x * y * z;
+        for (sum, face) in self.faces.iter_mut().zip([y * z, x * z, x * y]) {
+            *sum += weight * face;
         }
-        meeting
+        self.volume += weight * (x * y * z);
     }
 
-    /// Of a group with these edges.
+    /// Of boxes all of which meet a group with these edges.
+    fn around(self, edges: [f64; 3]) -> Self {
+        let met = self.met_by(edges);
+        if met > 0.0 { self.scaled(self.count / met) } else { Self::default() }
+    }
+
+    fn scaled(self, by: f64) -> Self {
+        Self {
+            count: by * self.count,
+            edges: self.edges.map(|edge| by * edge),
+            faces: self.faces.map(|face| by * face),
+            volume: by * self.volume,
+        }
+    }
+
+    fn plus(self, other: &Self) -> Self {
+        Self {
+            count: self.count + other.count,
+            edges: std::array::from_fn(|axis| self.edges[axis] + other.edges[axis]),
+            faces: std::array::from_fn(|axis| self.faces[axis] + other.faces[axis]),
+            volume: self.volume + other.volume,
+        }
+    }
+
+    /// Boxes that meet a group with these edges.
     #[inline(always)]
-    fn with(&self, [x, y, z]: [f64; 3]) -> f64 {
-        let [a, b, c] = self.edges;
-        let [yz, xz, xy] = self.faces;
-        x * y * z + y * z * a + x * z * b + x * y * c + x * yz + y * xz + z * xy + self.volume
+    fn met_by(&self, [x, y, z]: [f64; 3]) -> f64 {
+        let ([a, b, c], [yz, xz, xy]) = (self.edges, self.faces);
+        let edges = y * z * a + x * z * b + x * y * c;
+        self.count * x * y * z + edges + x * yz + y * xz + z * xy + self.volume
+    }
+}
+
+/// A box that does not belong to a group, but meets it. It stands for several.
+#[derive(Clone, Copy)]
+pub(super) struct Other {
+    aabb: Aabb,
+    weight: f32,
+}
+
+/// What a group has around it: in a heap of rods of three directions, those of the other two; of woven wires, those of
+/// the other layer not.
+#[derive(Clone, Default)]
+pub(super) struct Surroundings {
+    others: Vec<Other>,
+    density: Density,
+}
+
+impl Surroundings {
+    /// Of one side of a cut, with boxes of the other side.
+    fn of(side: &Bounds, others: &[Other], beside: &[Entry]) -> Self {
+        let step = beside.len().div_ceil(OTHERS_MOST).max(1);
+        let sampled = beside.iter().step_by(step);
+        let sampled = sampled.map(|entry| Other { aabb: entry.aabb, weight: step as f32 });
+        let near = others.iter().copied().chain(sampled).filter(|other| side.meets(&other.aabb));
+        let mut others: Vec<Other> = near.collect();
+        let thinned = others.len().div_ceil(OTHERS_MOST).max(1);
+        let mut number = 0..;
+        others.retain(|_| number.next().is_some_and(|number: usize| number % thinned == 0));
+        let mut density = Density::default();
+        for other in &mut others {
+            other.weight *= thinned as f32;
+            density.add(edges(&other.aabb), f64::from(other.weight));
+        }
+        Self { others, density: density.around(side.edges()) }
     }
 }
 
@@ -104,58 +150,89 @@ struct Bounds([f32; 8]);
 impl Bounds {
     const NONE: Self = Self([f32::INFINITY; 8]);
 
-    /// How many boxes meet them.
-    fn met_by(&self, meeting: &Meeting) -> f64 {
-        let edge =
-            |axis: usize| f64::from(limited(-self.0[3 + axis])) - f64::from(limited(self.0[axis]));
-        meeting.with([edge(0), edge(1), edge(2)])
+    fn edges(&self) -> [f64; 3] {
+        let limited = |at: usize| f64::from(limited(self.0[at]));
+        std::array::from_fn(|axis| -limited(3 + axis) - limited(axis))
+    }
+
+    fn with(&self, other: &Self) -> Self {
+        Self(std::array::from_fn(|i| if other.0[i] < self.0[i] { other.0[i] } else { self.0[i] }))
+    }
+
+    fn meets(&self, b: &Aabb) -> bool {
+        (0..3).all(|axis| self.0[axis] <= b.max[axis] && b.min[axis] <= -self.0[3 + axis])
     }
 }
 
 /// A cut.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy)]
 pub(super) struct Cut {
     pub by: By,
     /// Share of the boxes before it.
     pub share: f32,
+    sides: [Bounds; 2],
 }
 
 impl Cut {
     /// The best of those at the mean of each number, by a sample of a group's boxes.
-    pub fn choose(entries: &[Entry], meeting: &Meeting, isa: AvailableIsa) -> Self {
-        let step = entries.len().div_ceil(SAMPLE_MOST).max(1);
-        let mut sides = [[Bounds::NONE; 2]; 6];
-        let mut highs = [0; 6];
-        part(entries, step, &mut sides, &mut highs, isa);
+    pub fn choose(entries: &[Entry], around: &Surroundings, isa: AvailableIsa) -> Self {
+        let most = if entries.len() > SMALL { SAMPLE_MOST } else { SAMPLE_SMALL };
+        let step = entries.len().div_ceil(most).max(1);
+        let mut parts = Parts::default();
+        part(entries, step, &mut parts, isa);
+        let Parts { sides, highs, own } = parts;
+        let whole = sides[0][0].with(&sides[0][1]);
+        let density = own.scaled(step as f64).around(whole.edges()).plus(&around.density);
         let all = entries.len().div_ceil(step) as u32;
-        let mut best = Self { by: By::ALL[0], share: 0.5 };
+        let mut best = Self { by: By::ALL[0], share: 0.5, sides: sides[0] };
         let mut best_cost = f64::INFINITY;
-        for ((sides, by), high) in sides.iter().zip(By::ALL).zip(highs) {
+        for ((sides, by), high) in sides.into_iter().zip(By::ALL).zip(highs) {
             if high == 0 || high == all {
                 continue;
             }
             let low = all - high;
-            let [of_low, of_high] = sides.each_ref().map(|side| side.met_by(meeting));
+            let [of_low, of_high] = sides.each_ref().map(|side| density.met_by(side.edges()));
             let cost = f64::from(low) * of_low + f64::from(high) * of_high;
             if best_cost == f64::INFINITY || cost < best_cost {
-                best = Self { by, share: low as f32 / all as f32 };
+                best = Self { by, share: low as f32 / all as f32, sides };
                 best_cost = cost;
             }
         }
         best
     }
+
+    /// What the boxes before the cut and those after it have around them.
+    pub fn surroundings(
+        &self,
+        (low, high): (&[Entry], &[Entry]),
+        around: &Surroundings,
+    ) -> [Surroundings; 2] {
+        let [of_low, of_high] = &self.sides;
+        let others = &around.others;
+        [Surroundings::of(of_low, others, high), Surroundings::of(of_high, others, low)]
+    }
+}
+
+/// Some boxes of a group, parted at the mean of each number.
+struct Parts {
+    sides: [[Bounds; 2]; 6],
+    /// How many are above.
+    highs: [u32; 6],
+    own: Density,
+}
+
+impl Default for Parts {
+    fn default() -> Self {
+        Self { sides: [[Bounds::NONE; 2]; 6], highs: [0; 6], own: Density::default() }
+    }
 }
 
 per_isa! {
-    /// Parts one of so many boxes at the mean of each number: the bounds of either side, and how many are above.
-    fn part<simd: S>(
-        entries: &[Entry],
-        step: usize,
-        sides: &mut [[Bounds; 2]; 6],
-        highs: &mut [u32; 6],
-    ) {
+    /// Parts one of so many boxes.
+    fn part<simd: S>(entries: &[Entry], step: usize, parts: &mut Parts) {
         let _ = simd;
         let mut sums = [0.0f32; 6];
+        let mut longest = 0.0;
         let mut count = 0.0;
         let mut at = 0;
         while at < entries.len() {
@@ -163,6 +240,7 @@ per_isa! {
             for k in 0..6 {
                 sums[k] += numbers[k];
             }
+            longest += numbers[3].max(numbers[4]).max(numbers[5]);
             count += 1.0;
             at += step;
         }
@@ -170,17 +248,22 @@ per_isa! {
         for mean in &mut means {
             *mean /= count;
         }
+        let giant = GIANT * longest / count;
         at = 0;
         while at < entries.len() {
             let aabb = &entries[at].aabb;
             let numbers = numbers(aabb);
+            let own = [numbers[3], numbers[4], numbers[5]];
+            if own[0].max(own[1]).max(own[2]) <= giant {
+                parts.own.add(own, 1.0);
+            }
             let [x, y, z] = aabb.min;
             let [far_x, far_y, far_z] = aabb.max;
             let corners = [x, y, z, -far_x, -far_y, -far_z, x, x];
             for k in 0..6 {
                 let is_above = usize::from(numbers[k] > means[k]);
-                highs[k] += is_above as u32;
-                let bounds = &mut sides[k][is_above].0;
+                parts.highs[k] += is_above as u32;
+                let bounds = &mut parts.sides[k][is_above].0;
                 for i in 0..8 {
                     bounds[i] = if corners[i] < bounds[i] { corners[i] } else { bounds[i] };
                 }
@@ -188,6 +271,12 @@ per_isa! {
             at += step;
         }
     }
+}
+
+/// Edges of a box.
+fn edges(b: &Aabb) -> [f32; 3] {
+    let [_, _, _, x, y, z] = numbers(b);
+    [x, y, z]
 }
 
 /// What a box may be parted by, in the order of [`By::ALL`].

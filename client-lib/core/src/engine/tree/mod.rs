@@ -7,8 +7,9 @@
 //! its bounds, and a box is compared with the groups behind its own that it meets, 16 at a time.
 //!
 //! Groups are parted by the surface area heuristic of ray tracing (Goldsmith and Salmon 1987), with the
-//! expected number of boxes that meet a group in place of its surface, and by size as well as by place, so
-//! that rods of three directions, or giants among pebbles, part too.
+//! expected number of boxes that meet a group in place of its surface: of its own boxes, and of those around it, of
+//! which a sample goes down with the cuts. They are parted by size as well as by place, so that rods of three
+//! directions, or giants among pebbles, part too.
 
 mod arrange;
 mod cost;
@@ -17,7 +18,7 @@ mod nodes;
 mod search;
 
 use self::arrange::{Entry, arrange};
-use self::cut::Meeting;
+use self::cut::Surroundings;
 use self::nodes::Nodes;
 use self::search::Lists;
 use crate::aabb::Aabb;
@@ -26,7 +27,6 @@ use crate::engine::gather::Gather;
 use crate::engine::ordered::{Arrangement, Ordered};
 use crate::engine::strips::{OrderedBoxes, STRIP_COLUMNS, StripTask};
 use crate::engine::{AvailableIsa, Census, CpuEngine, CullError, EngineDescriptor, EngineName};
-use crate::floats;
 use crate::team::part_count;
 
 /// Boxes, or groups, of a group: what one strip holds.
@@ -71,9 +71,8 @@ impl Arrangement for Groups {
         let entries = self.entries.as_mut_slice();
         let census = arrange::read(boxes, entries, threads);
         let solid = arrange::solid_first(entries, &census);
-        let meeting = floats::with_default(|| Meeting::of(solid));
         let parts = part_count(solid.len(), arrange::TASK_BOXES, threads);
-        arrange(solid, &meeting, parts, isa);
+        arrange(solid, &Surroundings::default(), parts, isa);
         self.boxes.resize(boxes.len());
         self.nodes.build(self.entries.as_slice(), &mut self.boxes, threads);
         Ok(census)

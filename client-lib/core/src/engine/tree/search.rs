@@ -1,5 +1,7 @@
 //! One task's rows, against the groups behind them that their bounds meet.
 
+use std::ops::Range;
+
 use super::FAN_OUT;
 use super::nodes::{Level, Nodes};
 use crate::engine::gather::Gather;
@@ -18,16 +20,14 @@ pub struct Lists {
     below: Vec<u32>,
     /// Bounds of the groups of 16 boxes that the rows' bounds meet, side by side.
     near: Level,
-    /// Places of those among them that a row meets.
-    of_row: Vec<u32>,
-    /// The numbers from 0 on.
-    numbers: Vec<u32>,
+    /// Rows, and places of those among them that a row meets.
+    of_rows: Vec<[u32; 2]>,
 }
 
 impl Lists {
     pub fn allocated_bytes(&self) -> usize {
-        let lists = [&self.met, &self.below, &self.of_row, &self.numbers].map(Vec::capacity);
-        lists.iter().sum::<usize>() * size_of::<u32>() + self.near.allocated_bytes()
+        let numbers = self.met.capacity() + self.below.capacity() + 2 * self.of_rows.capacity();
+        numbers * size_of::<u32>() + self.near.allocated_bytes()
     }
 }
 
@@ -61,7 +61,7 @@ impl StripTask<Lists> {
         [first, solid]: [u32; 2],
         gather: &Gather<'_>,
     ) {
-        let Lists { met, below, near, of_row, numbers } = lists;
+        let Lists { met, below, near, of_rows } = lists;
         let (isa, levels, group) = (gather.isa, nodes.levels(), first / FAN_OUT as u32);
         let bounds = levels[0].key(group);
         // From the whole down to the groups of 16 boxes, which each row looks at by itself.
@@ -74,24 +74,56 @@ impl StripTask<Lists> {
             std::mem::swap(met, below);
         }
         near.gather(&levels[0], met);
-        let strips = met.len().div_ceil(FAN_OUT);
-        numbers.extend(numbers.len() as u32..strips as u32);
-        let (keys, near) = (boxes.keys(), near.arrays());
+        let keys = boxes.keys();
         let end = solid.min(first + FAN_OUT as u32);
+        of_rows.clear();
+        if !met.is_empty() {
+            rows_meeting(&keys, first..end, &near.arrays(), of_rows, isa);
+        }
+        let mut next = of_rows.iter().peekable();
+        let mut push = |row: u32, start: u32, end: u32| {
+            if self.batch.room() == 0 {
+                self.flush(boxes, gather);
+            }
+            self.batch.push(row, start, end);
+        };
         for row in first..end {
-            let key: [i32; 6] = std::array::from_fn(|component| keys[component][row as usize]);
-            of_row.clear();
-            meeting(&near, &key, &numbers[..strips], 0, of_row, isa);
-            let mut push = |start: u32, end: u32| {
-                if self.batch.room() == 0 {
-                    self.flush(boxes, gather);
-                }
-                self.batch.push(row, start, end);
-            };
-            push(row + 1, end);
-            for place in &*of_row {
+            push(row, row + 1, end);
+            while let Some([_, place]) = next.next_if(|[of, _]| *of == row) {
                 let start = met[*place as usize] * FAN_OUT as u32;
-                push(start, solid.min(start + FAN_OUT as u32));
+                push(row, start, solid.min(start + FAN_OUT as u32));
+            }
+        }
+    }
+}
+
+per_isa! {
+    /// Adds the rows, and the places of the groups around them that each meets.
+    fn rows_meeting<simd: S>(
+        keys: &[&[i32]; 6],
+        rows: Range<u32>,
+        near: &[&[i32]; 6],
+        met: &mut Vec<[u32; 2]>,
+    ) {
+        for row in rows {
+            let mut own = [simd.splat(0); 6];
+            for (own, keys) in own.iter_mut().zip(keys) {
+                *own = simd.splat(keys[row as usize]);
+            }
+            for first in (0..near[0].len()).step_by(S::LANES) {
+                let mut bits = {
+                    let mut met = simd.all_meet();
+                    for axis in 0..3 {
+                        let mins = simd.load(&near[axis][first..]);
+                        let maxes = simd.load(&near[3 + axis][first..]);
+                        met = simd.meet(met, [mins, maxes], [own[axis], own[3 + axis]]);
+                    }
+                    simd.met_bits(met)
+                };
+                while bits != 0 {
+                    met.push([row, first as u32 + bits.trailing_zeros()]);
+                    bits &= bits - 1;
+                }
             }
         }
     }

@@ -86,10 +86,9 @@ impl Level {
             });
             return Self::of_axes(axes);
         }
-        let (counts, middle) = (folded(counts, limit), sample.middle());
+        let (counts, middle) = (folded(sample.mins(), edges, counts, limit), sample.middle());
         let axes = std::array::from_fn(|axis| {
-            let count = if counts[axis] < 4.0 { 1 } else { counts[axis] as u32 };
-            Axis::wrapped(middle[axis], edges[axis], longest[axis], count)
+            Axis::wrapped(middle[axis], edges[axis], longest[axis], counts[axis])
         });
         Self::of_axes(axes)
     }

@@ -2,13 +2,14 @@
 //!
 //! The model below counts what a row looks at; it only steers. Any layout gives the same pairs.
 
+use pairmask_core::engine::grid::folded;
 use pairmask_core::floats;
 use pairmask_core::objects::Objects;
 use pairmask_core::precision::BoxSlice;
 use pairmask_shaders::constants::{GRID_LEVELS, PARKED};
 use pairmask_shaders::layouts::{GridLayout, GridWorlds};
 
-use super::axis::{self, Axis, CELL_LIMIT, FOLDED_LEAST};
+use super::axis::{self, Axis, CELL_LIMIT};
 use super::sample::Sample;
 
 /// Cells of boxes of one size are so much longer: rounding sends none to a coarser level.
@@ -289,7 +290,7 @@ fn axes(sample: &Sample, edges: [f32; 3], boxes: f32, least: u64, room: u64) -> 
         }
         (width(axis) / edge).clamp(0.0, CELL_LIMIT - 1.0) as u64 + 1
     };
-    let mut counts: [u64; 3] = std::array::from_fn(|axis| count(axis, edges[axis]));
+    let counts: [u64; 3] = std::array::from_fn(|axis| count(axis, edges[axis]));
     if counts.iter().product::<u64>() <= limit && !sample.has_far {
         return std::array::from_fn(|axis| {
             if counts[axis] == 1 {
@@ -299,19 +300,14 @@ fn axes(sample: &Sample, edges: [f32; 3], boxes: f32, least: u64, room: u64) -> 
             Axis::clamped(sample.low[axis] - margin[axis], edge, count(axis, edge) as u32)
         });
     }
-    // Too wide for a table, or boxes lie far beyond it, which would crowd its last cells: fold. An axis too short for folding becomes one cell.
-    for count in &mut counts {
-        *count = count.next_power_of_two();
-    }
-    while counts.iter().product::<u64>() > limit {
-        let widest = (0..3).fold(0, |a, b| if counts[b] > counts[a] { b } else { a });
-        counts[widest] /= 2;
-    }
-    std::array::from_fn(|axis| {
-        if counts[axis] < u64::from(FOLDED_LEAST) {
-            return Axis::clamped(sample.low[axis], edges[axis], 1);
-        }
-        Axis::folded(sample.middle[axis], edges[axis], counts[axis] as u32)
+    // Too wide for a table, or boxes lie far beyond it, which would crowd its last cells.
+    // A spare level has none of the sampled boxes.
+    let sampled = if boxes > 0.0 { sample.mins.as_slice() } else { &[] };
+    let mins = sampled.iter().copied();
+    let counts = folded(mins, edges, counts.map(|count| count as f32), limit as f32);
+    std::array::from_fn(|axis| match counts[axis] {
+        1 => Axis::clamped(sample.low[axis], edges[axis], 1),
+        count => Axis::folded(sample.middle[axis], edges[axis], count),
     })
 }
 
@@ -336,7 +332,10 @@ mod tests {
                     next += level.cell_count;
                     for axis in 0..3 {
                         let folded = level.wraps >> axis & 1 == 1;
-                        assert!(!folded || level.count[axis] >= FOLDED_LEAST, "{scene:?}");
+                        assert!(
+                            !folded || level.count[axis] >= super::axis::FOLDED_LEAST,
+                            "{scene:?}"
+                        );
                         assert_eq!(folded, level.fold[axis] >= 0, "{scene:?}");
                     }
                 }

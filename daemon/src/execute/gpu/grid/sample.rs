@@ -38,7 +38,8 @@ pub(super) struct Sample {
     /// Solid boxes of the scene, about.
     pub solid: f32,
     scratch: Vec<f32>,
-    mins: Vec<[f32; 3]>,
+    /// Min corners of these boxes.
+    pub mins: Vec<[f32; 3]>,
 }
 
 impl Sample {
