@@ -2,9 +2,10 @@
 
 /// Positions that the spread is taken from, where it is only to show whether some lie far away.
 const SPREAD_BOXES: usize = 64;
-/// Extent in mean distances from the mean at which some positions may lie far away: evenly spread ones have 4, a
-/// normal distribution has 8, and one in a hundred that lies far away makes 50.
-const FAR_EXTENT: f32 = 16.0;
+/// Extent in mean distances from the mean at which some positions may lie far away: evenly spread ones have 4, and
+/// those of which three in ten lie far away 13. Where none does, as in a normal distribution, which has 8, it takes a
+/// selection to see it.
+const FAR_EXTENT: f32 = 6.0;
 /// Share of the positions, on either side, that may lie far away: one in so many.
 const FAR_SHARE: usize = 5;
 /// What is not far lies within so many extents of the others, on either side of them.

@@ -205,7 +205,7 @@ impl Sample {
         (2.0 * pairs as f32 / m as f32 - by_chance).max(0.0)
     }
 
-    /// Pairs of sampled boxes whose cells have the same one of so many slots.
+    /// Pairs of sampled boxes whose cells have the same one of so many slots. What lies far away is alone there.
     fn pairs_of_slots(&mut self, per_unit: [f32; 3], slots: usize) -> u64 {
         self.counts.clear();
         self.counts.resize(slots, 0);
@@ -213,9 +213,15 @@ impl Sample {
         let mut pairs = 0u64;
         for b in &self.boxes {
             let mut hash = 0u32;
+            let mut is_far = false;
             for axis in 0..3 {
-                let cell = ((b.min[axis] - self.low[axis]) * per_unit[axis]) as i32;
+                let distance = b.min[axis] - self.low[axis];
+                is_far |= !(0.0..=self.extent[axis]).contains(&distance);
+                let cell = (distance * per_unit[axis]) as i32;
                 hash = (hash ^ cell as u32).wrapping_mul(0x9e37_79b1).rotate_left(13);
+            }
+            if is_far {
+                continue;
             }
             let slot = &mut self.counts[(hash.wrapping_mul(0x85eb_ca6b) >> shift) as usize];
             pairs += u64::from(*slot);
