@@ -21,8 +21,8 @@
  * Codes. Nearly every function returns a pm_code: PM_OK, or why it did nothing. pm_last_error() names it and says it
  * in words. Results are written through pointers, and only where PM_OK is returned.
  *
- * Handles are values: copy them, compare their ids, keep them. Zero is null. A handle of what was dropped is
- * told from one that lives: PM_ERR_HANDLE. Dropping zero is fine.
+ * Handles are values: copy them, compare their ids, store them. Zero is null, and may be dropped. A handle of a
+ * dropped object names nothing: PM_ERR_HANDLE.
  *
  * Threads. A session, and what comes of it, belongs to one thread at a time; sessions are independent of each
  * other. A handle that two calls use at once is PM_ERR_BUSY for one of them. A frame may be awaited on another
@@ -113,49 +113,36 @@ typedef enum {
 // How grave a line of the log is: one of `PM_LOG_...`.
 typedef uint32_t pm_log_level;
 #define PM_LOG_ERROR 1 // Something failed.
-// Something is not as it was meant, such as frames that this process answers for want of a daemon.
-#define PM_LOG_WARNING 2
+#define PM_LOG_WARNING 2 // Something is not as it was meant: this process answers, where no daemon does.
 #define PM_LOG_INFO 3 // Something of note happened.
 
-// Called with a line of the log, from any thread, several at once too. The text is the callback's until it
-// returns. It may not throw.
+// Called with a line of the log, from any thread, several at once too. The text is valid until it returns. It
+// may not throw.
 typedef void (*pm_log)(void *user, pm_log_level level, const char *text);
 
-// Handles
+// Handles: an id, which is zero for none
 
 // A client's connection to a daemon or to the engines of this process.
-typedef struct {
-  uint64_t id; // Zero for none.
-} pm_session;
+typedef struct { uint64_t id; } pm_session;
 
 // Memory for the boxes or spheres of one frame: shared memory where a daemon serves. Its contents are
 // unspecified: write every box. A daemon has three frames of a session at a time, in any mix of being
 // filled, under way and held as masks.
-typedef struct {
-  uint64_t id; // Zero for none.
-} pm_frame;
+typedef struct { uint64_t id; } pm_frame;
 
 // A frame under way.
-typedef struct {
-  uint64_t id; // Zero for none.
-} pm_pending;
+typedef struct { uint64_t id; } pm_pending;
 
-// The overlapping pairs of a frame. It holds one of its session's three places until it is dropped.
-typedef struct {
-  uint64_t id; // Zero for none.
-} pm_mask;
+// The overlapping pairs of a frame. It holds one of its session's three slots until it is dropped.
+typedef struct { uint64_t id; } pm_mask;
 
 // Which boxes of a frame may be a pair at all. It does not change: a daemon gets it once, however many
 // frames have it.
-typedef struct {
-  uint64_t id; // Zero for none.
-} pm_rules;
+typedef struct { uint64_t id; } pm_rules;
 
 // A scene that persists: boxes stay from answer to answer, edits go in, changes of pairs come out. It lives
 // on without its session.
-typedef struct {
-  uint64_t id; // Zero for none.
-} pm_scene;
+typedef struct { uint64_t id; } pm_scene;
 
 // Plain values
 
@@ -166,7 +153,7 @@ typedef struct {
   float max[3]; // The largest corner.
 } pm_box;
 
-// A closed ball. A radius below zero switches it off.
+// A closed ball. A radius below zero disables it.
 typedef struct {
   float center[3];
   float radius;
@@ -193,19 +180,17 @@ typedef struct {
 
 #define PM_ALL_WORLDS -1 // A world that meets all others.
 
-// What a box is to the rules. Zeros are what a box has that was given none: world 0, no owner, the first
-// filter.
+// Filter data of a box. A box without any has zeros: world 0, no owner, the first filter.
 typedef struct {
   int32_t world; // Boxes of different worlds never meet; `PM_ALL_WORLDS` meets all.
   uint32_t owner; // Boxes of one owner never meet, unless it is 0.
-  uint16_t filter; // Place in the table of filters.
-  // 1 for a box that is static, whatever its filter says; else 0. Of boxes of a scene
-  // `pm_scene_make_static` says it instead.
+  uint16_t filter; // Index in the table of filters.
+  // 1 for a box that is static, whatever its filter is; else 0. Boxes of a scene have `pm_scene_make_static`.
   uint16_t is_static;
 } pm_tag;
 
 // What boxes of a kind meet. Two static boxes never meet; equal groups other than 0 decide by their sign;
-// else `(a.category & b.mask) != 0 && (b.category & a.mask) != 0`, with `||` where both say `either`.
+// else `(a.category & b.mask) != 0 && (b.category & a.mask) != 0`, with `||` where both have `either`.
 // With all bits of both masks, `{UINT64_MAX, UINT64_MAX, 0, 0, 0}`, it meets everything.
 typedef struct {
   uint64_t category; // What it is: a bit a category.
@@ -246,7 +231,7 @@ typedef struct {
   const char *isa;
   pm_backend backend;
   uint32_t threads; // Threads that an engine may use.
-  uint32_t visit_threads; // Threads with which pairs are visited.
+  uint32_t visit_threads; // Threads that iterate over pairs.
   uint32_t capacity; // Boxes that the first segment should hold.
   // How long to spin for an answer beyond its expected time, ns; `UINT64_MAX` for never.
   uint64_t spin_ns;
@@ -255,7 +240,7 @@ typedef struct {
   uint32_t no_repeats;
 } pm_session_options;
 
-// What a daemon tells of itself.
+// The status of a daemon.
 typedef struct {
   size_t struct_size;
   uint32_t pid; // Id of its process.
@@ -266,8 +251,8 @@ typedef struct {
   uint64_t pairs; // Pairs in those frames.
   uint64_t spheres; // Spheres in those frames.
   uint64_t errors; // Requests answered with an error.
-  uint32_t scenes; // Scenes that it keeps.
-  uint32_t scene_mib; // Memory that they take, MiB.
+  uint32_t scenes; // Scenes that it has.
+  uint32_t scene_mib; // Memory of those, MiB.
 } pm_daemon_status;
 
 // Frames
@@ -285,8 +270,8 @@ typedef struct {
   pm_box bounds; // Bounds of the world, for `PM_FORM_Q16` and `PM_FORM_Q8`.
 } pm_precision;
 
-// What rules are made of. They decide in this order: boxes of different worlds never meet; an included pair
-// is reported where it overlaps; boxes of one owner never meet; two static ones never; an excluded pair
+// What rules are made of, and in which order they decide: boxes of different worlds never meet; an included
+// pair is reported where it overlaps; boxes of one owner never meet; two static ones never; an excluded pair
 // never; then filters decide. All arrays are copied.
 typedef struct {
   size_t struct_size;
@@ -294,7 +279,7 @@ typedef struct {
   size_t tag_count;
   const pm_filter *filters; // What tags name. One beyond them meets everything.
   size_t filter_count; // At most 65,536.
-  const pm_pair *included; // Pairs that are reported, whatever else keeps them apart but worlds.
+  const pm_pair *included; // Pairs that are reported, whatever but worlds keeps them apart.
   size_t included_count;
   const pm_pair *excluded; // Pairs that are never reported.
   size_t excluded_count;
@@ -303,9 +288,7 @@ typedef struct {
 // What is asked of a frame beside its pairs.
 typedef struct {
   size_t struct_size;
-  // Collision filters, with a tag for each box or with none; zero for none. A daemon gets them once, however
-  // many frames have them.
-  pm_rules filters;
+  pm_rules filters; // Collision filters, with a tag for each box or with none; zero for none.
   // Not 0: two sets. Only pairs of one of the first `split_at` boxes and one of the others count.
   uint32_t two_sets;
   uint32_t split_at; // Boxes of the first set.
@@ -326,8 +309,7 @@ typedef struct {
   uint32_t threads; // Threads that the engine could use.
   uint32_t empty; // Boxes with `min > max` on some axis.
   uint32_t invalid; // Boxes with a NaN.
-  // 1 where the frame was equal to the last one, so that no engine looked at it; else 0.
-  uint32_t is_repeat;
+  uint32_t is_repeat; // 1 where the frame was equal to the last one, so that no engine ran; else 0.
   uint64_t pair_count; // Pairs that overlap.
   uint64_t skipped_pairs; // Pairs that were never compared, of n(n - 1)/2.
   uint64_t mask_bytes; // Bytes of the mask.
@@ -335,8 +317,8 @@ typedef struct {
   uint64_t total_ns; // Time from the request in hand to the answer ready to be sent, ns.
   uint64_t execute_ns; // Of that: the pairs tested.
   pm_name engine; // Name of the engine.
-  // The box index at each position of a mask with sparse words, as an array that lives until the mask is
-  // dropped. Null where a position is an index: every mask that is not sparse, and some that are.
+  // The box index at each position of a sparse mask, as an array that lives until the mask is dropped. Null
+  // where a position is an index: every mask that is not sparse, and some that are.
   const uint32_t *order;
   size_t order_count;
 } pm_frame_info;
@@ -361,11 +343,11 @@ typedef void (*pm_visit_words)(void *user, const pm_word *words, size_t count);
 
 // Scenes
 
-// Whether a scene's boxes have margins, and which pairs it tells: one of `PM_MARGINS_...`.
+// Whether a scene's boxes have margins, and which pairs it reports: one of `PM_MARGINS_...`.
 typedef uint32_t pm_margins;
 #define PM_MARGINS_NONE 0 // Boxes have no margins.
 #define PM_MARGINS_EXACT 1 // Answers are those of the boxes as they were set.
-#define PM_MARGINS_NEAR 2 // Near pairs are among the answers.
+#define PM_MARGINS_NEAR 2 // Answers are those of the fat AABBs, near pairs too.
 
 // Settings of a scene. Zeros mean that the library chooses.
 typedef struct {
@@ -378,16 +360,14 @@ typedef struct {
 
 // What becomes of a dead writer's boxes: one of `PM_AT_END_...`.
 typedef uint32_t pm_at_end;
-#define PM_AT_END_ANY 0 // As the others say; they are removed where nobody says anything.
+#define PM_AT_END_ANY 0 // As the other members choose; removed where none does.
 #define PM_AT_END_REMOVE 1 // They are removed.
-#define PM_AT_END_KEEP 2 // They stay, for who leases their indices next.
+#define PM_AT_END_KEEP 2 // They survive until the next lease of their indices.
 
-// What a member asks of a shared scene. Zeros leave it open: the first member or the daemon decides.
+// Settings of a member of a shared scene. Zeros leave them to the first member, or to the daemon.
 typedef struct {
   size_t struct_size;
-  // How long a tick is open after its first commit, at the most, ns: 100 ms unless a member says so, 10 s at
-  // most.
-  uint64_t tick_deadline_ns;
+  uint64_t tick_deadline_ns; // Longest time of a tick from its first commit, ns; 100 ms unless set, 10 s at most.
   uint32_t most_boxes; // Indices are below this.
   pm_at_end at_end;
   uint32_t all_pairs; // 1 for a member to which all pairs are reported; 0 for those of its own boxes.
@@ -409,18 +389,17 @@ typedef struct {
   const uint32_t *values; // Of a list or a mask.
 } pm_indices;
 
-// Which answer is wanted of an edit: one of `PM_REPORT_...`.
+// What an edit reports: one of `PM_REPORT_...`.
 typedef uint32_t pm_report;
 #define PM_REPORT_CHANGES 0 // Pairs that began and ended since the last answer that was waited for.
-// Pairs of now with at least one box that the edit set, switched or flagged.
-#define PM_REPORT_MOVED 1
+#define PM_REPORT_MOVED 1 // Pairs of now with a box that the edit set, enabled, disabled or flagged.
 #define PM_REPORT_ALL 2 // All pairs of now.
 #define PM_REPORT_NOTHING 3 // Nothing: the edit is applied.
 
 // Why a pair ended: one of `PM_ENDED_...`.
 typedef uint32_t pm_end_reason;
 #define PM_ENDED_REMOVED 0 // A box of the pair was removed, also where its index has a new box.
-#define PM_ENDED_FILTERED 1 // A box is switched off now, both are static now, or rules keep them apart.
+#define PM_ENDED_FILTERED 1 // A box is disabled now, both are static now, or rules keep them apart.
 #define PM_ENDED_SEPARATED 2 // The boxes overlap no more.
 
 // A pair that ended.
@@ -430,11 +409,12 @@ typedef struct {
   pm_end_reason reason;
 } pm_ended;
 
-// The answer to an edit. Its arrays live until it ends: with the next call that writes or sends an edit,
-// queries the scene, makes it resync, leases, or gives back.
+// The answer to an edit. It and its arrays live until the next call that writes or sends an edit, queries the
+// scene, makes it resync, leases, or gives back.
 typedef struct {
   size_t struct_size;
-  // 1 where changes were asked for and `pairs` has all pairs instead: forget the pairs that you know. Else 0.
+  // 1 where changes were asked for and `pairs` has all pairs instead: discard the pairs that you know. Else
+  // 0.
   uint32_t is_resync;
   pm_served_by served_by;
   const pm_pair *begun; // Pairs that began, for `PM_REPORT_CHANGES`.
@@ -443,10 +423,9 @@ typedef struct {
   size_t ended_count;
   const pm_pair *pairs; // Pairs of now, for `PM_REPORT_ALL`, `PM_REPORT_MOVED` and a resync.
   size_t pair_count;
-  // Of a shared scene: leases of writers that had not committed when the tick ended.
-  const pm_range *late;
+  const pm_range *late; // Of a shared scene: leases of writers that had not committed when the tick ended.
   size_t late_count;
-  uint64_t all_pairs; // Pairs of the whole scene; `UINT64_MAX` where the answer does not know.
+  uint64_t all_pairs; // Pairs of the whole scene; `UINT64_MAX` where it is not known.
   uint64_t skipped_pairs; // Pairs that were not tested.
   uint64_t tick; // Of a shared scene: the tick, from 1.
   pm_name engine; // Name of the engine.
@@ -455,20 +434,16 @@ typedef struct {
 // Facts about a scene.
 typedef struct {
   size_t struct_size;
-  uint64_t boxes; // Boxes, those that are switched off too; of a shared scene, this member's.
-  uint64_t allocated_bytes; // Bytes that this process keeps of the scene.
-  // Bytes that the daemon keeps of it, by its last answer; 0 where it has none, and of a shared scene.
-  uint64_t daemon_bytes;
+  uint64_t boxes; // Boxes, disabled ones too; of a shared scene, this member's.
+  uint64_t allocated_bytes; // Bytes of it in this process.
+  uint64_t daemon_bytes; // Bytes of it in the daemon, by its last answer; 0 of none, and of a shared scene.
   uint64_t edits; // Of a scene with margins: edits that were applied.
   uint64_t requests; // Of those: edits for which a request was made.
   uint64_t set; // Boxes that edits set.
   uint64_t sent; // Of those: boxes that were sent.
   uint64_t most_boxes; // Indices are below this.
-  // Of a shared scene: a tick is open for so long after its first commit, at the most, ns; else 0.
-  uint64_t tick_deadline_ns;
-  // Of a shared scene: what this member has leased, as an array that lives until the scene is asked again,
-  // or dropped.
-  const pm_range *leases;
+  uint64_t tick_deadline_ns; // Of a shared scene: longest time of a tick from its first commit, ns; else 0.
+  const pm_range *leases; // Of a shared scene: this member's, until `pm_scene_get_info` is called again.
   size_t lease_count;
 } pm_scene_info;
 
@@ -487,9 +462,9 @@ uint32_t pm_version(void);
 // Hands the library's log to the program. It can be set once: `PM_ERR_STATE` after that.
 pm_code pm_set_log(pm_log log, void *user);
 
-// What a handle names is dropped: of a session what came of it lives on, frames, masks and scenes; a frame
-// is not submitted; of a pending one nobody wants the pairs; with a mask goes what was decoded of it; frames
-// that were submitted with rules keep them; a shared scene is left.
+// Drop an object. Frames, masks and scenes of a session live on; a frame is not submitted; the answer to a
+// pending one is discarded; a mask's decoded pairs are dropped with it; submitted frames have their rules; a
+// shared scene is left.
 pm_code pm_session_drop(pm_session session);
 pm_code pm_frame_drop(pm_frame frame);
 pm_code pm_pending_drop(pm_pending pending);
@@ -509,7 +484,7 @@ pm_code pm_session_served_by(pm_session session, pm_served_by *served_by);
 pm_code pm_session_daemon_status(pm_session session, pm_daemon_status *status);
 
 // Copies boxes, sends them and waits: the shortest way from boxes to pairs. `filters` may be zero. Where
-// frames and masks hold all of the session's places at a daemon, it waits for one, as long as the session's
+// frames and masks hold all of the session's slots at a daemon, it waits for one, as long as the session's
 // deadline allows.
 pm_code pm_session_cull(pm_session session, const pm_box *boxes, size_t n, pm_rules filters, pm_mask *mask);
 
@@ -522,8 +497,7 @@ pm_code pm_session_frame(pm_session session, size_t n, pm_frame *frame, pm_box *
 // Begins a frame of `n` spheres. `spheres`, which may be null, is set to their memory.
 pm_code pm_session_sphere_frame(pm_session session, size_t n, pm_frame *frame, pm_sphere **spheres);
 
-// Begins a frame of `n` boxes that are sent with less precision. They are written with `pm_frame_write` and
-// its like.
+// Begins a frame of `n` boxes that are sent with less precision: `pm_frame_write` and its like write them.
 pm_code pm_session_narrow_frame(pm_session session, size_t n, const pm_precision *precision,
                                 pm_frame *frame);
 
@@ -554,9 +528,9 @@ pm_code pm_frame_submit(pm_frame frame, const pm_frame_options *options, pm_pend
 // is returned. With `PM_BACKEND_AUTO` no failure of the daemon is an error: this process answers then.
 pm_code pm_pending_wait(pm_pending pending, pm_mask *mask);
 
-// Waits for the pairs, at most so many nanoseconds; with 0 it looks whether they have come. After
-// `PM_ERR_TIMEOUT` the frame is still under way, and after `PM_ERR_ARGUMENT` and `PM_ERR_BUSY` nothing was
-// done; else the handle names nothing any more.
+// Waits for the pairs, at most so many nanoseconds; with 0 it polls. After `PM_ERR_TIMEOUT` the frame is
+// still under way, and after `PM_ERR_ARGUMENT` and `PM_ERR_BUSY` nothing was done; else the handle names
+// nothing any more.
 pm_code pm_pending_wait_timeout(pm_pending pending, uint64_t timeout_ns, pm_mask *mask);
 
 // Masks
@@ -565,19 +539,18 @@ pm_code pm_pending_wait_timeout(pm_pending pending, uint64_t timeout_ns, pm_mask
 pm_code pm_mask_contains(pm_mask mask, uint32_t a, uint32_t b, bool *contains);
 
 // All pairs as an array, which lives until the mask is dropped. A list in this process's memory is given
-// where it lies; else the pairs are decoded once, into memory that the session uses again.
+// where it lies; else the pairs are decoded once, into memory that later masks of the thread use again.
 pm_code pm_mask_pairs(pm_mask mask, const pm_pair **pairs, size_t *count);
 
 // The pairs of one world, as an array that lives until the mask is dropped; none where the world has none.
 // Only masks of frames whose rules have worlds know them; `PM_ERR_STATE` from others.
 pm_code pm_mask_pairs_of_world(pm_mask mask, int32_t world, const pm_pair **pairs, size_t *count);
 
-// Calls `visit` with pairs, some at a time, until all were seen: the fastest way through a mask, without a
-// copy of it.
+// Calls `visit` with all pairs, some at a time: the fastest way through a mask, without a copy of it.
 pm_code pm_mask_for_each(pm_mask mask, pm_visit visit, void *user);
 
 // Calls `visit` with the words of a mask that are not zero, some at a time: for AND masks of the caller's
-// own. Each pair of a mask that is a list is a word of one bit.
+// own. Each pair of a list is a word of one bit.
 pm_code pm_mask_for_each_word(pm_mask mask, pm_visit_words visit, void *user);
 
 // Facts about the frame beside its pairs. Set `info->struct_size` first.
@@ -616,7 +589,7 @@ pm_box pm_box_swept(pm_box from, pm_box to);
 
 // Scenes: the edit that is written
 
-// Makes a scene. `options` may be null. A daemon keeps the scene where the session has one; else this
+// Makes a scene. `options` may be null. A daemon has the scene where the session has one; else this
 // process does.
 pm_code pm_scene_create(pm_session session, const pm_scene_options *options, pm_scene *scene);
 
@@ -632,28 +605,27 @@ pm_code pm_scene_set_all(pm_scene scene, pm_indices indices, const pm_box *boxes
 // Removes boxes.
 pm_code pm_scene_remove(pm_scene scene, pm_indices indices);
 
-// Switches boxes off (they overlap nothing) or on.
+// Disables boxes (they overlap nothing) with `on` false, else enables them.
 pm_code pm_scene_switch(pm_scene scene, pm_indices indices, bool on);
 
 // Makes boxes static (two static boxes are no pair) or not.
 pm_code pm_scene_make_static(pm_scene scene, pm_indices indices, bool is_static);
 
-// Gives boxes their tags: one for each index. A box that is inserted has a tag of zeros. Whether a box
-// itself is static, `pm_scene_make_static` says, and not its tag. The arrays are read where they lie, until
-// the edit is answered.
+// Gives boxes their tags: one for each index. A box that is inserted has a tag of zeros. `is_static` of a tag
+// has no effect: see `pm_scene_make_static`. The arrays are read where they lie, until the edit is answered.
 pm_code pm_scene_tag(pm_scene scene, pm_indices indices, const pm_tag *tags, size_t n);
 
 // The filters that tags name, in place of all before. They are copied.
 pm_code pm_scene_filters(pm_scene scene, const pm_filter *filters, size_t n);
 
-// Puts pairs of indices on the include list, or takes them off. The array is read where it lies, until the
-// edit is answered.
+// Adds pairs of indices to the include list, or removes them from it. The array is read where it lies, until
+// the edit is answered.
 pm_code pm_scene_include(pm_scene scene, const pm_pair *pairs, size_t n, bool on);
 
-// Puts pairs of indices on the exclude list, or takes them off, as `pm_scene_include` does.
+// Adds pairs of indices to the exclude list, or removes them from it, as `pm_scene_include` does.
 pm_code pm_scene_exclude(pm_scene scene, const pm_pair *pairs, size_t n, bool on);
 
-// Forgets the edit that is being written.
+// Discards the edit that is being written.
 pm_code pm_scene_discard(pm_scene scene);
 
 // Scenes: answers
@@ -675,8 +647,8 @@ pm_code pm_scene_commit(pm_scene scene, pm_report report, pm_answer *answer);
 // Requests a resync: the next changes are one. The scene's answer ends.
 pm_code pm_scene_resync(pm_scene scene);
 
-// The box of an index, also one that is switched off; `PM_ERR_ABSENT` where there is none. The scene's
-// answer stays; an edit under way is not waited for any more.
+// The box of an index, also of a disabled one; `PM_ERR_ABSENT` where there is none. The scene's answer stays;
+// an edit under way is not waited for any more.
 pm_code pm_scene_get(pm_scene scene, uint32_t index, pm_box *b);
 
 // Facts about a scene. Set `info->struct_size` first. The scene's answer stays; an edit under way is not
@@ -700,7 +672,7 @@ pm_code pm_scene_join(pm_session session, const char *name, const pm_join_option
 // Leases a range of indices: this member alone may set boxes there.
 pm_code pm_scene_lease(pm_scene scene, pm_range range);
 
-// Leases the lowest free range of so many indices. Which one that is depends on who came first.
+// Leases the lowest free range of so many indices. Which one that is depends on the members' order.
 pm_code pm_scene_lease_any(pm_scene scene, uint32_t count, pm_range *range);
 
 // Gives back the lease that begins at an index. Its boxes are removed.

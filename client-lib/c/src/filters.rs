@@ -1,12 +1,13 @@
 //! Boxes and filters from what other programs have.
 #![allow(unsafe_code)]
 
+use bytemuck::cast;
 use pairmask::Aabb;
 use pairmask::filters::engines;
 
 use crate::code::pm_code;
 use crate::memory::{In, Out};
-use crate::values::{of_box, pm_box, pm_filter, to_box};
+use crate::values::{pm_box, pm_filter};
 
 #[unsafe(no_mangle)]
 pub extern "C" fn pm_box_outward(
@@ -16,12 +17,12 @@ pub extern "C" fn pm_box_outward(
     b: Out<pm_box>,
 ) -> pm_code {
     let point = |numbers: In<f64>| numbers.array(3).map(|of| [of[0], of[1], of[2]]);
-    b.give(|| Ok(to_box(Aabb::outward_from_f64(point(min)?, point(max)?, point(origin)?))))
+    b.give(|| Ok(cast(Aabb::outward_from_f64(point(min)?, point(max)?, point(origin)?))))
 }
 
 #[unsafe(no_mangle)]
 pub extern "C" fn pm_box_swept(from: pm_box, to: pm_box) -> pm_box {
-    to_box(Aabb::swept(&of_box(from), &of_box(to)))
+    cast(Aabb::swept(&cast(from), &cast(to)))
 }
 
 #[unsafe(no_mangle)]

@@ -5,11 +5,11 @@ use std::sync::Arc;
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
-use bytemuck::{Pod, Zeroable};
+use bytemuck::{Pod, Zeroable, cast, cast_slice};
 use pairmask::filters::Rules;
 use pairmask::{
-    Bounds, BoxSource, CenterHalf, Error, FrameOptions, MinMax, Placement, Precision, Quantized,
-    Sphere, ToWorld, Transformed,
+    Aabb, Bounds, BoxSource, CenterHalf, Error, FrameOptions, MinMax, Placement, Precision,
+    Quantized, Sphere, ToWorld, Transformed,
 };
 use pairmask_core::update::WorldMatrix;
 
@@ -17,12 +17,11 @@ use crate::call::call;
 use crate::code::pm_code::{self, PM_ERR_STATE};
 use crate::failure::Failure;
 use crate::handles::Handle;
-use crate::mask::{Mask, Pending, pm_mask, pm_pending};
-use crate::memory::{Growing, In, Out};
+use crate::mask::{Mask, pm_mask, pm_pending};
+use crate::memory::{In, Out};
 use crate::rules::pm_rules;
 use crate::session::pm_session;
-use crate::spares::Spares;
-use crate::values::{boxes as as_boxes, index_count, of_box, pm_box, pm_sphere};
+use crate::values::{index_count, pm_box, pm_sphere};
 
 #[derive(Clone, Copy, Debug, Default)]
 #[repr(C)]
@@ -31,13 +30,7 @@ pub struct pm_frame {
 }
 
 /// What a `pm_frame` names.
-pub struct Frame {
-    filling: Filling,
-    n: usize,
-    spares: Spares,
-}
-
-enum Filling {
+pub enum Frame {
     Boxes(pairmask::Frame),
     Narrow(pairmask::Frame<Quantized>),
     Spheres(pairmask::Frame<Sphere>),
@@ -68,24 +61,22 @@ fn precision_of(precision: &pm_precision) -> Result<Precision, Failure> {
     })
 }
 
-/// Begins a frame in whatever memory `make` gets, and tells where that is if the program asks.
+/// Begins a frame by `make`, and writes where its memory lies if the program asks for it.
 fn begin<T: Copy>(
     session: pm_session,
-    n: usize,
     frame: Out<pm_frame>,
     memory: Out<*mut T>,
-    make: impl FnOnce(&mut pairmask::Session) -> Result<(Filling, *mut T), Error>,
+    make: impl FnOnce(&mut pairmask::Session) -> Result<(Frame, *mut T), Error>,
 ) -> pm_code {
     frame.give(|| {
-        // Before there is a frame, which nobody would have a handle of.
+        // Before there is a frame, whose handle the program would not get.
         if !memory.is_null() {
             memory.check()?;
         }
-        let ((filling, begin), spares) =
-            session.with(|s| Ok((make(&mut s.session)?, s.spares.clone())))?;
-        let handle = pm_frame::new(Frame { filling, n, spares })?;
+        let (begun, at) = session.with(|session| Ok(make(session)?))?;
+        let handle = pm_frame::new(begun)?;
         if !memory.is_null() {
-            memory.write(begin)?;
+            memory.write(at)?;
         }
         Ok(handle)
     })
@@ -98,10 +89,10 @@ pub extern "C" fn pm_session_frame(
     frame: Out<pm_frame>,
     boxes: Out<*mut pm_box>,
 ) -> pm_code {
-    begin(session, n, frame, boxes, |session| {
+    begin(session, frame, boxes, |session| {
         let mut frame = session.frame(n)?;
         let boxes = frame.boxes_mut().as_mut_ptr().cast();
-        Ok((Filling::Boxes(frame), boxes))
+        Ok((Frame::Boxes(frame), boxes))
     })
 }
 
@@ -112,10 +103,10 @@ pub extern "C" fn pm_session_sphere_frame(
     frame: Out<pm_frame>,
     spheres: Out<*mut pm_sphere>,
 ) -> pm_code {
-    begin(session, n, frame, spheres, |session| {
+    begin(session, frame, spheres, |session| {
         let mut frame = session.sphere_frame(n)?;
         let spheres = frame.spheres_mut().as_mut_ptr().cast();
-        Ok((Filling::Spheres(frame), spheres))
+        Ok((Frame::Spheres(frame), spheres))
     })
 }
 
@@ -128,9 +119,7 @@ pub extern "C" fn pm_session_narrow_frame(
 ) -> pm_code {
     frame.give(|| {
         let precision = precision_of(&precision.value()?)?;
-        let (filling, spares) =
-            session.with(|s| Ok((s.session.narrow_frame(n, precision)?, s.spares.clone())))?;
-        pm_frame::new(Frame { filling: Filling::Narrow(filling), n, spares })
+        pm_frame::new(Frame::Narrow(session.with(|s| Ok(s.narrow_frame(n, precision)?))?))
     })
 }
 
@@ -144,10 +133,10 @@ const OTHER_FRAME: Failure = Failure::new(PM_ERR_STATE, "the frame is of another
 /// Writes a frame's boxes from whatever holds them. There must be as many.
 fn write(frame: pm_frame, boxes: &(impl BoxSource + Sync + ?Sized)) -> Result<(), Failure> {
     frame.with(|frame| {
-        match &mut frame.filling {
-            Filling::Boxes(frame) => frame.write(boxes)?,
-            Filling::Narrow(frame) => frame.write(boxes)?,
-            Filling::Spheres(_) => return Err(OTHER_FRAME),
+        match frame {
+            Frame::Boxes(frame) => frame.write(boxes)?,
+            Frame::Narrow(frame) => frame.write(boxes)?,
+            Frame::Spheres(_) => return Err(OTHER_FRAME),
         }
         Ok(())
     })
@@ -155,13 +144,13 @@ fn write(frame: pm_frame, boxes: &(impl BoxSource + Sync + ?Sized)) -> Result<()
 
 #[unsafe(no_mangle)]
 pub extern "C" fn pm_frame_write(frame: pm_frame, boxes: In<pm_box>, n: usize) -> pm_code {
-    call(|| write(frame, as_boxes(boxes.array(n)?)))
+    call(|| write(frame, cast_slice::<_, Aabb>(boxes.array(n)?)))
 }
 
 /// Points of three floats each.
 fn points(floats: In<f32>, count: usize) -> Result<&'static [[f32; 3]], Failure> {
-    // Where so many floats are beyond what a number can say, so are they beyond memory.
-    Ok(bytemuck::cast_slice(floats.array(count.saturating_mul(3))?))
+    // Where a `usize` does not hold the number of floats, memory does not hold them either.
+    Ok(cast_slice(floats.array(count.saturating_mul(3))?))
 }
 
 #[unsafe(no_mangle)]
@@ -216,20 +205,20 @@ pub extern "C" fn pm_frame_write_placed(
     placements: In<pm_placement>,
     n: usize,
 ) -> pm_code {
-    call(|| write(frame, &Transformed::new(as_boxes(locals.array(n)?), placements.array(n)?)))
+    call(|| write(frame, &Transformed::new(cast_slice(locals.array(n)?), placements.array(n)?)))
 }
 
 #[unsafe(no_mangle)]
 pub extern "C" fn pm_frame_set(frame: pm_frame, index: u32, b: In<pm_box>) -> pm_code {
     call(|| {
-        let b = of_box(b.value()?);
+        let (b, index) = (cast(b.value()?), index as usize);
         let beyond = Failure::argument("an index beyond the frame");
         frame.with(|frame| {
-            let index = Some(index as usize).filter(|index| *index < frame.n).ok_or(beyond)?;
-            match &mut frame.filling {
-                Filling::Boxes(frame) => frame.boxes_mut()[index] = b,
-                Filling::Narrow(frame) => frame.set(index, &b),
-                Filling::Spheres(_) => return Err(OTHER_FRAME),
+            match frame {
+                Frame::Boxes(frame) => *frame.boxes_mut().get_mut(index).ok_or(beyond)? = b,
+                Frame::Narrow(frame) if index < frame.n().len() => frame.set(index, &b),
+                Frame::Narrow(_) => return Err(beyond),
+                Frame::Spheres(_) => return Err(OTHER_FRAME),
             }
             Ok(())
         })
@@ -245,8 +234,7 @@ pub struct pm_frame_options {
     pub split_at: u32,
 }
 
-// SAFETY: it is `repr(C)` and begins with its size; integers have no invalid bit patterns.
-unsafe impl Growing for pm_frame_options {}
+growing!(pm_frame_options);
 
 /// The filters that a handle names; none for zero.
 fn filters_named(filters: pm_rules) -> Result<Option<Arc<Rules>>, Failure> {
@@ -260,22 +248,22 @@ pub extern "C" fn pm_frame_submit(
     pending: Out<pm_pending>,
 ) -> pm_code {
     call(|| {
-        let Frame { filling, spares, .. } = frame.remove()?;
+        let frame = frame.remove()?;
         pending.check()?;
         let given = options.growing()?;
         let split_at = (given.two_sets != 0).then_some(given.split_at as usize);
         let options = FrameOptions { filters: filters_named(given.filters)?, split_at };
-        let sent = match filling {
-            Filling::Boxes(frame) => frame.submit_with(&options),
-            Filling::Narrow(frame) => frame.submit_with(&options),
-            Filling::Spheres(frame) => frame.submit_with(&options),
+        let sent = match frame {
+            Frame::Boxes(frame) => frame.submit_with(&options),
+            Frame::Narrow(frame) => frame.submit_with(&options),
+            Frame::Spheres(frame) => frame.submit_with(&options),
         };
-        pending.write(pm_pending::new(Pending { pending: sent?, spares })?)
+        pending.write(pm_pending::new(sent?)?)
     })
 }
 
-/// A place for a frame that others hold is looked for this often: about the time of a small frame.
-const PLACE_INTERVAL: Duration = Duration::from_micros(50);
+/// How often to look for a free slot where frames and masks hold all: about the time of a small frame.
+const SLOT_INTERVAL: Duration = Duration::from_micros(50);
 
 #[unsafe(no_mangle)]
 pub extern "C" fn pm_session_cull(
@@ -287,16 +275,16 @@ pub extern "C" fn pm_session_cull(
 ) -> pm_code {
     mask.give(|| {
         index_count(n)?;
-        let boxes = as_boxes(boxes.array(n)?);
+        let boxes: &[Aabb] = cast_slice(boxes.array(n)?);
         let options = FrameOptions { filters: filters_named(filters)?, split_at: None };
-        let until = Instant::now() + session.with(|s| Ok(s.session.deadline()))?;
-        let (mut frame, spares) = loop {
-            match session.with(|s| Ok((s.session.frame(n), s.spares.clone())))? {
-                (Err(Error::TooManyFrames), _) if Instant::now() < until => sleep(PLACE_INTERVAL),
-                (frame, spares) => break (frame?, spares),
+        let until = Instant::now() + session.with(|s| Ok(s.deadline()))?;
+        let mut frame = loop {
+            match session.with(|s| Ok(s.frame(n)))? {
+                Err(Error::TooManyFrames) if Instant::now() < until => sleep(SLOT_INTERVAL),
+                frame => break frame?,
             }
         };
         frame.write(boxes)?;
-        pm_mask::new(Mask::new(frame.submit_with(&options)?.wait()?, spares))
+        pm_mask::new(Mask::new(frame.submit_with(&options)?.wait()?))
     })
 }

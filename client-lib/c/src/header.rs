@@ -5,18 +5,9 @@ use std::path::Path;
 
 /// The words and signs of a text in C, without its comments.
 fn tokens(text: &str) -> Vec<String> {
-    let mut tokens: Vec<String> = Vec::new();
-    let mut is_in_word = false;
-    for c in text.chars() {
-        let is_of_word = c.is_alphanumeric() || c == '_';
-        match tokens.last_mut() {
-            Some(word) if is_in_word && is_of_word => word.push(c),
-            _ if c.is_whitespace() => {}
-            _ => tokens.push(c.to_string()),
-        }
-        is_in_word = is_of_word;
-    }
-    tokens
+    let is_of_word = |c: char| c.is_alphanumeric() || c == '_';
+    let apart = |c| if is_of_word(c) { c.to_string() } else { format!(" {c} ") };
+    text.chars().map(apart).collect::<String>().split_whitespace().map(str::to_owned).collect()
 }
 
 /// All declarations of a header but `#include` and the like, whatever their order, layout and comments.

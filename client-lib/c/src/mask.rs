@@ -1,32 +1,26 @@
 //! Frames under way and their answers: `pm_pending`, `pm_mask`.
 #![allow(unsafe_code)]
 
+use std::cell::RefCell;
 use std::ffi::c_void;
 use std::ptr::null;
 use std::time::Duration;
 
 use pairmask::filters::World;
-use pairmask::{Error, PairMask, PendingFrame};
+use pairmask::{Error, PairMask};
 use pairmask_core::mask::{AddressedWord, Encoding, MaskView, WordAddress};
 
 use crate::call::call;
 use crate::code::pm_code::{self, PM_ERR_STATE};
 use crate::failure::Failure;
 use crate::handles::Handle;
-use crate::memory::{Growing, Out, place};
-use crate::spares::Spares;
+use crate::memory::{Out, place};
 use crate::values::{name_of, pm_name, pm_pair, pm_served_by, served_by_number, to_pairs};
 
 #[derive(Clone, Copy, Debug, Default)]
 #[repr(C)]
 pub struct pm_pending {
     pub id: u64,
-}
-
-/// What a `pm_pending` names.
-pub struct Pending {
-    pub pending: PendingFrame,
-    pub spares: Spares,
 }
 
 #[derive(Clone, Copy, Debug, Default)]
@@ -40,18 +34,31 @@ pub struct Mask {
     answer: PairMask,
     /// Once they are asked for.
     decoded: Option<Vec<[u32; 2]>>,
-    spares: Spares,
+}
+
+/// Masks that a session holds at a time, at the most.
+const MOST_SPARES: usize = 3;
+
+thread_local! {
+    /// Memory of decoded pairs for the next masks of this thread: fresh pages cost more than the pairs that are
+    /// written into them.
+    static SPARES: RefCell<Vec<Vec<[u32; 2]>>> = const { RefCell::new(Vec::new()) };
+}
+
+/// Frees the memory that this thread has for the next masks.
+pub fn free_spares() {
+    SPARES.take();
 }
 
 impl Mask {
-    pub fn new(answer: PairMask, spares: Spares) -> Self {
-        Self { answer, decoded: None, spares }
+    pub const fn new(answer: PairMask) -> Self {
+        Self { answer, decoded: None }
     }
 
     fn pairs(&mut self) -> &[[u32; 2]] {
-        let Self { answer, decoded, spares } = self;
+        let Self { answer, decoded } = self;
         let decode = || {
-            let mut pairs = spares.take();
+            let mut pairs = SPARES.with_borrow_mut(Vec::pop).unwrap_or_default();
             answer.for_each_slice(|some| pairs.extend_from_slice(some));
             pairs
         };
@@ -61,18 +68,24 @@ impl Mask {
 
 impl Drop for Mask {
     fn drop(&mut self) {
-        if let Some(pairs) = self.decoded.take() {
-            self.spares.give_back(pairs);
-        }
+        let Some(mut pairs) = self.decoded.take() else { return };
+        pairs.clear();
+        // A thread that ends has none any more.
+        let _ = SPARES.try_with(|spares| {
+            let mut spares = spares.borrow_mut();
+            if spares.len() < MOST_SPARES {
+                spares.push(pairs);
+            }
+        });
     }
 }
 
 #[unsafe(no_mangle)]
 pub extern "C" fn pm_pending_wait(pending: pm_pending, mask: Out<pm_mask>) -> pm_code {
     call(|| {
-        let Pending { pending, spares } = pending.remove()?;
+        let pending = pending.remove()?;
         mask.check()?;
-        mask.write(pm_mask::new(Mask::new(pending.wait()?, spares))?)
+        mask.write(pm_mask::new(Mask::new(pending.wait()?))?)
     })
 }
 
@@ -83,14 +96,12 @@ pub extern "C" fn pm_pending_wait_timeout(
     mask: Out<pm_mask>,
 ) -> pm_code {
     mask.give(|| {
-        let answer = pending.with(|pending| {
-            let answer = pending.pending.wait_timeout(Duration::from_nanos(timeout_ns));
-            Ok(answer.map(|mask| Mask::new(mask, pending.spares.clone())))
-        })?;
+        let timeout = Duration::from_nanos(timeout_ns);
+        let answer = pending.with(|pending| Ok(pending.wait_timeout(timeout)))?;
         if !matches!(answer, Err(Error::Timeout { .. })) {
             drop(pending.remove()?);
         }
-        pm_mask::new(answer?)
+        pm_mask::new(Mask::new(answer?))
     })
 }
 
@@ -200,16 +211,14 @@ pub extern "C" fn pm_mask_for_each_word(
     user: *mut c_void,
 ) -> pm_code {
     self::visit(mask, visit, user, |mask, visit| {
-        let mut some = Vec::with_capacity(WORDS);
-        for word in mask.words() {
-            some.push(word.into());
-            if some.len() == WORDS {
-                visit(&some);
-                some.clear();
+        let (mut words, mut some) = (mask.words().map(pm_word::from), Vec::with_capacity(WORDS));
+        loop {
+            some.extend(words.by_ref().take(WORDS));
+            if some.is_empty() {
+                break;
             }
-        }
-        if !some.is_empty() {
             visit(&some);
+            some.clear();
         }
     })
 }
@@ -241,17 +250,18 @@ pub struct pm_frame_info {
     pub order_count: usize,
 }
 
-// SAFETY: it is `repr(C)` and begins with its size; numbers and pointers have no invalid bit patterns.
-unsafe impl Growing for pm_frame_info {}
+growing!(pm_frame_info);
 
 /// Where the order of a sparse mask lies.
 fn order_of(mask: &PairMask) -> (*const u32, usize) {
-    // Asked first: the compiler may read what other views leave unset, which valgrind would tell.
-    if mask.encoding() != Encoding::Sparse {
-        return (null(), 0);
+    // The encoding first: the compiler may read what other views leave unset, which valgrind would report.
+    if mask.encoding() == Encoding::Sparse
+        && let MaskView::Sparse(sparse) = mask.view()
+        && let Some(order) = sparse.order()
+    {
+        return place(order);
     }
-    let MaskView::Sparse(sparse) = mask.view() else { return (null(), 0) };
-    sparse.order().map_or((null(), 0), place)
+    (null(), 0)
 }
 
 fn info_of(mask: &PairMask) -> pm_frame_info {

@@ -18,7 +18,7 @@ use crate::failure::Failure;
 #[repr(transparent)]
 pub struct In<T>(*const T);
 
-/// Where a program wants a result: a `T *`.
+/// Where a program gets a result: a `T *`.
 #[derive(Clone, Copy)]
 #[repr(transparent)]
 pub struct Out<T>(*mut T);
@@ -65,6 +65,15 @@ impl In<c_char> {
 /// It is `repr(C)`, its first field is its size, a `usize`, and every bit pattern is a value of it.
 pub unsafe trait Growing: Copy + Default {}
 
+/// Lets a struct grow whose first field is its size, and all of whose fields are numbers and pointers.
+macro_rules! growing {
+    ($of:ty) => {
+        const _: () = assert!(std::mem::offset_of!($of, struct_size) == 0);
+        // SAFETY: it is `repr(C)` and begins with its size; numbers and pointers have no invalid bit patterns.
+        unsafe impl crate::memory::Growing for $of {}
+    };
+}
+
 impl<T: Growing> In<T> {
     /// As many bytes as its `struct_size` says, the rest zeros, as which a null pointer counts.
     pub fn growing(self) -> Result<T, Failure> {
@@ -85,7 +94,7 @@ impl<T: Copy> Out<T> {
         check(self.0, 1)
     }
 
-    /// Whether the program wants no result.
+    /// Whether the program gets no result.
     pub fn is_null(self) -> bool {
         self.0.is_null()
     }
@@ -108,7 +117,7 @@ impl<T: Copy> Out<T> {
 }
 
 impl<T> Out<*const T> {
-    /// Does the work of a function that tells where a list lies and how long it is.
+    /// Does the work of a function that writes where a list lies and how long it is.
     pub fn give_list(
         self,
         count: Out<usize>,
@@ -143,7 +152,7 @@ impl<T: Growing> Out<T> {
         Ok(())
     }
 
-    /// Does the work of a function that tells facts.
+    /// Does the work of a function that writes facts.
     pub fn give_growing(self, work: impl FnOnce() -> Result<T, Failure>) -> pm_code {
         call(|| {
             self.check_growing()?;

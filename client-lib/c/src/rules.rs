@@ -3,13 +3,14 @@
 
 use std::sync::Arc;
 
+use bytemuck::{cast, cast_slice};
 use pairmask::filters::{Filter, FilterTable, Rules};
 
 use crate::code::pm_code;
 use crate::failure::Failure;
 use crate::handles::Handle;
-use crate::memory::{Growing, In, Out};
-use crate::values::{pairs, pm_filter, pm_pair, pm_tag, tags};
+use crate::memory::{In, Out};
+use crate::values::{pm_filter, pm_pair, pm_tag};
 
 #[derive(Clone, Copy, Debug, Default)]
 #[repr(C)]
@@ -31,21 +32,20 @@ pub struct pm_rules_desc {
     pub excluded_count: usize,
 }
 
-// SAFETY: it is `repr(C)` and begins with its size; pointers and integers have no invalid bit patterns.
-unsafe impl Growing for pm_rules_desc {}
+growing!(pm_rules_desc);
 
 #[unsafe(no_mangle)]
 pub extern "C" fn pm_rules_create(desc: In<pm_rules_desc>, rules: Out<pm_rules>) -> pm_code {
     rules.give(|| {
         let desc = desc.growing()?;
         let mut made = Rules::default();
-        made.tags = tags(desc.tags.array(desc.tag_count)?).to_vec();
+        made.tags = cast_slice(desc.tags.array(desc.tag_count)?).to_vec();
         made.table = table(desc.filters, desc.filter_count)?;
-        for pair in pairs(desc.included.array(desc.included_count)?) {
-            made.lists.include(*pair, true);
+        for pair in desc.included.array(desc.included_count)? {
+            made.lists.include(cast(*pair), true);
         }
-        for pair in pairs(desc.excluded.array(desc.excluded_count)?) {
-            made.lists.exclude(*pair, true);
+        for pair in desc.excluded.array(desc.excluded_count)? {
+            made.lists.exclude(cast(*pair), true);
         }
         pm_rules::new(Arc::new(made))
     })

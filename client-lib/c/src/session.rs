@@ -4,26 +4,20 @@
 use std::ffi::c_char;
 use std::time::Duration;
 
-use pairmask::Backend;
+use pairmask::{Backend, Session, SessionBuilder};
 use pairmask_core::units::BoxCount;
 
 use crate::code::pm_code;
 use crate::failure::Failure;
 use crate::handles::Handle;
-use crate::memory::{Growing, In, Out};
-use crate::spares::Spares;
-use crate::values::{pm_served_by, served_by_number};
+use crate::mask::free_spares;
+use crate::memory::{In, Out};
+use crate::values::{if_any, pm_served_by, served_by_number};
 
 #[derive(Clone, Copy, Debug, Default)]
 #[repr(C)]
 pub struct pm_session {
     pub id: u64,
-}
-
-/// What a `pm_session` names.
-pub struct Session {
-    pub session: pairmask::Session,
-    pub spares: Spares,
 }
 
 pub type pm_backend = u32;
@@ -49,8 +43,7 @@ pub struct pm_session_options {
     pub no_repeats: u32,
 }
 
-// SAFETY: it is `repr(C)` and begins with its size; pointers and integers have no invalid bit patterns.
-unsafe impl Growing for pm_session_options {}
+growing!(pm_session_options);
 
 #[unsafe(no_mangle)]
 pub extern "C" fn pm_session_connect(
@@ -60,56 +53,49 @@ pub extern "C" fn pm_session_connect(
     session.give(|| pm_session::new(connect(&options.growing()?)?))
 }
 
+/// Settings with one more, where it is given.
+fn with<S, T>(settings: S, given: Option<T>, set: impl FnOnce(S, T) -> S) -> S {
+    match given {
+        Some(value) => set(settings, value),
+        None => settings,
+    }
+}
+
 fn connect(options: &pm_session_options) -> Result<Session, Failure> {
-    let mut builder = pairmask::Session::builder().backend(match options.backend {
+    let backend = match options.backend {
         PM_BACKEND_AUTO => Backend::Auto,
         PM_BACKEND_DAEMON => Backend::Daemon,
         PM_BACKEND_IN_PROCESS => Backend::InProcess,
         _ => return Err(Failure::argument("no such backend")),
-    });
-    if let Some(instance) = options.instance.text()? {
-        builder = builder.instance(instance);
-    }
-    if let Some(dir) = options.runtime_dir.text()? {
-        #[cfg(feature = "daemon")]
-        {
-            builder = builder.runtime_dir(std::path::PathBuf::from(dir));
-        }
-        #[cfg(not(feature = "daemon"))]
-        let _ = dir;
-    }
-    if let Some(engine) = options.engine.text()? {
-        builder = builder.engine(engine.parse()?);
-    }
-    if let Some(encoding) = options.encoding.text()? {
-        builder = builder.encoding(encoding.parse()?);
-    }
-    if let Some(isa) = options.isa.text()? {
-        builder = builder.isa(isa.parse()?);
-    }
-    if options.threads > 0 {
-        builder = builder.threads(options.threads as usize);
-    }
-    if options.visit_threads > 0 {
-        builder = builder.visit_threads(options.visit_threads as usize);
-    }
-    if options.capacity > 0 {
-        builder = builder.capacity(BoxCount::new(options.capacity));
-    }
-    match options.spin_ns {
-        0 => {}
-        u64::MAX => builder = builder.spin(Duration::ZERO),
-        ns => builder = builder.spin(Duration::from_nanos(ns)),
-    }
-    if options.deadline_ns > 0 {
-        builder = builder.deadline(Duration::from_nanos(options.deadline_ns));
-    }
-    let session = builder.answer_repeats(options.no_repeats == 0).connect()?;
-    Ok(Session { session, spares: Spares::default() })
+    };
+    let builder = Session::builder().backend(backend);
+    let builder = with(builder, options.instance.text()?, SessionBuilder::instance);
+    let dir = options.runtime_dir.text()?;
+    #[cfg(feature = "daemon")]
+    let builder = with(builder, dir.map(std::path::PathBuf::from), SessionBuilder::runtime_dir);
+    #[cfg(not(feature = "daemon"))]
+    let _ = dir;
+    let engine = options.engine.text()?.map(str::parse).transpose()?;
+    let builder = with(builder, engine, SessionBuilder::engine);
+    let encoding = options.encoding.text()?.map(str::parse).transpose()?;
+    let builder = with(builder, encoding, SessionBuilder::encoding);
+    let isa = options.isa.text()?.map(str::parse).transpose()?;
+    let builder = with(builder, isa, SessionBuilder::isa);
+    let count = |setting| if_any(setting).map(|count: u32| count as usize);
+    let builder = with(builder, count(options.threads), SessionBuilder::threads);
+    let builder = with(builder, count(options.visit_threads), SessionBuilder::visit_threads);
+    let capacity = if_any(options.capacity).map(BoxCount::new);
+    let builder = with(builder, capacity, SessionBuilder::capacity);
+    let spin = if_any(options.spin_ns).map(|ns| if ns == u64::MAX { 0 } else { ns });
+    let builder = with(builder, spin.map(Duration::from_nanos), SessionBuilder::spin);
+    let deadline = if_any(options.deadline_ns).map(Duration::from_nanos);
+    let builder = with(builder, deadline, SessionBuilder::deadline);
+    Ok(builder.answer_repeats(options.no_repeats == 0).connect()?)
 }
 
 #[unsafe(no_mangle)]
 pub extern "C" fn pm_session_drop(session: pm_session) -> pm_code {
+    free_spares();
     session.drop()
 }
 
@@ -118,7 +104,7 @@ pub extern "C" fn pm_session_served_by(
     session: pm_session,
     served_by: Out<pm_served_by>,
 ) -> pm_code {
-    served_by.give(|| session.with(|s| Ok(served_by_number(s.session.served_by()))))
+    served_by.give(|| session.with(|s| Ok(served_by_number(s.served_by()))))
 }
 
 #[derive(Clone, Copy, Debug, Default)]
@@ -137,8 +123,7 @@ pub struct pm_daemon_status {
     pub scene_mib: u32,
 }
 
-// SAFETY: it is `repr(C)` and begins with its size; integers have no invalid bit patterns.
-unsafe impl Growing for pm_daemon_status {}
+growing!(pm_daemon_status);
 
 #[unsafe(no_mangle)]
 pub extern "C" fn pm_session_daemon_status(
@@ -146,7 +131,7 @@ pub extern "C" fn pm_session_daemon_status(
     status: Out<pm_daemon_status>,
 ) -> pm_code {
     status.give_growing(|| {
-        let reported = session.with(|s| Ok(s.session.daemon_status()?))?;
+        let reported = session.with(|s| Ok(s.daemon_status()?))?;
         Ok(pm_daemon_status {
             pid: reported.pid,
             client_count: reported.client_count,

@@ -97,31 +97,6 @@ pub const fn served_by_number(by: ServedBy) -> pm_served_by {
     }
 }
 
-/// A program's boxes as the library's.
-pub fn boxes(boxes: &[pm_box]) -> &[Aabb] {
-    bytemuck::cast_slice(boxes)
-}
-
-/// A program's box as the library's.
-pub fn of_box(b: pm_box) -> Aabb {
-    bytemuck::cast(b)
-}
-
-/// The library's box as a program's.
-pub fn to_box(b: Aabb) -> pm_box {
-    bytemuck::cast(b)
-}
-
-/// A program's tags as the library's.
-pub fn tags(tags: &[pm_tag]) -> &[Tag] {
-    bytemuck::cast_slice(tags)
-}
-
-/// A program's pairs as the library's.
-pub fn pairs(pairs: &[pm_pair]) -> &[[u32; 2]] {
-    bytemuck::cast_slice(pairs)
-}
-
 /// The library's pairs as a program's.
 pub fn to_pairs(pairs: &[[u32; 2]]) -> &[pm_pair] {
     bytemuck::cast_slice(pairs)
@@ -158,6 +133,11 @@ impl From<Filter> for pm_filter {
             either: u16::from(f.either),
         }
     }
+}
+
+/// A setting, of which zero leaves the choice to the library.
+pub fn if_any<T: Default + PartialEq>(setting: T) -> Option<T> {
+    Some(setting).filter(|setting| *setting != T::default())
 }
 
 /// A count that an index can name.

@@ -1,14 +1,14 @@
-//! The functions that send an edit, wait and tell the answer.
+//! The functions that send an edit, and wait for its answer.
 #![allow(unsafe_code)]
 
-use pairmask::{PairList, Report};
+use pairmask::{Report, SceneAnswer};
 
 use super::{Scene, pm_scene, to_ranges};
 use crate::call::call;
 use crate::code::pm_code;
 use crate::failure::Failure;
 use crate::handles::Handle;
-use crate::memory::{Growing, Out, place};
+use crate::memory::{Out, place};
 use crate::values::{
     name_of, pm_ended, pm_name, pm_pair, pm_range, pm_served_by, served_by_number, to_ended,
     to_pairs,
@@ -40,48 +40,41 @@ pub struct pm_answer {
     pub engine: pm_name,
 }
 
-// SAFETY: it is `repr(C)` and begins with its size; numbers and pointers have no invalid bit patterns.
-unsafe impl Growing for pm_answer {}
+growing!(pm_answer);
 
-/// What an answer was decoded to.
+/// What an answer was decoded to, once: other processes may write what it lies in.
 #[derive(Default)]
 pub struct Lists {
-    /// Whether it was: what other processes may write is read once.
-    pub are_read: bool,
     begun: Vec<[u32; 2]>,
     pairs: Vec<[u32; 2]>,
     ended: Vec<pm_ended>,
     late: Vec<pm_range>,
 }
 
-/// Where a list lies: in this process's memory already, or in `memory`, once it was read.
-fn listed(
-    list: PairList<'_>,
-    memory: &mut Vec<[u32; 2]>,
-    is_read: bool,
-) -> (*const pm_pair, usize) {
-    if let Some(own) = list.own_list() {
-        return place(to_pairs(own));
+impl Lists {
+    /// Decodes an answer, but for lists in this process's memory.
+    fn read(&mut self, answer: &SceneAnswer<'_>) {
+        for (list, memory) in [(answer.begun(), &mut self.begun), (answer.pairs(), &mut self.pairs)]
+        {
+            memory.clear();
+            if list.own_list().is_none() {
+                list.for_each_slice(|some| memory.extend_from_slice(some));
+            }
+        }
+        self.ended.clear();
+        self.ended.extend(answer.ended().map(to_ended));
+        to_ranges(answer.late(), &mut self.late);
     }
-    if !is_read {
-        memory.clear();
-        list.for_each_slice(|some| memory.extend_from_slice(some));
-    }
-    place(to_pairs(memory))
 }
 
-/// The answer, its lists decoded once.
-fn answer_of(scene: &mut Scene) -> Result<pm_answer, Failure> {
+/// The answer, whose lists were decoded.
+fn answer_of(scene: &Scene) -> Result<pm_answer, Failure> {
     let Scene { state, lists, .. } = scene;
     state.read(|answer| {
-        let (begun, begun_count) = listed(answer.begun(), &mut lists.begun, lists.are_read);
-        let (pairs, pair_count) = listed(answer.pairs(), &mut lists.pairs, lists.are_read);
-        if !lists.are_read {
-            lists.ended.clear();
-            lists.ended.extend(answer.ended().map(to_ended));
-            to_ranges(answer.late(), &mut lists.late);
-            lists.are_read = true;
-        }
+        let (begun, begun_count) =
+            place(to_pairs(answer.begun().own_list().unwrap_or(&lists.begun)));
+        let (pairs, pair_count) =
+            place(to_pairs(answer.pairs().own_list().unwrap_or(&lists.pairs)));
         let (ended, ended_count) = place(&lists.ended);
         let (late, late_count) = place(&lists.late);
         pm_answer {
@@ -113,7 +106,6 @@ fn send(scene: &mut Scene, report: pm_report) -> Result<(), Failure> {
         PM_REPORT_NOTHING => Report::Nothing,
         _ => return Err(Failure::argument("no such answer")),
     };
-    scene.edited()?;
     scene.state.submit(report)
 }
 
@@ -129,7 +121,9 @@ fn wait(
         }
         scene.with(|scene| {
             first(scene)?;
-            scene.state.wait()?;
+            if scene.state.wait()? {
+                scene.state.read(|answer| scene.lists.read(answer))?;
+            }
             if answer.is_null() { Ok(()) } else { answer.write_growing(&answer_of(scene)?) }
         })
     })

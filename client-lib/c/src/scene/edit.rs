@@ -1,6 +1,7 @@
 //! The functions that write an edit.
 #![allow(unsafe_code)]
 
+use bytemuck::{cast, cast_slice};
 use pairmask::Margin;
 use pairmask_core::scene::{Indices, Sets, Step, Tags};
 
@@ -12,10 +13,7 @@ use crate::failure::Failure;
 use crate::handles::Handle;
 use crate::memory::In;
 use crate::rules::table;
-use crate::values::{
-    boxes as as_boxes, index_count, of_box, pairs as as_pairs, pm_box, pm_filter, pm_pair, pm_tag,
-    tags as as_tags,
-};
+use crate::values::{index_count, pm_box, pm_filter, pm_pair, pm_tag};
 
 pub type pm_indices_kind = u32;
 pub const PM_INDICES_RANGE: pm_indices_kind = 0;
@@ -45,8 +43,8 @@ impl pm_indices {
 }
 
 /// Adds to the edit of a scene. Its answer ends.
-fn add(scene: pm_scene, say: impl FnOnce(&mut Draft) -> Result<(), Failure>) -> pm_code {
-    call(|| scene.with(|scene| say(&mut scene.edited()?.draft)))
+fn add(scene: pm_scene, work: impl FnOnce(&mut Draft) -> Result<(), Failure>) -> pm_code {
+    call(|| scene.with(|scene| work(&mut scene.state.end()?.draft)))
 }
 
 /// Adds a step to the edit of a scene. Its answer ends.
@@ -65,11 +63,9 @@ pub extern "C" fn pm_scene_set(
     margin: In<f32>,
 ) -> pm_code {
     add(scene, |draft| {
-        let (b, margin) = (of_box(b.value()?), margin.if_any()?);
+        let (b, margin) = (cast(b.value()?), margin.if_any()?);
         let margin = margin.map(Margin::new).transpose()?;
-        draft.indices.push(index);
-        draft.boxes.push(b);
-        draft.margins.push(margin);
+        draft.singles.push((index, b, margin));
         Ok(())
     })
 }
@@ -84,7 +80,7 @@ pub extern "C" fn pm_scene_set_all(
     margin_count: usize,
 ) -> pm_code {
     add(scene, |draft| {
-        let (indices, boxes) = (indices.read()?, as_boxes(boxes.array(n)?));
+        let (indices, boxes) = (indices.read()?, cast_slice(boxes.array(n)?));
         draft.given.push(match margins.array(margin_count)? {
             [] => Given::Step(Step::Set(Sets { indices, boxes })),
             [one] => {
@@ -126,7 +122,9 @@ pub extern "C" fn pm_scene_tag(
     tags: In<pm_tag>,
     n: usize,
 ) -> pm_code {
-    step(scene, || Ok(Step::Tag(Tags { indices: indices.read()?, tags: as_tags(tags.array(n)?) })))
+    step(scene, || {
+        Ok(Step::Tag(Tags { indices: indices.read()?, tags: cast_slice(tags.array(n)?) }))
+    })
 }
 
 #[unsafe(no_mangle)]
@@ -146,7 +144,7 @@ pub extern "C" fn pm_scene_include(
     n: usize,
     on: bool,
 ) -> pm_code {
-    step(scene, || Ok(Step::Include(as_pairs(pairs.array(n)?), on)))
+    step(scene, || Ok(Step::Include(cast_slice(pairs.array(n)?), on)))
 }
 
 #[unsafe(no_mangle)]
@@ -156,7 +154,7 @@ pub extern "C" fn pm_scene_exclude(
     n: usize,
     on: bool,
 ) -> pm_code {
-    step(scene, || Ok(Step::Exclude(as_pairs(pairs.array(n)?), on)))
+    step(scene, || Ok(Step::Exclude(cast_slice(pairs.array(n)?), on)))
 }
 
 #[unsafe(no_mangle)]

@@ -9,15 +9,11 @@ use self_cell::{MutBorrow, self_cell};
 use crate::code::pm_code::PM_ERR_STATE;
 use crate::failure::Failure;
 
-/// What an edit says, until it is answered. Arrays of the program are read where they lie.
+/// What an edit does, until it is answered. Arrays of the program are read where they lie.
 #[derive(Default)]
 pub struct Draft {
-    /// Boxes that were set one by one.
-    pub indices: Vec<u32>,
-    /// One for each.
-    pub boxes: Vec<Aabb>,
-    /// One for each, where one was given.
-    pub margins: Vec<Option<Margin>>,
+    /// Boxes that were set one by one, with their margins where they were given some.
+    pub singles: Vec<(u32, Aabb, Option<Margin>)>,
     /// All else.
     pub given: Vec<Given>,
     /// The table of filters, which a step names.
@@ -35,11 +31,9 @@ pub enum Given {
 }
 
 impl Draft {
-    /// Nothing said, with the memory of this.
+    /// An empty one, with the memory of this.
     pub fn clear(&mut self) {
-        self.indices.clear();
-        self.boxes.clear();
-        self.margins.clear();
+        self.singles.clear();
         self.given.clear();
     }
 }
@@ -67,14 +61,10 @@ self_cell!(
     }
 );
 
-/// Where a scene is.
-pub struct State(Place);
-
-enum Place {
-    Idle(Box<Edited>),
-    Borrowed(Cell),
-    /// Only while it is moved.
-    Moved,
+/// A scene that is idle, or that an edit under way or an answer borrows. It is neither only while it is moved.
+pub struct State {
+    idle: Option<Box<Edited>>,
+    borrowed: Option<Cell>,
 }
 
 const NO_ANSWER: Failure =
@@ -82,48 +72,49 @@ const NO_ANSWER: Failure =
 
 impl State {
     pub fn new(scene: Scene) -> Self {
-        Self(Place::Idle(Box::new(Edited { scene, draft: Draft::default() })))
+        let edited = Edited { scene, draft: Draft::default() };
+        Self { idle: Some(Box::new(edited)), borrowed: None }
     }
 
     /// The scene without its answer, and the edit that is being written.
     pub fn end(&mut self) -> Result<&mut Edited, Failure> {
-        self.0 = match std::mem::replace(&mut self.0, Place::Moved) {
-            Place::Borrowed(cell) => Place::Idle(cleared(cell.into_owner())),
-            idle => idle,
-        };
-        match &mut self.0 {
-            Place::Idle(edited) => Ok(edited),
-            _ => Err(NO_ANSWER),
+        if let Some(cell) = self.borrowed.take() {
+            self.idle = Some(cleared(cell.into_owner()));
         }
+        self.idle.as_deref_mut().ok_or(NO_ANSWER)
     }
 
     /// Sends the edit that was written.
     pub fn submit(&mut self, report: Report) -> Result<(), Failure> {
         self.end()?;
-        let Place::Idle(edited) = std::mem::replace(&mut self.0, Place::Moved) else {
-            return Err(NO_ANSWER);
-        };
-        let sent = Cell::try_new_or_recover(MutBorrow::new(edited), |owner| {
+        let owner = MutBorrow::new(self.idle.take().ok_or(NO_ANSWER)?);
+        let sent = Cell::try_new_or_recover(owner, |owner| {
             send(owner.borrow_mut(), report).map(Borrower::Pending)
         });
-        let (place, sent) = match sent {
-            Ok(cell) => (Place::Borrowed(cell), Ok(())),
-            Err((owner, failure)) => (Place::Idle(cleared(owner)), Err(failure)),
+        let (owner, failure) = match sent {
+            Ok(cell) => {
+                self.borrowed = Some(cell);
+                return Ok(());
+            }
+            Err(failed) => failed,
         };
-        self.0 = place;
-        sent
+        self.idle = Some(cleared(owner));
+        Err(failure)
     }
 
-    /// Waits for the answer to the edit under way.
-    pub fn wait(&mut self) -> Result<(), Failure> {
-        let Place::Borrowed(cell) = &mut self.0 else { return Err(NO_ANSWER) };
+    /// Waits for the answer to the edit under way. Returns whether it is new, and not one that was waited for before.
+    pub fn wait(&mut self) -> Result<bool, Failure> {
+        let cell = self.borrowed.as_mut().ok_or(NO_ANSWER)?;
         cell.with_dependent_mut(|_, borrower| {
             match std::mem::replace(borrower, Borrower::Nothing) {
                 Borrower::Pending(pending) => *borrower = Borrower::Answer(pending.wait()?),
-                Borrower::Answer(answer) => *borrower = Borrower::Answer(answer),
+                Borrower::Answer(answer) => {
+                    *borrower = Borrower::Answer(answer);
+                    return Ok(false);
+                }
                 Borrower::Nothing => return Err(NO_ANSWER),
             }
-            Ok(())
+            Ok(true)
         })
     }
 
@@ -134,7 +125,7 @@ impl State {
 
     /// Reads the answer.
     pub fn read<R>(&self, read: impl FnOnce(&SceneAnswer<'_>) -> R) -> Result<R, Failure> {
-        let Place::Borrowed(cell) = &self.0 else { return Err(NO_ANSWER) };
+        let cell = self.borrowed.as_ref().ok_or(NO_ANSWER)?;
         cell.with_dependent(|_, borrower| match borrower {
             Borrower::Answer(answer) => Ok(read(answer)),
             _ => Err(NO_ANSWER),
@@ -153,21 +144,16 @@ fn cleared(owner: MutBorrow<Box<Edited>>) -> Box<Edited> {
 fn send(edited: &mut Edited, report: Report) -> Result<PendingAnswer<'_, '_>, Failure> {
     let Edited { scene, draft } = edited;
     let draft = &*draft;
-    let mut edit = draft.given.iter().fold(scene.edit(), |edit, given| match given {
+    let edit = draft.given.iter().fold(scene.edit(), |edit, given| match given {
         Given::Margined { indices, boxes, margins } => {
             edit.set_all_margined(*indices, boxes, &margins[..])
         }
         Given::Step(step) => edit.step(*step),
         Given::Table => edit.step(Step::Filters(&draft.table)),
     });
-    if draft.margins.iter().any(Option::is_some) {
-        let singles = draft.indices.iter().zip(&draft.boxes).zip(&draft.margins);
-        edit = singles.fold(edit, |edit, ((index, b), margin)| match margin {
-            Some(margin) => edit.set_margined(*index, *b, *margin),
-            None => edit.set(*index, *b),
-        });
-    } else if !draft.indices.is_empty() {
-        edit = edit.set_all(Indices::List(&draft.indices), &draft.boxes);
-    }
+    let edit = draft.singles.iter().fold(edit, |edit, (index, b, margin)| match margin {
+        Some(margin) => edit.set_margined(*index, *b, *margin),
+        None => edit.set(*index, *b),
+    });
     Ok(edit.submit(report)?)
 }

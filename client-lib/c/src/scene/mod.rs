@@ -15,19 +15,18 @@ mod shared;
 
 use std::ops::Range;
 
+use bytemuck::{cast, cast_slice};
 use pairmask::{Margin, MarginedPairs, SceneOptions};
 
 use self::answer::Lists;
-use self::edited::{Edited, State};
+use self::edited::State;
 use crate::call::call;
 use crate::code::pm_code::{self, PM_ERR_ABSENT};
 use crate::failure::Failure;
 use crate::handles::Handle;
-use crate::memory::{Growing, In, Out, place};
+use crate::memory::{In, Out, place};
 use crate::session::pm_session;
-use crate::values::{
-    boxes as as_boxes, pm_box, pm_pair, pm_range, pm_tag, tags as as_tags, to_box, to_pairs,
-};
+use crate::values::{if_any, pm_box, pm_pair, pm_range, pm_tag, to_pairs};
 
 #[derive(Clone, Copy, Debug, Default)]
 #[repr(C)]
@@ -46,15 +45,9 @@ pub struct Scene {
 }
 
 impl Scene {
-    fn new(scene: pairmask::Scene) -> Box<Self> {
+    fn new(scene: pairmask::Scene) -> Self {
         let (lists, found, leases) = Default::default();
-        Box::new(Self { state: State::new(scene), lists, found, leases })
-    }
-
-    /// The scene, after whatever was answered: the answer ends.
-    fn edited(&mut self) -> Result<&mut Edited, Failure> {
-        self.lists.are_read = false;
-        self.state.end()
+        Self { state: State::new(scene), lists, found, leases }
     }
 }
 
@@ -83,24 +76,21 @@ pub struct pm_scene_options {
     pub usual_margin: f32,
 }
 
-// SAFETY: it is `repr(C)` and begins with its size; numbers have no invalid bit patterns.
-unsafe impl Growing for pm_scene_options {}
+growing!(pm_scene_options);
 
 fn options_of(given: &pm_scene_options) -> Result<SceneOptions, Failure> {
     let mut options = SceneOptions::default();
     if given.most_boxes > 0 {
-        options = options.with_most_boxes(given.most_boxes);
+        options.most_boxes = given.most_boxes;
     }
-    if given.threads > 0 {
-        options = options.with_threads(given.threads as usize);
-    }
-    let pairs = match given.margins {
-        PM_MARGINS_NONE => return Ok(options),
-        PM_MARGINS_EXACT => MarginedPairs::Exact,
-        PM_MARGINS_NEAR => MarginedPairs::Near,
+    options.threads = if_any(given.threads).map(|threads| threads as usize);
+    let usual = || Margin::new(given.usual_margin);
+    Ok(match given.margins {
+        PM_MARGINS_NONE => options,
+        PM_MARGINS_EXACT => options.with_margins(MarginedPairs::Exact, usual()?),
+        PM_MARGINS_NEAR => options.with_margins(MarginedPairs::Near, usual()?),
         _ => return Err(Failure::argument("no such margins")),
-    };
-    Ok(options.with_margins(pairs, Margin::new(given.usual_margin)?))
+    })
 }
 
 #[unsafe(no_mangle)]
@@ -111,7 +101,7 @@ pub extern "C" fn pm_scene_create(
 ) -> pm_code {
     scene.give(|| {
         let options = options_of(&options.growing()?)?;
-        pm_scene::new(Scene::new(session.with(|s| Ok(s.session.scene(options)))?))
+        pm_scene::new(Scene::new(session.with(|s| Ok(s.scene(options)))?))
     })
 }
 
@@ -124,7 +114,7 @@ pub extern "C" fn pm_scene_drop(scene: pm_scene) -> pm_code {
 pub extern "C" fn pm_scene_resync(scene: pm_scene) -> pm_code {
     call(|| {
         scene.with(|scene| {
-            scene.edited()?.scene.resync();
+            scene.state.end()?.scene.resync();
             Ok(())
         })
     })
@@ -134,7 +124,7 @@ pub extern "C" fn pm_scene_resync(scene: pm_scene) -> pm_code {
 pub extern "C" fn pm_scene_get(scene: pm_scene, index: u32, b: Out<pm_box>) -> pm_code {
     b.give(|| {
         let found = scene.with(|scene| scene.state.look(|scene| scene.get(index)))?;
-        found.map(to_box).ok_or(Failure::new(PM_ERR_ABSENT, "the index has no box"))
+        found.map(cast).ok_or(Failure::new(PM_ERR_ABSENT, "the index has no box"))
     })
 }
 
@@ -155,18 +145,18 @@ pub struct pm_scene_info {
     pub lease_count: usize,
 }
 
-// SAFETY: it is `repr(C)` and begins with its size; numbers and pointers have no invalid bit patterns.
-unsafe impl Growing for pm_scene_info {}
+growing!(pm_scene_info);
 
 #[unsafe(no_mangle)]
 pub extern "C" fn pm_scene_get_info(scene: pm_scene, info: Out<pm_scene_info>) -> pm_code {
     info.give_growing(|| {
         scene.with(|scene| {
-            let Scene { state, leases: kept, .. } = &mut **scene;
+            let Scene { state, leases: kept, .. } = scene;
             state.look(|scene| {
                 to_ranges(scene.leases(), kept);
                 let (leases, lease_count) = place(kept);
-                let stats = scene.margin_stats().unwrap_or_default();
+                let (stats, deadline) =
+                    (scene.margin_stats().unwrap_or_default(), scene.tick_deadline());
                 pm_scene_info {
                     boxes: scene.len() as u64,
                     allocated_bytes: scene.allocated_bytes() as u64,
@@ -176,9 +166,7 @@ pub extern "C" fn pm_scene_get_info(scene: pm_scene, info: Out<pm_scene_info>) -
                     set: stats.set,
                     sent: stats.sent,
                     most_boxes: u64::from(scene.most_boxes()),
-                    tick_deadline_ns: scene
-                        .tick_deadline()
-                        .map_or(0, |time| time.as_nanos() as u64),
+                    tick_deadline_ns: deadline.map_or(0, |time| time.as_nanos() as u64),
                     leases,
                     lease_count,
                     ..Default::default()
@@ -199,9 +187,9 @@ pub extern "C" fn pm_scene_query(
     count: Out<usize>,
 ) -> pm_code {
     found.give_list(count, || {
-        let (boxes, tags) = (as_boxes(boxes.array(n)?), as_tags(tags.array(tag_count)?));
+        let (boxes, tags) = (cast_slice(boxes.array(n)?), cast_slice(tags.array(tag_count)?));
         scene.with(|scene| {
-            let query = scene.edited()?.scene.query(boxes);
+            let query = scene.state.end()?.scene.query(boxes);
             let answer = match tags {
                 [] => query,
                 [tag] => query.tag(*tag),

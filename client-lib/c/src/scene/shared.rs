@@ -11,9 +11,9 @@ use crate::call::call;
 use crate::code::pm_code;
 use crate::failure::Failure;
 use crate::handles::Handle;
-use crate::memory::{Growing, In, Out};
+use crate::memory::{In, Out};
 use crate::session::pm_session;
-use crate::values::pm_range;
+use crate::values::{if_any, pm_range};
 
 pub type pm_at_end = u32;
 pub const PM_AT_END_ANY: pm_at_end = 0;
@@ -32,29 +32,25 @@ pub struct pm_join_options {
     pub usual_margin: f32,
 }
 
-// SAFETY: it is `repr(C)` and begins with its size; numbers have no invalid bit patterns.
-unsafe impl Growing for pm_join_options {}
+growing!(pm_join_options);
 
 fn options_of(given: &pm_join_options) -> Result<JoinOptions, Failure> {
     let mut options = JoinOptions::default();
-    if given.most_boxes > 0 {
-        options = options.with_most_boxes(given.most_boxes);
-    }
-    if given.tick_deadline_ns > 0 {
-        options = options.with_tick_deadline(Duration::from_nanos(given.tick_deadline_ns));
-    }
-    options = match given.at_end {
-        PM_AT_END_ANY => options,
-        PM_AT_END_REMOVE => options.with_at_end(AtEnd::Remove),
-        PM_AT_END_KEEP => options.with_at_end(AtEnd::Keep),
+    options.most_boxes = if_any(given.most_boxes);
+    options.tick_deadline = if_any(given.tick_deadline_ns).map(Duration::from_nanos);
+    options.at_end = match given.at_end {
+        PM_AT_END_ANY => None,
+        PM_AT_END_REMOVE => Some(AtEnd::Remove),
+        PM_AT_END_KEEP => Some(AtEnd::Keep),
         _ => return Err(Failure::argument("no such end")),
     };
-    options = match given.margins {
-        PM_MARGINS_NONE => options,
-        PM_MARGINS_NEAR => options.with_usual_margin(Margin::new(given.usual_margin)?),
+    options.usual_margin = match given.margins {
+        PM_MARGINS_NONE => None,
+        PM_MARGINS_NEAR => Some(Margin::new(given.usual_margin)?),
         _ => return Err(Failure::argument("a shared scene has no such margins")),
     };
-    Ok(if given.all_pairs == 0 { options } else { options.with_scope(Scope::All) })
+    options.scope = if given.all_pairs == 0 { Scope::Own } else { Scope::All };
+    Ok(options)
 }
 
 #[unsafe(no_mangle)]
@@ -67,7 +63,7 @@ pub extern "C" fn pm_scene_join(
     scene.give(|| {
         let name = name.text()?.ok_or(Failure::argument("the name is null"))?;
         let options = options_of(&options.growing()?)?;
-        pm_scene::new(Scene::new(session.with(|s| Ok(s.session.join_scene(name, options)?))?))
+        pm_scene::new(Scene::new(session.with(|s| Ok(s.join_scene(name, options)?))?))
     })
 }
 
@@ -76,16 +72,16 @@ pub extern "C" fn pm_scene_lease(scene: pm_scene, range: pm_range) -> pm_code {
     call(|| {
         let end = range.first.checked_add(range.count);
         let end = end.ok_or(Failure::argument("the range ends beyond 2^32 - 1"))?;
-        scene.with(|scene| Ok(scene.edited()?.scene.lease(range.first..end)?))
+        scene.with(|scene| Ok(scene.state.end()?.scene.lease(range.first..end)?))
     })
 }
 
 #[unsafe(no_mangle)]
 pub extern "C" fn pm_scene_lease_any(scene: pm_scene, count: u32, range: Out<pm_range>) -> pm_code {
-    range.give(|| scene.with(|scene| Ok(to_range(&scene.edited()?.scene.lease_any(count)?))))
+    range.give(|| scene.with(|scene| Ok(to_range(&scene.state.end()?.scene.lease_any(count)?))))
 }
 
 #[unsafe(no_mangle)]
 pub extern "C" fn pm_scene_give_back(scene: pm_scene, first: u32) -> pm_code {
-    call(|| scene.with(|scene| Ok(scene.edited()?.scene.give_back(first)?)))
+    call(|| scene.with(|scene| Ok(scene.state.end()?.scene.give_back(first)?)))
 }
