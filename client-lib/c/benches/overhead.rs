@@ -1,12 +1,13 @@
-//! What C and C++ add to a frame of Rust: 1,000 boxes in process on one thread, each side a
-//! process of its own, in turns.
+//! What C, C++ and Python add to a frame of Rust: 1,000 boxes on one thread, each side a process of its own, in turns.
 //!
 //! ```text
 //! cmake -S client-lib/c -B build/pairmask && cmake --build build/pairmask
-//! cargo bench -p pairmask-c --bench overhead
+//! cargo bench -p pairmask-c --bench overhead                        C and C++, in process
+//! cargo bench -p pairmask-c --bench overhead -- --python python3    Python too, where the package is installed
+//! cargo bench -p pairmask-c --bench overhead -- --runtime-dir DIR   by the daemon that serves there
 //! ```
 
-use std::io::{BufRead, BufReader, Write};
+use std::io::{Read, Write};
 use std::path::Path;
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 use std::time::Instant;
@@ -30,112 +31,134 @@ fn boxes() -> Vec<Aabb> {
     (0..1000).map(|_| [next(), next(), next()]).map(|p| Aabb::new(p, p.map(|x| x + 1.0))).collect()
 }
 
-/// A program that culls frames when it is told to.
+/// Pairs, and the nanoseconds of a frame.
+type Turn = (Vec<[u32; 2]>, f64);
+
+/// A program that culls frames: `conformance.c`, which describes requests and answers, or its like.
 struct Program {
     child: Child,
-    reported: ChildStdin,
-    says: BufReader<ChildStdout>,
+    requests: ChildStdin,
+    answers: ChildStdout,
 }
 
 impl Program {
-    /// Builds `benches/SOURCE` and starts it.
-    fn start(compiler: &str, standard: &str, source: &str, folder: &Path, boxes: &Path) -> Self {
-        let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-        // As users build it: with link-time optimisation, as this program has it.
-        let libraries = root.join("../../build/pairmask/lib");
-        let binary = folder.join(source.replace('.', "-"));
-        let mut build = Command::new(compiler);
-        build.args([standard, "-O2"]).arg("-I").arg(root.join("include"));
-        build.arg(root.join("benches").join(source)).arg("-o").arg(&binary);
-        build.arg("-L").arg(&libraries).arg("-lpairmask");
-        build.arg(format!("-Wl,-rpath,{}", libraries.display()));
-        assert!(build.status().expect("a compiler").success(), "{build:?}");
-        let mut command = Command::new(&binary);
-        command.arg(boxes).stdin(Stdio::piped()).stdout(Stdio::piped());
+    fn start(command: &mut Command) -> Self {
+        let command = command.stdin(Stdio::piped()).stdout(Stdio::piped());
         let mut child = command.spawn().expect("the program runs");
-        let reported = child.stdin.take().expect("piped");
-        let says = BufReader::new(child.stdout.take().expect("piped"));
-        Self { child, reported, says }
+        let requests = child.stdin.take().expect("piped");
+        let answers = child.stdout.take().expect("piped");
+        Self { child, requests, answers }
     }
 
-    /// Nanoseconds of a frame, and what the pairs add up to.
-    fn turn(&mut self) -> (f64, u64) {
-        writeln!(self.reported, "{FRAMES}").expect("the program reads");
-        let mut line = String::new();
-        self.says.read_line(&mut line).expect("the program answers");
-        let (ns, sum) = line.trim().split_once(' ').expect("two numbers");
-        (ns.parse().expect("a number"), sum.parse().expect("a number"))
+    fn turn(&mut self, given: &[Aabb]) -> Turn {
+        let head = [given.len() as u32, FRAMES];
+        self.requests.write_all(bytemuck::bytes_of(&head)).expect("the program reads");
+        self.requests.write_all(bytemuck::cast_slice(given)).expect("the program reads");
+        let mut head = [0u64; 5];
+        self.answers.read_exact(bytemuck::bytes_of_mut(&mut head)).expect("an answer");
+        let mut pairs = vec![[0; 2]; head[0] as usize];
+        self.answers.read_exact(bytemuck::cast_slice_mut(&mut pairs)).expect("the pairs");
+        (pairs, head[4] as f64 / f64::from(FRAMES))
     }
 
     fn end(mut self) {
-        drop(self.reported);
+        drop(self.requests);
         assert!(self.child.wait().expect("the program ends").success());
     }
 }
 
-fn rust_turn(session: &mut Session, given: &[Aabb]) -> (f64, u64) {
+/// Builds `tests/programs/SOURCE`: as users do, with link-time optimisation, as this program has it.
+fn compiled(compiler: &str, standard: &str, source: &str, folder: &Path) -> Command {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let libraries = root.join("../../build/pairmask/lib");
+    let binary = folder.join(source.replace('.', "-"));
+    let mut build = Command::new(compiler);
+    build.args([standard, "-O2"]).arg("-I").arg(root.join("include"));
+    build.arg(root.join("tests/programs").join(source)).arg("-o").arg(&binary);
+    build.arg("-L").arg(&libraries).arg("-lpairmask");
+    build.arg(format!("-Wl,-rpath,{}", libraries.display()));
+    assert!(build.status().expect("a compiler").success(), "{build:?}");
+    Command::new(binary)
+}
+
+fn rust_turn(session: &mut Session, given: &[Aabb]) -> Turn {
+    let mut pairs = Vec::new();
     let start = Instant::now();
-    let mut sum = 0;
     for _ in 0..FRAMES {
         let mut frame = session.frame(given.len()).expect("memory");
         frame.boxes_mut().copy_from_slice(given);
         let mask = frame.submit().expect("sent").wait().expect("answered");
-        mask.for_each_slice(|pairs| {
-            for [a, b] in pairs {
-                sum += u64::from(a ^ b);
-            }
-        });
+        pairs.clear();
+        mask.for_each_slice(|some| pairs.extend_from_slice(some));
     }
-    (start.elapsed().as_nanos() as f64 / f64::from(FRAMES), sum / u64::from(FRAMES))
+    (pairs, start.elapsed().as_nanos() as f64 / f64::from(FRAMES))
 }
 
-/// The median, and the quartiles.
-fn spread(mut values: Vec<f64>) -> [f64; 3] {
+/// The median between the quartiles.
+fn spread(values: impl Iterator<Item = f64>) -> [f64; 3] {
+    let mut values: Vec<f64> = values.collect();
     values.sort_by(f64::total_cmp);
     [1, 2, 3].map(|quarter| values[values.len() * quarter / 4])
 }
 
 fn main() {
+    let arguments: Vec<String> = std::env::args().collect();
+    let python = arguments.iter().position(|given| given == "--python").map(|at| at + 1);
+    let runtime_dir = arguments.iter().position(|given| given == "--runtime-dir").map(|at| at + 1);
+    let [python, runtime_dir] = [python, runtime_dir].map(|at| arguments.get(at?));
+
     let given = boxes();
     let folder = std::env::temp_dir().join(format!("pairmask-overhead-{}", std::process::id()));
     std::fs::create_dir_all(&folder).expect("a temporary folder");
-    let file = folder.join("boxes.f32");
-    std::fs::write(&file, bytemuck::cast_slice(&given)).expect("written");
-    let mut c = Program::start("cc", "-std=gnu11", "frames.c", &folder, &file);
-    let mut cpp = Program::start("c++", "-std=c++17", "frames.cpp", &folder, &file);
-    let builder = Session::builder().backend(Backend::InProcess).answer_repeats(false).threads(1);
-    let mut session = builder.connect().expect("a session");
-
-    let mut times = [(); 3].map(|()| Vec::new());
-    let mut ratios = [(); 2].map(|()| Vec::new());
-    for turn in 0..TURNS {
-        // Each side is first as often as the others.
-        let mut turns = [(0.0, 0); 3];
-        for side in (0..3).map(|side| (side + turn) % 3) {
-            turns[side] = match side {
-                0 => rust_turn(&mut session, &given),
-                1 => c.turn(),
-                _ => cpp.turn(),
-            };
-        }
-        assert!(turns.iter().all(|(_, sum)| *sum == turns[0].1), "the pairs differ: {turns:?}");
-        for (all, (ns, _)) in times.iter_mut().zip(turns) {
-            all.push(ns);
-        }
-        for (all, (ns, _)) in ratios.iter_mut().zip(&turns[1..]) {
-            all.push(ns / turns[0].0);
+    let builder = Session::builder().answer_repeats(false).threads(1);
+    let (backend, builder) = match runtime_dir {
+        Some(dir) => ("daemon", builder.backend(Backend::Daemon).runtime_dir(Path::new(dir))),
+        None => ("in-process", builder.backend(Backend::InProcess)),
+    };
+    let dir = runtime_dir.map_or("-", String::as_str);
+    let mut names = vec!["Rust", "C", "C++"];
+    let mut programs = vec![
+        compiled("cc", "-std=c11", "conformance.c", &folder),
+        compiled("c++", "-std=c++17", "conformance.cpp", &folder),
+    ];
+    for program in &mut programs {
+        program.args([backend, dir, "auto", "timed"]);
+    }
+    for (name, way) in [("Python, session.cull", "cull"), ("Python, frame by frame", "frame")] {
+        if let Some(python) = python {
+            let mut command = Command::new(python);
+            command.arg(Path::new(env!("CARGO_MANIFEST_DIR")).join("benches/frames.py"));
+            command.args([backend, dir, way]);
+            names.push(name);
+            programs.push(command);
         }
     }
-    c.end();
-    cpp.end();
+    let mut programs: Vec<Program> = programs.iter_mut().map(Program::start).collect();
+    let mut session = builder.connect().expect("a session");
+
+    let mut times = Vec::new();
+    for turn in 0..TURNS {
+        // Each side is first as often as the others.
+        let mut turns = vec![Turn::default(); names.len()];
+        for side in (0..names.len()).map(|side| (side + turn) % names.len()) {
+            turns[side] = match side {
+                0 => rust_turn(&mut session, &given),
+                side => programs[side - 1].turn(&given),
+            };
+            turns[side].0.sort_unstable();
+        }
+        assert!(turns.iter().all(|(pairs, _)| *pairs == turns[0].0), "the pairs differ");
+        times.push(turns.into_iter().map(|(_, ns)| ns / 1e3).collect::<Vec<f64>>());
+    }
+    programs.into_iter().for_each(Program::end);
     std::fs::remove_dir_all(&folder).expect("removed");
 
-    println!(
-        "1,000 boxes in process on one thread, µs a frame: median (quartiles), and the median ratio to Rust's turn"
-    );
-    for (side, (name, values)) in ["Rust", "C", "C++"].into_iter().zip(times).enumerate() {
-        let [low, mid, high] = spread(values).map(|ns| ns / 1e3);
-        let ratio = side.checked_sub(1).map_or(1.0, |at| spread(ratios[at].clone())[1]);
-        println!("{name:<5} {mid:7.2} ({low:.2} to {high:.2})  {ratio:.4}");
+    println!("1,000 boxes, {backend}, one thread, µs a frame: median (quartiles), and medians of");
+    println!("a turn's difference from Rust's turn and of its ratio to that");
+    for (side, name) in names.iter().enumerate() {
+        let [low, mid, high] = spread(times.iter().map(|turn| turn[side]));
+        let [_, over, _] = spread(times.iter().map(|turn| turn[side] - turn[0]));
+        let [_, ratio, _] = spread(times.iter().map(|turn| turn[side] / turn[0]));
+        println!("{name:<22} {mid:7.2} ({low:.2} to {high:.2})  {over:+6.2}  {ratio:.4}");
     }
 }

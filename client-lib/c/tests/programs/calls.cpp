@@ -147,11 +147,8 @@ void shared(pm::Session &session, bool is_daemon) {
 } // namespace
 
 int main(int argc, char **argv) {
-  const pm_session_options given = options_of(argc, argv);
   pm::SessionOptions options;
-  options.backend = given.backend;
-  options.runtime_dir = given.runtime_dir;
-  options.encoding = given.encoding;
+  static_cast<pm_session_options &>(options) = options_of(argc, argv);
   const bool is_daemon = options.backend == PM_BACKEND_DAEMON;
   auto session = pm::Session::connect(options).value();
   CHECK((session.served_by() == PM_SERVED_BY_DAEMON) == is_daemon);

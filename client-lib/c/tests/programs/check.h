@@ -34,24 +34,21 @@
 /* The first field of a struct that may grow. */
 #define SIZED(type) .struct_size = sizeof(type)
 
-/* Arguments: a backend by name, the runtime directory, an encoding or "auto". */
+/* Arguments: a backend by name, the runtime directory, an encoding or "auto"; and "timed" for frames that are timed,
+ * which one thread culls each time anew. */
 static inline pm_session_options options_of(int argc, char **argv) {
+  static const char *const backends[] = {"auto", "daemon", "in-process"};
   pm_session_options options;
   memset(&options, 0, sizeof options);
   options.struct_size = sizeof options;
-  CHECK(argc == 4);
-  if (strcmp(argv[1], "in-process") == 0) {
-    options.backend = PM_BACKEND_IN_PROCESS;
-  } else if (strcmp(argv[1], "daemon") == 0) {
-    options.backend = PM_BACKEND_DAEMON;
-  } else {
-    CHECK(strcmp(argv[1], "auto") == 0);
-    options.backend = PM_BACKEND_AUTO;
+  CHECK(argc == 4 || (argc == 5 && strcmp(argv[4], "timed") == 0));
+  while (strcmp(argv[1], backends[options.backend]) != 0) {
+    options.backend++;
+    CHECK(options.backend <= PM_BACKEND_IN_PROCESS);
   }
   options.runtime_dir = argv[2];
-  if (strcmp(argv[3], "auto") != 0) {
-    options.encoding = argv[3];
-  }
+  options.encoding = strcmp(argv[3], "auto") == 0 ? NULL : argv[3];
+  options.threads = options.no_repeats = argc == 5;
   return options;
 }
 
