@@ -1,4 +1,4 @@
-"""As tests/programs/conformance.c, through the package for Python: times frames of boxes from the standard input.
+"""Times frames as tests/programs/conformance.c does, through the package for Python.
 
 Arguments: a backend, the runtime directory, and `cull`, or `frame` for a frame in several calls.
 """

@@ -1,4 +1,4 @@
-//! What C, C++ and Python add to a frame of Rust: 1,000 boxes on one thread, each side a process of its own, in turns.
+//! What C, C++ and Python add to a frame of Rust: 1,000 boxes on one thread, each side a process, in turns.
 //!
 //! ```text
 //! cmake -S client-lib/c -B build/pairmask && cmake --build build/pairmask
@@ -68,7 +68,13 @@ impl Program {
 }
 
 /// Builds `tests/programs/SOURCE`: as users do, with link-time optimisation, as this program has it.
-fn compiled(compiler: &str, standard: &str, source: &str, folder: &Path) -> Command {
+fn compiled(
+    compiler: &str,
+    standard: &str,
+    source: &str,
+    folder: &Path,
+    run: [&str; 4],
+) -> Command {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let libraries = root.join("../../build/pairmask/lib");
     let binary = folder.join(source.replace('.', "-"));
@@ -78,7 +84,9 @@ fn compiled(compiler: &str, standard: &str, source: &str, folder: &Path) -> Comm
     build.arg("-L").arg(&libraries).arg("-lpairmask");
     build.arg(format!("-Wl,-rpath,{}", libraries.display()));
     assert!(build.status().expect("a compiler").success(), "{build:?}");
-    Command::new(binary)
+    let mut command = Command::new(binary);
+    command.args(run);
+    command
 }
 
 fn rust_turn(session: &mut Session, given: &[Aabb]) -> Turn {
@@ -103,10 +111,8 @@ fn spread(values: impl Iterator<Item = f64>) -> [f64; 3] {
 
 fn main() {
     let arguments: Vec<String> = std::env::args().collect();
-    let python = arguments.iter().position(|given| given == "--python").map(|at| at + 1);
-    let runtime_dir = arguments.iter().position(|given| given == "--runtime-dir").map(|at| at + 1);
-    let [python, runtime_dir] = [python, runtime_dir].map(|at| arguments.get(at?));
-
+    let option = |name| arguments.get(arguments.iter().position(|given| given == name)? + 1);
+    let (python, runtime_dir) = (option("--python"), option("--runtime-dir"));
     let given = boxes();
     let folder = std::env::temp_dir().join(format!("pairmask-overhead-{}", std::process::id()));
     std::fs::create_dir_all(&folder).expect("a temporary folder");
@@ -117,13 +123,11 @@ fn main() {
     };
     let dir = runtime_dir.map_or("-", String::as_str);
     let mut names = vec!["Rust", "C", "C++"];
+    let run = [backend, dir, "auto", "timed"];
     let mut programs = vec![
-        compiled("cc", "-std=c11", "conformance.c", &folder),
-        compiled("c++", "-std=c++17", "conformance.cpp", &folder),
+        compiled("cc", "-std=c11", "conformance.c", &folder, run),
+        compiled("c++", "-std=c++17", "conformance.cpp", &folder, run),
     ];
-    for program in &mut programs {
-        program.args([backend, dir, "auto", "timed"]);
-    }
     for (name, way) in [("Python, session.cull", "cull"), ("Python, frame by frame", "frame")] {
         if let Some(python) = python {
             let mut command = Command::new(python);

@@ -53,11 +53,8 @@ typedef enum {
   // An argument is wrong: a null pointer, a number that stands for nothing, a text that is no UTF-8.
   PM_ERR_ARGUMENT = 1,
   PM_ERR_HANDLE = 2, // The handle is zero, was dropped, or is of another kind.
-  // Another call uses the handle: of another thread, or the one whose callback this is.
-  PM_ERR_BUSY = 3,
-  // The object cannot do that: boxes for a frame of spheres, a lease of a scene that is not shared, an
-  // answer of a scene that has none.
-  PM_ERR_STATE = 4,
+  PM_ERR_BUSY = 3, // Another call uses the handle: of another thread, or the one whose callback this is.
+  PM_ERR_STATE = 4, // The object cannot do that: boxes for spheres, a lease in a scene of one, no answer yet.
   PM_ERR_PANIC = 5, // A bug of this library. The objects of the call cannot be used any more.
   PM_ERR_TOO_MANY_HANDLES = 6, // More live handles than there are ids.
 
@@ -85,8 +82,7 @@ typedef enum {
 
   PM_ERR_BEYOND_LIMIT = 70, // An index beyond what the scene may hold.
   PM_ERR_LENGTHS = 71, // Not one box, or tag, for each index.
-  // Not one margin for each box, nor one for all; or a margin that is negative or not finite.
-  PM_ERR_MARGINS = 72,
+  PM_ERR_MARGINS = 72, // Not one margin for each box, nor one for all; or one is negative or not finite.
   PM_ERR_SET_TWICE = 73, // An index is set twice in one edit.
   PM_ERR_ABSENT = 74, // An index has no box.
   PM_ERR_NO_MARGINS = 75, // A box with a margin in a scene whose boxes have none.
@@ -102,8 +98,7 @@ typedef enum {
   PM_ERR_LEASE = 94, // The lease is refused.
   PM_ERR_NOT_LEASED = 95, // The edit names what is not leased.
 
-  // An error of a later version of the library's parts, which this one has no code for.
-  PM_ERR_OTHER = 99,
+  PM_ERR_OTHER = 99, // An error of a later version of the library's parts, which has no code here.
 } pm_code;
 
 // The version of the header: `PM_VERSION == pm_version()` where the program was compiled with the header
@@ -116,8 +111,7 @@ typedef uint32_t pm_log_level;
 #define PM_LOG_WARNING 2 // Something is not as it was meant: this process answers, where no daemon does.
 #define PM_LOG_INFO 3 // Something of note happened.
 
-// Called with a line of the log, from any thread, several at once too. The text is valid until it returns. It
-// may not throw.
+// Called with a line of the log, from any thread, several at once too. It may not throw, nor keep the text.
 typedef void (*pm_log)(void *user, pm_log_level level, const char *text);
 
 // Handles: an id, which is zero for none
@@ -136,12 +130,10 @@ typedef struct { uint64_t id; } pm_pending;
 // The overlapping pairs of a frame. It holds one of its session's three slots until it is dropped.
 typedef struct { uint64_t id; } pm_mask;
 
-// Which boxes of a frame may be a pair at all. It does not change: a daemon gets it once, however many
-// frames have it.
+// Which boxes of a frame may be a pair at all. It does not change: a daemon gets it once for all frames.
 typedef struct { uint64_t id; } pm_rules;
 
-// A scene that persists: boxes stay from answer to answer, edits go in, changes of pairs come out. It lives
-// on without its session.
+// A persistent scene: edits go in, changes of pairs come out. It lives on without its session.
 typedef struct { uint64_t id; } pm_scene;
 
 // Plain values
@@ -206,8 +198,7 @@ typedef char pm_name[24]; // A name in a struct: a text that ends with a zero.
 
 // Where pairs are found: one of `PM_BACKEND_...`. The pairs are the same.
 typedef uint32_t pm_backend;
-// The daemon where one answers, else in process. The session returns to the daemon by itself.
-#define PM_BACKEND_AUTO 0
+#define PM_BACKEND_AUTO 0 // The daemon while one answers, else in process.
 #define PM_BACKEND_DAEMON 1 // The daemon, or an error.
 #define PM_BACKEND_IN_PROCESS 2 // The CPU engines of this library.
 
@@ -220,24 +211,17 @@ typedef uint32_t pm_served_by;
 typedef struct {
   size_t struct_size;
   const char *instance; // Name of the daemon's instance; null for `default`.
-  // Directory where instances live; null for `$PAIRMASK_RUNTIME_DIR` and what stands in for it.
-  const char *runtime_dir;
-  // One engine and no other, by a name that `pairmaskd cull --help` lists at `--engine`; null for the plan's
-  // choice.
-  const char *engine;
-  // One encoding and no other: `dense`, `sparse` or `list`; null for the plan's choice.
-  const char *encoding;
-  // Instruction set of this process's engines and decoders; null for `$PAIRMASK_ISA`, else the widest.
-  const char *isa;
+  const char *runtime_dir; // Directory of instances; null for `$PAIRMASK_RUNTIME_DIR`, or its default.
+  const char *engine; // Forced engine, by a name that `pairmaskd cull --help` lists; null for the plan's.
+  const char *encoding; // Forced encoding: `dense`, `sparse` or `list`; null for the plan's choice.
+  const char *isa; // Instruction set of engines and decoders here; null for `$PAIRMASK_ISA`, else the widest.
   pm_backend backend;
   uint32_t threads; // Threads that an engine may use.
   uint32_t visit_threads; // Threads that iterate over pairs.
   uint32_t capacity; // Boxes that the first segment should hold.
-  // How long to spin for an answer beyond its expected time, ns; `UINT64_MAX` for never.
-  uint64_t spin_ns;
+  uint64_t spin_ns; // Time to spin for an answer beyond its expected time, ns; `UINT64_MAX` for none.
   uint64_t deadline_ns; // How long a wait waits, ns; 5 s unless set.
-  // 1 where a frame that is equal to the last one is culled anew: for measurements.
-  uint32_t no_repeats;
+  uint32_t no_repeats; // 1 where a frame that is equal to the last one is culled anew: for measurements.
 } pm_session_options;
 
 // The status of a daemon.
@@ -289,8 +273,7 @@ typedef struct {
 typedef struct {
   size_t struct_size;
   pm_rules filters; // Collision filters, with a tag for each box or with none; zero for none.
-  // Not 0: two sets. Only pairs of one of the first `split_at` boxes and one of the others count.
-  uint32_t two_sets;
+  uint32_t two_sets; // Not 0: only pairs of one of the first `split_at` boxes and one of the others count.
   uint32_t split_at; // Boxes of the first set.
 } pm_frame_options;
 
@@ -334,8 +317,7 @@ typedef struct {
   uint32_t bits; // A bit a pair.
 } pm_word;
 
-// Called with some pairs at a time. The pairs are the callback's until it returns. It may not throw, nor use
-// the handle that it is called for.
+// Called with some pairs at a time. It may not throw, nor keep the pairs, nor use the handle of the call.
 typedef void (*pm_visit)(void *user, const pm_pair *pairs, size_t count);
 
 // Called with some words of a mask at a time, as `pm_visit` with pairs.
@@ -367,7 +349,7 @@ typedef uint32_t pm_at_end;
 // Settings of a member of a shared scene. Zeros leave them to the first member, or to the daemon.
 typedef struct {
   size_t struct_size;
-  uint64_t tick_deadline_ns; // Longest time of a tick from its first commit, ns; 100 ms unless set, 10 s at most.
+  uint64_t tick_deadline_ns; // Longest time of a tick from its first commit, ns; else 100 ms; at most 10 s.
   uint32_t most_boxes; // Indices are below this.
   pm_at_end at_end;
   uint32_t all_pairs; // 1 for a member to which all pairs are reported; 0 for those of its own boxes.
@@ -413,8 +395,7 @@ typedef struct {
 // scene, makes it resync, leases, or gives back.
 typedef struct {
   size_t struct_size;
-  // 1 where changes were asked for and `pairs` has all pairs instead: discard the pairs that you know. Else
-  // 0.
+  // 1 where changes were requested and `pairs` has all pairs instead: discard those that you have. Else 0.
   uint32_t is_resync;
   pm_served_by served_by;
   const pm_pair *begun; // Pairs that began, for `PM_REPORT_CHANGES`.
@@ -462,9 +443,8 @@ uint32_t pm_version(void);
 // Hands the library's log to the program. It can be set once: `PM_ERR_STATE` after that.
 pm_code pm_set_log(pm_log log, void *user);
 
-// Drop an object. Frames, masks and scenes of a session live on; a frame is not submitted; the answer to a
-// pending one is discarded; a mask's decoded pairs are dropped with it; submitted frames have their rules; a
-// shared scene is left.
+// Drop an object. What came of a session lives on, and rules in submitted frames; a frame is not submitted; the
+// answer to a pending one is discarded; decoded pairs are dropped with their mask; a shared scene is left.
 pm_code pm_session_drop(pm_session session);
 pm_code pm_frame_drop(pm_frame frame);
 pm_code pm_pending_drop(pm_pending pending);
@@ -518,8 +498,7 @@ pm_code pm_frame_write_placed(pm_frame frame, const pm_box *locals, const pm_pla
 // Writes one box of a frame.
 pm_code pm_frame_set(pm_frame frame, uint32_t index, const pm_box *b);
 
-// Sends a frame. `options` may be null. The handle names nothing any more, and its memory is not the
-// caller's, whatever is returned.
+// Sends a frame. `options` may be null. Its handle and its memory are invalid then, whatever is returned.
 pm_code pm_frame_submit(pm_frame frame, const pm_frame_options *options, pm_pending *pending);
 
 // Frames under way
@@ -528,9 +507,8 @@ pm_code pm_frame_submit(pm_frame frame, const pm_frame_options *options, pm_pend
 // is returned. With `PM_BACKEND_AUTO` no failure of the daemon is an error: this process answers then.
 pm_code pm_pending_wait(pm_pending pending, pm_mask *mask);
 
-// Waits for the pairs, at most so many nanoseconds; with 0 it polls. After `PM_ERR_TIMEOUT` the frame is
-// still under way, and after `PM_ERR_ARGUMENT` and `PM_ERR_BUSY` nothing was done; else the handle names
-// nothing any more.
+// Waits for the pairs, at most so many nanoseconds; with 0 it polls. After `PM_ERR_TIMEOUT`, `PM_ERR_ARGUMENT`
+// and `PM_ERR_BUSY` the frame is still under way; else the handle names nothing any more.
 pm_code pm_pending_wait_timeout(pm_pending pending, uint64_t timeout_ns, pm_mask *mask);
 
 // Masks
@@ -570,8 +548,7 @@ pm_filter pm_filter_from_box2d(uint64_t category, uint64_t mask, int32_t group, 
 pm_filter pm_filter_from_bullet(int32_t group, int32_t mask);
 // Jolt's `ObjectLayerPairFilterMask`.
 pm_filter pm_filter_from_jolt_mask(uint32_t group, uint32_t mask, bool is_dynamic);
-// The words of a `PxFilterData` for the shader of PhysX's snippets: `word0` is what a shape is, `word1` what
-// it meets.
+// `word0` (what a shape is) and `word1` (what it meets) of a `PxFilterData` for the shader of PhysX's snippets.
 pm_filter pm_filter_from_physx_words(uint32_t word0, uint32_t word1, bool is_dynamic);
 // Newton's `shape_collision_group`.
 pm_filter pm_filter_from_newton(int32_t group, bool collides);
@@ -589,8 +566,7 @@ pm_box pm_box_swept(pm_box from, pm_box to);
 
 // Scenes: the edit that is written
 
-// Makes a scene. `options` may be null. A daemon has the scene where the session has one; else this
-// process does.
+// Makes a scene, in the daemon where the session has one, else in this process. `options` may be null.
 pm_code pm_scene_create(pm_session session, const pm_scene_options *options, pm_scene *scene);
 
 // Sets the box of an index; inserts it where there is none. Box and margin are copied. `margin` may be null:
@@ -651,8 +627,7 @@ pm_code pm_scene_resync(pm_scene scene);
 // an edit under way is not waited for any more.
 pm_code pm_scene_get(pm_scene scene, uint32_t index, pm_box *b);
 
-// Facts about a scene. Set `info->struct_size` first. The scene's answer stays; an edit under way is not
-// waited for any more.
+// Facts about a scene, whose answer stays as with `pm_scene_get`. Set `info->struct_size` first.
 pm_code pm_scene_get_info(pm_scene scene, pm_scene_info *info);
 
 // Asks which boxes of a scene some other boxes overlap. `tags` are null, or one for all, or one for each:

@@ -113,7 +113,7 @@ private:
 // The value of what has none.
 struct Done {};
 
-// A value, or why there is none.
+// A value, or an error.
 template <class T> class [[nodiscard]] Result {
 public:
   Result(T value) : value_(std::move(value)), error_(PM_OK, std::string()) {}
@@ -156,6 +156,12 @@ template <class T, class W> Result<T> made(pm_code code, const W &written) {
   return code == PM_OK ? Result<T>(T(written)) : Result<T>(Error::last(code));
 }
 
+// The same of a call that writes a W through its last pointer.
+template <class T, class W, class... P, class... A> Result<T> make(pm_code (*call)(P...), A... given) {
+  W written{};
+  return made<T>(call(given..., &written), written);
+}
+
 inline Result<Done> done(pm_code code) { return made<Done>(code, Done()); }
 
 // A handle, dropped with its owner.
@@ -180,8 +186,8 @@ private:
   H handle_{};
 };
 
-// Calls a function object with spans, through a callback of C. An exception is kept, and thrown again once no
-// frame of the library is between.
+// Calls a function object with spans, through a callback of C. An exception is stored, and thrown again once no
+// stack frame of the library is between.
 template <class T, class F> struct Visit {
   F &visit;
   std::exception_ptr thrown = nullptr;
@@ -239,12 +245,9 @@ public:
   using Handle::Handle;
   static Result<Rules> create(Span<const Tag> tags, Span<const Filter> filters = {},
                               Span<const Pair> included = {}, Span<const Pair> excluded = {}) {
-    const pm_rules_desc desc{
-        sizeof desc,     tags.data(),     tags.size(),     filters.data(),  filters.size(),
-        included.data(), included.size(), excluded.data(), excluded.size(),
-    };
-    pm_rules rules{};
-    return detail::made<Rules>(pm_rules_create(&desc, &rules), rules);
+    const pm_rules_desc desc{sizeof desc, tags.data(), tags.size(), filters.data(), filters.size(),
+                             included.data(), included.size(), excluded.data(), excluded.size()};
+    return detail::make<Rules, pm_rules>(pm_rules_create, &desc);
   }
 };
 
@@ -271,7 +274,7 @@ public:
     const pm_code code = pm_mask_pairs_of_world(get(), world, &pairs, &count);
     return detail::made<Span<const Pair>>(code, Span<const Pair>(pairs, count));
   }
-  // Calls `visit(Span<const Pair>)` until all pairs were seen, without a copy of the mask.
+  // Calls `visit(Span<const Pair>)` with all pairs, some at a time, without a copy of the mask.
   template <class F> Result<Done> for_each(F &&visit) const {
     detail::Visit<Pair, F> visitor{visit};
     return visitor.end(pm_mask_for_each(get(), visitor.call, &visitor));
@@ -293,10 +296,7 @@ class PendingFrame : public detail::Handle<pm_pending, pm_pending_drop> {
 public:
   using Handle::Handle;
   // Waits as long as the session's deadline allows. This object is empty then.
-  Result<Mask> wait() {
-    pm_mask mask{};
-    return detail::made<Mask>(pm_pending_wait(release(), &mask), mask);
-  }
+  Result<Mask> wait() { return detail::make<Mask, pm_mask>(pm_pending_wait, release()); }
   // Waits at most so long. After PM_ERR_TIMEOUT and PM_ERR_BUSY the frame is still under way.
   Result<Mask> wait_for(std::uint64_t nanoseconds) {
     pm_mask mask{};
@@ -308,8 +308,8 @@ public:
   }
 };
 
-// What is asked of a frame beside its pairs: collision filters, which a daemon gets once, or two sets,
-// in which only pairs of one of the first `split_at` boxes and one of the others count.
+// Collision filters of a frame, which a daemon gets once, or two sets: only pairs of one of the first
+// `split_at` boxes and one of the others count.
 struct FrameOptions {
   const Rules *filters = nullptr;
   std::optional<std::uint32_t> split_at = std::nullopt;
@@ -351,13 +351,12 @@ public:
                            options.split_at.value_or(0)};
     if (options.filters) {
       given.filters = options.filters->get();
-      // No filters at all would be another question than the empty object's.
+      // A zero would mean no filters, and not those of an object that was moved from.
       if (given.filters.id == 0) {
         return Error(PM_ERR_HANDLE, "the filters are empty");
       }
     }
-    pm_pending pending{};
-    return detail::made<PendingFrame>(pm_frame_submit(release(), &given, &pending), pending);
+    return detail::make<PendingFrame, pm_pending>(pm_frame_submit, release(), &given);
   }
 
 private:
@@ -405,21 +404,14 @@ public:
   Result<Done> discard() { return detail::done(pm_scene_discard(get())); }
 
   Result<Done> submit(pm_report report) { return detail::done(pm_scene_submit(get(), report)); }
-  Result<Answer> wait() {
-    Answer answer;
-    return detail::made<Answer>(pm_scene_wait(get(), &answer), answer);
-  }
+  Result<Answer> wait() { return detail::make<Answer, Answer>(pm_scene_wait, get()); }
   Result<Answer> commit(pm_report report) {
-    Answer answer;
-    return detail::made<Answer>(pm_scene_commit(get(), report, &answer), answer);
+    return detail::make<Answer, Answer>(pm_scene_commit, get(), report);
   }
 
   // The next changes are a resync.
   Result<Done> resync() { return detail::done(pm_scene_resync(get())); }
-  Result<Box> box(std::uint32_t index) {
-    Box b{};
-    return detail::made<Box>(pm_scene_get(get(), index, &b), b);
-  }
+  Result<Box> box(std::uint32_t index) { return detail::make<Box, Box>(pm_scene_get, get(), index); }
   SceneInfo info() noexcept {
     SceneInfo info;
     pm_scene_get_info(get(), &info);
@@ -439,8 +431,7 @@ public:
     return detail::done(pm_scene_lease(get(), Range{first, count}));
   }
   Result<Range> lease_any(std::uint32_t count) {
-    Range range{};
-    return detail::made<Range>(pm_scene_lease_any(get(), count, &range), range);
+    return detail::make<Range, Range>(pm_scene_lease_any, get(), count);
   }
   Result<Done> give_back(std::uint32_t first) {
     return detail::done(pm_scene_give_back(get(), first));
@@ -456,8 +447,7 @@ public:
       return Error(PM_ERR_VERSION_MISMATCH, "the library that was loaded is of another version "
                                             "than the header that this was compiled with");
     }
-    pm_session session{};
-    return detail::made<Session>(pm_session_connect(&options, &session), session);
+    return detail::make<Session, pm_session>(pm_session_connect, &options);
   }
 
   Result<Frame> frame(std::size_t n) {
@@ -477,22 +467,17 @@ public:
     return Frame(frame, {}, {spheres, n});
   }
   Result<Frame> narrow_frame(std::size_t n, const Precision &precision) {
-    pm_frame frame{};
-    return detail::made<Frame>(pm_session_narrow_frame(get(), n, &precision, &frame), frame);
+    return detail::make<Frame, pm_frame>(pm_session_narrow_frame, get(), n, &precision);
   }
   // Copies boxes, sends them and waits.
   Result<Mask> cull(Span<const Box> boxes, const Rules &rules = {}) {
-    pm_mask mask{};
-    const pm_code code = pm_session_cull(get(), boxes.data(), boxes.size(), rules.get(), &mask);
-    return detail::made<Mask>(code, mask);
+    return detail::make<Mask, pm_mask>(pm_session_cull, get(), boxes.data(), boxes.size(), rules.get());
   }
   Result<Scene> scene(const SceneOptions &options = {}) {
-    pm_scene scene{};
-    return detail::made<Scene>(pm_scene_create(get(), &options, &scene), scene);
+    return detail::make<Scene, pm_scene>(pm_scene_create, get(), &options);
   }
   Result<Scene> join_scene(const char *name, const JoinOptions &options = {}) {
-    pm_scene scene{};
-    return detail::made<Scene>(pm_scene_join(get(), name, &options, &scene), scene);
+    return detail::make<Scene, pm_scene>(pm_scene_join, get(), name, &options);
   }
   pm_served_by served_by() const noexcept {
     pm_served_by by = PM_SERVED_BY_THIS_PROCESS;
@@ -500,8 +485,7 @@ public:
     return by;
   }
   Result<DaemonStatus> daemon_status() {
-    DaemonStatus status;
-    return detail::made<DaemonStatus>(pm_session_daemon_status(get(), &status), status);
+    return detail::make<DaemonStatus, DaemonStatus>(pm_session_daemon_status, get());
   }
 };
 

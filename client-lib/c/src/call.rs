@@ -16,15 +16,14 @@ thread_local! {
 pub fn call(work: impl FnOnce() -> Result<(), Failure>) -> pm_code {
     let bug =
         "pairmask panicked, which is a bug of it: its message is on the standard error output";
-    // What a panic leaves half done is behind a lock that is poisoned then, or was taken from the table.
+    // What a panic leaves half done is behind a lock that is poisoned then, or was removed from the table.
     let done = catch_unwind(AssertUnwindSafe(work));
     let Err(Failure { code, text }) = done.unwrap_or(Err(Failure::new(PM_ERR_PANIC, bug))) else {
         return PM_OK;
     };
     // A zero would end the text early.
-    let text = format!("{code:?}: {text}").replace('\0', " ");
-    let text = CString::new(text).unwrap_or_default();
-    // A thread that ends has no place for it any more.
+    let text = CString::new(format!("{code:?}: {text}").replace('\0', " ")).unwrap_or_default();
+    // A thread that ends has none any more.
     let _ = LAST_ERROR.try_with(|last| *last.borrow_mut() = text);
     code
 }

@@ -70,13 +70,6 @@ const fn of_connect(error: &ConnectError) -> pm_code {
     }
 }
 
-const fn of_cull(error: &CullError) -> pm_code {
-    match error {
-        CullError::TooManyBoxes { .. } => PM_ERR_TOO_MANY_BOXES,
-        _ => PM_ERR_CULL,
-    }
-}
-
 const fn of_edit(error: &EditError) -> pm_code {
     match error {
         EditError::BeyondLimit { .. } => PM_ERR_BEYOND_LIMIT,
@@ -92,7 +85,9 @@ const fn of_edit(error: &EditError) -> pm_code {
 
 const fn of_error(error: &Error) -> pm_code {
     match error {
-        Error::TooManyBoxes { .. } => PM_ERR_TOO_MANY_BOXES,
+        Error::TooManyBoxes { .. }
+        | Error::Query(QueryError::Cull(CullError::TooManyBoxes { .. }))
+        | Error::Cull(CullError::TooManyBoxes { .. }) => PM_ERR_TOO_MANY_BOXES,
         Error::WrongCount { .. }
         | Error::Unsupported { .. }
         | Error::Tags { .. }
@@ -100,7 +95,7 @@ const fn of_error(error: &Error) -> pm_code {
         Error::FirstSet { .. } => PM_ERR_FIRST_SET,
         Error::Edit(error) => of_edit(error),
         Error::Query(QueryError::Tags { .. }) => PM_ERR_QUERY_TAGS,
-        Error::Query(QueryError::Cull(error)) | Error::Cull(error) => of_cull(error),
+        Error::Query(QueryError::Cull(_)) | Error::Cull(_) => PM_ERR_CULL,
         Error::TooManyQueries { .. } => PM_ERR_TOO_MANY_QUERIES,
         Error::SceneName(_) => PM_ERR_SCENE_NAME,
         Error::NeedsDaemon => PM_ERR_IN_PROCESS,

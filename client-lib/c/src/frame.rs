@@ -16,10 +16,10 @@ use pairmask_core::update::WorldMatrix;
 use crate::call::call;
 use crate::code::pm_code::{self, PM_ERR_STATE};
 use crate::failure::Failure;
+use crate::filters::pm_rules;
 use crate::handles::Handle;
 use crate::mask::{Mask, pm_mask, pm_pending};
 use crate::memory::{In, Out};
-use crate::rules::pm_rules;
 use crate::session::pm_session;
 use crate::values::{index_count, pm_box, pm_sphere};
 
@@ -70,14 +70,11 @@ fn begin<T: Copy>(
 ) -> pm_code {
     frame.give(|| {
         // Before there is a frame, whose handle the program would not get.
-        if !memory.is_null() {
-            memory.check()?;
-        }
+        let memory = memory.if_any();
+        memory.map_or(Ok(()), Out::check)?;
         let (begun, at) = session.with(|session| Ok(make(session)?))?;
         let handle = pm_frame::new(begun)?;
-        if !memory.is_null() {
-            memory.write(at)?;
-        }
+        memory.map_or(Ok(()), |memory| memory.write(at))?;
         Ok(handle)
     })
 }

@@ -14,9 +14,9 @@ use pairmask::{PendingFrame, Session};
 use crate::call::call;
 use crate::code::pm_code::{self, PM_ERR_BUSY, PM_ERR_HANDLE, PM_ERR_TOO_MANY_HANDLES};
 use crate::failure::Failure;
+use crate::filters::pm_rules;
 use crate::frame::{Frame, pm_frame};
 use crate::mask::{Mask, pm_mask, pm_pending};
-use crate::rules::pm_rules;
 use crate::scene::{Scene, pm_scene};
 use crate::session::pm_session;
 
@@ -79,7 +79,7 @@ handles! {
 /// An object, until it is removed. A call locks it for as long as it uses it.
 type Object<T> = Mutex<Option<T>>;
 
-/// A place for an object.
+/// A slot for an object.
 #[derive(Default)]
 struct Slot {
     /// That of the object, from 1, or of the last one.
@@ -178,10 +178,6 @@ mod tests {
         assert_eq!(pm_session { id: rules.id }.drop(), PM_ERR_HANDLE, "another kind");
         assert_eq!(rules.drop(), PM_OK);
         assert_eq!(rules.drop(), PM_ERR_HANDLE, "dropped twice");
-        let next = pm_rules::new(Arc::new(Rules::default())).expect("a slot");
-        assert_ne!(rules.id, next.id);
-        assert!(rules.with(|_| Ok(())).is_err(), "the slot may be that of another object now");
-        assert_eq!(next.drop(), PM_OK);
         for id in [1, u64::MAX, 1 << 32, u64::from(u32::MAX)] {
             let found = Table::new().hold(id, |_: &mut Option<Arc<Rules>>| Ok(()));
             assert!(found.is_err() && pm_session { id }.with(|_| Ok(())).is_err(), "{id:#x}");

@@ -4,8 +4,8 @@
 //! compares its declarations with those of this crate. `include/pairmask.hpp` is the C++ interface on top.
 //!
 //! Objects live in a table (`handles`) and are named by ids with a generation: an id of a dropped object names
-//! nothing, and using one in two threads at once is an error, not a race. Pointers are looked
-//! behind in one place (`memory`). Every function returns a code (`code`), and keeps the text of the error for
+//! nothing, and using one in two threads at once is an error, not a race. Pointers are read
+//! and written in one module (`memory`). Every function returns a code (`code`), and stores the text of the error for
 //! its thread. A panic becomes a code.
 
 // The names of engines are words.
@@ -24,7 +24,6 @@ mod handles;
 mod header;
 mod log_to;
 mod mask;
-mod rules;
 mod scene;
 mod session;
 mod values;

@@ -24,7 +24,7 @@ struct Program {
     user: *mut c_void,
 }
 
-// SAFETY: the header says that the callback is called from any thread; `user` is handed to it alone.
+// SAFETY: the header documents that the callback is called from any thread; `user` is handed to it alone.
 unsafe impl Send for Program {}
 // SAFETY: as above: several threads at once too.
 unsafe impl Sync for Program {}
@@ -43,8 +43,7 @@ impl Log for Program {
             Level::Warn => PM_LOG_WARNING,
             _ => PM_LOG_INFO,
         };
-        let text = record.args().to_string().replace('\0', " ");
-        let text = CString::new(text).unwrap_or_default();
+        let text = CString::new(record.args().to_string().replace('\0', " ")).unwrap_or_default();
         // SAFETY: the callback is the program's, with what it gave for it.
         unsafe { (self.log)(self.user, level, text.as_ptr()) };
     }

@@ -1,4 +1,4 @@
-//! What lies behind the pointers of a call: the one place that trusts them.
+//! What lies behind the pointers of a call: the one module that trusts them.
 //!
 //! The head of the header states what a program promises of every pointer: it is null or aligned, and valid for
 //! as many values as are said beside it, which nobody else uses meanwhile. Only programs make an [`In`] or an
@@ -25,7 +25,7 @@ pub struct Out<T>(*mut T);
 
 impl<T: AnyBitPattern> In<T> {
     /// The values of an array, for as long as the program's promise holds: until the call returns, or, where a
-    /// function says so, until the edit is answered. It may be null where there are none.
+    /// function documents it, until the edit is answered. It may be null where there are none.
     pub fn array(self, count: usize) -> Result<&'static [T], Failure> {
         if count == 0 {
             return Ok(&[]);
@@ -94,9 +94,9 @@ impl<T: Copy> Out<T> {
         check(self.0, 1)
     }
 
-    /// Whether the program gets no result.
-    pub fn is_null(self) -> bool {
-        self.0.is_null()
+    /// Where the program gets the result; `None` if it gets none.
+    pub fn if_any(self) -> Option<Self> {
+        (!self.0.is_null()).then_some(self)
     }
 
     /// Writes a result.

@@ -53,14 +53,6 @@ pub extern "C" fn pm_session_connect(
     session.give(|| pm_session::new(connect(&options.growing()?)?))
 }
 
-/// Settings with one more, where it is given.
-fn with<S, T>(settings: S, given: Option<T>, set: impl FnOnce(S, T) -> S) -> S {
-    match given {
-        Some(value) => set(settings, value),
-        None => settings,
-    }
-}
-
 fn connect(options: &pm_session_options) -> Result<Session, Failure> {
     let backend = match options.backend {
         PM_BACKEND_AUTO => Backend::Auto,
@@ -69,27 +61,30 @@ fn connect(options: &pm_session_options) -> Result<Session, Failure> {
         _ => return Err(Failure::argument("no such backend")),
     };
     let builder = Session::builder().backend(backend);
-    let builder = with(builder, options.instance.text()?, SessionBuilder::instance);
+    // Each option that is given is folded into the builder.
+    let builder = options.instance.text()?.into_iter().fold(builder, SessionBuilder::instance);
     let dir = options.runtime_dir.text()?;
     #[cfg(feature = "daemon")]
-    let builder = with(builder, dir.map(std::path::PathBuf::from), SessionBuilder::runtime_dir);
+    let builder =
+        dir.map(std::path::PathBuf::from).into_iter().fold(builder, SessionBuilder::runtime_dir);
     #[cfg(not(feature = "daemon"))]
     let _ = dir;
     let engine = options.engine.text()?.map(str::parse).transpose()?;
-    let builder = with(builder, engine, SessionBuilder::engine);
+    let builder = engine.into_iter().fold(builder, SessionBuilder::engine);
     let encoding = options.encoding.text()?.map(str::parse).transpose()?;
-    let builder = with(builder, encoding, SessionBuilder::encoding);
+    let builder = encoding.into_iter().fold(builder, SessionBuilder::encoding);
     let isa = options.isa.text()?.map(str::parse).transpose()?;
-    let builder = with(builder, isa, SessionBuilder::isa);
+    let builder = isa.into_iter().fold(builder, SessionBuilder::isa);
     let count = |setting| if_any(setting).map(|count: u32| count as usize);
-    let builder = with(builder, count(options.threads), SessionBuilder::threads);
-    let builder = with(builder, count(options.visit_threads), SessionBuilder::visit_threads);
+    let builder = count(options.threads).into_iter().fold(builder, SessionBuilder::threads);
+    let builder =
+        count(options.visit_threads).into_iter().fold(builder, SessionBuilder::visit_threads);
     let capacity = if_any(options.capacity).map(BoxCount::new);
-    let builder = with(builder, capacity, SessionBuilder::capacity);
+    let builder = capacity.into_iter().fold(builder, SessionBuilder::capacity);
     let spin = if_any(options.spin_ns).map(|ns| if ns == u64::MAX { 0 } else { ns });
-    let builder = with(builder, spin.map(Duration::from_nanos), SessionBuilder::spin);
+    let builder = spin.map(Duration::from_nanos).into_iter().fold(builder, SessionBuilder::spin);
     let deadline = if_any(options.deadline_ns).map(Duration::from_nanos);
-    let builder = with(builder, deadline, SessionBuilder::deadline);
+    let builder = deadline.into_iter().fold(builder, SessionBuilder::deadline);
     Ok(builder.answer_repeats(options.no_repeats == 0).connect()?)
 }
 

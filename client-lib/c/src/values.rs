@@ -77,9 +77,8 @@ pub type pm_name = [c_char; 24];
 #[allow(clippy::cast_possible_wrap)] // A `char` of C may have a sign.
 pub fn name_of(engine: EngineId) -> pm_name {
     let mut name = pm_name::default();
-    let text = engine.to_string();
     let room = name.len() - 1;
-    for (slot, byte) in name[..room].iter_mut().zip(text.bytes()) {
+    for (slot, byte) in name[..room].iter_mut().zip(engine.to_string().bytes()) {
         *slot = byte as c_char;
     }
     name

@@ -116,15 +116,14 @@ fn wait(
     first: impl FnOnce(&mut Scene) -> Result<(), Failure>,
 ) -> pm_code {
     call(|| {
-        if !answer.is_null() {
-            answer.check_growing()?;
-        }
+        let answer = answer.if_any();
+        answer.map_or(Ok(()), Out::check_growing)?;
         scene.with(|scene| {
             first(scene)?;
             if scene.state.wait()? {
                 scene.state.read(|answer| scene.lists.read(answer))?;
             }
-            if answer.is_null() { Ok(()) } else { answer.write_growing(&answer_of(scene)?) }
+            answer.map_or(Ok(()), |answer| answer.write_growing(&answer_of(scene)?))
         })
     })
 }

@@ -5,14 +5,12 @@ use bytemuck::{cast, cast_slice};
 use pairmask::Margin;
 use pairmask_core::scene::{Indices, Sets, Step, Tags};
 
-use super::edited::{Draft, Given};
-use super::pm_scene;
-use crate::call::call;
+use super::edited::Given;
+use super::{change, pm_scene};
 use crate::code::pm_code;
 use crate::failure::Failure;
-use crate::handles::Handle;
+use crate::filters::table;
 use crate::memory::In;
-use crate::rules::table;
 use crate::values::{index_count, pm_box, pm_filter, pm_pair, pm_tag};
 
 pub type pm_indices_kind = u32;
@@ -43,16 +41,16 @@ impl pm_indices {
 }
 
 /// Adds to the edit of a scene. Its answer ends.
-fn add(scene: pm_scene, work: impl FnOnce(&mut Draft) -> Result<(), Failure>) -> pm_code {
-    call(|| scene.with(|scene| work(&mut scene.state.end()?.draft)))
-}
-
-/// Adds a step to the edit of a scene. Its answer ends.
-fn step(scene: pm_scene, step: impl FnOnce() -> Result<Step<'static>, Failure>) -> pm_code {
-    add(scene, |draft| {
-        draft.given.push(Given::Step(step()?));
+fn add(scene: pm_scene, make: impl FnOnce() -> Result<Given, Failure>) -> pm_code {
+    change(scene, |edited| {
+        edited.steps.push(make()?);
         Ok(())
     })
+}
+
+/// Adds a step that borrows nothing of this library.
+fn step(scene: pm_scene, step: impl FnOnce() -> Result<Step<'static>, Failure>) -> pm_code {
+    add(scene, || step().map(Given::Step))
 }
 
 #[unsafe(no_mangle)]
@@ -62,11 +60,9 @@ pub extern "C" fn pm_scene_set(
     b: In<pm_box>,
     margin: In<f32>,
 ) -> pm_code {
-    add(scene, |draft| {
+    add(scene, || {
         let (b, margin) = (cast(b.value()?), margin.if_any()?);
-        let margin = margin.map(Margin::new).transpose()?;
-        draft.singles.push((index, b, margin));
-        Ok(())
+        Ok(Given::Single(index, b, margin.map(Margin::new).transpose()?))
     })
 }
 
@@ -79,20 +75,15 @@ pub extern "C" fn pm_scene_set_all(
     margins: In<f32>,
     margin_count: usize,
 ) -> pm_code {
-    add(scene, |draft| {
+    add(scene, || {
         let (indices, boxes) = (indices.read()?, cast_slice(boxes.array(n)?));
-        draft.given.push(match margins.array(margin_count)? {
-            [] => Given::Step(Step::Set(Sets { indices, boxes })),
-            [one] => {
-                let margins = vec![Margin::new(*one)?; boxes.len()];
-                Given::Margined { indices, boxes, margins }
-            }
-            each => {
-                let margins = each.iter().map(|margin| Margin::new(*margin));
-                Given::Margined { indices, boxes, margins: margins.collect::<Result<_, _>>()? }
-            }
-        });
-        Ok(())
+        let margins = margins.array(margin_count)?.iter().map(|margin| Margin::new(*margin));
+        let margins = margins.collect::<Result<Vec<_>, _>>()?;
+        Ok(if margins.is_empty() {
+            Given::Step(Step::Set(Sets { indices, boxes }))
+        } else {
+            Given::Margined { indices, boxes, margins }
+        })
     })
 }
 
@@ -129,12 +120,7 @@ pub extern "C" fn pm_scene_tag(
 
 #[unsafe(no_mangle)]
 pub extern "C" fn pm_scene_filters(scene: pm_scene, filters: In<pm_filter>, n: usize) -> pm_code {
-    add(scene, |draft| {
-        draft.table = table(filters, n)?;
-        draft.given.retain(|given| !matches!(given, Given::Table));
-        draft.given.push(Given::Table);
-        Ok(())
-    })
+    add(scene, || Ok(Given::Table(table(filters, n)?)))
 }
 
 #[unsafe(no_mangle)]
@@ -159,8 +145,8 @@ pub extern "C" fn pm_scene_exclude(
 
 #[unsafe(no_mangle)]
 pub extern "C" fn pm_scene_discard(scene: pm_scene) -> pm_code {
-    add(scene, |draft| {
-        draft.clear();
+    change(scene, |edited| {
+        edited.steps.clear();
         Ok(())
     })
 }

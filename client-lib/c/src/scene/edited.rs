@@ -1,5 +1,5 @@
 //! A scene with its edit: written, under way, or answered. The answer borrows the scene, so that the two are
-//! kept in one cell.
+//! in one cell.
 
 use pairmask::filters::FilterTable;
 use pairmask::{Aabb, Margin, PendingAnswer, Report, Scene, SceneAnswer};
@@ -9,39 +9,24 @@ use self_cell::{MutBorrow, self_cell};
 use crate::code::pm_code::PM_ERR_STATE;
 use crate::failure::Failure;
 
-/// What an edit does, until it is answered. Arrays of the program are read where they lie.
-#[derive(Default)]
-pub struct Draft {
-    /// Boxes that were set one by one, with their margins where they were given some.
-    pub singles: Vec<(u32, Aabb, Option<Margin>)>,
-    /// All else.
-    pub given: Vec<Given>,
-    /// The table of filters, which a step names.
-    pub table: FilterTable,
-}
-
-/// A step of an edit.
+/// A step of an edit. Arrays of the program are read where they lie.
 pub enum Given {
     /// One that borrows nothing of this library.
     Step(Step<'static>),
-    /// The draft's table of filters.
-    Table,
+    Table(FilterTable),
+    Single(u32, Aabb, Option<Margin>),
     /// Boxes with margins: one for all, or one for each.
-    Margined { indices: Indices<'static>, boxes: &'static [Aabb], margins: Vec<Margin> },
-}
-
-impl Draft {
-    /// An empty one, with the memory of this.
-    pub fn clear(&mut self) {
-        self.singles.clear();
-        self.given.clear();
-    }
+    Margined {
+        indices: Indices<'static>,
+        boxes: &'static [Aabb],
+        margins: Vec<Margin>,
+    },
 }
 
 /// A scene, and the edit of it that is being written.
 pub struct Edited {
     pub scene: Scene,
-    pub draft: Draft,
+    pub steps: Vec<Given>,
 }
 
 /// What borrows the scene.
@@ -72,7 +57,7 @@ const NO_ANSWER: Failure =
 
 impl State {
     pub fn new(scene: Scene) -> Self {
-        let edited = Edited { scene, draft: Draft::default() };
+        let edited = Edited { scene, steps: Vec::new() };
         Self { idle: Some(Box::new(edited)), borrowed: None }
     }
 
@@ -136,24 +121,22 @@ impl State {
 /// A scene whose edit has ended.
 fn cleared(owner: MutBorrow<Box<Edited>>) -> Box<Edited> {
     let mut edited = owner.into_inner();
-    edited.draft.clear();
+    edited.steps.clear();
     edited
 }
 
 /// Sends an edit.
 fn send(edited: &mut Edited, report: Report) -> Result<PendingAnswer<'_, '_>, Failure> {
-    let Edited { scene, draft } = edited;
-    let draft = &*draft;
-    let edit = draft.given.iter().fold(scene.edit(), |edit, given| match given {
-        Given::Margined { indices, boxes, margins } => {
-            edit.set_all_margined(*indices, boxes, &margins[..])
-        }
+    let Edited { scene, steps } = edited;
+    let edit = steps.iter().fold(scene.edit(), |edit, given| match given {
         Given::Step(step) => edit.step(*step),
-        Given::Table => edit.step(Step::Filters(&draft.table)),
-    });
-    let edit = draft.singles.iter().fold(edit, |edit, (index, b, margin)| match margin {
-        Some(margin) => edit.set_margined(*index, *b, *margin),
-        None => edit.set(*index, *b),
+        Given::Table(table) => edit.step(Step::Filters(table)),
+        Given::Single(index, b, None) => edit.set(*index, *b),
+        Given::Single(index, b, Some(margin)) => edit.set_margined(*index, *b, *margin),
+        Given::Margined { indices, boxes, margins } => match margins[..] {
+            [same] => edit.set_all_margined(*indices, boxes, same),
+            _ => edit.set_all_margined(*indices, boxes, &margins[..]),
+        },
     });
     Ok(edit.submit(report)?)
 }

@@ -3,7 +3,7 @@
 //! ```text
 //! edited   a scene with its edit: written, under way, or answered
 //! edit     the functions that write an edit
-//! answer   the functions that send it, wait and tell the answer
+//! answer   the functions that send it and wait for its answer
 //! shared   the functions of scenes that several processes write
 //! ```
 #![allow(unsafe_code)]
@@ -19,7 +19,7 @@ use bytemuck::{cast, cast_slice};
 use pairmask::{Margin, MarginedPairs, SceneOptions};
 
 use self::answer::Lists;
-use self::edited::State;
+use self::edited::{Edited, State};
 use crate::call::call;
 use crate::code::pm_code::{self, PM_ERR_ABSENT};
 use crate::failure::Failure;
@@ -49,6 +49,11 @@ impl Scene {
         let (lists, found, leases) = Default::default();
         Self { state: State::new(scene), lists, found, leases }
     }
+}
+
+/// Changes a scene, or the edit of it that is being written. Its answer ends.
+fn change(scene: pm_scene, work: impl FnOnce(&mut Edited) -> Result<(), Failure>) -> pm_code {
+    call(|| scene.with(|scene| work(scene.state.end()?)))
 }
 
 /// Ranges as a program sees them.
@@ -112,11 +117,9 @@ pub extern "C" fn pm_scene_drop(scene: pm_scene) -> pm_code {
 
 #[unsafe(no_mangle)]
 pub extern "C" fn pm_scene_resync(scene: pm_scene) -> pm_code {
-    call(|| {
-        scene.with(|scene| {
-            scene.state.end()?.scene.resync();
-            Ok(())
-        })
+    change(scene, |edited| {
+        edited.scene.resync();
+        Ok(())
     })
 }
 
@@ -151,10 +154,10 @@ growing!(pm_scene_info);
 pub extern "C" fn pm_scene_get_info(scene: pm_scene, info: Out<pm_scene_info>) -> pm_code {
     info.give_growing(|| {
         scene.with(|scene| {
-            let Scene { state, leases: kept, .. } = scene;
+            let Scene { state, leases: memory, .. } = scene;
             state.look(|scene| {
-                to_ranges(scene.leases(), kept);
-                let (leases, lease_count) = place(kept);
+                to_ranges(scene.leases(), memory);
+                let (leases, lease_count) = place(memory);
                 let (stats, deadline) =
                     (scene.margin_stats().unwrap_or_default(), scene.tick_deadline());
                 pm_scene_info {

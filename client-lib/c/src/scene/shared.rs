@@ -6,8 +6,7 @@ use std::time::Duration;
 
 use pairmask::{AtEnd, JoinOptions, Margin, Scope};
 
-use super::{PM_MARGINS_NEAR, PM_MARGINS_NONE, Scene, pm_margins, pm_scene, to_range};
-use crate::call::call;
+use super::{PM_MARGINS_NEAR, PM_MARGINS_NONE, Scene, change, pm_margins, pm_scene, to_range};
 use crate::code::pm_code;
 use crate::failure::Failure;
 use crate::handles::Handle;
@@ -69,10 +68,10 @@ pub extern "C" fn pm_scene_join(
 
 #[unsafe(no_mangle)]
 pub extern "C" fn pm_scene_lease(scene: pm_scene, range: pm_range) -> pm_code {
-    call(|| {
+    change(scene, |edited| {
         let end = range.first.checked_add(range.count);
         let end = end.ok_or(Failure::argument("the range ends beyond 2^32 - 1"))?;
-        scene.with(|scene| Ok(scene.state.end()?.scene.lease(range.first..end)?))
+        Ok(edited.scene.lease(range.first..end)?)
     })
 }
 
@@ -83,5 +82,5 @@ pub extern "C" fn pm_scene_lease_any(scene: pm_scene, count: u32, range: Out<pm_
 
 #[unsafe(no_mangle)]
 pub extern "C" fn pm_scene_give_back(scene: pm_scene, first: u32) -> pm_code {
-    call(|| scene.with(|scene| Ok(scene.state.end()?.scene.give_back(first)?)))
+    change(scene, |edited| Ok(edited.scene.give_back(first)?))
 }

@@ -34,8 +34,8 @@
 /* The first field of a struct that may grow. */
 #define SIZED(type) .struct_size = sizeof(type)
 
-/* Arguments: a backend by name, the runtime directory, an encoding or "auto"; and "timed" for frames that are timed,
- * which one thread culls each time anew. */
+/* Arguments: a backend by name, the runtime directory, an encoding or "auto"; and "timed" for one thread that culls
+ * each frame anew. */
 static inline pm_session_options options_of(int argc, char **argv) {
   static const char *const backends[] = {"auto", "daemon", "in-process"};
   pm_session_options options;

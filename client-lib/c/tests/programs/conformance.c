@@ -1,6 +1,6 @@
-/* Culls frames from the standard input, until it ends: two numbers, how many boxes, and how often their frame is timed
- * beside the first time, and so many boxes. It answers with five numbers, pairs, empty boxes, invalid ones, what served
- * and the nanoseconds of the frames that were timed, and with the pairs. */
+/* Culls frames from the standard input: two numbers, how many boxes, and how often their frame is culled again and
+ * timed; and so many boxes. It answers with five numbers, pairs, empty boxes, invalid ones, what served, and the
+ * nanoseconds of the timed frames; and with the pairs. */
 #define _POSIX_C_SOURCE 199309L
 
 #include "check.h"

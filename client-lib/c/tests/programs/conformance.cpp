@@ -18,10 +18,7 @@ pairmask::Mask culled(pairmask::Session &session, const std::vector<pairmask::Bo
 
 void append(std::vector<pairmask::Pair> &pairs, const pairmask::Mask &mask) {
   pairs.clear();
-  mask.for_each([&](pairmask::Span<const pairmask::Pair> some) {
-        pairs.insert(pairs.end(), some.begin(), some.end());
-      })
-      .value();
+  mask.for_each([&](auto some) { pairs.insert(pairs.end(), some.begin(), some.end()); }).value();
 }
 
 } // namespace
