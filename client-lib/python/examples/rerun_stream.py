@@ -48,24 +48,20 @@ def main() -> None:
             if answer.is_resync:
                 pairs = rows(answer.pairs)
             pairs = (pairs - rows(answer.ended)) | rows(answer.begun)
-            log(step, places, halves, pairs, answer)
+            ends = np.array(sorted(pairs), np.int64).reshape(-1, 2)
+            colors = np.tile(np.array(FREE, np.uint8), (given.boxes, 1))
+            colors[ends.reshape(-1)] = TOUCHING
+            rr.set_time("step", sequence=step)
+            rr.log("scene/boxes", rr.Boxes3D(centers=places, half_sizes=halves, colors=colors))
+            rr.log("scene/pairs", rr.LineStrips3D(places[ends], colors=[LINE]))
+            rr.log("changes/begun", rr.Scalars(len(answer.begun)))
+            rr.log("changes/ended", rr.Scalars(len(answer.ended)))
+            rr.log("pairs", rr.Scalars(len(pairs)))
         print(f"{given.steps} steps, {len(pairs)} pairs at the end, {session.served_by()}")
 
 
 def rows(pairs: Any) -> set[tuple[int, int]]:
     return {(a, b) for a, b in pairs.tolist()}
-
-
-def log(step: int, places: Any, halves: Any, pairs: set[tuple[int, int]], answer: pairmask.SceneAnswer) -> None:
-    rr.set_time("step", sequence=step)
-    ends = np.array(sorted(pairs), np.int64).reshape(-1, 2)
-    colors = np.tile(np.array(FREE, np.uint8), (len(places), 1))
-    colors[ends.reshape(-1)] = TOUCHING
-    rr.log("scene/boxes", rr.Boxes3D(centers=places, half_sizes=halves, colors=colors))
-    rr.log("scene/pairs", rr.LineStrips3D(places[ends], colors=[LINE]))
-    rr.log("changes/begun", rr.Scalars(len(answer.begun)))
-    rr.log("changes/ended", rr.Scalars(len(answer.ended)))
-    rr.log("pairs", rr.Scalars(len(pairs)))
 
 
 if __name__ == "__main__":

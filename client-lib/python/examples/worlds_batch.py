@@ -10,7 +10,6 @@ that a step is one call and its answer one array. The rules stay the same, so th
 
 import argparse
 import time
-from typing import Any
 
 import numpy as np
 import pairmask
@@ -22,52 +21,39 @@ HALF, WORLD = 0.5, 8.0
 STEP = 1 / 60
 
 
-class Batch:
-    """Worlds side by side. Box 0 of each is its agent."""
-
-    def __init__(self, worlds: int, seed: int) -> None:
-        random = np.random.default_rng(seed)
-        self.worlds = worlds
-        self.places = random.uniform(-WORLD, WORLD, (worlds, BOXES, 3)).astype(np.float32)
-        self.speeds = random.normal(0, 4, (worlds, BOXES, 3)).astype(np.float32)
-        self.session = pairmask.Session()
-        self.rules = pairmask.Rules(worlds=np.repeat(np.arange(worlds), BOXES))
-
-    def step(self, actions: Any) -> Any:
-        """Moves all boxes; returns how many balls each agent touches."""
-        self.speeds[:, 0] = actions
-        self.places += STEP * self.speeds
-        outside = np.abs(self.places) > WORLD
-        self.speeds[outside] *= -1
-        np.clip(self.places, -WORLD, WORLD, out=self.places)
-        frame = self.session.frame(self.worlds * BOXES)
-        # Written where it lies: in memory that is shared with the daemon, if one serves.
-        boxes = frame.boxes.reshape(self.worlds, BOXES, 6)
-        np.subtract(self.places, HALF, out=boxes[..., :3])
-        np.add(self.places, HALF, out=boxes[..., 3:])
-        # An array over the frame's memory has to go before the frame does.
-        del boxes
-        with frame.submit(filters=self.rules).wait() as mask:
-            pairs = mask.pairs()
-        # a < b, so that an agent, which is the first box of its world, is always a.
-        agents = pairs[pairs[:, 0] % BOXES == 0, 0] // BOXES
-        return np.bincount(agents, minlength=self.worlds)
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description="A batch of worlds, one frame a step")
     parser.add_argument("--worlds", type=int, default=4096)
     parser.add_argument("--steps", type=int, default=100)
     given = parser.parse_args()
-    batch = Batch(given.worlds, seed=1)
-    random = np.random.default_rng(2)
-    touches = np.zeros(given.worlds, np.int64)
+    worlds, random = given.worlds, np.random.default_rng(1)
+    places = random.uniform(-WORLD, WORLD, (worlds, BOXES, 3)).astype(np.float32)
+    speeds = random.normal(0, 4, (worlds, BOXES, 3)).astype(np.float32)
+    touches = np.zeros(worlds, np.int64)
+    session = pairmask.Session()
+    rules = pairmask.Rules(worlds=np.repeat(np.arange(worlds), BOXES))
     began = time.perf_counter()
     for _ in range(given.steps):
-        touches += batch.step(random.normal(0, 2, (given.worlds, 3)).astype(np.float32))
+        # Box 0 of each world is its agent, which acts at random.
+        speeds[:, 0] = random.normal(0, 2, (worlds, 3))
+        places += STEP * speeds
+        speeds[np.abs(places) > WORLD] *= -1
+        np.clip(places, -WORLD, WORLD, out=places)
+        frame = session.frame(worlds * BOXES)
+        # Written where it lies: in memory that is shared with the daemon, if one serves.
+        boxes = frame.boxes.reshape(worlds, BOXES, 6)
+        np.subtract(places, HALF, out=boxes[..., :3])
+        np.add(places, HALF, out=boxes[..., 3:])
+        # An array over the frame's memory has to be dropped before the frame is submitted.
+        del boxes
+        with frame.submit(filters=rules).wait() as mask:
+            pairs = mask.pairs()
+        # a < b, so that an agent, which is the first box of its world, is always a.
+        agents = pairs[pairs[:, 0] % BOXES == 0, 0] // BOXES
+        touches += np.bincount(agents, minlength=worlds)
     took = (time.perf_counter() - began) / given.steps
     worst = int(touches.argmax())
-    print(f"{given.worlds} worlds of {BOXES} boxes, {batch.session.served_by()}: {took * 1e3:.2f} ms a step")
+    print(f"{worlds} worlds of {BOXES} boxes, {session.served_by()}: {took * 1e3:.2f} ms a step")
     print(f"{touches.sum()} touches in {given.steps} steps; world {worst} has most: {touches[worst]}")
 
 

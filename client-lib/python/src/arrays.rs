@@ -1,7 +1,7 @@
 //! Arrays that come in, as arguments of functions of Python.
 //!
 //! Arrays of float32 that lie row by row are read where they lie. All others go through `pairmask._convert`,
-//! which says what is taken, what is rounded and what is refused.
+//! which decides what is accepted, what is rounded and what is refused.
 
 use bytemuck::Pod;
 use pairmask::Aabb;
@@ -29,7 +29,7 @@ impl Rows {
             && let Ok(buffer) = PyBuffer::<f32>::get(given)
             && matches!(buffer.shape(), [_, len] if *len == columns)
             && buffer.is_c_contiguous()
-            // pyo3 takes numbers of the other byte order for this machine's.
+            // pyo3 reads numbers of the other byte order as this machine's.
             && !matches!(buffer.format().to_bytes(), [b'>' | b'<' | b'!' | b'=', ..])
         {
             return Ok(Self(buffer));

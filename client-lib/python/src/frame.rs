@@ -99,7 +99,7 @@ impl PyFrame {
         // Converted before the frame is locked, by code of Python.
         let rows = Rows::of(objects, self.columns)?;
         check_len(rows.len(), self.n)?;
-        match self.lock(py)?.as_mut().ok_or_else(|| self.frame.gone())? {
+        match self.lock(py)?.as_mut().ok_or_else(|| self.frame.closed())? {
             AnyFrame::Boxes(frame) => rows.write(py, frame.boxes_mut()),
             AnyFrame::Spheres(frame) => rows.write(py, frame.spheres_mut()),
             AnyFrame::Quantized(frame) => {
@@ -119,14 +119,14 @@ impl PyFrame {
         split_at: Option<usize>,
     ) -> PyResult<PyPendingFrame> {
         let options = FrameOptions { filters: filters.map(|rules| Arc::clone(&rules.0)), split_at };
-        let frame = self.lock(py)?.take().ok_or_else(|| self.frame.gone())?;
+        let frame = self.lock(py)?.take().ok_or_else(|| self.frame.closed())?;
         let submitted = py.detach(|| match frame {
             AnyFrame::Boxes(frame) => frame.submit_with(&options),
             AnyFrame::Spheres(frame) => frame.submit_with(&options),
             AnyFrame::Quantized(frame) => frame.submit_with(&options),
         });
-        let gone = "the pairs of this frame were taken, or another thread waits for them";
-        Ok(PyPendingFrame { pending: Guarded::new(submitted.map_err(raised)?, gone) })
+        let text = "the pairs of this frame were received, or another thread waits for them";
+        Ok(PyPendingFrame { pending: Guarded::new(submitted.map_err(raised)?, text) })
     }
 }
 
@@ -167,7 +167,7 @@ impl PyPendingFrame {
 
     /// The pairs if the answer has come, else `None`.
     fn try_take(&self, py: Python<'_>) -> PyResult<Option<PyPairMask>> {
-        let taken = self.pending.with_detached(py, PendingFrame::try_take)?;
-        taken.map(|mask| mask.map(PyPairMask::new)).map_err(raised)
+        let received = self.pending.with_detached(py, PendingFrame::try_take)?;
+        received.map(|mask| mask.map(PyPairMask::new)).map_err(raised)
     }
 }

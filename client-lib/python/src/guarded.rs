@@ -1,4 +1,4 @@
-//! Objects of the library behind a lock, which Python's threads share, and which may be gone.
+//! Objects of the library behind a lock, which Python's threads share, until they are closed or used up.
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
@@ -11,13 +11,13 @@ use crate::process;
 /// An object until it is closed or used up.
 pub struct Guarded<T> {
     held: Mutex<Option<T>>,
-    /// What to say where it is gone.
-    gone: &'static str,
+    /// The text of the error after that.
+    text: &'static str,
 }
 
 impl<T: Send> Guarded<T> {
-    pub const fn new(object: T, gone: &'static str) -> Self {
-        Self { held: Mutex::new(Some(object)), gone }
+    pub const fn new(object: T, text: &'static str) -> Self {
+        Self { held: Mutex::new(Some(object)), text }
     }
 
     /// The lock, to be held shortly. Other Python threads run while this one waits for it.
@@ -26,14 +26,24 @@ impl<T: Send> Guarded<T> {
         self.held.lock_py_attached(py).map_err(|_| panicked())
     }
 
-    /// What is raised where the object is gone.
-    pub fn gone(&self) -> PyErr {
-        misused(self.gone, "Gone")
+    /// What is raised where there is no object any more.
+    pub fn closed(&self) -> PyErr {
+        misused(self.text, "Gone")
     }
 
     /// Calls `f` with the object; other Python threads wait for its end, so that it has to be quick.
     pub fn with<R>(&self, py: Python<'_>, f: impl FnOnce(&mut T) -> R) -> PyResult<R> {
-        self.lock(py)?.as_mut().map(f).ok_or_else(|| self.gone())
+        self.lock(py)?.as_mut().map(f).ok_or_else(|| self.closed())
+    }
+
+    /// Calls `f` with what is there, while other Python threads run.
+    fn detached<R: Send>(
+        &self,
+        py: Python<'_>,
+        f: impl FnOnce(&mut Option<T>) -> R + Send,
+    ) -> PyResult<R> {
+        process::check()?;
+        py.detach(|| self.held.lock().map(|mut held| f(&mut held)).map_err(|_| panicked()))
     }
 
     /// Calls `f` with the object while other Python threads run.
@@ -42,14 +52,10 @@ impl<T: Send> Guarded<T> {
         py: Python<'_>,
         f: impl FnOnce(&mut T) -> R + Send,
     ) -> PyResult<R> {
-        process::check()?;
-        py.detach(|| {
-            let mut held = self.held.lock().map_err(|_| panicked())?;
-            held.as_mut().map(f).ok_or_else(|| self.gone())
-        })
+        self.detached(py, |held| held.as_mut().map(f))?.ok_or_else(|| self.closed())
     }
 
-    /// Calls `f` with the object, if it is still there, from a drop: no Python thread is told to run meanwhile.
+    /// Calls `f` with the object, if it is still there, from a drop: other Python threads do not run meanwhile.
     /// In a forked process nothing happens.
     pub fn with_rest(&self, f: impl FnOnce(&mut T)) {
         if !process::is_forked()
@@ -62,17 +68,14 @@ impl<T: Send> Guarded<T> {
 
     /// Takes the object out.
     pub fn take(&self, py: Python<'_>) -> PyResult<T> {
-        self.lock(py)?.take().ok_or_else(|| self.gone())
+        self.lock(py)?.take().ok_or_else(|| self.closed())
     }
 
     /// Ends the object, if it is still there, while other Python threads run.
     pub fn close(&self, py: Python<'_>) -> PyResult<()> {
-        process::check()?;
-        py.detach(|| {
-            let object = self.held.lock().map_err(|_| panicked())?.take();
-            drop(object);
-            Ok(())
-        })
+        let object = self.detached(py, Option::take)?;
+        py.detach(|| drop(object));
+        Ok(())
     }
 }
 

@@ -1,7 +1,7 @@
 //! The Python client of Pairmask: the package `pairmask` over the Rust library.
 //!
 //! Each class of Python holds an object of the library behind a lock, and calls it without the interpreter's
-//! lock. Names, answers and texts of errors are the library's. What differs is said in the package's README.
+//! lock. Names, answers and texts of errors are the library's. The package's README lists what differs.
 // Python's objects come to methods by value, many of them by name, and methods of classes take `self` by convention.
 #![allow(clippy::needless_pass_by_value, clippy::too_many_arguments, clippy::unused_self)]
 
@@ -35,24 +35,17 @@ mod _pairmask {
     #[allow(non_upper_case_globals)] // The name is Python's.
     const __version__: &str = env!("CARGO_PKG_VERSION");
     #[pymodule_export]
-    use crate::boxes::{
-        outward_from_f64, placed, points, spheres_from_f64, swept, swept_by, transformed,
+    use crate::{
+        boxes::{outward_from_f64, placed, points, spheres_from_f64, swept, swept_by, transformed},
+        engines::{
+            from_avian, from_box2d, from_bullet, from_jolt_mask, from_mujoco, from_newton,
+            from_physx_words, from_rapier, owner_of,
+        },
+        frame::{PyFrame, PyPendingFrame},
+        pairs::PyPairMask,
+        precision::PyPrecision,
+        rules::{PyFilter, PyFilterTable, PyRules},
+        scene::{PyEdit, PyPendingAnswer, PyScene},
+        session::PySession,
     };
-    #[pymodule_export]
-    use crate::engines::{
-        from_avian, from_box2d, from_bullet, from_jolt_mask, from_mujoco, from_newton,
-        from_physx_words, from_rapier, owner_of,
-    };
-    #[pymodule_export]
-    use crate::frame::{PyFrame, PyPendingFrame};
-    #[pymodule_export]
-    use crate::pairs::PyPairMask;
-    #[pymodule_export]
-    use crate::precision::PyPrecision;
-    #[pymodule_export]
-    use crate::rules::{PyFilter, PyFilterTable, PyRules};
-    #[pymodule_export]
-    use crate::scene::{PyEdit, PyPendingAnswer, PyScene};
-    #[pymodule_export]
-    use crate::session::PySession;
 }

@@ -1,8 +1,8 @@
 //! Memory that Python reads or writes where it lies, through the buffer protocol.
 //!
-//! All `unsafe` code of the extension is here. It relies on three facts: a [`Memory`] owns what keeps its
-//! address valid, an address and its length never change while the object lives, and every buffer that
-//! Python holds keeps the object alive.
+//! All `unsafe` code of the extension is here. It relies on three facts: the owner in a [`Memory`]
+//! holds what lies at its address, an address and its length never change while the object lives, and every
+//! buffer that Python holds keeps the object alive.
 #![allow(unsafe_code)]
 
 use std::ffi::{c_int, c_void};
@@ -29,15 +29,15 @@ impl Number for u8 {
 
 struct Address(*mut c_void);
 
-// SAFETY: the address is only handed to Python. What lies there is kept by an owner that is `Send` and `Sync`.
+// SAFETY: the address is only handed to Python. What lies there has an owner that is `Send` and `Sync`.
 unsafe impl Send for Address {}
 // SAFETY: as above.
 unsafe impl Sync for Address {}
 
-/// What keeps memory where it is.
+/// What has the memory, which stays where it is.
 type Owner = Box<dyn Send + Sync>;
 
-/// Numbers that a numpy array lies over. The array keeps this object, and this object keeps what they lie in.
+/// Numbers that a numpy array lies over. The array has this object, and this object what they lie in.
 #[pyclass(frozen, module = "pairmask._pairmask")]
 struct Memory {
     at: Address,
@@ -104,10 +104,10 @@ impl Memory {
     ) -> PyResult<()> {
         let this = slf.get();
         if view.is_null() {
-            return Err(PyBufferError::new_err("no place for a buffer"));
+            return Err(PyBufferError::new_err("no memory for a buffer"));
         }
         let (bytes, is_read_only) = (this.bytes as isize, c_int::from(!this.is_writable));
-        // SAFETY: Python gives a valid place for a buffer. The buffer keeps this object, which keeps the memory.
+        // SAFETY: Python gives a valid pointer to a buffer. The buffer has this object, which has the memory.
         let failed = unsafe {
             ffi::PyBuffer_FillInfo(view, slf.as_ptr(), this.at.0, bytes, is_read_only, flags)
         };

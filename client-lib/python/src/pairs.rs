@@ -19,7 +19,7 @@ pub fn pairs_of(mask: &PairMask) -> Vec<[u32; 2]> {
     pairs
 }
 
-/// The overlapping pairs of a frame. It holds one of the session's three places for frames until it is
+/// The overlapping pairs of a frame. It holds one of the session's three slots for frames until it is
 /// released or dropped. Arrays that it gave stay.
 #[pyclass(frozen, name = "PairMask", module = "pairmask")]
 pub struct PyPairMask {

@@ -1,6 +1,6 @@
 //! Which process made the sessions. A process that was forked from it has none of the threads of the engines and
-//! of the transport: a frame would wait for them for ever, and whatever is dropped there would take the memory of
-//! the other process's sessions away.
+//! of the transport: a frame would wait for them for ever, and drops there would free the memory of the other
+//! process's sessions.
 
 use std::process;
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -31,7 +31,7 @@ pub fn is_forked() -> bool {
     first != 0 && first != process::id()
 }
 
-/// Drops an object of the library, or, in a forked process, leaves it to the process whose it is.
+/// Drops an object of the library, or, in a forked process, leaves it to the process that made it.
 pub fn drop_here<T>(object: Option<T>) {
     if is_forked() {
         std::mem::forget(object);

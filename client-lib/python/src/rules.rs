@@ -48,7 +48,7 @@ impl PyFilter {
         Self { category, mask, group, is_static, either }
     }
 
-    /// Whether boxes of the two kinds meet, as far as these say.
+    /// Whether boxes of the two kinds meet, as far as these decide.
     fn admits(&self, other: &Self) -> bool {
         self.filter().admits(&other.filter())
     }

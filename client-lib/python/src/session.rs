@@ -34,14 +34,6 @@ pub fn one_of<T: Copy>(name: &str, known: &[(&str, T)]) -> PyResult<T> {
     })
 }
 
-/// Settings with one more, where it is given.
-fn with<S, T>(settings: S, given: Option<T>, set: impl FnOnce(S, T) -> S) -> S {
-    match given {
-        Some(value) => set(settings, value),
-        None => settings,
-    }
-}
-
 /// A margin of boxes, units.
 pub fn margin(units: f32) -> PyResult<Margin> {
     Margin::new(units).map_err(invalid)
@@ -82,17 +74,19 @@ impl PySession {
             .engine(engine.parse().map_err(invalid)?)
             .encoding(encoding.parse().map_err(invalid)?)
             .answer_repeats(answer_repeats);
-        let builder = with(builder, instance, SessionBuilder::instance);
-        let builder = with(builder, runtime_dir, SessionBuilder::runtime_dir);
-        let builder = with(builder, threads, SessionBuilder::threads);
-        let builder = with(builder, visit_threads, SessionBuilder::visit_threads);
+        // Each option that is given is folded into the builder.
+        let builder = instance.into_iter().fold(builder, SessionBuilder::instance);
+        let builder = runtime_dir.into_iter().fold(builder, SessionBuilder::runtime_dir);
+        let builder = threads.into_iter().fold(builder, SessionBuilder::threads);
+        let builder = visit_threads.into_iter().fold(builder, SessionBuilder::visit_threads);
         let isa = isa.map(|name| name.parse().map_err(invalid)).transpose()?;
-        let builder = with(builder, isa, SessionBuilder::isa);
+        let builder = isa.into_iter().fold(builder, SessionBuilder::isa);
         let spin = spin.map(seconds).transpose()?;
-        let builder = with(builder, spin, SessionBuilder::spin);
+        let builder = spin.into_iter().fold(builder, SessionBuilder::spin);
         let deadline = deadline.map(seconds).transpose()?;
-        let builder = with(builder, deadline, SessionBuilder::deadline);
-        let builder = with(builder, capacity.map(BoxCount::new), SessionBuilder::capacity);
+        let builder = deadline.into_iter().fold(builder, SessionBuilder::deadline);
+        let capacity = capacity.map(BoxCount::new);
+        let builder = capacity.into_iter().fold(builder, SessionBuilder::capacity);
         let session = py.detach(|| builder.connect()).map_err(|error| raised(error.into()))?;
         let session = Guarded::new(session, "the session was closed");
         Ok(Self { session, scenes: Mutex::default() })
@@ -115,7 +109,7 @@ impl PySession {
     }
 
     /// The pairs (count, 2) of boxes (n, 6): a frame from its memory to its pairs, in one call. Where frames and masks
-    /// hold all of the session's places at a daemon, it waits for one, as long as the deadline allows.
+    /// hold all of the session's slots at a daemon, it waits for one, as long as the deadline allows.
     #[pyo3(signature = (boxes, rules=None))]
     fn cull(&self, py: Python<'_>, boxes: Rows, rules: Option<&PyRules>) -> PyResult<Array> {
         let n = boxes.len();
@@ -146,19 +140,19 @@ impl PySession {
         margins: Option<&str>,
         usual_margin: f32,
     ) -> PyResult<PyScene> {
-        let options = with(SceneOptions::default(), most_boxes, SceneOptions::with_most_boxes);
-        let mut options = with(options, threads, SceneOptions::with_threads);
+        let mut options = SceneOptions::default();
+        options.most_boxes = most_boxes.unwrap_or(options.most_boxes);
+        options.threads = threads;
         if let Some(name) = margins {
             let known = [("exact", MarginedPairs::Exact), ("near", MarginedPairs::Near)];
             options = options.with_margins(one_of(name, &known)?, margin(usual_margin)?);
         }
-        self.session
-            .with_detached(py, move |session| session.scene(options))
-            .map(|scene| self.keep(scene))
+        let scene = self.session.with_detached(py, move |session| session.scene(options))?;
+        Ok(self.own(scene))
     }
 
     /// Joins a scene that several processes write, each its own boxes, by its name. `tick_deadline` (seconds; 0.1 unless
-    /// a member says so): how long a tick waits for writers. `at_end`, "remove" or "keep": what becomes of the boxes of a
+    /// a member sets it): how long a tick waits for writers. `at_end`, "remove" or "keep": what becomes of the boxes of a
     /// writer that ends. `scope`, "own" or "all": which pairs are reported. With a `usual_margin`, boxes are sent only
     /// when they have left theirs, and pairs are near ones. The first answer, and the one after a lease, is a resync:
     /// `pairs`, not `begun`.
@@ -184,7 +178,7 @@ impl PySession {
         options.usual_margin = usual_margin.map(margin).transpose()?;
         let scene =
             self.session.with_detached(py, move |session| session.join_scene(name, options))?;
-        scene.map(|scene| self.keep(scene)).map_err(raised)
+        scene.map(|scene| self.own(scene)).map_err(raised)
     }
 
     /// What would serve the next frame: `daemon` or `in-process`.
@@ -235,7 +229,7 @@ impl PySession {
 
 impl PySession {
     /// A new scene, which ends with the session.
-    fn keep(&self, scene: Scene) -> PyScene {
+    fn own(&self, scene: Scene) -> PyScene {
         let scene = PyScene::new(scene);
         let mut scenes = self.scenes.lock().unwrap_or_else(PoisonError::into_inner);
         scenes.retain(|scene| scene.strong_count() > 0);
@@ -251,7 +245,7 @@ impl PySession {
         self.session.with_detached(py, f)?.map(PyFrame::new).map_err(raised)
     }
 
-    /// Memory for a frame. Where frames and masks hold all of the session's places at a daemon, waits for one.
+    /// Memory for a frame. Where frames and masks hold all of the session's slots at a daemon, waits for one.
     fn begin_in_time<F: Send>(
         &self,
         py: Python<'_>,
@@ -263,7 +257,7 @@ impl PySession {
             match self.session.with_detached(py, f)? {
                 Err(Error::TooManyFrames) if Instant::now() < until => {
                     py.check_signals()?;
-                    py.detach(|| std::thread::sleep(PLACE_INTERVAL));
+                    py.detach(|| std::thread::sleep(SLOT_INTERVAL));
                 }
                 begun => return begun.map_err(raised),
             }
@@ -271,8 +265,8 @@ impl PySession {
     }
 }
 
-/// A place for a frame that others hold is looked for this often: about the time of a small frame.
-const PLACE_INTERVAL: Duration = Duration::from_micros(50);
+/// How often to look for a free slot where frames and masks hold all: about the time of a small frame.
+const SLOT_INTERVAL: Duration = Duration::from_micros(50);
 
 /// Submits a frame, waits and decodes while other Python threads run.
 fn pairs_after(

@@ -1,7 +1,7 @@
 """Daemons, threads and processes for tests.
 
 Tests with a daemon need a `pairmaskd`: the one that PAIRMASKD names, else a build of this repository. They fail
-where there is none, since a test that is left out tells nothing.
+where there is none, since a test that is left out proves nothing.
 """
 
 import os
@@ -19,9 +19,10 @@ from typing import Any, Self
 import pairmask
 import pytest
 
-ROOT = pathlib.Path(__file__).resolve().parents[3]
-# What tests wait for takes seconds at most; a hang is told after this, in seconds.
-PATIENCE = 60.0
+PACKAGE = pathlib.Path(__file__).resolve().parents[1]
+ROOT = PACKAGE.parents[1]
+# What tests wait for lasts seconds at most; a hang fails after this, in seconds.
+TIMEOUT = 60.0
 UNIT = [0, 0, 0, 1, 1, 1]
 
 
@@ -35,18 +36,18 @@ def pairmaskd() -> str:
     pytest.fail("no pairmaskd: build it with `cargo build -p pairmaskd`, or name one in PAIRMASKD")
 
 
-def kind_of(call: Callable[[], object]) -> str:
-    """The kind of the error that a call ends with."""
-    with pytest.raises(pairmask.PairmaskError) as caught:
+def kind_of(call: Callable[[], object], text: str | None = None) -> str:
+    """The kind of the error that a call ends with, whose text matches."""
+    with pytest.raises(pairmask.PairmaskError, match=text) as caught:
         call()
     return caught.value.kind
 
 
 def in_threads(count: int, work: Callable[[int], object]) -> list[Any]:
-    """What `work(0)`, `work(1)`, … return on a thread each, or the errors that they end with."""
+    """What `work(0)`, `work(1)`, … return on a thread each, or the kinds of the errors that they end with."""
     with ThreadPoolExecutor(count) as pool:
         futures = [pool.submit(work, seed) for seed in range(count)]
-    return [future.exception() or future.result() for future in futures]
+    return [getattr(future.exception(), "kind", None) or future.result() for future in futures]
 
 
 def count_while(work: Callable[[], object]) -> tuple[int, float]:
@@ -82,7 +83,7 @@ class Daemon:
         self.process = subprocess.Popen(
             command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
         )
-        end = time.monotonic() + PATIENCE
+        end = time.monotonic() + TIMEOUT
         while True:
             try:
                 self.session("daemon").close()
@@ -99,7 +100,7 @@ class Daemon:
         """Kills the supervisor and its worker at once."""
         if self.process is not None:
             os.killpg(self.process.pid, signal.SIGKILL)
-            self.process.wait(PATIENCE)
+            self.process.wait(TIMEOUT)
             self.process = None
 
 
@@ -118,9 +119,9 @@ def session() -> Iterator[pairmask.Session]:
         yield opened
 
 
-def run_python(code: str, *arguments: str) -> str:
-    """Runs a program in a process of its own, and returns what it prints."""
-    command = [sys.executable, "-c", code, *arguments]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, check=False)
+def run_python(*arguments: str, folder: pathlib.Path | None = None) -> str:
+    """Runs Python in a process of its own, in a folder, and returns what it prints."""
+    command = [sys.executable, *arguments]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT, cwd=folder, check=False)
     assert done.returncode == 0, f"{done.returncode}\n{done.stdout}\n{done.stderr}"
     return done.stdout

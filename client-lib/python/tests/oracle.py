@@ -11,11 +11,11 @@ def overlapping(a: Any, b: Any) -> Any:
     """Which boxes of `a` (rows) overlap which of `b` (columns): closed boxes, none of them empty or with a NaN."""
     a, b = np.asarray(a, np.float64), np.asarray(b, np.float64)
 
-    def solid(boxes: Any) -> Any:
+    def valid(boxes: Any) -> Any:
         # A comparison with a NaN is false.
         return (boxes[:, :3] <= boxes[:, 3:]).all(axis=1)
 
-    found = solid(a)[:, None] & solid(b)[None, :]
+    found = valid(a)[:, None] & valid(b)[None, :]
     for axis in range(3):
         found &= a[:, None, axis] <= b[None, :, axis + 3]
         found &= b[None, :, axis] <= a[:, None, axis + 3]
@@ -40,11 +40,10 @@ def sphere_pairs_of(spheres: Any) -> Pairs:
 
 
 def as_set(pairs: Any) -> Pairs:
-    """An array of pairs as a set. Fails where one is told twice or is no pair."""
+    """An array of pairs as a set. Fails where one is reported twice or is no pair."""
     assert pairs.dtype == np.uint32 and pairs.ndim == 2 and pairs.shape[1] == 2
-    told = [(a, b) for a, b in pairs.tolist()]
-    found = set(told)
-    assert len(found) == len(told), "a pair is told twice"
+    found = {(a, b) for a, b in pairs.tolist()}
+    assert len(found) == len(pairs), "a pair is reported twice"
     assert all(a < b for a, b in found), "a pair is the wrong way round"
     return found
 

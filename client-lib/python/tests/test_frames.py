@@ -95,7 +95,7 @@ def test_answers_can_only_be_read(session: pairmask.Session) -> None:
             array.flags.writeable = True
 
 
-def test_any_layout_is_taken(session: pairmask.Session) -> None:
+def test_any_layout_is_accepted(session: pairmask.Session) -> None:
     boxes = oracle.boxes_of(100, 2)
     expected = oracle.pairs_of(boxes)
     strided = np.zeros((200, 12), np.float32)
@@ -181,7 +181,7 @@ def test_narrow_frames_miss_nothing(session: pairmask.Session) -> None:
         assert mask.info.form == form
 
 
-def test_a_repeated_frame_is_told(session: pairmask.Session) -> None:
+def test_a_repeated_frame_is_reported(session: pairmask.Session) -> None:
     boxes = oracle.boxes_of(2000, 7)
     repeats = [answer_of(session, boxes).info.is_repeat for _ in range(3)]
     assert repeats[0] is False and repeats[-1] is True

@@ -1,4 +1,4 @@
-"""The comparator can fail, and the oracle holds what the wire says."""
+"""The comparator can fail, and the oracle agrees with the wire contract."""
 
 import numpy as np
 import oracle

@@ -12,8 +12,7 @@ from pairmask import EndReason, Filter, FilterTable
 
 # Options of a scene, and the margin that its boxes are set with beside.
 MARGINS = pytest.mark.parametrize(
-    ("options", "margin"),
-    [({}, []), ({"margins": "exact", "usual_margin": 0.1}, [0.2]), ({"margins": "near"}, [0.0])],
+    "margins", [({}, []), ({"margins": "exact", "usual_margin": 0.1}, [0.2]), ({"margins": "near"}, [0.0])]
 )
 
 BACKENDS = pytest.mark.parametrize("backend", ["in-process", "auto", "daemon"])
@@ -25,7 +24,8 @@ def at(x: float) -> list[float]:
 
 @pytest.mark.parametrize("backend", ["in-process", "daemon"])
 @MARGINS
-def test_changes_have_reasons(daemon: Daemon, backend: str, options: Any, margin: list[float]) -> None:
+def test_changes_have_reasons(daemon: Daemon, backend: str, margins: Any) -> None:
+    options, margin = margins
     pairs = [[a, a + 1] for a in range(0, 10, 2)]
     with daemon.session(backend) as session, session.scene(most_boxes=100, **options) as scene:
         boxes = [at(10 * (index // 2) + index % 2 / 2) for index in range(10)]
@@ -66,7 +66,7 @@ def test_near_pairs_and_what_is_sent(session: pairmask.Session) -> None:
             scene.edit().set(0, at(0), wrong).commit()
 
 
-def test_moved_tells_the_pairs_of_what_moved(session: pairmask.Session) -> None:
+def test_moved_reports_the_pairs_of_what_moved(session: pairmask.Session) -> None:
     boxes = oracle.boxes_of(200, 2)
     scene = session.scene()
     scene.edit().set(range(200), boxes).commit("nothing")
@@ -110,16 +110,13 @@ def test_indices_of_all_kinds(session: pairmask.Session) -> None:
     ],
 )
 @MARGINS
-def test_what_is_wrong_with_edits(
-    session: pairmask.Session, text: str, wrong: Any, options: Any, margin: list[float]
-) -> None:
+def test_what_is_wrong_with_edits(session: pairmask.Session, text: str, wrong: Any, margins: Any) -> None:
+    options, margin = margins
     scene = session.scene(most_boxes=50, **options)
     boxes = oracle.boxes_of(3, 4)
     scene.edit().set(range(3), boxes, *margin).commit()
     for end in (pairmask.SceneEdit.commit, pairmask.SceneEdit.submit):
-        with pytest.raises(pairmask.PairmaskError, match=text) as caught:
-            end(wrong(scene.edit()))
-        assert caught.value.kind == "Edit"
+        assert kind_of(lambda: end(wrong(scene.edit())), text) == "Edit"
         with pytest.raises(ValueError, match="changes, moved, all, nothing"):
             end(scene.edit(), "some")  # type: ignore[arg-type]
     # The scene is what it was, and no edit of it is under way.
@@ -131,10 +128,8 @@ def test_an_edit_is_used_once(session: pairmask.Session) -> None:
     edit = scene.edit()
     edit.commit()
     for use in (edit.commit, lambda: edit.remove(0)):
-        with pytest.raises(pairmask.PairmaskError, match="committed"):
-            use()
-    with pytest.raises(pairmask.PairmaskError, match="no margins"):
-        scene.edit().set(0, UNIT, margin=0.5).commit()
+        assert kind_of(use, "committed") == "Gone"
+    assert kind_of(scene.edit().set(0, UNIT, margin=0.5).commit, "no margins") == "Edit"
     with pytest.raises(ValueError, match="exact, near"):
         session.scene(margins="some")  # type: ignore[arg-type]
     scene.close()
@@ -173,9 +168,8 @@ def test_queries(session: pairmask.Session) -> None:
 
 @BACKENDS
 @MARGINS
-def test_a_scene_is_left_alone_while_its_edit_is_under_way(
-    daemon: Daemon, backend: str, options: Any, margin: list[float]
-) -> None:
+def test_a_scene_is_left_alone_while_its_edit_is_under_way(daemon: Daemon, backend: str, margins: Any) -> None:
+    options, margin = margins
     boxes = oracle.boxes_of(100, 1)
     with daemon.session(backend) as session, session.scene(**options) as scene:
         next_edit = scene.edit().set(range(50), boxes[50:], *margin)
@@ -195,12 +189,11 @@ def test_a_scene_is_left_alone_while_its_edit_is_under_way(
 
 @BACKENDS
 @MARGINS
-def test_answers_that_are_given_up_are_told_again(
-    daemon: Daemon, backend: str, options: Any, margin: list[float]
-) -> None:
+def test_answers_that_are_discarded_are_reported_again(daemon: Daemon, backend: str, margins: Any) -> None:
+    options, margin = margins
     boxes = oracle.boxes_of(300, 2)
     with daemon.session(backend) as session, session.scene(**options) as scene:
-        # More edits than the session has places for frames.
+        # More edits than the session has slots for frames.
         for step in range(12):
             pending = scene.edit().set(range(300), oracle.boxes_of(300, 2 + step % 2), *margin).submit()
             if step % 3 == 1:
@@ -221,9 +214,8 @@ def test_answers_that_are_given_up_are_told_again(
 
 @BACKENDS
 @MARGINS
-def test_a_scene_that_is_closed_ends_its_edit(
-    daemon: Daemon, backend: str, options: Any, margin: list[float]
-) -> None:
+def test_a_scene_that_is_closed_ends_its_edit(daemon: Daemon, backend: str, margins: Any) -> None:
+    options, margin = margins
     with daemon.session(backend) as session:
         with session.scene(**options) as scene:
             pending = scene.edit().set(range(3), oracle.boxes_of(3, 1), *margin).submit()
@@ -248,8 +240,8 @@ def test_an_edit_keeps_its_scene_and_is_dropped_with_it(session: pairmask.Sessio
 
 def test_a_daemon_that_dies_while_an_edit_is_under_way(daemon: Daemon) -> None:
     boxes = oracle.boxes_of(500, 5)
-    with daemon.session("auto") as session, daemon.session("daemon", deadline=5) as insists:
-        scene, other = session.scene(), insists.scene()
+    with daemon.session("auto") as session, daemon.session("daemon", deadline=5) as forced:
+        scene, other = session.scene(), forced.scene()
         for one in (scene, other):
             assert one.edit().set(range(500), boxes).submit().wait().served_by == "daemon" and one.daemon_bytes > 0
         boxes[3] = boxes[4]

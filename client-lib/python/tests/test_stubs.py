@@ -1,21 +1,13 @@
 """The type stubs are those of the package that is installed, and the tests are typed by them."""
 
-import pathlib
-import subprocess
-import sys
+import pytest
+from conftest import PACKAGE, run_python
 
-TESTS = pathlib.Path(__file__).parent
-
-
-def run(*arguments: str) -> None:
-    done = subprocess.run([sys.executable, "-m", *arguments], capture_output=True, text=True, cwd=TESTS, check=False)
-    assert done.returncode == 0, done.stdout + done.stderr
+MYPY = ["mypy", "--config-file", "pyproject.toml"]
 
 
-def test_stubs_are_what_there_is() -> None:
-    run("mypy.stubtest", "pairmask")
-
-
-def test_tests_and_examples_are_typed() -> None:
-    for folder in (".", "../examples", "../../c/benches"):
-        run("mypy", "--config-file", "../pyproject.toml", folder)
+@pytest.mark.parametrize(
+    "module", [["mypy.stubtest", "pairmask"], *([*MYPY, folder] for folder in ("tests", "examples", "../c/benches"))]
+)
+def test_stubs_and_types(module: list[str]) -> None:
+    run_python("-m", *module, folder=PACKAGE)

@@ -113,7 +113,7 @@ def storm(session: pairmask.Session, frames: int, seed: int, daemon: Daemon | No
         try:
             pairs = one_frame(session, boxes, choose, kept)
         except pairmask.PairmaskError as error:
-            # What is kept takes the session's places for frames.
+            # What is kept holds the session's slots for frames.
             assert error.kind == "TooManyFrames"
             kept = [one for one in kept if isinstance(one, np.ndarray) and not one.flags.writeable]
             continue

@@ -35,7 +35,7 @@ class FrameInfo(NamedTuple):
 
 
 class SceneAnswer(NamedTuple):
-    """What an edit tells. All lists are sorted, and arrays can only be read."""
+    """What an edit reports. All lists are sorted, and arrays can only be read."""
 
     begun: Pairs  # (n, 2) that began, for "changes"
     ended: Pairs  # (m, 2) that ended, for "changes"

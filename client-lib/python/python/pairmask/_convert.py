@@ -1,4 +1,4 @@
-"""What is taken as an array, and what is refused.
+"""What is accepted as an array, and what is refused.
 
 The extension reads float32 arrays (n, columns) where they lie. All other objects come here first. No number is
 rounded here but outward or not at all.
@@ -106,7 +106,7 @@ def indices(given: Any) -> Any:
         if first < 0 or end > INDEX_END:
             wrong = first if first < 0 else end - 1
             raise ValueError(f"{wrong} is no index: give 0 to {INDEX_END - 1}")
-        # A count of 2**32 has no place in 32 bits, and no scene holds as many boxes.
+        # A count of 2**32 does not fit into 32 bits, and no scene holds as many boxes.
         return first, min(end - first, INDEX_END - 1)
     array = _array(given)
     if array.dtype.kind == "b" and array.ndim == 1:

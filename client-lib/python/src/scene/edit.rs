@@ -30,8 +30,8 @@ fn add(edit: Bound<'_, PyEdit>, op: Op) -> Added<'_> {
 
 impl PyEdit {
     pub const fn new(scene: Arc<Guarded<Edited>>) -> Self {
-        let gone = "the edit was committed or submitted: begin another one";
-        Self { scene, ops: Guarded::new(Vec::new(), gone) }
+        let text = "the edit was committed or submitted: begin another one";
+        Self { scene, ops: Guarded::new(Vec::new(), text) }
     }
 
     /// What an answer is asked to hold, and the steps, which are given once. They stay here while another edit of
@@ -68,7 +68,7 @@ impl PyEdit {
         add(slf, Op::Remove(indices))
     }
 
-    /// Switches boxes off (they overlap nothing) or on.
+    /// Disables boxes (they overlap nothing) with `on` false, else enables them.
     fn switch(slf: Bound<'_, Self>, indices: Named, on: bool) -> Added<'_> {
         add(slf, Op::Switch(indices, on))
     }
@@ -99,13 +99,13 @@ impl PyEdit {
         add(slf, Op::Filters(Arc::clone(&table.0)))
     }
 
-    /// Puts pairs (n, 2) on the include list, or takes them off.
+    /// Adds pairs (n, 2) to the include list, or removes them from it.
     #[pyo3(signature = (pairs, on=true))]
     fn include(slf: Bound<'_, Self>, pairs: Pairs, on: bool) -> Added<'_> {
         add(slf, Op::Include(pairs.0, on))
     }
 
-    /// Puts pairs (n, 2) on the exclude list, or takes them off.
+    /// Adds pairs (n, 2) to the exclude list, or removes them from it.
     #[pyo3(signature = (pairs, on=true))]
     fn exclude(slf: Bound<'_, Self>, pairs: Pairs, on: bool) -> Added<'_> {
         add(slf, Op::Exclude(pairs.0, on))
@@ -131,12 +131,12 @@ impl PyEdit {
     }
 }
 
-/// An edit under way. Dropped, it is applied, and its answer counts as never given.
+/// An edit under way. Dropped, it is applied, and its answer is discarded.
 #[pyclass(frozen, name = "PendingAnswer", module = "pairmask")]
 pub struct PyPendingAnswer {
     scene: Arc<Guarded<Edited>>,
     ticket: Ticket,
-    /// Whether the answer is neither waited for nor given up.
+    /// Whether the answer is neither received nor discarded.
     is_open: AtomicBool,
 }
 
@@ -164,7 +164,7 @@ impl PyPendingAnswer {
         read??.into_python(py)
     }
 
-    /// Gives the answer up, if it was not waited for: the edit is applied, and the next answer makes up for
+    /// Discards the answer, if it was not waited for: the edit is applied, and the next answer makes up for
     /// this one.
     fn close(&self, py: Python<'_>) {
         // Another thread may be waiting for it.

@@ -1,4 +1,4 @@
-//! A scene with its edit under way. The edit borrows the scene, so that the two are kept in one cell.
+//! A scene with its edit under way. The edit borrows the scene, so that the two are in one cell.
 
 use pairmask::{PendingAnswer, Report, Scene};
 use pyo3::{PyErr, PyResult};
@@ -76,17 +76,17 @@ impl Edited {
 
     /// Waits for what an edit reports.
     pub fn wait(&mut self, ticket: Ticket) -> PyResult<Read> {
-        let gone = || misused("the answer of this edit was waited for, or given up", "Gone");
-        let mut cell = self.under_way.take_if(|_| self.last == ticket).ok_or_else(gone)?;
+        let closed = || misused("the answer of this edit was received or discarded", "Gone");
+        let mut cell = self.under_way.take_if(|_| self.last == ticket).ok_or_else(closed)?;
         let reported = cell.with_dependent_mut(|_, pending| {
-            let answer = pending.take().ok_or_else(gone)?.wait().map_err(raised)?;
+            let answer = pending.take().ok_or_else(closed)?.wait().map_err(raised)?;
             Ok(Read::of(&answer))
         });
         self.end(cell);
         reported
     }
 
-    /// Gives up the answer of an edit, if it is under way: the edit is applied, and the next answer makes up
+    /// Discards the answer of an edit, if it is under way: the edit is applied, and the next answer makes up
     /// for this one.
     pub fn leave(&mut self, ticket: Ticket) {
         if let Some(cell) = self.under_way.take_if(|_| self.last == ticket) {

@@ -62,7 +62,7 @@ impl PyScene {
         PyEdit::new(Arc::clone(&self.0))
     }
 
-    /// The box (6) of an index, also one that is switched off; of a shared scene, one of this member's. It is the box
+    /// The box (6) of an index, also of a disabled one; of a shared scene, one of this member's. It is the box
     /// as it was set.
     fn get(&self, py: Python<'_>, index: u32) -> PyResult<Option<Array>> {
         self.with(py, |scene| scene.get(index).map(box_array))
@@ -77,11 +77,10 @@ impl PyScene {
     }
 
     fn __repr__(&self, py: Python<'_>) -> String {
-        let boxes = self.with(py, |scene| scene.len());
-        boxes.map_or_else(
-            |_| "<Scene, closed or being edited>".to_owned(),
-            |n| format!("<Scene of {n} boxes>"),
-        )
+        match self.with(py, |scene| scene.len()) {
+            Ok(n) => format!("<Scene of {n} boxes>"),
+            Err(_) => "<Scene, closed or being edited>".to_owned(),
+        }
     }
 
     /// Which boxes of the scene some other boxes (n, 6) overlap: rows (query, index), sorted. They have tags as
@@ -111,7 +110,7 @@ impl PyScene {
         Ok(Array::read_only(found))
     }
 
-    /// Forgets what was told: the next changes are a resync.
+    /// Requests a resync: the next changes are one.
     fn resync(&self, py: Python<'_>) -> PyResult<()> {
         self.with(py, Scene::resync)
     }
@@ -129,13 +128,13 @@ impl PyScene {
         stats.map(|of| class.call1((of.edits, of.requests, of.set, of.sent))).transpose()
     }
 
-    /// Bytes that this process keeps of the scene.
+    /// Bytes of the scene in this process.
     #[getter]
     fn allocated_bytes(&self, py: Python<'_>) -> PyResult<usize> {
         self.with(py, |scene| scene.allocated_bytes())
     }
 
-    /// Bytes that the daemon keeps of it, by its last answer; 0 where it has none.
+    /// Bytes of it in the daemon, by its last answer; 0 where it has none.
     #[getter]
     fn daemon_bytes(&self, py: Python<'_>) -> PyResult<u64> {
         self.with(py, |scene| scene.daemon_bytes())
@@ -179,7 +178,7 @@ impl PyScene {
         self.with(py, |scene| scene.tick_deadline().map(|deadline| deadline.as_secs_f64()))
     }
 
-    /// Ends the scene; a shared one is left. An edit under way is given up.
+    /// Ends the scene; a shared one is left. The answer to an edit under way is discarded.
     fn close(&self, py: Python<'_>) -> PyResult<()> {
         self.0.close(py)
     }
