@@ -15,13 +15,20 @@ pub struct Outcome {
     pub first: Option<Pair>,
 }
 
-/// Compares every row of a window with every column after it.
-pub fn check(window: &Window) -> Outcome {
-    check_by_rules(window, |_, _| true)
+impl Outcome {
+    /// Counts a pair: whether it `is` one, and whether the mask or the scene `said` so.
+    pub(super) fn note(&mut self, is: bool, said: bool, pair: impl FnOnce() -> Pair) {
+        self.pairs += 1;
+        if is != said {
+            self.missed += u64::from(is);
+            self.extra += u64::from(said);
+            self.first.get_or_insert_with(pair);
+        }
+    }
 }
 
-/// As [`check`], where a pair is one that `may_meet` besides.
-pub(super) fn check_by_rules(window: &Window, may_meet: impl Fn(u32, u32) -> bool) -> Outcome {
+/// Compares every row of a window with every column after it. A pair is one that `may_meet`, beside the window's rules.
+pub(super) fn check(window: &Window, may_meet: impl Fn(u32, u32) -> bool) -> Outcome {
     if window.spheres.is_empty() {
         let corners: Vec<Corners> = window.boxes.iter().map(Corners::of).collect();
         compare(window, &corners, Corners::overlap, may_meet)
@@ -45,17 +52,12 @@ fn compare<T>(
             if other_position <= position {
                 continue;
             }
-            outcome.pairs += 1;
+            let pair = || window.pair(row, column);
             let is = overlap(one, other) && {
-                let [a, b] = window.pair(row, column);
+                let [a, b] = pair();
                 window.meet(a, b) && may_meet(a, b)
             };
-            let said = window.has(row, column);
-            if is != said {
-                outcome.missed += u64::from(is);
-                outcome.extra += u64::from(said);
-                outcome.first.get_or_insert_with(|| window.pair(row, column));
-            }
+            outcome.note(is, window.has(row, column), pair);
         }
     }
     outcome
@@ -93,7 +95,7 @@ mod tests {
         window.take_mask(objects.len() as u32, span, &report.shape, reply);
         window.take_objects(objects);
         window.rules = rules;
-        check(&window)
+        check(&window, |_, _| true)
     }
 
     /// A mask passes, and does not with a pair less. Whether one was lost within the window.

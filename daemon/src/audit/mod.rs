@@ -34,10 +34,9 @@ pub mod sphere_oracle;
 mod thread;
 mod window;
 
-pub use self::check::{Outcome, check};
-pub use self::scene::{SceneAudit, SceneNote};
+pub use self::scene::SceneNote;
 pub use self::thread::{AuditedFrame, AuditedScene, Auditor};
-pub use self::window::{Reach, Span2, Window};
+pub use self::window::Window;
 
 use std::fmt;
 use std::num::NonZeroU32;

@@ -7,31 +7,26 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use bytemuck::Zeroable;
-use pairmask_core::filters::Tag;
-use pairmask_core::objects::Objects;
 use pairmask_core::oracle::Corners;
-use pairmask_core::scene::{Edit, QueryTags, Report, Reported, SceneCopy};
+use pairmask_core::scene::{Edit, Report, Reported, SceneCopy};
 use pairmask_core::{Aabb, EngineChoice};
 use pairmask_wire::{EditLayout, EditScratch, Page, SceneId, SceneRequest, page_count};
 
 use super::NotedName;
-use super::check::{Outcome, check_by_rules};
+use super::check::{Outcome, check};
 use super::window::Window;
 use crate::scene::Random;
 
 /// Pairs of boxes that are compared after an answer: about 10 ms of the oracle.
 const TESTS: usize = 1 << 21;
 
+/// An edit, and what was reported of it.
 #[derive(Debug)]
 pub struct SceneNote {
-    pub(super) name: NotedName,
-    request: SceneRequest,
-    payload: Vec<Page>,
-    report: Report,
-    is_resync: bool,
-    begun: Vec<[u32; 2]>,
-    ended: Vec<[u32; 2]>,
-    pairs: Vec<[u32; 2]>,
+    pub name: NotedName,
+    pub request: SceneRequest,
+    pub payload: Vec<Page>,
+    pub reported: Reported,
 }
 
 impl SceneNote {
@@ -58,41 +53,8 @@ impl SceneNote {
             steps,
             indices,
         };
-        Some(Self::new(NotedName::Tick(number), request, payload, reported))
-    }
-
-    pub fn new(
-        name: NotedName,
-        request: SceneRequest,
-        payload: Vec<Page>,
-        reported: &Reported,
-    ) -> Self {
-        Self {
-            name,
-            request,
-            payload,
-            report: reported.report(),
-            is_resync: reported.is_resync(),
-            begun: reported.begun().to_vec(),
-            ended: reported.ended().iter().map(|ended| ended.pair).collect(),
-            pairs: reported.pairs().to_vec(),
-        }
-    }
-}
-
-#[derive(Debug)]
-pub struct QueryNote {
-    /// It is used again.
-    pub(super) window: Box<Window>,
-    /// Of each query, where they have tags.
-    tags: Option<Vec<Tag>>,
-}
-
-impl QueryNote {
-    pub fn new(mut window: Box<Window>, queries: &[Aabb], tags: &QueryTags<'_>) -> Self {
-        window.take_objects(Objects::Boxes(queries.into()));
-        let tags = (0..queries.len() as u32).map(|query| tags.of(query)).collect();
-        Self { window, tags }
+        let (name, reported) = (NotedName::Tick(number), reported.clone());
+        Some(Self { name, request, payload, reported })
     }
 }
 
@@ -142,7 +104,7 @@ impl SceneAudit {
     /// `None` where the edit cannot be followed: its client changed it after it was answered.
     pub fn follow(&mut self, note: SceneNote) -> Option<Outcome> {
         let outcome = match self.open.take() {
-            Some(reported) if note.request.is_acknowledged => self.take(&reported),
+            Some(last) if note.request.is_acknowledged => self.take(&last.reported),
             _ => Outcome::default(),
         };
         let steps = self.scratch.read(&note.request, &note.payload).ok()?;
@@ -154,34 +116,38 @@ impl SceneAudit {
     }
 
     /// Compares the answer to a query with the boxes as they are after the last edit.
-    pub fn check_query(&self, query: &mut QueryNote) -> Outcome {
-        let on = |index| self.copy.kept(index).filter(|kept| kept.is_on);
-        let first = query.window.fill_second_set(|index| on(index).map(|kept| kept.b));
+    pub fn check_query(&self, window: &mut Window) -> Outcome {
+        let first = window.fill_second_set(|index| self.box_at(index));
         let rules = self.copy.states().filters.rules();
-        check_by_rules(&query.window, |index, object| {
-            let tag = query.tags.as_ref().and_then(|tags| tags.get(index as usize));
+        check(window, |index, object| {
+            let tag = window.tags.as_ref().and_then(|tags| tags.get(index as usize));
             tag.is_none_or(|tag| rules.tags_meet(tag, &self.copy.states().tag(object - first)))
         })
     }
 
-    fn take(&mut self, reported: &SceneNote) -> Outcome {
+    /// A box that is on; else one that overlaps nothing.
+    fn box_at(&self, index: u32) -> Aabb {
+        self.copy.kept(index).filter(|kept| kept.is_on).map_or(Aabb::EMPTY, |kept| kept.b)
+    }
+
+    fn take(&mut self, reported: &Reported) -> Outcome {
         let mut outcome = Outcome::default();
-        if reported.is_resync || reported.report == Report::All {
+        if reported.is_resync() || reported.report() == Report::All {
             self.known = Known::default();
-            for pair in &reported.pairs {
+            for pair in reported.pairs() {
                 self.known.insert(*pair);
             }
-        } else if reported.report == Report::Changes {
+        } else if reported.report() == Report::Changes {
             let mut wrong = |is_wrong: bool, [a, b]: [u32; 2]| {
                 if is_wrong {
                     outcome.extra += 1;
                     outcome.first.get_or_insert([a, b]);
                 }
             };
-            for pair in &reported.ended {
-                wrong(!self.known.remove(*pair), *pair);
+            for ended in reported.ended() {
+                wrong(!self.known.remove(ended.pair), ended.pair);
             }
-            for pair in &reported.begun {
+            for pair in reported.begun() {
                 wrong(!self.known.insert(*pair), *pair);
             }
         } else {
@@ -193,24 +159,15 @@ impl SceneAudit {
 
     fn compare(&mut self, outcome: &mut Outcome) {
         let end = self.copy.index_end();
-        let boxes: Vec<Option<Corners>> = (0..end as u32)
-            .map(|index| self.copy.kept(index))
-            .map(|kept| kept.filter(|kept| kept.is_on).map(|kept| Corners::of(&kept.b)))
-            .collect();
+        let boxes: Vec<Corners> =
+            (0..end as u32).map(|index| Corners::of(&self.box_at(index))).collect();
         for _ in 0..(TESTS / end.max(1)).max(1).min(end) {
             let row = self.random.below(end as u64) as u32;
             for (other, theirs) in (0..).zip(&boxes).filter(|(other, _)| *other != row) {
-                let is = match (&boxes[row as usize], theirs) {
-                    (Some(a), Some(b)) => a.overlap(b) && self.copy.states().may_meet([row, other]),
-                    _ => false,
-                };
-                let said = self.known.has(row, other);
-                outcome.pairs += 1;
-                if is != said {
-                    outcome.missed += u64::from(is);
-                    outcome.extra += u64::from(said);
-                    outcome.first.get_or_insert([row.min(other), row.max(other)]);
-                }
+                let is = boxes[row as usize].overlap(theirs)
+                    && self.copy.states().may_meet([row, other]);
+                let pair = || [row.min(other), row.max(other)];
+                outcome.note(is, self.known.has(row, other), pair);
             }
         }
     }
@@ -218,7 +175,7 @@ impl SceneAudit {
 
 #[cfg(test)]
 mod tests {
-    use pairmask_core::scene::{Scene, SceneOptions};
+    use pairmask_core::scene::{Ended, Scene, SceneOptions};
     use pairmask_tests::scene_model::{Edits, Grouped};
 
     use super::*;
@@ -231,7 +188,8 @@ mod tests {
         note
     }
 
-    fn follow(mut spoil: impl FnMut(&mut SceneNote)) -> Outcome {
+    /// Follows edits, the changes of each of which are spoilt.
+    fn follow(spoil: impl Fn(&mut Vec<[u32; 2]>, &mut Vec<Ended>)) -> Outcome {
         let mut edits = Edits::new(11, MOST_BOXES);
         let mut scene = Scene::new(SceneOptions::default().with_most_boxes(MOST_BOXES));
         let mut audit = SceneAudit::new(MOST_BOXES, 1);
@@ -245,7 +203,11 @@ mod tests {
                 [Report::Changes, Report::Changes, Report::All, Report::Moved, Report::Nothing];
             let report = report[random.below(5) as usize];
             let mut note = note(edit, scene.edit(edit, report).expect("a right edit"), was_taken);
-            spoil(&mut note);
+            if note.reported.report() == Report::Changes && !note.reported.is_resync() {
+                let (mut begun, mut ended) = std::mem::take(&mut note.reported).into_changes();
+                spoil(&mut begun, &mut ended);
+                note.reported = Reported::of_changes(begun, ended, 0);
+            }
             let found = audit.follow(note).expect("an edit that can be followed");
             sum.pairs += found.pairs;
             sum.missed += found.missed;
@@ -260,14 +222,13 @@ mod tests {
 
     #[test]
     fn changes_that_are_lost_or_made_up_are_found() {
-        let right = follow(|_| ());
+        let right = follow(|_, _| ());
         assert!(right.pairs > 10_000);
         assert_eq!((right.missed, right.extra), (0, 0));
-        let lose = |pairs: &mut Vec<[u32; 2]>| pairs.truncate(pairs.len().max(4) - 1);
-        assert!(follow(|note| lose(&mut note.begun)).missed > 0);
-        assert!(follow(|note| lose(&mut note.ended)).extra > 0);
-        let twice = |note: &mut SceneNote| note.begun.extend_from_within(..note.begun.len().min(1));
-        assert!(follow(twice).extra > 0);
+        let most = |len: usize| len.max(4) - 1;
+        assert!(follow(|begun, _| begun.truncate(most(begun.len()))).missed > 0);
+        assert!(follow(|_, ended| ended.truncate(most(ended.len()))).extra > 0);
+        assert!(follow(|begun, _| begun.extend_from_within(..begun.len().min(1))).extra > 0);
     }
 
     #[test]

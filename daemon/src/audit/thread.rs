@@ -1,5 +1,6 @@
 //! The thread that checks windows, and the hand-over to it.
 
+use std::collections::BTreeMap;
 use std::io;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
@@ -9,11 +10,11 @@ use std::thread::JoinHandle;
 use pairmask_core::mask::MaskShape;
 use pairmask_core::objects::Objects;
 use pairmask_core::scene::QueryTags;
-use pairmask_core::{Aabb, BoxCount, ObjectForm};
+use pairmask_core::{BoxCount, ObjectForm};
 use pairmask_wire::{AuditCounts, ReplyFields, SentRules};
 
 use super::check::{Outcome, check};
-use super::scene::{QueryNote, SceneAudit, SceneNote};
+use super::scene::{SceneAudit, SceneNote};
 use super::window::{Reach, Span2, Window};
 use super::{AuditRate, NotedName};
 use crate::locked;
@@ -44,8 +45,7 @@ struct Running {
 
 enum Work {
     Window(Box<Window>),
-    Edit(Arc<SceneToken>, Box<SceneNote>),
-    Query(Arc<SceneToken>, QueryNote),
+    Edit(AuditedScene, Box<SceneNote>),
 }
 
 #[derive(Debug)]
@@ -56,13 +56,17 @@ struct SceneToken {
     is_lost: AtomicBool,
 }
 
-/// A scene that is audited, until it is dropped.
-#[derive(Debug)]
+/// A scene that is audited, until all but the auditor have dropped it.
+#[derive(Clone, Debug)]
 pub struct AuditedScene(Arc<SceneToken>);
 
-impl SceneToken {
+impl AuditedScene {
     fn is_lost(&self) -> bool {
-        self.is_lost.load(Ordering::Relaxed)
+        self.0.is_lost.load(Ordering::Relaxed)
+    }
+
+    fn lose(&self) {
+        self.0.is_lost.store(true, Ordering::Relaxed);
     }
 }
 
@@ -71,6 +75,8 @@ pub struct AuditedFrame<'a> {
     pub form: ObjectForm,
     /// Objects of the first set, where it is of two; the queries of a scene.
     pub first_set: Option<BoxCount>,
+    /// The scene of a query: each of its answers is drawn.
+    pub scene: Option<&'a AuditedScene>,
     pub shape: &'a MaskShape,
     pub reply: &'a [u32],
 }
@@ -88,32 +94,6 @@ struct Found {
 }
 
 impl Running {
-    /// Copies a part of a mask that is drawn, where a window is free.
-    fn copy(
-        &self,
-        fields: &ReplyFields,
-        frame: &AuditedFrame<'_>,
-        is_drawn: impl FnOnce(&mut Random) -> bool,
-    ) -> Option<Box<Window>> {
-        let (n, first) = (fields.box_count.get(), frame.first_set);
-        let mut lots = locked(&self.lots);
-        if !is_drawn(&mut lots.random) || !Window::holds(frame.shape) {
-            return None;
-        }
-        let Ok(mut window) = lots.free.try_recv() else {
-            locked(&self.found.counts).skipped += 1;
-            return None;
-        };
-        let is_ordered = matches!(frame.shape, MaskShape::Sparse { order: Some(_), .. });
-        let rows = first.filter(|_| !is_ordered);
-        let span = Span2::draw(rows, n, Reach::of(frame.form), &mut lots.random);
-        drop(lots);
-        window.first_set = first;
-        window.take_mask(n, span, frame.shape, frame.reply);
-        (window.client_token, window.frame) = (fields.client_token, fields.frame);
-        Some(window)
-    }
-
     /// Has something checked, where the channel has room: as it has for all windows.
     fn send(&self, work: Work) -> bool {
         self.full.as_ref().is_some_and(|full| full.try_send(work).is_ok())
@@ -149,48 +129,47 @@ impl Auditor {
         })
     }
 
-    /// If the frame is drawn, copies what of its mask may be overwritten once it is sent: for
+    /// If the frame is drawn, copies what of its mask may be overwritten once it is sent, where a window is free: for
     /// [`Self::submit`].
     pub fn draw(&self, fields: &ReplyFields, frame: &AuditedFrame<'_>) -> Option<Box<Window>> {
         let running = self.running.as_ref()?;
-        running.copy(fields, frame, |random| random.below(running.one_in.into()) == 0)
+        let mut lots = locked(&running.lots);
+        let is_drawn = match frame.scene {
+            Some(scene) => !scene.is_lost(),
+            None => lots.random.below(running.one_in.into()) == 0,
+        };
+        if !is_drawn || !Window::holds(frame.shape) {
+            return None;
+        }
+        let Ok(mut window) = lots.free.try_recv() else {
+            locked(&running.found.counts).skipped += 1;
+            return None;
+        };
+        let (n, first) = (fields.box_count.get(), frame.first_set);
+        let is_ordered = matches!(frame.shape, MaskShape::Sparse { order: Some(_), .. });
+        let rows = first.filter(|_| !is_ordered);
+        let span = Span2::draw(rows, n, Reach::of(frame.form), &mut lots.random);
+        drop(lots);
+        window.first_set = first;
+        window.scene = frame.scene.cloned();
+        window.take_mask(n, span, frame.shape, frame.reply);
+        (window.client_token, window.frame) = (fields.client_token, fields.frame);
+        Some(window)
     }
 
-    /// As [`Self::draw`], of each query of an audited scene: for [`Self::submit_query`].
-    pub fn draw_query(
-        &self,
-        scene: &AuditedScene,
-        fields: &ReplyFields,
-        frame: &AuditedFrame<'_>,
-    ) -> Option<Box<Window>> {
-        let running = self.running.as_ref().filter(|_| !scene.0.is_lost())?;
-        running.copy(fields, frame, |_| true)
-    }
-
+    /// Copies the objects of a frame, or the queries of a scene with their tags, and has the window checked.
     pub fn submit(
         &self,
         mut window: Box<Window>,
         objects: Objects<'_>,
         rules: Option<Arc<SentRules>>,
+        tags: &QueryTags<'_>,
     ) {
         let Some(running) = &self.running else { return };
         window.take_objects(objects);
         window.rules = rules;
+        window.tags = (0..objects.len() as u32).map(|query| tags.of(query)).collect();
         running.send(Work::Window(window));
-    }
-
-    /// Copies the boxes of a query and has the window of its answer checked.
-    pub fn submit_query(
-        &self,
-        scene: &AuditedScene,
-        window: Box<Window>,
-        queries: &[Aabb],
-        tags: &QueryTags<'_>,
-    ) {
-        if let Some(running) = &self.running {
-            let query = QueryNote::new(window, queries, tags);
-            running.send(Work::Query(Arc::clone(&scene.0), query));
-        }
     }
 
     pub fn draw_scene(&self, most_boxes: u32) -> Option<AuditedScene> {
@@ -206,16 +185,15 @@ impl Auditor {
 
     /// Has an edit of an audited scene followed. `note` is called where that can be.
     pub fn follow(&self, scene: &AuditedScene, note: impl FnOnce() -> Option<SceneNote>) {
-        let token = &scene.0;
-        let Some(running) = self.running.as_ref().filter(|_| !token.is_lost()) else { return };
+        let Some(running) = self.running.as_ref().filter(|_| !scene.is_lost()) else { return };
         // The channel keeps room for all windows.
         let waiting = &running.found.edits;
         let has_room = waiting.fetch_add(1, Ordering::Relaxed) < NOTES;
-        let send = |note| running.send(Work::Edit(Arc::clone(token), Box::new(note)));
+        let send = |note| running.send(Work::Edit(scene.clone(), Box::new(note)));
         let sent = || note().is_some_and(send);
         if !(has_room && sent()) {
             waiting.fetch_sub(1, Ordering::Relaxed);
-            token.is_lost.store(true, Ordering::Relaxed);
+            scene.lose();
             locked(&running.found.counts).skipped += 1;
         }
     }
@@ -240,37 +218,36 @@ fn check_all(work: &Receiver<Work>, back: &SyncSender<Box<Window>>, found: &Foun
     if let Err(error) = rustix::process::setpriority_process(None, NICE) {
         log::warn!("the auditor keeps its priority: {error}");
     }
-    let mut scenes: Vec<(Arc<SceneToken>, SceneAudit)> = Vec::new();
+    let mut scenes: BTreeMap<u64, (AuditedScene, SceneAudit)> = BTreeMap::new();
     while let Ok(work) = work.recv() {
         match work {
             Work::Window(mut window) => {
-                note(window.name(), &check(&window), found);
+                let outcome = match window.scene.take() {
+                    None => Some(check(&window, |_, _| true)),
+                    // One whose edits are not followed any more has other boxes.
+                    Some(scene) if scene.is_lost() => None,
+                    Some(scene) => {
+                        scenes.get(&scene.0.number).map(|(_, scene)| scene.check_query(&mut window))
+                    }
+                };
+                if let Some(outcome) = outcome {
+                    note(window.name(), &outcome, found);
+                }
                 window.rules = None;
                 // The channel has room. When the auditor stops, it has no receiver.
                 let _ = back.try_send(window);
             }
-            Work::Query(token, mut query) => {
-                let scene = scenes.iter().find(|(kept, _)| Arc::ptr_eq(kept, &token));
-                // One whose edits are not followed any more has other boxes.
-                if let Some((_, scene)) = scene.filter(|_| !token.is_lost()) {
-                    note(query.window.name(), &scene.check_query(&mut query), found);
-                }
-                let _ = back.try_send(query.window);
-            }
-            Work::Edit(token, edit) => {
+            Work::Edit(scene, edit) => {
                 found.edits.fetch_sub(1, Ordering::Relaxed);
                 // One of them is the auditor's own: the scene has ended.
-                scenes.retain(|(kept, _)| Arc::strong_count(kept) > 1);
-                let place = scenes.iter().position(|(kept, _)| Arc::ptr_eq(kept, &token));
-                let place = place.unwrap_or_else(|| {
-                    let audit = SceneAudit::new(token.most_boxes, token.number);
-                    scenes.push((Arc::clone(&token), audit));
-                    scenes.len() - 1
-                });
+                scenes.retain(|_, (kept, _)| Arc::strong_count(&kept.0) > 1);
+                let SceneToken { number, most_boxes, .. } = *scene.0;
+                let begin = || (scene.clone(), SceneAudit::new(most_boxes, number));
+                let (_, audit) = scenes.entry(number).or_insert_with(begin);
                 let name = edit.name;
-                match scenes[place].1.follow(*edit) {
+                match audit.follow(*edit) {
                     Some(outcome) => note(name, &outcome, found),
-                    None => token.is_lost.store(true, Ordering::Relaxed),
+                    None => scene.lose(),
                 }
             }
         }

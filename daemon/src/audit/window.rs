@@ -3,12 +3,13 @@
 use std::ops::Range;
 use std::sync::Arc;
 
+use pairmask_core::filters::Tag;
 use pairmask_core::mask::{MaskShape, Span};
 use pairmask_core::objects::Objects;
 use pairmask_core::{Aabb, BoxCount, ObjectForm, Sphere, pair_index};
 use pairmask_wire::SentRules;
 
-use super::NotedName;
+use super::{AuditedScene, NotedName};
 use crate::scene::Random;
 
 /// How much of a frame a window may hold.
@@ -91,8 +92,12 @@ pub struct Window {
     pub(super) rules: Option<Arc<SentRules>>,
     /// Boxes of the first set, where the frame is of two: those of one set do not meet.
     pub(super) first_set: Option<BoxCount>,
-    pub client_token: u64,
-    pub frame: u64,
+    /// The scene that is asked, where the window is of the answer to a query.
+    pub(super) scene: Option<AuditedScene>,
+    /// Of each query, where they have tags.
+    pub(super) tags: Option<Vec<Tag>>,
+    pub(super) client_token: u64,
+    pub(super) frame: u64,
 }
 
 impl Window {
@@ -196,11 +201,11 @@ impl Window {
     }
 
     /// Puts boxes, counted from 0, in the places of the second set. Returns the number of the first.
-    pub(super) fn fill_second_set(&mut self, box_at: impl Fn(u32) -> Option<Aabb>) -> u32 {
+    pub(super) fn fill_second_set(&mut self, box_at: impl Fn(u32) -> Aabb) -> u32 {
         let first = self.first_set.map_or(0, BoxCount::get);
         for (index, to) in self.indices.iter().zip(&mut self.boxes) {
             if let Some(index) = index.checked_sub(first) {
-                *to = box_at(index).unwrap_or(Aabb::EMPTY);
+                *to = box_at(index);
             }
         }
         first

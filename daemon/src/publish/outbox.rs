@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use pairmask_core::dispatch::{CullAnswer, StageTimes};
 use pairmask_core::engine::CullReport;
-use pairmask_core::scene::Reported;
+use pairmask_core::scene::{QueryTags, Reported};
 use pairmask_core::{BoxCount, BoxForm, ObjectForm};
 use pairmask_transport::{GpuCounts, Services, StatusFile};
 use pairmask_wire::{
@@ -72,7 +72,8 @@ impl Outbox {
         self.alter(open, &mut answer);
         let (fields, form) = (open.fields, open.objects().form());
         let (shape, reply) = (&answer.report.shape, open.words());
-        let audited = self.auditor.draw(&fields, &AuditedFrame { form, first_set, shape, reply });
+        let frame = AuditedFrame { form, first_set, scene: None, shape, reply };
+        let audited = self.auditor.draw(&fields, &frame);
         if first_set.is_none() {
             // What an engine without rules will find in the next frame.
             let found_pairs = open.rules.as_ref().and_then(|rules| rules.found_pairs);
@@ -87,7 +88,7 @@ impl Outbox {
         if let Some(window) = audited {
             // The objects are ours to read as long as the request is.
             let rules = open.rules.as_ref().map(|rules| Arc::clone(&rules.sent));
-            self.auditor.submit(window, open.objects(), rules);
+            self.auditor.submit(window, open.objects(), rules, &QueryTags::None);
         }
     }
 
@@ -102,8 +103,8 @@ impl Outbox {
         self.alter(open, &mut answer);
         let form = ObjectForm::Boxes(BoxForm::F32);
         let (first_set, shape, reply) = (Some(queries), &answer.report.shape, open.words());
-        let frame = AuditedFrame { form, first_set, shape, reply };
-        let audited = scene.and_then(|scene| self.auditor.draw_query(scene, &open.fields, &frame));
+        let frame = AuditedFrame { form, first_set, scene, shape, reply };
+        let audited = scene.and_then(|_| self.auditor.draw(&open.fields, &frame));
         let header = self.count(open, queries, form, &answer);
         self.send(open, &header);
         audited

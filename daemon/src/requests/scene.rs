@@ -7,6 +7,7 @@ use std::time::Instant;
 use pairmask_core::dispatch::{CpuEngines, StageTimes};
 use pairmask_core::engine::{AvailableIsa, CullError, ReplyBuffer};
 use pairmask_core::plan::Calibration;
+use pairmask_core::precision::BoxSlice;
 use pairmask_core::scene::{BeyondMask, Edit, QueryError, Reported, SceneError, SceneOptions};
 use pairmask_core::{BoxCount, EngineChoice, EngineName};
 use pairmask_wire::{
@@ -212,7 +213,10 @@ fn edit_and_answer(
         // Its payload is ours to read as long as the request is.
         let ReplyFields { client_token, frame, .. } = open.fields;
         let name = NotedName::Request { client_token, frame };
-        let note = || Some(SceneNote::new(name, *request, open.pages().to_vec(), reported));
+        let note = || {
+            let (payload, reported) = (open.pages().to_vec(), reported.clone());
+            Some(SceneNote { name, request: *request, payload, reported })
+        };
         outbox.auditor.follow(audited, note);
     }
     Ok(())
@@ -320,11 +324,10 @@ pub(super) fn answer_query(
     answer.engine = scene.engine();
     answer.times.ingest_ns = begun.duration_since(taken_at).as_nanos() as u64;
     let queries = BoxCount::new(request.mask.queries());
-    let window = outbox.answer_query(open, queries, answer, audited);
-    if let (Some(scene), Some(window)) = (audited, window)
+    if let Some(window) = outbox.answer_query(open, queries, answer, audited)
         && let Some((queries, tags)) = request.read(open.pages())
     {
-        outbox.auditor.submit_query(scene, window, queries, &tags);
+        outbox.auditor.submit(window, BoxSlice::from(queries).into(), None, &tags);
     }
     Ok(())
 }

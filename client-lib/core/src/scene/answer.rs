@@ -118,7 +118,7 @@ impl SceneSkips {
 
 /// An answer. All its lists are sorted by (a, b), a < b: the bytes are the same whatever the number of
 /// threads, and however the pairs were found.
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub struct Reported {
     pub(super) report: Report,
     pub(super) resync: bool,
