@@ -37,7 +37,7 @@ pub use message::{CheckedRequest, CheckedResponse, ForgedRequest};
 pub use own_request::{OwnRequest, SentRequest};
 pub use process_limits::{LimitError, address_space_left, no_files_left, raise_file_limit};
 pub use room::PopulateError;
-pub use segment::{Segment, SegmentFiles};
+pub use segment::{Mapping, Segment, SegmentFiles};
 pub use services::{
     ActiveRequest, Client, ClientPort, DaemonNode, FRAMES_AT_A_TIME, JANITOR_INTERVAL, Limits,
     OpenError, PORTS_PER_CLIENT, PendingResponse, RequestLoan, ResponseLoan, ResponseSample,

@@ -11,6 +11,7 @@ use std::fs::{File, Metadata};
 use std::os::unix::fs::MetadataExt;
 
 use pairmask_wire::InstanceName;
+use rustix::fs::makedev;
 
 use crate::instance::RuntimeDir;
 
@@ -38,12 +39,8 @@ impl SegmentFiles {
     pub fn find(&self, port: u128, address: usize) -> Option<Segment> {
         // Between prefix and port the transport writes the kind of the file.
         let ending = format!("_{port}.data");
-        let maps = std::fs::read_to_string("/proc/self/maps").ok()?;
-        let mapping = maps
-            .lines()
-            .filter_map(Mapping::parse)
-            .find(|m| m.start <= address && address < m.end)?;
-        let Mapping { start, end, file_offset, inode, path } = mapping;
+        let mapping = Mapping::around(address).ok()??;
+        let Mapping { start, end, file_offset, inode, path, .. } = mapping;
         if !path.starts_with(&self.prefix) || !path.ends_with(&ending) {
             return None;
         }
@@ -59,28 +56,52 @@ impl SegmentFiles {
     }
 }
 
-/// A line of `/proc/self/maps`.
-struct Mapping<'a> {
-    start: usize,
-    end: usize,
-    file_offset: u64,
-    inode: u64,
-    path: &'a str,
+/// A mapping of this process: a line of `/proc/self/maps`.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Mapping {
+    /// Its first address.
+    pub start: usize,
+    /// The address after its last one.
+    pub end: usize,
+    /// Whether other processes see what is written there.
+    pub is_shared: bool,
+    /// Where in its file it starts, bytes.
+    pub file_offset: u64,
+    /// The file system of the file: inode numbers are each file system's own.
+    pub device: u64,
+    /// The file's number.
+    pub inode: u64,
+    /// The file's name when it was mapped; empty without a file.
+    pub path: String,
 }
 
-impl<'a> Mapping<'a> {
+impl Mapping {
+    /// The mapping around an address, if there is one. Takes 50 µs or more.
+    ///
+    /// # Errors
+    /// Where the process may not read its own table.
+    pub fn around(address: usize) -> std::io::Result<Option<Self>> {
+        let maps = std::fs::read_to_string("/proc/self/maps")?;
+        let mut all = maps.lines().filter_map(Self::parse);
+        Ok(all.find(|mapping| (mapping.start..mapping.end).contains(&address)))
+    }
+
     /// Parses `start-end permissions offset device inode path`.
-    fn parse(line: &'a str) -> Option<Self> {
+    fn parse(line: &str) -> Option<Self> {
         let mut fields = line.split_ascii_whitespace();
         let (start, end) = fields.next()?.split_once('-')?;
-        let file_offset = u64::from_str_radix(fields.nth(1)?, 16).ok()?;
-        let inode = fields.nth(1)?.parse().ok()?;
+        let is_shared = fields.next()?.ends_with('s');
+        let file_offset = u64::from_str_radix(fields.next()?, 16).ok()?;
+        let (major, minor) = fields.next()?.split_once(':')?;
+        let number = |hex| u32::from_str_radix(hex, 16).ok();
         Some(Self {
             start: usize::from_str_radix(start, 16).ok()?,
             end: usize::from_str_radix(end, 16).ok()?,
+            is_shared,
             file_offset,
-            inode,
-            path: fields.next()?,
+            device: makedev(number(major)?, number(minor)?),
+            inode: fields.next()?.parse().ok()?,
+            path: fields.next().unwrap_or_default().to_owned(),
         })
     }
 }
@@ -119,11 +140,16 @@ mod tests {
 
     #[test]
     fn a_line_of_the_table_is_read() {
-        let line = "7f00a000-7f00c000 rw-s 00001000 00:1b 4711    /dev/shm/x_1.data";
+        let line = "7f00a000-7f00c000 r--s 00001000 00:1b 4711    /dev/shm/x_1.data";
         let mapping = Mapping::parse(line).unwrap();
-        let Mapping { start, end, file_offset, inode, path } = mapping;
+        let Mapping { start, end, is_shared, file_offset, device, inode, path } = mapping;
         assert_eq!((start, end, file_offset, inode), (0x7f00_a000, 0x7f00_c000, 0x1000, 4711));
-        assert_eq!(path, "/dev/shm/x_1.data");
-        assert!(Mapping::parse("7f00a000-7f00c000 rw-p 00000000 00:00 0").is_none(), "no file");
+        assert_eq!(
+            (path.as_str(), device, is_shared),
+            ("/dev/shm/x_1.data", makedev(0, 0x1b), true)
+        );
+        let anonymous = Mapping::parse("7f00a000-7f00c000 rw-p 00000000 00:00 0").unwrap();
+        assert!(!anonymous.is_shared && anonymous.path.is_empty());
+        assert_eq!(Mapping::parse("nonsense"), None);
     }
 }

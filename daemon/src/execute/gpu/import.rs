@@ -1,7 +1,7 @@
 //! Mappings that a GPU can import.
 //!
 //! The daemon maps a client's segment read-only, and NVIDIA's driver refuses read-only pages. So
-//! the file behind an address is looked up in `/proc/self/maps` and the same pages are mapped a
+//! the file behind an address is looked up in the process's table of mappings and the same pages are mapped a
 //! second time, read-write, for the import alone. That mapping belongs to the import: it stays
 //! valid when the first one goes, but then shows a file that is not in use, so
 //! [`Imports::forget`] it.
@@ -15,12 +15,12 @@ use std::io;
 use std::ops::Range;
 use std::os::fd::AsFd;
 use std::os::unix::fs::MetadataExt;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::ptr::NonNull;
 use std::sync::{Arc, Weak};
 
 use pairmask_core::objects::Objects;
-use rustix::fs::makedev;
+use pairmask_transport::Mapping;
 use rustix::mm::{MapFlags, ProtFlags};
 
 use super::{Block, Gpu, GpuError};
@@ -60,8 +60,8 @@ impl ReadWriteMapping {
     pub fn behind(address: usize, bytes: usize) -> Result<Self, SegmentError> {
         let start = page_start(address);
         let end = address.checked_add(bytes).ok_or(SegmentError::NotMapped)?;
-        let segment = Segment::containing(start, end)?;
-        let file = segment.open()?;
+        let segment = segment_around(start, end)?;
+        let file = open_file(&segment)?;
         let offset = segment.file_offset + (start - segment.start) as u64;
         let mut mapping = Self::of_file(&file, offset, end - start)?;
         mapping.file = Some(file);
@@ -105,73 +105,35 @@ pub enum SegmentError {
     Io(#[from] io::Error),
 }
 
-/// A line of `/proc/self/maps`: one shared mapping.
-#[derive(Clone, Debug, PartialEq, Eq)]
-struct Segment {
-    start: usize,
-    end: usize,
-    file_offset: u64,
-    /// Of the file's file system: inode numbers are each file system's own.
-    device: u64,
-    inode: u64,
-    path: PathBuf,
+/// The shared mapping that holds an address range.
+fn segment_around(start: usize, end: usize) -> Result<Mapping, SegmentError> {
+    match Mapping::around(start)? {
+        Some(mapping) if end <= mapping.end && mapping.is_shared => Ok(mapping),
+        Some(mapping) if end <= mapping.end => Err(SegmentError::NotShared),
+        _ => Err(SegmentError::NotMapped),
+    }
 }
 
-impl Segment {
-    fn containing(start: usize, end: usize) -> Result<Self, SegmentError> {
-        let maps = std::fs::read_to_string("/proc/self/maps")?;
-        let found = maps
-            .lines()
-            .filter_map(parse_line)
-            .find(|(segment, _)| segment.start <= start && start < segment.end);
-        match found {
-            Some((segment, _)) if end > segment.end => Err(SegmentError::NotMapped),
-            Some((_, false)) => Err(SegmentError::NotShared),
-            Some((segment, true)) => Ok(segment),
-            None => Err(SegmentError::NotMapped),
-        }
+/// Opens a mapping's file read-write: by its path, or, when the name is gone (memfd, an unlinked segment), through a
+/// descriptor that is still open.
+fn open_file(mapping: &Mapping) -> Result<File, SegmentError> {
+    let is_it = |data: &Metadata| (data.dev(), data.ino()) == (mapping.device, mapping.inode);
+    let open = |path: &Path| -> Option<File> {
+        let file = OpenOptions::new().read(true).write(true).open(path).ok()?;
+        // The name may have been given to another file since.
+        is_it(&file.metadata().ok()?).then_some(file)
+    };
+    let path = Path::new(&mapping.path);
+    if let Some(file) = open(path) {
+        return Ok(file);
     }
-
-    /// Opens the file read-write: by its path, or, when the name is gone (memfd, an unlinked
-    /// segment), through a descriptor that is still open.
-    fn open(&self) -> Result<File, SegmentError> {
-        let is_it = |data: &Metadata| (data.dev(), data.ino()) == (self.device, self.inode);
-        let open = |path: &PathBuf| -> Option<File> {
-            let file = OpenOptions::new().read(true).write(true).open(path).ok()?;
-            // The name may have been given to another file since.
-            is_it(&file.metadata().ok()?).then_some(file)
-        };
-        if let Some(file) = open(&self.path) {
+    for entry in std::fs::read_dir("/proc/self/fd")?.flatten() {
+        let same = std::fs::metadata(entry.path()).is_ok_and(|data| is_it(&data));
+        if let Some(file) = same.then(|| open(&entry.path())).flatten() {
             return Ok(file);
         }
-        for entry in std::fs::read_dir("/proc/self/fd")?.flatten() {
-            let same = std::fs::metadata(entry.path()).is_ok_and(|data| is_it(&data));
-            if let Some(file) = same.then(|| open(&entry.path())).flatten() {
-                return Ok(file);
-            }
-        }
-        Err(SegmentError::FileGone(self.path.clone()))
     }
-}
-
-/// Parses `start-end perms offset dev inode path`; the flag says whether the mapping is shared.
-fn parse_line(line: &str) -> Option<(Segment, bool)> {
-    let mut fields = line.split_ascii_whitespace();
-    let (start, end) = fields.next()?.split_once('-')?;
-    let permissions = fields.next()?;
-    let file_offset = u64::from_str_radix(fields.next()?, 16).ok()?;
-    let (major, minor) = fields.next()?.split_once(':')?;
-    let number = |hex| u32::from_str_radix(hex, 16).ok();
-    let inode = fields.next()?.parse().ok()?;
-    let segment = Segment {
-        start: usize::from_str_radix(start, 16).ok()?,
-        end: usize::from_str_radix(end, 16).ok()?,
-        file_offset,
-        device: makedev(number(major)?, number(minor)?),
-        inode,
-        path: fields.next().unwrap_or_default().into(),
-    };
-    Some((segment, permissions.ends_with('s')))
+    Err(SegmentError::FileGone(path.to_owned()))
 }
 
 /// Whose memory an address is: a client's port, or our own server port. Memory of one owner stays
@@ -381,19 +343,6 @@ mod tests {
     use super::*;
 
     #[test]
-    fn lines_of_the_map_are_read() {
-        let line = "7f00a000-7f00c000 r--s 00001000 00:18 42     /dev/shm/pairmask";
-        let (segment, shared) = parse_line(line).expect("well-formed");
-        assert!(shared);
-        assert_eq!((segment.start, segment.end), (0x7f00_a000, 0x7f00_c000));
-        assert_eq!((segment.file_offset, segment.inode), (0x1000, 42));
-        assert_eq!(segment.device, makedev(0, 0x18));
-        assert_eq!(segment.path, PathBuf::from("/dev/shm/pairmask"));
-        assert!(!parse_line("7f00a000-7f00c000 rw-p 00000000 00:00 0").expect("anonymous").1);
-        assert_eq!(parse_line("nonsense"), None);
-    }
-
-    #[test]
     fn a_read_only_mapping_is_mapped_again_read_write_named_or_not() {
         for unlink in [false, true] {
             let path = PathBuf::from(format!("/dev/shm/pairmask-test-{}", std::process::id()));
@@ -420,17 +369,18 @@ mod tests {
         let (memory, _other_end) = std::io::pipe().expect("a pipe");
         let memory = File::from(std::os::fd::OwnedFd::from(memory));
         let data = memory.metadata().expect("of a pipe");
-        let mut segment = Segment {
+        let mut segment = Mapping {
             start: 0,
             end: PAGE_BYTES,
+            is_shared: true,
             file_offset: 0,
             device: data.dev(),
             inode: data.ino(),
             path: "/dev/shm/gone (deleted)".into(),
         };
-        assert!(segment.open().is_ok(), "by its descriptor");
+        assert!(open_file(&segment).is_ok(), "by its descriptor");
         segment.device += 1;
-        assert!(matches!(segment.open(), Err(SegmentError::FileGone(_))));
+        assert!(matches!(open_file(&segment), Err(SegmentError::FileGone(_))));
     }
 
     #[test]
