@@ -10,15 +10,12 @@ use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
 use pairmask::{Backend, ConnectError, Session, SessionBuilder};
-use pairmask_core::engine::AvailableIsa;
-use pairmask_transport::{DaemonRecord, GpuCounts, Limits, RuntimeDir};
+use pairmask_transport::{DaemonRecord, GpuCounts, RuntimeDir};
 use pairmask_wire::InstanceName;
 use rustix::process::{Signal, getppid, set_parent_process_death_signal};
 use tempfile::TempDir;
 
-use crate::audit::AuditRate;
-use crate::execute::gpu::GpuChoices;
-use crate::serve::{DEFAULT_SPIN, ServeError, ServeSettings, default_scene_bytes, stop, supervise};
+use crate::serve::{DaemonSettings, ServeError, ServeSettings, stop, supervise};
 
 /// A daemon that does not answer within this time counts as failed: starting takes 50 ms on an idle
 /// machine.
@@ -29,31 +26,6 @@ const LOOK_INTERVAL: Duration = Duration::from_millis(2);
 /// Prefix of the private directory's name. Not `pairmask-`, with which the users' default
 /// directories begin: those are searched for instances.
 const DIR_PREFIX: &str = ".pairmask.";
-
-#[derive(Clone, Debug)]
-pub struct PrivateSettings {
-    pub limits: Limits,
-    /// How long the worker spins for the next request before it sleeps.
-    pub spin: Duration,
-    pub gpu: GpuChoices,
-    pub isa: AvailableIsa,
-    /// The share of the frames that are checked again.
-    pub audit: AuditRate,
-}
-
-impl Default for PrivateSettings {
-    fn default() -> Self {
-        let limits = Limits::default();
-        let max_scene_bytes = default_scene_bytes(limits.max_scene_bytes);
-        Self {
-            limits: Limits { max_scene_bytes, ..limits },
-            spin: DEFAULT_SPIN,
-            gpu: GpuChoices::default(),
-            isa: AvailableIsa::best(),
-            audit: AuditRate::Off,
-        }
-    }
-}
 
 #[derive(Debug, thiserror::Error)]
 pub enum SpawnError {
@@ -80,19 +52,12 @@ pub struct PrivateDaemon {
 impl PrivateDaemon {
     /// Waits until the `pairmaskd` at `binary` answers, with the GPUs that there are. After an error
     /// nothing is left running.
-    pub fn start(binary: &Path, settings: &PrivateSettings) -> Result<Self, SpawnError> {
+    pub fn start(binary: &Path, settings: &DaemonSettings) -> Result<Self, SpawnError> {
         let dir = tempfile::Builder::new().prefix(DIR_PREFIX).tempdir().map_err(SpawnError::Dir)?;
-        let limits = &settings.limits;
         let child = Command::new(binary)
             .args(["serve", "--private-to", &std::process::id().to_string()])
             .args(["--instance", InstanceName::default().as_str()])
-            .args(["--spin-us", &settings.spin.as_micros().to_string()])
-            .args(["--max-clients", &limits.max_clients.to_string()])
-            .args(["--max-reply-mib", &(limits.max_reply_bytes >> 20).to_string()])
-            .args(["--max-scene-mib", &(limits.max_scene_bytes >> 20).to_string()])
-            .args(["--gpu", &settings.gpu.to_string()])
-            .args(["--isa", &settings.isa.to_string()])
-            .args(["--audit", &settings.audit.to_string()])
+            .args(settings.flags())
             .arg("--runtime-dir")
             .arg(dir.path())
             // Messages that it serves or stops say nothing new to its owner.
@@ -120,7 +85,7 @@ impl PrivateDaemon {
     }
 
     /// Starts this process's own binary, which is the daemon's on the command line.
-    pub(crate) fn start_self(settings: &PrivateSettings) -> Result<Self, SpawnError> {
+    pub(crate) fn start_self(settings: &DaemonSettings) -> Result<Self, SpawnError> {
         let binary = std::env::current_exe()
             .map_err(|source| SpawnError::Start { binary: "/proc/self/exe".into(), source })?;
         Self::start(&binary, settings)

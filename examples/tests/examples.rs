@@ -13,7 +13,8 @@ use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
 use pairmask::{Aabb, Backend, Report, ServedBy, Session};
-use pairmaskd::spawn::{PrivateDaemon, PrivateSettings};
+use pairmaskd::serve::DaemonSettings;
+use pairmaskd::spawn::PrivateDaemon;
 
 use contacts::Pair;
 use simulation::Simulation;
@@ -40,7 +41,7 @@ fn pairmaskd() -> PathBuf {
 }
 
 fn daemon() -> PrivateDaemon {
-    PrivateDaemon::start(&pairmaskd(), &PrivateSettings::default()).unwrap()
+    PrivateDaemon::start(&pairmaskd(), &DaemonSettings::default()).unwrap()
 }
 
 /// Starts an example with its instances in `dir`.

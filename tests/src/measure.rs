@@ -5,13 +5,14 @@ use std::time::{Duration, Instant};
 
 use pairmask_core::oracle::Pair;
 use pairmaskd::execute::gpu::GpuChoice;
-use pairmaskd::spawn::{PrivateDaemon, PrivateSettings, SpawnError};
+use pairmaskd::serve::DaemonSettings;
+use pairmaskd::spawn::{PrivateDaemon, SpawnError};
 use serde_json::Value;
 
 use crate::daemon::pairmaskd;
 
 pub fn daemon(gpu: GpuChoice) -> Result<PrivateDaemon, SpawnError> {
-    let settings = PrivateSettings { gpu: gpu.into(), ..PrivateSettings::default() };
+    let settings = DaemonSettings { gpu: gpu.into(), ..DaemonSettings::default() };
     PrivateDaemon::start(&pairmaskd(), &settings)
 }
 

@@ -47,7 +47,8 @@ pub fn command_line() -> String {
     std::iter::once(name).chain(words).collect::<Vec<_>>().join(" ")
 }
 
-fn value(path: &str, key: &str, separator: char) -> Option<String> {
+/// The value of a key in a file of lines.
+pub(super) fn value(path: &str, key: &str, separator: char) -> Option<String> {
     let text = std::fs::read_to_string(path).ok()?;
     text.lines().find_map(|line| {
         let (found, value) = line.split_once(separator)?;

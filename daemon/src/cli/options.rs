@@ -15,7 +15,7 @@ use super::config::Config;
 use super::program::WrongUsage;
 use super::whole_number::whole_number;
 use crate::execute::gpu::{GpuChoice, GpuChoices};
-use crate::spawn::PrivateSettings;
+use crate::serve::DaemonSettings;
 
 /// Instance, runtime directory, configuration file and instruction set.
 #[derive(Clone, Debug, Args)]
@@ -80,8 +80,8 @@ impl DaemonOptions {
         self.gpus(place).first()
     }
 
-    pub fn private(&self, place: &Place) -> PrivateSettings {
-        PrivateSettings { gpu: self.gpus(place), isa: place.isa(), ..PrivateSettings::default() }
+    pub fn private(&self, place: &Place) -> DaemonSettings {
+        DaemonSettings { gpu: self.gpus(place), isa: place.isa(), ..DaemonSettings::default() }
     }
 }
 

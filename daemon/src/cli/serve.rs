@@ -9,9 +9,8 @@ use pairmask_transport::Limits;
 use super::options::{DaemonOptions, Place};
 use super::whole_number::whole_number;
 use crate::audit::AuditRate;
-use crate::execute::gpu::DEFAULT_HOLD;
 use crate::publish::AlterAnswer;
-use crate::serve::{DEFAULT_SPIN, ServeError, ServeSettings, default_scene_bytes, supervise, work};
+use crate::serve::{DaemonSettings, ServeError, ServeSettings, supervise, work};
 use crate::spawn;
 
 /// Serve an instance until Ctrl-C or SIGTERM
@@ -82,31 +81,31 @@ impl Serve {
     }
 
     fn settings(&self, place: &Place) -> ServeSettings {
-        let default = Limits::default();
+        let default = DaemonSettings::default();
         let spin_us = self.spin_us.or(place.file.spin_us);
         let gpu_awake_ms = self.gpu_awake_ms.or(place.file.gpu_awake_ms);
         let max_clients = self.max_clients.or(place.file.max_clients);
         let max_reply_mib = self.max_reply_mib.or(place.file.max_reply_mib);
         let max_scene_mib = self.max_scene_mib.or(place.file.max_scene_mib);
+        let Limits { max_clients: clients, max_reply_bytes, max_scene_bytes } = default.limits;
+        let limits = Limits {
+            max_clients: max_clients.map_or(clients, |n| usize::from(n.get())),
+            max_reply_bytes: max_reply_mib.map_or(max_reply_bytes, |n| u64::from(n.get()) << 20),
+            max_scene_bytes: max_scene_mib.map_or(max_scene_bytes, |n| u64::from(n) << 20),
+        };
         ServeSettings {
             instance: place.instance(),
             dir: place.runtime_dir(),
-            limits: Limits {
-                max_clients: max_clients.map_or(default.max_clients, |n| usize::from(n.get())),
-                max_reply_bytes: max_reply_mib
-                    .map_or(default.max_reply_bytes, |n| u64::from(n.get()) << 20),
-                max_scene_bytes: max_scene_mib.map_or_else(
-                    || default_scene_bytes(default.max_scene_bytes),
-                    |n| u64::from(n) << 20,
-                ),
+            daemon: DaemonSettings {
+                limits,
+                threads: self.threads.or(place.file.threads),
+                spin: spin_us.map_or(default.spin, Duration::from_micros),
+                gpu: self.options.gpus(place),
+                gpu_awake: gpu_awake_ms.map(|ms| Duration::from_millis(ms.into())),
+                isa: place.isa(),
+                audit: self.audit.or(place.file.audit).unwrap_or_default(),
             },
-            threads: self.threads.or(place.file.threads),
-            spin: spin_us.map_or(DEFAULT_SPIN, Duration::from_micros),
-            gpu: self.options.gpus(place),
             restarted: self.restarted,
-            gpu_awake: gpu_awake_ms.map_or(DEFAULT_HOLD, |ms| Duration::from_millis(ms.into())),
-            isa: place.isa(),
-            audit: self.audit.or(place.file.audit).unwrap_or_default(),
             alter_answers: None,
             watch_devices: None,
         }

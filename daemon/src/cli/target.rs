@@ -7,8 +7,10 @@ use pairmask_transport::RuntimeDir;
 use pairmask_wire::InstanceName;
 
 use super::daemon_cpu::DaemonCpu;
+use super::machine::value;
 use super::options::{CullFlags, DaemonOptions, Place};
-use crate::spawn::{PrivateDaemon, PrivateSettings, SpawnError};
+use crate::serve::DaemonSettings;
+use crate::spawn::{PrivateDaemon, SpawnError};
 
 /// How long one frame of a measurement may take: all pairs of a million boxes on one thread.
 pub const DEADLINE: Duration = Duration::from_secs(600);
@@ -32,7 +34,7 @@ impl Target {
         let backend = options.backend(place, Backend::Daemon);
         let named = place.named_instance();
         if backend == Backend::Daemon && named.is_none() {
-            let mut settings = PrivateSettings { spin, ..daemon.private(place) };
+            let mut settings = DaemonSettings { spin, ..daemon.private(place) };
             // One slot more: that of the session which found the daemon may not be free yet.
             settings.limits.max_clients = settings.limits.max_clients.max(clients as usize + 1);
             let daemon = PrivateDaemon::start_self(&settings)?;
@@ -67,9 +69,8 @@ impl Target {
 
 /// `VmRSS` of a process; 0 where it is gone.
 fn resident_bytes(process: &str) -> u64 {
-    let status = std::fs::read_to_string(format!("/proc/{process}/status")).unwrap_or_default();
-    let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:"));
-    let kib = line.and_then(|line| line.trim().strip_suffix(" kB")?.parse::<u64>().ok());
+    let kib = value(&format!("/proc/{process}/status"), "VmRSS", ':');
+    let kib = kib.and_then(|text| text.strip_suffix(" kB")?.parse::<u64>().ok());
     1024 * kib.unwrap_or(0)
 }
 

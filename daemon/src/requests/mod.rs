@@ -85,7 +85,7 @@ impl Responder {
         pool: Arc<EnginePool>,
         auditor: Auditor,
     ) -> Self {
-        let limits = &settings.limits;
+        let limits = &settings.daemon.limits;
         let clients = Clients::new(wake_clients, limits.max_clients);
         let memory = SceneMemory::new(limits.max_scene_bytes);
         let auditor = Arc::new(auditor);

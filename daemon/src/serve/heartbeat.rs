@@ -52,7 +52,7 @@ fn beat(
     stop: &AtomicBool,
     instance: &InstanceName,
 ) {
-    let (mut lanes, mut look_at, mut is_reported) = (LaneWatch::new(), Instant::now(), false);
+    let (mut lanes, mut look_at, mut is_reported) = (watch_lanes(), Instant::now(), false);
     let (mut last_round, mut full_until) = (0, None);
     while !stop.load(Ordering::Relaxed) {
         if has_no_files.swap(false, Ordering::Relaxed) {
@@ -75,7 +75,7 @@ fn beat(
             let round = rounds.load(Ordering::Relaxed);
             // A look at all threads takes up to a millisecond: only where the lanes are quiet.
             let all_sleep = std::mem::replace(&mut last_round, round) == round && others_sleep();
-            if lanes.hang(round, all_sleep, now) {
+            if lanes_hang(&mut lanes, round, all_sleep, now) {
                 log::error!(
                     "the worker of '{instance}' hangs: all its threads have slept for {HANGS_AFTER:?} and none looked for requests; ending it"
                 );
@@ -86,18 +86,14 @@ fn beat(
     }
 }
 
-struct LaneWatch(Stillness);
+fn watch_lanes() -> Stillness {
+    Stillness::new(None, Instant::now(), 2 * LOOK_INTERVAL)
+}
 
-impl LaneWatch {
-    fn new() -> Self {
-        Self(Stillness::new(None, Instant::now(), 2 * LOOK_INTERVAL))
-    }
-
-    fn hang(&mut self, rounds: u64, all_sleep: bool, now: Instant) -> bool {
-        // No lane has begun yet, or one is at work: that counts as movement.
-        let seen = (rounds > 0 && all_sleep).then_some(rounds);
-        self.0.look(seen, now) >= HANGS_AFTER
-    }
+fn lanes_hang(lanes: &mut Stillness, rounds: u64, all_sleep: bool, now: Instant) -> bool {
+    // No lane has begun yet, or one is at work: that counts as movement.
+    let seen = (rounds > 0 && all_sleep).then_some(rounds);
+    lanes.look(seen, now) >= HANGS_AFTER
 }
 
 /// Whether all threads of this process but this one sleep, until something wakes them.
@@ -139,10 +135,10 @@ mod tests {
         let start = Instant::now();
         let second = Duration::from_secs(1);
         let hang_at = |seen: &dyn Fn(u32) -> (u64, bool)| {
-            let mut lanes = LaneWatch::new();
+            let mut lanes = watch_lanes();
             (0..60).find(|i| {
                 let (rounds, all_sleep) = seen(*i);
-                lanes.hang(rounds, all_sleep, start + *i * second)
+                lanes_hang(&mut lanes, rounds, all_sleep, start + *i * second)
             })
         };
         assert_eq!(hang_at(&|_| (5, true)), Some(10));

@@ -34,6 +34,19 @@ use crate::publish::AlterAnswer;
 pub struct ServeSettings {
     pub instance: InstanceName,
     pub dir: RuntimeDir,
+    pub daemon: DaemonSettings,
+    /// Whether this process takes the place of a worker that has served.
+    pub restarted: bool,
+    /// Changes every answer; `None` but in tests of the auditor. A supervisor cannot pass it on to
+    /// its worker: the binary that both run sets it.
+    pub alter_answers: Option<AlterAnswer>,
+    /// Is shown each device that is opened; `None` but in tests that lose it, whose process is the worker.
+    pub watch_devices: Option<WatchDevice>,
+}
+
+/// What a daemon takes of the machine, wherever it serves.
+#[derive(Clone, Debug)]
+pub struct DaemonSettings {
     pub limits: Limits,
     /// Threads that cull; `None` is one a core.
     pub threads: Option<NonZeroUsize>,
@@ -42,18 +55,47 @@ pub struct ServeSettings {
     /// where this is zero.
     pub spin: Duration,
     pub gpu: GpuChoices,
-    /// Whether this process takes the place of a worker that has served.
-    pub restarted: bool,
-    /// How long their clocks are kept up after a frame.
-    pub gpu_awake: Duration,
+    /// How long their clocks are kept up after a frame, where it is not [`DEFAULT_HOLD`](crate::execute::gpu::DEFAULT_HOLD).
+    pub gpu_awake: Option<Duration>,
     /// The instruction set of the CPU's engines.
     pub isa: AvailableIsa,
+    /// The share of the frames that are checked again.
     pub audit: AuditRate,
-    /// Changes every answer; `None` but in tests of the auditor. A supervisor cannot pass it on to
-    /// its worker: the binary that both run sets it.
-    pub alter_answers: Option<AlterAnswer>,
-    /// Is shown each device that is opened; `None` but in tests that lose it, whose process is the worker.
-    pub watch_devices: Option<WatchDevice>,
+}
+
+impl Default for DaemonSettings {
+    fn default() -> Self {
+        let limits = Limits::default();
+        let max_scene_bytes = usable_memory::bytes().map_or(limits.max_scene_bytes, scene_part);
+        Self {
+            limits: Limits { max_scene_bytes, ..limits },
+            threads: None,
+            spin: DEFAULT_SPIN,
+            gpu: GpuChoices::default(),
+            gpu_awake: None,
+            isa: AvailableIsa::best(),
+            audit: AuditRate::Off,
+        }
+    }
+}
+
+impl DaemonSettings {
+    /// As flags of `serve`.
+    pub(crate) fn flags(&self) -> Vec<String> {
+        let Self { limits, threads, spin, gpu, gpu_awake, isa, audit } = self;
+        let mut flags = vec![
+            format!("--spin-us={}", spin.as_micros()),
+            format!("--max-clients={}", limits.max_clients),
+            format!("--max-reply-mib={}", limits.max_reply_bytes >> 20),
+            format!("--max-scene-mib={}", limits.max_scene_bytes >> 20),
+            format!("--gpu={gpu}"),
+            format!("--isa={isa}"),
+            format!("--audit={audit}"),
+        ];
+        flags.extend(threads.map(|threads| format!("--threads={threads}")));
+        flags.extend(gpu_awake.map(|hold| format!("--gpu-awake-ms={}", hold.as_millis())));
+        flags
+    }
 }
 
 /// A worker that has served spins this long for the next request: a closed loop is answered
@@ -141,12 +183,6 @@ impl ServeError {
 const SCENE_PART: u64 = 3;
 
 const MIB: u64 = 1 << 20;
-
-/// Bytes that all scenes together may take on this machine, where nothing else is set; `otherwise` where the system
-/// does not say how much memory there is.
-pub(crate) fn default_scene_bytes(otherwise: u64) -> u64 {
-    usable_memory::bytes().map_or(otherwise, scene_part)
-}
 
 /// The scenes' part of so many bytes, in whole MiB.
 fn scene_part(bytes: u64) -> u64 {

@@ -56,7 +56,7 @@ pub const FILES_PER_CLIENT: u64 = 10;
 
 /// Serves an instance until SIGINT or SIGTERM. A worker that crashes is no error.
 pub fn supervise(settings: &ServeSettings) -> Result<(), ServeError> {
-    check_file_limit(settings.limits.max_clients)?;
+    check_file_limit(settings.daemon.limits.max_clients)?;
     let _lock = acquire(settings)?;
     let result = keep_working(settings);
     settings.dir.remove_record(&settings.instance);
@@ -185,21 +185,10 @@ impl StopSignals {
 fn spawn_worker(settings: &ServeSettings, restarted: bool) -> Result<Child, ServeError> {
     let binary =
         std::env::current_exe().map_err(ServeError::system("finding the daemon's binary"))?;
-    let mut command = Command::new(binary);
-    command.args(["serve", "--worker", &std::process::id().to_string()]);
-    if let Some(threads) = settings.threads {
-        command.args(["--threads", &threads.to_string()]);
-    }
-    command
+    Command::new(binary)
+        .args(["serve", "--worker", &std::process::id().to_string()])
         .args(["--instance", settings.instance.as_str()])
-        .args(["--spin-us", &settings.spin.as_micros().to_string()])
-        .args(["--max-clients", &settings.limits.max_clients.to_string()])
-        .args(["--max-reply-mib", &(settings.limits.max_reply_bytes >> 20).to_string()])
-        .args(["--max-scene-mib", &(settings.limits.max_scene_bytes >> 20).to_string()])
-        .args(["--gpu", &settings.gpu.to_string()])
-        .args(["--gpu-awake-ms", &settings.gpu_awake.as_millis().to_string()])
-        .args(["--isa", &settings.isa.to_string()])
-        .args(["--audit", &settings.audit.to_string()])
+        .args(settings.daemon.flags())
         .args(restarted.then_some("--restarted"))
         .env("PAIRMASK_RUNTIME_DIR", settings.dir.path())
         // Mesa's layer that sorts adapters asks the user's display which one it runs on. A daemon
@@ -231,7 +220,8 @@ fn watch(
     let process = pid.and_then(|pid| pidfd_open(pid, PidfdFlags::empty()).ok());
     let mut pipe = worker.stdin.take();
     let mut heart = HeartWatch::new();
-    let starts_within = if settings.gpu == GpuChoices::All { LISTS_WITHIN } else { STARTS_WITHIN };
+    let starts_within =
+        if settings.daemon.gpu == GpuChoices::All { LISTS_WITHIN } else { STARTS_WITHIN };
     // Until it has served: for how long it has not. One that was killed is waited for alone.
     let mut start = Some(Stillness::new(Some(0), Instant::now(), 2 * LOOK_INTERVAL));
     let mut is_killed = false;

@@ -24,9 +24,9 @@ use signal_hook::consts::{SIGINT, SIGTERM};
 use super::heartbeat::Beating;
 use super::janitor::{Janitor, clean_up};
 use super::lanes::Lanes;
-use super::{ServeError, ServeSettings};
+use super::{DaemonSettings, ServeError, ServeSettings};
 use crate::audit::Auditor;
-use crate::execute::gpu::{GpuChoices, IfMissing, OpenError};
+use crate::execute::gpu::{DEFAULT_HOLD, GpuChoices, IfMissing, OpenError};
 use crate::execute::{EnginePool, Executor, GpuService};
 use crate::ingest::Intake;
 use crate::locked;
@@ -49,14 +49,16 @@ pub fn work(settings: &ServeSettings, supervisor: u32) -> Result<(), ServeError>
     }
     bind_to(supervisor)?;
     let beating = Beating::start(&settings.dir, &settings.instance)?;
-    let settings =
-        &ServeSettings { limits: limits_that_fit(&settings.limits)?, ..settings.clone() };
+    let limits = limits_that_fit(&settings.daemon.limits)?;
+    let daemon = DaemonSettings { limits, ..settings.daemon.clone() };
+    let settings = &ServeSettings { daemon, ..settings.clone() };
+    let daemon = &settings.daemon;
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
-    let threads = settings.threads.map_or(cores, usize::from).min(cores);
+    let threads = daemon.threads.map_or(cores, usize::from).min(cores);
     let pool = Arc::new(EnginePool::with_this_thread(threads)?);
 
     // Beside what follows.
-    let (isa, has_gpu) = (settings.isa, may_have_gpu(&settings.gpu));
+    let (isa, has_gpu) = (daemon.isa, may_have_gpu(&daemon.gpu));
     let constants = std::thread::Builder::new()
         .name("constants".into())
         .spawn(move || constants(isa, has_gpu))
@@ -69,7 +71,7 @@ pub fn work(settings: &ServeSettings, supervisor: u32) -> Result<(), ServeError>
         janitor.watch_over(file);
     }
     let mut early = Vec::new();
-    let free = FreeChunks::of(&services, &server, settings.limits.max_reply_bytes, &mut early)
+    let free = FreeChunks::of(&services, &server, limits.max_reply_bytes, &mut early)
         .inspect_err(|error| log::error!("memory of replies will not be given back: {error}"))
         .ok();
     let (wake, wake_clients) = services.wake_ports()?;
@@ -88,9 +90,9 @@ pub fn work(settings: &ServeSettings, supervisor: u32) -> Result<(), ServeError>
     log::info!("serving '{}' with {threads} threads", settings.instance);
 
     let calibration = constants.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
-    let executor = Executor::new(gpus).with_engines(settings.isa, calibration);
+    let executor = Executor::new(gpus).with_engines(isa, calibration);
     let auditor =
-        Auditor::start(settings.audit).map_err(ServeError::system("starting the auditor"))?;
+        Auditor::start(daemon.audit).map_err(ServeError::system("starting the auditor"))?;
     let (services, turn) = (Arc::new(services), Arc::new(PortTurn::default()));
     let files = SegmentFiles::new(&settings.dir, &settings.instance);
     let intake = Intake::new(server, Arc::clone(&turn), Arc::clone(&services), files, early);
@@ -160,7 +162,7 @@ fn open_services(
         clean_if_abandoned(&settings.dir, &settings.instance)?;
         settings.dir.ensure_transport_root(&settings.instance)?;
         let janitor = Janitor::start(&settings.dir, &settings.instance, Arc::clone(rounds))?;
-        match Services::serve(&settings.dir, &settings.instance, &settings.limits) {
+        match Services::serve(&settings.dir, &settings.instance, &settings.daemon.limits) {
             Ok(services) => return Ok((janitor, services)),
             Err(error) if Instant::now() < give_up_at => {
                 log::debug!("waiting for what a predecessor began: {error}");
@@ -182,7 +184,7 @@ fn open_server(
     let give_up_at = Instant::now() + PREDECESSOR_DIES;
     loop {
         clean_up(services.owner());
-        match services.server(&settings.limits, has_no_files) {
+        match services.server(&settings.daemon.limits, has_no_files) {
             Err(error) if Instant::now() < give_up_at => {
                 log::debug!("waiting for a predecessor to go: {error}");
                 std::thread::sleep(PREDECESSOR_LOOK);
@@ -232,7 +234,7 @@ fn open_gpus(
     missing: &Arc<Mutex<Option<OpenError>>>,
     stop: &Arc<AtomicBool>,
 ) -> Vec<GpuService> {
-    let wanted = &settings.gpu;
+    let wanted = &settings.daemon.gpu;
     if wanted.is_none() {
         // Not even a look: listing adapters takes time and loads every driver.
         return Vec::new();
@@ -249,8 +251,8 @@ fn open_gpus(
         }))
     };
     let open = |choice| {
-        let (hold, watch) = (settings.gpu_awake, settings.watch_devices);
-        GpuService::opening(&choice, hold, watch, if_missing.clone())
+        let hold = settings.daemon.gpu_awake.unwrap_or(DEFAULT_HOLD);
+        GpuService::opening(&choice, hold, settings.watch_devices, if_missing.clone())
     };
     wanted.each().into_iter().map(open).collect()
 }

@@ -8,7 +8,8 @@ use pairmask_tests::command_line::{self, Program};
 use pairmask_transport::{DaemonRecord, RuntimeDir};
 use pairmask_wire::InstanceName;
 use pairmaskd::execute::gpu::GpuChoice;
-use pairmaskd::spawn::{PrivateDaemon, PrivateSettings};
+use pairmaskd::serve::DaemonSettings;
+use pairmaskd::spawn::PrivateDaemon;
 use rustix::process::{Pid, Signal, kill_process};
 
 pub use pairmask_tests::command_line::{Finished, eventually, keys, names};
@@ -32,7 +33,7 @@ pub fn finish(child: Child) -> Finished {
 
 /// A daemon of the test's own.
 pub fn daemon() -> PrivateDaemon {
-    let settings = PrivateSettings { gpu: GpuChoice::None.into(), ..PrivateSettings::default() };
+    let settings = DaemonSettings { gpu: GpuChoice::None.into(), ..DaemonSettings::default() };
     PrivateDaemon::start(PAIRMASKD.as_ref(), &settings).unwrap()
 }
 

@@ -19,7 +19,8 @@ use pairmask_tests::daemon::pairmaskd;
 use pairmask_tests::peers::line::Comparison;
 use pairmask_tests::peers::report;
 use pairmaskd::scene::Scene;
-use pairmaskd::spawn::{PrivateDaemon, PrivateSettings};
+use pairmaskd::serve::DaemonSettings;
+use pairmaskd::spawn::PrivateDaemon;
 
 fn main() -> ExitCode {
     match run(&Options::parse()) {
@@ -39,10 +40,10 @@ fn run(options: &Options) -> Result<Vec<Comparison>, Box<dyn Error>> {
         cliffs::search(*n, *threads, options.seed, seconds)?;
         return Ok(Vec::new());
     }
-    let settings = PrivateSettings {
+    let settings = DaemonSettings {
         spin: Duration::from_micros(options.daemon_spin_us),
         gpu: options.gpu.clone().into(),
-        ..PrivateSettings::default()
+        ..DaemonSettings::default()
     };
     let daemon = PrivateDaemon::start(&pairmaskd(), &settings)?;
     let is_text = !options.json && !options.markdown;

@@ -17,7 +17,6 @@ use pairmask_transport::{
     Limits, RuntimeDir, Services, assume_pages, assume_response_pages, clean_if_abandoned,
 };
 use pairmask_wire::InstanceName;
-use pairmaskd::serve::ServeSettings;
 use rustix::process::{getpid, kill_process};
 
 /// Counts allocations of marked threads while counting is on.
@@ -145,7 +144,8 @@ fn steady_frames_allocate_nothing() {
 
     let dir = tempfile::tempdir().unwrap();
     // Longer than any pause.
-    let settings = ServeSettings { spin: Duration::from_secs(1), ..crate::settings(dir.path()) };
+    let mut settings = crate::settings(dir.path());
+    settings.daemon.spin = Duration::from_secs(1);
     let runtime_dir = settings.dir.clone();
     let daemon = std::thread::spawn(move || {
         MARKED.set(true);

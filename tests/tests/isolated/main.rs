@@ -6,12 +6,10 @@ use std::path::Path;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-use pairmask_core::engine::AvailableIsa;
 use pairmask_transport::{Limits, RuntimeDir};
 use pairmask_wire::InstanceName;
-use pairmaskd::audit::AuditRate;
 use pairmaskd::execute::gpu::GpuChoice;
-use pairmaskd::serve::{ServeError, ServeSettings, work};
+use pairmaskd::serve::{DaemonSettings, ServeError, ServeSettings, work};
 
 mod allocations;
 mod forward_compatibility;
@@ -27,18 +25,17 @@ fn alone() -> MutexGuard<'static, ()> {
 /// Settings of a worker that is a thread of this process.
 fn settings(dir: &Path) -> ServeSettings {
     ServeSettings {
-        audit: AuditRate::Off,
         alter_answers: None,
         watch_devices: None,
         restarted: false,
         instance: InstanceName::default(),
         dir: RuntimeDir::at(dir),
-        limits: Limits::default(),
-        threads: None,
-        spin: Duration::from_micros(50),
-        gpu: GpuChoice::None.into(),
-        gpu_awake: Duration::ZERO,
-        isa: AvailableIsa::best(),
+        daemon: DaemonSettings {
+            limits: Limits::default(),
+            gpu: GpuChoice::None.into(),
+            gpu_awake: Some(Duration::ZERO),
+            ..DaemonSettings::default()
+        },
     }
 }
 

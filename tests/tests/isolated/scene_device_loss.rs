@@ -59,11 +59,9 @@ impl Worker {
     /// One that serves, whether its GPU has joined or not.
     fn start_watched(watch: WatchDevice) -> Self {
         let dir = tempfile::tempdir().unwrap();
-        let settings = ServeSettings {
-            watch_devices: Some(watch),
-            gpu: gpu::choice().into(),
-            ..crate::settings(dir.path())
-        };
+        let mut settings =
+            ServeSettings { watch_devices: Some(watch), ..crate::settings(dir.path()) };
+        settings.daemon.gpu = gpu::choice().into();
         let thread = std::thread::spawn(move || crate::serve(&settings));
         let worker = Self { dir, thread };
         eventually("the daemon serves", || worker.dir().read_record(&InstanceName::default()));

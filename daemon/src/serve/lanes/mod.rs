@@ -113,8 +113,8 @@ impl<'a> Lanes<'a> {
         let lanes = cores + 1;
         let workers = Workers::new(lanes, cores);
         let gpus = responder.culls.gpus().iter().count();
-        let inbox = Inbox::new(settings.limits.max_clients, gpus);
-        let scheduler = Scheduler::new(inbox, workers, settings.spin, cores);
+        let inbox = Inbox::new(settings.daemon.limits.max_clients, gpus);
+        let scheduler = Scheduler::new(inbox, workers, settings.daemon.spin, cores);
         let arrived = Vec::with_capacity(scheduler.inbox.room());
         Self {
             responder,

@@ -9,7 +9,8 @@ use pairmaskd::audit::AuditRate;
 use pairmaskd::cli::options::{DaemonOptions, Place};
 use pairmaskd::cli::output::{print_json, print_text, progress_bar};
 use pairmaskd::cli::whole_number::whole_number;
-use pairmaskd::spawn::{PrivateDaemon, PrivateSettings};
+use pairmaskd::serve::DaemonSettings;
+use pairmaskd::spawn::PrivateDaemon;
 
 use crate::Result;
 use crate::processes::Daemon;
@@ -116,7 +117,7 @@ impl Stress {
         let (dir, instance, _started) = if let Some(instance) = place.named_instance() {
             (place.runtime_dir(), instance, None)
         } else {
-            let settings = PrivateSettings {
+            let settings = DaemonSettings {
                 limits: limits(clients),
                 audit: AuditRate::OneIn(NonZeroU32::MIN),
                 ..self.options.private(place)
