@@ -72,7 +72,7 @@ pub fn executor(gpus: usize) -> Executor {
     let executor = Executor::new((0..gpus).map(open));
     for gpu in executor.gpus().iter() {
         while !gpu.is_there() {
-            gpu.take_back();
+            gpu.tidy();
             std::thread::sleep(Duration::from_millis(1));
         }
     }

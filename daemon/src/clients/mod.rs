@@ -125,7 +125,7 @@ impl Known {
                 let place = least.map_or(0, |(place, _)| place);
                 self.forgotten.push(self.clients.swap_remove(place));
             }
-            self.clients.push(Client::new(session));
+            self.clients.push(Client { session, ..Client::default() });
             self.clients.len() - 1
         });
         let client = &mut self.clients[place];
@@ -135,6 +135,7 @@ impl Known {
 }
 
 /// What is kept of a client. Everything that belongs to one session and outlives a request goes here.
+#[derive(Default)]
 pub(crate) struct Client {
     session: u128,
     looked_at: u64,
@@ -145,20 +146,6 @@ pub(crate) struct Client {
     pub(crate) engines: Option<Box<Executor>>,
     /// Its scenes, but for one that is being changed.
     pub(crate) scenes: Vec<KeptScene>,
-}
-
-impl Client {
-    fn new(session: u128) -> Self {
-        Self {
-            session,
-            looked_at: 0,
-            listener: None,
-            last_pairs: None,
-            last_work: LastWork::default(),
-            engines: None,
-            scenes: Vec::new(),
-        }
-    }
 }
 
 fn find_listener(notifier: &WakeClient, session: u128, client_token: u64) -> Option<ListenerKey> {

@@ -79,17 +79,18 @@ pub struct CpuTimer {
 
 impl CpuTimer {
     pub fn start() -> Self {
-        Self { start: used_by_this_thread() + IN_POOL.get() }
+        Self { start: used_by(ClockId::ThreadCPUTime) + IN_POOL.get() }
     }
 
     /// What this thread has used since, with the pool's work for it. For the thread that began.
     pub fn elapsed(&self) -> Duration {
-        (used_by_this_thread() + IN_POOL.get()).saturating_sub(self.start)
+        (used_by(ClockId::ThreadCPUTime) + IN_POOL.get()).saturating_sub(self.start)
     }
 }
 
-fn used_by_this_thread() -> Duration {
-    let used = clock_gettime(ClockId::ThreadCPUTime);
+/// CPU time of this thread or process so far.
+pub(crate) fn used_by(clock: ClockId) -> Duration {
+    let used = clock_gettime(clock);
     // The clock counts from zero.
     Duration::new(used.tv_sec.unsigned_abs(), used.tv_nsec.unsigned_abs() as u32)
 }

@@ -22,6 +22,7 @@ use super::gpu::{
 use super::shared_gpu::Outlook;
 use super::spheres::takes_spheres;
 
+/// What is made on a device.
 struct Engines {
     all_pairs: AllPairs,
     grid: Grid,
@@ -58,7 +59,7 @@ impl Engines {
         reply: &mut dyn ReplyBuffer,
     ) -> Result<(CullReport, EngineName), CullError> {
         // The plan was made without this device: it may have come while the frame waited.
-        let is_software = self.grid.gpu().info().is_software();
+        let is_software = self.grid.gpu().is_software();
         let takes = |engine| match objects {
             Objects::Spheres(these) if !takes_spheres(engine, these.len(), is_software) => {
                 Err(CullError::TooCrowded { engine })
@@ -108,14 +109,16 @@ impl Engines {
     }
 }
 
+impl AsRef<Gpu> for Engines {
+    fn as_ref(&self) -> &Gpu {
+        self.grid.gpu()
+    }
+}
+
 /// Is shown each device that is opened: tests lose it.
 pub type WatchDevice = fn(&Arc<Gpu>);
 
-pub struct GpuService {
-    slot: GpuSlot,
-    engines: Option<Engines>,
-    hold: Duration,
-}
+pub struct GpuService(GpuSlot<Engines>);
 
 /// Fewest boxes of a frame that is left to the GPU meanwhile. Where all pairs and the grid are equally
 /// fast on an H200: below, plans take all pairs, whose frames are not left under way.
@@ -124,10 +127,9 @@ const UNDER_WAY_BOXES: u32 = 16_384;
 const UNDER_WAY_SOFTWARE_BOXES: u32 = 32_768;
 
 impl GpuService {
-    /// The GPU of a choice, without waiting for the device: another thread opens it, and `watch` is shown it and
-    /// each that takes its place. Whoever asks now and then
-    /// ([`SharedGpu::take_back`](super::SharedGpu::take_back)) makes its engines. Its clocks are kept up for `hold`
-    /// after each frame, where it has a queue for that; zero leaves them alone.
+    /// The GPU of a choice, without waiting for the device: another thread opens it and makes its engines, and `watch`
+    /// is shown it and each that takes its place. Its clocks are kept up for `hold` after each frame, where it has a
+    /// queue for that; zero leaves them alone.
     pub fn opening(
         choice: &GpuChoice,
         hold: Duration,
@@ -140,57 +142,32 @@ impl GpuService {
             if let Some(watch) = watch {
                 watch(&gpu);
             }
-            Ok(gpu)
+            Ok(Engines::new(&gpu, hold)?)
         };
-        let slot = GpuSlot::opening(Arc::new(open), if_missing);
-        Self { slot, engines: None, hold }
+        Self(GpuSlot::opening(Arc::new(open), if_missing))
     }
 
     pub(super) fn outlook(&self) -> (Outlook, Weak<Gpu>) {
-        let (state, engines) = (self.slot.state(), self.engines.as_ref());
-        let is_software = engines.is_some_and(|engines| engines.grid.gpu().info().is_software());
+        let (state, engines) = (self.0.state(), self.0.opened());
+        let is_software = engines.is_some_and(|engines| engines.grid.gpu().is_software());
         let least = if is_software { UNDER_WAY_SOFTWARE_BOXES } else { UNDER_WAY_BOXES };
         let outlook = Outlook {
-            cost: self.cost(),
+            cost: engines.and_then(|engines| engines.cost),
             under_way_boxes: engines.map(|_| least),
             is_software,
             is_opening: state == SlotState::Opening,
             is_missing: state == SlotState::Missing,
         };
-        let device = engines.map(|engines| Arc::downgrade(engines.all_pairs.gpu()));
+        let device = engines.map(|engines| Arc::downgrade(engines.grid.gpu()));
         (outlook, device.unwrap_or_default())
     }
 
     pub fn device(&mut self) -> Option<Arc<Gpu>> {
-        self.slot.ready()
+        self.0.ready().map(|engines| Arc::clone(engines.grid.gpu()))
     }
 
     pub(super) fn scene_tools(&mut self) -> Option<Arc<SceneTools>> {
-        self.engines().map(|engines| Arc::clone(&engines.scenes))
-    }
-
-    pub fn cost(&self) -> Option<GpuCost> {
-        self.engines.as_ref()?.cost
-    }
-
-    /// The engines of the device of now, made where it is a new one; `None` where there is none.
-    fn engines(&mut self) -> Option<&mut Engines> {
-        let Some(gpu) = self.slot.ready() else {
-            self.engines = None;
-            return None;
-        };
-        if !self.engines.as_ref().is_some_and(|e| Arc::ptr_eq(e.all_pairs.gpu(), &gpu)) {
-            // Those of another device go before they are made.
-            self.engines = None;
-            match Engines::new(&gpu, self.hold) {
-                Ok(engines) => self.engines = Some(engines),
-                Err(error) => {
-                    log::error!("the GPU engines cannot be made: {error}");
-                    gpu.health().mark_lost();
-                }
-            }
-        }
-        self.engines.as_mut()
+        self.0.ready().map(|engines| Arc::clone(&engines.scenes))
     }
 
     pub fn cull(
@@ -204,7 +181,7 @@ impl GpuService {
             return Err(CullError::Unavailable { engine: plan.engine, why: "no such GPU engine" });
         }
         let lost = CullError::DeviceLost { engine: plan.engine };
-        let engines = self.engines().ok_or(lost)?;
+        let engines = self.0.ready().ok_or(lost)?;
         engines.note_frame(owner, objects);
         engines.cull(objects, plan, reply)
     }
@@ -219,21 +196,21 @@ impl GpuService {
         ranges: &mut Vec<WorldRange>,
     ) -> Result<CullReport, CullError> {
         let lost = CullError::DeviceLost { engine: EngineName::GpuGrid };
-        let engines = self.engines().ok_or(lost)?;
+        let engines = self.0.ready().ok_or(lost)?;
         engines.note_frame(owner, boxes.into());
         engines.grid.cull_ruled(boxes, marks, encoding, reply, ranges)
     }
 
     /// Imports the memory of a reply that the GPU wrote, so that the next mask in it needs no copy.
     pub(super) fn offer_reply(&mut self, lent: LentReply) {
-        if let Some(engines) = &mut self.engines {
+        if let Some(engines) = self.0.opened_mut() {
             engines.change_imports(|imports, gpu| imports.offer_reply(gpu, lent));
         }
     }
 
     /// Lets go of the memory of replies in a range of addresses. Whether nothing of the GPU knows it any more.
     pub(super) fn release_reply(&mut self, range: &Range<usize>) -> bool {
-        self.engines.as_mut().is_none_or(|engines| {
+        self.0.opened_mut().is_none_or(|engines| {
             engines.change_imports(|imports, _| imports.leave(range));
             engines.imports.lock().has_left(range)
         })
@@ -241,7 +218,7 @@ impl GpuService {
 
     pub fn begin<M: FrameMemory>(&mut self, mut memory: M, owner: Owner, plan: &Plan) -> Begun<M> {
         let lost = CullError::DeviceLost { engine: plan.engine };
-        let Some(engines) = self.engines() else {
+        let Some(engines) = self.0.ready() else {
             return Err((lost, Some(memory)));
         };
         memory.with(|objects, _| engines.note_frame(owner, objects));
@@ -252,7 +229,7 @@ impl GpuService {
         &mut self,
         frames: Vec<(M, Owner, Encoding)>,
     ) -> Vec<Begun<M>> {
-        let Some(engines) = self.engines() else {
+        let Some(engines) = self.0.ready() else {
             let lost = |(memory, _, _)| {
                 Err((CullError::DeviceLost { engine: EngineName::GpuGrid }, Some(memory)))
             };
@@ -272,7 +249,7 @@ impl GpuService {
         mut frame: GridUnderWay<M>,
         plan: &Plan,
     ) -> (Result<(CullReport, EngineName), CullError>, Option<M>) {
-        let Some(engines) = self.engines.as_mut() else {
+        let Some(engines) = self.0.opened_mut() else {
             return (Err(CullError::DeviceLost { engine: plan.engine }), frame.give_up());
         };
         let ended = engines.grid.wait_for(&mut frame);
@@ -295,15 +272,11 @@ impl GpuService {
         (answered, memory)
     }
 
-    /// Makes the engines of a new device. Plans count on no GPU meanwhile.
-    pub(super) fn take_back(&mut self) {
-        self.engines();
-        self.tidy();
-    }
-
-    pub fn tidy(&mut self) {
-        if let Some(engines) = &mut self.engines {
-            engines.change_imports(|imports, _| imports.tidy());
+    /// Gives up what is kept of clients that are gone. Where there is no device, takes in one that was opened.
+    pub(super) fn tidy(&mut self) {
+        match self.0.opened_mut() {
+            Some(engines) => engines.change_imports(|imports, _| imports.tidy()),
+            None => drop(self.0.ready()),
         }
     }
 }
@@ -346,7 +319,7 @@ fn measure(engines: &mut Engines, profiled: &EngineOptions) -> Option<GpuCost> {
     let large_ns = fastest_ns(&mut engines.all_pairs, TIMED_BOXES)?;
     let grid_least_ns = fastest_ns(&mut engines.grid, TIMED_LEAST_BOXES)?;
     // By the GPU's clock: these boxes are staged, those of clients are not.
-    let grid_software = engines.grid.gpu().info().is_software();
+    let grid_software = engines.grid.gpu().is_software();
     let mut grid = Grid::new(engines.grid.gpu(), profiled).ok()?;
     let mut stages_ns = |n: usize| -> Option<(f64, f64)> {
         fastest_ns(&mut grid, n)?;

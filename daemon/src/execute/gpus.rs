@@ -9,7 +9,7 @@ use pairmask_core::plan::GpuCost;
 use pairmask_transport::GpuCounts;
 
 use super::GpuService;
-use super::gpu::{Gpu, SceneTools};
+use super::gpu::{Gpu, SceneTools, compute_alike};
 use super::shared_gpu::{SharedGpu, Turn};
 
 /// Fewest boxes of a scene that all GPUs keep: each edit is brought to all of them, and a search of fewer boxes ends
@@ -34,7 +34,7 @@ impl Gpus {
     /// are its, and computes them all.
     fn are_alike(&self) -> bool {
         let devices: Vec<Arc<Gpu>> = self.all.iter().filter_map(|gpu| gpu.device()).collect();
-        devices.windows(2).all(|two| two[0].info().computes_as(two[1].info()))
+        devices.windows(2).all(|two| compute_alike(two[0].info(), two[1].info()))
     }
 
     pub fn counts(&self) -> GpuCounts {
@@ -129,7 +129,7 @@ impl SceneGpus {
         let Some(home) = self.home() else { return Vec::new() };
         let may_share = |tools: &Arc<SceneTools>| {
             let (one, other) = (home.gpu(), tools.gpu());
-            !Arc::ptr_eq(one, other) && one.info().computes_as(other.info())
+            !Arc::ptr_eq(one, other) && compute_alike(one.info(), other.info())
         };
         let all = Arc::clone(&self.all.all);
         let mut others = Vec::new();

@@ -13,17 +13,16 @@ mod spheres;
 
 pub use self::cpu_side::Planned;
 pub(crate) use self::cpu_side::is_left_to_cores;
+pub(crate) use self::engine_pool::used_by;
 pub use self::engine_pool::{CpuTimer, EnginePool};
 pub use self::frame_memory::FrameMemory;
 pub(crate) use self::frame_memory::boxes_of;
-pub use self::gpu::Owner;
+pub use self::gpu::{BUNDLE_FRAMES, Owner, SUBMISSIONS};
 pub use self::gpu_service::{GpuService, WatchDevice};
 pub use self::gpus::{Gpus, SceneGpus};
 pub use self::kept_scene::SceneKeeper;
 pub use self::ruled::RuledFrame;
-pub use self::shared_gpu::{
-    BUNDLE_FRAMES, CullUnderWay, Ended, Joining, SUBMISSIONS_UNDER_WAY, SharedGpu, Unserved,
-};
+pub use self::shared_gpu::{CullUnderWay, Ended, Joining, SharedGpu, Unserved};
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};

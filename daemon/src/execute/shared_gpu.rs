@@ -13,7 +13,7 @@ use pairmask_core::{Encoding, EngineName};
 
 use super::cpu_side::engine_ns;
 use super::gpu::{Gpu, GridUnderWay};
-use super::{FrameMemory, GpuService, Owner, Planned, gpu, no_gpu};
+use super::{FrameMemory, GpuService, Owner, Planned, no_gpu};
 use crate::locked;
 
 /// How long a look at a software adapter's frame waits for the next.
@@ -103,10 +103,6 @@ impl SharedGpu {
         locked(&self.outlook).1.upgrade()
     }
 
-    pub fn is_missing(&self) -> bool {
-        self.outlook().is_missing
-    }
-
     /// Why a frame cannot have an engine of it, where it never had a device.
     pub(super) fn check_opened(&self, engine: EngineName) -> Result<(), CullError> {
         match self.outlook() {
@@ -161,9 +157,12 @@ impl SharedGpu {
         Queued { queued_ns: Arc::clone(&self.queued_ns), ns }
     }
 
-    /// Gives up what the GPU keeps of clients that are gone; to be called now and then.
+    /// Gives up what the GPU keeps of clients that are gone, and takes a device in that was opened, or was lost and is
+    /// back; to be called now and then.
     pub fn tidy(&self) {
-        self.with(GpuService::tidy);
+        if !self.outlook().is_missing {
+            self.with(GpuService::tidy);
+        }
     }
 
     /// Has the GPU let go of memory of replies, none of which is lent. Whether nothing uses it now.
@@ -172,12 +171,7 @@ impl SharedGpu {
         self.outlook().is_opening || self.with(|gpu| gpu.release_reply(range))
     }
 
-    /// Takes a device in that was opened, or was lost and is back. Its engines may take a second to make.
-    pub fn take_back(&self) {
-        self.with(super::GpuService::take_back);
-    }
-
-    /// Leaves at most [`BUNDLE_FRAMES`] frames to the GPU in one submission.
+    /// Leaves at most [`BUNDLE_FRAMES`](super::BUNDLE_FRAMES) frames to the GPU in one submission.
     /// [`Executor::answer`](super::Executor::answer) serves those that it does not take.
     #[allow(clippy::result_large_err)] // A box would be an allocation.
     pub fn begin_bundle<M: FrameMemory>(
@@ -283,11 +277,6 @@ impl<M: FrameMemory> CullUnderWay<M> {
 
 /// An answer, with the memory of the frame; `None` where a device that hangs keeps it.
 pub type Ended<M> = (Result<CullAnswer, CullError>, Option<M>);
-
-/// Submissions that may be under way at a time, of one frame or of several.
-pub const SUBMISSIONS_UNDER_WAY: usize = gpu::SUBMISSIONS;
-
-pub const BUNDLE_FRAMES: usize = gpu::BUNDLE_FRAMES;
 
 /// A frame that is to share a submission with others ([`SharedGpu::begin_bundle`]).
 pub struct Joining<M> {

@@ -56,7 +56,7 @@ impl Culls {
     }
 
     pub(super) fn tidy(&self) {
-        self.lines.iter().for_each(GpuLine::tidy);
+        self.lines.iter().for_each(|line| line.gpu.tidy());
         self.filters.tidy();
     }
 

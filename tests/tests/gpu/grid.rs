@@ -285,7 +285,7 @@ fn frames_behind_each_other_keep_to_their_own_boxes() {
 #[test]
 fn a_device_is_kept_awake_while_frames_come_and_answers_them() {
     let gpu = open(HostImport::IfPossible);
-    if gpu.info().is_software() {
+    if gpu.is_software() {
         let started = Awake::start(&gpu, DEFAULT_HOLD).expect("no fault");
         assert!(started.is_none(), "it would take the cores that frames run on");
     }

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use pairmask_tests::gpu::open;
 use pairmask_tests::prelude::*;
-use pairmaskd::execute::gpu::{GpuSlot, HostImport, IfMissing, OpenError, Opener, SlotState};
+use pairmaskd::execute::gpu::{Gpu, GpuSlot, HostImport, IfMissing, OpenError, Opener, SlotState};
 
 /// A watchdog, no measure of speed: opening a software device takes under a second.
 const GIVE_UP: Duration = Duration::from_secs(60);
@@ -17,7 +17,7 @@ fn a_device_that_cannot_be_opened_again_leaves_the_slot_lost() {
     let first = Mutex::new(Some(Arc::clone(&gpu)));
     let once = move || first.lock().expect("no panic").take().ok_or(OpenError::SwitchedOff);
     let mut slot = GpuSlot::opening(Arc::new(once), IfMissing::DoWithout);
-    eventually("the first device", || slot.ready());
+    eventually("the first device", || slot.ready().map(drop));
     assert_eq!(slot.state(), SlotState::Ready);
     gpu.destroy();
     let deadline = Instant::now() + GIVE_UP;
@@ -31,7 +31,7 @@ fn a_device_that_cannot_be_opened_again_leaves_the_slot_lost() {
 }
 
 /// What a slot says whose first device was opened by `open`, as soon as that has ended.
-fn opened(open: Opener, if_missing: IfMissing) -> SlotState {
+fn opened(open: Opener<Arc<Gpu>>, if_missing: IfMissing) -> SlotState {
     let mut slot = GpuSlot::opening(open, if_missing);
     assert_eq!(slot.state(), SlotState::Opening);
     let deadline = Instant::now() + GIVE_UP;
@@ -45,8 +45,8 @@ fn opened(open: Opener, if_missing: IfMissing) -> SlotState {
 
 #[test]
 fn a_slot_does_without_its_first_device_or_reports_why_or_goes_on_trying() {
-    let none = || -> Opener { Arc::new(|| Err(OpenError::SwitchedOff)) };
-    let there: Opener = Arc::new(|| Ok(open(HostImport::IfPossible)));
+    let none = || -> Opener<Arc<Gpu>> { Arc::new(|| Err(OpenError::SwitchedOff)) };
+    let there: Opener<Arc<Gpu>> = Arc::new(|| Ok(open(HostImport::IfPossible)));
     assert_eq!(opened(there, IfMissing::DoWithout), SlotState::Ready);
     assert_eq!(opened(none(), IfMissing::DoWithout), SlotState::Missing);
     assert!(matches!(opened(none(), IfMissing::TryAgain), SlotState::Lost));
@@ -59,6 +59,6 @@ fn a_slot_does_without_its_first_device_or_reports_why_or_goes_on_trying() {
     assert_eq!(opened(none(), report), SlotState::Missing);
     assert_eq!(reported.load(Ordering::Relaxed), 1);
     // A driver that panics has no device.
-    let panics: Opener = Arc::new(|| panic!("meant"));
+    let panics: Opener<Arc<Gpu>> = Arc::new(|| panic!("meant"));
     assert_eq!(opened(panics, IfMissing::DoWithout), SlotState::Missing);
 }

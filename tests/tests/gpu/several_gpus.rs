@@ -102,7 +102,7 @@ fn devices_are_lost_under_load(rounds: usize) {
                     stop.store(true, Ordering::Relaxed);
                     panic!("the device does not come back, or a client has ended");
                 }
-                model.gpus().iter().for_each(|gpu| gpu.take_back());
+                model.gpus().iter().for_each(|gpu| gpu.tidy());
                 std::thread::sleep(Duration::from_millis(1));
             };
             let before = answered.load(Ordering::Relaxed);

@@ -187,7 +187,7 @@ fn a_few_hard_spheres_are_exact_by_all_pairs() {
 #[test]
 fn a_software_adapter_gets_what_it_decides() {
     let name = gpu::name();
-    let is_software = open(HostImport::Never).info().is_software();
+    let is_software = open(HostImport::Never).is_software();
     let daemon = TestDaemon::start(&["--gpu", &name]);
     for n in [SOFTWARE_SPHERES, SOFTWARE_SPHERES + 1, 200] {
         let spheres = hard_scene(n, 31);

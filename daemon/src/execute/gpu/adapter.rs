@@ -3,7 +3,7 @@
 use std::fmt;
 use std::str::FromStr;
 
-use wgpu::DeviceType;
+use wgpu::{AdapterInfo, DeviceType};
 
 use super::OpenError;
 
@@ -45,40 +45,14 @@ impl fmt::Display for GpuChoice {
     }
 }
 
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct AdapterInfo {
-    pub name: String,
-    pub driver: String,
-    /// PCI address, `domain:bus:device.function`; empty when it has none.
-    pub pci_address: String,
-    pub vendor_id: u32,
-    pub device_id: u32,
-    pub kind: DeviceType,
+pub fn is_software(adapter: &AdapterInfo) -> bool {
+    adapter.device_type == DeviceType::Cpu
 }
 
-impl AdapterInfo {
-    pub fn is_software(&self) -> bool {
-        self.kind == DeviceType::Cpu
-    }
-
-    /// Whether both are the same device by the same driver: then the same shader computes the same bits on both.
-    pub fn computes_as(&self, other: &Self) -> bool {
-        (self.vendor_id, self.device_id, &self.driver)
-            == (other.vendor_id, other.device_id, &other.driver)
-    }
-}
-
-impl From<wgpu::AdapterInfo> for AdapterInfo {
-    fn from(info: wgpu::AdapterInfo) -> Self {
-        Self {
-            kind: info.device_type,
-            driver: format!("{} {}", info.driver, info.driver_info),
-            name: info.name,
-            pci_address: info.device_pci_bus_id,
-            vendor_id: info.vendor,
-            device_id: info.device,
-        }
-    }
+/// Whether both are the same device by the same driver: then the same shader computes the same bits on both.
+pub fn compute_alike(one: &AdapterInfo, other: &AdapterInfo) -> bool {
+    (one.vendor, one.device, &one.driver, &one.driver_info)
+        == (other.vendor, other.device, &other.driver, &other.driver_info)
 }
 
 /// Place in `adapters` of the one that `choice` means. Pure, so that it is tested without a GPU.
@@ -87,17 +61,17 @@ pub fn choose(choice: &GpuChoice, adapters: &[AdapterInfo]) -> Option<usize> {
     match choice {
         GpuChoice::None => None,
         GpuChoice::Auto => best_of_kind(adapters).next(),
-        GpuChoice::Software => places().find(|(_, a)| a.is_software()).map(|(place, _)| place),
+        GpuChoice::Software => places().find(|(_, a)| is_software(a)).map(|(place, _)| place),
         GpuChoice::Index(index) => (*index < adapters.len()).then_some(*index),
         GpuChoice::Name(name) => places()
-            .find(|(_, a)| a.name.contains(name.as_str()) || a.pci_address == *name)
+            .find(|(_, a)| a.name.contains(name.as_str()) || a.device_pci_bus_id == *name)
             .map(|(place, _)| place),
     }
 }
 
 /// Places of the adapters of the best kind that there is; never of software.
 pub(super) fn best_of_kind(adapters: &[AdapterInfo]) -> impl Iterator<Item = usize> {
-    let rank = |adapter: &AdapterInfo| match adapter.kind {
+    let rank = |adapter: &AdapterInfo| match adapter.device_type {
         DeviceType::Cpu => 0,
         DeviceType::VirtualGpu | DeviceType::Other => 1,
         DeviceType::IntegratedGpu => 2,
@@ -107,44 +81,34 @@ pub(super) fn best_of_kind(adapters: &[AdapterInfo]) -> impl Iterator<Item = usi
     (0..adapters.len()).filter(move |place| Some(rank(&adapters[*place])) == best)
 }
 
-pub(super) struct AdapterList {
-    pub(super) infos: Vec<AdapterInfo>,
-    adapters: Vec<wgpu::Adapter>,
+/// Asks the Vulkan loader; empty without one.
+fn find_adapters() -> Vec<wgpu::Adapter> {
+    let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle();
+    descriptor.backends = wgpu::Backends::VULKAN;
+    // No validation layers: they are slow, and the stages are validated by naga.
+    descriptor.flags = wgpu::InstanceFlags::empty();
+    let instance = wgpu::Instance::new(descriptor);
+    pollster::block_on(instance.enumerate_adapters(wgpu::Backends::VULKAN))
 }
 
-impl AdapterList {
-    /// Asks the Vulkan loader; empty without one.
-    pub(super) fn find() -> Self {
-        let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle();
-        descriptor.backends = wgpu::Backends::VULKAN;
-        // No validation layers: they are slow, and the stages are validated by naga.
-        descriptor.flags = wgpu::InstanceFlags::empty();
-        let instance = wgpu::Instance::new(descriptor);
-        let adapters = pollster::block_on(instance.enumerate_adapters(wgpu::Backends::VULKAN));
-        let infos = adapters.iter().map(|a| a.get_info().into()).collect();
-        Self { infos, adapters }
+pub(super) fn find_adapter(choice: &GpuChoice) -> Result<wgpu::Adapter, OpenError> {
+    if *choice == GpuChoice::None {
+        return Err(OpenError::SwitchedOff);
     }
-
-    pub(super) fn take(
-        mut self,
-        choice: &GpuChoice,
-    ) -> Result<(wgpu::Adapter, AdapterInfo), OpenError> {
-        if *choice == GpuChoice::None {
-            return Err(OpenError::SwitchedOff);
-        }
-        match choose(choice, &self.infos) {
-            Some(place) => Ok((self.adapters.swap_remove(place), self.infos.swap_remove(place))),
-            None => Err(OpenError::NoAdapter {
-                choice: choice.clone(),
-                available: self.infos.into_iter().map(|a| a.name).collect(),
-            }),
-        }
+    let mut adapters = find_adapters();
+    let infos: Vec<_> = adapters.iter().map(wgpu::Adapter::get_info).collect();
+    match choose(choice, &infos) {
+        Some(place) => Ok(adapters.swap_remove(place)),
+        None => Err(OpenError::NoAdapter {
+            choice: choice.clone(),
+            available: infos.into_iter().map(|a| a.name).collect(),
+        }),
     }
 }
 
 /// The Vulkan adapters of this machine, in the order that [`GpuChoice::Index`] counts.
 pub fn list_adapters() -> Vec<AdapterInfo> {
-    AdapterList::find().infos
+    find_adapters().iter().map(wgpu::Adapter::get_info).collect()
 }
 
 /// The user's choice of GPUs: choices of one each, with commas between them, or `all`.
@@ -219,7 +183,7 @@ impl GpuChoices {
 /// A choice for each adapter of the best kind; `auto` where there is none, which says so. By PCI address
 /// where they have one: places in the list may change while one is away.
 fn all_of(adapters: &[AdapterInfo]) -> Vec<GpuChoice> {
-    let choice = |place: usize| match &adapters[place].pci_address {
+    let choice = |place: usize| match &adapters[place].device_pci_bus_id {
         address if address.is_empty() => GpuChoice::Index(place),
         address => GpuChoice::Name(address.clone()),
     };
@@ -232,20 +196,21 @@ mod tests {
     use super::*;
 
     fn adapter(name: &str, pci_address: &str, kind: DeviceType) -> AdapterInfo {
-        let (name, pci_address) = (name.into(), pci_address.into());
-        AdapterInfo { name, driver: String::new(), pci_address, vendor_id: 0, device_id: 0, kind }
+        let (name, device_pci_bus_id) = (name.into(), pci_address.into());
+        AdapterInfo { name, device_pci_bus_id, ..AdapterInfo::new(kind, wgpu::Backend::Vulkan) }
     }
 
     #[test]
     fn devices_compute_alike_that_are_the_same_by_the_same_driver() {
         let one = adapter("one", "", DeviceType::DiscreteGpu);
-        assert!(one.computes_as(&adapter("another", "0:1", DeviceType::DiscreteGpu)));
+        assert!(compute_alike(&one, &adapter("another", "0:1", DeviceType::DiscreteGpu)));
         let others = [
-            AdapterInfo { vendor_id: 1, ..one.clone() },
-            AdapterInfo { device_id: 1, ..one.clone() },
-            AdapterInfo { driver: "1.2".into(), ..one.clone() },
+            AdapterInfo { vendor: 1, ..one.clone() },
+            AdapterInfo { device: 1, ..one.clone() },
+            AdapterInfo { driver: "nv".into(), ..one.clone() },
+            AdapterInfo { driver_info: "1.2".into(), ..one.clone() },
         ];
-        assert!(others.iter().all(|other| !one.computes_as(other)));
+        assert!(others.iter().all(|other| !compute_alike(&one, other)));
     }
 
     #[test]

@@ -49,7 +49,7 @@ impl Awake {
     /// Starts the thread, asleep. `None` where `hold` is zero, and on devices that have no queue
     /// for it: software adapters, and those whose stages would wait for it.
     pub fn start(gpu: &Arc<Gpu>, hold: Duration) -> Result<Option<Self>, GpuError> {
-        let pays = !gpu.info().is_software() && gpu.has_own_queue(QueueRole::Awake);
+        let pays = !gpu.is_software() && gpu.has_own_queue(QueueRole::Awake);
         if hold.is_zero() || !pays { Ok(None) } else { Self::launch(gpu, hold).map(Some) }
     }
 

@@ -12,8 +12,8 @@ use pairmask_core::EngineName;
 use pairmask_core::engine::CullError;
 use wgpu::hal::vulkan;
 
-use super::adapter::AdapterList;
-use super::{AdapterInfo, DeviceHealth, GpuChoice, GpuError, OpenError};
+use super::adapter::find_adapter;
+use super::{AdapterInfo, DeviceHealth, GpuChoice, GpuError, OpenError, is_software};
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GpuLimits {
@@ -87,18 +87,15 @@ pub enum HostImport {
 
 impl Gpu {
     pub fn open(choice: &GpuChoice, host_import: HostImport) -> Result<Arc<Self>, OpenError> {
-        let (adapter, info) = AdapterList::find().take(choice)?;
+        let adapter = find_adapter(choice)?;
         // Drivers start threads here, which inherit the floating-point flags of this one. A software
         // adapter computes cells on them, so they must all have the same.
-        let open = || Self::open_adapter(&adapter, info, host_import).map(Arc::new);
+        let open = || Self::open_adapter(&adapter, host_import).map(Arc::new);
         pairmask_core::floats::with_default(open)
     }
 
-    fn open_adapter(
-        adapter: &wgpu::Adapter,
-        info: AdapterInfo,
-        host_import: HostImport,
-    ) -> Result<Self, OpenError> {
+    fn open_adapter(adapter: &wgpu::Adapter, host_import: HostImport) -> Result<Self, OpenError> {
+        let info = adapter.get_info();
         let features = adapter.features()
             & (wgpu::Features::TIMESTAMP_QUERY
                 | wgpu::Features::SUBGROUP
@@ -186,7 +183,7 @@ impl Gpu {
                 .is_some(),
             timestamp_period_ns: properties.limits.timestamp_period,
             int64: features.contains(wgpu::Features::SHADER_INT64),
-            thread_rounds: if info.is_software() { SOFTWARE_THREAD_ROUNDS } else { u32::MAX },
+            thread_rounds: if is_software(&info) { SOFTWARE_THREAD_ROUNDS } else { u32::MAX },
         };
         let uuid = u128::from_be_bytes(properties.pipeline_cache_uuid);
         let cache_key = format!(
@@ -212,6 +209,10 @@ impl Gpu {
 
     pub fn info(&self) -> &AdapterInfo {
         &self.info
+    }
+
+    pub fn is_software(&self) -> bool {
+        is_software(&self.info)
     }
 
     pub fn limits(&self) -> &GpuLimits {

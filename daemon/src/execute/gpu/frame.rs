@@ -71,11 +71,9 @@ pub struct StepTime {
 /// Most steps of a frame. Longer work is split, so that no submission runs into a watchdog.
 pub const MAX_STEPS: usize = 40;
 
-/// How long a frame that failed may take to end. A driver resets a device that hangs within seconds;
+/// How long a frame that failed, or one that is run once, may take to end. A driver resets a device that hangs within seconds;
 /// what it does not end by then it never does.
 const LAST_PATIENCE: Duration = Duration::from_secs(10);
-
-const ONCE_PATIENCE: Duration = Duration::from_secs(10);
 
 const MAX_BINDINGS: u32 = 9;
 
@@ -211,7 +209,7 @@ impl Frame {
     pub(super) fn run_once(gpu: &Arc<Gpu>, steps: Vec<Command>) -> Result<(), GpuError> {
         let mut frame = Self::new(gpu, false)?;
         frame.record(steps)?;
-        frame.run(ONCE_PATIENCE)
+        frame.run(LAST_PATIENCE)
     }
 
     pub(super) fn fill<'a>(
@@ -374,7 +372,7 @@ impl Frame {
     /// core, and nobody waits for what keeps the clocks up.
     fn wait(&self, patience: Duration) -> Result<(), GpuError> {
         let raw = self.gpu.raw();
-        let sleeps = self.gpu.info().is_software() || self.role == QueueRole::Awake;
+        let sleeps = self.gpu.is_software() || self.role == QueueRole::Awake;
         let start = Instant::now();
         loop {
             let ended = if sleeps {

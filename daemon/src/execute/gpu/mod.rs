@@ -23,7 +23,7 @@ mod scene;
 mod slot;
 mod transfers;
 
-pub use self::adapter::{AdapterInfo, GpuChoice, GpuChoices, choose, list_adapters};
+pub use self::adapter::{GpuChoice, GpuChoices, choose, compute_alike, is_software, list_adapters};
 pub use self::all_pairs::AllPairs;
 pub use self::all_pairs::plan::{Tuning, first_capacity};
 pub use self::awake::{Awake, DEFAULT_HOLD};
@@ -37,8 +37,9 @@ pub use self::memory::{Block, Home, Part};
 pub use self::options::EngineOptions;
 pub use self::pipeline::{Checks, Pipeline, Pipelines, user_cache_folder};
 pub use self::scene::{GpuScene, SceneTools};
-pub use self::slot::{DriverThread, GpuSlot, IfMissing, Opener, Progress, SlotState};
+pub use self::slot::{GpuSlot, IfMissing, Opener, SlotState};
 pub use self::transfers::{SharedImports, Upload};
+pub use wgpu::AdapterInfo;
 
 use self::device::{Order, QueueRole};
 use self::frame_cache::{FrameCache, FrameKey, Place};

@@ -12,8 +12,8 @@ use std::time::{Duration, Instant};
 
 use super::{Gpu, GpuError, OpenError};
 
-/// What opens a device. Runs on a thread of its own, the same one each time.
-pub type Opener = Arc<dyn Fn() -> Result<Arc<Gpu>, OpenError> + Send + Sync>;
+/// What opens a device and makes what is made on it. Runs on a thread of its own, the same one each time.
+pub type Opener<T> = Arc<dyn Fn() -> Result<T, OpenError> + Send + Sync>;
 
 /// Pause between tries to open a lost device again: a driver that resets needs about as long.
 const RETRY_AFTER: Duration = Duration::from_secs(1);
@@ -29,18 +29,19 @@ pub enum IfMissing {
     TryAgain,
 }
 
-/// A GPU that may go and come back. The owner asks before each frame ([`GpuSlot::ready`]) and
-/// never waits: while there is no device, CPU engines serve.
+/// A GPU with what is made on it, which may go and come back. The owner asks before each frame ([`GpuSlot::ready`])
+/// and never waits: while there is no device, CPU engines serve.
 ///
 /// Dropping it waits for a device that is being opened.
-pub struct GpuSlot {
+pub struct GpuSlot<T> {
     state: SlotState,
-    gpu: Option<Arc<Gpu>>,
     if_missing: IfMissing,
-    open: Opener,
+    open: Opener<T>,
     lost_at: Instant,
     retry_at: Instant,
-    opening: Option<DriverThread<Result<Arc<Gpu>, OpenError>>>,
+    // Ended before the device is destroyed: fields drop in this order.
+    opening: Option<DriverThread<Result<T, OpenError>>>,
+    opened: Option<T>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -55,23 +56,24 @@ pub enum SlotState {
     Rebuilding,
 }
 
-impl GpuSlot {
-    pub fn opening(open: Opener, if_missing: IfMissing) -> Self {
+impl<T: AsRef<Gpu> + Send + 'static> GpuSlot<T> {
+    pub fn opening(open: Opener<T>, if_missing: IfMissing) -> Self {
         let (state, now) = (SlotState::Opening, Instant::now());
-        let (gpu, lost_at, retry_at, opening) = (None, now, now, None);
-        let mut slot = Self { state, gpu, if_missing, open, lost_at, retry_at, opening };
+        let (lost_at, retry_at, opening, opened) = (now, now, None, None);
+        let mut slot = Self { state, if_missing, open, lost_at, retry_at, opening, opened };
         slot.begin(SlotState::Opening, now);
         slot
     }
 
-    /// The device, if it is healthy. A lost one is noticed here, and its rebuild begun.
-    pub fn ready(&mut self) -> Option<Arc<Gpu>> {
+    /// What is opened, if the device is healthy. A lost one is noticed here and dropped, and its rebuild begun.
+    pub fn ready(&mut self) -> Option<&mut T> {
         let now = Instant::now();
         self.take_in(now);
-        if self.gpu.as_ref().is_some_and(|gpu| gpu.health().is_lost())
-            && let Some(gpu) = self.gpu.take()
-        {
-            log::warn!("the GPU {} is lost; CPU engines serve meanwhile", gpu.info().name);
+        if let Some(lost) = self.opened.take_if(|it| (*it).as_ref().health().is_lost()) {
+            log::warn!(
+                "the GPU {} is lost; CPU engines serve meanwhile",
+                lost.as_ref().info().name
+            );
             // The first try comes at once.
             (self.state, self.lost_at, self.retry_at) = (SlotState::Lost, now, now);
         }
@@ -79,7 +81,16 @@ impl GpuSlot {
             self.begin(SlotState::Rebuilding, now);
             self.take_in(now);
         }
-        self.gpu.clone()
+        self.opened.as_mut()
+    }
+
+    /// What was opened last, whether the device is healthy or not.
+    pub const fn opened(&self) -> Option<&T> {
+        self.opened.as_ref()
+    }
+
+    pub const fn opened_mut(&mut self) -> Option<&mut T> {
+        self.opened.as_mut()
     }
 
     pub const fn state(&self) -> SlotState {
@@ -111,21 +122,21 @@ impl GpuSlot {
             return;
         }
         let opened = match opening.progress() {
-            Progress::UnderWay => return,
-            Progress::Done(opened) => opened,
+            Err(TryRecvError::Empty) => return,
+            Ok(opened) => opened,
             // A driver that panics has no device.
-            Progress::Panicked => Err(GpuError::Lost.into()),
+            Err(TryRecvError::Disconnected) => Err(GpuError::Lost.into()),
         };
         let is_first = self.state == SlotState::Opening;
         match (opened, &self.if_missing) {
-            (Ok(gpu), _) => {
-                let name = &gpu.info().name;
+            (Ok(opened), _) => {
+                let name = &opened.as_ref().info().name;
                 if is_first {
                     log::info!("GPU: {name}");
                 } else {
                     log::info!("the GPU {name} is back after {:?}", now - self.lost_at);
                 }
-                (self.state, self.gpu) = (SlotState::Ready, Some(gpu));
+                (self.state, self.opened) = (SlotState::Ready, Some(opened));
             }
             (Err(error), IfMissing::DoWithout) if is_first => {
                 log::info!("serving without a GPU: {error}");
@@ -144,24 +155,16 @@ impl GpuSlot {
 }
 
 /// A thread that does one work whenever it is asked.
-pub struct DriverThread<T> {
+struct DriverThread<T> {
     /// `None` once the thread is to end.
     ask: Option<SyncSender<()>>,
     done: Receiver<T>,
     thread: Option<JoinHandle<()>>,
 }
 
-#[derive(Debug)]
-pub enum Progress<T> {
-    UnderWay,
-    Done(T),
-    /// It panicked, and the thread has ended.
-    Panicked,
-}
-
 impl<T: Send + 'static> DriverThread<T> {
     /// A thread that begins with its work at once.
-    pub fn start(name: &str, mut work: impl FnMut() -> T + Send + 'static) -> io::Result<Self> {
+    fn start(name: &str, mut work: impl FnMut() -> T + Send + 'static) -> io::Result<Self> {
         let (ask, asked) = sync_channel(1);
         let (report, done) = sync_channel(1);
         let thread = std::thread::Builder::new().name(name.into()).spawn(move || {
@@ -178,17 +181,14 @@ impl<T: Send + 'static> DriverThread<T> {
     }
 
     /// Asks for the work once more, after it was [done](Self::progress). `false` where the thread has ended.
-    pub fn ask(&self) -> bool {
+    fn ask(&self) -> bool {
         self.ask.as_ref().is_some_and(|ask| ask.try_send(()).is_ok())
     }
 
-    /// What has come of the work since it was asked for; told once.
-    pub fn progress(&self) -> Progress<T> {
-        match self.done.try_recv() {
-            Ok(done) => Progress::Done(done),
-            Err(TryRecvError::Empty) => Progress::UnderWay,
-            Err(TryRecvError::Disconnected) => Progress::Panicked,
-        }
+    /// What has come of the work since it was asked for; told once. [`TryRecvError::Empty`] while it is under way;
+    /// [`TryRecvError::Disconnected`] where it panicked, and the thread has ended.
+    fn progress(&self) -> Result<T, TryRecvError> {
+        self.done.try_recv()
     }
 }
 
@@ -214,9 +214,9 @@ mod tests {
         let give_up_at = Instant::now() + Duration::from_secs(30);
         loop {
             match thread.progress() {
-                Progress::Done(done) => return Some(done),
-                Progress::Panicked => return None,
-                Progress::UnderWay => {
+                Ok(done) => return Some(done),
+                Err(TryRecvError::Disconnected) => return None,
+                Err(TryRecvError::Empty) => {
                     assert!(Instant::now() < give_up_at, "the work does not end");
                     std::thread::sleep(Duration::from_millis(1));
                 }
@@ -237,7 +237,7 @@ mod tests {
             assert!(thread.ask());
             assert_eq!(wait(&thread), Some((expected, first)));
         }
-        assert!(matches!(thread.progress(), Progress::UnderWay), "told once");
+        assert_eq!(thread.progress(), Err(TryRecvError::Empty), "told once");
     }
 
     #[test]

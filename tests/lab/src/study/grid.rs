@@ -209,7 +209,7 @@ const COPIES: usize = 5;
 
 /// Of copies by the device: up, down, and within its memory, GB/s.
 fn bandwidth(gpu: &Arc<Gpu>) -> Result<[f64; 3], GpuError> {
-    let bytes = if gpu.info().is_software() { SOFTWARE_COPY_BYTES } else { COPY_BYTES };
+    let bytes = if gpu.is_software() { SOFTWARE_COPY_BYTES } else { COPY_BYTES };
     let bench = Bench::new(gpu, Checks::Off)?;
     let block = |home| bench.block(home, bytes);
     let (host, video, other) = (block(Home::Host)?, block(Home::Video)?, block(Home::Video)?);

@@ -14,7 +14,7 @@ use pairmask_core::engine::{
 };
 use pairmask_core::mask::MaskShape;
 use pairmask_core::objects::Objects;
-use pairmask_core::{BoxCount, Encoding, EngineName, MaskWord};
+use pairmask_core::{BoxClass, BoxCount, Encoding, EngineName, MaskWord};
 use pairmask_shaders::Found;
 use pairmask_shaders::constants::BATCH_BOXES;
 use pairmask_shaders::layouts::BatchReport;
@@ -289,14 +289,12 @@ impl Outcome {
             outcome.census.empty += batch.empty;
             for (bits, place) in batch.invalid.iter().zip((0u32..).step_by(32)) {
                 let census = &mut outcome.census;
-                let named = census.named_invalid().len();
-                let indices = MaskWord(*bits).bits().map(|bit| first + place + bit);
-                for (slot, index) in
-                    census.first_invalid[named..NAMED_INVALID].iter_mut().zip(indices)
-                {
-                    *slot = index;
+                let invalid = census.invalid;
+                // No more than are named are looked at one by one.
+                for bit in MaskWord(*bits).bits().take(NAMED_INVALID) {
+                    census.note(first + place + bit, BoxClass::Invalid);
                 }
-                census.invalid += bits.count_ones();
+                census.invalid = invalid + bits.count_ones();
             }
         }
         outcome

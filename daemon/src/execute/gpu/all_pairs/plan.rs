@@ -2,6 +2,7 @@
 
 use pairmask_core::engine::ReserveError;
 use pairmask_core::mask::MaskShape;
+use pairmask_core::pair_index::row_start;
 use pairmask_core::{BoxCount, Encoding};
 use pairmask_shaders::constants::{BATCH_BOXES, PADDING, WORD_BITS};
 use pairmask_shaders::{Found, RowsPerThread};
@@ -77,12 +78,6 @@ impl Band {
         let end = row_start(n, self.row0 + self.owned_rows);
         self.first_pair(n).div_ceil(32)..end.div_ceil(32)
     }
-}
-
-/// Index of the first pair of row `a` (past the last row: the number of pairs).
-const fn row_start(n: BoxCount, a: u32) -> u64 {
-    let (n, a) = (n.get() as u64, a as u64);
-    if a + 1 >= n { n * (n - 1) / 2 } else { a * (2 * n - a - 1) / 2 }
 }
 
 /// Pairs of a dense band stay below this, so that their indices, counted from the band's first,

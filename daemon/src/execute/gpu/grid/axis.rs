@@ -13,7 +13,7 @@
 //! every driver computes the same cells; and were one to round differently, the order of the
 //! reply would differ and not its pairs. For that, one device must round in one way: cells are
 //! computed on it alone, once for homes and again for rows, and never on the host. Devices that share a
-//! frame or a scene must be alike for it ([`AdapterInfo::computes_as`](super::super::AdapterInfo::computes_as)),
+//! frame or a scene must be alike for it ([`compute_alike`](super::super::compute_alike)),
 //! since each looks for the pairs of cells that are its. A software adapter's
 //! threads inherit the flags of the thread that opens the device, which are the default ones
 //! ([`Gpu::open`](super::super::Gpu::open)). Origins and scales are numbers that the host writes into the

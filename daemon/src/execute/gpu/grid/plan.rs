@@ -174,26 +174,18 @@ pub fn room(n: BoxCount, found: Found, limit_words: u64) -> Option<u64> {
 }
 
 /// What the last frames found, which the next one's reply gets room for.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct LastFound {
-    words: u64,
-    pairs: u64,
-}
+#[derive(Clone, Copy, Debug, Default)]
+pub struct LastFound([u64; 2]);
 
 impl LastFound {
     pub const fn of(&self, found: Found) -> u64 {
-        match found {
-            Found::Words => self.words,
-            Found::Pairs => self.pairs,
-        }
+        self.0[found as usize]
     }
 
     /// Notes a frame. The pairs are known whatever was found.
     pub const fn note(&mut self, found: Found, items: u64, pairs: u64) {
-        self.pairs = pairs;
-        if matches!(found, Found::Words) {
-            self.words = items;
-        }
+        self.0[found as usize] = items;
+        self.0[Found::Pairs as usize] = pairs;
     }
 }
 

@@ -1,7 +1,6 @@
 //! Frames with rules: boxes of several worlds, and pairs that may not meet (GPU.md, "Frames with rules"). Avril et al.
 //! 2014 have no filters; that worlds are part of the cell key is how simulators of many small scenes go about it.
 
-use std::ops::Range;
 use std::sync::Arc;
 
 use pairmask_core::Encoding;
@@ -118,18 +117,16 @@ impl Grid {
         let frame = self.begin_in(workspace.clone(), memory, encoding, Some(marks));
         let report = self.end(frame.map_err(|(error, _)| error)?).0?;
         if Found::of(encoding) == Some(Found::Pairs) {
-            let firsts = &locked(&workspace).world_firsts;
-            let ends = firsts.iter().skip(1).map(|first| *first as usize);
-            let ends = ends.chain([report.pair_count as usize]);
-            let range = |(first, end): (usize, usize)| first..end;
-            let found: Vec<Range<usize>> =
-                firsts.iter().map(|first| *first as usize).zip(ends).map(range).collect();
-            if !found.iter().all(|range| range.start <= range.end) {
+            let mut firsts = locked(&workspace).world_firsts.clone();
+            firsts.push(report.pair_count as u32);
+            if !firsts.is_sorted() {
                 // No list is so: the device does not do what the stages say.
                 let fault = GpuError::Driver(ash::vk::Result::ERROR_UNKNOWN);
                 return Err(self.tools.gpu.cull_error(super::ENGINE, &fault));
             }
-            let worlds = marks.worlds().iter().zip(found);
+            let ends = firsts.iter().skip(1).map(|end| *end as usize);
+            let pairs = firsts.iter().zip(ends).map(|(first, end)| *first as usize..end);
+            let worlds = marks.worlds().iter().zip(pairs);
             ranges.extend(worlds.map(|(world, pairs)| WorldRange::new(*world, pairs)));
         }
         Ok(report)

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use pairmask_core::dispatch::Marks;
 use pairmask_core::engine::{Census, CullError, CullReport, NAMED_INVALID, ReplyBuffer};
 use pairmask_core::objects::Objects;
-use pairmask_core::{BoxCount, MaskWord};
+use pairmask_core::{BoxClass, BoxCount, MaskWord};
 use pairmask_shaders::Found;
 use pairmask_shaders::layouts::GridSummary;
 
@@ -344,26 +344,21 @@ impl Drop for Workspace {
 /// busy cores.
 fn patience(gpu: &Gpu, n: BoxCount) -> Duration {
     let (seconds, tests_a_second) =
-        if gpu.info().is_software() { (60, 50_000_000) } else { (10, 20_000_000_000) };
+        if gpu.is_software() { (60, 50_000_000) } else { (10, 20_000_000_000) };
     Duration::from_secs(seconds + n.pair_count() / tests_a_second)
 }
 
 /// The census of a frame; the bits of invalid boxes are looked at only where there are some.
 fn census(summary: &GridSummary, invalid: &Block, plane: u32) -> Census {
-    let mut census = Census { invalid: summary.invalid, empty: summary.empty, ..Census::default() };
-    let mut named = 0;
-    let wanted = (summary.invalid as usize).min(NAMED_INVALID);
-    let mut place = 0;
-    while named < wanted && place < plane {
+    let mut census = Census::default();
+    let wanted = summary.invalid.min(NAMED_INVALID as u32);
+    for place in (0..plane).step_by(32) {
+        if census.invalid >= wanted {
+            break;
+        }
         let mut word = [0u32];
         invalid.read(u64::from(place / 8), &mut word);
-        for bit in MaskWord(word[0]).bits() {
-            if let Some(slot) = census.first_invalid.get_mut(named) {
-                *slot = place + bit;
-                named += 1;
-            }
-        }
-        place += 32;
+        MaskWord(word[0]).bits().for_each(|bit| census.note(place + bit, BoxClass::Invalid));
     }
-    census
+    Census { invalid: summary.invalid, empty: summary.empty, ..census }
 }

@@ -71,7 +71,7 @@ impl Replica {
         }
         let gpu = &self.tools.gpu;
         let queries = (!queries.is_empty())
-            .then(|| self.upload.place_queries(gpu, queries, threads, &mut replaced))
+            .then(|| self.upload.queries.copied(gpu, queries, threads, &mut replaced))
             .transpose()?;
         self.edit = Some(self.upload.place(gpu, sets, marks, threads, &mut replaced)?);
         if replaced {
@@ -103,7 +103,7 @@ impl Replica {
 
     pub fn wait(&mut self, asked: &Asked<'_>) -> Result<SceneSummary, GpuError> {
         let Self { tools, frames, .. } = self;
-        let patience = PATIENCE[usize::from(tools.gpu.info().is_software())];
+        let patience = PATIENCE[usize::from(tools.gpu.is_software())];
         frames.last_mut().map_or(Ok(()), |frame| frame.end(patience))?;
         let mut summary = [SceneSummary::default()];
         if !matches!(asked.search, Search::Nothing) {

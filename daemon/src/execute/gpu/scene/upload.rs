@@ -16,7 +16,7 @@ const MAPPED_BYTES: u64 = 1 << 20;
 const COPY_BYTES: usize = 512 << 10;
 
 /// Memory for copies: in video memory, or in the host's for large ones.
-struct Staging {
+pub(super) struct Staging {
     mapped: Growing,
     host: Growing,
 }
@@ -31,7 +31,7 @@ impl Staging {
     /// Bytes copied to where the GPU sees them, with one thread on none of the pool: its work would wait there behind
     /// others' that wait for the GPU that this thread holds. The part is the whole block, so that frames of edits of
     /// other sizes bind the same. `replaced` is set if the block is another.
-    fn copied(
+    pub fn copied(
         &mut self,
         gpu: &Arc<Gpu>,
         values: &[impl Pod],
@@ -120,7 +120,7 @@ pub(super) struct Upload {
     boxes: Staging,
     indices: Staging,
     marks: Staging,
-    queries: Staging,
+    pub queries: Staging,
 }
 
 impl Upload {
@@ -142,15 +142,5 @@ impl Upload {
             marks: self.marks.copied(gpu, marks, threads, replaced)?,
             mark_count: marks.len() as u32,
         })
-    }
-
-    pub fn place_queries(
-        &mut self,
-        gpu: &Arc<Gpu>,
-        queries: &[Aabb],
-        threads: usize,
-        replaced: &mut bool,
-    ) -> Result<Part, GpuError> {
-        self.queries.copied(gpu, queries, threads, replaced)
     }
 }

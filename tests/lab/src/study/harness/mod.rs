@@ -15,7 +15,7 @@ use std::time::{Duration, Instant};
 
 use indexmap::IndexMap;
 use pairmaskd::cli::machine::Machine;
-use pairmaskd::execute::gpu::{AdapterInfo, Gpu, GpuChoice, HostImport, OpenError};
+use pairmaskd::execute::gpu::{AdapterInfo, Gpu, GpuChoice, HostImport, OpenError, is_software};
 use pairmaskd::file_error::{Access, FileError};
 use serde::Serialize;
 use serde_json::json;
@@ -130,8 +130,8 @@ pub(crate) fn machine_with(adapter: Option<&AdapterInfo>) -> Fields {
         cpu,
         threads: rayon::current_num_threads(),
         gpu: adapter.map(|a| &a.name),
-        driver: adapter.map(|a| &a.driver),
-        gpu_is_software: adapter.is_some_and(AdapterInfo::is_software),
+        driver: adapter.map(|a| format!("{} {}", a.driver, a.driver_info)),
+        gpu_is_software: adapter.is_some_and(is_software),
         rustc: toolchain,
         optimised: !cfg!(debug_assertions),
         commit,

@@ -73,7 +73,7 @@ impl Plan {
 /// With `quick` small sizes and few runs, in seconds; times mean little.
 pub fn measure(choice: &GpuChoice, quick: bool) -> Result<Report> {
     let gpu = open_if_any(choice, HostImport::Never)?;
-    let software = gpu.as_ref().is_some_and(|gpu| gpu.info().is_software());
+    let software = gpu.as_ref().is_some_and(|gpu| gpu.is_software());
     let plan = Plan::new(quick, software);
     let mut bench = gpu.as_ref().map(|gpu| Bench::new(gpu, Checks::Off)).transpose()?;
     let map_times = map_times(&plan, bench.as_mut())?;

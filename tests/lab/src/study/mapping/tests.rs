@@ -53,7 +53,7 @@ fn telling_ids(variant: Variant, n: u32) -> Vec<u64> {
 #[test]
 fn wgsl_variants_answer_as_their_mirrors() {
     let mut bench = bench();
-    let (int64, software) = (bench.gpu().limits().int64, bench.gpu().info().is_software());
+    let (int64, software) = (bench.gpu().limits().int64, bench.gpu().is_software());
     let mut compared = 0;
     for variant in Variant::all() {
         for (n, is_wide) in [
@@ -93,7 +93,7 @@ fn wgsl_variants_answer_as_their_mirrors() {
 #[test]
 fn the_gpu_counts_the_errors_that_the_cpu_counts() {
     let mut bench = bench();
-    let software = bench.gpu().info().is_software();
+    let software = bench.gpu().is_software();
     for variant in Variant::all() {
         for n in [2, 33, 345, 1000] {
             let on_gpu = count(&mut bench, variant, n, Ids::All);
@@ -115,7 +115,7 @@ fn the_gpu_counts_the_errors_that_the_cpu_counts() {
 #[test]
 fn the_gpu_counts_wrong_roots_as_the_cpu_does() {
     let mut bench = bench();
-    let software = bench.gpu().info().is_software();
+    let software = bench.gpu().is_software();
     for root in Root::all() {
         let gpu = count_roots(&mut bench, root, 12_345).expect("runs").expect("it fits");
         let cpu = errors::count_roots(root, 12_345);
