@@ -18,6 +18,7 @@ mod publish;
 mod requests;
 pub mod scene;
 pub mod serve;
+pub mod shown;
 pub mod spawn;
 pub mod timed_client;
 

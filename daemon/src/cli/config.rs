@@ -1,6 +1,7 @@
 //! The configuration file: the lowest layer of settings above the defaults.
 
 use std::io::ErrorKind;
+use std::num::ParseIntError;
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
@@ -12,7 +13,7 @@ use pairmask_wire::InstanceName;
 use serde::{Deserialize, Deserializer};
 
 use super::program::WrongUsage;
-use super::whole_number::{WholeNumber, whole_number};
+use super::whole_number::whole_number;
 use crate::audit::AuditRate;
 use crate::execute::gpu::GpuChoices;
 use crate::file_error::{Access, FileError};
@@ -82,7 +83,7 @@ where
 fn number<'de, D, T>(deserializer: D) -> Result<Option<T>, D::Error>
 where
     D: Deserializer<'de>,
-    T: WholeNumber,
+    T: FromStr<Err = ParseIntError>,
 {
     match toml::Value::deserialize(deserializer)? {
         toml::Value::Integer(n) => {

@@ -4,7 +4,9 @@ use std::time::{Duration, Instant};
 
 use pairmask_transport::RuntimeDir;
 use pairmask_wire::InstanceName;
-use rustix::time::{ClockId, clock_gettime};
+use rustix::time::ClockId;
+
+use crate::execute::used_by;
 
 /// The worker and the supervisor of an instance, in this order.
 #[derive(Clone, Debug)]
@@ -50,9 +52,7 @@ impl Used {
 }
 
 pub fn own_cpu() -> Duration {
-    let used = clock_gettime(ClockId::ProcessCPUTime);
-    // The clock counts from zero.
-    Duration::new(used.tv_sec.unsigned_abs(), used.tv_nsec.unsigned_abs() as u32)
+    used_by(ClockId::ProcessCPUTime)
 }
 
 pub fn nanoseconds_a(time: Duration, shares: u64) -> u64 {

@@ -8,7 +8,7 @@ use super::output::{print_json, print_text, spinner};
 use super::program::Result;
 use super::raw_objects::RawBoxes;
 use super::whole_number::whole_number;
-use crate::explain::{Explanation, SentBoxes};
+use crate::explain::{SentBoxes, explain};
 use crate::precision::PrecisionChoice;
 
 /// Say why two boxes of a file are a pair or not
@@ -45,7 +45,7 @@ impl Explain {
         let progress = spinner("reading and explaining");
         let boxes = RawBoxes::open(&self.boxes)?.read()?;
         let sent = SentBoxes::of(self.precision, &boxes);
-        let why = Explanation::of_sent(&boxes, &sent, self.i, self.j)
+        let why = explain(&boxes, &sent, self.i, self.j)
             .map_err(|error| format!("{}: {error}", self.boxes.display()))?;
         progress.finish_and_clear();
         if self.json { print_json(&why) } else { print_text(why.to_string().trim_end()) }?;

@@ -81,15 +81,13 @@ pub fn is_watched() -> bool {
 
 /// A progress bar over `len` steps on stderr if it is a terminal, else nothing.
 pub fn progress_bar(len: u64, what: &str) -> ProgressBar {
-    if !is_watched() {
-        return ProgressBar::hidden();
-    }
     let style = ProgressStyle::with_template("{msg} {wide_bar} {percent} % {eta}")
         .unwrap_or_else(|_| ProgressStyle::default_bar());
-    ProgressBar::new(len)
-        .with_style(style)
-        .with_message(what.to_owned())
-        .with_finish(ProgressFinish::AndClear)
+    if is_watched() {
+        shown(ProgressBar::new(len).with_style(style), what)
+    } else {
+        ProgressBar::hidden()
+    }
 }
 
 /// A line on stderr that shows work under way if it is a terminal, else nothing.
@@ -97,12 +95,14 @@ pub fn spinner(what: &str) -> ProgressBar {
     if !is_watched() {
         return ProgressBar::hidden();
     }
-    // An early return by an error ends the spinner too: its line is then cleared.
-    let spinner = ProgressBar::new_spinner()
-        .with_message(what.to_owned())
-        .with_finish(ProgressFinish::AndClear);
+    let spinner = shown(ProgressBar::new_spinner(), what);
     spinner.enable_steady_tick(Duration::from_millis(100));
     spinner
+}
+
+/// Cleared at its end, also by an early return with an error.
+fn shown(bar: ProgressBar, what: &str) -> ProgressBar {
+    bar.with_message(what.to_owned()).with_finish(ProgressFinish::AndClear)
 }
 
 #[cfg(test)]

@@ -26,10 +26,6 @@ pub type Result<T = (), E = Fault> = std::result::Result<T, E>;
 #[error("{0}")]
 pub struct WrongUsage(pub String);
 
-fn exit_code(fault: &Fault) -> u8 {
-    if fault.is::<WrongUsage>() { USAGE } else { FAILED }
-}
-
 /// Whether a child process failed and printed the reason on the same stderr: a second line would add nothing.
 fn was_said(fault: &Fault) -> bool {
     let code = match (fault.downcast_ref(), fault.downcast_ref()) {
@@ -54,7 +50,7 @@ pub fn run<C: FromArgMatches>(command: &Command, run: impl FnOnce(&C) -> Result)
                 let name = command.get_name();
                 print_aside(&format!("{name}: {}", on_one_line(&error.to_string())));
             }
-            ExitCode::from(exit_code(&error))
+            ExitCode::from(if error.is::<WrongUsage>() { USAGE } else { FAILED })
         }
     }
 }

@@ -1,7 +1,8 @@
 //! Checks whether a file looks like the objects that the command line names. A doubt is a warning,
 //! no error.
 
-use pairmask_core::{Aabb, BoxClass, Sphere};
+use pairmask_core::engine::Census;
+use pairmask_core::{Aabb, Sphere};
 
 /// Words of a file that are checked, a multiple of both sizes: it takes microseconds.
 const LOOKED_AT_WORDS: usize = 12 * 1024;
@@ -15,14 +16,6 @@ const WELL_FORMED: f64 = 0.95;
 pub struct Look {
     reads_as_boxes: bool,
     reads_as_spheres: bool,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Useless {
-    /// Boxes with `min > max`, spheres with a radius below 0.
-    pub empty: u32,
-    /// With a NaN, or spheres with an infinite centre.
-    pub invalid: u32,
 }
 
 impl Look {
@@ -45,31 +38,27 @@ impl Look {
         }
     }
 
-    pub fn warning_of_boxes(self, n: u32, useless: Useless) -> Option<String> {
-        let Useless { empty, invalid } = useless;
-        let count = u64::from(empty) + u64::from(invalid);
-        let hint = if self.reads_as_spheres {
-            "the file reads as spheres: try --shape spheres"
-        } else {
-            ""
-        };
+    /// What is doubtful of `n` boxes, so many of which overlap nothing.
+    pub fn warning_of_boxes(self, n: u32, useless: &Census) -> Option<String> {
+        let Census { empty, invalid, .. } = useless;
+        let count = u64::from(*empty) + u64::from(*invalid);
+        let hint = "the file reads as spheres: try --shape spheres";
         if n > 0 && count == u64::from(n) {
-            let hint = if hint.is_empty() { "is it a file of boxes?" } else { hint };
+            let hint = if self.reads_as_spheres { hint } else { "is it a file of boxes?" };
             Some(format!(
                 "no box overlaps anything, since all are empty (min above max: {empty}) or invalid \
                  (NaN: {invalid}); {hint}"
             ))
-        } else if 2 * count > u64::from(n) && self.reads_as_spheres {
-            Some(format!("{count} of {n} boxes are empty or invalid, and {hint}"))
         } else {
-            None
+            let is_doubtful = 2 * count > u64::from(n) && self.reads_as_spheres;
+            is_doubtful.then(|| format!("{count} of {n} boxes are empty or invalid, and {hint}"))
         }
     }
 
-    pub fn warning_of_spheres(self, n: u32, useless: Useless) -> Option<String> {
-        let Useless { empty, invalid } = useless;
+    pub fn warning_of_spheres(self, n: u32, useless: &Census) -> Option<String> {
+        let Census { empty, invalid, .. } = useless;
         let hint = "the file reads as boxes: try it without --shape spheres";
-        if n > 0 && u64::from(empty) + u64::from(invalid) == u64::from(n) {
+        if n > 0 && u64::from(*empty) + u64::from(*invalid) == u64::from(n) {
             let hint = if self.reads_as_boxes { hint } else { "is it a file of spheres?" };
             Some(format!(
                 "no sphere overlaps anything, since all are empty (radius below 0: {empty}) or \
@@ -82,9 +71,7 @@ impl Look {
 }
 
 pub fn of_boxes(boxes: &[Aabb]) -> Option<String> {
-    let count = |class| boxes.iter().filter(|one| one.class() == class).count() as u32;
-    let useless = Useless { empty: count(BoxClass::Empty), invalid: count(BoxClass::Invalid) };
-    Look::at(boxes).warning_of_boxes(boxes.len() as u32, useless)
+    Look::at(boxes).warning_of_boxes(boxes.len() as u32, &Census::of(boxes))
 }
 
 #[cfg(test)]
@@ -104,8 +91,7 @@ mod tests {
             assert_eq!(of_boxes(Scene::new(name, 240, 1).boxes()), None, "{name}");
         }
         assert_eq!(of_boxes(&[]), None);
-        let none = Useless { empty: 0, invalid: 0 };
-        assert_eq!(Look::at(&spheres()).warning_of_spheres(300, none), None);
+        assert_eq!(Look::at(&spheres()).warning_of_spheres(300, &Census::default()), None);
     }
 
     #[test]

@@ -145,11 +145,7 @@ impl Instance {
     }
 
     fn write_to(&self, text: &mut String) -> std::fmt::Result {
-        let state = match self.state {
-            State::Alive => "alive",
-            State::Silent => "silent",
-            State::Dead => "dead",
-        };
+        let state = format!("{:?}", self.state).to_lowercase();
         let DaemonRecord { worker_pid, version, .. } = &self.record;
         writeln!(text, "{}: {state}, process {worker_pid}, wire {version}", self.name)?;
         if let Some(problem) = &self.problem {

@@ -6,33 +6,12 @@ mod sent;
 
 pub use self::sent::SentBoxes;
 
-use std::fmt;
-
 use pairmask_core::engine::grid::{self, GridPlace, GridView};
 use pairmask_core::{Aabb, BoxClass, BoxCount, PairIndex};
-use serde::Serialize;
 use serde_json::{Value, json};
 
 use self::axis::{AxisReport, Separation, axes, number};
-
-/// A JSON object, whose fields `CLI.md` explains, and the same as text. Fields may be added, never changed or taken
-/// away.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-#[serde(transparent)]
-pub struct Explanation {
-    #[serde(skip)]
-    pub pair: [u32; 2],
-    #[serde(skip)]
-    pub overlaps: bool,
-    #[serde(skip)]
-    pub reason: String,
-    /// `exact`, or the name of the precision mode.
-    #[serde(skip)]
-    pub mode: String,
-    fields: Value,
-    #[serde(skip)]
-    text: String,
-}
+use crate::shown::Shown;
 
 struct Two<'a> {
     pair: [u32; 2],
@@ -46,42 +25,27 @@ struct Two<'a> {
     grid: GridView,
 }
 
-impl Explanation {
-    /// Explains boxes `i` and `j` of a scene.
-    pub fn of(boxes: &[Aabb], i: u32, j: u32) -> Result<Self, String> {
-        Self::of_sent(boxes, &SentBoxes::exact(boxes), i, j)
+/// Explains boxes `i` and `j` of a scene that is sent with a precision mode.
+pub fn explain(boxes: &[Aabb], sent: &SentBoxes<'_>, i: u32, j: u32) -> Result<Shown, String> {
+    let find = |boxes: &[Aabb], index: u32| {
+        let no_such_box =
+            || format!("there is no box {index}: the scene has {}, numbered from 0", boxes.len());
+        boxes.get(index as usize).copied().ok_or_else(no_such_box)
+    };
+    let given = [find(boxes, i)?, find(boxes, j)?];
+    let as_sent = [find(sent.boxes(), i)?, find(sent.boxes(), j)?];
+    let (pair, axes) = ([i, j], axes(&given));
+    let grid = grid::explain(sent.boxes(), i as usize, j as usize);
+    let two = Two { pair, boxes: boxes.len(), given, axes, sent, as_sent, grid };
+    let overlaps = |[a, b]: &[Aabb; 2]| i != j && a.overlaps(b);
+    let mut reason = two.reason();
+    if i != j {
+        reason += &sent.verdict(overlaps(&given), overlaps(&as_sent));
     }
-
-    /// Explains boxes `i` and `j` of a scene that is sent with a precision mode.
-    pub fn of_sent(boxes: &[Aabb], sent: &SentBoxes<'_>, i: u32, j: u32) -> Result<Self, String> {
-        let find = |boxes: &[Aabb], index: u32| {
-            let no_such_box = || {
-                format!("there is no box {index}: the scene has {}, numbered from 0", boxes.len())
-            };
-            boxes.get(index as usize).copied().ok_or_else(no_such_box)
-        };
-        let given = [find(boxes, i)?, find(boxes, j)?];
-        let as_sent = [find(sent.boxes(), i)?, find(sent.boxes(), j)?];
-        let (pair, axes) = ([i, j], axes(&given));
-        let grid = grid::explain(sent.boxes(), i as usize, j as usize);
-        let two = Two { pair, boxes: boxes.len(), given, axes, sent, as_sent, grid };
-        let overlaps = |[a, b]: &[Aabb; 2]| i != j && a.overlaps(b);
-        let mut reason = two.reason();
-        if i != j {
-            reason += &sent.verdict(overlaps(&given), overlaps(&as_sent));
-        }
-        let overlaps = overlaps(&as_sent);
-        let fields = two.json(overlaps, &reason);
-        let lines = if i == j { two.with_itself() } else { two.text(overlaps, &reason) };
-        let (mode, text) = (sent.mode.clone(), lines.join("\n"));
-        Ok(Self { pair, overlaps, reason, mode, fields, text })
-    }
-}
-
-impl fmt::Display for Explanation {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(&self.text)
-    }
+    let overlaps = overlaps(&as_sent);
+    let fields = two.json(overlaps, &reason);
+    let lines = if i == j { two.with_itself() } else { two.text(overlaps, &reason) };
+    Ok(Shown { fields, text: lines.join("\n") })
 }
 
 const fn class_name(class: BoxClass) -> &'static str {

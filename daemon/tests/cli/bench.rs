@@ -110,12 +110,3 @@ fn several_threads_of_the_client_write_and_visit() {
     check_row(&report["rows"][0], 40_000, "daemon", "spin");
     assert_eq!(report["rows"][0]["decode_threads"], 2);
 }
-
-#[test]
-fn scenes_exclude_each_other_and_waits_are_checked() {
-    let place = Place::new();
-    for wrong in ["--n 1 --scene x", "--wait patiently"] {
-        assert_eq!(latency(&place, wrong).code, Some(2), "{wrong:?}");
-    }
-    assert!(latency(&place, "--scene absent").error(1).contains("absent"));
-}

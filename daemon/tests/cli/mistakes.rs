@@ -60,6 +60,7 @@ fn a_wrong_command_line_is_reported_in_one_line() {
         ("scene nowhere 1 o", "choose one of uniform, "),
         ("explain boxes.f32 x 1", "'x' for <I>: must be a whole number"),
         ("bench latency --n 1 --scene x", "--n and --scene exclude each other"),
+        ("bench latency --wait patiently", "choose one of spin, event, serve"),
         ("bench", "a command is missing, one of latency"),
         ("bench accuracy", "no command 'accuracy', but latency: see `pairmaskd bench --help`"),
         ("bench latency --frames 0", "must be at least 1"),

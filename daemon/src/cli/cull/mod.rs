@@ -2,10 +2,10 @@
 
 mod report;
 
+use std::io;
 use std::io::Write;
 use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant};
-use std::{fmt, io};
+use std::time::Instant;
 
 use clap::{Args, ValueEnum};
 use pairmask::{Backend, ConnectError, PairMask, PendingFrame, Session};
@@ -18,13 +18,11 @@ use self::report::{Timings, explanation, plan, report};
 use super::options::{CullFlags, DaemonOptions, Place};
 use super::output::{is_stdout, print_aside, print_json, print_text, spinner, write_file};
 use super::program::{Result, WrongUsage};
-use super::raw_objects::{RawBoxes, RawObjects};
-use super::scene_look::{Look, Useless};
+use super::raw_objects::{RawBoxes, RawObject, RawObjects};
+use super::scene_look::Look;
+use super::target::DEADLINE;
 use crate::precision::PrecisionChoice;
 use crate::spawn::PrivateDaemon;
-
-/// How long one frame may take. Any scene that fits into memory is done by then.
-const DEADLINE: Duration = Duration::from_secs(600);
 
 /// Find the overlapping pairs of a file of boxes or spheres
 #[derive(Debug, Args)]
@@ -85,26 +83,39 @@ enum Shape {
 impl Cull {
     pub fn run(&self, place: &Place) -> Result {
         self.check().map_err(WrongUsage)?;
-        let scene = self.open()?;
-        let progress = spinner(&scene.to_string());
+        match self.shape {
+            Shape::Boxes => {
+                self.run_with(RawObjects::open(&self.file)?, place, |boxes, session| {
+                    let planner = self.explain.then(|| {
+                        let (options, isa) = (self.options.cull_options(place), place.isa());
+                        move |boxes: &[Aabb]| plan(boxes, &options, isa)
+                    });
+                    ask_boxes(session, boxes, self.precision, planner)
+                })
+            }
+            Shape::Spheres => self.run_with(RawObjects::open(&self.file)?, place, ask_spheres),
+        }
+    }
+
+    fn run_with<T: RawObject>(
+        &self,
+        objects: RawObjects<T>,
+        place: &Place,
+        ask: impl FnOnce(RawObjects<T>, &mut Session) -> Result<Asked>,
+    ) -> Result {
+        let progress = spinner(&format!("{} {}", objects.count(), T::PLURAL));
         let spawn = || PrivateDaemon::start_self(&self.daemon.private(place));
         let daemon = self.spawn.then(spawn).transpose()?;
         let mut session = self.connect(daemon.as_ref(), place)?;
-
-        let Asked { times, frame, planned, look, world } = match scene {
-            RawScene::Boxes(boxes) => {
-                let planner = self.explain.then(|| {
-                    let (options, isa) = (self.options.cull_options(place), place.isa());
-                    move |boxes: &[Aabb]| plan(boxes, &options, isa)
-                });
-                ask_boxes(&mut session, boxes, self.precision, planner)
-            }
-            RawScene::Spheres(spheres) => ask_spheres(&mut session, spheres),
-        }?;
+        let Asked { times, frame, planned, look, world } = ask(objects, &mut session)?;
         let (mask, timings) = answer(frame, times)?;
 
         let explain = planned.map(|plan| explanation(&plan, place.isa(), &mask, timings.decode));
-        let warnings = self.warnings(look, &mask);
+        let (n, census) = (mask.n().get(), &mask.info().census);
+        let warnings = Vec::from_iter(match self.shape {
+            Shape::Boxes => look.warning_of_boxes(n, census),
+            Shape::Spheres => look.warning_of_spheres(n, census),
+        });
         let report = report(&mask, self.precision, &world, &timings, explain, &warnings);
         if let Some(path) = &self.pairs {
             write_pairs(path, &mask)?;
@@ -151,24 +162,6 @@ impl Cull {
         }
     }
 
-    fn warnings(&self, look: Look, mask: &PairMask) -> Vec<String> {
-        let census = mask.info().census;
-        let useless = Useless { empty: census.empty, invalid: census.invalid };
-        let n = mask.n().get();
-        let warning = match self.shape {
-            Shape::Boxes => look.warning_of_boxes(n, useless),
-            Shape::Spheres => look.warning_of_spheres(n, useless),
-        };
-        warning.into_iter().collect()
-    }
-
-    fn open(&self) -> Result<RawScene> {
-        Ok(match self.shape {
-            Shape::Boxes => RawScene::Boxes(RawObjects::open(&self.file)?),
-            Shape::Spheres => RawScene::Spheres(RawObjects::open(&self.file)?),
-        })
-    }
-
     fn connect(
         &self,
         daemon: Option<&PrivateDaemon>,
@@ -182,20 +175,6 @@ impl Cull {
             (place.runtime_dir(), place.instance(), backend)
         };
         builder.runtime_dir(dir).instance(instance.as_str()).backend(backend).connect()
-    }
-}
-
-enum RawScene {
-    Boxes(RawBoxes),
-    Spheres(RawObjects<Sphere>),
-}
-
-impl fmt::Display for RawScene {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Boxes(boxes) => write!(f, "{} boxes", boxes.count()),
-            Self::Spheres(spheres) => write!(f, "{} spheres", spheres.count()),
-        }
     }
 }
 
@@ -239,7 +218,7 @@ fn ask_boxes(
     Ok(Asked { times, frame: narrow.submit()?, planned, look, world })
 }
 
-fn ask_spheres(session: &mut Session, spheres: RawObjects<Sphere>) -> Result<Asked> {
+fn ask_spheres(spheres: RawObjects<Sphere>, session: &mut Session) -> Result<Asked> {
     let start = Instant::now();
     let mut frame = session.sphere_frame(spheres.count())?;
     spheres.read_into(frame.spheres_mut())?;

@@ -1,6 +1,5 @@
 //! The report of `cull` on a frame: as text, and as the JSON that `CLI.md` documents.
 
-use std::fmt;
 use std::fmt::Write as _;
 use std::time::Duration;
 
@@ -9,12 +8,12 @@ use pairmask_core::dispatch::{CpuEngines, CullOptions};
 use pairmask_core::engine::AvailableIsa;
 use pairmask_core::plan::{Calibration, Candidate, Plan};
 use pairmask_core::{Aabb, Bounds, ObjectForm};
-use serde::Serialize;
-use serde_json::{Value, json};
+use serde_json::json;
 
 use crate::cli::output::time_text;
 use crate::cli::skipped::Skipped;
 use crate::precision::PrecisionChoice;
+use crate::shown::Shown;
 
 #[derive(Clone, Copy, Debug)]
 pub struct Timings {
@@ -22,22 +21,6 @@ pub struct Timings {
     pub round_trip: Duration,
     pub decode: Duration,
     pub total: Duration,
-}
-
-/// A JSON object, whose fields `CLI.md` explains, and the same as text. Fields may be added, never changed or taken
-/// away.
-#[derive(Clone, Debug, Serialize)]
-#[serde(transparent)]
-pub struct Shown {
-    fields: Value,
-    #[serde(skip)]
-    text: String,
-}
-
-impl fmt::Display for Shown {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(&self.text)
-    }
 }
 
 const fn ns(duration: Duration) -> u64 {

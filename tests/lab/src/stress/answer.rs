@@ -7,7 +7,8 @@ use std::fmt;
 
 use pairmask_core::engine::Census;
 use pairmask_core::oracle::Pair;
-use pairmaskd::explain::Explanation;
+use pairmaskd::explain::{SentBoxes, explain};
+use pairmaskd::shown::Shown;
 use serde::{Deserialize, Serialize};
 
 use super::case::Case;
@@ -164,9 +165,9 @@ impl Case {
     }
 
     /// Why a pair must be in the answer or not. None about spheres and scenes, whose boxes were moved.
-    pub(super) fn explain(&self, form: Form, [i, j]: Pair) -> Option<Explanation> {
+    pub(super) fn explain(&self, form: Form, [i, j]: Pair) -> Option<Shown> {
         match form {
-            Form::Boxes => Explanation::of(&self.boxes, i, j).ok(),
+            Form::Boxes => explain(&self.boxes, &SentBoxes::exact(&self.boxes), i, j).ok(),
             Form::Mode(usage) => self.in_mode(usage).explain(i, j),
             _ => None,
         }

@@ -6,9 +6,10 @@ use pairmask_core::oracle::modes::{Allowed, allowed, allowed_around_origin, allo
 use pairmask_core::oracle::{Faces, Pair};
 use pairmask_core::precision::{Margin, Widening};
 use pairmask_core::{Aabb, Bounds, Precision};
-use pairmaskd::explain::{Explanation, SentBoxes};
+use pairmaskd::explain::SentBoxes;
 use pairmaskd::precision::as_sent;
 use pairmaskd::scene::Random;
+use pairmaskd::shown::Shown;
 use serde::{Deserialize, Serialize};
 
 use super::answer::{Finding, absent};
@@ -139,13 +140,13 @@ impl ModeCase {
     }
 
     /// Why a pair must be in the answer or not. It begins with f32 boxes: for a world, with those sent.
-    pub(super) fn explain(&self, i: u32, j: u32) -> Option<Explanation> {
+    pub(super) fn explain(&self, i: u32, j: u32) -> Option<Shown> {
         let (given, sent) = match &self.sending {
             Sending::Narrow(precision) => (&self.given, SentBoxes::narrow(precision, &self.sent)),
             Sending::Inflated(margin) => (&self.given, SentBoxes::inflated(*margin, &self.sent)),
             Sending::World { .. } => (&self.sent, SentBoxes::relative(&self.sent)),
         };
-        Explanation::of_sent(given, &sent, i, j).ok()
+        pairmaskd::explain::explain(given, &sent, i, j).ok()
     }
 
     fn faces(&self, index: u32) -> Faces {

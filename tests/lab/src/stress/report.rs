@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use pairmaskd::explain::Explanation;
+use pairmaskd::shown::Shown;
 use serde::Serialize;
 
 use super::MOST_FAILURES;
@@ -43,7 +43,7 @@ pub struct Failure {
     pub flags: String,
     #[serde(flatten)]
     pub found: Finding,
-    pub explain: Option<Explanation>,
+    pub explain: Option<Shown>,
 }
 
 impl Failure {
