@@ -22,9 +22,21 @@ pub mod shown;
 pub mod spawn;
 pub mod timed_client;
 
+use std::path::PathBuf;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// What a mutex guards, also after a thread panicked with it: a thread that may not go on then has ended the process.
 fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// The path in an environment variable that is set and not empty.
+fn path_in(variable: &str) -> Option<PathBuf> {
+    std::env::var_os(variable).filter(|value| !value.is_empty()).map(PathBuf::from)
+}
+
+/// Our folder below the one that a variable names, else below a folder of the user's home.
+fn user_folder(variable: &str, in_home: &str) -> Option<PathBuf> {
+    let base = path_in(variable).or_else(|| Some(path_in("HOME")?.join(in_home)))?;
+    Some(base.join("pairmask"))
 }

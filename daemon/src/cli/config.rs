@@ -17,6 +17,7 @@ use super::whole_number::whole_number;
 use crate::audit::AuditRate;
 use crate::execute::gpu::GpuChoices;
 use crate::file_error::{Access, FileError};
+use crate::{path_in, user_folder};
 
 /// Settings of a configuration file. Keys are the flags' names.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Deserialize)]
@@ -124,19 +125,14 @@ impl Config {
     }
 }
 
-fn set(variable: &str) -> Option<PathBuf> {
-    std::env::var_os(variable).filter(|value| !value.is_empty()).map(PathBuf::from)
-}
-
 /// `$XDG_CONFIG_HOME/pairmask/config.toml`, else `~/.config/pairmask/config.toml`.
 fn default_path() -> Option<PathBuf> {
-    let home = set("XDG_CONFIG_HOME").or_else(|| Some(set("HOME")?.join(".config")))?;
-    Some(home.join("pairmask").join("config.toml"))
+    Some(user_folder("XDG_CONFIG_HOME", ".config")?.join("config.toml"))
 }
 
 /// What to do about the variable behind the default file, where it names another user's directory.
 fn other_users_home() -> Option<String> {
-    let mut named = ["XDG_CONFIG_HOME", "HOME"].into_iter().filter_map(|v| Some((v, set(v)?)));
+    let mut named = ["XDG_CONFIG_HOME", "HOME"].into_iter().filter_map(|v| Some((v, path_in(v)?)));
     let (variable, path) = named.next()?;
     let owner = std::fs::metadata(&path).ok()?.uid();
     let is_own = owner == rustix::process::geteuid().as_raw();

@@ -41,6 +41,11 @@ impl EnginePool {
         self.work_in(work)
     }
 
+    /// Does work by so many threads: by more than one in the pool.
+    pub fn work_by<R: Send>(&self, threads: usize, work: impl FnOnce() -> R + Send) -> R {
+        if threads == 1 { work() } else { self.work(work) }
+    }
+
     /// Does work in the pool with `true`, or where another thread works there with `false` on this thread, at once:
     /// for what must not wait for the end of a large frame.
     pub fn work_here_if_taken<R: Send>(&self, work: impl FnOnce(bool) -> R + Send) -> R {

@@ -56,16 +56,12 @@ impl KeptMarks {
 /// A frame with rules whose plan is the grid of a GPU.
 pub struct RuledFrame {
     marks: Arc<Marks>,
-    rules: Arc<SentRules>,
+    pub rules: Arc<SentRules>,
     plan: Plan,
     start: Instant,
 }
 
 impl RuledFrame {
-    pub fn rules(&self) -> &SentRules {
-        &self.rules
-    }
-
     /// Whether the rules have to be laid over the mask all the same: lists name pairs.
     pub fn has_lists(&self) -> bool {
         self.marks.has_lists()

@@ -176,7 +176,7 @@ pub(super) fn cull_there(
         }
         Err(error) => {
             log::debug!("a frame with rules goes to cores: {error}");
-            cull_here(open, engines, frame.rules(), options)
+            cull_here(open, engines, &frame.rules, options)
         }
     }
 }

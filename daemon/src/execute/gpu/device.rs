@@ -13,6 +13,7 @@ use pairmask_core::engine::CullError;
 use wgpu::hal::vulkan;
 
 use super::adapter::find_adapter;
+use super::memory::MAPPED;
 use super::{AdapterInfo, DeviceHealth, GpuChoice, GpuError, OpenError, is_software};
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -59,12 +60,13 @@ pub struct Gpu {
     info: AdapterInfo,
     limits: GpuLimits,
     health: Arc<DeviceHealth>,
-    raw: ash::Device,
+    pub(super) raw: ash::Device,
     queues: Mutex<[Option<vk::Queue>; ROLES]>,
     pub(super) families: [Option<u32>; ROLES],
-    memory: vk::PhysicalDeviceMemoryProperties,
-    host_import: Option<ash::ext::external_memory_host::Device>,
-    cache_key: String,
+    pub(super) memory: vk::PhysicalDeviceMemoryProperties,
+    pub(super) host_import: Option<ash::ext::external_memory_host::Device>,
+    /// Identifies adapter, driver version and cache format, for the pipeline cache's file name.
+    pub(super) cache_key: String,
     // Owns the raw device and destroys it on drop, after every use above.
     wgpu_device: wgpu::Device,
     _wgpu_queue: wgpu::Queue,
@@ -230,15 +232,6 @@ impl Gpu {
         self.health.mark_lost();
     }
 
-    /// Identifies adapter, driver version and cache format, for the pipeline cache's file name.
-    pub(super) fn cache_key(&self) -> &str {
-        &self.cache_key
-    }
-
-    pub(super) fn raw(&self) -> &ash::Device {
-        &self.raw
-    }
-
     /// Whether a role has a queue of its own. Without one, its work is the frames' queue's.
     pub(super) fn has_own_queue(&self, role: QueueRole) -> bool {
         self.families[role as usize].is_some()
@@ -246,20 +239,6 @@ impl Gpu {
 
     pub(super) fn family(&self, role: QueueRole) -> Option<u32> {
         self.families[role as usize].or(self.families[QueueRole::Frames as usize])
-    }
-
-    pub(super) fn host_import(&self) -> Option<&ash::ext::external_memory_host::Device> {
-        self.host_import.as_ref()
-    }
-
-    /// A memory type among `allowed` (a bit each) with all of `needed`, if possible `wished` too.
-    pub(super) fn memory_type(
-        &self,
-        allowed: u32,
-        needed: vk::MemoryPropertyFlags,
-        wished: vk::MemoryPropertyFlags,
-    ) -> Option<u32> {
-        find_memory_type(&self.memory, allowed, needed, wished)
     }
 
     pub(super) fn submit(
@@ -271,11 +250,7 @@ impl Gpu {
     ) -> Result<(), GpuError> {
         self.health.check()?;
         let buffers = [commands];
-        let (after, before) = match order {
-            Order::Alone => (None, None),
-            Order::After(semaphore) => (Some(semaphore), None),
-            Order::Before(semaphore) => (None, Some(semaphore)),
-        };
+        let Order { after, before } = order;
         let stages = [vk::PipelineStageFlags::ALL_COMMANDS];
         let info = vk::SubmitInfo::default()
             .command_buffers(&buffers)
@@ -318,9 +293,7 @@ impl Gpu {
 }
 
 const MAPPED_VIDEO: vk::MemoryPropertyFlags = vk::MemoryPropertyFlags::from_raw(
-    vk::MemoryPropertyFlags::DEVICE_LOCAL.as_raw()
-        | vk::MemoryPropertyFlags::HOST_VISIBLE.as_raw()
-        | vk::MemoryPropertyFlags::HOST_COHERENT.as_raw(),
+    vk::MemoryPropertyFlags::DEVICE_LOCAL.as_raw() | MAPPED.as_raw(),
 );
 
 /// The families of [`QueueRole::Upload`] and [`QueueRole::Awake`], where there are such.
@@ -337,16 +310,17 @@ fn side_families(families: &[vk::QueueFamilyProperties]) -> [Option<u32>; ROLES 
     ]
 }
 
-#[derive(Clone, Copy, Debug)]
-pub(super) enum Order {
-    Alone,
+/// Alone by default.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Order {
     /// It begins when this is signalled.
-    After(vk::Semaphore),
+    pub(super) after: Option<vk::Semaphore>,
     /// Its end signals this.
-    Before(vk::Semaphore),
+    pub(super) before: Option<vk::Semaphore>,
 }
 
-fn find_memory_type(
+/// A memory type among `allowed` (a bit each) with all of `needed`, if possible `wished` too.
+pub(super) fn find_memory_type(
     memory: &vk::PhysicalDeviceMemoryProperties,
     allowed: u32,
     needed: vk::MemoryPropertyFlags,

@@ -104,7 +104,7 @@ impl Frame {
         role: QueueRole,
         profiled: bool,
     ) -> Result<Self, GpuError> {
-        let raw = gpu.raw();
+        let raw = &gpu.raw;
         let family = gpu.family(role).ok_or(GpuError::Lost)?;
         let mut frame = Self {
             gpu: Arc::clone(gpu),
@@ -169,7 +169,7 @@ impl Frame {
         assert!(frames.iter().map(Vec::len).sum::<usize>() <= MAX_STEPS && !self.pending);
         assert!(frames.len() <= 1 || self.queries.is_none());
         self.steps.clear();
-        let (raw, gpu) = (self.gpu.raw(), &self.gpu);
+        let (raw, gpu) = (&self.gpu.raw, &self.gpu);
         let commands = self.commands;
         // SAFETY: the frame is not pending, so neither the descriptors nor the commands are in
         // use; a command buffer of this pool may be begun again, which resets it.
@@ -242,7 +242,7 @@ impl Frame {
             .dst_access_mask(access | written | vk::AccessFlags::TRANSFER_READ)];
         // SAFETY: called while recording.
         unsafe {
-            self.gpu.raw().cmd_pipeline_barrier(
+            self.gpu.raw.cmd_pipeline_barrier(
                 self.commands,
                 work,
                 next | work,
@@ -255,7 +255,7 @@ impl Frame {
     }
 
     fn record_step(&self, step: &Command) -> Result<(), GpuError> {
-        let raw = self.gpu.raw();
+        let raw = &self.gpu.raw;
         match step {
             Command::Copy { from, to } => {
                 assert_eq!(from.bytes, to.bytes, "a copy keeps its size");
@@ -324,7 +324,7 @@ impl Frame {
     /// # Panics
     /// While it is under way.
     pub fn run(&mut self, patience: Duration) -> Result<(), GpuError> {
-        self.submit_in(Order::Alone)?;
+        self.submit_in(Order::default())?;
         self.end(patience)
     }
 
@@ -333,7 +333,7 @@ impl Frame {
     pub(super) fn submit_in(&mut self, order: Order) -> Result<(), GpuError> {
         assert!(!self.pending, "a frame is under way once");
         // SAFETY: the frame is not pending, so its fence is not in use.
-        self.gpu.noticed(unsafe { self.gpu.raw().reset_fences(&[self.fence]) })?;
+        self.gpu.noticed(unsafe { self.gpu.raw.reset_fences(&[self.fence]) })?;
         self.gpu.submit(self.role, self.commands, order, self.fence)?;
         self.pending = true;
         Ok(())
@@ -347,7 +347,7 @@ impl Frame {
     /// Whether a submitted frame has ended, or never will.
     pub(super) fn has_ended(&self) -> bool {
         // SAFETY: the fence belongs to this device.
-        !self.pending || unsafe { self.gpu.raw().get_fence_status(self.fence) } != Ok(false)
+        !self.pending || unsafe { self.gpu.raw.get_fence_status(self.fence) } != Ok(false)
     }
 
     /// Waits for the end of a submitted frame, `patience` at most.
@@ -371,7 +371,7 @@ impl Frame {
     /// Asks again and again: 15 µs less than sleeping, for the price of a core meanwhile. Software adapters need the
     /// core, and nobody waits for what keeps the clocks up.
     fn wait(&self, patience: Duration) -> Result<(), GpuError> {
-        let raw = self.gpu.raw();
+        let raw = &self.gpu.raw;
         let sleeps = self.gpu.is_software() || self.role == QueueRole::Awake;
         let start = Instant::now();
         loop {
@@ -412,7 +412,7 @@ impl Frame {
         }
         let slice = LAST_PATIENCE.as_nanos() as u64;
         // SAFETY: the fence belongs to this device.
-        let settled = unsafe { self.gpu.raw().wait_for_fences(&[self.fence], true, slice) };
+        let settled = unsafe { self.gpu.raw.wait_for_fences(&[self.fence], true, slice) };
         // A driver reports a loss, at once, when the device works no more. Any other error says
         // nothing about the frame.
         self.pending = !matches!(settled, Ok(()) | Err(vk::Result::ERROR_DEVICE_LOST));
@@ -425,7 +425,7 @@ impl Frame {
         let flags = vk::QueryResultFlags::TYPE_64 | vk::QueryResultFlags::WAIT;
         // SAFETY: the frame has ended, so all of its queries are written.
         self.gpu.noticed(unsafe {
-            self.gpu.raw().get_query_pool_results(queries, 0, &mut ticks, flags)
+            self.gpu.raw.get_query_pool_results(queries, 0, &mut ticks, flags)
         })?;
         let period = f64::from(self.gpu.limits().timestamp_period_ns);
         let ns = ticks.windows(2).map(|t| t[1].saturating_sub(t[0]) as f64 * period);
@@ -442,7 +442,7 @@ impl Drop for Frame {
             std::mem::forget(Arc::clone(&self.gpu));
             return;
         }
-        let raw = self.gpu.raw();
+        let raw = &self.gpu.raw;
         // SAFETY: the frame has ended; null handles are ignored.
         unsafe {
             raw.destroy_command_pool(self.pool, None);

@@ -19,7 +19,7 @@ impl Place {
         Self { block: Arc::as_ptr(&part.block) as usize, offset: part.offset }
     }
 
-    fn is_in(self, block: &Arc<Block>) -> bool {
+    pub(super) fn is_in(self, block: &Arc<Block>) -> bool {
         self.block == Arc::as_ptr(block) as usize
     }
 }
@@ -35,6 +35,12 @@ pub(super) struct FrameKey {
     pub(super) input: Place,
     pub(super) output: Place,
     pub(super) rules: Option<Place>,
+}
+
+impl FrameKey {
+    pub(super) fn uses(&self, block: &Arc<Block>) -> bool {
+        self.input.is_in(block) || self.output.is_in(block)
+    }
 }
 
 /// Frames by key. A client alternates among a few loans for its boxes and a few for the reply.
@@ -90,13 +96,9 @@ impl<K: PartialEq> FrameCache<K> {
     pub(super) fn clear(&mut self) {
         self.frames.clear();
     }
-}
 
-impl FrameCache {
-    /// Drops the frames that use a block, but for one under way, which keeps the block alive.
-    pub(super) fn forget(&mut self, block: &Arc<Block>) {
-        self.frames.retain(|(key, frame)| {
-            frame.is_pending() || !key.input.is_in(block) && !key.output.is_in(block)
-        });
+    /// Drops the frames of some keys, but for one under way, which keeps its blocks alive.
+    pub(super) fn forget(&mut self, is_meant: impl Fn(&K) -> bool) {
+        self.frames.retain(|(key, frame)| frame.is_pending() || !is_meant(key));
     }
 }

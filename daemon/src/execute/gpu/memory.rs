@@ -11,6 +11,7 @@ use ash::vk;
 use bytemuck::Pod;
 use pairmask_core::engine::RecentNeed;
 
+use super::device::find_memory_type;
 use super::{Gpu, GpuError, ReadWriteMapping};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -55,7 +56,7 @@ const USAGE: vk::BufferUsageFlags = vk::BufferUsageFlags::from_raw(
         | vk::BufferUsageFlags::TRANSFER_DST.as_raw(),
 );
 
-const MAPPED: vk::MemoryPropertyFlags = vk::MemoryPropertyFlags::from_raw(
+pub(super) const MAPPED: vk::MemoryPropertyFlags = vk::MemoryPropertyFlags::from_raw(
     vk::MemoryPropertyFlags::HOST_VISIBLE.as_raw()
         | vk::MemoryPropertyFlags::HOST_COHERENT.as_raw(),
 );
@@ -77,15 +78,15 @@ impl Block {
             Home::Host | Home::Imported => (MAPPED, Flags::HOST_CACHED),
         };
         let (mut block, requirements) = Self::unbound(gpu, home, bytes, None)?;
-        let memory_type = gpu
-            .memory_type(requirements.memory_type_bits, needed, wished)
-            .ok_or(GpuError::OutOfMemory { bytes })?;
+        let memory_type =
+            find_memory_type(&gpu.memory, requirements.memory_type_bits, needed, wished)
+                .ok_or(GpuError::OutOfMemory { bytes })?;
         let info = vk::MemoryAllocateInfo::default()
             .allocation_size(requirements.size)
             .memory_type_index(memory_type);
         block.allocate_and_bind(&info)?;
         if home != Home::Video {
-            let (raw, all) = (gpu.raw(), vk::WHOLE_SIZE);
+            let (raw, all) = (&gpu.raw, vk::WHOLE_SIZE);
             // SAFETY: host-visible memory, mapped once, until it is freed.
             let mapped =
                 unsafe { raw.map_memory(block.memory, 0, all, vk::MemoryMapFlags::empty()) }?;
@@ -96,7 +97,7 @@ impl Block {
 
     pub(super) fn import(gpu: &Arc<Gpu>, mapping: ReadWriteMapping) -> Result<Arc<Self>, GpuError> {
         let refused = GpuError::Driver(vk::Result::ERROR_INVALID_EXTERNAL_HANDLE);
-        let (Some(import), Some(align)) = (gpu.host_import(), gpu.limits().import_align_bytes)
+        let (Some(import), Some(align)) = (&gpu.host_import, gpu.limits().import_align_bytes)
         else {
             return Err(refused);
         };
@@ -111,7 +112,7 @@ impl Block {
         // SAFETY: the pointer starts a live mapping of `bytes` bytes, aligned as the driver asks.
         gpu.noticed(unsafe {
             (import.fp().get_memory_host_pointer_properties_ext)(
-                gpu.raw().handle(),
+                gpu.raw.handle(),
                 handle_type,
                 host.as_ptr().cast(),
                 &raw mut properties,
@@ -122,9 +123,8 @@ impl Block {
         let made = Self::unbound(gpu, Home::Imported, bytes, Some(&mut external));
         let (mut block, requirements) = made?;
         let allowed = requirements.memory_type_bits & properties.memory_type_bits;
-        let memory_type = gpu
-            .memory_type(allowed, MAPPED, vk::MemoryPropertyFlags::HOST_CACHED)
-            .ok_or(refused)?;
+        let cached = vk::MemoryPropertyFlags::HOST_CACHED;
+        let memory_type = find_memory_type(&gpu.memory, allowed, MAPPED, cached).ok_or(refused)?;
         let mut pointer = vk::ImportMemoryHostPointerInfoEXT::default()
             .handle_type(handle_type)
             .host_pointer(host.as_ptr().cast());
@@ -156,9 +156,9 @@ impl Block {
         }
         // SAFETY: a plain buffer on a device that outlives it (`gpu` is kept); who imports external memory has
         // the extension.
-        let buffer = gpu.noticed(unsafe { gpu.raw().create_buffer(&info, None) })?;
+        let buffer = gpu.noticed(unsafe { gpu.raw.create_buffer(&info, None) })?;
         // SAFETY: the buffer was made above.
-        let requirements = unsafe { gpu.raw().get_buffer_memory_requirements(buffer) };
+        let requirements = unsafe { gpu.raw.get_buffer_memory_requirements(buffer) };
         let (gpu, memory) = (Arc::clone(gpu), vk::DeviceMemory::null());
         let block = Self { gpu, home, bytes, buffer, memory, host: None, mapping: None };
         Ok((block, requirements))
@@ -167,13 +167,13 @@ impl Block {
     fn allocate_and_bind(&mut self, info: &vk::MemoryAllocateInfo<'_>) -> Result<(), GpuError> {
         let (gpu, bytes) = (&self.gpu, self.bytes);
         // SAFETY: the info names a memory type of this device.
-        let allocated = gpu.noticed(unsafe { gpu.raw().allocate_memory(info, None) });
+        let allocated = gpu.noticed(unsafe { gpu.raw.allocate_memory(info, None) });
         self.memory = allocated.map_err(|error| match error {
             GpuError::OutOfMemory { .. } => GpuError::OutOfMemory { bytes },
             other => other,
         })?;
         // SAFETY: both are fresh and of fitting size and type.
-        gpu.noticed(unsafe { gpu.raw().bind_buffer_memory(self.buffer, self.memory, 0) })
+        gpu.noticed(unsafe { gpu.raw.bind_buffer_memory(self.buffer, self.memory, 0) })
     }
 
     pub fn bytes(&self) -> u64 {
@@ -218,8 +218,8 @@ impl Drop for Block {
         // SAFETY: frames that use the block keep it alive until they have ended; freeing memory
         // unmaps it; a null handle is ignored.
         unsafe {
-            self.gpu.raw().destroy_buffer(self.buffer, None);
-            self.gpu.raw().free_memory(self.memory, None);
+            self.gpu.raw.destroy_buffer(self.buffer, None);
+            self.gpu.raw.free_memory(self.memory, None);
         }
     }
 }

@@ -15,6 +15,7 @@ use naga::valid::{Capabilities, ValidationFlags, Validator};
 use pairmask_shaders::{ComposedStage, Stage};
 
 use super::{Gpu, GpuError};
+use crate::user_folder;
 
 /// Why a stage does not compile that asks for more or other than parts, numbered from 0.
 pub(super) const WRONG_BINDINGS: &str = "it binds what it cannot be given";
@@ -24,9 +25,7 @@ pub const IMMEDIATE_BYTES: u32 = 128;
 
 /// `$XDG_CACHE_HOME/pairmask`, else `~/.cache/pairmask`.
 pub fn user_cache_folder() -> Option<PathBuf> {
-    let set = |name| std::env::var_os(name).filter(|v| !v.is_empty()).map(PathBuf::from);
-    let base = set("XDG_CACHE_HOME").or_else(|| Some(set("HOME")?.join(".cache")))?;
-    Some(base.join("pairmask"))
+    user_folder("XDG_CACHE_HOME", ".cache")
 }
 
 pub struct Pipeline {
@@ -48,7 +47,7 @@ impl Pipeline {
         cache: vk::PipelineCache,
     ) -> Result<Arc<Self>, GpuError> {
         let (code, names) = compiled(stage, bounded_loops, checks)?;
-        let raw = gpu.raw();
+        let raw = &gpu.raw;
         let mut made = Self {
             gpu: Arc::clone(gpu),
             label: stage.label,
@@ -102,7 +101,7 @@ impl Pipeline {
 
 impl Drop for Pipeline {
     fn drop(&mut self) {
-        let device = self.gpu.raw();
+        let device = &self.gpu.raw;
         // SAFETY: frames keep their pipelines alive until they have ended; null handles are fine.
         unsafe {
             device.destroy_pipeline(self.raw, None);
@@ -123,12 +122,12 @@ pub struct Pipelines {
 impl Pipelines {
     /// With the cache of `folder`, if there is a good one: else pipelines are compiled anew.
     pub fn new(gpu: &Arc<Gpu>, checks: Checks, folder: Option<&Path>) -> Result<Self, GpuError> {
-        let file = folder.map(|f| f.join(format!("pipelines-{}.bin", gpu.cache_key())));
+        let file = folder.map(|f| f.join(format!("pipelines-{}.bin", gpu.cache_key)));
         let data = file.as_deref().and_then(load).unwrap_or_default();
         let info = vk::PipelineCacheCreateInfo::default().initial_data(&data);
         // SAFETY: the data was written by this driver version for this device (the file's name)
         // and is whole (its checksum); the driver checks its own header besides.
-        let cache = gpu.noticed(unsafe { gpu.raw().create_pipeline_cache(&info, None) })?;
+        let cache = gpu.noticed(unsafe { gpu.raw.create_pipeline_cache(&info, None) })?;
         Ok(Self { gpu: Arc::clone(gpu), checks, made: HashMap::new(), cache, file })
     }
 
@@ -151,7 +150,7 @@ impl Pipelines {
     pub fn save(&self) {
         let Some(file) = &self.file else { return };
         // SAFETY: the cache belongs to this device and no other thread has it.
-        let data = unsafe { self.gpu.raw().get_pipeline_cache_data(self.cache) };
+        let data = unsafe { self.gpu.raw.get_pipeline_cache_data(self.cache) };
         let saved = data.map_err(std::io::Error::other).and_then(|data| store(file, &data));
         if let Err(error) = saved {
             log::warn!("the pipeline cache {} was not written: {error}", file.display());
@@ -162,7 +161,7 @@ impl Pipelines {
 impl Drop for Pipelines {
     fn drop(&mut self) {
         // SAFETY: pipelines do not need the cache they were made with.
-        unsafe { self.gpu.raw().destroy_pipeline_cache(self.cache, None) };
+        unsafe { self.gpu.raw.destroy_pipeline_cache(self.cache, None) };
     }
 }
 
@@ -280,8 +279,8 @@ mod tests {
 
     #[test]
     fn a_stored_cache_is_loaded_and_a_damaged_one_is_not() {
-        let folder = std::env::temp_dir().join(format!("pairmask-cache-{}", std::process::id()));
-        let file = folder.join("pipelines-test.bin");
+        let folder = tempfile::tempdir().expect("a folder");
+        let file = folder.path().join("below").join("pipelines-test.bin");
         store(&file, b"data of a driver").expect("writes");
         assert_eq!(load(&file).as_deref(), Some(&b"data of a driver"[..]));
         let mut bytes = fs::read(&file).expect("just written");
@@ -290,7 +289,6 @@ mod tests {
         assert_eq!(load(&file), None);
         fs::write(&file, b"short").expect("writes");
         assert_eq!(load(&file), None);
-        fs::remove_dir_all(&folder).expect("removes");
     }
 
     #[test]

@@ -206,23 +206,9 @@ impl<T> Drop for DriverThread<T> {
 
 #[cfg(test)]
 mod tests {
-    use std::time::{Duration, Instant};
+    use pairmask_tests::prelude::eventually;
 
     use super::*;
-
-    fn wait<T: Send + 'static>(thread: &DriverThread<T>) -> Option<T> {
-        let give_up_at = Instant::now() + Duration::from_secs(30);
-        loop {
-            match thread.progress() {
-                Ok(done) => return Some(done),
-                Err(TryRecvError::Disconnected) => return None,
-                Err(TryRecvError::Empty) => {
-                    assert!(Instant::now() < give_up_at, "the work does not end");
-                    std::thread::sleep(Duration::from_millis(1));
-                }
-            }
-        }
-    }
 
     #[test]
     fn one_thread_does_all_of_the_work() {
@@ -232,10 +218,11 @@ mod tests {
             (count, std::thread::current().id())
         };
         let thread = DriverThread::start("test", work).expect("a thread");
-        let (_, first) = wait(&thread).expect("no panic");
+        let wait = || eventually("the work ends", || thread.progress().ok());
+        let (_, first) = wait();
         for expected in 2..5 {
             assert!(thread.ask());
-            assert_eq!(wait(&thread), Some((expected, first)));
+            assert_eq!(wait(), (expected, first));
         }
         assert_eq!(thread.progress(), Err(TryRecvError::Empty), "told once");
     }

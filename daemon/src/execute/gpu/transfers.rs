@@ -9,13 +9,13 @@ use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::Duration;
 
 use ash::vk;
+use pairmask_core::ObjectForm;
 use pairmask_core::mask::MaskShape;
 use pairmask_core::objects::Objects;
-use pairmask_core::{Encoding, ObjectForm};
 
 use super::{
-    Access, Block, Command, FrameCache, FrameKey, Gpu, GpuError, Growing, Home, Imports, Order,
-    Part, Place, QueueRole,
+    Access, Block, Command, FrameCache, Gpu, GpuError, Growing, Home, Imports, Order, Part, Place,
+    QueueRole,
 };
 use crate::locked;
 
@@ -167,7 +167,8 @@ pub(super) struct UploadAhead {
     /// Whether lone frames and small ones take it too. For tests.
     always: bool,
     boxes: Growing,
-    uploads: FrameCache,
+    /// By where boxes are copied from and to, and how many bytes.
+    uploads: FrameCache<([Place; 2], u64)>,
     /// Signalled by each upload, waited for by the frame after it.
     uploaded: vk::Semaphore,
     is_under_way: bool,
@@ -186,7 +187,7 @@ impl UploadAhead {
         }
         let info = vk::SemaphoreCreateInfo::default();
         // SAFETY: the device outlives the semaphore (`gpu` is kept).
-        let uploaded = gpu.noticed(unsafe { gpu.raw().create_semaphore(&info, None) })?;
+        let uploaded = gpu.noticed(unsafe { gpu.raw.create_semaphore(&info, None) })?;
         Ok(Some(Self {
             gpu: Arc::clone(gpu),
             always,
@@ -221,26 +222,16 @@ impl UploadAhead {
     /// Starts to copy; the frame of the boxes is submitted in the order that comes back.
     pub(super) fn begin(
         &mut self,
-        n: u32,
         from: &PlacedBoxes,
         to: &PlacedBoxes,
     ) -> Result<Order, GpuError> {
-        let (form, from, to) = (from.form, &from.part, &to.part);
-        let key = FrameKey {
-            n,
-            form,
-            encoding: Encoding::Sparse,
-            capacity: 0,
-            chunk: 0,
-            input: Place::of(from),
-            output: Place::of(to),
-            rules: None,
-        };
+        let (from, to) = (&from.part, &to.part);
+        let key = ([from, to].map(Place::of), from.bytes);
         let copy = || Ok(vec![Command::Copy { from: from.clone(), to: to.clone() }]);
         let upload = self.uploads.frame(&self.gpu, key, false, copy)?;
-        upload.submit_in(Order::Before(self.uploaded))?;
+        upload.submit_in(Order { before: Some(self.uploaded), ..Order::default() })?;
         self.is_under_way = true;
-        Ok(Order::After(self.uploaded))
+        Ok(Order { after: Some(self.uploaded), ..Order::default() })
     }
 
     /// To be called when the frame after it has ended, and so the upload.
@@ -252,7 +243,7 @@ impl UploadAhead {
     }
 
     pub(super) fn forget(&mut self, block: &Arc<Block>) {
-        self.uploads.forget(block);
+        self.uploads.forget(|(places, _)| places.iter().any(|place| place.is_in(block)));
     }
 
     /// Waits for what is under way. Whether the device is done with it.
@@ -274,6 +265,6 @@ impl Drop for UploadAhead {
         }
         // SAFETY: the uploads have ended, and so have the frames that wait for it (their workspace's
         // `drop`), or nothing is destroyed: a null handle is ignored.
-        unsafe { self.gpu.raw().destroy_semaphore(self.uploaded, None) };
+        unsafe { self.gpu.raw.destroy_semaphore(self.uploaded, None) };
     }
 }

@@ -5,14 +5,14 @@ pub mod plan;
 mod steps;
 
 use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use pairmask_core::aabb::{AABB_BYTES, KeyBox};
 use pairmask_core::engine::{
     Census, CullError, CullInput, CullReport, Engine, EngineTimes, NAMED_INVALID, ReplyBuffer,
-    write_no_pairs,
+    StageClock, write_no_pairs,
 };
-use pairmask_core::mask::MaskShape;
+use pairmask_core::mask::{MaskShape, Span};
 use pairmask_core::objects::Objects;
 use pairmask_core::{BoxClass, BoxCount, Encoding, EngineName, MaskWord};
 use pairmask_shaders::Found;
@@ -91,7 +91,7 @@ impl AllPairs {
     }
 
     pub(in crate::execute) fn drop_frames_of(&mut self, block: &Arc<Block>) {
-        self.frames.forget(block);
+        self.frames.forget(|key| key.uses(block));
     }
 
     /// Times of the last frame's steps, band by band, if the engine is profiled.
@@ -171,11 +171,11 @@ impl AllPairs {
             }
             None => 0,
         };
-        let start = Instant::now();
+        let mut clock = StageClock::start();
         let mut replaced = false;
         let boxes =
             self.transfers.place(objects, &mut replaced).map_err(|e| self.cull_error(&e))?;
-        let ingested = start.elapsed();
+        clock.ingested();
         let mut capacity = found.map_or(0, |found| plan::first_capacity(found, n).min(room));
         loop {
             let shape = |items| match found {
@@ -183,8 +183,9 @@ impl AllPairs {
                 None => MaskShape::dense(n),
             };
             let whole = shape(capacity);
-            let section_bytes = found.map_or(0, |found| plan::section_bytes(found, capacity));
-            if section_bytes > self.limits.binding_bytes {
+            // Each section is one binding, but for a dense mask's.
+            let is_beyond = |span: Span| 4 * span.len > self.limits.binding_bytes;
+            if found.is_some() && whole.spans().any(is_beyond) {
                 // More than this device writes at a time; a CPU engine may.
                 let needed_bytes = whole.mask_bytes();
                 return Err(CullError::DeviceMemory { engine: ENGINE, needed_bytes });
@@ -207,9 +208,10 @@ impl AllPairs {
                 replaced = false;
                 continue;
             }
-            let (executed, shape) = (start.elapsed(), shape(items));
+            clock.executed();
+            let shape = shape(items);
             mask.read_back(shape, reserved);
-            return Ok(report(n, shape, &outcome, [ingested, executed, start.elapsed()]));
+            return Ok(report(n, shape, &outcome, clock.published()));
         }
     }
 
@@ -274,14 +276,14 @@ const _: () = assert!(AABB_BYTES == 24, "the plan's limits count 24 bytes a box"
 
 /// What a run said, summed over its batches.
 #[derive(Debug, PartialEq, Eq)]
-pub(in crate::execute::gpu) struct Outcome {
-    pub(in crate::execute::gpu) census: Census,
-    pub(in crate::execute::gpu) words: u64,
-    pub(in crate::execute::gpu) pairs: u64,
+struct Outcome {
+    census: Census,
+    words: u64,
+    pairs: u64,
 }
 
 impl Outcome {
-    pub(in crate::execute::gpu) fn of(reports: &[BatchReport]) -> Self {
+    fn of(reports: &[BatchReport]) -> Self {
         let mut outcome = Self { census: Census::default(), words: 0, pairs: 0 };
         for (batch, first) in reports.iter().zip((0..).step_by(BATCH_BOXES as usize)) {
             outcome.words += u64::from(batch.words);
@@ -300,7 +302,7 @@ impl Outcome {
         outcome
     }
 
-    pub(in crate::execute::gpu) const fn items(&self, found: Found) -> u64 {
+    const fn items(&self, found: Found) -> u64 {
         match found {
             Found::Words => self.words,
             Found::Pairs => self.pairs,
@@ -327,31 +329,12 @@ pub(in crate::execute::gpu) fn no_pairs(
     }
     let shape = write_no_pairs(n, encoding, reply)?;
     let outcome = Outcome { census, words: 0, pairs: 0 };
-    Ok(report(n, shape, &outcome, [Duration::ZERO; 3]))
+    Ok(report(n, shape, &outcome, EngineTimes::default()))
 }
 
-/// The report of a frame; the times are since its start.
-pub(in crate::execute::gpu) fn report(
-    n: BoxCount,
-    shape: MaskShape,
-    outcome: &Outcome,
-    times: [Duration; 3],
-) -> CullReport {
+fn report(n: BoxCount, shape: MaskShape, outcome: &Outcome, times: EngineTimes) -> CullReport {
     // Every pair is compared.
-    let (census, pairs) = (outcome.census, outcome.pairs);
-    CullReport::new(n, shape, census, pairs, n.pair_count(), engine_times(times))
-}
-
-/// Times of a frame's parts, by when they had ended since its start.
-pub(in crate::execute::gpu) fn engine_times(
-    [ingested, executed, published]: [Duration; 3],
-) -> EngineTimes {
-    let ns = |d: Duration| d.as_nanos() as u64;
-    EngineTimes {
-        ingest_ns: ns(ingested),
-        execute_ns: ns(executed.saturating_sub(ingested)),
-        publish_ns: ns(published.saturating_sub(executed)),
-    }
+    CullReport::new(n, shape, outcome.census, outcome.pairs, n.pair_count(), times)
 }
 
 #[cfg(test)]

@@ -169,14 +169,6 @@ pub fn words(found: Found, n: BoxCount, items: u64) -> u64 {
     shape(found, n, items, items).extent_words()
 }
 
-/// Bytes of the largest section of such a mask: each is one binding.
-pub const fn section_bytes(found: Found, items: u64) -> u64 {
-    match found {
-        Found::Words => WORD_BYTES * items,
-        Found::Pairs => 2 * WORD_BYTES * items,
-    }
-}
-
 /// Items that a reply has room for before the mask's size is known, less where the reply holds less: a
 /// function of n and that limit alone, so that the same boxes give the same bytes. Scenes with at
 /// most a few neighbours a box fit; others cost a second run.

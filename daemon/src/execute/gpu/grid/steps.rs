@@ -7,32 +7,23 @@ use pairmask_shaders::layouts::{GridLayout, GridSummary, GridTotals};
 use pairmask_shaders::{GridStage, Rules, Stage};
 
 use super::ruled::RuleBlocks;
+use super::workspace::{Placed, Tools};
 use crate::execute::gpu::{
-    Capacity, Command, Gpu, GpuError, Growing, Home, Part, Pipelines, PlacedBoxes, Sizes,
-    frame_blocks,
+    Capacity, Command, Gpu, GpuError, Growing, Home, Part, Sizes, frame_blocks,
 };
 
-pub(super) struct Recording<'a> {
-    pub(super) sizes: Sizes,
-    pub(super) capacity: Capacity,
-    pub(super) blocks: &'a Blocks,
-    pub(super) boxes: &'a PlacedBoxes,
-    pub(super) reply: &'a Part,
-    pub(super) rules: Option<&'a RuleBlocks>,
-    pub(super) thread_rounds: u32,
-}
-
-impl Recording<'_> {
-    pub(super) fn steps(&self, pipelines: &mut Pipelines) -> Result<Vec<Command>, GpuError> {
+impl Placed {
+    pub(super) fn steps(&self, tools: &mut Tools) -> Result<Vec<Command>, GpuError> {
+        let (boxes, sizes) = (self.read(), Sizes::of(self.n));
         let rules = if self.rules.is_some() { Rules::With } else { Rules::Without };
-        let stages = GridStage::of_frame(self.boxes.form, self.capacity.found, rules);
+        let stages = GridStage::of_frame(boxes.form, self.capacity.found, rules);
         let mut parts = self.blocks.named();
-        parts.extend([("boxes", &self.boxes.part), ("reply", self.reply)]);
-        parts.extend(self.rules.into_iter().flat_map(RuleBlocks::named));
-        let params = self.sizes.params(self.capacity, self.thread_rounds);
+        parts.extend([("boxes", &boxes.part), ("reply", &self.mask.part)]);
+        parts.extend(self.rules.iter().flat_map(RuleBlocks::named));
+        let params = sizes.params(self.capacity, tools.gpu.limits().thread_rounds);
+        let pipelines = &mut tools.pipelines;
         let step = |stage: GridStage| {
-            let scan = stage == GridStage::Scan;
-            let groups = if scan { self.sizes.sums } else { self.sizes.batches };
+            let groups = if stage == GridStage::Scan { sizes.sums } else { sizes.batches };
             Command::stage(pipelines.get(Stage::Grid(stage))?, &parts, &params, [groups, 1])
         };
         stages.into_iter().map(step).collect()

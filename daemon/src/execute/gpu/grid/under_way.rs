@@ -106,7 +106,7 @@ impl Bundle {
     pub(super) fn submit(&self, frames: Vec<Vec<Command>>) -> Result<(), GpuError> {
         let mut submission = locked(&self.0);
         submission.frame.record_side_by_side(frames)?;
-        submission.frame.submit_in(Order::Alone)
+        submission.frame.submit_in(Order::default())
     }
 
     pub(super) fn has_ended(&self) -> bool {

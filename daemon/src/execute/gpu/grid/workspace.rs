@@ -1,10 +1,12 @@
 //! A workspace: one frame at a time, and the blocks and recorded frames that belong to it.
 
 use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use pairmask_core::dispatch::Marks;
-use pairmask_core::engine::{Census, CullError, CullReport, NAMED_INVALID, ReplyBuffer};
+use pairmask_core::engine::{
+    Census, CullError, CullReport, NAMED_INVALID, ReplyBuffer, StageClock,
+};
 use pairmask_core::objects::Objects;
 use pairmask_core::{BoxClass, BoxCount, MaskWord};
 use pairmask_shaders::Found;
@@ -13,10 +15,9 @@ use pairmask_shaders::layouts::GridSummary;
 use super::layout::Chooser;
 use super::plan::LastFound;
 use super::ruled::{RuleBlocks, Ruled};
-use super::steps::{Blocks, Recording, Scratch};
+use super::steps::{Blocks, Scratch};
 use super::under_way::Bundle;
 use super::{ENGINE, plan};
-use crate::execute::gpu::all_pairs::engine_times;
 use crate::execute::gpu::transfers::UploadAhead;
 use crate::execute::gpu::{
     Block, Capacity, Command, EngineOptions, Frame, FrameCache, FrameKey, Gpu, GpuError, MaskPlace,
@@ -55,30 +56,22 @@ pub(super) struct Wanted<'a> {
     pub(super) marks: Option<&'a Arc<Marks>>,
 }
 
-struct Placed {
-    n: BoxCount,
-    capacity: Capacity,
+pub(super) struct Placed {
+    pub(super) n: BoxCount,
+    pub(super) capacity: Capacity,
     boxes: PlacedBoxes,
     /// Where they are copied to before the frame; else the first stage reads them where they lie.
     ahead: Option<PlacedBoxes>,
-    mask: MaskPlace,
-    blocks: Blocks,
-    rules: Option<RuleBlocks>,
-    start: Instant,
-    ingested: Duration,
+    pub(super) mask: MaskPlace,
+    pub(super) blocks: Blocks,
+    pub(super) rules: Option<RuleBlocks>,
+    clock: StageClock,
 }
 
 impl Placed {
-    fn recording(&self, gpu: &Gpu) -> Recording<'_> {
-        Recording {
-            sizes: Sizes::of(self.n),
-            capacity: self.capacity,
-            blocks: &self.blocks,
-            boxes: self.ahead.as_ref().unwrap_or(&self.boxes),
-            reply: &self.mask.part,
-            rules: self.rules.as_ref(),
-            thread_rounds: gpu.limits().thread_rounds,
-        }
+    /// The boxes that the first stage reads.
+    pub(super) fn read(&self) -> &PlacedBoxes {
+        self.ahead.as_ref().unwrap_or(&self.boxes)
     }
 }
 
@@ -114,7 +107,7 @@ impl Workspace {
     }
 
     pub(super) fn drop_frames_of(&mut self, block: &Arc<Block>) {
-        self.frames.forget(block);
+        self.frames.forget(|key| key.uses(block));
         if let Some(ahead) = &mut self.ahead {
             ahead.forget(block);
         }
@@ -152,8 +145,7 @@ impl Workspace {
         bundle: &Bundle,
     ) -> Result<Vec<Command>, CullError> {
         let placed = self.place(tools, wanted, reply)?;
-        let steps = placed.recording(&tools.gpu).steps(&mut tools.pipelines);
-        let steps = steps.map_err(|e| tools.gpu.cull_error(ENGINE, &e))?;
+        let steps = placed.steps(tools).map_err(|e| tools.gpu.cull_error(ENGINE, &e))?;
         // A frame that does not end leaves its blocks as they are.
         self.unclean = true;
         self.bundle = Some(bundle.clone());
@@ -176,7 +168,7 @@ impl Workspace {
         }
         let mask = &reply.reserve(words)?[..words as usize];
         assert!(self.under_way.is_none(), "one frame a workspace");
-        let start = Instant::now();
+        let mut clock = StageClock::start();
         let layout = match marks {
             None => tools.chooser.choose(objects),
             Some(marks) => {
@@ -190,13 +182,13 @@ impl Workspace {
             let ahead = self.ahead.as_mut().filter(|ahead| ahead.pays(&placed, is_behind));
             let ahead = ahead.map(|ahead| ahead.place(&placed, &mut replaced)).transpose()?;
             let mask = self.transfers.place_mask(mask, &mut replaced)?;
-            let ingested = start.elapsed();
+            clock.ingested();
             let rules = marks
                 .map(|marks| self.ruled.blocks(&tools.gpu, marks, &sizes, &mut replaced))
                 .transpose()?;
             let blocks = self.blocks(tools, &sizes, capacity, replaced)?;
             blocks.grid.block.write(0, &[layout]);
-            Ok(Placed { n, capacity, boxes: placed, ahead, mask, blocks, rules, start, ingested })
+            Ok(Placed { n, capacity, boxes: placed, ahead, mask, blocks, rules, clock })
         })();
         placed.map_err(|e: GpuError| tools.gpu.cull_error(ENGINE, &e))
     }
@@ -257,25 +249,24 @@ impl Workspace {
     }
 
     fn submit(&mut self, tools: &mut Tools, placed: &Placed) -> Result<(), GpuError> {
-        let recording = placed.recording(&tools.gpu);
-        let (n, read) = (recording.sizes.n, recording.boxes);
+        let read = placed.read();
         let key = FrameKey {
-            n,
+            n: placed.n.get(),
             form: read.form,
-            encoding: recording.capacity.found.encoding(),
-            capacity: recording.capacity.items,
+            encoding: placed.capacity.found.encoding(),
+            capacity: placed.capacity.items,
             chunk: 0,
             input: Place::of(&read.part),
-            output: Place::of(recording.reply),
-            rules: recording.rules.map(|rules| Place::of(&rules.marks)),
+            output: Place::of(&placed.mask.part),
+            rules: placed.rules.as_ref().map(|rules| Place::of(&rules.marks)),
         };
-        let steps = || recording.steps(&mut tools.pipelines);
-        let frame = self.frames.frame(&tools.gpu, key, tools.profiled, steps)?;
+        let (gpu, profiled) = (Arc::clone(&tools.gpu), tools.profiled);
+        let frame = self.frames.frame(&gpu, key, profiled, || placed.steps(tools))?;
         // A frame that does not end leaves its blocks as they are.
         self.unclean = true;
         let order = match (&mut self.ahead, &placed.ahead) {
-            (Some(ahead), Some(there)) => ahead.begin(n, &placed.boxes, there)?,
-            _ => Order::Alone,
+            (Some(ahead), Some(there)) => ahead.begin(&placed.boxes, there)?,
+            _ => Order::default(),
         };
         frame.submit_in(order)
     }
@@ -290,7 +281,7 @@ impl Workspace {
         let Some(placed) = self.under_way.take() else {
             return Err(CullError::DeviceLost { engine: ENGINE });
         };
-        let Placed { n, capacity, mask, blocks, rules, start, ingested, .. } = placed;
+        let Placed { n, capacity, mask, blocks, rules, mut clock, .. } = placed;
         self.bundle = None;
         self.unclean = false;
         let mut summary = [GridSummary::default()];
@@ -313,7 +304,7 @@ impl Workspace {
         if let Some(rules) = &rules {
             rules.read_world_firsts(&mut self.world_firsts);
         }
-        let executed = start.elapsed();
+        clock.executed();
         let sizes = Sizes::of(n);
         let shape = sizes.shape(found, items);
         if !mask.is_reply {
@@ -322,9 +313,9 @@ impl Workspace {
             mask.read_back(shape, reserved);
         }
         let census = census(&summary, &blocks.invalid.block, sizes.plane());
-        let times = engine_times([ingested, executed, start.elapsed()]);
         let (pairs, compared) = (wide(summary.pairs), wide(summary.compared));
-        Ok(Ended::Report(CullReport::new(n, shape, census, pairs, compared, times)))
+        let report = CullReport::new(n, shape, census, pairs, compared, clock.published());
+        Ok(Ended::Report(report))
     }
 }
 

@@ -124,14 +124,12 @@ fn split_changes(sorted: &[Pair], begun: &mut [Pair], ended: &mut [Ended]) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scene::Random;
 
     /// Changes of pairs, each once, in an order of chance.
     fn changes(count: usize, n: u32) -> Vec<Pair> {
-        let mut state = count as u64;
-        let mut next = |bound: u32| {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
-            (state >> 33) as u32 % bound
-        };
+        let mut random = Random::new(count as u64);
+        let mut next = |bound: u32| random.below(bound.into()) as u32;
         let mut all: Vec<Pair> = (0..count).map(|_| [next(n), next(n) << 2 | next(4)]).collect();
         all.sort_unstable();
         all.dedup();
@@ -161,12 +159,11 @@ mod tests {
                 let plain = |change: &Pair| [change[0], change[1] >> 2];
                 assert!(list.iter().filter(reported).map(plain).eq(begun), "{count} of {n}");
                 let ends = list.iter().filter(|change| !has_begun(**change));
-                let reasons = [TOLD_REMOVED, TOLD_FILTERED].into_iter();
-                let reasons: Vec<(u32, EndReason)> =
-                    reasons.zip([EndReason::Removed, EndReason::Filtered]).collect();
                 let expected = ends.map(|change| {
-                    let reason = reasons.iter().find(|(reported, _)| *reported == change[1] & 3);
-                    let reason = reason.map_or(EndReason::Separated, |(_, reason)| *reason);
+                    let told = |told: u32| change[1] & 3 == told;
+                    let reason =
+                        if told(TOLD_REMOVED) { EndReason::Removed } else { EndReason::Separated };
+                    let reason = if told(TOLD_FILTERED) { EndReason::Filtered } else { reason };
                     Ended { pair: plain(change), reason }
                 });
                 assert!(expected.eq(ended), "{count} of {n}");

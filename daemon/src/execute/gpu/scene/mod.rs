@@ -151,7 +151,8 @@ impl GpuScene {
 
     /// Has at most so many devices keep it, and one at the least.
     pub fn keep_on(&mut self, most: usize) {
-        self.replicas.keep_first(most);
+        // What is on one of them is on each.
+        self.replicas.0.truncate(most.max(1));
     }
 
     /// Whether it has no box, and has none to tell of.
@@ -217,15 +218,15 @@ impl GpuScene {
 
     /// Bytes of video memory that the scene keeps on all GPUs, with what the host maps of it, but for copies of edits.
     pub fn video_bytes(&self) -> u64 {
-        self.replicas.iter().map(|replica| replica.memory.bytes()).sum()
+        self.replicas.0.iter().map(|replica| replica.memory.bytes()).sum()
     }
 
     pub const fn gpu_count(&self) -> usize {
-        self.replicas.len()
+        self.replicas.0.len()
     }
 
     pub fn is_on(&self, gpu: &Gpu) -> bool {
-        self.replicas.iter().any(|replica| std::ptr::eq(Arc::as_ptr(replica.tools.gpu()), gpu))
+        self.replicas.0.iter().any(|replica| std::ptr::eq(Arc::as_ptr(replica.tools.gpu()), gpu))
     }
 
     /// Threads of the pool for later edits and queries; `None` is all. With one, none is touched.
@@ -376,7 +377,7 @@ impl GpuScene {
             let layout = self.layouts.layout(&question);
             let sizes = Sizes::of(&question, &layout, 0);
             let (epoch, naming) = (self.epoch, self.naming);
-            let gpus = self.replicas.len();
+            let gpus = self.replicas.0.len();
             let shares = if mode.is_none() {
                 0
             } else if self.replicas.first().tools.shares_always {
@@ -463,7 +464,7 @@ impl GpuScene {
         let found: u64 = counts.iter().sum();
         let needed_bytes = found * size_of::<Pair>() as u64;
         let no_memory = |_| CullError::Reserve(ReserveError::OutOfMemory { needed_bytes });
-        let blocks = self.replicas.iter().filter_map(|replica| replica.blocks.as_ref());
+        let blocks = self.replicas.0.iter().filter_map(|replica| replica.blocks.as_ref());
         let lists: Vec<(&Block, usize)> =
             blocks.zip(counts).map(|(b, count)| (&*b.found.block, *count as usize)).collect();
         let read = |at: usize, to: &mut [Pair]| read_lists(&lists, at, to);

@@ -240,14 +240,12 @@ fn sort_long_rows(found: &mut [Pair]) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scene::Random;
 
     #[test]
     fn rows_that_the_gpu_leaves_are_sorted() {
-        let mut state = 9u32;
-        let mut next = move |bound: u32| {
-            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-            (state >> 8) % bound
-        };
+        let mut random = Random::new(9);
+        let mut next = |bound: u32| random.below(bound.into()) as u32;
         for round in 0..200 {
             let mut found = Vec::new();
             for query in 0..next(20) {

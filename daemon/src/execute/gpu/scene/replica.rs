@@ -114,7 +114,7 @@ impl Replica {
 }
 
 /// The replicas of a scene: one at the least. The first answers queries.
-pub(super) struct Replicas(Vec<Replica>);
+pub(super) struct Replicas(pub Vec<Replica>);
 
 impl Replicas {
     /// One for each, at least one.
@@ -132,14 +132,6 @@ impl Replicas {
         }
     }
 
-    pub const fn len(&self) -> usize {
-        self.0.len()
-    }
-
-    pub fn iter(&self) -> impl Iterator<Item = &Replica> {
-        self.0.iter()
-    }
-
     pub fn first(&mut self) -> &mut Replica {
         &mut self.0[0]
     }
@@ -151,11 +143,6 @@ impl Replicas {
             self.0.remove(0);
         }
         has_others
-    }
-
-    /// Gives up those beyond the first so many, between edits: what is on one of them is on each.
-    pub fn keep_first(&mut self, most: usize) {
-        self.0.truncate(most.max(1));
     }
 
     /// Does something with each, in order, and returns what came of it. A GPU that fails has the scene no more,

@@ -287,6 +287,6 @@ impl Task<'_> {
         }
         let shape = self.shape(tools);
         let steps = || self.steps(tools, &shape);
-        frames.frame(&tools.gpu, shape, tools.profiled, steps)?.submit_in(Order::Alone)
+        frames.frame(&tools.gpu, shape, tools.profiled, steps)?.submit_in(Order::default())
     }
 }
