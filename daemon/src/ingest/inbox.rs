@@ -408,9 +408,7 @@ mod tests {
         let mut turns = 0;
         loop {
             now += ms;
-            let Some((served, ..)) = inbox.next(now, |_| true, |_, _| false) else {
-                panic!("all wait")
-            };
+            let (served, ..) = inbox.next(now, |_| true, |_, _| false).expect("all wait");
             inbox.note_served(served, ms);
             if served == large {
                 break;
@@ -433,9 +431,8 @@ mod tests {
                 inbox.put(sender(process, u128::from(process)), Resource::Core, process, now);
             }
             for _ in 0..10_000 {
-                let Some((from, _, process)) = inbox.next(now, |_| true, |_, _| false) else {
-                    panic!("all wait")
-                };
+                let next = inbox.next(now, |_| true, |_, _| false);
+                let (from, _, process) = next.expect("all wait");
                 let cost = costs[process as usize];
                 now += cost * u32::from(passes);
                 inbox.note_served(from, cost);

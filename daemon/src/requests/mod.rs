@@ -26,7 +26,7 @@ use crate::clients::{Clients, SceneMemory};
 use crate::execute::{EnginePool, Executor};
 use crate::ingest::Incoming;
 use crate::publish::{OpenRequest, Outbox, ReplyLender};
-use crate::serve::ServeSettings;
+use crate::serve::{ServeError, ServeSettings};
 
 const _: () = assert!(size_of::<StatusBody>() <= PAGE_BYTES, "a status fits one page");
 
@@ -84,7 +84,7 @@ impl Responder {
         executor: Executor,
         pool: Arc<EnginePool>,
         auditor: Auditor,
-    ) -> Self {
+    ) -> Result<Self, ServeError> {
         let limits = &settings.daemon.limits;
         let clients = Clients::new(wake_clients, limits.max_clients);
         let memory = SceneMemory::new(limits.max_scene_bytes);
@@ -101,13 +101,13 @@ impl Responder {
             pool: Arc::clone(&pool),
             auditor,
         };
-        Self {
-            shared: SharedScenes::new(tools.clone(), Arc::clone(&outbox)),
+        Ok(Self {
+            shared: SharedScenes::new(tools.clone(), Arc::clone(&outbox))?,
             scenes: SceneEdits { tools, outbox: Arc::clone(&outbox) },
             culls: Culls::new(executor, pool, Arc::clone(&outbox)),
             outbox,
             lender: Arc::new(ReplyLender::new(turn, free, limits.max_reply_bytes)),
-        }
+        })
     }
 
     /// Answers a request, or leaves it under way. A CPU engine may use so many threads.

@@ -55,11 +55,8 @@ impl SceneEdits {
         self.serve(open, found, threads, |kept, open| {
             // More would be found in memory that nobody has counted.
             kept.scene.limit_pairs(self.tools.memory.most_pairs(open.limit_pairs()));
-            let edited = if threads == 1 {
-                edit_and_answer(kept, open, request, 1, &self.outbox)
-            } else {
-                self.tools.pool.work(|| edit_and_answer(kept, open, request, threads, &self.outbox))
-            };
+            let edit = || edit_and_answer(kept, open, request, threads, &self.outbox);
+            let edited = self.tools.pool.work_by(threads, edit);
             if edited.is_err() {
                 // What it was read into may be large, and nothing was charged for it.
                 kept.scratch = EditScratch::default();
@@ -86,14 +83,14 @@ impl SceneEdits {
             // A scene in video memory has work for the pool only where its queries fill a copy of several
             // threads. Else a thread of it would be woken for nothing.
             let are_few = kept.scene.engine().is_gpu() && request.mask.queries() <= FEW_QUERIES;
-            let mut answer = || {
+            let answer = || {
                 let KeptScene { scene, scratch, found, room, audited, .. } = kept;
                 let asked = (&mut *scene, &mut *found, audited.as_ref());
                 let answered = answer_query(asked, open, request, threads, &self.outbox);
                 room.note(scene, bytes_of(found) + scratch.allocated_bytes() as u64);
                 answered
             };
-            if threads == 1 || are_few { answer() } else { self.tools.pool.work(answer) }
+            self.tools.pool.work_by(if are_few { 1 } else { threads }, answer)
         })
     }
 

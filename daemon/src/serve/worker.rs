@@ -9,7 +9,7 @@ use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use pairmask_core::dispatch::nanoseconds_since;
-use pairmask_core::engine::{AvailableIsa, CullError, CullInput, Engine, HeapReply, cpu_engine};
+use pairmask_core::engine::{AvailableIsa, CullError, CullInput, HeapReply, cpu_engine};
 use pairmask_core::plan::{Calibration, SceneStats};
 use pairmask_core::{Aabb, BoxCount, Encoding, EngineName, MaskView};
 use pairmask_transport::{
@@ -104,7 +104,7 @@ pub fn work(settings: &ServeSettings, supervisor: u32) -> Result<(), ServeError>
         executor,
         Arc::clone(&pool),
         auditor,
-    );
+    )?;
     let lanes = Lanes::new(intake, wake, responder, pool.threads(), settings, &janitor, &stop);
     lanes.run()?;
     // Without a record it is no worker that died: the supervisor waits for its status.
@@ -291,59 +291,18 @@ pub(super) fn glance(start: &Calibration, isa: AvailableIsa) -> Result<Calibrati
     Ok(scaled)
 }
 
-/// An engine, and the shortest times of its frames, ns.
-struct Timed {
-    name: EngineName,
-    engine: Box<dyn Engine>,
-    cull_ns: u64,
-    visit_ns: u64,
-    pairs: u64,
-}
-
-impl Timed {
-    fn frame(
-        &mut self,
-        boxes: &[Aabb],
-        isa: AvailableIsa,
-        reply: &mut HeapReply,
-    ) -> Result<(), CullError> {
-        let start = Instant::now();
-        let input = CullInput::boxes(boxes).encoding(Encoding::Sparse).threads(1);
-        let report = self.engine.cull(&input, reply)?;
-        self.cull_ns = self.cull_ns.min(nanoseconds_since(start));
-        let start = Instant::now();
-        let n = BoxCount::new(boxes.len() as u32);
-        // An engine's mask is well-formed.
-        if let Ok(mask) = MaskView::new(n, &report.shape, reply.words()) {
-            let mut indices = 0;
-            mask.with_isa(isa).for_each(|a, b| indices ^= a ^ b);
-            std::hint::black_box(indices);
-        }
-        self.visit_ns = self.visit_ns.min(nanoseconds_since(start));
-        self.pairs = report.pair_count;
-        Ok(())
-    }
-
-    fn ratios(&self, boxes: &[Aabb], start: &Calibration) -> [Ratio; 2] {
-        let stats = SceneStats::glance(boxes, Some(self.pairs));
-        let ratio = |ns: u64, predicted_ns: f64| ns.max(1) as f64 / predicted_ns.max(1.0);
-        let cull_ns = start.cull_ns(self.name, Encoding::Sparse, &stats);
-        let cull_ratio = cull_ns.map_or(1.0, |cull_ns| ratio(self.cull_ns, cull_ns));
-        let visit_ns = start.visit_ns(self.name, Encoding::Sparse, &stats);
-        [(Some(self.name), cull_ratio), (None, ratio(self.visit_ns, visit_ns))]
-    }
-}
-
-/// The ratios of one scene. The engines take turns frame by frame, so that a busy moment disturbs all of them.
+/// The ratios of one scene, by the shortest times. The engines take turns frame by frame, so that a busy moment disturbs
+/// all of them.
 fn measure(
     boxes: &[Aabb],
     start: &Calibration,
     isa: AvailableIsa,
 ) -> Result<Vec<Ratio>, CullError> {
+    let n = BoxCount::new(boxes.len() as u32);
+    let input = CullInput::boxes(boxes).encoding(Encoding::Sparse).threads(1);
     let mut timed = Vec::new();
     for name in EngineName::CPU {
-        let engine = cpu_engine(name, isa.get())?;
-        timed.push(Timed { name, engine, cull_ns: u64::MAX, visit_ns: u64::MAX, pairs: 0 });
+        timed.push((name, cpu_engine(name, isa.get())?, [u64::MAX; 2], 0));
     }
     let (least, most) = FRAMES;
     let (begin, mut reply) = (Instant::now(), HeapReply::new());
@@ -351,11 +310,30 @@ fn measure(
         if frame >= least && begin.elapsed() > TIME {
             break;
         }
-        for timed in &mut timed {
-            timed.frame(boxes, isa, &mut reply)?;
+        for (_, engine, [cull_ns, visit_ns], pairs) in &mut timed {
+            let start = Instant::now();
+            let report = engine.cull(&input, &mut reply)?;
+            *cull_ns = nanoseconds_since(start).min(*cull_ns);
+            let start = Instant::now();
+            // An engine's mask is well-formed.
+            if let Ok(mask) = MaskView::new(n, &report.shape, reply.words()) {
+                let mut indices = 0;
+                mask.with_isa(isa).for_each(|a, b| indices ^= a ^ b);
+                std::hint::black_box(indices);
+            }
+            *visit_ns = nanoseconds_since(start).min(*visit_ns);
+            *pairs = report.pair_count;
         }
     }
-    Ok(timed.iter().flat_map(|timed| timed.ratios(boxes, start)).collect())
+    let ratio = |ns: u64, predicted_ns: f64| ns.max(1) as f64 / predicted_ns.max(1.0);
+    let ratios = timed.into_iter().flat_map(|(name, _, [cull_ns, visit_ns], pairs)| {
+        let stats = SceneStats::glance(boxes, Some(pairs));
+        let predicted_ns = start.cull_ns(name, Encoding::Sparse, &stats);
+        let cull = predicted_ns.map_or(1.0, |predicted_ns| ratio(cull_ns, predicted_ns));
+        let visit = ratio(visit_ns, start.visit_ns(name, Encoding::Sparse, &stats));
+        [(Some(name), cull), (None, visit)]
+    });
+    Ok(ratios.collect())
 }
 
 #[cfg(test)]

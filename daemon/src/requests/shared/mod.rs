@@ -17,10 +17,9 @@ mod tick;
 
 use std::collections::{BTreeMap, HashMap};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, OnceLock, Weak};
+use std::sync::{Arc, Mutex, Weak};
 use std::time::Instant;
 
-use pairmask_core::engine::CullError;
 use pairmask_core::scene::shared::{AtEnd, MemberId};
 use pairmask_wire::{
     AgreedTerms, JoinRequest, LeaseRequest, QueryRequest, Reject, SceneId, SceneName, SceneRequest,
@@ -33,7 +32,7 @@ use super::{EndWithPanic, GpuNeed, Served, threads_of};
 use crate::execute::{CpuTimer, EnginePool};
 use crate::locked;
 use crate::publish::{OpenRequest, Outbox, Refusal};
-use crate::serve::StoppedThread;
+use crate::serve::{ServeError, StoppedThread};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum End {
@@ -55,9 +54,9 @@ pub(super) struct SharedScenes {
 }
 
 impl SharedScenes {
-    pub(super) fn new(tools: SceneTools, outbox: Arc<Outbox>) -> Self {
-        let alarm = Alarm::new(Arc::clone(&tools.pool), Arc::clone(&outbox));
-        Self { tools, outbox, by_name: Mutex::default(), joined: Mutex::default(), alarm }
+    pub(super) fn new(tools: SceneTools, outbox: Arc<Outbox>) -> Result<Self, ServeError> {
+        let alarm = Alarm::start(Arc::clone(&tools.pool), Arc::clone(&outbox))?;
+        Ok(Self { tools, outbox, by_name: Mutex::default(), joined: Mutex::default(), alarm })
     }
 
     pub(super) fn join(&self, open: OpenRequest, request: &JoinRequest) {
@@ -77,7 +76,6 @@ impl SharedScenes {
         session: u128,
         request: &JoinRequest,
     ) -> Result<AgreedTerms, Refusal> {
-        self.alarm.start()?;
         loop {
             let scene = self.of_name(name, request)?;
             // Its last member may have left since it was found.
@@ -155,8 +153,8 @@ impl SharedScenes {
             return self.outbox.refuse_and_close(open, Refusal::stale_scene(0));
         };
         let threads = threads_of(request.threads, threads);
-        let mut answer = || scene.query(&mut open, request, threads, &self.outbox);
-        let answered = if threads == 1 { answer() } else { self.tools.pool.work(answer) };
+        let answer = || scene.query(&mut open, request, threads, &self.outbox);
+        let answered = self.tools.pool.work_by(threads, answer);
         if let Err(refusal) = &answered {
             self.outbox.refuse(&mut open, refusal);
         }
@@ -218,11 +216,10 @@ impl SharedScenes {
     }
 }
 
+/// The thread of the deadlines, which sleeps where there are none.
 struct Alarm {
     due: Arc<Mutex<Due>>,
-    pool: Arc<EnginePool>,
-    outbox: Arc<Outbox>,
-    thread: OnceLock<Option<StoppedThread>>,
+    thread: StoppedThread,
 }
 
 /// Deadlines, one a scene. A scene whose tick has ended meanwhile is looked at in vain.
@@ -241,26 +238,17 @@ fn set(due: &mut Due, at: Instant, scene: Weak<SharedScene>) -> bool {
 }
 
 impl Alarm {
-    fn new(pool: Arc<EnginePool>, outbox: Arc<Outbox>) -> Self {
-        Self { due: Arc::default(), pool, outbox, thread: OnceLock::new() }
-    }
-
-    fn start(&self) -> Result<(), Refusal> {
-        let thread = self.thread.get_or_init(|| {
-            let (due, pool) = (Arc::clone(&self.due), Arc::clone(&self.pool));
-            let outbox = Arc::clone(&self.outbox);
-            let work = move |stop: &AtomicBool| watch(&due, &pool, &outbox, stop);
-            StoppedThread::start("deadlines", "starting the thread of deadlines", work).ok()
-        });
-        let engine = pairmask_core::engine::EngineName::CpuGrid;
-        let no_thread = CullError::Unavailable { engine, why: "no thread for deadlines" };
-        thread.as_ref().map(drop).ok_or_else(|| no_thread.into())
+    fn start(pool: Arc<EnginePool>, outbox: Arc<Outbox>) -> Result<Self, ServeError> {
+        let due: Arc<Mutex<Due>> = Arc::default();
+        let watched = Arc::clone(&due);
+        let work = move |stop: &AtomicBool| watch(&watched, &pool, &outbox, stop);
+        let thread = StoppedThread::start("deadlines", "starting the thread of deadlines", work)?;
+        Ok(Self { due, thread })
     }
 
     fn set(&self, at: Instant, scene: &Arc<SharedScene>) {
-        let is_sooner = set(&mut locked(&self.due), at, Arc::downgrade(scene));
-        if is_sooner && let Some(Some(thread)) = self.thread.get() {
-            thread.wake();
+        if set(&mut locked(&self.due), at, Arc::downgrade(scene)) {
+            self.thread.wake();
         }
     }
 }

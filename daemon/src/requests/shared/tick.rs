@@ -27,15 +27,10 @@ struct Pairs {
 
 /// A tick whose edits are applied: what members are answered with.
 pub(super) struct AppliedTick {
-    facts: Facts,
-    answers: Vec<Answer>,
-}
-
-/// What all members are told alike.
-struct Facts {
     number: u64,
     late: Vec<Range<u32>>,
     answer: EditAnswer,
+    answers: Vec<Answer>,
 }
 
 struct Answer {
@@ -113,20 +108,10 @@ impl ClosedTick {
         let edit_bytes = edits.sum::<u64>() + scratch_bytes;
         boxes.note_room(recipients.map(Recipient::bytes).sum::<u64>() + edit_bytes);
         let scene = &boxes.scene;
-        let facts = Facts {
-            number,
-            late,
-            answer: EditAnswer {
-                engine: scene.engine(),
-                bytes: scene.bytes(),
-                threads,
-                times: StageTimes {
-                    execute_ns: start.elapsed().as_nanos() as u64,
-                    ..StageTimes::default()
-                },
-            },
-        };
-        AppliedTick { facts, answers }
+        let execute_ns = start.elapsed().as_nanos() as u64;
+        let times = StageTimes { execute_ns, ..StageTimes::default() };
+        let answer = EditAnswer { engine: scene.engine(), bytes: scene.bytes(), threads, times };
+        AppliedTick { number, late, answer, answers }
     }
 }
 
@@ -191,21 +176,16 @@ impl AppliedTick {
     }
 
     pub fn answer(self, outbox: &Outbox) {
-        let Self { facts, answers } = self;
-        for_each(answers, facts.answer.threads, |answer| facts.answer(answer, outbox));
-    }
-}
-
-impl Facts {
-    fn answer(&self, answer: Answer, outbox: &Outbox) {
-        let Answer { recipient, mut commit, reported } = answer;
-        let tick = Some((self.number, &self.late[..]));
-        let sent = reported
-            .and_then(|reported| self.answer.send(&mut commit.open, &reported, tick, outbox));
-        if let Err(refusal) = sent {
-            recipient.resync();
-            outbox.refuse(&mut commit.open, &refusal);
-        }
-        commit.open.close();
+        let Self { number, late, answer, answers } = self;
+        for_each(answers, answer.threads, |Answer { recipient, mut commit, reported }| {
+            let tick = Some((number, &late[..]));
+            let sent = reported
+                .and_then(|reported| answer.send(&mut commit.open, &reported, tick, outbox));
+            if let Err(refusal) = sent {
+                recipient.resync();
+                outbox.refuse(&mut commit.open, &refusal);
+            }
+            commit.open.close();
+        });
     }
 }

@@ -70,7 +70,9 @@ impl Scheduler {
 
     /// Whether a session that was active a moment ago, and may ask again, is not being served.
     pub(super) fn is_awaiting(&self, now: Instant) -> bool {
-        self.workers.sessions(now).any(|session| !self.inbox.is_served(session))
+        self.workers
+            .sessions_within(Duration::ZERO, now)
+            .any(|session| !self.inbox.is_served(session))
     }
 
     pub(super) fn put(&mut self, arrived: Arrived, now: Instant) {

@@ -67,11 +67,7 @@ impl Workers {
         }
     }
 
-    pub(super) fn sessions(&self, now: Instant) -> impl Iterator<Item = u128> {
-        self.sessions_within(ACTIVE_FOR, now)
-    }
-
-    /// Sessions that were active within a time, at least a moment: those that may come again during a frame that takes
+    /// Sessions that were active within a time, at least [`ACTIVE_FOR`]: those that may come again during a frame that takes
     /// as long. Some that were active earlier than [`KNOWN_FOR`] are forgotten.
     pub(super) fn sessions_within(
         &self,
@@ -178,7 +174,7 @@ impl Workers {
     }
 
     fn wanted(&self, now: Instant) -> usize {
-        let active = self.sessions(now).count();
+        let active = self.sessions_within(ACTIVE_FOR, now).count();
         (active.clamp(1, self.most_awake) + self.away()).min(self.activities.len())
     }
 }
