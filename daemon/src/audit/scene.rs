@@ -4,7 +4,7 @@
 //! followed in the background by a copy of its boxes and the pairs that its client knows from what it took.
 //! After each taken answer some boxes, drawn at random, are compared with all others.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 
 use bytemuck::Zeroable;
 use pairmask_core::oracle::Corners;
@@ -58,31 +58,11 @@ impl SceneNote {
     }
 }
 
-/// Pairs that a client knows, by each of their boxes.
-#[derive(Debug, Default)]
-struct Known(BTreeMap<u32, BTreeSet<u32>>);
-
-impl Known {
-    fn insert(&mut self, [a, b]: [u32; 2]) -> bool {
-        self.0.entry(b).or_default().insert(a);
-        self.0.entry(a).or_default().insert(b)
-    }
-
-    fn remove(&mut self, [a, b]: [u32; 2]) -> bool {
-        let mut out = |a, b| self.0.get_mut(&a).is_some_and(|others| others.remove(&b));
-        out(b, a);
-        out(a, b)
-    }
-
-    fn has(&self, a: u32, b: u32) -> bool {
-        self.0.get(&a).is_some_and(|others| others.contains(&b))
-    }
-}
-
 #[derive(Debug)]
 pub struct SceneAudit {
     copy: SceneCopy,
-    known: Known,
+    /// Pairs that the client knows.
+    known: BTreeSet<[u32; 2]>,
     /// The last answer, until the client says that it took it or not.
     open: Option<SceneNote>,
     scratch: EditScratch,
@@ -93,7 +73,7 @@ impl SceneAudit {
     pub fn new(most_boxes: u32, seed: u64) -> Self {
         Self {
             copy: SceneCopy::new(most_boxes),
-            known: Known::default(),
+            known: BTreeSet::new(),
             open: None,
             scratch: EditScratch::default(),
             random: Random::new(seed),
@@ -133,10 +113,7 @@ impl SceneAudit {
     fn take(&mut self, reported: &Reported) -> Outcome {
         let mut outcome = Outcome::default();
         if reported.is_resync() || reported.report() == Report::All {
-            self.known = Known::default();
-            for pair in reported.pairs() {
-                self.known.insert(*pair);
-            }
+            self.known = reported.pairs().iter().copied().collect();
         } else if reported.report() == Report::Changes {
             let mut wrong = |is_wrong: bool, [a, b]: [u32; 2]| {
                 if is_wrong {
@@ -145,7 +122,7 @@ impl SceneAudit {
                 }
             };
             for ended in reported.ended() {
-                wrong(!self.known.remove(ended.pair), ended.pair);
+                wrong(!self.known.remove(&ended.pair), ended.pair);
             }
             for pair in reported.begun() {
                 wrong(!self.known.insert(*pair), *pair);
@@ -166,8 +143,8 @@ impl SceneAudit {
             for (other, theirs) in (0..).zip(&boxes).filter(|(other, _)| *other != row) {
                 let is = boxes[row as usize].overlap(theirs)
                     && self.copy.states().may_meet([row, other]);
-                let pair = || [row.min(other), row.max(other)];
-                outcome.note(is, self.known.has(row, other), pair);
+                let pair = [row.min(other), row.max(other)];
+                outcome.note(is, self.known.contains(&pair), || pair);
             }
         }
     }

@@ -4,44 +4,37 @@ use std::fmt;
 
 use pairmask_core::engine::SkipMeter;
 use pairmask_wire::SkipTotals;
-use serde::{Deserialize, Serialize};
+use serde::{Serialize, Serializer};
 
 /// Work that was left out. Fields may be added.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct Skipped {
     /// Boxes that were not looked at: they overlap nothing by themselves, or have not moved.
-    pub boxes: u64,
-    pub pairs: u64,
-    pub why: Why,
+    boxes: u64,
+    pairs: u64,
+    /// Pairs that were never compared, by the first reason that holds: two static boxes, two that have not moved, an
+    /// empty one, cells that are too far apart, the order along an axis.
+    #[serde(serialize_with = "as_map")]
+    why: [(&'static str, u64); 5],
     /// Words that were not written: zeros of masks; of scenes two for each pair that was told before.
-    pub zero_words: u64,
+    zero_words: u64,
 }
 
-/// Pairs that were never compared, by the first reason that holds.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Why {
-    #[serde(rename = "static")]
-    pub statics: u64,
-    pub unmoved: u64,
-    pub empty: u64,
-    /// Their cells are too far apart.
-    pub cell: u64,
-    /// The order along an axis holds them apart.
-    pub axis: u64,
+fn as_map<S: Serializer>(why: &[(&str, u64)], serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.collect_map(why.iter().copied())
 }
 
 impl From<&SkipTotals> for Skipped {
     fn from(totals: &SkipTotals) -> Self {
-        let SkipTotals { boxes, words, .. } = *totals;
-        let why = Why {
-            statics: totals.static_pairs,
-            unmoved: totals.unmoved_pairs,
-            empty: totals.empty_pairs,
-            cell: totals.cell_pairs,
-            axis: totals.axis_pairs,
-        };
-        let pairs = why.named().iter().fold(0, |sum: u64, (_, pairs)| sum.saturating_add(*pairs));
-        Self { boxes, pairs, why, zero_words: words }
+        let why = [
+            ("static", totals.static_pairs),
+            ("unmoved", totals.unmoved_pairs),
+            ("empty", totals.empty_pairs),
+            ("cell", totals.cell_pairs),
+            ("axis", totals.axis_pairs),
+        ];
+        let pairs = why.iter().fold(0, |sum: u64, (_, pairs)| sum.saturating_add(*pairs));
+        Self { boxes: totals.boxes, pairs, why, zero_words: totals.words }
     }
 }
 
@@ -51,28 +44,21 @@ impl From<&SkipMeter> for Skipped {
     }
 }
 
-impl Why {
-    const fn named(&self) -> [(&'static str, u64); 5] {
-        let Self { statics, unmoved, empty, cell, axis } = *self;
-        [
-            ("static", statics),
-            ("unmoved", unmoved),
-            ("empty", empty),
-            ("cell", cell),
-            ("axis", axis),
-        ]
+impl Default for Skipped {
+    fn default() -> Self {
+        Self::from(&SkipTotals::default())
     }
 }
 
 impl fmt::Display for Skipped {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{} boxes, {} pairs", self.boxes, self.pairs)?;
-        let reasons = self.why.named().into_iter().filter(|(_, pairs)| *pairs > 0);
-        for (i, (name, pairs)) in reasons.enumerate() {
-            write!(f, "{}{name} {pairs}", if i == 0 { " (" } else { ", " })?;
+        let reasons = self.why.iter().filter(|(_, pairs)| *pairs > 0);
+        let reasons: Vec<_> = reasons.map(|(name, pairs)| format!("{name} {pairs}")).collect();
+        if !reasons.is_empty() {
+            write!(f, " ({})", reasons.join(", "))?;
         }
-        let end = if self.why == Why::default() { "" } else { ")" };
-        write!(f, "{end}, {} zero words", self.zero_words)
+        write!(f, ", {} zero words", self.zero_words)
     }
 }
 

@@ -44,8 +44,7 @@ impl<'a> SentBoxes<'a> {
             }
             narrow => {
                 let precision = narrow.precision(boxes);
-                let sent = as_sent(&precision, boxes);
-                Self::narrow(&precision, sent)
+                Self::narrow(&precision, as_sent(&precision, boxes))
             }
         }
     }
@@ -59,23 +58,16 @@ impl<'a> SentBoxes<'a> {
             }
             Precision::Exact | Precision::F16 => String::new(),
         };
-        let form = precision.form();
-        Self {
-            boxes: sent.into(),
-            mode: form.as_str().to_owned(),
-            form: Some(Form {
-                unit: match form {
-                    BoxForm::Q16 | BoxForm::Q8 => "cells",
-                    BoxForm::F16 => "halves",
-                    BoxForm::F32 => "f32",
-                },
-                rule: format!("{bounds}{}", precision.widening()),
-                cell_edges: match precision.widening() {
-                    Widening::Cells { size, .. } => Some(size),
-                    Widening::None | Widening::Relative { .. } | Widening::Origin(_) => None,
-                },
-            }),
-        }
+        let (form, widening) = (precision.form(), precision.widening());
+        let unit = match form {
+            BoxForm::Q16 | BoxForm::Q8 => "cells",
+            BoxForm::F16 => "halves",
+            BoxForm::F32 => "f32",
+        };
+        let (rule, mode) = (format!("{bounds}{widening}"), form.as_str().to_owned());
+        let cell_edges =
+            if let Widening::Cells { size, .. } = widening { Some(size) } else { None };
+        Self { boxes: sent.into(), mode, form: Some(Form { unit, rule, cell_edges }) }
     }
 
     pub fn inflated(margin: Margin, sent: impl Into<Cow<'a, [Aabb]>>) -> Self {

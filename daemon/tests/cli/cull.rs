@@ -1,6 +1,8 @@
 //! `cull`: files in, files and JSON out.
 
-use pairmask_core::Aabb;
+use pairmask_core::mask::{MaskShape, Span};
+use pairmask_core::oracle::naive_decoder;
+use pairmask_core::{Aabb, BoxCount};
 use pairmask_tests::oracle::{self, Pair, Truth};
 use pairmask_tests::{spheres, stress_scenes};
 use serde_json::Value;
@@ -23,43 +25,23 @@ fn pairs_of(words: &[u32]) -> Vec<Pair> {
     words.chunks(2).map(|pair| [pair[0], pair[1]]).collect()
 }
 
-/// Pairs of a dense mask file: one bit after the other.
-fn dense_pairs(words: &[u32], n: u32) -> Vec<Pair> {
-    let all = (0..n).flat_map(|a| (a + 1..n).map(move |b| [a, b]));
-    let set = all.enumerate().filter(|(k, _)| words[k / 32] >> (k % 32) & 1 == 1);
-    set.map(|(_, pair)| pair).collect()
-}
+const ENCODINGS: [&str; 3] = ["dense", "sparse", "list"];
 
-/// Pairs of a sparse mask file: order, rows, blocks, bits.
-fn sparse_pairs(words: &[u32], n: u32) -> Vec<Pair> {
-    let (order, rest) = words.split_at(n as usize);
-    let count = rest.len() / 3;
-    assert_eq!(rest.len(), 3 * count);
-    let mut pairs = Vec::new();
-    for word in 0..count {
-        let (row, block, bits) = (rest[word], rest[count + word], rest[2 * count + word]);
-        for t in (0..32).filter(|t| bits >> t & 1 == 1) {
-            let (a, b) = (order[row as usize], order[(32 * block + t) as usize]);
-            pairs.push([a.min(b), a.max(b)]);
+/// Pairs of a mask file. That of a sparse mask has the order, the rows, the blocks and the bits.
+fn pairs_in(mask: &[u32], encoding: &str, n: u32) -> Vec<Pair> {
+    let (words, n_words) = (mask.len() as u64, u64::from(n));
+    let shape = match encoding {
+        "dense" => MaskShape::dense(BoxCount::new(n)),
+        "list" => MaskShape::list(words / 2),
+        _ => {
+            let len = (words - n_words) / 3;
+            assert_eq!(words, n_words + 3 * len);
+            let [rows, blocks, bits] = [0, 1, 2].map(|at| Span { start: n_words + at * len, len });
+            MaskShape::Sparse { rows, blocks, bits, order: Some(Span { start: 0, len: n_words }) }
         }
-    }
-    pairs.sort_unstable();
-    pairs
+    };
+    naive_decoder::decode(mask, &shape, n).unwrap()
 }
-
-fn list_pairs(words: &[u32], n: u32) -> Vec<Pair> {
-    let (pairs, rest) = words.as_chunks::<2>();
-    assert!(rest.is_empty() && pairs.iter().all(|[a, b]| a < b && *b < n));
-    let mut pairs: Vec<Pair> = pairs.to_vec();
-    pairs.sort_unstable();
-    pairs
-}
-
-type Decoder = fn(&[u32], u32) -> Vec<Pair>;
-
-/// What reads a mask file of each encoding.
-const DECODERS: [(&str, Decoder); 3] =
-    [("dense", dense_pairs), ("sparse", sparse_pairs), ("list", list_pairs)];
 
 #[test]
 fn pairs_and_masks_are_those_of_the_oracle() {
@@ -71,14 +53,14 @@ fn pairs_and_masks_are_those_of_the_oracle() {
     let daemon = daemon();
     let dir = daemon.dir().path().to_owned();
     for backend in ["in-process", "daemon"] {
-        for (encoding, decode) in DECODERS {
+        for encoding in ENCODINGS {
             let more =
                 format!("--backend {backend} --encoding {encoding} --pairs pairs --mask mask");
             let line = format!("cull boxes.f32 --runtime-dir {} {more} --json", dir.display());
             let report = place.run_line(&line).json();
             assert_eq!((&report["shape"], &report["boxes"]), (&"boxes".into(), &n.into()));
             assert_eq!(report["pairs"], truth.pairs.len());
-            check_files(&place, &report, (backend, encoding), decode, (n, &truth));
+            check_files(&place, &report, (backend, encoding), (n, &truth));
         }
     }
 }
@@ -88,7 +70,6 @@ fn check_files(
     place: &Place,
     report: &Value,
     (backend, encoding): (&str, &str),
-    decode: Decoder,
     (n, truth): (u32, &Truth),
 ) {
     assert_eq!(keys(report), names(FIELDS));
@@ -97,7 +78,7 @@ fn check_files(
     assert_eq!(report["empty"], truth.census.empty);
     assert_eq!(pairs_of(&words(&place.file("pairs"))), truth.pairs, "{backend} {encoding}");
     let mask = words(&place.file("mask"));
-    assert_eq!(decode(&mask, n), truth.pairs, "{backend} {encoding}");
+    assert_eq!(pairs_in(&mask, encoding, n), truth.pairs, "{backend} {encoding}");
 }
 
 #[test]
@@ -109,7 +90,7 @@ fn spheres_are_those_of_their_oracle() {
     std::fs::write(place.file("spheres.f32"), bytemuck::cast_slice(&scene)).unwrap();
     let cull = |more: &str| place.run_line(&format!("cull spheres.f32 --shape spheres {more}"));
     for backend in ["--spawn", "--backend=in-process"] {
-        for (encoding, decode) in DECODERS {
+        for encoding in ENCODINGS {
             let files = "--pairs pairs --mask mask --json";
             let report = cull(&format!("{backend} --encoding {encoding} {files}")).json();
             assert_eq!(report["shape"], "spheres");
@@ -117,7 +98,7 @@ fn spheres_are_those_of_their_oracle() {
             assert_eq!(report["box_form"], "spheres");
             assert_eq!(report["box_bytes"], 16 * scene.len());
             let by = if backend == "--spawn" { "daemon" } else { "in-process" };
-            check_files(&place, &report, (by, encoding), decode, (300, &truth));
+            check_files(&place, &report, (by, encoding), (300, &truth));
         }
     }
     let text = cull("--backend=in-process").stdout;
@@ -253,7 +234,7 @@ fn results_go_to_stdout_and_the_report_aside() {
         words(&place.file(name))
     };
     assert_eq!(pairs_of(&bytes("pairs", "--pairs")), truth.pairs);
-    assert_eq!(dense_pairs(&bytes("mask", "--mask"), 345), truth.pairs);
+    assert_eq!(pairs_in(&bytes("mask", "--mask"), "dense", 345), truth.pairs);
     assert!(!place.file("-").exists());
     let scene = place.line("scene uniform 50 -").output().unwrap().stdout;
     assert_eq!(scene.len(), 50 * 24);

@@ -124,6 +124,14 @@ fn program_of_all(place: &Place) -> PathBuf {
     program
 }
 
+/// A line for a program, without an environment.
+fn bare(program: &Path, line: &str) -> Command {
+    let mut command = Command::new(program);
+    command.args(line.split_whitespace()).env_clear();
+    command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+    command
+}
+
 /// Another user than the tests' own, root.
 const NOBODY: u32 = 65_534;
 
@@ -141,14 +149,12 @@ fn what_belongs_to_others_says_what_to_do() {
     // Root may read files without any read permission.
     let may_read_all = File::open(place.file("boxes.f32")).is_ok();
     let run = |line: &str| {
-        let mut command = Command::new(&program);
-        command.args(line.split_whitespace()).current_dir(place.path()).env_clear();
-        command.env("XDG_CONFIG_HOME", place.path()).env("PAIRMASK_RUNTIME_DIR", place.path());
-        command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        let mut command = bare(&program, line);
+        command.current_dir(place.path()).env("PAIRMASK_RUNTIME_DIR", place.path());
         if may_read_all {
             command.uid(NOBODY);
         }
-        finish(command.spawn().unwrap())
+        finish(command.env("XDG_CONFIG_HOME", place.path()).spawn().unwrap())
     };
     for (line, code, expected) in [
         ("status", 2, "config.toml: you may not read it: change its permissions"),
@@ -324,10 +330,8 @@ fn the_home_of_another_user_is_named() {
     std::fs::create_dir(&home).unwrap();
     std::fs::set_permissions(&home, Permissions::from_mode(0o700)).unwrap();
     for variable in ["HOME", "XDG_CONFIG_HOME"] {
-        let mut command = Command::new(&program);
-        command.arg("status").env_clear().env(variable, &home);
-        command.env("PAIRMASK_RUNTIME_DIR", "/tmp");
-        command.uid(NOBODY).gid(NOBODY).stdout(Stdio::piped()).stderr(Stdio::piped());
+        let mut command = bare(&program, "status");
+        command.env(variable, &home).env("PAIRMASK_RUNTIME_DIR", "/tmp").uid(NOBODY).gid(NOBODY);
         let finished = finish(command.spawn().unwrap());
         let expected = format!("{variable} is {}, which belongs to user 0", home.display());
         check(&finished, 2, &expected, &variable);
