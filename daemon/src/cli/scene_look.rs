@@ -38,40 +38,38 @@ impl Look {
         }
     }
 
-    /// What is doubtful of `n` boxes, so many of which overlap nothing.
-    pub fn warning_of_boxes(self, n: u32, useless: &Census) -> Option<String> {
+    /// What is doubtful of `n` boxes or spheres, so many of which overlap nothing.
+    pub fn warning(self, are_boxes: bool, n: u32, useless: &Census) -> Option<String> {
         let Census { empty, invalid, .. } = useless;
         let count = u64::from(*empty) + u64::from(*invalid);
-        let hint = "the file reads as spheres: try --shape spheres";
+        let (reads_as_other, hint) = if are_boxes {
+            (self.reads_as_spheres, "the file reads as spheres: try --shape spheres")
+        } else {
+            (self.reads_as_boxes, "the file reads as boxes: try it without --shape spheres")
+        };
+        let [one, other, why_empty, why_invalid] = if are_boxes {
+            ["box", "is it a file of boxes?", "min above max", "NaN"]
+        } else {
+            ["sphere", "is it a file of spheres?", "radius below 0", "no finite centre, or NaN"]
+        };
         if n > 0 && count == u64::from(n) {
-            let hint = if self.reads_as_spheres { hint } else { "is it a file of boxes?" };
-            Some(format!(
-                "no box overlaps anything, since all are empty (min above max: {empty}) or invalid \
-                 (NaN: {invalid}); {hint}"
-            ))
-        } else {
-            let is_doubtful = 2 * count > u64::from(n) && self.reads_as_spheres;
-            is_doubtful.then(|| format!("{count} of {n} boxes are empty or invalid, and {hint}"))
+            let hint = if reads_as_other { hint } else { other };
+            return Some(format!(
+                "no {one} overlaps anything, since all are empty ({why_empty}: {empty}) or invalid \
+                 ({why_invalid}: {invalid}); {hint}"
+            ));
         }
-    }
-
-    pub fn warning_of_spheres(self, n: u32, useless: &Census) -> Option<String> {
-        let Census { empty, invalid, .. } = useless;
-        let hint = "the file reads as boxes: try it without --shape spheres";
-        if n > 0 && u64::from(*empty) + u64::from(*invalid) == u64::from(n) {
-            let hint = if self.reads_as_boxes { hint } else { "is it a file of spheres?" };
-            Some(format!(
-                "no sphere overlaps anything, since all are empty (radius below 0: {empty}) or \
-                 invalid (no finite centre, or NaN: {invalid}); {hint}"
-            ))
+        if are_boxes {
+            let is_doubtful = 2 * count > u64::from(n) && reads_as_other;
+            is_doubtful.then(|| format!("{count} of {n} boxes are empty or invalid, and {hint}"))
         } else {
-            self.reads_as_boxes.then(|| hint.to_owned())
+            reads_as_other.then(|| hint.to_owned())
         }
     }
 }
 
 pub fn of_boxes(boxes: &[Aabb]) -> Option<String> {
-    Look::at(boxes).warning_of_boxes(boxes.len() as u32, &Census::of(boxes))
+    Look::at(boxes).warning(true, boxes.len() as u32, &Census::of(boxes))
 }
 
 #[cfg(test)]
@@ -91,7 +89,7 @@ mod tests {
             assert_eq!(of_boxes(Scene::new(name, 240, 1).boxes()), None, "{name}");
         }
         assert_eq!(of_boxes(&[]), None);
-        assert_eq!(Look::at(&spheres()).warning_of_spheres(300, &Census::default()), None);
+        assert_eq!(Look::at(&spheres()).warning(false, 300, &Census::default()), None);
     }
 
     #[test]

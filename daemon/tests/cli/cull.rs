@@ -167,17 +167,7 @@ fn explain_says_what_was_seen_predicted_and_measured() {
 }
 
 #[test]
-fn spawn_starts_a_daemon_and_leaves_nothing() {
-    let place = Place::new();
-    place.boxes(&scene());
-    let report = place.run_line("cull boxes.f32 --spawn --json").json();
-    assert_eq!(report["backend"], "daemon");
-    assert_eq!(report["pairs"], oracle::truth(&scene()).pairs.len());
-    place.assert_clean(&["boxes.f32"]);
-}
-
-#[test]
-fn every_precision_has_all_pairs() {
+fn every_precision_has_all_pairs_and_a_daemon_that_is_spawned_leaves_nothing() {
     let place = Place::new();
     place.boxes(&scene());
     let exact = oracle::truth(&scene()).pairs;
@@ -188,21 +178,26 @@ fn every_precision_has_all_pairs() {
         ("f16", "f16", 12),
         ("margin=1.5", "f32", 24),
     ] {
-        for backend in ["--spawn", "--backend=in-process"] {
+        for (backend, by) in [("--spawn", "daemon"), ("--backend=in-process", "in-process")] {
             let line =
                 format!("cull boxes.f32 {backend} --json --precision {precision} --pairs pairs");
             let report = place.run_line(&line).json();
             assert_eq!(keys(&report), names(FIELDS));
-            assert_eq!(report["precision"], precision);
+            assert_eq!((&report["precision"], &report["backend"]), (&precision.into(), &by.into()));
             assert_eq!(report["box_form"], form);
             assert_eq!(report["box_bytes"], 345 * box_bytes);
             assert_eq!((&report["invalid"], &report["empty"]), (&2.into(), &1.into()));
             let pairs = pairs_of(&words(&place.file("pairs")));
             assert!(exact.iter().all(|pair| pairs.binary_search(pair).is_ok()), "{precision}");
             assert_eq!(precision == "exact", report["gap_below"][0] == 0.0, "{report}");
-            assert!(precision == "exact" || precision == "q16" || pairs.len() > exact.len());
+            assert_eq!(report["pairs"], pairs.len());
+            match precision {
+                "exact" => assert_eq!(pairs, exact),
+                _ => assert!(precision == "q16" || pairs.len() > exact.len()),
+            }
         }
     }
+    place.assert_clean(&["boxes.f32", "pairs"]);
 }
 
 #[test]

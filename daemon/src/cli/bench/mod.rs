@@ -163,23 +163,16 @@ impl Latency {
                 // The daemon of this wait must not inherit the client's one core.
                 cores.unpin()?;
             }
-            let target = Target::new(
-                &self.frames_of.options,
-                &self.frames_of.daemon,
-                wait.spin(),
-                1,
-                place,
-            )?;
+            let FramesOf { options, daemon, .. } = &self.frames_of;
+            let target = Target::new(options, daemon, wait.spin(), 1, place)?;
             if let Some(cores) = &cores {
                 cores.pin(&target.dir, &target.instance)?;
             }
             for scene in &scenes {
                 for precision in &self.frames_of.precision {
-                    let session =
-                        target.session(self.frames_of.options.session(place), wait.spin());
-                    let (scene, daemon) = (scene.clone(), target.cpu());
-                    let row =
-                        self.row(scene, *precision, *wait, &decoding, session, daemon.as_ref());
+                    let session = target.session(options.session(place), wait.spin());
+                    let (scene, cpu) = (scene.clone(), target.cpu());
+                    let row = self.row(scene, *precision, *wait, &decoding, session, cpu.as_ref());
                     rows.push(row?);
                 }
             }
@@ -234,10 +227,9 @@ impl Latency {
                 progress.set_position(frame);
             }
         }
-        let (of_daemon, of_client) = used;
-        let of_daemon = of_daemon.map(|used| used());
-        let of_client = own_cpu().saturating_sub(of_client);
-        let cpu = CpuUsed::of(figures.frames, of_daemon, Some(of_client));
+        let (daemon, client) = used;
+        let (daemon, client) = (daemon.map(|used| used()), own_cpu().saturating_sub(client));
+        let cpu = CpuUsed { daemon, client: Some(client), frames: figures.frames };
         progress.finish_and_clear();
         Ok(LatencyRow { n, precision, wait, decode_threads, figures, cpu })
     }

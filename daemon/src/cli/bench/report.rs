@@ -36,16 +36,12 @@ pub struct LatencyRow {
 /// CPU time of the frames of a row, of all clients that ran together.
 #[derive(Clone, Copy, Debug)]
 pub struct CpuUsed {
-    daemon: Option<Used>,
-    client: Option<Duration>,
-    frames: u64,
+    pub daemon: Option<Used>,
+    pub client: Option<Duration>,
+    pub frames: u64,
 }
 
 impl CpuUsed {
-    pub const fn of(frames: u64, daemon: Option<Used>, client: Option<Duration>) -> Self {
-        Self { daemon, client, frames }
-    }
-
     fn daemon_ns(&self) -> Option<u64> {
         self.daemon.map(|used| nanoseconds_a(used.cpu, self.frames))
     }

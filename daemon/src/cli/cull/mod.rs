@@ -111,11 +111,8 @@ impl Cull {
         let (mask, timings) = answer(frame, times)?;
 
         let explain = planned.map(|plan| explanation(&plan, place.isa(), &mask, timings.decode));
-        let (n, census) = (mask.n().get(), &mask.info().census);
-        let warnings = Vec::from_iter(match self.shape {
-            Shape::Boxes => look.warning_of_boxes(n, census),
-            Shape::Spheres => look.warning_of_spheres(n, census),
-        });
+        let (are_boxes, census) = (self.shape == Shape::Boxes, &mask.info().census);
+        let warnings = Vec::from_iter(look.warning(are_boxes, mask.n().get(), census));
         let report = report(&mask, self.precision, &world, &timings, explain, &warnings);
         if let Some(path) = &self.pairs {
             write_pairs(path, &mask)?;
@@ -195,13 +192,14 @@ fn ask_boxes(
     planner: Option<impl FnOnce(&[Aabb]) -> Plan>,
 ) -> Result<Asked> {
     let start = Instant::now();
+    let look_at = |boxes: &[Aabb]| {
+        let read = Instant::now();
+        (planner.map(|plan| plan(boxes)), Look::at(boxes), [start, read, Instant::now()])
+    };
     if precision == PrecisionChoice::Exact {
         let mut exact = session.frame(boxes.count())?;
         boxes.read_into(exact.boxes_mut())?;
-        let read = Instant::now();
-        let planned = planner.map(|plan| plan(exact.boxes()));
-        let look = Look::at(exact.boxes());
-        let times = [start, read, Instant::now()];
+        let (planned, look, times) = look_at(exact.boxes());
         let world = Bounds::around(&[]);
         return Ok(Asked { times, frame: exact.submit()?, planned, look, world });
     }
@@ -211,10 +209,7 @@ fn ask_boxes(
     precision.inflate(&mut boxes);
     let mut narrow = session.narrow_frame(boxes.len(), precision.precision(&boxes))?;
     narrow.write(&boxes)?;
-    let read = Instant::now();
-    let planned = planner.map(|plan| plan(&boxes));
-    let look = Look::at(&boxes);
-    let times = [start, read, Instant::now()];
+    let (planned, look, times) = look_at(&boxes);
     Ok(Asked { times, frame: narrow.submit()?, planned, look, world })
 }
 

@@ -265,7 +265,7 @@ impl Load {
                 client.end();
             }
             let frames = measured.iter().map(|client| client.figures.frames).sum();
-            let cpu = CpuUsed::of(frames, used, None);
+            let cpu = CpuUsed { daemon: used, client: None, frames };
             let mut measured = measured.into_iter();
             for Group { n, clients } in *groups {
                 // The figures of all clients of a group as one, and the median round trip of the worst of them.
