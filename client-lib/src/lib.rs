@@ -57,8 +57,8 @@
 //! | [`Session::narrow_frame`] | 12 or 6 | boxes with less [`Precision`]: fewer bytes, some extra pairs, none missed |
 //! | [`Session::sphere_frame`] | 16 | bounding spheres in place of boxes, exact |
 //! | [`Session::scene`] | what changes | scenes that persist: edits in, pairs that began and ended out; few boxes move, or changes are what you need |
-//! | the same with [margins](SceneOptions::with_margins) | what leaves its margin | where many boxes move a little |
-//! | [`Session::join_scene`] | what changes | one scene that several processes write, each its own boxes |
+//! | the same with [margins](SceneOptions::margin) | what leaves its margin | where many boxes move a little |
+//! | the same, [shared](SceneOptions::shared) | what changes | one scene that several processes write, each its own boxes |
 //!
 //! Frames of boxes may have collision filters ([`filters`], [`FrameOptions`]): worlds side by side, owners,
 //! categories and masks, groups, and lists of pairs.
@@ -99,20 +99,30 @@ use pairmask_transport as transport;
 /// Which boxes meet: tags, filters and listed pairs. [`pairmask_core::filters`] has the rule and worked examples.
 pub mod filters {
     pub use pairmask_core::filters::{
-        Filter, FilterId, FilterTable, Owner, PairLists, Rules, Tag, World, engines,
+        Filter, FilterId, FilterTable, Owner, PairLists, Rules, Tag, World,
     };
+
+    /// Filters of other engines. [`pairmask_core::filters::engines`] says what the functions take into account, and has
+    /// two more, for the bodies of a `MuJoCo` model and the collision groups of Jolt's bodies.
+    pub mod engines {
+        pub use pairmask_core::filters::engines::{
+            from_avian, from_box2d, from_bullet, from_jolt_layers, from_jolt_mask, from_mujoco,
+            from_newton, from_physx_group, from_physx_groups_mask, from_physx_words, from_rapier,
+            from_relation, owner_of,
+        };
+    }
 }
 
 pub use pairmask_core::aabb::Aabb;
 pub use pairmask_core::precision::{Bounds, Margin, Precision};
 pub use pairmask_core::scene::shared::{AtEnd, Scope};
-pub use pairmask_core::scene::{EditError, EndReason, Ended, MarginedPairs, Report, SceneOptions};
+pub use pairmask_core::scene::{EditError, EndReason, Ended, Report};
 pub use pairmask_core::sphere::Sphere;
-pub use pairmask_core::update::{Placement, ToWorld, Transformed};
+pub use pairmask_core::update::{Placement, Transformed};
 pub use pairmask_core::write::{BoxSource, CenterHalf, MinMax};
 pub use pairmask_wire::StatusBody as DaemonStatus;
 pub use session::{
-    Backend, ConnectError, EndedList, Error, Frame, FrameInfo, FrameObject, FrameOptions,
-    JoinOptions, MarginStats, PairList, PairMask, PendingAnswer, PendingFrame, Quantized,
-    QueryAnswer, Scene, SceneAnswer, SceneEdit, SceneQuery, ServedBy, Session, SessionBuilder,
+    Backend, ConnectError, Error, Frame, FrameInfo, FrameObject, FrameOptions, MarginStats,
+    PairList, PairMask, PendingAnswer, PendingFrame, Quantized, QueryAnswer, Scene, SceneAnswer,
+    SceneEdit, SceneOptions, ServedBy, Session, SessionBuilder,
 };

@@ -23,7 +23,7 @@ pub struct Frame {
 impl Simulation {
     /// Sends all boxes. They are at the same indices in the world and in the scene.
     pub fn new(session: &mut Session, world: World) -> Result<Self, Error> {
-        let mut scene = session.scene(SceneOptions::default());
+        let mut scene = session.scene(SceneOptions::default())?;
         let (boxes, statics) = (world.boxes(), world.statics());
         let edit = scene.edit().set_all(0..boxes.len() as u32, &boxes);
         // Floor and walls overlap at the edges, which is no contact: two static boxes are no pair.

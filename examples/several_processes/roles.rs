@@ -4,7 +4,7 @@ use std::error::Error;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-use pairmask::{Aabb, Backend, JoinOptions, Report, Scene, Scope, Session};
+use pairmask::{Aabb, Backend, Report, Scene, SceneOptions, Scope, Session};
 
 use crate::arguments::Arguments;
 
@@ -21,8 +21,8 @@ const PATIENCE: Duration = Duration::from_secs(10);
 
 fn join(scope: Scope) -> Result<(Session, Scene), Box<dyn Error>> {
     let mut session = Session::builder().backend(Backend::Daemon).connect()?;
-    let options = JoinOptions::default().with_tick_deadline(DEADLINE).with_scope(scope);
-    let scene = session.join_scene(SCENE, options)?;
+    let options = SceneOptions::default().with_tick_deadline(DEADLINE).with_scope(scope);
+    let scene = session.scene(options.with_shared(SCENE))?;
     Ok((session, scene))
 }
 
@@ -128,7 +128,7 @@ pub fn listen(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
         pairs = if answer.is_resync() {
             answer.pairs().len() as u64
         } else {
-            pairs + answer.begun().len() as u64 - answer.ended().len() as u64
+            pairs + answer.begun().len() as u64 - answer.ended().count() as u64
         };
         if answer.pair_count() != Some(pairs) {
             return Err(format!("{pairs} pairs counted, {:?} told", answer.pair_count()).into());
@@ -141,7 +141,7 @@ pub fn listen(arguments: &Arguments) -> Result<(), Box<dyn Error>> {
         }
         seen += 1;
         begun += answer.begun().len() as u64;
-        ended += answer.ended().len() as u64;
+        ended += answer.ended().count() as u64;
         late += u64::from(!answer.late().is_empty());
         if printed.elapsed() > Duration::from_millis(200) || seen == arguments.ticks {
             printed = Instant::now();

@@ -70,17 +70,17 @@ fn ask(
         .map(Iterator::collect)
         .collect();
     let mut session = session(daemon, backend, n)?;
-    let mut scene = session.scene(SceneOptions::default());
+    let mut scene = session.scene(pairmask::SceneOptions::default())?;
     let edit = scene.edit().set_all(0..u32::try_from(n)?, &boxes);
     drop(edit.commit(Report::Nothing)?);
     let begin = Instant::now();
-    drop(scene.query(&sets[0]).find()?);
+    drop(scene.query(&sets[0])?);
     let first = micros(begin);
     let (mut asks, mut visits, mut totals, mut pairs) = (vec![], vec![], vec![], 0);
     let (mut engines, mut publishes) = (vec![], vec![]);
     for round in 0..WARM_UP + options.rounds {
         let begin = Instant::now();
-        let answer = scene.query(&sets[round % SETS]).find()?;
+        let answer = scene.query(&sets[round % SETS])?;
         let asked = micros(begin);
         visit(|each| answer.for_each_slice(each));
         let total = micros(begin);

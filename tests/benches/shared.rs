@@ -12,7 +12,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 use clap::Parser;
-use pairmask::{JoinOptions, Scene};
+use pairmask::{Scene, SceneOptions};
 use pairmask_tests::measure::{self, percentile};
 use pairmask_tests::prelude::*;
 use pairmaskd::execute::gpu::GpuChoice;
@@ -56,7 +56,7 @@ fn moving(range: std::ops::Range<u32>, tick: u64, share: u32) -> Vec<u32> {
 
 fn commit(scene: &mut Scene, indices: &[u32], boxes: &[Aabb]) -> Result<(), pairmask::Error> {
     let answer = scene.edit().set_all(indices, boxes).commit(Report::Changes)?;
-    black_box((answer.begun().len(), answer.ended().len()));
+    black_box((answer.begun().len(), answer.ended().count()));
     Ok(())
 }
 
@@ -113,16 +113,16 @@ fn measure(
     let (line, since) = (Line::default(), Instant::now());
     let span = Span { first: AtomicU64::new(u64::MAX), last: AtomicU64::new(0) };
     let has_failed = AtomicBool::new(false);
-    let options = JoinOptions::default().with_tick_deadline(DEADLINE);
+    let options = SceneOptions::default().with_tick_deadline(DEADLINE);
     let mut writers = Vec::new();
     for which in 0..WRITERS {
         let mut session = daemon.session().connect()?;
-        let mut scene = session.join_scene(&format!("bench-{share}"), options)?;
+        let mut scene = session.scene(options.clone().with_shared(format!("bench-{share}")))?;
         scene.lease(which * boxes..(which + 1) * boxes)?;
         writers.push((which, session, scene));
     }
     let mut session = daemon.session().connect()?;
-    let mut alone = session.scene(SceneOptions::default());
+    let mut alone = session.scene(SceneOptions::default())?;
     let mut times = [Vec::new(), Vec::new()];
     std::thread::scope(|scope| -> Result<(), Box<dyn Error>> {
         for (which, session, mut scene) in writers {

@@ -1,7 +1,7 @@
 //! A daemon whose auditor checks every frame, and its report on some frames.
 
-use pairmask::{Backend, Session};
-use pairmask_core::scene::{Report, SceneOptions};
+use pairmask::{Backend, SceneOptions, Session};
+use pairmask_core::scene::Report;
 use pairmask_core::{Aabb, Encoding, EncodingChoice, Sphere};
 use pairmask_transport::RuntimeDir;
 use rustix::process::{Pid, Signal, kill_process};
@@ -34,14 +34,15 @@ pub fn audit<P: Program>(encoding: Encoding, shape: Shape) -> (Value, String) {
     let session = builder.encoding(EncodingChoice::Only(encoding)).connect();
     let mut session = session.expect("the daemon answers");
     let boxes = [Aabb::from([0.0, 0.0, 0.0, 1.0, 1.0, 1.0]); OBJECTS];
-    let mut scene = (shape == Shape::Queries).then(|| session.scene(SceneOptions::default()));
+    let mut scene = (shape == Shape::Queries)
+        .then(|| session.scene(SceneOptions::default()).expect("no other process is needed"));
     if let Some(scene) = &mut scene {
         let edit = scene.edit().set_all(0..(OBJECTS - FIRST) as u32, &boxes[FIRST..]);
         drop(edit.commit(Report::Nothing).expect("an edit is answered"));
     }
     for _ in 0..5 {
         if let Some(scene) = &mut scene {
-            drop(scene.query(&boxes[..FIRST]).find().expect("a query is answered"));
+            drop(scene.query(&boxes[..FIRST]).expect("a query is answered"));
             continue;
         }
         let pending = if shape == Shape::Spheres {

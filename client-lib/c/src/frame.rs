@@ -9,9 +9,9 @@ use bytemuck::{Pod, Zeroable, cast, cast_slice};
 use pairmask::filters::Rules;
 use pairmask::{
     Aabb, Bounds, BoxSource, CenterHalf, Error, FrameOptions, MinMax, Placement, Precision,
-    Quantized, Sphere, ToWorld, Transformed,
+    Quantized, Sphere, Transformed,
 };
-use pairmask_core::update::WorldMatrix;
+use pairmask_core::update::{ToWorld, WorldMatrix};
 
 use crate::call::call;
 use crate::code::pm_code::{self, PM_ERR_STATE};

@@ -6,8 +6,8 @@ use std::sync::{Arc, Mutex, PoisonError, Weak};
 use std::time::{Duration, Instant};
 
 use pairmask::{
-    AtEnd, Backend, Error, FrameOptions, JoinOptions, Margin, MarginedPairs, PendingFrame, Scene,
-    SceneOptions, Scope, Session, SessionBuilder,
+    AtEnd, Backend, Error, FrameOptions, Margin, PendingFrame, Scene, SceneOptions, Scope, Session,
+    SessionBuilder,
 };
 use pairmask_core::units::BoxCount;
 use pyo3::exceptions::PyRuntimeWarning;
@@ -141,14 +141,14 @@ impl PySession {
         usual_margin: f32,
     ) -> PyResult<PyScene> {
         let mut options = SceneOptions::default();
-        options.most_boxes = most_boxes.unwrap_or(options.most_boxes);
+        options.most_boxes = most_boxes;
         options.threads = threads;
         if let Some(name) = margins {
-            let known = [("exact", MarginedPairs::Exact), ("near", MarginedPairs::Near)];
-            options = options.with_margins(one_of(name, &known)?, margin(usual_margin)?);
+            let near_pairs = one_of(name, &[("exact", false), ("near", true)])?;
+            options = options.with_margin(margin(usual_margin)?).with_near_pairs(near_pairs);
         }
         let scene = self.session.with_detached(py, move |session| session.scene(options))?;
-        Ok(self.own(scene))
+        scene.map(|scene| self.own(scene)).map_err(raised)
     }
 
     /// Joins a scene that several processes write, each its own boxes, by its name. `tick_deadline` (seconds; 0.1 unless
@@ -170,14 +170,13 @@ impl PySession {
         usual_margin: Option<f32>,
     ) -> PyResult<PyScene> {
         let ends = [("remove", AtEnd::Remove), ("keep", AtEnd::Keep)];
-        let mut options = JoinOptions::default();
+        let mut options = SceneOptions::default().with_shared(name);
         options.most_boxes = most_boxes;
         options.tick_deadline = tick_deadline.map(seconds).transpose()?;
         options.at_end = at_end.map(|name| one_of(name, &ends)).transpose()?;
         options.scope = one_of(scope, &[("own", Scope::Own), ("all", Scope::All)])?;
-        options.usual_margin = usual_margin.map(margin).transpose()?;
-        let scene =
-            self.session.with_detached(py, move |session| session.join_scene(name, options))?;
+        options.margin = usual_margin.map(margin).transpose()?;
+        let scene = self.session.with_detached(py, move |session| session.scene(options))?;
         scene.map(|scene| self.own(scene)).map_err(raised)
     }
 

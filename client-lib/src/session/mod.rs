@@ -49,8 +49,7 @@ pub use frame::{Frame, FrameObject, FrameOptions, Quantized};
 pub use pairs::{FrameInfo, PairMask, ServedBy};
 pub use pending::PendingFrame;
 pub use scene::{
-    EndedList, JoinOptions, MarginStats, PairList, PendingAnswer, QueryAnswer, Scene, SceneAnswer,
-    SceneEdit, SceneQuery,
+    MarginStats, PairList, PendingAnswer, QueryAnswer, Scene, SceneAnswer, SceneEdit, SceneOptions,
 };
 pub use settings::Backend;
 
@@ -58,7 +57,6 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use pairmask_core::precision::Precision;
-use pairmask_core::scene::SceneOptions;
 use pairmask_core::sphere::Sphere;
 use pairmask_wire::StatusBody;
 
@@ -170,28 +168,27 @@ impl Session {
     ///
     /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
     /// let mut session = Session::builder().backend(Backend::InProcess).connect()?;
-    /// let mut scene = session.scene(SceneOptions::default());
+    /// let mut scene = session.scene(SceneOptions::default())?;
     /// let at = |x: f32| Aabb::new([x, 0.0, 0.0], [x + 1.0, 1.0, 1.0]);
     ///
     /// let reported = scene.edit().set(7, at(0.0)).set(9, at(0.5)).commit(Report::Changes)?;
     /// assert_eq!(reported.begun().to_vec(), [[7, 9]]);
     ///
     /// let reported = scene.edit().set(9, at(5.0)).commit(Report::Changes)?;
-    /// assert_eq!(reported.ended().to_vec()[0].pair, [7, 9]);
+    /// assert!(reported.ended().map(|ended| ended.pair).eq([[7, 9]]));
     /// # Ok(())
     /// # }
     /// ```
     ///
-    /// Boxes may have [margins](pairmask_core::scene::SceneMargins), and are sent only when they have left theirs:
+    /// Boxes may have [margins](SceneOptions::margin), and are sent only when they have left theirs:
     ///
     /// ```
-    /// use pairmask::{Aabb, Backend, Margin, MarginedPairs, Report, SceneOptions, Session};
+    /// use pairmask::{Aabb, Backend, Margin, Report, SceneOptions, Session};
     ///
     /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
     /// let mut session = Session::builder().backend(Backend::InProcess).connect()?;
     /// let half = Margin::new(0.5)?;
-    /// let options = SceneOptions::default().with_margins(MarginedPairs::Exact, half);
-    /// let mut scene = session.scene(options);
+    /// let mut scene = session.scene(SceneOptions::default().with_margin(half))?;
     /// let at = |x: f32| Aabb::new([x, 0.0, 0.0], [x + 1.0, 1.0, 1.0]);
     ///
     /// let edit = scene.edit().set(7, at(0.0)).set(9, at(1.2));
@@ -206,12 +203,9 @@ impl Session {
     /// # Ok(())
     /// # }
     /// ```
-    pub fn scene(&mut self, options: SceneOptions) -> Scene {
-        Scene::new(options, &self.core)
-    }
-
-    /// Joins a scene that several processes write, each its own boxes, by its name in the daemon's instance:
-    /// 1 to 64 letters, digits and `-_.:/`. The first member makes it, and it ends with the last one.
+    ///
+    /// A [shared](SceneOptions::shared) scene is written by several processes, each its own boxes. The first member
+    /// makes it in the daemon's instance, and it ends with the last one.
     ///
     /// A writer [leases](Scene::lease) ranges of indices, and commits edits of their boxes. A tick ends when all
     /// writers have committed, or at its deadline: then all edits are applied at once, and every member that has
@@ -227,14 +221,14 @@ impl Session {
     /// those of who leases their indices next, who may set them; giving the lease back removes them, and so does a
     /// member that has lost its membership and joins again, since it sends all boxes that it knows.
     ///
-    /// There is no such scene in process: without a daemon this is an error, with any backend.
+    /// There is no shared scene in process: without a daemon this is an error, with any backend.
     ///
     /// ```no_run
-    /// use pairmask::{Aabb, JoinOptions, Report, Session};
+    /// use pairmask::{Aabb, Report, SceneOptions, Session};
     ///
     /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
     /// let mut session = Session::builder().connect()?;
-    /// let mut scene = session.join_scene("arena", JoinOptions::default())?;
+    /// let mut scene = session.scene(SceneOptions::default().with_shared("arena"))?;
     /// // Each process has its own range, so that indices do not depend on who came first.
     /// scene.lease(0..25_000)?;
     /// for step in 0..100 {
@@ -251,9 +245,9 @@ impl Session {
     /// ```
     ///
     /// # Errors
-    /// [`Error`].
-    pub fn join_scene(&mut self, name: &str, options: JoinOptions) -> Result<Scene, Error> {
-        Scene::join(&self.core, name, options)
+    /// [`Error`], of shared scenes only.
+    pub fn scene(&mut self, options: SceneOptions) -> Result<Scene, Error> {
+        Scene::new(&self.core, options)
     }
 
     /// How long the session waits for the daemon.

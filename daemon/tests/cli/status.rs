@@ -77,7 +77,7 @@ fn a_daemon_reports_what_it_did() {
     frame.spheres_mut().fill(pairmask_core::Sphere::new([0.0; 3], 1.0));
     frame.submit().unwrap().wait().unwrap();
     is_shown("4 frames, 12 boxes, 5 spheres, 28 pairs");
-    let mut scene = session.scene(pairmask::SceneOptions::default());
+    let mut scene = session.scene(pairmask::SceneOptions::default()).unwrap();
     let edit = scene.edit().set(0, Aabb::EMPTY);
     drop(edit.commit(pairmask::Report::All).unwrap());
     is_shown("1 scenes of 1 MiB");

@@ -89,7 +89,7 @@ fn box_of(trees: &ColliderTrees, key: ColliderTreeProxyKey) -> Option<Aabb> {
 
 fn scene_of(backend: Backend) -> Result<Scene, ConnectError> {
     let mut session = Session::builder().backend(backend).connect()?;
-    Ok(session.scene(SceneOptions::default()))
+    Ok(session.scene(SceneOptions::default())?)
 }
 
 impl PairmaskWorld {

@@ -106,7 +106,7 @@ fn edit(
     visit(|each| answer.pairs().for_each_slice(each));
     black_box(answer.ended().fold(0, |sum, e| sum + u64::from(e.pair[0] ^ e.pair[1])));
     let times = [write, answered - write, begin.elapsed().as_nanos() as u64 - answered];
-    Ok((times, answer.begun().len() + answer.ended().len(), answer.engine()))
+    Ok((times, answer.begun().len() + answer.ended().count(), answer.engine()))
 }
 
 struct Taken {
@@ -136,7 +136,7 @@ impl<'s> Bench<'s> {
         world: World,
         names: &[PeerName],
     ) -> Result<Self, Box<dyn Error>> {
-        let mut scene = session.scene(SceneOptions::default());
+        let mut scene = session.scene(pairmask::SceneOptions::default())?;
         let all: Vec<u32> = (0..world.boxes().len() as u32).collect();
         edit(&mut scene, &all, world.boxes(), false)?;
         let made = names.iter().map(|name| Ok((*name, peer(*name, world.boxes())?)));

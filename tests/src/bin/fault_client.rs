@@ -24,7 +24,7 @@ use std::fs::{self, OpenOptions};
 use std::io::Write;
 use std::time::Duration;
 
-use pairmask::{Backend, JoinOptions, PendingFrame, Report, Session};
+use pairmask::{Backend, PendingFrame, Report, SceneOptions, Session};
 use pairmask_core::{Aabb, EngineChoice, Sphere};
 use pairmask_tests::frames::{Frames, Sorted, at};
 use pairmask_tests::{oracle, stress_scenes};
@@ -105,7 +105,7 @@ fn frame_of(session: &mut Session, n: u32) -> Result<PendingFrame, Box<dyn Error
 /// Ten boxes around the origin that are no pairs of each other, and meet what is there.
 fn shared(session: &mut Session) -> Result<(), Box<dyn Error>> {
     let name = std::env::args().nth(3).ok_or("shared needs the scene's name")?;
-    let mut scene = session.join_scene(&name, JoinOptions::default())?;
+    let mut scene = session.scene(SceneOptions::default().with_shared(&name))?;
     // Those of a writer that was killed are free a moment later.
     while let Err(error) = scene.lease(10..20) {
         if !matches!(error, pairmask::Error::Lease(_)) {

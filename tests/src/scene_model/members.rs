@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 use std::time::Duration;
 
-use pairmask::{JoinOptions, Scene, SceneEdit, Session, SessionBuilder};
+use pairmask::{Scene, SceneEdit, SceneOptions, Session, SessionBuilder};
 use pairmask_core::Aabb;
 use pairmask_core::engine::EngineName;
 use pairmask_core::scene::QueryTags;
@@ -39,7 +39,7 @@ impl Sessions {
 pub struct SharedMembers<'s> {
     sessions: &'s Sessions,
     name: String,
-    options: JoinOptions,
+    options: SceneOptions,
     members: BTreeMap<u32, (Scene, Range<u32>)>,
     engine: Option<EngineName>,
     ticks: usize,
@@ -50,7 +50,7 @@ impl<'s> SharedMembers<'s> {
     /// A scene of its own, which an engine has to answer for where one is named.
     pub fn new(sessions: &'s Sessions, script: &Script, engine: Option<EngineName>) -> Self {
         sessions.scenes.set(sessions.scenes.get() + 1);
-        let options = JoinOptions::default()
+        let options = SceneOptions::default()
             .with_most_boxes(script.own(MEMBERS).end)
             .with_tick_deadline(TICK_DEADLINE)
             .with_at_end(script.shared.unwrap_or_default());
@@ -117,7 +117,7 @@ impl Subject for SharedMembers<'_> {
 
     fn join(&mut self, member: u32, scope: Scope, own: Range<u32>) -> Result<(), String> {
         let session = &mut self.sessions.of_members.borrow_mut()[member as usize];
-        let joined = session.join_scene(&self.name, self.options.with_scope(scope));
+        let joined = session.scene(self.options.clone().with_scope(scope).with_shared(&self.name));
         let mut scene = joined.map_err(|error| error.to_string())?;
         if !own.is_empty() {
             scene.lease(own.clone()).map_err(|error| error.to_string())?;
@@ -139,13 +139,8 @@ impl Subject for SharedMembers<'_> {
         self.asked += 1;
         let asks = self.asked % self.members.len().max(1);
         let (scene, _) = self.members.values_mut().nth(asks)?;
-        let asked = scene.query(queries);
-        let asked = match tags {
-            QueryTags::None => asked,
-            QueryTags::One(tag) => asked.tag(tag),
-            QueryTags::Each(tags) => asked.tags(tags),
-        };
-        Some(asked.find().map(|found| found.to_vec()).map_err(|error| error.to_string()))
+        let found = scene.query_tagged(queries, tags);
+        Some(found.map(|found| found.to_vec()).map_err(|error| error.to_string()))
     }
 
     fn leave(&mut self, member: u32) {

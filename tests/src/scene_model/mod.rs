@@ -26,7 +26,7 @@ pub use self::check::{Failure, Seen, Subject, check};
 pub use self::generate::{Edits, Kind, script_of};
 pub use self::grouped::{Grouped, a_margin, margins_for};
 pub use self::members::{Sessions, SharedMembers};
-pub use self::model::{Heard, Listener, Model, PairsByGeneration, overlap};
+pub use self::model::{Heard, Listener, Model, PairsByGeneration, ended, overlap};
 pub use self::script::{
     AtEnd, EndReason, Ended, Event, Fate, Mode, Op, Pair, Scope, Script, Turn, at, one, turn,
 };

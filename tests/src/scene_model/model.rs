@@ -3,6 +3,7 @@
 //! A pair is named by the indices of its boxes and their generations: a box that is removed ends, and one that
 //! is set at its index is another. What a listener is told is the difference of two sets of such pairs.
 
+use std::borrow::Borrow;
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 
@@ -236,6 +237,11 @@ impl Heard {
     }
 }
 
+/// The pairs that ended, of a list or one by one.
+pub fn ended(listed: impl IntoIterator<Item = impl Borrow<Ended>>) -> Vec<Ended> {
+    listed.into_iter().map(|ended| *ended.borrow()).collect()
+}
+
 #[macro_export]
 macro_rules! heard {
     ($answer:expr) => {
@@ -243,7 +249,7 @@ macro_rules! heard {
             is_resync: $answer.is_resync(),
             pair_count: $answer.pair_count(),
             begun: $answer.begun().to_vec(),
-            ended: $answer.ended().to_vec(),
+            ended: $crate::scene_model::ended($answer.ended()),
             pairs: $answer.pairs().to_vec(),
         }
     };

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use pairmask::{MarginedPairs, Scene, SceneAnswer, SceneEdit, ServedBy, Session};
+use pairmask::{Scene, SceneAnswer, SceneEdit, ServedBy, Session};
 use pairmask_core::Aabb;
 use pairmask_core::engine::{EngineId, EngineName};
 use pairmask_core::scene::{
@@ -160,7 +160,7 @@ impl<'a> SessionScene<'a> {
         script: &Script,
         disturb: impl FnMut(Moment) + 'a,
     ) -> Self {
-        let scene = session.scene(options(script));
+        let scene = session.scene(options(script).into()).expect("no scene that is shared");
         Self { scene, expected: None, may_resync: true, margins: None, disturb: Box::new(disturb) }
     }
 
@@ -171,8 +171,9 @@ impl<'a> SessionScene<'a> {
         disturb: impl FnMut(Moment) + 'a,
     ) -> Self {
         let mut rng = Rng::new(script.events.len() as u64);
-        let options = options(script).with_margins(MarginedPairs::Exact, a_margin(&mut rng, 0));
-        let scene = session.scene(options);
+        let options = pairmask::SceneOptions::from(options(script));
+        let options = options.with_margin(a_margin(&mut rng, 0));
+        let scene = session.scene(options).expect("no scene that is shared");
         let (margins, disturb) = (Some(rng), Box::new(disturb));
         Self { scene, expected: None, may_resync: false, margins, disturb }
     }

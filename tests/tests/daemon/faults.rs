@@ -4,6 +4,7 @@ use std::io::ErrorKind;
 use std::process::Command;
 use std::time::{Duration, Instant};
 
+use pairmask::SceneOptions;
 use pairmask_core::objects::ObjectForm;
 use pairmask_tests::daemon::{outlive_kills, program, stop};
 use pairmask_tests::fault_client::FaultClient;
@@ -456,7 +457,7 @@ fn what_is_asked_of_a_gpu_that_is_not_there_is_refused() {
             session.ask_spheres(&spheres).wait().map(drop),
         ];
         if engine == EngineName::GpuGrid {
-            let mut scene = session.scene(SceneOptions::default());
+            let mut scene = session.scene(SceneOptions::default()).unwrap();
             answers.push(scene.edit().set(0, at(0.0)).commit(Report::All).map(drop));
         }
         for answer in answers {

@@ -4,7 +4,7 @@ use std::cell::{Cell, RefCell};
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
-use pairmask::{EditError, Margin, MarginStats, MarginedPairs, Scene, SceneEdit};
+use pairmask::{EditError, Margin, MarginStats, Scene, SceneEdit, SceneOptions};
 use pairmask_lab::stress::{FloatFlags, Rounding};
 use pairmask_tests::prelude::*;
 use pairmask_tests::scene_model::{
@@ -18,8 +18,8 @@ fn margin(units: f32) -> Margin {
 }
 
 /// Options of a scene with margins, none of which is usual.
-fn with_margins(pairs: MarginedPairs) -> SceneOptions {
-    SceneOptions::default().with_margins(pairs, Margin::default())
+fn with_margins(near_pairs: bool) -> SceneOptions {
+    SceneOptions::default().with_margin(Margin::default()).with_near_pairs(near_pairs)
 }
 
 fn stats_of(scene: &Scene) -> MarginStats {
@@ -103,8 +103,8 @@ fn check_near(
 fn near(session: &mut Session, (seed, most_boxes): (u64, u32), edits: usize) {
     let mut rng = Rng::new(seed);
     let usual = a_margin(&mut rng, 0);
-    let options = SceneOptions::default().with_margins(MarginedPairs::Near, usual);
-    let mut scene = session.scene(options);
+    let options = SceneOptions::default().with_margin(usual).with_near_pairs(true);
+    let mut scene = session.scene(options).unwrap();
     let mut source = Edits::new(seed, most_boxes);
     let (mut known, mut of_boxes) = (BTreeSet::new(), BTreeMap::new());
     for _ in 0..edits {
@@ -155,7 +155,7 @@ fn pairs_of(scene: &mut Scene, boxes: &[Aabb], margin: Margin) -> Vec<Pair> {
 fn odd_large_scenes_have_the_oracles_pairs() {
     for n in [345, 1_234, 40_003] {
         let mut random = Random::new(n as u64);
-        let mut scene = in_process().scene(with_margins(MarginedPairs::Exact));
+        let mut scene = in_process().scene(with_margins(false)).unwrap();
         let mut boxes = World::new(SceneName::Uniform, n, 1).boxes().to_vec();
         for _ in 0..4 {
             assert_eq!(pairs_of(&mut scene, &boxes, margin(0.02)), oracle_pairs(&boxes));
@@ -180,9 +180,9 @@ fn oracle_pairs(boxes: &[Aabb]) -> Vec<[u32; 2]> {
 #[test]
 fn one_that_teleports_among_thousands_that_drift_is_sent_alone() {
     let (n, frames) = (5_000u32, 100u32);
-    for kind in [MarginedPairs::Near, MarginedPairs::Exact] {
+    for is_near in [true, false] {
         let mut random = Random::new(5);
-        let mut scene = in_process().scene(with_margins(kind));
+        let mut scene = in_process().scene(with_margins(is_near)).unwrap();
         let mut boxes = World::new(SceneName::Uniform, n as usize, 1).boxes().to_vec();
         let (half, step) = (margin(0.5), 0.5 / 101.0);
         drop(scene.edit().set_all_margined(0..n, &boxes, half).commit(Report::Changes).unwrap());
@@ -207,13 +207,12 @@ fn one_that_teleports_among_thousands_that_drift_is_sent_alone() {
 #[test]
 fn an_edit_within_margins_needs_no_daemon() {
     let daemon = TestDaemon::of_cores();
-    for kind in [MarginedPairs::Near, MarginedPairs::Exact] {
+    for is_near in [true, false] {
         let mut session = daemon.connect();
-        let mut scene = session.scene(with_margins(kind));
+        let mut scene = session.scene(with_margins(is_near)).unwrap();
         let edit = moved(&mut scene, &[(1, 0.0), (2, 1.2)], 0.5);
         let answer = edit.commit(Report::Changes).unwrap();
         assert_eq!(answer.served_by(), ServedBy::Daemon);
-        let is_near = kind == MarginedPairs::Near;
         assert_eq!(answer.begun().len(), usize::from(is_near));
         drop(answer);
 
@@ -223,7 +222,7 @@ fn an_edit_within_margins_needs_no_daemon() {
         assert_eq!(answer.begun().len(), usize::from(!is_near));
         drop(answer);
         let answer = scene.edit().commit(Report::Changes).unwrap();
-        assert!(answer.begun().is_empty() && answer.ended().is_empty());
+        assert!(answer.begun().is_empty() && answer.ended().next().is_none());
         assert_eq!(answer.served_by(), ServedBy::InProcess);
         drop(answer);
         if !is_near {
@@ -237,8 +236,8 @@ fn an_edit_within_margins_needs_no_daemon() {
 
 #[test]
 fn what_is_wrong_with_an_edit_is_reported_and_changes_nothing() {
-    let options = with_margins(MarginedPairs::Exact).with_most_boxes(9);
-    let mut scene = in_process().scene(options);
+    let options = with_margins(false).with_most_boxes(9);
+    let mut scene = in_process().scene(options).unwrap();
     let boxes = [at(0.0), at(0.5), at(3.0)];
     drop(scene.edit().set_all_margined(0..3, &boxes, margin(1.0)).commit(Report::Changes).unwrap());
     let (far, three) = ([at(7.0), at(8.0)], [margin(0.0); 3]);
@@ -268,7 +267,7 @@ fn what_is_wrong_with_an_edit_is_reported_and_changes_nothing() {
 #[test]
 fn a_request_that_could_not_be_sent_changes_nothing() {
     let (_daemon, mut session) = served();
-    let mut scene = session.scene(with_margins(MarginedPairs::Exact));
+    let mut scene = session.scene(with_margins(false)).unwrap();
     let edit = moved(&mut scene, &[(0, 0.0), (1, 0.5)], 0.1);
     assert_eq!(edit.commit(Report::Changes).unwrap().begun(), [[0, 1]]);
     let frames: Vec<_> = (0..3).map(|_| session.frame(4).unwrap()).collect();
@@ -280,7 +279,7 @@ fn a_request_that_could_not_be_sent_changes_nothing() {
     assert_eq!(edit.commit(Report::All).unwrap().pairs(), [[0, 1]]);
     drop(frames);
     let answer = moved(&mut scene, &[(0, 5.0)], 0.1).commit(Report::Changes).unwrap();
-    assert_eq!(answer.ended().to_vec()[0].pair, [0, 1]);
+    assert_eq!(answer.ended().next().unwrap().pair, [0, 1]);
 }
 
 #[test]
@@ -320,7 +319,7 @@ fn exact_changes_go_on_while_worker_and_daemon_are_killed() {
 fn a_daemon_that_died_costs_a_typed_error_and_no_change() {
     let mut daemon = TestDaemon::of_cores();
     let mut session = daemon.connect();
-    let mut scene = session.scene(with_margins(MarginedPairs::Exact));
+    let mut scene = session.scene(with_margins(false)).unwrap();
     let edit = moved(&mut scene, &[(1, 0.0), (2, 0.5)], 0.1);
     assert_eq!(edit.commit(Report::Changes).unwrap().begun(), [[1, 2]]);
     daemon.signal_worker(Signal::STOP);
@@ -334,7 +333,7 @@ fn a_daemon_that_died_costs_a_typed_error_and_no_change() {
     eventually("the scene is sent again", || {
         let answer = scene.edit().commit(Report::Changes).ok()?;
         assert!(!answer.is_resync(), "this process knows what was told");
-        assert_eq!((answer.begun().to_vec(), answer.ended().len()), (vec![[2, 3]], 1));
+        assert_eq!((answer.begun().to_vec(), answer.ended().count()), (vec![[2, 3]], 1));
         Some(())
     });
 }
@@ -363,7 +362,7 @@ fn flags_of_the_calling_thread_change_neither_pairs_nor_what_is_sent() {
         // The margin is the same number whatever the flags.
         let margin = margin(0.02 * extent);
         let run = || {
-            let mut scene = in_process().scene(with_margins(MarginedPairs::Exact));
+            let mut scene = in_process().scene(with_margins(false)).unwrap();
             for (boxes, pairs) in &frames {
                 assert_eq!(pairs_of(&mut scene, boxes, margin), *pairs, "{extent}");
             }

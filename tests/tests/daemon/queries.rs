@@ -1,9 +1,9 @@
 //! Queries of scenes and frames of two sets: in process, by a daemon, and when the daemon is killed. Every
 //! answer is what comparing each with each gives.
 
-use pairmask::{JoinOptions, Margin, MarginedPairs, QueryAnswer, SceneEdit};
+use pairmask::{Margin, QueryAnswer, SceneEdit, SceneOptions};
 use pairmask_core::filters::Tag;
-use pairmask_core::scene::{QueryError, Scene, between};
+use pairmask_core::scene::{QueryError, Scene, SceneOptions as CoreOptions, between};
 use pairmask_tests::frames::two_sets;
 use pairmask_tests::prelude::*;
 use pairmask_tests::queried::{QueriedScene, Queries, a_query};
@@ -57,13 +57,7 @@ impl QueriedScene for Remote<'_> {
 
     fn query(&mut self, queries: &[Aabb], tags: QueryTags<'_>, encoding: Encoding) -> Vec<Pair> {
         (self.before)();
-        let asked = self.scene.query(queries).encoding(encoding);
-        let asked = match tags {
-            QueryTags::None => asked,
-            QueryTags::One(tag) => asked.tag(tag),
-            QueryTags::Each(tags) => asked.tags(tags),
-        };
-        let answer = asked.find().unwrap();
+        let answer = self.scene.query_as(queries, tags, encoding).unwrap();
         assert_eq!(answer.mask().encoding(), encoding);
         self.served.push(answer.served_by());
         read(&answer, queries.len() as u32)
@@ -74,7 +68,7 @@ impl QueriedScene for Remote<'_> {
 fn scenes_of_all_small_sizes_are_queried() {
     let mut found = 0;
     for largest in 0..70 {
-        let mut scene = Scene::new(SceneOptions::default().with_threads(1));
+        let mut scene = Scene::new(CoreOptions::default().with_threads(1));
         found += check(&mut scene, u64::from(largest), largest, 40);
     }
     assert!(found > 10_000, "{found}");
@@ -83,7 +77,7 @@ fn scenes_of_all_small_sizes_are_queried() {
 #[test]
 fn larger_scenes_are_queried_by_few_and_by_many() {
     for (seed, largest, threads) in [(1, 700, 2), (2, 3_001, 3), (3, 6_007, 2)] {
-        let mut scene = Scene::new(SceneOptions::default().with_threads(threads));
+        let mut scene = Scene::new(CoreOptions::default().with_threads(threads));
         let mut queries = Queries::new(seed, largest, seed == 1);
         let counts = [1, 5, 63, 64, 65, 700, 129, 1, 300].into_iter().cycle().take(40);
         let found: usize = counts.map(|count| queries.check(&mut scene, count)).sum();
@@ -101,7 +95,7 @@ fn a_query_changes_nothing_that_edits_report() {
 #[test]
 fn a_query_that_finds_too_much_is_refused_and_the_scene_stays() {
     let boxes = [Aabb::new([0.0; 3], [1.0; 3]); 500];
-    let mut scene = Scene::new(SceneOptions::default().with_threads(2));
+    let mut scene = Scene::new(CoreOptions::default().with_threads(2));
     scene.edit(Edit { steps: &sets_all(&boxes) }, Report::Nothing).unwrap();
     let (few, many) = ([boxes[0]; 3], [boxes[0]; 400]);
     let mut found = Vec::new();
@@ -124,7 +118,7 @@ fn a_query_that_finds_too_much_is_refused_and_the_scene_stays() {
 
 #[test]
 fn each_query_needs_its_tag() {
-    let mut scene = Scene::new(SceneOptions::default());
+    let mut scene = Scene::new(CoreOptions::default());
     let (queries, tags) = ([Aabb::EMPTY; 3], [Tag::default(); 2]);
     let asked = scene.query(&queries, QueryTags::Each(&tags), &mut Vec::new());
     assert!(matches!(asked, Err(QueryError::Tags { queries: 3, tags: 2 })));
@@ -136,16 +130,16 @@ fn a_daemon_is_queried() {
     let mut session = daemon.connect();
     let without = SceneOptions::default();
     // Of boxes with margins, what is found are the boxes as they were set.
-    let [near, exact] = [MarginedPairs::Near, MarginedPairs::Exact]
-        .map(|pairs| without.with_margins(pairs, Margin::new(0.7).unwrap()));
+    let exact = without.clone().with_margin(Margin::new(0.7).unwrap());
+    let near = exact.clone().with_near_pairs(true);
     for (seed, largest, rounds) in [(1, 30, 80), (2, 70, 80), (3, 700, 60)] {
-        for options in [without, near, exact] {
-            let mut scene = Remote::new(session.scene(options), || ());
+        for options in [&without, &near, &exact] {
+            let mut scene = Remote::new(session.scene(options.clone()).unwrap(), || ());
             assert!(check(&mut scene, seed, largest, rounds) > 100);
             assert!(scene.served.contains(&ServedBy::Daemon));
         }
     }
-    let mut scene = Remote::new(session.scene(SceneOptions::default()), || ());
+    let mut scene = Remote::new(session.scene(SceneOptions::default()).unwrap(), || ());
     let mut queries = Queries::new(5, 6_000, true);
     let found: usize =
         [300, 5, 1_000].into_iter().map(|count| queries.check(&mut scene, count)).sum();
@@ -159,8 +153,8 @@ fn a_shared_scene_is_queried() {
     let daemon = TestDaemon::start(&["--gpu", "none", "--audit", "1/1"]);
     let mut session = daemon.connect();
     for (seed, largest, rounds) in [(31, 30, 80), (32, 70, 80), (33, 700, 60)] {
-        let options = JoinOptions::default().with_most_boxes(largest);
-        let mut scene = session.join_scene(&format!("queried-{seed}"), options).unwrap();
+        let options = SceneOptions::default().with_most_boxes(largest);
+        let mut scene = session.scene(options.with_shared(format!("queried-{seed}"))).unwrap();
         scene.lease(0..largest).unwrap();
         assert!(check(&mut Remote::new(scene, || ()), seed, largest, rounds) > 100);
     }
@@ -172,7 +166,7 @@ fn a_daemon_with_a_gpu_is_queried() {
     let daemon = TestDaemon::start(&["--gpu", "software", "--audit", "1/1"]);
     let mut session = daemon.connect_to(EngineName::GpuGrid);
     for (seed, largest, rounds) in [(21, 20, 30), (22, 300, 30), (23, 3_001, 10)] {
-        let mut scene = Remote::new(session.scene(SceneOptions::default()), || ());
+        let mut scene = Remote::new(session.scene(SceneOptions::default()).unwrap(), || ());
         let found = check(&mut scene, seed, largest, rounds);
         assert!(found > 20, "{found}");
         assert!(scene.served.contains(&ServedBy::Daemon));
@@ -184,7 +178,7 @@ fn a_daemon_with_a_gpu_is_queried() {
 fn queries_outlive_a_daemon_that_is_killed() {
     let (daemon, mut session) = served_or_here();
     let mut requests = 0;
-    let mut scene = Remote::new(session.scene(SceneOptions::default()), || {
+    let mut scene = Remote::new(session.scene(SceneOptions::default()).unwrap(), || {
         requests += 1;
         if requests % 23 == 0 {
             daemon.signal_worker(Signal::KILL);
@@ -200,11 +194,11 @@ fn a_reply_that_is_too_small_refuses_a_query_and_the_scene_stays() {
     let boxes = vec![Aabb::new([0.0; 3], [1.0; 3]); 2_000];
     for (backend, is_answered) in [(Backend::Daemon, false), (Backend::Auto, true)] {
         let mut session = daemon.session().backend(backend).connect().unwrap();
-        let mut scene = session.scene(SceneOptions::default());
+        let mut scene = session.scene(SceneOptions::default()).unwrap();
         let set = scene.edit().set_all(0..2_000, &boxes);
         drop(set.commit(Report::Nothing).unwrap());
         for (queries, fits) in [(2, true), (1_000, false), (3, true)] {
-            match scene.query(&boxes[..queries]).find() {
+            match scene.query(&boxes[..queries]) {
                 Ok(found) => {
                     assert!(fits || is_answered);
                     assert_eq!(found.count(), 2_000 * queries as u64);
@@ -233,7 +227,7 @@ fn the_model_notices_a_pair_that_is_missing() {
             found
         }
     }
-    let mut scene = Forgetful(Scene::new(SceneOptions::default()));
+    let mut scene = Forgetful(Scene::new(CoreOptions::default()));
     let checked =
         std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| check(&mut scene, 4, 40, 80)));
     assert!(checked.is_err());

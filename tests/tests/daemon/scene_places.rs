@@ -2,13 +2,13 @@
 
 use std::time::Duration;
 
-use pairmask::Scene;
+use pairmask::{Scene, SceneOptions};
 use pairmask_tests::prelude::*;
 
 /// Scenes of two boxes each, whose one pair was reported.
 fn reported_scenes<const N: usize>(session: &mut Session) -> [Scene; N] {
     std::array::from_fn(|_| {
-        let mut scene = session.scene(SceneOptions::default());
+        let mut scene = session.scene(SceneOptions::default()).unwrap();
         let edit = scene.edit().set(0, at(0.0)).set(1, at(0.5));
         assert_eq!(edit.commit(Report::Changes).unwrap().begun(), [[0, 1]]);
         scene
@@ -25,7 +25,7 @@ fn make_up(scene: &mut Scene) {
     let answer = scene.edit().remove(0).commit(Report::Changes).unwrap();
     assert_eq!((answer.served_by(), answer.is_resync()), (ServedBy::Daemon, false));
     assert_eq!(answer.begun(), [[1, 2]]);
-    assert_eq!(answer.ended().to_vec()[0].pair, [0, 1]);
+    assert_eq!(answer.ended().next().unwrap().pair, [0, 1]);
     assert_eq!(answer.pair_count(), Some(1));
 }
 

@@ -1,9 +1,9 @@
 //! Scenes of sessions, kept by a daemon: where they are kept, limits, and daemons that die. What they tell is held to
 //! the model.
 
-use pairmask::Scene;
 use pairmask::filters::{Filter, FilterId, FilterTable, Tag};
-use pairmask_core::scene::Scene as CoreScene;
+use pairmask::{Scene, SceneOptions};
+use pairmask_core::scene::{Scene as CoreScene, SceneOptions as CoreOptions};
 use pairmask_tests::prelude::*;
 use pairmask_tests::scene_model::Heard;
 use pairmask_wire::{ReplyError, StatusCode};
@@ -20,8 +20,9 @@ fn a_scene_moves_to_the_gpu_by_itself_and_its_answers_stay_right() {
     const BOXES: u32 = 1_200;
     let daemon = TestDaemon::start(&["--gpu", "software"]);
     let mut session = daemon.connect();
-    let options = SceneOptions::default().with_threads(1);
-    let (mut scene, mut here) = (session.scene(options), CoreScene::new(options));
+    let options = CoreOptions::default().with_threads(1);
+    let mut scene = session.scene(options.into()).unwrap();
+    let mut here = CoreScene::new(options);
     let mut random = Random::new(7);
     // The engine of an answer that is read.
     let mut edit = |count: u32, is_read: bool| {
@@ -56,8 +57,9 @@ fn a_scene_moves_to_the_gpu_by_itself_and_its_answers_stay_right() {
 fn a_scene_that_is_only_asked_moves_to_the_gpu_and_reports_what_it_has_not_reported() {
     let daemon = TestDaemon::start(&["--gpu", "software"]);
     let mut session = daemon.connect();
-    let options = SceneOptions::default().with_threads(1);
-    let (mut scene, mut here) = (session.scene(options), CoreScene::new(options));
+    let options = CoreOptions::default().with_threads(1);
+    let mut scene = session.scene(options.into()).unwrap();
+    let mut here = CoreScene::new(options);
     let mut random = Random::new(8);
     let boxes = crowds(2_000, &mut random);
     drop(scene.edit().set_all(0..2_000, &boxes).commit(Report::Nothing).unwrap());
@@ -66,7 +68,7 @@ fn a_scene_that_is_only_asked_moves_to_the_gpu_and_reports_what_it_has_not_repor
     until("the scene moves to the GPU", || {
         let queries = crowds(1_500, &mut random);
         here.query(&queries, QueryTags::None, &mut expected).unwrap();
-        assert_eq!(scene.query(&queries).find().unwrap().to_vec(), expected);
+        assert_eq!(scene.query(&queries).unwrap().to_vec(), expected);
         let answer = scene.edit().commit(Report::Nothing).unwrap();
         answer.engine() == EngineName::GpuGrid
     });
@@ -82,7 +84,7 @@ fn scenes_of_a_session_and_of_others_are_kept_apart() {
     let daemon = TestDaemon::of_cores();
     let mut sessions: Vec<Session> = (0..2).map(|_| daemon.connect()).collect();
     let mut scenes: Vec<Scene> =
-        (0..6).map(|i| sessions[i % 2].scene(SceneOptions::default())).collect();
+        (0..6).map(|i| sessions[i % 2].scene(SceneOptions::default()).unwrap()).collect();
     for round in 0..4 {
         for (i, scene) in scenes.iter_mut().enumerate() {
             let shift = 0.1 * i as f32 + round as f32;
@@ -106,7 +108,7 @@ fn outlive(edit: impl Fn(&mut Scene), check: impl Fn(&mut Session, &mut Scene)) 
     for backend in [Backend::Daemon, Backend::Auto] {
         let daemon = TestDaemon::of_cores();
         let mut session = daemon.session().backend(backend).connect().unwrap();
-        let mut scene = session.scene(SceneOptions::default());
+        let mut scene = session.scene(SceneOptions::default()).unwrap();
         edit(&mut scene);
         let died = daemon.worker();
         daemon.signal_worker(Signal::KILL);
@@ -158,7 +160,7 @@ fn rules_without_boxes_outlive_the_daemon() {
 fn a_daemon_that_died_costs_a_typed_error_and_no_edit() {
     let mut daemon = TestDaemon::of_cores();
     let mut session = daemon.connect();
-    let mut scene = session.scene(SceneOptions::default());
+    let mut scene = session.scene(SceneOptions::default()).unwrap();
     let edit = scene.edit().set(1, at(0.0)).set(2, at(0.5));
     assert_eq!(edit.commit(Report::Changes).unwrap().begun(), [[1, 2]]);
 
@@ -180,7 +182,7 @@ fn a_daemon_that_died_costs_a_typed_error_and_no_edit() {
         Some(())
     });
     let answer = scene.edit().remove(1).commit(Report::Changes).unwrap();
-    assert_eq!((answer.is_resync(), answer.ended().to_vec()[0].pair), (false, [1, 2]));
+    assert_eq!((answer.is_resync(), answer.ended().next().unwrap().pair), (false, [1, 2]));
 }
 
 #[test]
@@ -188,7 +190,7 @@ fn a_daemon_without_room_refuses_and_the_client_answers() {
     let daemon = TestDaemon::start(&["--gpu", "none", "--max-scene-mib", "1"]);
     let boxes: Vec<Aabb> = (0..10_000).map(|i| at(0.7 * i as f32)).collect();
     let mut strict = daemon.connect();
-    let mut scene = strict.scene(SceneOptions::default());
+    let mut scene = strict.scene(SceneOptions::default()).unwrap();
     let edit = scene.edit().set_all(0..10_000, &boxes);
     let refused = edit.commit(Report::All).map(drop).unwrap_err();
     let Error::Reply(ReplyError::Status { status, detail }) = refused else {
@@ -204,11 +206,11 @@ fn a_daemon_without_room_refuses_and_the_client_answers() {
     assert_eq!(answer.pairs().len(), 4);
     drop(answer);
     // An index far away takes as much as the boxes before it would.
-    let mut sparse = strict.scene(SceneOptions::default());
+    let mut sparse = strict.scene(SceneOptions::default()).unwrap();
     assert!(sparse.edit().set(1 << 23, at(0.0)).commit(Report::All).is_err());
 
     let mut session = daemon.connect_auto();
-    let mut scene = session.scene(SceneOptions::default());
+    let mut scene = session.scene(SceneOptions::default()).unwrap();
     let answer = scene.edit().set_all(0..10, &boxes[..10]).commit(Report::Changes).unwrap();
     assert_eq!((answer.served_by(), answer.begun().len()), (ServedBy::Daemon, 9));
     let all = scene.edit().set_all(0..10_000, &boxes).commit(Report::Changes).unwrap();
@@ -225,7 +227,7 @@ fn a_daemon_without_room_refuses_and_the_client_answers() {
 fn a_scene_that_fills_more_than_half_of_the_room_moves_as_a_whole() {
     let daemon = TestDaemon::start(&["--gpu", "none", "--max-scene-mib", "1"]);
     let mut session = daemon.connect();
-    let mut scene = session.scene(SceneOptions::default());
+    let mut scene = session.scene(SceneOptions::default()).unwrap();
     for step in 0..3 {
         let boxes: Vec<Aabb> = (0..2_500).map(|i| at(0.7 * (i + step) as f32)).collect();
         let answer = scene.edit().set_all(0..2_500, &boxes).commit(Report::All).unwrap();
@@ -239,7 +241,7 @@ fn a_daemon_forgets_a_scene_that_it_refused_when_the_client_does() {
     let boxes: Vec<Aabb> = (0..10_000).map(|i| at(0.7 * i as f32)).collect();
     for backend in [Backend::Auto, Backend::Daemon] {
         let mut session = daemon.session().backend(backend).connect().unwrap();
-        let mut scene = session.scene(SceneOptions::default());
+        let mut scene = session.scene(SceneOptions::default()).unwrap();
         let few = scene.edit().set_all(0..10, &boxes[..10]).commit(Report::Changes).unwrap();
         assert_eq!(few.served_by(), ServedBy::Daemon);
         drop(few);
@@ -253,7 +255,7 @@ fn a_daemon_forgets_a_scene_that_it_refused_when_the_client_does() {
 #[test]
 fn boxes_by_a_function_go_to_a_daemon_and_are_sent_again() {
     let (daemon, mut session) = served_or_here();
-    let mut scene = session.scene(SceneOptions::default());
+    let mut scene = session.scene(SceneOptions::default()).unwrap();
     for step in 0..6 {
         let shift = 0.3 * step as f32;
         let edit = scene.edit().set_with(0..400, |index| at(0.7 * index as f32 + shift));
@@ -271,7 +273,7 @@ fn boxes_by_a_function_go_to_a_daemon_and_are_sent_again() {
 #[test]
 fn a_wrong_edit_is_refused_before_it_is_sent() {
     let (_daemon, mut session) = served();
-    let mut scene = session.scene(SceneOptions::default().with_most_boxes(9));
+    let mut scene = session.scene(SceneOptions::default().with_most_boxes(9)).unwrap();
     for _ in 0..2 {
         let wrong = scene.edit().set(3, at(0.0)).remove(2).commit(Report::All).map(drop);
         assert!(matches!(wrong, Err(Error::Edit(_))));

@@ -3,7 +3,7 @@
 use std::ops::Range;
 use std::time::{Duration, Instant};
 
-use pairmask::{AtEnd, EndReason, JoinOptions, Margin, PendingAnswer, Scope};
+use pairmask::{AtEnd, EndReason, Margin, PendingAnswer, SceneOptions, Scope};
 use pairmask_tests::fault_client::FaultClient;
 use pairmask_tests::prelude::*;
 use pairmask_tests::scene_model::Heard;
@@ -15,10 +15,10 @@ use super::shared_scenes::{LONG, Member, found};
 #[test]
 fn pairs_of_members_with_margins_are_near_ones() {
     let daemon = TestDaemon::of_cores();
-    let options = JoinOptions::default().with_tick_deadline(LONG).with_scope(Scope::All);
-    let margined = |units| options.with_usual_margin(Margin::new(units).unwrap());
-    let mut members = [(0..30, margined(0.3)), (30..60, margined(1.0)), (60..80, options)]
-        .map(|(own, options)| Member::join(&daemon, "margins", own, options));
+    let options = SceneOptions::default().with_tick_deadline(LONG).with_scope(Scope::All);
+    let margined = |units| options.clone().with_margin(Margin::new(units).unwrap());
+    let mut members = [(0..30, margined(0.3)), (30..60, margined(1.0)), (60..80, options.clone())]
+        .map(|(own, options)| Member::join(&daemon, "margins", own, &options));
     let mut random = Random::new(7);
     let mut boxes: Vec<Aabb> = (0..80).map(|index| at((index * 37 % 80) as f32)).collect();
     let sent_of = |members: &[Member]| -> Vec<Aabb> {
@@ -82,17 +82,17 @@ fn pairs_of_members_with_margins_are_near_ones() {
 fn members_commit_join_and_leave_side_by_side() {
     const TICKS: u32 = 30;
     let daemon = TestDaemon::of_cores();
-    let options = JoinOptions::default().with_tick_deadline(Duration::from_millis(200));
+    let options = SceneOptions::default().with_tick_deadline(Duration::from_millis(200));
     let all_at = |tick: u32, own: &Range<u32>| -> Vec<Aabb> {
         own.clone().map(|index| at((index * 7 % 50 + tick % 3) as f32)).collect()
     };
     let writers: Vec<Member> = (0..3)
-        .map(|which| Member::join(&daemon, "side", which * 600..(which + 1) * 600, options))
+        .map(|which| Member::join(&daemon, "side", which * 600..(which + 1) * 600, &options))
         .collect();
-    let mut last = Member::join(&daemon, "side", 0..0, options.with_scope(Scope::All));
+    let mut last = Member::join(&daemon, "side", 0..0, &options.clone().with_scope(Scope::All));
     let writers: Vec<Member> = std::thread::scope(|scope| {
         let guests = (0..2).map(|which| {
-            let daemon = &daemon;
+            let (daemon, options) = (&daemon, &options);
             scope.spawn(move || {
                 for _ in 0..6 {
                     let own = 3_000 + 100 * which..3_100 + 100 * which;
@@ -135,10 +135,10 @@ fn members_commit_join_and_leave_side_by_side() {
 #[test]
 fn a_scene_that_is_left_during_a_tick_holds_nobody_up() {
     let daemon = TestDaemon::of_cores();
-    let options = JoinOptions::default().with_tick_deadline(LONG).with_scope(Scope::All);
-    let mut one = Member::join(&daemon, "left", 0..10, options);
+    let options = SceneOptions::default().with_tick_deadline(LONG).with_scope(Scope::All);
+    let mut one = Member::join(&daemon, "left", 0..10, &options);
     for round in 0..5 {
-        let mut other = Member::join(&daemon, "left", 10..20, options);
+        let mut other = Member::join(&daemon, "left", 10..20, &options);
         drop(other.scene.edit().set(10, at(0.0)).submit(Report::Changes).unwrap());
         let Member { mut session, scene, .. } = other;
         drop(scene);
@@ -155,8 +155,8 @@ fn a_scene_that_is_left_during_a_tick_holds_nobody_up() {
 fn kill_writers(times: usize, at_end: AtEnd) {
     let daemon = TestDaemon::of_cores();
     let deadline = Duration::from_millis(50);
-    let options = JoinOptions::default().with_tick_deadline(deadline).with_at_end(at_end);
-    let mut member = Member::join(&daemon, "killed", 0..1, options);
+    let options = SceneOptions::default().with_tick_deadline(deadline).with_at_end(at_end);
+    let mut member = Member::join(&daemon, "killed", 0..1, &options);
     let mut random = Random::new(times as u64);
     let mut tick = |edit: bool| {
         let start = Instant::now();
@@ -167,7 +167,7 @@ fn kill_writers(times: usize, at_end: AtEnd) {
         let answer = next.commit(Report::Changes).unwrap();
         assert!(start.elapsed() < deadline + Duration::from_secs(2), "a tick is stuck");
         Heard::from(&answer).teach(&mut member.known);
-        let ended = answer.ended().to_vec();
+        let ended = answer.ended().collect::<Vec<_>>();
         drop(answer);
         (member.known.len(), ended, found(&mut member.scene, at(0.0)).len())
     };
@@ -224,9 +224,9 @@ fn boxes_of_killed_writers_are_removed_or_kept() {
 fn a_restarted_daemon_is_joined_again() {
     let mut daemon = TestDaemon::of_cores();
     let deadline = Duration::from_millis(300);
-    let options = JoinOptions::default().with_tick_deadline(deadline).with_scope(Scope::All);
-    let mut one = Member::join(&daemon, "again", 0..10, options);
-    let mut other = Member::join(&daemon, "again", 10..20, options);
+    let options = SceneOptions::default().with_tick_deadline(deadline).with_scope(Scope::All);
+    let mut one = Member::join(&daemon, "again", 0..10, &options);
+    let mut other = Member::join(&daemon, "again", 10..20, &options);
     for round in 0..6 {
         let x = round as f32;
         // Both commit, until a tick has both.

@@ -6,7 +6,7 @@ use std::ops::Range;
 use std::time::{Duration, Instant};
 
 use pairmask::filters::{Filter, FilterTable};
-use pairmask::{AtEnd, EditError, EndReason, Ended, JoinOptions, Margin, Scene, Scope};
+use pairmask::{AtEnd, EditError, EndReason, Ended, Margin, Scene, SceneOptions, Scope};
 use pairmask_core::scene::shared::{LeaseError, NotLeased};
 use pairmask_tests::prelude::*;
 
@@ -22,9 +22,9 @@ pub(super) struct Member {
 }
 
 impl Member {
-    pub fn join(daemon: &TestDaemon, name: &str, own: Range<u32>, options: JoinOptions) -> Self {
+    pub fn join(daemon: &TestDaemon, name: &str, own: Range<u32>, options: &SceneOptions) -> Self {
         let mut session = daemon.connect();
-        let mut scene = session.join_scene(name, options).unwrap();
+        let mut scene = session.scene(options.clone().with_shared(name)).unwrap();
         if !own.is_empty() {
             scene.lease(own.clone()).unwrap();
         }
@@ -36,12 +36,12 @@ impl Member {
 fn a_late_writer_is_named_and_keeps_its_boxes() {
     let daemon = TestDaemon::of_cores();
     let deadline = Duration::from_millis(150);
-    let options = JoinOptions::default().with_tick_deadline(deadline).with_scope(Scope::All);
-    let mut one = Member::join(&daemon, "late", 0..10, options);
-    let mut other = Member::join(&daemon, "late", 10..30, JoinOptions::default());
+    let options = SceneOptions::default().with_tick_deadline(deadline).with_scope(Scope::All);
+    let mut one = Member::join(&daemon, "late", 0..10, &options);
+    let mut other = Member::join(&daemon, "late", 10..30, &SceneOptions::default());
     // Behind its first lease, and one of somebody else behind that.
     other.scene.lease(30..35).unwrap();
-    let third = Member::join(&daemon, "late", 35..40, JoinOptions::default());
+    let third = Member::join(&daemon, "late", 35..40, &SceneOptions::default());
     assert_eq!(other.scene.tick_deadline(), Some(deadline), "who says nothing agrees");
     let pending = other.scene.edit().set(15, at(0.0)).submit(Report::Changes).unwrap();
     drop(one.scene.edit().set(3, at(0.5)).commit(Report::Changes).unwrap());
@@ -59,35 +59,36 @@ fn a_late_writer_is_named_and_keeps_its_boxes() {
     let pending = one.scene.edit().submit(Report::Changes).unwrap();
     let answer = other.scene.edit().remove(15).commit(Report::Changes).unwrap();
     assert_eq!((answer.tick(), answer.late()), (Some(5), &[][..]));
-    assert_eq!(answer.ended().to_vec(), [Ended { pair: [3, 15], reason: EndReason::Removed }]);
+    let ended = Ended { pair: [3, 15], reason: EndReason::Removed };
+    assert!(answer.ended().eq([ended]));
     drop(answer);
     let answer = pending.wait().unwrap();
-    assert_eq!(answer.ended().len(), 2);
+    assert_eq!(answer.ended().count(), 2);
 }
 
 #[test]
 fn what_is_not_its_own_a_member_is_refused() {
     let daemon = TestDaemon::of_cores();
     let mut here = in_process();
-    let refused = here.join_scene("rules", JoinOptions::default());
+    let refused = here.scene(SceneOptions::default().with_shared("rules"));
     assert!(matches!(refused, Err(Error::NeedsDaemon)));
-    let options = JoinOptions::default().with_most_boxes(100).with_tick_deadline(LONG);
-    let mut one = Member::join(&daemon, "rules", 0..10, options.with_scope(Scope::All));
+    let options = SceneOptions::default().with_most_boxes(100).with_tick_deadline(LONG);
+    let mut one = Member::join(&daemon, "rules", 0..10, &options.clone().with_scope(Scope::All));
     let mut session = daemon.connect();
     for name in ["", "a b", &"x".repeat(65)] {
-        let refused = session.join_scene(name, JoinOptions::default());
+        let refused = session.scene(SceneOptions::default().with_shared(name));
         assert!(matches!(refused, Err(Error::SceneName(_))), "{name}");
     }
     for other in [
-        options.with_most_boxes(101),
-        options.with_tick_deadline(Duration::from_secs(1)),
+        options.clone().with_most_boxes(101),
+        options.clone().with_tick_deadline(Duration::from_secs(1)),
         options.with_at_end(AtEnd::Keep),
     ] {
-        let refused = session.join_scene("rules", other);
+        let refused = session.scene(other.clone().with_shared("rules"));
         assert!(matches!(refused, Err(Error::TermsDiffer(_))), "{other:?}: {refused:?}");
     }
-    let margined = JoinOptions::default().with_usual_margin(Margin::default());
-    let mut other = session.join_scene("rules", margined).unwrap();
+    let margined = SceneOptions::default().with_margin(Margin::default());
+    let mut other = session.scene(margined.with_shared("rules")).unwrap();
     let lease = |scene: &mut Scene, range| match scene.lease(range) {
         Err(Error::Lease(error)) => Some(error),
         Ok(()) => None,
@@ -118,9 +119,9 @@ fn what_is_not_its_own_a_member_is_refused() {
 #[test]
 fn a_tick_has_one_table_of_filters() {
     let daemon = TestDaemon::of_cores();
-    let options = JoinOptions::default().with_tick_deadline(LONG).with_scope(Scope::All);
-    let mut one = Member::join(&daemon, "tables", 10..20, options);
-    let mut other = Member::join(&daemon, "tables", 20..30, options);
+    let options = SceneOptions::default().with_tick_deadline(LONG).with_scope(Scope::All);
+    let mut one = Member::join(&daemon, "tables", 10..20, &options);
+    let mut other = Member::join(&daemon, "tables", 20..30, &options);
     let (none_meet, boxes) = (FilterTable::new(&[Filter::new(1, 2)]).unwrap(), [at(0.0); 2]);
     let edit = one.scene.edit().set_all(10..12, &boxes).step(Step::Filters(&none_meet));
     let pending = edit.submit(Report::All).unwrap();
@@ -136,7 +137,7 @@ fn a_tick_has_one_table_of_filters() {
 }
 
 pub(super) fn found(scene: &mut Scene, query: Aabb) -> Vec<u32> {
-    scene.query(&[query]).find().unwrap().of_query(0).collect()
+    scene.query(&[query]).unwrap().of_query(0).collect()
 }
 
 /// What the first member asks for, and gets of its own pairs where it waits; what the other one sets, and gets.
@@ -145,9 +146,9 @@ type MovedTurn<'a> = (Report, Option<&'a [Pair]>, &'a [(u32, f32)], &'a [Pair]);
 #[test]
 fn moved_pairs_are_counted_from_the_last_answer_that_was_received() {
     let daemon = TestDaemon::of_cores();
-    let options = JoinOptions::default().with_tick_deadline(LONG);
-    let mut one = Member::join(&daemon, "moved", 0..10, options);
-    let mut other = Member::join(&daemon, "moved", 10..20, options.with_scope(Scope::All));
+    let options = SceneOptions::default().with_tick_deadline(LONG);
+    let mut one = Member::join(&daemon, "moved", 0..10, &options);
+    let mut other = Member::join(&daemon, "moved", 10..20, &options.clone().with_scope(Scope::All));
     let ticks: [MovedTurn<'_>; 6] = [
         (Report::Moved, Some(&[[1, 11]]), &[(11, 0.5), (12, 20.0)], &[[1, 11]]),
         (Report::Nothing, Some(&[]), &[(12, 0.2)], &[[1, 12], [11, 12]]),
@@ -173,12 +174,12 @@ fn moved_pairs_are_counted_from_the_last_answer_that_was_received() {
 #[test]
 fn a_query_asks_for_what_the_last_tick_made() {
     let daemon = TestDaemon::of_cores();
-    let options = JoinOptions::default().with_tick_deadline(LONG);
-    let mut one = Member::join(&daemon, "asked", 0..10, options);
-    let mut listener = Member::join(&daemon, "asked", 0..0, options);
+    let options = SceneOptions::default().with_tick_deadline(LONG);
+    let mut one = Member::join(&daemon, "asked", 0..10, &options);
+    let mut listener = Member::join(&daemon, "asked", 0..0, &options);
     assert!(found(&mut listener.scene, at(0.0)).is_empty());
     drop(one.scene.edit().set(1, at(0.0)).commit(Report::Nothing).unwrap());
-    let mut other = Member::join(&daemon, "asked", 10..20, options);
+    let mut other = Member::join(&daemon, "asked", 10..20, &options);
     // The tick waits for the other one.
     drop(one.scene.edit().set(2, at(0.5)).remove(1).submit(Report::Nothing).unwrap());
     for scene in [&mut one.scene, &mut other.scene, &mut listener.scene] {
@@ -193,7 +194,7 @@ fn a_query_asks_for_what_the_last_tick_made() {
     // Of another daemon, boxes are in the scene from the next commit on.
     daemon.signal_worker(Signal::KILL);
     let query = [at(0.0)];
-    let asked = eventually("an answer", || one.scene.query(&query).find().ok());
+    let asked = eventually("an answer", || one.scene.query(&query).ok());
     assert!(asked.is_empty());
     drop(asked);
     drop(one.scene.edit().set(3, at(9.0)).commit(Report::Nothing).unwrap());
@@ -208,8 +209,8 @@ fn hold_all_places(session: &mut Session) -> Vec<PairMask> {
 #[test]
 fn an_edit_without_a_place_has_not_happened() {
     let daemon = TestDaemon::of_cores();
-    let options = JoinOptions::default().with_tick_deadline(LONG).with_scope(Scope::All);
-    let mut one = Member::join(&daemon, "unsent", 0..10, options);
+    let options = SceneOptions::default().with_tick_deadline(LONG).with_scope(Scope::All);
+    let mut one = Member::join(&daemon, "unsent", 0..10, &options);
     let edit = one.scene.edit().set(1, at(0.0)).set(2, at(0.5));
     assert_eq!(edit.commit(Report::Changes).unwrap().pairs(), [[1, 2]]);
     let places = hold_all_places(&mut one.session);
@@ -229,9 +230,9 @@ fn an_edit_without_a_place_has_not_happened() {
 #[test]
 fn boxes_that_were_applied_take_no_more_room() {
     let daemon = TestDaemon::start(&["--gpu", "none", "--max-scene-mib", "128"]);
-    let options = JoinOptions::default().with_tick_deadline(LONG);
+    let options = SceneOptions::default().with_tick_deadline(LONG);
     let own = 599_000..600_000;
-    let mut one = Member::join(&daemon, "room", own.clone(), options);
+    let mut one = Member::join(&daemon, "room", own.clone(), &options);
     let boxes: Vec<Aabb> = (0..1_000).map(|i| at(3.0 * i as f32)).collect();
     for tick in 0..600 {
         let edit = one.scene.edit().set_all(own.clone(), &boxes);
@@ -246,13 +247,14 @@ fn boxes_that_were_applied_take_no_more_room() {
 fn nothing_of_a_commit_with_a_refused_table_is_applied() {
     let daemon = TestDaemon::of_cores();
     let table = FilterTable::new(&[Filter::new(1, 2)]).unwrap();
-    let options = JoinOptions::default().with_tick_deadline(Duration::from_millis(50));
+    let options = SceneOptions::default().with_tick_deadline(Duration::from_millis(50));
     let options = options.with_scope(Scope::All);
-    let margined = options.with_usual_margin(Margin::default());
-    for (waits, member) in [(true, options), (false, options), (true, margined), (false, margined)]
+    let margined = options.clone().with_margin(Margin::default());
+    for (waits, member) in
+        [(true, &options), (false, &options), (true, &margined), (false, &margined)]
     {
-        let name = format!("refused-{waits}-{}", member.usual_margin.is_some());
-        let _first = Member::join(&daemon, &name, 0..5, options);
+        let name = format!("refused-{waits}-{}", member.margin.is_some());
+        let _first = Member::join(&daemon, &name, 0..5, &options);
         let mut one = Member::join(&daemon, &name, 10..20, member);
         let edit = one.scene.edit().set(11, at(0.0)).set(12, at(0.5));
         assert_eq!(edit.commit(Report::Changes).unwrap().pairs(), [[11, 12]]);
@@ -272,7 +274,7 @@ fn nothing_of_a_commit_with_a_refused_table_is_applied() {
         let answer = edit.commit(Report::Changes).unwrap();
         assert!(!answer.is_resync());
         assert_eq!(answer.begun(), [[11, 13], [12, 13]]);
-        assert_eq!(answer.ended().len(), 0);
+        assert_eq!(answer.ended().count(), 0);
         drop(answer);
 
         // A resync that was asked for outlives a refused commit.
@@ -291,11 +293,11 @@ fn nothing_of_a_commit_with_a_refused_table_is_applied() {
 #[test]
 fn lists_of_pairs_end_with_their_lease() {
     let daemon = TestDaemon::of_cores();
-    let options = JoinOptions::default().with_tick_deadline(LONG).with_scope(Scope::All);
-    let _listener = Member::join(&daemon, "lists", 0..0, options);
+    let options = SceneOptions::default().with_tick_deadline(LONG).with_scope(Scope::All);
+    let _listener = Member::join(&daemon, "lists", 0..0, &options);
     let boxes = [at(0.0); 2];
     for (gives_back, removes) in [(true, false), (true, true), (false, false), (false, true)] {
-        let mut one = Member::join(&daemon, "lists", 0..10, options);
+        let mut one = Member::join(&daemon, "lists", 0..10, &options);
         let edit = one.scene.edit().set_all(1..3, &boxes).step(Step::Exclude(&[[1, 2]], true));
         assert_eq!(edit.commit(Report::All).unwrap().pairs().len(), 0);
         if removes {
@@ -309,7 +311,7 @@ fn lists_of_pairs_end_with_their_lease() {
             drop(one);
             None
         };
-        let mut other = Member::join(&daemon, "lists", 0..0, options);
+        let mut other = Member::join(&daemon, "lists", 0..0, &options);
         eventually("the lease is free", || other.scene.lease(0..10).ok());
         let edit = other.scene.edit().set_all(1..3, &boxes);
         assert_eq!(edit.commit(Report::All).unwrap().pairs(), [[1, 2]]);
@@ -321,10 +323,10 @@ fn lists_of_pairs_end_with_their_lease() {
 #[test]
 fn a_member_joins_again_without_the_lists_of_a_lease_that_it_gave_back() {
     let daemon = TestDaemon::of_cores();
-    let options = JoinOptions::default().with_tick_deadline(Duration::from_millis(50));
+    let options = SceneOptions::default().with_tick_deadline(Duration::from_millis(50));
     let options = options.with_scope(Scope::All);
-    let _first = Member::join(&daemon, "lists-again", 0..1, options);
-    let mut one = Member::join(&daemon, "lists-again", 1..10, options);
+    let _first = Member::join(&daemon, "lists-again", 0..1, &options);
+    let mut one = Member::join(&daemon, "lists-again", 1..10, &options);
     one.scene.lease(10..20).unwrap();
     let (indices, boxes) = ([1_u32, 2, 11, 12], [at(0.0); 4]);
     let edit = one.scene.edit().set_all(&indices, &boxes);

@@ -160,7 +160,7 @@ fn cores_serve_while_the_gpu_is_being_opened() {
         };
         assert_eq!((status, detail[1]), (StatusCode::EngineUnavailable, ENGINE_IS_OPENING));
         assert!(refused.to_string().contains("being opened"), "{refused}");
-        let mut scene = only.scene(SceneOptions::default());
+        let mut scene = only.scene(pairmask::SceneOptions::default()).unwrap();
         let refused = scene.edit().set(0, boxes[0]).commit(Report::All).map(drop).unwrap_err();
         assert!(refused.to_string().contains("being opened"), "{refused}");
         assert!(worker.is_opening());

@@ -16,7 +16,8 @@ mod shared;
 use std::ops::Range;
 
 use bytemuck::{cast, cast_slice};
-use pairmask::{Margin, MarginedPairs, SceneOptions};
+use pairmask::{Margin, SceneOptions};
+use pairmask_core::scene::QueryTags;
 
 use self::answer::Lists;
 use self::edited::{Edited, State};
@@ -85,17 +86,15 @@ growing!(pm_scene_options);
 
 fn options_of(given: &pm_scene_options) -> Result<SceneOptions, Failure> {
     let mut options = SceneOptions::default();
-    if given.most_boxes > 0 {
-        options.most_boxes = given.most_boxes;
-    }
+    options.most_boxes = if_any(given.most_boxes);
     options.threads = if_any(given.threads).map(|threads| threads as usize);
-    let usual = || Margin::new(given.usual_margin);
-    Ok(match given.margins {
-        PM_MARGINS_NONE => options,
-        PM_MARGINS_EXACT => options.with_margins(MarginedPairs::Exact, usual()?),
-        PM_MARGINS_NEAR => options.with_margins(MarginedPairs::Near, usual()?),
+    let near_pairs = match given.margins {
+        PM_MARGINS_NONE => return Ok(options),
+        PM_MARGINS_EXACT => false,
+        PM_MARGINS_NEAR => true,
         _ => return Err(Failure::argument("no such margins")),
-    })
+    };
+    Ok(options.with_margin(Margin::new(given.usual_margin)?).with_near_pairs(near_pairs))
 }
 
 #[unsafe(no_mangle)]
@@ -106,7 +105,7 @@ pub extern "C" fn pm_scene_create(
 ) -> pm_code {
     scene.give(|| {
         let options = options_of(&options.growing()?)?;
-        pm_scene::new(Scene::new(session.with(|s| Ok(s.scene(options)))?))
+        pm_scene::new(Scene::new(session.with(|s| Ok(s.scene(options)?))?))
     })
 }
 
@@ -192,13 +191,12 @@ pub extern "C" fn pm_scene_query(
     found.give_list(count, || {
         let (boxes, tags) = (cast_slice(boxes.array(n)?), cast_slice(tags.array(tag_count)?));
         scene.with(|scene| {
-            let query = scene.state.end()?.scene.query(boxes);
-            let answer = match tags {
-                [] => query,
-                [tag] => query.tag(*tag),
-                tags => query.tags(tags),
-            }
-            .find()?;
+            let tags = match tags {
+                [] => QueryTags::None,
+                [tag] => QueryTags::One(*tag),
+                tags => QueryTags::Each(tags),
+            };
+            let answer = scene.state.end()?.scene.query_tagged(boxes, tags)?;
             scene.found.clear();
             answer.for_each_slice(|pairs| scene.found.extend_from_slice(pairs));
             Ok(place(to_pairs(&scene.found)))

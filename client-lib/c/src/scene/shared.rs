@@ -4,7 +4,7 @@
 use std::ffi::c_char;
 use std::time::Duration;
 
-use pairmask::{AtEnd, JoinOptions, Margin, Scope};
+use pairmask::{AtEnd, Margin, SceneOptions, Scope};
 
 use super::{PM_MARGINS_NEAR, PM_MARGINS_NONE, Scene, change, pm_margins, pm_scene, to_range};
 use crate::code::pm_code;
@@ -33,8 +33,8 @@ pub struct pm_join_options {
 
 growing!(pm_join_options);
 
-fn options_of(given: &pm_join_options) -> Result<JoinOptions, Failure> {
-    let mut options = JoinOptions::default();
+fn options_of(given: &pm_join_options) -> Result<SceneOptions, Failure> {
+    let mut options = SceneOptions::default();
     options.most_boxes = if_any(given.most_boxes);
     options.tick_deadline = if_any(given.tick_deadline_ns).map(Duration::from_nanos);
     options.at_end = match given.at_end {
@@ -43,7 +43,7 @@ fn options_of(given: &pm_join_options) -> Result<JoinOptions, Failure> {
         PM_AT_END_KEEP => Some(AtEnd::Keep),
         _ => return Err(Failure::argument("no such end")),
     };
-    options.usual_margin = match given.margins {
+    options.margin = match given.margins {
         PM_MARGINS_NONE => None,
         PM_MARGINS_NEAR => Some(Margin::new(given.usual_margin)?),
         _ => return Err(Failure::argument("a shared scene has no such margins")),
@@ -61,8 +61,8 @@ pub extern "C" fn pm_scene_join(
 ) -> pm_code {
     scene.give(|| {
         let name = name.text()?.ok_or(Failure::argument("the name is null"))?;
-        let options = options_of(&options.growing()?)?;
-        pm_scene::new(Scene::new(session.with(|s| Ok(s.join_scene(name, options)?))?))
+        let options = options_of(&options.growing()?)?.with_shared(name);
+        pm_scene::new(Scene::new(session.with(|s| Ok(s.scene(options)?))?))
     })
 }
 

@@ -61,7 +61,7 @@ pub use self::edit::{Edit, Indices, Sets, Step, Tags};
 pub use self::error::{EditError, SceneError};
 pub use self::kept::{Kept, KeptBox, KeptHistory};
 pub use self::margins::{ExactPairs, MarginedSets, Margins, Outgoing, Sent};
-pub use self::options::{MarginedPairs, SceneMargins, SceneOptions};
+pub use self::options::SceneOptions;
 pub use self::pair_list::{Sorter as PairSorter, sort_row};
 pub use self::query::{
     BeyondMask, QueryError, QueryMask, QueryTags, between, cull_between, is_small_set,

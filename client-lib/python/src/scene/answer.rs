@@ -50,7 +50,7 @@ const fn number(reason: EndReason) -> u8 {
 
 impl Read {
     pub fn of(answer: &SceneAnswer<'_>) -> Self {
-        let ended = answer.ended().to_vec();
+        let ended = answer.ended().collect::<Vec<_>>();
         let reasons = ended.iter().map(|ended| [number(ended.reason)]).collect();
         Self {
             begun: Array::read_only(answer.begun().to_vec()),

@@ -14,6 +14,7 @@ mod ops;
 use std::sync::Arc;
 
 use pairmask::Scene;
+use pairmask_core::scene::QueryTags;
 use pyo3::prelude::*;
 use pyo3::types::{PyRange, PyRangeMethods};
 
@@ -100,12 +101,8 @@ impl PyScene {
         let is_tagged = parts.iter().any(Option::is_some);
         let tags = is_tagged.then(|| tags(py, Some(boxes.len()), parts)).transpose()?;
         let found = self.with_detached(py, |scene| {
-            let query = scene.query(&boxes);
-            let query = match &tags {
-                Some(tags) => query.tags(tags),
-                None => query,
-            };
-            query.find().map(|answer| answer.to_vec())
+            let tags = tags.as_deref().map_or(QueryTags::None, QueryTags::Each);
+            scene.query_tagged(&boxes, tags).map(|answer| answer.to_vec())
         })?;
         Ok(Array::read_only(found))
     }

@@ -190,7 +190,7 @@ impl<'s, 'a> SceneEdit<'s, 'a> {
     ///
     /// let bodies: Vec<([f32; 3], f32)> = vec![([0.0; 3], 1.0), ([1.5; 3], 1.0), ([9.0; 3], 1.0)];
     /// let mut session = Session::builder().backend(Backend::InProcess).connect()?;
-    /// let mut scene = session.scene(SceneOptions::default());
+    /// let mut scene = session.scene(SceneOptions::default())?;
     /// let edit = scene.edit().set_with(0..3, |index| {
     ///     let (centre, half) = bodies[index as usize];
     ///     Aabb::new(centre.map(|x| x - half), centre.map(|x| x + half))

@@ -4,6 +4,7 @@
 //! edit      what an edit does, until it is sent
 //! margins   which boxes left their margin, and the pairs of the boxes as they were set
 //! remote    a scene that a daemon keeps, with the copy that this process keeps
+//! options   what a session asks of a scene
 //! answer    lists of pairs, in the memory of the daemon's answer or of the scene
 //! query     which boxes some other boxes overlap
 //! shared    a scene that several processes write
@@ -12,6 +13,7 @@
 mod answer;
 mod edit;
 mod margins;
+mod options;
 mod query;
 mod remote;
 mod shared;
@@ -21,18 +23,18 @@ use std::sync::Arc;
 
 use pairmask_core::aabb::Aabb;
 use pairmask_core::engine::{EngineId, EngineName};
-use pairmask_core::scene::{Edit, Report, Scene as CoreScene, SceneOptions, SceneSkips, Sent};
+use pairmask_core::scene::{Edit, Ended, Report, Scene as CoreScene, SceneSkips, Sent};
 use pairmask_wire::words_in;
 
+pub use self::answer::PairList;
 use self::answer::Source;
-pub use self::answer::{EndedList, PairList};
 pub use self::edit::SceneEdit;
 use self::edit::{Draft, Given};
 pub use self::margins::MarginStats;
 use self::margins::Margined;
-pub use self::query::{QueryAnswer, SceneQuery};
+pub use self::options::SceneOptions;
+pub use self::query::QueryAnswer;
 use self::remote::{Found, RemoteScene, new_scene};
-pub use self::shared::JoinOptions;
 use self::shared::Member;
 use super::core::Core;
 use super::error::Error;
@@ -146,26 +148,20 @@ impl std::fmt::Debug for Scene {
 }
 
 impl Scene {
-    pub(super) fn new(options: SceneOptions, core: &Arc<Core>) -> Self {
-        let options = options.within_limits();
-        let index_limit = options.most_boxes;
-        let kept = match core.settings().backend {
-            Backend::InProcess => Kept::Here(new_scene(options, core)),
-            Backend::Auto | Backend::Daemon => {
-                Kept::Remote(RemoteScene::new(Arc::clone(core), options))
-            }
+    pub(super) fn new(core: &Arc<Core>, options: SceneOptions) -> Result<Self, Error> {
+        let own = options.without_session(core.settings().threads);
+        let (usual, pairs) = (options.margin, [options.near_pairs, options.shared.is_some()]);
+        let kept = match (&options.shared, core.settings().backend) {
+            (Some(name), _) => Kept::Shared(Box::new(Member::join(core, name.parse()?, options)?)),
+            (None, Backend::InProcess) => Kept::Here(new_scene(own, core)),
+            (None, _) => Kept::Remote(RemoteScene::new(Arc::clone(core), own)),
         };
-        let threads = options.threads.or(core.settings().threads);
-        let margins = options.margins.map(|of| Box::new(Margined::new(of, index_limit, threads)));
-        Self { core: Arc::clone(core), kept, margins, draft: Draft::default(), index_limit }
-    }
-
-    pub(super) fn join(core: &Arc<Core>, name: &str, options: JoinOptions) -> Result<Self, Error> {
-        let member = Box::new(Member::join(core, name, options)?);
-        let (index_limit, kept) = (member.most_boxes(), Kept::Shared(member));
-        let threads = core.settings().threads;
-        let margined = |usual| Box::new(Margined::of_member(usual, index_limit, threads));
-        let (margins, draft) = (options.usual_margin.map(margined), Draft::default());
+        let index_limit = match &kept {
+            Kept::Shared(member) => member.most_boxes(),
+            _ => own.most_boxes,
+        };
+        let margined = |usual| Box::new(Margined::new(usual, pairs, index_limit, own.threads));
+        let (margins, draft) = (usual.map(margined), Draft::default());
         Ok(Self { core: Arc::clone(core), kept, margins, draft, index_limit })
     }
 
@@ -381,7 +377,7 @@ impl std::fmt::Debug for SceneAnswer<'_> {
         f.debug_struct("SceneAnswer")
             .field("report", &self.report)
             .field("begun", &self.begun())
-            .field("ended", &self.ended())
+            .field("ended", &self.ended().collect::<Vec<_>>())
             .field("pairs", &self.pairs())
             .finish_non_exhaustive()
     }
@@ -417,8 +413,8 @@ impl SceneAnswer<'_> {
         self.source().begun()
     }
 
-    /// Pairs that ended, for [`Report::Changes`].
-    pub fn ended(&self) -> EndedList<'_> {
+    /// Pairs that ended, and why, for [`Report::Changes`]. They are checked as those of a [`PairList`].
+    pub fn ended(&self) -> impl Iterator<Item = Ended> + Clone + std::fmt::Debug + '_ {
         self.source().ended()
     }
 
@@ -480,7 +476,7 @@ mod tests {
     fn steady_fills_allocate_no_boxes() {
         let session = Session::builder().backend(Backend::InProcess).connect();
         let mut session = session.expect("no daemon is needed");
-        let mut scene = session.scene(SceneOptions::default());
+        let mut scene = session.scene(SceneOptions::default()).expect("a scene");
         let mut fill = |step: usize| {
             let at = |index: u32| Aabb::new([index as f32; 3], [index as f32 + step as f32; 3]);
             let edit = scene.edit().set_with(0..600, at).set_with(600..1_000, at);

@@ -5,7 +5,6 @@ use std::time::Duration;
 
 use pairmask_core::aabb::Aabb;
 use pairmask_core::engine::EngineId;
-use pairmask_core::filters::Tag;
 use pairmask_core::mask::{Encoding, MaskView};
 use pairmask_core::precision::Precision;
 use pairmask_core::scene::{QueryMask, QueryTags};
@@ -27,16 +26,6 @@ use crate::session::written::Written;
 /// Pairs that are handed out at a time.
 const SLICE: usize = 256;
 
-/// Boxes that are asked of a scene. Nothing happens before [`find`](Self::find).
-#[derive(Debug)]
-#[must_use = "nothing is asked before `find`"]
-pub struct SceneQuery<'a> {
-    scene: &'a mut Scene,
-    boxes: &'a [Aabb],
-    tags: QueryTags<'a>,
-    encoding: Encoding,
-}
-
 impl Scene {
     /// Asks which boxes of the scene some other boxes overlap: boxes, [points](Aabb::point), or what moving
     /// boxes touch ([`Aabb::swept`]). Boxes that are switched off are not found.
@@ -53,47 +42,49 @@ impl Scene {
     ///
     /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
     /// let mut session = Session::builder().backend(Backend::InProcess).connect()?;
-    /// let mut scene = session.scene(SceneOptions::default());
+    /// let mut scene = session.scene(SceneOptions::default())?;
     /// let at = |x: f32| Aabb::new([x; 3], [x + 1.0; 3]);
     /// scene.edit().set(7, at(0.0)).set(9, at(5.0)).commit(Report::Nothing)?;
     ///
     /// let bullet = at(3.0).swept_by([2.5, 2.5, 2.5]);
-    /// let found = scene.query(&[Aabb::point([0.5; 3]), bullet]).find()?;
+    /// let found = scene.query(&[Aabb::point([0.5; 3]), bullet])?;
     /// assert!(found.iter().eq([[0, 7], [1, 9]]));
     /// assert!(found.of_query(1).eq([9]));
     /// # Ok(())
     /// # }
     /// ```
-    pub const fn query<'a>(&'a mut self, boxes: &'a [Aabb]) -> SceneQuery<'a> {
-        SceneQuery { scene: self, boxes, tags: QueryTags::None, encoding: Encoding::List }
-    }
-}
-
-impl<'a> SceneQuery<'a> {
-    /// Finds only what may meet a box with this tag, by the scene's [rules](crate::filters) but for the include
-    /// and the exclude list.
-    pub const fn tag(self, tag: Tag) -> Self {
-        Self { tags: QueryTags::One(tag), ..self }
-    }
-
-    /// The same with a tag for each box.
-    pub const fn tags(self, tags: &'a [Tag]) -> Self {
-        Self { tags: QueryTags::Each(tags), ..self }
-    }
-
-    /// The form of the answer's [mask](QueryAnswer::mask); a list unless set.
-    pub const fn encoding(self, encoding: Encoding) -> Self {
-        Self { encoding, ..self }
-    }
-
-    /// Finds them.
     ///
     /// # Errors
     /// [`Error`].
-    pub fn find(self) -> Result<QueryAnswer, Error> {
-        let Self { scene, boxes, tags, encoding } = self;
+    pub fn query(&mut self, boxes: &[Aabb]) -> Result<QueryAnswer, Error> {
+        self.query_tagged(boxes, QueryTags::None)
+    }
+
+    /// Finds only what may meet boxes with a tag, or with one for each, by the scene's [filters](crate::filters) except
+    /// for the include and the exclude list.
+    ///
+    /// # Errors
+    /// [`Error`].
+    pub fn query_tagged<'t>(
+        &mut self,
+        boxes: &[Aabb],
+        tags: impl Into<QueryTags<'t>>,
+    ) -> Result<QueryAnswer, Error> {
+        self.query_as(boxes, tags.into(), Encoding::List)
+    }
+
+    /// The same with an answer whose [mask](QueryAnswer::mask) is no list.
+    ///
+    /// # Errors
+    /// [`Error`].
+    pub fn query_as(
+        &mut self,
+        boxes: &[Aabb],
+        tags: QueryTags<'_>,
+        encoding: Encoding,
+    ) -> Result<QueryAnswer, Error> {
         tags.check(boxes)?;
-        let index_end = match &scene.kept {
+        let index_end = match &self.kept {
             Kept::Remote(remote) => remote.copy().index_end() as u32,
             Kept::Here(here) => here.index_end(),
             // Other members may have a box at any index.
@@ -106,21 +97,21 @@ impl<'a> SceneQuery<'a> {
             encoding,
             mask: QueryMask::new(boxes.len(), index_end).ok_or(too_many)?,
         };
-        let mask = match &mut scene.kept {
+        let mask = match &mut self.kept {
             Kept::Remote(remote) => remote.query(&asked)?,
-            Kept::Here(here) => scene.core.query_here(here, &asked)?,
+            Kept::Here(here) => self.core.query_here(here, &asked)?,
             Kept::Shared(member) => member.query(&asked)?,
         };
         let FrameInfo { served_by, engine, .. } = *mask.info();
         let mut answer = QueryAnswer { mask, queries: asked.mask.queries(), served_by, engine };
-        if let Some(margins) = &scene.margins {
+        if let Some(margins) = &self.margins {
             let touches = |[query, index]: &[u32; 2]| {
                 let found = margins.now().get(*index);
                 // Boxes of other members are not here.
                 found.is_none_or(|found| found.overlaps(&boxes[*query as usize]))
             };
             let found: Vec<_> = answer.iter().filter(touches).collect();
-            answer.mask = scene.core.mask_of(&asked, &found)?;
+            answer.mask = self.core.mask_of(&asked, &found)?;
         }
         Ok(answer)
     }

@@ -11,7 +11,7 @@ use std::io::Read;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-use pairmask::{JoinOptions, SceneEdit};
+use pairmask::{SceneEdit, SceneOptions};
 use pairmask_tests::attack_time;
 use pairmask_tests::attackers::raw::{
     CHANNEL_ID, CLIENT_ID, REQUEST_ID, RawClient, answer, cull, read, word, write,
@@ -192,7 +192,7 @@ fn forged_rules_leave_the_frames_of_others_alone() {
 #[test]
 fn forged_queries_leave_the_scenes_of_others_alone() {
     let (daemon, mut session) = served();
-    let mut scene = session.scene(SceneOptions::default());
+    let mut scene = session.scene(SceneOptions::default()).unwrap();
     let mut source = Edits::new(5, 300);
     honest_beside(&daemon, "queries", || {
         let ops = source.next_edit();
@@ -201,7 +201,7 @@ fn forged_queries_leave_the_scenes_of_others_alone() {
         drop(edit.commit(Report::Nothing).unwrap());
         let queries: Vec<_> = source.model().boxes().take(40).collect();
         let expected = source.model().query(&queries, QueryTags::None);
-        assert_eq!(scene.query(&queries).find().unwrap().to_vec(), expected);
+        assert_eq!(scene.query(&queries).unwrap().to_vec(), expected);
     });
 }
 
@@ -210,12 +210,12 @@ fn forged_queries_leave_the_scenes_of_others_alone() {
 fn forged_members_leave_the_boxes_of_others_alone() {
     let daemon = TestDaemon::of_cores();
     let deadline = Duration::from_millis(20);
-    let options = JoinOptions::default().with_most_boxes(2_000).with_tick_deadline(deadline);
+    let options = SceneOptions::default().with_most_boxes(2_000).with_tick_deadline(deadline);
     let mut sessions = [daemon.connect(), daemon.connect()];
     let [one, other] = &mut sessions;
-    let mut first = one.join_scene(SHARED_SCENE, options).unwrap();
+    let mut first = one.scene(options.clone().with_shared(SHARED_SCENE)).unwrap();
     first.lease(0..10).unwrap();
-    let mut second = other.join_scene(SHARED_SCENE, options).unwrap();
+    let mut second = other.scene(options.with_shared(SHARED_SCENE)).unwrap();
     second.lease(10..20).unwrap();
     // Far from whatever the attacker may set.
     let at = |x: f32| Aabb::new([1e6 + x, 0.0, 0.0], [1e6 + x + 0.5, 1.0, 1.0]);

@@ -3,21 +3,19 @@
 
 use std::collections::HashMap;
 
-use super::{TooManyKinds, from_relation, owner_of};
+use super::{from_relation, owner_of};
 use crate::filters::{FilterTable, Owner, PairLists};
 
 /// The filters of Jolt's object layers `0..layer_count` by id, where a table decides: `collides` is its
 /// `ShouldCollide`, asked once for each two layers.
 ///
 /// Two bodies of which none is dynamic never meet, sensors aside: mark those bodies'
-/// [tags static](crate::filters::Tag::with_static), or, in a scene, their boxes (`Step::Static`).
-///
-/// # Errors
-/// [`TooManyKinds`] where more than 64 layers differ in what they collide with.
+/// [tags static](crate::filters::Tag::with_static), or, in a scene, their boxes (`Step::Static`). `None` where more than
+/// 64 layers differ in what they collide with.
 pub fn from_jolt_layers(
     layer_count: u16,
     collides: impl Fn(u16, u16) -> bool,
-) -> Result<FilterTable, TooManyKinds> {
+) -> Option<FilterTable> {
     from_relation(layer_count, collides)
 }
 

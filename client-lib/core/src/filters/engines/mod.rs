@@ -45,7 +45,7 @@ pub use self::masks::{
 };
 pub use self::mujoco::{MujocoBodies, MujocoError, from_mujoco, from_mujoco_bodies};
 pub use self::newton::from_newton;
-pub use self::relation::{TooManyKinds, from_relation};
+pub use self::relation::from_relation;
 
 use super::filter::Filter;
 use super::tag::Owner;

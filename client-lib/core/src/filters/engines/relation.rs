@@ -5,22 +5,11 @@ use crate::filters::{Filter, FilterTable};
 /// Kinds that a table of categories and masks can tell apart: a bit each.
 const MOST_KINDS: usize = 64;
 
-/// More kinds than categories: kinds that meet the same kinds count once.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("more than {MOST_KINDS} kinds that meet different kinds")]
-#[non_exhaustive]
-pub struct TooManyKinds;
-
 /// A table whose filters `0..count` meet where `meets` says so of the first two ids in either order.
 ///
-/// Kinds that meet the same kinds share a category, so that `count` may be much larger than 64.
-///
-/// # Errors
-/// [`TooManyKinds`] where more than 64 kinds differ in what they meet.
-pub fn from_relation(
-    count: u16,
-    meets: impl Fn(u16, u16) -> bool,
-) -> Result<FilterTable, TooManyKinds> {
+/// Kinds that meet the same kinds share a category, so that `count` may be much larger than 64. `None` where more than
+/// 64 kinds differ in what they meet.
+pub fn from_relation(count: u16, meets: impl Fn(u16, u16) -> bool) -> Option<FilterTable> {
     let meet = |a: u16, b: u16| meets(a.min(b), a.max(b));
     // The first id of each kind, and the kind of each id.
     let mut kinds: Vec<u16> = Vec::new();
@@ -29,7 +18,7 @@ pub fn from_relation(
         let alike = |first: &u16| (0..count).all(|other| meet(id, other) == meet(*first, other));
         let kind = match kinds.iter().position(alike) {
             Some(kind) => kind,
-            None if kinds.len() == MOST_KINDS => return Err(TooManyKinds),
+            None if kinds.len() == MOST_KINDS => return None,
             None => {
                 kinds.push(id);
                 kinds.len() - 1
@@ -44,7 +33,7 @@ pub fn from_relation(
         (0..).zip(&kinds).map(|(bit, first)| Filter::new(1 << bit, mask(*first))).collect();
     let filters: Vec<Filter> = kind_of.into_iter().map(|kind| of_kind[kind]).collect();
     // A count of 16 bits is never more than there are ids.
-    FilterTable::new(&filters).map_err(|_| TooManyKinds)
+    FilterTable::new(&filters).ok()
 }
 
 #[cfg(test)]
@@ -77,7 +66,7 @@ mod tests {
 
     #[test]
     fn more_kinds_than_categories_are_refused() {
-        assert_eq!(from_relation(65, |a, b| a == b), Err(TooManyKinds));
+        assert!(from_relation(65, |a, b| a == b).is_none());
         check(64, |a, b| a == b);
     }
 }

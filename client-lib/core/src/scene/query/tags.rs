@@ -18,6 +18,18 @@ pub enum QueryTags<'a> {
     Each(&'a [Tag]),
 }
 
+impl From<Tag> for QueryTags<'_> {
+    fn from(tag: Tag) -> Self {
+        Self::One(tag)
+    }
+}
+
+impl<'a> From<&'a [Tag]> for QueryTags<'a> {
+    fn from(tags: &'a [Tag]) -> Self {
+        Self::Each(tags)
+    }
+}
+
 /// Why queries have no answer.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]

@@ -279,7 +279,7 @@ impl Client<'_> {
         }
         let (scene, model) = kept.get_or_insert_with(|| {
             let model = KeptScene::new(random);
-            (of.scene(model.options()), model)
+            (of.scene(model.options()).expect("no other process is needed"), model)
         });
         self.counts.edits += 1;
         let mut by = ServedBy::Daemon;

@@ -8,8 +8,8 @@ use std::ops::Range;
 
 use pairmask_core::precision::Margin;
 use pairmask_core::scene::{
-    Edit, EditError, ExactPairs, MarginedPairs, MarginedSets, Outgoing, Report, Reported,
-    SceneCopy, SceneMargins, Sent, Sets, Step,
+    Edit, EditError, ExactPairs, MarginedSets, Outgoing, Report, Reported, SceneCopy, Sent, Sets,
+    Step,
 };
 
 use super::answer::Source;
@@ -73,28 +73,29 @@ struct Exact {
 }
 
 impl Margined {
-    pub fn new(of: SceneMargins, most_boxes: u32, threads: Option<usize>) -> Self {
-        let pairs = match of.pairs {
-            MarginedPairs::Near => Pairs::Near(Near::default()),
-            MarginedPairs::Exact => Pairs::Exact(Exact::default()),
+    /// Of a scene that reports near pairs or exact ones; of a shared one, near ones.
+    pub fn new(
+        usual: Margin,
+        [near_pairs, is_shared]: [bool; 2],
+        most_boxes: u32,
+        threads: Option<usize>,
+    ) -> Self {
+        let pairs = if near_pairs || is_shared {
+            Pairs::Near(Near::default())
+        } else {
+            Pairs::Exact(Exact::default())
         };
         Self {
             now: SceneCopy::new(most_boxes),
-            usual: of.usual,
+            usual,
             pairs,
             outgoing: Outgoing::default(),
             sends: false,
             threads,
-            is_shared: false,
+            is_shared,
             before: None,
             stats: MarginStats::default(),
         }
-    }
-
-    /// Margins of the boxes that a member of a shared scene sets.
-    pub fn of_member(usual: Margin, most_boxes: u32, threads: Option<usize>) -> Self {
-        let of = SceneMargins { pairs: MarginedPairs::Near, usual };
-        Self { is_shared: true, ..Self::new(of, most_boxes, threads) }
     }
 
     pub const fn now(&self) -> &SceneCopy {

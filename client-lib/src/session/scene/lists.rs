@@ -6,7 +6,7 @@ use pairmask_core::engine::{AvailableIsa, EngineId, EngineName};
 use pairmask_core::mask::{MaskShape, MaskView, Pairs, Span};
 use pairmask_core::scene::{Ended, Reported, SceneSkips};
 use pairmask_core::units::BoxCount;
-use pairmask_wire::{EndedPairs, SceneReply, words_in};
+use pairmask_wire::{SceneReply, words_in};
 
 use crate::session::ServedBy;
 use crate::session::exchange::Answer;
@@ -34,18 +34,14 @@ impl<'a> Source<'a> {
         }
     }
 
-    pub fn ended(&self) -> EndedList<'a> {
-        match self {
-            Self::Daemon(from) => EndedList {
-                own: [].iter(),
-                shared: Some(from.reply.layout.ended_in(from.words(), from.index_end)),
-                len: (from.reply.layout.ended.len / 2) as usize,
-            },
-            Self::Here(reported) => {
-                let ended = reported.ended();
-                EndedList { own: ended.iter(), shared: None, len: ended.len() }
+    pub fn ended(&self) -> impl Iterator<Item = Ended> + Clone + std::fmt::Debug + use<'a> {
+        let (own, shared) = match self {
+            Self::Daemon(from) => {
+                (&[][..], Some(from.reply.layout.ended_in(from.words(), from.index_end)))
             }
-        }
+            Self::Here(reported) => (reported.ended(), None),
+        };
+        own.iter().copied().chain(shared.into_iter().flatten())
     }
 
     pub fn pairs(&self) -> PairList<'a> {
@@ -215,44 +211,5 @@ impl Iterator for PairListIter<'_> {
             Pass::Own(pairs) => pairs.next().copied(),
             Pass::Shared(pairs) => pairs.next(),
         }
-    }
-}
-
-/// Pairs that ended, and why, sorted: one by one. They are checked as those of a [`PairList`].
-#[derive(Clone)]
-pub struct EndedList<'a> {
-    own: slice::Iter<'a, Ended>,
-    shared: Option<EndedPairs<'a>>,
-    len: usize,
-}
-
-impl EndedList<'_> {
-    /// How many there were in all.
-    pub const fn len(&self) -> usize {
-        self.len
-    }
-
-    /// Whether there were none.
-    pub const fn is_empty(&self) -> bool {
-        self.len == 0
-    }
-
-    /// The pairs.
-    pub fn to_vec(&self) -> Vec<Ended> {
-        self.clone().collect()
-    }
-}
-
-impl std::fmt::Debug for EndedList<'_> {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_list().entries(self.clone()).finish()
-    }
-}
-
-impl Iterator for EndedList<'_> {
-    type Item = Ended;
-
-    fn next(&mut self) -> Option<Ended> {
-        self.own.next().copied().or_else(|| self.shared.as_mut()?.next())
     }
 }

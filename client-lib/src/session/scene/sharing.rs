@@ -4,10 +4,6 @@
 //! leases and sends them again with the next commit, whose answer is a resync then. One file, because a lease, a commit
 //! and its answer change the same few fields.
 
-mod options;
-
-pub use self::options::JoinOptions;
-
 use std::ops::Range;
 use std::sync::Arc;
 use std::time::Duration;
@@ -23,7 +19,7 @@ use pairmask_wire::{
 
 use super::answer::FromDaemon;
 use super::remote::{is_stale, send_edit};
-use super::{Kept, Scene};
+use super::{Kept, Scene, SceneOptions};
 use crate::session::core::Core;
 use crate::session::error::{Error, Loss};
 use crate::session::estimate::Estimate;
@@ -34,7 +30,7 @@ use crate::session::pairs::PairMask;
 use crate::session::settings::{Backend, Settings};
 use crate::session::unread::{Awaited, SentEdit, Unread};
 
-/// A scene that several processes write: [`Session::join_scene`](crate::Session::join_scene) makes it.
+/// Scenes that several processes write: those with the option [`shared`](SceneOptions::shared).
 impl Scene {
     fn member(&mut self) -> Result<&mut Member, Error> {
         self.settle();
@@ -117,7 +113,7 @@ pub(in crate::session) struct Member {
     /// With a deadline that holds the tick's as well.
     settings: Settings,
     name: SceneName,
-    options: JoinOptions,
+    options: SceneOptions,
     terms: AgreedTerms,
     id: SceneId,
     leases: Vec<Range<u32>>,
@@ -142,8 +138,7 @@ pub(in crate::session) struct Member {
 }
 
 impl Member {
-    pub fn join(core: &Arc<Core>, name: &str, options: JoinOptions) -> Result<Self, Error> {
-        let name: SceneName = name.parse()?;
+    pub fn join(core: &Arc<Core>, name: SceneName, options: SceneOptions) -> Result<Self, Error> {
         if core.settings().backend == Backend::InProcess {
             return Err(Error::NeedsDaemon);
         }
@@ -234,7 +229,7 @@ impl Member {
     fn join_again(&mut self) -> Result<(), Error> {
         self.there = None;
         let link = self.core.link()?;
-        let JoinOptions { most_boxes, tick_deadline, at_end, scope, .. } = self.options;
+        let SceneOptions { most_boxes, tick_deadline, at_end, scope, .. } = self.options;
         let request = JoinRequest {
             scene: self.id,
             name: self.name.section(),
@@ -254,8 +249,8 @@ impl Member {
         drop(answer);
         self.terms = terms;
         // Every later join asks for what held.
-        self.options = self.options.with_most_boxes(terms.most_boxes);
-        self.options = self.options.with_tick_deadline(terms.deadline).with_at_end(terms.at_end);
+        (self.options.most_boxes, self.options.tick_deadline, self.options.at_end) =
+            (Some(terms.most_boxes), Some(terms.deadline), Some(terms.at_end));
         self.settings.deadline = self.core.settings().deadline + terms.deadline;
         for range in self.leases.clone() {
             let (first, count) = (range.start, range.end - range.start);
