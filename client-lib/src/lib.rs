@@ -32,7 +32,7 @@
 //! |---|---|
 //! | connect | [`Session`], made by a [`SessionBuilder`] |
 //! | fill | [`Frame::write`]: a slice of [`Aabb`], arrays of corners or of centres and half extents ([`MinMax`], [`CenterHalf`]), or local boxes and transforms ([`Transformed`]); or write in place, [`Frame::boxes_mut`] |
-//! | submit, wait | [`PendingFrame`]: the frame is under way while you do something else |
+//! | submit, wait | [`Pending`]: the frame is under way while you do something else |
 //! | decode | [`PairMask`]: [`pairs`](PairMask::pairs), [`par_pairs`](PairMask::par_pairs), [`contains`](PairMask::contains); [`words`](PairMask::words) for AND masks of your own |
 //!
 //! Engines, the plan and the wire contract are in the crates `pairmask-core`, `pairmask-wire` and
@@ -90,11 +90,10 @@
 #[cfg(doctest)]
 mod book;
 mod session;
-#[cfg(not(feature = "daemon"))]
-#[path = "absent_transport.rs"]
-mod transport;
 #[cfg(feature = "daemon")]
 use pairmask_transport as transport;
+#[cfg(not(feature = "daemon"))]
+use session::link as transport;
 
 /// Which boxes meet: tags, filters and listed pairs. [`pairmask_core::filters`] has the rule and worked examples.
 pub mod filters {
@@ -114,15 +113,16 @@ pub mod filters {
 }
 
 pub use pairmask_core::aabb::Aabb;
+pub use pairmask_core::mask::PairList;
 pub use pairmask_core::precision::{Bounds, Margin, Precision};
 pub use pairmask_core::scene::shared::{AtEnd, Scope};
-pub use pairmask_core::scene::{EditError, EndReason, Ended, Report};
+pub use pairmask_core::scene::{EditError, EndReason, Ended, MarginStats, Report};
 pub use pairmask_core::sphere::Sphere;
 pub use pairmask_core::update::{Placement, Transformed};
 pub use pairmask_core::write::{BoxSource, CenterHalf, MinMax};
 pub use pairmask_wire::StatusBody as DaemonStatus;
 pub use session::{
-    Backend, ConnectError, Error, Frame, FrameInfo, FrameObject, FrameOptions, MarginStats,
-    PairList, PairMask, PendingAnswer, PendingFrame, Quantized, QueryAnswer, Scene, SceneAnswer,
-    SceneEdit, SceneOptions, ServedBy, Session, SessionBuilder,
+    Backend, ConnectError, Error, Frame, FrameInfo, FrameObject, FrameOptions, PairMask, Pending,
+    Quantized, QueryAnswer, Scene, SceneAnswer, SceneEdit, SceneOptions, ServedBy, Session,
+    SessionBuilder,
 };

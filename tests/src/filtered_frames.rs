@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use pairmask::{FrameOptions, PendingFrame, Session};
+use pairmask::{FrameOptions, PairMask, Pending, Session};
 use pairmask_core::Aabb;
 use pairmask_core::filters::{Filter, FilterId, FilterTable, Owner, Rules, Tag, World};
 use pairmask_core::oracle::{self, Pair};
@@ -96,7 +96,7 @@ impl FilteredFrame {
         filtered(&Arc::new(self.rules.clone()))
     }
 
-    pub fn submit(&self, session: &mut Session) -> PendingFrame {
+    pub fn submit(&self, session: &mut Session) -> Pending<PairMask> {
         session.ask_with(&self.boxes, &self.options())
     }
 }

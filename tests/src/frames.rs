@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use pairmask::filters::Rules;
-use pairmask::{Backend, FrameInfo, FrameOptions, PairMask, PendingFrame, ServedBy, Session};
+use pairmask::{Backend, FrameInfo, FrameOptions, PairMask, Pending, ServedBy, Session};
 use pairmask_core::dispatch::CullOptions;
 use pairmask_core::engine::{CullReport, EngineTimes};
 use pairmask_core::mask::MaskView;
@@ -43,13 +43,13 @@ pub fn in_process() -> Session {
 }
 
 pub trait Frames {
-    fn ask_with(&mut self, boxes: &[Aabb], options: &FrameOptions) -> PendingFrame;
+    fn ask_with(&mut self, boxes: &[Aabb], options: &FrameOptions) -> Pending<PairMask>;
 
-    fn ask_narrow(&mut self, boxes: &[Aabb], precision: Precision) -> PendingFrame;
+    fn ask_narrow(&mut self, boxes: &[Aabb], precision: Precision) -> Pending<PairMask>;
 
-    fn ask_spheres(&mut self, spheres: &[Sphere]) -> PendingFrame;
+    fn ask_spheres(&mut self, spheres: &[Sphere]) -> Pending<PairMask>;
 
-    fn ask(&mut self, boxes: &[Aabb]) -> PendingFrame {
+    fn ask(&mut self, boxes: &[Aabb]) -> Pending<PairMask> {
         self.ask_with(boxes, &FrameOptions::default())
     }
 
@@ -59,19 +59,19 @@ pub trait Frames {
 }
 
 impl Frames for Session {
-    fn ask_with(&mut self, boxes: &[Aabb], options: &FrameOptions) -> PendingFrame {
+    fn ask_with(&mut self, boxes: &[Aabb], options: &FrameOptions) -> Pending<PairMask> {
         let mut frame = self.frame(boxes.len()).expect("memory for a frame");
         frame.write(boxes).expect("as many boxes as asked for");
         frame.submit_with(options).expect("a frame is sent")
     }
 
-    fn ask_narrow(&mut self, boxes: &[Aabb], precision: Precision) -> PendingFrame {
+    fn ask_narrow(&mut self, boxes: &[Aabb], precision: Precision) -> Pending<PairMask> {
         let mut frame = self.narrow_frame(boxes.len(), precision).expect("memory for a frame");
         frame.write(boxes).expect("as many boxes as asked for");
         frame.submit().expect("a frame is sent")
     }
 
-    fn ask_spheres(&mut self, spheres: &[Sphere]) -> PendingFrame {
+    fn ask_spheres(&mut self, spheres: &[Sphere]) -> Pending<PairMask> {
         let mut frame = self.sphere_frame(spheres.len()).expect("memory for a frame");
         frame.spheres_mut().copy_from_slice(spheres);
         frame.submit().expect("a frame is sent")

@@ -1,7 +1,7 @@
 //! What most tests and benches name.
 
 pub use pairmask::{
-    Backend, ConnectError, Error, PairMask, PendingFrame, ServedBy, Session, SessionBuilder,
+    Backend, ConnectError, Error, PairMask, Pending, ServedBy, Session, SessionBuilder,
 };
 pub use pairmask_core::dispatch::{CpuEngines, CullOptions};
 pub use pairmask_core::engine::{

@@ -9,7 +9,7 @@ use std::any::Any;
 use std::sync::{Arc, Mutex, PoisonError, RwLock, RwLockWriteGuard, TryLockError};
 
 use pairmask::filters::Rules;
-use pairmask::{PendingFrame, Session};
+use pairmask::{PairMask, Pending, Session};
 
 use crate::call::call;
 use crate::code::pm_code::{self, PM_ERR_BUSY, PM_ERR_HANDLE, PM_ERR_TOO_MANY_HANDLES};
@@ -70,7 +70,7 @@ macro_rules! handles {
 handles! {
     pm_session names Session,
     pm_frame names Frame,
-    pm_pending names PendingFrame,
+    pm_pending names Pending<PairMask>,
     pm_mask names Mask,
     pm_rules names Arc<Rules>,
     pm_scene names Scene,

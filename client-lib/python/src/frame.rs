@@ -3,7 +3,7 @@
 use std::sync::{Arc, MutexGuard};
 use std::time::Duration;
 
-use pairmask::{Frame, FrameOptions, PendingFrame, Quantized, Sphere};
+use pairmask::{Frame, FrameOptions, PairMask, Pending, Quantized, Sphere};
 use pyo3::exceptions::{PyAttributeError, PyBufferError};
 use pyo3::prelude::*;
 
@@ -144,7 +144,7 @@ pub fn seconds(given: f64) -> PyResult<Duration> {
 /// A frame under way. Dropped, its answer is discarded.
 #[pyclass(frozen, name = "PendingFrame", module = "pairmask")]
 pub struct PyPendingFrame {
-    pending: Guarded<PendingFrame>,
+    pending: Guarded<Pending<PairMask>>,
 }
 
 #[pymethods]
@@ -167,7 +167,7 @@ impl PyPendingFrame {
 
     /// The pairs if the answer has come, else `None`.
     fn try_take(&self, py: Python<'_>) -> PyResult<Option<PyPairMask>> {
-        let received = self.pending.with_detached(py, PendingFrame::try_take)?;
+        let received = self.pending.with_detached(py, Pending::try_take)?;
         received.map(|mask| mask.map(PyPairMask::new)).map_err(raised)
     }
 }

@@ -6,8 +6,8 @@ use std::sync::{Arc, Mutex, PoisonError, Weak};
 use std::time::{Duration, Instant};
 
 use pairmask::{
-    AtEnd, Backend, Error, FrameOptions, Margin, PendingFrame, Scene, SceneOptions, Scope, Session,
-    SessionBuilder,
+    AtEnd, Backend, Error, FrameOptions, Margin, PairMask, Pending, Scene, SceneOptions, Scope,
+    Session, SessionBuilder,
 };
 use pairmask_core::units::BoxCount;
 use pyo3::exceptions::PyRuntimeWarning;
@@ -270,10 +270,10 @@ const SLOT_INTERVAL: Duration = Duration::from_micros(50);
 /// Submits a frame, waits and decodes while other Python threads run.
 fn pairs_after(
     py: Python<'_>,
-    submit: impl FnOnce() -> Result<PendingFrame, Error> + Send,
+    submit: impl FnOnce() -> Result<Pending<PairMask>, Error> + Send,
 ) -> PyResult<Array> {
     let (pairs, census) = py.detach(|| {
-        let mask = submit().and_then(PendingFrame::wait).map_err(raised)?;
+        let mask = submit().and_then(Pending::wait).map_err(raised)?;
         Ok::<_, PyErr>((pairs_of(&mask), mask.info().census))
     })?;
     if census.invalid > 0 {

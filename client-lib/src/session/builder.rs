@@ -17,7 +17,7 @@ use crate::transport::RuntimeDir;
 /// spinning thread sees the answer within 1 µs and holds a core; a sleeping one is woken in 3 to 70
 /// µs.
 const DEFAULT_SPIN: Duration = Duration::from_micros(50);
-/// How long [`PendingFrame::wait`](super::PendingFrame::wait) waits for a daemon that lives but
+/// How long [`Pending::wait`](super::Pending::wait) waits for a daemon that lives but
 /// does not answer. No scene that fits a default reply takes as long.
 const DEFAULT_DEADLINE: Duration = Duration::from_secs(5);
 /// Describes a session; [`connect`](SessionBuilder::connect) makes it.

@@ -6,22 +6,18 @@ use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-use pairmask_core::engine::CullError;
-use pairmask_core::filters::Rules;
-use pairmask_core::objects::Objects;
-use pairmask_core::scene::{QueryError, Scene};
 use pairmask_core::units::BoxCount;
 use pairmask_wire::{ReplyFields, RequestHeader, RulesLayout, SceneId, StatusBody};
 
 use super::error::{ConnectError, Error, Loss};
 use super::exchange::Exchange;
-use super::link::{LeftDaemon, Link, SharedFrame, no_daemon};
-use super::local::{Asked, Local};
-use super::pairs::{PairMask, ServedBy};
+use super::link::{Link, SharedFrame, no_daemon};
+use super::local::Local;
+use super::pairs::ServedBy;
 use super::settings::{Backend, Settings};
-use super::spares::{Spares, lock};
+use super::spares::lock;
 use super::unread::{Ending, Unread, UnreadEdits};
-use super::written::Written;
+use crate::transport::LeftDaemon;
 
 /// A missing daemon is looked for this often at most, which costs 10 µs: one that was killed is back after some 40 ms.
 const LOOK_INTERVAL: Duration = Duration::from_millis(10);
@@ -78,10 +74,10 @@ enum Tried {
 
 impl Trial {
     fn look(&mut self, now: Instant) -> Tried {
-        match self.exchange.is_answered() {
-            Ok(true) => Tried::Answered,
-            Ok(false) if now < self.until => Tried::UnderWay,
-            Ok(false) | Err(_) => Tried::Failed,
+        match self.exchange.has_come_by(now) {
+            true if self.exchange.is_answered() => Tried::Answered,
+            false if now < self.until => Tried::UnderWay,
+            _ => Tried::Failed,
         }
     }
 }
@@ -136,7 +132,7 @@ pub(super) struct Core {
 impl Core {
     pub(super) fn new(mut settings: Settings) -> Result<Self, ConnectError> {
         settings.backend = Link::backend(settings.backend)?;
-        let local = Local::new(settings.isa);
+        let local = Local::new(settings.clone());
         let core = Self {
             settings,
             local,
@@ -158,8 +154,9 @@ impl Core {
         &self.settings
     }
 
-    pub(super) fn spares(&self) -> &Spares {
-        self.local.spares()
+    /// The engines of this process.
+    pub(super) const fn local(&self) -> &Local {
+        &self.local
     }
 
     pub(super) fn next_frame(&self) -> u64 {
@@ -229,15 +226,6 @@ impl Core {
         self.settings.backend != Backend::Daemon
     }
 
-    pub(super) fn cull_here(
-        &self,
-        objects: Objects<'_>,
-        rules: Option<&Rules>,
-        written: Written,
-    ) -> Result<PairMask, CullError> {
-        self.local.cull(objects, rules, written, &self.settings)
-    }
-
     /// Bytes behind `n` boxes for rules like those of the session's last frame that had any.
     pub(super) fn room_for_rules(&self, n: BoxCount) -> u64 {
         match self.rules_room.load(Ordering::Relaxed) {
@@ -249,29 +237,6 @@ impl Core {
     /// Has the frames to come have room for rules like these.
     pub(super) fn note_rules(&self, layout: &RulesLayout) {
         self.rules_room.store(layout.bytes_beside_tags(), Ordering::Relaxed);
-    }
-
-    /// Asks a scene of this process.
-    pub(super) fn query_here(
-        &self,
-        scene: &mut Scene,
-        asked: &Asked<'_>,
-    ) -> Result<PairMask, QueryError> {
-        let threads = scene.threads();
-        let find = |found: &mut Vec<[u32; 2]>| scene.query(asked.boxes, asked.tags, found);
-        self.local.query(asked, threads, &self.settings, find)
-    }
-
-    /// The mask of pairs [query, index] that are known, by query and then by index.
-    pub(super) fn mask_of(
-        &self,
-        asked: &Asked<'_>,
-        known: &[[u32; 2]],
-    ) -> Result<PairMask, QueryError> {
-        self.local.query(asked, 1, &self.settings, |found| {
-            found.extend_from_slice(known);
-            Ok(known.len() as u64)
-        })
     }
 
     pub(super) fn served_by(&self) -> ServedBy {
@@ -407,7 +372,7 @@ impl Core {
             let _ = self.lose(&link, how);
         }
         let (answer, asked) = answered?;
-        let payload = bytemuck::cast_slice(answer.response.pages());
+        let payload = bytemuck::cast_slice(answer.memory.pages());
         StatusBody::parse(&answer.header, &asked, payload).map_err(Error::from)
     }
 }

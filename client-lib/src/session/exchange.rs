@@ -3,14 +3,13 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use pairmask_core::rhythm::Expected;
 use pairmask_wire::{Page, ReplyError, RequestHeader, ResponseHeader};
 
-use super::error::{Error, Loss};
-use super::estimate::Expected;
-use super::link::{Link, Received, SharedFrame, Slot, Unsent, Vigil};
-use super::pairs::Storage;
+use super::error::Error;
+use super::link::{Link, SharedFrame, Slot, Unsent};
 use super::settings::Settings;
-use crate::transport::{CheckedResponse, ResponseSample, SentRequest};
+use crate::transport::{CheckedResponse, ResponseSample, SentRequest, Vigil};
 
 /// A request that was sent. Dropping it discards the answer.
 pub(super) struct Exchange {
@@ -18,24 +17,30 @@ pub(super) struct Exchange {
     slot: Slot,
     at: Instant,
     vigil: Vigil,
+    /// The answer, as it came after this time, or why there will be none.
+    came: Option<Result<(ResponseSample, Duration), Error>>,
 }
 
 /// The answer to a request. Its memory is held until it is dropped.
 pub(super) struct Answer {
     /// A copy, not validated yet.
     pub header: ResponseHeader,
-    pub response: CheckedResponse,
-    /// When the request was sent.
-    pub sent_at: Instant,
+    pub memory: AnswerMemory,
+    /// From the request to the answer.
+    pub round_trip: Duration,
+}
+
+/// The memory of an answer. It keeps its request's channel: the transport would give a free channel to the next
+/// request, whose response could then not be borrowed beside this one.
+pub(super) struct AnswerMemory {
+    response: CheckedResponse,
     _pending: SentRequest,
     _slot: Slot,
 }
 
-impl Answer {
-    /// Its memory, for a mask that lies in it.
-    pub(super) fn into_storage(self) -> Storage {
-        let Self { response, _pending: pending, _slot: slot, .. } = self;
-        Storage::Shared { response, _pending: pending, _slot: slot }
+impl AnswerMemory {
+    pub(super) fn pages(&self) -> &[Page] {
+        self.response.pages()
     }
 }
 
@@ -45,50 +50,11 @@ impl Exchange {
     pub(super) fn begin(shared: SharedFrame, header: &RequestHeader) -> Result<Self, Unsent> {
         let at = Instant::now();
         let (pending, slot) = shared.send(header)?;
-        Ok(Self { pending, slot, at, vigil: Vigil::default() })
-    }
-
-    /// Waits for the answer, as long as the deadline allows.
-    ///
-    /// # Errors
-    /// [`Error`].
-    pub(super) fn end(mut self, expected: Expected, settings: &Settings) -> Result<Answer, Error> {
-        let deadline = Instant::now() + settings.deadline;
-        let received = self.receive(expected, settings.spin, deadline)?;
-        let sample = received.ok_or(Error::Timeout { waited: settings.deadline })?;
-        let (header, response) = self.check(sample)?;
-        Ok(self.answered(&header, response))
-    }
-
-    /// The answer if it comes until then, or why there will be none; else the exchange.
-    #[allow(clippy::result_large_err)] // Its caller puts it back.
-    pub(super) fn end_until(mut self, deadline: Instant) -> Result<Result<Answer, Error>, Self> {
-        match self.receive(Expected::default(), Duration::ZERO, deadline) {
-            Ok(Some(sample)) => Ok(match self.check(sample) {
-                Ok((header, response)) => Ok(self.answered(&header, response)),
-                Err(error) => Err(error.into()),
-            }),
-            Ok(None) => Err(self),
-            Err(error) => Ok(Err(error)),
-        }
-    }
-
-    /// Whether the daemon has answered, for whom the answer does not matter.
-    ///
-    /// # Errors
-    /// [`Error`].
-    pub(super) fn is_answered(&mut self) -> Result<bool, Error> {
-        let now = Instant::now();
-        Ok(self.receive(Expected::default(), Duration::ZERO, now)?.is_some())
+        Ok(Self { pending, slot, at, vigil: Vigil::default(), came: None })
     }
 
     pub(super) const fn link(&self) -> &Arc<Link> {
         self.slot.link()
-    }
-
-    /// When it was sent.
-    pub(super) const fn at(&self) -> Instant {
-        self.at
     }
 
     /// The pages of the request.
@@ -101,72 +67,70 @@ impl Exchange {
         self.slot
     }
 
-    /// Waits for the answer until then; `None` if it has not come.
+    /// Waits until then for the answer, or for what says that there will be none. Whether either has come.
+    pub(super) fn has_come(&mut self, expected: Expected, spin: Duration, until: Instant) -> bool {
+        if self.came.is_none() {
+            let Self { pending, slot, at, vigil, .. } = self;
+            let received = slot.link().receive(pending, *at, expected, spin, until, vigil);
+            let came = |received: Result<ResponseSample, Error>| {
+                received.map(|sample| (sample, at.elapsed()))
+            };
+            self.came = received.transpose().map(came);
+        }
+        self.came.is_some()
+    }
+
+    /// As [`has_come`](Self::has_come), for whom the answer does not matter yet.
+    pub(super) fn has_come_by(&mut self, until: Instant) -> bool {
+        self.has_come(Expected::default(), Duration::ZERO, until)
+    }
+
+    /// Whether what has come is an answer.
+    pub(super) const fn is_answered(&self) -> bool {
+        matches!(self.came, Some(Ok(_)))
+    }
+
+    /// Takes the answer that has come: a copy of its header, its memory, and the time since the request.
     ///
     /// # Errors
-    /// [`Error`]: there will be none.
-    pub(super) fn receive(
-        &mut self,
-        expected: Expected,
-        spin: Duration,
-        deadline: Instant,
-    ) -> Result<Option<ResponseSample>, Error> {
-        let Self { pending, slot, at, vigil } = self;
-        match slot.link().receive(pending, *at, expected, spin, deadline, vigil)? {
-            Received::Sample(sample) => Ok(Some(sample)),
-            Received::Nothing => Ok(None),
-            Received::Dead => Err(Error::DaemonDied),
-            Received::Silent => Err(Error::Timeout { waited: at.elapsed() }),
-            Received::Full => Err(Error::DaemonFull),
+    /// [`Error`]; a [`Timeout`](Error::Timeout) where nothing has come.
+    pub(super) fn take(&mut self) -> Result<(ResponseHeader, CheckedResponse, Duration), Error> {
+        let timeout = || Err(Error::Timeout { waited: self.at.elapsed() });
+        let (sample, round_trip) = self.came.take().unwrap_or_else(timeout)?;
+        let checked = self.slot.link().check(sample);
+        let (header, response) = checked.ok_or(ReplyError::Malformed { field: "place" })?;
+        Ok((header, response, round_trip))
+    }
+
+    /// Waits for the answer, as long as the deadline allows.
+    ///
+    /// # Errors
+    /// [`Error`].
+    pub(super) fn end(mut self, expected: Expected, settings: &Settings) -> Result<Answer, Error> {
+        let deadline = Instant::now() + settings.deadline;
+        if !self.has_come(expected, settings.spin, deadline) {
+            return Err(Error::Timeout { waited: settings.deadline });
         }
+        self.received()
     }
 
-    /// The header and the memory of an answer.
-    pub(super) fn check(
-        &self,
-        sample: ResponseSample,
-    ) -> Result<(ResponseHeader, CheckedResponse), ReplyError> {
-        self.slot.link().check(sample).ok_or(ReplyError::Malformed { field: "place" })
+    /// The answer that has come.
+    ///
+    /// # Errors
+    /// As [`take`](Self::take).
+    pub(super) fn received(mut self) -> Result<Answer, Error> {
+        let (header, response, round_trip) = self.take()?;
+        Ok(Answer { header, memory: self.hold(response), round_trip })
     }
 
-    /// The memory of an answer that was checked, for a mask that lies in it.
-    pub(super) fn into_storage(self, response: CheckedResponse) -> Storage {
-        let Self { pending, slot, .. } = self;
-        Storage::Shared { response, _pending: pending, _slot: slot }
-    }
-
-    /// The answer, with what it has to hold.
-    fn answered(self, header: &ResponseHeader, response: CheckedResponse) -> Answer {
-        let Self { pending, slot, at, .. } = self;
-        Answer { header: *header, response, sent_at: at, _pending: pending, _slot: slot }
-    }
-}
-
-impl Unsent {
-    /// The pages of the request, where they are kept.
-    pub(super) fn pages(&self) -> Option<&[Page]> {
-        match self {
-            Self::Undelivered { sent, .. } => Some(sent.pages()),
-            Self::Saved(shared) => Some(shared.loan.pages()),
-            Self::Lost(_) => None,
-        }
-    }
-
-    /// How the daemon was lost.
-    pub(super) fn loss(&self) -> Loss {
-        match self {
-            Self::Undelivered { slot, .. } if slot.link().is_alive() => Loss::Silent,
-            _ => Loss::Died,
-        }
+    /// Holds the memory of an answer that was taken.
+    pub(super) fn hold(self, response: CheckedResponse) -> AnswerMemory {
+        AnswerMemory { response, _pending: self.pending, _slot: self.slot }
     }
 }
 
 impl From<Unsent> for Error {
     fn from(unsent: Unsent) -> Self {
-        match (unsent.loss(), unsent) {
-            (_, Unsent::Lost(error)) => error.into(),
-            (Loss::Silent, Unsent::Undelivered { waited, .. }) => Self::Timeout { waited },
-            _ => Self::DaemonDied,
-        }
+        unsent.into_error()
     }
 }

@@ -2,7 +2,6 @@
 
 use std::sync::Arc;
 
-use bytemuck::Pod;
 use pairmask_core::aabb::Aabb;
 use pairmask_core::filters::Rules;
 use pairmask_core::objects::{ObjectForm, Objects};
@@ -10,14 +9,16 @@ use pairmask_core::precision::{BoxForm, Encoder, Precision};
 use pairmask_core::sphere::Sphere;
 use pairmask_core::units::BoxCount;
 use pairmask_core::write::{BoxSource, par_write_boxes};
-use pairmask_wire::{Page, bytes_in_mut, items_in, items_in_mut};
+use pairmask_wire::{bytes_in_mut, items_in, items_in_mut};
 
 use super::core::Core;
 use super::error::Error;
 use super::link::SharedFrame;
-use super::pending::PendingFrame;
+use super::pairs::PairMask;
+use super::pending::Pending;
 use super::settings::Backend;
 use super::spares::{Shelf, Spares};
+use super::submitted::Submitted;
 use super::written::Written;
 
 /// Memory for the objects of one frame: boxes ([`Aabb`]), bounding [spheres](Sphere), or boxes that are
@@ -57,53 +58,70 @@ pub struct FrameOptions {
 }
 
 pub(super) mod sealed {
-    use super::{BoxCount, FrameObject, Objects, Page, Pod, Shelf, Spares};
+    use bytemuck::Pod;
+    use pairmask_core::objects::Objects;
+
+    use crate::session::spares::{Shelf, Spares};
+
+    /// Objects as this process's own memory holds them.
+    pub trait Stored: Pod + Default {
+        /// They as input of an engine.
+        fn as_objects(own: &[Self]) -> Objects<'_>;
+        /// The shelf of spare buffers for them.
+        fn spares(spares: &Spares) -> &Shelf<Vec<Self>>;
+    }
 
     /// How frames hold a kind of object.
     pub trait Object {
         /// What this process's own memory holds.
-        type Stored: Pod + Default;
+        type Stored: Stored;
         /// What is needed to write an object.
         type Encoding;
-        /// Objects in this process's memory as input of an engine.
-        fn as_objects(own: &[Self::Stored]) -> Objects<'_>;
-        /// The shelf of spare buffers for these objects.
-        fn spares(spares: &Spares) -> &Shelf<Vec<Self::Stored>>;
-    }
-
-    /// Objects that lie in shared memory as in this process's own.
-    pub trait Plain: FrameObject<Stored = Self> + Sized {
-        /// The first `n` objects of a payload.
-        fn in_pages(pages: &[Page], n: BoxCount) -> Option<&[Self]>;
-        /// As [`in_pages`](Self::in_pages), writable.
-        fn in_pages_mut(pages: &mut [Page], n: BoxCount) -> Option<&mut [Self]>;
     }
 }
-use sealed::{Object, Plain};
+use sealed::{Object, Stored};
 
-impl Plain for Aabb {
-    fn in_pages(pages: &[Page], n: BoxCount) -> Option<&[Self]> {
-        items_in(pages, n)
+impl Stored for Aabb {
+    fn as_objects(own: &[Self]) -> Objects<'_> {
+        Objects::Boxes(own.into())
     }
-    fn in_pages_mut(pages: &mut [Page], n: BoxCount) -> Option<&mut [Self]> {
-        items_in_mut(pages, n)
+    fn spares(spares: &Spares) -> &Shelf<Vec<Self>> {
+        &spares.boxes
     }
 }
 
-impl Plain for Sphere {
-    fn in_pages(pages: &[Page], n: BoxCount) -> Option<&[Self]> {
-        items_in(pages, n)
+impl Stored for Sphere {
+    fn as_objects(own: &[Self]) -> Objects<'_> {
+        Objects::Spheres(own)
     }
-    fn in_pages_mut(pages: &mut [Page], n: BoxCount) -> Option<&mut [Self]> {
-        items_in_mut(pages, n)
+    fn spares(spares: &Spares) -> &Shelf<Vec<Self>> {
+        &spares.spheres
     }
 }
 
-impl<O: Plain> Frame<O> {
+impl<O: Object> FrameObject for O {}
+
+impl Object for Aabb {
+    type Stored = Self;
+    type Encoding = ();
+}
+
+impl Object for Sphere {
+    type Stored = Self;
+    type Encoding = ();
+}
+
+impl Object for Quantized {
+    type Stored = Aabb;
+    type Encoding = (Precision, Encoder);
+}
+
+/// Objects that lie in shared memory as in this process's own.
+impl<O: FrameObject<Stored = O> + Stored> Frame<O> {
     fn objects(&self) -> &[O] {
         match &self.memory {
             Some(FrameMemory::Shared(shared)) => {
-                O::in_pages(shared.loan.pages(), self.n).unwrap_or_default()
+                items_in(shared.loan.pages(), self.n).unwrap_or_default()
             }
             Some(FrameMemory::Own(objects)) => objects,
             None => &[],
@@ -113,47 +131,11 @@ impl<O: Plain> Frame<O> {
     fn objects_mut(&mut self) -> &mut [O] {
         match &mut self.memory {
             Some(FrameMemory::Shared(shared)) => {
-                O::in_pages_mut(shared.loan.pages_mut(), self.n).unwrap_or_default()
+                items_in_mut(shared.loan.pages_mut(), self.n).unwrap_or_default()
             }
             Some(FrameMemory::Own(objects)) => objects,
             None => &mut [],
         }
-    }
-}
-
-impl FrameObject for Aabb {}
-impl Object for Aabb {
-    type Stored = Self;
-    type Encoding = ();
-    fn as_objects(own: &[Self]) -> Objects<'_> {
-        Objects::Boxes(own.into())
-    }
-    fn spares(spares: &Spares) -> &Shelf<Vec<Self>> {
-        &spares.boxes
-    }
-}
-
-impl FrameObject for Sphere {}
-impl Object for Sphere {
-    type Stored = Self;
-    type Encoding = ();
-    fn as_objects(own: &[Self]) -> Objects<'_> {
-        Objects::Spheres(own)
-    }
-    fn spares(spares: &Spares) -> &Shelf<Vec<Self>> {
-        &spares.spheres
-    }
-}
-
-impl FrameObject for Quantized {}
-impl Object for Quantized {
-    type Stored = Aabb;
-    type Encoding = (Precision, Encoder);
-    fn as_objects(own: &[Aabb]) -> Objects<'_> {
-        Objects::Boxes(own.into())
-    }
-    fn spares(spares: &Spares) -> &Shelf<Vec<Aabb>> {
-        &spares.boxes
     }
 }
 
@@ -178,7 +160,7 @@ impl<O: FrameObject> std::fmt::Debug for Frame<O> {
 impl<O: FrameObject> Drop for Frame<O> {
     fn drop(&mut self) {
         if let Some(FrameMemory::Own(objects)) = self.memory.take() {
-            O::spares(self.core.spares()).give(objects);
+            O::Stored::spares(self.core.local().spares()).give(objects);
         }
     }
 }
@@ -223,7 +205,7 @@ impl<O: FrameObject> Frame<O> {
             core.loan(&core.link()?, written.scene(n).payload_bytes() + room)
         };
         let own = || {
-            let memory = O::spares(core.spares()).take_sized(n);
+            let memory = O::Stored::spares(core.local().spares()).take_sized(n);
             memory.map(FrameMemory::Own).ok_or(Error::NoMemory { n: n.get() })
         };
         let memory = match core.settings().backend {
@@ -259,7 +241,7 @@ impl<O: FrameObject> Frame<O> {
     ///
     /// # Errors
     /// [`Error`]; the frame's memory is gone then.
-    pub fn submit(self) -> Result<PendingFrame, Error> {
+    pub fn submit(self) -> Result<Pending<PairMask>, Error> {
         self.submit_by(None)
     }
 
@@ -303,7 +285,7 @@ impl<O: FrameObject> Frame<O> {
     /// [`Error::Listed`] where filters are not those of so many boxes, [`Error::Unsupported`] for
     /// spheres, and for filters and sets at once. With [`Backend::Daemon`](super::Backend::Daemon),
     /// [`Error::TooManyListedPairs`].
-    pub fn submit_with(mut self, options: &FrameOptions) -> Result<PendingFrame, Error> {
+    pub fn submit_with(mut self, options: &FrameOptions) -> Result<Pending<PairMask>, Error> {
         let FrameOptions { filters, split_at } = options;
         if self.written.form == ObjectForm::Spheres && (filters.is_some() || split_at.is_some()) {
             return Err(Error::Unsupported { what: "spheres with filters or in two sets" });
@@ -328,7 +310,7 @@ impl<O: FrameObject> Frame<O> {
         self.submit_by(filters.as_ref())
     }
 
-    fn submit_by(mut self, filters: Option<&Arc<Rules>>) -> Result<PendingFrame, Error> {
+    fn submit_by(mut self, filters: Option<&Arc<Rules>>) -> Result<Pending<PairMask>, Error> {
         match self.memory.take() {
             Some(FrameMemory::Shared(shared)) => {
                 let kept = shared.slot.link().kept_rules();
@@ -337,14 +319,16 @@ impl<O: FrameObject> Frame<O> {
                     kept.are_known(filters, self.n) || !filters.let_all_meet(self.n.len())
                 };
                 let filters = filters.filter(matter);
-                PendingFrame::send(shared, self.n, self.written, filters, Arc::clone(&self.core))
+                let core = Arc::clone(&self.core);
+                Submitted::send(shared, self.n, self.written, filters, core).map(Pending::new)
             }
             Some(FrameMemory::Own(objects)) => {
                 let rules = filters.map(|filters| &**filters);
                 let rules = rules.filter(|rules| !rules.let_all_meet(self.n.len()));
-                let mask = self.core.cull_here(O::as_objects(&objects), rules, self.written);
+                let given = O::Stored::as_objects(&objects);
+                let mask = self.core.local().cull(given, rules, self.written);
                 self.memory = Some(FrameMemory::Own(objects));
-                Ok(PendingFrame::ready(mask?, Arc::clone(&self.core)))
+                Ok(Pending::new(Submitted::Ready(mask?)))
             }
             None => Err(Error::TooManyFrames),
         }

@@ -12,29 +12,22 @@ use iceoryx2::port::notifier::Notifier;
 use iceoryx2::port::update_connections::UpdateConnections;
 use iceoryx2::service::ipc_threadsafe;
 use pairmask_core::precision::BoxForm;
+use pairmask_core::rhythm::{Answered, Estimate, Expected};
 use pairmask_core::spinner::Spinner;
 use pairmask_core::units::BoxCount;
 use pairmask_wire::{
-    InstanceError, PAGE_BYTES, ReplyError, RequestHeader, ResponseHeader, Version, page_count,
+    InstanceError, PAGE_BYTES, Page, ReplyError, RequestHeader, ResponseHeader, Version, page_count,
 };
 
-use super::error::{ConnectError, Error};
-use super::estimate::{Answered, Estimate, Expected};
+use super::error::{ConnectError, Error, Loss};
 use super::kept_rules::KeptRules;
 use super::settings::{Backend, Settings};
 use super::spares::lock;
 use crate::transport::{
-    CheckedResponse, Client, ClientPort, DaemonWatch, FRAMES_AT_A_TIME, OpenError, OwnRequest,
-    PopulateError, Populated, ResponseSample, SILENT_AFTER, Segment, SegmentFiles, SentRequest,
-    Services, Stillness, TransportError, foreign_owner, quiet_transport_log,
+    CheckedResponse, Client, ClientPort, DaemonWatch, FRAMES_AT_A_TIME, LeftDaemon, OpenError,
+    OwnRequest, PopulateError, Populated, ResponseSample, Seen, Segment, SegmentFiles, SentRequest,
+    Services, TransportError, Vigil, WAIT_SLICE, Watched, foreign_owner, quiet_transport_log,
 };
-
-/// A waiting thread checks this often whether the daemon lives, and whether its response has come:
-/// another thread of the session may have taken the wake-up.
-pub(super) const WAIT_SLICE: Duration = Duration::from_millis(2);
-/// Time that counts between two looks at the daemon's heartbeat: more than a beat takes, and than a game
-/// that looks once a frame. A client that was itself starved for longer knows no more of the daemon.
-const LONGEST_LOOK: Duration = Duration::from_millis(25);
 
 /// Boxes that a frame of the first segment has address space for, where the session names no capacity. Pages
 /// cost when frames use them; larger frames make a larger segment.
@@ -230,7 +223,16 @@ impl Link {
 
     /// The daemon of a session that leaves it, because it does not answer.
     pub(super) fn left(&self) -> LeftDaemon {
-        LeftDaemon { daemon: Arc::clone(&self.daemon), beats: self.daemon.beats() }
+        LeftDaemon::new(&self.daemon)
+    }
+
+    /// The daemon, for who waits for it.
+    fn watched(&self) -> Watched<'_> {
+        Watched {
+            daemon: &self.daemon,
+            has_answered: self.has_answered(),
+            leaves_silent: self.leaves_silent,
+        }
     }
 
     /// The rules that the daemon keeps.
@@ -308,10 +310,13 @@ impl Link {
         lock(&self.estimate).expect(n)
     }
 
-    /// Waits for the response to `pending` until `deadline`.
+    /// Waits for the response to `pending` until `deadline`; `None` if it has not come.
     ///
     /// Naps through most of a request that is expected to be long, spins until `spin` after its
     /// expected end, then sleeps until woken.
+    ///
+    /// # Errors
+    /// [`Error`]: there will be none.
     pub(super) fn receive(
         &self,
         pending: &mut SentRequest,
@@ -320,20 +325,18 @@ impl Link {
         spin: Duration,
         deadline: Instant,
         vigil: &mut Vigil,
-    ) -> Result<Received, TransportError> {
+    ) -> Result<Option<ResponseSample>, Error> {
         if let Some(sample) = pending.receive()? {
-            return Ok(Received::Sample(sample));
+            return Ok(Some(sample));
         }
         let Expected { nap, round_trip, threads } = expected;
-        // The daemon may have answered before it died.
-        let leave = |pending: &mut SentRequest, seen| -> Result<_, TransportError> {
-            let lost = match seen {
-                Seen::Running => return Ok(None),
-                Seen::Dead => Received::Dead,
-                Seen::Silent => Received::Silent,
-                Seen::Full => Received::Full,
-            };
-            Ok(Some(pending.receive()?.map_or(lost, Received::Sample)))
+        // The daemon may have answered before it died: the response is looked for after the daemon.
+        let look = |pending: &mut SentRequest, seen: Seen| match (pending.receive()?, seen) {
+            (Some(sample), _) => Ok(Some(sample)),
+            (None, Seen::Running) => Ok(None),
+            (None, Seen::Dead) => Err(Error::DaemonDied),
+            (None, Seen::Silent) => Err(Error::Timeout { waited: sent.elapsed() }),
+            (None, Seen::Full) => Err(Error::DaemonFull),
         };
         if !spin.is_zero() {
             // The nap goes by the system's fine clock. The listener's wait ends with a tick of the
@@ -346,11 +349,8 @@ impl Link {
                     break;
                 }
                 std::thread::sleep(left.min(WAIT_SLICE));
-                if let Some(sample) = pending.receive()? {
-                    return Ok(Received::Sample(sample));
-                }
-                if let Some(lost) = leave(pending, vigil.look_at_times(self))? {
-                    return Ok(lost);
+                if let Some(sample) = look(pending, vigil.look_at_times(&self.watched()))? {
+                    return Ok(Some(sample));
                 }
             }
             // Near its expected end a frame is worth a core: a client that falls asleep just before
@@ -358,11 +358,8 @@ impl Link {
             let spin_until = (Instant::now().max(sent + round_trip) + spin).min(deadline);
             let mut spinner = Spinner::default();
             while Instant::now() < spin_until {
-                if let Some(sample) = pending.receive()? {
-                    return Ok(Received::Sample(sample));
-                }
-                if let Some(lost) = leave(pending, vigil.look_at_times(self))? {
-                    return Ok(lost);
+                if let Some(sample) = look(pending, vigil.look_at_times(&self.watched()))? {
+                    return Ok(Some(sample));
                 }
                 if threads < self.cores {
                     spinner.turn();
@@ -373,14 +370,12 @@ impl Link {
             }
         }
         loop {
-            if let Some(sample) = pending.receive()? {
-                return Ok(Received::Sample(sample));
-            }
-            if let Some(lost) = leave(pending, vigil.look(self, Instant::now()))? {
-                return Ok(lost);
+            let seen = vigil.look(&self.watched(), Instant::now());
+            if let Some(sample) = look(pending, seen)? {
+                return Ok(Some(sample));
             }
             if Instant::now() >= deadline {
-                return Ok(Received::Nothing);
+                return Ok(None);
             }
             self.sleep(deadline)?;
         }
@@ -396,107 +391,46 @@ impl Link {
     }
 }
 
-/// The result of waiting for a response.
-pub(super) enum Received {
-    Sample(ResponseSample),
-    Nothing,
-    Dead,
-    /// The daemon's heartbeat stands still, and the session goes on without it.
-    Silent,
-    /// The daemon has no files to connect to this session, which it has never answered.
-    Full,
-}
-
-/// Looks at the daemon while a request is under way, from one wait for its answer to the next.
-#[derive(Default)]
-pub(super) struct Vigil {
-    heart: Option<Stillness>,
-    look_at: Option<Instant>,
-    /// When it was first seen to have no file for a client, as this one may be.
-    full_since: Option<Instant>,
-}
-
-enum Seen {
-    Running,
-    Dead,
-    Silent,
-    Full,
-}
-
-impl Vigil {
-    /// Looks at the daemon once a slice, for a thread that comes by more often.
-    fn look_at_times(&mut self, link: &Link) -> Seen {
-        let now = Instant::now();
-        if now < *self.look_at.get_or_insert(now + WAIT_SLICE) {
-            return Seen::Running;
-        }
-        self.look(link, now)
-    }
-
-    fn look(&mut self, link: &Link, now: Instant) -> Seen {
-        self.look_at = Some(now + WAIT_SLICE);
-        if !link.is_alive() {
-            return Seen::Dead;
-        }
-        // A long first frame beside a client that is not served is no sign: it has this time.
-        if !link.has_answered() && link.daemon.is_full() {
-            let since = *self.full_since.get_or_insert(now);
-            if now.saturating_duration_since(since) >= SILENT_AFTER {
-                return Seen::Full;
-            }
-        }
-        if !link.leaves_silent {
-            return Seen::Running;
-        }
-        let beats = link.daemon.beats();
-        let heart = self.heart.get_or_insert_with(|| Stillness::new(beats, now, LONGEST_LOOK));
-        if heart.look(beats, now) < SILENT_AFTER { Seen::Running } else { Seen::Silent }
-    }
-}
-
-/// A daemon that a session has left, because it did not answer.
-#[derive(Debug)]
-pub(super) struct LeftDaemon {
-    daemon: Arc<DaemonWatch>,
-    /// Its beats at that time.
-    beats: Option<u64>,
-}
-
-impl LeftDaemon {
-    /// Whether its worker has died: another one may serve.
-    pub(super) fn is_gone(&self) -> bool {
-        !self.daemon.is_alive()
-    }
-
-    /// Whether it has run since. One that counts no beats may have.
-    pub(super) fn has_run(&self) -> bool {
-        let beats = self.daemon.beats();
-        beats.is_none() || beats != self.beats
-    }
-}
-
 /// The error of a session that finds no daemon.
 pub(super) fn no_daemon(settings: &Settings) -> ConnectError {
     let looked_in = settings.dir.all().map(|dir| dir.path().to_owned()).collect();
     ConnectError::NoDaemon { instance: settings.instance.clone(), looked_in }
 }
 
-/// A frame that has no room for more, with its memory where that is kept.
-pub(super) struct Ungrown {
-    pub frame: Option<SharedFrame>,
-    pub error: Error,
+/// A request that could not be sent.
+pub(super) struct Unsent {
+    error: Error,
+    /// Its memory, where that is kept.
+    memory: Option<UnsentMemory>,
 }
 
-/// A request that could not be sent, with its memory where that is kept.
-pub(super) enum Unsent {
+enum UnsentMemory {
     /// The daemon receives nothing.
     Undelivered {
         sent: SentRequest,
-        slot: Slot,
-        waited: Duration,
+        _slot: Slot,
     },
-    Saved(SharedFrame),
-    Lost(TransportError),
+    Kept(SharedFrame),
+}
+
+impl Unsent {
+    /// The pages of the request, where they are kept.
+    pub(super) fn pages(&self) -> Option<&[Page]> {
+        Some(match self.memory.as_ref()? {
+            UnsentMemory::Undelivered { sent, .. } => sent.pages(),
+            UnsentMemory::Kept(shared) => shared.loan.pages(),
+        })
+    }
+
+    /// Why it was not sent.
+    pub(super) fn into_error(self) -> Error {
+        self.error
+    }
+
+    /// How the daemon was lost.
+    pub(super) fn loss(&self) -> Loss {
+        Loss::of(&self.error).unwrap_or(Loss::Died)
+    }
 }
 
 impl SharedFrame {
@@ -509,15 +443,16 @@ impl SharedFrame {
     }
 
     /// The frame in memory of so many bytes, with a copy of the first `used` bytes, where it has fewer.
-    #[allow(clippy::result_large_err)] // The error holds the frame, which its caller goes on with.
-    pub(super) fn grown(self, bytes: u64, used: u64) -> Result<Self, Ungrown> {
+    /// The error holds the frame where its memory is kept, for a caller that goes on with it.
+    #[allow(clippy::result_large_err)]
+    pub(super) fn grown(self, bytes: u64, used: u64) -> Result<Self, (Error, Option<Self>)> {
         let (pages, used) = (pages_of(bytes), pages_of(used));
         if pages <= self.loan.pages().len() {
             return Ok(self);
         }
         let port = match self.slot.link.port_for(pages) {
             Ok(port) => port,
-            Err(error) => return Err(Ungrown { frame: Some(self), error }),
+            Err(error) => return Err((error, Some(self))),
         };
         if let Ok(mut loan) = self.slot.link.lend(&port, pages) {
             loan.pages_mut()[..used].copy_from_slice(&self.loan.pages()[..used]);
@@ -527,8 +462,7 @@ impl SharedFrame {
         let Self { loan, slot, .. } = self;
         let own = loan.pages()[..used].to_vec();
         drop(loan);
-        let lost = |error| Ungrown { frame: None, error };
-        let mut loan = slot.link.lend(&port, pages).map_err(lost)?;
+        let mut loan = slot.link.lend(&port, pages).map_err(|error| (error, None))?;
         loan.pages_mut()[..used].copy_from_slice(&own);
         Ok(Self { loan, port, slot })
     }
@@ -540,11 +474,13 @@ impl SharedFrame {
         // `send` drops the memory when it fails, and it fails where the daemon is gone or new. The
         // connection is updated first, while the session still owns the boxes.
         if self.port.update_connections().is_err() || !self.slot.link.is_alive() {
-            return Err(Unsent::Saved(self));
+            let memory = Some(UnsentMemory::Kept(self));
+            return Err(Unsent { error: Error::DaemonDied, memory });
         }
+        let lost = |error: TransportError| Unsent { error: error.into(), memory: None };
         let Self { loan, port, slot } = self;
         let link = &slot.link;
-        let mut sent = loan.send(header).map_err(Unsent::Lost)?;
+        let mut sent = loan.send(header).map_err(lost)?;
         // A spinning daemon needs no wake-up, but the client cannot see whether it spins. A
         // notification costs 50 ns while the daemon is awake. If it fails, the daemon still looks
         // for requests at intervals.
@@ -553,7 +489,7 @@ impl SharedFrame {
             let since = Instant::now();
             let mut vigil = Vigil::default();
             while !sent.is_delivered()
-                && matches!(vigil.look_at_times(link), Seen::Running)
+                && matches!(vigil.look_at_times(&link.watched()), Seen::Running)
                 && since.elapsed() < ROOM_WITHIN
             {
                 std::thread::sleep(ROOM_INTERVAL);
@@ -562,12 +498,16 @@ impl SharedFrame {
                     again.pages_mut().copy_from_slice(sent.pages());
                     // It counts as one under way.
                     drop(sent);
-                    sent = again.send(header).map_err(Unsent::Lost)?;
+                    sent = again.send(header).map_err(lost)?;
                 }
                 let _ = link.notifier.notify();
             }
             if !sent.is_delivered() {
-                return Err(Unsent::Undelivered { sent, slot, waited: since.elapsed() });
+                let waited = since.elapsed();
+                let is_alive = link.is_alive();
+                let error = if is_alive { Error::Timeout { waited } } else { Error::DaemonDied };
+                let memory = Some(UnsentMemory::Undelivered { sent, _slot: slot });
+                return Err(Unsent { error, memory });
             }
         }
         Ok((sent, slot))

@@ -4,14 +4,14 @@ use std::sync::{Arc, Mutex};
 
 use pairmask_core::aabb::Aabb;
 use pairmask_core::dispatch::{CpuEngines, CullAnswer, CullOptions, SphereWays, WorldRange};
-use pairmask_core::engine::{AvailableIsa, CullError, HeapReply, ReserveError};
+use pairmask_core::engine::{CullError, HeapReply, ReserveError};
 use pairmask_core::filters::Rules;
 use pairmask_core::mask::Encoding;
 use pairmask_core::objects::Objects;
 use pairmask_core::plan::Calibration;
 use pairmask_core::precision::{ExpandScratch, Precision};
 use pairmask_core::repeat::{Repeats, Seen};
-use pairmask_core::scene::{QueryError, QueryMask, QueryTags, cull_between};
+use pairmask_core::scene::{QueryError, QueryMask, QueryTags, Scene, cull_between};
 use pairmask_core::units::BoxCount;
 use pairmask_wire::Reply;
 
@@ -36,6 +36,7 @@ pub(super) struct Local {
     engines: Mutex<Engines>,
     spares: Arc<Spares>,
     last_pairs: Mutex<Option<u64>>,
+    settings: Settings,
 }
 
 /// The engines for boxes and for spheres, and what is remembered of the last frame.
@@ -84,7 +85,8 @@ impl std::fmt::Debug for Local {
 }
 
 impl Local {
-    pub(super) fn new(isa: AvailableIsa) -> Self {
+    pub(super) fn new(settings: Settings) -> Self {
+        let isa = settings.isa;
         let boxes = CpuEngines::on(isa, Calibration::built_in(isa.get()));
         Self {
             engines: Mutex::new(Engines {
@@ -94,6 +96,7 @@ impl Local {
             }),
             spares: Arc::default(),
             last_pairs: Mutex::default(),
+            settings,
         }
     }
 
@@ -107,8 +110,8 @@ impl Local {
         objects: Objects<'_>,
         rules: Option<&Rules>,
         written: Written,
-        settings: &Settings,
     ) -> Result<PairMask, CullError> {
+        let settings = &self.settings;
         let mut memory = self.spares.replies.take();
         let options = CullOptions {
             engine: settings.engine,
@@ -121,15 +124,7 @@ impl Local {
         let mut worlds = Vec::new();
         let mut find = |limit_bytes| {
             memory.set_limit_bytes(limit_bytes);
-            self.find(
-                objects,
-                rules,
-                written.first_set,
-                &options,
-                settings,
-                &mut memory,
-                &mut worlds,
-            )
+            self.find(objects, rules, written.first_set, &options, &mut memory, &mut worlds)
         };
         // As a daemon does: what is too large in one encoding is found in another, where that is left open. Where no
         // encoding is small enough, memory is the limit.
@@ -139,7 +134,7 @@ impl Local {
         }?;
         *lock(&self.last_pairs) = Some(answer.report.pair_count);
         let n = BoxCount::new(objects.len() as u32);
-        Ok(self.mask(memory, n, &answer, written, settings).with_worlds(worlds))
+        Ok(self.mask(memory, n, &answer, written).with_worlds(worlds))
     }
 
     /// Finds the pairs in memory that the mask may take.
@@ -150,7 +145,6 @@ impl Local {
         rules: Option<&Rules>,
         first_set: Option<BoxCount>,
         options: &CullOptions,
-        settings: &Settings,
         memory: &mut HeapReply,
         worlds: &mut Vec<WorldRange>,
     ) -> Result<CullAnswer, CullError> {
@@ -167,16 +161,37 @@ impl Local {
                 worlds.extend_from_slice(filtered.worlds);
                 Ok(filtered.answer)
             }
-            _ => lock(&self.engines).cull(objects, options, settings.answer_repeats, memory),
+            _ => lock(&self.engines).cull(objects, options, self.settings.answer_repeats, memory),
         }
     }
 
-    /// The mask of what `find` finds for queries, with so many threads.
+    /// Asks a scene of this process.
     pub(super) fn query(
+        &self,
+        scene: &mut Scene,
+        asked: &Asked<'_>,
+    ) -> Result<PairMask, QueryError> {
+        let threads = scene.threads();
+        self.found(asked, threads, |found| scene.query(asked.boxes, asked.tags, found))
+    }
+
+    /// The mask of pairs [query, index] that are known, by query and then by index.
+    pub(super) fn mask_of(
+        &self,
+        asked: &Asked<'_>,
+        known: &[[u32; 2]],
+    ) -> Result<PairMask, QueryError> {
+        self.found(asked, 1, |found| {
+            found.extend_from_slice(known);
+            Ok(known.len() as u64)
+        })
+    }
+
+    /// The mask of what `find` finds for queries, with so many threads.
+    fn found(
         &self,
         asked: &Asked<'_>,
         threads: usize,
-        settings: &Settings,
         find: impl FnOnce(&mut Vec<[u32; 2]>) -> Result<u64, QueryError>,
     ) -> Result<PairMask, QueryError> {
         let Asked { boxes, encoding, mask, .. } = *asked;
@@ -184,7 +199,7 @@ impl Local {
         let answer = mask.answer(boxes, encoding, threads, &mut found, &mut memory, find)?;
         self.spares.found.give(found);
         let written = Written::by(&Precision::Exact);
-        Ok(self.mask(memory, mask.n(), &answer, written, settings))
+        Ok(self.mask(memory, mask.n(), &answer, written))
     }
 
     /// The mask of an answer of this process.
@@ -194,7 +209,6 @@ impl Local {
         n: BoxCount,
         answer: &CullAnswer,
         written: Written,
-        settings: &Settings,
     ) -> PairMask {
         let reply = Reply {
             box_count: n,
@@ -204,6 +218,6 @@ impl Local {
             times: answer.times,
         };
         let storage = Storage::Own { memory, home: Arc::clone(&self.spares) };
-        PairMask::new(storage, &reply, ServedBy::InProcess, written, settings.isa)
+        PairMask::new(storage, &reply, ServedBy::InProcess, written, self.settings.isa)
     }
 }

@@ -1,44 +1,22 @@
 //! Sessions: one API over the daemon through shared memory and over the engines in process.
-//!
-//! ```
-//! use pairmask_core::Aabb;
-//! use pairmask::{Backend, Session};
-//!
-//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
-//! let mut session = Session::builder().backend(Backend::InProcess).connect()?;
-//! let mut frame = session.frame(3)?;
-//! for (i, slot) in frame.boxes_mut().iter_mut().enumerate() {
-//!     let x = 0.8 * i as f32;
-//!     *slot = Aabb::new([x, 0.0, 0.0], [x + 1.0, 1.0, 1.0]);
-//! }
-//! let mask = frame.submit()?.wait()?;
-//! assert_eq!(mask.to_vec(), [[0, 1], [1, 2]]);
-//! # Ok(())
-//! # }
-//! ```
 
 mod builder;
 mod core;
 mod error;
 #[cfg_attr(not(feature = "daemon"), allow(dead_code))]
-mod estimate;
-#[cfg_attr(not(feature = "daemon"), allow(dead_code))]
 mod exchange;
 mod frame;
 #[cfg_attr(not(feature = "daemon"), allow(dead_code))]
 mod kept_rules;
-#[cfg(feature = "daemon")]
-mod link;
-#[cfg(not(feature = "daemon"))]
-#[path = "no_link.rs"]
-#[allow(dead_code)] // It has no value, so that nothing reads or makes one.
-mod link;
+#[cfg_attr(not(feature = "daemon"), path = "absent.rs")]
+pub(crate) mod link;
 mod local;
 mod pairs;
 mod pending;
 mod scene;
 mod settings;
 mod spares;
+mod submitted;
 #[cfg_attr(not(feature = "daemon"), allow(dead_code))]
 mod unread;
 mod written;
@@ -47,10 +25,8 @@ pub use builder::SessionBuilder;
 pub use error::{ConnectError, Error};
 pub use frame::{Frame, FrameObject, FrameOptions, Quantized};
 pub use pairs::{FrameInfo, PairMask, ServedBy};
-pub use pending::PendingFrame;
-pub use scene::{
-    MarginStats, PairList, PendingAnswer, QueryAnswer, Scene, SceneAnswer, SceneEdit, SceneOptions,
-};
+pub use pending::Pending;
+pub use scene::{QueryAnswer, Scene, SceneAnswer, SceneEdit, SceneOptions};
 pub use settings::Backend;
 
 use std::sync::Arc;

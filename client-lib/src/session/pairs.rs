@@ -11,10 +11,9 @@ use pairmask_core::precision::Widening;
 use pairmask_core::units::BoxCount;
 use pairmask_wire::{Reply, words_in};
 
-use super::link::Slot;
+use super::exchange::AnswerMemory;
 use super::spares::Spares;
 use super::written::Written;
-use crate::transport::{CheckedResponse, SentRequest};
 
 /// What answered a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -61,11 +60,9 @@ pub struct FrameInfo {
     pub widening: Widening,
 }
 
-/// Where the words of a mask lie. A mask in shared memory keeps its request's channel. The
-/// transport would give a free channel to the next request, whose response could then not be
-/// borrowed beside this one.
+/// Where the words of a mask lie.
 pub(super) enum Storage {
-    Shared { response: CheckedResponse, _pending: SentRequest, _slot: Slot },
+    Shared(AnswerMemory),
     Own { memory: HeapReply, home: Arc<Spares> },
 }
 
@@ -148,7 +145,7 @@ impl PairMask {
     /// unspecified.
     pub fn reply_words(&self) -> &[u32] {
         match &self.storage {
-            Storage::Shared { response, .. } => words_in(response.pages()),
+            Storage::Shared(memory) => words_in(memory.pages()),
             Storage::Own { memory, .. } => memory.words(),
         }
     }

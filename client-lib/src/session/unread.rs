@@ -5,16 +5,15 @@
 //! a place and none is free. An edit is never dropped before that: the daemon passes over requests that are
 //! dropped.
 
-use std::marker::PhantomData;
 use std::sync::{Arc, Mutex, MutexGuard, TryLockError, Weak};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
+use pairmask_core::rhythm::Expected;
 use pairmask_core::scene::Report;
 use pairmask_core::units::BoxCount;
 use pairmask_wire::{ReplyFields, RequestHeader, SceneReply};
 
 use super::error::{Error, Loss};
-use super::estimate::Expected;
 use super::exchange::{Answer, Exchange};
 use super::link::{Link, SharedFrame};
 use super::settings::Settings;
@@ -30,52 +29,53 @@ pub(super) struct SentEdit {
 
 impl SentEdit {
     /// Waits for the answer, as long as the deadline allows.
-    pub fn receive(self, settings: &Settings) -> Result<(Answer, SceneReply), Error> {
-        let Self { exchange, asked, expected, .. } = self;
-        parse(exchange.end(expected, settings)?, &asked)
-    }
-
-    /// What the answer tells, if it comes until then; its memory is given back. Else the edit.
-    #[allow(clippy::result_large_err)] // Its caller puts it back.
-    fn receive_until(self, deadline: Instant) -> Result<Outcome, Self> {
-        let Self { exchange, asked, report, expected } = self;
-        match exchange.end_until(deadline) {
-            Ok(answer) => Ok(answer.and_then(|answer| Ok(parse(answer, &asked)?.1))),
-            Err(exchange) => Err(Self { exchange, asked, report, expected }),
+    pub fn receive(mut self, settings: &Settings) -> Result<(Answer, SceneReply), Error> {
+        let waited = settings.deadline;
+        if self.exchange.has_come(self.expected, settings.spin, Instant::now() + waited) {
+            self.received()
+        } else {
+            Err(Error::Timeout { waited })
         }
     }
+
+    /// The answer that has come.
+    fn received(self) -> Result<(Answer, SceneReply), Error> {
+        let answer = self.exchange.received()?;
+        let payload_bytes = size_of_val(answer.memory.pages()) as u64;
+        let reply = SceneReply::parse(&answer.header, &self.asked, payload_bytes)?;
+        Ok((answer, reply))
+    }
+
+    fn is_on(&self, link: &Arc<Link>) -> bool {
+        Arc::ptr_eq(self.exchange.link(), link)
+    }
 }
 
-fn parse(answer: Answer, asked: &ReplyFields) -> Result<(Answer, SceneReply), Error> {
-    let payload_bytes = size_of_val(answer.response.pages()) as u64;
-    let reply = SceneReply::parse(&answer.header, asked, payload_bytes)?;
-    Ok((answer, reply))
-}
-
-/// An edit while its scene is borrowed for the answer. Dropped, it is left to the session.
-///
-/// The lifetime is that of the borrowed scene: no other edit of it is begun before.
+/// An edit whose caller may wait for its answer. Dropped, it is left to the session.
 #[derive(Default)]
-pub(super) struct Awaited<'s> {
-    sent: Option<(SentEdit, Arc<Unread>)>,
-    scene: PhantomData<&'s mut ()>,
-}
+pub(super) struct Awaited(Option<(SentEdit, Arc<Unread>)>);
 
-impl Awaited<'_> {
+impl Awaited {
     pub const fn new(sent: SentEdit, unread: Arc<Unread>) -> Self {
-        Self { sent: Some((sent, unread)), scene: PhantomData }
+        Self(Some((sent, unread)))
+    }
+
+    /// Waits until then for the answer. Whether it has come, or is here.
+    pub fn has_come(&mut self, spin: Duration, until: Instant) -> bool {
+        let Some((sent, _)) = &mut self.0 else { return true };
+        sent.exchange.has_come(sent.expected, spin, until)
     }
 
     /// The edit, which the caller waits for; `None` where this process has answered it.
     pub fn take(mut self) -> Option<SentEdit> {
-        self.sent.take().map(|(sent, _)| sent)
+        self.0.take().map(|(sent, _)| sent)
     }
 }
 
-impl Drop for Awaited<'_> {
+impl Drop for Awaited {
     fn drop(&mut self) {
-        if let Some((sent, unread)) = self.sent.take() {
-            unread.leave(sent);
+        if let Some((sent, unread)) = self.0.take() {
+            *lock(&unread.0) = State::Sent(sent);
         }
     }
 }
@@ -101,42 +101,28 @@ enum State {
 }
 
 impl Unread {
-    /// Nobody waits for the answer to this edit.
-    fn leave(&self, sent: SentEdit) {
-        *lock(&self.0) = State::Sent(sent);
-    }
-
     /// What became of the edit, if there is one: waits for its answer as long as the deadline allows.
     pub fn settle(&self, settings: &Settings) -> Option<Outcome> {
-        let mut state = lock(&self.0);
-        match std::mem::take(&mut *state) {
+        match std::mem::take(&mut *lock(&self.0)) {
             State::Nothing => None,
             State::Sent(sent) => Some(sent.receive(settings).map(|(_, reply)| reply)),
             State::Received(outcome) => Some(outcome),
         }
     }
 
-    /// Receives the answer if it has come to this connection. Returns whether that freed a place. An answer
+    /// Receives the answer if it comes to this connection until then. Returns whether that freed a place. An answer
     /// that another thread waits for is left to it.
-    fn try_receive(&self, link: &Arc<Link>) -> bool {
-        self.receive_until(link, Instant::now())
-    }
-
-    /// As [`try_receive`](Self::try_receive), where the answer comes until then.
-    fn receive_until(&self, link: &Arc<Link>, deadline: Instant) -> bool {
+    fn receive_until(&self, link: &Arc<Link>, until: Instant) -> bool {
         let Some(mut state) = self.try_lock() else { return false };
         match std::mem::take(&mut *state) {
-            State::Sent(sent) if Arc::ptr_eq(sent.exchange.link(), link) => {
-                match sent.receive_until(deadline) {
-                    Ok(outcome) => {
-                        *state = State::Received(outcome);
-                        true
-                    }
-                    Err(sent) => {
-                        *state = State::Sent(sent);
-                        false
-                    }
-                }
+            State::Sent(mut sent) if sent.is_on(link) => {
+                let has_come = sent.exchange.has_come_by(until);
+                *state = if has_come {
+                    State::Received(sent.received().map(|(_, reply)| reply))
+                } else {
+                    State::Sent(sent)
+                };
+                has_come
             }
             other => {
                 *state = other;
@@ -148,7 +134,7 @@ impl Unread {
     /// Whether it holds a place of this connection, as far as one knows who does not wait.
     fn may_hold_place(&self, link: &Arc<Link>) -> bool {
         let Some(state) = self.try_lock() else { return true };
-        matches!(&*state, State::Sent(sent) if Arc::ptr_eq(sent.exchange.link(), link))
+        matches!(&*state, State::Sent(sent) if sent.is_on(link))
     }
 
     fn try_lock(&self) -> Option<MutexGuard<'_, State>> {
@@ -162,7 +148,7 @@ impl Unread {
     /// The frame number of an edit whose place on this connection is not free.
     fn frame_on(&self, link: &Arc<Link>) -> Option<u64> {
         match &*lock(&self.0) {
-            State::Sent(sent) if Arc::ptr_eq(sent.exchange.link(), link) => Some(sent.asked.frame),
+            State::Sent(sent) if sent.is_on(link) => Some(sent.asked.frame),
             _ => None,
         }
     }
@@ -286,14 +272,16 @@ impl UnreadEdits {
     /// another connection: a scene ends with it.
     fn next_unreported(&self, link: &Arc<Link>) -> Option<Ending> {
         let mut ended = lock(&self.ended);
-        ended.sent.retain(|sent| !sent.try_receive(link) && sent.may_hold_place(link));
+        ended
+            .sent
+            .retain(|sent| !sent.receive_until(link, Instant::now()) && sent.may_hold_place(link));
         ended.unreported.retain(|ending| ending.is_on(link));
         ended.unreported.pop()
     }
 
     /// Receives an answer that has come. Returns whether that freed a place of this connection.
     pub fn receive_landed(&self, link: &Arc<Link>) -> bool {
-        self.all().iter().any(|unread| unread.try_receive(link))
+        self.all().iter().any(|unread| unread.receive_until(link, Instant::now()))
     }
 
     /// Receives an answer of this connection, after a wait as long as the deadline allows. Returns whether

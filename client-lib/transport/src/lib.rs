@@ -22,6 +22,7 @@ mod status_file;
 mod trust;
 mod turn;
 mod umask;
+mod vigil;
 
 pub use alarm::sleep_until;
 pub use cleanup::{clean_if_abandoned, remove_hollow_files, segment_file};
@@ -46,3 +47,4 @@ pub use services::{
 };
 pub use status_file::{GpuCounts, StatusFile};
 pub use turn::PortTurn;
+pub use vigil::{LeftDaemon, Seen, Vigil, WAIT_SLICE, Watched};

@@ -24,7 +24,7 @@ use std::fs::{self, OpenOptions};
 use std::io::Write;
 use std::time::Duration;
 
-use pairmask::{Backend, PendingFrame, Report, SceneOptions, Session};
+use pairmask::{Backend, PairMask, Pending, Report, SceneOptions, Session};
 use pairmask_core::{Aabb, EngineChoice, Sphere};
 use pairmask_tests::frames::{Frames, Sorted, at};
 use pairmask_tests::{oracle, stress_scenes};
@@ -94,7 +94,7 @@ const PILED_BOXES: usize = 300_000;
 const GREEDY_BOXES: u32 = 600_000;
 
 /// Boxes in a row, each of which touches the next.
-fn frame_of(session: &mut Session, n: u32) -> Result<PendingFrame, Box<dyn Error>> {
+fn frame_of(session: &mut Session, n: u32) -> Result<Pending<PairMask>, Box<dyn Error>> {
     let mut frame = session.frame(n as usize)?;
     for (i, place) in frame.boxes_mut().iter_mut().enumerate() {
         *place = Aabb::new([i as f32, 0.0, 0.0], [i as f32 + 1.0, 1.0, 1.0]);

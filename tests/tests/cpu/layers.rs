@@ -8,6 +8,9 @@ use std::{fs, io};
 /// The top-level modules of a crate, each with those that it uses.
 type Graph = BTreeMap<String, BTreeSet<String>>;
 
+/// Stands for the file that declares the modules.
+const ROOT: &str = "the root";
+
 /// Adds what a file, or all files of a folder, of `module` use, without tests and comments. All modules stand below
 /// `root`.
 fn read(graph: &mut Graph, module: &str, root: &str, path: &Path) -> io::Result<()> {
@@ -52,7 +55,13 @@ fn add(graph: &mut Graph, module: &str, source: &str) {
             let end = |c: char| !c.is_alphanumeric() && c != '_';
             path.trim_start().split(end).next().unwrap_or_default().to_owned()
         };
-        uses.extend(paths.iter().map(first).filter(|name| !name.is_empty() && name != module));
+        // What the root exports is of all its modules.
+        let used = |name: String| {
+            if name.starts_with(char::is_uppercase) { ROOT.to_owned() } else { name }
+        };
+        let used =
+            paths.iter().map(first).filter(|name| !name.is_empty() && name != module).map(used);
+        uses.extend(used);
     }
 }
 
@@ -79,6 +88,7 @@ fn no_modules_of_the_library_use_each_other_in_a_circle() {
         ("client-lib/wire/src", "crate::", 6),
         ("client-lib/transport/src", "crate::", 10),
         ("client-lib/src/session", "crate::session::", 15),
+        ("client-lib/src/session/scene", "crate::session::scene::", 8),
     ] {
         let mut graph = Graph::new();
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("..").join(src);
@@ -91,6 +101,10 @@ fn no_modules_of_the_library_use_each_other_in_a_circle() {
         }
         let modules = graph.len();
         assert!(modules >= least, "{src} has {modules} modules: read from the wrong place?");
+        // That of wire has the numbers of the contract, which all use.
+        if src != "client-lib/wire/src" {
+            graph.insert(ROOT.to_owned(), graph.keys().cloned().collect());
+        }
         layers(&graph).unwrap_or_else(|stuck| panic!("{src}: a circle in {stuck:?}"));
     }
 }
@@ -103,6 +117,11 @@ fn a_circle_is_found() {
     add(&mut graph, "middle", &format!("use crate::low::Thing;\n{tests}"));
     add(&mut graph, "high", "use crate::{low::{A, B}, middle};\nfn f() { crate::low::g(); }");
     assert_eq!(layers(&graph), Ok(vec!["low", "middle", "high"]));
+    let mut by_root = graph.clone();
+    by_root.insert(ROOT.to_owned(), graph.keys().cloned().collect());
+    assert!(layers(&by_root).is_ok());
+    add(&mut by_root, "middle", "use crate::{Exported, low};");
+    assert_eq!(layers(&by_root), Err(vec!["high", "middle", ROOT]));
     add(&mut graph, "low", "fn f() { crate::high::g(); }");
     assert_eq!(layers(&graph), Err(vec!["high", "low", "middle"]));
 }

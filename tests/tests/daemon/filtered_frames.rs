@@ -42,7 +42,7 @@ fn check_worlds(mask: &PairMask, frame: &FilteredFrame) {
 }
 
 /// Waits for an answer and checks it. Returns what served it.
-fn check(pending: PendingFrame, frame: &FilteredFrame) -> ServedBy {
+fn check(pending: Pending<PairMask>, frame: &FilteredFrame) -> ServedBy {
     let mask = pending.wait().unwrap();
     check_mask(&mask, frame);
     mask.info().served_by
@@ -260,7 +260,7 @@ fn a_daemon_that_is_killed_costs_no_rule() {
         .map(|seed| FilteredFrame::drawn(60 * (1 + seed % 3), KINDS[seed], seed as u64))
         .map(|frame| (frame.clone(), Arc::new(frame.rules)))
         .collect();
-    let check = |pending: PendingFrame, frame: &FilteredFrame| {
+    let check = |pending: Pending<PairMask>, frame: &FilteredFrame| {
         let mask = pending.wait().unwrap();
         check_mask(&mask, frame);
         check_worlds(&mask, frame);

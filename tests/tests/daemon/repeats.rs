@@ -69,7 +69,7 @@ fn a_named_engine_and_a_session_that_asks_for_it_cull_every_frame() {
     }
 }
 
-type Submit<'s> = &'s dyn Fn(&mut Session) -> PendingFrame;
+type Submit<'s> = &'s dyn Fn(&mut Session) -> Pending<PairMask>;
 
 #[test]
 fn narrow_boxes_and_spheres_are_answered_again_too() {

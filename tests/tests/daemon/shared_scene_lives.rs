@@ -3,7 +3,7 @@
 use std::ops::Range;
 use std::time::{Duration, Instant};
 
-use pairmask::{AtEnd, EndReason, Margin, PendingAnswer, SceneOptions, Scope};
+use pairmask::{AtEnd, EndReason, Margin, Pending, SceneOptions, Scope};
 use pairmask_tests::fault_client::FaultClient;
 use pairmask_tests::prelude::*;
 use pairmask_tests::scene_model::Heard;
@@ -233,7 +233,7 @@ fn a_restarted_daemon_is_joined_again() {
         eventually("a tick of both", || {
             let first = one.scene.edit().set(2, at(x)).set(3, at(9.0)).submit(Report::All);
             let second = other.scene.edit().set(12, at(x)).commit(Report::Changes);
-            let answered = first.and_then(PendingAnswer::wait);
+            let answered = first.and_then(Pending::wait);
             if let Ok(second) = &second {
                 Heard::from(second).teach(&mut other.known);
             }

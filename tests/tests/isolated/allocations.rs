@@ -87,7 +87,7 @@ const fn nearly(expected: u64, more_when_busy: u64) -> RangeInclusive<u64> {
 }
 
 /// Asks for frame after frame by the number of each, and counts their pairs.
-fn frames(count: usize, mut submit: impl FnMut(usize) -> PendingFrame) -> u64 {
+fn frames(count: usize, mut submit: impl FnMut(usize) -> Pending<PairMask>) -> u64 {
     let mut pairs = 0;
     for i in 0..count {
         submit(i).wait().unwrap().pairs().for_each(|[a, b]| pairs += u64::from(a < b));
@@ -99,7 +99,7 @@ fn frames(count: usize, mut submit: impl FnMut(usize) -> PendingFrame) -> u64 {
 fn check(
     what: &str,
     expected: &RangeInclusive<u64>,
-    mut submit: impl FnMut(usize) -> PendingFrame,
+    mut submit: impl FnMut(usize) -> Pending<PairMask>,
 ) {
     frames(20, &mut submit);
     let mut pairs = 0;

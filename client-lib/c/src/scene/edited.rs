@@ -2,7 +2,7 @@
 //! in one cell.
 
 use pairmask::filters::FilterTable;
-use pairmask::{Aabb, Margin, PendingAnswer, Report, Scene, SceneAnswer};
+use pairmask::{Aabb, Margin, Pending, Report, Scene, SceneAnswer};
 use pairmask_core::scene::{Indices, Step};
 use self_cell::{MutBorrow, self_cell};
 
@@ -32,7 +32,7 @@ pub struct Edited {
 /// What borrows the scene.
 #[allow(clippy::large_enum_variant)] // One of each scene.
 enum Borrower<'s> {
-    Pending(PendingAnswer<'s, 's>),
+    Pending(Pending<SceneAnswer<'s>>),
     Answer(SceneAnswer<'s>),
     /// An edit whose wait has failed.
     Nothing,
@@ -126,7 +126,7 @@ fn cleared(owner: MutBorrow<Box<Edited>>) -> Box<Edited> {
 }
 
 /// Sends an edit.
-fn send(edited: &mut Edited, report: Report) -> Result<PendingAnswer<'_, '_>, Failure> {
+fn send(edited: &mut Edited, report: Report) -> Result<Pending<SceneAnswer<'_>>, Failure> {
     let Edited { scene, steps } = edited;
     let edit = steps.iter().fold(scene.edit(), |edit, given| match given {
         Given::Step(step) => edit.step(*step),

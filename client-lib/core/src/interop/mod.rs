@@ -25,16 +25,16 @@ macro_rules! matrices {
 #[cfg(any(feature = "glam", feature = "mint"))]
 macro_rules! vectors {
     ($($vector:ty),+) => {$(
-        impl From<crate::Aabb> for ($vector, $vector) {
+        impl From<crate::aabb::Aabb> for ($vector, $vector) {
             #[inline]
-            fn from(b: crate::Aabb) -> Self {
+            fn from(b: crate::aabb::Aabb) -> Self {
                 (b.min.into(), b.max.into())
             }
         }
 
-        impl From<crate::Sphere> for ($vector, f32) {
+        impl From<crate::sphere::Sphere> for ($vector, f32) {
             #[inline]
-            fn from(sphere: crate::Sphere) -> Self {
+            fn from(sphere: crate::sphere::Sphere) -> Self {
                 (sphere.center.into(), sphere.radius)
             }
         }

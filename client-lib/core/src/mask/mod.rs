@@ -18,6 +18,7 @@ mod error;
 mod fetch_ahead;
 mod pair_buffer;
 mod pair_check;
+mod pair_list;
 mod pairs;
 mod par_pairs;
 mod view;
@@ -26,6 +27,7 @@ mod words;
 
 pub use encodings::*;
 pub use error::{MaskError, Section};
+pub use pair_list::{PairList, PairListIter};
 pub use pairs::Pairs;
 pub use par_pairs::ParPairs;
 pub use words::{AddressedWord, WordAddress, Words};

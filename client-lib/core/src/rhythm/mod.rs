@@ -5,7 +5,10 @@
 //! takes several times as long. A thread that spins all the time costs a core. A [`Rhythm`] says when
 //! to be awake instead: from shortly before a frame is due until shortly after.
 
+mod estimate;
 mod pulse;
+
+pub use self::estimate::{Answered, Estimate, Expected};
 
 use std::time::{Duration, Instant};
 

@@ -123,13 +123,14 @@ impl SceneCopy {
         self.states.has(index, EDIT_REMOVES)
     }
 
-    /// Boxes that an edit [names](super::Report::Moved) by its table of filters alone, before it is applied.
-    pub fn named_by_table(&self, edit: Edit<'_>) -> Vec<u32> {
+    /// Calls `f` with the indices that an edit [names](super::Report::Moved), some of them twice, before it is applied.
+    pub fn for_each_named(&self, edit: Edit<'_>, mut f: impl FnMut(u32)) {
+        edit.for_each_named(&mut f);
         let tables = edit.steps.iter().filter_map(|step| match step {
             Step::Filters(table) => Some(*table),
             _ => None,
         });
-        tables.flat_map(|table| self.states.filters.named_by(table, &self.states)).collect()
+        tables.flat_map(|table| self.states.filters.named_by(table, &self.states)).for_each(f);
     }
 
     /// Forgets an edit that was checked.

@@ -39,6 +39,7 @@ mod answer;
 mod cells;
 mod change;
 mod copy;
+mod draft;
 mod edit;
 mod error;
 mod fetch;
@@ -57,10 +58,11 @@ mod whole;
 
 pub use self::answer::{EndReason, Ended, Report, Reported, SceneSkips, is_resync_due};
 pub use self::copy::{SceneCopy, WholeScene};
+pub use self::draft::{Draft, Given};
 pub use self::edit::{Edit, Indices, Sets, Step, Tags};
 pub use self::error::{EditError, SceneError};
 pub use self::kept::{Kept, KeptBox, KeptHistory};
-pub use self::margins::{ExactPairs, MarginedSets, Margins, Outgoing, Sent};
+pub use self::margins::{ExactPairs, MarginStats, Margined, MarginedSets, Margins, Outgoing, Sent};
 pub use self::options::SceneOptions;
 pub use self::pair_list::{Sorter as PairSorter, sort_row};
 pub use self::query::{

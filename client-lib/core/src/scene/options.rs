@@ -1,4 +1,4 @@
-//! What a scene may hold, how many threads it may use, and whether its boxes have margins.
+//! What a scene may hold, and how many threads it may use.
 
 /// Most boxes that a scene may be allowed: places in cells, four in a block, are counted in 32 bits, and
 /// blocks may be twice as many as boxes.

@@ -1,6 +1,6 @@
 //! A scene with its edit under way. The edit borrows the scene, so that the two are in one cell.
 
-use pairmask::{PendingAnswer, Report, Scene};
+use pairmask::{Pending, Report, Scene, SceneAnswer};
 use pyo3::{PyErr, PyResult};
 use self_cell::{MutBorrow, self_cell};
 
@@ -11,7 +11,7 @@ use crate::errors::{misused, raised};
 /// A scene and the steps of its edit.
 type Owner = MutBorrow<(Box<Scene>, Vec<Op>)>;
 /// `None` once it was waited for.
-type Borrower<'s> = Option<PendingAnswer<'s, 's>>;
+type Borrower<'s> = Option<Pending<SceneAnswer<'s>>>;
 
 self_cell!(
     struct Cell {

@@ -1,110 +1,16 @@
-//! What an edit does, until it is sent: steps that name the caller's arrays, and boxes that were set one by one.
-
-use std::ops::Range;
+//! An edit of a scene that is being written.
 
 use pairmask_core::aabb::Aabb;
 use pairmask_core::filters::{FilterTable, Tag};
 use pairmask_core::precision::Margin;
-use pairmask_core::scene::{EditError, Indices, MarginedSets, Margins, Report, Sets, Step, Tags};
+use pairmask_core::scene::{
+    EditError, Given, Indices, MarginedSets, Margins, Report, Sets, Step, Tags,
+};
 
-use super::{PendingAnswer, Scene, SceneAnswer};
+use super::answer::{SceneAnswer, Submitted};
+use super::kept::Scene;
 use crate::session::error::Error;
-
-/// What an edit sets one by one, or by a function; kept, so that steady edits allocate nothing.
-#[derive(Debug, Default)]
-pub(super) struct Draft {
-    pub indices: Vec<u32>,
-    pub boxes: Vec<Aabb>,
-    /// One for each, of a scene with margins.
-    pub margins: Vec<Margin>,
-    /// Boxes of [`Given::fills`].
-    pub filled: Vec<Aabb>,
-    pub removed: Vec<u32>,
-    pub tagged: Vec<u32>,
-    pub tags: Vec<Tag>,
-}
-
-/// What an edit does beside its [`Draft`].
-#[derive(Debug, Default)]
-pub(super) struct Given<'a> {
-    pub steps: Vec<Step<'a>>,
-    /// Indices, and where their boxes lie in [`Draft::filled`].
-    pub fills: Vec<(Indices<'a>, Range<usize>)>,
-    /// Boxes with margins of their own, of a scene with margins.
-    pub margined: Vec<MarginedSets<'a>>,
-}
-
-impl Draft {
-    /// An empty one, with the memory of this.
-    pub fn clear(&mut self) {
-        self.indices.clear();
-        self.boxes.clear();
-        self.margins.clear();
-        self.filled.clear();
-        self.removed.clear();
-        self.tagged.clear();
-        self.tags.clear();
-    }
-
-    fn singles(&self) -> Option<Sets<'_>> {
-        let sets = || Sets { indices: Indices::List(&self.indices), boxes: &self.boxes };
-        (!self.indices.is_empty()).then(sets)
-    }
-
-    /// What functions gave.
-    fn filled<'a>(&'a self, given: &Given<'a>) -> impl Iterator<Item = Sets<'a>> {
-        let sets = move |(indices, place): &(Indices<'a>, Range<usize>)| Sets {
-            indices: *indices,
-            boxes: &self.filled[place.clone()],
-        };
-        given.fills.iter().map(sets)
-    }
-
-    /// All steps of an edit.
-    pub fn steps<'a>(&'a self, given: &Given<'a>) -> Vec<Step<'a>> {
-        let mut steps = given.steps.clone();
-        steps.extend(given.margined.iter().map(MarginedSets::step));
-        steps.extend(self.filled(given).map(Step::Set));
-        if !self.removed.is_empty() {
-            steps.push(Step::Remove(Indices::List(&self.removed)));
-        }
-        steps.extend(self.singles().map(Step::Set));
-        if !self.tagged.is_empty() {
-            steps.push(Step::Tag(Tags { indices: Indices::List(&self.tagged), tags: &self.tags }));
-        }
-        steps
-    }
-
-    /// All boxes that an edit sets, with their margins: `usual` ones, where none were given.
-    pub fn margined<'a>(&'a self, given: &Given<'a>, usual: Margin) -> Vec<MarginedSets<'a>> {
-        let of = |Sets { indices, boxes }, margins| MarginedSets { indices, boxes, margins };
-        let mut all = given.margined.clone();
-        let sets = given.steps.iter().filter_map(|step| match step {
-            Step::Set(sets) => Some(*sets),
-            _ => None,
-        });
-        all.extend(sets.chain(self.filled(given)).map(|sets| of(sets, usual.into())));
-        all.extend(self.singles().map(|sets| of(sets, (&self.margins).into())));
-        all
-    }
-
-    /// Keeps a box for each index, all of which are below a limit.
-    fn fill(
-        &mut self,
-        indices: Indices<'_>,
-        limit: u32,
-        mut f: impl FnMut(u32) -> Aabb,
-    ) -> Result<Range<usize>, EditError> {
-        if let Some(index) = indices.last().filter(|last| *last >= u64::from(limit)) {
-            return Err(EditError::BeyondLimit { index, limit });
-        }
-        let (start, count) = (self.filled.len(), indices.len());
-        let no_memory = |_| EditError::NoMemory { boxes: count as u64 };
-        self.filled.try_reserve(count).map_err(no_memory)?;
-        indices.for_each(|_, index| self.filled.push(f(index)));
-        Ok(start..self.filled.len())
-    }
-}
+use crate::session::pending::Pending;
 
 /// An edit that is being written: see [`Edit`](pairmask_core::scene::Edit) for the order in which it is applied, and
 /// [`EditError`] for what is wrong.
@@ -117,12 +23,15 @@ pub struct SceneEdit<'s, 'a> {
     refused: Option<EditError>,
 }
 
-impl<'s, 'a> SceneEdit<'s, 'a> {
-    /// An edit without steps; the scene's draft is empty.
-    pub(super) fn new(scene: &'s mut Scene) -> Self {
-        Self { scene, given: Given::default(), refused: None }
+impl Scene {
+    /// Begins an edit. Without [`SceneEdit::commit`], nothing happens.
+    pub fn edit<'a>(&mut self) -> SceneEdit<'_, 'a> {
+        self.draft.clear();
+        SceneEdit { scene: self, given: Given::default(), refused: None }
     }
+}
 
+impl<'s, 'a> SceneEdit<'s, 'a> {
     /// Sets the box of an index; inserts it where there is none. In a scene with margins it has the usual one.
     pub fn set(self, index: u32, b: Aabb) -> Self {
         let margin = self.scene.margins.as_ref().map(|margins| margins.usual());
@@ -286,17 +195,39 @@ impl<'s, 'a> SceneEdit<'s, 'a> {
     ///
     /// # Errors
     /// [`Error`], of which [`is_applied`](Error::is_applied) says whether the scene has the edit.
-    pub fn submit(self, report: Report) -> Result<PendingAnswer<'s, 'a>, Error> {
+    pub fn submit(self, report: Report) -> Result<Pending<SceneAnswer<'s>>, Error> {
         let Self { scene, given, refused } = self;
         if let Some(error) = refused {
             return Err(error.into());
         }
         let (asked, awaited) = scene.begin(&given, report)?;
-        Ok(PendingAnswer { scene, given, report, asked, awaited })
+        Ok(Pending::new(Submitted { scene, report, asked, awaited }))
     }
 }
 
 /// A single index.
 const fn one(index: u32) -> Indices<'static> {
     Indices::Range { first: index, count: 1 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Backend, SceneOptions, Session};
+
+    #[test]
+    fn steady_fills_allocate_no_boxes() {
+        let session = Session::builder().backend(Backend::InProcess).connect();
+        let mut session = session.expect("no daemon is needed");
+        let mut scene = session.scene(SceneOptions::default()).expect("a scene");
+        let mut fill = |step: usize| {
+            let at = |index: u32| Aabb::new([index as f32; 3], [index as f32 + step as f32; 3]);
+            let edit = scene.edit().set_with(0..600, at).set_with(600..1_000, at);
+            drop(edit.commit(Report::Nothing).expect("an answer"));
+            assert_eq!(scene.get(999), Some(at(999)));
+            (scene.draft.filled.as_ptr(), scene.draft.filled.capacity())
+        };
+        let first = fill(0);
+        assert!((1..20).all(|step| fill(step) == first));
+    }
 }

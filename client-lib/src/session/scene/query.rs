@@ -7,20 +7,19 @@ use pairmask_core::aabb::Aabb;
 use pairmask_core::engine::EngineId;
 use pairmask_core::mask::{Encoding, MaskView};
 use pairmask_core::precision::Precision;
+use pairmask_core::rhythm::{Answered, Estimate};
 use pairmask_core::scene::{QueryMask, QueryTags};
 use pairmask_wire::{
     QueryRequest, Reply, ReplyError, ReplyFields, RequestHeader, SceneId, words_in,
 };
 
-use super::{Kept, Scene};
-use crate::session::FrameInfo;
+use super::kept::{Kept, Scene};
 use crate::session::core::Core;
 use crate::session::error::Error;
-use crate::session::estimate::{Answered, Estimate};
 use crate::session::exchange::Exchange;
 use crate::session::link::Link;
 use crate::session::local::Asked;
-use crate::session::pairs::{PairMask, ServedBy};
+use crate::session::pairs::{FrameInfo, PairMask, ServedBy, Storage};
 use crate::session::written::Written;
 
 /// Pairs that are handed out at a time.
@@ -85,10 +84,8 @@ impl Scene {
     ) -> Result<QueryAnswer, Error> {
         tags.check(boxes)?;
         let index_end = match &self.kept {
-            Kept::Remote(remote) => remote.copy().index_end() as u32,
+            Kept::Remote(remote) => remote.index_end(),
             Kept::Here(here) => here.index_end(),
-            // Other members may have a box at any index.
-            Kept::Shared(member) => member.most_boxes(),
         };
         let too_many = Error::TooManyQueries { queries: boxes.len(), index_end };
         let asked = Asked {
@@ -99,8 +96,7 @@ impl Scene {
         };
         let mask = match &mut self.kept {
             Kept::Remote(remote) => remote.query(&asked)?,
-            Kept::Here(here) => self.core.query_here(here, &asked)?,
-            Kept::Shared(member) => member.query(&asked)?,
+            Kept::Here(here) => self.core.local().query(here, &asked)?,
         };
         let FrameInfo { served_by, engine, .. } = *mask.info();
         let mut answer = QueryAnswer { mask, queries: asked.mask.queries(), served_by, engine };
@@ -111,7 +107,7 @@ impl Scene {
                 found.is_none_or(|found| found.overlaps(&boxes[*query as usize]))
             };
             let found: Vec<_> = answer.iter().filter(touches).collect();
-            answer.mask = self.core.mask_of(&asked, &found)?;
+            answer.mask = self.core.local().mask_of(&asked, &found)?;
         }
         Ok(answer)
     }
@@ -144,18 +140,19 @@ impl Asked<'_> {
         let exchange = Exchange::begin(shared, &header)?;
         let settings = core.settings();
         let answer = exchange.end(estimate.expect(mask.queries()), settings)?;
-        let payload_bytes = size_of_val(answer.response.pages()) as u64;
+        let payload_bytes = size_of_val(answer.memory.pages()) as u64;
         let reply = Reply::parse(&answer.header, &asked, payload_bytes).map_err(Error::from)?;
-        MaskView::new(mask.n(), &reply.report.shape, words_in(answer.response.pages()))
+        MaskView::new(mask.n(), &reply.report.shape, words_in(answer.memory.pages()))
             .map_err(|_| Error::from(ReplyError::Malformed { field: "mask" }))?;
         estimate.note(Answered {
             n: mask.queries(),
-            round_trip: answer.sent_at.elapsed(),
+            round_trip: answer.round_trip,
             took: Duration::from_nanos(reply.times.total_ns),
             threads: reply.threads,
         });
         let written = Written::by(&Precision::Exact);
-        Ok(PairMask::new(answer.into_storage(), &reply, ServedBy::Daemon, written, settings.isa))
+        let storage = Storage::Shared(answer.memory);
+        Ok(PairMask::new(storage, &reply, ServedBy::Daemon, written, settings.isa))
     }
 }
 

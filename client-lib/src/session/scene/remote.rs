@@ -3,30 +3,38 @@
 //! The copy here is always right: an edit is checked against it, sent, and applied to it while the daemon
 //! works. A daemon that has no scene, or an older one, gets the copy whole. Where no daemon answers, and
 //! the backend allows it, a scene of this process is made from the copy. Whoever begins from the copy
-//! does not know which pairs were told, so that the next changes are all pairs.
+//! does not know which pairs were reported, so that the next changes are all pairs.
 //!
-//! One file, because edits and queries send the same copy again, and fall back in the same way.
+//! Of a scene that several processes write, the copy has this member's boxes. A daemon that has lost the membership is
+//! joined again, and sent leases and boxes with the next commit. No such scene is answered here.
+//!
+//! One file, because edits, leases and queries send the same copy again, and fall back in the same way.
 
+use std::ops::Range;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use pairmask_core::dispatch::CpuEngines;
 use pairmask_core::filters::Tag;
 use pairmask_core::plan::Calibration;
+use pairmask_core::rhythm::{Answered, Estimate, Expected};
+use pairmask_core::scene::shared::remove_range;
 use pairmask_core::scene::{Edit, Report, Reported, Scene, SceneCopy, SceneOptions, Step, Tags};
 use pairmask_core::units::BoxCount;
 use pairmask_wire::{
-    EditLayout, ReplyError, ReplyFields, RequestHeader, SceneId, SceneRequest, Section, StatusCode,
+    EditLayout, LeaseAction, ReplyError, ReplyFields, RequestHeader, SceneId, SceneRequest,
+    Section, StatusCode, TickMarks,
 };
 
-use super::answer::FromDaemon;
+use super::lists::FromDaemon;
+use super::sharing::{Asked as AskedOf, Before, Sharing, refusal};
 use crate::session::core::Core;
 use crate::session::error::{Error, Loss};
-use crate::session::estimate::{Answered, Estimate, Expected};
 use crate::session::exchange::Exchange;
 use crate::session::link::Link;
 use crate::session::local::Asked;
 use crate::session::pairs::PairMask;
+use crate::session::settings::{Backend, Settings};
 use crate::session::unread::{Awaited, SentEdit, Unread};
 
 /// A daemon that refuses a scene is not sent it again for this long, where this process can answer.
@@ -39,6 +47,16 @@ struct There {
     revision: u64,
     /// Whether its answer was taken.
     is_acknowledged: bool,
+    /// Both before the last edit was sent.
+    before: (u64, bool),
+}
+
+impl There {
+    /// An empty scene.
+    fn new(link: &Arc<Link>) -> Self {
+        let (link, revision, is_acknowledged) = (Arc::clone(link), 0, false);
+        Self { link, revision, is_acknowledged, before: (revision, is_acknowledged) }
+    }
 }
 
 /// Who answers now.
@@ -52,11 +70,14 @@ enum Keeper {
 /// A scene by the copy of this process, answered by a daemon or here.
 pub(super) struct RemoteScene {
     core: Arc<Core>,
+    /// With a deadline that holds a shared scene's tick as well.
+    settings: Settings,
     options: SceneOptions,
+    sharing: Option<Box<Sharing>>,
     id: SceneId,
     copy: SceneCopy,
     keeper: Keeper,
-    /// The connection whose daemon was sent the scene: it may keep it, whoever answers now.
+    /// The connection whose daemon was sent the scene, or asked for a membership: it may keep it, whoever answers now.
     sent_to: Option<Arc<Link>>,
     /// Whether who begins from the copy reports all pairs as a resync: the client acknowledged an answer, or asked for a
     /// resync.
@@ -67,13 +88,13 @@ pub(super) struct RemoteScene {
     estimate: Estimate,
     query_estimate: Estimate,
     daemon_bytes: u64,
-    /// Boxes that the edit under way names by its table of filters, where pairs of named boxes are wanted.
-    named_by_table: Vec<u32>,
+    /// Boxes that the edit under way names, where pairs of named boxes are wanted.
+    named: Vec<u32>,
     /// Until when a daemon that refused the scene is asked nothing.
     stays_until: Option<Instant>,
     /// The edit that the daemon works on and nobody waits for.
     unread: Arc<Unread>,
-    /// What a scene tells that is not here.
+    /// What a scene reports that is not here.
     nothing: Reported,
 }
 
@@ -85,13 +106,13 @@ pub(super) enum Found {
 }
 
 impl RemoteScene {
-    pub fn new(core: Arc<Core>, options: SceneOptions) -> Self {
+    pub fn new(core: &Arc<Core>, options: SceneOptions, sharing: Option<Sharing>) -> Self {
         Self {
-            id: core.next_scene(),
-            unread: core.unread_of_scene(),
-            copy: SceneCopy::new(options.most_boxes),
-            core,
+            settings: core.settings().clone(),
             options,
+            sharing: sharing.map(Box::new),
+            id: core.next_scene(),
+            copy: SceneCopy::new(options.most_boxes),
             keeper: Keeper::Nobody,
             sent_to: None,
             resyncs_anew: false,
@@ -100,23 +121,52 @@ impl RemoteScene {
             estimate: Estimate::default(),
             query_estimate: Estimate::default(),
             daemon_bytes: 0,
-            named_by_table: Vec::new(),
+            named: Vec::new(),
             stays_until: None,
+            unread: core.unread_of_scene(),
             nothing: Reported::default(),
+            core: Arc::clone(core),
         }
+    }
+
+    /// Joins a scene that several processes write.
+    pub fn join(core: &Arc<Core>, options: SceneOptions, sharing: Sharing) -> Result<Self, Error> {
+        if core.settings().backend == Backend::InProcess {
+            return Err(Error::NeedsDaemon);
+        }
+        let mut scene = Self::new(core, options, Some(sharing));
+        scene.present()?;
+        scene.copy = SceneCopy::new(scene.options.most_boxes);
+        Ok(scene)
     }
 
     pub const fn copy(&self) -> &SceneCopy {
         &self.copy
     }
 
+    /// Indices are below this.
+    pub const fn most_boxes(&self) -> u32 {
+        self.options.most_boxes
+    }
+
+    /// What there is of a scene that several processes write.
+    pub fn sharing(&self) -> Option<&Sharing> {
+        self.sharing.as_deref()
+    }
+
+    /// Indices that a query may find are below this.
+    pub fn index_end(&self) -> u32 {
+        // Other members may have a box at any index.
+        if self.sharing.is_some() { self.most_boxes() } else { self.copy.index_end() as u32 }
+    }
+
     /// Bytes that this process keeps, and those that the daemon keeps.
     pub fn allocated_bytes(&self) -> (usize, u64) {
-        let here = match &self.keeper {
-            Keeper::Here(scene) => scene.allocated_bytes(),
-            _ => 0,
+        let (here, there) = match &self.keeper {
+            Keeper::Here(scene) => (scene.allocated_bytes(), 0),
+            Keeper::Daemon(_) if self.sharing.is_none() => (0, self.daemon_bytes),
+            _ => (0, 0),
         };
-        let there = if matches!(self.keeper, Keeper::Daemon(_)) { self.daemon_bytes } else { 0 };
         (self.copy.allocated_bytes() + here, there)
     }
 
@@ -128,12 +178,19 @@ impl RemoteScene {
         }
     }
 
-    /// Takes the last answer to an edit that wanted this.
+    /// How long an answer is waited for.
+    pub const fn settings(&self) -> &Settings {
+        &self.settings
+    }
+
+    /// The last answer to an edit that wanted this is acknowledged. A member's is whatever it reported: moved pairs are
+    /// counted from it.
     pub fn acknowledge(&mut self, report: Report) {
-        if !matches!(report, Report::Changes | Report::All) {
+        let is_shared = self.sharing.is_some();
+        if !is_shared && !matches!(report, Report::Changes | Report::All) {
             return;
         }
-        self.resyncs_anew = true;
+        self.resyncs_anew |= !is_shared;
         match &mut self.keeper {
             Keeper::Daemon(there) => there.is_acknowledged = true,
             Keeper::Here(scene) => scene.acknowledge(),
@@ -143,7 +200,7 @@ impl RemoteScene {
 
     pub fn resync(&mut self) {
         // A daemon that is asked may die before it reports pairs.
-        self.resyncs_anew = true;
+        self.resyncs_anew |= self.sharing.is_none();
         match &mut self.keeper {
             Keeper::Here(scene) => scene.resync(),
             _ => self.forgets = true,
@@ -151,31 +208,78 @@ impl RemoteScene {
     }
 
     /// Waits for the edit that nobody has waited for. The daemon serves a session's requests one after the
-    /// other.
-    fn settle(&mut self) {
-        match self.unread.settle(self.core.settings()) {
+    /// other. Whether it was refused, and taken back here.
+    pub fn settle(&mut self) -> bool {
+        match self.unread.settle(&self.settings) {
             Some(Ok(reply)) => self.daemon_bytes = reply.scene_bytes,
-            Some(Err(error)) => self.note_failure(&error),
+            // Nobody waited for this edit, and nobody is told of its refusal.
+            Some(Err(error)) => drop(self.refused(error)),
             None => {}
         }
+        let Some(sharing) = &mut self.sharing else { return false };
+        sharing.before = None;
+        self.was_undone()
     }
 
-    /// Checks an edit, and sends it or applies it here. The caller binds what is returned to its borrow of
-    /// the scene.
-    pub fn begin<'s>(&mut self, edit: Edit<'_>, report: Report) -> Result<Awaited<'s>, Error> {
-        self.copy.check(edit)?;
-        self.settle();
-        self.named_by_table.clear();
-        if report == Report::Moved {
-            self.named_by_table = self.copy.named_by_table(edit);
+    /// Whether a commit was refused, and taken back here, since this was last asked.
+    pub fn was_undone(&mut self) -> bool {
+        self.sharing.as_mut().is_some_and(|sharing| std::mem::take(&mut sharing.was_undone))
+    }
+
+    /// Takes a lease, or gives one back. What was given back is not sent again: the indices are no longer this member's.
+    pub fn lease(&mut self, action: LeaseAction) -> Result<Range<u32>, Error> {
+        if self.sharing.is_none() {
+            return Err(Error::NotShared);
         }
-        let begun = if self.stays_here() {
-            self.edit_here(edit, report).map(|()| Awaited::default())
+        let link = self.present()?;
+        let range = self.ask_lease(&link, action)?;
+        let leases = self.sharing.as_mut().map(|sharing| &mut sharing.leases);
+        let leases = leases.ok_or(Error::NotShared)?;
+        if let LeaseAction::GiveBack { first } = action {
+            leases.retain(|lease| lease.start != first);
+            remove_range(&mut self.copy, range.clone())?;
         } else {
-            let sent = self.send(edit, report);
-            sent.map(|sent| Awaited::new(sent, Arc::clone(&self.unread))).or_else(|error| {
+            leases.push(range.clone());
+        }
+        Ok(range)
+    }
+
+    fn ask_lease(&mut self, link: &Arc<Link>, action: LeaseAction) -> Result<Range<u32>, Error> {
+        let Self { core, settings, id, .. } = &*self;
+        let leased = AskedOf { core, link, settings, scene: *id }.lease(action);
+        leased.map_err(|error| self.refused(error))
+    }
+
+    /// Checks an edit, and sends it or applies it here, once the last one is [settled](Self::settle). The caller binds
+    /// what is returned to its borrow of the scene.
+    pub fn begin(&mut self, edit: Edit<'_>, report: Report) -> Result<Awaited, Error> {
+        if let Some(sharing) = &self.sharing {
+            sharing.allow(edit)?;
+        }
+        self.copy.check(edit)?;
+        self.named.clear();
+        if report == Report::Moved && self.sharing.is_none() {
+            let named = &mut self.named;
+            self.copy.for_each_named(edit, |index| named.push(index));
+        }
+        let begun = if self.sharing.is_some() {
+            self.commit(edit, report)
+        } else {
+            self.start(edit, report)
+        };
+        Ok(begun?
+            .map_or_else(Awaited::default, |sent| Awaited::new(sent, Arc::clone(&self.unread))))
+    }
+
+    /// Sends an edit that was checked, or applies it here: `None`.
+    fn start(&mut self, edit: Edit<'_>, report: Report) -> Result<Option<SentEdit>, Error> {
+        let here = |scene: &mut Self| scene.edit_here(edit, report).map(|()| None);
+        let begun = if self.stays_here() {
+            here(self)
+        } else {
+            self.send(edit, report).map(Some).or_else(|error| {
                 self.stay(error)?;
-                self.edit_here(edit, report).map(|()| Awaited::default())
+                here(self)
             })
         };
         match &begun {
@@ -186,38 +290,71 @@ impl RemoteScene {
         begun
     }
 
+    /// Sends an edit that was checked as a commit of this member. One that begins from the copy is the whole copy.
+    fn commit(&mut self, edit: Edit<'_>, report: Report) -> Result<Option<SentEdit>, Error> {
+        if let Err(error) = self.present() {
+            self.apply_commit(edit);
+            return Err(error.unanswered());
+        }
+        if let Some(sharing) = self.sharing.as_mut().filter(|_| edit.has_table()) {
+            let mut copy = self.copy.clone();
+            copy.cancel(edit);
+            let (gave_filters, forgets) = (sharing.gave_filters, self.forgets);
+            sharing.before = Some(Box::new(Before { copy, gave_filters, forgets }));
+        }
+        if matches!(&self.keeper, Keeper::Daemon(there) if there.revision == 0) {
+            self.apply_commit(edit);
+            return self.send_whole(report).map(Some).map_err(Error::unanswered);
+        }
+        let sent = self.send_to(edit, report);
+        if matches!(&sent, Err(error) if !error.is_applied()) {
+            // The daemon has heard nothing, and has all that came before.
+            self.copy.cancel(edit);
+        } else {
+            self.apply_commit(edit);
+        }
+        sent.map(Some)
+    }
+
+    fn apply_commit(&mut self, edit: Edit<'_>) {
+        if let Some(sharing) = &mut self.sharing {
+            sharing.gave_filters |= edit.has_table();
+        }
+        self.copy.apply(edit);
+    }
+
     /// Waits for the answer to the edit that was begun. Where the daemon has none, the scene is sent again,
     /// or answered here.
-    pub fn end(&mut self, awaited: Awaited<'_>, edit: Edit<'_>) -> Result<Found, Error> {
+    pub fn end(&mut self, awaited: Awaited) -> Result<Found, Error> {
         let Some(sent) = awaited.take() else { return Ok(Found::Here) };
         let report = sent.report;
         let error = match self.receive(sent) {
-            Ok(found) => return Ok(Found::Daemon(found)),
+            Ok(found) => return Ok(found),
             Err(error) => error,
         };
+        // A daemon that has restarted, or has forgotten the scene.
         let is_stale = is_stale(&error);
-        self.note_failure(&error);
-        // The copy has the edit already. What it named is named again, for pairs of moved boxes; what it removed is
-        // not there to be removed.
-        let named = std::mem::take(&mut self.named_by_table);
-        let tags: Vec<Tag> = named.iter().map(|index| self.copy.states().tag(*index)).collect();
-        let is_made = |step: &&Step<'_>| matches!(step, Step::Remove(_));
-        let mut steps: Vec<Step<'_>> =
-            edit.steps.iter().filter(|step| !is_made(step)).copied().collect();
-        if !named.is_empty() {
-            steps.push(Step::Tag(Tags { indices: (&named).into(), tags: &tags }));
+        if self.sharing.is_some() {
+            if !is_stale {
+                return Err(error);
+            }
+            self.present()?;
+            let sent = self.send_whole(report)?;
+            return self.receive(sent);
         }
-        let again = Edit { steps: &steps };
+        // The copy has the edit already. What it named is named again, for pairs of moved boxes.
+        let (mut named, states) = (std::mem::take(&mut self.named), self.copy.states());
+        named.sort_unstable();
+        named.dedup();
+        named.retain(|index| self.copy.get(*index).is_some());
+        let tags: Vec<Tag> = named.iter().map(|index| states.tag(*index)).collect();
+        let step = Step::Tag(Tags { indices: (&named).into(), tags: &tags });
+        let again = Edit { steps: if named.is_empty() { &[] } else { &[step] } };
         if is_stale {
-            // A daemon that has restarted, or has forgotten the scene.
-            let answered = self.send(again, report).and_then(|sent| self.receive(sent));
-            match answered {
-                Ok(found) => return Ok(Found::Daemon(found)),
-                Err(error) => {
-                    self.note_failure(&error);
-                    // The copy has the edit: it is not as if nothing had happened.
-                    self.stay(error).map_err(Error::unanswered)?;
-                }
+            match self.send(again, report).and_then(|sent| self.receive(sent)) {
+                Ok(found) => return Ok(found),
+                // The copy has the edit: it is not as if nothing had happened.
+                Err(error) => self.stay(error).map_err(Error::unanswered)?,
             }
         } else {
             self.stay(error)?;
@@ -226,20 +363,26 @@ impl RemoteScene {
         Ok(Found::Here)
     }
 
-    /// Asks the scene as the last edit made it.
+    /// Asks the scene as the last edit made it; a shared one as the last tick did. A commit that nobody has waited for
+    /// may be part of the next tick: it is not waited for here.
     pub fn query(&mut self, asked: &Asked<'_>) -> Result<PairMask, Error> {
-        self.settle();
-        if self.copy.is_empty() || asked.boxes.is_empty() {
-            return Ok(self.core.query_here(&mut new_scene(self.options, &self.core), asked)?);
-        }
-        if self.stays_here() {
-            return self.query_here(asked);
+        let is_shared = self.sharing.is_some();
+        if !is_shared {
+            self.settle();
+            if self.copy.is_empty() || asked.boxes.is_empty() {
+                return Ok(self
+                    .core
+                    .local()
+                    .query(&mut new_scene(self.options, &self.core), asked)?);
+            }
+            if self.stays_here() {
+                return self.query_here(asked);
+            }
         }
         let mut answered = self.ask(asked);
         if let Err(error) = &answered
             && is_stale(error)
         {
-            // A daemon that has restarted, or has forgotten the scene.
             self.note_failure(error);
             answered = self.ask(asked);
         }
@@ -247,32 +390,33 @@ impl RemoteScene {
             Ok(mask) => return Ok(mask),
             Err(error) => error,
         };
-        if let Error::Reply(ReplyError::Status { .. }) = &error {
-            // Refused, for this query is too large for instance: the daemon keeps the scene.
-            self.stay(error)?;
-            return Ok(self.core.query_here(&mut *self.copied()?, asked)?);
+        // Refused, for this query is too large for instance: the daemon keeps the scene.
+        let is_refused = matches!(&error, Error::Reply(ReplyError::Status { .. }));
+        if !is_refused && (!is_shared || Loss::of(&error).is_some()) {
+            self.note_failure(&error);
         }
-        self.note_failure(&error);
         self.stay(error)?;
+        if is_refused {
+            return Ok(self.core.local().query(&mut *self.copied()?, asked)?);
+        }
         self.query_here(asked)
     }
 
     /// Asks the daemon, which gets the scene first where it does not have it.
     fn ask(&mut self, asked: &Asked<'_>) -> Result<PairMask, Error> {
-        let link = self.core.link()?;
-        self.load_once(&link)?;
+        let link = self.present()?;
         let Keeper::Daemon(there) = &self.keeper else {
             return Err(Error::DaemonDied);
         };
-        let (scene, revision) = (self.id, Some(there.revision));
-        let threads = self.options.threads.or(self.core.settings().threads);
-        asked.ask(&self.core, &link, (scene, revision), threads, &mut self.query_estimate)
+        let revision = self.sharing.is_none().then_some(there.revision);
+        let (scene, threads) = ((self.id, revision), self.options.threads);
+        asked.ask(&self.core, &link, scene, threads, &mut self.query_estimate)
     }
 
     /// Asks the scene of this process, which is made from the copy if need be.
     fn query_here(&mut self, asked: &Asked<'_>) -> Result<PairMask, Error> {
         let core = Arc::clone(&self.core);
-        Ok(core.query_here(self.here()?, asked)?)
+        Ok(core.local().query(self.here()?, asked)?)
     }
 
     /// Whether a daemon refused the scene a moment ago, and this process answers.
@@ -285,7 +429,7 @@ impl RemoteScene {
     fn stay(&self, error: Error) -> Result<(), Error> {
         match &error {
             Error::TooManyFrames | Error::Edit(_) | Error::Scene(_) => Err(error),
-            _ if !self.core.may_cull_here() => Err(error),
+            _ if self.sharing.is_some() || !self.core.may_cull_here() => Err(error),
             error if error.is_applied() => {
                 log::debug!("a scene is answered in process: {error}");
                 Ok(())
@@ -297,21 +441,52 @@ impl RemoteScene {
         }
     }
 
+    /// Gives up what a failure after sending says is lost, and says what a member was refused. A table of filters that
+    /// was refused is taken back.
+    fn refused(&mut self, error: Error) -> Error {
+        if let (Some(sharing), Error::Reply(ReplyError::Status { status, .. })) =
+            (&mut self.sharing, &error)
+        {
+            match (status, sharing.before.take(), &mut self.keeper) {
+                (StatusCode::NotLeased, Some(before), keeper) => {
+                    (self.copy, sharing.gave_filters) = (before.copy, before.gave_filters);
+                    self.forgets |= before.forgets;
+                    sharing.was_undone = true;
+                    if let Keeper::Daemon(there) = keeper {
+                        (there.revision, there.is_acknowledged) = there.before;
+                    }
+                }
+                (StatusCode::StaleScene | StatusCode::NotLeased, _, keeper) => {
+                    *keeper = Keeper::Nobody;
+                }
+                _ => {}
+            }
+            if let Some(typed) = refusal(&error, self.options.most_boxes) {
+                return typed;
+            }
+        }
+        self.note_failure(&error);
+        error
+    }
+
     /// Gives up what a failure after sending says is lost.
     fn note_failure(&mut self, error: &Error) {
-        if !error.is_applied() {
-            return;
-        }
-        let keeper = std::mem::replace(&mut self.keeper, Keeper::Nobody);
-        let Keeper::Daemon(there) = keeper else { return };
+        let link = match &self.keeper {
+            _ if !error.is_applied() => return,
+            Keeper::Here(_) => return,
+            Keeper::Daemon(there) => Some(Arc::clone(&there.link)),
+            Keeper::Nobody => self.sent_to.clone(),
+        };
+        self.keeper = Keeper::Nobody;
+        let Some(link) = link else { return };
         match (error, Loss::of(error)) {
             (_, Some(how)) => {
-                // Its scenes end with it.
-                self.sent_to = None;
-                let _ = self.core.lose(&there.link, how);
+                // Its scenes end with it. A membership may not, where its answer alone was lost.
+                self.sent_to = self.sent_to.take().filter(|_| self.sharing.is_some());
+                let _ = self.core.lose(&link, how);
             }
-            (Error::Reply(refused), None) if !is_stale(error) => {
-                there.link.say_refused(refused);
+            (Error::Reply(refused), None) if !is_stale(error) && self.sharing.is_none() => {
+                link.say_refused(refused);
                 self.stays_until = Some(Instant::now() + REFUSED_FOR);
             }
             _ => {}
@@ -320,68 +495,81 @@ impl RemoteScene {
 
     /// Sends an edit to the daemon, after the scene where that does not have it.
     fn send(&mut self, edit: Edit<'_>, report: Report) -> Result<SentEdit, Error> {
+        self.present()?;
+        self.send_to(edit, report)
+    }
+
+    /// The connection to a daemon that has the scene: it is sent whole, or joined, where it is not there.
+    fn present(&mut self) -> Result<Arc<Link>, Error> {
         let link = self.core.link()?;
-        self.load_once(&link)?;
-        self.send_to(&link, edit, report)
+        match &self.keeper {
+            Keeper::Daemon(there) if Arc::ptr_eq(&there.link, &link) => {}
+            _ if self.sharing.is_some() => self.join_again(&link)?,
+            _ => self.load(&link)?,
+        }
+        Ok(link)
     }
 
-    /// Sends the whole scene, unless the daemon has it.
-    fn load_once(&mut self, link: &Arc<Link>) -> Result<(), Error> {
-        let has_scene =
-            matches!(&self.keeper, Keeper::Daemon(there) if Arc::ptr_eq(&there.link, link));
-        if has_scene { Ok(()) } else { self.load(link) }
+    /// Joins, and leases what this member had. Its boxes are sent with the next commit.
+    fn join_again(&mut self, link: &Arc<Link>) -> Result<(), Error> {
+        (self.keeper, self.sent_to) = (Keeper::Nobody, Some(Arc::clone(link)));
+        let Self { core, settings, id, sharing, .. } = &mut *self;
+        let Some(sharing) = sharing else { return Err(Error::NotShared) };
+        let joined = sharing.join(&AskedOf { core, link, settings, scene: *id });
+        let leases = sharing.leases.clone();
+        let terms = joined.map_err(|error| self.refused(error))?;
+        self.options.most_boxes = terms.most_boxes;
+        self.settings.deadline = self.core.settings().deadline + terms.deadline;
+        for range in leases {
+            let (first, count) = (range.start, range.end - range.start);
+            self.ask_lease(link, LeaseAction::Take { first, count })?;
+        }
+        self.keeper = Keeper::Daemon(There::new(link));
+        Ok(())
     }
 
-    /// Sends the whole scene.
+    /// Sends the whole scene, and waits for it to be there.
     fn load(&mut self, link: &Arc<Link>) -> Result<(), Error> {
         // Another connection's scenes ended with it.
         self.sent_to = self.sent_to.take().filter(|sent_to| Arc::ptr_eq(sent_to, link));
-        let there = There { link: Arc::clone(link), revision: 0, is_acknowledged: false };
-        let before = std::mem::replace(&mut self.keeper, Keeper::Daemon(there));
-        let loaded = self.send_whole(link);
-        if loaded.is_err() {
-            // A scene of this process goes on where it was.
-            let is_here = matches!(before, Keeper::Here(_));
-            self.keeper = if is_here { before } else { Keeper::Nobody };
-        }
-        loaded
-    }
-
-    fn send_whole(&mut self, link: &Arc<Link>) -> Result<(), Error> {
+        let before = std::mem::replace(&mut self.keeper, Keeper::Daemon(There::new(link)));
         self.forgets |= self.resyncs_anew;
         // Filters and lists are there without boxes as well.
         if self.copy.is_empty() && !self.copy.states().filters.is_used() {
             return Ok(());
         }
-        let sent = {
-            // The copy cannot be borrowed while the scene is: it is given back at once.
-            let copy = std::mem::replace(&mut self.copy, SceneCopy::new(0));
-            let whole = copy.whole();
-            let sent = self.send_to(link, Edit { steps: &whole.steps() }, Report::Nothing);
-            drop(whole);
-            self.copy = copy;
-            sent?
-        };
-        match self.receive(sent) {
-            Ok(_) => Ok(()),
-            Err(error) => {
-                self.note_failure(&error);
-                Err(error)
-            }
+        let loaded = self.send_whole(Report::Nothing).and_then(|sent| self.receive(sent));
+        if loaded.is_err() {
+            // A scene of this process goes on where it was.
+            let is_here = matches!(before, Keeper::Here(_));
+            self.keeper = if is_here { before } else { Keeper::Nobody };
         }
+        loaded.map(drop)
+    }
+
+    /// Sends all boxes of the copy as one edit.
+    fn send_whole(&mut self, report: Report) -> Result<SentEdit, Error> {
+        // The copy cannot be borrowed while the scene is: it is given back at once.
+        let copy = std::mem::replace(&mut self.copy, SceneCopy::new(0));
+        let sent = {
+            let whole = copy.whole();
+            let mut steps = whole.steps();
+            if self.sharing.as_ref().is_some_and(|sharing| !sharing.gave_filters) {
+                steps.retain(|step| !matches!(step, Step::Filters(_)));
+            }
+            self.send_to(Edit { steps: &steps }, report)
+        };
+        self.copy = copy;
+        sent
     }
 
     /// Sends an edit to a daemon that has the scene.
-    fn send_to(
-        &mut self,
-        link: &Arc<Link>,
-        edit: Edit<'_>,
-        report: Report,
-    ) -> Result<SentEdit, Error> {
+    fn send_to(&mut self, edit: Edit<'_>, report: Report) -> Result<SentEdit, Error> {
         let Keeper::Daemon(there) = &mut self.keeper else {
             return Err(Error::DaemonDied);
         };
         self.revisions += 1;
+        let is_shared = self.sharing.is_some();
         let request = |[boxes, steps, indices]: [Section; 3]| SceneRequest {
             scene: self.id,
             base: there.revision,
@@ -390,20 +578,26 @@ impl RemoteScene {
             is_lost: self.forgets,
             report,
             most_boxes: self.options.most_boxes,
-            engine: self.core.settings().engine,
-            threads: self.options.threads.or(self.core.settings().threads),
+            engine: self.settings.engine,
+            threads: self.options.threads,
             boxes,
             steps,
             indices,
         };
-        match send_edit(&self.core, link, edit, request, RequestHeader::edit_scene) {
-            Ok(sent) => {
+        let header =
+            if is_shared { RequestHeader::commit_shared } else { RequestHeader::edit_scene };
+        match send_edit(&self.core, &there.link, edit, request, header) {
+            Ok(mut sent) => {
+                there.before = (there.revision, there.is_acknowledged);
                 // Whether it is received or not: a daemon at another revision says so.
                 (there.revision, there.is_acknowledged, self.forgets) =
                     (self.revisions, false, false);
-                self.sent_to = Some(Arc::clone(link));
-                let expected = self.estimate.expect(sent.asked.box_count.get());
-                Ok(SentEdit { expected, ..sent })
+                self.sent_to = Some(Arc::clone(&there.link));
+                if !is_shared {
+                    // Of a shared scene, others decide when the tick ends: there is nothing to nap by.
+                    sent.expected = self.estimate.expect(sent.asked.box_count.get());
+                }
+                Ok(sent)
             }
             Err(error) => {
                 if error.is_applied() {
@@ -416,18 +610,26 @@ impl RemoteScene {
     }
 
     /// Waits for the daemon's answer.
-    fn receive(&mut self, sent: SentEdit) -> Result<Box<FromDaemon>, Error> {
+    fn receive(&mut self, sent: SentEdit) -> Result<Found, Error> {
         let n = sent.asked.box_count.get();
-        let (answer, reply) = sent.receive(self.core.settings())?;
-        self.estimate.note(Answered {
-            n,
-            round_trip: answer.sent_at.elapsed(),
-            took: Duration::from_nanos(reply.total_ns),
-            threads: reply.threads,
-        });
+        let received = sent.receive(&self.settings);
+        let (answer, reply) = received.map_err(|error| self.refused(error))?;
+        let mut tick = None;
+        if let Some(sharing) = &mut self.sharing {
+            sharing.before = None;
+            let marks = TickMarks::parse(&answer.header, size_of_val(answer.memory.pages()) as u64);
+            tick = Some(marks.map_err(|error| self.refused(error.into()))?);
+        } else {
+            self.estimate.note(Answered {
+                n,
+                round_trip: answer.round_trip,
+                took: Duration::from_nanos(reply.total_ns),
+                threads: reply.threads,
+            });
+        }
         self.daemon_bytes = reply.scene_bytes;
-        let (index_end, isa) = (self.copy.index_end() as u32, self.core.settings().isa);
-        Ok(Box::new(FromDaemon { answer, reply, index_end, isa }))
+        let (index_end, isa) = (self.index_end(), self.settings.isa);
+        Ok(Found::Daemon(Box::new(FromDaemon { answer, reply, tick, index_end, isa })))
     }
 
     /// Applies an edit in this process, where the scene is made from the copy if need be.
@@ -453,7 +655,7 @@ impl RemoteScene {
         }
     }
 
-    /// A scene of this process with the boxes of the copy, which has told nothing.
+    /// A scene of this process with the boxes of the copy, which has reported nothing.
     fn copied(&self) -> Result<Box<Scene>, Error> {
         let mut scene = Box::new(new_scene(self.options, &self.core));
         let whole = self.copy.whole();
@@ -467,7 +669,12 @@ impl Drop for RemoteScene {
     fn drop(&mut self) {
         // Also where the daemon refused an edit of it, and this process answers since then.
         let Some(link) = self.sent_to.as_ref().filter(|link| link.is_alive()) else { return };
-        let header = RequestHeader::end_scene(link.token(), self.core.next_frame(), self.id);
+        let end = if self.sharing.is_some() {
+            RequestHeader::leave_shared
+        } else {
+            RequestHeader::end_scene
+        };
+        let header = end(link.token(), self.core.next_frame(), self.id);
         self.core.end_scene(link, &header, &self.unread);
     }
 }
@@ -476,7 +683,7 @@ impl Drop for RemoteScene {
 ///
 /// # Errors
 /// [`Error`]. Of one that [is not applied](Error::is_applied), nothing was sent.
-pub(super) fn send_edit(
+fn send_edit(
     core: &Core,
     link: &Arc<Link>,
     edit: Edit<'_>,
@@ -498,18 +705,13 @@ pub(super) fn send_edit(
 }
 
 /// Whether the daemon says that it has no scene of this revision.
-pub(super) const fn is_stale(error: &Error) -> bool {
+const fn is_stale(error: &Error) -> bool {
     let stale = StatusCode::StaleScene;
     matches!(error, Error::Reply(ReplyError::Status { status, .. }) if *status as u32 == stale as u32)
 }
 
 /// A scene of this process, with the settings of a session.
 pub(super) fn new_scene(options: SceneOptions, core: &Core) -> Scene {
-    let settings = core.settings();
-    let threads = options.threads.or(settings.threads);
-    let options = threads.map_or(options, |threads| options.with_threads(threads));
-    Scene::with_engines(
-        options,
-        CpuEngines::on(settings.isa, Calibration::built_in(settings.isa.get())),
-    )
+    let isa = core.settings().isa;
+    Scene::with_engines(options, CpuEngines::on(isa, Calibration::built_in(isa.get())))
 }

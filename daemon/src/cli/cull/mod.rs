@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use clap::{Args, ValueEnum};
-use pairmask::{Backend, ConnectError, PairMask, PendingFrame, Session};
+use pairmask::{Backend, ConnectError, PairMask, Pending, Session};
 use pairmask_core::mask::WordAddress;
 use pairmask_core::plan::Plan;
 use pairmask_core::{Aabb, Bounds, MaskView, Sphere};
@@ -178,7 +178,7 @@ impl Cull {
 struct Asked {
     /// When it was begun, read and submitted.
     times: [Instant; 3],
-    frame: PendingFrame,
+    frame: Pending<PairMask>,
     planned: Option<Plan>,
     look: Look,
     /// Bounds of the boxes, where a gap depends on their coordinates.
@@ -224,7 +224,7 @@ fn ask_spheres(spheres: RawObjects<Sphere>, session: &mut Session) -> Result<Ask
 }
 
 fn answer(
-    frame: PendingFrame,
+    frame: Pending<PairMask>,
     [start, read, submitted]: [Instant; 3],
 ) -> Result<(PairMask, Timings)> {
     let mask = frame.wait()?;

@@ -103,15 +103,13 @@ impl ExactPairs {
         }
         if report == Report::Moved {
             let Self { named, flags, .. } = self;
-            let mut note = |index: u32| {
+            before.for_each_named(edit, |index| {
                 // A list may name indices that have no box.
                 if flags.get(index as usize).is_some_and(|flags| flags & NAMED == 0) {
                     flags[index as usize] |= NAMED;
                     named.push(index);
                 }
-            };
-            edit.for_each_named(&mut note);
-            before.named_by_table(edit).into_iter().for_each(note);
+            });
         }
     }
 

@@ -6,14 +6,15 @@
 
 use std::ops::Range;
 
-use pairmask_core::precision::Margin;
-use pairmask_core::scene::{
-    Edit, EditError, ExactPairs, MarginedSets, Outgoing, Report, Reported, SceneCopy, Sent, Sets,
-    Step,
-};
-
-use super::answer::Source;
-use super::shared::remove;
+use super::MarginedSets;
+use super::exact::ExactPairs;
+use super::outgoing::{Outgoing, Sent};
+use crate::precision::Margin;
+use crate::scene::answer::{Report, Reported};
+use crate::scene::copy::SceneCopy;
+use crate::scene::edit::{Edit, Sets, Step};
+use crate::scene::error::EditError;
+use crate::scene::shared::remove_range;
 
 /// Boxes that were set, and how few of them were sent.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -30,7 +31,8 @@ pub struct MarginStats {
 }
 
 /// The boxes of now of a scene whose boxes have margins.
-pub(super) struct Margined {
+#[derive(Debug)]
+pub struct Margined {
     now: SceneCopy,
     usual: Margin,
     pairs: Pairs,
@@ -48,13 +50,14 @@ pub(super) struct Margined {
 
 /// What is kept of the pairs.
 #[allow(clippy::large_enum_variant)] // One of each scene.
+#[derive(Debug)]
 enum Pairs {
     Near(Near),
     Exact(Exact),
 }
 
 /// Near pairs are reported by the scene.
-#[derive(Default)]
+#[derive(Debug, Default)]
 struct Near {
     /// Whether there may be changes that were not taken.
     is_open: bool,
@@ -65,7 +68,7 @@ struct Near {
 }
 
 /// Exact pairs are reported here.
-#[derive(Default)]
+#[derive(Debug, Default)]
 struct Exact {
     pairs: ExactPairs,
     /// Whether there may be near pairs that are not known here.
@@ -98,18 +101,22 @@ impl Margined {
         }
     }
 
+    /// The boxes as they were set.
     pub const fn now(&self) -> &SceneCopy {
         &self.now
     }
 
+    /// The margin of boxes that are set without one.
     pub const fn usual(&self) -> Margin {
         self.usual
     }
 
+    /// What margins have saved so far.
     pub const fn stats(&self) -> MarginStats {
         self.stats
     }
 
+    /// Bytes that are kept.
     pub fn allocated_bytes(&self) -> usize {
         let pairs = match &self.pairs {
             Pairs::Near(_) => 0,
@@ -133,7 +140,10 @@ impl Margined {
     }
 
     /// Checks an edit, and chooses what is sent of its sets. What is asked of the scene; `None` where no request is
-    /// needed.
+    /// needed. [`apply`](Self::apply) or [`cancel`](Self::cancel) is to follow.
+    ///
+    /// # Errors
+    /// [`EditError`]; the edit is forgotten then.
     pub fn choose(
         &mut self,
         edit: Edit<'_>,
@@ -185,8 +195,11 @@ impl Margined {
     }
 
     /// Removes boxes of indices that are no longer this member's.
+    ///
+    /// # Errors
+    /// As [`SceneCopy::check`].
     pub fn remove(&mut self, range: Range<u32>) -> Result<(), EditError> {
-        remove(&mut self.now, range)
+        remove_range(&mut self.now, range)
     }
 
     /// Applies an edit.
@@ -210,22 +223,34 @@ impl Margined {
         self.stats.sent += self.outgoing.len() as u64;
     }
 
-    /// Answers an edit, by the scene's answer to the request, if one was made. Whether the answer is
-    /// [here](Self::reported), and not the scene's.
-    pub fn answer(&mut self, report: Report, found: Option<(Report, Source<'_>)>) -> bool {
-        let Self { now, pairs, threads, .. } = self;
-        match pairs {
+    /// Takes the changes of near pairs that the scene reports, or all of them in a resync.
+    pub fn learn(
+        &mut self,
+        is_resync: bool,
+        pairs: impl IntoIterator<Item = [u32; 2]>,
+        begun: impl IntoIterator<Item = [u32; 2]>,
+        ended: impl IntoIterator<Item = [u32; 2]>,
+    ) {
+        let Pairs::Exact(exact) = &mut self.pairs else { return };
+        if is_resync {
+            exact.pairs.resync_near(pairs, &self.now);
+        } else {
+            exact.pairs.change_near(begun, ended, &self.now);
+        }
+        exact.is_behind = false;
+    }
+
+    /// Answers an edit, after the scene's answer if one was asked for. Whether the answer is [here](Self::reported), and
+    /// not the scene's.
+    pub fn answer(&mut self, report: Report, was_asked: bool) -> bool {
+        match &mut self.pairs {
+            Pairs::Near(_) if was_asked => false,
             Pairs::Near(near) => {
-                if found.is_none() {
-                    near.reported = Reported::of_none(report, near.pair_count);
-                }
-                found.is_none()
+                near.reported = Reported::of_none(report, near.pair_count);
+                true
             }
             Pairs::Exact(exact) => {
-                if let Some((Report::Changes, source)) = found {
-                    exact.learn(&source, now);
-                }
-                exact.pairs.report(report, now, *threads);
+                exact.pairs.report(report, &self.now, self.threads);
                 true
             }
         }
@@ -248,19 +273,6 @@ impl Margined {
             }
             _ => {}
         }
-    }
-}
-
-impl Exact {
-    /// Takes the changes of near pairs.
-    fn learn(&mut self, source: &Source<'_>, now: &SceneCopy) {
-        if source.is_resync() {
-            self.pairs.resync_near(source.pairs(), now);
-        } else {
-            let ended = source.ended().map(|ended| ended.pair);
-            self.pairs.change_near(source.begun(), ended, now);
-        }
-        self.is_behind = false;
     }
 }
 

@@ -7,14 +7,16 @@
 //!
 //! The boxes of now are in a [`SceneCopy`](super::SceneCopy), which checks edits as scenes do. [`Outgoing`]
 //! finds what of an edit is to be sent. [`ExactPairs`] keeps the near pairs (`rows`), tests those around
-//! boxes that changed, and tells what a scene of the boxes of now would tell.
+//! boxes that changed, and tells what a scene of the boxes of now would tell. [`Margined`] is all of it for one scene.
 
 mod exact;
 mod fit;
+mod margined;
 mod outgoing;
 mod rows;
 
 pub use self::exact::ExactPairs;
+pub use self::margined::{MarginStats, Margined};
 pub use self::outgoing::{Outgoing, Sent};
 
 use super::edit::{Indices, Sets, Step};

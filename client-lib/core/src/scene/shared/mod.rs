@@ -17,7 +17,7 @@ mod unreported;
 
 pub use self::leases::{LeaseError, Leases, NotLeased, Ranges};
 pub use self::moved::MovedBoxes;
-pub use self::remains::{KeptBoxes, Remains, Reset};
+pub use self::remains::{KeptBoxes, Remains, Reset, remove_range};
 pub use self::ticks::{Closed, Ticks};
 pub use self::unreported::{Incarnations, NamedPair, TickChanges, Unreported};
 

@@ -21,15 +21,13 @@ impl MovedBoxes {
         *last = tick;
         of_last.clear();
         ticks.resize(copy.index_end().max(ticks.len()), 0);
-        let mut note = |index: u32| {
+        copy.for_each_named(edit, |index| {
             // A listed pair may name an index beyond all boxes.
             if let Some(moved) = ticks.get_mut(index as usize).filter(|moved| **moved != tick) {
                 *moved = tick;
                 of_last.push(index);
             }
-        };
-        edit.for_each_named(&mut note);
-        copy.named_by_table(edit).into_iter().for_each(note);
+        });
     }
 
     /// The indices that moved after a tick, each once. The box may have been removed since.

@@ -1,11 +1,26 @@
 //! What is left of ranges whose lease has ended: removed, or kept for who leases their indices next.
 
 use std::collections::BTreeSet;
+use std::ops::Range;
 
 use super::Ranges;
 use crate::filters::{Tag, in_order};
 use crate::scene::SceneCopy;
 use crate::scene::edit::{Edit, Indices, Step, Tags};
+use crate::scene::error::EditError;
+
+/// Removes the boxes of indices that are no longer a member's, and listed pairs that name them, from what it keeps.
+///
+/// # Errors
+/// As [`SceneCopy::check`].
+pub fn remove_range(copy: &mut SceneCopy, range: Range<u32>) -> Result<(), EditError> {
+    let remains = Remains::of(copy, &std::iter::once(range).collect());
+    let steps = remains.steps();
+    let edit = Edit { steps: &steps };
+    copy.check(edit)?;
+    copy.apply(edit);
+    Ok(())
+}
 
 /// Boxes of ranges that are nobody's any more, and listed pairs that name an index of them, where an entry waits for
 /// a first box as well: the next boxes of the indices are on no list.

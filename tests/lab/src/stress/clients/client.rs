@@ -5,7 +5,7 @@ use std::rc::Rc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use pairmask::{Error, PendingFrame, Scene, SceneEdit, ServedBy, Session, SessionBuilder};
+use pairmask::{Error, PairMask, Pending, Scene, SceneEdit, ServedBy, Session, SessionBuilder};
 use pairmaskd::scene::Random;
 use serde::{Deserialize, Serialize};
 
@@ -84,7 +84,7 @@ pub(super) struct FailedFrame {
 }
 
 struct UnderWay {
-    pending: PendingFrame,
+    pending: Pending<PairMask>,
     case: Rc<Case>,
     form: Form,
 }
@@ -360,7 +360,7 @@ impl Client<'_> {
 }
 
 /// Writes and sends a frame, as it is read: on a thread with the floating-point flags of the case's caller.
-fn send(session: &mut Session, case: &Case, form: Form) -> Result<PendingFrame, Error> {
+fn send(session: &mut Session, case: &Case, form: Form) -> Result<Pending<PairMask>, Error> {
     // Its truth is computed with the default flags, if it is not there yet.
     case.allowed(form);
     case.flags.caller.run(|| match form {

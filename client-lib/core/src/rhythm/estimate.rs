@@ -14,7 +14,7 @@ const SIMILAR: u32 = 4;
 
 /// A frame that was answered.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Answered {
+pub struct Answered {
     /// Boxes.
     pub n: u32,
     /// Time from submission to the answer in hand, a late wake-up of this client included.
@@ -31,7 +31,7 @@ pub(super) struct Answered {
 /// would sleep longer the next time. Spinning goes by the round trip: where both sides sleep too
 /// early, the client has to spin until the daemon has woken up.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) struct Estimate {
+pub struct Estimate {
     n: u32,
     round_trip: Duration,
     took: Duration,
@@ -46,7 +46,7 @@ fn aged(known: Duration, new: Duration) -> Duration {
 
 /// What is expected of a request.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) struct Expected {
+pub struct Expected {
     /// How long to sleep after it was sent; zero for a short one.
     pub nap: Duration,
     /// The time to its answer; zero where nothing is known.
@@ -57,12 +57,12 @@ pub(super) struct Expected {
 
 impl Estimate {
     /// What is expected of a request of `n` boxes.
-    pub(super) fn expect(&self, n: u32) -> Expected {
+    pub fn expect(&self, n: u32) -> Expected {
         Expected { nap: self.nap(n), round_trip: self.round_trip(n), threads: self.threads(n) }
     }
 
     /// Updates the estimate by an answered frame.
-    pub(super) fn note(&mut self, frame: Answered) {
+    pub fn note(&mut self, frame: Answered) {
         let Answered { n, round_trip, took, threads } = frame;
         // At most the round trip: the daemon's figure is input from another process.
         let took = took.min(round_trip);
