@@ -1,5 +1,5 @@
 //! The crates of the library are layers: no module uses one that uses it, by whatever way. The compiler does not check
-//! that; here it is read from the source.
+//! that; here it is read from the source, as is the number of types that a user meets.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -124,4 +124,16 @@ fn a_circle_is_found() {
     assert_eq!(layers(&by_root), Err(vec!["high", "middle", ROOT]));
     add(&mut graph, "low", "fn f() { crate::high::g(); }");
     assert_eq!(layers(&graph), Err(vec!["high", "low", "middle"]));
+}
+
+#[test]
+fn the_library_exports_few_types() {
+    let lib = Path::new(env!("CARGO_MANIFEST_DIR")).join("../client-lib/src/lib.rs");
+    let source = fs::read_to_string(lib).unwrap();
+    let lists = source.split("pub use ").skip(1).filter_map(|after| after.split(';').next());
+    let paths = lists.flat_map(|list| list.split([',', '{', '}'])).map(str::trim);
+    let names = paths.filter_map(|path| path.rsplit([':', ' ']).next());
+    let types: BTreeSet<&str> = names.filter(|name| name.starts_with(char::is_uppercase)).collect();
+    assert!(types.contains("DaemonStatus") && types.contains("Scene"), "{types:?}");
+    assert!(types.len() <= 45, "{} types: {types:?}", types.len());
 }
