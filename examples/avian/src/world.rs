@@ -5,14 +5,14 @@ use avian3d::collider_tree::{
 };
 use bevy::platform::cell::SyncCell;
 use bevy::prelude::*;
-use pairmask::{Aabb, Backend, ConnectError, Error, Report, Scene, SceneOptions, Session};
+use pairmask::{Aabb, Backend, Error, Report, Scene, SceneOptions, Session};
 
 /// Why there are no pairs.
 #[derive(Debug)]
 #[non_exhaustive]
 pub enum WorldError {
     /// No session, not even in this process.
-    Connect(ConnectError),
+    Connect(Error),
     /// No answer, not even in this process.
     Commit(Error),
 }
@@ -87,9 +87,9 @@ fn box_of(trees: &ColliderTrees, key: ColliderTreeProxyKey) -> Option<Aabb> {
     Some(Aabb::new(found.min.to_array(), found.max.to_array()))
 }
 
-fn scene_of(backend: Backend) -> Result<Scene, ConnectError> {
+fn scene_of(backend: Backend) -> Result<Scene, Error> {
     let mut session = Session::builder().backend(backend).connect()?;
-    Ok(session.scene(SceneOptions::default())?)
+    session.scene(SceneOptions::default())
 }
 
 impl PairmaskWorld {
