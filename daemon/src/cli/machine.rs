@@ -1,10 +1,21 @@
 //! Machine and build of a measurement, without which its figures mean nothing.
 
 use std::fmt;
+use std::sync::LazyLock;
 
+use pairmask_wire::Version;
 use serde::{Deserialize, Serialize};
 
-use super::build;
+/// The commit of this build, as `git describe` names it, or `unknown`.
+const COMMIT: &str = env!("PAIRMASK_COMMIT");
+
+static VERSION: LazyLock<String> = LazyLock::new(|| {
+    format!("{} (wire {}, commit {COMMIT})", env!("CARGO_PKG_VERSION"), Version::CURRENT)
+});
+
+pub fn version() -> &'static str {
+    &VERSION
+}
 
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Machine {
@@ -26,8 +37,8 @@ impl Machine {
             os: value("/etc/os-release", "PRETTY_NAME", '=').unwrap_or_else(unknown),
             kernel: std::fs::read_to_string("/proc/sys/kernel/osrelease")
                 .map_or_else(|_| unknown(), |text| text.trim().to_owned()),
-            toolchain: build::TOOLCHAIN.to_owned(),
-            commit: build::COMMIT.to_owned(),
+            toolchain: env!("PAIRMASK_TOOLCHAIN").to_owned(),
+            commit: COMMIT.to_owned(),
             command: command_line(),
         }
     }

@@ -4,7 +4,6 @@
 //! default. Results go to stdout; progress, logs and errors to stderr, an error as one line.
 
 pub mod bench;
-pub mod build;
 pub mod config;
 mod cull;
 pub mod daemon_cpu;
@@ -36,7 +35,7 @@ use crate::publish::AlterAnswer;
 
 /// Finds the overlapping pairs of boxes for other processes, through shared memory.
 #[derive(Debug, Parser)]
-#[command(name = "pairmaskd", version = build::version(), after_help = EXAMPLES)]
+#[command(name = "pairmaskd", version = machine::version(), after_help = EXAMPLES)]
 struct Cli {
     #[command(flatten)]
     place: Place,

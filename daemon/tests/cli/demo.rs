@@ -1,7 +1,5 @@
 //! `demo`: its own daemon, a summary, and nothing left.
 
-use std::process::Child;
-
 use rustix::process::{Pid, Signal, kill_process};
 
 use crate::support::{Place, eventually, finish};
@@ -21,31 +19,20 @@ fn ends_by_itself_with_every_sample_right() {
     place.assert_clean(&[]);
 }
 
-/// A demo without an end, whose daemon serves.
-fn running(place: &Place) -> Child {
-    let child = place.line("demo --seconds 1000 --boxes 50").spawn().unwrap();
-    let is_worker = |process: &String| process.contains("--worker");
-    eventually("the daemon serves", || place.processes().iter().any(is_worker).then_some(()));
-    child
-}
-
 #[test]
-fn a_signal_ends_it_early_with_its_summary() {
-    let place = Place::new();
-    let child = running(&place);
-    std::thread::sleep(std::time::Duration::from_millis(300));
-    kill_process(Pid::from_raw(child.id().cast_signed()).unwrap(), Signal::TERM).unwrap();
-    let finished = finish(child);
-    assert_eq!(finished.code, Some(0), "{finished:?}");
-    assert!(finished.stdout.contains("checks "), "{finished:?}");
-    place.assert_clean(&[]);
-}
-
-#[test]
-fn nothing_outlives_a_demo_that_is_killed() {
-    let place = Place::new();
-    let mut child = running(&place);
-    child.kill().unwrap();
-    child.wait().unwrap();
-    place.assert_clean(&[]);
+fn nothing_outlives_a_demo_that_a_signal_ends() {
+    for signal in [Signal::TERM, Signal::KILL] {
+        let place = Place::new();
+        let child = place.line("demo --seconds 1000 --boxes 50").spawn().unwrap();
+        let is_worker = |process: &String| process.contains("--worker");
+        eventually("the daemon serves", || place.processes().iter().any(is_worker).then_some(()));
+        std::thread::sleep(std::time::Duration::from_millis(300));
+        kill_process(Pid::from_raw(child.id().cast_signed()).unwrap(), signal).unwrap();
+        let finished = finish(child);
+        if signal == Signal::TERM {
+            assert_eq!(finished.code, Some(0), "{finished:?}");
+            assert!(finished.stdout.contains("checks "), "its summary: {finished:?}");
+        }
+        place.assert_clean(&[]);
+    }
 }

@@ -13,14 +13,14 @@ use std::process::ExitCode;
 use clap::{CommandFactory, Parser, Subcommand};
 use pairmaskd::cli::options::Place;
 use pairmaskd::cli::shape::{ALL, Shape, shaped};
-use pairmaskd::cli::{build, output, program, serve};
+use pairmaskd::cli::{machine, output, program, serve};
 
 use self::studies::Measured;
 use crate::processes;
 
 /// Measures and stresses the engines of pairmask.
 #[derive(Debug, Parser)]
-#[command(name = "pairmask-lab", version = build::version(), after_help = EXAMPLES)]
+#[command(name = "pairmask-lab", version = machine::version(), after_help = EXAMPLES)]
 struct Cli {
     #[command(flatten)]
     place: Place,

@@ -132,7 +132,8 @@ impl Surroundings {
         let mut others: Vec<Other> = near.collect();
         let thinned = others.len().div_ceil(OTHERS_MOST).max(1);
         let mut number = 0..;
-        others.retain(|_| number.next().is_some_and(|number: usize| number.is_multiple_of(thinned)));
+        others
+            .retain(|_| number.next().is_some_and(|number: usize| number.is_multiple_of(thinned)));
         let mut density = Density::default();
         for other in &mut others {
             other.weight *= thinned as f32;

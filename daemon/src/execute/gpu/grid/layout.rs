@@ -303,8 +303,8 @@ fn axes(sample: &Sample, edges: [f32; 3], boxes: f32, least: u64, room: u64) -> 
     // Too wide for a table, or boxes lie far beyond it, which would crowd its last cells.
     // A spare level has none of the sampled boxes.
     let sampled = if boxes > 0.0 { sample.mins.as_slice() } else { &[] };
-    let mins = sampled.iter().copied();
-    let counts = folded(mins, edges, counts.map(|count| count as f32), limit as f32);
+    let counts = counts.map(|count| count as f32);
+    let counts = folded(sampled.iter().copied(), edges, counts, limit as f32);
     std::array::from_fn(|axis| match counts[axis] {
         1 => Axis::clamped(sample.low[axis], edges[axis], 1),
         count => Axis::folded(sample.middle[axis], edges[axis], count),
