@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use super::{CullError, EngineName, ReplyBuffer, ReserveError};
 use crate::mask::{Encoding, MaskShape};
-use crate::test_budget::TestBudget;
+use crate::test_budget::{TestBudget, TestLot};
 use crate::units::BoxCount;
 
 const WORD_BYTES: u64 = size_of::<u32>() as u64;
@@ -75,12 +75,12 @@ impl WordBudget {
         self
     }
 
-    /// Counts tests, and the pairs that they found.
+    /// Counts tests of a task, and the pairs that they found.
     #[inline]
-    pub fn note_tests(&self, tests: u64, pairs: u64) {
+    pub fn note_tests(&self, lot: &mut TestLot, tests: u64, pairs: u64) {
         if self.hands_over.is_some() {
             let allowed = TESTS_A_PAIR.saturating_mul(pairs as i64);
-            self.tests.take((tests as i64).saturating_sub(allowed));
+            lot.take((tests as i64).saturating_sub(allowed), &self.tests);
         }
     }
 
@@ -240,7 +240,7 @@ mod tests {
             (u64::MAX / 4, 0, false, Ok(())),
         ] {
             let budget = budget(may);
-            budget.note_tests(tests, pairs);
+            budget.note_tests(&mut TestLot::default(), tests, pairs);
             assert_eq!(budget.is_spent(), expected.is_err());
             assert_eq!(budget.check(), expected, "{tests} {pairs}");
         }

@@ -17,7 +17,7 @@ use super::store::{BoxState, Store};
 use crate::aabb::Aabb;
 use crate::floats;
 use crate::team::{for_each_in_parts, part_count, zip_in_parts};
-use crate::test_budget::TestBudget;
+use crate::test_budget::{TestBudget, TestLot};
 
 /// Boxes of a task: a search takes about 0.2 µs.
 const TASK_BOXES: usize = 256;
@@ -235,6 +235,7 @@ impl Search {
             let places = start..(start + BATCH).min(boxes.end);
             places.map(|place| order.get(place).map_or(place, |centre| *centre as usize))
         };
+        let mut lot = TestLot::default();
         in_stages(batches, count, |stage, number, batch| {
             match stage {
                 0 => {
@@ -244,7 +245,7 @@ impl Search {
                 1 => {
                     let searches = &mut batch.looked.searches;
                     cells.go_on(searches);
-                    left.take(searches.tested() as i64);
+                    lot.take(searches.tested() as i64, left);
                     return !left.is_spent();
                 }
                 2 => *tested += batch.finish(cells, store),

@@ -259,7 +259,7 @@ impl StripTask<CellSearch> {
         }
         self.own.lines += lines;
         if self.own.lines >= LINES_NOTED {
-            scene.gather.budget.note_tests(LINE_TESTS * self.own.lines, 0);
+            self.found.note_tests(LINE_TESTS * self.own.lines, 0, scene.gather);
             self.own.lines = 0;
         }
     }

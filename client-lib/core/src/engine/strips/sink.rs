@@ -4,6 +4,7 @@ use super::hits::Hits;
 use super::{RowBlock, StripBatch, words};
 use crate::engine::encode::FoundWords;
 use crate::engine::gather::Gather;
+use crate::test_budget::TestLot;
 
 /// Words of a chunk, 12 KiB: large enough that [`STEP_ROOM`] left empty is a twentieth of it, small
 /// enough that the last, half empty one of each task is nothing against the boxes of the task.
@@ -98,6 +99,7 @@ pub(crate) struct WordSink {
     used: usize,
     hits: Hits,
     pair_count: u64,
+    tests: TestLot,
 }
 
 impl WordSink {
@@ -107,6 +109,7 @@ impl WordSink {
         self.chunks.truncate(2 * self.used);
         self.used = 0;
         self.pair_count = 0;
+        self.tests = TestLot::default();
     }
 
     /// Forgets all words and gives their memory back: after a refusal, the next frame is not
@@ -123,7 +126,7 @@ impl WordSink {
     pub fn take(&mut self, batch: &StripBatch, gather: &Gather<'_>) {
         let isa = gather.isa;
         let pairs = self.hits.collect(batch, isa);
-        gather.budget.note_tests(batch.tested_columns(), pairs);
+        self.note_tests(batch.tested_columns(), pairs, gather);
         self.pair_count += pairs;
         let mut done = 0;
         while done < self.hits.len() {
@@ -143,6 +146,12 @@ impl WordSink {
             let (next, pairs) = block.append(row, chunk, gather.isa);
             (row, self.pair_count) = (next, self.pair_count + pairs);
         }
+    }
+
+    /// Notes tests, and the pairs that they found, which may make another engine the better one.
+    #[inline]
+    pub fn note_tests(&mut self, tests: u64, pairs: u64, gather: &Gather<'_>) {
+        gather.budget.note_tests(&mut self.tests, tests, pairs);
     }
 
     /// Adds a word. Its address is that of the last word or a later one; no bits are no word.

@@ -45,7 +45,7 @@ impl<Own> StripTask<Own> {
         let before = self.found.pair_count();
         self.found.take_block(&self.block, gather);
         let pairs = self.found.pair_count().saturating_sub(before);
-        gather.budget.note_tests(tested, pairs);
+        self.found.note_tests(tested, pairs, gather);
     }
 
     /// Ends the words of all rows.

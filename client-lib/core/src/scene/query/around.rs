@@ -13,6 +13,7 @@ use crate::scene::fetch::ask_for;
 use crate::scene::history::in_order_of;
 use crate::scene::pair_list::{Pair, sort_row};
 use crate::team::{for_each_in_parts, part_count};
+use crate::test_budget::TestLot;
 
 /// Queries of a task, at least: some 25 µs.
 const TASK_QUERIES: usize = 128;
@@ -122,6 +123,7 @@ impl Task {
         found.clear();
         let numbers = &order[of_task.clone()];
         let count = numbers.len().div_ceil(BATCH);
+        let mut lot = TestLot::default();
         in_stages(batches, count, |stage, number, batch| match stage {
             0 => {
                 let some = &numbers[number * BATCH..numbers.len().min((number + 1) * BATCH)];
@@ -130,7 +132,7 @@ impl Task {
             }
             1 => {
                 cells.go_on(&mut batch.looked.searches);
-                room.tests.take(batch.looked.searches.tested() as i64);
+                lot.take(batch.looked.searches.tested() as i64, &room.tests);
                 true
             }
             2 => {
