@@ -56,7 +56,8 @@ pub(super) trait Arrangement: Default + Send + Sync {
 
 /// An engine with an order of its own.
 ///
-/// Its scratch is kept from frame to frame: a steady scene allocates nothing.
+/// Its scratch is kept from frame to frame: a steady scene allocates nothing, but for a little where a tree is cut, or a
+/// table of cells is folded.
 pub(super) struct Ordered<A: Arrangement> {
     isa: AvailableIsa,
     arrangement: A,

@@ -107,7 +107,7 @@ impl Answerer {
     }
 }
 
-/// The answer to an edit. All its lists are sorted: the bytes are the same whoever answered.
+/// The answer to an edit. All its lists are sorted: the bytes are the same whichever backend answered.
 ///
 /// It was acknowledged by being waited for: the next changes are counted from it.
 ///

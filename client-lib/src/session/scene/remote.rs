@@ -212,7 +212,7 @@ impl RemoteScene {
     pub fn settle(&mut self) -> bool {
         match self.unread.settle(&self.settings) {
             Some(Ok(reply)) => self.daemon_bytes = reply.scene_bytes,
-            // Nobody waited for this edit, and nobody is told of its refusal.
+            // Nobody waited for this edit, and its refusal is not reported.
             Some(Err(error)) => drop(self.refused(error)),
             None => {}
         }

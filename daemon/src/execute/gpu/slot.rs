@@ -185,7 +185,7 @@ impl<T: Send + 'static> DriverThread<T> {
         self.ask.as_ref().is_some_and(|ask| ask.try_send(()).is_ok())
     }
 
-    /// What has come of the work since it was asked for; told once. [`TryRecvError::Empty`] while it is under way;
+    /// What has come of the work since it was asked for; reported once. [`TryRecvError::Empty`] while it is under way;
     /// [`TryRecvError::Disconnected`] where it panicked, and the thread has ended.
     fn progress(&self) -> Result<T, TryRecvError> {
         self.done.try_recv()

@@ -5,7 +5,7 @@
 //! more of the sampled boxes come to share a cell only since it was folded.
 
 /// Fewest cells of a folded axis: with fewer, a cell would be its own neighbour on both sides.
-const FOLDED_LEAST: u32 = 4;
+pub const FOLDED_LEAST: u32 = 4;
 /// Slots that cells of sampled boxes are counted in: two of 1,024 boxes share one by chance 32 times, however the
 /// table is folded.
 const SLOTS_BITS: u32 = 14;
@@ -26,7 +26,9 @@ pub fn folded(
     // Beyond the numbers of an i64 a cell has the last one.
     let cell_of = |min: [f32; 3]| [0, 1, 2].map(|axis| (min[axis] * per_unit[axis]) as i64 as u64);
     let cells: Vec<[u64; 3]> = mins.map(cell_of).collect();
-    let mut crowd = Crowd { cells, slots: vec![[0; 2]; 1 << SLOTS_BITS], round: 0 };
+    // A level without sampled boxes, a spare one, takes no memory.
+    let slots = if cells.is_empty() { 0 } else { 1 << SLOTS_BITS };
+    let mut crowd = Crowd { cells, slots: vec![[0; 2]; slots], round: 0 };
 
     let most = counts.map(|count| (count as u64).next_power_of_two().trailing_zeros());
     let limit = limit.max(1.0).log2() as u32;

@@ -28,7 +28,7 @@ mod tile;
 
 pub use self::explain::{GridPlace, GridView, explain};
 pub use self::far::near_bounds;
-pub use self::fold::folded;
+pub use self::fold::{FOLDED_LEAST, folded};
 use self::layout::Layout;
 pub(crate) use self::layout::{SizeClass, cell_counts, size_classes};
 use self::rows::{CellSearch, Scene};

@@ -52,7 +52,7 @@ fn limited(x: f32) -> f32 {
 /// How many boxes meet a group of some extent: for each box the product of the group's edges and its own, on each
 /// axis added; as sum over boxes that are spread over a unit of volume.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Density {
+struct Density {
     count: f64,
     edges: [f64; 3],
     /// Sums of the products y·z, x·z, x·y.
@@ -109,7 +109,7 @@ impl Density {
 
 /// A box that does not belong to a group, but meets it. It stands for several.
 #[derive(Clone, Copy)]
-pub(super) struct Other {
+struct Other {
     aabb: Aabb,
     weight: f32,
 }
@@ -129,14 +129,13 @@ impl Surroundings {
         let sampled = beside.iter().step_by(step);
         let sampled = sampled.map(|entry| Other { aabb: entry.aabb, weight: step as f32 });
         let near = others.iter().copied().chain(sampled).filter(|other| side.meets(&other.aabb));
-        let mut others: Vec<Other> = near.collect();
-        let thinned = others.len().div_ceil(OTHERS_MOST).max(1);
-        let mut number = 0..;
-        others
-            .retain(|_| number.next().is_some_and(|number: usize| number.is_multiple_of(thinned)));
+        let near: Vec<Other> = near.collect();
+        let step = near.len().div_ceil(OTHERS_MOST).max(1);
+        let thinned = near.iter().step_by(step);
+        let others: Vec<Other> =
+            thinned.map(|other| Other { weight: other.weight * step as f32, ..*other }).collect();
         let mut density = Density::default();
-        for other in &mut others {
-            other.weight *= thinned as f32;
+        for other in &others {
             density.add(edges(&other.aabb), f64::from(other.weight));
         }
         Self { others, density: density.around(side.edges()) }

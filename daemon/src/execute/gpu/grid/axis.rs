@@ -27,13 +27,12 @@
 //! boxes. Folding keeps equal cells equal; a folded axis has at least four cells, so that the three
 //! around a box are different ones and no pair is looked at twice.
 
+use pairmask_core::engine::grid::FOLDED_LEAST;
 use pairmask_shaders::layouts::GridLevel;
 use pairmask_shaders::mirror::grid_layout::{TINY_BITS, plain};
 
 /// Largest magnitude of a cell number; what lies beyond shares the outermost cell.
 pub(super) const CELL_LIMIT: f32 = 2_097_152.0;
-/// Fewest cells of a folded axis.
-pub(super) const FOLDED_LEAST: u32 = 4;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Axis {

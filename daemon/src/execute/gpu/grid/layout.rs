@@ -314,6 +314,7 @@ fn axes(sample: &Sample, edges: [f32; 3], boxes: f32, least: u64, room: u64) -> 
 #[cfg(test)]
 mod tests {
     use pairmask_core::Aabb;
+    use pairmask_core::engine::grid::FOLDED_LEAST;
     use pairmask_shaders::mirror::grid_layout::cell;
     use pairmask_tests::stress_scenes::{self, Rng};
 
@@ -332,10 +333,7 @@ mod tests {
                     next += level.cell_count;
                     for axis in 0..3 {
                         let folded = level.wraps >> axis & 1 == 1;
-                        assert!(
-                            !folded || level.count[axis] >= super::axis::FOLDED_LEAST,
-                            "{scene:?}"
-                        );
+                        assert!(!folded || level.count[axis] >= FOLDED_LEAST, "{scene:?}");
                         assert_eq!(folded, level.fold[axis] >= 0, "{scene:?}");
                     }
                 }
